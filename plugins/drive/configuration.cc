@@ -1,0 +1,252 @@
+#include <tribotwin/plugins/drive/configuration.hpp>
+
+#include <algorithm>
+#include <charconv>
+#include <cmath>
+#include <map>
+#include <optional>
+
+#include <fmt/format.h>
+
+namespace tribotwin::drive {
+namespace {
+
+struct Key {
+  const char* name;
+  const char* unit;
+  const char* fallback;   ///< "" = required
+  double minimum, maximum;
+  const char* meaning;
+};
+
+constexpr double large = 1e9;
+constexpr Key number_keys[] = {
+    {"torque_max_nm", "Nm", "", 1e-9, large, "largest manipulation torque at low speed (P1), arm side: unit of load and of normalised laws"},
+    {"gear_ratio", "1", "", 1e-6, 1e6, "motor turns per joint turn"},
+    {"T_amb", "degC", "25", -100, 300, "ambient temperature; the temperature at reset"},
+    {"brake_torque_nm", "Nm", "0", 0, large, "holding brake, arm side"},
+    {"load_filter_s", "s", "0", 0, 100, "time constant of the load that friction sees; 0 = the load of the step before"},
+    {"speed_max_rad_s", "rad/s", "of the law", 0, 1e6, "end of the law's range, on the law's side"},
+    {"load_max", "-", "of the law", 0, 1e3, "end of the law's range, load / torque_max_nm"},
+    {"temperature_min_degC", "degC", "of the law", -273.15, 1000, "start of the law's range"},
+    {"temperature_max_degC", "degC", "of the law", -273.15, 1000, "end of the law's range"},
+};
+constexpr Key word_keys[] = {
+    {"law", "", "", 0, 0, "friction law, one of the table below"},
+    {"thermal", "", "prescribed", 0, 0, "prescribed, first_order or second_order"},
+    {"validity", "", "clamp", 0, 0, "outside the law's range: clamp, extrapolate or error"},
+};
+constexpr std::pair<const char*, friction::Validity> validities[] = {
+    {"clamp", friction::Validity::clamp},
+    {"extrapolate", friction::Validity::extrapolate},
+    {"error", friction::Validity::error},
+};
+
+tl::expected<double, std::string> number(std::string_view key, const std::string& text, std::string_view unit,
+                                         double minimum, double maximum) {
+  const char* first = text.data() + (text.starts_with('+') ? 1 : 0);
+  const char* last = text.data() + text.size();
+  double value = 0;
+  const auto [end, error] = std::from_chars(first, last, value);
+  if (error != std::errc{} || end != last || !std::isfinite(value))
+    return tl::unexpected(fmt::format("key '{}' is '{}' but must be a finite number [{}]", key, text, unit));
+  if (value < minimum || value > maximum)
+    return tl::unexpected(fmt::format("key '{}' is {} but must be within {} .. {} [{}]", key, value, minimum, maximum, unit));
+  return value;
+}
+
+}  // namespace
+
+std::span<const char* const> all_keys() {
+  static const std::vector<std::string> names = [] {
+    std::vector<std::string> all;
+    const auto add = [&all](std::string_view name) {
+      if (std::ranges::find(all, name) == all.end()) all.emplace_back(name);
+    };
+    for (const Key& key : word_keys) add(key.name);
+    for (const Key& key : number_keys) add(key.name);
+    for (const auto& law : friction::laws())
+      for (const auto& p : law.parameters) add(p.name);
+    for (const thermal::Order order : thermal::orders())
+      for (const auto& p : thermal::parameters(order)) add(p.name);
+    return all;
+  }();
+  static const std::vector<const char*> pointers = [] {
+    std::vector<const char*> all;
+    for (const std::string& name : names) all.push_back(name.c_str());
+    return all;
+  }();
+  return pointers;
+}
+
+tl::expected<Drive, std::string> make_drive(std::string name, const Configuration& configuration) {
+  std::map<std::string, std::string, std::less<>> left;
+  for (const auto& [key, value] : configuration)
+    if (!value.empty() && !left.emplace(key, value).second)
+      return tl::unexpected(fmt::format("key '{}' is given twice", key));
+  const auto take = [&left](std::string_view key) -> std::optional<std::string> {
+    const auto found = left.find(key);
+    if (found == left.end()) return std::nullopt;
+    std::string value = std::move(found->second);
+    left.erase(found);
+    return value;
+  };
+  const auto take_number = [&](const auto& key, bool required) -> tl::expected<std::optional<double>, std::string> {
+    const auto text = take(key.name);
+    if (!text) {
+      if (required) return tl::unexpected(fmt::format("key '{}' is missing: {} [{}]", key.name, key.meaning, key.unit));
+      return std::nullopt;
+    }
+    const auto value = number(key.name, *text, key.unit, key.minimum, key.maximum);
+    if (!value) return tl::unexpected(value.error());
+    return *value;
+  };
+
+  Drive drive{.name = std::move(name)};
+
+  const auto law_name = take("law");
+  std::vector<std::string_view> law_names;
+  for (const auto& info : friction::laws()) law_names.push_back(info.name);
+  if (!law_name)
+    return tl::unexpected(fmt::format("key 'law' is missing: one of {}", fmt::join(law_names, ", ")));
+  const friction::LawInfo* info = friction::find_law(*law_name);
+  if (!info) return tl::unexpected(friction::make_law(*law_name, {}).error());
+
+  const auto thermal_name = take("thermal").value_or("prescribed");
+  const auto orders = thermal::orders();
+  const auto order = std::ranges::find(orders, thermal_name, &thermal::name);
+  if (order == orders.end())
+    return tl::unexpected(
+        fmt::format("key 'thermal' is '{}' but must be prescribed, first_order or second_order", thermal_name));
+
+  const auto validity_name = take("validity").value_or("clamp");
+  const auto validity = std::ranges::find(validities, validity_name, [](const auto& v) { return std::string_view(v.first); });
+  if (validity == std::end(validities))
+    return tl::unexpected(fmt::format("key 'validity' is '{}' but must be clamp, extrapolate or error", validity_name));
+
+  std::vector<std::pair<std::string, double>> law_values;
+  for (const auto& p : info->parameters)
+    if (auto text = take(p.name)) {
+      const auto value = number(p.name, *text, p.unit, p.minimum, p.maximum);
+      if (!value) return tl::unexpected(fmt::format("law '{}': {}", info->name, value.error()));
+      law_values.emplace_back(p.name, *value);
+    }
+  auto law = friction::make_law(*law_name, law_values);
+  if (!law) return tl::unexpected(law.error());
+  drive.law = *law;
+  drive.law.validity = validity->second;
+
+  std::map<std::string_view, std::optional<double>> numbers;
+  for (const Key& key : number_keys) {
+    const auto value = take_number(key, key.fallback[0] == '\0');
+    if (!value) return tl::unexpected(value.error());
+    numbers[key.name] = *value;
+  }
+  drive.torque_max_nm = *numbers["torque_max_nm"];
+  drive.gear_ratio = *numbers["gear_ratio"];
+  drive.brake_torque_nm = numbers["brake_torque_nm"].value_or(0);
+  drive.load_filter_s = numbers["load_filter_s"].value_or(0);
+  friction::Range& range = drive.law.range;
+  range.speed_max_rad_s = numbers["speed_max_rad_s"].value_or(range.speed_max_rad_s);
+  range.load_max = numbers["load_max"].value_or(range.load_max);
+  range.temperature_min_degC = numbers["temperature_min_degC"].value_or(range.temperature_min_degC);
+  range.temperature_max_degC = numbers["temperature_max_degC"].value_or(range.temperature_max_degC);
+  if (range.temperature_min_degC > range.temperature_max_degC)
+    return tl::unexpected(fmt::format("temperature_min_degC {} lies above temperature_max_degC {}",
+                                      range.temperature_min_degC, range.temperature_max_degC));
+
+  std::vector<double> thermal_values;
+  for (const auto& p : thermal::parameters(*order)) {
+    const auto value = take_number(p, true);
+    if (!value) return tl::unexpected(fmt::format("thermal '{}': {}", thermal_name, value.error()));
+    thermal_values.push_back(**value);
+  }
+  drive.thermal = thermal::make_model(*order, numbers["T_amb"].value_or(25), thermal_values);
+
+  if (!left.empty()) {
+    std::vector<std::string_view> accepted;
+    for (const Key& key : word_keys) accepted.push_back(key.name);
+    for (const Key& key : number_keys) accepted.push_back(key.name);
+    for (const auto& p : info->parameters) accepted.push_back(p.name);
+    for (const auto& p : thermal::parameters(*order)) accepted.push_back(p.name);
+    return tl::unexpected(fmt::format("key '{}' is not known for law '{}' and thermal '{}'; did you mean '{}'?",
+                                      left.begin()->first, info->name, thermal_name,
+                                      friction::nearest(left.begin()->first, accepted)));
+  }
+
+  // Friction follows the load of the step before; the loop friction -> load -> friction must contract.
+  if (info->load_dependent) {
+    const auto& f = drive.law.family;
+    const double gain = std::max(std::abs(f.A_l), std::abs(f.A_l + f.B_l + f.C_l));
+    if (gain >= 1)
+      return tl::unexpected(fmt::format(
+          "law '{}': friction grows by {} per load at standstill; at 1 or more the gear would lock itself for ever",
+          info->name, gain));
+  }
+  return drive;
+}
+
+Configuration configuration_of(const Drive& drive) {
+  Configuration c{{"law", std::string(drive.law.info->name)}};
+  const auto add = [&c](std::string_view key, double value) { c.emplace_back(key, fmt::format("{}", value)); };
+  const auto& info = *drive.law.info;
+  for (std::size_t i = 0; i < info.parameters.size(); ++i) add(info.parameters[i].name, drive.law.parameters[i]);
+  add("torque_max_nm", drive.torque_max_nm);
+  add("gear_ratio", drive.gear_ratio);
+  c.emplace_back("validity", std::ranges::find(validities, drive.law.validity, [](const auto& v) { return v.second; })->first);
+  const auto& range = drive.law.range;
+  if (std::isfinite(range.speed_max_rad_s)) add("speed_max_rad_s", range.speed_max_rad_s);
+  if (std::isfinite(range.load_max)) add("load_max", range.load_max);
+  if (std::isfinite(range.temperature_min_degC)) add("temperature_min_degC", range.temperature_min_degC);
+  if (std::isfinite(range.temperature_max_degC)) add("temperature_max_degC", range.temperature_max_degC);
+  c.emplace_back("thermal", thermal::name(drive.thermal.order));
+  add("T_amb", drive.thermal.T_amb_degC);
+  if (drive.thermal.order == thermal::Order::first) {
+    add("R_th", drive.thermal.resistance_K_W());
+    add("kappa", drive.thermal.t_s[0]);
+  } else if (drive.thermal.order == thermal::Order::second) {
+    for (int i = 0; i < 2; ++i) {
+      add(i ? "c2" : "c1", drive.thermal.gain_K_J[i]);
+      add(i ? "t2" : "t1", drive.thermal.t_s[i]);
+    }
+  }
+  add("brake_torque_nm", drive.brake_torque_nm);
+  add("load_filter_s", drive.load_filter_s);
+  return c;
+}
+
+std::string reference_markdown() {
+  const auto bound = [](double x) { return std::isinf(x) ? std::string("any") : fmt::format("{:g}", x); };
+  std::string out = "### Keys of every drive\n\n| key | unit | default | range | meaning |\n|---|---|---|---|---|\n";
+  for (const Key& key : word_keys)
+    out += fmt::format("| `{}` | | {} | | {} |\n", key.name, key.fallback[0] ? key.fallback : "required", key.meaning);
+  for (const Key& key : number_keys)
+    out += fmt::format("| `{}` | {} | {} | {:g} .. {:g} | {} |\n", key.name, key.unit,
+                       key.fallback[0] ? key.fallback : "required", key.minimum, key.maximum, key.meaning);
+  out += "\n### Thermal models\n\n| `thermal` | key | unit | range | meaning | source |\n|---|---|---|---|---|---|\n"
+         "| `prescribed` | | | | the temperature is set from outside, T_amb until then | |\n";
+  for (const thermal::Order order : thermal::orders())
+    for (const auto& p : thermal::parameters(order))
+      out += fmt::format("| `{}` | `{}` | {} | {:g} .. {:g} | {} | {} |\n", thermal::name(order), p.name, p.unit,
+                         p.minimum, p.maximum, p.meaning, p.source);
+  out += "\n### Friction laws\n";
+  for (const auto& law : friction::laws()) {
+    out += fmt::format("\n#### `{}`\n\n`{}` ({})\n\nSpeed v on the {} side [rad/s], torque {}. Identified for speeds up to "
+                       "{} rad/s",
+                       law.name, law.equation, law.source, law.side == friction::Side::motor ? "motor" : "arm",
+                       law.normalised ? "over torque_max_nm, load l = |tau_m| / torque_max_nm" : "in Nm, arm side",
+                       bound(law.identified.speed_max_rad_s));
+    if (law.load_dependent) out += fmt::format(", loads up to {}", bound(law.identified.load_max));
+    if (law.temperature_dependent && std::isfinite(law.identified.temperature_min_degC))
+      out += fmt::format(", {} .. {} degC", bound(law.identified.temperature_min_degC), bound(law.identified.temperature_max_degC));
+    out += ".\n\n| key | unit | range | published | meaning |\n|---|---|---|---|---|\n";
+    for (const auto& p : law.parameters) {
+      std::string published = std::isnan(p.published) ? "" : fmt::format("{:g}", p.published);
+      if (!std::isnan(p.sigma)) published += fmt::format(" +- {:g}", p.sigma);
+      out += fmt::format("| `{}` | {} | {:g} .. {:g} | {} | {} |\n", p.name, p.unit, p.minimum, p.maximum, published, p.meaning);
+    }
+  }
+  return out;
+}
+
+}  // namespace tribotwin::drive

@@ -1,0 +1,31 @@
+#pragma once
+
+#include <span>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include <tl/expected.hpp>
+
+#include <tribotwin/plugins/drive/drive.hpp>
+
+/// The MJCF vocabulary of a drive: the keys of `<config key= value=/>`, in one table together with the law's and the
+/// thermal model's parameters, whose tables are theirs.
+namespace tribotwin::drive {
+
+using Configuration = std::vector<std::pair<std::string, std::string>>;
+
+/// Every key that some drive may have, for engines that want them declared. Storage is static.
+std::span<const char* const> all_keys();
+
+/// A drive from its configuration. Fails with a sentence that names key, value and what would be right; the caller
+/// knows the element and says where.
+tl::expected<Drive, std::string> make_drive(std::string name, const Configuration& configuration);
+
+/// The configuration that `make_drive` would read back to the same drive.
+Configuration configuration_of(const Drive& drive);
+
+/// The tables of keys, laws and thermal models as Markdown: the reference part of plugins/README.md.
+std::string reference_markdown();
+
+}  // namespace tribotwin::drive

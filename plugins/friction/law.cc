@@ -1,0 +1,304 @@
+#include <tribotwin/plugins/friction/law.hpp>
+
+#include <algorithm>
+#include <cmath>
+
+#include <fmt/format.h>
+
+namespace tribotwin::friction {
+namespace {
+
+constexpr double none = std::numeric_limits<double>::quiet_NaN();
+
+// Beyond these no input is physical, whatever the policy; they keep every formula finite.
+constexpr Range physical = {
+    .speed_max_rad_s = 1e6, .load_max = 1e3, .temperature_min_degC = -273.15, .temperature_max_degC = 1000};
+
+// Bittencourt and Gunnarsson 2012 = P1; Huashu BR609 = P2; Pagani et al. = P5.
+
+constexpr Parameter stribeck_parameters[] = {
+    {"Fc", "-", 0, 10, 3.4e-2, 0.176e-2, "Coulomb friction"},
+    {"Fs", "-", -10, 10, 4.6e-2, 0.48e-2, "standstill friction, excess over Fc"},
+    {"Fv", "s/rad", 0, 1, 3.68e-4, 0.12e-4, "viscous slope"},
+    {"vs", "rad/s", 1e-9, 1e6, 10.68, 1.08, "Stribeck velocity"},
+    {"alpha", "1", 0.01, 10, 1.93, 0.60, "exponent of the Stribeck term"},
+};
+Family stribeck_family(std::span<const double> p) {
+  return {.A = p[0], .B = p[1], .vs = p[3], .alpha = p[4], .F1 = p[2]};
+}
+
+constexpr Parameter non_newtonian_parameters[] = {
+    {"Fc", "-", 0, 10, none, none, "Coulomb friction"},
+    {"Fs", "-", -10, 10, none, none, "standstill friction, excess over Fc"},
+    {"Fv", "s/rad", -1, 1, none, none, "viscous slope"},
+    {"vs", "rad/s", 1e-9, 1e6, none, none, "Stribeck velocity"},
+    {"alpha", "1", 0.01, 10, none, none, "exponent of the Stribeck term"},
+    {"Fmu", "(s/rad)^beta", -10, 10, none, none, "non-Newtonian coefficient"},
+    {"beta", "1", 0.01, 5, none, none, "non-Newtonian exponent"},
+};
+Family non_newtonian_family(std::span<const double> p) {
+  return {.A = p[0], .B = p[1], .vs = p[3], .alpha = p[4], .F1 = p[2], .Fb = p[5], .beta = p[6]};
+}
+
+constexpr Parameter load_parameters[] = {
+    {"Fc0", "-", 0, 10, none, none, "Coulomb friction without load"},
+    {"Fcl", "-", -1, 1, 2.34e-2, 0.071e-2, "Coulomb friction per load"},
+    {"Fs0", "-", -10, 10, none, none, "standstill friction without load, excess over Coulomb"},
+    {"Fsl", "-", -1, 1, 1.26e-1, 0.025e-1, "standstill friction per load"},
+    {"vs", "rad/s", 1e-9, 1e6, 9.22, 0.12, "Stribeck velocity"},
+    {"alpha", "1", 0.01, 10, 1.36, 0.011, "exponent of the Stribeck term"},
+    {"Fv", "s/rad", 0, 1, none, none, "viscous slope"},
+};
+Family load_family(std::span<const double> p) {
+  return {.A = p[0], .A_l = p[1], .B = p[2], .B_l = p[3], .vs = p[4], .alpha = p[5], .F1 = p[6]};
+}
+
+constexpr Parameter extended_parameters[] = {
+    {"Fc0", "-", 0, 10, 3.11e-2, 0.028e-2, "Coulomb friction without load"},
+    {"Fcl", "-", -1, 1, 2.34e-2, 0.071e-2, "Coulomb friction per load"},
+    {"Fs0", "-", -10, 10, -2.50e-2, 0.12e-2, "standstill friction at 0 degC, excess over Coulomb"},
+    {"FsT", "1/K", -1, 1, 1.60e-3, 0.022e-3, "standstill friction per degC"},
+    {"Fsl", "-", -1, 1, 1.26e-1, 0.025e-1, "standstill friction per load"},
+    {"vs0", "rad/s", -1e6, 1e6, -24.81, 0.87, "Stribeck velocity at 0 degC"},
+    {"vsT", "rad/s/K", -1e4, 1e4, 0.98, 0.018, "Stribeck velocity per degC"},
+    {"vsl", "rad/s", 1e-9, 1e6, 9.22, 0.12, "Stribeck velocity of the load term"},
+    {"alpha", "1", 0.01, 10, 1.36, 0.011, "exponent of both Stribeck terms"},
+    {"Fv0", "s/rad", 0, 1, 1.30e-4, 0.056e-4, "viscous slope of hot lubricant"},
+    {"FvT", "s/rad", 0, 1, 1.32e-3, 0.076e-3, "viscous slope that heat removes"},
+    {"TV0", "K", 1, 1000, 20.71, 0.91, "temperature scale of the viscosity"},
+};
+Family extended_family(std::span<const double> p) {
+  return {.A = p[0], .A_l = p[1], .B = p[2], .B_T = p[3], .vs = p[5], .vs_T = p[6], .C_l = p[4], .vl = p[7],
+          .alpha = p[8], .F1 = p[9], .F1_T = p[10], .T_V = p[11]};
+}
+
+constexpr Parameter steady_state_parameters[] = {
+    {"Fc", "Nm", 0, 1e6, none, none, "Coulomb friction"},
+    {"Fs", "Nm", 0, 1e6, none, none, "standstill friction, the level itself (>= Fc)"},
+    {"Vs", "rad/s", 1e-9, 1e6, none, none, "Stribeck velocity"},
+    {"alpha", "1", 0.01, 10, 1.3, none, "exponent of the Stribeck term"},
+    {"Fv", "Nm (s/rad)^beta", 0, 1e6, none, none, "viscous coefficient"},
+    {"beta", "1", 0.01, 5, none, none, "viscous exponent"},
+};
+Family steady_state_family(std::span<const double> p) {
+  return {.A = p[0], .B = p[1] - p[0], .vs = p[2], .alpha = p[3], .Fb = p[4], .beta = p[5]};
+}
+const char* steady_state_conflict(std::span<const double> p) {
+  return p[1] >= p[0] ? nullptr : "Fs is the standstill level of this law and must not be below Fc";
+}
+
+constexpr Parameter polynomial_parameters[] = {
+    {"f1", "Nm", 0, 1e6, none, none, "friction at standstill, at T0"},
+    {"f2", "Nm s/rad", -1e6, 1e6, none, none, "linear coefficient, at T0"},
+    {"f3", "Nm s^2/rad^2", -1e6, 1e6, none, none, "quadratic coefficient, at T0"},
+    {"f4", "Nm s^3/rad^3", -1e6, 1e6, none, none, "cubic coefficient, at T0"},
+    {"a", "1/K", -1, 1, none, none, "relative change per degree"},
+    {"T0", "degC", -100, 300, none, none, "temperature of f1 to f4"},
+};
+Family polynomial_family(std::span<const double> p) {
+  return {.A = p[0], .F1 = p[1], .F2 = p[2], .F3 = p[3], .s_T = p[4], .s_T0 = p[5]};
+}
+
+constexpr LawInfo table[] = {
+    {.name = "stribeck",
+     .equation = "Fc + Fs e^-|v/vs|^alpha + Fv v",
+     .source = "P1 (M0), Table 1",
+     .side = Side::motor, .normalised = true, .temperature_dependent = false, .load_dependent = false,
+     .identified = {.speed_max_rad_s = 280},
+     .parameters = stribeck_parameters, .family = stribeck_family, .conflict = nullptr},
+    {.name = "stribeck_non_newtonian",
+     .equation = "Fc + Fs e^-|v/vs|^alpha + Fv v + Fmu v^beta",
+     .source = "P1 (M0+)",
+     .side = Side::motor, .normalised = true, .temperature_dependent = false, .load_dependent = false,
+     .identified = {.speed_max_rad_s = 280},
+     .parameters = non_newtonian_parameters, .family = non_newtonian_family, .conflict = nullptr},
+    {.name = "load",
+     .equation = "(Fc0 + Fcl l) + (Fs0 + Fsl l) e^-|v/vs|^alpha + Fv v",
+     .source = "P1 (M1), Table 2",
+     .side = Side::motor, .normalised = true, .temperature_dependent = false, .load_dependent = true,
+     .identified = {.speed_max_rad_s = 280, .load_max = 0.73},
+     .parameters = load_parameters, .family = load_family, .conflict = nullptr},
+    {.name = "extended",
+     .equation = "(Fc0 + Fcl l) + Fsl l e^-|v/vsl|^alpha + (Fs0 + FsT T) e^-|v/(vs0 + vsT T)|^alpha"
+                 " + (Fv0 + FvT e^(-T/TV0)) v",
+     .source = "P1 (M*), Tables 2 and 3",
+     .side = Side::motor, .normalised = true, .temperature_dependent = true, .load_dependent = true,
+     .identified = {.speed_max_rad_s = 280, .load_max = 0.73, .temperature_min_degC = 38, .temperature_max_degC = 81.2},
+     .parameters = extended_parameters, .family = extended_family, .conflict = nullptr},
+    {.name = "steady_state",
+     .equation = "Fc + (Fs - Fc) e^-|v/Vs|^alpha + Fv v^beta",
+     .source = "P2 (11), (12)",
+     .side = Side::motor, .normalised = false, .temperature_dependent = false, .load_dependent = false,
+     .identified = {.speed_max_rad_s = 174.6},
+     .parameters = steady_state_parameters, .family = steady_state_family, .conflict = steady_state_conflict},
+    {.name = "polynomial",
+     .equation = "(f1 + f2 v + f3 v^2 + f4 v^3) (1 + a (T - T0))",
+     .source = "P5 (2), (5)",
+     .side = Side::arm, .normalised = false, .temperature_dependent = true, .load_dependent = false,
+     .identified = {},
+     .parameters = polynomial_parameters, .family = polynomial_family, .conflict = nullptr},
+};
+
+std::size_t edit_distance(std::string_view a, std::string_view b) {
+  std::vector<std::size_t> row(b.size() + 1);
+  for (std::size_t j = 0; j < row.size(); ++j) row[j] = j;
+  for (std::size_t i = 1; i <= a.size(); ++i) {
+    std::size_t diagonal = std::exchange(row[0], i);
+    for (std::size_t j = 1; j <= b.size(); ++j) {
+      const std::size_t substituted = diagonal + (a[i - 1] != b[j - 1]);
+      diagonal = row[j];
+      row[j] = std::min({row[j] + 1, row[j - 1] + 1, substituted});
+    }
+  }
+  return row.back();
+}
+
+/// Brings x into [lowest, highest], NaN to the point nearest 0.
+double confined(double x, double lowest, double highest) { return std::clamp(std::isnan(x) ? 0.0 : x, lowest, highest); }
+
+}  // namespace
+
+std::span<const LawInfo> laws() { return table; }
+
+const LawInfo* find_law(std::string_view name) {
+  const auto found = std::ranges::find(table, name, &LawInfo::name);
+  return found == std::end(table) ? nullptr : &*found;
+}
+
+std::string_view nearest(std::string_view wrong, std::span<const std::string_view> accepted) {
+  return *std::ranges::min_element(accepted, {}, [&](std::string_view name) { return edit_distance(wrong, name); });
+}
+
+tl::expected<Law, std::string> make_law(std::string_view name,
+                                        std::span<const std::pair<std::string, double>> parameters) {
+  Law law{.info = find_law(name)};
+  if (!law.info) {
+    std::vector<std::string_view> names;
+    for (const LawInfo& info : table) names.push_back(info.name);
+    return tl::unexpected(fmt::format("law '{}' is not known; did you mean '{}'? Known laws: {}", name,
+                                      nearest(name, names), fmt::join(names, ", ")));
+  }
+  law.range = law.info->identified;
+  std::array<bool, max_parameters> given{};
+  const auto& accepted = law.info->parameters;
+  for (const auto& [key, value] : parameters) {
+    const auto found = std::ranges::find(accepted, key, &Parameter::name);
+    if (found == accepted.end()) {
+      std::vector<std::string_view> names;
+      for (const Parameter& p : accepted) names.push_back(p.name);
+      return tl::unexpected(fmt::format("law '{}' has no parameter '{}'; did you mean '{}'? Parameters: {}", name, key,
+                                        nearest(key, names), fmt::join(names, ", ")));
+    }
+    const std::size_t i = static_cast<std::size_t>(found - accepted.begin());
+    if (given[i]) return tl::unexpected(fmt::format("parameter '{}' of law '{}' is given twice", key, name));
+    if (!(value >= found->minimum && value <= found->maximum))
+      return tl::unexpected(fmt::format("parameter '{}' of law '{}' is {} but must be within {} .. {} [{}]", key, name,
+                                        value, found->minimum, found->maximum, found->unit));
+    law.parameters[i] = value;
+    given[i] = true;
+  }
+  for (std::size_t i = 0; i < accepted.size(); ++i)
+    if (!given[i])
+      return tl::unexpected(fmt::format("law '{}' lacks its parameter '{}' ({} [{}])", name, accepted[i].name,
+                                        accepted[i].meaning, accepted[i].unit));
+  if (const char* conflict = law.info->conflict ? law.info->conflict(law.values()) : nullptr)
+    return tl::unexpected(fmt::format("law '{}': {}", name, conflict));
+  law.family = law.info->family(law.values());
+  return law;
+}
+
+Law with_parameters(const Law& law, std::span<const double> parameters) {
+  Law changed = law;
+  std::ranges::copy(parameters, changed.parameters.begin());
+  changed.family = law.info->family(changed.values());
+  return changed;
+}
+
+tl::expected<Law, std::string> published_law(std::string_view name) {
+  std::vector<std::pair<std::string, double>> values;
+  if (const LawInfo* info = find_law(name))
+    for (const Parameter& p : info->parameters) {
+      if (std::isnan(p.published))
+        return tl::unexpected(fmt::format("{} publishes no value for parameter '{}' of law '{}'", info->source, p.name, name));
+      values.emplace_back(p.name, p.published);
+    }
+  return make_law(name, values);
+}
+
+Range held_range(const Law& law) {
+  const LawInfo& info = *law.info;
+  if (law.validity == Validity::extrapolate) return physical;
+  return {.speed_max_rad_s = std::min(law.range.speed_max_rad_s, physical.speed_max_rad_s),
+          .load_max = info.load_dependent ? std::min(law.range.load_max, physical.load_max) : physical.load_max,
+          .temperature_min_degC = info.temperature_dependent
+                                      ? std::max(law.range.temperature_min_degC, physical.temperature_min_degC)
+                                      : physical.temperature_min_degC,
+          .temperature_max_degC = info.temperature_dependent
+                                      ? std::min(law.range.temperature_max_degC, physical.temperature_max_degC)
+                                      : physical.temperature_max_degC};
+}
+
+AtTemperature at_temperature(const Law& law, double temperature_degC) {
+  const bool outside =
+      law.info->temperature_dependent &&
+      !(temperature_degC >= law.range.temperature_min_degC && temperature_degC <= law.range.temperature_max_degC);
+  const Range held = held_range(law);
+  temperature_degC = confined(temperature_degC, held.temperature_min_degC, held.temperature_max_degC);
+  const Family& f = law.family;
+  const double T = temperature_degC;
+  // Past its zero the linear factor would turn friction into a motor; it stays at the zero.
+  const double s = f.s_T == 0 ? 1 : std::max(0.0, 1 + f.s_T * (T - f.s_T0));
+  const double viscous = f.F1_T == 0 ? f.F1 : f.F1 + f.F1_T * std::exp(-T / f.T_V);
+  return {{.A = s * f.A,
+           .A_l = s * f.A_l,
+           .B = s * (f.B + f.B_T * T),
+           .B_l = s * f.B_l,
+           .vs_pow = std::pow(std::abs(f.vs + f.vs_T * T), -f.alpha),
+           .C_l = s * f.C_l,
+           .vl_pow = std::pow(f.vl, -f.alpha),
+           .F1 = s * viscous,
+           .F2 = s * f.F2,
+           .F3 = s * f.F3,
+           .Fb = s * f.Fb},
+          outside};
+}
+
+Level level(const Law& law, const AtTemperature& at, double speed_rad_s, double load_norm) {
+  const Coefficients& c = at.coefficients;
+  const LawInfo& info = *law.info;
+  const Range held = held_range(law);
+  double v = std::abs(speed_rad_s), l = info.load_dependent ? std::abs(load_norm) : 0;
+  bool outside = at.outside || !(v <= law.range.speed_max_rad_s);
+  v = confined(v, 0, held.speed_max_rad_s);
+  if (info.load_dependent) {
+    outside |= !(l <= law.range.load_max);
+    l = confined(l, 0, held.load_max);
+  }
+
+  double g = c.A + c.A_l * l;
+  if (v == 0) {
+    g += c.B + (c.B_l + c.C_l) * l;
+    g = std::max(g, 0.0);
+    return {g, 0, outside};
+  }
+  const double power = std::pow(v, law.family.alpha);
+  // A Stribeck velocity of 0 leaves nothing of its term above standstill: x = inf, or NaN when v^alpha underflows.
+  const auto fading = [power](double scale) {
+    const double x = power * scale;
+    return x < 750 ? std::exp(-x) : 0.0;
+  };
+  if (c.B != 0 || c.B_l != 0) g += (c.B + c.B_l * l) * fading(c.vs_pow);
+  if (c.C_l != 0) g += c.C_l * l * fading(c.vl_pow);
+  double h = v * (c.F1 + v * (c.F2 + v * c.F3));
+  if (c.Fb != 0) h += c.Fb * std::pow(v, law.family.beta);
+  const double total = std::max(g + h, 0.0);
+  g = std::max(g, 0.0);
+  return {g, total - g, outside};
+}
+
+double torque(const Law& law, double speed_rad_s, double load_norm, double temperature_degC) {
+  if (!(std::abs(speed_rad_s) > 0)) return 0;
+  return std::copysign(level(law, at_temperature(law, temperature_degC), speed_rad_s, load_norm).total(), speed_rad_s);
+}
+
+}  // namespace tribotwin::friction

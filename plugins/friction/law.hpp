@@ -1,0 +1,145 @@
+#pragma once
+
+#include <array>
+#include <cmath>
+#include <cstddef>
+#include <limits>
+#include <optional>
+#include <span>
+#include <string>
+#include <string_view>
+#include <utility>
+#include <vector>
+
+#include <tl/expected.hpp>
+
+/// Static friction laws of a robot joint: values in, value out.
+///
+/// Every law of the table is one point of one family,
+///
+///   tau_f(v, l, T) = s(T) [ (A + A_l l) + (B + B_T T + B_l l) e^-|v/(vs + vs_T T)|^alpha + C_l l e^-|v/vl|^alpha    g
+///                         + (F1 + F1_T e^(-T/T_V)) v + F2 v^2 + F3 v^3 + Fb v^beta ]                              h
+///   s(T) = max(0, 1 + s_T (T - s_T0))
+///
+/// for v >= 0, odd in v, with g the velocity-weakening and h the velocity-strengthening part. A law is therefore a
+/// name, a table of parameters and a function that places them in the family; parsing, validation, help and
+/// documentation read the same table, and there is one scalar and one batch evaluation for all of them.
+namespace tribotwin::friction {
+
+/// The shaft whose speed a law takes.
+enum class Side { motor, arm };
+
+/// What a law does with an input outside the range it was identified in.
+/// `clamp` holds the input at the edge; `extrapolate` evaluates the formula as it stands, floored at 0 and, where the
+/// result is not finite, clamped; `error` evaluates like `clamp` and leaves it to the caller to stop.
+/// Under every policy the result is finite, >= 0 for v > 0, odd in v, and says whether the input lay outside.
+enum class Validity { clamp, extrapolate, error };
+
+inline constexpr std::size_t max_parameters = 12;
+inline constexpr double unlimited = std::numeric_limits<double>::infinity();
+
+struct Parameter {
+  std::string_view name;     ///< as in MJCF, YAML, JSON, tables and help
+  std::string_view unit;     ///< "-" is normalised torque, torque / torque_max
+  double minimum, maximum;   ///< accepted range, inclusive
+  double published;          ///< value in the source; NaN where the source gives none
+  double sigma;              ///< one standard deviation in the source; NaN where the source gives none
+  std::string_view meaning;
+};
+
+/// Where a law was identified. Bounds are inclusive, `unlimited` where the law does not depend on the input
+/// or the source names no bound.
+struct Range {
+  double speed_max_rad_s = unlimited;   ///< |speed| on the law's side [rad/s]
+  double load_max = unlimited;          ///< |load torque| / torque_max [-]
+  double temperature_min_degC = -unlimited;
+  double temperature_max_degC = unlimited;
+};
+
+/// The numbers of the family above. Torques in the unit of the law, speeds on its side, T in degC.
+struct Family {
+  double A = 0, A_l = 0;
+  double B = 0, B_T = 0, B_l = 0, vs = 1, vs_T = 0;
+  double C_l = 0, vl = 1;
+  double alpha = 1;
+  double F1 = 0, F1_T = 0, T_V = 1, F2 = 0, F3 = 0, Fb = 0, beta = 1;
+  double s_T = 0, s_T0 = 0;
+};
+
+/// The family at one temperature.
+struct Coefficients {
+  double A = 0, A_l = 0;
+  double B = 0, B_l = 0, vs_pow = 0;    ///< vs_pow = |vs + vs_T T|^-alpha, infinite for a Stribeck velocity of 0
+  double C_l = 0, vl_pow = 0;           ///< vl_pow = vl^-alpha
+  double F1 = 0, F2 = 0, F3 = 0, Fb = 0;
+};
+
+struct LawInfo {
+  std::string_view name, equation, source;
+  Side side;
+  bool normalised;            ///< torque in units of torque_max, else arm-side Nm
+  bool temperature_dependent, load_dependent;
+  Range identified;
+  std::span<const Parameter> parameters;
+  Family (*family)(std::span<const double> parameters);
+  /// Conditions between parameters (Fs >= Fc, ...); nullptr or an explanation.
+  const char* (*conflict)(std::span<const double> parameters);
+};
+
+/// All laws, in the order of the documentation.
+std::span<const LawInfo> laws();
+const LawInfo* find_law(std::string_view name);
+
+/// A law with its numbers: immutable, copyable, shared between threads.
+struct Law {
+  const LawInfo* info = nullptr;
+  std::array<double, max_parameters> parameters{};
+  Range range;
+  Validity validity = Validity::clamp;
+  Family family;              ///< follows from the parameters; `with_parameters` keeps it so
+
+  std::span<const double> values() const { return {parameters.data(), info->parameters.size()}; }
+};
+
+/// A law from named values, each parameter exactly once.
+/// Fails with a sentence that names the parameter, the value and what would be accepted.
+tl::expected<Law, std::string> make_law(std::string_view name,
+                                        std::span<const std::pair<std::string, double>> parameters);
+
+/// The law with the numbers of its source. Fails where the source publishes none.
+tl::expected<Law, std::string> published_law(std::string_view name);
+
+/// The same law with other numbers, within the accepted ranges or not (wear may leave them).
+Law with_parameters(const Law& law, std::span<const double> parameters);
+
+/// The bounds that `level` and `at_temperature` hold inputs to under the law's policy: its own range or, where it
+/// extrapolates or is unlimited, what is physical at all (1e6 rad/s, load 1e3, -273.15 .. 1000 degC).
+Range held_range(const Law& law);
+
+struct AtTemperature {
+  Coefficients coefficients;
+  bool outside;               ///< the temperature lay outside the law's range
+};
+
+/// Coefficients at a temperature [degC], validity policy applied to the temperature.
+AtTemperature at_temperature(const Law& law, double temperature_degC);
+
+struct Level {
+  double weakening;           ///< g >= 0, unit of the law
+  double strengthening;       ///< h, unit of the law
+  bool outside;               ///< speed or load lay outside the law's range
+  /// Friction torque at this speed, >= 0, unit of the law.
+  double total() const { return weakening + strengthening; }
+};
+
+/// Friction level at |speed| [rad/s, the law's side] and |load| [-]; speed 0 gives the breakaway level.
+/// Never NaN or infinite for any input, NaN included (which counts as outside, and as 0).
+Level level(const Law& law, const AtTemperature& at, double speed_rad_s, double load_norm);
+
+/// Friction torque in the direction of motion, odd in speed; 0 at standstill. Unit of the law.
+double torque(const Law& law, double speed_rad_s, double load_norm, double temperature_degC);
+
+/// The accepted name nearest to a mistyped one, for messages.
+std::string_view nearest(std::string_view wrong, std::span<const std::string_view> accepted);
+
+}  // namespace tribotwin::friction

@@ -1,0 +1,56 @@
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include <mujoco/mujoco.h>
+#include <tl/expected.hpp>
+
+#include <tribotwin/plugins/drive/configuration.hpp>
+#include <tribotwin/plugins/drive/drive.hpp>
+
+/// A drive tied to one joint of an engine model, and the two half steps on mjData that both engine versions share.
+namespace tribotwin::mujoco {
+
+/// Name of the plugin in MJCF.
+inline constexpr char plugin_name[] = "tribotwin.drive";
+
+/// Where a drive is in a model. Immutable; shared by all mjData of the model.
+struct Binding {
+  drive::Drive drive;
+  thermal::Decay decay;          ///< for the model's time step
+  int actuator = -1, joint = -1, dof = -1;
+  int control = -1, force = -1;  ///< addresses in mjData.ctrl and mjData.actuator_force
+  int row_hint = 0;              ///< among the friction rows
+  double gear = 1;               ///< joint torque per actuator force
+  int memory_address = -1;       ///< in mjData.act (3.x) or mjData.userdata (2.2.2)
+  int scratch_address = -1;      ///< in mjData.plugin_state (3.x) or mjData.userdata (2.2.2)
+
+  /// Joint speed [rad/s; m/s for a slide].
+  double speed(const mjData* d) const { return d->qvel[dof]; }
+};
+
+/// Solver settings (mjtSolver) at which a stuck joint does not creep.
+double needed_tolerance(int solver);
+int needed_iterations(int solver);
+
+/// Ties a drive to actuator `actuator`. Fails when the actuator does not drive a hinge or slide joint, or the joint,
+/// the solver or the time step could not carry friction faithfully: the message names the element and the remedy.
+tl::expected<Binding, std::string> bind(const mjModel* m, drive::Drive drive, int actuator);
+
+/// State of a drive in d. Changing it between steps is allowed; see drive.hpp for what is input.
+drive::Memory& memory(mjData* d, const Binding& binding);
+drive::Scratch& scratch(mjData* d, const Binding& binding);
+const drive::Memory& memory(const mjData* d, const Binding& binding);
+const drive::Scratch& scratch(const mjData* d, const Binding& binding);
+
+/// Before the solver runs: writes the friction limit into the joint's constraint row.
+void limit_friction(const mjModel* m, mjData* d, const Binding& binding);
+
+/// After the step: heat, temperature, load. Once per mj_step.
+void book_friction(const mjModel* m, mjData* d, const Binding& binding);
+
+/// Friction level [Nm, arm side] at joint speed [rad/s], load [-] and temperature [degC].
+double friction_nm(const drive::Drive& drive, double qd_rad_s, double load_norm, double temperature_degC);
+
+}  // namespace tribotwin::mujoco

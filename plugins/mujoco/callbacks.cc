@@ -1,0 +1,86 @@
+#include <tribotwin/plugins/mujoco/callbacks.hpp>
+
+#include <array>
+#include <atomic>
+#include <cstdio>
+#include <cstdlib>
+#include <mutex>
+#include <stdexcept>
+
+#include <tribotwin/plugins/mujoco/engine.hpp>
+
+namespace tribotwin::mujoco {
+namespace {
+
+std::mutex mutex;                  // guards installation, never taken in a step
+int registered = 0;
+std::atomic<mjfGeneric> previous{nullptr};
+
+std::array<std::atomic<const Registration*>, 1024> slots{};
+std::atomic<std::size_t> slots_used{0};   // high-water mark
+
+struct StepUnderWay {
+  const mjData* data = nullptr;
+  Controller controller;
+};
+thread_local StepUnderWay under_way;
+
+const Registration* find(const mjModel* m) {
+  const std::size_t used = slots_used.load(std::memory_order_acquire);
+  for (std::size_t i = 0; i < used; ++i)
+    if (const Registration* r = slots[i].load(std::memory_order_acquire); r && r->model() == m) return r;
+  return nullptr;
+}
+
+void control(const mjModel* m, mjData* d) {
+  if (const mjfGeneric earlier = previous.load(std::memory_order_acquire)) earlier(m, d);
+  if (under_way.data == d && under_way.controller.call) under_way.controller.call(under_way.controller.context, m, d);
+  if constexpr (!TRIBOTWIN_ENGINE_PLUGINS)
+    if (const Registration* r = find(m))
+      for (const Binding& binding : r->drives()) limit_friction(m, d, binding);
+}
+
+}  // namespace
+
+Registration::Registration(const mjModel* model, std::span<const Binding> drives) : model_(model), drives_(drives) {
+  const std::lock_guard lock(mutex);
+  std::size_t i = 0;
+  while (i < slots.size() && slots[i].load()) ++i;
+  if (i == slots.size()) throw std::length_error("more than 1024 models with drives are registered at once");
+  slots[i].store(this, std::memory_order_release);
+  if (i >= slots_used) slots_used.store(i + 1, std::memory_order_release);
+  if (registered++ == 0 && mjcb_control != control) {
+    previous = mjcb_control;
+    mjcb_control = control;
+  }
+}
+
+Registration::~Registration() {
+  const std::lock_guard lock(mutex);
+  for (auto& slot : slots)
+    if (slot.load() == this) slot.store(nullptr, std::memory_order_release);
+  if (--registered == 0 && mjcb_control == control) {
+    mjcb_control = previous;
+    previous = nullptr;
+  }
+}
+
+void step(const Registration& registration, mjData* d, Controller controller) {
+  const StepUnderWay outer = std::exchange(under_way, {d, controller});
+  mj_step(registration.model(), d);
+  under_way = outer;
+  if constexpr (!TRIBOTWIN_ENGINE_PLUGINS)
+    for (const Binding& binding : registration.drives()) book_friction(registration.model(), d, binding);
+}
+
+void install_message_handlers() {
+  // Warnings are counted in mjData as well, where the run looks for them.
+  mju_user_warning = [](const char*) {};
+  mju_user_error = [](const char* message) {
+    std::fprintf(stderr, "tribotwin: the engine gave up: %s\n", message);
+    std::fflush(nullptr);
+    std::_Exit(1);
+  };
+}
+
+}  // namespace tribotwin::mujoco

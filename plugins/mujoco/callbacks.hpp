@@ -1,0 +1,41 @@
+#pragma once
+
+#include <mujoco/mujoco.h>
+
+#include <tribotwin/plugins/mujoco/binding.hpp>
+
+/// The one place that touches MuJoCo's process-global callbacks. A callback that was there before is called first.
+namespace tribotwin::mujoco {
+
+/// Keeps the callbacks installed while it lives and, on engines without plugins, drives the friction of `model`.
+/// Models that are not registered are left alone. Registering is thread-safe; stepping takes no lock.
+class Registration {
+ public:
+  Registration(const mjModel* model, std::span<const Binding> drives);
+  ~Registration();
+  Registration(const Registration&) = delete;
+  Registration& operator=(const Registration&) = delete;
+
+  const mjModel* model() const { return model_; }
+  std::span<const Binding> drives() const { return drives_; }
+
+ private:
+  const mjModel* model_;
+  std::span<const Binding> drives_;
+};
+
+/// Sees positions, velocities and gravity of the step under way and writes d->ctrl: feedback that is not one step late.
+/// Called once per stage of the integrator.
+struct Controller {
+  void (*call)(void* context, const mjModel* m, mjData* d) = nullptr;
+  void* context = nullptr;
+};
+
+/// mj_step with friction booked, on every engine. The controller, if any, is this call's alone.
+void step(const Registration& registration, mjData* d, Controller controller = {});
+
+/// Engine warnings and errors become lines on stderr instead of a log file and a wait for a key; a fatal engine error
+/// ends the process with exit code 1. For programs; a library user keeps their own handlers.
+void install_message_handlers();
+
+}  // namespace tribotwin::mujoco

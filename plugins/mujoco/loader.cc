@@ -1,0 +1,329 @@
+#include <tribotwin/plugins/mujoco/loader.hpp>
+
+#include <algorithm>
+#include <cmath>
+#include <cstring>
+#include <fstream>
+#include <map>
+#include <sstream>
+
+#include <fmt/format.h>
+#include <pugixml.hpp>
+
+#include <tribotwin/plugins/mujoco/engine.hpp>
+
+namespace tribotwin::mujoco {
+namespace {
+
+using Result = tl::expected<std::shared_ptr<const Model>, std::string>;
+
+/// One file of a model, its includes not yet merged: line numbers are those the user sees.
+struct Source {
+  std::string name;   // for messages
+  std::string text;
+  std::unique_ptr<pugi::xml_document> document = std::make_unique<pugi::xml_document>();
+
+  std::ptrdiff_t line(std::ptrdiff_t offset) const {
+    return 1 + std::count(text.begin(), text.begin() + std::min<std::ptrdiff_t>(offset, std::ssize(text)), '\n');
+  }
+};
+
+std::string at(const Source& source, pugi::xml_node element) {
+  const char* name = element.attribute("name").as_string(nullptr);
+  return fmt::format("{}:{}: <{}{}>", source.name, source.line(element.offset_debug()), element.name(),
+                     name ? fmt::format(" name=\"{}\"", name) : "");
+}
+
+tl::expected<Source, std::string> parse(std::string name, std::string text) {
+  Source source{std::move(name), std::move(text)};
+  const pugi::xml_parse_result result = source.document->load_buffer(source.text.data(), source.text.size());
+  if (!result)
+    return tl::unexpected(fmt::format("{}:{}: not well-formed XML ({})", source.name, source.line(result.offset), result.description()));
+  if (!source.document->document_element()) return tl::unexpected(source.name + ": holds no XML element");
+  return source;
+}
+
+tl::expected<std::string, std::string> read_text(const std::filesystem::path& file) {
+  std::error_code error;
+  if (std::filesystem::is_directory(file, error))
+    return tl::unexpected(fmt::format("{}: is a folder, not an MJCF file", file.string()));
+  std::ifstream stream(file, std::ios::binary);
+  if (!stream) return tl::unexpected(fmt::format("{}: cannot be read ({})", file.string(), std::strerror(errno)));
+  std::ostringstream text;
+  text << stream.rdbuf();
+  return text.str();
+}
+
+/// The files of a model, main file first.
+tl::expected<std::vector<Source>, std::string> read_sources(std::string name, std::string text,
+                                                            const std::filesystem::path& folder) {
+  std::vector<Source> sources;
+  auto main = parse(std::move(name), std::move(text));
+  if (!main) return tl::unexpected(main.error());
+  sources.push_back(std::move(*main));
+  for (std::size_t i = 0; i < sources.size(); ++i)
+    for (const auto& match : sources[i].document->select_nodes("//include")) {
+      const pugi::xml_node element = match.node();
+      const std::string where = at(sources[i], element);
+      const char* file = element.attribute("file").as_string(nullptr);
+      if (!file) return tl::unexpected(where + ": lacks its file attribute");
+      const std::string path = (folder / file).lexically_normal().string();
+      if (std::ranges::any_of(sources, [&](const Source& s) { return s.name == path; }))
+        return tl::unexpected(where + ": this file is included twice");
+      const auto included = read_text(path);
+      if (!included) return tl::unexpected(where + ": " + included.error());
+      auto source = parse(path, *included);
+      if (!source) return tl::unexpected(source.error());
+      sources.push_back(std::move(*source));
+    }
+  return sources;
+}
+
+struct DriveElement {
+  std::string where;
+  std::string actuator;
+  drive::Drive drive;
+};
+
+/// Reads every drive of the model, in the order of their actuators, and checks what only the text shows.
+tl::expected<std::vector<DriveElement>, std::string> read_drives(const std::vector<Source>& sources) {
+  std::map<std::string, std::pair<const Source*, pugi::xml_node>> instances;
+  std::vector<std::pair<const Source*, pugi::xml_node>> actuators;
+  for (const Source& source : sources) {
+    for (const auto& match : source.document->select_nodes("//extension/plugin[@plugin='tribotwin.drive']/instance")) {
+      const pugi::xml_node element = match.node();
+      if (!element.attribute("name")) return tl::unexpected(at(source, element) + ": lacks its name");
+      if (!instances.emplace(element.attribute("name").value(), std::pair{&source, element}).second)
+        return tl::unexpected(at(source, element) + ": a second instance of this name");
+    }
+    for (const auto& match : source.document->select_nodes("//actuator/plugin[@plugin='tribotwin.drive']"))
+      actuators.emplace_back(&source, match.node());
+  }
+
+  std::vector<DriveElement> drives;
+  std::map<std::string, std::string> joints;   // joint -> where it got its drive
+  for (const auto& [source, element] : actuators) {
+    const std::string where = at(*source, element);
+    const std::string instance = element.attribute("instance").value();
+    const std::string name = element.attribute("name").value();
+    const std::string joint = element.attribute("joint").value();
+    if (name.empty() || joint.empty() || instance.empty())
+      return tl::unexpected(fmt::format("{}: needs name, joint and instance", where));
+    if (element.attribute("actdim").as_int(-1) != static_cast<int>(drive::memory_size))
+      return tl::unexpected(fmt::format("{}: needs actdim=\"{}\", the size of a drive's memory", where, drive::memory_size));
+    const auto found = instances.find(instance);
+    if (found == instances.end())
+      return tl::unexpected(fmt::format("{}: no <instance name=\"{}\"> under <extension><plugin plugin=\"{}\">", where,
+                                        instance, plugin_name));
+    if (const auto [first, fresh] = joints.emplace(joint, where); !fresh)
+      return tl::unexpected(fmt::format("{}: joint '{}' has a drive already at {}", where, joint, first->second));
+    if (std::ranges::any_of(drives, [&](const DriveElement& d) { return d.drive.name == instance; }))
+      return tl::unexpected(fmt::format("{}: instance '{}' serves another actuator already; each drive needs its own",
+                                        where, instance));
+
+    const auto& [instance_source, instance_element] = found->second;
+    drive::Configuration configuration;
+    for (const pugi::xml_node config : instance_element.children("config")) {
+      if (!config.attribute("key") || !config.attribute("value"))
+        return tl::unexpected(at(*instance_source, config) + ": needs key and value");
+      configuration.emplace_back(config.attribute("key").value(), config.attribute("value").value());
+    }
+    auto drive = drive::make_drive(instance, configuration);
+    if (!drive) return tl::unexpected(fmt::format("{}: {}", at(*instance_source, instance_element), drive.error()));
+    drives.push_back({where, name, std::move(*drive)});
+  }
+  return drives;
+}
+
+#if !TRIBOTWIN_ENGINE_PLUGINS
+/// Merges includes and turns every drive into what 2.2.2 knows: a torque actuator and room in userdata.
+std::string lower(const std::vector<Source>& sources, const std::filesystem::path& folder, std::size_t drives) {
+  pugi::xml_document& main = *sources.front().document;
+  while (const pugi::xml_node include = main.select_node("//include").node()) {
+    const std::string path = (folder / include.attribute("file").value()).lexically_normal().string();
+    for (const pugi::xml_node child : std::ranges::find(sources, path, &Source::name)->document->document_element())
+      include.parent().insert_copy_before(child, include);
+    include.parent().remove_child(include);
+  }
+  for (const auto& match : main.select_nodes("//extension/plugin[@plugin='tribotwin.drive']"))
+    match.node().parent().remove_child(match.node());
+  for (const auto& match : main.select_nodes("//extension[not(plugin)]")) match.node().parent().remove_child(match.node());
+  for (const auto& match : main.select_nodes("//actuator/plugin[@plugin='tribotwin.drive']")) {
+    pugi::xml_node actuator = match.node();
+    actuator.set_name("motor");
+    for (const char* attribute : {"plugin", "instance", "actdim"}) actuator.remove_attribute(attribute);
+  }
+
+  pugi::xml_node root = main.document_element();
+  int user = 0;
+  for (pugi::xml_node size : root.children("size")) {
+    user = std::max(user, size.attribute("nuserdata").as_int());
+    size.remove_attribute("nuserdata");
+  }
+  root.append_child("size").append_attribute("nuserdata") =
+      user + static_cast<int>(drives * (drive::memory_size + drive::scratch_size));
+
+  // Read from memory, the text no longer has a folder of its own: asset folders become absolute.
+  const std::filesystem::path base = std::filesystem::absolute(folder);
+  for (const char* attribute : {"meshdir", "texturedir"}) {
+    std::string given;
+    for (pugi::xml_node compiler : root.children("compiler")) {
+      if (compiler.attribute(attribute)) given = compiler.attribute(attribute).value();
+      compiler.remove_attribute(attribute);
+    }
+    root.append_child("compiler").append_attribute(attribute) = (base / given).lexically_normal().c_str();
+  }
+  std::ostringstream text;
+  main.save(text);
+  return text.str();
+}
+
+/// The engine counts lines in the lowered text, which the user never sees.
+std::string without_line(std::string message) {
+  const auto begin = message.find(", line ");
+  if (begin != std::string::npos) message.erase(begin, message.find('\n', begin) - begin);
+  return message;
+}
+
+tl::expected<ModelPtr, std::string> compile(const std::string& mjcf, const std::string&, const std::filesystem::path&) {
+  const auto vfs = std::make_unique<mjVFS>();
+  mj_defaultVFS(vfs.get());
+  const char* name = "tribotwin_lowered.xml";
+  if (mj_makeEmptyFileVFS(vfs.get(), name, static_cast<int>(mjcf.size())) != 0) return tl::unexpected(std::string("the model text is too large"));
+  std::memcpy(vfs->filedata[mj_findFileVFS(vfs.get(), name)], mjcf.data(), mjcf.size());
+  char error[1000] = "";
+  ModelPtr model(mj_loadXML(name, vfs.get(), error, sizeof error));
+  mj_deleteVFS(vfs.get());
+  if (!model) return tl::unexpected(without_line(error));
+  return model;
+}
+#else
+tl::expected<ModelPtr, std::string> compile(const std::string& text, const std::string& file, const std::filesystem::path& folder) {
+  char error[1000] = "";
+  if (!file.empty()) {
+    ModelPtr model(mj_loadXML(file.c_str(), nullptr, error, sizeof error));
+    if (!model) return tl::unexpected(std::string(error));
+    return model;
+  }
+  const auto vfs = std::make_unique<mjVFS>();
+  mj_defaultVFS(vfs.get());
+  const std::string name = (folder / "model.xml").string();
+  mj_addBufferVFS(vfs.get(), name.c_str(), text.data(), static_cast<int>(text.size()));
+  ModelPtr model(mj_loadXML(name.c_str(), vfs.get(), error, sizeof error));
+  mj_deleteVFS(vfs.get());
+  if (!model) return tl::unexpected(std::string(error));
+  return model;
+}
+#endif
+
+tl::expected<void, std::string> apply(const Options& options, mjModel* m) {
+  if (options.timestep_s) {
+    if (!(*options.timestep_s > 0 && *options.timestep_s <= 1))
+      return tl::unexpected(fmt::format("time step {} s must be above 0 and at most 1", *options.timestep_s));
+    m->opt.timestep = *options.timestep_s;
+  }
+  const auto choose = [](const std::optional<std::string>& name, std::string_view what,
+                         std::initializer_list<std::pair<std::string_view, int>> values, int& target) -> std::string {
+    if (!name) return {};
+    std::vector<std::string_view> names;
+    for (const auto& [known, value] : values) {
+      if (known == *name) {
+        target = value;
+        return {};
+      }
+      names.push_back(known);
+    }
+    return fmt::format("{} '{}' is not known; one of {}", what, *name, fmt::join(names, ", "));
+  };
+  if (const auto bad = choose(options.integrator, "integrator",
+                              {{"Euler", mjINT_EULER},
+                               {"implicit", mjINT_IMPLICIT},
+#if TRIBOTWIN_ENGINE_PLUGINS
+                               {"implicitfast", mjINT_IMPLICITFAST},
+#endif
+                               {"RK4", mjINT_RK4}},
+                              m->opt.integrator);
+      !bad.empty())
+    return tl::unexpected(bad);
+  if (const auto bad = choose(options.solver, "solver", {{"Newton", mjSOL_NEWTON}, {"CG", mjSOL_CG}, {"PGS", mjSOL_PGS}},
+                              m->opt.solver);
+      !bad.empty())
+    return tl::unexpected(bad);
+  // A solver chosen here brings the accuracy that keeps a stuck joint still; one chosen in the file is checked instead.
+  if (options.solver) {
+    m->opt.tolerance = std::min(m->opt.tolerance, needed_tolerance(m->opt.solver));
+    m->opt.iterations = std::max(m->opt.iterations, needed_iterations(m->opt.solver));
+  }
+  return {};
+}
+
+Result load(const std::string& name, const std::string& text, const std::string& file,
+            const std::filesystem::path& folder, const Options& options) {
+  auto sources = read_sources(name, text, folder);
+  if (!sources) return tl::unexpected(sources.error());
+  auto drives = read_drives(*sources);
+  if (!drives) return tl::unexpected(drives.error());
+#if TRIBOTWIN_ENGINE_PLUGINS
+  auto compiled = compile(text, file, folder);
+#else
+  auto compiled = compile(lower(*sources, folder, drives->size()), file, folder);
+#endif
+  if (!compiled) return tl::unexpected(fmt::format("{}: {}", name, compiled.error()));
+  mjModel* m = compiled->get();
+  if (auto ok = apply(options, m); !ok) return tl::unexpected(fmt::format("{}: {}", name, ok.error()));
+
+  std::vector<Binding> bindings;
+  [[maybe_unused]] int address =
+      static_cast<int>(m->nuserdata) - static_cast<int>(drives->size() * (drive::memory_size + drive::scratch_size));
+  for (DriveElement& element : *drives) {
+    const int actuator = mj_name2id(m, mjOBJ_ACTUATOR, element.actuator.c_str());
+    auto binding = bind(m, std::move(element.drive), actuator);
+    if (!binding) return tl::unexpected(fmt::format("{}: {}", element.where, binding.error()));
+#if TRIBOTWIN_ENGINE_PLUGINS
+    binding->memory_address = m->actuator_actadr[actuator];
+    binding->scratch_address = m->plugin_stateadr[m->actuator_plugin[actuator]];
+#else
+    binding->memory_address = address;
+    binding->scratch_address = address + static_cast<int>(drive::memory_size);
+    address += static_cast<int>(drive::memory_size + drive::scratch_size);
+#endif
+    bindings.push_back(std::move(*binding));
+  }
+  std::ranges::sort(bindings, {}, &Binding::actuator);
+  return std::make_shared<const Model>(std::move(*compiled), std::move(bindings));
+}
+
+}  // namespace
+
+Model::Model(ModelPtr model, std::vector<Binding> drives)
+    : model_(std::move(model)), drives_(std::move(drives)), registration_(model_.get(), drives_) {}
+
+DataPtr Model::make_data() const { return DataPtr(mj_makeData(model_.get())); }
+
+Result load_file(const std::filesystem::path& file, const Options& options) {
+  const auto text = read_text(file);
+  if (!text) return tl::unexpected(text.error());
+  return load(file.string(), *text, file.string(), file.parent_path(), options);
+}
+
+Result load_string(std::string_view mjcf, const Options& options, const std::filesystem::path& folder) {
+  return load("model", std::string(mjcf), "", folder, options);
+}
+
+Result variant(const Model& model, void (*change)(mjModel*, const void*), const void* argument) {
+  ModelPtr copy(mj_copyModel(nullptr, model.get()));
+  change(copy.get(), argument);
+  const DataPtr scratch_data(mj_makeData(copy.get()));
+  mj_setConst(copy.get(), scratch_data.get());
+  std::vector<Binding> bindings;
+  for (const Binding& original : model.drives()) {
+    auto binding = bind(copy.get(), original.drive, original.actuator);
+    if (!binding) return tl::unexpected(binding.error());
+    binding->memory_address = original.memory_address;
+    binding->scratch_address = original.scratch_address;
+    bindings.push_back(std::move(*binding));
+  }
+  return std::make_shared<const Model>(std::move(copy), std::move(bindings));
+}
+
+}  // namespace tribotwin::mujoco

@@ -1,0 +1,64 @@
+#pragma once
+
+#include <filesystem>
+#include <memory>
+#include <optional>
+#include <span>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include <mujoco/mujoco.h>
+#include <tl/expected.hpp>
+
+#include <tribotwin/plugins/mujoco/binding.hpp>
+#include <tribotwin/plugins/mujoco/callbacks.hpp>
+
+namespace tribotwin::mujoco {
+
+struct ModelDeleter { void operator()(mjModel* m) const { mj_deleteModel(m); } };
+struct DataDeleter { void operator()(mjData* d) const { mj_deleteData(d); } };
+using ModelPtr = std::unique_ptr<mjModel, ModelDeleter>;
+using DataPtr = std::unique_ptr<mjData, DataDeleter>;
+
+/// An engine model with its drives, ready to step. Immutable; shared by any number of mjData and threads.
+class Model {
+ public:
+  Model(ModelPtr model, std::vector<Binding> drives);
+  Model(const Model&) = delete;
+  Model& operator=(const Model&) = delete;
+
+  const mjModel* get() const { return model_.get(); }
+  const mjModel* operator->() const { return model_.get(); }
+  /// In the order of the actuators.
+  std::span<const Binding> drives() const { return drives_; }
+
+  DataPtr make_data() const;
+  void step(mjData* d, Controller controller = {}) const { mujoco::step(registration_, d, controller); }
+
+ private:
+  ModelPtr model_;
+  std::vector<Binding> drives_;
+  Registration registration_;
+};
+
+/// What a user of a model may decide anew; checked together with the drives.
+struct Options {
+  std::optional<double> timestep_s{};
+  std::optional<std::string> integrator;   ///< Euler, implicit, RK4 (implicitfast on 3.x)
+  std::optional<std::string> solver;       ///< Newton, CG, PGS
+};
+
+/// Loads MJCF that uses the plugin vocabulary (plugins/README.md), on every engine. On 2.2.2, whose schema knows no
+/// plugins, drives are lowered to torque actuators in memory. Fails with one message that names file, line and element.
+tl::expected<std::shared_ptr<const Model>, std::string> load_file(const std::filesystem::path& file, const Options& = {});
+
+/// The same from text; `<include>` and assets are looked up in `folder`.
+tl::expected<std::shared_ptr<const Model>, std::string> load_string(std::string_view mjcf, const Options& = {},
+                                                                    const std::filesystem::path& folder = ".");
+
+/// A copy of `model` changed by `change`, with the same drives checked against it (an arm with another payload).
+tl::expected<std::shared_ptr<const Model>, std::string> variant(const Model& model, void (*change)(mjModel*, const void*),
+                                                                const void* argument);
+
+}  // namespace tribotwin::mujoco

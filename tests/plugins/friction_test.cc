@@ -1,0 +1,148 @@
+#include <gmock/gmock.h>
+
+#include <random>
+
+#include <tribotwin/plugins/friction/batch.hpp>
+#include <tribotwin/plugins/friction/law.hpp>
+
+namespace tribotwin::friction {
+namespace {
+
+using testing::HasSubstr;
+
+Law law_of(std::string_view name, std::vector<std::pair<std::string, double>> values, Validity validity = Validity::clamp) {
+  auto law = make_law(name, values);
+  EXPECT_TRUE(law) << law.error();
+  law->validity = validity;
+  return *law;
+}
+
+/// One instance of every law, with the papers' numbers where there are any.
+std::vector<Law> instances(Validity validity) {
+  std::vector<Law> all{
+      *published_law("stribeck"),
+      law_of("stribeck_non_newtonian", {{"Fc", .034}, {"Fs", .046}, {"Fv", 3e-4}, {"vs", 10.7}, {"alpha", 1.93}, {"Fmu", 2e-4}, {"beta", .7}}),
+      law_of("load", {{"Fc0", .033}, {"Fcl", .0234}, {"Fs0", .04}, {"Fsl", .126}, {"vs", 9.22}, {"alpha", 1.36}, {"Fv", 3.7e-4}}),
+      *published_law("extended"),
+      law_of("steady_state", {{"Fc", 12}, {"Fs", 15}, {"Vs", 4}, {"alpha", 1.3}, {"Fv", .5}, {"beta", .6}}),
+      law_of("polynomial", {{"f1", 4}, {"f2", 3}, {"f3", -.4}, {"f4", .05}, {"a", -.012}, {"T0", 20}}),
+  };
+  for (Law& law : all) law.validity = validity;
+  return all;
+}
+
+/// The formulas of physics.md section 2, written out a second time.
+double formula(const Law& law, double v, double l, double T) {
+  const auto p = [&](const char* name) {
+    for (std::size_t i = 0; i < law.info->parameters.size(); ++i)
+      if (law.info->parameters[i].name == name) return law.parameters[i];
+    throw std::logic_error(name);
+  };
+  const auto e = [&](double vs) { return std::exp(-std::pow(std::abs(v / vs), p("alpha"))); };
+  const auto name = law.info->name;
+  if (name == "stribeck") return p("Fc") + p("Fs") * e(p("vs")) + p("Fv") * v;
+  if (name == "stribeck_non_newtonian") return p("Fc") + p("Fs") * e(p("vs")) + p("Fv") * v + p("Fmu") * std::pow(v, p("beta"));
+  if (name == "load") return (p("Fc0") + p("Fcl") * l) + (p("Fs0") + p("Fsl") * l) * e(p("vs")) + p("Fv") * v;
+  if (name == "extended")
+    return (p("Fc0") + p("Fcl") * l) + p("Fsl") * l * e(p("vsl")) + (p("Fs0") + p("FsT") * T) * e(p("vs0") + p("vsT") * T) +
+           (p("Fv0") + p("FvT") * std::exp(-T / p("TV0"))) * v;
+  if (name == "steady_state") return p("Fc") + (p("Fs") - p("Fc")) * e(p("Vs")) + p("Fv") * std::pow(v, p("beta"));
+  if (name == "polynomial")
+    return (p("f1") + p("f2") * v + p("f3") * v * v + p("f4") * v * v * v) * (1 + p("a") * (T - p("T0")));
+  throw std::logic_error("no formula for this law");
+}
+
+TEST(Laws, EqualTheirFormulasWithinTheirRange) {
+  std::mt19937_64 random(1);
+  for (const Law& law : instances(Validity::clamp)) {
+    const auto& r = law.range;
+    std::uniform_real_distribution<> v(1e-6, std::min(r.speed_max_rad_s, 6.0 * (law.info->side == Side::motor ? 100 : 1))),
+        l(0, std::min(r.load_max, 1.0)), T(std::max(r.temperature_min_degC, 20.0), std::min(r.temperature_max_degC, 80.0));
+    for (int i = 0; i < 20000; ++i) {
+      const double vi = v(random), li = l(random), Ti = T(random), expected = formula(law, vi, li, Ti);
+      ASSERT_NEAR(torque(law, vi, li, Ti), expected, 1e-12 * expected) << law.info->name << " " << vi << " " << li << " " << Ti;
+    }
+  }
+}
+
+TEST(Laws, AreOddFiniteAndDissipativeForAnyInputUnderEveryPolicy) {
+  std::mt19937_64 random(2);
+  std::uniform_real_distribution<> exponent(-12, 12), sign(-1, 1);
+  std::uniform_int_distribution<> special(0, 99);
+  const auto any = [&] {
+    switch (special(random)) {
+      case 0: return 0.0;
+      case 1: return std::numeric_limits<double>::infinity();
+      case 2: return std::numeric_limits<double>::quiet_NaN();
+      case 3: return std::numeric_limits<double>::max();
+      case 4: return std::numeric_limits<double>::denorm_min();
+      default: return std::copysign(std::pow(10, exponent(random)), sign(random));
+    }
+  };
+  std::uniform_real_distribution<> usual_T(-60, 200);
+  for (const Validity validity : {Validity::clamp, Validity::extrapolate, Validity::error})
+    for (const Law& law : instances(validity))
+      for (int i = 0; i < 60000; ++i) {   // 3 policies x 6 laws: 1.08e6 inputs
+        const double v = any(), l = any(), T = i % 2 ? any() : usual_T(random);
+        const double forward = torque(law, v, l, T), backward = torque(law, -v, l, T);
+        ASSERT_TRUE(std::isfinite(forward)) << law.info->name << " " << v << " " << l << " " << T;
+        ASSERT_EQ(forward, -backward) << law.info->name << " " << v << " " << l << " " << T;
+        if (v > 0) ASSERT_GE(forward, 0) << law.info->name << " " << v << " " << l << " " << T;
+        const Level at = level(law, at_temperature(law, T), v, l);
+        ASSERT_GE(at.weakening, 0);
+        ASSERT_GE(at.total(), 0);
+      }
+}
+
+TEST(Laws, ColdExtendedLawIsHeldAtTheEdgeAndCounted) {
+  const Law law = *published_law("extended");
+  for (const double v : {0.5, 10.0, 200.0}) {
+    EXPECT_EQ(torque(law, v, 0.3, 20), torque(law, v, 0.3, 38));
+    EXPECT_TRUE(level(law, at_temperature(law, 20), v, 0.3).outside);
+    EXPECT_FALSE(level(law, at_temperature(law, 38), v, 0.3).outside);
+  }
+  EXPECT_TRUE(level(law, at_temperature(law, 50), 281, 0.3).outside);
+  EXPECT_TRUE(level(law, at_temperature(law, 50), 100, -0.74).outside);
+}
+
+TEST(Laws, PublishedChecksOfTheExtendedLaw) {
+  // papers/README.md: at 34 degC the Stribeck velocity is 8.5 rad/s and the viscous slope 3.86e-4.
+  Law law = *published_law("extended");
+  law.validity = Validity::extrapolate;
+  const auto at = at_temperature(law, 34).coefficients;
+  EXPECT_NEAR(std::pow(at.vs_pow, -1 / 1.36), 8.5, 0.02);
+  EXPECT_NEAR(at.F1, 3.86e-4, 1e-6);
+}
+
+TEST(Laws, MistakesAreNamed) {
+  EXPECT_THAT(make_law("extendet", {}).error(), HasSubstr("did you mean 'extended'"));
+  using Values = std::vector<std::pair<std::string, double>>;
+  EXPECT_THAT(make_law("stribeck", Values{{"Fcc", 1}}).error(), HasSubstr("did you mean 'Fc'"));
+  EXPECT_THAT(make_law("stribeck", Values{{"Fc", .1}}).error(), HasSubstr("lacks its parameter 'Fs'"));
+  EXPECT_THAT(make_law("stribeck", Values{{"vs", 0}}).error(), HasSubstr("must be within"));
+  EXPECT_THAT(make_law("stribeck", Values{{"vs", std::nan("")}}).error(), HasSubstr("must be within"));
+  EXPECT_THAT(make_law("stribeck", Values{{"vs", 1}, {"vs", 1}}).error(), HasSubstr("twice"));
+  EXPECT_THAT(make_law("steady_state", Values{{"Fc", 2}, {"Fs", 1}, {"Vs", 1}, {"alpha", 1}, {"Fv", 0}, {"beta", 1}}).error(),
+              HasSubstr("Fs is the standstill level"));
+}
+
+TEST(Batch, EqualsTheScalarLawInsideAndOutsideTheRange) {
+  std::mt19937_64 random(3);
+  std::uniform_real_distribution<> v(-400, 400), l(-1.5, 1.5), T(-20, 120);
+  for (const Validity validity : {Validity::clamp, Validity::extrapolate})
+    for (const Law& law : instances(validity))
+      for (const int n : {1, 7, 4099}) {
+        Eigen::ArrayXd vs(n), ls(n), Ts(n);
+        for (int i = 0; i < n; ++i) vs[i] = v(random), ls[i] = l(random), Ts[i] = T(random);
+        vs[0] = 0;
+        if (n > 7) vs[1] = std::nan(""), ls[2] = std::nan(""), Ts[3] = std::nan(""), vs[4] = 1e300, Ts[5] = -1e300, vs[6] = 1e-300;
+        const Eigen::ArrayXd batch = torque(law, vs, ls, Ts);
+        for (int i = 0; i < n; ++i) {
+          const double scalar = torque(law, vs[i], ls[i], Ts[i]);
+          ASSERT_NEAR(batch[i], scalar, 1e-12 * std::abs(scalar)) << law.info->name << " " << vs[i] << " " << ls[i] << " " << Ts[i];
+        }
+      }
+}
+
+}  // namespace
+}  // namespace tribotwin::friction

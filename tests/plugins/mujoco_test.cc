@@ -1,0 +1,255 @@
+#include <gmock/gmock.h>
+
+#include <cmath>
+#include <thread>
+
+#include <fmt/format.h>
+
+#include <tribotwin/plugins/mujoco/engine.hpp>
+#include <tribotwin/plugins/mujoco/loader.hpp>
+
+namespace tribotwin::mujoco {
+namespace {
+
+using testing::HasSubstr;
+
+const std::string irb6620 = std::string(TRIBOTWIN_SOURCE_DIR) + "/mjcf/irb6620.xml";
+
+/// A one-joint arm with a drive; every piece can be replaced.
+struct Arm {
+  std::string option = R"(timestep="0.001" tolerance="1e-10")";
+  std::string joint = R"(armature="2" frictionloss="1" solreffriction=".001 1" solimpfriction=".9999 .9999 .001 .5 2")";
+  std::string gravity = "0 0 -9.81";
+  std::string config = R"(<config key="law" value="stribeck"/><config key="Fc" value="0.03"/><config key="Fs" value="0.02"/>
+      <config key="Fv" value="4e-4"/><config key="vs" value="10"/><config key="alpha" value="1.3"/>
+      <config key="torque_max_nm" value="100"/><config key="gear_ratio" value="50"/>)";
+  std::string actuator = R"(<plugin name="drive" joint="hinge" plugin="tribotwin.drive" instance="j" actdim="3"/>)";
+
+  std::string text() const {
+    return fmt::format(R"(<mujoco><option {} gravity="{}"/>
+  <extension><plugin plugin="tribotwin.drive"><instance name="j">{}</instance></plugin></extension>
+  <worldbody><body><joint name="hinge" axis="0 1 0" {}/><geom type="sphere" size=".1" pos=".5 0 0" mass="4"/></body></worldbody>
+  <actuator>{}</actuator></mujoco>)", option, gravity, config, joint, actuator);
+  }
+  tl::expected<std::shared_ptr<const Model>, std::string> load() const { return load_string(text()); }
+  std::string error() const {
+    const auto model = load();
+    return model ? "loaded" : model.error();
+  }
+};
+
+TEST(Loader, NamesTheElementAndTheRemedy) {
+  const auto with = [](auto change) {
+    Arm arm;
+    change(arm);
+    return arm.error();
+  };
+  EXPECT_EQ(Arm().error(), "loaded");
+  EXPECT_THAT(with([](Arm& a) { a.joint = ""; }), testing::AllOf(HasSubstr("joint 'hinge'"), HasSubstr("frictionloss")));
+  EXPECT_THAT(with([](Arm& a) { a.joint = R"(frictionloss="1")"; }), testing::AllOf(HasSubstr("joint 'hinge'"), HasSubstr("soft"), HasSubstr("solimpfriction")));
+  EXPECT_THAT(with([](Arm& a) { a.config += R"(<config key="Fcc" value="1"/>)"; }), testing::AllOf(HasSubstr("<instance name=\"j\">"), HasSubstr("did you mean 'Fc'")));
+  EXPECT_THAT(with([](Arm& a) { a.config = ""; }), HasSubstr("'law' is missing"));
+  EXPECT_THAT(with([](Arm& a) { a.option = R"(solver="CG" tolerance="1e-8")"; }), HasSubstr("1e-12"));
+  EXPECT_THAT(with([](Arm& a) { a.option = R"(timestep="0.5" tolerance="1e-10")"; a.config += R"(<config key="brake_torque_nm" value="1"/>)"; a.joint += R"( )"; }), testing::AnyOf(HasSubstr("time step"), HasSubstr("shorten")));
+  EXPECT_THAT(with([](Arm& a) { a.actuator = R"(<plugin name="drive" joint="hinge" plugin="tribotwin.drive" instance="k" actdim="3"/>)"; }), HasSubstr("no <instance name=\"k\">"));
+  EXPECT_THAT(with([](Arm& a) { a.actuator = R"(<plugin name="drive" joint="hinge" plugin="tribotwin.drive" instance="j" actdim="2"/>)"; }), HasSubstr("actdim=\"3\""));
+  EXPECT_THAT(with([](Arm& a) { a.actuator += R"(<plugin name="second" joint="hinge" plugin="tribotwin.drive" instance="j" actdim="3"/>)"; }), HasSubstr("has a drive already"));
+  EXPECT_THAT(with([](Arm& a) { a.config += "<config"; }), HasSubstr("not well-formed"));
+  EXPECT_THAT(with([](Arm& a) { a.joint += R"( nonsense="1")"; }), HasSubstr("nonsense"));
+  EXPECT_THAT(load_file("/nonexistent/x.xml").error(), HasSubstr("cannot be read"));
+  EXPECT_THAT(load_file("/").error(), HasSubstr("folder"));
+}
+
+TEST(Drive, ConstantCoulombFrictionMovesExactlyLikeTheNativeElement) {
+  for (const char* integrator : {"Euler", "implicit", "RK4"})
+    for (const char* solver : {"Newton", "CG", "PGS"}) {
+      const std::string option = fmt::format(R"(timestep="0.001" tolerance="1e-12" iterations="100" integrator="{}" solver="{}")", integrator, solver);
+      Arm arm;
+      arm.option = option;
+      arm.config = R"(<config key="law" value="stribeck"/><config key="Fc" value="0.05"/><config key="Fs" value="0"/>
+        <config key="Fv" value="0"/><config key="vs" value="10"/><config key="alpha" value="1"/>
+        <config key="torque_max_nm" value="100"/><config key="gear_ratio" value="1"/>)";
+      const auto ours = arm.load();
+      ASSERT_TRUE(ours) << ours.error();
+      Arm plain = arm;
+      plain.joint = R"(armature="2" frictionloss="5" solreffriction=".001 1" solimpfriction=".9999 .9999 .001 .5 2")";
+      plain.actuator = R"(<motor name="drive" joint="hinge"/>)";
+      const auto native = plain.load();
+      ASSERT_TRUE(native) << native.error();
+      const DataPtr a = (*ours)->make_data(), b = (*native)->make_data();
+      for (int i = 0; i < 5000; ++i) {
+        a->ctrl[0] = b->ctrl[0] = 30 * std::sin(i * 2e-3);
+        (*ours)->step(a.get());
+        mj_step((*native)->get(), b.get());
+        ASSERT_EQ(a->qpos[0], b->qpos[0]) << integrator << " " << solver << " step " << i;
+      }
+      EXPECT_NE(a->qpos[0], 0);
+    }
+}
+
+TEST(Drive, ViscousFrictionNeverReversesTheMotionHoweverLongTheStep) {
+  Arm arm;
+  const auto model = arm.load();
+  ASSERT_TRUE(model) << model.error();
+  // Past the check at load, on purpose: 1000 times the viscosity.
+  Binding binding = (*model)->drives()[0];
+  auto parameters = binding.drive.law.parameters;
+  parameters[2] *= 1000;
+  binding.drive.law = friction::with_parameters(binding.drive.law, {parameters.data(), 5});
+  const std::vector<Binding> drives{binding};
+  Arm quiet = arm;
+  quiet.gravity = "0 0 0";
+  if (TRIBOTWIN_ENGINE_PLUGINS) return;   // the plugin has its own copy of the parameters
+  const auto still = quiet.load();
+  ModelPtr copy(mj_copyModel(nullptr, (*still)->get()));
+  const Registration registration(copy.get(), drives);
+  const DataPtr d(mj_makeData(copy.get()));
+  d->qvel[0] = 2;
+  double before = 2;
+  for (int i = 0; i < 200; ++i) {
+    step(registration, d.get());
+    ASSERT_GE(d->qvel[0], -1e-9);
+    ASSERT_LE(d->qvel[0], before + 1e-12);
+    before = d->qvel[0];
+  }
+  EXPECT_NEAR(before, 0, 1e-9);
+}
+
+TEST(Drive, ResetCopyAndConcurrentSimulationsShareNothing) {
+  const auto loaded = load_file(irb6620);
+  ASSERT_TRUE(loaded) << loaded.error();
+  const Model& model = **loaded;
+  const auto run = [&](mjData* d, int steps) {
+    for (int i = 0; i < steps; ++i) {
+      for (int u = 0; u < model->nu; ++u) d->ctrl[u] = 2000 * std::sin(0.01 * d->time * (u + 1) * 100);
+      model.step(d);
+    }
+  };
+  const DataPtr a = model.make_data();
+  run(a.get(), 300);
+  const DataPtr b(mj_copyData(nullptr, model.get(), a.get()));
+  run(a.get(), 300);
+  run(b.get(), 300);
+  for (int i = 0; i < model->nq; ++i) EXPECT_EQ(a->qpos[i], b->qpos[i]);
+  for (const Binding& drive : model.drives()) {
+    EXPECT_EQ(scratch(a.get(), drive).heat_J, scratch(b.get(), drive).heat_J);
+    EXPECT_GT(scratch(a.get(), drive).heat_J, 0);
+  }
+  mj_resetData(model.get(), b.get());
+  for (const Binding& drive : model.drives()) {
+    EXPECT_EQ(scratch(b.get(), drive).heat_J, 0);
+    EXPECT_EQ(memory(b.get(), drive).rise.total_K(), 0);
+  }
+  run(b.get(), 600);
+  for (int i = 0; i < model->nq; ++i) EXPECT_EQ(a->qpos[i], b->qpos[i]);
+
+  std::vector<DataPtr> parallel;
+  for (int k = 0; k < 4; ++k) parallel.push_back(model.make_data());
+  std::vector<std::thread> threads;
+  for (int k = 0; k < 4; ++k) threads.emplace_back([&, k] { run(parallel[static_cast<std::size_t>(k)].get(), 600); });
+  for (auto& thread : threads) thread.join();
+  for (const auto& d : parallel)
+    for (int i = 0; i < model->nq; ++i) EXPECT_EQ(a->qpos[i], d->qpos[i]);
+}
+
+/// Every solver, integrator and time step of the project's promise, on the whole IRB 6620.
+struct Case { const char* solver; const char* integrator; double timestep_s; };
+void PrintTo(const Case& c, std::ostream* out) { *out << c.solver << "/" << c.integrator << "/" << c.timestep_s; }
+class Irb6620 : public testing::TestWithParam<Case> {
+ protected:
+  std::shared_ptr<const Model> model = [] {
+    auto loaded = load_file(irb6620, {.timestep_s = GetParam().timestep_s, .integrator = GetParam().integrator, .solver = GetParam().solver});
+    if (!loaded) throw std::runtime_error(loaded.error());
+    return *loaded;
+  }();
+  DataPtr d = model->make_data();
+
+  void temperature(double T) {
+    for (const Binding& b : model->drives()) {
+      drive::set_temperature(b.drive, memory(d.get(), b), T);
+      scratch(d.get(), b).temperature_held = 1;
+    }
+  }
+  /// Torque that holds each joint against gravity, and the breakaway level under that load.
+  std::pair<std::vector<double>, std::vector<double>> hold(double T) {
+    mj_forward(model->get(), d.get());
+    std::vector<double> gravity, breakaway;
+    for (const Binding& b : model->drives()) {
+      gravity.push_back(d->qfrc_bias[b.dof]);
+      breakaway.push_back(friction_nm(b.drive, 0, gravity.back() / b.drive.torque_max_nm, T));
+    }
+    return {gravity, breakaway};
+  }
+};
+
+TEST_P(Irb6620, BreaksAwayWithinAThousandthOfTheLaw) {
+  temperature(50);
+  const auto [gravity, breakaway] = hold(50);
+  for (std::size_t j = 0; j < breakaway.size(); ++j)
+    for (const double factor : {0.999, 1.001}) {
+      mj_resetData(model->get(), d.get());
+      temperature(50);
+      const auto torque = [&](double share) {
+        for (std::size_t k = 0; k < gravity.size(); ++k)
+          d->ctrl[model->drives()[k].control] = gravity[k] + (k == j ? share * breakaway[k] : 0);
+      };
+      torque(0);   // the gear takes up the load first: friction knows the load of the step before
+      for (int i = 0; i < 5; ++i) model->step(d.get());
+      torque(factor);
+      const double end = d->time + 0.4;
+      while (d->time < end) model->step(d.get());
+      const double moved = std::abs(d->qpos[model->get()->jnt_qposadr[model->drives()[j].joint]]);
+      if (factor < 1)
+        EXPECT_LT(moved, 1e-5) << "joint " << j + 1 << " gave way below breakaway";
+      else
+        EXPECT_GT(moved, 1e-4) << "joint " << j + 1 << " held above breakaway";
+    }
+}
+
+TEST_P(Irb6620, SlidesWithTheFrictionOfTheLaw) {
+  temperature(60);
+  for (int i = 0; i < model->get()->nv; ++i) d->qvel[i] = 0.4;
+  int compared = 0;
+  for (int i = 0; i < 400; ++i) {
+    const auto [gravity, breakaway] = hold(60);
+    for (std::size_t k = 0; k < gravity.size(); ++k) d->ctrl[model->drives()[k].control] = gravity[k] + breakaway[k];
+    std::vector<double> speed, load;
+    for (const Binding& b : model->drives()) {
+      speed.push_back(b.speed(d.get()));
+      load.push_back(memory(d.get(), b).load_nm / b.drive.torque_max_nm);
+    }
+    model->step(d.get());
+    for (std::size_t k = 0; k < gravity.size(); ++k) {
+      const Binding& b = model->drives()[k];
+      if (std::abs(speed[k]) < 0.01 || b.speed(d.get()) * speed[k] < 0) continue;
+      const double law = friction_nm(b.drive, speed[k], load[k], 60);
+      ASSERT_NEAR(std::abs(scratch(d.get(), b).friction_nm), law, 1e-6 * law) << "joint " << k + 1 << " step " << i;
+      ++compared;
+    }
+  }
+  EXPECT_GT(compared, 1000);
+}
+
+TEST_P(Irb6620, DoesNotCreepForAMinuteAtNinetyPercentOfBreakaway) {
+  temperature(50);
+  const auto [gravity, breakaway] = hold(50);
+  for (std::size_t k = 0; k < gravity.size(); ++k) d->ctrl[model->drives()[k].control] = gravity[k] + 0.9 * breakaway[k];
+  while (d->time < 1) model->step(d.get());
+  std::vector<double> begin(d->qpos, d->qpos + model->get()->nq);
+  while (d->time < 61) model->step(d.get());
+  for (int j = 0; j < model->get()->nq; ++j) EXPECT_LT(std::abs(d->qpos[j] - begin[static_cast<std::size_t>(j)]) / 60, 1e-5) << "joint " << j + 1;
+}
+
+std::vector<Case> cases() {
+  std::vector<Case> all;
+  for (const char* solver : {"Newton", "CG", "PGS"})
+    for (const char* integrator : {"Euler", "implicit", "RK4"})
+      for (const double dt : {0.5e-3, 1e-3, 2e-3}) all.push_back({solver, integrator, dt});
+  return all;
+}
+INSTANTIATE_TEST_SUITE_P(Everywhere, Irb6620, testing::ValuesIn(cases()), [](const auto& info) {
+  return fmt::format("{}_{}_{}us", info.param.solver, info.param.integrator, std::lround(info.param.timestep_s * 1e6));
+});
+
+}  // namespace
+}  // namespace tribotwin::mujoco

@@ -1,0 +1,56 @@
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <vector>
+
+#include <tribotwin/plugins/thermal/thermal.hpp>
+
+namespace tribotwin::thermal {
+namespace {
+
+TEST(Thermal, StepResponseEqualsTheClosedFormForAnyTimeStep) {
+  // P5 (4); P1 with kappa = 3.04 h and P3's joint 1, minutes to seconds.
+  struct Case { Model model; std::vector<std::pair<double, double>> poles; };   // gain x time constant, time constant
+  const double t1 = 2.4465 * 60, t2 = 35.4424 * 60;
+  const Case cases[] = {
+      {make_model(Order::first, 25, std::vector{0.15, 10944.0}), {{0.15, 10944}}},
+      {make_model(Order::second, 20, std::vector{1e-4, 2e-5, t1, t2}), {{1e-4 * t1, t1}, {2e-5 * t2, t2}}},
+  };
+  for (const auto& [model, poles] : cases)
+    for (const double dt : {1e-4, 1e-3, 0.02, 1.0, 10.0}) {
+      const Decay d = decay(model, dt);
+      Rise rise;
+      const int steps = std::min(2'000'000, static_cast<int>(20000 / dt));
+      for (int i = 0; i < steps; ++i) step(model, d, 380, 0, rise);
+      double expected = 0;
+      for (const auto& [resistance, t] : poles) expected += 380 * resistance * -std::expm1(-steps * dt / t);
+      EXPECT_NEAR(rise.total_K(), expected, 1e-9 * expected) << dt;
+    }
+}
+
+TEST(Thermal, AmbientChangeArrivesThroughTheNodesAndWhole) {
+  const Model model = make_model(Order::second, 20, std::vector{1e-4, 2e-5, 100.0, 2000.0});
+  Rise rise;
+  step(model, decay(model, 1e-3), 0, 10, rise);
+  EXPECT_LT(rise.total_K(), 1e-3);
+  step(model, decay(model, 1e7), 0, 10, rise);
+  EXPECT_NEAR(rise.total_K(), 10, 1e-12);
+}
+
+TEST(Thermal, PrescribedTemperatureRests) {
+  const Model model = make_model(Order::prescribed, 20, {});
+  Rise rise = settled(model, 30);
+  step(model, decay(model, 10), 1e6, 5, rise);
+  EXPECT_EQ(rise.total_K(), 30);
+}
+
+TEST(Thermal, SettledRiseIsTheSteadyState) {
+  const Model model = make_model(Order::second, 20, std::vector{1e-4, 2e-5, 100.0, 2000.0});
+  Rise rise = settled(model, 500 * model.resistance_K_W());
+  const Rise before = rise;
+  step(model, decay(model, 33), 500, 0, rise);
+  for (int i : {0, 1}) EXPECT_NEAR(rise.node_K[i], before.node_K[i], 1e-12);
+}
+
+}  // namespace
+}  // namespace tribotwin::thermal
