@@ -1,0 +1,34 @@
+#pragma once
+
+#include <array>
+#include <memory>
+#include <string>
+
+#include <tl/expected.hpp>
+
+#include <tribotwin/plugins/mujoco/loader.hpp>
+
+/// What a twin needs to know of an arm beyond its drives: joint names, gravity, payload.
+namespace tribotwin::twin {
+
+std::string joint_name(const mjModel* m, const mujoco::Binding& drive);
+/// Place of the drive's joint in mjData.qpos.
+int position_address(const mjModel* m, const mujoco::Binding& drive);
+
+/// Torque (force for a slide) that gravity asks of a dof at d's pose [Nm], exact for trees of hinges and slides.
+/// Needs the centres of mass of the step under way (mj_comPos), no second pass of the dynamics.
+double gravity_torque_nm(const mjModel* m, const mjData* d, int dof);
+
+/// A body carried at the flange: a point of mass with the inertia of a steel ball of that mass.
+struct Payload {
+  double mass_kg = 0;
+  std::array<double, 3> com_m{};   ///< from the site "flange", or from the frame of the last driven body without one
+};
+
+/// The arm with a payload (in place of none). Fails where the changed model could not carry its drives.
+tl::expected<std::shared_ptr<const mujoco::Model>, std::string> with_payload(const mujoco::Model& arm, const Payload& payload);
+
+/// The arm without gravity.
+tl::expected<std::shared_ptr<const mujoco::Model>, std::string> without_gravity(const mujoco::Model& arm);
+
+}  // namespace tribotwin::twin

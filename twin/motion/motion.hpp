@@ -1,0 +1,54 @@
+#pragma once
+
+#include <span>
+#include <string>
+#include <vector>
+
+/// What the arm is asked to do, as a pure function of time: a list of straight joint moves with trapezoidal speed,
+/// or held samples of a recording. Angles [rad] (slides [m]), speeds [rad/s], one entry per driven joint.
+namespace tribotwin::twin {
+
+struct SetPoint {
+  double position_rad = 0, velocity_rad_s = 0;
+};
+
+class Motion {
+ public:
+  explicit Motion(std::vector<double> start_rad) : start_(start_rad), last_(std::move(start_rad)) {}
+
+  /// Appends a straight move in which no joint exceeds its speed [rad/s] and acceleration [rad/s^2]; the joint that
+  /// needs longest sets the pace and runs at exactly its speed on the plateau, if there is one.
+  Motion& move_to(std::vector<double> target_rad, std::span<const double> speed, std::span<const double> acceleration);
+  Motion& dwell(double duration_s);
+  /// Appends a jump held until the next move: recorded set points.
+  Motion& hold_at(double time_s, std::vector<double> position_rad);
+  /// Repeats from the start for ever; the last dwell is stretched to a whole number of time steps. The motion must end
+  /// where it began.
+  Motion& repeat(double timestep_s);
+
+  std::size_t joints() const { return start_.size(); }
+  double duration_s() const { return end_s_; }
+  /// Length of one repetition, 0 when the motion does not repeat.
+  double period_s() const { return period_s_; }
+  std::span<const double> start_rad() const { return start_; }
+
+  void at(double time_s, std::span<SetPoint> out) const;
+
+ private:
+  struct Segment {
+    double start_s, duration_s, ramp_s;
+    std::vector<double> from, to;
+  };
+  std::vector<double> start_, last_;
+  std::vector<Segment> segments_;
+  double end_s_ = 0, period_s_ = 0;
+};
+
+/// Back and forth between -travel/2 and +travel/2 around `centre` on one joint at constant speed, others at rest.
+Motion back_and_forth(std::vector<double> centre_rad, std::size_t joint, double travel_rad, double speed_rad_s,
+                      double acceleration_rad_s2, double dwell_s);
+
+/// Paper 2, Table 1: 15 speed levels, each forward and back over its travel, on the chosen joints one after the other.
+Motion test_cycle(std::vector<double> centre_rad, std::span<const std::size_t> joints, double acceleration_rad_s2, double dwell_s);
+
+}  // namespace tribotwin::twin

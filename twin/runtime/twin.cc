@@ -1,0 +1,168 @@
+#include <tribotwin/twin/runtime/twin.hpp>
+
+#include <algorithm>
+#include <cmath>
+#include <stdexcept>
+
+#include <fmt/format.h>
+
+namespace tribotwin::twin {
+namespace {
+
+template <class... F>
+struct Overloaded : F... { using F::operator()...; };
+
+}  // namespace
+
+Twin::Twin(const Scenario& scenario)
+    : scenario_(scenario), model_(scenario.model), data_(model_->make_data()), timestep_s_((*model_)->opt.timestep) {
+  const auto drives = model_->drives();
+  set_points_.resize(drives.size());
+  q_begin_.resize(drives.size());
+  qd_begin_.resize(drives.size());
+  figures_.resize(drives.size());
+  for (std::size_t i = 0; i < drives.size(); ++i) {
+    data_->qpos[position_address(model_->get(), drives[i])] = scenario.start_rad[i];
+    drive::set_temperature(drives[i].drive, mujoco::memory(data_.get(), drives[i]), scenario.temperature_degC[i]);
+    if (scenario.ambient_degC)
+      mujoco::scratch(data_.get(), drives[i]).ambient_offset_K = *scenario.ambient_degC - drives[i].drive.thermal.T_amb_degC;
+  }
+  mj_forward(model_->get(), data_.get());
+  // The gear of an arm at rest carries gravity; friction of the first step knows it.
+  for (const auto& drive : drives)
+    mujoco::memory(data_.get(), drive).load_nm = gravity_torque_nm(model_->get(), data_.get(), drive.dof);
+  for (const auto& drive : drives) mujoco::scratch(data_.get(), drive).step_open = 0;
+
+  std::visit(Overloaded{[&](const CascadedOptions& o) { servo_ = make_cascaded(*model_, data_.get(), o); },
+                        [&](const DcPositionOptions& o) { servo_ = make_dc_position(*model_, o); },
+                        [&](const std::vector<double>& torque) { servo_ = make_torque(*model_, torque); }},
+             scenario.control);
+  energy_start_J_ = mechanical_energy_J();
+}
+
+double Twin::mechanical_energy_J() const {
+  mj_energyPos(model_->get(), data_.get());
+  // Kinetic energy from the joint-space inertia, armature included, at the pose and speed of the data.
+  const int nv = static_cast<int>((*model_)->nv);
+  std::vector<double> momentum(static_cast<std::size_t>(nv));
+  mj_kinematics(model_->get(), data_.get());
+  mj_comPos(model_->get(), data_.get());
+  mj_energyPos(model_->get(), data_.get());
+  mj_crb(model_->get(), data_.get());
+  mj_mulM(model_->get(), data_.get(), momentum.data(), data_->qvel);
+  return data_->energy[0] + 0.5 * mju_dot(momentum.data(), data_->qvel, nv);
+}
+
+double Twin::balance_J() const {
+  double friction = 0;
+  for (std::size_t i = 0; i < figures_.size(); ++i) friction += drive(i).friction_work_J;
+  return motor_work_J_ - (mechanical_energy_J() - energy_start_J_ - energy_jumps_J_) - (friction - skipped_friction_J_);
+}
+
+double Twin::next_event_s() const {
+  return next_event_ < scenario_.events.size() ? scenario_.events[next_event_].time_s : friction::unlimited;
+}
+
+void Twin::apply(const Event& event) {
+  const double energy = mechanical_energy_J();
+  std::visit(Overloaded{
+                 [&](const PayloadChange& change) { model_ = change.model; },
+                 [&](const AmbientChange& change) {
+                   for (const auto& d : model_->drives())
+                     mujoco::scratch(data_.get(), d).ambient_offset_K = change.temperature_degC - d.drive.thermal.T_amb_degC;
+                 },
+                 [&](const Wear& wear) {
+                   for (const auto& d : model_->drives()) {
+                     if (joint_name(model_->get(), d) != wear.joint) continue;
+                     const auto& parameters = d.drive.law.info->parameters;
+                     for (std::size_t p = 0; p < parameters.size(); ++p)
+                       if (const auto found = wear.factors.find(std::string(parameters[p].name)); found != wear.factors.end())
+                         drive::set_wear(mujoco::scratch(data_.get(), d), p, found->second);
+                   }
+                 }},
+             event.what);
+  energy_jumps_J_ += mechanical_energy_J() - energy;
+}
+
+void Twin::control(void* self, const mjModel* m, mjData* d) {
+  Twin& twin = *static_cast<Twin*>(self);
+  if (std::exchange(twin.controlled_, true)) return;   // later stages of an integrator keep the torque
+  if (twin.scenario_.motion) twin.scenario_.motion->at(twin.time_s(), twin.set_points_);
+  if (twin.scenario_.recording && !twin.scenario_.recording->torque_on.empty()) {
+    const SetPoints& r = *twin.scenario_.recording;
+    while (twin.recording_index_ + 1 < r.time_s.size() && r.time_s[twin.recording_index_ + 1] - r.time_s[0] <= twin.time_s()) ++twin.recording_index_;
+    if (!r.torque_on[twin.recording_index_]) {
+      for (const auto& drive : twin.model_->drives()) d->ctrl[drive.control] = 0;
+      return;
+    }
+  }
+  twin.servo_->control(m, d, twin.set_points_);
+}
+
+std::string Twin::diagnosis() const {
+  std::string text;
+  const auto drives = model_->drives();
+  for (std::size_t i = 0; i < drives.size(); ++i)
+    text += fmt::format("{}{} q {:.6g} rad, qd {:.6g} rad/s, motor {:.6g} Nm, {:.2f} degC", i ? "; " : "",
+                        joint_name(model_->get(), drives[i]), q_begin_[i], qd_begin_[i], drive(i).torque_nm, drive(i).temperature_degC);
+  return text;
+}
+
+tl::expected<void, std::string> Twin::step() {
+  while (next_event_ < scenario_.events.size() && scenario_.events[next_event_].time_s <= time_s() + 0.5 * timestep_s_)
+    apply(scenario_.events[next_event_++]);
+
+  const auto drives = model_->drives();
+  mjData* d = data_.get();
+  for (std::size_t i = 0; i < drives.size(); ++i) {
+    q_begin_[i] = d->qpos[position_address(model_->get(), drives[i])];
+    qd_begin_[i] = d->qvel[drives[i].dof];
+  }
+  controlled_ = false;
+  model_->step(d, {control, this});
+  ++computed_;
+
+  for (int w = 0; w < mjNWARNING; ++w) {
+    if (d->warning[w].number == 0) continue;
+    const int which = d->warning[w].lastinfo;
+    std::string joint;
+    if (w == mjWARN_BADQVEL || w == mjWARN_BADQACC)
+      for (const auto& drive : drives)
+        if (drive.dof == which) joint = joint_name(model_->get(), drive);
+    if (w == mjWARN_BADQPOS)
+      for (const auto& drive : drives)
+        if (position_address(model_->get(), drive) == which) joint = joint_name(model_->get(), drive);
+    return tl::unexpected(fmt::format("the simulation diverged at step {} ({} s){}: {}. State before the step: {}", steps_, time_s(),
+                                      joint.empty() ? "" : ", joint " + joint, mju_warningText(w, static_cast<std::size_t>(which)), diagnosis()));
+  }
+  for (std::size_t i = 0; i < drives.size(); ++i) {
+    const drive::Scratch& s = drive(i);
+    motor_work_J_ += s.torque_nm * 0.5 * (qd_begin_[i] + d->qvel[drives[i].dof]) * timestep_s_;
+    JointFigures& f = figures_[i];
+    f.temperature_max_degC = std::max(f.temperature_max_degC, s.temperature_degC);
+    f.friction_squared_sum += s.friction_nm * s.friction_nm;
+    f.friction_max_nm = std::max(f.friction_max_nm, std::abs(s.friction_nm));
+    f.load_max_norm = std::max(f.load_max_norm, std::abs(s.load_used_nm) / drives[i].drive.torque_max_nm);
+    if (s.outside != 0 && drives[i].drive.law.validity == friction::Validity::error)
+      return tl::unexpected(fmt::format("joint {} left the range of its law '{}' at step {} ({} s), and its validity is 'error'. State: {}",
+                                        joint_name(model_->get(), drives[i]), drives[i].drive.law.info->name, steps_, time_s(), diagnosis()));
+  }
+  ++steps_;
+  return {};
+}
+
+void Twin::skip(std::int64_t steps, std::span<const thermal::Rise> rise, std::span<const double> heat_J) {
+  const auto drives = model_->drives();
+  for (std::size_t i = 0; i < drives.size(); ++i) {
+    mujoco::memory(data_.get(), drives[i]).rise = rise[i];
+    drive::Scratch& s = mujoco::scratch(data_.get(), drives[i]);
+    s.heat_J += heat_J[i];
+    s.friction_work_J += heat_J[i];
+    skipped_friction_J_ += heat_J[i];
+    figures_[i].temperature_max_degC = std::max(figures_[i].temperature_max_degC, temperature_degC(i));
+  }
+  steps_ += steps;
+  data_->time = time_s();
+}
+
+}  // namespace tribotwin::twin

@@ -1,0 +1,79 @@
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include <tl/expected.hpp>
+
+#include <tribotwin/twin/scenario/scenario.hpp>
+
+namespace tribotwin::twin {
+
+/// Running figures of one joint.
+struct JointFigures {
+  double temperature_max_degC = -1e9;
+  double friction_squared_sum = 0, friction_max_nm = 0;
+  double load_max_norm = 0;
+};
+
+/// One simulation of a scenario: `while (twin.step()) ...`. Several twins of one scenario run in parallel threads; they
+/// share the model and nothing else.
+class Twin {
+ public:
+  explicit Twin(const Scenario& scenario);
+  Twin(const Twin&) = delete;
+  Twin& operator=(const Twin&) = delete;
+
+  /// Advances one time step; applies due events first. Fails when the simulation diverges or a drive of validity
+  /// `error` leaves its range: the message names step, joint and state.
+  tl::expected<void, std::string> step();
+
+  double time_s() const { return static_cast<double>(steps_) * timestep_s_; }
+  std::int64_t steps() const { return steps_; }              ///< of simulated time, skipped ones included
+  std::int64_t steps_computed() const { return computed_; }
+  const mujoco::Model& model() const { return *model_; }
+  mjData* data() { return data_.get(); }
+  const drive::Scratch& drive(std::size_t i) const { return mujoco::scratch(data_.get(), model_->drives()[i]); }
+  const drive::Memory& memory(std::size_t i) const { return mujoco::memory(data_.get(), model_->drives()[i]); }
+  double temperature_degC(std::size_t i) const { return drive::temperature_degC(model_->drives()[i].drive, memory(i)); }
+  const JointFigures& figures(std::size_t i) const { return figures_[i]; }
+
+  /// State at the start of the last step, per drive.
+  double position_rad(std::size_t i) const { return q_begin_[i]; }
+  double velocity_rad_s(std::size_t i) const { return qd_begin_[i]; }
+
+  /// Mechanical energy balance since the start [J]: motor work - change of kinetic and potential energy (payload
+  /// changes excluded) - friction work; 0 up to the integrator's error.
+  double balance_J() const;
+  double motor_work_J() const { return motor_work_J_; }
+
+  /// Time of the next event, infinite when there is none.
+  double next_event_s() const;
+  /// Lets simulated time pass without stepping: `steps` steps in which the drives got the given heat [J] and reached
+  /// the given rise. For motions that repeat; the mechanical state stays.
+  void skip(std::int64_t steps, std::span<const thermal::Rise> rise, std::span<const double> heat_J);
+
+ private:
+  static void control(void* self, const mjModel* m, mjData* d);
+  void apply(const Event& event);
+  double mechanical_energy_J() const;
+  std::string diagnosis() const;
+
+  const Scenario& scenario_;
+  std::shared_ptr<const mujoco::Model> model_;
+  mujoco::DataPtr data_;
+  std::unique_ptr<Servo> servo_;
+  std::vector<SetPoint> set_points_;
+  std::vector<double> q_begin_, qd_begin_;
+  std::vector<JointFigures> figures_;
+  double timestep_s_;
+  std::int64_t steps_ = 0, computed_ = 0;
+  std::size_t next_event_ = 0;
+  std::size_t recording_index_ = 0;
+  bool controlled_ = false;
+  double motor_work_J_ = 0, energy_start_J_ = 0, energy_jumps_J_ = 0, skipped_friction_J_ = 0;
+};
+
+}  // namespace tribotwin::twin

@@ -1,0 +1,140 @@
+#include <tribotwin/twin/scenario/input.hpp>
+
+#include <charconv>
+#include <cmath>
+#include <cstring>
+#include <fstream>
+
+#include <fmt/format.h>
+
+#include <tribotwin/plugins/friction/law.hpp>
+
+namespace tribotwin::twin {
+namespace {
+
+const char* kind(const YAML::Node& node) {
+  switch (node.Type()) {
+    case YAML::NodeType::Map: return "a mapping";
+    case YAML::NodeType::Sequence: return "a list";
+    case YAML::NodeType::Null: return "empty";
+    default: return "a value";
+  }
+}
+
+}  // namespace
+
+Mapping::Mapping(std::string file, std::string where, YAML::Node node) : file_(std::move(file)), where_(std::move(where)), node_(node) {
+  if (!node_.IsMap()) throw InputError(fmt::format("{}:{}: '{}' is {} but must be a mapping of keys", file_, node_.Mark().line + 1, where_, kind(node_)));
+  std::set<std::string> seen;
+  for (const auto& entry : node_)
+    if (!seen.insert(entry.first.Scalar()).second) fail(entry.first.Scalar(), "is given twice");
+}
+
+void Mapping::fail(const std::string& key, const std::string& why) const {
+  int line = node_.Mark().line;
+  for (const auto& entry : node_)
+    if (entry.first.Scalar() == key) line = entry.first.Mark().line;
+  throw InputError(fmt::format("{}:{}: {}{}{}: {}", file_, line + 1, where_, where_.empty() ? "" : ".", key, why));
+}
+
+YAML::Node Mapping::take(const std::string& key) {
+  known_.insert(key);
+  return node_[key];
+}
+
+YAML::Node Mapping::raw(const std::string& key) { return take(key); }
+
+double Mapping::to_number(const std::string& key, const YAML::Node& node, Bounds bounds) const {
+  if (!node.IsScalar()) fail(key, fmt::format("is {} but must be a number", kind(node)));
+  const std::string& text = node.Scalar();
+  const char* first = text.data() + (text.starts_with('+') ? 1 : 0);
+  double value = 0;
+  const auto [end, error] = std::from_chars(first, text.data() + text.size(), value);
+  if (error != std::errc{} || end != text.data() + text.size() || !std::isfinite(value))
+    fail(key, fmt::format("is '{}' but must be a finite number", text));
+  if (value < bounds.minimum || value > bounds.maximum)
+    fail(key, bounds.maximum >= 1e300 ? fmt::format("is {} but must be at least {:g}", value, bounds.minimum)
+              : fmt::format("is {} but must be within {:g} .. {:g}", value, bounds.minimum, bounds.maximum));
+  return value;
+}
+
+double Mapping::number(const std::string& key, Bounds bounds) {
+  const YAML::Node node = take(key);
+  if (!node) fail(key, "is missing");
+  return to_number(key, node, bounds);
+}
+double Mapping::number_or(const std::string& key, double fallback, Bounds bounds) {
+  const YAML::Node node = take(key);
+  return node ? to_number(key, node, bounds) : fallback;
+}
+bool Mapping::flag_or(const std::string& key, bool fallback) {
+  const YAML::Node node = take(key);
+  if (!node) return fallback;
+  bool value = false;
+  if (!node.IsScalar() || !YAML::convert<bool>::decode(node, value)) fail(key, "must be true or false");
+  return value;
+}
+std::string Mapping::text(const std::string& key) {
+  const YAML::Node node = take(key);
+  if (!node) fail(key, "is missing");
+  if (!node.IsScalar() || node.Scalar().empty()) fail(key, fmt::format("is {} but must be text", kind(node)));
+  return node.Scalar();
+}
+std::string Mapping::text_or(const std::string& key, std::string fallback) { return has(key) ? text(key) : (take(key), fallback); }
+std::string Mapping::choice(const std::string& key, const std::vector<std::string_view>& accepted) {
+  const std::string value = text(key);
+  for (const auto& a : accepted)
+    if (a == value) return value;
+  fail(key, fmt::format("'{}' is not known; did you mean '{}'? Accepted: {}", value, friction::nearest(value, accepted), fmt::join(accepted, ", ")));
+}
+std::vector<double> Mapping::numbers(const std::string& key, Bounds bounds) {
+  const YAML::Node node = take(key);
+  if (!node || !node.IsSequence()) fail(key, "must be a list of numbers");
+  std::vector<double> values;
+  for (const auto& item : node) values.push_back(to_number(key, item, bounds));
+  return values;
+}
+std::optional<Mapping> Mapping::mapping(const std::string& key) {
+  const YAML::Node node = take(key);
+  if (!node) return std::nullopt;
+  return Mapping(file_, where_.empty() ? key : where_ + "." + key, node);
+}
+std::vector<Mapping> Mapping::mappings(const std::string& key) {
+  const YAML::Node node = take(key);
+  std::vector<Mapping> all;
+  if (!node) return all;
+  if (!node.IsSequence()) fail(key, fmt::format("is {} but must be a list", kind(node)));
+  for (const auto& item : node) all.emplace_back(file_, fmt::format("{}[{}]", key, all.size()), item);
+  return all;
+}
+std::vector<std::string> Mapping::names() const {
+  std::vector<std::string> all;
+  for (const auto& entry : node_) all.push_back(entry.first.Scalar());
+  return all;
+}
+
+void Mapping::done() const {
+  for (const auto& entry : node_) {
+    const std::string& key = entry.first.Scalar();
+    if (known_.contains(key)) continue;
+    const std::vector<std::string_view> accepted(known_.begin(), known_.end());
+    fail(key, accepted.empty() ? std::string("is not known here")
+                               : fmt::format("is not known; did you mean '{}'?", friction::nearest(key, accepted)));
+  }
+}
+
+YAML::Node load_yaml(const std::filesystem::path& file) {
+  std::error_code error;
+  if (std::filesystem::is_directory(file, error)) throw InputError(fmt::format("{}: is a folder, not a YAML file", file.string()));
+  std::ifstream stream(file);
+  if (!stream) throw InputError(fmt::format("{}: cannot be read ({})", file.string(), std::strerror(errno)));
+  try {
+    YAML::Node node = YAML::Load(stream);
+    if (!node.IsMap()) throw InputError(fmt::format("{}: is {} but must be a mapping of keys", file.string(), kind(node)));
+    return node;
+  } catch (const YAML::Exception& e) {
+    throw InputError(fmt::format("{}:{}: not well-formed YAML ({})", file.string(), e.mark.line + 1, e.msg));
+  }
+}
+
+}  // namespace tribotwin::twin

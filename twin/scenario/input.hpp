@@ -1,0 +1,61 @@
+#pragma once
+
+#include <filesystem>
+#include <optional>
+#include <set>
+#include <stdexcept>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include <yaml-cpp/yaml.h>
+
+/// Strict reading of YAML: every key must be known, every value of its type and range, every message says where.
+namespace tribotwin::twin {
+
+/// The user's input is wrong; what() says where and what would be right. Programs answer with exit code 2.
+struct InputError : std::runtime_error {
+  using std::runtime_error::runtime_error;
+};
+
+struct Bounds {
+  double minimum = -1e300, maximum = 1e300;
+};
+
+/// One mapping of a YAML file. Take every known key, then call done().
+class Mapping {
+ public:
+  /// `where` is the path of keys from the root, "" for the root.
+  Mapping(std::string file, std::string where, YAML::Node node);
+
+  bool has(const std::string& key) const { return static_cast<bool>(node_[key]); }
+  double number(const std::string& key, Bounds bounds = {});
+  double number_or(const std::string& key, double fallback, Bounds bounds = {});
+  bool flag_or(const std::string& key, bool fallback);
+  std::string text(const std::string& key);
+  std::string text_or(const std::string& key, std::string fallback);
+  /// One of `accepted`.
+  std::string choice(const std::string& key, const std::vector<std::string_view>& accepted);
+  std::vector<double> numbers(const std::string& key, Bounds bounds = {});
+  std::optional<Mapping> mapping(const std::string& key);
+  std::vector<Mapping> mappings(const std::string& key);
+  /// The keys of a mapping whose keys are names of something (joints, parameters).
+  std::vector<std::string> names() const;
+  YAML::Node raw(const std::string& key);
+
+  /// Fails on keys that nobody took, with the nearest that exists.
+  void done() const;
+  [[noreturn]] void fail(const std::string& key, const std::string& why) const;
+
+ private:
+  YAML::Node take(const std::string& key);
+  double to_number(const std::string& key, const YAML::Node& node, Bounds bounds) const;
+  std::string file_, where_;
+  YAML::Node node_;
+  std::set<std::string> known_;
+};
+
+/// Reads a YAML file; the root must be a mapping.
+YAML::Node load_yaml(const std::filesystem::path& file);
+
+}  // namespace tribotwin::twin

@@ -1,0 +1,63 @@
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <map>
+#include <memory>
+#include <optional>
+#include <string>
+#include <variant>
+#include <vector>
+
+#include <tribotwin/twin/model/arm.hpp>
+#include <tribotwin/twin/motion/recording.hpp>
+#include <tribotwin/twin/scenario/input.hpp>
+#include <tribotwin/twin/servo/servo.hpp>
+
+/// What happens in a run: a YAML file, read strictly. The keys are documented in twin/README.md.
+namespace tribotwin::twin {
+
+/// A change on the scenario's time line.
+struct PayloadChange { std::shared_ptr<const mujoco::Model> model; };   ///< the arm with it
+struct AmbientChange { double temperature_degC; };
+struct Wear { std::string joint; std::map<std::string, double> factors; };
+struct Event {
+  double time_s = 0;
+  std::variant<PayloadChange, AmbientChange, Wear> what;
+};
+
+struct MultiRate {
+  bool enabled = false;
+  double tolerance_K = 2;   ///< largest temperature change over cycles that are not stepped
+};
+
+/// A scenario ready to run: the model is loaded and everything in the file has been checked against it.
+struct Scenario {
+  std::filesystem::path file;
+  std::string name, description;
+  std::string resolved_yaml;             ///< the same scenario with every path absolute and every --set applied
+  std::shared_ptr<const mujoco::Model> model;
+  double duration_s = 0;
+  std::uint64_t seed = 1;
+  std::optional<double> ambient_degC;
+  std::vector<double> start_rad;         ///< per drive
+  std::vector<double> temperature_degC;  ///< per drive, at the start
+  std::variant<CascadedOptions, DcPositionOptions, std::vector<double>> control;
+  std::optional<Motion> motion;
+  std::optional<SetPoints> recording;    ///< of which the motion was made
+  bool follow_recorded_temperature = false;
+  std::shared_ptr<const mujoco::Model> baseline;   ///< the same mechanism with native friction, to compare with
+  DcPositionOptions baseline_control;
+  double baseline_delay_s = 0;
+  std::vector<Event> events;             ///< by time
+  double telemetry_rate_hz = 100;
+  MultiRate multirate;
+};
+
+/// Reads and checks a scenario. `overrides` are key=value with dotted keys. Throws InputError.
+Scenario load_scenario(const std::filesystem::path& file, const std::vector<std::string>& overrides = {});
+
+/// A drive's index by joint name; throws InputError through `mapping` with the nearest name.
+std::size_t drive_index(const mujoco::Model& model, const Mapping& mapping, const std::string& key, const std::string& joint);
+
+}  // namespace tribotwin::twin

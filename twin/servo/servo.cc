@@ -1,0 +1,97 @@
+#include <tribotwin/twin/servo/servo.hpp>
+
+#include <algorithm>
+#include <cmath>
+
+namespace tribotwin::twin {
+namespace {
+
+class Cascaded final : public Servo {
+ public:
+  Cascaded(const mujoco::Model& model, const mjData* start, const CascadedOptions& o) : model_(model), options_(o) {
+    std::vector<double> inertia(static_cast<std::size_t>(model->nv * model->nv));
+    mj_fullM(model.get(), inertia.data(), start->qM);
+    for (const auto& drive : model.drives()) {
+      Loop loop;
+      loop.speed_gain = o.speed_bandwidth_rad_s * inertia[static_cast<std::size_t>(drive.dof * (model->nv + 1))];
+      loop.position = position_address(model.get(), drive);
+      loop.limit = model->actuator_ctrllimited[drive.actuator] ? model->actuator_ctrlrange[2 * drive.control + 1] * drive.gear : friction::unlimited;
+      loops_.push_back(loop);
+    }
+  }
+
+  void control(const mjModel* m, mjData* d, std::span<const SetPoint> set_points) override {
+    for (std::size_t i = 0; i < loops_.size(); ++i) {
+      Loop& loop = loops_[i];
+      const auto& drive = model_.drives()[i];
+      const double speed = set_points[i].velocity_rad_s +
+                           options_.position_gain_1_s * (set_points[i].position_rad - d->qpos[loop.position]);
+      const double error = speed - d->qvel[drive.dof];
+      const double forward = options_.gravity ? gravity_torque_nm(m, d, drive.dof) : 0;
+      double torque = forward + loop.speed_gain * error + loop.integral_nm;
+      const bool saturated = std::abs(torque) > loop.limit;
+      // At the limit the integral only moves inwards.
+      if (options_.integral_time_s > 0 && (!saturated || error * torque < 0))
+        loop.integral_nm += loop.speed_gain / options_.integral_time_s * error * m->opt.timestep;
+      torque = std::clamp(torque, -loop.limit, loop.limit);
+      d->ctrl[drive.control] = torque / drive.gear;
+    }
+  }
+
+ private:
+  struct Loop {
+    double speed_gain = 0, limit = 0, integral_nm = 0;
+    int position = 0;
+  };
+  const mujoco::Model& model_;
+  CascadedOptions options_;
+  std::vector<Loop> loops_;
+};
+
+class DcPosition final : public Servo {
+ public:
+  DcPosition(const mujoco::Model& model, const DcPositionOptions& o) : model_(model), o_(o) {}
+  void control(const mjModel* m, mjData* d, std::span<const SetPoint> set_points) override {
+    for (std::size_t i = 0; i < model_.drives().size(); ++i) {
+      const auto& drive = model_.drives()[i];
+      const double error = set_points[i].position_rad - d->qpos[position_address(m, drive)];
+      d->ctrl[drive.control] = dc_torque_nm(o_, error, d->qvel[drive.dof]) / drive.gear;
+    }
+  }
+
+ private:
+  const mujoco::Model& model_;
+  DcPositionOptions o_;
+};
+
+class Torque final : public Servo {
+ public:
+  Torque(const mujoco::Model& model, std::vector<double> torque_nm) : model_(model), torque_nm_(std::move(torque_nm)) {}
+  void control(const mjModel*, mjData* d, std::span<const SetPoint>) override {
+    for (std::size_t i = 0; i < torque_nm_.size(); ++i) d->ctrl[model_.drives()[i].control] = torque_nm_[i] / model_.drives()[i].gear;
+  }
+
+ private:
+  const mujoco::Model& model_;
+  std::vector<double> torque_nm_;
+};
+
+}  // namespace
+
+double dc_torque_nm(const DcPositionOptions& o, double error_rad, double speed_rad_s) {
+  const double duty = std::clamp(o.kp * o.error_gain * error_rad, -1.0, 1.0);
+  const double torque = o.kt_nm_A / o.resistance_ohm * (duty * o.supply_V - o.kt_nm_A * speed_rad_s);
+  return std::clamp(torque, -o.torque_limit_nm, o.torque_limit_nm);
+}
+
+std::unique_ptr<Servo> make_cascaded(const mujoco::Model& model, const mjData* start, const CascadedOptions& options) {
+  return std::make_unique<Cascaded>(model, start, options);
+}
+std::unique_ptr<Servo> make_dc_position(const mujoco::Model& model, const DcPositionOptions& options) {
+  return std::make_unique<DcPosition>(model, options);
+}
+std::unique_ptr<Servo> make_torque(const mujoco::Model& model, std::vector<double> torque_nm) {
+  return std::make_unique<Torque>(model, std::move(torque_nm));
+}
+
+}  // namespace tribotwin::twin

@@ -1,0 +1,43 @@
+#pragma once
+
+#include <memory>
+#include <optional>
+#include <span>
+#include <vector>
+
+#include <tribotwin/twin/model/arm.hpp>
+#include <tribotwin/twin/motion/motion.hpp>
+
+/// Joint controllers: set points in, motor torques (mjData.ctrl) out, once per time step.
+namespace tribotwin::twin {
+
+class Servo {
+ public:
+  virtual ~Servo() = default;
+  /// Called inside the step, with positions, velocities and gravity of its start. Set points per drive.
+  virtual void control(const mjModel* m, mjData* d, std::span<const SetPoint> set_points) = 0;
+};
+
+/// Position P over speed PI, as in industrial drives. Torque limit: the actuator's ctrlrange.
+struct CascadedOptions {
+  double position_gain_1_s = 10;
+  double speed_bandwidth_rad_s = 60;   ///< speed gain over the joint's inertia at the start
+  double integral_time_s = 0.1;        ///< 0: no integral part
+  bool gravity = true;                 ///< feed gravity forward
+};
+std::unique_ptr<Servo> make_cascaded(const mujoco::Model& model, const mjData* start, const CascadedOptions& options);
+
+/// A small servo's firmware: position error -> duty cycle -> DC motor with winding resistance and back-EMF.
+struct DcPositionOptions {
+  double kp = 400, error_gain = 0;     ///< duty = kp error_gain (goal - position), limited to +-1
+  double torque_limit_nm = friction::unlimited;   ///< current limit
+  double supply_V = 7.4, resistance_ohm = 1, kt_nm_A = 1;   ///< torque = kt / R (duty V - kt speed)
+};
+/// Motor torque [Nm] at a position error [rad] and speed [rad/s].
+double dc_torque_nm(const DcPositionOptions& options, double error_rad, double speed_rad_s);
+std::unique_ptr<Servo> make_dc_position(const mujoco::Model& model, const DcPositionOptions& options);
+
+/// Constant torques [Nm, arm side] per drive.
+std::unique_ptr<Servo> make_torque(const mujoco::Model& model, std::vector<double> torque_nm);
+
+}  // namespace tribotwin::twin

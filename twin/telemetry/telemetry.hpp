@@ -1,0 +1,83 @@
+#pragma once
+
+#include <cstddef>
+#include <filesystem>
+#include <functional>
+#include <memory>
+#include <span>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include <tl/expected.hpp>
+
+/// The record of a run, telemetry.h5: time_s and a `complete` mark at the root, one group per joint with one dataset
+/// per channel, each with `unit` and `description`. Written in HDF5's SWMR mode, so that other programs read it while
+/// it grows (h5py: swmr=True) and a killed run loses at most what came after the last flush.
+/// A '/' in a joint's name is written as U+2215 in its group; the attribute `name` has the true one.
+namespace tribotwin::twin {
+
+struct Channel {
+  std::string name, unit, description;
+};
+
+struct TelemetryOptions {
+  std::vector<std::pair<std::string, std::string>> attributes;   ///< of the root: engine, seed, ...
+  std::vector<std::string> joints;
+  std::vector<Channel> channels;         ///< per joint and sample
+  std::vector<Channel> cycle_channels;   ///< per joint and work cycle; none if empty
+  double flush_interval_s = 0.5;         ///< wall clock
+  std::function<double()> wall_clock_s;  ///< monotonic; the system's if empty
+};
+
+class Telemetry {
+ public:
+  /// Creates or replaces `file`. Fails with a message that names it and the reason.
+  static tl::expected<Telemetry, std::string> create(const std::filesystem::path& file, TelemetryOptions options);
+  Telemetry(Telemetry&&) noexcept;
+  Telemetry& operator=(Telemetry&&) noexcept;
+  ~Telemetry();   ///< without finish(): keeps what is there, marked incomplete
+
+  /// One sample of every channel of every joint, joint by joint. After a failure every further call fails alike.
+  tl::expected<void, std::string> append(double time_s, std::span<const double> values);
+  tl::expected<void, std::string> append_cycle(double time_s, std::span<const double> values);
+  /// Marks the record complete and closes it; it is then a plain HDF5 file.
+  tl::expected<void, std::string> finish();
+
+ private:
+  struct Impl;
+  explicit Telemetry(std::unique_ptr<Impl> impl);
+  std::unique_ptr<Impl> impl_;
+};
+
+/// A record in memory.
+struct Recording {
+  bool complete = false;
+  std::vector<std::pair<std::string, std::string>> attributes;
+  std::vector<std::string> joints;
+  std::vector<Channel> channels, cycle_channels;
+  std::vector<double> time_s, cycle_time_s;
+  /// values[joint][channel][sample]
+  std::vector<std::vector<std::vector<double>>> values, cycle_values;
+
+  /// One channel of one joint; empty when there is none of that name.
+  std::span<const double> channel(std::string_view joint, std::string_view name) const;
+};
+
+/// Reads a finished, unfinished or growing record; all channels are cut to the shortest.
+tl::expected<Recording, std::string> read_telemetry(const std::filesystem::path& file);
+
+struct Recovered {
+  std::size_t samples;
+  double last_time_s;
+  bool was_complete;   ///< there was nothing to recover
+};
+/// Turns RUNDIR/telemetry.h5 of a killed run into a plain file, in place; the original stays until the new one is whole.
+tl::expected<Recovered, std::string> recover(const std::filesystem::path& run_dir);
+
+/// Writes RUNDIR/telemetry.csv and, where there are work cycles, RUNDIR/cycles.csv: `time_s`, then `JOINT.CHANNEL`, numbers
+/// in their shortest exact form. Returns the files written. `progress` gets 0..1.
+tl::expected<std::vector<std::filesystem::path>, std::string> export_csv(const std::filesystem::path& run_dir,
+                                                                         const std::function<void(double)>& progress = {});
+
+}  // namespace tribotwin::twin
