@@ -68,7 +68,7 @@ int list_scenarios() {
 
 /// A file as given, or the shipped scenario of that name.
 fs::path scenario_file(const std::string& given) {
-  if (fs::exists(given) || given.find('/') != std::string::npos) return given;
+  if (fs::is_regular_file(given) || given.find('/') != std::string::npos) return given;
   const fs::path shipped = scenario_folder() / (given + (given.ends_with(".yaml") ? "" : ".yaml"));
   return fs::exists(shipped) ? shipped : fs::path(given);
 }

@@ -66,7 +66,7 @@ class Bench {
                                       load_nm / b_.drive.torque_max_nm, least / b_.drive.torque_max_nm, most / b_.drive.torque_max_nm));
   }
 
-  static constexpr double settle_s = 0.5, ramp_s = 0.3;
+  static constexpr double settle_s = 1.0, ramp_s = 0.3;
   /// Joint angle run through while measuring.
   double window_rad(double speed) const {
     const double radians = options_.load_by == LoadBy::pose ? 20 / b_.drive.gear_ratio : 1e300;   // 20 motor rad

@@ -41,22 +41,21 @@ Twin::Twin(const Scenario& scenario)
 }
 
 double Twin::mechanical_energy_J() const {
-  mj_energyPos(model_->get(), data_.get());
-  // Kinetic energy from the joint-space inertia, armature included, at the pose and speed of the data.
-  const int nv = static_cast<int>((*model_)->nv);
-  std::vector<double> momentum(static_cast<std::size_t>(nv));
-  mj_kinematics(model_->get(), data_.get());
-  mj_comPos(model_->get(), data_.get());
-  mj_energyPos(model_->get(), data_.get());
-  mj_crb(model_->get(), data_.get());
-  mj_mulM(model_->get(), data_.get(), momentum.data(), data_->qvel);
-  return data_->energy[0] + 0.5 * mju_dot(momentum.data(), data_->qvel, nv);
+  const mjModel* m = model_->get();
+  mj_kinematics(m, data_.get());
+  mj_comPos(m, data_.get());
+  mj_crb(m, data_.get());
+  double energy = 0;
+  for (int body = 1; body < m->nbody; ++body) energy -= m->body_mass[body] * mju_dot3(m->opt.gravity, data_->xipos + 3 * body);
+  std::vector<double> momentum(static_cast<std::size_t>(m->nv));
+  mj_mulM(m, data_.get(), momentum.data(), data_->qvel);   // the joint-space inertia holds the rotors too
+  return energy + 0.5 * mju_dot(momentum.data(), data_->qvel, static_cast<int>(m->nv));
 }
 
 double Twin::balance_J() const {
   double friction = 0;
   for (std::size_t i = 0; i < figures_.size(); ++i) friction += drive(i).friction_work_J;
-  return motor_work_J_ - (mechanical_energy_J() - energy_start_J_ - energy_jumps_J_) - (friction - skipped_friction_J_);
+  return motor_work_J_ - (mechanical_energy_J() - energy_start_J_ - energy_jumps_J_) - friction;
 }
 
 double Twin::next_event_s() const {
@@ -158,7 +157,7 @@ void Twin::skip(std::int64_t steps, std::span<const thermal::Rise> rise, std::sp
     drive::Scratch& s = mujoco::scratch(data_.get(), drives[i]);
     s.heat_J += heat_J[i];
     s.friction_work_J += heat_J[i];
-    skipped_friction_J_ += heat_J[i];
+    motor_work_J_ += heat_J[i];   // a cycle that returns to its start takes from the motor what friction eats
     figures_[i].temperature_max_degC = std::max(figures_[i].temperature_max_degC, temperature_degC(i));
   }
   steps_ += steps;

@@ -73,7 +73,7 @@ class Twin {
   std::size_t next_event_ = 0;
   std::size_t recording_index_ = 0;
   bool controlled_ = false;
-  double motor_work_J_ = 0, energy_start_J_ = 0, energy_jumps_J_ = 0, skipped_friction_J_ = 0;
+  double motor_work_J_ = 0, energy_start_J_ = 0, energy_jumps_J_ = 0;
 };
 
 }  // namespace tribotwin::twin

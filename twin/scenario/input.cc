@@ -1,5 +1,6 @@
 #include <tribotwin/twin/scenario/input.hpp>
 
+#include <algorithm>
 #include <charconv>
 #include <cmath>
 #include <cstring>
@@ -113,15 +114,14 @@ std::vector<std::string> Mapping::names() const {
   return all;
 }
 
-void Mapping::done() const {
-  for (const auto& entry : node_) {
-    const std::string& key = entry.first.Scalar();
-    if (known_.contains(key)) continue;
-    const std::vector<std::string_view> accepted(known_.begin(), known_.end());
-    fail(key, accepted.empty() ? std::string("is not known here")
-                               : fmt::format("is not known; did you mean '{}'?", friction::nearest(key, accepted)));
-  }
+void Mapping::accept(const std::vector<std::string_view>& accepted) const {
+  for (const auto& entry : node_)
+    if (const std::string& key = entry.first.Scalar(); std::ranges::find(accepted, key) == accepted.end())
+      fail(key, accepted.empty() ? std::string("is not known here")
+                                 : fmt::format("is not known; did you mean '{}'?", friction::nearest(key, accepted)));
 }
+
+void Mapping::done() const { accept({known_.begin(), known_.end()}); }
 
 YAML::Node load_yaml(const std::filesystem::path& file) {
   std::error_code error;

@@ -28,6 +28,8 @@ class Mapping {
   /// `where` is the path of keys from the root, "" for the root.
   Mapping(std::string file, std::string where, YAML::Node node);
 
+  /// Fails on any key that is not in `accepted`: mistyped keys are named before missing ones.
+  void accept(const std::vector<std::string_view>& accepted) const;
   bool has(const std::string& key) const { return static_cast<bool>(node_[key]); }
   double number(const std::string& key, Bounds bounds = {});
   double number_or(const std::string& key, double fallback, Bounds bounds = {});

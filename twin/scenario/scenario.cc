@@ -221,6 +221,8 @@ Scenario load_scenario(const fs::path& file, const std::vector<std::string>& ove
   Scenario s;
   s.file = file;
   Mapping in(file.string(), "", root);
+  in.accept({"name", "description", "seed", "timestep_s", "integrator", "solver", "model", "duration_s", "telemetry_rate_hz", "keyframe",
+             "start_rad", "ambient_degC", "temperature_degC", "motion", "control", "multirate", "events", "baseline"});
   s.name = in.text_or("name", file.stem().string());
   root["name"] = s.name;
   s.description = in.text_or("description", "");
