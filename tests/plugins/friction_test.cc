@@ -136,10 +136,12 @@ TEST(Batch, EqualsTheScalarLawInsideAndOutsideTheRange) {
         for (int i = 0; i < n; ++i) vs[i] = v(random), ls[i] = l(random), Ts[i] = T(random);
         vs[0] = 0;
         if (n > 7) vs[1] = std::nan(""), ls[2] = std::nan(""), Ts[3] = std::nan(""), vs[4] = 1e300, Ts[5] = -1e300, vs[6] = 1e-300;
-        const Eigen::ArrayXd batch = torque(law, vs, ls, Ts);
+        for (const VectorWidth width : {VectorWidth::baseline, best_vector_width()}) {
+        const Eigen::ArrayXd batch = torque(law, vs, ls, Ts, width);
         for (int i = 0; i < n; ++i) {
           const double scalar = torque(law, vs[i], ls[i], Ts[i]);
           ASSERT_NEAR(batch[i], scalar, 1e-12 * std::abs(scalar)) << law.info->name << " " << vs[i] << " " << ls[i] << " " << Ts[i];
+        }
         }
       }
 }

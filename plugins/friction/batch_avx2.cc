@@ -1,0 +1,2 @@
+#define TRIBOTWIN_KERNEL torque_avx2
+#include "batch_kernel.inc"

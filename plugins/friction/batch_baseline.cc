@@ -1,0 +1,2 @@
+#define TRIBOTWIN_KERNEL torque_baseline
+#include "batch_kernel.inc"
