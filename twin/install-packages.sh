@@ -4,7 +4,7 @@ set -euo pipefail
 packages=(
   g++ cmake ninja-build
   libmujoco-dev libqhull-dev libgl-dev libopengl-dev   # the engine, and what its CMake files insist on
-  libeigen3-dev libpugixml-dev libyaml-cpp-dev libcli11-dev libfmt-dev libspdlog-dev
+  libeigen3-dev libpugixml-dev libyaml-cpp-dev libcli11-dev libfmt-dev
   nlohmann-json3-dev libhdf5-dev libexpected-dev
 )
 if [ "${1:-}" = --tests ]; then
