@@ -206,7 +206,6 @@ struct Telemetry::Impl {
   File file;
   std::string error;
   double flushed_s = 0;
-  unsigned calls = 0;
 
   Status write_out() {
     const std::lock_guard lock(hdf5);
@@ -219,7 +218,7 @@ struct Telemetry::Impl {
     if (!error.empty()) return tl::unexpected(error);
     table.push(time_s, values);
     if (table.time.pending.size() == block) return write_out();
-    if (++calls % 64 == 0 && options.wall_clock_s() - flushed_s >= options.flush_interval_s) return write_out();
+    if (options.wall_clock_s() - flushed_s >= options.flush_interval_s) return write_out();
     return {};
   }
   ~Impl() {
