@@ -92,9 +92,7 @@ class Bench {
     // The start is quasi-static: the load is there before the joint moves.
     mujoco::memory(d.get(), b_).load_nm = external_nm + gravity_torque_nm(m, d.get(), b_.dof);
 
-    std::vector<double> inertia(static_cast<std::size_t>(m->nv * m->nv));
-    mj_fullM(m, inertia.data(), d->qM);
-    loop_ = {.speed_gain = 60 * inertia[static_cast<std::size_t>(b_.dof * (m->nv + 1))], .external_nm = external_nm, .bench = this};
+    loop_ = {.speed_gain = 60 * inertia_kg_m2(m, d.get(), b_.dof), .external_nm = external_nm, .bench = this};
     const double window = window_rad(speed), start = angle - direction * 0.5 * window;
     const double deadline_s = (run_up_rad(speed) + window) / std::abs(speed) * 1.5 + 2;
     double sum = 0, squares = 0, load_sum = 0, count = 0;

@@ -24,6 +24,12 @@ double gravity_torque_nm(const mjModel* m, const mjData* d, int dof) {
   return -m->body_subtreemass[body] * direction.dot(gravity);
 }
 
+double inertia_kg_m2(const mjModel* m, const mjData* d, int dof) {
+  Eigen::VectorXd unit = Eigen::VectorXd::Unit(m->nv, dof), column(m->nv);
+  mj_mulM(m, d, column.data(), unit.data());
+  return column[dof];
+}
+
 tl::expected<std::shared_ptr<const mujoco::Model>, std::string> with_payload(const mujoco::Model& arm, const Payload& payload) {
   if (!(payload.mass_kg >= 0) || !std::isfinite(payload.mass_kg))
     return tl::unexpected(fmt::format("payload mass {} kg must be 0 or more", payload.mass_kg));

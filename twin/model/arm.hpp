@@ -19,6 +19,9 @@ int position_address(const mjModel* m, const mujoco::Binding& drive);
 /// Needs the centres of mass of the step under way (mj_comPos), no second pass of the dynamics.
 double gravity_torque_nm(const mjModel* m, const mjData* d, int dof);
 
+/// Inertia that a dof sees with all others at rest [kg m^2], rotors included, at d's pose (after mj_forward).
+double inertia_kg_m2(const mjModel* m, const mjData* d, int dof);
+
 /// A body carried at the flange: a point of mass with the inertia of a steel ball of that mass.
 struct Payload {
   double mass_kg = 0;

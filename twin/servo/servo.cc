@@ -9,11 +9,9 @@ namespace {
 class Cascaded final : public Servo {
  public:
   Cascaded(const mujoco::Model& model, const mjData* start, const CascadedOptions& o) : model_(model), options_(o) {
-    std::vector<double> inertia(static_cast<std::size_t>(model->nv * model->nv));
-    mj_fullM(model.get(), inertia.data(), start->qM);
     for (const auto& drive : model.drives()) {
       Loop loop;
-      loop.speed_gain = o.speed_bandwidth_rad_s * inertia[static_cast<std::size_t>(drive.dof * (model->nv + 1))];
+      loop.speed_gain = o.speed_bandwidth_rad_s * inertia_kg_m2(model.get(), start, drive.dof);
       loop.position = position_address(model.get(), drive);
       loop.limit = model->actuator_ctrllimited[drive.actuator] ? model->actuator_ctrlrange[2 * drive.control + 1] * drive.gear : friction::unlimited;
       loops_.push_back(loop);
