@@ -78,6 +78,7 @@ DcPositionOptions dc_options(Mapping& in, const SetPoints* recording) {
   o.error_gain = in.number("error_gain", {0, 1e9});
   o.supply_V = in.number("supply_V", {0, 1e6});
   o.resistance_ohm = in.number("resistance_ohm", {1e-9, 1e9});
+  o.supply_resistance_ohm = in.number_or("supply_resistance_ohm", 0, {0, o.resistance_ohm});
   o.kt_nm_A = in.number("kt_nm_A", {0, 1e6});
   o.torque_limit_nm = in.number_or("torque_limit_nm", friction::unlimited, {0, 1e9});
   return o;

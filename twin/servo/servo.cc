@@ -78,7 +78,8 @@ class Torque final : public Servo {
 
 double dc_torque_nm(const DcPositionOptions& o, double error_rad, double speed_rad_s) {
   const double duty = std::clamp(o.kp * o.error_gain * error_rad, -1.0, 1.0);
-  const double torque = o.kt_nm_A / o.resistance_ohm * (duty * o.supply_V - o.kt_nm_A * speed_rad_s);
+  const double supply_V = o.supply_V * (1 - o.supply_resistance_ohm / o.resistance_ohm * duty * duty);
+  const double torque = o.kt_nm_A / o.resistance_ohm * (duty * supply_V - o.kt_nm_A * speed_rad_s);
   return std::clamp(torque, -o.torque_limit_nm, o.torque_limit_nm);
 }
 

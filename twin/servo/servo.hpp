@@ -31,7 +31,8 @@ std::unique_ptr<Servo> make_cascaded(const mujoco::Model& model, const mjData* s
 struct DcPositionOptions {
   double kp = 400, error_gain = 0;     ///< duty = kp error_gain (goal - position), limited to +-1
   double torque_limit_nm = friction::unlimited;   ///< current limit
-  double supply_V = 7.4, resistance_ohm = 1, kt_nm_A = 1;   ///< torque = kt / R (duty V - kt speed)
+  double supply_V = 7.4, resistance_ohm = 1, kt_nm_A = 1;   ///< torque = kt / R (duty V' - kt speed)
+  double supply_resistance_ohm = 0;    ///< V' = V (1 - R_supply / R duty^2): what the supply loses under load
 };
 /// Motor torque [Nm] at a position error [rad] and speed [rad/s].
 double dc_torque_nm(const DcPositionOptions& options, double error_rad, double speed_rad_s);
