@@ -224,11 +224,11 @@ int main(int argc, char** argv) {
       if (seed) settings.push_back(fmt::format("seed={}", *seed));
       const twin::Scenario loaded = twin::load_scenario(scenario_file(scenario), settings);
       const fs::path output = directory.empty() ? fs::path("runs") / loaded.name : fs::path(directory);
-      Progress progress(quiet);
-      const auto summary = twin::run(loaded, {.directory = output, .realtime = realtime, .progress = [&](double share, double left) { progress(share, left); }});
+      const auto summary = [&] {
+        Progress progress(quiet);
+        return twin::run(loaded, {.directory = output, .realtime = realtime, .progress = [&](double share, double left) { progress(share, left); }});
+      }();
       if (!summary) return complain(failed, summary.error());
-      progress.~Progress();
-      new (&progress) Progress(true);
       if (json) fmt::print("{}", twin::summary_json(*summary));
       else if (!quiet) print_summary(*summary, output);
       return done;

@@ -310,9 +310,9 @@ Result load_string(std::string_view mjcf, const Options& options, const std::fil
   return load("model", std::string(mjcf), "", folder, options);
 }
 
-Result variant(const Model& model, void (*change)(mjModel*, const void*), const void* argument) {
+Result variant(const Model& model, const std::function<void(mjModel*)>& change) {
   ModelPtr copy(mj_copyModel(nullptr, model.get()));
-  change(copy.get(), argument);
+  change(copy.get());
   const DataPtr scratch_data(mj_makeData(copy.get()));
   mj_setConst(copy.get(), scratch_data.get());
   std::vector<Binding> bindings;

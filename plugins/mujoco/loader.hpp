@@ -1,6 +1,7 @@
 #pragma once
 
 #include <filesystem>
+#include <functional>
 #include <memory>
 #include <optional>
 #include <span>
@@ -58,7 +59,7 @@ tl::expected<std::shared_ptr<const Model>, std::string> load_string(std::string_
                                                                     const std::filesystem::path& folder = ".");
 
 /// A copy of `model` changed by `change`, with the same drives checked against it (an arm with another payload).
-tl::expected<std::shared_ptr<const Model>, std::string> variant(const Model& model, void (*change)(mjModel*, const void*),
-                                                                const void* argument);
+tl::expected<std::shared_ptr<const Model>, std::string> variant(const Model& model,
+                                                                const std::function<void(mjModel*)>& change);
 
 }  // namespace tribotwin::mujoco

@@ -22,14 +22,14 @@ class Bench {
   Bench(std::shared_ptr<const mujoco::Model> model, std::size_t drive, const ExperimentOptions& options)
       : model_(std::move(model)), b_(model_->drives()[drive]), options_(options), random_(options.seed) {}
 
-  /// Angle at which gravity loads the joint by `load_nm`, or the range of loads that angles give.
-  tl::expected<double, std::string> angle_for(double load_nm, double margin_rad) {
+  /// Angle within the joint's range at which gravity loads it by `load_nm`, or the loads that angles give.
+  tl::expected<double, std::string> angle_for(double load_nm, const mjModel* limits) {
     const mujoco::DataPtr d = model_->make_data();
     const int address = position_address(model_->get(), b_);
     double low = -3.14159, high = 3.14159;
-    if ((*model_)->jnt_limited[b_.joint]) {
-      low = (*model_)->jnt_range[2 * b_.joint] + margin_rad;
-      high = (*model_)->jnt_range[2 * b_.joint + 1] - margin_rad;
+    if (limits->jnt_limited[b_.joint]) {
+      low = limits->jnt_range[2 * b_.joint];
+      high = limits->jnt_range[2 * b_.joint + 1];
     }
     const auto load_at = [&](double q) {
       d->qpos[address] = q;
@@ -152,25 +152,21 @@ std::vector<CurvePoint> law_curve(const drive::Drive& drive, std::span<const dou
 tl::expected<std::vector<CurvePoint>, std::string> measure_curve(const mujoco::Model& model, std::size_t drive_index,
                                                                  std::span<const double> speeds, const ExperimentOptions& options) {
   const bool pose = options.load_by == LoadBy::pose;
-  auto bench_model = mujoco::variant(
-      model,
-      [](mjModel* m, const void* weightless) {
-        if (*static_cast<const bool*>(weightless)) mju_zero3(m->opt.gravity);
-        // The run-up may need more room than the joint has; a bench has no end stops.
-        for (int j = 0; j < m->njnt; ++j) m->jnt_limited[j] = 0;
-        for (int i = 0; i < m->nu; ++i) m->actuator_ctrllimited[i] = 0;
-      },
-      [&] { static thread_local bool weightless; weightless = !pose; return &weightless; }());
+  auto bench_model = mujoco::variant(model, [pose](mjModel* m) {
+    if (!pose) mju_zero3(m->opt.gravity);
+    // The run-up may need more room than the joint has; a bench has no end stops.
+    for (int j = 0; j < m->njnt; ++j) m->jnt_limited[j] = 0;
+    for (int i = 0; i < m->nu; ++i) m->actuator_ctrllimited[i] = 0;
+  });
   if (!bench_model) return tl::unexpected(bench_model.error());
   const drive::Drive& drive = model.drives()[drive_index].drive;
   Bench bench(*bench_model, drive_index, options);
-  Bench limits(mujoco::variant(model, [](mjModel*, const void*) {}, nullptr).value(), drive_index, options);
   std::vector<CurvePoint> points;
   for (const double speed : speeds) {
     const double joint_speed = std::abs(speed) / drive.gear_ratio;
     double angle = 0;
     if (pose) {
-      const auto found = limits.angle_for(options.load_norm * drive.torque_max_nm, 0);
+      const auto found = bench.angle_for(options.load_norm * drive.torque_max_nm, model.get());
       if (!found) return tl::unexpected(found.error());
       angle = *found;
     }

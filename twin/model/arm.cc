@@ -36,8 +36,7 @@ tl::expected<std::shared_ptr<const mujoco::Model>, std::string> with_payload(con
   if (arm.drives().empty()) return tl::unexpected(std::string("the model has no drive, so nothing to carry a payload"));
   return mujoco::variant(
       arm,
-      [](mjModel* m, const void* argument) {
-        const Payload& p = *static_cast<const Payload*>(argument);
+      [&p = payload](mjModel* m) {
         int body = -1;
         Eigen::Vector3d com(p.com_m[0], p.com_m[1], p.com_m[2]);
         if (const int site = mj_name2id(m, mjOBJ_SITE, "flange"); site >= 0) {
@@ -70,12 +69,7 @@ tl::expected<std::shared_ptr<const mujoco::Model>, std::string> with_payload(con
         m->body_sameframe[body] = 0;
         m->body_simple[body] = 0;
         for (int i = 0; i < m->body_dofnum[body]; ++i) m->dof_simplenum[m->body_dofadr[body] + i] = 0;
-      },
-      &payload);
-}
-
-tl::expected<std::shared_ptr<const mujoco::Model>, std::string> without_gravity(const mujoco::Model& arm) {
-  return mujoco::variant(arm, [](mjModel* m, const void*) { mju_zero3(m->opt.gravity); }, nullptr);
+      });
 }
 
 }  // namespace tribotwin::twin

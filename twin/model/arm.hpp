@@ -31,7 +31,4 @@ struct Payload {
 /// The arm with a payload (in place of none). Fails where the changed model could not carry its drives.
 tl::expected<std::shared_ptr<const mujoco::Model>, std::string> with_payload(const mujoco::Model& arm, const Payload& payload);
 
-/// The arm without gravity.
-tl::expected<std::shared_ptr<const mujoco::Model>, std::string> without_gravity(const mujoco::Model& arm);
-
 }  // namespace tribotwin::twin
