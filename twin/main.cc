@@ -116,6 +116,8 @@ struct CurveArguments {
 
 int curve(const CurveArguments& a) {
   const auto speeds = speeds_of(a.speeds);
+  for (const auto& [option, value] : {std::pair{"--temperature", a.temperature}, {"--load", a.load}, {"--noise", a.noise}})
+    if (!std::isfinite(value)) throw twin::InputError(fmt::format("{} {}: must be a finite number", option, value));
   const auto model = mujoco::load_file(a.model);
   if (!model) throw twin::InputError(model.error());
   std::vector<std::string> names;

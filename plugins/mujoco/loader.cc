@@ -58,7 +58,7 @@ tl::expected<std::string, std::string> read_text(const std::filesystem::path& fi
 tl::expected<std::vector<Source>, std::string> read_sources(std::string name, std::string text,
                                                             const std::filesystem::path& folder) {
   std::vector<Source> sources;
-  auto main = parse(std::move(name), std::move(text));
+  auto main = parse(std::filesystem::path(name).lexically_normal().string(), std::move(text));
   if (!main) return tl::unexpected(main.error());
   sources.push_back(std::move(*main));
   for (std::size_t i = 0; i < sources.size(); ++i)
@@ -303,7 +303,7 @@ DataPtr Model::make_data() const { return DataPtr(mj_makeData(model_.get())); }
 Result load_file(const std::filesystem::path& file, const Options& options) {
   const auto text = read_text(file);
   if (!text) return tl::unexpected(text.error());
-  return load(file.string(), *text, file.string(), file.parent_path(), options);
+  return load(file.string(), *text, file.string(), file.has_parent_path() ? file.parent_path() : ".", options);
 }
 
 Result load_string(std::string_view mjcf, const Options& options, const std::filesystem::path& folder) {

@@ -90,7 +90,13 @@ law = (.0311 + .0234 * l + .126 * l * np.exp(-(v / 9.22) ** 1.36) + (-.025 + .00
        + (1.3e-4 + 1.32e-3 * np.exp(-T / 20.71)) * v)
 check("curve equals paper 1", abs(float(r.stdout.splitlines()[-1].split(",")[3]) / law - 1) < 1e-12)
 
+# A model named without a folder.
+r = subprocess.run([program, "curve", "irb6620.xml", "--joint", "joint2", "--speeds", "1:280:3"], capture_output=True, text=True, cwd=source + "/mjcf")
+check("model in the current folder", r.returncode == 0, r.stderr)
+
 # Wrong input.
+refused("nan load", 2, "curve", model, "--joint", "joint2", "--load", "nan", says=["finite"])
+refused("too slow to measure", 1, "curve", model, "--joint", "joint2", "--speeds", "0.001:0.001:1", "--experiment", says=["stick"])
 refused("no command", 2)
 refused("unknown option", 2, "run", "irb6620_hold", "--fast")
 refused("unknown scenario", 2, "run", "irb6621_warmup", says=["irb6621_warmup"])

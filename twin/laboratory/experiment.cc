@@ -94,11 +94,18 @@ class Bench {
 
     loop_ = {.speed_gain = 60 * inertia_kg_m2(m, d.get(), b_.dof), .external_nm = external_nm, .bench = this};
     const double window = window_rad(speed), start = angle - direction * 0.5 * window;
-    const double deadline_s = (run_up_rad(speed) + window) / std::abs(speed) * 1.5 + 2;
+    // At crawling speed the integral part needs its time to break the joint away.
+    const double windup_s = mujoco::friction_nm(b_.drive, 0, options_.load_norm, options_.temperature_degC) / (loop_.speed_gain / 0.1 * std::abs(speed));
+    const double deadline_s = (run_up_rad(speed) + window) / std::abs(speed) * 1.5 + 2 + 2 * windup_s;
+    const auto no_level = [&](std::string_view why) {
+      return tl::unexpected(fmt::format("no steady motion at {:g} motor rad/s ({}); such low speeds stick and slip, measure at higher ones",
+                                        std::abs(speed) * b_.drive.gear_ratio, why));
+    };
+    if (windup_s > 60) return no_level("the servo would need more than a minute to break the joint away");
     double sum = 0, squares = 0, load_sum = 0, count = 0;
     std::normal_distribution<double> noise(0, options_.noise_nm);
     while (direction * (d->qpos[address] - start) < window) {
-      if (d->time > deadline_s) return tl::unexpected(fmt::format("joint speed {} rad/s was not reached", speed));
+      if (d->time > deadline_s) return no_level("the joint did not get through in time");
       const double t = d->time + m->opt.timestep;
       loop_.speed = speed * std::min(1.0, t / ramp_s);
       const bool inside = direction * (d->qpos[address] - start) >= 0;
@@ -107,6 +114,7 @@ class Bench {
       for (int w = 0; w < mjNWARNING; ++w)
         if (d->warning[w].number) return tl::unexpected(fmt::format("the simulation diverged: {}", mju_warningText(w, static_cast<std::size_t>(d->warning[w].lastinfo))));
       if (!inside) continue;
+      if (std::abs(d->qvel[b_.dof] - speed) > 0.02 * std::abs(speed)) return no_level("the speed was off by more than 2 % while measuring");
       const drive::Scratch& s = mujoco::scratch(d.get(), b_);
       const double torque = s.torque_nm + (options_.noise_nm > 0 ? noise(random_) : 0);
       sum += torque;
