@@ -257,6 +257,43 @@ tl::expected<void, std::string> apply(const Options& options, mjModel* m) {
   return {};
 }
 
+/// The engine lets NaN pass into a model; a simulation must not start from it.
+tl::expected<void, std::string> require_finite(const mjModel* m) {
+  const auto check = [m](int type, int count, const char* what, std::initializer_list<std::pair<const char*, std::span<const mjtNum>>> fields)
+      -> tl::expected<void, std::string> {
+    for (int i = 0; i < count; ++i)
+      for (const auto& [field, values] : fields) {
+        const std::size_t width = values.size() / static_cast<std::size_t>(count);
+        const auto own = values.subspan(static_cast<std::size_t>(i) * width, width);
+        if (std::ranges::all_of(own, [](mjtNum x) { return std::isfinite(x); })) continue;
+        const char* name = type >= 0 ? mj_id2name(m, type, i) : nullptr;
+        return tl::unexpected(fmt::format("{} '{}': its {} is not finite ({})", what, name && *name ? name : std::to_string(i), field, fmt::join(own, " ")));
+      }
+    return {};
+  };
+  const auto span = [](const mjtNum* first, auto count) { return std::span<const mjtNum>(first, static_cast<std::size_t>(count)); };
+  if (auto ok = check(mjOBJ_BODY, static_cast<int>(m->nbody), "body",
+                      {{"mass", span(m->body_mass, m->nbody)}, {"inertia", span(m->body_inertia, 3 * m->nbody)},
+                       {"position", span(m->body_pos, 3 * m->nbody)}, {"centre of mass", span(m->body_ipos, 3 * m->nbody)},
+                       {"orientation", span(m->body_quat, 4 * m->nbody)}});
+      !ok)
+    return ok;
+  if (m->njnt > 0)
+    if (auto ok = check(mjOBJ_JOINT, static_cast<int>(m->njnt), "joint",
+                        {{"axis", span(m->jnt_axis, 3 * m->njnt)}, {"anchor", span(m->jnt_pos, 3 * m->njnt)},
+                         {"range", span(m->jnt_range, 2 * m->njnt)}, {"stiffness", span(m->jnt_stiffness, m->njnt)}});
+        !ok)
+      return ok;
+  if (m->nv > 0)
+    if (auto ok = check(-1, static_cast<int>(m->nv), "dof",
+                        {{"armature", span(m->dof_armature, m->nv)}, {"damping", span(m->dof_damping, m->nv)},
+                         {"frictionloss", span(m->dof_frictionloss, m->nv)}, {"solreffriction", span(m->dof_solref, mjNREF * m->nv)},
+                         {"solimpfriction", span(m->dof_solimp, mjNIMP * m->nv)}});
+        !ok)
+      return ok;
+  return check(-1, 1, "option", {{"gravity", span(m->opt.gravity, 3)}, {"timestep", span(&m->opt.timestep, 1)}, {"tolerance", span(&m->opt.tolerance, 1)}});
+}
+
 Result load(const std::string& name, const std::string& text, const std::string& file,
             const std::filesystem::path& folder, const Options& options) {
   auto sources = read_sources(name, text, folder);
@@ -270,6 +307,7 @@ Result load(const std::string& name, const std::string& text, const std::string&
 #endif
   if (!compiled) return tl::unexpected(fmt::format("{}: {}", name, compiled.error()));
   mjModel* m = compiled->get();
+  if (auto ok = require_finite(m); !ok) return tl::unexpected(fmt::format("{}: {}", name, ok.error()));
   if (auto ok = apply(options, m); !ok) return tl::unexpected(fmt::format("{}: {}", name, ok.error()));
 
   std::vector<Binding> bindings;

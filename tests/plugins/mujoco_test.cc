@@ -56,6 +56,9 @@ TEST(Loader, NamesTheElementAndTheRemedy) {
   EXPECT_THAT(with([](Arm& a) { a.actuator += R"(<plugin name="second" joint="hinge" plugin="tribotwin.drive" instance="j" actdim="3"/>)"; }), HasSubstr("has a drive already"));
   EXPECT_THAT(with([](Arm& a) { a.config += "<config"; }), HasSubstr("not well-formed"));
   EXPECT_THAT(with([](Arm& a) { a.joint += R"( nonsense="1")"; }), HasSubstr("nonsense"));
+  EXPECT_THAT(with([](Arm& a) { a.gravity = "0 0 nan"; }), HasSubstr("gravity is not finite"));
+  EXPECT_THAT(with([](Arm& a) { a.joint += R"( damping="nan")"; }), HasSubstr("damping is not finite"));
+  EXPECT_THAT(with([](Arm& a) { a.actuator += R"(<!-- --></actuator><worldbody><body name="b"><joint/><geom size=".1" mass="-1"/></body></worldbody><actuator>)"; }), HasSubstr("negative"));
   EXPECT_THAT(load_file("/nonexistent/x.xml").error(), HasSubstr("cannot be read"));
   EXPECT_THAT(load_file("/").error(), HasSubstr("folder"));
 }
