@@ -179,7 +179,7 @@ int main(int argc, char** argv) {
 
   std::string scenario, directory;
   std::vector<std::string> settings;
-  std::optional<std::uint64_t> seed;
+  std::optional<std::int64_t> seed;
   bool realtime = false, quiet = false, list = false, json = false;
   auto* run = app.add_subcommand("run", "Run a scenario: telemetry.h5, summary.json, scenario.yaml");
   run->add_option("SCENARIO", scenario, "Scenario file, or the name of a shipped one");

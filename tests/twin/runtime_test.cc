@@ -176,6 +176,8 @@ TEST(Bad, ScenariosAreRefusedWithPlaceAndRemedy) {
   EXPECT_THAT(error(model + "duration_s: 1\nmotion: {type: hold}\nevents: [{time_s: 0, type: wear, joint: joint2, factors: {Fc: 2}}]\n"), HasSubstr("did you mean 'Fc"));
   EXPECT_THAT(error(model + "duration_s: 1\nmotion: {type: hold}\nmultirate: {tolerance_K: 1}\n"), HasSubstr("repeats"));
   EXPECT_THAT(error(model + "duration_s: 1\ntimestep_s: 0.9\nmotion: {type: hold}\n"), HasSubstr("time step"));
+  EXPECT_THAT(error(model + "duration_s: 1\nstart_rad: {joint2: 3}\nmotion: {type: hold}\n"), HasSubstr("joint2 to 3 .. 3 rad, but its range is"));
+  EXPECT_THAT(error(model + "motion: {type: back_and_forth, joint: joint2, travel_rad: 100, speed_rad_s: 1}\nduration_s: 1\n"), HasSubstr("its range is"));
   EXPECT_THAT(error("model: [1\n"), HasSubstr("not well-formed YAML"));
   EXPECT_THAT(error("- 1\n"), HasSubstr("must be a mapping"));
   std::ofstream(folder.path / "empty.csv") << "";

@@ -46,6 +46,13 @@ Motion& Motion::repeat(double timestep_s) {
   return *this;
 }
 
+std::pair<double, double> Motion::reach_rad(std::size_t joint) const {
+  std::pair reach{start_[joint], start_[joint]};
+  for (const Segment& s : segments_)
+    for (const double q : {s.from[joint], s.to[joint]}) reach = {std::min(reach.first, q), std::max(reach.second, q)};
+  return reach;
+}
+
 void Motion::at(double t, std::span<SetPoint> out) const {
   if (period_s_ > 0) t = std::fmod(t, period_s_);
   const auto after = std::ranges::upper_bound(segments_, t, {}, &Segment::start_s);

@@ -2,6 +2,7 @@
 
 #include <span>
 #include <string>
+#include <utility>
 #include <vector>
 
 /// What the arm is asked to do, as a pure function of time: a list of straight joint moves with trapezoidal speed,
@@ -31,6 +32,8 @@ class Motion {
   /// Length of one repetition, 0 when the motion does not repeat.
   double period_s() const { return period_s_; }
   std::span<const double> start_rad() const { return start_; }
+  /// Smallest and largest position of a joint over the motion.
+  std::pair<double, double> reach_rad(std::size_t joint) const;
 
   void at(double time_s, std::span<SetPoint> out) const;
 

@@ -131,7 +131,7 @@ tl::expected<void, std::string> Twin::step() {
     if (w == mjWARN_BADQPOS)
       for (const auto& drive : drives)
         if (position_address(model_->get(), drive) == which) joint = joint_name(model_->get(), drive);
-    return tl::unexpected(fmt::format("the simulation diverged at step {} ({} s){}: {}. State before the step: {}", steps_, time_s(),
+    return tl::unexpected(fmt::format("the simulation diverged at step {} ({} s){}: {} State before the step: {}", steps_, time_s(),
                                       joint.empty() ? "" : ", joint " + joint, mju_warningText(w, static_cast<std::size_t>(which)), diagnosis()));
   }
   for (std::size_t i = 0; i < drives.size(); ++i) {

@@ -253,6 +253,15 @@ Scenario load_scenario(const fs::path& file, const std::vector<std::string>& ove
   for (std::size_t j = 0; j < n; ++j) s.temperature_degC[j] = s.ambient_degC.value_or(model.drives()[j].drive.thermal.T_amb_degC);
 
   if (auto motion = in.mapping("motion")) s.motion = motion_of(*motion, s, folder, root["motion"]);
+  for (std::size_t j = 0; j < n; ++j) {
+    const auto& drive = model.drives()[j];
+    if (!model->jnt_limited[drive.joint]) continue;
+    const double low = model->jnt_range[2 * drive.joint], high = model->jnt_range[2 * drive.joint + 1];
+    const auto [least, most] = s.motion ? s.motion->reach_rad(j) : std::pair{s.start_rad[j], s.start_rad[j]};
+    if (!(least >= low - 1e-9 && most <= high + 1e-9))
+      in.fail(s.motion ? "motion" : "start_rad", fmt::format("takes {} to {:.4g} .. {:.4g} rad, but its range is {:.4g} .. {:.4g} rad",
+                                                             joint_name(model.get(), drive), least, most, low, high));
+  }
   if (s.duration_s == 0) in.fail("duration_s", "is missing");
   if (s.recording && !s.recording->temperature_degC.empty() && std::isfinite(s.recording->temperature_degC[0]))
     s.temperature_degC[0] = s.recording->temperature_degC[0];
