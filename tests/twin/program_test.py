@@ -80,7 +80,7 @@ with h5py.File(work + "/run/telemetry.h5") as f:
 def small_files():
     resource.setrlimit(resource.RLIMIT_FSIZE, (300000, 300000))
 r = run("run", "irb6620_warmup", "-o", "full", "--quiet", "--set", "telemetry_rate_hz=1000", preexec_fn=small_files)
-check("full disk", r.returncode == 1 and "telemetry.h5" in r.stderr and not os.path.exists(work + "/full/summary.json"), (r.returncode, r.stderr))
+check("full disk", r.returncode == 1 and "telemetry.h5" in r.stderr and "File too large" in r.stderr and not os.path.exists(work + "/full/summary.json"), (r.returncode, r.stderr))
 
 # Curves.
 r = run("curve", model, "--joint", "joint2", "--temperature", "50", "--load", "0.3", "--speeds", "1:280:5")

@@ -117,20 +117,25 @@ struct Table {
   Column time;
   std::vector<Column> columns;
   hsize_t written = 0;
+  std::string error;
 
   bool empty() const { return time.pending.empty(); }
   void push(double t, std::span<const double> values) {
     time.pending.push_back(t);
     for (std::size_t i = 0; i < columns.size(); ++i) columns[i].pending.push_back(values[i]);
   }
-  bool write(Column& column) const {
+  bool write(Column& column) {
     const hsize_t count = column.pending.size(), size = written + count;
-    if (H5Dset_extent(column.dataset, &size) < 0) return false;
+    const auto failed = [this] {
+      error = reason();   // now: closing the ids below clears HDF5's memory of it
+      return false;
+    };
+    if (H5Dset_extent(column.dataset, &size) < 0) return failed();
     const Id file_space(H5Dget_space(column.dataset), H5Sclose);
     H5Sselect_hyperslab(file_space, H5S_SELECT_SET, &written, nullptr, &count, nullptr);
     const Id memory_space(H5Screate_simple(1, &count, nullptr), H5Sclose);
-    return H5Dwrite(column.dataset, H5T_NATIVE_DOUBLE, memory_space, file_space, H5P_DEFAULT, column.pending.data()) >= 0 &&
-           H5Dflush(column.dataset) >= 0;
+    if (H5Dwrite(column.dataset, H5T_NATIVE_DOUBLE, memory_space, file_space, H5P_DEFAULT, column.pending.data()) < 0) return failed();
+    return H5Dflush(column.dataset) >= 0 || failed();
   }
   /// Time goes last: a reader never sees an instant whose values are missing.
   bool write() {
@@ -210,7 +215,7 @@ struct Telemetry::Impl {
   Status write_out() {
     const std::lock_guard lock(hdf5);
     if (!file.samples.write() || !file.cycles.write())
-      error = fmt::format("{}: recording stopped ({})", path.string(), reason());
+      error = fmt::format("{}: recording stopped ({})", path.string(), file.samples.error.empty() ? file.cycles.error : file.samples.error);
     flushed_s = options.wall_clock_s();
     return error.empty() ? Status{} : Status(tl::unexpected(error));
   }
@@ -372,7 +377,11 @@ tl::expected<Recovered, std::string> recover(const fs::path& run_dir) {
   options.attributes.emplace_back("recovered", "1");
   {
     auto file = create_file(fresh, options, false);
-    if (!file) return tl::unexpected(file.error());
+    if (!file) {
+      std::error_code ignored;
+      fs::remove(fresh, ignored);
+      return tl::unexpected(file.error());
+    }
     const std::lock_guard lock(hdf5);
     const auto fill = [](Table& table, std::vector<double>& time, auto& values) {
       table.time.pending = std::move(time);
@@ -383,7 +392,7 @@ tl::expected<Recovered, std::string> recover(const fs::path& run_dir) {
     };
     const bool written = fill(file->samples, r->time_s, r->values) && (options.cycle_channels.empty() || fill(file->cycles, r->cycle_time_s, r->cycle_values)) &&
                          H5Fflush(file->id, H5F_SCOPE_GLOBAL) >= 0;
-    const std::string why = written ? "" : reason();
+    const std::string why = !file->samples.error.empty() ? file->samples.error : !file->cycles.error.empty() ? file->cycles.error : written ? "" : reason();
     *file = {};
     if (!written) {
       std::error_code ignored;
