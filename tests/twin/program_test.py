@@ -57,7 +57,7 @@ time.sleep(4)
 with h5py.File(work + "/killed/telemetry.h5", "r", libver="latest", swmr=True) as f:
     seen = f["time_s"].shape[0]
     check("readable while it runs", seen > 1000 and f["complete"][()] == 0, seen)
-before = time.monotonic()
+refused("a second run into the same folder", 1, "run", "irb6620_hold", "-o", "killed", says=["another run is writing"])
 p.send_signal(signal.SIGKILL)
 p.wait()
 check("no summary of a killed run", not os.path.exists(work + "/killed/summary.json"))
@@ -69,6 +69,9 @@ with h5py.File(work + "/killed/telemetry.h5") as f:
     check("recovered time is whole", np.all(np.diff(f["time_s"][:]) > 0))
 r = run("recover", "run")
 check("nothing to recover", r.returncode == 0 and "complete" in r.stdout)
+
+check("the folder of a killed run can be used again", run("run", "irb6620_hold", "-o", "killed", "--quiet", "--set", "duration_s=1").returncode == 0)
+check("no lock stays behind", not os.path.exists(work + "/killed/run.lock"))
 
 # CSV against the record.
 check("export", run("export", "run", "--csv").returncode == 0)

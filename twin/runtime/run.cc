@@ -8,8 +8,11 @@
 #include <fstream>
 #include <thread>
 
+#include <fcntl.h>
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
+#include <sys/file.h>
+#include <unistd.h>
 
 #include <tribotwin/twin/telemetry/telemetry.hpp>
 
@@ -49,6 +52,31 @@ Status write_text(const fs::path& file, const std::string& text) {
   return tl::unexpected(fmt::format("{}: cannot be written ({})", file.string(), reason));
 }
 
+/// Keeps a second run out of a folder while the first writes there. A killed run leaves the file but not the lock.
+class FolderLock {
+ public:
+  FolderLock() = default;
+  FolderLock(const FolderLock&) = delete;
+  FolderLock& operator=(const FolderLock&) = delete;
+  ~FolderLock() {
+    if (file_ < 0) return;
+    ::unlink(path_.c_str());
+    ::close(file_);
+  }
+  Status take(const fs::path& directory) {
+    path_ = directory / "run.lock";
+    file_ = ::open(path_.c_str(), O_CREAT | O_RDWR | O_CLOEXEC, 0666);
+    if (file_ < 0) return tl::unexpected(fmt::format("{}: cannot be written ({})", path_.string(), std::strerror(errno)));
+    if (::flock(file_, LOCK_EX | LOCK_NB) == 0) return {};
+    ::close(std::exchange(file_, -1));
+    return tl::unexpected(fmt::format("{}: another run is writing into this folder; choose another with -o", directory.string()));
+  }
+
+ private:
+  fs::path path_;
+  int file_ = -1;
+};
+
 /// The loop around a Twin: records, paces, and skips work cycles whose outcome is known.
 class Runner {
  public:
@@ -67,6 +95,7 @@ class Runner {
     std::error_code error;
     fs::create_directories(options_.directory, error);
     if (error) return tl::unexpected(fmt::format("{}: cannot be created ({})", options_.directory.string(), error.message()));
+    if (auto ok = lock_.take(options_.directory); !ok) return ok;
     // A summary marks a whole run: one left by an earlier run must not stand beside a new, unfinished record.
     fs::remove(options_.directory / "summary.json", error);
     if (auto ok = write_text(options_.directory / "scenario.yaml", scenario_.resolved_yaml); !ok) return ok;
@@ -331,6 +360,7 @@ class Runner {
   const Scenario& scenario_;
   const RunOptions& options_;
   Twin twin_;
+  FolderLock lock_;
   std::unique_ptr<Telemetry> telemetry_;
   double timestep_s_;
   std::int64_t total_, every_, cycle_ = 0, cycles_ = 0, skipped_cycles_ = 0;
