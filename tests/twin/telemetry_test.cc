@@ -1,16 +1,64 @@
 #include <gmock/gmock.h>
 
+#include <sys/resource.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <chrono>
 #include <cmath>
+#include <csignal>
 #include <cstdlib>
 #include <fstream>
+#include <limits>
+#include <new>
+#include <thread>
+
+#include <fmt/format.h>
 
 #include <tribotwin/twin/telemetry/telemetry.hpp>
+
+// Counts what C++ code allocates in this thread; HDF5 is C and does not pass here.
+static thread_local long allocations = 0;
+[[gnu::noinline]] void* operator new(std::size_t size) {
+  ++allocations;
+  if (void* p = std::malloc(size ? size : 1)) return p;
+  throw std::bad_alloc();
+}
+[[gnu::noinline]] void operator delete(void* p) noexcept { std::free(p); }
+[[gnu::noinline]] void operator delete(void* p, std::size_t) noexcept { std::free(p); }
 
 namespace tribotwin::twin {
 namespace {
 
 namespace fs = std::filesystem;
+using testing::ElementsAre;
+using testing::ElementsAreArray;
 using testing::HasSubstr;
+using testing::Pair;
+using Values = std::vector<double>;
+
+double now_s() { return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count(); }
+
+std::string text_of(const fs::path& file) {
+  std::ifstream in(file, std::ios::binary);
+  return {std::istreambuf_iterator<char>(in), {}};
+}
+
+/// Limits the size of files, as a full disk does, for the life of the object.
+class SmallDisk {
+ public:
+  explicit SmallDisk(rlim_t bytes) {
+    std::signal(SIGXFSZ, SIG_IGN);
+    getrlimit(RLIMIT_FSIZE, &before_);
+    const rlimit limit{bytes, before_.rlim_max};
+    setrlimit(RLIMIT_FSIZE, &limit);
+  }
+  ~SmallDisk() { setrlimit(RLIMIT_FSIZE, &before_); }
+
+ private:
+  rlimit before_{};
+};
 
 class TelemetryTest : public testing::Test {
  protected:
@@ -18,6 +66,7 @@ class TelemetryTest : public testing::Test {
     std::string name = (fs::temp_directory_path() / "tribotwin_XXXXXX").string();
     return fs::path(mkdtemp(name.data()));
   }();
+  fs::path file = folder / "telemetry.h5";
   void TearDown() override { fs::remove_all(folder); }
   double clock_s = 0;
   TelemetryOptions options(std::vector<std::string> joints) {
@@ -27,56 +76,279 @@ class TelemetryTest : public testing::Test {
 };
 
 TEST_F(TelemetryTest, ReadsBackWhatWasWritten) {
-  auto t = Telemetry::create(folder / "telemetry.h5", options({"one", "two"}));
+  auto o = options({"two", "one"});
+  o.attributes.insert(o.attributes.begin(), {"seed", ""});
+  o.joint_attributes = {{{"torque_max_nm", 3.5}, {"gear_ratio", 178}}, {{"gear_ratio", 100}}};
+  auto t = Telemetry::create(file, o);
   ASSERT_TRUE(t) << t.error();
-  for (int i = 0; i < 5000; ++i) ASSERT_TRUE(t->append(i, std::vector<double>{i + .1, i + .2, i + .3, i + .4}));
-  ASSERT_TRUE(t->append_cycle(7, std::vector<double>{1, 2}));
+  for (int i = 0; i < 10000; ++i) ASSERT_TRUE(t->append(i, Values{i + .1, i + .2, i + .3, i + .4}));
+  ASSERT_TRUE(t->append_cycle(7, Values{1, 2}));
   ASSERT_TRUE(t->finish());
-  const auto r = read_telemetry(folder / "telemetry.h5");
+  const auto r = read_telemetry(file);
   ASSERT_TRUE(r) << r.error();
   EXPECT_TRUE(r->complete);
-  EXPECT_THAT(r->attributes, testing::ElementsAre(testing::Pair("engine", "test")));
-  ASSERT_EQ(r->time_s.size(), 5000u);
-  EXPECT_EQ(r->channel("two", "a")[4321], 4321.3);
-  EXPECT_EQ(r->channel("two", "cycle_a")[0], 2);
+  EXPECT_THAT(r->attributes, ElementsAre(Pair("seed", ""), Pair("engine", "test")));
+  EXPECT_THAT(r->joints, ElementsAre("two", "one"));
+  EXPECT_THAT(r->joint_attributes, ElementsAre(ElementsAre(Pair("torque_max_nm", 3.5), Pair("gear_ratio", 178)), ElementsAre(Pair("gear_ratio", 100))));
+  ASSERT_EQ(r->time_s.size(), 10000u);
+  EXPECT_EQ(r->channel("one", "a")[4321], 4321.3);
+  EXPECT_THAT(r->channel("one", "cycle_a"), ElementsAre(2));
+  EXPECT_THAT(r->channel("one", "none"), ElementsAre());
   EXPECT_EQ(r->channels[1].unit, "Nm");
+  EXPECT_EQ(r->channels[1].description, "a torque");
 }
 
 TEST_F(TelemetryTest, OddJointNamesSurviveAndDoublesAreRefused) {
-  const std::vector<std::string> names{"a/b", "", ".", "\u00fc \"x\",y"};
-  auto t = Telemetry::create(folder / "telemetry.h5", options(names));
+  const std::vector<std::string> names{"a/b", "", ".", "\u00fc \"x\",y", "complete", "time_s", "%", "a%2Fb", "..", "_", "a\u2215b"};
+  auto t = Telemetry::create(file, options(names));
   ASSERT_TRUE(t) << t.error();
-  ASSERT_TRUE(t->append(0, std::vector<double>(8, 1.5)));
+  ASSERT_TRUE(t->append(0, Values(2 * names.size(), 1.5)));
   ASSERT_TRUE(t->finish());
-  EXPECT_THAT(read_telemetry(folder / "telemetry.h5")->joints, testing::UnorderedElementsAreArray(names));
+  EXPECT_THAT(read_telemetry(file)->joints, ElementsAreArray(names));
   ASSERT_TRUE(export_csv(folder));
-  std::string header;
-  std::ifstream csv(folder / "telemetry.csv");
-  std::getline(csv, header);
-  EXPECT_THAT(header, HasSubstr("\"\u00fc \"\"x\"\",y.a\""));
+  EXPECT_THAT(text_of(folder / "telemetry.csv"), HasSubstr(",\"\u00fc \"\"x\"\",y.a\","));
   EXPECT_THAT(Telemetry::create(folder / "d.h5", options({"x", "x"})).error(), HasSubstr("two joints are called 'x'"));
+  EXPECT_THAT(Telemetry::create(folder / "d.h5", options({std::string("x\0y", 3)})).error(), HasSubstr("NUL"));
+  EXPECT_FALSE(fs::exists(folder / "d.h5"));
+}
+
+TEST_F(TelemetryTest, CycleChannelsNeedNoPrefix) {
+  auto o = options({"one"});
+  o.cycle_channels = {{"heat_J", "J", ""}};
+  auto t = Telemetry::create(file, o);
+  for (int i = 0; i < 10; ++i) ASSERT_TRUE(t->append(i, Values{1, 2}));
+  ASSERT_TRUE(t->append_cycle(3, Values{4}));
+  ASSERT_TRUE(t->finish());
+  const auto r = read_telemetry(file);
+  EXPECT_EQ(r->time_s.size(), 10u);
+  EXPECT_THAT(r->channel("one", "heat_J"), ElementsAre(4));
 }
 
 TEST_F(TelemetryTest, FlushesByTheClockAndStaysMarkedUntilFinished) {
-  auto t = Telemetry::create(folder / "telemetry.h5", options({"one"}));
-  ASSERT_TRUE(t);
-  ASSERT_TRUE(t->append(0, std::vector<double>{1, 2}));
-  EXPECT_EQ(read_telemetry(folder / "telemetry.h5")->time_s.size(), 0u);
-  clock_s = 0.6;
-  ASSERT_TRUE(t->append(1, std::vector<double>{1, 2}));
-  const auto seen = read_telemetry(folder / "telemetry.h5");
-  ASSERT_TRUE(seen) << seen.error();
-  EXPECT_EQ(seen->time_s.size(), 2u);
-  EXPECT_FALSE(seen->complete);
+  {
+    auto t = Telemetry::create(file, options({"one"}));
+    ASSERT_TRUE(t);
+    ASSERT_TRUE(t->append(0, Values{1, 2}));
+    EXPECT_EQ(read_telemetry(file)->time_s.size(), 0u);
+    clock_s = 0.6;
+    ASSERT_TRUE(t->append(1, Values{1, 2}));
+    const auto seen = read_telemetry(file);
+    ASSERT_TRUE(seen) << seen.error();
+    EXPECT_EQ(seen->time_s.size(), 2u);
+    EXPECT_FALSE(seen->complete);
+    ASSERT_TRUE(t->append(2, Values{1, 2}));
+  }
+  EXPECT_EQ(read_telemetry(file)->time_s.size(), 3u);
+  EXPECT_FALSE(read_telemetry(file)->complete);
 }
 
-TEST_F(TelemetryTest, FailuresNameTheFile) {
-  EXPECT_THAT(Telemetry::create("/nonexistent/x.h5", options({"a"})).error(), HasSubstr("/nonexistent/x.h5"));
-  std::ofstream(folder / "telemetry.h5") << "junk";
-  EXPECT_THAT(read_telemetry(folder / "telemetry.h5").error(), HasSubstr("no readable HDF5"));
-  EXPECT_FALSE(recover(folder));
-  EXPECT_FALSE(export_csv(folder));
+TEST_F(TelemetryTest, AppendingAllocatesNothing) {
+  auto t = Telemetry::create(file, options({"one", "two"}));
+  const Values row(4, 1.0), cycle(2, 1.0);
+  const long before = allocations;
+  for (int i = 0; i < 10000; ++i) {
+    clock_s = i * 1e-3;
+    if (!t->append(i, row) || !t->append_cycle(i, cycle)) FAIL();
+  }
+  EXPECT_EQ(allocations, before);
+}
+
+TEST_F(TelemetryTest, WrongUseIsRefused) {
+  auto t = Telemetry::create(file, options({"one"}));
+  EXPECT_THAT(t->append(0, Values{1}).error(), HasSubstr("1 values given where a row has 2"));
+  EXPECT_TRUE(t->append(0, Values{1, 2}));
+  EXPECT_THAT(recover(folder).error(), HasSubstr("a run is still writing it"));
+  EXPECT_THAT(Telemetry::create(file, options({"one"})).error(), HasSubstr("a run is still writing it"));
+  EXPECT_TRUE(t->finish());
+  EXPECT_THAT(t->append(1, Values{1, 2}).error(), HasSubstr("is finished"));
+  EXPECT_THAT(t->finish().error(), HasSubstr("is finished"));
+  EXPECT_EQ(read_telemetry(file)->time_s.size(), 1u);
+  EXPECT_TRUE(Telemetry::create(file, options({"one"})));
+}
+
+// The times are wall times, so the last one recovered tells what was lost.
+TEST_F(TelemetryTest, KilledRunLosesAtMostItsLastSecond) {
+  for (const double pause_s : {1e-5, 1e-2}) {
+    const pid_t child = fork();
+    if (child == 0) {
+      auto o = options({"one", "two"});
+      o.wall_clock_s = nullptr;
+      o.joint_attributes = {{{"gear_ratio", 2}}, {}};
+      auto t = Telemetry::create(file, o);
+      for (Values row(4), cycle(2); t;) {
+        const double time_s = now_s();
+        std::ranges::fill(row, time_s);
+        if (!t->append(time_s, row) || !t->append_cycle(time_s, cycle)) break;
+        std::this_thread::sleep_for(std::chrono::duration<double>(pause_s));
+      }
+      _exit(1);
+    }
+    std::this_thread::sleep_for(std::chrono::milliseconds(1700));
+    const double killed_s = now_s();
+    kill(child, SIGKILL);
+    int state = 0;
+    waitpid(child, &state, 0);
+    ASSERT_TRUE(WIFSIGNALED(state));
+
+    const auto before = read_telemetry(file);
+    ASSERT_TRUE(before) << before.error();
+    const auto recovered = recover(folder);
+    ASSERT_TRUE(recovered) << recovered.error();
+    EXPECT_GT(recovered->last_time_s, killed_s - 1);
+    EXPECT_FALSE(recovered->was_complete);
+    const auto r = read_telemetry(file);
+    ASSERT_TRUE(r) << r.error();
+    EXPECT_FALSE(r->complete);
+    EXPECT_EQ(r->time_s.size(), recovered->samples);
+    EXPECT_TRUE(r->time_s == before->time_s);
+    EXPECT_TRUE(r->cycle_time_s == before->cycle_time_s);
+    EXPECT_TRUE(std::ranges::equal(r->channel("two", "b"), r->time_s));
+    EXPECT_THAT(r->attributes, ElementsAre(Pair("engine", "test")));
+    EXPECT_THAT(r->joint_attributes[0], ElementsAre(Pair("gear_ratio", 2)));
+    EXPECT_FALSE(fs::exists(folder / "telemetry.h5.recovering"));
+    EXPECT_EQ(recover(folder)->samples, recovered->samples);
+  }
+}
+
+TEST_F(TelemetryTest, FinishedRecordNeedsNoRecovery) {
+  auto t = Telemetry::create(file, options({"one"}));
+  ASSERT_TRUE(t->append(3, Values{1, 2}));
+  ASSERT_TRUE(t->finish());
+  const std::string bytes = text_of(file);
+  const auto r = recover(folder);
+  ASSERT_TRUE(r) << r.error();
+  EXPECT_TRUE(r->was_complete);
+  EXPECT_EQ(r->samples, 1u);
+  EXPECT_EQ(r->last_time_s, 3);
+  EXPECT_EQ(text_of(file), bytes);
+}
+
+TEST_F(TelemetryTest, FullDiskKeepsWhatWasWritten) {
+  std::string error;
+  std::size_t appended = 0;
+  {
+    const SmallDisk disk(1'200'000);
+    auto t = Telemetry::create(file, options({"one", "two"}));
+    ASSERT_TRUE(t) << t.error();
+    for (; appended < 1'000'000; ++appended)
+      if (auto ok = t->append(static_cast<double>(appended), Values(4, static_cast<double>(appended))); !ok) {
+        error = ok.error();
+        break;
+      }
+    EXPECT_EQ(error, file.string() + ": recording stopped (File too large)");
+    EXPECT_EQ(t->append(0, Values(4)).error(), error);
+    EXPECT_EQ(t->append_cycle(0, Values(2)).error(), error);
+    EXPECT_EQ(t->finish().error(), error);
+  }
+  const auto r = read_telemetry(file);
+  ASSERT_TRUE(r) << r.error();
+  EXPECT_FALSE(r->complete);
+  EXPECT_GT(r->time_s.size() + 4097, appended);
+  EXPECT_EQ(r->time_s.back(), static_cast<double>(r->time_s.size() - 1));
+  EXPECT_TRUE(std::ranges::equal(r->channel("two", "b"), r->time_s));
+  const std::string bytes = text_of(file);
+  {
+    const SmallDisk disk(300'000);
+    EXPECT_THAT(recover(folder).error(), HasSubstr("telemetry.h5: cannot be written (File too large)"));
+    EXPECT_THAT(export_csv(folder).error(), HasSubstr("telemetry.csv: cannot be written (File too large)"));
+  }
+  EXPECT_EQ(text_of(file), bytes);
+  EXPECT_THAT(std::distance(fs::directory_iterator(folder), {}), 1);
+  EXPECT_EQ(recover(folder)->samples, r->time_s.size());
+}
+
+TEST_F(TelemetryTest, FailuresNameTheFileAndTheReason) {
+  EXPECT_THAT(Telemetry::create("/nonexistent/x.h5", options({"a"})).error(), "/nonexistent/x.h5: cannot be written (No such file or directory)");
+  EXPECT_THAT(Telemetry::create(folder, options({"a"})).error(), folder.string() + ": cannot be written (Is a directory)");
+  EXPECT_THAT(read_telemetry(file).error(), file.string() + ": does not exist");
+  std::ofstream(file) << "junk";
+  EXPECT_THAT(read_telemetry(file).error(), HasSubstr("telemetry.h5: is no readable HDF5"));
+  EXPECT_THAT(recover(folder).error(), HasSubstr("telemetry.h5: is no readable HDF5"));
+  EXPECT_THAT(export_csv(folder).error(), HasSubstr("telemetry.h5: is no readable HDF5"));
   EXPECT_FALSE(fs::exists(folder / "telemetry.csv"));
+}
+
+TEST_F(TelemetryTest, TruncatedRecordIsAnErrorAtEveryLength) {
+  auto t = Telemetry::create(file, options({"one"}));
+  for (int i = 0; i < 9000; ++i) ASSERT_TRUE(t->append(i, Values{1, 2}));
+  ASSERT_TRUE(t->finish());
+  for (std::uintmax_t size = fs::file_size(file); size > 0; size = size * 9 / 10) {
+    fs::resize_file(file, size - 1);
+    EXPECT_THAT(read_telemetry(file).error(), HasSubstr("telemetry.h5: is no readable HDF5")) << size;
+    EXPECT_FALSE(recover(folder));
+  }
+}
+
+TEST_F(TelemetryTest, CsvHasEveryDigit) {
+  auto t = Telemetry::create(file, options({"one"}));
+  const Values odd{0.1, -1e-300, 1.0 / 3, std::numeric_limits<double>::max(), 5e-324, -0.0, 123456789.123456789};
+  for (std::size_t i = 0; i < 5000; ++i) ASSERT_TRUE(t->append(static_cast<double>(i) * 1e-3, Values{odd[i % odd.size()], std::sin(static_cast<double>(i))}));
+  ASSERT_TRUE(t->append_cycle(7, Values{1.5}));
+  ASSERT_TRUE(t->finish());
+  double progress = 0;
+  const auto files = export_csv(folder, [&](double share) {
+    EXPECT_GE(share, progress);
+    progress = share;
+  });
+  ASSERT_TRUE(files) << files.error();
+  EXPECT_THAT(*files, ElementsAre(folder / "telemetry.csv", folder / "cycles.csv"));
+  EXPECT_EQ(progress, 1);
+  EXPECT_EQ(text_of(folder / "cycles.csv"), "time_s,one.cycle_a\n7,1.5\n");
+  std::ifstream csv(folder / "telemetry.csv");
+  std::string line;
+  std::getline(csv, line);
+  EXPECT_EQ(line, "time_s,one.a,one.b");
+  for (std::size_t i = 0; i < 5000; ++i) {
+    std::getline(csv, line);
+    char* at = line.data();
+    for (const double expected : {static_cast<double>(i) * 1e-3, odd[i % odd.size()], std::sin(static_cast<double>(i))}) {
+      ASSERT_EQ(std::strtod(at, &at), expected) << line;
+      if (*at == ',') ++at;
+    }
+  }
+  EXPECT_FALSE(std::getline(csv, line));
+}
+
+TEST_F(TelemetryTest, ThreadsWriteTheirOwnRecords) {
+  const auto work = [&](int id) {
+    auto o = options({"one", "two"});
+    o.wall_clock_s = nullptr;
+    o.flush_interval_s = 0.01;
+    auto t = Telemetry::create(folder / fmt::format("{}.h5", id), o);
+    ASSERT_TRUE(t) << t.error();
+    for (int i = 0; i < 20000; ++i) ASSERT_TRUE(t->append(i, Values{id + .0, id + .25, id + .5, id * 1e5 + i}));
+    ASSERT_TRUE(t->finish());
+  };
+  {
+    std::vector<std::jthread> threads;
+    for (int id = 0; id < 4; ++id) threads.emplace_back(work, id);
+  }
+  for (int id = 0; id < 4; ++id) {
+    const auto r = read_telemetry(folder / fmt::format("{}.h5", id));
+    ASSERT_TRUE(r) << r.error();
+    ASSERT_EQ(r->time_s.size(), 20000u);
+    for (int i = 0; i < 20000; ++i) ASSERT_EQ(r->channel("two", "b")[i], id * 1e5 + i);
+    EXPECT_EQ(r->channel("one", "a")[19999], id);
+  }
+}
+
+// Debian's python, which has h5py where pip's may not; without h5py this fails.
+TEST_F(TelemetryTest, H5pyReadsItFinishedAndRunning) {
+  const auto python = [&](const char* state) {
+    return std::system(fmt::format("/usr/bin/python3 '{}/tests/twin/telemetry_h5py_test.py' '{}' {} 3000", TRIBOTWIN_SOURCE_DIR, file.string(), state).c_str());
+  };
+  auto o = options({"one", "/\u00fc"});
+  o.joint_attributes = {{{"gear_ratio", 100}}, {{"gear_ratio", 178}}};
+  auto t = Telemetry::create(file, o);
+  ASSERT_TRUE(t) << t.error();
+  ASSERT_TRUE(t->append_cycle(1, Values{1, 2}));
+  for (int i = 0; i < 3000; ++i) {
+    if (i == 2999) clock_s = 1;
+    ASSERT_TRUE(t->append(i, Values{i + .0, i + .25, i + .5, i + .75}));
+  }
+  EXPECT_EQ(python("running"), 0);
+  ASSERT_TRUE(t->finish());
+  EXPECT_EQ(python("finished"), 0);
 }
 
 }  // namespace

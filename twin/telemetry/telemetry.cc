@@ -1,17 +1,24 @@
 #include <tribotwin/twin/telemetry/telemetry.hpp>
 
 #include <algorithm>
+#include <array>
+#include <cassert>
 #include <cerrno>
 #include <chrono>
+#include <cstdint>
 #include <cstdio>
-#include <cstring>
-#include <fstream>
 #include <mutex>
-#include <optional>
 #include <set>
+#include <stdexcept>
+#include <system_error>
+#include <tuple>
+#include <utility>
 
+#include <fcntl.h>
 #include <fmt/format.h>
 #include <hdf5.h>
+#include <sys/resource.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 namespace tribotwin::twin {
@@ -20,28 +27,93 @@ namespace {
 namespace fs = std::filesystem;
 using Status = tl::expected<void, std::string>;
 
-// The serial HDF5 library is not thread-safe: one lock for all records of the process, held per block, not per sample.
-std::mutex hdf5;
+constexpr std::size_t block = 4096;   // samples per chunk and per write
+constexpr char no_record[] = "is no readable HDF5 record";
+constexpr char not_written[] = "cannot be written";
 
-constexpr std::size_t block = 2048;   // samples per chunk and per write
-constexpr char slash_in_group[] = "\u2215";
+// Thrown inside this file only: the reason why something failed.
+struct Failure : std::runtime_error {
+  using std::runtime_error::runtime_error;
+};
 
-/// Closes an HDF5 id.
+std::string system_reason(int error) { return std::generic_category().message(error); }
+
+/// Result of `work`, or the message "FILE: PHRASE (reason)" for whatever it throws.
+template <class Work>
+auto guarded(const fs::path& path, std::string_view phrase, Work&& work) -> tl::expected<decltype(work()), std::string> {
+  try {
+    if constexpr (std::is_void_v<decltype(work())>) {
+      work();
+      return {};
+    } else {
+      return work();
+    }
+  } catch (const std::exception& e) {
+    return tl::unexpected(fmt::format("{}: {} ({})", path.string(), phrase, e.what()));
+  } catch (...) {
+    return tl::unexpected(fmt::format("{}: {} (unknown reason)", path.string(), phrase));
+  }
+}
+
+/// One thread in HDF5 at a time, held per block and not per sample; HDF5 prints no errors meanwhile.
+class Hdf5 {
+ public:
+  Hdf5() : lock_(mutex()) {
+    H5Eget_auto2(H5E_DEFAULT, &print_, &data_);
+    H5Eset_auto2(H5E_DEFAULT, nullptr, nullptr);
+  }
+  ~Hdf5() { H5Eset_auto2(H5E_DEFAULT, print_, data_); }
+  Hdf5(const Hdf5&) = delete;
+
+ private:
+  static std::recursive_mutex& mutex() {
+    static std::recursive_mutex m;
+    return m;
+  }
+  std::lock_guard<std::recursive_mutex> lock_;
+  H5E_auto2_t print_ = nullptr;
+  void* data_ = nullptr;
+};
+
+/// HDF5's innermost reason for the last failure. The next HDF5 call, closing an id included, forgets it.
+std::string hdf5_reason() {
+  std::array<char, 1024> text{};
+  H5Ewalk2(H5E_DEFAULT, H5E_WALK_UPWARD,
+           [](unsigned n, const H5E_error2_t* error, void* out) -> herr_t {
+             if (n == 0 && error->desc) std::snprintf(static_cast<char*>(out), 1024, "%s", error->desc);
+             return 0;
+           },
+           text.data());
+  std::string reason = text.data();
+  if (const auto at = reason.find("error message = '"); at != std::string::npos) {
+    reason.erase(0, at + 17);
+    reason.erase(std::min(reason.find('\''), reason.size()));
+  }
+  return reason.empty() ? "HDF5 gave no reason" : reason;
+}
+
+template <class Result>
+Result check(Result result) {
+  if (result < 0) throw Failure(hdf5_reason());
+  return result;
+}
+
+/// Owns an HDF5 id.
 class Id {
  public:
   Id() = default;
-  Id(hid_t id, herr_t (*close)(hid_t)) : id_(id), close_(close) {}
+  Id(hid_t id, herr_t (*closer)(hid_t)) : id_(check(id)), close_(closer) {}
   Id(Id&& other) noexcept : id_(std::exchange(other.id_, -1)), close_(other.close_) {}
   Id& operator=(Id&& other) noexcept {
-    reset();
-    id_ = std::exchange(other.id_, -1);
-    close_ = other.close_;
+    std::swap(id_, other.id_);
+    std::swap(close_, other.close_);
     return *this;
   }
-  ~Id() { reset(); }
-  void reset() {
-    if (id_ >= 0) close_(id_);
-    id_ = -1;
+  ~Id() { (void)close(); }
+  herr_t close() {
+    if (id_ < 0) return 0;
+    const Hdf5 hdf5;
+    return close_(std::exchange(id_, -1));
   }
   operator hid_t() const { return id_; }
   explicit operator bool() const { return id_ >= 0; }
@@ -51,152 +123,238 @@ class Id {
   herr_t (*close_)(hid_t) = nullptr;
 };
 
-/// HDF5's innermost reason for the last failure.
-std::string reason() {
-  std::string text;
-  H5Ewalk2(H5E_DEFAULT, H5E_WALK_UPWARD,
-           [](unsigned n, const H5E_error2_t* error, void* out) -> herr_t {
-             if (n == 0 && error->desc) *static_cast<std::string*>(out) = error->desc;
-             return 0;
-           },
-           &text);
-  if (const auto at = text.find("error message = '"); at != std::string::npos) {
-    text.erase(0, at + 17);
-    text.erase(text.find('\''));
+class Descriptor {
+ public:
+  Descriptor() = default;
+  Descriptor(const fs::path& path, int flags) : fd_(::open(path.c_str(), flags | O_CLOEXEC)) {
+    if (fd_ < 0) throw Failure(system_reason(errno));
   }
-  return text.empty() ? "HDF5 gave no reason" : text;
-}
+  Descriptor(Descriptor&& other) noexcept : fd_(std::exchange(other.fd_, -1)) {}
+  Descriptor& operator=(Descriptor&& other) noexcept {
+    std::swap(fd_, other.fd_);
+    return *this;
+  }
+  ~Descriptor() {
+    if (fd_ >= 0) ::close(fd_);
+  }
+  operator int() const { return fd_; }
 
-std::string group_name(std::string_view joint) {
-  std::string name;
-  for (const char c : joint) c == '/' ? name += slash_in_group : name += c;
-  return name.empty() || name == "." ? "_" + name : name;
-}
-
-void write_attribute(hid_t object, const std::string& name, const std::string& value) {
-  const Id type(H5Tcopy(H5T_C_S1), H5Tclose);
-  H5Tset_size(type, std::max<std::size_t>(1, value.size()));
-  H5Tset_cset(type, H5T_CSET_UTF8);
-  const Id space(H5Screate(H5S_SCALAR), H5Sclose);
-  const Id attribute(H5Acreate2(object, name.c_str(), type, space, H5P_DEFAULT, H5P_DEFAULT), H5Aclose);
-  H5Awrite(attribute, type, value.empty() ? "" : value.data());
-}
-
-std::string read_attribute(hid_t object, const char* name) {
-  if (H5Aexists(object, name) <= 0) return {};
-  const Id attribute(H5Aopen(object, name, H5P_DEFAULT), H5Aclose);
-  const Id type(H5Aget_type(attribute), H5Tclose);
-  if (H5Tget_class(type) != H5T_STRING || H5Tis_variable_str(type)) return {};
-  std::string value(H5Tget_size(type), '\0');
-  H5Aread(attribute, type, value.data());
-  while (!value.empty() && value.back() == '\0') value.pop_back();
-  return value;
-}
-
-/// A growing column of doubles and its unwritten rest.
-struct Column {
-  Id dataset;
-  std::vector<double> pending;
+ private:
+  int fd_ = -1;
 };
 
-Id create_column(hid_t parent, const std::string& name, const std::string& unit, const std::string& description) {
-  const hsize_t size = 0, most = H5S_UNLIMITED, chunk = block;
-  const Id space(H5Screate_simple(1, &size, &most), H5Sclose);
-  const Id properties(H5Pcreate(H5P_DATASET_CREATE), H5Pclose);
-  H5Pset_chunk(properties, 1, &chunk);
-  Id dataset(H5Dcreate2(parent, name.c_str(), H5T_NATIVE_DOUBLE, space, H5P_DEFAULT, properties, H5P_DEFAULT), H5Dclose);
-  if (dataset) {
-    write_attribute(dataset, "unit", unit);
-    write_attribute(dataset, "description", description);
-  }
-  return dataset;
+// A writer holds a shared lock of its own: HDF5 gives up its lock when SWMR starts, and an exclusive one could shut out
+// readers on file systems where both kinds of lock are one.
+void mark_in_use(const Descriptor& file) {
+  struct flock lock{.l_type = F_RDLCK, .l_whence = SEEK_SET};
+  (void)::fcntl(file, F_OFD_SETLK, &lock);   // a file system without locks: no protection, but a record
 }
 
-/// A time column and the columns that share its length.
+void refuse_if_in_use(const fs::path& path) {
+  struct flock lock{.l_type = F_WRLCK, .l_whence = SEEK_SET};
+  const Descriptor file(path, O_RDONLY);
+  if (::fcntl(file, F_OFD_GETLK, &lock) == 0 && lock.l_type != F_UNLCK) throw Failure("a run is still writing it");
+}
+
+std::string group_name(const std::string& joint) {
+  static const std::set<std::string> taken{".", "time_s", "cycle_time_s", "complete"};
+  if (joint.empty()) return "%";
+  std::string name;
+  for (const char c : joint) {
+    if (c == '\0') throw Failure("the name of a joint has a NUL in it");
+    if (c == '/' || c == '%' || (name.empty() && taken.contains(joint))) name += fmt::format("%{:02X}", c);
+    else name += c;
+  }
+  return name;
+}
+
+void write_attribute(hid_t object, const std::string& name, hid_t type, const void* value) {
+  const Id space(H5Screate(H5S_SCALAR), H5Sclose);
+  const Id attribute(H5Acreate2(object, name.c_str(), type, space, H5P_DEFAULT, H5P_DEFAULT), H5Aclose);
+  check(H5Awrite(attribute, type, value));
+}
+void write_attribute(hid_t object, const std::string& name, const std::string& value) {
+  // Of fixed length, so it lies under the checksum of its object: HDF5 1.10 crashes on damaged strings of variable length.
+  const Id type(H5Tcopy(H5T_C_S1), H5Tclose);
+  check(H5Tset_size(type, value.size() + 1));
+  check(H5Tset_cset(type, H5T_CSET_UTF8));
+  write_attribute(object, name, type, value.c_str());
+}
+
+std::string read_text(hid_t attribute) {
+  const Id type(H5Aget_type(attribute), H5Tclose);
+  if (H5Tget_class(type) != H5T_STRING || check(H5Tis_variable_str(type))) return {};
+  std::string value(H5Tget_size(type), '\0');
+  check(H5Aread(attribute, type, value.data()));
+  value.resize(std::min(value.find('\0'), value.size()));
+  return value;
+}
+std::string read_text(hid_t object, const char* name) {
+  return check(H5Aexists(object, name)) ? read_text(Id(H5Aopen(object, name, H5P_DEFAULT), H5Aclose)) : "";
+}
+
+/// The string and the numeric attributes of an object.
+auto read_attributes(hid_t object) {
+  std::pair<std::vector<std::pair<std::string, std::string>>, NumericAttributes> all;
+  H5O_info_t info;
+  check(H5Oget_info2(object, &info, H5O_INFO_NUM_ATTRS));
+  // Above eight attributes HDF5 forgets the order unless it is tracked, which create_record asks for.
+  const auto order = [&](H5_index_t index, hsize_t n) { return H5Aopen_by_idx(object, ".", index, H5_ITER_INC, n, H5P_DEFAULT, H5P_DEFAULT); };
+  for (hsize_t n = 0; n < info.num_attrs; ++n) {
+    hid_t id = order(H5_INDEX_CRT_ORDER, n);
+    if (id < 0) id = order(H5_INDEX_NAME, n);
+    const Id attribute(id, H5Aclose);
+    std::string name(check(H5Aget_name(attribute, 0, nullptr)), '\0');
+    check(H5Aget_name(attribute, name.size() + 1, name.data()));
+    if (H5Tget_class(Id(H5Aget_type(attribute), H5Tclose)) == H5T_STRING) {
+      all.first.emplace_back(name, read_text(attribute));
+    } else if (double value = 0; H5Sget_simple_extent_npoints(Id(H5Aget_space(attribute), H5Sclose)) == 1) {
+      check(H5Aread(attribute, H5T_NATIVE_DOUBLE, &value));
+      all.second.emplace_back(name, value);
+    }
+  }
+  return all;
+}
+
+void write_rows(hid_t dataset, hsize_t from, std::span<const double> values) {
+  const hsize_t count = values.size(), size = from + count;
+  if (count == 0) return;
+  check(H5Dset_extent(dataset, &size));
+  const Id in_file(H5Dget_space(dataset), H5Sclose), in_memory(H5Screate_simple(1, &count, nullptr), H5Sclose);
+  check(H5Sselect_hyperslab(in_file, H5S_SELECT_SET, &from, nullptr, &count, nullptr));
+  check(H5Dwrite(dataset, H5T_NATIVE_DOUBLE, in_memory, in_file, H5P_DEFAULT, values.data()));
+}
+
+void read_rows(hid_t dataset, hsize_t from, std::span<double> values) {
+  const hsize_t count = values.size();
+  if (count == 0) return;
+  const Id in_file(H5Dget_space(dataset), H5Sclose), in_memory(H5Screate_simple(1, &count, nullptr), H5Sclose);
+  check(H5Sselect_hyperslab(in_file, H5S_SELECT_SET, &from, nullptr, &count, nullptr));
+  if (H5Dread(dataset, H5T_NATIVE_DOUBLE, in_memory, in_file, H5P_DEFAULT, values.data()) < 0)
+    throw Failure("the record is damaged: " + hdf5_reason());
+}
+
+/// A time column and the columns that share its length, with their rows not yet written.
 struct Table {
+  struct Column {
+    Id dataset;
+    std::vector<double> pending;
+  };
   Column time;
   std::vector<Column> columns;
   hsize_t written = 0;
-  std::string error;
 
-  bool empty() const { return time.pending.empty(); }
-  void push(double t, std::span<const double> values) {
-    time.pending.push_back(t);
+  std::size_t pending() const { return time.pending.size(); }
+  void push(double time_s, std::span<const double> values) {
+    time.pending.push_back(time_s);
     for (std::size_t i = 0; i < columns.size(); ++i) columns[i].pending.push_back(values[i]);
   }
-  bool write(Column& column) {
-    const hsize_t count = column.pending.size(), size = written + count;
-    const auto failed = [this] {
-      error = reason();   // now: closing the ids below clears HDF5's memory of it
-      return false;
-    };
-    if (H5Dset_extent(column.dataset, &size) < 0) return failed();
-    const Id file_space(H5Dget_space(column.dataset), H5Sclose);
-    H5Sselect_hyperslab(file_space, H5S_SELECT_SET, &written, nullptr, &count, nullptr);
-    const Id memory_space(H5Screate_simple(1, &count, nullptr), H5Sclose);
-    if (H5Dwrite(column.dataset, H5T_NATIVE_DOUBLE, memory_space, file_space, H5P_DEFAULT, column.pending.data()) < 0) return failed();
-    return H5Dflush(column.dataset) >= 0 || failed();
+  /// Bytes that the file may grow by when `rows` more are written: whole chunks and their index.
+  hsize_t growth(hsize_t rows) const {
+    const auto chunks = [](hsize_t n) { return (n + block - 1) / block; };
+    return (chunks(written + rows) - chunks(written)) * (columns.size() + 1) * (block * sizeof(double) + 16384);
   }
   /// Time goes last: a reader never sees an instant whose values are missing.
-  bool write() {
-    if (empty()) return true;
-    for (Column& column : columns)
-      if (!write(column)) return false;
-    if (!write(time)) return false;
-    written += time.pending.size();
+  void write() {
+    if (pending() == 0) return;
+    const auto flush = [&](Column& column) {
+      write_rows(column.dataset, written, column.pending);
+      check(H5Dflush(column.dataset));
+    };
+    for (Column& column : columns) flush(column);
+    flush(time);
+    written += pending();
     for (Column& column : columns) column.pending.clear();
     time.pending.clear();
-    return true;
   }
 };
 
-struct File {
-  Id id, complete;
+/// A record being written.
+struct Record {
+  Descriptor descriptor;
+  Id file, complete;
   Table samples, cycles;
+  hsize_t reserved = 0;
+
+  /// Claims the disk space of what comes next: a write that fails half way leaves HDF5 with a file nobody can open.
+  void reserve(hsize_t bytes) {
+    hsize_t end = 0;
+    check(H5Fget_filesize(file, &end));
+    end += bytes;
+    if (end <= reserved) return;
+    rlimit limit{};
+    if (::getrlimit(RLIMIT_FSIZE, &limit) == 0 && end > limit.rlim_cur) throw Failure(system_reason(EFBIG));
+    int error = 0;
+    do error = ::fallocate(descriptor, FALLOC_FL_KEEP_SIZE, static_cast<off_t>(reserved), static_cast<off_t>(end - reserved)) == 0 ? 0 : errno;
+    while (error == EINTR);
+    if (error != 0 && error != EOPNOTSUPP && error != ENOSYS) throw Failure(system_reason(error));
+    reserved = end;
+  }
+  void mark_complete(unsigned char value) { check(H5Dwrite(complete, H5T_NATIVE_UINT8, H5S_ALL, H5S_ALL, H5P_DEFAULT, &value)); }
+  void close() {
+    samples = {};
+    cycles = {};
+    (void)complete.close();   // its data went out with the last flush
+    check(file.close());
+    // To its own length: gives back what was claimed beyond.
+    struct stat now{};
+    if (::fstat(descriptor, &now) == 0 && ::ftruncate(descriptor, now.st_size) == 0) reserved = 0;
+  }
 };
 
-tl::expected<File, std::string> create_file(const fs::path& path, const TelemetryOptions& o, bool swmr) {
-  std::set<std::string> groups;
-  for (const auto& joint : o.joints)
-    if (!groups.insert(group_name(joint)).second)
-      return tl::unexpected(fmt::format("{}: two joints are called '{}'", path.string(), joint));
+Id create_column(hid_t parent, const Channel& channel, const char* time) {
+  const hsize_t size = 0, most = H5S_UNLIMITED, chunk = block;
+  const Id space(H5Screate_simple(1, &size, &most), H5Sclose), properties(H5Pcreate(H5P_DATASET_CREATE), H5Pclose);
+  // Uncompressed: each flush of a part of a chunk would leave its previous, smaller copy behind as waste.
+  check(H5Pset_chunk(properties, 1, &chunk));
+  Id dataset(H5Dcreate2(parent, channel.name.c_str(), H5T_NATIVE_DOUBLE, space, H5P_DEFAULT, properties, H5P_DEFAULT), H5Dclose);
+  write_attribute(dataset, "unit", channel.unit);
+  write_attribute(dataset, "description", channel.description);
+  if (time) write_attribute(dataset, "time", time);
+  return dataset;
+}
 
-  const std::lock_guard lock(hdf5);
-  H5Eset_auto2(H5E_DEFAULT, nullptr, nullptr);
-  const auto fail = [&] { return tl::unexpected(fmt::format("{}: cannot be written ({})", path.string(), reason())); };
-  File file;
-  const Id access(H5Pcreate(H5P_FILE_ACCESS), H5Pclose);
-  H5Pset_libver_bounds(access, H5F_LIBVER_V110, H5F_LIBVER_V110);
-  file.id = Id(H5Fcreate(path.c_str(), H5F_ACC_TRUNC, H5P_DEFAULT, access), H5Fclose);
-  if (!file.id) return fail();
-  for (const auto& [name, value] : o.attributes) write_attribute(file.id, name, value);
-  {
-    const Id scalar(H5Screate(H5S_SCALAR), H5Sclose);
-    file.complete = Id(H5Dcreate2(file.id, "complete", H5T_NATIVE_UINT8, scalar, H5P_DEFAULT, H5P_DEFAULT, H5P_DEFAULT), H5Dclose);
-    if (!file.complete) return fail();
-    write_attribute(file.complete, "description", "1 when the run ended by itself, 0 while it runs and after a kill");
-    const unsigned char no = 0;
-    H5Dwrite(file.complete, H5T_NATIVE_UINT8, H5S_ALL, H5S_ALL, H5P_DEFAULT, &no);
-  }
-  file.samples.time.dataset = create_column(file.id, "time_s", "s", "simulated time");
+Record create_record(const fs::path& path, const TelemetryOptions& o) {
+  std::set<std::string> seen;
+  for (const auto& joint : o.joints)
+    if (!seen.insert(group_name(joint)).second) throw Failure(fmt::format("two joints are called '{}'", joint));
+  if (!o.joint_attributes.empty() && o.joint_attributes.size() != o.joints.size())
+    throw Failure(fmt::format("{} joints, but attributes of {}", o.joints.size(), o.joint_attributes.size()));
+  if (fs::exists(path)) refuse_if_in_use(path);
+
+  constexpr unsigned ordered = H5P_CRT_ORDER_TRACKED | H5P_CRT_ORDER_INDEXED;
+  const Id access(H5Pcreate(H5P_FILE_ACCESS), H5Pclose), file_properties(H5Pcreate(H5P_FILE_CREATE), H5Pclose);
+  check(H5Pset_libver_bounds(access, H5F_LIBVER_V110, H5F_LIBVER_V110));
+  check(H5Pset_link_creation_order(file_properties, ordered));
+  check(H5Pset_attr_creation_order(file_properties, ordered));
+  Record r;
+  r.file = Id(H5Fcreate(path.c_str(), H5F_ACC_TRUNC, file_properties, access), H5Fclose);
+  r.descriptor = Descriptor(path, O_RDWR);
+  mark_in_use(r.descriptor);
+  r.reserve(65536 + 4096 * (1 + o.joints.size()) * (1 + o.channels.size() + o.cycle_channels.size()));
+  for (const auto& [name, value] : o.attributes) write_attribute(r.file, name, value);
+  const Id scalar(H5Screate(H5S_SCALAR), H5Sclose);
+  r.complete = Id(H5Dcreate2(r.file, "complete", H5T_NATIVE_UINT8, scalar, H5P_DEFAULT, H5P_DEFAULT, H5P_DEFAULT), H5Dclose);
+  write_attribute(r.complete, "description", "1 when the run ended by itself, 0 while it runs and after a kill");
+  r.mark_complete(0);
+
+  r.samples.time.dataset = create_column(r.file, {"time_s", "s", "simulated time"}, nullptr);
   if (!o.cycle_channels.empty())
-    file.cycles.time.dataset = create_column(file.id, "cycle_time_s", "s", "simulated time at the end of each work cycle, skipped ones included");
-  for (const auto& joint : o.joints) {
-    const Id group(H5Gcreate2(file.id, group_name(joint).c_str(), H5P_DEFAULT, H5P_DEFAULT, H5P_DEFAULT), H5Gclose);
-    if (!group) return fail();
-    write_attribute(group, "name", joint);
-    for (const Channel& c : o.channels) file.samples.columns.push_back({create_column(group, c.name, c.unit, c.description), {}});
-    for (const Channel& c : o.cycle_channels) file.cycles.columns.push_back({create_column(group, c.name, c.unit, c.description), {}});
+    r.cycles.time.dataset = create_column(r.file, {"cycle_time_s", "s", "simulated time at the end of each work cycle, skipped ones included"}, nullptr);
+  const Id group_properties(H5Pcreate(H5P_GROUP_CREATE), H5Pclose), utf8(H5Pcreate(H5P_LINK_CREATE), H5Pclose);
+  check(H5Pset_link_creation_order(group_properties, ordered));
+  check(H5Pset_attr_creation_order(group_properties, ordered));
+  check(H5Pset_char_encoding(utf8, H5T_CSET_UTF8));
+  for (std::size_t j = 0; j < o.joints.size(); ++j) {
+    const Id group(H5Gcreate2(r.file, group_name(o.joints[j]).c_str(), utf8, group_properties, H5P_DEFAULT), H5Gclose);
+    write_attribute(group, "name", o.joints[j]);
+    if (!o.joint_attributes.empty())
+      for (const auto& [name, value] : o.joint_attributes[j]) write_attribute(group, name, H5T_NATIVE_DOUBLE, &value);
+    for (const Channel& c : o.channels) r.samples.columns.push_back({create_column(group, c, "time_s"), {}});
+    for (const Channel& c : o.cycle_channels) r.cycles.columns.push_back({create_column(group, c, "cycle_time_s"), {}});
   }
-  for (Table* table : {&file.samples, &file.cycles}) {
-    table->time.pending.reserve(block);
-    for (Column& column : table->columns) {
-      if (!column.dataset) return fail();
-      column.pending.reserve(block);
-    }
-  }
-  if (H5Fflush(file.id, H5F_SCOPE_GLOBAL) < 0 || (swmr && H5Fstart_swmr_write(file.id) < 0)) return fail();
-  return file;
+  check(H5Fflush(r.file, H5F_SCOPE_GLOBAL));
+  return r;
 }
 
 double steady_clock_s() {
@@ -208,28 +366,34 @@ double steady_clock_s() {
 struct Telemetry::Impl {
   fs::path path;
   TelemetryOptions options;
-  File file;
-  std::string error;
+  Record record;
+  std::string error;   // of the first failure, or of use after finish()
   double flushed_s = 0;
 
   Status write_out() {
-    const std::lock_guard lock(hdf5);
-    if (!file.samples.write() || !file.cycles.write())
-      error = fmt::format("{}: recording stopped ({})", path.string(), file.samples.error.empty() ? file.cycles.error : file.samples.error);
-    flushed_s = options.wall_clock_s();
-    return error.empty() ? Status{} : Status(tl::unexpected(error));
+    const auto ok = guarded(path, "recording stopped", [&] {
+      {
+        const Hdf5 hdf5;
+        record.reserve(record.samples.growth(record.samples.pending()) + record.cycles.growth(record.cycles.pending()));
+        record.samples.write();
+        record.cycles.write();
+      }
+      flushed_s = options.wall_clock_s();
+    });
+    if (!ok) error = ok.error();
+    return ok;
   }
   Status append(Table& table, double time_s, std::span<const double> values) {
     if (!error.empty()) return tl::unexpected(error);
+    if (!table.time.dataset || values.size() != table.columns.size())
+      return tl::unexpected(fmt::format("{}: {} values given where a row has {}", path.string(), values.size(), table.columns.size()));
     table.push(time_s, values);
-    if (table.time.pending.size() == block) return write_out();
-    if (options.wall_clock_s() - flushed_s >= options.flush_interval_s) return write_out();
+    if (table.pending() == block || options.wall_clock_s() - flushed_s >= options.flush_interval_s) return write_out();
     return {};
   }
   ~Impl() {
-    if (file.id && error.empty()) (void)write_out();
-    const std::lock_guard lock(hdf5);
-    file = {};
+    if (record.file && error.empty()) (void)write_out();
+    (void)guarded(path, "", [&] { record.close(); });
   }
 };
 
@@ -239,34 +403,45 @@ Telemetry& Telemetry::operator=(Telemetry&&) noexcept = default;
 Telemetry::~Telemetry() = default;
 
 tl::expected<Telemetry, std::string> Telemetry::create(const fs::path& path, TelemetryOptions options) {
-  auto file = create_file(path, options, true);
-  if (!file) return tl::unexpected(file.error());
-  auto impl = std::make_unique<Impl>();
-  impl->path = path;
-  impl->options = std::move(options);
-  if (!impl->options.wall_clock_s) impl->options.wall_clock_s = steady_clock_s;
-  impl->file = std::move(*file);
-  impl->flushed_s = impl->options.wall_clock_s();
-  return Telemetry(std::move(impl));
+  return guarded(path, not_written, [&] {
+    const Hdf5 hdf5;
+    auto impl = std::make_unique<Impl>();
+    impl->path = path;
+    impl->record = create_record(path, options);
+    check(H5Fstart_swmr_write(impl->record.file));
+    impl->options = std::move(options);
+    if (!impl->options.wall_clock_s) impl->options.wall_clock_s = steady_clock_s;
+    for (Table* table : {&impl->record.samples, &impl->record.cycles}) {
+      table->time.pending.reserve(block);
+      for (auto& column : table->columns) column.pending.reserve(block);
+    }
+    impl->flushed_s = impl->options.wall_clock_s();
+    return Telemetry(std::move(impl));
+  });
 }
 
 Status Telemetry::append(double time_s, std::span<const double> values) {
-  return impl_->append(impl_->file.samples, time_s, values);
+  assert(impl_);
+  return impl_->append(impl_->record.samples, time_s, values);
 }
 Status Telemetry::append_cycle(double time_s, std::span<const double> values) {
-  return impl_->append(impl_->file.cycles, time_s, values);
+  assert(impl_);
+  return impl_->append(impl_->record.cycles, time_s, values);
 }
 
 Status Telemetry::finish() {
+  assert(impl_);
   if (!impl_->error.empty()) return tl::unexpected(impl_->error);
   if (auto ok = impl_->write_out(); !ok) return ok;
-  const std::lock_guard lock(hdf5);
-  const unsigned char yes = 1;
-  const bool marked = H5Dwrite(impl_->file.complete, H5T_NATIVE_UINT8, H5S_ALL, H5S_ALL, H5P_DEFAULT, &yes) >= 0 &&
-                      H5Fflush(impl_->file.id, H5F_SCOPE_GLOBAL) >= 0;
-  if (!marked) impl_->error = fmt::format("{}: recording stopped ({})", impl_->path.string(), reason());
-  impl_->file = {};
-  return marked ? Status{} : Status(tl::unexpected(impl_->error));
+  const auto ok = guarded(impl_->path, "recording stopped", [&] {
+    const Hdf5 hdf5;
+    impl_->record.mark_complete(1);
+    check(H5Fflush(impl_->record.file, H5F_SCOPE_GLOBAL));
+    impl_->record.close();
+    impl_->record = {};
+  });
+  impl_->error = ok ? fmt::format("{}: the recording is finished", impl_->path.string()) : ok.error();
+  return ok;
 }
 
 std::span<const double> Recording::channel(std::string_view joint, std::string_view name) const {
@@ -282,175 +457,259 @@ std::span<const double> Recording::channel(std::string_view joint, std::string_v
 
 namespace {
 
-std::optional<std::vector<double>> read_column(hid_t parent, const char* name) {
-  const Id dataset(H5Dopen2(parent, name, H5P_DEFAULT), H5Dclose);
-  if (!dataset) return std::nullopt;
-  const Id space(H5Dget_space(dataset), H5Sclose);
-  std::vector<double> values(static_cast<std::size_t>(std::max<hssize_t>(0, H5Sget_simple_extent_npoints(space))));
-  if (!values.empty() && H5Dread(dataset, H5T_NATIVE_DOUBLE, H5S_ALL, H5S_ALL, H5P_DEFAULT, values.data()) < 0) return std::nullopt;
-  return values;
-}
+/// The columns of a file that share a time column: their common length and, joint by joint, their datasets.
+struct Columns {
+  Id time;
+  std::vector<std::vector<Id>> joints;
+  hsize_t rows = 0;
+};
+
+/// A record opened for reading; `head` is it without the values.
+struct Reader {
+  Id file;
+  bool plain = true;   // opens without SWMR
+  Recording head;
+  Columns samples, cycles;
+};
 
 std::vector<std::string> link_names(hid_t group) {
+  H5G_info_t info;
+  check(H5Gget_info(group, &info));
   std::vector<std::string> names;
-  // Creation order is not tracked; names keep joints in their alphabetical order.
-  H5Literate(group, H5_INDEX_NAME, H5_ITER_INC, nullptr,
-             [](hid_t, const char* name, const H5L_info_t*, void* out) -> herr_t {
-               static_cast<std::vector<std::string>*>(out)->emplace_back(name);
-               return 0;
-             },
-             &names);
+  const auto get = [&](hsize_t n, char* text, std::size_t size) {
+    const ssize_t length = H5Lget_name_by_idx(group, ".", H5_INDEX_CRT_ORDER, H5_ITER_INC, n, text, size, H5P_DEFAULT);
+    return check(length >= 0 ? length : H5Lget_name_by_idx(group, ".", H5_INDEX_NAME, H5_ITER_INC, n, text, size, H5P_DEFAULT));
+  };
+  for (hsize_t n = 0; n < info.nlinks; ++n) {
+    names.emplace_back(get(n, nullptr, 0), '\0');
+    get(n, names.back().data(), names.back().size() + 1);
+  }
   return names;
+}
+
+/// A dataset and its length, which is checked against the file's size before anybody allocates that much.
+std::pair<Id, hsize_t> open_column(hid_t parent, const std::string& name, std::uintmax_t file_bytes) {
+  constexpr std::uintmax_t best_compression = 1100;   // of deflate, should somebody have repacked the file
+  try {
+    Id dataset(H5Dopen2(parent, name.c_str(), H5P_DEFAULT), H5Dclose);
+    const Id space(H5Dget_space(dataset), H5Sclose);
+    if (H5Sget_simple_extent_ndims(space) != 1) throw Failure("has not one dimension");
+    const hssize_t rows = check(H5Sget_simple_extent_npoints(space));
+    if (static_cast<std::uintmax_t>(rows) / best_compression > file_bytes / sizeof(double)) throw Failure("is longer than the file");
+    return {std::move(dataset), rows};
+  } catch (const Failure& e) {
+    throw Failure(fmt::format("'{}': {}", name, e.what()));
+  }
+}
+
+Reader open_record(const fs::path& path) {
+  Reader r;
+  // A reader repeats what looks torn, waiting twice as long each time: HDF5's 100 attempts never end on a damaged file,
+  // these do within 0.1 s.
+  const Id access(H5Pcreate(H5P_FILE_ACCESS), H5Pclose);
+  check(H5Pset_metadata_read_attempts(access, 25));
+  const hid_t plain = H5Fopen(path.c_str(), H5F_ACC_RDONLY, H5P_DEFAULT);
+  r.plain = plain >= 0;
+  r.file = Id(r.plain ? plain : H5Fopen(path.c_str(), H5F_ACC_RDONLY | H5F_ACC_SWMR_READ, access), H5Fclose);
+  const std::uintmax_t bytes = fs::file_size(path);
+  {
+    const Id complete(H5Dopen2(r.file, "complete", H5P_DEFAULT), H5Dclose);
+    unsigned char value = 0;
+    if (H5Sget_simple_extent_npoints(Id(H5Dget_space(complete), H5Sclose)) != 1) throw Failure("'complete' is not one number");
+    check(H5Dread(complete, H5T_NATIVE_UINT8, H5S_ALL, H5S_ALL, H5P_DEFAULT, &value));
+    r.head.complete = value != 0;
+  }
+  r.head.attributes = read_attributes(r.file).first;
+  const auto links = link_names(r.file);
+  for (Columns* columns : {&r.samples, &r.cycles})
+    if (const char* name = columns == &r.samples ? "time_s" : "cycle_time_s"; columns == &r.samples || std::ranges::count(links, name) > 0)
+      std::tie(columns->time, columns->rows) = open_column(r.file, name, bytes);
+  for (const auto& link : links) {
+    if (link == "complete" || link == "time_s" || link == "cycle_time_s") continue;
+    const Id group(H5Gopen2(r.file, link.c_str(), H5P_DEFAULT), H5Gclose);
+    r.samples.joints.emplace_back();
+    r.cycles.joints.emplace_back();
+    std::vector<Channel> channels, cycle_channels;
+    for (const auto& name : link_names(group)) {
+      auto [dataset, rows] = open_column(group, name, bytes);
+      const std::string time = read_text(dataset, "time");
+      const bool cycle = time.empty() ? name.starts_with("cycle_") : time == "cycle_time_s";   // not every record has it
+      Columns& columns = cycle ? r.cycles : r.samples;
+      columns.rows = std::min(columns.rows, rows);
+      (cycle ? cycle_channels : channels).push_back({name, read_text(dataset, "unit"), read_text(dataset, "description")});
+      columns.joints.back().push_back(std::move(dataset));
+    }
+    if (r.head.joints.empty()) std::tie(r.head.channels, r.head.cycle_channels) = std::tie(channels, cycle_channels);
+    const auto differ = [](const auto& a, const auto& b) { return !std::ranges::equal(a, b, {}, &Channel::name, &Channel::name); };
+    if (differ(channels, r.head.channels) || differ(cycle_channels, r.head.cycle_channels))
+      throw Failure(fmt::format("'{}' has other channels than the joints before it", link));
+    r.head.joints.push_back(read_text(group, "name"));
+    r.head.joint_attributes.push_back(read_attributes(group).second);
+  }
+  return r;
+}
+
+Status present(const fs::path& path) {
+  std::error_code error;
+  if (fs::exists(path, error)) return {};
+  return tl::unexpected(fmt::format("{}: {}", path.string(), error ? "cannot be read (" + error.message() + ")" : "does not exist"));
+}
+
+struct File {
+  std::FILE* stream;
+  explicit File(const fs::path& path) : stream(std::fopen(path.c_str(), "wb")) {
+    if (!stream) throw Failure(system_reason(errno));
+  }
+  File(const File&) = delete;
+  ~File() {
+    if (stream) std::fclose(stream);
+  }
+  void write(const fmt::memory_buffer& text) {
+    if (std::fwrite(text.data(), 1, text.size(), stream) != text.size()) throw Failure(system_reason(errno));
+  }
+  void close() {
+    if (std::fclose(std::exchange(stream, nullptr)) != 0) throw Failure(system_reason(errno));
+  }
+};
+
+/// Lets `write` produce `partial` and makes it `path`; a failure leaves no partial file behind.
+template <class Write>
+Status replace(const fs::path& path, const fs::path& partial, Write&& write) {
+  const auto ok = guarded(path, not_written, [&] {
+    write();
+    std::error_code error;
+    fs::rename(partial, path, error);
+    if (error) throw Failure(error.message());
+  });
+  std::error_code ignored;
+  if (!ok) fs::remove(partial, ignored);
+  return ok;
+}
+
+std::string quoted(const std::string& text) {
+  if (text.find_first_of(",\"\r\n") == std::string::npos) return text;
+  std::string out = "\"";
+  for (const char c : text) out += c == '"' ? std::string("\"\"") : std::string(1, c);
+  return out + "\"";
+}
+
+void write_csv(const fs::path& path, const Reader& r, const Columns& columns, const std::vector<Channel>& channels,
+               const std::function<void(double)>& progress) {
+  File out(path);
+  fmt::memory_buffer text;
+  const auto add = std::back_inserter(text);
+  fmt::format_to(add, "time_s");
+  for (const auto& joint : r.head.joints)
+    for (const Channel& channel : channels) fmt::format_to(add, ",{}", quoted(joint + "." + channel.name));
+  text.push_back('\n');
+  const std::size_t width = 1 + r.head.joints.size() * channels.size();
+  std::vector<double> values(width * block);   // column by column
+  for (hsize_t from = 0; from < columns.rows; from += block) {
+    const std::size_t rows = std::min<hsize_t>(block, columns.rows - from);
+    {
+      const Hdf5 hdf5;
+      read_rows(columns.time, from, std::span(values).first(rows));
+      std::size_t at = 0;
+      for (const auto& joint : columns.joints)
+        for (const Id& dataset : joint) read_rows(dataset, from, std::span(values).subspan(block * ++at, rows));
+    }
+    for (std::size_t i = 0; i < rows; ++i)
+      for (std::size_t c = 0; c < width; ++c) fmt::format_to(add, "{}{}", values[block * c + i], c + 1 < width ? ',' : '\n');
+    out.write(text);
+    text.clear();
+    if (progress) progress(static_cast<double>(from + rows) / static_cast<double>(columns.rows));
+  }
+  out.write(text);
+  out.close();
 }
 
 }  // namespace
 
 tl::expected<Recording, std::string> read_telemetry(const fs::path& path) {
-  std::error_code exists;
-  if (!fs::exists(path, exists)) return tl::unexpected(fmt::format("{}: does not exist", path.string()));
-  const std::lock_guard lock(hdf5);
-  H5Eset_auto2(H5E_DEFAULT, nullptr, nullptr);
-  Id file(H5Fopen(path.c_str(), H5F_ACC_RDONLY, H5P_DEFAULT), H5Fclose);
-  if (!file) file = Id(H5Fopen(path.c_str(), H5F_ACC_RDONLY | H5F_ACC_SWMR_READ, H5P_DEFAULT), H5Fclose);
-  if (!file) return tl::unexpected(fmt::format("{}: is no readable HDF5 file ({})", path.string(), reason()));
-  Recording r;
-  const auto damaged = [&](const std::string& what) {
-    return tl::unexpected(fmt::format("{}: {} is missing or damaged ({})", path.string(), what, reason()));
-  };
-  {
-    const Id complete(H5Dopen2(file, "complete", H5P_DEFAULT), H5Dclose);
-    unsigned char value = 0;
-    if (!complete || H5Dread(complete, H5T_NATIVE_UINT8, H5S_ALL, H5S_ALL, H5P_DEFAULT, &value) < 0) return damaged("'complete'");
-    r.complete = value != 0;
-  }
-  std::vector<std::string> attributes;
-  H5Aiterate2(file, H5_INDEX_NAME, H5_ITER_INC, nullptr,
-              [](hid_t, const char* name, const H5A_info_t*, void* out) -> herr_t {
-                static_cast<std::vector<std::string>*>(out)->emplace_back(name);
-                return 0;
-              },
-              &attributes);
-  for (const auto& name : attributes) r.attributes.emplace_back(name, read_attribute(file, name.c_str()));
-  auto time = read_column(file, "time_s");
-  if (!time) return damaged("'time_s'");
-  r.time_s = std::move(*time);
-  if (H5Lexists(file, "cycle_time_s", H5P_DEFAULT) > 0)
-    if (auto cycle = read_column(file, "cycle_time_s")) r.cycle_time_s = std::move(*cycle);
-  for (const auto& link : link_names(file)) {
-    const Id group(H5Gopen2(file, link.c_str(), H5P_DEFAULT), H5Gclose);
-    if (!group) continue;
-    const bool first = r.joints.empty();
-    r.joints.push_back(read_attribute(group, "name"));
-    r.values.emplace_back();
-    r.cycle_values.emplace_back();
-    for (const auto& name : link_names(group)) {
-      auto values = read_column(group, name.c_str());
-      if (!values) return damaged(fmt::format("'{}/{}'", link, name));
-      const bool cycle = name.starts_with("cycle_");
-      if (first) {
-        const Id dataset(H5Dopen2(group, name.c_str(), H5P_DEFAULT), H5Dclose);
-        (cycle ? r.cycle_channels : r.channels).push_back({name, read_attribute(dataset, "unit"), read_attribute(dataset, "description")});
+  if (auto ok = present(path); !ok) return tl::unexpected(ok.error());
+  return guarded(path, no_record, [&] {
+    const Hdf5 hdf5;
+    Reader r = open_record(path);
+    const auto load = [](const Columns& columns, std::vector<double>& time_s, auto& values) {
+      const auto column = [&](const Id& dataset) {
+        std::vector<double> data(columns.rows);
+        read_rows(dataset, 0, data);
+        return data;
+      };
+      if (columns.time) time_s = column(columns.time);
+      for (const auto& joint : columns.joints) {
+        auto& all = values.emplace_back();
+        for (const Id& dataset : joint) all.push_back(column(dataset));
       }
-      (cycle ? r.cycle_values : r.values).back().push_back(std::move(*values));
-    }
-  }
-  const auto cut = [](std::vector<double>& time_s, auto& all) {
-    std::size_t length = time_s.size();
-    for (const auto& joint : all)
-      for (const auto& column : joint) length = std::min(length, column.size());
-    time_s.resize(length);
-    for (auto& joint : all)
-      for (auto& column : joint) column.resize(length);
-  };
-  cut(r.time_s, r.values);
-  cut(r.cycle_time_s, r.cycle_values);
-  return r;
+    };
+    load(r.samples, r.head.time_s, r.head.values);
+    load(r.cycles, r.head.cycle_time_s, r.head.cycle_values);
+    return std::move(r.head);
+  });
 }
 
 tl::expected<Recovered, std::string> recover(const fs::path& run_dir) {
   const fs::path path = run_dir / "telemetry.h5", fresh = run_dir / "telemetry.h5.recovering";
-  auto r = read_telemetry(path);
-  if (!r) return tl::unexpected(r.error());
-  const Recovered result{r->time_s.size(), r->time_s.empty() ? 0 : r->time_s.back(), r->complete};
-  if (r->complete) return result;
-  TelemetryOptions options{.attributes = r->attributes, .joints = r->joints, .channels = r->channels, .cycle_channels = r->cycle_channels};
-  options.attributes.emplace_back("recovered", "1");
-  {
-    auto file = create_file(fresh, options, false);
-    if (!file) {
-      std::error_code ignored;
-      fs::remove(fresh, ignored);
-      return tl::unexpected(file.error());
-    }
-    const std::lock_guard lock(hdf5);
-    const auto fill = [](Table& table, std::vector<double>& time, auto& values) {
-      table.time.pending = std::move(time);
-      std::size_t column = 0;
-      for (auto& joint : values)
-        for (auto& data : joint) table.columns[column++].pending = std::move(data);
-      return table.write();
+  if (auto ok = present(path); !ok) return tl::unexpected(ok.error());
+  const Hdf5 hdf5;
+  Recovered result{};
+  auto reader = guarded(path, no_record, [&] {
+    Reader r = open_record(path);
+    result = {r.samples.rows, 0, r.head.complete && r.plain};
+    if (r.samples.rows > 0) read_rows(r.samples.time, r.samples.rows - 1, std::span(&result.last_time_s, 1));
+    return r;
+  });
+  if (!reader) return tl::unexpected(reader.error());
+  if (result.was_complete) return result;
+  const auto ok = replace(path, fresh, [&] {
+    refuse_if_in_use(path);
+    const Recording& head = reader->head;
+    Record record = create_record(fresh, {.attributes = head.attributes, .joints = head.joints, .joint_attributes = head.joint_attributes,
+                                          .channels = head.channels, .cycle_channels = head.cycle_channels});
+    const int recovered = 1;
+    if (!H5Aexists(record.file, "recovered")) write_attribute(record.file, "recovered", H5T_NATIVE_INT, &recovered);
+    record.mark_complete(head.complete);
+    record.reserve(record.samples.growth(reader->samples.rows) + record.cycles.growth(reader->cycles.rows));
+    std::vector<double> piece(64 * block);
+    const auto copy = [&](const Columns& from, Table& to) {
+      const auto column = [&](const Id& source, const Id& target) {
+        for (hsize_t at = 0; at < from.rows; at += piece.size()) {
+          const auto rows = std::span(piece).first(std::min<hsize_t>(piece.size(), from.rows - at));
+          read_rows(source, at, rows);
+          write_rows(target, at, rows);
+        }
+      };
+      std::size_t next = 0;
+      for (const auto& joint : from.joints)
+        for (const Id& dataset : joint) column(dataset, to.columns[next++].dataset);
+      if (from.time && to.time.dataset) column(from.time, to.time.dataset);
     };
-    const bool written = fill(file->samples, r->time_s, r->values) && (options.cycle_channels.empty() || fill(file->cycles, r->cycle_time_s, r->cycle_values)) &&
-                         H5Fflush(file->id, H5F_SCOPE_GLOBAL) >= 0;
-    const std::string why = !file->samples.error.empty() ? file->samples.error : !file->cycles.error.empty() ? file->cycles.error : written ? "" : reason();
-    *file = {};
-    if (!written) {
-      std::error_code ignored;
-      fs::remove(fresh, ignored);
-      return tl::unexpected(fmt::format("{}: cannot be written ({})", fresh.string(), why));
-    }
-  }
-  std::error_code error;
-  fs::rename(fresh, path, error);
-  if (error) return tl::unexpected(fmt::format("{}: cannot be replaced ({})", path.string(), error.message()));
+    copy(reader->samples, record.samples);
+    copy(reader->cycles, record.cycles);
+    record.close();
+    if (::fsync(record.descriptor) != 0) throw Failure(system_reason(errno));
+  });
+  if (!ok) return tl::unexpected(ok.error());
   return result;
 }
 
 tl::expected<std::vector<fs::path>, std::string> export_csv(const fs::path& run_dir, const std::function<void(double)>& progress) {
-  const auto r = read_telemetry(run_dir / "telemetry.h5");
+  const fs::path path = run_dir / "telemetry.h5";
+  if (auto ok = present(path); !ok) return tl::unexpected(ok.error());
+  const auto r = guarded(path, no_record, [&] {
+    const Hdf5 hdf5;
+    return open_record(path);
+  });
   if (!r) return tl::unexpected(r.error());
   std::vector<fs::path> files;
-  const auto quoted = [](const std::string& text) {
-    if (text.find_first_of(",\"\r\n") == std::string::npos) return text;
-    std::string out = "\"";
-    for (const char c : text) out += c == '"' ? std::string("\"\"") : std::string(1, c);
-    return out + "\"";
+  const auto write = [&](const char* name, const Columns& columns, const std::vector<Channel>& channels, const auto& report) {
+    files.push_back(run_dir / name);
+    const fs::path partial = files.back().string() + ".partial";
+    return replace(files.back(), partial, [&] { write_csv(partial, *r, columns, channels, report); });
   };
-  const auto write = [&](const fs::path& file, const std::string& time_name, const std::vector<double>& time,
-                         const std::vector<Channel>& channels, const auto& values) -> Status {
-    const fs::path partial = file.string() + ".partial";
-    const auto fail = [&] {
-      const std::string why = std::strerror(errno);
-      std::error_code ignored;
-      fs::remove(partial, ignored);
-      return tl::unexpected(fmt::format("{}: cannot be written ({})", file.string(), why));
-    };
-    std::FILE* out = std::fopen(partial.c_str(), "wb");
-    if (!out) return fail();
-    fmt::memory_buffer line;
-    fmt::format_to(std::back_inserter(line), "{}", time_name);
-    for (const auto& joint : r->joints)
-      for (const Channel& channel : channels) fmt::format_to(std::back_inserter(line), ",{}", quoted(joint + "." + channel.name));
-    bool good = true;
-    for (std::size_t i = 0; good && i <= time.size(); ++i) {
-      line.push_back('\n');
-      good = std::fwrite(line.data(), 1, line.size(), out) == line.size();
-      line.clear();
-      if (i == time.size()) break;
-      fmt::format_to(std::back_inserter(line), "{}", time[i]);
-      for (const auto& joint : values)
-        for (const auto& column : joint) fmt::format_to(std::back_inserter(line), ",{}", column[i]);
-      if (progress && i % 4096 == 0) progress(static_cast<double>(i) / static_cast<double>(time.size()));
-    }
-    good = std::fclose(out) == 0 && good;
-    if (!good || std::rename(partial.c_str(), file.c_str()) != 0) return fail();
-    files.push_back(file);
-    return {};
-  };
-  if (auto ok = write(run_dir / "telemetry.csv", "time_s", r->time_s, r->channels, r->values); !ok) return tl::unexpected(ok.error());
-  if (!r->cycle_time_s.empty())
-    if (auto ok = write(run_dir / "cycles.csv", "cycle_time_s", r->cycle_time_s, r->cycle_channels, r->cycle_values); !ok)
-      return tl::unexpected(ok.error());
+  if (auto ok = write("telemetry.csv", r->samples, r->head.channels, progress); !ok) return tl::unexpected(ok.error());
+  if (r->cycles.rows > 0)
+    if (auto ok = write("cycles.csv", r->cycles, r->head.cycle_channels, nullptr); !ok) return tl::unexpected(ok.error());
   if (progress) progress(1);
   return files;
 }

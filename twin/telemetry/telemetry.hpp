@@ -6,39 +6,49 @@
 #include <memory>
 #include <span>
 #include <string>
+#include <string_view>
 #include <utility>
 #include <vector>
 
 #include <tl/expected.hpp>
 
-/// The record of a run, telemetry.h5: time_s and a `complete` mark at the root, one group per joint with one dataset
-/// per channel, each with `unit` and `description`. Written in HDF5's SWMR mode, so that other programs read it while
-/// it grows (h5py: swmr=True) and a killed run loses at most what came after the last flush.
-/// A '/' in a joint's name is written as U+2215 in its group; the attribute `name` has the true one.
+/// The record of a run, telemetry.h5. At the root: time_s [s], with work cycles cycle_time_s [s], `complete` (uint8, 1
+/// once the run ended by itself) and one group per joint. In a joint's group: one dataset of doubles per channel with
+/// the string attributes `unit`, `description` and `time` (the time column its rows belong to). Written in HDF5's SWMR
+/// mode: other programs read it while it grows (h5py: swmr=True), and a killed run loses at most what came after the
+/// last flush. A full disk is noticed before it damages what is there.
+/// A joint's group is its percent-encoded name: '/' is %2F, '%' is %25; the first letter of ".", "time_s",
+/// "cycle_time_s" and "complete" is encoded too, and the empty name is a lone '%'. Attribute `name` has the true one.
+/// All of HDF5 in this process must go through here, or through no other thread: the serial library is not thread-safe.
 namespace tribotwin::twin {
 
 struct Channel {
   std::string name, unit, description;
 };
 
+using NumericAttributes = std::vector<std::pair<std::string, double>>;
+
 struct TelemetryOptions {
   std::vector<std::pair<std::string, std::string>> attributes;   ///< of the root: engine, seed, ...
   std::vector<std::string> joints;
+  std::vector<NumericAttributes> joint_attributes;   ///< of each joint's group: gear_ratio, ...; none if empty
   std::vector<Channel> channels;         ///< per joint and sample
   std::vector<Channel> cycle_channels;   ///< per joint and work cycle; none if empty
   double flush_interval_s = 0.5;         ///< wall clock
   std::function<double()> wall_clock_s;  ///< monotonic; the system's if empty
 };
 
+/// Different objects may be used in different threads, one object in one thread at a time.
 class Telemetry {
  public:
-  /// Creates or replaces `file`. Fails with a message that names it and the reason.
+  /// Creates or replaces `file`, unless it is still being written. Fails with a message that names it and the reason.
   static tl::expected<Telemetry, std::string> create(const std::filesystem::path& file, TelemetryOptions options);
   Telemetry(Telemetry&&) noexcept;
   Telemetry& operator=(Telemetry&&) noexcept;
   ~Telemetry();   ///< without finish(): keeps what is there, marked incomplete
 
-  /// One sample of every channel of every joint, joint by joint. After a failure every further call fails alike.
+  /// One sample: joints x channels values, joint by joint. Allocates nothing and writes once per block and flush interval.
+  /// After a failed write (full disk) every further call fails alike; what was flushed before stays readable.
   tl::expected<void, std::string> append(double time_s, std::span<const double> values);
   tl::expected<void, std::string> append_cycle(double time_s, std::span<const double> values);
   /// Marks the record complete and closes it; it is then a plain HDF5 file.
@@ -54,7 +64,8 @@ class Telemetry {
 struct Recording {
   bool complete = false;
   std::vector<std::pair<std::string, std::string>> attributes;
-  std::vector<std::string> joints;
+  std::vector<std::string> joints;                     ///< in the order of their creation
+  std::vector<NumericAttributes> joint_attributes;   ///< of each joint
   std::vector<Channel> channels, cycle_channels;
   std::vector<double> time_s, cycle_time_s;
   /// values[joint][channel][sample]
@@ -70,9 +81,10 @@ tl::expected<Recording, std::string> read_telemetry(const std::filesystem::path&
 struct Recovered {
   std::size_t samples;
   double last_time_s;
-  bool was_complete;   ///< there was nothing to recover
+  bool was_complete;   ///< finished and plain: there was nothing to recover
 };
-/// Turns RUNDIR/telemetry.h5 of a killed run into a plain file, in place; the original stays until the new one is whole.
+/// Turns RUNDIR/telemetry.h5 of a killed run into a plain file, in place, with the attribute `recovered` = 1 and `complete`
+/// as it was. The original stays until the new one is whole and on disk. Fails while the run is still writing.
 tl::expected<Recovered, std::string> recover(const std::filesystem::path& run_dir);
 
 /// Writes RUNDIR/telemetry.csv and, where there are work cycles, RUNDIR/cycles.csv: `time_s`, then `JOINT.CHANNEL`, numbers
