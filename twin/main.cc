@@ -1,6 +1,4 @@
 // tribotwin: runs, measures and exports. stdout carries results only; everything else goes to stderr.
-#include <unistd.h>
-
 #include <algorithm>
 #include <charconv>
 #include <csignal>
@@ -11,6 +9,7 @@
 #include <fmt/format.h>
 
 #include <tribotwin/twin/laboratory/experiment.hpp>
+#include <tribotwin/twin/output/output.hpp>
 #include <tribotwin/twin/runtime/run.hpp>
 #include <tribotwin/twin/telemetry/telemetry.hpp>
 
@@ -19,31 +18,9 @@ namespace {
 using namespace tribotwin;
 namespace fs = std::filesystem;
 
-enum Exit { done = 0, failed = 1, wrong_input = 2 };
+using twin::done, twin::failed, twin::wrong_input, twin::Exit, twin::Progress;
 
-int complain(Exit code, const std::string& message) {
-  fmt::print(stderr, "tribotwin: {}\n", message);
-  return code;
-}
-
-/// One line that is rewritten, on terminals only.
-class Progress {
- public:
-  explicit Progress(bool quiet) : on_(!quiet && isatty(STDERR_FILENO)) {}
-  ~Progress() { if (shown_) fmt::print(stderr, "\r\033[K"); }
-  void operator()(double share, double seconds_left = -1) {
-    const int percent = static_cast<int>(100 * share);
-    if (!on_ || percent == last_) return;
-    last_ = percent;
-    shown_ = true;
-    fmt::print(stderr, "\r\033[K{:3d} %{}", percent, seconds_left >= 0 ? fmt::format(", {:.0f} s left", seconds_left) : "");
-    std::fflush(stderr);
-  }
-
- private:
-  bool on_, shown_ = false;
-  int last_ = -1;
-};
+int complain(Exit code, const std::string& message) { return twin::complain("tribotwin", code, message); }
 
 /// The folder of shipped scenarios: beside the source tree or installed.
 fs::path scenario_folder() {
@@ -120,15 +97,9 @@ int curve(const CurveArguments& a) {
     if (!std::isfinite(value)) throw twin::InputError(fmt::format("{} {}: must be a finite number", option, value));
   const auto model = mujoco::load_file(a.model);
   if (!model) throw twin::InputError(model.error());
-  std::vector<std::string> names;
-  for (const auto& drive : (*model)->drives()) names.push_back(twin::joint_name((*model)->get(), drive));
-  const auto found = std::ranges::find(names, a.joint);
-  if (names.empty()) throw twin::InputError(fmt::format("{}: has no tribotwin.drive", a.model));
-  if (found == names.end()) {
-    const std::vector<std::string_view> views(names.begin(), names.end());
-    throw twin::InputError(fmt::format("--joint {}: did you mean '{}'? Joints with drives: {}", a.joint, friction::nearest(a.joint, views), fmt::join(names, ", ")));
-  }
-  const auto index = static_cast<std::size_t>(found - names.begin());
+  const auto found = twin::find_drive(**model, a.joint);
+  if (!found) throw twin::InputError(fmt::format("{}: --joint {}", a.model, found.error()));
+  const std::size_t index = *found;
   const auto& drive = (*model)->drives()[index].drive;
   std::vector<twin::CurvePoint> points;
   if (a.experiment) {
@@ -156,15 +127,8 @@ int curve(const CurveArguments& a) {
     std::fwrite(text.data(), 1, text.size(), stdout);
     return std::fflush(stdout) == 0 ? done : complain(failed, "stdout cannot be written");
   }
-  const std::string partial = a.csv + ".partial";
-  std::FILE* out = std::fopen(partial.c_str(), "wb");
-  if (!out) return complain(wrong_input, fmt::format("{}: cannot be written ({})", a.csv, std::strerror(errno)));
-  bool good = std::fwrite(text.data(), 1, text.size(), out) == text.size();
-  good = std::fclose(out) == 0 && good;
-  if (good && std::rename(partial.c_str(), a.csv.c_str()) == 0) return done;
-  const std::string why = std::strerror(errno);
-  std::remove(partial.c_str());
-  return complain(failed, fmt::format("{}: cannot be written ({})", a.csv, why));
+  const auto written = twin::write_file(a.csv, text);
+  return written ? done : complain(failed, written.error());
 }
 
 }  // namespace

@@ -1,5 +1,6 @@
 #include <tribotwin/twin/model/arm.hpp>
 
+#include <algorithm>
 #include <cmath>
 #include <numbers>
 
@@ -11,6 +12,16 @@ namespace tribotwin::twin {
 std::string joint_name(const mjModel* m, const mujoco::Binding& drive) {
   const char* name = mj_id2name(m, mjOBJ_JOINT, drive.joint);
   return name ? name : fmt::format("joint_{}", drive.joint);
+}
+
+tl::expected<std::size_t, std::string> find_drive(const mujoco::Model& model, std::string_view joint) {
+  std::vector<std::string> names;
+  for (const auto& drive : model.drives()) names.push_back(joint_name(model.get(), drive));
+  const auto found = std::ranges::find(names, joint);
+  if (found != names.end()) return static_cast<std::size_t>(found - names.begin());
+  if (names.empty()) return tl::unexpected(std::string("the model has no tribotwin.drive"));
+  const std::vector<std::string_view> views(names.begin(), names.end());
+  return tl::unexpected(fmt::format("'{}': did you mean '{}'? Joints with drives: {}", joint, friction::nearest(joint, views), fmt::join(names, ", ")));
 }
 
 int position_address(const mjModel* m, const mujoco::Binding& drive) { return m->jnt_qposadr[drive.joint]; }

@@ -3,6 +3,7 @@
 #include <array>
 #include <memory>
 #include <string>
+#include <string_view>
 
 #include <tl/expected.hpp>
 
@@ -12,6 +13,8 @@
 namespace tribotwin::twin {
 
 std::string joint_name(const mjModel* m, const mujoco::Binding& drive);
+/// The drive of a joint. Fails with the name, the nearest that exists and all there are.
+tl::expected<std::size_t, std::string> find_drive(const mujoco::Model& model, std::string_view joint);
 /// Place of the drive's joint in mjData.qpos.
 int position_address(const mjModel* m, const mujoco::Binding& drive);
 

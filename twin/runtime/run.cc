@@ -14,6 +14,7 @@
 #include <sys/file.h>
 #include <unistd.h>
 
+#include <tribotwin/twin/output/output.hpp>
 #include <tribotwin/twin/telemetry/telemetry.hpp>
 
 namespace tribotwin::twin {
@@ -38,19 +39,6 @@ const std::vector<Channel> cycle_channels = {
     {"cycle_temperature_degC", "degC", "lubricant temperature at the end of a work cycle"},
     {"cycle_friction_power_W", "W", "mean friction power over a work cycle"},
 };
-
-Status write_text(const fs::path& file, const std::string& text) {
-  const fs::path partial = file.string() + ".partial";
-  std::FILE* out = std::fopen(partial.c_str(), "wb");
-  bool good = out && std::fwrite(text.data(), 1, text.size(), out) == text.size();
-  const int why = errno;
-  if (out) good = std::fclose(out) == 0 && good;
-  if (good && std::rename(partial.c_str(), file.c_str()) == 0) return {};
-  const std::string reason = std::strerror(good ? errno : why);
-  std::error_code ignored;
-  fs::remove(partial, ignored);
-  return tl::unexpected(fmt::format("{}: cannot be written ({})", file.string(), reason));
-}
 
 /// Keeps a second run out of a folder while the first writes there. A killed run leaves the file but not the lock.
 class FolderLock {
@@ -98,7 +86,7 @@ class Runner {
     if (auto ok = lock_.take(options_.directory); !ok) return ok;
     // A summary marks a whole run: one left by an earlier run must not stand beside a new, unfinished record.
     fs::remove(options_.directory / "summary.json", error);
-    if (auto ok = write_text(options_.directory / "scenario.yaml", scenario_.resolved_yaml); !ok) return ok;
+    if (auto ok = write_file(options_.directory / "scenario.yaml", scenario_.resolved_yaml); !ok) return ok;
     TelemetryOptions o{.attributes = {{"engine", "MuJoCo"},
                                       {"engine_version", mj_versionString()},
                                       {"scenario", scenario_.name},
@@ -380,7 +368,7 @@ tl::expected<Summary, std::string> run(const Scenario& scenario, const RunOption
   if (auto ok = runner.run(); !ok) return tl::unexpected(ok.error());
   Summary summary = runner.summary();
   if (!options.directory.empty())
-    if (auto ok = write_text(options.directory / "summary.json", summary_json(summary)); !ok) return tl::unexpected(ok.error());
+    if (auto ok = write_file(options.directory / "summary.json", summary_json(summary)); !ok) return tl::unexpected(ok.error());
   return summary;
 }
 

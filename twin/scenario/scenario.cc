@@ -205,13 +205,9 @@ Event event_of(Mapping in, const mujoco::Model& model, double duration_s) {
 }  // namespace
 
 std::size_t drive_index(const mujoco::Model& model, const Mapping& mapping, const std::string& key, const std::string& joint) {
-  std::vector<std::string> names;
-  for (const auto& drive : model.drives()) names.push_back(joint_name(model.get(), drive));
-  const auto found = std::ranges::find(names, joint);
-  if (found != names.end()) return static_cast<std::size_t>(found - names.begin());
-  const std::vector<std::string_view> views(names.begin(), names.end());
-  mapping.fail(key, fmt::format("no drive on a joint '{}'; did you mean '{}'? Joints with drives: {}", joint,
-                                friction::nearest(joint, views), fmt::join(names, ", ")));
+  const auto found = find_drive(model, joint);
+  if (!found) mapping.fail(key, found.error());
+  return *found;
 }
 
 Scenario load_scenario(const fs::path& file, const std::vector<std::string>& overrides) {
