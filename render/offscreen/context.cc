@@ -1,0 +1,21 @@
+#include <tribotwin/render/offscreen/context.hpp>
+
+#include <GL/osmesa.h>
+
+namespace tribotwin::render {
+
+void Context::Destroy::operator()(osmesa_context* context) const { OSMesaDestroyContext(context); }
+
+tl::expected<Context, std::string> Context::create() {
+  Context c;
+  c.screen_ = std::make_unique<unsigned char[]>(4);
+  c.context_.reset(OSMesaCreateContextExt(OSMESA_RGBA, 24, 8, 0, nullptr));
+  if (!c.context_ || !OSMesaMakeCurrent(c.context_.get(), c.screen_.get(), GL_UNSIGNED_BYTE, 1, 1))
+    return tl::unexpected(std::string("no OpenGL context: is libosmesa6 whole?"));
+  // Asked for by name: linking a gl function would bring in libGL.
+  using GetInteger = void (*)(GLenum, GLint*);
+  if (const auto get = reinterpret_cast<GetInteger>(OSMesaGetProcAddress("glGetIntegerv"))) get(GL_MAX_RENDERBUFFER_SIZE, &c.side_max_);
+  return c;
+}
+
+}  // namespace tribotwin::render

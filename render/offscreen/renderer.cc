@@ -1,0 +1,166 @@
+#include <tribotwin/render/offscreen/renderer.hpp>
+
+#include <algorithm>
+#include <cmath>
+
+#include <fmt/format.h>
+
+namespace tribotwin::render {
+namespace {
+
+// Larger pictures are drawn in tiles of this side: memory stays bounded, and no framebuffer limit matters.
+constexpr int tile_side = 4096;
+
+tl::expected<mjvCamera, std::string> camera_of(const mjModel* m, const View& view) {
+  mjvCamera camera;
+  mjv_defaultFreeCamera(m, &camera);
+  const bool free = view.azimuth_deg || view.elevation_deg || view.distance_m || view.look_at_m;
+  if (!view.camera.empty() && free)
+    return tl::unexpected(fmt::format("camera '{}' has its own place: azimuth, elevation, distance and look-at are for a free camera", view.camera));
+  const int id = mj_name2id(m, mjOBJ_CAMERA, free ? "" : view.camera.empty() ? "overview" : view.camera.c_str());
+  if (id >= 0) {
+    camera.type = mjCAMERA_FIXED;
+    camera.fixedcamid = id;
+  } else if (!view.camera.empty()) {
+    std::string names;
+    for (int i = 0; i < m->ncam; ++i)
+      if (const char* name = mj_id2name(m, mjOBJ_CAMERA, i)) names += (names.empty() ? "" : ", ") + std::string(name);
+    return tl::unexpected(fmt::format("camera '{}': the model has {}", view.camera, names.empty() ? "no named camera" : names));
+  }
+  if (view.azimuth_deg) camera.azimuth = *view.azimuth_deg;
+  if (view.elevation_deg) camera.elevation = *view.elevation_deg;
+  if (view.distance_m) camera.distance = *view.distance_m;
+  if (view.look_at_m) std::ranges::copy(*view.look_at_m, camera.lookat);
+  return camera;
+}
+
+void remove_texture(auto& geom) {
+  if constexpr (requires { geom.matid; }) geom.matid = -1;
+  else geom.texid = -1;
+}
+
+/// The part of the camera's picture that lies in the tile; all in pixels from the bottom left.
+mjvGLCamera tile_of(mjvGLCamera camera, Size whole, mjrRect tile) {
+  const auto full = camera;
+  const float height = full.frustum_top - full.frustum_bottom;
+  const float width = height * static_cast<float>(whole.width) / static_cast<float>(whole.height);
+  const auto at = [](float from, float span, double share) { return static_cast<float>(from + span * share); };
+  camera.frustum_bottom = at(full.frustum_bottom, height, static_cast<double>(tile.bottom) / whole.height);
+  camera.frustum_top = at(full.frustum_bottom, height, static_cast<double>(tile.bottom + tile.height) / whole.height);
+  camera.frustum_center = at(full.frustum_center - width / 2, width, (tile.left + tile.width / 2.0) / whole.width);
+  return camera;
+}
+
+/// The mean of each square of n x n pixels, from rows that start at the bottom.
+void shrink(const std::vector<std::uint8_t>& rgb, int width, int height, int n, Image& out, int left, int top) {
+  const int area = n * n;
+  for (int y = 0; y < height / n; ++y)
+    for (int x = 0; x < width / n; ++x)
+      for (int c = 0; c < 3; ++c) {
+        int sum = area / 2;
+        for (int i = 0; i < n; ++i)
+          for (int j = 0; j < n; ++j) sum += rgb[3 * (static_cast<std::size_t>(height - 1 - (y * n + i)) * width + x * n + j) + c];
+        out.at(left + x, top + y)[c] = static_cast<std::uint8_t>(sum / area);
+      }
+}
+
+}  // namespace
+
+struct Renderer::Impl {
+  Context gl;
+  mujoco::ModelPtr model;
+  Size size;
+  int supersampling;
+  mjvScene scene{};
+  mjrContext context{};
+  mjvOption option{};
+  std::vector<std::uint8_t> pixels;
+
+  explicit Impl(Context c) : gl(std::move(c)) {}
+  ~Impl() {
+    mjr_freeContext(&context);
+    mjv_freeScene(&scene);
+  }
+};
+
+Renderer::Renderer(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
+Renderer::Renderer(Renderer&&) noexcept = default;
+Renderer::~Renderer() = default;
+
+tl::expected<Renderer, std::string> Renderer::create(const mjModel* model, Size size, Quality quality) {
+  for (const int side : {size.width, size.height})
+    if (side < side_min || side > side_most)
+      return tl::unexpected(fmt::format("a picture of {} x {} pixels: each side must be {} to {}", size.width, size.height, side_min, side_most));
+  if (quality.supersampling < 1 || quality.supersampling > 4) return tl::unexpected(fmt::format("supersampling {}: must be 1 to 4", quality.supersampling));
+  auto gl = Context::create();
+  if (!gl) return tl::unexpected(gl.error());
+  auto impl = std::make_unique<Impl>(std::move(*gl));
+  impl->size = size;
+  impl->supersampling = quality.supersampling;
+  impl->model.reset(mj_copyModel(nullptr, model));
+  mjModel* m = impl->model.get();
+  const int width = std::min(tile_side, size.width * quality.supersampling), height = std::min(tile_side, size.height * quality.supersampling);
+  if (std::max(width, height) > impl->gl.side_max())
+    return tl::unexpected(fmt::format("a picture of {} x {} pixels needs a framebuffer of {} x {}; this OpenGL gives at most {} a side", size.width,
+                                      size.height, width, height, impl->gl.side_max()));
+  m->vis.global.offwidth = width;
+  m->vis.global.offheight = height;
+  m->vis.quality.offsamples = quality.samples;
+  mjv_defaultScene(&impl->scene);
+  mjv_makeScene(m, &impl->scene, std::max<int>(1000, 2 * static_cast<int>(m->ngeom) + 500));
+  mjr_defaultContext(&impl->context);
+  mjr_makeContext(m, &impl->context, mjFONTSCALE_100);
+  mjr_setBuffer(mjFB_OFFSCREEN, &impl->context);
+  if (impl->context.currentBuffer != mjFB_OFFSCREEN || impl->context.offWidth < width || impl->context.offHeight < height)
+    return tl::unexpected(fmt::format("no offscreen framebuffer of {} x {} pixels with {} samples", width, height, quality.samples));
+  mjv_defaultOption(&impl->option);
+  return Renderer(std::move(impl));
+}
+
+tl::expected<Image, std::string> Renderer::draw(mjData* d, const View& view, std::span<const Paint> paints) {
+  Impl& r = *impl_;
+  auto camera = camera_of(r.model.get(), view);
+  if (!camera) return tl::unexpected(camera.error());
+  mjv_updateScene(r.model.get(), d, &r.option, nullptr, &*camera, mjCAT_ALL, &r.scene);
+  for (int i = 0; i < r.scene.ngeom; ++i) {
+    mjvGeom& geom = r.scene.geoms[i];
+    if (geom.objtype != mjOBJ_GEOM) continue;
+    const auto paint = std::ranges::find(paints, geom.objid, &Paint::geom);
+    if (paint == paints.end()) continue;
+    const Colour c = paint->colour;
+    remove_texture(geom);
+    geom.rgba[0] = static_cast<float>(c.r) / 255;
+    geom.rgba[1] = static_cast<float>(c.g) / 255;
+    geom.rgba[2] = static_cast<float>(c.b) / 255;
+    geom.emission = 0.45F;
+    geom.specular = geom.reflectance = 0;
+  }
+  const int s = r.supersampling;
+  const Size drawn{r.size.width * s, r.size.height * s};
+  const mjvGLCamera eyes[2] = {r.scene.camera[0], r.scene.camera[1]};
+  Image image(r.size.width, r.size.height);
+  const int step = tile_side / s * s;   // whole pixels of the picture
+  for (int bottom = 0; bottom < drawn.height; bottom += step)
+    for (int left = 0; left < drawn.width; left += step) {
+      const mjrRect tile{left, bottom, std::min(step, drawn.width - left), std::min(step, drawn.height - bottom)};
+      for (int eye = 0; eye < 2; ++eye) r.scene.camera[eye] = tile_of(eyes[eye], drawn, tile);
+      const mjrRect viewport{0, 0, tile.width, tile.height};
+      mjr_render(viewport, &r.scene, &r.context);
+      r.pixels.resize(3 * static_cast<std::size_t>(tile.width) * tile.height);
+      mjr_readPixels(r.pixels.data(), nullptr, viewport, &r.context);
+      shrink(r.pixels, tile.width, tile.height, s, image, left / s, (drawn.height - bottom - tile.height) / s);
+    }
+  return image;
+}
+
+void pose_kinematics(const mjModel* m, mjData* d) {
+  mj_kinematics(m, d);
+  mj_comPos(m, d);
+  mj_camlight(m, d);
+#if mjVERSION_HEADER >= 300
+  mj_flex(m, d);
+#endif
+  mj_tendon(m, d);
+}
+
+}  // namespace tribotwin::render

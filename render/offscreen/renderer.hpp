@@ -1,0 +1,66 @@
+#pragma once
+
+#include <array>
+#include <memory>
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
+
+#include <tl/expected.hpp>
+
+#include <tribotwin/plugins/mujoco/loader.hpp>
+#include <tribotwin/render/offscreen/context.hpp>
+#include <tribotwin/render/offscreen/image.hpp>
+#include <tribotwin/render/theme/theme.hpp>
+
+namespace tribotwin::render {
+
+struct Size {
+  int width = 1280, height = 960;
+  bool operator==(const Size&) const = default;
+};
+/// 16..8192 a side.
+inline constexpr int side_min = 16, side_most = 8192;
+
+struct Quality {
+  int samples = 4;         ///< multisampling
+  int supersampling = 2;   ///< pixels drawn per pixel of the picture, each way: 1..4
+};
+
+/// Where the eye is: a camera of the model by name, or free. Without a name: the camera "overview" if there is one and
+/// nothing free is given, else free, what is not given as MuJoCo frames the model.
+struct View {
+  std::string camera;
+  std::optional<double> azimuth_deg, elevation_deg, distance_m;
+  std::optional<std::array<double, 3>> look_at_m;
+};
+
+/// A geom of the model drawn in another colour, unshaded enough that it can be read off a legend.
+struct Paint {
+  int geom;
+  Colour colour;
+};
+
+/// Draws one model in pictures of one size, in the thread that made it. The same pose gives the same pixels.
+class Renderer {
+ public:
+  /// Fails on sizes out of range and where the context gives no such framebuffer; the message has the figures.
+  static tl::expected<Renderer, std::string> create(const mjModel* model, Size size, Quality quality = {});
+  Renderer(Renderer&&) noexcept;
+  ~Renderer();
+
+  /// d belongs to the model and has kinematics, cameras and lights of its pose (mj_forward or pose_kinematics).
+  /// Fails on a camera the model does not have.
+  tl::expected<Image, std::string> draw(mjData* d, const View& view, std::span<const Paint> paints = {});
+
+ private:
+  struct Impl;
+  explicit Renderer(std::unique_ptr<Impl> impl);
+  std::unique_ptr<Impl> impl_;
+};
+
+/// What a picture of d's qpos needs, without forces, plugins or a change of its time.
+void pose_kinematics(const mjModel* m, mjData* d);
+
+}  // namespace tribotwin::render

@@ -1,0 +1,47 @@
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <string>
+#include <string_view>
+
+/// How everything of ours looks: one set of colours and type for figures, poses and pages.
+namespace tribotwin::render {
+
+struct Colour {
+  std::uint8_t r = 0, g = 0, b = 0;
+  bool operator==(const Colour&) const = default;
+};
+
+/// "#rrggbb"
+std::string hex(Colour colour);
+
+namespace theme {
+inline constexpr Colour ink{0x1a, 0x20, 0x2c};        ///< text
+inline constexpr Colour ink_soft{0x4a, 0x55, 0x68};   ///< captions; 7.5:1 on paper
+inline constexpr Colour paper{0xff, 0xff, 0xff};
+inline constexpr Colour page{0xf6, 0xf8, 0xfb};
+inline constexpr Colour line{0xdd, 0xe3, 0xea};
+inline constexpr Colour grid{0xe9, 0xed, 0xf2};
+inline constexpr Colour good{0x1d, 0x74, 0x44};
+inline constexpr Colour bad{0xb4, 0x23, 0x18};
+inline constexpr Colour accent{0x2b, 0x5f, 0x8a};
+/// For figures in a page: what the reader's system has, sans serif.
+inline constexpr std::string_view page_font = "Inter, 'Segoe UI', Roboto, 'Helvetica Neue', Arial, sans-serif";
+/// For pictures drawn here.
+inline constexpr std::string_view picture_font = "DejaVu Sans";
+
+/// Line `index` of a figure without colour bar. Its lightness and its dashes differ from its neighbours', so that it
+/// can be told in greyscale; repeats after eight.
+struct Stroke { Colour colour; std::string_view dashes; };   ///< dashes: gnuplot's dashtype
+Stroke stroke(std::size_t index);
+}  // namespace theme
+
+/// viridis (van der Walt and Smith 2015, CC0), perceptually uniform and monotone in lightness; share is held to 0..1.
+Colour viridis(double share);
+
+/// The text with every byte sequence that is no UTF-8, and every control character, replaced by U+FFFD. Line ends and
+/// tabs stay with `keep_breaks` and become spaces without.
+std::string printable(std::string_view text, bool keep_breaks = false);
+
+}  // namespace tribotwin::render
