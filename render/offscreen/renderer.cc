@@ -11,6 +11,10 @@ namespace {
 // Larger pictures are drawn in tiles of this side: memory stays bounded, and no framebuffer limit matters.
 constexpr int tile_side = 4096;
 
+// Of a painted geom's colour, the part that glows and the part that is lit: its shape is seen and, under the light of a
+// usual scene, the colour is that of the legend.
+constexpr float glowing = 0.7F, lit = 0.35F;
+
 tl::expected<mjvCamera, std::string> camera_of(const mjModel* m, const View& view) {
   mjvCamera camera;
   mjv_defaultFreeCamera(m, &camera);
@@ -129,10 +133,8 @@ tl::expected<Image, std::string> Renderer::draw(mjData* d, const View& view, std
     if (paint == paints.end()) continue;
     const Colour c = paint->colour;
     remove_texture(geom);
-    geom.rgba[0] = static_cast<float>(c.r) / 255;
-    geom.rgba[1] = static_cast<float>(c.g) / 255;
-    geom.rgba[2] = static_cast<float>(c.b) / 255;
-    geom.emission = 0.45F;
+    for (int channel = 0; const auto part : {c.r, c.g, c.b}) geom.rgba[channel++] = lit * static_cast<float>(part) / 255;
+    geom.emission = glowing / lit;
     geom.specular = geom.reflectance = 0;
   }
   const int s = r.supersampling;

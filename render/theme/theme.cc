@@ -50,4 +50,27 @@ std::string printable(std::string_view text, bool keep_breaks) {
   return out;
 }
 
+std::vector<double> ticks(double from, double to, int count) {
+  const double raw = (to - from) / std::max(count, 1);
+  if (!(raw > 0) || !std::isfinite(raw)) return {from};
+  const double power = std::pow(10, std::floor(std::log10(raw)));
+  double step = 10 * power;
+  for (const double factor : {1.0, 2.0, 5.0})
+    if (factor * power >= raw * (1 - 1e-9)) {
+      step = factor * power;
+      break;
+    }
+  std::vector<double> out;
+  for (double i = std::ceil(from / step - 1e-9); i * step <= to + 1e-9 * step; ++i) out.push_back(i * step);
+  return out;
+}
+
+std::string duration(double seconds) {
+  if (!std::isfinite(seconds)) return "unknown";
+  if (std::abs(seconds) < 60) return fmt::format("{:.2f} s", seconds);
+  const auto whole = static_cast<long long>(std::llround(seconds));
+  const long long h = whole / 3600, m = whole / 60 % 60, s = whole % 60;
+  return h ? fmt::format("{} h {:02} min {:02} s", h, m, s) : fmt::format("{} min {:02} s", m, s);
+}
+
 }  // namespace tribotwin::render

@@ -4,8 +4,9 @@
 #include <cstdint>
 #include <string>
 #include <string_view>
+#include <vector>
 
-/// How everything of ours looks: one set of colours and type for figures, poses and pages.
+/// How everything of ours looks: one set of colours, type and number formats for figures, poses and pages.
 namespace tribotwin::render {
 
 struct Colour {
@@ -43,5 +44,11 @@ Colour viridis(double share);
 /// The text with every byte sequence that is no UTF-8, and every control character, replaced by U+FFFD. Line ends and
 /// tabs stay with `keep_breaks` and become spaces without.
 std::string printable(std::string_view text, bool keep_breaks = false);
+
+/// Round tick marks within from..to: about `count`.
+std::vector<double> ticks(double from, double to, int count);
+
+/// "12.30 s", "1 h 23 min 05 s"
+std::string duration(double seconds);
 
 }  // namespace tribotwin::render

@@ -1,0 +1,75 @@
+#pragma once
+
+#include <functional>
+#include <memory>
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
+
+#include <tribotwin/render/offscreen/renderer.hpp>
+#include <tribotwin/twin/telemetry/telemetry.hpp>
+
+/// Pictures of a robot whose joint housings show how warm they are, or how much friction they have: the geom
+/// "housing_JOINT" where the model has one, else all geoms of the joint's body.
+namespace tribotwin::render {
+
+/// A drive's joint at one instant; NaN where it is not known.
+struct JointState {
+  std::string name;
+  double temperature_degC, friction_nm;   ///< friction signed, arm side
+};
+
+struct PoseState {
+  std::vector<double> qpos;          ///< mjModel.nq
+  std::optional<double> time_s;
+  std::vector<JointState> joints;    ///< in the order of the model's drives
+};
+
+/// The model at rest: keyframe "home" if there is one, else qpos0; joints at the drives' start temperature.
+PoseState rest(const mujoco::Model& model);
+/// Sample `index` of a record. Joints the record does not have keep their place at rest.
+PoseState recorded(const mujoco::Model& model, const twin::Recording& record, std::size_t index);
+
+enum class ColourBy { temperature, friction, nothing };
+
+/// What the ends of the colour bar mean: degC, or percent of torque_max_nm.
+struct Scale {
+  double from = 20, to = 80;
+};
+/// Round limits around all these values, at least 5 apart; the default without any finite one.
+Scale scale_around(std::span<const double> values);
+/// The scale for all states of a record, or for one state.
+Scale scale_of(const mujoco::Model& model, const twin::Recording& record, ColourBy by);
+Scale scale_of(const mujoco::Model& model, const PoseState& state, ColourBy by);
+
+struct PoseOptions {
+  View view;
+  ColourBy colour_by = ColourBy::temperature;
+  Scale scale;
+  bool panel = true;    ///< time, and per joint name, temperature and friction
+  bool legend = true;   ///< the colour bar
+};
+
+/// Draws poses of one model in one size.
+class PosePainter {
+ public:
+  static tl::expected<PosePainter, std::string> create(std::shared_ptr<const mujoco::Model> model, Size size, Quality quality = {});
+  tl::expected<Image, std::string> draw(const PoseState& state, const PoseOptions& options);
+  Size size() const { return size_; }
+
+ private:
+  PosePainter(std::shared_ptr<const mujoco::Model> model, Size size, Renderer renderer);
+  std::shared_ptr<const mujoco::Model> model_;
+  Size size_;
+  Renderer renderer_;
+  mujoco::DataPtr data_;
+};
+
+/// `indices` of a record beside each other in one picture of about 16:10, under one colour bar.
+tl::expected<Image, std::string> contact_sheet(std::shared_ptr<const mujoco::Model> model, const twin::Recording& record, std::span<const std::size_t> indices,
+                                               const PoseOptions& options, Size each, const std::function<void(double)>& progress = {});
+/// `count` samples, evenly in time from first to last, without repetition.
+std::vector<std::size_t> evenly_in_time(std::span<const double> time_s, std::size_t count);
+
+}  // namespace tribotwin::render

@@ -1,0 +1,103 @@
+#include <tribotwin/render/process/child.hpp>
+
+#include <csignal>
+
+#include <fmt/format.h>
+#include <gio/gio.h>
+
+namespace tribotwin::render {
+namespace {
+
+struct Free {
+  void operator()(GError* error) const { g_error_free(error); }
+  void operator()(GBytes* bytes) const { g_bytes_unref(bytes); }
+};
+using Bytes = std::unique_ptr<GBytes, Free>;
+
+std::string message(GError* error) { return std::unique_ptr<GError, Free>(error)->message; }
+
+std::string text(GBytes* bytes) {
+  gsize size = 0;
+  const auto* data = static_cast<const char*>(g_bytes_get_data(bytes, &size));
+  return {data, data + size};
+}
+
+std::string one_line(std::string said) {
+  while (!said.empty() && g_ascii_isspace(said.back())) said.pop_back();
+  return said.substr(said.find_first_not_of(" \n\r") == std::string::npos ? 0 : said.find_first_not_of(" \n\r"));
+}
+
+tl::expected<GSubprocess*, std::string> spawn(const Program& program, int flags) {
+  std::signal(SIGPIPE, SIG_IGN);   // a program that stops listening is an error message
+  std::vector<const char*> argv;
+  for (const auto& argument : program.arguments) argv.push_back(argument.c_str());
+  argv.push_back(nullptr);
+  GError* error = nullptr;
+  GSubprocess* process = g_subprocess_newv(argv.data(), static_cast<GSubprocessFlags>(flags), &error);
+  if (process) return process;
+  const bool missing = g_error_matches(error, G_SPAWN_ERROR, G_SPAWN_ERROR_NOENT);
+  const std::string why = message(error);
+  if (missing) return tl::unexpected(fmt::format("{} is not installed; on Debian: apt-get install {}", program.arguments[0], program.package));
+  return tl::unexpected(fmt::format("{} cannot be started: {}", program.arguments[0], why));
+}
+
+tl::expected<void, std::string> verdict(const std::string& name, GSubprocess* process, const std::string& said, bool silent) {
+  const bool good = g_subprocess_get_if_exited(process) && g_subprocess_get_exit_status(process) == 0;
+  if (good && (silent || said.empty())) return {};
+  const std::string ending = g_subprocess_get_if_exited(process) ? fmt::format("ended with exit code {}", g_subprocess_get_exit_status(process))
+                                                                  : fmt::format("was ended by signal {}", g_subprocess_get_term_sig(process));
+  return tl::unexpected(fmt::format("{} {}{}{}", name, good ? "complained" : ending, said.empty() ? "" : ": ", said));
+}
+
+}  // namespace
+
+tl::expected<std::string, std::string> run(const Program& program, std::string_view input) {
+  auto process = spawn(program, G_SUBPROCESS_FLAGS_STDIN_PIPE | G_SUBPROCESS_FLAGS_STDOUT_PIPE | G_SUBPROCESS_FLAGS_STDERR_PIPE);
+  if (!process) return tl::unexpected(process.error());
+  const std::unique_ptr<GSubprocess, decltype(&g_object_unref)> owner(*process, g_object_unref);
+  const Bytes in(g_bytes_new_static(input.data(), input.size()));
+  GBytes *out = nullptr, *err = nullptr;
+  GError* error = nullptr;
+  if (!g_subprocess_communicate(*process, in.get(), nullptr, &out, &err, &error))
+    return tl::unexpected(fmt::format("{}: {}", program.arguments[0], message(error)));
+  const Bytes out_owner(out), err_owner(err);
+  if (auto good = verdict(program.arguments[0], *process, one_line(text(err)), false); !good) return tl::unexpected(good.error());
+  return text(out);
+}
+
+void Child::Unref::operator()(GSubprocess* process) const { g_object_unref(process); }
+
+tl::expected<Child, std::string> Child::start(const Program& program) {
+  auto process = spawn(program, G_SUBPROCESS_FLAGS_STDIN_PIPE | G_SUBPROCESS_FLAGS_STDERR_PIPE);
+  if (!process) return tl::unexpected(process.error());
+  return Child(program.arguments[0], *process);
+}
+
+Child::~Child() {
+  if (!process_) return;
+  g_subprocess_force_exit(process_.get());
+  g_subprocess_wait(process_.get(), nullptr, nullptr);
+}
+
+tl::expected<void, std::string> Child::write(std::string_view bytes) {
+  GError* error = nullptr;
+  gsize written = 0;
+  if (g_output_stream_write_all(g_subprocess_get_stdin_pipe(process_.get()), bytes.data(), bytes.size(), &written, nullptr, &error)) return {};
+  const std::string why = message(error);
+  auto ended = finish();
+  return tl::unexpected(ended ? fmt::format("{}: {}", name_, why) : ended.error());
+}
+
+tl::expected<void, std::string> Child::finish() {
+  g_output_stream_close(g_subprocess_get_stdin_pipe(process_.get()), nullptr, nullptr);
+  std::string said;
+  char buffer[4096];
+  for (gssize n; (n = g_input_stream_read(g_subprocess_get_stderr_pipe(process_.get()), buffer, sizeof buffer, nullptr, nullptr)) > 0;)
+    said.append(buffer, static_cast<std::size_t>(n));
+  g_subprocess_wait(process_.get(), nullptr, nullptr);
+  auto good = verdict(name_, process_.get(), one_line(said), true);
+  process_.reset();
+  return good;
+}
+
+}  // namespace tribotwin::render
