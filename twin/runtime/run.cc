@@ -94,7 +94,10 @@ class Runner {
                                       {"timestep_s", fmt::format("{}", timestep_s_)}},
                        .channels = channels,
                        .cycle_channels = cycle_ ? cycle_channels : std::vector<Channel>{}};
-    for (const auto& drive : scenario_.model->drives()) o.joints.push_back(joint_name(scenario_.model->get(), drive));
+    for (const auto& drive : scenario_.model->drives()) {
+      o.joints.push_back(joint_name(scenario_.model->get(), drive));
+      o.joint_attributes.push_back({{"gear_ratio", drive.drive.gear_ratio}, {"torque_max_nm", drive.drive.torque_max_nm}});
+    }
     auto telemetry = Telemetry::create(options_.directory / "telemetry.h5", std::move(o));
     if (!telemetry) return tl::unexpected(telemetry.error());
     telemetry_ = std::make_unique<Telemetry>(std::move(*telemetry));

@@ -1,0 +1,202 @@
+#include <tribotwin/render/figure/figure.hpp>
+
+#include <algorithm>
+#include <cmath>
+#include <iterator>
+#include <limits>
+#include <span>
+
+#include <fmt/format.h>
+
+#include <tribotwin/render/process/child.hpp>
+#include <tribotwin/render/theme/theme.hpp>
+
+namespace tribotwin::render {
+namespace {
+
+using Check = tl::expected<void, std::string>;
+
+// gnuplot's language, which all text of others goes through.
+
+/// A literal in single quotes: nothing in it is substituted.
+std::string quoted(const std::string& text) {
+  std::string out = "'";
+  for (const char c : printable(text)) {
+    if (c == '\'') out += '\'';
+    out += c;
+  }
+  return out + "'";
+}
+
+/// Plain text where enhanced text is expected.
+std::string plain(const std::string& text) {
+  std::string out;
+  for (const char c : text) {
+    if (std::string_view("\\{}@&^_~").find(c) != std::string_view::npos) out += '\\';
+    out += c;
+  }
+  return out;
+}
+
+std::string label(const Axis& axis) { return quoted(fmt::format("{}{}{} [{}]", plain(axis.quantity), axis.symbol.empty() ? "" : " ", axis.symbol, plain(axis.unit))); }
+
+struct Range {
+  double low = std::numeric_limits<double>::infinity(), high = -low;
+  void add(double v) {
+    if (std::isfinite(v)) low = std::min(low, v), high = std::max(high, v);
+  }
+};
+
+/// gnuplot widens a range to its tics; one without extent it complains about.
+std::string range(const char* name, const Axis& axis, Range r) {
+  if (!axis.from && !axis.to && r.low < r.high) return "";
+  double from = axis.from.value_or(r.low), to = axis.to.value_or(r.high);
+  if (!(from < to)) {
+    const double pad = from == 0 ? 1 : 0.1 * std::abs(from);
+    from -= pad, to += pad;
+  }
+  return fmt::format("set {}range [{}:{}]\n", name, from, to);
+}
+
+Check checked(const Figure& f) {
+  const auto wrong = [&](const std::string& what) { return tl::unexpected(fmt::format("figure '{}': {}", f.title, what)); };
+  if (f.colour && !(f.colour->from && f.colour->to && *f.colour->from < *f.colour->to)) return wrong("its colour axis needs limits");
+  if (f.surface) {
+    const Surface& s = *f.surface;
+    if (s.x.size() < 2 || s.y.size() < 2 || s.z.size() != s.y.size() || std::ranges::any_of(s.z, [&](const auto& row) { return row.size() != s.x.size(); }))
+      return wrong(fmt::format("its surface of {} x {} points has {} rows", s.x.size(), s.y.size(), s.z.size()));
+    if (!f.z) return wrong("its surface needs a z axis");
+    bool any = false;
+    for (const auto& row : s.z)
+      for (const double v : row) {
+        if (std::isinf(v)) return wrong("its surface has an infinite value");
+        any |= std::isfinite(v);
+      }
+    return any ? Check{} : wrong("its surface has no finite value");
+  }
+  if (f.series.empty()) return wrong("has nothing to show");
+  for (std::size_t i = 0; i < f.series.size(); ++i) {
+    const Series& s = f.series[i];
+    const std::string name = s.label.empty() ? fmt::format("series {}", i + 1) : fmt::format("series '{}'", s.label);
+    const bool bars = s.mark == Mark::error_bars;
+    if (s.y.size() != s.x.size() || (bars && s.error.size() != s.x.size()) || (s.shade.size() > 1 && s.shade.size() != s.x.size()))
+      return wrong(fmt::format("{} has {} x, {} y, {} errors and {} shades", name, s.x.size(), s.y.size(), s.error.size(), s.shade.size()));
+    if (!s.shade.empty() && !f.colour) return wrong(fmt::format("{} has shades but the figure no colour axis", name));
+    bool any = false;
+    for (std::size_t k = 0; k < s.x.size(); ++k) {
+      if (std::isinf(s.x[k]) || std::isinf(s.y[k]) || (bars && std::isinf(s.error[k]))) return wrong(fmt::format("{} has an infinite value at point {}", name, k + 1));
+      any |= std::isfinite(s.x[k]) && std::isfinite(s.y[k]);
+    }
+    if (!any) return wrong(fmt::format("{} has no finite value", name));
+  }
+  return {};
+}
+
+std::string terminal(Format format, FigureSize size) {
+  const auto font = [](int points) { return fmt::format("font '{},{}'", theme::picture_font, points); };
+  switch (format) {
+    case Format::svg: return fmt::format("set terminal svg size {},{} enhanced {} background '{}'\n", size.width, size.height, font(13), hex(theme::paper));
+    case Format::png: return fmt::format("set terminal pngcairo size {},{} enhanced {} fontscale 2 linewidth 2 pointscale 2\n", 2 * size.width, 2 * size.height, font(10));
+    case Format::pdf: return fmt::format("set terminal pdfcairo size {}in,{}in enhanced {} linewidth 1.4\n", size.width / 96.0, size.height / 96.0, font(10));
+  }
+  return {};
+}
+
+/// Palette, frame, grid and type.
+std::string frame(const Figure& f) {
+  std::string s = "set encoding utf8\nset palette defined (";
+  constexpr int steps = 32;
+  for (int i = 0; i <= steps; ++i) s += fmt::format("{}{} '{}'", i ? ", " : "", i, hex(viridis(static_cast<double>(i) / steps)));
+  s += ")\n";
+  s += fmt::format("set title {} noenhanced textcolor '{}'\n", quoted(f.title), hex(theme::ink));
+  for (const char* axis : {"x", "y", "z", "cb"}) s += fmt::format("set {}tics nomirror textcolor '{}'\n", axis, hex(theme::ink));
+  s += fmt::format("set border {} linewidth 1 linecolor '{}'\nset tics out scale 0.6\n", f.surface ? 895 : 3, hex(theme::ink_soft));
+  s += fmt::format("set grid linecolor '{}' linetype 1 linewidth 1\n", hex(theme::line));
+  s += fmt::format("set key tmargin center horizontal samplen 2.5 textcolor '{}'\n", hex(theme::ink));
+  s += fmt::format("set xlabel {} textcolor '{}'\nset ylabel {} textcolor '{}'\n", label(f.x), hex(theme::ink), label(f.y), hex(theme::ink));
+  if (f.same_scale) s += "set size ratio -1\n";
+  return s;
+}
+
+std::string surface(const Figure& f) {
+  std::string s = "$surface << END\n";
+  Range z;
+  for (std::size_t i = 0; i < f.surface->y.size(); ++i) {
+    for (std::size_t k = 0; k < f.surface->x.size(); ++k) {
+      z.add(f.surface->z[i][k]);
+      s += fmt::format("{} {} {}\n", f.surface->x[k], f.surface->y[i], f.surface->z[i][k]);
+    }
+    s += '\n';
+  }
+  s += "END\n";
+  s += fmt::format("set cblabel {} textcolor '{}'\nunset key\nset view 60,325,0.95,1.05\nset xyplane 0\nset pm3d depthorder\nset lmargin at screen 0.22\nset rmargin at screen 0.70\nset colorbox user origin 0.85,0.2 size 0.025,0.6\n", label(*f.z), hex(theme::ink));
+  const auto spaced = [](const char* axis, double from, double to, const char* offset) {
+    const auto marks = ticks(from, to, 5);
+    return marks.size() > 1 ? fmt::format("set {}tics {} offset {}\n", axis, marks[1] - marks[0], offset) : "";
+  };
+  s += spaced("x", f.surface->x.front(), f.surface->x.back(), "0,-0.4") + spaced("y", f.surface->y.front(), f.surface->y.back(), "-0.6,-0.4") + spaced("z", z.low, z.high, "0,0.2") + spaced("cb", z.low, z.high, "0,0");
+  s += fmt::format("set xrange [{}:{}]\nset yrange [{}:{}]\nset xlabel offset 0,-1.2\nset ylabel offset 1,-2.2\n", f.surface->x.front(), f.surface->x.back(), f.surface->y.front(), f.surface->y.back());
+  return s + range("z", *f.z, z) + range("cb", *f.z, z) + "splot $surface using 1:2:3 with pm3d\n";
+}
+
+std::string curves(const Figure& f) {
+  std::string s, plot;
+  Range x, y;
+  std::size_t strokes = 0;
+  for (std::size_t i = 0; i < f.series.size(); ++i) {
+    const Series& c = f.series[i];
+    const bool error = c.mark == Mark::error_bars;
+    const theme::Stroke stroke = theme::stroke(c.stroke ? *c.stroke : c.label.empty() ? strokes : strokes++);
+    const auto shade = [&](std::size_t k) { return viridis((c.shade[c.shade.size() > 1 ? k : 0] - *f.colour->from) / (*f.colour->to - *f.colour->from)); };
+    s += fmt::format("$s{} << END\n", i);
+    for (std::size_t k = 0; k < c.x.size(); ++k) {
+      const Colour rgb = c.shade.empty() ? stroke.colour : shade(k);
+      const bool gap = !(std::isfinite(c.x[k]) && std::isfinite(c.y[k]));
+      const double spread = error && std::isfinite(c.error[k]) ? c.error[k] : 0;
+      if (!gap) x.add(c.x[k]), y.add(c.y[k] - spread), y.add(c.y[k] + spread);
+      if (gap) s += "NaN NaN 0 0\n";
+      else s += fmt::format("{} {} {} {}\n", c.x[k], c.y[k], spread, rgb.r << 16 | rgb.g << 8 | rgb.b);
+    }
+    s += "END\n";
+    const std::string colour = fmt::format("'{}'", hex(c.shade.empty() ? stroke.colour : shade(0)));
+    plot += fmt::format("{} $s{} using ", i ? "," : "plot", i);
+    switch (c.mark) {
+      case Mark::line: plot += fmt::format("1:2 with lines linewidth 1.8 linecolor rgb {} dashtype {}", colour, c.shade.empty() ? stroke.dashes : "solid"); break;
+      case Mark::reference: plot += fmt::format("1:2 with lines linewidth 1.2 linecolor rgb {} dashtype (6,5)", colour); break;
+      case Mark::points: plot += "1:2:4 with points pointtype 7 pointsize 0.4 linecolor rgb variable"; break;
+      case Mark::error_bars: plot += "1:2:3:4 with yerrorbars pointtype 7 pointsize 0.45 linewidth 1.2 linecolor rgb variable"; break;
+      case Mark::bars: {
+        const double width = c.x.size() > 1 ? std::abs(c.x[1] - c.x[0]) : 1;
+        y.add(0);
+        x.add(c.x.front() - width / 2), x.add(c.x.back() + width / 2);
+        plot += fmt::format("1:2:({}) with boxes fillstyle solid 0.75 noborder linecolor rgb {}", 0.92 * width, colour);
+        break;
+      }
+      case Mark::area: plot += fmt::format("1:2 with filledcurves closed fillstyle transparent solid 0.12 border linewidth 1.6 linecolor rgb {}", colour); break;
+    }
+    plot += c.label.empty() ? " notitle" : fmt::format(" title {} noenhanced", quoted(c.label));
+  }
+  if (f.colour) {
+    s += fmt::format("set cblabel {} textcolor '{}'\n", label(*f.colour), hex(theme::ink)) + range("cb", *f.colour, {});
+    plot += ", NaN with lines linecolor palette notitle";   // what makes gnuplot draw the colour bar
+  }
+  return s + range("x", f.x, x) + range("y", f.y, y) + plot + "\n";
+}
+
+}  // namespace
+
+tl::expected<Format, std::string> format_of(std::string_view file) {
+  for (const auto& [ending, format] : {std::pair{".svg", Format::svg}, {".png", Format::png}, {".pdf", Format::pdf}})
+    if (file.ends_with(ending)) return format;
+  return tl::unexpected(fmt::format("{}: the name of a figure must end in .svg, .png or .pdf", file));
+}
+
+tl::expected<std::string, std::string> draw(const Figure& figure, Format format, FigureSize size) {
+  if (auto good = checked(figure); !good) return tl::unexpected(good.error());
+  const std::string script = terminal(format, size) + frame(figure) + (figure.surface ? surface(figure) : curves(figure));
+  auto drawn = run({{"gnuplot", "-d"}, "gnuplot-nox"}, script);
+  if (!drawn) return tl::unexpected(fmt::format("figure '{}': {}", figure.title, drawn.error()));
+  return drawn;
+}
+
+}  // namespace tribotwin::render

@@ -1,0 +1,64 @@
+#pragma once
+
+#include <optional>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include <tl/expected.hpp>
+
+/// A figure as values: what is drawn, not how. Texts may hold anything and are shown as they are; only Axis::symbol is
+/// markup of ours (gnuplot's enhanced text).
+namespace tribotwin::render {
+
+/// Labelled "quantity symbol [unit]"; without unit "-".
+struct Axis {
+  std::string quantity, symbol{}, unit{"-"};
+  std::optional<double> from{}, to{};   ///< else around the values
+};
+
+enum class Mark {
+  line,
+  reference,    ///< a thin dashed line, to compare with
+  points,
+  error_bars,   ///< points with y +- error
+  bars,         ///< from 0 to y, centred on evenly spaced x
+  area          ///< closed outline, lightly filled
+};
+
+/// x, y (and error) of equal length. NaN leaves a gap; a series needs at least one finite point.
+struct Series {
+  Mark mark = Mark::line;
+  std::string label{};             ///< in the key; none if empty
+  std::vector<double> x{}, y{}, error{};
+  std::vector<double> shade{};     ///< value on the figure's colour axis: none, one for all, or one per point
+  std::optional<std::size_t> stroke{};   ///< of theme::stroke; else counted up over the series with a label
+};
+
+/// z over a grid: z[row of y][column of x]; coloured by z.
+struct Surface {
+  std::vector<double> x, y;
+  std::vector<std::vector<double>> z;
+};
+
+struct Figure {
+  std::string title;
+  Axis x, y;
+  std::optional<Axis> z{};        ///< with a surface
+  std::optional<Axis> colour{};   ///< draws a colour bar; from and to are required
+  std::vector<Series> series{};
+  std::optional<Surface> surface{};
+  bool same_scale = false;        ///< one unit is as long on x as on y
+};
+
+enum class Format { svg, png, pdf };
+/// By a file's ending. Fails with the endings there are.
+tl::expected<Format, std::string> format_of(std::string_view file);
+
+struct FigureSize { int width = 640, height = 430; };   ///< [1/96 inch]; PNGs have twice the pixels
+
+/// The file's bytes, drawn by gnuplot. Fails on series without a finite value, of unequal lengths or with infinities (the
+/// message names figure and series), and where gnuplot is missing or fails.
+tl::expected<std::string, std::string> draw(const Figure& figure, Format format, FigureSize size = {});
+
+}  // namespace tribotwin::render

@@ -1,0 +1,208 @@
+#include <tribotwin/render/figure/figures.hpp>
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+#include <numeric>
+
+#include <Eigen/Eigenvalues>
+#include <fmt/format.h>
+
+#include <tribotwin/plugins/mujoco/binding.hpp>
+
+namespace tribotwin::render {
+namespace {
+
+Series law_series(const drive::Drive& drive, const LawAxes& axes, double speed_max, double load, double temperature) {
+  constexpr int steps = 160;
+  Series s;
+  for (int i = 0; i <= steps; ++i) {
+    const double share = static_cast<double>(i) / steps, speed = speed_max * share * share;   // closer where friction bends
+    s.x.push_back(speed * axes.per_joint_rad_s);
+    s.y.push_back(mujoco::friction_nm(drive, speed, load, temperature) * axes.per_nm);
+  }
+  return s;
+}
+
+/// One series of plain points and one with error bars; either may be missing.
+void add_points(Figure& figure, const LawAxes& axes, std::span<const FrictionPoint> points, double FrictionPoint::* shade) {
+  Series plain{.mark = Mark::points}, measured{.mark = Mark::error_bars};
+  for (const auto& p : points) {
+    Series& to = p.error_nm > 0 ? measured : plain;
+    to.x.push_back(p.speed_rad_s * axes.per_joint_rad_s);
+    to.y.push_back(p.friction_nm * axes.per_nm);
+    to.error.push_back(p.error_nm * axes.per_nm);
+    to.shade.push_back(p.*shade);
+  }
+  for (Series* s : {&plain, &measured})
+    if (!s->x.empty()) figure.series.push_back(std::move(*s));
+}
+
+/// Limits of a colour axis that holds all of these.
+void set_limits(Axis& axis, std::span<const double> values) {
+  const auto [low, high] = std::ranges::minmax(values);
+  const double pad = high - low < 1e-9 * std::max(1.0, std::abs(high)) ? std::max(0.5, 0.1 * std::abs(high)) : 0;
+  axis.from = low - pad;
+  axis.to = high + pad;
+}
+
+struct TimeUnit {
+  const char* name;
+  double seconds;
+};
+TimeUnit unit_of(double span_s) {
+  if (span_s > 2 * 3600) return {"h", 3600};
+  if (span_s > 3 * 60) return {"min", 60};
+  return {"s", 1};
+}
+
+}  // namespace
+
+LawAxes::LawAxes(const drive::Drive& drive) {
+  const bool motor = drive.law.info->side == friction::Side::motor, parts = drive.law.info->normalised;
+  speed = {.quantity = motor ? "motor speed" : "joint speed", .symbol = "{/:Italic v}", .unit = "rad/s", .from = 0};
+  friction = parts ? Axis{.quantity = "friction torque", .symbol = "{/:Italic τ}_f / {/:Italic τ}_{max}", .unit = "-"}
+                   : Axis{.quantity = "friction torque", .symbol = "{/:Italic τ}_f", .unit = "Nm"};
+  load = {.quantity = "load", .symbol = "|{/:Italic τ}_l| / {/:Italic τ}_{max}", .unit = "-"};
+  per_joint_rad_s = motor ? drive.gear_ratio : 1;
+  per_nm = parts ? 1 / drive.torque_max_nm : 1;
+}
+
+Figure friction_against_temperature(const drive::Drive& drive, const std::string& title, double speed_max, double load_norm, std::span<const double> temperatures,
+                                    std::span<const FrictionPoint> points) {
+  const LawAxes axes(drive);
+  Figure f{.title = title, .x = axes.speed, .y = axes.friction};
+  f.colour = Axis{.quantity = "temperature", .symbol = "{/:Italic T}", .unit = "°C"};
+  std::vector<double> all(temperatures.begin(), temperatures.end());
+  for (const auto& p : points) all.push_back(p.temperature_degC);
+  set_limits(*f.colour, all);
+  for (const double t : temperatures) {
+    f.series.push_back(law_series(drive, axes, speed_max, load_norm, t));
+    f.series.back().shade = {t};
+  }
+  add_points(f, axes, points, &FrictionPoint::temperature_degC);
+  return f;
+}
+
+Figure friction_against_load(const drive::Drive& drive, const std::string& title, double speed_max, double temperature, std::span<const double> loads,
+                             std::span<const FrictionPoint> points) {
+  const LawAxes axes(drive);
+  Figure f{.title = title, .x = axes.speed, .y = axes.friction};
+  f.colour = axes.load;
+  std::vector<double> all(loads.begin(), loads.end());
+  for (const auto& p : points) all.push_back(p.load_norm);
+  set_limits(*f.colour, all);
+  for (const double load : loads) {
+    f.series.push_back(law_series(drive, axes, speed_max, load, temperature));
+    f.series.back().shade = {load};
+  }
+  add_points(f, axes, points, &FrictionPoint::load_norm);
+  return f;
+}
+
+Figure friction_surface(const drive::Drive& drive, const std::string& title, double speed_max, double load_norm, double from, double to) {
+  const LawAxes axes(drive);
+  Figure f{.title = title, .x = axes.speed, .y = {.quantity = "temperature", .symbol = "{/:Italic T}", .unit = "°C"}, .z = axes.friction};
+  f.x.from.reset();
+  constexpr int steps = 40;
+  Surface s;
+  for (int i = 0; i <= steps; ++i) s.x.push_back(speed_max * axes.per_joint_rad_s * i / steps);
+  for (int i = 0; i <= steps; ++i) {
+    s.y.push_back(from + (to - from) * i / steps);
+    auto& row = s.z.emplace_back();
+    for (int k = 0; k <= steps; ++k) row.push_back(mujoco::friction_nm(drive, speed_max * k / steps, load_norm, s.y.back()) * axes.per_nm);
+  }
+  f.surface = std::move(s);
+  return f;
+}
+
+Figure history(const std::string& title, const Axis& quantity, std::span<const Trace> traces) {
+  double span = 0;
+  for (const auto& t : traces)
+    for (const double at : t.time_s)
+      if (std::isfinite(at)) span = std::max(span, std::abs(at));
+  const TimeUnit unit = unit_of(span);
+  Figure f{.title = title, .x = {.quantity = "time", .symbol = "{/:Italic t}", .unit = unit.name}, .y = quantity};
+  for (const auto& t : traces) {
+    Series s{.label = t.label, .x = t.time_s, .y = t.values};
+    for (double& x : s.x) x /= unit.seconds;
+    f.series.push_back(std::move(s));
+  }
+  return f;
+}
+
+Figure tracking_error(const std::string& title, std::span<const Trace> errors_rad) {
+  std::vector<Trace> traces(errors_rad.begin(), errors_rad.end());
+  for (auto& trace : traces)
+    for (double& v : trace.values) v *= 1e3;
+  return history(title, {.quantity = "tracking error", .symbol = "{/:Italic q}_d − {/:Italic q}", .unit = "mrad"}, traces);
+}
+
+Figure residual_histogram(const std::string& title, const Axis& residual, std::span<const double> residuals) {
+  std::vector<double> r;
+  std::ranges::copy_if(residuals, std::back_inserter(r), [](double v) { return std::isfinite(v); });
+  Figure f{.title = title, .x = residual, .y = {.quantity = "count", .unit = "-", .from = {}, .to = {}}};
+  if (r.empty()) {
+    f.series.push_back({.mark = Mark::bars, .x = {0}, .y = {std::nan("")}});   // which draw() refuses by name
+    return f;
+  }
+  const double n = static_cast<double>(r.size()), mean = std::accumulate(r.begin(), r.end(), 0.0) / n;
+  double square = 0;
+  for (const double v : r) square += (v - mean) * (v - mean);
+  const double deviation = std::sqrt(square / std::max(n - 1, 1.0));
+  auto [low, high] = std::ranges::minmax(r);
+  if (!(low < high)) low -= 0.5, high += 0.5;
+  const int bins = std::clamp(static_cast<int>(std::lround(2 * std::cbrt(n))), 5, 80);   // Rice's rule
+  const double width = (high - low) / bins;
+  Series bars{.mark = Mark::bars, .x = {}, .y = std::vector<double>(static_cast<std::size_t>(bins))};
+  for (int i = 0; i < bins; ++i) bars.x.push_back(low + width * (i + 0.5));
+  for (const double v : r) ++bars.y[static_cast<std::size_t>(std::min(bins - 1, static_cast<int>((v - low) / width)))];
+  bars.label = fmt::format("n = {}", r.size());
+  f.series.push_back(std::move(bars));
+  if (deviation > 0) {
+    Series normal{.label = fmt::format("normal, mean {:.3g}, std {:.3g}", mean, deviation)};
+    for (int i = 0; i <= 200; ++i) {
+      const double x = low + (high - low) * i / 200, z = (x - mean) / deviation;
+      normal.x.push_back(x);
+      normal.y.push_back(n * width * std::exp(-z * z / 2) / (deviation * std::sqrt(2 * std::numbers::pi)));
+    }
+    f.series.push_back(std::move(normal));
+  }
+  return f;
+}
+
+Figure confidence_ellipses(const std::string& title, const Axis& x, const Axis& y, std::span<const Estimate> estimates) {
+  Figure f{.title = title, .x = x, .y = y};
+  for (std::size_t i = 0; i < estimates.size(); ++i) {
+    const Estimate& e = estimates[i];
+    if (!e.samples.empty()) {
+      Series s{.mark = Mark::points, .stroke = i};
+      for (const auto& p : e.samples) s.x.push_back(p[0]), s.y.push_back(p[1]);
+      f.series.push_back(std::move(s));
+    }
+    Eigen::Matrix2d c;
+    c << e.covariance[0][0], e.covariance[0][1], e.covariance[1][0], e.covariance[1][1];
+    const Eigen::SelfAdjointEigenSolver<Eigen::Matrix2d> axes(c);
+    const Eigen::Matrix2d half = axes.eigenvectors() * axes.eigenvalues().cwiseMax(0).cwiseSqrt().asDiagonal();
+    for (const double probability : {0.95, 0.99}) {
+      const double radius = std::sqrt(-2 * std::log(1 - probability));   // of the chi-squared distribution with 2 degrees of freedom
+      Series s{.mark = probability < 0.99 ? Mark::area : Mark::reference, .label = probability < 0.99 ? e.label : "", .stroke = i};
+      for (int k = 0; k <= 120; ++k) {
+        const double angle = 2 * std::numbers::pi * k / 120;
+        const Eigen::Vector2d p = Eigen::Vector2d(e.mean[0], e.mean[1]) + radius * half * Eigen::Vector2d(std::cos(angle), std::sin(angle));
+        s.x.push_back(p.x());
+        s.y.push_back(p.y());
+      }
+      f.series.push_back(std::move(s));
+    }
+  }
+  return f;
+}
+
+Figure hysteresis_loop(const std::string& title, const Axis& position, const Axis& torque, std::span<const Loop> loops) {
+  Figure f{.title = title, .x = position, .y = torque};
+  for (const auto& loop : loops) f.series.push_back({.label = loop.label, .x = loop.position, .y = loop.torque});
+  return f;
+}
+
+}  // namespace tribotwin::render

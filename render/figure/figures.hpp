@@ -1,0 +1,66 @@
+#pragma once
+
+#include <array>
+#include <span>
+
+#include <tribotwin/plugins/drive/drive.hpp>
+#include <tribotwin/render/figure/figure.hpp>
+
+/// The figures that reports, measurements and identifications need, from their values.
+namespace tribotwin::render {
+
+/// Friction seen at a joint. Speed and friction are magnitudes.
+struct FrictionPoint {
+  double speed_rad_s;         ///< joint side
+  double load_norm, temperature_degC;
+  double friction_nm;         ///< arm side
+  double error_nm = 0;        ///< one sigma; 0 draws no bar
+};
+
+/// The axes in which a drive's law is usually shown: motor or joint speed, Nm or parts of torque_max_nm.
+struct LawAxes {
+  explicit LawAxes(const drive::Drive& drive);
+  Axis speed, friction, load;
+  double per_joint_rad_s, per_nm;   ///< factors from joint-side rad/s and Nm
+};
+
+/// The law over speed at several temperatures, with points coloured by theirs. speed_max is joint side [rad/s].
+Figure friction_against_temperature(const drive::Drive& drive, const std::string& title, double speed_max_rad_s, double load_norm,
+                                    std::span<const double> temperatures_degC, std::span<const FrictionPoint> points = {});
+/// The law over speed at several loads (at most eight), with points coloured by theirs.
+Figure friction_against_load(const drive::Drive& drive, const std::string& title, double speed_max_rad_s, double temperature_degC, std::span<const double> loads_norm,
+                             std::span<const FrictionPoint> points = {});
+/// The law over speed and temperature.
+Figure friction_surface(const drive::Drive& drive, const std::string& title, double speed_max_rad_s, double load_norm, double temperature_from_degC,
+                        double temperature_to_degC);
+
+struct Trace {
+  std::string label;
+  std::vector<double> time_s, values;
+};
+/// Values against time, in seconds, minutes or hours by their span.
+Figure history(const std::string& title, const Axis& quantity, std::span<const Trace> traces);
+/// Commanded minus actual position against time [mrad].
+Figure tracking_error(const std::string& title, std::span<const Trace> errors_rad);
+
+/// How often residuals occur, with the normal distribution of their mean and deviation. NaN are left out.
+Figure residual_histogram(const std::string& title, const Axis& residual, std::span<const double> residuals);
+
+/// Two estimated parameters with their covariance, and what it was estimated from.
+struct Estimate {
+  std::string label;
+  std::array<double, 2> mean;
+  std::array<std::array<double, 2>, 2> covariance;
+  std::vector<std::array<double, 2>> samples;
+};
+/// 95 % and 99 % confidence regions of normally distributed estimates.
+Figure confidence_ellipses(const std::string& title, const Axis& x, const Axis& y, std::span<const Estimate> estimates);
+
+struct Loop {
+  std::string label;
+  std::vector<double> position, torque;   ///< in the order of time
+};
+/// Torque over position.
+Figure hysteresis_loop(const std::string& title, const Axis& position, const Axis& torque, std::span<const Loop> loops);
+
+}  // namespace tribotwin::render
