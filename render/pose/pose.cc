@@ -136,7 +136,7 @@ tl::expected<Image, std::string> PosePainter::draw(const PoseState& state, const
   }
   auto image = renderer_.draw(data_.get(), options.view, paints);
   if (!image) return image;
-  const double unit = size_.height / 960.0;
+  const double unit = options.text_scale * size_.height / 960.0;
   if (options.panel) draw_panel(*image, state.time_s ? duration(*state.time_s) : "", rows, unit);
   if (options.legend && coloured) draw_colour_bar(*image, bar_of(options.colour_by, options.scale), unit);
   return image;
@@ -160,7 +160,7 @@ tl::expected<Image, std::string> contact_sheet(std::shared_ptr<const mujoco::Mod
   auto painter = PosePainter::create(model, each);
   if (!painter) return tl::unexpected(painter.error());
   const int n = static_cast<int>(indices.size());
-  const double unit = each.height / 480.0;
+  const double unit = options.text_scale * each.height / 480.0;
   const int gap = static_cast<int>(12 * unit), caption = static_cast<int>(34 * unit);
   const bool legend = options.legend && options.colour_by != ColourBy::nothing;
   const int strip = legend ? static_cast<int>(180 * unit) : 0;

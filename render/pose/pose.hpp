@@ -49,6 +49,7 @@ struct PoseOptions {
   Scale scale;
   bool panel = true;    ///< time, and per joint name, temperature and friction
   bool legend = true;   ///< the colour bar
+  double text_scale = 1;   ///< size of the text; 1 is for a picture seen as large as it is
 };
 
 /// Draws poses of one model in one size.

@@ -100,4 +100,11 @@ tl::expected<void, std::string> Child::finish() {
   return good;
 }
 
+std::string shell_word(std::string_view word) {
+  constexpr std::string_view harmless = "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789_-./=:+,";
+  if (!word.empty() && word.find_first_not_of(harmless) == std::string_view::npos) return std::string(word);
+  const std::unique_ptr<char, decltype(&g_free)> quoted(g_shell_quote(std::string(word).c_str()), g_free);
+  return quoted.get();
+}
+
 }  // namespace tribotwin::render

@@ -41,4 +41,7 @@ class Child {
   std::unique_ptr<GSubprocess, Unref> process_;
 };
 
+/// A word of a command that the user may copy into a shell: quoted where it must be.
+std::string shell_word(std::string_view word);
+
 }  // namespace tribotwin::render

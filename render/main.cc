@@ -1,0 +1,371 @@
+// tribotwin-report: pages and pictures of runs and models. stdout carries the names of the files written.
+#include <charconv>
+#include <cmath>
+#include <csignal>
+
+#include <CLI/CLI.hpp>
+#include <fmt/format.h>
+
+#include <tribotwin/render/figure/figures.hpp>
+#include <tribotwin/render/pose/video.hpp>
+#include <tribotwin/render/process/child.hpp>
+#include <tribotwin/render/report/report.hpp>
+#include <tribotwin/twin/model/arm.hpp>
+#include <tribotwin/twin/output/output.hpp>
+#include <tribotwin/twin/scenario/input.hpp>
+#include <tribotwin/twin/table/table.hpp>
+
+namespace {
+
+using namespace tribotwin;
+namespace fs = std::filesystem;
+using twin::complain, twin::done, twin::failed, twin::wrong_input, twin::InputError, twin::Progress;
+
+constexpr const char* program = "tribotwin-report";
+
+template <class T>
+T or_wrong_input(tl::expected<T, std::string> value) {
+  if (!value) throw InputError(value.error());
+  return std::move(*value);
+}
+template <class T>
+T or_fail(tl::expected<T, std::string> value) {
+  if (!value) throw std::runtime_error(value.error());
+  if constexpr (!std::is_void_v<T>) return std::move(*value);
+}
+
+void write(const fs::path& file, std::string_view bytes) {
+  or_fail(twin::write_file(file, bytes));
+  fmt::print("{}\n", file.string());
+}
+
+/// NAME=NUMBER
+std::pair<std::string, double> assignment(const char* option, const std::string& given) {
+  const auto equals = given.rfind('=');
+  double value = 0;
+  if (equals != std::string::npos && equals > 0) {
+    const char* end = given.data() + given.size();
+    const auto [at, error] = std::from_chars(given.data() + equals + 1, end, value);
+    if (error == std::errc{} && at == end && std::isfinite(value)) return {given.substr(0, equals), value};
+  }
+  throw InputError(fmt::format("{} {}: must be JOINT=NUMBER, for example joint2=0.5", option, given));
+}
+
+render::Size size_of(const std::string& given) {
+  render::Size size;
+  const char *at = given.data(), *end = at + given.size();
+  const auto first = std::from_chars(at, end, size.width);
+  if (first.ec == std::errc{} && first.ptr != end && *first.ptr == 'x') {
+    const auto second = std::from_chars(first.ptr + 1, end, size.height);
+    if (second.ec == std::errc{} && second.ptr == end) return size;
+  }
+  throw InputError(fmt::format("--size {}: must be WIDTHxHEIGHT in pixels, for example 1280x960", given));
+}
+
+struct PictureArguments {
+  std::string target, output, size, camera, colour_by;
+  std::optional<double> azimuth, elevation, distance;
+  std::vector<double> look_at;
+  bool quiet = false;
+
+  void add_to(CLI::App& command, const char* target_help, const char* default_size, const char* default_output) {
+    size = default_size;
+    output = default_output;
+    command.add_option("TARGET", target, target_help)->required();
+    command.add_option("-o,--output", output, "File to write")->capture_default_str();
+    command.add_option("--size", size, fmt::format("WIDTHxHEIGHT in pixels, {} to {} a side", render::side_min, render::side_most))->capture_default_str();
+    command.add_option("--colour-by", colour_by, "What the joint housings show")->check(CLI::IsMember({"temperature", "friction", "nothing"}));
+    command.add_option("--camera", camera, "A camera of the model (default: overview, where there is one)");
+    command.add_option("--azimuth", azimuth, "Free camera: about the vertical [deg]");
+    command.add_option("--elevation", elevation, "Free camera: up from the horizontal [deg], negative looks down");
+    command.add_option("--distance", distance, "Free camera: from what it looks at [m]");
+    command.add_option("--look-at", look_at, "Free camera: X Y Z [m]")->expected(3);
+    command.add_flag("--quiet", quiet, "No progress");
+  }
+  render::View view() const {
+    render::View v{.camera = camera, .azimuth_deg = azimuth, .elevation_deg = elevation, .distance_m = distance};
+    for (const auto& [option, value] : {std::pair{"--azimuth", azimuth}, {"--elevation", elevation}, {"--distance", distance}})
+      if (value && !std::isfinite(*value)) throw InputError(fmt::format("{}: must be a finite number", option));
+    if (distance && *distance <= 0) throw InputError(fmt::format("--distance {}: must be above 0 m", *distance));
+    if (!look_at.empty()) v.look_at_m = {look_at[0], look_at[1], look_at[2]};
+    return v;
+  }
+  render::ColourBy colours(render::ColourBy usual) const {
+    return colour_by.empty() ? usual : colour_by == "temperature" ? render::ColourBy::temperature : colour_by == "friction" ? render::ColourBy::friction : render::ColourBy::nothing;
+  }
+};
+
+/// The model and the samples of a run, for pictures of it.
+std::unique_ptr<render::RunData> run_with_model(const std::string& directory) {
+  auto run = or_wrong_input(render::load_run(directory));
+  if (!run->model() || run->record.time_s.empty()) throw InputError(run->missing.empty() ? directory + ": has no samples" : run->missing.front());
+  for (const auto& what : run->missing) fmt::print(stderr, "note: {}\n", what);
+  return run;
+}
+
+/// Messages about cameras and sizes are the user's to mend; all else is not.
+template <class T>
+T drawn(tl::expected<T, std::string> value) {
+  if (!value && (value.error().starts_with("camera '") || value.error().starts_with("a picture of") || value.error().starts_with("a contact sheet of"))) throw InputError(value.error());
+  return or_fail(std::move(value));
+}
+
+struct PoseArguments : PictureArguments {
+  std::vector<std::string> pose, temperature;
+  std::optional<double> time;
+};
+
+int pose(const PoseArguments& a) {
+  std::shared_ptr<const mujoco::Model> model;
+  std::unique_ptr<render::RunData> run;
+  render::PoseState state;
+  if (!a.output.ends_with(".png")) throw InputError(fmt::format("-o {}: the name of a pose must end in .png", a.output));
+  const render::Size size = size_of(a.size);
+  if (fs::is_directory(a.target)) {
+    run = run_with_model(a.target);
+    model = run->scenario->model;
+    const auto& time = run->record.time_s;
+    std::size_t index = time.size() - 1;
+    if (a.time) {
+      if (!(*a.time >= time.front() && *a.time <= time.back())) throw InputError(fmt::format("--time {}: the record spans {} to {} s", *a.time, time.front(), time.back()));
+      index = static_cast<std::size_t>(std::ranges::lower_bound(time, *a.time) - time.begin());
+    }
+    state = render::recorded(*model, run->record, index);
+  } else {
+    if (a.time) throw InputError("--time: is for the folder of a run, not for a model");
+    model = or_wrong_input(mujoco::load_file(a.target));
+    state = render::rest(*model);
+  }
+  const mjModel* m = model->get();
+  for (const auto& given : a.pose) {
+    if (given.find('=') == std::string::npos) {
+      const int key = mj_name2id(m, mjOBJ_KEY, given.c_str());
+      if (key < 0) {
+        std::string names;
+        for (int i = 0; i < m->nkey; ++i)
+          if (const char* name = mj_id2name(m, mjOBJ_KEY, i)) names += std::string(names.empty() ? "" : ", ") + name;
+        throw InputError(fmt::format("--pose {}: is neither JOINT=RAD nor a keyframe; the model has {}", given, names.empty() ? "no keyframes" : "the keyframes " + names));
+      }
+      state.qpos.assign(m->key_qpos + key * m->nq, m->key_qpos + (key + 1) * m->nq);
+      continue;
+    }
+    const auto [name, value] = assignment("--pose", given);
+    const int joint = mj_name2id(m, mjOBJ_JOINT, name.c_str());
+    if (joint < 0 || (m->jnt_type[joint] != mjJNT_HINGE && m->jnt_type[joint] != mjJNT_SLIDE)) {
+      std::string names;
+      for (int i = 0; i < m->njnt; ++i)
+        if (const char* other = mj_id2name(m, mjOBJ_JOINT, i); other && m->jnt_type[i] >= mjJNT_SLIDE) names += std::string(names.empty() ? "" : ", ") + other;
+      throw InputError(fmt::format("--pose {}: the model has the hinge and slide joints {}", given, names));
+    }
+    state.qpos[static_cast<std::size_t>(m->jnt_qposadr[joint])] = value;
+  }
+  for (const auto& given : a.temperature) {
+    const auto [name, value] = assignment("--temperature", given);
+    const auto index = twin::find_drive(*model, name);
+    if (!index) throw InputError(fmt::format("--temperature {}: {}", given, index.error()));
+    state.joints[*index].temperature_degC = value;
+  }
+  render::PoseOptions options;
+  options.view = a.view();
+  const bool speaks = run || !a.temperature.empty() || !a.colour_by.empty();
+  options.colour_by = a.colours(speaks ? render::ColourBy::temperature : render::ColourBy::nothing);
+  options.panel = speaks && options.colour_by != render::ColourBy::nothing;
+  options.scale = run && options.colour_by == render::ColourBy::friction ? render::scale_of(*model, run->record, options.colour_by) : render::scale_of(*model, state, options.colour_by);
+  auto painter = drawn(render::PosePainter::create(model, size));
+  write(a.output, render::png(drawn(painter.draw(state, options))));
+  return done;
+}
+
+struct SheetArguments : PictureArguments {
+  std::size_t count = 6;
+};
+
+int sheet(const SheetArguments& a) {
+  if (!a.output.ends_with(".png")) throw InputError(fmt::format("-o {}: the name of a contact sheet must end in .png", a.output));
+  const render::Size size = size_of(a.size);
+  const auto run = run_with_model(a.target);
+  const auto& model = run->scenario->model;
+  render::PoseOptions options;
+  options.view = a.view();
+  options.colour_by = a.colours(render::ColourBy::temperature);
+  options.scale = render::scale_of(*model, run->record, options.colour_by);
+  Progress progress(a.quiet, "poses");
+  write(a.output, render::png(drawn(render::contact_sheet(model, run->record, render::evenly_in_time(run->record.time_s, a.count), options, size, [&](double share) { progress(share); }))));
+  return done;
+}
+
+struct VideoArguments : PictureArguments {
+  double seconds = 20;
+  int frames_per_s = 25;
+};
+
+int video(const VideoArguments& a) {
+  if (!a.output.ends_with(".mp4")) throw InputError(fmt::format("-o {}: the name of a film must end in .mp4", a.output));
+  const render::Size size = size_of(a.size);
+  const auto run = run_with_model(a.target);
+  const auto& model = run->scenario->model;
+  render::PoseOptions options;
+  options.view = a.view();
+  options.colour_by = a.colours(render::ColourBy::temperature);
+  options.scale = render::scale_of(*model, run->record, options.colour_by);
+  {
+    Progress progress(a.quiet, "film");
+    drawn(render::write_video(a.output, model, run->record, options, {.size = size, .frames_per_s = a.frames_per_s, .length_s = a.seconds}, [&](double share) { progress(share); }));
+  }
+  fmt::print("{}\n", a.output);
+  return done;
+}
+
+struct CurveArguments {
+  std::string model, joint, output = "curve.svg", over = "temperature", points;
+  std::vector<double> temperatures, loads;
+  std::optional<double> speed_max;
+};
+
+int curve(const CurveArguments& a) {
+  const render::Format format = or_wrong_input(render::format_of(a.output));
+  const auto model = or_wrong_input(mujoco::load_file(a.model));
+  const auto index = twin::find_drive(*model, a.joint);
+  if (!index) throw InputError(fmt::format("{}: --joint {}", a.model, index.error()));
+  const drive::Drive& drive = model->drives()[*index].drive;
+  const auto& law = *drive.law.info;
+  std::vector<render::FrictionPoint> points;
+  double speed_points = 0;
+  if (!a.points.empty()) {
+    const twin::Table table = or_wrong_input(twin::read_table(a.points));
+    const auto column = [&](const char* name) { return or_wrong_input(table.numbers(name)); };
+    const auto speed = column("speed_rad_s"), load = column("load_norm"), temperature = column("temperature_degC"), friction = column("friction_nm");
+    const auto error = table.has("stderr_nm") ? column("stderr_nm") : std::vector<double>(speed.size());
+    for (std::size_t i = 0; i < speed.size(); ++i) {
+      points.push_back({std::abs(speed[i]) / drive.gear_ratio, std::abs(load[i]), temperature[i], std::abs(friction[i]), error[i]});
+      speed_points = std::max(speed_points, points.back().speed_rad_s);
+    }
+  }
+  const auto limit = [](double given, double otherwise) { return std::abs(given) < friction::unlimited ? given : otherwise; };
+  const friction::Range& range = drive.law.range;
+  // Shown without being asked: the law's own range, where that has an end.
+  double speed = a.speed_max ? *a.speed_max / drive.gear_ratio : speed_points > 0 ? 1.05 * speed_points : limit(range.speed_max_rad_s / drive.speed_scale(), 280 / drive.gear_ratio);
+  const auto spread = [](double from, double to, int count) {
+    std::vector<double> v;
+    for (int i = 0; i < count; ++i) v.push_back(from + (to - from) * i / (count - 1));
+    return v;
+  };
+  const double t_low = limit(range.temperature_min_degC, 20), t_high = limit(range.temperature_max_degC, 80), load_high = limit(range.load_max, 0.8);
+  auto temperatures = a.temperatures, loads = a.loads;
+  const bool over_load = a.over == "load";
+  if (temperatures.empty()) temperatures = over_load ? std::vector{(t_low + t_high) / 2} : spread(t_low, t_high, 8);
+  if (loads.empty()) loads = over_load ? spread(0, load_high, 6) : std::vector{0.0};
+  if (over_load && temperatures.size() != 1) throw InputError("--temperature: curves over load are drawn at one temperature");
+  if (!over_load && loads.size() != 1) throw InputError("--load: curves over temperature are drawn at one load");
+  const auto at_load = [&] { return fmt::format("{}: {} at a load of {:g}", a.joint, law.name, loads[0]); };
+  if (!law.temperature_dependent && !over_load) fmt::print(stderr, "note: law '{}' does not depend on temperature\n", law.name);
+  if (!law.load_dependent && over_load) fmt::print(stderr, "note: law '{}' does not depend on load\n", law.name);
+  render::Figure figure;
+  if (over_load) figure = render::friction_against_load(drive, fmt::format("{}: {} at {:g} °C", a.joint, law.name, temperatures[0]), speed, temperatures[0], loads, points);
+  else if (a.over == "surface") figure = render::friction_surface(drive, at_load(), speed, loads[0], std::ranges::min(temperatures), std::max(std::ranges::max(temperatures), std::ranges::min(temperatures) + 1));
+  else figure = render::friction_against_temperature(drive, at_load(), speed, loads[0], temperatures, points);
+  write(a.output, or_fail(render::draw(figure, format)));
+  return done;
+}
+
+struct ReportArguments {
+  std::vector<std::string> runs;
+  std::string output;
+  bool png = false, pdf = false, quiet = false;
+};
+
+int report(const ReportArguments& a, const std::string& command) {
+  if (a.runs.empty()) throw InputError("names no folder of a run; 'tribotwin-report --help' shows how it is used");
+  std::vector<std::unique_ptr<render::RunData>> runs;
+  for (const auto& directory : a.runs) runs.push_back(or_wrong_input(render::load_run(directory)));
+  const fs::path output = a.output.empty() ? (a.runs.size() == 1 ? fs::path(a.runs[0]) / "report.html" : fs::path("report.html")) : fs::path(a.output);
+  if (const auto folder = output.parent_path(); !folder.empty() && !fs::is_directory(folder)) throw InputError(fmt::format("-o {}: there is no folder {}", output.string(), folder.string()));
+  std::vector<render::Format> formats;
+  if (a.png) formats.push_back(render::Format::png);
+  if (a.pdf) formats.push_back(render::Format::pdf);
+  const render::Report made = [&] {
+    Progress progress(a.quiet, "report");
+    return or_fail(render::make_report(runs, {.figure_files = formats, .command = command, .progress = [&](double share) { progress(share); }}));
+  }();
+  for (const auto& note : made.notes) fmt::print(stderr, "note: {}\n", note);
+  if (!made.figures.empty()) {
+    fs::path folder = output;
+    folder.replace_extension();
+    folder += "_figures";
+    std::error_code error;
+    fs::create_directory(folder, error);
+    if (error) throw std::runtime_error(fmt::format("{}: cannot be created ({})", folder.string(), error.message()));
+    for (const auto& file : made.figures) or_fail(twin::write_file(folder / file.name, file.bytes));
+    fmt::print("{}/ ({} figures)\n", folder.string(), made.figures.size());
+  }
+  write(output, made.html);
+  return done;
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  mujoco::install_message_handlers();
+  std::signal(SIGXFSZ, SIG_IGN);   // a full disk is an error message, not a death
+
+  CLI::App app{"tribotwin-report: runs, laws and poses as one page or single pictures; needs no display"};
+  app.set_version_flag("--version", std::string("tribotwin-report " TRIBOTWIN_VERSION ", MuJoCo ") + mj_versionString());
+  app.require_subcommand(0, 1);
+  ReportArguments r;
+  app.add_option("RUNDIR", r.runs, "Folders of runs; several are compared");
+  app.add_option("-o,--output", r.output, "The page (default: RUNDIR/report.html; report.html for several)");
+  app.add_flag("--png", r.png, "Also every figure as PNG, in a folder beside the page");
+  app.add_flag("--pdf", r.pdf, "Also every figure as PDF, in a folder beside the page");
+  app.add_flag("--quiet", r.quiet, "No progress");
+  app.footer("Example:\n  tribotwin-report runs/irb6620_warmup -o report.html");
+
+  PoseArguments p;
+  auto* pose_command = app.add_subcommand("pose", "A picture of a model, or of a run at one time");
+  p.add_to(*pose_command, "MJCF model, or the folder of a run", "1280x960", "pose.png");
+  pose_command->add_option("--pose", p.pose, "JOINT=RAD (metres for a slide) or the name of a keyframe; may be repeated")->allow_extra_args(false);
+  pose_command->add_option("--temperature", p.temperature, "JOINT=DEGC; may be repeated")->allow_extra_args(false);
+  pose_command->add_option("--time", p.time, "Time of the run [s] (default: its end)");
+  pose_command->footer("Example:\n  tribotwin-report pose mjcf/irb6620.xml --pose joint2=0.6 --temperature joint2=72 -o pose.png");
+
+  CurveArguments c;
+  auto* curve_command = app.add_subcommand("curve", "The friction law of a joint as a figure");
+  curve_command->add_option("MODEL", c.model, "MJCF model")->required();
+  curve_command->add_option("--joint", c.joint, "Joint with a drive")->required();
+  curve_command->add_option("--over", c.over, "What the curves differ in")->check(CLI::IsMember({"temperature", "load", "surface"}))->capture_default_str();
+  curve_command->add_option("--temperature", c.temperatures, "One or more [degC] (default: the law's range)")->check(CLI::Range(-273.15, 1000.0));
+  curve_command->add_option("--load", c.loads, "One or more, load torque / torque_max_nm [-] (default: 0, or the law's range)")->check(CLI::Range(-1000.0, 1000.0));
+  curve_command->add_option("--speed-max", c.speed_max, "Largest speed, motor side [rad/s] (default: the law's range)")->check(CLI::Range(1e-6, 1e6));
+  curve_command->add_option("--points", c.points, "Measured points with error bars: a file of 'tribotwin curve --csv'");
+  curve_command->add_option("-o,--output", c.output, "File to write: .svg, .png or .pdf")->capture_default_str();
+  curve_command->footer("Example:\n  tribotwin-report curve mjcf/irb6620.xml --joint joint2 -o curve.svg");
+
+  SheetArguments s;
+  auto* sheet_command = app.add_subcommand("sheet", "Poses over a run in one picture");
+  s.add_to(*sheet_command, "Folder of a run", "640x480", "sheet.png");
+  sheet_command->add_option("--count", s.count, "How many, evenly in time")->check(CLI::Range(1, 100))->capture_default_str();
+  sheet_command->footer("Example:\n  tribotwin-report sheet runs/irb6620_warmup --count 9 -o sheet.png");
+
+  VideoArguments v;
+  auto* video_command = app.add_subcommand("video", "A run as a film (needs ffmpeg)");
+  v.add_to(*video_command, "Folder of a run", "960x720", "video.mp4");
+  video_command->add_option("--seconds", v.seconds, "Length of the film [s]")->check(CLI::Range(0.1, 3600.0))->capture_default_str();
+  video_command->add_option("--fps", v.frames_per_s, "Frames per second")->check(CLI::Range(1, 240))->capture_default_str();
+  video_command->footer("Example:\n  tribotwin-report video runs/irb6620_warmup --seconds 10 -o warmup.mp4");
+
+  try {
+    app.parse(argc, argv);
+    if (*pose_command) return pose(p);
+    if (*curve_command) return curve(c);
+    if (*sheet_command) return sheet(s);
+    if (*video_command) return video(v);
+    std::string command = program;
+    for (int i = 1; i < argc; ++i) command += " " + render::shell_word(argv[i]);
+    return report(r, command);
+  } catch (const CLI::ParseError& e) {
+    return app.exit(e) == 0 ? done : wrong_input;
+  } catch (const InputError& e) {
+    return complain(program, wrong_input, e.what());
+  } catch (const std::exception& e) {
+    return complain(program, failed, e.what());
+  }
+}

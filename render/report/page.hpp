@@ -1,0 +1,35 @@
+#pragma once
+
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include <pugixml.hpp>
+
+/// A page that needs nothing but itself: style inside, pictures as data, no script. Text is put in as text, so that
+/// nothing in it becomes markup.
+namespace tribotwin::render {
+
+class Page {
+ public:
+  explicit Page(std::string_view title);
+
+  /// The column everything goes into.
+  pugi::xml_node body() { return main_; }
+  /// <tag class="kind">text</tag>
+  static pugi::xml_node add(pugi::xml_node to, const char* tag, std::string_view text = {}, const char* kind = nullptr);
+  /// A card with a caption below.
+  void add_svg(pugi::xml_node to, std::string_view svg, const std::string& caption, const std::string& alternative);
+  void add_png(pugi::xml_node to, std::string_view png, const std::string& caption, const std::string& alternative, bool wide = false);
+  /// The first column names the rows; a cell that starts like a number is set right.
+  static void add_table(pugi::xml_node to, const std::vector<std::string>& head, const std::vector<std::vector<std::string>>& rows);
+
+  std::string html() const;
+
+ private:
+  pugi::xml_document document_;
+  pugi::xml_node main_;
+  int figures_ = 0;
+};
+
+}  // namespace tribotwin::render

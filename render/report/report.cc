@@ -1,0 +1,528 @@
+#include <tribotwin/render/report/report.hpp>
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include <fmt/format.h>
+
+#include <tribotwin/render/figure/figures.hpp>
+#include <tribotwin/render/pose/pose.hpp>
+#include <tribotwin/render/process/child.hpp>
+#include <tribotwin/render/report/page.hpp>
+#include <tribotwin/render/theme/theme.hpp>
+#include <tribotwin/twin/model/arm.hpp>
+
+namespace tribotwin::render {
+namespace {
+
+using Status = tl::expected<void, std::string>;
+using nlohmann::json;
+
+constexpr double unknown = std::numeric_limits<double>::quiet_NaN();
+constexpr FigureSize figure_size{520, 370}, surface_size{640, 430};
+constexpr std::size_t trace_points = 600, visited_points = 250;
+const Axis temperature_axis{.quantity = "lubricant temperature", .symbol = "{/:Italic T}", .unit = "°C"};
+
+/// A number of the summary, NaN where it is not there.
+double number(const json& j, std::initializer_list<const char*> path) {
+  const json* at = &j;
+  for (const char* key : path) {
+    if (!at->is_object() || !at->contains(key)) return unknown;
+    at = &(*at)[key];
+  }
+  return at->is_number() ? at->get<double>() : unknown;
+}
+std::string text(const json& j, const char* key) { return j.is_object() && j.contains(key) && j[key].is_string() ? j[key].get<std::string>() : ""; }
+
+std::string shown(double v, const char* format) { return std::isfinite(v) ? fmt::format(fmt::runtime(format), v) : "–"; }
+
+std::string energy(double joule) {
+  for (const auto& [unit, size] : {std::pair{"MJ", 1e6}, {"kJ", 1e3}})
+    if (std::abs(joule) >= size) return fmt::format("{:.3g} {}", joule / size, unit);
+  return shown(joule, "{:.3g} J");
+}
+
+double middle(std::vector<double> v) {
+  if (v.empty()) return 0;
+  const auto half = v.begin() + static_cast<std::ptrdiff_t>(v.size() / 2);
+  std::nth_element(v.begin(), half, v.end());
+  return *half;
+}
+
+std::vector<double> evenly(double from, double to, int count) {
+  std::vector<double> v;
+  if (count < 2) return {(from + to) / 2};
+  for (int i = 0; i < count; ++i) v.push_back(from + (to - from) * i / (count - 1));
+  return v;
+}
+
+struct JointFigures {
+  std::string name;
+  double start_degC, end_degC, max_degC, rms_nm, friction_max_nm, load_max, clamped, stuck_s;
+};
+
+/// From the summary or, where there is none, from the samples.
+std::vector<JointFigures> joint_figures(const RunData& run) {
+  std::vector<JointFigures> all;
+  if (run.summary.is_object() && run.summary.contains("joints") && run.summary["joints"].is_array()) {
+    for (const auto& j : run.summary["joints"])
+      all.push_back({text(j, "name"), number(j, {"temperature_degC", "start"}), number(j, {"temperature_degC", "end"}), number(j, {"temperature_degC", "max"}),
+                     number(j, {"friction_nm", "rms"}), number(j, {"friction_nm", "max"}), number(j, {"load_norm", "max"}), number(j, {"clamped_samples"}), number(j, {"stuck_s"})});
+    return all;
+  }
+  for (const auto& j : run.joints) {
+    JointFigures f{j.name, unknown, unknown, unknown, unknown, unknown, unknown, unknown, unknown};
+    double squares = 0;
+    std::size_t n = 0;
+    for (std::size_t i = 0; i < run.record.time_s.size(); ++i) {
+      const auto at = [&](std::span<const double> v) { return i < v.size() ? v[i] : unknown; };
+      if (const double t = at(j.temperature_degC); std::isfinite(t)) {
+        if (!std::isfinite(f.start_degC)) f.start_degC = t;
+        f.end_degC = t;
+        f.max_degC = std::fmax(f.max_degC, t);
+      }
+      if (const double nm = at(j.friction_nm); std::isfinite(nm)) squares += nm * nm, ++n, f.friction_max_nm = std::fmax(f.friction_max_nm, std::abs(nm));
+      if (const double nm = at(j.load_nm); std::isfinite(nm)) f.load_max = std::fmax(f.load_max, std::abs(nm) / j.torque_max_nm);
+    }
+    if (n) f.rms_nm = std::sqrt(squares / static_cast<double>(n));
+    all.push_back(f);
+  }
+  return all;
+}
+
+const JointFigures* warmest(const std::vector<JointFigures>& joints) {
+  const JointFigures* best = nullptr;
+  for (const auto& j : joints)
+    if (std::isfinite(j.max_degC) && (!best || j.max_degC > best->max_degC)) best = &j;
+  return best;
+}
+
+double simulated_s(const RunData& run) {
+  const double s = number(run.summary, {"simulated_s"});
+  return std::isfinite(s) || run.record.time_s.empty() ? s : run.record.time_s.back();
+}
+
+/// Every k-th value such that at most trace_points are left; the last stays.
+Trace thinned(std::string label, std::span<const double> time, std::span<const double> values) {
+  Trace t{std::move(label), {}, {}};
+  const std::size_t n = std::min(time.size(), values.size()), step = n / trace_points + 1;
+  for (std::size_t i = 0; i < n; i += step) t.time_s.push_back(time[i]), t.values.push_back(values[i]);
+  if (n > 0 && (n - 1) % step != 0) t.time_s.push_back(time[n - 1]), t.values.push_back(values[n - 1]);
+  return t;
+}
+
+bool any_finite(const Trace& t) { return std::ranges::any_of(t.values, [](double v) { return std::isfinite(v); }); }
+
+/// Root mean square in windows of equal time.
+Trace rms_trace(std::string label, std::span<const double> time, std::span<const double> values, double window_s) {
+  Trace t{std::move(label), {}, {}};
+  const std::size_t n = std::min(time.size(), values.size());
+  for (std::size_t i = 0; i < n;) {
+    const double begin = time[i];
+    double squares = 0;
+    std::size_t count = 0, all = 0;
+    for (; i < n && time[i] < begin + window_s; ++i, ++all)
+      if (std::isfinite(values[i])) squares += values[i] * values[i], ++count;
+    t.time_s.push_back(begin + window_s / 2);
+    t.values.push_back(count ? std::sqrt(squares / static_cast<double>(count)) : unknown);
+    if (all == 0) break;
+  }
+  return t;
+}
+
+/// Spans of samples without a hole in time: the work cycles that a multi-rate run computed.
+std::vector<std::pair<std::size_t, std::size_t>> stretches(std::span<const double> time) {
+  std::vector<std::pair<std::size_t, std::size_t>> out;
+  if (time.size() < 3) return out;
+  std::vector<double> steps;
+  for (std::size_t i = 1; i < time.size(); ++i) steps.push_back(time[i] - time[i - 1]);
+  const double usual = middle(std::move(steps));
+  std::size_t begin = 0;
+  for (std::size_t i = 1; i <= time.size(); ++i)
+    if (i == time.size() || time[i] - time[i - 1] > 1.5 * usual) {
+      if (i - begin > 2) out.emplace_back(begin, i);
+      begin = i;
+    }
+  return out;
+}
+
+class Writer {
+ public:
+  Writer(std::span<const std::unique_ptr<RunData>> runs, const ReportOptions& options)
+      : runs_(runs), options_(options), page_(title()) {}
+
+  tl::expected<Report, std::string> write() {
+    page_.add(page_.body(), "h1", title());
+    if (runs_.size() > 1) {
+      page_.add(page_.body(), "p", "Several runs side by side, then each by itself.", "soft");
+      if (auto ok = comparison(); !ok) return tl::unexpected(ok.error());
+    }
+    for (std::size_t i = 0; i < runs_.size(); ++i) {
+      run_index_ = i;
+      if (auto ok = one(*runs_[i]); !ok) return tl::unexpected(ok.error());
+    }
+    report_.html = page_.html();
+    return std::move(report_);
+  }
+
+ private:
+  std::string title() const { return runs_.size() == 1 ? runs_[0]->name : fmt::format("{} runs compared", runs_.size()); }
+
+  void advance(double share_of_run) {
+    if (options_.progress) options_.progress((static_cast<double>(run_index_) + share_of_run) / static_cast<double>(runs_.size()));
+  }
+
+  void keep(const std::string& name, std::string bytes, const char* ending) {
+    report_.figures.push_back({fmt::format("{:02}_{}.{}", figures_, name, ending), std::move(bytes)});
+  }
+
+  /// Draws a figure into the page, and as files where they are wanted.
+  Status show(pugi::xml_node to, const Figure& figure, const std::string& name, const std::string& caption) {
+    const FigureSize size = figure.surface ? surface_size : figure_size;
+    auto svg = draw(figure, Format::svg, size);
+    if (!svg) return tl::unexpected(svg.error());
+    ++figures_;
+    for (const Format format : options_.figure_files) {
+      auto file = draw(figure, format, size);
+      if (!file) return tl::unexpected(file.error());
+      keep(name, std::move(*file), format == Format::pdf ? "pdf" : format == Format::png ? "png" : "svg");
+    }
+    page_.add_svg(to, *svg, caption, figure.title + ". " + caption);
+    return {};
+  }
+
+  void show(pugi::xml_node to, const Image& image, const std::string& name, const std::string& caption, bool wide = false) {
+    std::string bytes = png(image);
+    page_.add_png(to, bytes, caption, caption, wide);
+    ++figures_;
+    if (!options_.figure_files.empty()) keep(name, std::move(bytes), "png");
+  }
+
+  void tile(pugi::xml_node tiles, const std::string& name, const std::string& value, const std::string& more, const char* kind = nullptr) {
+    auto node = page_.add(tiles, "div", {}, "tile");
+    page_.add(node, "div", name, "name");
+    page_.add(node, "div", value, kind ? (std::string("value ") + kind).c_str() : "value");
+    if (!more.empty()) page_.add(node, "div", more, "more");
+  }
+
+  void notices(pugi::xml_node to, const RunData& run) {
+    if (run.missing.empty()) return;
+    auto box = page_.add(to, "div", {}, "notice");
+    for (const auto& what : run.missing) {
+      page_.add(box, "p", what);
+      report_.notes.push_back(what);
+    }
+  }
+
+  void tiles(pugi::xml_node to, const RunData& run) {
+    auto grid = page_.add(to, "div", {}, "tiles");
+    const auto joints = joint_figures(run);
+    const double rate = number(run.summary, {"realtime_factor"});
+    tile(grid, "simulated", duration(simulated_s(run)), std::isfinite(rate) ? fmt::format("{:.0f} x real time", rate) : "");
+    if (const auto* hot = warmest(joints)) tile(grid, "warmest joint", fmt::format("{:.1f} °C", hot->max_degC), fmt::format("{}, from {:.1f} °C", hot->name, hot->start_degC));
+    if (const double work = number(run.summary, {"friction_work_J"}); std::isfinite(work))
+      tile(grid, "lost to friction", energy(work), fmt::format("of {} motor work", energy(number(run.summary, {"motor_work_J"}))));
+    const JointFigures *loaded = nullptr, *outside = nullptr;
+    for (const auto& j : joints) {
+      if (std::isfinite(j.load_max) && (!loaded || j.load_max > loaded->load_max)) loaded = &j;
+      const auto history = std::ranges::find(run.joints, j.name, &JointHistory::name);
+      const bool moved = history == run.joints.end() || history->moved;
+      if (moved && j.clamped > 0 && (!outside || j.clamped > outside->clamped)) outside = &j;
+    }
+    if (loaded) tile(grid, "largest load", fmt::format("{:.0f} %", 100 * loaded->load_max), fmt::format("of the maximum torque, {}", loaded->name));
+    if (const double steps = number(run.summary, {"steps_computed"}); steps > 0) {
+      if (outside) tile(grid, "outside the law's range", fmt::format("{:.3g} %", 100 * outside->clamped / steps), fmt::format("of the steps, {}; of the joints that moved", outside->name));
+      else tile(grid, "outside the law's range", "never", "of the joints that moved", "good");
+    }
+    if (const double mae = number(run.summary, {"comparison", "mae_mrad"}); std::isfinite(mae))
+      tile(grid, "error against the recording", fmt::format("{:.1f} mrad", mae),
+           fmt::format("native friction: {} mrad", shown(number(run.summary, {"comparison", "baseline_mae_mrad"}), "{:.1f}")));
+    if (const double left = number(run.summary, {"energy_balance_J"}); std::isfinite(left)) tile(grid, "energy balance", fmt::format("{:.2g} J", left), "what the mechanical balance leaves over");
+  }
+
+  void joint_table(pugi::xml_node to, const RunData& run) {
+    page_.add(to, "h3", "Joints");
+    const double steps = number(run.summary, {"steps_computed"});
+    std::vector<std::vector<std::string>> rows;
+    for (const auto& j : joint_figures(run))
+      rows.push_back({j.name, shown(j.start_degC, "{:.1f}"), shown(j.end_degC, "{:.1f}"), shown(j.max_degC, "{:.1f}"), shown(j.rms_nm, "{:.4g}"), shown(j.friction_max_nm, "{:.4g}"),
+                      shown(j.load_max, "{:.3f}"), shown(100 * j.clamped / steps, "{:.3g}"), shown(j.stuck_s, "{:.1f}")});
+    page_.add_table(to, {"joint", "start [°C]", "end [°C]", "highest [°C]", "friction RMS [Nm]", "friction max [Nm]", "load max [-]", "outside [% of steps]", "stuck [s]"}, rows);
+    std::string still;
+    for (const auto& j : run.joints)
+      if (!j.moved) still += (still.empty() ? "" : ", ") + j.name;
+    if (!still.empty()) page_.add(to, "p", fmt::format("Stood still: {}.", still), "soft");
+  }
+
+  Status poses(pugi::xml_node to, const RunData& run) {
+    if (!run.model() || run.record.time_s.empty()) return {};
+    page_.add(to, "h3", "Poses");
+    auto grid = page_.add(to, "div", {}, "figures");
+    PoseOptions look;
+    look.text_scale = 1.5;   // the page shows them smaller than they are
+    look.scale = scale_of(*run.model(), run.record, ColourBy::temperature);
+    const auto failed = [&](const std::string& why) -> Status {
+      report_.notes.push_back(why);
+      page_.add(to, "p", fmt::format("The poses could not be drawn: {}", why), "bad");
+      return {};
+    };
+    const auto model = run.scenario->model;
+    auto painter = PosePainter::create(model, {1280, 960});
+    if (!painter) return failed(painter.error());
+    const std::size_t end = run.record.time_s.size() - 1;
+    for (const std::size_t index : {std::size_t{0}, end}) {
+      const auto image = painter->draw(recorded(*model, run.record, index), look);
+      if (!image) return failed(image.error());
+      show(grid, *image, index == end ? "pose_end" : "pose_start",
+           fmt::format("{}, at {}. Each joint's housing has the colour of its temperature.", index == end ? "The end" : "The beginning", duration(run.record.time_s[index])));
+      advance(index == end ? 0.35 : 0.2);
+      if (end == 0) break;
+    }
+    const auto sheet = contact_sheet(model, run.record, evenly_in_time(run.record.time_s, 6), look, {480, 360});
+    if (!sheet) return failed(sheet.error());
+    advance(0.5);
+    show(grid, *sheet, "poses", "Poses over the run, evenly in time.", true);
+    return {};
+  }
+
+  Status histories(pugi::xml_node to, const RunData& run) {
+    if (run.record.time_s.empty()) return {};
+    page_.add(to, "h3", "Over time");
+    auto grid = page_.add(to, "div", {}, "figures");
+    const auto& r = run.record;
+    std::vector<Trace> temperatures, friction;
+    const auto column = [&](std::size_t joint, std::string_view name) -> std::span<const double> {
+      for (std::size_t c = 0; c < r.cycle_channels.size(); ++c)
+        if (r.cycle_channels[c].name == name) return r.cycle_values[joint][c];
+      return {};
+    };
+    const bool cycles = r.cycle_time_s.size() > 1;
+    const double window = (r.time_s.back() - r.time_s.front()) / 300;
+    for (std::size_t i = 0; i < run.joints.size(); ++i) {
+      const auto& j = run.joints[i];
+      temperatures.push_back(thinned(j.name, cycles ? r.cycle_time_s : r.time_s, cycles ? column(i, "cycle_temperature_degC") : j.temperature_degC));
+      if (!j.moved) continue;
+      friction.push_back(cycles ? thinned(j.name, r.cycle_time_s, column(i, "cycle_friction_power_W"))
+                                : window > 0 ? rms_trace(j.name, r.time_s, j.friction_nm, window) : thinned(j.name, r.time_s, j.friction_nm));
+    }
+    std::erase_if(temperatures, [](const Trace& t) { return !any_finite(t); });
+    std::erase_if(friction, [](const Trace& t) { return !any_finite(t); });
+    if (!temperatures.empty())
+      if (auto ok = show(grid, history("Temperature", temperature_axis, temperatures), "temperature", "Lubricant temperature of each joint."); !ok) return ok;
+    if (!friction.empty()) {
+      const Axis power{.quantity = "friction power", .symbol = "{/:Italic P}", .unit = "W"}, torque{.quantity = "friction torque, RMS", .symbol = "{/:Italic τ}_f", .unit = "Nm"};
+      if (auto ok = show(grid, history(cycles ? "Friction power" : "Friction torque", cycles ? power : torque, friction), "friction",
+                         cycles ? "Mean friction power of each work cycle, for the joints that moved." : fmt::format("Friction torque, root mean square over {}, for the joints that moved.", duration(window)));
+          !ok)
+        return ok;
+    }
+    if (auto ok = cold_and_warm(grid, run); !ok) return ok;
+    return recording_errors(grid, run);
+  }
+
+  /// Friction over the first and the last work cycle of the joint that warmed most.
+  Status cold_and_warm(pugi::xml_node grid, const RunData& run) {
+    const auto all = stretches(run.record.time_s);
+    const JointHistory* hot = nullptr;
+    double most = 1;
+    for (const auto& j : run.joints)
+      if (j.moved && !j.temperature_degC.empty() && j.temperature_degC.back() - j.temperature_degC.front() > most) most = j.temperature_degC.back() - j.temperature_degC.front(), hot = &j;
+    if (all.size() < 2 || !hot || hot->friction_nm.empty()) return {};
+    std::vector<Trace> traces;
+    for (const auto& [begin, end] : {all.front(), all.back()}) {
+      Trace t{fmt::format("{:.1f} °C, after {}", hot->temperature_degC[begin], duration(run.record.time_s[begin])), {}, {}};
+      const double length = std::min(run.record.time_s[all.front().second - 1] - run.record.time_s[all.front().first], run.record.time_s[end - 1] - run.record.time_s[begin]);
+      for (std::size_t i = begin; i < end && run.record.time_s[i] - run.record.time_s[begin] <= length; ++i) {
+        t.time_s.push_back(run.record.time_s[i] - run.record.time_s[begin]);
+        t.values.push_back(hot->friction_nm[i]);
+      }
+      if (any_finite(t)) traces.push_back(std::move(t));
+    }
+    if (traces.empty()) return {};
+    return show(grid, history("Cold and warm", {.quantity = "friction torque", .symbol = "{/:Italic τ}_f", .unit = "Nm"}, traces), "cold_and_warm",
+                fmt::format("{}: the same motion at the beginning and at the end of the run.", hot->name));
+  }
+
+  /// Where the scenario replays a recording that measured the position.
+  Status recording_errors(pugi::xml_node grid, const RunData& run) {
+    if (!run.scenario || !run.scenario->recording || run.scenario->recording->measured_rad.empty() || run.joints.empty()) return {};
+    const auto& set = *run.scenario->recording;
+    const auto& q = run.joints[0].position_rad;
+    const auto& time = run.record.time_s;
+    Trace error{"twin", {}, {}};
+    for (std::size_t i = 0; i < set.time_s.size(); ++i) {
+      const auto after = std::ranges::lower_bound(time, set.time_s[i]);
+      if (after == time.begin() || after == time.end()) continue;
+      const std::size_t k = static_cast<std::size_t>(after - time.begin());
+      const double w = (set.time_s[i] - time[k - 1]) / (time[k] - time[k - 1]);
+      error.time_s.push_back(set.time_s[i]);
+      error.values.push_back(set.measured_rad[i] - (q[k - 1] + w * (q[k] - q[k - 1])));
+    }
+    if (!any_finite(error)) return {};
+    Figure over_time = tracking_error("Recording against twin", std::array{error});
+    over_time.y = {.quantity = "recorded − simulated position", .unit = "mrad"};
+    if (auto ok = show(grid, over_time, "recording_error", "Recorded minus simulated joint position."); !ok) return ok;
+    std::vector<double> mrad;
+    for (const double e : error.values) mrad.push_back(1e3 * e);
+    return show(grid, residual_histogram("Recording against twin", over_time.y, mrad), "recording_error_histogram", "How often each error occurs, with the normal distribution of the same mean and deviation.");
+  }
+
+  Status curves(pugi::xml_node to, const RunData& run) {
+    if (!run.model()) return {};
+    const auto joints = joint_figures(run);
+    const auto* hot = warmest(joints);
+    int done = 0, count = 0;
+    for (const auto& j : run.joints) count += j.moved;
+    for (const auto& j : run.joints) {
+      if (!j.moved) continue;
+      const auto index = twin::find_drive(*run.model(), j.name);
+      if (!index) continue;
+      const auto& drive = run.model()->drives()[*index].drive;
+      // What the joint visited while it slid.
+      std::vector<FrictionPoint> all;
+      std::vector<double> loads, temperatures;
+      for (std::size_t i = 0; i < run.record.time_s.size() && i < j.friction_nm.size() && i < j.load_nm.size() && i < j.temperature_degC.size(); ++i) {
+        const FrictionPoint p{std::abs(j.velocity_rad_s[i]), std::abs(j.load_nm[i]) / drive.torque_max_nm, j.temperature_degC[i], std::abs(j.friction_nm[i])};
+        if (!(p.speed_rad_s > 0.02 * j.speed_max_rad_s && std::isfinite(p.load_norm + p.temperature_degC + p.friction_nm))) continue;
+        all.push_back(p);
+        loads.push_back(p.load_norm);
+        temperatures.push_back(p.temperature_degC);
+      }
+      if (all.empty()) continue;
+      const auto [low, high] = std::ranges::minmax(temperatures);
+      const double load_most = std::ranges::max(loads), load_usual = middle(loads), temperature_usual = middle(temperatures);
+      const double load_window = std::max(0.1 * load_most, 0.005), temperature_window = std::max(0.05 * (high - low), 0.25);
+      const auto near = [&](auto value, double about, double window) {
+        std::vector<FrictionPoint> some;
+        for (const auto& p : all)
+          if (std::abs(p.*value - about) <= window) some.push_back(p);
+        std::vector<FrictionPoint> thin;
+        const std::size_t step = some.size() / visited_points + 1;
+        for (std::size_t i = 0; i < some.size(); i += step) thin.push_back(some[i]);
+        return thin;
+      };
+      page_.add(to, "h3", fmt::format("Friction of {}", j.name));
+      auto grid = page_.add(to, "div", {}, "figures");
+      const std::string file = fmt::format("joint{}", *index + 1);
+      const double speed = 1.05 * j.speed_max_rad_s;
+      if (auto ok = show(grid, friction_against_temperature(drive, j.name + ": friction at the run's temperatures", speed, load_usual, evenly(low, high, high - low > 0.5 ? 7 : 1), near(&FrictionPoint::load_norm, load_usual, load_window)),
+                         file + "_temperature",
+                         fmt::format("Law '{}' at a load of {:.3f} of the maximum torque. Points: samples of the run with a load within {:.3f} of that.", drive.law.info->name, load_usual, load_window));
+          !ok)
+        return ok;
+      if (auto ok = show(grid, friction_against_load(drive, j.name + ": friction at the run's loads", speed, temperature_usual, evenly(0, load_most, load_most > 0.01 ? 6 : 1), near(&FrictionPoint::temperature_degC, temperature_usual, temperature_window)),
+                         file + "_load",
+                         fmt::format("Law '{}' at {:.1f} °C. Points: samples of the run within {:.2g} K of that.", drive.law.info->name, temperature_usual, temperature_window));
+          !ok)
+        return ok;
+      if (hot && hot->name == j.name && high - low > 5)
+        if (auto ok = show(grid, friction_surface(drive, j.name + ": friction over speed and temperature", speed, load_usual, low, high), file + "_surface",
+                           fmt::format("Law '{}' at a load of {:.3f}.", drive.law.info->name, load_usual));
+            !ok)
+          return ok;
+      advance(0.6 + 0.4 * ++done / count);
+    }
+    return {};
+  }
+
+  void provenance(pugi::xml_node to, const RunData& run) {
+    page_.add(to, "h3", "Remarks of the run");
+    std::size_t remarks = 0;
+    if (run.summary.is_object() && run.summary.contains("warnings") && run.summary["warnings"].is_array())
+      for (const auto& w : run.summary["warnings"])
+        if (w.is_string()) page_.add(to, "p", w.get<std::string>()), ++remarks;
+    if (remarks == 0) page_.add(to, "p", run.summary.is_object() ? "None: nothing was clamped or left out." : "Not known without a summary.", "soft");
+    page_.add(to, "h3", "How it was made");
+    const auto or_unknown = [](std::string s) { return s.empty() ? std::string("–") : s; };
+    const double seed = number(run.summary, {"seed"});
+    std::string version = run.attribute("engine_version");
+    if (version.empty() && run.summary.contains("engine")) version = text(run.summary["engine"], "version");
+    std::vector<std::vector<std::string>> rows = {
+        {"engine", "MuJoCo " + or_unknown(version)},
+        {"seed", run.attribute("seed").empty() ? shown(seed, "{:.0f}") : run.attribute("seed")},
+        {"time step", run.attribute("timestep_s").empty() ? "–" : run.attribute("timestep_s") + " s"},
+        {"steps", fmt::format("{} computed of {}", shown(number(run.summary, {"steps_computed"}), "{:.0f}"), shown(number(run.summary, {"steps"}), "{:.0f}"))},
+        {"samples", fmt::format("{}", run.record.time_s.size())},
+        {"folder", run.directory.string()},
+    };
+    page_.add_table(to, {}, rows);
+    page_.add(to, "p", "To reproduce the run, and this page:");
+    page_.add(to, "pre", fmt::format("tribotwin run {0}/scenario.yaml -o {0}\n{1}", shell_word(run.directory.string()), options_.command));
+    if (!run.scenario_text.empty()) {
+      page_.add(to, "p", "The scenario, as it was run:");
+      page_.add(to, "pre", run.scenario_text);
+    }
+  }
+
+  Status one(const RunData& run) {
+    auto to = page_.body();
+    if (runs_.size() > 1) page_.add(to, "h2", label(run));
+    if (run.scenario && !run.scenario->description.empty()) page_.add(to, "p", run.scenario->description, "soft");
+    notices(to, run);
+    tiles(to, run);
+    if (auto ok = poses(to, run); !ok) return ok;
+    if (auto ok = histories(to, run); !ok) return ok;
+    advance(0.6);
+    if (auto ok = curves(to, run); !ok) return ok;
+    joint_table(to, run);
+    provenance(to, run);
+    advance(1);
+    return {};
+  }
+
+  /// The run's name, with its folder where names are alike.
+  std::string label(const RunData& run) const {
+    const auto alike = std::ranges::count_if(runs_, [&](const auto& r) { return r->name == run.name; });
+    return alike > 1 ? fmt::format("{} ({})", run.name, run.directory.string()) : run.name;
+  }
+
+  Status comparison() {
+    auto to = page_.body();
+    page_.add(to, "h2", "Compared");
+    std::vector<std::string> head{"figure"};
+    std::vector<std::vector<std::string>> rows = {{"simulated [s]"}, {"warmest joint"}, {"highest temperature [°C]"}, {"friction work [kJ]"}, {"motor work [kJ]"}, {"largest friction [Nm]"},
+                                                  {"largest load [-]"}, {"error against recording [mrad]"}, {"engine"}, {"seed"}};
+    std::vector<Trace> temperatures, friction;
+    for (const auto& r : runs_) {
+      head.push_back(label(*r));
+      const auto joints = joint_figures(*r);
+      const auto* hot = warmest(joints);
+      double nm = unknown, load = unknown;
+      for (const auto& j : joints) nm = std::fmax(nm, j.friction_max_nm), load = std::fmax(load, j.load_max);
+      const std::string cells[] = {shown(simulated_s(*r), "{:.1f}"), hot ? hot->name : "", hot ? shown(hot->max_degC, "{:.2f}") : "", shown(number(r->summary, {"friction_work_J"}) / 1e3, "{:.5g}"),
+                                   shown(number(r->summary, {"motor_work_J"}) / 1e3, "{:.5g}"), shown(nm, "{:.4g}"), shown(load, "{:.3f}"), shown(number(r->summary, {"comparison", "mae_mrad"}), "{:.1f}"),
+                                   "MuJoCo " + r->attribute("engine_version"), r->attribute("seed")};
+      for (std::size_t i = 0; i < rows.size(); ++i) rows[i].push_back(cells[i]);
+      for (const auto& j : r->joints)
+        if (hot && j.name == hot->name) {
+          temperatures.push_back(thinned(label(*r) + ", " + j.name, r->record.time_s, j.temperature_degC));
+          const double window = (r->record.time_s.back() - r->record.time_s.front()) / 200;
+          if (window > 0) friction.push_back(rms_trace(label(*r) + ", " + j.name, r->record.time_s, j.friction_nm, window));
+        }
+    }
+    page_.add_table(to, head, rows);
+    auto grid = page_.add(to, "div", {}, "figures");
+    std::erase_if(temperatures, [](const Trace& t) { return !any_finite(t); });
+    std::erase_if(friction, [](const Trace& t) { return !any_finite(t); });
+    if (!temperatures.empty())
+      if (auto ok = show(grid, history("Warmest joints", temperature_axis, temperatures), "compared_temperature", "The warmest joint of each run."); !ok) return ok;
+    if (!friction.empty())
+      return show(grid, history("Friction of the warmest joints", {.quantity = "friction torque, RMS", .symbol = "{/:Italic τ}_f", .unit = "Nm"}, friction), "compared_friction",
+                  "The same joints: friction torque, root mean square over a two hundredth of the run.");
+    return {};
+  }
+
+  std::span<const std::unique_ptr<RunData>> runs_;
+  const ReportOptions& options_;
+  Page page_;
+  Report report_;
+  std::size_t run_index_ = 0;
+  int figures_ = 0;
+};
+
+}  // namespace
+
+tl::expected<Report, std::string> make_report(std::span<const std::unique_ptr<RunData>> runs, const ReportOptions& options) { return Writer(runs, options).write(); }
+
+}  // namespace tribotwin::render

@@ -1,0 +1,100 @@
+#include <tribotwin/render/report/run_data.hpp>
+
+#include <algorithm>
+#include <cmath>
+#include <fstream>
+#include <iterator>
+
+#include <fmt/format.h>
+
+#include <tribotwin/render/theme/theme.hpp>
+#include <tribotwin/twin/model/arm.hpp>
+#include <tribotwin/twin/scenario/input.hpp>
+
+namespace tribotwin::render {
+namespace {
+
+namespace fs = std::filesystem;
+
+std::optional<std::string> text_of(const fs::path& file) {
+  std::ifstream in(file, std::ios::binary);
+  if (!in) return std::nullopt;
+  return std::string(std::istreambuf_iterator<char>(in), {});
+}
+
+void add_joints(RunData& run) {
+  const auto drives = run.model() ? run.model()->drives() : std::span<const mujoco::Binding>();
+  for (std::size_t i = 0; i < run.record.joints.size(); ++i) {
+    const std::string& name = run.record.joints[i];
+    const auto channel = [&](const char* what) { return run.record.channel(name, what); };
+    JointHistory joint{.name = name, .position_rad = channel("position_rad"), .velocity_rad_s = channel("velocity_rad_s"), .friction_nm = channel("friction_nm"),
+                       .load_nm = channel("load_nm"), .temperature_degC = channel("temperature_degC")};
+    if (i < run.record.joint_attributes.size())
+      for (const auto& [key, value] : run.record.joint_attributes[i]) {
+        if (key == "gear_ratio") joint.gear_ratio = value;
+        if (key == "torque_max_nm") joint.torque_max_nm = value;
+      }
+    for (const auto& drive : drives)
+      if (twin::joint_name(run.model()->get(), drive) == name) joint.gear_ratio = drive.drive.gear_ratio, joint.torque_max_nm = drive.drive.torque_max_nm;
+    for (const double v : joint.velocity_rad_s)
+      if (std::isfinite(v)) joint.speed_max_rad_s = std::max(joint.speed_max_rad_s, std::abs(v));
+    joint.moved = joint.speed_max_rad_s > 1e-3;
+    run.joints.push_back(std::move(joint));
+  }
+}
+
+}  // namespace
+
+std::string RunData::attribute(std::string_view key) const {
+  for (const auto& [name_of, value] : record.attributes)
+    if (name_of == key) return value;
+  return {};
+}
+
+tl::expected<std::unique_ptr<RunData>, std::string> load_run(const fs::path& directory) {
+  if (!fs::is_directory(directory)) return tl::unexpected(fmt::format("{}: is no folder of a run (it must hold telemetry.h5)", directory.string()));
+  auto run = std::make_unique<RunData>();
+  run->directory = directory;
+  const auto miss = [&](std::string what) { run->missing.push_back(std::move(what)); };
+
+  const fs::path telemetry = directory / "telemetry.h5", summary = directory / "summary.json", scenario = directory / "scenario.yaml";
+  std::string no_record;
+  if (!fs::exists(telemetry)) no_record = fmt::format("{}: does not exist", telemetry.string());
+  else if (auto record = twin::read_telemetry(telemetry); !record) no_record = record.error();
+  else if (record->time_s.empty()) no_record = fmt::format("{}: holds no samples yet", telemetry.string());
+  else run->record = std::move(*record);
+
+  if (const auto text = text_of(summary)) {
+    run->summary = nlohmann::json::parse(*text, nullptr, false);
+    if (!run->summary.is_object()) {
+      run->summary = nullptr;
+      miss(fmt::format("{}: is damaged (not JSON); the figures that only the run itself knows are missing.", summary.string()));
+    }
+  }
+  if (!no_record.empty()) {
+    if (run->summary.is_null()) return tl::unexpected(no_record);
+    miss(no_record + ". Poses, curves and histories are missing.");
+  } else if (!run->record.complete) {
+    miss(fmt::format("This run has not finished: it is still being written or was ended early. What follows shows its first {}.", duration(run->record.time_s.back())));
+  } else if (run->summary.is_null() && !fs::exists(summary)) {
+    miss(fmt::format("{}: does not exist; the figures that only the run itself knows are missing.", summary.string()));
+  }
+
+  if (const auto text = text_of(scenario)) {
+    run->scenario_text = *text;
+    try {
+      run->scenario = twin::load_scenario(scenario);
+    } catch (const std::exception& e) {
+      miss(fmt::format("{} Poses and the law's curves are missing.", e.what()));
+    }
+  } else {
+    miss(fmt::format("{}: does not exist; poses and the law's curves are missing.", scenario.string()));
+  }
+  run->name = run->attribute("scenario");
+  if (run->name.empty() && run->scenario) run->name = run->scenario->name;
+  if (run->name.empty()) run->name = fs::absolute(directory).lexically_normal().filename().string();
+  add_joints(*run);
+  return run;
+}
+
+}  // namespace tribotwin::render

@@ -1,0 +1,45 @@
+#pragma once
+
+#include <filesystem>
+#include <memory>
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
+
+#include <nlohmann/json.hpp>
+#include <tl/expected.hpp>
+
+#include <tribotwin/twin/scenario/scenario.hpp>
+#include <tribotwin/twin/telemetry/telemetry.hpp>
+
+namespace tribotwin::render {
+
+/// Joint states of a run one after the other; all columns of one length. Friction is signed, arm side.
+struct JointHistory {
+  std::string name;
+  double gear_ratio = 1, torque_max_nm = 1;
+  std::span<const double> position_rad, velocity_rad_s, friction_nm, load_nm, temperature_degC;   ///< of the record
+  double speed_max_rad_s = 0;
+  bool moved = false;   ///< faster than a creep: 1e-3 rad/s at the joint
+};
+
+/// What a folder of `tribotwin run` holds, as much of it as can be read.
+struct RunData {
+  std::filesystem::path directory;
+  std::string name;
+  twin::Recording record;                   ///< without samples when it could not be read
+  nlohmann::json summary;                   ///< null when there is none
+  std::string scenario_text;
+  std::optional<twin::Scenario> scenario;   ///< with the model
+  std::vector<std::string> missing;         ///< what a reader must know is not there, and why: sentences
+  std::vector<JointHistory> joints;         ///< points into `record`
+
+  std::string attribute(std::string_view name) const;
+  const mujoco::Model* model() const { return scenario ? scenario->model.get() : nullptr; }
+};
+
+/// Fails when the folder has neither telemetry nor a summary that can be read.
+tl::expected<std::unique_ptr<RunData>, std::string> load_run(const std::filesystem::path& directory);
+
+}  // namespace tribotwin::render

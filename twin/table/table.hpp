@@ -1,0 +1,29 @@
+#pragma once
+
+#include <filesystem>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include <tl/expected.hpp>
+
+namespace tribotwin::twin {
+
+/// A CSV file whose first line names its columns. Cells are separated by commas and not quoted.
+struct Table {
+  std::filesystem::path file;
+  std::vector<std::string> names;
+  std::vector<std::vector<std::string>> rows;   ///< as many cells as names
+  std::vector<std::size_t> lines;               ///< of the file, from 1, per row
+
+  bool has(std::string_view name) const;
+  /// A column of finite numbers. Fails with file, line, column and the cell that is none, or with the columns there are.
+  tl::expected<std::vector<double>, std::string> numbers(std::string_view name) const;
+  /// "FILE:LINE: " of a row
+  std::string where(std::size_t row) const;
+};
+
+/// Fails with file and line; a table without rows is an error.
+tl::expected<Table, std::string> read_table(const std::filesystem::path& file);
+
+}  // namespace tribotwin::twin
