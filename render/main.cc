@@ -257,11 +257,11 @@ int curve(const CurveArguments& a) {
   if (loads.empty()) loads = over_load ? spread(0, load_high, 6) : std::vector{0.0};
   if (over_load && temperatures.size() != 1) throw InputError("--temperature: curves over load are drawn at one temperature");
   if (!over_load && loads.size() != 1) throw InputError("--load: curves over temperature are drawn at one load");
-  const auto at_load = [&] { return fmt::format("{}: {} at a load of {:g}", a.joint, law.name, loads[0]); };
+  const auto at_load = [&] { return fmt::format("{}: law '{}' at a load of {:g}", a.joint, law.name, loads[0]); };
   if (!law.temperature_dependent && !over_load) fmt::print(stderr, "note: law '{}' does not depend on temperature\n", law.name);
   if (!law.load_dependent && over_load) fmt::print(stderr, "note: law '{}' does not depend on load\n", law.name);
   render::Figure figure;
-  if (over_load) figure = render::friction_against_load(drive, fmt::format("{}: {} at {:g} °C", a.joint, law.name, temperatures[0]), speed, temperatures[0], loads, points);
+  if (over_load) figure = render::friction_against_load(drive, fmt::format("{}: law '{}' at {:g} °C", a.joint, law.name, temperatures[0]), speed, temperatures[0], loads, points);
   else if (a.over == "surface") figure = render::friction_surface(drive, at_load(), speed, loads[0], std::ranges::min(temperatures), std::max(std::ranges::max(temperatures), std::ranges::min(temperatures) + 1));
   else figure = render::friction_against_temperature(drive, at_load(), speed, loads[0], temperatures, points);
   write(a.output, or_fail(render::draw(figure, format)));
@@ -350,7 +350,7 @@ int main(int argc, char** argv) {
   v.add_to(*video_command, "Folder of a run", "960x720", "video.mp4");
   video_command->add_option("--seconds", v.seconds, "Length of the film [s]")->check(CLI::Range(0.1, 3600.0))->capture_default_str();
   video_command->add_option("--fps", v.frames_per_s, "Frames per second")->check(CLI::Range(1, 240))->capture_default_str();
-  video_command->footer("Example:\n  tribotwin-report video runs/irb6620_warmup --seconds 10 -o warmup.mp4");
+  video_command->footer("Example:\n  tribotwin-report video runs/irb6620_warmup --seconds 4 -o warmup.mp4");
 
   try {
     app.parse(argc, argv);

@@ -4,9 +4,11 @@
 #include <cmath>
 #include <iterator>
 #include <limits>
+#include <memory>
 #include <span>
 
 #include <fmt/format.h>
+#include <glib.h>
 
 #include <tribotwin/render/process/child.hpp>
 #include <tribotwin/render/theme/theme.hpp>
@@ -18,14 +20,29 @@ using Check = tl::expected<void, std::string>;
 
 // gnuplot's language, which all text of others goes through.
 
-/// A literal in single quotes: nothing in it is substituted.
+/// A literal of gnuplot. All ASCII but letters, digits and spaces is written as octal codes, so that nothing in it ends
+/// the literal or is substituted (backquotes are, in double quotes; doubled single quotes do not always work).
 std::string quoted(const std::string& text) {
-  std::string out = "'";
+  std::string out = "\"";
   for (const char c : printable(text)) {
-    if (c == '\'') out += '\'';
-    out += c;
+    const auto byte = static_cast<unsigned char>(c);
+    const bool harmless = byte >= 0x80 || byte == ' ' || (byte >= '0' && byte <= '9') || ((byte | 0x20) >= 'a' && (byte | 0x20) <= 'z');
+    if (harmless) out += c;
+    else out += fmt::format("\\{:04o}", byte);
   }
-  return out + "'";
+  return out + "\"";
+}
+
+/// What fits into `width` pixels at 13 px, its middle left out where it is longer.
+std::string fitting(const std::string& text, int width) {
+  const std::string whole = printable(text);
+  const auto length = g_utf8_strlen(whole.c_str(), -1), most = std::max<glong>(16, width / 8);
+  if (length <= most) return whole;
+  const auto part = [&](glong from, glong to) {
+    const std::unique_ptr<char, decltype(&g_free)> cut(g_utf8_substring(whole.c_str(), from, to), g_free);
+    return std::string(cut.get());
+  };
+  return part(0, most / 2) + "…" + part(length - (most - most / 2) + 1, length);
 }
 
 /// Plain text where enhanced text is expected.
@@ -103,12 +120,12 @@ std::string terminal(Format format, FigureSize size) {
 }
 
 /// Palette, frame, grid and type.
-std::string frame(const Figure& f) {
+std::string frame(const Figure& f, FigureSize size) {
   std::string s = "set encoding utf8\nset palette defined (";
   constexpr int steps = 32;
   for (int i = 0; i <= steps; ++i) s += fmt::format("{}{} '{}'", i ? ", " : "", i, hex(viridis(static_cast<double>(i) / steps)));
   s += ")\n";
-  s += fmt::format("set title {} noenhanced textcolor '{}'\n", quoted(f.title), hex(theme::ink));
+  s += fmt::format("set title {} noenhanced textcolor '{}'\n", quoted(fitting(f.title, size.width - 60)), hex(theme::ink));
   for (const char* axis : {"x", "y", "z", "cb"}) s += fmt::format("set {}tics nomirror textcolor '{}'\n", axis, hex(theme::ink));
   s += fmt::format("set border {} linewidth 1 linecolor '{}'\nset tics out scale 0.6\n", f.surface ? 895 : 3, hex(theme::ink_soft));
   s += fmt::format("set grid linecolor '{}' linetype 1 linewidth 1\n", hex(theme::line));
@@ -139,7 +156,7 @@ std::string surface(const Figure& f) {
   return s + range("z", *f.z, z) + range("cb", *f.z, z) + "splot $surface using 1:2:3 with pm3d\n";
 }
 
-std::string curves(const Figure& f) {
+std::string curves(const Figure& f, FigureSize size) {
   std::string s, plot;
   Range x, y;
   std::size_t strokes = 0;
@@ -174,7 +191,7 @@ std::string curves(const Figure& f) {
       }
       case Mark::area: plot += fmt::format("1:2 with filledcurves closed fillstyle transparent solid 0.12 border linewidth 1.6 linecolor rgb {}", colour); break;
     }
-    plot += c.label.empty() ? " notitle" : fmt::format(" title {} noenhanced", quoted(c.label));
+    plot += c.label.empty() ? " notitle" : fmt::format(" title {} noenhanced", quoted(fitting(c.label, size.width - 130)));
   }
   if (f.colour) {
     s += fmt::format("set cblabel {} textcolor '{}'\n", label(*f.colour), hex(theme::ink)) + range("cb", *f.colour, {});
@@ -193,7 +210,7 @@ tl::expected<Format, std::string> format_of(std::string_view file) {
 
 tl::expected<std::string, std::string> draw(const Figure& figure, Format format, FigureSize size) {
   if (auto good = checked(figure); !good) return tl::unexpected(good.error());
-  const std::string script = terminal(format, size) + frame(figure) + (figure.surface ? surface(figure) : curves(figure));
+  const std::string script = terminal(format, size) + frame(figure, size) + (figure.surface ? surface(figure) : curves(figure, size));
   auto drawn = run({{"gnuplot", "-d"}, "gnuplot-nox"}, script);
   if (!drawn) return tl::unexpected(fmt::format("figure '{}': {}", figure.title, drawn.error()));
   return drawn;

@@ -7,8 +7,8 @@
 
 #include <tl/expected.hpp>
 
-/// A figure as values: what is drawn, not how. Texts may hold anything and are shown as they are; only Axis::symbol is
-/// markup of ours (gnuplot's enhanced text).
+/// A figure as values: what is drawn, not how. Texts may hold anything and are shown as they are, long titles
+/// and labels with their middle left out; only Axis::symbol is markup of ours (gnuplot's enhanced text).
 namespace tribotwin::render {
 
 /// Labelled "quantity symbol [unit]"; without unit "-".

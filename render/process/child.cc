@@ -41,12 +41,11 @@ tl::expected<GSubprocess*, std::string> spawn(const Program& program, int flags)
   return tl::unexpected(fmt::format("{} cannot be started: {}", program.arguments[0], why));
 }
 
-tl::expected<void, std::string> verdict(const std::string& name, GSubprocess* process, const std::string& said, bool silent) {
-  const bool good = g_subprocess_get_if_exited(process) && g_subprocess_get_exit_status(process) == 0;
-  if (good && (silent || said.empty())) return {};
+tl::expected<void, std::string> verdict(const std::string& name, GSubprocess* process, const std::string& said) {
+  if (g_subprocess_get_if_exited(process) && g_subprocess_get_exit_status(process) == 0) return {};
   const std::string ending = g_subprocess_get_if_exited(process) ? fmt::format("ended with exit code {}", g_subprocess_get_exit_status(process))
                                                                   : fmt::format("was ended by signal {}", g_subprocess_get_term_sig(process));
-  return tl::unexpected(fmt::format("{} {}{}{}", name, good ? "complained" : ending, said.empty() ? "" : ": ", said));
+  return tl::unexpected(fmt::format("{} {}{}{}", name, ending, said.empty() ? "" : ": ", said));
 }
 
 }  // namespace
@@ -61,7 +60,7 @@ tl::expected<std::string, std::string> run(const Program& program, std::string_v
   if (!g_subprocess_communicate(*process, in.get(), nullptr, &out, &err, &error))
     return tl::unexpected(fmt::format("{}: {}", program.arguments[0], message(error)));
   const Bytes out_owner(out), err_owner(err);
-  if (auto good = verdict(program.arguments[0], *process, one_line(text(err)), false); !good) return tl::unexpected(good.error());
+  if (auto good = verdict(program.arguments[0], *process, one_line(text(err))); !good) return tl::unexpected(good.error());
   return text(out);
 }
 
@@ -95,7 +94,7 @@ tl::expected<void, std::string> Child::finish() {
   for (gssize n; (n = g_input_stream_read(g_subprocess_get_stderr_pipe(process_.get()), buffer, sizeof buffer, nullptr, nullptr)) > 0;)
     said.append(buffer, static_cast<std::size_t>(n));
   g_subprocess_wait(process_.get(), nullptr, nullptr);
-  auto good = verdict(name_, process_.get(), one_line(said), true);
+  auto good = verdict(name_, process_.get(), one_line(said));
   process_.reset();
   return good;
 }

@@ -18,8 +18,8 @@ struct Program {
   std::string package;                  ///< Debian package that has it
 };
 
-/// Runs a program to its end and returns its stdout. Fails when it is not installed, ends with an error or writes to
-/// stderr: the message says what it said.
+/// Runs a program to its end and returns its stdout. Fails when it is not installed or ends with an error: the
+/// message has what it wrote to stderr.
 tl::expected<std::string, std::string> run(const Program& program, std::string_view input);
 
 /// A program that is fed while it works. Its stdout is ours. Killed when abandoned.

@@ -219,7 +219,8 @@ class Writer {
     auto grid = page_.add(to, "div", {}, "tiles");
     const auto joints = joint_figures(run);
     const double rate = number(run.summary, {"realtime_factor"});
-    tile(grid, "simulated", duration(simulated_s(run)), std::isfinite(rate) ? fmt::format("{:.0f} x real time", rate) : "");
+    const double simulated = simulated_s(run);
+    tile(grid, "simulated", simulated > 7200 ? fmt::format("{:.2f} h", simulated / 3600) : duration(simulated), std::isfinite(rate) ? fmt::format("{:.0f} x real time", rate) : "");
     if (const auto* hot = warmest(joints)) tile(grid, "warmest joint", fmt::format("{:.1f} °C", hot->max_degC), fmt::format("{}, from {:.1f} °C", hot->name, hot->start_degC));
     if (const double work = number(run.summary, {"friction_work_J"}); std::isfinite(work))
       tile(grid, "lost to friction", energy(work), fmt::format("of {} motor work", energy(number(run.summary, {"motor_work_J"}))));
@@ -260,7 +261,7 @@ class Writer {
     page_.add(to, "h3", "Poses");
     auto grid = page_.add(to, "div", {}, "figures");
     PoseOptions look;
-    look.text_scale = 1.5;   // the page shows them smaller than they are
+    look.text_scale = 1.4;   // the page shows them smaller than they are
     look.scale = scale_of(*run.model(), run.record, ColourBy::temperature);
     const auto failed = [&](const std::string& why) -> Status {
       report_.notes.push_back(why);
@@ -268,7 +269,7 @@ class Writer {
       return {};
     };
     const auto model = run.scenario->model;
-    auto painter = PosePainter::create(model, {1280, 960});
+    auto painter = PosePainter::create(model, {1440, 960});
     if (!painter) return failed(painter.error());
     const std::size_t end = run.record.time_s.size() - 1;
     for (const std::size_t index : {std::size_t{0}, end}) {

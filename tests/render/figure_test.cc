@@ -1,0 +1,325 @@
+// Figures read back: what gnuplot drew is what was given.
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <charconv>
+#include <cmath>
+#include <cstdlib>
+#include <random>
+
+#include <fmt/format.h>
+#include <pugixml.hpp>
+#include <unistd.h>
+
+#include <tribotwin/plugins/mujoco/loader.hpp>
+#include <tribotwin/render/figure/figures.hpp>
+#include <tribotwin/render/theme/theme.hpp>
+
+namespace tribotwin::render {
+namespace {
+
+struct Point { double x, y; };
+using Path = std::vector<Point>;
+
+std::string text_of(const pugi::xml_node& node) {
+  std::string all;
+  for (const auto& child : node.children()) all += child.type() == pugi::node_pcdata ? child.value() : text_of(child);
+  return all;
+}
+
+std::vector<double> numbers(std::string_view text) {
+  std::vector<double> out;
+  for (const char *at = text.data(), *end = at + text.size(); at < end;) {
+    double v;
+    const auto [next, error] = std::from_chars(at, end, v);
+    if (error == std::errc{}) out.push_back(v), at = next;
+    else ++at;
+  }
+  return out;
+}
+
+/// A drawing as a reader sees it: its texts, and its lines in the units of its axes, which its tick labels give.
+struct Drawing {
+  pugi::xml_document document;
+  std::vector<std::string> texts;
+  double x_at = 0, x_per = 1, y_at = 0, y_per = 1;
+
+  explicit Drawing(const std::string& svg) {
+    if (!document.load_buffer(svg.data(), svg.size(), pugi::parse_default | pugi::parse_ws_pcdata)) throw std::runtime_error("the SVG is not well-formed");
+    std::vector<std::pair<double, double>> x_ticks, y_ticks;   // pixel, value
+    for (const auto& found : document.select_nodes("//text")) {
+      std::string text = text_of(found.node());
+      const auto place = numbers(found.node().parent().previous_sibling("path").attribute("d").value());   // the tick mark
+      const std::string anchor = found.node().parent().attribute("text-anchor").value();
+      double value;
+      const auto first = text.find_first_not_of(' ');
+      const auto [end, error] = std::from_chars(text.data() + (first == std::string::npos ? 0 : first), text.data() + text.size(), value);
+      if (error == std::errc{} && end == text.data() + text.size() && place.size() == 4) {
+        if (anchor == "middle") x_ticks.emplace_back(place[0], value);
+        if (anchor == "end") y_ticks.emplace_back(place[1], value);   // those of a colour bar start at it
+      }
+      texts.push_back(std::move(text));
+    }
+    if (x_ticks.size() > 1) x_per = (x_ticks.back().second - x_ticks.front().second) / (x_ticks.back().first - x_ticks.front().first), x_at = x_ticks.front().second - x_per * x_ticks.front().first;
+    if (y_ticks.size() > 1) y_per = (y_ticks.back().second - y_ticks.front().second) / (y_ticks.back().first - y_ticks.front().first), y_at = y_ticks.front().second - y_per * y_ticks.front().first;
+  }
+
+  bool says(const std::string& what) const {
+    return std::ranges::any_of(texts, [&](const std::string& t) { return t.find(what) != std::string::npos; });
+  }
+  Point value(double px, double py) const { return {x_at + x_per * px, y_at + y_per * py}; }
+
+  /// The unbroken lines of plot `index` (from 1).
+  std::vector<Path> lines(int index) const {
+    std::vector<Path> all;
+    for (const auto& found : document.select_nodes(fmt::format("//g[@id='gnuplot_plot_{}']//path", index).c_str())) {
+      std::string d = found.node().attribute("d").value();
+      for (std::size_t at = 0; at < d.size();) {
+        const auto next = d.find('M', at + 1);
+        const auto v = numbers(std::string_view(d).substr(at, next == std::string::npos ? next : next - at));
+        Path path;
+        for (std::size_t i = 0; i + 1 < v.size(); i += 2) path.push_back(value(v[i], v[i + 1]));
+        if (path.size() > 1) all.push_back(std::move(path));
+        at = next == std::string::npos ? d.size() : next;
+      }
+    }
+    return all;
+  }
+  /// The markers of plot `index`.
+  Path points(int index) const {
+    Path all;
+    for (const auto& found : document.select_nodes(fmt::format("//g[@id='gnuplot_plot_{}']//use", index).c_str())) {
+      const auto v = numbers(found.node().attribute("transform").value());
+      all.push_back(value(v.at(0), v.at(1)));
+    }
+    return all;
+  }
+};
+
+Drawing drawing(const Figure& figure) {
+  auto svg = draw(figure, Format::svg);
+  if (!svg) throw std::runtime_error(svg.error());
+  return Drawing(*svg);
+}
+
+std::string refusal(const Figure& figure) {
+  auto svg = draw(figure, Format::svg);
+  return svg ? "" : svg.error();
+}
+
+const Axis plain_x{.quantity = "speed", .symbol = "{/:Italic v}", .unit = "rad/s"}, plain_y{.quantity = "friction", .unit = "Nm"};
+constexpr double nan = std::numeric_limits<double>::quiet_NaN();
+
+TEST(Figure, DrawnValuesAreTheGivenOnes) {
+  Series line{.label = "law", .x = {}, .y = {}};
+  for (int i = 0; i <= 20; ++i) line.x.push_back(i), line.y.push_back(3 + std::sin(0.4 * i));
+  const Series points{.mark = Mark::points, .label = "measured", .x = {2, 7, 11}, .y = {3.5, 2.5, 3.1}};
+  const Drawing d = drawing({.title = "T", .x = plain_x, .y = plain_y, .series = {line, points}});
+  const auto lines = d.lines(1);
+  // The first path is in the key or the plot; the plot's has all points.
+  const auto found = std::ranges::find_if(lines, [&](const Path& p) { return p.size() == line.x.size(); });
+  ASSERT_NE(found, lines.end());
+  for (std::size_t i = 0; i < line.x.size(); ++i) {
+    EXPECT_NEAR((*found)[i].x, line.x[i], 0.02);
+    EXPECT_NEAR((*found)[i].y, line.y[i], 0.01);
+  }
+  const Path marks = d.points(2);
+  for (std::size_t i = 0; i < points.x.size(); ++i)
+    EXPECT_TRUE(std::ranges::any_of(marks, [&](Point p) { return std::abs(p.x - points.x[i]) < 0.02 && std::abs(p.y - points.y[i]) < 0.01; })) << i;
+}
+
+TEST(Figure, LabelsAndUnitsAreThere) {
+  const Drawing d = drawing({.title = "Title", .x = plain_x, .y = plain_y, .series = {{.label = "law", .x = {0, 1}, .y = {1, 2}}}});
+  EXPECT_TRUE(d.says("Title"));
+  EXPECT_TRUE(d.says("speed v [rad/s]"));
+  EXPECT_TRUE(d.says("friction [Nm]"));
+  EXPECT_TRUE(d.says("law"));
+}
+
+TEST(Figure, NanIsAGap) {
+  const Drawing d = drawing({.title = "gap", .x = plain_x, .y = plain_y, .series = {{.x = {0, 1, 2, 3, 4, 5}, .y = {1, 2, 2, nan, 4, 5}}}});
+  const auto lines = d.lines(1);
+  ASSERT_EQ(lines.size(), 2U);
+  EXPECT_NEAR(lines[0].back().x, 2, 0.02);
+  EXPECT_NEAR(lines[1].front().x, 4, 0.02);
+}
+
+TEST(Figure, NothingIsSilentlyEmpty) {
+  EXPECT_NE(refusal({.title = "F", .x = plain_x, .y = plain_y}).find("figure 'F': has nothing to show"), std::string::npos);
+  EXPECT_NE(refusal({.title = "F", .x = plain_x, .y = plain_y, .series = {{.label = "a", .x = {1, 2}, .y = {nan, nan}}}}).find("figure 'F': series 'a' has no finite value"), std::string::npos);
+  EXPECT_NE(refusal({.title = "F", .x = plain_x, .y = plain_y, .series = {{.label = "a"}}}).find("no finite value"), std::string::npos);
+  EXPECT_NE(refusal({.title = "F", .x = plain_x, .y = plain_y, .series = {{.x = {1, 2}, .y = {1}}}}).find("series 1 has 2 x, 1 y"), std::string::npos);
+  EXPECT_NE(refusal({.title = "F", .x = plain_x, .y = plain_y, .series = {{.x = {1, 2}, .y = {1, INFINITY}}}}).find("infinite value at point 2"), std::string::npos);
+  EXPECT_NE(refusal(residual_histogram("R", plain_x, std::vector{nan})).find("no finite value"), std::string::npos);
+  Figure flat{.title = "F", .x = plain_x, .y = plain_y, .z = plain_y};
+  flat.surface = Surface{{0, 1}, {0, 1}, {{nan, nan}, {nan, nan}}};
+  EXPECT_NE(refusal(flat).find("surface has no finite value"), std::string::npos);
+  flat.surface->z = {{1, 2}};
+  EXPECT_NE(refusal(flat).find("surface of 2 x 2 points has 1 rows"), std::string::npos);
+}
+
+TEST(Figure, OnePointAndConstantsHaveARange) {
+  EXPECT_EQ(refusal({.title = "F", .x = plain_x, .y = plain_y, .series = {{.mark = Mark::points, .x = {1}, .y = {0}}}}), "");
+  EXPECT_EQ(refusal({.title = "F", .x = plain_x, .y = plain_y, .series = {{.x = {1, 2}, .y = {5, 5}}}}), "");
+}
+
+TEST(Figure, TextIsShownAsItIsAndNothingIsExecuted) {
+  const std::string file = fmt::format("{}tw{}", testing::TempDir(), std::random_device{}());
+  for (const std::string& name : std::vector<std::string>{"a 'b' ''", "\"quoted\" \\\"", "`touch " + file + "`", "$(touch " + file + ")", "'; !touch " + file + "; '",
+                                  "<script>alert(1)</script>", "F_s^{2}@&~x{/:Bold y}", "π ü 関節", "%s %d #", "END", "\\", "'"}) {
+    const Drawing d = drawing({.title = name, .x = {.quantity = name, .unit = name}, .y = plain_y, .series = {{.label = name, .x = {0, 1}, .y = {1, 2}}}});
+    EXPECT_EQ(std::ranges::count(d.texts, name), 2) << name;                       // title and key
+    EXPECT_TRUE(d.says(name + " [" + name + "]")) << name;
+    EXPECT_TRUE(d.document.select_nodes("//script").empty());
+  }
+  const Drawing d = drawing({.title = "a\nb\x01\xff", .x = plain_x, .y = plain_y, .series = {{.x = {0, 1}, .y = {1, 2}}}});
+  EXPECT_TRUE(d.says("a b\uFFFD\uFFFD"));
+  EXPECT_NE(access(file.c_str(), F_OK), 0);
+}
+
+TEST(Figure, LongTextLosesItsMiddle) {
+  const std::string name = "begin " + std::string(300, 'm') + " end ü";
+  const Drawing d = drawing({.title = name, .x = plain_x, .y = plain_y, .series = {{.label = name, .x = {0, 1}, .y = {1, 2}}}});
+  EXPECT_TRUE(std::ranges::any_of(d.texts, [](const std::string& t) { return t.starts_with("begin m") && t.ends_with("m end ü") && t.size() < 100 && t.find("…") != std::string::npos; }));
+}
+
+TEST(Figure, EveryFormat) {
+  const Figure f{.title = "F", .x = plain_x, .y = plain_y, .series = {{.x = {0, 1}, .y = {1, 2}}}};
+  EXPECT_TRUE(draw(f, Format::png)->starts_with("\x89PNG"));
+  EXPECT_TRUE(draw(f, Format::pdf)->starts_with("%PDF"));
+  EXPECT_EQ(format_of("a.b.pdf"), Format::pdf);
+  EXPECT_NE(format_of("x.gif").error().find(".svg, .png or .pdf"), std::string::npos);
+}
+
+TEST(Figure, SameValuesSameBytes) {
+  const Figure f{.title = "F", .x = plain_x, .y = plain_y, .series = {{.x = {0, 1}, .y = {1, 2}}}};
+  EXPECT_EQ(*draw(f, Format::svg), *draw(f, Format::svg));
+  EXPECT_EQ(*draw(f, Format::png), *draw(f, Format::png));
+}
+
+TEST(Figure, MissingGnuplotIsNamed) {
+  const std::string path = std::getenv("PATH");
+  setenv("PATH", "/nonexistent", 1);
+  const std::string why = refusal({.title = "F", .x = plain_x, .y = plain_y, .series = {{.x = {0, 1}, .y = {1, 2}}}});
+  setenv("PATH", path.c_str(), 1);
+  EXPECT_NE(why.find("gnuplot is not installed; on Debian: apt-get install gnuplot-nox"), std::string::npos) << why;
+}
+
+// Lightness and dashes tell neighbours apart without colour.
+TEST(Figure, StrokesDifferInGreyscale) {
+  for (std::size_t i = 0; i < 8; ++i)
+    for (std::size_t k = i + 1; k < 8; ++k) {
+      const auto a = theme::stroke(i), b = theme::stroke(k);
+      const auto grey = [](Colour c) { return 0.2126 * c.r + 0.7152 * c.g + 0.0722 * c.b; };
+      EXPECT_TRUE(a.dashes != b.dashes || std::abs(grey(a.colour) - grey(b.colour)) > 35) << i << " " << k;
+    }
+}
+
+class LawFigures : public testing::Test {
+ protected:
+  std::shared_ptr<const mujoco::Model> model = mujoco::load_file(std::string(TRIBOTWIN_SOURCE_DIR) + "/mjcf/irb6620.xml").value();
+  const drive::Drive& drive = model->drives()[1].drive;
+};
+
+// The curve in the picture is the law of physics.md: at 0 load and 50 degC, evaluated here by friction::level itself.
+TEST_F(LawFigures, CurvesAreTheLaw) {
+  const double speed = 280 / drive.gear_ratio;
+  const std::vector<FrictionPoint> measured = {{100 / drive.gear_ratio, 0, 50, 0.06 * drive.torque_max_nm, 0.005 * drive.torque_max_nm}};
+  const Drawing d = drawing(friction_against_temperature(drive, "law", speed, 0, std::vector{50.0, 70.0}, measured));
+  EXPECT_TRUE(d.says("motor speed v [rad/s]"));
+  EXPECT_TRUE(d.says("friction torque τf / τmax [-]"));
+  EXPECT_TRUE(d.says("temperature T [°C]"));
+  for (int plot = 1; plot <= 2; ++plot) {
+    const auto lines = d.lines(plot);
+    ASSERT_EQ(lines.size(), 1U);
+    double largest = 0;
+    for (const Point& p : lines[0]) {
+      const auto at = friction::at_temperature(drive.law, plot == 1 ? 50 : 70);
+      largest = std::max(largest, std::abs(p.y - friction::level(drive.law, at, p.x, 0).total()));
+    }
+    EXPECT_GT(lines[0].size(), 100U);
+    EXPECT_LT(largest, 1e-3);   // half a pixel
+  }
+  const Path marks = d.points(3);
+  ASSERT_FALSE(marks.empty());
+  EXPECT_NEAR(marks[0].x, 100, 0.5);
+  EXPECT_NEAR(marks[0].y, 0.06, 1e-3);
+}
+
+TEST_F(LawFigures, LoadAndSurface) {
+  EXPECT_TRUE(drawing(friction_against_load(drive, "law", 1.5, 50, std::vector{0.0, 0.5})).says("load |τl| / τmax [-]"));
+  const Figure one = friction_against_load(drive, "law", 1.5, 50, std::vector{0.0});
+  EXPECT_EQ(refusal(one), "");
+  const Drawing surface = drawing(friction_surface(drive, "law", 1.5, 0, 38, 81));
+  EXPECT_TRUE(surface.says("friction torque τf / τmax [-]"));
+  EXPECT_TRUE(surface.says("temperature T [°C]"));
+  EXPECT_GT(surface.document.select_nodes("//polygon").size() + surface.document.select_nodes("//path").size(), 500U);
+}
+
+TEST(Figures, HistoryChoosesItsUnit) {
+  const auto over = [](double span) { return drawing(history("H", plain_y, std::vector<Trace>{{"a", {0, span / 2, span}, {1, 2, 3}}})); };
+  EXPECT_TRUE(over(50).says("time t [s]"));
+  EXPECT_TRUE(over(1800).says("time t [min]"));
+  const Drawing hours = over(20000);
+  EXPECT_TRUE(hours.says("time t [h]"));
+  const auto lines = hours.lines(1);
+  EXPECT_TRUE(std::ranges::any_of(lines, [](const Path& p) { return p.size() == 3 && std::abs(p[2].x - 20000 / 3600.0) < 0.02; }));
+}
+
+TEST(Figures, TrackingErrorIsInMilliradians) {
+  const Drawing d = drawing(tracking_error("E", std::vector<Trace>{{"joint2", {0, 1, 2}, {0.001, -0.002, 0.003}}}));
+  EXPECT_TRUE(d.says("[mrad]"));
+  EXPECT_TRUE(std::ranges::any_of(d.lines(1), [](const Path& p) { return p.size() == 3 && std::abs(p[1].y + 2) < 0.05; }));
+}
+
+TEST(Figures, HistogramCountsEveryResidualAndFitsTheNormal) {
+  std::mt19937 random(7);
+  std::normal_distribution<double> normal(0.5, 2);
+  std::vector<double> residuals = {nan};
+  for (int i = 0; i < 3000; ++i) residuals.push_back(normal(random));
+  const Figure f = residual_histogram("R", plain_y, residuals);
+  double counted = 0;
+  for (const double n : f.series[0].y) counted += n;
+  EXPECT_EQ(counted, 3000);
+  const double width = f.series[0].x[1] - f.series[0].x[0];
+  double area = 0;
+  for (std::size_t i = 1; i < f.series[1].x.size(); ++i) area += f.series[1].y[i] * (f.series[1].x[i] - f.series[1].x[i - 1]);
+  EXPECT_NEAR(area / (3000 * width), 1, 0.01);
+  const auto top = static_cast<std::size_t>(std::ranges::max_element(f.series[1].y) - f.series[1].y.begin());
+  EXPECT_NEAR(f.series[1].x[top], 0.5, 0.15);
+  EXPECT_TRUE(drawing(f).says("n = 3000"));
+  EXPECT_EQ(refusal(residual_histogram("R", plain_y, std::vector{1.0, 1.0, 1.0})), "");
+}
+
+// Of samples drawn from the same normal distribution, the regions hold the share they promise.
+TEST(Figures, EllipsesHoldTheirShare) {
+  std::mt19937 random(3);
+  std::normal_distribution<double> normal;
+  Estimate e{"healthy", {1, -2}, {{{4, 1.5}, {1.5, 1}}}, {}};
+  for (int i = 0; i < 20000; ++i) {
+    const double a = normal(random), b = normal(random);
+    e.samples.push_back({1 + 2 * a, -2 + 0.75 * a + std::sqrt(1 - 0.5625) * b});
+  }
+  const Figure f = confidence_ellipses("C", plain_x, plain_y, std::vector{e});
+  ASSERT_EQ(f.series.size(), 3U);
+  for (const auto& [series, promised] : {std::pair{1, 0.95}, {2, 0.99}}) {
+    const Series& outline = f.series[static_cast<std::size_t>(series)];
+    int inside = 0;
+    for (const auto& p : e.samples) {
+      bool in = false;
+      for (std::size_t i = 0, k = outline.x.size() - 1; i < outline.x.size(); k = i++)
+        if ((outline.y[i] > p[1]) != (outline.y[k] > p[1]) && p[0] < (outline.x[k] - outline.x[i]) * (p[1] - outline.y[i]) / (outline.y[k] - outline.y[i]) + outline.x[i]) in = !in;
+      inside += in;
+    }
+    EXPECT_NEAR(inside / 20000.0, promised, 0.005);
+  }
+  EXPECT_EQ(refusal(f), "");
+}
+
+TEST(Figures, HysteresisKeepsItsOrder) {
+  const Drawing d = drawing(hysteresis_loop("L", {.quantity = "position", .unit = "rad"}, plain_y, std::vector<Loop>{{"loop", {0, 1, 1, 0, 0}, {0, 0, 2, 2, 0}}}));
+  EXPECT_TRUE(std::ranges::any_of(d.lines(1), [](const Path& p) { return p.size() == 5 && std::abs(p[2].y - 2) < 0.02 && std::abs(p[3].x) < 0.02; }));
+}
+
+}  // namespace
+}  // namespace tribotwin::render

@@ -1,0 +1,305 @@
+"""tribotwin-report as its user meets it: pages in a real browser, pictures, odd names, missing helpers, damaged runs.
+Arguments: tribotwin, tribotwin-report, source tree."""
+import glob, hashlib, html, json, os, re, shutil, signal, subprocess, sys, tempfile, time
+
+twin, report, source = sys.argv[1:4]
+work = tempfile.mkdtemp(prefix="tribotwin_report_")
+failures = []
+
+
+def run(program, *arguments, **options):
+    return subprocess.run([program, *arguments], capture_output=True, text=True, errors="replace", timeout=300, cwd=work, **options)
+
+
+def check(name, condition, detail=""):
+    print("ok  " if condition else "FAIL", name, "" if condition else detail)
+    if not condition:
+        failures.append(name)
+
+
+def refused(name, code, *arguments, says=(), **options):
+    r = run(report, *arguments, **options)
+    check(name, r.returncode == code and all(s in r.stderr for s in says) and r.stdout == "", (r.returncode, r.stdout, r.stderr))
+
+
+def path(name):
+    return os.path.join(work, name)
+
+
+def content(name, mode="r"):
+    with open(path(name), mode) as f:
+        return f.read()
+
+
+# A browser. The page forbids scripts; a copy without that rule gets one that measures it in a frame of the wanted width.
+MEASURE = """<script>addEventListener('load', () => {
+  const channel = c => { c /= 255; return c <= .03928 ? c / 12.92 : ((c + .055) / 1.055) ** 2.4; };
+  const light = c => .2126 * channel(c[0]) + .7152 * channel(c[1]) + .0722 * channel(c[2]);
+  const colour = text => { const n = (text.match(/[\\d.]+/g) || []).map(Number); return n.length == 4 && n[3] == 0 ? null : n.length >= 3 ? n : null; };
+  let worst = 99, where = '', texts = 0;
+  for (const e of document.querySelectorAll('body *')) {
+    if (![...e.childNodes].some(n => n.nodeType == 3 && n.data.trim())) continue;
+    const style = getComputedStyle(e), front = colour(e.closest('svg') ? style.fill : style.color);
+    let back = null;
+    for (let b = e; b && !back; b = b.parentElement) back = colour(getComputedStyle(b).backgroundColor);
+    if (!front || !back) continue;
+    const a = light(front), c = light(back), ratio = (Math.max(a, c) + .05) / (Math.min(a, c) + .05);
+    ++texts;
+    if (ratio < worst) { worst = ratio; where = e.tagName + ': ' + e.textContent.slice(0, 40); }
+  }
+  const images = [...document.images], wide = [...document.querySelectorAll('main *')].filter(e => !e.closest('.scroll') && !e.closest('svg') && e.getBoundingClientRect().right > innerWidth + 1);
+  const ids = [...document.querySelectorAll('[id]')].map(e => e.id);
+  parent.postMessage({width: innerWidth, images: images.length, broken: images.filter(i => !i.complete || !i.naturalWidth).length, drawings: document.querySelectorAll('main svg').length,
+    overflow: document.documentElement.scrollWidth - innerWidth, wide: wide.map(e => e.tagName + '.' + e.className), contrast: worst, where, texts, ids: ids.length - new Set(ids).size,
+    scripts: document.scripts.length, title: document.title, text: document.body.innerText}, '*');
+});</script>"""
+CHROMIUM = ["chromium", "--headless", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage", "--user-data-dir=" + path("browser"), "--virtual-time-budget=20000"]
+
+
+def console(page):
+    """What the browser says about the page as it is."""
+    r = subprocess.run(CHROMIUM + ["--enable-logging=stderr", "--v=0", "--dump-dom", "file://" + page], capture_output=True, text=True, timeout=120)
+    return [line for line in r.stderr.splitlines() if "CONSOLE" in line], r.stdout
+
+
+def measured(page, width):
+    with open(page) as f:
+        text = f.read()
+    probe = re.sub(r'<meta http-equiv="Content-Security-Policy"[^>]*>', "", text).replace("</body>", MEASURE + "</body>")
+    assert probe.count("postMessage") == 1
+    with open(path("probe.html"), "w") as f:
+        f.write(probe)
+    with open(path("frame.html"), "w") as f:
+        f.write("<pre id=result></pre><script>addEventListener('message', e => document.getElementById('result').textContent = JSON.stringify(e.data));</script>"
+                "<iframe src=probe.html style='width:%dpx;height:900px;border:0'></iframe>" % width)
+    r = subprocess.run(CHROMIUM + ["--dump-dom", "--window-size=1400,1000", "file://" + path("frame.html")], capture_output=True, text=True, timeout=120)
+    found = re.search(r'<pre id="result">(.*?)</pre>', r.stdout, re.S)
+    return json.loads(html.unescape(found.group(1))) if found and found.group(1) else None
+
+
+def check_page(name, page, images, drawings):
+    said, dom = console(page)
+    check(name + ": no console message", not said, said)
+    check(name + ": the browser shows it", "</main>" in dom, dom[:300])
+    for width in (1280, 480):
+        m = measured(page, width)
+        check(f"{name} at {width}: measured", m is not None and m["width"] == width, m)
+        if not m:
+            continue
+        check(f"{name} at {width}: {images} pictures and {drawings} drawings load", m["images"] == images and m["broken"] == 0 and m["drawings"] == drawings, m)
+        check(f"{name} at {width}: nothing is wider than the window", m["overflow"] <= 0 and not m["wide"], (m["overflow"], m["wide"]))
+        check(f"{name} at {width}: contrast at least 4.5:1 in {m['texts']} texts", m["texts"] > 30 and m["contrast"] >= 4.5, (m["contrast"], m["where"]))
+        check(f"{name} at {width}: no script but ours, ids unique", m["scripts"] == 1 and m["ids"] == 0, (m["scripts"], m["ids"]))
+    return m
+
+
+# The warm-up, cut to 20 minutes.
+r = run(twin, "run", "irb6620_warmup", "-o", "warmup", "--set", "duration_s=1200", "--quiet")
+check("the run works", r.returncode == 0, r.stderr)
+r = run(report, "warmup", "--png", "--pdf")
+check("report of a run", r.returncode == 0 and r.stderr == "" and r.stdout.splitlines() == ["warmup/report_figures/ (19 figures)", "warmup/report.html"], (r.returncode, r.stdout, r.stderr))
+page = content("warmup/report.html")
+m = check_page("report", path("warmup/report.html"), 3, 8)
+summary = json.loads(content("warmup/summary.json"))
+hot = max(summary["joints"], key=lambda j: j["temperature_degC"]["max"])
+if m:
+    for what in (f"{hot['temperature_degC']['max']:.1f} °C", "joint2", "MuJoCo " + summary["engine"]["version"], "seed", "Stood still: joint1", "tribotwin run warmup/scenario.yaml -o warmup",
+                 "tribotwin-report warmup --png --pdf", "motion:", "Law 'extended'", *summary["warnings"]):
+        check(f"the page says {what[:50]!r}", what in m["text"])
+check("nothing is fetched", not re.search(r'(src|href)="(?!data:|#)', page) and "@import" not in page)
+figures = sorted(os.listdir(path("warmup/report_figures")))
+check("figures are PNG and PDF files", all(content("warmup/report_figures/" + f, "rb")[:4] == (b"%PDF" if f.endswith("pdf") else b"\x89PNG") for f in figures) and sum(f.endswith("pdf") for f in figures) == 8, figures)
+first = hashlib.sha256(page.encode()).hexdigest()
+run(report, "warmup", "--png", "--pdf")
+check("two processes make the same page, pixels included", hashlib.sha256(content("warmup/report.html").encode()).hexdigest() == first)
+check("nothing half-written is left", not glob.glob(work + "/**/*.partial", recursive=True))
+
+# Comparison.
+run(twin, "run", "irb6620_warmup", "-o", "warmup35", "--set", "duration_s=1200", "--set", "ambient_degC=35", "--quiet")
+r = run(report, "warmup", "warmup35", "-o", "both.html")
+check("report of two runs", r.returncode == 0 and r.stdout == "both.html\n", (r.returncode, r.stdout, r.stderr))
+m = check_page("comparison", path("both.html"), 6, 18)
+if m:
+    check("the comparison names both", "irb6620_warmup (warmup)" in m["text"] and "irb6620_warmup (warmup35)" in m["text"] and "highest temperature" in m["text"])
+
+# Single pictures; two processes, the same pixels.
+model = os.path.join(source, "mjcf", "irb6620.xml")
+hashes = set()
+for _ in range(2):
+    r = run(report, "pose", model, "--pose", "joint2=0.6", "--temperature", "joint2=72", "--size", "320x240", "-o", "pose.png")
+    check("pose of a model", r.returncode == 0 and r.stdout == "pose.png\n", r.stderr)
+    hashes.add(hashlib.sha256(content("pose.png", "rb")).hexdigest())
+check("two processes draw the same pixels", len(hashes) == 1)
+r = run(report, "pose", "warmup", "--time", "600", "--size", "320x240", "--colour-by", "friction", "-o", "run.png")
+check("pose of a run", r.returncode == 0 and content("run.png", "rb").startswith(b"\x89PNG"), r.stderr)
+for over in ("temperature", "load", "surface"):
+    r = run(report, "curve", model, "--joint", "joint2", "--over", over, "-o", over + ".svg")
+    check("curve over " + over, r.returncode == 0 and "joint2: law 'extended'" in content(over + ".svg"), r.stderr)
+run(twin, "curve", model, "--joint", "joint2", "--experiment", "--noise", "20", "--speeds", "10:250:4", "--temperature", "50", "--csv", "points.csv", "--quiet")
+r = run(report, "curve", model, "--joint", "joint2", "--points", "points.csv", "-o", "points.pdf")
+check("curve with measured points", r.returncode == 0 and content("points.pdf", "rb").startswith(b"%PDF"), r.stderr)
+r = run(report, "sheet", "warmup", "--count", "4", "--size", "160x120", "-o", "sheet.png")
+check("contact sheet", r.returncode == 0 and content("sheet.png", "rb").startswith(b"\x89PNG"), r.stderr)
+r = run(report, "video", "warmup", "--seconds", "0.4", "--size", "160x121", "-o", "film.mp4")
+check("film", r.returncode == 0, r.stderr)
+r = subprocess.run(["ffprobe", "-v", "error", "-count_frames", "-show_entries", "stream=width,height,nb_read_frames", "-of", "csv=p=0", path("film.mp4")], capture_output=True, text=True)
+check("the film has its frames", r.stdout.strip() == "160,122,10", (r.stdout, r.stderr))
+
+# Names as bad as they get: of joint, folder, file and scenario. A file "pwned" would show that one was executed.
+name = "j'1\" `touch pwned` $(touch pwned) <script>document.title='pwned'</script> &amp; ü関\nF_{x}^2\\"
+escaped = html.escape(name).replace("\n", "&#10;")
+folder = "odd 'name' \"`touch pwned`\" <b>;ü"
+os.mkdir(path(folder))
+mjcf = content(os.path.join(source, "mjcf", "xl330_pendulum.xml")).replace('"hinge"', '"' + escaped + '"').replace('"scene.xml"', '"' + os.path.join(source, "mjcf", "scene.xml") + '"')
+with open(path(folder) + "/odd.xml", "w") as f:
+    f.write(mjcf)
+scenario = {"name": "<script>document.title='pwned'</script> `touch pwned` 'x' \"y\"", "description": "a\n<img src=x onerror=alert(1)> </style></pre> ]]> ü", "model": "odd.xml", "duration_s": 6, "ambient_degC": 25,
+            "motion": {"type": "cycle", "waypoints": [{"position_rad": {name: -0.5}}, {"position_rad": {name: 0.9}}]}, "control": {"type": "servo"}, "telemetry_rate_hz": 50}
+with open(path(folder) + "/odd.yaml", "w") as f:
+    json.dump(scenario, f)
+r = run(twin, "run", folder + "/odd.yaml", "-o", folder + "/run `x`", "--quiet")
+check("a run with odd names", r.returncode == 0, r.stderr)
+r = run(report, folder + "/run `x`", "-o", folder + "/odd.html", "--png")
+check("a report with odd names", r.returncode == 0, (r.stdout, r.stderr))
+m = check_page("odd names", path(folder) + "/odd.html", 3, 4)
+if m:
+    shown = name.replace("\n", " ")
+    flat = re.sub(r"\s+", " ", m["text"])
+    check("the joint's name is shown as it is", shown in flat, flat[:2000])
+    check("the scenario's name is shown as it is", m["title"] == scenario["name"] and scenario["name"] in m["text"], m["title"])
+    command = re.search(r"tribotwin-report .*odd\.html' --png", m["text"])
+    check("the command is quoted for the shell", command is not None)
+    if command:
+        words = subprocess.run(["bash", "-c", "printf '%s\\n' " + command.group(0)], capture_output=True, text=True, cwd=work).stdout.splitlines()
+        check("the shell reads it back", words == ["tribotwin-report", folder + "/run `x`", "-o", folder + "/odd.html", "--png"], words)
+r = run(report, "pose", folder + "/odd.xml", "--pose", name + "=0.4", "--temperature", name + "=40", "--size", "160x120", "-o", "odd.png")
+check("a pose with odd names", r.returncode == 0, r.stderr)
+r = run(report, "curve", folder + "/odd.xml", "--joint", name, "-o", "odd.svg")
+check("a curve with odd names", r.returncode == 0 and "<script" not in content("odd.svg"), r.stderr)
+check("nothing was executed", not glob.glob(work + "/**/pwned", recursive=True) and not os.path.exists("pwned"))
+
+# Nonsense.
+refused("no run", 2, says=["names no folder of a run"])
+refused("no such folder", 2, "nowhere", says=["nowhere: is no folder of a run"])
+os.mkdir(path("empty"))
+refused("empty folder", 2, "empty", says=["empty/telemetry.h5: does not exist"])
+refused("no folder for the page", 2, "warmup", "-o", "no/where.html", says=["there is no folder no"])
+refused("unwritable page", 1, "warmup", "-o", "/proc/report.html", says=["/proc/report.html: cannot be written"])
+refused("unwritable picture", 1, "pose", model, "--size", "64x64", "-o", "/proc/x.png", says=["/proc/x.png: cannot be written"])
+refused("size too large", 2, "pose", model, "--size", "9000x100", says=["each side must be 16 to 8192"])
+refused("size nonsense", 2, "pose", model, "--size", "large", says=["WIDTHxHEIGHT"])
+refused("no such camera", 2, "pose", model, "--camera", "side", says=["overview"])
+refused("two cameras", 2, "pose", model, "--camera", "overview", "--azimuth", "3", says=["free camera"])
+refused("no such joint", 2, "pose", model, "--pose", "joint9=1", says=["joint1, joint2"])
+refused("no number", 2, "pose", model, "--pose", "joint2=left", says=["must be JOINT=NUMBER"])
+refused("no such keyframe", 2, "pose", model, "--pose", "away", says=["home"])
+refused("no such drive", 2, "pose", model, "--temperature", "joint9=4", says=["did you mean"])
+refused("not a model", 2, "pose", "nowhere.xml", says=["nowhere.xml"])
+refused("time out of the record", 2, "pose", "warmup", "--time", "1e9", says=["the record spans"])
+refused("wrong ending", 2, "curve", model, "--joint", "joint2", "-o", "x.gif", says=[".svg, .png or .pdf"])
+refused("wrong ending of a pose", 2, "pose", model, "-o", "x.jpg", says=[".png"])
+refused("wrong ending of a film", 2, "video", "warmup", "-o", "x.avi", says=[".mp4"])
+refused("curve of no joint", 2, "curve", model, "--joint", "joint7", says=["joint7", "joint6"])
+refused("points that are none", 2, "curve", model, "--joint", "joint2", "--points", model, says=["irb6620.xml:"])
+with open(path("bad.csv"), "w") as f:
+    f.write("speed_rad_s,load_norm,temperature_degC,friction_nm\n1,0,50,3\n2,0,50,x\n")
+refused("a point that is no number", 2, "curve", model, "--joint", "joint2", "--points", "bad.csv", says=["bad.csv:3: column 'friction_nm' is 'x'"])
+refused("several loads over temperature", 2, "curve", model, "--joint", "joint2", "--load", "0", "0.5", says=["one load"])
+
+# Helpers that are not there.
+os.mkdir(path("bin"))
+for tool in ("gnuplot", "ffmpeg"):
+    os.symlink(shutil.which(tool), path("bin/" + tool))
+for tool, package, arguments in (("gnuplot", "gnuplot-nox", ["warmup", "-o", "x.html"]), ("gnuplot", "gnuplot-nox", ["curve", model, "--joint", "joint2", "-o", "x.svg"]),
+                                 ("ffmpeg", "ffmpeg", ["video", "warmup", "--seconds", "0.1", "--size", "64x64", "-o", "x.mp4"])):
+    os.rename(path("bin/" + tool), path("bin/away"))
+    refused(f"no {tool} for {arguments[0]}", 1, *arguments, says=[f"{tool} is not installed; on Debian: apt-get install {package}"], env={**os.environ, "PATH": path("bin")})
+    os.rename(path("bin/away"), path("bin/" + tool))
+with open(path("bin/broken"), "w") as f:
+    f.write("#!/bin/sh\necho 'out of ink' >&2\nexit 3\n")
+os.chmod(path("bin/broken"), 0o755)
+for tool, arguments in (("gnuplot", ["curve", model, "--joint", "joint2", "-o", "x.svg"]), ("ffmpeg", ["video", "warmup", "--seconds", "1", "--size", "64x64", "-o", "x.mp4"])):
+    os.rename(path("bin/" + tool), path("bin/away"))
+    os.symlink(path("bin/broken"), path("bin/" + tool))
+    refused(f"a {tool} that fails", 1, *arguments, says=[f"{tool} ended with exit code 3: out of ink"], env={**os.environ, "PATH": path("bin") + ":/bin:/usr/bin"})
+    os.remove(path("bin/" + tool))
+    os.rename(path("bin/away"), path("bin/" + tool))
+check("nothing is left of what failed", not glob.glob(work + "/x.*"), glob.glob(work + "/x.*"))
+
+# Runs that are not whole.
+def partial(name, *, says, code=0):
+    r = run(report, name, "-o", name + ".html")
+    text = content(name + ".html") if r.returncode == 0 else ""
+    check(name + ": a partial report that says so", r.returncode == code and all(s in r.stderr and html.escape(s, quote=False) in text for s in says), (r.returncode, r.stderr))
+
+
+shutil.copytree(path("warmup"), path("no_summary"))
+os.remove(path("no_summary/summary.json"))
+partial("no_summary", says=["no_summary/summary.json: does not exist"])
+shutil.copytree(path("warmup"), path("bad_summary"))
+with open(path("bad_summary/summary.json"), "w") as f:
+    f.write('{"joints": [')
+partial("bad_summary", says=["bad_summary/summary.json: is damaged"])
+shutil.copytree(path("warmup"), path("odd_summary"))
+with open(path("odd_summary/summary.json"), "w") as f:
+    f.write('{"joints": [1, {"name": 3}], "warnings": 7, "engine": [], "simulated_s": "x"}')
+check("a summary of other things does no harm", run(report, "odd_summary").returncode == 0)
+shutil.copytree(path("warmup"), path("no_scenario"))
+os.remove(path("no_scenario/scenario.yaml"))
+partial("no_scenario", says=["no_scenario/scenario.yaml: does not exist"])
+shutil.copytree(path("warmup"), path("model_moved"))
+with open(path("model_moved/scenario.yaml"), "w") as f:
+    f.write(content("warmup/scenario.yaml").replace("irb6620.xml", "moved.xml"))
+partial("model_moved", says=["moved.xml"])
+shutil.copytree(path("warmup"), path("damaged"))
+with open(path("damaged/telemetry.h5"), "r+b") as f:
+    f.truncate(3000)
+partial("damaged", says=["damaged/telemetry.h5"])
+os.remove(path("damaged/summary.json"))
+refused("damaged and nothing else", 2, "damaged", says=["damaged/telemetry.h5"])
+shutil.copytree(path("warmup"), path("gone"))
+os.remove(path("gone/telemetry.h5"))
+partial("gone", says=["gone/telemetry.h5: does not exist"])
+
+# A run that is still being written, and one that was killed.
+process = subprocess.Popen([twin, "run", "irb6620_hold", "-o", "growing", "--realtime", "--quiet"], cwd=work)
+deadline = time.time() + 30
+while time.time() < deadline and not (os.path.exists(path("growing/telemetry.h5")) and run(report, "pose", "growing", "--size", "64x64", "-o", "now.png").returncode == 0):
+    time.sleep(0.5)
+partial("growing", says=["This run has not finished"])
+process.send_signal(signal.SIGKILL)
+process.wait()
+partial("growing", says=["This run has not finished"])
+
+# A record that its model does not fit.
+shutil.copytree(path("warmup"), path("other_model"))
+with open(path("other_model/scenario.yaml"), "w") as f:
+    f.write("name: other\nmodel: %s\nduration_s: 1\ncontrol: {type: torque}\n" % os.path.join(source, "mjcf", "xl330_pendulum.xml"))
+r = run(report, "other_model")
+check("a model that is not the record's does no harm", r.returncode == 0, r.stderr)
+
+# Killed halfway: the old page stays.
+before = content("warmup/report.html")
+process = subprocess.Popen([report, "warmup"], cwd=work, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+time.sleep(0.6)
+process.send_signal(signal.SIGKILL)
+process.wait()
+check("a killed report leaves the old page whole", content("warmup/report.html") == before)
+
+# The examples of --help work as pasted, from the source tree's top.
+os.makedirs(path("runs"))
+os.symlink(path("warmup"), path("runs/irb6620_warmup"))
+os.symlink(os.path.join(source, "mjcf"), path("mjcf"))
+for command in ([], ["pose"], ["curve"], ["sheet"], ["video"]):
+    text = run(report, *command, "--help").stdout
+    example = text[text.index("Example:"):].splitlines()[1].split()
+    r = run(report, *example[1:])
+    check("example of --help: " + " ".join(example), example[0] == "tribotwin-report" and r.returncode == 0, (r.stdout, r.stderr))
+
+# No display libraries.
+linked = subprocess.run(["ldd", report], capture_output=True, text=True).stdout
+check("linked to OSMesa, neither to libGL nor libEGL", "libOSMesa" in linked and not re.search(r"lib(GL|EGL|GLX|OpenGL)\.so", linked), linked)
+
+shutil.rmtree(work)
+print(f"{len(failures)} failed" if failures else "all passed")
+sys.exit(bool(failures))
