@@ -38,13 +38,14 @@ void add_points(Figure& figure, const LawAxes& axes, std::span<const FrictionPoi
     if (!s->x.empty()) figure.series.push_back(std::move(*s));
 }
 
-/// Limits of a colour axis that holds all of these.
-void set_limits(Axis& axis, std::span<const double> values) {
+/// Limits of a colour axis that holds all of these and is at least `least` long.
+void set_limits(Axis& axis, std::span<const double> values, double least) {
   const auto [low, high] = std::ranges::minmax(values);
-  const double pad = high - low < 1e-9 * std::max(1.0, std::abs(high)) ? std::max(0.5, 0.1 * std::abs(high)) : 0;
+  const double pad = std::max(0.0, (least - (high - low)) / 2);
   axis.from = low - pad;
   axis.to = high + pad;
 }
+constexpr double temperature_span_K = 2, load_span = 0.05;
 
 struct TimeUnit {
   const char* name;
@@ -75,7 +76,7 @@ Figure friction_against_temperature(const drive::Drive& drive, const std::string
   f.colour = Axis{.quantity = "temperature", .symbol = "{/:Italic T}", .unit = "°C"};
   std::vector<double> all(temperatures.begin(), temperatures.end());
   for (const auto& p : points) all.push_back(p.temperature_degC);
-  set_limits(*f.colour, all);
+  set_limits(*f.colour, all, temperature_span_K);
   for (const double t : temperatures) {
     f.series.push_back(law_series(drive, axes, speed_max, load_norm, t));
     f.series.back().shade = {t};
@@ -91,7 +92,7 @@ Figure friction_against_load(const drive::Drive& drive, const std::string& title
   f.colour = axes.load;
   std::vector<double> all(loads.begin(), loads.end());
   for (const auto& p : points) all.push_back(p.load_norm);
-  set_limits(*f.colour, all);
+  set_limits(*f.colour, all, load_span);
   for (const double load : loads) {
     f.series.push_back(law_series(drive, axes, speed_max, load, temperature));
     f.series.back().shade = {load};

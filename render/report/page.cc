@@ -1,5 +1,6 @@
 #include <tribotwin/render/report/page.hpp>
 
+#include <algorithm>
 #include <sstream>
 
 #include <fmt/format.h>
@@ -150,17 +151,20 @@ void Page::add_table(pugi::xml_node to, const std::vector<std::string>& head, co
   auto scroll = add(to, "div", {}, "scroll");
   scroll.append_attribute("tabindex") = "0";
   auto table = scroll.append_child("table");
+  const auto kind = [&](std::size_t column) {
+    const bool any = column > 0 && std::ranges::any_of(rows, [&](const auto& row) { return column < row.size() && numeric(row[column]); });
+    return any && !head.empty() ? "number" : nullptr;
+  };
   if (!head.empty()) {
     auto line = table.append_child("thead").append_child("tr");
-    for (std::size_t i = 0; i < head.size(); ++i)
-      add(line, "th", head[i], !rows.empty() && i < rows[0].size() && i > 0 && numeric(rows[0][i]) ? "number" : nullptr).append_attribute("scope") = "col";
+    for (std::size_t i = 0; i < head.size(); ++i) add(line, "th", head[i], kind(i)).append_attribute("scope") = "col";
   }
   auto body = table.append_child("tbody");
   for (const auto& row : rows) {
     auto line = body.append_child("tr");
     for (std::size_t i = 0; i < row.size(); ++i)
       if (i == 0) add(line, "th", row[i]).append_attribute("scope") = "row";
-      else add(line, "td", row[i].empty() ? "–" : row[i], numeric(row[i]) ? "number" : nullptr);
+      else add(line, "td", row[i].empty() ? "–" : row[i], kind(i));
   }
 }
 

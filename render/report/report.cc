@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <iterator>
 #include <limits>
 
 #include <fmt/format.h>
@@ -113,6 +114,15 @@ Trace thinned(std::string label, std::span<const double> time, std::span<const d
 }
 
 bool any_finite(const Trace& t) { return std::ranges::any_of(t.values, [](double v) { return std::isfinite(v); }); }
+
+/// At most visited_points of those that `fit`, evenly chosen.
+std::vector<FrictionPoint> some(const std::vector<FrictionPoint>& all, auto fit) {
+  std::vector<FrictionPoint> good, few;
+  std::ranges::copy_if(all, std::back_inserter(good), fit);
+  const std::size_t step = good.size() / visited_points + 1;
+  for (std::size_t i = 0; i < good.size(); i += step) few.push_back(good[i]);
+  return few;
+}
 
 /// Root mean square in windows of equal time.
 Trace rms_trace(std::string label, std::span<const double> time, std::span<const double> values, double window_s) {
@@ -331,9 +341,10 @@ class Writer {
       if (j.moved && !j.temperature_degC.empty() && j.temperature_degC.back() - j.temperature_degC.front() > most) most = j.temperature_degC.back() - j.temperature_degC.front(), hot = &j;
     if (all.size() < 2 || !hot || hot->friction_nm.empty()) return {};
     std::vector<Trace> traces;
+    const auto seconds = [&](const auto& stretch) { return run.record.time_s[stretch.second - 1] - run.record.time_s[stretch.first]; };
+    const double length = std::min(seconds(all.front()), seconds(all.back()));
     for (const auto& [begin, end] : {all.front(), all.back()}) {
       Trace t{fmt::format("{:.1f} °C, after {}", hot->temperature_degC[begin], duration(run.record.time_s[begin])), {}, {}};
-      const double length = std::min(run.record.time_s[all.front().second - 1] - run.record.time_s[all.front().first], run.record.time_s[end - 1] - run.record.time_s[begin]);
       for (std::size_t i = begin; i < end && run.record.time_s[i] - run.record.time_s[begin] <= length; ++i) {
         t.time_s.push_back(run.record.time_s[i] - run.record.time_s[begin]);
         t.values.push_back(hot->friction_nm[i]);
@@ -373,6 +384,7 @@ class Writer {
     if (!run.model()) return {};
     const auto joints = joint_figures(run);
     const auto* hot = warmest(joints);
+    pugi::xml_node grid;
     int done = 0, count = 0;
     for (const auto& j : run.joints) count += j.moved;
     for (const auto& j : run.joints) {
@@ -394,34 +406,35 @@ class Writer {
       const auto [low, high] = std::ranges::minmax(temperatures);
       const double load_most = std::ranges::max(loads), load_usual = middle(loads), temperature_usual = middle(temperatures);
       const double load_window = std::max(0.1 * load_most, 0.005), temperature_window = std::max(0.05 * (high - low), 0.25);
-      const auto near = [&](auto value, double about, double window) {
-        std::vector<FrictionPoint> some;
-        for (const auto& p : all)
-          if (std::abs(p.*value - about) <= window) some.push_back(p);
-        std::vector<FrictionPoint> thin;
-        const std::size_t step = some.size() / visited_points + 1;
-        for (std::size_t i = 0; i < some.size(); i += step) thin.push_back(some[i]);
-        return thin;
-      };
-      page_.add(to, "h3", fmt::format("Friction of {}", j.name));
-      auto grid = page_.add(to, "div", {}, "figures");
+      if (!grid) {
+        page_.add(to, "h3", "Friction laws and what the run visited of them");
+        grid = page_.add(to, "div", {}, "figures");
+      }
+      const auto& law = *drive.law.info;
       const std::string file = fmt::format("joint{}", *index + 1);
       const double speed = 1.05 * j.speed_max_rad_s;
-      if (auto ok = show(grid, friction_against_temperature(drive, j.name + ": friction at the run's temperatures", speed, load_usual, evenly(low, high, high - low > 0.5 ? 7 : 1), near(&FrictionPoint::load_norm, load_usual, load_window)),
-                         file + "_temperature",
-                         fmt::format("Law '{}' at a load of {:.3f} of the maximum torque. Points: samples of the run with a load within {:.3f} of that.", drive.law.info->name, load_usual, load_window));
-          !ok)
-        return ok;
-      if (auto ok = show(grid, friction_against_load(drive, j.name + ": friction at the run's loads", speed, temperature_usual, evenly(0, load_most, load_most > 0.01 ? 6 : 1), near(&FrictionPoint::temperature_degC, temperature_usual, temperature_window)),
-                         file + "_load",
-                         fmt::format("Law '{}' at {:.1f} °C. Points: samples of the run within {:.2g} K of that.", drive.law.info->name, temperature_usual, temperature_window));
-          !ok)
-        return ok;
-      if (hot && hot->name == j.name && high - low > 5)
-        if (auto ok = show(grid, friction_surface(drive, j.name + ": friction over speed and temperature", speed, load_usual, low, high), file + "_surface",
-                           fmt::format("Law '{}' at a load of {:.3f}.", drive.law.info->name, load_usual));
-            !ok)
-          return ok;
+      const auto any = [](const FrictionPoint&) { return true; };
+      const auto at_load = [&](const FrictionPoint& p) { return std::abs(p.load_norm - load_usual) <= load_window; };
+      const auto at_temperature = [&](const FrictionPoint& p) { return std::abs(p.temperature_degC - temperature_usual) <= temperature_window; };
+      if (law.temperature_dependent || !law.load_dependent) {
+        const auto temperatures_shown = evenly(low, high, law.temperature_dependent && high - low > 0.5 ? 7 : 1);
+        const Figure figure = friction_against_temperature(drive, j.name + (law.temperature_dependent ? ": friction at the run's temperatures" : ": friction"), speed, load_usual, temperatures_shown,
+                                                           law.load_dependent ? some(all, at_load) : some(all, any));
+        const std::string caption = law.load_dependent ? fmt::format("Law '{}' at a load of {:.3f} of the maximum torque. Points: samples of the run with a load within {:.3f} of that.", law.name, load_usual, load_window)
+                                                       : fmt::format("Law '{}', which knows no load. Points: samples of the run.", law.name);
+        if (auto ok = show(grid, figure, file + "_temperature", caption); !ok) return ok;
+      }
+      if (law.load_dependent) {
+        const Figure figure = friction_against_load(drive, j.name + ": friction at the run's loads", speed, temperature_usual, evenly(0, load_most, load_most > 0.01 ? 6 : 1),
+                                                    law.temperature_dependent ? some(all, at_temperature) : some(all, any));
+        const std::string caption = law.temperature_dependent ? fmt::format("Law '{}' at {:.1f} °C. Points: samples of the run within {:.2g} K of that.", law.name, temperature_usual, temperature_window)
+                                                              : fmt::format("Law '{}', which knows no temperature. Points: samples of the run.", law.name);
+        if (auto ok = show(grid, figure, file + "_load", caption); !ok) return ok;
+      }
+      if (law.temperature_dependent && hot && hot->name == j.name && high - low > 5) {
+        const Figure figure = friction_surface(drive, j.name + ": friction over speed and temperature", speed, load_usual, low, high);
+        if (auto ok = show(grid, figure, file + "_surface", fmt::format("Law '{}' at a load of {:.3f}.", law.name, load_usual)); !ok) return ok;
+      }
       advance(0.6 + 0.4 * ++done / count);
     }
     return {};
