@@ -6,9 +6,11 @@ packages=(
   libmujoco-dev libqhull-dev libgl-dev libopengl-dev   # the engine, and what its CMake files insist on
   libeigen3-dev libpugixml-dev libyaml-cpp-dev libcli11-dev libfmt-dev
   nlohmann-json3-dev libhdf5-dev libexpected-dev
+  libosmesa6-dev liblodepng-dev libpango1.0-dev pkg-config   # pictures
+  gnuplot-nox fonts-dejavu-core                              # run by tribotwin-report
 )
 if [ "${1:-}" = --tests ]; then
-  packages+=(libgtest-dev libgmock-dev libbenchmark-dev python3 python3-h5py python3-numpy)
+  packages+=(libgtest-dev libgmock-dev libbenchmark-dev python3 python3-h5py python3-numpy chromium ffmpeg)
 fi
 missing=()
 for package in "${packages[@]}"; do

@@ -1,13 +1,16 @@
 #!/usr/bin/env bash
-# Installs what is needed, builds, and runs the IRB 6620 warm-up. Works as root or with sudo, from any folder, twice in a row.
+# Installs what is needed, builds, runs the IRB 6620 warm-up and writes a report of it. Works as root or with sudo, from any folder, twice in a row.
 set -euo pipefail
 root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
 bash "$root/twin/install-packages.sh"
 cmake -S "$root" -B "$root/build/release" -G Ninja -DCMAKE_BUILD_TYPE=Release -DTRIBOTWIN_BUILD_TESTS=OFF > /dev/null
 cmake --build "$root/build/release"
 "$root/build/release/bin/tribotwin" run irb6620_warmup -o "$root/runs/irb6620_warmup"
+"$root/build/release/bin/tribotwin-report" "$root/runs/irb6620_warmup" > /dev/null
 echo
-echo "Joint 2 of the IRB 6620 worked for 6.08 h and warmed up. Its record, which h5py, MATLAB and HDFView open:"
+echo "Joint 2 of the IRB 6620 worked for 6.08 h and warmed up. The report, one file for any browser:"
+echo "  $root/runs/irb6620_warmup/report.html"
+echo "Its record, which h5py, MATLAB and HDFView open:"
 echo "  $root/runs/irb6620_warmup/telemetry.h5"
 echo "The same as a table:"
 echo "  $root/build/release/bin/tribotwin export $root/runs/irb6620_warmup --csv"

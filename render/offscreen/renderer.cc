@@ -57,15 +57,23 @@ mjvGLCamera tile_of(mjvGLCamera camera, Size whole, mjrRect tile) {
 
 /// The mean of each square of n x n pixels, from rows that start at the bottom.
 void shrink(const std::vector<std::uint8_t>& rgb, int width, int height, int n, Image& out, int left, int top) {
+  const std::size_t row = 3 * static_cast<std::size_t>(width);
   const int area = n * n;
-  for (int y = 0; y < height / n; ++y)
+  for (int y = 0; y < height / n; ++y) {
+    const std::uint8_t* from = rgb.data() + row * static_cast<std::size_t>(height - (y + 1) * n);
+    std::uint8_t* to = out.at(left, top + y);
+    if (n == 1) {
+      std::copy_n(from, row, to);
+      continue;
+    }
     for (int x = 0; x < width / n; ++x)
-      for (int c = 0; c < 3; ++c) {
+      for (int c = 0; c < 3; ++c, ++to) {
         int sum = area / 2;
         for (int i = 0; i < n; ++i)
-          for (int j = 0; j < n; ++j) sum += rgb[3 * (static_cast<std::size_t>(height - 1 - (y * n + i)) * width + x * n + j) + c];
-        out.at(left + x, top + y)[c] = static_cast<std::uint8_t>(sum / area);
+          for (int j = 0; j < n; ++j) sum += from[row * i + 3 * (x * n + j) + c];
+        *to = static_cast<std::uint8_t>(sum / area);
       }
+  }
 }
 
 }  // namespace
