@@ -462,7 +462,9 @@ class Writer {
     };
     page_.add_table(to, {}, rows);
     page_.add(to, "p", "To reproduce the run, and this page:");
-    page_.add(to, "pre", fmt::format("tribotwin run {0}/scenario.yaml -o {0}\n{1}", shell_word(run.directory.string()), options_.command));
+    std::filesystem::path again = (run.directory / "").parent_path();
+    again += "_again";
+    page_.add(to, "pre", fmt::format("tribotwin run {} -o {}\n{}", shell_word((run.directory / "scenario.yaml").string()), shell_word(again.string()), options_.command));
     if (!run.scenario_text.empty()) {
       page_.add(to, "p", "The scenario, as it was run:");
       page_.add(to, "pre", run.scenario_text);

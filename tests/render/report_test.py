@@ -86,7 +86,7 @@ def check_page(name, page, images, drawings):
         check(f"{name} at {width}: measured", m is not None and m["width"] == width, m)
         if not m:
             continue
-        check(f"{name} at {width}: {images} pictures and {drawings} drawings load", m["images"] == images and m["broken"] == 0 and m["drawings"] == drawings, m)
+        check(f"{name} at {width}: {images} pictures and {drawings} drawings load", m["images"] == images and m["broken"] == 0 and m["drawings"] == drawings, {k: m[k] for k in m if k != "text"})
         check(f"{name} at {width}: nothing is wider than the window", m["overflow"] <= 0 and not m["wide"], (m["overflow"], m["wide"]))
         check(f"{name} at {width}: contrast at least 4.5:1 in {m['texts']} texts", m["texts"] > 30 and m["contrast"] >= 4.5, (m["contrast"], m["where"]))
         check(f"{name} at {width}: no script but ours, ids unique", m["scripts"] == 1 and m["ids"] == 0, (m["scripts"], m["ids"]))
@@ -103,7 +103,7 @@ m = check_page("report", path("warmup/report.html"), 3, 8)
 summary = json.loads(content("warmup/summary.json"))
 hot = max(summary["joints"], key=lambda j: j["temperature_degC"]["max"])
 if m:
-    for what in (f"{hot['temperature_degC']['max']:.1f} °C", "joint2", "MuJoCo " + summary["engine"]["version"], "seed", "Stood still: joint1", "tribotwin run warmup/scenario.yaml -o warmup",
+    for what in (f"{hot['temperature_degC']['max']:.1f} °C", "joint2", "MuJoCo " + summary["engine"]["version"], "seed", "Stood still: joint1", "tribotwin run warmup/scenario.yaml -o warmup_again",
                  "tribotwin-report warmup --png --pdf", "motion:", "Law 'extended'", *summary["warnings"]):
         check(f"the page says {what[:50]!r}", what in m["text"])
 check("nothing is fetched", not re.search(r'(src|href)="(?!data:|#)', page) and "@import" not in page)
@@ -161,7 +161,7 @@ r = run(twin, "run", folder + "/odd.yaml", "-o", folder + "/run `x`", "--quiet")
 check("a run with odd names", r.returncode == 0, r.stderr)
 r = run(report, folder + "/run `x`", "-o", folder + "/odd.html", "--png")
 check("a report with odd names", r.returncode == 0, (r.stdout, r.stderr))
-m = check_page("odd names", path(folder) + "/odd.html", 3, 4)
+m = check_page("odd names", path(folder) + "/odd.html", 3, 3)
 if m:
     shown = name.replace("\n", " ")
     flat = re.sub(r"\s+", " ", m["text"])
