@@ -58,7 +58,7 @@ tl::expected<Table, std::string> read_table(const std::filesystem::path& file) {
     table.rows.push_back(std::move(cells));
     table.lines.push_back(number);
   }
-  if (table.rows.empty()) return tl::unexpected(fmt::format("{}: is empty: a header but no rows", file.string()));
+  if (table.rows.empty()) return tl::unexpected(fmt::format("{}: is empty: a header but no samples", file.string()));
   return table;
 }
 

@@ -23,7 +23,7 @@ struct Table {
   std::string where(std::size_t row) const;
 };
 
-/// Fails with file and line; a table without rows is an error.
+/// Fails with file and line; a table without samples is an error.
 tl::expected<Table, std::string> read_table(const std::filesystem::path& file);
 
 }  // namespace tribotwin::twin
