@@ -176,6 +176,15 @@ int pose(const PoseArguments& a) {
   return done;
 }
 
+/// How all pictures of one run look: one scale.
+render::PoseOptions run_options(const PictureArguments& a, const render::RunData& run) {
+  render::PoseOptions options;
+  options.view = a.view();
+  options.colour_by = a.colours(render::ColourBy::temperature);
+  options.scale = render::scale_of(*run.model(), run.record, options.colour_by);
+  return options;
+}
+
 struct SheetArguments : PictureArguments {
   std::size_t count = 6;
 };
@@ -185,10 +194,7 @@ int sheet(const SheetArguments& a) {
   const render::Size size = size_of(a.size);
   const auto run = run_with_model(a.target);
   const auto& model = run->scenario->model;
-  render::PoseOptions options;
-  options.view = a.view();
-  options.colour_by = a.colours(render::ColourBy::temperature);
-  options.scale = render::scale_of(*model, run->record, options.colour_by);
+  const render::PoseOptions options = run_options(a, *run);
   Progress progress(a.quiet, "poses");
   write(a.output, render::png(drawn(render::contact_sheet(model, run->record, render::evenly_in_time(run->record.time_s, a.count), options, size, [&](double share) { progress(share); }))));
   return done;
@@ -204,10 +210,7 @@ int video(const VideoArguments& a) {
   const render::Size size = size_of(a.size);
   const auto run = run_with_model(a.target);
   const auto& model = run->scenario->model;
-  render::PoseOptions options;
-  options.view = a.view();
-  options.colour_by = a.colours(render::ColourBy::temperature);
-  options.scale = render::scale_of(*model, run->record, options.colour_by);
+  const render::PoseOptions options = run_options(a, *run);
   {
     Progress progress(a.quiet, "film");
     drawn(render::write_video(a.output, model, run->record, options, {.size = size, .frames_per_s = a.frames_per_s, .length_s = a.seconds}, [&](double share) { progress(share); }));
