@@ -3,67 +3,19 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
-#include <cstdio>
-#include <cstring>
-#include <fstream>
 #include <thread>
 
-#include <fcntl.h>
 #include <fmt/format.h>
-#include <nlohmann/json.hpp>
-#include <sys/file.h>
-#include <unistd.h>
 
-#include <tribotwin/twin/output/output.hpp>
-#include <tribotwin/twin/telemetry/telemetry.hpp>
+#include <tribotwin/twin/runtime/recorder.hpp>
 
 namespace tribotwin::twin {
 namespace {
 
-namespace fs = std::filesystem;
 using Status = tl::expected<void, std::string>;
 using Clock = std::chrono::steady_clock;
 
 double seconds_since(Clock::time_point start) { return std::chrono::duration<double>(Clock::now() - start).count(); }
-
-const std::vector<Channel> channels = {
-    {"position_rad", "rad", "joint angle, arm side, at time_s"},
-    {"velocity_rad_s", "rad/s", "joint speed, arm side, at time_s"},
-    {"motor_torque_nm", "Nm", "motor torque, motor side, over the step from time_s (arm side: torque_nm)"},
-    {"torque_nm", "Nm", "motor torque seen from the arm: motor_torque_nm x gear ratio"},
-    {"friction_nm", "Nm", "transmitted friction, arm side, positive when it opposes positive motion, over the step from time_s"},
-    {"load_nm", "Nm", "gear torque that friction was evaluated at, arm side, signed"},
-    {"temperature_degC", "degC", "lubricant temperature that friction was evaluated at"},
-};
-const std::vector<Channel> cycle_channels = {
-    {"cycle_temperature_degC", "degC", "lubricant temperature at the end of a work cycle"},
-    {"cycle_friction_power_W", "W", "mean friction power over a work cycle"},
-};
-
-/// Keeps a second run out of a folder while the first writes there. A killed run leaves the file but not the lock.
-class FolderLock {
- public:
-  FolderLock() = default;
-  FolderLock(const FolderLock&) = delete;
-  FolderLock& operator=(const FolderLock&) = delete;
-  ~FolderLock() {
-    if (file_ < 0) return;
-    ::unlink(path_.c_str());
-    ::close(file_);
-  }
-  Status take(const fs::path& directory) {
-    path_ = directory / "run.lock";
-    file_ = ::open(path_.c_str(), O_CREAT | O_RDWR | O_CLOEXEC, 0666);
-    if (file_ < 0) return tl::unexpected(fmt::format("{}: cannot be written ({})", path_.string(), std::strerror(errno)));
-    if (::flock(file_, LOCK_EX | LOCK_NB) == 0) return {};
-    ::close(std::exchange(file_, -1));
-    return tl::unexpected(fmt::format("{}: another run is writing into this folder; choose another with -o", directory.string()));
-  }
-
- private:
-  fs::path path_;
-  int file_ = -1;
-};
 
 /// The loop around a Twin: records, paces, and skips work cycles whose outcome is known.
 class Runner {
@@ -71,36 +23,16 @@ class Runner {
   Runner(const Scenario& scenario, const RunOptions& options)
       : scenario_(scenario), options_(options), twin_(scenario), timestep_s_(scenario.model->get()->opt.timestep),
         total_(std::llround(std::ceil(scenario.duration_s / timestep_s_ - 1e-6))),
-        every_(std::max<std::int64_t>(1, std::llround(1 / (scenario.telemetry_rate_hz * timestep_s_)))),
         drives_(scenario.model->drives().size()) {
     if (scenario.motion && scenario.motion->period_s() > 0) cycle_ = std::llround(scenario.motion->period_s() / timestep_s_);
-    row_.resize(drives_ * channels.size());
-    cycle_row_.resize(drives_ * cycle_channels.size());
+    cycle_row_.resize(2 * drives_);
   }
 
   Status open() {
     if (options_.directory.empty()) return {};
-    std::error_code error;
-    fs::create_directories(options_.directory, error);
-    if (error) return tl::unexpected(fmt::format("{}: cannot be created ({})", options_.directory.string(), error.message()));
-    if (auto ok = lock_.take(options_.directory); !ok) return ok;
-    // A summary marks a whole run: one left by an earlier run must not stand beside a new, unfinished record.
-    fs::remove(options_.directory / "summary.json", error);
-    if (auto ok = write_file(options_.directory / "scenario.yaml", scenario_.resolved_yaml); !ok) return ok;
-    TelemetryOptions o{.attributes = {{"engine", "MuJoCo"},
-                                      {"engine_version", mj_versionString()},
-                                      {"scenario", scenario_.name},
-                                      {"seed", std::to_string(scenario_.seed)},
-                                      {"timestep_s", fmt::format("{}", timestep_s_)}},
-                       .channels = channels,
-                       .cycle_channels = cycle_ ? cycle_channels : std::vector<Channel>{}};
-    for (const auto& drive : scenario_.model->drives()) {
-      o.joints.push_back(joint_name(scenario_.model->get(), drive));
-      o.joint_attributes.push_back({{"gear_ratio", drive.drive.gear_ratio}, {"torque_max_nm", drive.drive.torque_max_nm}});
-    }
-    auto telemetry = Telemetry::create(options_.directory / "telemetry.h5", std::move(o));
-    if (!telemetry) return tl::unexpected(telemetry.error());
-    telemetry_ = std::make_unique<Telemetry>(std::move(*telemetry));
+    auto recorder = Recorder::create(options_.directory, scenario_, cycle_ != 0);
+    if (!recorder) return tl::unexpected(recorder.error());
+    recorder_ = std::move(*recorder);
     return {};
   }
 
@@ -108,32 +40,11 @@ class Runner {
     started_ = Clock::now();
     while (twin_.steps() < total_)
       if (auto ok = cycle_ ? run_cycle() : run_steps(total_); !ok) return ok;
-    if (telemetry_) return telemetry_->finish();
-    return {};
+    return recorder_ ? recorder_->finish() : Status{};
   }
 
   Summary summary() {
-    Summary s{.simulated_s = twin_.time_s(), .wall_s = seconds_since(started_), .steps = twin_.steps(),
-              .steps_computed = twin_.steps_computed(), .seed = scenario_.seed,
-              .motor_work_J = twin_.motor_work_J(), .energy_balance_J = twin_.balance_J()};
-    const auto drives = twin_.model().drives();
-    for (std::size_t i = 0; i < drives_; ++i) {
-      const auto& d = twin_.drive(i);
-      const auto& f = twin_.figures(i);
-      s.friction_work_J += d.friction_work_J;
-      s.heat_J += d.heat_J;
-      s.joints.push_back({.name = joint_name(twin_.model().get(), drives[i]),
-                          .temperature_degC = {scenario_.temperature_degC[i], twin_.temperature_degC(i),
-                                               std::max(f.temperature_max_degC, twin_.temperature_degC(i))},
-                          .friction_nm = {std::sqrt(f.friction_squared_sum / static_cast<double>(std::max<std::int64_t>(1, twin_.steps_computed()))), f.friction_max_nm},
-                          .load_max_norm = f.load_max_norm,
-                          .clamped_samples = static_cast<std::int64_t>(d.steps_outside),
-                          .stuck_s = d.stuck_s});
-      if (d.steps_outside > 0)
-        s.warnings.push_back(fmt::format("{}: {:.3g} % of the computed steps lay outside the range in which law '{}' was identified (policy: {})",
-                                         s.joints.back().name, 100 * d.steps_outside / static_cast<double>(twin_.steps_computed()), drives[i].drive.law.info->name,
-                                         drives[i].drive.law.validity == friction::Validity::extrapolate ? "extrapolate" : "clamp"));
-    }
+    Summary s = summarize(twin_, scenario_, seconds_since(started_));
     if (skipped_cycles_ > 0)
       s.warnings.push_back(fmt::format("multi-rate: {} of {} work cycles were computed step by step, the others followed from them (largest correction {:.2g} K)",
                                        cycles_ - skipped_cycles_, cycles_, largest_correction_K_));
@@ -148,32 +59,22 @@ class Runner {
       const std::int64_t k = twin_.steps();
       compare();
       if (auto ok = twin_.step(); !ok) return ok;
-      if (telemetry_ && k % every_ == 0)
-        if (auto ok = record(static_cast<double>(k) * timestep_s_); !ok) return ok;
+      if (recorder_)
+        if (auto ok = recorder_->sample(twin_, k); !ok) return ok;
       if (k % 1024 == 0) report();
       if (options_.realtime) std::this_thread::sleep_until(started_ + std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(twin_.time_s())));
     }
     return {};
   }
 
-  Status record(double time_s) {
-    for (std::size_t i = 0; i < drives_; ++i) {
-      const auto& d = twin_.drive(i);
-      const double gear = twin_.model().drives()[i].drive.gear_ratio;
-      const double values[] = {twin_.position_rad(i), twin_.velocity_rad_s(i), d.torque_nm / gear, d.torque_nm, d.friction_nm, d.load_used_nm, d.temperature_degC};
-      std::ranges::copy(values, row_.begin() + static_cast<std::ptrdiff_t>(i * channels.size()));
-    }
-    return telemetry_->append(time_s, row_);
-  }
-
   Status record_cycle(double time_s, const auto& temperature, const auto& power) {
     ++cycles_;
-    if (!telemetry_) return {};
+    if (!recorder_) return {};
     for (std::size_t i = 0; i < drives_; ++i) {
       cycle_row_[2 * i] = temperature(i);
       cycle_row_[2 * i + 1] = power(i);
     }
-    return telemetry_->append_cycle(time_s, cycle_row_);
+    return recorder_->append_cycle(time_s, cycle_row_);
   }
 
   void report() {
@@ -351,12 +252,11 @@ class Runner {
   const Scenario& scenario_;
   const RunOptions& options_;
   Twin twin_;
-  FolderLock lock_;
-  std::unique_ptr<Telemetry> telemetry_;
+  std::unique_ptr<Recorder> recorder_;
   double timestep_s_;
-  std::int64_t total_, every_, cycle_ = 0, cycles_ = 0, skipped_cycles_ = 0;
+  std::int64_t total_, cycle_ = 0, cycles_ = 0, skipped_cycles_ = 0;
   std::size_t drives_;
-  std::vector<double> row_, cycle_row_;
+  std::vector<double> cycle_row_;
   double largest_correction_K_ = 0, error_sum_rad_ = 0;
   std::size_t compared_ = 0;
   std::int64_t samples_compared_ = 0;
@@ -371,33 +271,8 @@ tl::expected<Summary, std::string> run(const Scenario& scenario, const RunOption
   if (auto ok = runner.run(); !ok) return tl::unexpected(ok.error());
   Summary summary = runner.summary();
   if (!options.directory.empty())
-    if (auto ok = write_file(options.directory / "summary.json", summary_json(summary)); !ok) return tl::unexpected(ok.error());
+    if (auto ok = write_summary(options.directory, summary); !ok) return tl::unexpected(ok.error());
   return summary;
-}
-
-std::string summary_json(const Summary& s) {
-  nlohmann::ordered_json json{{"simulated_s", s.simulated_s},
-                              {"wall_s", s.wall_s},
-                              {"steps", s.steps},
-                              {"steps_computed", s.steps_computed},
-                              {"realtime_factor", s.wall_s > 0 ? s.simulated_s / s.wall_s : 0},
-                              {"seed", s.seed},
-                              {"engine", {{"name", "MuJoCo"}, {"version", mj_versionString()}}},
-                              {"friction_work_J", s.friction_work_J},
-                              {"heat_J", s.heat_J},
-                              {"motor_work_J", s.motor_work_J},
-                              {"energy_balance_J", s.energy_balance_J}};
-  json["joints"] = nlohmann::ordered_json::array();
-  for (const auto& j : s.joints)
-    json["joints"].push_back({{"name", j.name},
-                              {"temperature_degC", {{"start", j.temperature_degC.start}, {"end", j.temperature_degC.end}, {"max", j.temperature_degC.max}}},
-                              {"friction_nm", {{"rms", j.friction_nm.rms}, {"max", j.friction_nm.max}}},
-                              {"load_norm", {{"max", j.load_max_norm}}},
-                              {"clamped_samples", j.clamped_samples},
-                              {"stuck_s", j.stuck_s}});
-  json["warnings"] = s.warnings;
-  if (s.comparison) json["comparison"] = {{"mae_mrad", s.comparison->mae_mrad}, {"baseline_mae_mrad", s.comparison->baseline_mae_mrad}};
-  return json.dump(2) + "\n";
 }
 
 }  // namespace tribotwin::twin

@@ -14,6 +14,21 @@ struct Overloaded : F... { using F::operator()...; };
 
 }  // namespace
 
+Twin::Twin(const Scenario& scenario, Commanded) : Twin(scenario) {
+  servo_.reset();
+  const auto* gains = std::get_if<CascadedOptions>(&scenario.control);
+  drive_servo_ = std::make_unique<DriveServo>(*model_, data_.get(), gains ? *gains : CascadedOptions{});
+  commands_.resize(model_->drives().size());
+}
+
+void Twin::set_brake(std::size_t i, bool engaged) { mujoco::scratch(data_.get(), model_->drives()[i]).brake_engaged = engaged; }
+
+void Twin::set_measured_temperature(std::size_t i, std::optional<double> temperature_degC) {
+  const auto& binding = model_->drives()[i];
+  mujoco::scratch(data_.get(), binding).temperature_held = temperature_degC.has_value();
+  if (temperature_degC) drive::set_temperature(binding.drive, mujoco::memory(data_.get(), binding), *temperature_degC);
+}
+
 Twin::Twin(const Scenario& scenario)
     : scenario_(scenario), model_(scenario.model), data_(model_->make_data()), timestep_s_((*model_)->opt.timestep) {
   const auto drives = model_->drives();
@@ -86,6 +101,7 @@ void Twin::apply(const Event& event) {
 void Twin::control(void* self, const mjModel* m, mjData* d) {
   Twin& twin = *static_cast<Twin*>(self);
   if (std::exchange(twin.controlled_, true)) return;   // later stages of an integrator keep the torque
+  if (twin.drive_servo_) return twin.drive_servo_->control(m, d, twin.commands_);
   if (twin.scenario_.motion) twin.scenario_.motion->at(twin.time_s(), twin.set_points_);
   if (twin.scenario_.recording && !twin.scenario_.recording->torque_on.empty()) {
     const SetPoints& r = *twin.scenario_.recording;

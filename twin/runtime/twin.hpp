@@ -23,6 +23,10 @@ struct JointFigures {
 class Twin {
  public:
   explicit Twin(const Scenario& scenario);
+  /// A twin whose drives do what `commands` says, in place of the scenario's motion and control: for controllers outside.
+  /// The loops' gains are those of the scenario's servo.
+  static constexpr struct Commanded {} commanded{};
+  Twin(const Scenario& scenario, Commanded);
   Twin(const Twin&) = delete;
   Twin& operator=(const Twin&) = delete;
 
@@ -39,6 +43,14 @@ class Twin {
   const drive::Memory& memory(std::size_t i) const { return mujoco::memory(data_.get(), model_->drives()[i]); }
   double temperature_degC(std::size_t i) const { return drive::temperature_degC(model_->drives()[i].drive, memory(i)); }
   const JointFigures& figures(std::size_t i) const { return figures_[i]; }
+
+  /// Of a commanded twin: read at every step.
+  std::span<DriveCommand> commands() { return commands_; }
+  /// Whether a commanded drive's torque was cut to a limit in the last step.
+  bool limited(std::size_t i) const { return drive_servo_->limited(i); }
+  void set_brake(std::size_t i, bool engaged);
+  /// Holds a drive's temperature at what a bench measured [degC]; without a value the thermal model goes on from there.
+  void set_measured_temperature(std::size_t i, std::optional<double> temperature_degC);
 
   /// State at the start of the last step, per drive.
   double position_rad(std::size_t i) const { return q_begin_[i]; }
@@ -65,6 +77,8 @@ class Twin {
   std::shared_ptr<const mujoco::Model> model_;
   mujoco::DataPtr data_;
   std::unique_ptr<Servo> servo_;
+  std::unique_ptr<DriveServo> drive_servo_;   ///< of a commanded twin, in place of servo_
+  std::vector<DriveCommand> commands_;
   std::vector<SetPoint> set_points_;
   std::vector<double> q_begin_, qd_begin_;
   std::vector<JointFigures> figures_;

@@ -8,42 +8,16 @@ namespace {
 
 class Cascaded final : public Servo {
  public:
-  Cascaded(const mujoco::Model& model, const mjData* start, const CascadedOptions& o) : model_(model), options_(o) {
-    for (const auto& drive : model.drives()) {
-      Loop loop;
-      loop.speed_gain = o.speed_bandwidth_rad_s * inertia_kg_m2(model.get(), start, drive.dof);
-      loop.position = position_address(model.get(), drive);
-      loop.limit = model->actuator_ctrllimited[drive.actuator] ? model->actuator_ctrlrange[2 * drive.control + 1] * drive.gear : friction::unlimited;
-      loops_.push_back(loop);
-    }
-  }
-
+  Cascaded(const mujoco::Model& model, const mjData* start, const CascadedOptions& o) : servo_(model, start, o), commands_(model.drives().size()) {}
   void control(const mjModel* m, mjData* d, std::span<const SetPoint> set_points) override {
-    for (std::size_t i = 0; i < loops_.size(); ++i) {
-      Loop& loop = loops_[i];
-      const auto& drive = model_.drives()[i];
-      const double speed = set_points[i].velocity_rad_s +
-                           options_.position_gain_1_s * (set_points[i].position_rad - d->qpos[loop.position]);
-      const double error = speed - d->qvel[drive.dof];
-      const double forward = options_.gravity ? gravity_torque_nm(m, d, drive.dof) : 0;
-      double torque = forward + loop.speed_gain * error + loop.integral_nm;
-      const bool saturated = std::abs(torque) > loop.limit;
-      // At the limit the integral only moves inwards.
-      if (options_.integral_time_s > 0 && (!saturated || error * torque < 0))
-        loop.integral_nm += loop.speed_gain / options_.integral_time_s * error * m->opt.timestep;
-      torque = std::clamp(torque, -loop.limit, loop.limit);
-      d->ctrl[drive.control] = torque / drive.gear;
-    }
+    for (std::size_t i = 0; i < commands_.size(); ++i)
+      commands_[i] = {.mode = DriveCommand::Mode::position, .position_rad = set_points[i].position_rad, .velocity_rad_s = set_points[i].velocity_rad_s};
+    servo_.control(m, d, commands_);
   }
 
  private:
-  struct Loop {
-    double speed_gain = 0, limit = 0, integral_nm = 0;
-    int position = 0;
-  };
-  const mujoco::Model& model_;
-  CascadedOptions options_;
-  std::vector<Loop> loops_;
+  DriveServo servo_;
+  std::vector<DriveCommand> commands_;
 };
 
 class DcPosition final : public Servo {
@@ -75,6 +49,42 @@ class Torque final : public Servo {
 };
 
 }  // namespace
+
+DriveServo::DriveServo(const mujoco::Model& model, const mjData* start, const CascadedOptions& o) : model_(model), options_(o) {
+  for (const auto& drive : model.drives()) {
+    Loop loop;
+    loop.speed_gain = o.speed_bandwidth_rad_s * inertia_kg_m2(model.get(), start, drive.dof);
+    loop.position = position_address(model.get(), drive);
+    loop.limit = model->actuator_ctrllimited[drive.actuator] ? model->actuator_ctrlrange[2 * drive.control + 1] * drive.gear : friction::unlimited;
+    loops_.push_back(loop);
+  }
+}
+
+void DriveServo::control(const mjModel* m, mjData* d, std::span<const DriveCommand> commands) {
+  using Mode = DriveCommand::Mode;
+  for (std::size_t i = 0; i < loops_.size(); ++i) {
+    Loop& loop = loops_[i];
+    const DriveCommand& c = commands[i];
+    const auto& drive = model_.drives()[i];
+    const double limit = std::min(loop.limit, c.torque_limit_nm);
+    double torque = c.torque_nm;
+    if (c.mode == Mode::position || c.mode == Mode::velocity) {
+      double speed = c.velocity_rad_s;
+      if (c.mode == Mode::position) speed += options_.position_gain_1_s * (c.position_rad - d->qpos[loop.position]);
+      const double error = speed - d->qvel[drive.dof];
+      const double forward = options_.gravity ? gravity_torque_nm(m, d, drive.dof) : 0;
+      torque += forward + loop.speed_gain * error + loop.integral_nm;
+      // At the limit the integral only moves inwards.
+      if (options_.integral_time_s > 0 && (std::abs(torque) <= limit || error * torque < 0))
+        loop.integral_nm += loop.speed_gain / options_.integral_time_s * error * m->opt.timestep;
+    } else {
+      loop.integral_nm = 0;
+      if (c.mode == Mode::off) torque = 0;
+    }
+    loop.limited = std::abs(torque) > limit;
+    d->ctrl[drive.control] = std::clamp(torque, -limit, limit) / drive.gear;
+  }
+}
 
 double dc_torque_nm(const DcPositionOptions& o, double error_rad, double speed_rad_s) {
   const double duty = std::clamp(o.kp * o.error_gain * error_rad, -1.0, 1.0);

@@ -25,6 +25,36 @@ struct CascadedOptions {
   double integral_time_s = 0.1;        ///< 0: no integral part
   bool gravity = true;                 ///< feed gravity forward
 };
+
+/// What one drive is told for a time step. Arm side.
+struct DriveCommand {
+  enum class Mode { off, torque, velocity, position };
+  Mode mode = Mode::off;
+  double position_rad = 0;
+  double velocity_rad_s = 0;     ///< set point, or added to the position loop's output
+  double torque_nm = 0;          ///< set point, or added to the speed loop's output
+  double torque_limit_nm = friction::unlimited;
+};
+
+/// The loops of industrial drives, each in a mode of its own. Its torque limit also is the actuator's ctrlrange.
+class DriveServo {
+ public:
+  DriveServo(const mujoco::Model& model, const mjData* start, const CascadedOptions& options);
+  /// Inside the step. Torques of drives that are off are 0; their integrals rest at 0.
+  void control(const mjModel* m, mjData* d, std::span<const DriveCommand> commands);
+  /// Whether a drive's torque was cut to a limit in the last step.
+  bool limited(std::size_t drive) const { return loops_[drive].limited; }
+
+ private:
+  struct Loop {
+    double speed_gain = 0, limit = 0, integral_nm = 0;
+    int position = 0;
+    bool limited = false;
+  };
+  const mujoco::Model& model_;
+  CascadedOptions options_;
+  std::vector<Loop> loops_;
+};
 std::unique_ptr<Servo> make_cascaded(const mujoco::Model& model, const mjData* start, const CascadedOptions& options);
 
 /// A small servo's firmware: position error -> duty cycle -> DC motor with winding resistance and back-EMF.

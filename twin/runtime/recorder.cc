@@ -1,0 +1,170 @@
+#include <tribotwin/twin/runtime/recorder.hpp>
+
+#include <algorithm>
+#include <cerrno>
+#include <cmath>
+#include <cstring>
+#include <utility>
+
+#include <fcntl.h>
+#include <fmt/format.h>
+#include <nlohmann/json.hpp>
+#include <sys/file.h>
+#include <unistd.h>
+
+#include <tribotwin/twin/output/output.hpp>
+#include <tribotwin/twin/telemetry/telemetry.hpp>
+
+namespace tribotwin::twin {
+namespace {
+
+namespace fs = std::filesystem;
+using Status = tl::expected<void, std::string>;
+
+const std::vector<Channel> channels = {
+    {"position_rad", "rad", "joint angle, arm side, at time_s"},
+    {"velocity_rad_s", "rad/s", "joint speed, arm side, at time_s"},
+    {"motor_torque_nm", "Nm", "motor torque, motor side, over the step from time_s (arm side: torque_nm)"},
+    {"torque_nm", "Nm", "motor torque seen from the arm: motor_torque_nm x gear ratio"},
+    {"friction_nm", "Nm", "transmitted friction, arm side, positive when it opposes positive motion, over the step from time_s"},
+    {"load_nm", "Nm", "gear torque that friction was evaluated at, arm side, signed"},
+    {"temperature_degC", "degC", "lubricant temperature that friction was evaluated at"},
+};
+const std::vector<Channel> cycle_channels = {
+    {"cycle_temperature_degC", "degC", "lubricant temperature at the end of a work cycle"},
+    {"cycle_friction_power_W", "W", "mean friction power over a work cycle"},
+};
+
+/// Keeps a second run out of a folder while the first writes there. A killed run leaves the file but not the lock.
+class FolderLock {
+ public:
+  FolderLock() = default;
+  FolderLock(const FolderLock&) = delete;
+  FolderLock& operator=(const FolderLock&) = delete;
+  ~FolderLock() {
+    if (file_ < 0) return;
+    ::unlink(path_.c_str());
+    ::close(file_);
+  }
+  Status take(const fs::path& directory) {
+    path_ = directory / "run.lock";
+    file_ = ::open(path_.c_str(), O_CREAT | O_RDWR | O_CLOEXEC, 0666);
+    if (file_ < 0) return tl::unexpected(fmt::format("{}: cannot be written ({})", path_.string(), std::strerror(errno)));
+    if (::flock(file_, LOCK_EX | LOCK_NB) == 0) return {};
+    ::close(std::exchange(file_, -1));
+    return tl::unexpected(fmt::format("{}: another run is writing into this folder; choose another with -o", directory.string()));
+  }
+
+ private:
+  fs::path path_;
+  int file_ = -1;
+};
+
+}  // namespace
+
+struct Recorder::Impl {
+  FolderLock lock;
+  std::unique_ptr<Telemetry> telemetry;
+  std::int64_t every = 1;
+  double timestep_s = 0;
+  std::vector<double> row;
+};
+
+Recorder::Recorder(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
+Recorder::~Recorder() = default;
+
+tl::expected<std::unique_ptr<Recorder>, std::string> Recorder::create(const fs::path& directory, const Scenario& scenario, bool cycles) {
+  auto impl = std::make_unique<Impl>();
+  impl->timestep_s = scenario.model->get()->opt.timestep;
+  impl->every = std::max<std::int64_t>(1, std::llround(1 / (scenario.telemetry_rate_hz * impl->timestep_s)));
+  std::error_code error;
+  fs::create_directories(directory, error);
+  if (error) return tl::unexpected(fmt::format("{}: cannot be created ({})", directory.string(), error.message()));
+  if (auto ok = impl->lock.take(directory); !ok) return tl::unexpected(ok.error());
+  // A summary marks a whole run: one left by an earlier run must not stand beside a new, unfinished record.
+  fs::remove(directory / "summary.json", error);
+  if (auto ok = write_file(directory / "scenario.yaml", scenario.resolved_yaml); !ok) return tl::unexpected(ok.error());
+  TelemetryOptions o{.attributes = {{"engine", "MuJoCo"},
+                                    {"engine_version", mj_versionString()},
+                                    {"scenario", scenario.name},
+                                    {"seed", std::to_string(scenario.seed)},
+                                    {"timestep_s", fmt::format("{}", impl->timestep_s)}},
+                     .channels = channels,
+                     .cycle_channels = cycles ? cycle_channels : std::vector<Channel>{}};
+  for (const auto& drive : scenario.model->drives()) {
+    o.joints.push_back(joint_name(scenario.model->get(), drive));
+    o.joint_attributes.push_back({{"gear_ratio", drive.drive.gear_ratio}, {"torque_max_nm", drive.drive.torque_max_nm}});
+  }
+  impl->row.resize(o.joints.size() * channels.size());
+  auto telemetry = Telemetry::create(directory / "telemetry.h5", std::move(o));
+  if (!telemetry) return tl::unexpected(telemetry.error());
+  impl->telemetry = std::make_unique<Telemetry>(std::move(*telemetry));
+  return std::unique_ptr<Recorder>(new Recorder(std::move(impl)));
+}
+
+Status Recorder::sample(const Twin& twin, std::int64_t step) {
+  if (step % impl_->every != 0) return {};
+  for (std::size_t i = 0; i < twin.model().drives().size(); ++i) {
+    const auto& d = twin.drive(i);
+    const double gear = twin.model().drives()[i].drive.gear_ratio;
+    const double values[] = {twin.position_rad(i), twin.velocity_rad_s(i), d.torque_nm / gear, d.torque_nm, d.friction_nm, d.load_used_nm, d.temperature_degC};
+    std::ranges::copy(values, impl_->row.begin() + static_cast<std::ptrdiff_t>(i * channels.size()));
+  }
+  return impl_->telemetry->append(static_cast<double>(step) * impl_->timestep_s, impl_->row);
+}
+
+Status Recorder::append_cycle(double time_s, std::span<const double> values) { return impl_->telemetry->append_cycle(time_s, values); }
+
+Status Recorder::finish() { return impl_->telemetry->finish(); }
+
+Summary summarize(const Twin& twin, const Scenario& scenario, double wall_s) {
+  Summary s{.simulated_s = twin.time_s(), .wall_s = wall_s, .steps = twin.steps(), .steps_computed = twin.steps_computed(), .seed = scenario.seed,
+            .motor_work_J = twin.motor_work_J(), .energy_balance_J = twin.balance_J()};
+  const auto drives = twin.model().drives();
+  for (std::size_t i = 0; i < drives.size(); ++i) {
+    const auto& d = twin.drive(i);
+    const auto& f = twin.figures(i);
+    s.friction_work_J += d.friction_work_J;
+    s.heat_J += d.heat_J;
+    s.joints.push_back({.name = joint_name(twin.model().get(), drives[i]),
+                        .temperature_degC = {scenario.temperature_degC[i], twin.temperature_degC(i), std::max(f.temperature_max_degC, twin.temperature_degC(i))},
+                        .friction_nm = {std::sqrt(f.friction_squared_sum / static_cast<double>(std::max<std::int64_t>(1, twin.steps_computed()))), f.friction_max_nm},
+                        .load_max_norm = f.load_max_norm,
+                        .clamped_samples = static_cast<std::int64_t>(d.steps_outside),
+                        .stuck_s = d.stuck_s});
+    if (d.steps_outside > 0)
+      s.warnings.push_back(fmt::format("{}: {:.3g} % of the computed steps lay outside the range in which law '{}' was identified (policy: {})", s.joints.back().name,
+                                       100 * d.steps_outside / static_cast<double>(twin.steps_computed()), drives[i].drive.law.info->name,
+                                       drives[i].drive.law.validity == friction::Validity::extrapolate ? "extrapolate" : "clamp"));
+  }
+  return s;
+}
+
+tl::expected<void, std::string> write_summary(const fs::path& directory, const Summary& summary) { return write_file(directory / "summary.json", summary_json(summary)); }
+
+std::string summary_json(const Summary& s) {
+  nlohmann::ordered_json json{{"simulated_s", s.simulated_s},
+                              {"wall_s", s.wall_s},
+                              {"steps", s.steps},
+                              {"steps_computed", s.steps_computed},
+                              {"realtime_factor", s.wall_s > 0 ? s.simulated_s / s.wall_s : 0},
+                              {"seed", s.seed},
+                              {"engine", {{"name", "MuJoCo"}, {"version", mj_versionString()}}},
+                              {"friction_work_J", s.friction_work_J},
+                              {"heat_J", s.heat_J},
+                              {"motor_work_J", s.motor_work_J},
+                              {"energy_balance_J", s.energy_balance_J}};
+  json["joints"] = nlohmann::ordered_json::array();
+  for (const auto& j : s.joints)
+    json["joints"].push_back({{"name", j.name},
+                              {"temperature_degC", {{"start", j.temperature_degC.start}, {"end", j.temperature_degC.end}, {"max", j.temperature_degC.max}}},
+                              {"friction_nm", {{"rms", j.friction_nm.rms}, {"max", j.friction_nm.max}}},
+                              {"load_norm", {{"max", j.load_max_norm}}},
+                              {"clamped_samples", j.clamped_samples},
+                              {"stuck_s", j.stuck_s}});
+  json["warnings"] = s.warnings;
+  if (s.comparison) json["comparison"] = {{"mae_mrad", s.comparison->mae_mrad}, {"baseline_mae_mrad", s.comparison->baseline_mae_mrad}};
+  return json.dump(2) + "\n";
+}
+
+}  // namespace tribotwin::twin

@@ -1,0 +1,66 @@
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <memory>
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
+
+#include <tl/expected.hpp>
+
+#include <tribotwin/twin/runtime/twin.hpp>
+
+/// What a run leaves in its folder.
+namespace tribotwin::twin {
+
+struct JointSummary {
+  std::string name;
+  struct { double start, end, max; } temperature_degC;
+  struct { double rms, max; } friction_nm;
+  double load_max_norm;
+  std::int64_t clamped_samples;
+  double stuck_s;
+};
+
+struct Comparison {
+  double mae_mrad, baseline_mae_mrad;
+};
+
+struct Summary {
+  double simulated_s, wall_s;
+  std::int64_t steps, steps_computed;
+  std::uint64_t seed;
+  double friction_work_J, heat_J, motor_work_J;
+  double energy_balance_J;           ///< what the mechanical balance leaves over
+  std::vector<JointSummary> joints;
+  std::vector<std::string> warnings;
+  std::optional<Comparison> comparison;
+};
+
+/// What a twin has done so far.
+Summary summarize(const Twin& twin, const Scenario& scenario, double wall_s);
+/// summary.json of a run.
+std::string summary_json(const Summary& summary);
+tl::expected<void, std::string> write_summary(const std::filesystem::path& directory, const Summary& summary);
+
+/// scenario.yaml and the growing telemetry.h5 of one run. Keeps a second run out of the folder while it lives.
+class Recorder {
+ public:
+  /// Removes an older summary.json: it would stand for a whole run. `cycles`: with channels per work cycle.
+  static tl::expected<std::unique_ptr<Recorder>, std::string> create(const std::filesystem::path& directory, const Scenario& scenario, bool cycles);
+  ~Recorder();
+  /// After step number `step` of the twin: records the state at its start, where the scenario's telemetry rate says so.
+  tl::expected<void, std::string> sample(const Twin& twin, std::int64_t step);
+  /// Per drive: lubricant temperature [degC], mean friction power [W].
+  tl::expected<void, std::string> append_cycle(double time_s, std::span<const double> values);
+  tl::expected<void, std::string> finish();
+
+ private:
+  struct Impl;
+  explicit Recorder(std::unique_ptr<Impl> impl);
+  std::unique_ptr<Impl> impl_;
+};
+
+}  // namespace tribotwin::twin
