@@ -10,7 +10,7 @@ packages=(
   gnuplot-nox fonts-dejavu-core                              # run by tribotwin-report
 )
 if [ "${1:-}" = --tests ]; then
-  packages+=(libgtest-dev libgmock-dev libbenchmark-dev python3 python3-h5py python3-numpy chromium ffmpeg)
+  packages+=(libgtest-dev libgmock-dev libbenchmark-dev python3 python3-h5py python3-numpy chromium ffmpeg python3-can)
 fi
 missing=()
 for package in "${packages[@]}"; do

@@ -39,6 +39,7 @@ class Twin {
   std::int64_t steps_computed() const { return computed_; }
   const mujoco::Model& model() const { return *model_; }
   mjData* data() { return data_.get(); }
+  const mjData* data() const { return data_.get(); }
   const drive::Scratch& drive(std::size_t i) const { return mujoco::scratch(data_.get(), model_->drives()[i]); }
   const drive::Memory& memory(std::size_t i) const { return mujoco::memory(data_.get(), model_->drives()[i]); }
   double temperature_degC(std::size_t i) const { return drive::temperature_degC(model_->drives()[i].drive, memory(i)); }

@@ -1,0 +1,52 @@
+#include <tribotwin/hil/can/frame.hpp>
+
+#include <algorithm>
+#include <cassert>
+#include <iterator>
+
+#include <fmt/format.h>
+
+namespace tribotwin::hil {
+
+bool Frame::operator==(const Frame& other) const {
+  const bool same_header = id == other.id && extended == other.extended && remote == other.remote && error == other.error && fd == other.fd &&
+                           bit_rate_switch == other.bit_rate_switch && error_passive == other.error_passive && size == other.size;
+  if (!same_header || remote) return same_header;   // a remote frame carries a length but no data
+  const auto used = std::min<std::size_t>(size, data.size());
+  return std::equal(data.begin(), data.begin() + static_cast<std::ptrdiff_t>(used), other.data.begin());
+}
+
+Frame classic(std::uint32_t id, std::span<const std::uint8_t> bytes) {
+  assert(id <= 0x7FF && bytes.size() <= 8);
+  Frame frame;
+  frame.id = id;
+  frame.size = static_cast<std::uint8_t>(std::min<std::size_t>(bytes.size(), 8));
+  std::copy_n(bytes.begin(), frame.size, frame.data.begin());
+  return frame;
+}
+
+bool valid_size(bool fd, std::uint8_t size) {
+  if (size <= 8 || !fd) return size <= 8;
+  return size <= 24 ? size % 4 == 0 : size <= 64 && size % 16 == 0;
+}
+
+std::string text(const Frame& frame) {
+  constexpr std::uint32_t error_flag = 0x20000000;   // CAN_ERR_FLAG of SocketCAN; candump prints it with the class
+  std::string out = frame.error      ? fmt::format("{:08X}#", frame.id | error_flag)
+                    : frame.extended ? fmt::format("{:08X}#", frame.id)
+                                     : fmt::format("{:03X}#", frame.id);
+  if (frame.remote) return out + (frame.size ? fmt::format("R{:X}", frame.size) : "R");
+  if (frame.fd) out += fmt::format("#{:X}", (frame.bit_rate_switch ? 1 : 0) | (frame.error_passive ? 2 : 0));
+  const auto used = std::min<std::size_t>(frame.size, frame.data.size());
+  for (std::size_t i = 0; i < used; ++i) fmt::format_to(std::back_inserter(out), "{:02X}", frame.data[i]);
+  return out;
+}
+
+Bits classic_bits(int size) {
+  // 44 bits from start of frame to end of frame and 3 between frames; only the first 34 and the data can be stuffed, with
+  // at most one bit after the first five equal ones and then one after every four.
+  const int least = 44 + 8 * size + 3;
+  return {.least = least, .most = least + (33 + 8 * size) / 4};
+}
+
+}  // namespace tribotwin::hil

@@ -1,0 +1,212 @@
+#include <tribotwin/hil/can/log.hpp>
+
+#include <algorithm>
+#include <array>
+#include <cerrno>
+#include <charconv>
+#include <cstring>
+#include <limits>
+#include <optional>
+#include <string_view>
+#include <vector>
+
+#include <fmt/format.h>
+
+namespace tribotwin::hil {
+namespace {
+
+using Problem = tl::unexpected<std::string>;
+
+constexpr std::size_t longest_line = 4096;   // an FD frame needs 200; a file without line ends is not a log
+constexpr std::uint32_t error_flag = 0x20000000;
+
+/// Part of a file in a message: whatever is in there, the message stays one short, printable line.
+std::string shown(std::string_view part) {
+  constexpr std::size_t longest = 40;
+  std::string out(part.substr(0, longest));
+  for (char& c : out)
+    if (c < 0x20 || c > 0x7E) c = '?';
+  return part.size() > longest ? out + "..." : out;
+}
+
+template <typename... Arguments>
+Problem problem(fmt::format_string<Arguments...> format, Arguments&&... arguments) {
+  return Problem(fmt::format(format, std::forward<Arguments>(arguments)...));
+}
+
+std::vector<std::string_view> words(std::string_view line) {
+  constexpr std::string_view blanks = " \t\r\n";
+  std::vector<std::string_view> out;
+  for (auto begin = line.find_first_not_of(blanks); begin != line.npos; begin = line.find_first_not_of(blanks, begin)) {
+    const auto end = std::min(line.find_first_of(blanks, begin), line.size());
+    out.push_back(line.substr(begin, end - begin));
+    begin = end;
+  }
+  return out;
+}
+
+/// All of `digits` as an unsigned number; nothing if any of them is no digit or the number is too big.
+template <typename Number>
+std::optional<Number> number(std::string_view digits, int base) {
+  Number value = 0;
+  const auto [end, error] = std::from_chars(digits.data(), digits.data() + digits.size(), value, base);
+  if (error != std::errc{} || end != digits.data() + digits.size()) return std::nullopt;
+  return value;
+}
+
+tl::expected<std::int64_t, std::string> parse_time(std::string_view word) {
+  const auto bad = [&] { return problem("the time is '{}', not '(seconds.decimals)' with up to 9 decimals", shown(word)); };
+  if (word.size() < 3 || word.front() != '(' || word.back() != ')') return bad();
+  const auto digits = word.substr(1, word.size() - 2);
+  const auto dot = digits.find('.');
+  const auto seconds = number<std::uint64_t>(digits.substr(0, dot), 10);
+  if (!seconds) return bad();
+  std::uint64_t ns = 0;
+  if (dot != digits.npos) {
+    const auto decimals = digits.substr(dot + 1);
+    const auto value = number<std::uint64_t>(decimals, 10);
+    if (!value || decimals.size() > 9) return bad();
+    ns = *value;
+    for (auto i = decimals.size(); i < 9; ++i) ns *= 10;
+  }
+  constexpr std::uint64_t last_second = std::numeric_limits<std::int64_t>::max() / 1'000'000'000 - 1;
+  if (*seconds > last_second) return problem("the time {} s is after the year 2262", *seconds);
+  return static_cast<std::int64_t>(*seconds * 1'000'000'000 + ns);
+}
+
+tl::expected<void, std::string> parse_identifier(std::string_view digits, Frame& frame) {
+  const auto id = number<std::uint32_t>(digits, 16);
+  if (!id || (digits.size() != 3 && digits.size() != 8))
+    return problem("the identifier is '{}', not 3 or 8 hexadecimal digits", shown(digits));
+  if (digits.size() == 3 && *id > 0x7FF) return problem("the identifier {} is above 7FF, the largest of 11 bits", digits);
+  if (*id >= 2 * error_flag) return problem("the identifier {} has more than 29 bits", digits);
+  frame.error = (*id & error_flag) != 0;
+  frame.extended = digits.size() == 8 && !frame.error;
+  frame.id = *id & ~error_flag;
+  return {};
+}
+
+tl::expected<void, std::string> parse_data(std::string_view digits, Frame& frame) {
+  const std::size_t size = digits.size() / 2;
+  if (digits.size() % 2 != 0) return problem("the data '{}' has an odd number of digits", shown(digits));
+  if (size > frame.data.size() || !valid_size(frame.fd, static_cast<std::uint8_t>(size)))
+    return problem("{} data bytes; {}", size, frame.fd ? "an FD frame has 0..8, 12, 16, 20, 24, 32, 48 or 64" : "a classic frame has 0..8");
+  for (std::size_t i = 0; i < size; ++i) {
+    const auto byte = number<std::uint8_t>(digits.substr(2 * i, 2), 16);
+    if (!byte) return problem("the data '{}' is not hexadecimal", shown(digits));
+    frame.data[i] = *byte;
+  }
+  frame.size = static_cast<std::uint8_t>(size);
+  return {};
+}
+
+tl::expected<void, std::string> parse_remote(std::string_view digits, Frame& frame) {
+  const auto size = number<std::uint8_t>(digits.empty() ? "0" : digits, 16);
+  if (!size || digits.size() > 1 || *size > 8) return problem("a remote frame ends in R or R0..R8, not 'R{}'", shown(digits));
+  if (frame.error) return problem("an error frame cannot be a remote frame");
+  frame.remote = true;
+  frame.size = *size;
+  return {};
+}
+
+tl::expected<void, std::string> parse_frame(std::string_view word, Frame& frame) {
+  const auto mark = word.find('#');
+  if (mark == word.npos) return problem("the frame '{}' has no '#' between identifier and data", shown(word));
+  if (auto good = parse_identifier(word.substr(0, mark), frame); !good) return good;
+  std::string_view rest = word.substr(mark + 1);
+  if (rest.starts_with('R') || rest.starts_with('r')) return parse_remote(rest.substr(1), frame);
+  if (rest.starts_with('#')) {
+    // Bit 0 BRS, bit 1 ESI; bit 2 (FDF) says again that it is an FD frame, as newer programs write it.
+    const auto flags = number<std::uint8_t>(rest.substr(1, 1), 16);
+    if (!flags || *flags > 7) return problem("the FD flags are '{}', not a digit 0..7", shown(rest.substr(1, 1)));
+    if (frame.error) return problem("an error frame cannot be an FD frame");
+    frame.fd = true;
+    frame.bit_rate_switch = (*flags & 1) != 0;
+    frame.error_passive = (*flags & 2) != 0;
+    rest.remove_prefix(2);
+  }
+  return parse_data(rest, frame);
+}
+
+std::string why(int error) { return error ? fmt::format(" ({})", std::strerror(error)) : ""; }
+
+}  // namespace
+
+tl::expected<Frame, std::string> parse_log_line(std::string_view line, std::string& bus) {
+  const auto parts = words(line);
+  if (parts.size() < 3 || parts.size() > 4) return problem("'{}' is not '(time) bus frame'", shown(line));
+  const bool marked = parts.size() == 4;
+  if (marked && parts[3] != "T" && parts[3] != "R") return problem("'{}' after the frame; only a direction T or R may follow", shown(parts[3]));
+  const auto time_ns = parse_time(parts[0]);
+  if (!time_ns) return tl::unexpected(time_ns.error());
+  if (std::ranges::any_of(parts[1], [](unsigned char c) { return c < 0x20 || c == 0x7F; }))
+    return problem("the bus name '{}' has control characters", shown(parts[1]));
+  Frame frame;
+  if (auto good = parse_frame(parts[2], frame); !good) return tl::unexpected(good.error());
+  frame.time_ns = *time_ns;
+  bus = parts[1];
+  return frame;
+}
+
+tl::expected<LogReader, std::string> LogReader::open(const std::filesystem::path& file) {
+  std::error_code error;
+  if (std::filesystem::is_directory(file, error)) return problem("{}: is a folder, not a candump log", file.string());
+  LogReader reader;
+  errno = 0;
+  reader.in_.open(file, std::ios::binary);
+  if (!reader.in_) return problem("{}: cannot be read{}", file.string(), why(errno));
+  reader.file_ = file;
+  return reader;
+}
+
+tl::expected<bool, std::string> LogReader::next(Frame& frame) {
+  std::array<char, longest_line> line;
+  for (;;) {
+    errno = 0;
+    in_.getline(line.data(), static_cast<std::streamsize>(line.size()));
+    if (in_.bad()) return problem("{}: cannot be read after line {}{}", file_.string(), line_, why(errno));
+    const auto read = static_cast<std::size_t>(in_.gcount());
+    if (in_.eof() && read == 0) return false;
+    ++line_;
+    if (in_.fail()) {   // no line end within the limit: skip to it, so that reading can go on
+      in_.clear();
+      in_.ignore(std::numeric_limits<std::streamsize>::max(), '\n');
+      return problem("{}:{}: longer than {} characters, not a line of a candump log", file_.string(), line_, longest_line - 1);
+    }
+    const std::string_view text(line.data(), in_.eof() ? read : read - 1);   // gcount counts the line end
+    if (words(text).empty()) continue;
+    const auto parsed = parse_log_line(text, bus_);
+    if (!parsed) return problem("{}:{}: {}", file_.string(), line_, parsed.error());
+    frame = *parsed;
+    return true;
+  }
+}
+
+tl::expected<LogWriter, std::string> LogWriter::create(const std::filesystem::path& file, std::string bus) {
+  if (words(bus) != std::vector<std::string_view>{bus}) return problem("{}: a log needs the name of a bus, one word; '{}' is none", file.string(), shown(bus));
+  LogWriter writer;
+  errno = 0;
+  writer.out_.open(file, std::ios::binary | std::ios::trunc);
+  if (!writer.out_) return problem("{}: cannot be written{}", file.string(), why(errno));
+  writer.file_ = file;
+  writer.bus_ = std::move(bus);
+  return writer;
+}
+
+tl::expected<void, std::string> LogWriter::write(const Frame& frame) {
+  if (frame.time_ns < 0 || !valid_size(frame.fd, frame.size))
+    return problem("{}: a frame of {} bytes at {} ns has no line in a candump log", file_.string(), frame.size, frame.time_ns);
+  errno = 0;
+  out_ << fmt::format("({:010}.{:06}) {} {}\n", frame.time_ns / 1'000'000'000, frame.time_ns % 1'000'000'000 / 1000, bus_, text(frame));
+  if (!out_) return problem("{}: cannot be written{}", file_.string(), why(errno));
+  return {};
+}
+
+tl::expected<void, std::string> LogWriter::flush() {
+  errno = 0;
+  out_.flush();
+  if (!out_) return problem("{}: cannot be written{}", file_.string(), why(errno));
+  return {};
+}
+
+}  // namespace tribotwin::hil

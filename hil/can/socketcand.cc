@@ -1,0 +1,410 @@
+#include <tribotwin/hil/can/transport.hpp>
+
+#include <algorithm>
+#include <array>
+#include <cerrno>
+#include <charconv>
+#include <cstring>
+#include <iterator>
+#include <optional>
+#include <string_view>
+#include <utility>
+
+#include <arpa/inet.h>
+#include <netinet/in.h>
+#include <netinet/tcp.h>
+#include <poll.h>
+#include <sys/socket.h>
+#include <time.h>
+#include <unistd.h>
+
+#include <fmt/format.h>
+
+/// The server's side of socketcand's protocol: https://github.com/linux-can/socketcand/blob/master/doc/protocol.md.
+/// Of its modes we serve the raw one, which every client library uses; of the others only `send` and `echo`.
+namespace tribotwin::hil {
+namespace {
+
+constexpr std::size_t most_clients = 16;
+constexpr std::size_t longest_command = 256;       // "< send 1FFFFFFF 8 ... >" needs 50
+constexpr std::size_t longest_queue = 64 * 1024;   // bytes for a client that does not read: about 1400 frames
+constexpr int most_dropped = 1000;                 // frames that such a client misses before it is closed
+constexpr int kernel_queue = 64 * 1024;            // the default grows to megabytes: seconds of stale frames
+constexpr std::int64_t ms = 1'000'000;
+/// python-can 4.1.0 gives up when a frame arrives in the same read as the `< ok >` to `< rawmode >`. So a new client's
+/// frames are kept until it says something else or has had this time to read its `< ok >`.
+constexpr std::int64_t first_frames_after_ns = 50 * ms;
+constexpr std::int64_t accept_pause_ns = 100 * ms;   // when the process is out of file descriptors
+
+std::int64_t now_ns(clockid_t clock) {
+  timespec t{};
+  ::clock_gettime(clock, &t);
+  return t.tv_sec * 1'000'000'000 + t.tv_nsec;
+}
+
+class Descriptor {
+ public:
+  explicit Descriptor(int fd) : fd_(fd) {}
+  Descriptor(Descriptor&& other) noexcept : fd_(std::exchange(other.fd_, -1)) {}
+  Descriptor& operator=(Descriptor&& other) noexcept {
+    std::swap(fd_, other.fd_);
+    return *this;
+  }
+  ~Descriptor() {
+    if (fd_ >= 0) ::close(fd_);
+  }
+  int get() const { return fd_; }
+
+ private:
+  int fd_;
+};
+
+struct Client {
+  Descriptor socket;
+  std::string in = {}, out = {};
+  bool open = false, raw = false;
+  bool gone = false;                 ///< to be forgotten at the end of the round
+  std::int64_t silent_until_ns = 0;  ///< nothing is sent before, see first_frames_after_ns
+  int dropped = 0;                   ///< frames in a row
+};
+
+template <typename Number>
+std::optional<Number> hexadecimal(std::string_view digits) {
+  Number value = 0;
+  const auto [end, error] = std::from_chars(digits.data(), digits.data() + digits.size(), value, 16);
+  if (error != std::errc{} || end != digits.data() + digits.size()) return std::nullopt;
+  return value;
+}
+
+std::vector<std::string_view> words(std::string_view command) {
+  constexpr std::string_view blanks = " \t\r\n";
+  std::vector<std::string_view> out;
+  for (auto begin = command.find_first_not_of(blanks); begin != command.npos; begin = command.find_first_not_of(blanks, begin)) {
+    const auto end = std::min(command.find_first_of(blanks, begin), command.size());
+    out.push_back(command.substr(begin, end - begin));
+    begin = end;
+  }
+  return out;
+}
+
+/// send ID dlc b b ...
+std::optional<Frame> parse_send(const std::vector<std::string_view>& parts) {
+  if (parts.size() < 3 || parts[1].size() > 8) return std::nullopt;
+  const auto id = hexadecimal<std::uint32_t>(parts[1]);
+  const auto size = hexadecimal<std::uint8_t>(parts[2]);
+  if (!id || *id > 0x1FFFFFFF || !size || *size > 8 || parts.size() != 3u + *size) return std::nullopt;
+  Frame frame;
+  frame.id = *id;
+  // Eight digits mean 29 bits; python-can sends extended identifiers without leading zeros.
+  frame.extended = parts[1].size() == 8 || *id > 0x7FF;
+  frame.size = *size;
+  for (std::size_t i = 0; i < *size; ++i) {
+    const auto byte = hexadecimal<std::uint8_t>(parts[3 + i]);
+    if (!byte) return std::nullopt;
+    frame.data[i] = *byte;
+  }
+  return frame;
+}
+
+/// "< frame ID sec.usec HEX >" after a blank: python-can 4.1.0 drops the character behind the last complete frame of each
+/// read, which must not be the '<' of the next. Without data there are two blanks before '>'; it needs both.
+std::string command_of(const Frame& frame) {
+  const std::string id = frame.extended ? fmt::format("{:08X}", frame.id) : fmt::format("{:03X}", frame.id);
+  std::string out = fmt::format(" < frame {} {}.{:06} ", id, frame.time_ns / 1'000'000'000, frame.time_ns % 1'000'000'000 / 1000);
+  for (const auto byte : frame.bytes()) fmt::format_to(std::back_inserter(out), "{:02X}", byte);
+  return out + " >";
+}
+
+class Server final : public Transport {
+ public:
+  Server(const std::string& bus, const OpenOptions& options, Descriptor listener, std::string address)
+      : Transport(bus), options_(options), listener_(std::move(listener)), address_(std::move(address)) {}
+
+  ~Server() override {
+    for (auto& client : clients_) {
+      client.silent_until_ns = 0;
+      flush(client);
+    }
+  }
+
+  Sent send(const Frame& frame) override {
+    if (options_.listen_only || frame.fd || frame.remote || frame.error || !valid_size(false, frame.size) ||
+        frame.id > (frame.extended ? 0x1FFFFFFFu : 0x7FFu)) {
+      ++counters_.send_refused;
+      return Sent::refused;
+    }
+    Frame stamped = frame;
+    stamped.time_ns = now_ns(CLOCK_REALTIME);
+    const auto [listening, taken] = broadcast(stamped, nullptr);
+    forget_gone();
+    if (listening > 0 && taken == 0) return Sent::busy;
+    ++counters_.sent;
+    return Sent::done;
+  }
+
+  bool receive(Frame& frame) override {
+    if (next_ == inbox_.size()) {
+      // Says "none" once before it looks for more: a client that floods the bus cannot hold a loop over receive() for ever.
+      const bool batch_done = !inbox_.empty();
+      inbox_.clear();
+      next_ = 0;
+      if (batch_done) return false;
+      serve();
+      if (inbox_.empty()) return false;
+    }
+    frame = inbox_[next_++];
+    ++counters_.received;
+    return true;
+  }
+
+  void wait(std::int64_t deadline_ns) override {
+    while (next_ == inbox_.size()) {
+      const auto now = now_ns(CLOCK_MONOTONIC);
+      auto wake_ns = deadline_ns;
+      polled_.clear();
+      const bool accepting = now >= accept_after_ns_;
+      if (!accepting) wake_ns = std::min(wake_ns, accept_after_ns_);
+      polled_.push_back({.fd = accepting ? listener_.get() : -1, .events = POLLIN, .revents = 0});
+      for (const auto& client : clients_) {
+        const bool silent = now < client.silent_until_ns;
+        if (silent && !client.out.empty()) wake_ns = std::min(wake_ns, client.silent_until_ns);
+        const bool sending = !silent && !client.out.empty();
+        polled_.push_back({.fd = client.socket.get(), .events = static_cast<short>(sending ? POLLIN | POLLOUT : POLLIN), .revents = 0});
+      }
+      const auto left = std::max<std::int64_t>(wake_ns - now, 0);
+      const timespec timeout{.tv_sec = left / 1'000'000'000, .tv_nsec = left % 1'000'000'000};
+      if (::ppoll(polled_.data(), polled_.size(), &timeout, nullptr) < 0) return;   // a signal
+      serve();
+      if (now_ns(CLOCK_MONOTONIC) >= deadline_ns) return;
+    }
+  }
+
+  bool up() const override { return true; }
+
+  std::string state() const override {
+    return fmt::format("serving bus {} on {}, {} client{}", name_, address_, clients_.size(), clients_.size() == 1 ? "" : "s");
+  }
+
+ private:
+  /// One round over all sockets, at most one read of each.
+  void serve() {
+    if (next_ == inbox_.size()) {
+      inbox_.clear();
+      next_ = 0;
+    }
+    accept_clients();
+    for (auto& client : clients_) {
+      flush(client);
+      read(client);
+    }
+    forget_gone();
+  }
+
+  void accept_clients() {
+    if (now_ns(CLOCK_MONOTONIC) < accept_after_ns_) return;
+    for (;;) {
+      Descriptor socket(::accept4(listener_.get(), nullptr, nullptr, SOCK_NONBLOCK | SOCK_CLOEXEC));
+      if (socket.get() < 0) {
+        if (errno == EMFILE || errno == ENFILE || errno == ENOMEM || errno == ENOBUFS) accept_after_ns_ = now_ns(CLOCK_MONOTONIC) + accept_pause_ns;
+        if (errno == ECONNABORTED) continue;
+        return;
+      }
+      const int on = 1;
+      ::setsockopt(socket.get(), IPPROTO_TCP, TCP_NODELAY, &on, sizeof on);
+      ::setsockopt(socket.get(), SOL_SOCKET, SO_SNDBUF, &kernel_queue, sizeof kernel_queue);
+      clients_.push_back({.socket = std::move(socket)});
+      if (clients_.size() <= most_clients) {
+        reply(clients_.back(), "< hi >");
+      } else {
+        reply(clients_.back(), fmt::format("< error {} clients are connected already >", most_clients));
+        clients_.pop_back();
+      }
+    }
+  }
+
+  void read(Client& client) {
+    std::array<char, 4096> buffer;
+    if (client.gone) return;
+    const auto n = ::recv(client.socket.get(), buffer.data(), buffer.size(), 0);
+    // Clients that leave Nagle's algorithm on (python-can) wait for this acknowledgement before they send their next frame.
+    const int now = 1;
+    ::setsockopt(client.socket.get(), IPPROTO_TCP, TCP_QUICKACK, &now, sizeof now);
+    if (n < 0 && (errno == EAGAIN || errno == EINTR)) return;
+    if (n <= 0) {
+      client.gone = true;
+      return;
+    }
+    client.in.append(buffer.data(), static_cast<std::size_t>(n));
+    std::size_t used = 0;
+    while (!client.gone) {
+      const auto begin = client.in.find('<', used), end = client.in.find('>', std::min(begin, client.in.size()));
+      if (end == client.in.npos) break;
+      // Who does not begin with a command is no client; it may be a browser that a foreign page made talk to us.
+      if (!client.open && !words(std::string_view(client.in).substr(used, begin - used)).empty()) return reject(client);
+      obey(client, std::string_view(client.in).substr(begin + 1, end - begin - 1));
+      used = end + 1;
+    }
+    client.in.erase(0, used);
+    if (client.in.size() > longest_command) reject(client);
+  }
+
+  void reject(Client& client) {
+    ++counters_.malformed;
+    client.silent_until_ns = 0;
+    reply(client, "< error this is not the socketcand protocol >");
+    client.gone = true;
+  }
+
+  void obey(Client& client, std::string_view command) {
+    const auto parts = words(command);
+    const std::string_view verb = parts.empty() ? "" : parts[0];
+    client.silent_until_ns = 0;   // whoever goes on talking has read our last answer
+    if (verb == "echo" && parts.size() == 1) {
+      reply(client, "< echo >");
+    } else if (verb == "open" && parts.size() == 2) {
+      if (parts[1] == name_) {
+        client.open = true;
+        reply(client, "< ok >");
+      } else {
+        reply(client, fmt::format("< error could not open bus, the one here is {} >", name_));
+        client.gone = true;
+      }
+    } else if (client.open && verb == "rawmode" && parts.size() == 1) {
+      reply(client, "< ok >");
+      client.raw = true;
+      client.silent_until_ns = now_ns(CLOCK_MONOTONIC) + first_frames_after_ns;
+    } else if (client.open && verb == "bcmmode" && parts.size() == 1) {
+      client.raw = false;
+      reply(client, "< ok >");
+    } else if (client.open && verb == "send") {
+      auto frame = parse_send(parts);
+      if (frame) {
+        frame->time_ns = now_ns(CLOCK_REALTIME);
+        take(*frame, client);
+      } else {
+        ++counters_.malformed;
+        reply(client, "< error a frame is sent as: send ID length byte byte ... >");
+      }
+    } else {
+      ++counters_.malformed;
+      reply(client, client.open ? "< error unknown command >" : "< error unknown command, open a bus first >");
+    }
+  }
+
+  /// A client's frame is on the bus: for us and for the other clients.
+  void take(const Frame& frame, const Client& from) {
+    const auto& wanted = options_.identifiers;
+    if (wanted.empty() || (!frame.extended && std::ranges::find(wanted, frame.id) != wanted.end())) inbox_.push_back(frame);
+    broadcast(frame, &from);
+  }
+
+  struct Reach {
+    int listening, taken;
+  };
+  Reach broadcast(const Frame& frame, const Client* except) {
+    Reach reach{0, 0};
+    std::string command;
+    for (auto& client : clients_) {
+      if (!client.raw || client.gone || &client == except) continue;
+      if (command.empty()) command = command_of(frame);
+      ++reach.listening;
+      if (queue(client, command))
+        ++reach.taken;
+      else
+        ++counters_.send_busy;
+    }
+    return reach;
+  }
+
+  void reply(Client& client, std::string_view command) { queue(client, command); }
+
+  /// Whole commands only, or the client could not find the next one.
+  bool queue(Client& client, std::string_view command) {
+    if (client.out.size() + command.size() > longest_queue) flush(client);
+    if (client.out.size() + command.size() > longest_queue) {
+      client.gone = client.gone || ++client.dropped >= most_dropped;
+      return false;
+    }
+    client.dropped = 0;
+    client.out += command;
+    flush(client);
+    return true;
+  }
+
+  void flush(Client& client) {
+    if (client.out.empty() || client.gone || now_ns(CLOCK_MONOTONIC) < client.silent_until_ns) return;
+    const auto n = ::send(client.socket.get(), client.out.data(), client.out.size(), MSG_NOSIGNAL);
+    if (n > 0) client.out.erase(0, static_cast<std::size_t>(n));
+    if (n < 0 && errno != EAGAIN && errno != EINTR) client.gone = true;
+  }
+
+  void forget_gone() {
+    std::erase_if(clients_, [](const Client& client) { return client.gone; });
+  }
+
+  OpenOptions options_;
+  Descriptor listener_;
+  std::string address_;
+  std::vector<Client> clients_;
+  std::vector<Frame> inbox_;   ///< of the last rounds; read up to next_
+  std::size_t next_ = 0;
+  std::int64_t accept_after_ns_ = 0;
+  std::vector<pollfd> polled_;
+};
+
+struct Address {
+  sockaddr_storage storage{};
+  socklen_t size = 0;
+};
+
+/// Numeric addresses and "localhost" only: nothing that a name server says decides who can reach us.
+std::optional<Address> loopback(const std::string& host, int port) {
+  Address address;
+  auto* v4 = reinterpret_cast<sockaddr_in*>(&address.storage);
+  if (::inet_pton(AF_INET, host == "localhost" ? "127.0.0.1" : host.c_str(), &v4->sin_addr) == 1) {
+    if (ntohl(v4->sin_addr.s_addr) >> 24 != 127) return std::nullopt;
+    v4->sin_family = AF_INET;
+    v4->sin_port = htons(static_cast<std::uint16_t>(port));
+    address.size = sizeof(sockaddr_in);
+    return address;
+  }
+  address = {};
+  auto* v6 = reinterpret_cast<sockaddr_in6*>(&address.storage);
+  if (::inet_pton(AF_INET6, host.c_str(), &v6->sin6_addr) != 1 || !IN6_IS_ADDR_LOOPBACK(&v6->sin6_addr)) return std::nullopt;
+  v6->sin6_family = AF_INET6;
+  v6->sin6_port = htons(static_cast<std::uint16_t>(port));
+  address.size = sizeof(sockaddr_in6);
+  return address;
+}
+
+int port_of(int socket) {
+  sockaddr_storage storage{};
+  socklen_t size = sizeof storage;
+  ::getsockname(socket, reinterpret_cast<sockaddr*>(&storage), &size);
+  return ntohs(storage.ss_family == AF_INET6 ? reinterpret_cast<sockaddr_in6*>(&storage)->sin6_port : reinterpret_cast<sockaddr_in*>(&storage)->sin_port);
+}
+
+}  // namespace
+
+tl::expected<std::unique_ptr<Transport>, OpenError> open_socketcand(const std::string& host, int port, const std::string& bus, const OpenOptions& options) {
+  const std::string shown_host = host.find(':') == host.npos ? host : '[' + host + ']';
+  const auto fail = [&](const std::string& why) { return tl::unexpected(OpenError{fmt::format("socketcand://{}:{}/{}: {}", shown_host, port, bus, why)}); };
+  if (words(bus) != std::vector<std::string_view>{bus} || bus.find_first_of("<>") != bus.npos) return fail("the name of the bus must be one word without < and >");
+  if (port < 0 || port > 65535) return fail("the port must be 1..65535, or 0 for any that is free");
+  if (options.fd) return fail("socketcand carries classic frames only; for FD use a SocketCAN interface");
+  const auto address = loopback(host, port);
+  if (!address) return fail("is no loopback address (127.0.0.1, localhost, ::1); others are not served, because whoever reaches the port commands the drives");
+
+  Descriptor listener(::socket(address->storage.ss_family, SOCK_STREAM | SOCK_NONBLOCK | SOCK_CLOEXEC, 0));
+  if (listener.get() < 0) return fail(fmt::format("no TCP here ({})", std::strerror(errno)));
+  const int on = 1;   // connections of a server that has just ended do not keep the port; one that listens still does
+  ::setsockopt(listener.get(), SOL_SOCKET, SO_REUSEADDR, &on, sizeof on);
+  if (::bind(listener.get(), reinterpret_cast<const sockaddr*>(&address->storage), address->size) != 0 || ::listen(listener.get(), most_clients) != 0) {
+    if (errno == EADDRINUSE) return fail(fmt::format("port {} is taken by another program; end it or choose another port", port));
+    return fail(fmt::format("cannot listen ({})", std::strerror(errno)));
+  }
+  const auto listening_on = fmt::format("{}:{}", shown_host, port_of(listener.get()));
+  return std::make_unique<Server>(bus, options, std::move(listener), listening_on);
+}
+
+}  // namespace tribotwin::hil

@@ -1,0 +1,202 @@
+// tribotwin-hil: drives on a CAN bus. stdout carries results only; everything else goes to stderr.
+#include <cmath>
+#include <csignal>
+#include <cstdio>
+#include <deque>
+
+#include <CLI/CLI.hpp>
+#include <fmt/format.h>
+#include <unistd.h>
+
+#include <tribotwin/hil/canopen/budget.hpp>
+#include <tribotwin/hil/session/session.hpp>
+#include <tribotwin/twin/output/output.hpp>
+#include <tribotwin/twin/scenario/input.hpp>
+
+namespace {
+
+using namespace tribotwin;
+namespace fs = std::filesystem;
+using twin::complain, twin::done, twin::failed, twin::wrong_input, twin::InputError;
+
+constexpr const char* program = "tribotwin-hil";
+volatile std::sig_atomic_t interrupted = 0;
+
+struct Common {
+  std::string scenario;
+  std::vector<std::string> settings;
+  int first_node = 1;
+  double cycle_ms = 2;
+
+  void add_to(CLI::App& command) {
+    command.add_option("SCENARIO", scenario, "Scenario file: model, start, surroundings and events; its motion is the master's business")->required();
+    command.add_option("--set", settings, "key=value, dotted keys, in place of what the file says")->allow_extra_args(false);
+    command.add_option("--first-node", first_node, "Node number of the first drive; the others count up")->check(CLI::Range(1, 127))->capture_default_str();
+    command.add_option("--cycle", cycle_ms, "SYNC period [ms] (1006h)")->check(CLI::Range(0.1, 1000.0))->capture_default_str();
+  }
+  twin::Scenario load() const {
+    twin::Scenario s = twin::load_scenario(scenario, settings);
+    if (first_node + s.model->drives().size() - 1 > 127)
+      throw InputError(fmt::format("--first-node {}: {} drives need node numbers up to {}; at most 127", first_node, s.model->drives().size(), first_node + s.model->drives().size() - 1));
+    return s;
+  }
+  std::uint32_t cycle_us() const { return static_cast<std::uint32_t>(std::lround(1e3 * cycle_ms)); }
+};
+
+/// The drives of a scenario as the bus sees them before a master changes anything.
+class Drives {
+ public:
+  Drives(const twin::Scenario& scenario, const Common& c) : parameters_(hil::drive_parameters(scenario, c.first_node, c.cycle_us())) {
+    for (const auto& p : parameters_) dictionaries_.emplace_back(p);
+    for (std::size_t i = 0; i < parameters_.size(); ++i) described_.push_back({&dictionaries_[i], &parameters_[i]});
+  }
+  std::span<const hil::DescribedDrive> all() const { return described_; }
+
+ private:
+  std::vector<hil::DriveParameters> parameters_;
+  std::deque<hil::Dictionary> dictionaries_;
+  std::vector<hil::DescribedDrive> described_;
+};
+
+int print(std::string_view text, const std::string& file) {
+  if (file.empty()) {
+    std::fwrite(text.data(), 1, text.size(), stdout);
+    return std::fflush(stdout) == 0 ? done : complain(program, failed, "stdout cannot be written");
+  }
+  const auto written = twin::write_file(file, text);
+  return written ? done : complain(program, failed, written.error());
+}
+
+void status_line(const hil::SessionStatus& s) {
+  std::string drives;
+  double hottest = -1e9;
+  for (const auto& node : s.bench->nodes()) {
+    drives += node->state() == hil::DriveState::operation_enabled ? 'E' : node->state() == hil::DriveState::fault ? 'F' : node->state() == hil::DriveState::switch_on_disabled ? '-' : '+';
+    hottest = std::max(hottest, 0.1 * static_cast<double>(node->dictionary().get(0x2100, 1)));
+  }
+  fmt::print(stderr, "\r\033[K{:.1f} s, {} syncs, bus {:.0f} %, drives {} (E enabled, F fault), hottest {:.1f} degC, lost {}, {}", s.simulated_s, s.bench->counters().syncs, 100 * s.bus_load, drives,
+             hottest, s.bus->counters().receive_lost + s.bus->counters().send_busy + s.bus->counters().send_down, s.bus->state());
+  std::fflush(stderr);
+}
+
+struct DriveArguments : Common {
+  std::string can, record, stats, output;
+  std::optional<double> duration;
+  bool realtime = false, lockstep = false, quiet = false;
+};
+
+int run_drives(const DriveArguments& a) {
+  const twin::Scenario scenario = a.load();
+  const hil::Budget budget = hil::budget(Drives(scenario, a).all(), 1e-3 * a.cycle_ms, 1e6);
+  if (budget.most > 1) throw InputError(fmt::format("--cycle {}: {}choose a longer cycle or fewer drives on one bus", a.cycle_ms, budget.table()));
+  if (budget.most > 0.8) fmt::print(stderr, "note: {}", budget.table());
+  auto bus = hil::open_bus(a.can);
+  if (!bus) throw InputError(bus.error().message);
+  const bool live = !a.quiet && isatty(STDERR_FILENO);
+  if (!a.quiet)
+    fmt::print(stderr, "{} drives, nodes {} to {}, on {}; {}\n", scenario.model->drives().size(), a.first_node, a.first_node + static_cast<int>(scenario.model->drives().size()) - 1, (*bus)->name(),
+               a.realtime ? "the robot moves with the clock" : "every SYNC moves the robot on by one cycle");
+  const auto ended = hil::drive(scenario, **bus,
+                                {.first_node = a.first_node, .cycle_us = a.cycle_us(), .realtime = a.realtime, .duration_s = a.duration, .record = a.record, .statistics = a.stats, .output = a.output,
+                                 .stop = [] { return interrupted != 0; }, .status = live ? status_line : std::function<void(const hil::SessionStatus&)>{},
+                                 .note = [&](const std::string& what) { fmt::print(stderr, "{}note: {}\n", live ? "\r\033[K" : "", what); }});
+  if (live) fmt::print(stderr, "\n");
+  return ended ? done : complain(program, failed, ended.error());
+}
+
+struct ReplayArguments : Common {
+  std::string log, output;
+  double rate = 1;
+  bool fast = false;
+};
+
+int replay(const ReplayArguments& a) {
+  const twin::Scenario scenario = a.load();
+  if (!fs::exists(a.log)) throw InputError(fmt::format("{}: does not exist", a.log));
+  const auto result = hil::replay(scenario, a.log, {.first_node = a.first_node, .cycle_us = a.cycle_us(), .rate = a.fast ? 0 : a.rate, .output = a.output, .stop = [] { return interrupted != 0; }});
+  if (!result) return complain(program, failed, result.error());
+  fmt::print("{} frames, {} from the drives: {} differ, {} missing\n", result->frames, result->compared, result->differing, result->missing);
+  if (result->first_difference.empty()) return done;
+  return complain(program, failed, result->first_difference);
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  mujoco::install_message_handlers();
+  std::signal(SIGXFSZ, SIG_IGN);
+  std::signal(SIGPIPE, SIG_IGN);
+  for (const int signal : {SIGINT, SIGTERM}) std::signal(signal, [](int) { interrupted = 1; });
+
+  CLI::App app{"tribotwin-hil: the joints of a robot as drives on a CAN bus"};
+  app.require_subcommand(1);
+  app.set_version_flag("--version", std::string("tribotwin-hil " TRIBOTWIN_VERSION ", MuJoCo ") + mj_versionString());
+
+  DriveArguments d;
+  auto* drive_command = app.add_subcommand("drive", "Be the drives: CANopen, CiA 402, one node per joint");
+  d.add_to(*drive_command);
+  drive_command->add_option("--can", d.can, "Bus: vcan0, can0, socketcand://127.0.0.1:29536/NAME")->required();
+  auto* realtime = drive_command->add_flag("--realtime", d.realtime, "The robot moves with the clock");
+  drive_command->add_flag("--sync-lockstep", d.lockstep, "Every SYNC moves the robot on by one cycle (default)")->excludes(realtime);
+  drive_command->add_option("--duration", d.duration, "End after so much simulated time [s]")->check(CLI::PositiveNumber);
+  drive_command->add_option("--record", d.record, "Everything on the bus as a candump log");
+  drive_command->add_option("--stats", d.stats, "Counters of the session as JSON");
+  drive_command->add_option("-o,--output", d.output, "Folder for telemetry.h5, scenario.yaml, summary.json");
+  drive_command->add_flag("--quiet", d.quiet, "No status line");
+  drive_command->footer("Example:\n  tribotwin-hil drive twin/scenarios/irb6620_hold.yaml --can socketcand://127.0.0.1:29536/can0 --duration 10");
+
+  ReplayArguments r;
+  auto* replay_command = app.add_subcommand("replay", "A recorded session through the same drives, compared with what they said then");
+  r.add_to(*replay_command);
+  replay_command->add_option("LOG", r.log, "candump log, as --record writes it")->required();
+  auto* rate = replay_command->add_option("--rate", r.rate, "Speed: 1 is the original")->check(CLI::PositiveNumber)->capture_default_str();
+  replay_command->add_flag("--fast", r.fast, "As fast as possible")->excludes(rate);
+  replay_command->add_option("-o,--output", r.output, "Folder for telemetry.h5, scenario.yaml, summary.json");
+  replay_command->footer("Example:\n  tribotwin-hil replay twin/scenarios/irb6620_hold.yaml session.log --fast");
+
+  Common b;
+  double bit_rate = 1e6;
+  auto* budget_command = app.add_subcommand("budget", "The load of the bus, before anything runs");
+  b.add_to(*budget_command);
+  budget_command->add_option("--bit-rate", bit_rate, "[bit/s]")->check(CLI::Range(1e4, 1e6))->capture_default_str();
+  budget_command->footer("Example:\n  tribotwin-hil budget twin/scenarios/irb6620_hold.yaml --cycle 2");
+
+  Common e;
+  std::string file;
+  int node = 0;
+  auto* eds_command = app.add_subcommand("eds", "The electronic data sheet of a drive");
+  e.add_to(*eds_command);
+  eds_command->add_option("--node", node, "Of this node (default: the first)");
+  eds_command->add_option("-o,--output", file, "File to write (default: stdout)");
+  eds_command->footer("Example:\n  tribotwin-hil eds twin/scenarios/irb6620_hold.yaml -o drive.eds");
+  auto* dbc_command = app.add_subcommand("dbc", "All PDOs of all drives as a DBC");
+  e.add_to(*dbc_command);
+  dbc_command->add_option("-o,--output", file, "File to write (default: stdout)");
+  dbc_command->footer("Example:\n  tribotwin-hil dbc twin/scenarios/irb6620_hold.yaml -o drives.dbc");
+
+  try {
+    app.parse(argc, argv);
+    if (*drive_command) return run_drives(d);
+    if (*replay_command) return replay(r);
+    if (*budget_command) {
+      const twin::Scenario scenario = b.load();
+      const hil::Budget budget = hil::budget(Drives(scenario, b).all(), 1e-3 * b.cycle_ms, bit_rate);
+      fmt::print("{}", budget.table());
+      if (budget.most > 1) return complain(program, wrong_input, "more than the bus can carry; choose a longer cycle or fewer drives on one bus");
+      if (budget.most > 0.8) fmt::print(stderr, "note: more than 80 % at worst; other traffic will not fit\n");
+      return done;
+    }
+    const twin::Scenario scenario = e.load();
+    const Drives drives(scenario, e);
+    if (*dbc_command) return print(hil::dbc(drives.all()), file);
+    for (const auto& described : drives.all())
+      if (node == 0 || described.parameters->node == node) return print(hil::eds(*described.dictionary, *described.parameters), file);
+    throw InputError(fmt::format("--node {}: the drives are nodes {} to {}", node, e.first_node, e.first_node + static_cast<int>(drives.all().size()) - 1));
+  } catch (const CLI::ParseError& error) {
+    return app.exit(error) == 0 ? done : wrong_input;
+  } catch (const InputError& error) {
+    return complain(program, wrong_input, error.what());
+  } catch (const std::exception& error) {
+    return complain(program, failed, error.what());
+  }
+}

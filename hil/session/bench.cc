@@ -1,0 +1,80 @@
+#include <tribotwin/hil/session/bench.hpp>
+
+#include <algorithm>
+#include <limits>
+
+#include <nlohmann/json.hpp>
+
+namespace tribotwin::hil {
+
+Bench::Bench(const twin::Scenario& scenario, int first_node, std::uint32_t cycle_us, bool lockstep, Node::Send send) : plant_(scenario), lockstep_(lockstep) {
+  const auto counted = [this, send = std::move(send)](const Frame& frame) {
+    const Sent sent = send(frame);
+    if (sent == Sent::done) {
+      const Bits bits = classic_bits(frame.size);
+      counters_.bits += 0.5 * (bits.least + bits.most);
+      ++counters_.frames_out;
+    }
+    return sent;
+  };
+  for (const auto& p : drive_parameters(scenario, first_node, cycle_us)) nodes_.push_back(std::make_unique<Node>(p, counted));
+  plant_.show(nodes_);
+}
+
+void Bench::start(std::int64_t now_ns) {
+  for (const auto& node : nodes_) node->start(now_ns);
+}
+
+tl::expected<void, std::string> Bench::receive(const Frame& frame, std::int64_t now_ns) {
+  ++counters_.frames_in;
+  if (!frame.error) {
+    const Bits bits = classic_bits(std::min<int>(frame.size, 8));
+    counters_.bits += 0.5 * (bits.least + bits.most);
+  }
+  const bool sync = frame.id == 0x80 && !frame.extended && !frame.remote && !frame.error && !frame.fd && frame.size <= 1;
+  if (!sync) {
+    for (const auto& node : nodes_) node->receive(frame, now_ns);
+    return {};
+  }
+  const std::int64_t cycle_us = std::max<std::int64_t>(1, nodes_.front()->dictionary().get(0x1006));
+  ++counters_.syncs;
+  if (last_sync_ns_ >= 0 && now_ns - last_sync_ns_ < 500 * cycle_us) ++counters_.sync_fast;
+  last_sync_ns_ = now_ns;
+  // All drives answer with where they were at this SYNC; then they move on to the next.
+  for (const auto& node : nodes_) node->sync(now_ns);
+  return lockstep_ ? plant_.advance(nodes_, cycle_us) : tl::expected<void, std::string>{};
+}
+
+void Bench::tick(std::int64_t now_ns) {
+  for (const auto& node : nodes_) node->tick(now_ns);
+}
+
+std::int64_t Bench::next_ns() const {
+  std::int64_t next = std::numeric_limits<std::int64_t>::max();
+  for (const auto& node : nodes_) next = std::min(next, node->next_ns());
+  return next;
+}
+
+bool Bench::is_ours(const Frame& frame) const {
+  if (frame.extended || frame.error || frame.remote) return false;
+  return std::ranges::any_of(nodes_, [&](const auto& node) { return node->sends(frame.id); });
+}
+
+std::string statistics_json(Bench& bench, const BusCounters& bus, double wall_s, const std::vector<std::pair<std::string, double>>& more) {
+  const BenchCounters& c = bench.counters();
+  nlohmann::ordered_json json{{"wall_s", wall_s}, {"simulated_s", bench.plant().twin().time_s()}, {"syncs", c.syncs}, {"sync_fast", c.sync_fast},
+                              {"frames_in", c.frames_in}, {"frames_out", c.frames_out}, {"bus_load_1_mbit", wall_s > 0 ? c.bits / (1e6 * wall_s) : 0}};
+  for (const auto& [key, value] : more) json[key] = value;
+  json["bus"] = {{"sent", bus.sent}, {"received", bus.received}, {"send_busy", bus.send_busy}, {"send_down", bus.send_down}, {"send_refused", bus.send_refused},
+                 {"receive_lost", bus.receive_lost}, {"error_frames", bus.error_frames}, {"bus_off", bus.bus_off}, {"link_losses", bus.link_losses}, {"malformed", bus.malformed}};
+  json["drives"] = nlohmann::ordered_json::array();
+  for (const auto& node : bench.nodes()) {
+    const NodeCounters& n = node->counters();
+    json["drives"].push_back({{"node", node->id()}, {"joint", node->parameters().name}, {"state", name_of(node->state())}, {"error_code", node->error_code()},
+                              {"pdo_received", n.pdo_received}, {"pdo_sent", n.pdo_sent}, {"pdo_short", n.pdo_short}, {"pdo_late", n.pdo_late}, {"sdo_requests", n.sdo_requests},
+                              {"sdo_aborts", n.sdo_aborts}, {"emergencies", n.emergencies}, {"heartbeats_lost", n.heartbeats_lost}, {"syncs_lost", n.syncs_lost}, {"foreign", n.foreign}});
+  }
+  return json.dump(2) + "\n";
+}
+
+}  // namespace tribotwin::hil

@@ -1,0 +1,44 @@
+#pragma once
+
+#include <tribotwin/hil/session/plant.hpp>
+
+/// Drives and robot on one bus, the same for live sessions and replays: frames and times in, frames out.
+namespace tribotwin::hil {
+
+/// Counts of a session; times in lockstep are of the wall clock.
+struct BenchCounters {
+  std::uint64_t syncs = 0;
+  std::uint64_t sync_fast = 0;     ///< came sooner than half the period after the last one: a second master, or a wrong rate
+  std::uint64_t frames_in = 0, frames_out = 0;
+  double bits = 0;                 ///< on a classic bus, mean of the least and the most stuffing
+};
+
+class Bench {
+ public:
+  /// `send` puts frames of the drives on the bus. In lockstep, each SYNC advances the robot by the cycle (1006h).
+  Bench(const twin::Scenario& scenario, int first_node, std::uint32_t cycle_us, bool lockstep, Node::Send send);
+
+  void start(std::int64_t now_ns);
+  /// Fails when the simulation does.
+  tl::expected<void, std::string> receive(const Frame& frame, std::int64_t now_ns);
+  void tick(std::int64_t now_ns);
+  std::int64_t next_ns() const;
+  /// Whether a frame with this identifier is one that the drives send.
+  bool is_ours(const Frame& frame) const;
+
+  Plant& plant() { return plant_; }
+  std::span<const std::unique_ptr<Node>> nodes() const { return nodes_; }
+  const BenchCounters& counters() const { return counters_; }
+
+ private:
+  Plant plant_;
+  bool lockstep_;
+  std::vector<std::unique_ptr<Node>> nodes_;
+  BenchCounters counters_;
+  std::int64_t last_sync_ns_ = -1;
+};
+
+/// The session's JSON: counters of bus, drives and clock.
+std::string statistics_json(Bench& bench, const BusCounters& bus, double wall_s, const std::vector<std::pair<std::string, double>>& more);
+
+}  // namespace tribotwin::hil

@@ -1,0 +1,82 @@
+#include <tribotwin/hil/session/plant.hpp>
+
+#include <algorithm>
+#include <cmath>
+
+namespace tribotwin::hil {
+
+std::vector<DriveParameters> drive_parameters(const twin::Scenario& scenario, int first_node, std::uint32_t cycle_us) {
+  std::vector<DriveParameters> all;
+  const mjModel* m = scenario.model->get();
+  for (const auto& binding : scenario.model->drives()) {
+    const auto& drive = binding.drive;
+    DriveParameters p{.node = static_cast<std::uint8_t>(first_node + static_cast<int>(all.size())), .name = twin::joint_name(m, binding), .gear_ratio = drive.gear_ratio,
+                      .rated_torque_nm = drive.torque_max_nm / drive.gear_ratio, .cycle_us = cycle_us, .limited = m->jnt_limited[binding.joint] != 0,
+                      .position_low_rad = m->jnt_range[2 * binding.joint], .position_high_rad = m->jnt_range[2 * binding.joint + 1],
+                      .start_degC = scenario.temperature_degC[all.size()]};
+    // The fastest that the law was identified at, where it says so: motor side.
+    if (const double speed = drive.law.range.speed_max_rad_s; std::isfinite(speed)) p.speed_max_rad_s = speed / drive.speed_scale() * drive.gear_ratio;
+    all.push_back(std::move(p));
+  }
+  return all;
+}
+
+tl::expected<void, std::string> Plant::record(const std::filesystem::path& directory) {
+  auto recorder = twin::Recorder::create(directory, scenario_, false);
+  if (!recorder) return tl::unexpected(recorder.error());
+  recorder_ = std::move(*recorder);
+  directory_ = directory;
+  return {};
+}
+
+Feedback Plant::feedback(std::size_t i) const {
+  const auto& binding = twin_.model().drives()[i];
+  const mjData* d = twin_.data();
+  const auto& s = twin_.drive(i);
+  Feedback f{.position_rad = d->qpos[twin::position_address(twin_.model().get(), binding)], .velocity_rad_s = d->qvel[binding.dof], .torque_nm = s.torque_nm, .friction_nm = s.friction_nm,
+             .load_nm = twin_.memory(i).load_nm, .temperature_degC = twin_.temperature_degC(i), .limited = twin_.limited(i)};
+  if (frozen_rad_[i]) f.position_rad = *frozen_rad_[i], f.velocity_rad_s = 0;
+  return f;
+}
+
+void Plant::freeze_encoder(std::size_t drive, bool frozen) {
+  frozen_rad_[drive].reset();
+  if (frozen) frozen_rad_[drive] = feedback(drive).position_rad;
+}
+
+void Plant::show(std::span<const std::unique_ptr<Node>> nodes) {
+  for (std::size_t i = 0; i < nodes.size(); ++i) nodes[i]->feedback(feedback(i), 0);
+}
+
+tl::expected<void, std::string> Plant::step(std::span<const std::unique_ptr<Node>> nodes) {
+  const double dt = twin_.model()->opt.timestep;
+  for (std::size_t i = 0; i < nodes.size(); ++i) {
+    twin_.commands()[i] = nodes[i]->command(dt);
+    twin_.set_brake(i, nodes[i]->brake_engaged());
+    const auto measured = nodes[i]->measured_temperature_degC();
+    if (measured || held_[i]) twin_.set_measured_temperature(i, measured);
+    held_[i] = measured.has_value();
+  }
+  const std::int64_t k = twin_.steps();
+  if (auto ok = twin_.step(); !ok) return ok;
+  if (recorder_)
+    if (auto ok = recorder_->sample(twin_, k); !ok) return ok;
+  for (std::size_t i = 0; i < nodes.size(); ++i) nodes[i]->feedback(feedback(i), dt);
+  return {};
+}
+
+tl::expected<void, std::string> Plant::advance(std::span<const std::unique_ptr<Node>> nodes, std::int64_t us) {
+  const auto step_us = static_cast<std::int64_t>(std::llround(1e6 * twin_.model()->opt.timestep));
+  left_us_ += us;
+  for (; left_us_ >= step_us; left_us_ -= step_us)
+    if (auto ok = step(nodes); !ok) return ok;
+  return {};
+}
+
+tl::expected<void, std::string> Plant::finish(double wall_s) {
+  if (!recorder_) return {};
+  if (auto ok = recorder_->finish(); !ok) return ok;
+  return twin::write_summary(directory_, twin::summarize(twin_, scenario_, wall_s));
+}
+
+}  // namespace tribotwin::hil

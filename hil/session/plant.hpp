@@ -1,0 +1,48 @@
+#pragma once
+
+#include <memory>
+#include <optional>
+#include <vector>
+
+#include <tl/expected.hpp>
+
+#include <tribotwin/hil/canopen/node.hpp>
+#include <tribotwin/twin/runtime/recorder.hpp>
+
+/// The robot behind the drives: a commanded twin, stepped between the bus and the telemetry.
+namespace tribotwin::hil {
+
+/// What the bus needs to know of each drive of a scenario; node numbers count up from `first_node`.
+std::vector<DriveParameters> drive_parameters(const twin::Scenario& scenario, int first_node, std::uint32_t cycle_us);
+
+class Plant {
+ public:
+  explicit Plant(const twin::Scenario& scenario) : scenario_(scenario), twin_(scenario, twin::Twin::commanded) {}
+  /// Also writes telemetry.h5 and scenario.yaml, and summary.json at `finish`.
+  tl::expected<void, std::string> record(const std::filesystem::path& directory);
+
+  /// Tells the nodes where their joints are.
+  void show(std::span<const std::unique_ptr<Node>> nodes);
+  /// One simulation step: set points from the nodes, feedback to them.
+  tl::expected<void, std::string> step(std::span<const std::unique_ptr<Node>> nodes);
+  /// As many steps as `us` microseconds have. Parts of steps are kept for the next call.
+  tl::expected<void, std::string> advance(std::span<const std::unique_ptr<Node>> nodes, std::int64_t us);
+  tl::expected<void, std::string> finish(double wall_s);
+
+  twin::Twin& twin() { return twin_; }
+  const twin::Scenario& scenario() const { return scenario_; }
+  /// A fault of the bench: the encoder of a drive shows what it last showed.
+  void freeze_encoder(std::size_t drive, bool frozen);
+
+ private:
+  Feedback feedback(std::size_t i) const;
+  const twin::Scenario& scenario_;
+  twin::Twin twin_;
+  std::unique_ptr<twin::Recorder> recorder_;
+  std::filesystem::path directory_;
+  std::int64_t left_us_ = 0;
+  std::vector<std::optional<double>> frozen_rad_ = std::vector<std::optional<double>>(twin_.model().drives().size());
+  std::vector<bool> held_ = std::vector<bool>(twin_.model().drives().size());
+};
+
+}  // namespace tribotwin::hil

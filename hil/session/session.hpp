@@ -1,0 +1,50 @@
+#pragma once
+
+#include <filesystem>
+#include <functional>
+#include <optional>
+#include <string>
+
+#include <tribotwin/hil/can/transport.hpp>
+#include <tribotwin/hil/session/bench.hpp>
+
+namespace tribotwin::hil {
+
+/// A drive session as its status line shows it.
+struct SessionStatus {
+  double simulated_s, wall_s, bus_load;   ///< load: share of 1 Mbit/s in the last second
+  const Bench* bench;
+  const Transport* bus;
+};
+
+struct DriveOptions {
+  int first_node = 1;
+  std::uint32_t cycle_us = 2000;
+  bool realtime = false;                  ///< physics on the clock instead of on SYNC
+  std::optional<double> duration_s;       ///< of simulated time; for ever without
+  std::filesystem::path record;           ///< a candump log of everything on the bus
+  std::filesystem::path statistics;       ///< JSON
+  std::filesystem::path output;           ///< folder for telemetry
+  std::function<bool()> stop;             ///< asked often: end now?
+  std::function<void(const SessionStatus&)> status;   ///< a few times a second
+  std::function<void(const std::string&)> note;       ///< what the user should know, one line
+};
+
+/// Drives on a bus until the end. Fails with one line.
+tl::expected<void, std::string> drive(const twin::Scenario& scenario, Transport& bus, const DriveOptions& options);
+
+struct ReplayResult {
+  std::uint64_t frames = 0, compared = 0, differing = 0, missing = 0;
+  std::string first_difference;
+};
+struct ReplayOptions {
+  int first_node = 1;
+  std::uint32_t cycle_us = 2000;
+  double rate = 0;                        ///< of the original speed; 0: as fast as possible
+  std::filesystem::path output;
+  std::function<bool()> stop;
+};
+/// A recorded session through the same code: what the drives answered then is compared with what they answer now.
+tl::expected<ReplayResult, std::string> replay(const twin::Scenario& scenario, const std::filesystem::path& log, const ReplayOptions& options);
+
+}  // namespace tribotwin::hil
