@@ -1,0 +1,557 @@
+// One drive on an imaginary bus: frames in, frames out, the clock in our hands.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <numbers>
+#include <random>
+
+#include <fmt/format.h>
+
+#include <tribotwin/hil/canopen/budget.hpp>
+#include <tribotwin/hil/canopen/description.hpp>
+#include <tribotwin/hil/canopen/node.hpp>
+
+namespace tribotwin::hil {
+namespace {
+
+constexpr std::int64_t ms = 1'000'000;
+const DriveParameters parameters{.node = 5, .name = "joint5", .gear_ratio = 100, .rated_torque_nm = 2, .speed_max_rad_s = 300, .limited = true, .position_low_rad = -2, .position_high_rad = 2};
+
+class OneNode : public testing::Test {
+ protected:
+  std::vector<Frame> bus;
+  bool full = false;
+  Node node{parameters, [this](const Frame& frame) {
+              if (full) return Sent::busy;
+              bus.push_back(frame);
+              return Sent::done;
+            }};
+  std::int64_t now = 0;
+  Feedback robot;
+
+  void SetUp() override {
+    node.start(now);
+    bus.clear();
+  }
+  void send(std::uint32_t id, std::vector<std::uint8_t> bytes) { node.receive(classic(id, bytes), now); }
+  void nmt(std::uint8_t command) { send(0, {command, 5}); }
+  void control(std::uint16_t word) { send(0x205, {static_cast<std::uint8_t>(word), static_cast<std::uint8_t>(word >> 8)}); }
+  void wait(std::int64_t milliseconds) {
+    for (std::int64_t i = 0; i < milliseconds; ++i) {
+      now += ms;
+      node.tick(now);
+    }
+  }
+  /// Simulated time, with a robot that does what it is told.
+  void run(int steps) {
+    for (int i = 0; i < steps; ++i) {
+      const auto c = node.command(1e-3);
+      using Mode = twin::DriveCommand::Mode;
+      if (c.mode == Mode::position) robot.position_rad = c.position_rad, robot.velocity_rad_s = c.velocity_rad_s;
+      else if (c.mode == Mode::velocity) robot.velocity_rad_s = c.velocity_rad_s, robot.position_rad += 1e-3 * c.velocity_rad_s;
+      else robot.velocity_rad_s = 0;
+      robot.torque_nm = c.mode == Mode::torque ? c.torque_nm : 0;
+      node.feedback(robot, 1e-3);
+    }
+  }
+  void enable() {
+    nmt(1);
+    for (const std::uint16_t word : {0x06, 0x07, 0x0F}) control(word);
+    ASSERT_EQ(node.state(), DriveState::operation_enabled);
+    bus.clear();
+  }
+  std::uint16_t status() { return static_cast<std::uint16_t>(node.dictionary().get(0x6041)); }
+  std::vector<Frame> on(std::uint32_t id) {
+    std::vector<Frame> some;
+    std::ranges::copy_if(bus, std::back_inserter(some), [&](const Frame& f) { return f.id == id; });
+    return some;
+  }
+  std::uint32_t sdo(std::vector<std::uint8_t> request) {   // 0, or the abort code
+    request.resize(8);
+    bus.clear();
+    send(0x605, request);
+    const auto answers = on(0x585);
+    if (answers.size() != 1) return 1;
+    const auto& d = answers[0].data;
+    return d[0] == 0x80 ? static_cast<std::uint32_t>(decode(Type::u32, std::span(d).subspan(4, 4))) : 0;
+  }
+  std::uint32_t write(std::uint16_t index, std::uint8_t sub, Type type, std::int64_t value) {
+    std::vector<std::uint8_t> request{static_cast<std::uint8_t>(0x23 | (4 - size_of(type)) << 2), static_cast<std::uint8_t>(index), static_cast<std::uint8_t>(index >> 8), sub, 0, 0, 0, 0};
+    encode(value, std::span(request).subspan(4, static_cast<std::size_t>(size_of(type))));
+    return sdo(request);
+  }
+};
+
+TEST_F(OneNode, BootsAndBeats) {
+  Node fresh(parameters, [this](const Frame& f) { bus.push_back(f); return Sent::done; });
+  fresh.start(0);
+  ASSERT_EQ(bus.size(), 1U);
+  EXPECT_EQ(text(bus[0]), "705#00");
+  fresh.tick(500 * ms);
+  EXPECT_EQ(text(bus.back()), "705#7F");
+  fresh.receive(classic(0, std::vector<std::uint8_t>{1, 0}), 600 * ms);
+  fresh.tick(1000 * ms);
+  EXPECT_EQ(text(on(0x705).back()), "705#05");
+}
+
+// CiA 402, every transition that has a command, and that no other command moves the drive.
+TEST(StateMachine, ToTheLetter) {
+  using S = DriveState;
+  const auto in = [](S state) {
+    StateMachine m;
+    const StopOptions at_once{.quick_stop = 6, .disable_operation = 0};
+    if (state == S::ready_to_switch_on || state == S::switched_on || state == S::operation_enabled || state == S::quick_stop_active) m.controlword(0x06, at_once);
+    if (state == S::switched_on || state == S::operation_enabled || state == S::quick_stop_active) m.controlword(0x07, at_once);
+    if (state == S::operation_enabled || state == S::quick_stop_active) m.controlword(0x0F, at_once);
+    if (state == S::quick_stop_active) m.controlword(0x02, at_once);
+    if (state == S::fault) m.fail(false);
+    EXPECT_EQ(m.state(), state);
+    return m;
+  };
+  struct Row { S from; std::uint16_t word; S to; } rows[] = {
+      {S::switch_on_disabled, 0x06, S::ready_to_switch_on}, {S::switch_on_disabled, 0x07, S::switch_on_disabled}, {S::switch_on_disabled, 0x0F, S::switch_on_disabled},
+      {S::switch_on_disabled, 0x00, S::switch_on_disabled}, {S::switch_on_disabled, 0x02, S::switch_on_disabled},
+      {S::ready_to_switch_on, 0x07, S::switched_on}, {S::ready_to_switch_on, 0x0F, S::operation_enabled}, {S::ready_to_switch_on, 0x00, S::switch_on_disabled},
+      {S::ready_to_switch_on, 0x02, S::switch_on_disabled}, {S::ready_to_switch_on, 0x06, S::ready_to_switch_on},
+      {S::switched_on, 0x0F, S::operation_enabled}, {S::switched_on, 0x06, S::ready_to_switch_on}, {S::switched_on, 0x00, S::switch_on_disabled}, {S::switched_on, 0x02, S::switch_on_disabled},
+      {S::operation_enabled, 0x07, S::switched_on}, {S::operation_enabled, 0x06, S::ready_to_switch_on}, {S::operation_enabled, 0x00, S::switch_on_disabled},
+      {S::operation_enabled, 0x02, S::quick_stop_active}, {S::operation_enabled, 0x0F, S::operation_enabled},
+      {S::quick_stop_active, 0x00, S::switch_on_disabled}, {S::quick_stop_active, 0x0F, S::operation_enabled}, {S::quick_stop_active, 0x06, S::quick_stop_active},
+      {S::fault, 0x80, S::switch_on_disabled}, {S::fault, 0x0F, S::fault}, {S::fault, 0x00, S::fault}, {S::fault, 0x06, S::fault}};
+  for (const auto& row : rows) {
+    StateMachine m = in(row.from);
+    m.controlword(row.word, {.quick_stop = 6, .disable_operation = 0});
+    EXPECT_EQ(m.state(), row.to) << name_of(row.from) << fmt::format(" {:02X}", row.word);
+  }
+  // Fault reset is an edge, not a level.
+  StateMachine m = in(S::ready_to_switch_on);
+  m.controlword(0x87, {});
+  m.fail(false);
+  m.controlword(0x80, {});
+  EXPECT_EQ(m.state(), S::fault);
+  m.controlword(0x00, {});
+  m.controlword(0x80, {});
+  EXPECT_EQ(m.state(), S::switch_on_disabled);
+  // Ramps: disable operation stays enabled until the motor stands; quick stop option 2 goes on by itself.
+  m = in(S::operation_enabled);
+  m.controlword(0x07, {.disable_operation = 1});
+  EXPECT_EQ(m.state(), S::operation_enabled);
+  EXPECT_FALSE(m.follows());
+  m.stopped();
+  EXPECT_EQ(m.state(), S::switched_on);
+  m = in(S::operation_enabled);
+  m.controlword(0x02, {.quick_stop = 2});
+  m.stopped();
+  EXPECT_EQ(m.state(), S::switch_on_disabled);
+  m = in(S::operation_enabled);
+  m.fail(true);
+  EXPECT_EQ(m.state(), S::fault_reaction_active);
+  m.controlword(0x80, {});
+  EXPECT_EQ(m.state(), S::fault_reaction_active);
+  m.stopped();
+  EXPECT_EQ(m.state(), S::fault);
+}
+
+TEST_F(OneNode, StatuswordsOfEveryState) {
+  nmt(1);
+  EXPECT_EQ(status() & 0x4F, 0x40);
+  control(0x06);
+  EXPECT_EQ(status() & 0x6F, 0x21);
+  control(0x07);
+  EXPECT_EQ(status() & 0x6F, 0x23);
+  EXPECT_TRUE(node.brake_engaged());
+  control(0x0F);
+  EXPECT_EQ(status() & 0x6F, 0x27);
+  EXPECT_EQ(status() & 0x1200, 0x1200);   // remote, follows
+  EXPECT_FALSE(node.brake_engaged());
+  control(0x02);
+  EXPECT_EQ(status() & 0x6F, 0x07);
+  run(100);
+  EXPECT_EQ(status() & 0x4F, 0x40);
+  EXPECT_TRUE(node.brake_engaged());
+  node.fail(0x1000, 1, false, now);
+  EXPECT_EQ(status() & 0x4F, 0x08);
+}
+
+TEST_F(OneNode, EnablingDoesNotMoveTheArm) {
+  robot.position_rad = 0.7;
+  node.feedback(robot, 0);
+  send(0x405, {0x06, 0, 0, 0, 0, 0});   // a target of 0, long before
+  enable();
+  const auto c = node.command(1e-3);
+  EXPECT_EQ(c.mode, twin::DriveCommand::Mode::position);
+  EXPECT_NEAR(c.position_rad, 0.7, 1e-6);
+  EXPECT_EQ(c.velocity_rad_s, 0);
+}
+
+// A target that comes with one SYNC is reached along a straight line at the next.
+TEST_F(OneNode, CspInterpolatesOverTheCycle) {
+  enable();
+  const double counts_per_rad = 65536 * 100 / (2 * std::numbers::pi);
+  for (int k = 1; k <= 10; ++k) {
+    const auto target = static_cast<std::int32_t>(std::lround(0.001 * k * counts_per_rad));
+    std::vector<std::uint8_t> data{0x0F, 0, 0, 0, 0, 0};
+    encode(target, std::span(data).subspan(2));
+    send(0x405, data);
+    node.sync(now);
+    const auto c = node.command(1e-3);
+    EXPECT_NEAR(c.position_rad, 0.001 * (k - 0.5), 2e-6) << k;
+    EXPECT_NEAR(c.velocity_rad_s, 0.5, 1e-3);
+    EXPECT_NEAR(node.command(1e-3).position_rad, 0.001 * k, 2e-6);
+  }
+  node.sync(now);   // no new target: it stands there
+  run(5);
+  EXPECT_NEAR(robot.position_rad, 0.01, 2e-6);
+  EXPECT_NEAR(robot.velocity_rad_s, 0, 1e-9);
+}
+
+TEST_F(OneNode, TargetsBeyondTheLimitsAreHeld) {
+  enable();
+  std::vector<std::uint8_t> data{0x0F, 0, 0xff, 0xff, 0xff, 0x7f};
+  for (int k = 0; k < 4000; ++k) {
+    send(0x405, data);
+    node.sync(now);
+    run(2);
+    ASSERT_LE(std::abs(robot.velocity_rad_s), 3.001);   // 6080h: 300 rad/s at the motor
+  }
+  EXPECT_NEAR(robot.position_rad, 2, 1e-4);
+}
+
+TEST_F(OneNode, ModesCsvAndCst) {
+  enable();
+  EXPECT_EQ(write(0x60FF, 0, Type::i32, 60000), 0U);   // 60 rpm at the motor
+  EXPECT_EQ(write(0x6060, 0, Type::i8, 9), 0U);
+  EXPECT_EQ(node.dictionary().get(0x6061), 9);
+  auto c = node.command(1e-3);
+  EXPECT_EQ(c.mode, twin::DriveCommand::Mode::velocity);
+  EXPECT_NEAR(c.velocity_rad_s, 2 * std::numbers::pi / 100, 1e-9);
+  EXPECT_EQ(write(0x6071, 0, Type::i16, -500), 0U);
+  EXPECT_EQ(write(0x6060, 0, Type::i8, 10), 0U);
+  c = node.command(1e-3);
+  EXPECT_EQ(c.mode, twin::DriveCommand::Mode::torque);
+  EXPECT_NEAR(c.torque_nm, -100, 1e-9);
+  EXPECT_NEAR(c.torque_limit_nm, 200, 1e-9);
+  for (const int profile : {1, 3, 4, 6, 7, 0, -1}) EXPECT_EQ(write(0x6060, 0, Type::i8, profile), 0x06090030U) << profile;
+}
+
+// Lost commands: after one deadline the torque is the reaction's, and it stays so until a fault reset.
+TEST_F(OneNode, ALatePdoTakesThePower) {
+  for (const int option : {1, 2, 3}) {
+    SCOPED_TRACE(option);
+    nmt(0x81);
+    EXPECT_EQ(write(0x1404, 1, Type::u32, 0x80000000), 0U);
+    EXPECT_EQ(write(0x6007, 0, Type::i16, option), 0U);
+    EXPECT_EQ(write(0x1402, 5, Type::u16, 10), 0U);
+    EXPECT_EQ(write(0x2120, 1, Type::u16, 60000), 0U);
+    EXPECT_EQ(write(0x6060, 0, Type::i8, 10), 0U);
+    enable();
+    EXPECT_EQ(write(0x6071, 0, Type::i16, 700), 0U);
+    send(0x405, {0x0F, 0, 0, 0, 0, 0});
+    node.sync(now);
+    EXPECT_GT(node.command(1e-3).torque_nm, 0);
+    wait(10);
+    EXPECT_EQ(node.state(), DriveState::operation_enabled);
+    bus.clear();
+    wait(1);
+    EXPECT_EQ(on(0x085).size(), 1U);
+    EXPECT_EQ(text(on(0x085).at(0)).substr(0, 8), "085#5082");
+    EXPECT_EQ(node.command(1e-3).torque_nm, 0);
+    EXPECT_EQ(node.state(), option == 2 ? DriveState::fault : DriveState::fault_reaction_active);
+    send(0x405, {0x0F, 0, 0, 0, 0, 0});   // the master is back, but the fault stays
+    node.sync(now);
+    run(100);
+    EXPECT_EQ(node.state(), DriveState::fault);
+    EXPECT_TRUE(node.brake_engaged());
+    EXPECT_EQ(node.command(1e-3).mode, twin::DriveCommand::Mode::off);
+    control(0x80);
+    EXPECT_EQ(node.state(), DriveState::switch_on_disabled);
+  }
+}
+
+TEST_F(OneNode, ALostHeartbeatTakesThePower) {
+  EXPECT_EQ(write(0x1016, 1, Type::u32, 0x7F << 16 | 50), 0U);
+  enable();
+  wait(200);
+  EXPECT_EQ(node.state(), DriveState::operation_enabled);   // watched from its first beat on
+  send(0x77F, {5});
+  wait(50);
+  EXPECT_EQ(node.state(), DriveState::operation_enabled);
+  bus.clear();
+  wait(1);
+  EXPECT_EQ(text(on(0x085).at(0)).substr(0, 8), "085#3081");
+  EXPECT_EQ(node.nmt(), Nmt::pre_operational);   // 1029h
+  EXPECT_EQ(node.state(), DriveState::fault_reaction_active);
+  run(100);
+  EXPECT_EQ(node.state(), DriveState::fault);
+}
+
+TEST_F(OneNode, AStoppedSyncTakesThePower) {
+  enable();
+  node.sync(now);
+  wait(100);
+  EXPECT_EQ(node.state(), DriveState::operation_enabled);
+  wait(1);
+  EXPECT_EQ(node.state(), DriveState::fault_reaction_active);
+  EXPECT_EQ(node.error_code(), 0x8700);
+}
+
+TEST_F(OneNode, NmtTakesThePower) {
+  for (const std::uint8_t command : {0x02, 0x80, 0x81, 0x82}) {
+    nmt(0x82);
+    enable();
+    nmt(command);
+    run(200);
+    EXPECT_TRUE(node.brake_engaged()) << int(command);
+    EXPECT_NE(node.state(), DriveState::operation_enabled) << int(command);
+  }
+}
+
+TEST_F(OneNode, QuickStopRampsDown) {
+  EXPECT_EQ(write(0x6085, 0, Type::u32, 95493), 0U);   // 10 rad/s2 at the motor, 0.1 at the joint
+  EXPECT_EQ(write(0x6060, 0, Type::i8, 9), 0U);
+  enable();
+  EXPECT_EQ(write(0x60FF, 0, Type::i32, 95493), 0U);   // 10 rad/s at the motor
+  run(10);
+  EXPECT_NEAR(robot.velocity_rad_s, 0.1, 1e-4);
+  control(0x02);
+  run(500);
+  EXPECT_NEAR(robot.velocity_rad_s, 0.05, 1e-3);
+  EXPECT_EQ(node.state(), DriveState::quick_stop_active);
+  run(600);
+  EXPECT_EQ(node.state(), DriveState::switch_on_disabled);
+}
+
+TEST_F(OneNode, TransmissionTypes) {
+  // TPDO1 every third SYNC, TPDO2 on SYNC when changed.
+  EXPECT_EQ(write(0x1800, 2, Type::u8, 3), 0U);
+  EXPECT_EQ(write(0x1801, 2, Type::u8, 0), 0U);
+  EXPECT_EQ(write(0x1802, 2, Type::u8, 241), 0x06090030U);
+  nmt(1);
+  bus.clear();
+  for (int i = 0; i < 9; ++i) node.sync(now);
+  EXPECT_EQ(on(0x185).size(), 3U);
+  EXPECT_EQ(on(0x285).size(), 1U);
+  EXPECT_EQ(on(0x385).size(), 9U);
+  control(0x06);
+  node.sync(now);
+  EXPECT_EQ(on(0x285).size(), 2U);
+}
+
+TEST_F(OneNode, EventTimerAndInhibitTime) {
+  EXPECT_EQ(write(0x1800, 5, Type::u16, 20), 0U);
+  EXPECT_EQ(write(0x1800, 3, Type::u16, 50), 0U);   // 5 ms
+  nmt(1);
+  wait(1);
+  bus.clear();
+  wait(100);
+  EXPECT_EQ(on(0x185).size(), 5U);
+  bus.clear();
+  control(0x06);
+  wait(1);
+  control(0x00);
+  wait(1);
+  control(0x06);
+  wait(1);
+  EXPECT_LE(on(0x185).size(), 1U);
+  wait(6);
+  ASSERT_FALSE(on(0x185).empty());
+  EXPECT_EQ(on(0x185).back().data[0] & 0x6F, 0x21);   // the last state got through
+}
+
+TEST_F(OneNode, ShortPdosAreRefusedAndLongOnesTaken) {
+  enable();
+  send(0x405, {0x0F, 0, 0});
+  EXPECT_EQ(text(on(0x085).at(0)).substr(0, 8), "085#1082");
+  EXPECT_EQ(node.counters().pdo_short, 1U);
+  EXPECT_EQ(node.state(), DriveState::operation_enabled);
+  send(0x205, {0x07, 0, 1, 2, 3});
+  EXPECT_FALSE((status() & 0x1000) != 0);
+}
+
+TEST_F(OneNode, PdosOnlyCountWhenOperational) {
+  control(0x06);
+  EXPECT_EQ(node.state(), DriveState::switch_on_disabled);
+  nmt(1);
+  control(0x06);
+  EXPECT_EQ(node.state(), DriveState::ready_to_switch_on);
+}
+
+TEST_F(OneNode, SdoInSegments) {
+  bus.clear();
+  EXPECT_EQ(sdo({0x40, 0x08, 0x10, 0}), 0U);
+  EXPECT_EQ(on(0x585).at(0).data[0], 0x41);
+  std::string name;
+  for (std::uint8_t toggle = 0, last = 0; !last; toggle ^= 0x10) {
+    ASSERT_EQ(sdo({static_cast<std::uint8_t>(0x60 | toggle)}), 0U);
+    const auto d = on(0x585).at(0).data;
+    name.append(d.begin() + 1, d.begin() + 8 - (d[0] >> 1 & 7));
+    last = d[0] & 1;
+  }
+  EXPECT_EQ(name, "tribotwin drive joint5");
+  // A download in segments of what is also expedited.
+  EXPECT_EQ(sdo({0x21, 0x85, 0x60, 0, 4}), 0U);
+  EXPECT_EQ(sdo({0x07, 0x10, 0x27, 0, 0}), 0U);   // 4 bytes, last
+  EXPECT_EQ(node.dictionary().get(0x6085), 10000);
+  // Toggle, time-out, unknown commands, abort by the client.
+  EXPECT_EQ(sdo({0x40, 0x08, 0x10, 0}), 0U);
+  EXPECT_EQ(sdo({0x70}), 0x05030000U);
+  EXPECT_EQ(sdo({0x60}), 0x05040001U);
+  EXPECT_EQ(sdo({0xA0, 0x08, 0x10, 0}), 0x05040001U);
+  EXPECT_EQ(sdo({0x40, 0x08, 0x10, 0}), 0U);
+  bus.clear();
+  wait(1001);
+  ASSERT_EQ(on(0x585).size(), 1U);
+  EXPECT_EQ(decode(Type::u32, std::span(on(0x585)[0].data).subspan(4, 4)), 0x05040000);
+  EXPECT_EQ(sdo({0x21, 0x85, 0x60, 0, 0, 0, 1}), 0x06070012U);
+  EXPECT_EQ(write(0x6007, 0, Type::i16, 0), 0x06090032U);
+  EXPECT_EQ(write(0x605A, 0, Type::i16, 4), 0x06090030U);
+  EXPECT_EQ(write(0x1000, 0, Type::u32, 4), 0x06010002U);
+}
+
+TEST_F(OneNode, RemappingNeedsAPdoThatDoesNotExist) {
+  nmt(1);
+  EXPECT_EQ(write(0x1A02, 0, Type::u8, 0), 0x08000022U);
+  EXPECT_EQ(write(0x1802, 1, Type::u32, 0x80000385), 0U);
+  EXPECT_EQ(write(0x1A02, 1, Type::u32, 0x60410010), 0x08000022U);   // number of objects first
+  EXPECT_EQ(write(0x1A02, 0, Type::u8, 0), 0U);
+  EXPECT_EQ(write(0x1A02, 1, Type::u32, 0x21000110), 0U);
+  EXPECT_EQ(write(0x1A02, 2, Type::u32, 0x21010120), 0U);
+  EXPECT_EQ(write(0x1A02, 3, Type::u32, 0x60400010), 0U);
+  EXPECT_EQ(write(0x1A02, 4, Type::u32, 0x99990010), 0x06020000U);
+  EXPECT_EQ(write(0x1A02, 0, Type::u8, 3), 0U);
+  EXPECT_EQ(write(0x1802, 1, Type::u32, 0x00000701), 0x06090030U);   // a heartbeat's
+  EXPECT_EQ(write(0x1802, 1, Type::u32, 0x00000385), 0U);
+  robot.temperature_degC = 61.5;
+  robot.friction_nm = -3.25;
+  node.feedback(robot, 0);
+  bus.clear();
+  node.sync(now);
+  const auto sent = on(0x385);
+  ASSERT_EQ(sent.size(), 1U);
+  EXPECT_EQ(sent[0].size, 8);
+  EXPECT_EQ(decode(Type::i16, std::span(sent[0].data).subspan(0, 2)), 615);
+  EXPECT_EQ(decode(Type::i32, std::span(sent[0].data).subspan(2, 4)), -3250);
+}
+
+TEST_F(OneNode, AGapInAnRpdoIsSkipped) {
+  EXPECT_EQ(write(0x1402, 1, Type::u32, 0x80000405), 0U);
+  EXPECT_EQ(write(0x1602, 0, Type::u8, 0), 0U);
+  EXPECT_EQ(write(0x1602, 1, Type::u32, 0x00070020), 0U);
+  EXPECT_EQ(write(0x1602, 2, Type::u32, 0x60400010), 0U);
+  EXPECT_EQ(write(0x1602, 0, Type::u8, 2), 0U);
+  EXPECT_EQ(write(0x1402, 1, Type::u32, 0x00000405), 0U);
+  nmt(1);
+  send(0x405, {1, 2, 3, 4, 0x06, 0});
+  node.sync(now);
+  EXPECT_EQ(node.state(), DriveState::ready_to_switch_on);
+}
+
+TEST_F(OneNode, EmergencyHistory) {
+  enable();
+  for (const std::uint16_t code : {0x1000, 0x4310}) {
+    node.fail(code, 1, false, now);
+    control(0x00);
+    control(0x80);
+    control(0x00);
+  }
+  EXPECT_EQ(node.dictionary().get(0x1003, 0), 2);
+  EXPECT_EQ(node.dictionary().get(0x1003, 1), 0x4310);
+  EXPECT_EQ(node.dictionary().get(0x1003, 2), 0x1000);
+  EXPECT_EQ(write(0x1003, 0, Type::u8, 1), 0x06090030U);
+  EXPECT_EQ(write(0x1003, 0, Type::u8, 0), 0U);
+  EXPECT_EQ(node.dictionary().get(0x1003, 1), 0);
+}
+
+TEST_F(OneNode, HeatIsWarnedOfAndThenAFault) {
+  enable();
+  robot.temperature_degC = 115;
+  run(1);
+  EXPECT_EQ(node.state(), DriveState::operation_enabled);
+  node.feedback(robot, 1e-3);
+  EXPECT_TRUE(status() & 0x80);
+  robot.temperature_degC = 121;
+  node.feedback(robot, 1e-3);
+  EXPECT_EQ(node.error_code(), 0x4310);
+}
+
+TEST_F(OneNode, AnotherNodeWithItsNumberIsCounted) {
+  send(0x705, {5});
+  send(0x585, {0x60, 0, 0, 0, 0, 0, 0, 0});
+  EXPECT_EQ(node.counters().foreign, 2U);
+}
+
+TEST_F(OneNode, AFullBusStopsNothing) {
+  enable();
+  full = true;
+  for (int i = 0; i < 100; ++i) node.sync(now), wait(1), run(1);
+  EXPECT_EQ(node.state(), DriveState::operation_enabled);
+  full = false;
+  const auto sent = node.counters().pdo_sent;
+  node.sync(now);
+  EXPECT_GT(node.counters().pdo_sent, sent);
+}
+
+// Anything on the bus, in any order, at any time: no crash, and never power without the state for it.
+TEST_F(OneNode, RandomAndMutatedFrames) {
+  std::mt19937 random(11);
+  const std::vector<std::uint32_t> ids = {0, 0x80, 0x205, 0x305, 0x405, 0x505, 0x605, 0x705, 0x77F, 0x585};
+  const std::vector<std::vector<std::uint8_t>> seeds = {{1, 5}, {0x06, 0}, {0x07, 0}, {0x0F, 0}, {0x0F, 0, 0x10, 0, 0, 0}, {0x40, 0x08, 0x10, 0, 0, 0, 0, 0}, {0x60, 0, 0, 0, 0, 0, 0, 0},
+                                                        {0x23, 0x02, 0x14, 1, 5, 4, 0, 0x80}, {0x2F, 0x02, 0x1A, 0, 0, 0, 0, 0}, {0x23, 0x02, 0x1A, 1, 0x20, 0, 0x64, 0x60}, {0x80, 5}, {0x81, 0}};
+  bus.reserve(4096);
+  for (int i = 0; i < 1'000'000; ++i) {
+    Frame f;
+    f.id = random() % 8 ? ids[random() % ids.size()] : random() & 0x7ff;
+    auto bytes = seeds[random() % seeds.size()];
+    if (random() % 2) bytes.resize(random() % 9);
+    for (auto& b : bytes)
+      if (random() % 6 == 0) b = static_cast<std::uint8_t>(random());
+    f.size = static_cast<std::uint8_t>(bytes.size());
+    std::ranges::copy(bytes, f.data.begin());
+    f.extended = random() % 64 == 0;
+    f.remote = random() % 64 == 0;
+    now += static_cast<std::int64_t>(random() % 3) * ms;
+    if (f.id == 0x80 && f.size <= 1) node.sync(now);
+    else node.receive(f, now);
+    node.tick(now);
+    run(1);
+    const auto c = node.command(1e-3);
+    if (node.brake_engaged()) ASSERT_EQ(c.mode, twin::DriveCommand::Mode::off);
+    ASSERT_TRUE(std::isfinite(c.position_rad + c.velocity_rad_s + c.torque_nm));
+    ASSERT_LE(node.next_ns() - now, 70'000 * ms);
+    for (const Frame& sent : bus) ASSERT_LE(sent.size, 8);
+    bus.clear();
+  }
+}
+
+TEST(Description, EdsListsEveryObjectOnce) {
+  const Dictionary dictionary(parameters);
+  const std::string s = eds(dictionary, parameters);
+  for (const Object& o : dictionary.objects()) {
+    const bool single = !const_cast<Dictionary&>(dictionary).find(o.index, 1);
+    const std::string section = single ? fmt::format("[{:04X}]\n", o.index) : fmt::format("[{:04X}sub{:X}]\n", o.index, o.sub);
+    const auto at = s.find(section);
+    ASSERT_NE(at, std::string::npos) << section;
+    EXPECT_EQ(s.find(section, at + 1), std::string::npos) << section;
+  }
+}
+
+// can-facts.md: SYNC + 6 x 8 B + 6 x 8 B at 1 kHz: 1379 to 1675 bits.
+TEST(Budget, TableOfTheFacts) {
+  Frame eight;
+  eight.size = 8;
+  EXPECT_EQ(classic_bits(0).least + 12 * classic_bits(8).least, 1379);
+  EXPECT_EQ(classic_bits(0).most + 12 * classic_bits(8).most, 1675);
+  std::vector<DriveParameters> p(6, parameters);
+  std::vector<Dictionary> d;
+  std::vector<DescribedDrive> drives;
+  for (int i = 0; i < 6; ++i) p[static_cast<std::size_t>(i)].node = static_cast<std::uint8_t>(i + 1), d.emplace_back(p[static_cast<std::size_t>(i)]);
+  for (std::size_t i = 0; i < 6; ++i) drives.push_back({&d[i], &p[i]});
+  const Budget b = budget(drives, 0.002, 1e6);
+  EXPECT_EQ(b.frames, 13);   // one PDO each way
+  EXPECT_LT(b.most, 0.8);
+  EXPECT_GT(budget(drives, 0.001, 1e6).most, 1);
+}
+
+}  // namespace
+}  // namespace tribotwin::hil
