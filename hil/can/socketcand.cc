@@ -322,7 +322,8 @@ class Server final : public Transport {
   bool queue(Client& client, std::string_view command) {
     if (client.out.size() + command.size() > longest_queue) flush(client);
     if (client.out.size() + command.size() > longest_queue) {
-      client.gone = client.gone || ++client.dropped >= most_dropped;
+      const bool its_fault = now_ns(CLOCK_MONOTONIC) >= client.silent_until_ns;
+      if (its_fault && ++client.dropped >= most_dropped) client.gone = true;
       return false;
     }
     client.dropped = 0;
