@@ -9,6 +9,7 @@
 #include <unistd.h>
 
 #include <tribotwin/hil/canopen/budget.hpp>
+#include <tribotwin/hil/mirror/mirror.hpp>
 #include <tribotwin/hil/session/session.hpp>
 #include <tribotwin/twin/output/output.hpp>
 #include <tribotwin/twin/scenario/input.hpp>
@@ -27,6 +28,7 @@ struct Common {
   std::vector<std::string> settings;
   int first_node = 1;
   double cycle_ms = 2;
+  std::string profile = "cia402";
 
   void add_to(CLI::App& command) {
     command.add_option("SCENARIO", scenario, "Scenario file: model, start, surroundings and events; its motion is the master's business")->required();
@@ -34,12 +36,17 @@ struct Common {
     command.add_option("--first-node", first_node, "Node number of the first drive; the others count up")->check(CLI::Range(1, 127))->capture_default_str();
     command.add_option("--cycle", cycle_ms, "SYNC period [ms] (1006h)")->check(CLI::Range(0.1, 1000.0))->capture_default_str();
   }
+  void add_profile(CLI::App& command) {
+    command.add_option("--profile", profile, "What is spoken: CANopen with CiA 402, or two plain frames per drive (see dbc)")->check(CLI::IsMember({"cia402", "mirror"}))->capture_default_str();
+  }
+  bool mirror() const { return profile == "mirror"; }
   twin::Scenario load() const {
     twin::Scenario s = twin::load_scenario(scenario, settings);
     if (first_node + s.model->drives().size() - 1 > 127)
       throw InputError(fmt::format("--first-node {}: {} drives need node numbers up to {}; at most 127", first_node, s.model->drives().size(), first_node + s.model->drives().size() - 1));
     return s;
   }
+  hil::Budget budget(const twin::Scenario& scenario, double bit_rate) const;
   std::uint32_t cycle_us() const { return static_cast<std::uint32_t>(std::lround(1e3 * cycle_ms)); }
 };
 
@@ -58,6 +65,11 @@ class Drives {
   std::vector<hil::DescribedDrive> described_;
 };
 
+hil::Budget Common::budget(const twin::Scenario& scenario, double bit_rate) const {
+  if (mirror()) return hil::budget_of_frames(static_cast<int>(scenario.model->drives().size()), 1e-3 * cycle_ms, bit_rate);
+  return hil::budget(Drives(scenario, *this).all(), 1e-3 * cycle_ms, bit_rate);
+}
+
 int print(std::string_view text, const std::string& file) {
   if (file.empty()) {
     std::fwrite(text.data(), 1, text.size(), stdout);
@@ -70,9 +82,10 @@ int print(std::string_view text, const std::string& file) {
 void status_line(const hil::SessionStatus& s) {
   std::string drives;
   double hottest = -1e9;
-  for (const auto& node : s.bench->nodes()) {
-    drives += node->state() == hil::DriveState::operation_enabled ? 'E' : node->state() == hil::DriveState::fault ? 'F' : node->state() == hil::DriveState::switch_on_disabled ? '-' : '+';
-    hottest = std::max(hottest, 0.1 * static_cast<double>(node->dictionary().get(0x2100, 1)));
+  for (std::size_t i = 0; i < s.bench->drives().size(); ++i) {
+    const auto& drive = *s.bench->drives()[i];
+    drives += drive.enabled() ? 'E' : drive.failed() ? 'F' : drive.brake_engaged() ? '-' : '+';
+    hottest = std::max(hottest, s.bench->plant().twin().temperature_degC(i));
   }
   fmt::print(stderr, "\r\033[K{:.1f} s, {} syncs, bus {:.0f} %, drives {} (E enabled, F fault), hottest {:.1f} degC, lost {}, {}", s.simulated_s, s.bench->counters().syncs, 100 * s.bus_load, drives,
              hottest, s.bus->counters().receive_lost + s.bus->counters().send_busy + s.bus->counters().send_down, s.bus->state());
@@ -87,7 +100,7 @@ struct DriveArguments : Common {
 
 int run_drives(const DriveArguments& a) {
   const twin::Scenario scenario = a.load();
-  const hil::Budget budget = hil::budget(Drives(scenario, a).all(), 1e-3 * a.cycle_ms, 1e6);
+  const hil::Budget budget = a.budget(scenario, 1e6);
   if (budget.most > 1) throw InputError(fmt::format("--cycle {}: {}choose a longer cycle or fewer drives on one bus", a.cycle_ms, budget.table()));
   if (budget.most > 0.8) fmt::print(stderr, "note: {}", budget.table());
   auto bus = hil::open_bus(a.can);
@@ -97,7 +110,7 @@ int run_drives(const DriveArguments& a) {
     fmt::print(stderr, "{} drives, nodes {} to {}, on {}; {}\n", scenario.model->drives().size(), a.first_node, a.first_node + static_cast<int>(scenario.model->drives().size()) - 1, (*bus)->name(),
                a.realtime ? "the robot moves with the clock" : "every SYNC moves the robot on by one cycle");
   const auto ended = hil::drive(scenario, **bus,
-                                {.first_node = a.first_node, .cycle_us = a.cycle_us(), .realtime = a.realtime, .duration_s = a.duration, .record = a.record, .statistics = a.stats, .output = a.output,
+                                {.profile = a.mirror() ? hil::Profile::mirror : hil::Profile::cia402, .first_node = a.first_node, .cycle_us = a.cycle_us(), .realtime = a.realtime, .duration_s = a.duration, .record = a.record, .statistics = a.stats, .output = a.output,
                                  .stop = [] { return interrupted != 0; }, .status = live ? status_line : std::function<void(const hil::SessionStatus&)>{},
                                  .note = [&](const std::string& what) { fmt::print(stderr, "{}note: {}\n", live ? "\r\033[K" : "", what); }});
   if (live) fmt::print(stderr, "\n");
@@ -113,7 +126,7 @@ struct ReplayArguments : Common {
 int replay(const ReplayArguments& a) {
   const twin::Scenario scenario = a.load();
   if (!fs::exists(a.log)) throw InputError(fmt::format("{}: does not exist", a.log));
-  const auto result = hil::replay(scenario, a.log, {.first_node = a.first_node, .cycle_us = a.cycle_us(), .rate = a.fast ? 0 : a.rate, .output = a.output, .stop = [] { return interrupted != 0; }});
+  const auto result = hil::replay(scenario, a.log, {.profile = a.mirror() ? hil::Profile::mirror : hil::Profile::cia402, .first_node = a.first_node, .cycle_us = a.cycle_us(), .rate = a.fast ? 0 : a.rate, .output = a.output, .stop = [] { return interrupted != 0; }});
   if (!result) return complain(program, failed, result.error());
   fmt::print("{} frames, {} from the drives: {} differ, {} missing\n", result->frames, result->compared, result->differing, result->missing);
   if (result->first_difference.empty()) return done;
@@ -133,8 +146,9 @@ int main(int argc, char** argv) {
   app.set_version_flag("--version", std::string("tribotwin-hil " TRIBOTWIN_VERSION ", MuJoCo ") + mj_versionString());
 
   DriveArguments d;
-  auto* drive_command = app.add_subcommand("drive", "Be the drives: CANopen, CiA 402, one node per joint");
+  auto* drive_command = app.add_subcommand("drive", "Be the drives of a robot, one per joint");
   d.add_to(*drive_command);
+  d.add_profile(*drive_command);
   drive_command->add_option("--can", d.can, "Bus: vcan0, can0, socketcand://127.0.0.1:29536/NAME")->required();
   auto* realtime = drive_command->add_flag("--realtime", d.realtime, "The robot moves with the clock");
   drive_command->add_flag("--sync-lockstep", d.lockstep, "Every SYNC moves the robot on by one cycle (default)")->excludes(realtime);
@@ -148,6 +162,7 @@ int main(int argc, char** argv) {
   ReplayArguments r;
   auto* replay_command = app.add_subcommand("replay", "A recorded session through the same drives, compared with what they said then");
   r.add_to(*replay_command);
+  r.add_profile(*replay_command);
   replay_command->add_option("LOG", r.log, "candump log, as --record writes it")->required();
   auto* rate = replay_command->add_option("--rate", r.rate, "Speed: 1 is the original")->check(CLI::PositiveNumber)->capture_default_str();
   replay_command->add_flag("--fast", r.fast, "As fast as possible")->excludes(rate);
@@ -158,6 +173,7 @@ int main(int argc, char** argv) {
   double bit_rate = 1e6;
   auto* budget_command = app.add_subcommand("budget", "The load of the bus, before anything runs");
   b.add_to(*budget_command);
+  b.add_profile(*budget_command);
   budget_command->add_option("--bit-rate", bit_rate, "[bit/s]")->check(CLI::Range(1e4, 1e6))->capture_default_str();
   budget_command->footer("Example:\n  tribotwin-hil budget twin/scenarios/irb6620_hold.yaml --cycle 2");
 
@@ -169,8 +185,9 @@ int main(int argc, char** argv) {
   eds_command->add_option("--node", node, "Of this node (default: the first)");
   eds_command->add_option("-o,--output", file, "File to write (default: stdout)");
   eds_command->footer("Example:\n  tribotwin-hil eds twin/scenarios/irb6620_hold.yaml -o drive.eds");
-  auto* dbc_command = app.add_subcommand("dbc", "All PDOs of all drives as a DBC");
+  auto* dbc_command = app.add_subcommand("dbc", "All cyclic frames of all drives as a DBC");
   e.add_to(*dbc_command);
+  e.add_profile(*dbc_command);
   dbc_command->add_option("-o,--output", file, "File to write (default: stdout)");
   dbc_command->footer("Example:\n  tribotwin-hil dbc twin/scenarios/irb6620_hold.yaml -o drives.dbc");
 
@@ -180,7 +197,7 @@ int main(int argc, char** argv) {
     if (*replay_command) return replay(r);
     if (*budget_command) {
       const twin::Scenario scenario = b.load();
-      const hil::Budget budget = hil::budget(Drives(scenario, b).all(), 1e-3 * b.cycle_ms, bit_rate);
+      const hil::Budget budget = b.budget(scenario, bit_rate);
       fmt::print("{}", budget.table());
       if (budget.most > 1) return complain(program, wrong_input, "more than the bus can carry; choose a longer cycle or fewer drives on one bus");
       if (budget.most > 0.8) fmt::print(stderr, "note: more than 80 % at worst; other traffic will not fit\n");
@@ -188,6 +205,11 @@ int main(int argc, char** argv) {
     }
     const twin::Scenario scenario = e.load();
     const Drives drives(scenario, e);
+    if (*dbc_command && e.mirror()) {
+      std::vector<hil::DescribedMirror> all;
+      for (const auto& d : drives.all()) all.push_back({d.parameters->node, d.parameters->name, d.parameters->rated_torque_nm * d.parameters->gear_ratio});
+      return print(hil::mirror_dbc(all), file);
+    }
     if (*dbc_command) return print(hil::dbc(drives.all()), file);
     for (const auto& described : drives.all())
       if (node == 0 || described.parameters->node == node) return print(hil::eds(*described.dictionary, *described.parameters), file);

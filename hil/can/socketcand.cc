@@ -27,7 +27,7 @@ namespace {
 
 constexpr std::size_t most_clients = 16;
 constexpr std::size_t longest_command = 256;       // "< send 1FFFFFFF 8 ... >" needs 50
-constexpr std::size_t longest_queue = 64 * 1024;   // bytes for a client that does not read: about 1400 frames
+constexpr std::size_t longest_queue = 65'536;   // bytes for a client that does not read: about 1400 frames
 constexpr int most_dropped = 1000;                 // frames that such a client misses before it is closed
 constexpr int kernel_queue = 64 * 1024;            // the default grows to megabytes: seconds of stale frames
 constexpr std::int64_t ms = 1'000'000;

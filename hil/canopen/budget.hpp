@@ -18,5 +18,7 @@ struct Budget {
 
 /// SYNC, and of every drive the PDOs that go with each SYNC (by their transmission types).
 Budget budget(std::span<const DescribedDrive> drives, double cycle_s, double bit_rate);
+/// SYNC, and of every drive 8 bytes each way.
+Budget budget_of_frames(int drives, double cycle_s, double bit_rate);
 
 }  // namespace tribotwin::hil

@@ -131,6 +131,12 @@ void Node::reload() {
 
 bool Node::send(std::uint32_t id, std::span<const std::uint8_t> bytes) { return send_(classic(id, bytes)) == Sent::done; }
 
+std::vector<std::pair<std::string, std::uint64_t>> Node::counts() const {
+  const NodeCounters& n = counters_;
+  return {{"node", id_}, {"error_code", error_code()}, {"pdo_received", n.pdo_received}, {"pdo_sent", n.pdo_sent}, {"pdo_short", n.pdo_short}, {"pdo_late", n.pdo_late},
+          {"sdo_requests", n.sdo_requests}, {"sdo_aborts", n.sdo_aborts}, {"emergencies", n.emergencies}, {"heartbeats_lost", n.heartbeats_lost}, {"syncs_lost", n.syncs_lost}, {"foreign", n.foreign}};
+}
+
 bool Node::sends(std::uint32_t id) const {
   return id == 0x700U + id_ || id == 0x580U + id_ || id == 0x80U + id_ || std::ranges::any_of(transmit_, [&](const Pdo& p) { return p.exists && p.cob == id; });
 }

@@ -3,10 +3,9 @@
 #include <array>
 #include <functional>
 
-#include <tribotwin/hil/can/transport.hpp>
+#include <tribotwin/hil/can/bus_drive.hpp>
 #include <tribotwin/hil/canopen/cia402.hpp>
 #include <tribotwin/hil/canopen/sdo.hpp>
-#include <tribotwin/twin/servo/servo.hpp>
 
 /// One drive on the bus: CANopen slave (CiA 301) with the drive profile (CiA 402), free of sockets and clocks: frames and
 /// the time of the bus come in, frames go out; set points go to the physics step by step, feedback comes back.
@@ -17,46 +16,34 @@ namespace tribotwin::hil {
 
 enum class Nmt : std::uint8_t { stopped = 0x04, operational = 0x05, pre_operational = 0x7F };
 
-/// The drive as its physics has it. Arm side; SI.
-struct Feedback {
-  double position_rad = 0, velocity_rad_s = 0, torque_nm = 0;
-  double friction_nm = 0, load_nm = 0, temperature_degC = 25;
-  bool limited = false;   ///< the torque was cut to a limit
-};
-
 struct NodeCounters {
   std::uint64_t pdo_received = 0, pdo_sent = 0, pdo_short = 0, pdo_late = 0, sdo_requests = 0, sdo_aborts = 0, emergencies = 0, heartbeats_lost = 0, syncs_lost = 0,
                 foreign = 0;   ///< frames with an identifier that only this node may send: another node has its number
 };
 
-class Node {
+class Node final : public BusDrive {
  public:
-  using Send = std::function<Sent(const Frame&)>;
   Node(const DriveParameters& parameters, Send send);
   Node(const Node&) = delete;
   Node& operator=(const Node&) = delete;
 
   /// Announces itself (boot-up); pre-operational from then on.
-  void start(std::int64_t now_ns);
-  /// A frame from the bus. `now_ns`: wall clock, monotonic, for the communication timers.
-  void receive(const Frame& frame, std::int64_t now_ns);
-  /// SYNC: sends what is due with the feedback there is, then takes the set points that came before it.
-  void sync(std::int64_t now_ns);
-  /// Timers: heartbeats, deadlines, event-driven PDOs. Call at least every few milliseconds of wall time.
-  void tick(std::int64_t now_ns);
-  /// Next time at which `tick` has something to do.
-  std::int64_t next_ns() const;
-
-  /// The set point for the next simulation step of dt [s].
-  twin::DriveCommand command(double dt_s);
-  /// What that step did.
-  void feedback(const Feedback& feedback, double dt_s);
-  bool brake_engaged() const { return !machine_.powered(); }
+  void start(std::int64_t now_ns) override;
+  void receive(const Frame& frame, std::int64_t now_ns) override;
+  void sync(std::int64_t now_ns) override;
+  void tick(std::int64_t now_ns) override;
+  std::int64_t next_ns() const override;
+  bool sends(std::uint32_t id) const override;
+  twin::DriveCommand command(double dt_s) override;
+  void feedback(const Feedback& feedback, double dt_s) override;
+  bool brake_engaged() const override { return !machine_.powered(); }
   /// 2110h, when a bench writes one.
-  std::optional<double> measured_temperature_degC() const;
+  std::optional<double> measured_temperature_degC() const override;
+  std::string state_name() const override { return name_of(machine_.state()); }
+  bool enabled() const override { return machine_.state() == DriveState::operation_enabled; }
+  bool failed() const override { return machine_.state() == DriveState::fault; }
+  std::vector<std::pair<std::string, std::uint64_t>> counts() const override;
 
-  /// Whether `id` is one under which this drive sends.
-  bool sends(std::uint32_t id) const;
   Nmt nmt() const { return nmt_; }
   DriveState state() const { return machine_.state(); }
   std::uint8_t id() const { return id_; }

@@ -5,9 +5,11 @@
 
 #include <nlohmann/json.hpp>
 
+#include <tribotwin/hil/mirror/mirror.hpp>
+
 namespace tribotwin::hil {
 
-Bench::Bench(const twin::Scenario& scenario, int first_node, std::uint32_t cycle_us, bool lockstep, Node::Send send) : plant_(scenario), lockstep_(lockstep) {
+Bench::Bench(const twin::Scenario& scenario, const BenchOptions& options, Send send) : plant_(scenario), options_(options) {
   const auto counted = [this, send = std::move(send)](const Frame& frame) {
     const Sent sent = send(frame);
     if (sent == Sent::done) {
@@ -17,12 +19,21 @@ Bench::Bench(const twin::Scenario& scenario, int first_node, std::uint32_t cycle
     }
     return sent;
   };
-  for (const auto& p : drive_parameters(scenario, first_node, cycle_us)) nodes_.push_back(std::make_unique<Node>(p, counted));
-  plant_.show(nodes_);
+  for (const auto& p : drive_parameters(scenario, options.first_node, options.cycle_us)) {
+    joints_.push_back(p.name);
+    if (options.profile == Profile::mirror) {
+      drives_.push_back(std::make_unique<MirrorDrive>(p, counted));
+      continue;
+    }
+    auto node = std::make_unique<Node>(p, counted);
+    if (!first_) first_ = node.get();
+    drives_.push_back(std::move(node));
+  }
+  plant_.show(drives_);
 }
 
 void Bench::start(std::int64_t now_ns) {
-  for (const auto& node : nodes_) node->start(now_ns);
+  for (const auto& drive : drives_) drive->start(now_ns);
 }
 
 tl::expected<void, std::string> Bench::receive(const Frame& frame, std::int64_t now_ns) {
@@ -33,31 +44,31 @@ tl::expected<void, std::string> Bench::receive(const Frame& frame, std::int64_t 
   }
   const bool sync = frame.id == 0x80 && !frame.extended && !frame.remote && !frame.error && !frame.fd && frame.size <= 1;
   if (!sync) {
-    for (const auto& node : nodes_) node->receive(frame, now_ns);
+    for (const auto& drive : drives_) drive->receive(frame, now_ns);
     return {};
   }
-  const std::int64_t cycle_us = std::max<std::int64_t>(1, nodes_.front()->dictionary().get(0x1006));
+  const std::int64_t cycle_us = std::max<std::int64_t>(1, first_ ? first_->dictionary().get(0x1006) : options_.cycle_us);
   ++counters_.syncs;
   if (last_sync_ns_ >= 0 && now_ns - last_sync_ns_ < 500 * cycle_us) ++counters_.sync_fast;
   last_sync_ns_ = now_ns;
   // All drives answer with where they were at this SYNC; then they move on to the next.
-  for (const auto& node : nodes_) node->sync(now_ns);
-  return lockstep_ ? plant_.advance(nodes_, cycle_us) : tl::expected<void, std::string>{};
+  for (const auto& drive : drives_) drive->sync(now_ns);
+  return options_.lockstep ? plant_.advance(drives_, cycle_us) : tl::expected<void, std::string>{};
 }
 
 void Bench::tick(std::int64_t now_ns) {
-  for (const auto& node : nodes_) node->tick(now_ns);
+  for (const auto& drive : drives_) drive->tick(now_ns);
 }
 
 std::int64_t Bench::next_ns() const {
   std::int64_t next = std::numeric_limits<std::int64_t>::max();
-  for (const auto& node : nodes_) next = std::min(next, node->next_ns());
+  for (const auto& drive : drives_) next = std::min(next, drive->next_ns());
   return next;
 }
 
 bool Bench::is_ours(const Frame& frame) const {
   if (frame.extended || frame.error || frame.remote) return false;
-  return std::ranges::any_of(nodes_, [&](const auto& node) { return node->sends(frame.id); });
+  return std::ranges::any_of(drives_, [&](const auto& drive) { return drive->sends(frame.id); });
 }
 
 std::string statistics_json(Bench& bench, const BusCounters& bus, double wall_s, const std::vector<std::pair<std::string, double>>& more) {
@@ -68,11 +79,10 @@ std::string statistics_json(Bench& bench, const BusCounters& bus, double wall_s,
   json["bus"] = {{"sent", bus.sent}, {"received", bus.received}, {"send_busy", bus.send_busy}, {"send_down", bus.send_down}, {"send_refused", bus.send_refused},
                  {"receive_lost", bus.receive_lost}, {"error_frames", bus.error_frames}, {"bus_off", bus.bus_off}, {"link_losses", bus.link_losses}, {"malformed", bus.malformed}};
   json["drives"] = nlohmann::ordered_json::array();
-  for (const auto& node : bench.nodes()) {
-    const NodeCounters& n = node->counters();
-    json["drives"].push_back({{"node", node->id()}, {"joint", node->parameters().name}, {"state", name_of(node->state())}, {"error_code", node->error_code()},
-                              {"pdo_received", n.pdo_received}, {"pdo_sent", n.pdo_sent}, {"pdo_short", n.pdo_short}, {"pdo_late", n.pdo_late}, {"sdo_requests", n.sdo_requests},
-                              {"sdo_aborts", n.sdo_aborts}, {"emergencies", n.emergencies}, {"heartbeats_lost", n.heartbeats_lost}, {"syncs_lost", n.syncs_lost}, {"foreign", n.foreign}});
+  for (std::size_t i = 0; i < bench.drives().size(); ++i) {
+    nlohmann::ordered_json drive{{"joint", bench.joints()[i]}, {"state", bench.drives()[i]->state_name()}};
+    for (const auto& [key, value] : bench.drives()[i]->counts()) drive[key] = value;
+    json["drives"].push_back(std::move(drive));
   }
   return json.dump(2) + "\n";
 }

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <tribotwin/hil/canopen/node.hpp>
 #include <tribotwin/hil/session/plant.hpp>
 
 /// Drives and robot on one bus, the same for live sessions and replays: frames and times in, frames out.
@@ -13,10 +14,19 @@ struct BenchCounters {
   double bits = 0;                 ///< on a classic bus, mean of the least and the most stuffing
 };
 
+enum class Profile { cia402, mirror };
+
+struct BenchOptions {
+  Profile profile = Profile::cia402;
+  int first_node = 1;
+  std::uint32_t cycle_us = 2000;
+  bool lockstep = true;   ///< each SYNC advances the robot by the cycle (1006h); else the owner steps the plant
+};
+
 class Bench {
  public:
-  /// `send` puts frames of the drives on the bus. In lockstep, each SYNC advances the robot by the cycle (1006h).
-  Bench(const twin::Scenario& scenario, int first_node, std::uint32_t cycle_us, bool lockstep, Node::Send send);
+  /// `send` puts frames of the drives on the bus.
+  Bench(const twin::Scenario& scenario, const BenchOptions& options, Send send);
 
   void start(std::int64_t now_ns);
   /// Fails when the simulation does.
@@ -27,13 +37,17 @@ class Bench {
   bool is_ours(const Frame& frame) const;
 
   Plant& plant() { return plant_; }
-  std::span<const std::unique_ptr<Node>> nodes() const { return nodes_; }
+  const Plant& plant() const { return plant_; }
+  std::span<const std::unique_ptr<BusDrive>> drives() const { return drives_; }
+  const std::vector<std::string>& joints() const { return joints_; }
   const BenchCounters& counters() const { return counters_; }
 
  private:
   Plant plant_;
-  bool lockstep_;
-  std::vector<std::unique_ptr<Node>> nodes_;
+  BenchOptions options_;
+  std::vector<std::unique_ptr<BusDrive>> drives_;
+  std::vector<std::string> joints_;
+  Node* first_ = nullptr;   // of a CANopen bench: it says how long a cycle is
   BenchCounters counters_;
   std::int64_t last_sync_ns_ = -1;
 };

@@ -44,16 +44,16 @@ void Plant::freeze_encoder(std::size_t drive, bool frozen) {
   if (frozen) frozen_rad_[drive] = feedback(drive).position_rad;
 }
 
-void Plant::show(std::span<const std::unique_ptr<Node>> nodes) {
-  for (std::size_t i = 0; i < nodes.size(); ++i) nodes[i]->feedback(feedback(i), 0);
+void Plant::show(std::span<const std::unique_ptr<BusDrive>> drives) {
+  for (std::size_t i = 0; i < drives.size(); ++i) drives[i]->feedback(feedback(i), 0);
 }
 
-tl::expected<void, std::string> Plant::step(std::span<const std::unique_ptr<Node>> nodes) {
+tl::expected<void, std::string> Plant::step(std::span<const std::unique_ptr<BusDrive>> drives) {
   const double dt = twin_.model()->opt.timestep;
-  for (std::size_t i = 0; i < nodes.size(); ++i) {
-    twin_.commands()[i] = nodes[i]->command(dt);
-    twin_.set_brake(i, nodes[i]->brake_engaged());
-    const auto measured = nodes[i]->measured_temperature_degC();
+  for (std::size_t i = 0; i < drives.size(); ++i) {
+    twin_.commands()[i] = drives[i]->command(dt);
+    twin_.set_brake(i, drives[i]->brake_engaged());
+    const auto measured = drives[i]->measured_temperature_degC();
     if (measured || held_[i]) twin_.set_measured_temperature(i, measured);
     held_[i] = measured.has_value();
   }
@@ -61,15 +61,15 @@ tl::expected<void, std::string> Plant::step(std::span<const std::unique_ptr<Node
   if (auto ok = twin_.step(); !ok) return ok;
   if (recorder_)
     if (auto ok = recorder_->sample(twin_, k); !ok) return ok;
-  for (std::size_t i = 0; i < nodes.size(); ++i) nodes[i]->feedback(feedback(i), dt);
+  for (std::size_t i = 0; i < drives.size(); ++i) drives[i]->feedback(feedback(i), dt);
   return {};
 }
 
-tl::expected<void, std::string> Plant::advance(std::span<const std::unique_ptr<Node>> nodes, std::int64_t us) {
+tl::expected<void, std::string> Plant::advance(std::span<const std::unique_ptr<BusDrive>> drives, std::int64_t us) {
   const auto step_us = static_cast<std::int64_t>(std::llround(1e6 * twin_.model()->opt.timestep));
   left_us_ += us;
   for (; left_us_ >= step_us; left_us_ -= step_us)
-    if (auto ok = step(nodes); !ok) return ok;
+    if (auto ok = step(drives); !ok) return ok;
   return {};
 }
 

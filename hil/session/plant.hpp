@@ -6,7 +6,8 @@
 
 #include <tl/expected.hpp>
 
-#include <tribotwin/hil/canopen/node.hpp>
+#include <tribotwin/hil/can/bus_drive.hpp>
+#include <tribotwin/hil/canopen/dictionary.hpp>
 #include <tribotwin/twin/runtime/recorder.hpp>
 
 /// The robot behind the drives: a commanded twin, stepped between the bus and the telemetry.
@@ -21,15 +22,16 @@ class Plant {
   /// Also writes telemetry.h5 and scenario.yaml, and summary.json at `finish`.
   tl::expected<void, std::string> record(const std::filesystem::path& directory);
 
-  /// Tells the nodes where their joints are.
-  void show(std::span<const std::unique_ptr<Node>> nodes);
-  /// One simulation step: set points from the nodes, feedback to them.
-  tl::expected<void, std::string> step(std::span<const std::unique_ptr<Node>> nodes);
+  /// Tells the drives where their joints are.
+  void show(std::span<const std::unique_ptr<BusDrive>> drives);
+  /// One simulation step: set points from the drives, feedback to them.
+  tl::expected<void, std::string> step(std::span<const std::unique_ptr<BusDrive>> drives);
   /// As many steps as `us` microseconds have. Parts of steps are kept for the next call.
-  tl::expected<void, std::string> advance(std::span<const std::unique_ptr<Node>> nodes, std::int64_t us);
+  tl::expected<void, std::string> advance(std::span<const std::unique_ptr<BusDrive>> drives, std::int64_t us);
   tl::expected<void, std::string> finish(double wall_s);
 
   twin::Twin& twin() { return twin_; }
+  const twin::Twin& twin() const { return twin_; }
   const twin::Scenario& scenario() const { return scenario_; }
   /// A fault of the bench: the encoder of a drive shows what it last showed.
   void freeze_encoder(std::size_t drive, bool frozen);

@@ -73,7 +73,7 @@ tl::expected<void, std::string> drive(const twin::Scenario& scenario, Transport&
     frame.time_ns = now_ns + to_realtime_ns;
     written = log->write(frame);
   };
-  Bench bench(scenario, o.first_node, o.cycle_us, !o.realtime, [&](const Frame& frame) {
+  Bench bench(scenario, {.profile = o.profile, .first_node = o.first_node, .cycle_us = o.cycle_us, .lockstep = !o.realtime}, [&](const Frame& frame) {
     record(frame);
     return bus.send(frame);
   });
@@ -112,7 +112,7 @@ tl::expected<void, std::string> drive(const twin::Scenario& scenario, Transport&
         // A machine that was away for long goes on from now; the robot does not jump ahead.
         if (late_ns > 200 * step_ns) deadline_ns += late_ns;
         for (; deadline_ns <= clock_ns(CLOCK_MONOTONIC) && !finished(); deadline_ns += step_ns)
-          if (auto ok = bench.plant().step(bench.nodes()); !ok) return ok;
+          if (auto ok = bench.plant().step(bench.drives()); !ok) return ok;
       }
     }
     if (bus.up() != was_up && o.note) o.note(bus.state());
@@ -147,7 +147,7 @@ tl::expected<ReplayResult, std::string> replay(const twin::Scenario& scenario, c
   ReplayResult result;
   // What the drives say now, per identifier, until the log has said it too.
   std::map<std::uint32_t, std::deque<Frame>> said;
-  Bench bench(scenario, o.first_node, o.cycle_us, true, [&](const Frame& frame) {
+  Bench bench(scenario, {.profile = o.profile, .first_node = o.first_node, .cycle_us = o.cycle_us}, [&](const Frame& frame) {
     said[frame.id].push_back(frame);
     return Sent::done;
   });

@@ -18,6 +18,7 @@ struct SessionStatus {
 };
 
 struct DriveOptions {
+  Profile profile = Profile::cia402;
   int first_node = 1;
   std::uint32_t cycle_us = 2000;
   bool realtime = false;                  ///< physics on the clock instead of on SYNC
@@ -38,6 +39,7 @@ struct ReplayResult {
   std::string first_difference;
 };
 struct ReplayOptions {
+  Profile profile = Profile::cia402;
   int first_node = 1;
   std::uint32_t cycle_us = 2000;
   double rate = 0;                        ///< of the original speed; 0: as fast as possible
