@@ -6,11 +6,14 @@
 
 #include <CLI/CLI.hpp>
 #include <fmt/format.h>
+#include <time.h>
 #include <unistd.h>
 
+#include <tribotwin/hil/can/log.hpp>
 #include <tribotwin/hil/canopen/budget.hpp>
 #include <tribotwin/hil/mirror/mirror.hpp>
 #include <tribotwin/hil/session/session.hpp>
+#include <tribotwin/hil/session/shadow.hpp>
 #include <tribotwin/twin/output/output.hpp>
 #include <tribotwin/twin/scenario/input.hpp>
 
@@ -133,6 +136,45 @@ int replay(const ReplayArguments& a) {
   return complain(program, failed, result->first_difference);
 }
 
+struct ShadowArguments : Common {
+  std::string can, csv;
+  std::optional<double> limit, duration;
+  double limit_time = 0.5;
+  bool quiet = false;
+};
+
+int run_shadow(const ShadowArguments& a) {
+  const twin::Scenario scenario = a.load();
+  hil::NextFrame next;
+  std::unique_ptr<hil::Transport> bus;
+  std::optional<hil::LogReader> log;
+  if (a.can.starts_with("log:")) {
+    auto reader = hil::LogReader::open(a.can.substr(4));
+    if (!reader) throw InputError(reader.error());
+    log.emplace(std::move(*reader));
+    next = [&](hil::Frame& frame) { return log->next(frame); };
+  } else {
+    auto opened = hil::open_bus(a.can, {.listen_only = true});
+    if (!opened) throw InputError(opened.error().message);
+    bus = std::move(*opened);
+    next = [&](hil::Frame& frame) -> tl::expected<bool, std::string> {
+      while (!interrupted) {
+        if (bus->receive(frame)) return true;
+        timespec now{};
+        clock_gettime(CLOCK_MONOTONIC, &now);
+        bus->wait(now.tv_sec * 1'000'000'000LL + now.tv_nsec + 100'000'000);
+      }
+      return false;
+    };
+  }
+  const auto result = hil::shadow(scenario, next,
+                                  {.profile = a.mirror() ? hil::Profile::mirror : hil::Profile::cia402, .first_node = a.first_node, .cycle_us = a.cycle_us(), .limit_nm = a.limit, .limit_time_s = a.limit_time,
+                                   .duration_s = a.duration, .csv = a.csv, .stop = [] { return interrupted != 0; }, .note = [&](const std::string& what) { fmt::print(stderr, "{}\n", what); }});
+  if (!result) return complain(program, failed, result.error());
+  fmt::print("{}", result->table());
+  return result->exceeded() ? twin::limit_exceeded : done;
+}
+
 }  // namespace
 
 int main(int argc, char** argv) {
@@ -169,6 +211,17 @@ int main(int argc, char** argv) {
   replay_command->add_option("-o,--output", r.output, "Folder for telemetry.h5, scenario.yaml, summary.json");
   replay_command->footer("Example:\n  tribotwin-hil replay twin/scenarios/irb6620_hold.yaml session.log --fast");
 
+  ShadowArguments w;
+  auto* shadow_command = app.add_subcommand("shadow", "Listen beside a robot: what torque and temperature it should have");
+  w.add_to(*shadow_command);
+  w.add_profile(*shadow_command);
+  shadow_command->add_option("--can", w.can, "Bus: vcan0, can0, or log:FILE for a candump log")->required();
+  shadow_command->add_option("--limit", w.limit, "Largest residual torque, arm side [Nm]; beyond it: exit code 3")->check(CLI::PositiveNumber);
+  shadow_command->add_option("--limit-time", w.limit_time, "... for so long [s]")->check(CLI::NonNegativeNumber)->capture_default_str();
+  shadow_command->add_option("--duration", w.duration, "End after so much time on the bus [s]")->check(CLI::PositiveNumber);
+  shadow_command->add_option("--csv", w.csv, "Measured, predicted, residual and temperature of every cycle");
+  shadow_command->footer("Example:\n  tribotwin-hil shadow twin/scenarios/irb6620_hold.yaml --can log:session.log --limit 200");
+
   Common b;
   double bit_rate = 1e6;
   auto* budget_command = app.add_subcommand("budget", "The load of the bus, before anything runs");
@@ -195,6 +248,7 @@ int main(int argc, char** argv) {
     app.parse(argc, argv);
     if (*drive_command) return run_drives(d);
     if (*replay_command) return replay(r);
+    if (*shadow_command) return run_shadow(w);
     if (*budget_command) {
       const twin::Scenario scenario = b.load();
       const hil::Budget budget = b.budget(scenario, bit_rate);

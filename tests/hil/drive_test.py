@@ -72,6 +72,14 @@ master.write(n, 0x1A02, 3, "I", 0)
 master.write(n, 0x1A02, 0, "B", 2)
 master.write(n, 0x1802, 1, "I", 0x380 + n)
 
+# Torque too, with every SYNC.
+for n in nodes:
+    master.write(n, 0x1A03, 0, "B", 0)
+    master.write(n, 0x1A03, 1, "I", 0x60770010)
+    master.write(n, 0x1A03, 0, "B", 1)
+    master.write(n, 0x1803, 2, "B", 1)
+    master.write(n, 0x1803, 1, "I", 0x480 + n)
+
 # To operation enabled.
 master.nmt(0x01)
 master.cycle()
@@ -191,6 +199,17 @@ import h5py, numpy as np
 with h5py.File(work + "/live/telemetry.h5") as a, h5py.File(work + "/again/telemetry.h5") as b:
     same = all(np.array_equal(a[j][c][:], b[j][c][:]) for j in a if isinstance(a[j], h5py.Group) for c in a[j])
     check("lockstep: the same telemetry bit for bit", same and a["time_s"].shape == b["time_s"].shape and a["time_s"].shape[0] > 5000, (a["time_s"].shape, b["time_s"].shape))
+
+# A listener beside the same session: what it expects is what the drives had.
+r = subprocess.run([hil, "shadow", scenario, "--can", "log:" + work + "/session.log", "--duration", "11", "--csv", work + "/shadow.csv"], capture_output=True, text=True)
+print(r.stdout)
+rows = {line.split()[0]: [float(x) for x in line.split()[1:6]] for line in r.stdout.splitlines()[2:]}
+check("shadow: every joint", r.returncode == 0 and sorted(rows) == ["joint%d" % n for n in nodes], (r.stdout, r.stderr))
+for n in nodes:
+    limit = 0.02 * rated[n] * 1e-3 * gear[n]
+    check(f"shadow: joint{n} within 2 % of its torque", abs(rows["joint%d" % n][1]) < limit and rows["joint%d" % n][2] < limit, (rows["joint%d" % n], limit))
+r = subprocess.run([hil, "shadow", scenario, "--can", "log:" + work + "/session.log", "--duration", "11", "--limit", "1", "--limit-time", "0.05"], capture_output=True, text=True)
+check("shadow: a limit that is exceeded is exit code 3", r.returncode == 3 and "beyond 1 Nm" in r.stderr, (r.returncode, r.stderr))
 
 subprocess.run(["rm", "-rf", work])
 print(f"{len(failures)} failed" if failures else "all passed")

@@ -1,0 +1,48 @@
+#pragma once
+
+#include <filesystem>
+#include <functional>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include <tribotwin/hil/session/bench.hpp>
+
+/// Beside a real robot: listens, moves the twin as the robot moves, and says what torque and temperature it should have.
+namespace tribotwin::hil {
+
+struct ShadowOptions {
+  Profile profile = Profile::cia402;
+  int first_node = 1;
+  std::uint32_t cycle_us = 2000;           ///< between two SYNCs, or status frames where there are none
+  std::optional<double> limit_nm;          ///< of the residual, arm side
+  double limit_time_s = 0.5;               ///< for so long it must be exceeded
+  std::optional<double> duration_s;        ///< of time on the bus
+  std::filesystem::path csv;               ///< every cycle: time_s, then measured, predicted, residual, temperature per joint
+  std::function<bool()> stop;
+  std::function<void(const std::string&)> note;
+};
+
+/// One joint, over the whole session. Torques arm side; residual = measured - predicted.
+struct ShadowJoint {
+  std::string name;
+  std::uint64_t samples = 0;
+  double residual_mean_nm = 0, residual_rms_nm = 0, residual_max_nm = 0;
+  double lag_s = 0;                        ///< by which the measured torque follows the predicted one (cross-correlation)
+  double temperature_degC = 0;             ///< estimated, at the end
+  bool exceeded = false;
+};
+struct ShadowResult {
+  double seconds = 0;
+  std::vector<ShadowJoint> joints;
+  bool exceeded() const;
+  std::string table() const;
+};
+
+/// Where frames come from: a bus, or a log. Returns false at the end.
+using NextFrame = std::function<tl::expected<bool, std::string>(Frame&)>;
+
+/// Fails when the simulation does, or nothing was heard of some drive's position.
+tl::expected<ShadowResult, std::string> shadow(const twin::Scenario& scenario, const NextFrame& next, const ShadowOptions& options);
+
+}  // namespace tribotwin::hil

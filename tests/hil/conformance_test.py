@@ -1,0 +1,236 @@
+"""What others say of a session with six drives: Wireshark's CANopen dissector of the bus, canmatrix of the DBC, the rules of
+CiA 306 of the EDS; and what bus and telemetry say of each other. Arguments: tribotwin-hil, source tree."""
+import atexit, collections, configparser, ctypes, logging, math, os, re, struct, subprocess, sys, tempfile, time
+import xml.etree.ElementTree as xml
+
+sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
+logging.disable(logging.WARNING)   # python-can of reads that end inside a frame, canmatrix of formats it cannot write
+import can, canmatrix.formats, h5py, numpy as np
+from master import Master, SdoAbort, is_state
+
+hil, source = sys.argv[1:3]
+work = tempfile.mkdtemp(prefix="tribotwin_conformance_")
+failures = []
+scenario = os.path.join(source, "twin", "scenarios", "irb6620_hold.yaml")
+nodes = range(1, 7)
+start_rad = {2: -0.1, 3: -1.2}
+
+
+def check(name, condition, detail=""):
+    print("ok  " if condition else "FAIL", name, "" if condition else detail, flush=True)
+    if not condition:
+        failures.append(name)
+
+
+def abort_of(call):
+    try:
+        call()
+    except SdoAbort as e:
+        return e.code
+
+
+# ---- The EDS, by CiA 306 alone.
+TYPES = {2: ("b", -2**7, 2**7 - 1), 3: ("h", -2**15, 2**15 - 1), 4: ("i", -2**31, 2**31 - 1), 5: ("B", 0, 2**8 - 1), 6: ("H", 0, 2**16 - 1), 7: ("I", 0, 2**32 - 1), 9: ("s", 0, 0)}
+FILE = "FileName FileVersion FileRevision EDSVersion Description CreationTime CreationDate CreatedBy ModificationTime ModificationDate ModifiedBy"
+DEVICE = "VendorName VendorNumber ProductName ProductNumber RevisionNumber OrderCode SimpleBootUpMaster SimpleBootUpSlave Granularity DynamicChannelsSupported GroupMessaging NrOfRXPDO NrOfTXPDO LSS_Supported " + " ".join(f"BaudRate_{r}" for r in (10, 20, 50, 125, 250, 500, 800, 1000))
+# Data types of CiA 301 and 402; of arrays and records: of the sub-indices from 1 on. A: array, R: record.
+STANDARD = {0x1000: "I", 0x1001: "B", 0x1003: "A" + 8 * "I", 0x1005: "I", 0x1006: "I", 0x1008: "s", 0x1009: "s", 0x100A: "s", 0x1014: "I", 0x1016: "AII", 0x1017: "H", 0x1018: "RIIII", 0x1029: "AB", 0x1200: "RII",
+            0x6007: "h", 0x603F: "H", 0x6040: "H", 0x6041: "H", 0x605A: "h", 0x605B: "h", 0x605C: "h", 0x605E: "h", 0x6060: "b", 0x6061: "b", 0x6062: "i", 0x6064: "i", 0x6065: "I", 0x6066: "H", 0x606C: "i",
+            0x6071: "h", 0x6072: "H", 0x6074: "h", 0x6076: "I", 0x6077: "h", 0x607A: "i", 0x607D: "Aii", 0x6080: "I", 0x6085: "I", 0x608F: "AII", 0x6091: "AII", 0x60A9: "I", 0x60B1: "i", 0x60B2: "h", 0x60C2: "RBb",
+            0x60F4: "i", 0x60FF: "i", 0x6502: "I", 0x67FF: "I"}
+STANDARD |= {base + k: shape for k in range(5) for base, shape in ((0x1400, "RIBH"), (0x1800, "RIBHH"), (0x1600, "R" + 8 * "I"), (0x1A00, "R" + 8 * "I"))}
+
+
+def parse_eds(node):
+    """The EDS of a node as {(index, sub): section}, and what is wrong with it."""
+    file, wrong = f"{work}/node{node}.eds", []
+    subprocess.run([hil, "eds", scenario, "--node", str(node), "-o", file], check=True)
+    eds = configparser.ConfigParser(strict=True, interpolation=None, delimiters="=", comment_prefixes=";", empty_lines_in_values=False)
+    eds.read_string(open(file, encoding="ascii").read())
+    number = lambda text: sum(node if t.upper() == "$NODEID" else int(t, 0) for t in text.split("+"))
+    need = lambda good, *what: good or wrong.append(" ".join(map(str, what)))
+    for section, keys in (("FileInfo", FILE), ("DeviceInfo", DEVICE)):
+        for key in keys.split():
+            need(key in eds[section], section, "has no", key)
+    for when in ("Creation", "Modification"):
+        need(re.fullmatch(r"(0?[1-9]|1[0-2]):[0-5]\d(AM|PM)", eds["FileInfo"].get(when + "Time", "1:00AM")) and re.fullmatch(r"[01]\d-[0-3]\d-\d{4}", eds["FileInfo"].get(when + "Date", "01-01-2000")), when)
+    listed = {}
+    for section, mine in (("MandatoryObjects", lambda i: i in (0x1000, 0x1001, 0x1018)), ("OptionalObjects", lambda i: i < 0x2000 or i >= 0x6000), ("ManufacturerObjects", lambda i: 0x2000 <= i < 0x6000)):
+        count = int(eds[section]["SupportedObjects"])
+        need(set(eds[section]) == {"supportedobjects"} | {str(k + 1) for k in range(count)}, section, "is not numbered 1 to", count)
+        for k in range(count):
+            index = number(eds[section][str(k + 1)])
+            need(mine(index) and index not in listed, "%04X" % index, "does not belong in", section)
+            listed[index] = section
+    need({0x1000, 0x1001, 0x1018} <= set(listed), "a mandatory object is missing")
+    need({"%04X" % i for i in listed} == {s for s in eds.sections() if re.fullmatch("[0-9A-Fa-f]{4}", s)}, "lists and sections differ")
+    entries = {}
+    for index in listed:
+        head = eds["%04X" % index]
+        subs = {int(s[7:], 16): eds[s] for s in eds.sections() if s.startswith("%04Xsub" % index)}
+        if number(head["ObjectType"]) != 7:
+            need(number(head["SubNumber"]) == len(subs) and 0 in subs, "%04X" % index, "has", len(subs), "sub-indices")
+            if index != 0x1003 and not 0x1600 <= index < 0x1C00 or 0x1800 <= index < 0x1A00:
+                need(number(subs[0]["DefaultValue"]) == max(subs), "%04X:0 is not the highest sub-index" % index)
+        shape = {7: "", 8: "A", 9: "R"}[number(head["ObjectType"])] + "".join(TYPES[number(s["DataType"])][0] for k, s in sorted(subs.items() or [(1, head)]) if k)
+        need(index in STANDARD and shape == STANDARD[index] or 0x2000 <= index < 0x6000, "%04X is %s, not %s" % (index, shape, STANDARD.get(index)))
+        entries |= {(index, sub): section for sub, section in (subs or {0: head}).items()}
+    for at, e in entries.items():
+        kind, low, high = TYPES[number(e["DataType"])]
+        need(number(e["ObjectType"]) == 7 and e["AccessType"] in ("ro", "wo", "rw", "rwr", "rww", "const") and e["PDOMapping"] in "01" and 0 < len(e["ParameterName"]) <= 241, at)
+        e["DefaultValue"] = e["DefaultValue"] if kind == "s" else str(number(e["DefaultValue"]))
+        if kind != "s":
+            lowest, highest = number(e.get("LowLimit") or str(low)), number(e.get("HighLimit") or str(high))
+            need(low <= lowest <= int(e["DefaultValue"]) <= highest <= high, "%04X:%X:" % at, lowest, "<=", e["DefaultValue"], "<=", highest)
+    default = lambda index, sub=0: int(entries[index, sub]["DefaultValue"])
+    for way, base, may in (("RX", 0x1600, ("rw", "rww", "wo")), ("TX", 0x1A00, ("rw", "rwr", "ro", "const"))):
+        maps = [i for i in listed if base <= i < base + 0x200]
+        need(int(eds["DeviceInfo"][f"NrOf{way}PDO"]) == len(maps) == sum(base - 0x200 <= i < base for i in listed), f"NrOf{way}PDO")
+        for i in maps:
+            mapped = [default(i, k + 1) for k in range(default(i))]
+            need(sum(m & 0xFF for m in mapped) <= 64, "%04X" % i, "is too long")
+            for m in mapped:
+                e = entries.get((m >> 16, m >> 8 & 0xFF))
+                need(e and e["PDOMapping"] == "1" and e["AccessType"] in may and struct.calcsize(TYPES[number(e["DataType"])][0]) * 8 == m & 0xFF, "%04X maps %08X" % (i, m))
+    for key, sub in (("VendorNumber", 1), ("ProductNumber", 2), ("RevisionNumber", 3)):
+        need(number(eds["DeviceInfo"][key]) == default(0x1018, sub), key)
+    dummies = {k for k in range(1, 8) if eds["DummyUsage"].get(f"Dummy{k:04}", "0") == "1"}
+    return entries, dummies, wrong, {at: TYPES[number(e["DataType"])][0] for at, e in entries.items()}
+
+
+for n in nodes:
+    parsed = parse_eds(n)
+    check(f"EDS of node {n}: {len(parsed[0])} entries as CiA 306, 301 and 402 want them", not parsed[2], parsed[2])
+    entries, dummies, _, kinds = parsed if n == 1 else (entries, dummies, _, kinds)
+
+# ---- A session.
+process = subprocess.Popen([hil, "drive", scenario, "--can", "socketcand://127.0.0.1:29611/can0", "--record", work + "/session.log", "-o", work + "/live", "--set", "telemetry_rate_hz=1000"],
+                           stderr=open(work + "/stderr", "w"), preexec_fn=lambda: ctypes.CDLL(None).prctl(1, 9))   # dies with this test
+atexit.register(process.kill)
+for _ in range(100):
+    try:
+        bus = can.Bus(interface="socketcand", channel="can0", host="127.0.0.1", port=29611)
+        break
+    except OSError:
+        time.sleep(0.1)
+master = Master(bus, nodes)
+
+differ = []
+for (index, sub), e in entries.items():
+    if e["AccessType"] == "wo":
+        continue
+    kind, wanted = kinds[index, sub], e["DefaultValue"]
+    try:
+        got = str(master.read(1, index, sub, kind))
+    except SdoAbort as a:
+        got = wanted if index == 0x1003 and sub and a.code == 0x08000024 else a   # CiA 301 lets an empty error field have no data
+    if got != wanted:
+        differ.append("%04X:%X is %s, not %s" % (index, sub, got, wanted))
+check(f"node 1 holds its {len(entries)} defaults", not differ, differ)
+gear = {n: master.read(n, 0x6091, 1) / master.read(n, 0x6091, 2) for n in nodes}
+per_rad = {n: gear[n] * 65536 / (2 * math.pi) for n in nodes}
+check("positions at the start", all(master.read(n, 0x6064, 0, "i") == round(start_rad.get(n, 0) * per_rad[n]) for n in nodes))
+
+master.nmt(0x82)
+check("all boot", master.until(lambda: set(nodes) <= set(master.boots)), master.boots)
+for n in nodes:
+    for index, sub, kind, value in ((0x1017, 0, "H", 50), (0x2120, 1, "H", 60000), (0x1A03, 0, "B", 0), (0x1A03, 1, "I", 0x21000110), (0x1A03, 2, "I", 0x21010120), (0x1A03, 0, "B", 2), (0x1803, 1, "I", 0x480 + n)):
+        master.write(n, index, sub, kind, value)
+check("a name, in segments", master.read(5, 0x1008, 0, "s") == "tribotwin drive joint5")
+master.write(1, 0x1603, 0, "B", 0)
+taken = {(k, bits) for k in range(1, 8) for bits in (8, 16, 32) if abort_of(lambda: master.write(1, 0x1603, 1, "I", k << 16 | bits)) is None}
+check("gaps in RPDOs are what the EDS says", taken == {(k, 8 * struct.calcsize(TYPES[k][0])) for k in dummies}, (sorted(taken), dummies))
+ABORTS = [(0x06020000, "Object does not exist in the object dictionary", lambda: master.read(1, 0x5000)),
+          (0x06090011, "Sub-index does not exist", lambda: master.read(2, 0x1018, 5)),
+          (0x06010002, "Attempt to write a read only object", lambda: master.write(3, 0x6064, 0, "i", 1)),
+          (0x06070012, "length of service parameter too high", lambda: master.write(4, 0x6060, 0, "H", 8)),
+          (0x06070013, "length of service parameter too low", lambda: master.write(4, 0x607A, 0, "H", 8)),
+          (0x06090030, "Value range of parameter exceeded", lambda: master.write(5, 0x605A, 0, "h", 3)),
+          (0x06090031, "Value of parameter written too high", lambda: master.write(5, 0x605E, 0, "h", 3)),
+          (0x06090032, "Value of parameter written too low", lambda: master.write(5, 0x6080, 0, "I", 0)),
+          (0x06040041, "Object cannot be mapped to the PDO", lambda: master.write(1, 0x1603, 1, "I", 0x10080020)),
+          (0x05030000, "Toggle bit not alternated", lambda: (master.request(6, b"\x40\x08\x10\0\0\0\0\0"), master.request(6, b"\x70" + bytes(7)))),
+          (0x05040001, "Client/server command specifier not valid or unknown", lambda: master.request(6, b"\xA0\x08\x10\0\0\0\0\0"))]
+got = [abort_of(call) for _, _, call in ABORTS]
+check("eleven ways to abort", got == [code for code, _, _ in ABORTS], ["%08X" % (g or 0) for g in got])
+
+master.nmt(0x01)
+master.cycle()
+enable = lambda of: all(master.reach(name, word, of, cycles=20) for name, word in (("ready to switch on", 0x06), ("switched on", 0x07), ("operation enabled", 0x0F)))
+check("all enabled", enable(list(nodes)), master.status)
+start = dict(master.position)
+for k in range(300):
+    master.cycle({n: round(start[n] + 0.02 * (1 + n % 2) * per_rad[n] * (1 - math.cos(2 * math.pi * k / 300))) for n in nodes})
+check("300 cycles of CSP, all enabled", all(is_state(master.status[n], "operation enabled") for n in nodes), master.status)
+master.control(0x02)
+check("quick stop", master.until(lambda: master.cycle() and all(is_state(master.status[n], "switch on disabled") for n in nodes), 10), master.status)
+check("enabled again", enable(list(nodes)), master.status)
+master.write(2, 0x6065, 0, "I", 10)
+master.write(2, 0x6066, 0, "H", 4)
+target = dict(master.position)
+for k in range(400):
+    target[2] += 200
+    master.cycle(target)
+    if is_state(master.status[2], "fault"):
+        break
+check("following error: fault and EMCY", is_state(master.status[2], "fault") and master.emergencies == [(2, (0x8611, 0x21))], master.emergencies)
+master.control(0x80, [2])
+check("reset: EMCY of no error", master.until(lambda: (2, (0, 0)) in master.emergencies), master.emergencies)
+for command, state in ((0x80, 0x7F), (0x02, 0x04), (0x01, 0x05)):
+    master.nmt(command)
+    check("heartbeats after NMT %02X" % command, master.until(lambda: all(master.heartbeat[n] == state for n in nodes)), master.heartbeat)
+master.nmt(0x81, 3)
+check("node 3 boots again", master.until(lambda: master.boots.count(3) == 2), master.boots)
+master.listen(0.1)
+bus.shutdown()
+process.terminate()
+check("the drives end when asked", process.wait(10) == 0, open(work + "/stderr").read())
+
+# ---- The log, read here and by Wireshark.
+frames = []   # time, id, data
+for line in open(work + "/session.log"):
+    at, _, frame = line.split()[:3]
+    frames.append((float(at[1:-1]), int(frame.split("#")[0], 16), bytes.fromhex(frame.split("#")[1])))
+KINDS = {0x000: "NMT", 0x580: "SDO", 0x600: "SDO", 0x700: "heartbeat"} | {base: "PDO" for base in range(0x180, 0x580, 0x80)}
+kind_of = lambda identifier: KINDS.get(identifier & 0x780) or ("EMCY" if identifier & 0x7F else "SYNC")
+mine = [(kind_of(i), i, d[4:] if kind_of(i) == "SDO" and d[0] == 0x80 else b"", d) for _, i, d in frames]
+with open(work + "/session.pcap", "wb") as f:
+    f.write(struct.pack("<IHHiIII", 0xA1B2C3D4, 2, 4, 0, 0, 65535, 227))
+    for at, i, d in frames:
+        f.write(struct.pack("<IIII", int(at), round(at % 1 * 1e6), 8 + len(d), 8 + len(d)) + struct.pack(">IBxxx", i, len(d)) + d)
+tshark = lambda *more: subprocess.run(["tshark", "-r", work + "/session.pcap", "-d", "can.subdissector,canopen", *more], capture_output=True, text=True, check=True).stdout
+FIELDS = "frame.protocols _ws.expert.message _ws.malformed can.id canopen.nmt_ctrl.cd canopen.em.err_code canopen.pdo.data.bytes canopen.sdo.cmd canopen.nmt_guard.state canopen.sdo.abort_code _ws.col.Info".split()
+seen = []
+rows = [dict(zip(FIELDS, line.split("\t"))) for line in tshark("-T", "fields", *(x for f in FIELDS for x in ("-e", f))).splitlines()]
+for r in rows:
+    told = [kind for kind, field in (("NMT", "canopen.nmt_ctrl.cd"), ("EMCY", "canopen.em.err_code"), ("PDO", "canopen.pdo.data.bytes"), ("SDO", "canopen.sdo.cmd"), ("heartbeat", "canopen.nmt_guard.state")) if r[field]]
+    seen.append((told[0] if told else r["_ws.col.Info"], int(r["can.id"], 0), struct.pack("<I", int(r["canopen.sdo.abort_code"], 0)) if r["canopen.sdo.abort_code"] else b""))
+check("Wireshark: all is CANopen, nothing is malformed", all(r["frame.protocols"] == "can:canopen" and not r["_ws.expert.message"] and not r["_ws.malformed"] for r in rows),
+      [r for r in rows if r["frame.protocols"] != "can:canopen" or r["_ws.expert.message"] or r["_ws.malformed"]][:3])
+counts = collections.Counter(k for k, *_ in mine)
+check(f"Wireshark sees every one of {len(mine)} frames as it is meant", [m[:3] for m in mine] == [(k.upper() if k == "Sync" else k, *s) for k, *s in seen], (counts, collections.Counter(k for k, *_ in seen)))
+print(counts, collections.Counter(k for k, *_ in seen))
+print(tshark("-T", "pdml", "-Y", "canopen.sdo.abort_code")[:6000])
+print({r["_ws.col.Info"] for r in rows})
+# DBC
+dbc = work + "/drives.dbc"
+subprocess.run([hil, "dbc", scenario, "-o", dbc], check=True)
+db = canmatrix.formats.loadp_flat(dbc)
+f = db.frame_by_id(canmatrix.ArbitrationId(0x381))
+print(f.name, f.size, [(s.name, s.start_bit, s.size, s.is_signed, s.factor, s.unit) for s in f.signals])
+print(f.decode(frames[-1][2][:6]))
+tel = h5py.File(work + "/live/telemetry.h5")
+print(list(tel), list(tel["joint1"]), tel["time_s"][:5], len(tel["time_s"]))
+k = -1
+for off in (-2, -1, 0, 1, 2):
+  k=-1; w3=0; wt=0; wf=0
+  for _, i, d in frames:
+    if i == 0x80: k += 1
+    row = min(max(0, 2*k + off), len(tel["time_s"])-1)
+    n = i & 0x7f; j = tel[f"joint{n}"] if 1<=n<=6 else None
+    if i & 0x780 == 0x380:
+        w3 = max(w3, abs(struct.unpack("<Hi", d)[1] - j["position_rad"][row]*per_rad[n]))
+    if i & 0x780 == 0x480:
+        t, fr = struct.unpack("<hi", d)
+        wt = max(wt, abs(t/10 - j["temperature_degC"][row])); wf = max(wf, abs(fr/1000 - j["friction_nm"][row]))
+  print(off, k, w3, wt, wf)
