@@ -1,15 +1,17 @@
 #include <tribotwin/hil/session/shadow.hpp>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
+#include <deque>
 #include <fstream>
-#include <numbers>
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
 #include <tribotwin/hil/canopen/node.hpp>
 #include <tribotwin/hil/mirror/mirror.hpp>
+#include <tribotwin/twin/model/arm.hpp>
 
 namespace tribotwin::hil {
 namespace {
@@ -73,45 +75,81 @@ class MirrorListener final : public Listener {
   double torque_max_nm_;
 };
 
-/// A drive that does what was measured.
-class Follower final : public BusDrive {
+/// What the drives must do for a motion that was measured: rigid-body dynamics for the gear torques, the law for friction,
+/// its heat for the temperature. Speeds and accelerations are those of a parabola through the last samples, so that what is
+/// said holds for the middle one, `delay` samples ago.
+class Expectation {
  public:
-  void aim(double position_rad, double cycle_s) {
-    step_rad_s_ = (position_rad - demand_rad_) / cycle_s;
-    left_s_ = cycle_s;
+  static constexpr int half = 5, window = 2 * half + 1;
+
+  Expectation(const twin::Scenario& scenario, double cycle_s) : model_(*scenario.model), data_(model_.make_data()), cycle_s_(cycle_s), drives_(model_.drives().size()) {
+    for (std::size_t i = 0; i < drives_.size(); ++i) {
+      const auto& thermal = model_.drives()[i].drive.thermal;
+      drives_[i].decay = thermal::decay(thermal, cycle_s);
+      drives_[i].rise = thermal::settled(thermal, scenario.temperature_degC[i] - thermal.T_amb_degC);
+      drives_[i].ambient_offset_K = scenario.ambient_degC ? *scenario.ambient_degC - thermal.T_amb_degC : 0;
+    }
   }
-  explicit Follower(double position_rad) : demand_rad_(position_rad) {}
-  void start(std::int64_t) override {}
-  void receive(const Frame&, std::int64_t) override {}
-  void sync(std::int64_t) override {}
-  void tick(std::int64_t) override {}
-  std::int64_t next_ns() const override { return 0; }
-  bool sends(std::uint32_t) const override { return false; }
-  twin::DriveCommand command(double dt) override {
-    demand_rad_ += step_rad_s_ * std::min(dt, left_s_);
-    left_s_ -= dt;
-    return {.mode = twin::DriveCommand::Mode::position, .position_rad = demand_rad_, .velocity_rad_s = step_rad_s_};
+
+  /// Takes the next positions; false while there are too few for a statement.
+  bool take(std::span<const double> position_rad) {
+    const mjModel* m = model_.get();
+    mjData* d = data_.get();
+    ++samples_;
+    for (std::size_t i = 0; i < drives_.size(); ++i) {
+      auto& q = drives_[i].q;
+      std::rotate(q.begin(), q.begin() + 1, q.end());
+      q.back() = position_rad[i];
+    }
+    if (samples_ < window) return false;
+    constexpr double n = window, s2 = 110, s4 = 1958, det = n * s4 - s2 * s2;   // sums of k^2 and k^4 over -5..5
+    for (std::size_t i = 0; i < drives_.size(); ++i) {
+      double sum = 0, first = 0, second = 0;
+      for (int k = -half; k <= half; ++k) {
+        const double q = drives_[i].q[static_cast<std::size_t>(k + half)];
+        sum += q, first += k * q, second += k * k * q;
+      }
+      const auto& b = model_.drives()[i];
+      d->qpos[twin::position_address(m, b)] = (s4 * sum - s2 * second) / det;
+      d->qvel[b.dof] = first / s2 / cycle_s_;
+      d->qacc[b.dof] = 2 * (n * second - s2 * sum) / det / (cycle_s_ * cycle_s_);
+    }
+    mj_kinematics(m, d);
+    mj_comPos(m, d);
+    mj_comVel(m, d);
+    gear_nm_.resize(static_cast<std::size_t>(m->nv));
+    mj_rne(m, d, 1, gear_nm_.data());   // without the rotors: what the gears carry
+    for (std::size_t i = 0; i < drives_.size(); ++i) {
+      const auto& b = model_.drives()[i];
+      One& one = drives_[i];
+      const double load = gear_nm_[static_cast<std::size_t>(b.dof)], speed = d->qvel[b.dof], rotor = m->dof_armature[b.dof] * d->qacc[b.dof];
+      const bool slides = std::abs(speed) * b.drive.gear_ratio > standing_motor_rad_s;
+      const double friction = mujoco::friction_nm(b.drive, slides ? speed : 0, load / b.drive.torque_max_nm, temperature_degC(i));
+      one.low_nm = load + rotor + (slides && speed > 0 ? friction : -friction);
+      one.high_nm = load + rotor + (slides && speed < 0 ? -friction : friction);
+      thermal::step(b.drive.thermal, one.decay, slides ? friction * std::abs(speed) : 0, one.ambient_offset_K, one.rise);
+    }
+    return true;
   }
-  void feedback(const Feedback& f, double dt) override {
-    torque_sum_ += f.torque_nm * dt;
-    time_ += dt;
-    temperature_degC = f.temperature_degC;
-  }
-  /// Mean torque since it was last asked.
-  double torque_nm() {
-    const double mean = time_ > 0 ? torque_sum_ / time_ : 0;
-    torque_sum_ = time_ = 0;
-    return mean;
-  }
-  bool brake_engaged() const override { return false; }
-  std::string state_name() const override { return "following"; }
-  bool enabled() const override { return true; }
-  bool failed() const override { return false; }
-  std::vector<std::pair<std::string, std::uint64_t>> counts() const override { return {}; }
-  double temperature_degC = 0;
+  /// The expected torque [Nm, arm side]: one value while the joint slides; while it stands, all that stiction can hold.
+  double low_nm(std::size_t i) const { return drives_[i].low_nm; }
+  double high_nm(std::size_t i) const { return drives_[i].high_nm; }
+  double temperature_degC(std::size_t i) const { return model_.drives()[i].drive.thermal.T_amb_degC + drives_[i].rise.total_K(); }
 
  private:
-  double demand_rad_, step_rad_s_ = 0, left_s_ = 0, torque_sum_ = 0, time_ = 0;
+  static constexpr double standing_motor_rad_s = 0.5;   // slower motors count as standing
+  struct One {
+    std::array<double, window> q{};
+    thermal::Decay decay;
+    thermal::Rise rise;
+    double ambient_offset_K = 0, low_nm = 0, high_nm = 0;
+  };
+  const mujoco::Model& model_;
+  mujoco::DataPtr data_;
+  double cycle_s_;
+  int samples_ = 0;
+  std::vector<One> drives_;
+  std::vector<double> gear_nm_;
 };
 
 /// By how many samples `b` follows `a`: the place of the largest cross-correlation within +-most.
@@ -142,8 +180,8 @@ std::string ShadowResult::table() const {
   return s;
 }
 
-tl::expected<ShadowResult, std::string> shadow(const twin::Scenario& given, const NextFrame& next, const ShadowOptions& o) {
-  const auto parameters = drive_parameters(given, o.first_node, o.cycle_us);
+tl::expected<ShadowResult, std::string> shadow(const twin::Scenario& scenario, const NextFrame& next, const ShadowOptions& o) {
+  const auto parameters = drive_parameters(scenario, o.first_node, o.cycle_us);
   std::vector<std::unique_ptr<Listener>> listeners;
   for (const auto& p : parameters) {
     if (o.profile == Profile::mirror) listeners.push_back(std::make_unique<MirrorListener>(p));
@@ -164,10 +202,10 @@ tl::expected<ShadowResult, std::string> shadow(const twin::Scenario& given, cons
     if (!csv) return tl::unexpected(fmt::format("{}: cannot be written", o.csv.string()));
   }
 
-  std::optional<twin::Scenario> scenario;   // the robot where it was first heard
-  std::unique_ptr<Plant> plant;
-  std::vector<std::unique_ptr<BusDrive>> followers;
-  const auto follower = [&](std::size_t i) -> Follower& { return static_cast<Follower&>(*followers[i]); };
+  Expectation expectation(scenario, cycle_s);
+  std::vector<double> position(n);
+  std::deque<std::vector<double>> torques;   // measured, waiting for what is expected of them
+  bool heard_all = false;
   bool synced = false;
   std::int64_t first_ns = -1;
   Frame frame;
@@ -186,24 +224,21 @@ tl::expected<ShadowResult, std::string> shadow(const twin::Scenario& given, cons
 
     // A cycle is over: what was heard in it is where the robot was at its beginning.
     if (std::ranges::any_of(listeners, [](const auto& l) { return !l->position_rad; })) continue;
-    if (!plant) {
-      scenario = given;
-      for (std::size_t i = 0; i < n; ++i) scenario->start_rad[i] = *listeners[i]->position_rad;
-      plant = std::make_unique<Plant>(*scenario);
-      for (std::size_t i = 0; i < n; ++i) followers.push_back(std::make_unique<Follower>(*listeners[i]->position_rad));
-      continue;
-    }
-    for (std::size_t i = 0; i < n; ++i) follower(i).aim(*listeners[i]->position_rad, cycle_s);
-    if (auto ok = plant->advance(followers, o.cycle_us); !ok) return tl::unexpected(ok.error());
+    heard_all = true;
+    std::vector<double> torque(n);
+    for (std::size_t i = 0; i < n; ++i) position[i] = *listeners[i]->position_rad, torque[i] = listeners[i]->torque_nm.value_or(std::nan(""));
+    torques.push_back(std::move(torque));
+    if (!expectation.take(position)) continue;
+    while (torques.size() > Expectation::half + 1) torques.pop_front();
     result.seconds += cycle_s;
     if (csv.is_open()) csv << fmt::format("{:.6f}", result.seconds);
     for (std::size_t i = 0; i < n; ++i) {
-      const double expected = follower(i).torque_nm();
       ShadowJoint& j = result.joints[i];
-      j.temperature_degC = follower(i).temperature_degC;
-      const double seen = listeners[i]->torque_nm.value_or(std::nan("")), residual = seen - expected;
+      j.temperature_degC = expectation.temperature_degC(i);
+      const double seen = torques.front()[i], low = expectation.low_nm(i), high = expectation.high_nm(i);
+      const double expected = std::isnan(seen) ? (low + high) / 2 : std::clamp(seen, low, high), residual = seen - expected;
       if (csv.is_open()) csv << fmt::format(",{:.6g},{:.6g},{:.6g},{:.3f}", seen, expected, residual, j.temperature_degC);
-      if (!listeners[i]->torque_nm) continue;
+      if (std::isnan(seen)) continue;
       measured[i].push_back(seen);
       predicted[i].push_back(expected);
       ++j.samples;
@@ -216,7 +251,7 @@ tl::expected<ShadowResult, std::string> shadow(const twin::Scenario& given, cons
     }
     if (csv.is_open()) csv << '\n';
   }
-  if (!plant) {
+  if (!heard_all) {
     std::vector<std::string> silent;
     for (std::size_t i = 0; i < n; ++i)
       if (!listeners[i]->position_rad) silent.push_back(parameters[i].name);

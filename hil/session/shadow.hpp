@@ -8,7 +8,7 @@
 
 #include <tribotwin/hil/session/bench.hpp>
 
-/// Beside a real robot: listens, moves the twin as the robot moves, and says what torque and temperature it should have.
+/// Beside a real robot: listens to its positions and torques, and says what torque and temperature it should have.
 namespace tribotwin::hil {
 
 struct ShadowOptions {
@@ -23,7 +23,8 @@ struct ShadowOptions {
   std::function<void(const std::string&)> note;
 };
 
-/// One joint, over the whole session. Torques arm side; residual = measured - predicted.
+/// One joint, over the whole session. Torques arm side; residual = measured - predicted. While a joint stands, stiction
+/// holds any torque up to breakaway: then the residual is the distance to that range.
 struct ShadowJoint {
   std::string name;
   std::uint64_t samples = 0;
