@@ -96,7 +96,7 @@ void status_line(const hil::SessionStatus& s) {
 }
 
 struct DriveArguments : Common {
-  std::string can, record, stats, output;
+  std::string can, record, stats, output, faults;
   std::optional<double> duration;
   bool realtime = false, lockstep = false, quiet = false;
 };
@@ -106,6 +106,8 @@ int run_drives(const DriveArguments& a) {
   const hil::Budget budget = a.budget(scenario, 1e6);
   if (budget.most > 1) throw InputError(fmt::format("--cycle {}: {}choose a longer cycle or fewer drives on one bus", a.cycle_ms, budget.table()));
   if (budget.most > 0.8) fmt::print(stderr, "note: {}", budget.table());
+  std::vector<hil::Fault> faults;
+  if (!a.faults.empty()) faults = hil::load_faults(a.faults, a.first_node, static_cast<int>(scenario.model->drives().size()));
   auto bus = hil::open_bus(a.can);
   if (!bus) throw InputError(bus.error().message);
   const bool live = !a.quiet && isatty(STDERR_FILENO);
@@ -113,7 +115,7 @@ int run_drives(const DriveArguments& a) {
     fmt::print(stderr, "{} drives, nodes {} to {}, on {}; {}\n", scenario.model->drives().size(), a.first_node, a.first_node + static_cast<int>(scenario.model->drives().size()) - 1, (*bus)->name(),
                a.realtime ? "the robot moves with the clock" : "every SYNC moves the robot on by one cycle");
   const auto ended = hil::drive(scenario, **bus,
-                                {.profile = a.mirror() ? hil::Profile::mirror : hil::Profile::cia402, .first_node = a.first_node, .cycle_us = a.cycle_us(), .realtime = a.realtime, .duration_s = a.duration, .record = a.record, .statistics = a.stats, .output = a.output,
+                                {.profile = a.mirror() ? hil::Profile::mirror : hil::Profile::cia402, .first_node = a.first_node, .cycle_us = a.cycle_us(), .realtime = a.realtime, .duration_s = a.duration, .record = a.record, .statistics = a.stats, .output = a.output, .faults = faults,
                                  .stop = [] { return interrupted != 0; }, .status = live ? status_line : std::function<void(const hil::SessionStatus&)>{},
                                  .note = [&](const std::string& what) { fmt::print(stderr, "{}note: {}\n", live ? "\r\033[K" : "", what); }});
   if (live) fmt::print(stderr, "\n");
@@ -197,6 +199,7 @@ int main(int argc, char** argv) {
   drive_command->add_option("--duration", d.duration, "End after so much simulated time [s]")->check(CLI::PositiveNumber);
   drive_command->add_option("--record", d.record, "Everything on the bus as a candump log");
   drive_command->add_option("--stats", d.stats, "Counters of the session as JSON");
+  drive_command->add_option("--faults", d.faults, "Faults on purpose: a YAML list (hil/README.md)");
   drive_command->add_option("-o,--output", d.output, "Folder for telemetry.h5, scenario.yaml, summary.json");
   drive_command->add_flag("--quiet", d.quiet, "No status line");
   drive_command->footer("Example:\n  tribotwin-hil drive twin/scenarios/irb6620_hold.yaml --can socketcand://127.0.0.1:29536/can0 --duration 10");

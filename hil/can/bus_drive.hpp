@@ -33,6 +33,8 @@ class BusDrive {
   virtual void sync(std::int64_t now_ns) = 0;
   /// Timers. Call at least every few milliseconds of wall time.
   virtual void tick(std::int64_t now_ns) = 0;
+  /// The bus is back after it was gone.
+  virtual void recovered(std::int64_t now_ns) { (void)now_ns; }
   /// Next time at which `tick` has something to do.
   virtual std::int64_t next_ns() const = 0;
   /// Whether `id` is one under which this drive sends.

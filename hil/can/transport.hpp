@@ -49,7 +49,7 @@ class Transport {
   virtual std::string state() const = 0;
 
   const std::string& name() const { return name_; }
-  const BusCounters& counters() const { return counters_; }
+  virtual const BusCounters& counters() const { return counters_; }
 
  protected:
   explicit Transport(std::string name) : name_(std::move(name)) {}

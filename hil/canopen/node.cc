@@ -319,6 +319,11 @@ void Node::tick(std::int64_t now_ns) {
   changed_ = std::ranges::any_of(transmit_, [&](const Pdo& p) { return p.exists && p.type >= 254 && p.inhibit_ns && now_ns - p.last_ns < p.inhibit_ns; });
 }
 
+void Node::recovered(std::int64_t now_ns) {
+  now_ns_ = now_ns;
+  emergency(0x8140, communication);
+}
+
 std::int64_t Node::next_ns() const {
   std::int64_t next = never;
   const auto at = [&](std::int64_t t) { next = std::min(next, t); };

@@ -32,6 +32,7 @@ class Node final : public BusDrive {
   void receive(const Frame& frame, std::int64_t now_ns) override;
   void sync(std::int64_t now_ns) override;
   void tick(std::int64_t now_ns) override;
+  void recovered(std::int64_t now_ns) override;   ///< EMCY 8140h
   std::int64_t next_ns() const override;
   bool sends(std::uint32_t id) const override;
   twin::DriveCommand command(double dt_s) override;

@@ -60,6 +60,10 @@ void Bench::tick(std::int64_t now_ns) {
   for (const auto& drive : drives_) drive->tick(now_ns);
 }
 
+void Bench::recovered(std::int64_t now_ns) {
+  for (const auto& drive : drives_) drive->recovered(now_ns);
+}
+
 std::int64_t Bench::next_ns() const {
   std::int64_t next = std::numeric_limits<std::int64_t>::max();
   for (const auto& drive : drives_) next = std::min(next, drive->next_ns());

@@ -32,6 +32,8 @@ class Bench {
   /// Fails when the simulation does.
   tl::expected<void, std::string> receive(const Frame& frame, std::int64_t now_ns);
   void tick(std::int64_t now_ns);
+  /// The bus is back after it was gone.
+  void recovered(std::int64_t now_ns);
   std::int64_t next_ns() const;
   /// Whether a frame with this identifier is one that the drives send.
   bool is_ours(const Frame& frame) const;

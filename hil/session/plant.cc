@@ -35,6 +35,7 @@ Feedback Plant::feedback(std::size_t i) const {
   const auto& s = twin_.drive(i);
   Feedback f{.position_rad = d->qpos[twin::position_address(twin_.model().get(), binding)], .velocity_rad_s = d->qvel[binding.dof], .torque_nm = s.torque_nm, .friction_nm = s.friction_nm,
              .load_nm = twin_.memory(i).load_nm, .temperature_degC = twin_.temperature_degC(i), .limited = twin_.limited(i)};
+  f.temperature_degC = override_degC_[i].value_or(f.temperature_degC);
   if (frozen_rad_[i]) f.position_rad = *frozen_rad_[i], f.velocity_rad_s = 0;
   return f;
 }

@@ -35,6 +35,8 @@ class Plant {
   const twin::Scenario& scenario() const { return scenario_; }
   /// A fault of the bench: the encoder of a drive shows what it last showed.
   void freeze_encoder(std::size_t drive, bool frozen);
+  /// Another: the drive reports this temperature [degC], whatever it has.
+  void override_temperature(std::size_t drive, std::optional<double> temperature_degC) { override_degC_[drive] = temperature_degC; }
 
  private:
   Feedback feedback(std::size_t i) const;
@@ -44,6 +46,7 @@ class Plant {
   std::filesystem::path directory_;
   std::int64_t left_us_ = 0;
   std::vector<std::optional<double>> frozen_rad_ = std::vector<std::optional<double>>(twin_.model().drives().size());
+  std::vector<std::optional<double>> override_degC_ = std::vector<std::optional<double>>(twin_.model().drives().size());
   std::vector<bool> held_ = std::vector<bool>(twin_.model().drives().size());
 };
 

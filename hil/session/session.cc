@@ -58,7 +58,7 @@ void become_real_time(const std::function<void(const std::string&)>& note) {
 
 }  // namespace
 
-tl::expected<void, std::string> drive(const twin::Scenario& scenario, Transport& bus, const DriveOptions& o) {
+tl::expected<void, std::string> drive(const twin::Scenario& scenario, Transport& real_bus, const DriveOptions& o) {
   std::optional<LogWriter> log;
   if (!o.record.empty()) {
     auto writer = LogWriter::create(o.record, "can0");
@@ -73,10 +73,13 @@ tl::expected<void, std::string> drive(const twin::Scenario& scenario, Transport&
     frame.time_ns = now_ns + to_realtime_ns;
     written = log->write(frame);
   };
+  const Bench* running = nullptr;
+  FaultyBus bus(real_bus, o.faults, scenario.seed, [&] { return running ? running->plant().twin().time_s() : 0.0; });
   Bench bench(scenario, {.profile = o.profile, .first_node = o.first_node, .cycle_us = o.cycle_us, .lockstep = !o.realtime}, [&](const Frame& frame) {
     record(frame);
     return bus.send(frame);
   });
+  running = &bench;
   if (!o.output.empty())
     if (auto ok = bench.plant().record(o.output); !ok) return ok;
   if (o.realtime) become_real_time(o.note);
@@ -102,6 +105,7 @@ tl::expected<void, std::string> drive(const twin::Scenario& scenario, Transport&
       bench.tick(now_ns);
       record(frame);
       if (auto ok = bench.receive(frame, now_ns); !ok) return ok;
+      bus.apply(bench.plant(), o.first_node);
       if (finished()) break;
     }
     if (o.realtime) {
@@ -115,8 +119,12 @@ tl::expected<void, std::string> drive(const twin::Scenario& scenario, Transport&
           if (auto ok = bench.plant().step(bench.drives()); !ok) return ok;
       }
     }
-    if (bus.up() != was_up && o.note) o.note(bus.state());
-    was_up = bus.up();
+    if (o.realtime) bus.apply(bench.plant(), o.first_node);
+    if (bus.up() != was_up) {
+      if (o.note) o.note(bus.state());
+      was_up = bus.up();
+      if (was_up) bench.recovered(now_ns);
+    }
     if (now_ns - status_ns >= s_ns / 4) {
       load = status_ns ? (bench.counters().bits - bits_before) / (1e-3 * static_cast<double>(now_ns - status_ns)) : 0;
       bits_before = bench.counters().bits;

@@ -7,6 +7,7 @@
 
 #include <tribotwin/hil/can/transport.hpp>
 #include <tribotwin/hil/session/bench.hpp>
+#include <tribotwin/hil/session/faults.hpp>
 
 namespace tribotwin::hil {
 
@@ -26,6 +27,7 @@ struct DriveOptions {
   std::filesystem::path record;           ///< a candump log of everything on the bus
   std::filesystem::path statistics;       ///< JSON
   std::filesystem::path output;           ///< folder for telemetry
+  std::vector<Fault> faults;              ///< on purpose, by simulated time
   std::function<bool()> stop;             ///< asked often: end now?
   std::function<void(const SessionStatus&)> status;   ///< a few times a second
   std::function<void(const std::string&)> note;       ///< what the user should know, one line
