@@ -1,6 +1,7 @@
 #include <tribotwin/hil/canopen/description.hpp>
 
 #include <algorithm>
+#include <iterator>
 #include <map>
 
 #include <fmt/format.h>
@@ -22,11 +23,17 @@ std::string quoted(std::string text) {
   return text;
 }
 
-/// One line of an INI value.
+/// One line of an INI value, ASCII.
 std::string one_line(std::string text) {
   for (char& c : text)
-    if (static_cast<unsigned char>(c) < 0x20) c = ' ';
+    if (static_cast<unsigned char>(c) < 0x20 || static_cast<unsigned char>(c) > 0x7e) c = '?';
   return text;
+}
+
+/// Arrays of CiA 301 and 402; what else has sub-indices is a record.
+bool is_array(std::uint16_t index) {
+  constexpr std::uint16_t arrays[] = {0x1003, 0x1016, 0x1029, 0x607D, 0x608F, 0x6091};
+  return std::ranges::find(arrays, index) != std::end(arrays);
 }
 
 int data_type(Type type) {
@@ -40,11 +47,13 @@ std::string eds(const Dictionary& dictionary, const DriveParameters& p) {
   std::map<std::uint16_t, std::vector<const Object*>> by_index;
   for (const Object& o : dictionary.objects()) by_index[o.index].push_back(&o);
   std::string s = fmt::format(
-      "[FileInfo]\nFileName=tribotwin_node{0}.eds\nFileVersion=1\nFileRevision=1\nEDSVersion=4.0\nDescription=tribotwin drive {1}\nCreatedBy=tribotwin-hil\n\n"
+      "[FileInfo]\nFileName=tribotwin_node{0}.eds\nFileVersion=1\nFileRevision=1\nEDSVersion=4.0\nDescription=tribotwin drive {1}\n"
+      // Constant times: the same drive gives the same file.
+      "CreationTime=12:00AM\nCreationDate=01-01-2026\nCreatedBy=tribotwin-hil\nModificationTime=12:00AM\nModificationDate=01-01-2026\nModifiedBy=tribotwin-hil\n\n"
       "[DeviceInfo]\nVendorName=tribotwin\nVendorNumber=0x0\nProductName=tribotwin drive\nProductNumber=0x7477\nRevisionNumber=0x10000\nOrderCode=\n"
       "BaudRate_10=0\nBaudRate_20=0\nBaudRate_50=0\nBaudRate_125=1\nBaudRate_250=1\nBaudRate_500=1\nBaudRate_800=1\nBaudRate_1000=1\n"
       "SimpleBootUpMaster=0\nSimpleBootUpSlave=1\nGranularity=8\nDynamicChannelsSupported=0\nGroupMessaging=0\nNrOfRXPDO={2}\nNrOfTXPDO={2}\nLSS_Supported=0\n\n"
-      "[DummyUsage]\nDummy0001=0\nDummy0002=0\nDummy0003=0\nDummy0004=0\nDummy0005=1\nDummy0006=1\nDummy0007=1\n\n[Comments]\nLines=0\n\n",
+      "[DummyUsage]\nDummy0001=0\nDummy0002=1\nDummy0003=1\nDummy0004=1\nDummy0005=1\nDummy0006=1\nDummy0007=1\n\n[Comments]\nLines=0\n\n",
       p.node, one_line(p.name), pdo_count);
   const auto mandatory = [](std::uint16_t i) { return i == 0x1000 || i == 0x1001 || i == 0x1018; };
   const auto list = [&](const char* title, auto belongs) {
@@ -71,7 +80,7 @@ std::string eds(const Dictionary& dictionary, const DriveParameters& p) {
       continue;
     }
     std::string name = index == 0x1003 ? "pre-defined error field" : objects.size() > 1 ? objects[1]->name : objects[0]->name;
-    s += fmt::format("[{:04X}]\nParameterName={}\nObjectType={}\nSubNumber={}\n\n", index, one_line(name), index == 0x1003 || index == 0x1016 ? "0x8" : "0x9", objects.size());
+    s += fmt::format("[{:04X}]\nParameterName={}\nObjectType={}\nSubNumber={}\n\n", index, one_line(name), is_array(index) ? "0x8" : "0x9", objects.size());
     for (const Object* o : objects) {
       s += fmt::format("[{:04X}sub{:X}]\n", index, o->sub);
       body(*o);

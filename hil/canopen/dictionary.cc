@@ -42,7 +42,15 @@ void add(std::vector<Object>& objects, Object object, Extra extra) {
   objects.push_back(std::move(object));
 }
 
-constexpr std::uint32_t off = 0x80000000;   // of a COB-ID: this service does not exist
+constexpr std::uint32_t off = 0x80000000;      // of a COB-ID: this service does not exist
+constexpr std::uint32_t no_rtr = 0x40000000;   // remote frames are not answered
+
+/// VISIBLE_STRING has ASCII only.
+std::string visible(std::string text) {
+  for (char& c : text)
+    if (static_cast<unsigned char>(c) < 0x20 || static_cast<unsigned char>(c) > 0x7e) c = '?';
+  return text;
+}
 
 std::uint32_t mapping(std::uint16_t index, std::uint8_t sub, int bits) { return static_cast<std::uint32_t>(index) << 16 | static_cast<std::uint32_t>(sub) << 8 | static_cast<std::uint32_t>(bits); }
 
@@ -59,11 +67,11 @@ void add_pdos(std::vector<Object>& o, std::uint8_t node) {
                                          {0x400U + node, 1, {control, mapping(0x607A, 0, 32)}},
                                          {off | (0x500U + node), 1, {control, mapping(0x60FF, 0, 32)}},
                                          {off, 1, {control, mapping(0x6071, 0, 16)}}};
-  const DefaultPdo transmit[pdo_count] = {{0x180U + node, 255, {status}},
-                                          {0x280U + node, 255, {status, mapping(0x6061, 0, 8)}},
-                                          {0x380U + node, 1, {status, mapping(0x6064, 0, 32)}},
-                                          {off | (0x480U + node), 1, {status, mapping(0x606C, 0, 32)}},
-                                          {off, 1, {status, mapping(0x6077, 0, 16)}}};
+  const DefaultPdo transmit[pdo_count] = {{no_rtr | (0x180U + node), 255, {status}},
+                                          {no_rtr | (0x280U + node), 255, {status, mapping(0x6061, 0, 8)}},
+                                          {no_rtr | (0x380U + node), 1, {status, mapping(0x6064, 0, 32)}},
+                                          {off | no_rtr | (0x480U + node), 1, {status, mapping(0x606C, 0, 32)}},
+                                          {off | no_rtr, 1, {status, mapping(0x6077, 0, 16)}}};
   for (int way = 0; way < 2; ++way)
     for (std::uint16_t i = 0; i < pdo_count; ++i) {
       const DefaultPdo& pdo = way ? transmit[i] : receive[i];
@@ -88,12 +96,12 @@ void add_communication(std::vector<Object>& o, const DriveParameters& p) {
   for (std::uint8_t i = 1; i <= 8; ++i) add(o, {0x1003, i, fmt::format("error {}", i), T::u32, ro}, {.meaning = "newest first"});
   o.push_back({0x1005, 0, "COB-ID SYNC", T::u32, rw, false, 0x80, 0x80, 0x80});
   add(o, {0x1006, 0, "communication cycle period", T::u32, rw, false, p.cycle_us, 0, 1000000}, {.scale = 1e-6, .unit = "s", .meaning = "simulated time of one SYNC in lockstep"});
-  add(o, {0x1008, 0, "device name", T::text, constant}, {.text = "tribotwin drive " + p.name});
+  add(o, {0x1008, 0, "device name", T::text, constant}, {.text = "tribotwin drive " + visible(p.name)});
   add(o, {0x1009, 0, "hardware version", T::text, constant}, {.text = "simulated"});
   add(o, {0x100A, 0, "software version", T::text, constant}, {.text = "tribotwin 0.1"});
   o.push_back({0x1014, 0, "COB-ID EMCY", T::u32, ro, false, 0x80 + node});
   o.push_back({0x1016, 0, "heartbeats watched", T::u8, constant, false, 2});
-  for (std::uint8_t i = 1; i <= 2; ++i) add(o, {0x1016, i, fmt::format("heartbeat watched {}", i), T::u32, rw, false, 0, 0, 0x7fffff}, {.meaning = "node << 16 | time [ms]; 0: none"});
+  for (std::uint8_t i = 1; i <= 2; ++i) add(o, {0x1016, i, fmt::format("heartbeat watched {}", i), T::u32, rw, false, 0, 0, 0x7fffff}, {.meaning = "65536 x node + time [ms]; 0: none"});
   add(o, {0x1017, 0, "heartbeat time", T::u16, rw, false, 500}, {.scale = 1e-3, .unit = "s", .meaning = "0: none"});
   o.push_back({0x1018, 0, "highest sub-index", T::u8, constant, false, 4});
   o.push_back({0x1018, 1, "vendor", T::u32, constant});
@@ -125,7 +133,7 @@ void add_drive(std::vector<Object>& o, const DriveParameters& p) {
   add(o, {0x6007, 0, "abort connection option", T::i16, rw, false, 3, 1, 3}, {.meaning = "lost commands: 1 fault reaction (605Eh), 2 no voltage, 3 quick stop (605Ah); then fault"});
   o.push_back({0x603F, 0, "error code", T::u16, ro, true});
   o.push_back({0x6040, 0, "controlword", T::u16, rw, true});
-  o.push_back({0x6041, 0, "statusword", T::u16, ro, true});
+  o.push_back({0x6041, 0, "statusword", T::u16, ro, true, 0x50});
   add(o, {0x605A, 0, "quick stop option", T::i16, rw, false, 2, 0, 6}, {.meaning = "0 no voltage; 1, 2 ramp, then switch on disabled; 5, 6 ramp, then hold"});
   add(o, {0x605B, 0, "shutdown option", T::i16, rw, false, 0, 0, 1}, {.meaning = "0 no voltage, 1 ramp first"});
   add(o, {0x605C, 0, "disable operation option", T::i16, rw, false, 1, 0, 1}, {.meaning = "0 no voltage, 1 ramp first"});

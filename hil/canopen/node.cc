@@ -9,7 +9,7 @@ namespace tribotwin::hil {
 namespace {
 
 constexpr std::int64_t ms = 1'000'000, never = std::numeric_limits<std::int64_t>::max();
-constexpr std::uint32_t cob_off = 0x80000000;
+constexpr std::uint32_t cob_off = 0x80000000, cob_extended = 0x20000000;
 constexpr double standing_motor_rad_s = 0.5;   // slower than this, a motor counts as standing
 
 enum Register : std::uint8_t { generic = 0x01, temperature = 0x08, communication = 0x10, profile = 0x20 };
@@ -38,7 +38,11 @@ tl::expected<int, Abort> Node::mapped_size(std::uint32_t entry, bool receive) {
   const auto index = static_cast<std::uint16_t>(entry >> 16);
   const auto sub = static_cast<std::uint8_t>(entry >> 8);
   const int bits = static_cast<int>(entry & 0xff);
-  if (receive && sub == 0 && index >= 1 && index <= 7 && (bits == 8 || bits == 16 || bits == 32)) return bits / 8;   // CiA 301: a gap
+  if (receive && sub == 0 && index >= 2 && index <= 7) {   // CiA 301: a gap of that data type
+    constexpr int gap_bits[] = {8, 16, 32, 8, 16, 32};
+    if (bits == gap_bits[index - 2]) return bits / 8;
+    return tl::unexpected(Abort::not_mappable);
+  }
   const Object* o = dictionary_.find(index, sub);
   if (!o) return tl::unexpected(dictionary_.has_index(index) ? Abort::no_sub_index : Abort::no_object);
   if (!o->mappable || (receive && o->access != Access::read_write) || bits != 8 * size_of(o->type)) return tl::unexpected(Abort::not_mappable);
@@ -68,6 +72,7 @@ tl::expected<void, Abort> Node::may_write(const Object& o, std::int64_t value) {
   }
   if (is_pdo(o.index) && o.sub == 1) {
     const auto id = static_cast<std::uint32_t>(value) & 0x1fffffff;
+    if (value & cob_extended) return tl::unexpected(Abort::out_of_range);   // 11-bit identifiers only
     if (!(value & cob_off) && (id < 0x181 || id > 0x57F)) return tl::unexpected(Abort::out_of_range);   // CiA 301: others are taken
     if (!(o.value & cob_off) && !(value & cob_off) && o.value != value) return tl::unexpected(Abort::not_now);
   }
@@ -157,10 +162,10 @@ void Node::network(std::uint8_t command, std::int64_t now_ns) {
     case 0x80: nmt_ = Nmt::pre_operational; break;
     case 0x81:
     case 0x82: {
-      // All objects back to their defaults; the physics goes on. The brake holds from here on.
+      // Objects back to their defaults, those of communication only by 82h; the physics goes on. The brake holds from here on.
       const Dictionary fresh(parameters_);
       for (const Object& o : fresh.objects())
-        if (o.access == Access::read_write) dictionary_.find(o.index, o.sub)->value = o.value;
+        if ((o.access == Access::read_write || o.index == 0x1003) && (command == 0x81 || o.index < 0x2000)) dictionary_.find(o.index, o.sub)->value = o.value;
       machine_.reset();
       sdo_.reset();
       watched_ = {};
@@ -217,7 +222,7 @@ void Node::receive(const Frame& frame, std::int64_t now_ns) {
     if (static_cast<int>(bytes.size()) < pdo.size) {
       ++counters_.pdo_short;
       const std::uint8_t extra[] = {static_cast<std::uint8_t>(bytes.size()), static_cast<std::uint8_t>(pdo.size)};
-      emergency(0x8210, communication, extra);
+      pass_by(0x8210, extra);
       continue;
     }
     ++counters_.pdo_received;
@@ -321,7 +326,7 @@ void Node::tick(std::int64_t now_ns) {
 
 void Node::recovered(std::int64_t now_ns) {
   now_ns_ = now_ns;
-  emergency(0x8140, communication);
+  pass_by(0x8140);
 }
 
 std::int64_t Node::next_ns() const {
@@ -340,7 +345,7 @@ std::int64_t Node::next_ns() const {
 }
 
 void Node::emergency(std::uint16_t code, std::uint8_t register_bits, std::span<const std::uint8_t> extra) {
-  ++counters_.emergencies;
+  if (code) ++counters_.emergencies;
   register_ = static_cast<std::uint8_t>(register_ | register_bits | (code ? generic : 0));
   error_register_->value = register_;
   std::array<std::uint8_t, 8> data{static_cast<std::uint8_t>(code), static_cast<std::uint8_t>(code >> 8), register_};
@@ -352,6 +357,14 @@ void Node::emergency(std::uint16_t code, std::uint8_t register_bits, std::span<c
   }
   if (nmt_ != Nmt::stopped) send(0x80U + id_, data);
   changed_ = true;
+}
+
+void Node::pass_by(std::uint16_t code, std::span<const std::uint8_t> extra) {
+  const std::uint8_t before = register_;
+  emergency(code, communication, extra);
+  register_ = before;
+  error_register_->value = before;
+  if (before == 0) emergency(0, 0);
 }
 
 // ---- The drive.
@@ -371,7 +384,7 @@ void Node::fail(std::uint16_t code, std::uint8_t register_bits, bool ramp, std::
 
 void Node::lose_commands(std::uint16_t code, std::int64_t now_ns) {
   if (!machine_.powered()) {
-    if (code != 0x8100) emergency(code, communication);   // leaving operational without power is no error
+    if (code != 0x8100) pass_by(code);   // leaving operational without power is no error
     return;
   }
   const auto option = dictionary_.get(0x6007);

@@ -447,6 +447,41 @@ TEST_F(OneNode, AGapInAnRpdoIsSkipped) {
   EXPECT_EQ(node.state(), DriveState::ready_to_switch_on);
 }
 
+TEST_F(OneNode, AGapHasTheBitsOfItsType) {
+  EXPECT_EQ(write(0x1402, 1, Type::u32, 0x80000405), 0U);
+  EXPECT_EQ(write(0x1602, 0, Type::u8, 0), 0U);
+  for (const std::uint32_t good : {0x00020008U, 0x00030010U, 0x00040020U, 0x00050008U, 0x00060010U, 0x00070020U}) EXPECT_EQ(write(0x1602, 1, Type::u32, good), 0U) << good;
+  for (const std::uint32_t bad : {0x00010001U, 0x00010008U, 0x00020010U, 0x00070008U}) EXPECT_NE(write(0x1602, 1, Type::u32, bad), 0U) << bad;
+}
+
+TEST_F(OneNode, IdentifiersOf29BitsAreRefused) {
+  EXPECT_EQ(write(0x1402, 1, Type::u32, 0x80000405), 0U);
+  EXPECT_EQ(write(0x1402, 1, Type::u32, 0x20000405), 0x06090030U);
+}
+
+// Communication objects by 82h, all of them by 81h; the history with both.
+TEST_F(OneNode, WhatAResetResets) {
+  enable();
+  node.fail(0x1000, 1, false, now);
+  EXPECT_EQ(write(0x6065, 0, Type::u32, 777), 0U);
+  EXPECT_EQ(write(0x1017, 0, Type::u16, 33), 0U);
+  nmt(0x82);
+  EXPECT_EQ(node.dictionary().get(0x6065), 777);
+  EXPECT_EQ(node.dictionary().get(0x1017), 500);
+  EXPECT_EQ(node.dictionary().get(0x1003, 1), 0);
+  nmt(0x81);
+  EXPECT_NE(node.dictionary().get(0x6065), 777);
+}
+
+TEST_F(OneNode, AnErrorOfTheMomentIsGoneAfterIt) {
+  enable();
+  send(0x405, {0x0F, 0, 0});
+  ASSERT_EQ(on(0x085).size(), 2U);
+  EXPECT_EQ(text(on(0x085)[1]), "085#0000000000000000");
+  EXPECT_EQ(node.dictionary().get(0x1001), 0);
+  EXPECT_EQ(node.dictionary().get(0x1003, 1), 0x8210);
+}
+
 TEST_F(OneNode, EmergencyHistory) {
   enable();
   for (const std::uint16_t code : {0x1000, 0x4310}) {

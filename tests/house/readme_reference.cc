@@ -1,4 +1,10 @@
-// Prints the reference part of plugins/README.md; the test compares, `> plugins/README.md` renews.
+// Prints the generated part of a README: `readme_reference plugins` or `readme_reference hil`.
 #include <cstdio>
+#include <cstring>
+#include <tribotwin/hil/canopen/dictionary.hpp>
 #include <tribotwin/plugins/drive/configuration.hpp>
-int main() { std::fputs(tribotwin::drive::reference_markdown().c_str(), stdout); }
+int main(int, char** argv) {
+  const bool hil = std::strcmp(argv[1], "hil") == 0;
+  const tribotwin::hil::Dictionary dictionary({.node = 1, .name = "joint1", .gear_ratio = 100, .rated_torque_nm = 10});
+  std::fputs((hil ? tribotwin::hil::reference_markdown(dictionary) : tribotwin::drive::reference_markdown()).c_str(), stdout);
+}
