@@ -104,8 +104,8 @@ struct DriveArguments : Common {
 int run_drives(const DriveArguments& a) {
   const twin::Scenario scenario = a.load();
   const hil::Budget budget = a.budget(scenario, 1e6);
-  if (budget.most > 1) throw InputError(fmt::format("--cycle {}: {}choose a longer cycle or fewer drives on one bus", a.cycle_ms, budget.table()));
-  if (budget.most > 0.8) fmt::print(stderr, "note: {}", budget.table());
+  if (budget.most > 1) throw InputError(fmt::format("--cycle {}: {}; choose a longer cycle or fewer drives on one bus", a.cycle_ms, budget.line()));
+  if (budget.most > 0.8) fmt::print(stderr, "note: {}\n", budget.line());
   std::vector<hil::Fault> faults;
   if (!a.faults.empty()) faults = hil::load_faults(a.faults, a.first_node, static_cast<int>(scenario.model->drives().size()));
   auto bus = hil::open_bus(a.can);
@@ -255,7 +255,7 @@ int main(int argc, char** argv) {
     if (*budget_command) {
       const twin::Scenario scenario = b.load();
       const hil::Budget budget = b.budget(scenario, bit_rate);
-      fmt::print("{}", budget.table());
+      fmt::print("{}\n", budget.line());
       if (budget.most > 1) return complain(program, wrong_input, "more than the bus can carry; choose a longer cycle or fewer drives on one bus");
       if (budget.most > 0.8) fmt::print(stderr, "note: more than 80 % at worst; other traffic will not fit\n");
       return done;

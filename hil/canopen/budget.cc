@@ -32,8 +32,8 @@ Budget budget_of_frames(int drives, double cycle_s, double bit_rate) {
   return {cycle_s, 1 + 2 * drives, least / (bit_rate * cycle_s), most / (bit_rate * cycle_s), most / (0.8 * bit_rate)};
 }
 
-std::string Budget::table() const {
-  return fmt::format("{} frames per cycle of {:.3g} ms: {:.0f} to {:.0f} % of the bus; shortest cycle at 80 % of the worst load: {:.2f} ms\n", frames, 1e3 * cycle_s, 100 * least, 100 * most, 1e3 * shortest_cycle_s);
+std::string Budget::line() const {
+  return fmt::format("{} frames per cycle of {:.3g} ms: {:.0f} to {:.0f} % of the bus; shortest cycle at 80 % of the worst load: {:.2f} ms", frames, 1e3 * cycle_s, 100 * least, 100 * most, 1e3 * shortest_cycle_s);
 }
 
 }  // namespace tribotwin::hil

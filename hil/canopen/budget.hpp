@@ -13,7 +13,7 @@ struct Budget {
   int frames;                    ///< per cycle
   double least, most;            ///< share of the bus, without and with the most stuffing
   double shortest_cycle_s;       ///< at 80 % of the worst load
-  std::string table() const;
+  std::string line() const;
 };
 
 /// SYNC, and of every drive the PDOs that go with each SYNC (by their transmission types).

@@ -1,0 +1,128 @@
+"""A real bus that breaks under running drives: link down and up, device deleted and made again, queue full, foreign and
+malformed frames. Only inside tests/can_vm/run.sh. Arguments: tribotwin-hil, source tree."""
+import atexit, json, os, random, socket, struct, subprocess, sys, tempfile, time
+
+sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
+import can
+from master import Master, is_state
+
+if "CAN_VM" not in os.environ:
+    sys.exit("run me by tests/can_vm/run.sh: I take buses down")
+hil, source = sys.argv[1:3]
+work = tempfile.mkdtemp(prefix="tribotwin_link_")
+failures = []
+scenario = os.path.join(source, "twin", "scenarios", "irb6620_hold.yaml")
+nodes = range(1, 7)
+
+
+def check(name, condition, detail=""):
+    print("ok  " if condition else "FAIL", name, "" if condition else detail, flush=True)
+    if not condition:
+        failures.append(name)
+
+
+def sh(command):
+    subprocess.run(command, shell=True, check=True)
+
+
+def refused(name, *arguments, says):
+    r = subprocess.run([hil, *arguments], capture_output=True, text=True)
+    check(name, r.returncode == 2 and says in r.stderr and len(r.stderr.strip().splitlines()) == 1, (r.returncode, r.stderr))
+
+
+def stats():
+    return json.load(open(work + "/stats.json"))
+
+
+def drives():
+    process = subprocess.Popen([hil, "drive", scenario, "--can", "vcan0", "--stats", work + "/stats.json"], stderr=open(work + "/stderr", "a"))
+    atexit.register(process.kill)
+    time.sleep(1)
+    return process
+
+
+def master():
+    m = Master(can.Bus(interface="socketcan", channel="vcan0"), nodes)
+    m.nmt(1)
+    m.cycle()
+    for word in (0x80, 0x00, 0x06, 0x07, 0x0F):
+        m.control(word)
+        m.cycle()
+        m.cycle()
+    return m
+
+
+def enabled(m):
+    return all(is_state(m.status.get(n, 0), "operation enabled") for n in nodes)
+
+
+refused("no such interface", "drive", scenario, "--can", "vcan7", says="vcan7")
+sh("ip link set vcan1 down")
+refused("an interface that is down", "drive", scenario, "--can", "vcan1", says="down")
+sh("ip link set vcan1 up")
+refused("an impossible budget", "drive", scenario, "--can", "vcan0", "--cycle", "0.5", says="of the bus")
+
+process = drives()
+m = master()
+check("enabled", enabled(m), m.status)
+
+# Link down for half a second: the master's frames and ours go nowhere.
+sh("ip link set vcan0 down")
+time.sleep(0.5)
+sh("ip link set vcan0 up")
+m.bus.shutdown()
+m = Master(can.Bus(interface="socketcan", channel="vcan0"), nodes)
+check("drives beat again without a restart", m.until(lambda: len(m.heartbeat) == 6, 3), m.heartbeat)
+m.cycle()
+check("none is enabled: commands were lost", all(not is_state(m.status[n], "operation enabled") for n in nodes), m.status)
+m.until(lambda: m.cycle() and all(is_state(m.status[n], "fault") for n in nodes), 3)
+m.bus.shutdown()
+m = master()
+check("enabled again", enabled(m), m.status)
+
+# The device vanishes and is made again.
+sh("ip link del vcan0")
+time.sleep(0.4)
+sh("ip link add dev vcan0 type vcan && ip link set dev vcan0 mtu 72 up")
+m.bus.shutdown()
+m = Master(can.Bus(interface="socketcan", channel="vcan0"), nodes)
+check("drives beat on the new device", m.until(lambda: len(m.heartbeat) == 6, 5), m.heartbeat)
+m.until(lambda: m.cycle() and all(is_state(m.status[n], "fault") for n in nodes), 3)
+m.bus.shutdown()
+m = master()
+check("enabled on the new device", enabled(m), m.status)
+
+# A hundred thousand frames of any kind, between SYNCs.
+raw = socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW)
+raw.setsockopt(socket.SOL_CAN_RAW, socket.CAN_RAW_FD_FRAMES, 1)
+raw.bind(("vcan0",))
+rng = random.Random(4)
+m.bus.set_filters([{"can_id": i, "can_mask": 0x780, "extended": False} for i in (0x180, 0x380, 0x580, 0x700)])
+hold = dict(m.position)
+foreign = [i for i in range(0x81, 0x7FF) if i & 0x780 not in (0x080, 0x180, 0x200, 0x300, 0x380, 0x400, 0x580, 0x600, 0x700)] + [0x80000123, 0x40000101, 0x20000004]
+sent = 0
+for k in range(1000):
+    for _ in range(100):
+        identifier = rng.choice(foreign)
+        data = rng.randbytes(rng.randrange(9))
+        if rng.random() < 0.1:
+            frame = struct.pack("=IBB2x64s", identifier & ~0x40000000, rng.choice((12, 16, 64)), rng.randrange(4), rng.randbytes(64))
+        else:
+            frame = struct.pack("=IB3x8s", identifier, len(data), data)
+        try:
+            raw.send(frame)
+            sent += 1
+        except OSError:
+            pass
+    m.cycle(hold)
+check(f"{sent} foreign frames: no drive minds", enabled(m), m.status)
+process.terminate()
+check("the session ends in order", process.wait(10) == 0, open(work + "/stderr").read())
+s = stats()
+check("counted: the losses of the link", s["bus"]["link_losses"] >= 2, s["bus"])
+check("counted: what was received", s["bus"]["received"] > 0.5 * sent, s["bus"])
+text = open(work + "/stderr").read()
+check("reported: one line each time", "vcan0" in text and "down" in text, text)
+subprocess.run(["rm", "-rf", work])
+print(f"{len(failures)} failed" if failures else "all passed")
+sys.exit(bool(failures))
