@@ -216,7 +216,8 @@ class SocketCan final : public Transport {
     const timespec timeout{left_ns / second_ns, left_ns % second_ns};
     pollfd events[] = {{socket_, POLLIN, 0}, {watch_, POLLIN, 0}};
     if (ppoll(events, 2, &timeout, nullptr) <= 0) return;
-    if (const bool changed = link_changed(); changed || events[0].revents & POLLERR) follow_link();
+    const bool changed = events[1].revents != 0 && link_changed();
+    if (changed || events[0].revents & POLLERR) follow_link();
   }
 
   /// As the last send, receive or wait found it.

@@ -25,7 +25,8 @@ Node::Node(const DriveParameters& p, Send send) : parameters_(p), id_(p.node), s
   per_mille_nm_ = static_cast<double>(dictionary_.get(0x6076)) * 1e-6 * p.gear_ratio;
   const auto object = [&](std::uint16_t index) { return dictionary_.find(index, 0); };
   control_ = object(0x6040), status_ = object(0x6041), mode_ = object(0x6060), mode_shown_ = object(0x6061), target_position_ = object(0x607A);
-  target_velocity_ = object(0x60FF), target_torque_ = object(0x6071), error_code_ = object(0x603F), error_register_ = object(0x1001);
+  target_velocity_ = object(0x60FF), target_torque_ = object(0x6071), error_code_ = object(0x603F), error_register_ = object(0x1001), heartbeat_time_ = object(0x1017);
+  sync_deadline_ = dictionary_.find(0x2120, 1);
   dictionary_.may_write = [this](const Object& o, std::int64_t value) { return may_write(o, value); };
   dictionary_.written = [this](const Object& o) { written(o); };
   reload();
@@ -284,7 +285,7 @@ void Node::sync(std::int64_t now_ns) {
 void Node::tick(std::int64_t now_ns) {
   now_ns_ = now_ns;
   if (auto answer = sdo_.tick(now_ns)) send(0x580U + id_, *answer);
-  if (const std::int64_t period = dictionary_.get(0x1017) * ms; period > 0 && now_ns - heartbeat_ns_ >= period) {
+  if (const std::int64_t period = heartbeat_time_->value * ms; period > 0 && now_ns - heartbeat_ns_ >= period) {
     heartbeat_ns_ = now_ns - heartbeat_ns_ > 2 * period ? now_ns : heartbeat_ns_ + period;
     const std::uint8_t beat[] = {static_cast<std::uint8_t>(nmt_)};
     send(0x700U + id_, beat);
@@ -306,7 +307,7 @@ void Node::tick(std::int64_t now_ns) {
       ++counters_.pdo_late;
       lose_commands(0x8250, now_ns);
     }
-  if (sync_ns_ >= 0 && now_ns - sync_ns_ > dictionary_.get(0x2120, 1) * ms) {
+  if (sync_ns_ >= 0 && now_ns - sync_ns_ > sync_deadline_->value * ms) {
     sync_ns_ = -1;
     // Only a drive that gets its set points by SYNC misses it.
     if (machine_.powered() && std::ranges::any_of(receive_, [](const Pdo& p) { return p.exists && p.type <= 240; })) {
@@ -332,11 +333,11 @@ void Node::recovered(std::int64_t now_ns) {
 std::int64_t Node::next_ns() const {
   std::int64_t next = never;
   const auto at = [&](std::int64_t t) { next = std::min(next, t); };
-  if (const std::int64_t period = dictionary_.get(0x1017) * ms) at(heartbeat_ns_ + period);
+  if (const std::int64_t period = heartbeat_time_->value * ms) at(heartbeat_ns_ + period);
   for (const Watched& w : watched_)
     if (w.period_ns && w.last_ns >= 0) at(w.last_ns + w.period_ns + 1);
   if (nmt_ != Nmt::operational) return next;
-  if (sync_ns_ >= 0) at(sync_ns_ + dictionary_.get(0x2120, 1) * ms + 1);
+  if (sync_ns_ >= 0) at(sync_ns_ + sync_deadline_->value * ms + 1);
   for (const Pdo& pdo : receive_)
     if (pdo.exists && pdo.timer_ns && pdo.last_ns >= 0) at(pdo.last_ns + pdo.timer_ns + 1);
   for (const Pdo& pdo : transmit_)

@@ -113,7 +113,7 @@ class Node final : public BusDrive {
   std::uint8_t register_ = 0;
 
   // Cached objects of the step.
-  Object *control_, *status_, *mode_, *mode_shown_, *target_position_, *target_velocity_, *target_torque_, *error_code_, *error_register_;
+  Object *control_, *status_, *mode_, *mode_shown_, *target_position_, *target_velocity_, *target_torque_, *error_code_, *error_register_, *heartbeat_time_, *sync_deadline_;
 };
 
 }  // namespace tribotwin::hil

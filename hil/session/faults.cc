@@ -89,6 +89,7 @@ void FaultyBus::pass(const Frame& given, std::deque<Frame>& out) {
 }
 
 Sent FaultyBus::send(const Frame& frame) {
+  if (faults_.empty()) return bus_.send(frame);
   if (cut()) return Sent::down;
   std::deque<Frame> out;
   pass(frame, out);
@@ -98,6 +99,7 @@ Sent FaultyBus::send(const Frame& frame) {
 }
 
 bool FaultyBus::receive(Frame& frame) {
+  if (faults_.empty()) return bus_.receive(frame);
   const std::int64_t now = now_ns();
   for (auto it = later_.begin(); it != later_.end();) {
     if (it->at_ns > now) {
@@ -124,9 +126,9 @@ void FaultyBus::wait(std::int64_t deadline_ns) {
   bus_.wait(deadline_ns);
 }
 
-bool FaultyBus::up() const { return bus_.up() && !cut(); }
+bool FaultyBus::up() const { return bus_.up() && (faults_.empty() || !cut()); }
 
-std::string FaultyBus::state() const { return cut() ? name_ + ": cut by a fault of the list" : bus_.state(); }
+std::string FaultyBus::state() const { return !faults_.empty() && cut() ? name_ + ": cut by a fault of the list" : bus_.state(); }
 
 void FaultyBus::apply(Plant& plant, int first_node) {
   for (std::size_t i = 0; i < faults_.size(); ++i) {
