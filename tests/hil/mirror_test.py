@@ -1,0 +1,98 @@
+"""The mirror profile in real time, by a bench in plain python-can with its own CRC; frames decoded through the generated DBC.
+Arguments as of drive_test.py."""
+import atexit, json, math, os, re, struct, subprocess, sys, tempfile, time
+
+import can
+import canmatrix.formats
+
+hil, source, address, interface, channel = sys.argv[1:6]
+work = tempfile.mkdtemp(prefix="tribotwin_mirror_")
+failures = []
+scenario = os.path.join(source, "twin", "scenarios", "irb6620_hold.yaml")
+nodes = range(1, 7)
+
+
+def check(name, condition, detail=""):
+    print("ok  " if condition else "FAIL", name, "" if condition else detail, flush=True)
+    if not condition:
+        failures.append(name)
+
+
+def crc(data):
+    value = 0xFF
+    for byte in data:
+        value ^= byte
+        for _ in range(8):
+            value = (value << 1 ^ 0x1D) & 0xFF if value & 0x80 else value << 1
+    return value ^ 0xFF
+
+
+check("CRC-8 SAE J1850 of '123456789'", crc(b"123456789") == 0x4B)
+with open(work + "/drives.dbc", "w") as f:
+    subprocess.run([hil, "dbc", "--profile", "mirror", scenario], stdout=f, check=True)
+matrix = canmatrix.formats.loadp_flat(work + "/drives.dbc")
+status_frames = {f.arbitration_id.id: f for f in matrix.frames if f.name.startswith("status")}
+check("the DBC has a status of every drive", sorted(status_frames) == [0x180 + n for n in nodes], sorted(status_frames))
+
+process = subprocess.Popen([hil, "drive", scenario, "--can", address, "--profile", "mirror", "--realtime", "--stats", work + "/stats.json", "-o", work + "/run"], stderr=open(work + "/stderr", "w"))
+atexit.register(process.kill)
+time.sleep(1)
+if interface == "socketcand":
+    bus = can.Bus(interface="socketcand", channel=channel, host="127.0.0.1", port=int(re.search(r":(\d+)/", address).group(1)))
+else:
+    bus = can.Bus(interface=interface, channel=channel)
+counters, last, heard = {n: 0 for n in nodes}, {}, {n: 0 for n in nodes}
+
+
+def command(node, mode, set_point):
+    counters[node] = (counters[node] + 1) & 15
+    body = bytes([counters[node] | mode << 4]) + struct.pack("<i", round(set_point * 1e6)) + b"\0\0"
+    identifier = 0x100 + node
+    bus.send(can.Message(arbitration_id=identifier, data=body + bytes([crc(struct.pack("<H", identifier) + body)]), is_extended_id=False))
+
+
+def listen(until):
+    while True:
+        message = bus.recv(max(0, until - time.monotonic()))
+        if message is None:
+            if time.monotonic() >= until:
+                return
+            continue
+        node = message.arbitration_id - 0x180
+        if node in heard and len(message.data) == 8:
+            data = bytes(message.data)
+            assert crc(struct.pack("<H", message.arbitration_id) + data[:7]) == data[7], data.hex()
+            last[node] = {name: signal.phys_value for name, signal in status_frames[message.arbitration_id].decode(data).items()}
+            heard[node] += 1
+
+
+listen(time.monotonic() + 0.5)
+check("cyclic at 500 Hz without being asked", all(150 < heard[n] < 350 for n in nodes), heard)
+check("off, and 50 degC", all(int(last[n]["state"]) == 0 and abs(float(last[n]["temperature"]) - 50) < 0.2 for n in nodes), last)
+start = {n: float(last[n]["position"]) for n in nodes}
+begin = time.monotonic()
+for k in range(500):
+    for n in nodes:
+        command(n, 2, start[n] + (0.1 * (1 - math.cos(math.pi * min(1, k / 400))) if n == 4 else 0))
+    listen(begin + 0.004 * (k + 1))
+check("joint 4 went where it was told", abs(float(last[4]["position"]) - start[4] - 0.2) < 0.01, (start[4], last[4]))
+check("the others held", all(abs(float(last[n]["position"]) - start[n]) < 0.005 for n in nodes if n != 4), (start, last))
+check("they follow positions", all(int(last[n]["state"]) == 2 for n in nodes), last)
+listen(time.monotonic() + 1.0)
+check("without commands: fault", all(int(last[n]["state"]) == 15 for n in nodes), last)
+for n in nodes:
+    command(n, 15, 0)
+listen(time.monotonic() + 0.1)
+check("cleared", all(int(last[n]["state"]) == 0 for n in nodes), last)
+bus.shutdown()
+process.terminate()
+check("the session ends in order", process.wait(10) == 0, open(work + "/stderr").read())
+s = json.load(open(work + "/stats.json"))
+check("lateness is counted", s["lateness_max_us"] > 0 and any(k.startswith("lateness_below") for k in s) and "overruns" in s, s)
+check("the robot kept the time of the clock", abs(s["simulated_s"] - s["wall_s"]) < 0.3, (s["simulated_s"], s["wall_s"]))
+check("nothing was damaged or repeated", all(d["damaged"] == 0 and d["repeated"] == 0 and d["received"] == 501 for d in s["drives"]), s["drives"])
+text = open(work + "/stderr").read()
+check("what it does is said", "moves with the clock" in text, text)
+subprocess.run(["rm", "-rf", work])
+print(f"{len(failures)} failed" if failures else "all passed")
+sys.exit(bool(failures))

@@ -1,0 +1,63 @@
+"""Wrong usage of tribotwin-hil: one line that says what would be right, exit code 2; and the examples of --help.
+Arguments: tribotwin-hil, source tree."""
+import os, socket, subprocess, sys, tempfile
+
+hil, source = sys.argv[1:3]
+work = tempfile.mkdtemp(prefix="tribotwin_usage_")
+failures = []
+scenario = os.path.join(source, "twin", "scenarios", "irb6620_hold.yaml")
+for folder in ("twin", "mjcf"):
+    os.symlink(os.path.join(source, folder), os.path.join(work, folder))
+
+
+def run(*arguments):
+    return subprocess.run([hil, *arguments], capture_output=True, text=True, timeout=60, cwd=work)
+
+
+def check(name, condition, detail=""):
+    print("ok  " if condition else "FAIL", name, "" if condition else detail, flush=True)
+    if not condition:
+        failures.append(name)
+
+
+def refused(name, *arguments, says, code=2):
+    r = run(*arguments)
+    lines = r.stderr.strip().splitlines()
+    check(name, r.returncode == code and any(says in line for line in lines) and (len(lines) == 1 or "--help" in r.stderr) and r.stdout == "", (r.returncode, r.stdout, r.stderr))
+
+
+taken = socket.socket()
+taken.bind(("127.0.0.1", 0))
+taken.listen()
+port = taken.getsockname()[1]
+refused("port taken", "drive", scenario, "--can", f"socketcand://127.0.0.1:{port}/can0", says=str(port))
+refused("not loopback", "drive", scenario, "--can", "socketcand://0.0.0.0:29700/can0", says="loopback")
+refused("not an address", "drive", scenario, "--can", "tcp:nowhere", says="socketcand://")
+refused("a log is not a bus", "drive", scenario, "--can", "log:x.log", says="replay")
+refused("no such interface", "drive", scenario, "--can", "vcan7", says="CAN" if not os.path.exists("/proc/net/can") else "vcan7")
+refused("impossible budget", "drive", scenario, "--can", "memory:x", "--cycle", "1", says="% of the bus")
+refused("unknown profile", "drive", scenario, "--can", "memory:x", "--profile", "ethercat", says="ethercat")
+refused("node numbers beyond 127", "drive", scenario, "--can", "memory:x", "--first-node", "125", says="at most 127")
+refused("both clocks", "drive", scenario, "--can", "memory:x", "--realtime", "--sync-lockstep", says="excludes")
+refused("no scenario", "drive", "nowhere.yaml", "--can", "memory:x", says="nowhere.yaml")
+refused("no log", "replay", scenario, "nowhere.log", says="nowhere.log")
+refused("no log to shadow", "shadow", scenario, "--can", "log:nowhere.log", says="nowhere.log")
+refused("no such node", "eds", scenario, "--node", "9", says="nodes 1 to 6")
+with open(os.path.join(work, "bad.log"), "w") as f:
+    f.write("(1.000000) can0 080#\nrubbish\n")
+refused("a log with a line that is none", "replay", scenario, "bad.log", "--fast", says="bad.log:2", code=1)
+refused("a log in which no drive speaks", "shadow", scenario, "--can", "log:bad.log", says="bad.log:2", code=1)
+with open(os.path.join(work, "quiet.log"), "w") as f:
+    f.write("(1.000000) can0 080#\n(1.002000) can0 080#\n")
+refused("nothing heard", "shadow", scenario, "--can", "log:quiet.log", says="no position was heard of joint1", code=1)
+r = run("budget", scenario, "--cycle", "1")
+check("budget beyond the bus: the figures, and exit 2", r.returncode == 2 and "% of the bus" in r.stdout and len(r.stderr.splitlines()) == 1, (r.returncode, r.stdout, r.stderr))
+for profile in ("cia402", "mirror"):
+    check("budget " + profile, run("budget", scenario, "--profile", profile).returncode == 0)
+for command in ("budget", "eds", "dbc"):
+    text = run(command, "--help").stdout
+    example = text[text.index("Example:"):].splitlines()[1].split()
+    check("example of --help: " + " ".join(example), run(*example[1:]).returncode == 0)
+subprocess.run(["rm", "-rf", work])
+print(f"{len(failures)} failed" if failures else "all passed")
+sys.exit(bool(failures))
