@@ -1,23 +1,15 @@
 """Six IRB 6620 drives from boot-up through operation and faults, by a master in plain python-can (master.py).
 Arguments: tribotwin-hil, source tree, address of the bus for the drives, then python-can's interface and channel (for
 socketcand: port is taken from the address)."""
-import atexit, json, math, os, re, struct, subprocess, sys, tempfile, time
+import json, math, os, struct, subprocess, sys, time
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
-import can
+from harness import check, connect, finish, hold_scenario, said, start, work
 from master import Master, SdoAbort, is_state
 
 hil, source, address, interface, channel = sys.argv[1:6]
-work = tempfile.mkdtemp(prefix="tribotwin_drive_")
-failures = []
-scenario = os.path.join(source, "twin", "scenarios", "irb6620_hold.yaml")
+scenario = hold_scenario(source)
 nodes = range(1, 7)
-
-
-def check(name, condition, detail=""):
-    print("ok  " if condition else "FAIL", name, "" if condition else detail, flush=True)
-    if not condition:
-        failures.append(name)
 
 
 def aborts(code, call):
@@ -28,22 +20,8 @@ def aborts(code, call):
         return e.code == code
 
 
-def connect():
-    if interface == "socketcand":
-        port = int(re.search(r":(\d+)/", address).group(1))
-        for _ in range(100):
-            try:
-                return can.Bus(interface="socketcand", channel=channel, host="127.0.0.1", port=port)
-            except OSError:
-                time.sleep(0.1)
-    return can.Bus(interface=interface, channel=channel)
-
-
-process = subprocess.Popen([hil, "drive", scenario, "--can", address, "--record", work + "/session.log", "--stats", work + "/stats.json", "-o", work + "/live", "--set", "telemetry_rate_hz=500"],
-                           stderr=open(work + "/stderr", "w"))
-atexit.register(process.kill)
-time.sleep(1)
-master = Master(connect(), nodes)
+process = start(hil, "drive", scenario, "--can", address, "--record", work + "/session.log", "--stats", work + "/stats.json", "-o", work + "/live", "--set", "telemetry_rate_hz=500")
+master = Master(connect(address, interface, channel), nodes)
 
 # Boot-up and SDO.
 master.nmt(0x82)
@@ -188,7 +166,7 @@ check("not enabled any more", all(not is_state(master.read(n, 0x6041, 0, "H"), "
 
 master.bus.shutdown()
 process.terminate()
-check("the drives end when asked", process.wait(10) == 0, open(work + "/stderr").read())
+check("the drives end when asked", process.wait(10) == 0, said())
 stats = json.load(open(work + "/stats.json"))
 check("statistics", stats["syncs"] > 5000 and len(stats["drives"]) == 6 and stats["bus"]["receive_lost"] == 0, stats)
 
@@ -213,6 +191,4 @@ check("shadow: within the limit", r.returncode == 0, (r.returncode, r.stderr))
 r = subprocess.run([hil, "shadow", scenario, "--can", "log:" + work + "/session.log", "--duration", "11", "--limit", "50", "--set", "temperature_degC=80"], capture_output=True, text=True)
 check("shadow: another temperature than the robot's is noticed, exit code 3", r.returncode == 3 and "joint2: residual" in r.stderr, (r.returncode, r.stderr))
 
-subprocess.run(["rm", "-rf", work])
-print(f"{len(failures)} failed" if failures else "all passed")
-sys.exit(bool(failures))
+finish()

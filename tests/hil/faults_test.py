@@ -1,22 +1,14 @@
 """Faults on purpose, as a controller's developer scripts them: what the drives do, and that they come back.
 Arguments as of drive_test.py."""
-import atexit, json, os, re, struct, subprocess, sys, tempfile, time
+import os, struct, subprocess, sys, time
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
-import can
+from harness import check, connect, finish, hold_scenario, said, start, work
 from master import Master, is_state
 
 hil, source, address, interface, channel = sys.argv[1:6]
-work = tempfile.mkdtemp(prefix="tribotwin_faults_")
-failures = []
-scenario = os.path.join(source, "twin", "scenarios", "irb6620_hold.yaml")
+scenario = hold_scenario(source)
 nodes = range(1, 7)
-
-
-def check(name, condition, detail=""):
-    print("ok  " if condition else "FAIL", name, "" if condition else detail, flush=True)
-    if not condition:
-        failures.append(name)
 
 
 with open(work + "/faults.yaml", "w") as f:
@@ -37,14 +29,8 @@ with open(work + "/bad.yaml", "w") as f:
 r = subprocess.run([hil, "drive", scenario, "--can", "memory:x", "--faults", work + "/bad.yaml"], capture_output=True, text=True)
 check("a fault without its drive", r.returncode == 2 and "node" in r.stderr and "bad.yaml" in r.stderr, (r.returncode, r.stderr))
 
-process = subprocess.Popen([hil, "drive", scenario, "--can", address, "--faults", work + "/faults.yaml", "--stats", work + "/stats.json"], stderr=open(work + "/stderr", "w"))
-atexit.register(process.kill)
-time.sleep(1)
-if interface == "socketcand":
-    bus = can.Bus(interface="socketcand", channel=channel, host="127.0.0.1", port=int(re.search(r":(\d+)/", address).group(1)))
-else:
-    bus = can.Bus(interface=interface, channel=channel)
-master = Master(bus, nodes)
+process = start(hil, "drive", scenario, "--can", address, "--faults", work + "/faults.yaml", "--stats", work + "/stats.json")
+master = Master(connect(address, interface, channel), nodes)
 for n in nodes:
     master.read(n, 0x1000)
 master.write(4, 0x1402, 5, "H", 30)
@@ -127,9 +113,7 @@ check("nobody is enabled", all(not is_state(master.status[n], "operation enabled
 check("they come back", enable(nodes), master.status)
 master.bus.shutdown()
 process.terminate()
-check("the session ends in order", process.wait(10) == 0, open(work + "/stderr").read())
-log = open(work + "/stderr").read()
+check("the session ends in order", process.wait(10) == 0, said())
+log = said()
 check("and says what happened to the bus", "cut by a fault of the list" in log, log)
-subprocess.run(["rm", "-rf", work])
-print(f"{len(failures)} failed" if failures else "all passed")
-sys.exit(bool(failures))
+finish()

@@ -1,24 +1,17 @@
 """A real bus that breaks under running drives: link down and up, device deleted and made again, queue full, foreign and
 malformed frames. Only inside tests/can_vm/run.sh. Arguments: tribotwin-hil, source tree."""
-import atexit, json, os, random, socket, struct, subprocess, sys, tempfile, time
+import json, os, random, socket, struct, subprocess, sys, time
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 import can
+from harness import check, finish, hold_scenario, said, start, work
 from master import Master, is_state
 
 if "CAN_VM" not in os.environ:
     sys.exit("run me by tests/can_vm/run.sh: I take buses down")
 hil, source = sys.argv[1:3]
-work = tempfile.mkdtemp(prefix="tribotwin_link_")
-failures = []
-scenario = os.path.join(source, "twin", "scenarios", "irb6620_hold.yaml")
+scenario = hold_scenario(source)
 nodes = range(1, 7)
-
-
-def check(name, condition, detail=""):
-    print("ok  " if condition else "FAIL", name, "" if condition else detail, flush=True)
-    if not condition:
-        failures.append(name)
 
 
 def sh(command):
@@ -32,13 +25,6 @@ def refused(name, *arguments, says):
 
 def stats():
     return json.load(open(work + "/stats.json"))
-
-
-def drives():
-    process = subprocess.Popen([hil, "drive", scenario, "--can", "vcan0", "--stats", work + "/stats.json"], stderr=open(work + "/stderr", "a"))
-    atexit.register(process.kill)
-    time.sleep(1)
-    return process
 
 
 def master():
@@ -62,7 +48,7 @@ refused("an interface that is down", "drive", scenario, "--can", "vcan1", says="
 sh("ip link set vcan1 up")
 refused("an impossible budget", "drive", scenario, "--can", "vcan0", "--cycle", "0.5", says="of the bus")
 
-process = drives()
+process = start(hil, "drive", scenario, "--can", "vcan0", "--stats", work + "/stats.json")
 m = master()
 check("enabled", enabled(m), m.status)
 
@@ -117,12 +103,10 @@ for k in range(1000):
     m.cycle(hold)
 check(f"{sent} foreign frames: no drive minds", enabled(m), m.status)
 process.terminate()
-check("the session ends in order", process.wait(10) == 0, open(work + "/stderr").read())
+check("the session ends in order", process.wait(10) == 0, said())
 s = stats()
 check("counted: the losses of the link", s["bus"]["link_losses"] >= 2, s["bus"])
 check("counted: what was received", s["bus"]["received"] > 0.5 * sent, s["bus"])
-text = open(work + "/stderr").read()
+text = said()
 check("reported: one line each time", "vcan0" in text and "down" in text, text)
-subprocess.run(["rm", "-rf", work])
-print(f"{len(failures)} failed" if failures else "all passed")
-sys.exit(bool(failures))
+finish()

@@ -1,21 +1,15 @@
 """The mirror profile in real time, by a bench in plain python-can with its own CRC; frames decoded through the generated DBC.
 Arguments as of drive_test.py."""
-import atexit, json, math, os, re, struct, subprocess, sys, tempfile, time
+import json, math, os, struct, subprocess, sys, time
 
+sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 import can
 import canmatrix.formats
+from harness import check, connect, finish, hold_scenario, said, start, work
 
 hil, source, address, interface, channel = sys.argv[1:6]
-work = tempfile.mkdtemp(prefix="tribotwin_mirror_")
-failures = []
-scenario = os.path.join(source, "twin", "scenarios", "irb6620_hold.yaml")
+scenario = hold_scenario(source)
 nodes = range(1, 7)
-
-
-def check(name, condition, detail=""):
-    print("ok  " if condition else "FAIL", name, "" if condition else detail, flush=True)
-    if not condition:
-        failures.append(name)
 
 
 def crc(data):
@@ -34,13 +28,8 @@ matrix = canmatrix.formats.loadp_flat(work + "/drives.dbc")
 status_frames = {f.arbitration_id.id: f for f in matrix.frames if f.name.startswith("status")}
 check("the DBC has a status of every drive", sorted(status_frames) == [0x180 + n for n in nodes], sorted(status_frames))
 
-process = subprocess.Popen([hil, "drive", scenario, "--can", address, "--profile", "mirror", "--realtime", "--stats", work + "/stats.json", "-o", work + "/run"], stderr=open(work + "/stderr", "w"))
-atexit.register(process.kill)
-time.sleep(1)
-if interface == "socketcand":
-    bus = can.Bus(interface="socketcand", channel=channel, host="127.0.0.1", port=int(re.search(r":(\d+)/", address).group(1)))
-else:
-    bus = can.Bus(interface=interface, channel=channel)
+process = start(hil, "drive", scenario, "--can", address, "--profile", "mirror", "--realtime", "--stats", work + "/stats.json", "-o", work + "/run")
+bus = connect(address, interface, channel)
 counters, last, heard = {n: 0 for n in nodes}, {}, {n: 0 for n in nodes}
 
 
@@ -86,13 +75,11 @@ listen(time.monotonic() + 0.1)
 check("cleared", all(int(last[n]["state"]) == 0 for n in nodes), last)
 bus.shutdown()
 process.terminate()
-check("the session ends in order", process.wait(10) == 0, open(work + "/stderr").read())
+check("the session ends in order", process.wait(10) == 0, said())
 s = json.load(open(work + "/stats.json"))
 check("lateness is counted", s["lateness_max_us"] > 0 and any(k.startswith("lateness_below") for k in s) and "overruns" in s, s)
 check("the robot kept the time of the clock", abs(s["simulated_s"] - s["wall_s"]) < 0.3, (s["simulated_s"], s["wall_s"]))
 check("nothing was damaged or repeated", all(d["damaged"] == 0 and d["repeated"] == 0 and d["received"] == 501 for d in s["drives"]), s["drives"])
-text = open(work + "/stderr").read()
+text = said()
 check("what it does is said", "moves with the clock" in text, text)
-subprocess.run(["rm", "-rf", work])
-print(f"{len(failures)} failed" if failures else "all passed")
-sys.exit(bool(failures))
+finish()

@@ -1,23 +1,18 @@
 """Wrong usage of tribotwin-hil: one line that says what would be right, exit code 2; and the examples of --help.
 Arguments: tribotwin-hil, source tree."""
-import os, socket, subprocess, sys, tempfile
+import os, socket, subprocess, sys
+
+sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
+from harness import check, finish, hold_scenario, work
 
 hil, source = sys.argv[1:3]
-work = tempfile.mkdtemp(prefix="tribotwin_usage_")
-failures = []
-scenario = os.path.join(source, "twin", "scenarios", "irb6620_hold.yaml")
+scenario = hold_scenario(source)
 for folder in ("twin", "mjcf"):
     os.symlink(os.path.join(source, folder), os.path.join(work, folder))
 
 
 def run(*arguments):
     return subprocess.run([hil, *arguments], capture_output=True, text=True, timeout=60, cwd=work)
-
-
-def check(name, condition, detail=""):
-    print("ok  " if condition else "FAIL", name, "" if condition else detail, flush=True)
-    if not condition:
-        failures.append(name)
 
 
 def refused(name, *arguments, says, code=2):
@@ -58,6 +53,4 @@ for command in ("budget", "eds", "dbc"):
     text = run(command, "--help").stdout
     example = text[text.index("Example:"):].splitlines()[1].split()
     check("example of --help: " + " ".join(example), run(*example[1:]).returncode == 0)
-subprocess.run(["rm", "-rf", work])
-print(f"{len(failures)} failed" if failures else "all passed")
-sys.exit(bool(failures))
+finish()
