@@ -1,6 +1,6 @@
 """A real bus that breaks under running drives: link down and up, device deleted and made again, queue full, foreign and
 malformed frames. Only inside tests/can_vm/run.sh. Arguments: tribotwin-hil, source tree."""
-import json, os, random, socket, struct, subprocess, sys, time
+import atexit, json, os, random, socket, struct, subprocess, sys, time
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 import can
@@ -102,11 +102,45 @@ for k in range(1000):
             pass
     m.cycle(hold)
 check(f"{sent} foreign frames: no drive minds", enabled(m), m.status)
+raw.close()
+
+# A listener beside live drives: it sees what they do and sends nothing.
+listener = subprocess.Popen([hil, "shadow", scenario, "--can", "vcan0", "--duration", "2", "--limit", "1000"], stdout=subprocess.PIPE, text=True)
+atexit.register(listener.kill)
+time.sleep(1)
+for n in nodes:
+    m.write(n, 0x1A03, 0, "B", 0)
+    m.write(n, 0x1A03, 1, "I", 0x60770010)
+    m.write(n, 0x1A03, 0, "B", 1)
+for n in nodes:
+    m.write(n, 0x1803, 2, "B", 1)
+    m.write(n, 0x1803, 1, "I", 0x480 + n)
+target = dict(m.position)
+for k in range(1300):
+    target = {n: target[n] + (2000 if k % 400 < 200 else -2000) for n in nodes}
+    m.cycle(target)
+    time.sleep(0.001)
+table = listener.communicate(timeout=20)[0]
+rows = [line.split() for line in table.splitlines()[2:]]
+check("a shadow beside live drives", listener.returncode == 0 and len(rows) == 6 and all(int(r[1]) > 200 for r in rows), (listener.returncode, table))
+m.bus.shutdown()
+
+# A million frames of random identifiers, lengths and data, as fast as the bus takes them: commands, NMT and SYNC among them.
+sh("cangen vcan0 -g 0 -n 1000000 -I r -L r -D r -i")
+check("a million random frames: the drives are still there", process.poll() is None, said())
+m = Master(can.Bus(interface="socketcan", channel="vcan0"), nodes)
+m.listen(0.5)
+m.boots.clear()
+m.nmt(0x81)
+check("they reset when told to", m.until(lambda: set(m.boots) >= set(nodes), 5), m.boots)
+m.bus.shutdown()
+m = master()
+check("enabled after a million random frames", enabled(m), m.status)
 process.terminate()
 check("the session ends in order", process.wait(10) == 0, said())
 s = stats()
 check("counted: the losses of the link", s["bus"]["link_losses"] >= 2, s["bus"])
-check("counted: what was received", s["bus"]["received"] > 0.5 * sent, s["bus"])
+check("counted: every frame was received or lost", s["bus"]["received"] + s["bus"]["receive_lost"] > 1_000_000, s["bus"])
 text = said()
 check("reported: one line each time", "vcan0" in text and "down" in text, text)
 finish()
