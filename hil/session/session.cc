@@ -97,10 +97,11 @@ tl::expected<void, std::string> drive(const twin::Scenario& scenario, Transport&
     const std::int64_t wake_ns = std::min({now_ns + longest_wait_ns, std::max<std::int64_t>(bench.next_ns(), now_ns), o.realtime ? deadline_ns : std::numeric_limits<std::int64_t>::max()});
     bus.wait(wake_ns);
     Frame frame;
-    now_ns = std::max(now_ns, now_us_ns());
+    // One time for all that waited here: asking the clock for each would cost more than the answer. No two turns share a
+    // time, so that a replay can tell them apart and lets the timers run as often.
+    now_ns = std::max(now_ns + 1000, now_us_ns());
     bench.tick(now_ns);
-    // Bounded, so that a flooded bus cannot keep the clock from being served. All that waited here came by now: asking the
-    // clock for each would cost more than the answer.
+    // Bounded, so that a flooded bus cannot keep the clock from being served.
     for (int i = 0; i < 256 && bus.receive(frame); ++i) {
       record(frame);
       if (auto ok = bench.receive(frame, now_ns); !ok) return ok;
@@ -160,7 +161,7 @@ tl::expected<ReplayResult, std::string> replay(const twin::Scenario& scenario, c
   });
   if (!o.output.empty())
     if (auto ok = bench.plant().record(o.output); !ok) return tl::unexpected(ok.error());
-  std::int64_t first_ns = -1;
+  std::int64_t first_ns = -1, ticked_ns = -1;
   const std::int64_t began_ns = clock_ns(CLOCK_MONOTONIC);
   Frame frame;
   while (!(o.stop && o.stop())) {
@@ -177,7 +178,7 @@ tl::expected<ReplayResult, std::string> replay(const twin::Scenario& scenario, c
       const timespec until{at_ns / s_ns, at_ns % s_ns};
       clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &until, nullptr);
     }
-    bench.tick(frame.time_ns);
+    if (frame.time_ns > ticked_ns) bench.tick(ticked_ns = frame.time_ns);
     if (!bench.is_ours(frame)) {
       if (auto ok = bench.receive(frame, frame.time_ns); !ok) return tl::unexpected(ok.error());
       continue;
