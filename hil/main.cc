@@ -6,9 +6,9 @@
 
 #include <CLI/CLI.hpp>
 #include <fmt/format.h>
-#include <time.h>
 #include <unistd.h>
 
+#include <tribotwin/hil/can/clock.hpp>
 #include <tribotwin/hil/can/log.hpp>
 #include <tribotwin/hil/canopen/budget.hpp>
 #include <tribotwin/hil/mirror/mirror.hpp>
@@ -43,6 +43,7 @@ struct Common {
     command.add_option("--profile", profile, "What is spoken: CANopen with CiA 402, or two plain frames per drive (see dbc)")->check(CLI::IsMember({"cia402", "mirror"}))->capture_default_str();
   }
   bool mirror() const { return profile == "mirror"; }
+  hil::Profile speaks() const { return mirror() ? hil::Profile::mirror : hil::Profile::cia402; }
   twin::Scenario load() const {
     twin::Scenario s = twin::load_scenario(scenario, settings);
     if (first_node + s.model->drives().size() - 1 > 127)
@@ -115,7 +116,7 @@ int run_drives(const DriveArguments& a) {
     fmt::print(stderr, "{} drives, nodes {} to {}, on {}; {}\n", scenario.model->drives().size(), a.first_node, a.first_node + static_cast<int>(scenario.model->drives().size()) - 1, (*bus)->name(),
                a.realtime ? "the robot moves with the clock" : "every SYNC moves the robot on by one cycle");
   const auto ended = hil::drive(scenario, **bus,
-                                {.profile = a.mirror() ? hil::Profile::mirror : hil::Profile::cia402, .first_node = a.first_node, .cycle_us = a.cycle_us(), .realtime = a.realtime, .duration_s = a.duration, .record = a.record, .statistics = a.stats, .output = a.output, .faults = faults,
+                                {.profile = a.speaks(), .first_node = a.first_node, .cycle_us = a.cycle_us(), .realtime = a.realtime, .duration_s = a.duration, .record = a.record, .statistics = a.stats, .output = a.output, .faults = faults,
                                  .stop = [] { return interrupted != 0; }, .status = live ? status_line : std::function<void(const hil::SessionStatus&)>{},
                                  .note = [&](const std::string& what) { fmt::print(stderr, "{}note: {}\n", live ? "\r\033[K" : "", what); }});
   if (live) fmt::print(stderr, "\n");
@@ -131,7 +132,7 @@ struct ReplayArguments : Common {
 int replay(const ReplayArguments& a) {
   const twin::Scenario scenario = a.load();
   if (!fs::exists(a.log)) throw InputError(fmt::format("{}: does not exist", a.log));
-  const auto result = hil::replay(scenario, a.log, {.profile = a.mirror() ? hil::Profile::mirror : hil::Profile::cia402, .first_node = a.first_node, .cycle_us = a.cycle_us(), .rate = a.fast ? 0 : a.rate, .output = a.output, .stop = [] { return interrupted != 0; }});
+  const auto result = hil::replay(scenario, a.log, {.profile = a.speaks(), .first_node = a.first_node, .cycle_us = a.cycle_us(), .rate = a.fast ? 0 : a.rate, .output = a.output, .stop = [] { return interrupted != 0; }});
   if (!result) return complain(program, failed, result.error());
   fmt::print("{} frames, {} from the drives: {} differ, {} missing\n", result->frames, result->compared, result->differing, result->missing);
   if (result->first_difference.empty()) return done;
@@ -162,15 +163,13 @@ int run_shadow(const ShadowArguments& a) {
     next = [&](hil::Frame& frame) -> tl::expected<bool, std::string> {
       while (!interrupted) {
         if (bus->receive(frame)) return true;
-        timespec now{};
-        clock_gettime(CLOCK_MONOTONIC, &now);
-        bus->wait(now.tv_sec * 1'000'000'000LL + now.tv_nsec + 100'000'000);
+        bus->wait(hil::clock_ns() + 100'000'000);
       }
       return false;
     };
   }
   const auto result = hil::shadow(scenario, next,
-                                  {.profile = a.mirror() ? hil::Profile::mirror : hil::Profile::cia402, .first_node = a.first_node, .cycle_us = a.cycle_us(), .limit_nm = a.limit, .limit_time_s = a.limit_time,
+                                  {.profile = a.speaks(), .first_node = a.first_node, .cycle_us = a.cycle_us(), .limit_nm = a.limit, .limit_time_s = a.limit_time,
                                    .duration_s = a.duration, .csv = a.csv, .stop = [] { return interrupted != 0; }, .note = [&](const std::string& what) { fmt::print(stderr, "{}\n", what); }});
   if (!result) return complain(program, failed, result.error());
   fmt::print("{}", result->table());

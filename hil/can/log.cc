@@ -1,4 +1,5 @@
 #include <tribotwin/hil/can/log.hpp>
+#include <tribotwin/hil/can/words.hpp>
 
 #include <algorithm>
 #include <array>
@@ -32,17 +33,6 @@ std::string shown(std::string_view part) {
 template <typename... Arguments>
 Problem problem(fmt::format_string<Arguments...> format, Arguments&&... arguments) {
   return Problem(fmt::format(format, std::forward<Arguments>(arguments)...));
-}
-
-std::vector<std::string_view> words(std::string_view line) {
-  constexpr std::string_view blanks = " \t\r\n";
-  std::vector<std::string_view> out;
-  for (auto begin = line.find_first_not_of(blanks); begin != line.npos; begin = line.find_first_not_of(blanks, begin)) {
-    const auto end = std::min(line.find_first_of(blanks, begin), line.size());
-    out.push_back(line.substr(begin, end - begin));
-    begin = end;
-  }
-  return out;
 }
 
 /// All of `digits` as an unsigned number; nothing if any of them is no digit or the number is too big.

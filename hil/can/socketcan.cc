@@ -1,4 +1,3 @@
-#include <algorithm>
 #include <cerrno>
 #include <cstring>
 #include <optional>
@@ -19,6 +18,7 @@
 #include <time.h>
 #include <unistd.h>
 
+#include <tribotwin/hil/can/clock.hpp>
 #include <tribotwin/hil/can/transport.hpp>
 
 namespace tribotwin::hil {
@@ -209,10 +209,8 @@ class SocketCan final : public Transport {
 
   /// Returns also when a link changed.
   void wait(std::int64_t deadline_ns) override {
-    timespec now;
-    clock_gettime(CLOCK_MONOTONIC, &now);
-    const std::int64_t now_ns = now.tv_sec * second_ns + now.tv_nsec;
-    const std::int64_t left_ns = deadline_ns > now_ns ? deadline_ns - now_ns : 0;
+    const std::int64_t now_ns = clock_ns();
+    const std::int64_t left_ns = deadline_ns > now_ns ? deadline_ns - now_ns : 0;   // any deadline, the least there is too
     const timespec timeout{left_ns / second_ns, left_ns % second_ns};
     pollfd events[] = {{socket_, POLLIN, 0}, {watch_, POLLIN, 0}};
     if (ppoll(events, 2, &timeout, nullptr) <= 0) return;

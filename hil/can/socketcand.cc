@@ -1,4 +1,6 @@
+#include <tribotwin/hil/can/clock.hpp>
 #include <tribotwin/hil/can/transport.hpp>
+#include <tribotwin/hil/can/words.hpp>
 
 #include <algorithm>
 #include <array>
@@ -36,12 +38,6 @@ constexpr std::int64_t ms = 1'000'000;
 constexpr std::int64_t first_frames_after_ns = 50 * ms;
 constexpr std::int64_t accept_pause_ns = 100 * ms;   // when the process is out of file descriptors
 
-std::int64_t now_ns(clockid_t clock) {
-  timespec t{};
-  ::clock_gettime(clock, &t);
-  return t.tv_sec * 1'000'000'000 + t.tv_nsec;
-}
-
 class Descriptor {
  public:
   explicit Descriptor(int fd) : fd_(fd) {}
@@ -74,17 +70,6 @@ std::optional<Number> hexadecimal(std::string_view digits) {
   const auto [end, error] = std::from_chars(digits.data(), digits.data() + digits.size(), value, 16);
   if (error != std::errc{} || end != digits.data() + digits.size()) return std::nullopt;
   return value;
-}
-
-std::vector<std::string_view> words(std::string_view command) {
-  constexpr std::string_view blanks = " \t\r\n";
-  std::vector<std::string_view> out;
-  for (auto begin = command.find_first_not_of(blanks); begin != command.npos; begin = command.find_first_not_of(blanks, begin)) {
-    const auto end = std::min(command.find_first_of(blanks, begin), command.size());
-    out.push_back(command.substr(begin, end - begin));
-    begin = end;
-  }
-  return out;
 }
 
 /// send ID dlc b b ...
@@ -134,7 +119,7 @@ class Server final : public Transport {
       return Sent::refused;
     }
     Frame stamped = frame;
-    stamped.time_ns = now_ns(CLOCK_REALTIME);
+    stamped.time_ns = clock_ns(CLOCK_REALTIME);
     const auto [listening, taken] = broadcast(stamped, nullptr);
     forget_gone();
     if (listening > 0 && taken == 0) return Sent::busy;
@@ -159,7 +144,7 @@ class Server final : public Transport {
 
   void wait(std::int64_t deadline_ns) override {
     while (next_ == inbox_.size()) {
-      const auto now = now_ns(CLOCK_MONOTONIC);
+      const auto now = clock_ns();
       auto wake_ns = deadline_ns;
       polled_.clear();
       const bool accepting = now >= accept_after_ns_;
@@ -175,7 +160,7 @@ class Server final : public Transport {
       const timespec timeout{.tv_sec = left / 1'000'000'000, .tv_nsec = left % 1'000'000'000};
       if (::ppoll(polled_.data(), polled_.size(), &timeout, nullptr) < 0) return;   // a signal
       serve();
-      if (now_ns(CLOCK_MONOTONIC) >= deadline_ns) return;
+      if (clock_ns() >= deadline_ns) return;
     }
   }
 
@@ -201,11 +186,11 @@ class Server final : public Transport {
   }
 
   void accept_clients() {
-    if (now_ns(CLOCK_MONOTONIC) < accept_after_ns_) return;
+    if (clock_ns() < accept_after_ns_) return;
     for (;;) {
       Descriptor socket(::accept4(listener_.get(), nullptr, nullptr, SOCK_NONBLOCK | SOCK_CLOEXEC));
       if (socket.get() < 0) {
-        if (errno == EMFILE || errno == ENFILE || errno == ENOMEM || errno == ENOBUFS) accept_after_ns_ = now_ns(CLOCK_MONOTONIC) + accept_pause_ns;
+        if (errno == EMFILE || errno == ENFILE || errno == ENOMEM || errno == ENOBUFS) accept_after_ns_ = clock_ns() + accept_pause_ns;
         if (errno == ECONNABORTED) continue;
         return;
       }
@@ -272,14 +257,14 @@ class Server final : public Transport {
     } else if (client.open && verb == "rawmode" && parts.size() == 1) {
       reply(client, "< ok >");
       client.raw = true;
-      client.silent_until_ns = now_ns(CLOCK_MONOTONIC) + first_frames_after_ns;
+      client.silent_until_ns = clock_ns() + first_frames_after_ns;
     } else if (client.open && verb == "bcmmode" && parts.size() == 1) {
       client.raw = false;
       reply(client, "< ok >");
     } else if (client.open && verb == "send") {
       auto frame = parse_send(parts);
       if (frame) {
-        frame->time_ns = now_ns(CLOCK_REALTIME);
+        frame->time_ns = clock_ns(CLOCK_REALTIME);
         take(*frame, client);
       } else {
         ++counters_.malformed;
@@ -322,7 +307,7 @@ class Server final : public Transport {
   bool queue(Client& client, std::string_view command) {
     if (client.out.size() + command.size() > longest_queue) flush(client);
     if (client.out.size() + command.size() > longest_queue) {
-      const bool its_fault = now_ns(CLOCK_MONOTONIC) >= client.silent_until_ns;
+      const bool its_fault = clock_ns() >= client.silent_until_ns;
       if (its_fault && ++client.dropped >= most_dropped) client.gone = true;
       return false;
     }
@@ -333,7 +318,7 @@ class Server final : public Transport {
   }
 
   void flush(Client& client) {
-    if (client.out.empty() || client.gone || now_ns(CLOCK_MONOTONIC) < client.silent_until_ns) return;
+    if (client.out.empty() || client.gone || clock_ns() < client.silent_until_ns) return;
     const auto n = ::send(client.socket.get(), client.out.data(), client.out.size(), MSG_NOSIGNAL);
     if (n > 0) client.out.erase(0, static_cast<std::size_t>(n));
     if (n < 0 && errno != EAGAIN && errno != EINTR) client.gone = true;

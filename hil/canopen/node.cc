@@ -282,6 +282,8 @@ void Node::sync(std::int64_t now_ns) {
     if (pdo.pending) take(pdo, now_ns);
 }
 
+bool Node::rests(const Pdo& pdo, std::int64_t now_ns) { return pdo.exists && pdo.type >= 254 && pdo.sent_once && now_ns - pdo.last_ns < pdo.inhibit_ns; }
+
 void Node::tick(std::int64_t now_ns) {
   now_ns_ = now_ns;
   if (auto answer = sdo_.tick(now_ns)) send(0x580U + id_, *answer);
@@ -317,12 +319,12 @@ void Node::tick(std::int64_t now_ns) {
   }
   for (Pdo& pdo : transmit_) {
     if (!pdo.exists || pdo.type < 254) continue;
-    const bool rests = pdo.sent_once && now_ns - pdo.last_ns < pdo.inhibit_ns;
     const bool due = pdo.timer_ns && pdo.sent_once && now_ns - pdo.last_ns >= pdo.timer_ns;
-    if (!rests && (due || !pdo.sent_once || (changed_ && gather(pdo) != pdo.data))) send_pdo(pdo, now_ns);
+    if (!rests(pdo, now_ns) && (due || !pdo.sent_once || ((changed_ || held_back_) && gather(pdo) != pdo.data))) send_pdo(pdo, now_ns);
   }
   // What an inhibit time held back stays to be sent.
-  changed_ = std::ranges::any_of(transmit_, [&](const Pdo& p) { return p.exists && p.type >= 254 && p.inhibit_ns && now_ns - p.last_ns < p.inhibit_ns; });
+  changed_ = false;
+  held_back_ = std::ranges::any_of(transmit_, [&](const Pdo& p) { return rests(p, now_ns); });
 }
 
 void Node::recovered(std::int64_t now_ns) {
@@ -341,7 +343,10 @@ std::int64_t Node::next_ns() const {
   for (const Pdo& pdo : receive_)
     if (pdo.exists && pdo.timer_ns && pdo.last_ns >= 0) at(pdo.last_ns + pdo.timer_ns + 1);
   for (const Pdo& pdo : transmit_)
-    if (pdo.exists && pdo.type >= 254 && pdo.timer_ns && pdo.sent_once) at(pdo.last_ns + pdo.timer_ns);
+    if (pdo.exists && pdo.type >= 254 && pdo.sent_once) {
+      if (pdo.timer_ns) at(pdo.last_ns + std::max(pdo.timer_ns, pdo.inhibit_ns));
+      if (held_back_ && pdo.inhibit_ns) at(pdo.last_ns + pdo.inhibit_ns);
+    }
   return changed_ ? now_ns_ : next;
 }
 

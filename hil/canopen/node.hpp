@@ -77,6 +77,8 @@ class Node final : public BusDrive {
   void take(Pdo& pdo, std::int64_t now_ns);
   std::array<std::uint8_t, 8> gather(const Pdo& pdo) const;
   void send_pdo(Pdo& pdo, std::int64_t now_ns);
+  /// Whether its inhibit time keeps an event PDO from being sent now.
+  static bool rests(const Pdo& pdo, std::int64_t now_ns);
   bool send(std::uint32_t id, std::span<const std::uint8_t> bytes);
   void emergency(std::uint16_t code, std::uint8_t register_bits, std::span<const std::uint8_t> extra = {});
   /// An error of the moment: reported, and gone.
@@ -110,6 +112,7 @@ class Node final : public BusDrive {
   bool follows_before_ = false;
   std::array<bool, 3> fresh_{};   // targets written since the drive last took up a mode: position, velocity, torque
   bool changed_ = true;           // something that an event PDO could send
+  bool held_back_ = false;        // an inhibit time may keep such a PDO from being sent
   std::uint8_t register_ = 0;
 
   // Cached objects of the step.

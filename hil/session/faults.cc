@@ -4,8 +4,8 @@
 #include <cmath>
 
 #include <fmt/format.h>
-#include <time.h>
 
+#include <tribotwin/hil/can/clock.hpp>
 #include <tribotwin/twin/scenario/input.hpp>
 
 namespace tribotwin::hil {
@@ -14,12 +14,6 @@ namespace {
 using K = FaultKind;
 constexpr std::pair<std::string_view, K> kinds[] = {{"drop", K::drop}, {"delay", K::delay}, {"corrupt", K::corrupt}, {"duplicate", K::duplicate}, {"silence", K::silence},
                                                     {"bus_off", K::bus_off}, {"link_down", K::link_down}, {"over_temperature", K::over_temperature}, {"encoder_freeze", K::encoder_freeze}};
-
-std::int64_t now_ns() {
-  timespec t{};
-  clock_gettime(CLOCK_MONOTONIC, &t);
-  return t.tv_sec * 1'000'000'000LL + t.tv_nsec;
-}
 
 }  // namespace
 
@@ -52,7 +46,7 @@ FaultyBus::FaultyBus(Transport& bus, std::vector<Fault> faults, std::uint64_t se
 
 double FaultyBus::now_s() const {
   const double simulated_s = time_s_();
-  const std::int64_t ns = now_ns();
+  const std::int64_t ns = clock_ns();
   line_s_ += was_cut_ ? std::max(simulated_s - simulated_s_, 1e-9 * static_cast<double>(ns - asked_ns_)) : simulated_s - simulated_s_;
   simulated_s_ = simulated_s;
   asked_ns_ = ns;
@@ -81,7 +75,7 @@ void FaultyBus::pass(const Frame& given, std::deque<Frame>& out) {
   for (const Fault& f : faults_) {
     if (f.kind > K::silence || !active(f, &frame)) continue;
     if (f.kind == K::drop || f.kind == K::silence) return;
-    if (f.kind == K::delay) return later_.push_back({now_ns() + std::llround(1e9 * f.delay_s), frame, &out != &ready_});
+    if (f.kind == K::delay) return later_.push_back({clock_ns() + std::llround(1e9 * f.delay_s), frame, &out != &ready_});
     if (f.kind == K::duplicate) ++copies;
     if (f.kind == K::corrupt && frame.size > 0) frame.data[random_() % frame.size] ^= static_cast<std::uint8_t>(1U << random_() % 8);
   }
@@ -100,7 +94,7 @@ Sent FaultyBus::send(const Frame& frame) {
 
 bool FaultyBus::receive(Frame& frame) {
   if (faults_.empty()) return bus_.receive(frame);
-  const std::int64_t now = now_ns();
+  const std::int64_t now = clock_ns();
   for (auto it = later_.begin(); it != later_.end();) {
     if (it->at_ns > now) {
       ++it;

@@ -12,6 +12,7 @@
 #include <sys/mman.h>
 #include <time.h>
 
+#include <tribotwin/hil/can/clock.hpp>
 #include <tribotwin/hil/can/log.hpp>
 #include <tribotwin/twin/output/output.hpp>
 
@@ -22,13 +23,8 @@ using Status = tl::expected<void, std::string>;
 
 constexpr std::int64_t s_ns = 1'000'000'000, longest_wait_ns = 20'000'000;
 
-std::int64_t clock_ns(clockid_t clock) {
-  timespec t{};
-  clock_gettime(clock, &t);
-  return t.tv_sec * s_ns + t.tv_nsec;
-}
 /// Whole microseconds: what a log can hold, so that a replay sees the same times.
-std::int64_t now_us_ns() { return clock_ns(CLOCK_MONOTONIC) / 1000 * 1000; }
+std::int64_t now_us_ns() { return clock_ns() / 1000 * 1000; }
 
 /// Lateness of a periodic task [us]: powers of two.
 struct Lateness {
@@ -109,13 +105,13 @@ tl::expected<void, std::string> drive(const twin::Scenario& scenario, Transport&
       if (finished()) break;
     }
     if (o.realtime) {
-      const std::int64_t late_ns = clock_ns(CLOCK_MONOTONIC) - deadline_ns;
+      const std::int64_t late_ns = clock_ns() - deadline_ns;
       if (late_ns >= 0) {
         lateness.add(late_ns);
         if (late_ns > step_ns) ++overruns;
         // A machine that was away for long goes on from now; the robot does not jump ahead.
         if (late_ns > 200 * step_ns) deadline_ns += late_ns;
-        for (; deadline_ns <= clock_ns(CLOCK_MONOTONIC) && !finished(); deadline_ns += step_ns)
+        for (; deadline_ns <= clock_ns() && !finished(); deadline_ns += step_ns)
           if (auto ok = bench.plant().step(bench.drives()); !ok) return ok;
       }
     }
@@ -162,7 +158,7 @@ tl::expected<ReplayResult, std::string> replay(const twin::Scenario& scenario, c
   if (!o.output.empty())
     if (auto ok = bench.plant().record(o.output); !ok) return tl::unexpected(ok.error());
   std::int64_t first_ns = -1, ticked_ns = -1;
-  const std::int64_t began_ns = clock_ns(CLOCK_MONOTONIC);
+  const std::int64_t began_ns = clock_ns();
   Frame frame;
   while (!(o.stop && o.stop())) {
     auto more = log->next(frame);
@@ -196,7 +192,7 @@ tl::expected<ReplayResult, std::string> replay(const twin::Scenario& scenario, c
     }
     queue.pop_front();
   }
-  if (auto ok = bench.plant().finish(1e-9 * static_cast<double>(clock_ns(CLOCK_MONOTONIC) - began_ns)); !ok) return tl::unexpected(ok.error());
+  if (auto ok = bench.plant().finish(1e-9 * static_cast<double>(clock_ns() - began_ns)); !ok) return tl::unexpected(ok.error());
   return result;
 }
 

@@ -1,24 +1,17 @@
 """What others say of a session with six drives: Wireshark's CANopen dissector of the bus, canmatrix of the DBC, the rules of
 CiA 306 of the EDS; and what bus and telemetry say of each other. Arguments: tribotwin-hil, source tree."""
-import atexit, collections, configparser, ctypes, logging, math, os, re, struct, subprocess, sys, tempfile, time
+import atexit, collections, configparser, ctypes, logging, math, os, re, struct, subprocess, sys, time
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 logging.disable(logging.WARNING)   # python-can of reads that end inside a frame, canmatrix of formats it cannot write
 import can, canmatrix.formats, h5py, numpy as np
+from harness import check, finish, hold_scenario, work
 from master import Master, SdoAbort, is_state
 
 hil, source = sys.argv[1:3]
-work = tempfile.mkdtemp(prefix="tribotwin_conformance_")
-failures = []
-scenario = os.path.join(source, "twin", "scenarios", "irb6620_hold.yaml")
+scenario = hold_scenario(source)
 nodes = range(1, 7)
 start_rad = {1: 0, 2: -0.1, 3: -1.2, 4: 0, 5: 0, 6: 0}   # of the scenario
-
-
-def check(name, condition, detail=""):
-    print("ok  " if condition else "FAIL", name, "" if condition else detail, flush=True)
-    if not condition:
-        failures.append(name)
 
 
 def abort_of(call):
@@ -248,6 +241,4 @@ check("two rows of telemetry per SYNC", np.allclose(telemetry["time_s"][:], 1e-3
 check(f"{answers} positions, temperatures and frictions on the bus are those of the telemetry, rounded", answers > 6 * 300 and len(worst) == 3 and all(w <= 0.5 + 1e-6 for w in worst.values()), worst)
 print("    at most " + ", ".join(f"{w:.3f} x {unit}" for unit, w in worst.items()))
 
-subprocess.run(["rm", "-rf", work])
-print(f"{len(failures)} failed" if failures else "all passed")
-sys.exit(bool(failures))
+finish()

@@ -354,6 +354,7 @@ TEST_F(OneNode, EventTimerAndInhibitTime) {
   control(0x06);
   wait(1);
   EXPECT_LE(on(0x185).size(), 1U);
+  EXPECT_GT(node.next_ns(), now);   // nothing to do before the inhibit time is over
   wait(6);
   ASSERT_FALSE(on(0x185).empty());
   EXPECT_EQ(on(0x185).back().data[0] & 0x6F, 0x21);   // the last state got through
