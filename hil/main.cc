@@ -102,8 +102,17 @@ struct DriveArguments : Common {
   bool realtime = false, lockstep = false, quiet = false;
 };
 
+/// Whoever was on the bus will not say it again: no session takes the place of one recorded before.
+void refuse_recorded(const fs::path& file) {
+  std::error_code none;
+  if (fs::is_regular_file(file, none) && fs::file_size(file, none) > 0)
+    throw InputError(fmt::format("{}: holds a session already; give another name, or move that one away", file.string()));
+}
+
 int run_drives(const DriveArguments& a) {
   const twin::Scenario scenario = a.load();
+  if (!a.record.empty()) refuse_recorded(a.record);
+  if (!a.output.empty()) refuse_recorded(fs::path(a.output) / "telemetry.h5");
   const hil::Budget budget = a.budget(scenario, 1e6);
   if (budget.most > 1) throw InputError(fmt::format("--cycle {}: {}; choose a longer cycle or fewer drives on one bus", a.cycle_ms, budget.line()));
   if (budget.most > 0.8) fmt::print(stderr, "note: {}\n", budget.line());

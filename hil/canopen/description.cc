@@ -41,6 +41,18 @@ int data_type(Type type) {
   return types[static_cast<int>(type)];
 }
 
+/// Of an array or a record, as CiA 301 and 402 call it; of our own ones, as their first entry is called.
+std::string name_of_all(std::uint16_t index, const std::vector<const Object*>& objects) {
+  static const std::map<std::uint16_t, std::string> standard{
+      {0x1003, "pre-defined error field"}, {0x1016, "consumer heartbeat time"}, {0x1018, "identity object"},
+      {0x1029, "error behavior"}, {0x1200, "SDO server parameter"}, {0x607D, "software position limit"},
+      {0x608F, "position encoder resolution"}, {0x6091, "gear ratio"}, {0x60C2, "interpolation time period"}};
+  if (const auto known = standard.find(index); known != standard.end()) return known->second;
+  if (index >= 0x1400 && index < 0x1C00)
+    return fmt::format("{}PDO{} {} parameter", index < 0x1800 ? 'R' : 'T', (index & 0x1ff) + 1, (index & 0x200) ? "mapping" : "communication");
+  return objects[objects.size() > 1 ? 1 : 0]->name;
+}
+
 }  // namespace
 
 std::string eds(const Dictionary& dictionary, const DriveParameters& p) {
@@ -79,8 +91,7 @@ std::string eds(const Dictionary& dictionary, const DriveParameters& p) {
       body(*objects[0]);
       continue;
     }
-    std::string name = index == 0x1003 ? "pre-defined error field" : objects.size() > 1 ? objects[1]->name : objects[0]->name;
-    s += fmt::format("[{:04X}]\nParameterName={}\nObjectType={}\nSubNumber={}\n\n", index, one_line(name), is_array(index) ? "0x8" : "0x9", objects.size());
+    s += fmt::format("[{:04X}]\nParameterName={}\nObjectType={}\nSubNumber={}\n\n", index, one_line(name_of_all(index, objects)), is_array(index) ? "0x8" : "0x9", objects.size());
     for (const Object* o : objects) {
       s += fmt::format("[{:04X}sub{:X}]\n", index, o->sub);
       body(*o);

@@ -1,5 +1,5 @@
-"""What others say of a session with six drives: Wireshark's CANopen dissector of the bus, canmatrix of the DBC, the rules of
-CiA 306 of the EDS; and what bus and telemetry say of each other. Arguments: tribotwin-hil, source tree."""
+"""What others say of a session with six drives: Wireshark's CANopen dissector of the bus, canmatrix of the DBC, Wireshark's
+EDS reader and the rules of CiA 306 of the EDS; and what bus and telemetry say of each other. Arguments: tribotwin-hil, source tree."""
 import atexit, collections, configparser, ctypes, logging, math, os, re, struct, subprocess, sys, time
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
@@ -35,7 +35,7 @@ STANDARD |= {base + k: shape for k in range(5) for base, shape in ((0x1400, "RIB
 
 
 def parse_eds(node):
-    """Of the EDS: {(index, sub): (type, default, access, mappable)}, data types that fill gaps in an RPDO, what is wrong."""
+    """Of the EDS: {(index, sub): (type, default, access, mappable, name)}, data types that fill gaps in an RPDO, what is wrong."""
     wrong = []
     subprocess.run([hil, "eds", scenario, "--node", str(node), "-o", work + "/drive.eds"], check=True)
     eds = configparser.ConfigParser(strict=True, interpolation=None, delimiters="=", comment_prefixes=";", empty_lines_in_values=False)
@@ -72,7 +72,7 @@ def parse_eds(node):
             if kind != "s":
                 default = number(default)
                 need(low <= number(e.get("LowLimit") or str(low)) <= default <= number(e.get("HighLimit") or str(high)) <= high, at, "is beyond its limits")
-            entries[index, sub] = kind, default, e["AccessType"], e["PDOMapping"] == "1"
+            entries[index, sub] = kind, default, e["AccessType"], e["PDOMapping"] == "1", e["ParameterName"]
     for way, base, may in (("RX", 0x1600, ("rw", "rww", "wo")), ("TX", 0x1A00, ("rw", "rwr", "ro", "const"))):
         maps = [i for i in listed if base <= i < base + 0x200]
         need(number(eds["DeviceInfo"][f"NrOf{way}PDO"]) == len(maps) == sum(base - 0x200 <= i < base for i in listed), f"NrOf{way}PDO")
@@ -80,7 +80,7 @@ def parse_eds(node):
             mapped = [entries[i, k + 1][1] for k in range(entries[i, 0][1])]
             need(sum(m & 0xFF for m in mapped) <= 64, "%04X" % i, "is too long")
             for m in mapped:
-                kind, _, access, mappable = entries.get((m >> 16, m >> 8 & 0xFF), ("s", 0, "", False))
+                kind, _, access, mappable, _ = entries.get((m >> 16, m >> 8 & 0xFF), ("s", 0, "", False, ""))
                 need(mappable and access in may and 8 * struct.calcsize(kind) == m & 0xFF, "%04X maps %08X" % (i, m))
     need([number(eds["DeviceInfo"][k]) for k in ("VendorNumber", "ProductNumber", "RevisionNumber")] == [entries[0x1018, k][1] for k in (1, 2, 3)], "identities differ")
     return entries, {k for k in range(1, 8) if eds["DummyUsage"].get(f"Dummy{k:04}", "0") == "1"}, wrong
@@ -89,6 +89,26 @@ def parse_eds(node):
 for n in reversed(nodes):
     entries, dummies, wrong = parse_eds(n)
     check(f"EDS of node {n}: {len(entries)} entries as CiA 306, 301 and 402 want them", not wrong, wrong)
+
+# ---- The EDS, read by Wireshark: its POWERLINK dissector knows the objects of a node by name and type from a CANopen EDS.
+RANGE = {kind: (low, high) for kind, low, high in TYPES.values()}
+extremes = {at: RANGE[kind][0] or RANGE[kind][1] for at, (kind, _, _, _, _) in sorted(entries.items()) if kind != "s"}   # the sign shows the type
+with open(work + "/eds.pcap", "wb") as f:
+    f.write(struct.pack("<IHHiIII", 0xA1B2C3D4, 2, 4, 0, 0, 65535, 1))
+    for k, ((index, sub), value) in enumerate(extremes.items()):
+        data = struct.pack("<HBx" + entries[index, sub][0], index, sub, value)
+        data = (b"\x01\x11\x1E\0\0\4" + b"\2\0\0\0\0\1" + b"\x88\xAB" + bytes([6, 1, 240, 5])   # Ethernet; ASnd from node 240 to 1: SDO
+                + bytes([4 * (k % 64) | 2, 4 * (k % 64) | 2, 0, 0]) + struct.pack("<4BHH", 0, k % 256, 0, 1, len(data), 0) + data)   # number k; write by index
+        f.write(struct.pack("<4I", k, 0, len(data), len(data)) + data)
+shown = subprocess.run(["tshark", "-r", work + "/eds.pcap", "-O", "epl", "-o", f'uat:epl_nodeid_profiles:"1","{work}/drive.eds"'], capture_output=True, text=True, check=True).stdout
+differ = []
+for frame, ((index, sub), value) in zip(re.split(r"^Frame \d+:", shown, flags=re.M)[1:], extremes.items(), strict=True):
+    got = re.findall(r"(?:OD (?:Sub)?Index: (\S+) |Data: (\S+))(?:\((.*)\))?", frame)
+    (at, _, name), value_shown = got[-2] if got[-1][1] else got[-1], got[-1][1]
+    is_mapping = sub and (0x1600 <= index < 0x1800 or 0x1A00 <= index < 0x1C00)   # dissected as mappings instead
+    if not (int(at, 0) in (index, sub) and name == entries[index, sub][4] and (is_mapping or value_shown == str(value))):
+        differ.append(("%04X:%X" % (index, sub), got, value))
+check(f"Wireshark knows {len(extremes)} entries by name and type from the EDS", not differ, differ[:5])
 
 # ---- A session.
 process = subprocess.Popen([hil, "drive", scenario, "--can", "socketcand://127.0.0.1:29611/can0", "--record", work + "/session.log", "-o", work + "/live", "--set", "telemetry_rate_hz=1000"],
@@ -105,7 +125,7 @@ else:
 master = Master(bus, nodes)
 
 differ = []
-for (index, sub), (kind, default, access, _) in entries.items():
+for (index, sub), (kind, default, access, _, _) in entries.items():
     try:
         got = master.read(1, index, sub, kind) if access != "wo" else default
     except SdoAbort as a:

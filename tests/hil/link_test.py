@@ -78,6 +78,27 @@ m.bus.shutdown()
 m = master()
 check("enabled on the new device", enabled(m), m.status)
 
+# A queue that drains sixty frames a second: most of what master and drives say is refused by the kernel.
+sh("tc qdisc add dev vcan0 root tbf rate 8kbit burst 32 limit 160")
+refusals = 0
+hold = dict(m.position)
+for k in range(300):
+    try:
+        m.cycle(hold, wait=False)
+    except can.CanError:
+        refusals += 1
+    m.listen(0.002)
+check("the queue is full", refusals > 100, refusals)
+sh("tc qdisc del dev vcan0 root")
+m.listen(0.2)
+m.heartbeat.clear()
+check("drives beat once the queue drains", process.poll() is None and m.until(lambda: len(m.heartbeat) == 6, 3), (m.heartbeat, said()))
+m.cycle()
+check("none is enabled: commands were lost in the queue", m.until(lambda: m.cycle() and all(is_state(m.status[n], "fault") for n in nodes), 3), m.status)
+m.bus.shutdown()
+m = master()
+check("enabled after the queue", enabled(m), m.status)
+
 # A hundred thousand frames of any kind, between SYNCs.
 raw = socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW)
 raw.setsockopt(socket.SOL_CAN_RAW, socket.CAN_RAW_FD_FRAMES, 1)
@@ -140,6 +161,7 @@ process.terminate()
 check("the session ends in order", process.wait(10) == 0, said())
 s = stats()
 check("counted: the losses of the link", s["bus"]["link_losses"] >= 2, s["bus"])
+check("counted: what the queue refused", s["bus"]["send_busy"] > 0, s["bus"])
 check("counted: every frame was received or lost", s["bus"]["received"] + s["bus"]["receive_lost"] > 1_000_000, s["bus"])
 text = said()
 check("reported: one line each time", "vcan0" in text and "down" in text, text)

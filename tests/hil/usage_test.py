@@ -45,6 +45,12 @@ refused("a log in which no drive speaks", "shadow", scenario, "--can", "log:bad.
 with open(os.path.join(work, "quiet.log"), "w") as f:
     f.write("(1.000000) can0 080#\n(1.002000) can0 080#\n")
 refused("nothing heard", "shadow", scenario, "--can", "log:quiet.log", says="no position was heard of joint1", code=1)
+refused("a log that is a recording", "drive", scenario, "--can", "memory:x", "--record", "quiet.log", says="quiet.log: holds a session already")
+os.mkdir(os.path.join(work, "live"))
+with open(os.path.join(work, "live", "telemetry.h5"), "w") as f:
+    f.write("somebody's")
+refused("a folder that holds a session", "drive", scenario, "--can", "memory:x", "-o", "live", says="telemetry.h5: holds a session already")
+check("and both stay as they were", open(os.path.join(work, "quiet.log")).read().count("\n") == 2 and open(os.path.join(work, "live", "telemetry.h5")).read() == "somebody's")
 r = run("budget", scenario, "--cycle", "1")
 check("budget beyond the bus: the figures, and exit 2", r.returncode == 2 and "% of the bus" in r.stdout and len(r.stderr.splitlines()) == 1, (r.returncode, r.stdout, r.stderr))
 for profile in ("cia402", "mirror"):
