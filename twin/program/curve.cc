@@ -1,0 +1,97 @@
+#include <charconv>
+#include <cmath>
+#include <cstdint>
+#include <memory>
+
+#include <fmt/format.h>
+
+#include <tribotwin/twin/laboratory/experiment.hpp>
+#include <tribotwin/twin/model/arm.hpp>
+#include <tribotwin/twin/program/program.hpp>
+#include <tribotwin/twin/scenario/input.hpp>
+
+namespace tribotwin::twin::program {
+namespace {
+
+/// FROM:TO:COUNT, evenly spaced.
+std::vector<double> speeds_of(const std::string& text) {
+  double parts[3];
+  const char* at = text.data();
+  const char* end = text.data() + text.size();
+  for (int i = 0; i < 3; ++i) {
+    const auto [next, error] = std::from_chars(at, end, parts[i]);
+    if (error != std::errc{} || (i < 2 ? next == end || *next != ':' : next != end))
+      throw InputError(fmt::format("--speeds {}: must be FROM:TO:COUNT in motor rad/s, for example 1:280:50", text));
+    at = next + 1;
+  }
+  const double count = parts[2];
+  if (!(std::isfinite(parts[0]) && std::isfinite(parts[1])) || count < 1 || count > 1e6 || count != std::floor(count))
+    throw InputError(fmt::format("--speeds {}: FROM and TO must be finite and COUNT a whole number from 1 to 1000000", text));
+  std::vector<double> speeds;
+  for (int i = 0; i < static_cast<int>(count); ++i) speeds.push_back(count == 1 ? parts[0] : parts[0] + (parts[1] - parts[0]) * i / (count - 1));
+  return speeds;
+}
+
+struct Arguments {
+  std::string model, joint, speeds = "1:280:50", csv, load_by = "torque";
+  double temperature = 50, load = 0, noise = 0;
+  std::uint64_t seed = 1;
+  bool experiment = false, quiet = false;
+};
+
+int execute(const Arguments& a) {
+  const auto speeds = speeds_of(a.speeds);
+  for (const auto& [option, value] : {std::pair{"--temperature", a.temperature}, {"--load", a.load}, {"--noise", a.noise}})
+    if (!std::isfinite(value)) throw InputError(fmt::format("{} {}: must be a finite number", option, value));
+  const auto model = mujoco::load_file(a.model);
+  if (!model) throw InputError(model.error());
+  const auto found = find_drive(**model, a.joint);
+  if (!found) throw InputError(fmt::format("{}: --joint {}", a.model, found.error()));
+  const std::size_t index = *found;
+  const auto& drive = (*model)->drives()[index].drive;
+  std::vector<CurvePoint> points;
+  if (a.experiment) {
+    for (const double v : speeds)
+      if (v == 0) throw InputError("--speeds: a measurement needs a speed other than 0");
+    Progress progress(a.quiet);
+    auto measured = measure_curve(**model, index, speeds,
+                                        {.load_norm = a.load, .temperature_degC = a.temperature,
+                                         .load_by = a.load_by == "pose" ? LoadBy::pose : LoadBy::torque,
+                                         .noise_nm = a.noise, .seed = a.seed, .progress = [&](double share) { progress(share); }});
+    if (!measured) return complain(a.load_by == "pose" && measured.error().starts_with("no pose") ? wrong_input : failed, measured.error());
+    points = std::move(*measured);
+  } else {
+    points = law_curve(drive, speeds, a.load, a.temperature);
+  }
+  int outside = 0;
+  for (const auto& p : points)
+    outside += friction::level(drive.law, friction::at_temperature(drive.law, p.temperature_degC), p.speed_rad_s / drive.gear_ratio * drive.speed_scale(), p.load_norm).outside;
+  std::string text = "speed_rad_s,load_norm,temperature_degC,friction_norm,friction_nm,stderr_nm\n";
+  for (const auto& p : points)
+    text += fmt::format("{},{},{},{},{},{}\n", p.speed_rad_s, p.load_norm, p.temperature_degC, p.friction_norm, p.friction_nm, p.stderr_nm);
+  if (outside && !a.quiet)
+    fmt::print(stderr, "note: {} of {} points lie outside the range in which law '{}' was identified; its validity policy applies\n", outside, points.size(), drive.law.info->name);
+  return deliver(text, a.csv);
+}
+
+}  // namespace
+
+void add_curve(CLI::App& app, int& code) {
+  auto a = std::make_shared<Arguments>();
+  auto* command = app.add_subcommand("curve", "Friction over speed: the law, or as an experiment measures it");
+  command->add_option("MODEL", a->model, "MJCF model")->required();
+  command->add_option("--joint", a->joint, "Joint with a drive")->required();
+  command->add_option("--temperature", a->temperature, "Lubricant temperature [degC]")->capture_default_str()->check(CLI::Range(-273.15, 1000.0));
+  command->add_option("--load", a->load, "Load torque / torque_max_nm [-]")->capture_default_str()->check(CLI::Range(-1000.0, 1000.0));
+  command->add_option("--speeds", a->speeds, "FROM:TO:COUNT, motor side [rad/s]")->capture_default_str();
+  command->add_flag("--experiment", a->experiment, "Measure in simulation by paper 1's +-v procedure");
+  command->add_option("--load-by", a->load_by, "What holds the load in the experiment")->check(CLI::IsMember({"torque", "pose"}))->capture_default_str();
+  command->add_option("--noise", a->noise, "Standard deviation of the measured motor torque, arm side [Nm]")->capture_default_str()->check(CLI::Range(0.0, 1e9));
+  command->add_option("--seed", a->seed, "Seed of the noise")->capture_default_str();
+  command->add_option("--csv", a->csv, "Write to this file instead of stdout");
+  command->add_flag("--quiet", a->quiet, "No progress, no notes");
+  command->footer("Example:\n  tribotwin curve mjcf/irb6620.xml --joint joint2 --temperature 50 --load 0.3 --speeds 1:280:10 --experiment");
+  command->callback([a, &code] { code = execute(*a); });
+}
+
+}  // namespace tribotwin::twin::program

@@ -1,0 +1,28 @@
+#pragma once
+
+#include <filesystem>
+#include <string>
+
+#include <CLI/CLI.hpp>
+
+#include <tribotwin/twin/output/output.hpp>
+
+/// The commands of the program `tribotwin`, one file each. A command registers itself with its options; when it was asked
+/// for, its callback does the work and leaves its exit code in `code`. Wrong input is thrown as InputError.
+namespace tribotwin::twin::program {
+
+void add_run(CLI::App& app, int& code);
+void add_curve(CLI::App& app, int& code);
+void add_recover(CLI::App& app, int& code);
+void add_export(CLI::App& app, int& code);
+
+/// "tribotwin: MESSAGE" on stderr; returns the exit code.
+inline int complain(Exit code, const std::string& message) { return twin::complain("tribotwin", code, message); }
+
+/// The file of a campaign or scenario as given, or the shipped one of that name.
+std::filesystem::path scenario_file(const std::string& given);
+
+/// Text to stdout, or to `file` where one is named; returns the exit code.
+int deliver(const std::string& text, const std::string& file);
+
+}  // namespace tribotwin::twin::program
