@@ -1,0 +1,153 @@
+#include <tribotwin/twin/identification/basis.hpp>
+
+#include <algorithm>
+#include <thread>
+
+#include <tribotwin/twin/identification/moments_kernel.hpp>
+
+namespace tribotwin::twin::identification {
+namespace {
+
+using F = friction::Family;
+using Eigen::Index, Eigen::MatrixXd, Eigen::VectorXd;
+enum Linear { A, A_T, A_l, B, B_T, B_l, C_l, F1, F1_T, F2, F3, Fb, Fb_T };
+enum Nonlinear { vs, vs_T, vl, alpha, T_V, beta, beta_T, s_T, s_T0 };
+
+constexpr std::size_t chunk = 16384;
+
+/// d(basis_k)/d(nonlinear_n) is a column.
+struct Derivative {
+  int linear, nonlinear, column;
+};
+constexpr Derivative derivatives[] = {
+    {B, vs, col_u}, {B_T, vs, col_uT}, {B_l, vs, col_ul}, {B, vs_T, col_uT}, {B_T, vs_T, col_uTT}, {B_l, vs_T, col_uTl},
+    {B, alpha, col_a}, {B_T, alpha, col_aT}, {B_l, alpha, col_al}, {C_l, vl, col_vl}, {C_l, alpha, col_al2},
+    {F1_T, T_V, col_F1_TV}, {Fb_T, T_V, col_Fb_TV}, {Fb, beta, col_beta}, {Fb_T, beta, col_beta_eT}, {Fb, beta_T, col_betaT}, {Fb_T, beta_T, col_beta_eTT}};
+
+/// The derivatives that a law has; its reference temperature s_T0 is a convention and none of them.
+std::vector<Derivative> derivatives_of(const Placement& place) {
+  std::vector<Derivative> list;
+  const auto uses = [](const std::vector<std::size_t>& fields, int field) { return std::ranges::find(fields, static_cast<std::size_t>(field)) != fields.end(); };
+  for (const Derivative& d : derivatives)
+    if (uses(place.linear_used, d.linear) && uses(place.nonlinear_used, d.nonlinear)) list.push_back(d);
+  if (uses(place.nonlinear_used, s_T))
+    for (const std::size_t k : place.linear_used) list.push_back({static_cast<int>(k), s_T, col_scaled + static_cast<int>(k)});
+  return list;
+}
+
+std::vector<int> columns_of(const Placement& place) {
+  std::vector<int> used(place.linear_used.begin(), place.linear_used.end());
+  for (const Derivative& d : derivatives_of(place)) used.push_back(d.column);
+  std::ranges::sort(used);
+  used.erase(std::unique(used.begin(), used.end()), used.end());
+  used.push_back(col_y);
+  return used;
+}
+
+KernelNumbers numbers(const F& f) { return {f.vs, f.vs_T, f.vl, f.alpha, f.T_V, f.beta, f.beta_T, f.s_T, f.s_T0}; }
+
+KernelSamples part(const Samples& s, std::span<const double> weights, std::size_t i) {
+  const std::size_t first = i * chunk;
+  return {s.speed.data() + first, s.load.data() + first, s.temperature_degC.data() + first, s.friction.data() + first,
+          weights.empty() ? nullptr : weights.data() + first, std::min(chunk, s.size() - first)};
+}
+
+bool wide() {
+#if defined(__x86_64__)
+  static const bool can = __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma");
+  return can;
+#else
+  return false;
+#endif
+}
+
+/// work(i) for i < count.
+template <class Work>
+void in_parallel(std::size_t count, unsigned threads, const Work& work) {
+  const std::size_t workers = std::min<std::size_t>(std::max(1u, threads), count);
+  const auto run = [&](std::size_t w) {
+    for (std::size_t i = w; i < count; i += workers) work(i);
+  };
+  std::vector<std::jthread> team;
+  for (std::size_t w = 1; w < workers; ++w) team.emplace_back(run, w);
+  run(0);
+}
+
+}  // namespace
+
+const LinearFields linear_fields{&F::A, &F::A_T, &F::A_l, &F::B, &F::B_T, &F::B_l, &F::C_l, &F::F1, &F::F1_T, &F::F2, &F::F3, &F::Fb, &F::Fb_T};
+const NonlinearFields nonlinear_fields{&F::vs, &F::vs_T, &F::vl, &F::alpha, &F::T_V, &F::beta, &F::beta_T, &F::s_T, &F::s_T0};
+
+Placement::Placement(const friction::LawInfo& law) {
+  const auto count = static_cast<Index>(law.parameters.size());
+  std::vector<double> unit(law.parameters.size(), 0);
+  const F origin = law.family(unit);
+  const auto fill = [&](auto& fields, VectorXd& offset, MatrixXd& place) {
+    const auto rows = static_cast<Index>(fields.size());
+    offset.resize(rows);
+    place.resize(rows, count);
+    for (Index i = 0; i < rows; ++i) offset(i) = origin.*fields[i];
+    for (Index j = 0; j < count; ++j) {
+      unit[j] = 1;
+      const F moved = law.family(unit);
+      unit[j] = 0;
+      for (Index i = 0; i < rows; ++i) place(i, j) = moved.*fields[i] - offset(i);
+    }
+  };
+  fill(linear_fields, linear_offset, linear);
+  fill(nonlinear_fields, nonlinear_offset, nonlinear);
+  for (std::size_t k = 0; k < linear_count; ++k)
+    if (!linear.row(static_cast<Index>(k)).isZero(0)) linear_used.push_back(k);
+  for (std::size_t n = 0; n < nonlinear_count; ++n)
+    if (!nonlinear.row(static_cast<Index>(n)).isZero(0)) nonlinear_used.push_back(n);
+}
+
+Moments accumulate(const Samples& samples, std::span<const double> weights, const Placement& place, const friction::Family& family, unsigned threads) {
+  const std::vector<int> used = columns_of(place);
+  const auto n = used.size();
+  const std::size_t count = (samples.size() + chunk - 1) / chunk;
+  std::vector<double> sums(count * n * n, 0);
+  const auto kernel = wide() ? moments_avx2 : moments_baseline;
+  const KernelNumbers p = numbers(family);
+  in_parallel(count, threads, [&](std::size_t i) { kernel(part(samples, weights, i), p, used.data(), static_cast<int>(n), sums.data() + i * n * n); });
+  for (std::size_t i = 1; i < count; ++i)
+    for (std::size_t k = 0; k < n * n; ++k) sums[k] += sums[i * n * n + k];
+  Moments m;
+  m.place_ = &place;
+  m.all_ = MatrixXd::Zero(column_count, column_count);
+  for (std::size_t a = 0; a < n; ++a)
+    for (std::size_t b = 0; b <= a; ++b) m.all_(used[a], used[b]) = m.all_(used[b], used[a]) = sums[a * n + b];
+  m.FF = m.all_.topLeftCorner(linear_count, linear_count);
+  m.Fy = m.all_.block(0, col_y, linear_count, 1);
+  m.yy = m.all_(col_y, col_y);
+  return m;
+}
+
+Moments::At Moments::at(const VectorXd& eta) const {
+  constexpr Index K = linear_count, N = nonlinear_count;
+  const std::vector<Derivative> list = derivatives_of(*place_);
+  MatrixXd combine = MatrixXd::Zero(column_count, N);   // D = columns * combine
+  for (const Derivative& d : list) combine(d.column, d.nonlinear) += eta(d.linear);
+  VectorXd residual = VectorXd::Zero(column_count);     // r = columns * residual
+  residual(col_y) = 1;
+  residual.head(K) = -eta;
+  const VectorXd by_residual = all_ * residual;
+  At result{.FD = all_.topRows(K) * combine, .DD = combine.transpose() * all_ * combine, .Dr = combine.transpose() * by_residual,
+            .rr = std::max(0.0, residual.dot(by_residual)), .Fr_by = MatrixXd::Zero(K, N)};
+  for (const Derivative& d : list) result.Fr_by(d.linear, d.nonlinear) = by_residual(d.column);
+  return result;
+}
+
+std::vector<double> residuals(const Samples& samples, const Placement& place, const friction::Family& family, unsigned threads) {
+  std::vector<double> r(samples.size());
+  std::vector<int> used(place.linear_used.begin(), place.linear_used.end());
+  double linear[linear_count];
+  for (std::size_t k = 0; k < linear_count; ++k) linear[k] = family.*linear_fields[k];
+  const auto kernel = wide() ? residuals_avx2 : residuals_baseline;
+  in_parallel((samples.size() + chunk - 1) / chunk, threads, [&](std::size_t i) {
+    kernel(part(samples, {}, i), numbers(family), used.data(), static_cast<int>(used.size()), linear, r.data() + i * chunk);
+  });
+  return r;
+}
+
+}  // namespace tribotwin::twin::identification

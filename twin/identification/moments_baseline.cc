@@ -1,0 +1,3 @@
+#define MOMENTS moments_baseline
+#define RESIDUALS residuals_baseline
+#include "moments_kernel.inc"

@@ -1,0 +1,346 @@
+#include <tribotwin/twin/identification/separable.hpp>
+
+#include <algorithm>
+#include <cmath>
+#include <optional>
+
+#include <ceres/ceres.h>
+
+namespace tribotwin::twin::identification {
+namespace {
+
+using Eigen::Index, Eigen::MatrixXd, Eigen::VectorXd;
+using F = friction::Family;
+
+constexpr std::size_t grid_samples = 256, start_samples = 4096;
+
+/// Evenly spread samples; enough to tell which valley is the deepest.
+Samples thinned(const Samples& all, std::size_t count) {
+  if (all.size() <= count) return all;
+  std::vector<std::size_t> rows(count);
+  // Golden-ratio steps within strides: no beat with speed levels that repeat.
+  for (std::size_t i = 0; i < count; ++i) {
+    const double stride = static_cast<double>(all.size()) / static_cast<double>(count), jitter = 0.6180339887498949 * static_cast<double>(i);
+    rows[i] = std::min(all.size() - 1, static_cast<std::size_t>(stride * (static_cast<double>(i) + jitter - std::floor(jitter))));
+  }
+  return all.subset(rows);
+}
+
+std::vector<double> thinned_weights(const std::vector<double>& weights, std::size_t count) {
+  if (weights.size() <= count) return weights;
+  Samples carrier;
+  carrier.speed = carrier.load = carrier.temperature_degC = carrier.friction = weights;
+  return thinned(carrier, count).speed;
+}
+
+/// min x^T N x / 2 - b^T x within bounds; `held` tells which bound holds.
+VectorXd bounded_solution(const MatrixXd& N, const VectorXd& b, const VectorXd& low, const VectorXd& high, std::vector<bool>& held) {
+  const Index n = b.size();
+  VectorXd x = VectorXd::Zero(n);
+  held.assign(static_cast<std::size_t>(n), false);
+  for (Index round = 0; round < 4 * n + 4; ++round) {
+    std::vector<Index> open;
+    for (Index i = 0; i < n; ++i)
+      if (!held[i]) open.push_back(i);
+    if (!open.empty()) {
+      MatrixXd A(open.size(), open.size());
+      VectorXd c(open.size());
+      for (std::size_t i = 0; i < open.size(); ++i) {
+        c(i) = b(open[i]);
+        for (Index j = 0; j < n; ++j)
+          if (held[j]) c(i) -= N(open[i], j) * x(j);
+        for (std::size_t j = 0; j < open.size(); ++j) A(i, j) = N(open[i], open[j]);
+      }
+      const VectorXd y = pseudo_inverse(A) * c;
+      for (std::size_t i = 0; i < open.size(); ++i) x(open[i]) = y(i);
+    }
+    Index worst = -1;
+    double excess = 1e-12;
+    for (const Index i : open) {
+      const double out = std::max(low(i) - x(i), x(i) - high(i)) * std::sqrt(N(i, i));
+      if (out > excess) excess = out, worst = i;
+    }
+    if (worst >= 0) {
+      x(worst) = std::clamp(x(worst), low(worst), high(worst));
+      held[worst] = true;
+      continue;
+    }
+    // A bound that the cost would rather leave.
+    const VectorXd gradient = N * x - b;
+    Index leave = -1;
+    double gain = 1e-9;
+    for (Index i = 0; i < n; ++i) {
+      if (!held[i]) continue;
+      const double pull = (x(i) <= low(i) ? -gradient(i) : gradient(i)) / std::sqrt(std::max(N(i, i), 1e-300));
+      if (pull > gain * std::sqrt(std::max(b.dot(x), 1e-300))) gain = pull, leave = i;
+    }
+    if (leave < 0 || round > 2 * n) break;
+    held[leave] = false;
+  }
+  for (Index i = 0; i < n; ++i) x(i) = std::clamp(x(i), low(i), high(i));
+  return x;
+}
+
+}  // namespace
+
+MatrixXd pseudo_inverse(const MatrixXd& matrix, double tolerance) {
+  if (matrix.rows() == 0) return matrix;
+  const VectorXd scale = matrix.diagonal().cwiseMax(0).cwiseSqrt().unaryExpr([](double x) { return x > 0 ? 1 / x : 0; });
+  const Eigen::SelfAdjointEigenSolver<MatrixXd> eigen(scale.asDiagonal() * matrix * scale.asDiagonal());
+  const double least = tolerance * eigen.eigenvalues().cwiseAbs().maxCoeff();
+  const VectorXd inverse = eigen.eigenvalues().unaryExpr([least](double e) { return e > least ? 1 / e : 0; });
+  return scale.asDiagonal() * eigen.eigenvectors() * inverse.asDiagonal() * eigen.eigenvectors().transpose() * scale.asDiagonal();
+}
+
+Separable::Separable(const friction::LawInfo& law, const Samples& samples, std::vector<double> weights, unsigned threads)
+    : law_(&law), samples_(&samples), weights_(std::move(weights)), threads_(threads), place_(law) {
+  const auto count = static_cast<Index>(law.parameters.size());
+  to_parameters_ = MatrixXd::Identity(count, count);
+  values_ = VectorXd::Zero(count);
+  low_.resize(count);
+  high_.resize(count);
+  for (Index i = 0; i < count; ++i) low_(i) = law.parameters[i].minimum, high_(i) = law.parameters[i].maximum;
+  free_.assign(law.parameters.size(), true);
+  if (law.name == "steady_state") {   // Fs = Fc + excess
+    to_parameters_(1, 0) = 1;
+    low_(1) = 0;
+    place_.linear = place_.linear * to_parameters_;
+    place_.nonlinear = place_.nonlinear * to_parameters_;
+  }
+}
+
+void Separable::hold(std::size_t parameter, double value) {
+  free_[parameter] = false;
+  values_(static_cast<Index>(parameter)) = value;
+}
+
+std::size_t Separable::parameter_of(double F::* field) const {
+  for (std::size_t n = 0; n < nonlinear_count; ++n)
+    if (nonlinear_fields[n] == field)
+      for (Index j = 0; j < place_.nonlinear.cols(); ++j)
+        if (place_.nonlinear(static_cast<Index>(n), j) != 0) return static_cast<std::size_t>(j);
+  return npos;
+}
+
+Point Separable::at(const VectorXd& start) const {
+  Point point{.values = start, .family = {}, .moments = {}, .derivatives = {}, .at_bound = std::vector<bool>(free_.size(), false), .cost = 0};
+  VectorXd& u = point.values;
+  std::vector<Index> sought;
+  for (std::size_t j = 0; j < free_.size(); ++j) {
+    const auto i = static_cast<Index>(j);
+    if (!free_[j]) u(i) = values_(i);
+    else if (place_.is_linear(j)) u(i) = 0, sought.push_back(i);
+    else u(i) = std::clamp(u(i), low_(i), high_(i));
+  }
+  const VectorXd nonlinear = place_.nonlinear_offset + place_.nonlinear * u, known = place_.linear_offset + place_.linear * u;
+  for (std::size_t n = 0; n < nonlinear_count; ++n) point.family.*nonlinear_fields[n] = nonlinear(static_cast<Index>(n));
+  point.moments = accumulate(*samples_, weights_, place_, point.family, threads_);
+  const Moments& basis = point.moments;
+  MatrixXd Q(static_cast<Index>(linear_count), static_cast<Index>(sought.size()));
+  VectorXd low(sought.size()), high(sought.size());
+  for (std::size_t i = 0; i < sought.size(); ++i) Q.col(static_cast<Index>(i)) = place_.linear.col(sought[i]), low(i) = low_(sought[i]), high(i) = high_(sought[i]);
+  const MatrixXd N = Q.transpose() * basis.FF * Q;
+  const VectorXd b = Q.transpose() * (basis.Fy - basis.FF * known);
+  std::vector<bool> held;
+  const VectorXd eta = bounded_solution(N, b, low, high, held);
+  for (std::size_t i = 0; i < sought.size(); ++i) u(sought[i]) = eta(static_cast<Index>(i)), point.at_bound[sought[i]] = held[i];
+  const VectorXd linear = known + Q * eta;
+  for (std::size_t k = 0; k < linear_count; ++k) point.family.*linear_fields[k] = linear(static_cast<Index>(k));
+  point.derivatives = basis.at(linear);
+  point.cost = point.derivatives.rr;
+  return point;
+}
+
+Point Separable::again(const Point& point) const {
+  Point now = point;
+  now.moments = accumulate(*samples_, weights_, place_, point.family, threads_);
+  VectorXd linear(linear_count);
+  for (std::size_t k = 0; k < linear_count; ++k) linear(static_cast<Index>(k)) = point.family.*linear_fields[k];
+  now.derivatives = now.moments.at(linear);
+  now.cost = now.derivatives.rr;
+  return now;
+}
+
+/// The projected residual in as few numbers as there are nonlinear coordinates, plus one: Ceres' steps depend on J^T J, J^T r
+/// and r^T r alone, and the triangular factor of these products has the same.
+class ProjectedResidual final : public ceres::CostFunction {
+ public:
+  ProjectedResidual(const Separable& problem, VectorXd start, std::vector<Index> sought, double scale)
+      : problem_(problem), start_(std::move(start)), sought_(std::move(sought)), scale_(scale) {
+    mutable_parameter_block_sizes()->push_back(static_cast<int>(sought_.size()));
+    set_num_residuals(static_cast<int>(sought_.size()) + 1);
+  }
+  bool Evaluate(double const* const* parameters, double* residuals, double** jacobians) const override {
+    const auto n = static_cast<Index>(sought_.size());
+    const Eigen::Map<const VectorXd> x(parameters[0], n);
+    // Ceres asks for the cost of a step and, once it takes it, for the derivatives there: the same passes serve both.
+    if (!last_ || last_x_ != x) {
+      VectorXd values = start_;
+      for (Index i = 0; i < n; ++i) values(sought_[i]) = x(i);
+      last_ = problem_.at(values);
+      last_x_ = x;
+      if (!best_ || last_->cost < best_->cost) best_ = last_;
+    }
+    Eigen::Map<VectorXd> r(residuals, n + 1);
+    if (!std::isfinite(last_->cost)) return false;
+    r.setZero();
+    r(n) = std::sqrt(last_->cost * scale_);
+    if (!jacobians || !jacobians[0]) return true;
+    const Placement& place = problem_.place_;
+    const Moments::At& sums = last_->derivatives;
+    std::vector<Index> open;
+    for (std::size_t j = 0; j < problem_.free_.size(); ++j)
+      if (problem_.free_[j] && place.is_linear(j) && !last_->at_bound[j]) open.push_back(static_cast<Index>(j));
+    MatrixXd Q(static_cast<Index>(linear_count), static_cast<Index>(open.size())), R(static_cast<Index>(nonlinear_count), n);
+    for (std::size_t i = 0; i < open.size(); ++i) Q.col(static_cast<Index>(i)) = place.linear.col(open[i]);
+    for (Index i = 0; i < n; ++i) R.col(i) = place.nonlinear.col(sought_[i]);
+    const MatrixXd inverse = pseudo_inverse(Q.transpose() * last_->moments.FF * Q);
+    const MatrixXd FD = Q.transpose() * sums.FD * R, S = Q.transpose() * sums.Fr_by * R;
+    MatrixXd products(n + 1, n + 1);
+    products.topLeftCorner(n, n) = R.transpose() * sums.DD * R - FD.transpose() * inverse * FD + S.transpose() * inverse * S;
+    products.topRightCorner(n, 1) = -R.transpose() * sums.Dr;
+    products.bottomLeftCorner(1, n) = products.topRightCorner(n, 1).transpose();
+    products(n, n) = last_->cost;
+    products *= scale_;
+    // Rounding may take the smallest pivots below zero.
+    const VectorXd unit = products.diagonal().cwiseMax(1e-300).cwiseSqrt();
+    MatrixXd normal = unit.cwiseInverse().asDiagonal() * products * unit.cwiseInverse().asDiagonal();
+    normal.topLeftCorner(n, n).diagonal().array() += 1e-14;
+    const Eigen::SelfAdjointEigenSolver<MatrixXd> eigen(normal);
+    const MatrixXd root = eigen.eigenvalues().cwiseMax(0).cwiseSqrt().asDiagonal() * eigen.eigenvectors().transpose() * unit.asDiagonal();
+    Eigen::Map<Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>>(jacobians[0], n + 1, n) = root.leftCols(n);
+    r = root.col(n);
+    return true;
+  }
+
+ private:
+  const Separable& problem_;
+  const VectorXd start_;
+  const std::vector<Index> sought_;
+  const double scale_;
+  mutable std::optional<Point> last_;
+  mutable VectorXd last_x_;
+
+ public:
+  mutable std::optional<Point> best_;   ///< of all that were tried
+};
+
+Point Separable::descend(const VectorXd& start, int iterations) const {
+  std::vector<Index> sought;
+  for (std::size_t j = 0; j < free_.size(); ++j)
+    if (free_[j] && !place_.is_linear(j)) sought.push_back(static_cast<Index>(j));
+  if (sought.empty()) return at(start);
+  const auto n = static_cast<Index>(sought.size());
+  VectorXd x(n);
+  for (Index i = 0; i < n; ++i) x(i) = std::clamp(start(sought[i]), low_(sought[i]), high_(sought[i]));
+  // Costs in units of the noise, so that Ceres' absolute tolerances mean something.
+  const double scale = static_cast<double>(samples_->size()) / std::max(at(start).cost, 1e-300);
+  auto* residual = new ProjectedResidual(*this, start, sought, scale);
+  ceres::Problem problem;
+  problem.AddResidualBlock(residual, nullptr, x.data());
+  for (Index i = 0; i < n; ++i) {
+    problem.SetParameterLowerBound(x.data(), static_cast<int>(i), low_(sought[i]));
+    problem.SetParameterUpperBound(x.data(), static_cast<int>(i), high_(sought[i]));
+  }
+  ceres::Solver::Options options;
+  options.linear_solver_type = ceres::DENSE_QR;
+  options.logging_type = ceres::SILENT;
+  options.max_num_iterations = iterations;
+  options.function_tolerance = 1e-12;
+  options.parameter_tolerance = 1e-11;
+  options.gradient_tolerance = 1e-13;
+  ceres::Solver::Summary summary;
+  ceres::Solve(options, &problem, &summary);
+  return residual->best_ ? std::move(*residual->best_) : at(start);
+}
+
+Separable Separable::part(const Samples& samples, std::vector<double> weights) const {
+  Separable copy = *this;
+  copy.samples_ = &samples;
+  copy.weights_ = std::move(weights);
+  return copy;
+}
+
+/// Values of the nonlinear coordinates worth a try.
+std::vector<VectorXd> Separable::grid() const {
+  const auto [t_low, t_high] = std::ranges::minmax(samples_->temperature_degC);
+  const double fastest = std::ranges::max(samples_->speed);
+  std::vector<VectorXd> points{values_};
+  const auto branch = [&](std::size_t parameter, std::span<const double> choices) {
+    if (parameter == npos || !free_[parameter]) return;
+    std::vector<VectorXd> more;
+    for (const VectorXd& p : points)
+      for (const double c : choices) {
+        more.push_back(p);
+        more.back()(static_cast<Index>(parameter)) = std::clamp(c, low(parameter), high(parameter));
+      }
+    points = std::move(more);
+  };
+  // A quantity that changes with temperature: choices at both ends of the range.
+  const auto branch_line = [&](double F::* level, double F::* slope, std::span<const double> choices) {
+    const std::size_t a = parameter_of(level), b = parameter_of(slope);
+    if (b == npos || !free_[b] || t_high - t_low < 1e-9) return branch(a, choices);
+    std::vector<VectorXd> more;
+    for (const VectorXd& p : points)
+      for (const double at_low : choices)
+        for (const double at_high : choices) {
+          more.push_back(p);
+          const double k = (at_high - at_low) / (t_high - t_low);
+          more.back()(static_cast<Index>(b)) = k;
+          if (free_[a]) more.back()(static_cast<Index>(a)) = at_low - k * t_low;
+          else more.back()(static_cast<Index>(b)) = (at_high - values_(static_cast<Index>(a))) / t_high;
+        }
+    points = std::move(more);
+  };
+  const double speeds[] = {0.03 * fastest, 0.1 * fastest, 0.3 * fastest};
+  const double exponents[] = {1.0, 1.9}, scales[] = {10, 35}, viscous[] = {0.45, 0.7, 1.4}, slopes[] = {-0.01, -0.003, 0.003};
+  branch_line(&F::vs, &F::vs_T, speeds);
+  branch(parameter_of(&F::vl), speeds);
+  branch(parameter_of(&F::alpha), exponents);
+  branch(parameter_of(&F::T_V), scales);
+  branch_line(&F::beta, &F::beta_T, viscous);
+  branch(parameter_of(&F::s_T), slopes);
+  return points;
+}
+
+Point Separable::minimise() const {
+  // Ever more samples: each minimum is a start within the reach of one or two steps for the next.
+  const Samples few = thinned(*samples_, grid_samples);
+  const Separable coarse = part(few, thinned_weights(weights_, grid_samples));
+  std::vector<std::pair<double, VectorXd>> starts;
+  for (const VectorXd& p : grid()) starts.emplace_back(coarse.at(p).cost, p);
+  std::ranges::stable_sort(starts, {}, [](const auto& s) { return s.first; });
+  std::vector<VectorXd> valleys;
+  for (std::size_t i = 0; i < std::min<std::size_t>(4, starts.size()); ++i) valleys.push_back(coarse.descend(starts[i].second, 20).values);
+  VectorXd best = valleys.front();
+  for (std::size_t count = start_samples; count < samples_->size() || valleys.size() > 1; count *= 16) {
+    const Samples more = thinned(*samples_, count);
+    const Separable medium = part(more, thinned_weights(weights_, count));
+    double least = std::numeric_limits<double>::infinity();
+    for (const VectorXd& valley : std::exchange(valleys, {}))
+      if (const Point found = medium.descend(valley, 60); found.cost < least) least = found.cost, best = found.values;
+    if (count >= samples_->size()) break;
+  }
+  return refine(best);
+}
+
+Point Separable::refine(const VectorXd& start) const { return descend(start, 100); }
+
+MatrixXd Separable::information(const Point& point, std::vector<std::size_t>& coordinates) const {
+  coordinates.clear();
+  for (std::size_t j = 0; j < free_.size(); ++j) {
+    const auto i = static_cast<Index>(j);
+    const bool at_edge = !place_.is_linear(j) && (point.values(i) <= low_(i) || point.values(i) >= high_(i));
+    if (free_[j] && !point.at_bound[j] && !at_edge) coordinates.push_back(j);
+  }
+  const auto n = static_cast<Index>(coordinates.size());
+  MatrixXd Q(static_cast<Index>(linear_count), n), R(static_cast<Index>(nonlinear_count), n);
+  for (Index i = 0; i < n; ++i) {
+    Q.col(i) = place_.linear.col(static_cast<Index>(coordinates[i]));
+    R.col(i) = place_.nonlinear.col(static_cast<Index>(coordinates[i]));
+  }
+  const MatrixXd cross = Q.transpose() * point.derivatives.FD * R;
+  return Q.transpose() * point.moments.FF * Q + cross + cross.transpose() + R.transpose() * point.derivatives.DD * R;
+}
+
+}  // namespace tribotwin::twin::identification
