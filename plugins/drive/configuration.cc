@@ -177,10 +177,11 @@ tl::expected<Drive, std::string> make_drive(std::string name, const Configuratio
   // Friction follows the load of the step before; the loop friction -> load -> friction must contract.
   if (info->load_dependent) {
     const auto& f = drive.law.family;
-    const double gain = std::max(std::abs(f.A_l), std::abs(f.A_l + f.B_l + f.C_l));
+    const double per_load_nm = drive.torque_scale_nm() * std::max(std::abs(f.A_l), std::abs(f.A_l + f.B_l + f.C_l));
+    const double gain = per_load_nm / drive.torque_max_nm;
     if (gain >= 1)
       return tl::unexpected(fmt::format(
-          "law '{}': friction grows by {} per load at standstill; at 1 or more the gear would lock itself for ever",
+          "law '{}': friction grows by {} Nm per Nm of load at standstill; at 1 or more the gear would lock itself for ever",
           info->name, gain));
   }
   return drive;

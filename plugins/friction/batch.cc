@@ -19,10 +19,13 @@ Eigen::ArrayXd torque(const Law& law, const Eigen::Ref<const Eigen::ArrayXd>& sp
   assert(speed_rad_s.size() == load_norm.size() && speed_rad_s.size() == temperature_degC.size());
   const Family& f = law.family;
   const Range held = held_range(law);
-  const KernelFamily k{.A = f.A, .A_l = f.A_l, .B = f.B, .B_T = f.B_T, .B_l = f.B_l, .vs = f.vs, .vs_T = f.vs_T,
-                       .vs_pow = std::pow(std::abs(f.vs), -f.alpha), .C_l = f.C_l, .vl_pow = std::pow(f.vl, -f.alpha),
+  // Without a load term vl is a mere default; its power would send exp down libmvec's slow path for tiny results.
+  const double vl_pow = f.C_l == 0 ? 0 : std::pow(f.vl, -f.alpha);
+  const KernelFamily k{.A = f.A, .A_T = f.A_T, .A_l = f.A_l, .B = f.B, .B_T = f.B_T, .B_l = f.B_l, .vs = f.vs,
+                       .vs_T = f.vs_T, .vs_pow = std::pow(std::abs(f.vs), -f.alpha), .C_l = f.C_l, .vl_pow = vl_pow,
                        .alpha = f.alpha, .F1 = f.F1, .F1_T = f.F1_T, .minus_inverse_T_V = -1 / f.T_V, .F2 = f.F2, .F3 = f.F3,
-                       .Fb = f.Fb, .beta = f.beta, .s_T = f.s_T, .s_T0 = f.s_T0, .speed_max = held.speed_max_rad_s,
+                       .Fb = f.Fb, .Fb_T = f.Fb_T, .beta = f.beta, .beta_T = f.beta_T, .beta_min = exponent_min,
+                       .beta_max = exponent_max, .s_T = f.s_T, .s_T0 = f.s_T0, .speed_max = held.speed_max_rad_s,
                        .load_max = held.load_max, .temperature_min = held.temperature_min_degC,
                        .temperature_max = held.temperature_max_degC, .load_dependent = law.info->load_dependent,
                        .temperature_dependent = law.info->temperature_dependent};

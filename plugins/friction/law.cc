@@ -34,7 +34,7 @@ constexpr Parameter non_newtonian_parameters[] = {
     {"vs", "rad/s", 1e-9, 1e6, none, none, "Stribeck velocity"},
     {"alpha", "1", 0.01, 10, none, none, "exponent of the Stribeck term"},
     {"Fmu", "(s/rad)^beta", -10, 10, none, none, "non-Newtonian coefficient"},
-    {"beta", "1", 0.01, 5, none, none, "non-Newtonian exponent"},
+    {"beta", "1", exponent_min, exponent_max, none, none, "non-Newtonian exponent"},
 };
 Family non_newtonian_family(std::span<const double> p) {
   return {.A = p[0], .B = p[1], .vs = p[3], .alpha = p[4], .F1 = p[2], .Fb = p[5], .beta = p[6]};
@@ -78,13 +78,51 @@ constexpr Parameter steady_state_parameters[] = {
     {"Vs", "rad/s", 1e-9, 1e6, none, none, "Stribeck velocity"},
     {"alpha", "1", 0.01, 10, 1.3, none, "exponent of the Stribeck term"},
     {"Fv", "Nm (s/rad)^beta", 0, 1e6, none, none, "viscous coefficient"},
-    {"beta", "1", 0.01, 5, none, none, "viscous exponent"},
+    {"beta", "1", exponent_min, exponent_max, none, none, "viscous exponent"},
 };
 Family steady_state_family(std::span<const double> p) {
   return {.A = p[0], .B = p[1] - p[0], .vs = p[2], .alpha = p[3], .Fb = p[4], .beta = p[5]};
 }
 const char* steady_state_conflict(std::span<const double> p) {
   return p[1] >= p[0] ? nullptr : "Fs is the standstill level of this law and must not be below Fc";
+}
+
+constexpr Parameter steady_state_extended_parameters[] = {
+    {"Fc0", "Nm", 0, 1e6, none, none, "Coulomb friction at 0 degC without load"},
+    {"FcT", "Nm/K", -1e4, 1e4, none, none, "Coulomb friction per degC"},
+    {"Fcl", "Nm", -1e6, 1e6, none, none, "Coulomb friction per load l, the gear torque over torque_max_nm"},
+    {"Fs0", "Nm", 0, 1e6, none, none, "standstill friction without load, the level itself (>= Coulomb)"},
+    {"Fsl", "Nm", -1e6, 1e6, none, none, "standstill friction per load"},
+    {"Vs0", "rad/s", -1e6, 1e6, none, none, "Stribeck velocity at 0 degC; its small growth with load is not modelled"},
+    {"VsT", "rad/s/K", -1e4, 1e4, none, none, "Stribeck velocity per degC"},
+    {"alpha", "1", 0.01, 10, 1.3, none, "exponent of the Stribeck term"},
+    {"FvT", "Nm (s/rad)^beta", 0, 1e6, none, none, "viscous coefficient at 0 degC"},
+    {"TV0", "K", 1, 1000, none, none, "temperature scale of the viscosity"},
+    {"beta0", "1", exponent_min, exponent_max, none, none, "viscous exponent at 0 degC"},
+    {"betaT", "1/K", -1, 1, none, none, "viscous exponent per degC"},
+};
+Family steady_state_extended_family(std::span<const double> p) {
+  return {.A = p[0], .A_T = p[1], .A_l = p[2], .B = p[3] - p[0], .B_T = -p[1], .B_l = p[4] - p[2], .vs = p[5], .vs_T = p[6],
+          .alpha = p[7], .T_V = p[9], .Fb_T = p[8], .beta = p[10], .beta_T = p[11]};
+}
+constexpr Range steady_state_extended_range = {
+    .speed_max_rad_s = 174.6, .load_max = 1, .temperature_min_degC = 20, .temperature_max_degC = 60};
+/// P2 (12) and its like, affine in T and l: what holds at the corners of the range holds within.
+const char* steady_state_extended_conflict(std::span<const double> p) {
+  const Range& r = steady_state_extended_range;
+  for (const double T : {r.temperature_min_degC, r.temperature_max_degC}) {
+    for (const double l : {0.0, r.load_max}) {
+      const double Fc = p[0] + p[1] * T + p[2] * l, Fs = p[3] + p[4] * l;
+      if (!(Fc >= 0)) return "Fc0 + FcT T + Fcl l is Coulomb friction and must not be below 0 at 20 .. 60 degC, l = 0 .. 1";
+      if (!(Fs >= Fc))
+        return "Fs0 + Fsl l is the standstill level and must not be below Fc0 + FcT T + Fcl l at 20 .. 60 degC, l = 0 .. 1";
+    }
+    if (!(p[5] + p[6] * T > 0)) return "Vs0 + VsT T is the Stribeck velocity and must be above 0 at 20 .. 60 degC";
+    const double beta = p[10] + p[11] * T;
+    if (!(beta >= exponent_min && beta <= exponent_max))
+      return "beta0 + betaT T is the viscous exponent and must be within 0.01 .. 5 at 20 .. 60 degC";
+  }
+  return nullptr;
 }
 
 constexpr Parameter polynomial_parameters[] = {
@@ -131,6 +169,14 @@ constexpr LawInfo table[] = {
      .side = Side::motor, .normalised = false, .temperature_dependent = false, .load_dependent = false,
      .identified = {.speed_max_rad_s = 174.6},
      .parameters = steady_state_parameters, .family = steady_state_family, .conflict = steady_state_conflict},
+    {.name = "steady_state_extended",
+     .equation = "Fc + (Fs - Fc) e^-|v/Vs|^alpha + FvT e^(-T/TV0) v^(beta0 + betaT T) with Fc = Fc0 + FcT T + Fcl l,"
+                 " Fs = Fs0 + Fsl l, Vs = Vs0 + VsT T",
+     .source = "P2 (11) with coefficients that move as its Table IV and text say; choice",
+     .side = Side::motor, .normalised = false, .temperature_dependent = true, .load_dependent = true,
+     .identified = steady_state_extended_range,
+     .parameters = steady_state_extended_parameters, .family = steady_state_extended_family,
+     .conflict = steady_state_extended_conflict},
     {.name = "polynomial",
      .equation = "(f1 + f2 v + f3 v^2 + f4 v^3) (1 + a (T - T0))",
      .source = "P5 (2), (5)",
@@ -248,18 +294,20 @@ AtTemperature at_temperature(const Law& law, double temperature_degC) {
   const double T = temperature_degC;
   // Past its zero the linear factor would turn friction into a motor; it stays at the zero.
   const double s = f.s_T == 0 ? 1 : std::max(0.0, 1 + f.s_T * (T - f.s_T0));
-  const double viscous = f.F1_T == 0 ? f.F1 : f.F1 + f.F1_T * std::exp(-T / f.T_V);
-  return {{.A = s * f.A,
+  const double thinned = f.F1_T == 0 && f.Fb_T == 0 ? 0 : std::exp(-T / f.T_V);
+  return {{.A = s * (f.A + f.A_T * T),
            .A_l = s * f.A_l,
            .B = s * (f.B + f.B_T * T),
            .B_l = s * f.B_l,
            .vs_pow = std::pow(std::abs(f.vs + f.vs_T * T), -f.alpha),
            .C_l = s * f.C_l,
            .vl_pow = std::pow(f.vl, -f.alpha),
-           .F1 = s * viscous,
+           .alpha = f.alpha,
+           .F1 = s * (f.F1 + f.F1_T * thinned),
            .F2 = s * f.F2,
            .F3 = s * f.F3,
-           .Fb = s * f.Fb},
+           .Fb = s * (f.Fb + f.Fb_T * thinned),
+           .beta = std::clamp(f.beta + f.beta_T * T, exponent_min, exponent_max)},
           outside};
 }
 
@@ -281,7 +329,7 @@ Level level(const Law& law, const AtTemperature& at, double speed_rad_s, double 
     g = std::max(g, 0.0);
     return {g, 0, outside};
   }
-  const double power = std::pow(v, law.family.alpha);
+  const double power = std::pow(v, c.alpha);
   // A Stribeck velocity of 0 leaves nothing of its term above standstill: x = inf, or NaN when v^alpha underflows.
   const auto fading = [power](double scale) {
     const double x = power * scale;
@@ -290,7 +338,7 @@ Level level(const Law& law, const AtTemperature& at, double speed_rad_s, double 
   if (c.B != 0 || c.B_l != 0) g += (c.B + c.B_l * l) * fading(c.vs_pow);
   if (c.C_l != 0) g += c.C_l * l * fading(c.vl_pow);
   double h = v * (c.F1 + v * (c.F2 + v * c.F3));
-  if (c.Fb != 0) h += c.Fb * std::pow(v, law.family.beta);
+  if (c.Fb != 0) h += c.Fb * std::pow(v, c.beta);
   const double total = std::max(g + h, 0.0);
   g = std::max(g, 0.0);
   return {g, total - g, outside};

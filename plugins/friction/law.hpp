@@ -17,9 +17,10 @@
 ///
 /// Every law of the table is one point of one family,
 ///
-///   tau_f(v, l, T) = s(T) [ (A + A_l l) + (B + B_T T + B_l l) e^-|v/(vs + vs_T T)|^alpha + C_l l e^-|v/vl|^alpha    g
-///                         + (F1 + F1_T e^(-T/T_V)) v + F2 v^2 + F3 v^3 + Fb v^beta ]                              h
-///   s(T) = max(0, 1 + s_T (T - s_T0))
+///   tau_f(v, l, T) = s(T) [ (A + A_T T + A_l l) + (B + B_T T + B_l l) e^-|v/(vs + vs_T T)|^alpha
+///                         + C_l l e^-|v/vl|^alpha                                                                 g
+///                         + (F1 + F1_T e^(-T/T_V)) v + F2 v^2 + F3 v^3 + (Fb + Fb_T e^(-T/T_V)) v^beta(T) ]       h
+///   s(T) = max(0, 1 + s_T (T - s_T0)),  beta(T) = beta + beta_T T held within `exponent_min` .. `exponent_max`
 ///
 /// for v >= 0, odd in v, with g the velocity-weakening and h the velocity-strengthening part. A law is therefore a
 /// name, a table of parameters and a function that places them in the family; parsing, validation, help and
@@ -37,6 +38,8 @@ enum class Validity { clamp, extrapolate, error };
 
 inline constexpr std::size_t max_parameters = 12;
 inline constexpr double unlimited = std::numeric_limits<double>::infinity();
+/// Bounds of the viscous exponent beta(T): without them an extrapolated temperature could make v^beta infinite.
+inline constexpr double exponent_min = 0.01, exponent_max = 5;
 
 struct Parameter {
   std::string_view name;     ///< as in MJCF, YAML, JSON, tables and help
@@ -58,20 +61,21 @@ struct Range {
 
 /// The numbers of the family above. Torques in the unit of the law, speeds on its side, T in degC.
 struct Family {
-  double A = 0, A_l = 0;
+  double A = 0, A_T = 0, A_l = 0;
   double B = 0, B_T = 0, B_l = 0, vs = 1, vs_T = 0;
   double C_l = 0, vl = 1;
   double alpha = 1;
-  double F1 = 0, F1_T = 0, T_V = 1, F2 = 0, F3 = 0, Fb = 0, beta = 1;
+  double F1 = 0, F1_T = 0, T_V = 1, F2 = 0, F3 = 0, Fb = 0, Fb_T = 0, beta = 1, beta_T = 0;
   double s_T = 0, s_T0 = 0;
 };
 
-/// The family at one temperature.
+/// The family at one temperature: all that `level` needs of the law's numbers.
 struct Coefficients {
   double A = 0, A_l = 0;
   double B = 0, B_l = 0, vs_pow = 0;    ///< vs_pow = |vs + vs_T T|^-alpha, infinite for a Stribeck velocity of 0
   double C_l = 0, vl_pow = 0;           ///< vl_pow = vl^-alpha
-  double F1 = 0, F2 = 0, F3 = 0, Fb = 0;
+  double alpha = 1;
+  double F1 = 0, F2 = 0, F3 = 0, Fb = 0, beta = 1;
 };
 
 struct LawInfo {
@@ -81,6 +85,8 @@ struct LawInfo {
   bool temperature_dependent, load_dependent;
   Range identified;
   std::span<const Parameter> parameters;
+  /// Places the parameters in the family. Every field is affine in the parameters, family(a) + family(b) - family(0) ==
+  /// family(a + b): identification takes its exact derivatives from that.
   Family (*family)(std::span<const double> parameters);
   /// Conditions between parameters (Fs >= Fc, ...); nullptr or an explanation.
   const char* (*conflict)(std::span<const double> parameters);

@@ -47,6 +47,18 @@ TEST(Configuration, MistakesAreNamedWithTheRemedy) {
   EXPECT_THAT(error("temperature_min_degC", "99"), HasSubstr("lies above"));
 }
 
+TEST(Configuration, SelfLockingCountsTorqueOfFrictionPerTorqueOfLoad) {
+  // A law in Nm: 40 and 60 Nm of friction at a load of 50 Nm.
+  const auto error = [](const char* Fsl) {
+    const auto drive = make_drive("j3", {{"law", "steady_state_extended"}, {"Fc0", "5"}, {"FcT", "0"}, {"Fcl", "3"}, {"Fs0", "8"}, {"Fsl", Fsl}, {"Vs0", "3"},
+                                         {"VsT", "0"}, {"alpha", "1.3"}, {"FvT", "1"}, {"TV0", "30"}, {"beta0", "0.6"}, {"betaT", "0"},
+                                         {"torque_max_nm", "50"}, {"gear_ratio", "100"}});
+    return drive ? std::string("accepted") : drive.error();
+  };
+  EXPECT_EQ(error("40"), "accepted");
+  EXPECT_THAT(error("60"), testing::AllOf(HasSubstr("1.2 Nm per Nm"), HasSubstr("lock itself")));
+}
+
 TEST(Drive, WearScalesTheChosenParameterOnly) {
   const Drive drive = *make_drive("j2", extended());
   Scratch scratch{};
@@ -56,6 +68,18 @@ TEST(Drive, WearScalesTheChosenParameterOnly) {
   EXPECT_EQ(current_law(drive, scratch).parameters[1], drive.law.parameters[1]);
   set_wear(scratch, 0, 1);
   EXPECT_EQ(scratch.worn, 0);
+}
+
+TEST(Drive, WearReachesEveryParameterOfTheLaw) {
+  const Drive drive = *make_drive("j3", {{"law", "steady_state"}, {"Fc", "5"}, {"Fs", "8"}, {"Vs", "3"}, {"alpha", "1.3"}, {"Fv", "1"},
+                                         {"beta", "0.6"}, {"torque_max_nm", "130"}, {"gear_ratio", "100"}});
+  for (std::size_t i = 0; i < drive.law.values().size(); ++i) {
+    Scratch scratch{};
+    set_wear(scratch, i, 1.2);
+    const double limit = begin_step(drive, {}, scratch, 0, 0.04), worn = friction::torque(current_law(drive, scratch), 4, 0, 25);
+    EXPECT_DOUBLE_EQ(limit, worn) << drive.law.info->parameters[i].name;
+    EXPECT_GT(std::abs(limit - friction::torque(drive.law, 4, 0, 25)), 0.01) << drive.law.info->parameters[i].name;
+  }
 }
 
 TEST(Drive, HeatEqualsFrictionWorkAndReachesTheOil) {

@@ -1,5 +1,6 @@
 #include <gmock/gmock.h>
 
+#include <bit>
 #include <random>
 
 #include <tribotwin/plugins/friction/batch.hpp>
@@ -17,6 +18,11 @@ Law law_of(std::string_view name, std::vector<std::pair<std::string, double>> va
   return *law;
 }
 
+Law steady_state_extended() {
+  return law_of("steady_state_extended", {{"Fc0", 7.9}, {"FcT", .027}, {"Fcl", 5.4}, {"Fs0", 13}, {"Fsl", 7.8}, {"Vs0", 2}, {"VsT", .025},
+                                          {"alpha", 1.3}, {"FvT", 5.7}, {"TV0", 32}, {"beta0", .5}, {"betaT", .0025}});
+}
+
 /// One instance of every law, with the papers' numbers where there are any.
 std::vector<Law> instances(Validity validity) {
   std::vector<Law> all{
@@ -25,8 +31,10 @@ std::vector<Law> instances(Validity validity) {
       law_of("load", {{"Fc0", .033}, {"Fcl", .0234}, {"Fs0", .04}, {"Fsl", .126}, {"vs", 9.22}, {"alpha", 1.36}, {"Fv", 3.7e-4}}),
       *published_law("extended"),
       law_of("steady_state", {{"Fc", 12}, {"Fs", 15}, {"Vs", 4}, {"alpha", 1.3}, {"Fv", .5}, {"beta", .6}}),
+      steady_state_extended(),
       law_of("polynomial", {{"f1", 4}, {"f2", 3}, {"f3", -.4}, {"f4", .05}, {"a", -.012}, {"T0", 20}}),
   };
+  EXPECT_TRUE(std::ranges::equal(all, laws(), {}, [](const Law& law) { return law.info->name; }, &LawInfo::name));
   for (Law& law : all) law.validity = validity;
   return all;
 }
@@ -47,6 +55,10 @@ double formula(const Law& law, double v, double l, double T) {
     return (p("Fc0") + p("Fcl") * l) + p("Fsl") * l * e(p("vsl")) + (p("Fs0") + p("FsT") * T) * e(p("vs0") + p("vsT") * T) +
            (p("Fv0") + p("FvT") * std::exp(-T / p("TV0"))) * v;
   if (name == "steady_state") return p("Fc") + (p("Fs") - p("Fc")) * e(p("Vs")) + p("Fv") * std::pow(v, p("beta"));
+  if (name == "steady_state_extended") {
+    const double Fc = p("Fc0") + p("FcT") * T + p("Fcl") * l, Fs = p("Fs0") + p("Fsl") * l, Vs = p("Vs0") + p("VsT") * T;
+    return Fc + (Fs - Fc) * e(Vs) + p("FvT") * std::exp(-T / p("TV0")) * std::pow(v, p("beta0") + p("betaT") * T);
+  }
   if (name == "polynomial")
     return (p("f1") + p("f2") * v + p("f3") * v * v + p("f4") * v * v * v) * (1 + p("a") * (T - p("T0")));
   throw std::logic_error("no formula for this law");
@@ -82,7 +94,7 @@ TEST(Laws, AreOddFiniteAndDissipativeForAnyInputUnderEveryPolicy) {
   std::uniform_real_distribution<> usual_T(-60, 200);
   for (const Validity validity : {Validity::clamp, Validity::extrapolate, Validity::error})
     for (const Law& law : instances(validity))
-      for (int i = 0; i < 60000; ++i) {   // 3 policies x 6 laws: 1.08e6 inputs
+      for (int i = 0; i < 60000; ++i) {   // 3 policies x 7 laws: 1.26e6 inputs
         const double v = any(), l = any(), T = i % 2 ? any() : usual_T(random);
         const double forward = torque(law, v, l, T), backward = torque(law, -v, l, T);
         ASSERT_TRUE(std::isfinite(forward)) << law.info->name << " " << v << " " << l << " " << T;
@@ -92,6 +104,20 @@ TEST(Laws, AreOddFiniteAndDissipativeForAnyInputUnderEveryPolicy) {
         ASSERT_GE(at.weakening, 0);
         ASSERT_GE(at.total(), 0);
       }
+}
+
+TEST(Laws, PlaceTheirParametersInTheFamilyAffinely) {
+  using Fields = std::array<double, sizeof(Family) / sizeof(double)>;
+  std::mt19937_64 random(4);
+  std::uniform_real_distribution<> value(-10, 10);
+  for (const LawInfo& law : laws())
+    for (int k = 0; k < 100; ++k) {
+      std::array<double, max_parameters> a{}, b{}, sum{};
+      for (std::size_t i = 0; i < law.parameters.size(); ++i) a[i] = value(random), b[i] = value(random), sum[i] = a[i] + b[i];
+      const auto at = [&](const auto& p) { return std::bit_cast<Fields>(law.family({p.data(), law.parameters.size()})); };
+      const Fields of_a = at(a), of_b = at(b), of_0 = at(decltype(a){}), of_sum = at(sum);
+      for (std::size_t i = 0; i < of_a.size(); ++i) ASSERT_NEAR(of_a[i] + of_b[i] - of_0[i], of_sum[i], 1e-13) << law.name << " field " << i;
+    }
 }
 
 TEST(Laws, ColdExtendedLawIsHeldAtTheEdgeAndCounted) {
@@ -114,6 +140,28 @@ TEST(Laws, PublishedChecksOfTheExtendedLaw) {
   EXPECT_NEAR(at.F1, 3.86e-4, 1e-6);
 }
 
+TEST(Laws, ExtendedSteadyStateIsPaperTwosLawWithMovingCoefficients) {
+  const Law law = steady_state_extended();
+  for (const double T : {20.0, 38.0, 60.0})
+    for (const double l : {0.0, 0.4, 1.0}) {
+      const Law there = law_of("steady_state", {{"Fc", 7.9 + .027 * T + 5.4 * l}, {"Fs", 13 + 7.8 * l}, {"Vs", 2 + .025 * T}, {"alpha", 1.3},
+                                                {"Fv", 5.7 * std::exp(-T / 32)}, {"beta", .5 + .0025 * T}});
+      for (const double v : {0.1, 2.0, 9.0, 174.6}) EXPECT_NEAR(torque(law, v, -l, T), torque(there, v, 0, 0), 1e-12 * torque(there, v, 0, 0));
+    }
+}
+
+TEST(Laws, ViscousExponentIsHeldWhereATemperatureWouldMakeItNegativeOrHuge) {
+  const Law law = law_of("steady_state_extended", {{"Fc0", 1}, {"FcT", 0}, {"Fcl", 0}, {"Fs0", 1}, {"Fsl", 0}, {"Vs0", 1}, {"VsT", 0}, {"alpha", 1.3},
+                                                   {"FvT", 1}, {"TV0", 1000}, {"beta0", .5}, {"betaT", .05}}, Validity::extrapolate);
+  for (const auto& [T, beta] : {std::pair{-200.0, exponent_min}, {-20.0, exponent_min}, {50.0, 3.0}, {1000.0, exponent_max}}) {
+    EXPECT_EQ(at_temperature(law, T).coefficients.beta, beta);
+    const double expected = 1 + std::exp(-T / 1000) * std::pow(1e6, beta);
+    EXPECT_NEAR(torque(law, 1e9, 0, T), expected, 1e-12 * expected);
+    for (const VectorWidth width : {VectorWidth::baseline, best_vector_width()})
+      EXPECT_NEAR(torque(law, Eigen::ArrayXd::Constant(5, 1e9), Eigen::ArrayXd::Zero(5), Eigen::ArrayXd::Constant(5, T), width)[4], expected, 1e-12 * expected);
+  }
+}
+
 TEST(Laws, MistakesAreNamed) {
   EXPECT_THAT(make_law("extendet", {}).error(), HasSubstr("did you mean 'extended'"));
   using Values = std::vector<std::pair<std::string, double>>;
@@ -124,6 +172,26 @@ TEST(Laws, MistakesAreNamed) {
   EXPECT_THAT(make_law("stribeck", Values{{"vs", 1}, {"vs", 1}}).error(), HasSubstr("twice"));
   EXPECT_THAT(make_law("steady_state", Values{{"Fc", 2}, {"Fs", 1}, {"Vs", 1}, {"alpha", 1}, {"Fv", 0}, {"beta", 1}}).error(),
               HasSubstr("Fs is the standstill level"));
+  // Each breaks one condition, at one corner of the range.
+  const auto moved = [](const char* name, double value) {
+    Values values{{"Fc0", 8}, {"FcT", .03}, {"Fcl", 5}, {"Fs0", 13}, {"Fsl", 6}, {"Vs0", 2}, {"VsT", .02}, {"alpha", 1.3}, {"FvT", 5}, {"TV0", 30}, {"beta0", .5}, {"betaT", .002}};
+    for (auto& [key, now] : values)
+      if (key == name) now = value;
+    const auto law = make_law("steady_state_extended", values);
+    return law ? std::string("accepted") : law.error();
+  };
+  EXPECT_EQ(moved("FcT", .0833), "accepted");
+  EXPECT_THAT(moved("FcT", .0834), HasSubstr("Fs0 + Fsl l is the standstill level"));
+  EXPECT_EQ(moved("Fsl", 1.81), "accepted");
+  EXPECT_THAT(moved("Fsl", 1.79), HasSubstr("Fs0 + Fsl l is the standstill level"));
+  EXPECT_EQ(moved("FcT", -.05), "accepted");
+  EXPECT_THAT(moved("FcT", -.3), HasSubstr("Coulomb friction and must not be below 0"));
+  EXPECT_EQ(moved("VsT", -.033), "accepted");
+  EXPECT_THAT(moved("VsT", -.034), HasSubstr("Vs0 + VsT T is the Stribeck velocity"));
+  EXPECT_EQ(moved("Vs0", -.39), "accepted");
+  EXPECT_THAT(moved("Vs0", -.41), HasSubstr("Vs0 + VsT T is the Stribeck velocity"));
+  EXPECT_THAT(moved("betaT", -.0084), HasSubstr("beta0 + betaT T is the viscous exponent"));
+  EXPECT_THAT(moved("betaT", .08), HasSubstr("beta0 + betaT T is the viscous exponent"));
 }
 
 TEST(Batch, EqualsTheScalarLawInsideAndOutsideTheRange) {

@@ -1,6 +1,7 @@
 #include <gmock/gmock.h>
 
 #include <cmath>
+#include <numbers>
 #include <thread>
 
 #include <fmt/format.h>
@@ -61,6 +62,31 @@ TEST(Loader, NamesTheElementAndTheRemedy) {
   EXPECT_THAT(with([](Arm& a) { a.actuator += R"(<!-- --></actuator><worldbody><body name="b"><joint/><geom size=".1" mass="-1"/></body></worldbody><actuator>)"; }), HasSubstr("negative"));
   EXPECT_THAT(load_file("/nonexistent/x.xml").error(), HasSubstr("cannot be read"));
   EXPECT_THAT(load_file("/").error(), HasSubstr("folder"));
+}
+
+TEST(Br609, CurvesMoveAsPaperTwoDescribes) {
+  const auto model = load_file(std::string(TRIBOTWIN_SOURCE_DIR) + "/mjcf/br609.xml");
+  ASSERT_TRUE(model) << model.error();
+  ASSERT_EQ((*model)->drives().size(), 6u);
+  constexpr double deg = std::numbers::pi / 180;
+  // Paper 2: joint 1 at 5 deg/s, +15.077 / -14.988 Nm.
+  EXPECT_NEAR(friction_nm((*model)->drives()[0].drive, 5 * deg, 0, 40), 15.03, 0.05);
+  // Its levels, and joint 1's curve of 40 degC without load, which the other joints scale (Fv to four digits).
+  const auto joint_1 = [](double v) { return 9 + 4 * std::exp(-std::pow(v / 3, 1.3)) + 1.623 * std::pow(v, 0.6); };
+  const double levels[] = {.1, .5, 1, 1.5, 2, 3, 5, 8, 10, 15, 30, 45, 60, 80, 100};
+  for (const auto& b : (*model)->drives()) {
+    const auto at = [&](double speed_deg_s, double load, double T) { return friction_nm(b.drive, speed_deg_s * deg, load, T); };
+    const double size = at(0, 0, 40) / 13;
+    for (const double v : levels) {
+      EXPECT_NEAR(at(v, 0, 40), size * joint_1(100 * v * deg), 2e-4 * at(v, 0, 40)) << b.drive.name << " " << v;
+      // "For velocity levels greater than 3 deg/s the friction decreases with running time."
+      if (v > 3) EXPECT_GT(at(v, 0, 20), 1.2 * at(v, 0, 60)) << b.drive.name << " " << v;
+    }
+    EXPECT_NEAR(at(100, 0, 20) / at(100, 0, 60), 1.75, 0.01) << b.drive.name;
+    // Load raises boundary friction and leaves the viscous part alone.
+    EXPECT_NEAR(at(0, 0.3, 40), 1.18 * at(0, 0, 40), 1e-9) << b.drive.name;
+    EXPECT_NEAR(at(100, 0.3, 40) - at(100, 0, 40), 0.18 * 9 * size, 1e-9) << b.drive.name;
+  }
 }
 
 TEST(Drive, ConstantCoulombFrictionMovesExactlyLikeTheNativeElement) {
