@@ -114,27 +114,35 @@ Moments accumulate(const Samples& samples, std::span<const double> weights, cons
     for (std::size_t k = 0; k < n * n; ++k) sums[k] += sums[i * n * n + k];
   Moments m;
   m.place_ = &place;
-  m.all_ = MatrixXd::Zero(column_count, column_count);
-  for (std::size_t a = 0; a < n; ++a)
-    for (std::size_t b = 0; b <= a; ++b) m.all_(used[a], used[b]) = m.all_(used[b], used[a]) = sums[a * n + b];
-  m.FF = m.all_.topLeftCorner(linear_count, linear_count);
-  m.Fy = m.all_.block(0, col_y, linear_count, 1);
-  m.yy = m.all_(col_y, col_y);
+  const auto size = static_cast<Index>(n);
+  m.all_ = Eigen::Map<const Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>>(sums.data(), size, size).selfadjointView<Eigen::Lower>();
+  m.used_ = used;
+  m.FF = MatrixXd::Zero(linear_count, linear_count);
+  m.Fy = VectorXd::Zero(linear_count);
+  for (Index a = 0; a < size && used[a] < col_u; ++a) {
+    m.Fy(used[a]) = m.all_(a, size - 1);
+    for (Index b = 0; b < size && used[b] < col_u; ++b) m.FF(used[a], used[b]) = m.all_(a, b);
+  }
+  m.yy = m.all_(size - 1, size - 1);
   return m;
 }
 
 Moments::At Moments::at(const VectorXd& eta) const {
   constexpr Index K = linear_count, N = nonlinear_count;
   const std::vector<Derivative> list = derivatives_of(*place_);
-  MatrixXd combine = MatrixXd::Zero(column_count, N);   // D = columns * combine
-  for (const Derivative& d : list) combine(d.column, d.nonlinear) += eta(d.linear);
-  VectorXd residual = VectorXd::Zero(column_count);     // r = columns * residual
-  residual(col_y) = 1;
-  residual.head(K) = -eta;
+  const auto size = static_cast<Index>(used_.size());
+  const auto place_of = [&](int column) { return static_cast<Index>(std::ranges::lower_bound(used_, column) - used_.begin()); };
+  MatrixXd combine = MatrixXd::Zero(size, N);   // D = columns * combine
+  for (const Derivative& d : list) combine(place_of(d.column), d.nonlinear) += eta(d.linear);
+  VectorXd residual = VectorXd::Zero(size);     // r = columns * residual
+  residual(size - 1) = 1;
+  for (Index a = 0; used_[a] < col_u; ++a) residual(a) = -eta(used_[a]);
   const VectorXd by_residual = all_ * residual;
-  At result{.FD = all_.topRows(K) * combine, .DD = combine.transpose() * all_ * combine, .Dr = combine.transpose() * by_residual,
+  const MatrixXd by_derivatives = all_ * combine;
+  At result{.FD = MatrixXd::Zero(K, N), .DD = combine.transpose() * by_derivatives, .Dr = combine.transpose() * by_residual,
             .rr = std::max(0.0, residual.dot(by_residual)), .Fr_by = MatrixXd::Zero(K, N)};
-  for (const Derivative& d : list) result.Fr_by(d.linear, d.nonlinear) = by_residual(d.column);
+  for (Index a = 0; used_[a] < col_u; ++a) result.FD.row(used_[a]) = by_derivatives.row(a);
+  for (const Derivative& d : list) result.Fr_by(d.linear, d.nonlinear) = by_residual(place_of(d.column));
   return result;
 }
 

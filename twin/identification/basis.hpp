@@ -1,5 +1,6 @@
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <span>
 #include <vector>
@@ -46,10 +47,13 @@ struct Moments {
     Eigen::MatrixXd Fr_by;                  ///< sum of r d(basis_k)/d(nonlinear_n): the second term of Golub and Pereyra
   };
   At at(const Eigen::VectorXd& eta) const;
+  /// At::rr alone.
+  double cost(const Eigen::VectorXd& eta) const { return std::max(0.0, yy - 2 * eta.dot(Fy) + eta.dot(FF * eta)); }
 
  private:
   friend Moments accumulate(const Samples&, std::span<const double>, const Placement&, const friction::Family&, unsigned);
-  Eigen::MatrixXd all_;                     ///< columns x columns
+  Eigen::MatrixXd all_;                     ///< products of the columns in use
+  std::vector<int> used_;                   ///< which those are
   const Placement* place_ = nullptr;
 };
 

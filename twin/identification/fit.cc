@@ -74,20 +74,29 @@ void hold_what_does_not_vary(const friction::LawInfo& law, const Samples& sample
       if (moves(place, i, {&F::A_l, &F::C_l}) || (moves(place, i, {&F::B_l}) && !moves(place, i, {&F::A}))) hold(i, 0, loaded);
       else if (moves(place, i, {&F::vl})) hold(i, published_or(law.parameters[i], 0.1 * std::ranges::max(samples.speed)), loaded);
     }
+  if (std::ranges::all_of(samples.speed, [&](double v) { return v == samples.speed.front(); })) {
+    std::vector<std::string_view> shape;
+    for (std::size_t i = 0; i < law.parameters.size(); ++i)
+      if (!moves(place, i, {&F::A, &F::A_T, &F::A_l, &F::s_T, &F::s_T0})) hold(i, place.is_linear(i) ? 0 : published_or(law.parameters[i], 1), shape);
+    if (!shape.empty())
+      result.notes.push_back(fmt::format("all samples are at {:.6g} rad/s: {} cannot be told and are held; record several speeds on both sides of the minimum of friction", samples.speed.front(), fmt::join(shape, ", ")));
+  }
   if (!loaded.empty())
     result.notes.push_back(fmt::format("all samples are at load {:.6g}: {} cannot be told and are held; the other parameters are those at this load", l_low, fmt::join(loaded, ", ")));
 }
 
-/// A free parameter that the others can stand in for, or that has no effect; npos when there is none. Constant terms are
-/// kept before slopes, linear before nonlinear ones.
+/// Which parameter stays when one of two must go: constant terms before slopes, linear before nonlinear ones.
+int precedence(const Placement& place, std::size_t i) {
+  if (!place.is_linear(i)) return moves(place, i, {&F::vs, &F::vl}) ? 20 : moves(place, i, {&F::alpha, &F::beta}) ? 21 : 22;
+  return moves(place, i, {&F::A}) ? 0 : moves(place, i, {&F::A_l}) ? 1 : moves(place, i, {&F::A_T}) ? 2 : moves(place, i, {&F::F1, &F::Fb, &F::Fb_T}) ? 3 : moves(place, i, {&F::B}) ? 4 : moves(place, i, {&F::C_l, &F::B_l}) ? 5 : 6;
+}
+
+/// A free parameter that the others can stand in for, or that has no effect; npos when there is none.
 std::size_t dependent_parameter(const friction::LawInfo& law, const Separable& problem, const Point& point) {
   std::vector<std::size_t> coordinates;
   const MatrixXd H = problem.information(point, coordinates);
   const Placement& place = problem.place();
-  const auto rank = [&](std::size_t i) {
-    if (!place.is_linear(i)) return moves(place, i, {&F::vs, &F::vl}) ? 20 : moves(place, i, {&F::alpha, &F::beta}) ? 21 : 22;
-    return moves(place, i, {&F::A}) ? 0 : moves(place, i, {&F::F1, &F::Fb}) ? 1 : moves(place, i, {&F::B}) ? 2 : moves(place, i, {&F::A_l}) ? 3 : moves(place, i, {&F::C_l, &F::B_l}) ? 4 : 5;
-  };
+  const auto rank = [&](std::size_t i) { return precedence(place, i); };
   std::vector<std::size_t> order(coordinates.size());
   std::iota(order.begin(), order.end(), 0u);
   std::ranges::stable_sort(order, {}, [&](std::size_t i) { return rank(coordinates[i]); });
@@ -170,10 +179,11 @@ void describe_residuals(const Samples& samples, const std::vector<double>& r, co
                                ? fmt::format("{:.1f} % of the samples lie more than 5 sigma off the curve: outliers pull at this fit; a robust loss (--robust cauchy) would not let them", 100 * static_cast<double>(far) / n)
                                : fmt::format("{:.1f} % of the samples lie more than 5 sigma off the curve and hardly counted", 100 * static_cast<double>(far) / n));
   // Neighbours in speed whose errors are alike: the law, not the noise, is to blame.
-  if (r.size() >= 30) {
+  if (r.size() >= 30 && result.residual.std > 1e-6 * std::ranges::max(samples.friction)) {
     std::vector<std::size_t> order(r.size());
     std::iota(order.begin(), order.end(), 0u);
-    std::ranges::stable_sort(order, {}, [&](std::size_t i) { return std::tuple(samples.curve.empty() ? 0u : samples.curve[i], samples.speed[i]); });
+    const auto by_speed = [&](std::size_t i) { return std::pair(samples.curve.empty() ? 0u : samples.curve[i], samples.speed[i]); };
+    if (!std::ranges::is_sorted(order, {}, by_speed)) std::ranges::stable_sort(order, {}, by_speed);
     double products = 0;
     for (std::size_t k = 1; k < order.size(); ++k)
       products += std::clamp(r[order[k]] - mean, -4 * scale, 4 * scale) * std::clamp(r[order[k - 1]] - mean, -4 * scale, 4 * scale);
@@ -227,8 +237,21 @@ tl::expected<Fit, std::string> fit(const friction::LawInfo& law, const Samples& 
   }
   hold_what_does_not_vary(law, samples, problem, result);
 
-  Point point = problem.minimise();
+  std::size_t open = 0;
+  for (std::size_t i = 0; i < law.parameters.size(); ++i) open += problem.is_free(i);
+  if (samples.size() <= open)
+    return tl::unexpected(fmt::format("{} samples cannot tell {} parameters: record {} or more, at as many speeds, or fix parameters", samples.size(), open, open + 2));
+
   std::vector<std::string> dependent;
+  std::vector<std::size_t> order(law.parameters.size());
+  std::iota(order.begin(), order.end(), 0u);
+  std::ranges::stable_sort(order, {}, [&](std::size_t i) { return precedence(problem.place(), i); });
+  for (const std::size_t i : problem.dependent_linear(order)) {
+    problem.hold(i, std::clamp(0.0, problem.low(i), problem.high(i)));
+    dependent.emplace_back(law.parameters[i].name);
+    result.unidentifiable.emplace_back(law.parameters[i].name);
+  }
+  Point point = problem.minimise();
   for (std::size_t i; (i = dependent_parameter(law, problem, point)) != Separable::npos;) {
     const auto& p = law.parameters[i];
     problem.hold(i, problem.is_linear(i) ? std::clamp(0.0, problem.low(i), problem.high(i)) : point.values(static_cast<Index>(i)));
@@ -265,8 +288,7 @@ tl::expected<Fit, std::string> fit(const friction::LawInfo& law, const Samples& 
   result.estimated = coordinates.size();
   const double freedom = n - static_cast<double>(coordinates.size());
   if (freedom < 1) {
-    return tl::unexpected(fmt::format("{} samples cannot tell {} parameters of law '{}': record at least {} more speed levels, or fix parameters",
-                                      samples.size(), coordinates.size(), law.name, coordinates.size() + 3 - samples.size()));
+    return tl::unexpected(fmt::format("{} samples cannot tell {} parameters: record {} or more, at as many speeds, or fix parameters", samples.size(), coordinates.size(), coordinates.size() + 2));
   }
 
   const auto count = static_cast<Index>(law.parameters.size());
@@ -341,7 +363,8 @@ tl::expected<Fit, std::string> fit(const friction::LawInfo& law, const Samples& 
   const double p = static_cast<double>(coordinates.size()) + 1;   // the variance is one
   result.aicc = n * std::log(std::max(squares, 1e-300) / n) + 2 * p + (n - p - 1 > 0 ? 2 * p * (p + 1) / (n - p - 1) : unknown);
   describe_residuals(samples, r, base, options, result);
-  const std::set<double> speeds(samples.speed.begin(), samples.speed.begin() + static_cast<std::ptrdiff_t>(std::min<std::size_t>(samples.size(), 100'000)));
+  std::set<double> speeds;
+  for (std::size_t i = 0; i < samples.size() && speeds.size() < 5; ++i) speeds.insert(samples.speed[i]);
   if (speeds.size() > 4 && result.r_squared < 0.5)
     result.notes.push_back(fmt::format("the law explains only {:.0f} % of how friction varies in these data: are the columns what their names say?", 100 * std::max(0.0, result.r_squared)));
   if (result.condition_number > 1e4) result.notes.push_back(fmt::format("condition number {:.1e}: parameters trade against each other; their values are little worth one by one", result.condition_number));
@@ -354,7 +377,7 @@ tl::expected<Fit, std::string> fit_staged(const friction::LawInfo& law, const Sa
   if (!law.load_dependent || !law.temperature_dependent)
     return tl::unexpected(fmt::format("law '{}' does not depend on both load and temperature: there are no stages to identify it in", law.name));
   std::map<long, std::vector<std::size_t>> by_temperature;
-  for (std::size_t i = 0; i < samples.size(); ++i) by_temperature[std::lround(samples.temperature_degC[i])].push_back(i);
+  for (std::size_t i = 0; i < samples.size(); ++i) by_temperature[std::lround(5 * samples.temperature_degC[i])].push_back(i);
   const std::vector<std::size_t>* most = nullptr;
   std::size_t loads = 0;
   for (const auto& [T, rows] : by_temperature) {
@@ -429,7 +452,6 @@ tl::expected<Shared, std::string> fit_shared(const friction::LawInfo& law, const
     for (const auto& [name, value] : options.fixed)
       if (const auto p = std::ranges::find(law.parameters, name, &friction::Parameter::name); p != law.parameters.end()) problem.hold(static_cast<std::size_t>(p - law.parameters.begin()), value);
   }
-  std::vector<std::pair<double, double>> seen;
   const auto cost = [&](double value) {
     double sum = 0;
     for (std::size_t c = 0; c < curves.size(); ++c) {
@@ -438,20 +460,17 @@ tl::expected<Shared, std::string> fit_shared(const friction::LawInfo& law, const
       at[c] = p.values;
       sum += p.cost;
     }
-    seen.emplace_back(value, sum);
     return sum;
   };
   const double low = std::max(found->minimum, 0.3), high = std::min(found->maximum, 4.0);
-  const auto [best, least] = boost::math::tools::brent_find_minima(cost, low, high, 20);
+  const auto [best, least] = boost::math::tools::brent_find_minima(cost, low, high, 14);
   result.value = best;
   // Curvature from a parabola as wide as costs tell values apart.
   const double h = 0.05 * best, curvature = (cost(best + h) - 2 * least + cost(best - h)) / (h * h);
   const double freedom = static_cast<double>(result.samples) - static_cast<double>(curves.size() * (law.parameters.size() - 1 - options.fixed.size())) - 1;
   result.sigma = std::sqrt(2 * least / std::max(1.0, freedom) / curvature);
   for (int i = -8; i <= 8; ++i)
-    if (const double v = best * (1 + 0.05 * i); v > low && v < high) cost(v);
-  std::ranges::sort(seen);
-  for (const auto& [v, c] : seen) result.profile.emplace_back(v, c / least - 1);
+    if (const double v = best * (1 + 0.05 * i); v > low && v < high) result.profile.emplace_back(v, cost(v) / least - 1);
   if (best < low * 1.01 || best > high * 0.99) result.notes.push_back(fmt::format("{} = {:.3g} is at the end of the searched range {} .. {}", parameter, best, low, high));
   return result;
 }

@@ -12,7 +12,7 @@ namespace {
 using Eigen::Index, Eigen::MatrixXd, Eigen::VectorXd;
 using F = friction::Family;
 
-constexpr std::size_t grid_samples = 256, start_samples = 4096;
+constexpr std::size_t grid_samples = 128, start_samples = 2048;
 
 /// Evenly spread samples; enough to tell which valley is the deepest.
 Samples thinned(const Samples& all, std::size_t count) {
@@ -33,6 +33,14 @@ std::vector<double> thinned_weights(const std::vector<double>& weights, std::siz
   return thinned(carrier, count).speed;
 }
 
+/// A x = c for symmetric positive semidefinite A; of many solutions the shortest in units of the columns.
+VectorXd solution(const MatrixXd& A, const VectorXd& c) {
+  const VectorXd unit = A.diagonal().cwiseMax(1e-300).cwiseSqrt().cwiseInverse();
+  const Eigen::LDLT<MatrixXd> factor(unit.asDiagonal() * A * unit.asDiagonal());
+  if (factor.info() == Eigen::Success && factor.vectorD().minCoeff() > 1e-12) return unit.asDiagonal() * factor.solve(unit.asDiagonal() * c);
+  return pseudo_inverse(A) * c;
+}
+
 /// min x^T N x / 2 - b^T x within bounds; `held` tells which bound holds.
 VectorXd bounded_solution(const MatrixXd& N, const VectorXd& b, const VectorXd& low, const VectorXd& high, std::vector<bool>& held) {
   const Index n = b.size();
@@ -51,7 +59,7 @@ VectorXd bounded_solution(const MatrixXd& N, const VectorXd& b, const VectorXd& 
           if (held[j]) c(i) -= N(open[i], j) * x(j);
         for (std::size_t j = 0; j < open.size(); ++j) A(i, j) = N(open[i], open[j]);
       }
-      const VectorXd y = pseudo_inverse(A) * c;
+      const VectorXd y = solution(A, c);
       for (std::size_t i = 0; i < open.size(); ++i) x(open[i]) = y(i);
     }
     Index worst = -1;
@@ -123,7 +131,7 @@ std::size_t Separable::parameter_of(double F::* field) const {
 }
 
 Point Separable::at(const VectorXd& start) const {
-  Point point{.values = start, .family = {}, .moments = {}, .derivatives = {}, .at_bound = std::vector<bool>(free_.size(), false), .cost = 0};
+  Point point{.values = start, .family = {}, .moments = {}, .linear = {}, .at_bound = std::vector<bool>(free_.size(), false), .cost = 0};
   VectorXd& u = point.values;
   std::vector<Index> sought;
   for (std::size_t j = 0; j < free_.size(); ++j) {
@@ -146,18 +154,15 @@ Point Separable::at(const VectorXd& start) const {
   for (std::size_t i = 0; i < sought.size(); ++i) u(sought[i]) = eta(static_cast<Index>(i)), point.at_bound[sought[i]] = held[i];
   const VectorXd linear = known + Q * eta;
   for (std::size_t k = 0; k < linear_count; ++k) point.family.*linear_fields[k] = linear(static_cast<Index>(k));
-  point.derivatives = basis.at(linear);
-  point.cost = point.derivatives.rr;
+  point.cost = basis.cost(linear);
+  point.linear = linear;
   return point;
 }
 
 Point Separable::again(const Point& point) const {
   Point now = point;
   now.moments = accumulate(*samples_, weights_, place_, point.family, threads_);
-  VectorXd linear(linear_count);
-  for (std::size_t k = 0; k < linear_count; ++k) linear(static_cast<Index>(k)) = point.family.*linear_fields[k];
-  now.derivatives = now.moments.at(linear);
-  now.cost = now.derivatives.rr;
+  now.cost = now.moments.cost(now.linear);
   return now;
 }
 
@@ -187,7 +192,7 @@ class ProjectedResidual final : public ceres::CostFunction {
     r(n) = std::sqrt(last_->cost * scale_);
     if (!jacobians || !jacobians[0]) return true;
     const Placement& place = problem_.place_;
-    const Moments::At& sums = last_->derivatives;
+    const Moments::At sums = last_->moments.at(last_->linear);
     std::vector<Index> open;
     for (std::size_t j = 0; j < problem_.free_.size(); ++j)
       if (problem_.free_[j] && place.is_linear(j) && !last_->at_bound[j]) open.push_back(static_cast<Index>(j));
@@ -205,7 +210,6 @@ class ProjectedResidual final : public ceres::CostFunction {
     // Rounding may take the smallest pivots below zero.
     const VectorXd unit = products.diagonal().cwiseMax(1e-300).cwiseSqrt();
     MatrixXd normal = unit.cwiseInverse().asDiagonal() * products * unit.cwiseInverse().asDiagonal();
-    normal.topLeftCorner(n, n).diagonal().array() += 1e-14;
     const Eigen::SelfAdjointEigenSolver<MatrixXd> eigen(normal);
     const MatrixXd root = eigen.eigenvalues().cwiseMax(0).cwiseSqrt().asDiagonal() * eigen.eigenvectors().transpose() * unit.asDiagonal();
     Eigen::Map<Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>>(jacobians[0], n + 1, n) = root.leftCols(n);
@@ -234,7 +238,9 @@ Point Separable::descend(const VectorXd& start, int iterations) const {
   VectorXd x(n);
   for (Index i = 0; i < n; ++i) x(i) = std::clamp(start(sought[i]), low_(sought[i]), high_(sought[i]));
   // Costs in units of the noise, so that Ceres' absolute tolerances mean something.
-  const double scale = static_cast<double>(samples_->size()) / std::max(at(start).cost, 1e-300);
+  Point first = at(start);
+  if (first.cost <= 1e-26 * first.moments.yy) return first;   // nothing is left but rounding
+  const double scale = static_cast<double>(samples_->size()) / first.cost;
   auto* residual = new ProjectedResidual(*this, start, sought, scale);
   ceres::Problem problem;
   problem.AddResidualBlock(residual, nullptr, x.data());
@@ -246,12 +252,12 @@ Point Separable::descend(const VectorXd& start, int iterations) const {
   options.linear_solver_type = ceres::DENSE_QR;
   options.logging_type = ceres::SILENT;
   options.max_num_iterations = iterations;
-  options.function_tolerance = 1e-12;
+  options.function_tolerance = 1e-6 / static_cast<double>(samples_->size());   // a thousandth of a sigma
   options.parameter_tolerance = 1e-11;
   options.gradient_tolerance = 1e-13;
   ceres::Solver::Summary summary;
   ceres::Solve(options, &problem, &summary);
-  return residual->best_ ? std::move(*residual->best_) : at(start);
+  return residual->best_ && residual->best_->cost < first.cost ? std::move(*residual->best_) : std::move(first);
 }
 
 Separable Separable::part(const Samples& samples, std::vector<double> weights) const {
@@ -261,10 +267,38 @@ Separable Separable::part(const Samples& samples, std::vector<double> weights) c
   return copy;
 }
 
+std::vector<std::size_t> Separable::dependent_linear(const std::vector<std::size_t>& order) const {
+  // Whatever the nonlinear numbers: a term that the others can stand in for everywhere on the grid.
+  const std::vector<VectorXd> points = grid();
+  std::vector<std::size_t> dependent;
+  const std::size_t step = std::max<std::size_t>(1, points.size() / 7);
+  for (std::size_t g = 0; g < points.size(); g += step) {
+    const MatrixXd FF = at(points[g]).moments.FF;
+    std::vector<std::size_t> kept, spare;
+    for (const std::size_t j : order) {
+      if (!free_[j] || !place_.is_linear(j)) continue;
+      std::vector<std::size_t> with = kept;
+      with.push_back(j);
+      MatrixXd Q(static_cast<Index>(linear_count), static_cast<Index>(with.size()));
+      for (std::size_t i = 0; i < with.size(); ++i) Q.col(static_cast<Index>(i)) = place_.linear.col(static_cast<Index>(with[i]));
+      MatrixXd N = Q.transpose() * FF * Q;
+      const VectorXd unit = N.diagonal().cwiseMax(1e-300).cwiseSqrt().cwiseInverse();
+      N = unit.asDiagonal() * N * unit.asDiagonal();
+      const bool told = N(N.rows() - 1, N.rows() - 1) > 0.5 && Eigen::SelfAdjointEigenSolver<MatrixXd>(N, Eigen::EigenvaluesOnly).eigenvalues()(0) > 1e-12;
+      (told ? kept : spare).push_back(j);
+    }
+    if (g == 0) dependent = spare;
+    else std::erase_if(dependent, [&](std::size_t j) { return std::ranges::find(spare, j) == spare.end(); });
+  }
+  return dependent;
+}
+
 /// Values of the nonlinear coordinates worth a try.
 std::vector<VectorXd> Separable::grid() const {
   const auto [t_low, t_high] = std::ranges::minmax(samples_->temperature_degC);
-  const double fastest = std::ranges::max(samples_->speed);
+  // Speeds spread over the decades that were measured.
+  const auto [slowest, fastest] = std::ranges::minmax(samples_->speed);
+  const auto decade = [&, low = std::max(slowest, 1e-3 * fastest)](double share) { return low * std::pow(fastest / low, share); };
   std::vector<VectorXd> points{values_};
   const auto branch = [&](std::size_t parameter, std::span<const double> choices) {
     if (parameter == npos || !free_[parameter]) return;
@@ -292,7 +326,7 @@ std::vector<VectorXd> Separable::grid() const {
         }
     points = std::move(more);
   };
-  const double speeds[] = {0.03 * fastest, 0.1 * fastest, 0.3 * fastest};
+  const double speeds[] = {decade(0.15), decade(0.42), decade(0.7)};
   const double exponents[] = {1.0, 1.9}, scales[] = {10, 35}, viscous[] = {0.45, 0.7, 1.4}, slopes[] = {-0.01, -0.003, 0.003};
   branch_line(&F::vs, &F::vs_T, speeds);
   branch(parameter_of(&F::vl), speeds);
@@ -310,18 +344,35 @@ Point Separable::minimise() const {
   std::vector<std::pair<double, VectorXd>> starts;
   for (const VectorXd& p : grid()) starts.emplace_back(coarse.at(p).cost, p);
   std::ranges::stable_sort(starts, {}, [](const auto& s) { return s.first; });
-  std::vector<VectorXd> valleys;
-  for (std::size_t i = 0; i < std::min<std::size_t>(4, starts.size()); ++i) valleys.push_back(coarse.descend(starts[i].second, 20).values);
-  VectorXd best = valleys.front();
-  for (std::size_t count = start_samples; count < samples_->size() || valleys.size() > 1; count *= 16) {
-    const Samples more = thinned(*samples_, count);
-    const Separable medium = part(more, thinned_weights(weights_, count));
-    double least = std::numeric_limits<double>::infinity();
-    for (const VectorXd& valley : std::exchange(valleys, {}))
-      if (const Point found = medium.descend(valley, 60); found.cost < least) least = found.cost, best = found.values;
-    if (count >= samples_->size()) break;
+  std::vector<Point> valleys;
+  // Few nonlinear numbers have few valleys.
+  std::size_t nonlinear = 0;
+  for (std::size_t j = 0; j < free_.size(); ++j) nonlinear += free_[j] && !place_.is_linear(j);
+  // The Stribeck velocities make the valleys: of starts that share them only the best is followed.
+  const std::size_t places[] = {parameter_of(&F::vs), parameter_of(&F::vs_T)};
+  const auto same_place = [&](const VectorXd& a, const VectorXd& b) {
+    return std::ranges::all_of(places, [&](std::size_t j) { return j == npos || a(static_cast<Index>(j)) == b(static_cast<Index>(j)); });
+  };
+  std::vector<VectorXd> followed;
+  for (const auto& [cost, start] : starts) {
+    if (followed.size() == (nonlinear < 6 ? 3u : 9u)) break;
+    if (std::ranges::any_of(followed, [&](const VectorXd& other) { return same_place(other, start); })) continue;
+    followed.push_back(start);
+    const Point valley = coarse.descend(start, nonlinear < 6 ? 12 : 40);
+    // Two starts that ran into the same valley count once.
+    if (std::ranges::none_of(valleys, [&](const Point& v) { return std::abs(v.cost - valley.cost) <= 1e-3 * valley.cost; })) valleys.push_back(valley);
   }
-  return refine(best);
+  const auto deepest = [&](const Separable& problem, int iterations) {
+    Point best = problem.descend(valleys.front().values, iterations);
+    for (std::size_t i = 1; i < valleys.size(); ++i)
+      if (Point found = problem.descend(valleys[i].values, iterations); found.cost < best.cost) best = std::move(found);
+    return best;
+  };
+  for (std::size_t count = start_samples; 4 * count <= samples_->size(); count *= 16) {
+    const Samples more = thinned(*samples_, count);
+    valleys = {deepest(part(more, thinned_weights(weights_, count)), 60)};
+  }
+  return deepest(*this, 100);
 }
 
 Point Separable::refine(const VectorXd& start) const { return descend(start, 100); }
@@ -339,8 +390,9 @@ MatrixXd Separable::information(const Point& point, std::vector<std::size_t>& co
     Q.col(i) = place_.linear.col(static_cast<Index>(coordinates[i]));
     R.col(i) = place_.nonlinear.col(static_cast<Index>(coordinates[i]));
   }
-  const MatrixXd cross = Q.transpose() * point.derivatives.FD * R;
-  return Q.transpose() * point.moments.FF * Q + cross + cross.transpose() + R.transpose() * point.derivatives.DD * R;
+  const Moments::At derivatives = point.moments.at(point.linear);
+  const MatrixXd cross = Q.transpose() * derivatives.FD * R;
+  return Q.transpose() * point.moments.FF * Q + cross + cross.transpose() + R.transpose() * derivatives.DD * R;
 }
 
 }  // namespace tribotwin::twin::identification

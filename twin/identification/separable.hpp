@@ -15,7 +15,7 @@ struct Point {
   Eigen::VectorXd values;          ///< all coordinates
   friction::Family family;
   Moments moments;                 ///< at the family's nonlinear numbers
-  Moments::At derivatives;         ///< at all of them
+  Eigen::VectorXd linear;          ///< its linear ones
   std::vector<bool> at_bound;      ///< coordinates that a bound holds
   double cost = 0;
 };
@@ -42,6 +42,9 @@ class Separable {
   Point at(const Eigen::VectorXd& nonlinear_from) const;
   /// A point as it is, with the present weights.
   Point again(const Point& point) const;
+
+  /// Free linear parameters that those before them in `order` can stand in for, wherever the nonlinear ones are.
+  std::vector<std::size_t> dependent_linear(const std::vector<std::size_t>& order) const;
 
   /// sum psi psi^T of the free coordinates that no bound holds, and which those are.
   Eigen::MatrixXd information(const Point& point, std::vector<std::size_t>& coordinates) const;

@@ -5,6 +5,7 @@
 
 #include <fmt/format.h>
 
+#include <tribotwin/twin/identification/parameters.hpp>
 #include <tribotwin/twin/laboratory/experiment.hpp>
 #include <tribotwin/twin/model/arm.hpp>
 #include <tribotwin/twin/program/program.hpp>
@@ -39,10 +40,36 @@ struct Arguments {
   bool experiment = false, quiet = false;
 };
 
+int print(const Arguments& a, const drive::Drive& drive, const std::vector<CurvePoint>& points) {
+  int outside = 0;
+  for (const auto& p : points)
+    outside += friction::level(drive.law, friction::at_temperature(drive.law, p.temperature_degC), p.speed_rad_s / drive.gear_ratio * drive.speed_scale(), p.load_norm).outside;
+  std::string text = "speed_rad_s,load_norm,temperature_degC,friction_norm,friction_nm,stderr_nm\n";
+  for (const auto& p : points)
+    text += fmt::format("{},{},{},{},{},{}\n", p.speed_rad_s, p.load_norm, p.temperature_degC, p.friction_norm, p.friction_nm, p.stderr_nm);
+  if (outside && !a.quiet)
+    fmt::print(stderr, "note: {} of {} points lie outside the range in which law '{}' was identified; its validity policy applies\n", outside, points.size(), drive.law.info->name);
+  return deliver(text, a.csv);
+}
+
+/// The curve of an identified law. Where the file does not say the largest torque or the gear, normalised torque stays so.
+int of_parameters(const Arguments& a, const std::vector<double>& speeds) {
+  if (a.experiment || !a.joint.empty()) throw InputError(fmt::format("{}: an identified law has no joint to experiment with; give a model", a.model));
+  const auto file = identification::read_parameters(a.model);
+  drive::Drive drive;
+  drive.law = file.law;
+  drive.torque_max_nm = file.torque_max_nm > 0 ? file.torque_max_nm : 1;
+  drive.gear_ratio = file.gear_ratio > 0 ? file.gear_ratio : 1;
+  if (!(file.torque_max_nm > 0) && !a.quiet) fmt::print(stderr, "note: {}: holds no torque_max_nm; {} is that of 1 Nm\n", a.model, file.law.info->normalised ? "friction_nm" : "friction_norm");
+  return print(a, drive, law_curve(drive, speeds, a.load, a.temperature));
+}
+
 int execute(const Arguments& a) {
   const auto speeds = speeds_of(a.speeds);
   for (const auto& [option, value] : {std::pair{"--temperature", a.temperature}, {"--load", a.load}, {"--noise", a.noise}})
     if (!std::isfinite(value)) throw InputError(fmt::format("{} {}: must be a finite number", option, value));
+  if (a.model.ends_with(".yaml")) return of_parameters(a, speeds);
+  if (a.joint.empty()) throw InputError("--joint is needed: a model has several");
   const auto model = mujoco::load_file(a.model);
   if (!model) throw InputError(model.error());
   const auto found = find_drive(**model, a.joint);
@@ -63,15 +90,7 @@ int execute(const Arguments& a) {
   } else {
     points = law_curve(drive, speeds, a.load, a.temperature);
   }
-  int outside = 0;
-  for (const auto& p : points)
-    outside += friction::level(drive.law, friction::at_temperature(drive.law, p.temperature_degC), p.speed_rad_s / drive.gear_ratio * drive.speed_scale(), p.load_norm).outside;
-  std::string text = "speed_rad_s,load_norm,temperature_degC,friction_norm,friction_nm,stderr_nm\n";
-  for (const auto& p : points)
-    text += fmt::format("{},{},{},{},{},{}\n", p.speed_rad_s, p.load_norm, p.temperature_degC, p.friction_norm, p.friction_nm, p.stderr_nm);
-  if (outside && !a.quiet)
-    fmt::print(stderr, "note: {} of {} points lie outside the range in which law '{}' was identified; its validity policy applies\n", outside, points.size(), drive.law.info->name);
-  return deliver(text, a.csv);
+  return print(a, drive, points);
 }
 
 }  // namespace
@@ -79,8 +98,8 @@ int execute(const Arguments& a) {
 void add_curve(CLI::App& app, int& code) {
   auto a = std::make_shared<Arguments>();
   auto* command = app.add_subcommand("curve", "Friction over speed: the law, or as an experiment measures it");
-  command->add_option("MODEL", a->model, "MJCF model")->required();
-  command->add_option("--joint", a->joint, "Joint with a drive")->required();
+  command->add_option("MODEL", a->model, "MJCF model, or PARAMS.yaml of tribotwin identify")->required();
+  command->add_option("--joint", a->joint, "Joint with a drive, of a model");
   command->add_option("--temperature", a->temperature, "Lubricant temperature [degC]")->capture_default_str()->check(CLI::Range(-273.15, 1000.0));
   command->add_option("--load", a->load, "Load torque / torque_max_nm [-]")->capture_default_str()->check(CLI::Range(-1000.0, 1000.0));
   command->add_option("--speeds", a->speeds, "FROM:TO:COUNT, motor side [rad/s]")->capture_default_str();

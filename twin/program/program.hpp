@@ -13,6 +13,7 @@ namespace tribotwin::twin::program {
 
 void add_run(CLI::App& app, int& code);
 void add_curve(CLI::App& app, int& code);
+void add_identify(CLI::App& app, int& code);
 void add_recover(CLI::App& app, int& code);
 void add_export(CLI::App& app, int& code);
 

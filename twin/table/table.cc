@@ -5,6 +5,7 @@
 #include <cmath>
 #include <cstring>
 #include <fstream>
+#include <limits>
 #include <sstream>
 
 #include <fmt/format.h>
@@ -32,11 +33,76 @@ tl::expected<std::vector<double>, std::string> Table::numbers(std::string_view n
   return values;
 }
 
-tl::expected<Table, std::string> read_table(const std::filesystem::path& file) {
+namespace {
+
+tl::expected<std::ifstream, std::string> opened(const std::filesystem::path& file) {
   std::error_code error;
   if (std::filesystem::is_directory(file, error)) return tl::unexpected(fmt::format("{}: is a folder, not a CSV file", file.string()));
   std::ifstream stream(file);
   if (!stream) return tl::unexpected(fmt::format("{}: cannot be read ({})", file.string(), std::strerror(errno)));
+  return stream;
+}
+
+std::string_view trimmed(std::string_view cell) {
+  const auto first = cell.find_first_not_of(" \t\r"), last = cell.find_last_not_of(" \t\r");
+  return first == cell.npos ? std::string_view{} : cell.substr(first, last - first + 1);
+}
+
+}  // namespace
+
+tl::expected<Numbers, std::string> read_numbers(const std::filesystem::path& file, const std::vector<std::string>& wanted) {
+  auto stream = opened(file);
+  if (!stream) return tl::unexpected(stream.error());
+  Numbers numbers{.file = file, .names = {}, .columns = std::vector<std::vector<double>>(wanted.size())};
+  std::string line;
+  if (!std::getline(*stream, line)) return tl::unexpected(fmt::format("{}: is empty; its first line should name the columns", file.string()));
+  constexpr std::size_t none = static_cast<std::size_t>(-1);
+  std::vector<std::size_t> wanted_at;   // per column of the file
+  for (std::string_view rest = line; true;) {
+    const auto comma = rest.find(',');
+    const std::string name(trimmed(rest.substr(0, comma)));
+    const auto found = std::ranges::find(wanted, name);
+    if (std::ranges::find(numbers.names, name) != numbers.names.end()) return tl::unexpected(fmt::format("{}:1: column '{}' twice", file.string(), name));
+    numbers.names.push_back(name);
+    wanted_at.push_back(found == wanted.end() ? none : static_cast<std::size_t>(found - wanted.begin()));
+    if (comma == rest.npos) break;
+    rest.remove_prefix(comma + 1);
+  }
+  std::vector<double> row(wanted.size());
+  for (std::size_t number = 2; std::getline(*stream, line); ++number) {
+    if (trimmed(line).empty()) continue;
+    std::size_t column = 0;
+    bool finite = true;
+    for (std::string_view rest = line; true; ++column) {
+      const auto comma = rest.find(',');
+      if (column < wanted_at.size() && wanted_at[column] != none) {
+        std::string_view cell = trimmed(rest.substr(0, comma));
+        if (cell.starts_with('+')) cell.remove_prefix(1);
+        double x = std::numeric_limits<double>::quiet_NaN();
+        const auto [end, error] = std::from_chars(cell.data(), cell.data() + cell.size(), x);
+        if (!cell.empty() && (error != std::errc{} || end != cell.data() + cell.size()))
+          return tl::unexpected(fmt::format("{}:{}: column '{}' is '{}', not a number", file.string(), number, numbers.names[column], cell));
+        row[wanted_at[column]] = x;
+        finite &= std::isfinite(x);
+      }
+      if (comma == rest.npos) break;
+      rest.remove_prefix(comma + 1);
+    }
+    if (column + 1 != wanted_at.size()) return tl::unexpected(fmt::format("{}:{}: {} cells but {} columns", file.string(), number, column + 1, wanted_at.size()));
+    if (!finite) {
+      if (numbers.left_out++ == 0) numbers.first_left_out = number;
+      continue;
+    }
+    for (const std::size_t k : wanted_at)
+      if (k != none) numbers.columns[k].push_back(row[k]);
+  }
+  return numbers;
+}
+
+tl::expected<Table, std::string> read_table(const std::filesystem::path& file) {
+  auto opening = opened(file);
+  if (!opening) return tl::unexpected(opening.error());
+  std::ifstream& stream = *opening;
   const auto cells_of = [](std::string line) {
     if (!line.empty() && line.back() == '\r') line.pop_back();
     std::vector<std::string> cells;

@@ -26,4 +26,16 @@ struct Table {
 /// Fails with file and line; a table without samples is an error.
 tl::expected<Table, std::string> read_table(const std::filesystem::path& file);
 
+/// Columns of numbers from a file too long to be kept as text.
+struct Numbers {
+  std::filesystem::path file;
+  std::vector<std::string> names;                ///< all columns of the header
+  std::vector<std::vector<double>> columns;      ///< of the wanted names, in their order; empty where the file has none
+  std::size_t left_out = 0;                      ///< rows in which a wanted cell is empty, NaN or infinite
+  std::size_t first_left_out = 0;                ///< its line, from 1
+};
+
+/// Reads the columns `wanted` of a CSV file in one pass. Fails with file and line, where a cell is no number at all too.
+tl::expected<Numbers, std::string> read_numbers(const std::filesystem::path& file, const std::vector<std::string>& wanted);
+
 }  // namespace tribotwin::twin

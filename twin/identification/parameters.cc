@@ -1,0 +1,176 @@
+#include <tribotwin/twin/identification/parameters.hpp>
+
+#include <cmath>
+
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+
+#include <tribotwin/twin/scenario/input.hpp>
+
+namespace tribotwin::twin::identification {
+namespace {
+
+constexpr std::pair<Status, std::string_view> statuses[] = {{Status::estimated, "estimated"}, {Status::fixed, "fixed"}, {Status::held, "held"}, {Status::at_bound, "at_bound"}};
+
+std::string_view name_of(Status status) {
+  for (const auto& [s, name] : statuses)
+    if (s == status) return name;
+  return "";
+}
+
+/// YAML takes any text between single quotes, doubled inside.
+std::string quoted(const std::string& text) {
+  std::string out = "'";
+  for (const char c : text) out += c == '\'' ? std::string("''") : std::string(1, c == '\n' ? ' ' : c);
+  return out + "'";
+}
+
+std::string list(const std::vector<std::string>& items) {
+  std::vector<std::string> q;
+  for (const auto& i : items) q.push_back(quoted(i));
+  return fmt::format("[{}]", fmt::join(q, ", "));
+}
+
+}  // namespace
+
+ParameterFile parameter_file(const Fit& fit, std::vector<std::string> data, double torque_max_nm, double gear_ratio) {
+  const auto n = static_cast<Eigen::Index>(fit.parameters.size());
+  ParameterFile f{.law = fit.law, .torque_max_nm = torque_max_nm, .gear_ratio = gear_ratio, .estimates = fit.parameters, .correlation = Eigen::MatrixXd(n, n),
+                  .residual_mean = fit.residual.mean, .residual_std = fit.residual.std, .residual_max_abs = fit.residual.max_abs, .condition_number = fit.condition_number,
+                  .r_squared = fit.r_squared, .samples = fit.samples, .data = std::move(data), .unidentifiable = fit.unidentifiable, .notes = fit.notes};
+  for (Eigen::Index i = 0; i < n; ++i)
+    for (Eigen::Index j = 0; j < n; ++j) f.correlation(i, j) = fit.correlation(static_cast<std::size_t>(i), static_cast<std::size_t>(j));
+  return f;
+}
+
+std::string to_yaml(const ParameterFile& f) {
+  const friction::LawInfo& info = *f.law.info;
+  std::string s = fmt::format("# {} = {}; {}\nlaw: {}\n", info.normalised ? "friction / torque_max_nm" : "friction [Nm]", info.equation, info.source, info.name);
+  if (f.torque_max_nm > 0) s += fmt::format("torque_max_nm: {}\n", f.torque_max_nm);
+  if (f.gear_ratio > 0) s += fmt::format("gear_ratio: {}\n", f.gear_ratio);
+  s += "parameters:\n";
+  for (const auto& e : f.estimates) s += fmt::format("  {}: {}   # {}\n", e.name, e.value, e.unit);
+  s += "status:\n";
+  for (const auto& e : f.estimates) s += fmt::format("  {}: {}\n", e.name, name_of(e.status));
+  s += "sigma:   # one standard deviation of those that were estimated\n";
+  for (const auto& e : f.estimates)
+    if (!std::isnan(e.sigma)) s += fmt::format("  {}: {}\n", e.name, e.sigma);
+  s += "confidence_95:\n";
+  for (const auto& e : f.estimates)
+    if (!std::isnan(e.low)) s += fmt::format("  {}: [{}, {}]\n", e.name, e.low, e.high);
+  s += "correlation:   # in the order of sigma\n";
+  for (std::size_t i = 0; i < f.estimates.size(); ++i) {
+    if (std::isnan(f.estimates[i].sigma)) continue;
+    std::vector<std::string> row;
+    for (std::size_t j = 0; j < f.estimates.size(); ++j)
+      if (!std::isnan(f.estimates[j].sigma)) row.push_back(fmt::format("{:.6g}", std::isfinite(f.correlation(i, j)) ? f.correlation(i, j) : 0.0));
+    s += fmt::format("  {}: [{}]\n", f.estimates[i].name, fmt::join(row, ", "));
+  }
+  const auto& r = f.law.range;
+  s += fmt::format("range: {{speed_max_rad_s: {}", r.speed_max_rad_s);
+  if (info.load_dependent) s += fmt::format(", load_max: {}", r.load_max);
+  if (info.temperature_dependent) s += fmt::format(", temperature_min_degC: {}, temperature_max_degC: {}", r.temperature_min_degC, r.temperature_max_degC);
+  s += fmt::format("}}\nresidual: {{mean: {}, std: {}, max_abs: {}}}\nsamples: {}\ncondition_number: {}\nr_squared: {}\n", f.residual_mean, f.residual_std, f.residual_max_abs, f.samples,
+                   f.condition_number, f.r_squared);
+  s += fmt::format("unidentifiable: {}\ndata: {}\nnotes: {}\n", list(f.unidentifiable), list(f.data), list(f.notes));
+  return s;
+}
+
+ParameterFile read_parameters(const std::filesystem::path& path) {
+  Mapping m(path.string(), "", load_yaml(path));
+  m.accept({"law", "torque_max_nm", "gear_ratio", "parameters", "status", "sigma", "confidence_95", "correlation", "range", "residual", "samples", "condition_number", "r_squared", "unidentifiable", "data", "notes"});
+  ParameterFile f;
+  const std::string law = m.text("law");
+  const friction::LawInfo* info = friction::find_law(law);
+  if (!info) {
+    std::vector<std::string_view> names;
+    for (const auto& l : friction::laws()) names.push_back(l.name);
+    m.fail("law", fmt::format("is '{}'; the laws are {}", law, fmt::join(names, ", ")));
+  }
+  f.torque_max_nm = m.number_or("torque_max_nm", 0, {0, 1e9});
+  f.gear_ratio = m.number_or("gear_ratio", 0, {0, 1e6});
+  auto parameters = m.mapping("parameters");
+  if (!parameters) m.fail("parameters", "is missing");
+  std::vector<std::pair<std::string, double>> values;
+  for (const auto& name : parameters->names()) values.emplace_back(name, parameters->number(name));
+  auto made = friction::make_law(law, values);
+  if (!made) throw InputError(fmt::format("{}: {}", path.string(), made.error()));
+  f.law = *made;
+  auto status = m.mapping("status"), sigma = m.mapping("sigma"), interval = m.mapping("confidence_95"), correlation = m.mapping("correlation");
+  const double unknown = std::numeric_limits<double>::quiet_NaN();
+  const auto n = static_cast<Eigen::Index>(info->parameters.size());
+  f.correlation = Eigen::MatrixXd::Constant(n, n, unknown);
+  std::vector<Eigen::Index> estimated;
+  for (std::size_t i = 0; i < info->parameters.size(); ++i) {
+    const auto& p = info->parameters[i];
+    const std::string name(p.name);
+    Estimate e{.name = name, .unit = std::string(p.unit), .value = f.law.parameters[i], .sigma = unknown, .low = unknown, .high = unknown, .status = Status::fixed};
+    if (status && status->has(name)) {
+      const std::string given = status->choice(name, {"estimated", "fixed", "held", "at_bound"});
+      for (const auto& [s, text] : statuses)
+        if (text == given) e.status = s;
+    }
+    if (sigma && sigma->has(name)) {
+      e.sigma = sigma->number(name, {0, 1e300});
+      estimated.push_back(static_cast<Eigen::Index>(i));
+    }
+    if (interval && interval->has(name)) {
+      const auto ends = interval->numbers(name);
+      if (ends.size() != 2) interval->fail(name, "must hold two numbers, [low, high]");
+      e.low = ends[0], e.high = ends[1];
+    }
+    f.estimates.push_back(std::move(e));
+  }
+  if (correlation)
+    for (const Eigen::Index i : estimated) {
+      const std::string& name = f.estimates[static_cast<std::size_t>(i)].name;
+      const auto row = correlation->numbers(name, {-1.000001, 1.000001});
+      if (row.size() != estimated.size()) correlation->fail(name, fmt::format("must hold {} numbers, one per parameter with a sigma", estimated.size()));
+      for (std::size_t k = 0; k < row.size(); ++k) f.correlation(i, estimated[k]) = row[k];
+    }
+  for (auto* part : {&status, &sigma, &interval, &correlation, &parameters})
+    if (*part) (*part)->done();
+  if (auto range = m.mapping("range")) {
+    range->accept({"speed_max_rad_s", "load_max", "temperature_min_degC", "temperature_max_degC"});
+    auto& r = f.law.range;
+    r.speed_max_rad_s = range->number_or("speed_max_rad_s", r.speed_max_rad_s, {0, 1e6});
+    r.load_max = range->number_or("load_max", r.load_max, {0, 1000});
+    r.temperature_min_degC = range->number_or("temperature_min_degC", r.temperature_min_degC, {-273.15, 1000});
+    r.temperature_max_degC = range->number_or("temperature_max_degC", r.temperature_max_degC, {-273.15, 1000});
+    range->done();
+  }
+  if (auto residual = m.mapping("residual")) {
+    f.residual_mean = residual->number_or("mean", 0);
+    f.residual_std = residual->number_or("std", 0);
+    f.residual_max_abs = residual->number_or("max_abs", 0);
+    residual->done();
+  }
+  f.samples = static_cast<std::size_t>(m.number_or("samples", 0, {0, 1e12}));
+  f.condition_number = m.number_or("condition_number", 0);
+  f.r_squared = m.number_or("r_squared", 0);
+  const auto texts = [&](const std::string& key) {
+    std::vector<std::string> out;
+    const YAML::Node node = m.raw(key);
+    if (node && node.IsSequence())
+      for (const auto& item : node) out.push_back(item.as<std::string>());
+    return out;
+  };
+  f.unidentifiable = texts("unidentifiable");
+  f.data = texts("data");
+  f.notes = texts("notes");
+  m.done();
+  return f;
+}
+
+tl::expected<drive::Drive, std::string> drive_of(const ParameterFile& f, std::string name) {
+  if (!(f.torque_max_nm > 0)) return tl::unexpected(std::string("the file holds no torque_max_nm; give it by --tau-max"));
+  if (!(f.gear_ratio > 0)) return tl::unexpected(std::string("the file holds no gear_ratio; give it by --gear-ratio"));
+  drive::Drive d;
+  d.name = std::move(name);
+  d.law = f.law;
+  d.torque_max_nm = f.torque_max_nm;
+  d.gear_ratio = f.gear_ratio;
+  return d;
+}
+
+}  // namespace tribotwin::twin::identification

@@ -1,0 +1,200 @@
+#include <charconv>
+#include <cmath>
+#include <memory>
+#include <thread>
+
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+#include <nlohmann/json.hpp>
+
+#include <tribotwin/twin/identification/fit.hpp>
+#include <tribotwin/twin/identification/parameters.hpp>
+#include <tribotwin/twin/program/program.hpp>
+#include <tribotwin/twin/scenario/input.hpp>
+
+namespace tribotwin::twin::program {
+namespace {
+
+using namespace identification;
+using Json = nlohmann::ordered_json;
+
+struct Arguments {
+  std::vector<std::string> data, fix;
+  std::string law = "extended", output, loss = "squares", shared, joint;
+  double torque_max_nm = 0, gear_ratio = 0;
+  unsigned folds = 0, threads = std::max(1u, std::thread::hardware_concurrency());
+  bool json = false, staged = false, unweighted = false, quiet = false;
+};
+
+std::vector<const friction::LawInfo*> laws_of(const std::string& text) {
+  std::vector<const friction::LawInfo*> laws;
+  for (std::size_t at = 0; at <= text.size();) {
+    const std::size_t comma = std::min(text.find(',', at), text.size());
+    const std::string name = text.substr(at, comma - at);
+    const friction::LawInfo* law = friction::find_law(name);
+    if (!law) {
+      std::vector<std::string_view> names;
+      for (const auto& l : friction::laws()) names.push_back(l.name);
+      throw InputError(fmt::format("--law {}: there is no law '{}'; did you mean '{}'? The laws are {}", text, name, friction::nearest(name, names), fmt::join(names, ", ")));
+    }
+    laws.push_back(law);
+    at = comma + 1;
+  }
+  return laws;
+}
+
+std::vector<std::pair<std::string, double>> fixed_of(const std::vector<std::string>& texts) {
+  std::vector<std::pair<std::string, double>> fixed;
+  for (const auto& text : texts) {
+    const auto sign = text.find('=');
+    double value = 0;
+    const char* end = text.data() + text.size();
+    if (sign == text.npos || sign == 0) throw InputError(fmt::format("--fix {}: must be NAME=VALUE, for example --fix alpha=1.36", text));
+    const auto [stop, error] = std::from_chars(text.data() + sign + 1, end, value);
+    if (error != std::errc{} || stop != end || !std::isfinite(value)) throw InputError(fmt::format("--fix {}: '{}' is not a finite number", text, text.substr(sign + 1)));
+    fixed.emplace_back(text.substr(0, sign), value);
+  }
+  return fixed;
+}
+
+Json number(double x) { return std::isfinite(x) ? Json(x) : Json(nullptr); }
+
+Json json_of(const Fit& fit, const Samples& samples, double held_out) {
+  Json j;
+  j["law"] = fit.law.info->name;
+  j["parameters"] = Json::object();
+  static constexpr const char* status[] = {"estimated", "fixed", "held", "at_bound"};
+  for (const auto& e : fit.parameters)
+    j["parameters"][e.name] = {{"value", number(e.value)}, {"sigma", number(e.sigma)}, {"confidence_95", Json::array({number(e.low), number(e.high)})}, {"unit", e.unit},
+                               {"status", status[static_cast<int>(e.status)]}};
+  j["residual"] = {{"mean", number(fit.residual.mean)}, {"std", number(fit.residual.std)}, {"max_abs", number(fit.residual.max_abs)}};
+  j["samples"] = fit.samples;
+  j["left_out"] = samples.left_out;
+  j["curves"] = samples.curves();
+  j["unidentifiable"] = fit.unidentifiable;
+  j["condition_number"] = number(fit.condition_number);
+  j["r_squared"] = number(fit.r_squared);
+  j["aicc"] = number(fit.aicc);
+  j["cost"] = number(fit.cost);
+  if (held_out >= 0) j["held_out_rms"] = number(held_out);
+  Json correlation = Json::object();
+  for (std::size_t a = 0; a < fit.parameters.size(); ++a)
+    for (std::size_t b = 0; b < fit.parameters.size(); ++b)
+      if (fit.parameters[a].status == Status::estimated && fit.parameters[b].status == Status::estimated)
+        correlation[fit.parameters[a].name][fit.parameters[b].name] = number(fit.correlation(a, b));
+  j["correlation"] = std::move(correlation);
+  j["notes"] = fit.notes;
+  return j;
+}
+
+std::string table_of(const Fit& fit, double held_out) {
+  static constexpr const char* status[] = {"", "fixed", "held", "at its bound"};
+  std::string s = fmt::format("law {}: {}\n\n{:<7} {:>13} {:>11}   {:<27} {:<15}\n", fit.law.info->name, fit.law.info->equation, "", "value", "sigma", "95 % interval", "unit");
+  for (const auto& e : fit.parameters) {
+    s += fmt::format("{:<7} {:>13.6g} ", e.name, e.value);
+    s += std::isnan(e.sigma) ? fmt::format("{:>11}   {:<27} ", "-", status[static_cast<int>(e.status)]) : fmt::format("{:>11.2g}   {:<27} ", e.sigma, fmt::format("{:.5g} .. {:.5g}", e.low, e.high));
+    s += fmt::format("{}\n", e.unit);
+  }
+  std::vector<std::size_t> shown;
+  for (std::size_t i = 0; i < fit.parameters.size(); ++i)
+    if (fit.parameters[i].status == Status::estimated) shown.push_back(i);
+  s += "\ncorrelation\n        ";
+  for (const std::size_t i : shown) s += fmt::format("{:>7}", fit.parameters[i].name);
+  for (const std::size_t i : shown) {
+    s += fmt::format("\n{:<8}", fit.parameters[i].name);
+    for (const std::size_t j : shown) s += j <= i ? fmt::format("{:>7.2f}", fit.correlation(i, j)) : "";
+  }
+  const char* unit = fit.law.info->normalised ? "of torque_max" : "Nm";
+  s += fmt::format("\n\nresiduals: mean {:.3g}, std {:.4g}, largest {:.4g} {}; {} samples; R^2 {:.5f}; condition number {:.3g}; AICc {:.1f}\n", fit.residual.mean, fit.residual.std,
+                   fit.residual.max_abs, unit, fit.samples, fit.r_squared, fit.condition_number, fit.aicc);
+  if (held_out >= 0) s += fmt::format("held-out RMS error {:.4g} {}\n", held_out, unit);
+  s += fit.unidentifiable.empty() ? "every parameter can be told from these data\n" : fmt::format("cannot be told from these data: {}\n", fmt::join(fit.unidentifiable, ", "));
+  return s;
+}
+
+int identify_shared(const Arguments& a, const friction::LawInfo& law, const Samples& samples, const FitOptions& options) {
+  const auto shared = fit_shared(law, samples, a.shared, options);
+  if (!shared) return complain(failed, shared.error());
+  for (const auto& note : shared->notes)
+    if (!a.quiet) fmt::print(stderr, "note: {}\n", note);
+  Json j{{"law", law.name}, {"shared", a.shared}, {"value", number(shared->value)}, {"sigma", number(shared->sigma)}, {"curves", shared->curves}, {"samples", shared->samples}, {"profile", Json::array()}, {"notes", shared->notes}};
+  for (const auto& [value, cost] : shared->profile) j["profile"].push_back({{"value", value}, {"relative_cost_increase", cost}});
+  if (!a.output.empty())
+    if (const int code = deliver(j.dump(2) + "\n", a.output)) return code;
+  if (a.json) return deliver(j.dump(2) + "\n", "");
+  std::string s = fmt::format("{} common to {} curves ({} samples), all else of law {} free at each: {:.4f} +- {:.4f}\n\n{:>10} {:>18}\n", a.shared, shared->curves, shared->samples, law.name, shared->value,
+                              shared->sigma, a.shared, "relative cost");
+  for (const auto& [value, cost] : shared->profile) s += fmt::format("{:>10.4f} {:>18.6f}\n", value, 1 + cost);
+  return deliver(s, "");
+}
+
+int execute(const Arguments& a) {
+  const auto laws = laws_of(a.law);
+  FitOptions options{.fixed = fixed_of(a.fix), .loss = a.loss == "huber" ? Loss::huber : a.loss == "cauchy" ? Loss::cauchy : Loss::squares, .weigh = !a.unweighted, .threads = a.threads};
+  if (laws.size() > 1 && (!a.output.empty() || !a.shared.empty() || !a.fix.empty())) throw InputError("-o, --fix and --shared need a single law");
+  std::vector<std::filesystem::path> files(a.data.begin(), a.data.end());
+  std::vector<Fit> fits;
+  std::vector<double> held_out;
+  Json all = Json::array();
+  for (const auto* law : laws) {
+    const auto samples = read_samples(files, *law, {.torque_max_nm = a.torque_max_nm, .gear_ratio = a.gear_ratio, .joint = a.joint});
+    if (!samples) throw InputError(samples.error());
+    for (const auto& [name, value] : options.fixed)
+      if (std::ranges::find(law->parameters, name, &friction::Parameter::name) == law->parameters.end()) {
+        std::vector<std::string_view> names;
+        for (const auto& p : law->parameters) names.push_back(p.name);
+        throw InputError(fmt::format("--fix {}={}: law '{}' has no such parameter; did you mean '{}'?", name, value, law->name, friction::nearest(name, names)));
+      }
+    if (law == laws.front() && !a.quiet)
+      for (const auto& note : samples->notes) fmt::print(stderr, "note: {}\n", note);
+    if (!a.shared.empty()) return identify_shared(a, *law, *samples, options);
+    auto found = a.staged ? fit_staged(*law, *samples, options) : fit(*law, *samples, options);
+    if (!found) return complain(failed, fmt::format("law '{}': {}", law->name, found.error()));
+    double error = -1;
+    if (a.folds > 1) {
+      const auto checked = cross_validate(*law, *samples, options, a.folds);
+      if (!checked) return complain(failed, checked.error());
+      error = *checked;
+    }
+    if (!a.quiet)
+      for (const auto& note : found->notes) fmt::print(stderr, "note: {}{}\n", laws.size() > 1 ? fmt::format("{}: ", law->name) : "", note);
+    all.push_back(json_of(*found, *samples, error));
+    fits.push_back(std::move(*found));
+    held_out.push_back(error);
+  }
+  if (!a.output.empty())
+    if (const int code = deliver(to_yaml(parameter_file(fits.front(), a.data, a.torque_max_nm, a.gear_ratio)), a.output)) return code;
+  if (a.json) return deliver((laws.size() > 1 ? Json{{"laws", all}} : all.front()).dump(2) + "\n", "");
+  if (laws.size() == 1) return deliver(table_of(fits.front(), held_out.front()), "");
+  std::string s = fmt::format("{:<24} {:>4} {:>12} {:>12} {:>10} {:>12} {:>14}\n", "law", "p", "residual std", "largest", "R^2", "AICc", a.folds > 1 ? "held-out RMS" : "");
+  for (std::size_t i = 0; i < fits.size(); ++i)
+    s += fmt::format("{:<24} {:>4} {:>12.4g} {:>12.4g} {:>10.5f} {:>12.1f} {:>14}\n", fits[i].law.info->name, fits[i].estimated, fits[i].residual.std, fits[i].residual.max_abs, fits[i].r_squared,
+                     fits[i].aicc, held_out[i] >= 0 ? fmt::format("{:.4g}", held_out[i]) : "");
+  return deliver(s, "");
+}
+
+}  // namespace
+
+void add_identify(CLI::App& app, int& code) {
+  auto a = std::make_shared<Arguments>();
+  auto* c = app.add_subcommand("identify", "A friction law's parameters from measured friction, with honest uncertainties");
+  c->add_option("DATA", a->data, "Friction curves (CSV), recordings of a joint (CSV) or telemetry.h5")->required();
+  c->add_option("--law", a->law, "Law, or several with commas between to compare them")->capture_default_str();
+  c->add_option("--fix", a->fix, "NAME=VALUE, a parameter that is known")->allow_extra_args(false);
+  c->add_option("--tau-max", a->torque_max_nm, "Largest manipulation torque [Nm], arm side: turns Nm into normalised torque and back")->check(CLI::Range(1e-9, 1e9));
+  c->add_option("--gear-ratio", a->gear_ratio, "Motor turns per joint turn, for recordings and laws of the joint side")->check(CLI::Range(1e-6, 1e6));
+  c->add_option("--joint", a->joint, "Joint of a telemetry.h5");
+  c->add_flag("--staged", a->staged, "Load terms first, from one temperature, then the rest (paper 1)");
+  c->add_option("--robust", a->loss, "Loss for data with outliers")->check(CLI::IsMember({"squares", "huber", "cauchy"}))->capture_default_str();
+  c->add_flag("--unweighted", a->unweighted, "Do not weigh by standard errors");
+  c->add_option("--cross-validate", a->folds, "Also the error on held-out curves, in this many folds")->check(CLI::Range(2, 100));
+  c->add_option("--shared", a->shared, "A parameter common to all curves while the others are free at each (paper 1's alpha*)");
+  c->add_option("-o,--output", a->output, "PARAMS.yaml to write: read by curve, export --mjcf and tribotwin-report");
+  c->add_option("--threads", a->threads, "Processors to use")->check(CLI::Range(1, 256));
+  c->add_flag("--json", a->json, "Print JSON instead of the table");
+  c->add_flag("--quiet", a->quiet, "No notes on stderr");
+  c->footer("Example:\n  tribotwin identify --law extended --fix alpha=1.36 curves.csv -o params.yaml");
+  c->callback([a, &code] { code = execute(*a); });
+}
+
+}  // namespace tribotwin::twin::program
