@@ -15,34 +15,10 @@ enum Nonlinear { vs, vs_T, vl, alpha, T_V, beta, beta_T, s_T, s_T0 };
 
 constexpr std::size_t chunk = 16384;
 
-/// d(basis_k)/d(nonlinear_n) is a column.
-struct Derivative {
-  int linear, nonlinear, column;
-};
-constexpr Derivative derivatives[] = {
+constexpr Placement::Derivative all_derivatives[] = {
     {B, vs, col_u}, {B_T, vs, col_uT}, {B_l, vs, col_ul}, {B, vs_T, col_uT}, {B_T, vs_T, col_uTT}, {B_l, vs_T, col_uTl},
     {B, alpha, col_a}, {B_T, alpha, col_aT}, {B_l, alpha, col_al}, {C_l, vl, col_vl}, {C_l, alpha, col_al2},
     {F1_T, T_V, col_F1_TV}, {Fb_T, T_V, col_Fb_TV}, {Fb, beta, col_beta}, {Fb_T, beta, col_beta_eT}, {Fb, beta_T, col_betaT}, {Fb_T, beta_T, col_beta_eTT}};
-
-/// The derivatives that a law has; its reference temperature s_T0 is a convention and none of them.
-std::vector<Derivative> derivatives_of(const Placement& place) {
-  std::vector<Derivative> list;
-  const auto uses = [](const std::vector<std::size_t>& fields, int field) { return std::ranges::find(fields, static_cast<std::size_t>(field)) != fields.end(); };
-  for (const Derivative& d : derivatives)
-    if (uses(place.linear_used, d.linear) && uses(place.nonlinear_used, d.nonlinear)) list.push_back(d);
-  if (uses(place.nonlinear_used, s_T))
-    for (const std::size_t k : place.linear_used) list.push_back({static_cast<int>(k), s_T, col_scaled + static_cast<int>(k)});
-  return list;
-}
-
-std::vector<int> columns_of(const Placement& place) {
-  std::vector<int> used(place.linear_used.begin(), place.linear_used.end());
-  for (const Derivative& d : derivatives_of(place)) used.push_back(d.column);
-  std::ranges::sort(used);
-  used.erase(std::unique(used.begin(), used.end()), used.end());
-  used.push_back(col_y);
-  return used;
-}
 
 KernelNumbers numbers(const F& f) { return {f.vs, f.vs_T, f.vl, f.alpha, f.T_V, f.beta, f.beta_T, f.s_T, f.s_T0}; }
 
@@ -52,13 +28,19 @@ KernelSamples part(const Samples& s, std::span<const double> weights, std::size_
           weights.empty() ? nullptr : weights.data() + first, std::min(chunk, s.size() - first)};
 }
 
-bool wide() {
+struct Kernels {
+  decltype(&moments_baseline) moments = moments_baseline;
+  decltype(&residuals_baseline) residuals = residuals_baseline;
+};
+const Kernels& kernels() {
+  static const Kernels best = [] {
 #if defined(__x86_64__)
-  static const bool can = __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma");
-  return can;
-#else
-  return false;
+    if (__builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512dq")) return Kernels{moments_avx512, residuals_avx512};
+    if (__builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma")) return Kernels{moments_avx2, residuals_avx2};
 #endif
+    return Kernels{};
+  }();
+  return best;
 }
 
 /// work(i) for i < count.
@@ -100,14 +82,24 @@ Placement::Placement(const friction::LawInfo& law) {
     if (!linear.row(static_cast<Index>(k)).isZero(0)) linear_used.push_back(k);
   for (std::size_t n = 0; n < nonlinear_count; ++n)
     if (!nonlinear.row(static_cast<Index>(n)).isZero(0)) nonlinear_used.push_back(n);
+  const auto uses = [](const std::vector<std::size_t>& used, int field) { return std::ranges::find(used, static_cast<std::size_t>(field)) != used.end(); };
+  for (const Derivative& d : all_derivatives)
+    if (uses(linear_used, d.linear) && uses(nonlinear_used, d.nonlinear)) derivatives.push_back(d);
+  if (uses(nonlinear_used, s_T))
+    for (const std::size_t k : linear_used) derivatives.push_back({static_cast<int>(k), s_T, col_scaled + static_cast<int>(k)});
+  columns.assign(linear_used.begin(), linear_used.end());
+  for (const Derivative& d : derivatives) columns.push_back(d.column);
+  std::ranges::sort(columns);
+  columns.erase(std::unique(columns.begin(), columns.end()), columns.end());
+  columns.push_back(col_y);
 }
 
 Moments accumulate(const Samples& samples, std::span<const double> weights, const Placement& place, const friction::Family& family, unsigned threads) {
-  const std::vector<int> used = columns_of(place);
+  const std::vector<int>& used = place.columns;
   const auto n = used.size();
   const std::size_t count = (samples.size() + chunk - 1) / chunk;
   std::vector<double> sums(count * n * n, 0);
-  const auto kernel = wide() ? moments_avx2 : moments_baseline;
+  const auto kernel = kernels().moments;
   const KernelNumbers p = numbers(family);
   in_parallel(count, threads, [&](std::size_t i) { kernel(part(samples, weights, i), p, used.data(), static_cast<int>(n), sums.data() + i * n * n); });
   for (std::size_t i = 1; i < count; ++i)
@@ -116,7 +108,6 @@ Moments accumulate(const Samples& samples, std::span<const double> weights, cons
   m.place_ = &place;
   const auto size = static_cast<Index>(n);
   m.all_ = Eigen::Map<const Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>>(sums.data(), size, size).selfadjointView<Eigen::Lower>();
-  m.used_ = used;
   m.FF = MatrixXd::Zero(linear_count, linear_count);
   m.Fy = VectorXd::Zero(linear_count);
   for (Index a = 0; a < size && used[a] < col_u; ++a) {
@@ -129,20 +120,21 @@ Moments accumulate(const Samples& samples, std::span<const double> weights, cons
 
 Moments::At Moments::at(const VectorXd& eta) const {
   constexpr Index K = linear_count, N = nonlinear_count;
-  const std::vector<Derivative> list = derivatives_of(*place_);
-  const auto size = static_cast<Index>(used_.size());
-  const auto place_of = [&](int column) { return static_cast<Index>(std::ranges::lower_bound(used_, column) - used_.begin()); };
+  const std::vector<Placement::Derivative>& list = place_->derivatives;
+  const std::vector<int>& used = place_->columns;
+  const auto size = static_cast<Index>(used.size());
+  const auto place_of = [&](int column) { return static_cast<Index>(std::ranges::lower_bound(used, column) - used.begin()); };
   MatrixXd combine = MatrixXd::Zero(size, N);   // D = columns * combine
-  for (const Derivative& d : list) combine(place_of(d.column), d.nonlinear) += eta(d.linear);
+  for (const Placement::Derivative& d : list) combine(place_of(d.column), d.nonlinear) += eta(d.linear);
   VectorXd residual = VectorXd::Zero(size);     // r = columns * residual
   residual(size - 1) = 1;
-  for (Index a = 0; used_[a] < col_u; ++a) residual(a) = -eta(used_[a]);
+  for (Index a = 0; used[a] < col_u; ++a) residual(a) = -eta(used[a]);
   const VectorXd by_residual = all_ * residual;
   const MatrixXd by_derivatives = all_ * combine;
   At result{.FD = MatrixXd::Zero(K, N), .DD = combine.transpose() * by_derivatives, .Dr = combine.transpose() * by_residual,
             .rr = std::max(0.0, residual.dot(by_residual)), .Fr_by = MatrixXd::Zero(K, N)};
-  for (Index a = 0; used_[a] < col_u; ++a) result.FD.row(used_[a]) = by_derivatives.row(a);
-  for (const Derivative& d : list) result.Fr_by(d.linear, d.nonlinear) = by_residual(place_of(d.column));
+  for (Index a = 0; used[a] < col_u; ++a) result.FD.row(used[a]) = by_derivatives.row(a);
+  for (const Placement::Derivative& d : list) result.Fr_by(d.linear, d.nonlinear) = by_residual(place_of(d.column));
   return result;
 }
 
@@ -151,7 +143,7 @@ std::vector<double> residuals(const Samples& samples, const Placement& place, co
   std::vector<int> used(place.linear_used.begin(), place.linear_used.end());
   double linear[linear_count];
   for (std::size_t k = 0; k < linear_count; ++k) linear[k] = family.*linear_fields[k];
-  const auto kernel = wide() ? residuals_avx2 : residuals_baseline;
+  const auto kernel = kernels().residuals;
   in_parallel((samples.size() + chunk - 1) / chunk, threads, [&](std::size_t i) {
     kernel(part(samples, {}, i), numbers(family), used.data(), static_cast<int>(used.size()), linear, r.data() + i * chunk);
   });

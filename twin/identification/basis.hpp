@@ -29,6 +29,13 @@ struct Placement {
 
   std::vector<std::size_t> linear_used, nonlinear_used;   ///< fields that some parameter moves
 
+  /// d(basis_k)/d(nonlinear_n) is a column of the kernels.
+  struct Derivative {
+    int linear, nonlinear, column;
+  };
+  std::vector<Derivative> derivatives;   ///< the law's, but for its reference temperature s_T0, a convention
+  std::vector<int> columns;              ///< those in use, ascending; the last is y
+
   bool is_linear(std::size_t parameter) const { return nonlinear.col(static_cast<Eigen::Index>(parameter)).isZero(0); }
 };
 
@@ -53,7 +60,6 @@ struct Moments {
  private:
   friend Moments accumulate(const Samples&, std::span<const double>, const Placement&, const friction::Family&, unsigned);
   Eigen::MatrixXd all_;                     ///< products of the columns in use
-  std::vector<int> used_;                   ///< which those are
   const Placement* place_ = nullptr;
 };
 

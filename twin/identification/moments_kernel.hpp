@@ -29,9 +29,11 @@ struct KernelSamples {
 /// Adds the products of all pairs of the `used` columns (col_y last) to the lower triangle of sums[used_count * used_count].
 void moments_baseline(const KernelSamples&, const KernelNumbers&, const int* used, int used_count, double* sums);
 void moments_avx2(const KernelSamples&, const KernelNumbers&, const int* used, int used_count, double* sums);
+void moments_avx512(const KernelSamples&, const KernelNumbers&, const int* used, int used_count, double* sums);
 
 /// out = friction - sum of linear[k] * column k.
 void residuals_baseline(const KernelSamples&, const KernelNumbers&, const int* used, int used_count, const double* linear, double* out);
 void residuals_avx2(const KernelSamples&, const KernelNumbers&, const int* used, int used_count, const double* linear, double* out);
+void residuals_avx512(const KernelSamples&, const KernelNumbers&, const int* used, int used_count, const double* linear, double* out);
 
 }  // namespace tribotwin::twin::identification

@@ -12,7 +12,7 @@ namespace {
 using Eigen::Index, Eigen::MatrixXd, Eigen::VectorXd;
 using F = friction::Family;
 
-constexpr std::size_t grid_samples = 128, start_samples = 2048;
+constexpr std::size_t grid_samples = 128, start_samples = 1024;
 
 /// Evenly spread samples; enough to tell which valley is the deepest.
 Samples thinned(const Samples& all, std::size_t count) {
@@ -170,8 +170,10 @@ Point Separable::again(const Point& point) const {
 /// and r^T r alone, and the triangular factor of these products has the same.
 class ProjectedResidual final : public ceres::CostFunction {
  public:
-  ProjectedResidual(const Separable& problem, VectorXd start, std::vector<Index> sought, double scale)
-      : problem_(problem), start_(std::move(start)), sought_(std::move(sought)), scale_(scale) {
+  mutable Point best_;   ///< of all that were tried
+
+  ProjectedResidual(const Separable& problem, const Point& first, const VectorXd& first_x, std::vector<Index> sought, double scale)
+      : best_(first), problem_(problem), start_(first.values), sought_(std::move(sought)), scale_(scale), last_(first), last_x_(first_x) {
     mutable_parameter_block_sizes()->push_back(static_cast<int>(sought_.size()));
     set_num_residuals(static_cast<int>(sought_.size()) + 1);
   }
@@ -179,33 +181,33 @@ class ProjectedResidual final : public ceres::CostFunction {
     const auto n = static_cast<Index>(sought_.size());
     const Eigen::Map<const VectorXd> x(parameters[0], n);
     // Ceres asks for the cost of a step and, once it takes it, for the derivatives there: the same passes serve both.
-    if (!last_ || last_x_ != x) {
+    if (last_x_ != x) {
       VectorXd values = start_;
       for (Index i = 0; i < n; ++i) values(sought_[i]) = x(i);
       last_ = problem_.at(values);
       last_x_ = x;
-      if (!best_ || last_->cost < best_->cost) best_ = last_;
+      if (last_.cost < best_.cost) best_ = last_;
     }
     Eigen::Map<VectorXd> r(residuals, n + 1);
-    if (!std::isfinite(last_->cost)) return false;
+    if (!std::isfinite(last_.cost)) return false;
     r.setZero();
-    r(n) = std::sqrt(last_->cost * scale_);
+    r(n) = std::sqrt(last_.cost * scale_);
     if (!jacobians || !jacobians[0]) return true;
     const Placement& place = problem_.place_;
-    const Moments::At sums = last_->moments.at(last_->linear);
+    const Moments::At sums = last_.moments.at(last_.linear);
     std::vector<Index> open;
     for (std::size_t j = 0; j < problem_.free_.size(); ++j)
-      if (problem_.free_[j] && place.is_linear(j) && !last_->at_bound[j]) open.push_back(static_cast<Index>(j));
+      if (problem_.free_[j] && place.is_linear(j) && !last_.at_bound[j]) open.push_back(static_cast<Index>(j));
     MatrixXd Q(static_cast<Index>(linear_count), static_cast<Index>(open.size())), R(static_cast<Index>(nonlinear_count), n);
     for (std::size_t i = 0; i < open.size(); ++i) Q.col(static_cast<Index>(i)) = place.linear.col(open[i]);
     for (Index i = 0; i < n; ++i) R.col(i) = place.nonlinear.col(sought_[i]);
-    const MatrixXd inverse = pseudo_inverse(Q.transpose() * last_->moments.FF * Q);
+    const MatrixXd inverse = pseudo_inverse(Q.transpose() * last_.moments.FF * Q);
     const MatrixXd FD = Q.transpose() * sums.FD * R, S = Q.transpose() * sums.Fr_by * R;
     MatrixXd products(n + 1, n + 1);
     products.topLeftCorner(n, n) = R.transpose() * sums.DD * R - FD.transpose() * inverse * FD + S.transpose() * inverse * S;
     products.topRightCorner(n, 1) = -R.transpose() * sums.Dr;
     products.bottomLeftCorner(1, n) = products.topRightCorner(n, 1).transpose();
-    products(n, n) = last_->cost;
+    products(n, n) = last_.cost;
     products *= scale_;
     // Rounding may take the smallest pivots below zero.
     const VectorXd unit = products.diagonal().cwiseMax(1e-300).cwiseSqrt();
@@ -222,11 +224,8 @@ class ProjectedResidual final : public ceres::CostFunction {
   const VectorXd start_;
   const std::vector<Index> sought_;
   const double scale_;
-  mutable std::optional<Point> last_;
+  mutable Point last_;
   mutable VectorXd last_x_;
-
- public:
-  mutable std::optional<Point> best_;   ///< of all that were tried
 };
 
 Point Separable::descend(const VectorXd& start, int iterations) const {
@@ -241,7 +240,7 @@ Point Separable::descend(const VectorXd& start, int iterations) const {
   Point first = at(start);
   if (first.cost <= 1e-26 * first.moments.yy) return first;   // nothing is left but rounding
   const double scale = static_cast<double>(samples_->size()) / first.cost;
-  auto* residual = new ProjectedResidual(*this, start, sought, scale);
+  auto* residual = new ProjectedResidual(*this, first, x, sought, scale);
   ceres::Problem problem;
   problem.AddResidualBlock(residual, nullptr, x.data());
   for (Index i = 0; i < n; ++i) {
@@ -257,7 +256,7 @@ Point Separable::descend(const VectorXd& start, int iterations) const {
   options.gradient_tolerance = 1e-13;
   ceres::Solver::Summary summary;
   ceres::Solve(options, &problem, &summary);
-  return residual->best_ && residual->best_->cost < first.cost ? std::move(*residual->best_) : std::move(first);
+  return std::move(residual->best_);
 }
 
 Separable Separable::part(const Samples& samples, std::vector<double> weights) const {
@@ -271,8 +270,7 @@ std::vector<std::size_t> Separable::dependent_linear(const std::vector<std::size
   // Whatever the nonlinear numbers: a term that the others can stand in for everywhere on the grid.
   const std::vector<VectorXd> points = grid();
   std::vector<std::size_t> dependent;
-  const std::size_t step = std::max<std::size_t>(1, points.size() / 7);
-  for (std::size_t g = 0; g < points.size(); g += step) {
+  for (const std::size_t g : {std::size_t{0}, points.size() - 1}) {   // its two ends
     const MatrixXd FF = at(points[g]).moments.FF;
     std::vector<std::size_t> kept, spare;
     for (const std::size_t j : order) {
@@ -327,7 +325,8 @@ std::vector<VectorXd> Separable::grid() const {
     points = std::move(more);
   };
   const double speeds[] = {decade(0.15), decade(0.42), decade(0.7)};
-  const double exponents[] = {1.0, 1.9}, scales[] = {10, 35}, viscous[] = {0.45, 0.7, 1.4}, slopes[] = {-0.01, -0.003, 0.003};
+  // One value where the trust region finds the rest from it.
+  const double exponents[] = {1.4}, scales[] = {20}, viscous[] = {0.45, 0.7, 1.4}, slopes[] = {-0.01, -0.003, 0.003};
   branch_line(&F::vs, &F::vs_T, speeds);
   branch(parameter_of(&F::vl), speeds);
   branch(parameter_of(&F::alpha), exponents);
@@ -362,6 +361,9 @@ Point Separable::minimise() const {
     // Two starts that ran into the same valley count once.
     if (std::ranges::none_of(valleys, [&](const Point& v) { return std::abs(v.cost - valley.cost) <= 1e-3 * valley.cost; })) valleys.push_back(valley);
   }
+  // A valley that lies clearly higher on the few samples does not become the deepest on more.
+  const double lowest = std::ranges::min(valleys, {}, &Point::cost).cost;
+  std::erase_if(valleys, [&](const Point& v) { return v.cost > (nonlinear < 6 ? 1.3 : 3) * lowest; });
   const auto deepest = [&](const Separable& problem, int iterations) {
     Point best = problem.descend(valleys.front().values, iterations);
     for (std::size_t i = 1; i < valleys.size(); ++i)
