@@ -7,7 +7,9 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
+#include <tribotwin/twin/laboratory/levels.hpp>
 #include <tribotwin/twin/table/table.hpp>
+#include <tribotwin/twin/telemetry/telemetry.hpp>
 
 namespace tribotwin::twin::identification {
 namespace {
@@ -128,6 +130,77 @@ Problem read_curves(Samples& samples, const Numbers& table, const friction::LawI
 }
 
 const std::vector<std::string> curve_columns{"speed_rad_s", "friction_norm", "friction_nm", "load_norm", "temperature_degC", "stderr_norm", "stderr_nm", "curve"};
+const std::vector<std::string> series_columns{"time_s", "position_rad", "velocity_rad_s", "torque_nm", "temperature_degC", "load_nm"};
+
+/// Friction levels of a recording, arm side, as a curve file would hold them.
+Problem append_levels(Samples& samples, const fs::path& file, const JointRecording& recording, const friction::LawInfo& law, const ReadOptions& o) {
+  if (!(o.gear_ratio > 0)) return fmt::format("{}: a recording has joint speeds, friction is a matter of the motor's: --gear-ratio is needed", file.string());
+  if (law.load_dependent && recording.load_nm.empty()) samples.notes.push_back(fmt::format("{}: without a column load_nm the load is taken from (u+ + u-)/2, which holds where friction is the same both ways", file.string()));
+  if (law.load_dependent && !(o.torque_max_nm > 0)) return fmt::format("{}: law '{}' depends on load / torque_max: --tau-max is needed", file.string(), law.name);
+  if (law.temperature_dependent && recording.temperature_degC.empty()) return fmt::format("{}: law '{}' depends on temperature: a column temperature_degC is needed", file.string(), law.name);
+  if (!recording.velocity_rad_s.empty()) {
+    // Speeds against the slope of positions: a factor of 57.3 is a mix of degrees and radians.
+    double cross = 0, own = 0;
+    for (std::size_t i = 1; i < recording.size(); ++i) {
+      const double dt = recording.time_s[i] - recording.time_s[i - 1], step = recording.position_rad[i] - recording.position_rad[i - 1];
+      if (!(dt > 0) || dt > 1) continue;
+      cross += step * recording.velocity_rad_s[i] * dt, own += step * step;
+    }
+    const double ratio = own > 0 ? cross / own : 1;
+    if (ratio < 0.5 || ratio > 2)
+      return fmt::format("{}: velocity_rad_s is {:.3g} times the slope of position_rad{}", file.string(), ratio,
+                         std::abs(std::log(std::abs(ratio) / 57.29578)) < 0.3 || std::abs(std::log(std::abs(ratio) * 57.29578)) < 0.3 ? ": one of them is in degrees" : "; one of them is not what its name says");
+  }
+  const auto levels = levels_of(recording);
+  if (!levels) return fmt::format("{}: {}", file.string(), levels.error());
+  if (!levels->left_out.empty())
+    samples.notes.push_back(fmt::format("{}: {} stretches of constant speed are no levels, the first: {}", file.string(), levels->left_out.size(), levels->left_out.front()));
+  CurveColumns c;
+  for (const Level& level : levels->levels) {
+    c.speed.push_back(level.speed_rad_s * o.gear_ratio);
+    c.friction.push_back(level.friction_nm);
+    c.load.push_back(o.torque_max_nm > 0 ? level.load_nm / o.torque_max_nm : 0);
+    c.temperature.push_back(std::isnan(level.temperature_degC) ? 0 : level.temperature_degC);
+    c.error.push_back(level.stderr_nm);
+    c.curve.push_back(0);
+  }
+  if (const Problem p = implausible(file, c.speed, c.load, c.temperature, c.friction, false)) return p;
+  const auto units = units_of(law, o, false);
+  if (!units) return fmt::format("{}: {}", file.string(), units.error());
+  return append(samples, file, c, *units, false);
+}
+
+Problem read_series(Samples& samples, const Numbers& table, const friction::LawInfo& law, const ReadOptions& options) {
+  const auto& c = table.columns;
+  for (const int needed : {0, 1, 3})
+    if (c[static_cast<std::size_t>(needed)].empty())
+      return fmt::format("{}:1: no samples in column {}; a recording has time_s, position_rad, torque_nm and may have velocity_rad_s, temperature_degC, load_nm", table.file.string(),
+                         series_columns[static_cast<std::size_t>(needed)]);
+  return append_levels(samples, table.file, {.time_s = c[0], .position_rad = c[1], .velocity_rad_s = c[2], .torque_nm = c[3], .load_nm = c[5], .temperature_degC = c[4]}, law, options);
+}
+
+Problem read_record(Samples& samples, const fs::path& file, const friction::LawInfo& law, ReadOptions options) {
+  const auto record = read_telemetry(file);
+  if (!record) return record.error();
+  std::size_t joint = 0;
+  if (options.joint.empty()) {
+    if (record->joints.size() != 1) return fmt::format("{}: has the joints {}; --joint says which", file.string(), fmt::join(record->joints, ", "));
+  } else {
+    joint = static_cast<std::size_t>(std::ranges::find(record->joints, options.joint) - record->joints.begin());
+    if (joint == record->joints.size()) return fmt::format("{}: no joint '{}'; it has {}", file.string(), options.joint, fmt::join(record->joints, ", "));
+  }
+  if (joint < record->joint_attributes.size())
+    for (const auto& [name, value] : record->joint_attributes[joint]) {
+      if (name == "gear_ratio" && !(options.gear_ratio > 0)) options.gear_ratio = value;
+      if (name == "torque_max_nm" && !(options.torque_max_nm > 0)) options.torque_max_nm = value;
+    }
+  const auto column = [&](std::string_view name) {
+    const auto c = record->channel(record->joints[joint], name);
+    return std::vector<double>(c.begin(), c.end());
+  };
+  return append_levels(samples, file, {.time_s = record->time_s, .position_rad = column("position_rad"), .velocity_rad_s = column("velocity_rad_s"), .torque_nm = column("torque_nm"),
+                                       .load_nm = column("load_nm"), .temperature_degC = column("temperature_degC")}, law, options);
+}
 
 }  // namespace
 
@@ -155,16 +228,23 @@ Samples Samples::subset(std::span<const std::size_t> rows) const {
 tl::expected<Samples, std::string> read_samples(std::span<const fs::path> files, const friction::LawInfo& law, const ReadOptions& options) {
   Samples samples;
   for (const fs::path& file : files) {
+    if (file.extension() == ".h5") {
+      if (const Problem p = read_record(samples, file, law, options)) return tl::unexpected(*p);
+      continue;
+    }
     auto table = read_numbers(file, curve_columns);
     if (!table) return tl::unexpected(table.error());
     const auto names = [&](std::string_view name) { return std::ranges::find(table->names, name) != table->names.end(); };
-    if (!names("speed_rad_s") || (!names("friction_norm") && !names("friction_nm")))
-      return tl::unexpected(fmt::format("{}:1: neither a friction curve (speed_rad_s, friction_norm or friction_nm) nor a time series (time_s, position_rad, torque_nm); the header names {}",
+    const bool series = names("time_s") && names("position_rad");
+    if (!series && (!names("speed_rad_s") || (!names("friction_norm") && !names("friction_nm"))))
+      return tl::unexpected(fmt::format("{}:1: neither a friction curve (speed_rad_s; friction_norm or friction_nm) nor a recording (time_s, position_rad, torque_nm); the header names {}",
                                         file.string(), fmt::join(table->names, ", ")));
+    if (series) table = read_numbers(file, series_columns);
+    if (!table) return tl::unexpected(table.error());
     if (table->left_out)
       samples.notes.push_back(fmt::format("{}: {} rows with empty, NaN or infinite cells are left out, the first in line {}", file.string(), table->left_out, table->first_left_out));
     samples.left_out += table->left_out;
-    if (const Problem p = read_curves(samples, *table, law, options)) return tl::unexpected(*p);
+    if (const Problem p = series ? read_series(samples, *table, law, options) : read_curves(samples, *table, law, options)) return tl::unexpected(*p);
     if (3 * table->left_out > table->columns[0].size() + table->left_out)
       return tl::unexpected(fmt::format("{}: {} of {} rows hold no finite numbers; what is left may not be a fair sample", file.string(), table->left_out, table->columns[0].size() + table->left_out));
   }

@@ -2,151 +2,172 @@
 
 #include <algorithm>
 #include <cmath>
-#include <optional>
-#include <random>
+#include <numbers>
 
 #include <fmt/format.h>
-
-#include <tribotwin/twin/servo/servo.hpp>
 
 namespace tribotwin::twin {
 namespace {
 
-/// A run at constant speed through the measuring angle.
-struct Level {
-  double torque_nm, load_nm, torque_variance, samples;
-};
+// Of the servo below after a ramp, the decay of its slowest pole (14.5 rad/s) over `settle_s` leaves 0.07 %; levels_of
+// cuts off more where the position shows it.
+constexpr double ramp_s = 0.2, settle_s = 0.5, measure_s = 0.5, dwell_s = 0.05;
+constexpr double longest_step_s = 0.004;
+constexpr double deg = std::numbers::pi / 180;
 
-class Bench {
- public:
-  Bench(std::shared_ptr<const mujoco::Model> model, std::size_t drive, const ExperimentOptions& options)
-      : model_(std::move(model)), b_(model_->drives()[drive]), options_(options), random_(options.seed) {}
+/// Paper 2, Table 1 [deg/s, deg].
+constexpr struct { double speed, displacement; } cycle[] = {
+    {0.1, 2}, {0.5, 6}, {1, 15}, {1.5, 15}, {2, 30}, {3, 30}, {5, 60}, {8, 120}, {10, 120}, {15, 180},
+    {30, 240}, {45, 360}, {60, 360}, {80, 360}, {100, 360}};
 
-  /// Angle within the joint's range at which gravity loads it by `load_nm`, or the loads that angles give.
-  tl::expected<double, std::string> angle_for(double load_nm, const mjModel* limits) {
-    const mujoco::DataPtr d = model_->make_data();
-    const int address = position_address(model_->get(), b_);
-    double low = -3.14159, high = 3.14159;
-    if (limits->jnt_limited[b_.joint]) {
-      low = limits->jnt_range[2 * b_.joint];
-      high = limits->jnt_range[2 * b_.joint + 1];
+/// Data with the arm at a pose, load and temperature as they are before the joint moves.
+mujoco::DataPtr prepared(const mujoco::Model& bench, std::size_t drive, std::span<const double> pose_rad, const Measurement& me) {
+  const mjModel* m = bench.get();
+  mujoco::DataPtr d = bench.make_data();
+  const auto drives = bench.drives();
+  for (std::size_t i = 0; i < drives.size(); ++i) d->qpos[position_address(m, drives[i])] = pose_rad[i];
+  mj_forward(m, d.get());
+  for (std::size_t i = 0; i < drives.size(); ++i) {
+    const bool own = i == drive;
+    drive::Scratch& s = mujoco::scratch(d.get(), drives[i]);
+    drive::Memory& memory = mujoco::memory(d.get(), drives[i]);
+    s = {};
+    s.temperature_held = own ? me.heat.held : 1;
+    if (own) {
+      memory.rise = me.heat.rise;
+      s.ambient_offset_K = me.heat.ambient_offset_K;
+    } else {
+      s.brake_engaged = 1e6;   // the others stand
     }
-    const auto load_at = [&](double q) {
-      d->qpos[address] = q;
-      mj_kinematics(model_->get(), d.get());
-      mj_comPos(model_->get(), d.get());
-      return gravity_torque_nm(model_->get(), d.get(), b_.dof);
-    };
-    constexpr int grid = 400;
-    std::optional<double> found;
-    double least = 1e300, most = -1e300, q_before = low, load_before = load_at(low), steepest = 1e300;
-    for (int i = 0; i <= grid; ++i) {
-      const double q = low + (high - low) * i / grid, load = load_at(q);
-      least = std::min(least, load);
-      most = std::max(most, load);
-      if (i && (load_before - load_nm) * (load - load_nm) <= 0) {
-        // Of all crossings the flattest: there the load changes least while the joint runs through it.
-        const double slope = std::abs(load - load_before);
-        if (slope < steepest) {
-          steepest = slope;
-          double a = q_before, c = q;
-          const double sign = load >= load_before ? 1 : -1;
-          for (int n = 0; n < 60; ++n) {
-            const double mid = 0.5 * (a + c);
-            (sign * (load_at(mid) - load_nm) < 0 ? a : c) = mid;
-          }
-          found = 0.5 * (a + c);
-        }
-      }
-      q_before = q;
-      load_before = load;
-    }
-    if (found) return *found;
-    return tl::unexpected(fmt::format("no pose of this joint gives the load {:.3g}; its gravity gives {:.3g} .. {:.3g} (other joints at 0)",
-                                      load_nm / b_.drive.torque_max_nm, least / b_.drive.torque_max_nm, most / b_.drive.torque_max_nm));
+    memory.load_nm = gravity_torque_nm(m, d.get(), drives[i].dof) + (own ? me.external_nm : 0);
   }
+  d->qfrc_applied[drives[drive].dof] = -me.external_nm;
+  return d;
+}
 
-  static constexpr double settle_s = 1.0, ramp_s = 0.3;
-  /// Joint angle run through while measuring.
-  double window_rad(double speed) const {
-    const double radians = options_.load_by == LoadBy::pose ? 20 / b_.drive.gear_ratio : 1e300;   // 20 motor rad
-    return std::min({std::abs(speed) * 0.5, radians});
+struct Loop {
+  DriveServo& servo;
+  std::vector<DriveCommand>& commands;
+  bool fresh = true;   ///< later stages of an integrator keep the torque
+  static void control(void* self, const mjModel* m, mjData* d) {
+    Loop& loop = *static_cast<Loop*>(self);
+    if (std::exchange(loop.fresh, false)) loop.servo.control(m, d, loop.commands);
   }
-  double run_up_rad(double speed) const { return std::abs(speed) * (settle_s + 0.5 * ramp_s) + 0.5 * window_rad(speed); }
-
-  tl::expected<Level, std::string> run(double speed, double angle, double external_nm) {
-    const mjModel* m = model_->get();
-    const mujoco::DataPtr d = model_->make_data();
-    const int address = position_address(m, b_);
-    const double direction = speed > 0 ? 1 : -1;
-    d->qpos[address] = angle - direction * run_up_rad(speed);
-    mj_forward(m, d.get());
-    for (const auto& other : model_->drives()) {
-      drive::Scratch& s = mujoco::scratch(d.get(), other);
-      s = {};
-      s.temperature_held = 1;
-      drive::set_temperature(other.drive, mujoco::memory(d.get(), other), options_.temperature_degC);
-      if (other.dof != b_.dof) s.brake_engaged = 1e6;   // braked hard: the others stand
-    }
-    d->qfrc_applied[b_.dof] = -external_nm;
-    // The start is quasi-static: the load is there before the joint moves.
-    mujoco::memory(d.get(), b_).load_nm = external_nm + gravity_torque_nm(m, d.get(), b_.dof);
-
-    loop_ = {.speed_gain = 60 * inertia_kg_m2(m, d.get(), b_.dof), .external_nm = external_nm, .bench = this};
-    const double window = window_rad(speed), start = angle - direction * 0.5 * window;
-    // At crawling speed the integral part needs its time to break the joint away.
-    const double windup_s = mujoco::friction_nm(b_.drive, 0, options_.load_norm, options_.temperature_degC) / (loop_.speed_gain / 0.1 * std::abs(speed));
-    const double deadline_s = (run_up_rad(speed) + window) / std::abs(speed) * 1.5 + 2 + 2 * windup_s;
-    const auto no_level = [&](std::string_view why) {
-      return tl::unexpected(fmt::format("no steady motion at {:g} motor rad/s ({}); such low speeds stick and slip, measure at higher ones",
-                                        std::abs(speed) * b_.drive.gear_ratio, why));
-    };
-    if (windup_s > 60) return no_level("the servo would need more than a minute to break the joint away");
-    double sum = 0, squares = 0, load_sum = 0, count = 0;
-    std::normal_distribution<double> noise(0, options_.noise_nm);
-    while (direction * (d->qpos[address] - start) < window) {
-      if (d->time > deadline_s) return no_level("the joint did not get through in time");
-      const double t = d->time + m->opt.timestep;
-      loop_.speed = speed * std::min(1.0, t / ramp_s);
-      const bool inside = direction * (d->qpos[address] - start) >= 0;
-      loop_.fresh = true;
-      model_->step(d.get(), {[](void* loop, const mjModel* mm, mjData* dd) { static_cast<Loop*>(loop)->control(mm, dd); }, &loop_});
-      for (int w = 0; w < mjNWARNING; ++w)
-        if (d->warning[w].number) return tl::unexpected(fmt::format("the simulation diverged: {}", mju_warningText(w, static_cast<std::size_t>(d->warning[w].lastinfo))));
-      if (!inside) continue;
-      if (std::abs(d->qvel[b_.dof] - speed) > 0.02 * std::abs(speed)) return no_level("the speed was off by more than 2 % while measuring");
-      const drive::Scratch& s = mujoco::scratch(d.get(), b_);
-      const double torque = s.torque_nm + (options_.noise_nm > 0 ? noise(random_) : 0);
-      sum += torque;
-      squares += torque * torque;
-      load_sum += s.load_used_nm;
-      ++count;
-    }
-    const double mean = sum / count;
-    return Level{mean, load_sum / count, std::max(0.0, squares / count - mean * mean), count};
-  }
-
- private:
-  struct Loop {
-    double speed_gain = 0, external_nm = 0, speed = 0, integral_nm = 0;
-    bool fresh = true;
-    Bench* bench = nullptr;
-    void control(const mjModel* m, mjData* d) {
-      if (!std::exchange(fresh, false)) return;
-      const auto& b = bench->b_;
-      const double error = speed - d->qvel[b.dof];
-      integral_nm += speed_gain / 0.1 * error * m->opt.timestep;
-      d->ctrl[b.control] = (speed_gain * error + integral_nm + external_nm + gravity_torque_nm(m, d, b.dof)) / b.gear;
-    }
-  };
-  std::shared_ptr<const mujoco::Model> model_;
-  const mujoco::Binding& b_;
-  const ExperimentOptions& options_;
-  std::mt19937_64 random_;
-  Loop loop_;
 };
 
 }  // namespace
+
+tl::expected<std::shared_ptr<const mujoco::Model>, std::string> bench_of(const mujoco::Model& arm, bool gravity, double sampling_hz) {
+  const double longest_s = std::max(longest_step_s, arm->opt.timestep);
+  tl::expected<std::shared_ptr<const mujoco::Model>, std::string> bench = tl::unexpected(std::string());
+  // Stiction or friction of some joints may need a shorter step than the longest.
+  for (double parts = std::ceil(1 / sampling_hz / longest_s - 1e-9); !bench; ++parts) {
+    const double step_s = 1 / sampling_hz / parts;
+    bench = mujoco::variant(arm, [&](mjModel* m) {
+      if (!gravity) mju_zero3(m->opt.gravity);
+      m->opt.disableflags |= mjDSBL_CONTACT;
+      for (int j = 0; j < m->njnt; ++j) m->jnt_limited[j] = 0;
+      for (int i = 0; i < m->nu; ++i) m->actuator_ctrllimited[i] = 0;
+      m->opt.timestep = step_s;
+    });
+    if (step_s <= arm->opt.timestep) break;
+  }
+  return bench;
+}
+
+tl::expected<Motion, std::string> plus_minus(const mujoco::Model& bench, std::size_t drive, const Measurement& me) {
+  const auto& binding = bench.drives()[drive];
+  const auto d = prepared(bench, drive, me.start_rad, me);
+  const double load = std::abs(mujoco::memory(d.get(), binding).load_nm) / binding.drive.torque_max_nm;
+  const double breakaway = mujoco::friction_nm(binding.drive, 0, load, drive::temperature_degC(binding.drive, mujoco::memory(d.get(), binding)));
+  const double gain = me.servo.speed_bandwidth_rad_s * inertia_kg_m2(bench.get(), d.get(), binding.dof);
+
+  const std::size_t joints = bench.drives().size();
+  const double approach = 0.5 * std::ranges::max(me.speeds_rad_s);
+  const std::vector<double> approach_speed(joints, approach), approach_acceleration(joints, approach / ramp_s);
+  std::vector<double> low = me.start_rad, high = me.start_rad;
+  std::optional<Motion> motion;
+  for (const double v : me.speeds_rad_s) {
+    // While the joint sticks at its turn, the torque grows as gain v (1 + (Kp + 1/Ti) t + Kp/(2 Ti) t^2), from friction in
+    // one direction to friction in the other.
+    const double per_s = me.servo.integral_time_s > 0 ? 1 / me.servo.integral_time_s : 0;
+    const double a = 0.5 * me.servo.position_gain_1_s * per_s, b = me.servo.position_gain_1_s + per_s, c = 1 - 2 * breakaway / (gain * v);
+    const double stuck_s = c >= 0 ? 0 : a > 0 ? (-b + std::sqrt(b * b - 4 * a * c)) / (2 * a) : b > 0 ? -c / b : 1e300;
+    if (v < 1e-4 || stuck_s > 20)
+      return tl::unexpected(fmt::format("no steady motion at {:g} motor rad/s ({}); such low speeds stick and slip, measure at higher ones", v * binding.drive.gear_ratio,
+                                        v < 1e-4 ? "below 1e-4 rad/s of the joint" : fmt::format("the servo would need {:.0f} s to break the joint away", stuck_s)));
+    const double reach = 0.5 * std::min(v * measure_s, me.width_rad) + v * (0.5 * ramp_s + settle_s + 3 * stuck_s);
+    low[drive] = me.start_rad[drive] - reach;
+    high[drive] = me.start_rad[drive] + reach;
+    const std::vector<double> speed(joints, v), acceleration(joints, v / ramp_s);
+    if (!motion) motion.emplace(low);
+    else motion->move_to(low, approach_speed, approach_acceleration).dwell(dwell_s);
+    motion->move_to(high, speed, acceleration).dwell(dwell_s).move_to(low, speed, acceleration).dwell(dwell_s);
+  }
+  return *motion;
+}
+
+std::vector<double> test_cycle_speeds_rad_s() {
+  std::vector<double> speeds;
+  for (const auto& level : cycle) speeds.push_back(level.speed * deg);
+  return speeds;
+}
+
+Motion test_cycle_of(const mujoco::Model& bench, std::size_t drive, std::span<const double> start_rad) {
+  const std::size_t joints = bench.drives().size();
+  const std::vector<double> centre(start_rad.begin(), start_rad.end()), acceleration(joints, 400 * deg), approach(joints, 50 * deg);
+  Motion motion(centre);
+  std::vector<double> low = centre, high = centre;
+  for (const auto& level : cycle) {
+    low[drive] = centre[drive] - level.displacement * deg / 4;
+    high[drive] = centre[drive] + level.displacement * deg / 4;
+    const std::vector<double> speed(joints, level.speed * deg);
+    motion.move_to(low, approach, acceleration).dwell(dwell_s);
+    motion.move_to(high, speed, acceleration).dwell(dwell_s).move_to(low, speed, acceleration).dwell(dwell_s);
+  }
+  return motion;
+}
+
+tl::expected<JointRecording, std::string> record(const mujoco::Model& bench, std::size_t drive, const Motion& motion, const Measurement& me,
+                                                 const std::function<void(double)>& progress) {
+  const mjModel* m = bench.get();
+  const auto d = prepared(bench, drive, motion.start_rad(), me);
+  const auto& binding = bench.drives()[drive];
+  const int address = position_address(m, binding);
+  DriveServo servo(bench, d.get(), me.servo);
+  std::vector<DriveCommand> commands(bench.drives().size());
+  std::vector<SetPoint> set_points(commands.size());
+  Loop loop{servo, commands};
+  commands[drive].torque_nm = me.external_nm;
+
+  const double dt = m->opt.timestep;
+  const auto steps = static_cast<std::size_t>(std::ceil(motion.duration_s() / dt));
+  JointRecording signals;
+  for (auto* column : {&signals.time_s, &signals.position_rad, &signals.velocity_rad_s, &signals.torque_nm, &signals.load_nm, &signals.temperature_degC}) column->reserve(steps);
+  for (std::size_t k = 0; k < steps; ++k) {
+    const double t = static_cast<double>(k) * dt;
+    motion.at(t, set_points);
+    for (std::size_t i = 0; i < commands.size(); ++i) {
+      commands[i].mode = DriveCommand::Mode::position;
+      commands[i].position_rad = set_points[i].position_rad;
+      commands[i].velocity_rad_s = set_points[i].velocity_rad_s;
+    }
+    signals.time_s.push_back(t);
+    signals.position_rad.push_back(d->qpos[address]);
+    signals.velocity_rad_s.push_back(d->qvel[binding.dof]);
+    loop.fresh = true;
+    bench.step(d.get(), {Loop::control, &loop});
+    for (int w = 0; w < mjNWARNING; ++w)
+      if (d->warning[w].number) return tl::unexpected(fmt::format("the simulation diverged: {}", mju_warningText(w, static_cast<std::size_t>(d->warning[w].lastinfo))));
+    const drive::Scratch& s = mujoco::scratch(d.get(), binding);
+    signals.torque_nm.push_back(s.torque_nm);
+    // Of this step; the drive itself knows the load one step late, and only filtered where that is asked for.
+    signals.load_nm.push_back(s.torque_nm - s.friction_nm - m->dof_armature[binding.dof] * (d->qvel[binding.dof] - signals.velocity_rad_s.back()) / dt);
+    signals.temperature_degC.push_back(s.temperature_degC);
+    if (progress && k % 512 == 0) progress(static_cast<double>(k) / static_cast<double>(steps));
+  }
+  return sensed(signals, me.sensors, me.seed);
+}
 
 std::vector<CurvePoint> law_curve(const drive::Drive& drive, std::span<const double> speeds, double load_norm, double temperature_degC) {
   std::vector<CurvePoint> points;
@@ -159,36 +180,33 @@ std::vector<CurvePoint> law_curve(const drive::Drive& drive, std::span<const dou
 
 tl::expected<std::vector<CurvePoint>, std::string> measure_curve(const mujoco::Model& model, std::size_t drive_index,
                                                                  std::span<const double> speeds, const ExperimentOptions& options) {
-  const bool pose = options.load_by == LoadBy::pose;
-  auto bench_model = mujoco::variant(model, [pose](mjModel* m) {
-    if (!pose) mju_zero3(m->opt.gravity);
-    // The run-up may need more room than the joint has; a bench has no end stops.
-    for (int j = 0; j < m->njnt; ++j) m->jnt_limited[j] = 0;
-    for (int i = 0; i < m->nu; ++i) m->actuator_ctrllimited[i] = 0;
-  });
-  if (!bench_model) return tl::unexpected(bench_model.error());
   const drive::Drive& drive = model.drives()[drive_index].drive;
-  Bench bench(*bench_model, drive_index, options);
+  const bool gravity = options.load_by != LoadBy::torque;
+  Measurement me{.speeds_rad_s = {}, .start_rad = std::vector<double>(model.drives().size(), 0.0), .sensors = {.torque_noise_nm = options.noise_nm}, .seed = options.seed};
+  for (const double speed : speeds) me.speeds_rad_s.push_back(std::abs(speed) / drive.gear_ratio);
+  me.heat.rise = thermal::settled(drive.thermal, options.temperature_degC - drive.thermal.T_amb_degC);
+  if (gravity) {
+    const auto pose = Gravity(model, drive_index, me.start_rad).pose_for(options.load_norm * drive.torque_max_nm);
+    if (!pose) return tl::unexpected(pose.error());
+    me.start_rad = pose->position_rad;
+    me.width_rad = pose->width_rad;
+  } else {
+    me.external_nm = options.load_norm * drive.torque_max_nm;
+  }
+  const auto bench = bench_of(model, gravity, me.sensors.sampling_hz);
+  if (!bench) return tl::unexpected(bench.error());
+  const auto motion = plus_minus(**bench, drive_index, me);
+  if (!motion) return tl::unexpected(motion.error());
+  const auto recording = record(**bench, drive_index, *motion, me, options.progress);
+  if (!recording) return tl::unexpected(recording.error());
+  const auto levels = levels_of(*recording, {.speeds_rad_s = me.speeds_rad_s, .centre_rad = me.start_rad[drive_index], .width_rad = me.width_rad, .lag_s = 0});
+  if (!levels) return tl::unexpected(levels.error());
   std::vector<CurvePoint> points;
-  for (const double speed : speeds) {
-    const double joint_speed = std::abs(speed) / drive.gear_ratio;
-    double angle = 0;
-    if (pose) {
-      const auto found = bench.angle_for(options.load_norm * drive.torque_max_nm, model.get());
-      if (!found) return tl::unexpected(found.error());
-      angle = *found;
-    }
-    const double external = pose ? 0 : options.load_norm * drive.torque_max_nm;
-    const auto forward = bench.run(joint_speed, angle, external);
-    if (!forward) return tl::unexpected(forward.error());
-    const auto backward = bench.run(-joint_speed, angle, external);
-    if (!backward) return tl::unexpected(backward.error());
-    const double friction = 0.5 * (forward->torque_nm - backward->torque_nm);
-    const double load = 0.25 * (std::abs(forward->load_nm) + std::abs(backward->load_nm)) * 2 * (options.load_norm < 0 ? -1 : 1);
-    const double error = 0.5 * std::sqrt(forward->torque_variance / forward->samples + backward->torque_variance / backward->samples);
-    points.push_back({speed, load / drive.torque_max_nm, options.temperature_degC,
-                      std::copysign(friction, speed) / drive.torque_max_nm, std::copysign(friction, speed), error});
-    if (options.progress) options.progress(static_cast<double>(points.size()) / static_cast<double>(speeds.size()));
+  for (std::size_t i = 0; i < speeds.size(); ++i) {
+    const Level& level = levels->levels[i];
+    const double friction = std::copysign(level.friction_nm, speeds[i]);
+    points.push_back({std::copysign(level.speed_rad_s * drive.gear_ratio, speeds[i]), level.load_nm / drive.torque_max_nm, level.temperature_degC,
+                      friction / drive.torque_max_nm, friction, level.stderr_nm});
   }
   return points;
 }

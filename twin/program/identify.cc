@@ -20,10 +20,10 @@ using Json = nlohmann::ordered_json;
 
 struct Arguments {
   std::vector<std::string> data, fix;
-  std::string law = "extended", output, loss = "squares", shared, joint;
+  std::string law = "extended", output, loss = "squares", shared, joint, evaluate;
   double torque_max_nm = 0, gear_ratio = 0;
   unsigned folds = 0, threads = std::max(1u, std::thread::hardware_concurrency());
-  bool json = false, staged = false, unweighted = false, quiet = false;
+  bool json = false, staged = false, unweighted = false, each = false, quiet = false;
 };
 
 std::vector<const friction::LawInfo*> laws_of(const std::string& text) {
@@ -102,7 +102,8 @@ std::string table_of(const Fit& fit, double held_out) {
   for (const std::size_t i : shown) s += fmt::format("{:>7}", fit.parameters[i].name);
   for (const std::size_t i : shown) {
     s += fmt::format("\n{:<8}", fit.parameters[i].name);
-    for (const std::size_t j : shown) s += j <= i ? fmt::format("{:>7.2f}", fit.correlation(i, j)) : "";
+    for (const std::size_t j : shown)
+      if (j <= i) s += std::isfinite(fit.correlation(i, j)) ? fmt::format("{:>7.2f}", fit.correlation(i, j)) : fmt::format("{:>7}", "");
   }
   const char* unit = fit.law.info->normalised ? "of torque_max" : "Nm";
   s += fmt::format("\n\nresiduals: mean {:.3g}, std {:.4g}, largest {:.4g} {}; {} samples; R^2 {:.5f}; condition number {:.3g}; AICc {:.1f}\n", fit.residual.mean, fit.residual.std,
@@ -128,10 +129,63 @@ int identify_shared(const Arguments& a, const friction::LawInfo& law, const Samp
   return deliver(s, "");
 }
 
+/// One fit per curve: how the parameters move with what the curves were measured at.
+int identify_each(const Arguments& a, const friction::LawInfo& law, const Samples& samples, const FitOptions& options) {
+  Json all = Json::array();
+  std::string s = fmt::format("{:>6} {:>8} {:>8}", "curve", "load", "degC");
+  for (const auto& p : law.parameters) s += fmt::format(" {:>11} {:>9}", p.name, "sigma");
+  s += "  residual std\n";
+  std::size_t begin = 0;
+  for (std::uint32_t curve = 0; curve < samples.curves(); ++curve) {
+    std::vector<std::size_t> rows;
+    for (; begin < samples.size() && samples.curve[begin] == curve; ++begin) rows.push_back(begin);
+    const Samples one = samples.subset(rows);
+    double load = 0, temperature = 0;
+    for (std::size_t i = 0; i < one.size(); ++i) load += one.load[i] / static_cast<double>(one.size()), temperature += one.temperature_degC[i] / static_cast<double>(one.size());
+    const auto found = fit(law, one, options);
+    if (!found) return complain(failed, fmt::format("curve {} (load {:.3g}, {:.4g} degC): {}", curve + 1, load, temperature, found.error()));
+    Json j = json_of(*found, one, -1);
+    j["curve"] = curve + 1, j["load_norm"] = load, j["temperature_degC"] = temperature;
+    all.push_back(std::move(j));
+    s += fmt::format("{:>6} {:>8.4f} {:>8.2f}", curve + 1, load, temperature);
+    for (const auto& e : found->parameters) s += fmt::format(" {:>11.5g} {:>9}", e.value, std::isnan(e.sigma) ? "-" : fmt::format("{:.2g}", e.sigma));
+    s += fmt::format("  {:.4g}\n", found->residual.std);
+  }
+  return deliver(a.json ? Json{{"law", law.name}, {"curves", std::move(all)}}.dump(2) + "\n" : s, "");
+}
+
+/// How well a law that was identified before predicts these data.
+int evaluate(const Arguments& a) {
+  const auto known = read_parameters(a.evaluate);
+  const auto& law = *known.law.info;
+  std::vector<std::filesystem::path> files(a.data.begin(), a.data.end());
+  const auto samples = read_samples(files, law, {.torque_max_nm = a.torque_max_nm > 0 ? a.torque_max_nm : known.torque_max_nm, .gear_ratio = a.gear_ratio > 0 ? a.gear_ratio : known.gear_ratio, .joint = a.joint});
+  if (!samples) throw InputError(samples.error());
+  if (!a.quiet)
+    for (const auto& note : samples->notes) fmt::print(stderr, "note: {}\n", note);
+  double mean = 0, squares = 0, most = 0;
+  std::size_t outside = 0;
+  const auto n = static_cast<double>(samples->size());
+  std::vector<double> errors;
+  for (std::size_t i = 0; i < samples->size(); ++i) {
+    const auto level = friction::level(known.law, friction::at_temperature(known.law, samples->temperature_degC[i]), samples->speed[i], samples->load[i]);
+    outside += level.outside;
+    errors.push_back(samples->friction[i] - level.total());
+    mean += errors.back() / n;
+    most = std::max(most, std::abs(errors.back()));
+  }
+  for (const double e : errors) squares += (e - mean) * (e - mean) / n;
+  if (a.json)
+    return deliver(Json{{"law", law.name}, {"residual", {{"mean", mean}, {"std", std::sqrt(squares)}, {"max_abs", most}}}, {"samples", samples->size()}, {"outside_range", outside}}.dump(2) + "\n", "");
+  return deliver(fmt::format("law {} of {}: measured - predicted: mean {:.4g}, std {:.4g}, largest {:.4g} {}; {} samples, {} of them outside the range it was identified in\n", law.name, a.evaluate, mean,
+                             std::sqrt(squares), most, law.normalised ? "of torque_max" : "Nm", samples->size(), outside), "");
+}
+
 int execute(const Arguments& a) {
+  if (!a.evaluate.empty()) return evaluate(a);
   const auto laws = laws_of(a.law);
   FitOptions options{.fixed = fixed_of(a.fix), .loss = a.loss == "huber" ? Loss::huber : a.loss == "cauchy" ? Loss::cauchy : Loss::squares, .weigh = !a.unweighted, .threads = a.threads};
-  if (laws.size() > 1 && (!a.output.empty() || !a.shared.empty() || !a.fix.empty())) throw InputError("-o, --fix and --shared need a single law");
+  if (laws.size() > 1 && (!a.output.empty() || !a.shared.empty() || !a.fix.empty() || a.each)) throw InputError("-o, --fix, --shared and --each need a single law");
   std::vector<std::filesystem::path> files(a.data.begin(), a.data.end());
   std::vector<Fit> fits;
   std::vector<double> held_out;
@@ -148,6 +202,7 @@ int execute(const Arguments& a) {
     if (law == laws.front() && !a.quiet)
       for (const auto& note : samples->notes) fmt::print(stderr, "note: {}\n", note);
     if (!a.shared.empty()) return identify_shared(a, *law, *samples, options);
+    if (a.each) return identify_each(a, *law, *samples, options);
     auto found = a.staged ? fit_staged(*law, *samples, options) : fit(*law, *samples, options);
     if (!found) return complain(failed, fmt::format("law '{}': {}", law->name, found.error()));
     double error = -1;
@@ -189,6 +244,8 @@ void add_identify(CLI::App& app, int& code) {
   c->add_flag("--unweighted", a->unweighted, "Do not weigh by standard errors");
   c->add_option("--cross-validate", a->folds, "Also the error on held-out curves, in this many folds")->check(CLI::Range(2, 100));
   c->add_option("--shared", a->shared, "A parameter common to all curves while the others are free at each (paper 1's alpha*)");
+  c->add_flag("--each", a->each, "One fit per curve");
+  c->add_option("--evaluate", a->evaluate, "Nothing is identified: how well this PARAMS.yaml predicts the data");
   c->add_option("-o,--output", a->output, "PARAMS.yaml to write: read by curve, export --mjcf and tribotwin-report");
   c->add_option("--threads", a->threads, "Processors to use")->check(CLI::Range(1, 256));
   c->add_flag("--json", a->json, "Print JSON instead of the table");

@@ -13,9 +13,11 @@ namespace tribotwin::twin::program {
 
 void add_run(CLI::App& app, int& code);
 void add_curve(CLI::App& app, int& code);
+void add_lab(CLI::App& app, int& code);
 void add_identify(CLI::App& app, int& code);
 void add_recover(CLI::App& app, int& code);
 void add_export(CLI::App& app, int& code);
+void add_calibrate(CLI::App& app, int& code);
 
 /// "tribotwin: MESSAGE" on stderr; returns the exit code.
 inline int complain(Exit code, const std::string& message) { return twin::complain("tribotwin", code, message); }
