@@ -13,7 +13,62 @@ constexpr double temperature_steps_per_K = 16384;
 // The engine's constraint vanishes at a limit of 0; friction this small is none.
 constexpr double smallest_limit_nm = 1e-12;
 
+/// With bristles: from this share of the breakaway level on they slip.
+constexpr double slipping = 0.999;
+
+struct Parts {
+  double g, h;
+};
+/// The law's two parts, both >= 0.
+Parts parts(const friction::Level& level) {
+  return level.strengthening >= 0 ? Parts{level.weakening, level.strengthening} : Parts{level.total(), 0};
+}
+
+/// The most that sigma0 z may be at this load and temperature, g being the level at the present speed.
+double breakaway(const Drive& drive, const Scratch& s, double g) {
+  return std::max(g, level(drive.law, {s.cache, false}, 0, s.load_used_nm / drive.torque_max_nm).weakening);
+}
+
 }  // namespace
+
+double advanced(const Bristles& b, double z0, double w, double g, double dt) {
+  if (!(g > 0)) return w == 0 ? z0 : 0;
+  const double end = g / b.sigma0;
+  return z0 - (std::copysign(end, w) - z0) * std::expm1(-std::abs(w) * dt / end);
+}
+
+double LoadTable::operator()(double w, double load) const {
+  if (values.empty()) return 0;
+  struct Place {
+    std::size_t below, above;
+    double share;
+  };
+  const auto place = [](const std::vector<double>& axis, double x) -> Place {
+    const auto above = static_cast<std::size_t>(std::ranges::upper_bound(axis, x) - axis.begin());
+    if (above == 0) return {0, 0, 0};
+    if (above == axis.size()) return {above - 1, above - 1, 0};
+    return {above - 1, above, (x - axis[above - 1]) / (axis[above] - axis[above - 1])};
+  };
+  const Place row = place(speeds_rad_s, std::abs(w));
+  const auto at = [&](double l) {
+    const Place column = place(loads, l);
+    const auto along = [&](std::size_t r) {
+      const double* v = values.data() + r * loads.size();
+      return std::lerp(v[column.below], v[column.above], column.share);
+    };
+    return std::lerp(along(row.below), along(row.above), row.share);
+  };
+  return w == 0 ? std::max(at(load), at(-load)) : at(w > 0 ? load : -load);
+}
+
+friction::Level level(const Drive& drive, const friction::AtTemperature& at, double w, double load_norm) {
+  friction::Level level = friction::level(drive.law, at, w, load_norm);
+  if (drive.load_table.values.empty()) return level;
+  const double total = std::max(level.total() + drive.load_table(w, load_norm), 0.0);
+  level.weakening = std::max(level.weakening + drive.load_table(w, load_norm), 0.0);
+  level.strengthening = total - level.weakening;
+  return level;
+}
 
 double temperature_degC(const Drive& drive, const Memory& memory) {
   return drive.thermal.T_amb_degC + memory.rise.total_K();
@@ -36,10 +91,11 @@ friction::Law current_law(const Drive& drive, const Scratch& scratch) {
   return friction::with_parameters(drive.law, {worn.data(), drive.law.info->parameters.size()});
 }
 
-double begin_step(const Drive& drive, const Memory& memory, Scratch& s, double time_s, double qd_rad_s) {
+double begin_step(const Drive& drive, const Memory& memory, Scratch& s, double time_s, double qd_rad_s, double q_rad) {
   s.step_open = 1;
   s.step_time_s = time_s;
   s.qd_begin_rad_s = qd_rad_s;
+  s.q_begin_rad = q_rad;
 
   const double temperature =
       std::round(temperature_degC(drive, memory) * temperature_steps_per_K) / temperature_steps_per_K;
@@ -51,11 +107,27 @@ double begin_step(const Drive& drive, const Memory& memory, Scratch& s, double t
     s.temperature_degC = temperature;
   }
   s.load_used_nm = memory.load_nm;
-  const friction::Level level =
-      friction::level(drive.law, {s.cache, s.cache_outside != 0}, qd_rad_s * drive.speed_scale(),
-                      memory.load_nm / drive.torque_max_nm);
-  s.outside = level.outside;
-  s.gear_limit_nm = std::max(level.total() * drive.torque_scale_nm(), smallest_limit_nm);
+  const friction::Level at = level(drive, {s.cache, s.cache_outside != 0}, qd_rad_s * drive.speed_scale(),
+                                   memory.load_nm / drive.torque_max_nm);
+  s.outside = at.outside;
+  double limit = at.total();
+  s.applied_nm = 0;
+  if (drive.dynamics == Dynamics::lugre) {
+    const Bristles& b = drive.bristles;
+    const auto [g, h] = parts(at);
+    const double w = qd_rad_s * drive.speed_scale(), most = breakaway(drive, s, g) / b.sigma0;
+    const double z = std::clamp(static_cast<const BristleMemory&>(memory).z, -most, most);
+    const double rate = g > 0 ? w - std::abs(w) * z * b.sigma0 / g : 0;
+    s.applied_nm = (b.sigma0 * z + b.sigma1 * std::exp(-(w / b.vd) * (w / b.vd)) * rate) * drive.torque_scale_nm();
+    limit = h;
+  } else if (drive.dynamics == Dynamics::gear_loss) {
+    const auto [g, h] = parts(at);
+    const double z = std::clamp(static_cast<const BristleMemory&>(memory).z, -1.0, 1.0);
+    s.applied_nm = (g * drive.torque_scale_nm() + drive.gear_loss.mu_avg * std::abs(memory.load_nm)) * z +
+                   drive.gear_loss.mu_dif * memory.load_nm * z * z;
+    limit = h;
+  }
+  s.gear_limit_nm = std::max(limit * drive.torque_scale_nm(), smallest_limit_nm);
   s.limit_nm = s.gear_limit_nm + s.brake_engaged * drive.brake_torque_nm;
   return s.limit_nm;
 }
@@ -63,22 +135,41 @@ double begin_step(const Drive& drive, const Memory& memory, Scratch& s, double t
 void end_step(const Drive& drive, const thermal::Decay& decay, const Transmitted& t, double dt_s, Memory& memory,
               Scratch& s) {
   s.step_open = 0;
-  // Mean speed times torque is what the constraint took out of the kinetic energy, to rounding; in a step that
-  // reverses the motion it may be slightly negative and must stay so for the balance to close.
+  // Mean speed times torque is what friction took out of the kinetic energy, to rounding; in a step that reverses the
+  // motion, and while bristles spring back, it may be negative and must stay so for the balance to close.
   const double mean_speed = 0.5 * (s.qd_begin_rad_s + t.qd_end_rad_s);
-  s.friction_nm = t.friction_nm * (s.gear_limit_nm / s.limit_nm);
+  s.friction_nm = s.applied_nm + t.friction_nm * (s.gear_limit_nm / s.limit_nm);
   s.torque_nm = t.torque_nm;
-  const double power_W = s.friction_nm * mean_speed;
+  const double added_W = s.added_heat_J / dt_s;
+  s.added_heat_J = 0;
+  const double power_W = s.friction_nm * mean_speed + added_W;
   s.friction_work_J += s.friction_nm * mean_speed * dt_s;
 
   if (s.temperature_held == 0) thermal::step(drive.thermal, decay, power_W, s.ambient_offset_K, memory.rise);
   s.heat_J += power_W * dt_s;
 
   const double acceleration = (t.qd_end_rad_s - s.qd_begin_rad_s) / dt_s;
-  const double load = t.torque_nm - t.friction_nm - t.rotor_inertia_kg_m2 * acceleration;
+  const double load = t.torque_nm - (s.applied_nm + t.friction_nm) - t.rotor_inertia_kg_m2 * acceleration;
   memory.load_nm += (load - memory.load_nm) * (drive.load_filter_s > 0 ? -std::expm1(-dt_s / drive.load_filter_s) : 1);
 
   s.steps_outside += s.outside;
+  if (drive.dynamics == Dynamics::lugre) {
+    double& z = static_cast<BristleMemory&>(memory).z;
+    const double w = (t.q_end_rad - s.q_begin_rad) / dt_s * drive.speed_scale();
+    // g as it was between the ends of the step; load and temperature are those of its begin.
+    const double g = parts(level(drive, {s.cache, false}, w, s.load_used_nm / drive.torque_max_nm)).g;
+    const double most = breakaway(drive, s, g) / drive.bristles.sigma0;
+    z = std::clamp(advanced(drive.bristles, std::clamp(z, -most, most), w, g, dt_s), -most, most);
+    if (drive.bristles.sigma0 * std::abs(z) < slipping * g) s.stuck_s += dt_s;
+    return;
+  }
+  if (drive.dynamics == Dynamics::gear_loss) {
+    double& z = static_cast<BristleMemory&>(memory).z;
+    const double w = (t.q_end_rad - s.q_begin_rad) / dt_s * drive.speed_scale();
+    z = advanced({.sigma0 = 1}, std::clamp(z, -1.0, 1.0), w / drive.gear_loss.length_rad, 1, dt_s);
+    if (std::abs(z) < slipping) s.stuck_s += dt_s;
+    return;
+  }
   if (std::abs(t.friction_nm) < s.limit_nm * (1 - 1e-9)) s.stuck_s += dt_s;
 }
 

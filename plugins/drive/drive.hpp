@@ -2,6 +2,7 @@
 
 #include <array>
 #include <string>
+#include <vector>
 
 #include <tribotwin/plugins/friction/law.hpp>
 #include <tribotwin/plugins/thermal/thermal.hpp>
@@ -9,9 +10,54 @@
 /// One joint drive: motor, gear, friction, heat. Engine-free; plugins/mujoco connects it to a simulation.
 ///
 /// A step has two halves. `begin_step` turns speed, load and temperature into the friction limit that the engine's
-/// joint-friction constraint gets; `end_step` takes the torque that constraint really transmitted, turns it into heat
+/// joint-friction constraint gets (with bristles: into a torque); `end_step` takes the torque that constraint really transmitted, turns it into heat
 /// and temperature, and keeps the gear torque as the load of the next step (physics.md section 6: one step late).
 namespace tribotwin::drive {
+
+/// How friction answers a change of speed.
+enum class Dynamics {
+  none,   ///< `static`: the law is the limit of the engine's joint-friction constraint
+  lugre,  ///< bristles: their torque is applied to the joint, the constraint carries the viscous part h and the brake
+  gear_loss,  ///< the baseline of google-deepmind/mujoco issue 3528, applied like lugre
+};
+
+/// LuGre over any static law of the table, with g its weakening and h its strengthening part (friction::level):
+///
+///   z' = w - sigma0 |w| z / g(w, l, T),   tau_f = sigma0 z + sigma1 e^-(w/vd)^2 z' + h(w, T)        P4 (5), (6)
+///
+/// w [rad/s] and z [rad] on the side of the law, torques in its unit. A falling h (h < 0) counts with g, so that neither
+/// part ever pushes. z is advanced with the exact solution for constant w over the step, w being the way the joint
+/// really went over dt: while friction sticks, z is the displacement, to rounding, and nothing creeps. sigma0 z stays
+/// within the breakaway level of the present load and temperature, where the equation keeps it while these rest.
+struct Bristles {
+  double sigma0 = 0;             ///< stiffness [unit of the law / rad]
+  double sigma1 = 0;             ///< damping at w = 0 [unit of the law s / rad]
+  double vd = 1;                 ///< speed over which the damping fades [rad/s]
+};
+
+/// Gear losses that follow the load tau [Nm, arm side], with or without a law's friction g, h beside them:
+///
+///   z' = (w - |w| z) / length,   tau_f = (g + mu_avg |tau|) z + mu_dif tau z^2 + h        google-deepmind/mujoco issue 3528
+///
+/// z [-] goes from -1 to 1 over some `length` of motion [rad, the law's side]. |mu_dif| <= mu_avg, so that friction opposes.
+struct GearLoss {
+  double mu_avg = 0, mu_dif = 0;  ///< mean loss per load, and its half difference between driving and being driven
+  double length_rad = 1;          ///< key `h`
+};
+
+/// Friction that depends on the load and its sign: tau_f,l of P4 (4), added to the weakening part g of the law (so that it
+/// holds at standstill; choice). Bilinear, held at its edges; empty = none. The sign is relative to the motion: loads
+/// above 0 are driven, below 0 they drive. At standstill, where both may come, the larger value of the two counts.
+struct LoadTable {
+  std::vector<double> speeds_rad_s;  ///< |w| on the law's side, ascending, >= 0
+  std::vector<double> loads;         ///< load / torque_max_nm, ascending
+  std::vector<double> values;        ///< [speeds x loads], unit of the law; may be below 0, the sum with the law never is
+  /// `load_norm` with the sign of tau_m, `w` with the sign of the motion.
+  double operator()(double w_rad_s, double load_norm) const;
+};
+
+/// z after dt [s] at constant w, from z0: relaxes towards (g / sigma0) sgn w with the rate sigma0 |w| / g. g >= 0.
+double advanced(const Bristles& bristles, double z0_rad, double w_rad_s, double g, double dt_s);
 
 /// Parameters: immutable, shared by all simulations and threads.
 struct Drive {
@@ -22,6 +68,10 @@ struct Drive {
   thermal::Model thermal;
   double brake_torque_nm = 0;    ///< holding brake, arm side
   double load_filter_s = 0;      ///< time constant of the load seen by friction; 0 = none
+  Dynamics dynamics = Dynamics::none;
+  Bristles bristles;             ///< of Dynamics::lugre
+  GearLoss gear_loss;            ///< of Dynamics::gear_loss
+  LoadTable load_table;
 
   /// Law units to arm-side Nm.
   double torque_scale_nm() const { return law.info->normalised ? torque_max_nm : 1; }
@@ -36,6 +86,11 @@ struct Memory {
   double load_nm = 0;            ///< gear torque of the last step, arm side, signed
 };
 
+/// The memory of a drive with bristles. Such a drive needs one wherever the functions below take a Memory.
+struct BristleMemory : Memory {
+  double z = 0;                  ///< lugre: bristle deflection [rad, side of the law]; gear_loss: z [-]
+};
+
 /// Inputs, cache and outputs of a drive, beside Memory in mjData. All zero is a healthy drive with its brake released.
 /// Doubles only: it lives in an array of mjtNum.
 struct Scratch {
@@ -46,6 +101,8 @@ struct Scratch {
   double worn;                   ///< not 0: `change` applies
   double change[friction::max_parameters];  ///< relative change of each law parameter; wear factor - 1
 
+  double added_heat_J;           ///< heat from elsewhere in the gear; the next end_step takes it in
+
   // cache of the law at one temperature, a pure function of it and of `change`
   double cache_valid;
   double cache_outside;
@@ -55,7 +112,9 @@ struct Scratch {
   double step_open;              ///< not 0 between begin_step and end_step
   double step_time_s;            ///< engine time when the step began
   double qd_begin_rad_s;
-  double gear_limit_nm, limit_nm;  ///< friction limit without and with brake, arm side
+  double gear_limit_nm, limit_nm;  ///< friction limit without and with brake, arm side; with bristles that of h alone
+  double q_begin_rad;
+  double applied_nm;             ///< torque of the bristles, arm side, positive with motion; 0 without bristles
 
   // outputs of the last finished step
   double temperature_degC;       ///< at which friction was evaluated, a multiple of 2^-14 K
@@ -65,13 +124,20 @@ struct Scratch {
   double outside;                ///< not 0: an input lay outside the law's range
 
   // totals since reset
-  double friction_work_J, heat_J;
+  double friction_work_J, heat_J;  ///< heat = friction work + what `added_heat_J` brought
   double steps_outside;
   double stuck_s;                ///< time in which friction held the joint
 };
 inline constexpr std::size_t scratch_size = sizeof(Scratch) / sizeof(double);
-inline constexpr std::size_t memory_size = sizeof(Memory) / sizeof(double);
-static_assert(memory_size == 3, "actdim of the MJCF vocabulary");
+/// actdim of the MJCF vocabulary: 3, with bristles 4.
+inline std::size_t memory_size(const Drive& drive) {
+  static_assert(sizeof(Memory) == 3 * sizeof(double) && sizeof(BristleMemory) == 4 * sizeof(double));
+  return drive.dynamics == Dynamics::none ? 3 : 4;
+}
+
+/// Friction level of the drive, law and load table, at the speed w [rad/s, the law's side]. Unit of the law. The load
+/// has the sign of tau_m.
+friction::Level level(const Drive& drive, const friction::AtTemperature& at, double w_rad_s, double load_norm);
 
 /// Lubricant temperature [degC].
 double temperature_degC(const Drive& drive, const Memory& memory);
@@ -85,9 +151,10 @@ void set_wear(Scratch& scratch, std::size_t index, double factor);
 /// The law as worn in this simulation.
 friction::Law current_law(const Drive& drive, const Scratch& scratch);
 
-/// Starts a step at engine time time_s from joint speed qd [rad/s] and returns the limit of the joint-friction
-/// constraint [Nm], > 0. Calling it again before `end_step` restarts the step.
-double begin_step(const Drive& drive, const Memory& memory, Scratch& scratch, double time_s, double qd_rad_s);
+/// Starts a step at engine time time_s from joint angle q [rad] and speed qd [rad/s] and returns the limit of the
+/// joint-friction constraint [Nm], > 0. With bristles, `scratch.applied_nm` is to be applied against the joint besides.
+/// Calling it again before `end_step` restarts the step.
+double begin_step(const Drive& drive, const Memory& memory, Scratch& scratch, double time_s, double qd_rad_s, double q_rad = 0);
 
 /// Whether time_s is a later stage of the step under way (Runge-Kutta). The limit of the step's start then stands:
 /// friction is a zero-order hold over the step, so that the torque booked as heat is the torque that acted.
@@ -99,7 +166,7 @@ inline bool within_step(const Scratch& s, double time_s, double dt_s) {
 struct Transmitted {
   double friction_nm;            ///< of the constraint, arm side, positive when it opposes positive motion
   double torque_nm;              ///< motor torque, arm side
-  double qd_end_rad_s;
+  double qd_end_rad_s, q_end_rad;
   double rotor_inertia_kg_m2;    ///< arm side (armature)
 };
 void end_step(const Drive& drive, const thermal::Decay& decay, const Transmitted& transmitted, double dt_s,

@@ -137,6 +137,42 @@ Family polynomial_family(std::span<const double> p) {
   return {.A = p[0], .F1 = p[1], .F2 = p[2], .F3 = p[3], .s_T = p[4], .s_T0 = p[5]};
 }
 
+constexpr Parameter stribeck_T_parameters[] = {
+    {"Fc0", "Nm", -1e6, 1e6, none, none, "Coulomb friction at 0 degC"},
+    {"FcT", "Nm/K", -1e4, 1e4, none, none, "Coulomb friction per degC"},
+    {"FcTT", "Nm/K^2", -1e3, 1e3, none, none, "Coulomb friction per degC squared"},
+    {"Fs0", "Nm", -1e6, 1e6, none, none, "standstill friction at 0 degC, the level itself (>= Coulomb)"},
+    {"FsT", "Nm/K", -1e4, 1e4, none, none, "standstill friction per degC"},
+    {"FsTT", "Nm/K^2", -1e3, 1e3, none, none, "standstill friction per degC squared"},
+    {"vs0", "rad/s", -1e6, 1e6, none, none, "Stribeck velocity at 0 degC"},
+    {"vsT", "rad/s/K", -1e4, 1e4, none, none, "Stribeck velocity per degC"},
+    {"vsTT", "rad/s/K^2", -1e3, 1e3, none, none, "Stribeck velocity per degC squared"},
+    {"delta", "1", 0.01, 10, none, none, "exponent of the Stribeck term"},
+    {"Fv0", "Nm s/rad", -1e6, 1e6, none, none, "viscous slope at 0 degC"},
+    {"FvT", "Nm s/rad/K", -1e4, 1e4, none, none, "viscous slope per degC"},
+    {"FvTT", "Nm s/rad/K^2", -1e3, 1e3, none, none, "viscous slope per degC squared"},
+};
+Family stribeck_T_family(std::span<const double> p) {
+  return {.A = p[0], .A_T = p[1], .A_TT = p[2], .B = p[3] - p[0], .B_T = p[4] - p[1], .B_TT = p[5] - p[2], .vs = p[6], .vs_T = p[7],
+          .vs_TT = p[8], .alpha = p[9], .F1 = p[10], .F1_t = p[11], .F1_tt = p[12]};
+}
+constexpr Range stribeck_T_range = {.speed_max_rad_s = 150, .temperature_min_degC = 20, .temperature_max_degC = 50};
+const char* stribeck_T_conflict(std::span<const double> p) {
+  // The least of c0 + c1 T + c2 T^2 in the range: at its ends or at its vertex.
+  const auto least = [](double c0, double c1, double c2) {
+    const double low = stribeck_T_range.temperature_min_degC, high = stribeck_T_range.temperature_max_degC;
+    const double vertex = c2 == 0 ? low : std::clamp(-c1 / (2 * c2), low, high);
+    const auto at = [&](double T) { return c0 + (c1 + c2 * T) * T; };
+    return std::min({at(low), at(high), at(vertex)});
+  };
+  if (!(least(p[0], p[1], p[2]) >= 0)) return "Fc0 + FcT T + FcTT T^2 is Coulomb friction and must not be below 0 at 20 .. 50 degC";
+  if (!(least(p[3] - p[0], p[4] - p[1], p[5] - p[2]) >= 0))
+    return "Fs0 + FsT T + FsTT T^2 is the standstill level and must not be below Fc0 + FcT T + FcTT T^2 at 20 .. 50 degC";
+  if (!(least(p[6], p[7], p[8]) > 0)) return "vs0 + vsT T + vsTT T^2 is the Stribeck velocity and must be above 0 at 20 .. 50 degC";
+  if (!(least(p[10], p[11], p[12]) >= 0)) return "Fv0 + FvT T + FvTT T^2 is the viscous slope and must not be below 0 at 20 .. 50 degC";
+  return nullptr;
+}
+
 constexpr LawInfo table[] = {
     {.name = "stribeck",
      .equation = "Fc + Fs e^-|v/vs|^alpha + Fv v",
@@ -183,7 +219,15 @@ constexpr LawInfo table[] = {
      .side = Side::arm, .normalised = false, .temperature_dependent = true, .load_dependent = false,
      .identified = {},
      .parameters = polynomial_parameters, .family = polynomial_family, .conflict = nullptr},
+    {.name = "stribeck_T",
+     .equation = "Fc + (Fs - Fc) e^-|v/vs|^delta + Fv v with Fc = Fc0 + FcT T + FcTT T^2, and Fs, vs, Fv alike",
+     .source = "P4 (6), whose motor-side torque times u this is; range as measured there",
+     .side = Side::motor, .normalised = false, .temperature_dependent = true, .load_dependent = false,
+     .identified = stribeck_T_range,
+     .parameters = stribeck_T_parameters, .family = stribeck_T_family, .conflict = stribeck_T_conflict},
 };
+/// Of them, not fitted: identification lacks A_TT, B_TT, vs_TT, F1_t and F1_tt.
+constexpr std::size_t not_identified = 1;
 
 std::size_t edit_distance(std::string_view a, std::string_view b) {
   std::vector<std::size_t> row(b.size() + 1);
@@ -204,7 +248,8 @@ double confined(double x, double lowest, double highest) { return std::clamp(std
 
 }  // namespace
 
-std::span<const LawInfo> laws() { return table; }
+std::span<const LawInfo> laws() { return {table, std::size(table) - not_identified}; }
+std::span<const LawInfo> all_laws() { return table; }
 
 const LawInfo* find_law(std::string_view name) {
   const auto found = std::ranges::find(table, name, &LawInfo::name);
@@ -295,15 +340,15 @@ AtTemperature at_temperature(const Law& law, double temperature_degC) {
   // Past its zero the linear factor would turn friction into a motor; it stays at the zero.
   const double s = f.s_T == 0 ? 1 : std::max(0.0, 1 + f.s_T * (T - f.s_T0));
   const double thinned = f.F1_T == 0 && f.Fb_T == 0 ? 0 : std::exp(-T / f.T_V);
-  return {{.A = s * (f.A + f.A_T * T),
+  return {{.A = s * (f.A + f.A_T * T + f.A_TT * T * T),
            .A_l = s * f.A_l,
-           .B = s * (f.B + f.B_T * T),
+           .B = s * (f.B + f.B_T * T + f.B_TT * T * T),
            .B_l = s * f.B_l,
-           .vs_pow = std::pow(std::abs(f.vs + f.vs_T * T), -f.alpha),
+           .vs_pow = std::pow(std::abs(f.vs + f.vs_T * T + f.vs_TT * T * T), -f.alpha),
            .C_l = s * f.C_l,
            .vl_pow = std::pow(f.vl, -f.alpha),
            .alpha = f.alpha,
-           .F1 = s * (f.F1 + f.F1_T * thinned),
+           .F1 = s * (f.F1 + f.F1_t * T + f.F1_tt * T * T + f.F1_T * thinned),
            .F2 = s * f.F2,
            .F3 = s * f.F3,
            .Fb = s * (f.Fb + f.Fb_T * thinned),

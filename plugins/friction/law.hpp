@@ -17,9 +17,11 @@
 ///
 /// Every law of the table is one point of one family,
 ///
-///   tau_f(v, l, T) = s(T) [ (A + A_T T + A_l l) + (B + B_T T + B_l l) e^-|v/(vs + vs_T T)|^alpha
+///   tau_f(v, l, T) = s(T) [ (A + A_T T + A_TT T^2 + A_l l) + (B + B_T T + B_TT T^2 + B_l l) e^-|v/vs(T)|^alpha
 ///                         + C_l l e^-|v/vl|^alpha                                                                 g
-///                         + (F1 + F1_T e^(-T/T_V)) v + F2 v^2 + F3 v^3 + (Fb + Fb_T e^(-T/T_V)) v^beta(T) ]       h
+///                         + (F1 + F1_t T + F1_tt T^2 + F1_T e^(-T/T_V)) v + F2 v^2 + F3 v^3
+///                         + (Fb + Fb_T e^(-T/T_V)) v^beta(T) ]                                                    h
+///   vs(T) = vs + vs_T T + vs_TT T^2
 ///   s(T) = max(0, 1 + s_T (T - s_T0)),  beta(T) = beta + beta_T T held within `exponent_min` .. `exponent_max`
 ///
 /// for v >= 0, odd in v, with g the velocity-weakening and h the velocity-strengthening part. A law is therefore a
@@ -36,7 +38,7 @@ enum class Side { motor, arm };
 /// Under every policy the result is finite, >= 0 for v > 0, odd in v, and says whether the input lay outside.
 enum class Validity { clamp, extrapolate, error };
 
-inline constexpr std::size_t max_parameters = 12;
+inline constexpr std::size_t max_parameters = 13;
 inline constexpr double unlimited = std::numeric_limits<double>::infinity();
 /// Bounds of the viscous exponent beta(T): without them an extrapolated temperature could make v^beta infinite.
 inline constexpr double exponent_min = 0.01, exponent_max = 5;
@@ -61,18 +63,18 @@ struct Range {
 
 /// The numbers of the family above. Torques in the unit of the law, speeds on its side, T in degC.
 struct Family {
-  double A = 0, A_T = 0, A_l = 0;
-  double B = 0, B_T = 0, B_l = 0, vs = 1, vs_T = 0;
+  double A = 0, A_T = 0, A_TT = 0, A_l = 0;
+  double B = 0, B_T = 0, B_TT = 0, B_l = 0, vs = 1, vs_T = 0, vs_TT = 0;
   double C_l = 0, vl = 1;
   double alpha = 1;
-  double F1 = 0, F1_T = 0, T_V = 1, F2 = 0, F3 = 0, Fb = 0, Fb_T = 0, beta = 1, beta_T = 0;
+  double F1 = 0, F1_t = 0, F1_tt = 0, F1_T = 0, T_V = 1, F2 = 0, F3 = 0, Fb = 0, Fb_T = 0, beta = 1, beta_T = 0;
   double s_T = 0, s_T0 = 0;
 };
 
 /// The family at one temperature: all that `level` needs of the law's numbers.
 struct Coefficients {
   double A = 0, A_l = 0;
-  double B = 0, B_l = 0, vs_pow = 0;    ///< vs_pow = |vs + vs_T T|^-alpha, infinite for a Stribeck velocity of 0
+  double B = 0, B_l = 0, vs_pow = 0;    ///< vs_pow = |vs(T)|^-alpha, infinite for a Stribeck velocity of 0
   double C_l = 0, vl_pow = 0;           ///< vl_pow = vl^-alpha
   double alpha = 1;
   double F1 = 0, F2 = 0, F3 = 0, Fb = 0, beta = 1;
@@ -92,8 +94,10 @@ struct LawInfo {
   const char* (*conflict)(std::span<const double> parameters);
 };
 
-/// All laws, in the order of the documentation.
+/// The laws that identification can fit, in the order of the documentation.
 std::span<const LawInfo> laws();
+/// All laws, those that identification does not know yet last.
+std::span<const LawInfo> all_laws();
 const LawInfo* find_law(std::string_view name);
 
 /// A law with its numbers: immutable, copyable, shared between threads.

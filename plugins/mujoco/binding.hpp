@@ -19,7 +19,7 @@ inline constexpr char plugin_name[] = "tribotwin.drive";
 struct Binding {
   drive::Drive drive;
   thermal::Decay decay;          ///< for the model's time step
-  int actuator = -1, joint = -1, dof = -1;
+  int actuator = -1, joint = -1, dof = -1, position = -1;   ///< position: in mjData.qpos
   int control = -1, force = -1;  ///< addresses in mjData.ctrl and mjData.actuator_force
   int row_hint = 0;              ///< among the friction rows
   double gear = 1;               ///< joint torque per actuator force
@@ -28,7 +28,12 @@ struct Binding {
 
   /// Joint speed [rad/s; m/s for a slide].
   double speed(const mjData* d) const { return d->qvel[dof]; }
+  /// Joint angle [rad; m for a slide].
+  double angle(const mjData* d) const { return d->qpos[position]; }
 };
+
+/// The actdim that the actuator of a drive needs and why, for messages.
+std::string actdim_message(const drive::Drive& drive);
 
 /// Solver settings (mjtSolver) at which a stuck joint does not creep.
 double needed_tolerance(int solver);
@@ -38,13 +43,14 @@ int needed_iterations(int solver);
 /// the solver or the time step could not carry friction faithfully: the message names the element and the remedy.
 tl::expected<Binding, std::string> bind(const mjModel* m, drive::Drive drive, int actuator);
 
-/// State of a drive in d. Changing it between steps is allowed; see drive.hpp for what is input.
+/// State of a drive in d; of a drive with bristles the memory is a drive::BristleMemory. Changing it between steps is allowed; see drive.hpp for what is input.
 drive::Memory& memory(mjData* d, const Binding& binding);
 drive::Scratch& scratch(mjData* d, const Binding& binding);
 const drive::Memory& memory(const mjData* d, const Binding& binding);
 const drive::Scratch& scratch(const mjData* d, const Binding& binding);
 
-/// Before the solver runs: writes the friction limit into the joint's constraint row.
+/// Before the solver runs: writes the friction limit into the joint's constraint row, and what bristles hold into
+/// qfrc_passive. Once per stage of the integrator.
 void limit_friction(const mjModel* m, mjData* d, const Binding& binding);
 
 /// After the step: heat, temperature, load. Once per mj_step.

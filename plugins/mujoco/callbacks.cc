@@ -36,13 +36,16 @@ void control(const mjModel* m, mjData* d) {
   if (const mjfGeneric earlier = previous.load(std::memory_order_acquire)) earlier(m, d);
   if (under_way.data == d && under_way.controller.call) under_way.controller.call(under_way.controller.context, m, d);
   if constexpr (!TRIBOTWIN_ENGINE_PLUGINS)
-    if (const Registration* r = find(m))
+    if (const Registration* r = find(m)) {
       for (const Binding& binding : r->drives()) limit_friction(m, d, binding);
+      for (const Spring& spring : r->springs()) d->ctrl[spring.control] = -spring_torque(m, d, spring);
+    }
 }
 
 }  // namespace
 
-Registration::Registration(const mjModel* model, std::span<const Binding> drives) : model_(model), drives_(drives) {
+Registration::Registration(const mjModel* model, std::span<const Binding> drives, std::span<const Spring> springs)
+    : model_(model), drives_(drives), springs_(springs) {
   const std::lock_guard lock(mutex);
   std::size_t i = 0;
   while (i < slots.size() && slots[i].load()) ++i;
@@ -69,8 +72,10 @@ void step(const Registration& registration, mjData* d, Controller controller) {
   const StepUnderWay outer = std::exchange(under_way, {d, controller});
   mj_step(registration.model(), d);
   under_way = outer;
-  if constexpr (!TRIBOTWIN_ENGINE_PLUGINS)
+  if constexpr (!TRIBOTWIN_ENGINE_PLUGINS) {
+    for (const Spring& spring : registration.springs()) book_spring(d, spring);
     for (const Binding& binding : registration.drives()) book_friction(registration.model(), d, binding);
+  }
 }
 
 void install_message_handlers() {

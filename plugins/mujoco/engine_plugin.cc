@@ -1,4 +1,4 @@
-// tribotwin.drive as an engine plugin of MuJoCo 3.x. Configuration comes from the keys, memory lives in the actuator's
+// tribotwin.drive and tribotwin.hysteresis as engine plugins of MuJoCo 3.x. Configuration comes from the keys, memory lives in the actuator's
 // activations, everything else in plugin_state.
 #include <cstring>
 #include <memory>
@@ -9,33 +9,51 @@
 
 #include <tribotwin/plugins/mujoco/binding.hpp>
 #include <tribotwin/plugins/mujoco/engine.hpp>
+#include <tribotwin/plugins/mujoco/spring.hpp>
 
 namespace tribotwin::mujoco {
 namespace {
 
-Binding* binding_of(const mjData* d, int instance) { return reinterpret_cast<Binding*>(d->plugin_data[instance]); }
+template <class Bound>
+Bound* bound(const mjData* d, int instance) {
+  return reinterpret_cast<Bound*>(d->plugin_data[instance]);
+}
+Binding* binding_of(const mjData* d, int instance) { return bound<Binding>(d, instance); }
+
+std::string instance_name(const mjModel* m, int instance) {
+  const char* given = mj_id2name(m, mjOBJ_PLUGIN, instance);
+  return given ? given : "unnamed";
+}
+
+/// The one actuator of an instance, -1 for none, -2 for several.
+int actuator_of(const mjModel* m, int instance) {
+  int actuator = -1;
+  for (int i = 0; i < engine::actuator_count(m); ++i)
+    if (m->actuator_plugin[i] == instance) actuator = actuator == -1 ? i : -2;
+  return actuator;
+}
+
+template <class Keys>
+drive::Configuration configuration(const mjModel* m, int instance, const Keys& keys) {
+  drive::Configuration all;
+  for (const char* key : keys)
+    if (const char* value = mj_getPluginConfig(m, instance, key); value && *value) all.emplace_back(key, value);
+  return all;
+}
 
 /// The instance's drive tied to its actuator, or why not. Nothing for an instance that no actuator uses.
 tl::expected<std::unique_ptr<Binding>, std::string> connect(const mjModel* m, int instance) {
-  const char* given = mj_id2name(m, mjOBJ_PLUGIN, instance);
-  const std::string name = given ? given : "unnamed";
+  const std::string name = instance_name(m, instance);
   const auto fail = [&](const std::string& why) {
     return tl::unexpected(std::string(plugin_name) + ", instance '" + name + "': " + why);
   };
-  drive::Configuration configuration;
-  for (const char* key : drive::all_keys())
-    if (const char* value = mj_getPluginConfig(m, instance, key); value && *value) configuration.emplace_back(key, value);
-  auto drive = drive::make_drive(name, configuration);
+  auto drive = drive::make_drive(name, configuration(m, instance, drive::all_keys()));
   if (!drive) return fail(drive.error());
-  int actuator = -1;
-  for (int i = 0; i < engine::actuator_count(m); ++i)
-    if (m->actuator_plugin[i] == instance) {
-      if (actuator >= 0) return fail("serves two actuators; each drive needs its own");
-      actuator = i;
-    }
+  const int actuator = actuator_of(m, instance);
+  if (actuator == -2) return fail("serves two actuators; each drive needs its own");
   if (actuator < 0) return nullptr;
-  if (m->actuator_actnum[actuator] != static_cast<int>(drive::memory_size))
-    return fail("its actuator needs actdim=\"" + std::to_string(drive::memory_size) + "\"");
+  if (m->actuator_actnum[actuator] != static_cast<int>(drive::memory_size(*drive)))
+    return fail("its actuator needs " + actdim_message(*drive));
   auto binding = bind(m, std::move(*drive), actuator);
   if (!binding) return tl::unexpected(std::string(plugin_name) + ": " + binding.error());
   binding->memory_address = m->actuator_actadr[actuator];
@@ -43,12 +61,41 @@ tl::expected<std::unique_ptr<Binding>, std::string> connect(const mjModel* m, in
   return std::make_unique<Binding>(std::move(*binding));
 }
 
+/// The same for a transmission.
+tl::expected<std::unique_ptr<Spring>, std::string> connect_spring(const mjModel* m, int instance) {
+  const std::string name = instance_name(m, instance);
+  const auto fail = [&](const std::string& why) {
+    return tl::unexpected(std::string(spring_plugin_name) + ", instance '" + name + "': " + why);
+  };
+  auto hysteresis = transmission::make_hysteresis(name, configuration(m, instance, transmission::all_keys()));
+  if (!hysteresis) return fail(hysteresis.error());
+  const int actuator = actuator_of(m, instance);
+  if (actuator == -2) return fail("serves two actuators; each transmission needs its own");
+  if (actuator < 0) return nullptr;
+  if (m->actuator_actnum[actuator] != static_cast<int>(spring_memory_size))
+    return fail("its actuator needs actdim=\"" + std::to_string(spring_memory_size) + "\"");
+  const int drive_instance = mj_name2id(m, mjOBJ_PLUGIN, hysteresis->drive.c_str());
+  int slot = -1;
+  mjp_getPlugin(plugin_name, &slot);
+  if (drive_instance < 0 || m->plugin[drive_instance] != slot)
+    return fail("key 'drive' is '" + hysteresis->drive + "', which is no instance of " + plugin_name);
+  auto drive = connect(m, drive_instance);
+  if (!drive) return fail(drive.error());
+  if (!*drive) return fail("key 'drive' is '" + hysteresis->drive + "', which no actuator uses");
+  auto spring = bind_spring(m, std::move(*hysteresis), std::move(**drive), actuator);
+  if (!spring) return tl::unexpected(std::string(spring_plugin_name) + ": " + spring.error());
+  spring->memory_address = m->actuator_actadr[actuator];
+  spring->scratch_address = m->plugin_stateadr[instance];
+  return std::make_unique<Spring>(std::move(*spring));
+}
+
+template <auto connect_instance>
 int init(const mjModel* m, mjData* d, int instance) {
   // mju_error does not return; nothing with a destructor may be alive then.
   static thread_local char message[1000];
   message[0] = '\0';
   {
-    auto binding = connect(m, instance);
+    auto binding = connect_instance(m, instance);
     if (binding)
       d->plugin_data[instance] = reinterpret_cast<uintptr_t>(binding->release());
     else
@@ -70,7 +117,41 @@ void compute(const mjModel* m, mjData* d, int instance, int) {
   limit_friction(m, d, b);
 }
 
-__attribute__((constructor)) void register_plugin() {
+template <class Bound>
+void destroy(mjData* d, int instance) {
+  delete bound<Bound>(d, instance);
+  d->plugin_data[instance] = 0;
+}
+
+template <class Bound>
+void copy(mjData* to, const mjModel*, const mjData* from, int instance) {
+  delete bound<Bound>(to, instance);
+  const Bound* original = bound<Bound>(from, instance);
+  to->plugin_data[instance] = reinterpret_cast<uintptr_t>(original ? new Bound(*original) : nullptr);
+}
+
+void register_spring() {
+  mjpPlugin plugin;
+  mjp_defaultPlugin(&plugin);
+  plugin.name = spring_plugin_name;
+  plugin.capabilityflags = mjPLUGIN_ACTUATOR;
+  plugin.nattribute = static_cast<int>(transmission::all_keys().size());
+  plugin.attributes = transmission::all_keys().data();
+  plugin.nstate = [](const mjModel*, int) { return static_cast<int>(spring_scratch_size); };
+  plugin.init = init<connect_spring>;
+  plugin.destroy = destroy<Spring>;
+  plugin.copy = copy<Spring>;
+  plugin.reset = [](const mjModel*, mjtNum* plugin_state, void*, int) { std::memset(plugin_state, 0, sizeof(SpringScratch)); };
+  plugin.compute = [](const mjModel* m, mjData* d, int instance, int) {
+    if (const Spring* s = bound<Spring>(d, instance)) d->actuator_force[s->force] = -spring_torque(m, d, *s);
+  };
+  plugin.advance = [](const mjModel*, mjData* d, int instance) {
+    if (const Spring* s = bound<Spring>(d, instance)) book_spring(d, *s);
+  };
+  mjp_registerPlugin(&plugin);
+}
+
+__attribute__((constructor)) void register_plugins() {
   mjpPlugin plugin;
   mjp_defaultPlugin(&plugin);
   plugin.name = plugin_name;
@@ -78,16 +159,9 @@ __attribute__((constructor)) void register_plugin() {
   plugin.nattribute = static_cast<int>(drive::all_keys().size());
   plugin.attributes = drive::all_keys().data();
   plugin.nstate = [](const mjModel*, int) { return static_cast<int>(drive::scratch_size); };
-  plugin.init = init;
-  plugin.destroy = [](mjData* d, int instance) {
-    delete binding_of(d, instance);
-    d->plugin_data[instance] = 0;
-  };
-  plugin.copy = [](mjData* to, const mjModel*, const mjData* from, int instance) {
-    delete binding_of(to, instance);
-    const Binding* original = binding_of(from, instance);
-    to->plugin_data[instance] = reinterpret_cast<uintptr_t>(original ? new Binding(*original) : nullptr);
-  };
+  plugin.init = init<connect>;
+  plugin.destroy = destroy<Binding>;
+  plugin.copy = copy<Binding>;
   plugin.reset = [](const mjModel*, mjtNum* plugin_state, void*, int) {
     std::memset(plugin_state, 0, sizeof(drive::Scratch));
   };
@@ -97,6 +171,7 @@ __attribute__((constructor)) void register_plugin() {
     if (const Binding* b = binding_of(d, instance)) book_friction(m, d, *b);
   };
   mjp_registerPlugin(&plugin);
+  register_spring();
 }
 
 }  // namespace

@@ -109,8 +109,6 @@ tl::expected<std::vector<DriveElement>, std::string> read_drives(const std::vect
     const std::string joint = element.attribute("joint").value();
     if (name.empty() || joint.empty() || instance.empty())
       return tl::unexpected(fmt::format("{}: needs name, joint and instance", where));
-    if (element.attribute("actdim").as_int(-1) != static_cast<int>(drive::memory_size))
-      return tl::unexpected(fmt::format("{}: needs actdim=\"{}\", the size of a drive's memory", where, drive::memory_size));
     const auto found = instances.find(instance);
     if (found == instances.end())
       return tl::unexpected(fmt::format("{}: no <instance name=\"{}\"> under <extension><plugin plugin=\"{}\">", where,
@@ -130,14 +128,68 @@ tl::expected<std::vector<DriveElement>, std::string> read_drives(const std::vect
     }
     auto drive = drive::make_drive(instance, configuration);
     if (!drive) return tl::unexpected(fmt::format("{}: {}", at(*instance_source, instance_element), drive.error()));
+    if (element.attribute("actdim").as_int(-1) != static_cast<int>(drive::memory_size(*drive)))
+      return tl::unexpected(fmt::format("{}: needs {}", where, actdim_message(*drive)));
     drives.push_back({where, name, std::move(*drive)});
   }
   return drives;
 }
 
+struct SpringElement {
+  std::string where;
+  std::string actuator;
+  transmission::Hysteresis hysteresis;
+};
+
+/// Reads every elastic transmission of the model.
+tl::expected<std::vector<SpringElement>, std::string> read_springs(const std::vector<Source>& sources, const std::vector<DriveElement>& drives) {
+  std::vector<SpringElement> springs;
+  for (const Source& source : sources)
+    for (const auto& match : source.document->select_nodes("//actuator/plugin[@plugin='tribotwin.hysteresis']")) {
+      const pugi::xml_node element = match.node();
+      const std::string where = at(source, element), name = element.attribute("name").value(), instance = element.attribute("instance").value();
+      if (name.empty() || !element.attribute("tendon") || instance.empty())
+        return tl::unexpected(fmt::format("{}: needs name, tendon and instance", where));
+      if (element.attribute("actdim").as_int(-1) != static_cast<int>(spring_memory_size))
+        return tl::unexpected(fmt::format("{}: needs actdim=\"{}\", the memory of the hysteresis", where, spring_memory_size));
+      if (std::ranges::any_of(springs, [&](const SpringElement& s) { return s.hysteresis.name == instance; }))
+        return tl::unexpected(fmt::format("{}: instance '{}' serves another actuator already; each transmission needs its own", where, instance));
+      const Source* instance_source = nullptr;
+      pugi::xml_node instance_element;
+      for (const Source& s : sources)
+        for (const auto& found : s.document->select_nodes("//extension/plugin[@plugin='tribotwin.hysteresis']/instance"))
+          if (found.node().attribute("name").value() == instance) {
+            instance_source = &s;
+            instance_element = found.node();
+          }
+      if (!instance_source)
+        return tl::unexpected(fmt::format("{}: no <instance name=\"{}\"> under <extension><plugin plugin=\"{}\">", where, instance, spring_plugin_name));
+      transmission::Configuration configuration;
+      for (const pugi::xml_node config : instance_element.children("config")) {
+        if (!config.attribute("key") || !config.attribute("value"))
+          return tl::unexpected(at(*instance_source, config) + ": needs key and value");
+        configuration.emplace_back(config.attribute("key").value(), config.attribute("value").value());
+      }
+      auto hysteresis = transmission::make_hysteresis(instance, configuration);
+      if (!hysteresis) return tl::unexpected(fmt::format("{}: {}", at(*instance_source, instance_element), hysteresis.error()));
+      if (std::ranges::none_of(drives, [&](const DriveElement& d) { return d.drive.name == hysteresis->drive; }))
+        return tl::unexpected(fmt::format("{}: key 'drive' is '{}', which is no instance of {} that an actuator uses",
+                                          at(*instance_source, instance_element), hysteresis->drive, plugin_name));
+      springs.push_back({where, name, std::move(*hysteresis)});
+    }
+  return springs;
+}
+
+/// Room of drives and transmissions in userdata.
+[[maybe_unused]] int user_size(const std::vector<DriveElement>& drives, const std::vector<SpringElement>& springs) {
+  std::size_t size = springs.size() * (spring_memory_size + spring_scratch_size);
+  for (const DriveElement& d : drives) size += drive::memory_size(d.drive) + drive::scratch_size;
+  return static_cast<int>(size);
+}
+
 #if !TRIBOTWIN_ENGINE_PLUGINS
 /// Merges includes and turns every drive into what 2.2.2 knows: a torque actuator and room in userdata.
-std::string lower(const std::vector<Source>& sources, const std::filesystem::path& folder, std::size_t drives) {
+std::string lower(const std::vector<Source>& sources, const std::filesystem::path& folder, int user_size) {
   pugi::xml_document& main = *sources.front().document;
   while (const pugi::xml_node include = main.select_node("//include").node()) {
     const std::string path = (folder / include.attribute("file").value()).lexically_normal().string();
@@ -145,10 +197,10 @@ std::string lower(const std::vector<Source>& sources, const std::filesystem::pat
       include.parent().insert_copy_before(child, include);
     include.parent().remove_child(include);
   }
-  for (const auto& match : main.select_nodes("//extension/plugin[@plugin='tribotwin.drive']"))
+  for (const auto& match : main.select_nodes("//extension/plugin[@plugin='tribotwin.drive' or @plugin='tribotwin.hysteresis']"))
     match.node().parent().remove_child(match.node());
   for (const auto& match : main.select_nodes("//extension[not(plugin)]")) match.node().parent().remove_child(match.node());
-  for (const auto& match : main.select_nodes("//actuator/plugin[@plugin='tribotwin.drive']")) {
+  for (const auto& match : main.select_nodes("//actuator/plugin[@plugin='tribotwin.drive' or @plugin='tribotwin.hysteresis']")) {
     pugi::xml_node actuator = match.node();
     actuator.set_name("motor");
     for (const char* attribute : {"plugin", "instance", "actdim"}) actuator.remove_attribute(attribute);
@@ -161,7 +213,7 @@ std::string lower(const std::vector<Source>& sources, const std::filesystem::pat
     size.remove_attribute("nuserdata");
   }
   root.append_child("size").append_attribute("nuserdata") =
-      user + static_cast<int>(drives * (drive::memory_size + drive::scratch_size));
+      user + user_size;
 
   // Read from memory, the text no longer has a folder of its own: asset folders become absolute.
   const std::filesystem::path base = std::filesystem::absolute(folder);
@@ -300,10 +352,12 @@ Result load(const std::string& name, const std::string& text, const std::string&
   if (!sources) return tl::unexpected(sources.error());
   auto drives = read_drives(*sources);
   if (!drives) return tl::unexpected(drives.error());
+  auto springs = read_springs(*sources, *drives);
+  if (!springs) return tl::unexpected(springs.error());
 #if TRIBOTWIN_ENGINE_PLUGINS
   auto compiled = compile(text, file, folder);
 #else
-  auto compiled = compile(lower(*sources, folder, drives->size()), file, folder);
+  auto compiled = compile(lower(*sources, folder, user_size(*drives, *springs)), file, folder);
 #endif
   if (!compiled) return tl::unexpected(fmt::format("{}: {}", name, compiled.error()));
   mjModel* m = compiled->get();
@@ -311,8 +365,7 @@ Result load(const std::string& name, const std::string& text, const std::string&
   if (auto ok = apply(options, m); !ok) return tl::unexpected(fmt::format("{}: {}", name, ok.error()));
 
   std::vector<Binding> bindings;
-  [[maybe_unused]] int address =
-      static_cast<int>(m->nuserdata) - static_cast<int>(drives->size() * (drive::memory_size + drive::scratch_size));
+  [[maybe_unused]] int address = static_cast<int>(m->nuserdata) - user_size(*drives, *springs);
   for (DriveElement& element : *drives) {
     const int actuator = mj_name2id(m, mjOBJ_ACTUATOR, element.actuator.c_str());
     auto binding = bind(m, std::move(element.drive), actuator);
@@ -322,19 +375,36 @@ Result load(const std::string& name, const std::string& text, const std::string&
     binding->scratch_address = m->plugin_stateadr[m->actuator_plugin[actuator]];
 #else
     binding->memory_address = address;
-    binding->scratch_address = address + static_cast<int>(drive::memory_size);
-    address += static_cast<int>(drive::memory_size + drive::scratch_size);
+    binding->scratch_address = address + static_cast<int>(drive::memory_size(binding->drive));
+    address = binding->scratch_address + static_cast<int>(drive::scratch_size);
 #endif
     bindings.push_back(std::move(*binding));
   }
   std::ranges::sort(bindings, {}, &Binding::actuator);
-  return std::make_shared<const Model>(std::move(*compiled), std::move(bindings));
+
+  std::vector<Spring> bound_springs;
+  for (SpringElement& element : *springs) {
+    const int actuator = mj_name2id(m, mjOBJ_ACTUATOR, element.actuator.c_str());
+    const Binding drive = *std::ranges::find(bindings, element.hysteresis.drive, [](const Binding& b) { return b.drive.name; });
+    auto spring = bind_spring(m, std::move(element.hysteresis), drive, actuator);
+    if (!spring) return tl::unexpected(fmt::format("{}: {}", element.where, spring.error()));
+#if TRIBOTWIN_ENGINE_PLUGINS
+    spring->memory_address = m->actuator_actadr[actuator];
+    spring->scratch_address = m->plugin_stateadr[m->actuator_plugin[actuator]];
+#else
+    spring->memory_address = address;
+    spring->scratch_address = address + static_cast<int>(spring_memory_size);
+    address = spring->scratch_address + static_cast<int>(spring_scratch_size);
+#endif
+    bound_springs.push_back(std::move(*spring));
+  }
+  return std::make_shared<const Model>(std::move(*compiled), std::move(bindings), std::move(bound_springs));
 }
 
 }  // namespace
 
-Model::Model(ModelPtr model, std::vector<Binding> drives)
-    : model_(std::move(model)), drives_(std::move(drives)), registration_(model_.get(), drives_) {}
+Model::Model(ModelPtr model, std::vector<Binding> drives, std::vector<Spring> springs)
+    : model_(std::move(model)), drives_(std::move(drives)), springs_(std::move(springs)), registration_(model_.get(), drives_, springs_) {}
 
 DataPtr Model::make_data() const { return DataPtr(mj_makeData(model_.get())); }
 
@@ -361,7 +431,16 @@ Result variant(const Model& model, const std::function<void(mjModel*)>& change) 
     binding->scratch_address = original.scratch_address;
     bindings.push_back(std::move(*binding));
   }
-  return std::make_shared<const Model>(std::move(copy), std::move(bindings));
+  std::vector<Spring> springs;
+  for (const Spring& original : model.springs()) {
+    const Binding drive = *std::ranges::find(bindings, original.drive.actuator, &Binding::actuator);
+    auto spring = bind_spring(copy.get(), original.hysteresis, drive, original.actuator);
+    if (!spring) return tl::unexpected(spring.error());
+    spring->memory_address = original.memory_address;
+    spring->scratch_address = original.scratch_address;
+    springs.push_back(std::move(*spring));
+  }
+  return std::make_shared<const Model>(std::move(copy), std::move(bindings), std::move(springs));
 }
 
 }  // namespace tribotwin::mujoco

@@ -25,7 +25,7 @@ using DataPtr = std::unique_ptr<mjData, DataDeleter>;
 /// An engine model with its drives, ready to step. Immutable; shared by any number of mjData and threads.
 class Model {
  public:
-  Model(ModelPtr model, std::vector<Binding> drives);
+  Model(ModelPtr model, std::vector<Binding> drives, std::vector<Spring> springs = {});
   Model(const Model&) = delete;
   Model& operator=(const Model&) = delete;
 
@@ -33,6 +33,7 @@ class Model {
   const mjModel* operator->() const { return model_.get(); }
   /// In the order of the actuators.
   std::span<const Binding> drives() const { return drives_; }
+  std::span<const Spring> springs() const { return springs_; }
 
   DataPtr make_data() const;
   void step(mjData* d, Controller controller = {}) const { mujoco::step(registration_, d, controller); }
@@ -40,6 +41,7 @@ class Model {
  private:
   ModelPtr model_;
   std::vector<Binding> drives_;
+  std::vector<Spring> springs_;
   Registration registration_;
 };
 

@@ -101,6 +101,80 @@ TEST(Drive, HeatEqualsFrictionWorkAndReachesTheOil) {
   EXPECT_NEAR(memory.rise.total_K() * 10944 / 0.15 + out_J, scratch.heat_J, 1e-6 * scratch.heat_J);
 }
 
+Configuration with_table() {
+  return {{"law", "stribeck"}, {"Fc", "0.03"}, {"Fs", "0.02"}, {"Fv", "4e-4"}, {"vs", "10"}, {"alpha", "1.3"}, {"torque_max_nm", "100"}, {"gear_ratio", "50"},
+          {"load_table_speeds", "0 10 100"}, {"load_table_loads", "-0.8 -0.2 0 0.4"},
+          {"load_table_values", "0.03 0.01 0 0.02  0.04 0.012 0 0.03  0.05 0.02 0 0.04"}};
+}
+
+TEST(LoadTable, IsBilinearHeldAtItsEdgesAndKnowsDriverFromDriven) {
+  const auto made = make_drive("j", with_table());
+  ASSERT_TRUE(made) << made.error();
+  const LoadTable& t = made->load_table;
+  EXPECT_DOUBLE_EQ(t(10, 0.4), 0.03);
+  EXPECT_DOUBLE_EQ(t(5, 0.2), 0.0125);
+  EXPECT_DOUBLE_EQ(t(55, -0.5), (0.04 + 0.012 + 0.05 + 0.02) / 4);
+  EXPECT_DOUBLE_EQ(t(1e4, -9), 0.05);
+  EXPECT_DOUBLE_EQ(t(1e4, 9), 0.04);
+  EXPECT_DOUBLE_EQ(t(-10, -0.4), t(10, 0.4));   // the same, mirrored
+  EXPECT_NE(t(10, -0.4), t(10, 0.4));
+  EXPECT_DOUBLE_EQ(t(0, 0.4), 0.02);            // at standstill the larger of 0.02 (driven) and 0.01667 (driving)
+  EXPECT_EQ(configuration_of(*make_drive("j", configuration_of(*made))), configuration_of(*made));
+  // It reaches the limit of the step, on the arm side.
+  Scratch scratch{};
+  Memory memory;
+  memory.load_nm = 40;
+  const double law = friction::torque(made->law, 10, 0.4, 25);
+  EXPECT_DOUBLE_EQ(begin_step(*made, memory, scratch, 0, 0.2), 100 * (law + 0.03));
+  memory.load_nm = -40;
+  EXPECT_DOUBLE_EQ(begin_step(*made, memory, scratch, 0, 0.2), 100 * (law + 0.012 + (0.04 - 0.012) / 3));
+}
+
+TEST(LoadTable, MistakesAreNamed) {
+  const auto error = [](const char* key, const char* value) {
+    Configuration c = with_table();
+    std::erase_if(c, [&](const auto& entry) { return entry.first == key; });
+    if (value) c.emplace_back(key, value);
+    const auto drive = make_drive("j2", c);
+    return drive ? std::string("accepted") : drive.error();
+  };
+  EXPECT_THAT(error("load_table_loads", nullptr), HasSubstr("a load table needs"));
+  EXPECT_THAT(error("load_table_loads", "0 0 1 2"), HasSubstr("ascending"));
+  EXPECT_THAT(error("load_table_loads", "-1 0 1"), HasSubstr("has 12 numbers but must have 9"));
+  EXPECT_THAT(error("load_table_speeds", "0 10 x"), HasSubstr("finite number"));
+  EXPECT_THAT(error("load_table_values", "0.3 0.01 0 0.7 0.04 0.012 0 0.03 0.05 0.02 0 0.04"), HasSubstr("lock itself"));
+}
+
+TEST(GearLoss, FollowsItsEquationAndTheSignOfTheLoad) {
+  // mu_avg 0.08, mu_dif 0.03 over a length of 0.2 rad on the motor side; a purely viscous law beside it.
+  Configuration c{{"law", "stribeck"}, {"Fc", "0"}, {"Fs", "0"}, {"Fv", "4e-4"}, {"vs", "10"}, {"alpha", "1"}, {"torque_max_nm", "100"}, {"gear_ratio", "50"},
+                  {"friction", "gear_loss"}, {"mu_avg", "0.08"}, {"mu_dif", "0.03"}, {"h", "0.2"}};
+  const auto made = make_drive("j", c);
+  ASSERT_TRUE(made) << made.error();
+  EXPECT_EQ(configuration_of(*make_drive("j", configuration_of(*made))), configuration_of(*made));
+  const auto decay = thermal::decay(made->thermal, 1e-3);
+  BristleMemory memory;
+  Scratch scratch{};
+  double x = 0, z = 0;
+  for (int i = 0; i < 3000; ++i) {
+    const double qd = i < 1500 ? 0.02 : -0.01, w = 50 * qd, tau = i % 2 ? 30 : -30;
+    memory.load_nm = tau;
+    begin_step(*made, memory, scratch, i * 1e-3, qd, x);
+    ASSERT_NEAR(scratch.applied_nm, 0.08 * 30 * z + 0.03 * tau * z * z, 1e-12);
+    ASSERT_NEAR(scratch.gear_limit_nm, 100 * 4e-4 * std::abs(w), 1e-12);
+    x += qd * 1e-3;
+    end_step(*made, decay, {std::copysign(scratch.gear_limit_nm, qd), 0, qd, x, 0}, 1e-3, memory, scratch);
+    const double sign = qd > 0 ? 1 : -1;
+    z = sign + (z - sign) * std::exp(-std::abs(w) * 1e-3 / 0.2);
+    ASSERT_NEAR(memory.z, z, 1e-9);
+  }
+  const auto error = [&](const char* mu_dif) {
+    c[9 + 1].second = mu_dif;
+    return make_drive("j", c).error();
+  };
+  EXPECT_THAT(error("0.09"), HasSubstr("|mu_dif| <= mu_avg"));
+}
+
 TEST(Reference, NamesEveryKeyALawTakes) {
   const std::string text = reference_markdown();
   for (const char* key : all_keys()) EXPECT_THAT(text, HasSubstr("`" + std::string(key) + "`"));

@@ -23,6 +23,11 @@ Law steady_state_extended() {
                                           {"alpha", 1.3}, {"FvT", 5.7}, {"TV0", 32}, {"beta0", .5}, {"betaT", .0025}});
 }
 
+Law stribeck_T() {
+  return law_of("stribeck_T", {{"Fc0", 60}, {"FcT", .8}, {"FcTT", .004}, {"Fs0", 90}, {"FsT", 1.2}, {"FsTT", .006}, {"vs0", 2}, {"vsT", .08},
+                               {"vsTT", -4e-4}, {"delta", 1.4}, {"Fv0", 1.6}, {"FvT", -.04}, {"FvTT", 3.5e-4}});
+}
+
 /// One instance of every law, with the papers' numbers where there are any.
 std::vector<Law> instances(Validity validity) {
   std::vector<Law> all{
@@ -33,8 +38,9 @@ std::vector<Law> instances(Validity validity) {
       law_of("steady_state", {{"Fc", 12}, {"Fs", 15}, {"Vs", 4}, {"alpha", 1.3}, {"Fv", .5}, {"beta", .6}}),
       steady_state_extended(),
       law_of("polynomial", {{"f1", 4}, {"f2", 3}, {"f3", -.4}, {"f4", .05}, {"a", -.012}, {"T0", 20}}),
+      stribeck_T(),
   };
-  EXPECT_TRUE(std::ranges::equal(all, laws(), {}, [](const Law& law) { return law.info->name; }, &LawInfo::name));
+  EXPECT_TRUE(std::ranges::equal(all, all_laws(), {}, [](const Law& law) { return law.info->name; }, &LawInfo::name));
   for (Law& law : all) law.validity = validity;
   return all;
 }
@@ -58,6 +64,10 @@ double formula(const Law& law, double v, double l, double T) {
   if (name == "steady_state_extended") {
     const double Fc = p("Fc0") + p("FcT") * T + p("Fcl") * l, Fs = p("Fs0") + p("Fsl") * l, Vs = p("Vs0") + p("VsT") * T;
     return Fc + (Fs - Fc) * e(Vs) + p("FvT") * std::exp(-T / p("TV0")) * std::pow(v, p("beta0") + p("betaT") * T);
+  }
+  if (name == "stribeck_T") {
+    const auto at = [&](const std::string& what) { return p((what + "0").c_str()) + p((what + "T").c_str()) * T + p((what + "TT").c_str()) * T * T; };
+    return at("Fc") + (at("Fs") - at("Fc")) * std::exp(-std::pow(v / at("vs"), p("delta"))) + at("Fv") * v;
   }
   if (name == "polynomial")
     return (p("f1") + p("f2") * v + p("f3") * v * v + p("f4") * v * v * v) * (1 + p("a") * (T - p("T0")));
@@ -94,7 +104,7 @@ TEST(Laws, AreOddFiniteAndDissipativeForAnyInputUnderEveryPolicy) {
   std::uniform_real_distribution<> usual_T(-60, 200);
   for (const Validity validity : {Validity::clamp, Validity::extrapolate, Validity::error})
     for (const Law& law : instances(validity))
-      for (int i = 0; i < 60000; ++i) {   // 3 policies x 7 laws: 1.26e6 inputs
+      for (int i = 0; i < 60000; ++i) {   // 3 policies x 8 laws: 1.44e6 inputs
         const double v = any(), l = any(), T = i % 2 ? any() : usual_T(random);
         const double forward = torque(law, v, l, T), backward = torque(law, -v, l, T);
         ASSERT_TRUE(std::isfinite(forward)) << law.info->name << " " << v << " " << l << " " << T;
@@ -110,7 +120,7 @@ TEST(Laws, PlaceTheirParametersInTheFamilyAffinely) {
   using Fields = std::array<double, sizeof(Family) / sizeof(double)>;
   std::mt19937_64 random(4);
   std::uniform_real_distribution<> value(-10, 10);
-  for (const LawInfo& law : laws())
+  for (const LawInfo& law : all_laws())
     for (int k = 0; k < 100; ++k) {
       std::array<double, max_parameters> a{}, b{}, sum{};
       for (std::size_t i = 0; i < law.parameters.size(); ++i) a[i] = value(random), b[i] = value(random), sum[i] = a[i] + b[i];
@@ -192,6 +202,24 @@ TEST(Laws, MistakesAreNamed) {
   EXPECT_THAT(moved("Vs0", -.41), HasSubstr("Vs0 + VsT T is the Stribeck velocity"));
   EXPECT_THAT(moved("betaT", -.0084), HasSubstr("beta0 + betaT T is the viscous exponent"));
   EXPECT_THAT(moved("betaT", .08), HasSubstr("beta0 + betaT T is the viscous exponent"));
+}
+
+TEST(Laws, PolynomialsInTemperatureAreCheckedBetweenTheEndsOfTheRangeToo) {
+  std::vector<std::pair<std::string, double>> values;
+  const Law good = stribeck_T();
+  for (std::size_t i = 0; i < good.values().size(); ++i) values.emplace_back(good.info->parameters[i].name, good.values()[i]);
+  const auto moved = [&](std::initializer_list<std::pair<const char*, double>> changes) {
+    auto all = values;
+    for (const auto& [name, value] : changes) std::ranges::find(all, name, [](const auto& v) { return v.first; })->second = value;
+    const auto law = make_law("stribeck_T", all);
+    return law ? std::string("accepted") : law.error();
+  };
+  EXPECT_EQ(moved({}), "accepted");
+  // (T - 35)^2 - 0.01: fine at 20 and 50 degC, below 0 at 35.
+  EXPECT_THAT(moved({{"Fv0", 1224.99}, {"FvT", -70}, {"FvTT", 1}}), HasSubstr("viscous slope and must not be below 0"));
+  EXPECT_THAT(moved({{"vs0", 0}, {"vsT", 0}, {"vsTT", 0}}), HasSubstr("Stribeck velocity"));
+  EXPECT_THAT(moved({{"FsTT", -.1}}), HasSubstr("standstill level"));
+  EXPECT_THAT(moved({{"Fc0", -100}}), HasSubstr("Coulomb friction"));
 }
 
 TEST(Batch, EqualsTheScalarLawInsideAndOutsideTheRange) {

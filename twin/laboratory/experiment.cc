@@ -58,21 +58,23 @@ struct Loop {
 }  // namespace
 
 tl::expected<std::shared_ptr<const mujoco::Model>, std::string> bench_of(const mujoco::Model& arm, bool gravity, double sampling_hz) {
-  const double longest_s = std::max(longest_step_s, arm->opt.timestep);
-  tl::expected<std::shared_ptr<const mujoco::Model>, std::string> bench = tl::unexpected(std::string());
-  // Stiction or friction of some joints may need a shorter step than the longest.
-  for (double parts = std::ceil(1 / sampling_hz / longest_s - 1e-9); !bench; ++parts) {
-    const double step_s = 1 / sampling_hz / parts;
-    bench = mujoco::variant(arm, [&](mjModel* m) {
-      if (!gravity) mju_zero3(m->opt.gravity);
-      m->opt.disableflags |= mjDSBL_CONTACT;
-      for (int j = 0; j < m->njnt; ++j) m->jnt_limited[j] = 0;
-      for (int i = 0; i < m->nu; ++i) m->actuator_ctrllimited[i] = 0;
-      m->opt.timestep = step_s;
-    });
-    if (step_s <= arm->opt.timestep) break;
-  }
-  return bench;
+  // Stiction or friction of some joint may need a shorter step. Asked of a copy, for engine plugins do not refuse but end
+  // the process.
+  const mujoco::ModelPtr trial(mj_copyModel(nullptr, arm.get()));
+  double parts = std::ceil(1 / sampling_hz / std::max(longest_step_s, arm->opt.timestep) - 1e-9);
+  const auto carries = [&] {
+    trial->opt.timestep = 1 / sampling_hz / parts;
+    return trial->opt.timestep <= arm->opt.timestep ||
+           std::ranges::all_of(arm.drives(), [&](const auto& b) { return mujoco::bind(trial.get(), b.drive, b.actuator).has_value(); });
+  };
+  while (!carries()) ++parts;
+  return mujoco::variant(arm, [&](mjModel* m) {
+    if (!gravity) mju_zero3(m->opt.gravity);
+    m->opt.disableflags |= mjDSBL_CONTACT;
+    for (int j = 0; j < m->njnt; ++j) m->jnt_limited[j] = 0;
+    for (int i = 0; i < m->nu; ++i) m->actuator_ctrllimited[i] = 0;
+    m->opt.timestep = trial->opt.timestep;
+  });
 }
 
 tl::expected<Motion, std::string> plus_minus(const mujoco::Model& bench, std::size_t drive, const Measurement& me) {

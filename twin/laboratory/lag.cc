@@ -11,6 +11,7 @@ namespace tribotwin::twin {
 namespace {
 
 constexpr double longest_s = 0.1, earliest_s = -0.02;   // lags that are looked for
+constexpr std::size_t most_samples = 100000;
 constexpr Eigen::Index columns = 16;
 constexpr Eigen::Index load_columns[] = {0, 2, 3, 4, 5, 6}, by_load = columns - 2;   // of Sample::explains
 
@@ -73,7 +74,7 @@ std::optional<Lag> lag_of_torque(const JointRecording& r, double position_error_
   // The narrowest filter that leaves the acceleration above its noise.
   std::vector<Track> tracks;
   std::vector<std::vector<double>> acceleration;
-  double width_s = std::max(0.01, 2 * period), fastest = 0;
+  double width_s = std::max(0.01, 2 * period), fastest = 0, steepest = 0;
   for (;; width_s *= 1.5) {
     std::vector<double> kernel;
     for (double t = 0; t <= 3 * width_s; t += period) kernel.push_back(std::exp(-0.5 * t * t / (width_s * width_s)));
@@ -92,10 +93,11 @@ std::optional<Lag> lag_of_torque(const JointRecording& r, double position_error_
       }
     }
     if (magnitudes.empty() || fastest < 1e-4) return std::nullopt;
-    const auto high = magnitudes.begin() + static_cast<std::ptrdiff_t>(0.95 * static_cast<double>(magnitudes.size()));
+    const auto high = magnitudes.begin() + static_cast<std::ptrdiff_t>(0.995 * static_cast<double>(magnitudes.size()));
     std::ranges::nth_element(magnitudes, high);
+    steepest = *high;
     const double noise = position_error_rad * std::sqrt(0.212 * period / width_s) / (width_s * width_s);   // of a Gaussian's second derivative
-    if (noise < 0.05 * *high) break;
+    if (noise < 0.02 * steepest) break;
     if (width_s > 0.05) return std::nullopt;
   }
 
@@ -114,14 +116,20 @@ std::optional<Lag> lag_of_torque(const JointRecording& r, double position_error_
       since = std::abs(v[i]) > slow && v[i] * v[i - 1] >= 0 ? since + 1 : 0;
       if (since > 2 * margin) moves[i - margin] = true;
     }
-    for (std::size_t i = margin + late; i + margin + late < q.size(); ++i) {
-      if (!moves[i]) continue;
-      const double s = v[i] > 0 ? 1 : -1, speed = std::abs(v[i]) / fastest, a = acceleration[k][i];
-      Sample sample{k, i, {}};
-      sample.explains << a, s * a, 1, std::sin(q[i]), std::cos(q[i]), std::sin(2 * q[i]), std::cos(2 * q[i]), s, s * speed, s * speed * speed, s * std::exp(-speed / 0.01),
-          s * std::exp(-speed / 0.04), s * std::exp(-speed / 0.15), s * std::exp(-speed / 0.5), 0, 0;
-      samples.push_back(sample);
-    }
+    for (std::size_t i = margin + late; i + margin + late < q.size(); ++i)
+      if (moves[i]) samples.push_back({k, i, {}});
+  }
+  // Hours tell no more than minutes: runs of 1000 samples out of a long recording.
+  if (const std::size_t stride = 1 + samples.size() / most_samples; stride > 1) {
+    std::size_t k = 0;
+    std::erase_if(samples, [&](const Sample&) { return (k++ / 1000) % stride != 0; });
+  }
+  for (Sample& sample : samples) {
+    const auto& q = tracks[sample.track].q;
+    const std::size_t i = sample.at;
+    const double v = (q[i + 1] - q[i - 1]) / (2 * period), s = v > 0 ? 1 : -1, speed = std::abs(v) / fastest, a = acceleration[sample.track][i];
+    sample.explains << a, s * a, 1, std::sin(q[i]), std::cos(q[i]), std::sin(2 * q[i]), std::cos(2 * q[i]), s, s * speed, s * speed * speed, s * std::exp(-speed / 0.01),
+        s * std::exp(-speed / 0.04), s * std::exp(-speed / 0.15), s * std::exp(-speed / 0.5), 0, 0;
   }
   if (static_cast<double>(samples.size()) * period < 1) return std::nullopt;
 
@@ -176,6 +184,9 @@ std::optional<Lag> lag_of_torque(const JointRecording& r, double position_error_
     }
     prepare();
   }
+
+  // Without ramps there is only gravity, which friction's growth with the load can pass for.
+  if (solution[0] * steepest < 5 * std::sqrt(std::max(0.0, fit(best)) / static_cast<double>(samples.size()))) return std::nullopt;
 
   // Scatter: how far each part of the recording alone would move the lag.
   constexpr std::size_t parts = 12;

@@ -272,7 +272,7 @@ class Profile {
     double x, sign;   ///< position within -1 .. 1
   };
   std::span<const Row> rows() const { return rows_; }
-  bool empty() const { return forward_ < least_samples || rows_.size() - forward_ < least_samples; }
+  bool too_short() const { return forward_ < least_samples || rows_.size() - forward_ < least_samples; }
   double position(double x) const { return centre_ + half_ * x; }
 
   /// Torque [Nm] of a row, the column being late by `lag_s`; linear between samples.
@@ -306,7 +306,6 @@ class Profile {
 
   double common_nm(double x) const { return evaluate(x).first; }
   double common_slope_nm_rad(double x) const { return evaluate(x).second / half_; }
-  double friction_nm() const { return friction_; }
 
   /// (u+ - u-) / 2 at equal positions (paper 2 (6)): at the forward samples, the reverse ones interpolated. Taken beyond the
   /// common part, which cancels.
@@ -500,7 +499,7 @@ tl::expected<Levels, std::string> levels_of(const JointRecording& r, const Level
   for (const Pair& pair : pairs) profiles.emplace_back(r, pair);
   const auto fit = [&] {
     for (Profile& p : profiles)
-      if (!p.empty()) p.fit(result.lag_s);
+      if (!p.too_short()) p.fit(result.lag_s);
   };
   const std::optional<Lag> ramps = options.lag_s ? Lag{*options.lag_s, 0} : lag_of_torque(r, position_error(r.position_rad));
   if (ramps) {
@@ -514,7 +513,7 @@ tl::expected<Levels, std::string> levels_of(const JointRecording& r, const Level
     for (int round = 0; round < 20; ++round) {
       double square = 0, product = 0, variance = 0, count = 0;
       for (const Profile& p : profiles)
-        if (!p.empty()) {
+        if (!p.too_short()) {
           const auto i = p.information(result.lag_s);
           square += i.square;
           product += i.product;
@@ -532,13 +531,13 @@ tl::expected<Levels, std::string> levels_of(const JointRecording& r, const Level
     }
   }
   for (std::size_t i = 0; i < pairs.size(); ++i) {
-    const auto speed = [&] { return pairs[i].speed(); };
+    const bool window = std::isfinite(options.width_rad);
     std::size_t inside[2] = {0, 0};
     for (const auto& row : profiles[i].rows())
       if (std::abs(profiles[i].position(row.x) - options.centre_rad) <= 0.5 * options.width_rad) ++inside[row.sign > 0];
-    if (std::min(inside[0], inside[1]) < (std::isfinite(options.width_rad) ? 3 : least_samples)) {
-      const std::string why = fmt::format("the passes at {:.3g} rad/s share {:.4g} .. {:.4g} rad, too little{}", speed(), pairs[i].low, pairs[i].high,
-                                          std::isfinite(options.width_rad) ? fmt::format(" of {:.4g} +- {:.2g} rad", options.centre_rad, 0.5 * options.width_rad) : "");
+    if (profiles[i].too_short() || std::min(inside[0], inside[1]) < 3) {
+      const std::string why = fmt::format("the passes at {:.3g} rad/s share {:.4g} .. {:.4g} rad, too little{}", pairs[i].speed(), pairs[i].low, pairs[i].high,
+                                          window ? fmt::format(" of {:.4g} +- {:.2g} rad", options.centre_rad, 0.5 * options.width_rad) : "");
       if (!options.speeds_rad_s.empty()) return tl::unexpected(why);
       result.left_out.push_back(why);
       continue;

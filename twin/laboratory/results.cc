@@ -179,8 +179,14 @@ tl::expected<LabSummary, std::string> run_campaign(const Campaign& campaign, con
     if (!*column) return tl::unexpected(column->error());
   const drive::Drive& drive = campaign.model->drives()[campaign.drive].drive;
   summary.levels = speed->size();
-  for (std::size_t i = 0; i < speed->size(); ++i)
-    summary.outside += friction::level(drive.law, friction::at_temperature(drive.law, (*temperature)[i]), (*speed)[i] / drive.gear_ratio * drive.speed_scale() * (1 - 1e-3), (*load)[i]).outside;
+  for (std::size_t i = 0; i < speed->size(); ++i) {
+    // What was set at the edge of the range was measured a rounding beside it.
+    bool outside = true;
+    for (const double side : {-1e-3, 1e-3})
+      outside = outside && friction::level(drive.law, friction::at_temperature(drive.law, (*temperature)[i] + side),
+                                           (*speed)[i] / drive.gear_ratio * drive.speed_scale() * (1 - 1e-3), (*load)[i] * (1 - 1e-3)).outside;
+    summary.outside += outside;
+  }
   summary.wall_s = seconds();
   return summary;
 }

@@ -31,13 +31,13 @@ std::vector<const friction::LawInfo*> laws_of(const std::string& text) {
   for (std::size_t at = 0; at <= text.size();) {
     const std::size_t comma = std::min(text.find(',', at), text.size());
     const std::string name = text.substr(at, comma - at);
-    const friction::LawInfo* law = friction::find_law(name);
-    if (!law) {
+    const auto law = std::ranges::find(friction::laws(), name, &friction::LawInfo::name);   // those of a kind that can be fitted
+    if (law == friction::laws().end()) {
       std::vector<std::string_view> names;
       for (const auto& l : friction::laws()) names.push_back(l.name);
-      throw InputError(fmt::format("--law {}: there is no law '{}'; did you mean '{}'? The laws are {}", text, name, friction::nearest(name, names), fmt::join(names, ", ")));
+      throw InputError(fmt::format("--law {}: no law '{}' can be identified; did you mean '{}'? Those that can are {}", text, name, friction::nearest(name, names), fmt::join(names, ", ")));
     }
-    laws.push_back(law);
+    laws.push_back(&*law);
     at = comma + 1;
   }
   return laws;
@@ -246,7 +246,7 @@ void add_identify(CLI::App& app, int& code) {
   c->add_option("--shared", a->shared, "A parameter common to all curves while the others are free at each (paper 1's alpha*)");
   c->add_flag("--each", a->each, "One fit per curve");
   c->add_option("--evaluate", a->evaluate, "Nothing is identified: how well this PARAMS.yaml predicts the data");
-  c->add_option("-o,--output", a->output, "PARAMS.yaml to write: read by curve, export --mjcf and tribotwin-report");
+  c->add_option("-o,--output", a->output, "PARAMS.yaml to write: read by curve and export --mjcf");
   c->add_option("--threads", a->threads, "Processors to use")->check(CLI::Range(1, 256));
   c->add_flag("--json", a->json, "Print JSON instead of the table");
   c->add_flag("--quiet", a->quiet, "No notes on stderr");
