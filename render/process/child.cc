@@ -1,6 +1,10 @@
 #include <tribotwin/render/process/child.hpp>
 
 #include <csignal>
+#include <cstring>
+
+#include <sys/mman.h>
+#include <unistd.h>
 
 #include <fmt/format.h>
 #include <gio/gio.h>
@@ -27,13 +31,30 @@ std::string one_line(std::string said) {
   return said.substr(said.find_first_not_of(" \n\r") == std::string::npos ? 0 : said.find_first_not_of(" \n\r"));
 }
 
-tl::expected<GSubprocess*, std::string> spawn(const Program& program, int flags) {
+/// A file in memory that holds `input`, at its beginning; -1 and errno when there is none. A program that ends before it has
+/// read its input breaks a pipe, sometimes, and then its own words are lost; a file it never breaks.
+int file_in_memory(std::string_view input) {
+  const int file = memfd_create("input", MFD_CLOEXEC);
+  while (file >= 0 && !input.empty()) {
+    const auto n = ::write(file, input.data(), input.size());
+    if (n < 0 && errno == EINTR) continue;
+    if (n < 0) return close(file), -1;
+    input.remove_prefix(static_cast<std::size_t>(n));
+  }
+  if (file >= 0) lseek(file, 0, SEEK_SET);
+  return file;
+}
+
+/// `stdin_file` becomes the program's standard input and is closed here; -1: as `flags` say.
+tl::expected<GSubprocess*, std::string> spawn(const Program& program, int flags, int stdin_file = -1) {
   std::signal(SIGPIPE, SIG_IGN);   // a program that stops listening is an error message
   std::vector<const char*> argv;
   for (const auto& argument : program.arguments) argv.push_back(argument.c_str());
   argv.push_back(nullptr);
   GError* error = nullptr;
-  GSubprocess* process = g_subprocess_newv(argv.data(), static_cast<GSubprocessFlags>(flags), &error);
+  const std::unique_ptr<GSubprocessLauncher, decltype(&g_object_unref)> launcher(g_subprocess_launcher_new(static_cast<GSubprocessFlags>(flags)), g_object_unref);
+  if (stdin_file >= 0) g_subprocess_launcher_take_stdin_fd(launcher.get(), stdin_file);
+  GSubprocess* process = g_subprocess_launcher_spawnv(launcher.get(), argv.data(), &error);
   if (process) return process;
   const bool missing = g_error_matches(error, G_SPAWN_ERROR, G_SPAWN_ERROR_NOENT);
   const std::string why = message(error);
@@ -51,13 +72,14 @@ tl::expected<void, std::string> verdict(const std::string& name, GSubprocess* pr
 }  // namespace
 
 tl::expected<std::string, std::string> run(const Program& program, std::string_view input) {
-  auto process = spawn(program, G_SUBPROCESS_FLAGS_STDIN_PIPE | G_SUBPROCESS_FLAGS_STDOUT_PIPE | G_SUBPROCESS_FLAGS_STDERR_PIPE);
+  const int script = file_in_memory(input);
+  if (script < 0) return tl::unexpected(fmt::format("{}: no memory for its input of {} bytes: {}", program.arguments[0], input.size(), std::strerror(errno)));
+  auto process = spawn(program, G_SUBPROCESS_FLAGS_STDOUT_PIPE | G_SUBPROCESS_FLAGS_STDERR_PIPE, script);
   if (!process) return tl::unexpected(process.error());
   const std::unique_ptr<GSubprocess, decltype(&g_object_unref)> owner(*process, g_object_unref);
-  const Bytes in(g_bytes_new_static(input.data(), input.size()));
   GBytes *out = nullptr, *err = nullptr;
   GError* error = nullptr;
-  if (!g_subprocess_communicate(*process, in.get(), nullptr, &out, &err, &error))
+  if (!g_subprocess_communicate(*process, nullptr, nullptr, &out, &err, &error))
     return tl::unexpected(fmt::format("{}: {}", program.arguments[0], message(error)));
   const Bytes out_owner(out), err_owner(err);
   if (auto good = verdict(program.arguments[0], *process, one_line(text(err))); !good) return tl::unexpected(good.error());
