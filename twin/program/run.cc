@@ -49,6 +49,52 @@ void print_summary(const Summary& s, const fs::path& directory) {
   if (!directory.empty()) fmt::print("written: {0}/telemetry.h5, {0}/summary.json, {0}/scenario.yaml\n", directory.string());
 }
 
+void print_varied(const std::vector<VariedRun>& runs, const fs::path& directory) {
+  for (const auto& run : runs) {
+    fmt::print("{:<24} simulated {:.1f} s in {:.2f} s", run.folder, run.summary.simulated_s, run.summary.wall_s);
+    for (const auto& t : run.summary.tracking) fmt::print("; error {:.3f} mrad, at standstill {:.4f} mrad to and fro", t.l1_mrad, t.standstill_pp_mrad);
+    for (const auto& l : run.summary.loops) fmt::print("; loop {:.4g} J, {:.4g} Nm/rad", l.area_J, l.stiffness_nm_rad);
+    fmt::print("\n");
+    for (const auto& warning : run.summary.warnings) fmt::print(stderr, "note: {}: {}\n", run.folder, warning);
+  }
+  fmt::print("written: {0}/summary.json and the folders of {1} runs\n", directory.string(), runs.size());
+}
+
+/// One run of a scenario that varies: the settings that make it, and the folder below that of the whole.
+struct Variation {
+  std::string folder;
+  std::vector<std::string> settings;
+};
+
+/// Every combination of the values that a mapping under `vary` lists for its keys, mapping by mapping; none without `vary`.
+std::vector<Variation> variations(const fs::path& file) {
+  std::vector<Variation> all;
+  const YAML::Node root = load_yaml(file), vary = root["vary"];
+  if (!vary) return all;
+  const auto fail = [&](const std::string& why) { throw InputError(fmt::format("{}: vary {}, for example vary: [{{temperature_degC: [20, 35]}}]", file.string(), why)); };
+  if (!vary.IsSequence() || vary.size() == 0) fail("must be a list of mappings from keys to lists of values");
+  for (const auto& set : vary) {
+    if (!set.IsMap()) fail("must be a list of mappings from keys to lists of values");
+    std::vector<Variation> product{{}};
+    for (const auto& entry : set) {
+      const std::string key = entry.first.Scalar();
+      if (!entry.second.IsSequence() || entry.second.size() == 0) fail(fmt::format("has no list of values for '{}'", key));
+      std::vector<Variation> longer;
+      for (const Variation& one : product)
+        for (const auto& value : entry.second) {
+          if (!value.IsScalar()) fail(fmt::format("has a value of '{}' that is no number or word", key));
+          Variation more = one;
+          more.folder += (one.folder.empty() ? "" : "_") + value.Scalar();
+          more.settings.push_back(key + "=" + value.Scalar());
+          longer.push_back(std::move(more));
+        }
+      product = std::move(longer);
+    }
+    std::ranges::move(product, std::back_inserter(all));
+  }
+  return all;
+}
+
 struct Arguments {
   std::string scenario, directory;
   std::vector<std::string> settings;
@@ -56,12 +102,44 @@ struct Arguments {
   bool realtime = false, quiet = false, list = false, json = false;
 };
 
+/// Runs all variations, each in a folder of its own, and one summary over them.
+int vary(const Arguments& a, const fs::path& file, const std::vector<Variation>& all, const std::vector<std::string>& settings) {
+  // All are read before the first runs: what is wrong with the last is said at once.
+  std::vector<Scenario> scenarios;
+  for (const Variation& one : all) {
+    std::vector<std::string> both = one.settings;
+    both.insert(both.end(), settings.begin(), settings.end());
+    scenarios.push_back(load_scenario(file, both));
+  }
+  const fs::path output = a.directory.empty() ? fs::path("runs") / scenarios[0].name : fs::path(a.directory);
+  std::error_code error;
+  fs::remove(output / "summary.json", error);
+  std::vector<VariedRun> runs;
+  {
+    Progress progress(a.quiet);
+    for (std::size_t i = 0; i < all.size(); ++i) {
+      const auto summary = twin::run(scenarios[i], {.directory = output / all[i].folder, .realtime = a.realtime, .progress = [&](double share, double left) {
+                                                      const double whole = (static_cast<double>(i) + share) / static_cast<double>(all.size());
+                                                      progress(whole, left + static_cast<double>(all.size() - i - 1) * (share > 0 ? left / (1 - std::min(share, 0.999)) : 0));
+                                                    }});
+      if (!summary) return complain(failed, fmt::format("{}: {}", all[i].folder, summary.error()));
+      runs.push_back({all[i].folder, all[i].settings, *summary});
+    }
+  }
+  if (const auto ok = write_file(output / "summary.json", varied_json(runs)); !ok) return complain(failed, ok.error());
+  if (a.json) fmt::print("{}", varied_json(runs));
+  else if (!a.quiet) print_varied(runs, output);
+  return done;
+}
+
 int execute(const Arguments& a) {
   if (a.list) return list_scenarios();
   if (a.scenario.empty()) return complain(wrong_input, "run needs a scenario; 'tribotwin run --list' names those that ship");
   std::vector<std::string> settings = a.settings;
   if (a.seed) settings.push_back(fmt::format("seed={}", *a.seed));
-  const Scenario loaded = load_scenario(scenario_file(a.scenario), settings);
+  const fs::path file = scenario_file(a.scenario);
+  if (const auto all = variations(file); !all.empty()) return vary(a, file, all, settings);
+  const Scenario loaded = load_scenario(file, settings);
   const fs::path output = a.directory.empty() ? fs::path("runs") / loaded.name : fs::path(a.directory);
   const auto summary = [&] {
     Progress progress(a.quiet);

@@ -30,10 +30,23 @@ const std::vector<Channel> channels = {
     {"load_nm", "Nm", "gear torque that friction was evaluated at, arm side, signed"},
     {"temperature_degC", "degC", "lubricant temperature that friction was evaluated at"},
 };
+/// Of a drive behind a transmission; NaN for other drives of its model.
+const std::vector<Channel> transmission_channels = {
+    {"torsion_rad", "rad", "torsion of the transmission, arm side, at time_s"},
+    {"transmission_torque_nm", "Nm", "torque of the transmission on the arm, at time_s"},
+    {"arm_position_rad", "rad", "angle behind the transmission, at time_s"},
+    {"arm_set_point_rad", "rad", "set point of arm_position_rad, before any compensation, at time_s"},
+};
 const std::vector<Channel> cycle_channels = {
     {"cycle_temperature_degC", "degC", "lubricant temperature at the end of a work cycle"},
     {"cycle_friction_power_W", "W", "mean friction power over a work cycle"},
 };
+
+std::vector<Channel> channels_of(const mujoco::Model& model) {
+  std::vector<Channel> all = channels;
+  if (!model.springs().empty()) all.insert(all.end(), transmission_channels.begin(), transmission_channels.end());
+  return all;
+}
 
 /// Keeps a second run out of a folder while the first writes there. A killed run leaves the file but not the lock.
 class FolderLock {
@@ -89,13 +102,13 @@ tl::expected<std::unique_ptr<Recorder>, std::string> Recorder::create(const fs::
                                     {"scenario", scenario.name},
                                     {"seed", std::to_string(scenario.seed)},
                                     {"timestep_s", fmt::format("{}", impl->timestep_s)}},
-                     .channels = channels,
+                     .channels = channels_of(*scenario.model),
                      .cycle_channels = cycles ? cycle_channels : std::vector<Channel>{}};
   for (const auto& drive : scenario.model->drives()) {
     o.joints.push_back(joint_name(scenario.model->get(), drive));
     o.joint_attributes.push_back({{"gear_ratio", drive.drive.gear_ratio}, {"torque_max_nm", drive.drive.torque_max_nm}});
   }
-  impl->row.resize(o.joints.size() * channels.size());
+  impl->row.resize(o.joints.size() * o.channels.size());
   auto telemetry = Telemetry::create(directory / "telemetry.h5", std::move(o));
   if (!telemetry) return tl::unexpected(telemetry.error());
   impl->telemetry = std::make_unique<Telemetry>(std::move(*telemetry));
@@ -104,11 +117,18 @@ tl::expected<std::unique_ptr<Recorder>, std::string> Recorder::create(const fs::
 
 Status Recorder::sample(const Twin& twin, std::int64_t step) {
   if (step % impl_->every != 0) return {};
-  for (std::size_t i = 0; i < twin.model().drives().size(); ++i) {
+  const std::size_t drives = twin.model().drives().size(), columns = impl_->row.size() / drives;
+  std::ranges::fill(impl_->row, std::nan(""));
+  for (std::size_t i = 0; i < drives; ++i) {
     const auto& d = twin.drive(i);
     const double gear = twin.model().drives()[i].drive.gear_ratio;
     const double values[] = {twin.position_rad(i), twin.velocity_rad_s(i), d.torque_nm / gear, d.torque_nm, d.friction_nm, d.load_used_nm, d.temperature_degC};
-    std::ranges::copy(values, impl_->row.begin() + static_cast<std::ptrdiff_t>(i * channels.size()));
+    std::ranges::copy(values, impl_->row.begin() + static_cast<std::ptrdiff_t>(i * columns));
+  }
+  for (const auto& spring : twin.model().springs()) {
+    const auto t = twin.transmission(spring);
+    const double values[] = {t.torsion_rad, t.torque_nm, t.arm_rad, t.arm_set_point_rad};
+    std::ranges::copy(values, impl_->row.begin() + static_cast<std::ptrdiff_t>(t.drive * columns + channels.size()));
   }
   return impl_->telemetry->append(static_cast<double>(step) * impl_->timestep_s, impl_->row);
 }
@@ -142,6 +162,27 @@ Summary summarize(const Twin& twin, const Scenario& scenario, double wall_s) {
 
 tl::expected<void, std::string> write_summary(const fs::path& directory, const Summary& summary) { return write_file(directory / "summary.json", summary_json(summary)); }
 
+namespace {
+
+void add_transmissions(nlohmann::ordered_json& json, const Summary& s) {
+  for (const auto& t : s.tracking)
+    json["tracking"].push_back({{"temperature_degC", t.temperature_degC}, {"compensation", t.compensation}, {"l1_mrad", t.l1_mrad}, {"standstill_pp_mrad", t.standstill_pp_mrad}});
+  for (const auto& l : s.loops)
+    json["loops"].push_back({{"frequency_hz", l.frequency_hz}, {"temperature_degC", l.temperature_degC}, {"area_J", l.area_J}, {"torque_nm", l.torque_nm}, {"stiffness_nm_rad", l.stiffness_nm_rad}});
+}
+
+}  // namespace
+
+std::string varied_json(std::span<const VariedRun> runs) {
+  nlohmann::ordered_json json{{"runs", nlohmann::ordered_json::array()}, {"warnings", nlohmann::ordered_json::array()}};
+  for (const VariedRun& run : runs) {
+    json["runs"].push_back({{"folder", run.folder}, {"set", run.settings}});
+    for (const auto& warning : run.summary.warnings) json["warnings"].push_back(run.folder + ": " + warning);
+    add_transmissions(json, run.summary);
+  }
+  return json.dump(2) + "\n";
+}
+
 std::string summary_json(const Summary& s) {
   nlohmann::ordered_json json{{"simulated_s", s.simulated_s},
                               {"wall_s", s.wall_s},
@@ -163,6 +204,7 @@ std::string summary_json(const Summary& s) {
                               {"clamped_samples", j.clamped_samples},
                               {"stuck_s", j.stuck_s}});
   json["warnings"] = s.warnings;
+  add_transmissions(json, s);
   if (s.comparison) json["comparison"] = {{"mae_mrad", s.comparison->mae_mrad}, {"baseline_mae_mrad", s.comparison->baseline_mae_mrad}};
   return json.dump(2) + "\n";
 }

@@ -28,6 +28,21 @@ struct Comparison {
   double mae_mrad, baseline_mae_mrad;
 };
 
+/// A drive behind a transmission that followed its set point (TrackingError).
+struct TrackingSummary {
+  double temperature_degC;           ///< at the start
+  std::string compensation;          ///< none, static, proposed
+  double l1_mrad, standstill_pp_mrad;
+};
+
+/// The last whole period of a transmission's torque under a load that goes to and fro.
+struct LoopSummary {
+  double frequency_hz, temperature_degC;
+  double area_J;                     ///< of torque over torsion
+  double torque_nm;                  ///< largest |torque|
+  double stiffness_nm_rad;           ///< chord from end to end of the loop
+};
+
 struct Summary {
   double simulated_s, wall_s;
   std::int64_t steps, steps_computed;
@@ -37,12 +52,22 @@ struct Summary {
   std::vector<JointSummary> joints;
   std::vector<std::string> warnings;
   std::optional<Comparison> comparison;
+  std::vector<TrackingSummary> tracking;
+  std::vector<LoopSummary> loops;
 };
 
 /// What a twin has done so far.
 Summary summarize(const Twin& twin, const Scenario& scenario, double wall_s);
 /// summary.json of a run.
 std::string summary_json(const Summary& summary);
+/// One of several runs of a scenario.
+struct VariedRun {
+  std::string folder;
+  std::vector<std::string> settings;   ///< key=value
+  Summary summary;
+};
+/// The summary.json over them: `runs` with folder and settings; tracking, loops and warnings of all.
+std::string varied_json(std::span<const VariedRun> runs);
 tl::expected<void, std::string> write_summary(const std::filesystem::path& directory, const Summary& summary);
 
 /// scenario.yaml and the growing telemetry.h5 of one run. Keeps a second run out of the folder while it lives.

@@ -7,7 +7,9 @@
 
 #include <fmt/format.h>
 
+#include <tribotwin/twin/runtime/loop.hpp>
 #include <tribotwin/twin/runtime/recorder.hpp>
+#include <tribotwin/twin/runtime/tracking.hpp>
 
 namespace tribotwin::twin {
 namespace {
@@ -26,6 +28,13 @@ class Runner {
         drives_(scenario.model->drives().size()) {
     if (scenario.motion && scenario.motion->period_s() > 0) cycle_ = std::llround(scenario.motion->period_s() / timestep_s_);
     cycle_row_.resize(2 * drives_);
+    const auto springs = scenario.model->springs().size();
+    if (std::holds_alternative<CompensatedOptions>(scenario.control)) tracking_.resize(springs);
+    for (const Excitation& excitation : scenario.excitations)
+      if (const double samples = 1 / (excitation.frequency_hz * timestep_s_); loops_.empty() && excitation.frequency_hz > 0 && samples <= static_cast<double>(total_)) {
+        loop_hz_ = excitation.frequency_hz;
+        loops_.assign(springs, HysteresisLoop(static_cast<std::size_t>(std::llround(samples))));
+      }
   }
 
   Status open() {
@@ -50,6 +59,11 @@ class Runner {
                                        cycles_ - skipped_cycles_, cycles_, largest_correction_K_));
     if (scenario_.recording && scenario_.baseline && samples_compared_ > 0)
       s.comparison = Comparison{1e3 * error_sum_rad_ / static_cast<double>(samples_compared_), baseline_mae_mrad()};
+    const auto start_degC = [&](std::size_t spring) { return scenario_.temperature_degC[twin_.transmission(scenario_.model->springs()[spring]).drive]; };
+    for (std::size_t i = 0; i < tracking_.size(); ++i)
+      s.tracking.push_back({start_degC(i), std::string(name_of(std::get<CompensatedOptions>(scenario_.control).compensator.compensation)), tracking_[i].l1_mrad(), tracking_[i].standstill_pp_mrad()});
+    for (std::size_t i = 0; i < loops_.size(); ++i)
+      s.loops.push_back({loop_hz_, start_degC(i), loops_[i].area_J(), loops_[i].torque_max_nm(), loops_[i].chord_nm_rad()});
     return s;
   }
 
@@ -61,10 +75,21 @@ class Runner {
       if (auto ok = twin_.step(); !ok) return ok;
       if (recorder_)
         if (auto ok = recorder_->sample(twin_, k); !ok) return ok;
+      watch_transmissions();
       if (k % 1024 == 0) report();
       if (options_.realtime) std::this_thread::sleep_until(started_ + std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(twin_.time_s())));
     }
     return {};
+  }
+
+  void watch_transmissions() {
+    if (tracking_.empty() && loops_.empty()) return;
+    const auto springs = scenario_.model->springs();
+    for (std::size_t i = 0; i < springs.size(); ++i) {
+      const auto t = twin_.transmission(springs[i]);
+      if (i < tracking_.size()) tracking_[i].add(t.arm_set_point_rad, t.arm_rad, t.arm_set_speed_rad_s == 0, timestep_s_);
+      if (i < loops_.size()) loops_[i].add(t.torsion_rad, t.torque_nm);
+    }
   }
 
   Status record_cycle(double time_s, const auto& temperature, const auto& power) {
@@ -260,6 +285,9 @@ class Runner {
   double largest_correction_K_ = 0, error_sum_rad_ = 0;
   std::size_t compared_ = 0;
   std::int64_t samples_compared_ = 0;
+  std::vector<TrackingError> tracking_;   // per transmission, of a compensated servo
+  std::vector<HysteresisLoop> loops_;     // per transmission, under an actuator that goes to and fro
+  double loop_hz_ = 0;
   Clock::time_point started_ = Clock::now();
 };
 

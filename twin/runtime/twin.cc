@@ -49,9 +49,11 @@ Twin::Twin(const Scenario& scenario)
   for (const auto& drive : drives) mujoco::scratch(data_.get(), drive).step_open = 0;
 
   std::visit(Overloaded{[&](const CascadedOptions& o) { servo_ = make_cascaded(*model_, data_.get(), o); },
+                        [&](const CompensatedOptions& o) { servo_ = make_compensated(*model_, data_.get(), o); },
                         [&](const DcPositionOptions& o) { servo_ = make_dc_position(*model_, o); },
                         [&](const std::vector<double>& torque) { servo_ = make_torque(*model_, torque); }},
              scenario.control);
+  if (static_cast<std::size_t>((*model_)->nu) > drives.size()) qvel_begin_.resize(static_cast<std::size_t>((*model_)->nv));
   energy_start_J_ = mechanical_energy_J();
 }
 
@@ -70,7 +72,14 @@ double Twin::mechanical_energy_J() const {
 double Twin::balance_J() const {
   double friction = 0;
   for (std::size_t i = 0; i < figures_.size(); ++i) friction += drive(i).friction_work_J;
-  return motor_work_J_ - (mechanical_energy_J() - energy_start_J_ - energy_jumps_J_) - friction;
+  return motor_work_J_ + other_work_J_ - (mechanical_energy_J() - energy_start_J_ - energy_jumps_J_) - friction;
+}
+
+Twin::Transmission Twin::transmission(const mujoco::Spring& spring) const {
+  const auto i = static_cast<std::size_t>(std::ranges::find(model_->drives(), spring.drive.actuator, &mujoco::Binding::actuator) - model_->drives().begin());
+  const auto& s = mujoco::scratch(data_.get(), spring);
+  const double ratio = ratio_of(spring);
+  return {i, s.torsion_begin_rad, s.torque_nm, q_begin_[i] / ratio - s.torsion_begin_rad, set_points_[i].position_rad / ratio, set_points_[i].velocity_rad_s / ratio};
 }
 
 double Twin::next_event_s() const {
@@ -101,6 +110,7 @@ void Twin::apply(const Event& event) {
 void Twin::control(void* self, const mjModel* m, mjData* d) {
   Twin& twin = *static_cast<Twin*>(self);
   if (std::exchange(twin.controlled_, true)) return;   // later stages of an integrator keep the torque
+  for (const Excitation& excitation : twin.scenario_.excitations) d->ctrl[excitation.control] = excitation(twin.time_s());
   if (twin.drive_servo_) return twin.drive_servo_->control(m, d, twin.commands_);
   if (twin.scenario_.motion) twin.scenario_.motion->at(twin.time_s(), twin.set_points_);
   if (twin.scenario_.recording && !twin.scenario_.recording->torque_on.empty()) {
@@ -133,6 +143,7 @@ tl::expected<void, std::string> Twin::step() {
     q_begin_[i] = d->qpos[position_address(model_->get(), drives[i])];
     qd_begin_[i] = d->qvel[drives[i].dof];
   }
+  std::copy_n(d->qvel, qvel_begin_.size(), qvel_begin_.begin());
   controlled_ = false;
   model_->step(d, {control, this});
   ++computed_;
@@ -152,7 +163,9 @@ tl::expected<void, std::string> Twin::step() {
   }
   for (std::size_t i = 0; i < drives.size(); ++i) {
     const drive::Scratch& s = drive(i);
-    motor_work_J_ += s.torque_nm * 0.5 * (qd_begin_[i] + d->qvel[drives[i].dof]) * timestep_s_;
+    const double work = s.torque_nm * 0.5 * (qd_begin_[i] + d->qvel[drives[i].dof]) * timestep_s_;
+    motor_work_J_ += work;
+    if (!qvel_begin_.empty()) other_work_J_ -= work;
     JointFigures& f = figures_[i];
     f.temperature_max_degC = std::max(f.temperature_max_degC, s.temperature_degC);
     f.friction_squared_sum += s.friction_nm * s.friction_nm;
@@ -162,6 +175,7 @@ tl::expected<void, std::string> Twin::step() {
       return tl::unexpected(fmt::format("joint {} left the range of its law '{}' at step {} ({} s), and its validity is 'error'. State: {}",
                                         joint_name(model_->get(), drives[i]), drives[i].drive.law.info->name, steps_, time_s(), diagnosis()));
   }
+  for (std::size_t dof = 0; dof < qvel_begin_.size(); ++dof) other_work_J_ += d->qfrc_actuator[dof] * 0.5 * (qvel_begin_[dof] + d->qvel[dof]) * timestep_s_;
   ++steps_;
   return {};
 }

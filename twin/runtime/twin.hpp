@@ -57,7 +57,14 @@ class Twin {
   double position_rad(std::size_t i) const { return q_begin_[i]; }
   double velocity_rad_s(std::size_t i) const { return qd_begin_[i]; }
 
-  /// Mechanical energy balance since the start [J]: motor work - change of kinetic and potential energy (payload
+  /// A transmission at the start of the last step. Torsion and set point are those of the arm.
+  struct Transmission {
+    std::size_t drive;
+    double torsion_rad, torque_nm, arm_rad, arm_set_point_rad, arm_set_speed_rad_s;
+  };
+  Transmission transmission(const mujoco::Spring& spring) const;
+
+  /// Mechanical energy balance since the start [J]: work of motors and of all other actuators - change of kinetic and potential energy (payload
   /// changes excluded) - friction work; 0 up to the integrator's error.
   double balance_J() const;
   double motor_work_J() const { return motor_work_J_; }
@@ -88,7 +95,8 @@ class Twin {
   std::size_t next_event_ = 0;
   std::size_t recording_index_ = 0;
   bool controlled_ = false;
-  double motor_work_J_ = 0, energy_start_J_ = 0, energy_jumps_J_ = 0;
+  std::vector<double> qvel_begin_;   ///< of all joints, where actuators beside the drives work on them
+  double motor_work_J_ = 0, other_work_J_ = 0, energy_start_J_ = 0, energy_jumps_J_ = 0;
 };
 
 }  // namespace tribotwin::twin

@@ -6,6 +6,8 @@
 
 #include <fmt/format.h>
 
+#include <tribotwin/plugins/mujoco/engine.hpp>
+
 namespace tribotwin::twin {
 namespace {
 
@@ -81,6 +83,33 @@ DcPositionOptions dc_options(Mapping& in, const SetPoints* recording) {
   o.supply_resistance_ohm = in.number_or("supply_resistance_ohm", 0, {0, o.resistance_ohm});
   o.kt_nm_A = in.number("kt_nm_A", {0, 1e6});
   o.torque_limit_nm = in.number_or("torque_limit_nm", friction::unlimited, {0, 1e9});
+  return o;
+}
+
+CascadedOptions cascaded_options(Mapping& in, CascadedOptions o, const mujoco::Model& model) {
+  o.position_gain_1_s = in.number_or("position_gain_1_s", o.position_gain_1_s, {0, 1e6});
+  o.speed_bandwidth_rad_s = in.number_or("speed_bandwidth_rad_s", o.speed_bandwidth_rad_s, {1e-6, 1e6});
+  o.integral_time_s = in.number_or("integral_time_s", o.integral_time_s, {0, 1e6});
+  o.gravity = in.flag_or("gravity", o.gravity);
+  o.encoder_counts = in.number_or("encoder_counts", o.encoder_counts, {0, 1e12});
+  o.speed_filter_rad_s = in.number_or("speed_filter_rad_s", o.speed_filter_rad_s, {1e-6, 1e9});
+  if (o.speed_bandwidth_rad_s * model->opt.timestep > 1)
+    in.fail("speed_bandwidth_rad_s", fmt::format("is above 1 / time step = {:g} rad/s and would be unstable", 1 / model->opt.timestep));
+  return o;
+}
+
+CompensatedOptions compensated_options(Mapping& in, const mujoco::Model& model, std::uint64_t seed) {
+  CompensatedOptions o{.seed = seed};
+  if (model.springs().empty()) in.fail("type", "is compensated, but the model has no tribotwin.hysteresis: there is no torsion to compensate");
+  o.loops = cascaded_options(in, {}, model);
+  const std::string compensation = in.choice("compensation", {"none", "static", "proposed"});
+  for (const auto c : {Compensation::none, Compensation::static_, Compensation::proposed})
+    if (name_of(c) == compensation) o.compensator.compensation = c;
+  o.compensator.observer_gain_1_s = in.number_or("observer_gain_1_s", o.compensator.observer_gain_1_s, {1e-6, 1 / model->opt.timestep});
+  o.compensator.friction_gain_rad_nm_s = in.number_or("friction_gain_rad_nm_s", o.compensator.friction_gain_rad_nm_s, {0, 1e6});
+  o.compensator.dead_zone_rad = in.number_or("dead_zone_rad", o.compensator.dead_zone_rad, {0, 1});
+  o.compensator.reference_temperature_degC = in.number_or("reference_temperature_degC", o.compensator.reference_temperature_degC, {-100, 300});
+  o.identification_error = in.number_or("identification_error", o.identification_error, {0, 0.3});
   return o;
 }
 
@@ -204,6 +233,8 @@ Event event_of(Mapping in, const mujoco::Model& model, double duration_s) {
 
 }  // namespace
 
+double Excitation::operator()(double t) const { return offset + amplitude * std::sin(2 * std::numbers::pi * frequency_hz * t + phase_rad); }
+
 std::size_t drive_index(const mujoco::Model& model, const Mapping& mapping, const std::string& key, const std::string& joint) {
   const auto found = find_drive(model, joint);
   if (!found) mapping.fail(key, found.error());
@@ -213,13 +244,14 @@ std::size_t drive_index(const mujoco::Model& model, const Mapping& mapping, cons
 Scenario load_scenario(const fs::path& file, const std::vector<std::string>& overrides) {
   YAML::Node root = load_yaml(file);
   for (const auto& assignment : overrides) apply_override(root, assignment);
+  if (root.IsMap()) root.remove("vary");   // `tribotwin run` makes overrides of it
   const fs::path folder = fs::absolute(file).parent_path();
 
   Scenario s;
   s.file = file;
   Mapping in(file.string(), "", root);
   in.accept({"name", "description", "seed", "timestep_s", "integrator", "solver", "model", "duration_s", "telemetry_rate_hz", "keyframe",
-             "start_rad", "ambient_degC", "temperature_degC", "motion", "control", "multirate", "events", "baseline"});
+             "start_rad", "ambient_degC", "temperature_degC", "motion", "control", "actuators", "multirate", "events", "baseline", "vary"});
   s.name = in.text_or("name", file.stem().string());
   root["name"] = s.name;
   s.description = in.text_or("description", "");
@@ -268,16 +300,11 @@ Scenario load_scenario(const fs::path& file, const std::vector<std::string>& ove
     if (!s.motion) in.fail("control", "is missing: without a motion it must be of type torque");
     s.control = CascadedOptions{};
   } else {
-    const std::string type = control->choice("type", {"servo", "dc_position", "torque"});
+    const std::string type = control->choice("type", {"servo", "compensated", "dc_position", "torque"});
     if (type == "servo") {
-      CascadedOptions o;
-      o.position_gain_1_s = control->number_or("position_gain_1_s", o.position_gain_1_s, {0, 1e6});
-      o.speed_bandwidth_rad_s = control->number_or("speed_bandwidth_rad_s", o.speed_bandwidth_rad_s, {1e-6, 1e6});
-      o.integral_time_s = control->number_or("integral_time_s", o.integral_time_s, {0, 1e6});
-      o.gravity = control->flag_or("gravity", o.gravity);
-      if (o.speed_bandwidth_rad_s * model->opt.timestep > 1)
-        control->fail("speed_bandwidth_rad_s", fmt::format("is above 1 / time step = {:g} rad/s and would be unstable", 1 / model->opt.timestep));
-      s.control = o;
+      s.control = cascaded_options(*control, {}, model);
+    } else if (type == "compensated") {
+      s.control = compensated_options(*control, model, s.seed);
     } else if (type == "dc_position") {
       s.control = dc_options(*control, s.recording ? &*s.recording : nullptr);
     } else {
@@ -285,6 +312,23 @@ Scenario load_scenario(const fs::path& file, const std::vector<std::string>& ove
     }
     control->done();
     if (type != "torque" && !s.motion) in.fail("motion", "is missing: what should the joints do?");
+  }
+  if (auto actuators = in.mapping("actuators")) {
+    std::vector<std::string> names;
+    std::vector<int> controls;
+    for (int a = 0; a < model->nu; ++a)
+      if (std::ranges::none_of(model.drives(), [a](const auto& drive) { return drive.actuator == a; }) && std::ranges::none_of(model.springs(), [a](const auto& spring) { return spring.actuator == a; }))
+        names.emplace_back(model->names + model->name_actuatoradr[a]), controls.push_back(mujoco::engine::control_address(model.get(), a));
+    const std::vector<std::string_view> accepted(names.begin(), names.end());
+    for (const auto& name : actuators->names()) {
+      const auto found = std::ranges::find(names, name);
+      if (found == names.end())
+        actuators->fail(name, names.empty() ? "is no actuator of the model beside its drives; it has none" : fmt::format("is no actuator of the model beside its drives; did you mean '{}'?", friction::nearest(name, accepted)));
+      auto wave = actuators->mapping(name);
+      if (!wave) actuators->fail(name, "must be a mapping: offset, amplitude, frequency_hz, phase_rad");
+      s.excitations.push_back({.control = controls[static_cast<std::size_t>(found - names.begin())], .offset = wave->number_or("offset", 0), .amplitude = wave->number_or("amplitude", 0), .frequency_hz = wave->number_or("frequency_hz", 0, {0, 1e6}), .phase_rad = wave->number_or("phase_rad", 0)});
+      wave->done();
+    }
   }
   if (auto multirate = in.mapping("multirate")) {
     s.multirate.enabled = multirate->flag_or("enabled", true);

@@ -9,10 +9,10 @@
 #include <variant>
 #include <vector>
 
+#include <tribotwin/twin/compensation/servo.hpp>
 #include <tribotwin/twin/model/arm.hpp>
 #include <tribotwin/twin/motion/recording.hpp>
 #include <tribotwin/twin/scenario/input.hpp>
-#include <tribotwin/twin/servo/servo.hpp>
 
 /// What happens in a run: a YAML file, read strictly. The keys are documented in twin/README.md.
 namespace tribotwin::twin {
@@ -31,6 +31,13 @@ struct MultiRate {
   double tolerance_K = 2;   ///< largest temperature change over cycles that are not stepped
 };
 
+/// What drives an actuator that is no tribotwin.drive: offset + amplitude sin(2 pi frequency t + phase), in the actuator's unit.
+struct Excitation {
+  int control;                   ///< in mjData.ctrl
+  double offset = 0, amplitude = 0, frequency_hz = 0, phase_rad = 0;
+  double operator()(double time_s) const;
+};
+
 /// A scenario ready to run: the model is loaded and everything in the file has been checked against it.
 struct Scenario {
   std::filesystem::path file;
@@ -42,13 +49,14 @@ struct Scenario {
   std::optional<double> ambient_degC;
   std::vector<double> start_rad;         ///< per drive
   std::vector<double> temperature_degC;  ///< per drive, at the start
-  std::variant<CascadedOptions, DcPositionOptions, std::vector<double>> control;
+  std::variant<CascadedOptions, CompensatedOptions, DcPositionOptions, std::vector<double>> control;
   std::optional<Motion> motion;
   std::optional<SetPoints> recording;    ///< of which the motion was made
   bool follow_recorded_temperature = false;
   std::shared_ptr<const mujoco::Model> baseline;   ///< the same mechanism with native friction, to compare with
   DcPositionOptions baseline_control;
   double baseline_delay_s = 0;
+  std::vector<Excitation> excitations;
   std::vector<Event> events;             ///< by time
   double telemetry_rate_hz = 100;
   MultiRate multirate;

@@ -56,11 +56,16 @@ DriveServo::DriveServo(const mujoco::Model& model, const mjData* start, const Ca
     loop.speed_gain = o.speed_bandwidth_rad_s * inertia_kg_m2(model.get(), start, drive.dof);
     loop.position = position_address(model.get(), drive);
     loop.limit = model->actuator_ctrllimited[drive.actuator] ? model->actuator_ctrlrange[2 * drive.control + 1] * drive.gear : friction::unlimited;
+    if (o.encoder_counts > 0) loop.encoder = Encoder(o.encoder_counts, drive.drive.gear_ratio, o.speed_filter_rad_s);
     loops_.push_back(loop);
   }
 }
 
-void DriveServo::control(const mjModel* m, mjData* d, std::span<const DriveCommand> commands) {
+void DriveServo::measure(const mjModel* m, const mjData* d) {
+  for (std::size_t i = 0; i < loops_.size(); ++i) loops_[i].encoder.read(d->qpos[loops_[i].position], d->qvel[model_.drives()[i].dof], m->opt.timestep);
+}
+
+void DriveServo::actuate(const mjModel* m, mjData* d, std::span<const DriveCommand> commands) {
   using Mode = DriveCommand::Mode;
   for (std::size_t i = 0; i < loops_.size(); ++i) {
     Loop& loop = loops_[i];
@@ -70,8 +75,8 @@ void DriveServo::control(const mjModel* m, mjData* d, std::span<const DriveComma
     double torque = c.torque_nm;
     if (c.mode == Mode::position || c.mode == Mode::velocity) {
       double speed = c.velocity_rad_s;
-      if (c.mode == Mode::position) speed += options_.position_gain_1_s * (c.position_rad - d->qpos[loop.position]);
-      const double error = speed - d->qvel[drive.dof];
+      if (c.mode == Mode::position) speed += options_.position_gain_1_s * (c.position_rad - loop.encoder.angle_rad());
+      const double error = speed - loop.encoder.speed_rad_s();
       const double forward = options_.gravity ? gravity_torque_nm(m, d, drive.dof) : 0;
       torque += forward + loop.speed_gain * error + loop.integral_nm;
       // At the limit the integral only moves inwards.

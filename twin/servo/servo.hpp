@@ -7,6 +7,7 @@
 
 #include <tribotwin/twin/model/arm.hpp>
 #include <tribotwin/twin/motion/motion.hpp>
+#include <tribotwin/twin/servo/encoder.hpp>
 
 /// Joint controllers: set points in, motor torques (mjData.ctrl) out, once per time step.
 namespace tribotwin::twin {
@@ -24,6 +25,8 @@ struct CascadedOptions {
   double speed_bandwidth_rad_s = 60;   ///< speed gain over the joint's inertia at the start
   double integral_time_s = 0.1;        ///< 0: no integral part
   bool gravity = true;                 ///< feed gravity forward
+  double encoder_counts = 0;           ///< per motor turn; 0: angle and speed are measured exactly
+  double speed_filter_rad_s = 300;     ///< bandwidth of the tracking loop behind the encoder
 };
 
 /// What one drive is told for a time step. Arm side.
@@ -40,8 +43,16 @@ struct DriveCommand {
 class DriveServo {
  public:
   DriveServo(const mujoco::Model& model, const mjData* start, const CascadedOptions& options);
-  /// Inside the step. Torques of drives that are off are 0; their integrals rest at 0.
-  void control(const mjModel* m, mjData* d, std::span<const DriveCommand> commands);
+  /// Inside the step: `measure`, then `actuate`.
+  void control(const mjModel* m, mjData* d, std::span<const DriveCommand> commands) {
+    measure(m, d);
+    actuate(m, d, commands);
+  }
+  /// Reads the encoders.
+  void measure(const mjModel* m, const mjData* d);
+  const Encoder& encoder(std::size_t drive) const { return loops_[drive].encoder; }
+  /// Torques of drives that are off are 0; their integrals rest at 0.
+  void actuate(const mjModel* m, mjData* d, std::span<const DriveCommand> commands);
   /// Whether a drive's torque was cut to a limit in the last step.
   bool limited(std::size_t drive) const { return loops_[drive].limited; }
 
@@ -50,6 +61,7 @@ class DriveServo {
     double speed_gain = 0, limit = 0, integral_nm = 0;
     int position = 0;
     bool limited = false;
+    Encoder encoder{};
   };
   const mujoco::Model& model_;
   CascadedOptions options_;
