@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdint>
 #include <iterator>
 #include <limits>
 #include <memory>
@@ -75,6 +76,21 @@ std::string range(const char* name, const Axis& axis, Range r) {
   return fmt::format("set {}range [{}:{}]\n", name, from, to);
 }
 
+/// Ticks at 1, 2 and 5 of each decade, at 1 where there are more than three.
+std::string logarithmic(const char* name, double from, double to) {
+  std::string s = fmt::format("set logscale {0}\nset {0}tics (", name);
+  const double decades = std::log10(to / from);
+  const char* comma = "";
+  for (int power = static_cast<int>(std::floor(std::log10(from))); power <= std::log10(to); ++power)
+    for (const double digit : {1.0, 2.0, 5.0}) {
+      const double at = digit * std::pow(10, power);
+      if ((digit > 1 && decades > 3) || at < from * (1 - 1e-9) || at > to * (1 + 1e-9)) continue;
+      s += fmt::format("{}{}", comma, at);
+      comma = ", ";
+    }
+  return s + ")\n";
+}
+
 Check checked(const Figure& f) {
   const auto wrong = [&](const std::string& what) { return tl::unexpected(fmt::format("figure '{}': {}", f.title, what)); };
   if (f.colour && !(f.colour->from && f.colour->to && *f.colour->from < *f.colour->to)) return wrong("its colour axis needs limits");
@@ -91,6 +107,15 @@ Check checked(const Figure& f) {
       }
     return any ? Check{} : wrong("its surface has no finite value");
   }
+  if (f.matrix) {
+    const Matrix& m = *f.matrix;
+    const auto n = m.names.size();
+    if (n < 2 || m.values.size() != n || std::ranges::any_of(m.values, [&](const auto& row) { return row.size() != n; })) return wrong(fmt::format("its matrix has {} names and {} rows", n, m.values.size()));
+    for (const auto& row : m.values)
+      for (const double v : row)
+        if (std::abs(v) > 1 + 1e-6) return wrong(fmt::format("its matrix has the value {}, beyond -1 .. 1", v));
+    return {};
+  }
   if (f.series.empty()) return wrong("has nothing to show");
   for (std::size_t i = 0; i < f.series.size(); ++i) {
     const Series& s = f.series[i];
@@ -102,6 +127,7 @@ Check checked(const Figure& f) {
     bool any = false;
     for (std::size_t k = 0; k < s.x.size(); ++k) {
       if (std::isinf(s.x[k]) || std::isinf(s.y[k]) || (bars && std::isinf(s.error[k]))) return wrong(fmt::format("{} has an infinite value at point {}", name, k + 1));
+      if (f.x.logarithmic && s.x[k] <= 0) return wrong(fmt::format("{} has x = {} at point {}, which a logarithmic axis cannot show", name, s.x[k], k + 1));
       any |= std::isfinite(s.x[k]) && std::isfinite(s.y[k]);
     }
     if (!any) return wrong(fmt::format("{} has no finite value", name));
@@ -125,11 +151,14 @@ std::string frame(const Figure& f, FigureSize size) {
   constexpr int steps = 32;
   for (int i = 0; i <= steps; ++i) s += fmt::format("{}{} '{}'", i ? ", " : "", i, hex(viridis(static_cast<double>(i) / steps)));
   s += ")\n";
-  s += fmt::format("set title {} noenhanced textcolor '{}'\n", quoted(fitting(f.title, size.width - 60)), hex(theme::ink));
+  // The title of the key stands between the picture's edge and the key, where the title proper would be under the key.
+  const bool key = std::ranges::any_of(f.series, [](const Series& c) { return !c.label.empty(); });
+  const std::string title = quoted(fitting(f.title, size.width - 60));
+  if (key) s += fmt::format("set key tmargin center horizontal Left reverse samplen 2.5 textcolor '{1}' title {0} center noenhanced textcolor '{1}'\n", title, hex(theme::ink));
+  else s += fmt::format("unset key\nset title {} noenhanced textcolor '{}'\n", title, hex(theme::ink));
   for (const char* axis : {"x", "y", "z", "cb"}) s += fmt::format("set {}tics nomirror textcolor '{}'\n", axis, hex(theme::ink));
   s += fmt::format("set border {} linewidth 1 linecolor '{}'\nset tics out scale 0.6\n", f.surface ? 895 : 3, hex(theme::ink_soft));
   s += fmt::format("set grid linecolor '{}' linetype 1 linewidth 1\n", hex(theme::line));
-  s += fmt::format("set key tmargin center horizontal samplen 2.5 textcolor '{}'\n", hex(theme::ink));
   s += fmt::format("set xlabel {} textcolor '{}'\nset ylabel {} textcolor '{}'\n", label(f.x), hex(theme::ink), label(f.y), hex(theme::ink));
   if (f.same_scale) s += "set size ratio -1\n";
   return s;
@@ -146,7 +175,7 @@ std::string surface(const Figure& f) {
     s += '\n';
   }
   s += "END\n";
-  s += fmt::format("set cblabel {} textcolor '{}'\nunset key\nset view 60,325,0.95,1.05\nset xyplane 0\nset pm3d depthorder\nset lmargin at screen 0.22\nset rmargin at screen 0.70\nset colorbox user origin 0.85,0.2 size 0.025,0.6\n", label(*f.z), hex(theme::ink));
+  s += fmt::format("set cblabel {} textcolor '{}'\nset view 60,325,0.95,1.05\nset xyplane 0\nset pm3d depthorder\nset lmargin at screen 0.22\nset rmargin at screen 0.70\nset colorbox user origin 0.85,0.2 size 0.025,0.6\n", label(*f.z), hex(theme::ink));
   const auto spaced = [](const char* axis, double from, double to, const char* offset) {
     const auto marks = ticks(from, to, 5);
     return marks.size() > 1 ? fmt::format("set {}tics {} offset {}\n", axis, marks[1] - marks[0], offset) : "";
@@ -154,6 +183,32 @@ std::string surface(const Figure& f) {
   s += spaced("x", f.surface->x.front(), f.surface->x.back(), "0,-0.4") + spaced("y", f.surface->y.front(), f.surface->y.back(), "-0.6,-0.4") + spaced("z", z.low, z.high, "0,0.2") + spaced("cb", z.low, z.high, "0,0");
   s += fmt::format("set xrange [{}:{}]\nset yrange [{}:{}]\nset xlabel offset 0,-1.2\nset ylabel offset 1,-2.2\n", f.surface->x.front(), f.surface->x.back(), f.surface->y.front(), f.surface->y.back());
   return s + range("z", *f.z, z) + range("cb", *f.z, z) + "splot $surface using 1:2:3 with pm3d\n";
+}
+
+/// Lower half, the first name on top; bold from 0.9.
+std::string matrix(const Figure& f) {
+  const Matrix& m = *f.matrix;
+  const std::size_t n = m.names.size();
+  std::string s = fmt::format("set palette defined (-1 '{}', 0 '{}', 1 '{}')\nset cbrange [-1:1]\nset cbtics 0.5\nset cblabel {} textcolor '{}'\n", hex(diverging(-1)), hex(diverging(0)), hex(diverging(1)),
+                              label(f.x), hex(theme::ink));
+  s += "unset grid\nunset border\nset tics scale 0\nunset xlabel\nunset ylabel\n";
+  for (const char* axis : {"x", "y"}) {
+    s += fmt::format("set {}tics (", axis);
+    for (std::size_t i = 0; i < n; ++i) s += fmt::format("{}{} {}", i ? ", " : "", quoted(m.names[i]), i);
+    s += fmt::format(") noenhanced textcolor '{}'\n", hex(theme::ink));
+  }
+  const double end = static_cast<double>(n) - 0.5;
+  s += fmt::format("set xrange [-0.5:{0}]\nset yrange [{0}:-0.5]\n", end);
+  for (std::size_t i = 0; i < n; ++i)
+    for (std::size_t k = 0; k <= i; ++k) {
+      const double v = m.values[i][k], x = static_cast<double>(k), y = static_cast<double>(i);
+      const Colour fill = i == k || std::isnan(v) ? theme::grid : diverging(v);
+      std::string number = i == k ? "1" : std::isnan(v) ? "–" : correlation(v);
+      if (i != k && std::abs(v) >= 0.9) number = "{/:Bold " + number + "}";
+      s += fmt::format("set object rectangle from {},{} to {},{} fillcolor rgb '{}' fillstyle solid border rgb '{}'\n", x - 0.48, y - 0.47, x + 0.48, y + 0.47, hex(fill), hex(theme::paper));
+      s += fmt::format("set label {} at {},{} center front textcolor '{}'\n", quoted("{/*0.9 " + number + "}"), x, y, hex(theme::ink));
+    }
+  return s + "plot NaN with lines linecolor palette notitle\n";
 }
 
 std::string curves(const Figure& f, FigureSize size) {
@@ -168,11 +223,12 @@ std::string curves(const Figure& f, FigureSize size) {
     s += fmt::format("$s{} << END\n", i);
     for (std::size_t k = 0; k < c.x.size(); ++k) {
       const Colour rgb = c.shade.empty() ? stroke.colour : shade(k);
+      const int clear = c.mark == Mark::cloud ? 0xa0 : 0;   // gnuplot's alpha: 0 is opaque
       const bool gap = !(std::isfinite(c.x[k]) && std::isfinite(c.y[k]));
       const double spread = error && std::isfinite(c.error[k]) ? c.error[k] : 0;
       if (!gap) x.add(c.x[k]), y.add(c.y[k] - spread), y.add(c.y[k] + spread);
       if (gap) s += "NaN NaN 0 0\n";
-      else s += fmt::format("{} {} {} {}\n", c.x[k], c.y[k], spread, rgb.r << 16 | rgb.g << 8 | rgb.b);
+      else s += fmt::format("{} {} {} {}\n", c.x[k], c.y[k], spread, std::int64_t{clear} << 24 | rgb.r << 16 | rgb.g << 8 | rgb.b);
     }
     s += "END\n";
     const std::string colour = fmt::format("'{}'", hex(c.shade.empty() ? stroke.colour : shade(0)));
@@ -181,6 +237,7 @@ std::string curves(const Figure& f, FigureSize size) {
       case Mark::line: plot += fmt::format("1:2 with lines linewidth 1.8 linecolor rgb {} dashtype {}", colour, c.shade.empty() ? stroke.dashes : "solid"); break;
       case Mark::reference: plot += fmt::format("1:2 with lines linewidth 1.2 linecolor rgb {} dashtype (6,5)", colour); break;
       case Mark::points: plot += "1:2:4 with points pointtype 7 pointsize 0.4 linecolor rgb variable"; break;
+      case Mark::cloud: plot += "1:2:4 with points pointtype 7 pointsize 0.28 linecolor rgb variable"; break;
       case Mark::error_bars: plot += "1:2:3:4 with yerrorbars pointtype 7 pointsize 0.45 linewidth 1.2 linecolor rgb variable"; break;
       case Mark::bars: {
         const double width = c.x.size() > 1 ? std::abs(c.x[1] - c.x[0]) : 1;
@@ -194,9 +251,11 @@ std::string curves(const Figure& f, FigureSize size) {
     plot += c.label.empty() ? " notitle" : fmt::format(" title {} noenhanced", quoted(fitting(c.label, size.width - 130)));
   }
   if (f.colour) {
-    s += fmt::format("set cblabel {} textcolor '{}'\n", label(*f.colour), hex(theme::ink)) + range("cb", *f.colour, {});
+    // Room for the bar, its numbers and its label, which gnuplot leaves too little for where the numbers are long.
+    s += fmt::format("set cblabel {} textcolor '{}'\nset rmargin at screen {}\n", label(*f.colour), hex(theme::ink), 1 - 108.0 / size.width) + range("cb", *f.colour, {});
     plot += ", NaN with lines linecolor palette notitle";   // what makes gnuplot draw the colour bar
   }
+  if (f.x.logarithmic) s += logarithmic("x", f.x.from.value_or(x.low), f.x.to.value_or(x.high));
   return s + range("x", f.x, x) + range("y", f.y, y) + plot + "\n";
 }
 
@@ -210,7 +269,7 @@ tl::expected<Format, std::string> format_of(std::string_view file) {
 
 tl::expected<std::string, std::string> draw(const Figure& figure, Format format, FigureSize size) {
   if (auto good = checked(figure); !good) return tl::unexpected(good.error());
-  const std::string script = terminal(format, size) + frame(figure, size) + (figure.surface ? surface(figure) : curves(figure, size));
+  const std::string script = terminal(format, size) + frame(figure, size) + (figure.surface ? surface(figure) : figure.matrix ? matrix(figure) : curves(figure, size));
   auto drawn = run({{"gnuplot", "-d"}, "gnuplot-nox"}, script);
   if (!drawn) return tl::unexpected(fmt::format("figure '{}': {}", figure.title, drawn.error()));
   return drawn;
