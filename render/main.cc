@@ -220,31 +220,10 @@ int video(const VideoArguments& a) {
   return done;
 }
 
-/// Points of 'tribotwin curve --csv' and of measurements, for a drive. Torque may be in Nm or normalised: `knows_torque` says
-/// whether the drive's torque_max_nm is more than a stand-in.
-std::vector<render::FrictionPoint> points_of(const std::vector<std::string>& files, const drive::Drive& drive, bool knows_torque, bool knows_gear) {
-  const auto& law = *drive.law.info;
-  std::vector<render::FrictionPoint> points;
-  for (const auto& file : files) {
-    const twin::Table table = or_wrong_input(twin::read_table(file));
-    const auto column = [&](const std::string& name) { return or_wrong_input(table.numbers(name)); };
-    const bool norm = table.has("friction_norm") && (!table.has("friction_nm") || !knows_torque);
-    if (norm != law.normalised && !knows_torque)
-      throw InputError(fmt::format("{}: friction is {}, law '{}' is one of {}, and the parameter file holds no torque_max_nm", file, norm ? "normalised" : "in Nm", law.name, law.normalised ? "normalised torque" : "Nm"));
-    if (law.side == friction::Side::arm && !knows_gear) throw InputError(fmt::format("{}: speed_rad_s is the motor's, law '{}' takes joint speeds, and the parameter file holds no gear_ratio", file, law.name));
-    const auto speed = column("speed_rad_s"), friction = column(norm ? "friction_norm" : "friction_nm");
-    const std::vector<double> none(speed.size());
-    const auto optional = [&](const char* name, bool needed) { return needed || table.has(name) ? column(name) : none; };
-    const auto load = optional("load_norm", law.load_dependent), temperature = optional("temperature_degC", law.temperature_dependent), error = optional(norm ? "stderr_norm" : "stderr_nm", false);
-    const double nm = norm ? drive.torque_max_nm : 1;
-    for (std::size_t i = 0; i < speed.size(); ++i) points.push_back({std::abs(speed[i]) / drive.gear_ratio, std::abs(load[i]), temperature[i], nm * std::abs(friction[i]), nm * error[i]});
-  }
-  return points;
-}
-
 struct CurveArguments {
   std::string model, joint, output = "curve.svg", over = "temperature";
   std::vector<std::string> points;
+  twin::identification::ReadOptions read;
   std::vector<double> temperatures, loads;
   std::optional<double> speed_max;
 };
@@ -253,36 +232,32 @@ int curve(const CurveArguments& a) {
   const render::Format format = or_wrong_input(render::format_of(a.output));
   drive::Drive drive;
   std::string name = a.joint;
-  bool knows_torque = true, knows_gear = true;
+  twin::identification::ReadOptions read;
   if (a.model.ends_with(".yaml")) {
     if (!a.joint.empty()) throw InputError(fmt::format("{}: an identified law has no joint; leave --joint out", a.model));
-    const auto file = or_wrong_input(render::read_parameter_file(a.model));
+    const auto file = or_wrong_input(render::read_parameter_file(a.model, a.read));
     drive = render::drawn_drive(file);
-    knows_torque = file.torque_max_nm > 0, knows_gear = file.gear_ratio > 0;
+    read = {.torque_max_nm = file.torque_max_nm, .gear_ratio = file.gear_ratio};
     name = fs::path(a.model).stem().string();
   } else {
     if (a.joint.empty()) throw InputError("--joint is needed: a model has several");
+    if (a.read.torque_max_nm > 0 || a.read.gear_ratio > 0) throw InputError("--tau-max, --gear-ratio: are for PARAMS.yaml; a model has its own");
     const auto model = or_wrong_input(mujoco::load_file(a.model));
     const auto index = twin::find_drive(*model, a.joint);
     if (!index) throw InputError(fmt::format("{}: --joint {}", a.model, index.error()));
     drive = model->drives()[*index].drive;
+    read = {.torque_max_nm = drive.torque_max_nm, .gear_ratio = drive.gear_ratio};
   }
   const auto& law = *drive.law.info;
-  auto points = points_of(a.points, drive, knows_torque, knows_gear);
-  double speed_points = 0;
-  for (const auto& p : points) speed_points = std::max(speed_points, p.speed_rad_s);
+  const auto measured = or_wrong_input(twin::identification::read_samples(std::vector<fs::path>(a.points.begin(), a.points.end()), law, read));
   constexpr std::size_t points_most = 5000;
-  if (points.size() > points_most) {
-    fmt::print(stderr, "note: {} of the {} points are drawn, chosen evenly\n", points_most, points.size());
-    std::vector<render::FrictionPoint> some;
-    for (const std::size_t i : render::thinned(points.size(), points_most)) some.push_back(points[i]);
-    points = std::move(some);
-  }
+  if (measured.size() > points_most) fmt::print(stderr, "note: {} of the {} points are drawn, chosen evenly\n", points_most, measured.size());
+  const auto points = render::friction_points(drive, measured, render::thinned(measured.size(), points_most));
+  const double speed_points = measured.size() ? std::ranges::max(measured.speed) / drive.speed_scale() : 0;
   const auto limit = [](double given, double otherwise) { return std::abs(given) < friction::unlimited ? given : otherwise; };
   const friction::Range& range = drive.law.range;
   // Shown without being asked: the points or the law's own range, where that has an end.
-  const double range_speed = limit(range.speed_max_rad_s / drive.speed_scale(), 280 / drive.gear_ratio);
-  const double speed = a.speed_max ? *a.speed_max / drive.gear_ratio : speed_points > 0 ? std::min(1.05 * speed_points, std::max(speed_points, range_speed)) : range_speed;
+  const double speed = a.speed_max ? *a.speed_max / drive.gear_ratio : speed_points > 0 ? 1.05 * speed_points : limit(range.speed_max_rad_s / drive.speed_scale(), 280 / drive.gear_ratio);
   const auto spread = [](double from, double to, int count) {
     std::vector<double> v;
     for (int i = 0; i < count; ++i) v.push_back(from + (to - from) * i / (count - 1));
@@ -296,15 +271,12 @@ int curve(const CurveArguments& a) {
   if (over_load && temperatures.size() != 1) throw InputError("--temperature: curves over load are drawn at one temperature");
   if (!over_load && loads.size() != 1) throw InputError("--load: curves over temperature are drawn at one load");
   const auto at_load = [&] { return fmt::format("{}: law '{}'{}", name, law.name, law.load_dependent ? fmt::format(" at a load of {:g}", loads[0]) : ""); };
-  // A law that knows no temperature is one curve; the colour then is for what the points were measured at.
-  const bool points_vary = std::ranges::any_of(points, [&](const auto& p) { return std::abs(p.temperature_degC - points[0].temperature_degC) > 0.5; });
-  if (!law.temperature_dependent && a.over == "temperature") temperatures = {points_vary ? points[0].temperature_degC : temperatures[0]};
   if (!law.temperature_dependent && !over_load) fmt::print(stderr, "note: law '{}' does not depend on temperature\n", law.name);
   if (!law.load_dependent && over_load) fmt::print(stderr, "note: law '{}' does not depend on load\n", law.name);
   render::Figure figure;
   if (over_load) figure = render::friction_against_load(drive, fmt::format("{}: law '{}'{}", name, law.name, law.temperature_dependent ? fmt::format(" at {:g} °C", temperatures[0]) : ""), speed, temperatures[0], loads, points);
   else if (a.over == "surface") figure = render::friction_surface(drive, at_load(), speed, loads[0], std::ranges::min(temperatures), std::max(std::ranges::max(temperatures), std::ranges::min(temperatures) + 1));
-  else if (!law.temperature_dependent && !points_vary) figure = render::friction_against_speed(drive, at_load(), speed, loads[0], points);
+  else if (!law.temperature_dependent) figure = render::friction_against_speed(drive, at_load(), speed, loads[0], points);
   else figure = render::friction_against_temperature(drive, at_load(), speed, loads[0], temperatures, points);
   write(a.output, or_fail(render::draw(figure, format)));
   return done;
@@ -368,10 +340,10 @@ struct FitArguments {
 
 int fit(const FitArguments& a, const std::string& command) {
   const PageFile page(a.output, a.png, a.pdf);
-  const auto data = or_wrong_input(render::load_fit(a.parameters, {.data = {a.data.begin(), a.data.end()}, .read = a.read}));
+  const auto data = or_wrong_input(render::load_fit(a.parameters, {a.data.begin(), a.data.end()}, a.read));
   const render::Report made = [&] {
     Progress progress(a.quiet, "report");
-    return or_fail(render::make_fit_report(*data, {.figure_files = page.formats(), .command = command, .version = TRIBOTWIN_VERSION, .progress = [&](double share) { progress(share); }}));
+    return or_fail(render::make_fit_report(data, {.figure_files = page.formats(), .command = command, .progress = [&](double share) { progress(share); }}));
   }();
   page.write_all(made);
   return done;
@@ -409,18 +381,23 @@ int main(int argc, char** argv) {
   curve_command->add_option("--over", c.over, "What the curves differ in")->check(CLI::IsMember({"temperature", "load", "surface"}))->capture_default_str();
   curve_command->add_option("--temperature", c.temperatures, "One or more [degC] (default: the law's range)")->check(CLI::Range(-273.15, 1000.0));
   curve_command->add_option("--load", c.loads, "One or more, load torque / torque_max_nm [-] (default: 0, or the law's range)")->check(CLI::Range(-1000.0, 1000.0));
-  curve_command->add_option("--speed-max", c.speed_max, "Largest speed, motor side [rad/s] (default: the law's range); without a known gear ratio the law's own")->check(CLI::Range(1e-6, 1e6));
-  curve_command->add_option("--points", c.points, "Measured points, with error bars where the file has them: columns as of 'tribotwin curve --csv'; may be repeated")->allow_extra_args(false);
+  curve_command->add_option("--speed-max", c.speed_max, "Largest speed, motor side [rad/s] (default: the law's range)")->check(CLI::Range(1e-6, 1e6));
+  curve_command->add_option("--points", c.points, "Measured friction, with error bars where the file has them, as for tribotwin identify; may be repeated")->allow_extra_args(false);
   curve_command->add_option("-o,--output", c.output, "File to write: .svg, .png or .pdf")->capture_default_str();
   curve_command->footer("Example:\n  tribotwin-report curve mjcf/irb6620.xml --joint joint2 -o curve.svg");
 
+  const auto add_units = [](CLI::App& command, twin::identification::ReadOptions& read) {
+    command.add_option("--tau-max", read.torque_max_nm, "Largest manipulation torque [Nm], arm side (default: that of PARAMS.yaml)")->check(CLI::Range(1e-9, 1e9));
+    command.add_option("--gear-ratio", read.gear_ratio, "Motor turns per joint turn (default: that of PARAMS.yaml)")->check(CLI::Range(1e-6, 1e6));
+  };
+  add_units(*curve_command, c.read);
+
   FitArguments f;
   auto* fit_command = app.add_subcommand("fit", "An identified law as a page: parameters, curves over points, residuals, correlation");
-  fit_command->add_option("PARAMS", f.parameters, "PARAMS.yaml of tribotwin identify")->required();
+  fit_command->add_option("PARAMS", f.parameters, "PARAMS.yaml of tribotwin identify or calibrate")->required();
   fit_command->add_option("DATA", f.data, "Friction curves, recordings or telemetry.h5 to show the law with (default: those that PARAMS.yaml names)");
   fit_command->add_option("-o,--output", f.output, "The page")->capture_default_str();
-  fit_command->add_option("--tau-max", f.read.torque_max_nm, "Largest manipulation torque [Nm], arm side (default: that of PARAMS.yaml)")->check(CLI::Range(1e-9, 1e9));
-  fit_command->add_option("--gear-ratio", f.read.gear_ratio, "Motor turns per joint turn (default: that of PARAMS.yaml)")->check(CLI::Range(1e-6, 1e6));
+  add_units(*fit_command, f.read);
   fit_command->add_option("--joint", f.read.joint, "Joint of a telemetry.h5");
   fit_command->add_flag("--png", f.png, "Also every figure as PNG, in a folder beside the page");
   fit_command->add_flag("--pdf", f.pdf, "Also every figure as PDF, in a folder beside the page");

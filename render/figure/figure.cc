@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdint>
 #include <iterator>
 #include <limits>
 #include <memory>
@@ -76,21 +75,6 @@ std::string range(const char* name, const Axis& axis, Range r) {
   return fmt::format("set {}range [{}:{}]\n", name, from, to);
 }
 
-/// Ticks at 1, 2 and 5 of each decade, at 1 where there are more than three.
-std::string logarithmic(const char* name, double from, double to) {
-  std::string s = fmt::format("set logscale {0}\nset {0}tics (", name);
-  const double decades = std::log10(to / from);
-  const char* comma = "";
-  for (int power = static_cast<int>(std::floor(std::log10(from))); power <= std::log10(to); ++power)
-    for (const double digit : {1.0, 2.0, 5.0}) {
-      const double at = digit * std::pow(10, power);
-      if ((digit > 1 && decades > 3) || at < from * (1 - 1e-9) || at > to * (1 + 1e-9)) continue;
-      s += fmt::format("{}{}", comma, at);
-      comma = ", ";
-    }
-  return s + ")\n";
-}
-
 Check checked(const Figure& f) {
   const auto wrong = [&](const std::string& what) { return tl::unexpected(fmt::format("figure '{}': {}", f.title, what)); };
   if (f.colour && !(f.colour->from && f.colour->to && *f.colour->from < *f.colour->to)) return wrong("its colour axis needs limits");
@@ -127,7 +111,6 @@ Check checked(const Figure& f) {
     bool any = false;
     for (std::size_t k = 0; k < s.x.size(); ++k) {
       if (std::isinf(s.x[k]) || std::isinf(s.y[k]) || (bars && std::isinf(s.error[k]))) return wrong(fmt::format("{} has an infinite value at point {}", name, k + 1));
-      if (f.x.logarithmic && s.x[k] <= 0) return wrong(fmt::format("{} has x = {} at point {}, which a logarithmic axis cannot show", name, s.x[k], k + 1));
       any |= std::isfinite(s.x[k]) && std::isfinite(s.y[k]);
     }
     if (!any) return wrong(fmt::format("{} has no finite value", name));
@@ -151,14 +134,11 @@ std::string frame(const Figure& f, FigureSize size) {
   constexpr int steps = 32;
   for (int i = 0; i <= steps; ++i) s += fmt::format("{}{} '{}'", i ? ", " : "", i, hex(viridis(static_cast<double>(i) / steps)));
   s += ")\n";
-  // The title of the key stands between the picture's edge and the key, where the title proper would be under the key.
-  const bool key = std::ranges::any_of(f.series, [](const Series& c) { return !c.label.empty(); });
-  const std::string title = quoted(fitting(f.title, size.width - 60));
-  if (key) s += fmt::format("set key tmargin center horizontal Left reverse samplen 2.5 textcolor '{1}' title {0} center noenhanced textcolor '{1}'\n", title, hex(theme::ink));
-  else s += fmt::format("unset key\nset title {} noenhanced textcolor '{}'\n", title, hex(theme::ink));
+  s += fmt::format("set title {} noenhanced textcolor '{}'\n", quoted(fitting(f.title, size.width - 60)), hex(theme::ink));
   for (const char* axis : {"x", "y", "z", "cb"}) s += fmt::format("set {}tics nomirror textcolor '{}'\n", axis, hex(theme::ink));
   s += fmt::format("set border {} linewidth 1 linecolor '{}'\nset tics out scale 0.6\n", f.surface ? 895 : 3, hex(theme::ink_soft));
   s += fmt::format("set grid linecolor '{}' linetype 1 linewidth 1\n", hex(theme::line));
+  s += fmt::format("set key tmargin center horizontal samplen 2.5 textcolor '{}'\n", hex(theme::ink));
   s += fmt::format("set xlabel {} textcolor '{}'\nset ylabel {} textcolor '{}'\n", label(f.x), hex(theme::ink), label(f.y), hex(theme::ink));
   if (f.same_scale) s += "set size ratio -1\n";
   return s;
@@ -175,7 +155,7 @@ std::string surface(const Figure& f) {
     s += '\n';
   }
   s += "END\n";
-  s += fmt::format("set cblabel {} textcolor '{}'\nset view 60,325,0.95,1.05\nset xyplane 0\nset pm3d depthorder\nset lmargin at screen 0.22\nset rmargin at screen 0.70\nset colorbox user origin 0.85,0.2 size 0.025,0.6\n", label(*f.z), hex(theme::ink));
+  s += fmt::format("set cblabel {} textcolor '{}'\nunset key\nset view 60,325,0.95,1.05\nset xyplane 0\nset pm3d depthorder\nset lmargin at screen 0.22\nset rmargin at screen 0.70\nset colorbox user origin 0.85,0.2 size 0.025,0.6\n", label(*f.z), hex(theme::ink));
   const auto spaced = [](const char* axis, double from, double to, const char* offset) {
     const auto marks = ticks(from, to, 5);
     return marks.size() > 1 ? fmt::format("set {}tics {} offset {}\n", axis, marks[1] - marks[0], offset) : "";
@@ -217,18 +197,17 @@ std::string curves(const Figure& f, FigureSize size) {
   std::size_t strokes = 0;
   for (std::size_t i = 0; i < f.series.size(); ++i) {
     const Series& c = f.series[i];
-    const bool error = c.mark == Mark::error_bars;
+    const bool error = c.mark == Mark::error_bars, many = c.mark == Mark::points && c.x.size() > 300;   // which are small and translucent
     const theme::Stroke stroke = theme::stroke(c.stroke ? *c.stroke : c.label.empty() ? strokes : strokes++);
     const auto shade = [&](std::size_t k) { return viridis((c.shade[c.shade.size() > 1 ? k : 0] - *f.colour->from) / (*f.colour->to - *f.colour->from)); };
     s += fmt::format("$s{} << END\n", i);
     for (std::size_t k = 0; k < c.x.size(); ++k) {
       const Colour rgb = c.shade.empty() ? stroke.colour : shade(k);
-      const int clear = c.mark == Mark::cloud ? 0xa0 : 0;   // gnuplot's alpha: 0 is opaque
       const bool gap = !(std::isfinite(c.x[k]) && std::isfinite(c.y[k]));
       const double spread = error && std::isfinite(c.error[k]) ? c.error[k] : 0;
       if (!gap) x.add(c.x[k]), y.add(c.y[k] - spread), y.add(c.y[k] + spread);
       if (gap) s += "NaN NaN 0 0\n";
-      else s += fmt::format("{} {} {} {}\n", c.x[k], c.y[k], spread, std::int64_t{clear} << 24 | rgb.r << 16 | rgb.g << 8 | rgb.b);
+      else s += fmt::format("{} {} {} {}\n", c.x[k], c.y[k], spread, (many ? 0xa0000000U : 0U) | static_cast<unsigned>(rgb.r << 16 | rgb.g << 8 | rgb.b));
     }
     s += "END\n";
     const std::string colour = fmt::format("'{}'", hex(c.shade.empty() ? stroke.colour : shade(0)));
@@ -236,8 +215,7 @@ std::string curves(const Figure& f, FigureSize size) {
     switch (c.mark) {
       case Mark::line: plot += fmt::format("1:2 with lines linewidth 1.8 linecolor rgb {} dashtype {}", colour, c.shade.empty() ? stroke.dashes : "solid"); break;
       case Mark::reference: plot += fmt::format("1:2 with lines linewidth 1.2 linecolor rgb {} dashtype (6,5)", colour); break;
-      case Mark::points: plot += "1:2:4 with points pointtype 7 pointsize 0.4 linecolor rgb variable"; break;
-      case Mark::cloud: plot += "1:2:4 with points pointtype 7 pointsize 0.28 linecolor rgb variable"; break;
+      case Mark::points: plot += fmt::format("1:2:4 with points pointtype 7 pointsize {} linecolor rgb variable", many ? 0.28 : 0.4); break;
       case Mark::error_bars: plot += "1:2:3:4 with yerrorbars pointtype 7 pointsize 0.45 linewidth 1.2 linecolor rgb variable"; break;
       case Mark::bars: {
         const double width = c.x.size() > 1 ? std::abs(c.x[1] - c.x[0]) : 1;
@@ -251,11 +229,9 @@ std::string curves(const Figure& f, FigureSize size) {
     plot += c.label.empty() ? " notitle" : fmt::format(" title {} noenhanced", quoted(fitting(c.label, size.width - 130)));
   }
   if (f.colour) {
-    // Room for the bar, its numbers and its label, which gnuplot leaves too little for where the numbers are long.
-    s += fmt::format("set cblabel {} textcolor '{}'\nset rmargin at screen {}\n", label(*f.colour), hex(theme::ink), 1 - 108.0 / size.width) + range("cb", *f.colour, {});
+    s += fmt::format("set cblabel {} textcolor '{}'\n", label(*f.colour), hex(theme::ink)) + range("cb", *f.colour, {});
     plot += ", NaN with lines linecolor palette notitle";   // what makes gnuplot draw the colour bar
   }
-  if (f.x.logarithmic) s += logarithmic("x", f.x.from.value_or(x.low), f.x.to.value_or(x.high));
   return s + range("x", f.x, x) + range("y", f.y, y) + plot + "\n";
 }
 

@@ -15,14 +15,12 @@ namespace tribotwin::render {
 struct Axis {
   std::string quantity, symbol{}, unit{"-"};
   std::optional<double> from{}, to{};   ///< else around the values
-  bool logarithmic = false;             ///< of x; all values are above 0
 };
 
 enum class Mark {
   line,
   reference,    ///< a thin dashed line, to compare with
-  points,
-  cloud,        ///< very many points: small and translucent
+  points,       ///< small and translucent where they are many
   error_bars,   ///< points with y +- error
   bars,         ///< from 0 to y, centred on evenly spaced x
   area          ///< closed outline, lightly filled

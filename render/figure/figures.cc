@@ -18,7 +18,7 @@ Series law_series(const drive::Drive& drive, const LawAxes& axes, double speed_m
   constexpr int steps = 160;
   Series s;
   for (int i = 0; i <= steps; ++i) {
-    const double share = static_cast<double>(i) / steps, speed = speed_max * share * share * share;   // closer where friction bends
+    const double share = static_cast<double>(i) / steps, speed = speed_max * share * share;   // closer where friction bends
     s.x.push_back(speed * axes.per_joint_rad_s);
     s.y.push_back(mujoco::friction_nm(drive, speed, load, temperature) * axes.per_nm);
   }
@@ -47,8 +47,6 @@ void set_limits(Axis& axis, std::span<const double> values, double least) {
   axis.to = high + pad;
 }
 constexpr double temperature_span_K = 2, load_span = 0.05;
-
-Mark mark_for(std::size_t points) { return points > 300 ? Mark::cloud : Mark::points; }
 
 struct TimeUnit {
   const char* name;
@@ -163,7 +161,7 @@ Figure residual_histogram(const std::string& title, const Axis& residual, std::s
   const double n = static_cast<double>(r.size()), mean = std::accumulate(r.begin(), r.end(), 0.0) / n;
   double square = 0;
   for (const double v : r) square += (v - mean) * (v - mean);
-  const double deviation = std::sqrt(square / n);
+  const double deviation = std::sqrt(square / std::max(n - 1, 1.0));
   auto [low, high] = std::ranges::minmax(r);
   if (!(low < high)) low -= 0.5, high += 0.5;
   const int bins = std::clamp(static_cast<int>(std::lround(2 * std::cbrt(n))), 5, 80);   // Rice's rule
@@ -174,8 +172,7 @@ Figure residual_histogram(const std::string& title, const Axis& residual, std::s
   bars.label = fmt::format("n = {}", r.size());
   f.series.push_back(std::move(bars));
   if (deviation > 0) {
-    const int decimals = std::clamp(2 - static_cast<int>(std::floor(std::log10(deviation))), 0, 9);
-    Series normal{.label = fmt::format("normal: mean {:.{}f}, std {:.3g}", std::abs(mean) < 5e-4 * deviation ? 0.0 : mean, decimals, deviation)};
+    Series normal{.label = fmt::format("normal, mean {:.3g}, std {:.3g}", std::abs(mean) < 5e-4 * deviation ? 0.0 : mean, deviation)};
     for (int i = 0; i <= 200; ++i) {
       const double x = low + (high - low) * i / 200, z = (x - mean) / deviation;
       normal.x.push_back(x);
@@ -201,7 +198,7 @@ Figure scatter(const std::string& title, const Axis& x, const Axis& y, std::span
   for (std::size_t i = 0; i < std::min(xs.size(), ys.size()); ++i)
     if (std::isfinite(xs[i]) && std::isfinite(ys[i])) rows.push_back(i);
   Figure f{.title = title, .x = x, .y = y};
-  Series points{.mark = mark_for(std::min(rows.size(), most)), .stroke = 0};
+  Series points{.mark = Mark::points, .stroke = 0};
   for (const std::size_t k : thinned(rows.size(), most)) points.x.push_back(xs[rows[k]]), points.y.push_back(ys[rows[k]]);
   f.series.push_back(std::move(points));
   std::ranges::stable_sort(rows, {}, [&](std::size_t i) { return xs[i]; });
@@ -224,12 +221,6 @@ Figure scatter(const std::string& title, const Axis& x, const Axis& y, std::span
   if (mean.x.size() > 1)
     for (auto* s : {&mean, &above, &below}) f.series.push_back(std::move(*s));
   return f;
-}
-
-Figure coverage(const std::string& title, const Axis& x, const Axis& y, std::span<const double> xs, std::span<const double> ys, std::size_t most) {
-  Series points{.mark = mark_for(std::min({xs.size(), ys.size(), most})), .stroke = 0};
-  for (const std::size_t i : thinned(std::min(xs.size(), ys.size()), most)) points.x.push_back(xs[i]), points.y.push_back(ys[i]);
-  return {.title = title, .x = x, .y = y, .series = {std::move(points)}};
 }
 
 Figure correlation_matrix(const std::string& title, Matrix correlation) {

@@ -53,11 +53,10 @@ Figure residual_histogram(const std::string& title, const Axis& residual, std::s
 /// no rhythm of the data is met.
 std::vector<std::size_t> thinned(std::size_t count, std::size_t most);
 
+constexpr std::size_t scatter_points = 2000;
 /// One quantity against another: at most `most` points and, of all points, mean and mean +- standard deviation in classes of x
 /// that hold as many each. NaN are left out.
-Figure scatter(const std::string& title, const Axis& x, const Axis& y, std::span<const double> xs, std::span<const double> ys, std::size_t most = 2000);
-/// Where samples lie: at most `most` points.
-Figure coverage(const std::string& title, const Axis& x, const Axis& y, std::span<const double> xs, std::span<const double> ys, std::size_t most = 2000);
+Figure scatter(const std::string& title, const Axis& x, const Axis& y, std::span<const double> xs, std::span<const double> ys, std::size_t most = scatter_points);
 
 /// How estimates move together: names and a symmetric matrix of correlations.
 Figure correlation_matrix(const std::string& title, Matrix correlation);

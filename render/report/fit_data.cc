@@ -6,7 +6,6 @@
 #include <iterator>
 
 #include <fmt/format.h>
-#include <fmt/ranges.h>
 
 namespace tribotwin::render {
 namespace {
@@ -14,54 +13,55 @@ namespace {
 namespace fs = std::filesystem;
 using twin::identification::ParameterFile;
 
-bool is_file(const fs::path& path) {
-  std::error_code error;
-  return fs::is_regular_file(path, error);
-}
-
 /// The files that a parameter file names, where they all are.
 std::vector<fs::path> named_data(FitData& fit) {
+  const auto& names = fit.parameters.data;
+  if (names.empty()) {
+    fit.missing.push_back("The file does not say which data the law was identified from: curves are shown without points, and no residuals.");
+    return {};
+  }
+  if (!fit.has_residual()) {
+    fit.missing.push_back("The parameters were not found from measured friction: curves are shown without points, and no residuals.");
+    return {};
+  }
   std::vector<fs::path> found;
-  std::vector<std::string> lost;
-  for (const auto& name : fit.parameters.data) {
-    const fs::path beside = fit.file.parent_path() / name;
-    if (is_file(name)) found.emplace_back(name);
-    else if (is_file(beside)) found.push_back(beside);
-    else lost.push_back(name);
+  for (const auto& name : names) {
+    std::error_code error;
+    const fs::path here = name, beside = fit.file.parent_path() / name;
+    if (fs::is_regular_file(here, error)) found.push_back(here);
+    else if (fs::is_regular_file(beside, error)) found.push_back(beside);
+    else {
+      fit.missing.push_back(fmt::format("The data of this identification are missing: {} is neither in the working directory nor beside {}. Curves are shown without points, and no residuals.", name, fit.file.filename().string()));
+      return {};
+    }
   }
-  if (lost.empty() && !found.empty()) return found;
-  std::string what = "The file does not say which data the law was identified from";
-  if (!lost.empty()) {
-    const std::size_t most = std::min<std::size_t>(lost.size(), 5), all = fit.parameters.data.size();
-    const std::string which = all == 1 ? "The data of this identification are" : fmt::format("Of the {} data files of this identification, {} {}", all, lost.size(), lost.size() == 1 ? "is" : "are");
-    what = fmt::format("{} missing: {}{} (looked for in the working directory and beside {})", which, fmt::join(std::span(lost).first(most), ", "), most < lost.size() ? ", ..." : "", fit.file.filename().string());
-  }
-  fit.missing.push_back(what + ". Curves are shown without points, and what needs the residuals is not shown; all numbers are those of the identification.");
-  return {};
+  return found;
 }
 
 void hold_against_law(FitData& fit) {
   const auto& s = fit.samples;
   const friction::Law& law = fit.parameters.law;
-  const auto n = static_cast<double>(s.size());
   double last_degC = std::nan("");
   friction::AtTemperature at{};
   for (std::size_t i = 0; i < s.size(); ++i) {
     if (s.temperature_degC[i] != last_degC) at = friction::at_temperature(law, last_degC = s.temperature_degC[i]);
-    const auto level = friction::level(law, at, s.speed[i], s.load[i]);
-    fit.residuals.push_back(s.friction[i] - level.total());
-    fit.outside += level.outside || (law.info->temperature_dependent && at.outside);
+    fit.residuals.push_back(s.friction[i] - friction::level(law, at, s.speed[i], s.load[i]).total());
   }
-  for (const double r : fit.residuals) fit.mean += r / n, fit.largest = std::max(fit.largest, std::abs(r));
-  for (const double r : fit.residuals) fit.deviation += (r - fit.mean) * (r - fit.mean) / n;
-  fit.deviation = std::sqrt(fit.deviation);
+  const auto n = static_cast<double>(s.size());
+  double mean = 0, square = 0;
+  for (const double r : fit.residuals) mean += r / n;
+  for (const double r : fit.residuals) square += (r - mean) * (r - mean) / n;
+  fit.deviation = std::sqrt(square);
 }
 
 }  // namespace
 
-tl::expected<ParameterFile, std::string> read_parameter_file(const fs::path& path) {
+tl::expected<ParameterFile, std::string> read_parameter_file(const fs::path& path, const twin::identification::ReadOptions& given) {
   try {
-    return twin::identification::read_parameters(path);
+    auto file = twin::identification::read_parameters(path);
+    if (given.torque_max_nm > 0) file.torque_max_nm = given.torque_max_nm;
+    if (given.gear_ratio > 0) file.gear_ratio = given.gear_ratio;
+    return file;
   } catch (const std::exception& e) {
     const std::string why = e.what();
     return tl::unexpected(why.starts_with(path.string()) ? why : fmt::format("{}: {}", path.string(), why));
@@ -76,29 +76,32 @@ drive::Drive drawn_drive(const ParameterFile& file) {
   return drive;
 }
 
-tl::expected<std::unique_ptr<FitData>, std::string> load_fit(const fs::path& path, const FitOptions& options) {
-  auto fit = std::make_unique<FitData>();
-  fit->file = path;
-  auto parameters = read_parameter_file(path);
-  if (!parameters) return tl::unexpected(parameters.error());
-  fit->parameters = std::move(*parameters);
-  std::ifstream in(path, std::ios::binary);
-  fit->text.assign(std::istreambuf_iterator<char>(in), {});
-  ParameterFile& p = fit->parameters;
-  auto read = options.read;
-  if (!(read.torque_max_nm > 0)) read.torque_max_nm = p.torque_max_nm;
-  if (!(read.gear_ratio > 0)) read.gear_ratio = p.gear_ratio;
-  p.torque_max_nm = read.torque_max_nm;
-  p.gear_ratio = read.gear_ratio;
-  fit->drive = drawn_drive(p);
+std::vector<FrictionPoint> friction_points(const drive::Drive& drive, const twin::identification::Samples& s, std::span<const std::size_t> rows) {
+  std::vector<FrictionPoint> points;
+  const double nm = drive.torque_scale_nm();
+  for (const std::size_t i : rows)
+    points.push_back({s.speed[i] / drive.speed_scale(), s.load[i], s.temperature_degC[i], s.friction[i] * nm, s.standard_error.empty() ? 0 : s.standard_error[i] * nm});
+  return points;
+}
 
-  fit->data = options.data.empty() ? named_data(*fit) : options.data;
-  if (fit->data.empty()) return fit;
-  auto samples = twin::identification::read_samples(fit->data, *p.law.info, read);
+tl::expected<FitData, std::string> load_fit(const fs::path& path, std::vector<fs::path> data, twin::identification::ReadOptions read) {
+  auto parameters = read_parameter_file(path, read);
+  if (!parameters) return tl::unexpected(parameters.error());
+  FitData fit{.file = path, .parameters = std::move(*parameters)};
+  std::ifstream in(path, std::ios::binary);
+  fit.text.assign(std::istreambuf_iterator<char>(in), {});
+  const ParameterFile& p = fit.parameters;
+  read.torque_max_nm = p.torque_max_nm;
+  read.gear_ratio = p.gear_ratio;
+  fit.drive = drawn_drive(p);
+
+  if (data.empty()) data = named_data(fit);
+  if (data.empty()) return fit;
+  auto samples = twin::identification::read_samples(data, *p.law.info, read);
   if (!samples) return tl::unexpected(samples.error());
-  fit->samples = std::move(*samples);
-  hold_against_law(*fit);
-  fit->own_data = p.samples == fit->samples.size() && std::abs(fit->deviation - p.residual_std) <= 1e-3 * p.residual_std + 1e-12 * std::ranges::max(fit->samples.friction);
+  fit.samples = std::move(*samples);
+  hold_against_law(fit);
+  fit.own_data = p.samples == fit.samples.size() && std::abs(fit.deviation - p.residual_std) <= 1e-3 * p.residual_std + 1e-12 * std::ranges::max(fit.samples.friction);
   return fit;
 }
 

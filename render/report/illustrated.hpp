@@ -1,5 +1,6 @@
 #pragma once
 
+#include <functional>
 #include <string>
 #include <vector>
 
@@ -10,6 +11,12 @@
 #include <tribotwin/render/report/page.hpp>
 
 namespace tribotwin::render {
+
+struct ReportOptions {
+  std::vector<Format> figure_files;     ///< also every figure as a file of each of these formats (poses are PNG always)
+  std::string command;                  ///< how this report was asked for; shown in it
+  std::function<void(double)> progress;
+};
 
 struct File {
   std::string name, bytes;

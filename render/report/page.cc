@@ -20,7 +20,7 @@ main { max-width: 1240px; margin: 0 auto; padding: 32px 24px 48px; }
 h1 { font-size: 1.75rem; line-height: 1.2; margin: 0 0 .3rem; overflow-wrap: anywhere; }
 h2 { font-size: 1.35rem; margin: 2.6rem 0 .2rem; overflow-wrap: anywhere; }
 h3 { font-size: 1.05rem; margin: 1.8rem 0 .6rem; overflow-wrap: anywhere; }
-.verdict { font-size: 1.2rem; line-height: 1.45; max-width: 68ch; margin: .8rem 0; }
+.verdict { font-size: 1.2rem; max-width: 68ch; }
 p { margin: .3rem 0 .8rem; overflow-wrap: anywhere; max-width: 75ch; }
 .soft { color: SOFT; }
 .tiles { display: grid; grid-template-columns: repeat(auto-fit, minmax(min(100%, 165px), 1fr)); gap: 14px; margin: 1.2rem 0; }
@@ -31,7 +31,6 @@ p { margin: .3rem 0 .8rem; overflow-wrap: anywhere; max-width: 75ch; }
 .good { color: GOOD; }
 .bad { color: BAD; }
 .notice { border-left: 5px solid BAD; padding: 10px 16px; margin: 1rem 0; }
-.notice.remarks { border-left-color: ACCENT; }
 .notice p { margin: .2rem 0; }
 .figures { display: grid; grid-template-columns: repeat(auto-fit, minmax(min(100%, 440px), 1fr)); gap: 16px; margin: 1rem 0; }
 figure { margin: 0; padding: 12px; min-width: 0; }
@@ -68,7 +67,6 @@ pre { padding: 12px 16px; font: .88rem/1.5 ui-monospace, Menlo, Consolas, 'DejaV
   put("INK", hex(theme::ink));
   put("SOFT", hex(theme::ink_soft));
   put("LINE", hex(theme::line));
-  put("ACCENT", hex(theme::accent));
   put("GOOD", hex(theme::good));
   put("BAD", hex(theme::bad));
   put("FONT", std::string(theme::page_font));

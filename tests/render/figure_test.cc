@@ -380,7 +380,6 @@ TEST(Figures, ScatterCountsAllAndDrawsSome) {
   EXPECT_NEAR(f.series[2].y[7] - f.series[1].y[7], 0.5, 0.03);
   EXPECT_EQ(refusal(f), "");
   EXPECT_EQ(drawing(f).points(1).size(), 1000U);
-  EXPECT_EQ(refusal(coverage("C", plain_x, plain_y, x, y)), "");
 }
 
 TEST(Figures, ThinnedIsEvenAndWhole) {
@@ -390,19 +389,6 @@ TEST(Figures, ThinnedIsEvenAndWhole) {
   ASSERT_EQ(rows.size(), 1000U);
   for (std::size_t k = 0; k < rows.size(); ++k) EXPECT_TRUE(rows[k] >= k * 1000003 / 1000 && rows[k] < (k + 1) * 1000003 / 1000) << k;
   EXPECT_EQ(rows, thinned(1000003, 1000));
-}
-
-TEST(Figure, LogarithmicSpeeds) {
-  Figure f{.title = "L", .x = plain_x, .y = plain_y, .series = {{.mark = Mark::points, .x = {1.5, 15, 150}, .y = {1, 2, 3}}}};
-  f.x.logarithmic = true;
-  const Drawing d = drawing(f);
-  for (const char* tick : {"2", "5", "10", "20", "50", "100"}) EXPECT_TRUE(std::ranges::any_of(d.texts, [&](const std::string& t) { return t.find_first_not_of(' ') != std::string::npos && t.substr(t.find_first_not_of(' ')) == tick; })) << tick;
-  std::vector<double> at;
-  for (const auto& found : d.document.select_nodes("//g[@id='gnuplot_plot_1']//use")) at.push_back(numbers(found.node().attribute("transform").value()).at(0));
-  ASSERT_EQ(at.size(), 3U);
-  EXPECT_NEAR(at[1] - at[0], at[2] - at[1], 0.5);
-  f.series[0].x[0] = 0;
-  EXPECT_NE(refusal(f).find("x = 0 at point 1, which a logarithmic axis cannot show"), std::string::npos);
 }
 
 TEST(Figures, HysteresisKeepsItsOrder) {
