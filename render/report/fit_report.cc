@@ -273,12 +273,14 @@ class Writer {
       auto& row = m.values.emplace_back();
       for (const std::size_t k : known_) row.push_back(correlation_of({i, k}));
     }
-    if (auto ok = page_.show(page_.add(page_.body(), "div", {}, "figures"), correlation_matrix("Correlation of the estimates", std::move(m)), "correlation",
-                             "Correlation of the estimated parameters: the darker, the stronger. Orange pairs rise and fall together; blue pairs, with a minus, make up for each other. Bold from 0.9.", true);
+    const bool wide = known_.size() > 6;
+    auto grid = page_.add(page_.body(), "div", {}, "figures");
+    if (auto ok = page_.show(grid, correlation_matrix("Correlation of the estimates", std::move(m)), "correlation",
+                             "Correlation of the estimated parameters: the darker, the stronger. Orange pairs rise and fall together; blue pairs, with a minus, make up for each other. Bold from 0.9.", wide);
         !ok)
       return ok;
-    auto grid = page_.add(page_.body(), "div", {}, "figures");
-    pairs.resize(std::min<std::size_t>(pairs.size(), 2));
+    if (wide) grid = page_.add(page_.body(), "div", {}, "figures");
+    pairs.resize(std::min<std::size_t>(pairs.size(), wide ? 2 : 1));
     for (const Pair pair : pairs) {
       const auto &a = p_.estimates[pair[0]], &b = p_.estimates[pair[1]];
       const double both = correlation_of(pair) * a.sigma * b.sigma;
