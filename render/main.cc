@@ -257,7 +257,8 @@ int curve(const CurveArguments& a) {
   const auto limit = [](double given, double otherwise) { return std::abs(given) < friction::unlimited ? given : otherwise; };
   const friction::Range& range = drive.law.range;
   // Shown without being asked: the points or the law's own range, where that has an end.
-  const double speed = a.speed_max ? *a.speed_max / drive.gear_ratio : speed_points > 0 ? 1.05 * speed_points : limit(range.speed_max_rad_s / drive.speed_scale(), 280 / drive.gear_ratio);
+  const double range_speed = limit(range.speed_max_rad_s / drive.speed_scale(), 280 / drive.gear_ratio);
+  const double speed = a.speed_max ? *a.speed_max / drive.gear_ratio : speed_points > 0 ? std::min(1.05 * speed_points, std::max(speed_points, range_speed)) : range_speed;
   const auto spread = [](double from, double to, int count) {
     std::vector<double> v;
     for (int i = 0; i < count; ++i) v.push_back(from + (to - from) * i / (count - 1));
@@ -274,7 +275,7 @@ int curve(const CurveArguments& a) {
   if (!law.temperature_dependent && !over_load) fmt::print(stderr, "note: law '{}' does not depend on temperature\n", law.name);
   if (!law.load_dependent && over_load) fmt::print(stderr, "note: law '{}' does not depend on load\n", law.name);
   render::Figure figure;
-  if (over_load) figure = render::friction_against_load(drive, fmt::format("{}: law '{}'{}", name, law.name, law.temperature_dependent ? fmt::format(" at {:g} °C", temperatures[0]) : ""), speed, temperatures[0], loads, points);
+  if (over_load) figure = render::friction_against_load(drive, fmt::format("{}: law '{}'{}", name, law.name, law.temperature_dependent ? fmt::format(" at {:.4g} °C", temperatures[0]) : ""), speed, temperatures[0], loads, points);
   else if (a.over == "surface") figure = render::friction_surface(drive, at_load(), speed, loads[0], std::ranges::min(temperatures), std::max(std::ranges::max(temperatures), std::ranges::min(temperatures) + 1));
   else if (!law.temperature_dependent) figure = render::friction_against_speed(drive, at_load(), speed, loads[0], points);
   else figure = render::friction_against_temperature(drive, at_load(), speed, loads[0], temperatures, points);

@@ -197,7 +197,7 @@ std::string curves(const Figure& f, FigureSize size) {
   std::size_t strokes = 0;
   for (std::size_t i = 0; i < f.series.size(); ++i) {
     const Series& c = f.series[i];
-    const bool error = c.mark == Mark::error_bars, many = c.mark == Mark::points && c.x.size() > 300;   // which are small and translucent
+    const bool error = c.mark == Mark::error_bars, many = c.mark == Mark::points && c.x.size() > 1000;   // which are small and translucent
     const theme::Stroke stroke = theme::stroke(c.stroke ? *c.stroke : c.label.empty() ? strokes : strokes++);
     const auto shade = [&](std::size_t k) { return viridis((c.shade[c.shade.size() > 1 ? k : 0] - *f.colour->from) / (*f.colour->to - *f.colour->from)); };
     s += fmt::format("$s{} << END\n", i);
@@ -229,7 +229,8 @@ std::string curves(const Figure& f, FigureSize size) {
     plot += c.label.empty() ? " notitle" : fmt::format(" title {} noenhanced", quoted(fitting(c.label, size.width - 130)));
   }
   if (f.colour) {
-    s += fmt::format("set cblabel {} textcolor '{}'\n", label(*f.colour), hex(theme::ink)) + range("cb", *f.colour, {});
+    // Room for the bar, its numbers and its label: gnuplot leaves too little where the numbers are long.
+    s += fmt::format("set cblabel {} textcolor '{}'\nset rmargin at screen {}\n", label(*f.colour), hex(theme::ink), 1 - 108.0 / size.width) + range("cb", *f.colour, {});
     plot += ", NaN with lines linecolor palette notitle";   // what makes gnuplot draw the colour bar
   }
   return s + range("x", f.x, x) + range("y", f.y, y) + plot + "\n";

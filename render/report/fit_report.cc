@@ -66,6 +66,10 @@ struct Input {
   bool varies() const { return high > low; }
 };
 
+std::string level_text(const char* level_format, const char* window_format, double level, const Input& input) {
+  return fmt::format(fmt::runtime(level_format), level) + (input.varies() ? fmt::format(fmt::runtime(window_format), input.window) : "");
+}
+
 double end_or(double end, double otherwise) { return std::abs(end) < friction::unlimited ? end : otherwise; }
 
 class Writer {
@@ -213,14 +217,14 @@ class Writer {
     // Curves that differ in what did not vary would say the same as the others.
     if (thermal && (temperature_.varies() || !loaded || !load_.varies()))
       for (const double load : loaded ? load_.levels : std::vector{0.0})
-        if (auto ok = show_curves(grid, "temperature", loaded ? fmt::format(" at a load of {:.2f} ± {:.2f}", load, load_.window) : "",
+        if (auto ok = show_curves(grid, "temperature", loaded ? level_text(" at a load of {:.2f}", " ± {:.2f}", load, load_) : "",
                                   [&](std::size_t i) { return !loaded || std::abs(s_.load[i] - load) <= load_.window; },
                                   [&](const std::string& title, const auto& points) { return friction_against_temperature(fit_.drive, title, speed_max_, load, evenly(temperature_.low, temperature_.high, 7), points); });
             !ok)
           return ok;
     if (loaded && (load_.varies() || !thermal))
       for (const double T : thermal ? temperature_.levels : std::vector{temperature_.low})
-        if (auto ok = show_curves(grid, "load", thermal ? fmt::format(" at {:.1f} ± {:.1f} °C", T, temperature_.window) : "",
+        if (auto ok = show_curves(grid, "load", thermal ? level_text(" at {:.1f}", " ± {:.1f}", T, temperature_) + " °C" : "",
                                   [&](std::size_t i) { return !thermal || std::abs(s_.temperature_degC[i] - T) <= temperature_.window; },
                                   [&](const std::string& title, const auto& points) { return friction_against_load(fit_.drive, title, speed_max_, T, evenly(load_.low, load_.high, 6), points); });
             !ok)
