@@ -9,6 +9,7 @@
 #include <tribotwin/render/figure/figures.hpp>
 #include <tribotwin/render/pose/video.hpp>
 #include <tribotwin/render/process/child.hpp>
+#include <tribotwin/render/report/fit_report.hpp>
 #include <tribotwin/render/report/report.hpp>
 #include <tribotwin/twin/model/arm.hpp>
 #include <tribotwin/twin/output/output.hpp>
@@ -220,38 +221,48 @@ int video(const VideoArguments& a) {
 }
 
 struct CurveArguments {
-  std::string model, joint, output = "curve.svg", over = "temperature", points;
+  std::string model, joint, output = "curve.svg", over = "temperature";
+  std::vector<std::string> points;
+  twin::identification::ReadOptions read;
   std::vector<double> temperatures, loads;
   std::optional<double> speed_max;
 };
 
 int curve(const CurveArguments& a) {
   const render::Format format = or_wrong_input(render::format_of(a.output));
-  const auto model = or_wrong_input(mujoco::load_file(a.model));
-  const auto index = twin::find_drive(*model, a.joint);
-  if (!index) throw InputError(fmt::format("{}: --joint {}", a.model, index.error()));
-  const drive::Drive& drive = model->drives()[*index].drive;
-  const auto& law = *drive.law.info;
-  std::vector<render::FrictionPoint> points;
-  double speed_points = 0;
-  if (!a.points.empty()) {
-    const twin::Table table = or_wrong_input(twin::read_table(a.points));
-    const auto column = [&](const char* name) { return or_wrong_input(table.numbers(name)); };
-    const auto speed = column("speed_rad_s"), load = column("load_norm"), temperature = column("temperature_degC"), friction = column("friction_nm");
-    const auto error = table.has("stderr_nm") ? column("stderr_nm") : std::vector<double>(speed.size());
-    for (std::size_t i = 0; i < speed.size(); ++i) {
-      points.push_back({std::abs(speed[i]) / drive.gear_ratio, std::abs(load[i]), temperature[i], std::abs(friction[i]), error[i]});
-      speed_points = std::max(speed_points, points.back().speed_rad_s);
-    }
+  drive::Drive drive;
+  std::string name = a.joint;
+  twin::identification::ReadOptions read;
+  if (a.model.ends_with(".yaml")) {
+    if (!a.joint.empty()) throw InputError(fmt::format("{}: an identified law has no joint; leave --joint out", a.model));
+    const auto file = or_wrong_input(render::read_parameter_file(a.model, a.read));
+    drive = render::drawn_drive(file);
+    read = {.torque_max_nm = file.torque_max_nm, .gear_ratio = file.gear_ratio};
+    name = fs::path(a.model).stem().string();
+  } else {
+    if (a.joint.empty()) throw InputError("--joint is needed: a model has several");
+    if (a.read.torque_max_nm > 0 || a.read.gear_ratio > 0) throw InputError("--tau-max, --gear-ratio: are for PARAMS.yaml; a model has its own");
+    const auto model = or_wrong_input(mujoco::load_file(a.model));
+    const auto index = twin::find_drive(*model, a.joint);
+    if (!index) throw InputError(fmt::format("{}: --joint {}", a.model, index.error()));
+    drive = model->drives()[*index].drive;
+    read = {.torque_max_nm = drive.torque_max_nm, .gear_ratio = drive.gear_ratio};
   }
+  const auto& law = *drive.law.info;
+  const auto measured = or_wrong_input(twin::identification::read_samples(std::vector<fs::path>(a.points.begin(), a.points.end()), law, read));
+  constexpr std::size_t points_most = 5000;
+  if (measured.size() > points_most) fmt::print(stderr, "note: {} of the {} points are drawn, chosen evenly\n", points_most, measured.size());
+  const auto points = render::friction_points(drive, measured, render::thinned(measured.size(), points_most));
+  const double speed_points = measured.size() ? std::ranges::max(measured.speed) / drive.speed_scale() : 0;
   const auto limit = [](double given, double otherwise) { return std::abs(given) < friction::unlimited ? given : otherwise; };
   const friction::Range& range = drive.law.range;
-  // Shown without being asked: the law's own range, where that has an end.
-  double speed = a.speed_max ? *a.speed_max / drive.gear_ratio : speed_points > 0 ? 1.05 * speed_points : limit(range.speed_max_rad_s / drive.speed_scale(), 280 / drive.gear_ratio);
+  // Shown without being asked: the points or the law's own range, where that has an end.
+  const double range_speed = limit(range.speed_max_rad_s / drive.speed_scale(), 280 / drive.gear_ratio);
+  const double speed = a.speed_max ? *a.speed_max / drive.gear_ratio : speed_points > 0 ? std::min(1.05 * speed_points, std::max(speed_points, range_speed)) : range_speed;
   const auto spread = [](double from, double to, int count) {
     std::vector<double> v;
     for (int i = 0; i < count; ++i) v.push_back(from + (to - from) * i / (count - 1));
-    return v;
+    return from < to ? v : std::vector{from};
   };
   const double t_low = limit(range.temperature_min_degC, 20), t_high = limit(range.temperature_max_degC, 80), load_high = limit(range.load_max, 0.8);
   auto temperatures = a.temperatures, loads = a.loads;
@@ -260,12 +271,13 @@ int curve(const CurveArguments& a) {
   if (loads.empty()) loads = over_load ? spread(0, load_high, 6) : std::vector{0.0};
   if (over_load && temperatures.size() != 1) throw InputError("--temperature: curves over load are drawn at one temperature");
   if (!over_load && loads.size() != 1) throw InputError("--load: curves over temperature are drawn at one load");
-  const auto at_load = [&] { return fmt::format("{}: law '{}' at a load of {:g}", a.joint, law.name, loads[0]); };
+  const auto at_load = [&] { return fmt::format("{}: law '{}'{}", name, law.name, law.load_dependent ? fmt::format(" at a load of {:g}", loads[0]) : ""); };
   if (!law.temperature_dependent && !over_load) fmt::print(stderr, "note: law '{}' does not depend on temperature\n", law.name);
   if (!law.load_dependent && over_load) fmt::print(stderr, "note: law '{}' does not depend on load\n", law.name);
   render::Figure figure;
-  if (over_load) figure = render::friction_against_load(drive, fmt::format("{}: law '{}' at {:g} °C", a.joint, law.name, temperatures[0]), speed, temperatures[0], loads, points);
+  if (over_load) figure = render::friction_against_load(drive, fmt::format("{}: law '{}'{}", name, law.name, law.temperature_dependent ? fmt::format(" at {:.4g} °C", temperatures[0]) : ""), speed, temperatures[0], loads, points);
   else if (a.over == "surface") figure = render::friction_surface(drive, at_load(), speed, loads[0], std::ranges::min(temperatures), std::max(std::ranges::max(temperatures), std::ranges::min(temperatures) + 1));
+  else if (!law.temperature_dependent) figure = render::friction_against_speed(drive, at_load(), speed, loads[0], points);
   else figure = render::friction_against_temperature(drive, at_load(), speed, loads[0], temperatures, points);
   write(a.output, or_fail(render::draw(figure, format)));
   return done;
@@ -277,31 +289,64 @@ struct ReportArguments {
   bool png = false, pdf = false, quiet = false;
 };
 
+/// The page and its figures as files: what was asked for is checked before any work, written at the end.
+class PageFile {
+ public:
+  PageFile(fs::path output, bool png, bool pdf) : output_(std::move(output)) {
+    if (const auto folder = output_.parent_path(); !folder.empty() && !fs::is_directory(folder)) throw InputError(fmt::format("-o {}: there is no folder {}", output_.string(), folder.string()));
+    if (png) formats_.push_back(render::Format::png);
+    if (pdf) formats_.push_back(render::Format::pdf);
+  }
+  const std::vector<render::Format>& formats() const { return formats_; }
+
+  void write_all(const render::Report& made) const {
+    for (const auto& note : made.notes) fmt::print(stderr, "note: {}\n", note);
+    if (!made.figures.empty()) {
+      fs::path folder = output_;
+      folder.replace_extension();
+      folder += "_figures";
+      std::error_code error;
+      fs::create_directory(folder, error);
+      if (error) throw std::runtime_error(fmt::format("{}: cannot be created ({})", folder.string(), error.message()));
+      for (const auto& file : made.figures) or_fail(twin::write_file(folder / file.name, file.bytes));
+      fmt::print("{}/ ({} figures)\n", folder.string(), made.figures.size());
+    }
+    write(output_, made.html);
+  }
+
+ private:
+  fs::path output_;
+  std::vector<render::Format> formats_;
+};
+
 int report(const ReportArguments& a, const std::string& command) {
   if (a.runs.empty()) throw InputError("names no folder of a run; 'tribotwin-report --help' shows how it is used");
   std::vector<std::unique_ptr<render::RunData>> runs;
   for (const auto& directory : a.runs) runs.push_back(or_wrong_input(render::load_run(directory)));
-  const fs::path output = a.output.empty() ? (a.runs.size() == 1 ? fs::path(a.runs[0]) / "report.html" : fs::path("report.html")) : fs::path(a.output);
-  if (const auto folder = output.parent_path(); !folder.empty() && !fs::is_directory(folder)) throw InputError(fmt::format("-o {}: there is no folder {}", output.string(), folder.string()));
-  std::vector<render::Format> formats;
-  if (a.png) formats.push_back(render::Format::png);
-  if (a.pdf) formats.push_back(render::Format::pdf);
+  const PageFile page(a.output.empty() ? (a.runs.size() == 1 ? fs::path(a.runs[0]) / "report.html" : fs::path("report.html")) : fs::path(a.output), a.png, a.pdf);
   const render::Report made = [&] {
     Progress progress(a.quiet, "report");
-    return or_fail(render::make_report(runs, {.figure_files = formats, .command = command, .progress = [&](double share) { progress(share); }}));
+    return or_fail(render::make_report(runs, {.figure_files = page.formats(), .command = command, .progress = [&](double share) { progress(share); }}));
   }();
-  for (const auto& note : made.notes) fmt::print(stderr, "note: {}\n", note);
-  if (!made.figures.empty()) {
-    fs::path folder = output;
-    folder.replace_extension();
-    folder += "_figures";
-    std::error_code error;
-    fs::create_directory(folder, error);
-    if (error) throw std::runtime_error(fmt::format("{}: cannot be created ({})", folder.string(), error.message()));
-    for (const auto& file : made.figures) or_fail(twin::write_file(folder / file.name, file.bytes));
-    fmt::print("{}/ ({} figures)\n", folder.string(), made.figures.size());
-  }
-  write(output, made.html);
+  page.write_all(made);
+  return done;
+}
+
+struct FitArguments {
+  std::string parameters, output = "fit.html";
+  std::vector<std::string> data;
+  twin::identification::ReadOptions read;
+  bool png = false, pdf = false, quiet = false;
+};
+
+int fit(const FitArguments& a, const std::string& command) {
+  const PageFile page(a.output, a.png, a.pdf);
+  const auto data = or_wrong_input(render::load_fit(a.parameters, {a.data.begin(), a.data.end()}, a.read));
+  const render::Report made = [&] {
+    Progress progress(a.quiet, "report");
+    return or_fail(render::make_fit_report(data, {.figure_files = page.formats(), .command = command, .progress = [&](double share) { progress(share); }}));
+  }();
+  page.write_all(made);
   return done;
 }
 
@@ -331,16 +376,34 @@ int main(int argc, char** argv) {
   pose_command->footer("Example:\n  tribotwin-report pose mjcf/irb6620.xml --pose joint2=0.6 --temperature joint2=72 -o pose.png");
 
   CurveArguments c;
-  auto* curve_command = app.add_subcommand("curve", "The friction law of a joint as a figure");
-  curve_command->add_option("MODEL", c.model, "MJCF model")->required();
-  curve_command->add_option("--joint", c.joint, "Joint with a drive")->required();
+  auto* curve_command = app.add_subcommand("curve", "The friction law of a joint, or an identified one, as a figure");
+  curve_command->add_option("MODEL", c.model, "MJCF model, or PARAMS.yaml of tribotwin identify")->required();
+  curve_command->add_option("--joint", c.joint, "Joint with a drive, of a model");
   curve_command->add_option("--over", c.over, "What the curves differ in")->check(CLI::IsMember({"temperature", "load", "surface"}))->capture_default_str();
   curve_command->add_option("--temperature", c.temperatures, "One or more [degC] (default: the law's range)")->check(CLI::Range(-273.15, 1000.0));
   curve_command->add_option("--load", c.loads, "One or more, load torque / torque_max_nm [-] (default: 0, or the law's range)")->check(CLI::Range(-1000.0, 1000.0));
   curve_command->add_option("--speed-max", c.speed_max, "Largest speed, motor side [rad/s] (default: the law's range)")->check(CLI::Range(1e-6, 1e6));
-  curve_command->add_option("--points", c.points, "Measured points with error bars: a file of 'tribotwin curve --csv'");
+  curve_command->add_option("--points", c.points, "Measured friction, with error bars where the file has them, as for tribotwin identify; may be repeated")->allow_extra_args(false);
   curve_command->add_option("-o,--output", c.output, "File to write: .svg, .png or .pdf")->capture_default_str();
   curve_command->footer("Example:\n  tribotwin-report curve mjcf/irb6620.xml --joint joint2 -o curve.svg");
+
+  const auto add_units = [](CLI::App& command, twin::identification::ReadOptions& read) {
+    command.add_option("--tau-max", read.torque_max_nm, "Largest manipulation torque [Nm], arm side (default: that of PARAMS.yaml)")->check(CLI::Range(1e-9, 1e9));
+    command.add_option("--gear-ratio", read.gear_ratio, "Motor turns per joint turn (default: that of PARAMS.yaml)")->check(CLI::Range(1e-6, 1e6));
+  };
+  add_units(*curve_command, c.read);
+
+  FitArguments f;
+  auto* fit_command = app.add_subcommand("fit", "An identified law as a page: parameters, curves over points, residuals, correlation");
+  fit_command->add_option("PARAMS", f.parameters, "PARAMS.yaml of tribotwin identify or calibrate")->required();
+  fit_command->add_option("DATA", f.data, "Friction curves, recordings or telemetry.h5 to show the law with (default: those that PARAMS.yaml names)");
+  fit_command->add_option("-o,--output", f.output, "The page")->capture_default_str();
+  add_units(*fit_command, f.read);
+  fit_command->add_option("--joint", f.read.joint, "Joint of a telemetry.h5");
+  fit_command->add_flag("--png", f.png, "Also every figure as PNG, in a folder beside the page");
+  fit_command->add_flag("--pdf", f.pdf, "Also every figure as PDF, in a folder beside the page");
+  fit_command->add_flag("--quiet", f.quiet, "No progress");
+  fit_command->footer("Example:\n  tribotwin-report fit params.yaml -o fit.html");
 
   SheetArguments s;
   auto* sheet_command = app.add_subcommand("sheet", "Poses over a run in one picture");
@@ -363,7 +426,7 @@ int main(int argc, char** argv) {
     if (*video_command) return video(v);
     std::string command = program;
     for (int i = 1; i < argc; ++i) command += " " + render::shell_word(argv[i]);
-    return report(r, command);
+    return *fit_command ? fit(f, command) : report(r, command);
   } catch (const CLI::ParseError& e) {
     return app.exit(e) == 0 ? done : wrong_input;
   } catch (const InputError& e) {

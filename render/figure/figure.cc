@@ -91,6 +91,15 @@ Check checked(const Figure& f) {
       }
     return any ? Check{} : wrong("its surface has no finite value");
   }
+  if (f.matrix) {
+    const Matrix& m = *f.matrix;
+    const auto n = m.names.size();
+    if (n < 2 || m.values.size() != n || std::ranges::any_of(m.values, [&](const auto& row) { return row.size() != n; })) return wrong(fmt::format("its matrix has {} names and {} rows", n, m.values.size()));
+    for (const auto& row : m.values)
+      for (const double v : row)
+        if (std::abs(v) > 1 + 1e-6) return wrong(fmt::format("its matrix has the value {}, beyond -1 .. 1", v));
+    return {};
+  }
   if (f.series.empty()) return wrong("has nothing to show");
   for (std::size_t i = 0; i < f.series.size(); ++i) {
     const Series& s = f.series[i];
@@ -156,13 +165,39 @@ std::string surface(const Figure& f) {
   return s + range("z", *f.z, z) + range("cb", *f.z, z) + "splot $surface using 1:2:3 with pm3d\n";
 }
 
+/// Lower half, the first name on top; bold from 0.9.
+std::string matrix(const Figure& f) {
+  const Matrix& m = *f.matrix;
+  const std::size_t n = m.names.size();
+  std::string s = fmt::format("set palette defined (-1 '{}', 0 '{}', 1 '{}')\nset cbrange [-1:1]\nset cbtics 0.5\nset cblabel {} textcolor '{}'\n", hex(diverging(-1)), hex(diverging(0)), hex(diverging(1)),
+                              label(f.x), hex(theme::ink));
+  s += "unset grid\nunset border\nset tics scale 0\nunset xlabel\nunset ylabel\n";
+  for (const char* axis : {"x", "y"}) {
+    s += fmt::format("set {}tics (", axis);
+    for (std::size_t i = 0; i < n; ++i) s += fmt::format("{}{} {}", i ? ", " : "", quoted(m.names[i]), i);
+    s += fmt::format(") noenhanced textcolor '{}'\n", hex(theme::ink));
+  }
+  const double end = static_cast<double>(n) - 0.5;
+  s += fmt::format("set xrange [-0.5:{0}]\nset yrange [{0}:-0.5]\n", end);
+  for (std::size_t i = 0; i < n; ++i)
+    for (std::size_t k = 0; k <= i; ++k) {
+      const double v = m.values[i][k], x = static_cast<double>(k), y = static_cast<double>(i);
+      const Colour fill = i == k || std::isnan(v) ? theme::grid : diverging(v);
+      std::string number = i == k ? "1" : std::isnan(v) ? "–" : correlation(v);
+      if (i != k && std::abs(v) >= 0.9) number = "{/:Bold " + number + "}";
+      s += fmt::format("set object rectangle from {},{} to {},{} fillcolor rgb '{}' fillstyle solid border rgb '{}'\n", x - 0.48, y - 0.47, x + 0.48, y + 0.47, hex(fill), hex(theme::paper));
+      s += fmt::format("set label {} at {},{} center front textcolor '{}'\n", quoted("{/*0.9 " + number + "}"), x, y, hex(theme::ink));
+    }
+  return s + "plot NaN with lines linecolor palette notitle\n";
+}
+
 std::string curves(const Figure& f, FigureSize size) {
   std::string s, plot;
   Range x, y;
   std::size_t strokes = 0;
   for (std::size_t i = 0; i < f.series.size(); ++i) {
     const Series& c = f.series[i];
-    const bool error = c.mark == Mark::error_bars;
+    const bool error = c.mark == Mark::error_bars, many = c.mark == Mark::points && c.x.size() > 1000;   // which are small and translucent
     const theme::Stroke stroke = theme::stroke(c.stroke ? *c.stroke : c.label.empty() ? strokes : strokes++);
     const auto shade = [&](std::size_t k) { return viridis((c.shade[c.shade.size() > 1 ? k : 0] - *f.colour->from) / (*f.colour->to - *f.colour->from)); };
     s += fmt::format("$s{} << END\n", i);
@@ -172,7 +207,7 @@ std::string curves(const Figure& f, FigureSize size) {
       const double spread = error && std::isfinite(c.error[k]) ? c.error[k] : 0;
       if (!gap) x.add(c.x[k]), y.add(c.y[k] - spread), y.add(c.y[k] + spread);
       if (gap) s += "NaN NaN 0 0\n";
-      else s += fmt::format("{} {} {} {}\n", c.x[k], c.y[k], spread, rgb.r << 16 | rgb.g << 8 | rgb.b);
+      else s += fmt::format("{} {} {} {}\n", c.x[k], c.y[k], spread, (many ? 0xa0000000U : 0U) | static_cast<unsigned>(rgb.r << 16 | rgb.g << 8 | rgb.b));
     }
     s += "END\n";
     const std::string colour = fmt::format("'{}'", hex(c.shade.empty() ? stroke.colour : shade(0)));
@@ -180,7 +215,7 @@ std::string curves(const Figure& f, FigureSize size) {
     switch (c.mark) {
       case Mark::line: plot += fmt::format("1:2 with lines linewidth 1.8 linecolor rgb {} dashtype {}", colour, c.shade.empty() ? stroke.dashes : "solid"); break;
       case Mark::reference: plot += fmt::format("1:2 with lines linewidth 1.2 linecolor rgb {} dashtype (6,5)", colour); break;
-      case Mark::points: plot += "1:2:4 with points pointtype 7 pointsize 0.4 linecolor rgb variable"; break;
+      case Mark::points: plot += fmt::format("1:2:4 with points pointtype 7 pointsize {} linecolor rgb variable", many ? 0.28 : 0.4); break;
       case Mark::error_bars: plot += "1:2:3:4 with yerrorbars pointtype 7 pointsize 0.45 linewidth 1.2 linecolor rgb variable"; break;
       case Mark::bars: {
         const double width = c.x.size() > 1 ? std::abs(c.x[1] - c.x[0]) : 1;
@@ -194,7 +229,8 @@ std::string curves(const Figure& f, FigureSize size) {
     plot += c.label.empty() ? " notitle" : fmt::format(" title {} noenhanced", quoted(fitting(c.label, size.width - 130)));
   }
   if (f.colour) {
-    s += fmt::format("set cblabel {} textcolor '{}'\n", label(*f.colour), hex(theme::ink)) + range("cb", *f.colour, {});
+    // Room for the bar, its numbers and its label: gnuplot leaves too little where the numbers are long.
+    s += fmt::format("set cblabel {} textcolor '{}'\nset rmargin at screen {}\n", label(*f.colour), hex(theme::ink), 1 - 108.0 / size.width) + range("cb", *f.colour, {});
     plot += ", NaN with lines linecolor palette notitle";   // what makes gnuplot draw the colour bar
   }
   return s + range("x", f.x, x) + range("y", f.y, y) + plot + "\n";
@@ -210,7 +246,7 @@ tl::expected<Format, std::string> format_of(std::string_view file) {
 
 tl::expected<std::string, std::string> draw(const Figure& figure, Format format, FigureSize size) {
   if (auto good = checked(figure); !good) return tl::unexpected(good.error());
-  const std::string script = terminal(format, size) + frame(figure, size) + (figure.surface ? surface(figure) : curves(figure, size));
+  const std::string script = terminal(format, size) + frame(figure, size) + (figure.surface ? surface(figure) : figure.matrix ? matrix(figure) : curves(figure, size));
   auto drawn = run({{"gnuplot", "-d"}, "gnuplot-nox"}, script);
   if (!drawn) return tl::unexpected(fmt::format("figure '{}': {}", figure.title, drawn.error()));
   return drawn;

@@ -20,7 +20,7 @@ struct Axis {
 enum class Mark {
   line,
   reference,    ///< a thin dashed line, to compare with
-  points,
+  points,       ///< small and translucent where they are many
   error_bars,   ///< points with y +- error
   bars,         ///< from 0 to y, centred on evenly spaced x
   area          ///< closed outline, lightly filled
@@ -41,6 +41,12 @@ struct Surface {
   std::vector<std::vector<double>> z;
 };
 
+/// Numbers between pairs of names, -1 to 1, symmetric: the lower half is drawn, the numbers in the cells. NaN is a dash.
+struct Matrix {
+  std::vector<std::string> names;
+  std::vector<std::vector<double>> values;
+};
+
 struct Figure {
   std::string title;
   Axis x, y;
@@ -48,6 +54,7 @@ struct Figure {
   std::optional<Axis> colour{};   ///< draws a colour bar; from and to are required
   std::vector<Series> series{};
   std::optional<Surface> surface{};
+  std::optional<Matrix> matrix{};
   bool same_scale = false;        ///< one unit is as long on x as on y
 };
 

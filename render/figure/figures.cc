@@ -4,6 +4,7 @@
 #include <cmath>
 #include <numbers>
 #include <numeric>
+#include <random>
 
 #include <Eigen/Eigenvalues>
 #include <fmt/format.h>
@@ -24,7 +25,7 @@ Series law_series(const drive::Drive& drive, const LawAxes& axes, double speed_m
   return s;
 }
 
-/// One series of plain points and one with error bars; either may be missing.
+/// One series of plain points and one with error bars; either may be missing. Without `shade` they have no colour of their own.
 void add_points(Figure& figure, const LawAxes& axes, std::span<const FrictionPoint> points, double FrictionPoint::* shade) {
   Series plain{.mark = Mark::points}, measured{.mark = Mark::error_bars};
   for (const auto& p : points) {
@@ -32,7 +33,7 @@ void add_points(Figure& figure, const LawAxes& axes, std::span<const FrictionPoi
     to.x.push_back(p.speed_rad_s * axes.per_joint_rad_s);
     to.y.push_back(p.friction_nm * axes.per_nm);
     to.error.push_back(p.error_nm * axes.per_nm);
-    to.shade.push_back(p.*shade);
+    if (shade) to.shade.push_back(p.*shade);
   }
   for (Series* s : {&plain, &measured})
     if (!s->x.empty()) figure.series.push_back(std::move(*s));
@@ -101,6 +102,16 @@ Figure friction_against_load(const drive::Drive& drive, const std::string& title
   return f;
 }
 
+Figure friction_against_speed(const drive::Drive& drive, const std::string& title, double speed_max, double load_norm, std::span<const FrictionPoint> points) {
+  const LawAxes axes(drive);
+  Figure f{.title = title, .x = axes.speed, .y = axes.friction};
+  f.series.push_back(law_series(drive, axes, speed_max, load_norm, 0));
+  f.series.back().stroke = 0;
+  add_points(f, axes, points, nullptr);
+  for (auto& s : std::span(f.series).subspan(1)) s.stroke = 1;
+  return f;
+}
+
 Figure friction_surface(const drive::Drive& drive, const std::string& title, double speed_max, double load_norm, double from, double to) {
   const LawAxes axes(drive);
   Figure f{.title = title, .x = axes.speed, .y = {.quantity = "temperature", .symbol = "{/:Italic T}", .unit = "°C"}, .z = axes.friction};
@@ -161,7 +172,7 @@ Figure residual_histogram(const std::string& title, const Axis& residual, std::s
   bars.label = fmt::format("n = {}", r.size());
   f.series.push_back(std::move(bars));
   if (deviation > 0) {
-    Series normal{.label = fmt::format("normal, mean {:.3g}, std {:.3g}", mean, deviation)};
+    Series normal{.label = fmt::format("normal, mean {:.3g}, std {:.3g}", std::abs(mean) < 5e-4 * deviation ? 0.0 : mean, deviation)};
     for (int i = 0; i <= 200; ++i) {
       const double x = low + (high - low) * i / 200, z = (x - mean) / deviation;
       normal.x.push_back(x);
@@ -170,6 +181,50 @@ Figure residual_histogram(const std::string& title, const Axis& residual, std::s
     f.series.push_back(std::move(normal));
   }
   return f;
+}
+
+std::vector<std::size_t> thinned(std::size_t count, std::size_t most) {
+  std::vector<std::size_t> rows;
+  std::mt19937_64 random(1);   // whose numbers the standard fixes
+  for (std::size_t k = 0; k < std::min(count, most); ++k) {
+    const std::size_t begin = k * count / std::min(count, most), end = (k + 1) * count / std::min(count, most);
+    rows.push_back(begin + random() % (end - begin));
+  }
+  return rows;
+}
+
+Figure scatter(const std::string& title, const Axis& x, const Axis& y, std::span<const double> xs, std::span<const double> ys, std::size_t most) {
+  std::vector<std::size_t> rows;
+  for (std::size_t i = 0; i < std::min(xs.size(), ys.size()); ++i)
+    if (std::isfinite(xs[i]) && std::isfinite(ys[i])) rows.push_back(i);
+  Figure f{.title = title, .x = x, .y = y};
+  Series points{.mark = Mark::points, .stroke = 0};
+  for (const std::size_t k : thinned(rows.size(), most)) points.x.push_back(xs[rows[k]]), points.y.push_back(ys[rows[k]]);
+  f.series.push_back(std::move(points));
+  std::ranges::stable_sort(rows, {}, [&](std::size_t i) { return xs[i]; });
+  Series mean{.label = "mean", .stroke = 1}, above{.mark = Mark::reference, .label = "± standard deviation", .stroke = 1}, below{.mark = Mark::reference, .stroke = 1};
+  const std::size_t n = rows.size(), usual = std::max<std::size_t>(n / 24, 30);
+  for (std::size_t begin = 0; begin < n;) {
+    std::size_t end = std::min(n, begin + usual);
+    if (n - end < usual / 2) end = n;
+    while (end < n && xs[rows[end]] == xs[rows[end - 1]]) ++end;   // what is equal stays together
+    const double count = static_cast<double>(end - begin);
+    double at = 0, level = 0, squares = 0;
+    for (std::size_t k = begin; k < end; ++k) at += xs[rows[k]], level += ys[rows[k]];
+    at /= count, level /= count;
+    for (std::size_t k = begin; k < end; ++k) squares += (ys[rows[k]] - level) * (ys[rows[k]] - level);
+    const double deviation = std::sqrt(squares / count);
+    for (auto* s : {&mean, &above, &below}) s->x.push_back(at);
+    mean.y.push_back(level), above.y.push_back(level + deviation), below.y.push_back(level - deviation);
+    begin = end;
+  }
+  if (mean.x.size() > 1)
+    for (auto* s : {&mean, &above, &below}) f.series.push_back(std::move(*s));
+  return f;
+}
+
+Figure correlation_matrix(const std::string& title, Matrix correlation) {
+  return {.title = title, .x = {.quantity = "correlation"}, .y = {}, .matrix = std::move(correlation)};
 }
 
 Figure confidence_ellipses(const std::string& title, const Axis& x, const Axis& y, std::span<const Estimate> estimates) {
@@ -186,7 +241,8 @@ Figure confidence_ellipses(const std::string& title, const Axis& x, const Axis& 
     const Eigen::SelfAdjointEigenSolver<Eigen::Matrix2d> axes(c);
     const Eigen::Matrix2d half = axes.eigenvectors() * axes.eigenvalues().cwiseMax(0).cwiseSqrt().asDiagonal();
     for (const double probability : {0.95, 0.99}) {
-      const double radius = std::sqrt(-2 * std::log(1 - probability));   // of the chi-squared distribution with 2 degrees of freedom
+      // Quantile of the chi-squared distribution with 2 degrees of freedom, and of 2 F(2, n): both have closed forms.
+      const double n = e.degrees_of_freedom, radius = std::sqrt(n < 1e6 ? n * std::expm1(-2 / n * std::log1p(-probability)) : -2 * std::log1p(-probability));
       Series s{.mark = probability < 0.99 ? Mark::area : Mark::reference, .label = probability < 0.99 ? e.label : "", .stroke = i};
       for (int k = 0; k <= 120; ++k) {
         const double angle = 2 * std::numbers::pi * k / 120;

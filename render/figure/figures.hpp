@@ -1,6 +1,7 @@
 #pragma once
 
 #include <array>
+#include <limits>
 #include <span>
 
 #include <tribotwin/plugins/drive/drive.hpp>
@@ -30,6 +31,8 @@ Figure friction_against_temperature(const drive::Drive& drive, const std::string
 /// The law over speed at several loads (at most eight), with points coloured by theirs.
 Figure friction_against_load(const drive::Drive& drive, const std::string& title, double speed_max_rad_s, double temperature_degC, std::span<const double> loads_norm,
                              std::span<const FrictionPoint> points = {});
+/// The law over speed at one load, where it knows no temperature; that of the points is not shown.
+Figure friction_against_speed(const drive::Drive& drive, const std::string& title, double speed_max_rad_s, double load_norm, std::span<const FrictionPoint> points = {});
 /// The law over speed and temperature.
 Figure friction_surface(const drive::Drive& drive, const std::string& title, double speed_max_rad_s, double load_norm, double temperature_from_degC,
                         double temperature_to_degC);
@@ -46,14 +49,27 @@ Figure tracking_error(const std::string& title, std::span<const Trace> errors_ra
 /// How often residuals occur, with the normal distribution of their mean and deviation. NaN are left out.
 Figure residual_histogram(const std::string& title, const Axis& residual, std::span<const double> residuals);
 
+/// At most `most` of `count` indices, ascending: one of each of as many equal stretches, which one by a fixed seed, so that
+/// no rhythm of the data is met.
+std::vector<std::size_t> thinned(std::size_t count, std::size_t most);
+
+constexpr std::size_t scatter_points = 2000;
+/// One quantity against another: at most `most` points and, of all points, mean and mean +- standard deviation in classes of x
+/// that hold as many each. NaN are left out.
+Figure scatter(const std::string& title, const Axis& x, const Axis& y, std::span<const double> xs, std::span<const double> ys, std::size_t most = scatter_points);
+
+/// How estimates move together: names and a symmetric matrix of correlations.
+Figure correlation_matrix(const std::string& title, Matrix correlation);
+
 /// Two estimated parameters with their covariance, and what it was estimated from.
 struct Estimate {
   std::string label;
   std::array<double, 2> mean;
   std::array<std::array<double, 2>, 2> covariance;
   std::vector<std::array<double, 2>> samples;
+  double degrees_of_freedom = std::numeric_limits<double>::infinity();   ///< of the covariance's scale: samples - parameters
 };
-/// 95 % and 99 % confidence regions of normally distributed estimates.
+/// 95 % and 99 % confidence regions of normally distributed estimates: chi-squared or, with few degrees of freedom, F.
 Figure confidence_ellipses(const std::string& title, const Axis& x, const Axis& y, std::span<const Estimate> estimates);
 
 struct Loop {

@@ -20,6 +20,7 @@ main { max-width: 1240px; margin: 0 auto; padding: 32px 24px 48px; }
 h1 { font-size: 1.75rem; line-height: 1.2; margin: 0 0 .3rem; overflow-wrap: anywhere; }
 h2 { font-size: 1.35rem; margin: 2.6rem 0 .2rem; overflow-wrap: anywhere; }
 h3 { font-size: 1.05rem; margin: 1.8rem 0 .6rem; overflow-wrap: anywhere; }
+.verdict { font-size: 1.2rem; max-width: 68ch; }
 p { margin: .3rem 0 .8rem; overflow-wrap: anywhere; max-width: 75ch; }
 .soft { color: SOFT; }
 .tiles { display: grid; grid-template-columns: repeat(auto-fit, minmax(min(100%, 165px), 1fr)); gap: 14px; margin: 1.2rem 0; }
@@ -35,6 +36,7 @@ p { margin: .3rem 0 .8rem; overflow-wrap: anywhere; max-width: 75ch; }
 figure { margin: 0; padding: 12px; min-width: 0; }
 figure.wide, figure:last-child:nth-child(odd) { grid-column: 1 / -1; }
 figure svg { max-width: 660px; margin: 0 auto; }
+figure.wide svg { max-width: 880px; }
 figure svg, figure img { display: block; width: 100%; height: auto; border-radius: 5px; }
 figure svg text, figure svg tspan { font-family: FONT; }
 figcaption { color: SOFT; font-size: .9rem; margin-top: 8px; overflow-wrap: anywhere; }
@@ -42,6 +44,7 @@ figcaption { color: SOFT; font-size: .9rem; margin-top: 8px; overflow-wrap: anyw
 table { border-collapse: collapse; width: 100%; font-variant-numeric: tabular-nums; font-size: .92rem; }
 th, td { padding: 7px 14px; text-align: left; border-top: 1px solid LINE; vertical-align: top; }
 thead th { border-top: 0; color: SOFT; font-weight: 600; }
+td:last-child:not(.number) { min-width: 20ch; }
 td.number, th.number { text-align: right; white-space: nowrap; }
 th[scope=row] { font-weight: 600; overflow-wrap: anywhere; min-width: 8ch; }
 pre { padding: 12px 16px; font: .88rem/1.5 ui-monospace, Menlo, Consolas, 'DejaVu Sans Mono', monospace; white-space: pre-wrap; overflow-wrap: anywhere; }
@@ -125,9 +128,9 @@ Page::Page(std::string_view title) {
   main_ = html.append_child("body").append_child("main");
 }
 
-void Page::add_svg(pugi::xml_node to, std::string_view svg, const std::string& caption, const std::string& alternative) {
+void Page::add_svg(pugi::xml_node to, std::string_view svg, const std::string& caption, const std::string& alternative, bool wide) {
   pugi::xml_document drawing;
-  auto figure = add(to, "figure");
+  auto figure = add(to, "figure", {}, wide ? "wide" : nullptr);
   if (drawing.load_buffer(svg.data(), svg.size(), pugi::parse_default | pugi::parse_ws_pcdata_single)) {
     auto root = figure.append_copy(drawing.document_element());
     root.remove_attribute("width");

@@ -10,7 +10,6 @@
 #include <tribotwin/render/figure/figures.hpp>
 #include <tribotwin/render/pose/pose.hpp>
 #include <tribotwin/render/process/child.hpp>
-#include <tribotwin/render/report/page.hpp>
 #include <tribotwin/render/theme/theme.hpp>
 #include <tribotwin/twin/model/arm.hpp>
 
@@ -21,7 +20,6 @@ using Status = tl::expected<void, std::string>;
 using nlohmann::json;
 
 constexpr double unknown = std::numeric_limits<double>::quiet_NaN();
-constexpr FigureSize figure_size{520, 370}, surface_size{640, 430};
 constexpr std::size_t trace_points = 600, visited_points = 250;
 const Axis temperature_axis{.quantity = "lubricant temperature", .symbol = "{/:Italic T}", .unit = "°C"};
 
@@ -160,7 +158,7 @@ std::vector<std::pair<std::size_t, std::size_t>> stretches(std::span<const doubl
 class Writer {
  public:
   Writer(std::span<const std::unique_ptr<RunData>> runs, const ReportOptions& options)
-      : runs_(runs), options_(options), page_(title()) {}
+      : runs_(runs), options_(options), page_(title(), options.figure_files) {}
 
   tl::expected<Report, std::string> write() {
     page_.add(page_.body(), "h1", title());
@@ -172,8 +170,7 @@ class Writer {
       run_index_ = i;
       if (auto ok = one(*runs_[i]); !ok) return tl::unexpected(ok.error());
     }
-    report_.html = page_.html();
-    return std::move(report_);
+    return page_.report(std::move(notes_));
   }
 
  private:
@@ -183,45 +180,12 @@ class Writer {
     if (options_.progress) options_.progress((static_cast<double>(run_index_) + share_of_run) / static_cast<double>(runs_.size()));
   }
 
-  void keep(const std::string& name, std::string bytes, const char* ending) {
-    report_.figures.push_back({fmt::format("{:02}_{}.{}", figures_, name, ending), std::move(bytes)});
-  }
-
-  /// Draws a figure into the page, and as files where they are wanted.
-  Status show(pugi::xml_node to, const Figure& figure, const std::string& name, const std::string& caption) {
-    const FigureSize size = figure.surface ? surface_size : figure_size;
-    auto svg = draw(figure, Format::svg, size);
-    if (!svg) return tl::unexpected(svg.error());
-    ++figures_;
-    for (const Format format : options_.figure_files) {
-      auto file = draw(figure, format, size);
-      if (!file) return tl::unexpected(file.error());
-      keep(name, std::move(*file), format == Format::pdf ? "pdf" : format == Format::png ? "png" : "svg");
-    }
-    page_.add_svg(to, *svg, caption, figure.title + ". " + caption);
-    return {};
-  }
-
-  void show(pugi::xml_node to, const Image& image, const std::string& name, const std::string& caption, bool wide = false) {
-    std::string bytes = png(image);
-    page_.add_png(to, bytes, caption, caption, wide);
-    ++figures_;
-    if (!options_.figure_files.empty()) keep(name, std::move(bytes), "png");
-  }
-
-  void tile(pugi::xml_node tiles, const std::string& name, const std::string& value, const std::string& more, const char* kind = nullptr) {
-    auto node = page_.add(tiles, "div", {}, "tile");
-    page_.add(node, "div", name, "name");
-    page_.add(node, "div", value, kind ? (std::string("value ") + kind).c_str() : "value");
-    if (!more.empty()) page_.add(node, "div", more, "more");
-  }
-
   void notices(pugi::xml_node to, const RunData& run) {
     if (run.missing.empty()) return;
     auto box = page_.add(to, "div", {}, "notice");
     for (const auto& what : run.missing) {
       page_.add(box, "p", what);
-      report_.notes.push_back(what);
+      notes_.push_back(what);
     }
   }
 
@@ -230,10 +194,10 @@ class Writer {
     const auto joints = joint_figures(run);
     const double rate = number(run.summary, {"realtime_factor"});
     const double simulated = simulated_s(run);
-    tile(grid, "simulated", simulated > 7200 ? fmt::format("{:.2f} h", simulated / 3600) : duration(simulated), std::isfinite(rate) ? fmt::format("{:.0f} x real time", rate) : "");
-    if (const auto* hot = warmest(joints)) tile(grid, "warmest joint", fmt::format("{:.1f} °C", hot->max_degC), fmt::format("{}, from {:.1f} °C", hot->name, hot->start_degC));
+    page_.tile(grid, "simulated", simulated > 7200 ? fmt::format("{:.2f} h", simulated / 3600) : duration(simulated), std::isfinite(rate) ? fmt::format("{:.0f} x real time", rate) : "");
+    if (const auto* hot = warmest(joints)) page_.tile(grid, "warmest joint", fmt::format("{:.1f} °C", hot->max_degC), fmt::format("{}, from {:.1f} °C", hot->name, hot->start_degC));
     if (const double work = number(run.summary, {"friction_work_J"}); std::isfinite(work))
-      tile(grid, "lost to friction", energy(work), fmt::format("of {} motor work", energy(number(run.summary, {"motor_work_J"}))));
+      page_.tile(grid, "lost to friction", energy(work), fmt::format("of {} motor work", energy(number(run.summary, {"motor_work_J"}))));
     const JointFigures *loaded = nullptr, *outside = nullptr;
     for (const auto& j : joints) {
       if (std::isfinite(j.load_max) && (!loaded || j.load_max > loaded->load_max)) loaded = &j;
@@ -241,15 +205,15 @@ class Writer {
       const bool moved = history == run.joints.end() || history->moved;
       if (moved && j.clamped > 0 && (!outside || j.clamped > outside->clamped)) outside = &j;
     }
-    if (loaded) tile(grid, "largest load", fmt::format("{:.0f} %", 100 * loaded->load_max), fmt::format("of the maximum torque, {}", loaded->name));
+    if (loaded) page_.tile(grid, "largest load", fmt::format("{:.0f} %", 100 * loaded->load_max), fmt::format("of the maximum torque, {}", loaded->name));
     if (const double steps = number(run.summary, {"steps_computed"}); steps > 0) {
-      if (outside) tile(grid, "outside the law's range", fmt::format("{:.3g} %", 100 * outside->clamped / steps), fmt::format("of the steps, {}; of the joints that moved", outside->name));
-      else tile(grid, "outside the law's range", "never", "of the joints that moved", "good");
+      if (outside) page_.tile(grid, "outside the law's range", fmt::format("{:.3g} %", 100 * outside->clamped / steps), fmt::format("of the steps, {}; of the joints that moved", outside->name));
+      else page_.tile(grid, "outside the law's range", "never", "of the joints that moved", "good");
     }
     if (const double mae = number(run.summary, {"comparison", "mae_mrad"}); std::isfinite(mae))
-      tile(grid, "error against the recording", fmt::format("{:.1f} mrad", mae),
+      page_.tile(grid, "error against the recording", fmt::format("{:.1f} mrad", mae),
            fmt::format("native friction: {} mrad", shown(number(run.summary, {"comparison", "baseline_mae_mrad"}), "{:.1f}")));
-    if (const double left = number(run.summary, {"energy_balance_J"}); std::isfinite(left)) tile(grid, "energy balance", fmt::format("{:.2g} J", left), "what the mechanical balance leaves over");
+    if (const double left = number(run.summary, {"energy_balance_J"}); std::isfinite(left)) page_.tile(grid, "energy balance", fmt::format("{:.2g} J", left), "what the mechanical balance leaves over");
   }
 
   void joint_table(pugi::xml_node to, const RunData& run) {
@@ -274,7 +238,7 @@ class Writer {
     look.text_scale = 1.4;   // the page shows them smaller than they are
     look.scale = scale_of(*run.model(), run.record, ColourBy::temperature);
     const auto failed = [&](const std::string& why) -> Status {
-      report_.notes.push_back(why);
+      notes_.push_back(why);
       page_.add(to, "p", fmt::format("The poses could not be drawn: {}", why), "bad");
       return {};
     };
@@ -285,7 +249,7 @@ class Writer {
     for (const std::size_t index : {std::size_t{0}, end}) {
       const auto image = painter->draw(recorded(*model, run.record, index), look);
       if (!image) return failed(image.error());
-      show(grid, *image, index == end ? "pose_end" : "pose_start",
+      page_.show(grid, *image, index == end ? "pose_end" : "pose_start",
            fmt::format("{}, at {}. Each joint's housing has the colour of its temperature.", index == end ? "The end" : "The beginning", duration(run.record.time_s[index])));
       advance(index == end ? 0.35 : 0.2);
       if (end == 0) break;
@@ -293,7 +257,7 @@ class Writer {
     const auto sheet = contact_sheet(model, run.record, evenly_in_time(run.record.time_s, 6), look, {480, 360});
     if (!sheet) return failed(sheet.error());
     advance(0.5);
-    show(grid, *sheet, "poses", "Poses over the run, evenly in time.", true);
+    page_.show(grid, *sheet, "poses", "Poses over the run, evenly in time.", true);
     return {};
   }
 
@@ -320,10 +284,10 @@ class Writer {
     std::erase_if(temperatures, [](const Trace& t) { return !any_finite(t); });
     std::erase_if(friction, [](const Trace& t) { return !any_finite(t); });
     if (!temperatures.empty())
-      if (auto ok = show(grid, history("Temperature", temperature_axis, temperatures), "temperature", "Lubricant temperature of each joint."); !ok) return ok;
+      if (auto ok = page_.show(grid, history("Temperature", temperature_axis, temperatures), "temperature", "Lubricant temperature of each joint."); !ok) return ok;
     if (!friction.empty()) {
       const Axis power{.quantity = "friction power", .symbol = "{/:Italic P}", .unit = "W"}, torque{.quantity = "friction torque, RMS", .symbol = "{/:Italic τ}_f", .unit = "Nm"};
-      if (auto ok = show(grid, history(cycles ? "Friction power" : "Friction torque", cycles ? power : torque, friction), "friction",
+      if (auto ok = page_.show(grid, history(cycles ? "Friction power" : "Friction torque", cycles ? power : torque, friction), "friction",
                          cycles ? "Mean friction power of each work cycle, for the joints that moved." : fmt::format("Friction torque, root mean square over {}, for the joints that moved.", duration(window)));
           !ok)
         return ok;
@@ -352,7 +316,7 @@ class Writer {
       if (any_finite(t)) traces.push_back(std::move(t));
     }
     if (traces.empty()) return {};
-    return show(grid, history("Cold and warm", {.quantity = "friction torque", .symbol = "{/:Italic τ}_f", .unit = "Nm"}, traces), "cold_and_warm",
+    return page_.show(grid, history("Cold and warm", {.quantity = "friction torque", .symbol = "{/:Italic τ}_f", .unit = "Nm"}, traces), "cold_and_warm",
                 fmt::format("{}: the same motion at the beginning and at the end of the run.", hot->name));
   }
 
@@ -374,10 +338,10 @@ class Writer {
     if (!any_finite(error)) return {};
     Figure over_time = tracking_error("Recording against twin", std::array{error});
     over_time.y = {.quantity = "recorded − simulated position", .unit = "mrad"};
-    if (auto ok = show(grid, over_time, "recording_error", "Recorded minus simulated joint position."); !ok) return ok;
+    if (auto ok = page_.show(grid, over_time, "recording_error", "Recorded minus simulated joint position."); !ok) return ok;
     std::vector<double> mrad;
     for (const double e : error.values) mrad.push_back(1e3 * e);
-    return show(grid, residual_histogram("Recording against twin", over_time.y, mrad), "recording_error_histogram", "How often each error occurs, with the normal distribution of the same mean and deviation.");
+    return page_.show(grid, residual_histogram("Recording against twin", over_time.y, mrad), "recording_error_histogram", "How often each error occurs, with the normal distribution of the same mean and deviation.");
   }
 
   Status curves(pugi::xml_node to, const RunData& run) {
@@ -422,18 +386,18 @@ class Writer {
                                                            law.load_dependent ? some(all, at_load) : some(all, any));
         const std::string caption = law.load_dependent ? fmt::format("Law '{}' at a load of {:.3f} of the maximum torque. Points: samples of the run with a load within {:.3f} of that.", law.name, load_usual, load_window)
                                                        : fmt::format("Law '{}', which knows no load. Points: samples of the run.", law.name);
-        if (auto ok = show(grid, figure, file + "_temperature", caption); !ok) return ok;
+        if (auto ok = page_.show(grid, figure, file + "_temperature", caption); !ok) return ok;
       }
       if (law.load_dependent) {
         const Figure figure = friction_against_load(drive, j.name + ": friction at the run's loads", speed, temperature_usual, evenly(0, load_most, load_most > 0.01 ? 6 : 1),
                                                     law.temperature_dependent ? some(all, at_temperature) : some(all, any));
         const std::string caption = law.temperature_dependent ? fmt::format("Law '{}' at {:.1f} °C. Points: samples of the run within {:.2g} K of that.", law.name, temperature_usual, temperature_window)
                                                               : fmt::format("Law '{}', which knows no temperature. Points: samples of the run.", law.name);
-        if (auto ok = show(grid, figure, file + "_load", caption); !ok) return ok;
+        if (auto ok = page_.show(grid, figure, file + "_load", caption); !ok) return ok;
       }
       if (law.temperature_dependent && hot && hot->name == j.name && high - low > 5) {
         const Figure figure = friction_surface(drive, j.name + ": friction over speed and temperature", speed, load_usual, low, high);
-        if (auto ok = show(grid, figure, file + "_surface", fmt::format("Law '{}' at a load of {:.3f}.", law.name, load_usual)); !ok) return ok;
+        if (auto ok = page_.show(grid, figure, file + "_surface", fmt::format("Law '{}' at a load of {:.3f}.", law.name, load_usual)); !ok) return ok;
       }
       advance(0.6 + 0.4 * ++done / count);
     }
@@ -522,19 +486,18 @@ class Writer {
     std::erase_if(temperatures, [](const Trace& t) { return !any_finite(t); });
     std::erase_if(friction, [](const Trace& t) { return !any_finite(t); });
     if (!temperatures.empty())
-      if (auto ok = show(grid, history("Warmest joints", temperature_axis, temperatures), "compared_temperature", "The warmest joint of each run."); !ok) return ok;
+      if (auto ok = page_.show(grid, history("Warmest joints", temperature_axis, temperatures), "compared_temperature", "The warmest joint of each run."); !ok) return ok;
     if (!friction.empty())
-      return show(grid, history("Friction of the warmest joints", {.quantity = "friction torque, RMS", .symbol = "{/:Italic τ}_f", .unit = "Nm"}, friction), "compared_friction",
+      return page_.show(grid, history("Friction of the warmest joints", {.quantity = "friction torque, RMS", .symbol = "{/:Italic τ}_f", .unit = "Nm"}, friction), "compared_friction",
                   "The same joints: friction torque, root mean square over a two hundredth of the run.");
     return {};
   }
 
   std::span<const std::unique_ptr<RunData>> runs_;
   const ReportOptions& options_;
-  Page page_;
-  Report report_;
+  IllustratedPage page_;
+  std::vector<std::string> notes_;
   std::size_t run_index_ = 0;
-  int figures_ = 0;
 };
 
 }  // namespace

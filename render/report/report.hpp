@@ -1,31 +1,14 @@
 #pragma once
 
-#include <functional>
 #include <memory>
 #include <span>
 #include <string>
 #include <vector>
 
-#include <tribotwin/render/figure/figure.hpp>
+#include <tribotwin/render/report/illustrated.hpp>
 #include <tribotwin/render/report/run_data.hpp>
 
 namespace tribotwin::render {
-
-struct ReportOptions {
-  std::vector<Format> figure_files;     ///< also every figure as a file of each of these formats (poses are PNG always)
-  std::string command;                  ///< how this report was asked for; shown in it
-  std::function<void(double)> progress;
-};
-
-struct File {
-  std::string name, bytes;
-};
-
-struct Report {
-  std::string html;
-  std::vector<File> figures;
-  std::vector<std::string> notes;   ///< what could not be shown, for stderr; the page says so too
-};
 
 /// One self-contained page about one run, or about several with a comparison. Fails where figures cannot be drawn at all
 /// (no gnuplot).

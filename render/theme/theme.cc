@@ -10,6 +10,13 @@
 
 namespace tribotwin::render {
 
+namespace {
+Colour mixed(Colour a, Colour b, double share) {
+  const auto mix = [share](int from, int to) { return static_cast<std::uint8_t>(std::lround(from + share * (to - from))); };
+  return {mix(a.r, b.r), mix(a.g, b.g), mix(a.b, b.b)};
+}
+}  // namespace
+
 std::string hex(Colour c) { return fmt::format("#{:02x}{:02x}{:02x}", c.r, c.g, c.b); }
 
 namespace theme {
@@ -32,9 +39,12 @@ Colour viridis(double share) {
   constexpr int steps = std::size(table) - 1;
   const double at = steps * (share > 0 ? std::min(share, 1.0) : 0.0);   // NaN counts as 0
   const int low = std::min(static_cast<int>(at), steps - 1);
-  const auto mix = [w = at - low](int a, int b) { return static_cast<std::uint8_t>(std::lround(a + w * (b - a))); };
-  const Colour &a = table[low], &b = table[low + 1];
-  return {mix(a.r, b.r), mix(a.g, b.g), mix(a.b, b.b)};
+  return mixed(table[low], table[low + 1], at - low);
+}
+
+Colour diverging(double value) {
+  constexpr Colour below{0x5a, 0x8f, 0xc4}, above{0xe0, 0x71, 0x2f};
+  return mixed(theme::paper, value < 0 ? below : above, std::min(std::abs(value), 1.0));
 }
 
 std::string printable(std::string_view text, bool keep_breaks) {
@@ -63,6 +73,13 @@ std::vector<double> ticks(double from, double to, int count) {
   std::vector<double> out;
   for (double i = std::ceil(from / step - 1e-9); i * step <= to + 1e-9 * step; ++i) out.push_back(i * step);
   return out;
+}
+
+std::string correlation(double r) {
+  const double gap = 1 - std::abs(r);
+  const int decimals = gap > 0 && gap < 0.005 ? std::min(5, static_cast<int>(std::ceil(-std::log10(gap)))) : 2;
+  const std::string digits = fmt::format("{:.{}f}", std::abs(r), decimals);
+  return (r < 0 && digits != "0.00" ? "−" : "") + digits;
 }
 
 std::string duration(double seconds) {

@@ -41,12 +41,19 @@ Stroke stroke(std::size_t index);
 /// viridis (van der Walt and Smith 2015, CC0), perceptually uniform and monotone in lightness; share is held to 0..1.
 Colour viridis(double share);
 
+/// From blue at -1 over paper at 0 to orange at 1: as dark on both sides, so that in greyscale the tone is the magnitude.
+/// Ink on it keeps a contrast of 5:1.
+Colour diverging(double value);
+
 /// The text with every byte sequence that is no UTF-8, and every control character, replaced by U+FFFD. Line ends and
 /// tabs stay with `keep_breaks` and become spaces without.
 std::string printable(std::string_view text, bool keep_breaks = false);
 
 /// Round tick marks within from..to: about `count`.
 std::vector<double> ticks(double from, double to, int count);
+
+/// "−0.93", near 1 with as many digits as tell it from 1: "0.9987"
+std::string correlation(double r);
 
 /// "12.30 s", "1 h 23 min 05 s"
 std::string duration(double seconds);

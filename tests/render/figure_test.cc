@@ -246,6 +246,12 @@ TEST_F(LawFigures, CurvesAreTheLaw) {
   EXPECT_NEAR(marks[0].y, 0.06, 1e-3);
 }
 
+TEST_F(LawFigures, WithoutColour) {
+  const Figure f = friction_against_speed(drive, "law", 1.5, 0, std::vector<FrictionPoint>{{0.5, 0, 50, 300}});
+  EXPECT_FALSE(f.colour);
+  EXPECT_EQ(drawing(f).points(2).size(), 1U);
+}
+
 TEST_F(LawFigures, LoadAndSurface) {
   EXPECT_TRUE(drawing(friction_against_load(drive, "law", 1.5, 50, std::vector{0.0, 0.5})).says("load |τl| / τmax [-]"));
   const Figure one = friction_against_load(drive, "law", 1.5, 50, std::vector{0.0});
@@ -314,6 +320,75 @@ TEST(Figures, EllipsesHoldTheirShare) {
     EXPECT_NEAR(inside / 20000.0, promised, 0.005);
   }
   EXPECT_EQ(refusal(f), "");
+}
+
+// With few degrees of freedom the scale of the covariance is uncertain too: regions by the F distribution.
+TEST(Figures, EllipsesOfFewSamplesAreWider) {
+  const auto radius = [](double degrees_of_freedom, std::size_t series) {
+    const Figure f = confidence_ellipses("C", plain_x, plain_y, std::vector{Estimate{"", {0, 0}, {{{1, 0}, {0, 1}}}, {}, degrees_of_freedom}});
+    return std::hypot(f.series[series].x[7], f.series[series].y[7]);
+  };
+  EXPECT_NEAR(std::pow(radius(10, 0), 2), 2 * 4.102821, 1e-4);   // 2 F(0.95; 2, 10), 2 F(0.99; 2, 10) of tables
+  EXPECT_NEAR(std::pow(radius(10, 1), 2), 2 * 7.559432, 1e-4);
+  EXPECT_NEAR(std::pow(radius(1e9, 0), 2), 5.991465, 1e-4);
+}
+
+TEST(Figures, MatrixShowsItsLowerHalf) {
+  const Matrix m{{"Fc0", "v_s", "alpha"}, {{1, -0.934, 0.046}, {-0.934, 1, 0.9987}, {0.046, 0.9987, 1}}};
+  const Figure f = correlation_matrix("C", m);
+  const Drawing d = drawing(f);
+  EXPECT_EQ(std::ranges::count(d.texts, "Fc0"), 2);
+  EXPECT_EQ(std::ranges::count(d.texts, "v_s"), 2);
+  for (const char* number : {"−0.93", "0.05", "0.999"}) EXPECT_EQ(std::ranges::count_if(d.texts, [&](const std::string& t) { return t.find(number) != std::string::npos; }), 1) << number;
+  EXPECT_TRUE(d.says("correlation [-]"));
+  EXPECT_TRUE(draw(f, Format::png)->starts_with("\x89PNG"));
+  EXPECT_NE(refusal(correlation_matrix("C", {{"a", "b"}, {{1, 0.5}}})).find("2 names and 1 rows"), std::string::npos);
+  EXPECT_NE(refusal(correlation_matrix("C", {{"a", "b"}, {{1, 1.5}, {1.5, 1}}})).find("beyond -1 .. 1"), std::string::npos);
+  EXPECT_EQ(refusal(correlation_matrix("C", {{"a", "b"}, {{1, nan}, {nan, 1}}})), "");
+}
+
+// In greyscale the tone is the magnitude, whatever the sign, and text on it stays readable.
+TEST(Figures, DivergingTonesReadInGreyscale) {
+  const auto linear = [](double c) { return c <= 0.03928 * 255 ? c / 255 / 12.92 : std::pow((c / 255 + 0.055) / 1.055, 2.4); };
+  const auto light = [&](Colour c) { return 0.2126 * linear(c.r) + 0.7152 * linear(c.g) + 0.0722 * linear(c.b); };
+  for (int i = 0; i < 10; ++i) {
+    const double v = 0.1 * i;
+    EXPECT_GT(light(diverging(v)), light(diverging(v + 0.1)));
+    EXPECT_NEAR(light(diverging(v)), light(diverging(-v)), 0.06) << v;
+    EXPECT_GT((light(diverging(-v - 0.1)) + 0.05) / (light(theme::ink) + 0.05), 4.5);
+  }
+  EXPECT_EQ(diverging(0), theme::paper);
+  EXPECT_EQ(correlation(-0.004), "0.00");
+  EXPECT_EQ(correlation(-0.99993), "−0.99993");
+  EXPECT_EQ(correlation(1), "1.00");
+}
+
+TEST(Figures, ScatterCountsAllAndDrawsSome) {
+  std::mt19937 random(5);
+  std::normal_distribution<double> normal;
+  std::vector<double> x, y;
+  for (int i = 0; i < 24000; ++i) x.push_back(i % 12), y.push_back((i % 12 == 7 ? 3 : 0) + 0.5 * normal(random));
+  x.push_back(nan), y.push_back(1);
+  const Figure f = scatter("S", plain_x, plain_y, x, y, 1000);
+  ASSERT_EQ(f.series.size(), 4U);
+  EXPECT_EQ(f.series[0].x.size(), 1000U);
+  for (int level = 0; level < 12; ++level) EXPECT_GT(std::ranges::count(f.series[0].x, level), 50) << level;   // the rhythm of 12 is not met
+  ASSERT_EQ(f.series[1].x.size(), 12U);   // what is equal stays together
+  EXPECT_EQ(f.series[1].x[7], 7);
+  EXPECT_NEAR(f.series[1].y[7], 3, 0.05);
+  EXPECT_NEAR(f.series[1].y[6], 0, 0.05);
+  EXPECT_NEAR(f.series[2].y[7] - f.series[1].y[7], 0.5, 0.03);
+  EXPECT_EQ(refusal(f), "");
+  EXPECT_EQ(drawing(f).points(1).size(), 1000U);
+}
+
+TEST(Figures, ThinnedIsEvenAndWhole) {
+  EXPECT_EQ(thinned(0, 10).size(), 0U);
+  EXPECT_EQ(thinned(3, 10), (std::vector<std::size_t>{0, 1, 2}));
+  const auto rows = thinned(1000003, 1000);
+  ASSERT_EQ(rows.size(), 1000U);
+  for (std::size_t k = 0; k < rows.size(); ++k) EXPECT_TRUE(rows[k] >= k * 1000003 / 1000 && rows[k] < (k + 1) * 1000003 / 1000) << k;
+  EXPECT_EQ(rows, thinned(1000003, 1000));
 }
 
 TEST(Figures, HysteresisKeepsItsOrder) {

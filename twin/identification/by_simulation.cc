@@ -11,6 +11,7 @@
 
 #include <Eigen/Dense>
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 #include <pugixml.hpp>
 
 #include <tribotwin/plugins/drive/configuration.hpp>
@@ -237,11 +238,25 @@ tl::expected<VariantTwins, std::string> VariantTwins::open(const Variant& varian
   return twins;
 }
 
-/// Geometry that is only seen costs more than half of a small model's step. It goes where that changes no bit.
+/// Geometry that is only seen costs more than half of a small model's step. It goes where that changes no bit: the masses
+/// it stood for stay.
 void VariantTwins::try_without_scenery() {
   lean_ = text_;
   pugi::xml_document document;
   document.load_string(text_.c_str());
+  const mujoco::Model& m = *reference_;
+  int id = 0;
+  for (const auto& match : document.select_nodes("//worldbody//body")) {
+    if (++id >= m->nbody) return;
+    pugi::xml_node body = match.node();
+    if (body.child("inertial") || m->body_mass[id] == 0) continue;
+    pugi::xml_node inertial = body.prepend_child("inertial");
+    const auto give = [&](const char* attribute, const mjtNum* first, int count) { inertial.append_attribute(attribute) = fmt::format("{}", fmt::join(first, first + count, " ")).c_str(); };
+    give("mass", m->body_mass + id, 1);
+    give("pos", m->body_ipos + 3 * id, 3);
+    give("quat", m->body_iquat + 4 * id, 4);
+    give("diaginertia", m->body_inertia + 3 * id, 3);
+  }
   for (const char* path : {"//worldbody//geom", "//worldbody//site", "//worldbody//light", "//worldbody//camera", "//asset", "//visual"})
     for (const auto& match : document.select_nodes(path)) match.node().parent().remove_child(match.node());
   for (const auto& match : document.select_nodes("//@material")) match.parent().remove_attribute(match.attribute());
@@ -514,6 +529,10 @@ void judge(const Posterior& posterior, const VectorXd& z, const std::vector<std:
     const double deviation = std::sqrt(std::max(0.0, covariance(static_cast<Index>(k), static_cast<Index>(k))));
     fit.knowledge[at] = q.sigma > 0 && deviation > 0.8 ? Knowledge::prior : Knowledge::estimated;
     fit.sigma[at] = deviation * q.scale() * (q.logarithmic ? fit.values[at] : 1);
+    for (std::size_t l = 0; l < open.size(); ++l) {
+      const auto a = static_cast<Index>(k), b = static_cast<Index>(l);
+      fit.correlation(static_cast<Index>(at), static_cast<Index>(sought[static_cast<std::size_t>(open[l])])) = covariance(a, b) / std::sqrt(covariance(a, a) * covariance(b, b));
+    }
   }
 }
 
@@ -568,6 +587,7 @@ tl::expected<void, std::string> calibrate(const Plan& plan, const std::vector<Si
     for (const Minimum& m : job.minima) fit.minima.push_back(m.objective);
     fit.sigma.assign(fit.values.size(), unknown);
     fit.knowledge.assign(fit.values.size(), Knowledge::known);
+    fit.correlation = MatrixXd::Constant(std::ssize(fit.values), std::ssize(fit.values), unknown);
     const auto sought = t.sought();
     for (const std::size_t i : sought) fit.knowledge[i] = Knowledge::estimated;
     const auto candidate = t.candidate(fit.values);

@@ -12,6 +12,7 @@
 #include <utility>
 #include <vector>
 
+#include <Eigen/Dense>
 #include <tl/expected.hpp>
 
 #include <tribotwin/twin/motion/recording.hpp>
@@ -158,6 +159,7 @@ struct SimulationFit {
   std::vector<double> values;             ///< per quantity
   std::vector<double> sigma;              ///< per quantity, NaN unless estimated or prior; of fits on all recordings
   std::vector<Knowledge> knowledge;       ///< alike
+  Eigen::MatrixXd correlation;            ///< alike, quantities by quantities
   std::vector<double> mae_mrad;           ///< per recording of the plan, learnt from or not
   double objective = 0;                   ///< the minimum found
   std::vector<double> minima;             ///< that each start found

@@ -259,6 +259,11 @@ Campaign read_campaign(const fs::path& file, std::optional<std::uint64_t> seed) 
     const auto find = [&](const char* path) { return std::ranges::find_if(variant.quantities, [&](const Quantity& q) { return q.path() == path; }); };
     for (const char* needed : {"control.error_gain", "control.supply_V", "control.resistance_ohm", "control.kt_nm_A"})
       if (find(needed) == variant.quantities.end()) v.fail("label", fmt::format("the controller of '{}' is not complete: {} is missing, here or for all variants", variant.label, needed));
+    for (const auto& r : c.plan.recordings) {
+      const auto is_kp = [](const auto& number) { return number.first == "kp"; };
+      if (find("control.kp") == variant.quantities.end() && std::ranges::none_of(r.points.numbers, is_kp) && std::ranges::none_of(r.control, is_kp))
+        v.fail("label", fmt::format("the gain of {} is not known: the file has no number 'kp', and neither recordings.settings nor control gives it", r.file.filename().string()));
+    }
     if (const auto supply = find("control.supply_resistance_ohm"), winding = find("control.resistance_ohm"); supply != variant.quantities.end() && (supply->sought ? supply->high : supply->start) > (winding->sought ? winding->low : winding->start))
       v.fail("label", "control.supply_resistance_ohm may exceed control.resistance_ohm within these bounds; a supply loses less than the whole voltage");
     v.done();
@@ -354,6 +359,12 @@ Json json_of(const Results& r, const SimulationFit* f) {
     }
     j["parameters"][v.quantities[i].path()] = std::move(q);
   }
+  if (f->split == SimulationFit::all) {
+    j["correlation"] = Json::object();
+    for (std::size_t i = 0; i < v.quantities.size(); ++i)
+      for (std::size_t k = 0; k < v.quantities.size(); ++k)
+        if (const double x = f->correlation(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(k)); std::isfinite(x)) j["correlation"][v.quantities[i].path()][v.quantities[k].path()] = x;
+  }
   const auto& out = r.held_out(*f);
   for (std::size_t i = 0; i < f->mae_mrad.size(); ++i)
     j["recordings"].push_back({{"file", plan.recordings[i].file.filename().string()}, {"held_out", std::ranges::find(out, i) != out.end()}, {"mae_mrad", number(f->mae_mrad[i])}});
@@ -410,6 +421,12 @@ std::vector<SimulationFit> fits_of(const Campaign& campaign, const fs::path& fil
         for (const auto k : {Knowledge::prior, Knowledge::at_bound})
           if (p.value("status", "") == name(k)) f.knowledge.back() = k;
       }
+      const auto n = std::ssize(quantities);
+      f.correlation = Eigen::MatrixXd::Constant(n, n, std::nan(""));
+      if (one.contains("correlation"))
+        for (Eigen::Index a = 0; a < n; ++a)
+          for (Eigen::Index b = 0; b < n; ++b)
+            if (const auto row = one["correlation"].value(quantities[static_cast<std::size_t>(a)].path(), Json::object()); row.contains(quantities[static_cast<std::size_t>(b)].path())) f.correlation(a, b) = row[quantities[static_cast<std::size_t>(b)].path()];
       for (const auto& recording : one.at("recordings")) f.mae_mrad.push_back(recording.at("mae_mrad").is_null() ? std::nan("") : recording["mae_mrad"].get<double>());
       if (f.mae_mrad.size() == campaign.plan.recordings.size()) fits.push_back(std::move(f));
     };
@@ -428,34 +445,34 @@ std::vector<SimulationFit> fits_of(const Campaign& campaign, const fs::path& fil
 std::string table_of(const Results& r) {
   const Plan& plan = r.campaign.plan;
   const std::size_t reference = r.campaign.reference;
-  std::string s = fmt::format("position error, mean over the recordings of their mean absolute error [mrad]; ratio to {}\n\n{:<18} {:>6} {:>9}", plan.variants[reference].label, "variant", "sought", "fit all");
-  for (const auto& split : plan.splits) s += fmt::format(" | {:>9} {:>9} {:>6}", split.name.substr(0, 9), "held out", "ratio");
-  if (plan.splits.size() > 1) s += fmt::format(" | {:>9} {:>6}", "held out", "ratio");
-  s += '\n';
   const auto cell = [](double x) { return std::isfinite(x) ? fmt::format("{:.1f}", x) : std::string("-"); };
   const auto ratio = [](double a, double b) { return std::isfinite(a / b) ? fmt::format("{:.2f}", a / b) : std::string("-"); };
+  std::string s = fmt::format("mean absolute error of position [mrad], mean over recordings; ratio to {}\n\n{:<24}{:>9}", plan.variants[reference].label, "", "all");
+  for (const auto& split : plan.splits) s += fmt::format(" | {:^25}", ("by " + split.name).substr(0, 25));
+  if (plan.splits.size() > 1) s += fmt::format(" | {:^16}", "all splits");
+  s += fmt::format("\n{:<17}{:>7}{:>9}", "variant", "sought", "learnt");
+  for (std::size_t k = 0; k < plan.splits.size(); ++k) s += fmt::format(" | {:>8} {:>9} {:>6}", "learnt", "held out", "ratio");
+  if (plan.splits.size() > 1) s += fmt::format(" | {:>9} {:>6}", "held out", "ratio");
+  s += '\n';
   for (std::size_t v = 0; v < plan.variants.size(); ++v) {
     const SimulationFit* all = r.find(v, SimulationFit::all, 0);
-    s += fmt::format("{:<18} {:>6} {:>9}", plan.variants[v].label, std::ranges::count_if(plan.variants[v].quantities, &Quantity::sought), all ? cell(r.mae(*all, false)) : "-");
-    for (std::size_t k = 0; k < plan.splits.size(); ++k) s += fmt::format(" | {:>9} {:>9} {:>6}", cell(r.mae(v, k, false)), cell(r.mae(v, k, true)), ratio(r.mae(v, k, true), r.mae(reference, k, true)));
+    s += fmt::format("{:<17}{:>7}{:>9}", plan.variants[v].label, std::ranges::count_if(plan.variants[v].quantities, &Quantity::sought), all ? cell(r.mae(*all, false)) : "-");
+    for (std::size_t k = 0; k < plan.splits.size(); ++k) s += fmt::format(" | {:>8} {:>9} {:>6}", cell(r.mae(v, k, false)), cell(r.mae(v, k, true)), ratio(r.mae(v, k, true), r.mae(reference, k, true)));
     if (plan.splits.size() > 1) s += fmt::format(" | {:>9} {:>6}", cell(r.held_out_mae(v)), ratio(r.held_out_mae(v), r.held_out_mae(reference)));
     s += '\n';
   }
   for (std::size_t k = 0; k < plan.splits.size(); ++k) {
-    s += fmt::format("\nheld out by {}\n{:<18}", plan.splits[k].name, "variant");
-    for (const auto& fold : plan.splits[k].folds) s += fmt::format(" {:>16}", fold.label.substr(0, 16));
-    s += '\n';
+    s += fmt::format("\n{:<24}", fmt::format("held out by {}", plan.splits[k].name).substr(0, 23));
+    for (const auto& fold : plan.splits[k].folds) s += fmt::format("{:>17}", fold.label.substr(0, 16));
     for (std::size_t v = 0; v < plan.variants.size(); ++v) {
-      s += fmt::format("{:<18}", plan.variants[v].label);
+      s += fmt::format("\n{:<24}", plan.variants[v].label);
       for (std::size_t f = 0; f < plan.splits[k].folds.size(); ++f) {
-        const SimulationFit* one = r.find(v, k, f);
-        const SimulationFit* rival = r.find(reference, k, f);
-        s += fmt::format(" {:>16}", one ? fmt::format("{} ({})", cell(r.mae(*one, true)), rival ? ratio(r.mae(*one, true), r.mae(*rival, true)) : "-") : "-");
+        const SimulationFit *one = r.find(v, k, f), *rival = r.find(reference, k, f);
+        s += fmt::format("{:>17}", one && rival ? fmt::format("{} ({})", cell(r.mae(*one, true)), ratio(r.mae(*one, true), r.mae(*rival, true))) : "-");
       }
-      s += '\n';
     }
+    s += '\n';
   }
-  s += plan.splits.empty() ? "" : "The column of a split's name is the error of what was learnt from.\n";
   return s;
 }
 
@@ -468,37 +485,43 @@ tl::expected<void, std::string> write_found(const Results& r, const SimulationFi
   if (!made) return tl::unexpected(made.error());
   const drive::Drive& drive = made->model->drives()[0].drive;
   ParameterFile file{.law = drive.law, .torque_max_nm = drive.torque_max_nm, .gear_ratio = drive.gear_ratio};
-  const auto n = static_cast<Eigen::Index>(drive.law.info->parameters.size());
-  file.correlation = Eigen::MatrixXd::Identity(n, n);
-  for (std::size_t i = 0; i < drive.law.info->parameters.size(); ++i) {
-    const auto& p = drive.law.info->parameters[i];
+  const auto& parameters = drive.law.info->parameters;
+  const auto quantity = [&](std::string_view name) { return std::ranges::find(variant.quantities, fmt::format("drive.{}", name), &Quantity::path) - variant.quantities.begin(); };
+  file.correlation = Eigen::MatrixXd::Constant(std::ssize(parameters), std::ssize(parameters), std::nan(""));
+  for (std::size_t i = 0; i < parameters.size(); ++i)
+    for (std::size_t k = 0; k < parameters.size(); ++k)
+      if (const auto a = quantity(parameters[i].name), b = quantity(parameters[k].name); std::max(a, b) < std::ssize(variant.quantities)) file.correlation(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(k)) = f.correlation(a, b);
+  for (std::size_t i = 0; i < parameters.size(); ++i) {
+    const auto& p = parameters[i];
     Estimate e{.name = std::string(p.name), .unit = std::string(p.unit), .value = drive.law.parameters[i], .sigma = std::nan(""), .low = std::nan(""), .high = std::nan(""), .status = identification::Status::fixed};
-    for (std::size_t q = 0; q < variant.quantities.size(); ++q) {
-      if (variant.quantities[q].path() != fmt::format("drive.{}", p.name)) continue;
+    if (const auto at = static_cast<std::size_t>(quantity(p.name)); at < variant.quantities.size()) {
       using enum identification::Status;
-      e.status = f.knowledge[q] == Knowledge::estimated ? estimated : f.knowledge[q] == Knowledge::prior ? held : f.knowledge[q] == Knowledge::at_bound ? at_bound : fixed;
-      if (f.knowledge[q] != Knowledge::estimated) continue;
-      e.sigma = f.sigma[q];
-      e.low = e.value - 1.96 * e.sigma, e.high = e.value + 1.96 * e.sigma;
+      const Knowledge k = f.knowledge[at];
+      e.status = k == Knowledge::estimated ? estimated : k == Knowledge::prior ? held : k == Knowledge::at_bound ? at_bound : fixed;
+      if (k == Knowledge::prior) file.unidentifiable.emplace_back(p.name);
+      if (k == Knowledge::estimated) e.sigma = f.sigma[at], e.low = e.value - 1.96 * e.sigma, e.high = e.value + 1.96 * e.sigma;
     }
     file.estimates.push_back(std::move(e));
   }
-  file.residual_max_abs = file.residual_mean = file.residual_std = file.condition_number = file.r_squared = 0;
   for (const auto& recording : r.campaign.plan.recordings) {
     file.data.push_back(recording.file.string());
     file.samples += recording.points.time_s.size();
   }
-  file.notes.push_back(fmt::format("found by simulation (tribotwin calibrate {}): mean absolute position error {:.1f} mrad; correlations are not given", r.campaign.file.string(), r.mae(f, false)));
+  file.notes.push_back(fmt::format("found by simulation (tribotwin calibrate {}): mean absolute error of position {:.1f} mrad; of friction itself nothing was measured, so its residual is not known", r.campaign.file.string(), r.mae(f, false)));
+  const Recording& shown = r.campaign.plan.recordings[0];
   YAML::Emitter out;
   out.SetDoublePrecision(17);
   out << YAML::BeginMap << YAML::Key << "description" << YAML::Value << fmt::format("{}: found by tribotwin calibrate {}", variant.label, r.campaign.file.filename().string());
   out << YAML::Key << "model" << YAML::Value << variant.label + ".xml" << YAML::Key << "motion" << YAML::Value << YAML::Flow << YAML::BeginMap;
-  out << YAML::Key << "type" << YAML::Value << "recording" << YAML::Key << "file" << YAML::Value << fs::absolute(r.campaign.plan.recordings[0].file).string();
+  out << YAML::Key << "type" << YAML::Value << "recording" << YAML::Key << "file" << YAML::Value << fs::absolute(shown.file).string();
   out << YAML::Key << "delay_s" << YAML::Value << opened->delay_s(f.values) << YAML::EndMap << YAML::Key << "control" << YAML::Value << YAML::Flow << YAML::BeginMap;
   out << YAML::Key << "type" << YAML::Value << "dc_position";
   for (std::size_t q = 0; q < variant.quantities.size(); ++q)
-    if (variant.quantities[q].place == Place::control) out << YAML::Key << variant.quantities[q].key << YAML::Value << f.values[q];
+    if (variant.quantities[q].place == Place::control && std::ranges::find(shown.control, variant.quantities[q].key, [](const auto& c) { return c.first; }) == shown.control.end())
+      out << YAML::Key << variant.quantities[q].key << YAML::Value << f.values[q];
+  for (const auto& [key, value] : shown.control) out << YAML::Key << key << YAML::Value << value;
   out << YAML::EndMap;
+  if (shown.temperature_degC) out << YAML::Key << "temperature_degC" << YAML::Value << *shown.temperature_degC;
   if (variant.timestep_s) out << YAML::Key << "timestep_s" << YAML::Value << *variant.timestep_s;
   out << YAML::Key << "telemetry_rate_hz" << YAML::Value << 250 << YAML::EndMap;
   for (std::size_t q = 0; q < variant.quantities.size(); ++q)
@@ -554,7 +577,8 @@ int execute(const Arguments& a) {
   if (!write_error.empty()) return complain(failed, write_error);
   if (!outcome) return complain(failed, outcome.error());
   if (!results.complete())
-    return complain(failed, fmt::format("interrupted; {} of {} fits are kept in {}, the same command goes on from there", results.fits.size(), results.wanted(), results.fits.empty() ? directory.string() : file.string()));
+    return complain(failed, results.fits.empty() ? "interrupted before the first fit was done; nothing is written"
+                                                 : fmt::format("interrupted; {} of {} fits are kept in {}, the same command goes on from there", results.fits.size(), results.wanted(), file.string()));
   for (std::size_t v = 0; v < campaign.plan.variants.size(); ++v)
     if (const auto ok = write_found(results, *results.find(v, SimulationFit::all, 0), directory); !ok) return complain(failed, ok.error());
   return deliver(a.json ? json_of(results).dump(1) + "\n" : table_of(results), "");

@@ -246,7 +246,7 @@ void add_identify(CLI::App& app, int& code) {
   c->add_option("--shared", a->shared, "A parameter common to all curves while the others are free at each (paper 1's alpha*)");
   c->add_flag("--each", a->each, "One fit per curve");
   c->add_option("--evaluate", a->evaluate, "Nothing is identified: how well this PARAMS.yaml predicts the data");
-  c->add_option("-o,--output", a->output, "PARAMS.yaml to write: read by curve and export --mjcf");
+  c->add_option("-o,--output", a->output, "PARAMS.yaml to write: read by curve, export --mjcf and tribotwin-report fit");
   c->add_option("--threads", a->threads, "Processors to use")->check(CLI::Range(1, 256));
   c->add_flag("--json", a->json, "Print JSON instead of the table");
   c->add_flag("--quiet", a->quiet, "No notes on stderr");

@@ -1,0 +1,108 @@
+#include <tribotwin/render/report/fit_data.hpp>
+
+#include <algorithm>
+#include <cmath>
+#include <fstream>
+#include <iterator>
+
+#include <fmt/format.h>
+
+namespace tribotwin::render {
+namespace {
+
+namespace fs = std::filesystem;
+using twin::identification::ParameterFile;
+
+/// The files that a parameter file names, where they all are.
+std::vector<fs::path> named_data(FitData& fit) {
+  const auto& names = fit.parameters.data;
+  if (names.empty()) {
+    fit.missing.push_back("The file does not say which data the law was identified from: curves are shown without points, and no residuals.");
+    return {};
+  }
+  if (!fit.has_residual()) {
+    fit.missing.push_back("The parameters were not found from measured friction: curves are shown without points, and no residuals.");
+    return {};
+  }
+  std::vector<fs::path> found;
+  for (const auto& name : names) {
+    std::error_code error;
+    const fs::path here = name, beside = fit.file.parent_path() / name;
+    if (fs::is_regular_file(here, error)) found.push_back(here);
+    else if (fs::is_regular_file(beside, error)) found.push_back(beside);
+    else {
+      fit.missing.push_back(fmt::format("The data of this identification are missing: {} is neither in the working directory nor beside {}. Curves are shown without points, and no residuals.", name, fit.file.filename().string()));
+      return {};
+    }
+  }
+  return found;
+}
+
+void hold_against_law(FitData& fit) {
+  const auto& s = fit.samples;
+  const friction::Law& law = fit.parameters.law;
+  double last_degC = std::nan("");
+  friction::AtTemperature at{};
+  for (std::size_t i = 0; i < s.size(); ++i) {
+    if (s.temperature_degC[i] != last_degC) at = friction::at_temperature(law, last_degC = s.temperature_degC[i]);
+    fit.residuals.push_back(s.friction[i] - friction::level(law, at, s.speed[i], s.load[i]).total());
+  }
+  const auto n = static_cast<double>(s.size());
+  double mean = 0, square = 0;
+  for (const double r : fit.residuals) mean += r / n;
+  for (const double r : fit.residuals) square += (r - mean) * (r - mean) / n;
+  fit.deviation = std::sqrt(square);
+}
+
+}  // namespace
+
+tl::expected<ParameterFile, std::string> read_parameter_file(const fs::path& path, const twin::identification::ReadOptions& given) {
+  try {
+    auto file = twin::identification::read_parameters(path);
+    if (given.torque_max_nm > 0) file.torque_max_nm = given.torque_max_nm;
+    if (given.gear_ratio > 0) file.gear_ratio = given.gear_ratio;
+    return file;
+  } catch (const std::exception& e) {
+    const std::string why = e.what();
+    return tl::unexpected(why.starts_with(path.string()) ? why : fmt::format("{}: {}", path.string(), why));
+  }
+}
+
+drive::Drive drawn_drive(const ParameterFile& file) {
+  drive::Drive drive;
+  drive.law = file.law;
+  if (file.torque_max_nm > 0) drive.torque_max_nm = file.torque_max_nm;
+  if (file.gear_ratio > 0) drive.gear_ratio = file.gear_ratio;
+  return drive;
+}
+
+std::vector<FrictionPoint> friction_points(const drive::Drive& drive, const twin::identification::Samples& s, std::span<const std::size_t> rows) {
+  std::vector<FrictionPoint> points;
+  const double nm = drive.torque_scale_nm();
+  for (const std::size_t i : rows)
+    points.push_back({s.speed[i] / drive.speed_scale(), s.load[i], s.temperature_degC[i], s.friction[i] * nm, s.standard_error.empty() ? 0 : s.standard_error[i] * nm});
+  return points;
+}
+
+tl::expected<FitData, std::string> load_fit(const fs::path& path, std::vector<fs::path> data, twin::identification::ReadOptions read) {
+  auto parameters = read_parameter_file(path, read);
+  if (!parameters) return tl::unexpected(parameters.error());
+  FitData fit{.file = path, .parameters = std::move(*parameters)};
+  std::ifstream in(path, std::ios::binary);
+  fit.text.assign(std::istreambuf_iterator<char>(in), {});
+  const ParameterFile& p = fit.parameters;
+  read.torque_max_nm = p.torque_max_nm;
+  read.gear_ratio = p.gear_ratio;
+  fit.drive = drawn_drive(p);
+
+  if (data.empty()) data = named_data(fit);
+  if (data.empty()) return fit;
+  auto samples = twin::identification::read_samples(data, *p.law.info, read);
+  if (!samples) return tl::unexpected(samples.error());
+  fit.samples = std::move(*samples);
+  hold_against_law(fit);
+  fit.own_data = p.samples == fit.samples.size() && std::abs(fit.deviation - p.residual_std) <= 1e-3 * p.residual_std + 1e-12 * std::ranges::max(fit.samples.friction);
+  return fit;
+}
+
+}  // namespace tribotwin::render

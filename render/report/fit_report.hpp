@@ -1,0 +1,12 @@
+#pragma once
+
+#include <tribotwin/render/report/fit_data.hpp>
+#include <tribotwin/render/report/illustrated.hpp>
+
+namespace tribotwin::render {
+
+/// One self-contained page about an identified law: verdict, parameters, curves over points, residuals, correlation, origin.
+/// Fails where figures cannot be drawn at all (no gnuplot).
+tl::expected<Report, std::string> make_fit_report(const FitData& fit, const ReportOptions& options);
+
+}  // namespace tribotwin::render
