@@ -135,6 +135,25 @@ r = run("calibrate", "short.yaml", "-o", "interrupted")
 check("it goes on from there", r.returncode == 0 and "goes on" in r.stderr, r.stderr)
 check("and ends as without interruption", read("interrupted/calibration.json") == read("one/calibration.json"))
 
+# A folder keeps what it holds.
+r = run("calibrate", "short.yaml", "-o", "one", "--quiet")
+check("a finished calibration is not repeated", r.returncode == 0 and "held out" in r.stdout and read("one/calibration.json") == read("four/calibration.json"), r.stderr)
+kept = read("found/calibration.json")
+for name, arguments in (("another fit", ("short.yaml",)), ("another seed", ("fit.yaml", "--seed", "7"))):
+    r = run("calibrate", *arguments, "-o", "found")
+    check("refused: a folder of %s" % name, r.returncode == 2 and "holds another calibration" in r.stderr, (r.returncode, r.stderr))
+with open(path("pendulum.xml")) as f:
+    pendulum = f.read()
+write("pendulum.xml", pendulum.replace('mass="0.49"', 'mass="0.5"'))
+r = run("calibrate", "fit.yaml", "-o", "found")
+check("refused: a folder of another model", r.returncode == 2 and "holds another calibration" in r.stderr, (r.returncode, r.stderr))
+write("pendulum.xml", pendulum)
+os.mkdir(path("foreign"))
+write("foreign/calibration.json", "mine")
+r = run("calibrate", "fit.yaml", "-o", "foreign")
+check("refused: a file that is no calibration", r.returncode == 2 and "is no calibration" in r.stderr, (r.returncode, r.stderr))
+check("all that was refused is left alone", read("found/calibration.json") == kept and open(path("foreign/calibration.json")).read() == "mine")
+
 
 # Wrong files: one line that names file and key, exit code 2.
 def refused(name, old, new, *says):

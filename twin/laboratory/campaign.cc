@@ -14,6 +14,7 @@
 
 #include <tribotwin/twin/laboratory/drive_change.hpp>
 #include <tribotwin/twin/laboratory/warmup.hpp>
+#include <tribotwin/twin/model/fingerprint.hpp>
 #include <tribotwin/twin/scenario/input.hpp>
 #include <tribotwin/twin/scenario/scenario.hpp>
 
@@ -344,24 +345,6 @@ std::vector<double> start_of(Mapping& in, const mujoco::Model& model) {
   auto by_name = in.mapping("start_rad");
   for (const auto& joint : by_name->names()) start[drive_index(model, *by_name, joint, joint)] = by_name->number(joint);
   return start;
-}
-
-/// What measured numbers depend on beyond the campaign's text, as one number: FNV-1a over the drives' keys and the bodies.
-std::uint64_t fingerprint(const mujoco::Model& model) {
-  std::uint64_t hash = 14695981039346656037ULL;
-  const auto add = [&hash](const void* data, std::size_t bytes) {
-    for (std::size_t i = 0; i < bytes; ++i) hash = (hash ^ static_cast<const unsigned char*>(data)[i]) * 1099511628211ULL;
-  };
-  const mjModel* m = model.get();
-  for (const auto& binding : model.drives())
-    for (const auto& [key, value] : drive::configuration_of(binding.drive)) add(key.data(), key.size()), add(value.data(), value.size());
-  const auto array = [&](const mjtNum* values, auto count) { add(values, static_cast<std::size_t>(count) * sizeof(mjtNum)); };
-  array(m->body_pos, 3 * m->nbody), array(m->body_quat, 4 * m->nbody), array(m->body_ipos, 3 * m->nbody), array(m->body_iquat, 4 * m->nbody);
-  array(m->body_mass, m->nbody), array(m->body_inertia, 3 * m->nbody), array(m->jnt_pos, 3 * m->njnt), array(m->jnt_axis, 3 * m->njnt);
-  array(m->jnt_range, 2 * m->njnt), array(m->dof_armature, m->nv), array(m->dof_damping, m->nv), array(m->dof_solref, mjNREF * m->nv);
-  array(m->dof_solimp, mjNIMP * m->nv), array(m->opt.gravity, 3), array(&m->opt.timestep, 1), array(&m->opt.tolerance, 1);
-  for (const int choice : {m->opt.integrator, m->opt.solver, m->opt.iterations}) add(&choice, sizeof choice);
-  return hash;
 }
 
 }  // namespace

@@ -57,7 +57,7 @@ std::vector<Track> tracks_of(const JointRecording& r, double period) {
 /// Where the joint moves well away from standstill, and what explains its torque there.
 struct Sample {
   std::size_t track, at;
-  Eigen::Matrix<double, columns, 1> explains;
+  Eigen::Matrix<double, columns, 1> explains = Eigen::Matrix<double, columns, 1>::Zero();
 };
 
 }  // namespace
@@ -117,7 +117,7 @@ std::optional<Lag> lag_of_torque(const JointRecording& r, double position_error_
       if (since > 2 * margin) moves[i - margin] = true;
     }
     for (std::size_t i = margin + late; i + margin + late < q.size(); ++i)
-      if (moves[i]) samples.push_back({k, i, {}});
+      if (moves[i]) samples.push_back({.track = k, .at = i});
   }
   // Hours tell no more than minutes: runs of 1000 samples out of a long recording.
   if (const std::size_t stride = 1 + samples.size() / most_samples; stride > 1) {

@@ -15,6 +15,7 @@
 
 #include <tribotwin/twin/identification/by_simulation.hpp>
 #include <tribotwin/twin/identification/parameters.hpp>
+#include <tribotwin/twin/model/fingerprint.hpp>
 #include <tribotwin/twin/program/program.hpp>
 #include <tribotwin/twin/scenario/input.hpp>
 
@@ -236,6 +237,7 @@ Campaign read_campaign(const fs::path& file, std::optional<std::uint64_t> seed) 
   std::optional<double> timestep;
   if (in.has("timestep_s")) timestep = in.number("timestep_s", {1e-6, 1});
 
+  std::string models;
   if (!in.has("variants")) in.fail("variants", "is missing: a list of {label, model, law, ...}");
   for (Mapping v : in.mappings("variants")) {
     v.accept({"label", "model", "law", "drive", "joint", "control", "motion"});
@@ -267,10 +269,12 @@ Campaign read_campaign(const fs::path& file, std::optional<std::uint64_t> seed) 
     if (const auto supply = find("control.supply_resistance_ohm"), winding = find("control.resistance_ohm"); supply != variant.quantities.end() && (supply->sought ? supply->high : supply->start) > (winding->sought ? winding->low : winding->start))
       v.fail("label", "control.supply_resistance_ohm may exceed control.resistance_ohm within these bounds; a supply loses less than the whole voltage");
     v.done();
-    if (const auto opened = VariantTwins::open(variant); !opened) {
+    const auto opened = VariantTwins::open(variant);
+    if (!opened) {
       const std::string& why = opened.error();
       throw InputError(why.starts_with("model: ") ? fmt::format("{}: {}", file.string(), why) : fmt::format("{}: variant '{}': {}", file.string(), variant.label, why));
     }
+    models += fmt::format(" {:016x}", fingerprint(opened->reference()));
     c.plan.variants.push_back(std::move(variant));
   }
   if (c.plan.variants.empty()) in.fail("variants", "is empty");
@@ -281,10 +285,15 @@ Campaign read_campaign(const fs::path& file, std::optional<std::uint64_t> seed) 
     c.reference = static_cast<std::size_t>(std::ranges::find(labels, label) - labels.begin());
   }
   in.done();
+  Fingerprint recorded;
+  for (const auto& r : c.plan.recordings) {
+    recorded.add(r.file.string());
+    for (const auto* column : {&r.points.time_s, &r.points.position_rad[0], &r.points.measured_rad, &r.points.temperature_degC}) recorded.add(*column);
+  }
   YAML::Emitter out;
   out.SetDoublePrecision(17);
   out << root;
-  c.resolved = fmt::format("{}\n# folder {}\n# seed {}\n# {}\n# MuJoCo {}\n", out.c_str(), folder.string(), search.seed, TRIBOTWIN_VERSION, mj_versionString());
+  c.resolved = fmt::format("{}\n# seed {}\n# models{}\n# recordings {:016x}\n# {}\n# MuJoCo {}\n", out.c_str(), search.seed, models, recorded.value(), TRIBOTWIN_VERSION, mj_versionString());
   return c;
 }
 
@@ -401,13 +410,17 @@ Json json_of(const Results& r) {
   return j;
 }
 
-/// The fits of an interrupted calibration with the same FIT file; none where there is no such.
+/// The fits that the folder already holds; none where it holds no calibration. Throws InputError where it holds another.
 std::vector<SimulationFit> fits_of(const Campaign& campaign, const fs::path& file) {
   std::vector<SimulationFit> fits;
+  std::error_code error;
+  if (!fs::exists(file, error)) return fits;
   std::ifstream stream(file);
   const Json j = Json::parse(stream, nullptr, false);
+  const auto refuse = [&](const char* what) { throw InputError(fmt::format("{}: {}; choose another folder with -o, or remove this one", file.string(), what)); };
+  if (!j.is_object() || !j.contains("fit")) refuse("is no calibration");
+  if (j["fit"] != campaign.resolved) refuse("holds another calibration (its FIT file, models, recordings, seed or versions differ)");
   try {
-    if (!j.is_object() || j.at("complete") != false || j.at("fit") != campaign.resolved) return fits;
     const auto take = [&](const Json& one, std::size_t variant, std::size_t split, std::size_t fold) {
       if (one.is_null()) return;
       const auto& quantities = campaign.plan.variants[variant].quantities;
@@ -436,8 +449,8 @@ std::vector<SimulationFit> fits_of(const Campaign& campaign, const fs::path& fil
       for (std::size_t s = 0; s < campaign.plan.splits.size(); ++s)
         for (std::size_t k = 0; k < campaign.plan.splits[s].folds.size(); ++k) take(one.at("splits").at(s).at("folds").at(k), v, s, k);
     }
-  } catch (const Json::exception&) {
-    return {};   // somebody else's file
+  } catch (const Json::exception& e) {
+    refuse(e.what());
   }
   return fits;
 }
