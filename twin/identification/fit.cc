@@ -205,7 +205,7 @@ void describe_residuals(const Samples& samples, const std::vector<double>& r, co
 
 }  // namespace
 
-double Fit::correlation(std::size_t i, std::size_t j) const {
+double Estimates::correlation(std::size_t i, std::size_t j) const {
   const auto a = static_cast<Index>(i), b = static_cast<Index>(j);
   return covariance(a, b) / std::sqrt(covariance(a, a) * covariance(b, b));
 }

@@ -469,7 +469,7 @@ tl::expected<void, std::string> write_found(const Results& r, const SimulationFi
   const drive::Drive& drive = made->model->drives()[0].drive;
   ParameterFile file{.law = drive.law, .torque_max_nm = drive.torque_max_nm, .gear_ratio = drive.gear_ratio};
   const auto n = static_cast<Eigen::Index>(drive.law.info->parameters.size());
-  file.correlation = Eigen::MatrixXd::Identity(n, n);
+  file.found.covariance = Eigen::MatrixXd::Zero(n, n);
   for (std::size_t i = 0; i < drive.law.info->parameters.size(); ++i) {
     const auto& p = drive.law.info->parameters[i];
     Estimate e{.name = std::string(p.name), .unit = std::string(p.unit), .value = drive.law.parameters[i], .sigma = std::nan(""), .low = std::nan(""), .high = std::nan(""), .status = identification::Status::fixed};
@@ -481,14 +481,15 @@ tl::expected<void, std::string> write_found(const Results& r, const SimulationFi
       e.sigma = f.sigma[q];
       e.low = e.value - 1.96 * e.sigma, e.high = e.value + 1.96 * e.sigma;
     }
-    file.estimates.push_back(std::move(e));
+    const auto diagonal = static_cast<Eigen::Index>(i);
+    file.found.covariance(diagonal, diagonal) = e.sigma * e.sigma;
+    file.found.parameters.push_back(std::move(e));
   }
-  file.residual_max_abs = file.residual_mean = file.residual_std = file.condition_number = file.r_squared = 0;
   for (const auto& recording : r.campaign.plan.recordings) {
     file.data.push_back(recording.file.string());
-    file.samples += recording.points.time_s.size();
+    file.found.samples += recording.points.time_s.size();
   }
-  file.notes.push_back(fmt::format("found by simulation (tribotwin calibrate {}): mean absolute position error {:.1f} mrad; correlations are not given", r.campaign.file.string(), r.mae(f, false)));
+  file.found.notes.push_back(fmt::format("found by simulation (tribotwin calibrate {}): mean absolute position error {:.1f} mrad; correlations are not given", r.campaign.file.string(), r.mae(f, false)));
   YAML::Emitter out;
   out.SetDoublePrecision(17);
   out << YAML::BeginMap << YAML::Key << "description" << YAML::Value << fmt::format("{}: found by tribotwin calibrate {}", variant.label, r.campaign.file.filename().string());
@@ -503,7 +504,7 @@ tl::expected<void, std::string> write_found(const Results& r, const SimulationFi
   out << YAML::Key << "telemetry_rate_hz" << YAML::Value << 250 << YAML::EndMap;
   for (std::size_t q = 0; q < variant.quantities.size(); ++q)
     if (variant.quantities[q].place != Place::drive && variant.quantities[q].sought)
-      file.notes.push_back(fmt::format("{} = {:.6g}{} ({})", variant.quantities[q].path(), f.values[q], std::isfinite(f.sigma[q]) ? fmt::format(" +- {:.2g}", f.sigma[q]) : "", name(f.knowledge[q])));
+      file.found.notes.push_back(fmt::format("{} = {:.6g}{} ({})", variant.quantities[q].path(), f.values[q], std::isfinite(f.sigma[q]) ? fmt::format(" +- {:.2g}", f.sigma[q]) : "", name(f.knowledge[q])));
   for (const auto& [ending, text] : {std::pair<std::string, std::string>{".xml", opened->mjcf(f.values)}, {".yaml", std::string(out.c_str()) + "\n"}, {".params.yaml", to_yaml(file)}})
     if (const auto ok = write_file(directory / (variant.label + ending), text); !ok) return ok;
   return {};
