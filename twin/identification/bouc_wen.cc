@@ -132,7 +132,7 @@ std::vector<double> monotone_course(std::span<const double> torsion, std::vector
     pools.clear();
     for (std::size_t i = begin; i < end; ++i) {
       pools.push_back({sign * torsion[i], 1});
-      while (pools.size() > 1 && pools[pools.size() - 2].mean() >= pools.back().mean()) {
+      while (pools.size() > 1 && pools[pools.size() - 2].mean() > pools.back().mean()) {
         const Pool last = pools.back();
         pools.pop_back();
         pools.back().sum += last.sum, pools.back().count += last.count;

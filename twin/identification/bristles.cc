@@ -49,7 +49,7 @@ Prediction predict(const drive::Drive& of_law, std::span<const SlidingRecording>
     for (std::size_t i = 0; i < r.time_s.size(); ++i, ++row) {
       const double v = r.velocity_rad_s[i], damped = begins(with, i), elastic = begins(without, i);
       p.known(row) = elastic + (v == 0 ? 0 : std::copysign(scratch.limit_nm, v));
-      p.basis(row, 0) = damped - elastic;
+      p.basis(row, 0) = std::abs(damped - elastic) < 1e-100 ? 0 : damped - elastic;   // its square would underflow
       if (i + 1 == r.time_s.size()) continue;
       // The way between two samples, by the trapezoidal rule.
       const double dt = r.time_s[i + 1] - r.time_s[i], next = r.velocity_rad_s[i + 1];
@@ -117,9 +117,16 @@ tl::expected<BristleFit, std::string> fit_bristles(const drive::Drive& drive, st
     }
   const Simulation found = search(model, model, starts);
 
-  VectorXd rigid = found.nonlinear;
-  rigid(log_sigma0) = model.high(log_sigma0);
-  const double of_law = (model.measured - model.predict(rigid).known).squaredNorm(), n = static_cast<double>(torque.size());
+  // What the law alone leaves; at rest it says nothing.
+  double of_law = 0;
+  const double n = static_cast<double>(torque.size());
+  for (const auto& r : recordings)
+    for (std::size_t i = 0; i < r.time_s.size(); ++i) {
+      const double v = r.velocity_rad_s[i];
+      if (v == 0) continue;
+      const auto level = drive::level(drive, friction::at_temperature(drive.law, temperature_of(r, i)), v * drive.speed_scale(), load_of(r, i) / drive.torque_max_nm);
+      of_law += std::pow(r.torque_nm[i] - std::copysign(level.total() * drive.torque_scale_nm(), v), 2);
+    }
   // As much as three numbers and the starts would take away by chance once in some ten thousand recordings.
   const double by_chance = 22 + 3 * static_cast<double>(starts_of);
   if (!(of_law - found.cost > by_chance * found.cost / n))

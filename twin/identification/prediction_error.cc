@@ -93,7 +93,10 @@ Simulation simulate(const Simulated& model, const VectorXd& nonlinear) {
   return s;
 }
 
-Simulation descend(const Simulated& model, const VectorXd& start) {
+namespace {
+
+/// From a start nearby, until a step gains less than `tolerance` of the cost.
+Simulation descend(const Simulated& model, const VectorXd& start, double tolerance) {
   const std::vector<Index> open = sought(model);
   const Simulation first = simulate(model, start);
   const double size = static_cast<double>(model.measured.size());
@@ -111,22 +114,25 @@ Simulation descend(const Simulated& model, const VectorXd& start) {
   options.linear_solver_type = ceres::DENSE_NORMAL_CHOLESKY;
   options.logging_type = ceres::SILENT;
   options.max_num_iterations = 60;
-  options.function_tolerance = 1e-5 / size;   // some thousandths of a sigma
+  options.function_tolerance = tolerance;
   options.parameter_tolerance = 1e-10;
   ceres::Solver::Summary summary;
   ceres::Solve(options, &problem, &summary);
   return simulate(model, residual->full(x.data()));
 }
 
+}  // namespace
+
 Simulation search(const Simulated& few, const Simulated& all, const std::vector<VectorXd>& starts) {
-  constexpr std::size_t followed = 6;
+  constexpr std::size_t followed = 4;
+  constexpr double rough = 1e-3;
   std::vector<std::pair<double, std::size_t>> tried(starts.size());
   in_parallel(starts.size(), all.threads, [&](std::size_t i) { tried[i] = {simulate(few, starts[i]).cost, i}; });
   std::ranges::sort(tried);
-  Simulation best;
+  Simulation best = simulate(few, starts[tried[0].second]);
   for (std::size_t i = 0; i < std::min(followed, tried.size()); ++i)
-    if (Simulation found = descend(few, starts[tried[i].second]); found.cost < best.cost) best = std::move(found);
-  return descend(all, best.nonlinear);
+    if (Simulation found = descend(few, starts[tried[i].second], rough); found.cost < best.cost) best = std::move(found);
+  return descend(all, best.nonlinear, 1e-5 / static_cast<double>(all.measured.size()));   // some thousandths of a sigma
 }
 
 Worth worth(const Simulated& model, const Simulation& minimum) {

@@ -42,9 +42,6 @@ Simulation simulate(const Simulated& model, const Eigen::VectorXd& nonlinear);
 /// The minimum on `all`. `few` is the same model on fewer samples.
 Simulation search(const Simulated& few, const Simulated& all, const std::vector<Eigen::VectorXd>& starts);
 
-/// From a start nearby.
-Simulation descend(const Simulated& model, const Eigen::VectorXd& start);
-
 /// What a minimum is worth. Numbers: the linear ones, then the nonlinear ones.
 struct Worth {
   Eigen::MatrixXd covariance;            ///< NaN where held, at a bound or dependent
