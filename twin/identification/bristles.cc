@@ -145,8 +145,11 @@ tl::expected<BristleFit, std::string> fit_bristles(const drive::Drive& drive, st
   add("sigma0", normalised ? "1/rad" : "Nm/rad", b.sigma0, 1 + log_sigma0, b.sigma0);
   add("sigma1", normalised ? "s/rad" : "Nm s/rad", b.sigma1, 0, 1);
   add("vd", "rad/s", b.vd, 1 + log_vd, b.vd);
-  const double widest[] = {b.sigma0, b.sigma1, b.vd};
+  const double widest[] = {0.5 * b.sigma0, 0.5 * b.sigma1, 0.5 * b.vd};   // not 0 by two sigma is the least to ask for
   conclude(model, found, is_worth, to, widest, result);
+  // The edges of the search are far beyond what was recorded: there, a number has no effect any more.
+  for (const auto& e : result.parameters)
+    if (e.status == Status::at_bound && e.name != "sigma1") result.unidentifiable.push_back(e.name);
   result.normalised_mse = 1 - result.r_squared;
   return result;
 }
