@@ -18,7 +18,8 @@ constexpr double pi = std::numbers::pi;
 const transmission::Hysteresis gear{.k = {{1.9e6, 6e3, -20}, {8e7, 2e5, 0}, {2e12, 0, 0}}, .w = 0.65, .beta = 1500, .gamma = 300, .n = 1.2, .torsion_max_rad = 0.003};
 const double gear_numbers[] = {1.9e6, 6e3, -20, 8e7, 2e5, 0, 2e12, 0, 0, 0.65, 1500, 300, 1.2};
 
-/// 8 s at 250 Hz under about 3 kNm, loops within loops; the torque sensor and both encoders are noisy.
+/// 8 s at 250 Hz under about 3 kNm, loops within loops; the torque sensor is noisy, and so is the torsion: on the arm side a
+/// motor encoder of 13 bit has 1.2 urad.
 LoopRecording loops(double temperature, double torque_noise, double torsion_noise, std::uint64_t seed) {
   std::mt19937_64 random(seed);
   std::normal_distribution<double> normal;
@@ -43,7 +44,7 @@ TEST(BoucWen, FindsTheGearAndSigmasAreTheScatter) {
   constexpr int seeds = 10;
   double inside = 0, worst = 0, error = 0;
   for (int seed = 1; seed <= seeds; ++seed) {
-    const auto f = fit_hysteresis(bench(5, 5e-7, static_cast<std::uint64_t>(seed)));
+    const auto f = fit_hysteresis(bench(5, 1.2e-6, static_cast<std::uint64_t>(seed)));
     ASSERT_TRUE(f) << f.error();
     ASSERT_THAT(f->unidentifiable, IsEmpty());
     for (std::size_t i = 0; i < 13; ++i) {
@@ -123,7 +124,7 @@ TEST(BoucWen, NoiseOfTheTorsionIsNoMotion) {
     return sum;
   };
   std::vector<std::size_t> of_clean, of_noisy;
-  EXPECT_EQ(monotone_course(clean, of_clean), clean);
+  EXPECT_THAT(monotone_course(clean, of_clean), testing::Pointwise(testing::DoubleNear(1e-9), clean));
   const auto course = monotone_course(noisy, of_noisy);
   EXPECT_EQ(of_clean.size(), of_noisy.size());
   EXPECT_GT(way(noisy), 1.3 * way(clean)) << "or this test shows nothing";

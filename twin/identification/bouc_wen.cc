@@ -75,6 +75,26 @@ class Loops {
   std::vector<std::size_t> ends_;
 };
 
+/// Through local parabolas over as many samples as can be without more than the noise being taken away.
+std::vector<double> smoothed(std::span<const double> x, double noise) {
+  std::vector<double> best(x.begin(), x.end());
+  for (const int m : {2, 4, 8, 16}) {
+    const auto width = static_cast<std::size_t>(m);
+    if (x.size() < 4 * width) break;
+    std::vector<double> y(x.begin(), x.end());
+    double squares = 0;
+    for (std::size_t i = width; i + width < x.size(); ++i) {
+      double sum = 0;
+      for (int j = -m; j <= m; ++j) sum += (3 * m * m + 3 * m - 1 - 5 * j * j) * x[i + static_cast<std::size_t>(j + m) - width];
+      y[i] = 3 * sum / ((2 * m + 3) * (2 * m + 1) * (2 * m - 1));
+      squares += (y[i] - x[i]) * (y[i] - x[i]);
+    }
+    if (squares > 1.05 * noise * noise * static_cast<double>(x.size())) break;
+    best = std::move(y);
+  }
+  return best;
+}
+
 }  // namespace
 
 tl::expected<LoopRecordings, std::string> read_loops(std::span<const std::filesystem::path> files) {
@@ -104,16 +124,17 @@ std::vector<double> monotone_course(std::span<const double> torsion, std::vector
   for (std::size_t i = 3; i < n; ++i) squares += std::pow(torsion[i] - 3 * torsion[i - 1] + 3 * torsion[i - 2] - torsion[i - 3], 2);
   // White noise has third differences of variance 20. In long recordings its extremes are some 8.5 sigma apart.
   const double noise = std::sqrt(squares / (20 * static_cast<double>(n - 3))), clear = 9 * noise;
+  course = smoothed(torsion, noise);
   const std::size_t first = reversals.size();
   std::size_t lowest = 0, highest = 0;
   int direction = 0;
   for (std::size_t i = 1; i < n; ++i) {
-    if (torsion[i] > torsion[highest]) highest = i;
-    if (torsion[i] < torsion[lowest]) lowest = i;
-    if (direction >= 0 && torsion[highest] - torsion[i] > clear && highest > 0) {
+    if (course[i] > course[highest]) highest = i;
+    if (course[i] < course[lowest]) lowest = i;
+    if (direction >= 0 && course[highest] - course[i] > clear && highest > 0) {
       reversals.push_back(highest);
       direction = -1, lowest = highest = i;
-    } else if (direction <= 0 && torsion[i] - torsion[lowest] > clear && lowest > 0) {
+    } else if (direction <= 0 && course[i] - course[lowest] > clear && lowest > 0) {
       reversals.push_back(lowest);
       direction = 1, lowest = highest = i;
     }
@@ -128,10 +149,10 @@ std::vector<double> monotone_course(std::span<const double> torsion, std::vector
   std::size_t begin = 0;
   for (std::size_t k = first; k <= reversals.size(); ++k) {
     const std::size_t end = k < reversals.size() ? reversals[k] + 1 : n;
-    const double sign = torsion[end - 1] >= torsion[begin] ? 1 : -1;
+    const double sign = course[end - 1] >= course[begin] ? 1 : -1;
     pools.clear();
     for (std::size_t i = begin; i < end; ++i) {
-      pools.push_back({sign * torsion[i], 1});
+      pools.push_back({sign * course[i], 1});
       while (pools.size() > 1 && pools[pools.size() - 2].mean() > pools.back().mean()) {
         const Pool last = pools.back();
         pools.pop_back();

@@ -41,9 +41,9 @@ struct HysteresisFit : Estimates {        ///< parameters: k00 .. k22, w, beta, 
 /// Fails with a sentence on what the data lack.
 tl::expected<HysteresisFit, std::string> fit_hysteresis(std::span<const LoopRecording> recordings, unsigned threads = 2);
 
-/// The torsion without the noise that would count as motion to and fro, |phi'| being what wears x out: between reversals that stand
-/// out of the noise (of third differences) the nearest monotone course, elsewhere nothing is changed. Indices of the
-/// reversals are added to `reversals`.
+/// The torsion without the noise that would count as motion to and fro, |phi'| being what turns x round: smoothed as far as
+/// only noise is lost (its size follows from third differences), then between the reversals that stand out of it the nearest
+/// monotone course. Indices of the reversals are added to `reversals`.
 std::vector<double> monotone_course(std::span<const double> torsion, std::vector<std::size_t>& reversals);
 
 }  // namespace tribotwin::twin::identification
