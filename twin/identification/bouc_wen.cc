@@ -264,6 +264,8 @@ tl::expected<HysteresisFit, std::string> fit_hysteresis(std::span<const LoopReco
   widest.insert(widest.end(), {0.25, h.beta, h.beta, h.n});
   conclude(all, found, is_worth, to, widest, result);
   result.normalised_mse = 1 - result.r_squared;
+  h.drive = "motor";
+  if (const auto loaded = transmission::make_hysteresis("", transmission::configuration_of(h)); !loaded) result.notes.push_back(fmt::format("a model would not load this spring: {}", loaded.error()));
   return result;
 }
 

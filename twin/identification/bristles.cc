@@ -97,7 +97,7 @@ tl::expected<BristleFit, std::string> fit_bristles(const drive::Drive& drive, st
     breakaway = std::max(breakaway, drive::level(drive, friction::at_temperature(drive.law, temperature_of(r, 0)), 0, load_of(r, 0) / drive.torque_max_nm).weakening);
   }
   if (!(fastest > 0)) return tl::unexpected(std::string("the speed is 0 in every sample: bristles must bend to be known"));
-  if (!(breakaway > 0)) return tl::unexpected(fmt::format("the static law has no friction at standstill, and bristles nothing to hold"));
+  if (!(breakaway > 0)) return tl::unexpected(std::string("the static law has no friction at standstill, and bristles nothing to hold"));
   constexpr std::size_t least = 50;
   if (torque.size() < least) return tl::unexpected(fmt::format("{} samples cannot tell sigma0, sigma1 and vd: record {} or more", torque.size(), least));
 
