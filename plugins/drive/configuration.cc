@@ -124,7 +124,7 @@ std::span<const char* const> all_keys() {
     for (const Key& key : list_keys) add(key.name);
     for (const DynamicsInfo& info : dynamics_table)
       for (const Key& key : info.keys) add(key.name);
-    for (const auto& law : friction::all_laws())
+    for (const auto& law : friction::laws())
       for (const auto& p : law.parameters) add(p.name);
     for (const thermal::Order order : thermal::orders())
       for (const auto& p : thermal::parameters(order)) add(p.name);
@@ -165,7 +165,7 @@ tl::expected<Drive, std::string> make_drive(std::string name, const Configuratio
 
   const auto law_name = take("law");
   std::vector<std::string_view> law_names;
-  for (const auto& info : friction::all_laws()) law_names.push_back(info.name);
+  for (const auto& info : friction::laws()) law_names.push_back(info.name);
   if (!law_name)
     return tl::unexpected(fmt::format("key 'law' is missing: one of {}", fmt::join(law_names, ", ")));
   const friction::LawInfo* info = friction::find_law(*law_name);
@@ -360,7 +360,7 @@ std::string reference_markdown() {
       out += fmt::format("| `{}` | `{}` | {} | {:g} .. {:g} | {} | {} |\n", thermal::name(order), p.name, p.unit,
                          p.minimum, p.maximum, p.meaning, p.source);
   out += "\n### Friction laws\n";
-  for (const auto& law : friction::all_laws()) {
+  for (const auto& law : friction::laws()) {
     out += fmt::format("\n#### `{}`\n\n`{}` ({})\n\nSpeed v on the {} side [rad/s], torque {}. Identified for speeds up to "
                        "{} rad/s",
                        law.name, law.equation, law.source, law.side == friction::Side::motor ? "motor" : "arm",

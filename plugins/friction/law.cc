@@ -226,8 +226,6 @@ constexpr LawInfo table[] = {
      .identified = stribeck_T_range,
      .parameters = stribeck_T_parameters, .family = stribeck_T_family, .conflict = stribeck_T_conflict},
 };
-/// Of them, not fitted: identification lacks A_TT, B_TT, vs_TT, F1_t and F1_tt.
-constexpr std::size_t not_identified = 1;
 
 std::size_t edit_distance(std::string_view a, std::string_view b) {
   std::vector<std::size_t> row(b.size() + 1);
@@ -248,8 +246,7 @@ double confined(double x, double lowest, double highest) { return std::clamp(std
 
 }  // namespace
 
-std::span<const LawInfo> laws() { return {table, std::size(table) - not_identified}; }
-std::span<const LawInfo> all_laws() { return table; }
+std::span<const LawInfo> laws() { return table; }
 
 const LawInfo* find_law(std::string_view name) {
   const auto found = std::ranges::find(table, name, &LawInfo::name);

@@ -94,10 +94,8 @@ struct LawInfo {
   const char* (*conflict)(std::span<const double> parameters);
 };
 
-/// The laws that identification can fit, in the order of the documentation.
+/// All laws, in the order of the documentation.
 std::span<const LawInfo> laws();
-/// All laws, those that identification does not know yet last.
-std::span<const LawInfo> all_laws();
 const LawInfo* find_law(std::string_view name);
 
 /// A law with its numbers: immutable, copyable, shared between threads.

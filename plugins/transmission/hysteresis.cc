@@ -156,6 +156,14 @@ tl::expected<Hysteresis, std::string> make_hysteresis(std::string name, const Co
   return h;
 }
 
+Configuration configuration_of(const Hysteresis& hysteresis) {
+  Hysteresis copy = hysteresis;
+  const auto values = places(copy);
+  Configuration c{{"drive", hysteresis.drive}};
+  for (std::size_t i = 0; i < std::size(keys); ++i) c.emplace_back(keys[i].name, fmt::format("{}", *values[i]));
+  return c;
+}
+
 std::string reference_markdown() {
   std::string out = "\n### Elastic transmission: `tribotwin.hysteresis`\n\n"
       "`tau_g = w k phi + (1 - w) k x`, `x' = phi' - beta |phi'| |x|^(n-1) x - gamma phi' |x|^n`, "

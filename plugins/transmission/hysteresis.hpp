@@ -53,6 +53,8 @@ using Configuration = std::vector<std::pair<std::string, std::string>>;
 std::span<const char* const> all_keys();
 /// Fails with a sentence that names key, value and what would be right.
 tl::expected<Hysteresis, std::string> make_hysteresis(std::string name, const Configuration& configuration);
+/// The configuration that `make_hysteresis` would read back to the same spring.
+Configuration configuration_of(const Hysteresis& hysteresis);
 /// The table of keys as Markdown.
 std::string reference_markdown();
 

@@ -101,7 +101,7 @@ tl::expected<FitData, std::string> load_fit(const fs::path& path, std::vector<fs
   if (!samples) return tl::unexpected(samples.error());
   fit.samples = std::move(*samples);
   hold_against_law(fit);
-  fit.own_data = p.samples == fit.samples.size() && std::abs(fit.deviation - p.residual_std) <= 1e-3 * p.residual_std + 1e-12 * std::ranges::max(fit.samples.friction);
+  fit.own_data = p.found.samples == fit.samples.size() && std::abs(fit.deviation - p.found.residual.std) <= 1e-3 * p.found.residual.std + 1e-12 * std::ranges::max(fit.samples.friction);
   return fit;
 }
 

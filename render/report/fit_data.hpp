@@ -25,7 +25,7 @@ struct FitData {
   std::vector<std::string> missing;               ///< what a reader must know is not there, and why: sentences
 
   /// Whether the file says how well the law follows measured friction; after 'tribotwin calibrate' it does not.
-  bool has_residual() const { return parameters.residual_std > 0 || parameters.condition_number > 0; }
+  bool has_residual() const { return parameters.found.residual.std > 0 || parameters.found.condition_number > 0; }
 };
 
 /// As twin::identification::read_parameters, with every failure as a sentence that names the file. torque_max_nm and

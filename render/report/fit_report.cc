@@ -79,8 +79,8 @@ class Writer {
         speed_max_((s_.size() ? std::ranges::max(s_.speed) : end_or(p_.law.range.speed_max_rad_s, law_.side == friction::Side::motor ? 280 : 3)) / fit.drive.speed_scale()),
         load_(s_.load, 0, end_or(p_.law.range.load_max, 0.8)),
         temperature_(s_.temperature_degC, end_or(p_.law.range.temperature_min_degC, 20), end_or(p_.law.range.temperature_max_degC, 80)) {
-    for (std::size_t i = 0; i < p_.estimates.size(); ++i)
-      if (!std::isnan(p_.estimates[i].sigma)) known_.push_back(i);
+    for (std::size_t i = 0; i < p_.found.parameters.size(); ++i)
+      if (!std::isnan(p_.found.parameters[i].sigma)) known_.push_back(i);
   }
 
   tl::expected<Report, std::string> write() {
@@ -102,25 +102,25 @@ class Writer {
   static std::string drawn_of(std::size_t shown, std::size_t all) { return shown < all ? fmt::format("{} of the {} samples are drawn, chosen evenly", shown, all) : fmt::format("{} samples", all); }
   std::vector<std::string> with_status(Status status) const {
     std::vector<std::string> names;
-    for (const auto& e : p_.estimates)
+    for (const auto& e : p_.found.parameters)
       if (e.status == status) names.push_back(e.name);
     return names;
   }
-  bool told(const std::string& name) const { return std::ranges::find(p_.unidentifiable, name) == p_.unidentifiable.end(); }
+  bool told(const std::string& name) const { return std::ranges::find(p_.found.unidentifiable, name) == p_.found.unidentifiable.end(); }
   std::size_t identified() const {
-    return static_cast<std::size_t>(std::ranges::count_if(p_.estimates, [&](const auto& e) { return e.status == Status::estimated && told(e.name); }));
+    return static_cast<std::size_t>(std::ranges::count_if(p_.found.parameters, [&](const auto& e) { return e.status == Status::estimated && told(e.name); }));
   }
 
   /// What was identified, from what, how well, and what could not be told.
   std::string verdict() const {
-    if (p_.samples == 0) return fmt::format("Law '{}' with given parameters: the file does not say how they were found.", law_.name);
+    if (p_.found.samples == 0) return fmt::format("Law '{}' with given parameters: the file does not say how they were found.", law_.name);
     const std::string source = p_.data.size() == 1 ? " of " + std::filesystem::path(p_.data[0]).filename().string() : p_.data.empty() ? "" : fmt::format(" of {} files", p_.data.size());
-    std::string s = fmt::format("{} of the {} parameters of law '{}' were identified from {} samples{}.", identified(), p_.estimates.size(), law_.name, p_.samples, source);
-    if (fit_.has_residual()) s += fmt::format(" The law leaves a standard deviation of {} and explains {:.2f} % of how friction varies.", torque(p_.residual_std), 100 * p_.r_squared);
+    std::string s = fmt::format("{} of the {} parameters of law '{}' were identified from {} samples{}.", identified(), p_.found.parameters.size(), law_.name, p_.found.samples, source);
+    if (fit_.has_residual()) s += fmt::format(" The law leaves a standard deviation of {} and explains {:.2f} % of how friction varies.", torque(p_.found.residual.std), 100 * p_.found.r_squared);
     const auto say = [&](const std::vector<std::string>& names, const char* what) {
       if (!names.empty()) s += fmt::format(" {}: {}.", what, fmt::join(names, ", "));
     };
-    say(p_.unidentifiable, "Not told by these data");
+    say(p_.found.unidentifiable, "Not told by these data");
     say(with_status(Status::fixed), "Known beforehand");
     say(with_status(Status::at_bound), "At the edge of what is accepted");
     return s;
@@ -147,7 +147,7 @@ class Writer {
       for (const auto& what : notes_) page_.add(box, "p", what);
     }
     tiles(to);
-    std::vector<std::string> remarks = p_.notes;
+    std::vector<std::string> remarks = p_.found.notes;
     for (const auto& note : s_.notes)
       if (std::ranges::find(remarks, note) == remarks.end()) remarks.push_back(note);
     if (remarks.empty()) return;
@@ -160,20 +160,20 @@ class Writer {
     auto grid = page_.add(to, "div", {}, "tiles");
     const char* unit = law_.normalised ? "of the maximum torque" : "Nm";
     if (fit_.has_residual()) {
-      page_.tile(grid, "residual, std", significant(p_.residual_std), unit);
-      page_.tile(grid, "largest residual", significant(p_.residual_max_abs), unit);
-      page_.tile(grid, "explained", fmt::format("{:.2f} %", 100 * p_.r_squared), "of how friction varies");
-      page_.tile(grid, "condition number", significant(p_.condition_number), "of the scaled Jacobian");
+      page_.tile(grid, "residual, std", significant(p_.found.residual.std), unit);
+      page_.tile(grid, "largest residual", significant(p_.found.residual.max_abs), unit);
+      page_.tile(grid, "explained", fmt::format("{:.2f} %", 100 * p_.found.r_squared), "of how friction varies");
+      page_.tile(grid, "condition number", significant(p_.found.condition_number), "of the scaled Jacobian");
     }
     const std::size_t known = identified() + with_status(Status::fixed).size();
-    page_.tile(grid, "parameters known", fmt::format("{} of {}", known, p_.estimates.size()), "", known == p_.estimates.size() ? "good" : "bad");
+    page_.tile(grid, "parameters known", fmt::format("{} of {}", known, p_.found.parameters.size()), "", known == p_.found.parameters.size() ? "good" : "bad");
     if (const auto pairs = closest_pairs(); !pairs.empty()) page_.tile(grid, "closest pair", pair_name(pairs[0]), "correlation " + correlation(correlation_of(pairs[0])));
   }
 
   const char* status_of(const twin::identification::Estimate& e) const {
     switch (e.status) {
       case Status::estimated: return told(e.name) ? "estimated" : "estimated, but not told by the data";
-      case Status::fixed: return p_.samples ? "known beforehand" : "given";
+      case Status::fixed: return p_.found.samples ? "known beforehand" : "given";
       case Status::held: return "held: not told by the data";
       case Status::at_bound: return "at the edge of its range";
     }
@@ -184,8 +184,8 @@ class Writer {
     auto to = page_.body();
     page_.add(to, "h2", "Parameters");
     std::vector<std::vector<std::string>> rows;
-    for (std::size_t i = 0; i < p_.estimates.size(); ++i) {
-      const auto& e = p_.estimates[i];
+    for (std::size_t i = 0; i < p_.found.parameters.size(); ++i) {
+      const auto& e = p_.found.parameters[i];
       const bool sure = e.sigma > 0;
       rows.push_back({e.name, sure ? significant(e.value, e.sigma) : typeset(fmt::format("{:.6g}", e.value)), sure ? significant(e.sigma, 2) : "–",
                       sure && !std::isnan(e.low) ? fmt::format("{} … {}", significant(e.low, e.sigma), significant(e.high, e.sigma)) : "–",
@@ -254,15 +254,15 @@ class Writer {
   }
 
   using Pair = std::array<std::size_t, 2>;
-  double correlation_of(Pair p) const { return p_.correlation(static_cast<Eigen::Index>(p[0]), static_cast<Eigen::Index>(p[1])); }
-  std::string pair_name(Pair p) const { return fmt::format("{} and {}", p_.estimates[p[0]].name, p_.estimates[p[1]].name); }
+  double correlation_of(Pair p) const { return p_.found.correlation(p[0], p[1]); }
+  std::string pair_name(Pair p) const { return fmt::format("{} and {}", p_.found.parameters[p[0]].name, p_.found.parameters[p[1]].name); }
 
   /// Pairs of estimated parameters by the magnitude of their correlation.
   std::vector<Pair> closest_pairs() const {
     std::vector<Pair> pairs;
     for (const std::size_t a : known_)
       for (const std::size_t b : known_)
-        if (a < b && std::isfinite(correlation_of({a, b})) && p_.estimates[a].sigma > 0 && p_.estimates[b].sigma > 0) pairs.push_back({a, b});
+        if (a < b && std::isfinite(correlation_of({a, b})) && p_.found.parameters[a].sigma > 0 && p_.found.parameters[b].sigma > 0) pairs.push_back({a, b});
     std::ranges::stable_sort(pairs, std::greater{}, [&](Pair p) { return std::abs(correlation_of(p)); });
     return pairs;
   }
@@ -273,7 +273,7 @@ class Writer {
     page_.add(page_.body(), "h2", "How well parameters can be told apart");
     Matrix m;
     for (const std::size_t i : known_) {
-      m.names.push_back(p_.estimates[i].name);
+      m.names.push_back(p_.found.parameters[i].name);
       auto& row = m.values.emplace_back();
       for (const std::size_t k : known_) row.push_back(correlation_of({i, k}));
     }
@@ -286,10 +286,10 @@ class Writer {
     if (wide) grid = page_.add(page_.body(), "div", {}, "figures");
     pairs.resize(std::min<std::size_t>(pairs.size(), wide ? 2 : 1));
     for (const Pair pair : pairs) {
-      const auto &a = p_.estimates[pair[0]], &b = p_.estimates[pair[1]];
+      const auto &a = p_.found.parameters[pair[0]], &b = p_.found.parameters[pair[1]];
       const double both = correlation_of(pair) * a.sigma * b.sigma;
       const Estimate e{.label = "", .mean = {a.value, b.value}, .covariance = {{{a.sigma * a.sigma, both}, {both, b.sigma * b.sigma}}}, .samples = {{a.value, b.value}},
-                       .degrees_of_freedom = std::max(1.0, static_cast<double>(p_.samples) - static_cast<double>(known_.size()))};
+                       .degrees_of_freedom = std::max(1.0, static_cast<double>(p_.found.samples) - static_cast<double>(known_.size()))};
       if (auto ok = page_.show(grid, confidence_ellipses(fmt::format("{}: correlation {}", pair_name(pair), correlation(correlation_of(pair))), {.quantity = a.name, .unit = a.unit}, {.quantity = b.name, .unit = b.unit}, std::array{e}),
                                "ellipse", "Where both parameters are: with 95 % confidence (filled) and with 99 % (dashed). The point is the estimate.");
           !ok)

@@ -40,7 +40,7 @@ std::vector<Law> instances(Validity validity) {
       law_of("polynomial", {{"f1", 4}, {"f2", 3}, {"f3", -.4}, {"f4", .05}, {"a", -.012}, {"T0", 20}}),
       stribeck_T(),
   };
-  EXPECT_TRUE(std::ranges::equal(all, all_laws(), {}, [](const Law& law) { return law.info->name; }, &LawInfo::name));
+  EXPECT_TRUE(std::ranges::equal(all, laws(), {}, [](const Law& law) { return law.info->name; }, &LawInfo::name));
   for (Law& law : all) law.validity = validity;
   return all;
 }
@@ -120,7 +120,7 @@ TEST(Laws, PlaceTheirParametersInTheFamilyAffinely) {
   using Fields = std::array<double, sizeof(Family) / sizeof(double)>;
   std::mt19937_64 random(4);
   std::uniform_real_distribution<> value(-10, 10);
-  for (const LawInfo& law : all_laws())
+  for (const LawInfo& law : laws())
     for (int k = 0; k < 100; ++k) {
       std::array<double, max_parameters> a{}, b{}, sum{};
       for (std::size_t i = 0; i < law.parameters.size(); ++i) a[i] = value(random), b[i] = value(random), sum[i] = a[i] + b[i];

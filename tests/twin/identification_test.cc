@@ -71,6 +71,48 @@ TEST(Identification, SigmasAreTheScatterAndNothingIsBiased) {
   EXPECT_LT(covered, 0.96);
 }
 
+/// Paper 4's range: 24 speeds up to 150 rad/s at each of some temperatures, read with 0.1 K of scatter; RH380-N of mjcf/.
+Samples heated(const friction::Law& law, std::initializer_list<double> temperatures, double noise, std::uint64_t seed) {
+  std::mt19937_64 random(seed);
+  std::normal_distribution<double> error(0, noise), reading(0, 0.1);
+  Samples s;
+  for (const double mean : temperatures) {
+    for (int k = 0; k < 24; ++k) {
+      const double v = 0.5 * std::pow(300, k / 23.0), T = mean + (temperatures.size() > 1 ? reading(random) : 0);
+      s.speed.push_back(v), s.load.push_back(0), s.temperature_degC.push_back(T);
+      s.friction.push_back(friction::torque(law, v, 0, T) + error(random));
+      s.curve.push_back(s.curve.empty() ? 0 : s.curve.back() + (k == 0));
+    }
+  }
+  return s;
+}
+friction::Law rh380n() {
+  const auto& law = *friction::find_law("stribeck_T");
+  friction::Law truth{.info = &law, .range = law.identified, .validity = friction::Validity::extrapolate};
+  return friction::with_parameters(truth, std::vector<double>{1.6, 0.02, 0, 2.4, 0.025, 1e-4, 6, 0.05, -2e-4, 1.4, 0.034, -8e-4, 6e-6});
+}
+
+TEST(Identification, TemperaturePolynomialsOfTheCycloidalDrive) {
+  const friction::Law truth = rh380n();
+  constexpr int seeds = 300;
+  std::vector<double> inside(13, 0);
+  for (int seed = 1; seed <= seeds; ++seed) {
+    const auto f = fit(*truth.info, heated(truth, {20, 25, 30, 35, 40, 45, 50}, 0.02, static_cast<std::uint64_t>(seed)));
+    ASSERT_TRUE(f) << f.error();
+    for (std::size_t i = 0; i < 13; ++i) {
+      const auto& e = f->parameters[i];
+      ASSERT_EQ(e.status, Status::estimated) << e.name << " seed " << seed;
+      EXPECT_LT(std::abs(e.value - truth.parameters[i]), 4.5 * e.sigma) << e.name << " seed " << seed;
+      inside[i] += truth.parameters[i] >= e.low && truth.parameters[i] <= e.high;
+    }
+  }
+  for (std::size_t i = 0; i < 13; ++i) {
+    fmt::print("{:5} covered {:5.1f} %\n", truth.info->parameters[i].name, 100 * inside[i] / seeds);
+    EXPECT_GT(inside[i] / seeds, 0.91) << truth.info->parameters[i].name;
+    EXPECT_LT(inside[i] / seeds, 0.985) << truth.info->parameters[i].name;
+  }
+}
+
 TEST(Identification, FindsEveryLawFromNoiselessData) {
   const std::map<std::string_view, std::vector<double>> truths{
       {"stribeck", {0.034, 0.046, 3.68e-4, 10.68, 1.93}},
@@ -79,7 +121,8 @@ TEST(Identification, FindsEveryLawFromNoiselessData) {
       {"extended", {published().values().begin(), published().values().end()}},
       {"steady_state", {5.4, 7.8, 3, 1.3, 0.97, 0.6}},
       {"steady_state_extended", {4.9, 0.0155, 3.2, 7.8, 4.7, 2, 0.025, 1.3, 2.5, 32, 0.5, 0.0025}},
-      {"polynomial", {20, 4, -1.5, 0.4, -0.006, 20}}};
+      {"polynomial", {20, 4, -1.5, 0.4, -0.006, 20}},
+      {"stribeck_T", {1.6, 0.02, -1e-4, 2.4, 0.025, 1e-4, 6, 0.05, 2e-4, 1.4, 0.034, -5e-4, 3e-6}}};
   for (const auto& law : friction::laws()) {
     ASSERT_TRUE(truths.contains(law.name)) << "a law without a case: " << law.name;
     friction::Law truth;
@@ -106,7 +149,7 @@ TEST(Identification, DerivativesAreThoseOfTheLaw) {
     std::mt19937_64 random(5);
     std::uniform_real_distribution<double> unit(0.5, 1.5);
     std::vector<double> theta;
-    for (const auto& p : law.parameters) theta.push_back((p.name.starts_with("vs0") ? 30 : p.name.starts_with("vs") && p.name.size() == 3 && p.name[2] == 'T' ? 0.2 : p.name.starts_with("v") || p.name.starts_with("V") ? 9 : p.name == "TV0" ? 20 : p.name.ends_with("T") ? 1e-2 : p.name == "a" ? 3e-3 : p.name == "T0" ? 25 : 0.8) * unit(random));
+    for (const auto& p : law.parameters) theta.push_back((p.name.starts_with("vs0") ? 30 : p.name == "vsTT" ? 2e-3 : p.name.starts_with("vs") && p.name.size() == 3 && p.name[2] == 'T' ? 0.2 : p.name.starts_with("v") || p.name.starts_with("V") ? 9 : p.name == "TV0" ? 20 : p.name.ends_with("T") ? 1e-2 : p.name == "a" ? 3e-3 : p.name == "T0" ? 25 : 0.8) * unit(random));
     const friction::Family family = law.family(theta);
     Samples one;
     one.speed = {13}, one.load = {0.4}, one.temperature_degC = {47}, one.friction = {3};
@@ -233,6 +276,17 @@ TEST(Degenerate, OneTemperature) {
   EXPECT_THAT(f->unidentifiable, UnorderedElementsAre("FsT", "vsT", "FvT", "TV0"));
   EXPECT_NEAR(f->parameters[2].value, -2.5e-2 + 1.6e-3 * 50, 1e-5) << "Fs at 50 degC";
   EXPECT_THAT(f->notes.front(), HasSubstr("all samples are at 50 degC"));
+}
+TEST(Degenerate, OneTemperatureAndTwoOfPolynomials) {
+  const friction::Law truth = rh380n();
+  const auto one = fit(*truth.info, heated(truth, {30}, 1e-3, 2)), two = fit(*truth.info, heated(truth, {20, 50}, 1e-3, 2));
+  ASSERT_TRUE(one) << one.error();
+  EXPECT_THAT(one->unidentifiable, UnorderedElementsAre("FcT", "FcTT", "FsT", "FsTT", "vsT", "vsTT", "FvT", "FvTT"));
+  EXPECT_NEAR(one->parameters[0].value, 1.6 + 0.02 * 30, 4 * one->parameters[0].sigma) << "Fc at 30 degC";
+  ASSERT_TRUE(two) << two.error();
+  EXPECT_THAT(two->unidentifiable, UnorderedElementsAre("FcTT", "FsTT", "vsTT", "FvTT"));
+  EXPECT_THAT(two->notes, Contains(HasSubstr("a third temperature would tell")));
+  EXPECT_NEAR(two->parameters[1].value, 0.02, 4 * two->parameters[1].sigma) << "the chord of Fc, which is a line";
 }
 TEST(Degenerate, OneSpeed) {
   Samples s = campaign(published(), 60, 1e-4, 3);

@@ -1,26 +1,27 @@
 #include <tribotwin/twin/identification/basis.hpp>
 
 #include <algorithm>
-#include <thread>
 
 #include <tribotwin/twin/identification/moments_kernel.hpp>
+#include <tribotwin/twin/identification/parallel.hpp>
 
 namespace tribotwin::twin::identification {
 namespace {
 
 using F = friction::Family;
 using Eigen::Index, Eigen::MatrixXd, Eigen::VectorXd;
-enum Linear { A, A_T, A_l, B, B_T, B_l, C_l, F1, F1_T, F2, F3, Fb, Fb_T };
-enum Nonlinear { vs, vs_T, vl, alpha, T_V, beta, beta_T, s_T, s_T0 };
+enum Linear { A, A_T, A_TT, A_l, B, B_T, B_TT, B_l, C_l, F1, F1_t, F1_tt, F1_T, F2, F3, Fb, Fb_T };
+enum Nonlinear { vs, vs_T, vs_TT, vl, alpha, T_V, beta, beta_T, s_T, s_T0 };
 
 constexpr std::size_t chunk = 16384;
 
 constexpr Placement::Derivative all_derivatives[] = {
-    {B, vs, col_u}, {B_T, vs, col_uT}, {B_l, vs, col_ul}, {B, vs_T, col_uT}, {B_T, vs_T, col_uTT}, {B_l, vs_T, col_uTl},
-    {B, alpha, col_a}, {B_T, alpha, col_aT}, {B_l, alpha, col_al}, {C_l, vl, col_vl}, {C_l, alpha, col_al2},
+    {B, vs, col_u}, {B_T, vs, col_uT}, {B_TT, vs, col_uTT}, {B_l, vs, col_ul}, {B, vs_T, col_uT}, {B_T, vs_T, col_uTT}, {B_TT, vs_T, col_uT3}, {B_l, vs_T, col_uTl},
+    {B, vs_TT, col_uTT}, {B_T, vs_TT, col_uT3}, {B_TT, vs_TT, col_uT4}, {B_l, vs_TT, col_uTTl},
+    {B, alpha, col_a}, {B_T, alpha, col_aT}, {B_TT, alpha, col_aTT}, {B_l, alpha, col_al}, {C_l, vl, col_vl}, {C_l, alpha, col_al2},
     {F1_T, T_V, col_F1_TV}, {Fb_T, T_V, col_Fb_TV}, {Fb, beta, col_beta}, {Fb_T, beta, col_beta_eT}, {Fb, beta_T, col_betaT}, {Fb_T, beta_T, col_beta_eTT}};
 
-KernelNumbers numbers(const F& f) { return {f.vs, f.vs_T, f.vl, f.alpha, f.T_V, f.beta, f.beta_T, f.s_T, f.s_T0}; }
+KernelNumbers numbers(const F& f) { return {f.vs, f.vs_T, f.vs_TT, f.vl, f.alpha, f.T_V, f.beta, f.beta_T, f.s_T, f.s_T0}; }
 
 KernelSamples part(const Samples& s, std::span<const double> weights, std::size_t i) {
   const std::size_t first = i * chunk;
@@ -43,22 +44,10 @@ const Kernels& kernels() {
   return best;
 }
 
-/// work(i) for i < count.
-template <class Work>
-void in_parallel(std::size_t count, unsigned threads, const Work& work) {
-  const std::size_t workers = std::min<std::size_t>(std::max(1u, threads), count);
-  const auto run = [&](std::size_t w) {
-    for (std::size_t i = w; i < count; i += workers) work(i);
-  };
-  std::vector<std::jthread> team;
-  for (std::size_t w = 1; w < workers; ++w) team.emplace_back(run, w);
-  run(0);
-}
-
 }  // namespace
 
-const LinearFields linear_fields{&F::A, &F::A_T, &F::A_l, &F::B, &F::B_T, &F::B_l, &F::C_l, &F::F1, &F::F1_T, &F::F2, &F::F3, &F::Fb, &F::Fb_T};
-const NonlinearFields nonlinear_fields{&F::vs, &F::vs_T, &F::vl, &F::alpha, &F::T_V, &F::beta, &F::beta_T, &F::s_T, &F::s_T0};
+const LinearFields linear_fields{&F::A, &F::A_T, &F::A_TT, &F::A_l, &F::B, &F::B_T, &F::B_TT, &F::B_l, &F::C_l, &F::F1, &F::F1_t, &F::F1_tt, &F::F1_T, &F::F2, &F::F3, &F::Fb, &F::Fb_T};
+const NonlinearFields nonlinear_fields{&F::vs, &F::vs_T, &F::vs_TT, &F::vl, &F::alpha, &F::T_V, &F::beta, &F::beta_T, &F::s_T, &F::s_T0};
 
 Placement::Placement(const friction::LawInfo& law) {
   const auto count = static_cast<Index>(law.parameters.size());

@@ -15,7 +15,7 @@
 /// every law by the chain rule, exactly.
 namespace tribotwin::twin::identification {
 
-inline constexpr std::size_t linear_count = 13, nonlinear_count = 9;
+inline constexpr std::size_t linear_count = 17, nonlinear_count = 10;
 using LinearFields = std::array<double friction::Family::*, linear_count>;
 using NonlinearFields = std::array<double friction::Family::*, nonlinear_count>;
 extern const LinearFields linear_fields;

@@ -58,10 +58,8 @@ void hold_what_does_not_vary(const friction::LawInfo& law, const Samples& sample
   std::vector<std::string_view> thermal, loaded;
   if (law.temperature_dependent && t_high - t_low < 1e-6 * (1 + std::abs(t_high)))
     for (std::size_t i = 0; i < law.parameters.size(); ++i) {
-      if (moves(place, i, {&F::A_T, &F::B_T, &F::vs_T, &F::beta_T, &F::s_T})) {
-        // Fs - Fc may be the only thing that carries FcT: held at 0 all the same.
-        hold(i, 0, thermal);
-      } else if (moves(place, i, {&F::F1_T}) && std::ranges::find(place.linear_used, 7u) != place.linear_used.end()) {
+      // Fs - Fc may be the only thing that carries FcT: held at 0 all the same.
+      if (moves(place, i, {&F::A_T, &F::A_TT, &F::B_T, &F::B_TT, &F::vs_T, &F::vs_TT, &F::F1_t, &F::F1_tt, &F::F1_T, &F::beta_T, &F::s_T})) {
         hold(i, 0, thermal);
       } else if (moves(place, i, {&F::T_V})) {
         hold(i, published_or(law.parameters[i], 20), thermal);
@@ -69,6 +67,15 @@ void hold_what_does_not_vary(const friction::LawInfo& law, const Samples& sample
     }
   if (!thermal.empty())
     result.notes.push_back(fmt::format("all samples are at {:.6g} degC: {} cannot be told and are held; the other parameters are those at this temperature", t_low, fmt::join(thermal, ", ")));
+  // Temperatures within a twentieth of either end of their range say nothing of curvature.
+  const double end = 0.05 * (t_high - t_low);
+  if (law.temperature_dependent && thermal.empty() && std::ranges::none_of(samples.temperature_degC, [&](double T) { return T > t_low + end && T < t_high - end; })) {
+    std::vector<std::string_view> curved;
+    for (std::size_t i = 0; i < law.parameters.size(); ++i)
+      if (moves(place, i, {&F::A_TT, &F::B_TT, &F::vs_TT, &F::F1_tt})) hold(i, 0, curved);
+    if (!curved.empty())
+      result.notes.push_back(fmt::format("all samples are near {:.4g} or {:.4g} degC: {} cannot be told and are held; a third temperature would tell", t_low, t_high, fmt::join(curved, ", ")));
+  }
   if (law.load_dependent && l_high - l_low < 1e-9)
     for (std::size_t i = 0; i < law.parameters.size(); ++i) {
       if (moves(place, i, {&F::A_l, &F::C_l}) || (moves(place, i, {&F::B_l}) && !moves(place, i, {&F::A}))) hold(i, 0, loaded);
@@ -77,7 +84,7 @@ void hold_what_does_not_vary(const friction::LawInfo& law, const Samples& sample
   if (std::ranges::all_of(samples.speed, [&](double v) { return v == samples.speed.front(); })) {
     std::vector<std::string_view> shape;
     for (std::size_t i = 0; i < law.parameters.size(); ++i)
-      if (!moves(place, i, {&F::A, &F::A_T, &F::A_l, &F::s_T, &F::s_T0})) hold(i, place.is_linear(i) ? 0 : published_or(law.parameters[i], 1), shape);
+      if (!moves(place, i, {&F::A, &F::A_T, &F::A_TT, &F::A_l, &F::s_T, &F::s_T0})) hold(i, place.is_linear(i) ? 0 : published_or(law.parameters[i], 1), shape);
     if (!shape.empty())
       result.notes.push_back(fmt::format("all samples are at {:.6g} rad/s: {} cannot be told and are held; record several speeds on both sides of the minimum of friction", samples.speed.front(), fmt::join(shape, ", ")));
   }
@@ -85,9 +92,10 @@ void hold_what_does_not_vary(const friction::LawInfo& law, const Samples& sample
     result.notes.push_back(fmt::format("all samples are at load {:.6g}: {} cannot be told and are held; the other parameters are those at this load", l_low, fmt::join(loaded, ", ")));
 }
 
-/// Which parameter stays when one of two must go: constant terms before slopes, linear before nonlinear ones.
+/// Which parameter stays when one of two must go: constant terms before slopes before curvatures, linear before nonlinear ones.
 int precedence(const Placement& place, std::size_t i) {
-  if (!place.is_linear(i)) return moves(place, i, {&F::vs, &F::vl}) ? 20 : moves(place, i, {&F::alpha, &F::beta}) ? 21 : 22;
+  if (!place.is_linear(i)) return moves(place, i, {&F::vs_TT}) ? 23 : moves(place, i, {&F::vs, &F::vl}) ? 20 : moves(place, i, {&F::alpha, &F::beta}) ? 21 : 22;
+  if (moves(place, i, {&F::A_TT, &F::B_TT, &F::F1_tt})) return 7;
   return moves(place, i, {&F::A}) ? 0 : moves(place, i, {&F::A_l}) ? 1 : moves(place, i, {&F::A_T}) ? 2 : moves(place, i, {&F::F1, &F::Fb, &F::Fb_T}) ? 3 : moves(place, i, {&F::B}) ? 4 : moves(place, i, {&F::C_l, &F::B_l}) ? 5 : 6;
 }
 
@@ -197,7 +205,7 @@ void describe_residuals(const Samples& samples, const std::vector<double>& r, co
 
 }  // namespace
 
-double Fit::correlation(std::size_t i, std::size_t j) const {
+double Estimates::correlation(std::size_t i, std::size_t j) const {
   const auto a = static_cast<Index>(i), b = static_cast<Index>(j);
   return covariance(a, b) / std::sqrt(covariance(a, a) * covariance(b, b));
 }

@@ -5,10 +5,10 @@
 #include <utility>
 #include <vector>
 
-#include <Eigen/Dense>
 #include <tl/expected.hpp>
 
 #include <tribotwin/plugins/friction/law.hpp>
+#include <tribotwin/twin/identification/estimates.hpp>
 #include <tribotwin/twin/identification/samples.hpp>
 
 /// Finding a law's parameters from measured friction, as paper 1 section 2.2: the sum of squared errors is minimised over
@@ -31,36 +31,8 @@ struct FitOptions {
   unsigned threads = 2;
 };
 
-enum class Status {
-  estimated,
-  fixed,          ///< by the user
-  held,           ///< the data cannot tell it: its term is 0, or it has no effect
-  at_bound        ///< of the accepted range; has no sigma
-};
-
-struct Estimate {
-  std::string name, unit;
-  double value = 0;
-  double sigma = 0;           ///< one standard deviation; NaN unless estimated
-  double low = 0, high = 0;   ///< 95 % confidence interval; NaN unless estimated
-  Status status = Status::estimated;
-};
-
-struct Fit {
+struct Fit : Estimates {                     ///< in the law's order
   friction::Law law;                         ///< its range is that of the samples
-  std::vector<Estimate> parameters;          ///< in the law's order
-  Eigen::MatrixXd covariance;                ///< law's order; NaN rows where not estimated
-  double condition_number = 0;               ///< of the Jacobian with unit columns, at the solution
-  struct {
-    double mean = 0, std = 0, max_abs = 0;
-  } residual;                                ///< measured - law, unit of the law
-  double cost = 0;                           ///< weighted sum of squares
-  double r_squared = 0, aicc = 0;
-  std::size_t samples = 0, estimated = 0;
-  std::vector<std::string> unidentifiable;   ///< parameters that these data cannot tell
-  std::vector<std::string> notes;            ///< what the reader must know before using it
-
-  double correlation(std::size_t i, std::size_t j) const;
 };
 
 /// Fails with a sentence on what the data lack.

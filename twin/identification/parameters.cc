@@ -1,6 +1,7 @@
 #include <tribotwin/twin/identification/parameters.hpp>
 
 #include <cmath>
+#include <sstream>
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
@@ -31,16 +32,36 @@ std::string list(const std::vector<std::string>& items) {
   return fmt::format("[{}]", fmt::join(q, ", "));
 }
 
+/// What was found and how sure it is; `range` is the inside of a flow mapping, or empty.
+std::string results(const Estimates& found, const std::string& range, const std::vector<std::string>& data) {
+  std::string s = "parameters:\n";
+  for (const auto& e : found.parameters) s += fmt::format("  {}: {}   # {}\n", e.name, e.value, e.unit);
+  s += "status:\n";
+  for (const auto& e : found.parameters) s += fmt::format("  {}: {}\n", e.name, name_of(e.status));
+  s += "sigma:   # one standard deviation of those that were estimated\n";
+  for (const auto& e : found.parameters)
+    if (!std::isnan(e.sigma)) s += fmt::format("  {}: {}\n", e.name, e.sigma);
+  s += "confidence_95:\n";
+  for (const auto& e : found.parameters)
+    if (!std::isnan(e.low)) s += fmt::format("  {}: [{}, {}]\n", e.name, e.low, e.high);
+  s += "correlation:   # in the order of sigma\n";
+  for (std::size_t i = 0; i < found.parameters.size(); ++i) {
+    if (std::isnan(found.parameters[i].sigma)) continue;
+    std::vector<std::string> row;
+    for (std::size_t j = 0; j < found.parameters.size(); ++j)
+      if (!std::isnan(found.parameters[j].sigma)) row.push_back(fmt::format("{:.6g}", std::isfinite(found.correlation(i, j)) ? found.correlation(i, j) : i == j ? 1.0 : 0.0));
+    s += fmt::format("  {}: [{}]\n", found.parameters[i].name, fmt::join(row, ", "));
+  }
+  if (!range.empty()) s += fmt::format("range: {{{}}}\n", range);
+  s += fmt::format("residual: {{mean: {}, std: {}, max_abs: {}}}\nsamples: {}\ncondition_number: {}\nr_squared: {}\n", found.residual.mean, found.residual.std, found.residual.max_abs, found.samples,
+                   found.condition_number, found.r_squared);
+  return s + fmt::format("unidentifiable: {}\ndata: {}\nnotes: {}\n", list(found.unidentifiable), list(data), list(found.notes));
+}
+
 }  // namespace
 
 ParameterFile parameter_file(const Fit& fit, std::vector<std::string> data, double torque_max_nm, double gear_ratio) {
-  const auto n = static_cast<Eigen::Index>(fit.parameters.size());
-  ParameterFile f{.law = fit.law, .torque_max_nm = torque_max_nm, .gear_ratio = gear_ratio, .estimates = fit.parameters, .correlation = Eigen::MatrixXd(n, n),
-                  .residual_mean = fit.residual.mean, .residual_std = fit.residual.std, .residual_max_abs = fit.residual.max_abs, .condition_number = fit.condition_number,
-                  .r_squared = fit.r_squared, .samples = fit.samples, .data = std::move(data), .unidentifiable = fit.unidentifiable, .notes = fit.notes};
-  for (Eigen::Index i = 0; i < n; ++i)
-    for (Eigen::Index j = 0; j < n; ++j) f.correlation(i, j) = fit.correlation(static_cast<std::size_t>(i), static_cast<std::size_t>(j));
-  return f;
+  return {.law = fit.law, .torque_max_nm = torque_max_nm, .gear_ratio = gear_ratio, .found = fit, .data = std::move(data)};
 }
 
 std::string to_yaml(const ParameterFile& f) {
@@ -48,37 +69,29 @@ std::string to_yaml(const ParameterFile& f) {
   std::string s = fmt::format("# {} = {}; {}\nlaw: {}\n", info.normalised ? "friction / torque_max_nm" : "friction [Nm]", info.equation, info.source, info.name);
   if (f.torque_max_nm > 0) s += fmt::format("torque_max_nm: {}\n", f.torque_max_nm);
   if (f.gear_ratio > 0) s += fmt::format("gear_ratio: {}\n", f.gear_ratio);
-  s += "parameters:\n";
-  for (const auto& e : f.estimates) s += fmt::format("  {}: {}   # {}\n", e.name, e.value, e.unit);
-  s += "status:\n";
-  for (const auto& e : f.estimates) s += fmt::format("  {}: {}\n", e.name, name_of(e.status));
-  s += "sigma:   # one standard deviation of those that were estimated\n";
-  for (const auto& e : f.estimates)
-    if (!std::isnan(e.sigma)) s += fmt::format("  {}: {}\n", e.name, e.sigma);
-  s += "confidence_95:\n";
-  for (const auto& e : f.estimates)
-    if (!std::isnan(e.low)) s += fmt::format("  {}: [{}, {}]\n", e.name, e.low, e.high);
-  s += "correlation:   # in the order of sigma\n";
-  for (std::size_t i = 0; i < f.estimates.size(); ++i) {
-    if (std::isnan(f.estimates[i].sigma)) continue;
-    std::vector<std::string> row;
-    for (std::size_t j = 0; j < f.estimates.size(); ++j)
-      if (!std::isnan(f.estimates[j].sigma)) row.push_back(fmt::format("{:.6g}", std::isfinite(f.correlation(i, j)) ? f.correlation(i, j) : 0.0));
-    s += fmt::format("  {}: [{}]\n", f.estimates[i].name, fmt::join(row, ", "));
-  }
   const auto& r = f.law.range;
-  s += fmt::format("range: {{speed_max_rad_s: {}", r.speed_max_rad_s);
-  if (info.load_dependent) s += fmt::format(", load_max: {}", r.load_max);
-  if (info.temperature_dependent) s += fmt::format(", temperature_min_degC: {}, temperature_max_degC: {}", r.temperature_min_degC, r.temperature_max_degC);
-  s += fmt::format("}}\nresidual: {{mean: {}, std: {}, max_abs: {}}}\nsamples: {}\ncondition_number: {}\nr_squared: {}\n", f.residual_mean, f.residual_std, f.residual_max_abs, f.samples,
-                   f.condition_number, f.r_squared);
-  s += fmt::format("unidentifiable: {}\ndata: {}\nnotes: {}\n", list(f.unidentifiable), list(f.data), list(f.notes));
+  std::string range = fmt::format("speed_max_rad_s: {}", r.speed_max_rad_s);
+  if (info.load_dependent) range += fmt::format(", load_max: {}", r.load_max);
+  if (info.temperature_dependent) range += fmt::format(", temperature_min_degC: {}, temperature_max_degC: {}", r.temperature_min_degC, r.temperature_max_degC);
+  return s + results(f.found, range, f.data);
+}
+
+std::string to_yaml(const HysteresisFit& fit, const std::vector<std::string>& data) {
+  const auto& h = fit.hysteresis;
+  return fmt::format("# {}\nlaw: bouc_wen\n", bouc_wen_equation) +
+         results(fit, fmt::format("torsion_max_rad: {}, temperature_min_degC: {}, temperature_max_degC: {}", h.torsion_max_rad, h.temperature_min_degC, h.temperature_max_degC), data);
+}
+
+std::string to_yaml(const ParameterFile& of_law, const BristleFit& fit, const std::vector<std::string>& data) {
+  std::string s = to_yaml(of_law) + fmt::format("# {}\nlugre:\n", lugre_equation);
+  std::istringstream lines(results(fit, "", data));
+  for (std::string line; std::getline(lines, line);) s += "  " + line + "\n";
   return s;
 }
 
 ParameterFile read_parameters(const std::filesystem::path& path) {
   Mapping m(path.string(), "", load_yaml(path));
-  m.accept({"law", "torque_max_nm", "gear_ratio", "parameters", "status", "sigma", "confidence_95", "correlation", "range", "residual", "samples", "condition_number", "r_squared", "unidentifiable", "data", "notes"});
+  m.accept({"law", "torque_max_nm", "gear_ratio", "parameters", "status", "sigma", "confidence_95", "correlation", "range", "residual", "samples", "condition_number", "r_squared", "unidentifiable", "data", "notes", "lugre"});
   ParameterFile f;
   const std::string law = m.text("law");
   const friction::LawInfo* info = friction::find_law(law);
@@ -99,7 +112,7 @@ ParameterFile read_parameters(const std::filesystem::path& path) {
   auto status = m.mapping("status"), sigma = m.mapping("sigma"), interval = m.mapping("confidence_95"), correlation = m.mapping("correlation");
   const double unknown = std::numeric_limits<double>::quiet_NaN();
   const auto n = static_cast<Eigen::Index>(info->parameters.size());
-  f.correlation = Eigen::MatrixXd::Constant(n, n, unknown);
+  f.found.covariance = Eigen::MatrixXd::Constant(n, n, unknown);
   std::vector<Eigen::Index> estimated;
   for (std::size_t i = 0; i < info->parameters.size(); ++i) {
     const auto& p = info->parameters[i];
@@ -119,14 +132,15 @@ ParameterFile read_parameters(const std::filesystem::path& path) {
       if (ends.size() != 2) interval->fail(name, "must hold two numbers, [low, high]");
       e.low = ends[0], e.high = ends[1];
     }
-    f.estimates.push_back(std::move(e));
+    f.found.parameters.push_back(std::move(e));
   }
   if (correlation)
     for (const Eigen::Index i : estimated) {
-      const std::string& name = f.estimates[static_cast<std::size_t>(i)].name;
+      const std::string& name = f.found.parameters[static_cast<std::size_t>(i)].name;
       const auto row = correlation->numbers(name, {-1.000001, 1.000001});
       if (row.size() != estimated.size()) correlation->fail(name, fmt::format("must hold {} numbers, one per parameter with a sigma", estimated.size()));
-      for (std::size_t k = 0; k < row.size(); ++k) f.correlation(i, estimated[k]) = row[k];
+      for (std::size_t k = 0; k < row.size(); ++k)
+        f.found.covariance(i, estimated[k]) = row[k] * f.found.parameters[static_cast<std::size_t>(i)].sigma * f.found.parameters[static_cast<std::size_t>(estimated[k])].sigma;
     }
   for (auto* part : {&status, &sigma, &interval, &correlation, &parameters})
     if (*part) (*part)->done();
@@ -140,14 +154,14 @@ ParameterFile read_parameters(const std::filesystem::path& path) {
     range->done();
   }
   if (auto residual = m.mapping("residual")) {
-    f.residual_mean = residual->number_or("mean", 0);
-    f.residual_std = residual->number_or("std", 0);
-    f.residual_max_abs = residual->number_or("max_abs", 0);
+    f.found.residual.mean = residual->number_or("mean", 0);
+    f.found.residual.std = residual->number_or("std", 0);
+    f.found.residual.max_abs = residual->number_or("max_abs", 0);
     residual->done();
   }
-  f.samples = static_cast<std::size_t>(m.number_or("samples", 0, {0, 1e12}));
-  f.condition_number = m.number_or("condition_number", 0);
-  f.r_squared = m.number_or("r_squared", 0);
+  f.found.samples = static_cast<std::size_t>(m.number_or("samples", 0, {0, 1e12}));
+  f.found.condition_number = m.number_or("condition_number", 0);
+  f.found.r_squared = m.number_or("r_squared", 0);
   const auto texts = [&](const std::string& key) {
     std::vector<std::string> out;
     const YAML::Node node = m.raw(key);
@@ -155,11 +169,28 @@ ParameterFile read_parameters(const std::filesystem::path& path) {
       for (const auto& item : node) out.push_back(item.as<std::string>());
     return out;
   };
-  f.unidentifiable = texts("unidentifiable");
+  f.found.unidentifiable = texts("unidentifiable");
   f.data = texts("data");
-  f.notes = texts("notes");
+  f.found.notes = texts("notes");
+  if (const auto lugre = m.mapping("lugre")) {
+    auto values_of = Mapping(*lugre).mapping("parameters");
+    if (!values_of) lugre->fail("parameters", "is missing");
+    f.bristles = drive::Bristles{.sigma0 = values_of->number("sigma0"), .sigma1 = values_of->number("sigma1"), .vd = values_of->number("vd")};
+    values_of->done();
+  }
   m.done();
   return f;
+}
+
+tl::expected<transmission::Hysteresis, std::string> hysteresis_of(const std::filesystem::path& path, std::string name, const std::string& drive) {
+  Mapping m(path.string(), "", load_yaml(path));
+  transmission::Configuration keys{{"drive", drive}};
+  for (const char* part : {"parameters", "range"}) {
+    auto numbers = m.mapping(part);
+    if (!numbers) m.fail(part, "is missing");
+    for (const auto& key : numbers->names()) keys.emplace_back(key, fmt::format("{}", numbers->number(key)));
+  }
+  return transmission::make_hysteresis(std::move(name), keys);
 }
 
 tl::expected<drive::Drive, std::string> drive_of(const ParameterFile& f, std::string name) {
@@ -170,6 +201,7 @@ tl::expected<drive::Drive, std::string> drive_of(const ParameterFile& f, std::st
   d.law = f.law;
   d.torque_max_nm = f.torque_max_nm;
   d.gear_ratio = f.gear_ratio;
+  if (f.bristles) d.dynamics = drive::Dynamics::lugre, d.bristles = *f.bristles;
   return d;
 }
 

@@ -1,12 +1,13 @@
 #pragma once
 
 #include <filesystem>
+#include <optional>
 #include <string>
 #include <vector>
 
-#include <Eigen/Dense>
-
 #include <tribotwin/plugins/drive/drive.hpp>
+#include <tribotwin/twin/identification/bouc_wen.hpp>
+#include <tribotwin/twin/identification/bristles.hpp>
 #include <tribotwin/twin/identification/fit.hpp>
 
 /// PARAMS.yaml: an identified law with its uncertainty, range and origin.
@@ -16,20 +17,24 @@ struct ParameterFile {
   friction::Law law;                    ///< its range is that of the data
   double torque_max_nm = 0;             ///< 0: not known
   double gear_ratio = 0;                ///< 0: not known
-  std::vector<Estimate> estimates;      ///< in the law's order
-  Eigen::MatrixXd correlation;          ///< NaN where not estimated
-  double residual_mean = 0, residual_std = 0, residual_max_abs = 0, condition_number = 0, r_squared = 0;
-  std::size_t samples = 0;
-  std::vector<std::string> data, unidentifiable, notes;
+  Estimates found;                      ///< in the law's order
+  std::vector<std::string> data;
+  std::optional<drive::Bristles> bristles;
 };
 
 ParameterFile parameter_file(const Fit& fit, std::vector<std::string> data, double torque_max_nm, double gear_ratio);
 std::string to_yaml(const ParameterFile& file);
+/// The same with the bristles over this law, as section `lugre`.
+std::string to_yaml(const ParameterFile& of_law, const BristleFit& fit, const std::vector<std::string>& data);
+std::string to_yaml(const HysteresisFit& fit, const std::vector<std::string>& data);
 
 /// Throws InputError with file, key and what would be right.
 ParameterFile read_parameters(const std::filesystem::path& file);
 
-/// A drive with this law. Fails where torque_max_nm or gear_ratio are not known.
+/// The spring of a PARAMS.yaml with `law: bouc_wen`, on the drive instance `drive`. Fails where a model could not load it.
+tl::expected<transmission::Hysteresis, std::string> hysteresis_of(const std::filesystem::path& file, std::string name, const std::string& drive);
+
+/// A drive with this law, bristles included. Fails where torque_max_nm or gear_ratio are not known.
 tl::expected<drive::Drive, std::string> drive_of(const ParameterFile& file, std::string name);
 
 }  // namespace tribotwin::twin::identification

@@ -7,6 +7,7 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
+#include <tribotwin/twin/identification/time_series.hpp>
 #include <tribotwin/twin/laboratory/levels.hpp>
 #include <tribotwin/twin/table/table.hpp>
 #include <tribotwin/twin/telemetry/telemetry.hpp>
@@ -18,7 +19,7 @@ namespace fs = std::filesystem;
 using Problem = std::optional<std::string>;
 
 /// Beyond these, numbers cannot be what their column says.
-constexpr double motor_speed_most = 1500, arm_speed_most = 60, load_most = 3, friction_norm_most = 2, degC_least = -60, degC_most = 250;
+constexpr double motor_speed_most = 1500, arm_speed_most = 60, load_most = 3, friction_norm_most = 2;
 
 /// Factors from what a file holds to what the law takes; a sentence where a number is missing for that.
 struct Units {
@@ -49,12 +50,7 @@ Problem implausible(const fs::path& file, std::span<const double> speed, std::sp
                        magnitude(speed), magnitude(speed) * 60 / 6.283185307, motor_speed_most);
   if (magnitude(load) > load_most)
     return fmt::format("{}: load_norm reaches {:.4g}, where a joint carries up to 1 (load torque / torque_max); are these Nm, or is it another column?", file.string(), magnitude(load));
-  if (!temperature.empty()) {
-    const auto [low, high] = std::ranges::minmax(temperature);
-    if (low < degC_least || high > degC_most)
-      return fmt::format("{}: temperature_degC goes from {:.4g} to {:.4g}, where a gearbox is between {:g} and {:g}; are these kelvins, or is it another column?", file.string(), low, high,
-                         degC_least, degC_most);
-  }
+  if (const Problem p = implausible_temperature(file, temperature)) return p;
   if (friction_is_norm && magnitude(friction) > friction_norm_most)
     return fmt::format("{}: friction_norm reaches {:.4g}, where friction is a part of torque_max; are these Nm (friction_nm), or is it another column?", file.string(), magnitude(friction));
   std::size_t against = 0;

@@ -232,8 +232,7 @@ std::vector<Pair> paired(const JointRecording& r, const std::vector<Pass>& passe
   return pairs;
 }
 
-/// Mean and its standard error of samples in order of time that may be correlated. `fitted`: how many numbers were fitted to
-/// them, the mean included.
+/// Mean and its standard error of samples in order of time that may be correlated, `fitted` as there.
 struct Mean {
   double value, stderr_;   // stderr is a macro
 };
@@ -243,15 +242,7 @@ Mean mean_of(std::span<const double> x, double fitted = 1) {
   for (const double v : x) mean += v / n;
   for (const double v : x) variance += (v - mean) * (v - mean) / n;
   if (!(variance > 0)) return {mean, 0};
-  double c = 1;
-  std::size_t lag = 1;
-  for (; lag < x.size() / 4 && static_cast<double>(lag) < 5 * c; ++lag) {
-    double sum = 0;
-    for (std::size_t i = lag; i < x.size(); ++i) sum += (x[i] - mean) * (x[i - lag] - mean);
-    c += 2 * sum / (n * variance);
-  }
-  c /= std::max(0.2, 1 - fitted * static_cast<double>(2 * lag - 1) / n);   // what the fit took out of the correlations
-  return {mean, std::sqrt(variance / std::max(1.0, n - fitted) * std::clamp(c, 1.0, n))};
+  return {mean, std::sqrt(variance / std::max(1.0, n - fitted) * samples_per_independent(x, fitted))};
 }
 
 /// Both directions of a level, their torques as functions of the position.
@@ -446,6 +437,22 @@ Level measured(const JointRecording& r, const Pair& pair, const Profile& profile
 }
 
 }  // namespace
+
+double samples_per_independent(std::span<const double> x, double fitted) {
+  const double n = static_cast<double>(x.size());
+  double mean = 0, variance = 0, c = 1;
+  for (const double v : x) mean += v / n;
+  for (const double v : x) variance += (v - mean) * (v - mean) / n;
+  if (!(variance > 0)) return 1;
+  std::size_t lag = 1;
+  for (; lag < x.size() / 4 && static_cast<double>(lag) < 5 * c; ++lag) {
+    double sum = 0;
+    for (std::size_t i = lag; i < x.size(); ++i) sum += (x[i] - mean) * (x[i - lag] - mean);
+    c += 2 * sum / (n * variance);
+  }
+  c /= std::max(0.2, 1 - fitted * static_cast<double>(2 * lag - 1) / n);   // what the fit took out of the correlations
+  return std::clamp(c, 1.0, std::max(1.0, n));
+}
 
 tl::expected<Levels, std::string> levels_of(const JointRecording& r, const LevelOptions& options) {
   if (auto ok = check(r); !ok) return tl::unexpected(ok.error());

@@ -500,10 +500,6 @@ tl::expected<void, std::string> write_found(const Results& r, const SimulationFi
   ParameterFile file{.law = drive.law, .torque_max_nm = drive.torque_max_nm, .gear_ratio = drive.gear_ratio};
   const auto& parameters = drive.law.info->parameters;
   const auto quantity = [&](std::string_view name) { return std::ranges::find(variant.quantities, fmt::format("drive.{}", name), &Quantity::path) - variant.quantities.begin(); };
-  file.correlation = Eigen::MatrixXd::Constant(std::ssize(parameters), std::ssize(parameters), std::nan(""));
-  for (std::size_t i = 0; i < parameters.size(); ++i)
-    for (std::size_t k = 0; k < parameters.size(); ++k)
-      if (const auto a = quantity(parameters[i].name), b = quantity(parameters[k].name); std::max(a, b) < std::ssize(variant.quantities)) file.correlation(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(k)) = f.correlation(a, b);
   for (std::size_t i = 0; i < parameters.size(); ++i) {
     const auto& p = parameters[i];
     Estimate e{.name = std::string(p.name), .unit = std::string(p.unit), .value = drive.law.parameters[i], .sigma = std::nan(""), .low = std::nan(""), .high = std::nan(""), .status = identification::Status::fixed};
@@ -511,16 +507,21 @@ tl::expected<void, std::string> write_found(const Results& r, const SimulationFi
       using enum identification::Status;
       const Knowledge k = f.knowledge[at];
       e.status = k == Knowledge::estimated ? estimated : k == Knowledge::prior ? held : k == Knowledge::at_bound ? at_bound : fixed;
-      if (k == Knowledge::prior) file.unidentifiable.emplace_back(p.name);
+      if (k == Knowledge::prior) file.found.unidentifiable.emplace_back(p.name);
       if (k == Knowledge::estimated) e.sigma = f.sigma[at], e.low = e.value - 1.96 * e.sigma, e.high = e.value + 1.96 * e.sigma;
     }
-    file.estimates.push_back(std::move(e));
+    file.found.parameters.push_back(std::move(e));
   }
+  file.found.covariance = Eigen::MatrixXd::Constant(std::ssize(parameters), std::ssize(parameters), std::nan(""));
+  for (std::size_t i = 0; i < parameters.size(); ++i)
+    for (std::size_t k = 0; k < parameters.size(); ++k)
+      if (const auto a = quantity(parameters[i].name), b = quantity(parameters[k].name); std::max(a, b) < std::ssize(variant.quantities))
+        file.found.covariance(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(k)) = f.correlation(a, b) * file.found.parameters[i].sigma * file.found.parameters[k].sigma;
   for (const auto& recording : r.campaign.plan.recordings) {
     file.data.push_back(recording.file.string());
-    file.samples += recording.points.time_s.size();
+    file.found.samples += recording.points.time_s.size();
   }
-  file.notes.push_back(fmt::format("found by simulation (tribotwin calibrate {}): mean absolute error of position {:.1f} mrad; of friction itself nothing was measured, so its residual is not known", r.campaign.file.string(), r.mae(f, false)));
+  file.found.notes.push_back(fmt::format("found by simulation (tribotwin calibrate {}): mean absolute error of position {:.1f} mrad; of friction itself nothing was measured, so its residual is not known", r.campaign.file.string(), r.mae(f, false)));
   const Recording& shown = r.campaign.plan.recordings[0];
   YAML::Emitter out;
   out.SetDoublePrecision(17);
@@ -539,7 +540,7 @@ tl::expected<void, std::string> write_found(const Results& r, const SimulationFi
   out << YAML::Key << "telemetry_rate_hz" << YAML::Value << 250 << YAML::EndMap;
   for (std::size_t q = 0; q < variant.quantities.size(); ++q)
     if (variant.quantities[q].place != Place::drive && variant.quantities[q].sought)
-      file.notes.push_back(fmt::format("{} = {:.6g}{} ({})", variant.quantities[q].path(), f.values[q], std::isfinite(f.sigma[q]) ? fmt::format(" +- {:.2g}", f.sigma[q]) : "", name(f.knowledge[q])));
+      file.found.notes.push_back(fmt::format("{} = {:.6g}{} ({})", variant.quantities[q].path(), f.values[q], std::isfinite(f.sigma[q]) ? fmt::format(" +- {:.2g}", f.sigma[q]) : "", name(f.knowledge[q])));
   for (const auto& [ending, text] : {std::pair<std::string, std::string>{".xml", opened->mjcf(f.values)}, {".yaml", std::string(out.c_str()) + "\n"}, {".params.yaml", to_yaml(file)}})
     if (const auto ok = write_file(directory / (variant.label + ending), text); !ok) return ok;
   return {};

@@ -20,21 +20,28 @@ using Json = nlohmann::ordered_json;
 
 struct Arguments {
   std::vector<std::string> data, fix;
-  std::string law = "extended", output, loss = "squares", shared, joint, evaluate;
+  std::string law = "extended", output, loss = "squares", shared, joint, evaluate, known_law;
   double torque_max_nm = 0, gear_ratio = 0;
   unsigned folds = 0, threads = std::max(1u, std::thread::hardware_concurrency());
   bool json = false, staged = false, unweighted = false, each = false, quiet = false;
 };
+
+int identify_bouc_wen(const Arguments& a);
+int identify_lugre(const Arguments& a);
+/// What has a memory, and is identified from recordings sample by sample.
+constexpr std::pair<std::string_view, int (*)(const Arguments&)> from_time_series[] = {{"bouc_wen", identify_bouc_wen}, {"lugre", identify_lugre}};
 
 std::vector<const friction::LawInfo*> laws_of(const std::string& text) {
   std::vector<const friction::LawInfo*> laws;
   for (std::size_t at = 0; at <= text.size();) {
     const std::size_t comma = std::min(text.find(',', at), text.size());
     const std::string name = text.substr(at, comma - at);
-    const auto law = std::ranges::find(friction::laws(), name, &friction::LawInfo::name);   // those of a kind that can be fitted
+    const auto law = std::ranges::find(friction::laws(), name, &friction::LawInfo::name);
     if (law == friction::laws().end()) {
       std::vector<std::string_view> names;
       for (const auto& l : friction::laws()) names.push_back(l.name);
+      for (const auto& [other, identify] : from_time_series) names.push_back(other);
+      if (std::ranges::find(names, name) != names.end()) throw InputError(fmt::format("--law {}: '{}' is identified from other data than laws of friction curves, and by itself", text, name));
       throw InputError(fmt::format("--law {}: no law '{}' can be identified; did you mean '{}'? Those that can are {}", text, name, friction::nearest(name, names), fmt::join(names, ", ")));
     }
     laws.push_back(&*law);
@@ -59,9 +66,9 @@ std::vector<std::pair<std::string, double>> fixed_of(const std::vector<std::stri
 
 Json number(double x) { return std::isfinite(x) ? Json(x) : Json(nullptr); }
 
-Json json_of(const Fit& fit, const Samples& samples, double held_out) {
+Json json_of(const Estimates& fit, std::string_view law) {
   Json j;
-  j["law"] = fit.law.info->name;
+  j["law"] = law;
   j["parameters"] = Json::object();
   static constexpr const char* status[] = {"estimated", "fixed", "held", "at_bound"};
   for (const auto& e : fit.parameters)
@@ -69,14 +76,11 @@ Json json_of(const Fit& fit, const Samples& samples, double held_out) {
                                {"status", status[static_cast<int>(e.status)]}};
   j["residual"] = {{"mean", number(fit.residual.mean)}, {"std", number(fit.residual.std)}, {"max_abs", number(fit.residual.max_abs)}};
   j["samples"] = fit.samples;
-  j["left_out"] = samples.left_out;
-  j["curves"] = samples.curves();
   j["unidentifiable"] = fit.unidentifiable;
   j["condition_number"] = number(fit.condition_number);
   j["r_squared"] = number(fit.r_squared);
   j["aicc"] = number(fit.aicc);
   j["cost"] = number(fit.cost);
-  if (held_out >= 0) j["held_out_rms"] = number(held_out);
   Json correlation = Json::object();
   for (std::size_t a = 0; a < fit.parameters.size(); ++a)
     for (std::size_t b = 0; b < fit.parameters.size(); ++b)
@@ -87,9 +91,17 @@ Json json_of(const Fit& fit, const Samples& samples, double held_out) {
   return j;
 }
 
-std::string table_of(const Fit& fit, double held_out) {
+Json json_of(const Fit& fit, const Samples& samples, double held_out) {
+  Json j = json_of(fit, fit.law.info->name);
+  j["left_out"] = samples.left_out;
+  j["curves"] = samples.curves();
+  if (held_out >= 0) j["held_out_rms"] = number(held_out);
+  return j;
+}
+
+std::string table_of(const Estimates& fit, std::string_view law, std::string_view equation, std::string_view unit) {
   static constexpr const char* status[] = {"", "fixed", "held", "at its bound"};
-  std::string s = fmt::format("law {}: {}\n\n{:<7} {:>13} {:>11}   {:<27} {:<15}\n", fit.law.info->name, fit.law.info->equation, "", "value", "sigma", "95 % interval", "unit");
+  std::string s = fmt::format("law {}: {}\n\n{:<7} {:>13} {:>11}   {:<27} {:<15}\n", law, equation, "", "value", "sigma", "95 % interval", "unit");
   for (const auto& e : fit.parameters) {
     s += fmt::format("{:<7} {:>13.6g} ", e.name, e.value);
     s += std::isnan(e.sigma) ? fmt::format("{:>11}   {:<27} ", "-", status[static_cast<int>(e.status)]) : fmt::format("{:>11.2g}   {:<27} ", e.sigma, fmt::format("{:.5g} .. {:.5g}", e.low, e.high));
@@ -105,19 +117,63 @@ std::string table_of(const Fit& fit, double held_out) {
     for (const std::size_t j : shown)
       if (j <= i) s += std::isfinite(fit.correlation(i, j)) ? fmt::format("{:>7.2f}", fit.correlation(i, j)) : fmt::format("{:>7}", "");
   }
-  const char* unit = fit.law.info->normalised ? "of torque_max" : "Nm";
   s += fmt::format("\n\nresiduals: mean {:.3g}, std {:.4g}, largest {:.4g} {}; {} samples; R^2 {:.5f}; condition number {:.3g}; AICc {:.1f}\n", fit.residual.mean, fit.residual.std,
                    fit.residual.max_abs, unit, fit.samples, fit.r_squared, fit.condition_number, fit.aicc);
-  if (held_out >= 0) s += fmt::format("held-out RMS error {:.4g} {}\n", held_out, unit);
   s += fit.unidentifiable.empty() ? "every parameter can be told from these data\n" : fmt::format("cannot be told from these data: {}\n", fmt::join(fit.unidentifiable, ", "));
   return s;
+}
+
+std::string table_of(const Fit& fit, double held_out) {
+  const char* unit = fit.law.info->normalised ? "of torque_max" : "Nm";
+  std::string s = table_of(fit, fit.law.info->name, fit.law.info->equation, unit);
+  if (held_out >= 0) s += fmt::format("held-out RMS error {:.4g} {}\n", held_out, unit);
+  return s;
+}
+
+void print_notes(const Arguments& a, const std::vector<std::string>& notes) {
+  if (!a.quiet)
+    for (const auto& note : notes) fmt::print(stderr, "note: {}\n", note);
+}
+
+/// PARAMS.yaml, and JSON or the table.
+int deliver_dynamics(const Arguments& a, const Estimates& fit, double normalised_mse, std::string_view equation, const std::string& yaml) {
+  print_notes(a, fit.notes);
+  if (!a.output.empty())
+    if (const int code = deliver(yaml, a.output)) return code;
+  if (!a.json) return deliver(table_of(fit, a.law, equation, "Nm") + fmt::format("normalised MSE {:.3g}\n", normalised_mse), "");
+  Json j = json_of(fit, a.law);
+  j["normalised_mse"] = number(normalised_mse);
+  return deliver(j.dump(2) + "\n", "");
+}
+
+int identify_bouc_wen(const Arguments& a) {
+  const auto loops = read_loops(std::vector<std::filesystem::path>(a.data.begin(), a.data.end()));
+  if (!loops) throw InputError(loops.error());
+  print_notes(a, loops->notes);
+  const auto found = fit_hysteresis(loops->recordings, a.threads);
+  if (!found) return complain(failed, fmt::format("bouc_wen: {}", found.error()));
+  return deliver_dynamics(a, *found, found->normalised_mse, bouc_wen_equation, to_yaml(*found, a.data));
+}
+
+int identify_lugre(const Arguments& a) {
+  if (a.known_law.empty()) throw InputError("--law lugre: bristles stand over a static law: --static PARAMS.yaml, of an identification before, is needed");
+  auto known = read_parameters(a.known_law);
+  if (a.torque_max_nm > 0) known.torque_max_nm = a.torque_max_nm;
+  if (a.gear_ratio > 0) known.gear_ratio = a.gear_ratio;
+  const auto drive = drive_of(known, "joint");
+  if (!drive) throw InputError(fmt::format("{}: {}", a.known_law, drive.error()));
+  const auto sliding = read_sliding(std::vector<std::filesystem::path>(a.data.begin(), a.data.end()), *drive);
+  if (!sliding) throw InputError(sliding.error());
+  print_notes(a, sliding->notes);
+  const auto found = fit_bristles(*drive, sliding->recordings, a.threads);
+  if (!found) return complain(failed, fmt::format("lugre: {}", found.error()));
+  return deliver_dynamics(a, *found, found->normalised_mse, lugre_equation, to_yaml(known, *found, a.data));
 }
 
 int identify_shared(const Arguments& a, const friction::LawInfo& law, const Samples& samples, const FitOptions& options) {
   const auto shared = fit_shared(law, samples, a.shared, options);
   if (!shared) return complain(failed, shared.error());
-  for (const auto& note : shared->notes)
-    if (!a.quiet) fmt::print(stderr, "note: {}\n", note);
+  print_notes(a, shared->notes);
   Json j{{"law", law.name}, {"shared", a.shared}, {"value", number(shared->value)}, {"sigma", number(shared->sigma)}, {"curves", shared->curves}, {"samples", shared->samples}, {"profile", Json::array()}, {"notes", shared->notes}};
   for (const auto& [value, cost] : shared->profile) j["profile"].push_back({{"value", value}, {"relative_cost_increase", cost}});
   if (!a.output.empty())
@@ -161,8 +217,7 @@ int evaluate(const Arguments& a) {
   std::vector<std::filesystem::path> files(a.data.begin(), a.data.end());
   const auto samples = read_samples(files, law, {.torque_max_nm = a.torque_max_nm > 0 ? a.torque_max_nm : known.torque_max_nm, .gear_ratio = a.gear_ratio > 0 ? a.gear_ratio : known.gear_ratio, .joint = a.joint});
   if (!samples) throw InputError(samples.error());
-  if (!a.quiet)
-    for (const auto& note : samples->notes) fmt::print(stderr, "note: {}\n", note);
+  print_notes(a, samples->notes);
   double mean = 0, squares = 0, most = 0;
   std::size_t outside = 0;
   const auto n = static_cast<double>(samples->size());
@@ -183,6 +238,13 @@ int evaluate(const Arguments& a) {
 
 int execute(const Arguments& a) {
   if (!a.evaluate.empty()) return evaluate(a);
+  if (const auto dynamic = std::ranges::find(from_time_series, a.law, [](const auto& entry) { return entry.first; }); dynamic != std::end(from_time_series)) {
+    for (const auto& [option, given] : {std::pair{"--fix", !a.fix.empty()}, {"--staged", a.staged}, {"--robust", a.loss != "squares"}, {"--unweighted", a.unweighted}, {"--cross-validate", a.folds > 1},
+                                        {"--shared", !a.shared.empty()}, {"--each", a.each}, {"--joint", !a.joint.empty()}})
+      if (given) throw InputError(fmt::format("{}: belongs to friction curves, not to --law {}", option, a.law));
+    return dynamic->second(a);
+  }
+  if (!a.known_law.empty()) throw InputError("--static: belongs to --law lugre");
   const auto laws = laws_of(a.law);
   FitOptions options{.fixed = fixed_of(a.fix), .loss = a.loss == "huber" ? Loss::huber : a.loss == "cauchy" ? Loss::cauchy : Loss::squares, .weigh = !a.unweighted, .threads = a.threads};
   if (laws.size() > 1 && (!a.output.empty() || !a.shared.empty() || !a.fix.empty() || a.each)) throw InputError("-o, --fix, --shared and --each need a single law");
@@ -199,8 +261,7 @@ int execute(const Arguments& a) {
         for (const auto& p : law->parameters) names.push_back(p.name);
         throw InputError(fmt::format("--fix {}={}: law '{}' has no such parameter; did you mean '{}'?", name, value, law->name, friction::nearest(name, names)));
       }
-    if (law == laws.front() && !a.quiet)
-      for (const auto& note : samples->notes) fmt::print(stderr, "note: {}\n", note);
+    if (law == laws.front()) print_notes(a, samples->notes);
     if (!a.shared.empty()) return identify_shared(a, *law, *samples, options);
     if (a.each) return identify_each(a, *law, *samples, options);
     auto found = a.staged ? fit_staged(*law, *samples, options) : fit(*law, *samples, options);
@@ -233,8 +294,8 @@ int execute(const Arguments& a) {
 void add_identify(CLI::App& app, int& code) {
   auto a = std::make_shared<Arguments>();
   auto* c = app.add_subcommand("identify", "A friction law's parameters from measured friction, with honest uncertainties");
-  c->add_option("DATA", a->data, "Friction curves (CSV), recordings of a joint (CSV) or telemetry.h5")->required();
-  c->add_option("--law", a->law, "Law, or several with commas between to compare them")->capture_default_str();
+  c->add_option("DATA", a->data, "Friction curves (CSV), recordings of a joint (CSV) or telemetry.h5; of bouc_wen and lugre recordings sample by sample (CSV)")->required();
+  c->add_option("--law", a->law, "Law, or several with commas between to compare them; bouc_wen: a gear's hysteretic spring; lugre: bristles over a law")->capture_default_str();
   c->add_option("--fix", a->fix, "NAME=VALUE, a parameter that is known")->allow_extra_args(false);
   c->add_option("--tau-max", a->torque_max_nm, "Largest manipulation torque [Nm], arm side: turns Nm into normalised torque and back")->check(CLI::Range(1e-9, 1e9));
   c->add_option("--gear-ratio", a->gear_ratio, "Motor turns per joint turn, for recordings and laws of the joint side")->check(CLI::Range(1e-6, 1e6));
@@ -245,12 +306,13 @@ void add_identify(CLI::App& app, int& code) {
   c->add_option("--cross-validate", a->folds, "Also the error on held-out curves, in this many folds")->check(CLI::Range(2, 100));
   c->add_option("--shared", a->shared, "A parameter common to all curves while the others are free at each (paper 1's alpha*)");
   c->add_flag("--each", a->each, "One fit per curve");
+  c->add_option("--static", a->known_law, "Of --law lugre: PARAMS.yaml of the law that the bristles stand over");
   c->add_option("--evaluate", a->evaluate, "Nothing is identified: how well this PARAMS.yaml predicts the data");
   c->add_option("-o,--output", a->output, "PARAMS.yaml to write: read by curve, export --mjcf and tribotwin-report fit");
   c->add_option("--threads", a->threads, "Processors to use")->check(CLI::Range(1, 256));
   c->add_flag("--json", a->json, "Print JSON instead of the table");
   c->add_flag("--quiet", a->quiet, "No notes on stderr");
-  c->footer("Example:\n  tribotwin identify --law extended --fix alpha=1.36 curves.csv -o params.yaml");
+  c->footer("Example:\n  tribotwin identify --law extended --fix alpha=1.36 curves.csv -o params.yaml\n  tribotwin identify --law bouc_wen 20degC.csv 35degC.csv 50degC.csv -o gear.yaml\n  tribotwin identify --law lugre --static params.yaml reversals.csv -o lugre.yaml");
   c->callback([a, &code] { code = execute(*a); });
 }
 

@@ -36,15 +36,8 @@ int export_record(const std::string& directory) {
   return done;
 }
 
-int export_instance(const std::string& file, const std::string& name, double torque_max_nm, double gear_ratio, const std::string& output) {
-  auto parameters = identification::read_parameters(file);
-  if (torque_max_nm > 0) parameters.torque_max_nm = torque_max_nm;
-  if (gear_ratio > 0) parameters.gear_ratio = gear_ratio;
-  const auto drive = identification::drive_of(parameters, name);
-  if (!drive) throw InputError(fmt::format("{}: {}", file, drive.error()));
-  // What a model could not load is refused here, with the reason the model would give.
-  const auto keys = drive::configuration_of(*drive);
-  if (const auto loaded = drive::make_drive(name, keys); !loaded) return complain(failed, fmt::format("{}: {}", file, loaded.error()));
+template <class Keys>
+int deliver_instance(const std::string& name, const Keys& keys, const std::string& output) {
   pugi::xml_document document;
   auto instance = document.append_child("instance");
   instance.append_attribute("name") = name.c_str();
@@ -56,6 +49,23 @@ int export_instance(const std::string& file, const std::string& name, double tor
   std::ostringstream text;
   document.save(text, "  ", pugi::format_default | pugi::format_no_declaration);
   return deliver(text.str(), output);
+}
+
+int export_instance(const std::string& file, const std::string& name, const std::string& on_drive, double torque_max_nm, double gear_ratio, const std::string& output) {
+  if (const auto law = load_yaml(file)["law"]; law && law.IsScalar() && law.Scalar() == "bouc_wen") {
+    const auto spring = identification::hysteresis_of(file, name, on_drive);
+    if (!spring) return complain(failed, fmt::format("{}: {}", file, spring.error()));
+    return deliver_instance(name, transmission::configuration_of(*spring), output);
+  }
+  auto parameters = identification::read_parameters(file);
+  if (torque_max_nm > 0) parameters.torque_max_nm = torque_max_nm;
+  if (gear_ratio > 0) parameters.gear_ratio = gear_ratio;
+  const auto drive = identification::drive_of(parameters, name);
+  if (!drive) throw InputError(fmt::format("{}: {}", file, drive.error()));
+  // What a model could not load is refused here, with the reason the model would give.
+  const auto keys = drive::configuration_of(*drive);
+  if (const auto loaded = drive::make_drive(name, keys); !loaded) return complain(failed, fmt::format("{}: {}", file, loaded.error()));
+  return deliver_instance(name, keys, output);
 }
 
 }  // namespace
@@ -70,7 +80,7 @@ void add_recover(CLI::App& app, int& code) {
 
 void add_export(CLI::App& app, int& code) {
   struct Arguments {
-    std::string from, name = "joint", output;
+    std::string from, name = "joint", on_drive = "motor", output;
     double torque_max_nm = 0, gear_ratio = 0;
     bool csv = false, mjcf = false;
   };
@@ -78,15 +88,16 @@ void add_export(CLI::App& app, int& code) {
   auto* command = app.add_subcommand("export", "The record of a run as CSV, or identified parameters as a MuJoCo element");
   command->add_option("FROM", a->from, "Folder of a run, or PARAMS.yaml")->required();
   auto* csv = command->add_flag("--csv", a->csv, "telemetry.csv and, where there are work cycles, cycles.csv");
-  command->add_flag("--mjcf", a->mjcf, "The <instance> block of the law in PARAMS.yaml, for a model's tribotwin.drive")->excludes(csv);
+  command->add_flag("--mjcf", a->mjcf, "The <instance> block of the law in PARAMS.yaml, for a model's tribotwin.drive (bouc_wen: tribotwin.hysteresis)")->excludes(csv);
   command->add_option("--name", a->name, "Name of the instance")->capture_default_str();
+  command->add_option("--drive", a->on_drive, "Of a bouc_wen: name of the tribotwin.drive instance that has its temperature and gets its heat")->capture_default_str();
   command->add_option("--tau-max", a->torque_max_nm, "torque_max_nm [Nm], where the file holds none")->check(CLI::Range(1e-9, 1e9));
   command->add_option("--gear-ratio", a->gear_ratio, "Motor turns per joint turn, where the file holds none")->check(CLI::Range(1e-6, 1e6));
   command->add_option("-o,--output", a->output, "File for the block (default: stdout)");
   command->footer("Example:\n  tribotwin export params.yaml --mjcf --tau-max 7500 --gear-ratio 178");
   command->callback([a, &code] {
     if (a->csv == a->mjcf) throw InputError("export needs --csv (of a run) or --mjcf (of PARAMS.yaml)");
-    code = a->csv ? export_record(a->from) : export_instance(a->from, a->name, a->torque_max_nm, a->gear_ratio, a->output);
+    code = a->csv ? export_record(a->from) : export_instance(a->from, a->name, a->on_drive, a->torque_max_nm, a->gear_ratio, a->output);
   });
 }
 

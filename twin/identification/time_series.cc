@@ -1,0 +1,38 @@
+#include <tribotwin/twin/identification/time_series.hpp>
+
+#include <algorithm>
+
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+
+namespace tribotwin::twin::identification {
+
+tl::expected<Numbers, std::string> read_time_series(const std::filesystem::path& file, const std::vector<std::string>& needed, const std::vector<std::string>& optional,
+                                                    std::vector<std::string>& notes) {
+  std::vector<std::string> wanted = needed;
+  wanted.insert(wanted.end(), optional.begin(), optional.end());
+  auto table = read_numbers(file, wanted);
+  if (!table) return table;
+  for (const auto& name : needed)
+    if (std::ranges::find(table->names, name) == table->names.end())
+      return tl::unexpected(fmt::format("{}:1: no column {}; the columns are {}, and may be {}; the header names {}", file.string(), name, fmt::join(needed, ", "), fmt::join(optional, ", "),
+                                        fmt::join(table->names, ", ")));
+  const auto& time = table->columns[0];
+  if (time.empty()) return tl::unexpected(table->left_out ? fmt::format("{}: no row without an empty, NaN or infinite cell", file.string()) : fmt::format("{}: is empty: a header but no samples", file.string()));
+  for (std::size_t i = 1; i < time.size(); ++i)
+    if (!(time[i] > time[i - 1])) return tl::unexpected(fmt::format("{}: time_s goes from {} to {} in consecutive samples; it must increase, recordings made one by one are files of their own", file.string(), time[i - 1], time[i]));
+  if (3 * table->left_out > time.size() + table->left_out)
+    return tl::unexpected(fmt::format("{}: {} of {} rows hold no finite numbers; what is left is no recording", file.string(), table->left_out, time.size() + table->left_out));
+  if (table->left_out) notes.push_back(fmt::format("{}: {} rows with empty, NaN or infinite cells are left out, the first in line {}", file.string(), table->left_out, table->first_left_out));
+  return table;
+}
+
+std::optional<std::string> implausible_temperature(const std::filesystem::path& file, std::span<const double> degC) {
+  constexpr double least = -60, most = 250;
+  if (degC.empty()) return {};
+  const auto [low, high] = std::ranges::minmax(degC);
+  if (low >= least && high <= most) return {};
+  return fmt::format("{}: temperature_degC goes from {:.4g} to {:.4g}, where a gearbox is between {:g} and {:g}; are these kelvins, or is it another column?", file.string(), low, high, least, most);
+}
+
+}  // namespace tribotwin::twin::identification
