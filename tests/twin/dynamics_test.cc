@@ -61,8 +61,11 @@ void expect_base_is_the_rank(const mjModel* m) {
   }
   const VectorXd phi = regressor->model_parameters();
   EXPECT_LT((W(Eigen::all, base.independent) * (base.from_all * phi) - W * phi).norm(), 1e-9 * (W * phi).norm());
-  for (Index c = 0; c < columns; ++c)
-    if (const double length = W.col(c).norm(); length > 0) W.col(c) /= length;
+  const double longest = W.colwise().norm().maxCoeff();
+  for (Index c = 0; c < columns; ++c) {
+    const double length = W.col(c).norm();
+    W.col(c) *= length > 1e-12 * longest ? 1 / length : 0;
+  }
   Eigen::BDCSVD<MatrixXd> svd(W);
   svd.setThreshold(1e-9);
   EXPECT_EQ(base.size(), svd.rank());

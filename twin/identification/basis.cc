@@ -1,9 +1,9 @@
 #include <tribotwin/twin/identification/basis.hpp>
 
 #include <algorithm>
-#include <thread>
 
 #include <tribotwin/twin/identification/moments_kernel.hpp>
+#include <tribotwin/twin/identification/parallel.hpp>
 
 namespace tribotwin::twin::identification {
 namespace {
@@ -41,18 +41,6 @@ const Kernels& kernels() {
     return Kernels{};
   }();
   return best;
-}
-
-/// work(i) for i < count.
-template <class Work>
-void in_parallel(std::size_t count, unsigned threads, const Work& work) {
-  const std::size_t workers = std::min<std::size_t>(std::max(1u, threads), count);
-  const auto run = [&](std::size_t w) {
-    for (std::size_t i = w; i < count; i += workers) work(i);
-  };
-  std::vector<std::jthread> team;
-  for (std::size_t w = 1; w < workers; ++w) team.emplace_back(run, w);
-  run(0);
 }
 
 }  // namespace

@@ -15,6 +15,8 @@ using Eigen::Index, Eigen::MatrixXd, Eigen::VectorXd;
 /// What remains of a unit column of R beyond those before it, where it depends on them: far above rounding (1e-14), far
 /// below what a geometry of any real proportions leaves.
 constexpr double dependent_below = 1e-8;
+/// Columns this much shorter than the longest are 0 but for rounding.
+constexpr double nothing = 1e-12;
 
 MatrixXd excited(Regressor& regressor) {
   std::mt19937_64 random(1);
@@ -45,9 +47,11 @@ std::string group_text(const std::vector<Regressor::Column>& columns, Index lead
 BaseParameters base_parameters(Regressor regressor) {
   const auto& columns = regressor.columns();
   MatrixXd R = excited(regressor);
-  const VectorXd length = R.colwise().norm();
+  VectorXd length = R.colwise().norm();
+  const double longest = length.maxCoeff();
   for (Index c = 0; c < R.cols(); ++c)
-    if (length(c) > 0) R.col(c) /= length(c);
+    if (length(c) > nothing * longest) R.col(c) /= length(c);
+    else length(c) = 0, R.col(c).setZero();
 
   BaseParameters base;
   Eigen::ColPivHouseholderQR<MatrixXd> pivoted(R);

@@ -18,6 +18,8 @@ void add_identify(CLI::App& app, int& code);
 void add_recover(CLI::App& app, int& code);
 void add_export(CLI::App& app, int& code);
 void add_calibrate(CLI::App& app, int& code);
+void add_dynamics(CLI::App& app, int& code);
+void add_predict(CLI::App& app, int& code);
 
 /// "tribotwin: MESSAGE" on stderr; returns the exit code.
 inline int complain(Exit code, const std::string& message) { return twin::complain("tribotwin", code, message); }
