@@ -46,6 +46,9 @@ class Regressor {
   /// one object per thread.
   const Eigen::MatrixXd& at(const Eigen::Ref<const Eigen::VectorXd>& q, const Eigen::Ref<const Eigen::VectorXd>& qd, const Eigen::Ref<const Eigen::VectorXd>& qdd);
 
+  /// Y of the last call of `at`.
+  const Eigen::MatrixXd& last() const { return Y_; }
+
   /// phi as the model has it.
   Eigen::VectorXd model_parameters() const;
 
