@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include <boost/math/distributions/chi_squared.hpp>
 #include <ceres/ceres.h>
 
 namespace tribotwin::twin::identification {
@@ -114,7 +115,7 @@ Consistency nearest_consistent(const Regressor& regressor, const BaseParameters&
   out.parameters = physical(x.data(), count, bodies, nullptr);
   out.base = base.from_all * out.parameters;
   out.distance_sigma = (root * (out.base - beta)).norm();
-  out.possible = out.distance_sigma < 1e-2;
+  out.possible = out.distance_sigma * out.distance_sigma < boost::math::quantile(boost::math::chi_squared(static_cast<double>(base.size())), 0.95);
   return out;
 }
 

@@ -232,7 +232,7 @@ tl::expected<void, std::string> start_friction(Problem& problem, const Regressor
       if (p.name == "T0") options.fixed.emplace_back("T0", 20);   // a convention: another one gives the same friction
     const auto found = fit(f.law(), samples, options);
     if (!found) return tl::unexpected(fmt::format("friction of joint {}: {}", regressor.joint_name(j), found.error()));
-    for (const auto& note : found->notes) notes.push_back(fmt::format("joint {}: {}", regressor.joint_name(j), note));
+    if (!found->unidentifiable.empty()) notes.push_back(fmt::format("friction of joint {}: {} cannot be told from these data and are held", regressor.joint_name(j), fmt::join(found->unidentifiable, ", ")));
     for (Index p = 0; p < f.size(); ++p) {
       parameters.friction[at][static_cast<std::size_t>(p)] = found->parameters[static_cast<std::size_t>(p)].value;
       if (found->parameters[static_cast<std::size_t>(p)].status != Status::estimated) problem.hold(problem.friction_at(j, p));

@@ -168,6 +168,8 @@ FourierSeries series_of(const VectorXd& z, const MotionLimits& limits, const Exc
 }
 
 constexpr int states_per_period = 100;
+/// The objective from which on a motion leaves its limits.
+constexpr double impossible = 100;
 
 /// Logarithm of the condition number; what leaves the limits is worse than anything within, by how far it leaves them.
 double objective(const FourierSeries& s, Judge& judge) {
@@ -182,7 +184,7 @@ double objective(const FourierSeries& s, Judge& judge) {
     judge.add(qd);
     collisions += judge.collisions.at(q).has_value();
   }
-  return (excess > 0 || collisions ? 100 + 10 * excess + collisions : 0) + std::log(judge.condition_number());
+  return (excess > 0 || collisions ? impossible + 10 * excess + collisions : 0) + std::log(judge.condition_number());
 }
 
 /// What of a motion of trapezoids leaves the limits: torque, self-collision. Empty: nothing.
@@ -270,26 +272,26 @@ tl::expected<Excitation, std::string> excite(const mujoco::Model& model, const R
 
   // A few random series, then the search around the best.
   int evaluations = 0;
-  double best = friction::unlimited;
+  double best = friction::unlimited, first = friction::unlimited;
   const auto tried = [&](const VectorXd& z) {
     const double value = objective(series_of(z, limits, o), judge);
     best = std::min(best, value);
+    if (first >= impossible) first = value;
     if (o.progress) o.progress(std::min(1.0, static_cast<double>(++evaluations) / o.evaluations), std::exp(best));
     return value;
   };
   const auto stopped = [&] { return o.stop && *o.stop; };
   Minimum start{.z = gaussian(size)};
   start.objective = tried(start.z);
-  const double first = start.objective;
   for (int k = 1; k < std::min(50, o.evaluations / 10) && !stopped(); ++k)
     if (const VectorXd z = gaussian(size); true)
       if (const double value = tried(z); value < start.objective) start.z = z, start.objective = value;
   Minimum found = start;
   if (!stopped()) found = cma_es(tried, start.z, {.population = 16, .evaluations = o.evaluations - evaluations, .stop = o.stop}, gaussian);
-  if (found.objective >= 100)
+  if (found.objective >= impossible)
     return tl::unexpected(fmt::format("no motion of all joints within torque limits and without self-collision was found in {} trials{}; lower --share, or a reference pose (first keyframe) that is free may help", evaluations, stopped() ? ", being interrupted" : ""));
 
-  Excitation out{.inertia = series_of(found.z, limits, o), .inertia_s = o.periods * o.period_s, .rest = Motion({}), .condition_number = std::exp(found.objective), .first_condition_number = std::exp(first >= 100 ? std::fmod(first, 100.0) : first), .interrupted = stopped(), .notes = limits.notes};
+  Excitation out{.inertia = series_of(found.z, limits, o), .inertia_s = o.periods * o.period_s, .rest = Motion({}), .condition_number = std::exp(found.objective), .first_condition_number = std::exp(first), .interrupted = stopped(), .notes = limits.notes};
   VectorXd q(n), qd(n), qdd(n);
   out.inertia.at(0, q, qd, qdd);
   out.pose = reference_pose(model.get(), limits);
@@ -310,6 +312,8 @@ tl::expected<Excitation, std::string> excite(const mujoco::Model& model, const R
     return tl::unexpected(fmt::format("{}: no motion within the limits around the pose of the first keyframe ({})", what, why == "torque" ? "torque" : why + " touch"));
   };
   out.rest = Motion(list(q));
+  out.friction_s = out.inertia_s;
+  if (!o.friction && o.heating_s == 0) return out;
   out.rest.dwell(0.2).move_to(list(out.pose), values(approach), values(acceleration)).dwell(0.2);
   if (const auto why = trouble(out.rest, judge); !why.empty()) out.notes.push_back(fmt::format("on the way from the first section to the pose: {}", why == "torque" ? "more torque than the limit is needed" : why + " touch"));
   for (Index j = 0; j < n && o.friction; ++j) {

@@ -49,7 +49,7 @@ struct Excitation {
   double friction_s = 0;                ///< end of the second
   Motion rest;                          ///< second and third section, from inertia_s on
   double condition_number = 0;          ///< of base regressor, Coulomb and viscous columns over the first section; every column in units of its rms at random states within the limits, every row in units of the joint's torque
-  double first_condition_number = 0;    ///< that the search began with
+  double first_condition_number = 0;    ///< of the first motion tried that keeps the limits
   Eigen::VectorXd pose;                 ///< of the joints that rest in the second section
   bool interrupted = false;
   std::vector<std::string> notes;

@@ -28,9 +28,10 @@ Json number(double x) { return std::isfinite(x) ? Json(x) : Json(nullptr); }
 
 Json json_of(const Robot& robot, const DynamicsFit& fit, const Consistency& consistency) {
   Json j;
+  const Eigen::VectorXd of_model = robot.base.from_all * robot.regressor.model_parameters();
   for (std::size_t k = 0; k < fit.base.size(); ++k) {
     const Estimate& e = fit.base[k];
-    j["base_parameters"][e.name] = {{"value", number(e.value)}, {"sigma", number(e.sigma)}, {"unit", e.unit}, {"group", robot.base.parameters[k].group}};
+    j["base_parameters"][e.name] = {{"value", number(e.value)}, {"sigma", number(e.sigma)}, {"unit", e.unit}, {"of_model", of_model(static_cast<Eigen::Index>(k))}, {"group", robot.base.parameters[k].group}};
   }
   for (std::size_t i = 0; i < fit.joints.size(); ++i) {
     for (const Estimate& e : fit.friction[i]) j["friction"][fit.joints[i].name][e.name] = {{"value", number(e.value)}, {"sigma", number(e.sigma)}, {"unit", e.unit}};
@@ -57,7 +58,7 @@ std::string table_of(const Robot& robot, const DynamicsFit& fit, const Consisten
   s += fmt::format("\n{:<14} {:>14} {:>12} {:>10} {:>22}\n", "joint", "relative error", "residual std", "samples", "worth one independent");
   for (const auto& j : fit.joints) s += fmt::format("{:<14} {:>12.2f} % {:>12.4g} {:>10} {:>22.1f}\n", j.name, 100 * j.relative_error, j.noise, j.samples, j.correlation);
   s += fmt::format("\nrelative error {:.3f} %, condition number {:.0f}\n", 100 * fit.relative_error, fit.condition_number);
-  s += consistency.possible ? "bodies with these base parameters exist\n" : fmt::format("no bodies have exactly these base parameters; the nearest that some have are {:.2f} sigma away\n", consistency.distance_sigma);
+  s += fmt::format("{} bodies have these base parameters: the nearest possible ones are {:.2f} sigma away\n", consistency.possible ? "within the noise, real" : "no real", consistency.distance_sigma);
   return s;
 }
 
