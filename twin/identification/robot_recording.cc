@@ -21,6 +21,8 @@ constexpr double degrees = 57.29577951308232;
 constexpr double speed_most = 60;
 /// Below this share of its largest speed a joint may stick; friction of sliding does not hold there.
 constexpr double slow = 0.01;
+/// Periods of the cut-off for which the filtered step of Coulomb friction rings after a reversal, to a thousandth of it.
+constexpr double ringing = 2;
 
 double median(std::vector<double> values) {
   const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
@@ -193,7 +195,7 @@ tl::expected<JointMotion, std::string> prepare(std::span<const RobotRecording> r
       if (out.period_s == 0) out.period_s = period * static_cast<double>(every), out.cutoff_hz = cutoff;
       // What the filter made of the ends, and of a central difference's first and last sample, is left out.
       const auto edge = static_cast<Index>(std::ceil(0.5 * rate / cutoff)) + 1;
-      Part part{.file = f, .guard = static_cast<Index>(std::ceil(0.5 * rate / cutoff / static_cast<double>(every)))};
+      Part part{.file = f, .guard = static_cast<Index>(std::ceil(ringing * rate / cutoff / static_cast<double>(every)))};
       Index count = 0;
       for (Index j = 0; j < n; ++j) {
         const auto q = low_passed(equidistant(rec, rec.position, j, s, period, regular), rate, cutoff);
@@ -235,10 +237,18 @@ tl::expected<JointMotion, std::string> prepare(std::span<const RobotRecording> r
     out.q.middleCols(at, count) = p.q, out.qd.middleCols(at, count) = p.qd, out.qdd.middleCols(at, count) = p.qdd;
     out.torque.middleCols(at, count) = p.torque, out.temperature_degC.middleCols(at, count) = p.temperature;
     for (Index j = 0; j < n; ++j) {
-      Index since = 0;   // samples to the last one that was slow
-      for (Index k = 0; k < count; ++k) out.moving(j, at + k) = (since = std::abs(p.qd(j, k)) < slow * fastest(j) ? 0 : since + 1) > p.guard || (since > 0 && since == k + 1);
-      since = p.guard + 1;
-      for (Index k = count; k-- > 0;) out.moving(j, at + k) = out.moving(j, at + k) && (since = std::abs(p.qd(j, k)) < slow * fastest(j) ? 0 : since + 1) > p.guard;
+      // Samples since the last slow one, and to the next; before the first and after the last nothing is known to be near.
+      const auto slow_at = [&](Index k) { return std::abs(p.qd(j, k)) < slow * fastest(j); };
+      Index since = p.guard;
+      for (Index k = 0; k < count; ++k) {
+        since = slow_at(k) ? 0 : since + 1;
+        out.moving(j, at + k) = since > p.guard;
+      }
+      since = p.guard;
+      for (Index k = count; k-- > 0;) {
+        since = slow_at(k) ? 0 : since + 1;
+        out.moving(j, at + k) = out.moving(j, at + k) && since > p.guard;
+      }
     }
     at += count;
   }
