@@ -208,11 +208,13 @@ MatrixXd covariance(const MatrixXd& R) {
   return inverse * inverse.transpose();
 }
 
-/// Starts of the parameters of a law that is not linear: fitted joint by joint to what rigid dynamics leave, and which of
-/// them these data cannot tell.
-tl::expected<void, std::string> start_friction(Problem& problem, const Regressor& regressor, const RobotFriction& friction, const JointMotion& motion, const MatrixXd& rigid, RobotParameters& parameters, unsigned threads,
+/// Parameters of a law that is not linear, fitted joint by joint to what rigid dynamics leave. Returns those that are not
+/// estimated: these data cannot tell them, or they are at a bound.
+tl::expected<std::vector<Index>, std::string> start_friction(const Problem& problem, const Regressor& regressor, const RobotFriction& friction, const JointMotion& motion, const MatrixXd& rigid, RobotParameters& parameters, unsigned threads,
                                                std::vector<std::string>& notes) {
   constexpr Index enough = 20000;
+  std::vector<Index> held;
+  notes.clear();
   for (Index j = 0; j < problem.joints(); ++j) {
     const auto at = static_cast<std::size_t>(j);
     const JointFriction& f = friction[at];
@@ -235,10 +237,10 @@ tl::expected<void, std::string> start_friction(Problem& problem, const Regressor
     if (!found->unidentifiable.empty()) notes.push_back(fmt::format("friction of joint {}: {} cannot be told from these data and are held", regressor.joint_name(j), fmt::join(found->unidentifiable, ", ")));
     for (Index p = 0; p < f.size(); ++p) {
       parameters.friction[at][static_cast<std::size_t>(p)] = found->parameters[static_cast<std::size_t>(p)].value;
-      if (found->parameters[static_cast<std::size_t>(p)].status != Status::estimated) problem.hold(problem.friction_at(j, p));
+      if (found->parameters[static_cast<std::size_t>(p)].status != Status::estimated) held.push_back(problem.friction_at(j, p));
     }
   }
-  return {};
+  return held;
 }
 
 }  // namespace
@@ -297,10 +299,27 @@ tl::expected<DynamicsFit, std::string> fit_dynamics(const Regressor& regressor, 
     const auto first = fit_dynamics(regressor, base, linear, motion, {.robust = options.robust, .weigh = options.weigh, .threads = options.threads});
     if (!first) return first;
     now.base = first->parameters.base;
-    RobotParameters frictionless = first->parameters;
-    for (auto& values : frictionless.friction) values = {0, 0, 0};
-    const MatrixXd rigid = predicted_torque(regressor, base, linear, frictionless, motion, options.threads);
-    if (const auto started = start_friction(problem, regressor, friction, motion, rigid, now, options.threads, out.notes); !started) return tl::unexpected(started.error());
+    VectorXd weights(joints);
+    for (Index j = 0; j < joints; ++j) weights(j) = 1 / first->joints[static_cast<std::size_t>(j)].noise;
+    // Friction and rigid dynamics in turn, each given the other, as loads and laws depend on them.
+    constexpr int rounds = 4;
+    for (int round = 0; round < rounds; ++round) {
+      RobotParameters frictionless{.base = now.base, .friction = std::vector<std::vector<double>>(friction.size(), {0, 0, 0})};
+      const MatrixXd rigid = predicted_torque(regressor, base, linear, frictionless, motion, options.threads);
+      const auto started = start_friction(problem, regressor, friction, motion, rigid, now, options.threads, out.notes);
+      if (!started) return tl::unexpected(started.error());
+      if (round + 1 == rounds) {
+        for (const Index u : *started) problem.hold(u);
+        break;
+      }
+      Problem rigid_only(regressor, base, friction, motion, options.threads);
+      for (Index u = base.size(); u < rigid_only.unknowns(); ++u) rigid_only.hold(u);
+      std::vector<Index> order;
+      const auto pass = rigid_only.pass(now, true, no_weight);
+      for (const Index u : dependent(rigid_only.combined(pass, weights, order), order, base.size())) rigid_only.hold(u);
+      const VectorXd step = solved(rigid_only.combined(pass, weights, order));
+      now.base(order) += step;
+    }
   }
   progress(0.3);
 
@@ -328,20 +347,22 @@ tl::expected<DynamicsFit, std::string> fit_dynamics(const Regressor& regressor, 
     if (options.weigh) weights = (noise.array() * correlation.array().sqrt()).inverse();
     else weights.setConstant(joints, 1 / std::sqrt((noise.array().square() * correlation.array()).mean()));
   };
-  const auto unpack = [&](RobotParameters& p, const VectorXd& step, double share) {
+  // The joint and parameter of an unknown of friction.
+  const auto place_of = [&](Index u) {
+    std::size_t j = friction.size() - 1;
+    while (u < problem.friction_at(static_cast<Index>(j), 0)) --j;
+    return std::pair{j, static_cast<std::size_t>(u - problem.friction_at(static_cast<Index>(j), 0))};
+  };
+  const auto unpack = [&](RobotParameters& to, const VectorXd& by, double part) {
     for (std::size_t c = 0; c < order.size(); ++c) {
-      const Index u = order[c];
-      if (u < base.size()) {
-        p.base(u) += share * step(static_cast<Index>(c));
+      const double change = part * by(static_cast<Index>(c));
+      if (order[c] < base.size()) {
+        to.base(order[c]) += change;
         continue;
       }
-      for (std::size_t j = friction.size(); j-- > 0;)
-        if (const Index parameter = u - problem.friction_at(static_cast<Index>(j), 0); parameter >= 0) {
-          const auto& info = friction[j].law().parameters[static_cast<std::size_t>(parameter)];
-          double& value = p.friction[j][static_cast<std::size_t>(parameter)];
-          value = std::clamp(value + share * step(static_cast<Index>(c)), info.minimum, info.maximum);
-          break;
-        }
+      const auto [j, p] = place_of(order[c]);
+      const auto& info = friction[j].law().parameters[p];
+      to.friction[j][p] = std::clamp(to.friction[j][p] + change, info.minimum, info.maximum);
     }
   };
 
@@ -389,6 +410,13 @@ tl::expected<DynamicsFit, std::string> fit_dynamics(const Regressor& regressor, 
       break;
     }
     unpack(now, step, 1);
+    // Parameters that lean on a bound would step against it for ever.
+    for (const Index u : order)
+      if (u >= base.size() && k >= 5)
+        if (const auto [j, p] = place_of(u); now.friction[j][p] == friction[j].law().parameters[p].minimum || now.friction[j][p] == friction[j].law().parameters[p].maximum) {
+          problem.hold(u);
+          out.notes.push_back(fmt::format("friction of joint {}: {} is held at a bound of what its law accepts, {:g}", regressor.joint_name(static_cast<Index>(j)), friction[j].law().parameters[p].name, now.friction[j][p]));
+        }
   }
 
   if (options.essential_only) {
