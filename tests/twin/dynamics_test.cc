@@ -23,8 +23,8 @@ using Eigen::Index, Eigen::MatrixXd, Eigen::VectorXd;
 /// Largest difference between Y phi and mj_inverse over random states, relative to the largest torque of the state.
 double worst_difference(const mjModel* given, int states) {
   mujoco::ModelPtr m(mj_copyModel(nullptr, given));
-  m->opt.disableflags |= mjDSBL_CONSTRAINT | mjDSBL_ACTUATION;
   mujoco::DataPtr d(mj_makeData(m.get()));
+  m->opt.disableflags |= mjDSBL_CONSTRAINT | mjDSBL_ACTUATION;   // which drives would not have been made with
   auto regressor = Regressor::create(m.get());
   EXPECT_TRUE(regressor) << regressor.error();
   const VectorXd phi = regressor->model_parameters();
