@@ -110,5 +110,35 @@ TEST(Arm, PayloadMovesLikeABodyOfItsOwn) {
   EXPECT_GT(std::abs(a->qpos[0]), 0.1);
 }
 
+// Cubics through samples of a sine and its slope: fourth order in the step, h^4 / 384 of the fourth derivative.
+TEST(Motion, PassesThroughPositionsAndVelocities) {
+  Motion motion({0});
+  const double h = 0.05, w = 3;
+  for (int i = 0; i <= 100; ++i) motion.pass_through(i * h, {std::sin(w * i * h)}, {w * std::cos(w * i * h)});
+  EXPECT_NEAR(motion.duration_s(), 5, 1e-12);
+  std::vector<SetPoint> at(1);
+  for (double t = h; t < 5; t += 0.0031) {
+    motion.at(t, at);
+    ASSERT_NEAR(at[0].position_rad, std::sin(w * t), 1.01 * std::pow(w * h, 4) / 384);
+    ASSERT_NEAR(at[0].velocity_rad_s, w * std::cos(w * t), 2e-4);
+  }
+}
+
+TEST(Motion, OneAfterTheOther) {
+  const std::vector<double> speed{1}, acceleration{4};
+  Motion first({0}), second({1});
+  first.move_to({1}, speed, acceleration);
+  second.move_to({-1}, speed, acceleration).dwell(0.5);
+  const double half = first.duration_s();
+  first.then(second);
+  EXPECT_NEAR(first.duration_s(), half + second.duration_s(), 1e-12);
+  std::vector<SetPoint> whole(1), part(1);
+  for (const double t : {0.1, 0.9, 2.0, 2.6}) {
+    first.at(half + t, whole);
+    second.at(t, part);
+    EXPECT_NEAR(whole[0].position_rad, part[0].position_rad, 1e-12);
+  }
+}
+
 }  // namespace
 }  // namespace tribotwin::twin

@@ -18,7 +18,7 @@ Motion& Motion::move_to(std::vector<double> target, std::span<const double> spee
   }
   duration = std::max(duration, 2 * ramp);
   if (duration == 0) return *this;
-  segments_.push_back({end_s_, duration, ramp, last_, target});
+  segments_.push_back({end_s_, duration, ramp, last_, target, {}, {}});
   end_s_ += duration;
   last_ = std::move(target);
   return *this;
@@ -26,7 +26,7 @@ Motion& Motion::move_to(std::vector<double> target, std::span<const double> spee
 
 Motion& Motion::dwell(double duration_s) {
   if (duration_s > 0) {
-    segments_.push_back({end_s_, duration_s, duration_s / 2, last_, last_});
+    segments_.push_back({end_s_, duration_s, duration_s / 2, last_, last_, {}, {}});
     end_s_ += duration_s;
   }
   return *this;
@@ -34,9 +34,27 @@ Motion& Motion::dwell(double duration_s) {
 
 Motion& Motion::hold_at(double time_s, std::vector<double> position) {
   if (!segments_.empty()) segments_.back().duration_s = time_s - segments_.back().start_s;
-  segments_.push_back({time_s, 0, 0, position, position});
+  segments_.push_back({time_s, 0, 0, position, position, {}, {}});
   end_s_ = time_s;
   last_ = std::move(position);
+  return *this;
+}
+
+Motion& Motion::pass_through(double time_s, std::vector<double> position, std::vector<double> velocity) {
+  std::vector<double> from_velocity = segments_.empty() || segments_.back().to_velocity.empty() ? std::vector<double>(start_.size(), 0.0) : segments_.back().to_velocity;
+  if (time_s > end_s_) segments_.push_back({end_s_, time_s - end_s_, 0, last_, position, std::move(from_velocity), std::move(velocity)});
+  end_s_ = time_s;
+  last_ = std::move(position);
+  return *this;
+}
+
+Motion& Motion::then(const Motion& other) {
+  for (Segment s : other.segments_) {
+    s.start_s += end_s_;
+    segments_.push_back(std::move(s));
+  }
+  end_s_ += other.end_s_;
+  last_ = other.last_;
   return *this;
 }
 
@@ -64,6 +82,14 @@ void Motion::at(double t, std::span<SetPoint> out) const {
   const double u = t - s.start_s;
   if (u >= s.duration_s) {
     for (std::size_t j = 0; j < start_.size(); ++j) out[j] = {s.to[j], 0};
+    return;
+  }
+  if (!s.to_velocity.empty()) {
+    const double x = u / s.duration_s, h01 = x * x * (3 - 2 * x), h10 = x * (1 - x) * (1 - x), h11 = x * x * (x - 1);
+    for (std::size_t j = 0; j < start_.size(); ++j) {
+      const double way = s.to[j] - s.from[j], v0 = s.from_velocity[j], v1 = s.to_velocity[j];
+      out[j] = {s.from[j] + h01 * way + s.duration_s * (h10 * v0 + h11 * v1), 6 * x * (1 - x) * way / s.duration_s + (1 - x) * (1 - 3 * x) * v0 + x * (3 * x - 2) * v1};
+    }
     return;
   }
   // Share of the way and its rate: unit distance, plateau speed 1 / (duration - ramp).

@@ -51,12 +51,22 @@ Result read_csv(const std::filesystem::path& file) {
     if (points.time_s[i] <= points.time_s[i - 1])
       return tl::unexpected(fmt::format("{}time {} s does not come after {} s", table->where(i), points.time_s[i], points.time_s[i - 1]));
   for (const auto& name : table->names) {
-    if (!name.starts_with("position_") || !name.ends_with("_rad")) continue;
+    constexpr std::string_view prefix = "position_";
+    if (!name.starts_with(prefix)) continue;
+    const std::string_view unit = name.ends_with("_rad") ? "_rad" : name.ends_with("_m") ? "_m" : "";
+    if (unit.empty()) continue;
     auto column = table->numbers(name);
     if (!column) return tl::unexpected(column.error());
     points.position_rad.push_back(std::move(*column));
-    points.joints.push_back(name.substr(9, name.size() - 13));
+    points.joints.push_back(name.substr(prefix.size(), name.size() - prefix.size() - unit.size()));
+    const std::string velocity = fmt::format("velocity_{}{}_s", points.joints.back(), unit);
+    if (!table->has(velocity)) continue;
+    auto speeds = table->numbers(velocity);
+    if (!speeds) return tl::unexpected(speeds.error());
+    points.velocity_rad_s.push_back(std::move(*speeds));
   }
+  if (!points.velocity_rad_s.empty() && points.velocity_rad_s.size() < points.joints.size())
+    return tl::unexpected(fmt::format("{}:1: {} of {} joints have a velocity; give it for all or none", file.string(), points.velocity_rad_s.size(), points.joints.size()));
   if (points.joints.empty()) return tl::unexpected(fmt::format("{}:1: no column 'position_JOINT_rad'", file.string()));
   return points;
 }

@@ -3,7 +3,6 @@
 
 #include <chrono>
 #include <cmath>
-#include <csignal>
 #include <fstream>
 #include <memory>
 #include <set>
@@ -546,12 +545,6 @@ tl::expected<void, std::string> write_found(const Results& r, const SimulationFi
   return {};
 }
 
-std::atomic<bool> interrupted{false};
-void interrupt(int signal) {
-  interrupted = true;
-  std::signal(signal, SIG_DFL);   // a second one does not wait
-}
-
 struct Arguments {
   std::string fit, directory;
   std::optional<std::uint64_t> seed;
@@ -572,16 +565,14 @@ int execute(const Arguments& a) {
   const auto save = [&] {
     if (const auto ok = write_file(file, json_of(results).dump(1) + "\n"); !ok && write_error.empty()) {
       write_error = ok.error();
-      interrupted = true;   // no use going on
+      interrupted() = true;   // no use going on
     }
   };
-  std::signal(SIGINT, interrupt);
-  std::signal(SIGTERM, interrupt);
   const auto outcome = [&] {
     Progress progress(a.quiet, "calibrating");
     const auto started = std::chrono::steady_clock::now();
     return calibrate(campaign.plan, results.fits,
-                     {.threads = a.threads, .stop = &interrupted,
+                     {.threads = a.threads, .stop = &interrupted(),
                       .progress = [&](double share) { progress(share, share > 0.01 ? std::chrono::duration<double>(std::chrono::steady_clock::now() - started).count() * (1 / share - 1) : -1); },
                       .done = [&](const SimulationFit& fit) {
                         results.fits.push_back(fit);

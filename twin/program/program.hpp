@@ -1,5 +1,6 @@
 #pragma once
 
+#include <atomic>
 #include <filesystem>
 #include <string>
 
@@ -18,9 +19,16 @@ void add_identify(CLI::App& app, int& code);
 void add_recover(CLI::App& app, int& code);
 void add_export(CLI::App& app, int& code);
 void add_calibrate(CLI::App& app, int& code);
+void add_dynamics(CLI::App& app, int& code);
+void add_predict(CLI::App& app, int& code);
+void add_excite(CLI::App& app, int& code);
 
 /// "tribotwin: MESSAGE" on stderr; returns the exit code.
 inline int complain(Exit code, const std::string& message) { return twin::complain("tribotwin", code, message); }
+
+/// Set by SIGINT and SIGTERM from the first call on, a second one of which ends the program as ever; work that has lost its
+/// sense may set it too.
+std::atomic<bool>& interrupted();
 
 /// The file of a campaign or scenario as given, or the shipped one of that name.
 std::filesystem::path scenario_file(const std::string& given);

@@ -1,3 +1,5 @@
+#include <cmath>
+#include <cstdint>
 #include <memory>
 #include <sstream>
 
@@ -6,6 +8,7 @@
 
 #include <tribotwin/plugins/drive/configuration.hpp>
 #include <tribotwin/twin/identification/parameters.hpp>
+#include <tribotwin/twin/laboratory/recording.hpp>
 #include <tribotwin/twin/program/program.hpp>
 #include <tribotwin/twin/scenario/input.hpp>
 #include <tribotwin/twin/telemetry/telemetry.hpp>
@@ -34,6 +37,40 @@ int export_record(const std::string& directory) {
   if (!files) return complain(failed, files.error());
   for (const auto& file : *files) fmt::print("{}\n", file.string());
   return done;
+}
+
+/// What the robot's controller would have recorded of a run: the columns of tribotwin dynamics. The noise of the torque is
+/// given as a share of torque_max_nm.
+int export_recording(const std::string& directory, Sensors sensors, double torque_noise_share, std::uint64_t seed, const std::string& output) {
+  require_record(directory);
+  const auto record = read_telemetry(std::filesystem::path(directory) / "telemetry.h5");
+  if (!record) return complain(failed, record.error());
+  if (record->time_s.size() < 2) return complain(failed, fmt::format("{}/telemetry.h5: holds {} samples", directory, record->time_s.size()));
+  const double rate = static_cast<double>(record->time_s.size() - 1) / (record->time_s.back() - record->time_s.front());
+  if (sensors.sampling_hz == 0) sensors.sampling_hz = rate;
+  if (sensors.sampling_hz > rate * 1.001) throw InputError(fmt::format("--sampling {:g}: the run was recorded at {:.6g} Hz; run it with --set telemetry_rate_hz={:g}", sensors.sampling_hz, rate, sensors.sampling_hz));
+  std::vector<JointRecording> joints;
+  std::string text = "time_s";
+  for (std::size_t j = 0; j < record->joints.size(); ++j) {
+    const auto& name = record->joints[j];
+    const auto column = [&](std::string_view channel) {
+      const auto c = record->channel(name, channel);
+      return std::vector<double>(c.begin(), c.end());
+    };
+    double torque_max_nm = 0;
+    for (const auto& [key, value] : record->joint_attributes[j])
+      if (key == "torque_max_nm") torque_max_nm = value;
+    sensors.torque_noise_nm = torque_noise_share * torque_max_nm;
+    joints.push_back(sensed({.time_s = record->time_s, .position_rad = column("position_rad"), .torque_nm = column("torque_nm"), .temperature_degC = column("temperature_degC")}, sensors, seed + j));
+    text += fmt::format(",position_{0}_rad,torque_{0}_nm,temperature_{0}_degC", name);
+  }
+  text += '\n';
+  for (std::size_t i = 0; i < joints.front().size(); ++i) {
+    text += fmt::format("{:.9g}", joints.front().time_s[i]);
+    for (const auto& joint : joints) text += fmt::format(",{:.12g},{:.9g},{:.7g}", joint.position_rad[i], joint.torque_nm[i], joint.temperature_degC[i]);
+    text += '\n';
+  }
+  return deliver(text, output);
 }
 
 template <class Keys>
@@ -81,23 +118,30 @@ void add_recover(CLI::App& app, int& code) {
 void add_export(CLI::App& app, int& code) {
   struct Arguments {
     std::string from, name = "joint", on_drive = "motor", output;
-    double torque_max_nm = 0, gear_ratio = 0;
-    bool csv = false, mjcf = false;
+    double torque_max_nm = 0, gear_ratio = 0, torque_noise_share = 0;
+    Sensors sensors{.sampling_hz = 0};
+    std::uint64_t seed = 1;
+    bool csv = false, mjcf = false, recording = false;
   };
   auto a = std::make_shared<Arguments>();
-  auto* command = app.add_subcommand("export", "The record of a run as CSV, or identified parameters as a MuJoCo element");
+  auto* command = app.add_subcommand("export", "The record of a run as CSV, whole or as a controller records, or identified parameters as a MuJoCo element");
   command->add_option("FROM", a->from, "Folder of a run, or PARAMS.yaml")->required();
   auto* csv = command->add_flag("--csv", a->csv, "telemetry.csv and, where there are work cycles, cycles.csv");
-  command->add_flag("--mjcf", a->mjcf, "The <instance> block of the law in PARAMS.yaml, for a model's tribotwin.drive (bouc_wen: tribotwin.hysteresis)")->excludes(csv);
+  auto* mjcf = command->add_flag("--mjcf", a->mjcf, "The <instance> block of the law in PARAMS.yaml, for a model's tribotwin.drive (bouc_wen: tribotwin.hysteresis)")->excludes(csv);
+  auto* recording = command->add_flag("--recording", a->recording, "CSV as the robot's controller records it, for tribotwin dynamics")->excludes(csv)->excludes(mjcf);
+  command->add_option("--sampling", a->sensors.sampling_hz, "Of the recording [Hz] (default: that of the run)")->check(CLI::Range(1e-3, 1e6))->needs(recording);
+  command->add_option("--encoder", a->sensors.encoder_increments_per_turn, "Encoder increments per turn of the joint (default: ideal)")->check(CLI::Range(1.0, 1e12))->needs(recording);
+  command->add_option("--torque-noise", a->torque_noise_share, "Standard deviation of the torque, a share of torque_max_nm")->check(CLI::Range(0.0, 10.0))->needs(recording);
+  command->add_option("--seed", a->seed, "Seed of the noise")->needs(recording);
   command->add_option("--name", a->name, "Name of the instance")->capture_default_str();
   command->add_option("--drive", a->on_drive, "Of a bouc_wen: name of the tribotwin.drive instance that has its temperature and gets its heat")->capture_default_str();
   command->add_option("--tau-max", a->torque_max_nm, "torque_max_nm [Nm], where the file holds none")->check(CLI::Range(1e-9, 1e9));
   command->add_option("--gear-ratio", a->gear_ratio, "Motor turns per joint turn, where the file holds none")->check(CLI::Range(1e-6, 1e6));
-  command->add_option("-o,--output", a->output, "File for the block (default: stdout)");
+  command->add_option("-o,--output", a->output, "File for the block or the recording (default: stdout)");
   command->footer("Example:\n  tribotwin export params.yaml --mjcf --tau-max 7500 --gear-ratio 178");
   command->callback([a, &code] {
-    if (a->csv == a->mjcf) throw InputError("export needs --csv (of a run) or --mjcf (of PARAMS.yaml)");
-    code = a->csv ? export_record(a->from) : export_instance(a->from, a->name, a->on_drive, a->torque_max_nm, a->gear_ratio, a->output);
+    if (a->csv + a->mjcf + a->recording != 1) throw InputError("export needs --csv or --recording (of a run) or --mjcf (of PARAMS.yaml)");
+    code = a->recording ? export_recording(a->from, a->sensors, a->torque_noise_share, a->seed, a->output) : a->csv ? export_record(a->from) : export_instance(a->from, a->name, a->on_drive, a->torque_max_nm, a->gear_ratio, a->output);
   });
 }
 

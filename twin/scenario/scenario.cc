@@ -146,9 +146,16 @@ Motion motion_of(Mapping in, Scenario& s, const fs::path& folder, YAML::Node nod
       start[drives[k]] = points->measured_rad.empty() ? points->position_rad[k][0] : points->measured_rad[0];
     s.start_rad = start;
     Motion motion(start);
+    std::vector<double> velocity(n, 0.0);
     for (std::size_t i = 0; i < points->time_s.size(); ++i) {
       for (std::size_t k = 0; k < drives.size(); ++k) start[drives[k]] = points->position_rad[k][i];
-      motion.hold_at(points->time_s[i] - points->time_s[0] + delay, start);
+      const double time = points->time_s[i] - points->time_s[0] + delay;
+      if (points->velocity_rad_s.empty()) {
+        motion.hold_at(time, start);
+        continue;
+      }
+      for (std::size_t k = 0; k < drives.size(); ++k) velocity[drives[k]] = points->velocity_rad_s[k][i];
+      motion.pass_through(time, start, velocity);
     }
     if (s.duration_s == 0) s.duration_s = points->time_s.back() - points->time_s[0];
     s.recording = std::move(*points);

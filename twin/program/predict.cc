@@ -1,0 +1,106 @@
+#include <cmath>
+#include <memory>
+#include <thread>
+
+#include <fmt/format.h>
+#include <nlohmann/json.hpp>
+
+#include <tribotwin/twin/identification/dynamics_file.hpp>
+#include <tribotwin/twin/program/program.hpp>
+#include <tribotwin/twin/program/robot.hpp>
+#include <tribotwin/twin/scenario/input.hpp>
+
+namespace tribotwin::twin::program {
+namespace {
+
+using namespace identification;
+using Json = nlohmann::ordered_json;
+using Eigen::Index;
+
+struct Arguments {
+  std::string model, parameters, output;
+  std::vector<std::string> data;
+  Preparation preparation;
+  unsigned threads = std::max(1u, std::thread::hardware_concurrency());
+  bool json = false, quiet = false;
+};
+
+/// Over the samples in which the joint moves; at rest friction is whatever holds it.
+struct Error {
+  double rms = 0, range = 0, largest = 0;
+  Index samples = 0;
+  double share() const { return rms / range; }
+};
+
+Error error_of(const JointMotion& motion, const Eigen::MatrixXd& predicted, Index joint) {
+  Error e;
+  double squares = 0;
+  for (Index i = 0; i < motion.size(); ++i) {
+    if (!motion.moving(joint, i)) continue;
+    const double difference = motion.torque(joint, i) - predicted(joint, i);
+    squares += difference * difference;
+    e.largest = std::max(e.largest, std::abs(difference));
+    ++e.samples;
+  }
+  e.rms = std::sqrt(squares / static_cast<double>(e.samples));
+  e.range = motion.torque.row(joint).maxCoeff() - motion.torque.row(joint).minCoeff();
+  return e;
+}
+
+std::string csv_of(const Robot& robot, const JointMotion& motion, const Eigen::MatrixXd& predicted) {
+  std::string s = "time_s";
+  for (Index j = 0; j < predicted.rows(); ++j) {
+    const char* unit = robot.regressor.is_slide(j) ? "n" : "nm";
+    s += fmt::format(",torque_{0}_{1},predicted_{0}_{1}", robot.regressor.joint_name(j), unit);
+  }
+  s += '\n';
+  for (Index i = 0; i < motion.size(); ++i) {
+    s += fmt::format("{:.9g}", motion.time_s[static_cast<std::size_t>(i)]);
+    for (Index j = 0; j < predicted.rows(); ++j) s += fmt::format(",{:.9g},{:.9g}", motion.torque(j, i), predicted(j, i));
+    s += '\n';
+  }
+  return s;
+}
+
+int execute(const Arguments& a) {
+  const Robot robot = load_robot(a.model);
+  const auto file = read_dynamics(a.parameters, robot.regressor, robot.base);
+  const auto friction = robot_friction(*robot.model, robot.regressor, *file.law);
+  if (!friction) throw InputError(fmt::format("{}: {}", a.model, friction.error()));
+  const JointMotion motion = read_motion(robot, a.data, a.preparation, a.quiet);
+  if (file.law->temperature_dependent && !motion.has_temperature && !a.quiet) fmt::print(stderr, "note: without temperature columns law '{}' is that of 20 degC\n", file.law->name);
+  const Eigen::MatrixXd predicted = predicted_torque(robot.regressor, robot.base, *friction, file.parameters, motion, a.threads);
+  if (!a.output.empty())
+    if (const int code = deliver(csv_of(robot, motion, predicted), a.output)) return code;
+  Json j{{"joints", Json::object()}};
+  std::string table = fmt::format("{:<14} {:>10} {:>12} {:>12} {:>12} {:>10}\n", "joint", "error rms", "of its range", "range", "largest", "samples");
+  double worst = 0;
+  for (Index joint = 0; joint < predicted.rows(); ++joint) {
+    const Error e = error_of(motion, predicted, joint);
+    const auto& name = robot.regressor.joint_name(joint);
+    j["joints"][name] = {{"rms", e.rms}, {"relative_to_range", e.share()}, {"range", e.range}, {"largest", e.largest}, {"samples", e.samples}, {"unit", robot.regressor.is_slide(joint) ? "N" : "Nm"}};
+    table += fmt::format("{:<14} {:>10.4g} {:>10.2f} % {:>12.4g} {:>12.4g} {:>10}\n", name, e.rms, 100 * e.share(), e.range, e.largest, e.samples);
+    worst = std::max(worst, e.share());
+  }
+  j["worst_relative_to_range"] = worst;
+  return deliver(a.json ? j.dump(2) + "\n" : table, "");
+}
+
+}  // namespace
+
+void add_predict(CLI::App& app, int& code) {
+  auto a = std::make_shared<Arguments>();
+  auto* c = app.add_subcommand("predict", "The torques of a recorded motion from identified dynamics, and their error");
+  c->add_option("MODEL", a->model, "MJCF model")->required();
+  c->add_option("PARAMS", a->parameters, "PARAMS.yaml of tribotwin dynamics")->required();
+  c->add_option("DATA", a->data, "CSV as for tribotwin dynamics")->required();
+  add_preparation(*c, a->preparation);
+  c->add_option("-o,--output", a->output, "CSV to write: time_s, torque_JOINT_nm (filtered as for the fit), predicted_JOINT_nm");
+  c->add_option("--threads", a->threads, "Processors to use; they change nothing but the time")->check(CLI::Range(1, 256));
+  c->add_flag("--json", a->json, "Print JSON instead of the table");
+  c->add_flag("--quiet", a->quiet, "No notes");
+  c->footer("Example:\n  tribotwin predict mjcf/er3a_c60.xml robot.yaml other.csv -o predicted.csv");
+  c->callback([a, &code] { code = execute(*a); });
+}
+
+}  // namespace tribotwin::twin::program
