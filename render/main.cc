@@ -322,7 +322,7 @@ class PageFile {
 int report(const ReportArguments& a, const std::string& command) {
   if (a.runs.empty()) throw InputError("names no folder of a run; 'tribotwin-report --help' shows how it is used");
   std::vector<std::unique_ptr<render::RunData>> runs;
-  for (const auto& directory : a.runs) runs.push_back(or_wrong_input(render::load_run(directory)));
+  for (const auto& directory : a.runs) std::ranges::move(or_wrong_input(render::load_runs(directory)), std::back_inserter(runs));
   const PageFile page(a.output.empty() ? (a.runs.size() == 1 ? fs::path(a.runs[0]) / "report.html" : fs::path("report.html")) : fs::path(a.output), a.png, a.pdf);
   const render::Report made = [&] {
     Progress progress(a.quiet, "report");
@@ -360,7 +360,7 @@ int main(int argc, char** argv) {
   app.set_version_flag("--version", std::string("tribotwin-report " TRIBOTWIN_VERSION ", MuJoCo ") + mj_versionString());
   app.require_subcommand(0, 1);
   ReportArguments r;
-  app.add_option("RUNDIR", r.runs, "Folders of runs; several are compared");
+  app.add_option("RUNDIR", r.runs, "Folders of runs, or of a scenario that varies; several runs are compared");
   app.add_option("-o,--output", r.output, "The page (default: RUNDIR/report.html; report.html for several)");
   app.add_flag("--png", r.png, "Also every figure as PNG, in a folder beside the page");
   app.add_flag("--pdf", r.pdf, "Also every figure as PDF, in a folder beside the page");

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <iterator>
 #include <limits>
+#include <optional>
 
 #include <fmt/format.h>
 
@@ -22,6 +23,8 @@ using nlohmann::json;
 constexpr double unknown = std::numeric_limits<double>::quiet_NaN();
 constexpr std::size_t trace_points = 600, visited_points = 250;
 const Axis temperature_axis{.quantity = "lubricant temperature", .symbol = "{/:Italic T}", .unit = "°C"};
+const Axis torsion_axis{.quantity = "torsion", .symbol = "{/:Italic φ}", .unit = "mrad"}, transmission_axis{.quantity = "torque of the transmission", .symbol = "{/:Italic τ}", .unit = "Nm"};
+const Axis arm_axis{.quantity = "arm position", .symbol = "{/:Italic q}", .unit = "rad"};
 
 /// A number of the summary, NaN where it is not there.
 double number(const json& j, std::initializer_list<const char*> path) {
@@ -33,6 +36,12 @@ double number(const json& j, std::initializer_list<const char*> path) {
   return at->is_number() ? at->get<double>() : unknown;
 }
 std::string text(const json& j, const char* key) { return j.is_object() && j.contains(key) && j[key].is_string() ? j[key].get<std::string>() : ""; }
+
+/// What the summary lists under a name; nothing where it has no such list.
+const json& entries(const RunData& run, const char* key) {
+  static const json none = json::array();
+  return run.summary.is_object() && run.summary.contains(key) && run.summary[key].is_array() ? run.summary[key] : none;
+}
 
 std::string shown(double v, const char* format) { return std::isfinite(v) ? fmt::format(fmt::runtime(format), v) : "–"; }
 
@@ -64,12 +73,10 @@ struct JointFigures {
 /// From the summary or, where there is none, from the samples.
 std::vector<JointFigures> joint_figures(const RunData& run) {
   std::vector<JointFigures> all;
-  if (run.summary.is_object() && run.summary.contains("joints") && run.summary["joints"].is_array()) {
-    for (const auto& j : run.summary["joints"])
-      all.push_back({text(j, "name"), number(j, {"temperature_degC", "start"}), number(j, {"temperature_degC", "end"}), number(j, {"temperature_degC", "max"}),
-                     number(j, {"friction_nm", "rms"}), number(j, {"friction_nm", "max"}), number(j, {"load_norm", "max"}), number(j, {"clamped_samples"}), number(j, {"stuck_s"})});
-    return all;
-  }
+  for (const auto& j : entries(run, "joints"))
+    all.push_back({text(j, "name"), number(j, {"temperature_degC", "start"}), number(j, {"temperature_degC", "end"}), number(j, {"temperature_degC", "max"}),
+                   number(j, {"friction_nm", "rms"}), number(j, {"friction_nm", "max"}), number(j, {"load_norm", "max"}), number(j, {"clamped_samples"}), number(j, {"stuck_s"})});
+  if (!all.empty()) return all;
   for (const auto& j : run.joints) {
     JointFigures f{j.name, unknown, unknown, unknown, unknown, unknown, unknown, unknown, unknown};
     double squares = 0;
@@ -102,12 +109,24 @@ double simulated_s(const RunData& run) {
   return std::isfinite(s) || run.record.time_s.empty() ? s : run.record.time_s.back();
 }
 
-/// Every k-th value such that at most trace_points are left; the last stays.
+/// Of many samples about trace_points: the least and the largest of each of half as many stretches, in their order, so that no peak
+/// is lost; the last stays.
 Trace thinned(std::string label, std::span<const double> time, std::span<const double> values) {
   Trace t{std::move(label), {}, {}};
-  const std::size_t n = std::min(time.size(), values.size()), step = n / trace_points + 1;
-  for (std::size_t i = 0; i < n; i += step) t.time_s.push_back(time[i]), t.values.push_back(values[i]);
-  if (n > 0 && (n - 1) % step != 0) t.time_s.push_back(time[n - 1]), t.values.push_back(values[n - 1]);
+  const auto keep = [&](std::size_t i) { t.time_s.push_back(time[i]), t.values.push_back(values[i]); };
+  const std::size_t n = std::min(time.size(), values.size()), step = n > trace_points ? 2 * n / trace_points + 1 : 1;
+  std::size_t last = 0;
+  for (std::size_t i = 0; i < n; i += step) {
+    std::size_t low = i, high = i;
+    for (std::size_t k = i; k < std::min(n, i + step); ++k) {
+      if (values[k] < values[low] || std::isnan(values[low])) low = k;
+      if (values[k] > values[high] || std::isnan(values[high])) high = k;
+    }
+    keep(std::min(low, high));
+    if (low != high) keep(std::max(low, high));
+    last = std::max(low, high);
+  }
+  if (n > 0 && last != n - 1) keep(n - 1);
   return t;
 }
 
@@ -137,6 +156,32 @@ Trace rms_trace(std::string label, std::span<const double> time, std::span<const
     if (all == 0) break;
   }
   return t;
+}
+
+bool has_transmission(const JointHistory& j) {
+  return !j.transmission_torque_nm.empty() && std::ranges::any_of(j.torsion_rad, [](double v) { return std::isfinite(v); });
+}
+
+/// Torque over torsion [mrad] in the load's last period, that of the summary's `loops`; over all samples without one.
+Loop last_loop(std::string label, const RunData& run, const JointHistory& j) {
+  const auto& time = run.record.time_s;
+  double period_s = std::numeric_limits<double>::infinity();
+  for (const auto& loop : entries(run, "loops")) period_s = 1 / number(loop, {"frequency_hz"});
+  // With the sample that the period began at, whatever its time was rounded to: the loop closes there.
+  const auto first = static_cast<std::size_t>(std::ranges::find_if(time, [&](double t) { return !(t < time.back() - period_s * (1 + 1e-9)); }) - time.begin());
+  Trace t = thinned(std::move(label), j.torsion_rad.subspan(first), j.transmission_torque_nm.subspan(first));
+  for (double& torsion : t.time_s) torsion *= 1e3;
+  return {std::move(t.label), std::move(t.time_s), std::move(t.values)};
+}
+
+/// Set point minus position of the arm [rad]; nothing where the set point rests or either is unknown.
+std::optional<Trace> arm_error(std::string label, const RunData& run, const JointHistory& j) {
+  const auto moves = [first = j.arm_set_point_rad.empty() ? unknown : j.arm_set_point_rad.front()](double q) { return std::abs(q - first) > 0; };
+  if (j.arm_position_rad.empty() || std::ranges::none_of(j.arm_set_point_rad, moves)) return std::nullopt;
+  std::vector<double> error;
+  for (std::size_t i = 0; i < j.arm_set_point_rad.size(); ++i) error.push_back(j.arm_set_point_rad[i] - j.arm_position_rad[i]);
+  Trace trace = thinned(std::move(label), run.record.time_s, error);
+  return any_finite(trace) ? std::optional(std::move(trace)) : std::nullopt;
 }
 
 /// Spans of samples without a hole in time: the work cycles that a multi-rate run computed.
@@ -174,7 +219,12 @@ class Writer {
   }
 
  private:
-  std::string title() const { return runs_.size() == 1 ? runs_[0]->name : fmt::format("{} runs compared", runs_.size()); }
+  std::string title() const {
+    if (runs_.size() == 1) return runs_[0]->name;
+    const std::string scenario = runs_[0]->attribute("scenario");
+    const bool one_scenario = !scenario.empty() && std::ranges::all_of(runs_, [&](const auto& r) { return r->attribute("scenario") == scenario; });
+    return fmt::format("{}{} runs compared", one_scenario ? scenario + ": " : "", runs_.size());
+  }
 
   void advance(double share_of_run) {
     if (options_.progress) options_.progress((static_cast<double>(run_index_) + share_of_run) / static_cast<double>(runs_.size()));
@@ -344,6 +394,68 @@ class Writer {
     return page_.show(grid, residual_histogram("Recording against twin", over_time.y, mrad), "recording_error_histogram", "How often each error occurs, with the normal distribution of the same mean and deviation.");
   }
 
+  /// Drives behind a transmission: its loop and, where it has a moving set point, how the arm follows.
+  Status transmissions(pugi::xml_node to, const RunData& run) {
+    pugi::xml_node grid;
+    for (const auto& j : run.joints) {
+      if (!has_transmission(j)) continue;
+      if (!grid) {
+        page_.add(to, "h3", "Transmission");
+        grid = page_.add(to, "div", {}, "figures");
+      }
+      if (auto ok = page_.show(grid, hysteresis_loop(j.name + ": torque over torsion", torsion_axis, transmission_axis, std::array{last_loop("", run, j)}), "loop", "The last period of the load, or the whole run where the load has none."); !ok) return ok;
+      const auto error = arm_error("", run, j);
+      if (!error) continue;
+      const auto& time = run.record.time_s;
+      if (auto ok = page_.show(grid, history(j.name + ": arm and set point", arm_axis, std::array{thinned("set point", time, j.arm_set_point_rad), thinned("arm", time, j.arm_position_rad)}), "set_point", "Angle behind the transmission and its set point."); !ok) return ok;
+      if (auto ok = page_.show(grid, tracking_error(j.name + ": tracking error", std::array{*error}), "tracking_error", "Set point minus angle behind the transmission."); !ok) return ok;
+    }
+    if (grid) transmission_tables(to, runs_.subspan(run_index_, 1));
+    return {};
+  }
+
+  /// What the summaries of these runs say about their transmissions.
+  void transmission_tables(pugi::xml_node to, std::span<const std::unique_ptr<RunData>> runs) {
+    std::vector<std::vector<std::string>> tracking, loops;
+    for (const auto& r : runs) {
+      for (const auto& e : entries(*r, "tracking")) {
+        const double standstill = number(e, {"standstill_pp_mrad"});   // 0: never at rest for long enough
+        tracking.push_back({label(*r), shown(number(e, {"temperature_degC"}), "{:.1f}"), text(e, "compensation"), shown(number(e, {"l1_mrad"}), "{:.4f}"), shown(standstill > 0 ? standstill : unknown, "{:.4f}")});
+      }
+      for (const auto& e : entries(*r, "loops"))
+        loops.push_back({label(*r), shown(number(e, {"temperature_degC"}), "{:.1f}"), shown(number(e, {"frequency_hz"}), "{:g}"), shown(number(e, {"area_J"}), "{:.4g}"), shown(number(e, {"torque_nm"}), "{:.5g}"),
+                         shown(number(e, {"stiffness_nm_rad"}) / 1e6, "{:.4g}")});
+    }
+    if (!tracking.empty()) page_.add_table(to, {"tracking of", "start [°C]", "compensation", "mean |error| [mrad]", "to and fro at standstill [mrad]"}, tracking);
+    if (!loops.empty()) page_.add_table(to, {"loop of", "start [°C]", "load [Hz]", "area [J]", "largest torque [Nm]", "stiffness, end to end [MNm/rad]"}, loops);
+  }
+
+  /// The loops of all runs in one figure; their tracking errors in one for each temperature at the start.
+  Status compared_transmissions(pugi::xml_node to) {
+    std::vector<Loop> loops;
+    std::vector<std::pair<std::string, std::vector<Trace>>> errors;
+    for (const auto& r : runs_)
+      for (const auto& j : r->joints) {
+        if (!has_transmission(j)) continue;
+        const std::string name = r->joints.size() > 1 ? label(*r) + ", " + j.name : label(*r);
+        loops.push_back(last_loop(name, *r, j));
+        auto error = arm_error(name, *r, j);
+        if (!error) continue;
+        const std::string start = shown(j.temperature_degC.empty() ? unknown : j.temperature_degC.front(), "{:.1f} °C");
+        auto group = std::ranges::find(errors, start, &decltype(errors)::value_type::first);
+        if (group == errors.end()) group = errors.insert(group, {start, {}});
+        group->second.push_back(std::move(*error));
+      }
+    if (loops.empty()) return {};
+    page_.add(to, "h3", "Transmissions");
+    auto grid = page_.add(to, "div", {}, "figures");
+    if (auto ok = page_.show(grid, hysteresis_loop("Torque over torsion", torsion_axis, transmission_axis, loops), "compared_loops", "The last period of each load, or the whole run where the load has none."); !ok) return ok;
+    for (const auto& [start, traces] : errors)
+      if (auto ok = page_.show(grid, tracking_error("Tracking error from " + start, traces), "compared_tracking_error", "Set point minus angle behind the transmission."); !ok) return ok;
+    transmission_tables(to, runs_);
+    return {};
+  }
+
   Status curves(pugi::xml_node to, const RunData& run) {
     if (!run.model()) return {};
     const auto joints = joint_figures(run);
@@ -407,9 +519,8 @@ class Writer {
   void provenance(pugi::xml_node to, const RunData& run) {
     page_.add(to, "h3", "Remarks of the run");
     std::size_t remarks = 0;
-    if (run.summary.is_object() && run.summary.contains("warnings") && run.summary["warnings"].is_array())
-      for (const auto& w : run.summary["warnings"])
-        if (w.is_string()) page_.add(to, "p", w.get<std::string>()), ++remarks;
+    for (const auto& w : entries(run, "warnings"))
+      if (w.is_string()) page_.add(to, "p", w.get<std::string>()), ++remarks;
     if (remarks == 0) page_.add(to, "p", run.summary.is_object() ? "None: nothing was clamped or left out." : "Not known without a summary.", "soft");
     page_.add(to, "h3", "How it was made");
     const auto or_unknown = [](std::string s) { return s.empty() ? std::string("–") : s; };
@@ -438,11 +549,13 @@ class Writer {
   Status one(const RunData& run) {
     auto to = page_.body();
     if (runs_.size() > 1) page_.add(to, "h2", label(run));
+    if (!run.settings.empty()) page_.add(to, "p", run.settings);
     if (run.scenario && !run.scenario->description.empty()) page_.add(to, "p", run.scenario->description, "soft");
     notices(to, run);
     tiles(to, run);
     if (auto ok = poses(to, run); !ok) return ok;
     if (auto ok = histories(to, run); !ok) return ok;
+    if (auto ok = transmissions(to, run); !ok) return ok;
     advance(0.6);
     if (auto ok = curves(to, run); !ok) return ok;
     joint_table(to, run);
@@ -488,9 +601,11 @@ class Writer {
     if (!temperatures.empty())
       if (auto ok = page_.show(grid, history("Warmest joints", temperature_axis, temperatures), "compared_temperature", "The warmest joint of each run."); !ok) return ok;
     if (!friction.empty())
-      return page_.show(grid, history("Friction of the warmest joints", {.quantity = "friction torque, RMS", .symbol = "{/:Italic τ}_f", .unit = "Nm"}, friction), "compared_friction",
-                  "The same joints: friction torque, root mean square over a two hundredth of the run.");
-    return {};
+      if (auto ok = page_.show(grid, history("Friction of the warmest joints", {.quantity = "friction torque, RMS", .symbol = "{/:Italic τ}_f", .unit = "Nm"}, friction), "compared_friction",
+                         "The same joints: friction torque, root mean square over a two hundredth of the run.");
+          !ok)
+        return ok;
+    return compared_transmissions(to);
   }
 
   std::span<const std::unique_ptr<RunData>> runs_;

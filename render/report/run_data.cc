@@ -6,6 +6,7 @@
 #include <iterator>
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
 #include <tribotwin/render/theme/theme.hpp>
 #include <tribotwin/twin/model/arm.hpp>
@@ -28,7 +29,8 @@ void add_joints(RunData& run) {
     const std::string& name = run.record.joints[i];
     const auto channel = [&](const char* what) { return run.record.channel(name, what); };
     JointHistory joint{.name = name, .position_rad = channel("position_rad"), .velocity_rad_s = channel("velocity_rad_s"), .friction_nm = channel("friction_nm"),
-                       .load_nm = channel("load_nm"), .temperature_degC = channel("temperature_degC")};
+                       .load_nm = channel("load_nm"), .temperature_degC = channel("temperature_degC"), .torsion_rad = channel("torsion_rad"),
+                       .transmission_torque_nm = channel("transmission_torque_nm"), .arm_position_rad = channel("arm_position_rad"), .arm_set_point_rad = channel("arm_set_point_rad")};
     if (i < run.record.joint_attributes.size())
       for (const auto& [key, value] : run.record.joint_attributes[i]) {
         if (key == "gear_ratio") joint.gear_ratio = value;
@@ -95,6 +97,32 @@ tl::expected<std::unique_ptr<RunData>, std::string> load_run(const fs::path& dir
   if (run->name.empty()) run->name = fs::absolute(directory).lexically_normal().filename().string();
   add_joints(*run);
   return run;
+}
+
+tl::expected<std::vector<std::unique_ptr<RunData>>, std::string> load_runs(const fs::path& directory) {
+  const fs::path file = directory / "summary.json";
+  const auto summary = nlohmann::json::parse(text_of(file).value_or(""), nullptr, false);
+  std::vector<std::unique_ptr<RunData>> runs;
+  if (!summary.is_object() || !summary.contains("runs")) {
+    auto run = load_run(directory);
+    if (!run) return tl::unexpected(run.error());
+    runs.push_back(std::move(*run));
+    return runs;
+  }
+  try {
+    for (const auto& entry : summary["runs"]) {
+      const auto folder = entry.at("folder").get<std::string>();
+      auto run = load_run(directory / folder);
+      if (!run) return tl::unexpected(run.error());
+      (*run)->name = folder;
+      (*run)->settings = fmt::format("{}", fmt::join(entry.at("set").get<std::vector<std::string>>(), ", "));
+      runs.push_back(std::move(*run));
+    }
+  } catch (const nlohmann::json::exception&) {
+    runs.clear();
+  }
+  if (runs.empty()) return tl::unexpected(fmt::format("{}: `runs` must be a list of {{\"folder\": NAME, \"set\": [\"key=value\"]}}, as tribotwin run writes it for a scenario that varies", file.string()));
+  return runs;
 }
 
 }  // namespace tribotwin::render

@@ -20,6 +20,8 @@ struct JointHistory {
   std::string name;
   double gear_ratio = 1, torque_max_nm = 1;
   std::span<const double> position_rad, velocity_rad_s, friction_nm, load_nm, temperature_degC;   ///< of the record
+  /// Of a drive behind a transmission; else empty or NaN. Torsion, arm and set point are angles behind the gear.
+  std::span<const double> torsion_rad, transmission_torque_nm, arm_position_rad, arm_set_point_rad;
   double speed_max_rad_s = 0;
   bool moved = false;   ///< faster than a creep: 1e-3 rad/s at the joint
 };
@@ -28,6 +30,7 @@ struct JointHistory {
 struct RunData {
   std::filesystem::path directory;
   std::string name;
+  std::string settings;                     ///< what made it one of several runs of a scenario: "key=value, ..."
   twin::Recording record;                   ///< without samples when it could not be read
   nlohmann::json summary;                   ///< null when there is none
   std::string scenario_text;
@@ -41,5 +44,8 @@ struct RunData {
 
 /// Fails when the folder has neither telemetry nor a summary that can be read.
 tl::expected<std::unique_ptr<RunData>, std::string> load_run(const std::filesystem::path& directory);
+/// The run in a folder or, where a scenario that varies left several there, those that its summary.json names, each called by
+/// its folder's name. Fails like load_run, and on an entry that names no folder.
+tl::expected<std::vector<std::unique_ptr<RunData>>, std::string> load_runs(const std::filesystem::path& directory);
 
 }  // namespace tribotwin::render

@@ -2,6 +2,9 @@
 Arguments: tribotwin, tribotwin-report, source tree."""
 import glob, hashlib, html, json, os, re, shutil, signal, subprocess, sys, tempfile, time
 
+import h5py
+import numpy as np
+
 sys.dont_write_bytecode = True
 from browser import Browser
 
@@ -64,6 +67,90 @@ check("report of two runs", r.returncode == 0 and r.stdout == "both.html\n", (r.
 m = check_page("comparison", path("both.html"), 6, 18)
 if m:
     check("the comparison names both", "irb6620_warmup (warmup)" in m["text"] and "irb6620_warmup (warmup35)" in m["text"] and "highest temperature" in m["text"])
+
+
+# Scenarios that vary, of a drive behind a transmission; poses are left out where they are not looked at.
+def varied(scenario, folder, runs, duration_s):
+    """The shipped scenario with a shorter list of runs."""
+    text = content(os.path.join(source, "twin", "scenarios", scenario + ".yaml")).split("vary:")[0].replace("../../mjcf", os.path.join(source, "mjcf"))
+    with open(path(scenario + ".yaml"), "w") as f:
+        f.write(text + "vary: " + json.dumps(runs) + "\n")
+    r = run(twin, "run", scenario + ".yaml", "-o", folder, "--set", f"duration_s={duration_s}", "--quiet")
+    check(f"{folder}: the runs work", r.returncode == 0, r.stderr)
+
+
+def without_poses(folder):
+    for file in glob.glob(path(folder) + "/*/scenario.yaml"):
+        text = content(file).replace("rh380n_bench.xml", "moved.xml")
+        with open(file, "w") as f:
+            f.write(text)
+
+
+def drawn(page, title):
+    """The curves of a figure by their label: points [px], y down."""
+    svg = next(s for s in re.findall(r"<svg.*?</svg>", page, re.S) if f">{title}<" in s)
+    curves = {}
+    for part in re.split(r'id="[^"]*gnuplot_plot_\d+"', svg)[1:]:
+        label = re.search(r"<text>(.*?)</text>", part).group(1)
+        points = re.search(r' d="(.*?)"', part, re.S).group(1).split("M")[2:]   # the first is the key's
+        curves[label] = np.array([[float(v) for v in p.split(",")] for p in re.findall(r"[-\d.]+,[-\d.]+", " ".join(points))])
+    return curves
+
+
+def recorded(folder):
+    with h5py.File(path(folder + "/telemetry.h5")) as f:
+        return {"time": f["time_s"][:], **{name: f["motor"][name][:] for name in ("torsion_rad", "transmission_torque_nm", "arm_position_rad", "arm_set_point_rad")}}
+
+
+varied("rh380n_tracking", "tracking", [{"temperature_degC": [20], "control.compensation": ["none", "proposed"]}, {"temperature_degC": [35], "control.compensation": ["none"]}], 18)
+r = run(report, "tracking/20_proposed", "-o", "followed.html")
+check("report of a drive behind a transmission", r.returncode == 0 and r.stderr == "", (r.returncode, r.stderr))
+m = check_page("transmission", path("followed.html"), 3, 6)
+entry = json.loads(content("tracking/20_proposed/summary.json"))["tracking"][0]
+if m:
+    for what in ("motor: torque over torsion", "motor: arm and set point", "motor: tracking error", f"proposed\t{entry['l1_mrad']:.4f}"):
+        check(f"transmission: the page says {what!r}", what in m["text"])
+without_poses("tracking")
+r = run(report, "tracking")
+check("the folder of a scenario that varied is the comparison of its runs", r.returncode == 0 and r.stdout == "tracking/report.html\n", (r.returncode, r.stdout, r.stderr))
+m = check_page("varied", path("tracking/report.html"), 0, 5 + 3 * 5)
+summary = json.loads(content("tracking/summary.json"))
+if m:
+    check("varied: title and settings", m["title"] == "rh380n_tracking: 3 runs compared" and "temperature_degC=20, control.compensation=proposed" in m["text"], m["title"])
+    for of, e in zip(summary["runs"], summary["tracking"]):
+        row = f"{of['folder']}\t{e['temperature_degC']:.1f}\t{e['compensation']}\t{e['l1_mrad']:.4f}\t{e['standstill_pp_mrad']:.4f}"
+        check("varied: the table has " + row.replace("\t", " "), row in m["text"], m["text"][:3000])
+page = content("tracking/report.html")
+cold = drawn(page, "Tracking error from 20.0 °C")
+check("errors from one temperature are in one figure", list(cold) == ["20_none", "20_proposed"] and list(drawn(page, "Tracking error from 35.0 °C")) == ["35_none"], list(cold))
+heights = {name: np.ptp(points[:, 1]) for name, points in cold.items()}
+spans = {name: np.ptp(recorded("tracking/" + name)["arm_set_point_rad"] - recorded("tracking/" + name)["arm_position_rad"]) for name in cold}
+check("the errors are drawn with their peaks, to one scale", abs(heights["20_none"] / heights["20_proposed"] / (spans["20_none"] / spans["20_proposed"]) - 1) < 0.01, (heights, spans))
+
+varied("rh380n_hysteresis", "hysteresis", [{"temperature_degC": [20, 50]}], 3)
+without_poses("hysteresis")
+r = run(report, "hysteresis")
+check("report of hysteresis", r.returncode == 0, r.stderr)
+page = content("hysteresis/report.html")
+loops = drawn(page, "Torque over torsion")
+check("a set point at rest has no tracking error", list(loops) == ["20", "50"] and "racking error" not in page, list(loops))
+widths = {}
+for name, points in loops.items():
+    of = recorded("hysteresis/" + name)
+    torsion = of["torsion_rad"][of["time"] >= of["time"][-1] - 1 / 0.5 - 1e-9]   # the last period at 0.5 Hz
+    widths[name] = np.ptp(points[:, 0]) / np.ptp(torsion)
+    expected = points[:, 0].min() + (torsion[[0, -1]] - torsion.min()) * widths[name]
+    check(f"loop {name}: the last period, from its beginning to its end", np.abs(points[[0, -1], 0] - expected).max() < 1, (points[[0, -1], 0], expected))
+check("loops are drawn to one scale", abs(widths["20"] / widths["50"] - 1) < 0.01, widths)
+
+os.makedirs(path("odd_runs"))
+for runs in ([], [{"folder": 3}], "x", [1]):
+    with open(path("odd_runs/summary.json"), "w") as f:
+        json.dump({"runs": runs}, f)
+    refused(f"runs that are none: {runs}", 2, "odd_runs", says=["odd_runs/summary.json: `runs` must be a list of"])
+with open(path("odd_runs/summary.json"), "w") as f:
+    json.dump({"runs": [{"folder": "away", "set": []}]}, f)
+refused("a run that is gone", 2, "odd_runs", says=["odd_runs/away: is no folder of a run"])
 
 # Single pictures; two processes, the same pixels.
 model = os.path.join(source, "mjcf", "irb6620.xml")
