@@ -29,7 +29,7 @@ int list_scenarios() {
   std::ranges::sort(files);
   for (const auto& file : files) {
     const YAML::Node node = load_yaml(file);
-    if (node["model"]) fmt::print("{:<18} {}\n", file.stem().string(), node["description"].as<std::string>(""));
+    if (node["model"] && !node["procedure"]) fmt::print("{:<20} {}\n", file.stem().string(), node["description"].as<std::string>(""));
   }
   return done;
 }
@@ -84,13 +84,16 @@ std::vector<Variation> variations(const fs::path& file) {
         for (const auto& value : entry.second) {
           if (!value.IsScalar()) fail(fmt::format("has a value of '{}' that is no number or word", key));
           Variation more = one;
-          more.folder += (one.folder.empty() ? "" : "_") + value.Scalar();
+          more.folder += (one.folder.empty() ? "" : "_") + fs::path(value.Scalar()).filename().string();
           more.settings.push_back(key + "=" + value.Scalar());
           longer.push_back(std::move(more));
         }
       product = std::move(longer);
     }
-    std::ranges::move(product, std::back_inserter(all));
+    for (Variation& one : product) {
+      if (std::ranges::find(all, one.folder, &Variation::folder) != all.end()) fail(fmt::format("gives two runs the folder '{}'", one.folder));
+      all.push_back(std::move(one));
+    }
   }
   return all;
 }
