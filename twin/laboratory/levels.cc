@@ -10,6 +10,7 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
+#include <tribotwin/twin/laboratory/correlation.hpp>
 #include <tribotwin/twin/laboratory/lag.hpp>
 
 namespace tribotwin::twin {
@@ -243,14 +244,8 @@ Mean mean_of(std::span<const double> x, double fitted = 1) {
   for (const double v : x) mean += v / n;
   for (const double v : x) variance += (v - mean) * (v - mean) / n;
   if (!(variance > 0)) return {mean, 0};
-  double c = 1;
-  std::size_t lag = 1;
-  for (; lag < x.size() / 4 && static_cast<double>(lag) < 5 * c; ++lag) {
-    double sum = 0;
-    for (std::size_t i = lag; i < x.size(); ++i) sum += (x[i] - mean) * (x[i - lag] - mean);
-    c += 2 * sum / (n * variance);
-  }
-  c /= std::max(0.2, 1 - fitted * static_cast<double>(2 * lag - 1) / n);   // what the fit took out of the correlations
+  const Correlation correlation = correlation_of(x);
+  const double c = correlation.samples / std::max(0.2, 1 - fitted * static_cast<double>(2 * correlation.lags - 1) / n);   // what the fit took out of the correlations
   return {mean, std::sqrt(variance / std::max(1.0, n - fitted) * std::clamp(c, 1.0, n))};
 }
 
