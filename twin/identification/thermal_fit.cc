@@ -41,11 +41,10 @@ Response response(const HeatSession& session, double t_s) {
   return r;
 }
 
-/// The least-squares solution of the linear unknowns at some time constants: gains c_i t_i, then A per file, then x_i0.
+/// The least-squares solution of the linear unknowns at some time constants: gains c_i t_i (0 where they would be negative), then A per file, then x_i0.
 struct Projection {
   MatrixXd columns;
   VectorXd linear, residual;     ///< residual: model - measured
-  std::vector<bool> open;        ///< columns in use; a gain that would be negative is 0
   double cost() const { return residual.squaredNorm(); }
 };
 
@@ -87,14 +86,16 @@ class ThermalProblem {
 
   Projection project(const VectorXd& log_t) const {
     Projection best{.columns = columns(log_t)};
-    const auto unknowns = static_cast<std::size_t>(best.columns.cols());
     // Every set of gains that may be 0; the best of those without a negative one.
     for (unsigned closed = 0; closed < 1u << nodes_; ++closed) {
       std::vector<Index> kept;
       for (Index k = 0; k < best.columns.cols(); ++k)
         if (k >= nodes_ || !(closed >> k & 1u)) kept.push_back(k);
       const MatrixXd part = best.columns(Eigen::all, kept);
-      const VectorXd x = part.colPivHouseholderQr().solve(measured_);
+      // Columns that the others can stand in for (a gain where the power never changes) are 0: rounding is no evidence.
+      Eigen::ColPivHouseholderQR<MatrixXd> qr;
+      qr.setThreshold(1e-9);
+      const VectorXd x = qr.compute(part).solve(measured_);
       const auto open_gains = static_cast<Index>(kept.size()) - (best.columns.cols() - nodes_);
       if (open_gains && x.head(open_gains).minCoeff() < 0) continue;
       const VectorXd residual = part * x - measured_;
@@ -102,8 +103,6 @@ class ThermalProblem {
       best.residual = residual;
       best.linear = VectorXd::Zero(best.columns.cols());
       best.linear(kept) = x;
-      best.open.assign(unknowns, false);
-      for (const Index k : kept) best.open[static_cast<std::size_t>(k)] = true;
       if (closed == 0) break;   // nothing was negative
     }
     return best;
@@ -206,23 +205,19 @@ tl::expected<ThermalFit, std::string> fit_thermal(std::span<const HeatSession> s
   const Projection at = problem.project(log_t);
 
   ThermalFit fit{.rms_K = std::sqrt(at.cost() / static_cast<double>(problem.samples())), .correlation = std::max(1.0, correlation_of({at.residual.data(), static_cast<std::size_t>(at.residual.size())}).samples), .samples = static_cast<std::size_t>(problem.samples())};
-  // Information of the time constants and the open linear unknowns.
-  std::vector<Index> open;
-  for (Index k = 0; k < at.columns.cols(); ++k)
-    if (at.open[static_cast<std::size_t>(k)]) open.push_back(k);
-  MatrixXd jacobian(problem.samples(), nodes + static_cast<Index>(open.size()));
+  // Information of all unknowns: what a gain that is held could have been is doubt about the time constants too.
+  MatrixXd jacobian(problem.samples(), nodes + problem.unknowns());
   for (Index i = 0; i < nodes; ++i) {
     constexpr double h = 1e-4;
     VectorXd up = log_t, down = log_t;
     up(i) += h, down(i) -= h;
     jacobian.col(i) = (problem.columns(up) - problem.columns(down)) * at.linear / (2 * h);
   }
-  jacobian.rightCols(static_cast<Index>(open.size())) = at.columns(Eigen::all, open);
+  jacobian.rightCols(problem.unknowns()) = at.columns;
   const double independent = static_cast<double>(problem.samples()) / fit.correlation - static_cast<double>(jacobian.cols());
   const double freedom = std::max(1.0, independent);
   const double quantile = boost::math::quantile(boost::math::students_t(freedom), 0.975);
   const MatrixXd covariance = covariance_of(jacobian) * (at.cost() / static_cast<double>(problem.samples()) * fit.correlation);
-  const auto place = [&](Index linear) { return nodes + static_cast<Index>(std::ranges::find(open, linear) - open.begin()); };
 
   const auto [low, high] = problem.range();
   const auto parameters = thermal::parameters(options.order);
@@ -232,10 +227,10 @@ tl::expected<ThermalFit, std::string> fit_thermal(std::span<const HeatSession> s
     const auto& time_name = parameters[static_cast<std::size_t>(nodes + i)];
     const double t_s = std::exp(log_t(i)), R = at.linear(i);
     const double gain = options.order == thermal::Order::first ? R : R / t_s;
-    if (!at.open[static_cast<std::size_t>(i)]) {
+    if (R == 0) {
       gains.push_back(without_sigma(std::string(gain_name.name), std::string(gain_name.unit), 0, Status::held));
     } else {
-      const Index k = place(i);
+      const Index k = nodes + i;
       double relative = covariance(k, k) / (R * R);
       if (options.order == thermal::Order::second) relative += covariance(i, i) - 2 * covariance(i, k) / R;   // c = R / t
       gains.push_back(estimate(std::string(gain_name.name), std::string(gain_name.unit), gain, relative * gain * gain, quantile));
@@ -247,7 +242,7 @@ tl::expected<ThermalFit, std::string> fit_thermal(std::span<const HeatSession> s
   fit.parameters.insert(fit.parameters.end(), times.begin(), times.end());
   double mean_ambient = 0;
   for (Index f = 0; f < problem.files(); ++f) {
-    const Index k = place(nodes + f);
+    const Index k = 2 * nodes + f;
     fit.ambient.push_back(estimate("T_amb", "degC", at.linear(nodes + f), covariance(k, k), quantile));
     mean_ambient += at.linear(nodes + f) / static_cast<double>(problem.files());
   }

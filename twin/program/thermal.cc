@@ -77,7 +77,7 @@ std::string rows_of(const std::string& joint, const std::string& from, const The
   };
   for (const auto& e : fit.parameters) {
     const bool blind = std::ranges::find(fit.unidentifiable, e.name) != fit.unidentifiable.end();
-    row(e, !blind ? "" : e.status == Status::held ? "not identifiable from this record: the power has no effect" : "not identifiable from this record");
+    row(e, !blind ? "" : e.status == Status::held ? "not identifiable from this record: no effect of the power is seen" : "not identifiable from this record");
   }
   for (const auto& e : fit.ambient) row(e, "");
   s += fmt::format("{:<14} residual {:.3g} K rms, {} samples, {:.0f} worth one independent\n", joint, fit.rms_K, fit.samples, fit.correlation);
