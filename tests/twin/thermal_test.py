@@ -1,6 +1,7 @@
 """Thermal models from recordings, against simulation and least squares of scipy. Arguments: tribotwin, source tree."""
-import csv, datetime, json, os, subprocess, sys, tempfile
+import csv, datetime, json, os, re, subprocess, sys, tempfile
 
+import h5py
 import numpy as np
 from scipy.optimize import least_squares
 from scipy.signal import lsim
@@ -118,6 +119,21 @@ for name, motion in (("velocity_arm_rad_s", speed), ("position_arm_rad", angle))
     write("moved.csv", common | {name: motion})
     p = fit("moved.csv", "--order", 1)["arm"]["parameters"]
     check(f"heat from torque and {name}", abs(p["kappa"]["value"] / 400 - 1) < 0.01 and abs(p["R_th"]["value"] / 2 - 1) < 0.02, p)
+
+# ---- The ER3A twin's working day: heat and temperature of each cycle.
+subprocess.run([program, "run", f"{source}/twin/scenarios/er3a_c60_day.yaml", "-o", "day", "--quiet"], cwd=work, check=True, timeout=300, capture_output=True)
+with h5py.File(f"{work}/day/telemetry.h5") as f:
+    cycles = {"time_s": f["cycle_time_s"][:]}
+    for j in range(1, 7):
+        cycles[f"power_w_joint{j}"] = f[f"joint{j}/cycle_friction_power_W"][:]
+        cycles[f"temperature_joint{j}_degC"] = f[f"joint{j}/cycle_temperature_degC"][:] + 0.02 * np.random.default_rng(j).standard_normal(len(cycles["time_s"]))
+write("er3a.csv", cycles)
+blocks = re.findall(r'<instance name="j\d">(.*?)</instance>', open(f"{source}/mjcf/er3a_c60.xml").read(), re.S)
+off = {}
+for joint, block in zip(sorted(joints := fit("er3a.csv")), blocks):
+    of_model = {n: float(v) for n, v in re.findall(r'key="(t\d)" value="(\S+?)"', block)}
+    off |= {f"{joint}.{n}": joints[joint]["parameters"][n]["value"] / v - 1 if joints[joint]["order"] == 2 else np.inf for n, v in of_model.items()}
+check("ER3A: time constants of a day within 10 %", len(off) == 12 and max(map(abs, off.values())) < 0.1, off)
 
 # ---- A real arm: UR3, two sessions of a day; heat of the windings per ohm.
 recording = f"{source}/../shared/data/ur3_cobotops/dataset_02052023.csv"

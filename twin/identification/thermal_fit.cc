@@ -108,6 +108,18 @@ class ThermalProblem {
     return best;
   }
 
+  /// Derivatives of the temperatures with respect to the log time constants, the linear unknowns fixed.
+  MatrixXd slopes(const VectorXd& log_t, const VectorXd& linear) const {
+    constexpr double h = 1e-4;
+    MatrixXd d(samples_, nodes_);
+    for (Index i = 0; i < nodes_; ++i) {
+      VectorXd up = log_t, down = log_t;
+      up(i) += h, down(i) -= h;
+      d.col(i) = (columns(up) - columns(down)) * linear / (2 * h);
+    }
+    return d;
+  }
+
   /// Range of log time constants: from two samples to ten times the longest session.
   std::pair<double, double> range() const {
     double longest = 0, step = std::numeric_limits<double>::infinity();
@@ -127,12 +139,31 @@ class ThermalProblem {
   VectorXd measured_;
 };
 
-struct ProjectedResidual {
-  const ThermalProblem* problem;
-  bool operator()(double const* const* log_t, double* residual) const {
-    Eigen::Map<VectorXd>(residual, problem->samples()) = problem->project(Eigen::Map<const VectorXd>(log_t[0], problem->nodes())).residual;
+/// The residual over the time constants alone, with Kaufman's derivatives: those at fixed linear unknowns, less what these could
+/// make up for.
+class ProjectedResidual final : public ceres::CostFunction {
+ public:
+  explicit ProjectedResidual(const ThermalProblem& problem) : problem_(problem) {
+    mutable_parameter_block_sizes()->push_back(static_cast<int>(problem.nodes()));
+    set_num_residuals(static_cast<int>(problem.samples()));
+  }
+  bool Evaluate(double const* const* parameters, double* residuals, double** jacobians) const override {
+    const VectorXd log_t = Eigen::Map<const VectorXd>(parameters[0], problem_.nodes());
+    const Projection at = problem_.project(log_t);
+    Eigen::Map<VectorXd>(residuals, problem_.samples()) = at.residual;
+    if (!jacobians || !jacobians[0]) return true;
+    const MatrixXd slopes = problem_.slopes(log_t, at.linear);
+    MatrixXd free = at.columns;
+    for (Index node = 0; node < problem_.nodes(); ++node)
+      if (at.linear(node) == 0) free.col(node).setZero();   // a gain that is held makes up for nothing
+    const MatrixXd projected = slopes - free * free.colPivHouseholderQr().solve(slopes);
+    for (Index i = 0; i < problem_.samples(); ++i)
+      for (Index k = 0; k < problem_.nodes(); ++k) jacobians[0][i * problem_.nodes() + k] = projected(i, k);
     return true;
   }
+
+ private:
+  const ThermalProblem& problem_;
 };
 
 VectorXd global_search(const ThermalProblem& problem) {
@@ -155,11 +186,8 @@ VectorXd global_search(const ThermalProblem& problem) {
 
 void descend(const ThermalProblem& problem, VectorXd& log_t) {
   const auto [low, high] = problem.range();
-  auto* cost = new ceres::DynamicNumericDiffCostFunction<ProjectedResidual, ceres::CENTRAL>(new ProjectedResidual{&problem});
-  cost->AddParameterBlock(static_cast<int>(problem.nodes()));
-  cost->SetNumResiduals(static_cast<int>(problem.samples()));
   ceres::Problem minimisation;
-  minimisation.AddResidualBlock(cost, nullptr, log_t.data());
+  minimisation.AddResidualBlock(new ProjectedResidual(problem), nullptr, log_t.data());
   for (int i = 0; i < problem.nodes(); ++i) {
     minimisation.SetParameterLowerBound(log_t.data(), i, low);
     minimisation.SetParameterUpperBound(log_t.data(), i, high);
@@ -178,7 +206,7 @@ MatrixXd covariance_of(const MatrixXd& jacobian) {
   const VectorXd scale = jacobian.colwise().norm().cwiseMax(1e-300).cwiseInverse();
   const MatrixXd unit = jacobian * scale.asDiagonal();
   const Eigen::SelfAdjointEigenSolver<MatrixXd> eigen(unit.transpose() * unit);
-  const VectorXd inverse = eigen.eigenvalues().cwiseMax(1e-14).cwiseInverse();
+  const VectorXd inverse = eigen.eigenvalues().unaryExpr([](double information) { return information > 1e-12 ? 1 / information : 1e30; });
   return scale.asDiagonal() * (eigen.eigenvectors() * inverse.asDiagonal() * eigen.eigenvectors().transpose()) * scale.asDiagonal();
 }
 
@@ -207,12 +235,7 @@ tl::expected<ThermalFit, std::string> fit_thermal(std::span<const HeatSession> s
   ThermalFit fit{.rms_K = std::sqrt(at.cost() / static_cast<double>(problem.samples())), .correlation = std::max(1.0, correlation_of({at.residual.data(), static_cast<std::size_t>(at.residual.size())}).samples), .samples = static_cast<std::size_t>(problem.samples())};
   // Information of all unknowns: what a gain that is held could have been is doubt about the time constants too.
   MatrixXd jacobian(problem.samples(), nodes + problem.unknowns());
-  for (Index i = 0; i < nodes; ++i) {
-    constexpr double h = 1e-4;
-    VectorXd up = log_t, down = log_t;
-    up(i) += h, down(i) -= h;
-    jacobian.col(i) = (problem.columns(up) - problem.columns(down)) * at.linear / (2 * h);
-  }
+  jacobian.leftCols(nodes) = problem.slopes(log_t, at.linear);
   jacobian.rightCols(problem.unknowns()) = at.columns;
   const double independent = static_cast<double>(problem.samples()) / fit.correlation - static_cast<double>(jacobian.cols());
   const double freedom = std::max(1.0, independent);
