@@ -117,23 +117,26 @@ for k in range(1, len(fine)):
 common = {"time_s": fine, "torque_arm_nm": friction + 30 * np.cos(angle), "temperature_arm_degC": 25 + x + 0.01 * np.random.default_rng(4).standard_normal(len(fine))}
 for name, motion in (("velocity_arm_rad_s", speed), ("position_arm_rad", angle)):
     write("moved.csv", common | {name: motion})
-    p = fit("moved.csv", "--order", 1)["arm"]["parameters"]
+    p = fit("moved.csv", "--order", 1, "--cycle", 3.15)["arm"]["parameters"]
     check(f"heat from torque and {name}", abs(p["kappa"]["value"] / 400 - 1) < 0.01 and abs(p["R_th"]["value"] / 2 - 1) < 0.02, p)
 
-# ---- The ER3A twin's working day: heat and temperature of each cycle.
-subprocess.run([program, "run", f"{source}/twin/scenarios/er3a_c60_day.yaml", "-o", "day", "--quiet"], cwd=work, check=True, timeout=300, capture_output=True)
-with h5py.File(f"{work}/day/telemetry.h5") as f:
-    cycles = {"time_s": f["cycle_time_s"][:]}
-    for j in range(1, 7):
-        cycles[f"power_w_joint{j}"] = f[f"joint{j}/cycle_friction_power_W"][:]
-        cycles[f"temperature_joint{j}_degC"] = f[f"joint{j}/cycle_temperature_degC"][:] + 0.02 * np.random.default_rng(j).standard_normal(len(cycles["time_s"]))
-write("er3a.csv", cycles)
+# ---- The ER3A twin's working day, and a slower one: heat and temperature of each cycle.
+scenario = open(f"{source}/twin/scenarios/er3a_c60_day.yaml").read().replace("../../mjcf", f"{source}/mjcf")
+for name, share in (("fast", 0.6), ("slow", 0.3)):
+    open(f"{work}/{name}.yaml", "w").write(scenario.replace("speed_share: 0.6", f"speed_share: {share}"))
+    subprocess.run([program, "run", f"{name}.yaml", "-o", name, "--quiet"], cwd=work, check=True, timeout=300, capture_output=True)
+    with h5py.File(f"{work}/{name}/telemetry.h5") as f:
+        cycles = {"time_s": f["cycle_time_s"][:]}
+        for j in range(1, 7):
+            cycles[f"power_w_joint{j}"] = f[f"joint{j}/cycle_friction_power_W"][:]
+            cycles[f"temperature_joint{j}_degC"] = f[f"joint{j}/cycle_temperature_degC"][:] + 0.02 * np.random.default_rng(j).standard_normal(len(cycles["time_s"]))
+    write(f"{name}.csv", cycles)
 blocks = re.findall(r'<instance name="j\d">(.*?)</instance>', open(f"{source}/mjcf/er3a_c60.xml").read(), re.S)
 off = {}
-for joint, block in zip(sorted(joints := fit("er3a.csv")), blocks):
+for joint, block in zip(sorted(joints := fit("fast.csv", "slow.csv")), blocks):
     of_model = {n: float(v) for n, v in re.findall(r'key="(t\d)" value="(\S+?)"', block)}
     off |= {f"{joint}.{n}": joints[joint]["parameters"][n]["value"] / v - 1 if joints[joint]["order"] == 2 else np.inf for n, v in of_model.items()}
-check("ER3A: time constants of a day within 10 %", len(off) == 12 and max(map(abs, off.values())) < 0.1, off)
+check("ER3A: time constants of two days merged within 10 %", len(off) == 12 and max(map(abs, off.values())) < 0.1, off)
 
 # ---- A real arm: UR3, two sessions of a day; heat of the windings per ohm.
 recording = f"{source}/../shared/data/ur3_cobotops/dataset_02052023.csv"
@@ -175,6 +178,7 @@ refused("no number", ["bad.csv:3", "'x'"], "bad.csv")
 write("bad.csv", {n: c[:10] for n, c in good.items()})
 refused("ten rows", ["at least 20"], "bad.csv")
 open(f"{work}/bad.yaml", "w").write(open(f"{work}/arm.yaml").read().replace("t2: ", "t3: ", 1))
+refused("a cycle for each of two files, but three of them", ["--cycle", "3 values for 2 files"], "monday.csv", "tuesday.csv", "--cycle", "1,2,3")
 refused("a mistyped key", ["bad.yaml", "t3"], "--evaluate", "bad.yaml", "monday.csv")
 open(f"{work}/bad.yaml", "w").write(open(f"{work}/arm.yaml").read().replace("arm:", "leg:", 1))
 refused("another robot's file", ["bad.yaml", "'arm'"], "--evaluate", "bad.yaml", "monday.csv")

@@ -89,7 +89,7 @@ HeatSession averaged(std::size_t file, const std::vector<double>& time, const st
 
 }  // namespace
 
-tl::expected<ThermalRecording, std::string> read_thermal_recording(const std::filesystem::path& file, std::size_t index) {
+tl::expected<ThermalRecording, std::string> read_thermal_recording(const std::filesystem::path& file, std::size_t index, double cycle_s) {
   const auto header = read_numbers(file, {"time_s"});
   if (!header) return tl::unexpected(header.error());
   if (header->columns[0].empty()) return tl::unexpected(fmt::format("{}:1: no column 'time_s' with numbers; its header names: {}", file.string(), fmt::join(header->names, ", ")));
@@ -145,7 +145,7 @@ tl::expected<ThermalRecording, std::string> read_thermal_recording(const std::fi
     bridge_gaps(power, time, gaps);
     for (std::size_t s = 0; s + 1 < starts.size(); ++s) {
       if (starts[s + 1] - starts[s] < fewest_samples) continue;
-      out.joints[j].sessions.push_back(averaged(index, time, power, temperature, starts[s], starts[s + 1], recorded_s / most_samples));
+      out.joints[j].sessions.push_back(averaged(index, time, power, temperature, starts[s], starts[s + 1], std::max(cycle_s, recorded_s / most_samples)));
     }
     if (out.joints[j].sessions.empty()) return tl::unexpected(fmt::format("{}: no {} rows without an hour's gap", file.string(), fewest_samples));
   }

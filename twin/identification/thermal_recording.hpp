@@ -30,9 +30,9 @@ struct ThermalRecording {
 
 /// Reads `time_s, temperature_JOINT_degC` and for each such joint `power_w_JOINT`, or `torque_JOINT_nm|_n` with
 /// `velocity_JOINT_rad_s|_m_s` or `position_JOINT_rad|_m`. Of torque and speed the net work is taken: what gravity and inertia
-/// borrow they give back, so that over a cycle short against the time constants it is the friction heat. Samples are averaged
-/// until at most 5,000 are left; across a gap (2.5 typical steps) the power is the mean of the stretches on both sides.
+/// borrow they give back over a cycle, so that averaged over `cycle_s` (0: not) it is the friction heat. Samples are averaged over
+/// that, or further until at most 5,000 are left; across a gap (2.5 typical steps) the power is the mean of the stretches on both sides.
 /// Fails with file, column and what would be right: also where a temperature never changes or cannot be one of a gearbox.
-tl::expected<ThermalRecording, std::string> read_thermal_recording(const std::filesystem::path& file, std::size_t index);
+tl::expected<ThermalRecording, std::string> read_thermal_recording(const std::filesystem::path& file, std::size_t index, double cycle_s = 0);
 
 }  // namespace tribotwin::twin::identification

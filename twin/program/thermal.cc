@@ -20,6 +20,7 @@ using Json = nlohmann::ordered_json;
 struct Arguments {
   std::vector<std::string> data;
   std::string evaluate, output;
+  std::vector<double> cycle_s;   ///< none, one for all files, or one each
   int order = 0;
   bool rested = false, json = false, quiet = false;
 };
@@ -28,9 +29,10 @@ Json number(double x) { return std::isfinite(x) ? Json(x) : Json(nullptr); }
 
 /// The joints of all files, each with the sessions of those that have it.
 std::vector<JointHeat> read(const Arguments& a) {
+  if (a.cycle_s.size() > 1 && a.cycle_s.size() != a.data.size()) throw InputError(fmt::format("--cycle: {} values for {} files; give one, or one for each", a.cycle_s.size(), a.data.size()));
   std::vector<JointHeat> joints;
   for (std::size_t f = 0; f < a.data.size(); ++f) {
-    auto recording = read_thermal_recording(a.data[f], f);
+    auto recording = read_thermal_recording(a.data[f], f, a.cycle_s.empty() ? 0 : a.cycle_s[a.cycle_s.size() == 1 ? 0 : f]);
     if (!recording) throw InputError(recording.error());
     if (!a.quiet)
       for (const auto& note : recording->notes) fmt::print(stderr, "note: {}\n", note);
@@ -145,6 +147,7 @@ void add_thermal(CLI::App& app, int& code) {
   auto* c = app.add_subcommand("thermal", "How joints warm up: thermal models from recorded heat and temperature");
   c->add_option("DATA", a->data, "CSV: time_s, temperature_JOINT_degC, and power_w_JOINT or torque_JOINT_nm with velocity_JOINT_rad_s or position_JOINT_rad")->required();
   auto* order = c->add_option("--order", a->order, "Of the model (default: 2 where both time constants can be told, else 1)")->check(CLI::IsMember({1, 2}));
+  c->add_option("--cycle", a->cycle_s, "Length of the working cycle [s], for heat from torque and motion: one, or one for each file as A,B")->delimiter(',')->check(CLI::Range(1e-3, 3600.0));
   auto* rested = c->add_flag("--rested", a->rested, "Every file begins at ambient temperature, as after a night");
   auto* output = c->add_option("-o,--output", a->output, "PARAMS.yaml to write");
   c->add_option("--evaluate", a->evaluate, "PARAMS.yaml of an earlier call: how well it predicts these data from their first temperatures")->excludes(order)->excludes(rested)->excludes(output);
