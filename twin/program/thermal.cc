@@ -1,10 +1,8 @@
 #include <algorithm>
 #include <cmath>
 #include <memory>
-#include <optional>
 
 #include <fmt/format.h>
-#include <fmt/ranges.h>
 #include <nlohmann/json.hpp>
 
 #include <tribotwin/twin/identification/thermal_file.hpp>
@@ -24,8 +22,6 @@ struct Arguments {
   int order = 0;
   bool rested = false, json = false, quiet = false;
 };
-
-Json number(double x) { return std::isfinite(x) ? Json(x) : Json(nullptr); }
 
 /// The joints of all files, each with the sessions of those that have it.
 std::vector<JointHeat> read(const Arguments& a) {
@@ -61,12 +57,13 @@ ThermalFit fitted(const Arguments& a, const std::string& joint, std::span<const 
   return a.order == 2 || tells_times(second) ? second : with(thermal::Order::first);
 }
 
+/// What has no sigma is NaN, which JSON shows as null.
 Json json_of(const ThermalFit& fit) {
   Json j{{"order", fit.model.order == thermal::Order::first ? 1 : 2}};
-  for (const auto& e : fit.parameters) j["parameters"][e.name] = {{"value", number(e.value)}, {"sigma", number(e.sigma)}, {"low", number(e.low)}, {"high", number(e.high)}, {"unit", e.unit}};
-  for (const auto& e : fit.ambient) j["T_amb_degC"].push_back({{"value", number(e.value)}, {"sigma", number(e.sigma)}});
-  j["rms_K"] = number(fit.rms_K);
-  j["correlated_samples"] = number(fit.correlation);
+  for (const auto& e : fit.parameters) j["parameters"][e.name] = {{"value", e.value}, {"sigma", e.sigma}, {"low", e.low}, {"high", e.high}, {"unit", e.unit}};
+  for (const auto& e : fit.ambient) j["T_amb_degC"].push_back({{"value", e.value}, {"sigma", e.sigma}});
+  j["rms_K"] = fit.rms_K;
+  j["correlated_samples"] = fit.correlation;
   j["samples"] = fit.samples;
   j["unidentifiable"] = fit.unidentifiable;
   return j;
