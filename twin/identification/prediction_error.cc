@@ -8,7 +8,7 @@
 
 #include <tribotwin/twin/identification/parallel.hpp>
 #include <tribotwin/twin/identification/separable.hpp>
-#include <tribotwin/twin/laboratory/levels.hpp>
+#include <tribotwin/twin/laboratory/correlation.hpp>
 
 namespace tribotwin::twin::identification {
 namespace {

@@ -56,10 +56,6 @@ struct Levels {
   std::vector<std::string> left_out;   ///< why other stretches of constant speed are no levels
 };
 
-/// c = 1 + 2 sum of the autocorrelations of x, in order of time, up to lag 5 c, within 1 .. size: how many of these samples are
-/// worth one that is independent. `fitted`: how many numbers were fitted to them, the mean included.
-double samples_per_independent(std::span<const double> x, double fitted = 1);
-
 /// Fails with what is missing: "no reverse pass at 0.42 rad/s ...".
 tl::expected<Levels, std::string> levels_of(const JointRecording& recording, const LevelOptions& options = {});
 

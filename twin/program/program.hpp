@@ -22,6 +22,7 @@ void add_calibrate(CLI::App& app, int& code);
 void add_dynamics(CLI::App& app, int& code);
 void add_predict(CLI::App& app, int& code);
 void add_excite(CLI::App& app, int& code);
+void add_thermal(CLI::App& app, int& code);
 
 /// "tribotwin: MESSAGE" on stderr; returns the exit code.
 inline int complain(Exit code, const std::string& message) { return twin::complain("tribotwin", code, message); }

@@ -1,0 +1,20 @@
+#pragma once
+
+#include <filesystem>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include <tribotwin/twin/identification/thermal_fit.hpp>
+
+/// PARAMS.yaml of `tribotwin thermal`: the thermal model of every joint that was recorded.
+namespace tribotwin::twin::identification {
+
+using NamedThermalFit = std::pair<std::string, ThermalFit>;   ///< joint, its fit
+
+std::string to_yaml(const std::vector<NamedThermalFit>& joints, const std::vector<std::string>& data);
+
+/// Joint, its model. Throws InputError with file, key and what would be right.
+std::vector<std::pair<std::string, thermal::Model>> read_thermal(const std::filesystem::path& file);
+
+}  // namespace tribotwin::twin::identification
