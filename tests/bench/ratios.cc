@@ -4,8 +4,10 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
+#include <fstream>
 #include <functional>
 #include <random>
+#include <regex>
 
 #include <tribotwin/plugins/friction/batch.hpp>
 #include <tribotwin/twin/runtime/run.hpp>
@@ -36,9 +38,22 @@ void report_ratio(benchmark::State& state, const std::function<void()>& a, const
   state.counters["high"] = ratios[ratios.size() * 9 / 10];
 }
 
+/// The IRB 6620, with bristles in every drive if asked.
+std::shared_ptr<const mujoco::Model> robot(const char* integrator, bool lugre) {
+  const std::filesystem::path folder = TRIBOTWIN_SOURCE_DIR "/mjcf";
+  std::ifstream file(folder / "irb6620.xml");
+  std::string text{std::istreambuf_iterator<char>(file), {}};
+  if (lugre) {
+    text = std::regex_replace(text, std::regex("actdim=\"3\""), "actdim=\"4\"");
+    text = std::regex_replace(text, std::regex("<instance name=\"[^\"]*\">"),
+                              R"($& <config key="friction" value="lugre"/> <config key="sigma0" value="0.1"/> <config key="sigma1" value="0.002"/> <config key="vd" value="2"/>)");
+  }
+  return mujoco::load_string(text, {.integrator = integrator}, folder).value();
+}
+
 /// Six `extended` drives with heat against the same robot with frictionloss and, if asked, damping.
-void step(benchmark::State& state, const char* integrator, bool damping) {
-  const auto model = mujoco::load_file(TRIBOTWIN_SOURCE_DIR "/mjcf/irb6620.xml", {.integrator = integrator}).value();
+void step(benchmark::State& state, const char* integrator, bool damping, bool lugre = false) {
+  const auto model = robot(integrator, lugre);
   mujoco::ModelPtr native(mj_copyModel(nullptr, model->get()));
   for (const auto& b : model->drives()) {
     native->dof_frictionloss[b.dof] = mujoco::friction_nm(b.drive, 0.5, 0.1, 50);
@@ -62,6 +77,8 @@ BENCHMARK_CAPTURE(step, Euler, "Euler", false)->UseManualTime()->Iterations(60);
 BENCHMARK_CAPTURE(step, Euler_damping, "Euler", true)->UseManualTime()->Iterations(60);
 BENCHMARK_CAPTURE(step, implicit, "implicit", false)->UseManualTime()->Iterations(60);
 BENCHMARK_CAPTURE(step, implicit_damping, "implicit", true)->UseManualTime()->Iterations(60);
+BENCHMARK_CAPTURE(step, Euler_lugre, "Euler", false, true)->UseManualTime()->Iterations(60);
+BENCHMARK_CAPTURE(step, implicit_lugre, "implicit", false, true)->UseManualTime()->Iterations(60);
 BENCHMARK_CAPTURE(step, RK4, "RK4", false)->UseManualTime()->Iterations(30);
 BENCHMARK_CAPTURE(step, RK4_damping, "RK4", true)->UseManualTime()->Iterations(30);
 
