@@ -156,7 +156,8 @@ TEST(Bench, ReactionsBalanceAndHeatReachesTheDrive) {
 }
 
 TEST(Bench, StiffnessFollowsTheTemperatureOfTheDrive) {
-  const auto& h = load()->springs()[0].hysteresis;
+  const auto model = load();
+  const auto& h = model->springs()[0].hysteresis;
   EXPECT_GT(h.stiffness(1e-3, 50), 1.03 * h.stiffness(1e-3, 20));
   EXPECT_EQ(h.stiffness(1e-3, 90), h.stiffness(1e-3, 50));
   EXPECT_LT(loop(0.5, 50).area_J, loop(0.5, 20).area_J);
