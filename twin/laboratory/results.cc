@@ -2,9 +2,7 @@
 
 #include <algorithm>
 #include <atomic>
-#include <cerrno>
 #include <chrono>
-#include <cstring>
 #include <fstream>
 #include <iterator>
 #include <mutex>
@@ -12,12 +10,9 @@
 #include <thread>
 #include <utility>
 
-#include <fcntl.h>
 #include <fmt/format.h>
-#include <sys/file.h>
-#include <sys/stat.h>
-#include <unistd.h>
 
+#include <tribotwin/twin/output/folder_lock.hpp>
 #include <tribotwin/twin/output/output.hpp>
 #include <tribotwin/twin/scenario/input.hpp>
 #include <tribotwin/twin/table/table.hpp>
@@ -27,37 +22,6 @@ namespace {
 
 namespace fs = std::filesystem;
 using Status = tl::expected<void, std::string>;
-
-/// Keeps a second process out of a folder, runs of scenarios included. A killed one leaves the file but not the lock.
-class FolderLock {
- public:
-  FolderLock() = default;
-  FolderLock(const FolderLock&) = delete;
-  FolderLock& operator=(const FolderLock&) = delete;
-  ~FolderLock() {
-    if (file_ < 0) return;
-    ::unlink(path_.c_str());
-    ::close(file_);
-  }
-  Status take(const fs::path& directory) {
-    path_ = directory / "run.lock";
-    for (;;) {
-      file_ = ::open(path_.c_str(), O_CREAT | O_RDWR | O_CLOEXEC, 0666);
-      if (file_ < 0) return tl::unexpected(fmt::format("{}: cannot be written ({})", path_.string(), std::strerror(errno)));
-      if (::flock(file_, LOCK_EX | LOCK_NB) != 0) {
-        ::close(std::exchange(file_, -1));
-        return tl::unexpected(fmt::format("{}: another run is writing into this folder; choose another with -o", directory.string()));
-      }
-      struct stat mine{}, there{};
-      if (::fstat(file_, &mine) == 0 && ::stat(path_.c_str(), &there) == 0 && mine.st_ino == there.st_ino) return {};
-      ::close(std::exchange(file_, -1));   // its holder took the file away in between
-    }
-  }
-
- private:
-  fs::path path_;
-  int file_ = -1;
-};
 
 std::optional<std::string> text_of(const fs::path& file) {
   std::ifstream stream(file, std::ios::binary);

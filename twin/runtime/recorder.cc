@@ -1,17 +1,13 @@
 #include <tribotwin/twin/runtime/recorder.hpp>
 
 #include <algorithm>
-#include <cerrno>
 #include <cmath>
-#include <cstring>
 #include <utility>
 
-#include <fcntl.h>
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
-#include <sys/file.h>
-#include <unistd.h>
 
+#include <tribotwin/twin/output/folder_lock.hpp>
 #include <tribotwin/twin/output/output.hpp>
 #include <tribotwin/twin/telemetry/telemetry.hpp>
 
@@ -47,31 +43,6 @@ std::vector<Channel> channels_of(const mujoco::Model& model) {
   if (!model.springs().empty()) all.insert(all.end(), transmission_channels.begin(), transmission_channels.end());
   return all;
 }
-
-/// Keeps a second run out of a folder while the first writes there. A killed run leaves the file but not the lock.
-class FolderLock {
- public:
-  FolderLock() = default;
-  FolderLock(const FolderLock&) = delete;
-  FolderLock& operator=(const FolderLock&) = delete;
-  ~FolderLock() {
-    if (file_ < 0) return;
-    ::unlink(path_.c_str());
-    ::close(file_);
-  }
-  Status take(const fs::path& directory) {
-    path_ = directory / "run.lock";
-    file_ = ::open(path_.c_str(), O_CREAT | O_RDWR | O_CLOEXEC, 0666);
-    if (file_ < 0) return tl::unexpected(fmt::format("{}: cannot be written ({})", path_.string(), std::strerror(errno)));
-    if (::flock(file_, LOCK_EX | LOCK_NB) == 0) return {};
-    ::close(std::exchange(file_, -1));
-    return tl::unexpected(fmt::format("{}: another run is writing into this folder; choose another with -o", directory.string()));
-  }
-
- private:
-  fs::path path_;
-  int file_ = -1;
-};
 
 }  // namespace
 

@@ -1,0 +1,26 @@
+#pragma once
+
+#include <filesystem>
+#include <string>
+
+#include <tl/expected.hpp>
+
+namespace tribotwin::twin {
+
+/// Keeps a second process out of a folder that a run or a campaign writes into, by the file run.lock. A killed one leaves the
+/// file but not the lock.
+class FolderLock {
+ public:
+  FolderLock() = default;
+  FolderLock(const FolderLock&) = delete;
+  FolderLock& operator=(const FolderLock&) = delete;
+  ~FolderLock();
+  /// Fails when another process holds it, or the folder cannot be written: the message names the folder.
+  tl::expected<void, std::string> take(const std::filesystem::path& directory);
+
+ private:
+  std::filesystem::path path_;
+  int file_ = -1;
+};
+
+}  // namespace tribotwin::twin
