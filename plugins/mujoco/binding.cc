@@ -157,25 +157,17 @@ tl::expected<Binding, std::string> bind(const mjModel* m, drive::Drive drive, in
   return b;
 }
 
-#if TRIBOTWIN_ENGINE_PLUGINS
-static mjtNum* memory_array(const mjData* d) { return d->act; }
-static mjtNum* scratch_array(const mjData* d) { return d->plugin_state; }
-#else
-static mjtNum* memory_array(const mjData* d) { return d->userdata; }
-static mjtNum* scratch_array(const mjData* d) { return d->userdata; }
-#endif
-
 drive::Memory& memory(mjData* d, const Binding& b) {
-  return *reinterpret_cast<drive::Memory*>(memory_array(d) + b.memory_address);
+  return *reinterpret_cast<drive::Memory*>(engine::memory(d) + b.memory_address);
 }
 drive::Scratch& scratch(mjData* d, const Binding& b) {
-  return *reinterpret_cast<drive::Scratch*>(scratch_array(d) + b.scratch_address);
+  return *reinterpret_cast<drive::Scratch*>(engine::scratch(d) + b.scratch_address);
 }
 const drive::Memory& memory(const mjData* d, const Binding& b) {
-  return *reinterpret_cast<const drive::Memory*>(memory_array(d) + b.memory_address);
+  return *reinterpret_cast<const drive::Memory*>(engine::memory(d) + b.memory_address);
 }
 const drive::Scratch& scratch(const mjData* d, const Binding& b) {
-  return *reinterpret_cast<const drive::Scratch*>(scratch_array(d) + b.scratch_address);
+  return *reinterpret_cast<const drive::Scratch*>(engine::scratch(d) + b.scratch_address);
 }
 
 void limit_friction(const mjModel* m, mjData* d, const Binding& b) {

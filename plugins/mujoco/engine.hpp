@@ -38,6 +38,15 @@ inline int actuator_count(const mjModel* m) {
 #endif
 }
 
+/// Where elements keep what a restart needs, and what it does not.
+#if TRIBOTWIN_ENGINE_PLUGINS
+inline mjtNum* memory(const mjData* d) { return d->act; }
+inline mjtNum* scratch(const mjData* d) { return d->plugin_state; }
+#else
+inline mjtNum* memory(const mjData* d) { return d->userdata; }
+inline mjtNum* scratch(const mjData* d) { return d->userdata; }
+#endif
+
 /// Row of a dof's friction constraint, or -1. `hint` is where it is as long as no equality constraint comes or goes
 /// ahead of it: its place among the dofs with friction.
 inline int friction_row(const mjData* d, int dof, int hint) {

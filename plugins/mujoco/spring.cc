@@ -34,19 +34,11 @@ tl::expected<Spring, std::string> bind_spring(const mjModel* m, transmission::Hy
   return s;
 }
 
-#if TRIBOTWIN_ENGINE_PLUGINS
-static mjtNum* memory_array(const mjData* d) { return d->act; }
-static mjtNum* scratch_array(const mjData* d) { return d->plugin_state; }
-#else
-static mjtNum* memory_array(const mjData* d) { return d->userdata; }
-static mjtNum* scratch_array(const mjData* d) { return d->userdata; }
-#endif
-
-double& hysteretic_rad(mjData* d, const Spring& s) { return memory_array(d)[s.memory_address]; }
-double hysteretic_rad(const mjData* d, const Spring& s) { return memory_array(d)[s.memory_address]; }
-SpringScratch& scratch(mjData* d, const Spring& s) { return *reinterpret_cast<SpringScratch*>(scratch_array(d) + s.scratch_address); }
+double& hysteretic_rad(mjData* d, const Spring& s) { return engine::memory(d)[s.memory_address]; }
+double hysteretic_rad(const mjData* d, const Spring& s) { return engine::memory(d)[s.memory_address]; }
+SpringScratch& scratch(mjData* d, const Spring& s) { return *reinterpret_cast<SpringScratch*>(engine::scratch(d) + s.scratch_address); }
 const SpringScratch& scratch(const mjData* d, const Spring& s) {
-  return *reinterpret_cast<const SpringScratch*>(scratch_array(d) + s.scratch_address);
+  return *reinterpret_cast<const SpringScratch*>(engine::scratch(d) + s.scratch_address);
 }
 
 double spring_torque(const mjModel* m, mjData* d, const Spring& spring) {
