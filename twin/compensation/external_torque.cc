@@ -6,12 +6,12 @@
 #include <Eigen/Dense>
 #include <fmt/format.h>
 
-
 namespace tribotwin::twin {
 
 ExternalTorque::ExternalTorque(std::shared_ptr<const mujoco::Model> model, double gain_1_s)
     : model_(std::move(model)), data_(model_->make_data()), observers_(model_->drives().size(), MomentumObserver(gain_1_s)) {
   for (auto* values : {&external_nm_, &momentum_, &speed_, &load_nm_}) values->resize(observers_.size());
+  for (auto* values : {&step_, &moved_}) values->resize(static_cast<std::size_t>((*model_)->nv));
   slides_.resize(observers_.size());
 }
 
@@ -36,18 +36,17 @@ void ExternalTorque::update(std::span<const double> position_rad, std::span<cons
   mj_comVel(m, d);
   mj_rne(m, d, 0, d->qfrc_bias);
   // p' less the part of M' qd is M qdd: the sum of M dqd serves as the momentum, and no derivative of M is needed.
-  Eigen::VectorXd step(m->nv), moved(m->nv);
-  for (std::size_t i = 0; i < drives.size(); ++i) step[drives[i].dof] = fresh_ ? 0 : speed_rad_s[i] - speed_[i];
-  mj_mulM(m, d, moved.data(), step.data());
+  for (std::size_t i = 0; i < drives.size(); ++i) step_[drives[i].dof] = fresh_ ? 0 : speed_rad_s[i] - speed_[i];
+  mj_mulM(m, d, moved_.data(), step_.data());
   for (std::size_t i = 0; i < drives.size(); ++i) {
     const drive::Drive& drive = drives[i].drive;
     const int dof = drives[i].dof;
-    momentum_[i] += moved[dof];
+    momentum_[i] += moved_[dof];
     const double w = speed_rad_s[i] * drive.speed_scale();
     const auto level = drive::level(drive, friction::at_temperature(drive.law, temperature_degC[i]), w, load_nm_[i] / drive.torque_max_nm);
     const double friction = w == 0 ? 0 : std::copysign(level.total() * drive.torque_scale_nm(), w);
     external_nm_[i] = -observers_[i].update(torque_nm[i] - friction - d->qfrc_bias[dof], momentum_[i], dt_s);
-    load_nm_[i] = torque_nm[i] - friction - m->dof_armature[dof] * step[dof] / dt_s;
+    load_nm_[i] = torque_nm[i] - friction - m->dof_armature[dof] * step_[dof] / dt_s;
     slides_[i] = w * speed_[i] > 0;
     speed_[i] = speed_rad_s[i];
   }

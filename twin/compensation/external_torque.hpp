@@ -37,6 +37,7 @@ class ExternalTorque {
   mujoco::DataPtr data_;
   std::vector<MomentumObserver> observers_;
   std::vector<double> external_nm_, momentum_, speed_, load_nm_;
+  std::vector<double> step_, moved_;   ///< per dof
   std::vector<bool> slides_;
   bool fresh_ = true;
 };

@@ -1,6 +1,6 @@
 #include <tribotwin/twin/compensation/servo.hpp>
 
-#include <algorithm>
+#include <tribotwin/twin/model/arm.hpp>
 
 namespace tribotwin::twin {
 namespace {
@@ -11,8 +11,7 @@ class Compensated final : public Servo {
     std::uint64_t seed = o.seed;
     for (const mujoco::Spring& spring : model.springs()) {
       const JointModel plant{.drive = spring.drive.drive, .transmission = spring.hysteresis, .inertia_kg_m2 = model->dof_armature[spring.drive.dof], .ratio = ratio_of(spring)};
-      const auto drive = std::ranges::find(model.drives(), spring.drive.actuator, &mujoco::Binding::actuator) - model.drives().begin();
-      joints_.push_back({static_cast<std::size_t>(drive), plant.ratio, Compensator(plant.misjudged(o.identification_error, seed++), o.compensator)});
+      joints_.push_back({drive_of(model, spring), plant.ratio, Compensator(plant.misjudged(o.identification_error, seed++), o.compensator)});
     }
   }
 
@@ -51,12 +50,6 @@ class Compensated final : public Servo {
 };
 
 }  // namespace
-
-double ratio_of(const mujoco::Spring& spring) {
-  for (const auto& part : spring.torsion)
-    if (part.position == spring.drive.position) return 1 / part.coefficient;
-  return 1;
-}
 
 std::unique_ptr<Servo> make_compensated(const mujoco::Model& model, const mjData* start, const CompensatedOptions& options) {
   return std::make_unique<Compensated>(model, start, options);

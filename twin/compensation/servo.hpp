@@ -15,7 +15,4 @@ struct CompensatedOptions {
 
 std::unique_ptr<Servo> make_compensated(const mujoco::Model& model, const mjData* start, const CompensatedOptions& options);
 
-/// Turns of the drive's joint per turn of the arm.
-double ratio_of(const mujoco::Spring& spring);
-
 }  // namespace tribotwin::twin

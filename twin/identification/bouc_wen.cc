@@ -106,7 +106,7 @@ tl::expected<LoopRecordings, std::string> read_loops(std::span<const std::filesy
     const auto largest = [](const std::vector<double>& x) { return std::abs(std::ranges::max(x, {}, [](double v) { return std::abs(v); })); };
     if (largest(c[1]) > torsion_most_rad)
       return tl::unexpected(fmt::format("{}: torsion_rad reaches {:.4g}, where {:g} rad is more than a gear yields; are these degrees, or the motor's angle?", file.string(), largest(c[1]), torsion_most_rad));
-    if (auto problem = implausible_temperature(file, c[3])) return tl::unexpected(std::move(*problem));
+    if (auto problem = implausible_temperature(file, "temperature_degC", c[3])) return tl::unexpected(std::move(*problem));
     if (std::inner_product(c[1].begin(), c[1].end(), c[2].begin(), 0.0) < 0)
       return tl::unexpected(fmt::format("{}: torque_nm is mostly of the sign opposite to torsion_rad (motor angle / gear ratio - arm angle); a spring has the same", file.string()));
     all.recordings.push_back({c[1], c[2], c[3]});

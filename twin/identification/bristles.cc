@@ -70,7 +70,7 @@ tl::expected<SlidingRecordings, std::string> read_sliding(std::span<const std::f
     const auto& c = table->columns;
     if (law.temperature_dependent && c[3].empty()) return tl::unexpected(fmt::format("{}:1: law '{}' depends on temperature: a column temperature_degC is needed", file.string(), law.name));
     if (law.load_dependent && c[4].empty()) return tl::unexpected(fmt::format("{}:1: law '{}' depends on load: a column load_nm is needed", file.string(), law.name));
-    if (auto problem = implausible_temperature(file, c[3])) return tl::unexpected(std::move(*problem));
+    if (auto problem = implausible_temperature(file, "temperature_degC", c[3])) return tl::unexpected(std::move(*problem));
     const double fastest = std::abs(std::ranges::max(c[1], {}, [](double v) { return std::abs(v); }));
     if (fastest * std::min(1.0, drive.speed_scale()) > arm_speed_most)
       return tl::unexpected(fmt::format("{}: velocity_rad_s reaches {:.4g} rad/s, where a joint turns at up to {:g}; are these degrees per second, or the motor's?", file.string(), fastest, arm_speed_most));

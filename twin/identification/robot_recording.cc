@@ -8,6 +8,7 @@
 #include <fmt/ranges.h>
 
 #include <tribotwin/twin/identification/filter.hpp>
+#include <tribotwin/twin/identification/time_series.hpp>
 #include <tribotwin/twin/table/table.hpp>
 
 namespace tribotwin::twin::identification {
@@ -144,8 +145,7 @@ tl::expected<RobotRecording, std::string> read_robot_recording(const std::filesy
       if (const Problem p = implausible_velocity(rec, row, column(velocity), name(velocity), name(position))) return tl::unexpected(*p);
     if (with_temperature < n) continue;
     rec.temperature_degC.row(row) = Eigen::Map<const VectorXd>(column(temperature).data(), samples);
-    const double low = rec.temperature_degC.row(row).minCoeff(), high = rec.temperature_degC.row(row).maxCoeff();
-    if (low < -60 || high > 250) return tl::unexpected(fmt::format("{}: {} goes from {:.4g} to {:.4g}, where a gearbox is between -60 and 250; are these kelvins, or is it another column?", file.string(), name(temperature), low, high));
+    if (const Problem p = implausible_temperature(file, name(temperature), column(temperature))) return tl::unexpected(*p);
   }
   if ((rec.position.rowwise().maxCoeff() - rec.position.rowwise().minCoeff()).maxCoeff() < 1e-3) return tl::unexpected(fmt::format("{}: the robot stands; dynamics are told by motion (tribotwin excite makes one)", file.string()));
   return rec;

@@ -50,7 +50,7 @@ Problem implausible(const fs::path& file, std::span<const double> speed, std::sp
                        magnitude(speed), magnitude(speed) * 60 / 6.283185307, motor_speed_most);
   if (magnitude(load) > load_most)
     return fmt::format("{}: load_norm reaches {:.4g}, where a joint carries up to 1 (load torque / torque_max); are these Nm, or is it another column?", file.string(), magnitude(load));
-  if (const Problem p = implausible_temperature(file, temperature)) return p;
+  if (const Problem p = implausible_temperature(file, "temperature_degC", temperature)) return p;
   if (friction_is_norm && magnitude(friction) > friction_norm_most)
     return fmt::format("{}: friction_norm reaches {:.4g}, where friction is a part of torque_max; are these Nm (friction_nm), or is it another column?", file.string(), magnitude(friction));
   std::size_t against = 0;

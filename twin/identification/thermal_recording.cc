@@ -7,6 +7,7 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
+#include <tribotwin/twin/identification/time_series.hpp>
 #include <tribotwin/twin/table/table.hpp>
 
 namespace tribotwin::twin::identification {
@@ -138,8 +139,8 @@ tl::expected<ThermalRecording, std::string> read_thermal_recording(const std::fi
   for (std::size_t j = 0; j < out.joints.size(); ++j) {
     const std::string column = fmt::format("{}{}{}", prefix, out.joints[j].name, suffix);
     const auto& temperature = numbers->columns[static_cast<std::size_t>(std::ranges::find(wanted, column) - wanted.begin())];
+    if (auto problem = implausible_temperature(file, column, temperature)) return tl::unexpected(std::move(*problem));
     const auto [low, high] = std::ranges::minmax(temperature);
-    if (low < -60 || high > 250) return tl::unexpected(fmt::format("{}: {} goes from {:.4g} to {:.4g}, where a gearbox is between -60 and 250; are these kelvins, or is it another column?", file.string(), column, low, high));
     if (!(high > low)) return tl::unexpected(fmt::format("{}: {} is always {:.4g}; a thermal model is told by warming or cooling", file.string(), column, low));
     auto power = mean_power(time, *numbers, sources[j]);
     bridge_gaps(power, time, gaps);

@@ -27,12 +27,12 @@ tl::expected<Numbers, std::string> read_time_series(const std::filesystem::path&
   return table;
 }
 
-std::optional<std::string> implausible_temperature(const std::filesystem::path& file, std::span<const double> degC) {
+std::optional<std::string> implausible_temperature(const std::filesystem::path& file, std::string_view column, std::span<const double> degC) {
   constexpr double least = -60, most = 250;
   if (degC.empty()) return {};
   const auto [low, high] = std::ranges::minmax(degC);
   if (low >= least && high <= most) return {};
-  return fmt::format("{}: temperature_degC goes from {:.4g} to {:.4g}, where a gearbox is between {:g} and {:g}; are these kelvins, or is it another column?", file.string(), low, high, least, most);
+  return fmt::format("{}: {} goes from {:.4g} to {:.4g}, where a gearbox is between {:g} and {:g}; are these kelvins, or is it another column?", file.string(), column, low, high, least, most);
 }
 
 }  // namespace tribotwin::twin::identification

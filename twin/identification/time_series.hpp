@@ -4,6 +4,7 @@
 #include <optional>
 #include <span>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include <tribotwin/twin/table/table.hpp>
@@ -16,7 +17,7 @@ namespace tribotwin::twin::identification {
 tl::expected<Numbers, std::string> read_time_series(const std::filesystem::path& file, const std::vector<std::string>& needed, const std::vector<std::string>& optional,
                                                     std::vector<std::string>& notes);
 
-/// Why these cannot be degrees Celsius of a gearbox.
-std::optional<std::string> implausible_temperature(const std::filesystem::path& file, std::span<const double> degC);
+/// Why this column cannot be degrees Celsius of a gearbox.
+std::optional<std::string> implausible_temperature(const std::filesystem::path& file, std::string_view column, std::span<const double> degC);
 
 }  // namespace tribotwin::twin::identification

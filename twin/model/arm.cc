@@ -24,6 +24,16 @@ tl::expected<std::size_t, std::string> find_drive(const mujoco::Model& model, st
   return tl::unexpected(fmt::format("'{}': did you mean '{}'? Joints with drives: {}", joint, friction::nearest(joint, views), fmt::join(names, ", ")));
 }
 
+std::size_t drive_of(const mujoco::Model& model, const mujoco::Spring& spring) {
+  return static_cast<std::size_t>(std::ranges::find(model.drives(), spring.drive.actuator, &mujoco::Binding::actuator) - model.drives().begin());
+}
+
+double ratio_of(const mujoco::Spring& spring) {
+  for (const auto& part : spring.torsion)
+    if (part.position == spring.drive.position) return 1 / part.coefficient;
+  return 1;
+}
+
 int position_address(const mjModel* m, const mujoco::Binding& drive) { return m->jnt_qposadr[drive.joint]; }
 
 double gravity_torque_nm(const mjModel* m, const mjData* d, int dof) {

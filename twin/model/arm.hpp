@@ -15,6 +15,9 @@ namespace tribotwin::twin {
 std::string joint_name(const mjModel* m, const mujoco::Binding& drive);
 /// The drive of a joint. Fails with the name, the nearest that exists and all there are.
 tl::expected<std::size_t, std::string> find_drive(const mujoco::Model& model, std::string_view joint);
+/// The drive that works through a spring, and how often its joint turns per turn of the arm.
+std::size_t drive_of(const mujoco::Model& model, const mujoco::Spring& spring);
+double ratio_of(const mujoco::Spring& spring);
 /// Place of the drive's joint in mjData.qpos.
 int position_address(const mjModel* m, const mujoco::Binding& drive);
 

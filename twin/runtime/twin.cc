@@ -76,7 +76,7 @@ double Twin::balance_J() const {
 }
 
 Twin::Transmission Twin::transmission(const mujoco::Spring& spring) const {
-  const auto i = static_cast<std::size_t>(std::ranges::find(model_->drives(), spring.drive.actuator, &mujoco::Binding::actuator) - model_->drives().begin());
+  const std::size_t i = drive_of(*model_, spring);
   const auto& s = mujoco::scratch(data_.get(), spring);
   const double ratio = ratio_of(spring);
   return {i, s.torsion_begin_rad, s.torque_nm, q_begin_[i] / ratio - s.torsion_begin_rad, set_points_[i].position_rad / ratio, set_points_[i].velocity_rad_s / ratio};
