@@ -254,6 +254,7 @@ Point Separable::descend(const VectorXd& start, int iterations) const {
   options.function_tolerance = 1e-6 / static_cast<double>(samples_->size());   // a thousandth of a sigma
   options.parameter_tolerance = 1e-11;
   options.gradient_tolerance = 1e-13;
+  options.max_num_line_search_step_size_iterations = 0;   // bounds are kept without it
   ceres::Solver::Summary summary;
   ceres::Solve(options, &problem, &summary);
   return std::move(residual->best_);
