@@ -43,7 +43,7 @@ figcaption { color: SOFT; font-size: .9rem; margin-top: 8px; overflow-wrap: anyw
 .scroll { overflow-x: auto; margin: 1rem 0; }
 table { border-collapse: collapse; width: 100%; font-variant-numeric: tabular-nums; font-size: .92rem; }
 th, td { padding: 7px 14px; text-align: left; border-top: 1px solid LINE; vertical-align: top; }
-thead th { border-top: 0; color: SOFT; font-weight: 600; }
+thead th, thead th.number { border-top: 0; color: SOFT; font-weight: 600; vertical-align: bottom; white-space: normal; }
 td:last-child:not(.number) { min-width: 20ch; }
 td.number, th.number { text-align: right; white-space: nowrap; }
 th[scope=row] { font-weight: 600; overflow-wrap: anywhere; min-width: 8ch; }

@@ -573,26 +573,30 @@ class Writer {
   Status comparison() {
     auto to = page_.body();
     page_.add(to, "h2", "Compared");
-    std::vector<std::string> head{"figure"};
-    std::vector<std::vector<std::string>> rows = {{"simulated [s]"}, {"warmest joint"}, {"highest temperature [°C]"}, {"friction work [kJ]"}, {"motor work [kJ]"}, {"largest friction [Nm]"},
-                                                  {"largest load [-]"}, {"error against recording [mrad]"}, {"engine"}, {"seed"}};
+    std::vector<std::string> head{"run", "simulated [s]", "warmest joint", "highest temperature [°C]", "friction work [kJ]", "motor work [kJ]", "largest friction [Nm]", "largest load [-]",
+                                  "error against recording [mrad]", "engine", "seed"};
+    std::vector<std::vector<std::string>> rows;
     std::vector<Trace> temperatures, friction;
     for (const auto& r : runs_) {
-      head.push_back(label(*r));
       const auto joints = joint_figures(*r);
       const auto* hot = warmest(joints);
       double nm = unknown, load = unknown;
       for (const auto& j : joints) nm = std::fmax(nm, j.friction_max_nm), load = std::fmax(load, j.load_max);
-      const std::string cells[] = {shown(simulated_s(*r), "{:.1f}"), hot ? hot->name : "", hot ? shown(hot->max_degC, "{:.2f}") : "", shown(number(r->summary, {"friction_work_J"}) / 1e3, "{:.5g}"),
+      rows.push_back({label(*r), shown(simulated_s(*r), "{:.1f}"), hot ? hot->name : "", hot ? shown(hot->max_degC, "{:.2f}") : "", shown(number(r->summary, {"friction_work_J"}) / 1e3, "{:.5g}"),
                                    shown(number(r->summary, {"motor_work_J"}) / 1e3, "{:.5g}"), shown(nm, "{:.4g}"), shown(load, "{:.3f}"), shown(number(r->summary, {"comparison", "mae_mrad"}), "{:.1f}"),
-                                   "MuJoCo " + r->attribute("engine_version"), r->attribute("seed")};
-      for (std::size_t i = 0; i < rows.size(); ++i) rows[i].push_back(cells[i]);
+                                   "MuJoCo " + r->attribute("engine_version"), r->attribute("seed")});
       for (const auto& j : r->joints)
         if (hot && j.name == hot->name) {
           temperatures.push_back(thinned(label(*r) + ", " + j.name, r->record.time_s, j.temperature_degC));
           const double window = (r->record.time_s.back() - r->record.time_s.front()) / 200;
           if (window > 0) friction.push_back(rms_trace(label(*r) + ", " + j.name, r->record.time_s, j.friction_nm, window));
         }
+    }
+    for (std::size_t column = head.size(); column-- > 1;) {
+      const auto at = static_cast<std::ptrdiff_t>(column);
+      if (!std::ranges::all_of(rows, [column](const auto& row) { return row[column] == "–"; })) continue;
+      head.erase(head.begin() + at);
+      for (auto& row : rows) row.erase(row.begin() + at);
     }
     page_.add_table(to, head, rows);
     auto grid = page_.add(to, "div", {}, "figures");
