@@ -10,6 +10,7 @@
 #include <ceres/ceres.h>
 #include <fmt/format.h>
 
+#include <tribotwin/twin/identification/linearised.hpp>
 #include <tribotwin/twin/laboratory/correlation.hpp>
 
 namespace tribotwin::twin::identification {
@@ -199,25 +200,6 @@ void descend(const ThermalProblem& problem, VectorXd& log_t) {
   options.function_tolerance = 1e-9;
   ceres::Solver::Summary summary;
   ceres::Solve(options, &minimisation, &summary);
-}
-
-/// Inverse of the information; directions the data are blind to get a variance beyond any value.
-MatrixXd covariance_of(const MatrixXd& jacobian) {
-  const VectorXd scale = jacobian.colwise().norm().cwiseMax(1e-300).cwiseInverse();
-  const MatrixXd unit = jacobian * scale.asDiagonal();
-  const Eigen::SelfAdjointEigenSolver<MatrixXd> eigen(unit.transpose() * unit);
-  const VectorXd inverse = eigen.eigenvalues().unaryExpr([](double information) { return information > 1e-12 ? 1 / information : 1e30; });
-  return scale.asDiagonal() * (eigen.eigenvectors() * inverse.asDiagonal() * eigen.eigenvectors().transpose()) * scale.asDiagonal();
-}
-
-Estimate estimate(std::string name, std::string unit, double value, double variance, double quantile) {
-  const double sigma = std::sqrt(variance);
-  return {.name = std::move(name), .unit = std::move(unit), .value = value, .sigma = sigma, .low = value - quantile * sigma, .high = value + quantile * sigma};
-}
-
-Estimate without_sigma(std::string name, std::string unit, double value, Status status) {
-  constexpr double unknown = std::numeric_limits<double>::quiet_NaN();
-  return {std::move(name), std::move(unit), value, unknown, unknown, unknown, status};
 }
 
 }  // namespace

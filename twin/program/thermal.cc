@@ -6,6 +6,7 @@
 #include <nlohmann/json.hpp>
 
 #include <tribotwin/twin/identification/thermal_file.hpp>
+#include <tribotwin/twin/identification/thermal_torque.hpp>
 #include <tribotwin/twin/program/program.hpp>
 #include <tribotwin/twin/scenario/input.hpp>
 
@@ -15,11 +16,15 @@ namespace {
 using namespace identification;
 using Json = nlohmann::ordered_json;
 
+/// Of friction [1/K] where nobody knows it: torque does not depend on it.
+constexpr double guessed_alpha = -0.01;
+
 struct Arguments {
   std::vector<std::string> data;
   std::string evaluate, output;
   std::vector<double> cycle_s;   ///< none, one for all files, or one each
   int order = 0;
+  double alpha = 0, rest_degC = 20;   ///< of friction; 0: not known
   bool rested = false, json = false, quiet = false;
 };
 
@@ -41,20 +46,35 @@ std::vector<JointHeat> read(const Arguments& a) {
   return joints;
 }
 
-bool tells_times(const ThermalFit& fit) {
+template <class Fit>
+bool tells_times(const Fit& fit) {
   return std::ranges::none_of(fit.unidentifiable, [](const std::string& name) { return name.starts_with("t"); });
 }
 
+bool has_temperature(const HeatSession& session) { return !session.temperature_degC.empty(); }
+
 /// Of the order asked for; without one, of the second where these data tell both time constants, else of the first.
+template <class Fitted>
+auto of_order(int order, const Fitted& with) {
+  if (order == 1) return with(thermal::Order::first);
+  auto second = with(thermal::Order::second);
+  return order == 2 || tells_times(second) ? second : with(thermal::Order::first);
+}
+
 ThermalFit fitted(const Arguments& a, const std::string& joint, std::span<const HeatSession> sessions) {
-  const auto with = [&](thermal::Order order) {
+  return of_order(a.order, [&](thermal::Order order) {
     auto fit = fit_thermal(sessions, {.order = order, .rested = a.rested});
     if (!fit) throw InputError(fmt::format("{}: {}: {}", a.data[sessions.front().file], joint, fit.error()));
     return *std::move(fit);
-  };
-  if (a.order == 1) return with(thermal::Order::first);
-  auto second = with(thermal::Order::second);
-  return a.order == 2 || tells_times(second) ? second : with(thermal::Order::first);
+  });
+}
+
+TorqueThermalFit fitted_to_torque(const Arguments& a, const std::string& joint, std::span<const HeatSession> sessions) {
+  return of_order(a.order, [&](thermal::Order order) {
+    auto fit = fit_thermal_torque(sessions, order);
+    if (!fit) throw InputError(fmt::format("{}: {}: {}", a.data[sessions.front().file], joint, fit.error()));
+    return *std::move(fit);
+  });
 }
 
 /// What has no sigma is NaN, which JSON shows as null.
@@ -69,41 +89,79 @@ Json json_of(const ThermalFit& fit) {
   return j;
 }
 
-std::string rows_of(const std::string& joint, const std::string& from, const ThermalFit& fit) {
+Json json_of(const TorqueThermalFit& fit) {
+  Json j{{"order", fit.order == thermal::Order::first ? 1 : 2}};
+  for (const auto& e : fit.parameters) j["parameters"][e.name] = {{"value", e.value}, {"sigma", e.sigma}, {"low", e.low}, {"high", e.high}, {"unit", e.unit}};
+  for (const auto& e : fit.power_w) j["P_0_W"].push_back({{"value", e.value}, {"sigma", e.sigma}});
+  j["rms"] = fit.rms;
+  j["final_to_cold"] = fit.final_to_cold;
+  j["correlated_samples"] = fit.correlation;
+  j["samples"] = fit.samples;
+  j["unidentifiable"] = fit.unidentifiable;
+  return j;
+}
+
+/// `others`: A or P_0 of each file.
+template <class Fit>
+std::string estimates_of(const std::string& joint, const std::string& from, const Fit& fit, const std::vector<Estimate>& others) {
   std::string s;
   const auto row = [&](const Estimate& e, const std::string& remark) {
-    s += fmt::format("{:<14} {:<7} {:>12.5g} {:>10}   {:<6}  {:<20} {}\n", joint, e.name, e.value, std::isnan(e.sigma) ? "none" : fmt::format("{:.2g}", e.sigma), e.unit, from, remark);
+    s += fmt::format("{:<14} {:<10} {:>12.5g} {:>10}   {:<6}  {:<20} {}\n", joint, e.name, e.value, std::isnan(e.sigma) ? "none" : fmt::format("{:.2g}", e.sigma), e.unit, from, remark);
   };
   for (const auto& e : fit.parameters) {
     const bool blind = std::ranges::find(fit.unidentifiable, e.name) != fit.unidentifiable.end();
     row(e, !blind ? "" : e.status == Status::held ? "not identifiable from this record: no effect of the power is seen" : "not identifiable from this record");
   }
-  for (const auto& e : fit.ambient) row(e, "");
+  for (const auto& e : others) row(e, "");
+  return s;
+}
+
+std::string rows_of(const std::string& joint, const std::string& from, const TorqueThermalFit& fit) {
+  return estimates_of(joint, from, fit, fit.power_w) + fmt::format("{:<14} friction falls to {:.3g} of the cold one; residual {:.2g} % rms, {} cycles, {:.0f} worth one independent\n", joint, fit.final_to_cold, 100 * fit.rms, fit.samples, fit.correlation);
+}
+
+std::string rows_of(const std::string& joint, const std::string& from, const ThermalFit& fit) {
+  std::string s = estimates_of(joint, from, fit, fit.ambient);
   s += fmt::format("{:<14} residual {:.3g} K rms, {} samples, {:.0f} worth one independent\n", joint, fit.rms_K, fit.samples, fit.correlation);
   return s;
+}
+
+/// Adds a joint's fit to all its sessions and, where there are several files, file by file: how far the days agree.
+template <class Fitted>
+auto fit_files(const Arguments& a, const JointHeat& joint, const Fitted& fitted, Json& j, std::string& table) {
+  const auto& sessions = joint.sessions;
+  const bool several = sessions.front().file != sessions.back().file;
+  auto all = fitted(a, joint.name, std::span(sessions));
+  j["joints"][joint.name] = json_of(all);
+  table += rows_of(joint.name, several ? "all" : a.data[sessions.front().file], all);
+  for (auto first = sessions.begin(); several && first != sessions.end();) {
+    const auto last = std::find_if(first, sessions.end(), [&](const HeatSession& s) { return s.file != first->file; });
+    const auto fit = fitted(a, joint.name, std::span(first, last));
+    j["joints"][joint.name]["files"][a.data[first->file]] = json_of(fit);
+    table += rows_of(joint.name, a.data[first->file], fit);
+    first = last;
+  }
+  return all;
 }
 
 int identify(const Arguments& a) {
   const auto joints = read(a);
   std::vector<NamedThermalFit> fits;
   Json j{{"joints", Json::object()}};
-  std::string table = fmt::format("{:<14} {:<7} {:>12} {:>10}   {:<6}  {}\n", "joint", "", "value", "sigma", "unit", "from");
+  std::string table = fmt::format("{:<14} {:<10} {:>12} {:>10}   {:<6}  {}\n", "joint", "", "value", "sigma", "unit", "from");
   Progress progress(a.quiet, "identifying");
+  bool from_torque = false;
   for (const auto& joint : joints) {
-    fits.emplace_back(joint.name, fitted(a, joint.name, joint.sessions));
-    j["joints"][joint.name] = json_of(fits.back().second);
-    table += rows_of(joint.name, joint.sessions.front().file == joint.sessions.back().file ? a.data[joint.sessions.front().file] : "all", fits.back().second);
-    // File by file where there are several: how far the days agree.
-    if (joint.sessions.front().file != joint.sessions.back().file)
-      for (auto first = joint.sessions.begin(); first != joint.sessions.end();) {
-        const auto last = std::find_if(first, joint.sessions.end(), [&](const HeatSession& s) { return s.file != first->file; });
-        const auto fit = fitted(a, joint.name, {first, last});
-        j["joints"][joint.name]["files"][a.data[first->file]] = json_of(fit);
-        table += rows_of(joint.name, a.data[first->file], fit);
-        first = last;
-      }
+    const auto without = std::ranges::find_if_not(joint.sessions, has_temperature);
+    from_torque = without != joint.sessions.end();
+    if (from_torque && std::ranges::any_of(joint.sessions, has_temperature)) throw InputError(fmt::format("{}: has no column temperature_{}_degC, which other files have; give all files one, or none", a.data[without->file], joint.name));
+    if (from_torque && !a.rested) throw InputError(fmt::format("{}: has no temperatures; torque alone tells how far a joint is from rest, so that records must begin there, as after a night: say so with --rested", a.data[without->file]));
+    if (from_torque) fits.emplace_back(joint.name, with_alpha(fit_files(a, joint, fitted_to_torque, j, table), a.alpha != 0 ? a.alpha : guessed_alpha, a.alpha != 0, a.rest_degC));
+    else fits.emplace_back(joint.name, fit_files(a, joint, fitted, j, table));
     progress(static_cast<double>(fits.size()) / static_cast<double>(joints.size()));
   }
+  if (from_torque && !a.quiet && a.alpha == 0)
+    fmt::print(stderr, "note: torque tells alpha c, not alpha and c one by one; for that give --alpha, or temperatures.{}\n", a.output.empty() ? "" : fmt::format(" {} is in units in which alpha is {} 1/K", a.output, guessed_alpha));
   if (!a.output.empty())
     if (const int code = deliver(to_yaml(fits, a.data), a.output)) return code;
   return deliver(a.json ? j.dump(2) + "\n" : table, "");
@@ -120,6 +178,7 @@ int evaluate(const Arguments& a) {
     const auto model = std::ranges::find(models, joint.name, [](const auto& m) { return m.first; });
     if (model == models.end()) throw InputError(fmt::format("{}: joints: has no '{}', of which {} has a temperature", a.evaluate, joint.name, a.data[joint.sessions.front().file]));
     for (const auto& session : joint.sessions) {
+      if (!has_temperature(session)) throw InputError(fmt::format("{}: has no column temperature_{}_degC to compare with", a.data[session.file], joint.name));
       const auto predicted = predicted_temperature(model->second, session);
       double squares = 0, largest = 0;
       for (std::size_t i = 0; i < predicted.size(); ++i) {
@@ -141,13 +200,15 @@ int evaluate(const Arguments& a) {
 
 void add_thermal(CLI::App& app, int& code) {
   auto a = std::make_shared<Arguments>();
-  auto* c = app.add_subcommand("thermal", "How joints warm up: thermal models from recorded heat and temperature");
-  c->add_option("DATA", a->data, "CSV: time_s, temperature_JOINT_degC, and power_w_JOINT or torque_JOINT_nm with velocity_JOINT_rad_s or position_JOINT_rad")->required();
+  auto* c = app.add_subcommand("thermal", "How joints warm up: thermal models from recorded heat and temperature, or from torque alone");
+  c->add_option("DATA", a->data, "CSV: time_s, power_w_JOINT or torque_JOINT_nm with velocity_JOINT_rad_s or position_JOINT_rad, and temperature_JOINT_degC; without that --cycle and --rested")->required();
   auto* order = c->add_option("--order", a->order, "Of the model (default: 2 where both time constants can be told, else 1)")->check(CLI::IsMember({1, 2}));
   c->add_option("--cycle", a->cycle_s, "Length of the working cycle [s], for heat from torque and motion: one, or one for each file as A,B")->delimiter(',')->check(CLI::Range(1e-3, 3600.0));
   auto* rested = c->add_flag("--rested", a->rested, "Every file begins at ambient temperature, as after a night");
+  auto* alpha = c->add_option("--alpha", a->alpha, "Without temperatures: change of friction per K over friction at rest temperature, where it is known [1/K]")->check(CLI::Range(-1.0, 1.0));
+  auto* rest = c->add_option("--rest", a->rest_degC, "Without temperatures: that at rest [degC]")->check(CLI::Range(-60.0, 250.0))->capture_default_str();
   auto* output = c->add_option("-o,--output", a->output, "PARAMS.yaml to write");
-  c->add_option("--evaluate", a->evaluate, "PARAMS.yaml of an earlier call: how well it predicts these data from their first temperatures")->excludes(order)->excludes(rested)->excludes(output);
+  c->add_option("--evaluate", a->evaluate, "PARAMS.yaml of an earlier call: how well it predicts these data from their first temperatures")->excludes(order)->excludes(rested)->excludes(output)->excludes(alpha)->excludes(rest);
   c->add_flag("--json", a->json, "Print JSON instead of the table");
   c->add_flag("--quiet", a->quiet, "No progress, no notes");
   c->footer("Example:\n  tribotwin thermal monday.csv tuesday.csv -o thermal.yaml");

@@ -1,0 +1,42 @@
+#pragma once
+
+#include <span>
+#include <string>
+#include <vector>
+
+#include <tl/expected.hpp>
+
+#include <tribotwin/plugins/thermal/thermal.hpp>
+#include <tribotwin/twin/identification/thermal_fit.hpp>
+
+/// A joint's thermal model without a thermometer: from how much less work a repeated cycle takes as it warms up, P5 (5), (6),
+///
+///   P_k = P_0 (1 + sum_i y_i(t_k)),   dy_i/dt = alpha c_i P - y_i / t_i,   y_i = 0 at rest.
+///
+/// P_k is the mean friction power of a cycle: what says how warm the joint is, and what warms it. P_0, per recording, is that of
+/// the cycle at the temperature of rest. P5 gives (6) with the power's root mean square over a cycle that does not change with
+/// temperature; heat is its mean, and here it falls with the friction. Torque tells alpha c_i [1/J] and t_i, never alpha and c_i one by one:
+/// that takes a temperature. Global search by CMA-ES over t_i and what each node does in the end, then Ceres; P_0 is linear.
+/// Sigmas as those of fit_thermal.
+namespace tribotwin::twin::identification {
+
+struct TorqueThermalFit {
+  thermal::Order order = thermal::Order::second;
+  std::vector<Estimate> parameters;        ///< alpha_c1, alpha_c2, t1, t2 or alpha_R_th, kappa; the faster node is the first
+  std::vector<Estimate> power_w;           ///< P_0, per session
+  double rms = 0;                          ///< of the residuals over P_0
+  double final_to_cold = 1;                ///< least P_k / P_0 that the fit has in these recordings
+  double correlation = 1;                  ///< how many correlated samples are worth one
+  std::size_t samples = 0;
+  std::vector<std::string> unidentifiable; ///< as in ThermalFit
+};
+
+/// Sessions have cycles and begin at rest temperature, as after a night: without that a cold joint and a cycle that takes
+/// little work are the same. Fails with what the data lack.
+tl::expected<TorqueThermalFit, std::string> fit_thermal_torque(std::span<const HeatSession> sessions, thermal::Order order);
+
+/// The same in kelvins, for friction that changes by `alpha` [1/K] of that at rest temperature, not 0. `alpha_known`: else temperatures are in
+/// units of the guess and the gains are among the unidentifiable.
+ThermalFit with_alpha(const TorqueThermalFit& fit, double alpha, bool alpha_known, double rest_degC);
+
+}  // namespace tribotwin::twin::identification
