@@ -2,7 +2,9 @@
 
 #include <algorithm>
 #include <cmath>
+#include <complex>
 #include <limits>
+#include <numeric>
 
 #include <Eigen/Dense>
 #include <boost/math/distributions/students_t.hpp>
@@ -20,109 +22,95 @@ using Eigen::Index, Eigen::MatrixXd, Eigen::VectorXd;
 
 constexpr double closest_ratio = 1.2;   // as in fit_thermal
 
-/// Unknowns x: log t_i, then s_i = alpha c_i t_i W, the change of friction that node i ends with at the mean power W of all cycles.
+/// Unknowns x: log t_i; s_i = alpha c_i t_i W, what node i would do to friction in the end at the mean power W of all cycles; P_0 of
+/// each session over its mean power.
 class TorqueProblem {
  public:
   TorqueProblem(std::span<const HeatSession> sessions, Index nodes) : sessions_(sessions), nodes_(nodes) {
-    double work = 0, longest = 0, shortest_cycle = std::numeric_limits<double>::infinity();
+    double longest = 0, shortest_cycle = std::numeric_limits<double>::infinity();
     for (const auto& s : sessions) {
-      const auto n = static_cast<Index>(s.time_s.size());
-      for (const double p : s.cycle_power_w) work += p;
-      samples_ += n;
+      const Eigen::Map<const VectorXd> power(s.cycle_power_w.data(), static_cast<Index>(s.cycle_power_w.size()));
+      mean_power_w_.push_back(power.mean());
+      samples_ += power.size();
       longest = std::max(longest, s.time_s.back() - s.time_s.front());
       shortest_cycle = std::min(shortest_cycle, s.cycle_s);
     }
-    mean_power_w_ = work / static_cast<double>(samples_);
+    typical_power_w_ = std::accumulate(mean_power_w_.begin(), mean_power_w_.end(), 0.0) / static_cast<double>(mean_power_w_.size());
     low_ = std::log(shortest_cycle), high_ = std::log(10 * longest);
   }
 
   Index nodes() const { return nodes_; }
   Index samples() const { return samples_; }
-  double mean_power_w() const { return mean_power_w_; }
+  Index unknowns() const { return 2 * nodes_ + static_cast<Index>(sessions_.size()); }
+  double typical_power_w() const { return typical_power_w_; }
+  double mean_power_w(std::size_t session) const { return mean_power_w_[session]; }
+  double rest_power_w(const VectorXd& x, std::size_t session) const { return x(2 * nodes_ + static_cast<Index>(session)) * mean_power_w_[session]; }
   /// Range of log time constants: from a cycle to ten times the longest session.
   double low() const { return low_; }
   double high() const { return high_; }
 
-  /// Friction over that at rest, 1 + sum y_i, at each sample of a session.
-  VectorXd share(const VectorXd& x, const HeatSession& session) const {
-    const auto n = static_cast<Index>(session.time_s.size());
-    VectorXd share = VectorXd::Ones(n);
-    for (Index i = 0; i < nodes_; ++i) {
-      const double t_s = std::exp(x(i));
-      double y = 0;
-      for (Index k = 0; k < n; ++k) {
-        const auto at = static_cast<std::size_t>(k);
-        // The first sample is half a cycle after the start.
-        const double dt_s = k ? session.time_s[at] - session.time_s[at - 1] : session.cycle_s / 2, power_w = k ? session.power_w[at] : session.cycle_power_w.front();
-        y += (x(nodes_ + i) * power_w / mean_power_w_ - y) * -std::expm1(-dt_s / t_s);
-        share(k) += y;
-      }
-    }
-    return share;
+  VectorXd clamped(VectorXd x) const {
+    x.head(nodes_) = x.head(nodes_).cwiseMax(low_).cwiseMin(high_);
+    return x;
   }
 
-  static double rest_power_w(const VectorXd& share, const HeatSession& session) {
-    return share.dot(Eigen::Map<const VectorXd>(session.cycle_power_w.data(), share.size())) / share.squaredNorm();
+  /// With gains alpha c_i in place of c_i.
+  thermal::Model model(const VectorXd& x) const {
+    thermal::Model m{.order = nodes_ == 1 ? thermal::Order::first : thermal::Order::second};
+    for (Index i = 0; i < nodes_; ++i) m.t_s[i] = std::exp(x(i)), m.gain_K_J[i] = x(nodes_ + i) / (typical_power_w_ * m.t_s[i]);
+    return m;
   }
 
-  /// Model less measured power, over the mean power of the session, P_0 being the best one.
+  /// Model less measured power, over the mean power of the session.
   VectorXd residual(const VectorXd& x) const {
     VectorXd r(samples_);
+    const thermal::Model m = model(x);
     Index row = 0;
-    for (const auto& s : sessions_) {
-      const VectorXd model = share(x, s);
-      const Eigen::Map<const VectorXd> measured(s.cycle_power_w.data(), model.size());
-      r.segment(row, model.size()) = (rest_power_w(model, s) * model - measured) / measured.mean();
-      row += model.size();
+    for (std::size_t f = 0; f < sessions_.size(); ++f) {
+      const auto& s = sessions_[f];
+      const double rest = rest_power_w(x, f);
+      for (std::size_t k = 0; k < s.time_s.size(); ++k) r(row++) = (rest * friction_share(m, 1, rest, since_start(s, k)) - s.cycle_power_w[k]) / mean_power_w_[f];
     }
     return r;
   }
 
-  /// Derivatives by x and each P_0 of the residuals with P_0 free.
   MatrixXd jacobian(const VectorXd& x) const {
     constexpr double h = 1e-4;
-    MatrixXd J = MatrixXd::Zero(samples_, x.size() + static_cast<Index>(sessions_.size()));
-    Index row = 0;
-    for (std::size_t f = 0; f < sessions_.size(); ++f) {
-      const auto& s = sessions_[f];
-      const VectorXd model = share(x, s);
-      const double mean = Eigen::Map<const VectorXd>(s.cycle_power_w.data(), model.size()).mean(), rest = rest_power_w(model, s);
-      for (Index k = 0; k < x.size(); ++k) {
-        VectorXd up = x, down = x;
-        up(k) += h, down(k) -= h;
-        J.col(k).segment(row, model.size()) = rest / mean * (share(up, s) - share(down, s)) / (2 * h);
-      }
-      J.col(x.size() + static_cast<Index>(f)).segment(row, model.size()) = model / mean;
-      row += model.size();
+    MatrixXd J(samples_, x.size());
+    for (Index k = 0; k < x.size(); ++k) {
+      VectorXd up = x, down = x;
+      up(k) += h, down(k) -= h;
+      J.col(k) = (residual(up) - residual(down)) / (2 * h);
     }
     return J;
   }
 
+  /// The first sample is the middle of the first cycle.
+  static double since_start(const HeatSession& s, std::size_t k) { return s.time_s[k] - s.time_s.front() + s.cycle_s / 2; }
+
  private:
   std::span<const HeatSession> sessions_;
   Index nodes_, samples_ = 0;
-  double mean_power_w_ = 0, low_ = 0, high_ = 0;
+  std::vector<double> mean_power_w_;
+  double typical_power_w_ = 0, low_ = 0, high_ = 0;
 };
 
 VectorXd global_search(const TorqueProblem& problem) {
   const Index nodes = problem.nodes();
-  VectorXd start(2 * nodes);
+  VectorXd start = VectorXd::Ones(problem.unknowns());
   for (Index i = 0; i < nodes; ++i) start(i) = problem.low() + (problem.high() - problem.low()) * static_cast<double>(i + 1) / static_cast<double>(nodes + 1), start(nodes + i) = -0.2;
   Gaussian gaussian(1);
   const auto cost = [&](const VectorXd& x) {
     // Beyond the range the cost is that of its edge and what is beyond: the search finds back.
-    VectorXd inside = x;
-    inside.head(nodes) = x.head(nodes).cwiseMax(problem.low()).cwiseMin(problem.high());
-    return problem.residual(inside).squaredNorm() * (1 + (x - inside).squaredNorm()) + 1e-12 * (x - inside).squaredNorm();
+    const VectorXd inside = problem.clamped(x);
+    return (problem.residual(inside).squaredNorm() + 1e-12) * (1 + (x - inside).squaredNorm());
   };
-  VectorXd x = cma_es(cost, start, {.population = 12, .first_step = 1, .last_step = 1e-3, .evaluations = 2400}, gaussian).z;
-  x.head(nodes) = x.head(nodes).cwiseMax(problem.low()).cwiseMin(problem.high());
-  return x;
+  return problem.clamped(cma_es(cost, start, {.population = 12, .first_step = 0.5, .last_step = 1e-3, .evaluations = 4000}, gaussian).z);
 }
 
 void descend(const TorqueProblem& problem, VectorXd& x) {
   const auto residual = [&problem](double const* const* parameters, double* residuals) {
-    Eigen::Map<VectorXd>(residuals, problem.samples()) = problem.residual(Eigen::Map<const VectorXd>(parameters[0], 2 * problem.nodes()));
+    Eigen::Map<VectorXd>(residuals, problem.samples()) = problem.residual(Eigen::Map<const VectorXd>(parameters[0], problem.unknowns()));
     return true;
   };
   auto* cost = new ceres::DynamicNumericDiffCostFunction<decltype(residual), ceres::CENTRAL>(new auto(residual));   // Ceres deletes both
@@ -145,13 +133,28 @@ void descend(const TorqueProblem& problem, VectorXd& x) {
 
 }  // namespace
 
+double friction_share(const thermal::Model& model, double alpha, double rest_power_w, double time_s) {
+  // y_i' = g_i z - y_i / t_i, z = 1 + sum y_i: z is its end and two exponentials, of which z = 1 and z' = sum g_i at the start.
+  const double g1 = alpha * model.gain_K_J[0] * rest_power_w, a1 = 1 / model.t_s[0] - g1;
+  if (model.order == thermal::Order::first) {
+    const double end = 1 / (model.t_s[0] * a1);
+    return end + (1 - end) * std::exp(-a1 * time_s);
+  }
+  const double g2 = alpha * model.gain_K_J[1] * rest_power_w, a2 = 1 / model.t_s[1] - g2;
+  const double end = 1 / (1 - g1 * model.t_s[0] - g2 * model.t_s[1]);
+  const std::complex<double> apart = std::sqrt(std::complex<double>((a1 - a2) * (a1 - a2) / 4 + g1 * g2)), fast = -(a1 + a2) / 2 - apart, slow = -(a1 + a2) / 2 + apart;
+  if (std::abs(apart) * time_s < 1e-9) return end + (1 - end + (g1 + g2 - slow.real() * (1 - end)) * time_s) * std::exp(slow.real() * time_s);
+  const std::complex<double> of_fast = (g1 + g2 - slow * (1 - end)) / (fast - slow);
+  return (end + of_fast * std::exp(fast * time_s) + (1 - end - of_fast) * std::exp(slow * time_s)).real();
+}
+
 tl::expected<TorqueThermalFit, std::string> fit_thermal_torque(std::span<const HeatSession> sessions, thermal::Order order) {
-  const Index nodes = order == thermal::Order::first ? 1 : 2, unknowns = 2 * nodes + static_cast<Index>(sessions.size());
+  const Index nodes = order == thermal::Order::first ? 1 : 2;
   const TorqueProblem problem(sessions, nodes);
-  if (problem.samples() <= unknowns) return tl::unexpected(fmt::format("{} cycles for {} unknowns", problem.samples(), unknowns));
-  for (const auto& s : sessions)
-    if (const double mean = Eigen::Map<const VectorXd>(s.cycle_power_w.data(), static_cast<Index>(s.cycle_power_w.size())).mean(); !(mean > 0))
-      return tl::unexpected(fmt::format("the cycles take {:.3g} W in the mean, where friction takes more than 0; is the torque or the motion of the other sign, or --cycle no period of it?", mean));
+  if (problem.samples() <= problem.unknowns()) return tl::unexpected(fmt::format("{} cycles for {} unknowns", problem.samples(), problem.unknowns()));
+  for (std::size_t f = 0; f < sessions.size(); ++f)
+    if (!(problem.mean_power_w(f) > 0))
+      return tl::unexpected(fmt::format("the cycles take {:.3g} W in the mean, where friction takes more than 0; is the torque or the motion of the other sign, or --cycle no period of it?", problem.mean_power_w(f)));
   VectorXd x = global_search(problem);
   descend(problem, x);
   if (nodes == 2 && x(0) > x(1)) std::swap(x(0), x(1)), std::swap(x(2), x(3));
@@ -159,12 +162,12 @@ tl::expected<TorqueThermalFit, std::string> fit_thermal_torque(std::span<const H
   const VectorXd residual = problem.residual(x);
   TorqueThermalFit fit{.order = order, .rms = std::sqrt(residual.squaredNorm() / static_cast<double>(problem.samples())), .correlation = samples_per_independent({residual.data(), static_cast<std::size_t>(residual.size())}, 0), .samples = static_cast<std::size_t>(problem.samples())};
   const MatrixXd covariance = covariance_of(problem.jacobian(x)) * (residual.squaredNorm() / static_cast<double>(problem.samples()) * fit.correlation);
-  const double quantile = boost::math::quantile(boost::math::students_t(std::max(1.0, static_cast<double>(problem.samples()) / fit.correlation - static_cast<double>(unknowns))), 0.975);
+  const double quantile = boost::math::quantile(boost::math::students_t(std::max(1.0, static_cast<double>(problem.samples()) / fit.correlation - static_cast<double>(problem.unknowns()))), 0.975);
 
   const auto info = thermal::parameters(order);
   std::vector<Estimate> gains, times;
   for (Index i = 0; i < nodes; ++i) {
-    const double t_s = std::exp(x(i)), s = x(nodes + i), per_power = 1 / problem.mean_power_w();
+    const double t_s = std::exp(x(i)), s = x(nodes + i), per_power = 1 / problem.typical_power_w();
     const Index k = nodes + i;
     // alpha c = s / (t W), alpha R_th = s / W.
     const double by_s = order == thermal::Order::first ? per_power : per_power / t_s, by_log_t = order == thermal::Order::first ? 0 : -s * per_power / t_s;
@@ -176,10 +179,10 @@ tl::expected<TorqueThermalFit, std::string> fit_thermal_torque(std::span<const H
   fit.parameters = gains;
   fit.parameters.insert(fit.parameters.end(), times.begin(), times.end());
   for (std::size_t f = 0; f < sessions.size(); ++f) {
-    const VectorXd share = problem.share(x, sessions[f]);
     const Index k = 2 * nodes + static_cast<Index>(f);
-    fit.power_w.push_back(estimate("P_0", "W", TorqueProblem::rest_power_w(share, sessions[f]), covariance(k, k), quantile));
-    fit.final_to_cold = std::min(fit.final_to_cold, share.minCoeff());
+    const double rest = problem.rest_power_w(x, f), mean = problem.mean_power_w(f);
+    fit.power_w.push_back(estimate("P_0", "W", rest, covariance(k, k) * mean * mean, quantile));
+    fit.final_to_cold = std::min(fit.final_to_cold, friction_share(problem.model(x), 1, rest, TorqueProblem::since_start(sessions[f], sessions[f].time_s.size() - 1)));
   }
   const bool merged = nodes == 2 && times[1].value < closest_ratio * times[0].value;
   for (const auto& e : fit.parameters)

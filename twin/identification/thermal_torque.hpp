@@ -11,14 +11,17 @@
 
 /// A joint's thermal model without a thermometer: from how much less work a repeated cycle takes as it warms up, P5 (5), (6),
 ///
-///   P_k = P_0 (1 + sum_i y_i(t_k)),   dy_i/dt = alpha c_i P - y_i / t_i,   y_i = 0 at rest.
+///   P(t) = P_0 (1 + sum_i y_i(t)),   dy_i/dt = alpha c_i P - y_i / t_i,   y_i = 0 at rest.
 ///
-/// P_k is the mean friction power of a cycle: what says how warm the joint is, and what warms it. P_0, per recording, is that of
-/// the cycle at the temperature of rest. P5 gives (6) with the power's root mean square over a cycle that does not change with
-/// temperature; heat is its mean, and here it falls with the friction. Torque tells alpha c_i [1/J] and t_i, never alpha and c_i one by one:
-/// that takes a temperature. Global search by CMA-ES over t_i and what each node does in the end, then Ceres; P_0 is linear.
-/// Sigmas as those of fit_thermal.
+/// P is the mean friction power of a cycle: what says how warm the joint is, and what warms it. P_0, per recording, is that of the
+/// cycle at the temperature of rest. Torque tells alpha c_i [1/J] and t_i, never alpha and c_i one by one: that takes a temperature.
+/// Global search by CMA-ES, then Ceres. Sigmas as those of fit_thermal.
 namespace tribotwin::twin::identification {
+
+/// P / P_0 after `time_s` of a repeated cycle that takes `rest_power_w` at rest temperature, where friction changes by `alpha` [1/K]. P5 (6),
+/// but for the heat: there it is the root mean square of a cycle's power and stays, here it is the mean and follows the friction.
+/// Of first or second order; cycles are short beside the time constants.
+double friction_share(const thermal::Model& model, double alpha, double rest_power_w, double time_s);
 
 struct TorqueThermalFit {
   thermal::Order order = thermal::Order::second;
@@ -31,7 +34,7 @@ struct TorqueThermalFit {
   std::vector<std::string> unidentifiable; ///< as in ThermalFit
 };
 
-/// Sessions have cycles and begin at rest temperature, as after a night: without that a cold joint and a cycle that takes
+/// Sessions have cycles, one kind in each that never pauses, and begin at rest temperature, as after a night: without that a cold joint and a cycle that takes
 /// little work are the same. Fails with what the data lack.
 tl::expected<TorqueThermalFit, std::string> fit_thermal_torque(std::span<const HeatSession> sessions, thermal::Order order);
 
