@@ -3,8 +3,10 @@
 #include <memory>
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 #include <nlohmann/json.hpp>
 
+#include <tribotwin/twin/identification/thermal_chain.hpp>
 #include <tribotwin/twin/identification/thermal_file.hpp>
 #include <tribotwin/twin/identification/thermal_torque.hpp>
 #include <tribotwin/twin/program/program.hpp>
@@ -25,7 +27,7 @@ struct Arguments {
   std::vector<double> cycle_s;   ///< none, one for all files, or one each
   int order = 0;
   double alpha = 0, rest_degC = 20;   ///< of friction; 0: not known
-  bool rested = false, json = false, quiet = false;
+  bool rested = false, chain = false, json = false, quiet = false;
 };
 
 /// The joints of all files, each with the sessions of those that have it.
@@ -167,19 +169,68 @@ int identify(const Arguments& a) {
   return deliver(a.json ? j.dump(2) + "\n" : table, "");
 }
 
-/// Each session from its first temperature alone.
-int evaluate(const Arguments& a) {
-  const auto models = read_thermal(a.evaluate);
+int identify_chain(const Arguments& a) {
   const auto joints = read(a);
+  for (const auto& joint : joints)
+    if (!std::ranges::all_of(joint.sessions, has_temperature)) throw InputError(fmt::format("{}: --chain takes the temperatures of all joints; {} has none", a.data.front(), joint.name));
+  const auto fit = fit_thermal_chain(joints);
+  if (!fit) throw InputError(fmt::format("{}: {}", a.data.front(), fit.error()));
+  Json j{{"exchange_1_s", {{"value", fit->exchange.value}, {"sigma", fit->exchange.sigma}}}, {"rms_K", fit->rms_K}, {"correlated_samples", fit->correlation}, {"samples", fit->samples}, {"unidentifiable", fit->unidentifiable}};
+  std::string table = fmt::format("{:<14} {:<10} {:>12} {:>10}   {}\n", "joint", "", "value", "sigma", "unit");
+  const auto row = [&](const std::string& joint, const Estimate& e, const std::string& name) {
+    table += fmt::format("{:<14} {:<10} {:>12.5g} {:>10}   {:<6} {}\n", joint, e.name, e.value, std::isnan(e.sigma) ? "none" : fmt::format("{:.2g}", e.sigma), e.unit, std::ranges::count(fit->unidentifiable, name) ? "not identifiable from this record" : "");
+  };
+  row("all", fit->exchange, fit->exchange.name);
+  for (std::size_t k = 0; k < fit->parameters.size(); ++k)
+    for (const auto& e : fit->parameters[k]) {
+      const auto& joint = fit->chain.joints[k];
+      row(joint, e, joint + "." + e.name);
+      j["joints"][joint][e.name] = {{"value", e.value}, {"sigma", e.sigma}, {"unit", e.unit}};
+    }
+  table += fmt::format("residual {:.3g} K rms, {} samples, {:.0f} worth one independent\n", fit->rms_K, fit->samples, fit->correlation);
+  if (!a.output.empty())
+    if (const int code = deliver(to_yaml(*fit, a.data), a.output)) return code;
+  return deliver(a.json ? j.dump(2) + "\n" : table, "");
+}
+
+/// Temperatures of every session of every joint from the first ones alone.
+std::vector<std::vector<std::vector<double>>> predictions(const Arguments& a, const std::vector<JointHeat>& joints) {
+  std::vector<std::vector<std::vector<double>>> out(joints.size());
+  for (const auto& joint : joints)
+    for (const auto& session : joint.sessions)
+      if (!has_temperature(session)) throw InputError(fmt::format("{}: has no column temperature_{}_degC to compare with", a.data[session.file], joint.name));
+  if (is_thermal_chain(a.evaluate)) {
+    const auto chain = read_thermal_chain(a.evaluate);
+    if (!std::ranges::equal(joints, chain.joints, {}, &JointHeat::name)) throw InputError(fmt::format("{}: chain: its joints are {}, those of {} are not, in this order", a.evaluate, fmt::join(chain.joints, ", "), a.data.front()));
+    for (std::size_t s = 0; s < joints.front().sessions.size(); ++s) {
+      const auto predicted = predicted_temperatures(chain, joints, s);
+      for (std::size_t k = 0; k < joints.size(); ++k) {
+        const auto own = predicted.row(static_cast<Eigen::Index>(k));
+        out[k].emplace_back(own.begin(), own.end());
+      }
+    }
+    return out;
+  }
+  const auto models = read_thermal(a.evaluate);
+  for (std::size_t k = 0; k < joints.size(); ++k) {
+    const auto& joint = joints[k];
+    const auto model = std::ranges::find(models, joint.name, [](const auto& m) { return m.first; });
+    if (model == models.end()) throw InputError(fmt::format("{}: joints: has no '{}', of which {} has a temperature", a.evaluate, joint.name, a.data[joint.sessions.front().file]));
+    for (const auto& session : joint.sessions) out[k].push_back(predicted_temperature(model->second, session));
+  }
+  return out;
+}
+
+int evaluate(const Arguments& a) {
+  const auto joints = read(a);
+  const auto all = predictions(a, joints);
   Json j{{"joints", Json::object()}};
   std::string table = fmt::format("{:<14} {:>12} {:>12} {:>12} {:>10}   {}\n", "joint", "error rms K", "largest K", "from degC", "samples", "session");
   double worst = 0;
-  for (const auto& joint : joints) {
-    const auto model = std::ranges::find(models, joint.name, [](const auto& m) { return m.first; });
-    if (model == models.end()) throw InputError(fmt::format("{}: joints: has no '{}', of which {} has a temperature", a.evaluate, joint.name, a.data[joint.sessions.front().file]));
-    for (const auto& session : joint.sessions) {
-      if (!has_temperature(session)) throw InputError(fmt::format("{}: has no column temperature_{}_degC to compare with", a.data[session.file], joint.name));
-      const auto predicted = predicted_temperature(model->second, session);
+  for (std::size_t k = 0; k < joints.size(); ++k)
+    for (std::size_t s = 0; s < joints[k].sessions.size(); ++s) {
+      const auto& session = joints[k].sessions[s];
+      const auto& predicted = all[k][s];
       double squares = 0, largest = 0;
       for (std::size_t i = 0; i < predicted.size(); ++i) {
         const double error = predicted[i] - session.temperature_degC[i];
@@ -188,10 +239,9 @@ int evaluate(const Arguments& a) {
       }
       const double rms = std::sqrt(squares / static_cast<double>(predicted.size()));
       worst = std::max(worst, rms);
-      j["joints"][joint.name].push_back({{"file", a.data[session.file]}, {"from_s", session.time_s.front()}, {"rms_K", rms}, {"largest_K", largest}, {"samples", predicted.size()}});
-      table += fmt::format("{:<14} {:>12.3f} {:>12.3f} {:>12.2f} {:>10}   {} from {:.6g} s\n", joint.name, rms, largest, session.temperature_degC.front(), predicted.size(), a.data[session.file], session.time_s.front());
+      j["joints"][joints[k].name].push_back({{"file", a.data[session.file]}, {"from_s", session.time_s.front()}, {"rms_K", rms}, {"largest_K", largest}, {"samples", predicted.size()}});
+      table += fmt::format("{:<14} {:>12.3f} {:>12.3f} {:>12.2f} {:>10}   {} from {:.6g} s\n", joints[k].name, rms, largest, session.temperature_degC.front(), predicted.size(), a.data[session.file], session.time_s.front());
     }
-  }
   j["worst_rms_K"] = worst;
   return deliver(a.json ? j.dump(2) + "\n" : table, "");
 }
@@ -205,14 +255,15 @@ void add_thermal(CLI::App& app, int& code) {
   auto* order = c->add_option("--order", a->order, "Of the model (default: 2 where both time constants can be told, else 1)")->check(CLI::IsMember({1, 2}));
   c->add_option("--cycle", a->cycle_s, "Length of the working cycle [s], for heat from torque and motion: one, or one for each file as A,B")->delimiter(',')->check(CLI::Range(1e-3, 3600.0));
   auto* rested = c->add_flag("--rested", a->rested, "Every file begins at ambient temperature, as after a night");
+  auto* chain = c->add_flag("--chain", a->chain, "Joints warm their neighbours, in the order of the columns, at one rate; for records too short to tell slow poles joint by joint")->excludes(order)->excludes(rested);
   auto* alpha = c->add_option("--alpha", a->alpha, "Without temperatures: change of friction per K over friction at rest temperature, where it is known [1/K]")->check(CLI::Range(-1.0, 1.0));
   auto* rest = c->add_option("--rest", a->rest_degC, "Without temperatures: that at rest [degC]")->check(CLI::Range(-60.0, 250.0))->capture_default_str();
   auto* output = c->add_option("-o,--output", a->output, "PARAMS.yaml to write");
-  c->add_option("--evaluate", a->evaluate, "PARAMS.yaml of an earlier call: how well it predicts these data from their first temperatures")->excludes(order)->excludes(rested)->excludes(output)->excludes(alpha)->excludes(rest);
+  c->add_option("--evaluate", a->evaluate, "PARAMS.yaml of an earlier call: how well it predicts these data from their first temperatures")->excludes(order)->excludes(rested)->excludes(output)->excludes(alpha)->excludes(rest)->excludes(chain);
   c->add_flag("--json", a->json, "Print JSON instead of the table");
   c->add_flag("--quiet", a->quiet, "No progress, no notes");
   c->footer("Example:\n  tribotwin thermal monday.csv tuesday.csv -o thermal.yaml");
-  c->callback([a, &code] { code = a->evaluate.empty() ? identify(*a) : evaluate(*a); });
+  c->callback([a, &code] { code = !a->evaluate.empty() ? evaluate(*a) : a->chain ? identify_chain(*a) : identify(*a); });
 }
 
 }  // namespace tribotwin::twin::program
