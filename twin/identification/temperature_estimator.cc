@@ -73,7 +73,7 @@ void estimate_temperatures(const Regressor& regressor, const BaseParameters& bas
 
 tl::expected<DynamicsFit, std::string> fit_warming_dynamics(const Regressor& regressor, const BaseParameters& base, const RobotFriction& friction, std::span<const thermal::Model> models, JointMotion& motion, const DynamicsOptions& options) {
   constexpr int most_rounds = 10;
-  constexpr double agree_K = 0.02;
+  constexpr double agree_K = 0.1;
   std::vector<double> start_degC;
   for (const auto& m : models) start_degC.push_back(m.T_amb_degC);
   motion.temperature_degC.colwise() = Eigen::Map<const Eigen::VectorXd>(start_degC.data(), static_cast<Index>(start_degC.size()));

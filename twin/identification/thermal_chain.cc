@@ -18,7 +18,7 @@ namespace {
 
 using Eigen::Index, Eigen::MatrixXd, Eigen::VectorXd;
 
-constexpr Index most_samples = 600;   // per session: bodies of many minutes
+constexpr std::size_t most_samples = 300;   // per session: bodies of many minutes
 
 /// A session of all joints: joints x samples.
 struct Session {
@@ -26,23 +26,24 @@ struct Session {
   MatrixXd power_w, temperature_degC;   ///< power: mean since the sample before
 };
 
-/// Every so many-th sample, with the mean power in between.
-Session thinned(std::span<const JointHeat> joints, std::size_t session, Index most) {
+/// Means of groups of as many samples, with the mean power between their mean times.
+Session averaged(std::span<const JointHeat> joints, std::size_t session, std::size_t most) {
   const auto& time = joints.front().sessions[session].time_s;
-  const std::size_t every = (time.size() + static_cast<std::size_t>(most) - 1) / static_cast<std::size_t>(most);
-  const auto count = static_cast<Index>((time.size() - 1) / every + 1), n = static_cast<Index>(joints.size());
-  Session out{.time_s = {}, .power_w = MatrixXd::Zero(n, count), .temperature_degC = MatrixXd(n, count)};
-  for (Index k = 0; k < count; ++k) {
-    const std::size_t at = static_cast<std::size_t>(k) * every;
-    out.time_s.push_back(time[at]);
-    for (Index j = 0; j < n; ++j) {
-      const HeatSession& s = joints[static_cast<std::size_t>(j)].sessions[session];
-      out.temperature_degC(j, k) = s.temperature_degC[at];
-      if (k == 0) continue;
-      double work = 0;
-      for (std::size_t i = at - every + 1; i <= at; ++i) work += s.power_w[i] * (time[i] - time[i - 1]);
-      out.power_w(j, k) = work / (time[at] - time[at - every]);
+  const std::size_t group = (time.size() + most - 1) / most, count = time.size() / group;
+  const auto n = static_cast<Index>(joints.size());
+  Session out{.time_s = std::vector<double>(count, 0.0), .power_w = MatrixXd::Zero(n, static_cast<Index>(count)), .temperature_degC = MatrixXd::Zero(n, static_cast<Index>(count))};
+  for (std::size_t i = 0; i < count * group; ++i) out.time_s[i / group] += time[i] / static_cast<double>(group);
+  for (Index j = 0; j < n; ++j) {
+    const HeatSession& s = joints[static_cast<std::size_t>(j)].sessions[session];
+    double work = 0;
+    VectorXd mean_work = VectorXd::Zero(static_cast<Index>(count));
+    for (std::size_t i = 0; i < count * group; ++i) {
+      const auto k = static_cast<Index>(i / group);
+      if (i) work += s.power_w[i] * (time[i] - time[i - 1]);
+      mean_work(k) += work / static_cast<double>(group);
+      out.temperature_degC(j, k) += s.temperature_degC[i] / static_cast<double>(group);
     }
+    for (std::size_t k = 1; k < count; ++k) out.power_w(j, static_cast<Index>(k)) = (mean_work(static_cast<Index>(k)) - mean_work(static_cast<Index>(k) - 1)) / (out.time_s[k] - out.time_s[k - 1]);
   }
   return out;
 }
@@ -115,18 +116,12 @@ class ChainProblem {
   }
 
   /// Gains that would be negative are 0.
-  VectorXd linear(const MatrixXd& columns) const {
-    std::vector<Index> kept(static_cast<std::size_t>(unknowns()));
-    for (Index k = 0; k < unknowns(); ++k) kept[static_cast<std::size_t>(k)] = k;
+  VectorXd linear(MatrixXd columns) const {
     while (true) {
-      const VectorXd x = MatrixXd(columns(Eigen::all, kept)).colPivHouseholderQr().solve(measured_);
-      const auto negative = std::ranges::find_if(kept, [&, at = Index{0}](Index k) mutable { return x(at++) < 0 && k < n_; });
-      if (negative == kept.end()) {
-        VectorXd all = VectorXd::Zero(unknowns());
-        all(kept) = x;
-        return all;
-      }
-      kept.erase(negative);
+      const VectorXd x = columns.colPivHouseholderQr().solve(measured_);   // 0 where a column is
+      Index worst;
+      if (x.head(n_).minCoeff(&worst) >= 0) return x;
+      columns.col(worst).setZero();
     }
   }
 
@@ -189,7 +184,7 @@ tl::expected<ThermalChainFit, std::string> fit_thermal_chain(std::span<const Joi
     if (!std::ranges::equal(joint.sessions, joints.front().sessions, same)) return tl::unexpected(fmt::format("{} is not recorded at the times of {}; every file needs all joints", joint.name, joints.front().name));
   }
   std::vector<Session> sessions;
-  for (std::size_t s = 0; s < joints.front().sessions.size(); ++s) sessions.push_back(thinned(joints, s, most_samples));
+  for (std::size_t s = 0; s < joints.front().sessions.size(); ++s) sessions.push_back(averaged(joints, s, most_samples));
   const ChainProblem problem(std::move(sessions));
   const Index n = problem.joints();
   if (problem.samples() <= problem.unknowns() + n + 1) return tl::unexpected(fmt::format("{} samples for {} unknowns", problem.samples(), problem.unknowns() + n + 1));
@@ -230,7 +225,7 @@ tl::expected<ThermalChainFit, std::string> fit_thermal_chain(std::span<const Joi
 }
 
 MatrixXd predicted_temperatures(const ThermalChain& chain, std::span<const JointHeat> joints, std::size_t session) {
-  const Session s = thinned(joints, session, std::numeric_limits<Index>::max() / 2);
+  const Session s = averaged(joints, session, joints.front().sessions[session].time_s.size());
   const auto vector = [](const std::vector<double>& v) { return Eigen::Map<const VectorXd>(v.data(), static_cast<Index>(v.size())); };
   const Modes modes(vector(chain.t_s), chain.exchange_1_s);
   const VectorXd surroundings = vector(chain.ambient_degC).cwiseQuotient(vector(chain.t_s));

@@ -1,4 +1,5 @@
 #include <cmath>
+#include <limits>
 #include <memory>
 #include <thread>
 
@@ -18,9 +19,12 @@ using namespace identification;
 using Json = nlohmann::ordered_json;
 using Eigen::Index;
 
+constexpr double infinity = std::numeric_limits<double>::infinity();
+
 struct Arguments {
   std::string model, parameters, output;
   std::vector<std::string> data;
+  std::vector<double> window_s;     ///< none, or first and last time whose errors count
   std::vector<double> start_degC;   ///< none, one for all joints, or one each
   Preparation preparation;
   unsigned threads = std::max(1u, std::thread::hardware_concurrency());
@@ -34,10 +38,12 @@ struct Error {
   double share() const { return rms / range; }
 };
 
-Error error_of(const JointMotion& motion, const Eigen::MatrixXd& predicted, Index joint) {
+Error error_of(const JointMotion& motion, const Eigen::MatrixXd& predicted, Index joint, double from_s, double until_s) {
   Error e;
-  double squares = 0;
+  double squares = 0, low = infinity, high = -low;
   for (Index i = 0; i < motion.size(); ++i) {
+    if (const double t = motion.time_s[static_cast<std::size_t>(i)]; t < from_s || t > until_s) continue;
+    low = std::min(low, motion.torque(joint, i)), high = std::max(high, motion.torque(joint, i));
     if (!motion.moving(joint, i)) continue;
     const double difference = motion.torque(joint, i) - predicted(joint, i);
     squares += difference * difference;
@@ -45,7 +51,7 @@ Error error_of(const JointMotion& motion, const Eigen::MatrixXd& predicted, Inde
     ++e.samples;
   }
   e.rms = std::sqrt(squares / static_cast<double>(e.samples));
-  e.range = motion.torque.row(joint).maxCoeff() - motion.torque.row(joint).minCoeff();
+  e.range = high - low;
   return e;
 }
 
@@ -90,8 +96,9 @@ int execute(const Arguments& a) {
   std::string table = fmt::format("{:<14} {:>10} {:>12} {:>12} {:>12} {:>10}\n", "joint", "error rms", "of its range", "range", "largest", "samples");
   double worst = 0;
   for (Index joint = 0; joint < predicted.rows(); ++joint) {
-    const Error e = error_of(motion, predicted, joint);
     const auto& name = robot.regressor.joint_name(joint);
+    const Error e = a.window_s.empty() ? error_of(motion, predicted, joint, -infinity, infinity) : error_of(motion, predicted, joint, a.window_s[0], a.window_s[1]);
+    if (e.samples == 0 && !a.window_s.empty()) throw InputError(fmt::format("--window: joint {} does not move from {:g} to {:g} s", name, a.window_s[0], a.window_s[1]));
     j["joints"][name] = {{"rms", e.rms}, {"relative_to_range", e.share()}, {"range", e.range}, {"largest", e.largest}, {"samples", e.samples}, {"unit", robot.regressor.is_slide(joint) ? "N" : "Nm"}};
     table += fmt::format("{:<14} {:>10.4g} {:>10.2f} % {:>12.4g} {:>12.4g} {:>10}\n", name, e.rms, 100 * e.share(), e.range, e.largest, e.samples);
     worst = std::max(worst, e.share());
@@ -109,6 +116,7 @@ void add_predict(CLI::App& app, int& code) {
   c->add_option("PARAMS", a->parameters, "PARAMS.yaml of tribotwin dynamics")->required();
   c->add_option("DATA", a->data, "CSV as for tribotwin dynamics")->required();
   c->add_option("--start", a->start_degC, "Where temperatures are estimated: at the start of each file [degC], one or one for each joint as A,B (default: that of rest)")->delimiter(',')->check(CLI::Range(-60.0, 250.0));
+  c->add_option("--window", a->window_s, "First and last time_s whose errors count, as A,B: the end of a day whose beginning only warms the robot up")->delimiter(',')->expected(2);
   add_preparation(*c, a->preparation);
   c->add_option("-o,--output", a->output, "CSV to write: time_s, torque_JOINT_nm (filtered as for the fit), predicted_JOINT_nm, temperature_JOINT_degC (recorded, estimated, or 20)");
   c->add_option("--threads", a->threads, "Processors to use; they change nothing but the time")->check(CLI::Range(1, 256));
