@@ -150,6 +150,7 @@ double friction_share(const thermal::Model& model, double alpha, double rest_pow
 
 tl::expected<TorqueThermalFit, std::string> fit_thermal_torque(std::span<const HeatSession> sessions, thermal::Order order) {
   const Index nodes = order == thermal::Order::first ? 1 : 2;
+  if (std::ranges::adjacent_find(sessions, {}, &HeatSession::file) != sessions.end()) return tl::unexpected(std::string("a file with gaps of hours does not begin at rest temperature after each of them"));
   const TorqueProblem problem(sessions, nodes);
   if (problem.samples() <= problem.unknowns()) return tl::unexpected(fmt::format("{} cycles for {} unknowns", problem.samples(), problem.unknowns()));
   for (std::size_t f = 0; f < sessions.size(); ++f)
