@@ -198,6 +198,11 @@ known = fit("warm6.csv", "--cycle", periods.split(",")[0], "--rested", "--order"
 kelvin = open(f"{work}/kelvin.yaml").read().split("joint5:")[1]
 check("with alpha known, in kelvins", abs(float(re.search(r"c1: (\S+)", kelvin).group(1)) / (known["alpha_c1"]["value"] / -0.0128) - 1) < 1e-9, kelvin)
 
+names, values = rows("whole.csv")   # the last one, with its temperatures
+write("measured.csv", {n: values[:, k] for k, n in enumerate(names)})
+alpha = {joint: j["alpha"] for joint, j in fit("measured.csv", "--cycle", periods.split(",")[-1]).items()}
+check("with temperatures, alpha itself within 3 sigmas and 5 %", all(abs(e["value"] + 0.0128) < min(3.5 * e["sigma"], 0.05 * 0.0128) for e in alpha.values()), alpha)
+
 # Algorithm 1: other waypoints, another speed, the first half minute and the last quarter of an hour.
 worked("other", 9, {"speed_share": 0.5, "ramp_s": 0.3, "waypoints": [{"position_rad": w} for w in ([-0.8, 0.4, -0.8, 1.2, 0.9, -1.5], [0.9, -0.3, 0.3, -1.4, -0.4, 2.0], [0.2, 0.5, 0.1, 0.6, 1.1, -0.6])]})
 names, values = rows("warm6.csv")

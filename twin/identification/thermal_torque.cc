@@ -191,6 +191,34 @@ tl::expected<TorqueThermalFit, std::string> fit_thermal_torque(std::span<const H
   return fit;
 }
 
+Estimate fit_alpha(std::span<const HeatSession> sessions, double rest_degC) {
+  // Unknowns: alpha, then P_0 of each session; residuals over the session's mean power.
+  Index samples = 0;
+  for (const auto& s : sessions) samples += static_cast<Index>(s.time_s.size());
+  const auto unknowns = 1 + static_cast<Index>(sessions.size());
+  VectorXd x = VectorXd::Ones(unknowns), residual(samples);
+  x(0) = 0;
+  MatrixXd J = MatrixXd::Zero(samples, unknowns);
+  constexpr int steps = 20;   // bilinear: a handful is enough
+  for (int step = 0; step <= steps; ++step) {
+    Index row = 0;
+    for (Index f = 0; f + 1 < unknowns; ++f) {
+      const HeatSession& s = sessions[static_cast<std::size_t>(f)];
+      const auto n = static_cast<Index>(s.time_s.size());
+      const VectorXd rise = Eigen::Map<const VectorXd>(s.temperature_degC.data(), n).array() - rest_degC;
+      const Eigen::Map<const VectorXd> power(s.cycle_power_w.data(), n);
+      J.col(0).segment(row, n) = x(1 + f) * rise;
+      J.col(1 + f).segment(row, n) = VectorXd::Ones(n) + x(0) * rise;
+      residual.segment(row, n) = power / power.mean() - x(1 + f) * J.col(1 + f).segment(row, n);
+      row += n;
+    }
+    if (step < steps) x += J.colPivHouseholderQr().solve(residual);
+  }
+  const double correlation = samples_per_independent({residual.data(), static_cast<std::size_t>(samples)}, 0);
+  const double quantile = boost::math::quantile(boost::math::students_t(std::max(1.0, static_cast<double>(samples) / correlation - static_cast<double>(unknowns))), 0.975);
+  return estimate("alpha", "1/K", x(0), covariance_of(J)(0, 0) * residual.squaredNorm() / static_cast<double>(samples) * correlation, quantile);
+}
+
 ThermalFit with_alpha(const TorqueThermalFit& fit, double alpha, bool alpha_known, double rest_degC) {
   constexpr std::string_view prefix = "alpha_";
   ThermalFit out{.parameters = fit.parameters, .ambient = {}, .model = {}, .rms_K = fit.rms / std::abs(alpha), .correlation = fit.correlation, .samples = fit.samples, .unidentifiable = fit.unidentifiable};

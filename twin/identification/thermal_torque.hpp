@@ -38,6 +38,10 @@ struct TorqueThermalFit {
 /// little work are the same. Fails with what the data lack.
 tl::expected<TorqueThermalFit, std::string> fit_thermal_torque(std::span<const HeatSession> sessions, thermal::Order order);
 
+/// alpha [1/K] of P5 (5) where the temperature was recorded: P_k = P_0 (1 + alpha (T_k - rest_degC)), a straight line per session with one
+/// alpha for all. Sessions have cycles and temperatures.
+Estimate fit_alpha(std::span<const HeatSession> sessions, double rest_degC);
+
 /// The same in kelvins, for friction that changes by `alpha` [1/K] of that at rest temperature, not 0. `alpha_known`: else temperatures are in
 /// units of the guess and the gains are among the unidentifiable.
 ThermalFit with_alpha(const TorqueThermalFit& fit, double alpha, bool alpha_known, double rest_degC);

@@ -160,6 +160,11 @@ int identify(const Arguments& a) {
     if (from_torque && !a.rested) throw InputError(fmt::format("{}: has no temperatures; torque alone tells how far a joint is from rest, so that records must begin there, as after a night: say so with --rested", a.data[without->file]));
     if (from_torque) fits.emplace_back(joint.name, with_alpha(fit_files(a, joint, fitted_to_torque, j, table), a.alpha != 0 ? a.alpha : guessed_alpha, a.alpha != 0, a.rest_degC));
     else fits.emplace_back(joint.name, fit_files(a, joint, fitted, j, table));
+    if (!from_torque && !a.cycle_s.empty()) {
+      const Estimate alpha = fit_alpha(joint.sessions, a.rest_degC);
+      j["joints"][joint.name]["alpha"] = {{"value", alpha.value}, {"sigma", alpha.sigma}, {"unit", alpha.unit}};
+      table += fmt::format("{:<14} {:<10} {:>12.5g} {:>10.2g}   {:<6}  of the friction at {:g} degC\n", joint.name, alpha.name, alpha.value, alpha.sigma, alpha.unit, a.rest_degC);
+    }
     progress(static_cast<double>(fits.size()) / static_cast<double>(joints.size()));
   }
   if (from_torque && !a.quiet && a.alpha == 0)
@@ -257,7 +262,7 @@ void add_thermal(CLI::App& app, int& code) {
   auto* rested = c->add_flag("--rested", a->rested, "Every file begins at ambient temperature, as after a night");
   auto* chain = c->add_flag("--chain", a->chain, "Joints warm their neighbours, in the order of the columns, at one rate; for records too short to tell slow poles joint by joint")->excludes(order)->excludes(rested);
   auto* alpha = c->add_option("--alpha", a->alpha, "Without temperatures: change of friction per K over friction at rest temperature, where it is known [1/K]")->check(CLI::Range(-1.0, 1.0));
-  auto* rest = c->add_option("--rest", a->rest_degC, "Without temperatures: that at rest [degC]")->check(CLI::Range(-60.0, 250.0))->capture_default_str();
+  auto* rest = c->add_option("--rest", a->rest_degC, "Temperature at rest [degC], which alpha refers to")->check(CLI::Range(-60.0, 250.0))->capture_default_str();
   auto* output = c->add_option("-o,--output", a->output, "PARAMS.yaml to write");
   c->add_option("--evaluate", a->evaluate, "PARAMS.yaml of an earlier call: how well it predicts these data from their first temperatures")->excludes(order)->excludes(rested)->excludes(output)->excludes(alpha)->excludes(rest)->excludes(chain);
   c->add_flag("--json", a->json, "Print JSON instead of the table");
