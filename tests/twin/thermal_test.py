@@ -187,7 +187,9 @@ check("ER3A at 60 %: cold friction up to 70 % above the final one", 1.6 < max(ra
 with h5py.File(f"{work}/day_warm6/telemetry.h5") as f:
     share = {j: f[f"joint{j}/cycle_friction_power_W"][:] for j in range(1, 7)}
     at = np.searchsorted(f["cycle_time_s"][:], 5400)
+print("     cold over final friction:", {j: round(r, 3) for j, r in ratio.items()})
 left = {j: p[at] / p[-1] - 1 for j, p in share.items()}
+print("     friction after 1.5 h over the final one, less 1:", {j: round(r, 4) for j, r in left.items()})
 check("and steady after 1.5 h, to 3 %", max(left.values()) < 0.03, left)
 names, values = rows("warm6.csv")
 write("minutes.csv", {n: values[values[:, 0] < 240, k] for k, n in enumerate(names)})
@@ -228,8 +230,20 @@ with h5py.File(f"{work}/day_other/telemetry.h5") as f:
     for j in range(1, 7):
         rise = (values[-1, names.index(f"temperature_joint{j}_degC")] - 20) * alpha[f"joint{j}"] / law[f"joint{j}"]["a"]
         check(f"joint{j}: the temperature itself within 1 K, alpha given", abs(rise + 20 - f[f"joint{j}/temperature_degC"][-1]) < 1, rise)
-refused_start = subprocess.run([program, "predict", model, "cold_robot.yaml", "other.csv", "--start", "30"], capture_output=True, text=True, cwd=work, timeout=60)
-check("a start without a thermal model", refused_start.returncode == 2 and "--thermal" in refused_start.stderr, refused_start.stderr)
+
+
+def refused_by(name, says, *arguments):
+    r = subprocess.run([program, *map(str, arguments)], capture_output=True, text=True, cwd=work, timeout=60)
+    check(name, r.returncode == 2 and r.stdout == "" and len(r.stderr.strip().splitlines()) == 1 and all(s in r.stderr for s in says), r.stderr)
+
+
+refused_by("a start without a thermal model", ["--thermal"], "predict", model, "cold_robot.yaml", "other.csv", "--start", 30, "--quiet")
+refused_by("five starts for six joints", ["5 temperatures", "6 joints"], "predict", model, "robot.yaml", "other.csv", "--start", "20,20,20,20,20", "--quiet")
+refused_by("friction that does not know temperature", ["coulomb_viscous", "polynomial"], "dynamics", model, "cold.csv", "--thermal", "thermal.yaml", "--quiet")
+refused_by("thermal models of another robot", ["arm.yaml", "'joint1'"], "dynamics", model, "cold.csv", "--friction", "polynomial", "--thermal", "arm.yaml", "--quiet")
+names, values = rows("cold.csv")
+write("bad.csv", {n: -values[:, k] if n.startswith("torque") else values[:, k] for k, n in enumerate(names)})
+refused("torque of the other sign", ["bad.csv", "other sign"], "bad.csv", "--cycle", periods.split(",")[0], "--rested", "--quiet")
 
 # ---- A real arm: UR3, two sessions of a day; heat of the windings per ohm.
 recording = f"{source}/../shared/data/ur3_cobotops/dataset_02052023.csv"

@@ -19,8 +19,6 @@ namespace {
 using Eigen::Index, Eigen::MatrixXd, Eigen::VectorXd;
 
 constexpr int grid_points = 24;
-/// Time constants closer to each other are one that the data describe badly: opposite, huge starts of two like nodes.
-constexpr double closest_ratio = 1.2;
 
 /// Response of a node of gain 1 K/W to the power and to 1 K at the start.
 struct Response {
@@ -205,6 +203,7 @@ void descend(const ThermalProblem& problem, VectorXd& log_t) {
 }  // namespace
 
 tl::expected<ThermalFit, std::string> fit_thermal(std::span<const HeatSession> sessions, const ThermalOptions& options) {
+  if (std::ranges::any_of(sessions, [](const HeatSession& s) { return s.temperature_degC.empty(); })) return tl::unexpected(std::string("has no temperatures"));
   const ThermalProblem problem(sessions, options);
   if (options.rested && static_cast<std::size_t>(problem.files()) < sessions.size()) return tl::unexpected(std::string("a file with gaps of hours does not begin at ambient temperature after each of them"));
   const Index nodes = problem.nodes();

@@ -20,8 +20,6 @@ namespace {
 
 using Eigen::Index, Eigen::MatrixXd, Eigen::VectorXd;
 
-constexpr double closest_ratio = 1.2;   // as in fit_thermal
-
 /// Unknowns x: log t_i; s_i = alpha c_i t_i W, what node i would do to friction in the end at the mean power W of all cycles; P_0 of
 /// each session over its mean power.
 class TorqueProblem {

@@ -155,12 +155,18 @@ int identify(const Arguments& a) {
   bool from_torque = false;
   for (const auto& joint : joints) {
     const auto without = std::ranges::find_if_not(joint.sessions, has_temperature);
-    from_torque = without != joint.sessions.end();
-    if (from_torque && std::ranges::any_of(joint.sessions, has_temperature)) throw InputError(fmt::format("{}: has no column temperature_{}_degC, which other files have; give all files one, or none", a.data[without->file], joint.name));
-    if (from_torque && !a.rested) throw InputError(fmt::format("{}: has no temperatures; torque alone tells how far a joint is from rest, so that records must begin there, as after a night: say so with --rested", a.data[without->file]));
-    if (from_torque) fits.emplace_back(joint.name, with_alpha(fit_files(a, joint, fitted_to_torque, j, table), a.alpha != 0 ? a.alpha : guessed_alpha, a.alpha != 0, a.rest_degC));
+    const bool torque_only = without != joint.sessions.end();
+    from_torque |= torque_only;
+    if (torque_only && std::ranges::any_of(joint.sessions, has_temperature)) throw InputError(fmt::format("{}: has no column temperature_{}_degC, which other files have; give all files one, or none", a.data[without->file], joint.name));
+    if (torque_only && !a.rested) throw InputError(fmt::format("{}: has no temperatures; torque alone tells how far a joint is from rest, so that records must begin there, as after a night: say so with --rested", a.data[without->file]));
+    if (torque_only) {
+      const auto fit = fit_files(a, joint, fitted_to_torque, j, table);
+      constexpr double steady = 0.05;
+      if (fit.rms > steady && !a.quiet) fmt::print(stderr, "note: {}: the work of the cycles scatters by {:.2g} % about the model; is --cycle their period, and does the robot go back the way it came?\n", joint.name, 100 * fit.rms);
+      fits.emplace_back(joint.name, with_alpha(fit, a.alpha != 0 ? a.alpha : guessed_alpha, a.alpha != 0, a.rest_degC));
+    }
     else fits.emplace_back(joint.name, fit_files(a, joint, fitted, j, table));
-    if (!from_torque && !a.cycle_s.empty()) {
+    if (!torque_only && !a.cycle_s.empty()) {
       const Estimate alpha = fit_alpha(joint.sessions, a.rest_degC);
       j["joints"][joint.name]["alpha"] = {{"value", alpha.value}, {"sigma", alpha.sigma}, {"unit", alpha.unit}};
       table += fmt::format("{:<14} {:<10} {:>12.5g} {:>10.2g}   {:<6}  of the friction at {:g} degC\n", joint.name, alpha.name, alpha.value, alpha.sigma, alpha.unit, a.rest_degC);
