@@ -5,9 +5,9 @@
 #include <string>
 #include <vector>
 
+#include <tribotwin/plugins/thermal/thermal.hpp>
 #include <tribotwin/twin/identification/consistency.hpp>
 #include <tribotwin/twin/identification/dynamics.hpp>
-#include <tribotwin/plugins/thermal/thermal.hpp>
 
 /// PARAMS.yaml of a whole robot: its base parameters and the friction of its joints, with their uncertainties.
 namespace tribotwin::twin::identification {

@@ -100,7 +100,11 @@ class Curve {
 /// of what gravity borrows within a cycle would count as heat. The power between two windows' middles is the work in between.
 /// Samples as they are where windows are no longer than a step.
 HeatSession averaged(std::size_t file, std::span<const double> time, std::span<const double> power, std::span<const double> temperature, double step_s, double width_s, bool cycles) {
-  if (!cycles && width_s <= step_s) return {.file = file, .time_s = {time.begin(), time.end()}, .power_w = {power.begin(), power.end()}, .temperature_degC = {temperature.begin(), temperature.end()}};
+  if (!cycles && width_s <= step_s) {
+    HeatSession out{.file = file, .time_s = {time.begin(), time.end()}, .power_w = {power.begin(), power.end()}, .temperature_degC = {temperature.begin(), temperature.end()}};
+    out.power_w.front() = 0;
+    return out;
+  }
   HeatSession out{.file = file, .cycle_s = cycles ? width_s : 0};
   std::vector<double> done(time.size(), 0.0);   // work since the first sample
   for (std::size_t i = 1; i < time.size(); ++i) done[i] = done[i - 1] + power[i] * (time[i] - time[i - 1]);
