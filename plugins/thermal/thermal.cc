@@ -54,6 +54,12 @@ Model make_model(Order order, double T_amb_degC, std::span<const double> v) {
   return model;
 }
 
+std::vector<double> values(const Model& model) {
+  if (model.order == Order::first) return {model.resistance_K_W(), model.t_s[0]};
+  if (model.order == Order::second) return {model.gain_K_J[0], model.gain_K_J[1], model.t_s[0], model.t_s[1]};
+  return {};
+}
+
 Decay decay(const Model& model, double dt_s) {
   return {dt_s, {-std::expm1(-dt_s / model.t_s[0]), -std::expm1(-dt_s / model.t_s[1])}};
 }

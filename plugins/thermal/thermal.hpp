@@ -3,6 +3,7 @@
 #include <span>
 #include <string>
 #include <string_view>
+#include <vector>
 
 /// Lubricant temperature of one joint from the heat its friction makes.
 ///
@@ -45,6 +46,9 @@ struct Model {
 
 /// A model from the values of `parameters(order)`, in that order.
 Model make_model(Order order, double T_amb_degC, std::span<const double> values);
+
+/// The values of `parameters(order)`, in that order: the inverse of make_model.
+std::vector<double> values(const Model& model);
 
 /// Temperature rise of the two nodes over T_amb [K].
 struct Rise {

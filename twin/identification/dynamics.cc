@@ -262,6 +262,14 @@ tl::expected<RobotFriction, std::string> robot_friction(const mujoco::Model& mod
   return out;
 }
 
+MatrixXd gear_load(const Regressor& regressor, const BaseParameters& base, const VectorXd& parameters, const JointMotion& motion, unsigned threads) {
+  RobotFriction none;
+  for (Index j = 0; j < regressor.joints(); ++j) none.emplace_back(coulomb_viscous(), JointFriction::Scales{});
+  MatrixXd load = predicted_torque(regressor, base, none, {.base = parameters, .friction = std::vector<std::vector<double>>(none.size(), {0, 0, 0})}, motion, threads);
+  load -= regressor.model_parameters().tail(regressor.joints()).asDiagonal() * motion.qdd;
+  return load;
+}
+
 MatrixXd predicted_torque(const Regressor& regressor, const BaseParameters& base, const RobotFriction& friction, const RobotParameters& parameters, const JointMotion& motion, unsigned threads) {
   MatrixXd torque(regressor.joints(), motion.size());
   const Problem problem(regressor, base, friction, motion, threads);

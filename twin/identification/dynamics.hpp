@@ -52,6 +52,9 @@ struct RobotParameters {
 /// Torques [Nm; N], joints x samples, of this motion. At rest friction is 0.
 Eigen::MatrixXd predicted_torque(const Regressor& regressor, const BaseParameters& base, const RobotFriction& friction, const RobotParameters& parameters, const JointMotion& motion, unsigned threads);
 
+/// Torques [Nm; N] that the gears transmit to the links, joints x samples: rigid dynamics less what the model's rotors need.
+Eigen::MatrixXd gear_load(const Regressor& regressor, const BaseParameters& base, const Eigen::VectorXd& parameters, const JointMotion& motion, unsigned threads);
+
 struct JointResult {
   std::string name;
   double noise = 0;               ///< standard deviation of the residual [Nm; N]

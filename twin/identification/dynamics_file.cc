@@ -6,6 +6,7 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
+#include <tribotwin/twin/identification/thermal_file.hpp>
 #include <tribotwin/twin/scenario/input.hpp>
 
 namespace tribotwin::twin::identification {
@@ -31,7 +32,7 @@ double value_of(Mapping& in, const std::string& name) {
 
 }  // namespace
 
-std::string to_yaml(const DynamicsFit& fit, const BaseParameters& base, const friction::LawInfo& law, const Regressor& regressor, const Consistency& consistency, const std::vector<std::string>& data, const std::string& model) {
+std::string to_yaml(const DynamicsFit& fit, const BaseParameters& base, const friction::LawInfo& law, const Regressor& regressor, const Consistency& consistency, const std::vector<std::string>& data, const std::string& model, std::span<const thermal::Model> thermal) {
   YAML::Emitter out;
   out.SetDoublePrecision(17);
   out << YAML::BeginMap << YAML::Key << "model" << YAML::Value << model << YAML::Key << "data" << YAML::Value << YAML::Flow << data;
@@ -45,7 +46,17 @@ std::string to_yaml(const DynamicsFit& fit, const BaseParameters& base, const fr
     for (const auto& e : fit.friction[j]) write(out, e, "");
     out << YAML::EndMap;
   }
-  out << YAML::EndMap << YAML::Key << "noise" << YAML::Value << YAML::BeginMap;
+  out << YAML::EndMap;
+  if (!thermal.empty()) {
+    out << YAML::Key << "thermal" << YAML::Value << YAML::BeginMap;
+    for (std::size_t j = 0; j < thermal.size(); ++j) {
+      out << YAML::Key << fit.joints[j].name << YAML::Value << YAML::Flow << YAML::BeginMap;
+      write(out, thermal[j]);
+      out << YAML::EndMap;
+    }
+    out << YAML::EndMap;
+  }
+  out << YAML::Key << "noise" << YAML::Value << YAML::BeginMap;
   for (const auto& joint : fit.joints) out << YAML::Key << joint.name << YAML::Value << joint.noise;
   out << YAML::EndMap << YAML::Key << "physically_possible" << YAML::Value << consistency.possible << YAML::Key << "distance_sigma" << YAML::Value << consistency.distance_sigma;
   out << YAML::Key << "nearest_consistent" << YAML::Value << YAML::BeginMap;
@@ -66,7 +77,7 @@ const friction::LawInfo& dynamics_law(const std::string& name, const std::string
 
 DynamicsFile read_dynamics(const std::filesystem::path& file, const Regressor& regressor, const BaseParameters& base) {
   Mapping in(file.string(), "", load_yaml(file));
-  in.accept({"model", "data", "friction_law", "relative_error", "condition_number", "base_parameters", "friction", "noise", "physically_possible", "distance_sigma", "nearest_consistent"});
+  in.accept({"model", "data", "friction_law", "relative_error", "condition_number", "base_parameters", "friction", "thermal", "noise", "physically_possible", "distance_sigma", "nearest_consistent"});
   DynamicsFile out;
   out.law = &dynamics_law(in.text("friction_law"), file.string() + ": friction_law");
   auto parameters = in.mapping("base_parameters");
@@ -85,6 +96,14 @@ DynamicsFile read_dynamics(const std::filesystem::path& file, const Regressor& r
     joint->done();
   }
   friction->done();
+  if (auto thermal = in.mapping("thermal")) {
+    for (Index j = 0; j < regressor.joints(); ++j) {
+      auto joint = thermal->mapping(regressor.joint_name(j));
+      if (!joint) thermal->fail(regressor.joint_name(j), "is missing: every joint of the model needs its thermal model");
+      out.thermal.push_back(read_model(*joint));
+    }
+    thermal->done();
+  }
   return out;
 }
 

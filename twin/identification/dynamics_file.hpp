@@ -1,21 +1,24 @@
 #pragma once
 
 #include <filesystem>
-#include <optional>
+#include <span>
 #include <string>
 #include <vector>
 
+#include <tribotwin/plugins/thermal/thermal.hpp>
 #include <tribotwin/twin/identification/consistency.hpp>
 #include <tribotwin/twin/identification/dynamics.hpp>
 
 /// PARAMS.yaml of a whole robot: its base parameters and the friction of its joints, with their uncertainties.
 namespace tribotwin::twin::identification {
 
-std::string to_yaml(const DynamicsFit& fit, const BaseParameters& base, const friction::LawInfo& law, const Regressor& regressor, const Consistency& consistency, const std::vector<std::string>& data, const std::string& model);
+/// `thermal`: per joint, or none.
+std::string to_yaml(const DynamicsFit& fit, const BaseParameters& base, const friction::LawInfo& law, const Regressor& regressor, const Consistency& consistency, const std::vector<std::string>& data, const std::string& model, std::span<const thermal::Model> thermal = {});
 
 struct DynamicsFile {
   const friction::LawInfo* law = nullptr;
   RobotParameters parameters;
+  std::vector<thermal::Model> thermal;   ///< per joint; empty: not known
 };
 
 /// Throws InputError with file, key and what would be right: also where the file is one of another robot.

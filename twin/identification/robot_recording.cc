@@ -157,6 +157,7 @@ tl::expected<JointMotion, std::string> prepare(std::span<const RobotRecording> r
     MatrixXd q, qd, qdd, torque, temperature;
     std::vector<double> time;
     std::size_t file;
+    double edge_s;
     Index guard;
   };
   std::vector<Part> parts;
@@ -195,7 +196,7 @@ tl::expected<JointMotion, std::string> prepare(std::span<const RobotRecording> r
       if (out.period_s == 0) out.period_s = period * static_cast<double>(every), out.cutoff_hz = cutoff;
       // What the filter made of the ends, and of a central difference's first and last sample, is left out.
       const auto edge = static_cast<Index>(std::ceil(0.5 * rate / cutoff)) + 1;
-      Part part{.file = f, .guard = static_cast<Index>(std::ceil(ringing * rate / cutoff / static_cast<double>(every)))};
+      Part part{.file = f, .edge_s = static_cast<double>(edge) * period, .guard = static_cast<Index>(std::ceil(ringing * rate / cutoff / static_cast<double>(every)))};
       Index count = 0;
       for (Index j = 0; j < n; ++j) {
         const auto q = low_passed(equidistant(rec, rec.position, j, s, period, regular), rate, cutoff);
@@ -233,6 +234,7 @@ tl::expected<JointMotion, std::string> prepare(std::span<const RobotRecording> r
     const Index count = p.q.cols();
     out.segments.emplace_back(at, at + count);
     out.file.push_back(p.file);
+    out.edge_s.push_back(p.edge_s);
     out.time_s.insert(out.time_s.end(), p.time.begin(), p.time.end());
     out.q.middleCols(at, count) = p.q, out.qd.middleCols(at, count) = p.qd, out.qdd.middleCols(at, count) = p.qdd;
     out.torque.middleCols(at, count) = p.torque, out.temperature_degC.middleCols(at, count) = p.temperature;

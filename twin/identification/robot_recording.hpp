@@ -41,6 +41,7 @@ struct JointMotion {
   std::vector<std::pair<Eigen::Index, Eigen::Index>> segments;  ///< first and past the last sample of stretches without a gap
   std::vector<double> time_s;
   std::vector<std::size_t> file;                                ///< per segment, index of its recording
+  std::vector<double> edge_s;                                   ///< per segment, how much of its stretch was left out at either end
   double cutoff_hz = 0, period_s = 0;                           ///< of the first recording
   bool has_temperature = false;
   std::vector<std::string> notes;

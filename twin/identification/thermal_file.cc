@@ -4,8 +4,6 @@
 
 #include <fmt/format.h>
 
-#include <tribotwin/twin/scenario/input.hpp>
-
 namespace tribotwin::twin::identification {
 namespace {
 
@@ -13,14 +11,29 @@ const std::vector<std::string_view> order_names{thermal::name(thermal::Order::fi
 
 }  // namespace
 
+void write(YAML::Emitter& out, const thermal::Model& model) {
+  out << YAML::Key << "thermal" << YAML::Value << std::string(thermal::name(model.order)) << YAML::Key << "T_amb" << YAML::Value << model.T_amb_degC;
+  const auto values = thermal::values(model);
+  for (std::size_t k = 0; k < values.size(); ++k) out << YAML::Key << std::string(thermal::parameters(model.order)[k].name) << YAML::Value << values[k];
+}
+
+thermal::Model read_model(Mapping& in, std::vector<std::string_view> beside) {
+  const auto order = in.choice("thermal", order_names) == order_names[0] ? thermal::Order::first : thermal::Order::second;
+  beside.insert(beside.end(), {"thermal", "T_amb"});
+  for (const auto& p : thermal::parameters(order)) beside.push_back(p.name);
+  in.accept(beside);
+  std::vector<double> values;
+  for (const auto& p : thermal::parameters(order)) values.push_back(std::max(p.minimum, in.number(std::string(p.name), {0, p.maximum})));   // a gain of 0: the power had no effect
+  return thermal::make_model(order, in.number("T_amb", {-100, 300}), values);
+}
+
 std::string to_yaml(const std::vector<NamedThermalFit>& joints, const std::vector<std::string>& data) {
   YAML::Emitter out;
   out.SetDoublePrecision(17);
   out << YAML::BeginMap << YAML::Key << "data" << YAML::Value << YAML::Flow << data << YAML::Key << "joints" << YAML::Value << YAML::BeginMap;
   for (const auto& [joint, fit] : joints) {
     out << YAML::Key << joint << YAML::Value << YAML::BeginMap;
-    out << YAML::Key << "thermal" << YAML::Value << std::string(thermal::name(fit.model.order)) << YAML::Key << "T_amb" << YAML::Value << fit.model.T_amb_degC;
-    for (const auto& e : fit.parameters) out << YAML::Key << e.name << YAML::Value << e.value;
+    write(out, fit.model);
     out << YAML::Key << "sigma" << YAML::Value << YAML::Flow << YAML::BeginMap;
     for (const auto& e : fit.parameters)
       if (!std::isnan(e.sigma)) out << YAML::Key << e.name << YAML::Value << e.sigma;
@@ -39,13 +52,7 @@ std::vector<std::pair<std::string, thermal::Model>> read_thermal(const std::file
   std::vector<std::pair<std::string, thermal::Model>> out;
   for (const auto& name : joints->names()) {
     auto joint = joints->mapping(name);
-    const auto order = joint->choice("thermal", order_names) == order_names[0] ? thermal::Order::first : thermal::Order::second;
-    std::vector<std::string_view> keys{"thermal", "T_amb", "sigma", "unidentifiable", "rms_K"};
-    for (const auto& p : thermal::parameters(order)) keys.push_back(p.name);
-    joint->accept(keys);
-    std::vector<double> values;
-    for (const auto& p : thermal::parameters(order)) values.push_back(std::max(p.minimum, joint->number(std::string(p.name), {0, p.maximum})));   // a gain of 0: the power had no effect
-    out.emplace_back(name, thermal::make_model(order, joint->number("T_amb", {-100, 300}), values));
+    out.emplace_back(name, read_model(*joint, {"sigma", "unidentifiable", "rms_K"}));
   }
   return out;
 }

@@ -10,6 +10,7 @@
 #include <ceres/ceres.h>
 #include <fmt/format.h>
 
+#include <tribotwin/twin/identification/linearised.hpp>
 #include <tribotwin/twin/laboratory/correlation.hpp>
 
 namespace tribotwin::twin::identification {
@@ -18,8 +19,6 @@ namespace {
 using Eigen::Index, Eigen::MatrixXd, Eigen::VectorXd;
 
 constexpr int grid_points = 24;
-/// Time constants closer to each other are one that the data describe badly: opposite, huge starts of two like nodes.
-constexpr double closest_ratio = 1.2;
 
 /// Response of a node of gain 1 K/W to the power and to 1 K at the start.
 struct Response {
@@ -201,28 +200,10 @@ void descend(const ThermalProblem& problem, VectorXd& log_t) {
   ceres::Solve(options, &minimisation, &summary);
 }
 
-/// Inverse of the information; directions the data are blind to get a variance beyond any value.
-MatrixXd covariance_of(const MatrixXd& jacobian) {
-  const VectorXd scale = jacobian.colwise().norm().cwiseMax(1e-300).cwiseInverse();
-  const MatrixXd unit = jacobian * scale.asDiagonal();
-  const Eigen::SelfAdjointEigenSolver<MatrixXd> eigen(unit.transpose() * unit);
-  const VectorXd inverse = eigen.eigenvalues().unaryExpr([](double information) { return information > 1e-12 ? 1 / information : 1e30; });
-  return scale.asDiagonal() * (eigen.eigenvectors() * inverse.asDiagonal() * eigen.eigenvectors().transpose()) * scale.asDiagonal();
-}
-
-Estimate estimate(std::string name, std::string unit, double value, double variance, double quantile) {
-  const double sigma = std::sqrt(variance);
-  return {.name = std::move(name), .unit = std::move(unit), .value = value, .sigma = sigma, .low = value - quantile * sigma, .high = value + quantile * sigma};
-}
-
-Estimate without_sigma(std::string name, std::string unit, double value, Status status) {
-  constexpr double unknown = std::numeric_limits<double>::quiet_NaN();
-  return {std::move(name), std::move(unit), value, unknown, unknown, unknown, status};
-}
-
 }  // namespace
 
 tl::expected<ThermalFit, std::string> fit_thermal(std::span<const HeatSession> sessions, const ThermalOptions& options) {
+  if (std::ranges::any_of(sessions, [](const HeatSession& s) { return s.temperature_degC.empty(); })) return tl::unexpected(std::string("has no temperatures"));
   const ThermalProblem problem(sessions, options);
   if (options.rested && static_cast<std::size_t>(problem.files()) < sessions.size()) return tl::unexpected(std::string("a file with gaps of hours does not begin at ambient temperature after each of them"));
   const Index nodes = problem.nodes();

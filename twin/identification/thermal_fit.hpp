@@ -21,6 +21,9 @@
 /// are worth one (laboratory/correlation.hpp).
 namespace tribotwin::twin::identification {
 
+/// Time constants closer to each other than this ratio are one that the data describe badly: opposite, huge starts of two like nodes.
+constexpr double closest_ratio = 1.2;
+
 struct ThermalOptions {
   thermal::Order order = thermal::Order::second;   ///< or first
   bool rested = false;                             ///< every file begins at ambient temperature, as after a night: one session each, x_i0 = 0
@@ -33,10 +36,10 @@ struct ThermalFit {
   double rms_K = 0;                        ///< of the residuals
   double correlation = 1;                  ///< how many correlated samples are worth one
   std::size_t samples = 0;
-  std::vector<std::string> unidentifiable; ///< parameters without a sigma or with a 95 % interval wider than their value; all of them where both time constants are within 20 %
+  std::vector<std::string> unidentifiable; ///< parameters without a sigma or with a 95 % interval wider than their value; all of them where both time constants are within closest_ratio
 };
 
-/// Fails with what the data lack. Files are those that the sessions name.
+/// Fails with what the data lack; every session has temperatures. Files are those that the sessions name.
 tl::expected<ThermalFit, std::string> fit_thermal(std::span<const HeatSession> sessions, const ThermalOptions& options = {});
 
 /// Temperatures [degC] of a session from its first one, which is taken to be on the nodes as a long warm-up would leave it.

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <optional>
+#include <span>
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
@@ -13,7 +14,7 @@
 namespace tribotwin::twin::identification {
 namespace {
 
-constexpr double session_gap_s = 3600;
+constexpr double session_gap_s = 3600, gap_steps = 2.5;
 constexpr std::size_t most_samples = 5000, fewest_samples = 20;
 
 /// Column of a joint's power, or of the two that make it: torque and speed, or torque and position.
@@ -68,24 +69,75 @@ void bridge_gaps(std::vector<double>& power, const std::vector<double>& time, co
   for (std::size_t g = 0; g < gaps.size(); ++g) power[gaps[g]] = bridged[g];
 }
 
-/// Samples first..past, averaged in groups within `width_s`. A group's time is the mean of its samples'; the power between two
-/// such times is the work in between.
-HeatSession averaged(std::size_t file, const std::vector<double>& time, const std::vector<double>& power, const std::vector<double>& temperature, std::size_t first, std::size_t past, double width_s) {
-  HeatSession out{.file = file};
-  std::vector<double> work(past - first, 0.0);   // since the first sample
-  for (std::size_t i = first + 1; i < past; ++i) work[i - first] = work[i - first - 1] + power[i] * (time[i] - time[i - 1]);
+/// A curve through samples, straight between them, and its integral.
+class Curve {
+ public:
+  Curve(std::span<const double> time, std::vector<double> value) : time_(time), value_(std::move(value)), integral_(time.size(), 0.0) {
+    for (std::size_t i = 1; i < time.size(); ++i) integral_[i] = integral_[i - 1] + (value_[i - 1] + value_[i]) / 2 * (time[i] - time[i - 1]);
+  }
+  double at(double t) const { return value_[before(t)] + slope(t) * (t - time_[before(t)]); }
+  double mean(double from, double to) const { return (integral(to) - integral(from)) / (to - from); }
+
+ private:
+  /// First sample of the straight piece that t is on; the outermost ones go on.
+  std::size_t before(double t) const {
+    const auto after = static_cast<std::size_t>(std::ranges::upper_bound(time_, t) - time_.begin());
+    return std::clamp<std::size_t>(after, 1, time_.size() - 1) - 1;
+  }
+  double slope(double t) const {
+    const std::size_t i = before(t);
+    return (value_[i + 1] - value_[i]) / (time_[i + 1] - time_[i]);
+  }
+  double integral(double t) const {
+    const std::size_t i = before(t);
+    return integral_[i] + (value_[i] + at(t)) / 2 * (t - time_[i]);
+  }
+
+  std::span<const double> time_;
+  std::vector<double> value_, integral_;
+};
+
+/// One session, averaged over windows of exactly `width_s`, the first in each stretch beginning with it: a sample more or less
+/// of what gravity borrows within a cycle would count as heat. The power between two windows' middles is the work in between.
+/// Samples as they are where windows are no longer than a step.
+HeatSession averaged(std::size_t file, std::span<const double> time, std::span<const double> power, std::span<const double> temperature, double step_s, double width_s, bool cycles) {
+  if (!cycles && width_s <= step_s) {
+    HeatSession out{.file = file, .time_s = {time.begin(), time.end()}, .power_w = {power.begin(), power.end()}, .temperature_degC = {temperature.begin(), temperature.end()}};
+    out.power_w.front() = 0;
+    return out;
+  }
+  HeatSession out{.file = file, .cycle_s = cycles ? width_s : 0};
+  std::vector<double> done(time.size(), 0.0);   // work since the first sample
+  for (std::size_t i = 1; i < time.size(); ++i) done[i] = done[i - 1] + power[i] * (time[i] - time[i - 1]);
+  const Curve work(time, std::move(done)), warmth(time, temperature.empty() ? std::vector<double>(time.size(), 0.0) : std::vector<double>(temperature.begin(), temperature.end()));
   double last_work = 0;
-  for (std::size_t begin = first, end; begin < past; begin = end) {
-    double t = 0, w = 0, T = 0;
-    for (end = begin; end < past && (end == begin || time[end] < time[begin] + width_s); ++end) t += time[end] - time[begin], w += work[end - first], T += temperature[end];
-    const auto n = static_cast<double>(end - begin);
-    t = time[begin] + t / n, w /= n;
-    out.power_w.push_back(out.time_s.empty() ? 0 : (w - last_work) / (t - out.time_s.back()));
-    out.time_s.push_back(t);
-    out.temperature_degC.push_back(T / n);
-    last_work = w;
+  for (std::size_t begin = 0, past = 0; begin < time.size(); begin = past) {   // stretches; where there are no cycles a gap is of no matter
+    for (past = begin + 1; past < time.size() && (!cycles || time[past] - time[past - 1] <= gap_steps * step_s);) ++past;
+    // The last sample of a cycle is a step before the next one's first.
+    const double end = time[past - 1] + 1.001 * step_s;
+    for (std::size_t k = 0;; ++k) {
+      const double from = time[begin] + static_cast<double>(k) * width_s, to = from + width_s;
+      if (to > end) break;
+      const double middle = (from + to) / 2, mean_work = work.mean(from, to);
+      out.power_w.push_back(out.time_s.empty() ? 0 : (mean_work - last_work) / (middle - out.time_s.back()));
+      out.time_s.push_back(middle);
+      if (!temperature.empty()) out.temperature_degC.push_back(warmth.mean(from, to));
+      if (cycles) out.cycle_power_w.push_back((work.at(to) - work.at(from)) / width_s);
+      last_work = mean_work;
+    }
   }
   return out;
+}
+
+/// Joints of the columns temperature_JOINT_degC, or, where there is none, power_w_JOINT and torque_JOINT_nm.
+std::vector<std::string> joints_of(const std::vector<std::string>& header, bool with_temperature) {
+  std::vector<std::string> joints;
+  const std::vector<std::pair<std::string_view, std::string_view>> patterns = with_temperature ? std::vector<std::pair<std::string_view, std::string_view>>{{"temperature_", "_degC"}} : std::vector<std::pair<std::string_view, std::string_view>>{{"power_w_", ""}, {"torque_", "_nm"}, {"torque_", "_n"}};
+  for (const auto& name : header)
+    for (const auto& [prefix, suffix] : patterns)
+      if (name.starts_with(prefix) && name.ends_with(suffix) && name.size() > prefix.size() + suffix.size())
+        if (auto joint = name.substr(prefix.size(), name.size() - prefix.size() - suffix.size()); std::ranges::find(joints, joint) == joints.end()) joints.push_back(std::move(joint));
+  return joints;
 }
 
 }  // namespace
@@ -97,19 +149,18 @@ tl::expected<ThermalRecording, std::string> read_thermal_recording(const std::fi
   ThermalRecording out{.file = file};
   std::vector<Source> sources;
   std::vector<std::string> wanted{"time_s"};
-  constexpr std::string_view prefix = "temperature_", suffix = "_degC";
-  for (const auto& name : header->names) {
-    if (!name.starts_with(prefix) || !name.ends_with(suffix) || name.size() <= prefix.size() + suffix.size()) continue;
-    const std::string joint = name.substr(prefix.size(), name.size() - prefix.size() - suffix.size());
+  const auto temperature_of = [](const std::string& joint) { return fmt::format("temperature_{}_degC", joint); };
+  const auto with_temperature = joints_of(header->names, true), all = joints_of(header->names, false);
+  if (with_temperature.empty() && (cycle_s == 0 || all.empty()))
+    return tl::unexpected(fmt::format("{}:1: no column temperature_JOINT_degC; torque alone tells how a joint warms up only over working cycles (--cycle, with power_w_JOINT, or torque_JOINT_nm and velocity_JOINT_rad_s or position_JOINT_rad); its header names: {}", file.string(), fmt::join(header->names, ", ")));
+  for (const auto& joint : with_temperature.empty() ? all : with_temperature) {
     const auto source = source_of(header->names, joint);
-    if (!source) return tl::unexpected(fmt::format("{0}:1: {1} needs power_w_{2}, or torque_{2}_nm with velocity_{2}_rad_s or position_{2}_rad; its header names: {3}", file.string(), name, joint, fmt::join(header->names, ", ")));
+    if (!source) return tl::unexpected(fmt::format("{0}:1: joint {1} needs power_w_{1}, or torque_{1}_nm with velocity_{1}_rad_s or position_{1}_rad; its header names: {2}", file.string(), joint, fmt::join(header->names, ", ")));
     out.joints.push_back({.name = joint});
     sources.push_back(*source);
-    wanted.push_back(name);
-    for (const auto& column : {source->power, source->torque, source->speed, source->position})
+    for (const auto& column : {with_temperature.empty() ? std::string() : temperature_of(joint), source->power, source->torque, source->speed, source->position})
       if (!column.empty()) wanted.push_back(column);
   }
-  if (out.joints.empty()) return tl::unexpected(fmt::format("{}:1: no column temperature_JOINT_degC; its header names: {}", file.string(), fmt::join(header->names, ", ")));
   auto numbers = read_numbers(file, wanted);
   if (!numbers) return tl::unexpected(numbers.error());
   numbers->names = wanted;   // one name per column that was kept
@@ -128,7 +179,7 @@ tl::expected<ThermalRecording, std::string> read_thermal_recording(const std::fi
   double recorded_s = time.back() - time.front();
   for (std::size_t i = 1; i < time.size(); ++i) {
     const double step = time[i] - time[i - 1];
-    if (step <= 2.5 * typical) continue;
+    if (step <= gap_steps * typical) continue;
     gaps.push_back(i);
     if (step <= session_gap_s) continue;
     starts.push_back(i);
@@ -137,18 +188,24 @@ tl::expected<ThermalRecording, std::string> read_thermal_recording(const std::fi
   }
   starts.push_back(time.size());
   for (std::size_t j = 0; j < out.joints.size(); ++j) {
-    const std::string column = fmt::format("{}{}{}", prefix, out.joints[j].name, suffix);
-    const auto& temperature = numbers->columns[static_cast<std::size_t>(std::ranges::find(wanted, column) - wanted.begin())];
-    if (auto problem = implausible_temperature(file, column, temperature)) return tl::unexpected(std::move(*problem));
-    const auto [low, high] = std::ranges::minmax(temperature);
-    if (!(high > low)) return tl::unexpected(fmt::format("{}: {} is always {:.4g}; a thermal model is told by warming or cooling", file.string(), column, low));
+    std::span<const double> temperature;
+    if (!with_temperature.empty()) {
+      const std::string column = temperature_of(out.joints[j].name);
+      temperature = numbers->columns[static_cast<std::size_t>(std::ranges::find(wanted, column) - wanted.begin())];
+      if (auto problem = implausible_temperature(file, column, temperature)) return tl::unexpected(std::move(*problem));
+      const auto [low, high] = std::ranges::minmax(temperature);
+      if (!(high > low)) return tl::unexpected(fmt::format("{}: {} is always {:.4g}; a thermal model is told by warming or cooling", file.string(), column, low));
+    }
     auto power = mean_power(time, *numbers, sources[j]);
     bridge_gaps(power, time, gaps);
+    const double width = cycle_s > 0 ? cycle_s * std::ceil(recorded_s / most_samples / cycle_s) : recorded_s / most_samples;
     for (std::size_t s = 0; s + 1 < starts.size(); ++s) {
-      if (starts[s + 1] - starts[s] < fewest_samples) continue;
-      out.joints[j].sessions.push_back(averaged(index, time, power, temperature, starts[s], starts[s + 1], std::max(cycle_s, recorded_s / most_samples)));
+      const std::size_t first = starts[s], count = starts[s + 1] - first;
+      if (count < fewest_samples) continue;
+      auto session = averaged(index, {&time[first], count}, {&power[first], count}, temperature.empty() ? temperature : temperature.subspan(first, count), typical, width, cycle_s > 0);
+      if (session.time_s.size() >= 2) out.joints[j].sessions.push_back(std::move(session));
     }
-    if (out.joints[j].sessions.empty()) return tl::unexpected(fmt::format("{}: no {} rows without an hour's gap", file.string(), fewest_samples));
+    if (out.joints[j].sessions.empty()) return tl::unexpected(cycle_s > 0 ? fmt::format("{}: no two whole cycles of {:g} s", file.string(), cycle_s) : fmt::format("{}: no {} rows without an hour's gap", file.string(), fewest_samples));
   }
   return out;
 }

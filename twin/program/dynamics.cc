@@ -6,6 +6,8 @@
 #include <nlohmann/json.hpp>
 
 #include <tribotwin/twin/identification/dynamics_file.hpp>
+#include <tribotwin/twin/identification/temperature_estimator.hpp>
+#include <tribotwin/twin/identification/thermal_file.hpp>
 #include <tribotwin/twin/program/program.hpp>
 #include <tribotwin/twin/program/robot.hpp>
 #include <tribotwin/twin/scenario/input.hpp>
@@ -15,14 +17,26 @@ namespace {
 
 using namespace identification;
 using Json = nlohmann::ordered_json;
+using Eigen::Index;
 
 struct Arguments {
-  std::string model, friction = "coulomb_viscous", output, robust = "none";
+  std::string model, friction = "coulomb_viscous", thermal, output, robust = "none";
   std::vector<std::string> data;
   Preparation preparation;
   unsigned threads = std::max(1u, std::thread::hardware_concurrency());
   bool json = false, quiet = false, essential = false, unweighted = false;
 };
+
+std::vector<thermal::Model> thermal_models(const std::string& file, const Regressor& regressor) {
+  const auto named = read_thermal(file);
+  std::vector<thermal::Model> models;
+  for (Index j = 0; j < regressor.joints(); ++j) {
+    const auto found = std::ranges::find(named, regressor.joint_name(j), [](const auto& m) { return m.first; });
+    if (found == named.end()) throw InputError(fmt::format("{}: joints: has no '{}', which the model has", file, regressor.joint_name(j)));
+    models.push_back(found->second);
+  }
+  return models;
+}
 
 Json number(double x) { return std::isfinite(x) ? Json(x) : Json(nullptr); }
 
@@ -81,18 +95,20 @@ int execute(const Arguments& a) {
   const Robot robot = load_robot(a.model);
   const auto friction = robot_friction(*robot.model, robot.regressor, law);
   if (!friction) throw InputError(fmt::format("{}: {}", a.model, friction.error()));
-  const JointMotion motion = read_motion(robot, a.data, a.preparation, a.quiet);
+  if (!a.thermal.empty() && !law.temperature_dependent) throw InputError(fmt::format("--thermal: friction '{}' does not depend on temperature; --friction polynomial does", law.name));
+  const auto models = a.thermal.empty() ? std::vector<thermal::Model>{} : thermal_models(a.thermal, robot.regressor);
+  JointMotion motion = read_motion(robot, a.data, a.preparation, a.quiet);
   Progress progress(a.quiet, "identifying");
-  const auto fit = fit_dynamics(robot.regressor, robot.base, *friction, motion,
-                                {.robust = a.robust == "huber" ? Robust::huber : a.robust == "tukey" ? Robust::tukey : Robust::none, .weigh = !a.unweighted, .essential_only = a.essential, .threads = a.threads,
-                                 .progress = [&](double share) { progress(share); }});
+  const DynamicsOptions options{.robust = a.robust == "huber" ? Robust::huber : a.robust == "tukey" ? Robust::tukey : Robust::none, .weigh = !a.unweighted, .essential_only = a.essential, .threads = a.threads,
+                                .progress = [&](double share) { progress(share); }};
+  const auto fit = models.empty() || motion.has_temperature ? fit_dynamics(robot.regressor, robot.base, *friction, motion, options) : fit_warming_dynamics(robot.regressor, robot.base, *friction, models, motion, options);
   if (!fit) throw InputError(fmt::format("{}: {}", a.data.front(), fit.error()));
   doubt(a, robot, *fit);
   const Consistency consistency = nearest_consistent(robot.regressor, robot.base, fit->parameters.base, fit->information);
   if (!a.quiet)
     for (const auto& note : fit->notes) fmt::print(stderr, "note: {}\n", note);
   if (!a.output.empty())
-    if (const int code = deliver(to_yaml(*fit, robot.base, law, robot.regressor, consistency, a.data, a.model), a.output)) return code;
+    if (const int code = deliver(to_yaml(*fit, robot.base, law, robot.regressor, consistency, a.data, a.model, models), a.output)) return code;
   return deliver(a.json ? json_of(robot, *fit, consistency).dump(2) + "\n" : table_of(robot, *fit, consistency), "");
 }
 
@@ -107,6 +123,7 @@ void add_dynamics(CLI::App& app, int& code) {
   c->add_option("--robust", a->robust, "Loss for data with outliers")->check(CLI::IsMember({"none", "huber", "tukey"}))->capture_default_str();
   c->add_flag("--unweighted", a->unweighted, "Do not weigh joints by their noise");
   c->add_flag("--essential", a->essential, "Base parameters that do not better the fit are 0");
+  c->add_option("--thermal", a->thermal, "THERMAL.yaml of tribotwin thermal, every joint: kept for predict, and without temperature columns friction is fitted at the temperatures it makes; every file begins at rest temperature");
   add_preparation(*c, a->preparation);
   c->add_option("-o,--output", a->output, "PARAMS.yaml to write: read by predict");
   c->add_option("--threads", a->threads, "Processors to use; they change nothing but the time")->check(CLI::Range(1, 256));

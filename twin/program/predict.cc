@@ -1,4 +1,5 @@
 #include <cmath>
+#include <limits>
 #include <memory>
 #include <thread>
 
@@ -6,6 +7,7 @@
 #include <nlohmann/json.hpp>
 
 #include <tribotwin/twin/identification/dynamics_file.hpp>
+#include <tribotwin/twin/identification/temperature_estimator.hpp>
 #include <tribotwin/twin/program/program.hpp>
 #include <tribotwin/twin/program/robot.hpp>
 #include <tribotwin/twin/scenario/input.hpp>
@@ -17,9 +19,13 @@ using namespace identification;
 using Json = nlohmann::ordered_json;
 using Eigen::Index;
 
+constexpr double infinity = std::numeric_limits<double>::infinity();
+
 struct Arguments {
   std::string model, parameters, output;
   std::vector<std::string> data;
+  std::vector<double> window_s;     ///< none, or first and last time whose errors count
+  std::vector<double> start_degC;   ///< none, one for all joints, or one each
   Preparation preparation;
   unsigned threads = std::max(1u, std::thread::hardware_concurrency());
   bool json = false, quiet = false;
@@ -32,10 +38,12 @@ struct Error {
   double share() const { return rms / range; }
 };
 
-Error error_of(const JointMotion& motion, const Eigen::MatrixXd& predicted, Index joint) {
+Error error_of(const JointMotion& motion, const Eigen::MatrixXd& predicted, Index joint, double from_s, double until_s) {
   Error e;
-  double squares = 0;
+  double squares = 0, low = infinity, high = -low;
   for (Index i = 0; i < motion.size(); ++i) {
+    if (const double t = motion.time_s[static_cast<std::size_t>(i)]; t < from_s || t > until_s) continue;
+    low = std::min(low, motion.torque(joint, i)), high = std::max(high, motion.torque(joint, i));
     if (!motion.moving(joint, i)) continue;
     const double difference = motion.torque(joint, i) - predicted(joint, i);
     squares += difference * difference;
@@ -43,7 +51,7 @@ Error error_of(const JointMotion& motion, const Eigen::MatrixXd& predicted, Inde
     ++e.samples;
   }
   e.rms = std::sqrt(squares / static_cast<double>(e.samples));
-  e.range = motion.torque.row(joint).maxCoeff() - motion.torque.row(joint).minCoeff();
+  e.range = high - low;
   return e;
 }
 
@@ -51,15 +59,24 @@ std::string csv_of(const Robot& robot, const JointMotion& motion, const Eigen::M
   std::string s = "time_s";
   for (Index j = 0; j < predicted.rows(); ++j) {
     const char* unit = robot.regressor.is_slide(j) ? "n" : "nm";
-    s += fmt::format(",torque_{0}_{1},predicted_{0}_{1}", robot.regressor.joint_name(j), unit);
+    s += fmt::format(",torque_{0}_{1},predicted_{0}_{1},temperature_{0}_degC", robot.regressor.joint_name(j), unit);
   }
   s += '\n';
   for (Index i = 0; i < motion.size(); ++i) {
     s += fmt::format("{:.9g}", motion.time_s[static_cast<std::size_t>(i)]);
-    for (Index j = 0; j < predicted.rows(); ++j) s += fmt::format(",{:.9g},{:.9g}", motion.torque(j, i), predicted(j, i));
+    for (Index j = 0; j < predicted.rows(); ++j) s += fmt::format(",{:.9g},{:.9g},{:.7g}", motion.torque(j, i), predicted(j, i), motion.temperature_degC(j, i));
     s += '\n';
   }
   return s;
+}
+
+/// Temperatures that files begin at, per joint.
+std::vector<double> start_of(const Arguments& a, const Robot& robot, const std::vector<thermal::Model>& models) {
+  std::vector<double> start;
+  for (const auto& m : models) start.push_back(m.T_amb_degC);
+  if (a.start_degC.size() > 1 && a.start_degC.size() != start.size()) throw InputError(fmt::format("--start: {} temperatures; give one, or one for each of the {} joints of {}", a.start_degC.size(), robot.regressor.joints(), a.model));
+  for (std::size_t j = 0; j < start.size() && !a.start_degC.empty(); ++j) start[j] = a.start_degC[a.start_degC.size() == 1 ? 0 : j];
+  return start;
 }
 
 int execute(const Arguments& a) {
@@ -67,8 +84,11 @@ int execute(const Arguments& a) {
   const auto file = read_dynamics(a.parameters, robot.regressor, robot.base);
   const auto friction = robot_friction(*robot.model, robot.regressor, *file.law);
   if (!friction) throw InputError(fmt::format("{}: {}", a.model, friction.error()));
-  const JointMotion motion = read_motion(robot, a.data, a.preparation, a.quiet);
-  if (file.law->temperature_dependent && !motion.has_temperature && !a.quiet) fmt::print(stderr, "note: without temperature columns law '{}' is that of 20 degC\n", file.law->name);
+  JointMotion motion = read_motion(robot, a.data, a.preparation, a.quiet);
+  const bool unknown = file.law->temperature_dependent && !motion.has_temperature, estimated = unknown && !file.thermal.empty();
+  if (!a.start_degC.empty() && !estimated) throw InputError(fmt::format("--start: temperatures are not estimated; that takes data without temperature columns and {} by dynamics --thermal", a.parameters));
+  if (estimated) estimate_temperatures(robot.regressor, robot.base, *friction, file.parameters, file.thermal, start_of(a, robot, file.thermal), motion, a.threads);
+  if (unknown && !a.quiet) fmt::print(stderr, "note: without temperature columns {}\n", estimated ? "temperatures are estimated from the motion, from the start of each file on" : fmt::format("law '{}' is that of 20 degC", file.law->name));
   const Eigen::MatrixXd predicted = predicted_torque(robot.regressor, robot.base, *friction, file.parameters, motion, a.threads);
   if (!a.output.empty())
     if (const int code = deliver(csv_of(robot, motion, predicted), a.output)) return code;
@@ -76,8 +96,9 @@ int execute(const Arguments& a) {
   std::string table = fmt::format("{:<14} {:>10} {:>12} {:>12} {:>12} {:>10}\n", "joint", "error rms", "of its range", "range", "largest", "samples");
   double worst = 0;
   for (Index joint = 0; joint < predicted.rows(); ++joint) {
-    const Error e = error_of(motion, predicted, joint);
     const auto& name = robot.regressor.joint_name(joint);
+    const Error e = a.window_s.empty() ? error_of(motion, predicted, joint, -infinity, infinity) : error_of(motion, predicted, joint, a.window_s[0], a.window_s[1]);
+    if (e.samples == 0 && !a.window_s.empty()) throw InputError(fmt::format("--window: joint {} does not move from {:g} to {:g} s", name, a.window_s[0], a.window_s[1]));
     j["joints"][name] = {{"rms", e.rms}, {"relative_to_range", e.share()}, {"range", e.range}, {"largest", e.largest}, {"samples", e.samples}, {"unit", robot.regressor.is_slide(joint) ? "N" : "Nm"}};
     table += fmt::format("{:<14} {:>10.4g} {:>10.2f} % {:>12.4g} {:>12.4g} {:>10}\n", name, e.rms, 100 * e.share(), e.range, e.largest, e.samples);
     worst = std::max(worst, e.share());
@@ -94,8 +115,10 @@ void add_predict(CLI::App& app, int& code) {
   c->add_option("MODEL", a->model, "MJCF model")->required();
   c->add_option("PARAMS", a->parameters, "PARAMS.yaml of tribotwin dynamics")->required();
   c->add_option("DATA", a->data, "CSV as for tribotwin dynamics")->required();
+  c->add_option("--start", a->start_degC, "Where temperatures are estimated: at the start of each file [degC], one or one for each joint as A,B (default: that of rest)")->delimiter(',')->check(CLI::Range(-60.0, 250.0));
+  c->add_option("--window", a->window_s, "First and last time_s whose errors count, as A,B: the end of a day whose beginning only warms the robot up")->delimiter(',')->expected(2);
   add_preparation(*c, a->preparation);
-  c->add_option("-o,--output", a->output, "CSV to write: time_s, torque_JOINT_nm (filtered as for the fit), predicted_JOINT_nm");
+  c->add_option("-o,--output", a->output, "CSV to write: time_s, torque_JOINT_nm (filtered as for the fit), predicted_JOINT_nm, temperature_JOINT_degC (recorded, estimated, or 20)");
   c->add_option("--threads", a->threads, "Processors to use; they change nothing but the time")->check(CLI::Range(1, 256));
   c->add_flag("--json", a->json, "Print JSON instead of the table");
   c->add_flag("--quiet", a->quiet, "No notes");

@@ -1,3 +1,4 @@
+#include <algorithm>
 #include <cmath>
 #include <cstdint>
 #include <memory>
@@ -39,6 +40,14 @@ int export_record(const std::string& directory) {
   return done;
 }
 
+double typical_step(const std::vector<double>& time) {
+  std::vector<double> steps;
+  for (std::size_t i = 1; i < time.size(); ++i) steps.push_back(time[i] - time[i - 1]);
+  const auto middle = steps.begin() + static_cast<std::ptrdiff_t>(steps.size() / 2);
+  std::ranges::nth_element(steps, middle);
+  return *middle;
+}
+
 /// What the robot's controller would have recorded of a run: the columns of tribotwin dynamics. The noise of the torque is
 /// given as a share of torque_max_nm.
 int export_recording(const std::string& directory, Sensors sensors, double torque_noise_share, std::uint64_t seed, const std::string& output) {
@@ -46,22 +55,30 @@ int export_recording(const std::string& directory, Sensors sensors, double torqu
   const auto record = read_telemetry(std::filesystem::path(directory) / "telemetry.h5");
   if (!record) return complain(failed, record.error());
   if (record->time_s.size() < 2) return complain(failed, fmt::format("{}/telemetry.h5: holds {} samples", directory, record->time_s.size()));
-  const double rate = static_cast<double>(record->time_s.size() - 1) / (record->time_s.back() - record->time_s.front());
+  const auto& time = record->time_s;
+  // Skipped work cycles are gaps in the recording, too.
+  const double step_s = typical_step(time), rate = 1 / step_s;
+  std::vector<std::size_t> starts{0};
+  for (std::size_t i = 1; i < time.size(); ++i)
+    if (time[i] - time[i - 1] > 1.5 * step_s) starts.push_back(i);
+  starts.push_back(time.size());
   if (sensors.sampling_hz == 0) sensors.sampling_hz = rate;
   if (sensors.sampling_hz > rate * 1.001) throw InputError(fmt::format("--sampling {:g}: the run was recorded at {:.6g} Hz; run it with --set telemetry_rate_hz={:g}", sensors.sampling_hz, rate, sensors.sampling_hz));
   std::vector<JointRecording> joints;
   std::string text = "time_s";
   for (std::size_t j = 0; j < record->joints.size(); ++j) {
     const auto& name = record->joints[j];
-    const auto column = [&](std::string_view channel) {
-      const auto c = record->channel(name, channel);
-      return std::vector<double>(c.begin(), c.end());
-    };
     double torque_max_nm = 0;
     for (const auto& [key, value] : record->joint_attributes[j])
       if (key == "torque_max_nm") torque_max_nm = value;
     sensors.torque_noise_nm = torque_noise_share * torque_max_nm;
-    joints.push_back(sensed({.time_s = record->time_s, .position_rad = column("position_rad"), .torque_nm = column("torque_nm"), .temperature_degC = column("temperature_degC")}, sensors, seed + j));
+    auto& joint = joints.emplace_back();
+    for (std::size_t s = 0; s + 1 < starts.size(); ++s) {
+      const auto part = [&](const auto& values) { return std::vector<double>(values.begin() + static_cast<std::ptrdiff_t>(starts[s]), values.begin() + static_cast<std::ptrdiff_t>(starts[s + 1])); };
+      const auto column = [&](std::string_view channel) { return part(record->channel(name, channel)); };
+      const auto recorded = sensed({.time_s = part(time), .position_rad = column("position_rad"), .torque_nm = column("torque_nm"), .temperature_degC = column("temperature_degC")}, sensors, seed + j + s * record->joints.size());
+      for (auto channel : {&JointRecording::time_s, &JointRecording::position_rad, &JointRecording::torque_nm, &JointRecording::temperature_degC}) (joint.*channel).insert((joint.*channel).end(), (recorded.*channel).begin(), (recorded.*channel).end());
+    }
     text += fmt::format(",position_{0}_rad,torque_{0}_nm,temperature_{0}_degC", name);
   }
   text += '\n';

@@ -1,0 +1,35 @@
+#pragma once
+
+#include <cmath>
+#include <limits>
+#include <string>
+#include <utility>
+
+#include <Eigen/Dense>
+
+#include <tribotwin/twin/identification/estimates.hpp>
+
+/// Estimates of a fit that is nonlinear, from its derivatives at the minimum.
+namespace tribotwin::twin::identification {
+
+/// Inverse of the information J^T J; directions the data are blind to get a variance beyond any value.
+inline Eigen::MatrixXd covariance_of(const Eigen::MatrixXd& jacobian) {
+  const Eigen::VectorXd scale = jacobian.colwise().norm().cwiseMax(1e-300).cwiseInverse();
+  const Eigen::MatrixXd unit = jacobian * scale.asDiagonal();
+  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> eigen(unit.transpose() * unit);
+  const Eigen::VectorXd inverse = eigen.eigenvalues().unaryExpr([](double information) { return information > 1e-12 ? 1 / information : 1e30; });
+  return scale.asDiagonal() * (eigen.eigenvectors() * inverse.asDiagonal() * eigen.eigenvectors().transpose()) * scale.asDiagonal();
+}
+
+/// `quantile` is that of the 95 % interval, in sigmas.
+inline Estimate estimate(std::string name, std::string unit, double value, double variance, double quantile) {
+  const double sigma = std::sqrt(variance);
+  return {.name = std::move(name), .unit = std::move(unit), .value = value, .sigma = sigma, .low = value - quantile * sigma, .high = value + quantile * sigma};
+}
+
+inline Estimate without_sigma(std::string name, std::string unit, double value, Status status) {
+  constexpr double unknown = std::numeric_limits<double>::quiet_NaN();
+  return {std::move(name), std::move(unit), value, unknown, unknown, unknown, status};
+}
+
+}  // namespace tribotwin::twin::identification
