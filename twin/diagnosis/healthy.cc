@@ -31,17 +31,6 @@ double shape_scatter(const FeatureMatrix& shape, const RegionFeatures& r) {
   return d > 0 ? std::pow(d, 1.0 / static_cast<double>(r.count)) : 0;
 }
 
-/// Weighted least squares; rows of y weigh 1 / scatter.
-Baseline regression(const MatrixXd& x, const MatrixXd& y, const VectorXd& scatter) {
-  const VectorXd root = scatter.cwiseSqrt().cwiseInverse();
-  const MatrixXd X = root.asDiagonal() * x, Y = root.asDiagonal() * y;
-  Baseline b{.inverse_gram = (X.transpose() * X).inverse(), .freedom = static_cast<double>(x.rows() - x.cols())};
-  b.coefficients = X.colPivHouseholderQr().solve(Y);
-  const MatrixXd R = Y - X * b.coefficients;
-  b.covariance = R.transpose() * R / b.freedom;
-  return b;
-}
-
 bool singular(const MatrixXd& covariance) {
   const VectorXd unit = covariance.diagonal().cwiseSqrt().cwiseInverse();
   return !unit.allFinite() || Eigen::SelfAdjointEigenSolver<MatrixXd>(unit.asDiagonal() * covariance * unit.asDiagonal(), Eigen::EigenvaluesOnly).eigenvalues()(0) < 1e-7;
@@ -174,12 +163,22 @@ Problem learn_load(std::span<const ObservationFile> loaded, HealthyState& h) {
       squares += extra * extra;
     }
   if (squares < 0.02 * 0.02) return fmt::format("--loaded: these curves carry no more load than the healthy ones ({:.3g} of torque_max): record some with a payload", h.indicators[load]->mean);
-  h.load_effect = sum / squares;
+  h.load_effect.head(3) = sum.head(3) / squares;   // the lubricant does not know of the load (paper 2, Table IV)
   h.load_measured = true;
   return {};
 }
 
 }  // namespace
+
+Baseline regression(const MatrixXd& x, const MatrixXd& y, const VectorXd& scatter) {
+  const VectorXd root = scatter.cwiseSqrt().cwiseInverse();
+  const MatrixXd X = root.asDiagonal() * x, Y = root.asDiagonal() * y;
+  Baseline b{.inverse_gram = (X.transpose() * X).inverse(), .freedom = static_cast<double>(x.rows() - x.cols())};
+  b.coefficients = X.colPivHouseholderQr().solve(Y);
+  const MatrixXd R = Y - X * b.coefficients;
+  b.covariance = R.transpose() * R / b.freedom;
+  return b;
+}
 
 double Baseline::limit(double false_alarm) const {
   const auto p = static_cast<double>(covariance.rows());

@@ -45,6 +45,9 @@ struct Baseline {
   double exceeded_by_chance(double statistic) const;
 };
 
+/// Weighted least squares of the rows of y (n x p) on those of x (n x q), which weigh 1 / scatter.
+Baseline regression(const Eigen::MatrixXd& x, const Eigen::MatrixXd& y, const Eigen::VectorXd& scatter);
+
 struct HealthyState {
   std::string joint;                              ///< or empty
   double torque_max_nm = 0;                       ///< 0: not known
