@@ -85,14 +85,15 @@ class Writer {
       const auto& v = d_.verdicts[i];
       const auto& o = d_.checked[i];
       std::vector<std::string> row{fmt::format("{}", i + 1), o.temperature_degC ? fmt::format("{:.1f}", *o.temperature_degC) : "–"};
-      for (const auto& r : v.region) row.insert(row.end(), {fmt::format("{:.3f}", r.distance), fmt::format("{:.2f}", r.statistic), fmt::format("{:.2f}", r.limit), yes(r.anomalous)});
+      for (const auto& r : v.region) row.insert(row.end(), {fmt::format("{:.3f}", r.distance), fmt::format("{:.2f}", r.statistic), yes(r.anomalous)});
       row.insert(row.end(), {fmt::format("{:.3f}", v.load.load_norm), std::string(v.pattern), fmt::format("{:.2f}", v.confidence)});
       rows.push_back(std::move(row));
     }
-    page_.add_table(to, {"observation", "°C", "distance, region 1", "T²", "limit", "anomalous", "distance, region 2", "T²", "limit", "anomalous", "equivalent load", "pattern", "confidence"}, rows);
+    page_.add_table(to, {"", "°C", "distance 1", "T² 1", "anomalous 1", "distance 2", "T² 2", "anomalous 2", "equiv. load", "pattern", "confidence"}, rows);
     page_.add(to, "p",
-              "Distance: squared, of paper 2 (15), over all temperatures; its thresholds are 4 (2 sigma) and 36 (6 sigma, wear). T²: the same of the logarithms of the features against what a healthy joint has at this temperature; "
-              "beyond its limit an observation is anomalous. Region 1: contact surfaces (Fc, Fs, Vs); region 2: lubricant (Fv, beta).",
+              fmt::format("Region 1: contact surfaces (Fc, Fs, Vs); region 2: lubricant (Fv, beta). Distance: squared, paper 2 (15), over all temperatures; its thresholds are {:g} and, for wear, {:g}. T²: of the logarithms of the features "
+                          "against those of a healthy joint at this temperature; an observation is anomalous beyond {:.2f} in region 1, {:.2f} in region 2.",
+                          h_.anomalous_distance, h_.wear_distance, d_.verdicts.front().region[0].limit, d_.verdicts.front().region[1].limit),
               "soft");
   }
 

@@ -138,6 +138,23 @@ TEST_F(Bank, FalseAlarmsAreThoseAskedForColdToHotHoweverFewAreLearned) {
   }
 }
 
+/// Why anomalies are not judged by the distance over all temperatures: what a cold start alone does to it.
+TEST_F(Bank, AtTheEndsOfTheTemperaturesTheDistanceOfPaper2IsMostlyTemperature) {
+  const auto seen = bench->measure(std::vector<Condition>(200, {.temperature_degC = cold}));
+  std::array<double, 2> by_distance{}, by_statistic{};
+  for (int joint = 0; joint < 100; ++joint) {
+    const HealthyState h = state(20);
+    for (std::size_t r = 0; r < 2; ++r) {
+      const Baseline constant{.coefficients = {}, .covariance = Eigen::MatrixXd::Identity(regions[r].count, regions[r].count), .inverse_gram = {}, .freedom = 19};
+      const double hotelling = constant.limit(0.01) * (1 + 1.0 / 20);
+      for (const auto& o : seen.observations) by_distance[r] += (h.distance(o.features, r) > hotelling) / 20000.0, by_statistic[r] += judge(h, o, r, 0.01).anomalous / 20000.0;
+    }
+  }
+  fmt::print("false alarms at {} degC, 1 % asked for: by distance {:.3f}, {:.3f}; by T^2 {:.3f}, {:.3f}\n", cold, by_distance[0], by_distance[1], by_statistic[0], by_statistic[1]);
+  EXPECT_GT(by_distance[1], 0.05);
+  for (const double share : by_statistic) EXPECT_LT(share, 0.02);
+}
+
 TEST_F(Bank, WearOfTenPercentIsFoundAtAnyTemperature) {
   for (const double T : {cold, medium, hot}) {
     const auto worn = bench->measure(std::vector<Condition>(100, {.temperature_degC = T, .boundary = 1.1, .coulomb = 1.1, .stribeck = 1.1}));
