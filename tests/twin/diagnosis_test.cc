@@ -91,7 +91,7 @@ class Bank : public testing::Test {
  protected:
   static void SetUpTestSuite() {
     bench = new Bench;
-    bank = new ObservationFile(bench->healthy(1500));
+    bank = new ObservationFile(bench->healthy(4000)   /* so many that a rate of 4.55 % is told to 0.3 % */);
   }
   static void TearDownTestSuite() {
     delete bank;
@@ -110,10 +110,10 @@ class Bank : public testing::Test {
 };
 
 TEST_F(Bank, FalseAlarmsAreThoseAskedForColdToHotHoweverFewAreLearned) {
-  constexpr std::array rates{0.01, two_sigma_false_alarm, 0.1};
+  constexpr std::array rates{0.01, two_sigma_false_alarm};
   for (const std::size_t learned : {20, 50}) {
     // By region, by third of the temperatures (and all), by rate.
-    std::array<std::array<std::array<double, 3>, 4>, 2> alarms{};
+    std::array<std::array<std::array<double, rates.size()>, 4>, 2> alarms{};
     std::array<double, 4> checked{};
     for (int joint = 0; joint < 1000; ++joint) {
       const auto order = shuffled();
@@ -140,18 +140,18 @@ TEST_F(Bank, FalseAlarmsAreThoseAskedForColdToHotHoweverFewAreLearned) {
 
 /// Why anomalies are not judged by the distance over all temperatures: what a cold start alone does to it.
 TEST_F(Bank, AtTheEndsOfTheTemperaturesTheDistanceOfPaper2IsMostlyTemperature) {
-  const auto seen = bench->measure(std::vector<Condition>(200, {.temperature_degC = cold}));
+  const auto seen = bench->measure(std::vector<Condition>(600, {.temperature_degC = cold}));
   std::array<double, 2> by_distance{}, by_statistic{};
-  for (int joint = 0; joint < 100; ++joint) {
+  for (int joint = 0; joint < 60; ++joint) {
     const HealthyState h = state(20);
     for (std::size_t r = 0; r < 2; ++r) {
       const Baseline constant{.coefficients = {}, .covariance = Eigen::MatrixXd::Identity(regions[r].count, regions[r].count), .inverse_gram = {}, .freedom = 19};
       const double hotelling = constant.limit(0.01) * (1 + 1.0 / 20);
-      for (const auto& o : seen.observations) by_distance[r] += (h.distance(o.features, r) > hotelling) / 20000.0, by_statistic[r] += judge(h, o, r, 0.01).anomalous / 20000.0;
+      for (const auto& o : seen.observations) by_distance[r] += (h.distance(o.features, r) > hotelling) / 36000.0, by_statistic[r] += judge(h, o, r, 0.01).anomalous / 36000.0;
     }
   }
   fmt::print("false alarms at {} degC, 1 % asked for: by distance {:.3f}, {:.3f}; by T^2 {:.3f}, {:.3f}\n", cold, by_distance[0], by_distance[1], by_statistic[0], by_statistic[1]);
-  EXPECT_GT(by_distance[1], 0.05);
+  EXPECT_GT(by_distance[1], 0.02);
   for (const double share : by_statistic) EXPECT_LT(share, 0.02);
 }
 

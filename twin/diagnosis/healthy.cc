@@ -51,7 +51,7 @@ double shrink(FeatureMatrix& covariance, const FeatureMatrix& target, double n) 
 }
 
 /// Rows that belong together: those nearest the middle, their mean and covariance, and again, until nothing changes (Rousseeuw
-/// and Van Driessen 1999); then all rows within the 99.9 % region.
+/// and Van Driessen 1999); then all rows within the 99.9 % region of those within theirs.
 std::vector<std::size_t> clean_rows(const MatrixXd& x, const MatrixXd& y, const VectorXd& scatter) {
   const auto n = static_cast<std::size_t>(x.rows()), half = (3 * n) / 4;
   const auto distances = [&](const std::vector<std::size_t>& rows) {
@@ -102,6 +102,15 @@ std::vector<std::size_t> clean_rows(const MatrixXd& x, const MatrixXd& y, const 
   std::vector<std::size_t> kept;
   for (std::size_t i = 0; i < n; ++i)
     if (d[i] <= cut * factor) kept.push_back(i);
+  // Few inner rows make a narrow region: those that the rest foretells come back.
+  const Baseline b = regression(x(kept, Eigen::all), y(kept, Eigen::all), scatter(kept));
+  const double limit = b.limit(1e-3);
+  const MatrixXd inverse = b.covariance.inverse();
+  kept.clear();
+  for (std::size_t i = 0; i < n; ++i) {
+    const VectorXd at = x.row(static_cast<Index>(i)), r = y.row(static_cast<Index>(i)).transpose() - b.predicted(at);
+    if (r.dot(inverse * r) <= limit * b.variance(at, scatter(static_cast<Index>(i)))) kept.push_back(i);
+  }
   return kept;
 }
 
