@@ -113,7 +113,7 @@ class Series {
  public:
   Series(Campaign& campaign, const Measurement& basis, std::set<std::string>& names, std::size_t index, Mapping in)
       : campaign_(campaign), basis_(basis), drive_(campaign.model->drives()[campaign.drive].drive), index_(index), in_(std::move(in)) {
-    in_.accept({"name", "load", "temperature", "combine", "count"});
+    in_.accept({"name", "load", "temperature", "combine", "count", "fault"});
     name_ = in_.text("name");
     if (name_.find_first_of(",\"\n\r") != std::string::npos) in_.fail("name", "must have no comma, quote or line break: it is a cell of curves.csv");
     if (!names.insert(name_).second) in_.fail("name", fmt::format("'{}' is the name of another series", name_));
@@ -124,6 +124,11 @@ class Series {
     } else if (in_.has("count")) {
       in_.fail("count", "is for combine: random");
     }
+    if (const YAML::Node fault = in_.raw("fault"); fault && fault.IsSequence())
+      for (Mapping one : in_.mappings("fault")) read_fault(one);
+    else if (fault)
+      read_fault(*in_.mapping("fault"));
+    drive_.law = drive::with_faults(drive_.law, faults_);
     read_load();
     read_temperature();
     in_.done();
@@ -166,6 +171,13 @@ class Series {
   struct Step {
     double duration_s, speed_rad_s;   ///< arm side
   };
+
+  void read_fault(Mapping in) {
+    in.accept({"type", "severity"});
+    const auto fault = fault_of(in, "type", *campaign_.model, campaign_.drive);
+    fault.type->add(faults_, fault.severity);
+    in.done();
+  }
 
   void read_load() {
     auto load = in_.mapping("load");
@@ -301,6 +313,7 @@ class Series {
     if (campaign_.curves.size() >= most_curves) in_.fail("name", fmt::format("the campaign has more than {} curves", most_curves));
     Curve curve{.series = name_, .number = campaign_.curves.size() + 1, .bench = load.bench, .measurement = load.measurement, .conditions = load.text + ", " + temperature};
     curve.measurement.heat = heat;
+    curve.measurement.faults = faults_;
     curve.measurement.seed = random_for(campaign_.seed, curve.number, for_sensors)();
     motion(load, heat);   // whether it can be done shows here, before hours of work
     if (drive_.law.validity == friction::Validity::error) {
@@ -316,7 +329,8 @@ class Series {
 
   Campaign& campaign_;
   const Measurement& basis_;
-  const drive::Drive& drive_;
+  drive::Drive drive_;   ///< with its faults
+  drive::Faults faults_{};
   std::size_t index_;
   Mapping in_;
   std::string name_, combine_;
@@ -442,8 +456,8 @@ tl::expected<std::string, std::string> measured_rows(const Campaign& campaign, c
   for (const Level& level : found->levels) {
     const double error = campaign.level_noise_nm > 0 ? campaign.level_noise_nm * noise(random) : 0;
     const double norm = 1 / drive.torque_max_nm, stderr_nm = std::hypot(level.stderr_nm, campaign.level_noise_nm), friction = level.friction_nm + error;
-    rows += fmt::format("{},{},{},{},{},{},{},{},{},{},{},{}\n", curve.series, curve.number, level.speed_rad_s * drive.gear_ratio, level.load_nm * norm, level.temperature_degC,
-                        friction * norm, stderr_nm * norm, (level.forward->friction_nm + error) * norm, (level.backward->friction_nm + error) * norm, friction, stderr_nm, found->lag_s);
+    rows += fmt::format("{},{},{},{},{},{},{},{},{},{},{},{},{},{}\n", curve.series, curve.number, level.speed_rad_s * drive.gear_ratio, level.load_nm * norm, level.temperature_degC,
+                        friction * norm, stderr_nm * norm, (level.forward->friction_nm + error) * norm, (level.backward->friction_nm + error) * norm, friction, stderr_nm, found->lag_s, level.ripple_nm, level.lost_motion_rad);
   }
   return rows;
 }

@@ -45,7 +45,7 @@ Campaign load_campaign(const std::filesystem::path& file, const std::vector<std:
 
 /// Columns of curves.csv: speed motor side [rad/s], torques over torque_max_nm or arm side [Nm].
 inline constexpr char curve_columns[] = "series,curve,speed_rad_s,load_norm,temperature_degC,friction_norm,stderr_norm,friction_forward_norm,"
-                                        "friction_backward_norm,friction_nm,stderr_nm,lag_s\n";
+                                        "friction_backward_norm,friction_nm,stderr_nm,lag_s,ripple_nm,lost_motion_rad\n";
 
 /// Measures one curve: its rows of curves.csv. A function of campaign and curve alone, whatever thread it runs on. Fails with the curve's
 /// number, series and conditions.

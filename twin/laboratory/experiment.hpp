@@ -38,6 +38,7 @@ struct Measurement {
   double external_nm = 0;                      ///< load that no gravity gives, arm side
   double width_rad = std::numeric_limits<double>::infinity();   ///< measured around the joint's start
   Heat heat;
+  drive::Faults faults{};                      ///< of the joint
   CascadedOptions servo{.position_gain_1_s = 20, .speed_bandwidth_rad_s = 100, .integral_time_s = 0.05};
   Sensors sensors;
   std::uint64_t seed = 1;                      ///< of the sensors' noise
