@@ -19,6 +19,7 @@ void add_identify(CLI::App& app, int& code);
 void add_recover(CLI::App& app, int& code);
 void add_export(CLI::App& app, int& code);
 void add_calibrate(CLI::App& app, int& code);
+void add_diagnose(CLI::App& app, int& code);
 void add_dynamics(CLI::App& app, int& code);
 void add_predict(CLI::App& app, int& code);
 void add_excite(CLI::App& app, int& code);

@@ -1,0 +1,143 @@
+#include <tribotwin/twin/diagnosis/check.hpp>
+
+#include <algorithm>
+#include <cmath>
+
+#include <boost/math/distributions/students_t.hpp>
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+
+namespace tribotwin::twin::diagnosis {
+namespace {
+
+using Problem = std::optional<std::string>;
+constexpr double gravity = 9.81;
+constexpr double prior_healthy = 0.9;     ///< most joints that are checked are healthy
+constexpr double unknown_below = 1e-3;    ///< chance of the misfit that the best pattern leaves
+
+Problem unfit(const HealthyState& h, const ObservationFile& file, const Observation& o) {
+  if (!h.joint.empty() && !file.joint.empty() && h.joint != file.joint) return fmt::format("{}: is of joint '{}', the healthy state of '{}': learn one for each joint", o.file, file.joint, h.joint);
+  if (h.torque_max_nm > 0 && file.torque_max_nm > 0 && std::abs(file.torque_max_nm / h.torque_max_nm - 1) > 1e-3)
+    return fmt::format("{}: friction_nm / friction_norm says torque_max {:.4g} Nm, the healthy state was learned with {:.4g} Nm: another joint or another unit", o.file, file.torque_max_nm, h.torque_max_nm);
+  if (h.knows_temperature && !o.temperature_degC) return fmt::format("{}: has no column temperature_degC, with which the healthy state was learned: record it, or learn without it", o.name());
+  // Standstill friction that a bound holds at Coulomb's is a finding; a curve without slow or fast levels is none.
+  for (const Eigen::Index i : {1, 2, 3})
+    if (std::ranges::count(o.weak, feature_names[static_cast<std::size_t>(i)]) && !(o.features(i) > 0 && o.shape.isZero() && o.features(0) == o.features(1)))
+      return fmt::format("{}: {} cannot be told from its levels: record the speeds of the healthy curves, from well below the Stribeck velocity ({:.2g} rad/s, motor side) to well into viscous friction", o.name(),
+                         fmt::join(o.weak, ", "), h.mean(2));
+  for (const Eigen::Index i : {1, 2})
+    if (const double ratio = o.features(i) / h.mean(i); !(ratio < 20 && ratio > 0.05))
+      return fmt::format("{}: {} is {:.4g} {} where {:.4g} is healthy: another joint or another unit", o.name(), feature_names[static_cast<std::size_t>(i)], o.features(i), feature_units[static_cast<std::size_t>(i)],
+                         h.mean(i));
+  return {};
+}
+
+RegionVerdict judge(const HealthyState& h, const Observation& o, std::size_t which, double false_alarm) {
+  const auto& r = regions[which];
+  const Baseline& base = h.region[which];
+  const Eigen::VectorXd e = h.deviation(o).segment(r.first, r.count);
+  RegionVerdict v{.distance = h.distance(o.features, which)};
+  v.beyond_two_sigma = v.distance > h.anomalous_distance;
+  v.beyond_wear = v.distance > h.wear_distance;
+  v.statistic = e.dot(base.covariance.ldlt().solve(e)) / base.variance(h.regressors(o.temperature_degC), h.scatter_of(o, which));
+  v.limit = base.limit(false_alarm);
+  v.by_chance = base.exceeded_by_chance(v.statistic);
+  v.anomalous = v.statistic > v.limit;
+  return v;
+}
+
+/// Generalised least squares along the effect of load.
+EquivalentLoad equivalent_load(const HealthyState& h, const Observation& o) {
+  const Baseline& base = h.region[0];
+  const Eigen::Vector3d effect = h.load_effect.head(3), weighted = base.covariance.ldlt().solve(effect);
+  const double information = effect.dot(weighted);
+  EquivalentLoad l{.threshold = h.wear_load()};
+  if (!(information > 0)) return l;
+  l.load_norm = h.load_of_term(weighted.dot(h.deviation(o).head(3)) / information);
+  l.sigma = std::sqrt(base.variance(h.regressors(o.temperature_degC), h.scatter_of(o, 0)) / information);
+  if (h.torque_max_nm > 0) {
+    l.nm = l.load_norm * h.torque_max_nm;
+    if (h.lever_m > 0) l.kg = *l.nm / (gravity * h.lever_m);
+  }
+  return l;
+}
+
+std::string load_text(const EquivalentLoad& l) {
+  if (l.kg) return fmt::format("{:.2g} kg more at the flange", *l.kg);
+  if (l.nm) return fmt::format("{:.2g} Nm more load", *l.nm);
+  return fmt::format("{:.2g} of torque_max more load", l.load_norm);
+}
+
+std::string sentence_of(const HealthyState& h, const Observation& o, const Verdict& v) {
+  std::string s = o.name() + ": ";
+  const bool outside = h.knows_temperature && (*o.temperature_degC < h.temperature_low_degC - 2 || *o.temperature_degC > h.temperature_high_degC + 2);
+  const std::string where = outside ? fmt::format(" Learned were {:.0f} to {:.0f} degC only.", h.temperature_low_degC, h.temperature_high_degC) : "";
+  if (!v.anomalous) return s + "healthy: contact surfaces and lubricant are as learned." + where;
+  std::vector<std::string> what;
+  for (std::size_t r = 0; r < regions.size(); ++r)
+    if (v.region[r].anomalous) what.push_back(fmt::format("{} (distance {:.3g}, limit {:.3g})", regions[r].of, v.region[r].statistic, v.region[r].limit));
+  for (std::size_t k = 0; k < indicator_count; ++k)
+    if (v.indicators[k] && v.indicators[k]->anomalous) what.push_back(fmt::format("{} ({:.3g}, limit {:.3g})", indicators[k].name, v.indicators[k]->value, v.indicators[k]->limit));
+  s += fmt::format("not as learned: {}. ", fmt::join(what, ", "));
+  if (v.pattern == "unknown") s += "No known cause moves friction like this; repeat the test, then inspect the joint.";
+  else {
+    const Pattern& p = *v.candidates.front().pattern;
+    s += fmt::format("It looks like {} (confidence {:.0f} %), severity {:.2g} {}; {}.", p.meaning, 100 * v.confidence, v.severity, p.unit == "1" ? "(relative)" : p.unit, p.advice);
+  }
+  if (v.region[0].anomalous && v.load.load_norm > 0)
+    s += fmt::format(" As if {}; the threshold of wear is {:.2g} times that{}.", load_text(v.load), v.load.threshold / v.load.load_norm, v.load.load_norm > v.load.threshold ? " and exceeded" : "");
+  return s + where;
+}
+
+Verdict verdict_of(const HealthyState& h, const Observation& o, const CheckOptions& options) {
+  Verdict v;
+  for (std::size_t r = 0; r < regions.size(); ++r) {
+    v.region[r] = judge(h, o, r, options.false_alarm);
+    v.anomalous |= v.region[r].anomalous;
+  }
+  const double n = static_cast<double>(h.observations);
+  const double t = boost::math::quantile(boost::math::complement(boost::math::students_t(n - 1), options.false_alarm)) * std::sqrt(1 + 1 / n);
+  for (const std::size_t k : {ripple, lost_motion})
+    if (h.indicators[k] && o.indicators[k]) {
+      v.indicators[k] = IndicatorVerdict{.value = *o.indicators[k], .limit = h.indicators[k]->mean + t * h.indicators[k]->deviation};
+      v.indicators[k]->anomalous = v.indicators[k]->value > v.indicators[k]->limit;
+      v.anomalous |= v.indicators[k]->anomalous;
+    }
+  v.load = equivalent_load(h, o);
+  v.candidates = candidates(h, o, prior_healthy);
+  if (!v.anomalous) {
+    v.confidence = std::ranges::find(v.candidates, nullptr, &Candidate::pattern)->probability;
+  } else {
+    // It is not healthy, by a test that the user has set: what is left is shared among the causes.
+    const double healthy = std::ranges::find(v.candidates, nullptr, &Candidate::pattern)->probability;
+    std::erase_if(v.candidates, [](const Candidate& c) { return !c.pattern; });
+    double sum = 0;
+    for (const auto& c : v.candidates) sum += c.probability;
+    for (auto& c : v.candidates) c.probability /= sum > 0 ? sum : 1 - healthy;
+    const Candidate& best = v.candidates.front();
+    const Baseline whole{.coefficients = {}, .covariance = h.together, .inverse_gram = {}, .freedom = h.degrees_of_freedom()};
+    if (const double chance = whole.exceeded_by_chance(best.misfit); chance < unknown_below) {
+      v.pattern = "unknown";
+      v.confidence = 1 - chance;
+    } else {
+      v.pattern = best.pattern->name;
+      v.severity = best.severity;
+      v.confidence = best.probability;
+    }
+  }
+  v.sentence = sentence_of(h, o, v);
+  return v;
+}
+
+}  // namespace
+
+tl::expected<std::vector<Verdict>, std::string> check(const HealthyState& healthy, const ObservationFile& file, const CheckOptions& options) {
+  std::vector<Verdict> all;
+  for (const auto& o : file.observations) {
+    if (auto problem = unfit(healthy, file, o)) return tl::unexpected(*problem);
+    all.push_back(verdict_of(healthy, o, options));
+  }
+  return all;
+}
+
+}  // namespace tribotwin::twin::diagnosis

@@ -1,0 +1,340 @@
+#include <tribotwin/twin/diagnosis/healthy.hpp>
+
+#include <algorithm>
+#include <cmath>
+#include <numeric>
+
+#include <boost/math/distributions/chi_squared.hpp>
+#include <boost/math/distributions/fisher_f.hpp>
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+
+namespace tribotwin::twin::diagnosis {
+namespace {
+
+using Eigen::Index, Eigen::MatrixXd, Eigen::VectorXd;
+using Problem = std::optional<std::string>;
+
+/// Below, a temperature term would be told by noise alone.
+constexpr double temperature_span_K = 5;
+/// Indicators scatter at least this much of what matters: encoders and fits of the level have a resolution.
+constexpr std::array<double, indicator_count> relative_floor{0.05, 0.05, 0.01}, absolute_floor{1e-3, 1e-6, 1e-4};
+
+double median_of(std::vector<double> x) {
+  const auto middle = x.begin() + static_cast<std::ptrdiff_t>(x.size() / 2);
+  std::ranges::nth_element(x, middle);
+  return *middle;
+}
+
+double shape_scatter(const FeatureMatrix& shape, const RegionFeatures& r) {
+  const double d = shape.block(r.first, r.first, r.count, r.count).determinant();
+  return d > 0 ? std::pow(d, 1.0 / static_cast<double>(r.count)) : 0;
+}
+
+/// Weighted least squares; rows of y weigh 1 / scatter.
+Baseline regression(const MatrixXd& x, const MatrixXd& y, const VectorXd& scatter) {
+  const VectorXd root = scatter.cwiseSqrt().cwiseInverse();
+  const MatrixXd X = root.asDiagonal() * x, Y = root.asDiagonal() * y;
+  Baseline b{.inverse_gram = (X.transpose() * X).inverse(), .freedom = static_cast<double>(x.rows() - x.cols())};
+  b.coefficients = X.colPivHouseholderQr().solve(Y);
+  const MatrixXd R = Y - X * b.coefficients;
+  b.covariance = R.transpose() * R / b.freedom;
+  return b;
+}
+
+bool singular(const MatrixXd& covariance) {
+  const VectorXd unit = covariance.diagonal().cwiseSqrt().cwiseInverse();
+  return !unit.allFinite() || Eigen::SelfAdjointEigenSolver<MatrixXd>(unit.asDiagonal() * covariance * unit.asDiagonal(), Eigen::EigenvaluesOnly).eigenvalues()(0) < 1e-7;
+}
+
+/// Oracle approximating shrinkage (Chen, Wiesel, Eldar, Hero 2010) of a covariance towards its mean variance times the
+/// identity, in coordinates in which the target is the identity.
+double shrink(FeatureMatrix& covariance, const FeatureMatrix& target, double n) {
+  const FeatureMatrix L = target.llt().matrixL();
+  const auto p = static_cast<double>(covariance.rows());
+  FeatureMatrix S = L.triangularView<Eigen::Lower>().solve(covariance);
+  S = L.triangularView<Eigen::Lower>().solve(S.transpose()).eval();
+  const double trace = S.trace(), squares = S.squaredNorm();
+  const double share = std::min(1.0, ((1 - 2 / p) * squares + trace * trace) / ((n + 1 - 2 / p) * (squares - trace * trace / p)));
+  S = (1 - share) * S + share * trace / p * FeatureMatrix::Identity();
+  covariance = L * S * L.transpose();
+  return share;
+}
+
+/// Rows that belong together: those nearest the middle, their mean and covariance, and again, until nothing changes (Rousseeuw
+/// and Van Driessen 1999); then all rows within the 99.9 % region.
+std::vector<std::size_t> clean_rows(const MatrixXd& x, const MatrixXd& y, const VectorXd& scatter) {
+  const auto n = static_cast<std::size_t>(x.rows()), half = (3 * n) / 4;
+  const auto distances = [&](const std::vector<std::size_t>& rows) {
+    const Baseline b = regression(x(rows, Eigen::all), y(rows, Eigen::all), scatter(rows));
+    const MatrixXd inverse = b.covariance.inverse();
+    std::vector<double> d;
+    for (Index i = 0; i < x.rows(); ++i) {
+      const VectorXd r = y.row(i).transpose() - b.predicted(x.row(i).transpose());
+      d.push_back(r.dot(inverse * r) / scatter(i));
+    }
+    return d;
+  };
+  const auto nearest = [&](const std::vector<double>& d) {
+    std::vector<std::size_t> order(n);
+    std::iota(order.begin(), order.end(), 0u);
+    std::ranges::stable_sort(order, {}, [&](std::size_t i) { return d[i]; });
+    order.resize(half);
+    std::ranges::sort(order);
+    return order;
+  };
+  // The start: by the largest deviation from the medians in units of the median deviation, without temperature's slope.
+  std::vector<double> d(n, 0.0);
+  for (Index k = 0; k < y.cols(); ++k) {
+    VectorXd column = y.col(k);
+    if (x.cols() > 1) {   // Theil and Sen: the median of all slopes
+      std::vector<double> slopes;
+      for (Index i = 0; i < x.rows(); ++i)
+        for (Index j = 0; j < i; ++j)
+          if (std::abs(x(i, 1) - x(j, 1)) > 1) slopes.push_back((column(i) - column(j)) / (x(i, 1) - x(j, 1)));
+      if (!slopes.empty()) column -= median_of(slopes) * x.col(1);
+    }
+    const double middle = median_of({column.begin(), column.end()});
+    std::vector<double> off;
+    for (const double v : column) off.push_back(std::abs(v - middle));
+    const double unit = median_of(off);
+    for (std::size_t i = 0; i < n; ++i) d[i] = std::max(d[i], off[i] / std::max(unit, 1e-12));
+  }
+  std::vector<std::size_t> rows = nearest(d);
+  for (int round = 0; round < 50; ++round) {
+    const auto next = nearest(d = distances(rows));
+    if (next == rows) break;
+    rows = next;
+  }
+  d = distances(rows);
+  // The covariance of the inner rows is too small: the median distance tells by how much.
+  const boost::math::chi_squared chi2(static_cast<double>(y.cols()));
+  const double factor = median_of(d) / boost::math::median(chi2), cut = boost::math::quantile(chi2, 0.999);
+  std::vector<std::size_t> kept;
+  for (std::size_t i = 0; i < n; ++i)
+    if (d[i] <= cut * factor) kept.push_back(i);
+  return kept;
+}
+
+const char* const record_cold_to_hot = "record unloaded curves from a cold start to thermal equilibrium, 20 or so, each with speeds from below to far above the Stribeck velocity";
+
+/// One joint, one unit.
+Problem mixed(std::span<const ObservationFile> files, std::string& joint, double& torque_max_nm) {
+  const ObservationFile *named = nullptr, *scaled = nullptr;
+  for (const auto& f : files) {
+    const std::string& file = f.observations.front().file;
+    if (!joint.empty() && !f.joint.empty() && f.joint != joint)
+      return fmt::format("{}: is of joint '{}', {} of '{}'; a healthy state is that of one joint: learn each by itself", file, f.joint, named ? named->observations.front().file : "--joint", joint);
+    if (!f.joint.empty() && !named) named = &f, joint = f.joint;
+    if (torque_max_nm > 0 && f.torque_max_nm > 0 && std::abs(f.torque_max_nm / torque_max_nm - 1) > 1e-3)
+      return fmt::format("{}: friction_nm / friction_norm says torque_max {:.4g} Nm, {} {:.4g} Nm; these are different joints or units: learn each joint by itself", file, f.torque_max_nm,
+                         scaled ? scaled->observations.front().file : "another says", torque_max_nm);
+    if (f.torque_max_nm > 0 && !scaled) scaled = &f, torque_max_nm = f.torque_max_nm;
+  }
+  return {};
+}
+
+/// A healthy joint's friction at standstill and its Stribeck velocity do not change threefold from cold to hot.
+Problem far_from_the_rest(const std::vector<const Observation*>& all) {
+  for (const auto& [feature, hint] : {std::pair{1, "Nm, or parts of torque_max"}, {2, "motor side, rad/s"}}) {
+    std::vector<double> values;
+    for (const auto* o : all) values.push_back(o->features(feature));
+    const double middle = median_of(values);
+    for (const auto* o : all)
+      if (const double ratio = o->features(feature) / middle; !(ratio < 3 && ratio > 1.0 / 3))
+        return fmt::format("{}: {} is {:.4g} {} where the others have {:.4g}: another joint or another unit ({}); learn from one joint in one unit", o->name(), feature_names[static_cast<std::size_t>(feature)],
+                           o->features(feature), feature_units[static_cast<std::size_t>(feature)], middle, hint);
+  }
+  return {};
+}
+
+Problem loaded_among(const std::vector<const Observation*>& all) {
+  std::vector<double> loads;
+  for (const auto* o : all)
+    if (o->indicators[load]) loads.push_back(*o->indicators[load]);
+  if (loads.empty()) return {};
+  const double middle = median_of(loads);
+  for (const auto* o : all)
+    if (o->indicators[load] && *o->indicators[load] > middle + std::max(0.1 * middle, 0.02))
+      return fmt::format("{}: carries a load of {:.3g} of torque_max where the others have {:.3g}; the healthy state is learned without payload: leave this curve out and give it as --loaded, which tells what load does",
+                         o->name(), *o->indicators[load], middle);
+  return {};
+}
+
+/// Effect of load on the features: regression of what the baseline leaves on the load beyond the healthy one.
+Problem learn_load(std::span<const ObservationFile> loaded, HealthyState& h) {
+  Features sum = Features::Zero();
+  double squares = 0;
+  if (!h.indicators[load]) return std::string("--loaded: the healthy curves have no column load_norm; record the load with every curve");
+  for (const auto& file : loaded)
+    for (const auto& o : file.observations) {
+      if (!o.indicators[load]) return fmt::format("{}: has no column load_norm; record the load with every curve", o.name());
+      const double extra = h.load_term(*o.indicators[load] - h.indicators[load]->mean);
+      sum += extra * h.deviation(o);
+      squares += extra * extra;
+    }
+  if (squares < 0.02 * 0.02) return fmt::format("--loaded: these curves carry no more load than the healthy ones ({:.3g} of torque_max): record some with a payload", h.indicators[load]->mean);
+  h.load_effect = sum / squares;
+  h.load_measured = true;
+  return {};
+}
+
+}  // namespace
+
+double Baseline::limit(double false_alarm) const {
+  const auto p = static_cast<double>(covariance.rows());
+  return p * freedom / (freedom - p + 1) * boost::math::quantile(boost::math::complement(boost::math::fisher_f(p, freedom - p + 1), false_alarm));
+}
+
+double Baseline::exceeded_by_chance(double statistic) const {
+  const auto p = static_cast<double>(covariance.rows());
+  return boost::math::cdf(boost::math::complement(boost::math::fisher_f(p, freedom - p + 1), statistic * (freedom - p + 1) / (p * freedom)));
+}
+
+VectorXd HealthyState::regressors(std::optional<double> temperature_degC) const {
+  VectorXd x = VectorXd::Ones(knows_temperature ? 2 : 1);
+  if (knows_temperature) x(1) = temperature_degC.value_or(temperature_reference_degC()) - temperature_reference_degC();
+  return x;
+}
+
+double HealthyState::scatter_of(const Observation& o, std::size_t which) const {
+  const double own = shape_scatter(o.shape, regions[which]);
+  return own > 0 && scatter[which] > 0 ? own / scatter[which] : 1;
+}
+
+Features HealthyState::deviation(const Observation& o) const {
+  const VectorXd x = regressors(o.temperature_degC);
+  Features expected;
+  expected << region[0].predicted(x), region[1].predicted(x);
+  return o.logarithmic() - expected;
+}
+
+double HealthyState::distance(const Features& features, std::size_t which) const {
+  const auto& r = regions[which];
+  const VectorXd d = (features - mean).segment(r.first, r.count);
+  return d.dot(covariance.block(r.first, r.first, r.count, r.count).ldlt().solve(d));
+}
+
+VectorXd HealthyState::radii(std::size_t which) const {
+  const auto& r = regions[which];
+  return Eigen::SelfAdjointEigenSolver<MatrixXd>(MatrixXd(covariance.block(r.first, r.first, r.count, r.count)), Eigen::EigenvaluesOnly).eigenvalues().cwiseMax(0).cwiseSqrt();
+}
+
+double HealthyState::sensitivity_at_mean_load() const { return load_sensitivity / (1 + load_sensitivity * (indicators[load] ? indicators[load]->mean : 0)); }
+
+double HealthyState::load_term(double extra) const {
+  const double k = sensitivity_at_mean_load();
+  return k > 0 ? std::log1p(std::max(k * extra, -0.99)) / k : extra;
+}
+
+double HealthyState::load_of_term(double term) const {
+  const double k = sensitivity_at_mean_load();
+  return k > 0 ? std::expm1(k * term) / k : term;
+}
+
+double HealthyState::wear_load() const {
+  Features along = mean;   // per load_norm, in the features' own units
+  along.head(4) = mean.head(4).cwiseProduct(load_effect.head(4));
+  const double per_load = std::sqrt(distance(mean + along, 0));
+  return per_load > 0 ? std::sqrt(wear_distance) / per_load : 0;
+}
+
+tl::expected<HealthyState, std::string> learn(std::span<const ObservationFile> healthy, std::span<const ObservationFile> loaded, double load_sensitivity, const LearnOptions& options) {
+  HealthyState h{.load_sensitivity = load_sensitivity, .lever_m = options.lever_m};
+  std::vector<const Observation*> all;
+  for (const auto& file : healthy) {
+    h.data.push_back(file.observations.front().file);
+    for (const auto& o : file.observations) all.push_back(&o);
+  }
+  if (auto p = mixed(healthy, h.joint, h.torque_max_nm)) return tl::unexpected(*p);
+  if (auto p = mixed(loaded, h.joint, h.torque_max_nm)) return tl::unexpected(*p);
+  for (const auto* o : all)
+    if (!o->weak.empty())
+      return tl::unexpected(fmt::format("{}: {} cannot be told from its levels: record speeds from well below the Stribeck velocity (about 1 rad/s, motor side) to well into viscous friction (about 100 rad/s), 10 levels or more",
+                                        o->name(), fmt::join(o->weak, ", ")));
+  if (all.size() < observations_least) return tl::unexpected(fmt::format("{} curve(s): a healthy state needs {} or more, {} to be worth much: {}", all.size(), observations_least, observations_usual, record_cold_to_hot));
+  if (auto p = far_from_the_rest(all)) return tl::unexpected(*p);
+  if (auto p = loaded_among(all)) return tl::unexpected(*p);
+
+  const auto count_with_temperature = std::ranges::count_if(all, [](const auto* o) { return o->temperature_degC.has_value(); });
+  if (count_with_temperature > 0) {
+    if (static_cast<std::size_t>(count_with_temperature) < all.size()) {
+      const auto* without = *std::ranges::find_if(all, [](const auto* o) { return !o->temperature_degC; });
+      return tl::unexpected(fmt::format("{}: has no column temperature_degC, others have: record it with every curve, or take it out of all", without->name()));
+    }
+    const auto [low, high] = std::ranges::minmax(all, {}, [](const auto* o) { return *o->temperature_degC; });
+    h.temperature_low_degC = *low->temperature_degC, h.temperature_high_degC = *high->temperature_degC;
+    h.knows_temperature = h.temperature_high_degC - h.temperature_low_degC >= temperature_span_K;
+  }
+
+  for (std::size_t which = 0; which < regions.size(); ++which) {
+    std::vector<double> s;
+    for (const auto* o : all) s.push_back(shape_scatter(o->shape, regions[which]));
+    h.scatter[which] = std::ranges::all_of(s, [](double v) { return v > 0; }) ? median_of(s) : 0;
+  }
+  const auto count = static_cast<Index>(all.size());
+  MatrixXd x(count, h.regressors({}).size()), y(count, feature_count), raw(count, feature_count);
+  MatrixXd scatter(count, 2);
+  for (Index i = 0; i < count; ++i) {
+    const Observation& o = *all[static_cast<std::size_t>(i)];
+    x.row(i) = h.regressors(o.temperature_degC);
+    y.row(i) = o.logarithmic();
+    raw.row(i) = o.features;
+    scatter.row(i) << h.scatter_of(o, 0), h.scatter_of(o, 1);
+  }
+  if (options.robust) {
+    std::vector<std::size_t> kept;
+    const auto good1 = clean_rows(x, y.leftCols(3), scatter.col(0)), good2 = clean_rows(x, y.rightCols(2), scatter.col(1));
+    std::ranges::set_intersection(good1, good2, std::back_inserter(kept));
+    h.left_out = all.size() - kept.size();
+    if (kept.size() < observations_least || 3 * kept.size() < 2 * all.size())
+      return tl::unexpected(fmt::format("only {} of {} curves belong together: these are no {} healthy observations of one joint; {}", kept.size(), all.size(), all.size(), record_cold_to_hot));
+    x = MatrixXd(x(kept, Eigen::all)), y = MatrixXd(y(kept, Eigen::all)), raw = MatrixXd(raw(kept, Eigen::all)), scatter = MatrixXd(scatter(kept, Eigen::all));
+    std::vector<const Observation*> some;
+    for (const std::size_t i : kept) some.push_back(all[i]);
+    all = std::move(some);
+  }
+  const auto n = static_cast<double>(all.size());
+  h.observations = all.size();
+  h.mean = raw.colwise().mean().transpose();
+  const MatrixXd off = raw.rowwise() - h.mean.transpose();
+  h.covariance = off.transpose() * off / (n - 1);
+  for (std::size_t which = 0; which < regions.size(); ++which) {
+    const auto& r = regions[which];
+    h.region[which] = regression(x, y.middleCols(r.first, r.count), scatter.col(static_cast<Index>(which)));
+    if (singular(h.region[which].covariance) || singular(h.covariance.block(r.first, r.first, r.count, r.count)))
+      return tl::unexpected(fmt::format("the {} curves do not scatter in all of {}: they are copies of each other or lie in one line (collinear), and say nothing of what is normal; {}", all.size(),
+                                        fmt::join(feature_names.begin() + r.first, feature_names.begin() + r.first + r.count, ", "), record_cold_to_hot));
+  }
+  // Of observations brought to scatter 1, like what their fits claim.
+  FeatureMatrix claimed = FeatureMatrix::Zero();
+  h.together.setZero();
+  for (std::size_t i = 0; i < all.size(); ++i) {
+    Features unit;
+    unit.head(3).setConstant(1 / std::sqrt(scatter(static_cast<Index>(i), 0)));
+    unit.tail(2).setConstant(1 / std::sqrt(scatter(static_cast<Index>(i), 1)));
+    const Features e = unit.cwiseProduct(h.deviation(*all[i]));
+    h.together += e * e.transpose() / h.degrees_of_freedom();
+    claimed += FeatureMatrix(unit.asDiagonal() * all[i]->shape * unit.asDiagonal()) / n;
+  }
+  if (claimed.diagonal().minCoeff() > 0 && claimed.llt().info() == Eigen::Success) h.shrinkage = shrink(h.together, claimed, h.degrees_of_freedom());
+  if (singular(h.together)) return tl::unexpected(fmt::format("the features of the {} curves lie in one line (collinear); {}", all.size(), record_cold_to_hot));
+
+  for (std::size_t k = 0; k < indicator_count; ++k) {
+    std::vector<double> values;
+    for (const auto* o : all)
+      if (o->indicators[k]) values.push_back(*o->indicators[k]);
+    if (values.size() < all.size()) continue;
+    double mean = 0, squares = 0;
+    for (const double v : values) mean += v / n;
+    for (const double v : values) squares += (v - mean) * (v - mean) / (n - 1);
+    h.indicators[k] = HealthyState::IndicatorState{.mean = mean, .deviation = std::max({std::sqrt(squares), relative_floor[k] * mean, absolute_floor[k]})};
+  }
+
+  h.load_effect.head(2).setConstant(h.sensitivity_at_mean_load());
+  if (!loaded.empty())
+    if (auto p = learn_load(loaded, h)) return tl::unexpected(*p);
+  return h;
+}
+
+}  // namespace tribotwin::twin::diagnosis
