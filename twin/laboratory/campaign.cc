@@ -165,6 +165,7 @@ class Series {
   struct Loaded {
     std::size_t bench;
     Measurement measurement;
+    double payload_kg;
     std::shared_ptr<const mujoco::Model> arm;   ///< with its payload, without gravity's absence: what Gravity asks
     std::string text;
   };
@@ -239,7 +240,7 @@ class Series {
     const bool gravity = by_ != LoadBy::torque;
     Payload payload = payload_;
     if (by_ == LoadBy::payload) payload.mass_kg = load;
-    Loaded l{.bench = 0, .measurement = basis_, .arm = campaign_.model, .text = {}};
+    Loaded l{.bench = 0, .measurement = basis_, .payload_kg = gravity ? payload.mass_kg : 0, .arm = campaign_.model, .text = {}};
     if (gravity && payload.mass_kg > 0) {
       if (!arm_ || arm_mass_kg_ != payload.mass_kg) {
         auto carrying = with_payload(*campaign_.model, payload);
@@ -311,7 +312,7 @@ class Series {
 
   void add_curve(const Loaded& load, const Heat& heat, const std::string& temperature) {
     if (campaign_.curves.size() >= most_curves) in_.fail("name", fmt::format("the campaign has more than {} curves", most_curves));
-    Curve curve{.series = name_, .number = campaign_.curves.size() + 1, .bench = load.bench, .measurement = load.measurement, .conditions = load.text + ", " + temperature};
+    Curve curve{.series = name_, .number = campaign_.curves.size() + 1, .bench = load.bench, .measurement = load.measurement, .payload_kg = load.payload_kg, .conditions = load.text + ", " + temperature};
     curve.measurement.heat = heat;
     curve.measurement.faults = faults_;
     curve.measurement.seed = random_for(campaign_.seed, curve.number, for_sensors)();
@@ -363,9 +364,15 @@ std::vector<double> start_of(Mapping& in, const mujoco::Model& model) {
 
 }  // namespace
 
-Campaign load_campaign(const fs::path& file, const std::vector<std::string>& overrides) {
+YAML::Node campaign_tree(const fs::path& file, const std::vector<std::string>& overrides) {
   YAML::Node root = load_yaml(file);
   for (const auto& assignment : overrides) apply_setting(root, assignment);
+  return root;
+}
+
+Campaign load_campaign(const fs::path& file, const std::vector<std::string>& overrides) { return campaign_of(file, campaign_tree(file, overrides)); }
+
+Campaign campaign_of(const fs::path& file, YAML::Node root) {
   Campaign c;
   c.file = file;
   Mapping in(file.string(), "", root);

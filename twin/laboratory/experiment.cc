@@ -116,6 +116,12 @@ std::vector<double> test_cycle_speeds_rad_s() {
   return speeds;
 }
 
+std::vector<double> test_cycle_travel_rad() {
+  std::vector<double> travel;
+  for (const auto& level : cycle) travel.push_back(level.displacement * deg / 2);
+  return travel;
+}
+
 Motion test_cycle_of(const mujoco::Model& bench, std::size_t drive, std::span<const double> start_rad) {
   const std::size_t joints = bench.drives().size();
   const std::vector<double> centre(start_rad.begin(), start_rad.end()), acceleration(joints, 400 * deg), approach(joints, 50 * deg);

@@ -54,6 +54,8 @@ tl::expected<Motion, std::string> plus_minus(const mujoco::Model& bench, std::si
 
 /// Paper 2, Table 1: speeds [rad/s] of its 15 levels.
 std::vector<double> test_cycle_speeds_rad_s();
+/// Travel [rad] of each level.
+std::vector<double> test_cycle_travel_rad();
 /// Paper 2's cycle around the joint's start. "Angular displacement" and "sampling time" of Table 1 are taken to be those of
 /// the way there and back, so that the whole lasts under three minutes as the paper says.
 Motion test_cycle_of(const mujoco::Model& bench, std::size_t drive, std::span<const double> start_rad);
