@@ -1,6 +1,7 @@
 #include <tribotwin/twin/study/study.hpp>
 
 #include <algorithm>
+#include <chrono>
 #include <cmath>
 
 #include <fmt/format.h>
@@ -161,6 +162,7 @@ Study load_study(const fs::path& file, const YAML::Node& tree) {
 }
 
 tl::expected<LabSummary, std::string> run_study(const Study& study, const LabOptions& options) {
+  const auto started = std::chrono::steady_clock::now();
   LabSummary sum;
   Json all;
   const double joints = static_cast<double>(study.joints.size());
@@ -171,12 +173,13 @@ tl::expected<LabSummary, std::string> run_study(const Study& study, const LabOpt
     if (options.progress) own.progress = [&](double share, double left) { options.progress((static_cast<double>(i) + share) / joints, share > 0 ? left * (joints - static_cast<double>(i)) : -1); };
     const auto summary = run_campaign(joint.campaign, own);
     if (!summary) return tl::unexpected(fmt::format("{}: {}", joint.name, summary.error()));
-    sum.curves += summary->curves, sum.present += summary->present, sum.levels += summary->levels, sum.outside += summary->outside, sum.wall_s += summary->wall_s;
+    sum.curves += summary->curves, sum.present += summary->present, sum.levels += summary->levels, sum.outside += summary->outside;
     auto judged = verdicts(study, joint, own.directory, options.threads);
     if (!judged) return tl::unexpected(judged.error());
     all[joint.name] = *std::move(judged);
   }
   if (auto ok = write_file(options.directory / "diagnosis.json", all.dump(2) + "\n"); !ok) return tl::unexpected(ok.error());
+  sum.wall_s = std::chrono::duration<double>(std::chrono::steady_clock::now() - started).count();
   return sum;
 }
 
