@@ -24,9 +24,14 @@ Parts parts(const friction::Level& level) {
   return level.strengthening >= 0 ? Parts{level.weakening, level.strengthening} : Parts{level.total(), 0};
 }
 
+/// What a pit makes of g at the angle where the step began.
+double ripple(const Drive& drive, const Scratch& s) {
+  return s.faults.ripple == 0 ? 1 : 1 + s.faults.ripple * std::cos(drive.gear_ratio * s.q_begin_rad);
+}
+
 /// The most that sigma0 z may be at this load and temperature, g being the level at the present speed.
 double breakaway(const Drive& drive, const Scratch& s, double g) {
-  return std::max(g, level(drive.law, {s.cache, false}, 0, s.load_used_nm / drive.torque_max_nm).weakening);
+  return std::max(g, level(drive.law, {s.cache, false}, 0, s.load_used_nm / drive.torque_max_nm).weakening * ripple(drive, s));
 }
 
 }  // namespace
@@ -84,11 +89,20 @@ void set_wear(Scratch& scratch, std::size_t index, double factor) {
   scratch.cache_valid = 0;
 }
 
+void set_faults(Scratch& scratch, const Faults& faults) {
+  scratch.faults = faults;
+  scratch.cache_valid = 0;
+}
+
+friction::Law with_faults(const friction::Law& law, const Faults& faults) {
+  return friction::scaled(law, 1 + faults.boundary, 1 + faults.stribeck_velocity, 1 + faults.viscous);
+}
+
 friction::Law current_law(const Drive& drive, const Scratch& scratch) {
-  if (scratch.worn == 0) return drive.law;
+  if (scratch.worn == 0) return with_faults(drive.law, scratch.faults);
   auto worn = drive.law.parameters;
   for (std::size_t i = 0; i < worn.size(); ++i) worn[i] *= 1 + scratch.change[i];
-  return friction::with_parameters(drive.law, {worn.data(), drive.law.info->parameters.size()});
+  return with_faults(friction::with_parameters(drive.law, {worn.data(), drive.law.info->parameters.size()}), scratch.faults);
 }
 
 double begin_step(const Drive& drive, const Memory& memory, Scratch& s, double time_s, double qd_rad_s, double q_rad) {
@@ -107,8 +121,9 @@ double begin_step(const Drive& drive, const Memory& memory, Scratch& s, double t
     s.temperature_degC = temperature;
   }
   s.load_used_nm = memory.load_nm;
-  const friction::Level at = level(drive, {s.cache, s.cache_outside != 0}, qd_rad_s * drive.speed_scale(),
-                                   memory.load_nm / drive.torque_max_nm);
+  friction::Level at = level(drive, {s.cache, s.cache_outside != 0}, qd_rad_s * drive.speed_scale(),
+                             memory.load_nm / drive.torque_max_nm);
+  at.weakening *= ripple(drive, s);
   s.outside = at.outside;
   double limit = at.total();
   s.applied_nm = 0;
@@ -127,6 +142,7 @@ double begin_step(const Drive& drive, const Memory& memory, Scratch& s, double t
                    drive.gear_loss.mu_dif * memory.load_nm * z * z;
     limit = h;
   }
+  if (s.faults.play_rad > 0 && std::abs(s.teeth) < 1) s.applied_nm = limit = 0;
   s.gear_limit_nm = std::max(limit * drive.torque_scale_nm(), smallest_limit_nm);
   s.limit_nm = s.gear_limit_nm + s.brake_engaged * drive.brake_torque_nm;
   return s.limit_nm;
@@ -149,15 +165,18 @@ void end_step(const Drive& drive, const thermal::Decay& decay, const Transmitted
   s.heat_J += power_W * dt_s;
 
   const double acceleration = (t.qd_end_rad_s - s.qd_begin_rad_s) / dt_s;
-  const double load = t.torque_nm - (s.applied_nm + t.friction_nm) - t.rotor_inertia_kg_m2 * acceleration;
+  const double load = delivered_nm(s) - (s.applied_nm + t.friction_nm) - t.rotor_inertia_kg_m2 * acceleration;
   memory.load_nm += (load - memory.load_nm) * (drive.load_filter_s > 0 ? -std::expm1(-dt_s / drive.load_filter_s) : 1);
+
+  // The step that leaves a flank still had its friction: a stuck joint creeps the way it is pushed, and that is when teeth part.
+  if (s.faults.play_rad > 0) s.teeth = std::clamp(s.teeth + 2 * (t.q_end_rad - s.q_begin_rad) / s.faults.play_rad, -1.0, 1.0);
 
   s.steps_outside += s.outside;
   if (drive.dynamics == Dynamics::lugre) {
     double& z = static_cast<BristleMemory&>(memory).z;
     const double w = (t.q_end_rad - s.q_begin_rad) / dt_s * drive.speed_scale();
     // g as it was between the ends of the step; load and temperature are those of its begin.
-    const double g = parts(level(drive, {s.cache, false}, w, s.load_used_nm / drive.torque_max_nm)).g;
+    const double g = parts(level(drive, {s.cache, false}, w, s.load_used_nm / drive.torque_max_nm)).g * ripple(drive, s);
     const double most = breakaway(drive, s, g) / drive.bristles.sigma0;
     z = std::clamp(advanced(drive.bristles, std::clamp(z, -most, most), w, g, dt_s), -most, most);
     if (drive.bristles.sigma0 * std::abs(z) < slipping * g) s.stuck_s += dt_s;

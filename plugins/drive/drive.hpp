@@ -91,6 +91,20 @@ struct BristleMemory : Memory {
   double z = 0;                  ///< lugre: bristle deflection [rad, side of the law]; gear_loss: z [-]
 };
 
+/// What is wrong with a drive, as the mechanisms that act in a step; all zero is a healthy one. fault.hpp has the faults by name.
+struct Faults {
+  double boundary;               ///< relative change of g, the friction of surfaces in contact (Fc, Fs)
+  double stribeck_velocity;      ///< relative change of the Stribeck velocities
+  double viscous;                ///< relative change of h, the lubricant's friction
+  /// A pit on the ring that turns with the motor: g (1 + ripple cos(gear_ratio q)); 0..1, so that friction never pushes.
+  double ripple;
+  /// Share of the torque that the current promises and the motor does not give.
+  double torque_loss;
+  /// Gap between the teeth [rad, arm side]: after a reversal the gear transmits no friction until it is crossed. Rotor and
+  /// arm being one body here, the arm's weight and inertia cross the gap without a knock, and no load holds the teeth together.
+  double play_rad;
+};
+
 /// Inputs, cache and outputs of a drive, beside Memory in mjData. All zero is a healthy drive with its brake released.
 /// Doubles only: it lives in an array of mjtNum.
 struct Scratch {
@@ -101,9 +115,12 @@ struct Scratch {
   double worn;                   ///< not 0: `change` applies
   double change[friction::max_parameters];  ///< relative change of each law parameter; wear factor - 1
 
+  Faults faults;                 ///< `set_faults` writes them
+  double teeth;                  ///< where the teeth are in the gap, -1..1; at its ends they touch
+
   double added_heat_J;           ///< heat from elsewhere in the gear; the next end_step takes it in
 
-  // cache of the law at one temperature, a pure function of it and of `change`
+  // cache of the law at one temperature, a pure function of it, of `change` and `faults`
   double cache_valid;
   double cache_outside;
   friction::Coefficients cache;
@@ -120,7 +137,7 @@ struct Scratch {
   double temperature_degC;       ///< at which friction was evaluated, a multiple of 2^-14 K
   double load_used_nm;           ///< load at which friction was evaluated, arm side, signed
   double friction_nm;            ///< transmitted gear friction, arm side, positive with motion
-  double torque_nm;              ///< motor torque, arm side
+  double torque_nm;              ///< motor torque, arm side, as the motor's current tells it: what a controller believes
   double outside;                ///< not 0: an input lay outside the law's range
 
   // totals since reset
@@ -148,7 +165,16 @@ void set_temperature(const Drive& drive, Memory& memory, double temperature_degC
 /// Multiplies law parameter `index` by `factor` (>= 0; 1 restores it).
 void set_wear(Scratch& scratch, std::size_t index, double factor);
 
-/// The law as worn in this simulation.
+/// Replaces the faults of this simulation.
+void set_faults(Scratch& scratch, const Faults& faults);
+
+/// Motor torque that really acted in the last finished step [Nm, arm side].
+inline double delivered_nm(const Scratch& s) { return (1 - s.faults.torque_loss) * s.torque_nm; }
+
+/// A law with what faults do to it everywhere: all but ripple and play.
+friction::Law with_faults(const friction::Law& law, const Faults& faults);
+
+/// The law as worn and faulty in this simulation.
 friction::Law current_law(const Drive& drive, const Scratch& scratch);
 
 /// Starts a step at engine time time_s from joint angle q [rad] and speed qd [rad/s] and returns the limit of the
@@ -165,7 +191,7 @@ inline bool within_step(const Scratch& s, double time_s, double dt_s) {
 /// What a finished step did.
 struct Transmitted {
   double friction_nm;            ///< of the constraint, arm side, positive when it opposes positive motion
-  double torque_nm;              ///< motor torque, arm side
+  double torque_nm;              ///< motor torque, arm side, as its current tells it
   double qd_end_rad_s, q_end_rad;
   double rotor_inertia_kg_m2;    ///< arm side (armature)
 };

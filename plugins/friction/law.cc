@@ -302,6 +302,15 @@ Law with_parameters(const Law& law, std::span<const double> parameters) {
   return changed;
 }
 
+Law scaled(const Law& law, double weakening, double stribeck_velocity, double strengthening) {
+  Law result = law;
+  Family& f = result.family;
+  for (double* x : {&f.A, &f.A_T, &f.A_TT, &f.A_l, &f.B, &f.B_T, &f.B_TT, &f.B_l, &f.C_l}) *x *= weakening;
+  for (double* x : {&f.vs, &f.vs_T, &f.vs_TT, &f.vl}) *x *= stribeck_velocity;
+  for (double* x : {&f.F1, &f.F1_t, &f.F1_tt, &f.F1_T, &f.F2, &f.F3, &f.Fb, &f.Fb_T}) *x *= strengthening;
+  return result;
+}
+
 tl::expected<Law, std::string> published_law(std::string_view name) {
   std::vector<std::pair<std::string, double>> values;
   if (const LawInfo* info = find_law(name))

@@ -104,7 +104,7 @@ struct Law {
   std::array<double, max_parameters> parameters{};
   Range range;
   Validity validity = Validity::clamp;
-  Family family;              ///< follows from the parameters; `with_parameters` keeps it so
+  Family family;              ///< follows from the parameters, `with_parameters` keeps it so; `scaled` departs from them
 
   std::span<const double> values() const { return {parameters.data(), info->parameters.size()}; }
 };
@@ -119,6 +119,9 @@ tl::expected<Law, std::string> published_law(std::string_view name);
 
 /// The same law with other numbers, within the accepted ranges or not (wear may leave them).
 Law with_parameters(const Law& law, std::span<const double> parameters);
+
+/// The same law with its parts multiplied at every temperature and load: g, the Stribeck velocities, h. `parameters` stay.
+Law scaled(const Law& law, double weakening, double stribeck_velocity, double strengthening);
 
 /// The bounds that `level` and `at_temperature` hold inputs to under the law's policy: its own range or, where it
 /// extrapolates or is unlimited, what is physical at all (1e6 rad/s, load 1e3, -273.15 .. 1000 degC).

@@ -170,6 +170,15 @@ const drive::Scratch& scratch(const mjData* d, const Binding& b) {
   return *reinterpret_cast<const drive::Scratch*>(engine::scratch(d) + b.scratch_address);
 }
 
+double commanded_force(const mjModel* m, const mjData* d, const Binding& b) {
+  mjtNum control = d->ctrl[b.control];
+  if (m->actuator_ctrllimited[b.control] && !(m->opt.disableflags & mjDSBL_CLAMPCTRL)) {
+    const mjtNum* range = m->actuator_ctrlrange + 2 * b.control;
+    control = mju_clip(control, range[0], range[1]);
+  }
+  return control;
+}
+
 void limit_friction(const mjModel* m, mjData* d, const Binding& b) {
   drive::Scratch& s = scratch(d, b);
   const bool later_stage = m->opt.integrator == mjINT_RK4 && drive::within_step(s, d->time, m->opt.timestep);
@@ -177,6 +186,7 @@ void limit_friction(const mjModel* m, mjData* d, const Binding& b) {
   if (const int row = engine::friction_row(d, b.dof, b.row_hint); row >= 0) engine::set_friction_limit(d, row, limit);
   // The engine computes qfrc_passive afresh ahead of every call of this, and sums it after.
   if (b.drive.dynamics != drive::Dynamics::none) d->qfrc_passive[b.dof] -= s.applied_nm;
+  if (s.faults.torque_loss != 0) d->qfrc_passive[b.dof] -= s.faults.torque_loss * commanded_force(m, d, b) * b.gear;
 }
 
 void book_friction(const mjModel* m, mjData* d, const Binding& b) {

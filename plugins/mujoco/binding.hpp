@@ -49,8 +49,11 @@ drive::Scratch& scratch(mjData* d, const Binding& binding);
 const drive::Memory& memory(const mjData* d, const Binding& binding);
 const drive::Scratch& scratch(const mjData* d, const Binding& binding);
 
-/// Before the solver runs: writes the friction limit into the joint's constraint row, and what bristles hold into
-/// qfrc_passive. Once per stage of the integrator.
+/// What the control asks of the motor, within its range: actuator force as the current tells it.
+double commanded_force(const mjModel* m, const mjData* d, const Binding& binding);
+
+/// Before the solver runs: writes the friction limit into the joint's constraint row, and into qfrc_passive what bristles hold
+/// and what a weak motor does not give. Once per stage of the integrator.
 void limit_friction(const mjModel* m, mjData* d, const Binding& binding);
 
 /// After the step: heat, temperature, load. Once per mj_step.

@@ -108,12 +108,7 @@ int init(const mjModel* m, mjData* d, int instance) {
 void compute(const mjModel* m, mjData* d, int instance, int) {
   if (!binding_of(d, instance)) return;
   const Binding& b = *binding_of(d, instance);
-  mjtNum torque = d->ctrl[b.control];
-  if (m->actuator_ctrllimited[b.control] && !(m->opt.disableflags & mjDSBL_CLAMPCTRL)) {
-    const mjtNum* range = m->actuator_ctrlrange + 2 * b.control;
-    torque = mju_clip(torque, range[0], range[1]);
-  }
-  d->actuator_force[b.force] = torque;
+  d->actuator_force[b.force] = commanded_force(m, d, b);
   limit_friction(m, d, b);
 }
 

@@ -1,6 +1,10 @@
 #include <gmock/gmock.h>
 
+#include <cmath>
+#include <numbers>
+
 #include <tribotwin/plugins/drive/configuration.hpp>
+#include <tribotwin/plugins/drive/fault.hpp>
 
 namespace tribotwin::drive {
 namespace {
@@ -80,6 +84,81 @@ TEST(Drive, WearReachesEveryParameterOfTheLaw) {
     EXPECT_DOUBLE_EQ(limit, worn) << drive.law.info->parameters[i].name;
     EXPECT_GT(std::abs(limit - friction::torque(drive.law, 4, 0, 25)), 0.01) << drive.law.info->parameters[i].name;
   }
+}
+
+/// Friction with a fault against that of the law with the parameters that the footprint says.
+TEST(Fault, LeavesItsFootprintOnTheLaw) {
+  const auto drive_with = [](double Fc, double Fs, double Vs, double Fv) {
+    return *make_drive("j3", {{"law", "steady_state"}, {"Fc", std::to_string(Fc)}, {"Fs", std::to_string(Fs)}, {"Vs", std::to_string(Vs)}, {"alpha", "1.3"},
+                              {"Fv", std::to_string(Fv)}, {"beta", "0.6"}, {"torque_max_nm", "130"}, {"gear_ratio", "100"}});
+  };
+  const Drive healthy = drive_with(5, 8, 3, 1);
+  const struct {
+    const char* name;
+    Drive drive;
+  } expected[] = {{"wear", drive_with(6, 9.6, 3.6, 1)}, {"thickening", drive_with(5, 8, 3.2, 1.2)}, {"lubricant_loss", drive_with(5, 8, 3.6, 0.8)}, {"preload_loss", drive_with(4, 6.4, 3, 1)}};
+  for (const auto& [name, drive] : expected) {
+    Faults faults{};
+    find_fault(name)->add(faults, 0.2);
+    for (const double qd : {0.0, 0.001, 0.02, 0.1, 1.5}) {
+      Scratch faulty{}, plain{};
+      set_faults(faulty, faults);
+      EXPECT_NEAR(begin_step(healthy, {}, faulty, 0, qd), begin_step(drive, {}, plain, 0, qd), 1e-9) << name << " at " << qd;
+    }
+  }
+}
+
+TEST(Fault, RippleFollowsTheMotorsAngleAndNeverPushes) {
+  const Drive drive = *make_drive("j3", {{"law", "steady_state"}, {"Fc", "5"}, {"Fs", "8"}, {"Vs", "3"}, {"alpha", "1.3"}, {"Fv", "1"},
+                                         {"beta", "0.6"}, {"torque_max_nm", "130"}, {"gear_ratio", "100"}});
+  Faults faults{};
+  find_fault("pitted_bearing")->add(faults, 1);
+  double mean = 0, least = 1e9, most = 0;
+  for (int i = 0; i < 100; ++i) {
+    Scratch scratch{};
+    set_faults(scratch, faults);
+    const double limit = begin_step(drive, {}, scratch, 0, 0.1, 0.02 * std::numbers::pi * i / 100);
+    mean += limit / 100, least = std::min(least, limit), most = std::max(most, limit);
+  }
+  Scratch plain{};
+  const double level = begin_step(drive, {}, plain, 0, 0.1), h = std::pow(10.0, 0.6), g = level - h;
+  EXPECT_NEAR(mean, level, 1e-9);
+  EXPECT_NEAR(most, 2 * g + h, 1e-9);
+  EXPECT_NEAR(least, h, 1e-9);
+  EXPECT_GT(least, 0);
+}
+
+TEST(Fault, TeethTransmitNothingWhileTheyCrossTheGap) {
+  const Drive drive = *make_drive("j3", {{"law", "steady_state"}, {"Fc", "5"}, {"Fs", "8"}, {"Vs", "3"}, {"alpha", "1.3"}, {"Fv", "1"},
+                                         {"beta", "0.6"}, {"torque_max_nm", "130"}, {"gear_ratio", "100"}});
+  Scratch scratch{};
+  set_faults(scratch, {.play_rad = 0.01});
+  Memory memory;
+  const auto decay = thermal::decay(drive.thermal, 1e-3);
+  double q = 0;
+  const auto go = [&](double qd) {   // travel until the teeth touch
+    const double from = q;
+    for (int i = 0; i < 100000; ++i) {
+      const double limit = begin_step(drive, memory, scratch, 0, qd, q);
+      if (limit > 1) return std::abs(q - from);
+      EXPECT_LT(limit, 1e-9);
+      q += qd * 1e-3;
+      end_step(drive, decay, {.qd_end_rad_s = qd, .q_end_rad = q}, 1e-3, memory, scratch);
+    }
+    return -1.0;
+  };
+  const auto touch = [&](double qd) {   // one step on the flank
+    begin_step(drive, memory, scratch, 0, qd, q);
+    q += qd * 1e-3;
+    end_step(drive, decay, {.qd_end_rad_s = qd, .q_end_rad = q}, 1e-3, memory, scratch);
+  };
+  EXPECT_NEAR(go(0.1), 0.005, 2e-4);   // from the middle
+  touch(0.1);
+  EXPECT_EQ(go(0.1), 0);
+  touch(-0.1);
+  EXPECT_NEAR(go(-0.1), 0.01, 3e-4);
+  touch(0.1);
+  EXPECT_NEAR(go(0.1), 0.01, 3e-4);
 }
 
 TEST(Drive, HeatEqualsFrictionWorkAndReachesTheOil) {

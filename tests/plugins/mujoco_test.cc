@@ -144,6 +144,50 @@ TEST(Drive, ViscousFrictionNeverReversesTheMotionHoweverLongTheStep) {
   EXPECT_NEAR(before, 0, 1e-9);
 }
 
+TEST(Faults, AWeakMotorGivesLessThanItsCurrentTells) {
+  for (const char* integrator : {"Euler", "RK4"}) {
+    Arm arm;
+    arm.option = fmt::format(R"(timestep="0.001" tolerance="1e-10" integrator="{}")", integrator);
+    const auto model = arm.load();
+    ASSERT_TRUE(model) << model.error();
+    const Binding& binding = (*model)->drives()[0];
+    const DataPtr weak = (*model)->make_data(), strong = (*model)->make_data();
+    drive::set_faults(scratch(weak.get(), binding), {.torque_loss = 0.25});
+    for (int i = 0; i < 2000; ++i) {
+      weak->ctrl[0] = 40 * std::sin(i * 3e-3);
+      strong->ctrl[0] = 0.75 * weak->ctrl[0];
+      (*model)->step(weak.get());
+      (*model)->step(strong.get());
+    }
+    EXPECT_GT(std::abs(strong->qpos[0]), 0.01);
+    EXPECT_NEAR(weak->qpos[0], strong->qpos[0], 1e-9) << integrator;
+    EXPECT_DOUBLE_EQ(scratch(weak.get(), binding).torque_nm, weak->ctrl[0]);
+    EXPECT_DOUBLE_EQ(drive::delivered_nm(scratch(weak.get(), binding)), strong->ctrl[0]);
+    EXPECT_NEAR(memory(weak.get(), binding).load_nm, memory(strong.get(), binding).load_nm, 1e-6);
+  }
+}
+
+TEST(Faults, TeethThatAreApartHoldNoJoint) {
+  Arm arm;
+  arm.gravity = "0 0 0";
+  const auto model = arm.load();
+  ASSERT_TRUE(model) << model.error();
+  const Binding& binding = (*model)->drives()[0];
+  const DataPtr d = (*model)->make_data();
+  drive::set_faults(scratch(d.get(), binding), {.play_rad = 0.02});
+  const auto pushed = [&](double torque_nm, int steps) {
+    const double from = d->qpos[0];
+    d->ctrl[0] = torque_nm;
+    for (int i = 0; i < steps; ++i) (*model)->step(d.get());
+    return d->qpos[0] - from;
+  };
+  EXPECT_NEAR(pushed(1, 3000), 0.01, 1e-4);    // 1 Nm, of 5 Nm of breakaway: from the middle to the flank, and held there
+  EXPECT_NEAR(pushed(1, 1000), 0, 1e-6);
+  EXPECT_NEAR(pushed(-1, 3000), -0.02, 2e-4);
+  EXPECT_NEAR(pushed(1, 3000), 0.02, 2e-4);
+  EXPECT_GE(scratch(d.get(), binding).heat_J, 0);
+}
+
 TEST(Drive, ResetCopyAndConcurrentSimulationsShareNothing) {
   const auto loaded = load_file(irb6620);
   ASSERT_TRUE(loaded) << loaded.error();

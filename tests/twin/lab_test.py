@@ -51,7 +51,7 @@ check("exits 0", r.returncode == 0, r.stderr)
 check("says what it did", "14 curves, 0 of them were there, 56 levels" in r.stdout, r.stdout)
 check("no terminal, no progress", "\r" not in r.stderr)
 check("header", bytes_of("one").startswith(b"series,curve,speed_rad_s,load_norm,temperature_degC,friction_norm,stderr_norm,friction_forward_norm,"
-                                           b"friction_backward_norm,friction_nm,stderr_nm,lag_s\n"))
+                                           b"friction_backward_norm,friction_nm,stderr_nm,lag_s,ripple_nm,lost_motion_rad\n"))
 d = np.genfromtxt(work + "/one/curves.csv", delimiter=",", names=True, dtype=None, encoding=None)
 check("rows in the order of the campaign", list(d["curve"]) == [c for c in range(1, 15) for _ in range(4)] and list(d["series"][:24]) == ["grid"] * 24 and d["series"][24] == "drawn")
 v, l, T = d["speed_rad_s"], np.abs(d["load_norm"]), d["temperature_degC"]

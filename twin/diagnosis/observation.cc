@@ -49,28 +49,6 @@ tl::expected<identification::Fit, std::string> fitted_at_mean_load(Samples curve
   return fit;
 }
 
-tl::expected<Observation, std::string> observe(const Samples& curve, double load_sensitivity) {
-  const auto fit = fitted_at_mean_load(curve, load_sensitivity);
-  if (!fit) return tl::unexpected(fit.error());
-  Observation o{.residual_nm = fit->residual.std};
-  const double variance = fit->cost / std::max(1.0, static_cast<double>(fit->samples - fit->estimated));
-  Features slope = Features::Ones();
-  for (Index i = 0; i < feature_count; ++i) {
-    const auto& e = fit->parameters[place_in_law[static_cast<std::size_t>(i)]];
-    o.features(i) = e.value;
-    if (i < 4) slope(i) = 1 / std::max(e.value, 1e-12);
-    if (e.status != Status::estimated || std::ranges::find(fit->unidentifiable, e.name) != fit->unidentifiable.end()) o.weak.push_back(e.name);
-  }
-  for (Index i = 0; i < feature_count; ++i)
-    for (Index k = 0; k < feature_count; ++k)
-      o.shape(i, k) = fit->covariance(static_cast<Index>(place_in_law[static_cast<std::size_t>(i)]), static_cast<Index>(place_in_law[static_cast<std::size_t>(k)])) * slope(i) * slope(k) / variance;
-  if (!o.shape.allFinite() || !(variance > 0)) o.shape.setZero();
-  // Standstill and Coulomb friction are apart only where the curve has levels on both sides of the Stribeck velocity.
-  const auto [slowest, fastest] = std::ranges::minmax(curve.speed);
-  if (const double Vs = o.features(2); slowest > Vs || fastest < 5 * Vs) o.weak.emplace_back(slowest > Vs ? "Fs" : "Fv");
-  return o;
-}
-
 /// Of the campaign that a file of tribotwin lab belongs to.
 std::string joint_beside(const fs::path& file) {
   const fs::path folder = fs::absolute(file).parent_path();
@@ -93,6 +71,12 @@ double torque_max_of(const Numbers& table, const fs::path& file) {
   return ratio;
 }
 
+/// Of the levels that can tell.
+double lost_motion_of(std::vector<double> levels) {
+  std::erase(levels, 0.0);
+  return levels.empty() ? 0 : median_of(std::move(levels));
+}
+
 /// Largest ripple and median lost motion of each curve, where the file has them.
 void take_indicators(const Numbers& table, ObservationFile& out) {
   const auto& number = table.columns[0];
@@ -107,7 +91,7 @@ void take_indicators(const Numbers& table, ObservationFile& out) {
       out.notes.push_back(fmt::format("{} is left out: without a column 'curve' it cannot be told which curve it belongs to", indicators[which].column));
       continue;
     }
-    for (std::size_t c = 0; c < by_curve.size(); ++c) out.observations[c].indicators[which] = which == ripple ? std::ranges::max(by_curve[c]) : median_of(by_curve[c]);
+    for (std::size_t c = 0; c < by_curve.size(); ++c) out.observations[c].indicators[which] = which == ripple ? std::ranges::max(by_curve[c]) : lost_motion_of(std::move(by_curve[c]));
   }
 }
 
@@ -121,6 +105,28 @@ Features Observation::logarithmic() const {
 
 std::string Observation::name() const {
   return fmt::format("{}, curve {}{}", file, curve, temperature_degC ? fmt::format(" ({:.1f} degC)", *temperature_degC) : "");
+}
+
+tl::expected<Observation, std::string> observe(const Samples& curve, double load_sensitivity) {
+  const auto fit = fitted_at_mean_load(curve, load_sensitivity);
+  if (!fit) return tl::unexpected(fit.error());
+  Observation o{.residual_nm = fit->residual.std};
+  const double variance = fit->cost / std::max(1.0, static_cast<double>(fit->samples - fit->estimated));
+  Features slope = Features::Ones();
+  for (Index i = 0; i < feature_count; ++i) {
+    const auto& e = fit->parameters[place_in_law[static_cast<std::size_t>(i)]];
+    o.features(i) = e.value;
+    if (i < 4) slope(i) = 1 / std::max(e.value, 1e-12);
+    if (e.status != Status::estimated || std::ranges::find(fit->unidentifiable, e.name) != fit->unidentifiable.end()) o.weak.push_back(e.name);
+  }
+  for (Index i = 0; i < feature_count; ++i)
+    for (Index k = 0; k < feature_count; ++k)
+      o.shape(i, k) = fit->covariance(static_cast<Index>(place_in_law[static_cast<std::size_t>(i)]), static_cast<Index>(place_in_law[static_cast<std::size_t>(k)])) * slope(i) * slope(k) / variance;
+  if (!o.shape.allFinite() || !(variance > 0)) o.shape.setZero();
+  // Standstill and Coulomb friction are apart only where the curve has levels on both sides of the Stribeck velocity.
+  const auto [slowest, fastest] = std::ranges::minmax(curve.speed);
+  if (const double Vs = o.features(2); slowest > Vs || fastest < 5 * Vs) o.weak.emplace_back(slowest > Vs ? "Fs" : "Fv");
+  return o;
 }
 
 tl::expected<ObservationFile, std::string> read_observations(const fs::path& file, const ObservationOptions& options) try {

@@ -13,6 +13,10 @@
 
 /// What one friction curve tells of a joint's state (paper 2, section 5): the parameters of law `steady_state` with alpha
 /// fixed, and indicators beside them.
+namespace tribotwin::twin::identification {
+struct Samples;
+}
+
 namespace tribotwin::twin::diagnosis {
 
 constexpr std::string_view law_name = "steady_state";
@@ -70,6 +74,9 @@ struct ObservationOptions {
   /// that of paper 1's M*.
   double load_sensitivity = 0.6;
 };
+
+/// Features of one curve, without indicators. Fails where the fit does.
+tl::expected<Observation, std::string> observe(const identification::Samples& curve, double load_sensitivity);
 
 /// Every curve of a file that identification::read_samples reads, with its optional columns ripple_nm and lost_motion_rad.
 /// Fails, naming file and curve, on cells that are not finite and on curves too short for the law; features that a curve

@@ -113,7 +113,7 @@ class Series {
  public:
   Series(Campaign& campaign, const Measurement& basis, std::set<std::string>& names, std::size_t index, Mapping in)
       : campaign_(campaign), basis_(basis), drive_(campaign.model->drives()[campaign.drive].drive), index_(index), in_(std::move(in)) {
-    in_.accept({"name", "load", "temperature", "combine", "count"});
+    in_.accept({"name", "load", "temperature", "combine", "count", "fault"});
     name_ = in_.text("name");
     if (name_.find_first_of(",\"\n\r") != std::string::npos) in_.fail("name", "must have no comma, quote or line break: it is a cell of curves.csv");
     if (!names.insert(name_).second) in_.fail("name", fmt::format("'{}' is the name of another series", name_));
@@ -124,6 +124,11 @@ class Series {
     } else if (in_.has("count")) {
       in_.fail("count", "is for combine: random");
     }
+    if (const YAML::Node fault = in_.raw("fault"); fault && fault.IsSequence())
+      for (Mapping one : in_.mappings("fault")) read_fault(one);
+    else if (fault)
+      read_fault(*in_.mapping("fault"));
+    drive_.law = drive::with_faults(drive_.law, faults_);
     read_load();
     read_temperature();
     in_.done();
@@ -160,12 +165,20 @@ class Series {
   struct Loaded {
     std::size_t bench;
     Measurement measurement;
+    double payload_kg;
     std::shared_ptr<const mujoco::Model> arm;   ///< with its payload, without gravity's absence: what Gravity asks
     std::string text;
   };
   struct Step {
     double duration_s, speed_rad_s;   ///< arm side
   };
+
+  void read_fault(Mapping in) {
+    in.accept({"type", "severity"});
+    const auto fault = fault_of(in, "type", *campaign_.model, campaign_.drive);
+    fault.type->add(faults_, fault.severity);
+    in.done();
+  }
 
   void read_load() {
     auto load = in_.mapping("load");
@@ -227,7 +240,7 @@ class Series {
     const bool gravity = by_ != LoadBy::torque;
     Payload payload = payload_;
     if (by_ == LoadBy::payload) payload.mass_kg = load;
-    Loaded l{.bench = 0, .measurement = basis_, .arm = campaign_.model, .text = {}};
+    Loaded l{.bench = 0, .measurement = basis_, .payload_kg = gravity ? payload.mass_kg : 0, .arm = campaign_.model, .text = {}};
     if (gravity && payload.mass_kg > 0) {
       if (!arm_ || arm_mass_kg_ != payload.mass_kg) {
         auto carrying = with_payload(*campaign_.model, payload);
@@ -299,8 +312,9 @@ class Series {
 
   void add_curve(const Loaded& load, const Heat& heat, const std::string& temperature) {
     if (campaign_.curves.size() >= most_curves) in_.fail("name", fmt::format("the campaign has more than {} curves", most_curves));
-    Curve curve{.series = name_, .number = campaign_.curves.size() + 1, .bench = load.bench, .measurement = load.measurement, .conditions = load.text + ", " + temperature};
+    Curve curve{.series = name_, .number = campaign_.curves.size() + 1, .bench = load.bench, .measurement = load.measurement, .payload_kg = load.payload_kg, .conditions = load.text + ", " + temperature};
     curve.measurement.heat = heat;
+    curve.measurement.faults = faults_;
     curve.measurement.seed = random_for(campaign_.seed, curve.number, for_sensors)();
     motion(load, heat);   // whether it can be done shows here, before hours of work
     if (drive_.law.validity == friction::Validity::error) {
@@ -316,7 +330,8 @@ class Series {
 
   Campaign& campaign_;
   const Measurement& basis_;
-  const drive::Drive& drive_;
+  drive::Drive drive_;   ///< with its faults
+  drive::Faults faults_{};
   std::size_t index_;
   Mapping in_;
   std::string name_, combine_;
@@ -349,9 +364,15 @@ std::vector<double> start_of(Mapping& in, const mujoco::Model& model) {
 
 }  // namespace
 
-Campaign load_campaign(const fs::path& file, const std::vector<std::string>& overrides) {
+YAML::Node campaign_tree(const fs::path& file, const std::vector<std::string>& overrides) {
   YAML::Node root = load_yaml(file);
   for (const auto& assignment : overrides) apply_setting(root, assignment);
+  return root;
+}
+
+Campaign load_campaign(const fs::path& file, const std::vector<std::string>& overrides) { return campaign_of(file, campaign_tree(file, overrides)); }
+
+Campaign campaign_of(const fs::path& file, YAML::Node root) {
   Campaign c;
   c.file = file;
   Mapping in(file.string(), "", root);
@@ -442,8 +463,8 @@ tl::expected<std::string, std::string> measured_rows(const Campaign& campaign, c
   for (const Level& level : found->levels) {
     const double error = campaign.level_noise_nm > 0 ? campaign.level_noise_nm * noise(random) : 0;
     const double norm = 1 / drive.torque_max_nm, stderr_nm = std::hypot(level.stderr_nm, campaign.level_noise_nm), friction = level.friction_nm + error;
-    rows += fmt::format("{},{},{},{},{},{},{},{},{},{},{},{}\n", curve.series, curve.number, level.speed_rad_s * drive.gear_ratio, level.load_nm * norm, level.temperature_degC,
-                        friction * norm, stderr_nm * norm, (level.forward->friction_nm + error) * norm, (level.backward->friction_nm + error) * norm, friction, stderr_nm, found->lag_s);
+    rows += fmt::format("{},{},{},{},{},{},{},{},{},{},{},{},{},{}\n", curve.series, curve.number, level.speed_rad_s * drive.gear_ratio, level.load_nm * norm, level.temperature_degC,
+                        friction * norm, stderr_nm * norm, (level.forward->friction_nm + error) * norm, (level.backward->friction_nm + error) * norm, friction, stderr_nm, found->lag_s, level.ripple_nm, level.lost_motion_rad);
   }
   return rows;
 }

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include <tl/expected.hpp>
+#include <yaml-cpp/yaml.h>
 
 #include <tribotwin/twin/laboratory/experiment.hpp>
 
@@ -22,6 +23,7 @@ struct Curve {
   std::size_t number = 0;           ///< from 1, over all series
   std::size_t bench = 0;            ///< of Campaign::benches
   Measurement measurement;
+  double payload_kg = 0;
   std::string conditions;           ///< "load -0.72, 50 degC", for messages
 };
 
@@ -43,9 +45,13 @@ struct Campaign {
 /// InputError.
 Campaign load_campaign(const std::filesystem::path& file, const std::vector<std::string>& overrides = {});
 
+/// The same in two steps: the file with every override applied, and what such a tree describes (model relative to `file`).
+YAML::Node campaign_tree(const std::filesystem::path& file, const std::vector<std::string>& overrides);
+Campaign campaign_of(const std::filesystem::path& file, YAML::Node root);
+
 /// Columns of curves.csv: speed motor side [rad/s], torques over torque_max_nm or arm side [Nm].
 inline constexpr char curve_columns[] = "series,curve,speed_rad_s,load_norm,temperature_degC,friction_norm,stderr_norm,friction_forward_norm,"
-                                        "friction_backward_norm,friction_nm,stderr_nm,lag_s\n";
+                                        "friction_backward_norm,friction_nm,stderr_nm,lag_s,ripple_nm,lost_motion_rad\n";
 
 /// Measures one curve: its rows of curves.csv. A function of campaign and curve alone, whatever thread it runs on. Fails with the curve's
 /// number, series and conditions.

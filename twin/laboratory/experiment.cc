@@ -36,6 +36,7 @@ mujoco::DataPtr prepared(const mujoco::Model& bench, std::size_t drive, std::spa
     if (own) {
       memory.rise = me.heat.rise;
       s.ambient_offset_K = me.heat.ambient_offset_K;
+      drive::set_faults(s, me.faults);
     } else {
       s.brake_engaged = 1e6;   // the others stand
     }
@@ -115,6 +116,12 @@ std::vector<double> test_cycle_speeds_rad_s() {
   return speeds;
 }
 
+std::vector<double> test_cycle_travel_rad() {
+  std::vector<double> travel;
+  for (const auto& level : cycle) travel.push_back(level.displacement * deg / 2);
+  return travel;
+}
+
 Motion test_cycle_of(const mujoco::Model& bench, std::size_t drive, std::span<const double> start_rad) {
   const std::size_t joints = bench.drives().size();
   const std::vector<double> centre(start_rad.begin(), start_rad.end()), acceleration(joints, 400 * deg), approach(joints, 50 * deg);
@@ -163,8 +170,10 @@ tl::expected<JointRecording, std::string> record(const mujoco::Model& bench, std
       if (d->warning[w].number) return tl::unexpected(fmt::format("the simulation diverged: {}", mju_warningText(w, static_cast<std::size_t>(d->warning[w].lastinfo))));
     const drive::Scratch& s = mujoco::scratch(d.get(), binding);
     signals.torque_nm.push_back(s.torque_nm);
-    // Of this step; the drive itself knows the load one step late, and only filtered where that is asked for.
-    signals.load_nm.push_back(s.torque_nm - s.friction_nm - m->dof_armature[binding.dof] * (d->qvel[binding.dof] - signals.velocity_rad_s.back()) / dt);
+    // Of this step; the drive itself knows the load one step late, and only filtered where that is asked for. A controller
+    // knows it by its current, as it knows the torque.
+    const double load = drive::delivered_nm(s) - s.friction_nm - m->dof_armature[binding.dof] * (d->qvel[binding.dof] - signals.velocity_rad_s.back()) / dt;
+    signals.load_nm.push_back(load / (1 - me.faults.torque_loss));
     signals.temperature_degC.push_back(s.temperature_degC);
     if (progress && k % 512 == 0) progress(static_cast<double>(k) / static_cast<double>(steps));
   }

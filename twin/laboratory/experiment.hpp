@@ -38,6 +38,7 @@ struct Measurement {
   double external_nm = 0;                      ///< load that no gravity gives, arm side
   double width_rad = std::numeric_limits<double>::infinity();   ///< measured around the joint's start
   Heat heat;
+  drive::Faults faults{};                      ///< of the joint
   CascadedOptions servo{.position_gain_1_s = 20, .speed_bandwidth_rad_s = 100, .integral_time_s = 0.05};
   Sensors sensors;
   std::uint64_t seed = 1;                      ///< of the sensors' noise
@@ -53,6 +54,8 @@ tl::expected<Motion, std::string> plus_minus(const mujoco::Model& bench, std::si
 
 /// Paper 2, Table 1: speeds [rad/s] of its 15 levels.
 std::vector<double> test_cycle_speeds_rad_s();
+/// Travel [rad] of each level.
+std::vector<double> test_cycle_travel_rad();
 /// Paper 2's cycle around the joint's start. "Angular displacement" and "sampling time" of Table 1 are taken to be those of
 /// the way there and back, so that the whole lasts under three minutes as the paper says.
 Motion test_cycle_of(const mujoco::Model& bench, std::size_t drive, std::span<const double> start_rad);

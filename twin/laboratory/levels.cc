@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <numbers>
+#include <numeric>
 #include <span>
 #include <tuple>
 
@@ -266,6 +268,7 @@ class Profile {
   std::span<const Row> rows() const { return rows_; }
   bool too_short() const { return forward_ < least_samples || rows_.size() - forward_ < least_samples; }
   double position(double x) const { return centre_ + half_ * x; }
+  double scaled(double q) const { return (q - centre_) / half_; }
 
   /// Torque [Nm] of a row, the column being late by `lag_s`; linear between samples.
   double torque(const Row& row, double lag_s) const {
@@ -357,7 +360,7 @@ class Profile {
   void take(const Pass& pass, double sign) {
     for (std::size_t i = pass.begin; i < pass.end; ++i) {
       const double q = pass.at + pass.speed * (r_.time_s[i] - r_.time_s[pass.begin]);   // free of quantisation
-      if (q >= pair_.low && q <= pair_.high) rows_.push_back({i, (q - centre_) / half_, sign});
+      if (q >= pair_.low && q <= pair_.high) rows_.push_back({i, scaled(q), sign});
     }
     if (sign > 0) forward_ = rows_.size();
   }
@@ -392,7 +395,82 @@ class Profile {
   double friction_ = 0;
 };
 
-Level measured(const JointRecording& r, const Pair& pair, const Profile& profile, const LevelOptions& options, double lag_s, double lag_stderr_s) {
+/// A part of the friction that is periodic in the joint's angle.
+struct Ripple {
+  double per_turn = 0, cosine_nm = 0, sine_nm = 0;
+  double friction_nm = 0;   ///< of the level that it was found in
+  double amplitude_nm() const { return std::hypot(cosine_nm, sine_nm); }
+  double operator()(double q_rad) const { return cosine_nm * std::cos(per_turn * q_rad) + sine_nm * std::sin(per_turn * q_rad); }
+};
+
+/// Of the samples' Fourier amplitudes over the angle, beyond what a slow trend explains, the largest.
+Ripple ripple_of(const Profile& profile, const Profile::Difference& both) {
+  constexpr double false_alarm = 1e-4, least_periods = 3, least_samples_per_period = 5, most_per_turn = 1000;
+  const auto n = static_cast<Eigen::Index>(both.x.size());
+  const double travel = std::abs(profile.position(both.x.back()) - profile.position(both.x.front()));
+  const double lowest = std::ceil(2 * std::numbers::pi * least_periods / travel);
+  const double highest = std::min(most_per_turn, 2 * std::numbers::pi * static_cast<double>(n) / travel / least_samples_per_period);
+  const double step = std::max(1.0, std::floor(std::numbers::pi / travel));   // half of what this travel can tell apart
+  if (!(highest > lowest + 10 * step)) return {};
+
+  Eigen::MatrixXd slow(n, 5);   // polynomial in the position, and friction's share of the load
+  for (Eigen::Index i = 0; i < n; ++i) {
+    const double x = both.x[static_cast<std::size_t>(i)];
+    slow.row(i) << 1, x, x * x, x * x * x, std::abs(profile.common_nm(x));
+  }
+  const Eigen::Map<const Eigen::VectorXd> all(both.friction_nm.data(), n);
+  const Eigen::VectorXd rest = all - slow * slow.completeOrthogonalDecomposition().solve(all);
+  std::vector<double> squares;
+  Ripple strongest;
+  for (double k = lowest; k <= highest; k += step) {
+    double cosine = 0, sine = 0;
+    for (Eigen::Index i = 0; i < n; ++i) {
+      const double angle = k * profile.position(both.x[static_cast<std::size_t>(i)]);
+      cosine += rest[i] * std::cos(angle), sine += rest[i] * std::sin(angle);
+    }
+    const Ripple one{k, 2 * cosine / static_cast<double>(n), 2 * sine / static_cast<double>(n)};
+    if (one.amplitude_nm() > strongest.amplitude_nm()) strongest = one;
+    squares.push_back(one.amplitude_nm() * one.amplitude_nm());
+  }
+  // Squared amplitudes of noise are exponentially distributed, with a median of ln 2 times their mean.
+  const double count = static_cast<double>(squares.size());
+  std::ranges::nth_element(squares, squares.begin() + static_cast<std::ptrdiff_t>(squares.size() / 2));
+  const double noise = squares[squares.size() / 2] / std::numbers::ln2;
+  return std::pow(strongest.amplitude_nm(), 2) > noise * std::log(count / false_alarm) ? strongest : Ripple{};
+}
+
+/// Travel from the turn between two passes until the torque beyond the load is half the friction in the new direction.
+double lost_motion_rad(const JointRecording& r, const Pair& pair, const Profile& profile, double friction_nm, double lag_s) {
+  const bool forward_first = pair.forward.begin < pair.reverse.begin;
+  const Pass &before = forward_first ? pair.forward : pair.reverse, &after = forward_first ? pair.reverse : pair.forward;
+  const double direction = forward_first ? -1 : 1;
+  std::size_t turn = before.end - 1;
+  for (std::size_t i = turn; i < after.begin; ++i)
+    if (direction * r.position_rad[i] < direction * r.position_rad[turn]) turn = i;
+  // The load is known over the common positions; this far beyond them it is nearly the same.
+  constexpr double near_rad = 0.02;
+  if (std::max(pair.low - r.position_rad[turn], r.position_rad[turn] - pair.high) > near_rad) return 0;
+  const auto travelled = [&](std::size_t i) { return direction * (r.position_rad[i] - r.position_rad[turn]); };
+  // Share of the friction that opposes the new direction, the mean of a few samples against the noise.
+  constexpr std::size_t some = 5;
+  const auto share = [&](std::size_t i) {
+    double sum = 0;
+    for (std::size_t k = i; k < i + some; ++k) {
+      const double x = profile.scaled(r.position_rad[k]);
+      sum += direction * (profile.torque({k, x, 0}, lag_s) - profile.common_nm(std::clamp(x, -1.0, 1.0)));
+    }
+    return sum / (static_cast<double>(some) * friction_nm);
+  };
+  // Inertia that takes a third of the friction off while the joint brakes hides what comes after the turn as well.
+  for (std::size_t i = before.end - 1; i <= turn; ++i)
+    if (i + some > after.begin || share(i) > -0.7) return 0;
+  std::size_t end = turn;
+  while (end + some < after.end && share(end) < 0.5) ++end;
+  return std::max(0.0, travelled(end));
+}
+
+/// `known` is a ripple that other levels show; a pass too short to have its mean in it gets rid of it.
+Level measured(const JointRecording& r, const Pair& pair, const Profile& profile, const LevelOptions& options, double lag_s, double lag_stderr_s, Ripple& ripple, const Ripple& known = {}) {
   const auto inside = [&](double x) { return std::abs(profile.position(x) - options.centre_rad) <= 0.5 * options.width_rad; };
   std::array<std::vector<double>, 2> beyond_load;
   double load = 0, load_magnitude = 0, temperature = 0, count = 0, slope = 0;
@@ -407,7 +485,12 @@ Level measured(const JointRecording& r, const Pair& pair, const Profile& profile
     ++count;
   }
   const double v = pair.speed(), by_lag = v * slope / count * lag_stderr_s;
-  const Profile::Difference both = profile.difference(lag_s);
+  Profile::Difference both = profile.difference(lag_s);
+  ripple = ripple_of(profile, both);
+  if (known.per_turn > 0 && ripple.per_turn == 0) {
+    const double share = std::accumulate(both.friction_nm.begin(), both.friction_nm.end(), 0.0) / static_cast<double>(both.x.size()) / known.friction_nm;
+    for (std::size_t i = 0; i < both.x.size(); ++i) both.friction_nm[i] -= share * known(profile.position(both.x[i]));
+  }
   std::vector<double> difference;
   for (std::size_t i = 0; i < both.x.size(); ++i)
     if (inside(both.x[i])) difference.push_back(both.friction_nm[i]);
@@ -430,6 +513,9 @@ Level measured(const JointRecording& r, const Pair& pair, const Profile& profile
     level.forward = {up.value, std::hypot(up.stderr_, by_lag)};
     level.backward = {-down.value, std::hypot(down.stderr_, by_lag)};
   }
+  ripple.friction_nm = friction;
+  level.ripple_nm = ripple.amplitude_nm();
+  level.lost_motion_rad = lost_motion_rad(r, pair, profile, friction, lag_s);
   // The reverse pass is the mirror image of the forward one: last sample against first.
   const std::size_t mirrored = std::min(pair.forward.end - pair.forward.begin, pair.reverse.end - pair.reverse.begin);
   for (std::size_t i = 0; i < mirrored; ++i)
@@ -522,6 +608,8 @@ tl::expected<Levels, std::string> levels_of(const JointRecording& r, const Level
       if (std::abs(change) < 0.01 * result.lag_stderr_s) break;
     }
   }
+  std::vector<Ripple> ripples;
+  std::vector<std::size_t> kept;
   for (std::size_t i = 0; i < pairs.size(); ++i) {
     const bool window = std::isfinite(options.width_rad);
     std::size_t inside[2] = {0, 0};
@@ -534,9 +622,19 @@ tl::expected<Levels, std::string> levels_of(const JointRecording& r, const Level
       result.left_out.push_back(why);
       continue;
     }
-    result.levels.push_back(measured(r, pairs[i], profiles[i], options, result.lag_s, result.lag_stderr_s));
+    kept.push_back(i);
+    result.levels.push_back(measured(r, pairs[i], profiles[i], options, result.lag_s, result.lag_stderr_s, ripples.emplace_back()));
   }
   if (result.levels.empty()) return tl::unexpected(result.left_out.front());
+  if (const Ripple known = *std::ranges::max_element(ripples, {}, &Ripple::amplitude_nm); known.per_turn > 0) {
+    // Its phase is known best where it was found slowest; slower levels are those that are too short for it.
+    Ripple slowest = known, ignored;
+    double speed = std::numeric_limits<double>::infinity();
+    for (std::size_t k = 0; k < kept.size(); ++k)
+      if (std::abs(ripples[k].per_turn - known.per_turn) < 0.05 * known.per_turn && result.levels[k].speed_rad_s < speed) slowest = ripples[k], speed = result.levels[k].speed_rad_s;
+    for (std::size_t k = 0; k < kept.size(); ++k)
+      if (result.levels[k].speed_rad_s < speed) result.levels[k] = measured(r, pairs[kept[k]], profiles[kept[k]], options, result.lag_s, result.lag_stderr_s, ignored, slowest);
+  }
   return result;
 }
 

@@ -4,6 +4,7 @@
 
 #include <tribotwin/twin/laboratory/results.hpp>
 #include <tribotwin/twin/program/program.hpp>
+#include <tribotwin/twin/study/study.hpp>
 
 namespace tribotwin::twin::program {
 namespace {
@@ -15,20 +16,31 @@ struct Arguments {
   bool quiet = false;
 };
 
-int execute(const Arguments& a) {
-  const Campaign campaign = load_campaign(scenario_file(a.campaign), a.settings);
-  const auto summary = [&] {
-    Progress progress(a.quiet, fmt::format("{} curves", campaign.curves.size()));
-    return run_campaign(campaign, {.directory = a.directory, .threads = a.threads, .progress = [&](double share, double left) { progress(share, left); }});
-  }();
+int report(const Arguments& a, const tl::expected<LabSummary, std::string>& summary, const Campaign& campaign, const std::string& written) {
   if (!summary) return complain(failed, summary.error());
   if (a.quiet) return done;
   fmt::print("{} curves, {} of them were there, {} levels, {:.1f} s\n", summary->curves, summary->present, summary->levels, summary->wall_s);
-  fmt::print("written: {0}/curves.csv, {0}/campaign.yaml\n", a.directory);
+  fmt::print("written: {}\n", written);
   if (summary->outside)
     fmt::print(stderr, "note: {} of {} levels lie outside the range in which law '{}' was identified; its validity policy applies\n", summary->outside, summary->levels,
                campaign.model->drives()[campaign.drive].drive.law.info->name);
   return done;
+}
+
+int execute(const Arguments& a) {
+  const std::filesystem::path file = scenario_file(a.campaign);
+  const YAML::Node tree = campaign_tree(file, a.settings);
+  const auto ran = [&](auto run, const auto& work, std::size_t curves) {
+    Progress progress(a.quiet, fmt::format("{} curves", curves));
+    return run(work, LabOptions{.directory = a.directory, .threads = a.threads, .progress = [&](double share, double left) { progress(share, left); }});
+  };
+  if (study::is_study(tree)) {
+    const study::Study study = study::load_study(file, tree);
+    const Campaign& first = study.joints.front().campaign;
+    return report(a, ran(study::run_study, study, study.joints.size() * first.curves.size()), first, fmt::format("{0}/diagnosis.json, {0}/JOINT/curves.csv", a.directory));
+  }
+  const Campaign campaign = campaign_of(file, tree);
+  return report(a, ran(run_campaign, campaign, campaign.curves.size()), campaign, fmt::format("{0}/curves.csv, {0}/campaign.yaml", a.directory));
 }
 
 }  // namespace

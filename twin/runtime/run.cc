@@ -152,9 +152,9 @@ class Runner {
   }
 
   /// How many cycles may be skipped: none may change a temperature by more than the tolerance, cross the edge of a
-  /// law's range, an event, or the end; the last cycle is always computed.
+  /// law's range, an event, or the end, nor may a fault grow much; the last cycle is always computed.
   std::int64_t cycles_to_skip(const CycleMap& map) const {
-    const double until_s = std::min(scenario_.duration_s, twin_.next_event_s());
+    const double until_s = std::min({scenario_.duration_s, twin_.next_event_s(), twin_.time_s() + twin_.growth_horizon_s()});
     std::int64_t count = static_cast<std::int64_t>((until_s - twin_.time_s()) / (static_cast<double>(cycle_) * timestep_s_) - 1 + 1e-9);
     count = std::clamp<std::int64_t>(count, 0, 100000);
     for (std::size_t i = 0; i < drives_ && count > 0; ++i) {

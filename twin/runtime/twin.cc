@@ -12,6 +12,9 @@ namespace {
 template <class... F>
 struct Overloaded : F... { using F::operator()...; };
 
+/// Faults grow in steps this long: a growth is slow, and friction's coefficients stay cached in between.
+constexpr double growth_step_s = 1;
+
 }  // namespace
 
 Twin::Twin(const Scenario& scenario, Commanded) : Twin(scenario) {
@@ -102,9 +105,30 @@ void Twin::apply(const Event& event) {
                        if (const auto found = wear.factors.find(std::string(parameters[p].name)); found != wear.factors.end())
                          drive::set_wear(mujoco::scratch(data_.get(), d), p, found->second);
                    }
+                 },
+                 [&](const FaultChange& fault) {
+                   std::erase_if(faults_, [&](const ActiveFault& a) { return a.fault->drive == fault.drive && a.fault->type == fault.type; });
+                   faults_.push_back({&fault, event.time_s});
+                   set_faults();
                  }},
              event.what);
   energy_jumps_J_ += mechanical_energy_J() - energy;
+}
+
+void Twin::set_faults() {
+  for (const ActiveFault& one : faults_) {
+    drive::Faults all{};   // of its drive
+    for (const auto& [fault, since_s] : faults_)
+      if (fault->drive == one.fault->drive) fault->type->add(all, fault->severity + fault->growth_per_h * (time_s() - since_s) / 3600);
+    drive::set_faults(mujoco::scratch(data_.get(), model_->drives()[one.fault->drive]), all);
+  }
+}
+
+double Twin::growth_horizon_s() const {
+  double growth_per_h = 0;
+  for (const auto& [fault, since_s] : faults_)
+    if (fault->type->unit == "1") growth_per_h = std::max(growth_per_h, fault->growth_per_h);
+  return growth_per_h > 0 ? 0.05 * 3600 / growth_per_h : friction::unlimited;
 }
 
 void Twin::control(void* self, const mjModel* m, mjData* d) {
@@ -136,6 +160,8 @@ std::string Twin::diagnosis() const {
 tl::expected<void, std::string> Twin::step() {
   while (next_event_ < scenario_.events.size() && scenario_.events[next_event_].time_s <= time_s() + 0.5 * timestep_s_)
     apply(scenario_.events[next_event_++]);
+  const bool growing = std::ranges::any_of(faults_, [](const ActiveFault& a) { return a.fault->growth_per_h > 0; });
+  if (growing && steps_ % std::max<std::int64_t>(1, std::llround(growth_step_s / timestep_s_)) == 0) set_faults();
 
   const auto drives = model_->drives();
   mjData* d = data_.get();
@@ -163,7 +189,7 @@ tl::expected<void, std::string> Twin::step() {
   }
   for (std::size_t i = 0; i < drives.size(); ++i) {
     const drive::Scratch& s = drive(i);
-    const double work = s.torque_nm * 0.5 * (qd_begin_[i] + d->qvel[drives[i].dof]) * timestep_s_;
+    const double work = drive::delivered_nm(s) * 0.5 * (qd_begin_[i] + d->qvel[drives[i].dof]) * timestep_s_;
     motor_work_J_ += work;
     if (!qvel_begin_.empty()) other_work_J_ -= work;
     JointFigures& f = figures_[i];
@@ -192,6 +218,7 @@ void Twin::skip(std::int64_t steps, std::span<const thermal::Rise> rise, std::sp
   }
   steps_ += steps;
   data_->time = time_s();
+  set_faults();
 }
 
 }  // namespace tribotwin::twin

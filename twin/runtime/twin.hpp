@@ -69,6 +69,8 @@ class Twin {
   double balance_J() const;
   double motor_work_J() const { return motor_work_J_; }
 
+  /// Time in which no growing fault's friction changes by more than 5 % [s], infinite when none grows.
+  double growth_horizon_s() const;
   /// Time of the next event, infinite when there is none.
   double next_event_s() const;
   /// Lets simulated time pass without stepping: `steps` steps in which the drives got the given heat [J] and reached
@@ -78,6 +80,7 @@ class Twin {
  private:
   static void control(void* self, const mjModel* m, mjData* d);
   void apply(const Event& event);
+  void set_faults();
   double mechanical_energy_J() const;
   std::string diagnosis() const;
 
@@ -93,6 +96,11 @@ class Twin {
   double timestep_s_;
   std::int64_t steps_ = 0, computed_ = 0;
   std::size_t next_event_ = 0;
+  struct ActiveFault {
+    const FaultChange* fault;
+    double since_s;
+  };
+  std::vector<ActiveFault> faults_;
   std::size_t recording_index_ = 0;
   bool controlled_ = false;
   std::vector<double> qvel_begin_;   ///< of all joints, where actuators beside the drives work on them

@@ -209,7 +209,7 @@ Motion motion_of(Mapping in, Scenario& s, const fs::path& folder, YAML::Node nod
 Event event_of(Mapping in, const mujoco::Model& model, double duration_s) {
   Event event;
   event.time_s = in.number("time_s", {0, duration_s});
-  const std::string type = in.choice("type", {"payload", "ambient", "wear"});
+  const std::string type = in.choice("type", {"payload", "ambient", "wear", "fault"});
   if (type == "payload") {
     Payload p{.mass_kg = in.number("mass_kg", {0, 1e6})};
     if (in.has("com_m")) {
@@ -220,6 +220,11 @@ Event event_of(Mapping in, const mujoco::Model& model, double duration_s) {
     event.what = PayloadChange{checked(with_payload(model, p))};
   } else if (type == "ambient") {
     event.what = AmbientChange{in.number("temperature_degC", {-100, 300})};
+  } else if (type == "fault") {
+    const std::size_t drive = drive_index(model, in, "joint", in.text("joint"));
+    const double growth_per_h = in.number_or("growth_per_h", 0, {0, 1e6});
+    const auto fault = fault_of(in, "fault", model, drive, growth_per_h * (duration_s - event.time_s) / 3600);
+    event.what = FaultChange{drive, fault.type, fault.severity, growth_per_h};
   } else {
     Wear wear{.joint = in.text("joint")};
     const auto& law = model.drives()[drive_index(model, in, "joint", wear.joint)].drive.law;
@@ -246,6 +251,21 @@ std::size_t drive_index(const mujoco::Model& model, const Mapping& mapping, cons
   const auto found = find_drive(model, joint);
   if (!found) mapping.fail(key, found.error());
   return *found;
+}
+
+FaultSetting fault_of(Mapping& in, const std::string& type_key, const mujoco::Model& model, std::size_t drive, double growth) {
+  std::vector<std::string_view> names;
+  for (const auto& fault : drive::faults()) names.push_back(fault.name);
+  const drive::FaultInfo* type = drive::find_fault(in.choice(type_key, names));
+  const double severity = in.number("severity", {0, type->maximum}), most = severity + growth;
+  if (most > type->maximum) in.fail("growth_per_h", fmt::format("makes a severity of {:.4g} by the end, but that of '{}' is {:g} at most", most, type->name, type->maximum));
+  drive::Faults faults{};
+  type->add(faults, most);
+  const auto& binding = model.drives()[drive];
+  drive::Drive faulty = binding.drive;
+  faulty.law = drive::with_faults(faulty.law, faults);
+  if (auto carried = mujoco::bind(model.get(), faulty, binding.actuator); !carried) in.fail("severity", fmt::format("of {:.4g} is more than can be simulated: {}", most, carried.error()));
+  return {type, severity};
 }
 
 Scenario load_scenario(const fs::path& file, const std::vector<std::string>& overrides) {

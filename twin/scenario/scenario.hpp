@@ -9,6 +9,7 @@
 #include <variant>
 #include <vector>
 
+#include <tribotwin/plugins/drive/fault.hpp>
 #include <tribotwin/twin/compensation/servo.hpp>
 #include <tribotwin/twin/model/arm.hpp>
 #include <tribotwin/twin/motion/recording.hpp>
@@ -21,9 +22,15 @@ namespace tribotwin::twin {
 struct PayloadChange { std::shared_ptr<const mujoco::Model> model; };   ///< the arm with it
 struct AmbientChange { double temperature_degC; };
 struct Wear { std::string joint; std::map<std::string, double> factors; };
+/// A fault of a joint, in place of an earlier one of the same type. Grows with the hours since the event.
+struct FaultChange {
+  std::size_t drive;
+  const drive::FaultInfo* type;
+  double severity, growth_per_h;
+};
 struct Event {
   double time_s = 0;
-  std::variant<PayloadChange, AmbientChange, Wear> what;
+  std::variant<PayloadChange, AmbientChange, Wear, FaultChange> what;
 };
 
 struct MultiRate {
@@ -64,6 +71,14 @@ struct Scenario {
 
 /// Reads and checks a scenario. `overrides` are key=value with dotted keys. Throws InputError.
 Scenario load_scenario(const std::filesystem::path& file, const std::vector<std::string>& overrides = {});
+
+struct FaultSetting {
+  const drive::FaultInfo* type;
+  double severity;
+};
+/// A fault's type and severity from the keys `type_key` and `severity`, `growth` coming to the severity during the run. Throws
+/// InputError through `in` where the drive cannot have it.
+FaultSetting fault_of(Mapping& in, const std::string& type_key, const mujoco::Model& model, std::size_t drive, double growth = 0);
 
 /// A drive's index by joint name; throws InputError through `mapping` with the nearest name.
 std::size_t drive_index(const mujoco::Model& model, const Mapping& mapping, const std::string& key, const std::string& joint);

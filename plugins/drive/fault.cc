@@ -1,0 +1,38 @@
+#include <tribotwin/plugins/drive/fault.hpp>
+
+#include <algorithm>
+
+namespace tribotwin::drive {
+namespace {
+
+/// One relative change after another.
+void change(double& total, double by) { total += (1 + total) * by; }
+
+// Signs after P2's Table IV, whose rows for the lubricant lost their names (physics.md); sizes are choices.
+constexpr FaultInfo table[] = {
+    {"wear", "1", 10, "Fc, Fs, Vs x (1 + s)",
+     [](Faults& f, double s) { change(f.boundary, s), change(f.stribeck_velocity, s); }},
+    {"thickening", "1", 10, "Fv x (1 + s), Vs x (1 + s/3)",
+     [](Faults& f, double s) { change(f.viscous, s), change(f.stribeck_velocity, s / 3); }},
+    {"lubricant_loss", "1", 0.95, "Fv x (1 - s), Vs x (1 + s)",
+     [](Faults& f, double s) { change(f.viscous, -s), change(f.stribeck_velocity, s); }},
+    {"preload_loss", "1", 0.95, "Fc, Fs x (1 - s)",
+     [](Faults& f, double s) { change(f.boundary, -s); }},
+    {"backlash", "rad", 0.1, "lost motion s",
+     [](Faults& f, double s) { f.play_rad += s; }},
+    {"pitted_bearing", "1", 1, "ripple s Fc once per motor turn",
+     [](Faults& f, double s) { f.ripple = std::min(f.ripple + s, 1.0); }},
+    {"torque_constant", "1", 0.9, "Fc, Fs, Fv and load x 1 / (1 - s), as the current tells them",
+     [](Faults& f, double s) { f.torque_loss = 1 - (1 - f.torque_loss) * (1 - s); }},
+};
+
+}  // namespace
+
+std::span<const FaultInfo> faults() { return table; }
+
+const FaultInfo* find_fault(std::string_view name) {
+  const auto found = std::ranges::find(table, name, &FaultInfo::name);
+  return found == std::end(table) ? nullptr : found;
+}
+
+}  // namespace tribotwin::drive
