@@ -50,8 +50,8 @@ for i, o in enumerate(seen):
 check("verdict counts", f"{sum(o['anomalous'] for o in seen)} of 4 observations are not those of a healthy joint" in text, text[:400])
 # Marks differ in shape: the same drawing without any colour still has three kinds of points and two kinds of outlines.
 with open(os.path.join(work, "page.html")) as f:
-    drawing = re.search(r'<svg[^>]*aria-label="Fc and Fs.*?</svg>', f.read(), re.S)
-marks = set(re.findall(r"xlink:href=['\"]#[^'\"]*?(gpPt\d+|gpDot)['\"]", drawing.group(0))) if drawing else set()
+    drawing = re.search(r'<svg[^>]*aria-label="Region 1: Fc and Fs.*?</svg>', f.read(), re.S)
+marks = set(re.findall(r'xlink:href="#[^"]*?(gpPt\d+)" transform="translate', drawing.group(0))) if drawing else set()
 check("points are told apart by shape", len(marks) >= 3, marks)
 check("outlines are told apart by dashes", drawing and "stroke-dasharray" in drawing.group(0))
 

@@ -55,7 +55,7 @@ std::string sentence_of(const HealthyState& h, const Observation& o, const Verdi
     const Pattern& p = *v.candidates.front().pattern;
     s += fmt::format("It looks like {} (confidence {:.0f} %), severity {:.2g} {}; {}.", p.meaning, 100 * v.confidence, v.severity, p.unit == "1" ? "(relative)" : p.unit, p.advice);
   }
-  if (v.region[0].anomalous && v.load.load_norm > 0)
+  if (v.region[0].anomalous && v.load.load_norm > 2 * v.load.sigma)
     s += fmt::format(" Its friction is that of an additional load of {}; the wear threshold, {}, is {}.", load_text(h, v.load.load_norm), load_text(h, v.load.threshold), v.load.load_norm > v.load.threshold ? "exceeded" : "not reached");
   return s + where;
 }

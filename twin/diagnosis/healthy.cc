@@ -15,16 +15,8 @@ namespace {
 using Eigen::Index, Eigen::MatrixXd, Eigen::VectorXd;
 using Problem = std::optional<std::string>;
 
-/// Below, a temperature term would be told by noise alone.
-constexpr double temperature_span_K = 5;
 /// Indicators scatter at least this much of what matters: encoders and fits of the level have a resolution.
 constexpr std::array<double, indicator_count> relative_floor{0.05, 0.05, 0.01}, absolute_floor{1e-3, 1e-6, 1e-4};
-
-double median_of(std::vector<double> x) {
-  const auto middle = x.begin() + static_cast<std::ptrdiff_t>(x.size() / 2);
-  std::ranges::nth_element(x, middle);
-  return *middle;
-}
 
 double shape_scatter(const FeatureMatrix& shape, const RegionFeatures& r) {
   const double d = shape.block(r.first, r.first, r.count, r.count).determinant();

@@ -15,8 +15,6 @@ namespace {
 
 using Eigen::Index, Eigen::MatrixXd, Eigen::VectorXd;
 constexpr double score_most = 8;            ///< a normal score beyond which probabilities underflow
-constexpr std::size_t learn_least = 8;
-constexpr double temperature_span_K = 5;
 
 double cumulative(double z) { return boost::math::cdf(boost::math::normal(), z); }
 
@@ -147,7 +145,7 @@ tl::expected<ResidualWatch, std::string> watch_residuals(const std::filesystem::
     squares += residual[i] * residual[i], ++count;
     if (!temperature.empty()) degrees += temperature[i];
   }
-  const std::size_t learn = std::max(o.learn, learn_least);
+  const std::size_t learn = std::max(o.learn, observations_least);
   if (level.size() <= learn)
     return tl::unexpected(fmt::format("{}: {} whole windows of {:g} s, of which {} are learned from: record {:g} s or more, or shorten --window", file.string(), level.size(), o.window_s, learn, static_cast<double>(learn + 2) * o.window_s));
 
