@@ -9,6 +9,7 @@
 #include <tribotwin/render/figure/figures.hpp>
 #include <tribotwin/render/pose/video.hpp>
 #include <tribotwin/render/process/child.hpp>
+#include <tribotwin/render/report/diagnosis_report.hpp>
 #include <tribotwin/render/report/fit_report.hpp>
 #include <tribotwin/render/report/report.hpp>
 #include <tribotwin/twin/model/arm.hpp>
@@ -350,6 +351,25 @@ int fit(const FitArguments& a, const std::string& command) {
   return done;
 }
 
+struct DiagnosisArguments {
+  std::string healthy, output = "diagnosis.html";
+  std::vector<std::string> data;
+  twin::diagnosis::ObservationOptions read;
+  render::DiagnosisOptions diagnosis;
+  bool png = false, pdf = false, quiet = false;
+};
+
+int diagnosis(const DiagnosisArguments& a, const std::string& command) {
+  const PageFile page(a.output, a.png, a.pdf);
+  const auto data = or_wrong_input(render::load_diagnosis(a.healthy, {a.data.begin(), a.data.end()}, a.read, a.diagnosis));
+  const render::Report made = [&] {
+    Progress progress(a.quiet, "report");
+    return or_fail(render::make_diagnosis_report(data, {.figure_files = page.formats(), .command = command, .progress = [&](double share) { progress(share); }}));
+  }();
+  page.write_all(made);
+  return done;
+}
+
 }  // namespace
 
 int main(int argc, char** argv) {
@@ -405,6 +425,20 @@ int main(int argc, char** argv) {
   fit_command->add_flag("--quiet", f.quiet, "No progress");
   fit_command->footer("Example:\n  tribotwin-report fit params.yaml -o fit.html");
 
+  DiagnosisArguments d;
+  auto* diagnosis_command = app.add_subcommand("diagnosis", "Verdicts on a joint as a page: distances, regions, causes, trend");
+  diagnosis_command->add_option("HEALTHY", d.healthy, "healthy.yaml of tribotwin diagnose learn")->required();
+  diagnosis_command->add_option("CURVES", d.data, "Friction curves, recordings or telemetry.h5, in the order of time")->required();
+  diagnosis_command->add_option("-o,--output", d.output, "The page")->capture_default_str();
+  diagnosis_command->add_option("--false-alarm", d.diagnosis.check.false_alarm, "As of tribotwin diagnose check")->check(CLI::Range(1e-9, 0.5))->capture_default_str();
+  diagnosis_command->add_option("--tau-max", d.read.torque_max_nm, "Largest manipulation torque [Nm], arm side, for curves in friction_norm alone")->check(CLI::Range(1e-9, 1e9));
+  diagnosis_command->add_option("--gear-ratio", d.read.gear_ratio, "Motor turns per joint turn, for recordings")->check(CLI::Range(1e-6, 1e6));
+  diagnosis_command->add_option("--joint", d.read.joint, "Joint of a telemetry.h5");
+  diagnosis_command->add_flag("--png", d.png, "Also every figure as PNG, in a folder beside the page");
+  diagnosis_command->add_flag("--pdf", d.pdf, "Also every figure as PDF, in a folder beside the page");
+  diagnosis_command->add_flag("--quiet", d.quiet, "No progress");
+  diagnosis_command->footer("Example:\n  tribotwin-report diagnosis healthy.yaml lab/br609/curves.csv -o diagnosis.html");
+
   SheetArguments s;
   auto* sheet_command = app.add_subcommand("sheet", "Poses over a run in one picture");
   s.add_to(*sheet_command, "Folder of a run", "640x480", "sheet.png");
@@ -426,6 +460,7 @@ int main(int argc, char** argv) {
     if (*video_command) return video(v);
     std::string command = program;
     for (int i = 1; i < argc; ++i) command += " " + render::shell_word(argv[i]);
+    if (*diagnosis_command) return diagnosis(d, command);
     return *fit_command ? fit(f, command) : report(r, command);
   } catch (const CLI::ParseError& e) {
     return app.exit(e) == 0 ? done : wrong_input;

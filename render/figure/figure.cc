@@ -215,7 +215,11 @@ std::string curves(const Figure& f, FigureSize size) {
     switch (c.mark) {
       case Mark::line: plot += fmt::format("1:2 with lines linewidth 1.8 linecolor rgb {} dashtype {}", colour, c.shade.empty() ? stroke.dashes : "solid"); break;
       case Mark::reference: plot += fmt::format("1:2 with lines linewidth 1.2 linecolor rgb {} dashtype (6,5)", colour); break;
-      case Mark::points: plot += fmt::format("1:2:4 with points pointtype 7 pointsize {} linecolor rgb variable", many ? 0.28 : 0.4); break;
+      case Mark::points: {
+        static constexpr int types[] = {7, 6, 2};   // gnuplot's, in the order of Shape
+        plot += fmt::format("1:2:4 with points pointtype {} pointsize {} linewidth 1.6 linecolor rgb variable", types[static_cast<int>(c.shape)], many ? 0.28 : c.shape == Shape::dot ? 0.4 : 0.9);
+        break;
+      }
       case Mark::error_bars: plot += "1:2:3:4 with yerrorbars pointtype 7 pointsize 0.45 linewidth 1.2 linecolor rgb variable"; break;
       case Mark::bars: {
         const double width = c.x.size() > 1 ? std::abs(c.x[1] - c.x[0]) : 1;

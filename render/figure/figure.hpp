@@ -26,12 +26,16 @@ enum class Mark {
   area          ///< closed outline, lightly filled
 };
 
+/// Of Mark::points; those but the dot are drawn larger, to be told apart without colour.
+enum class Shape { dot, circle, cross };
+
 /// x, y (and error) of equal length. NaN leaves a gap; a series needs at least one finite point.
 struct Series {
   Mark mark = Mark::line;
   std::string label{};             ///< in the key; none if empty
   std::vector<double> x{}, y{}, error{};
   std::vector<double> shade{};     ///< value on the figure's colour axis: none, one for all, or one per point
+  Shape shape = Shape::dot;
   std::optional<std::size_t> stroke{};   ///< of theme::stroke; else counted up over the series with a label
 };
 

@@ -48,6 +48,20 @@ void set_limits(Axis& axis, std::span<const double> values, double least) {
 }
 constexpr double temperature_span_K = 2, load_span = 0.05;
 
+/// Outline at this many standard deviations.
+void set_ellipse(Series& s, const std::array<double, 2>& mean, const std::array<std::array<double, 2>, 2>& covariance, double radius) {
+  Eigen::Matrix2d c;
+  c << covariance[0][0], covariance[0][1], covariance[1][0], covariance[1][1];
+  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix2d> axes(c);
+  const Eigen::Matrix2d half = axes.eigenvectors() * axes.eigenvalues().cwiseMax(0).cwiseSqrt().asDiagonal();
+  for (int k = 0; k <= 120; ++k) {
+    const double angle = 2 * std::numbers::pi * k / 120;
+    const Eigen::Vector2d p = Eigen::Vector2d(mean[0], mean[1]) + radius * half * Eigen::Vector2d(std::cos(angle), std::sin(angle));
+    s.x.push_back(p.x());
+    s.y.push_back(p.y());
+  }
+}
+
 struct TimeUnit {
   const char* name;
   double seconds;
@@ -236,22 +250,28 @@ Figure confidence_ellipses(const std::string& title, const Axis& x, const Axis& 
       for (const auto& p : e.samples) s.x.push_back(p[0]), s.y.push_back(p[1]);
       f.series.push_back(std::move(s));
     }
-    Eigen::Matrix2d c;
-    c << e.covariance[0][0], e.covariance[0][1], e.covariance[1][0], e.covariance[1][1];
-    const Eigen::SelfAdjointEigenSolver<Eigen::Matrix2d> axes(c);
-    const Eigen::Matrix2d half = axes.eigenvectors() * axes.eigenvalues().cwiseMax(0).cwiseSqrt().asDiagonal();
     for (const double probability : {0.95, 0.99}) {
       // Quantile of the chi-squared distribution with 2 degrees of freedom, and of 2 F(2, n): both have closed forms.
       const double n = e.degrees_of_freedom, radius = std::sqrt(n < 1e6 ? n * std::expm1(-2 / n * std::log1p(-probability)) : -2 * std::log1p(-probability));
       Series s{.mark = probability < 0.99 ? Mark::area : Mark::reference, .label = probability < 0.99 ? e.label : "", .stroke = i};
-      for (int k = 0; k <= 120; ++k) {
-        const double angle = 2 * std::numbers::pi * k / 120;
-        const Eigen::Vector2d p = Eigen::Vector2d(e.mean[0], e.mean[1]) + radius * half * Eigen::Vector2d(std::cos(angle), std::sin(angle));
-        s.x.push_back(p.x());
-        s.y.push_back(p.y());
-      }
+      set_ellipse(s, e.mean, e.covariance, radius);
       f.series.push_back(std::move(s));
     }
+  }
+  return f;
+}
+
+Figure healthy_region(const std::string& title, const Axis& x, const Axis& y, const HealthyScatter& scatter) {
+  Figure f{.title = title, .x = x, .y = y};
+  Series inner{.mark = Mark::area, .label = fmt::format("{:g} sigma", scatter.inner_sigma), .stroke = 0}, outer{.mark = Mark::reference, .label = fmt::format("{:g} sigma", scatter.outer_sigma), .stroke = 5};
+  set_ellipse(inner, scatter.mean, scatter.covariance, scatter.inner_sigma);
+  set_ellipse(outer, scatter.mean, scatter.covariance, scatter.outer_sigma);
+  f.series = {std::move(inner), std::move(outer)};
+  for (const auto& [label, points, shape, stroke] : {std::tuple{"learned", &scatter.learned, Shape::dot, 5}, {"healthy", &scatter.healthy, Shape::circle, 0}, {"not as learned", &scatter.anomalous, Shape::cross, 1}}) {
+    if (points->empty()) continue;
+    Series s{.mark = Mark::points, .label = label, .shape = shape, .stroke = static_cast<std::size_t>(stroke)};
+    for (const auto& p : *points) s.x.push_back(p[0]), s.y.push_back(p[1]);
+    f.series.push_back(std::move(s));
   }
   return f;
 }

@@ -72,6 +72,15 @@ struct Estimate {
 /// 95 % and 99 % confidence regions of normally distributed estimates: chi-squared or, with few degrees of freedom, F.
 Figure confidence_ellipses(const std::string& title, const Axis& x, const Axis& y, std::span<const Estimate> estimates);
 
+/// Two features of a joint: what is normal, and observations that are held against it.
+struct HealthyScatter {
+  std::array<double, 2> mean;
+  std::array<std::array<double, 2>, 2> covariance;
+  std::vector<std::array<double, 2>> learned, healthy, anomalous;   ///< any may be empty; told apart by their shape
+  double inner_sigma = 2, outer_sigma = 6;                          ///< radii of the ellipses, in standard deviations
+};
+Figure healthy_region(const std::string& title, const Axis& x, const Axis& y, const HealthyScatter& scatter);
+
 struct Loop {
   std::string label;
   std::vector<double> position, torque;   ///< in the order of time

@@ -26,10 +26,7 @@ std::vector<fs::path> named_data(FitData& fit) {
   }
   std::vector<fs::path> found;
   for (const auto& name : names) {
-    std::error_code error;
-    const fs::path here = name, beside = fit.file.parent_path() / name;
-    if (fs::is_regular_file(here, error)) found.push_back(here);
-    else if (fs::is_regular_file(beside, error)) found.push_back(beside);
+    if (const auto file = named_file(name, fit.file)) found.push_back(*file);
     else {
       fit.missing.push_back(fmt::format("The data of this identification are missing: {} is neither in the working directory nor beside {}. Curves are shown without points, and no residuals.", name, fit.file.filename().string()));
       return {};
@@ -55,6 +52,13 @@ void hold_against_law(FitData& fit) {
 }
 
 }  // namespace
+
+std::optional<fs::path> named_file(const std::string& name, const fs::path& by) {
+  std::error_code error;
+  for (const fs::path& file : {fs::path(name), by.parent_path() / name})
+    if (fs::is_regular_file(file, error)) return file;
+  return std::nullopt;
+}
 
 tl::expected<ParameterFile, std::string> read_parameter_file(const fs::path& path, const twin::identification::ReadOptions& given) {
   try {

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <filesystem>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -31,6 +32,9 @@ struct FitData {
 /// As twin::identification::read_parameters, with every failure as a sentence that names the file. torque_max_nm and
 /// gear_ratio are those of `given` where it has them.
 tl::expected<twin::identification::ParameterFile, std::string> read_parameter_file(const std::filesystem::path& file, const twin::identification::ReadOptions& given);
+
+/// A file that another one names: as it is called from the working directory, or beside the naming one.
+std::optional<std::filesystem::path> named_file(const std::string& name, const std::filesystem::path& by);
 
 /// A drive with the file's law, to draw it: torque_max_nm and gear_ratio are 1 where the file does not say them, which
 /// leaves normalised torque and the law's own speed.

@@ -32,40 +32,11 @@ Problem unfit(const HealthyState& h, const ObservationFile& file, const Observat
   return {};
 }
 
-RegionVerdict judge(const HealthyState& h, const Observation& o, std::size_t which, double false_alarm) {
-  const auto& r = regions[which];
-  const Baseline& base = h.region[which];
-  const Eigen::VectorXd e = h.deviation(o).segment(r.first, r.count);
-  RegionVerdict v{.distance = h.distance(o.features, which)};
-  v.beyond_two_sigma = v.distance > h.anomalous_distance;
-  v.beyond_wear = v.distance > h.wear_distance;
-  v.statistic = e.dot(base.covariance.ldlt().solve(e)) / base.variance(h.regressors(o.temperature_degC), h.scatter_of(o, which));
-  v.limit = base.limit(false_alarm);
-  v.by_chance = base.exceeded_by_chance(v.statistic);
-  v.anomalous = v.statistic > v.limit;
-  return v;
-}
-
-/// Generalised least squares along the effect of load.
-EquivalentLoad equivalent_load(const HealthyState& h, const Observation& o) {
-  const Baseline& base = h.region[0];
-  const Eigen::Vector3d effect = h.load_effect.head(3), weighted = base.covariance.ldlt().solve(effect);
-  const double information = effect.dot(weighted);
-  EquivalentLoad l{.threshold = h.wear_load()};
-  if (!(information > 0)) return l;
-  l.load_norm = h.load_of_term(weighted.dot(h.deviation(o).head(3)) / information);
-  l.sigma = std::sqrt(base.variance(h.regressors(o.temperature_degC), h.scatter_of(o, 0)) / information);
-  if (h.torque_max_nm > 0) {
-    l.nm = l.load_norm * h.torque_max_nm;
-    if (h.lever_m > 0) l.kg = *l.nm / (gravity * h.lever_m);
-  }
-  return l;
-}
-
-std::string load_text(const EquivalentLoad& l) {
-  if (l.kg) return fmt::format("{:.2g} kg more at the flange", *l.kg);
-  if (l.nm) return fmt::format("{:.2g} Nm more load", *l.nm);
-  return fmt::format("{:.2g} of torque_max more load", l.load_norm);
+/// A load in the largest unit that is known: "2.3 kg at the flange".
+std::string load_text(const HealthyState& h, double load_norm) {
+  const double nm = load_norm * h.torque_max_nm;
+  if (nm > 0 && h.lever_m > 0) return fmt::format("{:.2g} kg at the flange", nm / (gravity * h.lever_m));
+  return nm > 0 ? fmt::format("{:.2g} Nm", nm) : fmt::format("{:.2g} of torque_max", load_norm);
 }
 
 std::string sentence_of(const HealthyState& h, const Observation& o, const Verdict& v) {
@@ -84,8 +55,8 @@ std::string sentence_of(const HealthyState& h, const Observation& o, const Verdi
     const Pattern& p = *v.candidates.front().pattern;
     s += fmt::format("It looks like {} (confidence {:.0f} %), severity {:.2g} {}; {}.", p.meaning, 100 * v.confidence, v.severity, p.unit == "1" ? "(relative)" : p.unit, p.advice);
   }
-  if (v.region[0].anomalous && v.load.load_norm > 0)
-    s += fmt::format(" As if {}; the threshold of wear is {:.2g} times that{}.", load_text(v.load), v.load.threshold / v.load.load_norm, v.load.load_norm > v.load.threshold ? " and exceeded" : "");
+  if (v.region[0].anomalous && v.load.load_norm > 2 * v.load.sigma)
+    s += fmt::format(" Its friction is that of an additional load of {}; the wear threshold, {}, is {}.", load_text(h, v.load.load_norm), load_text(h, v.load.threshold), v.load.load_norm > v.load.threshold ? "exceeded" : "not reached");
   return s + where;
 }
 
@@ -130,6 +101,35 @@ Verdict verdict_of(const HealthyState& h, const Observation& o, const CheckOptio
 }
 
 }  // namespace
+
+RegionVerdict judge(const HealthyState& h, const Observation& o, std::size_t which, double false_alarm) {
+  const auto& r = regions[which];
+  const Baseline& base = h.region[which];
+  const Eigen::VectorXd e = h.deviation(o).segment(r.first, r.count);
+  RegionVerdict v{.distance = h.distance(o.features, which)};
+  v.beyond_two_sigma = v.distance > h.anomalous_distance;
+  v.beyond_wear = v.distance > h.wear_distance;
+  v.statistic = e.dot(base.covariance.ldlt().solve(e)) / base.variance(h.regressors(o.temperature_degC), h.scatter_of(o, which));
+  v.limit = base.limit(false_alarm);
+  v.by_chance = base.exceeded_by_chance(v.statistic);
+  v.anomalous = v.statistic > v.limit;
+  return v;
+}
+
+EquivalentLoad equivalent_load(const HealthyState& h, const Observation& o) {
+  const Baseline& base = h.region[0];
+  const Eigen::Vector3d effect = h.load_effect.head(3), weighted = base.covariance.ldlt().solve(effect);
+  const double information = effect.dot(weighted);
+  EquivalentLoad l{.threshold = h.wear_load()};
+  if (!(information > 0)) return l;
+  l.load_norm = h.load_of_term(weighted.dot(h.deviation(o).head(3)) / information);
+  l.sigma = std::sqrt(base.variance(h.regressors(o.temperature_degC), h.scatter_of(o, 0)) / information);
+  if (h.torque_max_nm > 0) {
+    l.nm = l.load_norm * h.torque_max_nm;
+    if (h.lever_m > 0) l.kg = *l.nm / (gravity * h.lever_m);
+  }
+  return l;
+}
 
 tl::expected<std::vector<Verdict>, std::string> check(const HealthyState& healthy, const ObservationFile& file, const CheckOptions& options) {
   std::vector<Verdict> all;

@@ -51,6 +51,10 @@ struct CheckOptions {
   double false_alarm = two_sigma_false_alarm;   ///< per region and indicator
 };
 
+RegionVerdict judge(const HealthyState& healthy, const Observation& o, std::size_t region, double false_alarm);
+/// By generalised least squares along the effect of load on Fc, Fs, Vs.
+EquivalentLoad equivalent_load(const HealthyState& healthy, const Observation& o);
+
 /// Fails on observations that this healthy state cannot judge: another joint, another unit, no temperature, features that
 /// the curve does not tell. The sentence says what to record.
 tl::expected<std::vector<Verdict>, std::string> check(const HealthyState& healthy, const ObservationFile& file, const CheckOptions& options = {});

@@ -15,31 +15,12 @@ namespace {
 using Eigen::Index, Eigen::MatrixXd, Eigen::VectorXd;
 using Problem = std::optional<std::string>;
 
-/// Below, a temperature term would be told by noise alone.
-constexpr double temperature_span_K = 5;
 /// Indicators scatter at least this much of what matters: encoders and fits of the level have a resolution.
 constexpr std::array<double, indicator_count> relative_floor{0.05, 0.05, 0.01}, absolute_floor{1e-3, 1e-6, 1e-4};
-
-double median_of(std::vector<double> x) {
-  const auto middle = x.begin() + static_cast<std::ptrdiff_t>(x.size() / 2);
-  std::ranges::nth_element(x, middle);
-  return *middle;
-}
 
 double shape_scatter(const FeatureMatrix& shape, const RegionFeatures& r) {
   const double d = shape.block(r.first, r.first, r.count, r.count).determinant();
   return d > 0 ? std::pow(d, 1.0 / static_cast<double>(r.count)) : 0;
-}
-
-/// Weighted least squares; rows of y weigh 1 / scatter.
-Baseline regression(const MatrixXd& x, const MatrixXd& y, const VectorXd& scatter) {
-  const VectorXd root = scatter.cwiseSqrt().cwiseInverse();
-  const MatrixXd X = root.asDiagonal() * x, Y = root.asDiagonal() * y;
-  Baseline b{.inverse_gram = (X.transpose() * X).inverse(), .freedom = static_cast<double>(x.rows() - x.cols())};
-  b.coefficients = X.colPivHouseholderQr().solve(Y);
-  const MatrixXd R = Y - X * b.coefficients;
-  b.covariance = R.transpose() * R / b.freedom;
-  return b;
 }
 
 bool singular(const MatrixXd& covariance) {
@@ -62,7 +43,7 @@ double shrink(FeatureMatrix& covariance, const FeatureMatrix& target, double n) 
 }
 
 /// Rows that belong together: those nearest the middle, their mean and covariance, and again, until nothing changes (Rousseeuw
-/// and Van Driessen 1999); then all rows within the 99.9 % region.
+/// and Van Driessen 1999); then all rows within the 99.9 % region of those within theirs.
 std::vector<std::size_t> clean_rows(const MatrixXd& x, const MatrixXd& y, const VectorXd& scatter) {
   const auto n = static_cast<std::size_t>(x.rows()), half = (3 * n) / 4;
   const auto distances = [&](const std::vector<std::size_t>& rows) {
@@ -113,6 +94,15 @@ std::vector<std::size_t> clean_rows(const MatrixXd& x, const MatrixXd& y, const 
   std::vector<std::size_t> kept;
   for (std::size_t i = 0; i < n; ++i)
     if (d[i] <= cut * factor) kept.push_back(i);
+  // Few inner rows make a narrow region: those that the rest foretells come back.
+  const Baseline b = regression(x(kept, Eigen::all), y(kept, Eigen::all), scatter(kept));
+  const double limit = b.limit(1e-3);
+  const MatrixXd inverse = b.covariance.inverse();
+  kept.clear();
+  for (std::size_t i = 0; i < n; ++i) {
+    const VectorXd at = x.row(static_cast<Index>(i)), r = y.row(static_cast<Index>(i)).transpose() - b.predicted(at);
+    if (r.dot(inverse * r) <= limit * b.variance(at, scatter(static_cast<Index>(i)))) kept.push_back(i);
+  }
   return kept;
 }
 
@@ -174,12 +164,22 @@ Problem learn_load(std::span<const ObservationFile> loaded, HealthyState& h) {
       squares += extra * extra;
     }
   if (squares < 0.02 * 0.02) return fmt::format("--loaded: these curves carry no more load than the healthy ones ({:.3g} of torque_max): record some with a payload", h.indicators[load]->mean);
-  h.load_effect = sum / squares;
+  h.load_effect.head(3) = sum.head(3) / squares;   // the lubricant does not know of the load (paper 2, Table IV)
   h.load_measured = true;
   return {};
 }
 
 }  // namespace
+
+Baseline regression(const MatrixXd& x, const MatrixXd& y, const VectorXd& scatter) {
+  const VectorXd root = scatter.cwiseSqrt().cwiseInverse();
+  const MatrixXd X = root.asDiagonal() * x, Y = root.asDiagonal() * y;
+  Baseline b{.inverse_gram = (X.transpose() * X).inverse(), .freedom = static_cast<double>(x.rows() - x.cols())};
+  b.coefficients = X.colPivHouseholderQr().solve(Y);
+  const MatrixXd R = Y - X * b.coefficients;
+  b.covariance = R.transpose() * R / b.freedom;
+  return b;
+}
 
 double Baseline::limit(double false_alarm) const {
   const auto p = static_cast<double>(covariance.rows());

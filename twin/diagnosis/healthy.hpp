@@ -29,6 +29,7 @@ namespace tribotwin::twin::diagnosis {
 /// each region unless another is asked for. Paper 2's N^2 = 4 has 26 % in region 1 and 13.5 % in region 2.
 constexpr double two_sigma_false_alarm = 0.0455;
 constexpr std::size_t observations_least = 8, observations_usual = 20;
+constexpr double temperature_span_K = 5;   ///< below, a temperature term would be told by noise alone
 
 /// Multivariate regression of p numbers on q = 1 or 2 regressors.
 struct Baseline {
@@ -44,6 +45,9 @@ struct Baseline {
   double limit(double false_alarm) const;
   double exceeded_by_chance(double statistic) const;
 };
+
+/// Weighted least squares of the rows of y (n x p) on those of x (n x q), which weigh 1 / scatter.
+Baseline regression(const Eigen::MatrixXd& x, const Eigen::MatrixXd& y, const Eigen::VectorXd& scatter);
 
 struct HealthyState {
   std::string joint;                              ///< or empty

@@ -1,3 +1,4 @@
+#include <algorithm>
 #include <cmath>
 
 #include <fmt/format.h>
@@ -91,7 +92,7 @@ std::string to_yaml(const HealthyState& h) {
   s += "# What anomalies are judged by: ln Fc, ln Fs, ln Vs, ln Fv, beta on 1 and, where known, temperature - middle\nbaseline:\n";
   for (std::size_t r = 0; r < regions.size(); ++r) s += fmt::format("  {}: {}\n", regions[r].name, baseline(h.region[r]));
   s += fmt::format("  together: {}\n  scatter: [{}]\n  shrinkage: {}\n", rows(h.together), fmt::join(h.scatter, ", "), h.shrinkage);
-  s += "indicators:\n";
+  if (std::ranges::any_of(h.indicators, [](const auto& i) { return i.has_value(); })) s += "indicators:\n";
   for (std::size_t k = 0; k < indicator_count; ++k)
     if (h.indicators[k]) s += fmt::format("  {}: {{mean: {}, sd: {}}}   # {}\n", indicators[k].name, h.indicators[k]->mean, h.indicators[k]->deviation, indicators[k].meaning);
   s += fmt::format("load:\n  sensitivity: {}   # relative rise of Fc and Fs per load_norm, assumed\n  effect: {}   # on ln Fc, ln Fs, ln Vs, ln Fv, beta per ln(1 + k load) / k, k the sensitivity at the healthy load\n  measured: {}\n", h.load_sensitivity, list(h.load_effect),

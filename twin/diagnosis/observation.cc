@@ -22,12 +22,6 @@ constexpr std::array<std::size_t, feature_count> place_in_law{0, 1, 2, 4, 5};   
 
 double mean_of(const std::vector<double>& x) { return std::accumulate(x.begin(), x.end(), 0.0) / static_cast<double>(x.size()); }
 
-double median_of(std::vector<double> x) {
-  const auto middle = x.begin() + static_cast<std::ptrdiff_t>(x.size() / 2);
-  std::ranges::nth_element(x, middle);
-  return *middle;
-}
-
 tl::expected<identification::Fit, std::string> fitted(const Samples& curve) {
   return identification::fit(*friction::find_law(law_name), curve, {.fixed = {{"alpha", alpha}}, .threads = 1});
 }
@@ -96,6 +90,12 @@ void take_indicators(const Numbers& table, ObservationFile& out) {
 }
 
 }  // namespace
+
+double median_of(std::vector<double> x) {
+  const auto middle = x.begin() + static_cast<std::ptrdiff_t>(x.size() / 2);
+  std::ranges::nth_element(x, middle);
+  return *middle;
+}
 
 Features Observation::logarithmic() const {
   Features z = features;

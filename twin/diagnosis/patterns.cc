@@ -7,7 +7,7 @@
 namespace tribotwin::twin::diagnosis {
 namespace {
 
-constexpr int severities = 60;
+constexpr int severities = 400;   // features that are known together to 1 % ask for steps as fine
 constexpr double outside_K = 2;                 ///< beyond the learned temperatures, from where temperature itself is a suspect
 constexpr double load_ratio_least = 0.02, load_ratio_most = 1.5;   ///< of ln load_norm, with a payload
 
@@ -107,14 +107,23 @@ std::vector<Candidate> candidates(const HealthyState& h, const Observation& o, d
     if (!suspect(p, h, o)) continue;
     Candidate best{.pattern = &p};
     std::vector<double> logs;
+    double most = 0;
     for (const double sign : p.name == "temperature" ? std::vector{1.0, -1.0} : std::vector{1.0})
       for (int i = 0; i < severities; ++i) {
         const double s = sign * p.least * std::pow(p.most / p.least, i / (severities - 1.0));
-        const Footprint f = p.footprint(h, s);
-        logs.push_back(likelihood.log_density(f));
-        if (logs.size() == 1 || logs.back() >= std::ranges::max(logs)) best.severity = s, best.misfit = likelihood.misfit(f);
+        logs.push_back(likelihood.log_density(p.footprint(h, s)));
+        if (logs.size() == 1 || logs.back() > most) most = logs.back(), best.severity = s;
       }
-    const double most = std::ranges::max(logs);
+    // Between its neighbours on the grid, by golden section.
+    const double step = std::pow(p.most / p.least, 1 / (severities - 1.0)), golden = std::numbers::phi - 1;
+    double low = best.severity / step, high = best.severity * step;
+    for (int i = 0; i < 20; ++i) {
+      const double a = high - golden * (high - low), b = low + golden * (high - low);
+      if (likelihood.log_density(p.footprint(h, a)) < likelihood.log_density(p.footprint(h, b))) low = a;
+      else high = b;
+    }
+    best.severity = (low + high) / 2;
+    best.misfit = likelihood.misfit(p.footprint(h, best.severity));
     double mean = 0;
     for (const double l : logs) mean += std::exp(l - most) / static_cast<double>(logs.size());
     evidence.push_back(most + std::log(mean));

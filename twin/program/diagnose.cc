@@ -5,7 +5,7 @@
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
-#include <tribotwin/twin/diagnosis/check.hpp>
+#include <tribotwin/twin/diagnosis/sequence.hpp>
 #include <tribotwin/twin/program/program.hpp>
 #include <tribotwin/twin/scenario/input.hpp>
 
@@ -21,6 +21,8 @@ struct Arguments {
   ObservationOptions read;
   LearnOptions learn;
   CheckOptions check;
+  ResidualOptions residuals;
+  double false_alarm = once_a_year;
   bool json = false, quiet = false;
 };
 
@@ -77,15 +79,20 @@ Json json_of(const Observation& o, const Verdict& v) {
   return j;
 }
 
-int check_curves(const Arguments& a) {
-  const HealthyState state = read_healthy(a.healthy);
+/// As the state was learned.
+ObservationOptions options_of(const Arguments& a, const HealthyState& state) {
   ObservationOptions options = a.read;
   options.load_sensitivity = state.load_sensitivity;
   if (!(options.torque_max_nm > 0)) options.torque_max_nm = state.torque_max_nm;
+  return options;
+}
+
+int check_curves(const Arguments& a) {
+  const HealthyState state = read_healthy(a.healthy);
   Json j{{"healthy", a.healthy}, {"joint", state.joint}, {"false_alarm", a.check.false_alarm}, {"observations", Json::array()}};
   std::string table = fmt::format("{:<5} {:>7} {:>10} {:>10} {:>8} {:>10} {:>10} {:>8} {:>11}  {:<15} {}\n", "curve", "degC", "distance 1", "T^2 1", "limit", "distance 2", "T^2 2", "limit", "equiv. load", "pattern", "confidence"), sentences;
   bool anomalous = false;
-  for (const auto& file : read(a.data, options, a.quiet)) {
+  for (const auto& file : read(a.data, options_of(a, state), a.quiet)) {
     const auto verdicts = check(state, file, a.check);
     if (!verdicts) throw InputError(verdicts.error());
     for (std::size_t i = 0; i < verdicts->size(); ++i) {
@@ -101,6 +108,61 @@ int check_curves(const Arguments& a) {
   }
   if (const int code = deliver(a.json ? j.dump(2) + "\n" : table + "\n" + sentences, "")) return code;
   return anomalous ? limit_exceeded : done;
+}
+
+Json json_of(const Margin& m) {
+  return {{"load_norm", {{"value", m.load_norm.value}, {"low", m.load_norm.low}, {"high", m.load_norm.high}}},
+          {"observations", {{"value", or_null(m.observations)}, {"low", or_null(m.earliest)}, {"high", or_null(m.latest)}}}};
+}
+
+std::string text_of(const Margin& m) {
+  std::string s = fmt::format("margin to the wear threshold: {:.3g} of torque_max in equivalent load (95 %: {:.3g} .. {:.3g})", m.load_norm.value, m.load_norm.low, m.load_norm.high);
+  if (!m.observations) return s + "; wear does not grow\n";
+  return s + fmt::format("; at this rate {:.0f} more observations (95 %: {:.0f} .. {})\n", *m.observations, m.earliest.value_or(0), m.latest ? fmt::format("{:.0f}", *m.latest) : "never");
+}
+
+int watch_curves(const Arguments& a) {
+  const HealthyState state = read_healthy(a.healthy);
+  std::vector<Observation> all;
+  for (const auto& file : read(a.data, options_of(a, state), a.quiet)) {
+    if (const auto fit = check(state, file); !fit) throw InputError(fit.error());
+    all.insert(all.end(), file.observations.begin(), file.observations.end());
+  }
+  const Watch w = watch(state, all, a.false_alarm);
+  Json j{{"healthy", a.healthy}, {"false_alarm", a.false_alarm}, {"threshold", w.threshold}, {"observations", Json::array()}};
+  std::string table = fmt::format("{:>5} {:>7} {:>9} {:>9} {:>9} {:>9}   {}\n", "", "degC", "score 1", "CUSUM 1", "score 2", "CUSUM 2", "from");
+  for (std::size_t i = 0; i < all.size(); ++i) {
+    const auto& s = w.steps[i];
+    Json one{{"file", all[i].file}, {"curve", all[i].curve}};
+    for (std::size_t r = 0; r < regions.size(); ++r) one[regions[r].name] = {{"score", s.region[r].score}, {"cusum", s.region[r].sum}, {"alarm", s.alarm[r]}};
+    j["observations"].push_back(std::move(one));
+    table += fmt::format("{:>5} {:>7} {:>9.3f} {:>8.3f}{} {:>9.3f} {:>8.3f}{}   {}\n", i + 1, all[i].temperature_degC ? fmt::format("{:.1f}", *all[i].temperature_degC) : "-", s.region[0].score, s.region[0].sum,
+                         s.alarm[0] ? "!" : " ", s.region[1].score, s.region[1].sum, s.alarm[1] ? "!" : " ", all[i].file);
+  }
+  j["first_alarm"] = w.first_alarm ? Json(*w.first_alarm + 1) : Json(nullptr);
+  j["margin"] = w.margin ? json_of(*w.margin) : Json(nullptr);
+  table += fmt::format("threshold {:.3f}, {}\n", w.threshold, w.first_alarm ? fmt::format("first exceeded by observation {}", *w.first_alarm + 1) : "not exceeded");
+  if (w.margin) table += text_of(*w.margin);
+  if (const int code = deliver(a.json ? j.dump(2) + "\n" : table, "")) return code;
+  return w.first_alarm ? limit_exceeded : done;
+}
+
+int watch_shadow(const Arguments& a) {
+  const auto w = watch_residuals(a.data.front(), a.residuals);
+  if (!w) throw InputError(w.error());
+  // Beyond 2 / sqrt(n) it is hardly chance.
+  if (!a.quiet && w->correlation > 2 / std::sqrt(static_cast<double>(a.residuals.learn)))
+    fmt::print(stderr, "note: neighbouring windows are correlated ({:.2f}): there will be more false alarms than asked for; lengthen --window\n", w->correlation);
+  Json j{{"joint", w->joint}, {"false_alarm", a.residuals.false_alarm}, {"threshold", w->threshold}, {"correlation", w->correlation}, {"windows", Json::array()}};
+  std::string table = fmt::format("{:>10} {:>12} {:>9} {:>9}\n", "time s", "rms Nm", "score", "CUSUM");
+  for (const auto& x : w->windows) {
+    j["windows"].push_back({{"time_s", x.time_s}, {"rms_nm", x.rms_nm}, {"score", x.cusum.score}, {"cusum", x.cusum.sum}, {"alarm", x.alarm}});
+    table += fmt::format("{:>10.1f} {:>12.5g} {:>9.3f} {:>8.3f}{}\n", x.time_s, x.rms_nm, x.cusum.score, x.cusum.sum, x.alarm ? "!" : "");
+  }
+  j["first_alarm_s"] = w->first_alarm ? Json(w->windows[*w->first_alarm].time_s) : Json(nullptr);
+  table += fmt::format("threshold {:.3f}, {}\n", w->threshold, w->first_alarm ? fmt::format("first exceeded at {:.1f} s", w->windows[*w->first_alarm].time_s) : "not exceeded");
+  if (const int code = deliver(a.json ? j.dump(2) + "\n" : table, "")) return code;
+  return w->first_alarm ? limit_exceeded : done;
 }
 
 void add_units(CLI::App& c, Arguments& a) {
@@ -136,6 +198,26 @@ void add_diagnose(CLI::App& app, int& code) {
   add_units(*k, *a);
   k->footer("Example:\n  tribotwin diagnose check healthy.yaml lab/br609/curves/013.csv --json");
   k->callback([a, &code] { code = check_curves(*a); });
+
+  auto* w = c->add_subcommand("watch", "Small changes over many observations (CUSUM), and the margin left; exit code 3 at an alarm");
+  w->add_option("HEALTHY", a->healthy, "healthy.yaml of tribotwin diagnose learn")->required();
+  w->add_option("CURVES", a->data, "Friction curves in the order of time")->required();
+  w->add_option("--false-alarm", a->false_alarm, "False alarms per observation of a healthy joint, on average")->check(CLI::Range(1e-7, 0.3))->capture_default_str();
+  w->add_flag("--json", a->json, "Print JSON instead of the table");
+  add_units(*w, *a);
+  w->footer("Example:\n  tribotwin diagnose watch healthy.yaml lab/br609/curves/0??.csv");
+  w->callback([a, &code] { code = watch_curves(*a); });
+
+  auto* s = c->add_subcommand("residuals", "The same over the residuals of a shadow; exit code 3 at an alarm");
+  s->add_option("CSV", a->data, "File of tribotwin-hil shadow --csv")->required()->expected(1);
+  s->add_option("--joint", a->residuals.joint, "Joint, where there are several");
+  s->add_option("--window", a->residuals.window_s, "Length of a window [s]; whole work cycles")->check(CLI::Range(1e-3, 1e7))->capture_default_str();
+  s->add_option("--learn", a->residuals.learn, "Windows at the beginning that are healthy")->check(CLI::Range(8, 1000000))->capture_default_str();
+  s->add_option("--false-alarm", a->residuals.false_alarm, "False alarms per window of a healthy joint, on average")->check(CLI::Range(1e-7, 0.3))->capture_default_str();
+  s->add_flag("--json", a->json, "Print JSON instead of the table");
+  s->add_flag("--quiet", a->quiet, "No notes on stderr");
+  s->footer("Example:\n  tribotwin diagnose residuals shadow.csv --joint joint2");
+  s->callback([a, &code] { code = watch_shadow(*a); });
 }
 
 }  // namespace tribotwin::twin::program
