@@ -144,8 +144,10 @@ TEST_P(HardLevels, AreFound) {
   const Synthetic& robot = GetParam().robot;
   const auto found = levels_of(robot.recording(), {.speeds_rad_s = robot.speeds});
   ASSERT_TRUE(found) << found.error();
-  for (const Level& level : found->levels)
+  for (const Level& level : found->levels) {
     EXPECT_NEAR(level.friction_nm, robot.friction(level.speed_rad_s), 4 * level.stderr_nm + 2e-3 * level.friction_nm) << level.speed_rad_s << " rad/s, stderr " << level.stderr_nm << ", " << level.samples;
+    EXPECT_EQ(level.ripple_nm, 0) << level.speed_rad_s << " rad/s: none of these has a ripple over the angle";
+  }
 }
 INSTANTIATE_TEST_SUITE_P(
     Cases, HardLevels,

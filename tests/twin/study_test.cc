@@ -105,16 +105,21 @@ TEST(Study, FaultsOfTwiceTheirDetectionLimitAreNamed) {
 }
 
 TEST(Study, WrongOnesAreRefusedWithFileAndKey) {
-  const auto error = [](const std::vector<std::string>& settings) -> std::string {
+  const Folder folder;
+  const fs::path file = folder.path / "study.yaml";
+  std::ofstream(file) << "model: " << TRIBOTWIN_SOURCE_DIR << "/mjcf/br609.xml\nprocedure: test_cycle\njoints: {joint3: {}, joint5: {}}\n"
+                         "diagnosis: {learn: [evolution], check: [{series: evolution, state: cold}]}\n"
+                         "series: [{name: evolution, load: {by: payload, mass_kg: 0}, temperature: {prescribed_degC: 40}}]\n";
+  const auto error = [&](const std::vector<std::string>& settings) -> std::string {
     try {
-      load_study(shipped, campaign_tree(shipped, settings));
+      load_study(file, campaign_tree(file, settings));
     } catch (const InputError& e) {
       return e.what();
     }
     return "accepted";
   };
   EXPECT_EQ(error({}), "accepted");
-  EXPECT_THAT(error({"diagnosis.learn=[evolutoin]"}), testing::AllOf(HasSubstr("br609_diagnosis.yaml"), HasSubstr("'evolutoin' is no series")));
+  EXPECT_THAT(error({"diagnosis.learn=[evolutoin]"}), testing::AllOf(HasSubstr("study.yaml"), HasSubstr("'evolutoin' is no series")));
   EXPECT_THAT(error({"diagnosis.learn=evolution"}), HasSubstr("must be a list of series"));
   EXPECT_THAT(error({"diagnosis.check.0.state=[]"}), HasSubstr("state"));
   EXPECT_THAT(error({"diagnosis.chekc=1"}), HasSubstr("chekc"));

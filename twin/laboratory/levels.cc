@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <complex>
 #include <numbers>
 #include <numeric>
 #include <span>
@@ -398,6 +399,7 @@ class Profile {
 /// A part of the friction that is periodic in the joint's angle.
 struct Ripple {
   double per_turn = 0, cosine_nm = 0, sine_nm = 0;
+  double resolution = 0;    ///< of per_turn, half of what the travel can tell apart
   double friction_nm = 0;   ///< of the level that it was found in
   double amplitude_nm() const { return std::hypot(cosine_nm, sine_nm); }
   double operator()(double q_rad) const { return cosine_nm * std::cos(per_turn * q_rad) + sine_nm * std::sin(per_turn * q_rad); }
@@ -410,7 +412,7 @@ Ripple ripple_of(const Profile& profile, const Profile::Difference& both) {
   const double travel = std::abs(profile.position(both.x.back()) - profile.position(both.x.front()));
   const double lowest = std::ceil(2 * std::numbers::pi * least_periods / travel);
   const double highest = std::min(most_per_turn, 2 * std::numbers::pi * static_cast<double>(n) / travel / least_samples_per_period);
-  const double step = std::max(1.0, std::floor(std::numbers::pi / travel));   // half of what this travel can tell apart
+  const double step = std::max(1.0, std::floor(std::numbers::pi / travel));
   if (!(highest > lowest + 10 * step)) return {};
 
   Eigen::MatrixXd slow(n, 5);   // polynomial in the position, and friction's share of the load
@@ -420,22 +422,28 @@ Ripple ripple_of(const Profile& profile, const Profile::Difference& both) {
   }
   const Eigen::Map<const Eigen::VectorXd> all(both.friction_nm.data(), n);
   const Eigen::VectorXd rest = all - slow * slow.completeOrthogonalDecomposition().solve(all);
+  Eigen::ArrayXcd turned(n), turn(n);   // e^(i k q), from one k to the next
+  for (Eigen::Index i = 0; i < n; ++i) {
+    const double q = profile.position(both.x[static_cast<std::size_t>(i)]);
+    turned[i] = std::polar(1.0, lowest * q), turn[i] = std::polar(1.0, step * q);
+  }
   std::vector<double> squares;
   Ripple strongest;
-  for (double k = lowest; k <= highest; k += step) {
-    double cosine = 0, sine = 0;
-    for (Eigen::Index i = 0; i < n; ++i) {
-      const double angle = k * profile.position(both.x[static_cast<std::size_t>(i)]);
-      cosine += rest[i] * std::cos(angle), sine += rest[i] * std::sin(angle);
-    }
-    const Ripple one{k, 2 * cosine / static_cast<double>(n), 2 * sine / static_cast<double>(n)};
+  for (double k = lowest; k <= highest; k += step, turned *= turn) {
+    const std::complex<double> sum = (rest.array() * turned).sum() * (2 / static_cast<double>(n));
+    const Ripple one{k, sum.real(), sum.imag(), step};
     if (one.amplitude_nm() > strongest.amplitude_nm()) strongest = one;
     squares.push_back(one.amplitude_nm() * one.amplitude_nm());
   }
-  // Squared amplitudes of noise are exponentially distributed, with a median of ln 2 times their mean.
+  // Squared amplitudes of noise are exponentially distributed, with a median of ln 2 times their mean; that of the neighbours, for
+  // noise need not be white.
   const double count = static_cast<double>(squares.size());
-  std::ranges::nth_element(squares, squares.begin() + static_cast<std::ptrdiff_t>(squares.size() / 2));
-  const double noise = squares[squares.size() / 2] / std::numbers::ln2;
+  constexpr std::size_t most_neighbours = 60;
+  const auto place = static_cast<std::size_t>(std::lround((strongest.per_turn - lowest) / step)), wide = std::min(squares.size(), most_neighbours);
+  const std::size_t from = std::min(place - std::min(place, wide / 2), squares.size() - wide);
+  const std::span<double> neighbours(squares.data() + from, wide);
+  std::ranges::nth_element(neighbours, neighbours.begin() + static_cast<std::ptrdiff_t>(wide / 2));
+  const double noise = neighbours[wide / 2] / std::numbers::ln2;
   return std::pow(strongest.amplitude_nm(), 2) > noise * std::log(count / false_alarm) ? strongest : Ripple{};
 }
 
@@ -626,12 +634,24 @@ tl::expected<Levels, std::string> levels_of(const JointRecording& r, const Level
     result.levels.push_back(measured(r, pairs[i], profiles[i], options, result.lag_s, result.lag_stderr_s, ripples.emplace_back()));
   }
   if (result.levels.empty()) return tl::unexpected(result.left_out.front());
+  // What is periodic in the angle is so at every speed; what is seen at one speed alone may be periodic in time.
+  const auto confirmed = [&](std::size_t k) {
+    for (std::size_t j = 0; j < kept.size(); ++j)
+      if (ripples[j].per_turn > 0 && !alike(result.levels[j].speed_rad_s, result.levels[k].speed_rad_s) &&
+          std::abs(ripples[j].per_turn - ripples[k].per_turn) <= ripples[j].resolution + ripples[k].resolution)
+        return true;
+    return false;
+  };
+  for (std::size_t k = 0; k < kept.size(); ++k)
+    if (result.levels[k].ripple_nm > 0 && !confirmed(k)) result.levels[k].ripple_nm = 0;
+  for (std::size_t k = 0; k < kept.size(); ++k)
+    if (result.levels[k].ripple_nm == 0) ripples[k] = {};
   if (const Ripple known = *std::ranges::max_element(ripples, {}, &Ripple::amplitude_nm); known.per_turn > 0) {
     // Its phase is known best where it was found slowest; slower levels are those that are too short for it.
     Ripple slowest = known, ignored;
     double speed = std::numeric_limits<double>::infinity();
     for (std::size_t k = 0; k < kept.size(); ++k)
-      if (std::abs(ripples[k].per_turn - known.per_turn) < 0.05 * known.per_turn && result.levels[k].speed_rad_s < speed) slowest = ripples[k], speed = result.levels[k].speed_rad_s;
+      if (ripples[k].per_turn > 0 && std::abs(ripples[k].per_turn - known.per_turn) <= ripples[k].resolution + known.resolution && result.levels[k].speed_rad_s < speed) slowest = ripples[k], speed = result.levels[k].speed_rad_s;
     for (std::size_t k = 0; k < kept.size(); ++k)
       if (result.levels[k].speed_rad_s < speed) result.levels[k] = measured(r, pairs[kept[k]], profiles[kept[k]], options, result.lag_s, result.lag_stderr_s, ignored, slowest);
   }

@@ -48,7 +48,7 @@ struct Level {
   double offset_s;
   double begin_s, end_s;           ///< of the two passes
   /// Amplitude of what in the friction is periodic in the joint's angle, at the strongest harmonic of a turn that stands out of
-  /// the noise (false alarm 1e-4); 0 where none does or the travel is shorter than three periods. Slower levels that are too short
+  /// the noise (false alarm 1e-4) here and at another speed; 0 where none does or the travel is shorter than three periods. Slower levels that are too short
   /// for it have it taken out of their friction.
   double ripple_nm = 0;
   /// Travel after the reversal between the passes until the torque has changed by 3/2 of the friction: 0 in a stiff gear, the width of
