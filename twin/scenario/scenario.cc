@@ -240,7 +240,7 @@ Event event_of(Mapping in, const mujoco::Model& model, double duration_s) {
 
 }  // namespace
 
-double Excitation::operator()(double t) const { return offset + amplitude * std::sin(2 * std::numbers::pi * frequency_hz * t + phase_rad); }
+double Wave::operator()(double t) const { return offset + amplitude * std::sin(2 * std::numbers::pi * frequency_hz * t + phase_rad); }
 
 std::size_t drive_index(const mujoco::Model& model, const Mapping& mapping, const std::string& key, const std::string& joint) {
   const auto found = find_drive(model, joint);
@@ -333,7 +333,7 @@ Scenario load_scenario(const fs::path& file, const std::vector<std::string>& ove
         actuators->fail(name, names.empty() ? "is no actuator of the model beside its drives; it has none" : fmt::format("is no actuator of the model beside its drives; did you mean '{}'?", friction::nearest(name, accepted)));
       auto wave = actuators->mapping(name);
       if (!wave) actuators->fail(name, "must be a mapping: offset, amplitude, frequency_hz, phase_rad");
-      s.excitations.push_back({.control = controls[static_cast<std::size_t>(found - names.begin())], .offset = wave->number_or("offset", 0), .amplitude = wave->number_or("amplitude", 0), .frequency_hz = wave->number_or("frequency_hz", 0, {0, 1e6}), .phase_rad = wave->number_or("phase_rad", 0)});
+      s.waves.push_back({.control = controls[static_cast<std::size_t>(found - names.begin())], .offset = wave->number_or("offset", 0), .amplitude = wave->number_or("amplitude", 0), .frequency_hz = wave->number_or("frequency_hz", 0, {0, 1e6}), .phase_rad = wave->number_or("phase_rad", 0)});
       wave->done();
     }
   }

@@ -32,7 +32,7 @@ struct MultiRate {
 };
 
 /// What drives an actuator that is no tribotwin.drive: offset + amplitude sin(2 pi frequency t + phase), in the actuator's unit.
-struct Excitation {
+struct Wave {
   int control;                   ///< in mjData.ctrl
   double offset = 0, amplitude = 0, frequency_hz = 0, phase_rad = 0;
   double operator()(double time_s) const;
@@ -56,7 +56,7 @@ struct Scenario {
   std::shared_ptr<const mujoco::Model> baseline;   ///< the same mechanism with native friction, to compare with
   DcPositionOptions baseline_control;
   double baseline_delay_s = 0;
-  std::vector<Excitation> excitations;
+  std::vector<Wave> waves;
   std::vector<Event> events;             ///< by time
   double telemetry_rate_hz = 100;
   MultiRate multirate;
