@@ -349,9 +349,14 @@ std::vector<double> start_of(Mapping& in, const mujoco::Model& model) {
 
 }  // namespace
 
-Campaign load_campaign(const fs::path& file, const std::vector<std::string>& overrides) {
+YAML::Node campaign_yaml(const fs::path& file, const std::vector<std::string>& overrides) {
   YAML::Node root = load_yaml(file);
   for (const auto& assignment : overrides) apply_setting(root, assignment);
+  return root;
+}
+
+Campaign load_campaign(const fs::path& file, const std::vector<std::string>& overrides) {
+  YAML::Node root = campaign_yaml(file, overrides);
   Campaign c;
   c.file = file;
   Mapping in(file.string(), "", root);

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include <tl/expected.hpp>
+#include <yaml-cpp/yaml.h>
 
 #include <tribotwin/twin/laboratory/experiment.hpp>
 
@@ -39,8 +40,10 @@ struct Campaign {
   std::vector<Curve> curves;
 };
 
-/// Reads and checks a campaign. `overrides` are key=value with dotted keys, numbers from 0 for entries of lists. Throws
-/// InputError.
+/// A campaign's file with `overrides`: key=value with dotted keys, numbers from 0 for entries of lists. Throws InputError.
+YAML::Node campaign_yaml(const std::filesystem::path& file, const std::vector<std::string>& overrides);
+
+/// Reads and checks a campaign. Throws InputError.
 Campaign load_campaign(const std::filesystem::path& file, const std::vector<std::string>& overrides = {});
 
 /// Columns of curves.csv: speed motor side [rad/s], torques over torque_max_nm or arm side [Nm].

@@ -4,6 +4,7 @@
 
 #include <tribotwin/twin/laboratory/results.hpp>
 #include <tribotwin/twin/program/program.hpp>
+#include <tribotwin/twin/repeatability/findings.hpp>
 
 namespace tribotwin::twin::program {
 namespace {
@@ -15,8 +16,42 @@ struct Arguments {
   bool quiet = false;
 };
 
+/// Robots over working days.
+int compare_days(const Arguments& a, const repeatability::Campaign& campaign) {
+  const auto regressor = Regressor::create(campaign.model->get());
+  if (!regressor) throw InputError(fmt::format("{}: {}", campaign.file.string(), regressor.error()));
+  const auto excitation = excite(*campaign.model, *regressor, base_parameters(*regressor), campaign.excitation);
+  if (!excitation) return complain(failed, excitation.error());
+  if (campaign.duration_s < excitation->duration_s()) throw InputError(fmt::format("{}: duration_s: is {:g}, but one cycle of the motion takes {:.0f} s", campaign.file.string(), campaign.duration_s, excitation->duration_s()));
+  Parts parts{.folder = "tests", .files = {},
+              .whole = [](std::size_t, const std::string& text) { return repeatability::from_text(text).has_value(); },
+              .make = [&](std::size_t test) { return repeatability::working_day(campaign, *excitation, test).map(repeatability::to_text); }};
+  for (std::size_t test = 0; test < campaign.tests(); ++test) parts.files.push_back(fmt::format("robot{}_day{}.json", campaign.robot_of(test) + 1, campaign.day_of(test) + 1));
+  const auto completed = [&] {
+    Progress progress(a.quiet, fmt::format("{} tests", campaign.tests()));
+    return complete(campaign.resolved_yaml, parts, {.directory = a.directory, .threads = a.threads, .progress = [&](double share, double left) { progress(share, left); }});
+  }();
+  if (!completed) return complain(failed, completed.error());
+  std::vector<repeatability::WorkingDay> days;
+  for (const auto& text : completed->texts) days.push_back(*repeatability::from_text(text));
+  const auto findings = repeatability::find(campaign, days);
+  if (!findings) return complain(failed, findings.error());
+  const std::filesystem::path directory = a.directory;
+  auto files = repeatability::tables(campaign, days, *findings);
+  files.push_back({"motion.csv", to_csv(*excitation, *regressor, 250)});
+  for (const auto& file : files)
+    if (auto ok = write_file(directory / file.name, file.text); !ok) return complain(failed, ok.error());
+  if (a.quiet) return done;
+  fmt::print("{} tests, {} of them were there\n\n{}written:", campaign.tests(), completed->present, repeatability::summary(campaign, days, *findings));
+  for (const auto& file : files) fmt::print(" {}", (directory / file.name).string());
+  fmt::print("\n");
+  return done;
+}
+
 int execute(const Arguments& a) {
-  const Campaign campaign = load_campaign(scenario_file(a.campaign), a.settings);
+  const auto file = scenario_file(a.campaign);
+  if (const YAML::Node root = campaign_yaml(file, a.settings); repeatability::is_repeatability(root)) return compare_days(a, repeatability::load_campaign(file, root));
+  const Campaign campaign = load_campaign(file, a.settings);
   const auto summary = [&] {
     Progress progress(a.quiet, fmt::format("{} curves", campaign.curves.size()));
     return run_campaign(campaign, {.directory = a.directory, .threads = a.threads, .progress = [&](double share, double left) { progress(share, left); }});
@@ -35,7 +70,7 @@ int execute(const Arguments& a) {
 
 void add_lab(CLI::App& app, int& code) {
   auto a = std::make_shared<Arguments>();
-  auto* command = app.add_subcommand("lab", "Measure friction curves over load and temperature in simulation: curves.csv");
+  auto* command = app.add_subcommand("lab", "Measure friction curves over load and temperature in simulation, or compare robots over working days");
   command->add_option("CAMPAIGN", a->campaign, "Campaign file, or the name of a shipped one")->required();
   command->add_option("-o,--output", a->directory, "Folder for the results; a run that was interrupted there goes on")->required();
   command->add_option("--threads", a->threads, "Curves measured at once (default: one per core)")->check(CLI::Range(1, 1024));

@@ -221,18 +221,7 @@ Event event_of(Mapping in, const mujoco::Model& model, double duration_s) {
   } else if (type == "ambient") {
     event.what = AmbientChange{in.number("temperature_degC", {-100, 300})};
   } else {
-    Wear wear{.joint = in.text("joint")};
-    const auto& law = model.drives()[drive_index(model, in, "joint", wear.joint)].drive.law;
-    auto factors = in.mapping("factors");
-    if (!factors) in.fail("factors", "is missing: a mapping from parameters of the law to factors");
-    for (const auto& name : factors->names()) {
-      std::vector<std::string_view> accepted;
-      for (const auto& p : law.info->parameters) accepted.push_back(p.name);
-      if (std::ranges::find(accepted, name) == accepted.end())
-        factors->fail(name, fmt::format("is no parameter of law '{}'; did you mean '{}'?", law.info->name, friction::nearest(name, accepted)));
-      wear.factors[name] = factors->number(name, {0, 1000});
-    }
-    event.what = wear;
+    event.what = read_wear(in, model);
   }
   in.done();
   return event;
@@ -241,6 +230,21 @@ Event event_of(Mapping in, const mujoco::Model& model, double duration_s) {
 }  // namespace
 
 double Wave::operator()(double t) const { return offset + amplitude * std::sin(2 * std::numbers::pi * frequency_hz * t + phase_rad); }
+
+Wear read_wear(Mapping& in, const mujoco::Model& model) {
+  Wear wear{.joint = in.text("joint")};
+  const auto& law = model.drives()[drive_index(model, in, "joint", wear.joint)].drive.law;
+  auto factors = in.mapping("factors");
+  if (!factors) in.fail("factors", "is missing: a mapping from parameters of the law to factors");
+  for (const auto& name : factors->names()) {
+    std::vector<std::string_view> accepted;
+    for (const auto& p : law.info->parameters) accepted.push_back(p.name);
+    if (std::ranges::find(accepted, name) == accepted.end())
+      factors->fail(name, fmt::format("is no parameter of law '{}'; did you mean '{}'?", law.info->name, friction::nearest(name, accepted)));
+    wear.factors[name] = factors->number(name, {0, 1000});
+  }
+  return wear;
+}
 
 std::size_t drive_index(const mujoco::Model& model, const Mapping& mapping, const std::string& key, const std::string& joint) {
   const auto found = find_drive(model, joint);

@@ -68,4 +68,7 @@ Scenario load_scenario(const std::filesystem::path& file, const std::vector<std:
 /// A drive's index by joint name; throws InputError through `mapping` with the nearest name.
 std::size_t drive_index(const mujoco::Model& model, const Mapping& mapping, const std::string& key, const std::string& joint);
 
+/// Keys `joint` and `factors`, the latter by name of the law's parameters; throws InputError.
+Wear read_wear(Mapping& in, const mujoco::Model& model);
+
 }  // namespace tribotwin::twin
