@@ -9,6 +9,7 @@
 #include <tribotwin/render/figure/figures.hpp>
 #include <tribotwin/render/pose/video.hpp>
 #include <tribotwin/render/process/child.hpp>
+#include <tribotwin/render/report/days_report.hpp>
 #include <tribotwin/render/report/fit_report.hpp>
 #include <tribotwin/render/report/report.hpp>
 #include <tribotwin/twin/model/arm.hpp>
@@ -350,6 +351,22 @@ int fit(const FitArguments& a, const std::string& command) {
   return done;
 }
 
+struct DaysArguments {
+  std::string directory, output;
+  bool png = false, pdf = false, quiet = false;
+};
+
+int days(const DaysArguments& a, const std::string& command) {
+  const PageFile page(a.output.empty() ? fs::path(a.directory) / "report.html" : fs::path(a.output), a.png, a.pdf);
+  const auto data = or_wrong_input(render::load_days(a.directory));
+  const render::Report made = [&] {
+    Progress progress(a.quiet, "report");
+    return or_fail(render::make_days_report(data, {.figure_files = page.formats(), .command = command, .progress = [&](double share) { progress(share); }}));
+  }();
+  page.write_all(made);
+  return done;
+}
+
 }  // namespace
 
 int main(int argc, char** argv) {
@@ -405,6 +422,15 @@ int main(int argc, char** argv) {
   fit_command->add_flag("--quiet", f.quiet, "No progress");
   fit_command->footer("Example:\n  tribotwin-report fit params.yaml -o fit.html");
 
+  DaysArguments d;
+  auto* days_command = app.add_subcommand("days", "Robots over working days as a page: time constants, friction over the day, torques cold and hot, parameters over tests, changes");
+  days_command->add_option("DIR", d.directory, "Folder of tribotwin lab for a campaign of working days")->required();
+  days_command->add_option("-o,--output", d.output, "The page (default: DIR/report.html)");
+  days_command->add_flag("--png", d.png, "Also every figure as PNG, in a folder beside the page");
+  days_command->add_flag("--pdf", d.pdf, "Also every figure as PDF, in a folder beside the page");
+  days_command->add_flag("--quiet", d.quiet, "No progress");
+  days_command->footer("Example:\n  tribotwin-report days lab/days -o days.html");
+
   SheetArguments s;
   auto* sheet_command = app.add_subcommand("sheet", "Poses over a run in one picture");
   s.add_to(*sheet_command, "Folder of a run", "640x480", "sheet.png");
@@ -426,7 +452,7 @@ int main(int argc, char** argv) {
     if (*video_command) return video(v);
     std::string command = program;
     for (int i = 1; i < argc; ++i) command += " " + render::shell_word(argv[i]);
-    return *fit_command ? fit(f, command) : report(r, command);
+    return *fit_command ? fit(f, command) : *days_command ? days(d, command) : report(r, command);
   } catch (const CLI::ParseError& e) {
     return app.exit(e) == 0 ? done : wrong_input;
   } catch (const InputError& e) {

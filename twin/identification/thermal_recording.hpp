@@ -1,6 +1,7 @@
 #pragma once
 
 #include <filesystem>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -13,8 +14,9 @@ namespace tribotwin::twin::identification {
 struct HeatSession {
   std::size_t file = 0;                   ///< index of the recording it is from
   std::vector<double> time_s;             ///< strictly increasing
-  std::vector<double> power_w;            ///< mean between the sample before and this one; the first is 0
+  std::vector<double> power_w;            ///< mean between the sample before and this one; the first is 0, or the mean since start_s
   std::vector<double> temperature_degC;
+  std::optional<double> start_s;          ///< when power began, where that is before the first sample
 };
 
 struct JointHeat {

@@ -26,7 +26,7 @@ int compare_days(const Arguments& a, const repeatability::Campaign& campaign) {
   Parts parts{.folder = "tests", .files = {},
               .whole = [](std::size_t, const std::string& text) { return repeatability::from_text(text).has_value(); },
               .make = [&](std::size_t test) { return repeatability::working_day(campaign, *excitation, test).map(repeatability::to_text); }};
-  for (std::size_t test = 0; test < campaign.tests(); ++test) parts.files.push_back(fmt::format("robot{}_day{}.json", campaign.robot_of(test) + 1, campaign.day_of(test) + 1));
+  for (std::size_t test = 0; test < campaign.tests(); ++test) parts.files.push_back(repeatability::file_of(campaign, test).filename().string());
   const auto completed = [&] {
     Progress progress(a.quiet, fmt::format("{} tests", campaign.tests()));
     return complete(campaign.resolved_yaml, parts, {.directory = a.directory, .threads = a.threads, .progress = [&](double share, double left) { progress(share, left); }});

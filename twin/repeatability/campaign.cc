@@ -114,6 +114,10 @@ tl::expected<Individual, std::string> individual(const Campaign& campaign, std::
   return out;
 }
 
+std::filesystem::path file_of(const Campaign& campaign, std::size_t test) {
+  return std::filesystem::path("tests") / fmt::format("robot{}_day{}.json", campaign.robot_of(test) + 1, campaign.day_of(test) + 1);
+}
+
 double ambient_degC(const Campaign& campaign, std::size_t day) {
   std::mt19937_64 random(seed_for(campaign, of_ambient, day));
   return campaign.ambient_degC + campaign.ambient_std_K * std::normal_distribution<double>()(random);

@@ -57,6 +57,9 @@ struct Individual {
 /// Fails where the changed model could not carry its drives.
 tl::expected<Individual, std::string> individual(const Campaign& campaign, std::size_t robot);
 
+/// Where a test is kept, below the campaign's folder.
+std::filesystem::path file_of(const Campaign& campaign, std::size_t test);
+
 /// Ambient temperature of a day [degC].
 double ambient_degC(const Campaign& campaign, std::size_t day);
 

@@ -59,19 +59,6 @@ std::vector<std::string> joint_names(const Campaign& c) {
 
 bool told(const ThermalFit& fit, const std::string& name) { return std::ranges::find(fit.unidentifiable, name) == fit.unidentifiable.end(); }
 
-/// The time constants of a fit by name: t1 and t2, a first-order one as the slow t2.
-struct TimeConstant {
-  const char* name;
-  double value_s, sigma_s;
-  bool told;
-};
-std::vector<TimeConstant> times_of(const ThermalFit& fit) {
-  std::vector<TimeConstant> out;
-  for (const auto& e : fit.parameters)
-    if (e.unit == "s") out.push_back({fit.model.order == thermal::Order::first ? "t2" : e.name == "t1" ? "t1" : "t2", e.value, e.sigma, told(fit, e.name)});
-  return out;
-}
-
 /// Of the simulated robot; 0 where its thermal model has none.
 double true_time_s(const Campaign& c, std::size_t joint, std::string_view name) {
   const auto& model = std::ranges::find(c.model->drives(), static_cast<int>(joint), &mujoco::Binding::dof)->drive.thermal;
@@ -85,6 +72,13 @@ bool is_changed(const Findings& f, std::size_t robot, std::size_t day) {
 }
 
 }  // namespace
+
+std::vector<TimeConstant> times_of(const ThermalFit& fit) {
+  std::vector<TimeConstant> out;
+  for (const auto& e : fit.parameters)
+    if (e.unit == "s") out.push_back({fit.model.order == thermal::Order::second && e.name == "t1" ? "t1" : "t2", e.value, e.sigma, told(fit, e.name)});
+  return out;
+}
 
 tl::expected<Findings, std::string> find(const Campaign& c, const std::vector<WorkingDay>& days) {
   Findings out;

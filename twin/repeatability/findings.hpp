@@ -33,6 +33,14 @@ struct Findings {
 /// `days` in the order of the tests. Fails with robot and joint whose friction tells no thermal model at all.
 tl::expected<Findings, std::string> find(const Campaign& campaign, const std::vector<WorkingDay>& days);
 
+/// A time constant as paper 3 names them: that of a first-order model is the slow one, t2.
+struct TimeConstant {
+  const char* name;
+  double value_s, sigma_s;
+  bool told;              ///< identifiable from the record
+};
+std::vector<TimeConstant> times_of(const identification::ThermalFit& fit);
+
 /// How far an inertial parameter of a robot scatters, over the tests without a change.
 struct Spread {
   double mean = 0, sigma = 0;               ///< of the tests' values, weighed; its standard deviation by their sigmas

@@ -21,13 +21,14 @@ using namespace identification;
 using Eigen::Index, Eigen::MatrixXd, Eigen::VectorXd;
 
 constexpr std::uint64_t of_sensors = 100;        ///< purpose of the seed
-constexpr double cutoff_hz = 10;                 ///< the series ends at some 1 Hz
-constexpr double window_s = 5;                   ///< of one value of friction over the day
+/// Twice that of `tribotwin dynamics`: over a whole day what the filter takes from friction's corners would show beside the noise.
+constexpr double cutoff_hz = 40, kept_hz = 60;
+constexpr double window_s = 3;                   ///< of one value of friction over the day
 constexpr double fewest_s = 1;                   ///< of motion in such a window
 constexpr std::size_t torques = 4;               ///< f1 .. f4; a and T0 follow them
 /// Where only friction is seen, a kelvin is what takes 1 % of it: a = -0.01 / K by definition.
 constexpr double share_per_K = 0.01;
-constexpr int rounds = 2;                        ///< of friction over the day and the fit of all cycles, each given the other
+constexpr int rounds = 4;                        ///< of friction over the day and the fit of all cycles, each given the other
 constexpr double reference_degC = 20;            ///< T0 of the law, at the start of the day
 
 /// The excitation and the way back to its start, for ever.
@@ -175,8 +176,7 @@ class Friction {
     for (std::size_t j = 0; j < points_.size(); ++j) {
       double work = 0;
       for (const auto& p : points_[j].kept) {
-        const double since = out[j].time_s.empty() ? 0 : (p.work_J - work) / (p.time_s - out[j].time_s.back());
-        out[j].power_w.push_back(since);
+        out[j].power_w.push_back((p.work_J - work) / (p.time_s - (out[j].time_s.empty() ? 0 : out[j].time_s.back())));
         out[j].time_s.push_back(p.time_s);
         out[j].friction_nm.push_back(p.friction_nm);
         work = p.work_J;
@@ -225,13 +225,13 @@ class Friction {
   std::vector<Points> points_;
 };
 
-/// Friction that a thermal model predicts at the times of the day's entries, from a start at rest.
-std::vector<double> predicted_nm(const ThermalFit& fit, const Warming& w, bool rising) {
+/// Friction by a thermal model, as a share of that at the start of the day, at the times of the day's entries.
+std::vector<double> predicted_share(const thermal::Model& model, const Warming& w) {
   thermal::Rise rise;
   std::vector<double> out;
   for (std::size_t i = 0; i < w.time_s.size(); ++i) {
-    if (i) thermal::step(fit.model, thermal::decay(fit.model, w.time_s[i] - w.time_s[i - 1]), w.power_w[i], 0, rise);
-    out.push_back((rising ? 1 : -1) * (fit.model.T_amb_degC + rise.total_K()));
+    thermal::step(model, thermal::decay(model, w.time_s[i] - (i ? w.time_s[i - 1] : 0)), w.power_w[i], 0, rise);
+    out.push_back(1 + rise.total_K() / model.T_amb_degC);   // as_heat's sign is in both
   }
   return out;
 }
@@ -253,10 +253,10 @@ tl::expected<void, std::string> take_temperature(std::vector<Recorded>& recorded
     const HeatSession session = as_heat(w, 0, rises(w));
     const auto fit = fit_thermal({&session, 1}, {.rested = true});
     if (!fit) return tl::unexpected(fmt::format("joint {}: {}", j + 1, fit.error()));
-    const auto predicted = predicted_nm(*fit, w, rises(w));
+    const auto share = predicted_share(fit->model, w);
     for (auto& r : recorded)
       for (std::size_t i = 0; i < r.measuring.time_s.size(); ++i)
-        r.measuring.temperature_degC(static_cast<Index>(j), static_cast<Index>(i)) = reference_degC + (1 - at(w.time_s, predicted, r.measuring.time_s[i]) / predicted.front()) / share_per_K;
+        r.measuring.temperature_degC(static_cast<Index>(j), static_cast<Index>(i)) = reference_degC + (1 - at(w.time_s, share, r.measuring.time_s[i])) / share_per_K;
   }
   return {};
 }
@@ -282,7 +282,7 @@ std::string name_of(const Campaign& c, std::size_t test) { return fmt::format("r
 bool rises(const Warming& w) { return w.friction_nm.back() > w.friction_nm.front(); }
 
 HeatSession as_heat(const Warming& w, std::size_t file, bool rising) {
-  HeatSession out{.file = file, .time_s = w.time_s, .power_w = w.power_w, .temperature_degC = w.friction_nm};
+  HeatSession out{.file = file, .time_s = w.time_s, .power_w = w.power_w, .temperature_degC = w.friction_nm, .start_s = 0};
   if (!rising)
     for (double& T : out.temperature_degC) T = -T;
   return out;
@@ -303,7 +303,7 @@ tl::expected<WorkingDay, std::string> working_day(const Campaign& c, const Excit
   WorkingDay day{.ambient_degC = ambient_degC(c, c.day_of(test))};
   auto recorded = simulated(c, e, test, *robot, day.ambient_degC, *regressor);
   if (!recorded) return fail(recorded.error());
-  const Preparation preparation{.cutoff_hz = std::min(cutoff_hz, c.sampling_hz / 5)};
+  const Preparation preparation{.cutoff_hz = std::min(cutoff_hz, c.sampling_hz / 5), .decimation = static_cast<unsigned>(std::max(1.0, std::round(c.sampling_hz / kept_hz)))};
   const auto prepared = [&](const RobotRecording& r) { return prepare({&r, 1}, *regressor, preparation); };
 
   // 1
@@ -336,7 +336,6 @@ tl::expected<WorkingDay, std::string> working_day(const Campaign& c, const Excit
     }
     day.warming = friction.warming();
     if (round == rounds) break;
-    if (getenv("DBG")) { for (std::size_t j=0;j<joints;++j){ auto ss=as_heat(day.warming[j],0,rises(day.warming[j])); auto ft=fit_thermal({&ss,1},{.rested=true}); fmt::print(stderr,"{} {}: {} {} rms {} {}\n",round,j,ft->model.t_s[0],ft->model.t_s[1],ft->rms_K,ft->correlation);} }
     if (auto ok = take_temperature(*recorded, day.warming); !ok) return fail(ok.error());
     measuring.clear();
     for (const auto& r : *recorded) measuring.push_back(r.measuring);

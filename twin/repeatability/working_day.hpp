@@ -31,7 +31,7 @@ struct Cycle {
 /// Friction of a joint over the day. All of one length.
 struct Warming {
   std::vector<double> time_s;
-  std::vector<double> power_w;       ///< friction heat, mean since the entry before; the first is 0
+  std::vector<double> power_w;       ///< friction heat, mean since the entry before, the first since the start of the day
   std::vector<double> friction_nm;   ///< at `level_share` of the largest speed
 };
 
