@@ -84,6 +84,20 @@ size = np.abs(list(off.values()))
 check("40 base and 30 friction parameters are as far off as their sigmas say", len(size) == 70 and size.max() < 3.5 and 0.75 < np.sqrt(np.mean(size**2)) < 1.25, off)
 for name, value in {"joint3.Ia": 0.20, "joint4.Ia": 0.045, "joint5.Ia": 0.045, "joint6.Ia": 0.020}.items():
     check(name + " of the MJCF", abs(fit["base_parameters"][name]["of_model"] - value) < 1e-12)
+# ---- A force without a sensor: 2 kg that nobody told of, cold and hot.
+for name, temperature, seed in (("laden_cold", 20, 4), ("laden_hot", 45, 5)):
+    record(name, cycle, seed, duration_s=30, temperature_degC=temperature, events=[{"time_s": 0, "type": "payload", "mass_kg": 2}])
+    names, laden = read(f"{name}.csv")
+    write(f"{name}_blind.csv", [n for n in names if "degC" not in n], [laden[:, i] for i, n in enumerate(names) if "degC" not in n])
+    for file in (name, f"{name}_blind"):
+        run("predict", model, "params.yaml", f"{file}.csv", "--wrench", f"{file}_wrench.csv", "--json", "--quiet")
+force = {n: np.nanmean(np.genfromtxt(f"{work}/{n}_wrench.csv", delimiter=",", names=True)["force_z_n"]) for n in ("laden_cold", "laden_hot", "laden_hot_blind")}
+wrench_names = open(f"{work}/laden_hot_wrench.csv").readline().strip().split(",")
+check("wrench columns", wrench_names == ["time_s", "force_x_n", "force_y_n", "force_z_n", "torque_x_nm", "torque_y_nm", "torque_z_nm"], wrench_names)
+check("2 kg at the flange weigh 19.6 N within 15 %, cold and hot", all(abs(force[n] + 19.62) < 0.15 * 19.62 for n in ("laden_cold", "laden_hot")), force)
+spread = {n: np.nanstd(np.genfromtxt(f"{work}/{n}_wrench.csv", delimiter=",", names=True)["force_z_n"]) for n in ("laden_hot", "laden_hot_blind")}
+check("without temperatures hot friction is taken for force", spread["laden_hot_blind"] > 1.15 * spread["laden_hot"], spread)
+refused("no such site", ["--site", "flange"], "predict", model, "params.yaml", "cold.csv", "--wrench", "w.csv", "--site", "tool")
 linear = json.loads(run("dynamics", model, "excited.csv", "--json", "--quiet").stdout)
 check("one law for all temperatures is worse", linear["relative_error"] > 1.5 * fit["relative_error"], (linear["relative_error"], fit["relative_error"]))
 

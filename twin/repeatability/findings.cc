@@ -3,7 +3,9 @@
 #include <algorithm>
 #include <cmath>
 #include <numeric>
+#include <ranges>
 
+#include <boost/math/distributions/chi_squared.hpp>
 #include <boost/math/distributions/normal.hpp>
 #include <fmt/format.h>
 
@@ -14,17 +16,26 @@ namespace {
 
 using namespace identification;
 
+constexpr double settled = 5;           ///< time constants after which nothing slower can hide: 0.7 % are left
 constexpr double false_alarms = 0.01;   ///< share of campaigns without a change that report one
 
+bool told(const ThermalFit& fit, const std::string& name) { return std::ranges::find(fit.unidentifiable, name) == fit.unidentifiable.end(); }
+
 bool tells_times(const ThermalFit& fit) {
-  return std::ranges::none_of(fit.unidentifiable, [](const std::string& name) { return name.starts_with("t"); });
+  return std::ranges::none_of(fit.parameters, [&](const Estimate& e) { return e.unit == "s" && !told(fit, e.name); });
 }
 
-/// Second order where both time constants are told, else first.
+/// Second order where both time constants are told, else first. Its time constant is not told where it may stand for two: the day ends before it is
+/// over, or the second order follows the data better than chance would (likelihood ratio, 1 %).
 tl::expected<ThermalFit, std::string> fitted(const std::vector<HeatSession>& sessions) {
   auto second = fit_thermal(sessions, {.order = thermal::Order::second, .rested = true});
   if (!second || tells_times(*second)) return second;
-  return fit_thermal(sessions, {.order = thermal::Order::first, .rested = true});
+  auto first = fit_thermal(sessions, {.order = thermal::Order::first, .rested = true});
+  const auto longest_s = std::ranges::max(sessions | std::views::transform([](const HeatSession& s) { return s.time_s.back(); }));
+  if (!first) return first;
+  const double ratio = 2 * static_cast<double>(second->samples) / second->correlation * std::log(first->rms_K / second->rms_K);
+  if (tells_times(*first) && (longest_s < settled * first->model.t_s[0] || ratio > boost::math::quantile(boost::math::complement(boost::math::chi_squared(2), 0.01)))) first->unidentifiable.push_back(std::string(thermal::parameters(thermal::Order::first)[1].name));
+  return first;
 }
 
 /// Relative change of a joint's friction from the cycle before, and its standard deviation.
@@ -56,8 +67,6 @@ std::vector<std::string> joint_names(const Campaign& c) {
   for (Eigen::Index j = 0; j < regressor->joints(); ++j) names.push_back(regressor->joint_name(j));
   return names;
 }
-
-bool told(const ThermalFit& fit, const std::string& name) { return std::ranges::find(fit.unidentifiable, name) == fit.unidentifiable.end(); }
 
 /// Of the simulated robot; 0 where its thermal model has none.
 double true_time_s(const Campaign& c, std::size_t joint, std::string_view name) {

@@ -21,8 +21,7 @@ using namespace identification;
 using Eigen::Index, Eigen::MatrixXd, Eigen::VectorXd;
 
 constexpr std::uint64_t of_sensors = 100;        ///< purpose of the seed
-/// Twice that of `tribotwin dynamics`: over a whole day what the filter takes from friction's corners would show beside the noise.
-constexpr double cutoff_hz = 40, kept_hz = 60;
+constexpr double kept_hz = 60;                   ///< samples per second of the fits: beyond the filter's band they tell little
 constexpr double window_s = 3;                   ///< of one value of friction over the day
 constexpr double fewest_s = 1;                   ///< of motion in such a window
 constexpr std::size_t torques = 4;               ///< f1 .. f4; a and T0 follow them
@@ -303,7 +302,7 @@ tl::expected<WorkingDay, std::string> working_day(const Campaign& c, const Excit
   WorkingDay day{.ambient_degC = ambient_degC(c, c.day_of(test))};
   auto recorded = simulated(c, e, test, *robot, day.ambient_degC, *regressor);
   if (!recorded) return fail(recorded.error());
-  const Preparation preparation{.cutoff_hz = std::min(cutoff_hz, c.sampling_hz / 5), .decimation = static_cast<unsigned>(std::max(1.0, std::round(c.sampling_hz / kept_hz)))};
+  const Preparation preparation{.decimation = static_cast<unsigned>(std::max(1.0, std::round(c.sampling_hz / kept_hz)))};
   const auto prepared = [&](const RobotRecording& r) { return prepare({&r, 1}, *regressor, preparation); };
 
   // 1
