@@ -76,15 +76,15 @@ class Writer {
     page_.tile(grid, "tests", fmt::format("{}", data_.days.size()), fmt::format("{} robots, {} days of {:.3g} h", c_.robots, c_.days, c_.duration_s / 3600));
     page_.tile(grid, "cycles", fmt::format("{}", day(0, 0).cycles.size()), "of the motion on a day");
     page_.tile(grid, "changes", fmt::format("{}", f_.changes.size()), fmt::format("of {} comparisons, beyond {:.2f} sigma", f_.comparisons, f_.threshold), f_.changes.empty() ? "good" : "bad");
-    double drift = 0, over_days = 0;
+    std::optional<double> drift, over_days;
     for (std::size_t robot = 0; robot < c_.robots; ++robot)
       for (std::size_t p = 0; p < base_.parameters.size(); ++p) {
         const Spread s = spread_of(c_, data_.days, f_, robot, p);
-        drift = std::max(drift, s.over_a_day.value_or(0));
-        if (s.over_a_day) over_days = std::max(over_days, s.over_days.value_or(0));
+        if (s.over_a_day) drift = std::max(drift.value_or(0), *s.over_a_day);
+        if (s.over_a_day && s.over_days) over_days = std::max(over_days.value_or(0), *s.over_days);
       }
-    page_.tile(grid, "inertia over a day", fmt::format("{:.2f} %", 100 * drift), fmt::format("at most, of what a cycle tells within {:.0f} %", 100 * told_within), drift < 0.05 ? "good" : "bad");
-    page_.tile(grid, "inertia over days", fmt::format("{:.2f} %", 100 * over_days), "standard deviation, at most, of the same");
+    page_.tile(grid, "inertia over a day", share(drift), fmt::format("at most, of what a cycle tells within {:.0f} %", 100 * told_within), !drift ? nullptr : *drift < 0.05 ? "good" : "bad");
+    page_.tile(grid, "inertia over days", share(over_days), "standard deviation, at most, of the same");
   }
 
   double minutes(const Change& x) const { return day(x.robot, x.day).cycles[x.cycle].start_s / 60; }
@@ -154,10 +154,12 @@ class Writer {
     for (std::size_t j = 0; j < joints(); ++j) {
       Figure figure{.title = fmt::format("{}, robot 1, test 1", joint(j)), .x = {.quantity = "time in the cycle", .unit = "s"}, .y = {.quantity = "motor torque", .unit = friction_axis(j).unit}};
       for (const auto& [name, stretch] : {std::pair{"cold", &day(0, 0).cold}, {"hot", &day(0, 0).hot}}) {
-        std::vector<double> time;
+        std::vector<double> time, predicted = stretch->predicted_nm[j];
         for (const double t : stretch->time_s) time.push_back(t - stretch->time_s.front());
+        for (std::size_t i = 0; i < predicted.size(); ++i)
+          if (!stretch->moving[j][i]) predicted[i] = std::nan("");
         figure.series.push_back({.mark = Mark::line, .label = fmt::format("measured, {}", name), .x = time, .y = stretch->measured_nm[j]});
-        figure.series.push_back({.mark = Mark::reference, .label = fmt::format("predicted, {}", name), .x = time, .y = stretch->predicted_nm[j]});
+        figure.series.push_back({.mark = Mark::reference, .label = fmt::format("predicted, {}", name), .x = time, .y = std::move(predicted)});
       }
       if (auto ok = page_.show(grid, figure, fmt::format("torque_{}", joint(j)), "The same motion in the first and in the last cycle of the day, measured (filtered) and predicted by the parameters of the day with friction at the estimated temperature."); !ok) return ok;
     }

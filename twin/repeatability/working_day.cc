@@ -264,11 +264,13 @@ Stretch stretch_of(const JointMotion& motion, const MatrixXd& predicted, double 
   Stretch s;
   s.measured_nm.resize(static_cast<std::size_t>(predicted.rows()));
   s.predicted_nm.resize(s.measured_nm.size());
+  s.moving.resize(s.measured_nm.size());
   for (Index i = 0; i < motion.size() && motion.time_s[static_cast<std::size_t>(i)] < motion.time_s.front() + length_s; ++i) {
     s.time_s.push_back(motion.time_s[static_cast<std::size_t>(i)]);
     for (std::size_t j = 0; j < s.measured_nm.size(); ++j) {
       s.measured_nm[j].push_back(motion.torque(static_cast<Index>(j), i));
       s.predicted_nm[j].push_back(predicted(static_cast<Index>(j), i));
+      s.moving[j].push_back(motion.moving(static_cast<Index>(j), i));
     }
   }
   return s;
@@ -371,7 +373,7 @@ void to_json(Json& j, const Measured& m) { j = {m.value, std::isfinite(m.sigma) 
 void from_json(const Json& j, Measured& m) { m = {j.at(0).get<double>(), j.at(1).is_null() ? std::numeric_limits<double>::quiet_NaN() : j.at(1).get<double>()}; }
 NLOHMANN_DEFINE_TYPE_NON_INTRUSIVE(Cycle, start_s, base, friction, level_nm)
 NLOHMANN_DEFINE_TYPE_NON_INTRUSIVE(Warming, time_s, power_w, friction_nm)
-NLOHMANN_DEFINE_TYPE_NON_INTRUSIVE(Stretch, time_s, measured_nm, predicted_nm)
+NLOHMANN_DEFINE_TYPE_NON_INTRUSIVE(Stretch, time_s, measured_nm, predicted_nm, moving)
 NLOHMANN_DEFINE_TYPE_NON_INTRUSIVE(WorkingDay, ambient_degC, cycles, warming, base, friction, base_of_robot, friction_of_robot, cold, hot)
 
 std::string to_text(const WorkingDay& day) { return Json(day).dump() + "\n"; }

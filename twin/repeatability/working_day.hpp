@@ -39,6 +39,7 @@ struct Warming {
 struct Stretch {
   std::vector<double> time_s;
   std::vector<std::vector<double>> measured_nm, predicted_nm;
+  std::vector<std::vector<bool>> moving;   ///< at rest friction is whatever holds the joint, and no torque is predicted
 };
 
 struct WorkingDay {
