@@ -73,7 +73,7 @@ class Writer {
     if (verdict.empty()) verdict = f_.comparisons ? "Friction of no joint changed by more than from one day to the next." : "There are no earlier days to tell a change from.";
     page_.add(to, "p", verdict, "verdict");
     auto grid = page_.add(to, "div", {}, "tiles");
-    page_.tile(grid, "tests", fmt::format("{}", data_.days.size()), fmt::format("{} robots, {} days of {:.3g} h", c_.robots, c_.days, c_.duration_s / 3600));
+    page_.tile(grid, "tests", fmt::format("{}", data_.days.size()), fmt::format("{} robot{}, {} day{} of {:.3g} h", c_.robots, c_.robots > 1 ? "s" : "", c_.days, c_.days > 1 ? "s" : "", c_.duration_s / 3600));
     page_.tile(grid, "cycles", fmt::format("{}", day(0, 0).cycles.size()), "of the motion on a day");
     page_.tile(grid, "changes", fmt::format("{}", f_.changes.size()), fmt::format("of {} comparisons, beyond {:.2f} sigma", f_.comparisons, f_.threshold), f_.changes.empty() ? "good" : "bad");
     std::optional<double> drift, over_days;
