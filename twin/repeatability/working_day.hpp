@@ -14,7 +14,8 @@
 /// 1. Each cycle's sections of inertia and friction, as `tribotwin dynamics` fits them, without temperature.
 /// 2. With the mean of the inertial parameters, friction over the day in windows of some seconds: it is the thermometer. Its power is that of
 ///    the motor less what rigid dynamics take.
-/// 3. The thermal model of each joint from both (thermal_fit.hpp), and with the temperatures it predicts one fit over all cycles.
+/// 3. The thermal model of each joint from both (thermal_fit.hpp), and with the temperatures it predicts one fit over all cycles,
+///    whose friction curves and inertial parameters serve 2 again, for some rounds.
 namespace tribotwin::twin::repeatability {
 
 struct Measured {
