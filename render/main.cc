@@ -9,6 +9,7 @@
 #include <tribotwin/render/figure/figures.hpp>
 #include <tribotwin/render/pose/video.hpp>
 #include <tribotwin/render/process/child.hpp>
+#include <tribotwin/render/report/days_report.hpp>
 #include <tribotwin/render/report/diagnosis_report.hpp>
 #include <tribotwin/render/report/fit_report.hpp>
 #include <tribotwin/render/report/report.hpp>
@@ -370,6 +371,22 @@ int diagnosis(const DiagnosisArguments& a, const std::string& command) {
   return done;
 }
 
+struct DaysArguments {
+  std::string directory, output;
+  bool png = false, pdf = false, quiet = false;
+};
+
+int days(const DaysArguments& a, const std::string& command) {
+  const PageFile page(a.output.empty() ? fs::path(a.directory) / "report.html" : fs::path(a.output), a.png, a.pdf);
+  const auto data = or_wrong_input(render::load_days(a.directory));
+  const render::Report made = [&] {
+    Progress progress(a.quiet, "report");
+    return or_fail(render::make_days_report(data, {.figure_files = page.formats(), .command = command, .progress = [&](double share) { progress(share); }}));
+  }();
+  page.write_all(made);
+  return done;
+}
+
 }  // namespace
 
 int main(int argc, char** argv) {
@@ -439,6 +456,15 @@ int main(int argc, char** argv) {
   diagnosis_command->add_flag("--quiet", d.quiet, "No progress");
   diagnosis_command->footer("Example:\n  tribotwin-report diagnosis healthy.yaml lab/br609/curves.csv -o diagnosis.html");
 
+  DaysArguments days_arguments;
+  auto* days_command = app.add_subcommand("days", "Robots over working days as a page: time constants, friction over the day, torques cold and hot, parameters over tests, changes");
+  days_command->add_option("DIR", days_arguments.directory, "Folder of tribotwin lab for a campaign of working days")->required();
+  days_command->add_option("-o,--output", days_arguments.output, "The page (default: DIR/report.html)");
+  days_command->add_flag("--png", days_arguments.png, "Also every figure as PNG, in a folder beside the page");
+  days_command->add_flag("--pdf", days_arguments.pdf, "Also every figure as PDF, in a folder beside the page");
+  days_command->add_flag("--quiet", days_arguments.quiet, "No progress");
+  days_command->footer("Example:\n  tribotwin-report days lab/days -o days.html");
+
   SheetArguments s;
   auto* sheet_command = app.add_subcommand("sheet", "Poses over a run in one picture");
   s.add_to(*sheet_command, "Folder of a run", "640x480", "sheet.png");
@@ -461,6 +487,7 @@ int main(int argc, char** argv) {
     std::string command = program;
     for (int i = 1; i < argc; ++i) command += " " + render::shell_word(argv[i]);
     if (*diagnosis_command) return diagnosis(d, command);
+    if (*days_command) return days(days_arguments, command);
     return *fit_command ? fit(f, command) : report(r, command);
   } catch (const CLI::ParseError& e) {
     return app.exit(e) == 0 ? done : wrong_input;

@@ -1,9 +1,11 @@
 #include <cmath>
 #include <future>
 #include <numbers>
+#include <optional>
 #include <random>
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 #include <gmock/gmock.h>
 
 #include <tribotwin/plugins/mujoco/loader.hpp>
@@ -147,29 +149,37 @@ TEST(TemperatureObserver, FindsTheTemperatureFromFriction) {
       for (const double time : {0.9, 1.1}) EXPECT_LT(error_after_one_time_constant(start, heat, time), 2) << start << ' ' << heat << ' ' << time;
 }
 
-/// The estimate 0.1 s after 5 Nm were put on joint 4 of a moving ER3A, its gears at `real` degC, believed at `believed`.
-double felt_nm(double real_degC, double believed_degC) {
+struct Felt {
+  double joint3_nm;
+  std::array<double, 6> wrench;   ///< at the flange
+};
+
+/// The estimate 0.1 s after 5 Nm were put on joint 3, or `push` (force and torque, world axes) on the flange, of a moving ER3A, its gears at `real` degC, believed at `believed`.
+Felt felt(double real_degC, double believed_degC, std::optional<std::array<double, 6>> push = {}) {
   const auto loaded = mujoco::load_file(std::string(TRIBOTWIN_SOURCE_DIR) + "/mjcf/er3a_c60.xml");
   const auto model = *loaded;
   const auto drives = model->drives();
   const auto d = model->make_data();
   for (const auto& drive : drives) drive::set_temperature(drive.drive, mujoco::memory(d.get(), drive), real_degC);
-  DriveServo servo(*model, d.get(), {});
   mj_forward(model->get(), d.get());
+  DriveServo servo(*model, d.get(), {});
   auto sensor = ExternalTorque::make(model, 60);
   EXPECT_TRUE(sensor.has_value()) << sensor.error();
   const double dt = (*model)->opt.timestep;
   std::vector<DriveCommand> commands(drives.size());
   std::vector<double> q(drives.size()), qd(drives.size()), torque(drives.size()), temperature(drives.size(), believed_degC);
-  const std::size_t joint = 3;
-  double felt = 0;
+  const std::size_t joint = 2;
+  const int flange = mj_name2id(model->get(), mjOBJ_SITE, "flange");
+  Felt felt{};
   struct Loop {
     DriveServo& servo;
     std::vector<DriveCommand>& commands;
   } loop{servo, commands};
-  for (int i = 0; i * dt < 2.1; ++i) {
+  for (int i = 0; i * dt < 1.1; ++i) {
     for (std::size_t k = 0; k < drives.size(); ++k) commands[k] = {.mode = DriveCommand::Mode::velocity, .velocity_rad_s = 0.5};
-    d->qfrc_applied[drives[joint].dof] = i * dt >= 2 ? 5 : 0;
+    mju_zero(d->qfrc_applied, (*model)->nv);
+    if (i * dt >= 1 && !push) d->qfrc_applied[drives[joint].dof] = 5;
+    if (i * dt >= 1 && push) mj_applyFT(model->get(), d.get(), push->data(), push->data() + 3, d->site_xpos + 3 * flange, (*model)->site_bodyid[flange], d->qfrc_applied);
     model->step(d.get(), {[](void* self, const mjModel* m, mjData* data) { static_cast<Loop*>(self)->servo.control(m, data, static_cast<Loop*>(self)->commands); }, &loop});
     for (std::size_t k = 0; k < drives.size(); ++k) {
       q[k] = d->qpos[drives[k].position];
@@ -177,15 +187,32 @@ double felt_nm(double real_degC, double believed_degC) {
       torque[k] = mujoco::scratch(d.get(), drives[k]).torque_nm;
     }
     sensor->update(q, qd, torque, temperature, dt);
-    felt = sensor->torque_nm()[joint];
+    felt = {sensor->torque_nm()[joint], sensor->wrench(flange)};
   }
   return felt;
 }
 
 TEST(ExternalTorque, FeelsFiveNewtonMetresColdAndHotIfItKnowsTheTemperature) {
-  EXPECT_NEAR(felt_nm(20, 20), 5, 0.75);
-  EXPECT_NEAR(felt_nm(45, 45), 5, 0.75);
-  EXPECT_GT(std::abs(felt_nm(20, 45) - 5), 0.75) << "an isothermal model must not do";
+  EXPECT_NEAR(felt(20, 20).joint3_nm, 5, 0.75);
+  EXPECT_NEAR(felt(45, 45).joint3_nm, 5, 0.75);
+  EXPECT_GT(std::abs(felt(20, 45).joint3_nm - 5), 0.75) << "an isothermal model must not do";
+  EXPECT_GT(std::abs(felt(45, 20).joint3_nm - 5), 0.75) << "an isothermal model must not do";
+}
+
+TEST(ExternalTorque, FeelsForceAndTorqueAtTheToolColdAndHotIfItKnowsTheTemperature) {
+  // Of any component over what was applied; 1 N beside a torque counts as 1 Nm.
+  const auto largest_error = [](double real_degC, double believed_degC, const std::array<double, 6>& push) {
+    const auto wrench = felt(real_degC, believed_degC, push).wrench;
+    double error = 0, size = 0;
+    for (std::size_t k = 0; k < 6; ++k) error = std::max(error, std::abs(wrench[k] - push[k])), size = std::max(size, std::abs(push[k]));
+    fmt::print("{} at {} degC by a model of {} degC: {:.3f}\n", fmt::join(push, ", "), real_degC, believed_degC, fmt::join(wrench, ", "));
+    return error / size;
+  };
+  for (const std::array<double, 6>& push : {std::array<double, 6>{20, 0, 0, 0, 0, 0}, {0, 0, 0, 0, 5, 0}}) {   // N, Nm
+    for (const double temperature : {20.0, 45.0}) EXPECT_LT(largest_error(temperature, temperature, push), 0.15);
+    EXPECT_GT(largest_error(20, 45, push), 0.15) << "an isothermal model must not do";
+    EXPECT_GT(largest_error(45, 20, push), 0.15) << "an isothermal model must not do";
+  }
 }
 
 }  // namespace

@@ -84,6 +84,20 @@ size = np.abs(list(off.values()))
 check("40 base and 30 friction parameters are as far off as their sigmas say", len(size) == 70 and size.max() < 3.5 and 0.75 < np.sqrt(np.mean(size**2)) < 1.25, off)
 for name, value in {"joint3.Ia": 0.20, "joint4.Ia": 0.045, "joint5.Ia": 0.045, "joint6.Ia": 0.020}.items():
     check(name + " of the MJCF", abs(fit["base_parameters"][name]["of_model"] - value) < 1e-12)
+# ---- A force without a sensor: 2 kg that nobody told of, cold and hot.
+for name, temperature, seed in (("laden_cold", 20, 4), ("laden_hot", 45, 5)):
+    record(name, cycle, seed, duration_s=30, temperature_degC=temperature, events=[{"time_s": 0, "type": "payload", "mass_kg": 2}])
+    names, laden = read(f"{name}.csv")
+    write(f"{name}_blind.csv", [n for n in names if "degC" not in n], [laden[:, i] for i, n in enumerate(names) if "degC" not in n])
+    for file in (name, f"{name}_blind"):
+        run("predict", model, "params.yaml", f"{file}.csv", "--wrench", f"{file}_wrench.csv", "--json", "--quiet")
+force = {n: np.nanmean(np.genfromtxt(f"{work}/{n}_wrench.csv", delimiter=",", names=True)["force_z_n"]) for n in ("laden_cold", "laden_hot", "laden_hot_blind")}
+wrench_names = open(f"{work}/laden_hot_wrench.csv").readline().strip().split(",")
+check("wrench columns", wrench_names == ["time_s", "force_x_n", "force_y_n", "force_z_n", "torque_x_nm", "torque_y_nm", "torque_z_nm"], wrench_names)
+check("2 kg at the flange weigh 19.6 N within 15 %, cold and hot", all(abs(force[n] + 19.62) < 0.15 * 19.62 for n in ("laden_cold", "laden_hot")), force)
+spread = {n: np.nanstd(np.genfromtxt(f"{work}/{n}_wrench.csv", delimiter=",", names=True)["force_z_n"]) for n in ("laden_hot", "laden_hot_blind")}
+check("without temperatures hot friction is taken for force", spread["laden_hot_blind"] > 1.15 * spread["laden_hot"], spread)
+refused("no such site", ["--site", "flange"], "predict", model, "params.yaml", "cold.csv", "--wrench", "w.csv", "--site", "tool")
 linear = json.loads(run("dynamics", model, "excited.csv", "--json", "--quiet").stdout)
 check("one law for all temperatures is worse", linear["relative_error"] > 1.5 * fit["relative_error"], (linear["relative_error"], fit["relative_error"]))
 
@@ -149,6 +163,32 @@ def jittery(d, n):
 r = run("dynamics", model, broken("i.csv", jittery), "--json")
 check("time that is not equidistant is said and used", "not equidistant" in r.stderr and json.loads(r.stdout)["relative_error"] < 0.1, r.stderr)
 
+def holes(d, n):
+    d[1000:1003, n.index("torque_joint2_nm")] = np.nan
+    d[4000, n.index("position_joint6_rad")] = np.inf
+
+
+def still(column):
+    def change(d, n):
+        d[:, n.index(column)] = 0.2
+    return change
+
+
+r = run("dynamics", model, broken("j.csv", holes), "--json")
+check("rows with NaN are gaps, said and left out", "4 rows" in r.stderr and "line 1002" in r.stderr and json.loads(r.stdout)["relative_error"] < 0.1, r.stderr)
+refused("nothing but NaN", ["0 rows of finite numbers"], "dynamics", model, broken("k.csv", scaled("torque_joint2_nm", np.nan)))
+refused("one joint stands", ["joint5", "stands"], "dynamics", model, broken("l.csv", still("position_joint5_rad")))
+refused("degrees, predicted", ["position_joint3_rad", "degrees"], "predict", model, "params.yaml", "b.csv")
+refused("a joint is missing, predicted", ["position_joint4_rad"], "predict", model, "params.yaml", "c.csv")
+refused("the robot stands, predicted", ["stands"], "predict", model, "params.yaml", "e.csv")
+refused("time goes back, predicted", ["does not come after"], "predict", model, "params.yaml", "f.csv")
+refused("recording as parameters", ["cold.csv"], "predict", model, "cold.csv", "cold.csv")
+open(f"{work}/ball.xml", "w").write("<mujoco><worldbody><body><joint name='b' type='ball'/><geom size='.1'/></body></worldbody></mujoco>")
+open(f"{work}/none.xml", "w").write("<mujoco><worldbody><geom size='.1'/></worldbody></mujoco>")
+for file, says in (("ball.xml", "ball joint"), ("none.xml", "no joint"), ("nofile.xml", "cannot be read")):
+    refused(f"excite {file}", [file, says], "excite", file, "-o", "o.csv")
+check("no motion is written then", not os.path.exists(f"{work}/o.csv"))
+
 # ---- A slide: a mass on a rail with known friction, from numpy.
 open(f"{work}/slide.xml", "w").write("<mujoco><worldbody><body name='cart'><joint name='x' type='slide' axis='1 0 0' armature='0.5'/><geom size='.1' mass='3'/></body></worldbody></mujoco>")
 t = np.arange(0, 20, 0.002)
@@ -158,6 +198,9 @@ s = json.loads(run("dynamics", "slide.xml", "slide.csv", "--json").stdout)
 mass, friction = s["base_parameters"]["cart.m"], s["friction"]["x"]
 check("a slide's mass with its rotor, in kg", abs(mass["value"] - 3.5) < 4 * mass["sigma"] and mass["sigma"] < 0.01 and mass["unit"] == "kg", mass)
 check("and its friction", all(abs(friction[k]["value"] - e) < 4 * friction[k]["sigma"] for k, e in (("Fc", 2), ("Fv", 4), ("offset", 0.3))), friction)
+run("excite", "slide.xml", "-o", "rail.csv", "--evaluations", 20, "--quiet")
+names, rail = read("rail.csv")
+check("a slide's motion in metres, half of one to both sides", names == ["time_s", "section", "position_x_m", "velocity_x_m_s"] and np.abs(rail[:, 2]).max() <= 0.5 and set(rail[:, 1]) == {1, 2, 3}, names)
 refused("a slide's column in rad", ["position_x_m"], "dynamics", "slide.xml", "cold.csv")
 outlying = 3.5 * a + 2 * np.sign(v) + 4 * v + 0.3 + random.normal(0, 0.05, len(t))
 outlying[2000:2050] += 40

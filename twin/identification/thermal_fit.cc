@@ -29,11 +29,9 @@ Response response(const HeatSession& session, double t_s) {
   Response r;
   double heated = 0, kept = 1;
   for (std::size_t i = 0; i < session.time_s.size(); ++i) {
-    if (i) {
-      const double loss = -std::expm1(-(session.time_s[i] - session.time_s[i - 1]) / t_s);
-      heated += (session.power_w[i] - heated) * loss;
-      kept -= kept * loss;
-    }
+    const double before = i ? session.time_s[i - 1] : session.start_s.value_or(session.time_s[0]), loss = -std::expm1(-(session.time_s[i] - before) / t_s);
+    heated += (session.power_w[i] - heated) * loss;
+    kept -= kept * loss;
     r.power.push_back(heated);
     r.start.push_back(kept);
   }

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <filesystem>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -13,10 +14,11 @@ namespace tribotwin::twin::identification {
 struct HeatSession {
   std::size_t file = 0;                   ///< index of the recording it is from
   std::vector<double> time_s;             ///< strictly increasing; the middle of a cycle where there are cycles
-  std::vector<double> power_w;            ///< mean between the sample before and this one; the first is 0
+  std::vector<double> power_w;            ///< mean between the sample before and this one; the first is 0, or the mean since start_s
   std::vector<double> temperature_degC;   ///< none where the recording has none
   double cycle_s = 0;                     ///< length of the working cycle; 0: no cycles
   std::vector<double> cycle_power_w;      ///< mean over the cycle around the sample; none without cycles
+  std::optional<double> start_s;          ///< when power began, where that is before the first sample
 };
 
 struct JointHeat {

@@ -264,6 +264,21 @@ void Excitation::at(double time_s, std::span<SetPoint> out) const {
   for (Index j = 0; j < n; ++j) out[static_cast<std::size_t>(j)] = {q(j), qd(j)};
 }
 
+std::string to_csv(const Excitation& e, const Regressor& regressor, double rate_hz) {
+  std::string s = "time_s,section";
+  for (Index j = 0; j < regressor.joints(); ++j) s += fmt::format(",position_{0}_{1},velocity_{0}_{1}_s", regressor.joint_name(j), regressor.is_slide(j) ? "m" : "rad");
+  s += '\n';
+  std::vector<SetPoint> points(static_cast<std::size_t>(regressor.joints()));
+  for (std::size_t i = 0; static_cast<double>(i) <= e.duration_s() * rate_hz; ++i) {
+    const double t = static_cast<double>(i) / rate_hz;
+    e.at(t, points);
+    s += fmt::format("{:.9g},{}", t, e.section(t));
+    for (const auto& p : points) s += fmt::format(",{:.9g},{:.9g}", p.position_rad, p.velocity_rad_s);
+    s += '\n';
+  }
+  return s;
+}
+
 tl::expected<Excitation, std::string> excite(const mujoco::Model& model, const Regressor& regressor, const BaseParameters& base, const ExcitationOptions& o) {
   const MotionLimits limits = motion_limits(model, regressor, o.share);
   Judge judge(model, regressor, base, limits);

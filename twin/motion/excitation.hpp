@@ -61,6 +61,9 @@ struct Excitation {
   int section(double time_s) const { return time_s < inertia_s ? 1 : time_s < friction_s ? 2 : 3; }
 };
 
+/// Set points as CSV: time_s, section, position_JOINT_rad|_m, velocity_JOINT_rad_s|_m_s.
+std::string to_csv(const Excitation& excitation, const Regressor& regressor, double rate_hz);
+
 /// Fails where no motion within the limits was found.
 tl::expected<Excitation, std::string> excite(const mujoco::Model& model, const Regressor& regressor, const BaseParameters& base, const ExcitationOptions& options = {});
 

@@ -21,24 +21,6 @@ struct Arguments {
   bool json = false, quiet = false, inertia_only = false;
 };
 
-std::string csv_of(const Robot& robot, const Excitation& e, double rate_hz) {
-  std::string s = "time_s,section";
-  for (Eigen::Index j = 0; j < robot.regressor.joints(); ++j) {
-    const char* unit = robot.regressor.is_slide(j) ? "m" : "rad";
-    s += fmt::format(",position_{0}_{1},velocity_{0}_{1}_s", robot.regressor.joint_name(j), unit);
-  }
-  s += '\n';
-  std::vector<SetPoint> points(static_cast<std::size_t>(robot.regressor.joints()));
-  for (std::size_t i = 0; static_cast<double>(i) <= e.duration_s() * rate_hz; ++i) {
-    const double t = static_cast<double>(i) / rate_hz;
-    e.at(t, points);
-    s += fmt::format("{:.9g},{}", t, e.section(t));
-    for (const auto& p : points) s += fmt::format(",{:.9g},{:.9g}", p.position_rad, p.velocity_rad_s);
-    s += '\n';
-  }
-  return s;
-}
-
 int execute(Arguments& a) {
   const Robot robot = load_robot(a.model);
   ExcitationOptions& o = a.options;
@@ -58,7 +40,7 @@ int execute(Arguments& a) {
   if (!a.quiet)
     for (const auto& note : found->notes) fmt::print(stderr, "note: {}\n", note);
   if (!a.output.empty())
-    if (const int code = deliver(csv_of(robot, *found, a.rate_hz), a.output)) return code;
+    if (const int code = deliver(to_csv(*found, robot.regressor, a.rate_hz), a.output)) return code;
   Json j{{"condition_number", found->condition_number}, {"first_condition_number", found->first_condition_number}, {"base_parameters", robot.base.size()},
          {"duration_s", found->duration_s()}, {"sections_s", {found->inertia_s, found->friction_s, found->duration_s()}}, {"interrupted", found->interrupted}};
   std::string text = fmt::format("condition number {:.1f} (the first tried: {:.3g}), {} base parameters\n", found->condition_number, found->first_condition_number, robot.base.size());

@@ -8,6 +8,7 @@
 
 #include <tribotwin/twin/identification/dynamics_file.hpp>
 #include <tribotwin/twin/identification/temperature_estimator.hpp>
+#include <tribotwin/twin/identification/wrench.hpp>
 #include <tribotwin/twin/program/program.hpp>
 #include <tribotwin/twin/program/robot.hpp>
 #include <tribotwin/twin/scenario/input.hpp>
@@ -22,7 +23,7 @@ using Eigen::Index;
 constexpr double infinity = std::numeric_limits<double>::infinity();
 
 struct Arguments {
-  std::string model, parameters, output;
+  std::string model, parameters, output, wrench, site = "flange";
   std::vector<std::string> data;
   std::vector<double> window_s;     ///< none, or first and last time whose errors count
   std::vector<double> start_degC;   ///< none, one for all joints, or one each
@@ -79,6 +80,16 @@ std::vector<double> start_of(const Arguments& a, const Robot& robot, const std::
   return start;
 }
 
+std::string wrench_csv_of(const JointMotion& motion, const Eigen::MatrixXd& wrench) {
+  std::string s = "time_s,force_x_n,force_y_n,force_z_n,torque_x_nm,torque_y_nm,torque_z_nm\n";
+  for (Index i = 0; i < motion.size(); ++i) {
+    s += fmt::format("{:.9g}", motion.time_s[static_cast<std::size_t>(i)]);
+    for (Index k = 0; k < wrench.rows(); ++k) s += std::isnan(wrench(k, i)) ? "," : fmt::format(",{:.6g}", wrench(k, i));
+    s += '\n';
+  }
+  return s;
+}
+
 int execute(const Arguments& a) {
   const Robot robot = load_robot(a.model);
   const auto file = read_dynamics(a.parameters, robot.regressor, robot.base);
@@ -92,6 +103,11 @@ int execute(const Arguments& a) {
   const Eigen::MatrixXd predicted = predicted_torque(robot.regressor, robot.base, *friction, file.parameters, motion, a.threads);
   if (!a.output.empty())
     if (const int code = deliver(csv_of(robot, motion, predicted), a.output)) return code;
+  if (!a.wrench.empty()) {
+    const auto wrench = external_wrench(*robot.model, a.site, motion, predicted);
+    if (!wrench) throw InputError(fmt::format("--site: {} {}", a.model, wrench.error()));
+    if (const int code = deliver(wrench_csv_of(motion, *wrench), a.wrench)) return code;
+  }
   Json j{{"joints", Json::object()}};
   std::string table = fmt::format("{:<14} {:>10} {:>12} {:>12} {:>12} {:>10}\n", "joint", "error rms", "of its range", "range", "largest", "samples");
   double worst = 0;
@@ -119,6 +135,8 @@ void add_predict(CLI::App& app, int& code) {
   c->add_option("--window", a->window_s, "First and last time_s whose errors count, as A,B: the end of a day whose beginning only warms the robot up")->delimiter(',')->expected(2);
   add_preparation(*c, a->preparation);
   c->add_option("-o,--output", a->output, "CSV to write: time_s, torque_JOINT_nm (filtered as for the fit), predicted_JOINT_nm, temperature_JOINT_degC (recorded, estimated, or 20)");
+  auto* wrench = c->add_option("--wrench", a->wrench, "CSV to write: force and torque from outside at the tool, world axes; empty where joints rest or the arm is singular");
+  c->add_option("--site", a->site, "Site of the model at which they act")->needs(wrench)->capture_default_str();
   c->add_option("--threads", a->threads, "Processors to use; they change nothing but the time")->check(CLI::Range(1, 256));
   c->add_flag("--json", a->json, "Print JSON instead of the table");
   c->add_flag("--quiet", a->quiet, "No notes");

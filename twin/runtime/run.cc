@@ -30,9 +30,9 @@ class Runner {
     cycle_row_.resize(2 * drives_);
     const auto springs = scenario.model->springs().size();
     if (std::holds_alternative<CompensatedOptions>(scenario.control)) tracking_.resize(springs);
-    for (const Excitation& excitation : scenario.excitations)
-      if (const double samples = 1 / (excitation.frequency_hz * timestep_s_); loops_.empty() && excitation.frequency_hz > 0 && samples <= static_cast<double>(total_)) {
-        loop_hz_ = excitation.frequency_hz;
+    for (const Wave& wave : scenario.waves)
+      if (const double samples = 1 / (wave.frequency_hz * timestep_s_); loops_.empty() && wave.frequency_hz > 0 && samples <= static_cast<double>(total_)) {
+        loop_hz_ = wave.frequency_hz;
         loops_.assign(springs, HysteresisLoop(static_cast<std::size_t>(std::llround(samples))));
       }
   }

@@ -134,7 +134,7 @@ double Twin::growth_horizon_s() const {
 void Twin::control(void* self, const mjModel* m, mjData* d) {
   Twin& twin = *static_cast<Twin*>(self);
   if (std::exchange(twin.controlled_, true)) return;   // later stages of an integrator keep the torque
-  for (const Excitation& excitation : twin.scenario_.excitations) d->ctrl[excitation.control] = excitation(twin.time_s());
+  for (const Wave& wave : twin.scenario_.waves) d->ctrl[wave.control] = wave(twin.time_s());
   if (twin.drive_servo_) return twin.drive_servo_->control(m, d, twin.commands_);
   if (twin.scenario_.motion) twin.scenario_.motion->at(twin.time_s(), twin.set_points_);
   if (twin.scenario_.recording && !twin.scenario_.recording->torque_on.empty()) {

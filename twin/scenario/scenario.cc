@@ -226,18 +226,7 @@ Event event_of(Mapping in, const mujoco::Model& model, double duration_s) {
     const auto fault = fault_of(in, "fault", model, drive, growth_per_h * (duration_s - event.time_s) / 3600);
     event.what = FaultChange{drive, fault.type, fault.severity, growth_per_h};
   } else {
-    Wear wear{.joint = in.text("joint")};
-    const auto& law = model.drives()[drive_index(model, in, "joint", wear.joint)].drive.law;
-    auto factors = in.mapping("factors");
-    if (!factors) in.fail("factors", "is missing: a mapping from parameters of the law to factors");
-    for (const auto& name : factors->names()) {
-      std::vector<std::string_view> accepted;
-      for (const auto& p : law.info->parameters) accepted.push_back(p.name);
-      if (std::ranges::find(accepted, name) == accepted.end())
-        factors->fail(name, fmt::format("is no parameter of law '{}'; did you mean '{}'?", law.info->name, friction::nearest(name, accepted)));
-      wear.factors[name] = factors->number(name, {0, 1000});
-    }
-    event.what = wear;
+    event.what = read_wear(in, model);
   }
   in.done();
   return event;
@@ -245,7 +234,22 @@ Event event_of(Mapping in, const mujoco::Model& model, double duration_s) {
 
 }  // namespace
 
-double Excitation::operator()(double t) const { return offset + amplitude * std::sin(2 * std::numbers::pi * frequency_hz * t + phase_rad); }
+double Wave::operator()(double t) const { return offset + amplitude * std::sin(2 * std::numbers::pi * frequency_hz * t + phase_rad); }
+
+Wear read_wear(Mapping& in, const mujoco::Model& model) {
+  Wear wear{.joint = in.text("joint")};
+  const auto& law = model.drives()[drive_index(model, in, "joint", wear.joint)].drive.law;
+  auto factors = in.mapping("factors");
+  if (!factors) in.fail("factors", "is missing: a mapping from parameters of the law to factors");
+  for (const auto& name : factors->names()) {
+    std::vector<std::string_view> accepted;
+    for (const auto& p : law.info->parameters) accepted.push_back(p.name);
+    if (std::ranges::find(accepted, name) == accepted.end())
+      factors->fail(name, fmt::format("is no parameter of law '{}'; did you mean '{}'?", law.info->name, friction::nearest(name, accepted)));
+    wear.factors[name] = factors->number(name, {0, 1000});
+  }
+  return wear;
+}
 
 std::size_t drive_index(const mujoco::Model& model, const Mapping& mapping, const std::string& key, const std::string& joint) {
   const auto found = find_drive(model, joint);
@@ -353,7 +357,7 @@ Scenario load_scenario(const fs::path& file, const std::vector<std::string>& ove
         actuators->fail(name, names.empty() ? "is no actuator of the model beside its drives; it has none" : fmt::format("is no actuator of the model beside its drives; did you mean '{}'?", friction::nearest(name, accepted)));
       auto wave = actuators->mapping(name);
       if (!wave) actuators->fail(name, "must be a mapping: offset, amplitude, frequency_hz, phase_rad");
-      s.excitations.push_back({.control = controls[static_cast<std::size_t>(found - names.begin())], .offset = wave->number_or("offset", 0), .amplitude = wave->number_or("amplitude", 0), .frequency_hz = wave->number_or("frequency_hz", 0, {0, 1e6}), .phase_rad = wave->number_or("phase_rad", 0)});
+      s.waves.push_back({.control = controls[static_cast<std::size_t>(found - names.begin())], .offset = wave->number_or("offset", 0), .amplitude = wave->number_or("amplitude", 0), .frequency_hz = wave->number_or("frequency_hz", 0, {0, 1e6}), .phase_rad = wave->number_or("phase_rad", 0)});
       wave->done();
     }
   }

@@ -39,7 +39,7 @@ struct MultiRate {
 };
 
 /// What drives an actuator that is no tribotwin.drive: offset + amplitude sin(2 pi frequency t + phase), in the actuator's unit.
-struct Excitation {
+struct Wave {
   int control;                   ///< in mjData.ctrl
   double offset = 0, amplitude = 0, frequency_hz = 0, phase_rad = 0;
   double operator()(double time_s) const;
@@ -63,7 +63,7 @@ struct Scenario {
   std::shared_ptr<const mujoco::Model> baseline;   ///< the same mechanism with native friction, to compare with
   DcPositionOptions baseline_control;
   double baseline_delay_s = 0;
-  std::vector<Excitation> excitations;
+  std::vector<Wave> waves;
   std::vector<Event> events;             ///< by time
   double telemetry_rate_hz = 100;
   MultiRate multirate;
@@ -82,5 +82,8 @@ FaultSetting fault_of(Mapping& in, const std::string& type_key, const mujoco::Mo
 
 /// A drive's index by joint name; throws InputError through `mapping` with the nearest name.
 std::size_t drive_index(const mujoco::Model& model, const Mapping& mapping, const std::string& key, const std::string& joint);
+
+/// Keys `joint` and `factors`, the latter by name of the law's parameters; throws InputError.
+Wear read_wear(Mapping& in, const mujoco::Model& model);
 
 }  // namespace tribotwin::twin

@@ -1,0 +1,275 @@
+#include <tribotwin/render/report/days_report.hpp>
+
+#include <algorithm>
+#include <cmath>
+#include <fstream>
+#include <iterator>
+#include <numeric>
+
+#include <fmt/format.h>
+
+#include <tribotwin/render/figure/figures.hpp>
+#include <tribotwin/twin/model/base_parameters.hpp>
+#include <tribotwin/twin/scenario/input.hpp>
+
+namespace tribotwin::render {
+namespace {
+
+using Outcome = tl::expected<void, std::string>;
+using namespace twin::repeatability;
+
+constexpr std::size_t curve_points = 400, shown_parameters = 6;
+
+class Writer {
+ public:
+  Writer(const DaysData& data, const ReportOptions& options)
+      : data_(data), c_(data.campaign), f_(data.findings), options_(options), page_(c_.name, options.figure_files), regressor_(*twin::Regressor::create(c_.model->get())), base_(twin::base_parameters(regressor_)) {}
+
+  tl::expected<Report, std::string> write() {
+    head();
+    changes_table();
+    time_constants();
+    double share = 0;
+    for (const auto part : {&Writer::warming, &Writer::torques, &Writer::changed_joints, &Writer::inertia}) {
+      if (auto ok = (this->*part)(); !ok) return tl::unexpected(ok.error());
+      if (options_.progress) options_.progress(share += 0.25);
+    }
+    base_table();
+    auto to = page_.body();
+    page_.add(to, "h2", "Origin");
+    page_.add(to, "p", "To make this page again:");
+    page_.add(to, "pre", options_.command);
+    page_.add(to, "pre", c_.resolved_yaml);
+    return page_.report({});
+  }
+
+ private:
+  std::size_t joints() const { return static_cast<std::size_t>(regressor_.joints()); }
+  const std::string& joint(std::size_t j) const { return regressor_.joint_name(static_cast<Eigen::Index>(j)); }
+  const WorkingDay& day(std::size_t robot, std::size_t d) const { return data_.days[robot * c_.days + d]; }
+  bool changed(std::size_t robot, std::size_t d) const {
+    return std::ranges::any_of(f_.changes, [&](const Change& x) { return x.robot == robot && x.day == d; });
+  }
+  static std::string share(const std::optional<double>& x) { return x ? fmt::format("{:.2f} %", 100 * *x) : "–"; }
+
+  /// The parameters that the tests of the first robot tell best.
+  std::vector<std::size_t> best_told() const {
+    std::vector<std::size_t> order(base_.parameters.size());
+    std::iota(order.begin(), order.end(), 0);
+    const auto precision = [&](std::size_t p) { return std::abs(day(0, 0).base[p].value) / day(0, 0).base[p].sigma; };
+    std::ranges::stable_sort(order, std::greater{}, [&](std::size_t p) { const double x = precision(p); return std::isnan(x) ? 0 : x; });
+    order.resize(std::min(order.size(), shown_parameters));
+    return order;
+  }
+
+  void head() {
+    auto to = page_.body();
+    page_.add(to, "h1", c_.name);
+    if (!c_.description.empty()) page_.add(to, "p", c_.description, "soft");
+    std::string verdict;
+    for (const auto& x : f_.changes)
+      if (const bool first = &x == f_.changes.data() || x.robot != (&x - 1)->robot || x.day != (&x - 1)->day || x.joint != (&x - 1)->joint; first)
+        verdict += fmt::format("Robot {}, test {}: friction of {} changed at {:.0f} min, by {:+.1f} % from one cycle to the next where earlier days had {:+.1f} % ({:.0f} sigma). ", x.robot + 1, x.day + 1, joint(x.joint), minutes(x), 100 * x.found, 100 * x.expected, std::abs(x.z));
+    if (verdict.empty()) verdict = f_.comparisons ? "Friction of no joint changed by more than from one day to the next." : "There are no earlier days to tell a change from.";
+    page_.add(to, "p", verdict, "verdict");
+    auto grid = page_.add(to, "div", {}, "tiles");
+    page_.tile(grid, "tests", fmt::format("{}", data_.days.size()), fmt::format("{} robot{}, {} day{} of {:.3g} h", c_.robots, c_.robots > 1 ? "s" : "", c_.days, c_.days > 1 ? "s" : "", c_.duration_s / 3600));
+    page_.tile(grid, "cycles", fmt::format("{}", day(0, 0).cycles.size()), "of the motion on a day");
+    page_.tile(grid, "changes", fmt::format("{}", f_.changes.size()), fmt::format("of {} comparisons, beyond {:.2f} sigma", f_.comparisons, f_.threshold), f_.changes.empty() ? "good" : "bad");
+    std::optional<double> drift, over_days;
+    for (std::size_t robot = 0; robot < c_.robots; ++robot)
+      for (std::size_t p = 0; p < base_.parameters.size(); ++p) {
+        const Spread s = spread_of(c_, data_.days, f_, robot, p);
+        if (s.over_a_day) drift = std::max(drift.value_or(0), *s.over_a_day);
+        if (s.over_a_day && s.over_days) over_days = std::max(over_days.value_or(0), *s.over_days);
+      }
+    page_.tile(grid, "inertia over a day", share(drift), fmt::format("at most, of what a cycle tells within {:.0f} %", 100 * told_within), !drift ? nullptr : *drift < 0.05 ? "good" : "bad");
+    page_.tile(grid, "inertia over days", share(over_days), "standard deviation, at most, of the same");
+  }
+
+  double minutes(const Change& x) const { return day(x.robot, x.day).cycles[x.cycle].start_s / 60; }
+
+  void changes_table() {
+    if (f_.changes.empty()) return;
+    page_.add(page_.body(), "h2", "Changes");
+    std::vector<std::vector<std::string>> rows;
+    for (const auto& x : f_.changes)
+      rows.push_back({joint(x.joint), fmt::format("{}", x.robot + 1), fmt::format("{}", x.day + 1), fmt::format("{}", x.cycle + 1), fmt::format("{:.1f}", minutes(x)), fmt::format("{:+.2f} %", 100 * x.found), fmt::format("{:+.2f} %", 100 * x.expected), fmt::format("{:.1f}", std::abs(x.z))});
+    page_.add_table(page_.body(), {"joint", "robot", "test", "cycle", "from [min]", "friction, from the cycle before", "on earlier days", "sigma"}, rows);
+    page_.add(page_.body(), "p", fmt::format("A change is a step of friction from one cycle to the next that differs from the same step on earlier days of this robot by more than {:.2f} standard deviations: of campaigns without a change, 1 % report any. Tests with a change are not merged, and later tests are not held against them.", f_.threshold), "soft");
+  }
+
+  void time_constants() {
+    auto to = page_.body();
+    page_.add(to, "h2", "Time constants");
+    for (std::size_t robot = 0; robot < c_.robots; ++robot) {
+      page_.add(to, "h3", fmt::format("Robot {}", robot + 1));
+      std::vector<std::string> head{"minutes"};
+      for (std::size_t j = 0; j < joints(); ++j) head.push_back(joint(j));
+      std::vector<std::vector<std::string>> rows;
+      for (const char* name : {"t1", "t2"})
+        for (std::size_t d = 0; d <= c_.days; ++d) {
+          auto& row = rows.emplace_back();
+          row.push_back(fmt::format("{}, {}", name, d < c_.days ? fmt::format("test {}{}", d + 1, changed(robot, d) ? ", changed" : "") : "Mix"));
+          for (std::size_t j = 0; j < joints(); ++j) {
+            const auto& t = f_.thermal[robot][j];
+            row.push_back("*");
+            for (const auto& time : times_of(d < c_.days ? t.days[d] : t.merged))
+              if (time.told && time.name == std::string(name)) row.back() = fmt::format("{:.3f} ± {:.2g}", time.value_s / 60, time.sigma_s / 60);
+          }
+        }
+      page_.add_table(to, head, rows);
+    }
+    page_.add(to, "p", "Paper 3's table: of each test, and of all tests without a change merged (Mix). Friction is the thermometer; no temperature was measured. * not identifiable from this record.", "soft");
+  }
+
+  /// Friction of one joint over the days of a robot, thinned.
+  std::vector<Trace> traces(std::size_t robot, std::size_t j) const {
+    std::vector<Trace> out;
+    for (std::size_t d = 0; d < c_.days; ++d) {
+      const Warming& w = day(robot, d).warming[j];
+      Trace t{.label = fmt::format("test {}{}", d + 1, changed(robot, d) ? ", changed" : ""), .time_s = {}, .values = {}};
+      for (const std::size_t i : thinned(w.time_s.size(), curve_points)) t.time_s.push_back(w.time_s[i]), t.values.push_back(w.friction_nm[i]);
+      out.push_back(std::move(t));
+    }
+    return out;
+  }
+
+  Axis friction_axis(std::size_t j) const { return {.quantity = "friction", .unit = regressor_.is_slide(static_cast<Eigen::Index>(j)) ? "N" : "Nm"}; }
+
+  Outcome warming() {
+    page_.add(page_.body(), "h2", "Friction over the day");
+    auto grid = page_.add(page_.body(), "div", {}, "figures");
+    for (std::size_t j = 0; j < joints(); ++j)
+      for (std::size_t robot = 0; robot < c_.robots; ++robot)
+        if (auto ok = page_.show(grid, history(fmt::format("{}, robot {}", joint(j), robot + 1), friction_axis(j), traces(robot, j)), fmt::format("friction_{}_robot{}", joint(j), robot + 1),
+                                 fmt::format("At {:.0f} % of the largest speed: motor torque less rigid dynamics, in windows of motion.", 100 * level_share)); !ok)
+          return ok;
+    return {};
+  }
+
+  Outcome torques() {
+    page_.add(page_.body(), "h2", "Torque, cold and hot");
+    auto grid = page_.add(page_.body(), "div", {}, "figures");
+    for (std::size_t j = 0; j < joints(); ++j) {
+      Figure figure{.title = fmt::format("{}, robot 1, test 1", joint(j)), .x = {.quantity = "time in the cycle", .unit = "s"}, .y = {.quantity = "motor torque", .unit = friction_axis(j).unit}};
+      for (const auto& [name, stretch] : {std::pair{"cold", &day(0, 0).cold}, {"hot", &day(0, 0).hot}}) {
+        std::vector<double> time, predicted = stretch->predicted_nm[j];
+        for (const double t : stretch->time_s) time.push_back(t - stretch->time_s.front());
+        for (std::size_t i = 0; i < predicted.size(); ++i)
+          if (!stretch->moving[j][i]) predicted[i] = std::nan("");
+        figure.series.push_back({.mark = Mark::line, .label = fmt::format("measured, {}", name), .x = time, .y = stretch->measured_nm[j]});
+        figure.series.push_back({.mark = Mark::reference, .label = fmt::format("predicted, {}", name), .x = time, .y = std::move(predicted)});
+      }
+      if (auto ok = page_.show(grid, figure, fmt::format("torque_{}", joint(j)), "The same motion in the first and in the last cycle of the day, measured (filtered) and predicted by the parameters of the day with friction at the estimated temperature."); !ok) return ok;
+    }
+    return {};
+  }
+
+  /// Values with sigmas over the cycles of all tests, one after the other.
+  template <class Value>
+  Series evolution(std::size_t robot, std::string label, const Value& value) const {
+    Series s{.mark = Mark::error_bars, .label = std::move(label), .x = {}, .y = {}, .error = {}};
+    for (std::size_t d = 0; d < c_.days; ++d)
+      for (std::size_t k = 0; k < day(robot, d).cycles.size(); ++k) {
+        const Measured& m = value(day(robot, d).cycles[k]);
+        s.x.push_back(1 + static_cast<double>(d) + (static_cast<double>(k) + 0.5) / static_cast<double>(day(robot, d).cycles.size()));
+        s.y.push_back(m.value);
+        s.error.push_back(std::isfinite(m.sigma) ? m.sigma : 0);
+      }
+    return s;
+  }
+  static Axis over_tests() { return {.quantity = "test, and share of its day", .unit = "-"}; }
+
+  Outcome changed_joints() {
+    std::vector<std::size_t> which;
+    for (const auto& x : f_.changes)
+      if (std::ranges::find(which, x.joint) == which.end()) which.push_back(x.joint);
+    if (which.empty()) return {};
+    page_.add(page_.body(), "h2", "Friction parameters over the tests");
+    auto grid = page_.add(page_.body(), "div", {}, "figures");
+    for (const std::size_t j : which) {
+      const auto show = [&](const std::string& what, const Axis& axis, const std::string& caption, const auto& value) {
+        Figure figure{.title = fmt::format("{}: {}", joint(j), what), .x = over_tests(), .y = axis};
+        for (std::size_t robot = 0; robot < c_.robots; ++robot) figure.series.push_back(evolution(robot, fmt::format("robot {}", robot + 1), value));
+        return page_.show(grid, figure, fmt::format("{}_{}", what, joint(j)), caption);
+      };
+      if (auto ok = show("friction", friction_axis(j), "Friction of each cycle, the quantity that is compared from day to day, with one sigma.", [&](const Cycle& k) -> const Measured& { return k.level_nm[j]; }); !ok) return ok;
+      if (auto ok = show("f1", friction_axis(j), "The law's friction at speed 0, of each cycle, with one sigma.", [&](const Cycle& k) -> const Measured& { return k.friction[j][0]; }); !ok) return ok;
+    }
+    return {};
+  }
+
+  Outcome inertia() {
+    page_.add(page_.body(), "h2", "Inertial parameters over the tests");
+    auto grid = page_.add(page_.body(), "div", {}, "figures");
+    for (const std::size_t p : best_told()) {
+      const auto& parameter = base_.parameters[p];
+      Figure figure{.title = parameter.name, .x = over_tests(), .y = {.quantity = parameter.name, .unit = parameter.unit}};
+      for (std::size_t robot = 0; robot < c_.robots; ++robot) {
+        figure.series.push_back(evolution(robot, fmt::format("robot {}", robot + 1), [&](const Cycle& k) -> const Measured& { return k.base[p]; }));
+        const double truth = day(robot, 0).base_of_robot[p];
+        figure.series.push_back({.mark = Mark::reference, .label = robot ? "" : "as simulated", .x = {1, 1 + static_cast<double>(c_.days)}, .y = {truth, truth}, .stroke = robot});
+      }
+      if (auto ok = page_.show(grid, figure, "inertia_" + parameter.name, fmt::format("{}, of each cycle, with one sigma.", parameter.group)); !ok) return ok;
+    }
+    return {};
+  }
+
+  void base_table() {
+    auto to = page_.body();
+    page_.add(to, "h2", "Base parameters");
+    std::vector<std::string> head{"parameter", "unit"};
+    for (std::size_t robot = 0; robot < c_.robots; ++robot)
+      for (const char* what : {"", ", as simulated", ", over days", ", over a day"}) head.push_back(fmt::format("robot {}{}", robot + 1, what));
+    head.push_back("group");
+    std::vector<std::vector<std::string>> rows;
+    for (std::size_t p = 0; p < base_.parameters.size(); ++p) {
+      auto& row = rows.emplace_back();
+      row = {base_.parameters[p].name, base_.parameters[p].unit};
+      for (std::size_t robot = 0; robot < c_.robots; ++robot) {
+        const Spread s = spread_of(c_, data_.days, f_, robot, p);
+        row.push_back(fmt::format("{:.4g} ± {:.2g}", s.mean, s.sigma));
+        row.push_back(fmt::format("{:.4g}", day(robot, 0).base_of_robot[p]));
+        row.push_back(share(s.over_a_day ? s.over_days : std::nullopt));
+        row.push_back(share(s.over_a_day));
+      }
+      row.push_back(base_.parameters[p].group);
+    }
+    page_.add_table(to, head, rows);
+    page_.add(to, "p", fmt::format("Of all tests without a change. Over days: standard deviation of the tests. Over a day: from the first to the last third of it, at most. –: not told within {:.0f} % by a cycle.", 100 * told_within), "soft");
+  }
+
+  const DaysData& data_;
+  const Campaign& c_;
+  const Findings& f_;
+  const ReportOptions& options_;
+  IllustratedPage page_;
+  twin::Regressor regressor_;
+  twin::BaseParameters base_;
+};
+
+}  // namespace
+
+tl::expected<DaysData, std::string> load_days(const std::filesystem::path& directory) {
+  const auto file = directory / "campaign.yaml";
+  const YAML::Node root = twin::load_yaml(file);
+  if (!is_repeatability(root)) return tl::unexpected(fmt::format("{}: is no campaign of working days", file.string()));
+  DaysData data{.directory = directory, .campaign = load_campaign(file, root)};
+  for (std::size_t test = 0; test < data.campaign.tests(); ++test) {
+    const auto part = directory / file_of(data.campaign, test);
+    std::ifstream stream(part, std::ios::binary);
+    if (!stream) return tl::unexpected(fmt::format("{}: is missing; 'tribotwin lab' goes on where it was interrupted", part.string()));
+    auto day = from_text(std::string(std::istreambuf_iterator<char>(stream), {}));
+    if (!day) return tl::unexpected(fmt::format("{}: {}", part.string(), day.error()));
+    data.days.push_back(std::move(*day));
+  }
+  auto findings = find(data.campaign, data.days);
+  if (!findings) return tl::unexpected(findings.error());
+  data.findings = std::move(*findings);
+  return data;
+}
+
+tl::expected<Report, std::string> make_days_report(const DaysData& data, const ReportOptions& options) { return Writer(data, options).write(); }
+
+}  // namespace tribotwin::render
