@@ -222,8 +222,7 @@ class Writer {
     std::vector<std::string> head{"parameter", "unit"};
     for (std::size_t robot = 0; robot < c_.robots; ++robot)
       for (const char* what : {"", ", as simulated", ", over days", ", over a day"}) head.push_back(fmt::format("robot {}{}", robot + 1, what));
-    head.push_back("group");
-    std::vector<std::vector<std::string>> rows;
+    std::vector<std::vector<std::string>> rows, groups;
     for (std::size_t p = 0; p < base_.parameters.size(); ++p) {
       auto& row = rows.emplace_back();
       row = {base_.parameters[p].name, base_.parameters[p].unit};
@@ -234,10 +233,11 @@ class Writer {
         row.push_back(share(s.over_a_day ? s.over_days : std::nullopt));
         row.push_back(share(s.over_a_day));
       }
-      row.push_back(base_.parameters[p].group);
+      if (base_.parameters[p].group != base_.parameters[p].name) groups.push_back({base_.parameters[p].name, base_.parameters[p].group});
     }
     page_.add_table(to, head, rows);
-    page_.add(to, "p", fmt::format("Of all tests without a change. Over days: standard deviation of the tests. Over a day: from the first to the last third of it, at most. –: not told within {:.0f} % by a cycle.", 100 * told_within), "soft");
+    page_.add(to, "p", fmt::format("Of all tests without a change. Over days: standard deviation of the tests. Over a day: from the first to the last third of it, at most. –: not told within {:.0f} % by a cycle. Torques tell some of them only together with others:", 100 * told_within), "soft");
+    page_.add_table(to, {"parameter", "stands for"}, groups);
   }
 
   const DaysData& data_;
