@@ -123,6 +123,8 @@ TEST(Study, WrongOnesAreRefusedWithFileAndKey) {
   EXPECT_THAT(error({"diagnosis.learn=evolution"}), HasSubstr("must be a list of series"));
   EXPECT_THAT(error({"diagnosis.check.0.state=[]"}), HasSubstr("state"));
   EXPECT_THAT(error({"diagnosis.chekc=1"}), HasSubstr("chekc"));
+  EXPECT_THAT(error({"seed=one"}), HasSubstr("seed"));
+  EXPECT_THAT(error({"diagnosis.draws=10", "procedure=plus_minus", "speeds_rad_s=[10, 50]"}), HasSubstr("draws"));
   EXPECT_THAT(error({"joints={joint9: {}}"}), HasSubstr("joint"));
   EXPECT_THAT(error({"joints={joint3: {procedrue: test_cycle}}"}), HasSubstr("procedrue"));
   EXPECT_THAT(error({"series.0.fault={type: waer, severity: 1}"}), HasSubstr("did you mean 'wear'"));

@@ -130,12 +130,13 @@ Study load_study(const fs::path& file, const YAML::Node& tree) {
   auto joints = in.mapping("joints");
   auto diagnosis = in.mapping("diagnosis");
   if (!diagnosis) in.fail("diagnosis", "is missing: {learn: [SERIES, ...], check: [{series, state}, ...]}");
+  const auto seed = static_cast<std::uint64_t>(in.number_or("seed", 1, {0, 9007199254740992.0}));
   for (const auto& name : joints->names()) {
     YAML::Node root = YAML::Clone(tree);
     root.remove("joints");
     root.remove("diagnosis");
     root["joint"] = name;
-    root["seed"] = tree["seed"].as<std::uint64_t>(1) + study.joints.size();   // each joint has errors of its own
+    root["seed"] = seed + study.joints.size();   // each joint has errors of its own
     if (const auto own = joints->raw(name); own.IsMap())
       for (const auto& entry : own) root[entry.first.Scalar()] = YAML::Clone(entry.second);
     study.joints.push_back({name, campaign_of(file, root)});
@@ -157,6 +158,8 @@ Study load_study(const fs::path& file, const YAML::Node& tree) {
   }
   study.false_alarm = diagnosis->number_or("false_alarm", study.false_alarm, {1e-9, 0.5});
   study.draws = static_cast<std::size_t>(diagnosis->number_or("draws", 0, {0, 1e5}));
+  if (study.draws > 0 && std::ranges::any_of(study.joints, [](const Joint& j) { return j.campaign.procedure != Procedure::test_cycle; }))
+    diagnosis->fail("draws", "is for procedure: test_cycle, whose travels tell what a ripple does to slow levels; leave it out");
   diagnosis->done();
   return study;
 }
