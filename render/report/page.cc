@@ -96,7 +96,7 @@ void prefix_ids(pugi::xml_node node, const std::string& prefix) {
   }
 }
 
-bool numeric(std::string_view cell) { return !cell.empty() && (g_ascii_isdigit(cell[0]) || (cell[0] == '-' && cell.size() > 1) || cell == "–"); }
+bool numeric(std::string_view cell) { return !cell.empty() && (g_ascii_isdigit(cell[0]) || ((cell[0] == '-' || cell[0] == '+') && cell.size() > 1) || cell == "–"); }
 
 }  // namespace
 

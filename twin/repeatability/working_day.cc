@@ -9,6 +9,7 @@
 #include <nlohmann/json.hpp>
 
 #include <tribotwin/twin/identification/dynamics.hpp>
+#include <tribotwin/twin/identification/temperature_estimator.hpp>
 #include <tribotwin/twin/identification/thermal_fit.hpp>
 #include <tribotwin/twin/laboratory/correlation.hpp>
 #include <tribotwin/twin/laboratory/recording.hpp>
@@ -224,17 +225,6 @@ class Friction {
   std::vector<Points> points_;
 };
 
-/// Friction by a thermal model, as a share of that at the start of the day, at the times of the day's entries.
-std::vector<double> predicted_share(const thermal::Model& model, const Warming& w) {
-  thermal::Rise rise;
-  std::vector<double> out;
-  for (std::size_t i = 0; i < w.time_s.size(); ++i) {
-    thermal::step(model, thermal::decay(model, w.time_s[i] - (i ? w.time_s[i - 1] : 0)), w.power_w[i], 0, rise);
-    out.push_back(1 + rise.total_K() / model.T_amb_degC);   // as_heat's sign is in both
-  }
-  return out;
-}
-
 /// Linear between entries, held beyond them.
 double at(const std::vector<double>& times, const std::vector<double>& values, double time) {
   const auto after = static_cast<std::size_t>(std::ranges::upper_bound(times, time) - times.begin());
@@ -244,18 +234,44 @@ double at(const std::vector<double>& times, const std::vector<double>& values, d
   return (1 - w) * values[after - 1] + w * values[after];
 }
 
-/// Gives the recordings the temperatures that each joint's thermal model predicts, in units of share_per_K.
-tl::expected<void, std::string> take_temperature(std::vector<Recorded>& recorded, const std::vector<Warming>& warming) {
+/// A cycle's sections, prepared.
+struct Sections {
+  JointMotion measuring, heating;
+};
+
+/// Gives the recordings the temperatures of each joint's thermal model, in units of share_per_K: those of paper 5's Algorithm 1, sample by
+/// sample, for a joint that warms up within seconds is not as warm at both ends of a window.
+tl::expected<void, std::string> take_temperature(std::vector<Recorded>& recorded, const std::vector<Sections>& sections, const std::vector<Warming>& warming, const RobotFriction& law, const RobotParameters& reference) {
   for (auto& r : recorded) r.measuring.temperature_degC.resizeLike(r.measuring.position);
   for (std::size_t j = 0; j < warming.size(); ++j) {
-    const Warming& w = warming[j];
-    const HeatSession session = as_heat(w, 0, rises(w));
+    const HeatSession session = as_heat(warming[j], 0, rises(warming[j]));
     const auto fit = fit_thermal({&session, 1}, {.rested = true});
     if (!fit) return tl::unexpected(fmt::format("joint {}: {}", j + 1, fit.error()));
-    const auto share = predicted_share(fit->model, w);
-    for (auto& r : recorded)
-      for (std::size_t i = 0; i < r.measuring.time_s.size(); ++i)
-        r.measuring.temperature_degC(static_cast<Index>(j), static_cast<Index>(i)) = reference_degC + (1 - at(w.time_s, share, r.measuring.time_s[i])) / share_per_K;
+    // In its units T_amb is, as_heat's sign included, the friction at the start of the day.
+    thermal::Model model = fit->model;
+    for (double& gain : model.gain_K_J) gain /= -share_per_K * model.T_amb_degC;
+    model.T_amb_degC = reference_degC;
+    std::vector<double> parameters = reference.friction[j];
+    parameters[torques] = -share_per_K;
+    parameters[torques + 1] = reference_degC;
+    TemperatureEstimator joint(law[j], parameters, model, reference_degC);
+    const auto row = static_cast<Index>(j);
+    for (std::size_t k = 0; k < recorded.size(); ++k) {
+      std::vector<double> temperature;
+      for (const JointMotion* motion : {&sections[k].measuring, &sections[k].heating}) {
+        for (std::size_t s = 0; s < motion->segments.size(); ++s) {
+          const auto [first, past] = motion->segments[s];
+          joint.update(motion->qd(row, first), 0, motion->edge_s[s]);
+          for (Index i = first; i < past; ++i) {
+            if (motion == &sections[k].measuring) temperature.push_back(joint.temperature_degC());
+            const auto now = static_cast<std::size_t>(i);
+            joint.update(motion->qd(row, i), 0, i + 1 < past ? motion->time_s[now + 1] - motion->time_s[now] : motion->edge_s[s]);
+          }
+        }
+      }
+      auto& r = recorded[k].measuring;
+      for (std::size_t i = 0; i < r.time_s.size(); ++i) r.temperature_degC(row, static_cast<Index>(i)) = at(sections[k].measuring.time_s, temperature, r.time_s[i]);
+    }
   }
   return {};
 }
@@ -311,12 +327,14 @@ tl::expected<WorkingDay, std::string> working_day(const Campaign& c, const Excit
   MatrixXd information = MatrixXd::Zero(base.size(), base.size());
   VectorXd weighted = VectorXd::Zero(base.size());
   RobotParameters reference{.base = {}, .friction = std::vector<std::vector<double>>(joints, std::vector<double>(law->front().law().parameters.size(), 0.0))};
+  std::vector<Sections> sections;
   for (const auto& r : *recorded) {
-    const auto motion = prepared(r.measuring);
-    if (!motion) return fail(motion.error());
-    const auto fit = fit_dynamics(*regressor, base, *law, *motion, {.threads = 1});
+    auto during = prepared(r.measuring), after = prepared(r.heating);
+    if (!during || !after) return fail(during ? after.error() : during.error());
+    const auto fit = fit_dynamics(*regressor, base, *law, *during, {.threads = 1});
     if (!fit) return fail(fit.error());
     day.cycles.push_back({.start_s = r.measuring.time_s.front(), .base = measured(fit->base), .friction = torques_of(fit->friction), .level_nm = {}});
+    sections.push_back({std::move(*during), std::move(*after)});
     information += fit->information;
     weighted += fit->information * fit->parameters.base;
     for (std::size_t j = 0; j < joints; ++j)
@@ -329,15 +347,13 @@ tl::expected<WorkingDay, std::string> working_day(const Campaign& c, const Excit
   std::vector<RobotRecording> measuring;
   for (int round = 0;; ++round) {
     Friction friction(*regressor, base, *law, reference, level_share * motion_limits(*c.model, *regressor, 1).speed);
-    for (std::size_t k = 0; k < recorded->size(); ++k) {
-      const auto during = prepared((*recorded)[k].measuring), after = prepared((*recorded)[k].heating);
-      if (!during || !after) return fail(during ? after.error() : during.error());
-      day.cycles[k].level_nm = friction.add(*during, day.cycles[k].start_s + e.inertia_s);
-      friction.add(*after, 0);
+    for (std::size_t k = 0; k < sections.size(); ++k) {
+      day.cycles[k].level_nm = friction.add(sections[k].measuring, day.cycles[k].start_s + e.inertia_s);
+      friction.add(sections[k].heating, 0);
     }
     day.warming = friction.warming();
     if (round == rounds) break;
-    if (auto ok = take_temperature(*recorded, day.warming); !ok) return fail(ok.error());
+    if (auto ok = take_temperature(*recorded, sections, day.warming, *law, reference); !ok) return fail(ok.error());
     measuring.clear();
     for (const auto& r : *recorded) measuring.push_back(r.measuring);
     const auto motion = prepare(measuring, *regressor, preparation);
