@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 #include <functional>
+#include <optional>
+#include <tuple>
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
@@ -14,6 +16,8 @@ namespace {
 
 using Outcome = tl::expected<void, std::string>;
 using namespace twin::diagnosis;
+
+constexpr double slow_share = 0.6;   ///< of the levels, from the slowest: those of a test cycle up to a tenth of its speed
 
 class Writer {
  public:
@@ -96,7 +100,7 @@ class Writer {
 
     if (const auto ratio = cold_over_hot(curve(joint, *warming.front()), curve(joint, *warming.back()))) {
       Figure g{.title = joint.name + ": cold over hot", .x = speed(), .y = {.quantity = "friction cold / friction hot"}, .series = {*ratio}};
-      if (auto ok = page_.show(grid, g, joint.name + "_cold_over_hot", "Coldest over hottest learned curve, level by level; paper 2's Figure 11."); !ok) return ok;
+      if (auto ok = page_.show(grid, g, joint.name + "_cold_over_hot", "Coldest over hottest learned curve, level by level: the ratio of paper 2's Figure 11."); !ok) return ok;
     }
 
     const auto loads = verdicts(joint, false);
@@ -111,7 +115,7 @@ class Writer {
       return g;
     };
     if (auto ok = page_.show(grid, under_load("friction under load", 1), joint.name + "_loads", "Curves that were not learned; paper 2's Figure 13."); !ok) return ok;
-    return page_.show(grid, under_load("friction under load, slow", 0.6), joint.name + "_loads_slow", "The slower levels of the same curves, where contact surfaces carry the load.");
+    return page_.show(grid, under_load("friction under load, slow", slow_share), joint.name + "_loads_slow", "The slower levels of the same curves, where contact surfaces carry the load.");
   }
 
   static std::optional<Series> cold_over_hot(const StudyCurve& cold, const StudyCurve& hot) {

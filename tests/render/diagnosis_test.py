@@ -138,6 +138,10 @@ for name, path, value, says in (
     keep(wrong["all"])
     r = run(report, "study", "study", "--quiet")
     check(f"study, {name}: refused", r.returncode == 2 and "study/diagnosis.json" in r.stderr and says in r.stderr and r.stderr.count("\n") == 1 and not os.path.exists(page), (r.returncode, r.stderr))
+keep({"joint5": {key: value for key, value in whole["joint5"].items() if key != "power"}})
+r = run(report, "study", "study", "-o", "undrawn.html", "--png", "--quiet")
+figures = os.listdir(os.path.join(work, "undrawn_figures")) if r.returncode == 0 else []
+check("study without drawn curves: no ROC, the rest as files", len(figures) == 14 and not any("roc" in name for name in figures), (r.stderr, figures))
 keep(whole)
 os.remove(os.path.join(work, "study", "joint5", "curves.csv"))
 for name, folder, says in (("no curves", "study", "study/joint5/curves.csv"), ("no folder", "nowhere", "nowhere/diagnosis.json")):
