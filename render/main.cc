@@ -13,6 +13,7 @@
 #include <tribotwin/render/report/diagnosis_report.hpp>
 #include <tribotwin/render/report/fit_report.hpp>
 #include <tribotwin/render/report/report.hpp>
+#include <tribotwin/render/report/study_report.hpp>
 #include <tribotwin/twin/model/arm.hpp>
 #include <tribotwin/twin/output/output.hpp>
 #include <tribotwin/twin/scenario/input.hpp>
@@ -371,17 +372,37 @@ int diagnosis(const DiagnosisArguments& a, const std::string& command) {
   return done;
 }
 
-struct DaysArguments {
+struct FolderArguments {
   std::string directory, output;
   bool png = false, pdf = false, quiet = false;
+
+  void add_to(CLI::App& command, const char* directory_help) {
+    command.add_option("DIR", directory, directory_help)->required();
+    command.add_option("-o,--output", output, "The page (default: DIR/report.html)");
+    command.add_flag("--png", png, "Also every figure as PNG, in a folder beside the page");
+    command.add_flag("--pdf", pdf, "Also every figure as PDF, in a folder beside the page");
+    command.add_flag("--quiet", quiet, "No progress");
+  }
+  PageFile page() const { return {output.empty() ? fs::path(directory) / "report.html" : fs::path(output), png, pdf}; }
 };
 
-int days(const DaysArguments& a, const std::string& command) {
-  const PageFile page(a.output.empty() ? fs::path(a.directory) / "report.html" : fs::path(a.output), a.png, a.pdf);
+int days(const FolderArguments& a, const std::string& command) {
+  const PageFile page = a.page();
   const auto data = or_wrong_input(render::load_days(a.directory));
   const render::Report made = [&] {
     Progress progress(a.quiet, "report");
     return or_fail(render::make_days_report(data, {.figure_files = page.formats(), .command = command, .progress = [&](double share) { progress(share); }}));
+  }();
+  page.write_all(made);
+  return done;
+}
+
+int study(const FolderArguments& a, const std::string& command) {
+  const auto joints = render::load_study_folder(a.directory);
+  const PageFile page = a.page();
+  const render::Report made = [&] {
+    Progress progress(a.quiet, "report");
+    return or_fail(render::make_study_report(a.directory, joints, {.figure_files = page.formats(), .command = command, .progress = [&](double share) { progress(share); }}));
   }();
   page.write_all(made);
   return done;
@@ -456,14 +477,15 @@ int main(int argc, char** argv) {
   diagnosis_command->add_flag("--quiet", d.quiet, "No progress");
   diagnosis_command->footer("Example:\n  tribotwin-report diagnosis healthy.yaml lab/br609/curves.csv -o diagnosis.html");
 
-  DaysArguments days_arguments;
+  FolderArguments days_arguments;
   auto* days_command = app.add_subcommand("days", "Robots over working days as a page: time constants, friction over the day, torques cold and hot, parameters over tests, changes");
-  days_command->add_option("DIR", days_arguments.directory, "Folder of tribotwin lab for a campaign of working days")->required();
-  days_command->add_option("-o,--output", days_arguments.output, "The page (default: DIR/report.html)");
-  days_command->add_flag("--png", days_arguments.png, "Also every figure as PNG, in a folder beside the page");
-  days_command->add_flag("--pdf", days_arguments.pdf, "Also every figure as PDF, in a folder beside the page");
-  days_command->add_flag("--quiet", days_arguments.quiet, "No progress");
+  days_arguments.add_to(*days_command, "Folder of tribotwin lab for a campaign of working days");
   days_command->footer("Example:\n  tribotwin-report days lab/days -o days.html");
+
+  FolderArguments study_arguments;
+  auto* study_command = app.add_subcommand("study", "Paper 2's study as a page: friction cold to hot and under load, features, regions, distances, faults, ROC curves");
+  study_arguments.add_to(*study_command, "Folder of tribotwin lab for a study of joints");
+  study_command->footer("Example:\n  tribotwin-report study lab/diagnosis -o study.html");
 
   SheetArguments s;
   auto* sheet_command = app.add_subcommand("sheet", "Poses over a run in one picture");
@@ -488,6 +510,7 @@ int main(int argc, char** argv) {
     for (int i = 1; i < argc; ++i) command += " " + render::shell_word(argv[i]);
     if (*diagnosis_command) return diagnosis(d, command);
     if (*days_command) return days(days_arguments, command);
+    if (*study_command) return study(study_arguments, command);
     return *fit_command ? fit(f, command) : report(r, command);
   } catch (const CLI::ParseError& e) {
     return app.exit(e) == 0 ? done : wrong_input;

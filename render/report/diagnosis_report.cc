@@ -1,13 +1,12 @@
 #include <tribotwin/render/report/diagnosis_report.hpp>
 
 #include <algorithm>
-#include <cmath>
 #include <fstream>
 #include <iterator>
 
 #include <fmt/format.h>
 
-#include <tribotwin/render/figure/figures.hpp>
+#include <tribotwin/render/report/feature_regions.hpp>
 #include <tribotwin/render/report/fit_data.hpp>
 #include <tribotwin/twin/scenario/input.hpp>
 
@@ -97,29 +96,12 @@ class Writer {
               "soft");
   }
 
-  /// Two features of everything that is known.
-  HealthyScatter scatter(Eigen::Index a, Eigen::Index b) const {
-    HealthyScatter s{.mean = {h_.mean(a), h_.mean(b)}, .covariance = {{{h_.covariance(a, a), h_.covariance(a, b)}, {h_.covariance(b, a), h_.covariance(b, b)}}},
-                     .inner_sigma = std::sqrt(h_.anomalous_distance), .outer_sigma = std::sqrt(h_.wear_distance)};
-    const std::size_t region = a < regions[1].first ? 0 : 1;
-    for (const auto& o : d_.learned) s.learned.push_back({o.features(a), o.features(b)});
-    for (std::size_t i = 0; i < d_.checked.size(); ++i) (d_.verdicts[i].region[region].anomalous ? s.anomalous : s.healthy).push_back({d_.checked[i].features(a), d_.checked[i].features(b)});
-    return s;
-  }
-
   Outcome regions_shown() {
+    FeatureRegions shown{.mean = h_.mean, .covariance = h_.covariance, .anomalous_distance = h_.anomalous_distance, .wear_distance = h_.wear_distance, .learned = {}, .checked = {}};
+    for (const auto& o : d_.learned) shown.learned.push_back(o.features);
+    for (std::size_t i = 0; i < d_.checked.size(); ++i) shown.checked.push_back({d_.checked[i].features, {d_.verdicts[i].region[0].anomalous, d_.verdicts[i].region[1].anomalous}});
     page_.add(page_.body(), "h2", "Confidence regions");
-    page_.add(page_.body(), "p", "The ellipsoid of region 1 seen along each of its axes, and the ellipse of region 2: filled within 2 standard deviations, dashed at 6. Dots: learned; circles: as learned; crosses: anomalous in this region.", "soft");
-    auto grid = page_.add(page_.body(), "div", {}, "figures");
-    for (const auto& [a, b] : {std::pair{0, 1}, {0, 2}, {1, 2}, {3, 4}}) {
-      const auto axis = [](int i) { return Axis{.quantity = std::string(feature_names[static_cast<std::size_t>(i)]), .unit = feature_units[static_cast<std::size_t>(i)] == "1" ? "-" : std::string(feature_units[static_cast<std::size_t>(i)])}; };
-      const std::string name = fmt::format("{}_{}", feature_names[static_cast<std::size_t>(a)], feature_names[static_cast<std::size_t>(b)]);
-      if (auto ok = page_.show(grid, healthy_region(fmt::format("Region {}: {} and {}", a < 3 ? 1 : 2, axis(a).quantity, axis(b).quantity), axis(a), axis(b), scatter(a, b)), name,
-                               fmt::format("{} and {} of paper 2's {}. The ellipses are over all temperatures.", axis(a).quantity, axis(b).quantity, a < 3 ? "velocity-weakening regime" : "velocity-strengthening regime"));
-          !ok)
-        return ok;
-    }
-    return {};
+    return show_regions(page_, page_.body(), shown);
   }
 
   Outcome over_time() {

@@ -1,4 +1,4 @@
-"""tribotwin-report diagnosis: the page in a real browser, its numbers against those of tribotwin diagnose, figures that can be read
+"""tribotwin-report diagnosis and study: the pages in a real browser, its numbers against those of tribotwin diagnose, figures that can be read
 without colour, wrong input. Arguments: tribotwin, tribotwin-report, source tree."""
 import json, os, re, subprocess, sys, tempfile
 
@@ -61,6 +61,92 @@ check("without the learned curves the page says so", r.returncode == 0 and "are 
 for name, says, arguments in (("no healthy state", "nothing.yaml", ("nothing.yaml", "checked.csv")), ("no curves", "nothing.csv", ("healthy.yaml", "nothing.csv"))):
     r = run(report, "diagnosis", *arguments, "-o", "wrong.html")
     check(f"{name}: refused", r.returncode == 2 and says in r.stderr and not os.path.exists(os.path.join(work, "wrong.html")), r.stderr)
+
+# A study folder of numbers that are told apart: two joints, loads, one simulated fault, one that was drawn.
+def curve_rows(number, series, T, load):
+    friction = (6 + 0.016 * T) * (1 + 0.1 * load) + 3.4 * np.exp(-T / 32) * v ** 0.6
+    return "".join(f"{series},{number},{speed:.6g},{x:.9g}\n" for speed, x in zip(v, friction))
+
+
+def observation(number, T):
+    features = dict(zip(("Fc", "Fs", "Vs", "Fv", "beta"), np.array([6 + 0.016 * T, 9.5, 2 + 0.025 * T, 3.4 * np.exp(-T / 32), 0.5 + 0.0025 * T]) + random.normal(0, 0.02, 5)))
+    return {"curve": number, "temperature_degC": T, "features": features}
+
+
+def study():
+    whole = {}
+    for j, joint in enumerate(("joint3", "joint5")):
+        os.makedirs(os.path.join(work, "study", joint), exist_ok=True)
+        rows, learned, checked = "series,curve,speed_rad_s,friction_nm\n", [], []
+        for number, T in enumerate(np.linspace(25, 58, 10), 1):
+            rows += curve_rows(number, "evolution", T, 0)
+            learned.append(observation(number, T))
+        for number, (load, state, T, bad, pattern) in enumerate(((0, "cold", 26.0, False, "healthy"), (2, "cold", 27.0, j == 0, "load"), (5, "thermal", 57.0, True, "load"), (0, "wear", 40.0, True, ("wear", "unknown")[j])), 11):
+            rows += curve_rows(number, "new", T, load)
+            region = lambda x, limit, anomalous: {"distance": x, "statistic": 2 * x, "limit": limit, "anomalous": anomalous}
+            checked.append({**observation(number, T), "load_kg": load, "state": state, "series": "new", "region1": region(100 + number + j / 8, 26.25, bad), "region2": region(number / 16, 19.39, False), "anomalous": bad, "pattern": pattern})
+        roc = [{"severity": s, "false_alarm": a, "detected": min(1, a + 10 * s)} for s in (0, 0.05, 0.1) for a in (0.01, 0.1, 0.2)]
+        power = [{"fault": "wear", "unit": "1", "detection_limit": 0.05, "named_at_twice_the_limit": {"wear": 0.875, "unknown": 0.125}, "roc": roc}]
+        whole[joint] = {"observations": checked, "learned": learned, "power": power}
+        with open(os.path.join(work, "study", joint, "curves.csv"), "w") as f:
+            f.write(rows)
+    return whole
+
+
+def keep(whole):
+    with open(os.path.join(work, "study", "diagnosis.json"), "w") as f:
+        f.write(whole if isinstance(whole, str) else json.dumps(whole))
+
+
+whole = study()
+keep(whole)
+page = os.path.join(work, "study", "report.html")
+r = run(report, "study", "study", "--quiet")
+check("study: the page is written", r.returncode == 0 and r.stdout == "study/report.html\n" and r.stderr == "", (r.returncode, r.stdout, r.stderr))
+measured = Browser(work, check).check_page("study", page, images=0, drawings=2 * (4 + 6 + 4 + 1))
+text = measured["text"] if measured else ""
+for joint in whole:
+    for i, o in enumerate(whole[joint]["observations"][:3]):
+        cells = [str(i + 1), f"{o['load_kg']} kg", o["state"], f"{o['temperature_degC']:.1f}"]
+        for region in (o["region1"], o["region2"]):
+            cells += [f"{region['distance']:.3f}", f"{region['statistic']:.2f}", str(region["anomalous"])]
+        check(f"study: row {i + 1} of {joint}", "\t".join(cells + [o["pattern"]]) in text, cells)
+check("study: what each joint flags", "joint3: Region 1 (contact surfaces) flags 2 kg, cold; 5 kg, thermal. Region 2 (lubricant) flags nothing." in text and "joint5: Region 1 (contact surfaces) flags 5 kg, thermal." in text, text[:600])
+check("study: faults named", re.search(r"faults named\s+1 of 2", text), text[:600])
+check("study: confusion", len(re.findall(r"^wear, 0\.1\t87\.5 %\t.*\t12\.5 %$", text, re.M)) == 2, re.findall("^wear.*", text, re.M))
+with open(page) as f:
+    drawing = re.search(r'<svg[^>]*aria-label="joint3: ROC of wear.*?</svg>', f.read(), re.S)
+dashes = set(re.findall(r"stroke-dasharray='[^']*'|stroke-dasharray=\"[^\"]*\"", drawing.group(0))) if drawing else set()
+check("study: severities are told apart by dashes", len(dashes) >= 2 and all(s in drawing.group(0) for s in ("no fault", "0.05", "0.1")), dashes)
+
+os.remove(page)
+for name, path, value, says in (
+    ("no joints", (), {}, "must be a mapping that is not empty"),
+    ("no JSON", (), "{", "is no JSON"),
+    ("a key is missing", ("joint3", "observations", 1), {"curve": 12, "temperature_degC": 27}, "joint3: observations 2: has no 'features'"),
+    ("a number is none", ("joint5", "learned", 0, "features", "Vs"), "fast", "joint5: learned 1: features: Vs: must be a number"),
+    ("no such curve", ("joint3", "learned", 2, "curve"), 99, "joint3/curves.csv has no curve 99"),
+    ("too few learned", ("joint5", "learned"), [], "joint5: learned: must be a list of at least 8"),
+    ("no such fault", ("joint3", "power", 0, "fault"), "waer", "joint3: power 1: fault: is no fault of the twin"),
+    ("no share", ("joint3", "power", 0, "roc", 1, "detected"), 1.5, "roc 2: detected: is 1.5 but must be 0 to 1"),
+):
+    wrong = {"all": json.loads(json.dumps(whole))}
+    at = wrong
+    for step in ("all", *path)[:-1]:
+        at = at[step]
+    at[("all", *path)[-1]] = value
+    keep(wrong["all"])
+    r = run(report, "study", "study", "--quiet")
+    check(f"study, {name}: refused", r.returncode == 2 and "study/diagnosis.json" in r.stderr and says in r.stderr and r.stderr.count("\n") == 1 and not os.path.exists(page), (r.returncode, r.stderr))
+keep({"joint5": {key: value for key, value in whole["joint5"].items() if key != "power"}})
+r = run(report, "study", "study", "-o", "undrawn.html", "--png", "--quiet")
+figures = os.listdir(os.path.join(work, "undrawn_figures")) if r.returncode == 0 else []
+check("study without drawn curves: no ROC, the rest as files", len(figures) == 14 and not any("roc" in name for name in figures), (r.stderr, figures))
+keep(whole)
+os.remove(os.path.join(work, "study", "joint5", "curves.csv"))
+for name, folder, says in (("no curves", "study", "study/joint5/curves.csv"), ("no folder", "nowhere", "nowhere/diagnosis.json")):
+    r = run(report, "study", folder, "--quiet")
+    check(f"study, {name}: refused", r.returncode == 2 and says in r.stderr and r.stderr.count("\n") == 1, (r.returncode, r.stderr))
 
 print(f"{len(failures)} failed: {failures}" if failures else "all passed")
 sys.exit(bool(failures))
