@@ -5,7 +5,6 @@
 #include <map>
 #include <numeric>
 #include <set>
-#include <tuple>
 #include <utility>
 
 #include <boost/math/distributions/students_t.hpp>
@@ -190,11 +189,12 @@ void describe_residuals(const Samples& samples, const std::vector<double>& r, co
                                : fmt::format("{:.1f} % of the samples lie more than 5 sigma off the curve and hardly counted", 100 * static_cast<double>(far) / n));
   // Neighbours in speed whose errors are alike: the law, not the noise, is to blame.
   if (r.size() >= 30 && result.residual.std > 1e-6 * std::ranges::max(samples.friction)) {
-    std::vector<std::tuple<std::size_t, double, std::size_t>> order(r.size());   // curve, speed, row
-    for (std::size_t i = 0; i < r.size(); ++i) order[i] = {samples.curve.empty() ? 0 : samples.curve[i], samples.speed[i], i};
-    if (!std::ranges::is_sorted(order)) std::ranges::sort(order);
+    std::vector<std::size_t> order(r.size());
+    std::iota(order.begin(), order.end(), 0u);
+    const auto by_speed = [&](std::size_t i) { return std::pair(samples.curve.empty() ? 0u : samples.curve[i], samples.speed[i]); };
+    if (!std::ranges::is_sorted(order, {}, by_speed)) std::ranges::stable_sort(order, {}, by_speed);
     double products = 0, clipped = 0, before = 0;
-    for (const auto& [curve, speed, row] : order) {
+    for (const std::size_t row : order) {
       const double error = std::clamp(r[row] - mean, -4 * scale, 4 * scale);
       products += error * std::exchange(before, error);
       clipped += error * error;
