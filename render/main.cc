@@ -2,6 +2,7 @@
 #include <charconv>
 #include <cmath>
 #include <csignal>
+#include <functional>
 
 #include <CLI/CLI.hpp>
 #include <fmt/format.h>
@@ -300,8 +301,18 @@ class PageFile {
     if (png) formats_.push_back(render::Format::png);
     if (pdf) formats_.push_back(render::Format::pdf);
   }
-  const std::vector<render::Format>& formats() const { return formats_; }
 
+  /// What `report` makes of the options, as files.
+  int make(bool quiet, const std::string& command, const std::function<tl::expected<render::Report, std::string>(const render::ReportOptions&)>& report) const {
+    const render::Report made = [&] {
+      Progress progress(quiet, "report");
+      return or_fail(report({.figure_files = formats_, .command = command, .progress = [&](double share) { progress(share); }}));
+    }();
+    write_all(made);
+    return done;
+  }
+
+ private:
   void write_all(const render::Report& made) const {
     for (const auto& note : made.notes) fmt::print(stderr, "note: {}\n", note);
     if (!made.figures.empty()) {
@@ -317,7 +328,6 @@ class PageFile {
     write(output_, made.html);
   }
 
- private:
   fs::path output_;
   std::vector<render::Format> formats_;
 };
@@ -327,12 +337,7 @@ int report(const ReportArguments& a, const std::string& command) {
   std::vector<std::unique_ptr<render::RunData>> runs;
   for (const auto& directory : a.runs) std::ranges::move(or_wrong_input(render::load_runs(directory)), std::back_inserter(runs));
   const PageFile page(a.output.empty() ? (a.runs.size() == 1 ? fs::path(a.runs[0]) / "report.html" : fs::path("report.html")) : fs::path(a.output), a.png, a.pdf);
-  const render::Report made = [&] {
-    Progress progress(a.quiet, "report");
-    return or_fail(render::make_report(runs, {.figure_files = page.formats(), .command = command, .progress = [&](double share) { progress(share); }}));
-  }();
-  page.write_all(made);
-  return done;
+  return page.make(a.quiet, command, [&](const render::ReportOptions& options) { return render::make_report(runs, options); });
 }
 
 struct FitArguments {
@@ -345,12 +350,7 @@ struct FitArguments {
 int fit(const FitArguments& a, const std::string& command) {
   const PageFile page(a.output, a.png, a.pdf);
   const auto data = or_wrong_input(render::load_fit(a.parameters, {a.data.begin(), a.data.end()}, a.read));
-  const render::Report made = [&] {
-    Progress progress(a.quiet, "report");
-    return or_fail(render::make_fit_report(data, {.figure_files = page.formats(), .command = command, .progress = [&](double share) { progress(share); }}));
-  }();
-  page.write_all(made);
-  return done;
+  return page.make(a.quiet, command, [&](const render::ReportOptions& options) { return render::make_fit_report(data, options); });
 }
 
 struct DiagnosisArguments {
@@ -364,12 +364,7 @@ struct DiagnosisArguments {
 int diagnosis(const DiagnosisArguments& a, const std::string& command) {
   const PageFile page(a.output, a.png, a.pdf);
   const auto data = or_wrong_input(render::load_diagnosis(a.healthy, {a.data.begin(), a.data.end()}, a.read, a.diagnosis));
-  const render::Report made = [&] {
-    Progress progress(a.quiet, "report");
-    return or_fail(render::make_diagnosis_report(data, {.figure_files = page.formats(), .command = command, .progress = [&](double share) { progress(share); }}));
-  }();
-  page.write_all(made);
-  return done;
+  return page.make(a.quiet, command, [&](const render::ReportOptions& options) { return render::make_diagnosis_report(data, options); });
 }
 
 struct FolderArguments {
@@ -389,23 +384,13 @@ struct FolderArguments {
 int days(const FolderArguments& a, const std::string& command) {
   const PageFile page = a.page();
   const auto data = or_wrong_input(render::load_days(a.directory));
-  const render::Report made = [&] {
-    Progress progress(a.quiet, "report");
-    return or_fail(render::make_days_report(data, {.figure_files = page.formats(), .command = command, .progress = [&](double share) { progress(share); }}));
-  }();
-  page.write_all(made);
-  return done;
+  return page.make(a.quiet, command, [&](const render::ReportOptions& options) { return render::make_days_report(data, options); });
 }
 
 int study(const FolderArguments& a, const std::string& command) {
   const auto joints = render::load_study_folder(a.directory);
   const PageFile page = a.page();
-  const render::Report made = [&] {
-    Progress progress(a.quiet, "report");
-    return or_fail(render::make_study_report(a.directory, joints, {.figure_files = page.formats(), .command = command, .progress = [&](double share) { progress(share); }}));
-  }();
-  page.write_all(made);
-  return done;
+  return page.make(a.quiet, command, [&](const render::ReportOptions& options) { return render::make_study_report(a.directory, joints, options); });
 }
 
 }  // namespace

@@ -35,11 +35,8 @@ class Writer {
       if (options_.progress) options_.progress(share += 0.25);
     }
     base_table();
-    auto to = page_.body();
-    page_.add(to, "h2", "Origin");
-    page_.add(to, "p", "To make this page again:");
-    page_.add(to, "pre", options_.command);
-    page_.add(to, "pre", c_.resolved_yaml);
+    page_.add_origin(options_.command);
+    page_.add(page_.body(), "pre", c_.resolved_yaml);
     return page_.report({});
   }
 

@@ -300,9 +300,7 @@ class Writer {
 
   void origin() {
     auto to = page_.body();
-    page_.add(to, "h2", "Origin");
-    page_.add(to, "p", "To make this page again:");
-    page_.add(to, "pre", options_.command);
+    page_.add_origin(options_.command);
     page_.add(to, "p", fmt::format("{}, as it was read:", fit_.file.filename().string()));
     page_.add(to, "pre", fit_.text);
   }

@@ -46,4 +46,10 @@ void IllustratedPage::tile(pugi::xml_node tiles, const std::string& name, const 
   if (!more.empty()) add(node, "div", more, "more");
 }
 
+void IllustratedPage::add_origin(const std::string& command) {
+  add(body(), "h2", "Origin");
+  add(body(), "p", "To make this page again:");
+  add(body(), "pre", command);
+}
+
 }  // namespace tribotwin::render

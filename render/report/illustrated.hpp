@@ -40,6 +40,8 @@ class IllustratedPage : public Page {
   /// One figure of the page's head: a number with what it is, and more about it. `kind` is "good" or "bad".
   static void tile(pugi::xml_node tiles, const std::string& name, const std::string& value, const std::string& more, const char* kind = nullptr);
 
+  /// The last section: how the page was made, which `command` makes it again.
+  void add_origin(const std::string& command);
   Report report(std::vector<std::string> notes) { return {html(), std::move(files_), std::move(notes)}; }
 
  private:

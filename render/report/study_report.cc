@@ -33,9 +33,7 @@ class Writer {
         if (options_.progress) options_.progress(++done / (5 * static_cast<double>(joints_.size())));
       }
     }
-    page_.add(page_.body(), "h2", "Origin");
-    page_.add(page_.body(), "p", "To make this page again:");
-    page_.add(page_.body(), "pre", options_.command);
+    page_.add_origin(options_.command);
     return page_.report({});
   }
 
