@@ -9,6 +9,8 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
+#include <tribotwin/twin/identification/median.hpp>
+
 namespace tribotwin::twin::diagnosis {
 namespace {
 
@@ -73,12 +75,12 @@ std::vector<std::size_t> clean_rows(const MatrixXd& x, const MatrixXd& y, const 
       for (Index i = 0; i < x.rows(); ++i)
         for (Index j = 0; j < i; ++j)
           if (std::abs(x(i, 1) - x(j, 1)) > 1) slopes.push_back((column(i) - column(j)) / (x(i, 1) - x(j, 1)));
-      if (!slopes.empty()) column -= median_of(slopes) * x.col(1);
+      if (!slopes.empty()) column -= identification::median_of(slopes) * x.col(1);
     }
-    const double middle = median_of({column.begin(), column.end()});
+    const double middle = identification::median_of({column.begin(), column.end()});
     std::vector<double> off;
     for (const double v : column) off.push_back(std::abs(v - middle));
-    const double unit = median_of(off);
+    const double unit = identification::median_of(off);
     for (std::size_t i = 0; i < n; ++i) d[i] = std::max(d[i], off[i] / std::max(unit, 1e-12));
   }
   std::vector<std::size_t> rows = nearest(d);
@@ -90,7 +92,7 @@ std::vector<std::size_t> clean_rows(const MatrixXd& x, const MatrixXd& y, const 
   d = distances(rows);
   // The covariance of the inner rows is too small: the median distance tells by how much.
   const boost::math::chi_squared chi2(static_cast<double>(y.cols()));
-  const double factor = median_of(d) / boost::math::median(chi2), cut = boost::math::quantile(chi2, 0.999);
+  const double factor = identification::median_of(d) / boost::math::median(chi2), cut = boost::math::quantile(chi2, 0.999);
   std::vector<std::size_t> kept;
   for (std::size_t i = 0; i < n; ++i)
     if (d[i] <= cut * factor) kept.push_back(i);
@@ -129,7 +131,7 @@ Problem far_from_the_rest(const std::vector<const Observation*>& all) {
   for (const auto& [feature, hint] : {std::pair{1, "Nm, or parts of torque_max"}, {2, "motor side, rad/s"}}) {
     std::vector<double> values;
     for (const auto* o : all) values.push_back(o->features(feature));
-    const double middle = median_of(values);
+    const double middle = identification::median_of(values);
     for (const auto* o : all)
       if (const double ratio = o->features(feature) / middle; !(ratio < 3 && ratio > 1.0 / 3))
         return fmt::format("{}: {} is {:.4g} {} where the others have {:.4g}: another joint or another unit ({}); learn from one joint in one unit", o->name(), feature_names[static_cast<std::size_t>(feature)],
@@ -143,7 +145,7 @@ Problem loaded_among(const std::vector<const Observation*>& all) {
   for (const auto* o : all)
     if (o->indicators[load]) loads.push_back(*o->indicators[load]);
   if (loads.empty()) return {};
-  const double middle = median_of(loads);
+  const double middle = identification::median_of(loads);
   for (const auto* o : all)
     if (o->indicators[load] && *o->indicators[load] > middle + std::max(0.1 * middle, 0.02))
       return fmt::format("{}: carries a load of {:.3g} of torque_max where the others have {:.3g}; the healthy state is learned without payload: leave this curve out and give it as --loaded, which tells what load does",
@@ -270,7 +272,7 @@ tl::expected<HealthyState, std::string> learn(std::span<const ObservationFile> h
   for (std::size_t which = 0; which < regions.size(); ++which) {
     std::vector<double> s;
     for (const auto* o : all) s.push_back(shape_scatter(o->shape, regions[which]));
-    h.scatter[which] = std::ranges::all_of(s, [](double v) { return v > 0; }) ? median_of(s) : 0;
+    h.scatter[which] = std::ranges::all_of(s, [](double v) { return v > 0; }) ? identification::median_of(s) : 0;
   }
   const auto count = static_cast<Index>(all.size());
   MatrixXd x(count, h.regressors({}).size()), y(count, feature_count), raw(count, feature_count);

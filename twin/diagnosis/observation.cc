@@ -8,6 +8,7 @@
 #include <fmt/ranges.h>
 
 #include <tribotwin/twin/identification/fit.hpp>
+#include <tribotwin/twin/identification/median.hpp>
 #include <tribotwin/twin/scenario/input.hpp>
 #include <tribotwin/twin/table/table.hpp>
 
@@ -68,7 +69,7 @@ double torque_max_of(const Numbers& table, const fs::path& file) {
 /// Of the levels that can tell.
 double lost_motion_of(std::vector<double> levels) {
   std::erase(levels, 0.0);
-  return levels.empty() ? 0 : median_of(std::move(levels));
+  return levels.empty() ? 0 : identification::median_of(std::move(levels));
 }
 
 /// Largest ripple and median lost motion of each curve, where the file has them.
@@ -90,12 +91,6 @@ void take_indicators(const Numbers& table, ObservationFile& out) {
 }
 
 }  // namespace
-
-double median_of(std::vector<double> x) {
-  const auto middle = x.begin() + static_cast<std::ptrdiff_t>(x.size() / 2);
-  std::ranges::nth_element(x, middle);
-  return *middle;
-}
 
 Features Observation::logarithmic() const {
   Features z = features;

@@ -83,7 +83,4 @@ tl::expected<Observation, std::string> observe(const identification::Samples& cu
 /// does not tell are named in `weak`.
 tl::expected<ObservationFile, std::string> read_observations(const std::filesystem::path& file, const ObservationOptions& options);
 
-/// Of at least one number; the upper one of two in the middle.
-double median_of(std::vector<double> x);
-
 }  // namespace tribotwin::twin::diagnosis

@@ -4,10 +4,10 @@
 #include <cmath>
 #include <numeric>
 
-#include <boost/math/distributions/students_t.hpp>
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
+#include <tribotwin/twin/identification/linearised.hpp>
 #include <tribotwin/twin/identification/parallel.hpp>
 #include <tribotwin/twin/model/triangular_factor.hpp>
 
@@ -458,7 +458,7 @@ tl::expected<DynamicsFit, std::string> fit_dynamics(const Regressor& regressor, 
   const MatrixXd C = covariance(R);
   double effective = 0;
   for (const auto& j : out.joints) effective += static_cast<double>(j.samples) / j.correlation;
-  const double t = boost::math::quantile(boost::math::students_t(std::max(1.0, effective - static_cast<double>(order.size()))), 0.975);
+  const double t = interval_sigmas(effective - static_cast<double>(order.size()));
   std::vector<Index> place(static_cast<std::size_t>(problem.unknowns()), -1);
   for (std::size_t c = 0; c < order.size(); ++c) place[static_cast<std::size_t>(order[c])] = static_cast<Index>(c);
   const auto estimate = [&](Index u, std::string name, std::string unit, double value) {

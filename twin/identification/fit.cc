@@ -7,11 +7,12 @@
 #include <set>
 #include <utility>
 
-#include <boost/math/distributions/students_t.hpp>
 #include <boost/math/tools/minima.hpp>
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
+#include <tribotwin/twin/identification/linearised.hpp>
+#include <tribotwin/twin/identification/median.hpp>
 #include <tribotwin/twin/identification/separable.hpp>
 
 namespace tribotwin::twin::identification {
@@ -130,12 +131,6 @@ std::size_t dependent_parameter(const friction::LawInfo& law, const Separable& p
     L(row, row) = std::sqrt(pivot);
   }
   return Separable::npos;
-}
-
-double median_of(std::vector<double> x) {
-  const auto middle = x.begin() + static_cast<std::ptrdiff_t>(x.size() / 2);
-  std::ranges::nth_element(x, middle);
-  return *middle;
 }
 
 double robust_scale(const std::vector<double>& r, const std::vector<double>& base) {
@@ -314,7 +309,7 @@ tl::expected<Fit, std::string> fit(const friction::LawInfo& law, const Samples& 
   }
 
   const VectorXd values = problem.parameters(point.values);
-  const double t = boost::math::quantile(boost::math::students_t(freedom), 0.975);
+  const double t = interval_sigmas(freedom);
   std::vector<double> numbers;
   double signal = 0;
   for (const double y : samples.friction) signal += y * y / n;

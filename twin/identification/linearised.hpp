@@ -1,11 +1,13 @@
 #pragma once
 
+#include <algorithm>
 #include <cmath>
 #include <limits>
 #include <string>
 #include <utility>
 
 #include <Eigen/Dense>
+#include <boost/math/distributions/students_t.hpp>
 
 #include <tribotwin/twin/identification/estimates.hpp>
 
@@ -20,6 +22,9 @@ inline Eigen::MatrixXd covariance_of(const Eigen::MatrixXd& jacobian) {
   const Eigen::VectorXd inverse = eigen.eigenvalues().unaryExpr([](double information) { return information > 1e-12 ? 1 / information : 1e30; });
   return scale.asDiagonal() * (eigen.eigenvectors() * inverse.asDiagonal() * eigen.eigenvectors().transpose()) * scale.asDiagonal();
 }
+
+/// Half the width of a 95 % interval, in sigmas that `freedom` degrees of freedom tell; fewer than 1 count as 1.
+inline double interval_sigmas(double freedom) { return boost::math::quantile(boost::math::students_t(std::max(1.0, freedom)), 0.975); }
 
 /// `quantile` is that of the 95 % interval, in sigmas.
 inline Estimate estimate(std::string name, std::string unit, double value, double variance, double quantile) {

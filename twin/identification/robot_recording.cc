@@ -8,6 +8,7 @@
 #include <fmt/ranges.h>
 
 #include <tribotwin/twin/identification/filter.hpp>
+#include <tribotwin/twin/identification/median.hpp>
 #include <tribotwin/twin/identification/time_series.hpp>
 #include <tribotwin/twin/table/table.hpp>
 
@@ -24,12 +25,6 @@ constexpr double speed_most = 60;
 constexpr double slow = 0.01;
 /// Periods of the cut-off for which the filtered step of Coulomb friction rings after a reversal, to a thousandth of it.
 constexpr double ringing = 2;
-
-double median(std::vector<double> values) {
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::ranges::nth_element(values, middle);
-  return *middle;
-}
 
 /// Between samples a part of the range is passed at rest and in noise; the speed that is hardly ever exceeded tells more than the largest.
 double speed_hardly_exceeded(const std::vector<double>& time, const VectorXd& position) {
@@ -169,7 +164,7 @@ tl::expected<JointMotion, std::string> prepare(std::span<const RobotRecording> r
     const auto& time = rec.time_s;
     std::vector<double> steps;
     for (std::size_t i = 1; i < time.size(); ++i) steps.push_back(time[i] - time[i - 1]);
-    const double typical = median(steps);
+    const double typical = median_of(steps);
     std::vector<Stretch> stretches{{0, 0}};
     std::size_t gaps = 0, uneven = 0;
     for (std::size_t i = 1; i < time.size(); ++i) {

@@ -5,7 +5,6 @@
 #include <limits>
 
 #include <Eigen/Dense>
-#include <boost/math/distributions/students_t.hpp>
 #include <ceres/ceres.h>
 #include <fmt/format.h>
 
@@ -204,7 +203,7 @@ tl::expected<ThermalChainFit, std::string> fit_thermal_chain(std::span<const Joi
   }
   const MatrixXd covariance = covariance_of(problem.jacobian(z)) * (residual.squaredNorm() / static_cast<double>(residual.size()) * fit.correlation);
   const double freedom = static_cast<double>(problem.samples()) / fit.correlation - static_cast<double>(covariance.cols());
-  const double quantile = boost::math::quantile(boost::math::students_t(std::max(1.0, freedom)), 0.975);
+  const double quantile = interval_sigmas(freedom);
   const auto judge = [&](const Estimate& e, const std::string& name) {
     if (std::isnan(e.sigma) || e.high - e.low > e.value) fit.unidentifiable.push_back(name);
   };

@@ -6,7 +6,6 @@
 #include <map>
 
 #include <Eigen/Dense>
-#include <boost/math/distributions/students_t.hpp>
 #include <ceres/ceres.h>
 #include <fmt/format.h>
 
@@ -217,8 +216,7 @@ tl::expected<ThermalFit, std::string> fit_thermal(std::span<const HeatSession> s
   jacobian.leftCols(nodes) = problem.slopes(log_t, at.linear);
   jacobian.rightCols(problem.unknowns()) = at.columns;
   const double independent = static_cast<double>(problem.samples()) / fit.correlation - static_cast<double>(jacobian.cols());
-  const double freedom = std::max(1.0, independent);
-  const double quantile = boost::math::quantile(boost::math::students_t(freedom), 0.975);
+  const double quantile = interval_sigmas(independent);
   const MatrixXd covariance = covariance_of(jacobian) * (at.cost() / static_cast<double>(problem.samples()) * fit.correlation);
 
   const auto [low, high] = problem.range();

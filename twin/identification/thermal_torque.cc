@@ -7,7 +7,6 @@
 #include <numeric>
 
 #include <Eigen/Dense>
-#include <boost/math/distributions/students_t.hpp>
 #include <ceres/ceres.h>
 #include <fmt/format.h>
 
@@ -161,7 +160,7 @@ tl::expected<TorqueThermalFit, std::string> fit_thermal_torque(std::span<const H
   const VectorXd residual = problem.residual(x);
   TorqueThermalFit fit{.order = order, .rms = std::sqrt(residual.squaredNorm() / static_cast<double>(problem.samples())), .correlation = samples_per_independent({residual.data(), static_cast<std::size_t>(residual.size())}, 0), .samples = static_cast<std::size_t>(problem.samples())};
   const MatrixXd covariance = covariance_of(problem.jacobian(x)) * (residual.squaredNorm() / static_cast<double>(problem.samples()) * fit.correlation);
-  const double quantile = boost::math::quantile(boost::math::students_t(std::max(1.0, static_cast<double>(problem.samples()) / fit.correlation - static_cast<double>(problem.unknowns()))), 0.975);
+  const double quantile = interval_sigmas(static_cast<double>(problem.samples()) / fit.correlation - static_cast<double>(problem.unknowns()));
 
   const auto info = thermal::parameters(order);
   std::vector<Estimate> gains, times;
@@ -213,7 +212,7 @@ Estimate fit_alpha(std::span<const HeatSession> sessions, double rest_degC) {
     if (step < steps) x += J.colPivHouseholderQr().solve(residual);
   }
   const double correlation = samples_per_independent({residual.data(), static_cast<std::size_t>(samples)}, 0);
-  const double quantile = boost::math::quantile(boost::math::students_t(std::max(1.0, static_cast<double>(samples) / correlation - static_cast<double>(unknowns))), 0.975);
+  const double quantile = interval_sigmas(static_cast<double>(samples) / correlation - static_cast<double>(unknowns));
   return estimate("alpha", "1/K", x(0), covariance_of(J)(0, 0) * residual.squaredNorm() / static_cast<double>(samples) * correlation, quantile);
 }
 
