@@ -1,36 +1,17 @@
 #include <tribotwin/twin/identification/dynamics_file.hpp>
 
 #include <algorithm>
-#include <cmath>
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
+#include <tribotwin/twin/identification/estimates_file.hpp>
 #include <tribotwin/twin/identification/thermal_file.hpp>
 #include <tribotwin/twin/scenario/input.hpp>
 
 namespace tribotwin::twin::identification {
-namespace {
 
 using Eigen::Index;
-
-void write(YAML::Emitter& out, const Estimate& e, const std::string& group) {
-  out << YAML::Key << e.name << YAML::Value << YAML::Flow << YAML::BeginMap << YAML::Key << "value" << YAML::Value << e.value;
-  if (!std::isnan(e.sigma)) out << YAML::Key << "sigma" << YAML::Value << e.sigma;
-  out << YAML::Key << "unit" << YAML::Value << e.unit;
-  if (!group.empty()) out << YAML::Key << "group" << YAML::Value << YAML::DoubleQuoted << group;
-  out << YAML::EndMap;
-}
-
-double value_of(Mapping& in, const std::string& name) {
-  auto entry = in.mapping(name);
-  if (!entry) in.fail(name, "is missing");
-  entry->accept({"value", "sigma", "unit", "group"});
-  const double value = entry->number("value");
-  return value;
-}
-
-}  // namespace
 
 std::string to_yaml(const DynamicsFit& fit, const BaseParameters& base, const friction::LawInfo& law, const Regressor& regressor, const Consistency& consistency, const std::vector<std::string>& data, const std::string& model, std::span<const thermal::Model> thermal) {
   YAML::Emitter out;
@@ -43,7 +24,7 @@ std::string to_yaml(const DynamicsFit& fit, const BaseParameters& base, const fr
   out << YAML::EndMap << YAML::Key << "friction" << YAML::Value << YAML::BeginMap;
   for (std::size_t j = 0; j < fit.friction.size(); ++j) {
     out << YAML::Key << fit.joints[j].name << YAML::Value << YAML::BeginMap;
-    for (const auto& e : fit.friction[j]) write(out, e, "");
+    for (const auto& e : fit.friction[j]) write(out, e);
     out << YAML::EndMap;
   }
   out << YAML::EndMap;
@@ -85,14 +66,14 @@ DynamicsFile read_dynamics(const std::filesystem::path& file, const Regressor& r
   out.parameters.base.resize(base.size());
   for (const auto& name : parameters->names())
     if (std::ranges::find(base.parameters, name, &BaseParameters::Parameter::name) == base.parameters.end()) parameters->fail(name, "is no base parameter of the model; the file is one of another robot");
-  for (Index k = 0; k < base.size(); ++k) out.parameters.base(k) = value_of(*parameters, base.parameters[static_cast<std::size_t>(k)].name);
+  for (Index k = 0; k < base.size(); ++k) out.parameters.base(k) = read_estimate(*parameters, base.parameters[static_cast<std::size_t>(k)].name);
   auto friction = in.mapping("friction");
   if (!friction) in.fail("friction", "is missing: a mapping of joints");
   for (Index j = 0; j < regressor.joints(); ++j) {
     auto joint = friction->mapping(regressor.joint_name(j));
     if (!joint) friction->fail(regressor.joint_name(j), "is missing: every joint of the model needs its friction");
     auto& values = out.parameters.friction.emplace_back();
-    for (const auto& p : out.law->parameters) values.push_back(value_of(*joint, std::string(p.name)));
+    for (const auto& p : out.law->parameters) values.push_back(read_estimate(*joint, std::string(p.name)));
     joint->done();
   }
   friction->done();

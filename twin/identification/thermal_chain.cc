@@ -8,6 +8,7 @@
 #include <ceres/ceres.h>
 #include <fmt/format.h>
 
+#include <tribotwin/twin/identification/estimates_file.hpp>
 #include <tribotwin/twin/identification/linearised.hpp>
 #include <tribotwin/twin/laboratory/correlation.hpp>
 #include <tribotwin/twin/scenario/input.hpp>
@@ -234,18 +235,13 @@ MatrixXd predicted_temperatures(const ThermalChain& chain, std::span<const Joint
 std::string to_yaml(const ThermalChainFit& fit, const std::vector<std::string>& data) {
   YAML::Emitter out;
   out.SetDoublePrecision(17);
-  const auto put = [&out](const Estimate& e) {
-    out << YAML::Key << e.name << YAML::Value << YAML::Flow << YAML::BeginMap << YAML::Key << "value" << YAML::Value << e.value;
-    if (!std::isnan(e.sigma)) out << YAML::Key << "sigma" << YAML::Value << e.sigma;
-    out << YAML::Key << "unit" << YAML::Value << e.unit << YAML::EndMap;
-  };
   out << YAML::BeginMap << YAML::Key << "data" << YAML::Value << YAML::Flow << data << YAML::Key << "rms_K" << YAML::Value << fit.rms_K;
   out << YAML::Key << "unidentifiable" << YAML::Value << YAML::Flow << fit.unidentifiable;
-  put(fit.exchange);
+  write(out, fit.exchange);
   out << YAML::Key << "chain" << YAML::Value << YAML::BeginMap;
   for (std::size_t j = 0; j < fit.parameters.size(); ++j) {
     out << YAML::Key << fit.chain.joints[j] << YAML::Value << YAML::BeginMap;
-    for (const auto& e : fit.parameters[j]) put(e);
+    for (const auto& e : fit.parameters[j]) write(out, e);
     out << YAML::EndMap;
   }
   out << YAML::EndMap << YAML::EndMap;
@@ -257,22 +253,16 @@ bool is_thermal_chain(const std::filesystem::path& file) { return static_cast<bo
 ThermalChain read_thermal_chain(const std::filesystem::path& file) {
   Mapping in(file.string(), "", load_yaml(file));
   in.accept({"data", "rms_K", "unidentifiable", "exchange", "chain"});
-  const auto value = [](Mapping& of, const std::string& name, Bounds bounds) {
-    auto entry = of.mapping(name);
-    if (!entry) of.fail(name, "is missing");
-    entry->accept({"value", "sigma", "unit"});
-    return entry->number("value", bounds);
-  };
-  ThermalChain chain{.exchange_1_s = value(in, "exchange", {0, 1})};
+  ThermalChain chain{.exchange_1_s = read_estimate(in, "exchange", {0, 1})};
   auto joints = in.mapping("chain");
   if (!joints) in.fail("chain", "is missing: this is no file of tribotwin thermal --chain");
   for (const auto& name : joints->names()) {
     auto joint = joints->mapping(name);
     joint->accept({"gain", "t", "T_amb"});
     chain.joints.push_back(name);
-    chain.gain_K_J.push_back(value(*joint, "gain", {0, 1e9}));
-    chain.t_s.push_back(value(*joint, "t", {1e-3, 1e9}));
-    chain.ambient_degC.push_back(value(*joint, "T_amb", {-1000, 1000}));
+    chain.gain_K_J.push_back(read_estimate(*joint, "gain", {0, 1e9}));
+    chain.t_s.push_back(read_estimate(*joint, "t", {1e-3, 1e9}));
+    chain.ambient_degC.push_back(read_estimate(*joint, "T_amb", {-1000, 1000}));
   }
   return chain;
 }

@@ -80,26 +80,28 @@ TorqueThermalFit fitted_to_torque(const Arguments& a, const std::string& joint, 
 }
 
 /// What has no sigma is NaN, which JSON shows as null.
-Json json_of(const ThermalFit& fit) {
-  Json j{{"order", fit.model.order == thermal::Order::first ? 1 : 2}};
+/// What both fits say.
+Json json_of(const auto& fit, thermal::Order order) {
+  Json j{{"order", order == thermal::Order::first ? 1 : 2}};
   for (const auto& e : fit.parameters) j["parameters"][e.name] = {{"value", e.value}, {"sigma", e.sigma}, {"low", e.low}, {"high", e.high}, {"unit", e.unit}};
-  for (const auto& e : fit.ambient) j["T_amb_degC"].push_back({{"value", e.value}, {"sigma", e.sigma}});
-  j["rms_K"] = fit.rms_K;
   j["correlated_samples"] = fit.correlation;
   j["samples"] = fit.samples;
   j["unidentifiable"] = fit.unidentifiable;
   return j;
 }
 
+Json json_of(const ThermalFit& fit) {
+  Json j = json_of(fit, fit.model.order);
+  for (const auto& e : fit.ambient) j["T_amb_degC"].push_back({{"value", e.value}, {"sigma", e.sigma}});
+  j["rms_K"] = fit.rms_K;
+  return j;
+}
+
 Json json_of(const TorqueThermalFit& fit) {
-  Json j{{"order", fit.order == thermal::Order::first ? 1 : 2}};
-  for (const auto& e : fit.parameters) j["parameters"][e.name] = {{"value", e.value}, {"sigma", e.sigma}, {"low", e.low}, {"high", e.high}, {"unit", e.unit}};
+  Json j = json_of(fit, fit.order);
   for (const auto& e : fit.power_w) j["P_0_W"].push_back({{"value", e.value}, {"sigma", e.sigma}});
   j["rms"] = fit.rms;
   j["final_to_cold"] = fit.final_to_cold;
-  j["correlated_samples"] = fit.correlation;
-  j["samples"] = fit.samples;
-  j["unidentifiable"] = fit.unidentifiable;
   return j;
 }
 
