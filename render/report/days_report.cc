@@ -2,8 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <fstream>
-#include <iterator>
 #include <numeric>
 
 #include <fmt/format.h>
@@ -23,7 +21,7 @@ constexpr std::size_t curve_points = 400, shown_parameters = 6;
 class Writer {
  public:
   Writer(const DaysData& data, const ReportOptions& options)
-      : data_(data), c_(data.campaign), f_(data.findings), options_(options), page_(c_.name, options.figure_files), regressor_(*twin::Regressor::create(c_.model->get())), base_(twin::base_parameters(regressor_)) {}
+      : data_(data), c_(data.campaign), f_(data.results.findings), options_(options), page_(c_.name, options.figure_files), regressor_(*twin::Regressor::create(c_.model->get())), base_(twin::base_parameters(regressor_)) {}
 
   tl::expected<Report, std::string> write() {
     head();
@@ -43,7 +41,7 @@ class Writer {
  private:
   std::size_t joints() const { return static_cast<std::size_t>(regressor_.joints()); }
   const std::string& joint(std::size_t j) const { return regressor_.joint_name(static_cast<Eigen::Index>(j)); }
-  const WorkingDay& day(std::size_t robot, std::size_t d) const { return data_.days[robot * c_.days + d]; }
+  const WorkingDay& day(std::size_t robot, std::size_t d) const { return data_.results.days[robot * c_.days + d]; }
   bool changed(std::size_t robot, std::size_t d) const {
     return std::ranges::any_of(f_.changes, [&](const Change& x) { return x.robot == robot && x.day == d; });
   }
@@ -70,13 +68,13 @@ class Writer {
     if (verdict.empty()) verdict = f_.comparisons ? "Friction of no joint changed by more than from one day to the next." : "There are no earlier days to tell a change from.";
     page_.add(to, "p", verdict, "verdict");
     auto grid = page_.add(to, "div", {}, "tiles");
-    page_.tile(grid, "tests", fmt::format("{}", data_.days.size()), fmt::format("{} robot{}, {} day{} of {:.3g} h", c_.robots, c_.robots > 1 ? "s" : "", c_.days, c_.days > 1 ? "s" : "", c_.duration_s / 3600));
+    page_.tile(grid, "tests", fmt::format("{}", data_.results.days.size()), fmt::format("{} robot{}, {} day{} of {:.3g} h", c_.robots, c_.robots > 1 ? "s" : "", c_.days, c_.days > 1 ? "s" : "", c_.duration_s / 3600));
     page_.tile(grid, "cycles", fmt::format("{}", day(0, 0).cycles.size()), "of the motion on a day");
     page_.tile(grid, "changes", fmt::format("{}", f_.changes.size()), fmt::format("of {} comparisons, beyond {:.2f} sigma", f_.comparisons, f_.threshold), f_.changes.empty() ? "good" : "bad");
     std::optional<double> drift, over_days;
     for (std::size_t robot = 0; robot < c_.robots; ++robot)
       for (std::size_t p = 0; p < base_.parameters.size(); ++p) {
-        const Spread s = spread_of(c_, data_.days, f_, robot, p);
+        const Spread s = spread_of(c_, data_.results.days, f_, robot, p);
         if (s.over_a_day) drift = std::max(drift.value_or(0), *s.over_a_day);
         if (s.over_a_day && s.over_days) over_days = std::max(over_days.value_or(0), *s.over_days);
       }
@@ -224,7 +222,7 @@ class Writer {
       auto& row = rows.emplace_back();
       row = {base_.parameters[p].name, base_.parameters[p].unit};
       for (std::size_t robot = 0; robot < c_.robots; ++robot) {
-        const Spread s = spread_of(c_, data_.days, f_, robot, p);
+        const Spread s = spread_of(c_, data_.results.days, f_, robot, p);
         row.push_back(fmt::format("{:.4g} ± {:.2g}", s.mean, s.sigma));
         row.push_back(fmt::format("{:.4g}", day(robot, 0).base_of_robot[p]));
         row.push_back(share(s.over_a_day ? s.over_days : std::nullopt));
@@ -253,17 +251,9 @@ tl::expected<DaysData, std::string> load_days(const std::filesystem::path& direc
   const YAML::Node root = twin::load_yaml(file);
   if (!is_repeatability(root)) return tl::unexpected(fmt::format("{}: is no campaign of working days", file.string()));
   DaysData data{.directory = directory, .campaign = load_campaign(file, root)};
-  for (std::size_t test = 0; test < data.campaign.tests(); ++test) {
-    const auto part = directory / file_of(data.campaign, test);
-    std::ifstream stream(part, std::ios::binary);
-    if (!stream) return tl::unexpected(fmt::format("{}: is missing; 'tribotwin lab' goes on where it was interrupted", part.string()));
-    auto day = from_text(std::string(std::istreambuf_iterator<char>(stream), {}));
-    if (!day) return tl::unexpected(fmt::format("{}: {}", part.string(), day.error()));
-    data.days.push_back(std::move(*day));
-  }
-  auto findings = find(data.campaign, data.days);
-  if (!findings) return tl::unexpected(findings.error());
-  data.findings = std::move(*findings);
+  auto results = read_results(data.campaign, directory);
+  if (!results) return tl::unexpected(results.error());
+  data.results = *std::move(results);
   return data;
 }
 

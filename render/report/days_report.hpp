@@ -3,7 +3,7 @@
 #include <filesystem>
 
 #include <tribotwin/render/report/illustrated.hpp>
-#include <tribotwin/twin/repeatability/findings.hpp>
+#include <tribotwin/twin/repeatability/results.hpp>
 
 namespace tribotwin::render {
 
@@ -11,8 +11,7 @@ namespace tribotwin::render {
 struct DaysData {
   std::filesystem::path directory;
   twin::repeatability::Campaign campaign;
-  std::vector<twin::repeatability::WorkingDay> days;
-  twin::repeatability::Findings findings;
+  twin::repeatability::Results results;
 };
 
 /// Reads the folder of `tribotwin lab`. Throws InputError; fails where a test is missing or damaged, with its file.

@@ -4,7 +4,7 @@
 
 #include <tribotwin/twin/laboratory/results.hpp>
 #include <tribotwin/twin/program/program.hpp>
-#include <tribotwin/twin/repeatability/findings.hpp>
+#include <tribotwin/twin/repeatability/results.hpp>
 #include <tribotwin/twin/study/study.hpp>
 
 namespace tribotwin::twin::program {
@@ -17,34 +17,19 @@ struct Arguments {
   bool quiet = false;
 };
 
+/// Calls `run` with the folder, threads and progress that the user asked for.
+auto with_progress(const Arguments& a, const std::string& work, const auto& run) {
+  Progress progress(a.quiet, work);
+  return run(LabOptions{.directory = a.directory, .threads = a.threads, .progress = [&](double share, double left) { progress(share, left); }});
+}
+
 /// Robots over working days.
 int compare_days(const Arguments& a, const repeatability::Campaign& campaign) {
-  const auto regressor = Regressor::create(campaign.model->get());
-  if (!regressor) throw InputError(fmt::format("{}: {}", campaign.file.string(), regressor.error()));
-  const auto excitation = excite(*campaign.model, *regressor, base_parameters(*regressor), campaign.excitation);
-  if (!excitation) return complain(failed, excitation.error());
-  if (campaign.duration_s < excitation->duration_s()) throw InputError(fmt::format("{}: duration_s: is {:g}, but one cycle of the motion takes {:.0f} s", campaign.file.string(), campaign.duration_s, excitation->duration_s()));
-  Parts parts{.folder = "tests", .files = {},
-              .whole = [](std::size_t, const std::string& text) { return repeatability::from_text(text).has_value(); },
-              .make = [&](std::size_t test) { return repeatability::working_day(campaign, *excitation, test).map(repeatability::to_text); }};
-  for (std::size_t test = 0; test < campaign.tests(); ++test) parts.files.push_back(repeatability::file_of(campaign, test).filename().string());
-  const auto completed = [&] {
-    Progress progress(a.quiet, fmt::format("{} tests", campaign.tests()));
-    return complete(campaign.resolved_yaml, parts, {.directory = a.directory, .threads = a.threads, .progress = [&](double share, double left) { progress(share, left); }});
-  }();
-  if (!completed) return complain(failed, completed.error());
-  std::vector<repeatability::WorkingDay> days;
-  for (const auto& text : completed->texts) days.push_back(*repeatability::from_text(text));
-  const auto findings = repeatability::find(campaign, days);
-  if (!findings) return complain(failed, findings.error());
-  const std::filesystem::path directory = a.directory;
-  auto files = repeatability::tables(campaign, days, *findings);
-  files.push_back({"motion.csv", to_csv(*excitation, *regressor, 250)});
-  for (const auto& file : files)
-    if (auto ok = write_file(directory / file.name, file.text); !ok) return complain(failed, ok.error());
+  const auto results = with_progress(a, fmt::format("{} tests", campaign.tests()), [&](const LabOptions& options) { return repeatability::run_campaign(campaign, options); });
+  if (!results) return complain(failed, results.error());
   if (a.quiet) return done;
-  fmt::print("{} tests, {} of them were there\n\n{}written:", campaign.tests(), completed->present, repeatability::summary(campaign, days, *findings));
-  for (const auto& file : files) fmt::print(" {}", (directory / file.name).string());
+  fmt::print("{} tests, {} of them were there\n\n{}written:", campaign.tests(), results->present, repeatability::summary(campaign, results->days, results->findings));
+  for (const auto& file : results->files) fmt::print(" {}", file.string());
   fmt::print("\n");
   return done;
 }
@@ -63,18 +48,15 @@ int report(const Arguments& a, const tl::expected<LabSummary, std::string>& summ
 int execute(const Arguments& a) {
   const std::filesystem::path file = scenario_file(a.campaign);
   const YAML::Node tree = campaign_tree(file, a.settings);
-  const auto ran = [&](auto run, const auto& work, std::size_t curves) {
-    Progress progress(a.quiet, fmt::format("{} curves", curves));
-    return run(work, LabOptions{.directory = a.directory, .threads = a.threads, .progress = [&](double share, double left) { progress(share, left); }});
-  };
   if (repeatability::is_repeatability(tree)) return compare_days(a, repeatability::load_campaign(file, tree));
   if (study::is_study(tree)) {
     const study::Study study = study::load_study(file, tree);
     const Campaign& first = study.joints.front().campaign;
-    return report(a, ran(study::run_study, study, study.joints.size() * first.curves.size()), first, fmt::format("{0}/diagnosis.json, {0}/JOINT/curves.csv", a.directory));
+    const auto curves = fmt::format("{} curves", study.joints.size() * first.curves.size());
+    return report(a, with_progress(a, curves, [&](const LabOptions& options) { return study::run_study(study, options); }), first, fmt::format("{0}/diagnosis.json, {0}/JOINT/curves.csv", a.directory));
   }
   const Campaign campaign = campaign_of(file, tree);
-  return report(a, ran(run_campaign, campaign, campaign.curves.size()), campaign, fmt::format("{0}/curves.csv, {0}/campaign.yaml", a.directory));
+  return report(a, with_progress(a, fmt::format("{} curves", campaign.curves.size()), [&](const LabOptions& options) { return run_campaign(campaign, options); }), campaign, fmt::format("{0}/curves.csv, {0}/campaign.yaml", a.directory));
 }
 
 }  // namespace
