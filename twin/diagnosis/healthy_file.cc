@@ -109,8 +109,8 @@ HealthyState read_healthy(const std::filesystem::path& file) {
   HealthyState h{.joint = m.text_or("joint", ""), .torque_max_nm = m.number_or("torque_max_nm", 0, {1e-9, 1e9})};
   m.choice("law", {law_name});
   m.number("alpha", {alpha, alpha});
-  h.observations = static_cast<std::size_t>(m.number("observations", {static_cast<double>(observations_least), 1e6}));
-  h.left_out = static_cast<std::size_t>(m.number("left_out", {0, 1e6}));
+  h.observations = m.whole("observations", {static_cast<double>(observations_least), 1e6});
+  h.left_out = m.whole("left_out", {0, 1e6});
   auto temperature = required(m, "temperature");
   h.temperature_low_degC = temperature.number("low_degC", {-273.15, 1000});
   h.temperature_high_degC = temperature.number("high_degC", {h.temperature_low_degC, 1000});

@@ -159,7 +159,7 @@ ParameterFile read_parameters(const std::filesystem::path& path) {
     f.found.residual.max_abs = residual->number_or("max_abs", 0);
     residual->done();
   }
-  f.found.samples = static_cast<std::size_t>(m.number_or("samples", 0, {0, 1e12}));
+  f.found.samples = m.whole_or("samples", 0, {0, 1e12});
   f.found.condition_number = m.number_or("condition_number", 0);
   f.found.r_squared = m.number_or("r_squared", 0);
   const auto texts = [&](const std::string& key) {

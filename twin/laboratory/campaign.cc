@@ -13,8 +13,8 @@
 #include <fmt/ranges.h>
 
 #include <tribotwin/twin/laboratory/drive_change.hpp>
+#include <tribotwin/twin/laboratory/parts.hpp>
 #include <tribotwin/twin/laboratory/warmup.hpp>
-#include <tribotwin/twin/model/fingerprint.hpp>
 #include <tribotwin/twin/scenario/input.hpp>
 #include <tribotwin/twin/scenario/scenario.hpp>
 
@@ -95,8 +95,7 @@ Axis axis(Mapping& in, const std::string& key, Bounds bounds, bool drawn) {
     const std::string spacing = range->has("spacing") ? range->choice("spacing", {"linear", "logarithmic"}) : "linear";
     if (a.range && !drawn) range->fail("count", "is missing");
     if (!a.range) {
-      const double count = range->number("count", {1, static_cast<double>(most_curves)});
-      if (count != std::floor(count)) range->fail("count", fmt::format("is {} but must be a whole number", count));
+      const auto count = static_cast<double>(range->whole("count", {1, static_cast<double>(most_curves)}));
       if (spacing == "logarithmic" && !(a.low > 0 && a.high > 0)) range->fail("spacing", "logarithmic needs from and to above 0");
       for (double k = 0; k < count; ++k) {
         const double share = count == 1 ? 0 : k / (count - 1);
@@ -119,8 +118,7 @@ class Series {
     if (!names.insert(name_).second) in_.fail("name", fmt::format("'{}' is the name of another series", name_));
     combine_ = in_.has("combine") ? in_.choice("combine", {"grid", "pairs", "random"}) : "grid";
     if (combine_ == "random") {
-      count_ = in_.number("count", {1, static_cast<double>(most_curves)});
-      if (count_ != std::floor(count_)) in_.fail("count", fmt::format("is {} but must be a whole number", count_));
+      count_ = in_.whole("count", {1, static_cast<double>(most_curves)});
     } else if (in_.has("count")) {
       in_.fail("count", "is for combine: random");
     }
@@ -137,7 +135,7 @@ class Series {
   void add() {
     std::mt19937_64 random = random_for(campaign_.seed, index_, for_conditions);
     if (combine_ == "random") {
-      for (double k = 0; k < count_; ++k) {
+      for (std::size_t k = 0; k < count_; ++k) {
         const double load = load_.draw(random);   // in this order, whatever a compiler does with arguments
         prescribed(loaded(load), temperature_.draw(random));
       }
@@ -224,10 +222,9 @@ class Series {
     travel_rad_ = heating->number_or("travel_rad", 1, {0, 100});
     for (Mapping step : heating->mappings("steps")) {
       step.accept({"duration_s", "speed_rad_s", "repeat"});
-      const double repeat = step.number_or("repeat", 1, {1, 10000});
-      if (repeat != std::floor(repeat)) step.fail("repeat", fmt::format("is {} but must be a whole number", repeat));
+      const std::size_t repeat = step.whole_or("repeat", 1, {1, 10000});
       const Step one{step.number("duration_s", {0, 1e9}), step.number_or("speed_rad_s", 0, {0, 1e6}) / drive_.gear_ratio};
-      for (double k = 0; k < repeat; ++k) steps_.push_back(one);
+      steps_.insert(steps_.end(), repeat, one);
       step.done();
     }
     if (steps_.empty()) heating->fail("steps", "must be a list of {duration_s, speed_rad_s}; a curve is measured after each");
@@ -335,7 +332,7 @@ class Series {
   std::size_t index_;
   Mapping in_;
   std::string name_, combine_;
-  double count_ = 0;
+  std::size_t count_ = 0;
   LoadBy by_ = LoadBy::torque;
   Axis load_, temperature_;
   Payload payload_;
@@ -380,7 +377,7 @@ Campaign campaign_of(const fs::path& file, YAML::Node root) {
   c.name = in.text_or("name", file.stem().string());
   root["name"] = c.name;
   c.description = in.text_or("description", "");
-  c.seed = static_cast<std::uint64_t>(in.number_or("seed", 1, {0, 9007199254740992.0}));
+  c.seed = in.whole_or("seed", 1, {0, 9007199254740992.0});
   c.level_noise_nm = in.number_or("level_noise_nm", 0, {0, 1e9});
   c.procedure = in.choice("procedure", {"plus_minus", "test_cycle"}) == "plus_minus" ? Procedure::plus_minus : Procedure::test_cycle;
 
@@ -437,10 +434,7 @@ Campaign campaign_of(const fs::path& file, YAML::Node root) {
   if (series.empty()) in.fail("series", "is missing: a list of {name, load, temperature}");
   for (std::size_t i = 0; i < series.size(); ++i) Series(c, basis, names, i, series[i]).add();
   in.done();
-  YAML::Emitter out;
-  out.SetDoublePrecision(17);
-  out << root;
-  c.resolved_yaml = fmt::format("# MuJoCo {}, model {:016x}\n{}\n", mj_versionString(), fingerprint(*c.model), out.c_str());
+  c.resolved_yaml = resolved_yaml(*c.model, root);
   return c;
 }
 

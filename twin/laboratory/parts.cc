@@ -12,6 +12,7 @@
 
 #include <fmt/format.h>
 
+#include <tribotwin/twin/model/fingerprint.hpp>
 #include <tribotwin/twin/output/folder_lock.hpp>
 #include <tribotwin/twin/output/output.hpp>
 #include <tribotwin/twin/scenario/input.hpp>
@@ -60,6 +61,10 @@ Status open(const fs::path& directory, const std::string& folder, const std::str
 }
 
 }  // namespace
+
+std::string resolved_yaml(const mujoco::Model& model, const YAML::Node& campaign) {
+  return fmt::format("# MuJoCo {}, model {:016x}\n{}", mj_versionString(), fingerprint(model), to_text(campaign));
+}
 
 tl::expected<Completed, std::string> complete(const std::string& resolved_yaml, const Parts& parts, const LabOptions& options) {
   const auto started = std::chrono::steady_clock::now();

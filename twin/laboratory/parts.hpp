@@ -8,6 +8,9 @@
 #include <vector>
 
 #include <tl/expected.hpp>
+#include <yaml-cpp/yaml.h>
+
+#include <tribotwin/plugins/mujoco/loader.hpp>
 
 /// Long work in parts that do not depend on each other, each kept as a file from the moment it is done: however a run ends, the
 /// next one goes on, and the results are the same byte by byte, whatever the number of threads.
@@ -31,6 +34,9 @@ struct Completed {
   std::size_t present = 0;           ///< of them made by an earlier run
   std::shared_ptr<void> lock;        ///< keeps other processes out of the directory
 };
+
+/// A campaign as `complete` wants it: engine and model in the first line, for another of either gives other numbers.
+std::string resolved_yaml(const mujoco::Model& model, const YAML::Node& campaign);
 
 /// Makes the parts that the directory lacks. It holds campaign.yaml with `resolved_yaml`, which says whose it is. Throws InputError where it
 /// holds another campaign or something else. Fails with the first part that cannot be made, when another process works in the

@@ -227,9 +227,9 @@ Campaign read_campaign(const fs::path& file, std::optional<std::uint64_t> seed) 
   search.correlation_s = in.number_or("correlation_s", search.correlation_s, {1e-3, 1e6});
   if (auto s = in.mapping("search")) {
     s->accept({"starts", "evaluations", "seed"});
-    search.starts = static_cast<int>(s->number_or("starts", search.starts, {1, 1000}));
-    search.evaluations = static_cast<int>(s->number_or("evaluations", search.evaluations, {1, 1e7}));
-    search.seed = static_cast<std::uint64_t>(s->number_or("seed", static_cast<double>(search.seed), {0, 9007199254740992.0}));
+    search.starts = static_cast<int>(s->whole_or("starts", static_cast<std::size_t>(search.starts), {1, 1000}));
+    search.evaluations = static_cast<int>(s->whole_or("evaluations", static_cast<std::size_t>(search.evaluations), {1, 1e7}));
+    search.seed = s->whole_or("seed", search.seed, {0, 9007199254740992.0});
     s->done();
   }
   if (seed) search.seed = *seed;

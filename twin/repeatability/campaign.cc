@@ -1,12 +1,11 @@
 #include <tribotwin/twin/repeatability/campaign.hpp>
 
 #include <algorithm>
-#include <cmath>
 #include <random>
 
 #include <fmt/format.h>
 
-#include <tribotwin/twin/model/fingerprint.hpp>
+#include <tribotwin/twin/laboratory/parts.hpp>
 
 namespace tribotwin::twin::repeatability {
 namespace {
@@ -14,16 +13,9 @@ namespace {
 constexpr const char* procedure = "working_days";
 enum Purpose : std::uint64_t { of_friction = 1, of_inertia = 2, of_ambient = 3 };
 
-std::size_t whole(Mapping& in, const std::string& key, double fallback, Bounds bounds) {
-  const double value = in.number_or(key, fallback, bounds);
-  if (value != std::floor(value)) in.fail(key, fmt::format("is {} but must be a whole number", value));
-  return static_cast<std::size_t>(value);
-}
-
 Fault read_fault(Mapping in, const Campaign& c) {
   in.accept({"robot", "day", "time_s", "joint", "factors"});
-  if (!in.has("robot") || !in.has("day")) in.fail(in.has("robot") ? "day" : "robot", "is missing");
-  Fault f{.robot = whole(in, "robot", 1, {1, static_cast<double>(c.robots)}) - 1, .day = whole(in, "day", 1, {1, static_cast<double>(c.days)}) - 1, .time_s = in.number("time_s", {0, c.duration_s}), .wear = {}};
+  Fault f{.robot = in.whole("robot", {1, static_cast<double>(c.robots)}) - 1, .day = in.whole("day", {1, static_cast<double>(c.days)}) - 1, .time_s = in.number("time_s", {0, c.duration_s}), .wear = {}};
   f.wear = read_wear(in, *c.model);
   in.done();
   return f;
@@ -42,7 +34,7 @@ Campaign load_campaign(const std::filesystem::path& file, YAML::Node root) {
   c.name = in.text_or("name", file.stem().string());
   root["name"] = c.name;
   c.description = in.text_or("description", "");
-  c.seed = static_cast<std::uint64_t>(in.number_or("seed", 1, {0, 9007199254740992.0}));
+  c.seed = in.whole_or("seed", 1, {0, 9007199254740992.0});
   const auto path = (std::filesystem::absolute(file).parent_path() / in.text("model")).lexically_normal();
   root["model"] = path.string();
   const auto model = mujoco::load_file(path);
@@ -54,8 +46,8 @@ Campaign load_campaign(const std::filesystem::path& file, YAML::Node root) {
       in.fail("model", fmt::format("has the law '{}' in {}; working days are for 'polynomial', paper 5's", binding.drive.law.info->name, joint_name(c.model->get(), binding)));
     if (binding.drive.thermal.order == thermal::Order::prescribed) in.fail("model", fmt::format("has no thermal model in {}", joint_name(c.model->get(), binding)));
   }
-  c.robots = whole(in, "robots", 2, {1, 20});
-  c.days = whole(in, "days", 4, {1, 50});
+  c.robots = in.whole_or("robots", 2, {1, 20});
+  c.days = in.whole_or("days", 4, {1, 50});
   c.duration_s = in.number_or("duration_s", c.duration_s, {60, 1e5});
   if (auto ambient = in.mapping("ambient")) {
     ambient->accept({"mean_degC", "std_K"});
@@ -77,15 +69,12 @@ Campaign load_campaign(const std::filesystem::path& file, YAML::Node root) {
   if (auto excitation = in.mapping("excitation")) {
     excitation->accept({"share", "evaluations", "heating_s"});
     c.excitation.share = excitation->number_or("share", c.excitation.share, {0.01, 1});
-    c.excitation.evaluations = static_cast<int>(whole(*excitation, "evaluations", c.excitation.evaluations, {10, 1e7}));
+    c.excitation.evaluations = static_cast<int>(excitation->whole_or("evaluations", static_cast<std::size_t>(c.excitation.evaluations), {10, 1e7}));
     c.excitation.heating_s = excitation->number_or("heating_s", c.excitation.heating_s, {10, 3600});
   }
   for (Mapping fault : in.mappings("faults")) c.faults.push_back(read_fault(std::move(fault), c));
   in.done();
-  YAML::Emitter out;
-  out.SetDoublePrecision(17);
-  out << root;
-  c.resolved_yaml = fmt::format("# MuJoCo {}, model {:016x}\n{}\n", mj_versionString(), fingerprint(*c.model), out.c_str());
+  c.resolved_yaml = resolved_yaml(*c.model, root);
   return c;
 }
 

@@ -68,6 +68,16 @@ double Mapping::number_or(const std::string& key, double fallback, Bounds bounds
   const YAML::Node node = take(key);
   return node ? to_number(key, node, bounds) : fallback;
 }
+std::size_t Mapping::whole(const std::string& key, Bounds bounds) {
+  const double value = number(key, bounds);
+  if (value != std::floor(value)) fail(key, fmt::format("is {} but must be a whole number", value));
+  return static_cast<std::size_t>(value);
+}
+std::size_t Mapping::whole_or(const std::string& key, std::size_t fallback, Bounds bounds) {
+  if (has(key)) return whole(key, bounds);
+  take(key);
+  return fallback;
+}
 bool Mapping::flag_or(const std::string& key, bool fallback) {
   const YAML::Node node = take(key);
   if (!node) return fallback;
@@ -135,6 +145,13 @@ YAML::Node load_yaml(const std::filesystem::path& file) {
   } catch (const YAML::Exception& e) {
     throw InputError(fmt::format("{}:{}: not well-formed YAML ({})", file.string(), e.mark.line + 1, e.msg));
   }
+}
+
+std::string to_text(const YAML::Node& node) {
+  YAML::Emitter out;
+  out.SetDoublePrecision(17);
+  out << node;
+  return std::string(out.c_str()) + "\n";
 }
 
 }  // namespace tribotwin::twin

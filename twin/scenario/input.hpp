@@ -1,5 +1,6 @@
 #pragma once
 
+#include <cstddef>
 #include <filesystem>
 #include <optional>
 #include <set>
@@ -33,6 +34,9 @@ class Mapping {
   bool has(const std::string& key) const { return static_cast<bool>(node_[key]); }
   double number(const std::string& key, Bounds bounds = {});
   double number_or(const std::string& key, double fallback, Bounds bounds = {});
+  /// A whole number of at least 0 and at most 2^53.
+  std::size_t whole(const std::string& key, Bounds bounds);
+  std::size_t whole_or(const std::string& key, std::size_t fallback, Bounds bounds);
   bool flag_or(const std::string& key, bool fallback);
   std::string text(const std::string& key);
   std::string text_or(const std::string& key, std::string fallback);
@@ -59,5 +63,8 @@ class Mapping {
 
 /// Reads a YAML file; the root must be a mapping.
 YAML::Node load_yaml(const std::filesystem::path& file);
+
+/// Ends with a line break; every number reads back as the same double.
+std::string to_text(const YAML::Node& node);
 
 }  // namespace tribotwin::twin

@@ -286,7 +286,7 @@ Scenario load_scenario(const fs::path& file, const std::vector<std::string>& ove
   s.name = in.text_or("name", file.stem().string());
   root["name"] = s.name;
   s.description = in.text_or("description", "");
-  s.seed = static_cast<std::uint64_t>(in.number_or("seed", 1, {0, 9007199254740992.0}));
+  s.seed = in.whole_or("seed", 1, {0, 9007199254740992.0});
   mujoco::Options options;
   if (in.has("timestep_s")) options.timestep_s = in.number("timestep_s", {1e-6, 1});
   if (in.has("integrator")) options.integrator = in.text("integrator");
@@ -380,10 +380,7 @@ Scenario load_scenario(const fs::path& file, const std::vector<std::string>& ove
     if ((*s.baseline)->nu != 1 || (*s.baseline)->nq != 1) in.fail("baseline", "its model must have one joint and one motor");
   }
   in.done();
-  YAML::Emitter out;
-  out.SetDoublePrecision(17);
-  out << root;
-  s.resolved_yaml = std::string(out.c_str()) + "\n";
+  s.resolved_yaml = to_text(root);
   return s;
 }
 

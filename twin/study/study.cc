@@ -130,7 +130,7 @@ Study load_study(const fs::path& file, const YAML::Node& tree) {
   auto joints = in.mapping("joints");
   auto diagnosis = in.mapping("diagnosis");
   if (!diagnosis) in.fail("diagnosis", "is missing: {learn: [SERIES, ...], check: [{series, state}, ...]}");
-  const auto seed = static_cast<std::uint64_t>(in.number_or("seed", 1, {0, 9007199254740992.0}));
+  const auto seed = in.whole_or("seed", 1, {0, 9007199254740992.0});
   for (const auto& name : joints->names()) {
     YAML::Node root = YAML::Clone(tree);
     root.remove("joints");
@@ -157,7 +157,7 @@ Study load_study(const fs::path& file, const YAML::Node& tree) {
     one.done();
   }
   study.false_alarm = diagnosis->number_or("false_alarm", study.false_alarm, {1e-9, 0.5});
-  study.draws = static_cast<std::size_t>(diagnosis->number_or("draws", 0, {0, 1e5}));
+  study.draws = diagnosis->whole_or("draws", 0, {0, 1e5});
   if (study.draws > 0 && std::ranges::any_of(study.joints, [](const Joint& j) { return j.campaign.procedure != Procedure::test_cycle; }))
     diagnosis->fail("draws", "is for procedure: test_cycle, whose travels tell what a ripple does to slow levels; leave it out");
   diagnosis->done();
