@@ -106,7 +106,8 @@ struct Law {
   Validity validity = Validity::clamp;
   Family family;              ///< follows from the parameters, `with_parameters` keeps it so; `scaled` departs from them
 
-  std::span<const double> values() const { return {parameters.data(), info->parameters.size()}; }
+  std::span<const double> values() const& { return {parameters.data(), info->parameters.size()}; }
+  void values() const&& = delete;   ///< of a law that is gone
 };
 
 /// A law from named values, each parameter exactly once.

@@ -185,9 +185,9 @@ TEST_F(Bank, CausesAreNamed) {
     for (const double T : {cold, hot}) {
       Condition c = condition;
       c.temperature_degC = T;
-      const auto seen = bench->measure(std::vector<Condition>(25, c));
+      const auto verdicts = check(state(20), bench->measure(std::vector<Condition>(25, c)));
       int named = 0;
-      for (const auto& v : *check(state(20), seen)) named += v.pattern == name;
+      for (const auto& v : *verdicts) named += v.pattern == name;
       fmt::print("{} at {} degC: named {} of 25\n", name, T, named);
       EXPECT_GE(named, 20) << name << " at " << T;
     }
