@@ -8,6 +8,7 @@
 #include <gmock/gmock.h>
 
 #include <tribotwin/twin/identification/basis.hpp>
+#include <tribotwin/twin/identification/separable.hpp>
 
 namespace tribotwin::twin::identification {
 namespace {
@@ -114,11 +115,12 @@ TEST(Identification, TemperaturePolynomialsOfTheCycloidalDrive) {
 }
 
 TEST(Identification, FindsEveryLawFromNoiselessData) {
+  const friction::Law paper1 = published();
   const std::map<std::string_view, std::vector<double>> truths{
       {"stribeck", {0.034, 0.046, 3.68e-4, 10.68, 1.93}},
       {"stribeck_non_newtonian", {0.034, 0.046, 3.68e-4, 10.68, 1.6, 2e-3, 0.5}},
       {"load", {0.03, 0.0234, 0.04, 0.126, 9.22, 1.36, 3.7e-4}},
-      {"extended", {published().values().begin(), published().values().end()}},
+      {"extended", {paper1.values().begin(), paper1.values().end()}},
       {"steady_state", {5.4, 7.8, 3, 1.3, 0.97, 0.6}},
       {"steady_state_extended", {4.9, 0.0155, 3.2, 7.8, 4.7, 2, 0.025, 1.3, 2.5, 32, 0.5, 0.0025}},
       {"polynomial", {20, 4, -1.5, 0.4, -0.006, 20}},
@@ -153,21 +155,40 @@ TEST(Identification, DerivativesAreThoseOfTheLaw) {
     const friction::Family family = law.family(theta);
     Samples one;
     one.speed = {13}, one.load = {0.4}, one.temperature_degC = {47}, one.friction = {3};
-    Eigen::VectorXd eta(static_cast<Eigen::Index>(linear_count));
-    for (std::size_t k = 0; k < linear_count; ++k) eta(static_cast<Eigen::Index>(k)) = family.*linear_fields[k];
+    Eigen::VectorXd eta(static_cast<Eigen::Index>(place.linear_used.size()));
+    for (std::size_t k = 0; k < place.linear_used.size(); ++k) eta(static_cast<Eigen::Index>(k)) = family.*linear_fields[place.linear_used[k]];
     const auto moments = accumulate(one, {}, place, family, 1);
     const auto at = moments.at(eta);
     const auto residual = [&](const friction::Family& f) { return residuals(one, place, f, 1)[0]; };
     EXPECT_NEAR(at.rr, std::pow(residual(family), 2), 1e-9 * moments.yy) << law.name;
-    for (const std::size_t n : place.nonlinear_used) {
-      if (nonlinear_fields[n] == &friction::Family::s_T0) continue;   // a convention, never sought
-      const double x = family.*nonlinear_fields[n], h = 1e-5 * std::max(1e-3, std::abs(x));
+    for (std::size_t n = 0; n < place.nonlinear_used.size(); ++n) {
+      const auto field = nonlinear_fields[place.nonlinear_used[n]];
+      if (field == &friction::Family::s_T0) continue;   // a convention, never sought
+      const double x = family.*field, h = 1e-5 * std::max(1e-3, std::abs(x));
       friction::Family up = family, down = family;
-      up.*nonlinear_fields[n] = x + h;
-      down.*nonlinear_fields[n] = x - h;
+      up.*field = x + h;
+      down.*field = x - h;
       const double slope = -(residual(up) - residual(down)) / (2 * h);
       EXPECT_NEAR(at.Dr(static_cast<Eigen::Index>(n)), slope * residual(family), 1e-5 * std::abs(slope * residual(family)) + 1e-7) << law.name << " nonlinear " << n;
       EXPECT_NEAR(at.DD(static_cast<Eigen::Index>(n), static_cast<Eigen::Index>(n)), slope * slope, 1e-5 * slope * slope + 1e-9) << law.name << " nonlinear " << n;
+    }
+  }
+}
+
+// Far from the data a term or its square underflows, or powers overflow: the cost stays that of the other terms.
+TEST(Identification, CostsAreFiniteWhereverTheSearchMayGo) {
+  for (const auto& law : friction::laws()) {
+    Samples s;
+    for (int i = 0; i < 40; ++i) s.speed.push_back(2 + 7 * i), s.load.push_back(0.02 * i), s.temperature_degC.push_back(25 + i % 7 * 8), s.friction.push_back(1 + 0.1 * (i % 5));
+    const Separable problem(law, s, {}, 1);
+    std::mt19937_64 random(6);
+    std::uniform_real_distribution<double> decade(-9, 6);
+    for (int draw = 0; draw < 20000; ++draw) {
+      Eigen::VectorXd at(static_cast<Eigen::Index>(law.parameters.size()));
+      for (std::size_t i = 0; i < law.parameters.size(); ++i) at(static_cast<Eigen::Index>(i)) = (random() % 2 ? 1 : -1) * std::pow(10, decade(random));
+      const Point point = problem.at(at);
+      ASSERT_GT(point.cost, 0) << law.name << ": " << at.transpose();
+      ASSERT_LE(point.cost, (1 + 1e-9) * point.moments.yy) << law.name << ": " << at.transpose() << " / " << point.values.transpose();
     }
   }
 }

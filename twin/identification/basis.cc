@@ -15,7 +15,10 @@ enum Nonlinear { vs, vs_T, vs_TT, vl, alpha, T_V, beta, beta_T, s_T, s_T0 };
 
 constexpr std::size_t chunk = 16384;
 
-constexpr Placement::Derivative all_derivatives[] = {
+/// By fields and kernel columns.
+struct {
+  int linear, nonlinear, column;
+} constexpr all_derivatives[] = {
     {B, vs, col_u}, {B_T, vs, col_uT}, {B_TT, vs, col_uTT}, {B_l, vs, col_ul}, {B, vs_T, col_uT}, {B_T, vs_T, col_uTT}, {B_TT, vs_T, col_uT3}, {B_l, vs_T, col_uTl},
     {B, vs_TT, col_uTT}, {B_T, vs_TT, col_uT3}, {B_TT, vs_TT, col_uT4}, {B_l, vs_TT, col_uTTl},
     {B, alpha, col_a}, {B_T, alpha, col_aT}, {B_TT, alpha, col_aTT}, {B_l, alpha, col_al}, {C_l, vl, col_vl}, {C_l, alpha, col_al2},
@@ -52,39 +55,52 @@ const NonlinearFields nonlinear_fields{&F::vs, &F::vs_T, &F::vs_TT, &F::vl, &F::
 Placement::Placement(const friction::LawInfo& law) {
   const auto count = static_cast<Index>(law.parameters.size());
   std::vector<double> unit(law.parameters.size(), 0);
-  const F origin = law.family(unit);
-  const auto fill = [&](auto& fields, VectorXd& offset, MatrixXd& place) {
-    const auto rows = static_cast<Index>(fields.size());
-    offset.resize(rows);
-    place.resize(rows, count);
-    for (Index i = 0; i < rows; ++i) offset(i) = origin.*fields[i];
-    for (Index j = 0; j < count; ++j) {
-      unit[j] = 1;
-      const F moved = law.family(unit);
-      unit[j] = 0;
-      for (Index i = 0; i < rows; ++i) place(i, j) = moved.*fields[i] - offset(i);
+  origin = law.family(unit);
+  std::vector<F> moved;   // each parameter by 1
+  for (double& x : unit) x = 1, moved.push_back(law.family(unit)), x = 0;
+  const auto fill = [&](auto& fields, std::vector<std::size_t>& used, VectorXd& offset, MatrixXd& place) {
+    for (std::size_t k = 0; k < fields.size(); ++k)
+      if (std::ranges::any_of(moved, [&](const F& f) { return f.*fields[k] != origin.*fields[k]; })) used.push_back(k);
+    offset.resize(static_cast<Index>(used.size()));
+    place.resize(static_cast<Index>(used.size()), count);
+    for (Index i = 0; i < offset.size(); ++i) {
+      const auto field = fields[used[static_cast<std::size_t>(i)]];
+      offset(i) = origin.*field;
+      for (Index j = 0; j < count; ++j) place(i, j) = moved[static_cast<std::size_t>(j)].*field - offset(i);
     }
   };
-  fill(linear_fields, linear_offset, linear);
-  fill(nonlinear_fields, nonlinear_offset, nonlinear);
-  for (std::size_t k = 0; k < linear_count; ++k)
-    if (!linear.row(static_cast<Index>(k)).isZero(0)) linear_used.push_back(k);
-  for (std::size_t n = 0; n < nonlinear_count; ++n)
-    if (!nonlinear.row(static_cast<Index>(n)).isZero(0)) nonlinear_used.push_back(n);
-  const auto uses = [](const std::vector<std::size_t>& used, int field) { return std::ranges::find(used, static_cast<std::size_t>(field)) != used.end(); };
-  for (const Derivative& d : all_derivatives)
-    if (uses(linear_used, d.linear) && uses(nonlinear_used, d.nonlinear)) derivatives.push_back(d);
-  if (uses(nonlinear_used, s_T))
-    for (const std::size_t k : linear_used) derivatives.push_back({static_cast<int>(k), s_T, col_scaled + static_cast<int>(k)});
+  fill(linear_fields, linear_used, linear_offset, linear);
+  fill(nonlinear_fields, nonlinear_used, nonlinear_offset, nonlinear);
+  const auto place_in = [](const auto& used, auto what) {
+    const auto found = std::ranges::find(used, what);
+    return found == used.end() ? Index{-1} : static_cast<Index>(found - used.begin());
+  };
+  std::vector<int> column_of;
+  const auto take = [&](std::size_t of, std::size_t by, int column) {
+    const Derivative d{place_in(linear_used, of), place_in(nonlinear_used, by), 0};
+    if (d.linear >= 0 && d.nonlinear >= 0) derivatives.push_back(d), column_of.push_back(column);
+  };
+  for (const auto& d : all_derivatives) take(static_cast<std::size_t>(d.linear), static_cast<std::size_t>(d.nonlinear), d.column);
+  for (const std::size_t k : linear_used) take(k, s_T, col_scaled + static_cast<int>(k));
   columns.assign(linear_used.begin(), linear_used.end());
-  for (const Derivative& d : derivatives) columns.push_back(d.column);
+  columns.insert(columns.end(), column_of.begin(), column_of.end());
   std::ranges::sort(columns);
   columns.erase(std::unique(columns.begin(), columns.end()), columns.end());
   columns.push_back(col_y);
+  for (std::size_t i = 0; i < derivatives.size(); ++i) derivatives[i].column = place_in(columns, column_of[i]);
 }
 
-Moments accumulate(const Samples& samples, std::span<const double> weights, const Placement& place, const friction::Family& family, unsigned threads) {
-  const std::vector<int>& used = place.columns;
+F Placement::family(const VectorXd& linear_numbers, const VectorXd& nonlinear_numbers) const {
+  F f = origin;
+  for (std::size_t k = 0; k < linear_used.size(); ++k) f.*linear_fields[linear_used[k]] = linear_numbers(static_cast<Index>(k));
+  for (std::size_t n = 0; n < nonlinear_used.size(); ++n) f.*nonlinear_fields[nonlinear_used[n]] = nonlinear_numbers(static_cast<Index>(n));
+  return f;
+}
+
+Moments accumulate(const Samples& samples, std::span<const double> weights, const Placement& place, const friction::Family& family, unsigned threads, bool derivatives) {
+  const auto fields = static_cast<Index>(place.linear_used.size());
+  std::vector<int> used = place.columns;
+  if (!derivatives) used.erase(used.begin() + fields, used.end() - 1);
   const auto n = used.size();
   const std::size_t count = (samples.size() + chunk - 1) / chunk;
   std::vector<double> sums(count * n * n, 0);
@@ -97,33 +113,21 @@ Moments accumulate(const Samples& samples, std::span<const double> weights, cons
   m.place_ = &place;
   const auto size = static_cast<Index>(n);
   m.all_ = Eigen::Map<const Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>>(sums.data(), size, size).selfadjointView<Eigen::Lower>();
-  m.FF = MatrixXd::Zero(linear_count, linear_count);
-  m.Fy = VectorXd::Zero(linear_count);
-  for (Index a = 0; a < size && used[a] < col_u; ++a) {
-    m.Fy(used[a]) = m.all_(a, size - 1);
-    for (Index b = 0; b < size && used[b] < col_u; ++b) m.FF(used[a], used[b]) = m.all_(a, b);
-  }
+  m.FF = m.all_.topLeftCorner(fields, fields);
+  m.Fy = m.all_.col(size - 1).head(fields);
   m.yy = m.all_(size - 1, size - 1);
   return m;
 }
 
 Moments::At Moments::at(const VectorXd& eta) const {
-  constexpr Index K = linear_count, N = nonlinear_count;
-  const std::vector<Placement::Derivative>& list = place_->derivatives;
-  const std::vector<int>& used = place_->columns;
-  const auto size = static_cast<Index>(used.size());
-  const auto place_of = [&](int column) { return static_cast<Index>(std::ranges::lower_bound(used, column) - used.begin()); };
+  const Index K = eta.size(), N = place_->nonlinear_offset.size(), size = all_.rows();
   MatrixXd combine = MatrixXd::Zero(size, N);   // D = columns * combine
-  for (const Placement::Derivative& d : list) combine(place_of(d.column), d.nonlinear) += eta(d.linear);
-  VectorXd residual = VectorXd::Zero(size);     // r = columns * residual
-  residual(size - 1) = 1;
-  for (Index a = 0; used[a] < col_u; ++a) residual(a) = -eta(used[a]);
-  const VectorXd by_residual = all_ * residual;
-  const MatrixXd by_derivatives = all_ * combine;
-  At result{.FD = MatrixXd::Zero(K, N), .DD = combine.transpose() * by_derivatives, .Dr = combine.transpose() * by_residual,
-            .rr = std::max(0.0, residual.dot(by_residual)), .Fr_by = MatrixXd::Zero(K, N)};
-  for (Index a = 0; used[a] < col_u; ++a) result.FD.row(used[a]) = by_derivatives.row(a);
-  for (const Placement::Derivative& d : list) result.Fr_by(d.linear, d.nonlinear) = by_residual(place_of(d.column));
+  for (const auto& d : place_->derivatives) combine(d.column, d.nonlinear) += eta(d.linear);
+  const VectorXd by_residual = all_.col(size - 1) - all_.leftCols(K) * eta;
+  const MatrixXd by_derivatives = all_.lazyProduct(combine);
+  At result{.FD = by_derivatives.topRows(K), .DD = combine.transpose().lazyProduct(by_derivatives), .Dr = combine.transpose().lazyProduct(by_residual),
+            .rr = std::max(by_residual(size - 1) - eta.dot(by_residual.head(K)), 0.0), .Fr_by = MatrixXd::Zero(K, N)};
+  for (const auto& d : place_->derivatives) result.Fr_by(d.linear, d.nonlinear) = by_residual(d.column);
   return result;
 }
 

@@ -36,10 +36,10 @@ std::vector<double> weights_of(const Samples& samples, const FitOptions& options
 bool moves(const Placement& place, std::size_t parameter, std::initializer_list<double F::*> fields) {
   const auto i = static_cast<Index>(parameter);
   for (const auto field : fields) {
-    for (std::size_t k = 0; k < linear_count; ++k)
-      if (linear_fields[k] == field && place.linear(static_cast<Index>(k), i) != 0) return true;
-    for (std::size_t n = 0; n < nonlinear_count; ++n)
-      if (nonlinear_fields[n] == field && place.nonlinear(static_cast<Index>(n), i) != 0) return true;
+    for (std::size_t k = 0; k < place.linear_used.size(); ++k)
+      if (linear_fields[place.linear_used[k]] == field && place.linear(static_cast<Index>(k), i) != 0) return true;
+    for (std::size_t n = 0; n < place.nonlinear_used.size(); ++n)
+      if (nonlinear_fields[place.nonlinear_used[n]] == field && place.nonlinear(static_cast<Index>(n), i) != 0) return true;
   }
   return false;
 }

@@ -52,7 +52,7 @@ double JointFriction::torque(std::span<const double> p, double speed, double loa
   const bool has_offset = law_ == &coulomb_viscous_law;
   if (derivatives) {
     Eigen::Map<Eigen::VectorXd> out(derivatives, size());
-    out = sign * (place_.linear.transpose() * by.head<linear_count>() + place_.nonlinear.transpose() * by.tail<nonlinear_count>());
+    out = sign * (place_.linear.transpose() * by.head<linear_count>()(place_.linear_used) + place_.nonlinear.transpose() * by.tail<nonlinear_count>()(place_.nonlinear_used));
     if (has_offset) out(offset) = 1;
   }
   return has_offset ? value + p[offset] : value;

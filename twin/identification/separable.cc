@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <optional>
 
 #include <ceres/ceres.h>
@@ -13,6 +14,8 @@ using Eigen::Index, Eigen::MatrixXd, Eigen::VectorXd;
 using F = friction::Family;
 
 constexpr std::size_t grid_samples = 128, start_samples = 1024;
+/// How near to its minimum a search ends, in sigmas of the samples it is made on.
+constexpr double exact = 1e-3, near = 0.03;
 
 /// Evenly spread samples; enough to tell which valley is the deepest.
 Samples thinned(const Samples& all, std::size_t count) {
@@ -33,6 +36,12 @@ std::vector<double> thinned_weights(const std::vector<double>& weights, std::siz
   return thinned(carrier, count).speed;
 }
 
+/// A^T B C of a dozen rows and columns at most, for which Eigen's way with large matrices is the slower one.
+MatrixXd product(const MatrixXd& A, const MatrixXd& B, const MatrixXd& C) {
+  const MatrixXd BC = B.lazyProduct(C);
+  return A.transpose().lazyProduct(BC);
+}
+
 /// A x = c for symmetric positive semidefinite A; of many solutions the shortest in units of the columns.
 VectorXd solution(const MatrixXd& A, const VectorXd& c) {
   const VectorXd unit = A.diagonal().cwiseMax(1e-300).cwiseSqrt().cwiseInverse();
@@ -41,36 +50,33 @@ VectorXd solution(const MatrixXd& A, const VectorXd& c) {
   return pseudo_inverse(A) * c;
 }
 
-/// min x^T N x / 2 - b^T x within bounds; `held` tells which bound holds.
+/// min x^T N x / 2 - b^T x within bounds; `held` tells which bound holds. Active sets as of Stark and Parker, Comput. Stat. 10 (1995) 129:
+/// every step stays within the bounds and goes down.
 VectorXd bounded_solution(const MatrixXd& N, const VectorXd& b, const VectorXd& low, const VectorXd& high, std::vector<bool>& held) {
   const Index n = b.size();
-  VectorXd x = VectorXd::Zero(n);
   held.assign(static_cast<std::size_t>(n), false);
-  for (Index round = 0; round < 4 * n + 4; ++round) {
+  VectorXd x = solution(N, b);
+  if ((x.array() >= low.array()).all() && (x.array() <= high.array()).all()) return x;
+  x = x.cwiseMax(low).cwiseMin(high);
+  for (Index round = 0; round < 10 * n + 10; ++round) {
     std::vector<Index> open;
     for (Index i = 0; i < n; ++i)
       if (!held[i]) open.push_back(i);
+    // As far towards the best of these as the bounds let.
+    double share = 1;
+    Index stopped = -1;
     if (!open.empty()) {
-      MatrixXd A(open.size(), open.size());
-      VectorXd c(open.size());
-      for (std::size_t i = 0; i < open.size(); ++i) {
-        c(i) = b(open[i]);
-        for (Index j = 0; j < n; ++j)
-          if (held[j]) c(i) -= N(open[i], j) * x(j);
-        for (std::size_t j = 0; j < open.size(); ++j) A(i, j) = N(open[i], open[j]);
+      const VectorXd step = solution(N(open, open), b(open) - N(open, Eigen::all) * x);
+      for (std::size_t k = 0; k < open.size(); ++k) {
+        const Index i = open[k];
+        const double to = x(i) + step(k), room = std::clamp(to, low(i), high(i)) - x(i);
+        if (std::abs(to - x(i) - room) * std::sqrt(N(i, i)) > 1e-12 && room / step(k) < share) share = room / step(k), stopped = i;
       }
-      const VectorXd y = solution(A, c);
-      for (std::size_t i = 0; i < open.size(); ++i) x(open[i]) = y(i);
+      x(open) += share * step;
     }
-    Index worst = -1;
-    double excess = 1e-12;
-    for (const Index i : open) {
-      const double out = std::max(low(i) - x(i), x(i) - high(i)) * std::sqrt(N(i, i));
-      if (out > excess) excess = out, worst = i;
-    }
-    if (worst >= 0) {
-      x(worst) = std::clamp(x(worst), low(worst), high(worst));
-      held[worst] = true;
+    if (stopped >= 0) {
+      x(stopped) = std::abs(x(stopped) - low(stopped)) < std::abs(x(stopped) - high(stopped)) ? low(stopped) : high(stopped);
+      held[stopped] = true;
       continue;
     }
     // A bound that the cost would rather leave.
@@ -82,19 +88,23 @@ VectorXd bounded_solution(const MatrixXd& N, const VectorXd& b, const VectorXd& 
       const double pull = (x(i) <= low(i) ? -gradient(i) : gradient(i)) / std::sqrt(std::max(N(i, i), 1e-300));
       if (pull > gain * std::sqrt(std::max(b.dot(x), 1e-300))) gain = pull, leave = i;
     }
-    if (leave < 0 || round > 2 * n) break;
+    if (leave < 0) break;
     held[leave] = false;
   }
-  for (Index i = 0; i < n; ++i) x(i) = std::clamp(x(i), low(i), high(i));
-  return x;
+  return x.cwiseMax(low).cwiseMin(high);
 }
 
 }  // namespace
 
 MatrixXd pseudo_inverse(const MatrixXd& matrix, double tolerance) {
   if (matrix.rows() == 0) return matrix;
-  const VectorXd scale = matrix.diagonal().cwiseMax(0).cwiseSqrt().unaryExpr([](double x) { return x > 0 ? 1 / x : 0; });
-  const Eigen::SelfAdjointEigenSolver<MatrixXd> eigen(scale.asDiagonal() * matrix * scale.asDiagonal());
+  // A column of such a norm is one of terms that underflow: it has no effect.
+  const VectorXd scale = matrix.diagonal().cwiseMax(0).cwiseSqrt().unaryExpr([](double x) { return x > 1e-100 ? 1 / x : 0; });
+  const MatrixXd scaled = scale.asDiagonal() * matrix * scale.asDiagonal();
+  // Far from singular there is no null space, and no need of the slower eigenvalues.
+  if (const Eigen::LLT<MatrixXd> factor(scaled); factor.info() == Eigen::Success && factor.matrixLLT().diagonal().minCoeff() > 1e-4)
+    return scale.asDiagonal() * factor.solve(MatrixXd(scale.asDiagonal()));
+  const Eigen::SelfAdjointEigenSolver<MatrixXd> eigen(scaled);
   const double least = tolerance * eigen.eigenvalues().cwiseAbs().maxCoeff();
   const VectorXd inverse = eigen.eigenvalues().unaryExpr([least](double e) { return e > least ? 1 / e : 0; });
   return scale.asDiagonal() * eigen.eigenvectors() * inverse.asDiagonal() * eigen.eigenvectors().transpose() * scale.asDiagonal();
@@ -123,14 +133,14 @@ void Separable::hold(std::size_t parameter, double value) {
 }
 
 std::size_t Separable::parameter_of(double F::* field) const {
-  for (std::size_t n = 0; n < nonlinear_count; ++n)
-    if (nonlinear_fields[n] == field)
+  for (std::size_t n = 0; n < place_.nonlinear_used.size(); ++n)
+    if (nonlinear_fields[place_.nonlinear_used[n]] == field)
       for (Index j = 0; j < place_.nonlinear.cols(); ++j)
         if (place_.nonlinear(static_cast<Index>(n), j) != 0) return static_cast<std::size_t>(j);
   return npos;
 }
 
-Point Separable::at(const VectorXd& start) const {
+Point Separable::at(const VectorXd& start, bool derivatives) const {
   Point point{.values = start, .family = {}, .moments = {}, .linear = {}, .at_bound = std::vector<bool>(free_.size(), false), .cost = 0};
   VectorXd& u = point.values;
   std::vector<Index> sought;
@@ -141,19 +151,16 @@ Point Separable::at(const VectorXd& start) const {
     else u(i) = std::clamp(u(i), low_(i), high_(i));
   }
   const VectorXd nonlinear = place_.nonlinear_offset + place_.nonlinear * u, known = place_.linear_offset + place_.linear * u;
-  for (std::size_t n = 0; n < nonlinear_count; ++n) point.family.*nonlinear_fields[n] = nonlinear(static_cast<Index>(n));
-  point.moments = accumulate(*samples_, weights_, place_, point.family, threads_);
+  point.family = place_.family(known, nonlinear);
+  point.moments = accumulate(*samples_, weights_, place_, point.family, threads_, derivatives);
   const Moments& basis = point.moments;
-  MatrixXd Q(static_cast<Index>(linear_count), static_cast<Index>(sought.size()));
-  VectorXd low(sought.size()), high(sought.size());
-  for (std::size_t i = 0; i < sought.size(); ++i) Q.col(static_cast<Index>(i)) = place_.linear.col(sought[i]), low(i) = low_(sought[i]), high(i) = high_(sought[i]);
-  const MatrixXd N = Q.transpose() * basis.FF * Q;
-  const VectorXd b = Q.transpose() * (basis.Fy - basis.FF * known);
+  const MatrixXd Q = place_.linear(Eigen::all, sought), N = product(Q, basis.FF, Q);
+  const VectorXd b = Q.transpose() * (basis.Fy - basis.FF * known), low = low_(sought), high = high_(sought);
   std::vector<bool> held;
   const VectorXd eta = bounded_solution(N, b, low, high, held);
   for (std::size_t i = 0; i < sought.size(); ++i) u(sought[i]) = eta(static_cast<Index>(i)), point.at_bound[sought[i]] = held[i];
   const VectorXd linear = known + Q * eta;
-  for (std::size_t k = 0; k < linear_count; ++k) point.family.*linear_fields[k] = linear(static_cast<Index>(k));
+  point.family = place_.family(linear, nonlinear);
   point.cost = basis.cost(linear);
   point.linear = linear;
   return point;
@@ -198,26 +205,36 @@ class ProjectedResidual final : public ceres::CostFunction {
     std::vector<Index> open;
     for (std::size_t j = 0; j < problem_.free_.size(); ++j)
       if (problem_.free_[j] && place.is_linear(j) && !last_.at_bound[j]) open.push_back(static_cast<Index>(j));
-    MatrixXd Q(static_cast<Index>(linear_count), static_cast<Index>(open.size())), R(static_cast<Index>(nonlinear_count), n);
-    for (std::size_t i = 0; i < open.size(); ++i) Q.col(static_cast<Index>(i)) = place.linear.col(open[i]);
-    for (Index i = 0; i < n; ++i) R.col(i) = place.nonlinear.col(sought_[i]);
-    const MatrixXd inverse = pseudo_inverse(Q.transpose() * last_.moments.FF * Q);
-    const MatrixXd FD = Q.transpose() * sums.FD * R, S = Q.transpose() * sums.Fr_by * R;
+    const MatrixXd Q = place.linear(Eigen::all, open), R = place.nonlinear(Eigen::all, sought_);
+    const MatrixXd inverse = pseudo_inverse(product(Q, last_.moments.FF, Q)), FD = product(Q, sums.FD, R), S = product(Q, sums.Fr_by, R);
     MatrixXd products(n + 1, n + 1);
-    products.topLeftCorner(n, n) = R.transpose() * sums.DD * R - FD.transpose() * inverse * FD + S.transpose() * inverse * S;
+    const MatrixXd DD = product(R, sums.DD, R);
+    products.topLeftCorner(n, n) = DD - product(FD, inverse, FD) + product(S, inverse, S);
     products.topRightCorner(n, 1) = -R.transpose() * sums.Dr;
     products.bottomLeftCorner(1, n) = products.topRightCorner(n, 1).transpose();
     products(n, n) = last_.cost;
     products *= scale_;
-    // Rounding may take the smallest pivots below zero.
+    // Of a derivative that the linear terms can stand in for, rounding is all that is left.
+    for (Index i = 0; i < n; ++i)
+      if (products(i, i) < 1e-13 * scale_ * DD(i, i)) products.row(i).setZero(), products.col(i).setZero();
     const VectorXd unit = products.diagonal().cwiseMax(1e-300).cwiseSqrt();
-    MatrixXd normal = unit.cwiseInverse().asDiagonal() * products * unit.cwiseInverse().asDiagonal();
-    const Eigen::SelfAdjointEigenSolver<MatrixXd> eigen(normal);
-    const MatrixXd root = eigen.eigenvalues().cwiseMax(0).cwiseSqrt().asDiagonal() * eigen.eigenvectors().transpose() * unit.asDiagonal();
+    const MatrixXd normal = unit.cwiseInverse().asDiagonal() * products * unit.cwiseInverse().asDiagonal();
+    MatrixXd root;
+    if (const Eigen::LLT<MatrixXd> factor(normal); factor.info() == Eigen::Success) {
+      root = factor.matrixU();
+    } else {   // rounding took a pivot below zero
+      const Eigen::SelfAdjointEigenSolver<MatrixXd> eigen(normal);
+      root = Eigen::HouseholderQR<MatrixXd>(eigen.eigenvalues().cwiseMax(0).cwiseSqrt().asDiagonal() * eigen.eigenvectors().transpose()).matrixQR().triangularView<Eigen::Upper>();
+    }
+    offset_ = root.col(n).head(n).squaredNorm() / std::max(root(n, n) * root(n, n), 1e-300);
+    root = root * unit.asDiagonal();
     Eigen::Map<Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>>(jacobians[0], n + 1, n) = root.leftCols(n);
     r = root.col(n);
     return true;
   }
+  /// What a step is expected to take off the cost where derivatives were last asked for, in parts of what no step takes: the square
+  /// of the relative offset of Bates and Watts, Technometrics 23 (1981) 179.
+  double offset() const { return offset_; }
 
  private:
   const Separable& problem_;
@@ -226,9 +243,20 @@ class ProjectedResidual final : public ceres::CostFunction {
   const double scale_;
   mutable Point last_;
   mutable VectorXd last_x_;
+  mutable double offset_ = std::numeric_limits<double>::infinity();
 };
 
-Point Separable::descend(const VectorXd& start, int iterations) const {
+/// Ends a search whose next step could not move the parameters by what their noise lets tell.
+struct Converged final : ceres::IterationCallback {
+  const ProjectedResidual& residual;
+  double offset;
+  Converged(const ProjectedResidual& r, double o) : residual(r), offset(o) {}
+  ceres::CallbackReturnType operator()(const ceres::IterationSummary&) override {
+    return residual.offset() < offset ? ceres::SOLVER_TERMINATE_SUCCESSFULLY : ceres::SOLVER_CONTINUE;
+  }
+};
+
+Point Separable::descend(const VectorXd& start, int iterations, double sigmas) const {
   std::vector<Index> sought;
   for (std::size_t j = 0; j < free_.size(); ++j)
     if (free_[j] && !place_.is_linear(j)) sought.push_back(static_cast<Index>(j));
@@ -251,10 +279,12 @@ Point Separable::descend(const VectorXd& start, int iterations) const {
   options.linear_solver_type = ceres::DENSE_QR;
   options.logging_type = ceres::SILENT;
   options.max_num_iterations = iterations;
-  options.function_tolerance = 1e-6 / static_cast<double>(samples_->size());   // a thousandth of a sigma
+  options.function_tolerance = 1e-6 / static_cast<double>(samples_->size());   // where steps are short because the valley is curved
   options.parameter_tolerance = 1e-11;
   options.gradient_tolerance = 1e-13;
   options.max_num_line_search_step_size_iterations = 0;   // bounds are kept without it
+  Converged converged(*residual, sigmas * sigmas / static_cast<double>(samples_->size()));
+  options.callbacks.push_back(&converged);
   ceres::Solver::Summary summary;
   ceres::Solve(options, &problem, &summary);
   return std::move(residual->best_);
@@ -268,19 +298,23 @@ Separable Separable::part(const Samples& samples, std::vector<double> weights) c
 }
 
 std::vector<std::size_t> Separable::dependent_linear(const std::vector<std::size_t>& order) const {
+  // Terms that are independent on some of the samples are so on all.
+  if (samples_->size() > 4 * start_samples) {
+    const Samples few = thinned(*samples_, start_samples);
+    if (part(few, thinned_weights(weights_, start_samples)).dependent_linear(order).empty()) return {};
+  }
   // Whatever the nonlinear numbers: a term that the others can stand in for everywhere on the grid.
   const std::vector<VectorXd> points = grid();
   std::vector<std::size_t> dependent;
   for (const std::size_t g : {std::size_t{0}, points.size() - 1}) {   // its two ends
-    const MatrixXd FF = at(points[g]).moments.FF;
+    const MatrixXd FF = at(points[g], false).moments.FF;
     std::vector<std::size_t> kept, spare;
     for (const std::size_t j : order) {
       if (!free_[j] || !place_.is_linear(j)) continue;
       std::vector<std::size_t> with = kept;
       with.push_back(j);
-      MatrixXd Q(static_cast<Index>(linear_count), static_cast<Index>(with.size()));
-      for (std::size_t i = 0; i < with.size(); ++i) Q.col(static_cast<Index>(i)) = place_.linear.col(static_cast<Index>(with[i]));
-      MatrixXd N = Q.transpose() * FF * Q;
+      const MatrixXd Q = place_.linear(Eigen::all, with);
+      MatrixXd N = product(Q, FF, Q);
       const VectorXd unit = N.diagonal().cwiseMax(1e-300).cwiseSqrt().cwiseInverse();
       N = unit.asDiagonal() * N * unit.asDiagonal();
       const bool told = N(N.rows() - 1, N.rows() - 1) > 0.5 && Eigen::SelfAdjointEigenSolver<MatrixXd>(N, Eigen::EigenvaluesOnly).eigenvalues()(0) > 1e-12;
@@ -342,7 +376,7 @@ Point Separable::minimise() const {
   const Samples few = thinned(*samples_, grid_samples);
   const Separable coarse = part(few, thinned_weights(weights_, grid_samples));
   std::vector<std::pair<double, VectorXd>> starts;
-  for (const VectorXd& p : grid()) starts.emplace_back(coarse.at(p).cost, p);
+  for (const VectorXd& p : grid()) starts.emplace_back(coarse.at(p, false).cost, p);
   std::ranges::stable_sort(starts, {}, [](const auto& s) { return s.first; });
   std::vector<Point> valleys;
   // Few nonlinear numbers have few valleys.
@@ -358,27 +392,27 @@ Point Separable::minimise() const {
     if (followed.size() == (nonlinear < 6 ? 3u : 9u)) break;
     if (std::ranges::any_of(followed, [&](const VectorXd& other) { return same_place(other, start); })) continue;
     followed.push_back(start);
-    const Point valley = coarse.descend(start, nonlinear < 6 ? 12 : 40);
+    const Point valley = coarse.descend(start, nonlinear < 6 ? 12 : 40, near);
     // Two starts that ran into the same valley count once.
     if (std::ranges::none_of(valleys, [&](const Point& v) { return std::abs(v.cost - valley.cost) <= 1e-3 * valley.cost; })) valleys.push_back(valley);
   }
   // A valley that lies clearly higher on the few samples does not become the deepest on more.
   const double lowest = std::ranges::min(valleys, {}, &Point::cost).cost;
   std::erase_if(valleys, [&](const Point& v) { return v.cost > (nonlinear < 6 ? 1.3 : 3) * lowest; });
-  const auto deepest = [&](const Separable& problem, int iterations) {
-    Point best = problem.descend(valleys.front().values, iterations);
+  const auto deepest = [&](const Separable& problem, int iterations, double sigmas) {
+    Point best = problem.descend(valleys.front().values, iterations, sigmas);
     for (std::size_t i = 1; i < valleys.size(); ++i)
-      if (Point found = problem.descend(valleys[i].values, iterations); found.cost < best.cost) best = std::move(found);
+      if (Point found = problem.descend(valleys[i].values, iterations, sigmas); found.cost < best.cost) best = std::move(found);
     return best;
   };
   for (std::size_t count = start_samples; 4 * count <= samples_->size(); count *= 16) {
     const Samples more = thinned(*samples_, count);
-    valleys = {deepest(part(more, thinned_weights(weights_, count)), 60)};
+    valleys = {deepest(part(more, thinned_weights(weights_, count)), 60, near)};
   }
-  return deepest(*this, 100);
+  return deepest(*this, 300, exact);
 }
 
-Point Separable::refine(const VectorXd& start) const { return descend(start, 100); }
+Point Separable::refine(const VectorXd& start) const { return descend(start, 300, exact); }
 
 MatrixXd Separable::information(const Point& point, std::vector<std::size_t>& coordinates) const {
   coordinates.clear();
@@ -387,15 +421,10 @@ MatrixXd Separable::information(const Point& point, std::vector<std::size_t>& co
     const bool at_edge = !place_.is_linear(j) && (point.values(i) <= low_(i) || point.values(i) >= high_(i));
     if (free_[j] && !point.at_bound[j] && !at_edge) coordinates.push_back(j);
   }
-  const auto n = static_cast<Index>(coordinates.size());
-  MatrixXd Q(static_cast<Index>(linear_count), n), R(static_cast<Index>(nonlinear_count), n);
-  for (Index i = 0; i < n; ++i) {
-    Q.col(i) = place_.linear.col(static_cast<Index>(coordinates[i]));
-    R.col(i) = place_.nonlinear.col(static_cast<Index>(coordinates[i]));
-  }
+  const MatrixXd Q = place_.linear(Eigen::all, coordinates), R = place_.nonlinear(Eigen::all, coordinates);
   const Moments::At derivatives = point.moments.at(point.linear);
-  const MatrixXd cross = Q.transpose() * derivatives.FD * R;
-  return Q.transpose() * point.moments.FF * Q + cross + cross.transpose() + R.transpose() * derivatives.DD * R;
+  const MatrixXd cross = product(Q, derivatives.FD, R);
+  return product(Q, point.moments.FF, Q) + cross + cross.transpose() + product(R, derivatives.DD, R);
 }
 
 }  // namespace tribotwin::twin::identification

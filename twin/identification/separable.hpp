@@ -38,8 +38,8 @@ class Separable {
   Point minimise() const;
   /// From a start nearby.
   Point refine(const Eigen::VectorXd& start) const;
-  /// The best linear coordinates for these nonlinear ones.
-  Point at(const Eigen::VectorXd& nonlinear_from) const;
+  /// The best linear coordinates for these nonlinear ones. Without `derivatives` its moments serve nothing further.
+  Point at(const Eigen::VectorXd& nonlinear_from, bool derivatives = true) const;
   /// A point as it is, with the present weights.
   Point again(const Point& point) const;
 
@@ -59,7 +59,8 @@ class Separable {
  private:
   friend class ProjectedResidual;
   std::vector<Eigen::VectorXd> grid() const;
-  Point descend(const Eigen::VectorXd& start, int iterations) const;
+  /// Ends within so many sigmas of the minimum.
+  Point descend(const Eigen::VectorXd& start, int iterations, double sigmas) const;
   Separable part(const Samples& samples, std::vector<double> weights) const;
 
   const friction::LawInfo* law_;
