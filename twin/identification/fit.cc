@@ -170,11 +170,11 @@ Point robust_minimum(const Samples& samples, const std::vector<double>& base, Lo
 
 void describe_residuals(const Samples& samples, const std::vector<double>& r, const std::vector<double>& base, const FitOptions& options, Fit& result) {
   const auto n = static_cast<double>(r.size());
-  double mean = 0, squares = 0;
-  for (const double x : r) mean += x / n;
-  for (const double x : r) squares += (x - mean) * (x - mean) / n, result.residual.max_abs = std::max(result.residual.max_abs, std::abs(x));
+  const double mean = std::reduce(r.begin(), r.end()) / n;
+  double squares = 0;
+  for (const double x : r) squares += (x - mean) * (x - mean), result.residual.max_abs = std::max(result.residual.max_abs, std::abs(x));
   result.residual.mean = mean;
-  result.residual.std = std::sqrt(squares);
+  result.residual.std = std::sqrt(squares / n);
   const double scale = robust_scale(r, base);
   std::size_t far = 0;
   for (std::size_t i = 0; i < r.size(); ++i) far += std::abs(r[i]) * (base.empty() ? 1 : std::sqrt(base[i])) > 5 * scale;
@@ -311,8 +311,7 @@ tl::expected<Fit, std::string> fit(const friction::LawInfo& law, const Samples& 
   const VectorXd values = problem.parameters(point.values);
   const double t = interval_sigmas(freedom);
   std::vector<double> numbers;
-  double signal = 0;
-  for (const double y : samples.friction) signal += y * y / n;
+  const double signal = std::transform_reduce(samples.friction.begin(), samples.friction.end(), samples.friction.begin(), 0.0) / n;
   for (Index i = 0; i < count; ++i) {
     const auto j = static_cast<std::size_t>(i);
     const auto& p = law.parameters[j];
@@ -357,7 +356,10 @@ tl::expected<Fit, std::string> fit(const friction::LawInfo& law, const Samples& 
 
   result.cost = point.cost;
   double mean = 0, weight_sum = 0, spread = 0;
-  for (std::size_t i = 0; i < samples.size(); ++i) mean += samples.friction[i] * (base.empty() ? 1 : base[i]), weight_sum += base.empty() ? 1 : base[i];
+  for (std::size_t i = 0; i < samples.size(); ++i) {
+    const double w = base.empty() ? 1 : base[i];
+    mean += w * samples.friction[i], weight_sum += w;
+  }
   mean /= weight_sum;
   double squares = 0;
   for (std::size_t i = 0; i < samples.size(); ++i) {

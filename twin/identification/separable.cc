@@ -15,7 +15,7 @@ using F = friction::Family;
 
 constexpr std::size_t grid_samples = 128, start_samples = 1024;
 /// How near to its minimum a search ends, in sigmas of the samples it is made on.
-constexpr double exact = 1e-3, near = 0.03;
+constexpr double exact = 1e-4, near = 0.03;
 
 /// Evenly spread samples; enough to tell which valley is the deepest.
 Samples thinned(const Samples& all, std::size_t count) {
@@ -144,6 +144,7 @@ Point Separable::at(const VectorXd& start, bool derivatives) const {
   Point point{.values = start, .family = {}, .moments = {}, .linear = {}, .at_bound = std::vector<bool>(free_.size(), false), .cost = 0};
   VectorXd& u = point.values;
   std::vector<Index> sought;
+  sought.reserve(free_.size());
   for (std::size_t j = 0; j < free_.size(); ++j) {
     const auto i = static_cast<Index>(j);
     if (!free_[j]) u(i) = values_(i);
@@ -299,9 +300,9 @@ Separable Separable::part(const Samples& samples, std::vector<double> weights) c
 
 std::vector<std::size_t> Separable::dependent_linear(const std::vector<std::size_t>& order) const {
   // Terms that are independent on some of the samples are so on all.
-  if (samples_->size() > 4 * start_samples) {
-    const Samples few = thinned(*samples_, start_samples);
-    if (part(few, thinned_weights(weights_, start_samples)).dependent_linear(order).empty()) return {};
+  if (samples_->size() > 4 * grid_samples) {
+    const Samples few = thinned(*samples_, grid_samples);
+    if (part(few, thinned_weights(weights_, grid_samples)).dependent_linear(order).empty()) return {};
   }
   // Whatever the nonlinear numbers: a term that the others can stand in for everywhere on the grid.
   const std::vector<VectorXd> points = grid();
@@ -363,7 +364,7 @@ std::vector<VectorXd> Separable::grid() const {
   // One value where the trust region finds the rest from it.
   const double exponents[] = {1.4}, scales[] = {20}, viscous[] = {0.45, 0.7, 1.4}, slopes[] = {-0.01, -0.003, 0.003};
   branch_line(&F::vs, &F::vs_T, speeds);
-  branch(parameter_of(&F::vl), speeds);
+  branch(parameter_of(&F::vl), std::span(speeds).first(2));
   branch(parameter_of(&F::alpha), exponents);
   branch(parameter_of(&F::T_V), scales);
   branch_line(&F::beta, &F::beta_T, viscous);
