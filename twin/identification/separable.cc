@@ -5,7 +5,7 @@
 #include <limits>
 #include <optional>
 
-#include <ceres/ceres.h>
+#include <tribotwin/twin/identification/least_squares.hpp>
 
 namespace tribotwin::twin::identification {
 namespace {
@@ -269,26 +269,17 @@ Point Separable::descend(const VectorXd& start, int iterations, double sigmas) c
   Point first = at(start);
   if (first.cost <= 1e-26 * first.moments.yy) return first;   // nothing is left but rounding
   const double scale = static_cast<double>(samples_->size()) / first.cost;
-  auto* residual = new ProjectedResidual(*this, first, x, sought, scale);
-  ceres::Problem problem;
-  problem.AddResidualBlock(residual, nullptr, x.data());
-  for (Index i = 0; i < n; ++i) {
-    problem.SetParameterLowerBound(x.data(), static_cast<int>(i), low_(sought[i]));
-    problem.SetParameterUpperBound(x.data(), static_cast<int>(i), high_(sought[i]));
-  }
+  ProjectedResidual residual(*this, first, x, sought, scale);
   ceres::Solver::Options options;
-  options.linear_solver_type = ceres::DENSE_QR;
-  options.logging_type = ceres::SILENT;
   options.max_num_iterations = iterations;
   options.function_tolerance = 1e-6 / static_cast<double>(samples_->size());   // where steps are short because the valley is curved
   options.parameter_tolerance = 1e-11;
   options.gradient_tolerance = 1e-13;
   options.max_num_line_search_step_size_iterations = 0;   // bounds are kept without it
-  Converged converged(*residual, sigmas * sigmas / static_cast<double>(samples_->size()));
+  Converged converged(residual, sigmas * sigmas / static_cast<double>(samples_->size()));
   options.callbacks.push_back(&converged);
-  ceres::Solver::Summary summary;
-  ceres::Solve(options, &problem, &summary);
-  return std::move(residual->best_);
+  least_squares(residual, x, low_(sought), high_(sought), options);
+  return std::move(residual.best_);
 }
 
 Separable Separable::part(const Samples& samples, std::vector<double> weights) const {

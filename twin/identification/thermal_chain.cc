@@ -5,10 +5,10 @@
 #include <limits>
 
 #include <Eigen/Dense>
-#include <ceres/ceres.h>
 #include <fmt/format.h>
 
 #include <tribotwin/twin/identification/estimates_file.hpp>
+#include <tribotwin/twin/identification/least_squares.hpp>
 #include <tribotwin/twin/identification/linearised.hpp>
 #include <tribotwin/twin/laboratory/correlation.hpp>
 #include <tribotwin/twin/scenario/input.hpp>
@@ -152,27 +152,13 @@ class ChainProblem {
 };
 
 double descend(const ChainProblem& problem, VectorXd& z) {
-  const auto residual = [&problem](double const* const* parameters, double* residuals) {
-    Eigen::Map<VectorXd>(residuals, problem.samples()) = problem.residual(Eigen::Map<const VectorXd>(parameters[0], problem.joints() + 1));
-    return true;
-  };
-  auto* cost = new ceres::DynamicNumericDiffCostFunction<decltype(residual), ceres::FORWARD>(new auto(residual));   // Ceres deletes both
-  cost->AddParameterBlock(static_cast<int>(z.size()));
-  cost->SetNumResiduals(static_cast<int>(problem.samples()));
-  ceres::Problem minimisation;
-  minimisation.AddResidualBlock(cost, nullptr, z.data());
-  for (int k = 0; k < z.size(); ++k) {
-    minimisation.SetParameterLowerBound(z.data(), k, k < problem.joints() ? std::log(10.0) : std::log(1e-7));
-    minimisation.SetParameterUpperBound(z.data(), k, k < problem.joints() ? std::log(1e6) : std::log(0.1));
-  }
+  VectorXd low = VectorXd::Constant(z.size(), std::log(10.0)), high = VectorXd::Constant(z.size(), std::log(1e6));
+  low(problem.joints()) = std::log(1e-7), high(problem.joints()) = std::log(0.1);
+  const auto residual = by_differences<ceres::FORWARD>([&problem](const VectorXd& at) { return problem.residual(at); }, z.size(), problem.samples());
   ceres::Solver::Options options;
-  options.linear_solver_type = ceres::DENSE_QR;
-  options.logging_type = ceres::SILENT;
   options.max_num_iterations = 40;
   options.function_tolerance = 1e-7;
-  ceres::Solver::Summary summary;
-  ceres::Solve(options, &minimisation, &summary);
-  return summary.final_cost;
+  return least_squares(*residual, z, low, high, options);
 }
 
 }  // namespace

@@ -6,9 +6,9 @@
 #include <map>
 
 #include <Eigen/Dense>
-#include <ceres/ceres.h>
 #include <fmt/format.h>
 
+#include <tribotwin/twin/identification/least_squares.hpp>
 #include <tribotwin/twin/identification/linearised.hpp>
 #include <tribotwin/twin/laboratory/correlation.hpp>
 
@@ -182,19 +182,11 @@ VectorXd global_search(const ThermalProblem& problem) {
 
 void descend(const ThermalProblem& problem, VectorXd& log_t) {
   const auto [low, high] = problem.range();
-  ceres::Problem minimisation;
-  minimisation.AddResidualBlock(new ProjectedResidual(problem), nullptr, log_t.data());
-  for (int i = 0; i < problem.nodes(); ++i) {
-    minimisation.SetParameterLowerBound(log_t.data(), i, low);
-    minimisation.SetParameterUpperBound(log_t.data(), i, high);
-  }
+  ProjectedResidual residual(problem);
   ceres::Solver::Options options;
-  options.linear_solver_type = ceres::DENSE_QR;
-  options.logging_type = ceres::SILENT;
   options.max_num_iterations = 50;
   options.function_tolerance = 1e-9;
-  ceres::Solver::Summary summary;
-  ceres::Solve(options, &minimisation, &summary);
+  least_squares(residual, log_t, VectorXd::Constant(log_t.size(), low), VectorXd::Constant(log_t.size(), high), options);
 }
 
 }  // namespace

@@ -7,9 +7,9 @@
 #include <numeric>
 
 #include <Eigen/Dense>
-#include <ceres/ceres.h>
 #include <fmt/format.h>
 
+#include <tribotwin/twin/identification/least_squares.hpp>
 #include <tribotwin/twin/identification/linearised.hpp>
 #include <tribotwin/twin/laboratory/correlation.hpp>
 #include <tribotwin/twin/search/cma_es.hpp>
@@ -106,26 +106,13 @@ VectorXd global_search(const TorqueProblem& problem) {
 }
 
 void descend(const TorqueProblem& problem, VectorXd& x) {
-  const auto residual = [&problem](double const* const* parameters, double* residuals) {
-    Eigen::Map<VectorXd>(residuals, problem.samples()) = problem.residual(Eigen::Map<const VectorXd>(parameters[0], problem.unknowns()));
-    return true;
-  };
-  auto* cost = new ceres::DynamicNumericDiffCostFunction<decltype(residual), ceres::CENTRAL>(new auto(residual));   // Ceres deletes both
-  cost->AddParameterBlock(static_cast<int>(x.size()));
-  cost->SetNumResiduals(static_cast<int>(problem.samples()));
-  ceres::Problem minimisation;
-  minimisation.AddResidualBlock(cost, nullptr, x.data());
-  for (int i = 0; i < problem.nodes(); ++i) {
-    minimisation.SetParameterLowerBound(x.data(), i, problem.low());
-    minimisation.SetParameterUpperBound(x.data(), i, problem.high());
-  }
+  VectorXd low = VectorXd::Constant(x.size(), std::numeric_limits<double>::lowest()), high = -low;
+  low.head(problem.nodes()).setConstant(problem.low()), high.head(problem.nodes()).setConstant(problem.high());
+  const auto residual = by_differences<ceres::CENTRAL>([&problem](const VectorXd& at) { return problem.residual(at); }, x.size(), problem.samples());
   ceres::Solver::Options options;
-  options.linear_solver_type = ceres::DENSE_QR;
-  options.logging_type = ceres::SILENT;
   options.max_num_iterations = 100;
   options.function_tolerance = 1e-10;
-  ceres::Solver::Summary summary;
-  ceres::Solve(options, &minimisation, &summary);
+  least_squares(*residual, x, low, high, options);
 }
 
 }  // namespace
