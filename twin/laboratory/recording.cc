@@ -29,6 +29,14 @@ tl::expected<void, std::string> check(const JointRecording& r) {
   return {};
 }
 
+double between_samples(const std::vector<double>& time_s, const std::vector<double>& values, double at_s) {
+  const auto after = static_cast<std::size_t>(std::ranges::upper_bound(time_s, at_s) - time_s.begin());
+  if (after == 0) return values.front();
+  if (after == time_s.size()) return values.back();
+  const double w = (at_s - time_s[after - 1]) / (time_s[after] - time_s[after - 1]);
+  return (1 - w) * values[after - 1] + w * values[after];
+}
+
 JointRecording sensed(const JointRecording& s, const Sensors& sensors, std::uint64_t seed) {
   JointRecording out;
   std::seed_seq sequence{static_cast<std::uint32_t>(seed), static_cast<std::uint32_t>(seed >> 32)};
@@ -36,15 +44,7 @@ JointRecording sensed(const JointRecording& s, const Sensors& sensors, std::uint
   std::normal_distribution<double> noise(0, 1);
   const double period = 1 / sensors.sampling_hz;
   const double increment = sensors.encoder_increments_per_turn > 0 ? 2 * std::numbers::pi / sensors.encoder_increments_per_turn : 0;
-  // What was at `time`, linear between steps.
-  const auto at = [&s](const std::vector<double>& values, double time) {
-    const auto after = std::ranges::upper_bound(s.time_s, time);
-    if (after == s.time_s.begin()) return values.front();
-    if (after == s.time_s.end()) return values.back();
-    const auto i = static_cast<std::size_t>(after - s.time_s.begin());
-    const double w = (time - s.time_s[i - 1]) / (s.time_s[i] - s.time_s[i - 1]);
-    return w == 0 ? values[i - 1] : (1 - w) * values[i - 1] + w * values[i];
-  };
+  const auto at = [&s](const std::vector<double>& values, double time_s) { return between_samples(s.time_s, values, time_s); };
   for (std::size_t k = 0;; ++k) {
     const double t = s.time_s.front() + static_cast<double>(k) * period;
     if (t > s.time_s.back() + 1e-9) break;

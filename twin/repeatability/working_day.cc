@@ -225,15 +225,6 @@ class Friction {
   std::vector<Points> points_;
 };
 
-/// Linear between entries, held beyond them.
-double at(const std::vector<double>& times, const std::vector<double>& values, double time) {
-  const auto after = static_cast<std::size_t>(std::ranges::upper_bound(times, time) - times.begin());
-  if (after == 0) return values.front();
-  if (after == times.size()) return values.back();
-  const double w = (time - times[after - 1]) / (times[after] - times[after - 1]);
-  return (1 - w) * values[after - 1] + w * values[after];
-}
-
 /// A cycle's sections, prepared.
 struct Sections {
   JointMotion measuring, heating;
@@ -270,7 +261,7 @@ tl::expected<void, std::string> take_temperature(std::vector<Recorded>& recorded
         }
       }
       auto& r = recorded[k].measuring;
-      for (std::size_t i = 0; i < r.time_s.size(); ++i) r.temperature_degC(row, static_cast<Index>(i)) = at(sections[k].measuring.time_s, temperature, r.time_s[i]);
+      for (std::size_t i = 0; i < r.time_s.size(); ++i) r.temperature_degC(row, static_cast<Index>(i)) = between_samples(sections[k].measuring.time_s, temperature, r.time_s[i]);
     }
   }
   return {};
