@@ -193,6 +193,20 @@ TEST(Identification, CostsAreFiniteWhereverTheSearchMayGo) {
   }
 }
 
+TEST(Identification, WhatIsFixedIsKnownAllLinearOrAllNonlinearOnes) {
+  const auto s = campaign(published(), 40, 1e-3, 4);
+  const auto& law = *friction::find_law("stribeck");
+  for (const bool linear : {true, false}) {
+    FitOptions options;
+    for (const auto& [name, value] : {std::pair{"Fc", 0.03}, {"Fs", 0.05}, {"Fv", 4e-4}, {"vs", 11.0}, {"alpha", 1.4}})
+      if ((std::string_view(name).front() == 'F') == linear) options.fixed.emplace_back(name, value);
+    const auto f = fit(law, s, options);
+    ASSERT_TRUE(f) << f.error();
+    EXPECT_EQ(f->estimated, law.parameters.size() - options.fixed.size());
+    for (std::size_t i = 0; i < law.parameters.size(); ++i) EXPECT_EQ(f->parameters[i].status == Status::fixed, (law.parameters[i].name.front() == 'F') == linear);
+  }
+}
+
 TEST(Identification, ThreadsDoNotChangeABit) {
   const auto s = campaign(published(), 4000, 4e-3, 2);
   const auto a = fit(extended(), s, {.threads = 1}), b = fit(extended(), s, {.threads = 3});

@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
-#include <optional>
 
 #include <tribotwin/twin/identification/least_squares.hpp>
 
@@ -55,6 +54,7 @@ VectorXd solution(const MatrixXd& A, const VectorXd& c) {
 VectorXd bounded_solution(const MatrixXd& N, const VectorXd& b, const VectorXd& low, const VectorXd& high, std::vector<bool>& held) {
   const Index n = b.size();
   held.assign(static_cast<std::size_t>(n), false);
+  if (n == 0) return b;
   VectorXd x = solution(N, b);
   if ((x.array() >= low.array()).all() && (x.array() <= high.array()).all()) return x;
   x = x.cwiseMax(low).cwiseMin(high);
