@@ -105,6 +105,7 @@ int precedence(const Placement& place, std::size_t i) {
 std::size_t dependent_parameter(const friction::LawInfo& law, const Separable& problem, const Point& point) {
   std::vector<std::size_t> coordinates;
   const MatrixXd H = problem.information(point, coordinates);
+  if (coordinates.empty()) return Separable::npos;
   const Placement& place = problem.place();
   const auto rank = [&](std::size_t i) { return precedence(place, i); };
   std::vector<std::size_t> order(coordinates.size());
@@ -302,10 +303,11 @@ tl::expected<Fit, std::string> fit(const friction::LawInfo& law, const Samples& 
   for (std::size_t a = 0; a < coordinates.size(); ++a)
     for (std::size_t b = 0; b < coordinates.size(); ++b) covariance(static_cast<Index>(coordinates[a]), static_cast<Index>(coordinates[b])) = inverse(static_cast<Index>(a), static_cast<Index>(b));
   covariance = problem.to_parameters() * covariance * problem.to_parameters().transpose();
-  {
+  result.condition_number = 1;
+  if (!coordinates.empty()) {
     const VectorXd unit = information.diagonal().cwiseSqrt().cwiseInverse();
     const VectorXd eigenvalues = Eigen::SelfAdjointEigenSolver<MatrixXd>(unit.asDiagonal() * information * unit.asDiagonal(), Eigen::EigenvaluesOnly).eigenvalues();
-    result.condition_number = coordinates.empty() ? 1 : std::sqrt(eigenvalues.maxCoeff() / std::max(eigenvalues.minCoeff(), 1e-300));
+    result.condition_number = std::sqrt(eigenvalues.maxCoeff() / std::max(eigenvalues.minCoeff(), 1e-300));
   }
 
   const VectorXd values = problem.parameters(point.values);
