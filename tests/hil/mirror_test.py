@@ -30,7 +30,7 @@ check("the DBC has a status of every drive", sorted(status_frames) == [0x180 + n
 
 process = start(hil, "drive", scenario, "--can", address, "--profile", "mirror", "--realtime", "--stats", work + "/stats.json", "-o", work + "/run")
 bus = connect(address, interface, channel)
-counters, last, heard = {n: 0 for n in nodes}, {}, {n: 0 for n in nodes}
+counters, frames, stamps, last = {n: 0 for n in nodes}, {}, {n: [] for n in nodes}, {}
 
 
 def command(node, mode, set_point):
@@ -41,6 +41,7 @@ def command(node, mode, set_point):
 
 
 def listen(until):
+    """Frames are decoded where they are looked at: decoding all would make this robot late."""
     while True:
         message = bus.recv(max(0, until - time.monotonic()))
         if message is None:
@@ -48,15 +49,23 @@ def listen(until):
                 return
             continue
         node = message.arbitration_id - 0x180
-        if node in heard and len(message.data) == 8:
+        if node in stamps and len(message.data) == 8:
             data = bytes(message.data)
             assert crc(struct.pack("<H", message.arbitration_id) + data[:7]) == data[7], data.hex()
-            last[node] = {name: signal.phys_value for name, signal in status_frames[message.arbitration_id].decode(data).items()}
-            heard[node] += 1
+            frames[node] = data
+            stamps[node].append(message.timestamp)
+
+
+def look():
+    for node, data in frames.items():
+        last[node] = {name: signal.phys_value for name, signal in status_frames[0x180 + node].decode(data).items()}
 
 
 listen(time.monotonic() + 0.5)
-check("cyclic at 500 Hz without being asked", all(150 < heard[n] < 350 for n in nodes), heard)
+look()
+# By the bus's own time stamps: this process may be late.
+rates = {n: (len(t) - 1) / (t[-1] - t[0]) for n, t in stamps.items() if len(t) > 20}
+check("cyclic at 500 Hz without being asked", len(rates) == len(nodes) and all(300 < r < 700 for r in rates.values()), rates)
 check("off, and 50 degC", all(int(last[n]["state"]) == 0 and abs(float(last[n]["temperature"]) - 50) < 0.2 for n in nodes), last)
 start = {n: float(last[n]["position"]) for n in nodes}
 begin = time.monotonic()
@@ -64,14 +73,17 @@ for k in range(500):
     for n in nodes:
         command(n, 2, start[n] + (0.1 * (1 - math.cos(math.pi * min(1, k / 400))) if n == 4 else 0))
     listen(begin + 0.004 * (k + 1))
+look()
 check("joint 4 went where it was told", abs(float(last[4]["position"]) - start[4] - 0.2) < 0.01, (start[4], last[4]))
 check("the others held", all(abs(float(last[n]["position"]) - start[n]) < 0.005 for n in nodes if n != 4), (start, last))
 check("they follow positions", all(int(last[n]["state"]) == 2 for n in nodes), last)
 listen(time.monotonic() + 1.0)
+look()
 check("without commands: fault", all(int(last[n]["state"]) == 15 for n in nodes), last)
 for n in nodes:
     command(n, 15, 0)
 listen(time.monotonic() + 0.1)
+look()
 check("cleared", all(int(last[n]["state"]) == 0 for n in nodes), last)
 bus.shutdown()
 process.terminate()
