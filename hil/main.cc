@@ -14,6 +14,7 @@
 #include <tribotwin/hil/mirror/mirror.hpp>
 #include <tribotwin/hil/session/session.hpp>
 #include <tribotwin/hil/session/shadow.hpp>
+#include <tribotwin/twin/output/file.hpp>
 #include <tribotwin/twin/output/output.hpp>
 #include <tribotwin/twin/scenario/input.hpp>
 
@@ -79,7 +80,7 @@ int print(std::string_view text, const std::string& file) {
     std::fwrite(text.data(), 1, text.size(), stdout);
     return std::fflush(stdout) == 0 ? done : complain(program, failed, "stdout cannot be written");
   }
-  const auto written = twin::write_file(file, text);
+  const auto written = twin::write_file(file, text, twin::Existing::replace);
   return written ? done : complain(program, failed, written.error());
 }
 

@@ -1,8 +1,8 @@
 // tribotwin-report: pages and pictures of runs and models. stdout carries the names of the files written.
 #include <charconv>
 #include <cmath>
-#include <csignal>
 #include <functional>
+#include <sstream>
 
 #include <CLI/CLI.hpp>
 #include <fmt/format.h>
@@ -16,6 +16,7 @@
 #include <tribotwin/render/report/report.hpp>
 #include <tribotwin/render/report/study_report.hpp>
 #include <tribotwin/twin/model/arm.hpp>
+#include <tribotwin/twin/output/destination.hpp>
 #include <tribotwin/twin/output/output.hpp>
 #include <tribotwin/twin/scenario/input.hpp>
 #include <tribotwin/twin/table/table.hpp>
@@ -24,24 +25,30 @@ namespace {
 
 using namespace tribotwin;
 namespace fs = std::filesystem;
-using twin::complain, twin::done, twin::failed, twin::wrong_input, twin::InputError, twin::Progress;
+using twin::complain, twin::done, twin::failed, twin::wrong_input, twin::InputError, twin::Progress, twin::note, twin::print, twin::or_wrong_input;
 
 constexpr const char* program = "tribotwin-report";
 
-template <class T>
-T or_wrong_input(tl::expected<T, std::string> value) {
-  if (!value) throw InputError(value.error());
-  return std::move(*value);
-}
 template <class T>
 T or_fail(tl::expected<T, std::string> value) {
   if (!value) throw std::runtime_error(value.error());
   if constexpr (!std::is_void_v<T>) return std::move(*value);
 }
 
-void write(const fs::path& file, std::string_view bytes) {
-  or_fail(twin::write_file(file, bytes));
-  fmt::print("{}\n", file.string());
+void write(const twin::Destination& output, std::string_view bytes) {
+  or_fail(twin::write_file(output.file, bytes, output.existing()));
+  print("{}\n", output.file);
+}
+
+/// What is read of the folder of a run.
+std::vector<fs::path> run_files(const fs::path& directory) { return {directory / "telemetry.h5", directory / "scenario.yaml", directory / "summary.json"}; }
+
+/// Before any work: the file must have one of the endings, and must not be an input.
+void check(const twin::Destination& output, const char* what, const char* ending, const fs::path& target) {
+  if (!output.file.ends_with(ending)) throw InputError(fmt::format("-o {}: the name of {} must end in {}", output.file, what, ending));
+  auto inputs = run_files(target);
+  inputs.push_back(target);
+  or_wrong_input(output.check(inputs));
 }
 
 /// NAME=NUMBER
@@ -68,16 +75,17 @@ render::Size size_of(const std::string& given) {
 }
 
 struct PictureArguments {
-  std::string target, output, size, camera, colour_by;
+  std::string target, size, camera, colour_by;
+  twin::Destination output;
   std::optional<double> azimuth, elevation, distance;
   std::vector<double> look_at;
   bool quiet = false;
 
   void add_to(CLI::App& command, const char* target_help, const char* default_size, const char* default_output) {
     size = default_size;
-    output = default_output;
+    output.file = default_output;
     command.add_option("TARGET", target, target_help)->required();
-    command.add_option("-o,--output", output, "File to write")->capture_default_str();
+    output.add_to(command, "File to write")->capture_default_str();
     command.add_option("--size", size, fmt::format("WIDTHxHEIGHT in pixels, {} to {} a side", render::side_min, render::side_most))->capture_default_str();
     command.add_option("--colour-by", colour_by, "What the joint housings show")->check(CLI::IsMember({"temperature", "friction", "nothing"}));
     command.add_option("--camera", camera, "A camera of the model (default: overview, where there is one)");
@@ -104,7 +112,7 @@ struct PictureArguments {
 std::unique_ptr<render::RunData> run_with_model(const std::string& directory) {
   auto run = or_wrong_input(render::load_run(directory));
   if (!run->model() || run->record.time_s.empty()) throw InputError(run->missing.empty() ? directory + ": has no samples" : run->missing.front());
-  for (const auto& what : run->missing) fmt::print(stderr, "note: {}\n", what);
+  for (const auto& what : run->missing) note("{}", what);
   return run;
 }
 
@@ -124,7 +132,7 @@ int pose(const PoseArguments& a) {
   std::shared_ptr<const mujoco::Model> model;
   std::unique_ptr<render::RunData> run;
   render::PoseState state;
-  if (!a.output.ends_with(".png")) throw InputError(fmt::format("-o {}: the name of a pose must end in .png", a.output));
+  check(a.output, "a pose", ".png", a.target);
   const render::Size size = size_of(a.size);
   if (fs::is_directory(a.target)) {
     run = run_with_model(a.target);
@@ -195,7 +203,7 @@ struct SheetArguments : PictureArguments {
 };
 
 int sheet(const SheetArguments& a) {
-  if (!a.output.ends_with(".png")) throw InputError(fmt::format("-o {}: the name of a contact sheet must end in .png", a.output));
+  check(a.output, "a contact sheet", ".png", a.target);
   const render::Size size = size_of(a.size);
   const auto run = run_with_model(a.target);
   const auto& model = run->scenario->model;
@@ -211,21 +219,22 @@ struct VideoArguments : PictureArguments {
 };
 
 int video(const VideoArguments& a) {
-  if (!a.output.ends_with(".mp4")) throw InputError(fmt::format("-o {}: the name of a film must end in .mp4", a.output));
+  check(a.output, "a film", ".mp4", a.target);
   const render::Size size = size_of(a.size);
   const auto run = run_with_model(a.target);
   const auto& model = run->scenario->model;
   const render::PoseOptions options = run_options(a, *run);
   {
     Progress progress(a.quiet, "film");
-    drawn(render::write_video(a.output, model, run->record, options, {.size = size, .frames_per_s = a.frames_per_s, .length_s = a.seconds}, [&](double share) { progress(share); }));
+    drawn(render::write_video(a.output.file, a.output.existing(), model, run->record, options, {.size = size, .frames_per_s = a.frames_per_s, .length_s = a.seconds}, [&](double share) { progress(share); }));
   }
-  fmt::print("{}\n", a.output);
+  print("{}\n", a.output.file);
   return done;
 }
 
 struct CurveArguments {
-  std::string model, joint, output = "curve.svg", over = "temperature";
+  std::string model, joint, over = "temperature";
+  twin::Destination output{.file = "curve.svg"};
   std::vector<std::string> points;
   twin::identification::ReadOptions read;
   std::vector<double> temperatures, loads;
@@ -233,7 +242,10 @@ struct CurveArguments {
 };
 
 int curve(const CurveArguments& a) {
-  const render::Format format = or_wrong_input(render::format_of(a.output));
+  const render::Format format = or_wrong_input(render::format_of(a.output.file));
+  std::vector<fs::path> inputs(a.points.begin(), a.points.end());
+  inputs.push_back(a.model);
+  or_wrong_input(a.output.check(inputs));
   drive::Drive drive;
   std::string name = a.joint;
   twin::identification::ReadOptions read;
@@ -255,7 +267,7 @@ int curve(const CurveArguments& a) {
   const auto& law = *drive.law.info;
   const auto measured = or_wrong_input(twin::identification::read_samples(std::vector<fs::path>(a.points.begin(), a.points.end()), law, read));
   constexpr std::size_t points_most = 5000;
-  if (measured.size() > points_most) fmt::print(stderr, "note: {} of the {} points are drawn, chosen evenly\n", points_most, measured.size());
+  if (measured.size() > points_most) note("{} of the {} points are drawn, chosen evenly", points_most, measured.size());
   const auto points = render::friction_points(drive, measured, render::thinned(measured.size(), points_most));
   const double speed_points = measured.size() ? std::ranges::max(measured.speed) / drive.speed_scale() : 0;
   const auto limit = [](double given, double otherwise) { return std::abs(given) < friction::unlimited ? given : otherwise; };
@@ -276,8 +288,8 @@ int curve(const CurveArguments& a) {
   if (over_load && temperatures.size() != 1) throw InputError("--temperature: curves over load are drawn at one temperature");
   if (!over_load && loads.size() != 1) throw InputError("--load: curves over temperature are drawn at one load");
   const auto at_load = [&] { return fmt::format("{}: law '{}'{}", name, law.name, law.load_dependent ? fmt::format(" at a load of {:g}", loads[0]) : ""); };
-  if (!law.temperature_dependent && !over_load) fmt::print(stderr, "note: law '{}' does not depend on temperature\n", law.name);
-  if (!law.load_dependent && over_load) fmt::print(stderr, "note: law '{}' does not depend on load\n", law.name);
+  if (!law.temperature_dependent && !over_load) note("law '{}' does not depend on temperature", law.name);
+  if (!law.load_dependent && over_load) note("law '{}' does not depend on load", law.name);
   render::Figure figure;
   if (over_load) figure = render::friction_against_load(drive, fmt::format("{}: law '{}'{}", name, law.name, law.temperature_dependent ? fmt::format(" at {:.4g} °C", temperatures[0]) : ""), speed, temperatures[0], loads, points);
   else if (a.over == "surface") figure = render::friction_surface(drive, at_load(), speed, loads[0], std::ranges::min(temperatures), std::max(std::ranges::max(temperatures), std::ranges::min(temperatures) + 1));
@@ -287,25 +299,42 @@ int curve(const CurveArguments& a) {
   return done;
 }
 
-struct ReportArguments {
-  std::vector<std::string> runs;
-  std::string output;
+/// Options of every page.
+struct PageArguments {
+  twin::Destination output;
   bool png = false, pdf = false, quiet = false;
+
+  void add_to(CLI::App& command, const char* help) {
+    output.add_to(command, help);
+    command.add_flag("--png", png, "Also every figure as PNG, in a folder beside the page");
+    command.add_flag("--pdf", pdf, "Also every figure as PDF, in a folder beside the page");
+    command.add_flag("--quiet", quiet, "No progress");
+  }
+};
+
+struct ReportArguments : PageArguments {
+  std::vector<std::string> runs;
 };
 
 /// The page and its figures as files: what was asked for is checked before any work, written at the end.
 class PageFile {
  public:
-  PageFile(fs::path output, bool png, bool pdf) : output_(std::move(output)) {
-    if (const auto folder = output_.parent_path(); !folder.empty() && !fs::is_directory(folder)) throw InputError(fmt::format("-o {}: there is no folder {}", output_.string(), folder.string()));
-    if (png) formats_.push_back(render::Format::png);
-    if (pdf) formats_.push_back(render::Format::pdf);
+  /// The page is `otherwise` where no -o says so.
+  PageFile(const PageArguments& a, const fs::path& otherwise, const std::vector<fs::path>& inputs) : output_(a.output), quiet_(a.quiet) {
+    if (!output_.named()) output_.file = otherwise.string();
+    or_wrong_input(output_.check(inputs));
+    if (a.png) formats_.push_back(render::Format::png);
+    if (a.pdf) formats_.push_back(render::Format::pdf);
+    figures_ = output_.file;
+    figures_.replace_extension();
+    figures_ += "_figures";
+    if (!formats_.empty() && !output_.force && fs::exists(figures_)) throw InputError(fmt::format("{}: exists; choose another name with -o, or replace what is in it with --force", figures_.string()));
   }
 
   /// What `report` makes of the options, as files.
-  int make(bool quiet, const std::string& command, const std::function<tl::expected<render::Report, std::string>(const render::ReportOptions&)>& report) const {
+  int make(const std::string& command, const std::function<tl::expected<render::Report, std::string>(const render::ReportOptions&)>& report) const {
     const render::Report made = [&] {
-      Progress progress(quiet, "report");
+      Progress progress(quiet_, "report");
       return or_fail(report({.figure_files = formats_, .command = command, .progress = [&](double share) { progress(share); }}));
     }();
     write_all(made);
@@ -314,21 +343,20 @@ class PageFile {
 
  private:
   void write_all(const render::Report& made) const {
-    for (const auto& note : made.notes) fmt::print(stderr, "note: {}\n", note);
+    for (const auto& text : made.notes) note("{}", text);
     if (!made.figures.empty()) {
-      fs::path folder = output_;
-      folder.replace_extension();
-      folder += "_figures";
       std::error_code error;
-      fs::create_directory(folder, error);
-      if (error) throw std::runtime_error(fmt::format("{}: cannot be created ({})", folder.string(), error.message()));
-      for (const auto& file : made.figures) or_fail(twin::write_file(folder / file.name, file.bytes));
-      fmt::print("{}/ ({} figures)\n", folder.string(), made.figures.size());
+      fs::create_directory(figures_, error);
+      if (error) throw std::runtime_error(fmt::format("{}: cannot be created ({})", figures_.string(), error.message()));
+      for (const auto& file : made.figures) or_fail(twin::write_file(figures_ / file.name, file.bytes, output_.existing()));
+      print("{}/ ({} figures)\n", figures_.string(), made.figures.size());
     }
     write(output_, made.html);
   }
 
-  fs::path output_;
+  twin::Destination output_;
+  bool quiet_;
+  fs::path figures_;
   std::vector<render::Format> formats_;
 };
 
@@ -336,78 +364,77 @@ int report(const ReportArguments& a, const std::string& command) {
   if (a.runs.empty()) throw InputError("names no folder of a run; 'tribotwin-report --help' shows how it is used");
   std::vector<std::unique_ptr<render::RunData>> runs;
   for (const auto& directory : a.runs) std::ranges::move(or_wrong_input(render::load_runs(directory)), std::back_inserter(runs));
-  const PageFile page(a.output.empty() ? (a.runs.size() == 1 ? fs::path(a.runs[0]) / "report.html" : fs::path("report.html")) : fs::path(a.output), a.png, a.pdf);
-  return page.make(a.quiet, command, [&](const render::ReportOptions& options) { return render::make_report(runs, options); });
+  std::vector<fs::path> inputs;
+  for (const auto& directory : a.runs) std::ranges::move(run_files(directory), std::back_inserter(inputs));
+  const PageFile page(a, a.runs.size() == 1 ? fs::path(a.runs[0]) / "report.html" : fs::path("report.html"), inputs);
+  return page.make(command, [&](const render::ReportOptions& options) { return render::make_report(runs, options); });
 }
 
-struct FitArguments {
-  std::string parameters, output = "fit.html";
+struct FitArguments : PageArguments {
+  std::string parameters;
   std::vector<std::string> data;
   twin::identification::ReadOptions read;
-  bool png = false, pdf = false, quiet = false;
 };
 
-int fit(const FitArguments& a, const std::string& command) {
-  const PageFile page(a.output, a.png, a.pdf);
-  const auto data = or_wrong_input(render::load_fit(a.parameters, {a.data.begin(), a.data.end()}, a.read));
-  return page.make(a.quiet, command, [&](const render::ReportOptions& options) { return render::make_fit_report(data, options); });
+std::vector<fs::path> with(const std::vector<std::string>& files, const fs::path& file) {
+  std::vector<fs::path> all(files.begin(), files.end());
+  all.push_back(file);
+  return all;
 }
 
-struct DiagnosisArguments {
-  std::string healthy, output = "diagnosis.html";
+int fit(const FitArguments& a, const std::string& command) {
+  const PageFile page(a, "fit.html", with(a.data, a.parameters));
+  const auto data = or_wrong_input(render::load_fit(a.parameters, {a.data.begin(), a.data.end()}, a.read));
+  return page.make(command, [&](const render::ReportOptions& options) { return render::make_fit_report(data, options); });
+}
+
+struct DiagnosisArguments : PageArguments {
+  std::string healthy;
   std::vector<std::string> data;
   twin::diagnosis::ObservationOptions read;
   render::DiagnosisOptions diagnosis;
-  bool png = false, pdf = false, quiet = false;
 };
 
 int diagnosis(const DiagnosisArguments& a, const std::string& command) {
-  const PageFile page(a.output, a.png, a.pdf);
+  const PageFile page(a, "diagnosis.html", with(a.data, a.healthy));
   const auto data = or_wrong_input(render::load_diagnosis(a.healthy, {a.data.begin(), a.data.end()}, a.read, a.diagnosis));
-  return page.make(a.quiet, command, [&](const render::ReportOptions& options) { return render::make_diagnosis_report(data, options); });
+  return page.make(command, [&](const render::ReportOptions& options) { return render::make_diagnosis_report(data, options); });
 }
 
-struct FolderArguments {
-  std::string directory, output;
-  bool png = false, pdf = false, quiet = false;
+struct FolderArguments : PageArguments {
+  std::string directory;
 
   void add_to(CLI::App& command, const char* directory_help) {
     command.add_option("DIR", directory, directory_help)->required();
-    command.add_option("-o,--output", output, "The page (default: DIR/report.html)");
-    command.add_flag("--png", png, "Also every figure as PNG, in a folder beside the page");
-    command.add_flag("--pdf", pdf, "Also every figure as PDF, in a folder beside the page");
-    command.add_flag("--quiet", quiet, "No progress");
+    PageArguments::add_to(command, "The page (default: DIR/report.html)");
   }
-  PageFile page() const { return {output.empty() ? fs::path(directory) / "report.html" : fs::path(output), png, pdf}; }
+  PageFile page() const { return {*this, fs::path(directory) / "report.html", {}}; }
 };
 
 int days(const FolderArguments& a, const std::string& command) {
   const PageFile page = a.page();
   const auto data = or_wrong_input(render::load_days(a.directory));
-  return page.make(a.quiet, command, [&](const render::ReportOptions& options) { return render::make_days_report(data, options); });
+  return page.make(command, [&](const render::ReportOptions& options) { return render::make_days_report(data, options); });
 }
 
 int study(const FolderArguments& a, const std::string& command) {
   const auto joints = render::load_study_folder(a.directory);
   const PageFile page = a.page();
-  return page.make(a.quiet, command, [&](const render::ReportOptions& options) { return render::make_study_report(a.directory, joints, options); });
+  return page.make(command, [&](const render::ReportOptions& options) { return render::make_study_report(a.directory, joints, options); });
 }
 
 }  // namespace
 
 int main(int argc, char** argv) {
+  twin::prepare_streams();
   mujoco::install_message_handlers();
-  std::signal(SIGXFSZ, SIG_IGN);   // a full disk is an error message, not a death
 
   CLI::App app{"tribotwin-report: runs, laws and poses as one page or single pictures; needs no display"};
   app.set_version_flag("--version", std::string("tribotwin-report " TRIBOTWIN_VERSION ", MuJoCo ") + mj_versionString());
   app.require_subcommand(0, 1);
   ReportArguments r;
   app.add_option("RUNDIR", r.runs, "Folders of runs, or of a scenario that varies; several runs are compared");
-  app.add_option("-o,--output", r.output, "The page (default: RUNDIR/report.html; report.html for several)");
-  app.add_flag("--png", r.png, "Also every figure as PNG, in a folder beside the page");
-  app.add_flag("--pdf", r.pdf, "Also every figure as PDF, in a folder beside the page");
-  app.add_flag("--quiet", r.quiet, "No progress");
+  r.add_to(app, "The page (default: RUNDIR/report.html; report.html for several)");
   app.footer("Example:\n  tribotwin-report runs/irb6620_warmup -o report.html");
 
   PoseArguments p;
@@ -427,7 +454,7 @@ int main(int argc, char** argv) {
   curve_command->add_option("--load", c.loads, "One or more, load torque / torque_max_nm [-] (default: 0, or the law's range)")->check(CLI::Range(-1000.0, 1000.0));
   curve_command->add_option("--speed-max", c.speed_max, "Largest speed, motor side [rad/s] (default: the law's range)")->check(CLI::Range(1e-6, 1e6));
   curve_command->add_option("--points", c.points, "Measured friction, with error bars where the file has them, as for tribotwin identify; may be repeated")->allow_extra_args(false);
-  curve_command->add_option("-o,--output", c.output, "File to write: .svg, .png or .pdf")->capture_default_str();
+  c.output.add_to(*curve_command, "File to write: .svg, .png or .pdf")->capture_default_str();
   curve_command->footer("Example:\n  tribotwin-report curve mjcf/irb6620.xml --joint joint2 -o curve.svg");
 
   const auto add_units = [](CLI::App& command, twin::identification::ReadOptions& read) {
@@ -440,26 +467,20 @@ int main(int argc, char** argv) {
   auto* fit_command = app.add_subcommand("fit", "An identified law as a page: parameters, curves over points, residuals, correlation");
   fit_command->add_option("PARAMS", f.parameters, "PARAMS.yaml of tribotwin identify or calibrate")->required();
   fit_command->add_option("DATA", f.data, "Friction curves, recordings or telemetry.h5 to show the law with (default: those that PARAMS.yaml names)");
-  fit_command->add_option("-o,--output", f.output, "The page")->capture_default_str();
+  f.add_to(*fit_command, "The page (default: fit.html)");
   add_units(*fit_command, f.read);
   fit_command->add_option("--joint", f.read.joint, "Joint of a telemetry.h5");
-  fit_command->add_flag("--png", f.png, "Also every figure as PNG, in a folder beside the page");
-  fit_command->add_flag("--pdf", f.pdf, "Also every figure as PDF, in a folder beside the page");
-  fit_command->add_flag("--quiet", f.quiet, "No progress");
   fit_command->footer("Example:\n  tribotwin-report fit params.yaml -o fit.html");
 
   DiagnosisArguments d;
   auto* diagnosis_command = app.add_subcommand("diagnosis", "Verdicts on a joint as a page: distances, regions, causes, trend");
   diagnosis_command->add_option("HEALTHY", d.healthy, "healthy.yaml of tribotwin diagnose learn")->required();
   diagnosis_command->add_option("CURVES", d.data, "Friction curves, recordings or telemetry.h5, in the order of time")->required();
-  diagnosis_command->add_option("-o,--output", d.output, "The page")->capture_default_str();
+  d.add_to(*diagnosis_command, "The page (default: diagnosis.html)");
   diagnosis_command->add_option("--false-alarm", d.diagnosis.check.false_alarm, "As of tribotwin diagnose check")->check(CLI::Range(1e-9, 0.5))->capture_default_str();
   diagnosis_command->add_option("--tau-max", d.read.torque_max_nm, "Largest manipulation torque [Nm], arm side, for curves in friction_norm alone")->check(CLI::Range(1e-9, 1e9));
   diagnosis_command->add_option("--gear-ratio", d.read.gear_ratio, "Motor turns per joint turn, for recordings")->check(CLI::Range(1e-6, 1e6));
   diagnosis_command->add_option("--joint", d.read.joint, "Joint of a telemetry.h5");
-  diagnosis_command->add_flag("--png", d.png, "Also every figure as PNG, in a folder beside the page");
-  diagnosis_command->add_flag("--pdf", d.pdf, "Also every figure as PDF, in a folder beside the page");
-  diagnosis_command->add_flag("--quiet", d.quiet, "No progress");
   diagnosis_command->footer("Example:\n  tribotwin-report diagnosis healthy.yaml lab/br609/curves.csv -o diagnosis.html");
 
   FolderArguments days_arguments;
@@ -485,23 +506,29 @@ int main(int argc, char** argv) {
   video_command->add_option("--fps", v.frames_per_s, "Frames per second")->check(CLI::Range(1, 240))->capture_default_str();
   video_command->footer("Example:\n  tribotwin-report video runs/irb6620_warmup --seconds 4 -o warmup.mp4");
 
-  try {
-    app.parse(argc, argv);
-    if (*pose_command) return pose(p);
-    if (*curve_command) return curve(c);
-    if (*sheet_command) return sheet(s);
-    if (*video_command) return video(v);
-    std::string command = program;
-    for (int i = 1; i < argc; ++i) command += " " + render::shell_word(argv[i]);
-    if (*diagnosis_command) return diagnosis(d, command);
-    if (*days_command) return days(days_arguments, command);
-    if (*study_command) return study(study_arguments, command);
-    return *fit_command ? fit(f, command) : report(r, command);
-  } catch (const CLI::ParseError& e) {
-    return app.exit(e) == 0 ? done : wrong_input;
-  } catch (const InputError& e) {
-    return complain(program, wrong_input, e.what());
-  } catch (const std::exception& e) {
-    return complain(program, failed, e.what());
-  }
+  return twin::finish(program, [&]() -> int {
+    try {
+      app.parse(argc, argv);
+      if (*pose_command) return pose(p);
+      if (*curve_command) return curve(c);
+      if (*sheet_command) return sheet(s);
+      if (*video_command) return video(v);
+      std::string command = program;
+      for (int i = 1; i < argc; ++i) command += " " + render::shell_word(argv[i]);
+      if (*diagnosis_command) return diagnosis(d, command);
+      if (*days_command) return days(days_arguments, command);
+      if (*study_command) return study(study_arguments, command);
+      return *fit_command ? fit(f, command) : report(r, command);
+    } catch (const CLI::ParseError& e) {
+      std::ostringstream out, error;
+      const int code = app.exit(e, out, error);
+      twin::print_text(out.str());
+      twin::report_text(error.str());
+      return code == 0 ? done : wrong_input;
+    } catch (const InputError& e) {
+      return complain(program, wrong_input, e.what());
+    } catch (const std::exception& e) {
+      return complain(program, failed, e.what());
+    }
+  }());
 }

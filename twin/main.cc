@@ -1,6 +1,6 @@
 // tribotwin: runs, measures, identifies and exports; a command each in program/. stdout carries results only; everything
 // else goes to stderr.
-#include <csignal>
+#include <sstream>
 
 #include <tribotwin/plugins/mujoco/loader.hpp>
 #include <tribotwin/twin/program/program.hpp>
@@ -8,8 +8,8 @@
 
 int main(int argc, char** argv) {
   using namespace tribotwin;
+  twin::prepare_streams();
   mujoco::install_message_handlers();
-  std::signal(SIGXFSZ, SIG_IGN);   // a full disk is an error message, not a death
 
   CLI::App app{"tribotwin: a digital twin of robot joints whose friction knows load and temperature"};
   app.require_subcommand(1);
@@ -18,12 +18,15 @@ int main(int argc, char** argv) {
   for (const auto add : {twin::program::add_run, twin::program::add_curve, twin::program::add_lab, twin::program::add_identify, twin::program::add_calibrate, twin::program::add_dynamics, twin::program::add_predict, twin::program::add_excite, twin::program::add_thermal, twin::program::add_diagnose, twin::program::add_recover, twin::program::add_export}) add(app, code);
   try {
     app.parse(argc, argv);
-    return code;
   } catch (const CLI::ParseError& e) {
-    return app.exit(e) == 0 ? twin::done : twin::wrong_input;
+    std::ostringstream out, error;
+    code = app.exit(e, out, error) == 0 ? twin::done : twin::wrong_input;
+    twin::print_text(out.str());
+    twin::report_text(error.str());
   } catch (const twin::InputError& e) {
-    return twin::program::complain(twin::wrong_input, e.what());
+    code = twin::program::complain(twin::wrong_input, e.what());
   } catch (const std::exception& e) {
-    return twin::program::complain(twin::failed, e.what());
+    code = twin::program::complain(twin::failed, e.what());
   }
+  return twin::finish("tribotwin", code);
 }

@@ -25,7 +25,6 @@ tl::expected<void, std::string> Plant::record(const std::filesystem::path& direc
   auto recorder = twin::Recorder::create(directory, scenario_, false);
   if (!recorder) return tl::unexpected(recorder.error());
   recorder_ = std::move(*recorder);
-  directory_ = directory;
   return {};
 }
 
@@ -76,8 +75,7 @@ tl::expected<void, std::string> Plant::advance(std::span<const std::unique_ptr<B
 
 tl::expected<void, std::string> Plant::finish(double wall_s) {
   if (!recorder_) return {};
-  if (auto ok = recorder_->finish(); !ok) return ok;
-  return twin::write_summary(directory_, twin::summarize(twin_, scenario_, wall_s));
+  return recorder_->finish(twin::summarize(twin_, scenario_, wall_s));
 }
 
 }  // namespace tribotwin::hil

@@ -14,6 +14,7 @@
 
 #include <tribotwin/hil/can/clock.hpp>
 #include <tribotwin/hil/can/log.hpp>
+#include <tribotwin/twin/output/file.hpp>
 #include <tribotwin/twin/output/output.hpp>
 
 namespace tribotwin::hil {
@@ -140,7 +141,7 @@ tl::expected<void, std::string> drive(const twin::Scenario& scenario, Transport&
       for (std::size_t i = 0; i < lateness.count.size(); ++i)
         if (lateness.count[i]) more.emplace_back(fmt::format("lateness_below_{}_us", 1LL << i), static_cast<double>(lateness.count[i]));
     }
-    if (auto ok = twin::write_file(o.statistics, statistics_json(bench, bus.counters(), wall_s, more)); !ok) return ok;
+    if (auto ok = twin::write_file(o.statistics, statistics_json(bench, bus.counters(), wall_s, more), twin::Existing::replace); !ok) return ok;
   }
   return {};
 }

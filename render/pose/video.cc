@@ -1,14 +1,44 @@
 #include <tribotwin/render/pose/video.hpp>
 
 #include <cmath>
+#include <cstdint>
+#include <fstream>
+#include <string_view>
 
 #include <fmt/format.h>
 
 #include <tribotwin/render/process/child.hpp>
 
 namespace tribotwin::render {
+namespace {
 
-tl::expected<void, std::string> write_video(const std::filesystem::path& file, std::shared_ptr<const mujoco::Model> model, const twin::Recording& record,
+/// Whether the file is an MP4 from its first box to its last: ffmpeg may end with exit code 0 over a full disk.
+tl::expected<void, std::string> check_film(const std::filesystem::path& file) {
+  std::ifstream in(file, std::ios::binary);
+  const std::uint64_t size = std::filesystem::file_size(file);
+  std::uint64_t at = 0;
+  bool index = false;
+  while (at < size) {
+    unsigned char head[16]{};
+    in.seekg(static_cast<std::streamoff>(at));
+    in.read(reinterpret_cast<char*>(head), sizeof head);
+    const auto number = [&](int from, int count) {
+      std::uint64_t n = 0;
+      for (int i = 0; i < count; ++i) n = n << 8 | head[from + i];
+      return n;
+    };
+    const std::uint64_t length = number(0, 4) == 1 ? number(8, 8) : number(0, 4);
+    if (length < 8 || length > size - at) break;
+    index |= std::string_view(reinterpret_cast<char*>(head) + 4, 4) == "moov";
+    at += length;
+  }
+  if (at == size && index) return {};
+  return tl::unexpected(std::string("ffmpeg made a film that is not whole; is the disk full?"));
+}
+
+}  // namespace
+
+tl::expected<void, std::string> write_video(const std::filesystem::path& file, twin::Existing existing, std::shared_ptr<const mujoco::Model> model, const twin::Recording& record,
                                             const PoseOptions& pose, const VideoOptions& options, const std::function<void(double)>& progress) {
   namespace fs = std::filesystem;
   const double wanted = options.length_s * options.frames_per_s;
@@ -18,18 +48,15 @@ tl::expected<void, std::string> write_video(const std::filesystem::path& file, s
   if (span.empty()) return tl::unexpected(std::string("the record has no samples"));
   auto painter = PosePainter::create(model, options.size, options.quality);
   if (!painter) return tl::unexpected(painter.error());
-  const fs::path partial = file.string() + ".partial";
+  auto film = twin::NewFile::create(file, existing);
+  if (!film) return tl::unexpected(film.error());
   const std::string side = fmt::format("{}x{}", options.size.width, options.size.height);
   auto ffmpeg = Child::start({{"ffmpeg", "-loglevel", "error", "-nostdin", "-f", "rawvideo", "-pixel_format", "rgb24", "-video_size", side, "-framerate",
                                fmt::to_string(options.frames_per_s), "-i", "pipe:0", "-vf", "pad=ceil(iw/2)*2:ceil(ih/2)*2", "-c:v", "libx264", "-pix_fmt", "yuv420p",
-                               "-crf", "20", "-movflags", "+faststart", "-f", "mp4", "-y", fs::absolute(partial).string()},
+                               "-crf", "20", "-movflags", "+faststart", "-f", "mp4", "-y", fs::absolute(film->partial()).string()},
                               "ffmpeg"});
   if (!ffmpeg) return tl::unexpected(ffmpeg.error());
-  std::error_code ignored;
-  const auto fail = [&](const std::string& why) {
-    fs::remove(partial, ignored);
-    return tl::unexpected(fmt::format("{}: {}", file.string(), why));
-  };
+  const auto fail = [&](const std::string& why) { return tl::unexpected(fmt::format("{}: {}", file.string(), why)); };
   const auto frames = static_cast<long>(std::llround(wanted));
   std::size_t index = 0;
   for (long i = 0; i < frames; ++i) {
@@ -40,10 +67,11 @@ tl::expected<void, std::string> write_video(const std::filesystem::path& file, s
     if (auto fed = ffmpeg->write({reinterpret_cast<const char*>(image->rgb.data()), image->rgb.size()}); !fed) return fail(fed.error());
     if (progress) progress(static_cast<double>(i + 1) / static_cast<double>(frames));
   }
-  if (auto ended = ffmpeg->finish(); !ended) return fail(ended.error());
-  fs::rename(partial, file, ignored);
-  if (ignored) return fail(ignored.message());
-  return {};
+  const auto said = ffmpeg->finish();
+  if (!said) return fail(said.error());
+  if (!said->empty()) return fail("ffmpeg: " + *said);
+  if (auto whole = check_film(film->partial()); !whole) return fail(whole.error());
+  return film->publish();
 }
 
 }  // namespace tribotwin::render

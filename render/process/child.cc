@@ -109,16 +109,18 @@ tl::expected<void, std::string> Child::write(std::string_view bytes) {
   return tl::unexpected(ended ? fmt::format("{}: {}", name_, why) : ended.error());
 }
 
-tl::expected<void, std::string> Child::finish() {
+tl::expected<std::string, std::string> Child::finish() {
   g_output_stream_close(g_subprocess_get_stdin_pipe(process_.get()), nullptr, nullptr);
   std::string said;
   char buffer[4096];
   for (gssize n; (n = g_input_stream_read(g_subprocess_get_stderr_pipe(process_.get()), buffer, sizeof buffer, nullptr, nullptr)) > 0;)
     said.append(buffer, static_cast<std::size_t>(n));
   g_subprocess_wait(process_.get(), nullptr, nullptr);
-  auto good = verdict(name_, process_.get(), one_line(said));
+  said = one_line(said);
+  const auto good = verdict(name_, process_.get(), said);
   process_.reset();
-  return good;
+  if (!good) return tl::unexpected(good.error());
+  return said;
 }
 
 std::string shell_word(std::string_view word) {

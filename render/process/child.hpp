@@ -31,8 +31,8 @@ class Child {
   ~Child();
   /// Fails once the program does not take input any more.
   tl::expected<void, std::string> write(std::string_view bytes);
-  /// Ends the input and waits.
-  tl::expected<void, std::string> finish();
+  /// Ends the input and waits. Returns what the program wrote to stderr.
+  tl::expected<std::string, std::string> finish();
 
  private:
   struct Unref { void operator()(GSubprocess* process) const; };

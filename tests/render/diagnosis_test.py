@@ -21,7 +21,9 @@ def check(name, condition, detail=""):
 
 
 def run(program, *arguments):
-    return subprocess.run([program, *map(str, arguments)], capture_output=True, text=True, timeout=300, cwd=work)
+    # A report is made again and again here; that nothing is replaced unasked is tested in tests/programs.
+    again = ["--force"] if program == report and "--help" not in arguments else []
+    return subprocess.run([program, *map(str, arguments), *again], capture_output=True, text=True, timeout=300, cwd=work)
 
 
 def write(name, conditions):

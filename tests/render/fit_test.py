@@ -16,7 +16,9 @@ random = np.random.default_rng(11)
 
 
 def run(program, *arguments, **options):
-    return subprocess.run([program, *map(str, arguments)], capture_output=True, text=True, timeout=300, **{"cwd": work, **options})
+    # A report is made again and again here; that nothing is replaced unasked is tested in tests/programs.
+    again = ["--force"] if program == report and "--help" not in arguments else []
+    return subprocess.run([program, *map(str, arguments), *again], capture_output=True, text=True, timeout=300, **{"cwd": work, **options})
 
 
 def check(name, condition, detail=""):

@@ -14,7 +14,9 @@ failures = []
 
 
 def run(program, *arguments, **options):
-    return subprocess.run([program, *arguments], capture_output=True, text=True, errors="replace", timeout=300, cwd=work, **options)
+    # A report is made again and again here; that nothing is replaced unasked is tested in tests/programs.
+    again = ["--force"] if program == report and "--help" not in arguments else []
+    return subprocess.run([program, *arguments, *again], capture_output=True, text=True, errors="replace", timeout=300, cwd=work, **options)
 
 
 def check(name, condition, detail=""):

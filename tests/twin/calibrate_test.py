@@ -62,9 +62,9 @@ for name, goal in motions.items():
         recording = {"kp": kp, "trajectory": name, "entries": [{"timestamp": x, "goal_position": g, "position": 0.0, "temp": 30} for x, g in zip(t, goal)]}
         write("goals.json", recording)
         write("made.yaml", "model: pendulum.xml\nmotion: {type: recording, file: goals.json}\n" + known.replace("{", "{type: dc_position, ", 1) + ", kt_nm_A: 0.36}\ntelemetry_rate_hz: 250\n")
-        r = run("run", "made.yaml", "-o", "made_run", "--quiet")
+        r = run("run", "made.yaml", "-o", "made_run", "--force", "--quiet")
         check("a run to calibrate on, %s %d" % (name, kp), r.returncode == 0, r.stderr)
-        run("export", "made_run", "--csv")
+        run("export", "made_run", "--csv", "--force")
         table = np.genfromtxt(path("made_run", "telemetry.csv"), delimiter=",", names=True, deletechars="")
         for entry, q in zip(recording["entries"], np.interp(t, table["time_s"], table["hinge.position_rad"])):
             entry["position"] = q

@@ -70,7 +70,7 @@ with h5py.File(work + "/killed/telemetry.h5") as f:
 r = run("recover", "run")
 check("nothing to recover", r.returncode == 0 and "complete" in r.stdout)
 
-check("the folder of a killed run can be used again", run("run", "irb6620_hold", "-o", "killed", "--quiet", "--set", "duration_s=1").returncode == 0)
+check("the folder of a killed run can be used again", run("run", "irb6620_hold", "-o", "killed", "--quiet", "--force", "--set", "duration_s=1").returncode == 0)
 check("no lock stays behind", not os.path.exists(work + "/killed/run.lock"))
 
 # CSV against the record.

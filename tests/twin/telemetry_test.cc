@@ -105,7 +105,7 @@ TEST_F(TelemetryTest, OddJointNamesSurviveAndDoublesAreRefused) {
   ASSERT_TRUE(t->append(0, Values(2 * names.size(), 1.5)));
   ASSERT_TRUE(t->finish());
   EXPECT_THAT(read_telemetry(file)->joints, ElementsAreArray(names));
-  ASSERT_TRUE(export_csv(folder));
+  ASSERT_TRUE(export_csv(folder, Existing::refuse));
   EXPECT_THAT(text_of(folder / "telemetry.csv"), HasSubstr(",\"\u00fc \"\"x\"\",y.a\","));
   EXPECT_THAT(Telemetry::create(folder / "d.h5", options({"x", "x"})).error(), HasSubstr("two joints are called 'x'"));
   EXPECT_THAT(Telemetry::create(folder / "d.h5", options({std::string("x\0y", 3)})).error(), HasSubstr("NUL"));
@@ -163,7 +163,8 @@ TEST_F(TelemetryTest, WrongUseIsRefused) {
   EXPECT_THAT(t->append(1, Values{1, 2}).error(), HasSubstr("is finished"));
   EXPECT_THAT(t->finish().error(), HasSubstr("is finished"));
   EXPECT_EQ(read_telemetry(file)->time_s.size(), 1u);
-  EXPECT_TRUE(Telemetry::create(file, options({"one"})));
+  EXPECT_THAT(Telemetry::create(file, options({"one"})).error(), HasSubstr("exists"));
+  EXPECT_TRUE(Telemetry::create(file, options({"one"}), Existing::replace));
 }
 
 // The times are wall times, so the last one recovered tells what was lost.
@@ -174,7 +175,7 @@ TEST_F(TelemetryTest, KilledRunLosesAtMostItsLastSecond) {
       auto o = options({"one", "two"});
       o.wall_clock_s = nullptr;
       o.joint_attributes = {{{"gear_ratio", 2}}, {}};
-      auto t = Telemetry::create(file, o);
+      auto t = Telemetry::create(file, o, Existing::replace);
       for (Values row(4), cycle(2); t;) {
         const double time_s = now_s();
         std::ranges::fill(row, time_s);
@@ -195,7 +196,9 @@ TEST_F(TelemetryTest, KilledRunLosesAtMostItsLastSecond) {
     const auto recovered = recover(folder);
     ASSERT_TRUE(recovered) << recovered.error();
     EXPECT_GT(recovered->last_time_s, killed_s - 1);
-    EXPECT_FALSE(recovered->was_complete);
+    EXPECT_FALSE(recovered->was_plain);
+    EXPECT_EQ(recovered->lost_samples, 0u);
+    EXPECT_TRUE(fs::remove(folder / "telemetry.h5.original"));
     const auto r = read_telemetry(file);
     ASSERT_TRUE(r) << r.error();
     EXPECT_FALSE(r->complete);
@@ -205,7 +208,7 @@ TEST_F(TelemetryTest, KilledRunLosesAtMostItsLastSecond) {
     EXPECT_TRUE(std::ranges::equal(r->channel("two", "b"), r->time_s));
     EXPECT_THAT(r->attributes, ElementsAre(Pair("engine", "test")));
     EXPECT_THAT(r->joint_attributes[0], ElementsAre(Pair("gear_ratio", 2)));
-    EXPECT_FALSE(fs::exists(folder / "telemetry.h5.recovering"));
+    EXPECT_THAT(std::distance(fs::directory_iterator(folder), {}), 1);
     EXPECT_EQ(recover(folder)->samples, recovered->samples);
   }
 }
@@ -217,7 +220,7 @@ TEST_F(TelemetryTest, FinishedRecordNeedsNoRecovery) {
   const std::string bytes = text_of(file);
   const auto r = recover(folder);
   ASSERT_TRUE(r) << r.error();
-  EXPECT_TRUE(r->was_complete);
+  EXPECT_TRUE(r->was_plain);
   EXPECT_EQ(r->samples, 1u);
   EXPECT_EQ(r->last_time_s, 3);
   EXPECT_EQ(text_of(file), bytes);
@@ -246,15 +249,27 @@ TEST_F(TelemetryTest, FullDiskKeepsWhatWasWritten) {
   EXPECT_GT(r->time_s.size() + 4097, appended);
   EXPECT_EQ(r->time_s.back(), static_cast<double>(r->time_s.size() - 1));
   EXPECT_TRUE(std::ranges::equal(r->channel("two", "b"), r->time_s));
-  const std::string bytes = text_of(file);
+  // The record was closed, so that only damage asks for a recovery.
+  std::string bytes = text_of(file);
+  bytes[bytes.size() * 2 / 3] ^= 1;
+  std::ofstream(file, std::ios::binary) << bytes;
   {
     const SmallDisk disk(300'000);
     EXPECT_THAT(recover(folder).error(), HasSubstr("telemetry.h5: cannot be written (File too large)"));
-    EXPECT_THAT(export_csv(folder).error(), HasSubstr("telemetry.csv: cannot be written (File too large)"));
+    EXPECT_THAT(export_csv(folder, Existing::refuse).error(), HasSubstr("telemetry.csv: cannot be written (File too large)"));
   }
   EXPECT_EQ(text_of(file), bytes);
   EXPECT_THAT(std::distance(fs::directory_iterator(folder), {}), 1);
-  EXPECT_EQ(recover(folder)->samples, r->time_s.size());
+  const auto recovered = recover(folder);
+  ASSERT_TRUE(recovered) << recovered.error();
+  EXPECT_EQ(recovered->samples + recovered->lost_samples, r->time_s.size());
+  EXPECT_EQ(recovered->lost_samples, 1024u);
+  EXPECT_EQ(text_of(folder / "telemetry.h5.original"), bytes);
+  const auto kept = read_telemetry(file);
+  ASSERT_TRUE(kept) << kept.error();
+  EXPECT_TRUE(std::ranges::includes(r->time_s, kept->time_s));
+  EXPECT_TRUE(std::ranges::equal(kept->channel("two", "b"), kept->time_s));
+  EXPECT_FALSE(fs::exists(folder / "telemetry.csv"));
 }
 
 TEST_F(TelemetryTest, FailuresNameTheFileAndTheReason) {
@@ -264,7 +279,7 @@ TEST_F(TelemetryTest, FailuresNameTheFileAndTheReason) {
   std::ofstream(file) << "junk";
   EXPECT_THAT(read_telemetry(file).error(), HasSubstr("telemetry.h5: is no readable HDF5"));
   EXPECT_THAT(recover(folder).error(), HasSubstr("telemetry.h5: is no readable HDF5"));
-  EXPECT_THAT(export_csv(folder).error(), HasSubstr("telemetry.h5: is no readable HDF5"));
+  EXPECT_THAT(export_csv(folder, Existing::refuse).error(), HasSubstr("telemetry.h5: is no readable HDF5"));
   EXPECT_FALSE(fs::exists(folder / "telemetry.csv"));
 }
 
@@ -286,7 +301,7 @@ TEST_F(TelemetryTest, CsvHasEveryDigit) {
   ASSERT_TRUE(t->append_cycle(7, Values{1.5}));
   ASSERT_TRUE(t->finish());
   double progress = 0;
-  const auto files = export_csv(folder, [&](double share) {
+  const auto files = export_csv(folder, Existing::refuse, [&](double share) {
     EXPECT_GE(share, progress);
     progress = share;
   });

@@ -160,7 +160,7 @@ def worked(name, seed, motion):
     """A day of two and a half hours as the controller records it: 10^6 increments per turn, torque noise 1 % of torque_max; skipped cycles are gaps."""
     json.dump({"model": model, "duration_s": 9000, "ambient_degC": 20, "motion": {"type": "cycle"} | motion, "multirate": {"tolerance_K": 0.5}, "telemetry_rate_hz": 100}, open(f"{work}/{name}.yaml", "w"))
     tribotwin("run", f"{name}.yaml", "-o", f"day_{name}", "--quiet")
-    tribotwin("export", f"day_{name}", "--recording", "--encoder", 1e6, "--torque-noise", 0.01, "--seed", seed, "-o", "whole.csv")
+    tribotwin("export", f"day_{name}", "--recording", "--encoder", 1e6, "--torque-noise", 0.01, "--seed", seed, "-o", "whole.csv", "--force")
     names, values = rows("whole.csv")
     write(f"{name}.csv", {n: values[:, k] for k, n in enumerate(names) if not n.startswith("temperature")})
     with h5py.File(f"{work}/day_{name}/telemetry.h5") as f:
@@ -267,10 +267,10 @@ if os.path.exists(recording):
         write(file, {"time_s": stamp[part] - stamp[0]} | {n: c for j in range(6) for n, c in ((f"power_w_joint{j}", values[part, 2 * j] ** 2), (f"temperature_joint{j}_degC", values[part, 2 * j + 1]))})
     held_out = {}
     for option, name in (("--quiet", "alone"), ("--chain", "chain")):
-        run("begin.csv", option, "-o", f"{name}.yaml")
+        run("begin.csv", option, "-o", f"{name}.yaml", "--force")
         held_out[name] = [j[0]["rms_K"] for j in json.loads(run("--evaluate", f"{name}.yaml", "end.csv", "--json", "--quiet").stdout)["joints"].values()]
     check("the first session's last third: the chain is better", np.sqrt(np.mean(np.square(held_out["chain"]))) < 0.85 * np.sqrt(np.mean(np.square(held_out["alone"]))) and max(held_out["chain"]) < 0.8 * max(held_out["alone"]), held_out)
-    run("first.csv", "--chain", "-o", "chain.yaml")
+    run("first.csv", "--chain", "-o", "chain.yaml", "--force")
     rms = [j[0]["rms_K"] for j in json.loads(run("--evaluate", "chain.yaml", "second.csv", "--json", "--quiet").stdout)["joints"].values()]
     print("     UR3 as a chain [K rms]:", np.round(rms, 3))
     check("a chain: five joints within 0.5 K, the last within 0.55 K", max(rms[:5]) < 0.5 and rms[5] < 0.55, rms)

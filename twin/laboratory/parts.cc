@@ -5,16 +5,18 @@
 #include <chrono>
 #include <fstream>
 #include <iterator>
+#include <map>
 #include <mutex>
 #include <optional>
+#include <sstream>
 #include <thread>
 #include <utility>
 
 #include <fmt/format.h>
 
 #include <tribotwin/twin/model/fingerprint.hpp>
+#include <tribotwin/twin/output/checksum.hpp>
 #include <tribotwin/twin/output/folder_lock.hpp>
-#include <tribotwin/twin/output/output.hpp>
 #include <tribotwin/twin/scenario/input.hpp>
 
 namespace tribotwin::twin {
@@ -45,7 +47,7 @@ void require_free(const std::string& resolved_yaml, const std::string& folder, c
   // A run that was killed at its very start leaves these.
   for (const auto& entry : fs::directory_iterator(directory, error)) {
     const std::string name = entry.path().filename().string();
-    if (name == "run.lock" || name == "campaign.yaml.partial" || (name == folder && fs::is_empty(entry.path(), error))) continue;
+    if (name == "run.lock" || name.starts_with(".campaign.yaml.partial-") || (name == folder && fs::is_empty(entry.path(), error))) continue;
     throw InputError(fmt::format("{}: holds {} and no campaign; choose another folder with -o", directory.string(), name));
   }
 }
@@ -53,12 +55,36 @@ void require_free(const std::string& resolved_yaml, const std::string& folder, c
 Status open(const fs::path& directory, const std::string& folder, const std::string& resolved_yaml, FolderLock& lock) {
   std::error_code error;
   fs::create_directories(directory / folder, error);
-  if (error) return tl::unexpected(fmt::format("{}: cannot be created ({})", directory.string(), error.message()));
+  if (error) return tl::unexpected(fmt::format("{}: cannot be created ({})", (directory / folder).string(), error.message()));
   if (auto ok = lock.take(directory); !ok) return ok;
   const fs::path file = directory / "campaign.yaml";
   if (text_of(file) == resolved_yaml) return {};
-  return write_file(file, resolved_yaml);
+  return write_file(file, resolved_yaml, Existing::refuse);
 }
+
+/// The checksums of the parts, one line each: eight hexadecimal digits, a space, the name of the part.
+class Checksums {
+ public:
+  explicit Checksums(fs::path file) : file_(std::move(file)) {
+    std::istringstream lines(text_of(file_).value_or(""));
+    for (std::string sum, name; lines >> sum >> name;) sums_[name] = sum;
+  }
+  bool match(const std::string& name, std::string_view text) const {
+    const auto sum = sums_.find(name);
+    return sum != sums_.end() && sum->second == sum_of(text);
+  }
+  Status add(const std::string& name, std::string_view text) {
+    sums_[name] = sum_of(text);
+    std::string all;
+    for (const auto& [part, sum] : sums_) all += fmt::format("{} {}\n", sum, part);
+    return write_file(file_, all, Existing::replace);
+  }
+
+ private:
+  static std::string sum_of(std::string_view text) { return fmt::format("{:08x}", crc32(text)); }
+  fs::path file_;
+  std::map<std::string, std::string> sums_;
+};
 
 }  // namespace
 
@@ -73,11 +99,16 @@ tl::expected<Completed, std::string> complete(const std::string& resolved_yaml, 
   if (auto ok = open(options.directory, parts.folder, resolved_yaml, *lock); !ok) return tl::unexpected(ok.error());
   const auto file = [&](std::size_t i) { return options.directory / parts.folder / parts.files[i]; };
 
+  Checksums sums(options.directory / "checksums");
   Completed out{.texts = std::vector<std::string>(parts.files.size()), .lock = lock};
   std::vector<std::size_t> missing;
   for (std::size_t i = 0; i < parts.files.size(); ++i) {
-    if (auto present = text_of(file(i)); present && parts.whole(i, *present)) out.texts[i] = std::move(*present);
-    else missing.push_back(i);
+    auto present = text_of(file(i));
+    if (present && sums.match(parts.files[i], *present) && parts.whole(i, *present)) {
+      out.texts[i] = std::move(*present);
+      continue;
+    }
+    missing.push_back(i);
   }
   out.present = parts.files.size() - missing.size();
 
@@ -90,8 +121,9 @@ tl::expected<Completed, std::string> complete(const std::string& resolved_yaml, 
     for (std::size_t k; !stop && (k = next++) < missing.size();) {
       const std::size_t i = missing[k];
       auto made = parts.make(i);
-      Status kept = made ? write_file(file(i), *made) : Status(tl::unexpected(made.error()));
+      Status kept = made ? write_file(file(i), *made, Existing::replace) : Status(tl::unexpected(made.error()));
       const std::lock_guard guard(mutex);
+      if (kept) kept = sums.add(parts.files[i], *made);
       if (!kept) {
         stop = true;
         if (i < error_at) error_at = i, error = kept.error();

@@ -11,6 +11,7 @@
 #include <yaml-cpp/yaml.h>
 
 #include <tribotwin/plugins/mujoco/loader.hpp>
+#include <tribotwin/twin/output/file.hpp>
 
 /// Long work in parts that do not depend on each other, each kept as a file from the moment it is done: however a run ends, the
 /// next one goes on, and the results are the same byte by byte, whatever the number of threads.
@@ -19,6 +20,7 @@ namespace tribotwin::twin {
 struct LabOptions {
   std::filesystem::path directory;
   unsigned threads = 0;                                            ///< 0: all cores
+  Existing existing = Existing::refuse;                            ///< what happens to results that were changed since they were made
   std::function<void(double share, double seconds_left)> progress; ///< from one thread at a time
 };
 
@@ -38,9 +40,10 @@ struct Completed {
 /// A campaign as `complete` wants it: engine and model in the first line, for another of either gives other numbers.
 std::string resolved_yaml(const mujoco::Model& model, const YAML::Node& campaign);
 
-/// Makes the parts that the directory lacks. It holds campaign.yaml with `resolved_yaml`, which says whose it is. Throws InputError where it
-/// holds another campaign or something else. Fails with the first part that cannot be made, when another process works in the
-/// directory, or when a file cannot be written.
+/// Makes the parts that the directory lacks. It holds campaign.yaml with `resolved_yaml`, which says whose it is, and
+/// `checksums`: a part that does not have its own there is made again. Throws InputError where the directory holds another
+/// campaign or something else. Fails with the first part that cannot be made, when another process works in the directory, or
+/// when a file cannot be written.
 tl::expected<Completed, std::string> complete(const std::string& resolved_yaml, const Parts& parts, const LabOptions& options);
 
 }  // namespace tribotwin::twin

@@ -6,8 +6,7 @@
 
 #include <fmt/format.h>
 
-#include <tribotwin/twin/output/folder_lock.hpp>
-#include <tribotwin/twin/output/output.hpp>
+#include <tribotwin/twin/output/file.hpp>
 #include <tribotwin/twin/table/table.hpp>
 
 namespace tribotwin::twin {
@@ -29,7 +28,7 @@ tl::expected<LabSummary, std::string> run_campaign(const Campaign& campaign, con
   std::string all = curve_columns;
   for (const std::string& text : completed->texts) all += text.substr(std::strlen(curve_columns));
   const std::filesystem::path file = options.directory / "curves.csv";
-  if (auto ok = write_file(file, all); !ok) return tl::unexpected(ok.error());
+  if (auto ok = write_derived(file, all, options.existing); !ok) return tl::unexpected(ok.error());
 
   const auto table = read_table(file);
   if (!table) return tl::unexpected(table.error());

@@ -12,16 +12,18 @@
 
 namespace tribotwin::twin {
 
-FolderLock::~FolderLock() {
+FolderLock::~FolderLock() { release(); }
+
+void FolderLock::release() {
   if (file_ < 0) return;
   ::unlink(path_.c_str());
-  ::close(file_);
+  ::close(std::exchange(file_, -1));
 }
 
 tl::expected<void, std::string> FolderLock::take(const std::filesystem::path& directory) {
   path_ = directory / "run.lock";
   for (;;) {
-    file_ = ::open(path_.c_str(), O_CREAT | O_RDWR | O_CLOEXEC, 0666);
+    file_ = ::open(path_.c_str(), O_CREAT | O_RDWR | O_NOFOLLOW | O_CLOEXEC, 0666);
     if (file_ < 0) return tl::unexpected(fmt::format("{}: cannot be written ({})", path_.string(), std::strerror(errno)));
     if (::flock(file_, LOCK_EX | LOCK_NB) != 0) {
       ::close(std::exchange(file_, -1));

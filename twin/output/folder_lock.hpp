@@ -7,8 +7,8 @@
 
 namespace tribotwin::twin {
 
-/// Keeps a second process out of a folder that a run or a campaign writes into, by the file run.lock. A killed one leaves the
-/// file but not the lock.
+/// Keeps a second process out of a folder that a command writes into, by a lock on the file run.lock. A killed process leaves
+/// the file but not the lock.
 class FolderLock {
  public:
   FolderLock() = default;
@@ -17,6 +17,7 @@ class FolderLock {
   ~FolderLock();
   /// Fails when another process holds it, or the folder cannot be written: the message names the folder.
   tl::expected<void, std::string> take(const std::filesystem::path& directory);
+  void release();
 
  private:
   std::filesystem::path path_;

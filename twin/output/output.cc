@@ -1,31 +1,40 @@
 #include <tribotwin/twin/output/output.hpp>
 
-#include <cerrno>
-#include <cstdio>
+#include <csignal>
 #include <cstring>
-#include <system_error>
 
-#include <fmt/format.h>
+#include <fcntl.h>
 #include <unistd.h>
 
+#include <tribotwin/twin/output/stream.hpp>
+
 namespace tribotwin::twin {
+namespace {
+
+int stdout_error = 0;   // errno of the first write to stdout that failed
+
+}  // namespace
+
+void prepare_streams() {
+  for (const int signal : {SIGPIPE, SIGXFSZ}) std::signal(signal, SIG_IGN);
+  for (const int stream : {STDIN_FILENO, STDOUT_FILENO, STDERR_FILENO})
+    if (::fcntl(stream, F_GETFD) < 0) (void)::open("/dev/null", stream == STDIN_FILENO ? O_WRONLY : O_RDONLY);
+}
+
+void print_text(std::string_view text) {
+  if (stdout_error == 0) stdout_error = write_all(STDOUT_FILENO, text);
+}
+
+void report_text(std::string_view text) { (void)write_all(STDERR_FILENO, text); }
 
 int complain(std::string_view program, Exit code, std::string_view message) {
-  fmt::print(stderr, "{}: {}\n", program, message);
+  report_text(fmt::format("{}: {}\n", program, message));
   return code;
 }
 
-tl::expected<void, std::string> write_file(const std::filesystem::path& file, std::string_view bytes) {
-  const std::filesystem::path partial = file.string() + ".partial";
-  std::FILE* out = std::fopen(partial.c_str(), "wb");
-  bool good = out && std::fwrite(bytes.data(), 1, bytes.size(), out) == bytes.size();
-  const int why = errno;
-  if (out) good = std::fclose(out) == 0 && good;
-  if (good && std::rename(partial.c_str(), file.c_str()) == 0) return {};
-  const std::string reason = std::strerror(good ? errno : why);
-  std::error_code ignored;
-  if (out) std::filesystem::remove(partial, ignored);
-  return tl::unexpected(fmt::format("{}: cannot be written ({})", file.string(), reason));
+int finish(std::string_view program, int code) {
+  if (stdout_error == 0) return code;
+  return complain(program, failed, fmt::format("stdout did not take the whole result ({})", std::strerror(stdout_error)));
 }
 
 Progress::Progress(bool quiet, std::string what) : what_(std::move(what)), on_(!quiet && ::isatty(STDERR_FILENO)) {
@@ -33,7 +42,7 @@ Progress::Progress(bool quiet, std::string what) : what_(std::move(what)), on_(!
 }
 
 Progress::~Progress() {
-  if (shown_) fmt::print(stderr, "\r\033[K");
+  if (shown_) report_text("\r\033[K");
 }
 
 void Progress::operator()(double share, double seconds_left) {
@@ -41,8 +50,7 @@ void Progress::operator()(double share, double seconds_left) {
   if (!on_ || percent == last_) return;
   last_ = percent;
   shown_ = true;
-  fmt::print(stderr, "\r\033[K{}{:3d} %{}", what_, percent, seconds_left >= 0 ? fmt::format(", {:.0f} s left", seconds_left) : "");
-  std::fflush(stderr);
+  report_text(fmt::format("\r\033[K{}{:3d} %{}", what_, percent, seconds_left >= 0 ? fmt::format(", {:.0f} s left", seconds_left) : ""));
 }
 
 }  // namespace tribotwin::twin

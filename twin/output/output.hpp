@@ -1,21 +1,42 @@
 #pragma once
 
-#include <filesystem>
 #include <string>
 #include <string_view>
+#include <utility>
 
-#include <tl/expected.hpp>
+#include <fmt/format.h>
 
-/// What all programs of the project share towards their user: exit codes, messages, progress, files whole or not at all.
+/// What all programs of the project share towards their user: exit codes, messages, progress. Nothing here throws when a
+/// stream is closed, full or slow: a lost result is reported by `finish`, a lost message is lost.
 namespace tribotwin::twin {
 
 enum Exit { done = 0, failed = 1, wrong_input = 2, limit_exceeded = 3 };
 
+/// First call of every main(). Writing to a closed pipe or beyond a file size limit becomes an error instead of a signal.
+/// A standard stream that was closed is replaced by one that fails, so that no file of ours gets its number.
+void prepare_streams();
+
+/// Text to stdout (results only) and to stderr (everything else), whole, also into a pipe that is slow.
+void print_text(std::string_view text);
+void report_text(std::string_view text);
+
+/// A part of the result, to stdout.
+template <class... Arguments>
+void print(fmt::format_string<Arguments...> format, Arguments&&... arguments) {
+  print_text(fmt::format(format, std::forward<Arguments>(arguments)...));
+}
+
+/// "note: MESSAGE" on stderr.
+template <class... Arguments>
+void note(fmt::format_string<Arguments...> format, Arguments&&... arguments) {
+  report_text("note: " + fmt::format(format, std::forward<Arguments>(arguments)...) + "\n");
+}
+
 /// Prints "PROGRAM: MESSAGE" to stderr and returns the code.
 int complain(std::string_view program, Exit code, std::string_view message);
 
-/// Writes a file through FILE.partial, so that FILE is either the old or the whole new one. The message names the file.
-tl::expected<void, std::string> write_file(const std::filesystem::path& file, std::string_view bytes);
+/// The exit code of a program that ends with `code`: 1, with a message, if stdout did not take the whole result.
+int finish(std::string_view program, int code);
 
 /// One line on stderr that is rewritten, on terminals only.
 class Progress {

@@ -15,6 +15,9 @@
 #include <tribotwin/twin/identification/by_simulation.hpp>
 #include <tribotwin/twin/identification/parameters.hpp>
 #include <tribotwin/twin/model/fingerprint.hpp>
+#include <tribotwin/twin/output/checksum.hpp>
+#include <tribotwin/twin/output/folder_lock.hpp>
+#include <tribotwin/twin/output/interrupt.hpp>
 #include <tribotwin/twin/program/program.hpp>
 #include <tribotwin/twin/scenario/input.hpp>
 
@@ -409,6 +412,15 @@ Json json_of(const Results& r) {
   return j;
 }
 
+/// The same with a checksum of all else as its last key.
+Json with_checksum(Json j) {
+  j.erase("crc32");
+  j["crc32"] = fmt::format("{:08x}", crc32(j.dump()));
+  return j;
+}
+
+bool checksum_holds(const Json& j) { return with_checksum(j)["crc32"] == j.at("crc32"); }
+
 /// The fits that the folder already holds; none where it holds no calibration. Throws InputError where it holds another.
 std::vector<SimulationFit> fits_of(const Campaign& campaign, const fs::path& file) {
   std::vector<SimulationFit> fits;
@@ -418,6 +430,7 @@ std::vector<SimulationFit> fits_of(const Campaign& campaign, const fs::path& fil
   const Json j = Json::parse(stream, nullptr, false);
   const auto refuse = [&](const char* what) { throw InputError(fmt::format("{}: {}; choose another folder with -o, or remove this one", file.string(), what)); };
   if (!j.is_object() || !j.contains("fit")) refuse("is no calibration");
+  if (j.contains("crc32") && !checksum_holds(j)) refuse("was changed since it was made (checksum)");
   if (j["fit"] != campaign.resolved) refuse("holds another calibration (its FIT file, models, recordings, seed or versions differ)");
   try {
     const auto take = [&](const Json& one, std::size_t variant, std::size_t split, std::size_t fold) {
@@ -489,7 +502,7 @@ std::string table_of(const Results& r) {
 }
 
 /// VARIANT.params.yaml (the law), VARIANT.xml (the model) and VARIANT.yaml (a scenario that runs them).
-tl::expected<void, std::string> write_found(const Results& r, const SimulationFit& f, const fs::path& directory) {
+tl::expected<void, std::string> write_found(const Results& r, const SimulationFit& f, const fs::path& directory, Existing existing) {
   const Variant& variant = r.campaign.plan.variants[f.variant];
   const auto opened = VariantTwins::open(variant);
   if (!opened) return tl::unexpected(opened.error());
@@ -541,7 +554,7 @@ tl::expected<void, std::string> write_found(const Results& r, const SimulationFi
     if (variant.quantities[q].place != Place::drive && variant.quantities[q].sought)
       file.found.notes.push_back(fmt::format("{} = {:.6g}{} ({})", variant.quantities[q].path(), f.values[q], std::isfinite(f.sigma[q]) ? fmt::format(" +- {:.2g}", f.sigma[q]) : "", name(f.knowledge[q])));
   for (const auto& [ending, text] : {std::pair<std::string, std::string>{".xml", opened->mjcf(f.values)}, {".yaml", std::string(out.c_str()) + "\n"}, {".params.yaml", to_yaml(file)}})
-    if (const auto ok = write_file(directory / (variant.label + ending), text); !ok) return ok;
+    if (const auto ok = write_derived(directory / (variant.label + ending), text, existing); !ok) return ok;
   return {};
 }
 
@@ -549,7 +562,7 @@ struct Arguments {
   std::string fit, directory;
   std::optional<std::uint64_t> seed;
   unsigned threads = std::max(1u, std::thread::hardware_concurrency());
-  bool json = false, quiet = false;
+  bool json = false, quiet = false, force = false;
 };
 
 int execute(const Arguments& a) {
@@ -558,12 +571,15 @@ int execute(const Arguments& a) {
   std::error_code error;
   fs::create_directories(directory, error);
   if (error) return complain(failed, fmt::format("{}: cannot be made ({})", directory.string(), error.message()));
+  FolderLock lock;
+  if (auto ok = lock.take(directory); !ok) return complain(failed, ok.error());
   Results results{campaign, fits_of(campaign, file)};
-  if (!results.fits.empty() && !a.quiet) fmt::print(stderr, "note: goes on from {}, where {} of {} fits are done\n", file.string(), results.fits.size(), results.wanted());
+  if (!results.fits.empty() && !a.quiet) note("goes on from {}, where {} of {} fits are done", file.string(), results.fits.size(), results.wanted());
 
+  catch_interrupts();
   std::string write_error;
   const auto save = [&] {
-    if (const auto ok = write_file(file, json_of(results).dump(1) + "\n"); !ok && write_error.empty()) {
+    if (const auto ok = write_file(file, with_checksum(json_of(results)).dump(1) + "\n", Existing::replace); !ok && write_error.empty()) {
       write_error = ok.error();
       interrupted() = true;   // no use going on
     }
@@ -585,8 +601,8 @@ int execute(const Arguments& a) {
     return complain(failed, results.fits.empty() ? "interrupted before the first fit was done; nothing is written"
                                                  : fmt::format("interrupted; {} of {} fits are kept in {}, the same command goes on from there", results.fits.size(), results.wanted(), file.string()));
   for (std::size_t v = 0; v < campaign.plan.variants.size(); ++v)
-    if (const auto ok = write_found(results, *results.find(v, SimulationFit::all, 0), directory); !ok) return complain(failed, ok.error());
-  return deliver(a.json ? json_of(results).dump(1) + "\n" : table_of(results), "");
+    if (const auto ok = write_found(results, *results.find(v, SimulationFit::all, 0), directory, replace_if(a.force)); !ok) return complain(failed, ok.error());
+  return deliver(a.json ? json_of(results).dump(1) + "\n" : table_of(results));
 }
 
 }  // namespace
@@ -600,6 +616,7 @@ void add_calibrate(CLI::App& app, int& code) {
   c->add_option("--threads", a->threads, "Processors to use; they change nothing but the time")->check(CLI::Range(1, 256));
   c->add_flag("--json", a->json, "Print calibration.json instead of the table");
   c->add_flag("--quiet", a->quiet, "No progress, no notes");
+  c->add_flag("--force", a->force, "Replace twins that were changed since they were found");
   c->footer("Example:\n  tribotwin calibrate xl330_fit -o runs/xl330_fit");
   c->callback([a, &code] { code = execute(*a); });
 }

@@ -34,13 +34,14 @@ std::vector<double> speeds_of(const std::string& text) {
 }
 
 struct Arguments {
-  std::string model, joint, speeds = "1:280:50", csv, load_by = "torque";
+  std::string model, joint, speeds = "1:280:50", load_by = "torque";
+  Destination csv;
   double temperature = 50, load = 0, noise = 0;
   std::uint64_t seed = 1;
   bool experiment = false, quiet = false;
 };
 
-int print(const Arguments& a, const drive::Drive& drive, const std::vector<CurvePoint>& points) {
+int deliver_points(const Arguments& a, const drive::Drive& drive, const std::vector<CurvePoint>& points) {
   int outside = 0;
   for (const auto& p : points)
     outside += friction::level(drive.law, friction::at_temperature(drive.law, p.temperature_degC), p.speed_rad_s / drive.gear_ratio * drive.speed_scale(), p.load_norm).outside;
@@ -48,7 +49,7 @@ int print(const Arguments& a, const drive::Drive& drive, const std::vector<Curve
   for (const auto& p : points)
     text += fmt::format("{},{},{},{},{},{}\n", p.speed_rad_s, p.load_norm, p.temperature_degC, p.friction_norm, p.friction_nm, p.stderr_nm);
   if (outside && !a.quiet)
-    fmt::print(stderr, "note: {} of {} points lie outside the range in which law '{}' was identified; its validity policy applies\n", outside, points.size(), drive.law.info->name);
+    note("{} of {} points lie outside the range in which law '{}' was identified; its validity policy applies", outside, points.size(), drive.law.info->name);
   return deliver(text, a.csv);
 }
 
@@ -60,8 +61,8 @@ int of_parameters(const Arguments& a, const std::vector<double>& speeds) {
   drive.law = file.law;
   drive.torque_max_nm = file.torque_max_nm > 0 ? file.torque_max_nm : 1;
   drive.gear_ratio = file.gear_ratio > 0 ? file.gear_ratio : 1;
-  if (!(file.torque_max_nm > 0) && !a.quiet) fmt::print(stderr, "note: {}: holds no torque_max_nm; {} is that of 1 Nm\n", a.model, file.law.info->normalised ? "friction_nm" : "friction_norm");
-  return print(a, drive, law_curve(drive, speeds, a.load, a.temperature));
+  if (!(file.torque_max_nm > 0) && !a.quiet) note("{}: holds no torque_max_nm; {} is that of 1 Nm", a.model, file.law.info->normalised ? "friction_nm" : "friction_norm");
+  return deliver_points(a, drive, law_curve(drive, speeds, a.load, a.temperature));
 }
 
 int execute(const Arguments& a) {
@@ -90,7 +91,7 @@ int execute(const Arguments& a) {
   } else {
     points = law_curve(drive, speeds, a.load, a.temperature);
   }
-  return print(a, drive, points);
+  return deliver_points(a, drive, points);
 }
 
 }  // namespace
@@ -107,10 +108,14 @@ void add_curve(CLI::App& app, int& code) {
   command->add_option("--load-by", a->load_by, "What holds the load in the experiment")->check(CLI::IsMember({"torque", "pose"}))->capture_default_str();
   command->add_option("--noise", a->noise, "Standard deviation of the measured motor torque, arm side [Nm]")->capture_default_str()->check(CLI::Range(0.0, 1e9));
   command->add_option("--seed", a->seed, "Seed of the noise")->capture_default_str();
-  command->add_option("--csv", a->csv, "Write to this file instead of stdout");
+  command->add_option("--csv", a->csv.file, "Write to this file instead of stdout");
+  command->add_flag("--force", a->csv.force, "Replace files that exist");
   command->add_flag("--quiet", a->quiet, "No progress, no notes");
   command->footer("Example:\n  tribotwin curve mjcf/irb6620.xml --joint joint2 --temperature 50 --load 0.3 --speeds 1:280:10 --experiment");
-  command->callback([a, &code] { code = execute(*a); });
+  command->callback([a, &code] {
+    check(a->csv, {a->model});
+    code = execute(*a);
+  });
 }
 
 }  // namespace tribotwin::twin::program

@@ -17,7 +17,8 @@ using Json = nlohmann::ordered_json;
 
 struct Arguments {
   std::vector<std::string> data, loaded;
-  std::string healthy, output;
+  std::string healthy;
+  Destination output;
   ObservationOptions read;
   LearnOptions learn;
   CheckOptions check;
@@ -35,7 +36,7 @@ std::vector<ObservationFile> read(const std::vector<std::string>& files, const O
     auto one = read_observations(file, options);
     if (!one) throw InputError(one.error());
     if (!quiet)
-      for (const auto& note : one->notes) fmt::print(stderr, "note: {}\n", note);
+      for (const auto& text : one->notes) note("{}", text);
     all.push_back(*std::move(one));
   }
   return all;
@@ -48,11 +49,11 @@ int learn_state(const Arguments& a) {
   if (state->joint.empty()) state->joint = a.read.joint;
   if (!(state->torque_max_nm > 0)) state->torque_max_nm = a.read.torque_max_nm;
   if (const int code = deliver(to_yaml(*state), a.output)) return code;
-  if (a.output.empty() || a.quiet) return done;
-  fmt::print(stderr, "healthy state of {} curves{}{}{}\n", state->observations, state->left_out ? fmt::format(" ({} left out)", state->left_out) : "",
+  if (!a.output.named() || a.quiet) return done;
+  report_text(fmt::format("healthy state of {} curves{}{}{}\n", state->observations, state->left_out ? fmt::format(" ({} left out)", state->left_out) : "",
              state->knows_temperature ? fmt::format(", {:.1f} to {:.1f} degC", state->temperature_low_degC, state->temperature_high_degC) : "",
-             state->observations < observations_usual ? fmt::format("; {} and more, cold to hot, detect smaller changes", observations_usual) : "");
-  if (!state->knows_temperature) fmt::print(stderr, "note: the curves span less than 5 K or have no temperature_degC: what temperature does is not told apart from faults\n");
+             state->observations < observations_usual ? fmt::format("; {} and more, cold to hot, detect smaller changes", observations_usual) : ""));
+  if (!state->knows_temperature) note("the curves span less than 5 K or have no temperature_degC: what temperature does is not told apart from faults");
   return done;
 }
 
@@ -106,7 +107,7 @@ int check_curves(const Arguments& a) {
       sentences += v.sentence + "\n";
     }
   }
-  if (const int code = deliver(a.json ? j.dump(2) + "\n" : table + "\n" + sentences, "")) return code;
+  if (const int code = deliver(a.json ? j.dump(2) + "\n" : table + "\n" + sentences)) return code;
   return anomalous ? limit_exceeded : done;
 }
 
@@ -143,7 +144,7 @@ int watch_curves(const Arguments& a) {
   j["margin"] = w.margin ? json_of(*w.margin) : Json(nullptr);
   table += fmt::format("threshold {:.3f}, {}\n", w.threshold, w.first_alarm ? fmt::format("first exceeded by observation {}", *w.first_alarm + 1) : "not exceeded");
   if (w.margin) table += text_of(*w.margin);
-  if (const int code = deliver(a.json ? j.dump(2) + "\n" : table, "")) return code;
+  if (const int code = deliver(a.json ? j.dump(2) + "\n" : table)) return code;
   return w.first_alarm ? limit_exceeded : done;
 }
 
@@ -152,7 +153,7 @@ int watch_shadow(const Arguments& a) {
   if (!w) throw InputError(w.error());
   // Beyond 2 / sqrt(n) it is hardly chance.
   if (!a.quiet && w->correlation > 2 / std::sqrt(static_cast<double>(a.residuals.learn)))
-    fmt::print(stderr, "note: neighbouring windows are correlated ({:.2f}): there will be more false alarms than asked for; lengthen --window\n", w->correlation);
+    note("neighbouring windows are correlated ({:.2f}): there will be more false alarms than asked for; lengthen --window", w->correlation);
   Json j{{"joint", w->joint}, {"false_alarm", a.residuals.false_alarm}, {"threshold", w->threshold}, {"correlation", w->correlation}, {"windows", Json::array()}};
   std::string table = fmt::format("{:>10} {:>12} {:>9} {:>9}\n", "time s", "rms Nm", "score", "CUSUM");
   for (const auto& x : w->windows) {
@@ -161,7 +162,7 @@ int watch_shadow(const Arguments& a) {
   }
   j["first_alarm_s"] = w->first_alarm ? Json(w->windows[*w->first_alarm].time_s) : Json(nullptr);
   table += fmt::format("threshold {:.3f}, {}\n", w->threshold, w->first_alarm ? fmt::format("first exceeded at {:.1f} s", w->windows[*w->first_alarm].time_s) : "not exceeded");
-  if (const int code = deliver(a.json ? j.dump(2) + "\n" : table, "")) return code;
+  if (const int code = deliver(a.json ? j.dump(2) + "\n" : table)) return code;
   return w->first_alarm ? limit_exceeded : done;
 }
 
@@ -185,10 +186,15 @@ void add_diagnose(CLI::App& app, int& code) {
   l->add_option("--load-sensitivity", a->read.load_sensitivity, "Relative rise of Fc and Fs per load_norm")->check(CLI::Range(0.0, 100.0))->capture_default_str();
   l->add_option("--lever", a->learn.lever_m, "Distance of a payload from the joint's axis [m], for equivalent loads in kg")->check(CLI::Range(1e-6, 1e3));
   l->add_flag("--robust", a->learn.robust, "Leave out curves far off the rest");
-  l->add_option("-o,--output", a->output, "healthy.yaml to write (default: stdout)");
+  a->output.add_to(*l, "healthy.yaml to write (default: stdout)");
   add_units(*l, *a);
   l->footer("Example:\n  tribotwin lab br609_campaign -o lab/br609\n  tribotwin diagnose learn lab/br609/curves/00?.csv lab/br609/curves/01[012].csv -o healthy.yaml");
-  l->callback([a, &code] { code = learn_state(*a); });
+  l->callback([a, &code] {
+    auto inputs = paths(a->data);
+    inputs.insert(inputs.end(), a->loaded.begin(), a->loaded.end());
+    check(a->output, inputs);
+    code = learn_state(*a);
+  });
 
   auto* k = c->add_subcommand("check", "Verdicts on friction curves; exit code 3 where one is not healthy");
   k->add_option("HEALTHY", a->healthy, "healthy.yaml of tribotwin diagnose learn")->required();

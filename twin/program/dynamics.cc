@@ -20,7 +20,8 @@ using Json = nlohmann::ordered_json;
 using Eigen::Index;
 
 struct Arguments {
-  std::string model, friction = "coulomb_viscous", thermal, output, robust = "none";
+  std::string model, friction = "coulomb_viscous", thermal, robust = "none";
+  Destination output;
   std::vector<std::string> data;
   Preparation preparation;
   unsigned threads = std::max(1u, std::thread::hardware_concurrency());
@@ -106,10 +107,10 @@ int execute(const Arguments& a) {
   doubt(a, robot, *fit);
   const Consistency consistency = nearest_consistent(robot.regressor, robot.base, fit->parameters.base, fit->information);
   if (!a.quiet)
-    for (const auto& note : fit->notes) fmt::print(stderr, "note: {}\n", note);
-  if (!a.output.empty())
+    for (const auto& text : fit->notes) note("{}", text);
+  if (a.output.named())
     if (const int code = deliver(to_yaml(*fit, robot.base, law, robot.regressor, consistency, a.data, a.model, models), a.output)) return code;
-  return deliver(a.json ? json_of(robot, *fit, consistency).dump(2) + "\n" : table_of(robot, *fit, consistency), "");
+  return deliver(a.json ? json_of(robot, *fit, consistency).dump(2) + "\n" : table_of(robot, *fit, consistency));
 }
 
 }  // namespace
@@ -125,12 +126,17 @@ void add_dynamics(CLI::App& app, int& code) {
   c->add_flag("--essential", a->essential, "Base parameters that do not better the fit are 0");
   c->add_option("--thermal", a->thermal, "THERMAL.yaml of tribotwin thermal, every joint: kept for predict, and without temperature columns friction is fitted at the temperatures it makes; every file begins at rest temperature");
   add_preparation(*c, a->preparation);
-  c->add_option("-o,--output", a->output, "PARAMS.yaml to write: read by predict");
+  a->output.add_to(*c, "PARAMS.yaml to write: read by predict");
   c->add_option("--threads", a->threads, "Processors to use; they change nothing but the time")->check(CLI::Range(1, 256));
   c->add_flag("--json", a->json, "Print JSON instead of the table");
   c->add_flag("--quiet", a->quiet, "No progress, no notes");
   c->footer("Example:\n  tribotwin dynamics mjcf/er3a_c60.xml recording.csv --friction polynomial -o robot.yaml");
-  c->callback([a, &code] { code = execute(*a); });
+  c->callback([a, &code] {
+    auto inputs = paths(a->data);
+    inputs.insert(inputs.end(), {a->model, a->thermal});
+    check(a->output, inputs);
+    code = execute(*a);
+  });
 }
 
 }  // namespace tribotwin::twin::program

@@ -5,6 +5,7 @@
 #include <nlohmann/json.hpp>
 
 #include <tribotwin/twin/motion/excitation.hpp>
+#include <tribotwin/twin/output/interrupt.hpp>
 #include <tribotwin/twin/program/program.hpp>
 #include <tribotwin/twin/program/robot.hpp>
 #include <tribotwin/twin/scenario/input.hpp>
@@ -15,7 +16,8 @@ namespace {
 using Json = nlohmann::ordered_json;
 
 struct Arguments {
-  std::string model, output;
+  std::string model;
+  Destination output;
   ExcitationOptions options;
   double rate_hz = 250, heating_min = 3;
   bool json = false, quiet = false, inertia_only = false;
@@ -26,6 +28,7 @@ int execute(Arguments& a) {
   ExcitationOptions& o = a.options;
   o.heating_s = a.inertia_only ? 0 : 60 * a.heating_min;
   o.friction = !a.inertia_only;
+  catch_interrupts();
   o.stop = &interrupted();
   const auto found = [&] {
     Progress progress(a.quiet, "searching");
@@ -38,8 +41,8 @@ int execute(Arguments& a) {
   }();
   if (!found) return complain(failed, fmt::format("{}: {}", a.model, found.error()));
   if (!a.quiet)
-    for (const auto& note : found->notes) fmt::print(stderr, "note: {}\n", note);
-  if (!a.output.empty())
+    for (const auto& text : found->notes) note("{}", text);
+  if (a.output.named())
     if (const int code = deliver(to_csv(*found, robot.regressor, a.rate_hz), a.output)) return code;
   Json j{{"condition_number", found->condition_number}, {"first_condition_number", found->first_condition_number}, {"base_parameters", robot.base.size()},
          {"duration_s", found->duration_s()}, {"sections_s", {found->inertia_s, found->friction_s, found->duration_s()}}, {"interrupted", found->interrupted}};
@@ -53,8 +56,8 @@ int execute(Arguments& a) {
     }
     text += fmt::format("\nsection 3, heating: .. {:.1f} s\n", found->duration_s());
   }
-  if (const int code = deliver(a.json ? j.dump(2) + "\n" : text, "")) return code;
-  return found->interrupted ? complain(failed, fmt::format("interrupted; the best motion until then is whole{}", a.output.empty() ? "" : " in " + a.output)) : done;
+  if (const int code = deliver(a.json ? j.dump(2) + "\n" : text)) return code;
+  return found->interrupted ? complain(failed, fmt::format("interrupted; the best motion until then is whole{}", a.output.named() ? " in " + a.output.file : "")) : done;
 }
 
 }  // namespace
@@ -63,7 +66,7 @@ void add_excite(CLI::App& app, int& code) {
   auto a = std::make_shared<Arguments>();
   auto* c = app.add_subcommand("excite", "A motion that tells a robot's dynamics: inertia, friction joint by joint, heating");
   c->add_option("MODEL", a->model, "MJCF model")->required();
-  c->add_option("-o,--output", a->output, "CSV of set points to write: time_s, section, position_JOINT_rad, velocity_JOINT_rad_s");
+  a->output.add_to(*c, "CSV of set points to write: time_s, section, position_JOINT_rad, velocity_JOINT_rad_s");
   c->add_option("--share", a->options.share, "Of the speeds and torques that the model allows")->check(CLI::Range(0.01, 1.0))->capture_default_str();
   c->add_option("--period", a->options.period_s, "Of the Fourier series [s]")->check(CLI::Range(1.0, 1000.0))->capture_default_str();
   c->add_option("--harmonics", a->options.harmonics, "Of the Fourier series")->check(CLI::Range(2, 20))->capture_default_str();
@@ -76,7 +79,10 @@ void add_excite(CLI::App& app, int& code) {
   c->add_flag("--json", a->json, "Print JSON instead of text");
   c->add_flag("--quiet", a->quiet, "No progress, no notes");
   c->footer("Example:\n  tribotwin excite mjcf/er3a_c60.xml -o motion.csv");
-  c->callback([a, &code] { code = execute(*a); });
+  c->callback([a, &code] {
+    check(a->output, {a->model});
+    code = execute(*a);
+  });
 }
 
 }  // namespace tribotwin::twin::program

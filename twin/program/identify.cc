@@ -20,7 +20,8 @@ using Json = nlohmann::ordered_json;
 
 struct Arguments {
   std::vector<std::string> data, fix;
-  std::string law = "extended", output, loss = "squares", shared, joint, evaluate, known_law;
+  std::string law = "extended", loss = "squares", shared, joint, evaluate, known_law;
+  Destination output;
   double torque_max_nm = 0, gear_ratio = 0;
   unsigned folds = 0, threads = std::max(1u, std::thread::hardware_concurrency());
   bool json = false, staged = false, unweighted = false, each = false, quiet = false;
@@ -132,18 +133,18 @@ std::string table_of(const Fit& fit, double held_out) {
 
 void print_notes(const Arguments& a, const std::vector<std::string>& notes) {
   if (!a.quiet)
-    for (const auto& note : notes) fmt::print(stderr, "note: {}\n", note);
+    for (const auto& text : notes) note("{}", text);
 }
 
 /// PARAMS.yaml, and JSON or the table.
 int deliver_dynamics(const Arguments& a, const Estimates& fit, double normalised_mse, std::string_view equation, const std::string& yaml) {
   print_notes(a, fit.notes);
-  if (!a.output.empty())
+  if (a.output.named())
     if (const int code = deliver(yaml, a.output)) return code;
-  if (!a.json) return deliver(table_of(fit, a.law, equation, "Nm") + fmt::format("normalised MSE {:.3g}\n", normalised_mse), "");
+  if (!a.json) return deliver(table_of(fit, a.law, equation, "Nm") + fmt::format("normalised MSE {:.3g}\n", normalised_mse));
   Json j = json_of(fit, a.law);
   j["normalised_mse"] = number(normalised_mse);
-  return deliver(j.dump(2) + "\n", "");
+  return deliver(j.dump(2) + "\n");
 }
 
 int identify_bouc_wen(const Arguments& a) {
@@ -176,13 +177,13 @@ int identify_shared(const Arguments& a, const friction::LawInfo& law, const Samp
   print_notes(a, shared->notes);
   Json j{{"law", law.name}, {"shared", a.shared}, {"value", number(shared->value)}, {"sigma", number(shared->sigma)}, {"curves", shared->curves}, {"samples", shared->samples}, {"profile", Json::array()}, {"notes", shared->notes}};
   for (const auto& [value, cost] : shared->profile) j["profile"].push_back({{"value", value}, {"relative_cost_increase", cost}});
-  if (!a.output.empty())
+  if (a.output.named())
     if (const int code = deliver(j.dump(2) + "\n", a.output)) return code;
-  if (a.json) return deliver(j.dump(2) + "\n", "");
+  if (a.json) return deliver(j.dump(2) + "\n");
   std::string s = fmt::format("{} common to {} curves ({} samples), all else of law {} free at each: {:.4f} +- {:.4f}\n\n{:>10} {:>18}\n", a.shared, shared->curves, shared->samples, law.name, shared->value,
                               shared->sigma, a.shared, "relative cost");
   for (const auto& [value, cost] : shared->profile) s += fmt::format("{:>10.4f} {:>18.6f}\n", value, 1 + cost);
-  return deliver(s, "");
+  return deliver(s);
 }
 
 /// One fit per curve: how the parameters move with what the curves were measured at.
@@ -207,7 +208,7 @@ int identify_each(const Arguments& a, const friction::LawInfo& law, const Sample
     for (const auto& e : found->parameters) s += fmt::format(" {:>11.5g} {:>9}", e.value, std::isnan(e.sigma) ? "-" : fmt::format("{:.2g}", e.sigma));
     s += fmt::format("  {:.4g}\n", found->residual.std);
   }
-  return deliver(a.json ? Json{{"law", law.name}, {"curves", std::move(all)}}.dump(2) + "\n" : s, "");
+  return deliver(a.json ? Json{{"law", law.name}, {"curves", std::move(all)}}.dump(2) + "\n" : s);
 }
 
 /// How well a law that was identified before predicts these data.
@@ -231,9 +232,9 @@ int evaluate(const Arguments& a) {
   }
   for (const double e : errors) squares += (e - mean) * (e - mean) / n;
   if (a.json)
-    return deliver(Json{{"law", law.name}, {"residual", {{"mean", mean}, {"std", std::sqrt(squares)}, {"max_abs", most}}}, {"samples", samples->size()}, {"outside_range", outside}}.dump(2) + "\n", "");
+    return deliver(Json{{"law", law.name}, {"residual", {{"mean", mean}, {"std", std::sqrt(squares)}, {"max_abs", most}}}, {"samples", samples->size()}, {"outside_range", outside}}.dump(2) + "\n");
   return deliver(fmt::format("law {} of {}: measured - predicted: mean {:.4g}, std {:.4g}, largest {:.4g} {}; {} samples, {} of them outside the range it was identified in\n", law.name, a.evaluate, mean,
-                             std::sqrt(squares), most, law.normalised ? "of torque_max" : "Nm", samples->size(), outside), "");
+                             std::sqrt(squares), most, law.normalised ? "of torque_max" : "Nm", samples->size(), outside));
 }
 
 int execute(const Arguments& a) {
@@ -247,7 +248,7 @@ int execute(const Arguments& a) {
   if (!a.known_law.empty()) throw InputError("--static: belongs to --law lugre");
   const auto laws = laws_of(a.law);
   FitOptions options{.fixed = fixed_of(a.fix), .loss = a.loss == "huber" ? Loss::huber : a.loss == "cauchy" ? Loss::cauchy : Loss::squares, .weigh = !a.unweighted, .threads = a.threads};
-  if (laws.size() > 1 && (!a.output.empty() || !a.shared.empty() || !a.fix.empty() || a.each)) throw InputError("-o, --fix, --shared and --each need a single law");
+  if (laws.size() > 1 && (a.output.named() || !a.shared.empty() || !a.fix.empty() || a.each)) throw InputError("-o, --fix, --shared and --each need a single law");
   std::vector<std::filesystem::path> files(a.data.begin(), a.data.end());
   std::vector<Fit> fits;
   std::vector<double> held_out;
@@ -273,20 +274,20 @@ int execute(const Arguments& a) {
       error = *checked;
     }
     if (!a.quiet)
-      for (const auto& note : found->notes) fmt::print(stderr, "note: {}{}\n", laws.size() > 1 ? fmt::format("{}: ", law->name) : "", note);
+      for (const auto& text : found->notes) note("{}{}", laws.size() > 1 ? fmt::format("{}: ", law->name) : "", text);
     all.push_back(json_of(*found, *samples, error));
     fits.push_back(std::move(*found));
     held_out.push_back(error);
   }
-  if (!a.output.empty())
+  if (a.output.named())
     if (const int code = deliver(to_yaml(parameter_file(fits.front(), a.data, a.torque_max_nm, a.gear_ratio)), a.output)) return code;
-  if (a.json) return deliver((laws.size() > 1 ? Json{{"laws", all}} : all.front()).dump(2) + "\n", "");
-  if (laws.size() == 1) return deliver(table_of(fits.front(), held_out.front()), "");
+  if (a.json) return deliver((laws.size() > 1 ? Json{{"laws", all}} : all.front()).dump(2) + "\n");
+  if (laws.size() == 1) return deliver(table_of(fits.front(), held_out.front()));
   std::string s = fmt::format("{:<24} {:>4} {:>12} {:>12} {:>10} {:>12} {:>14}\n", "law", "p", "residual std", "largest", "R^2", "AICc", a.folds > 1 ? "held-out RMS" : "");
   for (std::size_t i = 0; i < fits.size(); ++i)
     s += fmt::format("{:<24} {:>4} {:>12.4g} {:>12.4g} {:>10.5f} {:>12.1f} {:>14}\n", fits[i].law.info->name, fits[i].estimated, fits[i].residual.std, fits[i].residual.max_abs, fits[i].r_squared,
                      fits[i].aicc, held_out[i] >= 0 ? fmt::format("{:.4g}", held_out[i]) : "");
-  return deliver(s, "");
+  return deliver(s);
 }
 
 }  // namespace
@@ -308,12 +309,17 @@ void add_identify(CLI::App& app, int& code) {
   c->add_flag("--each", a->each, "One fit per curve");
   c->add_option("--static", a->known_law, "Of --law lugre: PARAMS.yaml of the law that the bristles stand over");
   c->add_option("--evaluate", a->evaluate, "Nothing is identified: how well this PARAMS.yaml predicts the data");
-  c->add_option("-o,--output", a->output, "PARAMS.yaml to write: read by curve, export --mjcf and tribotwin-report fit");
+  a->output.add_to(*c, "PARAMS.yaml to write: read by curve, export --mjcf and tribotwin-report fit");
   c->add_option("--threads", a->threads, "Processors to use")->check(CLI::Range(1, 256));
   c->add_flag("--json", a->json, "Print JSON instead of the table");
   c->add_flag("--quiet", a->quiet, "No notes on stderr");
   c->footer("Example:\n  tribotwin identify --law extended --fix alpha=1.36 curves.csv -o params.yaml\n  tribotwin identify --law bouc_wen 20degC.csv 35degC.csv 50degC.csv -o gear.yaml\n  tribotwin identify --law lugre --static params.yaml reversals.csv -o lugre.yaml");
-  c->callback([a, &code] { code = execute(*a); });
+  c->callback([a, &code] {
+    auto inputs = paths(a->data);
+    inputs.insert(inputs.end(), {a->known_law, a->evaluate});
+    check(a->output, inputs);
+    code = execute(*a);
+  });
 }
 
 }  // namespace tribotwin::twin::program

@@ -14,13 +14,13 @@ struct Arguments {
   std::string campaign, directory;
   std::vector<std::string> settings;
   unsigned threads = 0;
-  bool quiet = false;
+  bool quiet = false, force = false;
 };
 
 /// Calls `run` with the folder, threads and progress that the user asked for.
 auto with_progress(const Arguments& a, const std::string& work, const auto& run) {
   Progress progress(a.quiet, work);
-  return run(LabOptions{.directory = a.directory, .threads = a.threads, .progress = [&](double share, double left) { progress(share, left); }});
+  return run(LabOptions{.directory = a.directory, .threads = a.threads, .existing = replace_if(a.force), .progress = [&](double share, double left) { progress(share, left); }});
 }
 
 /// Robots over working days.
@@ -28,19 +28,19 @@ int compare_days(const Arguments& a, const repeatability::Campaign& campaign) {
   const auto results = with_progress(a, fmt::format("{} tests", campaign.tests()), [&](const LabOptions& options) { return repeatability::run_campaign(campaign, options); });
   if (!results) return complain(failed, results.error());
   if (a.quiet) return done;
-  fmt::print("{} tests, {} of them were there\n\n{}written:", campaign.tests(), results->present, repeatability::summary(campaign, results->days, results->findings));
-  for (const auto& file : results->files) fmt::print(" {}", file.string());
-  fmt::print("\n");
+  print("{} tests, {} of them were there\n\n{}written:", campaign.tests(), results->present, repeatability::summary(campaign, results->days, results->findings));
+  for (const auto& file : results->files) print(" {}", file.string());
+  print("\n");
   return done;
 }
 
 int report(const Arguments& a, const tl::expected<LabSummary, std::string>& summary, const Campaign& campaign, const std::string& written) {
   if (!summary) return complain(failed, summary.error());
   if (a.quiet) return done;
-  fmt::print("{} curves, {} of them were there, {} levels, {:.1f} s\n", summary->curves, summary->present, summary->levels, summary->wall_s);
-  fmt::print("written: {}\n", written);
+  print("{} curves, {} of them were there, {} levels, {:.1f} s\n", summary->curves, summary->present, summary->levels, summary->wall_s);
+  print("written: {}\n", written);
   if (summary->outside)
-    fmt::print(stderr, "note: {} of {} levels lie outside the range in which law '{}' was identified; its validity policy applies\n", summary->outside, summary->levels,
+    note("{} of {} levels lie outside the range in which law '{}' was identified; its validity policy applies", summary->outside, summary->levels,
                campaign.model->drives()[campaign.drive].drive.law.info->name);
   return done;
 }
@@ -69,6 +69,7 @@ void add_lab(CLI::App& app, int& code) {
   command->add_option("--threads", a->threads, "Curves measured at once (default: one per core)")->check(CLI::Range(1, 1024));
   command->add_option("--set", a->settings, "key=value, dotted keys, in place of what the file says")->allow_extra_args(false);
   command->add_flag("--quiet", a->quiet, "No progress, no summary");
+  command->add_flag("--force", a->force, "Replace tables and parts that were changed since they were made");
   command->footer("Example:\n  tribotwin lab irb6620_load_campaign -o lab/load --set seed=7");
   command->callback([a, &code] { code = execute(*a); });
 }

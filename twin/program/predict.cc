@@ -23,7 +23,8 @@ using Eigen::Index;
 constexpr double infinity = std::numeric_limits<double>::infinity();
 
 struct Arguments {
-  std::string model, parameters, output, wrench, site = "flange";
+  std::string model, parameters, wrench, site = "flange";
+  Destination output;
   std::vector<std::string> data;
   std::vector<double> window_s;     ///< none, or first and last time whose errors count
   std::vector<double> start_degC;   ///< none, one for all joints, or one each
@@ -99,14 +100,13 @@ int execute(const Arguments& a) {
   const bool unknown = file.law->temperature_dependent && !motion.has_temperature, estimated = unknown && !file.thermal.empty();
   if (!a.start_degC.empty() && !estimated) throw InputError(fmt::format("--start: temperatures are not estimated; that takes data without temperature columns and {} by dynamics --thermal", a.parameters));
   if (estimated) estimate_temperatures(robot.regressor, robot.base, *friction, file.parameters, file.thermal, start_of(a, robot, file.thermal), motion, a.threads);
-  if (unknown && !a.quiet) fmt::print(stderr, "note: without temperature columns {}\n", estimated ? "temperatures are estimated from the motion, from the start of each file on" : fmt::format("law '{}' is that of 20 degC", file.law->name));
+  if (unknown && !a.quiet) note("without temperature columns {}", estimated ? "temperatures are estimated from the motion, from the start of each file on" : fmt::format("law '{}' is that of 20 degC", file.law->name));
   const Eigen::MatrixXd predicted = predicted_torque(robot.regressor, robot.base, *friction, file.parameters, motion, a.threads);
-  if (!a.output.empty())
-    if (const int code = deliver(csv_of(robot, motion, predicted), a.output)) return code;
+  std::string wrench_csv;
   if (!a.wrench.empty()) {
     const auto wrench = external_wrench(*robot.model, a.site, motion, predicted);
     if (!wrench) throw InputError(fmt::format("--site: {} {}", a.model, wrench.error()));
-    if (const int code = deliver(wrench_csv_of(motion, *wrench), a.wrench)) return code;
+    wrench_csv = wrench_csv_of(motion, *wrench);
   }
   Json j{{"joints", Json::object()}};
   std::string table = fmt::format("{:<14} {:>10} {:>12} {:>12} {:>12} {:>10}\n", "joint", "error rms", "of its range", "range", "largest", "samples");
@@ -120,7 +120,11 @@ int execute(const Arguments& a) {
     worst = std::max(worst, e.share());
   }
   j["worst_relative_to_range"] = worst;
-  return deliver(a.json ? j.dump(2) + "\n" : table, "");
+  if (a.output.named())
+    if (const int code = deliver(csv_of(robot, motion, predicted), a.output)) return code;
+  if (!a.wrench.empty())
+    if (const int code = deliver(wrench_csv, {a.wrench, a.output.force})) return code;
+  return deliver(a.json ? j.dump(2) + "\n" : table);
 }
 
 }  // namespace
@@ -134,14 +138,21 @@ void add_predict(CLI::App& app, int& code) {
   c->add_option("--start", a->start_degC, "Where temperatures are estimated: at the start of each file [degC], one or one for each joint as A,B (default: that of rest)")->delimiter(',')->check(CLI::Range(-60.0, 250.0));
   c->add_option("--window", a->window_s, "First and last time_s whose errors count, as A,B: the end of a day whose beginning only warms the robot up")->delimiter(',')->expected(2);
   add_preparation(*c, a->preparation);
-  c->add_option("-o,--output", a->output, "CSV to write: time_s, torque_JOINT_nm (filtered as for the fit), predicted_JOINT_nm, temperature_JOINT_degC (recorded, estimated, or 20)");
+  a->output.add_to(*c, "CSV to write: time_s, torque_JOINT_nm (filtered as for the fit), predicted_JOINT_nm, temperature_JOINT_degC (recorded, estimated, or 20)");
   auto* wrench = c->add_option("--wrench", a->wrench, "CSV to write: force and torque from outside at the tool, world axes; empty where joints rest or the arm is singular");
   c->add_option("--site", a->site, "Site of the model at which they act")->needs(wrench)->capture_default_str();
   c->add_option("--threads", a->threads, "Processors to use; they change nothing but the time")->check(CLI::Range(1, 256));
   c->add_flag("--json", a->json, "Print JSON instead of the table");
   c->add_flag("--quiet", a->quiet, "No notes");
   c->footer("Example:\n  tribotwin predict mjcf/er3a_c60.xml robot.yaml other.csv -o predicted.csv");
-  c->callback([a, &code] { code = execute(*a); });
+  c->callback([a, &code] {
+    auto inputs = paths(a->data);
+    inputs.insert(inputs.end(), {a->model, a->parameters});
+    check(a->output, inputs);
+    inputs.push_back(a->output.file);
+    check({a->wrench, a->output.force}, inputs);
+    code = execute(*a);
+  });
 }
 
 }  // namespace tribotwin::twin::program

@@ -1,12 +1,13 @@
 #pragma once
 
-#include <atomic>
 #include <filesystem>
 #include <string>
 
 #include <CLI/CLI.hpp>
 
+#include <tribotwin/twin/output/destination.hpp>
 #include <tribotwin/twin/output/output.hpp>
+#include <tribotwin/twin/scenario/input.hpp>
 
 /// The commands of the program `tribotwin`, one file each. A command registers itself with its options; when it was asked
 /// for, its callback does the work and leaves its exit code in `code`. Wrong input is thrown as InputError.
@@ -28,14 +29,21 @@ void add_thermal(CLI::App& app, int& code);
 /// "tribotwin: MESSAGE" on stderr; returns the exit code.
 inline int complain(Exit code, const std::string& message) { return twin::complain("tribotwin", code, message); }
 
-/// Set by SIGINT and SIGTERM from the first call on, a second one of which ends the program as ever; work that has lost its
-/// sense may set it too.
-std::atomic<bool>& interrupted();
-
 /// The file of a campaign or scenario as given, or the shipped one of that name.
 std::filesystem::path scenario_file(const std::string& given);
 
-/// Text to stdout, or to `file` where one is named; returns the exit code.
-int deliver(const std::string& text, const std::string& file);
+/// Before any work: throws InputError where -o names what cannot be written or is one of `inputs`.
+inline void check(const Destination& output, const std::vector<std::filesystem::path>& inputs) { or_wrong_input(output.check(inputs)); }
+inline std::vector<std::filesystem::path> paths(const std::vector<std::string>& files) { return {files.begin(), files.end()}; }
+
+/// The value, or its message thrown: exit code 1.
+template <class T>
+T or_fail(tl::expected<T, std::string> value) {
+  if (!value) throw std::runtime_error(value.error());
+  if constexpr (!std::is_void_v<T>) return std::move(*value);
+}
+
+/// Writes the result to where it goes; returns the exit code.
+inline int deliver(const std::string& text, const Destination& output = {}) { return output.deliver("tribotwin", text); }
 
 }  // namespace tribotwin::twin::program

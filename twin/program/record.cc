@@ -10,6 +10,7 @@
 #include <tribotwin/plugins/drive/configuration.hpp>
 #include <tribotwin/twin/identification/parameters.hpp>
 #include <tribotwin/twin/laboratory/recording.hpp>
+#include <tribotwin/twin/output/folder_lock.hpp>
 #include <tribotwin/twin/program/program.hpp>
 #include <tribotwin/twin/scenario/input.hpp>
 #include <tribotwin/twin/telemetry/telemetry.hpp>
@@ -24,19 +25,29 @@ void require_record(const std::string& directory) {
 
 int recover_record(const std::string& directory) {
   require_record(directory);
+  FolderLock lock;
+  or_fail(lock.take(directory));
   const auto result = recover(directory);
   if (!result) return complain(failed, result.error());
-  if (result->was_complete) fmt::print("{}/telemetry.h5 is complete; there was nothing to recover\n", directory);
-  else fmt::print("{}/telemetry.h5: {} samples up to {} s recovered\n", directory, result->samples, result->last_time_s);
+  if (result->was_plain) {
+    print("{}/telemetry.h5 is a complete HDF5 file without damage; there was nothing to recover\n", directory);
+    return done;
+  }
+  print("{0}/telemetry.h5: {1} samples up to {2} s recovered; the original is kept as {0}/telemetry.h5.original\n", directory, result->samples, result->last_time_s);
+  if (result->lost_samples > 0 || result->lost_cycles > 0)
+    note("{} samples and {} work cycles are damaged (cut off, or with a wrong checksum) and left out", result->lost_samples, result->lost_cycles);
   return done;
 }
 
-int export_record(const std::string& directory) {
+int export_record(const std::string& directory, Existing existing) {
   require_record(directory);
+  for (const char* name : {"telemetry.csv", "cycles.csv"}) or_wrong_input(check_output(std::filesystem::path(directory) / name, existing));
+  FolderLock lock;
+  or_fail(lock.take(directory));
   Progress progress(false);
-  const auto files = export_csv(directory, [&](double share) { progress(share); });
+  const auto files = export_csv(directory, existing, [&](double share) { progress(share); });
   if (!files) return complain(failed, files.error());
-  for (const auto& file : *files) fmt::print("{}\n", file.string());
+  for (const auto& file : *files) print("{}\n", file.string());
   return done;
 }
 
@@ -50,7 +61,7 @@ double typical_step(const std::vector<double>& time) {
 
 /// What the robot's controller would have recorded of a run: the columns of tribotwin dynamics. The noise of the torque is
 /// given as a share of torque_max_nm.
-int export_recording(const std::string& directory, Sensors sensors, double torque_noise_share, std::uint64_t seed, const std::string& output) {
+int export_recording(const std::string& directory, Sensors sensors, double torque_noise_share, std::uint64_t seed, const Destination& output) {
   require_record(directory);
   const auto record = read_telemetry(std::filesystem::path(directory) / "telemetry.h5");
   if (!record) return complain(failed, record.error());
@@ -91,7 +102,7 @@ int export_recording(const std::string& directory, Sensors sensors, double torqu
 }
 
 template <class Keys>
-int deliver_instance(const std::string& name, const Keys& keys, const std::string& output) {
+int deliver_instance(const std::string& name, const Keys& keys, const Destination& output) {
   pugi::xml_document document;
   auto instance = document.append_child("instance");
   instance.append_attribute("name") = name.c_str();
@@ -105,7 +116,7 @@ int deliver_instance(const std::string& name, const Keys& keys, const std::strin
   return deliver(text.str(), output);
 }
 
-int export_instance(const std::string& file, const std::string& name, const std::string& on_drive, double torque_max_nm, double gear_ratio, const std::string& output) {
+int export_instance(const std::string& file, const std::string& name, const std::string& on_drive, double torque_max_nm, double gear_ratio, const Destination& output) {
   if (const auto law = load_yaml(file)["law"]; law && law.IsScalar() && law.Scalar() == "bouc_wen") {
     const auto spring = identification::hysteresis_of(file, name, on_drive);
     if (!spring) return complain(failed, fmt::format("{}: {}", file, spring.error()));
@@ -134,7 +145,8 @@ void add_recover(CLI::App& app, int& code) {
 
 void add_export(CLI::App& app, int& code) {
   struct Arguments {
-    std::string from, name = "joint", on_drive = "motor", output;
+    std::string from, name = "joint", on_drive = "motor";
+    Destination output;
     double torque_max_nm = 0, gear_ratio = 0, torque_noise_share = 0;
     Sensors sensors{.sampling_hz = 0};
     std::uint64_t seed = 1;
@@ -154,11 +166,12 @@ void add_export(CLI::App& app, int& code) {
   command->add_option("--drive", a->on_drive, "Of a bouc_wen: name of the tribotwin.drive instance that has its temperature and gets its heat")->capture_default_str();
   command->add_option("--tau-max", a->torque_max_nm, "torque_max_nm [Nm], where the file holds none")->check(CLI::Range(1e-9, 1e9));
   command->add_option("--gear-ratio", a->gear_ratio, "Motor turns per joint turn, where the file holds none")->check(CLI::Range(1e-6, 1e6));
-  command->add_option("-o,--output", a->output, "File for the block or the recording (default: stdout)");
+  a->output.add_to(*command, "File for the block or the recording (default: stdout)");
   command->footer("Example:\n  tribotwin export params.yaml --mjcf --tau-max 7500 --gear-ratio 178");
   command->callback([a, &code] {
     if (a->csv + a->mjcf + a->recording != 1) throw InputError("export needs --csv or --recording (of a run) or --mjcf (of PARAMS.yaml)");
-    code = a->recording ? export_recording(a->from, a->sensors, a->torque_noise_share, a->seed, a->output) : a->csv ? export_record(a->from) : export_instance(a->from, a->name, a->on_drive, a->torque_max_nm, a->gear_ratio, a->output);
+    check(a->output, {a->from, std::filesystem::path(a->from) / "telemetry.h5"});
+    code = a->recording ? export_recording(a->from, a->sensors, a->torque_noise_share, a->seed, a->output) : a->csv ? export_record(a->from, a->output.existing()) : export_instance(a->from, a->name, a->on_drive, a->torque_max_nm, a->gear_ratio, a->output);
   });
 }
 

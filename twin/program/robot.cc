@@ -2,6 +2,7 @@
 
 #include <fmt/format.h>
 
+#include <tribotwin/twin/output/output.hpp>
 #include <tribotwin/twin/scenario/input.hpp>
 
 namespace tribotwin::twin::program {
@@ -32,7 +33,7 @@ JointMotion read_motion(const Robot& robot, const std::vector<std::string>& file
   auto motion = prepare(recordings, robot.regressor, preparation);
   if (!motion) throw InputError(motion.error());
   if (!quiet)
-    for (const auto& note : motion->notes) fmt::print(stderr, "note: {}\n", note);
+    for (const auto& text : motion->notes) note("{}", text);
   return std::move(*motion);
 }
 

@@ -6,7 +6,9 @@
 #include <fmt/format.h>
 
 #include <tribotwin/twin/program/program.hpp>
+#include <tribotwin/twin/output/interrupt.hpp>
 #include <tribotwin/twin/runtime/run.hpp>
+#include <tribotwin/twin/runtime/run_folder.hpp>
 
 namespace tribotwin::twin::program {
 namespace {
@@ -29,35 +31,35 @@ int list_scenarios() {
   std::ranges::sort(files);
   for (const auto& file : files) {
     const YAML::Node node = load_yaml(file);
-    if (node["model"] && !node["procedure"]) fmt::print("{:<20} {}\n", file.stem().string(), node["description"].as<std::string>(""));
+    if (node["model"] && !node["procedure"]) print("{:<20} {}\n", file.stem().string(), node["description"].as<std::string>(""));
   }
   return done;
 }
 
 void print_summary(const Summary& s, const fs::path& directory) {
-  fmt::print("simulated {:.1f} s in {:.2f} s ({:.0f} x real time), {} of {} steps computed\n", s.simulated_s, s.wall_s,
+  print("simulated {:.1f} s in {:.2f} s ({:.0f} x real time), {} of {} steps computed\n", s.simulated_s, s.wall_s,
              s.simulated_s / std::max(s.wall_s, 1e-9), s.steps_computed, s.steps);
-  fmt::print("friction work {:.6g} J, heat {:.6g} J, energy balance {:.2g} J\n", s.friction_work_J, s.heat_J, s.energy_balance_J);
-  fmt::print("{:<12} {:>28} {:>24} {:>10} {:>10} {:>10}\n", "joint", "temperature [degC]", "friction [Nm]", "load [-]", "clamped", "stuck [s]");
+  print("friction work {:.6g} J, heat {:.6g} J, energy balance {:.2g} J\n", s.friction_work_J, s.heat_J, s.energy_balance_J);
+  print("{:<12} {:>28} {:>24} {:>10} {:>10} {:>10}\n", "joint", "temperature [degC]", "friction [Nm]", "load [-]", "clamped", "stuck [s]");
   for (const auto& j : s.joints)
-    fmt::print("{:<12} {:>8.2f} ->{:>7.2f} max{:>7.2f} {:>9.4g} rms{:>9.4g} max {:>9.3f} {:>10} {:>10.2f}\n", j.name, j.temperature_degC.start,
+    print("{:<12} {:>8.2f} ->{:>7.2f} max{:>7.2f} {:>9.4g} rms{:>9.4g} max {:>9.3f} {:>10} {:>10.2f}\n", j.name, j.temperature_degC.start,
                j.temperature_degC.end, j.temperature_degC.max, j.friction_nm.rms, j.friction_nm.max, j.load_max_norm, j.clamped_samples, j.stuck_s);
   if (s.comparison)
-    fmt::print("MAE against the recording: {:.1f} mrad; the same twin with MuJoCo's frictionloss and damping: {:.1f} mrad\n",
+    print("MAE against the recording: {:.1f} mrad; the same twin with MuJoCo's frictionloss and damping: {:.1f} mrad\n",
                s.comparison->mae_mrad, s.comparison->baseline_mae_mrad);
-  for (const auto& warning : s.warnings) fmt::print(stderr, "note: {}\n", warning);
-  if (!directory.empty()) fmt::print("written: {0}/telemetry.h5, {0}/summary.json, {0}/scenario.yaml\n", directory.string());
+  for (const auto& warning : s.warnings) note("{}", warning);
+  if (!directory.empty()) print("written: {0}/telemetry.h5, {0}/summary.json, {0}/scenario.yaml\n", directory.string());
 }
 
 void print_varied(const std::vector<VariedRun>& runs, const fs::path& directory) {
   for (const auto& run : runs) {
-    fmt::print("{:<24} simulated {:.1f} s in {:.2f} s", run.folder, run.summary.simulated_s, run.summary.wall_s);
-    for (const auto& t : run.summary.tracking) fmt::print("; error {:.3f} mrad, at standstill {:.4f} mrad to and fro", t.l1_mrad, t.standstill_pp_mrad);
-    for (const auto& l : run.summary.loops) fmt::print("; loop {:.4g} J, {:.4g} Nm/rad", l.area_J, l.stiffness_nm_rad);
-    fmt::print("\n");
-    for (const auto& warning : run.summary.warnings) fmt::print(stderr, "note: {}: {}\n", run.folder, warning);
+    print("{:<24} simulated {:.1f} s in {:.2f} s", run.folder, run.summary.simulated_s, run.summary.wall_s);
+    for (const auto& t : run.summary.tracking) print("; error {:.3f} mrad, at standstill {:.4f} mrad to and fro", t.l1_mrad, t.standstill_pp_mrad);
+    for (const auto& l : run.summary.loops) print("; loop {:.4g} J, {:.4g} Nm/rad", l.area_J, l.stiffness_nm_rad);
+    print("\n");
+    for (const auto& warning : run.summary.warnings) note("{}: {}", run.folder, warning);
   }
-  fmt::print("written: {0}/summary.json and the folders of {1} runs\n", directory.string(), runs.size());
+  print("written: {0}/summary.json and the folders of {1} runs\n", directory.string(), runs.size());
 }
 
 /// One run of a scenario that varies: the settings that make it, and the folder below that of the whole.
@@ -102,8 +104,19 @@ struct Arguments {
   std::string scenario, directory;
   std::vector<std::string> settings;
   std::optional<std::int64_t> seed;
-  bool realtime = false, quiet = false, list = false, json = false;
+  bool realtime = false, quiet = false, list = false, json = false, force = false, strict = false;
 };
+
+/// The scenario.yaml of an earlier run is not replaced by the run that reads it.
+void require_other_folder(const fs::path& output, const fs::path& scenario) {
+  std::error_code error;
+  if (fs::equivalent(output / "scenario.yaml", scenario, error)) throw InputError(fmt::format("-o {}: the scenario that is read lies in it; choose another folder", output.string()));
+}
+
+int strict_code(const Arguments& a, bool balanced) {
+  if (balanced || !a.strict) return done;
+  return complain(limit_exceeded, "--strict: the energy balance does not hold");
+}
 
 /// Runs all variations, each in a folder of its own, and one summary over them.
 int vary(const Arguments& a, const fs::path& file, const std::vector<Variation>& all, const std::vector<std::string>& settings) {
@@ -115,28 +128,32 @@ int vary(const Arguments& a, const fs::path& file, const std::vector<Variation>&
     scenarios.push_back(load_scenario(file, both));
   }
   const fs::path output = a.directory.empty() ? fs::path("runs") / scenarios[0].name : fs::path(a.directory);
-  std::error_code error;
-  fs::remove(output / "summary.json", error);
+  require_other_folder(output, file);
+  RunFolder folder;
+  or_fail(folder.open(output, replace_if(a.force)));
   std::vector<VariedRun> runs;
   {
     Progress progress(a.quiet);
     for (std::size_t i = 0; i < all.size(); ++i) {
-      const auto summary = twin::run(scenarios[i], {.directory = output / all[i].folder, .realtime = a.realtime, .progress = [&](double share, double left) {
+      const auto summary = twin::run(scenarios[i], {.directory = output / all[i].folder, .existing = replace_if(a.force), .realtime = a.realtime, .stop = &interrupted(), .progress = [&](double share, double left) {
                                                       const double whole = (static_cast<double>(i) + share) / static_cast<double>(all.size());
                                                       progress(whole, left + static_cast<double>(all.size() - i - 1) * (share > 0 ? left / (1 - std::min(share, 0.999)) : 0));
                                                     }});
       if (!summary) return complain(failed, fmt::format("{}: {}", all[i].folder, summary.error()));
+      if (summary->interrupted) return complain(failed, fmt::format("{}: interrupted; {} of {} runs are whole", all[i].folder, i, all.size()));
       runs.push_back({all[i].folder, all[i].settings, *summary});
     }
   }
-  if (const auto ok = write_file(output / "summary.json", varied_json(runs)); !ok) return complain(failed, ok.error());
-  if (a.json) fmt::print("{}", varied_json(runs));
+  if (const auto ok = write_file(output / "summary.json", varied_json(runs), Existing::refuse); !ok) return complain(failed, ok.error());
+  folder.commit();
+  if (a.json) print("{}", varied_json(runs));
   else if (!a.quiet) print_varied(runs, output);
-  return done;
+  return strict_code(a, std::ranges::all_of(runs, [](const VariedRun& run) { return run.summary.balanced; }));
 }
 
 int execute(const Arguments& a) {
   if (a.list) return list_scenarios();
+  catch_interrupts();
   if (a.scenario.empty()) return complain(wrong_input, "run needs a scenario; 'tribotwin run --list' names those that ship");
   std::vector<std::string> settings = a.settings;
   if (a.seed) settings.push_back(fmt::format("seed={}", *a.seed));
@@ -144,14 +161,17 @@ int execute(const Arguments& a) {
   if (const auto all = variations(file); !all.empty()) return vary(a, file, all, settings);
   const Scenario loaded = load_scenario(file, settings);
   const fs::path output = a.directory.empty() ? fs::path("runs") / loaded.name : fs::path(a.directory);
+  require_other_folder(output, file);
   const auto summary = [&] {
     Progress progress(a.quiet);
-    return twin::run(loaded, {.directory = output, .realtime = a.realtime, .progress = [&](double share, double left) { progress(share, left); }});
+    return twin::run(loaded, {.directory = output, .existing = replace_if(a.force), .realtime = a.realtime, .stop = &interrupted(), .progress = [&](double share, double left) { progress(share, left); }});
   }();
   if (!summary) return complain(failed, summary.error());
-  if (a.json) fmt::print("{}", summary_json(*summary));
+  if (a.json) print("{}", summary_json(*summary));
   else if (!a.quiet) print_summary(*summary, output);
-  return done;
+  if (summary->interrupted)
+    return complain(failed, fmt::format("interrupted at {:.6g} of {:.6g} s; the record in {} is whole until then", summary->simulated_s, loaded.duration_s, output.string()));
+  return strict_code(a, summary->balanced);
 }
 
 }  // namespace
@@ -170,6 +190,8 @@ void add_run(CLI::App& app, int& code) {
   run->add_option("-o,--output", a->directory, "Folder for the results (default: runs/NAME)");
   run->add_option("--seed", a->seed, "Seed of everything random");
   run->add_option("--set", a->settings, "key=value, dotted keys, in place of what the file says")->allow_extra_args(false);
+  run->add_flag("--force", a->force, "Replace a run that the folder holds, once the new one is whole");
+  run->add_flag("--strict", a->strict, "Exit code 3 if the energy balance is off by more than 1 % of the friction work");
   run->add_flag("--realtime", a->realtime, "Not faster than the clock");
   run->add_flag("--quiet", a->quiet, "No progress, no summary");
   run->add_flag("--json", a->json, "Print summary.json instead of the table");

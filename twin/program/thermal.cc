@@ -23,7 +23,8 @@ constexpr double guessed_alpha = -0.01;
 
 struct Arguments {
   std::vector<std::string> data;
-  std::string evaluate, output;
+  std::string evaluate;
+  Destination output;
   std::vector<double> cycle_s;   ///< none, one for all files, or one each
   int order = 0;
   double alpha = 0, rest_degC = 20;   ///< of friction; 0: not known
@@ -38,7 +39,7 @@ std::vector<JointHeat> read(const Arguments& a) {
     auto recording = read_thermal_recording(a.data[f], f, a.cycle_s.empty() ? 0 : a.cycle_s[a.cycle_s.size() == 1 ? 0 : f]);
     if (!recording) throw InputError(recording.error());
     if (!a.quiet)
-      for (const auto& note : recording->notes) fmt::print(stderr, "note: {}\n", note);
+      for (const auto& text : recording->notes) note("{}", text);
     for (auto& joint : recording->joints) {
       auto at = std::ranges::find(joints, joint.name, &JointHeat::name);
       if (at == joints.end()) at = joints.insert(joints.end(), {.name = joint.name});
@@ -164,7 +165,7 @@ int identify(const Arguments& a) {
     if (torque_only) {
       const auto fit = fit_files(a, joint, fitted_to_torque, j, table);
       constexpr double steady = 0.05;
-      if (fit.rms > steady && !a.quiet) fmt::print(stderr, "note: {}: the work of the cycles scatters by {:.2g} % about the model; is --cycle their period, and does the robot go back the way it came?\n", joint.name, 100 * fit.rms);
+      if (fit.rms > steady && !a.quiet) note("{}: the work of the cycles scatters by {:.2g} % about the model; is --cycle their period, and does the robot go back the way it came?", joint.name, 100 * fit.rms);
       fits.emplace_back(joint.name, with_alpha(fit, a.alpha != 0 ? a.alpha : guessed_alpha, a.alpha != 0, a.rest_degC));
     }
     else fits.emplace_back(joint.name, fit_files(a, joint, fitted, j, table));
@@ -176,10 +177,10 @@ int identify(const Arguments& a) {
     progress(static_cast<double>(fits.size()) / static_cast<double>(joints.size()));
   }
   if (from_torque && !a.quiet && a.alpha == 0)
-    fmt::print(stderr, "note: torque tells alpha c, not alpha and c one by one; for that give --alpha, or temperatures.{}\n", a.output.empty() ? "" : fmt::format(" {} is in units in which alpha is {} 1/K", a.output, guessed_alpha));
-  if (!a.output.empty())
+    note("torque tells alpha c, not alpha and c one by one; for that give --alpha, or temperatures.{}", a.output.named() ? fmt::format(" {} is in units in which alpha is {} 1/K", a.output.file, guessed_alpha) : "");
+  if (a.output.named())
     if (const int code = deliver(to_yaml(fits, a.data), a.output)) return code;
-  return deliver(a.json ? j.dump(2) + "\n" : table, "");
+  return deliver(a.json ? j.dump(2) + "\n" : table);
 }
 
 int identify_chain(const Arguments& a) {
@@ -201,9 +202,9 @@ int identify_chain(const Arguments& a) {
       j["joints"][joint][e.name] = {{"value", e.value}, {"sigma", e.sigma}, {"unit", e.unit}};
     }
   table += fmt::format("residual {:.3g} K rms, {} samples, {:.0f} worth one independent\n", fit->rms_K, fit->samples, fit->correlation);
-  if (!a.output.empty())
+  if (a.output.named())
     if (const int code = deliver(to_yaml(*fit, a.data), a.output)) return code;
-  return deliver(a.json ? j.dump(2) + "\n" : table, "");
+  return deliver(a.json ? j.dump(2) + "\n" : table);
 }
 
 /// Temperatures of every session of every joint from the first ones alone.
@@ -256,7 +257,7 @@ int evaluate(const Arguments& a) {
       table += fmt::format("{:<14} {:>12.3f} {:>12.3f} {:>12.2f} {:>10}   {} from {:.6g} s\n", joints[k].name, rms, largest, session.temperature_degC.front(), predicted.size(), a.data[session.file], session.time_s.front());
     }
   j["worst_rms_K"] = worst;
-  return deliver(a.json ? j.dump(2) + "\n" : table, "");
+  return deliver(a.json ? j.dump(2) + "\n" : table);
 }
 
 }  // namespace
@@ -271,12 +272,15 @@ void add_thermal(CLI::App& app, int& code) {
   auto* chain = c->add_flag("--chain", a->chain, "Joints warm their neighbours, in the order of the columns, at one rate; for records too short to tell slow poles joint by joint")->excludes(order)->excludes(rested);
   auto* alpha = c->add_option("--alpha", a->alpha, "Without temperatures: change of friction per K over friction at rest temperature, where it is known [1/K]")->check(CLI::Range(-1.0, 1.0));
   auto* rest = c->add_option("--rest", a->rest_degC, "Temperature at rest [degC], which alpha refers to")->check(CLI::Range(-60.0, 250.0))->capture_default_str();
-  auto* output = c->add_option("-o,--output", a->output, "PARAMS.yaml to write");
+  auto* output = a->output.add_to(*c, "PARAMS.yaml to write");
   c->add_option("--evaluate", a->evaluate, "PARAMS.yaml of an earlier call: how well it predicts these data from their first temperatures")->excludes(order)->excludes(rested)->excludes(output)->excludes(alpha)->excludes(rest)->excludes(chain);
   c->add_flag("--json", a->json, "Print JSON instead of the table");
   c->add_flag("--quiet", a->quiet, "No progress, no notes");
   c->footer("Example:\n  tribotwin thermal monday.csv tuesday.csv -o thermal.yaml");
-  c->callback([a, &code] { code = !a->evaluate.empty() ? evaluate(*a) : a->chain ? identify_chain(*a) : identify(*a); });
+  c->callback([a, &code] {
+    check(a->output, paths(a->data));
+    code = !a->evaluate.empty() ? evaluate(*a) : a->chain ? identify_chain(*a) : identify(*a);
+  });
 }
 
 }  // namespace tribotwin::twin::program

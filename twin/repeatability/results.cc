@@ -6,7 +6,7 @@
 
 #include <fmt/format.h>
 
-#include <tribotwin/twin/output/output.hpp>
+#include <tribotwin/twin/output/file.hpp>
 #include <tribotwin/twin/scenario/input.hpp>
 
 namespace tribotwin::twin::repeatability {
@@ -41,7 +41,7 @@ tl::expected<Results, std::string> run_campaign(const Campaign& campaign, const 
   tables.push_back({"motion.csv", to_csv(*excitation, *regressor, 250)});
   for (const auto& [name, text] : tables) {
     out->files.push_back(options.directory / name);
-    if (auto ok = write_file(out->files.back(), text); !ok) return tl::unexpected(ok.error());
+    if (auto ok = write_derived(out->files.back(), text, options.existing); !ok) return tl::unexpected(ok.error());
   }
   return out;
 }

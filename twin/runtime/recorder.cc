@@ -7,8 +7,8 @@
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
-#include <tribotwin/twin/output/folder_lock.hpp>
-#include <tribotwin/twin/output/output.hpp>
+#include <tribotwin/twin/output/file.hpp>
+#include <tribotwin/twin/runtime/run_folder.hpp>
 #include <tribotwin/twin/telemetry/telemetry.hpp>
 
 namespace tribotwin::twin {
@@ -47,7 +47,8 @@ std::vector<Channel> channels_of(const mujoco::Model& model) {
 }  // namespace
 
 struct Recorder::Impl {
-  FolderLock lock;
+  RunFolder folder;
+  fs::path directory;
   std::unique_ptr<Telemetry> telemetry;
   std::int64_t every = 1;
   double timestep_s = 0;
@@ -57,17 +58,12 @@ struct Recorder::Impl {
 Recorder::Recorder(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
 Recorder::~Recorder() = default;
 
-tl::expected<std::unique_ptr<Recorder>, std::string> Recorder::create(const fs::path& directory, const Scenario& scenario, bool cycles) {
+tl::expected<std::unique_ptr<Recorder>, std::string> Recorder::create(const fs::path& directory, const Scenario& scenario, bool cycles, Existing existing) {
   auto impl = std::make_unique<Impl>();
   impl->timestep_s = scenario.model->get()->opt.timestep;
   impl->every = std::max<std::int64_t>(1, std::llround(1 / (scenario.telemetry_rate_hz * impl->timestep_s)));
-  std::error_code error;
-  fs::create_directories(directory, error);
-  if (error) return tl::unexpected(fmt::format("{}: cannot be created ({})", directory.string(), error.message()));
-  if (auto ok = impl->lock.take(directory); !ok) return tl::unexpected(ok.error());
-  // A summary marks a whole run: one left by an earlier run must not stand beside a new, unfinished record.
-  fs::remove(directory / "summary.json", error);
-  if (auto ok = write_file(directory / "scenario.yaml", scenario.resolved_yaml); !ok) return tl::unexpected(ok.error());
+  if (auto ok = impl->folder.open(directory, existing); !ok) return tl::unexpected(ok.error());
+  impl->directory = directory;
   TelemetryOptions o{.attributes = {{"engine", "MuJoCo"},
                                     {"engine_version", mj_versionString()},
                                     {"scenario", scenario.name},
@@ -83,6 +79,12 @@ tl::expected<std::unique_ptr<Recorder>, std::string> Recorder::create(const fs::
   auto telemetry = Telemetry::create(directory / "telemetry.h5", std::move(o));
   if (!telemetry) return tl::unexpected(telemetry.error());
   impl->telemetry = std::make_unique<Telemetry>(std::move(*telemetry));
+  if (auto ok = write_file(directory / "scenario.yaml", scenario.resolved_yaml, Existing::refuse); !ok) {
+    std::error_code ignored;
+    fs::remove(directory / "telemetry.h5", ignored);   // nothing was recorded
+    return tl::unexpected(ok.error());
+  }
+  impl->folder.keep_both();
   return std::unique_ptr<Recorder>(new Recorder(std::move(impl)));
 }
 
@@ -106,7 +108,27 @@ Status Recorder::sample(const Twin& twin, std::int64_t step) {
 
 Status Recorder::append_cycle(double time_s, std::span<const double> values) { return impl_->telemetry->append_cycle(time_s, values); }
 
-Status Recorder::finish() { return impl_->telemetry->finish(); }
+Status Recorder::finish(const Summary& summary) {
+  if (auto ok = impl_->telemetry->finish(!summary.interrupted); !ok) return ok;
+  if (auto ok = write_file(impl_->directory / "summary.json", summary_json(summary), Existing::refuse); !ok) return ok;
+  if (!summary.interrupted) impl_->folder.commit();
+  return {};
+}
+
+const fs::path& Recorder::replaced() const { return impl_->folder.aside(); }
+
+namespace {
+
+void check_balance(Summary& s) {
+  const double residual = std::abs(s.energy_balance_J);
+  s.balanced = residual <= std::max(balance_floor_J, balance_share * std::abs(s.friction_work_J));
+  if (!s.balanced)
+    s.warnings.push_back(fmt::format("the mechanical energy balance is off by {:.3g} J, {:.3g} % of the friction work ({:.3g} J); at most {:g} % and {:g} J are expected. Is the timestep too long, "
+                                     "or does something act on the joints that is neither a drive nor the friction law (damping, limits, contacts)?",
+                                     residual, 100 * residual / std::max(std::abs(s.friction_work_J), 1e-300), s.friction_work_J, 100 * balance_share, balance_floor_J));
+}
+
+}  // namespace
 
 Summary summarize(const Twin& twin, const Scenario& scenario, double wall_s) {
   Summary s{.simulated_s = twin.time_s(), .wall_s = wall_s, .steps = twin.steps(), .steps_computed = twin.steps_computed(), .seed = scenario.seed,
@@ -128,10 +150,9 @@ Summary summarize(const Twin& twin, const Scenario& scenario, double wall_s) {
                                        100 * d.steps_outside / static_cast<double>(twin.steps_computed()), drives[i].drive.law.info->name,
                                        drives[i].drive.law.validity == friction::Validity::extrapolate ? "extrapolate" : "clamp"));
   }
+  check_balance(s);
   return s;
 }
-
-tl::expected<void, std::string> write_summary(const fs::path& directory, const Summary& summary) { return write_file(directory / "summary.json", summary_json(summary)); }
 
 namespace {
 
@@ -155,7 +176,8 @@ std::string varied_json(std::span<const VariedRun> runs) {
 }
 
 std::string summary_json(const Summary& s) {
-  nlohmann::ordered_json json{{"simulated_s", s.simulated_s},
+  nlohmann::ordered_json json{{"interrupted", s.interrupted},
+                              {"simulated_s", s.simulated_s},
                               {"wall_s", s.wall_s},
                               {"steps", s.steps},
                               {"steps_computed", s.steps_computed},

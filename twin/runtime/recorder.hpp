@@ -10,6 +10,7 @@
 
 #include <tl/expected.hpp>
 
+#include <tribotwin/twin/output/file.hpp>
 #include <tribotwin/twin/runtime/twin.hpp>
 
 /// What a run leaves in its folder.
@@ -43,17 +44,21 @@ struct LoopSummary {
   double stiffness_nm_rad;           ///< chord from end to end of the loop
 };
 
+constexpr double balance_share = 0.01, balance_floor_J = 1e-3;
+
 struct Summary {
   double simulated_s, wall_s;
   std::int64_t steps, steps_computed;
   std::uint64_t seed;
   double friction_work_J, heat_J, motor_work_J;
   double energy_balance_J;           ///< what the mechanical balance leaves over
+  bool balanced = true;              ///< that is below balance_share of the friction work, or below balance_floor_J
   std::vector<JointSummary> joints;
   std::vector<std::string> warnings;
   std::optional<Comparison> comparison;
   std::vector<TrackingSummary> tracking;
   std::vector<LoopSummary> loops;
+  bool interrupted = false;          ///< the run was cut short
 };
 
 /// What a twin has done so far.
@@ -68,19 +73,22 @@ struct VariedRun {
 };
 /// The summary.json over them: `runs` with folder and settings; tracking, loops and warnings of all.
 std::string varied_json(std::span<const VariedRun> runs);
-tl::expected<void, std::string> write_summary(const std::filesystem::path& directory, const Summary& summary);
 
-/// scenario.yaml and the growing telemetry.h5 of one run. Keeps a second run out of the folder while it lives.
+/// scenario.yaml, the growing telemetry.h5 and, last, summary.json of one run. Keeps other processes out of the folder.
 class Recorder {
  public:
-  /// Removes an older summary.json: it would stand for a whole run. `cycles`: with channels per work cycle.
-  static tl::expected<std::unique_ptr<Recorder>, std::string> create(const std::filesystem::path& directory, const Scenario& scenario, bool cycles);
+  /// `cycles`: with channels per work cycle. Throws InputError where the folder holds a run that may not be replaced.
+  static tl::expected<std::unique_ptr<Recorder>, std::string> create(const std::filesystem::path& directory, const Scenario& scenario, bool cycles,
+                                                                     Existing existing = Existing::refuse);
   ~Recorder();
   /// After step number `step` of the twin: records the state at its start, where the scenario's telemetry rate says so.
   tl::expected<void, std::string> sample(const Twin& twin, std::int64_t step);
   /// Per drive: lubricant temperature [degC], mean friction power [W].
   tl::expected<void, std::string> append_cycle(double time_s, std::span<const double> values);
-  tl::expected<void, std::string> finish();
+  /// Closes the record and writes summary.json. A run that was replaced is removed now if this one is whole.
+  tl::expected<void, std::string> finish(const Summary& summary);
+  /// Where a run that this one replaces is until then; empty if there is none.
+  const std::filesystem::path& replaced() const;
 
  private:
   struct Impl;

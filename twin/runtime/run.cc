@@ -39,7 +39,7 @@ class Runner {
 
   Status open() {
     if (options_.directory.empty()) return {};
-    auto recorder = Recorder::create(options_.directory, scenario_, cycle_ != 0);
+    auto recorder = Recorder::create(options_.directory, scenario_, cycle_ != 0, options_.existing);
     if (!recorder) return tl::unexpected(recorder.error());
     recorder_ = std::move(*recorder);
     return {};
@@ -47,17 +47,21 @@ class Runner {
 
   Status run() {
     started_ = Clock::now();
-    while (twin_.steps() < total_)
-      if (auto ok = cycle_ ? run_cycle() : run_steps(total_); !ok) return ok;
-    return recorder_ ? recorder_->finish() : Status{};
+    while (twin_.steps() < total_ && !stopped())
+      if (auto ok = cycle_ ? run_cycle() : run_steps(total_); !ok) return with_replaced(ok);
+    return {};
   }
+
+  Status finish(const Summary& summary) { return recorder_ ? with_replaced(recorder_->finish(summary)) : Status{}; }
 
   Summary summary() {
     Summary s = summarize(twin_, scenario_, seconds_since(started_));
+    s.interrupted = twin_.steps() < total_;
+    if (s.interrupted && recorder_ && !recorder_->replaced().empty()) s.warnings.push_back(kept_in(recorder_->replaced()));
     if (skipped_cycles_ > 0)
       s.warnings.push_back(fmt::format("multi-rate: {} of {} work cycles were computed step by step, the others followed from them (largest correction {:.2g} K)",
                                        cycles_ - skipped_cycles_, cycles_, largest_correction_K_));
-    if (scenario_.recording && scenario_.baseline && samples_compared_ > 0)
+    if (scenario_.recording && scenario_.baseline && samples_compared_ > 0 && !s.interrupted)
       s.comparison = Comparison{1e3 * error_sum_rad_ / static_cast<double>(samples_compared_), baseline_mae_mrad()};
     const auto start_degC = [&](std::size_t spring) { return scenario_.temperature_degC[twin_.transmission(scenario_.model->springs()[spring]).drive]; };
     for (std::size_t i = 0; i < tracking_.size(); ++i)
@@ -68,8 +72,16 @@ class Runner {
   }
 
  private:
+  bool stopped() const { return options_.stop && options_.stop->load(std::memory_order_relaxed); }
+
+  static std::string kept_in(const std::filesystem::path& folder) { return fmt::format("the run that this one was to replace is kept in {}", folder.string()); }
+  Status with_replaced(Status status) const {
+    if (status || !recorder_ || recorder_->replaced().empty()) return status;
+    return tl::unexpected(fmt::format("{}; {}", status.error(), kept_in(recorder_->replaced())));
+  }
+
   Status run_steps(std::int64_t until) {
-    while (twin_.steps() < until) {
+    while (twin_.steps() < until && !stopped()) {
       const std::int64_t k = twin_.steps();
       compare();
       if (auto ok = twin_.step(); !ok) return ok;
@@ -202,6 +214,7 @@ class Runner {
       twin_.skip(count * cycle_, predicted, heat);
       auto next = compute_cycle();
       if (!next) return tl::unexpected(next.error());
+      if (twin_.steps() % cycle_ != 0) next = *map;   // cut short: no better end for the cycles that were skipped
       std::vector<std::vector<thermal::Rise>> path(drives_);
       std::vector<thermal::Rise> corrected(drives_);
       for (std::size_t i = 0; i < drives_; ++i) {
@@ -297,9 +310,8 @@ tl::expected<Summary, std::string> run(const Scenario& scenario, const RunOption
   Runner runner(scenario, options);
   if (auto ok = runner.open(); !ok) return tl::unexpected(ok.error());
   if (auto ok = runner.run(); !ok) return tl::unexpected(ok.error());
-  Summary summary = runner.summary();
-  if (!options.directory.empty())
-    if (auto ok = write_summary(options.directory, summary); !ok) return tl::unexpected(ok.error());
+  const Summary summary = runner.summary();
+  if (auto ok = runner.finish(summary); !ok) return tl::unexpected(ok.error());
   return summary;
 }
 

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <atomic>
 #include <filesystem>
 #include <functional>
 #include <string>
@@ -13,12 +14,14 @@ namespace tribotwin::twin {
 
 struct RunOptions {
   std::filesystem::path directory;                    ///< empty: nothing is written
+  Existing existing = Existing::refuse;               ///< what happens to a run that the directory holds
   bool realtime = false;                              ///< not faster than the clock
+  const std::atomic<bool>* stop = nullptr;            ///< ends the run after the current step: it is interrupted
   std::function<void(double share, double seconds_left)> progress;
 };
 
-/// Runs a scenario to its end. With a directory: telemetry.h5 grows while it runs, scenario.yaml is written first and
-/// summary.json, which marks a whole run, last.
+/// Runs a scenario to its end. With a directory: telemetry.h5 grows while it runs, summary.json is written last and says
+/// whether the run was interrupted. Throws InputError where the directory holds a run that may not be replaced.
 tl::expected<Summary, std::string> run(const Scenario& scenario, const RunOptions& options);
 
 }  // namespace tribotwin::twin

@@ -7,8 +7,11 @@
 #include <stdexcept>
 #include <string>
 #include <string_view>
+#include <type_traits>
+#include <utility>
 #include <vector>
 
+#include <tl/expected.hpp>
 #include <yaml-cpp/yaml.h>
 
 /// Strict reading of YAML: every key must be known, every value of its type and range, every message says where.
@@ -18,6 +21,13 @@ namespace tribotwin::twin {
 struct InputError : std::runtime_error {
   using std::runtime_error::runtime_error;
 };
+
+/// The value, or its message thrown as InputError.
+template <class T>
+T or_wrong_input(tl::expected<T, std::string> value) {
+  if (!value) throw InputError(value.error());
+  if constexpr (!std::is_void_v<T>) return std::move(*value);
+}
 
 struct Bounds {
   double minimum = -1e300, maximum = 1e300;

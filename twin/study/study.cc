@@ -7,7 +7,7 @@
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
-#include <tribotwin/twin/output/output.hpp>
+#include <tribotwin/twin/output/file.hpp>
 #include <tribotwin/twin/scenario/input.hpp>
 #include <tribotwin/twin/study/power.hpp>
 #include <tribotwin/twin/table/table.hpp>
@@ -181,7 +181,7 @@ tl::expected<LabSummary, std::string> run_study(const Study& study, const LabOpt
     if (!judged) return tl::unexpected(judged.error());
     all[joint.name] = *std::move(judged);
   }
-  if (auto ok = write_file(options.directory / "diagnosis.json", all.dump(2) + "\n"); !ok) return tl::unexpected(ok.error());
+  if (auto ok = write_derived(options.directory / "diagnosis.json", all.dump(2) + "\n", options.existing); !ok) return tl::unexpected(ok.error());
   sum.wall_s = std::chrono::duration<double>(std::chrono::steady_clock::now() - started).count();
   return sum;
 }

@@ -1,0 +1,22 @@
+#include <tribotwin/twin/output/interrupt.hpp>
+
+#include <csignal>
+
+namespace tribotwin::twin {
+namespace {
+
+std::atomic<bool> flag{false};
+static_assert(std::atomic<bool>::is_always_lock_free, "a signal handler writes it");
+
+}  // namespace
+
+void catch_interrupts() {
+  struct sigaction action {};
+  action.sa_handler = [](int) { flag = true; };
+  action.sa_flags = static_cast<int>(SA_RESETHAND);   // and not SA_RESTART
+  for (const int signal : {SIGINT, SIGTERM}) ::sigaction(signal, &action, nullptr);
+}
+
+std::atomic<bool>& interrupted() { return flag; }
+
+}  // namespace tribotwin::twin
