@@ -18,7 +18,7 @@ def undisturbed(variant):
     """What the command leaves, how long it takes and the changes it makes; that a second one leaves the same."""
     command, over_old = variant
     first, second = run_faulty(command, over_old, 0, "full"), run(command, over_old)
-    good = first.code == 0 and first.after != first.before and not judge(command, second, first.after)[0]
+    good = first.code == 0 and first.calls and first.after != first.before and not judge(command, second, first.after)[0]
     check(f"{title(*variant)}: undisturbed, it works and repeats", good, (first.code, first.stderr[-500:], judge(command, second, first.after)))
     forget(first), forget(second)
     return first.after, second.seconds, first.calls, good
@@ -42,6 +42,8 @@ def names_the_file(stderr, call):
     """The message names what could not be written: the file itself, not its temporary name."""
     name = os.path.basename(call[1])
     plain = re.sub(r"\.(partial(-\w+)?|recovering)$", "", name).lstrip(".")
+    if call[0] == "fsync" and os.path.splitext(plain)[1] == "":   # of a folder: the file in it, or the folder
+        return bool(re.search(r"[\w./-]+: ", stderr.split(REASON)[0].split("\n")[-1].split(": ", 1)[-1]))
     return plain in stderr
 
 
@@ -53,7 +55,7 @@ class Tally:
     def add(self, where, complaints, litter=()):
         self.runs += 1
         self.bad += [f"{where}: {c}" for c in complaints]
-        self.litter.update(re.sub(r"[A-Za-z0-9]{6}$", "XXXXXX", name) if ".partial-" in name else name for name in litter)
+        self.litter.update(re.sub(r"(\.partial-)[A-Za-z0-9]+$", r"\1XXXXXX", name) for name in litter)
 
     def report(self, covered):
         litter = "; litter: " + ", ".join(f"{n} x {name}" for name, n in sorted(self.litter.items())) if self.litter else ""
