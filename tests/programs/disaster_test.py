@@ -1,0 +1,222 @@
+"""Full disks and kill -9, for every command that writes: what was there stays, what is new is absent or whole, and the exit code
+says which. Three ways: the N-th change of the disk fails or kills (faulty_disk.c), a disk that is really full (a small tmpfs),
+kill -9 at random instants. Options: programs.py."""
+import os, random, shlex, subprocess
+
+from programs import *
+
+REASON = "No space left on device"
+kills = 8 if options.all else 1      # at random instants, per command and start
+variants = [(c, over) for c in commands for over in ([False, True] if c.old or c.stream or any(not o.endswith("/") for o in c.out) else [False])]
+
+
+def title(command, over_old):
+    return command.name + (" over an old result" if over_old else "")
+
+
+def undisturbed(variant):
+    """What the command leaves, how long it takes and the changes it makes; that a second one leaves the same."""
+    command, over_old = variant
+    first, second = run_faulty(command, over_old, 0, "full"), run(command, over_old)
+    good = first.code == 0 and first.calls and first.after != first.before and not judge(command, second, first.after)[0]
+    check(f"{title(*variant)}: undisturbed, it works and repeats", good, (first.code, first.stderr[-500:], judge(command, second, first.after)))
+    forget(first), forget(second)
+    return first.after, second.seconds, first.calls, good
+
+
+def chosen(count):
+    """Of many calls the first and last 15 and some between."""
+    between = 30 if options.all else 8
+    if count <= 40:
+        return list(range(1, count + 1))
+    return sorted({*range(1, 16), *range(count - 14, count + 1), *random.Random(seed).sample(range(16, count - 14), min(between, count - 30))})
+
+
+def missing(outcome, truth):
+    """What is not there as a whole, although the exit code was 0."""
+    found = {name: not_whole(name, outcome.after[name], data) if name in outcome.after else "is not there" for name, data in truth.items()}
+    return [f"exit code 0, but {name} {why}" for name, why in found.items() if why]
+
+
+def names_the_file(stderr, call):
+    """The message names what could not be written: the file itself, not its temporary name."""
+    name = os.path.basename(call[1])
+    plain = re.sub(r"\.(partial(-\w+)?|recovering)$", "", name).lstrip(".")
+    if call[0] == "fsync" and os.path.splitext(plain)[1] == "":   # of a folder: the file in it, or the folder
+        return bool(re.search(r"[\w./-]+: ", stderr.split(REASON)[0].split("\n")[-1].split(": ", 1)[-1]))
+    return plain in stderr
+
+
+class Tally:
+    """Complaints about many runs of one kind, as one line each of the first and a number."""
+    def __init__(self, name):
+        self.name, self.runs, self.bad, self.litter = name, 0, [], collections.Counter()
+
+    def add(self, where, complaints, litter=()):
+        self.runs += 1
+        self.bad += [f"{where}: {c}" for c in complaints]
+        self.litter.update(re.sub(r"(\.partial-)[A-Za-z0-9]+$", r"\1XXXXXX", name) for name in litter)
+
+    def report(self, covered):
+        litter = "; litter: " + ", ".join(f"{n} x {name}" for name, n in sorted(self.litter.items())) if self.litter else ""
+        more = [f"{len(self.bad) - 4} more"] if len(self.bad) > 4 else []
+        check(self.name, not self.bad, "\n     ".join(["", *self.bad[:4], *more]), f"({covered}{litter})")
+
+
+def full_disk(variant, truth, calls):
+    """The N-th change fails, one way after the other; with --all in every way."""
+    command, over_old = variant
+    ways = ["full", "short", "once"]
+    cases = [(n, how) for n in chosen(len(calls)) for how in (ways if options.all else [ways[n % 3]])]
+
+    def one(case):
+        n, how = case
+        r = run_faulty(command, over_old, n, how)
+        complaints, litter = judge(command, r, truth)
+        reached = len(r.calls) >= n   # how often a run flushes depends on the clock
+        failed_at = r.calls[n - 1] if reached else ["none", r.folder]
+        hint = reached and how == "once" and "fallocate" in failed_at[0]   # space that cannot be kept in advance may be there later
+        if r.code == 0 and (hint or not reached):
+            complaints += missing(r, truth)
+            forget(r)
+            return f"change {n} ({how})", complaints, litter
+        if r.code != 1:
+            complaints.insert(0, f"exit code {r.code}")
+        if REASON not in r.stderr:
+            complaints.append(f"the reason is not said: {r.stderr[-200:]!r}")
+        elif not names_the_file(r.stderr, failed_at):
+            complaints.append(f"the file is not named: {r.stderr[-200:]!r}")
+        forget(r)
+        return (f"change {n} ({how}: {failed_at[0]} {os.path.relpath(failed_at[1], r.folder)})", complaints, litter)
+
+    tally = Tally(title(*variant) + ": the disk is full")
+    for where, complaints, litter in in_parallel(one, cases):
+        tally.add(where, complaints, litter)
+    tally.report(f"{tally.runs} runs, {len(chosen(len(calls)))} of {len(calls)} changes of the disk")
+
+
+# A disk of `size` bytes is mounted over the case's folder, out of everybody else's sight; what was left on it is carried out.
+REALLY_FULL = """mount -t tmpfs -o size=$1 full "$2" && mkdir "$2/case" && cp -a "$3/." "$2/case/" && cd "$2/case" && head -c 4096 /dev/zero > ../one_page || exit 99
+result=$4; shift 4; "$@"
+code=$?; cp -a . "$result/"; exit $code"""
+may_mount = subprocess.run(["unshare", "-m", "mount", "-t", "tmpfs", "none", "/mnt"], capture_output=True).returncode == 0
+
+
+def really_full(variant, truth):
+    """A tmpfs with room for nothing, half, or all but the last page of the result: also what stdio buffers and children write."""
+    command, over_old = variant
+    page = 4096
+    pages = lambda files: sum(-(-len(data) // page) for data in files.values())
+
+    def one(share):
+        folder = prepare(command, over_old)
+        before = snapshot(folder)
+        has, needs = pages(before), pages({**before, **truth})
+        size = page * (1 + max(has, {"nothing": has, "half": (has + needs) // 2, "all but a page": needs - 1}[share]))
+        disk, result = new_folder(), new_folder()
+        r = run(command, over_old, folder, wrapper=["unshare", "-m", "sh", "-c", REALLY_FULL, "sh", str(size), disk, folder, result])
+        r.before, r.after = before, snapshot(result)
+        complaints, litter = judge(command, r, truth)
+        if r.code == 0:   # it may have made room by replacing what was there
+            complaints += missing(r, truth)
+        elif r.code != 1 or REASON not in r.stderr:
+            complaints.insert(0, f"exit code {r.code}, {r.stderr[-200:]!r}")
+        for path in (folder, disk, result):
+            shutil.rmtree(path, True)
+        return f"room for {share}", complaints, litter
+
+    tally = Tally(title(*variant) + ": a disk that is really full")
+    for where, complaints, litter in in_parallel(one, ["nothing", "half", "all but a page"]):
+        tally.add(where, complaints, litter)
+    tally.report(f"{tally.runs} sizes")
+
+
+def again(command, over_old, killed, truth):
+    """After a kill: a record is recovered, the command itself works again, and nothing stands in its way."""
+    complaints = []
+    folder = killed.folder
+    if command.name.startswith("run") and not command.name.endswith("varied"):
+        record = killed.after.get("out/telemetry.h5")
+        if record is not None and record != killed.before.get("out/telemetry.h5"):
+            r = subprocess.run([programs["tribotwin"], "recover", "out"], cwd=folder, capture_output=True, text=True, timeout=60)
+            found, seen = columns(snapshot(folder)["out/telemetry.h5"]), columns(record)
+            if r.returncode == 0:
+                why = wrong_rows(found, columns(truth["out/telemetry.h5"]))
+                if why:
+                    complaints.append("recovered: " + why)
+                printed = re.search(r"(\d+) samples", r.stdout)
+                if printed and found and int(printed[1]) != len(found["time_s"]):
+                    complaints.append(f"recover says {printed[1]} samples of {len(found['time_s'])}")
+            elif r.returncode != 1 or seen and len(seen["time_s"]):
+                complaints.append(f"recover: exit code {r.returncode}, {r.stderr[-200:]}")
+            elif snapshot(folder)["out/telemetry.h5"] != record:
+                complaints.append("recover refused and changed the original")
+    r = run(command, command.knows_force and not command.resumable, folder)
+    if r.code != 0:
+        return complaints + [f"started again: exit code {r.code}, {r.stderr[-200:]!r}"]
+    return complaints + ["started again: " + why for why in missing(r, truth)]
+
+
+def killed_at_calls(variant, truth, calls):
+    command, over_old = variant
+    cases = [(n, how) for n in chosen(len(calls)) for how in (["kill", "torn"] if options.all else [["kill", "torn"][n % 2]])]
+    if not options.all:
+        cases = random.Random(seed).sample(cases, min(2, len(cases)))
+
+    def one(case):
+        n, how = case
+        r = run_faulty(command, over_old, n, how)
+        complaints, litter = judge(command, r, truth, killed=True)
+        if r.code != (-9 if len(r.calls) >= n else 0):
+            complaints.insert(0, f"exit code {r.code}")
+        complaints += again(command, over_old, r, truth)
+        forget(r)
+        return f"change {n} ({how}: {' '.join(r.calls[n - 1]) if len(r.calls) >= n else '?'})", complaints, litter
+
+    tally = Tally(title(*variant) + ": SIGKILL in place of a change of the disk")
+    for where, complaints, litter in in_parallel(one, cases):
+        tally.add(where, complaints, litter)
+    tally.report(f"{tally.runs} kills")
+    return tally.runs
+
+
+def killed_at_random(variant, truth, seconds):
+    command, over_old = variant
+    instants = random.Random(f"{seed} {title(*variant)}")
+    hits = 0
+
+    def one(instant):
+        r = run(command, over_old, kill_after=instant)
+        complaints, litter = judge(command, r, truth, killed=True)
+        if r.code == 0:
+            complaints += missing(r, truth)
+        elif r.code != -9:
+            complaints.insert(0, f"exit code {r.code}")
+        complaints += again(command, over_old, r, truth)
+        forget(r)
+        return r.code == -9, f"after {instant:.4f} s", complaints, litter
+
+    tally = Tally(title(*variant) + ": kill -9 at random instants")
+    while hits < kills and tally.runs < 3 * kills:
+        for hit, where, complaints, litter in in_parallel(one, [instants.uniform(0, seconds) for _ in range(kills - hits)]):
+            hits += hit
+            tally.add(where, complaints, litter)
+    tally.report(f"{hits} kills, {tally.runs - hits} came too late")
+    return hits
+
+
+if not may_mount:
+    print("SKIPPED: no tmpfs can be mounted here (needs root or user namespaces): a disk that is really full was NOT tested")
+total = at_random = 0
+for variant in variants:
+    truth, seconds, calls, good = undisturbed(variant)
+    if not good:
+        continue
+    if not variant[0].slow:
+        full_disk(variant, truth, calls)
+        total += killed_at_calls(variant, truth, calls)
+        if may_mount:
+            really_full(variant, truth)
+    at_random += killed_at_random(variant, truth, seconds)
+print(f"{total} kills in place of a change of the disk, {at_random} at random instants")
+finish()

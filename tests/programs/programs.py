@@ -1,0 +1,519 @@
+"""What the tests of whole programs share: checks, inputs made once, a table of all commands that write, one way to run any of
+them in a folder of its own, and the judgement of what it left there.
+
+Options: --tribotwin, --hil, --report (may be left out where it is not built), --source, --shim; --all for the long form,
+--only WORD for the commands whose name holds it, --keep to leave the folder."""
+import argparse, atexit, collections, concurrent.futures, dataclasses, json, logging, os, re, shutil, signal, socket, subprocess, sys, tempfile, threading, time
+
+import h5py
+import numpy as np
+
+parser = argparse.ArgumentParser()
+for option in ("--tribotwin", "--hil", "--report", "--source", "--shim", "--only"):
+    parser.add_argument(option, default="")
+for option in ("--all", "--keep"):
+    parser.add_argument(option, action="store_true")
+options = parser.parse_args()
+programs = {name: path and os.path.abspath(path) for name, path in (("tribotwin", options.tribotwin), ("hil", options.hil), ("report", options.report))}
+seed = 20261122
+
+work = os.path.realpath(tempfile.mkdtemp(prefix="tribotwin_programs_"))
+inputs = os.path.join(work, "inputs")
+if not options.keep:
+    atexit.register(shutil.rmtree, work, True)
+
+failures = []
+_lock = threading.Lock()
+_folders = 0
+
+
+def check(name, condition, detail="", note=""):
+    with _lock:
+        print("ok  " if condition else "FAIL", name, note, "" if condition else detail, flush=True)
+        if not condition:
+            failures.append(name)
+    return bool(condition)
+
+
+def finish():
+    print(f"{len(failures)} failed:" if failures else "all passed")
+    for name in failures:
+        print("    " + name)
+    sys.exit(bool(failures))
+
+
+def in_parallel(function, items):
+    with concurrent.futures.ThreadPoolExecutor(os.cpu_count()) as pool:
+        return list(pool.map(function, items))
+
+
+# ---- Commands.
+@dataclasses.dataclass(frozen=True)
+class Command:
+    name: str
+    argv: tuple                  # the program's key, then its arguments; it runs in the case's folder, {in} is that of the inputs
+    out: tuple = ()              # what it writes there
+    given: tuple = ()            # inputs that are copied there, because it writes beside or over them
+    old: tuple = ()              # (input, name there): an old result to be replaced with --force; files of `out` have one anyway
+    resumable: bool = False      # started again, it goes on
+    as_one: bool = False         # its files are one result: the old one is whole until the new one is
+    recording: bool = False      # what it recorded until it failed may stay: rows or lines that are right, not all of them
+    slow: bool = False           # too long to be run hundreds of times
+    stream: str = ""             # the value of its -o that may be a device or a pipe
+    masks: tuple = ("{in}/",)    # inputs in argv that no output may replace
+
+    def argument_lists(self):
+        return [programs[self.argv[0]], *(a.replace("{in}", inputs) for a in self.argv[1:])]
+
+    @property
+    def knows_force(self):
+        words = [a for a in self.argv[1:3] if re.fullmatch("[a-z]+", a)]
+        return "--force" in help_of(self.argv[0], *words)
+
+
+_helps = {}
+
+
+def help_of(program, *words):
+    key = (program, *words)
+    if key not in _helps:
+        _helps[key] = subprocess.run([programs[program], *words, "--help"], capture_output=True, text=True).stdout
+    return _helps[key]
+
+
+commands = [c for c in [
+    Command("run", ("tribotwin", "run", "{in}/scenario.yaml", "-o", "out"), ("out/",), old=(("old_run", "out"),), as_one=True, recording=True),
+    Command("run, seconds long", ("tribotwin", "run", "{in}/long.yaml", "-o", "out"), ("out/",), old=(("old_run", "out"),), as_one=True, recording=True, slow=True),
+    Command("run, varied", ("tribotwin", "run", "{in}/varied.yaml", "-o", "out"), ("out/",), recording=True),
+    Command("curve --csv", ("tribotwin", "curve", "{in}/pendulum.xml", "--joint", "hinge", "--csv", "curve.csv"), ("curve.csv",), stream="curve.csv"),
+    Command("lab", ("tribotwin", "lab", "{in}/campaign.yaml", "-o", "out", "--threads", "1"), ("out/",), resumable=True),
+    Command("calibrate", ("tribotwin", "calibrate", "{in}/fit.yaml", "-o", "out", "--threads", "1"), ("out/",), resumable=True),
+    Command("identify", ("tribotwin", "identify", "--law", "stribeck", "{in}/curves.csv", "-o", "params.yaml"), ("params.yaml",), stream="params.yaml"),
+    Command("diagnose learn", ("tribotwin", "diagnose", "learn", "{in}/healthy.csv", "-o", "healthy.yaml"), ("healthy.yaml",), stream="healthy.yaml"),
+    Command("excite", ("tribotwin", "excite", "{in}/pendulum.xml", "--inertia-only", "--evaluations", "20", "--period", "2", "--rate", "100", "-o", "motion.csv"), ("motion.csv",), stream="motion.csv"),
+    Command("dynamics", ("tribotwin", "dynamics", "{in}/pendulum.xml", "{in}/recorded.csv", "-o", "robot.yaml"), ("robot.yaml",), stream="robot.yaml"),
+    Command("predict", ("tribotwin", "predict", "{in}/pendulum.xml", "{in}/robot.yaml", "{in}/recorded.csv", "-o", "predicted.csv"), ("predicted.csv",), stream="predicted.csv"),
+    Command("thermal", ("tribotwin", "thermal", "{in}/thermal.csv", "-o", "thermal.yaml"), ("thermal.yaml",), stream="thermal.yaml"),
+    Command("export --csv", ("tribotwin", "export", "run", "--csv"), ("run/telemetry.csv",), given=("run",)),
+    Command("export --recording", ("tribotwin", "export", "{in}/run", "--recording", "-o", "recorded.csv"), ("recorded.csv",), stream="recorded.csv"),
+    Command("export --mjcf", ("tribotwin", "export", "{in}/params.yaml", "--mjcf", "--tau-max", "1", "--gear-ratio", "100", "-o", "joint.xml"), ("joint.xml",), stream="joint.xml"),
+    Command("recover", ("tribotwin", "recover", "killed"), given=("killed",)),
+    Command("hil drive", ("hil", "drive", "{in}/scenario.yaml", "--can", "socketcand://127.0.0.1:{port}/can0", "--duration", "0.1", "--record", "session.log", "--stats", "stats.json", "-o", "out"),
+            ("session.log", "stats.json", "out/"), old=(("session.log", "session.log"), ("old_run", "out")), as_one=True, recording=True),
+    Command("hil replay", ("hil", "replay", "{in}/scenario.yaml", "{in}/session.log", "--fast", "-o", "out"), ("out/",), old=(("old_run", "out"),), as_one=True, recording=True),
+    Command("hil shadow --csv", ("hil", "shadow", "{in}/scenario.yaml", "--can", "log:{in}/session.log", "--csv", "shadow.csv"), ("shadow.csv",), recording=True, stream="shadow.csv"),
+    Command("hil eds", ("hil", "eds", "{in}/scenario.yaml", "-o", "drive.eds"), ("drive.eds",), stream="drive.eds"),
+    Command("hil dbc", ("hil", "dbc", "{in}/scenario.yaml", "-o", "drives.dbc"), ("drives.dbc",), stream="drives.dbc"),
+    Command("report", ("report", "{in}/run", "-o", "page.html"), ("page.html",), stream="page.html"),
+    Command("report --png", ("report", "fit", "{in}/params.yaml", "{in}/curves.csv", "--png", "-o", "fit.html"), ("fit.html",)),
+    Command("report curve", ("report", "curve", "{in}/pendulum.xml", "--joint", "hinge", "-o", "curve.svg"), ("curve.svg",)),
+    Command("report pose", ("report", "pose", "{in}/pendulum.xml", "--size", "64x64", "-o", "pose.png"), ("pose.png",)),
+    Command("report sheet", ("report", "sheet", "{in}/run", "--size", "64x64", "--count", "2", "-o", "sheet.png"), ("sheet.png",)),
+    Command("report diagnosis", ("report", "diagnosis", "{in}/healthy.yaml", "{in}/healthy.csv", "-o", "diagnosis.html"), ("diagnosis.html",)),
+    Command("report video", ("report", "video", "{in}/run", "--seconds", "0.2", "--fps", "10", "--size", "64x64", "-o", "video.mp4"), ("video.mp4",)),
+] if programs[c.argv[0]]]
+if options.only:
+    commands = [c for c in commands if options.only in c.name]
+
+
+# ---- Running one of them.
+@dataclasses.dataclass
+class Outcome:
+    folder: str
+    before: dict    # file -> bytes
+    after: dict
+    code: int = None
+    stdout: str = ""
+    stderr: str = ""
+    calls: list = ()
+    seconds: float = 0
+
+
+def snapshot(folder):
+    """Every file below a folder that is a plain one, by its path there."""
+    files = {}
+    for parent, _, names in os.walk(folder):
+        for name in names:
+            path = os.path.join(parent, name)
+            if os.path.isfile(path) and not os.path.islink(path):
+                with open(path, "rb") as f:
+                    files[os.path.relpath(path, folder)] = f.read()
+    return files
+
+
+def new_folder():
+    global _folders
+    with _lock:
+        _folders += 1
+        folder = os.path.join(work, "cases", "%05d" % _folders)
+    os.makedirs(folder)
+    return folder
+
+
+def copy(source, target):
+    shutil.copytree(source, target, dirs_exist_ok=True) if os.path.isdir(source) else shutil.copy(source, target)
+
+
+def prepare(command, over_old):
+    """A folder with what the command is given, and an old result where one is to be replaced."""
+    folder = new_folder()
+    for name in command.given:
+        copy(os.path.join(inputs, name), os.path.join(folder, name))
+    if over_old:
+        for source, name in command.old:
+            copy(os.path.join(inputs, source), os.path.join(folder, name))
+        for name in command.out:
+            if not name.endswith("/") and not os.path.exists(os.path.join(folder, name)):
+                with open(os.path.join(folder, name), "w") as f:
+                    f.write(f"what was in {name} before\n")
+    return folder
+
+
+def argv_of(command, over_old=False):
+    return command.argument_lists() + (["--force"] if over_old and command.knows_force else [])
+
+
+def free_port():
+    with socket.socket() as s:
+        s.bind(("127.0.0.1", 0))
+        return s.getsockname()[1]
+
+
+def master_of(process, port):
+    """The bench's own master (tests/hil/master.py) cycles the drive until its session is over."""
+    import can
+    from master import Master
+    bus = None
+    while bus is None and process.poll() is None:
+        try:
+            bus = can.Bus(interface="socketcand", channel="can0", host="127.0.0.1", port=port)
+        except OSError:
+            time.sleep(0.01)
+    try:
+        master = Master(bus, [1])
+        master.nmt(1)
+        while process.poll() is None:
+            master.cycle()
+    except (can.CanError, OSError, AttributeError):   # it has gone; AttributeError: it was never there
+        pass
+    finally:
+        if bus:
+            bus.shutdown()
+
+
+def start(argv, folder, **popen):
+    """A process, with a master beside it where it is a drive on a bus."""
+    port = free_port() if any("{port}" in a for a in argv) else None
+    process = subprocess.Popen([a.replace("{port}", str(port)) for a in argv], cwd=folder, **popen)
+    thread = threading.Thread(target=master_of, args=(process, port)) if port else None
+    if thread:
+        thread.start()
+    return process, thread
+
+
+def run(command, over_old=False, folder=None, environment={}, kill_after=None, wrapper=(), timeout=120):
+    """The command in a folder of its own, or in one it was in before."""
+    folder = folder or prepare(command, over_old)
+    outcome = Outcome(folder, snapshot(folder), {})
+    began = time.monotonic()
+    process, thread = start([*wrapper, *argv_of(command, over_old)], folder, env={**os.environ, **environment}, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE, start_new_session=True)
+    try:
+        if kill_after is not None:
+            try:
+                process.wait(kill_after)
+            except subprocess.TimeoutExpired:
+                process.kill()
+        out, err = process.communicate(timeout=timeout)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        out, err = process.communicate()
+        err += b"\n(did not end; killed by the test)"
+    outcome.seconds = time.monotonic() - began
+    if thread:
+        thread.join()
+    outcome.code, outcome.stdout, outcome.stderr = process.returncode, out.decode(errors="replace"), err.decode(errors="replace")
+    outcome.after = snapshot(folder)
+    return outcome
+
+
+def forget(outcome):
+    if not options.keep:
+        shutil.rmtree(outcome.folder, True)
+
+
+def run_faulty(command, over_old, at, how):
+    """The command with the disk's N-th change failing (faulty_disk.c); at 0 counts them."""
+    folder = prepare(command, over_old)
+    log = folder + ".calls"
+    outcome = run(command, over_old, folder, {
+        "LD_PRELOAD": os.path.abspath(options.shim), "FAULTY_DISK_FOLDER": folder, "FAULTY_DISK_PROGRAMS": ",".join(os.path.basename(p) for p in programs.values() if p),
+        "FAULTY_DISK_AT": str(at), "FAULTY_DISK_HOW": how, "FAULTY_DISK_LOG": log, "ASAN_OPTIONS": "verify_asan_link_order=0"})
+    if os.path.exists(log):
+        with open(log) as f:
+            outcome.calls = [line.rstrip("\n").split(" ", 2)[1:] for line in f]
+    return outcome
+
+
+# ---- Judging what it left.
+def columns(data):
+    """All datasets of a telemetry.h5 that have rows; None where h5py does not open it."""
+    path = os.path.join(new_folder(), "record.h5")
+    with open(path, "wb") as f:
+        f.write(data)
+    try:
+        with h5py.File(path, "r") as f:
+            found = {"complete": int(f["complete"][()])}
+            f.visititems(lambda name, d: found.update({name: d[:]}) if isinstance(d, h5py.Dataset) and d.shape else None)
+            return found
+    except (OSError, KeyError, RuntimeError):
+        return None
+    finally:
+        shutil.rmtree(os.path.dirname(path))
+
+
+def recovered(data):
+    """The same record after tribotwin recover, in another folder."""
+    folder = new_folder()
+    with open(os.path.join(folder, "telemetry.h5"), "wb") as f:
+        f.write(data)
+    r = subprocess.run([programs["tribotwin"], "recover", folder], capture_output=True, timeout=60)
+    result = snapshot(folder).get("telemetry.h5") if r.returncode == 0 else None
+    shutil.rmtree(folder)
+    return result
+
+
+def wrong_rows(found, truth, all_of_them=False):
+    """What is wrong with a record's rows, beside those of the undisturbed one; nothing where they are its first ones."""
+    if found is None:
+        return "is no readable HDF5"
+    if set(found) != set(truth):
+        return f"has other datasets: {sorted(set(found) ^ set(truth))}"
+    for name in truth:
+        if name == "complete":
+            continue
+        n = len(found[name])
+        if n > len(truth[name]) or found[name].tobytes() != truth[name][:n].tobytes():
+            return f"{name}: {n} rows that are not the first of the undisturbed run's {len(truth[name])}"
+        if all_of_them and n != len(truth[name]):
+            return f"{name}: {n} of {len(truth[name])} rows"
+    for time_name in ("time_s", "cycle_time_s"):
+        if time_name in found and np.any(np.diff(found[time_name]) <= 0):
+            return f"{time_name} does not rise"
+    # Channels are as long as the time column they belong to.
+    lengths = {len(v) for k, v in found.items() if k != "complete" and "cycle" not in k}
+    if len(lengths) > 1:
+        return f"columns of different length: {sorted(lengths)}"
+    if found["complete"] and not all(len(found[k]) == len(truth[k]) for k in truth if k != "complete"):
+        return "says complete, and is not"
+    return ""
+
+
+VOLATILE = {"wall_s", "realtime_factor"}
+
+
+def steady(value):
+    """JSON without what differs from run to run."""
+    if isinstance(value, dict):
+        return {k: steady(v) for k, v in value.items() if k not in VOLATILE}
+    return [steady(v) for v in value] if isinstance(value, list) else value
+
+
+LOG_LINE = re.compile(rb"\(\d+\.\d{6}\) \S+ [0-9A-F]{3,8}#[0-9A-FR]*")
+
+
+def not_whole(name, data, truth):
+    """What is wrong with a result; nothing where it is that of an undisturbed run."""
+    if data == truth or name.endswith(".html") and data.replace(b" --force", b"") == truth.replace(b" --force", b""):   # a page says how it was made
+        return ""
+    try:
+        if name.endswith(".h5"):
+            found = columns(data)
+            return wrong_rows(found, columns(truth), True) or ("" if found["complete"] == columns(truth)["complete"] else "is not marked as the undisturbed one")
+        if name.endswith(".log"):
+            lines = data.split(b"\n")
+            return "" if lines[-1] == b"" and all(LOG_LINE.fullmatch(line) for line in lines[:-1]) else "has a line that is cut"
+        if os.path.basename(name) == "summary.json":
+            return "" if steady(json.loads(data)) == steady(json.loads(truth)) else "is not that of the undisturbed run"
+        if os.path.basename(name) == "stats.json":
+            return "" if set(json.loads(data)) == set(json.loads(truth)) else "has other keys"
+    except ValueError as error:
+        return f"cannot be read: {error}"
+    return "is not that of an undisturbed run"
+
+
+def wrong_part(name, data, truth, killed):
+    """The same of a recording that was cut short: what it holds must be right. Kill -9 may cut a line of text."""
+    if name.endswith(".h5"):
+        found = columns(data)
+        if found is None:   # SWMR's mark is still on it: recover takes it off
+            again = recovered(data)
+            if again is None:
+                return "is neither readable nor recoverable"
+            found = columns(again)
+        return wrong_rows(found, columns(truth)) or ("says complete, and was cut short" if found["complete"] and wrong_rows(found, columns(truth), True) else "")
+    if name.endswith(".log"):
+        return not_whole(name, data[:data.rfind(b"\n") + 1] if killed else data, truth)
+    if name.endswith(".csv"):
+        return "" if truth.startswith(data) and (killed or data == b"" or data.endswith(b"\n")) else "does not hold the first rows"
+    if os.path.basename(name) == "checksums":   # a line per curve
+        return "" if truth.startswith(data) and (killed or data.endswith(b"\n")) else "does not hold the first lines"
+    if os.path.basename(name) == "calibration.json":
+        return "" if json.loads(data)["complete"] is False else "is not that of an undisturbed run"
+    return "is not whole"
+
+
+HIDDEN = re.compile(r"\..+\.partial-[A-Za-z0-9]+")   # what a killed process may leave; run.lock holds nobody off
+
+
+def judge(command, outcome, truth, killed=False):
+    """Complaints about what a disturbed command left, and its litter. `truth`: the files an undisturbed one leaves."""
+    complaints, litter = [], []
+    before, after = outcome.before, outcome.after
+    moved = collections.Counter(after.values())
+    for name in sorted({*before, *after, *truth}):
+        old, now, new = before.get(name), after.get(name), truth.get(name)
+        if now == old or os.path.basename(name) == "run.lock" and now is None:
+            continue
+        if now is None:
+            if moved[old] == 0:
+                complaints.append(f"{name} is lost")
+            continue
+        if new is not None and new != old or name in command.out:
+            why = not_whole(name, now, new)
+            if why and (command.recording or command.resumable):
+                why = wrong_part(name, now, new, killed)
+            if why:
+                complaints.append(f"{name} ({len(now)} bytes) {why}")
+        elif now not in before.values():
+            litter.append(name)
+    old_is_there = all(moved[data] for name, data in before.items() if os.path.basename(name) != "run.lock")
+    new_is_there = all(name in after and not not_whole(name, after[name], data) for name, data in truth.items() if before.get(name) != data)
+    if command.as_one and not old_is_there and not new_is_there:
+        complaints.append("neither the old result nor the new one is there as a whole")
+    if litter and not killed:
+        complaints.append("litter: " + ", ".join(litter))
+    for name in litter:
+        if killed and not any(HIDDEN.fullmatch(part) for part in name.split("/")) and os.path.basename(name) != "run.lock":
+            complaints.append("litter that is not hidden: " + name)
+    return complaints, litter
+
+
+# ---- Inputs.
+PENDULUM = """<mujoco model="pendulum">
+  <extension><plugin plugin="tribotwin.drive"><instance name="servo">
+    <config key="law" value="load"/> <config key="Fc0" value="0.03"/> <config key="Fcl" value="0.3"/> <config key="Fs0" value="0"/>
+    <config key="Fsl" value="0.1"/> <config key="vs" value="100"/> <config key="alpha" value="1.4"/> <config key="Fv" value="3e-5"/>
+    <config key="torque_max_nm" value="0.52"/> <config key="gear_ratio" value="288.35"/> <config key="load_max" value="1.2"/>
+    <config key="speed_max_rad_s" value="6000"/>
+  </instance></plugin></extension>
+  <worldbody><body name="pendulum" pos="0 0 0.2">
+    <inertial pos="0 0 -0.1" mass="0.49" diaginertia="1e-6 1e-6 1e-6"/>
+    <joint name="hinge" axis="0 1 0" armature="0.0014" frictionloss="0.01" solreffriction=".001 1" solimpfriction=".9999 .9999 .001 .5 2"/>
+    <geom type="sphere" size=".02" pos="0 0 -.1" mass="0"/>
+  </body></worldbody>
+  <actuator><plugin name="servo" joint="hinge" plugin="tribotwin.drive" instance="servo" actdim="3"/></actuator>
+</mujoco>
+"""
+MOTION = "motion: {type: cycle, waypoints: [{position_rad: -0.5}, {position_rad: 0.6}], speed_rad_s: 2}\n"
+CAMPAIGN = """model: pendulum.xml
+joint: hinge
+procedure: plus_minus
+speeds_rad_s: [100, 200]
+sensors: {encoder_increments_per_turn: 729088, torque_noise_nm: 0.001, sampling_hz: 250}
+series:
+  - name: loads
+    load: {by: torque, norm: [0, 0.2]}
+    temperature: {prescribed_degC: [30, 40]}
+"""
+FIT = """recordings: {files: made_*.json}
+hold_out: {folds: by kp}
+search: {starts: 1, evaluations: 12}
+control: {error_gain: 0.0028774, supply_V: 7.4, resistance_ohm: 3.4, kt_nm_A: {start: 0.3, low: 0.2, high: 0.6, sigma: 0.3, scale: logarithmic}}
+joint: {armature: 0.0014}
+variants:
+  - label: load
+    model: pendulum.xml
+    law: load
+    drive: {Fc0: {start: 0.02, low: 0.002, high: 0.06, sigma: 1, scale: logarithmic}, Fcl: 0.3, Fs0: 0, Fsl: 0.1, vs: 100, alpha: 1.4, Fv: 3e-5}
+"""
+
+
+def write(name, text):
+    with open(os.path.join(inputs, name), "w") as f:
+        f.write(text)
+
+
+def write_table(name, header, *columns):
+    np.savetxt(os.path.join(inputs, name), np.column_stack(columns), delimiter=",", header=header, comments="", fmt="%.9g")
+
+
+def made(program, *arguments):
+    r = subprocess.run([programs[program], *arguments], cwd=inputs, capture_output=True, text=True, timeout=120)
+    if r.returncode:
+        sys.exit(f"an input cannot be made: {program} {arguments}: {r.returncode} {r.stderr}")
+
+
+def kill_while_running(folder, seconds, *settings):
+    """A run that kill -9 met in the middle, with rows in its record: its folder."""
+    path = os.path.join(inputs, folder)
+    process = subprocess.Popen([programs["tribotwin"], "run", "scenario.yaml", "-o", folder, "--quiet", "--realtime", "--set", "duration_s=60", *settings], cwd=inputs)
+    time.sleep(seconds)
+    process.kill()
+    process.wait()
+    if not os.path.exists(os.path.join(path, "telemetry.h5")):
+        sys.exit("an input cannot be made: the run that is killed wrote nothing")
+
+
+def make_inputs():
+    os.makedirs(inputs)
+    random = np.random.default_rng(seed)
+    write("pendulum.xml", PENDULUM)
+    write("scenario.yaml", "model: pendulum.xml\nduration_s: 3\ntelemetry_rate_hz: 100\n" + MOTION)
+    write("long.yaml", "model: pendulum.xml\nduration_s: 600\ntelemetry_rate_hz: 200\n" + MOTION)
+    write("varied.yaml", "model: pendulum.xml\nduration_s: 1\nvary: [{temperature_degC: [20, 30]}]\n" + MOTION)
+    write("campaign.yaml", CAMPAIGN)
+    write("fit.yaml", FIT)
+    t = np.arange(0, 1.5, 0.01)
+    for kp in (200, 400):
+        write(f"made_{kp}.json", json.dumps({"kp": kp, "trajectory": "sine", "entries": [
+            {"timestamp": x, "goal_position": 0.6 * np.sin(3 * x), "position": 0.54 * np.sin(3 * (x - 0.05)), "temp": 30} for x in t]}))
+
+    # Friction curves of one joint, cold to hot: Stribeck's law with a little noise.
+    speeds, temperatures = np.array([0.2, 0.9, 1.7, 2.6, 3.5, 5, 9, 14, 17, 26, 52, 79, 105, 140, 175]), np.linspace(25, 58, 10)
+    v, T = np.tile(speeds, 10), np.repeat(temperatures, 15)
+    friction = 6 + 0.01 * T + 2 * np.exp(-((v / 3) ** 1.3)) + 1.4 * np.exp(-T / 32) * v**0.6 + random.normal(0, 0.02, v.size)
+    write_table("healthy.csv", "curve,speed_rad_s,load_norm,temperature_degC,friction_norm,friction_nm,stderr_nm", np.repeat(np.arange(1, 11), 15), v, 0 * v, T, friction / 130, friction, 0 * v + 0.02)
+    write_table("curves.csv", "speed_rad_s,friction_norm", v, 0.03 + 0.02 * np.exp(-((v / 10) ** 1.36)) + 1e-4 * v + random.normal(0, 1e-4, v.size))
+
+    time_s = np.arange(0, 4000, 10.0)
+    power = np.where((time_s // 800).astype(int) % 2, 2.0, 0.5)
+    warm, x = np.full(time_s.size, 20.0), np.zeros(2)
+    for k in range(1, time_s.size):
+        decay = np.exp(-10 / np.array([55, 1400]))
+        x = x * decay + np.array([0.075 * 55, 0.0068 * 1400]) * (1 - decay) * power[k - 1]
+        warm[k] += x.sum()
+    write_table("thermal.csv", "time_s,power_w_arm,temperature_arm_degC", time_s, power, warm)
+
+    made("tribotwin", "run", "scenario.yaml", "-o", "run", "--quiet")
+    made("tribotwin", "run", "scenario.yaml", "-o", "old_run", "--quiet", "--set", "duration_s=2", "--set", "temperature_degC=30")
+    made("tribotwin", "identify", "--law", "stribeck", "curves.csv", "-o", "params.yaml", "--quiet")
+    made("tribotwin", "diagnose", "learn", "healthy.csv", "-o", "healthy.yaml", "--quiet")
+    made("tribotwin", "excite", "pendulum.xml", "--inertia-only", "--evaluations", "20", "--period", "2", "--rate", "100", "-o", "motion.csv", "--quiet")
+    write("excited.yaml", "model: pendulum.xml\ntelemetry_rate_hz: 500\nmotion: {type: recording, file: motion.csv}\n")
+    made("tribotwin", "run", "excited.yaml", "-o", "excited", "--quiet")
+    made("tribotwin", "export", "excited", "--recording", "--torque-noise", "0.01", "-o", "recorded.csv")
+    made("tribotwin", "dynamics", "pendulum.xml", "recorded.csv", "-o", "robot.yaml", "--quiet")
+    kill_while_running("killed", 2)
+    if programs["hil"]:
+        process, thread = start([programs["hil"], "drive", "scenario.yaml", "--can", "socketcand://127.0.0.1:{port}/can0", "--duration", "0.1", "--record", "session.log"], inputs, stderr=subprocess.DEVNULL)
+        thread.join()
+        if process.wait(10):
+            sys.exit("an input cannot be made: no session was recorded")
+
+
+sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "hil"))
+logging.getLogger("can").setLevel(logging.CRITICAL)
+for name in ("can", "can.interfaces.socketcand.socketcand"):
+    logging.getLogger(name).addHandler(logging.NullHandler())
+    logging.getLogger(name).propagate = False
+make_inputs()
