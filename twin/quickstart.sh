@@ -5,12 +5,12 @@ root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
 bash "$root/twin/install-packages.sh"
 cmake -S "$root" -B "$root/build/release" -G Ninja -DCMAKE_BUILD_TYPE=Release -DTRIBOTWIN_BUILD_TESTS=OFF > /dev/null
 cmake --build "$root/build/release"
-"$root/build/release/bin/tribotwin" run irb6620_warmup -o "$root/runs/irb6620_warmup"
-"$root/build/release/bin/tribotwin-report" "$root/runs/irb6620_warmup" > /dev/null
+"$root/build/release/bin/tribotwin" run irb6620_warmup -o "$root/runs/quickstart" --force
+"$root/build/release/bin/tribotwin-report" "$root/runs/quickstart" --force > /dev/null
 echo
 echo "Joint 2 of the IRB 6620 worked for 6.08 h and warmed up. The report, one file for any browser:"
-echo "  $root/runs/irb6620_warmup/report.html"
+echo "  $root/runs/quickstart/report.html"
 echo "Its record, which h5py, MATLAB and HDFView open:"
-echo "  $root/runs/irb6620_warmup/telemetry.h5"
+echo "  $root/runs/quickstart/telemetry.h5"
 echo "The same as a table:"
-echo "  $root/build/release/bin/tribotwin export $root/runs/irb6620_warmup --csv"
+echo "  $root/build/release/bin/tribotwin export $root/runs/quickstart --csv"

@@ -94,6 +94,8 @@ class Id {
     const Hdf5 hdf5;
     return close_(std::exchange(id_, -1));
   }
+  /// Never closes it.
+  void abandon() { id_ = -1; }
   operator hid_t() const { return id_; }
   explicit operator bool() const { return id_ >= 0; }
 

@@ -102,7 +102,17 @@ void Record::close() {
   check(file.close());
   // To its own length: gives back what was claimed beyond.
   struct stat now {};
-  if (::fstat(descriptor, &now) == 0 && ::ftruncate(descriptor, now.st_size) == 0) reserved = 0;
+  if (::fstat(descriptor, &now) != 0 || ::ftruncate(descriptor, now.st_size) != 0) throw Failure(system_reason(errno));
+  reserved = 0;
+}
+
+void Record::abandon() {
+  for (Table* table : {&samples, &cycles}) {
+    table->time.dataset.abandon();
+    for (Table::Column& column : table->columns) column.dataset.abandon();
+  }
+  complete.abandon();
+  file.abandon();
 }
 
 void Record::close_on_disk() {

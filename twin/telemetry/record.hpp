@@ -63,6 +63,9 @@ struct Record {
   void mark_complete(unsigned char value) { check(H5Dwrite(complete, H5T_NATIVE_UINT8, H5S_ALL, H5S_ALL, H5P_DEFAULT, &value)); }
   void close();
   void close_on_disk();   ///< ... and forces it to disk
+  /// Writes nothing more, as if the process had been killed: what SWMR readers see stays whole, where closing the file after
+  /// a failed write would mix old and new parts of its index.
+  void abandon();
 };
 
 /// Creates the file anew, with all that comes before the first sample.

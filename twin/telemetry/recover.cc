@@ -119,7 +119,7 @@ tl::expected<Recovered, std::string> recover(const fs::path& run_dir) {
   if (!fresh) return tl::unexpected(fresh.error());
   const auto result = guarded(path, not_written, [&] { return copy_record(*reader, fresh->partial()); });
   if (!result) return result;
-  if (result->samples == 0) return tl::unexpected(fmt::format("{}: of its {} samples none can be proven; nothing is changed", path.string(), reader->samples.rows));
+  if (result->samples == 0 && result->lost_samples > 0) return tl::unexpected(fmt::format("{}: of its {} samples none can be proven; nothing is changed", path.string(), reader->samples.rows));
   // The original gets its second name before it loses the first: there is no moment without it.
   if (!linked && ::link(path.c_str(), original.c_str()) != 0) return tl::unexpected(fmt::format("{}: {} ({})", original.string(), not_written, system_reason(errno)));
   if (auto ok = fresh->publish(); !ok) {

@@ -34,8 +34,12 @@ struct Telemetry::Impl {
       }
       flushed_s = options.wall_clock_s();
     });
-    if (!ok) error = ok.error();
+    if (!ok) fail(ok.error());
     return ok;
+  }
+  void fail(const std::string& why) {
+    error = why;
+    record.abandon();
   }
   Status append(Table& table, double time_s, std::span<const double> values) {
     if (!error.empty()) return tl::unexpected(error);
@@ -47,7 +51,7 @@ struct Telemetry::Impl {
   }
   ~Impl() {
     if (record.file && error.empty()) (void)write_out();
-    (void)guarded(path, "", [&] { record.close(); });
+    if (record.file) (void)guarded(path, "", [&] { record.close(); });
   }
 };
 
@@ -100,7 +104,8 @@ Status Telemetry::finish(bool complete) {
     impl_->record.close_on_disk();
     impl_->record = {};
   });
-  impl_->error = ok ? fmt::format("{}: the recording is finished", impl_->path.string()) : ok.error();
+  if (ok) impl_->error = fmt::format("{}: the recording is finished", impl_->path.string());
+  else impl_->fail(ok.error());
   return ok;
 }
 
