@@ -19,13 +19,6 @@ std::string_view name_of(Status status) {
   return "";
 }
 
-/// YAML takes any text between single quotes, doubled inside.
-std::string quoted(const std::string& text) {
-  std::string out = "'";
-  for (const char c : text) out += c == '\'' ? std::string("''") : std::string(1, c == '\n' ? ' ' : c);
-  return out + "'";
-}
-
 std::string list(const std::vector<std::string>& items) {
   std::vector<std::string> q;
   for (const auto& i : items) q.push_back(quoted(i));
