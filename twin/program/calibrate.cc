@@ -75,7 +75,7 @@ std::vector<fs::path> matching(Mapping& in, const std::string& key, const fs::pa
   std::vector<std::string> patterns;
   if (node.IsScalar()) patterns.push_back(in.text(key));
   else if (node.IsSequence())
-    for (const auto& item : node) patterns.push_back(item.Scalar());
+    patterns = in.texts(key);
   std::vector<fs::path> files;
   for (const auto& pattern : patterns) {
     const std::string full = (folder / pattern).lexically_normal().string();
@@ -234,13 +234,13 @@ Campaign read_campaign(const fs::path& file, std::optional<std::uint64_t> seed) 
   }
   if (seed) search.seed = *seed;
   std::optional<double> timestep;
-  if (in.has("timestep_s")) timestep = in.number("timestep_s", {1e-6, 1});
+  if (in.has("timestep_s")) timestep = in.number("timestep_s", {mujoco::shortest_timestep_s, mujoco::longest_timestep_s});
 
   std::string models;
   if (!in.has("variants")) in.fail("variants", "is missing: a list of {label, model, law, ...}");
   for (Mapping v : in.mappings("variants")) {
     v.accept({"label", "model", "law", "drive", "joint", "control", "motion"});
-    Variant variant{.label = v.text("label"), .timestep_s = timestep};
+    Variant variant{.label = v.file_name_or("label", ""), .timestep_s = timestep};
     if (variant.label.find_first_not_of("ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789_-") != std::string::npos)
       v.fail("label", fmt::format("is '{}' but must consist of letters, digits, '_' and '-': files are named after it", variant.label));
     if (std::ranges::any_of(c.plan.variants, [&](const Variant& other) { return other.label == variant.label; })) v.fail("label", fmt::format("'{}' is the label of another variant", variant.label));
