@@ -4,6 +4,7 @@
 #include <array>
 #include <cassert>
 #include <cerrno>
+#include <cmath>
 #include <chrono>
 #include <cstdint>
 #include <cstdio>
@@ -623,11 +624,20 @@ void write_csv(const fs::path& path, const Reader& r, const Columns& columns, co
   out.close();
 }
 
+/// All who read a record divide by its steps.
+Status increasing(const fs::path& path, const std::vector<double>& time_s, const char* name) {
+  constexpr double shortest_step_s = 1e-9, largest_s = 1e10;
+  for (std::size_t i = 0; i < time_s.size(); ++i)
+    if (!(std::abs(time_s[i]) <= largest_s && (i == 0 || time_s[i] - time_s[i - 1] >= shortest_step_s)))
+      return tl::unexpected(fmt::format("{}: {} is {} at sample {}{}; it must increase from sample to sample, within {:g} .. {:g} s", path.string(), name, time_s[i], i, i ? fmt::format(", after {}", time_s[i - 1]) : "", -largest_s, largest_s));
+  return {};
+}
+
 }  // namespace
 
 tl::expected<Recording, std::string> read_telemetry(const fs::path& path) {
   if (auto ok = present(path); !ok) return tl::unexpected(ok.error());
-  return guarded(path, no_record, [&] {
+  auto recording = guarded(path, no_record, [&]() -> Recording {
     const Hdf5 hdf5;
     Reader r = open_record(path);
     const auto load = [](const Columns& columns, std::vector<double>& time_s, auto& values) {
@@ -646,6 +656,10 @@ tl::expected<Recording, std::string> read_telemetry(const fs::path& path) {
     load(r.cycles, r.head.cycle_time_s, r.head.cycle_values);
     return std::move(r.head);
   });
+  if (!recording) return recording;
+  for (const auto& [name, time_s] : {std::pair{"time_s", &recording->time_s}, {"cycle_time_s", &recording->cycle_time_s}})
+    if (auto ok = increasing(path, *time_s, name); !ok) return tl::unexpected(ok.error());
+  return recording;
 }
 
 tl::expected<Recovered, std::string> recover(const fs::path& run_dir) {
