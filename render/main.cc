@@ -15,6 +15,7 @@
 #include <tribotwin/render/report/fit_report.hpp>
 #include <tribotwin/render/report/report.hpp>
 #include <tribotwin/render/report/study_report.hpp>
+#include <tribotwin/twin/identification/solver_guard.hpp>
 #include <tribotwin/twin/model/arm.hpp>
 #include <tribotwin/twin/output/output.hpp>
 #include <tribotwin/twin/scenario/input.hpp>
@@ -397,6 +398,7 @@ int study(const FolderArguments& a, const std::string& command) {
 
 int main(int argc, char** argv) {
   mujoco::install_message_handlers();
+  twin::identification::exit_on_solver_failure(program);
   std::signal(SIGXFSZ, SIG_IGN);   // a full disk is an error message, not a death
 
   CLI::App app{"tribotwin-report: runs, laws and poses as one page or single pictures; needs no display"};

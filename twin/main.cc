@@ -3,12 +3,14 @@
 #include <csignal>
 
 #include <tribotwin/plugins/mujoco/loader.hpp>
+#include <tribotwin/twin/identification/solver_guard.hpp>
 #include <tribotwin/twin/program/program.hpp>
 #include <tribotwin/twin/scenario/input.hpp>
 
 int main(int argc, char** argv) {
   using namespace tribotwin;
   mujoco::install_message_handlers();
+  twin::identification::exit_on_solver_failure("tribotwin");
   std::signal(SIGXFSZ, SIG_IGN);   // a full disk is an error message, not a death
 
   CLI::App app{"tribotwin: a digital twin of robot joints whose friction knows load and temperature"};
