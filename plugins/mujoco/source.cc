@@ -103,7 +103,10 @@ Problem unknown_in(const Source& source, pugi::xml_node element) {
     if (std::ranges::find(known->attributes, std::string_view(a.name())) == known->attributes.end())
       return fmt::format("{}: attribute '{}' is not known{}", where, a.name(), did_you_mean(a.name(), known->attributes));
   for (const pugi::xml_node child : element.children()) {
-    if (child.type() == pugi::node_pcdata || child.type() == pugi::node_cdata) return fmt::format("{}: holds the text '{}', which nobody reads", where, child.value());
+    if (child.type() == pugi::node_pcdata || child.type() == pugi::node_cdata) {
+      const std::string text = child.value(), shown = text.substr(std::min(text.find_first_not_of(" \t\r\n"), text.size()));
+      return fmt::format("{}: holds the text '{}', which nobody reads", where, shown.substr(0, std::min<std::size_t>(40, shown.find_first_of("\r\n"))));
+    }
     if (child.type() != pugi::node_element) continue;
     if (std::ranges::find(known->children, std::string_view(child.name())) == known->children.end())
       return fmt::format("{}: is not known in <{}>{}", at(source, child), element.name(), did_you_mean(child.name(), known->children));
