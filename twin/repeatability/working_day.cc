@@ -430,6 +430,7 @@ Stretch stretch_of(const JsonInput& in, std::size_t joints) {
   for (const auto& joint : in["moving"].list(joints, joints)) {
     auto& of_joint = s.moving.emplace_back();
     for (const auto& one : joint.list(n, n)) of_joint.push_back(one.truth());
+    if (std::ranges::find(of_joint, true) == of_joint.end()) joint.fail("is false everywhere, but a joint that rests has no friction to predict");
   }
   return s;
 }

@@ -50,6 +50,7 @@ void apply_override(YAML::Node root, const std::string& assignment) {
 fs::path absolute(const fs::path& folder, Mapping& mapping, YAML::Node node, const std::string& key) {
   const fs::path path = (folder / mapping.text(key)).lexically_normal();
   node[key] = fs::absolute(path).string();
+  if (std::error_code error; !fs::exists(path, error)) mapping.fail(key, fmt::format("'{}' cannot be read: it does not exist", path.string()));
   return path;
 }
 
