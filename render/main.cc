@@ -15,6 +15,7 @@
 #include <tribotwin/render/report/fit_report.hpp>
 #include <tribotwin/render/report/report.hpp>
 #include <tribotwin/render/report/study_report.hpp>
+#include <tribotwin/twin/identification/solver_guard.hpp>
 #include <tribotwin/twin/model/arm.hpp>
 #include <tribotwin/twin/output/destination.hpp>
 #include <tribotwin/twin/output/output.hpp>
@@ -428,6 +429,7 @@ int study(const FolderArguments& a, const std::string& command) {
 int main(int argc, char** argv) {
   twin::prepare_streams();
   mujoco::install_message_handlers();
+  twin::identification::exit_on_solver_failure(program);
 
   CLI::App app{"tribotwin-report: runs, laws and poses as one page or single pictures; needs no display"};
   app.set_version_flag("--version", std::string("tribotwin-report " TRIBOTWIN_VERSION ", MuJoCo ") + mj_versionString());

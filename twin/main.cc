@@ -3,6 +3,7 @@
 #include <sstream>
 
 #include <tribotwin/plugins/mujoco/loader.hpp>
+#include <tribotwin/twin/identification/solver_guard.hpp>
 #include <tribotwin/twin/program/program.hpp>
 #include <tribotwin/twin/scenario/input.hpp>
 
@@ -10,6 +11,7 @@ int main(int argc, char** argv) {
   using namespace tribotwin;
   twin::prepare_streams();
   mujoco::install_message_handlers();
+  twin::identification::exit_on_solver_failure("tribotwin");
 
   CLI::App app{"tribotwin: a digital twin of robot joints whose friction knows load and temperature"};
   app.require_subcommand(1);

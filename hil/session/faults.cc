@@ -26,8 +26,8 @@ std::vector<Fault> load_faults(const std::filesystem::path& file, int first_node
   for (auto& m : root.mappings("faults")) {
     m.accept({"kind", "time_s", "duration_s", "node", "probability", "delay_s", "temperature_degC"});
     Fault f{.kind = std::ranges::find(kinds, m.choice("kind", names), &std::pair<std::string_view, K>::first)->second};
-    f.from_s = m.number("time_s", {0});
-    f.to_s = f.from_s + m.number("duration_s", {1e-6});
+    f.from_s = m.number("time_s", {0, 1e9});
+    f.to_s = f.from_s + m.number("duration_s", {1e-6, 1e9});
     f.node = static_cast<int>(m.whole_or("node", 0, {0, 127}));
     if (f.node != 0 && (f.node < first_node || f.node >= first_node + drives)) m.fail("node", fmt::format("{}: the drives are nodes {} to {}", f.node, first_node, first_node + drives - 1));
     if ((f.kind == K::silence || f.kind == K::encoder_freeze || f.kind == K::over_temperature) && f.node == 0) m.fail("node", "is needed: which drive?");

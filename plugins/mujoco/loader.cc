@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <cmath>
 #include <cstring>
-#include <fstream>
 #include <map>
 #include <sstream>
 
@@ -11,73 +10,12 @@
 #include <pugixml.hpp>
 
 #include <tribotwin/plugins/mujoco/engine.hpp>
+#include <tribotwin/plugins/mujoco/source.hpp>
 
 namespace tribotwin::mujoco {
 namespace {
 
 using Result = tl::expected<std::shared_ptr<const Model>, std::string>;
-
-/// One file of a model, its includes not yet merged: line numbers are those the user sees.
-struct Source {
-  std::string name;   // for messages
-  std::string text;
-  std::unique_ptr<pugi::xml_document> document = std::make_unique<pugi::xml_document>();
-
-  std::ptrdiff_t line(std::ptrdiff_t offset) const {
-    return 1 + std::count(text.begin(), text.begin() + std::min<std::ptrdiff_t>(offset, std::ssize(text)), '\n');
-  }
-};
-
-std::string at(const Source& source, pugi::xml_node element) {
-  const char* name = element.attribute("name").as_string(nullptr);
-  return fmt::format("{}:{}: <{}{}>", source.name, source.line(element.offset_debug()), element.name(),
-                     name ? fmt::format(" name=\"{}\"", name) : "");
-}
-
-tl::expected<Source, std::string> parse(std::string name, std::string text) {
-  Source source{std::move(name), std::move(text)};
-  const pugi::xml_parse_result result = source.document->load_buffer(source.text.data(), source.text.size());
-  if (!result)
-    return tl::unexpected(fmt::format("{}:{}: not well-formed XML ({})", source.name, source.line(result.offset), result.description()));
-  if (!source.document->document_element()) return tl::unexpected(source.name + ": holds no XML element");
-  return source;
-}
-
-tl::expected<std::string, std::string> read_text(const std::filesystem::path& file) {
-  std::error_code error;
-  if (std::filesystem::is_directory(file, error))
-    return tl::unexpected(fmt::format("{}: is a folder, not an MJCF file", file.string()));
-  std::ifstream stream(file, std::ios::binary);
-  if (!stream) return tl::unexpected(fmt::format("{}: cannot be read ({})", file.string(), std::strerror(errno)));
-  std::ostringstream text;
-  text << stream.rdbuf();
-  return text.str();
-}
-
-/// The files of a model, main file first.
-tl::expected<std::vector<Source>, std::string> read_sources(std::string name, std::string text,
-                                                            const std::filesystem::path& folder) {
-  std::vector<Source> sources;
-  auto main = parse(std::filesystem::path(name).lexically_normal().string(), std::move(text));
-  if (!main) return tl::unexpected(main.error());
-  sources.push_back(std::move(*main));
-  for (std::size_t i = 0; i < sources.size(); ++i)
-    for (const auto& match : sources[i].document->select_nodes("//include")) {
-      const pugi::xml_node element = match.node();
-      const std::string where = at(sources[i], element);
-      const char* file = element.attribute("file").as_string(nullptr);
-      if (!file) return tl::unexpected(where + ": lacks its file attribute");
-      const std::string path = (folder / file).lexically_normal().string();
-      if (std::ranges::any_of(sources, [&](const Source& s) { return s.name == path; }))
-        return tl::unexpected(where + ": this file is included twice");
-      const auto included = read_text(path);
-      if (!included) return tl::unexpected(where + ": " + included.error());
-      auto source = parse(path, *included);
-      if (!source) return tl::unexpected(source.error());
-      sources.push_back(std::move(*source));
-    }
-  return sources;
-}
 
 struct DriveElement {
   std::string where;
@@ -189,12 +127,13 @@ tl::expected<std::vector<SpringElement>, std::string> read_springs(const std::ve
 
 #if !TRIBOTWIN_ENGINE_PLUGINS
 /// Merges includes and turns every drive into what 2.2.2 knows: a torque actuator and room in userdata.
-std::string lower(const std::vector<Source>& sources, const std::filesystem::path& folder, int user_size) {
+std::string lower(const std::vector<Source>& sources, const std::filesystem::path& folder, int user_size, Origins& origins) {
   pugi::xml_document& main = *sources.front().document;
   while (const pugi::xml_node include = main.select_node("//include").node()) {
     const std::string path = (folder / include.attribute("file").value()).lexically_normal().string();
-    for (const pugi::xml_node child : std::ranges::find(sources, path, &Source::name)->document->document_element())
-      include.parent().insert_copy_before(child, include);
+    const Source& source = *std::ranges::find(sources, path, &Source::name);
+    for (const pugi::xml_node child : source.document->document_element())
+      origins.add_copy(source, child, include.parent().insert_copy_before(child, include));
     include.parent().remove_child(include);
   }
   for (const auto& match : main.select_nodes("//extension/plugin[@plugin='tribotwin.drive' or @plugin='tribotwin.hysteresis']"))
@@ -227,14 +166,8 @@ std::string lower(const std::vector<Source>& sources, const std::filesystem::pat
   }
   std::ostringstream text;
   main.save(text);
+  origins.saved_as(text.str(), main);
   return text.str();
-}
-
-/// The engine counts lines in the lowered text, which the user never sees.
-std::string without_line(std::string message) {
-  const auto begin = message.find(", line ");
-  if (begin != std::string::npos) message.erase(begin, message.find('\n', begin) - begin);
-  return message;
 }
 
 tl::expected<ModelPtr, std::string> compile(const std::string& mjcf, const std::string&, const std::filesystem::path&) {
@@ -246,7 +179,7 @@ tl::expected<ModelPtr, std::string> compile(const std::string& mjcf, const std::
   char error[1000] = "";
   ModelPtr model(mj_loadXML(name, vfs.get(), error, sizeof error));
   mj_deleteVFS(vfs.get());
-  if (!model) return tl::unexpected(without_line(error));
+  if (!model) return tl::unexpected(std::string(error));
   return model;
 }
 #else
@@ -270,8 +203,8 @@ tl::expected<ModelPtr, std::string> compile(const std::string& text, const std::
 
 tl::expected<void, std::string> apply(const Options& options, mjModel* m) {
   if (options.timestep_s) {
-    if (!(*options.timestep_s > 0 && *options.timestep_s <= 1))
-      return tl::unexpected(fmt::format("time step {} s must be above 0 and at most 1", *options.timestep_s));
+    if (!(*options.timestep_s >= shortest_timestep_s && *options.timestep_s <= longest_timestep_s))
+      return tl::unexpected(fmt::format("time step {} s must be within {:g} .. {:g} s", *options.timestep_s, shortest_timestep_s, longest_timestep_s));
     m->opt.timestep = *options.timestep_s;
   }
   const auto choose = [](const std::optional<std::string>& name, std::string_view what,
@@ -343,6 +276,11 @@ tl::expected<void, std::string> require_finite(const mjModel* m) {
                          {"solimpfriction", span(m->dof_solimp, mjNIMP * m->nv)}});
         !ok)
       return ok;
+  if (const int actuators = engine::actuator_count(m); actuators > 0)
+    if (auto ok = check(mjOBJ_ACTUATOR, actuators, "actuator", {{"gear", span(m->actuator_gear, 6 * actuators)}}); !ok) return ok;
+  if (m->nkey > 0)
+    if (auto ok = check(mjOBJ_KEY, static_cast<int>(m->nkey), "keyframe", {{"qpos", span(m->key_qpos, m->nkey * m->nq)}, {"qvel", span(m->key_qvel, m->nkey * m->nv)}}); !ok)
+      return ok;
   return check(-1, 1, "option", {{"gravity", span(m->opt.gravity, 3)}, {"timestep", span(&m->opt.timestep, 1)}, {"tolerance", span(&m->opt.tolerance, 1)}});
 }
 
@@ -350,16 +288,18 @@ Result load(const std::string& name, const std::string& text, const std::string&
             const std::filesystem::path& folder, const Options& options) {
   auto sources = read_sources(name, text, folder);
   if (!sources) return tl::unexpected(sources.error());
+  if (auto ok = check_extensions(*sources); !ok) return tl::unexpected(ok.error());
   auto drives = read_drives(*sources);
   if (!drives) return tl::unexpected(drives.error());
   auto springs = read_springs(*sources, *drives);
   if (!springs) return tl::unexpected(springs.error());
+  Origins origins(*sources);
 #if TRIBOTWIN_ENGINE_PLUGINS
   auto compiled = compile(text, file, folder);
 #else
-  auto compiled = compile(lower(*sources, folder, user_size(*drives, *springs)), file, folder);
+  auto compiled = compile(lower(*sources, folder, user_size(*drives, *springs), origins), file, folder);
 #endif
-  if (!compiled) return tl::unexpected(fmt::format("{}: {}", name, compiled.error()));
+  if (!compiled) return tl::unexpected(origins.located(compiled.error(), name));
   mjModel* m = compiled->get();
   if (auto ok = require_finite(m); !ok) return tl::unexpected(fmt::format("{}: {}", name, ok.error()));
   if (auto ok = apply(options, m); !ok) return tl::unexpected(fmt::format("{}: {}", name, ok.error()));

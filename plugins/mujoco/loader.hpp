@@ -45,6 +45,9 @@ class Model {
   Registration registration_;
 };
 
+/// The time steps that are accepted, of a file and of options. Shorter ones would not advance the clock of a long run.
+inline constexpr double shortest_timestep_s = 1e-6, longest_timestep_s = 1;
+
 /// What a user of a model may decide anew; checked together with the drives.
 struct Options {
   std::optional<double> timestep_s{};

@@ -1,6 +1,10 @@
 #include <tribotwin/render/report/illustrated.hpp>
 
+#include <stdexcept>
+
 #include <fmt/format.h>
+
+#include <tribotwin/twin/output/name.hpp>
 
 namespace tribotwin::render {
 namespace {
@@ -15,7 +19,9 @@ FigureSize size_of(const Figure& figure) {
 }  // namespace
 
 void IllustratedPage::keep(const std::string& name, std::string bytes, const char* ending) {
-  files_.push_back({fmt::format("{:02}_{}.{}", shown_, name, ending), std::move(bytes)});
+  std::string file = fmt::format("{:02}_{}.{}", shown_, name, ending);
+  if (const auto why = twin::unfit_file_name(file)) throw std::runtime_error(fmt::format("the file of figure {}: {}; give the joint another name", shown_, *why));
+  files_.push_back({std::move(file), std::move(bytes)});
 }
 
 tl::expected<void, std::string> IllustratedPage::show(pugi::xml_node to, const Figure& figure, const std::string& name, const std::string& caption, bool wide) {

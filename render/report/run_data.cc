@@ -10,6 +10,7 @@
 
 #include <tribotwin/render/theme/theme.hpp>
 #include <tribotwin/twin/model/arm.hpp>
+#include <tribotwin/twin/output/name.hpp>
 #include <tribotwin/twin/scenario/input.hpp>
 
 namespace tribotwin::render {
@@ -112,6 +113,7 @@ tl::expected<std::vector<std::unique_ptr<RunData>>, std::string> load_runs(const
   try {
     for (const auto& entry : summary["runs"]) {
       const auto folder = entry.at("folder").get<std::string>();
+      if (const auto why = twin::unfit_file_name(folder)) return tl::unexpected(fmt::format("{}: folder: {}", file.string(), *why));
       auto run = load_run(directory / folder);
       if (!run) return tl::unexpected(run.error());
       (*run)->name = folder;

@@ -6,7 +6,8 @@
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
-#include <tribotwin/twin/scenario/input.hpp>
+#include <tribotwin/twin/output/name.hpp>
+#include <tribotwin/twin/scenario/json_input.hpp>
 #include <tribotwin/twin/table/table.hpp>
 
 namespace tribotwin::render {
@@ -14,49 +15,10 @@ namespace {
 
 namespace fs = std::filesystem;
 using nlohmann::json;
-using twin::InputError;
+using twin::InputError, twin::JsonInput;
 using namespace twin::diagnosis;
 
-/// A value of a JSON file that knows where it stands.
-class Node {
- public:
-  Node(const json& value, std::string where) : value_(value), where_(std::move(where)) {}
-
-  Node operator[](std::string_view key) const {
-    if (!value_.is_object() || !value_.contains(key)) fail(fmt::format("has no '{}'", key));
-    return {value_.at(key), fmt::format("{}: {}", where_, key)};
-  }
-  double number() const { return value_.is_number() ? value_.get<double>() : fail<double>("must be a number"); }
-  double share() const {
-    const double x = number();
-    return x >= 0 && x <= 1 ? x : fail<double>(fmt::format("is {} but must be 0 to 1", x));
-  }
-  bool truth() const { return value_.is_boolean() ? value_.get<bool>() : fail<bool>("must be true or false"); }
-  std::string text() const { return value_.is_string() ? value_.get<std::string>() : fail<std::string>("must be a text"); }
-  /// Entries of a list, at least this many.
-  std::vector<Node> list(std::size_t least) const {
-    if (!value_.is_array() || value_.size() < least) fail(fmt::format("must be a list of at least {}", least));
-    std::vector<Node> all;
-    for (const json& one : value_) all.emplace_back(one, fmt::format("{} {}", where_, all.size() + 1));
-    return all;
-  }
-  /// Those of a mapping, at least one.
-  std::vector<std::pair<std::string, Node>> entries() const {
-    if (!value_.is_object() || value_.empty()) fail("must be a mapping that is not empty");
-    std::vector<std::pair<std::string, Node>> all;
-    for (const auto& [key, one] : value_.items()) all.emplace_back(key, Node(one, fmt::format("{}: {}", where_, key)));
-    return all;
-  }
-  bool has(std::string_view key) const { return value_.is_object() && value_.contains(key); }
-  template <class T = void>
-  T fail(const std::string& what) const { throw InputError(fmt::format("{}: {}", where_, what)); }
-
- private:
-  const json& value_;
-  std::string where_;
-};
-
-void read(StudyObservation& o, const Node& in, const StudyJoint& joint) {
+void read(StudyObservation& o, const JsonInput& in, const StudyJoint& joint) {
   const double curve = in["curve"].number();
   const auto found = std::ranges::find_if(joint.curves, [&](const auto& one) { return static_cast<double>(one.first) == curve; });
   if (found == joint.curves.end()) in["curve"].fail(fmt::format("{}/curves.csv has no curve {}", joint.name, curve));
@@ -65,7 +27,7 @@ void read(StudyObservation& o, const Node& in, const StudyJoint& joint) {
   for (std::size_t i = 0; i < feature_names.size(); ++i) o.features(static_cast<Eigen::Index>(i)) = in["features"][feature_names[i]].number();
 }
 
-StudyVerdict verdict_of(const Node& in, const StudyJoint& joint) {
+StudyVerdict verdict_of(const JsonInput& in, const StudyJoint& joint) {
   StudyVerdict v;
   read(v, in, joint);
   v.load_kg = in["load_kg"].number();
@@ -73,17 +35,17 @@ StudyVerdict verdict_of(const Node& in, const StudyJoint& joint) {
   v.pattern = in["pattern"].text();
   v.anomalous = in["anomalous"].truth();
   for (std::size_t r = 0; r < regions.size(); ++r) {
-    const Node region = in[regions[r].name];
+    const JsonInput region = in[regions[r].name];
     v.region[r] = {.distance = region["distance"].number(), .statistic = region["statistic"].number(), .limit = region["limit"].number(), .anomalous = region["anomalous"].truth()};
   }
   return v;
 }
 
-twin::study::Power power_of(const Node& in) {
+twin::study::Power power_of(const JsonInput& in) {
   twin::study::Power power{.fault = drive::find_fault(in["fault"].text()), .detection_limit = in["detection_limit"].number(), .named = {}, .roc = {}};
   if (!power.fault) in["fault"].fail("is no fault of the twin");
   for (const auto& [name, share] : in["named_at_twice_the_limit"].entries()) power.named[name] = std::min(1.0, share.number());
-  for (const Node& point : in["roc"].list(1)) power.roc.push_back({point["severity"].number(), point["false_alarm"].share(), point["detected"].share()});
+  for (const JsonInput& point : in["roc"].list(1)) power.roc.push_back({point["severity"].number(), point["false_alarm"].number({0, 1}), point["detected"].number({0, 1})});
   return power;
 }
 
@@ -120,12 +82,13 @@ std::vector<StudyJoint> load_study_folder(const fs::path& directory) {
   const json root = json::parse(stream, nullptr, false);
   if (root.is_discarded()) throw InputError(fmt::format("{}: is no JSON; 'tribotwin lab' writes it again", file.string()));
   std::vector<StudyJoint> joints;
-  for (const auto& [name, in] : Node(root, file.string()).entries()) {
+  for (const auto& [name, in] : JsonInput(root, file.string()).entries()) {
+    if (const auto why = twin::unfit_file_name(name)) in.fail(*why);   // the folder of its curves
     StudyJoint joint{.name = name, .curves = curves_of(directory / name / "curves.csv"), .learned = {}, .checked = {}, .power = {}};
-    for (const Node& one : in["learned"].list(observations_least)) read(joint.learned.emplace_back(), one, joint);
-    for (const Node& one : in["observations"].list(1)) joint.checked.push_back(verdict_of(one, joint));
+    for (const JsonInput& one : in["learned"].list(observations_least)) read(joint.learned.emplace_back(), one, joint);
+    for (const JsonInput& one : in["observations"].list(1)) joint.checked.push_back(verdict_of(one, joint));
     if (in.has("power"))
-      for (const Node& one : in["power"].list(1)) joint.power.push_back(power_of(one));
+      for (const JsonInput& one : in["power"].list(1)) joint.power.push_back(power_of(one));
     joints.push_back(std::move(joint));
   }
   return joints;

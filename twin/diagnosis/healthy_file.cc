@@ -24,12 +24,6 @@ std::string rows(const MatrixXd& m) {
 
 std::string list(const VectorXd& v) { return fmt::format("[{}]", fmt::join(v, ", ")); }
 
-std::string quoted(const std::string& text) {
-  std::string out = "'";
-  for (const char c : text) out += c == '\'' ? std::string("''") : std::string(1, c == '\n' ? ' ' : c);
-  return out + "'";
-}
-
 std::string baseline(const Baseline& b) {
   return fmt::format("{{coefficients: {}, covariance: {}, inverse_gram: {}, freedom: {}}}", rows(b.coefficients), rows(b.covariance), rows(b.inverse_gram), b.freedom);
 }
@@ -116,15 +110,8 @@ HealthyState read_healthy(const std::filesystem::path& file) {
   h.temperature_high_degC = temperature.number("high_degC", {h.temperature_low_degC, 1000});
   h.knows_temperature = temperature.flag_or("known", false);
   temperature.done();
-  const auto texts = [&](const std::string& key) {
-    std::vector<std::string> all;
-    const YAML::Node node = m.raw(key);
-    if (!node || !node.IsSequence()) m.fail(key, "must be a list");
-    for (const auto& item : node) all.push_back(item.Scalar());
-    return all;
-  };
   for (const auto& [key, names] : {std::pair{"features", &feature_names}, {"units", &feature_units}})
-    if (const auto given = texts(key); !std::ranges::equal(given, *names)) m.fail(key, fmt::format("are [{}] but must be [{}]", fmt::join(given, ", "), fmt::join(*names, ", ")));
+    if (const auto given = m.texts(key); !std::ranges::equal(given, *names)) m.fail(key, fmt::format("are [{}] but must be [{}]", fmt::join(given, ", "), fmt::join(*names, ", ")));
   h.mean = numbers(m, "mean", feature_count);
   if (!(h.mean.minCoeff() > 0)) m.fail("mean", "must hold numbers above 0");
   h.covariance = covariance(m, "covariance", feature_count);
@@ -149,7 +136,7 @@ HealthyState read_healthy(const std::filesystem::path& file) {
     known->accept(names);
     for (std::size_t k = 0; k < indicator_count; ++k)
       if (auto one = known->mapping(std::string(names[k]))) {
-        h.indicators[k] = HealthyState::IndicatorState{.mean = one->number("mean"), .deviation = one->number("sd", {1e-12, 1e9})};
+        h.indicators[k] = HealthyState::IndicatorState{.mean = one->number("mean", {-1e9, 1e9}), .deviation = one->number("sd", {1e-12, 1e9})};
         one->done();
       }
   }
@@ -159,7 +146,7 @@ HealthyState read_healthy(const std::filesystem::path& file) {
   h.load_measured = loads.flag_or("measured", false);
   h.lever_m = loads.number_or("lever_m", 0, {1e-6, 1e3});
   loads.done();
-  h.data = texts("data");
+  h.data = m.texts("data");
   m.done();
   return h;
 }

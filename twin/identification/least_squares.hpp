@@ -1,5 +1,6 @@
 #pragma once
 
+#include <limits>
 #include <memory>
 
 #include <Eigen/Dense>
@@ -9,7 +10,10 @@
 namespace tribotwin::twin::identification {
 
 /// Leaves in x the minimum of |residual|^2 that is found from there, within the bounds; returns half of it. `options` says when to end.
+/// Where the solver cannot begin - no unknowns, no start or residual that is finite - it returns infinity: Ceres would abort.
 inline double least_squares(ceres::CostFunction& residual, Eigen::VectorXd& x, const Eigen::VectorXd& low, const Eigen::VectorXd& high, ceres::Solver::Options options) {
+  constexpr double infinity = std::numeric_limits<double>::infinity();
+  if (x.size() == 0 || !x.allFinite() || !(low.array() <= high.array()).all()) return infinity;
   ceres::Problem::Options ownership;
   ownership.cost_function_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
   ceres::Problem problem(ownership);
@@ -22,7 +26,7 @@ inline double least_squares(ceres::CostFunction& residual, Eigen::VectorXd& x, c
   options.logging_type = ceres::SILENT;
   ceres::Solver::Summary summary;
   ceres::Solve(options, &problem, &summary);
-  return summary.final_cost;
+  return summary.IsSolutionUsable() && x.allFinite() ? summary.final_cost : infinity;
 }
 
 /// Of residual(x), a vector of `count`; derivatives by differences.
@@ -30,7 +34,7 @@ template <ceres::NumericDiffMethodType differences, class Residual>
 std::unique_ptr<ceres::CostFunction> by_differences(Residual residual, Eigen::Index unknowns, Eigen::Index count) {
   const auto evaluate = [=](double const* const* parameters, double* out) {
     Eigen::Map<Eigen::VectorXd>(out, count) = residual(Eigen::VectorXd(Eigen::Map<const Eigen::VectorXd>(parameters[0], unknowns)));
-    return true;
+    return Eigen::Map<const Eigen::VectorXd>(out, count).allFinite();
   };
   auto cost = std::make_unique<ceres::DynamicNumericDiffCostFunction<decltype(evaluate), differences>>(new auto(evaluate));   // deleted by it
   cost->AddParameterBlock(static_cast<int>(unknowns));

@@ -19,17 +19,16 @@ std::string_view name_of(Status status) {
   return "";
 }
 
-/// YAML takes any text between single quotes, doubled inside.
-std::string quoted(const std::string& text) {
-  std::string out = "'";
-  for (const char c : text) out += c == '\'' ? std::string("''") : std::string(1, c == '\n' ? ' ' : c);
-  return out + "'";
-}
-
 std::string list(const std::vector<std::string>& items) {
   std::vector<std::string> q;
   for (const auto& i : items) q.push_back(quoted(i));
   return fmt::format("[{}]", fmt::join(q, ", "));
+}
+
+/// A mapping in block style. One without entries would read as nothing at all.
+std::string block(const std::string& head, const std::string& entries) {
+  const auto comment = head.find(" ");
+  return entries.empty() ? head.substr(0, comment) + " {}\n" : head + "\n" + entries;
 }
 
 /// What was found and how sure it is; `range` is the inside of a flow mapping, or empty.
@@ -38,23 +37,23 @@ std::string results(const Estimates& found, const std::string& range, const std:
   for (const auto& e : found.parameters) s += fmt::format("  {}: {}   # {}\n", e.name, e.value, e.unit);
   s += "status:\n";
   for (const auto& e : found.parameters) s += fmt::format("  {}: {}\n", e.name, name_of(e.status));
-  s += "sigma:   # one standard deviation of those that were estimated\n";
-  for (const auto& e : found.parameters)
-    if (!std::isnan(e.sigma)) s += fmt::format("  {}: {}\n", e.name, e.sigma);
-  s += "confidence_95:\n";
-  for (const auto& e : found.parameters)
-    if (!std::isnan(e.low)) s += fmt::format("  {}: [{}, {}]\n", e.name, e.low, e.high);
-  s += "correlation:   # in the order of sigma\n";
+  std::string sigmas, intervals, correlations;
   for (std::size_t i = 0; i < found.parameters.size(); ++i) {
-    if (std::isnan(found.parameters[i].sigma)) continue;
+    const Estimate& e = found.parameters[i];
+    if (std::isfinite(e.low) && std::isfinite(e.high)) intervals += fmt::format("  {}: [{}, {}]\n", e.name, e.low, e.high);
+    if (!std::isfinite(e.sigma)) continue;
+    sigmas += fmt::format("  {}: {}\n", e.name, e.sigma);
     std::vector<std::string> row;
     for (std::size_t j = 0; j < found.parameters.size(); ++j)
-      if (!std::isnan(found.parameters[j].sigma)) row.push_back(fmt::format("{:.6g}", std::isfinite(found.correlation(i, j)) ? found.correlation(i, j) : i == j ? 1.0 : 0.0));
-    s += fmt::format("  {}: [{}]\n", found.parameters[i].name, fmt::join(row, ", "));
+      if (std::isfinite(found.parameters[j].sigma)) row.push_back(fmt::format("{:.6g}", std::isfinite(found.correlation(i, j)) ? found.correlation(i, j) : i == j ? 1.0 : 0.0));
+    correlations += fmt::format("  {}: [{}]\n", e.name, fmt::join(row, ", "));
   }
+  s += block("sigma:   # one standard deviation of those that were estimated", sigmas) + block("confidence_95:", intervals) + block("correlation:   # in the order of sigma", correlations);
   if (!range.empty()) s += fmt::format("range: {{{}}}\n", range);
-  s += fmt::format("residual: {{mean: {}, std: {}, max_abs: {}}}\nsamples: {}\ncondition_number: {}\nr_squared: {}\n", found.residual.mean, found.residual.std, found.residual.max_abs, found.samples,
-                   found.condition_number, found.r_squared);
+  s += fmt::format("residual: {{mean: {}, std: {}, max_abs: {}}}\nsamples: {}\n", found.residual.mean, found.residual.std, found.residual.max_abs, found.samples);
+  // Neither exists where nothing is estimated, or friction never changes.
+  for (const auto& [key, value] : {std::pair{"condition_number", found.condition_number}, {"r_squared", found.r_squared}})
+    if (std::isfinite(value)) s += fmt::format("{}: {}\n", key, value);
   return s + fmt::format("unidentifiable: {}\ndata: {}\nnotes: {}\n", list(found.unidentifiable), list(data), list(found.notes));
 }
 
@@ -87,6 +86,19 @@ std::string to_yaml(const ParameterFile& of_law, const BristleFit& fit, const st
   std::istringstream lines(results(fit, "", data));
   for (std::string line; std::getline(lines, line);) s += "  " + line + "\n";
   return s;
+}
+
+tl::expected<void, std::string> usable(const Estimates& found, const friction::LawInfo* law) {
+  std::vector<std::pair<std::string, double>> values;
+  for (const auto& e : found.parameters) {
+    if (!std::isfinite(e.value)) return tl::unexpected(fmt::format("the fit gives no finite number for {}; what is in the data that no joint has?", e.name));
+    values.emplace_back(e.name, e.value);
+  }
+  const auto& r = found.residual;
+  if (!std::isfinite(r.mean) || !std::isfinite(r.std) || !std::isfinite(r.max_abs)) return tl::unexpected(std::string("the residuals of the fit are not finite; what is in the data that no joint has?"));
+  if (!law) return {};
+  if (const auto made = friction::make_law(law->name, values); !made) return tl::unexpected(fmt::format("what these data give is no law that can be used: {}", made.error()));
+  return {};
 }
 
 ParameterFile read_parameters(const std::filesystem::path& path) {
@@ -162,20 +174,13 @@ ParameterFile read_parameters(const std::filesystem::path& path) {
   f.found.samples = m.whole_or("samples", 0, {0, 1e12});
   f.found.condition_number = m.number_or("condition_number", 0);
   f.found.r_squared = m.number_or("r_squared", 0);
-  const auto texts = [&](const std::string& key) {
-    std::vector<std::string> out;
-    const YAML::Node node = m.raw(key);
-    if (node && node.IsSequence())
-      for (const auto& item : node) out.push_back(item.as<std::string>());
-    return out;
-  };
-  f.found.unidentifiable = texts("unidentifiable");
-  f.data = texts("data");
-  f.found.notes = texts("notes");
+  f.found.unidentifiable = m.texts("unidentifiable");
+  f.data = m.texts("data");
+  f.found.notes = m.texts("notes");
   if (const auto lugre = m.mapping("lugre")) {
     auto values_of = Mapping(*lugre).mapping("parameters");
     if (!values_of) lugre->fail("parameters", "is missing");
-    f.bristles = drive::Bristles{.sigma0 = values_of->number("sigma0"), .sigma1 = values_of->number("sigma1"), .vd = values_of->number("vd")};
+    f.bristles = drive::Bristles{.sigma0 = values_of->number("sigma0", {1e-12, 1e15}), .sigma1 = values_of->number("sigma1", {0, 1e15}), .vd = values_of->number("vd", {1e-9, 1e9})};
     values_of->done();
   }
   m.done();

@@ -28,6 +28,9 @@ std::string to_yaml(const ParameterFile& file);
 std::string to_yaml(const ParameterFile& of_law, const BristleFit& fit, const std::vector<std::string>& data);
 std::string to_yaml(const HysteresisFit& fit, const std::vector<std::string>& data);
 
+/// Fails where a number is not finite or, with a law, where the law itself refuses its parameters: a PARAMS.yaml of it could not be read.
+tl::expected<void, std::string> usable(const Estimates& found, const friction::LawInfo* law = nullptr);
+
 /// Throws InputError with file, key and what would be right.
 ParameterFile read_parameters(const std::filesystem::path& file);
 

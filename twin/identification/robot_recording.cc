@@ -119,8 +119,7 @@ tl::expected<RobotRecording, std::string> read_robot_recording(const std::filesy
   RobotRecording rec{.file = file, .time_s = std::move(table->columns[0])};
   if (rec.time_s.size() < 10) return tl::unexpected(fmt::format("{}: {} rows of finite numbers; at least 10 are needed", file.string(), rec.time_s.size()));
   if (table->left_out) rec.notes.push_back(fmt::format("{}: {} rows with empty, NaN or infinite cells are gaps, the first in line {}", file.string(), table->left_out, table->first_left_out));
-  for (std::size_t i = 1; i < rec.time_s.size(); ++i)
-    if (!(rec.time_s[i] > rec.time_s[i - 1])) return tl::unexpected(fmt::format("{}: time_s {} in row {} does not come after {}", file.string(), rec.time_s[i], i + 1, rec.time_s[i - 1]));
+  if (const Problem p = not_increasing(*table, rec.time_s)) return tl::unexpected(*p);
 
   const auto samples = static_cast<Index>(rec.time_s.size());
   rec.position.resize(r.joints(), samples);

@@ -172,6 +172,7 @@ Problem read_series(Samples& samples, const Numbers& table, const friction::LawI
     if (c[static_cast<std::size_t>(needed)].empty())
       return fmt::format("{}:1: no samples in column {}; a recording has time_s, position_rad, torque_nm and may have velocity_rad_s, temperature_degC, load_nm", table.file.string(),
                          series_columns[static_cast<std::size_t>(needed)]);
+  if (const Problem p = not_increasing(table, c[0])) return p;
   return append_levels(samples, table.file, {.time_s = c[0], .position_rad = c[1], .velocity_rad_s = c[2], .torque_nm = c[3], .load_nm = c[5], .temperature_degC = c[4]}, law, options);
 }
 

@@ -181,6 +181,7 @@ tl::expected<ThermalChainFit, std::string> fit_thermal_chain(std::span<const Joi
     start(n) = -std::log(exchange_s);
     if (const double cost = descend(problem, start); cost < least) least = cost, z = start;
   }
+  if (z.size() == 0) return tl::unexpected(std::string("no chain has a finite error; is there a value in the data that no joint has?"));
 
   const VectorXd residual = problem.residual(z), x = problem.linear(problem.columns(z));
   ThermalChainFit fit{.chain = {}, .parameters = {}, .exchange = {}, .rms_K = std::sqrt(residual.squaredNorm() / static_cast<double>(residual.size())), .correlation = 1, .samples = static_cast<std::size_t>(problem.samples()), .unidentifiable = {}};

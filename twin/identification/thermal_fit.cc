@@ -198,9 +198,11 @@ tl::expected<ThermalFit, std::string> fit_thermal(std::span<const HeatSession> s
   const Index nodes = problem.nodes();
   if (problem.samples() <= problem.unknowns() + nodes) return tl::unexpected(fmt::format("{} samples for {} unknowns", problem.samples(), problem.unknowns() + nodes));
   VectorXd log_t = global_search(problem);
+  if (log_t.size() == 0) return tl::unexpected(std::string("no thermal model has a finite error; is there a value in the data that no joint has?"));
   descend(problem, log_t);
   std::sort(log_t.data(), log_t.data() + nodes);
   const Projection at = problem.project(log_t);
+  if (!std::isfinite(at.cost())) return tl::unexpected(std::string("the fit has no finite error; is there a value in the data that no joint has?"));
 
   ThermalFit fit{.rms_K = std::sqrt(at.cost() / static_cast<double>(problem.samples())), .correlation = samples_per_independent({at.residual.data(), static_cast<std::size_t>(at.residual.size())}, 0), .samples = static_cast<std::size_t>(problem.samples())};
   // Information of all unknowns: what a gain that is held could have been is doubt about the time constants too.

@@ -167,11 +167,9 @@ tl::expected<ThermalRecording, std::string> read_thermal_recording(const std::fi
   const auto& time = numbers->columns[0];
   if (time.size() < fewest_samples) return tl::unexpected(fmt::format("{}: {} rows of finite numbers; at least {} are needed", file.string(), time.size(), fewest_samples));
   if (numbers->left_out) out.notes.push_back(fmt::format("{}: {} rows with empty, NaN or infinite cells are gaps, the first in line {}", file.string(), numbers->left_out, numbers->first_left_out));
+  if (auto problem = not_increasing(*numbers, time)) return tl::unexpected(*std::move(problem));
   std::vector<double> steps;
-  for (std::size_t i = 1; i < time.size(); ++i) {
-    if (!(time[i] > time[i - 1])) return tl::unexpected(fmt::format("{}: time_s {} in row {} does not come after {}", file.string(), time[i], i + 1, time[i - 1]));
-    steps.push_back(time[i] - time[i - 1]);
-  }
+  for (std::size_t i = 1; i < time.size(); ++i) steps.push_back(time[i] - time[i - 1]);
   const auto middle = steps.begin() + static_cast<std::ptrdiff_t>(steps.size() / 2);
   std::nth_element(steps.begin(), middle, steps.end());
   const double typical = *middle;

@@ -145,6 +145,7 @@ tl::expected<TorqueThermalFit, std::string> fit_thermal_torque(std::span<const H
   if (nodes == 2 && x(0) > x(1)) std::swap(x(0), x(1)), std::swap(x(2), x(3));
 
   const VectorXd residual = problem.residual(x);
+  if (!x.allFinite() || !residual.allFinite()) return tl::unexpected(std::string("the fit has no finite error; is there a value in the data that no joint has?"));
   TorqueThermalFit fit{.order = order, .rms = std::sqrt(residual.squaredNorm() / static_cast<double>(problem.samples())), .correlation = samples_per_independent({residual.data(), static_cast<std::size_t>(residual.size())}, 0), .samples = static_cast<std::size_t>(problem.samples())};
   const MatrixXd covariance = covariance_of(problem.jacobian(x)) * (residual.squaredNorm() / static_cast<double>(problem.samples()) * fit.correlation);
   const double quantile = interval_sigmas(static_cast<double>(problem.samples()) / fit.correlation - static_cast<double>(problem.unknowns()));

@@ -19,8 +19,7 @@ tl::expected<Numbers, std::string> read_time_series(const std::filesystem::path&
                                         fmt::join(table->names, ", ")));
   const auto& time = table->columns[0];
   if (time.empty()) return tl::unexpected(table->left_out ? fmt::format("{}: no row without an empty, NaN or infinite cell", file.string()) : fmt::format("{}: is empty: a header but no samples", file.string()));
-  for (std::size_t i = 1; i < time.size(); ++i)
-    if (!(time[i] > time[i - 1])) return tl::unexpected(fmt::format("{}: time_s goes from {} to {} in consecutive samples; it must increase, recordings made one by one are files of their own", file.string(), time[i - 1], time[i]));
+  if (const auto problem = not_increasing(*table, time)) return tl::unexpected(*problem);
   if (3 * table->left_out > time.size() + table->left_out)
     return tl::unexpected(fmt::format("{}: {} of {} rows hold no finite numbers; what is left is no recording", file.string(), table->left_out, time.size() + table->left_out));
   if (table->left_out) notes.push_back(fmt::format("{}: {} rows with empty, NaN or infinite cells are left out, the first in line {}", file.string(), table->left_out, table->first_left_out));

@@ -22,6 +22,7 @@ namespace tribotwin::twin {
 namespace {
 
 namespace fs = std::filesystem;
+constexpr Bounds positions{-1e4, 1e4};   // of joints: rad, or m of a sliding one
 constexpr std::size_t most_curves = 100000, most_benches = 900;   // the engine's callbacks serve 1024 models
 
 /// Applies key=value to the tree; dotted keys descend into mappings and, by numbers, into lists. Missing mappings are made.
@@ -195,7 +196,7 @@ class Series {
       }
     }
     if (by_ != LoadBy::torque && load->has("com_m")) {
-      const auto com = load->numbers("com_m");
+      const auto com = load->numbers("com_m", {-1e3, 1e3});
       if (com.size() != 3) load->fail("com_m", "must be three numbers [x, y, z]");
       std::ranges::copy(com, payload_.com_m.begin());
     }
@@ -350,12 +351,12 @@ std::vector<double> start_of(Mapping& in, const mujoco::Model& model) {
   const YAML::Node node = in.raw("start_rad");
   if (!node) return start;
   if (node.IsSequence()) {
-    start = in.numbers("start_rad");
+    start = in.numbers("start_rad", positions);
     if (start.size() != model.drives().size()) in.fail("start_rad", fmt::format("has {} numbers, but the model has {} drives", start.size(), model.drives().size()));
     return start;
   }
   auto by_name = in.mapping("start_rad");
-  for (const auto& joint : by_name->names()) start[drive_index(model, *by_name, joint, joint)] = by_name->number(joint);
+  for (const auto& joint : by_name->names()) start[drive_index(model, *by_name, joint, joint)] = by_name->number(joint, positions);
   return start;
 }
 
@@ -374,7 +375,7 @@ Campaign campaign_of(const fs::path& file, YAML::Node root) {
   c.file = file;
   Mapping in(file.string(), "", root);
   in.accept({"name", "description", "model", "joint", "procedure", "speeds_rad_s", "seed", "start_rad", "sensors", "level_noise_nm", "servo", "drive", "series"});
-  c.name = in.text_or("name", file.stem().string());
+  c.name = in.file_name_or("name", file.stem().string());
   root["name"] = c.name;
   c.description = in.text_or("description", "");
   c.seed = in.whole_or("seed", 1, {0, 9007199254740992.0});

@@ -22,13 +22,18 @@ Result read_json(const std::filesystem::path& file, std::istream& stream) {
     return fail("has no array 'entries'");
   SetPoints points;
   for (const auto& [key, value] : json.items())
-    if (value.is_number()) points.numbers.emplace_back(key, value.get<double>());
+    if (value.is_number()) {
+      points.numbers.emplace_back(key, value.get<double>());
+      if (!quantity_of(key).contains(points.numbers.back().second)) return fail(fmt::format("{} is {} but {}", key, points.numbers.back().second, quantity_of(key).requirement()));
+    }
   points.position_rad.resize(1);
   std::size_t i = 0;
   for (const auto& entry : json["entries"]) {
     const auto number = [&](const char* key) { return entry.is_object() && entry.contains(key) && entry[key].is_number() ? entry[key].get<double>() : std::nan(""); };
     const double t = number("timestamp"), goal = number("goal_position");
     if (!std::isfinite(t) || !std::isfinite(goal)) return fail(fmt::format("entry {}: needs the numbers timestamp and goal_position", i));
+    for (const auto& [key, column] : {std::pair{"timestamp", "time_s"}, {"goal_position", "position_rad"}, {"position", "position_rad"}, {"temp", "temperature_degC"}})
+      if (const double x = number(key); std::isfinite(x) && !quantity_of(column).contains(x)) return fail(fmt::format("entry {}: {} is {} but {}", i, key, x, quantity_of(column).requirement()));
     if (!points.time_s.empty() && t <= points.time_s.back()) return fail(fmt::format("entry {}: timestamp {} does not come after {}", i, t, points.time_s.back()));
     points.time_s.push_back(t);
     points.position_rad[0].push_back(goal);

@@ -19,7 +19,7 @@
 #include <tribotwin/twin/output/folder_lock.hpp>
 #include <tribotwin/twin/output/interrupt.hpp>
 #include <tribotwin/twin/program/program.hpp>
-#include <tribotwin/twin/scenario/input.hpp>
+#include <tribotwin/twin/scenario/json_input.hpp>
 
 namespace tribotwin::twin::program {
 namespace {
@@ -78,7 +78,7 @@ std::vector<fs::path> matching(Mapping& in, const std::string& key, const fs::pa
   std::vector<std::string> patterns;
   if (node.IsScalar()) patterns.push_back(in.text(key));
   else if (node.IsSequence())
-    for (const auto& item : node) patterns.push_back(item.Scalar());
+    patterns = in.texts(key);
   std::vector<fs::path> files;
   for (const auto& pattern : patterns) {
     const std::string full = (folder / pattern).lexically_normal().string();
@@ -237,13 +237,13 @@ Campaign read_campaign(const fs::path& file, std::optional<std::uint64_t> seed) 
   }
   if (seed) search.seed = *seed;
   std::optional<double> timestep;
-  if (in.has("timestep_s")) timestep = in.number("timestep_s", {1e-6, 1});
+  if (in.has("timestep_s")) timestep = in.number("timestep_s", {mujoco::shortest_timestep_s, mujoco::longest_timestep_s});
 
   std::string models;
   if (!in.has("variants")) in.fail("variants", "is missing: a list of {label, model, law, ...}");
   for (Mapping v : in.mappings("variants")) {
     v.accept({"label", "model", "law", "drive", "joint", "control", "motion"});
-    Variant variant{.label = v.text("label"), .timestep_s = timestep};
+    Variant variant{.label = v.file_name_or("label", ""), .timestep_s = timestep};
     if (variant.label.find_first_not_of("ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789_-") != std::string::npos)
       v.fail("label", fmt::format("is '{}' but must consist of letters, digits, '_' and '-': files are named after it", variant.label));
     if (std::ranges::any_of(c.plan.variants, [&](const Variant& other) { return other.label == variant.label; })) v.fail("label", fmt::format("'{}' is the label of another variant", variant.label));
@@ -421,47 +421,58 @@ Json with_checksum(Json j) {
 
 bool checksum_holds(const Json& j) { return with_checksum(j)["crc32"] == j.at("crc32"); }
 
+/// A fit as json_of(Results, SimulationFit) wrote it.
+SimulationFit fit_of(const Campaign& campaign, const JsonInput& in, SimulationFit f) {
+  const auto& quantities = campaign.plan.variants[f.variant].quantities;
+  f.objective = in["objective"].number({-1e300, 1e300});
+  for (const auto& m : in["minima"].list(0)) f.minima.push_back(m.is_null() ? std::numeric_limits<double>::infinity() : m.number({-1e300, 1e300}));
+  const JsonInput parameters = in["parameters"];
+  for (const auto& q : quantities) {
+    const JsonInput p = parameters[q.path()];
+    f.values.push_back(p["value"].number({-1e300, 1e300}));
+    f.sigma.push_back(p.has("sigma") ? p["sigma"].number_or_null({0, 1e300}) : std::nan(""));
+    f.knowledge.push_back(q.sought ? Knowledge::estimated : Knowledge::known);
+    const std::string status = p.has("status") ? p["status"].text() : "";
+    for (const auto k : {Knowledge::prior, Knowledge::at_bound})
+      if (status == name(k)) f.knowledge.back() = k;
+  }
+  const auto n = std::ssize(quantities);
+  f.correlation = Eigen::MatrixXd::Constant(n, n, std::nan(""));
+  for (std::size_t a = 0; in.has("correlation") && a < quantities.size(); ++a)
+    for (std::size_t b = 0; b < quantities.size(); ++b)
+      if (const JsonInput all = in["correlation"]; all.has(quantities[a].path()) && all[quantities[a].path()].has(quantities[b].path()))
+        f.correlation(static_cast<Eigen::Index>(a), static_cast<Eigen::Index>(b)) = all[quantities[a].path()][quantities[b].path()].number({-1.000001, 1.000001});
+  const std::size_t recordings = campaign.plan.recordings.size();
+  for (const auto& recording : in["recordings"].list(recordings, recordings)) f.mae_mrad.push_back(recording["mae_mrad"].number_or_null({0, 1e300}));
+  return f;
+}
+
 /// The fits that the folder already holds; none where it holds no calibration. Throws InputError where it holds another.
 std::vector<SimulationFit> fits_of(const Campaign& campaign, const fs::path& file) {
   std::vector<SimulationFit> fits;
   std::error_code error;
   if (!fs::exists(file, error)) return fits;
   std::ifstream stream(file);
-  const Json j = Json::parse(stream, nullptr, false);
-  const auto refuse = [&](const char* what) { throw InputError(fmt::format("{}: {}; choose another folder with -o, or remove this one", file.string(), what)); };
+  const auto j = nlohmann::json::parse(stream, nullptr, false);
+  const auto refuse = [&](const std::string& what) { throw InputError(fmt::format("{}: {}; choose another folder with -o, or remove this one", file.string(), what)); };
   if (!j.is_object() || !j.contains("fit")) refuse("is no calibration");
   if (j.contains("crc32") && !checksum_holds(j)) refuse("was changed since it was made (checksum)");
   if (j["fit"] != campaign.resolved) refuse("holds another calibration (its FIT file, models, recordings, seed or versions differ)");
+  const auto take = [&](const JsonInput& in, std::size_t variant, std::size_t split, std::size_t fold) {
+    if (!in.is_null()) fits.push_back(fit_of(campaign, in, {.variant = variant, .split = split, .fold = fold}));
+  };
+  const auto& plan = campaign.plan;
   try {
-    const auto take = [&](const Json& one, std::size_t variant, std::size_t split, std::size_t fold) {
-      if (one.is_null()) return;
-      const auto& quantities = campaign.plan.variants[variant].quantities;
-      SimulationFit f{.variant = variant, .split = split, .fold = fold, .objective = one.at("objective")};
-      for (const auto& m : one.at("minima")) f.minima.push_back(m.is_null() ? std::numeric_limits<double>::infinity() : m.get<double>());
-      for (const auto& q : quantities) {
-        const Json& p = one.at("parameters").at(q.path());
-        f.values.push_back(p.at("value"));
-        f.sigma.push_back(p.contains("sigma") && p["sigma"].is_number() ? p["sigma"].get<double>() : std::nan(""));
-        f.knowledge.push_back(q.sought ? Knowledge::estimated : Knowledge::known);
-        for (const auto k : {Knowledge::prior, Knowledge::at_bound})
-          if (p.value("status", "") == name(k)) f.knowledge.back() = k;
+    const auto variants = JsonInput(j, "")["variants"].list(plan.variants.size(), plan.variants.size());
+    for (std::size_t v = 0; v < variants.size(); ++v) {
+      take(variants[v]["all"], v, SimulationFit::all, 0);
+      const auto splits = variants[v]["splits"].list(plan.splits.size(), plan.splits.size());
+      for (std::size_t s = 0; s < splits.size(); ++s) {
+        const auto folds = splits[s]["folds"].list(plan.splits[s].folds.size(), plan.splits[s].folds.size());
+        for (std::size_t k = 0; k < folds.size(); ++k) take(folds[k], v, s, k);
       }
-      const auto n = std::ssize(quantities);
-      f.correlation = Eigen::MatrixXd::Constant(n, n, std::nan(""));
-      if (one.contains("correlation"))
-        for (Eigen::Index a = 0; a < n; ++a)
-          for (Eigen::Index b = 0; b < n; ++b)
-            if (const auto row = one["correlation"].value(quantities[static_cast<std::size_t>(a)].path(), Json::object()); row.contains(quantities[static_cast<std::size_t>(b)].path())) f.correlation(a, b) = row[quantities[static_cast<std::size_t>(b)].path()];
-      for (const auto& recording : one.at("recordings")) f.mae_mrad.push_back(recording.at("mae_mrad").is_null() ? std::nan("") : recording["mae_mrad"].get<double>());
-      if (f.mae_mrad.size() == campaign.plan.recordings.size()) fits.push_back(std::move(f));
-    };
-    for (std::size_t v = 0; v < campaign.plan.variants.size(); ++v) {
-      const Json& one = j.at("variants").at(v);
-      take(one.at("all"), v, SimulationFit::all, 0);
-      for (std::size_t s = 0; s < campaign.plan.splits.size(); ++s)
-        for (std::size_t k = 0; k < campaign.plan.splits[s].folds.size(); ++k) take(one.at("splits").at(s).at("folds").at(k), v, s, k);
     }
-  } catch (const Json::exception& e) {
+  } catch (const InputError& e) {
     refuse(e.what());
   }
   return fits;

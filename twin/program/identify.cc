@@ -67,6 +67,9 @@ std::vector<std::pair<std::string, double>> fixed_of(const std::vector<std::stri
 
 Json number(double x) { return std::isfinite(x) ? Json(x) : Json(nullptr); }
 
+/// What does not exist is a dash: R^2 where friction never changes, AICc with too few samples.
+std::string or_dash(double x, const std::string& spec) { return std::isfinite(x) ? fmt::format(fmt::runtime("{:" + spec + "}"), x) : "-"; }
+
 Json json_of(const Estimates& fit, std::string_view law) {
   Json j;
   j["law"] = law;
@@ -118,8 +121,8 @@ std::string table_of(const Estimates& fit, std::string_view law, std::string_vie
     for (const std::size_t j : shown)
       if (j <= i) s += std::isfinite(fit.correlation(i, j)) ? fmt::format("{:>7.2f}", fit.correlation(i, j)) : fmt::format("{:>7}", "");
   }
-  s += fmt::format("\n\nresiduals: mean {:.3g}, std {:.4g}, largest {:.4g} {}; {} samples; R^2 {:.5f}; condition number {:.3g}; AICc {:.1f}\n", fit.residual.mean, fit.residual.std,
-                   fit.residual.max_abs, unit, fit.samples, fit.r_squared, fit.condition_number, fit.aicc);
+  s += fmt::format("\n\nresiduals: mean {:.3g}, std {:.4g}, largest {:.4g} {}; {} samples; R^2 {}; condition number {}; AICc {}\n", fit.residual.mean, fit.residual.std,
+                   fit.residual.max_abs, unit, fit.samples, or_dash(fit.r_squared, ".5f"), or_dash(fit.condition_number, ".3g"), or_dash(fit.aicc, ".1f"));
   s += fit.unidentifiable.empty() ? "every parameter can be told from these data\n" : fmt::format("cannot be told from these data: {}\n", fmt::join(fit.unidentifiable, ", "));
   return s;
 }
@@ -138,10 +141,11 @@ void print_notes(const Arguments& a, const std::vector<std::string>& notes) {
 
 /// PARAMS.yaml, and JSON or the table.
 int deliver_dynamics(const Arguments& a, const Estimates& fit, double normalised_mse, std::string_view equation, const std::string& yaml) {
+  if (const auto ok = usable(fit); !ok) return complain(failed, fmt::format("{}: {}", a.law, ok.error()));
   print_notes(a, fit.notes);
   if (a.output.named())
     if (const int code = deliver(yaml, a.output)) return code;
-  if (!a.json) return deliver(table_of(fit, a.law, equation, "Nm") + fmt::format("normalised MSE {:.3g}\n", normalised_mse));
+  if (!a.json) return deliver(table_of(fit, a.law, equation, "Nm") + fmt::format("normalised MSE {}\n", or_dash(normalised_mse, ".3g")));
   Json j = json_of(fit, a.law);
   j["normalised_mse"] = number(normalised_mse);
   return deliver(j.dump(2) + "\n");
@@ -174,6 +178,7 @@ int identify_lugre(const Arguments& a) {
 int identify_shared(const Arguments& a, const friction::LawInfo& law, const Samples& samples, const FitOptions& options) {
   const auto shared = fit_shared(law, samples, a.shared, options);
   if (!shared) return complain(failed, shared.error());
+  if (!std::isfinite(shared->value)) return complain(failed, fmt::format("the fit gives no finite number for {}; what is in the data that no joint has?", a.shared));
   print_notes(a, shared->notes);
   Json j{{"law", law.name}, {"shared", a.shared}, {"value", number(shared->value)}, {"sigma", number(shared->sigma)}, {"curves", shared->curves}, {"samples", shared->samples}, {"profile", Json::array()}, {"notes", shared->notes}};
   for (const auto& [value, cost] : shared->profile) j["profile"].push_back({{"value", value}, {"relative_cost_increase", cost}});
@@ -200,7 +205,8 @@ int identify_each(const Arguments& a, const friction::LawInfo& law, const Sample
     double load = 0, temperature = 0;
     for (std::size_t i = 0; i < one.size(); ++i) load += one.load[i] / static_cast<double>(one.size()), temperature += one.temperature_degC[i] / static_cast<double>(one.size());
     const auto found = fit(law, one, options);
-    if (!found) return complain(failed, fmt::format("curve {} (load {:.3g}, {:.4g} degC): {}", curve + 1, load, temperature, found.error()));
+    const auto ok = found ? usable(*found) : tl::unexpected(found.error());
+    if (!ok) return complain(failed, fmt::format("curve {} (load {:.3g}, {:.4g} degC): {}", curve + 1, load, temperature, ok.error()));
     Json j = json_of(*found, one, -1);
     j["curve"] = curve + 1, j["load_norm"] = load, j["temperature_degC"] = temperature;
     all.push_back(std::move(j));
@@ -266,7 +272,9 @@ int execute(const Arguments& a) {
     if (!a.shared.empty()) return identify_shared(a, *law, *samples, options);
     if (a.each) return identify_each(a, *law, *samples, options);
     auto found = a.staged ? fit_staged(*law, *samples, options) : fit(*law, *samples, options);
-    if (!found) return complain(failed, fmt::format("law '{}': {}", law->name, found.error()));
+    // The law's own rules matter to what is read again, not to what is compared.
+    const auto ok = found ? usable(*found, !a.output.named() ? nullptr : law) : tl::unexpected(found.error());
+    if (!ok) return complain(failed, fmt::format("law '{}': {}", law->name, ok.error()));
     double error = -1;
     if (a.folds > 1) {
       const auto checked = cross_validate(*law, *samples, options, a.folds);
@@ -285,8 +293,8 @@ int execute(const Arguments& a) {
   if (laws.size() == 1) return deliver(table_of(fits.front(), held_out.front()));
   std::string s = fmt::format("{:<24} {:>4} {:>12} {:>12} {:>10} {:>12} {:>14}\n", "law", "p", "residual std", "largest", "R^2", "AICc", a.folds > 1 ? "held-out RMS" : "");
   for (std::size_t i = 0; i < fits.size(); ++i)
-    s += fmt::format("{:<24} {:>4} {:>12.4g} {:>12.4g} {:>10.5f} {:>12.1f} {:>14}\n", fits[i].law.info->name, fits[i].estimated, fits[i].residual.std, fits[i].residual.max_abs, fits[i].r_squared,
-                     fits[i].aicc, held_out[i] >= 0 ? fmt::format("{:.4g}", held_out[i]) : "");
+    s += fmt::format("{:<24} {:>4} {:>12.4g} {:>12.4g} {:>10} {:>12} {:>14}\n", fits[i].law.info->name, fits[i].estimated, fits[i].residual.std, fits[i].residual.max_abs, or_dash(fits[i].r_squared, ".5f"),
+                     or_dash(fits[i].aicc, ".1f"), held_out[i] >= 0 ? fmt::format("{:.4g}", held_out[i]) : "");
   return deliver(s);
 }
 

@@ -59,12 +59,21 @@ double typical_step(const std::vector<double>& time) {
   return *middle;
 }
 
+/// A channel that has a number at every sample.
+std::span<const double> whole_channel(const Recording& record, const std::string& directory, const std::string& joint, std::string_view channel) {
+  const auto values = record.channel(joint, channel);
+  if (values.size() != record.time_s.size()) throw InputError(fmt::format("{}/telemetry.h5: {}: has no channel {}", directory, joint, channel));
+  const auto wrong = std::ranges::find_if_not(values, [](double x) { return std::isfinite(x); });
+  if (wrong != values.end()) throw InputError(fmt::format("{}/telemetry.h5: {}: {} is {} at sample {} but must be a finite number", directory, joint, channel, *wrong, wrong - values.begin()));
+  return values;
+}
+
 /// What the robot's controller would have recorded of a run: the columns of tribotwin dynamics. The noise of the torque is
 /// given as a share of torque_max_nm.
 int export_recording(const std::string& directory, Sensors sensors, double torque_noise_share, std::uint64_t seed, const Destination& output) {
   require_record(directory);
   const auto record = read_telemetry(std::filesystem::path(directory) / "telemetry.h5");
-  if (!record) return complain(failed, record.error());
+  if (!record) throw InputError(record.error());
   if (record->time_s.size() < 2) return complain(failed, fmt::format("{}/telemetry.h5: holds {} samples", directory, record->time_s.size()));
   const auto& time = record->time_s;
   // Skipped work cycles are gaps in the recording, too.
@@ -86,7 +95,7 @@ int export_recording(const std::string& directory, Sensors sensors, double torqu
     auto& joint = joints.emplace_back();
     for (std::size_t s = 0; s + 1 < starts.size(); ++s) {
       const auto part = [&](const auto& values) { return std::vector<double>(values.begin() + static_cast<std::ptrdiff_t>(starts[s]), values.begin() + static_cast<std::ptrdiff_t>(starts[s + 1])); };
-      const auto column = [&](std::string_view channel) { return part(record->channel(name, channel)); };
+      const auto column = [&](std::string_view channel) { return part(whole_channel(*record, directory, name, channel)); };
       const auto recorded = sensed({.time_s = part(time), .position_rad = column("position_rad"), .torque_nm = column("torque_nm"), .temperature_degC = column("temperature_degC")}, sensors, seed + j + s * record->joints.size());
       for (auto channel : {&JointRecording::time_s, &JointRecording::position_rad, &JointRecording::torque_nm, &JointRecording::temperature_degC}) (joint.*channel).insert((joint.*channel).end(), (recorded.*channel).begin(), (recorded.*channel).end());
     }

@@ -5,6 +5,7 @@
 
 #include <fmt/format.h>
 
+#include <tribotwin/twin/output/name.hpp>
 #include <tribotwin/twin/program/program.hpp>
 #include <tribotwin/twin/output/interrupt.hpp>
 #include <tribotwin/twin/runtime/run.hpp>
@@ -73,12 +74,14 @@ std::vector<Variation> variations(const fs::path& file) {
   std::vector<Variation> all;
   const YAML::Node root = load_yaml(file), vary = root["vary"];
   if (!vary) return all;
-  const auto fail = [&](const std::string& why) { throw InputError(fmt::format("{}: vary {}, for example vary: [{{temperature_degC: [20, 35]}}]", file.string(), why)); };
+  const auto fail_at = [&](const YAML::Node& node, const std::string& why) { throw InputError(fmt::format("{}:{}: vary: {}", file.string(), node.Mark().line + 1, why)); };
+  const auto fail = [&](const std::string& why) { fail_at(vary, why + ", for example vary: [{temperature_degC: [20, 35]}]"); };
   if (!vary.IsSequence() || vary.size() == 0) fail("must be a list of mappings from keys to lists of values");
   for (const auto& set : vary) {
     if (!set.IsMap()) fail("must be a list of mappings from keys to lists of values");
     std::vector<Variation> product{{}};
     for (const auto& entry : set) {
+      if (!entry.first.IsScalar() || entry.first.Scalar().empty()) fail("has a key that is no name");
       const std::string key = entry.first.Scalar();
       if (!entry.second.IsSequence() || entry.second.size() == 0) fail(fmt::format("has no list of values for '{}'", key));
       std::vector<Variation> longer;
@@ -88,6 +91,7 @@ std::vector<Variation> variations(const fs::path& file) {
           Variation more = one;
           more.folder += (one.folder.empty() ? "" : "_") + fs::path(value.Scalar()).filename().string();
           more.settings.push_back(key + "=" + value.Scalar());
+          if (const auto why = unfit_file_name(more.folder)) fail_at(value, fmt::format("{}: {} makes the folder {}", key, value.Scalar(), *why));
           longer.push_back(std::move(more));
         }
       product = std::move(longer);

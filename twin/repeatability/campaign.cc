@@ -31,7 +31,7 @@ Campaign load_campaign(const std::filesystem::path& file, YAML::Node root) {
   Mapping in(file.string(), "", root);
   in.accept({"name", "description", "procedure", "model", "robots", "days", "duration_s", "ambient", "scatter", "sensors", "excitation", "faults", "seed"});
   in.choice("procedure", {procedure});
-  c.name = in.text_or("name", file.stem().string());
+  c.name = in.file_name_or("name", file.stem().string());
   root["name"] = c.name;
   c.description = in.text_or("description", "");
   c.seed = in.whole_or("seed", 1, {0, 9007199254740992.0});

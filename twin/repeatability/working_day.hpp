@@ -61,8 +61,12 @@ inline constexpr double level_share = 0.6;
 tl::expected<WorkingDay, std::string> working_day(const Campaign& campaign, const Excitation& excitation, std::size_t test);
 
 std::string to_text(const WorkingDay& day);
-/// Fails on text that is no such day.
-tl::expected<WorkingDay, std::string> from_text(const std::string& text);
+/// How many of each a day of a robot has.
+struct Shape {
+  std::size_t joints, base;
+};
+/// Fails on text that is no day of such a robot, with the key and what it must be; every number is finite and of its range.
+tl::expected<WorkingDay, std::string> from_text(const std::string& text, const Shape& shape);
 
 /// Friction as a temperature, for fit_thermal: higher where heat made friction lower (or, `rising`, higher). In Nm in place of K.
 identification::HeatSession as_heat(const Warming& warming, std::size_t file, bool rising);

@@ -9,6 +9,7 @@
 #include <fmt/format.h>
 
 #include <tribotwin/plugins/friction/law.hpp>
+#include <tribotwin/twin/output/name.hpp>
 
 namespace tribotwin::twin {
 namespace {
@@ -25,17 +26,23 @@ const char* kind(const YAML::Node& node) {
 }  // namespace
 
 Mapping::Mapping(std::string file, std::string where, YAML::Node node) : file_(std::move(file)), where_(std::move(where)), node_(node) {
-  if (!node_.IsMap()) throw InputError(fmt::format("{}:{}: '{}' is {} but must be a mapping of keys", file_, node_.Mark().line + 1, where_, kind(node_)));
+  if (!node_.IsMap()) throw InputError(fmt::format("{}: '{}' is {} but must be a mapping of keys", at(node_.Mark()), where_, kind(node_)));
   std::set<std::string> seen;
-  for (const auto& entry : node_)
+  for (const auto& entry : node_) {
+    // yaml-cpp finds no entry by such a key: it would be there and not be there.
+    if (!entry.first.IsScalar() || entry.first.Scalar().empty())
+      throw InputError(fmt::format("{}: {}{}a key is {} but must be a name", at(entry.first.Mark()), where_, where_.empty() ? "" : ": ", kind(entry.first)));
     if (!seen.insert(entry.first.Scalar()).second) fail(entry.first.Scalar(), "is given twice");
+  }
 }
 
+std::string Mapping::at(const YAML::Mark& mark) const { return mark.line < 0 ? file_ : fmt::format("{}:{}", file_, mark.line + 1); }
+
 void Mapping::fail(const std::string& key, const std::string& why) const {
-  int line = node_.Mark().line;
+  YAML::Mark mark = node_.Mark();
   for (const auto& entry : node_)
-    if (entry.first.Scalar() == key) line = entry.first.Mark().line;
-  throw InputError(fmt::format("{}:{}: {}{}{}: {}", file_, line + 1, where_, where_.empty() ? "" : ".", key, why));
+    if (entry.first.Scalar() == key) mark = entry.first.Mark();   // none where --set or a program put it there
+  throw InputError(fmt::format("{}: {}{}{}: {}", at(mark), where_, where_.empty() ? "" : ".", key, why));
 }
 
 YAML::Node Mapping::take(const std::string& key) {
@@ -105,6 +112,22 @@ std::vector<double> Mapping::numbers(const std::string& key, Bounds bounds) {
   for (const auto& item : node) values.push_back(to_number(key, item, bounds));
   return values;
 }
+std::vector<std::string> Mapping::texts(const std::string& key) {
+  const YAML::Node node = take(key);
+  std::vector<std::string> all;
+  if (!node) return all;
+  if (!node.IsSequence()) fail(key, fmt::format("is {} but must be a list of texts", kind(node)));
+  for (const auto& item : node) {
+    if (!item.IsScalar()) fail(key, fmt::format("holds {} but must be a list of texts", kind(item)));
+    all.push_back(item.Scalar());
+  }
+  return all;
+}
+std::string Mapping::file_name_or(const std::string& key, std::string fallback) {
+  std::string name = text_or(key, std::move(fallback));
+  if (const auto why = unfit_file_name(name)) fail(key, *why);
+  return name;
+}
 std::optional<Mapping> Mapping::mapping(const std::string& key) {
   const YAML::Node node = take(key);
   if (!node) return std::nullopt;
@@ -145,6 +168,18 @@ YAML::Node load_yaml(const std::filesystem::path& file) {
   } catch (const YAML::Exception& e) {
     throw InputError(fmt::format("{}:{}: not well-formed YAML ({})", file.string(), e.mark.line + 1, e.msg));
   }
+}
+
+std::string quoted(const std::string& text) {
+  const auto is_control = [](char c) { return static_cast<unsigned char>(c) < 0x20 || c == 0x7f; };
+  const bool escaped = std::ranges::any_of(text, is_control);   // only double quotes know escapes
+  std::string out;
+  for (const char c : text) {
+    if (is_control(c)) out += fmt::format("\\x{:02x}", static_cast<unsigned char>(c));
+    else if (escaped && (c == '"' || c == '\\')) out += {'\\', c};
+    else out += c == '\'' && !escaped ? std::string("''") : std::string(1, c);
+  }
+  return escaped ? '"' + out + '"' : "'" + out + "'";
 }
 
 std::string to_text(const YAML::Node& node) {

@@ -53,6 +53,10 @@ class Mapping {
   /// One of `accepted`.
   std::string choice(const std::string& key, const std::vector<std::string_view>& accepted);
   std::vector<double> numbers(const std::string& key, Bounds bounds = {});
+  /// Empty where the key is missing.
+  std::vector<std::string> texts(const std::string& key);
+  /// Text that may become the name of a file or folder (unfit_file_name).
+  std::string file_name_or(const std::string& key, std::string fallback);
   std::optional<Mapping> mapping(const std::string& key);
   std::vector<Mapping> mappings(const std::string& key);
   /// The keys of a mapping whose keys are names of something (joints, parameters).
@@ -66,6 +70,7 @@ class Mapping {
  private:
   YAML::Node take(const std::string& key);
   double to_number(const std::string& key, const YAML::Node& node, Bounds bounds) const;
+  std::string at(const YAML::Mark& mark) const;
   std::string file_, where_;
   YAML::Node node_;
   std::set<std::string> known_;
@@ -73,6 +78,9 @@ class Mapping {
 
 /// Reads a YAML file; the root must be a mapping.
 YAML::Node load_yaml(const std::filesystem::path& file);
+
+/// `text` as a YAML scalar of one line, whatever is in it.
+std::string quoted(const std::string& text);
 
 /// Ends with a line break; every number reads back as the same double.
 std::string to_text(const YAML::Node& node);

@@ -13,6 +13,11 @@ namespace {
 
 namespace fs = std::filesystem;
 
+/// Of joints: rad, or m of a sliding one.
+constexpr Bounds positions{-1e4, 1e4};
+constexpr double longest_s = 1e9;        ///< of a run and of a cycle: thirty years
+constexpr double most_cycle_steps = 1e7; ///< of a wave, whose loop is kept step by step
+
 /// Applies key=value to the tree; dotted keys descend, missing mappings are made.
 void apply_override(YAML::Node root, const std::string& assignment) {
   const auto equals = assignment.find('=');
@@ -45,6 +50,7 @@ void apply_override(YAML::Node root, const std::string& assignment) {
 fs::path absolute(const fs::path& folder, Mapping& mapping, YAML::Node node, const std::string& key) {
   const fs::path path = (folder / mapping.text(key)).lexically_normal();
   node[key] = fs::absolute(path).string();
+  if (std::error_code error; !fs::exists(path, error)) mapping.fail(key, fmt::format("'{}' cannot be read: it does not exist", path.string()));
   return path;
 }
 
@@ -76,6 +82,7 @@ DcPositionOptions dc_options(Mapping& in, const SetPoints* recording) {
   if (recording)
     for (const auto& [name, value] : recording->numbers)
       if (name == "kp") kp = value;
+  if (!(kp >= 0 && kp <= 1e9)) in.fail("kp", fmt::format("is {} in the recording but must be within 0 .. 1e9", kp));
   o.kp = in.number_or("kp", kp, {0, 1e9});
   o.error_gain = in.number("error_gain", {0, 1e9});
   o.supply_V = in.number("supply_V", {0, 1e6});
@@ -158,6 +165,7 @@ Motion motion_of(Mapping in, Scenario& s, const fs::path& folder, YAML::Node nod
       motion.pass_through(time, start, velocity);
     }
     if (s.duration_s == 0) s.duration_s = points->time_s.back() - points->time_s[0];
+    if (s.duration_s == 0) in.fail("file", "is a recording of a single instant, which lasts no time; give duration_s");
     s.recording = std::move(*points);
     return motion;
   }
@@ -175,7 +183,7 @@ Motion motion_of(Mapping in, Scenario& s, const fs::path& folder, YAML::Node nod
     if (points.size() < 2) in.fail("waypoints", "needs at least two poses, each a mapping with position_rad");
     std::vector<std::vector<double>> poses;
     for (Mapping point : points) {
-      poses.push_back(per_drive(point, "position_rad", model, poses.empty() ? s.start_rad : poses.back()));
+      poses.push_back(per_drive(point, "position_rad", model, poses.empty() ? s.start_rad : poses.back(), positions));
       point.done();
     }
     s.start_rad = poses.front();
@@ -213,7 +221,7 @@ Event event_of(Mapping in, const mujoco::Model& model, double duration_s) {
   if (type == "payload") {
     Payload p{.mass_kg = in.number("mass_kg", {0, 1e6})};
     if (in.has("com_m")) {
-      const auto com = in.numbers("com_m");
+      const auto com = in.numbers("com_m", {-1e3, 1e3});
       if (com.size() != 3) in.fail("com_m", "must be three numbers [x, y, z]");
       std::ranges::copy(com, p.com_m.begin());
     }
@@ -283,17 +291,17 @@ Scenario load_scenario(const fs::path& file, const std::vector<std::string>& ove
   Mapping in(file.string(), "", root);
   in.accept({"name", "description", "seed", "timestep_s", "integrator", "solver", "model", "duration_s", "telemetry_rate_hz", "keyframe",
              "start_rad", "ambient_degC", "temperature_degC", "motion", "control", "actuators", "multirate", "events", "baseline", "vary"});
-  s.name = in.text_or("name", file.stem().string());
+  s.name = in.file_name_or("name", file.stem().string());
   root["name"] = s.name;
   s.description = in.text_or("description", "");
   s.seed = in.whole_or("seed", 1, {0, 9007199254740992.0});
   mujoco::Options options;
-  if (in.has("timestep_s")) options.timestep_s = in.number("timestep_s", {1e-6, 1});
+  if (in.has("timestep_s")) options.timestep_s = in.number("timestep_s", {mujoco::shortest_timestep_s, mujoco::longest_timestep_s});
   if (in.has("integrator")) options.integrator = in.text("integrator");
   if (in.has("solver")) options.solver = in.text("solver");
   s.model = checked(mujoco::load_file(absolute(folder, in, root, "model"), options));
   if (s.model->drives().empty()) in.fail("model", "has no tribotwin.drive");
-  s.duration_s = in.number_or("duration_s", 0, {1e-6, 1e9});
+  s.duration_s = in.number_or("duration_s", 0, {mujoco::shortest_timestep_s, longest_s});
   s.telemetry_rate_hz = in.number_or("telemetry_rate_hz", 100, {1e-6, 1e6});
 
   const auto& model = *s.model;
@@ -305,7 +313,7 @@ Scenario load_scenario(const fs::path& file, const std::vector<std::string>& ove
     if (id < 0) in.fail("keyframe", fmt::format("the model has no keyframe '{}'", key));
     for (std::size_t j = 0; j < n; ++j) s.start_rad[j] = model->key_qpos[id * model->nq + position_address(model.get(), model.drives()[j])];
   }
-  s.start_rad = per_drive(in, "start_rad", model, s.start_rad);
+  s.start_rad = per_drive(in, "start_rad", model, s.start_rad, positions);
 
   if (in.has("ambient_degC")) s.ambient_degC = in.number("ambient_degC", {-100, 300});
   s.temperature_degC.resize(n);
@@ -322,6 +330,9 @@ Scenario load_scenario(const fs::path& file, const std::vector<std::string>& ove
                                                              joint_name(model.get(), drive), least, most, low, high));
   }
   if (s.duration_s == 0) in.fail("duration_s", "is missing");
+  if (!(s.duration_s >= model->opt.timestep && s.duration_s <= longest_s))
+    in.fail("duration_s", fmt::format("is {:g} s but must be within a time step, {:g} s, and {:g} s", s.duration_s, model->opt.timestep, longest_s));
+  if (s.motion && s.motion->period_s() > longest_s) in.fail("motion", fmt::format("takes {:.3g} s a cycle, at most {:g} s are possible; move faster or less far", s.motion->period_s(), longest_s));
   if (s.recording && !s.recording->temperature_degC.empty() && std::isfinite(s.recording->temperature_degC[0]))
     s.temperature_degC[0] = s.recording->temperature_degC[0];
   s.temperature_degC = per_drive(in, "temperature_degC", model, s.temperature_degC, {-100, 300});
@@ -339,7 +350,7 @@ Scenario load_scenario(const fs::path& file, const std::vector<std::string>& ove
     } else if (type == "dc_position") {
       s.control = dc_options(*control, s.recording ? &*s.recording : nullptr);
     } else {
-      s.control = per_drive(*control, "torque_nm", model, std::vector<double>(n, 0.0));
+      s.control = per_drive(*control, "torque_nm", model, std::vector<double>(n, 0.0), {-1e9, 1e9});
     }
     control->done();
     if (type != "torque" && !s.motion) in.fail("motion", "is missing: what should the joints do?");
@@ -357,7 +368,9 @@ Scenario load_scenario(const fs::path& file, const std::vector<std::string>& ove
         actuators->fail(name, names.empty() ? "is no actuator of the model beside its drives; it has none" : fmt::format("is no actuator of the model beside its drives; did you mean '{}'?", friction::nearest(name, accepted)));
       auto wave = actuators->mapping(name);
       if (!wave) actuators->fail(name, "must be a mapping: offset, amplitude, frequency_hz, phase_rad");
-      s.waves.push_back({.control = controls[static_cast<std::size_t>(found - names.begin())], .offset = wave->number_or("offset", 0), .amplitude = wave->number_or("amplitude", 0), .frequency_hz = wave->number_or("frequency_hz", 0, {0, 1e6}), .phase_rad = wave->number_or("phase_rad", 0)});
+      s.waves.push_back({.control = controls[static_cast<std::size_t>(found - names.begin())], .offset = wave->number_or("offset", 0, {-1e9, 1e9}), .amplitude = wave->number_or("amplitude", 0, {-1e9, 1e9}), .frequency_hz = wave->number_or("frequency_hz", 0, {0, 1e6}), .phase_rad = wave->number_or("phase_rad", 0, {-1e6, 1e6})});
+      if (const double steps = 1 / (s.waves.back().frequency_hz * model->opt.timestep); std::isfinite(steps) && steps > most_cycle_steps)
+        wave->fail("frequency_hz", fmt::format("is {} but must be 0 or at least {:.2g}: a period may have {:g} time steps", s.waves.back().frequency_hz, 1 / (most_cycle_steps * model->opt.timestep), most_cycle_steps));
       wave->done();
     }
   }

@@ -8,6 +8,7 @@
 #include <nlohmann/json.hpp>
 
 #include <tribotwin/twin/output/file.hpp>
+#include <tribotwin/twin/output/name.hpp>
 #include <tribotwin/twin/scenario/input.hpp>
 #include <tribotwin/twin/study/power.hpp>
 #include <tribotwin/twin/table/table.hpp>
@@ -132,13 +133,14 @@ Study load_study(const fs::path& file, const YAML::Node& tree) {
   if (!diagnosis) in.fail("diagnosis", "is missing: {learn: [SERIES, ...], check: [{series, state}, ...]}");
   const auto seed = in.whole_or("seed", 1, {0, 9007199254740992.0});
   for (const auto& name : joints->names()) {
+    if (const auto why = unfit_file_name(name)) joints->fail(name, *why);   // its folder has this name
     YAML::Node root = YAML::Clone(tree);
     root.remove("joints");
     root.remove("diagnosis");
     root["joint"] = name;
     root["seed"] = seed + study.joints.size();   // each joint has errors of its own
-    if (const auto own = joints->raw(name); own.IsMap())
-      for (const auto& entry : own) root[entry.first.Scalar()] = YAML::Clone(entry.second);
+    auto own = joints->mapping(name);
+    for (const auto& key : own->names()) root[key] = YAML::Clone(own->raw(key));
     study.joints.push_back({name, campaign_of(file, root)});
   }
   if (study.joints.empty()) in.fail("joints", "is empty: a mapping from joints to keys of the campaign that they have of their own");
@@ -148,9 +150,8 @@ Study load_study(const fs::path& file, const YAML::Node& tree) {
       if (std::ranges::none_of(joint.campaign.curves, [&](const Curve& c) { return c.series == series; })) diagnosis->fail(key, fmt::format("'{}' is no series of this campaign", series));
     return series;
   };
-  const YAML::Node learn = diagnosis->raw("learn");
-  if (!learn || !learn.IsSequence()) diagnosis->fail("learn", "must be a list of series");
-  for (const auto& series : learn) study.learn.push_back(series_of("learn", series.Scalar()));
+  for (const auto& series : diagnosis->texts("learn")) study.learn.push_back(series_of("learn", series));
+  if (study.learn.empty()) diagnosis->fail("learn", "must be a list of series");
   for (Mapping one : diagnosis->mappings("check")) {
     one.accept({"series", "state"});
     study.check.push_back({series_of("check", one.text("series")), one.text("state")});

@@ -13,6 +13,27 @@
 
 namespace tribotwin::twin {
 
+namespace {
+
+/// The first whose ending a name has. Wide: what is merely unlikely (degrees, kelvins) is told by those who know the joint.
+constexpr struct {
+  std::string_view ending;
+  Quantity quantity;
+} quantities[] = {{"_degC", {" degC", -273.15, 1000}}, {"_rad_s", {" rad/s", -1e6, 1e6}}, {"_m_s", {" m/s", -1e4, 1e4}}, {"_s", {" s", -1e10, 1e10}},
+                  {"_nm", {" Nm", -1e7, 1e7}},         {"_n", {" N", -1e7, 1e7}},         {"_rad", {" rad", -1e6, 1e6}}, {"_m", {" m", -1e6, 1e6}},
+                  {"_norm", {"", -1e6, 1e6}},          {"", {"", -1e12, 1e12}}};
+constexpr Quantity power{" W", -1e7, 1e7};
+constexpr double shortest_step_s = 1e-9;
+
+}  // namespace
+
+const Quantity& quantity_of(std::string_view column) {
+  if (column.starts_with("power_w")) return power;
+  return std::ranges::find_if(quantities, [&](const auto& q) { return column.ends_with(q.ending); })->quantity;
+}
+
+std::string Quantity::requirement() const { return fmt::format("must be within {:g} .. {:g}{}", minimum, maximum, unit); }
+
 bool Table::has(std::string_view name) const { return std::ranges::find(names, name) != names.end(); }
 
 std::string Table::where(std::size_t row) const { return fmt::format("{}:{}: ", file.string(), lines[row]); }
@@ -28,6 +49,7 @@ tl::expected<std::vector<double>, std::string> Table::numbers(std::string_view n
     const auto [end, error] = std::from_chars(cell.data(), cell.data() + cell.size(), x);
     if (error != std::errc{} || end != cell.data() + cell.size() || !std::isfinite(x))
       return tl::unexpected(fmt::format("{}column '{}' is '{}', not a finite number", where(row), name, cell));
+    if (!quantity_of(name).contains(x)) return tl::unexpected(fmt::format("{}column '{}' is {} but {}", where(row), name, cell, quantity_of(name).requirement()));
     values.push_back(x);
   }
   return values;
@@ -53,7 +75,9 @@ std::string_view trimmed(std::string_view cell) {
 tl::expected<Numbers, std::string> read_numbers(const std::filesystem::path& file, const std::vector<std::string>& wanted) {
   auto stream = opened(file);
   if (!stream) return tl::unexpected(stream.error());
-  Numbers numbers{.file = file, .names = {}, .columns = std::vector<std::vector<double>>(wanted.size())};
+  Numbers numbers{.file = file, .names = {}, .columns = std::vector<std::vector<double>>(wanted.size()), .lines = {}};
+  std::vector<Quantity> quantity;
+  for (const auto& name : wanted) quantity.push_back(quantity_of(name));
   std::string line;
   if (!std::getline(*stream, line)) return tl::unexpected(fmt::format("{}: is empty; its first line should name the columns", file.string()));
   constexpr std::size_t none = static_cast<std::size_t>(-1);
@@ -82,6 +106,8 @@ tl::expected<Numbers, std::string> read_numbers(const std::filesystem::path& fil
         const auto [end, error] = std::from_chars(cell.data(), cell.data() + cell.size(), x);
         if (!cell.empty() && (error != std::errc{} || end != cell.data() + cell.size()))
           return tl::unexpected(fmt::format("{}:{}: column '{}' is '{}', not a number", file.string(), number, numbers.names[column], cell));
+        if (std::isfinite(x) && !quantity[wanted_at[column]].contains(x))
+          return tl::unexpected(fmt::format("{}:{}: column '{}' is {} but {}", file.string(), number, numbers.names[column], cell, quantity[wanted_at[column]].requirement()));
         row[wanted_at[column]] = x;
         finite &= std::isfinite(x);
       }
@@ -93,10 +119,18 @@ tl::expected<Numbers, std::string> read_numbers(const std::filesystem::path& fil
       if (numbers.left_out++ == 0) numbers.first_left_out = number;
       continue;
     }
+    numbers.lines.push_back(number);
     for (const std::size_t k : wanted_at)
       if (k != none) numbers.columns[k].push_back(row[k]);
   }
   return numbers;
+}
+
+std::optional<std::string> not_increasing(const Numbers& numbers, const std::vector<double>& time_s) {
+  for (std::size_t i = 1; i < time_s.size(); ++i)
+    if (!(time_s[i] - time_s[i - 1] >= shortest_step_s))
+      return fmt::format("{}:{}: time_s {} does not come after {}; it must increase from row to row, recordings made one by one are files of their own", numbers.file.string(), numbers.lines[i], time_s[i], time_s[i - 1]);
+  return std::nullopt;
 }
 
 tl::expected<Table, std::string> read_table(const std::filesystem::path& file) {

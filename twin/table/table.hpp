@@ -1,6 +1,7 @@
 #pragma once
 
 #include <filesystem>
+#include <optional>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -8,6 +9,18 @@
 #include <tl/expected.hpp>
 
 namespace tribotwin::twin {
+
+/// What a number can be. Beyond that it is no measurement of a joint, whatever else the column may hold.
+struct Quantity {
+  std::string_view unit;
+  double minimum, maximum;
+
+  bool contains(double value) const { return value >= minimum && value <= maximum; }
+  /// "must be within MINIMUM .. MAXIMUM UNIT"
+  std::string requirement() const;
+};
+/// From the unit in a column's name: "time_s", "torque_joint2_nm", "power_w_joint2".
+const Quantity& quantity_of(std::string_view column);
 
 /// A CSV file whose first line names its columns. Cells are separated by commas and not quoted.
 struct Table {
@@ -17,7 +30,7 @@ struct Table {
   std::vector<std::size_t> lines;               ///< of the file, from 1, per row
 
   bool has(std::string_view name) const;
-  /// A column of finite numbers. Fails with file, line, column and the cell that is none, or with the columns there are.
+  /// A column of numbers that its quantity can have. Fails with file, line, column and the cell that is none, or with the columns there are.
   tl::expected<std::vector<double>, std::string> numbers(std::string_view name) const;
   /// "FILE:LINE: " of a row
   std::string where(std::size_t row) const;
@@ -31,11 +44,16 @@ struct Numbers {
   std::filesystem::path file;
   std::vector<std::string> names;                ///< all columns of the header
   std::vector<std::vector<double>> columns;      ///< of the wanted names, in their order; empty where the file has none
+  std::vector<std::size_t> lines;                ///< of the file, from 1, per row
   std::size_t left_out = 0;                      ///< rows in which a wanted cell is empty, NaN or infinite
   std::size_t first_left_out = 0;                ///< its line, from 1
 };
 
-/// Reads the columns `wanted` of a CSV file in one pass. Fails with file and line, where a cell is no number at all too.
+/// Reads the columns `wanted` of a CSV file in one pass. Fails with file and line, also where a cell is no number at all or one
+/// that its quantity cannot have.
 tl::expected<Numbers, std::string> read_numbers(const std::filesystem::path& file, const std::vector<std::string>& wanted);
+
+/// The first row of `time_s` that does not come after the row before, by a nanosecond at least, with file and line.
+std::optional<std::string> not_increasing(const Numbers& numbers, const std::vector<double>& time_s);
 
 }  // namespace tribotwin::twin

@@ -1,6 +1,7 @@
 #include <tribotwin/twin/telemetry/reader.hpp>
 
 #include <algorithm>
+#include <cmath>
 #include <cstdint>
 #include <tuple>
 
@@ -173,10 +174,24 @@ Status probe(const fs::path& path) {
 
 }  // namespace hdf5
 
+namespace {
+
+/// All who read a record divide by its steps.
+hdf5::Status increasing(const std::filesystem::path& path, const std::vector<double>& time_s, const char* name) {
+  constexpr double shortest_step_s = 1e-9, largest_s = 1e10;
+  for (std::size_t i = 0; i < time_s.size(); ++i)
+    if (!(std::abs(time_s[i]) <= largest_s && (i == 0 || time_s[i] - time_s[i - 1] >= shortest_step_s)))
+      return tl::unexpected(fmt::format("{}: {} is {} at sample {}{}; it must increase from sample to sample, within {:g} .. {:g} s", path.string(), name, time_s[i], i,
+                                        i ? fmt::format(", after {}", time_s[i - 1]) : "", -largest_s, largest_s));
+  return {};
+}
+
+}  // namespace
+
 tl::expected<Recording, std::string> read_telemetry(const std::filesystem::path& path) {
   using namespace hdf5;
   if (auto ok = probe(path); !ok) return tl::unexpected(ok.error());
-  return guarded(path, no_record, [&] {
+  auto recording = guarded(path, no_record, [&]() -> Recording {
     const Hdf5 hdf5;
     Reader r = open_record(path);
     const auto load = [&](const Columns& columns, std::vector<double>& time_s, auto& values) {
@@ -195,6 +210,10 @@ tl::expected<Recording, std::string> read_telemetry(const std::filesystem::path&
     load(r.cycles, r.head.cycle_time_s, r.head.cycle_values);
     return std::move(r.head);
   });
+  if (!recording) return recording;
+  for (const auto& [name, time_s] : {std::pair{"time_s", &recording->time_s}, {"cycle_time_s", &recording->cycle_time_s}})
+    if (auto ok = increasing(path, *time_s, name); !ok) return tl::unexpected(ok.error());
+  return recording;
 }
 
 }  // namespace tribotwin::twin

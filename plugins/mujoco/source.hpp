@@ -1,0 +1,65 @@
+#pragma once
+
+#include <cstddef>
+#include <filesystem>
+#include <functional>
+#include <memory>
+#include <string>
+#include <string_view>
+#include <unordered_map>
+#include <vector>
+
+#include <pugixml.hpp>
+#include <tl/expected.hpp>
+
+/// The text of a model: its files as the user wrote them, so that every message can say file and line.
+namespace tribotwin::mujoco {
+
+/// One file of a model, its includes not yet merged: line numbers are those the user sees.
+struct Source {
+  std::string name;   // for messages
+  std::string text;
+  std::unique_ptr<pugi::xml_document> document = std::make_unique<pugi::xml_document>();
+
+  std::ptrdiff_t line(std::ptrdiff_t offset) const;
+};
+
+/// FILE:LINE: <ELEMENT name="...">
+std::string at(const Source& source, pugi::xml_node element);
+
+tl::expected<std::string, std::string> read_text(const std::filesystem::path& file);
+
+/// The files of a model, main file first. Fails on what is no XML, nested too deep, or a number that no engine checks.
+tl::expected<std::vector<Source>, std::string> read_sources(std::string name, std::string text, const std::filesystem::path& folder);
+
+/// Fails on elements, attributes and text in <extension> that nobody reads: engine 2.2.2 sees none of them.
+tl::expected<void, std::string> check_extensions(const std::vector<Source>& sources);
+
+/// Where the elements of a text that the engine reads come from.
+class Origins {
+ public:
+  /// Of a text that is the user's own.
+  explicit Origins(const std::vector<Source>& sources);
+  /// `copy` of an element, its children included, was made from `original` of `source`.
+  void add_copy(const Source& source, pugi::xml_node original, pugi::xml_node copy);
+  /// From now on lines are those of `text`, which `document` was saved as.
+  void saved_as(const std::string& text, const pugi::xml_document& document);
+  /// A message of the engine on one line, with the user's file and line in place of the engine's; else with `name`.
+  std::string located(std::string message, const std::string& name) const;
+
+ private:
+  struct Place {
+    const Source* source;
+    std::ptrdiff_t offset;
+  };
+  struct Line {
+    std::ptrdiff_t number;
+    std::string element;
+    Place place;
+  };
+  const Source* main_;
+  std::unordered_map<std::size_t, Place> copies_;   ///< by hash of the node
+  std::vector<Line> lines_;
+};
+
+}  // namespace tribotwin::mujoco
