@@ -8,7 +8,9 @@
 #include <gmock/gmock.h>
 
 #include <tribotwin/twin/identification/basis.hpp>
+#include <tribotwin/twin/identification/least_squares.hpp>
 #include <tribotwin/twin/identification/separable.hpp>
+#include <tribotwin/twin/identification/solver_guard.hpp>
 
 namespace tribotwin::twin::identification {
 namespace {
@@ -376,6 +378,25 @@ TEST(Degenerate, SteadyStateKeepsItsConstraint) {
   const auto f = fit(*friction::find_law("steady_state"), s);
   ASSERT_TRUE(f) << f.error();
   EXPECT_GE(f->parameters[1].value, f->parameters[0].value);
+}
+
+TEST(Degenerate, AFailedCheckOfTheSolverEndsTheProgramWithALine) {
+  const auto fail = [] {
+    exit_on_solver_failure("program");
+    ceres::Problem().AddParameterBlock(nullptr, 2);
+  };
+  EXPECT_EXIT(fail(), testing::ExitedWithCode(1), "^program: the solver met numbers that it cannot work with[^\n]*\n$");
+}
+TEST(Degenerate, TheSolverIsNotBegunWhereItWouldAbort) {
+  const Eigen::VectorXd none, one = Eigen::VectorXd::Ones(1), bad = one * std::nan("");
+  for (const Eigen::VectorXd& start : {none, bad}) {
+    Eigen::VectorXd x = start;
+    const auto residual = by_differences<ceres::CENTRAL>([](const Eigen::VectorXd& at) { return at; }, 1, 1);
+    EXPECT_EQ(least_squares(*residual, x, one * 0, one * 2, {}), std::numeric_limits<double>::infinity());
+  }
+  Eigen::VectorXd x = one;
+  const auto never = by_differences<ceres::CENTRAL>([](const Eigen::VectorXd& at) { return Eigen::VectorXd(at * std::nan("")); }, 1, 1);
+  EXPECT_EQ(least_squares(*never, x, one * 0, one * 2, {}), std::numeric_limits<double>::infinity());
 }
 
 }  // namespace

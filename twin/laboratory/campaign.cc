@@ -385,7 +385,7 @@ Campaign campaign_of(const fs::path& file, YAML::Node root) {
   drive::Configuration keys;
   if (auto drive = in.mapping("drive"))
     for (const auto& key : drive->names()) keys.emplace_back(key, drive->text(key));
-  const fs::path model = (fs::absolute(file).parent_path() / in.text("model")).lexically_normal();
+  const fs::path model = in.file("model", fs::absolute(file).parent_path());
   root["model"] = model.string();
   const std::string joint = in.text("joint");
   const auto plain = mujoco::load_file(model);

@@ -247,7 +247,7 @@ Campaign read_campaign(const fs::path& file, std::optional<std::uint64_t> seed) 
     if (variant.label.find_first_not_of("ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789_-") != std::string::npos)
       v.fail("label", fmt::format("is '{}' but must consist of letters, digits, '_' and '-': files are named after it", variant.label));
     if (std::ranges::any_of(c.plan.variants, [&](const Variant& other) { return other.label == variant.label; })) v.fail("label", fmt::format("'{}' is the label of another variant", variant.label));
-    variant.model = (folder / v.text("model")).lexically_normal();
+    variant.model = v.file("model", folder);
     std::vector<std::string_view> laws;
     for (const auto& law : friction::laws()) laws.push_back(law.name);
     variant.law = friction::find_law(v.choice("law", laws));

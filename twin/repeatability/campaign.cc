@@ -35,7 +35,7 @@ Campaign load_campaign(const std::filesystem::path& file, YAML::Node root) {
   root["name"] = c.name;
   c.description = in.text_or("description", "");
   c.seed = in.whole_or("seed", 1, {0, 9007199254740992.0});
-  const auto path = (std::filesystem::absolute(file).parent_path() / in.text("model")).lexically_normal();
+  const auto path = in.file("model", std::filesystem::absolute(file).parent_path());
   root["model"] = path.string();
   const auto model = mujoco::load_file(path);
   if (!model) throw InputError(model.error());

@@ -128,6 +128,13 @@ std::string Mapping::file_name_or(const std::string& key, std::string fallback) 
   if (const auto why = unfit_file_name(name)) fail(key, *why);
   return name;
 }
+std::filesystem::path Mapping::file(const std::string& key, const std::filesystem::path& folder) {
+  const std::filesystem::path path = (folder / text(key)).lexically_normal();
+  std::error_code error;
+  if (std::filesystem::is_directory(path, error)) fail(key, fmt::format("'{}' is a folder, not a file", path.string()));
+  if (!std::filesystem::exists(path, error)) fail(key, fmt::format("'{}' cannot be read: it does not exist", path.string()));
+  return path;
+}
 std::optional<Mapping> Mapping::mapping(const std::string& key) {
   const YAML::Node node = take(key);
   if (!node) return std::nullopt;

@@ -57,6 +57,8 @@ class Mapping {
   std::vector<std::string> texts(const std::string& key);
   /// Text that may become the name of a file or folder (unfit_file_name).
   std::string file_name_or(const std::string& key, std::string fallback);
+  /// A file that exists; relative names are those of `folder`.
+  std::filesystem::path file(const std::string& key, const std::filesystem::path& folder);
   std::optional<Mapping> mapping(const std::string& key);
   std::vector<Mapping> mappings(const std::string& key);
   /// The keys of a mapping whose keys are names of something (joints, parameters).

@@ -48,9 +48,8 @@ void apply_override(YAML::Node root, const std::string& assignment) {
 
 /// A path of the scenario made absolute, relative to the scenario's folder; the tree gets the absolute form.
 fs::path absolute(const fs::path& folder, Mapping& mapping, YAML::Node node, const std::string& key) {
-  const fs::path path = (folder / mapping.text(key)).lexically_normal();
+  const fs::path path = mapping.file(key, folder);
   node[key] = fs::absolute(path).string();
-  if (std::error_code error; !fs::exists(path, error)) mapping.fail(key, fmt::format("'{}' cannot be read: it does not exist", path.string()));
   return path;
 }
 
@@ -150,7 +149,7 @@ Motion motion_of(Mapping in, Scenario& s, const fs::path& folder, YAML::Node nod
     }
     std::vector<double> start = s.start_rad;
     for (std::size_t k = 0; k < drives.size(); ++k)
-      start[drives[k]] = points->measured_rad.empty() ? points->position_rad[k][0] : points->measured_rad[0];
+      start[drives[k]] = points->measured_rad.empty() || !std::isfinite(points->measured_rad[0]) ? points->position_rad[k][0] : points->measured_rad[0];
     s.start_rad = start;
     Motion motion(start);
     std::vector<double> velocity(n, 0.0);
@@ -389,7 +388,8 @@ Scenario load_scenario(const fs::path& file, const std::vector<std::string>& ove
     s.baseline_control = dc_options(*baseline, s.recording ? &*s.recording : nullptr);
     s.baseline_delay_s = baseline->number_or("delay_s", 0, {0, 10});
     baseline->done();
-    if (!s.recording || s.recording->measured_rad.empty()) in.fail("baseline", "needs a recording with measured positions");
+    if (!s.recording || s.recording->measured_rad.empty() || !std::ranges::all_of(s.recording->measured_rad, [](double q) { return std::isfinite(q); }))
+      in.fail("baseline", "needs a recording with measured positions in all entries");
     if ((*s.baseline)->nu != 1 || (*s.baseline)->nq != 1) in.fail("baseline", "its model must have one joint and one motor");
   }
   in.done();

@@ -152,6 +152,9 @@ Study load_study(const fs::path& file, const YAML::Node& tree) {
   };
   for (const auto& series : diagnosis->texts("learn")) study.learn.push_back(series_of("learn", series));
   if (study.learn.empty()) diagnosis->fail("learn", "must be a list of series");
+  for (const Joint& joint : study.joints)
+    if (const auto learned = std::ranges::count_if(joint.campaign.curves, [&](const Curve& c) { return std::ranges::count(study.learn, c.series) > 0; }); learned < static_cast<std::ptrdiff_t>(twin::diagnosis::observations_least))
+      diagnosis->fail("learn", fmt::format("has {} curves of {}, but a healthy state needs {} or more", learned, joint.name, twin::diagnosis::observations_least));
   for (Mapping one : diagnosis->mappings("check")) {
     one.accept({"series", "state"});
     study.check.push_back({series_of("check", one.text("series")), one.text("state")});
