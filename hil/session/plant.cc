@@ -60,22 +60,31 @@ tl::expected<void, std::string> Plant::step(std::span<const std::unique_ptr<BusD
   const std::int64_t k = twin_.steps();
   if (auto ok = twin_.step(); !ok) return ok;
   if (recorder_)
-    if (auto ok = recorder_->sample(twin_, k); !ok) return ok;
+    if (auto ok = recorder_->sample(twin_, k); !ok) {
+      record_failure_ = ok.error();
+      recorder_.reset();
+    }
   for (std::size_t i = 0; i < drives.size(); ++i) drives[i]->feedback(feedback(i), dt);
   return {};
 }
 
-tl::expected<void, std::string> Plant::advance(std::span<const std::unique_ptr<BusDrive>> drives, std::int64_t us) {
+tl::expected<void, std::string> Plant::advance(std::span<const std::unique_ptr<BusDrive>> drives, std::int64_t us, const std::function<bool()>& stop) {
   const auto step_us = static_cast<std::int64_t>(std::llround(1e6 * twin_.model()->opt.timestep));
+  constexpr int ask_stop_steps = 256;   // usual cycles are done whole, so that a replay of the session ends where it did
   left_us_ += us;
-  for (; left_us_ >= step_us; left_us_ -= step_us)
+  for (int k = 1; left_us_ >= step_us; left_us_ -= step_us, ++k) {
     if (auto ok = step(drives); !ok) return ok;
+    if (k % ask_stop_steps == 0 && stop && stop()) break;
+  }
   return {};
 }
 
-tl::expected<void, std::string> Plant::finish(double wall_s) {
+tl::expected<void, std::string> Plant::finish(double wall_s, bool whole) {
+  if (!record_failure_.empty()) return tl::unexpected(record_failure_);
   if (!recorder_) return {};
-  return recorder_->finish(twin::summarize(twin_, scenario_, wall_s));
+  const auto recorder = std::move(recorder_);
+  if (!whole) return {};
+  return recorder->finish(twin::summarize(twin_, scenario_, wall_s));
 }
 
 }  // namespace tribotwin::hil
