@@ -26,6 +26,7 @@ class Listener {
   /// Whether the frame held a position of this drive.
   virtual bool hear(const Frame& frame) = 0;
   std::optional<double> position_rad, torque_nm;   // arm side
+  bool torque_heard = false;                       // since somebody set it to false
 };
 
 /// Follows the master's SDO writes too, so that it knows a mapping that was changed while it listened.
@@ -48,7 +49,7 @@ class CanopenListener final : public Listener {
         if (const Object* o = d.find(static_cast<std::uint16_t>(entry >> 16), static_cast<std::uint8_t>(entry >> 8))) {
           const auto value = static_cast<double>(decode(o->type, frame.bytes().subspan(at, size))) * o->scale;
           if (o->index == 0x6064) position_rad = value / gear_, position = true;
-          if (o->index == 0x6077) torque_nm = value * gear_;
+          if (o->index == 0x6077) torque_nm = value * gear_, torque_heard = true;
         }
         at += size;
       }
@@ -70,6 +71,7 @@ class MirrorListener final : public Listener {
     if (!status) return false;
     position_rad = status->position_rad;
     torque_nm = status->torque_norm * torque_max_nm_;
+    torque_heard = true;
     return true;
   }
 
@@ -223,7 +225,9 @@ class Shadow {
   struct Series {
     std::vector<double> measured, predicted;
     double beyond_s = 0;
+    double unheard_s = 0;   // since the last torque
   };
+  static constexpr double stale_s = 0.5;   // a TPDO may come with every 240th SYNC only
 
   bool stopped() const { return o_.stop && o_.stop(); }
   bool over(const Frame& frame) {
@@ -253,7 +257,7 @@ class Shadow {
     if (std::ranges::any_of(listeners_, [](const auto& l) { return !l->position_rad; })) return;
     ++positions_;
     std::vector<double> position, torque;
-    for (const auto& l : listeners_) position.push_back(*l->position_rad), torque.push_back(l->torque_nm.value_or(std::nan("")));
+    for (std::size_t i = 0; i < listeners_.size(); ++i) position.push_back(*listeners_[i]->position_rad), torque.push_back(measured_nm(i));
     torques_.push_back(std::move(torque));
     if (!expectation_.take(position)) return;
     while (torques_.size() > Expectation::half + 1) torques_.pop_front();
@@ -261,6 +265,18 @@ class Shadow {
     row_ = fmt::format("{:.6f}", result_.seconds);
     for (std::size_t i = 0; i < listeners_.size(); ++i) judge(i, torques_.front()[i]);
     write_row();
+  }
+
+  /// NaN while none is heard: the last one of a drive that fell silent is not compared for ever.
+  double measured_nm(std::size_t i) {
+    Listener& l = *listeners_[i];
+    Series& s = series_[i];
+    if (!l.torque_nm) return std::nan("");
+    const double before_s = s.unheard_s;
+    s.unheard_s = std::exchange(l.torque_heard, false) ? 0 : s.unheard_s + cycle_s_;
+    if (s.unheard_s <= stale_s) return *l.torque_nm;
+    if (before_s <= stale_s) note(fmt::format("{}: no torque for {} s, at {:.3f} s; not compared until it is back", result_.joints[i].name, stale_s, result_.seconds));
+    return std::nan("");
   }
 
   void judge(std::size_t i, double seen) {
