@@ -1,12 +1,12 @@
 // tribotwin-hil: drives on a CAN bus. stdout carries results only; everything else goes to stderr.
 #include <cmath>
-#include <csignal>
-#include <cstdio>
 #include <deque>
+#include <sstream>
 
 #include <CLI/CLI.hpp>
 #include <fmt/format.h>
 #include <fmt/ranges.h>
+#include <poll.h>
 #include <unistd.h>
 
 #include <tribotwin/hil/can/clock.hpp>
@@ -16,7 +16,8 @@
 #include <tribotwin/hil/session/files.hpp>
 #include <tribotwin/hil/session/session.hpp>
 #include <tribotwin/hil/session/shadow.hpp>
-#include <tribotwin/twin/output/file.hpp>
+#include <tribotwin/twin/output/destination.hpp>
+#include <tribotwin/twin/output/interrupt.hpp>
 #include <tribotwin/twin/output/output.hpp>
 #include <tribotwin/twin/scenario/input.hpp>
 
@@ -27,21 +28,12 @@ namespace fs = std::filesystem;
 using twin::complain, twin::done, twin::failed, twin::wrong_input, twin::InputError;
 
 constexpr const char* program = "tribotwin-hil";
-volatile std::sig_atomic_t interrupted = 0;
+bool stop() { return twin::interrupted(); }
 
-bool stop() { return interrupted != 0; }
-
-/// From here on SIGINT, SIGTERM and SIGHUP end the session in order; a second one ends the program. Before, while input is read
-/// and nothing is written, they end it at once, also where it waits for a pipe.
-void end_in_order() {
-  struct sigaction action{};
-  action.sa_handler = [](int) { interrupted = 1; };
-  action.sa_flags = static_cast<int>(SA_RESETHAND);   // and no SA_RESTART: a signal ends every wait
-  for (const int signal : {SIGINT, SIGTERM, SIGHUP}) {
-    struct sigaction before{};
-    sigaction(signal, nullptr, &before);
-    if (signal != SIGHUP || before.sa_handler != SIG_IGN) sigaction(signal, &action, nullptr);   // nohup stays nohup
-  }
+/// For a session: lost where nobody takes it now, because a bus does not wait for a terminal that is held or a reader that stopped.
+void tell(const std::string& text) {
+  pollfd reader{STDERR_FILENO, POLLOUT, 0};
+  if (::poll(&reader, 1, 0) > 0) twin::report_text(text);
 }
 
 struct Common {
@@ -93,15 +85,6 @@ hil::Budget Common::budget(const twin::Scenario& scenario, double bit_rate) cons
   return hil::budget(Drives(scenario, *this).all(), 1e-3 * cycle_ms, bit_rate);
 }
 
-int print(std::string_view text, const std::string& file) {
-  if (file.empty()) {
-    std::fwrite(text.data(), 1, text.size(), stdout);
-    return std::fflush(stdout) == 0 ? done : complain(program, failed, "stdout cannot be written");
-  }
-  const auto written = twin::write_file(file, text, twin::Existing::replace);
-  return written ? done : complain(program, failed, written.error());
-}
-
 void status_line(const hil::SessionStatus& s) {
   std::string drives;
   double hottest = -1e9;
@@ -110,13 +93,23 @@ void status_line(const hil::SessionStatus& s) {
     drives += drive.enabled() ? 'E' : drive.failed() ? 'F' : drive.brake_engaged() ? '-' : '+';
     hottest = std::max(hottest, s.bench->plant().twin().temperature_degC(i));
   }
-  fmt::print(stderr, "\r\033[K{:.1f} s, {} syncs, bus {:.0f} %, drives {} (E enabled, F fault), hottest {:.1f} degC, lost {}, {}", s.simulated_s, s.bench->counters().syncs, 100 * s.bus_load, drives,
-             hottest, s.bus->counters().receive_lost + s.bus->counters().send_busy + s.bus->counters().send_down, s.bus->state());
-  std::fflush(stderr);
+  tell(fmt::format("\r\033[K{:.1f} s, {} syncs, bus {:.0f} %, drives {} (E enabled, F fault), hottest {:.1f} degC, lost {}, {}", s.simulated_s, s.bench->counters().syncs, 100 * s.bus_load, drives,
+             hottest, s.bus->counters().receive_lost + s.bus->counters().send_busy + s.bus->counters().send_down, s.bus->state()));
 }
 
 /// --force of the commands that write.
 void add_force(CLI::App& command, bool& force) { command.add_flag("--force", force, "Replace files that exist"); }
+
+/// What is wrong before the work is wrong input.
+void require(const tl::expected<void, std::string>& status) {
+  if (!status) throw InputError(status.error());
+}
+
+/// Whether a command may write these files, before its work.
+void check_outputs(const std::vector<hil::NamedFile>& inputs, const std::vector<hil::NamedFile>& outputs, bool force) {
+  hil::refuse_shared(inputs, outputs);
+  if (!force) hil::refuse_recorded(outputs);
+}
 
 struct DriveArguments : Common {
   std::string can, record, stats, output, faults;
@@ -144,8 +137,10 @@ struct DriveArguments : Common {
     auto outputs = hil::files_in(output);
     outputs.push_back({"--record " + record, record});
     outputs.push_back({"--stats " + stats, stats});
-    hil::refuse_shared(inputs, outputs);
-    if (!force) hil::refuse_recorded(outputs);
+    check_outputs(inputs, outputs, force);
+    for (const auto& file : {record, stats})
+      if (!file.empty()) require(twin::check_output(file, twin::Existing::replace));
+    if (!stats.empty()) require(twin::check_output(stats, twin::replace_if(force)));
   }
 };
 
@@ -155,21 +150,21 @@ int run_drives(const DriveArguments& a) {
   a.check_files(scenario);
   const hil::Budget budget = a.budget(scenario, 1e6);
   if (budget.most > 1) throw InputError(fmt::format("--cycle {}: {}; choose a longer cycle or fewer drives on one bus", a.cycle_ms, budget.line()));
-  if (budget.most > 0.8) fmt::print(stderr, "note: {}\n", budget.line());
+  if (budget.most > 0.8) twin::note("{}", budget.line());
   std::vector<hil::Fault> faults;
   if (!a.faults.empty()) faults = hil::load_faults(a.faults, a.first_node, drives);
-  end_in_order();
+  twin::catch_interrupts();
   auto bus = hil::open_bus(a.can);
   if (!bus) throw InputError(bus.error().message);
   const bool live = !a.quiet && isatty(STDERR_FILENO);
   if (!a.quiet)
-    fmt::print(stderr, "{} drives, nodes {} to {}, on {}; {}\n", drives, a.first_node, a.first_node + drives - 1, (*bus)->name(),
-               a.realtime ? "the robot moves with the clock" : "every SYNC moves the robot on by one cycle");
+    tell(fmt::format("{} drives, nodes {} to {}, on {}; {}\n", drives, a.first_node, a.first_node + drives - 1, (*bus)->name(),
+                     a.realtime ? "the robot moves with the clock" : "every SYNC moves the robot on by one cycle"));
   const auto ended = hil::drive(scenario, **bus,
                                 {.profile = a.speaks(), .first_node = a.first_node, .cycle_us = a.cycle_us(), .realtime = a.realtime, .duration_s = a.duration, .record = a.record, .statistics = a.stats, .output = a.output,
-                                 .replace = a.force, .faults = faults, .stop = stop, .status = live ? status_line : std::function<void(const hil::SessionStatus&)>{},
-                                 .note = [&](const std::string& what) { fmt::print(stderr, "{}note: {}\n", live ? "\r\033[K" : "", what); }});
-  if (live) fmt::print(stderr, "\n");
+                                 .existing = twin::replace_if(a.force), .faults = faults, .stop = stop, .status = live ? status_line : std::function<void(const hil::SessionStatus&)>{},
+                                 .note = [&](const std::string& what) { tell(fmt::format("{}note: {}\n", live ? "\r\033[K" : "", what)); }});
+  if (live) tell("\n");
   return ended ? done : complain(program, failed, ended.error());
 }
 
@@ -195,12 +190,11 @@ int replay(const ReplayArguments& a) {
   if (!fs::exists(a.log)) throw InputError(fmt::format("{}: does not exist", a.log));
   auto inputs = hil::files_of(scenario);
   inputs.push_back({"LOG " + a.log, a.log});
-  hil::refuse_shared(inputs, hil::files_in(a.output));
-  if (!a.force) hil::refuse_recorded(hil::files_in(a.output));
-  end_in_order();
-  const auto result = hil::replay(scenario, a.log, {.profile = a.speaks(), .first_node = a.first_node, .cycle_us = a.cycle_us(), .rate = a.fast ? 0 : a.rate, .output = a.output, .stop = stop});
+  check_outputs(inputs, hil::files_in(a.output), a.force);
+  twin::catch_interrupts();
+  const auto result = hil::replay(scenario, a.log, {.profile = a.speaks(), .first_node = a.first_node, .cycle_us = a.cycle_us(), .rate = a.fast ? 0 : a.rate, .output = a.output, .existing = twin::replace_if(a.force), .stop = stop});
   if (!result) return complain(program, failed, result.error());
-  fmt::print("{} frames, {} from the drives: {} differ, {} missing, {} added\n", result->frames, result->compared, result->differing, result->missing, result->added);
+  twin::print("{} frames, {} from the drives: {} differ, {} missing, {} added\n", result->frames, result->compared, result->differing, result->missing, result->added);
   if (result->interrupted) return complain(program, failed, fmt::format("interrupted after {} frames; {}", result->frames, result->first_difference.empty() ? "no difference so far" : result->first_difference));
   if (result->frames == 0) return complain(program, wrong_input, fmt::format("{}: holds no frame; nothing was compared", a.log));
   if (!result->silent.empty())
@@ -264,10 +258,9 @@ int run_shadow(const ShadowArguments& a) {
   const twin::Scenario scenario = a.load();
   auto inputs = hil::files_of(scenario);
   inputs.push_back({"--can " + a.can, a.log()});
-  const std::vector<hil::NamedFile> outputs{{"--csv " + a.csv, a.csv}};
-  hil::refuse_shared(inputs, outputs);
-  if (!a.force) hil::refuse_recorded(outputs);
-  end_in_order();
+  check_outputs(inputs, {{"--csv " + a.csv, a.csv}}, a.force);
+  if (!a.csv.empty()) require(twin::check_output(a.csv, twin::Existing::replace));
+  twin::catch_interrupts();
   hil::NextFrame next;
   std::unique_ptr<hil::Transport> bus;
   std::optional<hil::LogReader> log;
@@ -284,9 +277,9 @@ int run_shadow(const ShadowArguments& a) {
   }
   const auto result = hil::shadow(scenario, next,
                                   {.profile = a.speaks(), .first_node = a.first_node, .cycle_us = a.cycle_us(), .limit_nm = a.limit, .limit_time_s = a.limit_time, .limit_joints = a.joints,
-                                   .duration_s = a.duration, .csv = a.csv, .replace = a.force, .stop = stop, .endless = !log && !a.duration, .note = [&](const std::string& what) { fmt::print(stderr, "{}\n", what); }});
+                                   .duration_s = a.duration, .csv = a.csv, .existing = twin::replace_if(a.force), .stop = stop, .endless = !log && !a.duration, .note = [&](const std::string& what) { tell(what + "\n"); }});
   if (!result) return complain(program, failed, result.error());
-  fmt::print("{}", result->table());
+  twin::print_text(result->table());
   return judge(a, *result);
 }
 
@@ -304,27 +297,21 @@ struct BudgetArguments : Common {
 int run_budget(const BudgetArguments& a) {
   const twin::Scenario scenario = a.load();
   const hil::Budget budget = a.budget(scenario, a.bit_rate);
-  fmt::print("{}\n", budget.line());
+  twin::print("{}\n", budget.line());
   if (budget.most > 1) return complain(program, wrong_input, "more than the bus can carry; choose a longer cycle or fewer drives on one bus");
-  if (budget.most > 0.8) fmt::print(stderr, "note: more than 80 % at worst; other traffic will not fit\n");
+  if (budget.most > 0.8) twin::note("more than 80 % at worst; other traffic will not fit");
   return done;
 }
 
 /// eds and dbc: what the drives say about themselves.
 struct DescriptionArguments : Common {
-  std::string file;
+  twin::Destination destination;
   int node = 0;
-  bool force = false;
 
-  void add_output(CLI::App& command) {
-    command.add_option("-o,--output", file, "File to write (default: stdout)");
-    add_force(command, force);
-  }
   int write(const twin::Scenario& scenario, std::string_view text) const {
-    const std::vector<hil::NamedFile> outputs{{"-o " + file, file}};
-    hil::refuse_shared(hil::files_of(scenario), outputs);
-    if (!force) hil::refuse_recorded(outputs);
-    return print(text, file);
+    hil::refuse_shared(hil::files_of(scenario), {{"-o " + destination.file, destination.file}});
+    require(destination.check({}));
+    return destination.deliver(program, text);
   }
 };
 
@@ -349,13 +336,13 @@ void add_descriptions(CLI::App& app, DescriptionArguments& a, int& code) {
   auto* eds = app.add_subcommand("eds", "The electronic data sheet of a drive");
   a.add_to(*eds);
   eds->add_option("--node", a.node, "Of this node (default: the first)");
-  a.add_output(*eds);
+  a.destination.add_to(*eds, "File to write (default: stdout)");
   eds->footer("Example:\n  tribotwin-hil eds twin/scenarios/irb6620_hold.yaml -o drive.eds");
   eds->callback([&] { code = write_eds(a); });
   auto* dbc = app.add_subcommand("dbc", "All cyclic frames of all drives as a DBC");
   a.add_to(*dbc);
   a.add_profile(*dbc);
-  a.add_output(*dbc);
+  a.destination.add_to(*dbc, "File to write (default: stdout)");
   dbc->footer("Example:\n  tribotwin-hil dbc twin/scenarios/irb6620_hold.yaml -o drives.dbc");
   dbc->callback([&] { code = write_dbc(a); });
 }
@@ -371,9 +358,8 @@ void add_command(CLI::App& app, const char* name, const char* description, Argum
 }  // namespace
 
 int main(int argc, char** argv) {
+  twin::prepare_streams();
   mujoco::install_message_handlers();
-  std::signal(SIGXFSZ, SIG_IGN);
-  std::signal(SIGPIPE, SIG_IGN);
 
   CLI::App app{"tribotwin-hil: the joints of a robot as drives on a CAN bus"};
   app.require_subcommand(1);
@@ -391,12 +377,15 @@ int main(int argc, char** argv) {
   add_descriptions(app, description, code);
   try {
     app.parse(argc, argv);
-    return code;
   } catch (const CLI::ParseError& error) {
-    return app.exit(error) == 0 ? done : wrong_input;
+    std::ostringstream out, why;
+    code = app.exit(error, out, why) == 0 ? done : wrong_input;
+    twin::print_text(out.str());
+    twin::report_text(why.str());
   } catch (const InputError& error) {
-    return complain(program, wrong_input, error.what());
+    code = complain(program, wrong_input, error.what());
   } catch (const std::exception& error) {
-    return complain(program, failed, error.what());
+    code = complain(program, failed, error.what());
   }
+  return twin::finish(program, code);
 }

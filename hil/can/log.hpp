@@ -53,7 +53,6 @@ class LogWriter {
   tl::expected<void, std::string> write(const Frame& frame);
   tl::expected<void, std::string> flush() { return out_.flush(); }
   tl::expected<void, std::string> finish() { return out_.finish(); }
-  void discard() { out_.discard(); }
 
  private:
   LogWriter(std::filesystem::path file, std::string bus, RecordFile out) : file_(std::move(file)), bus_(std::move(bus)), out_(std::move(out)) {}

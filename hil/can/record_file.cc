@@ -43,6 +43,12 @@ tl::expected<RecordFile, std::string> RecordFile::create(const std::filesystem::
   RecordFile record(file, std::move(options), std::move(fd), created);
   struct stat found{};
   if (::fstat(record.fd_.get(), &found) != 0) return tl::unexpected(not_written(file, reason(errno)));
+  // /dev/stdout opened anew would begin at the start of a redirected file, under what is printed later.
+  for (const int stream : {STDOUT_FILENO, STDERR_FILENO})
+    if (struct stat standard{}; ::fstat(stream, &standard) == 0 && standard.st_dev == found.st_dev && standard.st_ino == found.st_ino) {
+      record.fd_ = Descriptor(::fcntl(stream, F_DUPFD_CLOEXEC, 0));
+      return record;
+    }
   record.regular_ = S_ISREG(found.st_mode);
   if (!record.regular_) return record;
   // Whoever comes second is refused, even if both found no file, an empty one, or may replace it.
@@ -54,7 +60,9 @@ tl::expected<RecordFile, std::string> RecordFile::create(const std::filesystem::
 }
 
 RecordFile::~RecordFile() {
-  if (fd_.get() >= 0) (void)flush();
+  if (fd_.get() < 0) return;
+  (void)flush();
+  if (created_ && !written_) ::unlink(file_.c_str());
 }
 
 Status RecordFile::fail(int error) {
@@ -108,11 +116,6 @@ Status RecordFile::finish() {
   if (fd_.close()) return {};
   error_ = not_written(file_, reason(errno));
   return tl::unexpected(error_);
-}
-
-void RecordFile::discard() {
-  waiting_.clear();
-  if (created_ && !written_) ::unlink(file_.c_str());
 }
 
 }  // namespace tribotwin::hil

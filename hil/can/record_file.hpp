@@ -26,7 +26,7 @@ class RecordFile {
   static tl::expected<RecordFile, std::string> create(const std::filesystem::path& file, RecordOptions options = {});
   RecordFile(RecordFile&&) noexcept = default;
   RecordFile& operator=(RecordFile&&) noexcept = default;
-  ~RecordFile();   ///< flushes
+  ~RecordFile();   ///< without finish(): flushes; a new file without a line is removed
 
   /// Whole lines. They reach the file 0.25 s later at most, if lines go on coming. After a failure (full disk) every further
   /// call fails alike; the message names the file.
@@ -34,8 +34,6 @@ class RecordFile {
   tl::expected<void, std::string> flush();
   /// Flushes, waits until the disk has it, closes.
   tl::expected<void, std::string> finish();
-  /// Of a file that nothing was written to: leaves everything as it was.
-  void discard();
 
  private:
   RecordFile(std::filesystem::path file, RecordOptions options, Descriptor fd, bool created);

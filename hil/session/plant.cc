@@ -2,6 +2,9 @@
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
+
+#include <fmt/format.h>
 
 namespace tribotwin::hil {
 
@@ -21,8 +24,8 @@ std::vector<DriveParameters> drive_parameters(const twin::Scenario& scenario, in
   return all;
 }
 
-tl::expected<void, std::string> Plant::record(const std::filesystem::path& directory) {
-  auto recorder = twin::Recorder::create(directory, scenario_, false);
+tl::expected<void, std::string> Plant::record(const std::filesystem::path& directory, twin::Existing existing) {
+  auto recorder = twin::Recorder::create(directory, scenario_, false, existing);
   if (!recorder) return tl::unexpected(recorder.error());
   recorder_ = std::move(*recorder);
   return {};
@@ -79,12 +82,13 @@ tl::expected<void, std::string> Plant::advance(std::span<const std::unique_ptr<B
   return {};
 }
 
-tl::expected<void, std::string> Plant::finish(double wall_s, bool whole) {
+tl::expected<void, std::string> Plant::finish(double wall_s, bool interrupted) {
   if (!record_failure_.empty()) return tl::unexpected(record_failure_);
   if (!recorder_) return {};
-  const auto recorder = std::move(recorder_);
-  if (!whole) return {};
-  return recorder->finish(twin::summarize(twin_, scenario_, wall_s));
+  twin::Summary summary = twin::summarize(twin_, scenario_, wall_s);
+  summary.interrupted = interrupted;
+  if (interrupted && !recorder_->replaced().empty()) summary.warnings.push_back(fmt::format("the session that this one was to replace is kept in {}", recorder_->replaced().string()));
+  return std::exchange(recorder_, nullptr)->finish(summary);
 }
 
 }  // namespace tribotwin::hil

@@ -89,14 +89,11 @@ class Session {
 
   Status open() {
     if (!o_.record.empty()) {
-      auto writer = LogWriter::create(o_.record, "can0", {.replace = o_.replace});
+      auto writer = LogWriter::create(o_.record, "can0", {.replace = o_.existing == twin::Existing::replace});
       if (!writer) return tl::unexpected(writer.error());
       log_.emplace(std::move(*writer));
     }
-    if (o_.output.empty()) return {};
-    auto ok = bench_.plant().record(o_.output);
-    if (!ok && log_) log_->discard();
-    return ok;
+    return o_.output.empty() ? Status{} : bench_.plant().record(o_.output, o_.existing);
   }
 
   void record(Frame frame) {
@@ -185,8 +182,9 @@ class Session {
     else if (ran && !over()) note(fmt::format("interrupted at {:.3f} s", time_s()));
     problems.insert(problems.end(), lost_.begin(), lost_.end());
     if (log_) check(log_->finish());
-    if (auto ok = bench_.plant().finish(wall_s(), ran && !cut_short); !telemetry_lost_) check(ok);
-    if (!o_.statistics.empty()) check(twin::write_file(o_.statistics, statistics(), twin::replace_if(o_.replace)));
+    if (ran)
+      if (auto ok = bench_.plant().finish(wall_s(), cut_short); !telemetry_lost_) check(ok);
+    if (!o_.statistics.empty()) check(twin::write_file(o_.statistics, statistics(), o_.existing));
     if (problems.empty()) return {};
     return tl::unexpected(fmt::format("{}", fmt::join(problems, "; ")));
   }
@@ -240,13 +238,13 @@ class Replay {
     Frame frame;
     auto more = log->next(frame);
     if (more && *more && !o_.output.empty())   // an empty log leaves no record
-      if (auto ok = bench_.plant().record(o_.output); !ok) return tl::unexpected(ok.error());
+      if (auto ok = bench_.plant().record(o_.output, o_.existing); !ok) return tl::unexpected(ok.error());
     for (; more && *more && !stopped(); more = log->next(frame))
       if (auto ok = take(frame, log->line()); !ok) return tl::unexpected(ok.error());
     if (!more) return tl::unexpected(more.error());
     result_.interrupted = stopped();
     if (!result_.interrupted) judge_the_end();
-    if (auto ok = bench_.plant().finish(1e-9 * static_cast<double>(clock_ns() - began_ns_), !result_.interrupted); !ok) return tl::unexpected(ok.error());
+    if (auto ok = bench_.plant().finish(1e-9 * static_cast<double>(clock_ns() - began_ns_), result_.interrupted); !ok) return tl::unexpected(ok.error());
     return result_;
   }
 

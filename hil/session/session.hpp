@@ -8,6 +8,7 @@
 #include <tribotwin/hil/can/transport.hpp>
 #include <tribotwin/hil/session/bench.hpp>
 #include <tribotwin/hil/session/faults.hpp>
+#include <tribotwin/twin/output/file.hpp>
 
 namespace tribotwin::hil {
 
@@ -27,7 +28,7 @@ struct DriveOptions {
   std::filesystem::path record;           ///< a candump log of everything on the bus
   std::filesystem::path statistics;       ///< JSON
   std::filesystem::path output;           ///< folder for telemetry
-  bool replace = false;                   ///< record and statistics may take the place of older ones
+  twin::Existing existing = twin::Existing::refuse;   ///< what happens to older records and statistics
   std::vector<Fault> faults;              ///< on purpose, by simulated time
   std::function<bool()> stop;             ///< asked often: end now?
   std::function<void(const SessionStatus&)> status;   ///< a few times a second
@@ -54,6 +55,7 @@ struct ReplayOptions {
   std::uint32_t cycle_us = 2000;
   double rate = 0;                        ///< of the original speed; 0: as fast as possible
   std::filesystem::path output;
+  twin::Existing existing = twin::Existing::refuse;   ///< what happens to an older record in it
   std::function<bool()> stop;
 };
 /// A recorded session through the same code: what the drives answered then is compared with what they answer now.

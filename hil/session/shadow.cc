@@ -305,7 +305,7 @@ class Shadow {
 
   tl::expected<void, std::string> open_csv() {
     if (o_.csv.empty()) return {};
-    auto csv = RecordFile::create(o_.csv, {.replace = o_.replace, .give_up = o_.stop});
+    auto csv = RecordFile::create(o_.csv, {.replace = o_.existing == twin::Existing::replace, .give_up = o_.stop});
     if (!csv) return tl::unexpected(csv.error());
     csv_.emplace(std::move(*csv));
     return {};
@@ -324,7 +324,7 @@ class Shadow {
   void close_csv() {
     if (!csv_) return;
     if (headed_) keep_csv(csv_->finish());
-    else csv_->discard();
+    csv_.reset();   // without a row: no file
   }
   /// A full disk must not end the watch over a robot.
   void keep_csv(const tl::expected<void, std::string>& written) {

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include <tribotwin/hil/session/bench.hpp>
+#include <tribotwin/twin/output/file.hpp>
 
 /// Beside a real robot: listens to its positions and torques, and says what torque and temperature it should have.
 namespace tribotwin::hil {
@@ -20,7 +21,7 @@ struct ShadowOptions {
   std::vector<std::string> limit_joints;   ///< that the limit holds for; all if empty
   std::optional<double> duration_s;        ///< of time on the bus
   std::filesystem::path csv;               ///< every cycle: time_s, then measured, predicted, residual, temperature per joint
-  bool replace = false;                    ///< the CSV may take the place of an older one
+  twin::Existing existing = twin::Existing::refuse;   ///< what happens to an older CSV
   std::function<bool()> stop;
   bool endless = false;                    ///< a live bus without duration_s: `stop` is the usual end
   std::function<void(const std::string&)> note;

@@ -1,8 +1,9 @@
 """Nothing recorded is lost, and exit 0 means done: what tribotwin-hil refuses to overwrite, what it says where nothing was
 compared, how it ends on a signal, on a full disk and without a reader of what it says. Arguments: tribotwin-hil, source tree."""
-import atexit, hashlib, json, os, re, resource, shutil, signal, subprocess, sys, time
+import atexit, hashlib, json, os, pty, re, resource, shutil, signal, subprocess, sys, time
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
+import h5py
 from harness import check, connect, finish, hold_scenario, work
 from master import Master
 
@@ -51,7 +52,7 @@ def ends(name, p, code, says="", out="", number=signal.SIGTERM):
         p.communicate()
         check(name, False, "does not end")
         return
-    check(name, p.returncode == code and says in stderr and out in stdout, (p.returncode, stdout, stderr))
+    check(name, p.returncode == code and says in (stderr or "") and out in stdout, (p.returncode, stdout, stderr))
     print("        %.2f s after the signal" % (time.monotonic() - since))
 
 
@@ -66,8 +67,17 @@ def size(path):
     return os.path.getsize(path) if os.path.exists(path) else 0
 
 
+def simulated_s(statistics):
+    return json.load(open(statistics))["simulated_s"] if os.path.exists(statistics) else 0
+
+
+def is_complete(folder):
+    with h5py.File(folder + "/telemetry.h5") as f:   # fails unless it was closed
+        return bool(f["complete"][()])
+
+
 def record_a_session():
-    """session.log and live/: 400 cycles of which the last 390 have torques; the first are those of the default mapping."""
+    """session.log and live/: 900 cycles of which the last 890 have torques; the first are those of the default mapping."""
     p = begin("drive", scenario, "--can", address, "--record", "session.log", "--stats", "stats.json", "-o", "live")
     time.sleep(1)
     master = Master(connect(address, "socketcand", "can0"), nodes)
@@ -76,10 +86,10 @@ def record_a_session():
     for n in nodes:
         for index, sub, kind, value in ((0x1A03, 0, "B", 0), (0x1A03, 1, "I", 0x60770010), (0x1A03, 0, "B", 1), (0x1803, 2, "B", 1), (0x1803, 1, "I", 0x480 + n)):
             master.write(n, index, sub, kind, value)
-    for _ in range(390):
+    for _ in range(890):
         master.cycle()
     master.bus.shutdown()
-    ends("an open session ends by a signal: done", p, 0, says="interrupted at 0.8")
+    ends("an open session ends by a signal: done", p, 0, says="interrupted at 1.8")
 
 
 def logs_of_the_session():
@@ -95,6 +105,8 @@ def logs_of_the_session():
         f.writelines(l for i, l in enumerate(lines) if i not in (len(lines) - 40, len(lines) - 80))
     with open("three.log", "w") as f:
         f.writelines(l for l in lines if of(l) & 0x7F not in (4, 5, 6) or of(l) < 0x81)
+    with open("silent.log", "w") as f:   # joint3's torque ends
+        f.writelines(l for i, l in enumerate(lines) if of(l) != 0x483 or i < len(lines) // 2)
     with open("short.log", "w") as f:
         f.writelines(lines[:lines.index([l for l in lines if " 080#" in l][8])])
     open("empty.log", "w").close()
@@ -109,8 +121,8 @@ answers("replay into the folder of a live session", 2, "replay", scenario, "sess
 answers("drive onto a record", 2, *realtime, "--duration", "0.1", "--record", "session.log", says=["session.log", "holds a session already", "--force"])
 answers("drive onto statistics", 2, *realtime, "--duration", "0.1", "--stats", "stats.json", says=["stats.json", "already", "--force"])
 answers("shadow onto a CSV", 2, "shadow", scenario, "--can", "log:session.log", "--csv", "stats.json", says=["stats.json", "already", "--force"])
-answers("eds onto a file", 2, "eds", scenario, "-o", "stats.json", says=["stats.json", "already", "--force"])
-answers("dbc onto a file", 2, "dbc", scenario, "-o", "stats.json", says=["stats.json", "already", "--force"])
+answers("eds onto a file", 2, "eds", scenario, "-o", "stats.json", says=["stats.json: exists", "--force"])
+answers("dbc onto a file", 2, "dbc", scenario, "-o", "stats.json", says=["stats.json: exists", "--force"])
 check("all stays as it was", contents("live", "session.log", "stats.json") == before)
 shutil.copytree("live", "again")
 shutil.copy("session.log", "again.log")
@@ -179,6 +191,9 @@ answers("a joint that there is not", 2, "shadow", scenario, "--can", "log:some.l
 answers("a limit that is kept", 0, "shadow", scenario, "--can", "log:session.log", "--limit", "1e6")
 answers("a limit over less than its time", 2, "shadow", scenario, "--can", "log:session.log", "--limit", "1e6", "--limit-time", "5", says=["joint1", "5 s of --limit-time"])
 answers("a shadow without torques predicts, and says that it compares nothing", 0, "shadow", scenario, "--can", "log:default.log", says=["no torque was heard of joint1", "nothing was compared"], out="joint1              0              -")
+r = answers("a torque that is heard no more", 0, "shadow", scenario, "--can", "log:silent.log", "--limit", "1e6", says=["joint3: no torque for 0.5 s"])
+samples = [int(line.split()[1]) for line in r.stdout.splitlines()[2:]]
+check("is compared no more", samples[2] < samples[1] - 100 and samples[1] == samples[3], samples)
 answers("too few cycles for a prediction", 2, "shadow", scenario, "--can", "log:short.log", "--csv", "short.csv", says=["prediction takes 11"])
 check("and no CSV without rows", not os.path.exists("short.csv"))
 answers("replay: all the same", 0, "replay", scenario, "session.log", "--fast", out=" 0 differ, 0 missing, 0 added")
@@ -206,10 +221,13 @@ with open("fifo", "w") as f:
 rows = open("part.csv").read()
 check("its CSV has whole lines", rows.endswith("\n") and len({line.count(",") for line in rows.splitlines()}) == 1 and rows.count("\n") > 300, rows[-200:])
 answers("shadow of /dev/zero", 1, "shadow", scenario, "--can", "log:/dev/zero", says=["/dev/zero:1: longer than"])
-p = begin("replay", scenario, "session.log", "--rate", "0.001", "-o", "slow")
-check("a slow replay runs", until(lambda: size("slow/telemetry.h5") > 0))
+shutil.copytree("live", "slow")
+p = begin("replay", scenario, "session.log", "--rate", "0.001", "-o", "slow", "--force")
+check("a slow replay runs", until(lambda: os.path.exists("slow/replaced") and size("slow/telemetry.h5") > 0))
 ends("a replay that sleeps", p, 1, says="interrupted after")
-check("its record is no whole one", not os.path.exists("slow/summary.json"))
+check("its telemetry is closed, not complete", not is_complete("slow"))
+check("what it was to replace is kept", is_complete("slow/replaced") and "slow/replaced" in json.load(open("slow/summary.json"))["warnings"][-1], contents("slow"))
+check("its record is no whole one", json.load(open("slow/summary.json"))["interrupted"])
 p = begin("drive", scenario, "--can", "memory:x", "--quiet", "--stats", "quiet.json")
 time.sleep(1)
 ends("drives that hear nothing", p, 0, says="interrupted at 0.000 s")
@@ -217,7 +235,7 @@ check("their statistics are written", json.load(open("quiet.json"))["frames_in"]
 p = begin(*realtime, "--quiet", "--duration", "60", "--record", "cut_short.log", "--stats", "cut_short.json", "-o", "cut_short")
 check("a long session runs", until(lambda: size("cut_short.log") > 0))
 ends("drives with a duration that is cut short", p, 1, says="of 60 s", number=signal.SIGINT)
-check("what they wrote is closed", open("cut_short.log").read().endswith("\n") and json.load(open("cut_short.json"))["simulated_s"] > 0 and os.path.exists("cut_short/telemetry.h5") and not os.path.exists("cut_short/summary.json"))
+check("what they wrote is closed", open("cut_short.log").read().endswith("\n") and simulated_s("cut_short.json") > 0 and json.load(open("cut_short/summary.json"))["interrupted"] and not is_complete("cut_short"))
 p = begin("shadow", scenario, "--can", "memory:x", "--duration", "60")
 time.sleep(1)
 ends("a shadow with a duration that is cut short", p, 1, says="of 60 s")
@@ -242,6 +260,54 @@ p = begin("drive", "own.yaml", *realtime[2:], "--quiet")
 time.sleep(1)
 ends("drives that cannot keep up with the clock", p, 0, says="interrupted at 0.")
 
+# 6. Nobody listens to what is said, or nobody can: the drives go on, and exit codes are what they are.
+p = begin(*realtime, "--stats", "unheard.json")
+time.sleep(1)
+p.stderr.close()
+p.stderr = None
+time.sleep(0.5)
+check("drives whose stderr nobody reads any more go on", p.poll() is None, p.returncode)
+ends("and end in order", p, 0)
+check("with their statistics", simulated_s("unheard.json") > 1)
+reading, writing = os.pipe()
+os.set_blocking(writing, False)
+try:
+    while True:
+        os.write(writing, bytes(4096))
+except BlockingIOError:
+    os.set_blocking(writing, True)
+p = subprocess.Popen([hil, *realtime, "--duration", "0.5"], stderr=writing)
+atexit.register(p.kill)
+check("drives do not wait for a reader that stopped", until(lambda: p.poll() is not None) and p.returncode == 0, p.returncode)
+near, far = pty.openpty()
+p = subprocess.Popen([hil, *realtime, "--stats", "terminal.json"], stderr=far, stdout=subprocess.DEVNULL)
+atexit.register(p.kill)
+os.close(far)
+check("drives show their state on a terminal", any(b"hottest" in os.read(near, 1000) for _ in range(5)))
+os.close(near)
+time.sleep(1)
+check("drives whose terminal is gone go on", p.poll() is None, p.returncode)
+p.terminate()
+check("and end in order", p.wait(5) == 0 and simulated_s("terminal.json") > 0.9, p.returncode)
+full = open("/dev/full", "w")
+for name, more in (("closed", {"preexec_fn": lambda: os.close(2)}), ("full", {"stderr": full})):
+    quiet = lambda *a: subprocess.run([hil, *a], stdout=subprocess.PIPE, timeout=60, **more).returncode
+    check(f"stderr {name}: a session", quiet(*realtime, "--duration", "0.1") == 0)
+    check(f"stderr {name}: wrong input", quiet("replay", scenario, "nowhere.log") == 2)
+    check(f"stderr {name}: wrong usage", quiet("drive", scenario) == 2)
+    check(f"stderr {name}: a failed comparison", quiet("replay", scenario, "cut.log", "--fast") == 1)
+for name, more in (("closed", {"preexec_fn": lambda: os.close(1)}), ("full", {"stdout": full})):
+    for arguments in (("--help",), ("--version",), ("budget", scenario), ("eds", scenario), ("dbc", scenario), ("replay", scenario, "session.log", "--fast"), ("shadow", scenario, "--can", "log:session.log")):
+        r = subprocess.run([hil, *arguments], stderr=subprocess.PIPE, text=True, timeout=60, **more)
+        check(f"stdout {name}: {arguments[0]} did not deliver", r.returncode == 1 and "stdout" in r.stderr.splitlines()[-1], (r.returncode, r.stderr))
+subprocess.run([hil, "shadow", scenario, "--can", "log:session.log", "--csv", "closed.csv"], stderr=subprocess.DEVNULL, timeout=60, preexec_fn=lambda: os.close(1))
+check("a CSV does not get what a closed stdout should", size("closed.csv") > 1000 and "samples" not in open("closed.csv").read())
+
+with open("both.txt", "w") as f:
+    subprocess.run([hil, "shadow", scenario, "--can", "log:session.log", "--csv", "/dev/stdout"], stdout=f, timeout=60)
+both = open("both.txt").read()
+check("a CSV on stdout comes before the table", both.startswith("time_s,") and "\n1.0" in both and "samples" in both.splitlines()[-7], both[:100] + both[-600:])
+
 # 7. A full disk ends the record, not the drives.
 limit = lambda bytes: lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (bytes, bytes))
 for name, where, bytes, why, more in (("the record", "/dev/full", None, "No space left on device", ("--record", "/dev/full")), ("a limited record", "full.log", 60_000, "File too large", ("--record", "full.log")),
@@ -249,8 +315,9 @@ for name, where, bytes, why, more in (("the record", "/dev/full", None, "No spac
     r = run(*realtime, "--quiet", "--duration", "2", "--stats", "full.json", *more, preexec_fn=bytes and limit(bytes))
     lines = r.stderr.splitlines()
     check(name + " on a full disk: one note, and exit 1 at the end", r.returncode == 1 and len(lines) == 2 and all(where in l and why in l for l in lines) and "go on" in lines[0], (r.returncode, r.stderr))
-    check("the drives went on", json.load(open("full.json"))["simulated_s"] >= 2, r.stderr)
-    os.remove("full.json")
+    check("the drives went on", simulated_s("full.json") >= 2, r.stderr)
+    if os.path.exists("full.json"):
+        os.remove("full.json")
 check("a record on a full disk has whole lines", 50_000 < size("full.log") <= 60_000 and open("full.log").read().endswith("\n"), size("full.log"))
 check("no summary without telemetry", not os.path.exists("full/summary.json"))
 r = run("shadow", scenario, "--can", "log:session.log", "--csv", "full.csv", preexec_fn=limit(20_000))
