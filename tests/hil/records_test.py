@@ -10,7 +10,7 @@ from master import Master
 hil, source = sys.argv[1:3]
 scenario = hold_scenario(source)
 nodes = range(1, 7)
-address = "socketcand://127.0.0.1:29611/can0"
+address = "socketcand://127.0.0.1:29612/can0"
 realtime = ("drive", scenario, "--can", "memory:x", "--realtime", "--profile", "mirror", "--cycle", "4")
 os.chdir(work)
 
@@ -259,6 +259,10 @@ check("its SYNC was recorded", " 080#" in open("long.log").read())
 p = begin("drive", "own.yaml", *realtime[2:], "--quiet")
 time.sleep(1)
 ends("drives that cannot keep up with the clock", p, 0, says="interrupted at 0.")
+
+with open("scene.xml", "w") as f:
+    f.write(fine.replace('timestep="0.000001"', 'timestep="0.0000001"'))
+answers("a step that no bus can count", 2, "drive", "own.yaml", *realtime[2:], says=["own.yaml", "timestep is 1e-07 s", "at least 1e-6"])
 
 # 6. Nobody listens to what is said, or nobody can: the drives go on, and exit codes are what they are.
 p = begin(*realtime, "--stats", "unheard.json")
