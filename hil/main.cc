@@ -1,20 +1,23 @@
 // tribotwin-hil: drives on a CAN bus. stdout carries results only; everything else goes to stderr.
 #include <cmath>
-#include <csignal>
-#include <cstdio>
 #include <deque>
+#include <sstream>
 
 #include <CLI/CLI.hpp>
 #include <fmt/format.h>
+#include <fmt/ranges.h>
+#include <poll.h>
 #include <unistd.h>
 
 #include <tribotwin/hil/can/clock.hpp>
 #include <tribotwin/hil/can/log.hpp>
 #include <tribotwin/hil/canopen/budget.hpp>
 #include <tribotwin/hil/mirror/mirror.hpp>
+#include <tribotwin/hil/session/files.hpp>
 #include <tribotwin/hil/session/session.hpp>
 #include <tribotwin/hil/session/shadow.hpp>
-#include <tribotwin/twin/output/file.hpp>
+#include <tribotwin/twin/output/destination.hpp>
+#include <tribotwin/twin/output/interrupt.hpp>
 #include <tribotwin/twin/output/output.hpp>
 #include <tribotwin/twin/scenario/input.hpp>
 
@@ -25,7 +28,13 @@ namespace fs = std::filesystem;
 using twin::complain, twin::done, twin::failed, twin::wrong_input, twin::InputError;
 
 constexpr const char* program = "tribotwin-hil";
-volatile std::sig_atomic_t interrupted = 0;
+bool stop() { return twin::interrupted(); }
+
+/// For a session: lost where nobody takes it now, because a bus does not wait for a terminal that is held or a reader that stopped.
+void tell(const std::string& text) {
+  pollfd reader{STDERR_FILENO, POLLOUT, 0};
+  if (::poll(&reader, 1, 0) > 0) twin::report_text(text);
+}
 
 struct Common {
   std::string scenario;
@@ -49,6 +58,7 @@ struct Common {
     twin::Scenario s = twin::load_scenario(scenario, settings);
     if (first_node + s.model->drives().size() - 1 > 127)
       throw InputError(fmt::format("--first-node {}: {} drives need node numbers up to {}; at most 127", first_node, s.model->drives().size(), first_node + s.model->drives().size() - 1));
+    if (const double step_s = s.model->get()->opt.timestep; !(step_s >= 1e-6)) throw InputError(fmt::format("{}: the model's timestep is {} s; a bus needs at least 1e-6", scenario, step_s));
     return s;
   }
   hil::Budget budget(const twin::Scenario& scenario, double bit_rate) const;
@@ -75,15 +85,6 @@ hil::Budget Common::budget(const twin::Scenario& scenario, double bit_rate) cons
   return hil::budget(Drives(scenario, *this).all(), 1e-3 * cycle_ms, bit_rate);
 }
 
-int print(std::string_view text, const std::string& file) {
-  if (file.empty()) {
-    std::fwrite(text.data(), 1, text.size(), stdout);
-    return std::fflush(stdout) == 0 ? done : complain(program, failed, "stdout cannot be written");
-  }
-  const auto written = twin::write_file(file, text, twin::Existing::replace);
-  return written ? done : complain(program, failed, written.error());
-}
-
 void status_line(const hil::SessionStatus& s) {
   std::string drives;
   double hottest = -1e9;
@@ -92,59 +93,112 @@ void status_line(const hil::SessionStatus& s) {
     drives += drive.enabled() ? 'E' : drive.failed() ? 'F' : drive.brake_engaged() ? '-' : '+';
     hottest = std::max(hottest, s.bench->plant().twin().temperature_degC(i));
   }
-  fmt::print(stderr, "\r\033[K{:.1f} s, {} syncs, bus {:.0f} %, drives {} (E enabled, F fault), hottest {:.1f} degC, lost {}, {}", s.simulated_s, s.bench->counters().syncs, 100 * s.bus_load, drives,
-             hottest, s.bus->counters().receive_lost + s.bus->counters().send_busy + s.bus->counters().send_down, s.bus->state());
-  std::fflush(stderr);
+  tell(fmt::format("\r\033[K{:.1f} s, {} syncs, bus {:.0f} %, drives {} (E enabled, F fault), hottest {:.1f} degC, lost {}, {}", s.simulated_s, s.bench->counters().syncs, 100 * s.bus_load, drives,
+             hottest, s.bus->counters().receive_lost + s.bus->counters().send_busy + s.bus->counters().send_down, s.bus->state()));
+}
+
+/// --force of the commands that write.
+void add_force(CLI::App& command, bool& force) { command.add_flag("--force", force, "Replace files that exist"); }
+
+/// What is wrong before the work is wrong input.
+void require(const tl::expected<void, std::string>& status) {
+  if (!status) throw InputError(status.error());
+}
+
+/// Whether a command may write these files, before its work.
+void check_outputs(const std::vector<hil::NamedFile>& inputs, const std::vector<hil::NamedFile>& outputs, bool force) {
+  hil::refuse_shared(inputs, outputs);
+  if (!force) hil::refuse_recorded(outputs);
 }
 
 struct DriveArguments : Common {
   std::string can, record, stats, output, faults;
   std::optional<double> duration;
-  bool realtime = false, lockstep = false, quiet = false;
-};
+  bool realtime = false, lockstep = false, quiet = false, force = false;
 
-/// Whoever was on the bus will not say it again: no session takes the place of one recorded before.
-void refuse_recorded(const fs::path& file) {
-  std::error_code none;
-  if (fs::is_regular_file(file, none) && fs::file_size(file, none) > 0)
-    throw InputError(fmt::format("{}: holds a session already; give another name, or move that one away", file.string()));
-}
+  void add_to(CLI::App& command) {
+    Common::add_to(command);
+    add_profile(command);
+    command.add_option("--can", can, "Bus: vcan0, can0, socketcand://127.0.0.1:29536/NAME")->required();
+    auto* clock = command.add_flag("--realtime", realtime, "The robot moves with the clock");
+    command.add_flag("--sync-lockstep", lockstep, "Every SYNC moves the robot on by one cycle (default)")->excludes(clock);
+    command.add_option("--duration", duration, "End after so much simulated time [s]")->check(CLI::PositiveNumber);
+    command.add_option("--record", record, "Everything on the bus as a candump log");
+    command.add_option("--stats", stats, "Counters of the session as JSON");
+    command.add_option("--faults", faults, "Faults on purpose: a YAML list (hil/README.md)");
+    command.add_option("-o,--output", output, "Folder for telemetry.h5, scenario.yaml, summary.json");
+    add_force(command, force);
+    command.add_flag("--quiet", quiet, "No status line");
+    command.footer("Example:\n  tribotwin-hil drive twin/scenarios/irb6620_hold.yaml --can socketcand://127.0.0.1:29536/can0 --duration 10");
+  }
+  void check_files(const twin::Scenario& scenario) const {
+    auto inputs = hil::files_of(scenario);
+    inputs.push_back({"--faults " + faults, faults});
+    auto outputs = hil::files_in(output);
+    outputs.push_back({"--record " + record, record});
+    outputs.push_back({"--stats " + stats, stats});
+    check_outputs(inputs, outputs, force);
+    for (const auto& file : {record, stats})
+      if (!file.empty()) require(twin::check_output(file, twin::Existing::replace));
+    if (!stats.empty()) require(twin::check_output(stats, twin::replace_if(force)));
+  }
+};
 
 int run_drives(const DriveArguments& a) {
   const twin::Scenario scenario = a.load();
-  if (!a.record.empty()) refuse_recorded(a.record);
-  if (!a.output.empty()) refuse_recorded(fs::path(a.output) / "telemetry.h5");
+  const int drives = static_cast<int>(scenario.model->drives().size());
+  a.check_files(scenario);
   const hil::Budget budget = a.budget(scenario, 1e6);
   if (budget.most > 1) throw InputError(fmt::format("--cycle {}: {}; choose a longer cycle or fewer drives on one bus", a.cycle_ms, budget.line()));
-  if (budget.most > 0.8) fmt::print(stderr, "note: {}\n", budget.line());
+  if (budget.most > 0.8) twin::note("{}", budget.line());
   std::vector<hil::Fault> faults;
-  if (!a.faults.empty()) faults = hil::load_faults(a.faults, a.first_node, static_cast<int>(scenario.model->drives().size()));
+  if (!a.faults.empty()) faults = hil::load_faults(a.faults, a.first_node, drives);
+  twin::catch_interrupts();
   auto bus = hil::open_bus(a.can);
   if (!bus) throw InputError(bus.error().message);
   const bool live = !a.quiet && isatty(STDERR_FILENO);
   if (!a.quiet)
-    fmt::print(stderr, "{} drives, nodes {} to {}, on {}; {}\n", scenario.model->drives().size(), a.first_node, a.first_node + static_cast<int>(scenario.model->drives().size()) - 1, (*bus)->name(),
-               a.realtime ? "the robot moves with the clock" : "every SYNC moves the robot on by one cycle");
+    tell(fmt::format("{} drives, nodes {} to {}, on {}; {}\n", drives, a.first_node, a.first_node + drives - 1, (*bus)->name(),
+                     a.realtime ? "the robot moves with the clock" : "every SYNC moves the robot on by one cycle"));
   const auto ended = hil::drive(scenario, **bus,
-                                {.profile = a.speaks(), .first_node = a.first_node, .cycle_us = a.cycle_us(), .realtime = a.realtime, .duration_s = a.duration, .record = a.record, .statistics = a.stats, .output = a.output, .faults = faults,
-                                 .stop = [] { return interrupted != 0; }, .status = live ? status_line : std::function<void(const hil::SessionStatus&)>{},
-                                 .note = [&](const std::string& what) { fmt::print(stderr, "{}note: {}\n", live ? "\r\033[K" : "", what); }});
-  if (live) fmt::print(stderr, "\n");
+                                {.profile = a.speaks(), .first_node = a.first_node, .cycle_us = a.cycle_us(), .realtime = a.realtime, .duration_s = a.duration, .record = a.record, .statistics = a.stats, .output = a.output,
+                                 .existing = twin::replace_if(a.force), .faults = faults, .stop = stop, .status = live ? status_line : std::function<void(const hil::SessionStatus&)>{},
+                                 .note = [&](const std::string& what) { tell(fmt::format("{}note: {}\n", live ? "\r\033[K" : "", what)); }});
+  if (live) tell("\n");
   return ended ? done : complain(program, failed, ended.error());
 }
 
 struct ReplayArguments : Common {
   std::string log, output;
   double rate = 1;
-  bool fast = false;
+  bool fast = false, force = false;
+
+  void add_to(CLI::App& command) {
+    Common::add_to(command);
+    add_profile(command);
+    command.add_option("LOG", log, "candump log, as --record writes it")->required();
+    auto* speed = command.add_option("--rate", rate, "Speed: 1 is the original")->check(CLI::PositiveNumber)->capture_default_str();
+    command.add_flag("--fast", fast, "As fast as possible")->excludes(speed);
+    command.add_option("-o,--output", output, "Folder for telemetry.h5, scenario.yaml, summary.json");
+    add_force(command, force);
+    command.footer("Example:\n  tribotwin-hil replay twin/scenarios/irb6620_hold.yaml session.log --fast");
+  }
 };
 
 int replay(const ReplayArguments& a) {
   const twin::Scenario scenario = a.load();
   if (!fs::exists(a.log)) throw InputError(fmt::format("{}: does not exist", a.log));
-  const auto result = hil::replay(scenario, a.log, {.profile = a.speaks(), .first_node = a.first_node, .cycle_us = a.cycle_us(), .rate = a.fast ? 0 : a.rate, .output = a.output, .stop = [] { return interrupted != 0; }});
+  auto inputs = hil::files_of(scenario);
+  inputs.push_back({"LOG " + a.log, a.log});
+  check_outputs(inputs, hil::files_in(a.output), a.force);
+  twin::catch_interrupts();
+  const auto result = hil::replay(scenario, a.log, {.profile = a.speaks(), .first_node = a.first_node, .cycle_us = a.cycle_us(), .rate = a.fast ? 0 : a.rate, .output = a.output, .existing = twin::replace_if(a.force), .stop = stop});
   if (!result) return complain(program, failed, result.error());
-  fmt::print("{} frames, {} from the drives: {} differ, {} missing\n", result->frames, result->compared, result->differing, result->missing);
+  twin::print("{} frames, {} from the drives: {} differ, {} missing, {} added\n", result->frames, result->compared, result->differing, result->missing, result->added);
+  if (result->interrupted) return complain(program, failed, fmt::format("interrupted after {} frames; {}", result->frames, result->first_difference.empty() ? "no difference so far" : result->first_difference));
+  if (result->frames == 0) return complain(program, wrong_input, fmt::format("{}: holds no frame; nothing was compared", a.log));
+  if (!result->silent.empty())
+    return complain(program, wrong_input, fmt::format("{}: no frame from the drive of {}; nothing was compared there: is --first-node {} right, and --profile {}?", a.log, fmt::join(result->silent, ", "), a.first_node, a.profile));
   if (result->first_difference.empty()) return done;
   return complain(program, failed, result->first_difference);
 }
@@ -153,16 +207,65 @@ struct ShadowArguments : Common {
   std::string can, csv;
   std::optional<double> limit, duration;
   double limit_time = 0.5;
-  bool quiet = false;
+  std::vector<std::string> joints;
+  bool force = false;
+
+  void add_to(CLI::App& command) {
+    Common::add_to(command);
+    add_profile(command);
+    command.add_option("--can", can, "Bus: vcan0, can0, or log:FILE for a candump log")->required();
+    auto* limited = command.add_option("--limit", limit, "Largest residual torque, arm side [Nm]; beyond it: exit code 3")->check(CLI::PositiveNumber);
+    command.add_option("--limit-time", limit_time, "... for so long [s]")->check(CLI::NonNegativeNumber)->capture_default_str();
+    command.add_option("--joint", joints, "A joint that --limit holds for, by name; again for more (default: all)")->allow_extra_args(false)->needs(limited);
+    command.add_option("--duration", duration, "End after so much time on the bus [s]")->check(CLI::PositiveNumber);
+    command.add_option("--csv", csv, "Measured, predicted, residual and temperature of every cycle");
+    add_force(command, force);
+    command.footer("Example:\n  tribotwin-hil shadow twin/scenarios/irb6620_hold.yaml --can log:session.log --limit 200");
+  }
+  std::string log() const { return can.starts_with("log:") ? can.substr(4) : ""; }
 };
+
+/// Frames of a live bus, until a signal or the end of `duration_s` by the clock: a bus may fall silent.
+hil::NextFrame frames_of(hil::Transport& bus, std::optional<double> duration_s) {
+  return [&bus, duration_s, heard = false, begin_ns = hil::clock_ns()](hil::Frame& frame) mutable -> tl::expected<bool, std::string> {
+    while (!stop()) {
+      const std::int64_t now_ns = hil::clock_ns();
+      const bool received = bus.receive(frame);
+      if (received && !std::exchange(heard, true)) begin_ns = now_ns;
+      if (received) return true;
+      if (duration_s && 1e-9 * static_cast<double>(now_ns - begin_ns) > *duration_s) return false;
+      bus.wait(now_ns + 100'000'000);
+    }
+    return false;
+  };
+}
+
+/// What a session of `shadow` says in the end, the gravest first.
+int judge(const ShadowArguments& a, const hil::ShadowResult& result) {
+  int code = done;
+  const auto report = [&](twin::Exit grave, const std::string& what) {
+    complain(program, grave, what);
+    if (code == done) code = grave;
+  };
+  if (result.exceeded()) code = twin::limit_exceeded;   // said when it happened
+  if (!result.csv_failure.empty()) report(failed, result.csv_failure);
+  if (result.interrupted) report(failed, fmt::format("interrupted at {:.3f} s{}", result.seconds, a.duration ? fmt::format(" of {} s", *a.duration) : ", before the end of the log"));
+  for (const auto& reason : result.unchecked) report(wrong_input, fmt::format("--limit {} was not checked: {}", *a.limit, reason));
+  return code;
+}
 
 int run_shadow(const ShadowArguments& a) {
   const twin::Scenario scenario = a.load();
+  auto inputs = hil::files_of(scenario);
+  inputs.push_back({"--can " + a.can, a.log()});
+  check_outputs(inputs, {{"--csv " + a.csv, a.csv}}, a.force);
+  if (!a.csv.empty()) require(twin::check_output(a.csv, twin::Existing::replace));
+  twin::catch_interrupts();
   hil::NextFrame next;
   std::unique_ptr<hil::Transport> bus;
   std::optional<hil::LogReader> log;
-  if (a.can.starts_with("log:")) {
-    auto reader = hil::LogReader::open(a.can.substr(4));
+  if (!a.log().empty()) {
+    auto reader = hil::LogReader::open(a.log(), stop);
     if (!reader) throw InputError(reader.error());
     log.emplace(std::move(*reader));
     next = [&](hil::Frame& frame) { return log->next(frame); };
@@ -170,121 +273,119 @@ int run_shadow(const ShadowArguments& a) {
     auto opened = hil::open_bus(a.can, {.listen_only = true});
     if (!opened) throw InputError(opened.error().message);
     bus = std::move(*opened);
-    next = [&](hil::Frame& frame) -> tl::expected<bool, std::string> {
-      while (!interrupted) {
-        if (bus->receive(frame)) return true;
-        bus->wait(hil::clock_ns() + 100'000'000);
-      }
-      return false;
-    };
+    next = frames_of(*bus, a.duration);
   }
   const auto result = hil::shadow(scenario, next,
-                                  {.profile = a.speaks(), .first_node = a.first_node, .cycle_us = a.cycle_us(), .limit_nm = a.limit, .limit_time_s = a.limit_time,
-                                   .duration_s = a.duration, .csv = a.csv, .stop = [] { return interrupted != 0; }, .note = [&](const std::string& what) { fmt::print(stderr, "{}\n", what); }});
+                                  {.profile = a.speaks(), .first_node = a.first_node, .cycle_us = a.cycle_us(), .limit_nm = a.limit, .limit_time_s = a.limit_time, .limit_joints = a.joints,
+                                   .duration_s = a.duration, .csv = a.csv, .existing = twin::replace_if(a.force), .stop = stop, .endless = !log && !a.duration, .note = [&](const std::string& what) { tell(what + "\n"); }});
   if (!result) return complain(program, failed, result.error());
-  fmt::print("{}", result->table());
-  return result->exceeded() ? twin::limit_exceeded : done;
+  twin::print_text(result->table());
+  return judge(a, *result);
+}
+
+struct BudgetArguments : Common {
+  double bit_rate = 1e6;
+
+  void add_to(CLI::App& command) {
+    Common::add_to(command);
+    add_profile(command);
+    command.add_option("--bit-rate", bit_rate, "[bit/s]")->check(CLI::Range(1e4, 1e6))->capture_default_str();
+    command.footer("Example:\n  tribotwin-hil budget twin/scenarios/irb6620_hold.yaml --cycle 2");
+  }
+};
+
+int run_budget(const BudgetArguments& a) {
+  const twin::Scenario scenario = a.load();
+  const hil::Budget budget = a.budget(scenario, a.bit_rate);
+  twin::print("{}\n", budget.line());
+  if (budget.most > 1) return complain(program, wrong_input, "more than the bus can carry; choose a longer cycle or fewer drives on one bus");
+  if (budget.most > 0.8) twin::note("more than 80 % at worst; other traffic will not fit");
+  return done;
+}
+
+/// eds and dbc: what the drives say about themselves.
+struct DescriptionArguments : Common {
+  twin::Destination destination;
+  int node = 0;
+
+  int write(const twin::Scenario& scenario, std::string_view text) const {
+    hil::refuse_shared(hil::files_of(scenario), {{"-o " + destination.file, destination.file}});
+    require(destination.check({}));
+    return destination.deliver(program, text);
+  }
+};
+
+int write_eds(const DescriptionArguments& a) {
+  const twin::Scenario scenario = a.load();
+  const Drives drives(scenario, a);
+  for (const auto& described : drives.all())
+    if (a.node == 0 || described.parameters->node == a.node) return a.write(scenario, hil::eds(*described.dictionary, *described.parameters));
+  throw InputError(fmt::format("--node {}: the drives are nodes {} to {}", a.node, a.first_node, a.first_node + static_cast<int>(drives.all().size()) - 1));
+}
+
+int write_dbc(const DescriptionArguments& a) {
+  const twin::Scenario scenario = a.load();
+  const Drives drives(scenario, a);
+  if (!a.mirror()) return a.write(scenario, hil::dbc(drives.all()));
+  std::vector<hil::DescribedMirror> all;
+  for (const auto& d : drives.all()) all.push_back({d.parameters->node, d.parameters->name, d.parameters->rated_torque_nm * d.parameters->gear_ratio});
+  return a.write(scenario, hil::mirror_dbc(all));
+}
+
+void add_descriptions(CLI::App& app, DescriptionArguments& a, int& code) {
+  auto* eds = app.add_subcommand("eds", "The electronic data sheet of a drive");
+  a.add_to(*eds);
+  eds->add_option("--node", a.node, "Of this node (default: the first)");
+  a.destination.add_to(*eds, "File to write (default: stdout)");
+  eds->footer("Example:\n  tribotwin-hil eds twin/scenarios/irb6620_hold.yaml -o drive.eds");
+  eds->callback([&] { code = write_eds(a); });
+  auto* dbc = app.add_subcommand("dbc", "All cyclic frames of all drives as a DBC");
+  a.add_to(*dbc);
+  a.add_profile(*dbc);
+  a.destination.add_to(*dbc, "File to write (default: stdout)");
+  dbc->footer("Example:\n  tribotwin-hil dbc twin/scenarios/irb6620_hold.yaml -o drives.dbc");
+  dbc->callback([&] { code = write_dbc(a); });
+}
+
+/// One command, its arguments and what it does with them.
+template <class Arguments>
+void add_command(CLI::App& app, const char* name, const char* description, Arguments& arguments, int (*run)(const Arguments&), int& code) {
+  auto* command = app.add_subcommand(name, description);
+  arguments.add_to(*command);
+  command->callback([&arguments, run, &code] { code = run(arguments); });
 }
 
 }  // namespace
 
 int main(int argc, char** argv) {
+  twin::prepare_streams();
   mujoco::install_message_handlers();
-  std::signal(SIGXFSZ, SIG_IGN);
-  std::signal(SIGPIPE, SIG_IGN);
-  for (const int signal : {SIGINT, SIGTERM}) std::signal(signal, [](int) { interrupted = 1; });
 
   CLI::App app{"tribotwin-hil: the joints of a robot as drives on a CAN bus"};
   app.require_subcommand(1);
   app.set_version_flag("--version", std::string("tribotwin-hil " TRIBOTWIN_VERSION ", MuJoCo ") + mj_versionString());
-
-  DriveArguments d;
-  auto* drive_command = app.add_subcommand("drive", "Be the drives of a robot, one per joint");
-  d.add_to(*drive_command);
-  d.add_profile(*drive_command);
-  drive_command->add_option("--can", d.can, "Bus: vcan0, can0, socketcand://127.0.0.1:29536/NAME")->required();
-  auto* realtime = drive_command->add_flag("--realtime", d.realtime, "The robot moves with the clock");
-  drive_command->add_flag("--sync-lockstep", d.lockstep, "Every SYNC moves the robot on by one cycle (default)")->excludes(realtime);
-  drive_command->add_option("--duration", d.duration, "End after so much simulated time [s]")->check(CLI::PositiveNumber);
-  drive_command->add_option("--record", d.record, "Everything on the bus as a candump log");
-  drive_command->add_option("--stats", d.stats, "Counters of the session as JSON");
-  drive_command->add_option("--faults", d.faults, "Faults on purpose: a YAML list (hil/README.md)");
-  drive_command->add_option("-o,--output", d.output, "Folder for telemetry.h5, scenario.yaml, summary.json");
-  drive_command->add_flag("--quiet", d.quiet, "No status line");
-  drive_command->footer("Example:\n  tribotwin-hil drive twin/scenarios/irb6620_hold.yaml --can socketcand://127.0.0.1:29536/can0 --duration 10");
-
-  ReplayArguments r;
-  auto* replay_command = app.add_subcommand("replay", "A recorded session through the same drives, compared with what they said then");
-  r.add_to(*replay_command);
-  r.add_profile(*replay_command);
-  replay_command->add_option("LOG", r.log, "candump log, as --record writes it")->required();
-  auto* rate = replay_command->add_option("--rate", r.rate, "Speed: 1 is the original")->check(CLI::PositiveNumber)->capture_default_str();
-  replay_command->add_flag("--fast", r.fast, "As fast as possible")->excludes(rate);
-  replay_command->add_option("-o,--output", r.output, "Folder for telemetry.h5, scenario.yaml, summary.json");
-  replay_command->footer("Example:\n  tribotwin-hil replay twin/scenarios/irb6620_hold.yaml session.log --fast");
-
-  ShadowArguments w;
-  auto* shadow_command = app.add_subcommand("shadow", "Listen beside a robot: what torque and temperature it should have");
-  w.add_to(*shadow_command);
-  w.add_profile(*shadow_command);
-  shadow_command->add_option("--can", w.can, "Bus: vcan0, can0, or log:FILE for a candump log")->required();
-  shadow_command->add_option("--limit", w.limit, "Largest residual torque, arm side [Nm]; beyond it: exit code 3")->check(CLI::PositiveNumber);
-  shadow_command->add_option("--limit-time", w.limit_time, "... for so long [s]")->check(CLI::NonNegativeNumber)->capture_default_str();
-  shadow_command->add_option("--duration", w.duration, "End after so much time on the bus [s]")->check(CLI::PositiveNumber);
-  shadow_command->add_option("--csv", w.csv, "Measured, predicted, residual and temperature of every cycle");
-  shadow_command->footer("Example:\n  tribotwin-hil shadow twin/scenarios/irb6620_hold.yaml --can log:session.log --limit 200");
-
-  Common b;
-  double bit_rate = 1e6;
-  auto* budget_command = app.add_subcommand("budget", "The load of the bus, before anything runs");
-  b.add_to(*budget_command);
-  b.add_profile(*budget_command);
-  budget_command->add_option("--bit-rate", bit_rate, "[bit/s]")->check(CLI::Range(1e4, 1e6))->capture_default_str();
-  budget_command->footer("Example:\n  tribotwin-hil budget twin/scenarios/irb6620_hold.yaml --cycle 2");
-
-  Common e;
-  std::string file;
-  int node = 0;
-  auto* eds_command = app.add_subcommand("eds", "The electronic data sheet of a drive");
-  e.add_to(*eds_command);
-  eds_command->add_option("--node", node, "Of this node (default: the first)");
-  eds_command->add_option("-o,--output", file, "File to write (default: stdout)");
-  eds_command->footer("Example:\n  tribotwin-hil eds twin/scenarios/irb6620_hold.yaml -o drive.eds");
-  auto* dbc_command = app.add_subcommand("dbc", "All cyclic frames of all drives as a DBC");
-  e.add_to(*dbc_command);
-  e.add_profile(*dbc_command);
-  dbc_command->add_option("-o,--output", file, "File to write (default: stdout)");
-  dbc_command->footer("Example:\n  tribotwin-hil dbc twin/scenarios/irb6620_hold.yaml -o drives.dbc");
-
+  int code = done;
+  DriveArguments drive;
+  ReplayArguments replayed;
+  ShadowArguments shadow;
+  BudgetArguments budget;
+  DescriptionArguments description;
+  add_command(app, "drive", "Be the drives of a robot, one per joint", drive, run_drives, code);
+  add_command(app, "replay", "A recorded session through the same drives, compared with what they said then", replayed, replay, code);
+  add_command(app, "shadow", "Listen beside a robot: what torque and temperature it should have", shadow, run_shadow, code);
+  add_command(app, "budget", "The load of the bus, before anything runs", budget, run_budget, code);
+  add_descriptions(app, description, code);
   try {
     app.parse(argc, argv);
-    if (*drive_command) return run_drives(d);
-    if (*replay_command) return replay(r);
-    if (*shadow_command) return run_shadow(w);
-    if (*budget_command) {
-      const twin::Scenario scenario = b.load();
-      const hil::Budget budget = b.budget(scenario, bit_rate);
-      fmt::print("{}\n", budget.line());
-      if (budget.most > 1) return complain(program, wrong_input, "more than the bus can carry; choose a longer cycle or fewer drives on one bus");
-      if (budget.most > 0.8) fmt::print(stderr, "note: more than 80 % at worst; other traffic will not fit\n");
-      return done;
-    }
-    const twin::Scenario scenario = e.load();
-    const Drives drives(scenario, e);
-    if (*dbc_command && e.mirror()) {
-      std::vector<hil::DescribedMirror> all;
-      for (const auto& d : drives.all()) all.push_back({d.parameters->node, d.parameters->name, d.parameters->rated_torque_nm * d.parameters->gear_ratio});
-      return print(hil::mirror_dbc(all), file);
-    }
-    if (*dbc_command) return print(hil::dbc(drives.all()), file);
-    for (const auto& described : drives.all())
-      if (node == 0 || described.parameters->node == node) return print(hil::eds(*described.dictionary, *described.parameters), file);
-    throw InputError(fmt::format("--node {}: the drives are nodes {} to {}", node, e.first_node, e.first_node + static_cast<int>(drives.all().size()) - 1));
   } catch (const CLI::ParseError& error) {
-    return app.exit(error) == 0 ? done : wrong_input;
+    std::ostringstream out, why;
+    code = app.exit(error, out, why) == 0 ? done : wrong_input;
+    twin::print_text(out.str());
+    twin::report_text(why.str());
   } catch (const InputError& error) {
-    return complain(program, wrong_input, error.what());
+    code = complain(program, wrong_input, error.what());
   } catch (const std::exception& error) {
-    return complain(program, failed, error.what());
+    code = complain(program, failed, error.what());
   }
+  return twin::finish(program, code);
 }

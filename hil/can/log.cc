@@ -2,16 +2,19 @@
 #include <tribotwin/hil/can/words.hpp>
 
 #include <algorithm>
-#include <array>
 #include <cerrno>
 #include <charconv>
 #include <cstring>
 #include <limits>
 #include <optional>
 #include <string_view>
+#include <utility>
 #include <vector>
 
+#include <fcntl.h>
 #include <fmt/format.h>
+#include <poll.h>
+#include <unistd.h>
 
 namespace tribotwin::hil {
 namespace {
@@ -19,6 +22,8 @@ namespace {
 using Problem = tl::unexpected<std::string>;
 
 constexpr std::size_t longest_line = 4096;   // an FD frame needs 200; a file without line ends is not a log
+constexpr std::size_t read_size = 64 * 1024;
+constexpr int ask_stop_ms = 100;
 constexpr std::uint32_t error_flag = 0x20000000;
 
 /// Part of a file in a message: whatever is in there, the message stays one short, printable line.
@@ -138,65 +143,93 @@ tl::expected<Frame, std::string> parse_log_line(std::string_view line, std::stri
   return frame;
 }
 
-tl::expected<LogReader, std::string> LogReader::open(const std::filesystem::path& file) {
+tl::expected<LogReader, std::string> LogReader::open(const std::filesystem::path& file, std::function<bool()> stop) {
   std::error_code error;
   if (std::filesystem::is_directory(file, error)) return problem("{}: is a folder, not a candump log", file.string());
   LogReader reader;
-  errno = 0;
-  reader.in_.open(file, std::ios::binary);
-  if (!reader.in_) return problem("{}: cannot be read{}", file.string(), why(errno));
+  reader.fd_ = Descriptor(::open(file.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK));   // O_NONBLOCK: a pipe may have no writer yet
+  if (reader.fd_.get() < 0) return problem("{}: cannot be read{}", file.string(), why(errno));
   reader.file_ = file;
+  reader.stop_ = std::move(stop);
   return reader;
 }
 
-tl::expected<bool, std::string> LogReader::next(Frame& frame) {
-  std::array<char, longest_line> line;
+tl::expected<bool, std::string> LogReader::fill() {
+  buffer_.erase(0, std::exchange(begin_, 0));
+  const std::size_t before = buffer_.size();
+  while (!(stop_ && stop_())) {
+    pollfd input{fd_.get(), POLLIN, 0};
+    if (::poll(&input, 1, ask_stop_ms) <= 0) continue;
+    buffer_.resize(before + read_size);
+    const ssize_t n = ::read(fd_.get(), buffer_.data() + before, read_size);
+    const int error = errno;
+    buffer_.resize(before + static_cast<std::size_t>(std::max<ssize_t>(n, 0)));
+    if (n >= 0) return n > 0;
+    if (error != EAGAIN && error != EINTR) return problem("{}: cannot be read after line {}{}", file_.string(), line_, why(error));
+  }
+  return false;
+}
+
+tl::expected<bool, std::string> LogReader::skip_line() {
   for (;;) {
-    errno = 0;
-    in_.getline(line.data(), static_cast<std::streamsize>(line.size()));
-    if (in_.bad()) return problem("{}: cannot be read after line {}{}", file_.string(), line_, why(errno));
-    const auto read = static_cast<std::size_t>(in_.gcount());
-    if (in_.eof() && read == 0) return false;
-    ++line_;
-    if (in_.fail()) {   // no line end within the limit: skip to it, so that reading can go on
-      in_.clear();
-      in_.ignore(std::numeric_limits<std::streamsize>::max(), '\n');
+    const auto end = buffer_.find('\n', begin_);
+    skipping_ = end == buffer_.npos;
+    begin_ = skipping_ ? buffer_.size() : end + 1;
+    if (!skipping_) return true;
+    if (auto more = fill(); !more || !*more) return more;
+  }
+}
+
+tl::expected<bool, std::string> LogReader::next_line(std::string_view& line) {
+  if (skipping_)
+    if (auto more = skip_line(); !more || !*more) return more;
+  std::size_t searched = 0;   // from begin_
+  for (;;) {
+    auto end = buffer_.find('\n', begin_ + searched);
+    const std::size_t length = std::min(end, buffer_.size()) - begin_;
+    if (length >= longest_line) {
+      ++line_;
+      skipping_ = true;   // so that reading can go on
       return problem("{}:{}: longer than {} characters, not a line of a candump log", file_.string(), line_, longest_line - 1);
     }
-    const std::string_view text(line.data(), in_.eof() ? read : read - 1);   // gcount counts the line end
-    if (words(text).empty()) continue;
-    const auto parsed = parse_log_line(text, bus_);
+    if (end == buffer_.npos) {
+      searched = length;
+      const auto more = fill();
+      if (!more) return more;
+      if (*more) continue;
+      if (length == 0 || (stop_ && stop_())) return false;
+      end = buffer_.size();   // the last line, which has no end
+    }
+    line = std::string_view(buffer_).substr(begin_, length);
+    begin_ = std::min(end + 1, buffer_.size());
+    ++line_;
+    return true;
+  }
+}
+
+tl::expected<bool, std::string> LogReader::next(Frame& frame) {
+  for (;;) {
+    std::string_view line;
+    if (auto more = next_line(line); !more || !*more) return more;
+    if (words(line).empty()) continue;
+    const auto parsed = parse_log_line(line, bus_);
     if (!parsed) return problem("{}:{}: {}", file_.string(), line_, parsed.error());
     frame = *parsed;
     return true;
   }
 }
 
-tl::expected<LogWriter, std::string> LogWriter::create(const std::filesystem::path& file, std::string bus) {
+tl::expected<LogWriter, std::string> LogWriter::create(const std::filesystem::path& file, std::string bus, RecordOptions options) {
   if (words(bus) != std::vector<std::string_view>{bus}) return problem("{}: a log needs the name of a bus, one word; '{}' is none", file.string(), shown(bus));
-  LogWriter writer;
-  errno = 0;
-  writer.out_.open(file, std::ios::binary | std::ios::trunc);
-  if (!writer.out_) return problem("{}: cannot be written{}", file.string(), why(errno));
-  writer.file_ = file;
-  writer.bus_ = std::move(bus);
-  return writer;
+  auto out = RecordFile::create(file, std::move(options));
+  if (!out) return tl::unexpected(out.error());
+  return LogWriter(file, std::move(bus), std::move(*out));
 }
 
 tl::expected<void, std::string> LogWriter::write(const Frame& frame) {
   if (frame.time_ns < 0 || !valid_size(frame.fd, frame.size))
     return problem("{}: a frame of {} bytes at {} ns has no line in a candump log", file_.string(), frame.size, frame.time_ns);
-  errno = 0;
-  out_ << fmt::format("({:010}.{:06}) {} {}\n", frame.time_ns / 1'000'000'000, frame.time_ns % 1'000'000'000 / 1000, bus_, text(frame));
-  if (!out_) return problem("{}: cannot be written{}", file_.string(), why(errno));
-  return {};
-}
-
-tl::expected<void, std::string> LogWriter::flush() {
-  errno = 0;
-  out_.flush();
-  if (!out_) return problem("{}: cannot be written{}", file_.string(), why(errno));
-  return {};
+  return out_.append(fmt::format("({:010}.{:06}) {} {}\n", frame.time_ns / 1'000'000'000, frame.time_ns % 1'000'000'000 / 1000, bus_, text(frame)));
 }
 
 }  // namespace tribotwin::hil

@@ -1,12 +1,15 @@
 #pragma once
 
 #include <filesystem>
-#include <fstream>
+#include <functional>
 #include <string>
+#include <string_view>
 
 #include <tl/expected.hpp>
 
+#include <tribotwin/hil/can/descriptor.hpp>
 #include <tribotwin/hil/can/frame.hpp>
+#include <tribotwin/hil/can/record_file.hpp>
 
 /// candump's log format: "(1700000000.123456) vcan0 601#4041600000000000", one frame per line; FD frames "ID##<flags><data>".
 namespace tribotwin::hil {
@@ -14,7 +17,8 @@ namespace tribotwin::hil {
 /// Reads frame by frame. Blank lines are skipped; a direction mark (T, R) after the frame is accepted.
 class LogReader {
  public:
-  static tl::expected<LogReader, std::string> open(const std::filesystem::path& file);
+  /// `stop` is asked at least every 0.1 s, also while a pipe has nothing to read or no writer; then `next` says: the end.
+  static tl::expected<LogReader, std::string> open(const std::filesystem::path& file, std::function<bool()> stop = {});
   /// The next frame: true. The end: false. A line that is no frame: an error with file and line; reading may go on.
   tl::expected<bool, std::string> next(Frame& frame);
   /// Bus named in the line last read.
@@ -22,10 +26,20 @@ class LogReader {
   std::size_t line() const { return line_; }
 
  private:
+  /// More of the file into the buffer: false at the end, or where `stop` says so.
+  tl::expected<bool, std::string> fill();
+  /// Past the end of a line that is too long; false at the end.
+  tl::expected<bool, std::string> skip_line();
+  /// The next line without its end; false at the end.
+  tl::expected<bool, std::string> next_line(std::string_view& line);
+
   std::filesystem::path file_;
-  std::ifstream in_;
-  std::string bus_;
+  std::function<bool()> stop_;
+  Descriptor fd_;
+  std::string buffer_, bus_;
+  std::size_t begin_ = 0;        ///< of what is left in the buffer
   std::size_t line_ = 0;
+  bool skipping_ = false;        ///< the buffer begins in a line that is too long
 };
 
 /// Parses one line. Fails with what is wrong in it.
@@ -34,15 +48,18 @@ tl::expected<Frame, std::string> parse_log_line(std::string_view line, std::stri
 /// Writes what candump -L writes, with the 6 decimals of a second that all its readers understand.
 class LogWriter {
  public:
-  static tl::expected<LogWriter, std::string> create(const std::filesystem::path& file, std::string bus);
+  static tl::expected<LogWriter, std::string> create(const std::filesystem::path& file, std::string bus, RecordOptions options = {});
   /// Fails once the file cannot take more (full disk); the message names it.
   tl::expected<void, std::string> write(const Frame& frame);
-  tl::expected<void, std::string> flush();
+  tl::expected<void, std::string> flush() { return out_.flush(); }
+  tl::expected<void, std::string> finish() { return out_.finish(); }
 
  private:
+  LogWriter(std::filesystem::path file, std::string bus, RecordFile out) : file_(std::move(file)), bus_(std::move(bus)), out_(std::move(out)) {}
+
   std::filesystem::path file_;
-  std::ofstream out_;
   std::string bus_;
+  RecordFile out_;
 };
 
 }  // namespace tribotwin::hil

@@ -19,6 +19,7 @@
 #include <unistd.h>
 
 #include <tribotwin/hil/can/clock.hpp>
+#include <tribotwin/hil/can/descriptor.hpp>
 #include <tribotwin/hil/can/transport.hpp>
 
 namespace tribotwin::hil {
@@ -28,20 +29,6 @@ constexpr int receive_buffer_bytes = 4 << 20;   // the kernel doubles it: about 
 constexpr std::int64_t second_ns = 1'000'000'000;
 
 std::string reason(int error) { return std::generic_category().message(error); }
-
-/// Owns a file descriptor.
-class Descriptor {
- public:
-  explicit Descriptor(int fd) : fd_(fd) {}
-  Descriptor(Descriptor&& other) noexcept : fd_(std::exchange(other.fd_, -1)) {}
-  ~Descriptor() {
-    if (fd_ >= 0) ::close(fd_);
-  }
-  operator int() const { return fd_; }
-
- private:
-  int fd_;
-};
 
 template <class Value>
 bool set_option(int socket, int level, int name, const Value& value) {

@@ -1,4 +1,5 @@
 #include <tribotwin/hil/can/clock.hpp>
+#include <tribotwin/hil/can/descriptor.hpp>
 #include <tribotwin/hil/can/transport.hpp>
 #include <tribotwin/hil/can/words.hpp>
 
@@ -37,23 +38,6 @@ constexpr std::int64_t ms = 1'000'000;
 /// frames are kept until it says something else or has had this time to read its `< ok >`.
 constexpr std::int64_t first_frames_after_ns = 50 * ms;
 constexpr std::int64_t accept_pause_ns = 100 * ms;   // when the process is out of file descriptors
-
-class Descriptor {
- public:
-  explicit Descriptor(int fd) : fd_(fd) {}
-  Descriptor(Descriptor&& other) noexcept : fd_(std::exchange(other.fd_, -1)) {}
-  Descriptor& operator=(Descriptor&& other) noexcept {
-    std::swap(fd_, other.fd_);
-    return *this;
-  }
-  ~Descriptor() {
-    if (fd_ >= 0) ::close(fd_);
-  }
-  int get() const { return fd_; }
-
- private:
-  int fd_;
-};
 
 struct Client {
   Descriptor socket;

@@ -53,7 +53,7 @@ tl::expected<void, std::string> Bench::receive(const Frame& frame, std::int64_t 
   last_sync_ns_ = now_ns;
   // All drives answer with where they were at this SYNC; then they move on to the next.
   for (const auto& drive : drives_) drive->sync(now_ns);
-  return options_.lockstep ? plant_.advance(drives_, cycle_us) : tl::expected<void, std::string>{};
+  return options_.lockstep ? plant_.advance(drives_, cycle_us, options_.stop) : tl::expected<void, std::string>{};
 }
 
 void Bench::tick(std::int64_t now_ns) {
@@ -70,9 +70,11 @@ std::int64_t Bench::next_ns() const {
   return next;
 }
 
-bool Bench::is_ours(const Frame& frame) const {
-  if (frame.extended || frame.error || frame.remote) return false;
-  return std::ranges::any_of(drives_, [&](const auto& drive) { return drive->sends(frame.id); });
+std::optional<std::size_t> Bench::sender(const Frame& frame) const {
+  if (frame.extended || frame.error || frame.remote) return std::nullopt;
+  const auto found = std::ranges::find_if(drives_, [&](const auto& drive) { return drive->sends(frame.id); });
+  if (found == drives_.end()) return std::nullopt;
+  return static_cast<std::size_t>(found - drives_.begin());
 }
 
 std::string statistics_json(Bench& bench, const BusCounters& bus, double wall_s, const std::vector<std::pair<std::string, double>>& more) {

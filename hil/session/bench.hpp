@@ -21,6 +21,7 @@ struct BenchOptions {
   int first_node = 1;
   std::uint32_t cycle_us = 2000;
   bool lockstep = true;   ///< each SYNC advances the robot by the cycle (1006h); else the owner steps the plant
+  std::function<bool()> stop;   ///< asked now and then in a cycle of many steps: end it here?
 };
 
 class Bench {
@@ -35,8 +36,8 @@ class Bench {
   /// The bus is back after it was gone.
   void recovered(std::int64_t now_ns);
   std::int64_t next_ns() const;
-  /// Whether a frame with this identifier is one that the drives send.
-  bool is_ours(const Frame& frame) const;
+  /// Which drive sends frames with this identifier, if any does.
+  std::optional<std::size_t> sender(const Frame& frame) const;
 
   Plant& plant() { return plant_; }
   const Plant& plant() const { return plant_; }

@@ -2,6 +2,9 @@
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
+
+#include <fmt/format.h>
 
 namespace tribotwin::hil {
 
@@ -21,8 +24,8 @@ std::vector<DriveParameters> drive_parameters(const twin::Scenario& scenario, in
   return all;
 }
 
-tl::expected<void, std::string> Plant::record(const std::filesystem::path& directory) {
-  auto recorder = twin::Recorder::create(directory, scenario_, false);
+tl::expected<void, std::string> Plant::record(const std::filesystem::path& directory, twin::Existing existing) {
+  auto recorder = twin::Recorder::create(directory, scenario_, false, existing);
   if (!recorder) return tl::unexpected(recorder.error());
   recorder_ = std::move(*recorder);
   return {};
@@ -60,22 +63,32 @@ tl::expected<void, std::string> Plant::step(std::span<const std::unique_ptr<BusD
   const std::int64_t k = twin_.steps();
   if (auto ok = twin_.step(); !ok) return ok;
   if (recorder_)
-    if (auto ok = recorder_->sample(twin_, k); !ok) return ok;
+    if (auto ok = recorder_->sample(twin_, k); !ok) {
+      record_failure_ = ok.error();
+      recorder_.reset();
+    }
   for (std::size_t i = 0; i < drives.size(); ++i) drives[i]->feedback(feedback(i), dt);
   return {};
 }
 
-tl::expected<void, std::string> Plant::advance(std::span<const std::unique_ptr<BusDrive>> drives, std::int64_t us) {
+tl::expected<void, std::string> Plant::advance(std::span<const std::unique_ptr<BusDrive>> drives, std::int64_t us, const std::function<bool()>& stop) {
   const auto step_us = static_cast<std::int64_t>(std::llround(1e6 * twin_.model()->opt.timestep));
+  constexpr int ask_stop_steps = 256;   // usual cycles are done whole, so that a replay of the session ends where it did
   left_us_ += us;
-  for (; left_us_ >= step_us; left_us_ -= step_us)
+  for (int k = 1; left_us_ >= step_us; left_us_ -= step_us, ++k) {
     if (auto ok = step(drives); !ok) return ok;
+    if (k % ask_stop_steps == 0 && stop && stop()) break;
+  }
   return {};
 }
 
-tl::expected<void, std::string> Plant::finish(double wall_s) {
+tl::expected<void, std::string> Plant::finish(double wall_s, bool interrupted) {
+  if (!record_failure_.empty()) return tl::unexpected(record_failure_);
   if (!recorder_) return {};
-  return recorder_->finish(twin::summarize(twin_, scenario_, wall_s));
+  twin::Summary summary = twin::summarize(twin_, scenario_, wall_s);
+  summary.interrupted = interrupted;
+  if (interrupted && !recorder_->replaced().empty()) summary.warnings.push_back(fmt::format("the session that this one was to replace is kept in {}", recorder_->replaced().string()));
+  return std::exchange(recorder_, nullptr)->finish(summary);
 }
 
 }  // namespace tribotwin::hil

@@ -1,7 +1,9 @@
 #pragma once
 
+#include <functional>
 #include <memory>
 #include <optional>
+#include <string>
 #include <vector>
 
 #include <tl/expected.hpp>
@@ -19,16 +21,21 @@ std::vector<DriveParameters> drive_parameters(const twin::Scenario& scenario, in
 class Plant {
  public:
   explicit Plant(const twin::Scenario& scenario) : scenario_(scenario), twin_(scenario, twin::Twin::commanded) {}
-  /// Also writes telemetry.h5 and scenario.yaml, and summary.json at `finish`.
-  tl::expected<void, std::string> record(const std::filesystem::path& directory);
+  /// Also writes telemetry.h5 and scenario.yaml, and summary.json at `finish`. Throws InputError where the folder holds a record
+  /// that may not be replaced.
+  tl::expected<void, std::string> record(const std::filesystem::path& directory, twin::Existing existing);
+  /// Why the record ended before the robot did (full disk): the robot goes on. Empty while nothing is lost.
+  const std::string& record_failure() const { return record_failure_; }
 
   /// Tells the drives where their joints are.
   void show(std::span<const std::unique_ptr<BusDrive>> drives);
   /// One simulation step: set points from the drives, feedback to them.
   tl::expected<void, std::string> step(std::span<const std::unique_ptr<BusDrive>> drives);
-  /// As many steps as `us` microseconds have. Parts of steps are kept for the next call.
-  tl::expected<void, std::string> advance(std::span<const std::unique_ptr<BusDrive>> drives, std::int64_t us);
-  tl::expected<void, std::string> finish(double wall_s);
+  /// As many steps as `us` microseconds have, unless `stop` (may be empty) ends a long cycle: 1006h may ask for an hour. Parts of
+  /// steps are kept for the next call.
+  tl::expected<void, std::string> advance(std::span<const std::unique_ptr<BusDrive>> drives, std::int64_t us, const std::function<bool()>& stop = {});
+  /// Closes the record, complete or interrupted.
+  tl::expected<void, std::string> finish(double wall_s, bool interrupted = false);
 
   twin::Twin& twin() { return twin_; }
   const twin::Twin& twin() const { return twin_; }
@@ -43,7 +50,7 @@ class Plant {
   const twin::Scenario& scenario_;
   twin::Twin twin_;
   std::unique_ptr<twin::Recorder> recorder_;
-  std::filesystem::path directory_;
+  std::string record_failure_;
   std::int64_t left_us_ = 0;
   std::vector<std::optional<double>> frozen_rad_ = std::vector<std::optional<double>>(twin_.model().drives().size());
   std::vector<std::optional<double>> override_degC_ = std::vector<std::optional<double>>(twin_.model().drives().size());

@@ -5,9 +5,12 @@
 #include <cmath>
 #include <cstring>
 #include <deque>
+#include <limits>
 #include <map>
+#include <utility>
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 #include <sched.h>
 #include <sys/mman.h>
 #include <time.h>
@@ -15,7 +18,6 @@
 #include <tribotwin/hil/can/clock.hpp>
 #include <tribotwin/hil/can/log.hpp>
 #include <tribotwin/twin/output/file.hpp>
-#include <tribotwin/twin/output/output.hpp>
 
 namespace tribotwin::hil {
 namespace {
@@ -53,148 +55,269 @@ void become_real_time(const std::function<void(const std::string&)>& note) {
   if (mlockall(MCL_CURRENT | MCL_FUTURE) != 0 && note) note(fmt::format("memory is not locked (mlockall: {}); deadlines may slip when the machine swaps", std::strerror(errno)));
 }
 
-}  // namespace
-
-tl::expected<void, std::string> drive(const twin::Scenario& scenario, Transport& real_bus, const DriveOptions& o) {
-  std::optional<LogWriter> log;
-  if (!o.record.empty()) {
-    auto writer = LogWriter::create(o.record, "can0");
-    if (!writer) return tl::unexpected(writer.error());
-    log.emplace(std::move(*writer));
+/// A session of drives on a live bus.
+class Session {
+ public:
+  Session(const twin::Scenario& scenario, Transport& bus, const DriveOptions& o)
+      : o_(o),
+        step_ns_(std::llround(1e9 * scenario.model->get()->opt.timestep)),
+        bus_(bus, o.faults, scenario.seed, [this] { return running_ ? time_s() : 0.0; }),
+        bench_(scenario, {.profile = o.profile, .first_node = o.first_node, .cycle_us = o.cycle_us, .lockstep = !o.realtime, .stop = o.stop}, [this](const Frame& frame) {
+          record(frame);
+          return bus_.send(frame);
+        }) {
+    running_ = true;
   }
-  const std::int64_t start_ns = now_us_ns(), to_realtime_ns = clock_ns(CLOCK_REALTIME) / 1000 * 1000 - start_ns;
-  std::int64_t now_ns = start_ns;
-  Status written;
-  const auto record = [&](Frame frame) {
-    if (!log || !written) return;
-    frame.time_ns = now_ns + to_realtime_ns;
-    written = log->write(frame);
-  };
-  const Bench* running = nullptr;
-  FaultyBus bus(real_bus, o.faults, scenario.seed, [&] { return running ? running->plant().twin().time_s() : 0.0; });
-  Bench bench(scenario, {.profile = o.profile, .first_node = o.first_node, .cycle_us = o.cycle_us, .lockstep = !o.realtime}, [&](const Frame& frame) {
-    record(frame);
-    return bus.send(frame);
-  });
-  running = &bench;
-  if (!o.output.empty())
-    if (auto ok = bench.plant().record(o.output); !ok) return ok;
-  if (o.realtime) become_real_time(o.note);
-  bench.start(now_ns);
 
-  const std::int64_t step_ns = std::llround(1e9 * scenario.model->get()->opt.timestep);
-  std::int64_t deadline_ns = start_ns + step_ns, status_ns = 0;
-  Lateness lateness;
-  std::uint64_t overruns = 0;
-  double bits_before = 0, load = 0;
-  bool was_up = true;
-  const auto finished = [&] { return (o.stop && o.stop()) || (o.duration_s && bench.plant().twin().time_s() >= *o.duration_s - 1e-9); };
-  while (!finished()) {
-    if (!written) return written;
-    const std::int64_t wake_ns = std::min({now_ns + longest_wait_ns, std::max<std::int64_t>(bench.next_ns(), now_ns), o.realtime ? deadline_ns : std::numeric_limits<std::int64_t>::max()});
-    bus.wait(wake_ns);
-    Frame frame;
+  Status run() {
+    if (auto ok = open(); !ok) return ok;
+    if (o_.realtime) become_real_time(o_.note);
+    bench_.start(now_ns_);
+    Status ran;
+    while (ran && !finished()) ran = turn();
+    return close(ran);
+  }
+
+ private:
+  double time_s() const { return bench_.plant().twin().time_s(); }
+  double wall_s() const { return 1e-9 * static_cast<double>(now_ns_ - start_ns_); }
+  bool over() const { return o_.duration_s && time_s() >= *o_.duration_s - 1e-9; }
+  bool finished() const { return (o_.stop && o_.stop()) || over(); }
+  void note(const std::string& what) const {
+    if (o_.note) o_.note(what);
+  }
+
+  Status open() {
+    if (!o_.record.empty()) {
+      auto writer = LogWriter::create(o_.record, "can0", {.replace = o_.existing == twin::Existing::replace});
+      if (!writer) return tl::unexpected(writer.error());
+      log_.emplace(std::move(*writer));
+    }
+    return o_.output.empty() ? Status{} : bench_.plant().record(o_.output, o_.existing);
+  }
+
+  void record(Frame frame) {
+    if (!log_) return;
+    frame.time_ns = now_ns_ + to_realtime_ns_;
+    keep_log(log_->write(frame));
+  }
+  /// The robot must not fall because a disk is full: the log ends, the drives do not.
+  void keep_log(const Status& written) {
+    if (written) return;
+    log_.reset();
+    lose(written.error());
+  }
+  void lose(const std::string& what) {
+    lost_.push_back(fmt::format("{}; recorded up to {:.3f} s", what, time_s()));
+    note(lost_.back() + "; the drives go on");
+  }
+
+  /// One wait, and what it brought.
+  Status turn() {
+    const std::int64_t due_ns = o_.realtime ? deadline_ns_ : std::numeric_limits<std::int64_t>::max();
+    bus_.wait(std::min({now_ns_ + longest_wait_ns, std::max<std::int64_t>(bench_.next_ns(), now_ns_), due_ns}));
     // One time for all that waited here: asking the clock for each would cost more than the answer. No two turns share a
     // time, so that a replay can tell them apart and lets the timers run as often.
-    now_ns = std::max(now_ns + 1000, now_us_ns());
-    bench.tick(now_ns);
+    now_ns_ = std::max(now_ns_ + 1000, now_us_ns());
+    bench_.tick(now_ns_);
+    if (auto ok = take_frames(); !ok) return ok;
+    if (o_.realtime)
+      if (auto ok = follow_clock(); !ok) return ok;
+    follow_link();
+    if (const auto& failure = bench_.plant().record_failure(); !failure.empty() && !std::exchange(telemetry_lost_, true)) lose(failure);
+    if (now_ns_ - status_ns_ >= s_ns / 4) report();
+    return {};
+  }
+
+  Status take_frames() {
+    Frame frame;
     // Bounded, so that a flooded bus cannot keep the clock from being served.
-    for (int i = 0; i < 256 && bus.receive(frame); ++i) {
+    for (int i = 0; i < 256 && !finished() && bus_.receive(frame); ++i) {
       record(frame);
-      if (auto ok = bench.receive(frame, now_ns); !ok) return ok;
-      bus.apply(bench.plant(), o.first_node);
-      if (finished()) break;
+      if (auto ok = bench_.receive(frame, now_ns_); !ok) return ok;
+      bus_.apply(bench_.plant(), o_.first_node);
     }
-    if (o.realtime) {
-      const std::int64_t late_ns = clock_ns() - deadline_ns;
-      if (late_ns >= 0) {
-        lateness.add(late_ns);
-        if (late_ns > step_ns) ++overruns;
-        // A machine that was away for long goes on from now; the robot does not jump ahead.
-        if (late_ns > 200 * step_ns) deadline_ns += late_ns;
-        for (; deadline_ns <= clock_ns() && !finished(); deadline_ns += step_ns)
-          if (auto ok = bench.plant().step(bench.drives()); !ok) return ok;
-      }
-    }
-    if (o.realtime) bus.apply(bench.plant(), o.first_node);
-    if (bus.up() != was_up) {
-      if (o.note) o.note(bus.state());
-      was_up = bus.up();
-      if (was_up) bench.recovered(now_ns);
-    }
-    if (now_ns - status_ns >= s_ns / 4) {
-      load = status_ns ? (bench.counters().bits - bits_before) / (1e-3 * static_cast<double>(now_ns - status_ns)) : 0;
-      bits_before = bench.counters().bits;
-      status_ns = now_ns;
-      if (log && written) written = log->flush();
-      if (o.status) o.status({bench.plant().twin().time_s(), 1e-9 * static_cast<double>(now_ns - start_ns), load, &bench, &bus});
-    }
+    return {};
   }
-  const double wall_s = 1e-9 * static_cast<double>(now_ns - start_ns);
-  if (log && written) written = log->flush();
-  if (!written) return written;
-  if (auto ok = bench.plant().finish(wall_s); !ok) return ok;
-  if (!o.statistics.empty()) {
+
+  Status follow_clock() {
+    const std::int64_t late_ns = clock_ns() - deadline_ns_;
+    if (late_ns >= 0) {
+      lateness_.add(late_ns);
+      if (late_ns > step_ns_) ++overruns_;
+      // A machine that was away for long goes on from now; the robot does not jump ahead.
+      if (late_ns > 200 * step_ns_) deadline_ns_ += late_ns;
+      for (; deadline_ns_ <= clock_ns() && !finished(); deadline_ns_ += step_ns_)
+        if (auto ok = bench_.plant().step(bench_.drives()); !ok) return ok;
+    }
+    bus_.apply(bench_.plant(), o_.first_node);
+    return {};
+  }
+
+  void follow_link() {
+    if (bus_.up() == was_up_) return;
+    note(bus_.state());
+    was_up_ = bus_.up();
+    if (was_up_) bench_.recovered(now_ns_);
+  }
+
+  void report() {
+    const double bits = bench_.counters().bits;
+    const double load = status_ns_ ? (bits - bits_before_) / (1e-3 * static_cast<double>(now_ns_ - status_ns_)) : 0;
+    bits_before_ = bits;
+    status_ns_ = now_ns_;
+    if (log_) keep_log(log_->flush());
+    if (o_.status) o_.status({time_s(), wall_s(), load, &bench_, &bus_});
+  }
+
+  /// All that was written is closed, however the session ended.
+  Status close(const Status& ran) {
+    std::vector<std::string> problems;
+    const auto check = [&](const Status& status) {
+      if (!status) problems.push_back(status.error());
+    };
+    check(ran);
+    const bool cut_short = ran && o_.duration_s && !over();
+    if (cut_short) problems.push_back(fmt::format("interrupted at {:.3f} s of {} s", time_s(), *o_.duration_s));
+    else if (ran && !over()) note(fmt::format("interrupted at {:.3f} s", time_s()));
+    problems.insert(problems.end(), lost_.begin(), lost_.end());
+    if (log_) check(log_->finish());
+    if (ran)
+      if (auto ok = bench_.plant().finish(wall_s(), cut_short); !telemetry_lost_) check(ok);
+    if (!o_.statistics.empty()) check(twin::write_file(o_.statistics, statistics(), o_.existing));
+    if (problems.empty()) return {};
+    return tl::unexpected(fmt::format("{}", fmt::join(problems, "; ")));
+  }
+
+  std::string statistics() {
     std::vector<std::pair<std::string, double>> more;
-    if (o.realtime) {
-      more = {{"overruns", static_cast<double>(overruns)}, {"lateness_median_us", static_cast<double>(lateness.median_us())}, {"lateness_max_us", 1e-3 * static_cast<double>(lateness.most_ns)}};
-      for (std::size_t i = 0; i < lateness.count.size(); ++i)
-        if (lateness.count[i]) more.emplace_back(fmt::format("lateness_below_{}_us", 1LL << i), static_cast<double>(lateness.count[i]));
+    if (o_.realtime) {
+      more = {{"overruns", static_cast<double>(overruns_)}, {"lateness_median_us", static_cast<double>(lateness_.median_us())}, {"lateness_max_us", 1e-3 * static_cast<double>(lateness_.most_ns)}};
+      for (std::size_t i = 0; i < lateness_.count.size(); ++i)
+        if (lateness_.count[i]) more.emplace_back(fmt::format("lateness_below_{}_us", 1LL << i), static_cast<double>(lateness_.count[i]));
     }
-    if (auto ok = twin::write_file(o.statistics, statistics_json(bench, bus.counters(), wall_s, more), twin::Existing::replace); !ok) return ok;
+    return statistics_json(bench_, bus_.counters(), wall_s(), more);
   }
-  return {};
+
+  const DriveOptions& o_;
+  const std::int64_t start_ns_ = now_us_ns(), to_realtime_ns_ = clock_ns(CLOCK_REALTIME) / 1000 * 1000 - start_ns_, step_ns_;
+  std::int64_t now_ns_ = start_ns_, deadline_ns_ = start_ns_ + step_ns_, status_ns_ = 0;
+  bool running_ = false;   // there is a bench to ask for its time
+  std::optional<LogWriter> log_;
+  FaultyBus bus_;
+  Bench bench_;
+  Lateness lateness_;
+  std::uint64_t overruns_ = 0;
+  double bits_before_ = 0;
+  bool was_up_ = true, telemetry_lost_ = false;
+  std::vector<std::string> lost_;
+};
+
+/// Sleeps until CLOCK_MONOTONIC `at_ns`, or until `stop`.
+void sleep_until(std::int64_t at_ns, const std::function<bool()>& stop) {
+  constexpr std::int64_t ask_stop_ns = s_ns / 10;
+  for (std::int64_t now = clock_ns(); now < at_ns && !(stop && stop()); now = clock_ns()) {
+    const std::int64_t wake_ns = std::min(at_ns, now + ask_stop_ns);
+    const timespec until{wake_ns / s_ns, wake_ns % s_ns};
+    clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &until, nullptr);
+  }
 }
 
-tl::expected<ReplayResult, std::string> replay(const twin::Scenario& scenario, const std::filesystem::path& file, const ReplayOptions& o) {
-  auto log = LogReader::open(file);
-  if (!log) return tl::unexpected(log.error());
-  ReplayResult result;
-  // What the drives say now, per identifier, until the log has said it too.
-  std::map<std::uint32_t, std::deque<Frame>> said;
-  Bench bench(scenario, {.profile = o.profile, .first_node = o.first_node, .cycle_us = o.cycle_us}, [&](const Frame& frame) {
-    said[frame.id].push_back(frame);
-    return Sent::done;
-  });
-  if (!o.output.empty())
-    if (auto ok = bench.plant().record(o.output); !ok) return tl::unexpected(ok.error());
-  std::int64_t first_ns = -1, ticked_ns = -1;
-  const std::int64_t began_ns = clock_ns();
-  Frame frame;
-  while (!(o.stop && o.stop())) {
+/// A log through the drives of a bench, which say into a queue what the log should say next.
+class Replay {
+ public:
+  Replay(const twin::Scenario& scenario, const std::filesystem::path& file, const ReplayOptions& o)
+      : file_(file), o_(o), bench_(scenario, {.profile = o.profile, .first_node = o.first_node, .cycle_us = o.cycle_us, .stop = o.stop}, [this](const Frame& frame) {
+          said_[frame.id].push_back(frame);
+          return Sent::done;
+        }), compared_(bench_.drives().size()) {}
+
+  tl::expected<ReplayResult, std::string> run() {
+    auto log = LogReader::open(file_, o_.stop);
+    if (!log) return tl::unexpected(log.error());
+    Frame frame;
     auto more = log->next(frame);
+    if (more && *more && !o_.output.empty())   // an empty log leaves no record
+      if (auto ok = bench_.plant().record(o_.output, o_.existing); !ok) return tl::unexpected(ok.error());
+    for (; more && *more && !stopped(); more = log->next(frame))
+      if (auto ok = take(frame, log->line()); !ok) return tl::unexpected(ok.error());
     if (!more) return tl::unexpected(more.error());
-    if (!*more) break;
-    ++result.frames;
-    if (first_ns < 0) {
-      first_ns = frame.time_ns;
-      bench.start(frame.time_ns);
+    result_.interrupted = stopped();
+    if (!result_.interrupted) judge_the_end();
+    if (auto ok = bench_.plant().finish(1e-9 * static_cast<double>(clock_ns() - began_ns_), result_.interrupted); !ok) return tl::unexpected(ok.error());
+    return result_;
+  }
+
+ private:
+  bool stopped() const { return o_.stop && o_.stop(); }
+
+  Status take(const Frame& frame, std::size_t line) {
+    if (result_.frames++ == 0) {
+      first_ns_ = frame.time_ns;
+      bench_.start(frame.time_ns);
     }
-    if (o.rate > 0) {   // absolute deadlines: nothing drifts
-      const std::int64_t at_ns = began_ns + static_cast<std::int64_t>(static_cast<double>(frame.time_ns - first_ns) / o.rate);
-      const timespec until{at_ns / s_ns, at_ns % s_ns};
-      clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &until, nullptr);
+    if (o_.rate > 0) {   // absolute deadlines: nothing drifts
+      constexpr double longest_ns = 1e18;
+      sleep_until(began_ns_ + static_cast<std::int64_t>(std::min(static_cast<double>(frame.time_ns - first_ns_) / o_.rate, longest_ns)), o_.stop);
     }
-    if (frame.time_ns > ticked_ns) bench.tick(ticked_ns = frame.time_ns);
-    if (!bench.is_ours(frame)) {
-      if (auto ok = bench.receive(frame, frame.time_ns); !ok) return tl::unexpected(ok.error());
-      continue;
+    if (frame.time_ns > ticked_ns_) bench_.tick(ticked_ns_ = frame.time_ns);
+    if (const auto sender = bench_.sender(frame)) {
+      ++compared_[*sender];
+      compare(frame, line);
+    } else if (auto ok = bench_.receive(frame, frame.time_ns); !ok) {
+      return ok;
     }
-    ++result.compared;
-    auto& queue = said[frame.id];
+    if (const auto& failure = bench_.plant().record_failure(); !failure.empty()) return tl::unexpected(failure);
+    return {};
+  }
+
+  void compare(const Frame& frame, std::size_t line) {
+    ++result_.compared;
+    auto& queue = said_[frame.id];
     if (queue.empty()) {
-      ++result.missing;
-      if (result.first_difference.empty()) result.first_difference = fmt::format("{}:{}: {} was recorded, nothing now", file.string(), log->line(), text(frame));
-      continue;
+      ++result_.missing;
+      differs(fmt::format("{}:{}: {} was recorded, nothing now", file_.string(), line, text(frame)));
+      return;
     }
     if (!(queue.front() == frame)) {
-      ++result.differing;
-      if (result.first_difference.empty()) result.first_difference = fmt::format("{}:{}: {} was recorded, {} now", file.string(), log->line(), text(frame), text(queue.front()));
+      ++result_.differing;
+      differs(fmt::format("{}:{}: {} was recorded, {} now", file_.string(), line, text(frame), text(queue.front())));
     }
     queue.pop_front();
   }
-  if (auto ok = bench.plant().finish(1e-9 * static_cast<double>(clock_ns() - began_ns)); !ok) return tl::unexpected(ok.error());
-  return result;
-}
+
+  /// What the drives say and the log does not have.
+  void judge_the_end() {
+    for (std::size_t i = 0; i < compared_.size(); ++i)
+      if (compared_[i] == 0) result_.silent.push_back(bench_.joints()[i]);
+    for (const auto& [id, queue] : said_) {
+      if (queue.empty()) continue;
+      const auto sender = bench_.sender(queue.front());
+      if (sender && compared_[*sender] == 0) continue;
+      result_.added += queue.size();
+      differs(fmt::format("{}: {} frames {:03X} are said now that were not recorded, {} the last of them; was the log cut?", file_.string(), queue.size(), id, text(queue.back())));
+    }
+  }
+
+  void differs(std::string how) {
+    if (result_.first_difference.empty()) result_.first_difference = std::move(how);
+  }
+
+  const std::filesystem::path& file_;
+  const ReplayOptions& o_;
+  /// What the drives say now, per identifier, until the log has said it too.
+  std::map<std::uint32_t, std::deque<Frame>> said_;
+  Bench bench_;
+  std::vector<std::uint64_t> compared_;   // per drive
+  std::int64_t first_ns_ = 0, ticked_ns_ = -1;
+  const std::int64_t began_ns_ = clock_ns();
+  ReplayResult result_;
+};
+
+}  // namespace
+
+tl::expected<void, std::string> drive(const twin::Scenario& scenario, Transport& bus, const DriveOptions& options) { return Session(scenario, bus, options).run(); }
+
+tl::expected<ReplayResult, std::string> replay(const twin::Scenario& scenario, const std::filesystem::path& log, const ReplayOptions& options) { return Replay(scenario, log, options).run(); }
 
 }  // namespace tribotwin::hil

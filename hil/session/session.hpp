@@ -8,6 +8,7 @@
 #include <tribotwin/hil/can/transport.hpp>
 #include <tribotwin/hil/session/bench.hpp>
 #include <tribotwin/hil/session/faults.hpp>
+#include <tribotwin/twin/output/file.hpp>
 
 namespace tribotwin::hil {
 
@@ -27,18 +28,26 @@ struct DriveOptions {
   std::filesystem::path record;           ///< a candump log of everything on the bus
   std::filesystem::path statistics;       ///< JSON
   std::filesystem::path output;           ///< folder for telemetry
+  twin::Existing existing = twin::Existing::refuse;   ///< what happens to older records and statistics
   std::vector<Fault> faults;              ///< on purpose, by simulated time
   std::function<bool()> stop;             ///< asked often: end now?
   std::function<void(const SessionStatus&)> status;   ///< a few times a second
   std::function<void(const std::string&)> note;       ///< what the user should know, one line
 };
 
-/// Drives on a bus until the end. Fails with one line.
+/// Drives on a bus until the end. A record that cannot be written any more (full disk) is noted and given up; the drives go on.
+/// Fails at the end with one line: what was lost, or that `stop` came before `duration_s` was over.
 tl::expected<void, std::string> drive(const twin::Scenario& scenario, Transport& bus, const DriveOptions& options);
 
 struct ReplayResult {
-  std::uint64_t frames = 0, compared = 0, differing = 0, missing = 0;
-  std::string first_difference;
+  std::uint64_t frames = 0;              ///< in the log
+  std::uint64_t compared = 0;            ///< of them, from the drives
+  std::uint64_t differing = 0;
+  std::uint64_t missing = 0;             ///< in the log, not said now
+  std::uint64_t added = 0;               ///< said now, not in the log; not counted for `silent` drives and interrupted replays
+  std::vector<std::string> silent;       ///< joints whose drives say nothing in the log: nothing was compared
+  bool interrupted = false;
+  std::string first_difference;          ///< one line; empty if all is the same
 };
 struct ReplayOptions {
   Profile profile = Profile::cia402;
@@ -46,6 +55,7 @@ struct ReplayOptions {
   std::uint32_t cycle_us = 2000;
   double rate = 0;                        ///< of the original speed; 0: as fast as possible
   std::filesystem::path output;
+  twin::Existing existing = twin::Existing::refuse;   ///< what happens to an older record in it
   std::function<bool()> stop;
 };
 /// A recorded session through the same code: what the drives answered then is compared with what they answer now.

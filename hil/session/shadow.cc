@@ -4,14 +4,17 @@
 #include <array>
 #include <cmath>
 #include <deque>
-#include <fstream>
+#include <optional>
+#include <utility>
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
+#include <tribotwin/hil/can/record_file.hpp>
 #include <tribotwin/hil/canopen/node.hpp>
 #include <tribotwin/hil/mirror/mirror.hpp>
 #include <tribotwin/twin/model/arm.hpp>
+#include <tribotwin/twin/scenario/input.hpp>
 
 namespace tribotwin::hil {
 namespace {
@@ -23,6 +26,7 @@ class Listener {
   /// Whether the frame held a position of this drive.
   virtual bool hear(const Frame& frame) = 0;
   std::optional<double> position_rad, torque_nm;   // arm side
+  bool torque_heard = false;                       // since somebody set it to false
 };
 
 /// Follows the master's SDO writes too, so that it knows a mapping that was changed while it listened.
@@ -45,7 +49,7 @@ class CanopenListener final : public Listener {
         if (const Object* o = d.find(static_cast<std::uint16_t>(entry >> 16), static_cast<std::uint8_t>(entry >> 8))) {
           const auto value = static_cast<double>(decode(o->type, frame.bytes().subspan(at, size))) * o->scale;
           if (o->index == 0x6064) position_rad = value / gear_, position = true;
-          if (o->index == 0x6077) torque_nm = value * gear_;
+          if (o->index == 0x6077) torque_nm = value * gear_, torque_heard = true;
         }
         at += size;
       }
@@ -67,6 +71,7 @@ class MirrorListener final : public Listener {
     if (!status) return false;
     position_rad = status->position_rad;
     torque_nm = status->torque_norm * torque_max_nm_;
+    torque_heard = true;
     return true;
   }
 
@@ -174,96 +179,207 @@ bool ShadowResult::exceeded() const { return std::ranges::any_of(joints, &Shadow
 
 std::string ShadowResult::table() const {
   std::string s = fmt::format("{:.2f} s\n{:<12} {:>8} {:>14} {:>14} {:>14} {:>9} {:>12}\n", seconds, "joint", "samples", "mean [Nm]", "RMS [Nm]", "largest [Nm]", "lag [ms]", "lubricant");
-  for (const auto& j : joints)
-    s += fmt::format("{:<12} {:>8} {:>14.4g} {:>14.4g} {:>14.4g} {:>9.1f} {:>7.2f} degC{}\n", j.name, j.samples, j.residual_mean_nm, j.residual_rms_nm, j.residual_max_nm, 1e3 * j.lag_s, j.temperature_degC,
-                     j.exceeded ? "  limit exceeded" : "");
+  for (const auto& j : joints) {
+    if (j.samples == 0) s += fmt::format("{:<12} {:>8} {:>14} {:>14} {:>14} {:>9} {:>7.2f} degC\n", j.name, 0, "-", "-", "-", "-", j.temperature_degC);
+    else s += fmt::format("{:<12} {:>8} {:>14.4g} {:>14.4g} {:>14.4g} {:>9.1f} {:>7.2f} degC{}\n", j.name, j.samples, j.residual_mean_nm, j.residual_rms_nm, j.residual_max_nm, 1e3 * j.lag_s, j.temperature_degC,
+                          j.exceeded ? "  limit exceeded" : "");
+  }
   return s;
 }
 
-tl::expected<ShadowResult, std::string> shadow(const twin::Scenario& scenario, const NextFrame& next, const ShadowOptions& o) {
-  const auto parameters = drive_parameters(scenario, o.first_node, o.cycle_us);
-  std::vector<std::unique_ptr<Listener>> listeners;
-  for (const auto& p : parameters) {
-    if (o.profile == Profile::mirror) listeners.push_back(std::make_unique<MirrorListener>(p));
-    else listeners.push_back(std::make_unique<CanopenListener>(p));
-  }
-  const std::size_t n = listeners.size();
-  const double cycle_s = 1e-6 * o.cycle_us;
-  ShadowResult result;
-  for (const auto& p : parameters) result.joints.push_back({.name = p.name});
-  std::vector<std::vector<double>> measured(n), predicted(n);
-  std::vector<double> beyond_s(n);
-  std::ofstream csv;
-  if (!o.csv.empty()) {
-    csv.open(o.csv);
-    csv << "time_s";
-    for (const auto& p : parameters) csv << fmt::format(",{0}.measured_nm,{0}.predicted_nm,{0}.residual_nm,{0}.temperature_degC", p.name);
-    csv << '\n';
-    if (!csv) return tl::unexpected(fmt::format("{}: cannot be written", o.csv.string()));
-  }
+namespace {
 
-  Expectation expectation(scenario, cycle_s);
-  std::vector<double> position(n);
-  std::deque<std::vector<double>> torques;   // measured, waiting for what is expected of them
-  bool heard_all = false;
-  bool synced = false;
-  std::int64_t first_ns = -1;
-  Frame frame;
-  while (!(o.stop && o.stop())) {
-    auto more = next(frame);
-    if (!more) return tl::unexpected(more.error());
-    if (!*more) break;
-    if (frame.error) continue;
-    if (first_ns < 0) first_ns = frame.time_ns;
-    if (o.duration_s && 1e-9 * static_cast<double>(frame.time_ns - first_ns) >= *o.duration_s) break;
-    const bool sync = frame.id == 0x80 && !frame.extended && frame.size <= 1;
-    synced |= sync;
-    bool heard_first = false;
-    for (std::size_t i = 0; i < n; ++i) heard_first |= listeners[i]->hear(frame) && i == 0;
-    if (!(synced ? sync : heard_first)) continue;
-
-    // A cycle is over: what was heard in it is where the robot was at its beginning.
-    if (std::ranges::any_of(listeners, [](const auto& l) { return !l->position_rad; })) continue;
-    heard_all = true;
-    std::vector<double> torque(n);
-    for (std::size_t i = 0; i < n; ++i) position[i] = *listeners[i]->position_rad, torque[i] = listeners[i]->torque_nm.value_or(std::nan(""));
-    torques.push_back(std::move(torque));
-    if (!expectation.take(position)) continue;
-    while (torques.size() > Expectation::half + 1) torques.pop_front();
-    result.seconds += cycle_s;
-    if (csv.is_open()) csv << fmt::format("{:.6f}", result.seconds);
-    for (std::size_t i = 0; i < n; ++i) {
-      ShadowJoint& j = result.joints[i];
-      j.temperature_degC = expectation.temperature_degC(i);
-      const double seen = torques.front()[i], low = expectation.low_nm(i), high = expectation.high_nm(i);
-      const double expected = std::isnan(seen) ? (low + high) / 2 : std::clamp(seen, low, high), residual = seen - expected;
-      if (csv.is_open()) csv << fmt::format(",{:.6g},{:.6g},{:.6g},{:.3f}", seen, expected, residual, j.temperature_degC);
-      if (std::isnan(seen)) continue;
-      measured[i].push_back(seen);
-      predicted[i].push_back(expected);
-      ++j.samples;
-      j.residual_mean_nm += (residual - j.residual_mean_nm) / static_cast<double>(j.samples);
-      j.residual_rms_nm += (residual * residual - j.residual_rms_nm) / static_cast<double>(j.samples);   // its square, until the end
-      j.residual_max_nm = std::max(j.residual_max_nm, std::abs(residual));
-      beyond_s[i] = o.limit_nm && std::abs(residual) > *o.limit_nm ? beyond_s[i] + cycle_s : 0;
-      if (beyond_s[i] > o.limit_time_s && !std::exchange(j.exceeded, true) && o.note)
-        o.note(fmt::format("{}: residual {:.4g} Nm beyond {:.4g} Nm for {:.3g} s, at {:.3f} s", j.name, residual, *o.limit_nm, o.limit_time_s, result.seconds));
+/// The listeners of all drives, cycle by cycle against what is expected of them.
+class Shadow {
+ public:
+  Shadow(const twin::Scenario& scenario, const ShadowOptions& o) : o_(o), cycle_s_(1e-6 * o.cycle_us), expectation_(scenario, cycle_s_) {
+    for (const auto& p : drive_parameters(scenario, o.first_node, o.cycle_us)) {
+      if (o.profile == Profile::mirror) listeners_.push_back(std::make_unique<MirrorListener>(p));
+      else listeners_.push_back(std::make_unique<CanopenListener>(p));
+      result_.joints.push_back({.name = p.name});
     }
-    if (csv.is_open()) csv << '\n';
+    for (const auto& name : o.limit_joints)
+      if (std::ranges::find(result_.joints, name, &ShadowJoint::name) == result_.joints.end())
+        throw twin::InputError(fmt::format("no joint '{}' that a limit could hold for; there are {}", name, names([](std::size_t) { return true; })));
+    series_.resize(listeners_.size());
   }
-  if (!heard_all) {
-    std::vector<std::string> silent;
-    for (std::size_t i = 0; i < n; ++i)
-      if (!listeners[i]->position_rad) silent.push_back(parameters[i].name);
-    return tl::unexpected(fmt::format("no position was heard of {}: is --first-node right, and is a PDO with 6064h on the bus?", fmt::join(silent, ", ")));
+
+  tl::expected<ShadowResult, std::string> run(const NextFrame& next) {
+    if (auto ok = open_csv(); !ok) return tl::unexpected(ok.error());
+    Frame frame;
+    tl::expected<bool, std::string> more = true;
+    while (!stopped()) {
+      more = next(frame);
+      if (!more || !*more || over(frame)) break;
+      if (!frame.error && ends_cycle(frame)) take_cycle();
+    }
+    result_.interrupted = stopped() && !o_.endless;
+    close_csv();
+    if (!more) return tl::unexpected(more.error());
+    if (!result_.interrupted) require_predictions();
+    check_limit();
+    return finished();
   }
-  for (std::size_t i = 0; i < n; ++i) {
-    ShadowJoint& j = result.joints[i];
-    j.residual_rms_nm = std::sqrt(j.residual_rms_nm);
-    j.lag_s = cycle_s * lag(predicted[i], measured[i], 50);
+
+ private:
+  struct Series {
+    std::vector<double> measured, predicted;
+    double beyond_s = 0;
+    double unheard_s = 0;   // since the last torque
+  };
+  static constexpr double stale_s = 0.5;   // a TPDO may come with every 240th SYNC only
+
+  bool stopped() const { return o_.stop && o_.stop(); }
+  bool over(const Frame& frame) {
+    if (frame.error) return false;
+    if (first_ns_ < 0) first_ns_ = frame.time_ns;
+    return o_.duration_s && 1e-9 * static_cast<double>(frame.time_ns - first_ns_) >= *o_.duration_s;
   }
-  if (csv.is_open() && !csv.flush()) return tl::unexpected(fmt::format("{}: cannot be written", o.csv.string()));
-  return result;
-}
+  /// "joint1, joint2": those that `which` holds for.
+  std::string names(const std::function<bool(std::size_t)>& which) const {
+    std::vector<std::string> chosen;
+    for (std::size_t i = 0; i < result_.joints.size(); ++i)
+      if (which(i)) chosen.push_back(result_.joints[i].name);
+    return fmt::format("{}", fmt::join(chosen, ", "));
+  }
+
+  /// Cycles end with the SYNC, or where there is none with the first drive's position.
+  bool ends_cycle(const Frame& frame) {
+    const bool sync = frame.id == 0x80 && !frame.extended && frame.size <= 1;
+    synced_ |= sync;
+    bool heard_first = false;
+    for (std::size_t i = 0; i < listeners_.size(); ++i) heard_first |= listeners_[i]->hear(frame) && i == 0;
+    return synced_ ? sync : heard_first;
+  }
+
+  /// What was heard in a cycle is where the robot was at its beginning.
+  void take_cycle() {
+    if (std::ranges::any_of(listeners_, [](const auto& l) { return !l->position_rad; })) return;
+    ++positions_;
+    std::vector<double> position, torque;
+    for (std::size_t i = 0; i < listeners_.size(); ++i) position.push_back(*listeners_[i]->position_rad), torque.push_back(measured_nm(i));
+    torques_.push_back(std::move(torque));
+    if (!expectation_.take(position)) return;
+    while (torques_.size() > Expectation::half + 1) torques_.pop_front();
+    result_.seconds += cycle_s_;
+    row_ = fmt::format("{:.6f}", result_.seconds);
+    for (std::size_t i = 0; i < listeners_.size(); ++i) judge(i, torques_.front()[i]);
+    write_row();
+  }
+
+  /// NaN while none is heard: the last one of a drive that fell silent is not compared for ever.
+  double measured_nm(std::size_t i) {
+    Listener& l = *listeners_[i];
+    Series& s = series_[i];
+    if (!l.torque_nm) return std::nan("");
+    const double before_s = s.unheard_s;
+    s.unheard_s = std::exchange(l.torque_heard, false) ? 0 : s.unheard_s + cycle_s_;
+    if (s.unheard_s <= stale_s) return *l.torque_nm;
+    if (before_s <= stale_s) note(fmt::format("{}: no torque for {} s, at {:.3f} s; not compared until it is back", result_.joints[i].name, stale_s, result_.seconds));
+    return std::nan("");
+  }
+
+  void judge(std::size_t i, double seen) {
+    ShadowJoint& j = result_.joints[i];
+    j.temperature_degC = expectation_.temperature_degC(i);
+    const double low = expectation_.low_nm(i), high = expectation_.high_nm(i);
+    const double expected = std::isnan(seen) ? (low + high) / 2 : std::clamp(seen, low, high), residual = seen - expected;
+    row_ += fmt::format(",{:.6g},{:.6g},{:.6g},{:.3f}", seen, expected, residual, j.temperature_degC);
+    if (std::isnan(seen)) return;
+    Series& s = series_[i];
+    s.measured.push_back(seen);
+    s.predicted.push_back(expected);
+    ++j.samples;
+    j.residual_mean_nm += (residual - j.residual_mean_nm) / static_cast<double>(j.samples);
+    j.residual_rms_nm += (residual * residual - j.residual_rms_nm) / static_cast<double>(j.samples);   // its square, until the end
+    j.residual_max_nm = std::max(j.residual_max_nm, std::abs(residual));
+    if (!limited(i)) return;
+    s.beyond_s = std::abs(residual) > *o_.limit_nm ? s.beyond_s + cycle_s_ : 0;
+    if (s.beyond_s > o_.limit_time_s && !std::exchange(j.exceeded, true))
+      note(fmt::format("{}: residual {:.4g} Nm beyond {:.4g} Nm for {:.3g} s, at {:.3f} s", j.name, residual, *o_.limit_nm, o_.limit_time_s, result_.seconds));
+  }
+  bool limited(std::size_t i) const { return o_.limit_nm && (o_.limit_joints.empty() || std::ranges::find(o_.limit_joints, result_.joints[i].name) != o_.limit_joints.end()); }
+  void note(const std::string& what) const {
+    if (o_.note) o_.note(what);
+  }
+
+  tl::expected<void, std::string> open_csv() {
+    if (o_.csv.empty()) return {};
+    auto csv = RecordFile::create(o_.csv, {.replace = o_.existing == twin::Existing::replace, .give_up = o_.stop});
+    if (!csv) return tl::unexpected(csv.error());
+    csv_.emplace(std::move(*csv));
+    return {};
+  }
+  void write_row() {
+    if (!csv_) return;
+    std::string head;
+    if (!std::exchange(headed_, true)) {
+      head = "time_s";
+      for (const auto& j : result_.joints) head += fmt::format(",{0}.measured_nm,{0}.predicted_nm,{0}.residual_nm,{0}.temperature_degC", j.name);
+      head += '\n';
+    }
+    keep_csv(csv_->append(head + row_ + '\n'));
+    if (csv_) keep_csv(csv_->flush());   // a bus may fall silent for long
+  }
+  void close_csv() {
+    if (!csv_) return;
+    if (headed_) keep_csv(csv_->finish());
+    csv_.reset();   // without a row: no file
+  }
+  /// A full disk must not end the watch over a robot.
+  void keep_csv(const tl::expected<void, std::string>& written) {
+    if (written) return;
+    result_.csv_failure = fmt::format("{}; written up to {:.3f} s", written.error(), result_.seconds);
+    csv_.reset();
+    note(result_.csv_failure + "; the shadow goes on");
+  }
+
+  void require_predictions() const {
+    if (positions_ == 0) {
+      const auto silent = names([&](std::size_t i) { return !listeners_[i]->position_rad; });
+      throw twin::InputError(silent.empty() ? "no cycle was heard: there was one position of every drive, and nothing after it"
+                                            : fmt::format("no position was heard of {}: is --first-node right, and is a PDO with 6064h on the bus?", silent));
+    }
+    if (result_.seconds == 0) throw twin::InputError(fmt::format("positions of {} cycles were heard; a prediction takes {}: listen for longer", positions_, static_cast<int>(Expectation::window)));
+  }
+
+  /// A limit that was not checked must not look like one that was kept.
+  void check_limit() {
+    const auto no_torque = names([&](std::size_t i) { return result_.joints[i].samples == 0 && (!o_.limit_nm || limited(i)); });
+    const auto too_short = names([&](std::size_t i) { return limited(i) && result_.joints[i].samples > 0 && static_cast<double>(result_.joints[i].samples) * cycle_s_ <= o_.limit_time_s; });
+    if (!no_torque.empty()) {
+      const std::string why = fmt::format("no torque was heard of {}: map 6077h into a TPDO that is sent with the SYNC (1A03h, 1803h)", no_torque);
+      if (o_.limit_nm) result_.unchecked.push_back(fmt::format("{}, or name the joints to check with --joint", why));
+      else note(fmt::format("{}; nothing was compared there", why));
+    }
+    if (!too_short.empty()) result_.unchecked.push_back(fmt::format("torques of {} were heard for less than the {} s of --limit-time: listen for longer", too_short, o_.limit_time_s));
+  }
+
+  ShadowResult finished() {
+    for (std::size_t i = 0; i < series_.size(); ++i) {
+      ShadowJoint& j = result_.joints[i];
+      j.residual_rms_nm = std::sqrt(j.residual_rms_nm);
+      j.lag_s = cycle_s_ * lag(series_[i].predicted, series_[i].measured, 50);
+    }
+    return std::move(result_);
+  }
+
+  const ShadowOptions& o_;
+  double cycle_s_;
+  Expectation expectation_;
+  std::vector<std::unique_ptr<Listener>> listeners_;
+  std::vector<Series> series_;
+  std::deque<std::vector<double>> torques_;   // measured, waiting for what is expected of them
+  std::uint64_t positions_ = 0;               // cycles with positions of all drives
+  bool synced_ = false, headed_ = false;
+  std::int64_t first_ns_ = -1;
+  std::optional<RecordFile> csv_;
+  std::string row_;
+  ShadowResult result_;
+};
+
+}  // namespace
+
+tl::expected<ShadowResult, std::string> shadow(const twin::Scenario& scenario, const NextFrame& next, const ShadowOptions& options) { return Shadow(scenario, options).run(next); }
 
 }  // namespace tribotwin::hil

@@ -8,13 +8,16 @@
 #include <arpa/inet.h>
 #include <netinet/in.h>
 #include <poll.h>
+#include <sys/resource.h>
 #include <sys/socket.h>
+#include <sys/stat.h>
 #include <sys/time.h>
 #include <unistd.h>
 
 #include <fmt/format.h>
 
 #include <tribotwin/hil/can/log.hpp>
+#include <tribotwin/hil/can/record_file.hpp>
 #include <tribotwin/hil/can/transport.hpp>
 
 namespace tribotwin::hil {
@@ -260,6 +263,97 @@ TEST_F(Log, WriterNamesTheFileThatCannotBeWritten) {
   tl::expected<void, std::string> good;
   for (int i = 0; good && i < 100'000; ++i) good = buffered->write(frame_of(1));
   EXPECT_EQ(good.error(), "/dev/full: cannot be written (No space left on device)");
+}
+
+// Files that grow during a session
+
+std::string content_of(const std::filesystem::path& path) {
+  std::ifstream in(path, std::ios::binary);
+  return {std::istreambuf_iterator(in), {}};
+}
+
+TEST_F(Log, ARecordIsNeverReplacedUnasked) {
+  const auto path = file("somebody's\n");
+  EXPECT_EQ(RecordFile::create(path).error(), path.string() + ": exists already; give another name, or --force to replace it");
+  EXPECT_EQ(content_of(path), "somebody's\n");
+  {
+    auto replacing = RecordFile::create(path, {.replace = true});
+    ASSERT_TRUE(replacing);
+    EXPECT_THAT(RecordFile::create(path, {.replace = true}).error(), HasSubstr("another session is writing it"));
+  }
+  EXPECT_EQ(content_of(path), "somebody's\n") << "nothing was written, so nothing is replaced";
+  auto replacing = RecordFile::create(path, {.replace = true});
+  ASSERT_TRUE(replacing->append("new\n"));
+  ASSERT_TRUE(replacing->finish());
+  EXPECT_EQ(content_of(path), "new\n");
+  ASSERT_TRUE(RecordFile::create(path, {.replace = true})->finish());
+  EXPECT_EQ(content_of(path), "") << "an empty record is a record too";
+  auto empty = RecordFile::create(path);
+  ASSERT_TRUE(empty) << empty.error();
+  EXPECT_THAT(RecordFile::create(path).error(), HasSubstr("another session is writing it"));
+  ASSERT_TRUE(RecordFile::create(folder_ / "unused"));
+  EXPECT_FALSE(std::filesystem::exists(folder_ / "unused"));
+}
+
+TEST_F(Log, AFullDiskLeavesWholeLines) {
+  std::signal(SIGXFSZ, SIG_IGN);
+  rlimit before{};
+  ::getrlimit(RLIMIT_FSIZE, &before);
+  const rlimit small{.rlim_cur = 100, .rlim_max = before.rlim_max};
+  auto record = RecordFile::create(folder_ / "full.log");
+  ASSERT_TRUE(record->append("0123456789\n"));
+  ASSERT_TRUE(record->flush());
+  for (int i = 0; i < 10; ++i) ASSERT_TRUE(record->append("0123456789\n"));
+  ::setrlimit(RLIMIT_FSIZE, &small);
+  const auto written = record->flush();
+  ::setrlimit(RLIMIT_FSIZE, &before);
+  EXPECT_EQ(written.error(), (folder_ / "full.log").string() + ": cannot be written (File too large)");
+  EXPECT_EQ(content_of(folder_ / "full.log").size(), 99U);
+  EXPECT_EQ(record->append("more\n").error(), written.error()) << "a record has no gaps";
+  EXPECT_EQ(record->finish().error(), written.error());
+  EXPECT_EQ(content_of(folder_ / "full.log").size(), 99U);
+}
+
+TEST_F(Log, APipeHoldsNobody) {
+  const auto pipe = folder_ / "pipe";
+  ASSERT_EQ(::mkfifo(pipe.c_str(), 0600), 0);
+  EXPECT_THAT(RecordFile::create(pipe).error(), HasSubstr("nobody has the other end"));
+  bool stopped = false;
+  auto reader = LogReader::open(pipe, [&] { return std::exchange(stopped, true); });
+  ASSERT_TRUE(reader);
+  Frame frame;
+  EXPECT_EQ(reader->next(frame), false) << "stopped while there was no writer";
+  auto record = RecordFile::create(pipe);
+  ASSERT_TRUE(record);
+  tl::expected<void, std::string> written;
+  for (int i = 0; written && i < 100; ++i) written = record->append(std::string(9999, 'x') + "\n");
+  EXPECT_THAT(written.error(), HasSubstr("nobody reads the other end of this pipe fast enough"));
+}
+
+TEST_F(Log, ReaderTakesLinesInPieces) {
+  const auto pipe = folder_ / "pipe";
+  ASSERT_EQ(::mkfifo(pipe.c_str(), 0600), 0);
+  auto log = LogReader::open(pipe);
+  std::thread writer([&] {
+    std::ofstream out(pipe);
+    for (const char* piece : {"(1.0) can0 12", "3#01\n(2.0) ca", "n0 124#\n(3.0) can0 125#"}) {
+      out << piece << std::flush;
+      std::this_thread::sleep_for(20ms);
+    }
+  });
+  Frame frame;
+  for (const std::uint32_t id : {0x123U, 0x124U, 0x125U}) {
+    EXPECT_EQ(log->next(frame), true);
+    EXPECT_EQ(frame.id, id);
+  }
+  EXPECT_EQ(log->next(frame), false);
+  writer.join();
+}
+
+TEST_F(Log, AFileWithoutLineEndsIsNoLog) {
+  auto log = LogReader::open("/dev/zero");
+  Frame frame;
+  EXPECT_THAT(log->next(frame).error(), HasSubstr("/dev/zero:1: longer than 4095 characters"));
 }
 
 // The bus within a process

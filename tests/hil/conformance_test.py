@@ -37,7 +37,7 @@ STANDARD |= {base + k: shape for k in range(5) for base, shape in ((0x1400, "RIB
 def parse_eds(node):
     """Of the EDS: {(index, sub): (type, default, access, mappable, name)}, data types that fill gaps in an RPDO, what is wrong."""
     wrong = []
-    subprocess.run([hil, "eds", scenario, "--node", str(node), "-o", work + "/drive.eds"], check=True)
+    subprocess.run([hil, "eds", scenario, "--node", str(node), "-o", work + "/drive.eds", "--force"], check=True)
     eds = configparser.ConfigParser(strict=True, interpolation=None, delimiters="=", comment_prefixes=";", empty_lines_in_values=False)
     eds.read_string(open(work + "/drive.eds", encoding="ascii").read())
     number = lambda text: sum(node if t.upper() == "$NODEID" else int(t, 0) for t in text.split("+"))

@@ -44,7 +44,7 @@ refused("a log with a line that is none", "replay", scenario, "bad.log", "--fast
 refused("a log in which no drive speaks", "shadow", scenario, "--can", "log:bad.log", says="bad.log:2", code=1)
 with open(os.path.join(work, "quiet.log"), "w") as f:
     f.write("(1.000000) can0 080#\n(1.002000) can0 080#\n")
-refused("nothing heard", "shadow", scenario, "--can", "log:quiet.log", says="no position was heard of joint1", code=1)
+refused("nothing heard", "shadow", scenario, "--can", "log:quiet.log", says="no position was heard of joint1")
 refused("a log that is a recording", "drive", scenario, "--can", "memory:x", "--record", "quiet.log", says="quiet.log: holds a session already")
 os.mkdir(os.path.join(work, "live"))
 with open(os.path.join(work, "live", "telemetry.h5"), "w") as f:

@@ -1,0 +1,121 @@
+#include <tribotwin/hil/can/record_file.hpp>
+
+#include <cerrno>
+#include <cstring>
+#include <utility>
+
+#include <fcntl.h>
+#include <fmt/format.h>
+#include <poll.h>
+#include <sys/file.h>
+#include <sys/stat.h>
+
+#include <tribotwin/hil/can/clock.hpp>
+
+namespace tribotwin::hil {
+namespace {
+
+using Status = tl::expected<void, std::string>;
+
+constexpr std::size_t most_waiting = 64 * 1024;
+constexpr std::int64_t flush_interval_ns = 250'000'000;
+constexpr int pipe_wait_ms = 100;
+
+std::string not_written(const std::filesystem::path& file, std::string_view why) { return fmt::format("{}: cannot be written ({})", file.string(), why); }
+
+std::string reason(int error) {
+  if (error == EAGAIN) return "nobody reads the other end of this pipe fast enough";
+  if (error == ENXIO) return "nobody has the other end of this pipe open";
+  return std::strerror(error);
+}
+
+}  // namespace
+
+RecordFile::RecordFile(std::filesystem::path file, RecordOptions options, Descriptor fd, bool created)
+    : file_(std::move(file)), options_(std::move(options)), fd_(std::move(fd)), created_(created), flushed_ns_(clock_ns()) {}
+
+tl::expected<RecordFile, std::string> RecordFile::create(const std::filesystem::path& file, RecordOptions options) {
+  constexpr int flags = O_WRONLY | O_CLOEXEC | O_NONBLOCK;   // O_NONBLOCK: a pipe without reader must not hold the drives
+  Descriptor fd(::open(file.c_str(), flags | O_CREAT | O_EXCL, 0666));
+  const bool created = fd.get() >= 0;
+  if (!created && errno == EEXIST) fd = Descriptor(::open(file.c_str(), flags));
+  if (fd.get() < 0) return tl::unexpected(not_written(file, reason(errno)));
+  RecordFile record(file, std::move(options), std::move(fd), created);
+  struct stat found{};
+  if (::fstat(record.fd_.get(), &found) != 0) return tl::unexpected(not_written(file, reason(errno)));
+  // /dev/stdout opened anew would begin at the start of a redirected file, under what is printed later.
+  for (const int stream : {STDOUT_FILENO, STDERR_FILENO})
+    if (struct stat standard{}; ::fstat(stream, &standard) == 0 && standard.st_dev == found.st_dev && standard.st_ino == found.st_ino) {
+      record.fd_ = Descriptor(::fcntl(stream, F_DUPFD_CLOEXEC, 0));
+      return record;
+    }
+  record.regular_ = S_ISREG(found.st_mode);
+  if (!record.regular_) return record;
+  // Whoever comes second is refused, even if both found no file, an empty one, or may replace it.
+  if (::flock(record.fd_.get(), LOCK_EX | LOCK_NB) != 0 && errno == EWOULDBLOCK)
+    return tl::unexpected(fmt::format("{}: another session is writing it; give another name", file.string()));
+  if (::fstat(record.fd_.get(), &found) == 0 && found.st_size > 0 && !record.options_.replace)
+    return tl::unexpected(fmt::format("{}: exists already; give another name, or --force to replace it", file.string()));
+  return record;
+}
+
+RecordFile::~RecordFile() {
+  if (fd_.get() < 0) return;
+  (void)flush();
+  if (created_ && !written_) ::unlink(file_.c_str());
+}
+
+Status RecordFile::fail(int error) {
+  error_ = not_written(file_, reason(error));
+  if (regular_) (void)!::ftruncate(fd_.get(), size_);   // half a line is no line
+  waiting_.clear();
+  return tl::unexpected(error_);
+}
+
+Status RecordFile::append(std::string_view lines) {
+  if (!error_.empty()) return tl::unexpected(error_);
+  waiting_ += lines;
+  return waiting_.size() >= most_waiting || clock_ns() - flushed_ns_ >= flush_interval_ns ? flush() : Status{};
+}
+
+Status RecordFile::begin() {
+  const bool first = !std::exchange(written_, true);
+  return first && regular_ && ::ftruncate(fd_.get(), 0) != 0 ? fail(errno) : Status{};
+}
+
+Status RecordFile::flush() {
+  if (!error_.empty()) return tl::unexpected(error_);
+  flushed_ns_ = clock_ns();
+  if (waiting_.empty()) return {};
+  if (auto ok = begin(); !ok) return ok;
+  std::size_t sent = 0;
+  while (sent < waiting_.size()) {
+    const ssize_t n = ::write(fd_.get(), waiting_.data() + sent, waiting_.size() - sent);
+    const int error = n < 0 ? errno : 0;
+    if (n >= 0) sent += static_cast<std::size_t>(n);
+    else if (error != EINTR && (error != EAGAIN || !reader_takes_more())) {
+      size_ += static_cast<std::int64_t>(std::string_view(waiting_).substr(0, sent).rfind('\n') + 1);   // npos + 1 is 0
+      return fail(error);
+    }
+  }
+  size_ += static_cast<std::int64_t>(sent);
+  waiting_.clear();
+  return {};
+}
+
+/// Of a full pipe.
+bool RecordFile::reader_takes_more() {
+  pollfd pipe{fd_.get(), POLLOUT, 0};
+  return ::poll(&pipe, 1, pipe_wait_ms) != 0 || (options_.give_up && !options_.give_up());
+}
+
+Status RecordFile::finish() {
+  if (auto ok = flush(); !ok) return ok;
+  if (auto ok = begin(); !ok) return ok;
+  if (regular_ && ::fsync(fd_.get()) != 0) return fail(errno);
+  if (fd_.close()) return {};
+  error_ = not_written(file_, reason(errno));
+  return tl::unexpected(error_);
+}
+
+}  // namespace tribotwin::hil
