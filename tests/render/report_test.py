@@ -185,7 +185,7 @@ os.mkdir(path(folder))
 mjcf = content(os.path.join(source, "mjcf", "xl330_pendulum.xml")).replace('"hinge"', '"' + escaped + '"').replace('"scene.xml"', '"' + os.path.join(source, "mjcf", "scene.xml") + '"')
 with open(path(folder) + "/odd.xml", "w") as f:
     f.write(mjcf)
-scenario = {"name": "<script>document.title='pwned'</script> `touch pwned` 'x' \"y\"", "description": "a\n<img src=x onerror=alert(1)> </style></pre> ]]> ü", "model": "odd.xml", "duration_s": 6, "ambient_degC": 25,
+scenario = {"name": "<script>document.title='pwned'<b> `touch pwned` 'x' \"y\"", "description": "a\n<script>document.title='pwned'</script> <img src=x onerror=alert(1)> </style></pre> ]]> ü", "model": "odd.xml", "duration_s": 6, "ambient_degC": 25,
             "motion": {"type": "cycle", "waypoints": [{"position_rad": {name: -0.5}}, {"position_rad": {name: 0.9}}]}, "control": {"type": "servo"}, "telemetry_rate_hz": 50}
 with open(path(folder) + "/odd.yaml", "w") as f:
     json.dump(scenario, f)

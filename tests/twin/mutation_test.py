@@ -9,7 +9,7 @@ import yaml
 
 program, source, hil, *report = map(os.path.abspath, sys.argv[1:])
 work = tempfile.mkdtemp(prefix="tribotwin_mutation_")
-each = int(os.environ.get("TRIBOTWIN_MUTATIONS", "10"))   # of a file
+each = int(os.environ.get("TRIBOTWIN_MUTATIONS", "7"))   # of a file
 failures, counts = [], {}
 NULL = object()   # a key, written as ~
 

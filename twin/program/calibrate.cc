@@ -243,9 +243,10 @@ Campaign read_campaign(const fs::path& file, std::optional<std::uint64_t> seed) 
   if (!in.has("variants")) in.fail("variants", "is missing: a list of {label, model, law, ...}");
   for (Mapping v : in.mappings("variants")) {
     v.accept({"label", "model", "law", "drive", "joint", "control", "motion"});
-    Variant variant{.label = v.file_name_or("label", ""), .timestep_s = timestep};
+    Variant variant{.label = v.text("label"), .timestep_s = timestep};
     if (variant.label.find_first_not_of("ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789_-") != std::string::npos)
       v.fail("label", fmt::format("is '{}' but must consist of letters, digits, '_' and '-': files are named after it", variant.label));
+    v.file_name_or("label", "");
     if (std::ranges::any_of(c.plan.variants, [&](const Variant& other) { return other.label == variant.label; })) v.fail("label", fmt::format("'{}' is the label of another variant", variant.label));
     variant.model = v.file("model", folder);
     std::vector<std::string_view> laws;

@@ -121,6 +121,13 @@ tl::expected<Json, std::string> verdicts(const Study& study, const Joint& joint,
   return j;
 }
 
+/// What the verdicts would find missing after an hour of measuring.
+void require_learnable(const Study& study, const Joint& joint) {
+  const auto learned = static_cast<std::size_t>(std::ranges::count_if(joint.campaign.curves, [&](const Curve& c) { return std::ranges::count(study.learn, c.series) > 0; }));
+  if (learned < diagnosis::observations_least)
+    throw InputError(fmt::format("{}: diagnosis.learn: has {} curves of {}, but a healthy state needs {} or more", joint.campaign.file.string(), learned, joint.name, diagnosis::observations_least));
+}
+
 }  // namespace
 
 bool is_study(const YAML::Node& tree) { return static_cast<bool>(tree["joints"]); }
@@ -150,11 +157,9 @@ Study load_study(const fs::path& file, const YAML::Node& tree) {
       if (std::ranges::none_of(joint.campaign.curves, [&](const Curve& c) { return c.series == series; })) diagnosis->fail(key, fmt::format("'{}' is no series of this campaign", series));
     return series;
   };
+  if (const YAML::Node learn = diagnosis->raw("learn"); !learn || !learn.IsSequence()) diagnosis->fail("learn", "must be a list of series");
   for (const auto& series : diagnosis->texts("learn")) study.learn.push_back(series_of("learn", series));
   if (study.learn.empty()) diagnosis->fail("learn", "must be a list of series");
-  for (const Joint& joint : study.joints)
-    if (const auto learned = std::ranges::count_if(joint.campaign.curves, [&](const Curve& c) { return std::ranges::count(study.learn, c.series) > 0; }); learned < static_cast<std::ptrdiff_t>(twin::diagnosis::observations_least))
-      diagnosis->fail("learn", fmt::format("has {} curves of {}, but a healthy state needs {} or more", learned, joint.name, twin::diagnosis::observations_least));
   for (Mapping one : diagnosis->mappings("check")) {
     one.accept({"series", "state"});
     study.check.push_back({series_of("check", one.text("series")), one.text("state")});
@@ -170,6 +175,7 @@ Study load_study(const fs::path& file, const YAML::Node& tree) {
 
 tl::expected<LabSummary, std::string> run_study(const Study& study, const LabOptions& options) {
   const auto started = std::chrono::steady_clock::now();
+  for (const Joint& joint : study.joints) require_learnable(study, joint);
   LabSummary sum;
   Json all;
   const double joints = static_cast<double>(study.joints.size());
