@@ -67,6 +67,7 @@ RecordFile::~RecordFile() {
 
 Status RecordFile::fail(int error) {
   error_ = not_written(file_, reason(error));
+  if (!replaced_.empty()) error_ += fmt::format("; what it was to replace is kept in {}", replaced_.string());
   if (regular_) (void)!::ftruncate(fd_.get(), size_);   // half a line is no line
   waiting_.clear();
   return tl::unexpected(error_);
@@ -79,8 +80,25 @@ Status RecordFile::append(std::string_view lines) {
 }
 
 Status RecordFile::begin() {
+  struct stat found{};
   const bool first = !std::exchange(written_, true);
-  return first && regular_ && ::ftruncate(fd_.get(), 0) != 0 ? fail(errno) : Status{};
+  return first && regular_ && ::fstat(fd_.get(), &found) == 0 && found.st_size > 0 ? set_aside() : Status{};
+}
+
+Status RecordFile::set_aside() {
+  std::error_code error;
+  const std::filesystem::path file = std::filesystem::canonical(file_, error), aside = file.string() + ".replaced";
+  if (error) return fail(error.value());
+  if (::renameat2(AT_FDCWD, file.c_str(), AT_FDCWD, aside.c_str(), RENAME_NOREPLACE) != 0) {
+    if (errno != EEXIST) return fail(errno);
+    error_ = fmt::format("{}: is what an earlier session was to replace; move it away first", aside.string());
+    return tl::unexpected(error_);
+  }
+  replaced_ = aside;
+  fd_ = Descriptor(::open(file.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666));
+  if (fd_.get() < 0) return fail(errno);
+  (void)::flock(fd_.get(), LOCK_EX | LOCK_NB);   // nobody else can have this new file
+  return {};
 }
 
 Status RecordFile::flush() {
@@ -113,7 +131,10 @@ Status RecordFile::finish() {
   if (auto ok = flush(); !ok) return ok;
   if (auto ok = begin(); !ok) return ok;
   if (regular_ && ::fsync(fd_.get()) != 0) return fail(errno);
-  if (fd_.close()) return {};
+  if (fd_.close()) {
+    if (!replaced_.empty()) ::unlink(replaced_.c_str());
+    return {};
+  }
   error_ = not_written(file_, reason(errno));
   return tl::unexpected(error_);
 }

@@ -14,7 +14,9 @@
 namespace tribotwin::hil {
 
 struct RecordOptions {
-  bool replace = false;          ///< also where the file holds something already; it keeps that until the first line is written
+  /// Also where the file holds something already. That stays until the first line is written, and from then on as
+  /// FILE.replaced, until the new content is whole.
+  bool replace = false;
   /// Asked every 0.1 s while the reader of a pipe does not read: give up? Empty: yes, because a session cannot wait for it.
   std::function<bool()> give_up;
 };
@@ -41,7 +43,9 @@ class RecordFile {
   tl::expected<void, std::string> begin();
   bool reader_takes_more();
 
-  std::filesystem::path file_;
+  tl::expected<void, std::string> set_aside();
+
+  std::filesystem::path file_, replaced_;
   RecordOptions options_;
   Descriptor fd_;
   bool created_ = false, regular_ = false, written_ = false;

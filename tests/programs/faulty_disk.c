@@ -16,7 +16,9 @@
    A change is: open for writing with O_CREAT, O_TRUNC or O_TMPFILE, fopen for writing, mkstemp and its kin, mkdir; write,
    pwrite, writev, pwritev, copy_file_range, sendfile, fwrite, fflush; truncate, ftruncate, fallocate, posix_fallocate; fsync,
    fdatasync; rename, link, symlink; and close of a descriptor that was written and not synchronised since, where network file
-   systems report what they could not keep. Removing is none: it works on a full disk.
+   systems report what they could not keep. Removing and shortening are none: they work on a full disk. Nor does a full disk
+   refuse a write into space that the file has already, by an earlier write or by fallocate (POSIX says so of the latter).
+   A write that is torn by a kill ends between two pages: Linux looks for signals there.
 
    Limitation: glibc calls its own write() from within stdio. fopen, fwrite, fflush and fclose are therefore caught themselves;
    fprintf, fputs and what a buffer writes by itself are not. Mounting a small tmpfs catches those (disaster_test.py does). */
@@ -152,12 +154,34 @@ static enum verdict change_of_file(const char* call, int fd, bool is_write) {
   return change(call, path, is_write);
 }
 
-/* What a write of `size` bytes may write: all, or half of it and then the machine dies where that was asked for. */
-#define WRITE(call, fd, size, whole, part)                             \
+/* Whether the bytes have their place on the disk. */
+static bool has_space(int fd, off_t to, size_t size) {
+  struct stat s;
+  return how <= half && fstat(fd, &s) == 0 && (off_t)s.st_blocks * 512 >= to + (off_t)size;
+}
+
+/* How many of `size` bytes are written before a failure. */
+static size_t first_part(off_t to, size_t size) {
+  enum { page = 4096 };
+  if (how != torn) return size / 2;
+  const off_t end = (to + (off_t)size / 2) / page * page;
+  return end > to ? (size_t)(end - to) : 0;
+}
+
+/* Where write() writes. */
+static off_t place(int fd) {
+  struct stat s;
+  return fcntl(fd, F_GETFL) & O_APPEND && fstat(fd, &s) == 0 ? s.st_size : lseek(fd, 0, SEEK_CUR);
+}
+
+/* What a write of `size` bytes may write: all, or a part of it and then the machine dies where that was asked for. */
+#define WRITE(call, fd, to, size, whole, part)                         \
+  const size_t some = first_part(to, size);                            \
+  if (has_space(fd, to, size)) return whole;                           \
   switch (change_of_file(call, fd, true)) {                            \
     case fail: return -1;                                              \
     case write_half: {                                                 \
-      const ssize_t written = (size) > 1 ? (part) : 0;                 \
+      const ssize_t written = some > 0 ? (part) : 0;                   \
       if (how == torn) die();                                          \
       if (written > 0) return written;                                 \
       errno = ENOSPC;                                                  \
@@ -166,24 +190,29 @@ static enum verdict change_of_file(const char* call, int fd, bool is_write) {
     default: return whole;                                             \
   }
 
-EXPORT ssize_t write(int fd, const void* data, size_t size) { WRITE("write", fd, size, REAL(write)(fd, data, size), REAL(write)(fd, data, size / 2)) }
-EXPORT ssize_t pwrite(int fd, const void* data, size_t size, off_t to) { WRITE("pwrite", fd, size, REAL(pwrite)(fd, data, size, to), REAL(pwrite)(fd, data, size / 2, to)) }
-EXPORT ssize_t pwrite64(int fd, const void* data, size_t size, off64_t to) { WRITE("pwrite", fd, size, REAL(pwrite64)(fd, data, size, to), REAL(pwrite64)(fd, data, size / 2, to)) }
-/* Of several parts, half is half of the first. */
-EXPORT ssize_t writev(int fd, const struct iovec* parts, int n) { WRITE("writev", fd, parts[0].iov_len, REAL(writev)(fd, parts, n), REAL(write)(fd, parts[0].iov_base, parts[0].iov_len / 2)) }
-EXPORT ssize_t pwritev(int fd, const struct iovec* parts, int n, off_t to) { WRITE("pwritev", fd, parts[0].iov_len, REAL(pwritev)(fd, parts, n, to), REAL(pwrite)(fd, parts[0].iov_base, parts[0].iov_len / 2, to)) }
+EXPORT ssize_t write(int fd, const void* data, size_t size) { WRITE("write", fd, place(fd), size, REAL(write)(fd, data, size), REAL(write)(fd, data, some)) }
+EXPORT ssize_t pwrite(int fd, const void* data, size_t size, off_t to) { WRITE("pwrite", fd, to, size, REAL(pwrite)(fd, data, size, to), REAL(pwrite)(fd, data, some, to)) }
+EXPORT ssize_t pwrite64(int fd, const void* data, size_t size, off64_t to) { WRITE("pwrite", fd, to, size, REAL(pwrite64)(fd, data, size, to), REAL(pwrite64)(fd, data, some, to)) }
+/* Of several parts, a part of the first. */
+EXPORT ssize_t writev(int fd, const struct iovec* parts, int n) { WRITE("writev", fd, place(fd), parts[0].iov_len, REAL(writev)(fd, parts, n), REAL(write)(fd, parts[0].iov_base, some)) }
+EXPORT ssize_t pwritev(int fd, const struct iovec* parts, int n, off_t to) { WRITE("pwritev", fd, to, parts[0].iov_len, REAL(pwritev)(fd, parts, n, to), REAL(pwrite)(fd, parts[0].iov_base, some, to)) }
 EXPORT ssize_t copy_file_range(int from, off64_t* from_at, int to, off64_t* to_at, size_t size, unsigned flags) {
-  WRITE("copy_file_range", to, size, REAL(copy_file_range)(from, from_at, to, to_at, size, flags), REAL(copy_file_range)(from, from_at, to, to_at, size / 2, flags))
+  WRITE("copy_file_range", to, to_at ? *to_at : place(to), size, REAL(copy_file_range)(from, from_at, to, to_at, size, flags), REAL(copy_file_range)(from, from_at, to, to_at, some, flags))
 }
 ssize_t sendfile(int to, int from, off_t* from_at, size_t size);
 ssize_t sendfile64(int to, int from, off64_t* from_at, size_t size);
-EXPORT ssize_t sendfile(int to, int from, off_t* from_at, size_t size) { WRITE("sendfile", to, size, REAL(sendfile)(to, from, from_at, size), REAL(sendfile)(to, from, from_at, size / 2)) }
-EXPORT ssize_t sendfile64(int to, int from, off64_t* from_at, size_t size) { WRITE("sendfile", to, size, REAL(sendfile64)(to, from, from_at, size), REAL(sendfile64)(to, from, from_at, size / 2)) }
+EXPORT ssize_t sendfile(int to, int from, off_t* from_at, size_t size) { WRITE("sendfile", to, place(to), size, REAL(sendfile)(to, from, from_at, size), REAL(sendfile)(to, from, from_at, some)) }
+EXPORT ssize_t sendfile64(int to, int from, off64_t* from_at, size_t size) { WRITE("sendfile", to, place(to), size, REAL(sendfile64)(to, from, from_at, size), REAL(sendfile64)(to, from, from_at, some)) }
 
 #define FILE_CHANGE(name, declaration, fd, arguments, failure) \
   EXPORT int name declaration { return change_of_file(#name, fd, false) == fail ? (failure) : REAL(name) arguments; }
-FILE_CHANGE(ftruncate, (int fd, off_t size), fd, (fd, size), -1)
-FILE_CHANGE(ftruncate64, (int fd, off64_t size), fd, (fd, size), -1)
+
+static bool shortens(int fd, off_t size) {
+  struct stat s;
+  return how <= half && fstat(fd, &s) == 0 && size <= s.st_size;
+}
+EXPORT int ftruncate(int fd, off_t size) { return !shortens(fd, size) && change_of_file("ftruncate", fd, false) == fail ? -1 : REAL(ftruncate)(fd, size); }
+EXPORT int ftruncate64(int fd, off64_t size) { return !shortens(fd, size) && change_of_file("ftruncate", fd, false) == fail ? -1 : REAL(ftruncate64)(fd, size); }
 FILE_CHANGE(fallocate, (int fd, int mode, off_t from, off_t size), fd, (fd, mode, from, size), -1)
 FILE_CHANGE(fallocate64, (int fd, int mode, off64_t from, off64_t size), fd, (fd, mode, from, size), -1)
 FILE_CHANGE(posix_fallocate, (int fd, off_t from, off_t size), fd, (fd, from, size), ENOSPC)

@@ -1,5 +1,5 @@
 """The program as its user meets it: exit codes, messages, kill -9, full disk. Arguments: program, source tree."""
-import json, os, resource, signal, subprocess, sys, tempfile, time
+import json, os, re, resource, signal, subprocess, sys, tempfile, time
 
 import h5py
 import numpy as np
@@ -72,6 +72,21 @@ check("nothing to recover", r.returncode == 0 and "complete" in r.stdout)
 
 check("the folder of a killed run can be used again", run("run", "irb6620_hold", "-o", "killed", "--quiet", "--force", "--set", "duration_s=1").returncode == 0)
 check("no lock stays behind", not os.path.exists(work + "/killed/run.lock"))
+
+# A viscous damper that nobody accounts for takes energy: said, and an exit code for who asks for it.
+text = open(model).read()
+damped, found = re.subn(r'(<joint name="joint2")', r'\1 damping="2000"', text)
+assert found == 1
+open(os.path.join(work, "damped.xml"), "w").write(damped.replace('file="', 'file="' + os.path.dirname(model) + "/"))
+short = ("--set", "duration_s=20", "--set", "multirate.enabled=false")
+r = run("run", "irb6620_warmup", "-o", "damped", "--set", "model=" + os.path.join(work, "damped.xml"), *short)
+check("an energy balance that does not hold is said", r.returncode == 0 and "energy balance is off" in r.stderr, (r.returncode, r.stderr))
+warnings = json.load(open(work + "/damped/summary.json"))["warnings"]
+check("... in the summary, too", any("energy balance" in w and "% of the friction work" in w for w in warnings), warnings)
+r = run("run", "irb6620_warmup", "-o", "strict", "--strict", "--set", "model=" + os.path.join(work, "damped.xml"), *short)
+check("... and exit code 3 under --strict", r.returncode == 3 and os.path.exists(work + "/strict/summary.json"), (r.returncode, r.stderr))
+r = run("run", "irb6620_warmup", "-o", "balanced", "--strict", *short)
+check("a balance that holds passes --strict", r.returncode == 0, (r.returncode, r.stderr))
 
 # CSV against the record.
 check("export", run("export", "run", "--csv").returncode == 0)

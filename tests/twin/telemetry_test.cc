@@ -12,10 +12,13 @@
 #include <fstream>
 #include <limits>
 #include <new>
+#include <random>
+#include <stdexcept>
 #include <thread>
 
 #include <fmt/format.h>
 
+#include <tribotwin/twin/telemetry/hdf5.hpp>
 #include <tribotwin/twin/telemetry/telemetry.hpp>
 
 // Counts what C++ code allocates in this thread; HDF5 is C and does not pass here.
@@ -227,29 +230,41 @@ TEST_F(TelemetryTest, FinishedRecordNeedsNoRecovery) {
 }
 
 TEST_F(TelemetryTest, FullDiskKeepsWhatWasWritten) {
-  std::string error;
-  std::size_t appended = 0;
-  {
-    const SmallDisk disk(1'200'000);
-    auto t = Telemetry::create(file, options({"one", "two"}));
-    ASSERT_TRUE(t) << t.error();
-    for (; appended < 1'000'000; ++appended)
-      if (auto ok = t->append(static_cast<double>(appended), Values(4, static_cast<double>(appended))); !ok) {
-        error = ok.error();
-        break;
-      }
-    EXPECT_EQ(error, file.string() + ": recording stopped (File too large)");
-    EXPECT_EQ(t->append(0, Values(4)).error(), error);
-    EXPECT_EQ(t->append_cycle(0, Values(2)).error(), error);
-    EXPECT_EQ(t->finish().error(), error);
+  // In a process of its own, as a run is: after a failure the file stays open until its process ends.
+  int counts[2];
+  ASSERT_EQ(pipe(counts), 0);
+  const pid_t child = fork();
+  if (child == 0) {
+    std::size_t appended = 0;
+    {
+      const SmallDisk disk(1'200'000);
+      std::string error;
+      auto t = Telemetry::create(file, options({"one", "two"}));
+      EXPECT_TRUE(t) << t.error();
+      for (; appended < 1'000'000; ++appended)
+        if (auto ok = t->append(static_cast<double>(appended), Values(4, static_cast<double>(appended))); !ok) {
+          error = ok.error();
+          break;
+        }
+      EXPECT_EQ(error, file.string() + ": recording stopped (File too large)");
+      EXPECT_EQ(t->append(0, Values(4)).error(), error);
+      EXPECT_EQ(t->append_cycle(0, Values(2)).error(), error);
+      EXPECT_EQ(t->finish().error(), error);
+    }
+    if (write(counts[1], &appended, sizeof appended) != sizeof appended) _exit(2);
+    _exit(HasFailure() ? 1 : 0);
   }
+  std::size_t appended = 0;
+  ASSERT_EQ(read(counts[0], &appended, sizeof appended), static_cast<ssize_t>(sizeof appended));
+  int state = 0;
+  waitpid(child, &state, 0);
+  ASSERT_TRUE(WIFEXITED(state) && WEXITSTATUS(state) == 0);
   const auto r = read_telemetry(file);
   ASSERT_TRUE(r) << r.error();
   EXPECT_FALSE(r->complete);
   EXPECT_GT(r->time_s.size() + 4097, appended);
   EXPECT_EQ(r->time_s.back(), static_cast<double>(r->time_s.size() - 1));
   EXPECT_TRUE(std::ranges::equal(r->channel("two", "b"), r->time_s));
-  // The record was closed, so that only damage asks for a recovery.
   std::string bytes = text_of(file);
   bytes[bytes.size() * 2 / 3] ^= 1;
   std::ofstream(file, std::ios::binary) << bytes;
@@ -292,6 +307,69 @@ TEST_F(TelemetryTest, TruncatedRecordIsAnErrorAtEveryLength) {
     EXPECT_THAT(read_telemetry(file).error(), HasSubstr("telemetry.h5: is no readable HDF5")) << size;
     EXPECT_FALSE(recover(folder));
   }
+}
+
+// Somebody else's record must not show what other files of this machine hold.
+TEST_F(TelemetryTest, ARecordThatRefersToOtherFilesIsRefused) {
+  const std::string secret = (folder / "secret.bin").string();
+  std::ofstream(secret, std::ios::binary) << std::string(80, 'x');
+  const std::pair<const char*, const char*> cases[] = {
+      {"f['one'].create_dataset('b', shape=(10,), dtype='f8', external=[(secret, 0, 80)])", "is stored in other files"},
+      {"f['one']['b'] = h5py.ExternalLink(folder + '/other.h5', '/one/b')", "is a link to elsewhere"},
+      {"f['one']['b'] = h5py.SoftLink('/one/a')", "is a link to elsewhere"},
+      {"layout = h5py.VirtualLayout(shape=(10,), dtype='f8'); layout[:] = h5py.VirtualSource(folder + '/other.h5', 'one/b', shape=(10,)); f['one'].create_virtual_dataset('b', layout)",
+       "is stored in other files"},
+      {"f['joint'] = h5py.ExternalLink(folder + '/other.h5', '/one')", "is a link to elsewhere"}};
+  for (const fs::path& each : {file, folder / "other.h5"}) {
+    auto t = Telemetry::create(each, options({"one"}));
+    for (int i = 0; i < 10; ++i) ASSERT_TRUE(t->append(i, Values{1, 2}));
+    ASSERT_TRUE(t->finish());
+  }
+  const fs::path good = folder / "good.h5";
+  fs::copy_file(file, good);
+  for (const auto& [change, says] : cases) {
+    fs::copy_file(good, file, fs::copy_options::overwrite_existing);
+    const std::string script = fmt::format("import h5py\nfolder, secret = '{}', '{}'\nf = h5py.File('{}', 'r+')\ndel f['one']['b']\n{}\nf.close()\n", folder.string(), secret, file.string(), change);
+    std::ofstream(folder / "change.py") << script;
+    ASSERT_EQ(std::system(fmt::format("/usr/bin/python3 '{}'", (folder / "change.py").string()).c_str()), 0);
+    EXPECT_THAT(read_telemetry(file).error(), HasSubstr(says)) << change;
+    EXPECT_THAT(export_csv(folder, Existing::refuse).error(), HasSubstr(says)) << change;
+    EXPECT_THAT(recover(folder).error(), HasSubstr(says)) << change;
+    EXPECT_FALSE(fs::exists(folder / "telemetry.csv"));
+  }
+}
+
+TEST_F(TelemetryTest, ACrashInTheLibraryIsFoundByAChild) {
+  EXPECT_TRUE(hdf5::survives([] {}));
+  EXPECT_TRUE(hdf5::survives([] { throw std::runtime_error("not a crash"); }));
+  EXPECT_FALSE(hdf5::survives([] { std::abort(); }));
+  EXPECT_FALSE(hdf5::survives([] { raise(SIGKILL); }));
+}
+
+// Whatever byte is changed: an error, or the same values. Where HDF5 itself crashes, the child does.
+TEST_F(TelemetryTest, AChangedByteNeverChangesAValue) {
+  {
+    auto t = Telemetry::create(file, options({"one", "two"}));
+    for (int i = 0; i < 3000; ++i) ASSERT_TRUE(t->append(i, Values{i + .1, i + .2, i + .3, i + .4}));
+    ASSERT_TRUE(t->finish());
+  }
+  const auto truth = read_telemetry(file);
+  const std::string bytes = text_of(file);
+  std::mt19937 random(1);
+  int errors = 0;
+  for (int i = 0; i < 150; ++i) {
+    std::string changed = bytes;
+    // Half of them where the structure is, which is most of what crashes.
+    const std::size_t at = random() % (i % 2 ? bytes.size() : std::min<std::size_t>(bytes.size(), 12000));
+    changed[at] = static_cast<char>(changed[at] ^ (1 << random() % 8));
+    std::ofstream(file, std::ios::binary) << changed;
+    const auto r = read_telemetry(file);
+    errors += !r;
+    if (r) {
+      EXPECT_TRUE(r->time_s == truth->time_s && r->values == truth->values && r->joints == truth->joints) << at;
+    }
+  }
+  EXPECT_GT(errors, 50);
 }
 
 TEST_F(TelemetryTest, CsvHasEveryDigit) {

@@ -14,7 +14,10 @@ void catch_interrupts() {
   struct sigaction action {};
   action.sa_handler = [](int) { flag = true; };
   action.sa_flags = static_cast<int>(SA_RESETHAND);   // and not SA_RESTART
-  for (const int signal : {SIGINT, SIGTERM}) ::sigaction(signal, &action, nullptr);
+  struct sigaction before {};
+  for (const int signal : {SIGINT, SIGTERM, SIGHUP})
+    if (signal != SIGHUP || (::sigaction(signal, nullptr, &before) == 0 && before.sa_handler != SIG_IGN))   // nohup
+      ::sigaction(signal, &action, nullptr);
 }
 
 std::atomic<bool>& interrupted() { return flag; }

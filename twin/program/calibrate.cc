@@ -454,10 +454,11 @@ std::vector<SimulationFit> fits_of(const Campaign& campaign, const fs::path& fil
   std::error_code error;
   if (!fs::exists(file, error)) return fits;
   std::ifstream stream(file);
-  const auto j = nlohmann::json::parse(stream, nullptr, false);
+  const Json written = Json::parse(stream, nullptr, false);   // in its own order, which the checksum is of
+  const nlohmann::json j = written;
   const auto refuse = [&](const std::string& what) { throw InputError(fmt::format("{}: {}; choose another folder with -o, or remove this one", file.string(), what)); };
   if (!j.is_object() || !j.contains("fit")) refuse("is no calibration");
-  if (j.contains("crc32") && !checksum_holds(j)) refuse("was changed since it was made (checksum)");
+  if (j.contains("crc32") && !checksum_holds(written)) refuse("was changed since it was made (checksum)");
   if (j["fit"] != campaign.resolved) refuse("holds another calibration (its FIT file, models, recordings, seed or versions differ)");
   const auto take = [&](const JsonInput& in, std::size_t variant, std::size_t split, std::size_t fold) {
     if (!in.is_null()) fits.push_back(fit_of(campaign, in, {.variant = variant, .split = split, .fold = fold}));
