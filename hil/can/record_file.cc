@@ -87,11 +87,17 @@ Status RecordFile::begin() {
 
 Status RecordFile::set_aside() {
   std::error_code error;
-  const std::filesystem::path file = std::filesystem::canonical(file_, error), aside = file.string() + ".replaced";
+  const std::filesystem::path file = std::filesystem::canonical(file_, error);
   if (error) return fail(error.value());
-  if (::renameat2(AT_FDCWD, file.c_str(), AT_FDCWD, aside.c_str(), RENAME_NOREPLACE) != 0) {
-    if (errno != EEXIST) return fail(errno);
-    error_ = fmt::format("{}: is what an earlier session was to replace; move it away first", aside.string());
+  // A session that was killed has left its own.
+  std::filesystem::path aside = file.string() + ".replaced";
+  for (int n = 2; ::renameat2(AT_FDCWD, file.c_str(), AT_FDCWD, aside.c_str(), RENAME_NOREPLACE) != 0; ++n) {
+    if (errno == EEXIST) {
+      aside = fmt::format("{}.replaced-{}", file.string(), n);
+      continue;
+    }
+    error_ = not_written(aside, reason(errno));
+    waiting_.clear();
     return tl::unexpected(error_);
   }
   replaced_ = aside;

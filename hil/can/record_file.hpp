@@ -15,7 +15,7 @@ namespace tribotwin::hil {
 
 struct RecordOptions {
   /// Also where the file holds something already. That stays until the first line is written, and from then on as
-  /// FILE.replaced, until the new content is whole.
+  /// FILE.replaced (or -2, -3, ...), until the new content is whole.
   bool replace = false;
   /// Asked every 0.1 s while the reader of a pipe does not read: give up? Empty: yes, because a session cannot wait for it.
   std::function<bool()> give_up;

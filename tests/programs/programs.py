@@ -386,10 +386,12 @@ def judge(command, outcome, truth, killed=False):
                 complaints.append(f"{name} ({len(now)} bytes) {why}")
         elif now not in before.values():
             litter.append(name)
-    old_is_there = all(moved[data] for name, data in before.items() if os.path.basename(name) != "run.lock")
-    new_is_there = all(name in after and not not_whole(name, after[name], data) for name, data in truth.items() if before.get(name) != data)
-    if command.as_one and not old_is_there and not new_is_there:
-        complaints.append("neither the old result nor the new one is there as a whole")
+    for output in command.out if command.as_one else ():   # a folder is one result
+        belongs = lambda name: name == output or output.endswith("/") and name.startswith(output)
+        old_is_there = all(moved[data] for name, data in before.items() if belongs(name) and os.path.basename(name) != "run.lock")
+        new_is_there = all(name in after and not not_whole(name, after[name], data) for name, data in truth.items() if belongs(name) and before.get(name) != data)
+        if not old_is_there and not new_is_there:
+            complaints.append(f"{output}: neither the old result nor the new one is there as a whole")
     if litter and not killed:
         complaints.append("litter: " + ", ".join(litter))
     for name in litter:
