@@ -16,10 +16,10 @@
 #include <tribotwin/hil/session/files.hpp>
 #include <tribotwin/hil/session/session.hpp>
 #include <tribotwin/hil/session/shadow.hpp>
-#include <tribotwin/twin/output/destination.hpp>
-#include <tribotwin/twin/output/interrupt.hpp>
-#include <tribotwin/twin/output/output.hpp>
-#include <tribotwin/twin/scenario/input.hpp>
+#include <tribotwin/twin/io/destination.hpp>
+#include <tribotwin/twin/io/input.hpp>
+#include <tribotwin/twin/io/interrupt.hpp>
+#include <tribotwin/twin/io/output.hpp>
 
 namespace {
 

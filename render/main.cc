@@ -15,12 +15,12 @@
 #include <tribotwin/render/report/fit_report.hpp>
 #include <tribotwin/render/report/report.hpp>
 #include <tribotwin/render/report/study_report.hpp>
-#include <tribotwin/twin/identification/solver_guard.hpp>
-#include <tribotwin/twin/model/arm.hpp>
-#include <tribotwin/twin/output/destination.hpp>
-#include <tribotwin/twin/output/output.hpp>
-#include <tribotwin/twin/scenario/input.hpp>
-#include <tribotwin/twin/table/table.hpp>
+#include <tribotwin/twin/io/destination.hpp>
+#include <tribotwin/twin/io/input.hpp>
+#include <tribotwin/twin/io/output.hpp>
+#include <tribotwin/twin/io/table.hpp>
+#include <tribotwin/twin/numerics/solver_guard.hpp>
+#include <tribotwin/twin/robot/arm.hpp>
 
 namespace {
 

@@ -1,11 +1,11 @@
-// tribotwin: runs, measures, identifies and exports; a command each in program/. stdout carries results only; everything
+// tribotwin: runs, measures, identifies and exports; a command each in commands/. stdout carries results only; everything
 // else goes to stderr.
 #include <sstream>
 
 #include <tribotwin/plugins/mujoco/loader.hpp>
-#include <tribotwin/twin/identification/solver_guard.hpp>
-#include <tribotwin/twin/program/program.hpp>
-#include <tribotwin/twin/scenario/input.hpp>
+#include <tribotwin/twin/commands/program.hpp>
+#include <tribotwin/twin/io/input.hpp>
+#include <tribotwin/twin/numerics/solver_guard.hpp>
 
 int main(int argc, char** argv) {
   using namespace tribotwin;

@@ -3,9 +3,9 @@
 #include <array>
 #include <functional>
 
-#include <tribotwin/hil/can/bus_drive.hpp>
 #include <tribotwin/hil/canopen/cia402.hpp>
 #include <tribotwin/hil/canopen/sdo.hpp>
+#include <tribotwin/hil/drives/bus_drive.hpp>
 
 /// One drive on the bus: CANopen slave (CiA 301) with the drive profile (CiA 402), free of sockets and clocks: frames and
 /// the time of the bus come in, frames go out; set points go to the physics step by step, feedback comes back.

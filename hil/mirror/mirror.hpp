@@ -1,7 +1,7 @@
 #pragma once
 
-#include <tribotwin/hil/can/bus_drive.hpp>
 #include <tribotwin/hil/canopen/dictionary.hpp>
+#include <tribotwin/hil/drives/bus_drive.hpp>
 
 /// The profile for benches without CANopen: per drive one command frame and one status frame, 8 bytes, little-endian.
 ///

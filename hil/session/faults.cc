@@ -6,7 +6,7 @@
 #include <fmt/format.h>
 
 #include <tribotwin/hil/can/clock.hpp>
-#include <tribotwin/twin/scenario/input.hpp>
+#include <tribotwin/twin/io/input.hpp>
 
 namespace tribotwin::hil {
 namespace {

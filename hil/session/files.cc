@@ -4,7 +4,7 @@
 
 #include <fmt/format.h>
 
-#include <tribotwin/twin/scenario/input.hpp>
+#include <tribotwin/twin/io/input.hpp>
 
 namespace tribotwin::hil {
 namespace {

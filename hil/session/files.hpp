@@ -4,7 +4,7 @@
 #include <string>
 #include <vector>
 
-#include <tribotwin/twin/scenario/scenario.hpp>
+#include <tribotwin/twin/simulation/scenario.hpp>
 
 /// What a command may write to: nothing that it reads, nothing twice, nothing that holds a session already.
 namespace tribotwin::hil {

@@ -8,9 +8,9 @@
 
 #include <tl/expected.hpp>
 
-#include <tribotwin/hil/can/bus_drive.hpp>
 #include <tribotwin/hil/canopen/dictionary.hpp>
-#include <tribotwin/twin/runtime/recorder.hpp>
+#include <tribotwin/hil/drives/bus_drive.hpp>
+#include <tribotwin/twin/simulation/recorder.hpp>
 
 /// The robot behind the drives: a commanded twin, stepped between the bus and the telemetry.
 namespace tribotwin::hil {

@@ -17,7 +17,7 @@
 
 #include <tribotwin/hil/can/clock.hpp>
 #include <tribotwin/hil/can/log.hpp>
-#include <tribotwin/twin/output/file.hpp>
+#include <tribotwin/twin/io/file.hpp>
 
 namespace tribotwin::hil {
 namespace {

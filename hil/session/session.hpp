@@ -8,7 +8,7 @@
 #include <tribotwin/hil/can/transport.hpp>
 #include <tribotwin/hil/session/bench.hpp>
 #include <tribotwin/hil/session/faults.hpp>
-#include <tribotwin/twin/output/file.hpp>
+#include <tribotwin/twin/io/file.hpp>
 
 namespace tribotwin::hil {
 

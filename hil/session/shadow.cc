@@ -13,8 +13,8 @@
 #include <tribotwin/hil/can/record_file.hpp>
 #include <tribotwin/hil/canopen/node.hpp>
 #include <tribotwin/hil/mirror/mirror.hpp>
-#include <tribotwin/twin/model/arm.hpp>
-#include <tribotwin/twin/scenario/input.hpp>
+#include <tribotwin/twin/io/input.hpp>
+#include <tribotwin/twin/robot/arm.hpp>
 
 namespace tribotwin::hil {
 namespace {

@@ -7,7 +7,7 @@
 #include <vector>
 
 #include <tribotwin/hil/session/bench.hpp>
-#include <tribotwin/twin/output/file.hpp>
+#include <tribotwin/twin/io/file.hpp>
 
 /// Beside a real robot: listens to its positions and torques, and says what torque and temperature it should have.
 namespace tribotwin::hil {

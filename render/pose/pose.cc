@@ -7,7 +7,7 @@
 #include <fmt/format.h>
 
 #include <tribotwin/render/pose/overlay.hpp>
-#include <tribotwin/twin/model/arm.hpp>
+#include <tribotwin/twin/robot/arm.hpp>
 
 namespace tribotwin::render {
 namespace {

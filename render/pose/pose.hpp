@@ -8,7 +8,7 @@
 #include <vector>
 
 #include <tribotwin/render/offscreen/renderer.hpp>
-#include <tribotwin/twin/telemetry/telemetry.hpp>
+#include <tribotwin/twin/io/telemetry/telemetry.hpp>
 
 /// Pictures of a robot whose joint housings show how warm they are, or how much friction they have: the geom
 /// "housing_JOINT" where the model has one, else all geoms of the joint's body.

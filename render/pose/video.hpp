@@ -3,7 +3,7 @@
 #include <filesystem>
 
 #include <tribotwin/render/pose/pose.hpp>
-#include <tribotwin/twin/output/file.hpp>
+#include <tribotwin/twin/io/file.hpp>
 
 namespace tribotwin::render {
 

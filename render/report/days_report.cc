@@ -7,8 +7,8 @@
 #include <fmt/format.h>
 
 #include <tribotwin/render/figure/figures.hpp>
-#include <tribotwin/twin/model/base_parameters.hpp>
-#include <tribotwin/twin/scenario/input.hpp>
+#include <tribotwin/twin/io/input.hpp>
+#include <tribotwin/twin/robot/base_parameters.hpp>
 
 namespace tribotwin::render {
 namespace {

@@ -2,8 +2,8 @@
 
 #include <filesystem>
 
-#include <tribotwin/render/report/illustrated.hpp>
-#include <tribotwin/twin/repeatability/results.hpp>
+#include <tribotwin/render/page/illustrated.hpp>
+#include <tribotwin/twin/experiments/working_days/results.hpp>
 
 namespace tribotwin::render {
 

@@ -8,7 +8,7 @@
 
 #include <tribotwin/render/report/feature_regions.hpp>
 #include <tribotwin/render/report/fit_data.hpp>
-#include <tribotwin/twin/scenario/input.hpp>
+#include <tribotwin/twin/io/input.hpp>
 
 namespace tribotwin::render {
 namespace {

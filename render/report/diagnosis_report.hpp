@@ -6,7 +6,7 @@
 
 #include <tl/expected.hpp>
 
-#include <tribotwin/render/report/illustrated.hpp>
+#include <tribotwin/render/page/illustrated.hpp>
 #include <tribotwin/twin/diagnosis/sequence.hpp>
 
 namespace tribotwin::render {

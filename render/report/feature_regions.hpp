@@ -4,7 +4,7 @@
 #include <string>
 #include <vector>
 
-#include <tribotwin/render/report/illustrated.hpp>
+#include <tribotwin/render/page/illustrated.hpp>
 #include <tribotwin/twin/diagnosis/healthy.hpp>
 
 namespace tribotwin::render {

@@ -8,8 +8,8 @@
 #include <tl/expected.hpp>
 
 #include <tribotwin/render/figure/figures.hpp>
-#include <tribotwin/twin/identification/parameters.hpp>
-#include <tribotwin/twin/identification/samples.hpp>
+#include <tribotwin/twin/identification/curves/samples.hpp>
+#include <tribotwin/twin/identification/dynamic_friction/parameters.hpp>
 
 namespace tribotwin::render {
 

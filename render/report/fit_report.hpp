@@ -1,7 +1,7 @@
 #pragma once
 
+#include <tribotwin/render/page/illustrated.hpp>
 #include <tribotwin/render/report/fit_data.hpp>
-#include <tribotwin/render/report/illustrated.hpp>
 
 namespace tribotwin::render {
 

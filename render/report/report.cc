@@ -12,7 +12,7 @@
 #include <tribotwin/render/pose/pose.hpp>
 #include <tribotwin/render/process/child.hpp>
 #include <tribotwin/render/theme/theme.hpp>
-#include <tribotwin/twin/model/arm.hpp>
+#include <tribotwin/twin/robot/arm.hpp>
 
 namespace tribotwin::render {
 namespace {

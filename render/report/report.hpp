@@ -5,7 +5,7 @@
 #include <string>
 #include <vector>
 
-#include <tribotwin/render/report/illustrated.hpp>
+#include <tribotwin/render/page/illustrated.hpp>
 #include <tribotwin/render/report/run_data.hpp>
 
 namespace tribotwin::render {

@@ -9,9 +9,9 @@
 #include <fmt/ranges.h>
 
 #include <tribotwin/render/theme/theme.hpp>
-#include <tribotwin/twin/model/arm.hpp>
-#include <tribotwin/twin/output/name.hpp>
-#include <tribotwin/twin/scenario/input.hpp>
+#include <tribotwin/twin/io/input.hpp>
+#include <tribotwin/twin/io/name.hpp>
+#include <tribotwin/twin/robot/arm.hpp>
 
 namespace tribotwin::render {
 namespace {

@@ -10,8 +10,8 @@
 #include <nlohmann/json.hpp>
 #include <tl/expected.hpp>
 
-#include <tribotwin/twin/scenario/scenario.hpp>
-#include <tribotwin/twin/telemetry/telemetry.hpp>
+#include <tribotwin/twin/io/telemetry/telemetry.hpp>
+#include <tribotwin/twin/simulation/scenario.hpp>
 
 namespace tribotwin::render {
 

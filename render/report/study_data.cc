@@ -6,9 +6,9 @@
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
-#include <tribotwin/twin/output/name.hpp>
-#include <tribotwin/twin/scenario/json_input.hpp>
-#include <tribotwin/twin/table/table.hpp>
+#include <tribotwin/twin/io/json_input.hpp>
+#include <tribotwin/twin/io/name.hpp>
+#include <tribotwin/twin/io/table.hpp>
 
 namespace tribotwin::render {
 namespace {

@@ -7,7 +7,7 @@
 #include <vector>
 
 #include <tribotwin/twin/diagnosis/check.hpp>
-#include <tribotwin/twin/study/power.hpp>
+#include <tribotwin/twin/experiments/fault_study/power.hpp>
 
 namespace tribotwin::render {
 

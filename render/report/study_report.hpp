@@ -2,7 +2,7 @@
 
 #include <filesystem>
 
-#include <tribotwin/render/report/illustrated.hpp>
+#include <tribotwin/render/page/illustrated.hpp>
 #include <tribotwin/render/report/study_data.hpp>
 
 namespace tribotwin::render {

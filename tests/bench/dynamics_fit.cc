@@ -10,7 +10,7 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
-#include <tribotwin/twin/identification/dynamics.hpp>
+#include <tribotwin/twin/identification/rigid_body/dynamics.hpp>
 
 using namespace tribotwin;
 using namespace tribotwin::twin;

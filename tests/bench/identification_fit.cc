@@ -5,7 +5,7 @@
 #include <fstream>
 #include <vector>
 
-#include <tribotwin/twin/identification/fit.hpp>
+#include <tribotwin/twin/identification/curves/fit.hpp>
 
 int main(int, char** argv) {
   using namespace tribotwin::twin::identification;

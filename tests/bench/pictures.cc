@@ -13,7 +13,7 @@
 
 #include <tribotwin/render/offscreen/renderer.hpp>
 #include <tribotwin/render/process/child.hpp>
-#include <tribotwin/twin/runtime/run.hpp>
+#include <tribotwin/twin/simulation/run.hpp>
 
 namespace {
 

@@ -10,7 +10,7 @@
 #include <regex>
 
 #include <tribotwin/plugins/friction/batch.hpp>
-#include <tribotwin/twin/runtime/run.hpp>
+#include <tribotwin/twin/simulation/run.hpp>
 
 namespace {
 

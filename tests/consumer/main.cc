@@ -1,7 +1,7 @@
 #include <cstdio>
 
 #include <tribotwin/plugins/friction/batch.hpp>
-#include <tribotwin/twin/runtime/run.hpp>
+#include <tribotwin/twin/simulation/run.hpp>
 
 int main(int argc, char** argv) {
   const auto law = tribotwin::friction::published_law("extended");

@@ -9,7 +9,7 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
-#include <tribotwin/twin/identification/median.hpp>
+#include <tribotwin/twin/numerics/median.hpp>
 
 namespace tribotwin::twin::diagnosis {
 namespace {

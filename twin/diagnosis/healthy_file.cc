@@ -5,7 +5,7 @@
 #include <fmt/ranges.h>
 
 #include <tribotwin/twin/diagnosis/healthy.hpp>
-#include <tribotwin/twin/scenario/input.hpp>
+#include <tribotwin/twin/io/input.hpp>
 
 namespace tribotwin::twin::diagnosis {
 namespace {

@@ -7,10 +7,10 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
-#include <tribotwin/twin/identification/fit.hpp>
-#include <tribotwin/twin/identification/median.hpp>
-#include <tribotwin/twin/scenario/input.hpp>
-#include <tribotwin/twin/table/table.hpp>
+#include <tribotwin/twin/identification/curves/fit.hpp>
+#include <tribotwin/twin/io/input.hpp>
+#include <tribotwin/twin/io/table.hpp>
+#include <tribotwin/twin/numerics/median.hpp>
 
 namespace tribotwin::twin::diagnosis {
 namespace {

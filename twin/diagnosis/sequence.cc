@@ -8,7 +8,7 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
-#include <tribotwin/twin/table/table.hpp>
+#include <tribotwin/twin/io/table.hpp>
 
 namespace tribotwin::twin::diagnosis {
 namespace {

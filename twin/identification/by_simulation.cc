@@ -1,5 +1,5 @@
 #include <tribotwin/twin/identification/by_simulation.hpp>
-#include <tribotwin/twin/search/cma_es.hpp>
+#include <tribotwin/twin/numerics/cma_es.hpp>
 
 #include <algorithm>
 #include <cmath>

@@ -15,8 +15,8 @@
 #include <Eigen/Dense>
 #include <tl/expected.hpp>
 
-#include <tribotwin/twin/motion/recording.hpp>
-#include <tribotwin/twin/runtime/twin.hpp>
+#include <tribotwin/twin/robot/recording.hpp>
+#include <tribotwin/twin/simulation/twin.hpp>
 
 /// Identification by simulation, for recordings that are no friction curve: the whole twin (controller, motor, gear, arm)
 /// follows recorded goal positions as in `tribotwin run`, and its error of position is what is made small.

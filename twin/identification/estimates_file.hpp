@@ -3,7 +3,7 @@
 #include <string>
 
 #include <tribotwin/twin/identification/estimates.hpp>
-#include <tribotwin/twin/scenario/input.hpp>
+#include <tribotwin/twin/io/input.hpp>
 
 /// One estimate in a YAML file: name: {value, sigma, unit, group}.
 namespace tribotwin::twin::identification {

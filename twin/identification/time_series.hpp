@@ -7,7 +7,7 @@
 #include <string_view>
 #include <vector>
 
-#include <tribotwin/twin/table/table.hpp>
+#include <tribotwin/twin/io/table.hpp>
 
 /// Recordings sample by sample, for what has a memory.
 namespace tribotwin::twin::identification {

@@ -1,0 +1,61 @@
+#include <tribotwin/render/page/illustrated.hpp>
+
+#include <stdexcept>
+
+#include <fmt/format.h>
+
+#include <tribotwin/twin/io/name.hpp>
+
+namespace tribotwin::render {
+namespace {
+
+FigureSize size_of(const Figure& figure) {
+  if (figure.surface) return {640, 430};
+  if (!figure.matrix) return {520, 370};
+  const int n = static_cast<int>(figure.matrix->names.size());
+  return {std::max(520, 170 + 52 * n), std::max(370, 90 + 32 * n)};
+}
+
+}  // namespace
+
+void IllustratedPage::keep(const std::string& name, std::string bytes, const char* ending) {
+  std::string file = fmt::format("{:02}_{}.{}", shown_, name, ending);
+  if (const auto why = twin::unfit_file_name(file)) throw std::runtime_error(fmt::format("the file of figure {}: {}; give the joint another name", shown_, *why));
+  files_.push_back({std::move(file), std::move(bytes)});
+}
+
+tl::expected<void, std::string> IllustratedPage::show(pugi::xml_node to, const Figure& figure, const std::string& name, const std::string& caption, bool wide) {
+  const FigureSize size = size_of(figure);
+  auto svg = draw(figure, Format::svg, size);
+  if (!svg) return tl::unexpected(svg.error());
+  ++shown_;
+  for (const Format format : formats_) {
+    auto file = draw(figure, format, size);
+    if (!file) return tl::unexpected(file.error());
+    keep(name, std::move(*file), format == Format::pdf ? "pdf" : format == Format::png ? "png" : "svg");
+  }
+  add_svg(to, *svg, caption, figure.title + ". " + caption, wide);
+  return {};
+}
+
+void IllustratedPage::show(pugi::xml_node to, const Image& image, const std::string& name, const std::string& caption, bool wide) {
+  std::string bytes = png(image);
+  add_png(to, bytes, caption, caption, wide);
+  ++shown_;
+  if (!formats_.empty()) keep(name, std::move(bytes), "png");
+}
+
+void IllustratedPage::tile(pugi::xml_node tiles, const std::string& name, const std::string& value, const std::string& more, const char* kind) {
+  auto node = add(tiles, "div", {}, "tile");
+  add(node, "div", name, "name");
+  add(node, "div", value, kind ? (std::string("value ") + kind).c_str() : "value");
+  if (!more.empty()) add(node, "div", more, "more");
+}
+
+void IllustratedPage::add_origin(const std::string& command) {
+  add(body(), "h2", "Origin");
+  add(body(), "p", "To make this page again:");
+  add(body(), "pre", command);
+}
+
+}  // namespace tribotwin::render

@@ -1,0 +1,180 @@
+#include <tribotwin/render/page/page.hpp>
+
+#include <algorithm>
+#include <sstream>
+
+#include <fmt/format.h>
+#include <glib.h>
+
+#include <tribotwin/render/theme/theme.hpp>
+
+namespace tribotwin::render {
+namespace {
+
+// Without characters that XML escapes: browsers take the content of <style> as it is.
+std::string style() {
+  std::string css = R"(
+* { box-sizing: border-box; }
+body { margin: 0; background: PAGE; color: INK; font: 16px/1.5 FONT; }
+main { max-width: 1240px; margin: 0 auto; padding: 32px 24px 48px; }
+h1 { font-size: 1.75rem; line-height: 1.2; margin: 0 0 .3rem; overflow-wrap: anywhere; }
+h2 { font-size: 1.35rem; margin: 2.6rem 0 .2rem; overflow-wrap: anywhere; }
+h3 { font-size: 1.05rem; margin: 1.8rem 0 .6rem; overflow-wrap: anywhere; }
+.verdict { font-size: 1.2rem; max-width: 68ch; }
+p { margin: .3rem 0 .8rem; overflow-wrap: anywhere; max-width: 75ch; }
+.soft { color: SOFT; }
+.tiles { display: grid; grid-template-columns: repeat(auto-fit, minmax(min(100%, 165px), 1fr)); gap: 14px; margin: 1.2rem 0; }
+.tile, figure, .notice, .scroll, pre { background: PAPER; border: 1px solid LINE; border-radius: 10px; }
+.tile { padding: 12px 16px; }
+.tile .name, .tile .more { color: SOFT; font-size: .88rem; overflow-wrap: anywhere; }
+.tile .value { font-size: 1.3rem; font-weight: 650; overflow-wrap: anywhere; }
+.good { color: GOOD; }
+.bad { color: BAD; }
+.notice { border-left: 5px solid BAD; padding: 10px 16px; margin: 1rem 0; }
+.notice p { margin: .2rem 0; }
+.figures { display: grid; grid-template-columns: repeat(auto-fit, minmax(min(100%, 440px), 1fr)); gap: 16px; margin: 1rem 0; }
+figure { margin: 0; padding: 12px; min-width: 0; }
+figure.wide, figure:last-child:nth-child(odd) { grid-column: 1 / -1; }
+figure svg { max-width: 660px; margin: 0 auto; }
+figure.wide svg { max-width: 880px; }
+figure svg, figure img { display: block; width: 100%; height: auto; border-radius: 5px; }
+figure svg text, figure svg tspan { font-family: FONT; }
+figcaption { color: SOFT; font-size: .9rem; margin-top: 8px; overflow-wrap: anywhere; }
+.scroll { overflow-x: auto; margin: 1rem 0; }
+table { border-collapse: collapse; width: 100%; font-variant-numeric: tabular-nums; font-size: .92rem; }
+th, td { padding: 7px 14px; text-align: left; border-top: 1px solid LINE; vertical-align: top; }
+thead th, thead th.number { border-top: 0; color: SOFT; font-weight: 600; vertical-align: bottom; white-space: normal; }
+td:last-child:not(.number) { min-width: 20ch; }
+td.number, th.number { text-align: right; white-space: nowrap; }
+th[scope=row] { font-weight: 600; overflow-wrap: anywhere; min-width: 8ch; }
+pre { padding: 12px 16px; font: .88rem/1.5 ui-monospace, Menlo, Consolas, 'DejaVu Sans Mono', monospace; white-space: pre-wrap; overflow-wrap: anywhere; }
+@media (max-width: 600px) { main { padding: 18px 12px 32px; } th, td { padding: 6px 8px; } }
+@media print {
+  @page { margin: 14mm; }
+  body { background: PAPER; font-size: 10.5pt; }
+  main { max-width: none; padding: 0; }
+  .figures { grid-template-columns: 1fr 1fr; }
+  figure, .tile, tr, pre { break-inside: avoid; }
+  h2, h3 { break-after: avoid; }
+  .scroll { overflow: visible; }
+}
+)";
+  const auto put = [&](std::string_view name, const std::string& value) {
+    for (std::size_t at; (at = css.find(name)) != std::string::npos;) css.replace(at, name.size(), value);
+  };
+  put("PAGE", hex(theme::page));
+  put("PAPER", hex(theme::paper));
+  put("INK", hex(theme::ink));
+  put("SOFT", hex(theme::ink_soft));
+  put("LINE", hex(theme::line));
+  put("GOOD", hex(theme::good));
+  put("BAD", hex(theme::bad));
+  put("FONT", std::string(theme::page_font));
+  return css;
+}
+
+std::string base64(std::string_view bytes) {
+  const std::unique_ptr<char, decltype(&g_free)> text(g_base64_encode(reinterpret_cast<const guchar*>(bytes.data()), bytes.size()), g_free);
+  return text.get();
+}
+
+/// gnuplot's drawings all use the same ids; in one page they must differ.
+void prefix_ids(pugi::xml_node node, const std::string& prefix) {
+  for (auto attribute : node.attributes()) {
+    const std::string_view name = attribute.name();
+    const std::string value = attribute.value();
+    if (name == "id") attribute.set_value((prefix + value).c_str());
+    else if (name == "xlink:href" && value.starts_with('#')) attribute.set_value(("#" + prefix + value.substr(1)).c_str());
+    else if (const auto at = value.find("url(#"); at != std::string::npos) attribute.set_value((value.substr(0, at + 5) + prefix + value.substr(at + 5)).c_str());
+  }
+  for (auto child = node.first_child(); child;) {
+    const auto next = child.next_sibling();
+    const std::string_view name = child.name();
+    if (name == "title" || name == "desc") node.remove_child(child);
+    else prefix_ids(child, prefix);
+    child = next;
+  }
+}
+
+bool numeric(std::string_view cell) { return !cell.empty() && (g_ascii_isdigit(cell[0]) || ((cell[0] == '-' || cell[0] == '+') && cell.size() > 1) || cell == "–"); }
+
+}  // namespace
+
+pugi::xml_node Page::add(pugi::xml_node to, const char* tag, std::string_view text, const char* kind) {
+  auto node = to.append_child(tag);
+  if (kind) node.append_attribute("class") = kind;
+  if (!text.empty()) node.text() = printable(text, true).c_str();
+  return node;
+}
+
+Page::Page(std::string_view title) {
+  document_.append_child(pugi::node_doctype).set_value("html");
+  auto html = document_.append_child("html");
+  html.append_attribute("lang") = "en";
+  auto head = html.append_child("head");
+  head.append_child("meta").append_attribute("charset") = "utf-8";
+  const auto meta = [&](const char* key, const char* name, const char* content) {
+    auto node = head.append_child("meta");
+    node.append_attribute(key) = name;
+    node.append_attribute("content") = content;
+  };
+  meta("http-equiv", "Content-Security-Policy", "default-src 'none'; img-src data:; style-src 'unsafe-inline'");
+  meta("name", "viewport", "width=device-width, initial-scale=1");
+  meta("name", "generator", "tribotwin-report");
+  head.append_child("title").text() = printable(title).c_str();
+  head.append_child("link").append_attribute("rel") = "icon";
+  head.child("link").append_attribute("href") = "data:,";
+  head.append_child("style").text() = style().c_str();
+  main_ = html.append_child("body").append_child("main");
+}
+
+void Page::add_svg(pugi::xml_node to, std::string_view svg, const std::string& caption, const std::string& alternative, bool wide) {
+  pugi::xml_document drawing;
+  auto figure = add(to, "figure", {}, wide ? "wide" : nullptr);
+  if (drawing.load_buffer(svg.data(), svg.size(), pugi::parse_default | pugi::parse_ws_pcdata_single)) {
+    auto root = figure.append_copy(drawing.document_element());
+    root.remove_attribute("width");
+    root.remove_attribute("height");
+    root.append_attribute("role") = "img";
+    root.append_attribute("aria-label") = printable(alternative).c_str();
+    prefix_ids(root, fmt::format("f{}-", ++figures_));
+  }
+  add(figure, "figcaption", caption);
+}
+
+void Page::add_png(pugi::xml_node to, std::string_view png, const std::string& caption, const std::string& alternative, bool wide) {
+  auto figure = add(to, "figure", {}, wide ? "wide" : nullptr);
+  auto image = figure.append_child("img");
+  image.append_attribute("alt") = printable(alternative).c_str();
+  image.append_attribute("src") = ("data:image/png;base64," + base64(png)).c_str();
+  add(figure, "figcaption", caption);
+}
+
+void Page::add_table(pugi::xml_node to, const std::vector<std::string>& head, const std::vector<std::vector<std::string>>& rows) {
+  auto scroll = add(to, "div", {}, "scroll");
+  scroll.append_attribute("tabindex") = "0";
+  auto table = scroll.append_child("table");
+  const auto kind = [&](std::size_t column) {
+    const bool any = column > 0 && std::ranges::any_of(rows, [&](const auto& row) { return column < row.size() && numeric(row[column]); });
+    return any && !head.empty() ? "number" : nullptr;
+  };
+  if (!head.empty()) {
+    auto line = table.append_child("thead").append_child("tr");
+    for (std::size_t i = 0; i < head.size(); ++i) add(line, "th", head[i], kind(i)).append_attribute("scope") = "col";
+  }
+  auto body = table.append_child("tbody");
+  for (const auto& row : rows) {
+    auto line = body.append_child("tr");
+    for (std::size_t i = 0; i < row.size(); ++i)
+      if (i == 0) add(line, "th", row[i]).append_attribute("scope") = "row";
+      else add(line, "td", row[i].empty() ? "–" : row[i], kind(i));
+  }
+}
+
+std::string Page::html() const {
+  std::ostringstream out;
+  document_.save(out, "", pugi::format_raw | pugi::format_no_declaration, pugi::encoding_utf8);
+  return out.str();
+}
+
+}  // namespace tribotwin::render

@@ -1,0 +1,237 @@
+// Pixels: the same every time, and those of the golden image.
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <cstdlib>
+
+#include <fmt/format.h>
+#include <lodepng.h>
+
+#include <tribotwin/render/pose/overlay.hpp>
+#include <tribotwin/render/pose/pose.hpp>
+
+namespace tribotwin::render {
+namespace {
+
+const std::string source = TRIBOTWIN_SOURCE_DIR;
+
+std::shared_ptr<const mujoco::Model> robot(const std::string& name = "irb6620") {
+  auto model = mujoco::load_file(source + "/mjcf/" + name + ".xml");
+  if (!model) throw std::runtime_error(model.error());
+  return *model;
+}
+
+Image drawn(const mjModel* m, const View& view = {}, std::span<const Paint> paints = {}, Size size = {320, 240}, Quality quality = {}) {
+  const mujoco::DataPtr d(mj_makeData(m));
+  mj_resetDataKeyframe(m, d.get(), 0);
+  pose_kinematics(m, d.get());
+  auto renderer = Renderer::create(m, size, quality);
+  if (!renderer) throw std::runtime_error(renderer.error());
+  auto image = renderer->draw(d.get(), view, paints);
+  if (!image) throw std::runtime_error(image.error());
+  return *image;
+}
+
+mujoco::ModelPtr changed(const mujoco::Model& model, auto change) {
+  mujoco::ModelPtr copy(mj_copyModel(nullptr, model.get()));
+  change(copy.get());
+  return copy;
+}
+
+/// Share of pixels of which a channel differs by more than 24: antialiasing of another Mesa stays below, a changed part does not.
+double difference(const Image& a, const Image& b) {
+  if (a.width != b.width || a.height != b.height) return 1;
+  std::size_t off = 0;
+  for (std::size_t i = 0; i < a.rgb.size(); i += 3) {
+    int most = 0;
+    for (std::size_t c = i; c < i + 3; ++c) most = std::max(most, std::abs(a.rgb[c] - b.rgb[c]));
+    off += most > 24;
+  }
+  return static_cast<double>(off) / (static_cast<double>(a.rgb.size()) / 3);
+}
+
+constexpr double tolerance = 0.002;
+
+Image golden() {
+  Image image;
+  std::vector<unsigned char> rgb;
+  unsigned width = 0, height = 0;
+  const std::string file = source + "/tests/render/pose/golden/irb6620.png";
+  if (const unsigned error = lodepng::decode(rgb, width, height, file, LCT_RGB)) throw std::runtime_error(file + ": " + lodepng_error_text(error));
+  image.width = static_cast<int>(width);
+  image.height = static_cast<int>(height);
+  image.rgb.assign(rgb.begin(), rgb.end());
+  return image;
+}
+
+TEST(Pictures, SamePoseSamePixels) {
+  const auto model = robot();
+  const Image first = drawn(model->get()), second = drawn(model->get());
+  EXPECT_EQ(first, second);
+  EXPECT_EQ(png(first), png(second));
+}
+
+TEST(Pictures, PngHoldsThePixels) {
+  Image image(5, 3);
+  for (std::size_t i = 0; i < image.rgb.size(); ++i) image.rgb[i] = static_cast<std::uint8_t>(7 * i);
+  std::vector<unsigned char> rgb;
+  unsigned width = 0, height = 0;
+  const std::string bytes = png(image);
+  ASSERT_EQ(lodepng::decode(rgb, width, height, reinterpret_cast<const unsigned char*>(bytes.data()), bytes.size(), LCT_RGB), 0U);
+  EXPECT_EQ(width, 5U);
+  EXPECT_EQ(height, 3U);
+  EXPECT_TRUE(std::equal(rgb.begin(), rgb.end(), image.rgb.begin(), image.rgb.end()));
+}
+
+TEST(Pictures, LooksLikeTheGoldenImage) {
+  const auto model = robot();
+  const Image now = drawn(model->get());
+  if (const char* file = std::getenv("TRIBOTWIN_NEW_GOLDEN")) {   // to accept a change that was looked at
+    const std::string bytes = png(now);
+    lodepng::save_file(std::vector<unsigned char>(bytes.begin(), bytes.end()), file);
+  }
+  EXPECT_LT(difference(now, golden()), tolerance);
+}
+
+// The tolerance is no excuse: each of these is seen.
+TEST(Pictures, GoldenImageSeesASwappedColour) {
+  const auto model = robot();
+  const int geom = mj_name2id(model->get(), mjOBJ_GEOM, "housing_joint2");
+  ASSERT_GE(geom, 0);
+  EXPECT_GT(difference(drawn(model->get(), {}, std::vector<Paint>{{geom, {0, 0, 255}}}), golden()), tolerance);
+  const auto swapped = changed(*model, [](mjModel* m) {
+    for (int i = 0; i < m->nmat; ++i) std::swap(m->mat_rgba[4 * i], m->mat_rgba[4 * i + 2]);
+    for (int i = 0; i < m->ngeom; ++i) std::swap(m->geom_rgba[4 * i], m->geom_rgba[4 * i + 2]);
+  });
+  EXPECT_GT(difference(drawn(swapped.get()), golden()), tolerance);
+}
+
+TEST(Pictures, GoldenImageSeesAMissingShadow) {
+  const auto dark = changed(*robot(), [](mjModel* m) {
+    for (int i = 0; i < m->nlight; ++i) m->light_castshadow[i] = 0;
+  });
+  EXPECT_GT(difference(drawn(dark.get()), golden()), tolerance);
+}
+
+TEST(Pictures, GoldenImageSeesAMirroredCamera) {
+  Image mirrored = golden();
+  for (int y = 0; y < mirrored.height; ++y)
+    for (int x = 0; x < mirrored.width / 2; ++x)
+      for (int c = 0; c < 3; ++c) std::swap(mirrored.at(x, y)[c], mirrored.at(mirrored.width - 1 - x, y)[c]);
+  EXPECT_GT(difference(drawn(robot()->get()), mirrored), tolerance);
+}
+
+// Larger than a tile: the parts fit together. One tile at half the size has the same picture but for its pixels' edges.
+TEST(Pictures, TilesHaveNoSeams) {
+  const auto model = robot("xl330_pendulum");
+  const mjModel* m = model->get();
+  const auto plain = [&](Size size) {
+    const mujoco::DataPtr d(mj_makeData(m));
+    pose_kinematics(m, d.get());
+    auto renderer = Renderer::create(m, size, {.samples = 0, .supersampling = 1});
+    if (!renderer) throw std::runtime_error(renderer.error());
+    auto image = renderer->draw(d.get(), {});
+    if (!image) throw std::runtime_error(image.error());
+    return *image;
+  };
+  const Image large = plain({4800, 600}), small = plain({2400, 300});
+  Image half(2400, 300);
+  for (int y = 0; y < 300; ++y)
+    for (int x = 0; x < 2400; ++x)
+      for (int c = 0; c < 3; ++c)
+        half.at(x, y)[c] = static_cast<std::uint8_t>((large.at(2 * x, 2 * y)[c] + large.at(2 * x + 1, 2 * y)[c] + large.at(2 * x, 2 * y + 1)[c] + large.at(2 * x + 1, 2 * y + 1)[c]) / 4);
+  EXPECT_LT(difference(half, small), 0.02);
+  Image shifted(2400, 300);   // what a tile in the wrong place would give
+  paste(shifted, half, -40, 0);
+  EXPECT_GT(difference(shifted, small), 0.02);
+}
+
+TEST(Pictures, RefusesWhatItCannotDraw) {
+  const auto model = robot();
+  for (const Size size : {Size{8, 600}, Size{600, 9000}, Size{-1, 600}}) {
+    const auto renderer = Renderer::create(model->get(), size);
+    ASSERT_FALSE(renderer);
+    EXPECT_NE(renderer.error().find("each side must be 16 to 8192"), std::string::npos) << renderer.error();
+  }
+  auto renderer = Renderer::create(model->get(), {64, 64});
+  ASSERT_TRUE(renderer);
+  const auto d = model->make_data();
+  pose_kinematics(model->get(), d.get());
+  const auto image = renderer->draw(d.get(), {.camera = "side"});
+  ASSERT_FALSE(image);
+  EXPECT_NE(image.error().find("overview"), std::string::npos) << image.error();
+  EXPECT_FALSE(renderer->draw(d.get(), {.camera = "overview", .azimuth_deg = 10}));
+  EXPECT_TRUE(renderer->draw(d.get(), {.azimuth_deg = 10, .look_at_m = std::array{0.0, 0.0, 1.0}}));
+}
+
+// A hot joint is seen: the colour of its housing is that of the legend.
+TEST(Poses, HousingHasTheColourOfItsTemperature) {
+  const auto model = robot();
+  auto painter = PosePainter::create(model, {640, 480});
+  ASSERT_TRUE(painter);
+  const PoseOptions options{.scale = {20, 80}, .panel = false, .legend = false};
+  const auto near = [](const Image& image, Colour c) {
+    int n = 0;
+    for (std::size_t i = 0; i < image.rgb.size(); i += 3)
+      n += std::abs(image.rgb[i] - c.r) < 20 && std::abs(image.rgb[i + 1] - c.g) < 20 && std::abs(image.rgb[i + 2] - c.b) < 20;
+    return n;
+  };
+  PoseState state = rest(*model);
+  for (auto& joint : state.joints) joint.temperature_degC = 20;
+  const auto cold = painter->draw(state, options);
+  state.joints[1].temperature_degC = 65;
+  const auto hot = painter->draw(state, options);
+  ASSERT_TRUE(cold && hot);
+  EXPECT_EQ(near(*cold, viridis(0.75)), 0);
+  EXPECT_GT(near(*hot, viridis(0.75)), 300);
+}
+
+TEST(Poses, NamesOfAnyKindAreDrawnAndNotRead) {
+  const Image blank(640, 480);
+  const std::vector<PanelRow> rows = {{{255, 0, 0}, true, "a <b>&amp; \"quoted\" `x` \n ü 関節 \xff\xfe", "1 °C", "2 Nm"}};
+  Image image = blank;
+  draw_panel(image, "<span>", rows, 0.5);
+  EXPECT_NE(image, blank);
+}
+
+TEST(Poses, ScaleIsRoundAndHoldsTheValues) {
+  const Scale scale = scale_around(std::vector{25.3, std::nan(""), 80.6});
+  EXPECT_LE(scale.from, 25.3);
+  EXPECT_GE(scale.to, 80.6);
+  EXPECT_EQ(std::fmod(scale.from, 5), 0);
+  const Scale flat = scale_around(std::vector{25.0, 25.0});
+  EXPECT_GE(flat.to - flat.from, 5);
+  EXPECT_LT(scale_around({}).from, scale_around({}).to);
+}
+
+TEST(Poses, SamplesAreEvenlyInTime) {
+  const std::vector<double> time = {0, 1, 2, 50, 51, 52, 99, 100};
+  EXPECT_EQ(evenly_in_time(time, 3), (std::vector<std::size_t>{0, 3, 7}));
+  EXPECT_EQ(evenly_in_time(time, 1), (std::vector<std::size_t>{7}));
+  EXPECT_EQ(evenly_in_time(std::vector{3.0}, 5), (std::vector<std::size_t>{0}));
+  EXPECT_TRUE(evenly_in_time({}, 5).empty());
+}
+
+TEST(Theme, MapIsMonotoneInLightness) {
+  double last = -1;
+  for (int i = 0; i <= 100; ++i) {
+    const Colour c = viridis(i / 100.0);
+    const double lightness = 0.2126 * c.r + 0.7152 * c.g + 0.0722 * c.b;
+    EXPECT_GT(lightness, last) << i;
+    last = lightness;
+  }
+  EXPECT_EQ(viridis(std::nan("")), viridis(0));
+  EXPECT_EQ(viridis(7), viridis(1));
+}
+
+TEST(Theme, TextWithoutSurprises) {
+  EXPECT_EQ(printable("joint\n2"), "joint 2");
+  EXPECT_EQ(printable("joint\n2", true), "joint\n2");
+  EXPECT_EQ(printable("\x1b[31m\xff"), "\uFFFD[31m\uFFFD");
+  EXPECT_EQ(duration(4983), "1 h 23 min 03 s");
+  EXPECT_EQ(duration(59.9), "59.90 s");
+  EXPECT_EQ(ticks(0, 1, 5), (std::vector<double>{0, 0.2, 0.4, 0.6000000000000001, 0.8, 1}));
+}
+
+}  // namespace
+}  // namespace tribotwin::render

@@ -1,0 +1,40 @@
+#include <tribotwin/twin/commands/robot.hpp>
+
+#include <fmt/format.h>
+
+#include <tribotwin/twin/io/input.hpp>
+#include <tribotwin/twin/io/output.hpp>
+
+namespace tribotwin::twin::program {
+
+using namespace identification;
+
+Robot load_robot(const std::string& file) {
+  const auto model = mujoco::load_file(file);
+  if (!model) throw InputError(model.error());
+  if (!(*model)->springs().empty()) throw InputError(fmt::format("{}: has an elastic transmission; rigid dynamics cannot tell what happens behind it", file));
+  const auto regressor = Regressor::create((*model)->get());
+  if (!regressor) throw InputError(fmt::format("{}: {}", file, regressor.error()));
+  return {*model, *regressor, base_parameters(*regressor)};
+}
+
+void add_preparation(CLI::App& command, Preparation& preparation) {
+  command.add_option("--cutoff", preparation.cutoff_hz, "Cut-off of the zero-phase low-pass on positions and torques [Hz] (default: 20, or a fifth of the sampling rate)")->check(CLI::Range(1e-3, 1e6));
+  command.add_option("--decimate", preparation.decimation, "Every how many samples one is used (default: five per period of the cut-off)")->check(CLI::Range(1u, 1000000u));
+}
+
+JointMotion read_motion(const Robot& robot, const std::vector<std::string>& files, const Preparation& preparation, bool quiet) {
+  std::vector<RobotRecording> recordings;
+  for (const auto& file : files) {
+    auto recording = read_robot_recording(file, robot.regressor);
+    if (!recording) throw InputError(recording.error());
+    recordings.push_back(std::move(*recording));
+  }
+  auto motion = prepare(recordings, robot.regressor, preparation);
+  if (!motion) throw InputError(motion.error());
+  if (!quiet)
+    for (const auto& text : motion->notes) note("{}", text);
+  return std::move(*motion);
+}
+
+}  // namespace tribotwin::twin::program

@@ -1,0 +1,31 @@
+#pragma once
+
+#include <memory>
+#include <string>
+#include <vector>
+
+#include <CLI/CLI.hpp>
+
+#include <tribotwin/plugins/mujoco/loader.hpp>
+#include <tribotwin/twin/identification/rigid_body/robot_recording.hpp>
+#include <tribotwin/twin/robot/base_parameters.hpp>
+
+/// What the commands about a whole robot's dynamics begin with.
+namespace tribotwin::twin::program {
+
+struct Robot {
+  std::shared_ptr<const mujoco::Model> model;
+  Regressor regressor;
+  BaseParameters base;
+};
+
+/// Throws InputError where the model cannot be loaded or is no rigid tree of hinges and slides.
+Robot load_robot(const std::string& file);
+
+/// Options of how recordings are prepared.
+void add_preparation(CLI::App& command, identification::Preparation& preparation);
+
+/// Reads and prepares recordings. Throws InputError; prints what is to be known of them unless `quiet`.
+identification::JointMotion read_motion(const Robot& robot, const std::vector<std::string>& files, const identification::Preparation& preparation, bool quiet);
+
+}  // namespace tribotwin::twin::program

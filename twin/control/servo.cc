@@ -1,0 +1,111 @@
+#include <tribotwin/twin/control/servo.hpp>
+
+#include <algorithm>
+#include <cmath>
+
+namespace tribotwin::twin {
+namespace {
+
+class Cascaded final : public Servo {
+ public:
+  Cascaded(const mujoco::Model& model, const mjData* start, const CascadedOptions& o) : servo_(model, start, o), commands_(model.drives().size()) {}
+  void control(const mjModel* m, mjData* d, std::span<const SetPoint> set_points) override {
+    for (std::size_t i = 0; i < commands_.size(); ++i)
+      commands_[i] = {.mode = DriveCommand::Mode::position, .position_rad = set_points[i].position_rad, .velocity_rad_s = set_points[i].velocity_rad_s};
+    servo_.control(m, d, commands_);
+  }
+
+ private:
+  DriveServo servo_;
+  std::vector<DriveCommand> commands_;
+};
+
+class DcPosition final : public Servo {
+ public:
+  DcPosition(const mujoco::Model& model, const DcPositionOptions& o) : model_(model), o_(o) {}
+  void control(const mjModel* m, mjData* d, std::span<const SetPoint> set_points) override {
+    for (std::size_t i = 0; i < model_.drives().size(); ++i) {
+      const auto& drive = model_.drives()[i];
+      const double error = set_points[i].position_rad - d->qpos[position_address(m, drive)];
+      d->ctrl[drive.control] = dc_torque_nm(o_, error, d->qvel[drive.dof]) / drive.gear;
+    }
+  }
+
+ private:
+  const mujoco::Model& model_;
+  DcPositionOptions o_;
+};
+
+class Torque final : public Servo {
+ public:
+  Torque(const mujoco::Model& model, std::vector<double> torque_nm) : model_(model), torque_nm_(std::move(torque_nm)) {}
+  void control(const mjModel*, mjData* d, std::span<const SetPoint>) override {
+    for (std::size_t i = 0; i < torque_nm_.size(); ++i) d->ctrl[model_.drives()[i].control] = torque_nm_[i] / model_.drives()[i].gear;
+  }
+
+ private:
+  const mujoco::Model& model_;
+  std::vector<double> torque_nm_;
+};
+
+}  // namespace
+
+DriveServo::DriveServo(const mujoco::Model& model, const mjData* start, const CascadedOptions& o) : model_(model), options_(o) {
+  for (const auto& drive : model.drives()) {
+    Loop loop;
+    loop.speed_gain = o.speed_bandwidth_rad_s * inertia_kg_m2(model.get(), start, drive.dof);
+    loop.position = position_address(model.get(), drive);
+    loop.limit = model->actuator_ctrllimited[drive.actuator] ? model->actuator_ctrlrange[2 * drive.control + 1] * drive.gear : friction::unlimited;
+    if (o.encoder_counts > 0) loop.encoder = Encoder(o.encoder_counts, drive.drive.gear_ratio, o.speed_filter_rad_s);
+    loops_.push_back(loop);
+  }
+}
+
+void DriveServo::measure(const mjModel* m, const mjData* d) {
+  for (std::size_t i = 0; i < loops_.size(); ++i) loops_[i].encoder.read(d->qpos[loops_[i].position], d->qvel[model_.drives()[i].dof], m->opt.timestep);
+}
+
+void DriveServo::actuate(const mjModel* m, mjData* d, std::span<const DriveCommand> commands) {
+  using Mode = DriveCommand::Mode;
+  for (std::size_t i = 0; i < loops_.size(); ++i) {
+    Loop& loop = loops_[i];
+    const DriveCommand& c = commands[i];
+    const auto& drive = model_.drives()[i];
+    const double limit = std::min(loop.limit, c.torque_limit_nm);
+    double torque = c.torque_nm;
+    if (c.mode == Mode::position || c.mode == Mode::velocity) {
+      double speed = c.velocity_rad_s;
+      if (c.mode == Mode::position) speed += options_.position_gain_1_s * (c.position_rad - loop.encoder.angle_rad());
+      const double error = speed - loop.encoder.speed_rad_s();
+      const double forward = options_.gravity ? gravity_torque_nm(m, d, drive.dof) : 0;
+      torque += forward + loop.speed_gain * error + loop.integral_nm;
+      // At the limit the integral only moves inwards.
+      if (options_.integral_time_s > 0 && (std::abs(torque) <= limit || error * torque < 0))
+        loop.integral_nm += loop.speed_gain / options_.integral_time_s * error * m->opt.timestep;
+    } else {
+      loop.integral_nm = 0;
+      if (c.mode == Mode::off) torque = 0;
+    }
+    loop.limited = std::abs(torque) > limit;
+    d->ctrl[drive.control] = std::clamp(torque, -limit, limit) / drive.gear;
+  }
+}
+
+double dc_torque_nm(const DcPositionOptions& o, double error_rad, double speed_rad_s) {
+  const double duty = std::clamp(o.kp * o.error_gain * error_rad, -1.0, 1.0);
+  const double supply_V = o.supply_V * (1 - o.supply_resistance_ohm / o.resistance_ohm * duty * duty);
+  const double torque = o.kt_nm_A / o.resistance_ohm * (duty * supply_V - o.kt_nm_A * speed_rad_s);
+  return std::clamp(torque, -o.torque_limit_nm, o.torque_limit_nm);
+}
+
+std::unique_ptr<Servo> make_cascaded(const mujoco::Model& model, const mjData* start, const CascadedOptions& options) {
+  return std::make_unique<Cascaded>(model, start, options);
+}
+std::unique_ptr<Servo> make_dc_position(const mujoco::Model& model, const DcPositionOptions& options) {
+  return std::make_unique<DcPosition>(model, options);
+}
+std::unique_ptr<Servo> make_torque(const mujoco::Model& model, std::vector<double> torque_nm) {
+  return std::make_unique<Torque>(model, std::move(torque_nm));
+}
+
+}  // namespace tribotwin::twin

@@ -1,0 +1,86 @@
+#pragma once
+
+#include <memory>
+#include <optional>
+#include <span>
+#include <vector>
+
+#include <tribotwin/twin/control/encoder.hpp>
+#include <tribotwin/twin/robot/arm.hpp>
+#include <tribotwin/twin/robot/motion.hpp>
+
+/// Joint controllers: set points in, motor torques (mjData.ctrl) out, once per time step.
+namespace tribotwin::twin {
+
+class Servo {
+ public:
+  virtual ~Servo() = default;
+  /// Called inside the step, with positions, velocities and gravity of its start. Set points per drive.
+  virtual void control(const mjModel* m, mjData* d, std::span<const SetPoint> set_points) = 0;
+};
+
+/// Position P over speed PI, as in industrial drives. Torque limit: the actuator's ctrlrange.
+struct CascadedOptions {
+  double position_gain_1_s = 10;
+  double speed_bandwidth_rad_s = 60;   ///< speed gain over the joint's inertia at the start
+  double integral_time_s = 0.1;        ///< 0: no integral part
+  bool gravity = true;                 ///< feed gravity forward
+  double encoder_counts = 0;           ///< per motor turn; 0: angle and speed are measured exactly
+  double speed_filter_rad_s = 300;     ///< bandwidth of the tracking loop behind the encoder
+};
+
+/// What one drive is told for a time step. Arm side.
+struct DriveCommand {
+  enum class Mode { off, torque, velocity, position };
+  Mode mode = Mode::off;
+  double position_rad = 0;
+  double velocity_rad_s = 0;     ///< set point, or added to the position loop's output
+  double torque_nm = 0;          ///< set point, or added to the speed loop's output
+  double torque_limit_nm = friction::unlimited;
+};
+
+/// The loops of industrial drives, each in a mode of its own. Its torque limit also is the actuator's ctrlrange.
+class DriveServo {
+ public:
+  DriveServo(const mujoco::Model& model, const mjData* start, const CascadedOptions& options);
+  /// Inside the step: `measure`, then `actuate`.
+  void control(const mjModel* m, mjData* d, std::span<const DriveCommand> commands) {
+    measure(m, d);
+    actuate(m, d, commands);
+  }
+  /// Reads the encoders.
+  void measure(const mjModel* m, const mjData* d);
+  const Encoder& encoder(std::size_t drive) const { return loops_[drive].encoder; }
+  /// Torques of drives that are off are 0; their integrals rest at 0.
+  void actuate(const mjModel* m, mjData* d, std::span<const DriveCommand> commands);
+  /// Whether a drive's torque was cut to a limit in the last step.
+  bool limited(std::size_t drive) const { return loops_[drive].limited; }
+
+ private:
+  struct Loop {
+    double speed_gain = 0, limit = 0, integral_nm = 0;
+    int position = 0;
+    bool limited = false;
+    Encoder encoder{};
+  };
+  const mujoco::Model& model_;
+  CascadedOptions options_;
+  std::vector<Loop> loops_;
+};
+std::unique_ptr<Servo> make_cascaded(const mujoco::Model& model, const mjData* start, const CascadedOptions& options);
+
+/// A small servo's firmware: position error -> duty cycle -> DC motor with winding resistance and back-EMF.
+struct DcPositionOptions {
+  double kp = 400, error_gain = 0;     ///< duty = kp error_gain (goal - position), limited to +-1
+  double torque_limit_nm = friction::unlimited;   ///< current limit
+  double supply_V = 7.4, resistance_ohm = 1, kt_nm_A = 1;   ///< torque = kt / R (duty V' - kt speed)
+  double supply_resistance_ohm = 0;    ///< V' = V (1 - R_supply / R duty^2): what the supply loses under load
+};
+/// Motor torque [Nm] at a position error [rad] and speed [rad/s].
+double dc_torque_nm(const DcPositionOptions& options, double error_rad, double speed_rad_s);
+std::unique_ptr<Servo> make_dc_position(const mujoco::Model& model, const DcPositionOptions& options);
+
+/// Constant torques [Nm, arm side] per drive.
+std::unique_ptr<Servo> make_torque(const mujoco::Model& model, std::vector<double> torque_nm);
+
+}  // namespace tribotwin::twin

@@ -1,0 +1,45 @@
+#include <tribotwin/twin/identification/rigid_body/wrench.hpp>
+
+#include <limits>
+#include <vector>
+
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+
+namespace tribotwin::twin::identification {
+
+using Eigen::Index, Eigen::MatrixXd, Eigen::VectorXd;
+
+tl::expected<MatrixXd, std::string> external_wrench(const mujoco::Model& model, const std::string& site, const JointMotion& motion, const MatrixXd& predicted) {
+  /// Directions that joints feel less than this share of the strongest are open: the arm is nearly singular.
+  constexpr double weakest = 0.01;
+  const mjModel* m = model.get();
+  const int id = mj_name2id(m, mjOBJ_SITE, site.c_str());
+  if (id < 0) {
+    std::vector<std::string> names;
+    for (int s = 0; s < m->nsite; ++s)
+      if (const char* name = mj_id2name(m, mjOBJ_SITE, s)) names.emplace_back(name);
+    return tl::unexpected(fmt::format("has no site '{}'; {}", site, names.empty() ? "it has none" : fmt::format("its sites: {}", fmt::join(names, ", "))));
+  }
+  const auto d = model.make_data();
+  Eigen::Matrix<double, 6, Eigen::Dynamic, Eigen::RowMajor> J(6, m->nv);
+  MatrixXd out = MatrixXd::Constant(6, motion.size(), std::numeric_limits<double>::quiet_NaN());
+  for (Index i = 0; i < motion.size(); ++i) {
+    Eigen::Map<VectorXd>(d->qpos, m->nq) = motion.q.col(i);
+    mj_kinematics(m, d.get());
+    mj_comPos(m, d.get());
+    mj_jacSite(m, d.get(), J.data(), J.data() + 3 * m->nv, id);
+    std::vector<Index> moving;
+    for (Index j = 0; j < m->nv; ++j)
+      if (motion.moving(j, i)) moving.push_back(j);
+    if (moving.size() < 6) continue;
+    const MatrixXd Jt = J(Eigen::all, moving).transpose();
+    const Eigen::JacobiSVD<MatrixXd> svd(Jt, Eigen::ComputeThinU | Eigen::ComputeThinV);
+    if (svd.singularValues()(5) < weakest * svd.singularValues()(0)) continue;
+    const VectorXd beyond = predicted.col(i) - motion.torque.col(i);
+    out.col(i) = svd.solve(beyond(moving));
+  }
+  return out;
+}
+
+}  // namespace tribotwin::twin::identification

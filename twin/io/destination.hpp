@@ -1,0 +1,35 @@
+#pragma once
+
+#include <filesystem>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include <tl/expected.hpp>
+
+#include <tribotwin/twin/io/file.hpp>
+
+namespace tribotwin::twin {
+
+/// Where a command's result goes: the file named with -o, or stdout without one.
+struct Destination {
+  std::string file;
+  bool force = false;   ///< the file may replace one that exists
+
+  /// Adds the options -o and --force to a CLI::App; returns the first.
+  template <class Command>
+  auto* add_to(Command& command, const std::string& help) {
+    auto* option = command.add_option("-o,--output", file, help);
+    command.add_flag("--force", force, "Replace files that exist");
+    return option;
+  }
+  bool named() const { return !file.empty(); }
+  Existing existing() const { return replace_if(force); }
+
+  /// Before any work: whether the file can become an output of a command that reads `inputs`.
+  tl::expected<void, std::string> check(const std::vector<std::filesystem::path>& inputs) const;
+  /// Exit code.
+  int deliver(std::string_view program, std::string_view text) const;
+};
+
+}  // namespace tribotwin::twin

@@ -1,0 +1,208 @@
+#include <tribotwin/twin/io/file.hpp>
+
+#include <algorithm>
+#include <cerrno>
+#include <cstdint>
+#include <cstdio>
+#include <cstring>
+#include <fstream>
+#include <iterator>
+#include <optional>
+#include <utility>
+
+#include <fcntl.h>
+#include <fmt/format.h>
+#include <sys/random.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <tribotwin/twin/io/stream.hpp>
+
+namespace tribotwin::twin {
+namespace {
+
+namespace fs = std::filesystem;
+using Status = tl::expected<void, std::string>;
+
+tl::unexpected<std::string> not_written(const fs::path& file, int error) {
+  return tl::unexpected(fmt::format("{}: cannot be written ({})", file.string(), std::strerror(error)));
+}
+
+tl::unexpected<std::string> exists_already(const fs::path& file) {
+  return tl::unexpected(fmt::format("{}: exists; choose another name, or replace it with --force", file.string()));
+}
+
+std::optional<struct stat> look(const fs::path& file) {
+  struct stat s {};
+  return ::stat(file.c_str(), &s) == 0 ? std::optional(s) : std::nullopt;
+}
+
+bool same(const struct stat& a, const struct stat& b) { return a.st_dev == b.st_dev && a.st_ino == b.st_ino; }
+
+/// The standard stream that `there` is, as /dev/stdout is: opening it anew would begin at the start of a redirected file.
+std::optional<int> standard_stream(const struct stat& there) {
+  for (const int stream : {STDOUT_FILENO, STDERR_FILENO})
+    if (struct stat s {}; ::fstat(stream, &s) == 0 && same(s, there)) return stream;
+  return std::nullopt;
+}
+
+bool is_stream(const struct stat& there) { return S_ISFIFO(there.st_mode) || S_ISCHR(there.st_mode) || standard_stream(there); }
+
+Status check_kind(const fs::path& file, const struct stat& there) {
+  const char* kind = S_ISDIR(there.st_mode) ? "a folder" : S_ISBLK(there.st_mode) ? "a block device" : S_ISSOCK(there.st_mode) ? "a socket" : nullptr;
+  if (kind) return tl::unexpected(fmt::format("{}: is {}; name a file with -o", file.string(), kind));
+  return {};
+}
+
+fs::path folder_of(const fs::path& file) { return file.has_parent_path() ? file.parent_path() : fs::path("."); }
+
+Status check_folder(const fs::path& file) {
+  const fs::path folder = folder_of(file);
+  const auto there = look(folder);
+  if (!there) return tl::unexpected(fmt::format("{}: there is no folder {}", file.string(), folder.string()));
+  if (!S_ISDIR(there->st_mode)) return tl::unexpected(fmt::format("{}: {} is no folder", file.string(), folder.string()));
+  if (::access(folder.c_str(), W_OK | X_OK) != 0) return not_written(file, errno);
+  return {};
+}
+
+Status write_stream(const fs::path& file, const struct stat& there, std::string_view bytes) {
+  const auto standard = standard_stream(there);
+  const int descriptor = standard ? *standard : ::open(file.c_str(), O_WRONLY | O_CLOEXEC | O_NOCTTY);
+  if (descriptor < 0) return not_written(file, errno);
+  int error = write_all(descriptor, bytes);
+  if (!standard && ::close(descriptor) != 0 && error == 0) error = errno;
+  if (error != 0) return not_written(file, error);
+  return {};
+}
+
+/// A name that nobody can know before: what is created under it is ours.
+fs::path partial_of(const fs::path& file) {
+  constexpr std::size_t longest_name = 255;
+  std::uint64_t random = 0;
+  (void)!::getrandom(&random, sizeof random, 0);
+  const std::string ending = fmt::format(".partial-{:016x}", random);
+  return folder_of(file) / ("." + file.filename().string().substr(0, longest_name - 1 - ending.size()) + ending);
+}
+
+/// Whether both names lead, or would lead, to one file.
+bool is_same_file(const fs::path& file, const std::optional<struct stat>& there, const fs::path& other) {
+  if (other.empty()) return false;
+  const auto its = look(other);
+  if (there || its) return there && its && same(*there, *its);
+  std::error_code error;
+  const auto a = fs::weakly_canonical(file, error), b = fs::weakly_canonical(other, error);
+  return !error && a == b;
+}
+
+/// Where a link leads, the link stays.
+fs::path behind_links(const fs::path& file) {
+  std::error_code error;
+  if (!fs::is_symlink(file, error)) return file;
+  const fs::path target = fs::canonical(file, error);
+  return error ? file : target;
+}
+
+int rename_to_free_name(const fs::path& from, const fs::path& to) {
+  if (::renameat2(AT_FDCWD, from.c_str(), AT_FDCWD, to.c_str(), RENAME_NOREPLACE) == 0) return 0;
+  if (errno != EINVAL && errno != ENOSYS) return errno;
+  // A file system that cannot: a hard link fails where the name is taken.
+  if (::link(from.c_str(), to.c_str()) != 0) return errno;
+  return ::unlink(from.c_str()) == 0 ? 0 : errno;
+}
+
+}  // namespace
+
+Status check_output(const fs::path& file, Existing existing, std::span<const fs::path> inputs) {
+  if (file.empty()) return tl::unexpected(std::string("the name of an output file is empty"));
+  const auto there = look(file);
+  if (there && is_stream(*there)) return {};
+  for (const fs::path& input : inputs)
+    if (is_same_file(file, there, input))
+      return tl::unexpected(fmt::format("{}: is also read or written by this command as {}; choose another name with -o", file.string(), input.string()));
+  if (!there) return check_folder(file);
+  if (auto ok = check_kind(file, *there); !ok) return ok;
+  if (existing == Existing::refuse) return exists_already(file);
+  return check_folder(behind_links(file));
+}
+
+Status write_file(const fs::path& file, std::string_view bytes, Existing existing) {
+  if (const auto there = look(file); there && is_stream(*there)) return write_stream(file, *there, bytes);
+  auto fresh = NewFile::create(file, existing);
+  if (!fresh) return tl::unexpected(fresh.error());
+  if (auto ok = fresh->write(bytes); !ok) return ok;
+  return fresh->publish();
+}
+
+Status write_derived(const fs::path& file, std::string_view bytes, Existing existing) {
+  std::ifstream stream(file, std::ios::binary);
+  if (stream && std::equal(std::istreambuf_iterator<char>(stream), {}, bytes.begin(), bytes.end())) return {};
+  if (stream.is_open() && existing == Existing::refuse)
+    return tl::unexpected(fmt::format("{}: was changed since it was made; move it away, or replace it with --force", file.string()));
+  return write_file(file, bytes, existing);
+}
+
+NewFile::NewFile(NewFile&& other) noexcept { *this = std::move(other); }
+
+NewFile& NewFile::operator=(NewFile&& other) noexcept {
+  std::swap(file_, other.file_);
+  std::swap(partial_, other.partial_);
+  std::swap(existing_, other.existing_);
+  std::swap(descriptor_, other.descriptor_);
+  return *this;
+}
+
+NewFile::~NewFile() {
+  if (descriptor_ >= 0) ::close(descriptor_);
+  if (!partial_.empty()) ::unlink(partial_.c_str());
+}
+
+tl::expected<NewFile, std::string> NewFile::create(const fs::path& file, Existing existing) {
+  const auto there = look(file);
+  if (there) {
+    if (S_ISDIR(there->st_mode)) return not_written(file, EISDIR);
+    if (!S_ISREG(there->st_mode)) return tl::unexpected(fmt::format("{}: must be a regular file", file.string()));
+    if (existing == Existing::refuse) return exists_already(file);
+  }
+  NewFile fresh;
+  fresh.file_ = behind_links(file);
+  fresh.existing_ = existing;
+  const fs::path partial = partial_of(fresh.file_);
+  fresh.descriptor_ = ::open(partial.c_str(), O_CREAT | O_EXCL | O_RDWR | O_NOFOLLOW | O_CLOEXEC, 0666);
+  if (fresh.descriptor_ < 0) return not_written(file, errno);
+  fresh.partial_ = partial;
+  if (there && ::fchmod(fresh.descriptor_, there->st_mode & 07777) != 0) return not_written(file, errno);
+  return fresh;
+}
+
+Status NewFile::write(std::string_view bytes) {
+  if (const int error = write_all(descriptor_, bytes); error != 0) return not_written(file_, error);
+  return {};
+}
+
+Status NewFile::rename_to_final() {
+  const int error = existing_ == Existing::refuse ? rename_to_free_name(partial_, file_)
+                    : ::rename(partial_.c_str(), file_.c_str()) == 0 ? 0 : errno;
+  if (error == EEXIST) return exists_already(file_);
+  if (error != 0) return not_written(file_, error);
+  partial_.clear();
+  return sync_folder(folder_of(file_));
+}
+
+Status NewFile::publish() {
+  if (::fsync(descriptor_) != 0 && errno != EINVAL && errno != EROFS) return not_written(file_, errno);
+  if (::close(std::exchange(descriptor_, -1)) != 0) return not_written(file_, errno);
+  return rename_to_final();
+}
+
+Status NewFile::publish_growing() { return rename_to_final(); }
+
+Status sync_folder(const fs::path& folder) {
+  const int descriptor = ::open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+  if (descriptor < 0) return {};   // a folder that may be written but not read
+  const int error = ::fsync(descriptor) == 0 ? 0 : errno;
+  ::close(descriptor);
+  if (error == 0 || error == EINVAL || error == EROFS || error == ENOTSUP) return {};
+  return tl::unexpected(fmt::format("{}: cannot be forced to disk ({})", folder.string(), std::strerror(error)));
+}
+
+}  // namespace tribotwin::twin

@@ -1,0 +1,199 @@
+#include <tribotwin/twin/io/input.hpp>
+
+#include <algorithm>
+#include <charconv>
+#include <cmath>
+#include <cstring>
+#include <fstream>
+
+#include <fmt/format.h>
+
+#include <tribotwin/plugins/friction/law.hpp>
+#include <tribotwin/twin/io/name.hpp>
+
+namespace tribotwin::twin {
+namespace {
+
+const char* kind(const YAML::Node& node) {
+  switch (node.Type()) {
+    case YAML::NodeType::Map: return "a mapping";
+    case YAML::NodeType::Sequence: return "a list";
+    case YAML::NodeType::Null: return "empty";
+    default: return "a value";
+  }
+}
+
+}  // namespace
+
+Mapping::Mapping(std::string file, std::string where, YAML::Node node) : file_(std::move(file)), where_(std::move(where)), node_(node) {
+  if (!node_.IsMap()) throw InputError(fmt::format("{}: '{}' is {} but must be a mapping of keys", at(node_.Mark()), where_, kind(node_)));
+  std::set<std::string> seen;
+  for (const auto& entry : node_) {
+    // yaml-cpp finds no entry by such a key: it would be there and not be there.
+    if (!entry.first.IsScalar() || entry.first.Scalar().empty())
+      throw InputError(fmt::format("{}: {}{}a key is {} but must be a name", at(entry.first.Mark()), where_, where_.empty() ? "" : ": ", kind(entry.first)));
+    if (!seen.insert(entry.first.Scalar()).second) fail(entry.first.Scalar(), "is given twice");
+  }
+}
+
+std::string Mapping::at(const YAML::Mark& mark) const { return mark.line < 0 ? file_ : fmt::format("{}:{}", file_, mark.line + 1); }
+
+void Mapping::fail(const std::string& key, const std::string& why) const {
+  YAML::Mark mark = node_.Mark();
+  for (const auto& entry : node_)
+    if (entry.first.Scalar() == key) mark = entry.first.Mark();   // none where --set or a program put it there
+  throw InputError(fmt::format("{}: {}{}{}: {}", at(mark), where_, where_.empty() ? "" : ".", key, why));
+}
+
+YAML::Node Mapping::take(const std::string& key) {
+  known_.insert(key);
+  return node_[key];
+}
+
+YAML::Node Mapping::raw(const std::string& key) { return take(key); }
+
+double Mapping::to_number(const std::string& key, const YAML::Node& node, Bounds bounds) const {
+  if (!node.IsScalar()) fail(key, fmt::format("is {} but must be a number", kind(node)));
+  const std::string& text = node.Scalar();
+  const char* first = text.data() + (text.starts_with('+') ? 1 : 0);
+  double value = 0;
+  const auto [end, error] = std::from_chars(first, text.data() + text.size(), value);
+  if (error != std::errc{} || end != text.data() + text.size() || !std::isfinite(value))
+    fail(key, fmt::format("is '{}' but must be a finite number", text));
+  if (value < bounds.minimum || value > bounds.maximum)
+    fail(key, bounds.maximum >= 1e300 ? fmt::format("is {} but must be at least {:g}", value, bounds.minimum)
+              : fmt::format("is {} but must be within {:g} .. {:g}", value, bounds.minimum, bounds.maximum));
+  return value;
+}
+
+double Mapping::number(const std::string& key, Bounds bounds) {
+  const YAML::Node node = take(key);
+  if (!node) fail(key, "is missing");
+  return to_number(key, node, bounds);
+}
+double Mapping::number_or(const std::string& key, double fallback, Bounds bounds) {
+  const YAML::Node node = take(key);
+  return node ? to_number(key, node, bounds) : fallback;
+}
+std::size_t Mapping::whole(const std::string& key, Bounds bounds) {
+  const double value = number(key, bounds);
+  if (value != std::floor(value)) fail(key, fmt::format("is {} but must be a whole number", value));
+  return static_cast<std::size_t>(value);
+}
+std::size_t Mapping::whole_or(const std::string& key, std::size_t fallback, Bounds bounds) {
+  if (has(key)) return whole(key, bounds);
+  take(key);
+  return fallback;
+}
+bool Mapping::flag_or(const std::string& key, bool fallback) {
+  const YAML::Node node = take(key);
+  if (!node) return fallback;
+  bool value = false;
+  if (!node.IsScalar() || !YAML::convert<bool>::decode(node, value)) fail(key, "must be true or false");
+  return value;
+}
+std::string Mapping::text(const std::string& key) {
+  const YAML::Node node = take(key);
+  if (!node) fail(key, "is missing");
+  if (!node.IsScalar() || node.Scalar().empty()) fail(key, fmt::format("is {} but must be text", kind(node)));
+  return node.Scalar();
+}
+std::string Mapping::text_or(const std::string& key, std::string fallback) { return has(key) ? text(key) : (take(key), fallback); }
+std::string Mapping::choice(const std::string& key, const std::vector<std::string_view>& accepted) {
+  const std::string value = text(key);
+  for (const auto& a : accepted)
+    if (a == value) return value;
+  fail(key, fmt::format("'{}' is not known; did you mean '{}'? Accepted: {}", value, friction::nearest(value, accepted), fmt::join(accepted, ", ")));
+}
+std::vector<double> Mapping::numbers(const std::string& key, Bounds bounds) {
+  const YAML::Node node = take(key);
+  if (!node || !node.IsSequence()) fail(key, "must be a list of numbers");
+  std::vector<double> values;
+  for (const auto& item : node) values.push_back(to_number(key, item, bounds));
+  return values;
+}
+std::vector<std::string> Mapping::texts(const std::string& key) {
+  const YAML::Node node = take(key);
+  std::vector<std::string> all;
+  if (!node) return all;
+  if (!node.IsSequence()) fail(key, fmt::format("is {} but must be a list of texts", kind(node)));
+  for (const auto& item : node) {
+    if (!item.IsScalar()) fail(key, fmt::format("holds {} but must be a list of texts", kind(item)));
+    all.push_back(item.Scalar());
+  }
+  return all;
+}
+std::string Mapping::file_name_or(const std::string& key, std::string fallback) {
+  std::string name = text_or(key, std::move(fallback));
+  if (const auto why = unfit_file_name(name)) fail(key, *why);
+  return name;
+}
+std::filesystem::path Mapping::file(const std::string& key, const std::filesystem::path& folder) {
+  const std::filesystem::path path = (folder / text(key)).lexically_normal();
+  std::error_code error;
+  if (std::filesystem::is_directory(path, error)) fail(key, fmt::format("'{}' is a folder, not a file", path.string()));
+  if (!std::filesystem::exists(path, error)) fail(key, fmt::format("'{}' cannot be read: it does not exist", path.string()));
+  return path;
+}
+std::optional<Mapping> Mapping::mapping(const std::string& key) {
+  const YAML::Node node = take(key);
+  if (!node) return std::nullopt;
+  return Mapping(file_, where_.empty() ? key : where_ + "." + key, node);
+}
+std::vector<Mapping> Mapping::mappings(const std::string& key) {
+  const YAML::Node node = take(key);
+  std::vector<Mapping> all;
+  if (!node) return all;
+  if (!node.IsSequence()) fail(key, fmt::format("is {} but must be a list", kind(node)));
+  for (const auto& item : node) all.emplace_back(file_, fmt::format("{}[{}]", key, all.size()), item);
+  return all;
+}
+std::vector<std::string> Mapping::names() const {
+  std::vector<std::string> all;
+  for (const auto& entry : node_) all.push_back(entry.first.Scalar());
+  return all;
+}
+
+void Mapping::accept(const std::vector<std::string_view>& accepted) const {
+  for (const auto& entry : node_)
+    if (const std::string& key = entry.first.Scalar(); std::ranges::find(accepted, key) == accepted.end())
+      fail(key, accepted.empty() ? std::string("is not known here")
+                                 : fmt::format("is not known; did you mean '{}'?", friction::nearest(key, accepted)));
+}
+
+void Mapping::done() const { accept({known_.begin(), known_.end()}); }
+
+YAML::Node load_yaml(const std::filesystem::path& file) {
+  std::error_code error;
+  if (std::filesystem::is_directory(file, error)) throw InputError(fmt::format("{}: is a folder, not a YAML file", file.string()));
+  std::ifstream stream(file);
+  if (!stream) throw InputError(fmt::format("{}: cannot be read ({})", file.string(), std::strerror(errno)));
+  try {
+    YAML::Node node = YAML::Load(stream);
+    if (!node.IsMap()) throw InputError(fmt::format("{}: is {} but must be a mapping of keys", file.string(), kind(node)));
+    return node;
+  } catch (const YAML::Exception& e) {
+    throw InputError(fmt::format("{}:{}: not well-formed YAML ({})", file.string(), e.mark.line + 1, e.msg));
+  }
+}
+
+std::string quoted(const std::string& text) {
+  const auto is_control = [](char c) { return static_cast<unsigned char>(c) < 0x20 || c == 0x7f; };
+  const bool escaped = std::ranges::any_of(text, is_control);   // only double quotes know escapes
+  std::string out;
+  for (const char c : text) {
+    if (is_control(c)) out += fmt::format("\\x{:02x}", static_cast<unsigned char>(c));
+    else if (escaped && (c == '"' || c == '\\')) out += {'\\', c};
+    else out += c == '\'' && !escaped ? std::string("''") : std::string(1, c);
+  }
+  return escaped ? '"' + out + '"' : "'" + out + "'";
+}
+
+std::string to_text(const YAML::Node& node) {
+  YAML::Emitter out;
+  out.SetDoublePrecision(17);
+  out << node;
+  return std::string(out.c_str()) + "\n";
+}
+
+}  // namespace tribotwin::twin

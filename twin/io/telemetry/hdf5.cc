@@ -1,0 +1,134 @@
+#include <tribotwin/twin/io/telemetry/hdf5.hpp>
+
+#include <algorithm>
+#include <array>
+#include <csignal>
+#include <cstdio>
+#include <system_error>
+
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <tribotwin/twin/io/interrupt.hpp>
+
+namespace tribotwin::twin::hdf5 {
+
+namespace {
+
+std::recursive_mutex mutex;
+bool alone = false;   // in the child of survives(): its parent held the lock for it
+
+}  // namespace
+
+std::string system_reason(int error) { return std::generic_category().message(error); }
+
+Hdf5::Hdf5() : lock_(alone ? std::unique_lock<std::recursive_mutex>() : std::unique_lock(mutex)) {
+  // At exit HDF5 would close files again whose closing failed, and crash.
+  static const herr_t no_exit_handler = H5dont_atexit();
+  (void)no_exit_handler;
+  H5Eget_auto2(H5E_DEFAULT, &print_, &data_);
+  H5Eset_auto2(H5E_DEFAULT, nullptr, nullptr);
+}
+
+Hdf5::~Hdf5() { H5Eset_auto2(H5E_DEFAULT, print_, data_); }
+
+bool survives(const std::function<void()>& work) {
+  const std::lock_guard whole(mutex);   // so that no other thread is inside HDF5 when the child is made
+  const pid_t child = ::fork();
+  if (child < 0) throw Failure(system_reason(errno));
+  if (child == 0) {
+    alone = true;
+    try {
+      work();
+    } catch (...) {   // the caller finds the same by itself
+    }
+    ::_exit(0);
+  }
+  int state = 0;
+  while (::waitpid(child, &state, 0) < 0) {
+    if (errno != EINTR) throw Failure(system_reason(errno));
+    if (!interrupted()) continue;
+    ::kill(child, SIGKILL);
+    ::waitpid(child, &state, 0);
+    throw Failure("interrupted");
+  }
+  return !WIFSIGNALED(state);
+}
+
+std::string hdf5_reason() {
+  std::array<char, 1024> text{};
+  H5Ewalk2(H5E_DEFAULT, H5E_WALK_UPWARD,
+           [](unsigned n, const H5E_error2_t* error, void* out) -> herr_t {
+             if (n == 0 && error->desc) std::snprintf(static_cast<char*>(out), 1024, "%s", error->desc);
+             return 0;
+           },
+           text.data());
+  std::string reason = text.data();
+  if (const auto at = reason.find("error message = '"); at != std::string::npos) {
+    reason.erase(0, at + 17);
+    reason.erase(std::min(reason.find('\''), reason.size()));
+  }
+  return reason.empty() ? "HDF5 gave no reason" : reason;
+}
+
+void write_attribute(hid_t object, const std::string& name, hid_t type, const void* value) {
+  const Id space(H5Screate(H5S_SCALAR), H5Sclose);
+  const Id attribute(H5Acreate2(object, name.c_str(), type, space, H5P_DEFAULT, H5P_DEFAULT), H5Aclose);
+  check(H5Awrite(attribute, type, value));
+}
+void write_attribute(hid_t object, const std::string& name, const std::string& value) {
+  // Of fixed length, so it lies under the checksum of its object: HDF5 1.10 crashes on damaged strings of variable length.
+  const Id type(H5Tcopy(H5T_C_S1), H5Tclose);
+  check(H5Tset_size(type, value.size() + 1));
+  check(H5Tset_cset(type, H5T_CSET_UTF8));
+  write_attribute(object, name, type, value.c_str());
+}
+
+namespace {
+
+std::string read_text(hid_t attribute) {
+  const Id type(H5Aget_type(attribute), H5Tclose);
+  if (H5Tget_class(type) != H5T_STRING || check(H5Tis_variable_str(type))) return {};
+  std::string value(H5Tget_size(type), '\0');
+  check(H5Aread(attribute, type, value.data()));
+  value.resize(std::min(value.find('\0'), value.size()));
+  return value;
+}
+}  // namespace
+
+std::string read_text(hid_t object, const char* name) {
+  return check(H5Aexists(object, name)) ? read_text(Id(H5Aopen(object, name, H5P_DEFAULT), H5Aclose)) : "";
+}
+
+std::pair<std::vector<std::pair<std::string, std::string>>, NumericAttributes> read_attributes(hid_t object) {
+  std::pair<std::vector<std::pair<std::string, std::string>>, NumericAttributes> all;
+  H5O_info_t info;
+  check(H5Oget_info2(object, &info, H5O_INFO_NUM_ATTRS));
+  // Above eight attributes HDF5 forgets the order unless it is tracked, which create_record asks for.
+  const auto order = [&](H5_index_t index, hsize_t n) { return H5Aopen_by_idx(object, ".", index, H5_ITER_INC, n, H5P_DEFAULT, H5P_DEFAULT); };
+  for (hsize_t n = 0; n < info.num_attrs; ++n) {
+    hid_t id = order(H5_INDEX_CRT_ORDER, n);
+    if (id < 0) id = order(H5_INDEX_NAME, n);
+    const Id attribute(id, H5Aclose);
+    std::string name(check(H5Aget_name(attribute, 0, nullptr)), '\0');
+    check(H5Aget_name(attribute, name.size() + 1, name.data()));
+    if (H5Tget_class(Id(H5Aget_type(attribute), H5Tclose)) == H5T_STRING) {
+      all.first.emplace_back(name, read_text(attribute));
+    } else if (double value = 0; H5Sget_simple_extent_npoints(Id(H5Aget_space(attribute), H5Sclose)) == 1) {
+      check(H5Aread(attribute, H5T_NATIVE_DOUBLE, &value));
+      all.second.emplace_back(name, value);
+    }
+  }
+  return all;
+}
+
+void write_rows(hid_t dataset, hsize_t from, std::span<const double> values) {
+  const hsize_t count = values.size(), size = from + count;
+  if (count == 0) return;
+  check(H5Dset_extent(dataset, &size));
+  const Id in_file(H5Dget_space(dataset), H5Sclose), in_memory(H5Screate_simple(1, &count, nullptr), H5Sclose);
+  check(H5Sselect_hyperslab(in_file, H5S_SELECT_SET, &from, nullptr, &count, nullptr));
+  check(H5Dwrite(dataset, H5T_NATIVE_DOUBLE, in_memory, in_file, H5P_DEFAULT, values.data()));
+}
+
+}  // namespace tribotwin::twin::hdf5

@@ -1,0 +1,82 @@
+#include <tribotwin/twin/robot/drive_change.hpp>
+
+#include <algorithm>
+#include <sstream>
+
+#include <fmt/format.h>
+#include <pugixml.hpp>
+
+#include <tribotwin/twin/robot/arm.hpp>
+
+namespace tribotwin::twin {
+namespace {
+
+/// Puts what `<include>`s name in their place. The model was loaded before, so all files are there.
+void include_all(pugi::xml_document& document, const std::filesystem::path& folder) {
+  while (const pugi::xml_node include = document.select_node("//include").node()) {
+    pugi::xml_document part;
+    part.load_file((folder / include.attribute("file").value()).c_str());
+    for (const pugi::xml_node child : part.document_element().children()) include.parent().insert_copy_before(child, include);
+    include.parent().remove_child(include);
+  }
+}
+
+drive::Configuration changed(drive::Configuration configuration, const drive::Configuration& keys) {
+  const auto drop = [&](const auto& parameters) {
+    std::erase_if(configuration, [&](const auto& entry) { return std::ranges::any_of(parameters, [&](const auto& p) { return p.name == entry.first; }); });
+  };
+  for (const auto& [key, value] : keys) {
+    const auto old = std::ranges::find(configuration, key, &drive::Configuration::value_type::first);
+    if (old == configuration.end()) {
+      configuration.emplace_back(key, value);
+      continue;
+    }
+    const std::string before = std::exchange(old->second, value);
+    if (before == value) continue;
+    if (key == "law")
+      if (const auto* law = friction::find_law(before)) drop(law->parameters);
+    if (key == "thermal")
+      for (const thermal::Order order : thermal::orders())
+        if (thermal::name(order) == before) drop(thermal::parameters(order));
+  }
+  return configuration;
+}
+
+}  // namespace
+
+tl::expected<std::shared_ptr<const mujoco::Model>, std::string> load_with_drive(const std::filesystem::path& file, const std::string& joint,
+                                                                                const drive::Configuration& keys) {
+  auto model = mujoco::load_file(file);
+  if (!model || keys.empty()) return model;
+  const auto index = find_drive(**model, joint);
+  if (!index) return tl::unexpected(fmt::format("{}: {}", file.string(), index.error()));
+  const std::string instance = (*model)->drives()[*index].drive.name;
+
+  const std::filesystem::path folder = file.has_parent_path() ? file.parent_path() : ".";
+  pugi::xml_document document;
+  document.load_file(file.c_str());
+  include_all(document, folder);
+  for (const auto& match : document.select_nodes("//extension/plugin[@plugin='tribotwin.drive']/instance")) {
+    pugi::xml_node element = match.node();
+    if (element.attribute("name").value() != instance) continue;
+    // Words first: with a law or a thermal model their own parameters go, and those given here come after.
+    drive::Configuration ordered = keys, present;
+    std::ranges::stable_partition(ordered, [](const auto& entry) { return entry.first == "law" || entry.first == "thermal"; });
+    while (const pugi::xml_node config = element.child("config")) {
+      present.emplace_back(config.attribute("key").value(), config.attribute("value").value());
+      element.remove_child(config);
+    }
+    const drive::Configuration configuration = changed(std::move(present), ordered);
+    if (const auto drive = drive::make_drive(instance, configuration); !drive) return tl::unexpected(drive.error());
+    for (const auto& [key, value] : configuration) {
+      pugi::xml_node config = element.append_child("config");
+      config.append_attribute("key") = key.c_str();
+      config.append_attribute("value") = value.c_str();
+    }
+  }
+  std::ostringstream text;
+  document.save(text);
+  return mujoco::load_string(text.str(), {}, folder);
+}
+
+}  // namespace tribotwin::twin

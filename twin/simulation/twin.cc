@@ -1,0 +1,224 @@
+#include <tribotwin/twin/simulation/twin.hpp>
+
+#include <algorithm>
+#include <cmath>
+#include <stdexcept>
+
+#include <fmt/format.h>
+
+namespace tribotwin::twin {
+namespace {
+
+template <class... F>
+struct Overloaded : F... { using F::operator()...; };
+
+/// Faults grow in steps this long: a growth is slow, and friction's coefficients stay cached in between.
+constexpr double growth_step_s = 1;
+
+}  // namespace
+
+Twin::Twin(const Scenario& scenario, Commanded) : Twin(scenario) {
+  servo_.reset();
+  const auto* gains = std::get_if<CascadedOptions>(&scenario.control);
+  drive_servo_ = std::make_unique<DriveServo>(*model_, data_.get(), gains ? *gains : CascadedOptions{});
+  commands_.resize(model_->drives().size());
+}
+
+void Twin::set_brake(std::size_t i, bool engaged) { mujoco::scratch(data_.get(), model_->drives()[i]).brake_engaged = engaged; }
+
+void Twin::set_measured_temperature(std::size_t i, std::optional<double> temperature_degC) {
+  const auto& binding = model_->drives()[i];
+  mujoco::scratch(data_.get(), binding).temperature_held = temperature_degC.has_value();
+  if (temperature_degC) drive::set_temperature(binding.drive, mujoco::memory(data_.get(), binding), *temperature_degC);
+}
+
+Twin::Twin(const Scenario& scenario)
+    : scenario_(scenario), model_(scenario.model), data_(model_->make_data()), timestep_s_((*model_)->opt.timestep) {
+  const auto drives = model_->drives();
+  set_points_.resize(drives.size());
+  q_begin_.resize(drives.size());
+  qd_begin_.resize(drives.size());
+  figures_.resize(drives.size());
+  for (std::size_t i = 0; i < drives.size(); ++i) {
+    data_->qpos[position_address(model_->get(), drives[i])] = scenario.start_rad[i];
+    drive::set_temperature(drives[i].drive, mujoco::memory(data_.get(), drives[i]), scenario.temperature_degC[i]);
+    if (scenario.ambient_degC)
+      mujoco::scratch(data_.get(), drives[i]).ambient_offset_K = *scenario.ambient_degC - drives[i].drive.thermal.T_amb_degC;
+  }
+  mj_forward(model_->get(), data_.get());
+  // The gear of an arm at rest carries gravity; friction of the first step knows it.
+  for (const auto& drive : drives)
+    mujoco::memory(data_.get(), drive).load_nm = gravity_torque_nm(model_->get(), data_.get(), drive.dof);
+  for (const auto& drive : drives) mujoco::scratch(data_.get(), drive).step_open = 0;
+
+  std::visit(Overloaded{[&](const CascadedOptions& o) { servo_ = make_cascaded(*model_, data_.get(), o); },
+                        [&](const CompensatedOptions& o) { servo_ = make_compensated(*model_, data_.get(), o); },
+                        [&](const DcPositionOptions& o) { servo_ = make_dc_position(*model_, o); },
+                        [&](const std::vector<double>& torque) { servo_ = make_torque(*model_, torque); }},
+             scenario.control);
+  if (static_cast<std::size_t>((*model_)->nu) > drives.size()) qvel_begin_.resize(static_cast<std::size_t>((*model_)->nv));
+  energy_start_J_ = mechanical_energy_J();
+}
+
+double Twin::mechanical_energy_J() const {
+  const mjModel* m = model_->get();
+  mj_kinematics(m, data_.get());
+  mj_comPos(m, data_.get());
+  mj_crb(m, data_.get());
+  double energy = 0;
+  for (int body = 1; body < m->nbody; ++body) energy -= m->body_mass[body] * mju_dot3(m->opt.gravity, data_->xipos + 3 * body);
+  std::vector<double> momentum(static_cast<std::size_t>(m->nv));
+  mj_mulM(m, data_.get(), momentum.data(), data_->qvel);   // the joint-space inertia holds the rotors too
+  return energy + 0.5 * mju_dot(momentum.data(), data_->qvel, static_cast<int>(m->nv));
+}
+
+double Twin::balance_J() const {
+  double friction = 0;
+  for (std::size_t i = 0; i < figures_.size(); ++i) friction += drive(i).friction_work_J;
+  return motor_work_J_ + other_work_J_ - (mechanical_energy_J() - energy_start_J_ - energy_jumps_J_) - friction;
+}
+
+Twin::Transmission Twin::transmission(const mujoco::Spring& spring) const {
+  const std::size_t i = drive_of(*model_, spring);
+  const auto& s = mujoco::scratch(data_.get(), spring);
+  const double ratio = ratio_of(spring);
+  return {i, s.torsion_begin_rad, s.torque_nm, q_begin_[i] / ratio - s.torsion_begin_rad, set_points_[i].position_rad / ratio, set_points_[i].velocity_rad_s / ratio};
+}
+
+double Twin::next_event_s() const {
+  return next_event_ < scenario_.events.size() ? scenario_.events[next_event_].time_s : friction::unlimited;
+}
+
+void Twin::apply(const Event& event) {
+  const double energy = mechanical_energy_J();
+  std::visit(Overloaded{
+                 [&](const PayloadChange& change) { model_ = change.model; },
+                 [&](const AmbientChange& change) {
+                   for (const auto& d : model_->drives())
+                     mujoco::scratch(data_.get(), d).ambient_offset_K = change.temperature_degC - d.drive.thermal.T_amb_degC;
+                 },
+                 [&](const Wear& wear) {
+                   for (const auto& d : model_->drives()) {
+                     if (joint_name(model_->get(), d) != wear.joint) continue;
+                     const auto& parameters = d.drive.law.info->parameters;
+                     for (std::size_t p = 0; p < parameters.size(); ++p)
+                       if (const auto found = wear.factors.find(std::string(parameters[p].name)); found != wear.factors.end())
+                         drive::set_wear(mujoco::scratch(data_.get(), d), p, found->second);
+                   }
+                 },
+                 [&](const FaultChange& fault) {
+                   std::erase_if(faults_, [&](const ActiveFault& a) { return a.fault->drive == fault.drive && a.fault->type == fault.type; });
+                   faults_.push_back({&fault, event.time_s});
+                   set_faults();
+                 }},
+             event.what);
+  energy_jumps_J_ += mechanical_energy_J() - energy;
+}
+
+void Twin::set_faults() {
+  for (const ActiveFault& one : faults_) {
+    drive::Faults all{};   // of its drive
+    for (const auto& [fault, since_s] : faults_)
+      if (fault->drive == one.fault->drive) fault->type->add(all, fault->severity + fault->growth_per_h * (time_s() - since_s) / 3600);
+    drive::set_faults(mujoco::scratch(data_.get(), model_->drives()[one.fault->drive]), all);
+  }
+}
+
+double Twin::growth_horizon_s() const {
+  double growth_per_h = 0;
+  for (const auto& [fault, since_s] : faults_)
+    if (fault->type->unit == "1") growth_per_h = std::max(growth_per_h, fault->growth_per_h);
+  return growth_per_h > 0 ? 0.05 * 3600 / growth_per_h : friction::unlimited;
+}
+
+void Twin::control(void* self, const mjModel* m, mjData* d) {
+  Twin& twin = *static_cast<Twin*>(self);
+  if (std::exchange(twin.controlled_, true)) return;   // later stages of an integrator keep the torque
+  for (const Wave& wave : twin.scenario_.waves) d->ctrl[wave.control] = wave(twin.time_s());
+  if (twin.drive_servo_) return twin.drive_servo_->control(m, d, twin.commands_);
+  if (twin.scenario_.motion) twin.scenario_.motion->at(twin.time_s(), twin.set_points_);
+  if (twin.scenario_.recording && !twin.scenario_.recording->torque_on.empty()) {
+    const SetPoints& r = *twin.scenario_.recording;
+    while (twin.recording_index_ + 1 < r.time_s.size() && r.time_s[twin.recording_index_ + 1] - r.time_s[0] <= twin.time_s()) ++twin.recording_index_;
+    if (!r.torque_on[twin.recording_index_]) {
+      for (const auto& drive : twin.model_->drives()) d->ctrl[drive.control] = 0;
+      return;
+    }
+  }
+  twin.servo_->control(m, d, twin.set_points_);
+}
+
+std::string Twin::diagnosis() const {
+  std::string text;
+  const auto drives = model_->drives();
+  for (std::size_t i = 0; i < drives.size(); ++i)
+    text += fmt::format("{}{} q {:.6g} rad, qd {:.6g} rad/s, motor {:.6g} Nm, {:.2f} degC", i ? "; " : "",
+                        joint_name(model_->get(), drives[i]), q_begin_[i], qd_begin_[i], drive(i).torque_nm, drive(i).temperature_degC);
+  return text;
+}
+
+tl::expected<void, std::string> Twin::step() {
+  while (next_event_ < scenario_.events.size() && scenario_.events[next_event_].time_s <= time_s() + 0.5 * timestep_s_)
+    apply(scenario_.events[next_event_++]);
+  const bool growing = std::ranges::any_of(faults_, [](const ActiveFault& a) { return a.fault->growth_per_h > 0; });
+  if (growing && steps_ % std::max<std::int64_t>(1, std::llround(growth_step_s / timestep_s_)) == 0) set_faults();
+
+  const auto drives = model_->drives();
+  mjData* d = data_.get();
+  for (std::size_t i = 0; i < drives.size(); ++i) {
+    q_begin_[i] = d->qpos[position_address(model_->get(), drives[i])];
+    qd_begin_[i] = d->qvel[drives[i].dof];
+  }
+  std::copy_n(d->qvel, qvel_begin_.size(), qvel_begin_.begin());
+  controlled_ = false;
+  model_->step(d, {control, this});
+  ++computed_;
+
+  for (int w = 0; w < mjNWARNING; ++w) {
+    if (d->warning[w].number == 0) continue;
+    const int which = d->warning[w].lastinfo;
+    std::string joint;
+    if (w == mjWARN_BADQVEL || w == mjWARN_BADQACC)
+      for (const auto& drive : drives)
+        if (drive.dof == which) joint = joint_name(model_->get(), drive);
+    if (w == mjWARN_BADQPOS)
+      for (const auto& drive : drives)
+        if (position_address(model_->get(), drive) == which) joint = joint_name(model_->get(), drive);
+    return tl::unexpected(fmt::format("the simulation diverged at step {} ({} s){}: {} State before the step: {}", steps_, time_s(),
+                                      joint.empty() ? "" : ", joint " + joint, mju_warningText(w, static_cast<std::size_t>(which)), diagnosis()));
+  }
+  for (std::size_t i = 0; i < drives.size(); ++i) {
+    const drive::Scratch& s = drive(i);
+    const double work = drive::delivered_nm(s) * 0.5 * (qd_begin_[i] + d->qvel[drives[i].dof]) * timestep_s_;
+    motor_work_J_ += work;
+    if (!qvel_begin_.empty()) other_work_J_ -= work;
+    JointFigures& f = figures_[i];
+    f.temperature_max_degC = std::max(f.temperature_max_degC, s.temperature_degC);
+    f.friction_squared_sum += s.friction_nm * s.friction_nm;
+    f.friction_max_nm = std::max(f.friction_max_nm, std::abs(s.friction_nm));
+    f.load_max_norm = std::max(f.load_max_norm, std::abs(s.load_used_nm) / drives[i].drive.torque_max_nm);
+    if (s.outside != 0 && drives[i].drive.law.validity == friction::Validity::error)
+      return tl::unexpected(fmt::format("joint {} left the range of its law '{}' at step {} ({} s), and its validity is 'error'. State: {}",
+                                        joint_name(model_->get(), drives[i]), drives[i].drive.law.info->name, steps_, time_s(), diagnosis()));
+  }
+  for (std::size_t dof = 0; dof < qvel_begin_.size(); ++dof) other_work_J_ += d->qfrc_actuator[dof] * 0.5 * (qvel_begin_[dof] + d->qvel[dof]) * timestep_s_;
+  ++steps_;
+  return {};
+}
+
+void Twin::skip(std::int64_t steps, std::span<const thermal::Rise> rise, std::span<const double> heat_J) {
+  const auto drives = model_->drives();
+  for (std::size_t i = 0; i < drives.size(); ++i) {
+    mujoco::memory(data_.get(), drives[i]).rise = rise[i];
+    drive::Scratch& s = mujoco::scratch(data_.get(), drives[i]);
+    s.heat_J += heat_J[i];
+    s.friction_work_J += heat_J[i];
+    motor_work_J_ += heat_J[i];   // a cycle that returns to its start takes from the motor what friction eats
+    figures_[i].temperature_max_degC = std::max(figures_[i].temperature_max_degC, temperature_degC(i));
+  }
+  steps_ += steps;
+  data_->time = time_s();
+  set_faults();
+}
+
+}  // namespace tribotwin::twin
