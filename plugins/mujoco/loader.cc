@@ -125,10 +125,9 @@ tl::expected<std::vector<SpringElement>, std::string> read_springs(const std::ve
   return static_cast<int>(size);
 }
 
-#if !TRIBOTWIN_ENGINE_PLUGINS
-/// Merges includes and turns every drive into what 2.2.2 knows: a torque actuator and room in userdata.
-std::string lower(const std::vector<Source>& sources, const std::filesystem::path& folder, int user_size, Origins& origins) {
-  pugi::xml_document& main = *sources.front().document;
+/// Puts the content of every included file in place of its <include>.
+void merge_includes(const std::vector<Source>& sources, const std::filesystem::path& folder, Origins& origins) {
+  const pugi::xml_document& main = *sources.front().document;
   while (const pugi::xml_node include = main.select_node("//include").node()) {
     const std::string path = (folder / include.attribute("file").value()).lexically_normal().string();
     const Source& source = *std::ranges::find(sources, path, &Source::name);
@@ -136,6 +135,21 @@ std::string lower(const std::vector<Source>& sources, const std::filesystem::pat
       origins.add_copy(source, child, include.parent().insert_copy_before(child, include));
     include.parent().remove_child(include);
   }
+}
+
+/// The text of a model, one element per line.
+std::string saved(const pugi::xml_document& document, Origins& origins) {
+  std::ostringstream text;
+  document.save(text);
+  origins.saved_as(text.str(), document);
+  return text.str();
+}
+
+#if !TRIBOTWIN_ENGINE_PLUGINS
+/// Merges includes and turns every drive into what 2.2.2 knows: a torque actuator and room in userdata.
+std::string lower(const std::vector<Source>& sources, const std::filesystem::path& folder, int user_size, Origins& origins) {
+  merge_includes(sources, folder, origins);
+  pugi::xml_document& main = *sources.front().document;
   for (const auto& match : main.select_nodes("//extension/plugin[@plugin='tribotwin.drive' or @plugin='tribotwin.hysteresis']"))
     match.node().parent().remove_child(match.node());
   for (const auto& match : main.select_nodes("//extension[not(plugin)]")) match.node().parent().remove_child(match.node());
@@ -164,10 +178,7 @@ std::string lower(const std::vector<Source>& sources, const std::filesystem::pat
     }
     root.append_child("compiler").append_attribute(attribute) = (base / given).lexically_normal().c_str();
   }
-  std::ostringstream text;
-  main.save(text);
-  origins.saved_as(text.str(), main);
-  return text.str();
+  return saved(main, origins);
 }
 
 tl::expected<ModelPtr, std::string> compile(const std::string& mjcf, const std::string&, const std::filesystem::path&) {
@@ -198,6 +209,17 @@ tl::expected<ModelPtr, std::string> compile(const std::string& text, const std::
   mj_deleteVFS(vfs.get());
   if (!model) return tl::unexpected(std::string(error));
   return model;
+}
+
+/// An error of the engine at the user's line. The engine says line 0 for what is included, and a line may hold several
+/// elements, so the line is asked for again where includes are merged and every element has its own. Changes `sources`.
+std::string located(const std::string& error, const std::vector<Source>& sources, const std::string& name, const std::filesystem::path& folder) {
+  const Origins as_written(sources);
+  Origins merged(sources);
+  merge_includes(sources, folder, merged);
+  const auto again = compile(saved(*sources.front().document, merged), "", folder);
+  const bool same = !again && without_position(again.error()) == without_position(error);
+  return same ? merged.located(again.error(), name) : as_written.located(error, name);
 }
 #endif
 
@@ -293,13 +315,14 @@ Result load(const std::string& name, const std::string& text, const std::string&
   if (!drives) return tl::unexpected(drives.error());
   auto springs = read_springs(*sources, *drives);
   if (!springs) return tl::unexpected(springs.error());
-  Origins origins(*sources);
 #if TRIBOTWIN_ENGINE_PLUGINS
   auto compiled = compile(text, file, folder);
+  if (!compiled) return tl::unexpected(located(compiled.error(), *sources, name, folder));
 #else
+  Origins origins(*sources);
   auto compiled = compile(lower(*sources, folder, user_size(*drives, *springs), origins), file, folder);
-#endif
   if (!compiled) return tl::unexpected(origins.located(compiled.error(), name));
+#endif
   mjModel* m = compiled->get();
   if (auto ok = require_finite(m); !ok) return tl::unexpected(fmt::format("{}: {}", name, ok.error()));
   if (auto ok = apply(options, m); !ok) return tl::unexpected(fmt::format("{}: {}", name, ok.error()));

@@ -123,6 +123,12 @@ Problem unknown_plugin(const Source& source, pugi::xml_node element) {
   return fmt::format("{}: plugin '{}' is not known; did you mean '{}'?", at(source, element), name, friction::nearest(name, ours));
 }
 
+/// Where an error of the engine is, as the engine says it: ", line 3", ", line = 3, column = 1".
+const std::regex& position() {
+  static const std::regex pattern(R"(,\s*line\s*=?\s*(-?\d+)(,\s*column\s*=?\s*-?\d+)?)");
+  return pattern;
+}
+
 }  // namespace
 
 std::ptrdiff_t Source::line(std::ptrdiff_t offset) const {
@@ -215,10 +221,12 @@ void Origins::saved_as(const std::string& text, const pugi::xml_document& docume
   }
 }
 
+std::string without_position(const std::string& message) { return std::regex_replace(message, position(), ""); }
+
 std::string Origins::located(std::string message, const std::string& name) const {
-  static const std::regex position(R"(,\s*line\s*=?\s*(-?\d+)(,\s*column\s*=?\s*-?\d+)?)"), element(R"(Element '([^']*)')"), breaks(R"(\s*\n\s*)");
+  static const std::regex element(R"(Element '([^']*)')"), breaks(R"(\s*\n\s*)");
   std::string where = name;
-  if (std::smatch found; std::regex_search(message, found, position)) {
+  if (std::smatch found; std::regex_search(message, found, position())) {
     std::smatch of;
     const std::string kind = std::regex_search(message, of, element) ? of[1].str() : "";
     const long number = std::strtol(found[1].str().c_str(), nullptr, 10);
@@ -228,7 +236,7 @@ std::string Origins::located(std::string message, const std::string& name) const
       const Place& place = std::ranges::find_if(lines_, is_meant)->place;
       where = fmt::format("{}:{}", place.source->name, place.source->line(place.offset));
     }
-    message = std::regex_replace(message, position, "");
+    message = without_position(message);
   }
   message.erase(message.find_last_not_of(" \n") + 1);
   return fmt::format("{}: {}", where, std::regex_replace(message, breaks, "; "));

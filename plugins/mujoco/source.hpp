@@ -35,6 +35,9 @@ tl::expected<std::vector<Source>, std::string> read_sources(std::string name, st
 /// Fails on elements, attributes and text in <extension> that nobody reads: engine 2.2.2 sees none of them.
 tl::expected<void, std::string> check_extensions(const std::vector<Source>& sources);
 
+/// A message of the engine without line and column.
+std::string without_position(const std::string& message);
+
 /// Where the elements of a text that the engine reads come from.
 class Origins {
  public:

@@ -236,6 +236,8 @@ for name, element, says in (("a body without mass", "<body name='b'><joint name=
     refused(name, [f"bad.xml:{text.count(chr(10), 0, text.index(element)) + 1}: ", says], *load(text))
 write("part.xml", "<mujocoinclude>\n\n<body name='b'>\n<geom size='.1' colour='red'/></body>\n</mujocoinclude>")
 refused("an error in an included file", ["part.xml:4: ", "colour"], *load(pendulum[:body] + "<include file='part.xml'/>" + pendulum[body:]))
+write("light.xml", "<mujocoinclude>\n\n\n<body name='b'><joint name='free'/></body>\n</mujocoinclude>")
+refused("a body without mass in an included file", ["light.xml:4: ", "mass"], *load(pendulum[:body] + "<include file='light.xml'/>" + pendulum[body:]))
 refused("30,000 nested elements", ["bad.xml:", "nested"], *load(pendulum[:body] + 30000 * "<body>" + 30000 * "</body>" + pendulum[body:]))
 refused("too much user data", ["bad.xml:", "nuserdata"], *load(pendulum[:body] + pendulum[body:].replace("</mujoco>", '<size nuserdata="2147483647"/></mujoco>')))
 
