@@ -33,13 +33,13 @@ procedure: working_days
 model: {source}/mjcf/er3a_c60.xml
 robots: 1
 days: 2
-duration_s: 510
+duration_s: 530
 ambient: {{mean_degC: 20, std_K: 1}}
 scatter: {{friction: 0.08, inertia: 0.02}}
 sensors: {{encoder_increments_per_turn: 6.5e6, torque_noise_share: 0.01}}
 excitation: {{evaluations: 60, heating_s: 10}}
 faults:
-  - {{robot: 1, day: 2, time_s: 250, joint: joint3, factors: {{f1: 1.4}}}}
+  - {{robot: 1, day: 2, time_s: 262, joint: joint3, factors: {{f1: 1.4}}}}
 """
 open(f"{work}/days.yaml", "w").write(CAMPAIGN)
 
