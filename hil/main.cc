@@ -100,11 +100,6 @@ void status_line(const hil::SessionStatus& s) {
 /// --force of the commands that write.
 void add_force(CLI::App& command, bool& force) { command.add_flag("--force", force, "Replace files that exist"); }
 
-/// What is wrong before the work is wrong input.
-void require(const tl::expected<void, std::string>& status) {
-  if (!status) throw InputError(status.error());
-}
-
 /// Whether a command may write these files, before its work.
 void check_outputs(const std::vector<hil::NamedFile>& inputs, const std::vector<hil::NamedFile>& outputs, bool force) {
   hil::refuse_shared(inputs, outputs);
@@ -139,8 +134,8 @@ struct DriveArguments : Common {
     outputs.push_back({"--stats " + stats, stats});
     check_outputs(inputs, outputs, force);
     for (const auto& file : {record, stats})
-      if (!file.empty()) require(twin::check_output(file, twin::Existing::replace));
-    if (!stats.empty()) require(twin::check_output(stats, twin::replace_if(force)));
+      if (!file.empty()) twin::or_wrong_input(twin::check_output(file, twin::Existing::replace));
+    if (!stats.empty()) twin::or_wrong_input(twin::check_output(stats, twin::replace_if(force)));
   }
 };
 
@@ -259,7 +254,7 @@ int run_shadow(const ShadowArguments& a) {
   auto inputs = hil::files_of(scenario);
   inputs.push_back({"--can " + a.can, a.log()});
   check_outputs(inputs, {{"--csv " + a.csv, a.csv}}, a.force);
-  if (!a.csv.empty()) require(twin::check_output(a.csv, twin::Existing::replace));
+  if (!a.csv.empty()) twin::or_wrong_input(twin::check_output(a.csv, twin::Existing::replace));
   twin::catch_interrupts();
   hil::NextFrame next;
   std::unique_ptr<hil::Transport> bus;
@@ -310,7 +305,7 @@ struct DescriptionArguments : Common {
 
   int write(const twin::Scenario& scenario, std::string_view text) const {
     hil::refuse_shared(hil::files_of(scenario), {{"-o " + destination.file, destination.file}});
-    require(destination.check({}));
+    twin::or_wrong_input(destination.check({}));
     return destination.deliver(program, text);
   }
 };
