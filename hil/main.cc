@@ -30,7 +30,8 @@ using twin::complain, twin::done, twin::failed, twin::wrong_input, twin::InputEr
 constexpr const char* program = "tribotwin-hil";
 bool stop() { return twin::interrupted(); }
 
-/// For a session: lost where nobody takes it now, because a bus does not wait for a terminal that is held or a reader that stopped.
+/// For a session: lost where nobody takes it now, because a bus does not wait for a terminal that is held or a reader
+/// that stopped.
 void tell(const std::string& text) {
   pollfd reader{STDERR_FILENO, POLLOUT, 0};
   if (::poll(&reader, 1, 0) > 0) twin::report_text(text);
@@ -44,21 +45,35 @@ struct Common {
   std::string profile = "cia402";
 
   void add_to(CLI::App& command) {
-    command.add_option("SCENARIO", scenario, "Scenario file: model, start, surroundings and events; its motion is the master's business")->required();
-    command.add_option("--set", settings, "key=value, dotted keys, in place of what the file says")->allow_extra_args(false);
-    command.add_option("--first-node", first_node, "Node number of the first drive; the others count up")->check(CLI::Range(1, 127))->capture_default_str();
-    command.add_option("--cycle", cycle_ms, "SYNC period [ms] (1006h)")->check(CLI::Range(0.1, 1000.0))->capture_default_str();
+    command
+        .add_option("SCENARIO", scenario,
+                    "Scenario file: model, start, surroundings and events; its motion is the master's business")
+        ->required();
+    command.add_option("--set", settings, "key=value, dotted keys, in place of what the file says")
+        ->allow_extra_args(false);
+    command.add_option("--first-node", first_node, "Node number of the first drive; the others count up")
+        ->check(CLI::Range(1, 127))
+        ->capture_default_str();
+    command.add_option("--cycle", cycle_ms, "SYNC period [ms] (1006h)")
+        ->check(CLI::Range(0.1, 1000.0))
+        ->capture_default_str();
   }
   void add_profile(CLI::App& command) {
-    command.add_option("--profile", profile, "What is spoken: CANopen with CiA 402, or two plain frames per drive (see dbc)")->check(CLI::IsMember({"cia402", "mirror"}))->capture_default_str();
+    command
+        .add_option("--profile", profile,
+                    "What is spoken: CANopen with CiA 402, or two plain frames per drive (see dbc)")
+        ->check(CLI::IsMember({"cia402", "mirror"}))
+        ->capture_default_str();
   }
   bool mirror() const { return profile == "mirror"; }
   hil::Profile speaks() const { return mirror() ? hil::Profile::mirror : hil::Profile::cia402; }
   twin::Scenario load() const {
     twin::Scenario s = twin::load_scenario(scenario, settings);
     if (first_node + s.model->drives().size() - 1 > 127)
-      throw InputError(fmt::format("--first-node {}: {} drives need node numbers up to {}; at most 127", first_node, s.model->drives().size(), first_node + s.model->drives().size() - 1));
-    if (const double step_s = s.model->get()->opt.timestep; !(step_s >= 1e-6)) throw InputError(fmt::format("{}: the model's timestep is {} s; a bus needs at least 1e-6", scenario, step_s));
+      throw InputError(fmt::format("--first-node {}: {} drives need node numbers up to {}; at most 127", first_node,
+                                   s.model->drives().size(), first_node + s.model->drives().size() - 1));
+    if (const double step_s = s.model->get()->opt.timestep; !(step_s >= 1e-6))
+      throw InputError(fmt::format("{}: the model's timestep is {} s; a bus needs at least 1e-6", scenario, step_s));
     return s;
   }
   hil::Budget budget(const twin::Scenario& scenario, double bit_rate) const;
@@ -68,7 +83,8 @@ struct Common {
 /// The drives of a scenario as the bus sees them before a master changes anything.
 class Drives {
  public:
-  Drives(const twin::Scenario& scenario, const Common& c) : parameters_(hil::drive_parameters(scenario, c.first_node, c.cycle_us())) {
+  Drives(const twin::Scenario& scenario, const Common& c)
+      : parameters_(hil::drive_parameters(scenario, c.first_node, c.cycle_us())) {
     for (const auto& p : parameters_) dictionaries_.emplace_back(p);
     for (std::size_t i = 0; i < parameters_.size(); ++i) described_.push_back({&dictionaries_[i], &parameters_[i]});
   }
@@ -81,7 +97,8 @@ class Drives {
 };
 
 hil::Budget Common::budget(const twin::Scenario& scenario, double bit_rate) const {
-  if (mirror()) return hil::budget_of_frames(static_cast<int>(scenario.model->drives().size()), 1e-3 * cycle_ms, bit_rate);
+  if (mirror())
+    return hil::budget_of_frames(static_cast<int>(scenario.model->drives().size()), 1e-3 * cycle_ms, bit_rate);
   return hil::budget(Drives(scenario, *this).all(), 1e-3 * cycle_ms, bit_rate);
 }
 
@@ -93,8 +110,10 @@ void status_line(const hil::SessionStatus& s) {
     drives += drive.enabled() ? 'E' : drive.failed() ? 'F' : drive.brake_engaged() ? '-' : '+';
     hottest = std::max(hottest, s.bench->plant().twin().temperature_degC(i));
   }
-  tell(fmt::format("\r\033[K{:.1f} s, {} syncs, bus {:.0f} %, drives {} (E enabled, F fault), hottest {:.1f} degC, lost {}, {}", s.simulated_s, s.bench->counters().syncs, 100 * s.bus_load, drives,
-             hottest, s.bus->counters().receive_lost + s.bus->counters().send_busy + s.bus->counters().send_down, s.bus->state()));
+  tell(fmt::format(
+      "\r\033[K{:.1f} s, {} syncs, bus {:.0f} %, drives {} (E enabled, F fault), hottest {:.1f} degC, lost {}, {}",
+      s.simulated_s, s.bench->counters().syncs, 100 * s.bus_load, drives, hottest,
+      s.bus->counters().receive_lost + s.bus->counters().send_busy + s.bus->counters().send_down, s.bus->state()));
 }
 
 /// --force of the commands that write.
@@ -116,7 +135,8 @@ struct DriveArguments : Common {
     add_profile(command);
     command.add_option("--can", can, "Bus: vcan0, can0, socketcand://127.0.0.1:29536/NAME")->required();
     auto* clock = command.add_flag("--realtime", realtime, "The robot moves with the clock");
-    command.add_flag("--sync-lockstep", lockstep, "Every SYNC moves the robot on by one cycle (default)")->excludes(clock);
+    command.add_flag("--sync-lockstep", lockstep, "Every SYNC moves the robot on by one cycle (default)")
+        ->excludes(clock);
     command.add_option("--duration", duration, "End after so much simulated time [s]")->check(CLI::PositiveNumber);
     command.add_option("--record", record, "Everything on the bus as a candump log");
     command.add_option("--stats", stats, "Counters of the session as JSON");
@@ -124,7 +144,9 @@ struct DriveArguments : Common {
     command.add_option("-o,--output", output, "Folder for telemetry.h5, scenario.yaml, summary.json");
     add_force(command, force);
     command.add_flag("--quiet", quiet, "No status line");
-    command.footer("Example:\n  tribotwin-hil drive twin/scenarios/irb6620_hold.yaml --can socketcand://127.0.0.1:29536/can0 --duration 10");
+    command.footer(
+        "Example:\n  tribotwin-hil drive twin/scenarios/irb6620_hold.yaml --can socketcand://127.0.0.1:29536/can0 "
+        "--duration 10");
   }
   void check_files(const twin::Scenario& scenario) const {
     auto inputs = hil::files_of(scenario);
@@ -144,7 +166,9 @@ int run_drives(const DriveArguments& a) {
   const int drives = static_cast<int>(scenario.model->drives().size());
   a.check_files(scenario);
   const hil::Budget budget = a.budget(scenario, 1e6);
-  if (budget.most > 1) throw InputError(fmt::format("--cycle {}: {}; choose a longer cycle or fewer drives on one bus", a.cycle_ms, budget.line()));
+  if (budget.most > 1)
+    throw InputError(
+        fmt::format("--cycle {}: {}; choose a longer cycle or fewer drives on one bus", a.cycle_ms, budget.line()));
   if (budget.most > 0.8) twin::note("{}", budget.line());
   std::vector<hil::Fault> faults;
   if (!a.faults.empty()) faults = hil::load_faults(a.faults, a.first_node, drives);
@@ -153,12 +177,24 @@ int run_drives(const DriveArguments& a) {
   if (!bus) throw InputError(bus.error().message);
   const bool live = !a.quiet && isatty(STDERR_FILENO);
   if (!a.quiet)
-    tell(fmt::format("{} drives, nodes {} to {}, on {}; {}\n", drives, a.first_node, a.first_node + drives - 1, (*bus)->name(),
+    tell(fmt::format("{} drives, nodes {} to {}, on {}; {}\n", drives, a.first_node, a.first_node + drives - 1,
+                     (*bus)->name(),
                      a.realtime ? "the robot moves with the clock" : "every SYNC moves the robot on by one cycle"));
-  const auto ended = hil::drive(scenario, **bus,
-                                {.profile = a.speaks(), .first_node = a.first_node, .cycle_us = a.cycle_us(), .realtime = a.realtime, .duration_s = a.duration, .record = a.record, .statistics = a.stats, .output = a.output,
-                                 .existing = twin::replace_if(a.force), .faults = faults, .stop = stop, .status = live ? status_line : std::function<void(const hil::SessionStatus&)>{},
-                                 .note = [&](const std::string& what) { tell(fmt::format("{}note: {}\n", live ? "\r\033[K" : "", what)); }});
+  const auto ended = hil::drive(
+      scenario, **bus,
+      {.profile = a.speaks(),
+       .first_node = a.first_node,
+       .cycle_us = a.cycle_us(),
+       .realtime = a.realtime,
+       .duration_s = a.duration,
+       .record = a.record,
+       .statistics = a.stats,
+       .output = a.output,
+       .existing = twin::replace_if(a.force),
+       .faults = faults,
+       .stop = stop,
+       .status = live ? status_line : std::function<void(const hil::SessionStatus&)>{},
+       .note = [&](const std::string& what) { tell(fmt::format("{}note: {}\n", live ? "\r\033[K" : "", what)); }});
   if (live) tell("\n");
   return ended ? done : complain(program, failed, ended.error());
 }
@@ -172,7 +208,9 @@ struct ReplayArguments : Common {
     Common::add_to(command);
     add_profile(command);
     command.add_option("LOG", log, "candump log, as --record writes it")->required();
-    auto* speed = command.add_option("--rate", rate, "Speed: 1 is the original")->check(CLI::PositiveNumber)->capture_default_str();
+    auto* speed = command.add_option("--rate", rate, "Speed: 1 is the original")
+                      ->check(CLI::PositiveNumber)
+                      ->capture_default_str();
     command.add_flag("--fast", fast, "As fast as possible")->excludes(speed);
     command.add_option("-o,--output", output, "Folder for telemetry.h5, scenario.yaml, summary.json");
     add_force(command, force);
@@ -187,13 +225,28 @@ int replay(const ReplayArguments& a) {
   inputs.push_back({"LOG " + a.log, a.log});
   check_outputs(inputs, hil::files_in(a.output), a.force);
   twin::catch_interrupts();
-  const auto result = hil::replay(scenario, a.log, {.profile = a.speaks(), .first_node = a.first_node, .cycle_us = a.cycle_us(), .rate = a.fast ? 0 : a.rate, .output = a.output, .existing = twin::replace_if(a.force), .stop = stop});
+  const auto result = hil::replay(scenario, a.log,
+                                  {.profile = a.speaks(),
+                                   .first_node = a.first_node,
+                                   .cycle_us = a.cycle_us(),
+                                   .rate = a.fast ? 0 : a.rate,
+                                   .output = a.output,
+                                   .existing = twin::replace_if(a.force),
+                                   .stop = stop});
   if (!result) return complain(program, failed, result.error());
-  twin::print("{} frames, {} from the drives: {} differ, {} missing, {} added\n", result->frames, result->compared, result->differing, result->missing, result->added);
-  if (result->interrupted) return complain(program, failed, fmt::format("interrupted after {} frames; {}", result->frames, result->first_difference.empty() ? "no difference so far" : result->first_difference));
-  if (result->frames == 0) return complain(program, wrong_input, fmt::format("{}: holds no frame; nothing was compared", a.log));
+  twin::print("{} frames, {} from the drives: {} differ, {} missing, {} added\n", result->frames, result->compared,
+              result->differing, result->missing, result->added);
+  if (result->interrupted)
+    return complain(program, failed,
+                    fmt::format("interrupted after {} frames; {}", result->frames,
+                                result->first_difference.empty() ? "no difference so far" : result->first_difference));
+  if (result->frames == 0)
+    return complain(program, wrong_input, fmt::format("{}: holds no frame; nothing was compared", a.log));
   if (!result->silent.empty())
-    return complain(program, wrong_input, fmt::format("{}: no frame from the drive of {}; nothing was compared there: is --first-node {} right, and --profile {}?", a.log, fmt::join(result->silent, ", "), a.first_node, a.profile));
+    return complain(program, wrong_input,
+                    fmt::format("{}: no frame from the drive of {}; nothing was compared there: is --first-node {} "
+                                "right, and --profile {}?",
+                                a.log, fmt::join(result->silent, ", "), a.first_node, a.profile));
   if (result->first_difference.empty()) return done;
   return complain(program, failed, result->first_difference);
 }
@@ -209,20 +262,28 @@ struct ShadowArguments : Common {
     Common::add_to(command);
     add_profile(command);
     command.add_option("--can", can, "Bus: vcan0, can0, or log:FILE for a candump log")->required();
-    auto* limited = command.add_option("--limit", limit, "Largest residual torque, arm side [Nm]; beyond it: exit code 3")->check(CLI::PositiveNumber);
-    command.add_option("--limit-time", limit_time, "... for so long [s]")->check(CLI::NonNegativeNumber)->capture_default_str();
-    command.add_option("--joint", joints, "A joint that --limit holds for, by name; again for more (default: all)")->allow_extra_args(false)->needs(limited);
+    auto* limited =
+        command.add_option("--limit", limit, "Largest residual torque, arm side [Nm]; beyond it: exit code 3")
+            ->check(CLI::PositiveNumber);
+    command.add_option("--limit-time", limit_time, "... for so long [s]")
+        ->check(CLI::NonNegativeNumber)
+        ->capture_default_str();
+    command.add_option("--joint", joints, "A joint that --limit holds for, by name; again for more (default: all)")
+        ->allow_extra_args(false)
+        ->needs(limited);
     command.add_option("--duration", duration, "End after so much time on the bus [s]")->check(CLI::PositiveNumber);
     command.add_option("--csv", csv, "Measured, predicted, residual and temperature of every cycle");
     add_force(command, force);
-    command.footer("Example:\n  tribotwin-hil shadow twin/scenarios/irb6620_hold.yaml --can log:session.log --limit 200");
+    command.footer(
+        "Example:\n  tribotwin-hil shadow twin/scenarios/irb6620_hold.yaml --can log:session.log --limit 200");
   }
   std::string log() const { return can.starts_with("log:") ? can.substr(4) : ""; }
 };
 
 /// Frames of a live bus, until a signal or the end of `duration_s` by the clock: a bus may fall silent.
 hil::NextFrame frames_of(hil::Transport& bus, std::optional<double> duration_s) {
-  return [&bus, duration_s, heard = false, begin_ns = hil::clock_ns()](hil::Frame& frame) mutable -> tl::expected<bool, std::string> {
+  return [&bus, duration_s, heard = false,
+          begin_ns = hil::clock_ns()](hil::Frame& frame) mutable -> tl::expected<bool, std::string> {
     while (!stop()) {
       const std::int64_t now_ns = hil::clock_ns();
       const bool received = bus.receive(frame);
@@ -242,10 +303,13 @@ int judge(const ShadowArguments& a, const hil::ShadowResult& result) {
     complain(program, grave, what);
     if (code == done) code = grave;
   };
-  if (result.exceeded()) code = twin::limit_exceeded;   // said when it happened
+  if (result.exceeded()) code = twin::limit_exceeded;  // said when it happened
   if (!result.csv_failure.empty()) report(failed, result.csv_failure);
-  if (result.interrupted) report(failed, fmt::format("interrupted at {:.3f} s{}", result.seconds, a.duration ? fmt::format(" of {} s", *a.duration) : ", before the end of the log"));
-  for (const auto& reason : result.unchecked) report(wrong_input, fmt::format("--limit {} was not checked: {}", *a.limit, reason));
+  if (result.interrupted)
+    report(failed, fmt::format("interrupted at {:.3f} s{}", result.seconds,
+                               a.duration ? fmt::format(" of {} s", *a.duration) : ", before the end of the log"));
+  for (const auto& reason : result.unchecked)
+    report(wrong_input, fmt::format("--limit {} was not checked: {}", *a.limit, reason));
   return code;
 }
 
@@ -271,8 +335,18 @@ int run_shadow(const ShadowArguments& a) {
     next = frames_of(*bus, a.duration);
   }
   const auto result = hil::shadow(scenario, next,
-                                  {.profile = a.speaks(), .first_node = a.first_node, .cycle_us = a.cycle_us(), .limit_nm = a.limit, .limit_time_s = a.limit_time, .limit_joints = a.joints,
-                                   .duration_s = a.duration, .csv = a.csv, .existing = twin::replace_if(a.force), .stop = stop, .endless = !log && !a.duration, .note = [&](const std::string& what) { tell(what + "\n"); }});
+                                  {.profile = a.speaks(),
+                                   .first_node = a.first_node,
+                                   .cycle_us = a.cycle_us(),
+                                   .limit_nm = a.limit,
+                                   .limit_time_s = a.limit_time,
+                                   .limit_joints = a.joints,
+                                   .duration_s = a.duration,
+                                   .csv = a.csv,
+                                   .existing = twin::replace_if(a.force),
+                                   .stop = stop,
+                                   .endless = !log && !a.duration,
+                                   .note = [&](const std::string& what) { tell(what + "\n"); }});
   if (!result) return complain(program, failed, result.error());
   twin::print_text(result->table());
   return judge(a, *result);
@@ -293,7 +367,9 @@ int run_budget(const BudgetArguments& a) {
   const twin::Scenario scenario = a.load();
   const hil::Budget budget = a.budget(scenario, a.bit_rate);
   twin::print("{}\n", budget.line());
-  if (budget.most > 1) return complain(program, wrong_input, "more than the bus can carry; choose a longer cycle or fewer drives on one bus");
+  if (budget.most > 1)
+    return complain(program, wrong_input,
+                    "more than the bus can carry; choose a longer cycle or fewer drives on one bus");
   if (budget.most > 0.8) twin::note("more than 80 % at worst; other traffic will not fit");
   return done;
 }
@@ -314,8 +390,10 @@ int write_eds(const DescriptionArguments& a) {
   const twin::Scenario scenario = a.load();
   const Drives drives(scenario, a);
   for (const auto& described : drives.all())
-    if (a.node == 0 || described.parameters->node == a.node) return a.write(scenario, hil::eds(*described.dictionary, *described.parameters));
-  throw InputError(fmt::format("--node {}: the drives are nodes {} to {}", a.node, a.first_node, a.first_node + static_cast<int>(drives.all().size()) - 1));
+    if (a.node == 0 || described.parameters->node == a.node)
+      return a.write(scenario, hil::eds(*described.dictionary, *described.parameters));
+  throw InputError(fmt::format("--node {}: the drives are nodes {} to {}", a.node, a.first_node,
+                               a.first_node + static_cast<int>(drives.all().size()) - 1));
 }
 
 int write_dbc(const DescriptionArguments& a) {
@@ -323,7 +401,8 @@ int write_dbc(const DescriptionArguments& a) {
   const Drives drives(scenario, a);
   if (!a.mirror()) return a.write(scenario, hil::dbc(drives.all()));
   std::vector<hil::DescribedMirror> all;
-  for (const auto& d : drives.all()) all.push_back({d.parameters->node, d.parameters->name, d.parameters->rated_torque_nm * d.parameters->gear_ratio});
+  for (const auto& d : drives.all())
+    all.push_back({d.parameters->node, d.parameters->name, d.parameters->rated_torque_nm * d.parameters->gear_ratio});
   return a.write(scenario, hil::mirror_dbc(all));
 }
 
@@ -344,7 +423,8 @@ void add_descriptions(CLI::App& app, DescriptionArguments& a, int& code) {
 
 /// One command, its arguments and what it does with them.
 template <class Arguments>
-void add_command(CLI::App& app, const char* name, const char* description, Arguments& arguments, int (*run)(const Arguments&), int& code) {
+void add_command(CLI::App& app, const char* name, const char* description, Arguments& arguments,
+                 int (*run)(const Arguments&), int& code) {
   auto* command = app.add_subcommand(name, description);
   arguments.add_to(*command);
   command->callback([&arguments, run, &code] { code = run(arguments); });
@@ -366,8 +446,10 @@ int main(int argc, char** argv) {
   BudgetArguments budget;
   DescriptionArguments description;
   add_command(app, "drive", "Be the drives of a robot, one per joint", drive, run_drives, code);
-  add_command(app, "replay", "A recorded session through the same drives, compared with what they said then", replayed, replay, code);
-  add_command(app, "shadow", "Listen beside a robot: what torque and temperature it should have", shadow, run_shadow, code);
+  add_command(app, "replay", "A recorded session through the same drives, compared with what they said then", replayed,
+              replay, code);
+  add_command(app, "shadow", "Listen beside a robot: what torque and temperature it should have", shadow, run_shadow,
+              code);
   add_command(app, "budget", "The load of the bus, before anything runs", budget, run_budget, code);
   add_descriptions(app, description, code);
   try {

@@ -1,5 +1,5 @@
-// tribotwin: runs, measures, identifies and exports; a command each in commands/. stdout carries results only; everything
-// else goes to stderr.
+// tribotwin: runs, measures, identifies and exports; a command each in commands/. stdout carries results only;
+// everything else goes to stderr.
 #include <sstream>
 
 #include <tribotwin/plugins/mujoco/loader.hpp>
@@ -17,7 +17,11 @@ int main(int argc, char** argv) {
   app.require_subcommand(1);
   app.set_version_flag("--version", std::string("tribotwin " TRIBOTWIN_VERSION ", MuJoCo ") + mj_versionString());
   int code = twin::done;
-  for (const auto add : {twin::program::add_run, twin::program::add_curve, twin::program::add_lab, twin::program::add_identify, twin::program::add_calibrate, twin::program::add_dynamics, twin::program::add_predict, twin::program::add_excite, twin::program::add_thermal, twin::program::add_diagnose, twin::program::add_recover, twin::program::add_export}) add(app, code);
+  for (const auto add : {twin::program::add_run, twin::program::add_curve, twin::program::add_lab,
+                         twin::program::add_identify, twin::program::add_calibrate, twin::program::add_dynamics,
+                         twin::program::add_predict, twin::program::add_excite, twin::program::add_thermal,
+                         twin::program::add_diagnose, twin::program::add_recover, twin::program::add_export})
+    add(app, code);
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& e) {

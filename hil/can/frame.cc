@@ -1,17 +1,18 @@
-#include <tribotwin/hil/can/frame.hpp>
-
 #include <algorithm>
 #include <cassert>
 #include <iterator>
 
 #include <fmt/format.h>
 
+#include <tribotwin/hil/can/frame.hpp>
+
 namespace tribotwin::hil {
 
 bool Frame::operator==(const Frame& other) const {
-  const bool same_header = id == other.id && extended == other.extended && remote == other.remote && error == other.error && fd == other.fd &&
-                           bit_rate_switch == other.bit_rate_switch && error_passive == other.error_passive && size == other.size;
-  if (!same_header || remote) return same_header;   // a remote frame carries a length but no data
+  const bool same_header = id == other.id && extended == other.extended && remote == other.remote &&
+                           error == other.error && fd == other.fd && bit_rate_switch == other.bit_rate_switch &&
+                           error_passive == other.error_passive && size == other.size;
+  if (!same_header || remote) return same_header;  // a remote frame carries a length but no data
   const auto used = std::min<std::size_t>(size, data.size());
   return std::equal(data.begin(), data.begin() + static_cast<std::ptrdiff_t>(used), other.data.begin());
 }
@@ -31,7 +32,7 @@ bool valid_size(bool fd, std::uint8_t size) {
 }
 
 std::string text(const Frame& frame) {
-  constexpr std::uint32_t error_flag = 0x20000000;   // CAN_ERR_FLAG of SocketCAN; candump prints it with the class
+  constexpr std::uint32_t error_flag = 0x20000000;  // CAN_ERR_FLAG of SocketCAN; candump prints it with the class
   std::string out = frame.error      ? fmt::format("{:08X}#", frame.id | error_flag)
                     : frame.extended ? fmt::format("{:08X}#", frame.id)
                                      : fmt::format("{:03X}#", frame.id);
@@ -43,8 +44,8 @@ std::string text(const Frame& frame) {
 }
 
 Bits classic_bits(int size) {
-  // 44 bits from start of frame to end of frame and 3 between frames; only the first 34 and the data can be stuffed, with
-  // at most one bit after the first five equal ones and then one after every four.
+  // 44 bits from start of frame to end of frame and 3 between frames; only the first 34 and the data can be stuffed,
+  // with at most one bit after the first five equal ones and then one after every four.
   const int least = 44 + 8 * size + 3;
   return {.least = least, .most = least + (33 + 8 * size) / 4};
 }

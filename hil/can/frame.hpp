@@ -9,12 +9,12 @@ namespace tribotwin::hil {
 
 /// A CAN frame, classic or FD.
 struct Frame {
-  std::uint32_t id = 0;          ///< 11 bit, or 29 bit if extended; the error class of an error frame
+  std::uint32_t id = 0;  ///< 11 bit, or 29 bit if extended; the error class of an error frame
   bool extended = false, remote = false, error = false;
-  bool fd = false, bit_rate_switch = false, error_passive = false;   ///< FD: format, BRS and ESI bits
-  std::uint8_t size = 0;         ///< data bytes: 0..8, FD also 12, 16, 20, 24, 32, 48, 64; of a remote frame: those asked for
+  bool fd = false, bit_rate_switch = false, error_passive = false;  ///< FD: format, BRS and ESI bits
+  std::uint8_t size = 0;  ///< data bytes: 0..8, FD also 12, 16, 20, 24, 32, 48, 64; of a remote frame: those asked for
   std::array<std::uint8_t, 64> data{};
-  std::int64_t time_ns = 0;      ///< when it was on the bus: CLOCK_REALTIME, or the time of a log; not part of equality
+  std::int64_t time_ns = 0;  ///< when it was on the bus: CLOCK_REALTIME, or the time of a log; not part of equality
 
   std::span<const std::uint8_t> bytes() const { return {data.data(), size}; }
   bool operator==(const Frame& other) const;
@@ -31,7 +31,9 @@ std::string text(const Frame& frame);
 
 /// Bits on the wire of a classic frame with an 11-bit identifier, inter-frame space included: without and with the most
 /// stuff bits it can have.
-struct Bits { int least, most; };
+struct Bits {
+  int least, most;
+};
 Bits classic_bits(int size);
 
 }  // namespace tribotwin::hil

@@ -1,6 +1,3 @@
-#include <tribotwin/hil/can/log.hpp>
-#include <tribotwin/hil/can/words.hpp>
-
 #include <algorithm>
 #include <cerrno>
 #include <charconv>
@@ -16,12 +13,15 @@
 #include <poll.h>
 #include <unistd.h>
 
+#include <tribotwin/hil/can/log.hpp>
+#include <tribotwin/hil/can/words.hpp>
+
 namespace tribotwin::hil {
 namespace {
 
 using Problem = tl::unexpected<std::string>;
 
-constexpr std::size_t longest_line = 4096;   // an FD frame needs 200; a file without line ends is not a log
+constexpr std::size_t longest_line = 4096;  // an FD frame needs 200; a file without line ends is not a log
 constexpr std::size_t read_size = 64 * 1024;
 constexpr int ask_stop_ms = 100;
 constexpr std::uint32_t error_flag = 0x20000000;
@@ -50,7 +50,9 @@ std::optional<Number> number(std::string_view digits, int base) {
 }
 
 tl::expected<std::int64_t, std::string> parse_time(std::string_view word) {
-  const auto bad = [&] { return problem("the time is '{}', not '(seconds.decimals)' with up to 9 decimals", shown(word)); };
+  const auto bad = [&] {
+    return problem("the time is '{}', not '(seconds.decimals)' with up to 9 decimals", shown(word));
+  };
   if (word.size() < 3 || word.front() != '(' || word.back() != ')') return bad();
   const auto digits = word.substr(1, word.size() - 2);
   const auto dot = digits.find('.');
@@ -73,7 +75,8 @@ tl::expected<void, std::string> parse_identifier(std::string_view digits, Frame&
   const auto id = number<std::uint32_t>(digits, 16);
   if (!id || (digits.size() != 3 && digits.size() != 8))
     return problem("the identifier is '{}', not 3 or 8 hexadecimal digits", shown(digits));
-  if (digits.size() == 3 && *id > 0x7FF) return problem("the identifier {} is above 7FF, the largest of 11 bits", digits);
+  if (digits.size() == 3 && *id > 0x7FF)
+    return problem("the identifier {} is above 7FF, the largest of 11 bits", digits);
   if (*id >= 2 * error_flag) return problem("the identifier {} has more than 29 bits", digits);
   frame.error = (*id & error_flag) != 0;
   frame.extended = digits.size() == 8 && !frame.error;
@@ -85,7 +88,8 @@ tl::expected<void, std::string> parse_data(std::string_view digits, Frame& frame
   const std::size_t size = digits.size() / 2;
   if (digits.size() % 2 != 0) return problem("the data '{}' has an odd number of digits", shown(digits));
   if (size > frame.data.size() || !valid_size(frame.fd, static_cast<std::uint8_t>(size)))
-    return problem("{} data bytes; {}", size, frame.fd ? "an FD frame has 0..8, 12, 16, 20, 24, 32, 48 or 64" : "a classic frame has 0..8");
+    return problem("{} data bytes; {}", size,
+                   frame.fd ? "an FD frame has 0..8, 12, 16, 20, 24, 32, 48 or 64" : "a classic frame has 0..8");
   for (std::size_t i = 0; i < size; ++i) {
     const auto byte = number<std::uint8_t>(digits.substr(2 * i, 2), 16);
     if (!byte) return problem("the data '{}' is not hexadecimal", shown(digits));
@@ -97,7 +101,8 @@ tl::expected<void, std::string> parse_data(std::string_view digits, Frame& frame
 
 tl::expected<void, std::string> parse_remote(std::string_view digits, Frame& frame) {
   const auto size = number<std::uint8_t>(digits.empty() ? "0" : digits, 16);
-  if (!size || digits.size() > 1 || *size > 8) return problem("a remote frame ends in R or R0..R8, not 'R{}'", shown(digits));
+  if (!size || digits.size() > 1 || *size > 8)
+    return problem("a remote frame ends in R or R0..R8, not 'R{}'", shown(digits));
   if (frame.error) return problem("an error frame cannot be a remote frame");
   frame.remote = true;
   frame.size = *size;
@@ -131,7 +136,8 @@ tl::expected<Frame, std::string> parse_log_line(std::string_view line, std::stri
   const auto parts = words(line);
   if (parts.size() < 3 || parts.size() > 4) return problem("'{}' is not '(time) bus frame'", shown(line));
   const bool marked = parts.size() == 4;
-  if (marked && parts[3] != "T" && parts[3] != "R") return problem("'{}' after the frame; only a direction T or R may follow", shown(parts[3]));
+  if (marked && parts[3] != "T" && parts[3] != "R")
+    return problem("'{}' after the frame; only a direction T or R may follow", shown(parts[3]));
   const auto time_ns = parse_time(parts[0]);
   if (!time_ns) return tl::unexpected(time_ns.error());
   if (std::ranges::any_of(parts[1], [](unsigned char c) { return c < 0x20 || c == 0x7F; }))
@@ -147,7 +153,8 @@ tl::expected<LogReader, std::string> LogReader::open(const std::filesystem::path
   std::error_code error;
   if (std::filesystem::is_directory(file, error)) return problem("{}: is a folder, not a candump log", file.string());
   LogReader reader;
-  reader.fd_ = Descriptor(::open(file.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK));   // O_NONBLOCK: a pipe may have no writer yet
+  reader.fd_ =
+      Descriptor(::open(file.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK));  // O_NONBLOCK: a pipe may have no writer yet
   if (reader.fd_.get() < 0) return problem("{}: cannot be read{}", file.string(), why(errno));
   reader.file_ = file;
   reader.stop_ = std::move(stop);
@@ -165,7 +172,8 @@ tl::expected<bool, std::string> LogReader::fill() {
     const int error = errno;
     buffer_.resize(before + static_cast<std::size_t>(std::max<ssize_t>(n, 0)));
     if (n >= 0) return n > 0;
-    if (error != EAGAIN && error != EINTR) return problem("{}: cannot be read after line {}{}", file_.string(), line_, why(error));
+    if (error != EAGAIN && error != EINTR)
+      return problem("{}: cannot be read after line {}{}", file_.string(), line_, why(error));
   }
   return false;
 }
@@ -183,14 +191,15 @@ tl::expected<bool, std::string> LogReader::skip_line() {
 tl::expected<bool, std::string> LogReader::next_line(std::string_view& line) {
   if (skipping_)
     if (auto more = skip_line(); !more || !*more) return more;
-  std::size_t searched = 0;   // from begin_
+  std::size_t searched = 0;  // from begin_
   for (;;) {
     auto end = buffer_.find('\n', begin_ + searched);
     const std::size_t length = std::min(end, buffer_.size()) - begin_;
     if (length >= longest_line) {
       ++line_;
-      skipping_ = true;   // so that reading can go on
-      return problem("{}:{}: longer than {} characters, not a line of a candump log", file_.string(), line_, longest_line - 1);
+      skipping_ = true;  // so that reading can go on
+      return problem("{}:{}: longer than {} characters, not a line of a candump log", file_.string(), line_,
+                     longest_line - 1);
     }
     if (end == buffer_.npos) {
       searched = length;
@@ -198,7 +207,7 @@ tl::expected<bool, std::string> LogReader::next_line(std::string_view& line) {
       if (!more) return more;
       if (*more) continue;
       if (length == 0 || (stop_ && stop_())) return false;
-      end = buffer_.size();   // the last line, which has no end
+      end = buffer_.size();  // the last line, which has no end
     }
     line = std::string_view(buffer_).substr(begin_, length);
     begin_ = std::min(end + 1, buffer_.size());
@@ -219,8 +228,10 @@ tl::expected<bool, std::string> LogReader::next(Frame& frame) {
   }
 }
 
-tl::expected<LogWriter, std::string> LogWriter::create(const std::filesystem::path& file, std::string bus, RecordOptions options) {
-  if (words(bus) != std::vector<std::string_view>{bus}) return problem("{}: a log needs the name of a bus, one word; '{}' is none", file.string(), shown(bus));
+tl::expected<LogWriter, std::string> LogWriter::create(const std::filesystem::path& file, std::string bus,
+                                                       RecordOptions options) {
+  if (words(bus) != std::vector<std::string_view>{bus})
+    return problem("{}: a log needs the name of a bus, one word; '{}' is none", file.string(), shown(bus));
   auto out = RecordFile::create(file, std::move(options));
   if (!out) return tl::unexpected(out.error());
   return LogWriter(file, std::move(bus), std::move(*out));
@@ -228,8 +239,10 @@ tl::expected<LogWriter, std::string> LogWriter::create(const std::filesystem::pa
 
 tl::expected<void, std::string> LogWriter::write(const Frame& frame) {
   if (frame.time_ns < 0 || !valid_size(frame.fd, frame.size))
-    return problem("{}: a frame of {} bytes at {} ns has no line in a candump log", file_.string(), frame.size, frame.time_ns);
-  return out_.append(fmt::format("({:010}.{:06}) {} {}\n", frame.time_ns / 1'000'000'000, frame.time_ns % 1'000'000'000 / 1000, bus_, text(frame)));
+    return problem("{}: a frame of {} bytes at {} ns has no line in a candump log", file_.string(), frame.size,
+                   frame.time_ns);
+  return out_.append(fmt::format("({:010}.{:06}) {} {}\n", frame.time_ns / 1'000'000'000,
+                                 frame.time_ns % 1'000'000'000 / 1000, bus_, text(frame)));
 }
 
 }  // namespace tribotwin::hil

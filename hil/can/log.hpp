@@ -11,13 +11,15 @@
 #include <tribotwin/hil/can/frame.hpp>
 #include <tribotwin/hil/can/record_file.hpp>
 
-/// candump's log format: "(1700000000.123456) vcan0 601#4041600000000000", one frame per line; FD frames "ID##<flags><data>".
+/// candump's log format: "(1700000000.123456) vcan0 601#4041600000000000", one frame per line; FD frames
+/// "ID##<flags><data>".
 namespace tribotwin::hil {
 
 /// Reads frame by frame. Blank lines are skipped; a direction mark (T, R) after the frame is accepted.
 class LogReader {
  public:
-  /// `stop` is asked at least every 0.1 s, also while a pipe has nothing to read or no writer; then `next` says: the end.
+  /// `stop` is asked at least every 0.1 s, also while a pipe has nothing to read or no writer; then `next` says: the
+  /// end.
   static tl::expected<LogReader, std::string> open(const std::filesystem::path& file, std::function<bool()> stop = {});
   /// The next frame: true. The end: false. A line that is no frame: an error with file and line; reading may go on.
   tl::expected<bool, std::string> next(Frame& frame);
@@ -37,9 +39,9 @@ class LogReader {
   std::function<bool()> stop_;
   Descriptor fd_;
   std::string buffer_, bus_;
-  std::size_t begin_ = 0;        ///< of what is left in the buffer
+  std::size_t begin_ = 0;  ///< of what is left in the buffer
   std::size_t line_ = 0;
-  bool skipping_ = false;        ///< the buffer begins in a line that is too long
+  bool skipping_ = false;  ///< the buffer begins in a line that is too long
 };
 
 /// Parses one line. Fails with what is wrong in it.
@@ -48,14 +50,16 @@ tl::expected<Frame, std::string> parse_log_line(std::string_view line, std::stri
 /// Writes what candump -L writes, with the 6 decimals of a second that all its readers understand.
 class LogWriter {
  public:
-  static tl::expected<LogWriter, std::string> create(const std::filesystem::path& file, std::string bus, RecordOptions options = {});
+  static tl::expected<LogWriter, std::string> create(const std::filesystem::path& file, std::string bus,
+                                                     RecordOptions options = {});
   /// Fails once the file cannot take more (full disk); the message names it.
   tl::expected<void, std::string> write(const Frame& frame);
   tl::expected<void, std::string> flush() { return out_.flush(); }
   tl::expected<void, std::string> finish() { return out_.finish(); }
 
  private:
-  LogWriter(std::filesystem::path file, std::string bus, RecordFile out) : file_(std::move(file)), bus_(std::move(bus)), out_(std::move(out)) {}
+  LogWriter(std::filesystem::path file, std::string bus, RecordFile out)
+      : file_(std::move(file)), bus_(std::move(bus)), out_(std::move(out)) {}
 
   std::filesystem::path file_;
   std::string bus_;

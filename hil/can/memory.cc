@@ -1,5 +1,3 @@
-#include <tribotwin/hil/can/transport.hpp>
-
 #include <algorithm>
 #include <chrono>
 #include <condition_variable>
@@ -10,11 +8,13 @@
 
 #include <fmt/format.h>
 
+#include <tribotwin/hil/can/transport.hpp>
+
 namespace tribotwin::hil {
 namespace {
 
 using namespace std::chrono_literals;
-using Clock = std::chrono::steady_clock;   // CLOCK_MONOTONIC
+using Clock = std::chrono::steady_clock;  // CLOCK_MONOTONIC
 
 /// What one end has not read yet. Guarded by the mutex of its bus.
 struct Inbox {
@@ -25,7 +25,8 @@ struct Inbox {
   bool wants(const Frame& frame) const {
     if (frame.fd && !options.fd) return false;
     if (frame.error || options.identifiers.empty()) return true;
-    return !frame.extended && !frame.remote && std::ranges::find(options.identifiers, frame.id) != options.identifiers.end();
+    return !frame.extended && !frame.remote &&
+           std::ranges::find(options.identifiers, frame.id) != options.identifiers.end();
   }
 };
 
@@ -74,7 +75,7 @@ class MemoryEnd final : public Transport {
       return Sent::refused;
     }
     {
-      const std::lock_guard lock(bus_->mutex);   // held while all ends get it: that makes one order for all
+      const std::lock_guard lock(bus_->mutex);  // held while all ends get it: that makes one order for all
       Frame stamped = frame;
       stamped.time_ns = std::chrono::nanoseconds(std::chrono::system_clock::now().time_since_epoch()).count();
       for (Inbox* end : bus_->ends) {
@@ -92,7 +93,7 @@ class MemoryEnd final : public Transport {
 
   bool receive(Frame& frame) override {
     const std::lock_guard lock(bus_->mutex);
-    counters_.receive_lost += std::exchange(inbox_.lost, 0);   // counters_ belong to the thread of this end
+    counters_.receive_lost += std::exchange(inbox_.lost, 0);  // counters_ belong to the thread of this end
     if (inbox_.frames.empty()) return false;
     frame = inbox_.frames.front();
     inbox_.frames.pop_front();
@@ -114,7 +115,7 @@ class MemoryEnd final : public Transport {
   std::string state() const override { return fmt::format("bus {} in this process", name_); }
 
  private:
-  static constexpr std::size_t longest_queue = 1 << 16;   // 7 MB, for an end that nobody reads
+  static constexpr std::size_t longest_queue = 1 << 16;  // 7 MB, for an end that nobody reads
 
   std::shared_ptr<Bus> bus_;
   Inbox inbox_;
@@ -122,6 +123,8 @@ class MemoryEnd final : public Transport {
 
 }  // namespace
 
-std::unique_ptr<Transport> open_memory(const std::string& bus, const OpenOptions& options) { return std::make_unique<MemoryEnd>(bus, options); }
+std::unique_ptr<Transport> open_memory(const std::string& bus, const OpenOptions& options) {
+  return std::make_unique<MemoryEnd>(bus, options);
+}
 
 }  // namespace tribotwin::hil

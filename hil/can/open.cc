@@ -1,10 +1,10 @@
-#include <tribotwin/hil/can/transport.hpp>
-
 #include <charconv>
 #include <optional>
 #include <string_view>
 
 #include <fmt/format.h>
+
+#include <tribotwin/hil/can/transport.hpp>
 
 namespace tribotwin::hil {
 namespace {
@@ -12,7 +12,8 @@ namespace {
 using Opened = tl::expected<std::unique_ptr<Transport>, OpenError>;
 
 constexpr std::string_view forms =
-    "can0 or socketcan:NAME (SocketCAN), socketcand://127.0.0.1:29536/NAME (served over TCP), memory:NAME (in this process)";
+    "can0 or socketcan:NAME (SocketCAN), socketcand://127.0.0.1:29536/NAME (served over TCP), memory:NAME (in this "
+    "process)";
 
 std::optional<std::string> after(std::string_view prefix, std::string_view address) {
   if (!address.starts_with(prefix)) return std::nullopt;
@@ -32,14 +33,16 @@ std::optional<Server> server(const std::string& where) {
   const char *begin = where.data() + colon + 1, *end = where.data() + slash;
   const auto [last, error] = std::from_chars(begin, end, out.port);
   if (error != std::errc{} || last != end || out.host.empty() || out.bus.empty()) return std::nullopt;
-  if (out.host.front() == '[' && out.host.back() == ']') out.host = out.host.substr(1, out.host.size() - 2);   // IPv6
+  if (out.host.front() == '[' && out.host.back() == ']') out.host = out.host.substr(1, out.host.size() - 2);  // IPv6
   return out;
 }
 
 }  // namespace
 
 Opened open_bus(const std::string& address, const OpenOptions& options) {
-  const auto fail = [&](std::string_view why) { return tl::unexpected(OpenError{fmt::format("'{}' {}", address, why)}); };
+  const auto fail = [&](std::string_view why) {
+    return tl::unexpected(OpenError{fmt::format("'{}' {}", address, why)});
+  };
   if (after("log:", address)) return fail("is a log, not a bus: replay reads logs, --record writes them");
   if (const auto rest = after("socketcand://", address)) {
     const auto where = server(*rest);
@@ -51,7 +54,8 @@ Opened open_bus(const std::string& address, const OpenOptions& options) {
   const auto interface = after("socketcan:", address);
   if (interface && !interface->empty()) return open_socketcan(*interface, options);
   // A kernel's interface name has up to 15 characters, none of them a blank, ':' or '/'.
-  if (!address.empty() && address.size() <= 15 && address.find_first_of(" \t\r\n:/") == address.npos) return open_socketcan(address, options);
+  if (!address.empty() && address.size() <= 15 && address.find_first_of(" \t\r\n:/") == address.npos)
+    return open_socketcan(address, options);
   return fail(fmt::format("is no address of a bus; known are {}", forms));
 }
 

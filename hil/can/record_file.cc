@@ -1,5 +1,3 @@
-#include <tribotwin/hil/can/record_file.hpp>
-
 #include <cerrno>
 #include <cstring>
 #include <utility>
@@ -11,6 +9,7 @@
 #include <sys/stat.h>
 
 #include <tribotwin/hil/can/clock.hpp>
+#include <tribotwin/hil/can/record_file.hpp>
 
 namespace tribotwin::hil {
 namespace {
@@ -21,7 +20,9 @@ constexpr std::size_t most_waiting = 64 * 1024;
 constexpr std::int64_t flush_interval_ns = 250'000'000;
 constexpr int pipe_wait_ms = 100;
 
-std::string not_written(const std::filesystem::path& file, std::string_view why) { return fmt::format("{}: cannot be written ({})", file.string(), why); }
+std::string not_written(const std::filesystem::path& file, std::string_view why) {
+  return fmt::format("{}: cannot be written ({})", file.string(), why);
+}
 
 std::string reason(int error) {
   if (error == EAGAIN) return "nobody reads the other end of this pipe fast enough";
@@ -32,20 +33,26 @@ std::string reason(int error) {
 }  // namespace
 
 RecordFile::RecordFile(std::filesystem::path file, RecordOptions options, Descriptor fd, bool created)
-    : file_(std::move(file)), options_(std::move(options)), fd_(std::move(fd)), created_(created), flushed_ns_(clock_ns()) {}
+    : file_(std::move(file)),
+      options_(std::move(options)),
+      fd_(std::move(fd)),
+      created_(created),
+      flushed_ns_(clock_ns()) {}
 
 tl::expected<RecordFile, std::string> RecordFile::create(const std::filesystem::path& file, RecordOptions options) {
-  constexpr int flags = O_WRONLY | O_CLOEXEC | O_NONBLOCK;   // O_NONBLOCK: a pipe without reader must not hold the drives
+  constexpr int flags =
+      O_WRONLY | O_CLOEXEC | O_NONBLOCK;  // O_NONBLOCK: a pipe without reader must not hold the drives
   Descriptor fd(::open(file.c_str(), flags | O_CREAT | O_EXCL, 0666));
   const bool created = fd.get() >= 0;
   if (!created && errno == EEXIST) fd = Descriptor(::open(file.c_str(), flags));
   if (fd.get() < 0) return tl::unexpected(not_written(file, reason(errno)));
   RecordFile record(file, std::move(options), std::move(fd), created);
-  struct stat found{};
+  struct stat found {};
   if (::fstat(record.fd_.get(), &found) != 0) return tl::unexpected(not_written(file, reason(errno)));
   // /dev/stdout opened anew would begin at the start of a redirected file, under what is printed later.
   for (const int stream : {STDOUT_FILENO, STDERR_FILENO})
-    if (struct stat standard{}; ::fstat(stream, &standard) == 0 && standard.st_dev == found.st_dev && standard.st_ino == found.st_ino) {
+    if (struct stat standard{};
+        ::fstat(stream, &standard) == 0 && standard.st_dev == found.st_dev && standard.st_ino == found.st_ino) {
       record.fd_ = Descriptor(::fcntl(stream, F_DUPFD_CLOEXEC, 0));
       return record;
     }
@@ -55,7 +62,8 @@ tl::expected<RecordFile, std::string> RecordFile::create(const std::filesystem::
   if (::flock(record.fd_.get(), LOCK_EX | LOCK_NB) != 0 && errno == EWOULDBLOCK)
     return tl::unexpected(fmt::format("{}: another session is writing it; give another name", file.string()));
   if (::fstat(record.fd_.get(), &found) == 0 && found.st_size > 0 && !record.options_.replace)
-    return tl::unexpected(fmt::format("{}: exists already; give another name, or --force to replace it", file.string()));
+    return tl::unexpected(
+        fmt::format("{}: exists already; give another name, or --force to replace it", file.string()));
   return record;
 }
 
@@ -68,7 +76,7 @@ RecordFile::~RecordFile() {
 Status RecordFile::fail(int error) {
   error_ = not_written(file_, reason(error));
   if (!replaced_.empty()) error_ += fmt::format("; what it was to replace is kept in {}", replaced_.string());
-  if (regular_) (void)!::ftruncate(fd_.get(), size_);   // half a line is no line
+  if (regular_) (void)!::ftruncate(fd_.get(), size_);  // half a line is no line
   waiting_.clear();
   return tl::unexpected(error_);
 }
@@ -80,7 +88,7 @@ Status RecordFile::append(std::string_view lines) {
 }
 
 Status RecordFile::begin() {
-  struct stat found{};
+  struct stat found {};
   const bool first = !std::exchange(written_, true);
   return first && regular_ && ::fstat(fd_.get(), &found) == 0 && found.st_size > 0 ? set_aside() : Status{};
 }
@@ -103,7 +111,7 @@ Status RecordFile::set_aside() {
   replaced_ = aside;
   fd_ = Descriptor(::open(file.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666));
   if (fd_.get() < 0) return fail(errno);
-  (void)::flock(fd_.get(), LOCK_EX | LOCK_NB);   // nobody else can have this new file
+  (void)::flock(fd_.get(), LOCK_EX | LOCK_NB);  // nobody else can have this new file
   return {};
 }
 
@@ -116,9 +124,10 @@ Status RecordFile::flush() {
   while (sent < waiting_.size()) {
     const ssize_t n = ::write(fd_.get(), waiting_.data() + sent, waiting_.size() - sent);
     const int error = n < 0 ? errno : 0;
-    if (n >= 0) sent += static_cast<std::size_t>(n);
+    if (n >= 0)
+      sent += static_cast<std::size_t>(n);
     else if (error != EINTR && (error != EAGAIN || !reader_takes_more())) {
-      size_ += static_cast<std::int64_t>(std::string_view(waiting_).substr(0, sent).rfind('\n') + 1);   // npos + 1 is 0
+      size_ += static_cast<std::int64_t>(std::string_view(waiting_).substr(0, sent).rfind('\n') + 1);  // npos + 1 is 0
       return fail(error);
     }
   }

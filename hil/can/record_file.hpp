@@ -17,21 +17,22 @@ struct RecordOptions {
   /// Also where the file holds something already. That stays until the first line is written, and from then on as
   /// FILE.replaced (or -2, -3, ...), until the new content is whole.
   bool replace = false;
-  /// Asked every 0.1 s while the reader of a pipe does not read: give up? Empty: yes, because a session cannot wait for it.
+  /// Asked every 0.1 s while the reader of a pipe does not read: give up? Empty: yes, because a session cannot wait for
+  /// it.
   std::function<bool()> give_up;
 };
 
-/// Only whole lines reach the file, also when the disk is full. A file that holds something is not touched without `replace`,
-/// and one that another session writes never is.
+/// Only whole lines reach the file, also when the disk is full. A file that holds something is not touched without
+/// `replace`, and one that another session writes never is.
 class RecordFile {
  public:
   static tl::expected<RecordFile, std::string> create(const std::filesystem::path& file, RecordOptions options = {});
   RecordFile(RecordFile&&) noexcept = default;
   RecordFile& operator=(RecordFile&&) noexcept = default;
-  ~RecordFile();   ///< without finish(): flushes; a new file without a line is removed
+  ~RecordFile();  ///< without finish(): flushes; a new file without a line is removed
 
-  /// Whole lines. They reach the file 0.25 s later at most, if lines go on coming. After a failure (full disk) every further
-  /// call fails alike; the message names the file.
+  /// Whole lines. They reach the file 0.25 s later at most, if lines go on coming. After a failure (full disk) every
+  /// further call fails alike; the message names the file.
   tl::expected<void, std::string> append(std::string_view lines);
   tl::expected<void, std::string> flush();
   /// Flushes, waits until the disk has it, closes.
@@ -50,7 +51,7 @@ class RecordFile {
   Descriptor fd_;
   bool created_ = false, regular_ = false, written_ = false;
   std::string waiting_, error_;
-  std::int64_t size_ = 0;        ///< of the file up to its last whole line
+  std::int64_t size_ = 0;  ///< of the file up to its last whole line
   std::int64_t flushed_ns_ = 0;
 };
 

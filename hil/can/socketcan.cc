@@ -25,7 +25,7 @@
 namespace tribotwin::hil {
 namespace {
 
-constexpr int receive_buffer_bytes = 4 << 20;   // the kernel doubles it: about 11,000 frames, 1 s of a full 1 Mbit/s bus
+constexpr int receive_buffer_bytes = 4 << 20;  // the kernel doubles it: about 11,000 frames, 1 s of a full 1 Mbit/s bus
 constexpr std::int64_t second_ns = 1'000'000'000;
 
 std::string reason(int error) { return std::generic_category().message(error); }
@@ -38,7 +38,7 @@ bool set_option(int socket, int level, int name, const Value& value) {
 enum class Link { up, no_carrier, down, gone };
 
 struct Interface {
-  int index = 0;   ///< 0 if there is none
+  int index = 0;  ///< 0 if there is none
   bool can = false;
   Link link = Link::gone;
 };
@@ -55,7 +55,9 @@ Interface look_up(int socket, const std::string& name) {
   found.can = request.ifr_hwaddr.sa_family == ARPHRD_CAN;
   if (ioctl(socket, SIOCGIFFLAGS, &request) != 0) return {};
   // Without carrier (bus-off) the kernel takes frames and loses them, so that is not "up".
-  found.link = !(request.ifr_flags & IFF_UP) ? Link::down : !(request.ifr_flags & IFF_RUNNING) ? Link::no_carrier : Link::up;
+  found.link = !(request.ifr_flags & IFF_UP)        ? Link::down
+               : !(request.ifr_flags & IFF_RUNNING) ? Link::no_carrier
+                                                    : Link::up;
   return found;
 }
 
@@ -68,7 +70,9 @@ std::string can_interfaces(int socket) {
     }
     if_freenameindex(all);
   }
-  if (names.empty()) return "there is no CAN interface here; `ip link add dev vcan0 type vcan && ip link set vcan0 up` makes a virtual one";
+  if (names.empty())
+    return "there is no CAN interface here; `ip link add dev vcan0 type vcan && ip link set vcan0 up` makes a virtual "
+           "one";
   return fmt::format("CAN interfaces here: {}", fmt::join(names, ", "));
 }
 
@@ -79,7 +83,8 @@ std::optional<canfd_frame> to_kernel(const Frame& frame) {
   canfd_frame raw{};
   raw.can_id = frame.id | (frame.extended ? CAN_EFF_FLAG : 0) | (frame.remote ? CAN_RTR_FLAG : 0);
   raw.len = frame.size;
-  if (frame.fd) raw.flags = static_cast<__u8>((frame.bit_rate_switch ? CANFD_BRS : 0) | (frame.error_passive ? CANFD_ESI : 0));
+  if (frame.fd)
+    raw.flags = static_cast<__u8>((frame.bit_rate_switch ? CANFD_BRS : 0) | (frame.error_passive ? CANFD_ESI : 0));
   if (!frame.remote) std::copy_n(frame.data.begin(), frame.size, raw.data);
   return raw;
 }
@@ -98,8 +103,9 @@ Frame from_kernel(const canfd_frame& raw, bool fd) {
   return frame;
 }
 
-/// A raw socket on one interface. Any change of a link makes `watch_` readable; what changed is then asked for, not parsed.
-/// ENETDOWN and ENODEV prove no state: a socket keeps one for its next call, even if the link is up again by then.
+/// A raw socket on one interface. Any change of a link makes `watch_` readable; what changed is then asked for, not
+/// parsed. ENETDOWN and ENODEV prove no state: a socket keeps one for its next call, even if the link is up again by
+/// then.
 class SocketCan final : public Transport {
  public:
   SocketCan(std::string name, const OpenOptions& options, Descriptor socket, Descriptor watch)
@@ -128,7 +134,8 @@ class SocketCan final : public Transport {
   void follow_link(bool lost = false) {
     int error = 0;
     socklen_t size = sizeof error;
-    getsockopt(socket_, SOL_SOCKET, SO_ERROR, &error, &size);   // and forgets it; before the look, or a loss could slip between
+    getsockopt(socket_, SOL_SOCKET, SO_ERROR, &error,
+               &size);  // and forgets it; before the look, or a loss could slip between
     lost = lost || error == ENETDOWN || error == ENODEV;
     const Interface now = look_up(socket_, name_);
     const bool bound = now.index != 0 && (now.index == bound_index() || bind(now.index));
@@ -141,7 +148,7 @@ class SocketCan final : public Transport {
     const auto raw = to_kernel(frame);
     if (!raw || listen_only_ || (frame.fd && !fd_)) return refused();
     if (link_ != Link::up && link_changed()) follow_link();
-    for (int attempt = 0; link_ == Link::up && attempt < 2; ++attempt) {   // twice, because of the stale error
+    for (int attempt = 0; link_ == Link::up && attempt < 2; ++attempt) {  // twice, because of the stale error
       if (::send(socket_, &*raw, frame.fd ? CANFD_MTU : CAN_MTU, MSG_DONTWAIT) >= 0) {
         ++counters_.sent;
         return Sent::done;
@@ -150,7 +157,7 @@ class SocketCan final : public Transport {
         ++counters_.send_busy;
         return Sent::busy;
       }
-      if (errno != ENETDOWN && errno != ENXIO && errno != ENODEV) return refused();   // EINVAL: FD on a classic bus
+      if (errno != ENETDOWN && errno != ENXIO && errno != ENODEV) return refused();  // EINVAL: FD on a classic bus
       follow_link(true);
     }
     ++counters_.send_down;
@@ -170,7 +177,7 @@ class SocketCan final : public Transport {
       const ssize_t size = recvmsg(socket_, &message, MSG_DONTWAIT);
       if (size < 0 && (errno == ENETDOWN || errno == ENODEV)) {
         follow_link(true);
-        continue;   // frames may be waiting behind the error
+        continue;  // frames may be waiting behind the error
       }
       if (size < 0) {
         if (link_changed()) follow_link();
@@ -197,7 +204,8 @@ class SocketCan final : public Transport {
   /// Returns also when a link changed.
   void wait(std::int64_t deadline_ns) override {
     const std::int64_t now_ns = clock_ns();
-    const std::int64_t left_ns = deadline_ns > now_ns ? deadline_ns - now_ns : 0;   // any deadline, the least there is too
+    const std::int64_t left_ns =
+        deadline_ns > now_ns ? deadline_ns - now_ns : 0;  // any deadline, the least there is too
     const timespec timeout{left_ns / second_ns, left_ns % second_ns};
     pollfd events[] = {{socket_, POLLIN, 0}, {watch_, POLLIN, 0}};
     if (ppoll(events, 2, &timeout, nullptr) <= 0) return;
@@ -210,10 +218,14 @@ class SocketCan final : public Transport {
 
   std::string state() const override {
     switch (link_) {
-      case Link::up: return fmt::format("interface {} is up", name_);
-      case Link::no_carrier: return fmt::format("interface {} has no carrier (bus-off, or its peer is down)", name_);
-      case Link::down: return fmt::format("interface {} is down", name_);
-      case Link::gone: break;
+      case Link::up:
+        return fmt::format("interface {} is up", name_);
+      case Link::no_carrier:
+        return fmt::format("interface {} has no carrier (bus-off, or its peer is down)", name_);
+      case Link::down:
+        return fmt::format("interface {} is down", name_);
+      case Link::gone:
+        break;
     }
     return fmt::format("interface {} is gone", name_);
   }
@@ -228,8 +240,9 @@ class SocketCan final : public Transport {
   /// Whether any link of this machine changed since the last call.
   bool link_changed() {
     bool changed = false;
-    char message;   // its first byte; its content does not matter
-    while (recv(watch_, &message, 1, MSG_DONTWAIT) >= 0 || errno == ENOBUFS) changed = true;   // ENOBUFS: more than it could hold
+    char message;  // its first byte; its content does not matter
+    while (recv(watch_, &message, 1, MSG_DONTWAIT) >= 0 || errno == ENOBUFS)
+      changed = true;  // ENOBUFS: more than it could hold
     return changed;
   }
 
@@ -243,7 +256,7 @@ class SocketCan final : public Transport {
         std::memcpy(&time, CMSG_DATA(part), sizeof time);
         time_ns = time.tv_sec * second_ns + time.tv_nsec;
       } else if (part->cmsg_type == SO_RXQ_OVFL) {
-        std::uint32_t lost;   // since the socket was made, modulo 2^32
+        std::uint32_t lost;  // since the socket was made, modulo 2^32
         std::memcpy(&lost, CMSG_DATA(part), sizeof lost);
         counters_.receive_lost += lost - std::exchange(lost_, lost);
       }
@@ -265,17 +278,21 @@ class SocketCan final : public Transport {
 
 }  // namespace
 
-tl::expected<std::unique_ptr<Transport>, OpenError> open_socketcan(const std::string& interface, const OpenOptions& options) {
+tl::expected<std::unique_ptr<Transport>, OpenError> open_socketcan(const std::string& interface,
+                                                                   const OpenOptions& options) {
   const auto fail = [&](std::string message) { return tl::unexpected(OpenError{std::move(message)}); };
 
   Descriptor socket(::socket(PF_CAN, SOCK_RAW | SOCK_NONBLOCK | SOCK_CLOEXEC, CAN_RAW));
   if (socket < 0) {
     const int error = errno;
     if (error == EAFNOSUPPORT || error == EPROTONOSUPPORT)
-      return fail(fmt::format("{}: this kernel has no SocketCAN; try `modprobe can_raw`, or serve the bus over TCP as "
-                              "socketcand://127.0.0.1:29536/{}", interface, interface));
+      return fail(
+          fmt::format("{}: this kernel has no SocketCAN; try `modprobe can_raw`, or serve the bus over TCP as "
+                      "socketcand://127.0.0.1:29536/{}",
+                      interface, interface));
     if (error == EPERM || error == EACCES)
-      return fail(fmt::format("{}: no permission to open CAN sockets; allow them in the container's or service's settings", interface));
+      return fail(fmt::format(
+          "{}: no permission to open CAN sockets; allow them in the container's or service's settings", interface));
     return fail(fmt::format("{}: no CAN socket ({})", interface, reason(error)));
   }
 
@@ -283,13 +300,14 @@ tl::expected<std::unique_ptr<Transport>, OpenError> open_socketcan(const std::st
   if (found.index == 0) return fail(fmt::format("no interface \"{}\"; {}", interface, can_interfaces(socket)));
   if (!found.can) return fail(fmt::format("{} is no CAN interface; {}", interface, can_interfaces(socket)));
   if (found.link == Link::down)
-    return fail(fmt::format("interface {} is down; `ip link set {} up` brings it up, hardware with `type can bitrate BIT_PER_S` behind",
-                            interface, interface));
+    return fail(fmt::format(
+        "interface {} is down; `ip link set {} up` brings it up, hardware with `type can bitrate BIT_PER_S` behind",
+        interface, interface));
   for (const std::uint32_t id : options.identifiers)
     if (id > CAN_SFF_MASK) return fail(fmt::format("{}: {:X} is no 11-bit identifier", interface, id));
   if (options.identifiers.size() > CAN_RAW_FILTER_MAX)
-    return fail(fmt::format("{}: {} identifiers to receive; the kernel filters {} at most, leave them empty for all", interface,
-                            options.identifiers.size(), CAN_RAW_FILTER_MAX));
+    return fail(fmt::format("{}: {} identifiers to receive; the kernel filters {} at most, leave them empty for all",
+                            interface, options.identifiers.size(), CAN_RAW_FILTER_MAX));
 
   Descriptor watch(::socket(AF_NETLINK, SOCK_RAW | SOCK_NONBLOCK | SOCK_CLOEXEC, NETLINK_ROUTE));
   sockaddr_nl links{};
@@ -300,8 +318,9 @@ tl::expected<std::unique_ptr<Transport>, OpenError> open_socketcan(const std::st
 
   const can_err_mask_t errors = CAN_ERR_MASK;
   const int on = 1;
-  if (!set_option(socket, SOL_CAN_RAW, CAN_RAW_ERR_FILTER, errors) || !set_option(socket, SOL_SOCKET, SO_TIMESTAMPNS, on) ||
-      !set_option(socket, SOL_SOCKET, SO_RXQ_OVFL, on) || (options.fd && !set_option(socket, SOL_CAN_RAW, CAN_RAW_FD_FRAMES, on)))
+  if (!set_option(socket, SOL_CAN_RAW, CAN_RAW_ERR_FILTER, errors) ||
+      !set_option(socket, SOL_SOCKET, SO_TIMESTAMPNS, on) || !set_option(socket, SOL_SOCKET, SO_RXQ_OVFL, on) ||
+      (options.fd && !set_option(socket, SOL_CAN_RAW, CAN_RAW_FD_FRAMES, on)))
     return fail(fmt::format("{}: the kernel refuses a socket option ({})", interface, reason(errno)));
   // Only root may exceed net.core.rmem_max; a smaller buffer works too, and losses are counted.
   if (!set_option(socket, SOL_SOCKET, SO_RCVBUFFORCE, receive_buffer_bytes))

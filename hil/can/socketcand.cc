@@ -1,8 +1,3 @@
-#include <tribotwin/hil/can/clock.hpp>
-#include <tribotwin/hil/can/descriptor.hpp>
-#include <tribotwin/hil/can/transport.hpp>
-#include <tribotwin/hil/can/words.hpp>
-
 #include <algorithm>
 #include <array>
 #include <cerrno>
@@ -14,6 +9,7 @@
 #include <utility>
 
 #include <arpa/inet.h>
+#include <fmt/format.h>
 #include <netinet/in.h>
 #include <netinet/tcp.h>
 #include <poll.h>
@@ -21,7 +17,10 @@
 #include <time.h>
 #include <unistd.h>
 
-#include <fmt/format.h>
+#include <tribotwin/hil/can/clock.hpp>
+#include <tribotwin/hil/can/descriptor.hpp>
+#include <tribotwin/hil/can/transport.hpp>
+#include <tribotwin/hil/can/words.hpp>
 
 /// The server's side of socketcand's protocol: https://github.com/linux-can/socketcand/blob/master/doc/protocol.md.
 /// Of its modes we serve the raw one, which every client library uses; of the others only `send` and `echo`.
@@ -29,15 +28,15 @@ namespace tribotwin::hil {
 namespace {
 
 constexpr std::size_t most_clients = 16;
-constexpr std::size_t longest_command = 256;       // "< send 1FFFFFFF 8 ... >" needs 50
-constexpr std::size_t longest_queue = 65'536;   // bytes for a client that does not read: about 1400 frames
-constexpr int most_dropped = 1000;                 // frames that such a client misses before it is closed
-constexpr int kernel_queue = 64 * 1024;            // the default grows to megabytes: seconds of stale frames
+constexpr std::size_t longest_command = 256;   // "< send 1FFFFFFF 8 ... >" needs 50
+constexpr std::size_t longest_queue = 65'536;  // bytes for a client that does not read: about 1400 frames
+constexpr int most_dropped = 1000;             // frames that such a client misses before it is closed
+constexpr int kernel_queue = 64 * 1024;        // the default grows to megabytes: seconds of stale frames
 constexpr std::int64_t ms = 1'000'000;
 /// python-can 4.1.0 gives up when a frame arrives in the same read as the `< ok >` to `< rawmode >`. So a new client's
 /// frames are kept until it says something else or has had this time to read its `< ok >`.
 constexpr std::int64_t first_frames_after_ns = 50 * ms;
-constexpr std::int64_t accept_pause_ns = 100 * ms;   // when the process is out of file descriptors
+constexpr std::int64_t accept_pause_ns = 100 * ms;  // when the process is out of file descriptors
 
 struct Client {
   Descriptor socket;
@@ -75,11 +74,12 @@ std::optional<Frame> parse_send(const std::vector<std::string_view>& parts) {
   return frame;
 }
 
-/// "< frame ID sec.usec HEX >" after a blank: python-can 4.1.0 drops the character behind the last complete frame of each
-/// read, which must not be the '<' of the next. Without data there are two blanks before '>'; it needs both.
+/// "< frame ID sec.usec HEX >" after a blank: python-can 4.1.0 drops the character behind the last complete frame of
+/// each read, which must not be the '<' of the next. Without data there are two blanks before '>'; it needs both.
 std::string command_of(const Frame& frame) {
   const std::string id = frame.extended ? fmt::format("{:08X}", frame.id) : fmt::format("{:03X}", frame.id);
-  std::string out = fmt::format(" < frame {} {}.{:06} ", id, frame.time_ns / 1'000'000'000, frame.time_ns % 1'000'000'000 / 1000);
+  std::string out =
+      fmt::format(" < frame {} {}.{:06} ", id, frame.time_ns / 1'000'000'000, frame.time_ns % 1'000'000'000 / 1000);
   for (const auto byte : frame.bytes()) fmt::format_to(std::back_inserter(out), "{:02X}", byte);
   return out + " >";
 }
@@ -113,7 +113,8 @@ class Server final : public Transport {
 
   bool receive(Frame& frame) override {
     if (next_ == inbox_.size()) {
-      // Says "none" once before it looks for more: a client that floods the bus cannot hold a loop over receive() for ever.
+      // Says "none" once before it looks for more: a client that floods the bus cannot hold a loop over receive() for
+      // ever.
       const bool batch_done = !inbox_.empty();
       inbox_.clear();
       next_ = 0;
@@ -138,11 +139,13 @@ class Server final : public Transport {
         const bool silent = now < client.silent_until_ns;
         if (silent && !client.out.empty()) wake_ns = std::min(wake_ns, client.silent_until_ns);
         const bool sending = !silent && !client.out.empty();
-        polled_.push_back({.fd = client.socket.get(), .events = static_cast<short>(sending ? POLLIN | POLLOUT : POLLIN), .revents = 0});
+        polled_.push_back({.fd = client.socket.get(),
+                           .events = static_cast<short>(sending ? POLLIN | POLLOUT : POLLIN),
+                           .revents = 0});
       }
       const auto left = std::max<std::int64_t>(wake_ns - now, 0);
       const timespec timeout{.tv_sec = left / 1'000'000'000, .tv_nsec = left % 1'000'000'000};
-      if (::ppoll(polled_.data(), polled_.size(), &timeout, nullptr) < 0) return;   // a signal
+      if (::ppoll(polled_.data(), polled_.size(), &timeout, nullptr) < 0) return;  // a signal
       serve();
       if (clock_ns() >= deadline_ns) return;
     }
@@ -151,7 +154,8 @@ class Server final : public Transport {
   bool up() const override { return true; }
 
   std::string state() const override {
-    return fmt::format("serving bus {} on {}, {} client{}", name_, address_, clients_.size(), clients_.size() == 1 ? "" : "s");
+    return fmt::format("serving bus {} on {}, {} client{}", name_, address_, clients_.size(),
+                       clients_.size() == 1 ? "" : "s");
   }
 
  private:
@@ -174,7 +178,8 @@ class Server final : public Transport {
     for (;;) {
       Descriptor socket(::accept4(listener_.get(), nullptr, nullptr, SOCK_NONBLOCK | SOCK_CLOEXEC));
       if (socket.get() < 0) {
-        if (errno == EMFILE || errno == ENFILE || errno == ENOMEM || errno == ENOBUFS) accept_after_ns_ = clock_ns() + accept_pause_ns;
+        if (errno == EMFILE || errno == ENFILE || errno == ENOMEM || errno == ENOBUFS)
+          accept_after_ns_ = clock_ns() + accept_pause_ns;
         if (errno == ECONNABORTED) continue;
         return;
       }
@@ -195,7 +200,8 @@ class Server final : public Transport {
     std::array<char, 4096> buffer;
     if (client.gone) return;
     const auto n = ::recv(client.socket.get(), buffer.data(), buffer.size(), 0);
-    // Clients that leave Nagle's algorithm on (python-can) wait for this acknowledgement before they send their next frame.
+    // Clients that leave Nagle's algorithm on (python-can) wait for this acknowledgement before they send their next
+    // frame.
     const int now = 1;
     ::setsockopt(client.socket.get(), IPPROTO_TCP, TCP_QUICKACK, &now, sizeof now);
     if (n < 0 && (errno == EAGAIN || errno == EINTR)) return;
@@ -227,7 +233,7 @@ class Server final : public Transport {
   void obey(Client& client, std::string_view command) {
     const auto parts = words(command);
     const std::string_view verb = parts.empty() ? "" : parts[0];
-    client.silent_until_ns = 0;   // whoever goes on talking has read our last answer
+    client.silent_until_ns = 0;  // whoever goes on talking has read our last answer
     if (verb == "echo" && parts.size() == 1) {
       reply(client, "< echo >");
     } else if (verb == "open" && parts.size() == 2) {
@@ -263,7 +269,8 @@ class Server final : public Transport {
   /// A client's frame is on the bus: for us and for the other clients.
   void take(const Frame& frame, const Client& from) {
     const auto& wanted = options_.identifiers;
-    if (wanted.empty() || (!frame.extended && std::ranges::find(wanted, frame.id) != wanted.end())) inbox_.push_back(frame);
+    if (wanted.empty() || (!frame.extended && std::ranges::find(wanted, frame.id) != wanted.end()))
+      inbox_.push_back(frame);
     broadcast(frame, &from);
   }
 
@@ -316,7 +323,7 @@ class Server final : public Transport {
   Descriptor listener_;
   std::string address_;
   std::vector<Client> clients_;
-  std::vector<Frame> inbox_;   ///< of the last rounds; read up to next_
+  std::vector<Frame> inbox_;  ///< of the last rounds; read up to next_
   std::size_t next_ = 0;
   std::int64_t accept_after_ns_ = 0;
   std::vector<pollfd> polled_;
@@ -340,7 +347,8 @@ std::optional<Address> loopback(const std::string& host, int port) {
   }
   address = {};
   auto* v6 = reinterpret_cast<sockaddr_in6*>(&address.storage);
-  if (::inet_pton(AF_INET6, host.c_str(), &v6->sin6_addr) != 1 || !IN6_IS_ADDR_LOOPBACK(&v6->sin6_addr)) return std::nullopt;
+  if (::inet_pton(AF_INET6, host.c_str(), &v6->sin6_addr) != 1 || !IN6_IS_ADDR_LOOPBACK(&v6->sin6_addr))
+    return std::nullopt;
   v6->sin6_family = AF_INET6;
   v6->sin6_port = htons(static_cast<std::uint16_t>(port));
   address.size = sizeof(sockaddr_in6);
@@ -351,26 +359,37 @@ int port_of(int socket) {
   sockaddr_storage storage{};
   socklen_t size = sizeof storage;
   ::getsockname(socket, reinterpret_cast<sockaddr*>(&storage), &size);
-  return ntohs(storage.ss_family == AF_INET6 ? reinterpret_cast<sockaddr_in6*>(&storage)->sin6_port : reinterpret_cast<sockaddr_in*>(&storage)->sin_port);
+  return ntohs(storage.ss_family == AF_INET6 ? reinterpret_cast<sockaddr_in6*>(&storage)->sin6_port
+                                             : reinterpret_cast<sockaddr_in*>(&storage)->sin_port);
 }
 
 }  // namespace
 
-tl::expected<std::unique_ptr<Transport>, OpenError> open_socketcand(const std::string& host, int port, const std::string& bus, const OpenOptions& options) {
+tl::expected<std::unique_ptr<Transport>, OpenError> open_socketcand(const std::string& host, int port,
+                                                                    const std::string& bus,
+                                                                    const OpenOptions& options) {
   const std::string shown_host = host.find(':') == host.npos ? host : '[' + host + ']';
-  const auto fail = [&](const std::string& why) { return tl::unexpected(OpenError{fmt::format("socketcand://{}:{}/{}: {}", shown_host, port, bus, why)}); };
-  if (words(bus) != std::vector<std::string_view>{bus} || bus.find_first_of("<>") != bus.npos) return fail("the name of the bus must be one word without < and >");
+  const auto fail = [&](const std::string& why) {
+    return tl::unexpected(OpenError{fmt::format("socketcand://{}:{}/{}: {}", shown_host, port, bus, why)});
+  };
+  if (words(bus) != std::vector<std::string_view>{bus} || bus.find_first_of("<>") != bus.npos)
+    return fail("the name of the bus must be one word without < and >");
   if (port < 0 || port > 65535) return fail("the port must be 1..65535, or 0 for any that is free");
   if (options.fd) return fail("socketcand carries classic frames only; for FD use a SocketCAN interface");
   const auto address = loopback(host, port);
-  if (!address) return fail("is no loopback address (127.0.0.1, localhost, ::1); others are not served, because whoever reaches the port commands the drives");
+  if (!address)
+    return fail(
+        "is no loopback address (127.0.0.1, localhost, ::1); others are not served, because whoever reaches the port "
+        "commands the drives");
 
   Descriptor listener(::socket(address->storage.ss_family, SOCK_STREAM | SOCK_NONBLOCK | SOCK_CLOEXEC, 0));
   if (listener.get() < 0) return fail(fmt::format("no TCP here ({})", std::strerror(errno)));
-  const int on = 1;   // connections of a server that has just ended do not keep the port; one that listens still does
+  const int on = 1;  // connections of a server that has just ended do not keep the port; one that listens still does
   ::setsockopt(listener.get(), SOL_SOCKET, SO_REUSEADDR, &on, sizeof on);
-  if (::bind(listener.get(), reinterpret_cast<const sockaddr*>(&address->storage), address->size) != 0 || ::listen(listener.get(), most_clients) != 0) {
-    if (errno == EADDRINUSE) return fail(fmt::format("port {} is taken by another program; end it or choose another port", port));
+  if (::bind(listener.get(), reinterpret_cast<const sockaddr*>(&address->storage), address->size) != 0 ||
+      ::listen(listener.get(), most_clients) != 0) {
+    if (errno == EADDRINUSE)
+      return fail(fmt::format("port {} is taken by another program; end it or choose another port", port));
     return fail(fmt::format("cannot listen ({})", std::strerror(errno)));
   }
   const auto listening_on = fmt::format("{}:{}", shown_host, port_of(listener.get()));

@@ -20,14 +20,14 @@ namespace tribotwin::hil {
 /// What happened on a bus since it was opened.
 struct BusCounters {
   std::uint64_t sent = 0, received = 0;
-  std::uint64_t send_busy = 0;      ///< dropped because the queue was full (ENOBUFS)
-  std::uint64_t send_down = 0;      ///< not sent because the link was down or the device gone
-  std::uint64_t send_refused = 0;   ///< not a frame this bus can carry (FD on a classic bus, wrong length)
-  std::uint64_t receive_lost = 0;   ///< lost in our own receive buffer (SO_RXQ_OVFL)
-  std::uint64_t error_frames = 0;   ///< from the controller
+  std::uint64_t send_busy = 0;     ///< dropped because the queue was full (ENOBUFS)
+  std::uint64_t send_down = 0;     ///< not sent because the link was down or the device gone
+  std::uint64_t send_refused = 0;  ///< not a frame this bus can carry (FD on a classic bus, wrong length)
+  std::uint64_t receive_lost = 0;  ///< lost in our own receive buffer (SO_RXQ_OVFL)
+  std::uint64_t error_frames = 0;  ///< from the controller
   std::uint64_t bus_off = 0;
-  std::uint64_t link_losses = 0;    ///< times that the link went down or the device vanished
-  std::uint64_t malformed = 0;      ///< read, but no frame
+  std::uint64_t link_losses = 0;  ///< times that the link went down or the device vanished
+  std::uint64_t malformed = 0;    ///< read, but no frame
 };
 
 enum class Sent { done, busy, down, refused };
@@ -43,7 +43,8 @@ class Transport {
   virtual bool receive(Frame& frame) = 0;
   /// Returns when a frame may be there, or at CLOCK_MONOTONIC `deadline_ns`, or when a signal arrives.
   virtual void wait(std::int64_t deadline_ns) = 0;
-  /// Whether frames can be sent now. A link that comes back, and a device that is made again, are taken up by themselves.
+  /// Whether frames can be sent now. A link that comes back, and a device that is made again, are taken up by
+  /// themselves.
   virtual bool up() const = 0;
   /// "interface vcan0 is down", ...; for status lines.
   virtual std::string state() const = 0;
@@ -58,8 +59,8 @@ class Transport {
 };
 
 struct OpenOptions {
-  bool fd = false;               ///< also send and receive FD frames
-  bool listen_only = false;      ///< `send` refuses
+  bool fd = false;           ///< also send and receive FD frames
+  bool listen_only = false;  ///< `send` refuses
   /// Only data frames with these 11-bit identifiers are received, plus error frames; all if empty.
   std::vector<std::uint32_t> identifiers;
 };
@@ -68,11 +69,14 @@ struct OpenOptions {
 struct OpenError {
   std::string message;
 };
-tl::expected<std::unique_ptr<Transport>, OpenError> open_bus(const std::string& address, const OpenOptions& options = {});
+tl::expected<std::unique_ptr<Transport>, OpenError> open_bus(const std::string& address,
+                                                             const OpenOptions& options = {});
 
 /// The transports behind open_bus.
-tl::expected<std::unique_ptr<Transport>, OpenError> open_socketcan(const std::string& interface, const OpenOptions& options);
-tl::expected<std::unique_ptr<Transport>, OpenError> open_socketcand(const std::string& host, int port, const std::string& bus, const OpenOptions& options);
+tl::expected<std::unique_ptr<Transport>, OpenError> open_socketcan(const std::string& interface,
+                                                                   const OpenOptions& options);
+tl::expected<std::unique_ptr<Transport>, OpenError> open_socketcand(const std::string& host, int port,
+                                                                    const std::string& bus, const OpenOptions& options);
 /// Ends of one bus in this process: what one sends, all others receive. Ends may live in different threads.
 std::unique_ptr<Transport> open_memory(const std::string& bus, const OpenOptions& options);
 

@@ -1,8 +1,7 @@
-#include <tribotwin/hil/canopen/budget.hpp>
-
 #include <fmt/format.h>
 
 #include <tribotwin/hil/can/frame.hpp>
+#include <tribotwin/hil/canopen/budget.hpp>
 
 namespace tribotwin::hil {
 
@@ -16,7 +15,8 @@ Budget budget(std::span<const DescribedDrive> drives, double cycle_s, double bit
         const auto type = d.dictionary->get(at, 2);
         if (d.dictionary->get(at, 1) & 0x80000000 || type > 240) continue;
         int bits = 0;
-        for (std::uint8_t k = 1; k <= d.dictionary->get(map, 0); ++k) bits += static_cast<int>(d.dictionary->get(map, k) & 0xff);
+        for (std::uint8_t k = 1; k <= d.dictionary->get(map, 0); ++k)
+          bits += static_cast<int>(d.dictionary->get(map, k) & 0xff);
         // Sent by the master every cycle; by the drive every type-th, and type 0 at most every.
         const double per_cycle = base == 0x1800 && type > 1 ? 1.0 / static_cast<double>(type) : 1;
         const Bits b = classic_bits(bits / 8);
@@ -28,12 +28,16 @@ Budget budget(std::span<const DescribedDrive> drives, double cycle_s, double bit
 }
 
 Budget budget_of_frames(int drives, double cycle_s, double bit_rate) {
-  const double least = classic_bits(0).least + 2.0 * drives * classic_bits(8).least, most = classic_bits(0).most + 2.0 * drives * classic_bits(8).most;
+  const double least = classic_bits(0).least + 2.0 * drives * classic_bits(8).least,
+               most = classic_bits(0).most + 2.0 * drives * classic_bits(8).most;
   return {cycle_s, 1 + 2 * drives, least / (bit_rate * cycle_s), most / (bit_rate * cycle_s), most / (0.8 * bit_rate)};
 }
 
 std::string Budget::line() const {
-  return fmt::format("{} frames per cycle of {:.3g} ms: {:.0f} to {:.0f} % of the bus; shortest cycle at 80 % of the worst load: {:.2f} ms", frames, 1e3 * cycle_s, 100 * least, 100 * most, 1e3 * shortest_cycle_s);
+  return fmt::format(
+      "{} frames per cycle of {:.3g} ms: {:.0f} to {:.0f} % of the bus; shortest cycle at 80 % of the worst load: "
+      "{:.2f} ms",
+      frames, 1e3 * cycle_s, 100 * least, 100 * most, 1e3 * shortest_cycle_s);
 }
 
 }  // namespace tribotwin::hil

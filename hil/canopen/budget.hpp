@@ -10,9 +10,9 @@ namespace tribotwin::hil {
 /// What a configuration asks of one classic bus, before anything runs.
 struct Budget {
   double cycle_s;
-  int frames;                    ///< per cycle
-  double least, most;            ///< share of the bus, without and with the most stuffing
-  double shortest_cycle_s;       ///< at 80 % of the worst load
+  int frames;               ///< per cycle
+  double least, most;       ///< share of the bus, without and with the most stuffing
+  double shortest_cycle_s;  ///< at 80 % of the worst load
   std::string line() const;
 };
 

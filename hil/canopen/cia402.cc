@@ -5,7 +5,8 @@ namespace tribotwin::hil {
 using S = DriveState;
 
 const char* name_of(DriveState state) {
-  constexpr const char* names[] = {"switch on disabled", "ready to switch on", "switched on", "operation enabled", "quick stop active", "fault reaction active", "fault"};
+  constexpr const char* names[] = {"switch on disabled", "ready to switch on",    "switched on", "operation enabled",
+                                   "quick stop active",  "fault reaction active", "fault"};
   return names[static_cast<int>(state)];
 }
 
@@ -26,10 +27,14 @@ void StateMachine::controlword(std::uint16_t word, const StopOptions& o) {
   if (state_ == S::fault && reset) return leave(S::switch_on_disabled, false);
   if (state_ == S::fault || state_ == S::fault_reaction_active) return;
   enum class Command { disable_voltage, quick_stop, shutdown, switch_on, enable } command = Command::enable;
-  if (!(word & 0x02)) command = Command::disable_voltage;
-  else if (!(word & 0x04)) command = Command::quick_stop;
-  else if (!(word & 0x01)) command = Command::shutdown;
-  else if (!(word & 0x08)) command = Command::switch_on;
+  if (!(word & 0x02))
+    command = Command::disable_voltage;
+  else if (!(word & 0x04))
+    command = Command::quick_stop;
+  else if (!(word & 0x01))
+    command = Command::shutdown;
+  else if (!(word & 0x08))
+    command = Command::switch_on;
 
   switch (state_) {
     case S::switch_on_disabled:
@@ -52,7 +57,7 @@ void StateMachine::controlword(std::uint16_t word, const StopOptions& o) {
         next_ = S::switch_on_disabled;
         return;
       }
-      if (ramping_) return;   // on the way out: only a stronger command counts
+      if (ramping_) return;  // on the way out: only a stronger command counts
       if (command == Command::shutdown) leave(S::ready_to_switch_on, o.shutdown == 1);
       if (command == Command::switch_on) leave(S::switched_on, o.disable_operation == 1);
       return;
@@ -60,7 +65,8 @@ void StateMachine::controlword(std::uint16_t word, const StopOptions& o) {
       if (command == Command::disable_voltage) leave(S::switch_on_disabled, false);
       if (command == Command::enable && hold_) leave(S::operation_enabled, false);
       return;
-    default: return;
+    default:
+      return;
   }
 }
 

@@ -6,7 +6,13 @@
 namespace tribotwin::hil {
 
 enum class DriveState : std::uint8_t {
-  switch_on_disabled, ready_to_switch_on, switched_on, operation_enabled, quick_stop_active, fault_reaction_active, fault
+  switch_on_disabled,
+  ready_to_switch_on,
+  switched_on,
+  operation_enabled,
+  quick_stop_active,
+  fault_reaction_active,
+  fault
 };
 const char* name_of(DriveState state);
 
@@ -21,7 +27,10 @@ class StateMachine {
   /// The state's bits of the statusword: 0, 1, 2, 3, 5, 6.
   std::uint16_t status_bits() const;
   /// Power is on and the brake off.
-  bool powered() const { return state_ == DriveState::operation_enabled || state_ == DriveState::quick_stop_active || state_ == DriveState::fault_reaction_active; }
+  bool powered() const {
+    return state_ == DriveState::operation_enabled || state_ == DriveState::quick_stop_active ||
+           state_ == DriveState::fault_reaction_active;
+  }
   /// The drive brakes along a ramp; `stopped` ends it.
   bool ramping() const { return ramping_; }
   /// Set points count: enabled and not on the way out.
@@ -38,7 +47,7 @@ class StateMachine {
  private:
   void leave(DriveState next, bool ramp);
   DriveState state_ = DriveState::switch_on_disabled, next_ = DriveState::switch_on_disabled;
-  bool ramping_ = false, hold_ = false;   // hold: stays in quick stop active after its ramp
+  bool ramping_ = false, hold_ = false;  // hold: stays in quick stop active after its ramp
   std::uint16_t last_ = 0;
 };
 

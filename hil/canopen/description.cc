@@ -1,10 +1,10 @@
-#include <tribotwin/hil/canopen/description.hpp>
-
 #include <algorithm>
 #include <iterator>
 #include <map>
 
 #include <fmt/format.h>
+
+#include <tribotwin/hil/canopen/description.hpp>
 
 namespace tribotwin::hil {
 namespace {
@@ -43,13 +43,19 @@ int data_type(Type type) {
 
 /// Of an array or a record, as CiA 301 and 402 call it; of our own ones, as their first entry is called.
 std::string name_of_all(std::uint16_t index, const std::vector<const Object*>& objects) {
-  static const std::map<std::uint16_t, std::string> standard{
-      {0x1003, "pre-defined error field"}, {0x1016, "consumer heartbeat time"}, {0x1018, "identity object"},
-      {0x1029, "error behavior"}, {0x1200, "SDO server parameter"}, {0x607D, "software position limit"},
-      {0x608F, "position encoder resolution"}, {0x6091, "gear ratio"}, {0x60C2, "interpolation time period"}};
+  static const std::map<std::uint16_t, std::string> standard{{0x1003, "pre-defined error field"},
+                                                             {0x1016, "consumer heartbeat time"},
+                                                             {0x1018, "identity object"},
+                                                             {0x1029, "error behavior"},
+                                                             {0x1200, "SDO server parameter"},
+                                                             {0x607D, "software position limit"},
+                                                             {0x608F, "position encoder resolution"},
+                                                             {0x6091, "gear ratio"},
+                                                             {0x60C2, "interpolation time period"}};
   if (const auto known = standard.find(index); known != standard.end()) return known->second;
   if (index >= 0x1400 && index < 0x1C00)
-    return fmt::format("{}PDO{} {} parameter", index < 0x1800 ? 'R' : 'T', (index & 0x1ff) + 1, (index & 0x200) ? "mapping" : "communication");
+    return fmt::format("{}PDO{} {} parameter", index < 0x1800 ? 'R' : 'T', (index & 0x1ff) + 1,
+                       (index & 0x200) ? "mapping" : "communication");
   return objects[objects.size() > 1 ? 1 : 0]->name;
 }
 
@@ -59,13 +65,19 @@ std::string eds(const Dictionary& dictionary, const DriveParameters& p) {
   std::map<std::uint16_t, std::vector<const Object*>> by_index;
   for (const Object& o : dictionary.objects()) by_index[o.index].push_back(&o);
   std::string s = fmt::format(
-      "[FileInfo]\nFileName=tribotwin_node{0}.eds\nFileVersion=1\nFileRevision=1\nEDSVersion=4.0\nDescription=tribotwin drive {1}\n"
+      "[FileInfo]\nFileName=tribotwin_node{0}.eds\nFileVersion=1\nFileRevision=1\nEDSVersion=4.0\nDescription="
+      "tribotwin drive {1}\n"
       // Constant times: the same drive gives the same file.
-      "CreationTime=12:00AM\nCreationDate=01-01-2026\nCreatedBy=tribotwin-hil\nModificationTime=12:00AM\nModificationDate=01-01-2026\nModifiedBy=tribotwin-hil\n\n"
-      "[DeviceInfo]\nVendorName=tribotwin\nVendorNumber=0x0\nProductName=tribotwin drive\nProductNumber=0x7477\nRevisionNumber=0x10000\nOrderCode=\n"
-      "BaudRate_10=0\nBaudRate_20=0\nBaudRate_50=0\nBaudRate_125=1\nBaudRate_250=1\nBaudRate_500=1\nBaudRate_800=1\nBaudRate_1000=1\n"
-      "SimpleBootUpMaster=0\nSimpleBootUpSlave=1\nGranularity=8\nDynamicChannelsSupported=0\nGroupMessaging=0\nNrOfRXPDO={2}\nNrOfTXPDO={2}\nLSS_Supported=0\n\n"
-      "[DummyUsage]\nDummy0001=0\nDummy0002=1\nDummy0003=1\nDummy0004=1\nDummy0005=1\nDummy0006=1\nDummy0007=1\n\n[Comments]\nLines=0\n\n",
+      "CreationTime=12:00AM\nCreationDate=01-01-2026\nCreatedBy=tribotwin-hil\nModificationTime=12:"
+      "00AM\nModificationDate=01-01-2026\nModifiedBy=tribotwin-hil\n\n"
+      "[DeviceInfo]\nVendorName=tribotwin\nVendorNumber=0x0\nProductName=tribotwin "
+      "drive\nProductNumber=0x7477\nRevisionNumber=0x10000\nOrderCode=\n"
+      "BaudRate_10=0\nBaudRate_20=0\nBaudRate_50=0\nBaudRate_125=1\nBaudRate_250=1\nBaudRate_500=1\nBaudRate_800="
+      "1\nBaudRate_1000=1\n"
+      "SimpleBootUpMaster=0\nSimpleBootUpSlave=1\nGranularity=8\nDynamicChannelsSupported=0\nGroupMessaging="
+      "0\nNrOfRXPDO={2}\nNrOfTXPDO={2}\nLSS_Supported=0\n\n"
+      "[DummyUsage]\nDummy0001=0\nDummy0002=1\nDummy0003=1\nDummy0004=1\nDummy0005=1\nDummy0006=1\nDummy0007=1\n\n["
+      "Comments]\nLines=0\n\n",
       p.node, one_line(p.name), pdo_count);
   const auto mandatory = [](std::uint16_t i) { return i == 0x1000 || i == 0x1001 || i == 0x1018; };
   const auto list = [&](const char* title, auto belongs) {
@@ -80,10 +92,14 @@ std::string eds(const Dictionary& dictionary, const DriveParameters& p) {
   list("ManufacturerObjects", [](std::uint16_t i) { return i >= 0x2000 && i < 0x6000; });
   const auto body = [&](const Object& o) {
     const bool number = o.type != Type::text;
-    s += fmt::format("ParameterName={}\nObjectType=0x7\nDataType=0x{:04X}\nAccessType={}\n", one_line(o.name), data_type(o.type),
-                     o.access == Access::read_write ? "rw" : o.access == Access::constant ? "const" : "ro");
+    s += fmt::format("ParameterName={}\nObjectType=0x7\nDataType=0x{:04X}\nAccessType={}\n", one_line(o.name),
+                     data_type(o.type),
+                     o.access == Access::read_write ? "rw"
+                     : o.access == Access::constant ? "const"
+                                                    : "ro");
     if (number && o.access == Access::read_write) s += fmt::format("LowLimit={}\nHighLimit={}\n", o.low, o.high);
-    s += fmt::format("DefaultValue={}\nPDOMapping={}\n\n", number ? fmt::to_string(o.value) : one_line(o.text), o.mappable ? 1 : 0);
+    s += fmt::format("DefaultValue={}\nPDOMapping={}\n\n", number ? fmt::to_string(o.value) : one_line(o.text),
+                     o.mappable ? 1 : 0);
   };
   for (const auto& [index, objects] : by_index) {
     if (objects.size() == 1 && objects[0]->sub == 0) {
@@ -91,7 +107,8 @@ std::string eds(const Dictionary& dictionary, const DriveParameters& p) {
       body(*objects[0]);
       continue;
     }
-    s += fmt::format("[{:04X}]\nParameterName={}\nObjectType={}\nSubNumber={}\n\n", index, one_line(name_of_all(index, objects)), is_array(index) ? "0x8" : "0x9", objects.size());
+    s += fmt::format("[{:04X}]\nParameterName={}\nObjectType={}\nSubNumber={}\n\n", index,
+                     one_line(name_of_all(index, objects)), is_array(index) ? "0x8" : "0x9", objects.size());
     for (const Object* o : objects) {
       s += fmt::format("[{:04X}sub{:X}]\n", index, o->sub);
       body(*o);
@@ -102,14 +119,16 @@ std::string eds(const Dictionary& dictionary, const DriveParameters& p) {
 
 std::string dbc(std::span<const DescribedDrive> drives) {
   std::string s = "VERSION \"\"\n\nNS_ :\n\nBS_:\n\nBU_: master", messages, comments;
-  for (const auto& d : drives) s += fmt::format(" n{}_{}", d.parameters->node, identifier(d.parameters->name)).substr(0, 33);
+  for (const auto& d : drives)
+    s += fmt::format(" n{}_{}", d.parameters->node, identifier(d.parameters->name)).substr(0, 33);
   s += "\n\n";
   for (const auto& d : drives) {
     const auto& dictionary = *d.dictionary;
     const std::string node = fmt::format("n{}_{}", d.parameters->node, identifier(d.parameters->name)).substr(0, 32);
     for (int way = 0; way < 2; ++way)
       for (std::uint16_t i = 0; i < pdo_count; ++i) {
-        const auto at = static_cast<std::uint16_t>((way ? 0x1800 : 0x1400) + i), map = static_cast<std::uint16_t>(at + 0x200);
+        const auto at = static_cast<std::uint16_t>((way ? 0x1800 : 0x1400) + i),
+                   map = static_cast<std::uint16_t>(at + 0x200);
         const std::int64_t cob = dictionary.get(at, 1);
         if (cob & 0x80000000) continue;
         std::string signals;
@@ -117,15 +136,24 @@ std::string dbc(std::span<const DescribedDrive> drives) {
         for (std::uint8_t k = 1; k <= dictionary.get(map, 0); ++k) {
           const auto entry = static_cast<std::uint32_t>(dictionary.get(map, k));
           const int bits = static_cast<int>(entry & 0xff);
-          if (const Object* o = const_cast<Dictionary&>(dictionary).find(static_cast<std::uint16_t>(entry >> 16), static_cast<std::uint8_t>(entry >> 8))) {
-            const double scale = o->unit == "rad" || o->unit == "rad/s" ? o->scale / d.parameters->gear_ratio : o->scale;
-            signals += fmt::format(" SG_ {} : {}|{}@1{} ({},0) [0|0] \"{}\" {}\n", identifier(o->name), bit, bits, is_signed(o->type) ? '-' : '+', scale, quoted(o->unit), way ? "master" : node);
-            if (!o->meaning.empty()) comments += fmt::format("CM_ SG_ {} {} \"{}\";\n", cob & 0x7ff, identifier(o->name), quoted(o->meaning));
+          if (const Object* o =
+                  const_cast<Dictionary&>(dictionary)
+                      .find(static_cast<std::uint16_t>(entry >> 16), static_cast<std::uint8_t>(entry >> 8))) {
+            const double scale =
+                o->unit == "rad" || o->unit == "rad/s" ? o->scale / d.parameters->gear_ratio : o->scale;
+            signals += fmt::format(" SG_ {} : {}|{}@1{} ({},0) [0|0] \"{}\" {}\n", identifier(o->name), bit, bits,
+                                   is_signed(o->type) ? '-' : '+', scale, quoted(o->unit), way ? "master" : node);
+            if (!o->meaning.empty())
+              comments += fmt::format("CM_ SG_ {} {} \"{}\";\n", cob & 0x7ff, identifier(o->name), quoted(o->meaning));
           }
           bit += bits;
         }
-        messages += fmt::format("BO_ {} {}: {} {}\n{}\n", cob & 0x7ff, fmt::format("{}PDO{}_{}", way ? "T" : "R", i + 1, node).substr(0, 32), bit / 8, way ? node : "master", signals);
-        comments += fmt::format("CM_ BO_ {} \"{}, node {}, joint {}\";\n", cob & 0x7ff, way ? "from the drive" : "to the drive", d.parameters->node, quoted(d.parameters->name));
+        messages += fmt::format("BO_ {} {}: {} {}\n{}\n", cob & 0x7ff,
+                                fmt::format("{}PDO{}_{}", way ? "T" : "R", i + 1, node).substr(0, 32), bit / 8,
+                                way ? node : "master", signals);
+        comments +=
+            fmt::format("CM_ BO_ {} \"{}, node {}, joint {}\";\n", cob & 0x7ff, way ? "from the drive" : "to the drive",
+                        d.parameters->node, quoted(d.parameters->name));
       }
   }
   return s + messages + "\n" + comments;

@@ -1,31 +1,38 @@
-#include <tribotwin/hil/canopen/node.hpp>
-
 #include <algorithm>
 #include <cmath>
 #include <limits>
 #include <numbers>
+
+#include <tribotwin/hil/canopen/node.hpp>
 
 namespace tribotwin::hil {
 namespace {
 
 constexpr std::int64_t ms = 1'000'000, never = std::numeric_limits<std::int64_t>::max();
 constexpr std::uint32_t cob_off = 0x80000000, cob_extended = 0x20000000;
-constexpr double standing_motor_rad_s = 0.5;   // slower than this, a motor counts as standing
+constexpr double standing_motor_rad_s = 0.5;  // slower than this, a motor counts as standing
 
 enum Register : std::uint8_t { generic = 0x01, temperature = 0x08, communication = 0x10, profile = 0x20 };
 
-bool is_mapping(std::uint16_t index) { return (index >= 0x1600 && index < 0x1600 + pdo_count) || (index >= 0x1A00 && index < 0x1A00 + pdo_count); }
-bool is_pdo(std::uint16_t index) { return (index >= 0x1400 && index < 0x1400 + pdo_count) || (index >= 0x1800 && index < 0x1800 + pdo_count); }
+bool is_mapping(std::uint16_t index) {
+  return (index >= 0x1600 && index < 0x1600 + pdo_count) || (index >= 0x1A00 && index < 0x1A00 + pdo_count);
+}
+bool is_pdo(std::uint16_t index) {
+  return (index >= 0x1400 && index < 0x1400 + pdo_count) || (index >= 0x1800 && index < 0x1800 + pdo_count);
+}
 
 }  // namespace
 
-Node::Node(const DriveParameters& p, Send send) : parameters_(p), id_(p.node), send_(std::move(send)), dictionary_(p), sdo_(dictionary_) {
+Node::Node(const DriveParameters& p, Send send)
+    : parameters_(p), id_(p.node), send_(std::move(send)), dictionary_(p), sdo_(dictionary_) {
   increment_rad_ = 2 * std::numbers::pi / increments_per_turn / p.gear_ratio;
   milli_rpm_rad_s_ = 2e-3 * std::numbers::pi / 60 / p.gear_ratio;
   per_mille_nm_ = static_cast<double>(dictionary_.get(0x6076)) * 1e-6 * p.gear_ratio;
   const auto object = [&](std::uint16_t index) { return dictionary_.find(index, 0); };
-  control_ = object(0x6040), status_ = object(0x6041), mode_ = object(0x6060), mode_shown_ = object(0x6061), target_position_ = object(0x607A);
-  target_velocity_ = object(0x60FF), target_torque_ = object(0x6071), error_code_ = object(0x603F), error_register_ = object(0x1001), heartbeat_time_ = object(0x1017);
+  control_ = object(0x6040), status_ = object(0x6041), mode_ = object(0x6060), mode_shown_ = object(0x6061),
+  target_position_ = object(0x607A);
+  target_velocity_ = object(0x60FF), target_torque_ = object(0x6071), error_code_ = object(0x603F),
+  error_register_ = object(0x1001), heartbeat_time_ = object(0x1017);
   sync_deadline_ = dictionary_.find(0x2120, 1);
   dictionary_.may_write = [this](const Object& o, std::int64_t value) { return may_write(o, value); };
   dictionary_.written = [this](const Object& o) { written(o); };
@@ -39,14 +46,15 @@ tl::expected<int, Abort> Node::mapped_size(std::uint32_t entry, bool receive) {
   const auto index = static_cast<std::uint16_t>(entry >> 16);
   const auto sub = static_cast<std::uint8_t>(entry >> 8);
   const int bits = static_cast<int>(entry & 0xff);
-  if (receive && sub == 0 && index >= 2 && index <= 7) {   // CiA 301: a gap of that data type
+  if (receive && sub == 0 && index >= 2 && index <= 7) {  // CiA 301: a gap of that data type
     constexpr int gap_bits[] = {8, 16, 32, 8, 16, 32};
     if (bits == gap_bits[index - 2]) return bits / 8;
     return tl::unexpected(Abort::not_mappable);
   }
   const Object* o = dictionary_.find(index, sub);
   if (!o) return tl::unexpected(dictionary_.has_index(index) ? Abort::no_sub_index : Abort::no_object);
-  if (!o->mappable || (receive && o->access != Access::read_write) || bits != 8 * size_of(o->type)) return tl::unexpected(Abort::not_mappable);
+  if (!o->mappable || (receive && o->access != Access::read_write) || bits != 8 * size_of(o->type))
+    return tl::unexpected(Abort::not_mappable);
   return bits / 8;
 }
 
@@ -57,10 +65,12 @@ tl::expected<void, Abort> Node::may_write(const Object& o, std::int64_t value) {
   if (is_mapping(o.index)) {
     const auto owner = static_cast<std::uint16_t>(o.index - 0x200);
     const bool receive = o.index < 0x1A00;
-    if (!(dictionary_.get(owner, 1) & cob_off) && nmt_ == Nmt::operational) return tl::unexpected(Abort::not_now);   // only a PDO that does not exist is remapped
+    if (!(dictionary_.get(owner, 1) & cob_off) && nmt_ == Nmt::operational)
+      return tl::unexpected(Abort::not_now);  // only a PDO that does not exist is remapped
     if (o.sub > 0) {
       if (dictionary_.get(o.index, 0) != 0) return tl::unexpected(Abort::not_now);
-      if (auto size = mapped_size(static_cast<std::uint32_t>(value), receive); value != 0 && !size) return tl::unexpected(size.error());
+      if (auto size = mapped_size(static_cast<std::uint32_t>(value), receive); value != 0 && !size)
+        return tl::unexpected(size.error());
       return {};
     }
     int total = 0;
@@ -73,8 +83,9 @@ tl::expected<void, Abort> Node::may_write(const Object& o, std::int64_t value) {
   }
   if (is_pdo(o.index) && o.sub == 1) {
     const auto id = static_cast<std::uint32_t>(value) & 0x1fffffff;
-    if (value & cob_extended) return tl::unexpected(Abort::out_of_range);   // 11-bit identifiers only
-    if (!(value & cob_off) && (id < 0x181 || id > 0x57F)) return tl::unexpected(Abort::out_of_range);   // CiA 301: others are taken
+    if (value & cob_extended) return tl::unexpected(Abort::out_of_range);  // 11-bit identifiers only
+    if (!(value & cob_off) && (id < 0x181 || id > 0x57F))
+      return tl::unexpected(Abort::out_of_range);  // CiA 301: others are taken
     if (!(o.value & cob_off) && !(value & cob_off) && o.value != value) return tl::unexpected(Abort::not_now);
   }
   if (is_pdo(o.index) && o.sub == 2 && value > 240 && value < 254) return tl::unexpected(Abort::out_of_range);
@@ -94,12 +105,21 @@ void Node::written(const Object& o) {
       if (w.node == 0) w.period_ns = 0;
       return;
     }
-    case 0x6040: return apply_controlword();
-    case 0x6060: return refresh_status();
-    case 0x607A: fresh_[0] = true; return aim();
-    case 0x60FF: fresh_[1] = true; return;
-    case 0x6071: fresh_[2] = true; return;
-    default: return;
+    case 0x6040:
+      return apply_controlword();
+    case 0x6060:
+      return refresh_status();
+    case 0x607A:
+      fresh_[0] = true;
+      return aim();
+    case 0x60FF:
+      fresh_[1] = true;
+      return;
+    case 0x6071:
+      fresh_[2] = true;
+      return;
+    default:
+      return;
   }
 }
 
@@ -135,16 +155,29 @@ void Node::reload() {
 
 // ---- The bus.
 
-bool Node::send(std::uint32_t id, std::span<const std::uint8_t> bytes) { return send_(classic(id, bytes)) == Sent::done; }
+bool Node::send(std::uint32_t id, std::span<const std::uint8_t> bytes) {
+  return send_(classic(id, bytes)) == Sent::done;
+}
 
 std::vector<std::pair<std::string, std::uint64_t>> Node::counts() const {
   const NodeCounters& n = counters_;
-  return {{"node", id_}, {"error_code", error_code()}, {"pdo_received", n.pdo_received}, {"pdo_sent", n.pdo_sent}, {"pdo_short", n.pdo_short}, {"pdo_late", n.pdo_late},
-          {"sdo_requests", n.sdo_requests}, {"sdo_aborts", n.sdo_aborts}, {"emergencies", n.emergencies}, {"heartbeats_lost", n.heartbeats_lost}, {"syncs_lost", n.syncs_lost}, {"foreign", n.foreign}};
+  return {{"node", id_},
+          {"error_code", error_code()},
+          {"pdo_received", n.pdo_received},
+          {"pdo_sent", n.pdo_sent},
+          {"pdo_short", n.pdo_short},
+          {"pdo_late", n.pdo_late},
+          {"sdo_requests", n.sdo_requests},
+          {"sdo_aborts", n.sdo_aborts},
+          {"emergencies", n.emergencies},
+          {"heartbeats_lost", n.heartbeats_lost},
+          {"syncs_lost", n.syncs_lost},
+          {"foreign", n.foreign}};
 }
 
 bool Node::sends(std::uint32_t id) const {
-  return id == 0x700U + id_ || id == 0x580U + id_ || id == 0x80U + id_ || std::ranges::any_of(transmit_, [&](const Pdo& p) { return p.exists && p.cob == id; });
+  return id == 0x700U + id_ || id == 0x580U + id_ || id == 0x80U + id_ ||
+         std::ranges::any_of(transmit_, [&](const Pdo& p) { return p.exists && p.cob == id; });
 }
 
 void Node::start(std::int64_t now_ns) {
@@ -158,15 +191,23 @@ void Node::start(std::int64_t now_ns) {
 void Node::network(std::uint8_t command, std::int64_t now_ns) {
   const Nmt before = nmt_;
   switch (command) {
-    case 0x01: nmt_ = Nmt::operational; break;
-    case 0x02: nmt_ = Nmt::stopped; break;
-    case 0x80: nmt_ = Nmt::pre_operational; break;
+    case 0x01:
+      nmt_ = Nmt::operational;
+      break;
+    case 0x02:
+      nmt_ = Nmt::stopped;
+      break;
+    case 0x80:
+      nmt_ = Nmt::pre_operational;
+      break;
     case 0x81:
     case 0x82: {
-      // Objects back to their defaults, those of communication only by 82h; the physics goes on. The brake holds from here on.
+      // Objects back to their defaults, those of communication only by 82h; the physics goes on. The brake holds from
+      // here on.
       const Dictionary fresh(parameters_);
       for (const Object& o : fresh.objects())
-        if ((o.access == Access::read_write || o.index == 0x1003) && (command == 0x81 || o.index < 0x2000)) dictionary_.find(o.index, o.sub)->value = o.value;
+        if ((o.access == Access::read_write || o.index == 0x1003) && (command == 0x81 || o.index < 0x2000))
+          dictionary_.find(o.index, o.sub)->value = o.value;
       machine_.reset();
       sdo_.reset();
       watched_ = {};
@@ -180,7 +221,8 @@ void Node::network(std::uint8_t command, std::int64_t now_ns) {
       refresh_status();
       return;
     }
-    default: return;
+    default:
+      return;
   }
   if (nmt_ == Nmt::operational && before != Nmt::operational) {
     sync_ns_ = -1;
@@ -229,8 +271,10 @@ void Node::receive(const Frame& frame, std::int64_t now_ns) {
     ++counters_.pdo_received;
     std::ranges::copy(bytes, pdo.data.begin());
     pdo.last_ns = now_ns;
-    if (pdo.type <= 240) pdo.pending = true;
-    else take(pdo, now_ns);
+    if (pdo.type <= 240)
+      pdo.pending = true;
+    else
+      take(pdo, now_ns);
   }
 }
 
@@ -282,7 +326,9 @@ void Node::sync(std::int64_t now_ns) {
     if (pdo.pending) take(pdo, now_ns);
 }
 
-bool Node::rests(const Pdo& pdo, std::int64_t now_ns) { return pdo.exists && pdo.type >= 254 && pdo.sent_once && now_ns - pdo.last_ns < pdo.inhibit_ns; }
+bool Node::rests(const Pdo& pdo, std::int64_t now_ns) {
+  return pdo.exists && pdo.type >= 254 && pdo.sent_once && now_ns - pdo.last_ns < pdo.inhibit_ns;
+}
 
 void Node::tick(std::int64_t now_ns) {
   now_ns_ = now_ns;
@@ -294,7 +340,7 @@ void Node::tick(std::int64_t now_ns) {
   }
   for (Watched& w : watched_)
     if (w.period_ns && w.last_ns >= 0 && now_ns - w.last_ns > w.period_ns) {
-      w.last_ns = -1;   // watched again from its next beat on
+      w.last_ns = -1;  // watched again from its next beat on
       ++counters_.heartbeats_lost;
       lose_commands(0x8130, now_ns);
       const auto reaction = dictionary_.get(0x1029, 1);
@@ -320,7 +366,8 @@ void Node::tick(std::int64_t now_ns) {
   for (Pdo& pdo : transmit_) {
     if (!pdo.exists || pdo.type < 254) continue;
     const bool due = pdo.timer_ns && pdo.sent_once && now_ns - pdo.last_ns >= pdo.timer_ns;
-    if (!rests(pdo, now_ns) && (due || !pdo.sent_once || ((changed_ || held_back_) && gather(pdo) != pdo.data))) send_pdo(pdo, now_ns);
+    if (!rests(pdo, now_ns) && (due || !pdo.sent_once || ((changed_ || held_back_) && gather(pdo) != pdo.data)))
+      send_pdo(pdo, now_ns);
   }
   // What an inhibit time held back stays to be sent.
   changed_ = false;
@@ -357,7 +404,8 @@ void Node::emergency(std::uint16_t code, std::uint8_t register_bits, std::span<c
   std::array<std::uint8_t, 8> data{static_cast<std::uint8_t>(code), static_cast<std::uint8_t>(code >> 8), register_};
   std::copy_n(extra.begin(), std::min<std::size_t>(extra.size(), 5), data.begin() + 3);
   if (code) {
-    for (std::uint8_t i = 8; i > 1; --i) dictionary_.set(0x1003, i, dictionary_.get(0x1003, static_cast<std::uint8_t>(i - 1)));
+    for (std::uint8_t i = 8; i > 1; --i)
+      dictionary_.set(0x1003, i, dictionary_.get(0x1003, static_cast<std::uint8_t>(i - 1)));
     dictionary_.set(0x1003, 1, code);
     dictionary_.set(0x1003, 0, std::min<std::int64_t>(8, dictionary_.get(0x1003, 0) + 1));
   }
@@ -376,7 +424,8 @@ void Node::pass_by(std::uint16_t code, std::span<const std::uint8_t> extra) {
 // ---- The drive.
 
 StopOptions Node::stop_options() const {
-  return {static_cast<int>(dictionary_.get(0x605A)), static_cast<int>(dictionary_.get(0x605B)), static_cast<int>(dictionary_.get(0x605C)), static_cast<int>(dictionary_.get(0x605E))};
+  return {static_cast<int>(dictionary_.get(0x605A)), static_cast<int>(dictionary_.get(0x605B)),
+          static_cast<int>(dictionary_.get(0x605C)), static_cast<int>(dictionary_.get(0x605E))};
 }
 
 void Node::fail(std::uint16_t code, std::uint8_t register_bits, bool ramp, std::int64_t now_ns) {
@@ -390,7 +439,7 @@ void Node::fail(std::uint16_t code, std::uint8_t register_bits, bool ramp, std::
 
 void Node::lose_commands(std::uint16_t code, std::int64_t now_ns) {
   if (!machine_.powered()) {
-    if (code != 0x8100) pass_by(code);   // leaving operational without power is no error
+    if (code != 0x8100) pass_by(code);  // leaving operational without power is no error
     return;
   }
   const auto option = dictionary_.get(0x6007);
@@ -413,7 +462,8 @@ void Node::aim() {
   if (!machine_.follows() || mode_shown_->value != 8) return;
   const auto target = std::clamp(target_position_->value, dictionary_.get(0x607D, 1), dictionary_.get(0x607D, 2));
   const double fastest = static_cast<double>(dictionary_.get(0x6080)) * 1e3 * milli_rpm_rad_s_;
-  demand_left_s_ = static_cast<double>(dictionary_.get(0x60C2, 1)) * std::pow(10.0, static_cast<double>(dictionary_.get(0x60C2, 2)));
+  demand_left_s_ =
+      static_cast<double>(dictionary_.get(0x60C2, 1)) * std::pow(10.0, static_cast<double>(dictionary_.get(0x60C2, 2)));
   demand_step_rad_s_ = std::clamp((joint_rad(target) - demand_rad_) / demand_left_s_, -fastest, fastest);
 }
 
@@ -424,9 +474,12 @@ void Node::refresh_status() {
     mode_shown_->value = mode_->value;
     demand_rad_ = feedback_.position_rad;
     demand_step_rad_s_ = demand_left_s_ = 0;
-    if (!follows_before_) fresh_ = {};   // targets of another time
-    if (!fresh_[0]) target_position_->value = saturated(Type::i32, std::llround(feedback_.position_rad / increment_rad_));
-    if (!fresh_[1]) target_velocity_->value = follows_before_ ? saturated(Type::i32, std::llround(feedback_.velocity_rad_s / milli_rpm_rad_s_)) : 0;
+    if (!follows_before_) fresh_ = {};  // targets of another time
+    if (!fresh_[0])
+      target_position_->value = saturated(Type::i32, std::llround(feedback_.position_rad / increment_rad_));
+    if (!fresh_[1])
+      target_velocity_->value =
+          follows_before_ ? saturated(Type::i32, std::llround(feedback_.velocity_rad_s / milli_rpm_rad_s_)) : 0;
     if (!fresh_[2]) target_torque_->value = saturated(Type::i16, std::llround(feedback_.torque_nm / per_mille_nm_));
     fresh_ = {};
     following_s_ = 0;
@@ -457,7 +510,8 @@ twin::DriveCommand Node::command(double dt) {
   twin::DriveCommand c;
   c.torque_limit_nm = static_cast<double>(dictionary_.get(0x6072)) * per_mille_nm_;
   if (!machine_.powered()) return c;
-  const double velocity_offset = static_cast<double>(dictionary_.get(0x60B1)) * milli_rpm_rad_s_, torque_offset = static_cast<double>(dictionary_.get(0x60B2)) * per_mille_nm_;
+  const double velocity_offset = static_cast<double>(dictionary_.get(0x60B1)) * milli_rpm_rad_s_,
+               torque_offset = static_cast<double>(dictionary_.get(0x60B2)) * per_mille_nm_;
   const double fastest = static_cast<double>(dictionary_.get(0x6080)) * 1e3 * milli_rpm_rad_s_;
   if (!machine_.follows()) {
     // A ramp down to standstill, then held there.
@@ -482,7 +536,8 @@ twin::DriveCommand Node::command(double dt) {
     }
     case 9: {
       c.mode = Mode::velocity;
-      double speed = std::clamp(static_cast<double>(target_velocity_->value) * milli_rpm_rad_s_ + velocity_offset, -fastest, fastest);
+      double speed = std::clamp(static_cast<double>(target_velocity_->value) * milli_rpm_rad_s_ + velocity_offset,
+                                -fastest, fastest);
       const double low = joint_rad(dictionary_.get(0x607D, 1)), high = joint_rad(dictionary_.get(0x607D, 2));
       if ((feedback_.position_rad >= high && speed > 0) || (feedback_.position_rad <= low && speed < 0)) speed = 0;
       c.velocity_rad_s = speed;
@@ -518,16 +573,20 @@ void Node::feedback(const Feedback& f, double dt) {
     const auto window = dictionary_.get(0x6065);
     const bool outside = window != 0xffffffffLL && std::abs(lag) > joint_rad(window);
     following_s_ = outside ? following_s_ + dt : 0;
-    if (following_s_ > 1e-3 * static_cast<double>(dictionary_.get(0x6066))) fail(0x8611, profile, stop_options().fault_reaction != 0, now_ns_);
+    if (following_s_ > 1e-3 * static_cast<double>(dictionary_.get(0x6066)))
+      fail(0x8611, profile, stop_options().fault_reaction != 0, now_ns_);
   }
   if (machine_.ramping()) {
-    standing_s_ = ramp_rad_s_ == 0 && std::abs(f.velocity_rad_s) * parameters_.gear_ratio < standing_motor_rad_s ? standing_s_ + dt : 0;
+    standing_s_ = ramp_rad_s_ == 0 && std::abs(f.velocity_rad_s) * parameters_.gear_ratio < standing_motor_rad_s
+                      ? standing_s_ + dt
+                      : 0;
     if (standing_s_ > 0.02) {
       machine_.stopped();
       standing_s_ = 0;
     }
   }
-  if (f.temperature_degC > 0.1 * static_cast<double>(dictionary_.get(0x2111, 1))) fail(0x4310, temperature, stop_options().fault_reaction != 0, now_ns_);
+  if (f.temperature_degC > 0.1 * static_cast<double>(dictionary_.get(0x2111, 1)))
+    fail(0x4310, temperature, stop_options().fault_reaction != 0, now_ns_);
   refresh_status();
 }
 

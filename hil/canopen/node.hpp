@@ -7,18 +7,19 @@
 #include <tribotwin/hil/canopen/sdo.hpp>
 #include <tribotwin/hil/drives/bus_drive.hpp>
 
-/// One drive on the bus: CANopen slave (CiA 301) with the drive profile (CiA 402), free of sockets and clocks: frames and
-/// the time of the bus come in, frames go out; set points go to the physics step by step, feedback comes back.
+/// One drive on the bus: CANopen slave (CiA 301) with the drive profile (CiA 402), free of sockets and clocks: frames
+/// and the time of the bus come in, frames go out; set points go to the physics step by step, feedback comes back.
 ///
-/// Lost commands (a PDO's or the SYNC's deadline, a watched heartbeat) and NMT leaving operational take the drive to its
-/// reaction 6007h and then to fault, until a fault reset: the last torque never stays.
+/// Lost commands (a PDO's or the SYNC's deadline, a watched heartbeat) and NMT leaving operational take the drive to
+/// its reaction 6007h and then to fault, until a fault reset: the last torque never stays.
 namespace tribotwin::hil {
 
 enum class Nmt : std::uint8_t { stopped = 0x04, operational = 0x05, pre_operational = 0x7F };
 
 struct NodeCounters {
-  std::uint64_t pdo_received = 0, pdo_sent = 0, pdo_short = 0, pdo_late = 0, sdo_requests = 0, sdo_aborts = 0, emergencies = 0, heartbeats_lost = 0, syncs_lost = 0,
-                foreign = 0;   ///< frames with an identifier that only this node may send: another node has its number
+  std::uint64_t pdo_received = 0, pdo_sent = 0, pdo_short = 0, pdo_late = 0, sdo_requests = 0, sdo_aborts = 0,
+                emergencies = 0, heartbeats_lost = 0, syncs_lost = 0,
+                foreign = 0;  ///< frames with an identifier that only this node may send: another node has its number
 };
 
 class Node final : public BusDrive {
@@ -32,7 +33,7 @@ class Node final : public BusDrive {
   void receive(const Frame& frame, std::int64_t now_ns) override;
   void sync(std::int64_t now_ns) override;
   void tick(std::int64_t now_ns) override;
-  void recovered(std::int64_t now_ns) override;   ///< EMCY 8140h
+  void recovered(std::int64_t now_ns) override;  ///< EMCY 8140h
   std::int64_t next_ns() const override;
   bool sends(std::uint32_t id) const override;
   twin::DriveCommand command(double dt_s) override;
@@ -61,8 +62,8 @@ class Node final : public BusDrive {
     bool exists = false, pending = false, sent_once = false;
     std::uint8_t type = 255, syncs = 0;
     std::int64_t inhibit_ns = 0, timer_ns = 0, last_ns = 0;
-    std::vector<Object*> map;   // null: a gap of gap bits
-    std::vector<int> sizes;     // bytes
+    std::vector<Object*> map;  // null: a gap of gap bits
+    std::vector<int> sizes;    // bytes
     int size = 0;
     std::array<std::uint8_t, 8> data{};
   };
@@ -101,7 +102,10 @@ class Node final : public BusDrive {
   NodeCounters counters_;
   Feedback feedback_;
   std::int64_t now_ns_ = 0, heartbeat_ns_ = 0, sync_ns_ = -1;
-  struct Watched { std::uint8_t node = 0; std::int64_t period_ns = 0, last_ns = -1; };
+  struct Watched {
+    std::uint8_t node = 0;
+    std::int64_t period_ns = 0, last_ns = -1;
+  };
   std::array<Watched, 2> watched_;
 
   // Joint side units per count of the dictionary.
@@ -110,13 +114,14 @@ class Node final : public BusDrive {
   double demand_rad_ = 0, demand_step_rad_s_ = 0, demand_left_s_ = 0, ramp_rad_s_ = 0;
   double following_s_ = 0, standing_s_ = 0;
   bool follows_before_ = false;
-  std::array<bool, 3> fresh_{};   // targets written since the drive last took up a mode: position, velocity, torque
-  bool changed_ = true;           // something that an event PDO could send
-  bool held_back_ = false;        // an inhibit time may keep such a PDO from being sent
+  std::array<bool, 3> fresh_{};  // targets written since the drive last took up a mode: position, velocity, torque
+  bool changed_ = true;          // something that an event PDO could send
+  bool held_back_ = false;       // an inhibit time may keep such a PDO from being sent
   std::uint8_t register_ = 0;
 
   // Cached objects of the step.
-  Object *control_, *status_, *mode_, *mode_shown_, *target_position_, *target_velocity_, *target_torque_, *error_code_, *error_register_, *heartbeat_time_, *sync_deadline_;
+  Object *control_, *status_, *mode_, *mode_shown_, *target_position_, *target_velocity_, *target_torque_, *error_code_,
+      *error_register_, *heartbeat_time_, *sync_deadline_;
 };
 
 }  // namespace tribotwin::hil

@@ -31,7 +31,7 @@ class SdoServer {
   };
   Dictionary& dictionary_;
   Transfer transfer_;
-  std::uint16_t index_ = 0;   // of the request under way, for aborts
+  std::uint16_t index_ = 0;  // of the request under way, for aborts
   std::uint8_t sub_ = 0;
 };
 

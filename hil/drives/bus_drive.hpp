@@ -17,12 +17,13 @@ namespace tribotwin::hil {
 struct Feedback {
   double position_rad = 0, velocity_rad_s = 0, torque_nm = 0;
   double friction_nm = 0, load_nm = 0, temperature_degC = 25;
-  bool limited = false;   ///< the torque was cut to a limit
+  bool limited = false;  ///< the torque was cut to a limit
 };
 
 using Send = std::function<Sent(const Frame&)>;
 
-/// One drive between a bus and a robot, whatever it speaks; free of sockets and clocks. `now_ns`: wall clock, monotonic.
+/// One drive between a bus and a robot, whatever it speaks; free of sockets and clocks. `now_ns`: wall clock,
+/// monotonic.
 class BusDrive {
  public:
   virtual ~BusDrive() = default;

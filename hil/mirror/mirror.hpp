@@ -11,18 +11,26 @@
 ///                           8..31 position i24 [1e-5 rad], 32..43 torque i12 [0.001 torque_max_nm],
 ///                           44..55 temperature u12 [0.1 degC from -50 degC], 56..63 CRC
 ///
-/// The CRC is SAE J1850 (polynomial 1Dh, start and final XOR FFh) over the identifier's two bytes, low first, and bytes 0..6:
-/// a frame of another drive is not taken for this one's. The counter goes up by one with every frame.
+/// The CRC is SAE J1850 (polynomial 1Dh, start and final XOR FFh) over the identifier's two bytes, low first, and bytes
+/// 0..6: a frame of another drive is not taken for this one's. The counter goes up by one with every frame.
 namespace tribotwin::hil {
 
 std::uint8_t crc8_j1850(std::span<const std::uint8_t> bytes, std::uint8_t crc = 0xFF);
 
-enum class MirrorMode : std::uint8_t { off = 0, torque = 1, position = 2, velocity = 3, stopping = 8, clear_fault = 15, fault = 15 };
+enum class MirrorMode : std::uint8_t {
+  off = 0,
+  torque = 1,
+  position = 2,
+  velocity = 3,
+  stopping = 8,
+  clear_fault = 15,
+  fault = 15
+};
 
 struct MirrorCommand {
   std::uint8_t counter = 0;
   MirrorMode mode = MirrorMode::off;
-  double set_point = 0;   ///< Nm, rad, rad/s; arm side
+  double set_point = 0;  ///< Nm, rad, rad/s; arm side
 };
 struct MirrorStatus {
   std::uint8_t counter = 0;
@@ -40,8 +48,8 @@ struct MirrorCounters {
   std::uint64_t received = 0, repeated = 0, lost = 0, damaged = 0, late = 0, sent = 0;
 };
 
-/// A drive with this profile. Its status goes out with every SYNC, or every cycle where there is no SYNC. A command that is
-/// older than three cycles (at least 20 ms) stops the drive: ramp, brake, fault; it stays until mode 15.
+/// A drive with this profile. Its status goes out with every SYNC, or every cycle where there is no SYNC. A command
+/// that is older than three cycles (at least 20 ms) stops the drive: ramp, brake, fault; it stays until mode 15.
 class MirrorDrive final : public BusDrive {
  public:
   MirrorDrive(const DriveParameters& parameters, Send send);
@@ -56,7 +64,9 @@ class MirrorDrive final : public BusDrive {
   void feedback(const Feedback& feedback, double dt_s) override;
   bool brake_engaged() const override { return state_ == MirrorMode::off || state_ == MirrorMode::fault; }
   std::string state_name() const override;
-  bool enabled() const override { return state_ == MirrorMode::torque || state_ == MirrorMode::position || state_ == MirrorMode::velocity; }
+  bool enabled() const override {
+    return state_ == MirrorMode::torque || state_ == MirrorMode::position || state_ == MirrorMode::velocity;
+  }
   bool failed() const override { return state_ == MirrorMode::fault; }
   std::vector<std::pair<std::string, std::uint64_t>> counts() const override;
   const MirrorCounters& counters() const { return counters_; }

@@ -1,15 +1,15 @@
-#include <tribotwin/hil/session/bench.hpp>
-
 #include <algorithm>
 #include <limits>
 
 #include <nlohmann/json.hpp>
 
 #include <tribotwin/hil/mirror/mirror.hpp>
+#include <tribotwin/hil/session/bench.hpp>
 
 namespace tribotwin::hil {
 
-Bench::Bench(const twin::Scenario& scenario, const BenchOptions& options, Send send) : plant_(scenario), options_(options) {
+Bench::Bench(const twin::Scenario& scenario, const BenchOptions& options, Send send)
+    : plant_(scenario), options_(options) {
   const auto counted = [this, send = std::move(send)](const Frame& frame) {
     const Sent sent = send(frame);
     if (sent == Sent::done) {
@@ -42,12 +42,14 @@ tl::expected<void, std::string> Bench::receive(const Frame& frame, std::int64_t 
     const Bits bits = classic_bits(std::min<int>(frame.size, 8));
     counters_.bits += 0.5 * (bits.least + bits.most);
   }
-  const bool sync = frame.id == 0x80 && !frame.extended && !frame.remote && !frame.error && !frame.fd && frame.size <= 1;
+  const bool sync =
+      frame.id == 0x80 && !frame.extended && !frame.remote && !frame.error && !frame.fd && frame.size <= 1;
   if (!sync) {
     for (const auto& drive : drives_) drive->receive(frame, now_ns);
     return {};
   }
-  const std::int64_t cycle_us = std::max<std::int64_t>(1, first_ ? first_->dictionary().get(0x1006) : options_.cycle_us);
+  const std::int64_t cycle_us =
+      std::max<std::int64_t>(1, first_ ? first_->dictionary().get(0x1006) : options_.cycle_us);
   ++counters_.syncs;
   if (last_sync_ns_ >= 0 && now_ns - last_sync_ns_ < 500 * cycle_us) ++counters_.sync_fast;
   last_sync_ns_ = now_ns;
@@ -77,13 +79,27 @@ std::optional<std::size_t> Bench::sender(const Frame& frame) const {
   return static_cast<std::size_t>(found - drives_.begin());
 }
 
-std::string statistics_json(Bench& bench, const BusCounters& bus, double wall_s, const std::vector<std::pair<std::string, double>>& more) {
+std::string statistics_json(Bench& bench, const BusCounters& bus, double wall_s,
+                            const std::vector<std::pair<std::string, double>>& more) {
   const BenchCounters& c = bench.counters();
-  nlohmann::ordered_json json{{"wall_s", wall_s}, {"simulated_s", bench.plant().twin().time_s()}, {"syncs", c.syncs}, {"sync_fast", c.sync_fast},
-                              {"frames_in", c.frames_in}, {"frames_out", c.frames_out}, {"bus_load_1_mbit", wall_s > 0 ? c.bits / (1e6 * wall_s) : 0}};
+  nlohmann::ordered_json json{{"wall_s", wall_s},
+                              {"simulated_s", bench.plant().twin().time_s()},
+                              {"syncs", c.syncs},
+                              {"sync_fast", c.sync_fast},
+                              {"frames_in", c.frames_in},
+                              {"frames_out", c.frames_out},
+                              {"bus_load_1_mbit", wall_s > 0 ? c.bits / (1e6 * wall_s) : 0}};
   for (const auto& [key, value] : more) json[key] = value;
-  json["bus"] = {{"sent", bus.sent}, {"received", bus.received}, {"send_busy", bus.send_busy}, {"send_down", bus.send_down}, {"send_refused", bus.send_refused},
-                 {"receive_lost", bus.receive_lost}, {"error_frames", bus.error_frames}, {"bus_off", bus.bus_off}, {"link_losses", bus.link_losses}, {"malformed", bus.malformed}};
+  json["bus"] = {{"sent", bus.sent},
+                 {"received", bus.received},
+                 {"send_busy", bus.send_busy},
+                 {"send_down", bus.send_down},
+                 {"send_refused", bus.send_refused},
+                 {"receive_lost", bus.receive_lost},
+                 {"error_frames", bus.error_frames},
+                 {"bus_off", bus.bus_off},
+                 {"link_losses", bus.link_losses},
+                 {"malformed", bus.malformed}};
   json["drives"] = nlohmann::ordered_json::array();
   for (std::size_t i = 0; i < bench.drives().size(); ++i) {
     nlohmann::ordered_json drive{{"joint", bench.joints()[i]}, {"state", bench.drives()[i]->state_name()}};

@@ -9,9 +9,10 @@ namespace tribotwin::hil {
 /// Counts of a session; times in lockstep are of the wall clock.
 struct BenchCounters {
   std::uint64_t syncs = 0;
-  std::uint64_t sync_fast = 0;     ///< came sooner than half the period after the last one: a second master, or a wrong rate
+  std::uint64_t sync_fast =
+      0;  ///< came sooner than half the period after the last one: a second master, or a wrong rate
   std::uint64_t frames_in = 0, frames_out = 0;
-  double bits = 0;                 ///< on a classic bus, mean of the least and the most stuffing
+  double bits = 0;  ///< on a classic bus, mean of the least and the most stuffing
 };
 
 enum class Profile { cia402, mirror };
@@ -20,8 +21,8 @@ struct BenchOptions {
   Profile profile = Profile::cia402;
   int first_node = 1;
   std::uint32_t cycle_us = 2000;
-  bool lockstep = true;   ///< each SYNC advances the robot by the cycle (1006h); else the owner steps the plant
-  std::function<bool()> stop;   ///< asked now and then in a cycle of many steps: end it here?
+  bool lockstep = true;        ///< each SYNC advances the robot by the cycle (1006h); else the owner steps the plant
+  std::function<bool()> stop;  ///< asked now and then in a cycle of many steps: end it here?
 };
 
 class Bench {
@@ -50,12 +51,13 @@ class Bench {
   BenchOptions options_;
   std::vector<std::unique_ptr<BusDrive>> drives_;
   std::vector<std::string> joints_;
-  Node* first_ = nullptr;   // of a CANopen bench: it says how long a cycle is
+  Node* first_ = nullptr;  // of a CANopen bench: it says how long a cycle is
   BenchCounters counters_;
   std::int64_t last_sync_ns_ = -1;
 };
 
 /// The session's JSON: counters of bus, drives and clock.
-std::string statistics_json(Bench& bench, const BusCounters& bus, double wall_s, const std::vector<std::pair<std::string, double>>& more);
+std::string statistics_json(Bench& bench, const BusCounters& bus, double wall_s,
+                            const std::vector<std::pair<std::string, double>>& more);
 
 }  // namespace tribotwin::hil

@@ -1,19 +1,25 @@
-#include <tribotwin/hil/session/faults.hpp>
-
 #include <algorithm>
 #include <cmath>
 
 #include <fmt/format.h>
 
 #include <tribotwin/hil/can/clock.hpp>
+#include <tribotwin/hil/session/faults.hpp>
 #include <tribotwin/twin/io/input.hpp>
 
 namespace tribotwin::hil {
 namespace {
 
 using K = FaultKind;
-constexpr std::pair<std::string_view, K> kinds[] = {{"drop", K::drop}, {"delay", K::delay}, {"corrupt", K::corrupt}, {"duplicate", K::duplicate}, {"silence", K::silence},
-                                                    {"bus_off", K::bus_off}, {"link_down", K::link_down}, {"over_temperature", K::over_temperature}, {"encoder_freeze", K::encoder_freeze}};
+constexpr std::pair<std::string_view, K> kinds[] = {{"drop", K::drop},
+                                                    {"delay", K::delay},
+                                                    {"corrupt", K::corrupt},
+                                                    {"duplicate", K::duplicate},
+                                                    {"silence", K::silence},
+                                                    {"bus_off", K::bus_off},
+                                                    {"link_down", K::link_down},
+                                                    {"over_temperature", K::over_temperature},
+                                                    {"encoder_freeze", K::encoder_freeze}};
 
 }  // namespace
 
@@ -29,8 +35,10 @@ std::vector<Fault> load_faults(const std::filesystem::path& file, int first_node
     f.from_s = m.number("time_s", {0, 1e9});
     f.to_s = f.from_s + m.number("duration_s", {1e-6, 1e9});
     f.node = static_cast<int>(m.whole_or("node", 0, {0, 127}));
-    if (f.node != 0 && (f.node < first_node || f.node >= first_node + drives)) m.fail("node", fmt::format("{}: the drives are nodes {} to {}", f.node, first_node, first_node + drives - 1));
-    if ((f.kind == K::silence || f.kind == K::encoder_freeze || f.kind == K::over_temperature) && f.node == 0) m.fail("node", "is needed: which drive?");
+    if (f.node != 0 && (f.node < first_node || f.node >= first_node + drives))
+      m.fail("node", fmt::format("{}: the drives are nodes {} to {}", f.node, first_node, first_node + drives - 1));
+    if ((f.kind == K::silence || f.kind == K::encoder_freeze || f.kind == K::over_temperature) && f.node == 0)
+      m.fail("node", "is needed: which drive?");
     f.probability = m.number_or("probability", 1, {0, 1});
     f.delay_s = m.number_or("delay_s", 0.01, {0, 10});
     f.temperature_degC = m.number_or("temperature_degC", 150, {-100, 1000});
@@ -42,15 +50,22 @@ std::vector<Fault> load_faults(const std::filesystem::path& file, int first_node
 }
 
 FaultyBus::FaultyBus(Transport& bus, std::vector<Fault> faults, std::uint64_t seed, std::function<double()> time_s)
-    : Transport(bus.name()), bus_(bus), faults_(std::move(faults)), random_(seed), time_s_(std::move(time_s)), applied_(faults_.size()) {}
+    : Transport(bus.name()),
+      bus_(bus),
+      faults_(std::move(faults)),
+      random_(seed),
+      time_s_(std::move(time_s)),
+      applied_(faults_.size()) {}
 
 double FaultyBus::now_s() const {
   const double simulated_s = time_s_();
   const std::int64_t ns = clock_ns();
-  line_s_ += was_cut_ ? std::max(simulated_s - simulated_s_, 1e-9 * static_cast<double>(ns - asked_ns_)) : simulated_s - simulated_s_;
+  line_s_ += was_cut_ ? std::max(simulated_s - simulated_s_, 1e-9 * static_cast<double>(ns - asked_ns_))
+                      : simulated_s - simulated_s_;
   simulated_s_ = simulated_s;
   asked_ns_ = ns;
-  was_cut_ = std::ranges::any_of(faults_, [&](const Fault& f) { return (f.kind == K::bus_off || f.kind == K::link_down) && due(f); });
+  was_cut_ = std::ranges::any_of(
+      faults_, [&](const Fault& f) { return (f.kind == K::bus_off || f.kind == K::link_down) && due(f); });
   return line_s_;
 }
 
@@ -75,9 +90,11 @@ void FaultyBus::pass(const Frame& given, std::deque<Frame>& out) {
   for (const Fault& f : faults_) {
     if (f.kind > K::silence || !active(f, &frame)) continue;
     if (f.kind == K::drop || f.kind == K::silence) return;
-    if (f.kind == K::delay) return later_.push_back({clock_ns() + std::llround(1e9 * f.delay_s), frame, &out != &ready_});
+    if (f.kind == K::delay)
+      return later_.push_back({clock_ns() + std::llround(1e9 * f.delay_s), frame, &out != &ready_});
     if (f.kind == K::duplicate) ++copies;
-    if (f.kind == K::corrupt && frame.size > 0) frame.data[random_() % frame.size] ^= static_cast<std::uint8_t>(1U << random_() % 8);
+    if (f.kind == K::corrupt && frame.size > 0)
+      frame.data[random_() % frame.size] ^= static_cast<std::uint8_t>(1U << random_() % 8);
   }
   for (int i = 0; i < copies; ++i) out.push_back(frame);
 }
@@ -87,7 +104,7 @@ Sent FaultyBus::send(const Frame& frame) {
   if (cut()) return Sent::down;
   std::deque<Frame> out;
   pass(frame, out);
-  Sent sent = Sent::done;   // what is lost on the way was sent
+  Sent sent = Sent::done;  // what is lost on the way was sent
   for (const Frame& f : out) sent = bus_.send(f);
   return sent;
 }
@@ -100,8 +117,10 @@ bool FaultyBus::receive(Frame& frame) {
       ++it;
       continue;
     }
-    if (it->outgoing) bus_.send(it->frame);
-    else ready_.push_back(it->frame);
+    if (it->outgoing)
+      bus_.send(it->frame);
+    else
+      ready_.push_back(it->frame);
     it = later_.erase(it);
   }
   while (ready_.empty()) {
@@ -122,7 +141,9 @@ void FaultyBus::wait(std::int64_t deadline_ns) {
 
 bool FaultyBus::up() const { return bus_.up() && (faults_.empty() || !cut()); }
 
-std::string FaultyBus::state() const { return !faults_.empty() && cut() ? name_ + ": cut by a fault of the list" : bus_.state(); }
+std::string FaultyBus::state() const {
+  return !faults_.empty() && cut() ? name_ + ": cut by a fault of the list" : bus_.state();
+}
 
 void FaultyBus::apply(Plant& plant, int first_node) {
   for (std::size_t i = 0; i < faults_.size(); ++i) {
@@ -132,8 +153,10 @@ void FaultyBus::apply(Plant& plant, int first_node) {
     if (on == applied_[i]) continue;
     applied_[i] = on;
     const auto drive = static_cast<std::size_t>(f.node - first_node);
-    if (f.kind == K::encoder_freeze) plant.freeze_encoder(drive, on);
-    else plant.override_temperature(drive, on ? std::optional(f.temperature_degC) : std::nullopt);
+    if (f.kind == K::encoder_freeze)
+      plant.freeze_encoder(drive, on);
+    else
+      plant.override_temperature(drive, on ? std::optional(f.temperature_degC) : std::nullopt);
   }
 }
 

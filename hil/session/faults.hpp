@@ -15,10 +15,10 @@ enum class FaultKind { drop, delay, corrupt, duplicate, silence, bus_off, link_d
 
 struct Fault {
   FaultKind kind;
-  double from_s = 0, to_s = 0;     ///< simulated time
-  int node = 0;                    ///< 0: all frames, all drives
-  double probability = 1;          ///< of each frame: drop, delay, corrupt, duplicate
-  double delay_s = 0.01;           ///< wall clock
+  double from_s = 0, to_s = 0;  ///< simulated time
+  int node = 0;                 ///< 0: all frames, all drives
+  double probability = 1;       ///< of each frame: drop, delay, corrupt, duplicate
+  double delay_s = 0.01;        ///< wall clock
   double temperature_degC = 150;
 };
 
@@ -41,14 +41,19 @@ class FaultyBus final : public Transport {
   void apply(Plant& plant, int first_node);
 
  private:
-  /// Time on the faults' line: simulated; while the bus is cut, and no SYNC can move the simulation on, the wall clock's.
+  /// Time on the faults' line: simulated; while the bus is cut, and no SYNC can move the simulation on, the wall
+  /// clock's.
   double now_s() const;
   bool due(const Fault& fault) const;
   bool active(const Fault& fault, const Frame* frame) const;
   /// What becomes of a frame: none, one or two now; delayed ones later.
   void pass(const Frame& frame, std::deque<Frame>& out);
   bool cut() const;
-  struct Later { std::int64_t at_ns; Frame frame; bool outgoing; };
+  struct Later {
+    std::int64_t at_ns;
+    Frame frame;
+    bool outgoing;
+  };
 
   Transport& bus_;
   std::vector<Fault> faults_;

@@ -1,9 +1,7 @@
-#include <tribotwin/hil/session/files.hpp>
-
+#include <fmt/format.h>
 #include <sys/stat.h>
 
-#include <fmt/format.h>
-
+#include <tribotwin/hil/session/files.hpp>
 #include <tribotwin/twin/io/input.hpp>
 
 namespace tribotwin::hil {
@@ -12,17 +10,21 @@ namespace {
 namespace fs = std::filesystem;
 
 bool same(const fs::path& a, const fs::path& b) {
-  struct stat found_a{}, found_b{};
+  struct stat found_a {
+  }, found_b{};
   const bool there_a = ::stat(a.c_str(), &found_a) == 0, there_b = ::stat(b.c_str(), &found_b) == 0;
-  if (there_a && there_b) return found_a.st_dev == found_b.st_dev && found_a.st_ino == found_b.st_ino && !S_ISCHR(found_a.st_mode);
+  if (there_a && there_b)
+    return found_a.st_dev == found_b.st_dev && found_a.st_ino == found_b.st_ino && !S_ISCHR(found_a.st_mode);
   std::error_code none;
-  return !there_a && !there_b && fs::weakly_canonical(fs::absolute(a, none), none) == fs::weakly_canonical(fs::absolute(b, none), none);
+  return !there_a && !there_b &&
+         fs::weakly_canonical(fs::absolute(a, none), none) == fs::weakly_canonical(fs::absolute(b, none), none);
 }
 
 /// Every value of a resolved scenario that is the absolute path of a file.
 void add_paths(const YAML::Node& node, const std::string& of, std::vector<NamedFile>& files) {
   std::error_code none;
-  if (node.IsScalar() && node.Scalar().starts_with('/') && fs::is_regular_file(node.Scalar(), none)) files.push_back({fmt::format("{} of {}", node.Scalar(), of), node.Scalar()});
+  if (node.IsScalar() && node.Scalar().starts_with('/') && fs::is_regular_file(node.Scalar(), none))
+    files.push_back({fmt::format("{} of {}", node.Scalar(), of), node.Scalar()});
   if (node.IsSequence())
     for (const auto& entry : node) add_paths(entry, of, files);
   if (node.IsMap())
@@ -40,7 +42,8 @@ std::vector<NamedFile> files_of(const twin::Scenario& scenario) {
 std::vector<NamedFile> files_in(const fs::path& directory) {
   if (directory.empty()) return {};
   std::vector<NamedFile> files{{fmt::format("-o {}", directory.string()), directory}};
-  for (const char* file : {"telemetry.h5", "scenario.yaml", "summary.json"}) files.push_back({fmt::format("{} of -o {}", file, directory.string()), directory / file});
+  for (const char* file : {"telemetry.h5", "scenario.yaml", "summary.json"})
+    files.push_back({fmt::format("{} of -o {}", file, directory.string()), directory / file});
   return files;
 }
 
@@ -49,9 +52,14 @@ void refuse_shared(const std::vector<NamedFile>& inputs, const std::vector<Named
     const NamedFile& output = outputs[i];
     if (output.path.empty()) continue;
     for (const NamedFile& input : inputs)
-      if (!input.path.empty() && same(input.path, output.path)) throw twin::InputError(fmt::format("{} would overwrite what {} reads: they are one file; give the output another name", output.name, input.name));
+      if (!input.path.empty() && same(input.path, output.path))
+        throw twin::InputError(
+            fmt::format("{} would overwrite what {} reads: they are one file; give the output another name",
+                        output.name, input.name));
     for (std::size_t k = 0; k < i; ++k)
-      if (!outputs[k].path.empty() && same(outputs[k].path, output.path)) throw twin::InputError(fmt::format("{} and {} are one file; give them two names", outputs[k].name, output.name));
+      if (!outputs[k].path.empty() && same(outputs[k].path, output.path))
+        throw twin::InputError(
+            fmt::format("{} and {} are one file; give them two names", outputs[k].name, output.name));
   }
 }
 
@@ -59,7 +67,8 @@ void refuse_recorded(const std::vector<NamedFile>& outputs) {
   std::error_code none;
   for (const NamedFile& output : outputs)
     if (!output.path.empty() && fs::is_regular_file(output.path, none) && fs::file_size(output.path, none) > 0)
-      throw twin::InputError(fmt::format("{}: holds a session already; give another name, or --force to replace it", output.path.string()));
+      throw twin::InputError(fmt::format("{}: holds a session already; give another name, or --force to replace it",
+                                         output.path.string()));
 }
 
 }  // namespace tribotwin::hil

@@ -1,10 +1,10 @@
-#include <tribotwin/hil/session/plant.hpp>
-
 #include <algorithm>
 #include <cmath>
 #include <utility>
 
 #include <fmt/format.h>
+
+#include <tribotwin/hil/session/plant.hpp>
 
 namespace tribotwin::hil {
 
@@ -13,12 +13,18 @@ std::vector<DriveParameters> drive_parameters(const twin::Scenario& scenario, in
   const mjModel* m = scenario.model->get();
   for (const auto& binding : scenario.model->drives()) {
     const auto& drive = binding.drive;
-    DriveParameters p{.node = static_cast<std::uint8_t>(first_node + static_cast<int>(all.size())), .name = twin::joint_name(m, binding), .gear_ratio = drive.gear_ratio,
-                      .rated_torque_nm = drive.torque_max_nm / drive.gear_ratio, .cycle_us = cycle_us, .limited = m->jnt_limited[binding.joint] != 0,
-                      .position_low_rad = m->jnt_range[2 * binding.joint], .position_high_rad = m->jnt_range[2 * binding.joint + 1],
+    DriveParameters p{.node = static_cast<std::uint8_t>(first_node + static_cast<int>(all.size())),
+                      .name = twin::joint_name(m, binding),
+                      .gear_ratio = drive.gear_ratio,
+                      .rated_torque_nm = drive.torque_max_nm / drive.gear_ratio,
+                      .cycle_us = cycle_us,
+                      .limited = m->jnt_limited[binding.joint] != 0,
+                      .position_low_rad = m->jnt_range[2 * binding.joint],
+                      .position_high_rad = m->jnt_range[2 * binding.joint + 1],
                       .start_degC = scenario.temperature_degC[all.size()]};
     // The fastest that the law was identified at, where it says so: motor side.
-    if (const double speed = drive.law.range.speed_max_rad_s; std::isfinite(speed)) p.speed_max_rad_s = speed / drive.speed_scale() * drive.gear_ratio;
+    if (const double speed = drive.law.range.speed_max_rad_s; std::isfinite(speed))
+      p.speed_max_rad_s = speed / drive.speed_scale() * drive.gear_ratio;
     all.push_back(std::move(p));
   }
   return all;
@@ -35,8 +41,13 @@ Feedback Plant::feedback(std::size_t i) const {
   const auto& binding = twin_.model().drives()[i];
   const mjData* d = twin_.data();
   const auto& s = twin_.drive(i);
-  Feedback f{.position_rad = d->qpos[twin::position_address(twin_.model().get(), binding)], .velocity_rad_s = d->qvel[binding.dof], .torque_nm = s.torque_nm, .friction_nm = s.friction_nm,
-             .load_nm = twin_.memory(i).load_nm, .temperature_degC = twin_.temperature_degC(i), .limited = twin_.limited(i)};
+  Feedback f{.position_rad = d->qpos[twin::position_address(twin_.model().get(), binding)],
+             .velocity_rad_s = d->qvel[binding.dof],
+             .torque_nm = s.torque_nm,
+             .friction_nm = s.friction_nm,
+             .load_nm = twin_.memory(i).load_nm,
+             .temperature_degC = twin_.temperature_degC(i),
+             .limited = twin_.limited(i)};
   f.temperature_degC = override_degC_[i].value_or(f.temperature_degC);
   if (frozen_rad_[i]) f.position_rad = *frozen_rad_[i], f.velocity_rad_s = 0;
   return f;
@@ -71,9 +82,10 @@ tl::expected<void, std::string> Plant::step(std::span<const std::unique_ptr<BusD
   return {};
 }
 
-tl::expected<void, std::string> Plant::advance(std::span<const std::unique_ptr<BusDrive>> drives, std::int64_t us, const std::function<bool()>& stop) {
+tl::expected<void, std::string> Plant::advance(std::span<const std::unique_ptr<BusDrive>> drives, std::int64_t us,
+                                               const std::function<bool()>& stop) {
   const auto step_us = static_cast<std::int64_t>(std::llround(1e6 * twin_.model()->opt.timestep));
-  constexpr int ask_stop_steps = 256;   // usual cycles are done whole, so that a replay of the session ends where it did
+  constexpr int ask_stop_steps = 256;  // usual cycles are done whole, so that a replay of the session ends where it did
   left_us_ += us;
   for (int k = 1; left_us_ >= step_us; left_us_ -= step_us, ++k) {
     if (auto ok = step(drives); !ok) return ok;
@@ -87,7 +99,9 @@ tl::expected<void, std::string> Plant::finish(double wall_s, bool interrupted) {
   if (!recorder_) return {};
   twin::Summary summary = twin::summarize(twin_, scenario_, wall_s);
   summary.interrupted = interrupted;
-  if (interrupted && !recorder_->replaced().empty()) summary.warnings.push_back(fmt::format("the session that this one was to replace is kept in {}", recorder_->replaced().string()));
+  if (interrupted && !recorder_->replaced().empty())
+    summary.warnings.push_back(
+        fmt::format("the session that this one was to replace is kept in {}", recorder_->replaced().string()));
   return std::exchange(recorder_, nullptr)->finish(summary);
 }
 

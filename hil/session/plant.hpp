@@ -21,8 +21,8 @@ std::vector<DriveParameters> drive_parameters(const twin::Scenario& scenario, in
 class Plant {
  public:
   explicit Plant(const twin::Scenario& scenario) : scenario_(scenario), twin_(scenario, twin::Twin::commanded) {}
-  /// Also writes telemetry.h5 and scenario.yaml, and summary.json at `finish`. Throws InputError where the folder holds a record
-  /// that may not be replaced.
+  /// Also writes telemetry.h5 and scenario.yaml, and summary.json at `finish`. Throws InputError where the folder holds
+  /// a record that may not be replaced.
   tl::expected<void, std::string> record(const std::filesystem::path& directory, twin::Existing existing);
   /// Why the record ended before the robot did (full disk): the robot goes on. Empty while nothing is lost.
   const std::string& record_failure() const { return record_failure_; }
@@ -31,9 +31,10 @@ class Plant {
   void show(std::span<const std::unique_ptr<BusDrive>> drives);
   /// One simulation step: set points from the drives, feedback to them.
   tl::expected<void, std::string> step(std::span<const std::unique_ptr<BusDrive>> drives);
-  /// As many steps as `us` microseconds have, unless `stop` (may be empty) ends a long cycle: 1006h may ask for an hour. Parts of
-  /// steps are kept for the next call.
-  tl::expected<void, std::string> advance(std::span<const std::unique_ptr<BusDrive>> drives, std::int64_t us, const std::function<bool()>& stop = {});
+  /// As many steps as `us` microseconds have, unless `stop` (may be empty) ends a long cycle: 1006h may ask for an
+  /// hour. Parts of steps are kept for the next call.
+  tl::expected<void, std::string> advance(std::span<const std::unique_ptr<BusDrive>> drives, std::int64_t us,
+                                          const std::function<bool()>& stop = {});
   /// Closes the record, complete or interrupted.
   tl::expected<void, std::string> finish(double wall_s, bool interrupted = false);
 
@@ -43,7 +44,9 @@ class Plant {
   /// A fault of the bench: the encoder of a drive shows what it last showed.
   void freeze_encoder(std::size_t drive, bool frozen);
   /// Another: the drive reports this temperature [degC], whatever it has.
-  void override_temperature(std::size_t drive, std::optional<double> temperature_degC) { override_degC_[drive] = temperature_degC; }
+  void override_temperature(std::size_t drive, std::optional<double> temperature_degC) {
+    override_degC_[drive] = temperature_degC;
+  }
 
  private:
   Feedback feedback(std::size_t i) const;

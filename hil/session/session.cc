@@ -1,5 +1,3 @@
-#include <tribotwin/hil/session/session.hpp>
-
 #include <algorithm>
 #include <cerrno>
 #include <cmath>
@@ -17,6 +15,7 @@
 
 #include <tribotwin/hil/can/clock.hpp>
 #include <tribotwin/hil/can/log.hpp>
+#include <tribotwin/hil/session/session.hpp>
 #include <tribotwin/twin/io/file.hpp>
 
 namespace tribotwin::hil {
@@ -51,8 +50,11 @@ struct Lateness {
 void become_real_time(const std::function<void(const std::string&)>& note) {
   const sched_param priority{.sched_priority = 50};
   if (sched_setscheduler(0, SCHED_FIFO, &priority) != 0 && note)
-    note(fmt::format("no real-time priority (SCHED_FIFO: {}); run as root or with CAP_SYS_NICE to have it", std::strerror(errno)));
-  if (mlockall(MCL_CURRENT | MCL_FUTURE) != 0 && note) note(fmt::format("memory is not locked (mlockall: {}); deadlines may slip when the machine swaps", std::strerror(errno)));
+    note(fmt::format("no real-time priority (SCHED_FIFO: {}); run as root or with CAP_SYS_NICE to have it",
+                     std::strerror(errno)));
+  if (mlockall(MCL_CURRENT | MCL_FUTURE) != 0 && note)
+    note(fmt::format("memory is not locked (mlockall: {}); deadlines may slip when the machine swaps",
+                     std::strerror(errno)));
 }
 
 /// A session of drives on a live bus.
@@ -62,10 +64,16 @@ class Session {
       : o_(o),
         step_ns_(std::llround(1e9 * scenario.model->get()->opt.timestep)),
         bus_(bus, o.faults, scenario.seed, [this] { return running_ ? time_s() : 0.0; }),
-        bench_(scenario, {.profile = o.profile, .first_node = o.first_node, .cycle_us = o.cycle_us, .lockstep = !o.realtime, .stop = o.stop}, [this](const Frame& frame) {
-          record(frame);
-          return bus_.send(frame);
-        }) {
+        bench_(scenario,
+               {.profile = o.profile,
+                .first_node = o.first_node,
+                .cycle_us = o.cycle_us,
+                .lockstep = !o.realtime,
+                .stop = o.stop},
+               [this](const Frame& frame) {
+                 record(frame);
+                 return bus_.send(frame);
+               }) {
     running_ = true;
   }
 
@@ -116,15 +124,17 @@ class Session {
   Status turn() {
     const std::int64_t due_ns = o_.realtime ? deadline_ns_ : std::numeric_limits<std::int64_t>::max();
     bus_.wait(std::min({now_ns_ + longest_wait_ns, std::max<std::int64_t>(bench_.next_ns(), now_ns_), due_ns}));
-    // One time for all that waited here: asking the clock for each would cost more than the answer. No two turns share a
-    // time, so that a replay can tell them apart and lets the timers run as often.
+    // One time for all that waited here: asking the clock for each would cost more than the answer. No two turns share
+    // a time, so that a replay can tell them apart and lets the timers run as often.
     now_ns_ = std::max(now_ns_ + 1000, now_us_ns());
     bench_.tick(now_ns_);
     if (auto ok = take_frames(); !ok) return ok;
     if (o_.realtime)
       if (auto ok = follow_clock(); !ok) return ok;
     follow_link();
-    if (const auto& failure = bench_.plant().record_failure(); !failure.empty() && !std::exchange(telemetry_lost_, true)) lose(failure);
+    if (const auto& failure = bench_.plant().record_failure();
+        !failure.empty() && !std::exchange(telemetry_lost_, true))
+      lose(failure);
     if (now_ns_ - status_ns_ >= s_ns / 4) report();
     return {};
   }
@@ -178,8 +188,10 @@ class Session {
     };
     check(ran);
     const bool cut_short = ran && o_.duration_s && !over();
-    if (cut_short) problems.push_back(fmt::format("interrupted at {:.3f} s of {} s", time_s(), *o_.duration_s));
-    else if (ran && !over()) note(fmt::format("interrupted at {:.3f} s", time_s()));
+    if (cut_short)
+      problems.push_back(fmt::format("interrupted at {:.3f} s of {} s", time_s(), *o_.duration_s));
+    else if (ran && !over())
+      note(fmt::format("interrupted at {:.3f} s", time_s()));
     problems.insert(problems.end(), lost_.begin(), lost_.end());
     if (log_) check(log_->finish());
     if (ran)
@@ -192,17 +204,21 @@ class Session {
   std::string statistics() {
     std::vector<std::pair<std::string, double>> more;
     if (o_.realtime) {
-      more = {{"overruns", static_cast<double>(overruns_)}, {"lateness_median_us", static_cast<double>(lateness_.median_us())}, {"lateness_max_us", 1e-3 * static_cast<double>(lateness_.most_ns)}};
+      more = {{"overruns", static_cast<double>(overruns_)},
+              {"lateness_median_us", static_cast<double>(lateness_.median_us())},
+              {"lateness_max_us", 1e-3 * static_cast<double>(lateness_.most_ns)}};
       for (std::size_t i = 0; i < lateness_.count.size(); ++i)
-        if (lateness_.count[i]) more.emplace_back(fmt::format("lateness_below_{}_us", 1LL << i), static_cast<double>(lateness_.count[i]));
+        if (lateness_.count[i])
+          more.emplace_back(fmt::format("lateness_below_{}_us", 1LL << i), static_cast<double>(lateness_.count[i]));
     }
     return statistics_json(bench_, bus_.counters(), wall_s(), more);
   }
 
   const DriveOptions& o_;
-  const std::int64_t start_ns_ = now_us_ns(), to_realtime_ns_ = clock_ns(CLOCK_REALTIME) / 1000 * 1000 - start_ns_, step_ns_;
+  const std::int64_t start_ns_ = now_us_ns(), to_realtime_ns_ = clock_ns(CLOCK_REALTIME) / 1000 * 1000 - start_ns_,
+                     step_ns_;
   std::int64_t now_ns_ = start_ns_, deadline_ns_ = start_ns_ + step_ns_, status_ns_ = 0;
-  bool running_ = false;   // there is a bench to ask for its time
+  bool running_ = false;  // there is a bench to ask for its time
   std::optional<LogWriter> log_;
   FaultyBus bus_;
   Bench bench_;
@@ -227,24 +243,29 @@ void sleep_until(std::int64_t at_ns, const std::function<bool()>& stop) {
 class Replay {
  public:
   Replay(const twin::Scenario& scenario, const std::filesystem::path& file, const ReplayOptions& o)
-      : file_(file), o_(o), bench_(scenario, {.profile = o.profile, .first_node = o.first_node, .cycle_us = o.cycle_us, .stop = o.stop}, [this](const Frame& frame) {
-          said_[frame.id].push_back(frame);
-          return Sent::done;
-        }), compared_(bench_.drives().size()) {}
+      : file_(file),
+        o_(o),
+        bench_(scenario, {.profile = o.profile, .first_node = o.first_node, .cycle_us = o.cycle_us, .stop = o.stop},
+               [this](const Frame& frame) {
+                 said_[frame.id].push_back(frame);
+                 return Sent::done;
+               }),
+        compared_(bench_.drives().size()) {}
 
   tl::expected<ReplayResult, std::string> run() {
     auto log = LogReader::open(file_, o_.stop);
     if (!log) return tl::unexpected(log.error());
     Frame frame;
     auto more = log->next(frame);
-    if (more && *more && !o_.output.empty())   // an empty log leaves no record
+    if (more && *more && !o_.output.empty())  // an empty log leaves no record
       if (auto ok = bench_.plant().record(o_.output, o_.existing); !ok) return tl::unexpected(ok.error());
     for (; more && *more && !stopped(); more = log->next(frame))
       if (auto ok = take(frame, log->line()); !ok) return tl::unexpected(ok.error());
     if (!more) return tl::unexpected(more.error());
     result_.interrupted = stopped();
     if (!result_.interrupted) judge_the_end();
-    if (auto ok = bench_.plant().finish(1e-9 * static_cast<double>(clock_ns() - began_ns_), result_.interrupted); !ok) return tl::unexpected(ok.error());
+    if (auto ok = bench_.plant().finish(1e-9 * static_cast<double>(clock_ns() - began_ns_), result_.interrupted); !ok)
+      return tl::unexpected(ok.error());
     return result_;
   }
 
@@ -256,9 +277,11 @@ class Replay {
       first_ns_ = frame.time_ns;
       bench_.start(frame.time_ns);
     }
-    if (o_.rate > 0) {   // absolute deadlines: nothing drifts
+    if (o_.rate > 0) {  // absolute deadlines: nothing drifts
       constexpr double longest_ns = 1e18;
-      sleep_until(began_ns_ + static_cast<std::int64_t>(std::min(static_cast<double>(frame.time_ns - first_ns_) / o_.rate, longest_ns)), o_.stop);
+      sleep_until(began_ns_ + static_cast<std::int64_t>(
+                                  std::min(static_cast<double>(frame.time_ns - first_ns_) / o_.rate, longest_ns)),
+                  o_.stop);
     }
     if (frame.time_ns > ticked_ns_) bench_.tick(ticked_ns_ = frame.time_ns);
     if (const auto sender = bench_.sender(frame)) {
@@ -295,7 +318,9 @@ class Replay {
       const auto sender = bench_.sender(queue.front());
       if (sender && compared_[*sender] == 0) continue;
       result_.added += queue.size();
-      differs(fmt::format("{}: {} frames {:03X} are said now that were not recorded, {} the last of them; was the log cut?", file_.string(), queue.size(), id, text(queue.back())));
+      differs(
+          fmt::format("{}: {} frames {:03X} are said now that were not recorded, {} the last of them; was the log cut?",
+                      file_.string(), queue.size(), id, text(queue.back())));
     }
   }
 
@@ -308,7 +333,7 @@ class Replay {
   /// What the drives say now, per identifier, until the log has said it too.
   std::map<std::uint32_t, std::deque<Frame>> said_;
   Bench bench_;
-  std::vector<std::uint64_t> compared_;   // per drive
+  std::vector<std::uint64_t> compared_;  // per drive
   std::int64_t first_ns_ = 0, ticked_ns_ = -1;
   const std::int64_t began_ns_ = clock_ns();
   ReplayResult result_;
@@ -316,8 +341,13 @@ class Replay {
 
 }  // namespace
 
-tl::expected<void, std::string> drive(const twin::Scenario& scenario, Transport& bus, const DriveOptions& options) { return Session(scenario, bus, options).run(); }
+tl::expected<void, std::string> drive(const twin::Scenario& scenario, Transport& bus, const DriveOptions& options) {
+  return Session(scenario, bus, options).run();
+}
 
-tl::expected<ReplayResult, std::string> replay(const twin::Scenario& scenario, const std::filesystem::path& log, const ReplayOptions& options) { return Replay(scenario, log, options).run(); }
+tl::expected<ReplayResult, std::string> replay(const twin::Scenario& scenario, const std::filesystem::path& log,
+                                               const ReplayOptions& options) {
+  return Replay(scenario, log, options).run();
+}
 
 }  // namespace tribotwin::hil

@@ -1,5 +1,3 @@
-#include <tribotwin/hil/session/shadow.hpp>
-
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -13,6 +11,7 @@
 #include <tribotwin/hil/can/record_file.hpp>
 #include <tribotwin/hil/canopen/node.hpp>
 #include <tribotwin/hil/mirror/mirror.hpp>
+#include <tribotwin/hil/session/shadow.hpp>
 #include <tribotwin/twin/io/input.hpp>
 #include <tribotwin/twin/robot/arm.hpp>
 
@@ -25,14 +24,17 @@ class Listener {
   virtual ~Listener() = default;
   /// Whether the frame held a position of this drive.
   virtual bool hear(const Frame& frame) = 0;
-  std::optional<double> position_rad, torque_nm;   // arm side
-  bool torque_heard = false;                       // since somebody set it to false
+  std::optional<double> position_rad, torque_nm;  // arm side
+  bool torque_heard = false;                      // since somebody set it to false
 };
 
 /// Follows the master's SDO writes too, so that it knows a mapping that was changed while it listened.
 class CanopenListener final : public Listener {
  public:
-  explicit CanopenListener(const DriveParameters& p) : gear_(p.gear_ratio), node_(p, [](const Frame&) { return Sent::done; }) { node_.start(0); }
+  explicit CanopenListener(const DriveParameters& p)
+      : gear_(p.gear_ratio), node_(p, [](const Frame&) { return Sent::done; }) {
+    node_.start(0);
+  }
   bool hear(const Frame& frame) override {
     if (frame.id == 0 || frame.id == 0x600U + node_.id()) node_.receive(frame, frame.time_ns);
     Dictionary& d = node_.dictionary();
@@ -64,7 +66,8 @@ class CanopenListener final : public Listener {
 
 class MirrorListener final : public Listener {
  public:
-  explicit MirrorListener(const DriveParameters& p) : id_(0x180U + p.node), torque_max_nm_(p.rated_torque_nm * p.gear_ratio) {}
+  explicit MirrorListener(const DriveParameters& p)
+      : id_(0x180U + p.node), torque_max_nm_(p.rated_torque_nm * p.gear_ratio) {}
   bool hear(const Frame& frame) override {
     if (frame.id != id_) return false;
     const auto status = decode_status(frame);
@@ -80,14 +83,15 @@ class MirrorListener final : public Listener {
   double torque_max_nm_;
 };
 
-/// What the drives must do for a motion that was measured: rigid-body dynamics for the gear torques, the law for friction,
-/// its heat for the temperature. Speeds and accelerations are those of a parabola through the last samples, so that what is
-/// said holds for the middle one, `delay` samples ago.
+/// What the drives must do for a motion that was measured: rigid-body dynamics for the gear torques, the law for
+/// friction, its heat for the temperature. Speeds and accelerations are those of a parabola through the last samples,
+/// so that what is said holds for the middle one, `delay` samples ago.
 class Expectation {
  public:
   static constexpr int half = 5, window = 2 * half + 1;
 
-  Expectation(const twin::Scenario& scenario, double cycle_s) : model_(*scenario.model), data_(model_.make_data()), cycle_s_(cycle_s), drives_(model_.drives().size()) {
+  Expectation(const twin::Scenario& scenario, double cycle_s)
+      : model_(*scenario.model), data_(model_.make_data()), cycle_s_(cycle_s), drives_(model_.drives().size()) {
     for (std::size_t i = 0; i < drives_.size(); ++i) {
       const auto& thermal = model_.drives()[i].drive.thermal;
       drives_[i].decay = thermal::decay(thermal, cycle_s);
@@ -107,7 +111,7 @@ class Expectation {
       q.back() = position_rad[i];
     }
     if (samples_ < window) return false;
-    constexpr double n = window, s2 = 110, s4 = 1958, det = n * s4 - s2 * s2;   // sums of k^2 and k^4 over -5..5
+    constexpr double n = window, s2 = 110, s4 = 1958, det = n * s4 - s2 * s2;  // sums of k^2 and k^4 over -5..5
     for (std::size_t i = 0; i < drives_.size(); ++i) {
       double sum = 0, first = 0, second = 0;
       for (int k = -half; k <= half; ++k) {
@@ -123,26 +127,31 @@ class Expectation {
     mj_comPos(m, d);
     mj_comVel(m, d);
     gear_nm_.resize(static_cast<std::size_t>(m->nv));
-    mj_rne(m, d, 1, gear_nm_.data());   // without the rotors: what the gears carry
+    mj_rne(m, d, 1, gear_nm_.data());  // without the rotors: what the gears carry
     for (std::size_t i = 0; i < drives_.size(); ++i) {
       const auto& b = model_.drives()[i];
       One& one = drives_[i];
-      const double load = gear_nm_[static_cast<std::size_t>(b.dof)], speed = d->qvel[b.dof], rotor = m->dof_armature[b.dof] * d->qacc[b.dof];
+      const double load = gear_nm_[static_cast<std::size_t>(b.dof)], speed = d->qvel[b.dof],
+                   rotor = m->dof_armature[b.dof] * d->qacc[b.dof];
       const bool slides = std::abs(speed) * b.drive.gear_ratio > standing_motor_rad_s;
-      const double friction = mujoco::friction_nm(b.drive, slides ? speed : 0, load / b.drive.torque_max_nm, temperature_degC(i));
+      const double friction =
+          mujoco::friction_nm(b.drive, slides ? speed : 0, load / b.drive.torque_max_nm, temperature_degC(i));
       one.low_nm = load + rotor + (slides && speed > 0 ? friction : -friction);
       one.high_nm = load + rotor + (slides && speed < 0 ? -friction : friction);
-      thermal::step(b.drive.thermal, one.decay, slides ? friction * std::abs(speed) : 0, one.ambient_offset_K, one.rise);
+      thermal::step(b.drive.thermal, one.decay, slides ? friction * std::abs(speed) : 0, one.ambient_offset_K,
+                    one.rise);
     }
     return true;
   }
   /// The expected torque [Nm, arm side]: one value while the joint slides; while it stands, all that stiction can hold.
   double low_nm(std::size_t i) const { return drives_[i].low_nm; }
   double high_nm(std::size_t i) const { return drives_[i].high_nm; }
-  double temperature_degC(std::size_t i) const { return model_.drives()[i].drive.thermal.T_amb_degC + drives_[i].rise.total_K(); }
+  double temperature_degC(std::size_t i) const {
+    return model_.drives()[i].drive.thermal.T_amb_degC + drives_[i].rise.total_K();
+  }
 
  private:
-  static constexpr double standing_motor_rad_s = 0.5;   // slower motors count as standing
+  static constexpr double standing_motor_rad_s = 0.5;  // slower motors count as standing
   struct One {
     std::array<double, window> q{};
     thermal::Decay decay;
@@ -162,12 +171,14 @@ int lag(const std::vector<double>& a, const std::vector<double>& b, int most) {
   const auto n = static_cast<int>(std::min(a.size(), b.size()));
   if (n < 4 * most) return 0;
   double mean_a = 0, mean_b = 0;
-  for (int i = 0; i < n; ++i) mean_a += a[static_cast<std::size_t>(i)] / n, mean_b += b[static_cast<std::size_t>(i)] / n;
+  for (int i = 0; i < n; ++i)
+    mean_a += a[static_cast<std::size_t>(i)] / n, mean_b += b[static_cast<std::size_t>(i)] / n;
   int best = 0;
   double most_alike = -1;
   for (int shift = -most; shift <= most; ++shift) {
     double sum = 0;
-    for (int i = most; i < n - most; ++i) sum += (a[static_cast<std::size_t>(i)] - mean_a) * (b[static_cast<std::size_t>(i + shift)] - mean_b);
+    for (int i = most; i < n - most; ++i)
+      sum += (a[static_cast<std::size_t>(i)] - mean_a) * (b[static_cast<std::size_t>(i + shift)] - mean_b);
     if (sum > most_alike * (1 + 1e-12)) most_alike = sum, best = shift;
   }
   return best;
@@ -178,11 +189,16 @@ int lag(const std::vector<double>& a, const std::vector<double>& b, int most) {
 bool ShadowResult::exceeded() const { return std::ranges::any_of(joints, &ShadowJoint::exceeded); }
 
 std::string ShadowResult::table() const {
-  std::string s = fmt::format("{:.2f} s\n{:<12} {:>8} {:>14} {:>14} {:>14} {:>9} {:>12}\n", seconds, "joint", "samples", "mean [Nm]", "RMS [Nm]", "largest [Nm]", "lag [ms]", "lubricant");
+  std::string s = fmt::format("{:.2f} s\n{:<12} {:>8} {:>14} {:>14} {:>14} {:>9} {:>12}\n", seconds, "joint", "samples",
+                              "mean [Nm]", "RMS [Nm]", "largest [Nm]", "lag [ms]", "lubricant");
   for (const auto& j : joints) {
-    if (j.samples == 0) s += fmt::format("{:<12} {:>8} {:>14} {:>14} {:>14} {:>9} {:>7.2f} degC\n", j.name, 0, "-", "-", "-", "-", j.temperature_degC);
-    else s += fmt::format("{:<12} {:>8} {:>14.4g} {:>14.4g} {:>14.4g} {:>9.1f} {:>7.2f} degC{}\n", j.name, j.samples, j.residual_mean_nm, j.residual_rms_nm, j.residual_max_nm, 1e3 * j.lag_s, j.temperature_degC,
-                          j.exceeded ? "  limit exceeded" : "");
+    if (j.samples == 0)
+      s += fmt::format("{:<12} {:>8} {:>14} {:>14} {:>14} {:>9} {:>7.2f} degC\n", j.name, 0, "-", "-", "-", "-",
+                       j.temperature_degC);
+    else
+      s += fmt::format("{:<12} {:>8} {:>14.4g} {:>14.4g} {:>14.4g} {:>9.1f} {:>7.2f} degC{}\n", j.name, j.samples,
+                       j.residual_mean_nm, j.residual_rms_nm, j.residual_max_nm, 1e3 * j.lag_s, j.temperature_degC,
+                       j.exceeded ? "  limit exceeded" : "");
   }
   return s;
 }
@@ -192,15 +208,19 @@ namespace {
 /// The listeners of all drives, cycle by cycle against what is expected of them.
 class Shadow {
  public:
-  Shadow(const twin::Scenario& scenario, const ShadowOptions& o) : o_(o), cycle_s_(1e-6 * o.cycle_us), expectation_(scenario, cycle_s_) {
+  Shadow(const twin::Scenario& scenario, const ShadowOptions& o)
+      : o_(o), cycle_s_(1e-6 * o.cycle_us), expectation_(scenario, cycle_s_) {
     for (const auto& p : drive_parameters(scenario, o.first_node, o.cycle_us)) {
-      if (o.profile == Profile::mirror) listeners_.push_back(std::make_unique<MirrorListener>(p));
-      else listeners_.push_back(std::make_unique<CanopenListener>(p));
+      if (o.profile == Profile::mirror)
+        listeners_.push_back(std::make_unique<MirrorListener>(p));
+      else
+        listeners_.push_back(std::make_unique<CanopenListener>(p));
       result_.joints.push_back({.name = p.name});
     }
     for (const auto& name : o.limit_joints)
       if (std::ranges::find(result_.joints, name, &ShadowJoint::name) == result_.joints.end())
-        throw twin::InputError(fmt::format("no joint '{}' that a limit could hold for; there are {}", name, names([](std::size_t) { return true; })));
+        throw twin::InputError(fmt::format("no joint '{}' that a limit could hold for; there are {}", name,
+                                           names([](std::size_t) { return true; })));
     series_.resize(listeners_.size());
   }
 
@@ -225,9 +245,9 @@ class Shadow {
   struct Series {
     std::vector<double> measured, predicted;
     double beyond_s = 0;
-    double unheard_s = 0;   // since the last torque
+    double unheard_s = 0;  // since the last torque
   };
-  static constexpr double stale_s = 0.5;   // a TPDO may come with every 240th SYNC only
+  static constexpr double stale_s = 0.5;  // a TPDO may come with every 240th SYNC only
 
   bool stopped() const { return o_.stop && o_.stop(); }
   bool over(const Frame& frame) {
@@ -257,7 +277,8 @@ class Shadow {
     if (std::ranges::any_of(listeners_, [](const auto& l) { return !l->position_rad; })) return;
     ++positions_;
     std::vector<double> position, torque;
-    for (std::size_t i = 0; i < listeners_.size(); ++i) position.push_back(*listeners_[i]->position_rad), torque.push_back(measured_nm(i));
+    for (std::size_t i = 0; i < listeners_.size(); ++i)
+      position.push_back(*listeners_[i]->position_rad), torque.push_back(measured_nm(i));
     torques_.push_back(std::move(torque));
     if (!expectation_.take(position)) return;
     while (torques_.size() > Expectation::half + 1) torques_.pop_front();
@@ -275,7 +296,9 @@ class Shadow {
     const double before_s = s.unheard_s;
     s.unheard_s = std::exchange(l.torque_heard, false) ? 0 : s.unheard_s + cycle_s_;
     if (s.unheard_s <= stale_s) return *l.torque_nm;
-    if (before_s <= stale_s) note(fmt::format("{}: no torque for {} s, at {:.3f} s; not compared until it is back", result_.joints[i].name, stale_s, result_.seconds));
+    if (before_s <= stale_s)
+      note(fmt::format("{}: no torque for {} s, at {:.3f} s; not compared until it is back", result_.joints[i].name,
+                       stale_s, result_.seconds));
     return std::nan("");
   }
 
@@ -283,7 +306,8 @@ class Shadow {
     ShadowJoint& j = result_.joints[i];
     j.temperature_degC = expectation_.temperature_degC(i);
     const double low = expectation_.low_nm(i), high = expectation_.high_nm(i);
-    const double expected = std::isnan(seen) ? (low + high) / 2 : std::clamp(seen, low, high), residual = seen - expected;
+    const double expected = std::isnan(seen) ? (low + high) / 2 : std::clamp(seen, low, high),
+                 residual = seen - expected;
     row_ += fmt::format(",{:.6g},{:.6g},{:.6g},{:.3f}", seen, expected, residual, j.temperature_degC);
     if (std::isnan(seen)) return;
     Series& s = series_[i];
@@ -291,14 +315,19 @@ class Shadow {
     s.predicted.push_back(expected);
     ++j.samples;
     j.residual_mean_nm += (residual - j.residual_mean_nm) / static_cast<double>(j.samples);
-    j.residual_rms_nm += (residual * residual - j.residual_rms_nm) / static_cast<double>(j.samples);   // its square, until the end
+    j.residual_rms_nm +=
+        (residual * residual - j.residual_rms_nm) / static_cast<double>(j.samples);  // its square, until the end
     j.residual_max_nm = std::max(j.residual_max_nm, std::abs(residual));
     if (!limited(i)) return;
     s.beyond_s = std::abs(residual) > *o_.limit_nm ? s.beyond_s + cycle_s_ : 0;
     if (s.beyond_s > o_.limit_time_s && !std::exchange(j.exceeded, true))
-      note(fmt::format("{}: residual {:.4g} Nm beyond {:.4g} Nm for {:.3g} s, at {:.3f} s", j.name, residual, *o_.limit_nm, o_.limit_time_s, result_.seconds));
+      note(fmt::format("{}: residual {:.4g} Nm beyond {:.4g} Nm for {:.3g} s, at {:.3f} s", j.name, residual,
+                       *o_.limit_nm, o_.limit_time_s, result_.seconds));
   }
-  bool limited(std::size_t i) const { return o_.limit_nm && (o_.limit_joints.empty() || std::ranges::find(o_.limit_joints, result_.joints[i].name) != o_.limit_joints.end()); }
+  bool limited(std::size_t i) const {
+    return o_.limit_nm && (o_.limit_joints.empty() ||
+                           std::ranges::find(o_.limit_joints, result_.joints[i].name) != o_.limit_joints.end());
+  }
   void note(const std::string& what) const {
     if (o_.note) o_.note(what);
   }
@@ -315,16 +344,17 @@ class Shadow {
     std::string head;
     if (!std::exchange(headed_, true)) {
       head = "time_s";
-      for (const auto& j : result_.joints) head += fmt::format(",{0}.measured_nm,{0}.predicted_nm,{0}.residual_nm,{0}.temperature_degC", j.name);
+      for (const auto& j : result_.joints)
+        head += fmt::format(",{0}.measured_nm,{0}.predicted_nm,{0}.residual_nm,{0}.temperature_degC", j.name);
       head += '\n';
     }
     keep_csv(csv_->append(head + row_ + '\n'));
-    if (csv_) keep_csv(csv_->flush());   // a bus may fall silent for long
+    if (csv_) keep_csv(csv_->flush());  // a bus may fall silent for long
   }
   void close_csv() {
     if (!csv_) return;
     if (headed_) keep_csv(csv_->finish());
-    csv_.reset();   // without a row: no file
+    csv_.reset();  // without a row: no file
   }
   /// A full disk must not end the watch over a robot.
   void keep_csv(const tl::expected<void, std::string>& written) {
@@ -337,22 +367,37 @@ class Shadow {
   void require_predictions() const {
     if (positions_ == 0) {
       const auto silent = names([&](std::size_t i) { return !listeners_[i]->position_rad; });
-      throw twin::InputError(silent.empty() ? "no cycle was heard: there was one position of every drive, and nothing after it"
-                                            : fmt::format("no position was heard of {}: is --first-node right, and is a PDO with 6064h on the bus?", silent));
+      throw twin::InputError(
+          silent.empty()
+              ? "no cycle was heard: there was one position of every drive, and nothing after it"
+              : fmt::format("no position was heard of {}: is --first-node right, and is a PDO with 6064h on the bus?",
+                            silent));
     }
-    if (result_.seconds == 0) throw twin::InputError(fmt::format("positions of {} cycles were heard; a prediction takes {}: listen for longer", positions_, static_cast<int>(Expectation::window)));
+    if (result_.seconds == 0)
+      throw twin::InputError(fmt::format("positions of {} cycles were heard; a prediction takes {}: listen for longer",
+                                         positions_, static_cast<int>(Expectation::window)));
   }
 
   /// A limit that was not checked must not look like one that was kept.
   void check_limit() {
-    const auto no_torque = names([&](std::size_t i) { return result_.joints[i].samples == 0 && (!o_.limit_nm || limited(i)); });
-    const auto too_short = names([&](std::size_t i) { return limited(i) && result_.joints[i].samples > 0 && static_cast<double>(result_.joints[i].samples) * cycle_s_ <= o_.limit_time_s; });
+    const auto no_torque =
+        names([&](std::size_t i) { return result_.joints[i].samples == 0 && (!o_.limit_nm || limited(i)); });
+    const auto too_short = names([&](std::size_t i) {
+      return limited(i) && result_.joints[i].samples > 0 &&
+             static_cast<double>(result_.joints[i].samples) * cycle_s_ <= o_.limit_time_s;
+    });
     if (!no_torque.empty()) {
-      const std::string why = fmt::format("no torque was heard of {}: map 6077h into a TPDO that is sent with the SYNC (1A03h, 1803h)", no_torque);
-      if (o_.limit_nm) result_.unchecked.push_back(fmt::format("{}, or name the joints to check with --joint", why));
-      else note(fmt::format("{}; nothing was compared there", why));
+      const std::string why = fmt::format(
+          "no torque was heard of {}: map 6077h into a TPDO that is sent with the SYNC (1A03h, 1803h)", no_torque);
+      if (o_.limit_nm)
+        result_.unchecked.push_back(fmt::format("{}, or name the joints to check with --joint", why));
+      else
+        note(fmt::format("{}; nothing was compared there", why));
     }
-    if (!too_short.empty()) result_.unchecked.push_back(fmt::format("torques of {} were heard for less than the {} s of --limit-time: listen for longer", too_short, o_.limit_time_s));
+    if (!too_short.empty())
+      result_.unchecked.push_back(
+          fmt::format("torques of {} were heard for less than the {} s of --limit-time: listen for longer", too_short,
+                      o_.limit_time_s));
   }
 
   ShadowResult finished() {
@@ -369,8 +414,8 @@ class Shadow {
   Expectation expectation_;
   std::vector<std::unique_ptr<Listener>> listeners_;
   std::vector<Series> series_;
-  std::deque<std::vector<double>> torques_;   // measured, waiting for what is expected of them
-  std::uint64_t positions_ = 0;               // cycles with positions of all drives
+  std::deque<std::vector<double>> torques_;  // measured, waiting for what is expected of them
+  std::uint64_t positions_ = 0;              // cycles with positions of all drives
   bool synced_ = false, headed_ = false;
   std::int64_t first_ns_ = -1;
   std::optional<RecordFile> csv_;
@@ -380,6 +425,9 @@ class Shadow {
 
 }  // namespace
 
-tl::expected<ShadowResult, std::string> shadow(const twin::Scenario& scenario, const NextFrame& next, const ShadowOptions& options) { return Shadow(scenario, options).run(next); }
+tl::expected<ShadowResult, std::string> shadow(const twin::Scenario& scenario, const NextFrame& next,
+                                               const ShadowOptions& options) {
+  return Shadow(scenario, options).run(next);
+}
 
 }  // namespace tribotwin::hil

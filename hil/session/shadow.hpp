@@ -15,15 +15,15 @@ namespace tribotwin::hil {
 struct ShadowOptions {
   Profile profile = Profile::cia402;
   int first_node = 1;
-  std::uint32_t cycle_us = 2000;           ///< between two SYNCs, or status frames where there are none
-  std::optional<double> limit_nm;          ///< of the residual, arm side
-  double limit_time_s = 0.5;               ///< for so long it must be exceeded
-  std::vector<std::string> limit_joints;   ///< that the limit holds for; all if empty
-  std::optional<double> duration_s;        ///< of time on the bus
-  std::filesystem::path csv;               ///< every cycle: time_s, then measured, predicted, residual, temperature per joint
-  twin::Existing existing = twin::Existing::refuse;   ///< what happens to an older CSV
+  std::uint32_t cycle_us = 2000;          ///< between two SYNCs, or status frames where there are none
+  std::optional<double> limit_nm;         ///< of the residual, arm side
+  double limit_time_s = 0.5;              ///< for so long it must be exceeded
+  std::vector<std::string> limit_joints;  ///< that the limit holds for; all if empty
+  std::optional<double> duration_s;       ///< of time on the bus
+  std::filesystem::path csv;  ///< every cycle: time_s, then measured, predicted, residual, temperature per joint
+  twin::Existing existing = twin::Existing::refuse;  ///< what happens to an older CSV
   std::function<bool()> stop;
-  bool endless = false;                    ///< a live bus without duration_s: `stop` is the usual end
+  bool endless = false;  ///< a live bus without duration_s: `stop` is the usual end
   std::function<void(const std::string&)> note;
 };
 
@@ -31,18 +31,18 @@ struct ShadowOptions {
 /// holds any torque up to breakaway: then the residual is the distance to that range.
 struct ShadowJoint {
   std::string name;
-  std::uint64_t samples = 0;               ///< cycles that had a measured torque; without any, the residuals are 0
+  std::uint64_t samples = 0;  ///< cycles that had a measured torque; without any, the residuals are 0
   double residual_mean_nm = 0, residual_rms_nm = 0, residual_max_nm = 0;
-  double lag_s = 0;                        ///< by which the measured torque follows the predicted one (cross-correlation)
-  double temperature_degC = 0;             ///< estimated, at the end
+  double lag_s = 0;             ///< by which the measured torque follows the predicted one (cross-correlation)
+  double temperature_degC = 0;  ///< estimated, at the end
   bool exceeded = false;
 };
 struct ShadowResult {
   double seconds = 0;
   std::vector<ShadowJoint> joints;
-  std::vector<std::string> unchecked;      ///< one line each: joints that the limit could not be checked on, and why
-  bool interrupted = false;                ///< by `stop`, before the end
-  std::string csv_failure;                 ///< why the CSV ends before the session; empty if it does not
+  std::vector<std::string> unchecked;  ///< one line each: joints that the limit could not be checked on, and why
+  bool interrupted = false;            ///< by `stop`, before the end
+  std::string csv_failure;             ///< why the CSV ends before the session; empty if it does not
   bool exceeded() const;
   std::string table() const;
 };
@@ -50,8 +50,9 @@ struct ShadowResult {
 /// Where frames come from: a bus, or a log. Returns false at the end.
 using NextFrame = std::function<tl::expected<bool, std::string>(Frame&)>;
 
-/// Fails when the simulation does. Throws twin::InputError for a joint in `limit_joints` that there is not, and where nothing
-/// could be predicted: no position of some drive was heard, or too few of all.
-tl::expected<ShadowResult, std::string> shadow(const twin::Scenario& scenario, const NextFrame& next, const ShadowOptions& options);
+/// Fails when the simulation does. Throws twin::InputError for a joint in `limit_joints` that there is not, and where
+/// nothing could be predicted: no position of some drive was heard, or too few of all.
+tl::expected<ShadowResult, std::string> shadow(const twin::Scenario& scenario, const NextFrame& next,
+                                               const ShadowOptions& options);
 
 }  // namespace tribotwin::hil

@@ -1,16 +1,15 @@
-#include <tribotwin/plugins/drive/configuration.hpp>
-
 #include <algorithm>
 #include <array>
 #include <charconv>
 #include <cmath>
-#include <map>
 #include <functional>
+#include <map>
 #include <optional>
 #include <sstream>
 
 #include <fmt/format.h>
 
+#include <tribotwin/plugins/drive/configuration.hpp>
 #include <tribotwin/plugins/transmission/hysteresis.hpp>
 
 namespace tribotwin::drive {
@@ -19,18 +18,20 @@ namespace {
 struct Key {
   const char* name;
   const char* unit;
-  const char* fallback;   ///< "" = required
+  const char* fallback;  ///< "" = required
   double minimum, maximum;
   const char* meaning;
 };
 
 constexpr double large = 1e9;
 constexpr Key number_keys[] = {
-    {"torque_max_nm", "Nm", "", 1e-9, large, "largest manipulation torque at low speed (P1), arm side: unit of load and of normalised laws"},
+    {"torque_max_nm", "Nm", "", 1e-9, large,
+     "largest manipulation torque at low speed (P1), arm side: unit of load and of normalised laws"},
     {"gear_ratio", "1", "", 1e-6, 1e6, "motor turns per joint turn"},
     {"T_amb", "degC", "25", -100, 300, "ambient temperature; the temperature at reset"},
     {"brake_torque_nm", "Nm", "0", 0, large, "holding brake, arm side"},
-    {"load_filter_s", "s", "0", 0, 100, "time constant of the load that friction sees; 0 = the load of the step before"},
+    {"load_filter_s", "s", "0", 0, 100,
+     "time constant of the load that friction sees; 0 = the load of the step before"},
     {"speed_max_rad_s", "rad/s", "of the law", 0, 1e6, "end of the law's range, on the law's side"},
     {"load_max", "-", "of the law", 0, 1e3, "end of the law's range, load / torque_max_nm"},
     {"temperature_min_degC", "degC", "of the law", -273.15, 1000, "start of the law's range"},
@@ -39,7 +40,9 @@ constexpr Key number_keys[] = {
 constexpr Key word_keys[] = {
     {"law", "", "", 0, 0, "friction law, one of the table below"},
     {"thermal", "", "prescribed", 0, 0, "prescribed, first_order or second_order"},
-    {"friction", "", "static", 0, 0, "static (the law limits a constraint), lugre or gear_loss (bristles over the law; the actuator then has actdim 4)"},
+    {"friction", "", "static", 0, 0,
+     "static (the law limits a constraint), lugre or gear_loss (bristles over the law; the actuator then has actdim "
+     "4)"},
     {"validity", "", "clamp", 0, 0, "outside the law's range: clamp, extrapolate or error"},
 };
 /// Of friction="lugre": P4 (5).
@@ -59,8 +62,9 @@ struct DynamicsInfo {
   Dynamics dynamics;
   std::span<const Key> keys;
 };
-constexpr DynamicsInfo dynamics_table[] = {
-    {"static", Dynamics::none, {}}, {"lugre", Dynamics::lugre, lugre_keys}, {"gear_loss", Dynamics::gear_loss, gear_loss_keys}};
+constexpr DynamicsInfo dynamics_table[] = {{"static", Dynamics::none, {}},
+                                           {"lugre", Dynamics::lugre, lugre_keys},
+                                           {"gear_loss", Dynamics::gear_loss, gear_loss_keys}};
 /// Where the keys of a kind go.
 std::array<double*, 3> dynamics_values(Drive& d) {
   if (d.dynamics == Dynamics::gear_loss) return {&d.gear_loss.mu_avg, &d.gear_loss.mu_dif, &d.gear_loss.length_rad};
@@ -70,8 +74,10 @@ std::array<double*, 3> dynamics_values(Drive& d) {
 /// Lists of numbers, separated by spaces.
 constexpr Key list_keys[] = {
     {"load_table_speeds", "rad/s", "", 0, 1e6, "load table: speeds |w| on the law's side, ascending"},
-    {"load_table_loads", "-", "", -1e3, 1e3, "load table: loads / torque_max_nm, ascending; above 0 the gear drives the load, below 0 the load drives"},
-    {"load_table_values", "law", "", -1e9, 1e9, "load table: friction added to the law's weakening part, a row of loads per speed, unit of the law (P4 (4))"},
+    {"load_table_loads", "-", "", -1e3, 1e3,
+     "load table: loads / torque_max_nm, ascending; above 0 the gear drives the load, below 0 the load drives"},
+    {"load_table_values", "law", "", -1e9, 1e9,
+     "load table: friction added to the law's weakening part, a row of loads per speed, unit of the law (P4 (4))"},
 };
 constexpr std::pair<const char*, friction::Validity> validities[] = {
     {"clamp", friction::Validity::clamp},
@@ -88,14 +94,15 @@ tl::expected<double, std::string> number(std::string_view key, const std::string
   if (error != std::errc{} || end != last || !std::isfinite(value))
     return tl::unexpected(fmt::format("key '{}' is '{}' but must be a finite number [{}]", key, text, unit));
   if (value < minimum || value > maximum)
-    return tl::unexpected(fmt::format("key '{}' is {} but must be within {} .. {} [{}]", key, value, minimum, maximum, unit));
+    return tl::unexpected(
+        fmt::format("key '{}' is {} but must be within {} .. {} [{}]", key, value, minimum, maximum, unit));
   return value;
 }
 
-/// LuGre is passive while sigma1 e^-(w/vd)^2 |w| <= 4 g; beyond, damped bristles can drive the joint (Olsson 1996, with the
-/// fading damping of P4). The left side is largest at w = vd / sqrt 2.
+/// LuGre is passive while sigma1 e^-(w/vd)^2 |w| <= 4 g; beyond, damped bristles can drive the joint (Olsson 1996, with
+/// the fading damping of P4). The left side is largest at w = vd / sqrt 2.
 std::optional<std::string> bristles_that_push(const Drive& drive) {
-  constexpr double largest = 0.42888194248035340;   // e^-1/2 / sqrt 2
+  constexpr double largest = 0.42888194248035340;  // e^-1/2 / sqrt 2
   const auto& range = drive.law.range;
   double g = friction::unlimited;
   for (const double T : {range.temperature_min_degC, range.temperature_max_degC, drive.thermal.T_amb_degC}) {
@@ -107,8 +114,11 @@ std::optional<std::string> bristles_that_push(const Drive& drive) {
   }
   const double most = 4 * g / (largest * drive.bristles.vd);
   if (drive.bristles.sigma1 <= most) return std::nullopt;
-  return fmt::format("friction 'lugre': sigma1 {} with vd {} would let the bristles drive the joint; at this vd sigma1 must not be above {:.3g}, "
-                     "or shorten vd", drive.bristles.sigma1, drive.bristles.vd, most);
+  return fmt::format(
+      "friction 'lugre': sigma1 {} with vd {} would let the bristles drive the joint; at this vd sigma1 must not be "
+      "above {:.3g}, "
+      "or shorten vd",
+      drive.bristles.sigma1, drive.bristles.vd, most);
 }
 
 }  // namespace
@@ -166,8 +176,7 @@ tl::expected<Drive, std::string> make_drive(std::string name, const Configuratio
   const auto law_name = take("law");
   std::vector<std::string_view> law_names;
   for (const auto& info : friction::laws()) law_names.push_back(info.name);
-  if (!law_name)
-    return tl::unexpected(fmt::format("key 'law' is missing: one of {}", fmt::join(law_names, ", ")));
+  if (!law_name) return tl::unexpected(fmt::format("key 'law' is missing: one of {}", fmt::join(law_names, ", ")));
   const friction::LawInfo* info = friction::find_law(*law_name);
   if (!info) return tl::unexpected(friction::make_law(*law_name, {}).error());
 
@@ -179,13 +188,15 @@ tl::expected<Drive, std::string> make_drive(std::string name, const Configuratio
         fmt::format("key 'thermal' is '{}' but must be prescribed, first_order or second_order", thermal_name));
 
   const auto dynamics_name = take("friction").value_or("static");
-  const auto dynamics = std::ranges::find(dynamics_table, dynamics_name, [](const auto& d) { return std::string_view(d.name); });
+  const auto dynamics =
+      std::ranges::find(dynamics_table, dynamics_name, [](const auto& d) { return std::string_view(d.name); });
   if (dynamics == std::end(dynamics_table))
     return tl::unexpected(fmt::format("key 'friction' is '{}' but must be static, lugre or gear_loss", dynamics_name));
   drive.dynamics = dynamics->dynamics;
 
   const auto validity_name = take("validity").value_or("clamp");
-  const auto validity = std::ranges::find(validities, validity_name, [](const auto& v) { return std::string_view(v.first); });
+  const auto validity =
+      std::ranges::find(validities, validity_name, [](const auto& v) { return std::string_view(v.first); });
   if (validity == std::end(validities))
     return tl::unexpected(fmt::format("key 'validity' is '{}' but must be clamp, extrapolate or error", validity_name));
 
@@ -227,7 +238,8 @@ tl::expected<Drive, std::string> make_drive(std::string name, const Configuratio
     *dynamics_target[i] = **value;
   }
 
-  std::vector<double>* const lists[] = {&drive.load_table.speeds_rad_s, &drive.load_table.loads, &drive.load_table.values};
+  std::vector<double>* const lists[] = {&drive.load_table.speeds_rad_s, &drive.load_table.loads,
+                                        &drive.load_table.values};
   std::size_t lists_given = 0;
   for (std::size_t i = 0; i < std::size(list_keys); ++i) {
     const Key& key = list_keys[i];
@@ -240,16 +252,19 @@ tl::expected<Drive, std::string> make_drive(std::string name, const Configuratio
       if (!value) return tl::unexpected(value.error());
       lists[i]->push_back(*value);
     }
-    if (i < 2 && (lists[i]->empty() || std::ranges::adjacent_find(*lists[i], std::greater_equal<>()) != lists[i]->end()))
-      return tl::unexpected(fmt::format("key '{}' is '{}' but must be ascending numbers [{}]", key.name, *text, key.unit));
+    if (i < 2 &&
+        (lists[i]->empty() || std::ranges::adjacent_find(*lists[i], std::greater_equal<>()) != lists[i]->end()))
+      return tl::unexpected(
+          fmt::format("key '{}' is '{}' but must be ascending numbers [{}]", key.name, *text, key.unit));
   }
   const LoadTable& load_table = drive.load_table;
   if (lists_given != 0 && lists_given != std::size(list_keys))
     return tl::unexpected(std::string("a load table needs load_table_speeds, load_table_loads and load_table_values"));
   if (load_table.values.size() != load_table.speeds_rad_s.size() * load_table.loads.size())
-    return tl::unexpected(fmt::format("key 'load_table_values' has {} numbers but must have {}: a row of {} loads for each of {} speeds",
-                                      load_table.values.size(), load_table.speeds_rad_s.size() * load_table.loads.size(),
-                                      load_table.loads.size(), load_table.speeds_rad_s.size()));
+    return tl::unexpected(
+        fmt::format("key 'load_table_values' has {} numbers but must have {}: a row of {} loads for each of {} speeds",
+                    load_table.values.size(), load_table.speeds_rad_s.size() * load_table.loads.size(),
+                    load_table.loads.size(), load_table.speeds_rad_s.size()));
 
   std::vector<double> thermal_values;
   for (const auto& p : thermal::parameters(*order)) {
@@ -262,8 +277,10 @@ tl::expected<Drive, std::string> make_drive(std::string name, const Configuratio
     if (const auto wrong = bristles_that_push(drive)) return tl::unexpected(*wrong);
   if (const auto wrong = drive.dynamics == Dynamics::gear_loss ? &drive.gear_loss : nullptr)
     if (std::abs(wrong->mu_dif) > wrong->mu_avg || wrong->mu_avg + std::abs(wrong->mu_dif) >= 1)
-      return tl::unexpected(fmt::format("friction 'gear_loss': mu_avg {}, mu_dif {} must keep |mu_dif| <= mu_avg (friction opposes motion) "
-                                        "and mu_avg + |mu_dif| < 1 (the gear does not lock itself)", wrong->mu_avg, wrong->mu_dif));
+      return tl::unexpected(fmt::format(
+          "friction 'gear_loss': mu_avg {}, mu_dif {} must keep |mu_dif| <= mu_avg (friction opposes motion) "
+          "and mu_avg + |mu_dif| < 1 (the gear does not lock itself)",
+          wrong->mu_avg, wrong->mu_dif));
 
   if (!left.empty()) {
     std::vector<std::string_view> accepted;
@@ -273,24 +290,27 @@ tl::expected<Drive, std::string> make_drive(std::string name, const Configuratio
     for (const auto& p : thermal::parameters(*order)) accepted.push_back(p.name);
     for (const Key& key : dynamics->keys) accepted.push_back(key.name);
     for (const Key& key : list_keys) accepted.push_back(key.name);
-    return tl::unexpected(fmt::format("key '{}' is not known for law '{}', thermal '{}' and friction '{}'; did you mean '{}'?",
-                                      left.begin()->first, info->name, thermal_name, dynamics_name,
-                                      friction::nearest(left.begin()->first, accepted)));
+    return tl::unexpected(fmt::format(
+        "key '{}' is not known for law '{}', thermal '{}' and friction '{}'; did you mean '{}'?", left.begin()->first,
+        info->name, thermal_name, dynamics_name, friction::nearest(left.begin()->first, accepted)));
   }
 
   // Friction follows the load of the step before; the loop friction -> load -> friction must contract.
-  double table_slope = 0;   // law per load
+  double table_slope = 0;  // law per load
   for (std::size_t i = 1; i < load_table.values.size(); ++i)
     if (const std::size_t column = i % load_table.loads.size(); column > 0)
-      table_slope = std::max(table_slope, std::abs(load_table.values[i] - load_table.values[i - 1]) / (load_table.loads[column] - load_table.loads[column - 1]));
+      table_slope = std::max(table_slope, std::abs(load_table.values[i] - load_table.values[i - 1]) /
+                                              (load_table.loads[column] - load_table.loads[column - 1]));
   if (info->load_dependent || table_slope > 0) {
     const auto& f = drive.law.family;
-    const double per_load_nm = drive.torque_scale_nm() * (std::max(std::abs(f.A_l), std::abs(f.A_l + f.B_l + f.C_l)) + table_slope);
+    const double per_load_nm =
+        drive.torque_scale_nm() * (std::max(std::abs(f.A_l), std::abs(f.A_l + f.B_l + f.C_l)) + table_slope);
     const double gain = per_load_nm / drive.torque_max_nm;
     if (gain >= 1)
-      return tl::unexpected(fmt::format(
-          "law '{}': friction grows by {} Nm per Nm of load at standstill; at 1 or more the gear would lock itself for ever",
-          info->name, gain));
+      return tl::unexpected(
+          fmt::format("law '{}': friction grows by {} Nm per Nm of load at standstill; at 1 or more the gear would "
+                      "lock itself for ever",
+                      info->name, gain));
   }
   return drive;
 }
@@ -302,7 +322,8 @@ Configuration configuration_of(const Drive& drive) {
   for (std::size_t i = 0; i < info.parameters.size(); ++i) add(info.parameters[i].name, drive.law.parameters[i]);
   add("torque_max_nm", drive.torque_max_nm);
   add("gear_ratio", drive.gear_ratio);
-  c.emplace_back("validity", std::ranges::find(validities, drive.law.validity, [](const auto& v) { return v.second; })->first);
+  c.emplace_back("validity",
+                 std::ranges::find(validities, drive.law.validity, [](const auto& v) { return v.second; })->first);
   if (drive.dynamics != Dynamics::none) {
     const DynamicsInfo& how = *std::ranges::find(dynamics_table, drive.dynamics, &DynamicsInfo::dynamics);
     Drive copy = drive;
@@ -345,35 +366,44 @@ std::string reference_markdown() {
     out += fmt::format("| `{}` | {} | {} | {:g} .. {:g} | {} |\n", key.name, key.unit,
                        key.fallback[0] ? key.fallback : "required", key.minimum, key.maximum, key.meaning);
   for (const Key& key : list_keys)
-    out += fmt::format("| `{}` | {} | no table | {:g} .. {:g} | {} |\n", key.name, key.unit, key.minimum, key.maximum, key.meaning);
-  out += "\n### Dynamic friction\n\nOver any law, with g its weakening and h its strengthening part, w the speed on its side.\n\n"
-         "- `lugre` (P4 (5)): `z' = w - sigma0 |w| z / g`, `tau_f = sigma0 z + sigma1 e^-(w/vd)^2 z' + h`\n"
-         "- `gear_loss` (google-deepmind/mujoco issue 3528): `z' = (w - |w| z) / h`, `tau_f = (g + mu_avg |tau|) z + mu_dif tau z^2 +` the h of the law\n\n"
-         "| `friction` | key | unit | range | meaning |\n|---|---|---|---|---|\n";
+    out += fmt::format("| `{}` | {} | no table | {:g} .. {:g} | {} |\n", key.name, key.unit, key.minimum, key.maximum,
+                       key.meaning);
+  out +=
+      "\n### Dynamic friction\n\nOver any law, with g its weakening and h its strengthening part, w the speed on its "
+      "side.\n\n"
+      "- `lugre` (P4 (5)): `z' = w - sigma0 |w| z / g`, `tau_f = sigma0 z + sigma1 e^-(w/vd)^2 z' + h`\n"
+      "- `gear_loss` (google-deepmind/mujoco issue 3528): `z' = (w - |w| z) / h`, `tau_f = (g + mu_avg |tau|) z + "
+      "mu_dif tau z^2 +` the h of the law\n\n"
+      "| `friction` | key | unit | range | meaning |\n|---|---|---|---|---|\n";
   for (const DynamicsInfo& info : dynamics_table)
     for (const Key& key : info.keys)
-      out += fmt::format("| `{}` | `{}` | {} | {:g} .. {:g} | {} |\n", info.name, key.name, key.unit, key.minimum, key.maximum, key.meaning);
-  out += "\n### Thermal models\n\n| `thermal` | key | unit | range | meaning | source |\n|---|---|---|---|---|---|\n"
-         "| `prescribed` | | | | the temperature is set from outside, T_amb until then | |\n";
+      out += fmt::format("| `{}` | `{}` | {} | {:g} .. {:g} | {} |\n", info.name, key.name, key.unit, key.minimum,
+                         key.maximum, key.meaning);
+  out +=
+      "\n### Thermal models\n\n| `thermal` | key | unit | range | meaning | source |\n|---|---|---|---|---|---|\n"
+      "| `prescribed` | | | | the temperature is set from outside, T_amb until then | |\n";
   for (const thermal::Order order : thermal::orders())
     for (const auto& p : thermal::parameters(order))
       out += fmt::format("| `{}` | `{}` | {} | {:g} .. {:g} | {} | {} |\n", thermal::name(order), p.name, p.unit,
                          p.minimum, p.maximum, p.meaning, p.source);
   out += "\n### Friction laws\n";
   for (const auto& law : friction::laws()) {
-    out += fmt::format("\n#### `{}`\n\n`{}` ({})\n\nSpeed v on the {} side [rad/s], torque {}. Identified for speeds up to "
-                       "{} rad/s",
-                       law.name, law.equation, law.source, law.side == friction::Side::motor ? "motor" : "arm",
-                       law.normalised ? "over torque_max_nm, load l = |tau_m| / torque_max_nm" : "in Nm, arm side",
-                       bound(law.identified.speed_max_rad_s));
+    out += fmt::format(
+        "\n#### `{}`\n\n`{}` ({})\n\nSpeed v on the {} side [rad/s], torque {}. Identified for speeds up to "
+        "{} rad/s",
+        law.name, law.equation, law.source, law.side == friction::Side::motor ? "motor" : "arm",
+        law.normalised ? "over torque_max_nm, load l = |tau_m| / torque_max_nm" : "in Nm, arm side",
+        bound(law.identified.speed_max_rad_s));
     if (law.load_dependent) out += fmt::format(", loads up to {}", bound(law.identified.load_max));
     if (law.temperature_dependent && std::isfinite(law.identified.temperature_min_degC))
-      out += fmt::format(", {} .. {} degC", bound(law.identified.temperature_min_degC), bound(law.identified.temperature_max_degC));
+      out += fmt::format(", {} .. {} degC", bound(law.identified.temperature_min_degC),
+                         bound(law.identified.temperature_max_degC));
     out += ".\n\n| key | unit | range | published | meaning |\n|---|---|---|---|---|\n";
     for (const auto& p : law.parameters) {
       std::string published = std::isnan(p.published) ? "" : fmt::format("{:g}", p.published);
       if (!std::isnan(p.sigma)) published += fmt::format(" +- {:g}", p.sigma);
-      out += fmt::format("| `{}` | {} | {:g} .. {:g} | {} | {} |\n", p.name, p.unit, p.minimum, p.maximum, published, p.meaning);
+      out += fmt::format("| `{}` | {} | {:g} .. {:g} | {} | {} |\n", p.name, p.unit, p.minimum, p.maximum, published,
+                         p.meaning);
     }
   }
   out += transmission::reference_markdown();

@@ -1,7 +1,7 @@
-#include <tribotwin/plugins/drive/drive.hpp>
-
 #include <algorithm>
 #include <cmath>
+
+#include <tribotwin/plugins/drive/drive.hpp>
 
 namespace tribotwin::drive {
 namespace {
@@ -31,7 +31,8 @@ double ripple(const Drive& drive, const Scratch& s) {
 
 /// The most that sigma0 z may be at this load and temperature, g being the level at the present speed.
 double breakaway(const Drive& drive, const Scratch& s, double g) {
-  return std::max(g, level(drive.law, {s.cache, false}, 0, s.load_used_nm / drive.torque_max_nm).weakening * ripple(drive, s));
+  return std::max(
+      g, level(drive.law, {s.cache, false}, 0, s.load_used_nm / drive.torque_max_nm).weakening * ripple(drive, s));
 }
 
 }  // namespace
@@ -102,7 +103,8 @@ friction::Law current_law(const Drive& drive, const Scratch& scratch) {
   if (scratch.worn == 0) return with_faults(drive.law, scratch.faults);
   auto worn = drive.law.parameters;
   for (std::size_t i = 0; i < worn.size(); ++i) worn[i] *= 1 + scratch.change[i];
-  return with_faults(friction::with_parameters(drive.law, {worn.data(), drive.law.info->parameters.size()}), scratch.faults);
+  return with_faults(friction::with_parameters(drive.law, {worn.data(), drive.law.info->parameters.size()}),
+                     scratch.faults);
 }
 
 double begin_step(const Drive& drive, const Memory& memory, Scratch& s, double time_s, double qd_rad_s, double q_rad) {
@@ -168,15 +170,18 @@ void end_step(const Drive& drive, const thermal::Decay& decay, const Transmitted
   const double load = delivered_nm(s) - (s.applied_nm + t.friction_nm) - t.rotor_inertia_kg_m2 * acceleration;
   memory.load_nm += (load - memory.load_nm) * (drive.load_filter_s > 0 ? -std::expm1(-dt_s / drive.load_filter_s) : 1);
 
-  // The step that leaves a flank still had its friction: a stuck joint creeps the way it is pushed, and that is when teeth part.
-  if (s.faults.play_rad > 0) s.teeth = std::clamp(s.teeth + 2 * (t.q_end_rad - s.q_begin_rad) / s.faults.play_rad, -1.0, 1.0);
+  // The step that leaves a flank still had its friction: a stuck joint creeps the way it is pushed, and that is when
+  // teeth part.
+  if (s.faults.play_rad > 0)
+    s.teeth = std::clamp(s.teeth + 2 * (t.q_end_rad - s.q_begin_rad) / s.faults.play_rad, -1.0, 1.0);
 
   s.steps_outside += s.outside;
   if (drive.dynamics == Dynamics::lugre) {
     double& z = static_cast<BristleMemory&>(memory).z;
     const double w = (t.q_end_rad - s.q_begin_rad) / dt_s * drive.speed_scale();
     // g as it was between the ends of the step; load and temperature are those of its begin.
-    const double g = parts(level(drive, {s.cache, false}, w, s.load_used_nm / drive.torque_max_nm)).g * ripple(drive, s);
+    const double g =
+        parts(level(drive, {s.cache, false}, w, s.load_used_nm / drive.torque_max_nm)).g * ripple(drive, s);
     const double most = breakaway(drive, s, g) / drive.bristles.sigma0;
     z = std::clamp(advanced(drive.bristles, std::clamp(z, -most, most), w, g, dt_s), -most, most);
     if (drive.bristles.sigma0 * std::abs(z) < slipping * g) s.stuck_s += dt_s;

@@ -10,8 +10,9 @@
 /// One joint drive: motor, gear, friction, heat. Engine-free; plugins/mujoco connects it to a simulation.
 ///
 /// A step has two halves. `begin_step` turns speed, load and temperature into the friction limit that the engine's
-/// joint-friction constraint gets (with bristles: into a torque); `end_step` takes the torque that constraint really transmitted, turns it into heat
-/// and temperature, and keeps the gear torque as the load of the next step (physics.md section 6: one step late).
+/// joint-friction constraint gets (with bristles: into a torque); `end_step` takes the torque that constraint really
+/// transmitted, turns it into heat and temperature, and keeps the gear torque as the load of the next step (physics.md
+/// section 6: one step late).
 namespace tribotwin::drive {
 
 /// How friction answers a change of speed.
@@ -25,33 +26,36 @@ enum class Dynamics {
 ///
 ///   z' = w - sigma0 |w| z / g(w, l, T),   tau_f = sigma0 z + sigma1 e^-(w/vd)^2 z' + h(w, T)        P4 (5), (6)
 ///
-/// w [rad/s] and z [rad] on the side of the law, torques in its unit. A falling h (h < 0) counts with g, so that neither
-/// part ever pushes. z is advanced with the exact solution for constant w over the step, w being the way the joint
-/// really went over dt: while friction sticks, z is the displacement, to rounding, and nothing creeps. sigma0 z stays
-/// within the breakaway level of the present load and temperature, where the equation keeps it while these rest.
+/// w [rad/s] and z [rad] on the side of the law, torques in its unit. A falling h (h < 0) counts with g, so that
+/// neither part ever pushes. z is advanced with the exact solution for constant w over the step, w being the way the
+/// joint really went over dt: while friction sticks, z is the displacement, to rounding, and nothing creeps. sigma0 z
+/// stays within the breakaway level of the present load and temperature, where the equation keeps it while these rest.
 struct Bristles {
-  double sigma0 = 0;             ///< stiffness [unit of the law / rad]
-  double sigma1 = 0;             ///< damping at w = 0 [unit of the law s / rad]
-  double vd = 1;                 ///< speed over which the damping fades [rad/s]
+  double sigma0 = 0;  ///< stiffness [unit of the law / rad]
+  double sigma1 = 0;  ///< damping at w = 0 [unit of the law s / rad]
+  double vd = 1;      ///< speed over which the damping fades [rad/s]
 };
 
 /// Gear losses that follow the load tau [Nm, arm side], with or without a law's friction g, h beside them:
 ///
-///   z' = (w - |w| z) / length,   tau_f = (g + mu_avg |tau|) z + mu_dif tau z^2 + h        google-deepmind/mujoco issue 3528
+///   z' = (w - |w| z) / length,   tau_f = (g + mu_avg |tau|) z + mu_dif tau z^2 + h        google-deepmind/mujoco issue
+///   3528
 ///
-/// z [-] goes from -1 to 1 over some `length` of motion [rad, the law's side]. |mu_dif| <= mu_avg, so that friction opposes.
+/// z [-] goes from -1 to 1 over some `length` of motion [rad, the law's side]. |mu_dif| <= mu_avg, so that friction
+/// opposes.
 struct GearLoss {
   double mu_avg = 0, mu_dif = 0;  ///< mean loss per load, and its half difference between driving and being driven
   double length_rad = 1;          ///< key `h`
 };
 
-/// Friction that depends on the load and its sign: tau_f,l of P4 (4), added to the weakening part g of the law (so that it
-/// holds at standstill; choice). Bilinear, held at its edges; empty = none. The sign is relative to the motion: loads
-/// above 0 are driven, below 0 they drive. At standstill, where both may come, the larger value of the two counts.
+/// Friction that depends on the load and its sign: tau_f,l of P4 (4), added to the weakening part g of the law (so that
+/// it holds at standstill; choice). Bilinear, held at its edges; empty = none. The sign is relative to the motion:
+/// loads above 0 are driven, below 0 they drive. At standstill, where both may come, the larger value of the two
+/// counts.
 struct LoadTable {
   std::vector<double> speeds_rad_s;  ///< |w| on the law's side, ascending, >= 0
   std::vector<double> loads;         ///< load / torque_max_nm, ascending
-  std::vector<double> values;        ///< [speeds x loads], unit of the law; may be below 0, the sum with the law never is
+  std::vector<double> values;  ///< [speeds x loads], unit of the law; may be below 0, the sum with the law never is
   /// `load_norm` with the sign of tau_m, `w` with the sign of the motion.
   double operator()(double w_rad_s, double load_norm) const;
 };
@@ -63,14 +67,14 @@ double advanced(const Bristles& bristles, double z0_rad, double w_rad_s, double 
 struct Drive {
   std::string name;
   friction::Law law;
-  double torque_max_nm = 1;      ///< P1's tau_max, arm side: unit of load and of normalised laws
-  double gear_ratio = 1;         ///< motor turns per joint turn
+  double torque_max_nm = 1;  ///< P1's tau_max, arm side: unit of load and of normalised laws
+  double gear_ratio = 1;     ///< motor turns per joint turn
   thermal::Model thermal;
-  double brake_torque_nm = 0;    ///< holding brake, arm side
-  double load_filter_s = 0;      ///< time constant of the load seen by friction; 0 = none
+  double brake_torque_nm = 0;  ///< holding brake, arm side
+  double load_filter_s = 0;    ///< time constant of the load seen by friction; 0 = none
   Dynamics dynamics = Dynamics::none;
-  Bristles bristles;             ///< of Dynamics::lugre
-  GearLoss gear_loss;            ///< of Dynamics::gear_loss
+  Bristles bristles;   ///< of Dynamics::lugre
+  GearLoss gear_loss;  ///< of Dynamics::gear_loss
   LoadTable load_table;
 
   /// Law units to arm-side Nm.
@@ -82,26 +86,29 @@ struct Drive {
 /// What a drive must remember for its future: in mjData's activations on 3.x, so that resets, copies and keyframes
 /// carry it. All zero is a drive at ambient temperature without load.
 struct Memory {
-  thermal::Rise rise;            ///< lubricant above T_amb [K]
-  double load_nm = 0;            ///< gear torque of the last step, arm side, signed
+  thermal::Rise rise;  ///< lubricant above T_amb [K]
+  double load_nm = 0;  ///< gear torque of the last step, arm side, signed
 };
 
 /// The memory of a drive with bristles. Such a drive needs one wherever the functions below take a Memory.
 struct BristleMemory : Memory {
-  double z = 0;                  ///< lugre: bristle deflection [rad, side of the law]; gear_loss: z [-]
+  double z = 0;  ///< lugre: bristle deflection [rad, side of the law]; gear_loss: z [-]
 };
 
-/// What is wrong with a drive, as the mechanisms that act in a step; all zero is a healthy one. fault.hpp has the faults by name.
+/// What is wrong with a drive, as the mechanisms that act in a step; all zero is a healthy one. fault.hpp has the
+/// faults by name.
 struct Faults {
-  double boundary;               ///< relative change of g, the friction of surfaces in contact (Fc, Fs)
-  double stribeck_velocity;      ///< relative change of the Stribeck velocities
-  double viscous;                ///< relative change of h, the lubricant's friction
-  /// A pit on the ring that turns with the motor: g (1 + ripple cos(gear_ratio q)); 0..1, so that friction never pushes.
+  double boundary;           ///< relative change of g, the friction of surfaces in contact (Fc, Fs)
+  double stribeck_velocity;  ///< relative change of the Stribeck velocities
+  double viscous;            ///< relative change of h, the lubricant's friction
+  /// A pit on the ring that turns with the motor: g (1 + ripple cos(gear_ratio q)); 0..1, so that friction never
+  /// pushes.
   double ripple;
   /// Share of the torque that the current promises and the motor does not give.
   double torque_loss;
-  /// Gap between the teeth [rad, arm side]: after a reversal the gear transmits no friction until it is crossed. Rotor and
-  /// arm being one body here, the arm's weight and inertia cross the gap without a knock, and no load holds the teeth together.
+  /// Gap between the teeth [rad, arm side]: after a reversal the gear transmits no friction until it is crossed. Rotor
+  /// and arm being one body here, the arm's weight and inertia cross the gap without a knock, and no load holds the
+  /// teeth together.
   double play_rad;
 };
 
@@ -109,16 +116,16 @@ struct Faults {
 /// Doubles only: it lives in an array of mjtNum.
 struct Scratch {
   // inputs, set from outside between steps
-  double ambient_offset_K;       ///< ambient temperature above T_amb
-  double temperature_held;       ///< not 0: the thermal model rests, the temperature is what was set
-  double brake_engaged;          ///< 0..1 of brake_torque_nm
-  double worn;                   ///< not 0: `change` applies
+  double ambient_offset_K;                  ///< ambient temperature above T_amb
+  double temperature_held;                  ///< not 0: the thermal model rests, the temperature is what was set
+  double brake_engaged;                     ///< 0..1 of brake_torque_nm
+  double worn;                              ///< not 0: `change` applies
   double change[friction::max_parameters];  ///< relative change of each law parameter; wear factor - 1
 
-  Faults faults;                 ///< `set_faults` writes them
-  double teeth;                  ///< where the teeth are in the gap, -1..1; at its ends they touch
+  Faults faults;  ///< `set_faults` writes them
+  double teeth;   ///< where the teeth are in the gap, -1..1; at its ends they touch
 
-  double added_heat_J;           ///< heat from elsewhere in the gear; the next end_step takes it in
+  double added_heat_J;  ///< heat from elsewhere in the gear; the next end_step takes it in
 
   // cache of the law at one temperature, a pure function of it, of `change` and `faults`
   double cache_valid;
@@ -126,24 +133,24 @@ struct Scratch {
   friction::Coefficients cache;
 
   // the step under way
-  double step_open;              ///< not 0 between begin_step and end_step
-  double step_time_s;            ///< engine time when the step began
+  double step_open;    ///< not 0 between begin_step and end_step
+  double step_time_s;  ///< engine time when the step began
   double qd_begin_rad_s;
   double gear_limit_nm, limit_nm;  ///< friction limit without and with brake, arm side; with bristles that of h alone
   double q_begin_rad;
-  double applied_nm;             ///< torque of the bristles, arm side, positive with motion; 0 without bristles
+  double applied_nm;  ///< torque of the bristles, arm side, positive with motion; 0 without bristles
 
   // outputs of the last finished step
-  double temperature_degC;       ///< at which friction was evaluated, a multiple of 2^-14 K
-  double load_used_nm;           ///< load at which friction was evaluated, arm side, signed
-  double friction_nm;            ///< transmitted gear friction, arm side, positive with motion
-  double torque_nm;              ///< motor torque, arm side, as the motor's current tells it: what a controller believes
-  double outside;                ///< not 0: an input lay outside the law's range
+  double temperature_degC;  ///< at which friction was evaluated, a multiple of 2^-14 K
+  double load_used_nm;      ///< load at which friction was evaluated, arm side, signed
+  double friction_nm;       ///< transmitted gear friction, arm side, positive with motion
+  double torque_nm;         ///< motor torque, arm side, as the motor's current tells it: what a controller believes
+  double outside;           ///< not 0: an input lay outside the law's range
 
   // totals since reset
   double friction_work_J, heat_J;  ///< heat = friction work + what `added_heat_J` brought
   double steps_outside;
-  double stuck_s;                ///< time in which friction held the joint
+  double stuck_s;  ///< time in which friction held the joint
 };
 inline constexpr std::size_t scratch_size = sizeof(Scratch) / sizeof(double);
 /// actdim of the MJCF vocabulary: 3, with bristles 4.
@@ -180,7 +187,8 @@ friction::Law current_law(const Drive& drive, const Scratch& scratch);
 /// Starts a step at engine time time_s from joint angle q [rad] and speed qd [rad/s] and returns the limit of the
 /// joint-friction constraint [Nm], > 0. With bristles, `scratch.applied_nm` is to be applied against the joint besides.
 /// Calling it again before `end_step` restarts the step.
-double begin_step(const Drive& drive, const Memory& memory, Scratch& scratch, double time_s, double qd_rad_s, double q_rad = 0);
+double begin_step(const Drive& drive, const Memory& memory, Scratch& scratch, double time_s, double qd_rad_s,
+                  double q_rad = 0);
 
 /// Whether time_s is a later stage of the step under way (Runge-Kutta). The limit of the step's start then stands:
 /// friction is a zero-order hold over the step, so that the torque booked as heat is the torque that acted.
@@ -190,10 +198,10 @@ inline bool within_step(const Scratch& s, double time_s, double dt_s) {
 
 /// What a finished step did.
 struct Transmitted {
-  double friction_nm;            ///< of the constraint, arm side, positive when it opposes positive motion
-  double torque_nm;              ///< motor torque, arm side, as its current tells it
+  double friction_nm;  ///< of the constraint, arm side, positive when it opposes positive motion
+  double torque_nm;    ///< motor torque, arm side, as its current tells it
   double qd_end_rad_s, q_end_rad;
-  double rotor_inertia_kg_m2;    ///< arm side (armature)
+  double rotor_inertia_kg_m2;  ///< arm side (armature)
 };
 void end_step(const Drive& drive, const thermal::Decay& decay, const Transmitted& transmitted, double dt_s,
               Memory& memory, Scratch& scratch);

@@ -1,6 +1,6 @@
-#include <tribotwin/plugins/drive/fault.hpp>
-
 #include <algorithm>
+
+#include <tribotwin/plugins/drive/fault.hpp>
 
 namespace tribotwin::drive {
 namespace {
@@ -16,10 +16,8 @@ constexpr FaultInfo table[] = {
      [](Faults& f, double s) { change(f.viscous, s), change(f.stribeck_velocity, s / 3); }},
     {"lubricant_loss", "1", 0.95, "Fv x (1 - s), Vs x (1 + s)",
      [](Faults& f, double s) { change(f.viscous, -s), change(f.stribeck_velocity, s); }},
-    {"preload_loss", "1", 0.95, "Fc, Fs x (1 - s)",
-     [](Faults& f, double s) { change(f.boundary, -s); }},
-    {"backlash", "rad", 0.1, "lost motion s",
-     [](Faults& f, double s) { f.play_rad += s; }},
+    {"preload_loss", "1", 0.95, "Fc, Fs x (1 - s)", [](Faults& f, double s) { change(f.boundary, -s); }},
+    {"backlash", "rad", 0.1, "lost motion s", [](Faults& f, double s) { f.play_rad += s; }},
     {"pitted_bearing", "1", 1, "ripple s Fc once per motor turn",
      [](Faults& f, double s) { f.ripple = std::min(f.ripple + s, 1.0); }},
     {"torque_constant", "1", 0.9, "Fc, Fs, Fv and load x 1 / (1 - s), as the current tells them",

@@ -1,9 +1,9 @@
-#include <tribotwin/plugins/friction/law.hpp>
-
 #include <algorithm>
 #include <cmath>
 
 #include <fmt/format.h>
+
+#include <tribotwin/plugins/friction/law.hpp>
 
 namespace tribotwin::friction {
 namespace {
@@ -68,8 +68,18 @@ constexpr Parameter extended_parameters[] = {
     {"TV0", "K", 1, 1000, 20.71, 0.91, "temperature scale of the viscosity"},
 };
 Family extended_family(std::span<const double> p) {
-  return {.A = p[0], .A_l = p[1], .B = p[2], .B_T = p[3], .vs = p[5], .vs_T = p[6], .C_l = p[4], .vl = p[7],
-          .alpha = p[8], .F1 = p[9], .F1_T = p[10], .T_V = p[11]};
+  return {.A = p[0],
+          .A_l = p[1],
+          .B = p[2],
+          .B_T = p[3],
+          .vs = p[5],
+          .vs_T = p[6],
+          .C_l = p[4],
+          .vl = p[7],
+          .alpha = p[8],
+          .F1 = p[9],
+          .F1_T = p[10],
+          .T_V = p[11]};
 }
 
 constexpr Parameter steady_state_parameters[] = {
@@ -102,8 +112,19 @@ constexpr Parameter steady_state_extended_parameters[] = {
     {"betaT", "1/K", -1, 1, none, none, "viscous exponent per degC"},
 };
 Family steady_state_extended_family(std::span<const double> p) {
-  return {.A = p[0], .A_T = p[1], .A_l = p[2], .B = p[3] - p[0], .B_T = -p[1], .B_l = p[4] - p[2], .vs = p[5], .vs_T = p[6],
-          .alpha = p[7], .T_V = p[9], .Fb_T = p[8], .beta = p[10], .beta_T = p[11]};
+  return {.A = p[0],
+          .A_T = p[1],
+          .A_l = p[2],
+          .B = p[3] - p[0],
+          .B_T = -p[1],
+          .B_l = p[4] - p[2],
+          .vs = p[5],
+          .vs_T = p[6],
+          .alpha = p[7],
+          .T_V = p[9],
+          .Fb_T = p[8],
+          .beta = p[10],
+          .beta_T = p[11]};
 }
 constexpr Range steady_state_extended_range = {
     .speed_max_rad_s = 174.6, .load_max = 1, .temperature_min_degC = 20, .temperature_max_degC = 60};
@@ -113,9 +134,11 @@ const char* steady_state_extended_conflict(std::span<const double> p) {
   for (const double T : {r.temperature_min_degC, r.temperature_max_degC}) {
     for (const double l : {0.0, r.load_max}) {
       const double Fc = p[0] + p[1] * T + p[2] * l, Fs = p[3] + p[4] * l;
-      if (!(Fc >= 0)) return "Fc0 + FcT T + Fcl l is Coulomb friction and must not be below 0 at 20 .. 60 degC, l = 0 .. 1";
+      if (!(Fc >= 0))
+        return "Fc0 + FcT T + Fcl l is Coulomb friction and must not be below 0 at 20 .. 60 degC, l = 0 .. 1";
       if (!(Fs >= Fc))
-        return "Fs0 + Fsl l is the standstill level and must not be below Fc0 + FcT T + Fcl l at 20 .. 60 degC, l = 0 .. 1";
+        return "Fs0 + Fsl l is the standstill level and must not be below Fc0 + FcT T + Fcl l at 20 .. 60 degC, l = 0 "
+               ".. 1";
     }
     if (!(p[5] + p[6] * T > 0)) return "Vs0 + VsT T is the Stribeck velocity and must be above 0 at 20 .. 60 degC";
     const double beta = p[10] + p[11] * T;
@@ -153,8 +176,19 @@ constexpr Parameter stribeck_T_parameters[] = {
     {"FvTT", "Nm s/rad/K^2", -1e3, 1e3, none, none, "viscous slope per degC squared"},
 };
 Family stribeck_T_family(std::span<const double> p) {
-  return {.A = p[0], .A_T = p[1], .A_TT = p[2], .B = p[3] - p[0], .B_T = p[4] - p[1], .B_TT = p[5] - p[2], .vs = p[6], .vs_T = p[7],
-          .vs_TT = p[8], .alpha = p[9], .F1 = p[10], .F1_t = p[11], .F1_tt = p[12]};
+  return {.A = p[0],
+          .A_T = p[1],
+          .A_TT = p[2],
+          .B = p[3] - p[0],
+          .B_T = p[4] - p[1],
+          .B_TT = p[5] - p[2],
+          .vs = p[6],
+          .vs_T = p[7],
+          .vs_TT = p[8],
+          .alpha = p[9],
+          .F1 = p[10],
+          .F1_t = p[11],
+          .F1_tt = p[12]};
 }
 constexpr Range stribeck_T_range = {.speed_max_rad_s = 150, .temperature_min_degC = 20, .temperature_max_degC = 50};
 const char* stribeck_T_conflict(std::span<const double> p) {
@@ -165,11 +199,15 @@ const char* stribeck_T_conflict(std::span<const double> p) {
     const auto at = [&](double T) { return c0 + (c1 + c2 * T) * T; };
     return std::min({at(low), at(high), at(vertex)});
   };
-  if (!(least(p[0], p[1], p[2]) >= 0)) return "Fc0 + FcT T + FcTT T^2 is Coulomb friction and must not be below 0 at 20 .. 50 degC";
+  if (!(least(p[0], p[1], p[2]) >= 0))
+    return "Fc0 + FcT T + FcTT T^2 is Coulomb friction and must not be below 0 at 20 .. 50 degC";
   if (!(least(p[3] - p[0], p[4] - p[1], p[5] - p[2]) >= 0))
-    return "Fs0 + FsT T + FsTT T^2 is the standstill level and must not be below Fc0 + FcT T + FcTT T^2 at 20 .. 50 degC";
-  if (!(least(p[6], p[7], p[8]) > 0)) return "vs0 + vsT T + vsTT T^2 is the Stribeck velocity and must be above 0 at 20 .. 50 degC";
-  if (!(least(p[10], p[11], p[12]) >= 0)) return "Fv0 + FvT T + FvTT T^2 is the viscous slope and must not be below 0 at 20 .. 50 degC";
+    return "Fs0 + FsT T + FsTT T^2 is the standstill level and must not be below Fc0 + FcT T + FcTT T^2 at 20 .. 50 "
+           "degC";
+  if (!(least(p[6], p[7], p[8]) > 0))
+    return "vs0 + vsT T + vsTT T^2 is the Stribeck velocity and must be above 0 at 20 .. 50 degC";
+  if (!(least(p[10], p[11], p[12]) >= 0))
+    return "Fv0 + FvT T + FvTT T^2 is the viscous slope and must not be below 0 at 20 .. 50 degC";
   return nullptr;
 }
 
@@ -177,54 +215,93 @@ constexpr LawInfo table[] = {
     {.name = "stribeck",
      .equation = "Fc + Fs e^-|v/vs|^alpha + Fv v",
      .source = "P1 (M0), Table 1",
-     .side = Side::motor, .normalised = true, .temperature_dependent = false, .load_dependent = false,
+     .side = Side::motor,
+     .normalised = true,
+     .temperature_dependent = false,
+     .load_dependent = false,
      .identified = {.speed_max_rad_s = 280},
-     .parameters = stribeck_parameters, .family = stribeck_family, .conflict = nullptr},
+     .parameters = stribeck_parameters,
+     .family = stribeck_family,
+     .conflict = nullptr},
     {.name = "stribeck_non_newtonian",
      .equation = "Fc + Fs e^-|v/vs|^alpha + Fv v + Fmu v^beta",
      .source = "P1 (M0+)",
-     .side = Side::motor, .normalised = true, .temperature_dependent = false, .load_dependent = false,
+     .side = Side::motor,
+     .normalised = true,
+     .temperature_dependent = false,
+     .load_dependent = false,
      .identified = {.speed_max_rad_s = 280},
-     .parameters = non_newtonian_parameters, .family = non_newtonian_family, .conflict = nullptr},
+     .parameters = non_newtonian_parameters,
+     .family = non_newtonian_family,
+     .conflict = nullptr},
     {.name = "load",
      .equation = "(Fc0 + Fcl l) + (Fs0 + Fsl l) e^-|v/vs|^alpha + Fv v",
      .source = "P1 (M1), Table 2",
-     .side = Side::motor, .normalised = true, .temperature_dependent = false, .load_dependent = true,
+     .side = Side::motor,
+     .normalised = true,
+     .temperature_dependent = false,
+     .load_dependent = true,
      .identified = {.speed_max_rad_s = 280, .load_max = 0.73},
-     .parameters = load_parameters, .family = load_family, .conflict = nullptr},
+     .parameters = load_parameters,
+     .family = load_family,
+     .conflict = nullptr},
     {.name = "extended",
      .equation = "(Fc0 + Fcl l) + Fsl l e^-|v/vsl|^alpha + (Fs0 + FsT T) e^-|v/(vs0 + vsT T)|^alpha"
                  " + (Fv0 + FvT e^(-T/TV0)) v",
      .source = "P1 (M*), Tables 2 and 3",
-     .side = Side::motor, .normalised = true, .temperature_dependent = true, .load_dependent = true,
+     .side = Side::motor,
+     .normalised = true,
+     .temperature_dependent = true,
+     .load_dependent = true,
      .identified = {.speed_max_rad_s = 280, .load_max = 0.73, .temperature_min_degC = 38, .temperature_max_degC = 81.2},
-     .parameters = extended_parameters, .family = extended_family, .conflict = nullptr},
+     .parameters = extended_parameters,
+     .family = extended_family,
+     .conflict = nullptr},
     {.name = "steady_state",
      .equation = "Fc + (Fs - Fc) e^-|v/Vs|^alpha + Fv v^beta",
      .source = "P2 (11), (12)",
-     .side = Side::motor, .normalised = false, .temperature_dependent = false, .load_dependent = false,
+     .side = Side::motor,
+     .normalised = false,
+     .temperature_dependent = false,
+     .load_dependent = false,
      .identified = {.speed_max_rad_s = 174.6},
-     .parameters = steady_state_parameters, .family = steady_state_family, .conflict = steady_state_conflict},
+     .parameters = steady_state_parameters,
+     .family = steady_state_family,
+     .conflict = steady_state_conflict},
     {.name = "steady_state_extended",
      .equation = "Fc + (Fs - Fc) e^-|v/Vs|^alpha + FvT e^(-T/TV0) v^(beta0 + betaT T) with Fc = Fc0 + FcT T + Fcl l,"
                  " Fs = Fs0 + Fsl l, Vs = Vs0 + VsT T",
      .source = "P2 (11) with coefficients that move as its Table IV and text say; choice",
-     .side = Side::motor, .normalised = false, .temperature_dependent = true, .load_dependent = true,
+     .side = Side::motor,
+     .normalised = false,
+     .temperature_dependent = true,
+     .load_dependent = true,
      .identified = steady_state_extended_range,
-     .parameters = steady_state_extended_parameters, .family = steady_state_extended_family,
+     .parameters = steady_state_extended_parameters,
+     .family = steady_state_extended_family,
      .conflict = steady_state_extended_conflict},
     {.name = "polynomial",
      .equation = "(f1 + f2 v + f3 v^2 + f4 v^3) (1 + a (T - T0))",
      .source = "P5 (2), (5)",
-     .side = Side::arm, .normalised = false, .temperature_dependent = true, .load_dependent = false,
+     .side = Side::arm,
+     .normalised = false,
+     .temperature_dependent = true,
+     .load_dependent = false,
      .identified = {},
-     .parameters = polynomial_parameters, .family = polynomial_family, .conflict = nullptr},
+     .parameters = polynomial_parameters,
+     .family = polynomial_family,
+     .conflict = nullptr},
     {.name = "stribeck_T",
      .equation = "Fc + (Fs - Fc) e^-|v/vs|^delta + Fv v with Fc = Fc0 + FcT T + FcTT T^2, and Fs, vs, Fv alike",
      .source = "P4 (6), whose motor-side torque times u this is; range as measured there",
-     .side = Side::motor, .normalised = false, .temperature_dependent = true, .load_dependent = false,
+     .side = Side::motor,
+     .normalised = false,
+     .temperature_dependent = true,
+     .load_dependent = false,
      .identified = stribeck_T_range,
-     .parameters = stribeck_T_parameters, .family = stribeck_T_family, .conflict = stribeck_T_conflict},
+     .parameters = stribeck_T_parameters,
+     .family = stribeck_T_family,
+     .conflict = stribeck_T_conflict},
 };
 
 std::size_t edit_distance(std::string_view a, std::string_view b) {
@@ -242,7 +319,9 @@ std::size_t edit_distance(std::string_view a, std::string_view b) {
 }
 
 /// Brings x into [lowest, highest], NaN to the point nearest 0.
-double confined(double x, double lowest, double highest) { return std::clamp(std::isnan(x) ? 0.0 : x, lowest, highest); }
+double confined(double x, double lowest, double highest) {
+  return std::clamp(std::isnan(x) ? 0.0 : x, lowest, highest);
+}
 
 }  // namespace
 
@@ -316,7 +395,8 @@ tl::expected<Law, std::string> published_law(std::string_view name) {
   if (const LawInfo* info = find_law(name))
     for (const Parameter& p : info->parameters) {
       if (std::isnan(p.published))
-        return tl::unexpected(fmt::format("{} publishes no value for parameter '{}' of law '{}'", info->source, p.name, name));
+        return tl::unexpected(
+            fmt::format("{} publishes no value for parameter '{}' of law '{}'", info->source, p.name, name));
       values.emplace_back(p.name, p.published);
     }
   return make_law(name, values);
@@ -336,9 +416,8 @@ Range held_range(const Law& law) {
 }
 
 AtTemperature at_temperature(const Law& law, double temperature_degC) {
-  const bool outside =
-      law.info->temperature_dependent &&
-      !(temperature_degC >= law.range.temperature_min_degC && temperature_degC <= law.range.temperature_max_degC);
+  const bool outside = law.info->temperature_dependent && !(temperature_degC >= law.range.temperature_min_degC &&
+                                                            temperature_degC <= law.range.temperature_max_degC);
   const Range held = held_range(law);
   temperature_degC = confined(temperature_degC, held.temperature_min_degC, held.temperature_max_degC);
   const Family& f = law.family;

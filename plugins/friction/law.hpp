@@ -44,19 +44,19 @@ inline constexpr double unlimited = std::numeric_limits<double>::infinity();
 inline constexpr double exponent_min = 0.01, exponent_max = 5;
 
 struct Parameter {
-  std::string_view name;     ///< as in MJCF, YAML, JSON, tables and help
-  std::string_view unit;     ///< "-" is normalised torque, torque / torque_max
-  double minimum, maximum;   ///< accepted range, inclusive
-  double published;          ///< value in the source; NaN where the source gives none
-  double sigma;              ///< one standard deviation in the source; NaN where the source gives none
+  std::string_view name;    ///< as in MJCF, YAML, JSON, tables and help
+  std::string_view unit;    ///< "-" is normalised torque, torque / torque_max
+  double minimum, maximum;  ///< accepted range, inclusive
+  double published;         ///< value in the source; NaN where the source gives none
+  double sigma;             ///< one standard deviation in the source; NaN where the source gives none
   std::string_view meaning;
 };
 
 /// Where a law was identified. Bounds are inclusive, `unlimited` where the law does not depend on the input
 /// or the source names no bound.
 struct Range {
-  double speed_max_rad_s = unlimited;   ///< |speed| on the law's side [rad/s]
-  double load_max = unlimited;          ///< |load torque| / torque_max [-]
+  double speed_max_rad_s = unlimited;  ///< |speed| on the law's side [rad/s]
+  double load_max = unlimited;         ///< |load torque| / torque_max [-]
   double temperature_min_degC = -unlimited;
   double temperature_max_degC = unlimited;
 };
@@ -74,8 +74,8 @@ struct Family {
 /// The family at one temperature: all that `level` needs of the law's numbers.
 struct Coefficients {
   double A = 0, A_l = 0;
-  double B = 0, B_l = 0, vs_pow = 0;    ///< vs_pow = |vs(T)|^-alpha, infinite for a Stribeck velocity of 0
-  double C_l = 0, vl_pow = 0;           ///< vl_pow = vl^-alpha
+  double B = 0, B_l = 0, vs_pow = 0;  ///< vs_pow = |vs(T)|^-alpha, infinite for a Stribeck velocity of 0
+  double C_l = 0, vl_pow = 0;         ///< vl_pow = vl^-alpha
   double alpha = 1;
   double F1 = 0, F2 = 0, F3 = 0, Fb = 0, beta = 1;
 };
@@ -83,7 +83,7 @@ struct Coefficients {
 struct LawInfo {
   std::string_view name, equation, source;
   Side side;
-  bool normalised;            ///< torque in units of torque_max, else arm-side Nm
+  bool normalised;  ///< torque in units of torque_max, else arm-side Nm
   bool temperature_dependent, load_dependent;
   Range identified;
   std::span<const Parameter> parameters;
@@ -104,10 +104,10 @@ struct Law {
   std::array<double, max_parameters> parameters{};
   Range range;
   Validity validity = Validity::clamp;
-  Family family;              ///< follows from the parameters, `with_parameters` keeps it so; `scaled` departs from them
+  Family family;  ///< follows from the parameters, `with_parameters` keeps it so; `scaled` departs from them
 
   std::span<const double> values() const& { return {parameters.data(), info->parameters.size()}; }
-  void values() const&& = delete;   ///< of a law that is gone
+  void values() const&& = delete;  ///< of a law that is gone
 };
 
 /// A law from named values, each parameter exactly once.
@@ -121,7 +121,8 @@ tl::expected<Law, std::string> published_law(std::string_view name);
 /// The same law with other numbers, within the accepted ranges or not (wear may leave them).
 Law with_parameters(const Law& law, std::span<const double> parameters);
 
-/// The same law with its parts multiplied at every temperature and load: g, the Stribeck velocities, h. `parameters` stay.
+/// The same law with its parts multiplied at every temperature and load: g, the Stribeck velocities, h. `parameters`
+/// stay.
 Law scaled(const Law& law, double weakening, double stribeck_velocity, double strengthening);
 
 /// The bounds that `level` and `at_temperature` hold inputs to under the law's policy: its own range or, where it
@@ -130,16 +131,16 @@ Range held_range(const Law& law);
 
 struct AtTemperature {
   Coefficients coefficients;
-  bool outside;               ///< the temperature lay outside the law's range
+  bool outside;  ///< the temperature lay outside the law's range
 };
 
 /// Coefficients at a temperature [degC], validity policy applied to the temperature.
 AtTemperature at_temperature(const Law& law, double temperature_degC);
 
 struct Level {
-  double weakening;           ///< g >= 0, unit of the law
-  double strengthening;       ///< h, unit of the law
-  bool outside;               ///< speed or load lay outside the law's range
+  double weakening;      ///< g >= 0, unit of the law
+  double strengthening;  ///< h, unit of the law
+  bool outside;          ///< speed or load lay outside the law's range
   /// Friction torque at this speed, >= 0, unit of the law.
   double total() const { return weakening + strengthening; }
 };

@@ -1,10 +1,9 @@
-#include <tribotwin/plugins/mujoco/binding.hpp>
-
 #include <algorithm>
 #include <cmath>
 
 #include <fmt/format.h>
 
+#include <tribotwin/plugins/mujoco/binding.hpp>
 #include <tribotwin/plugins/mujoco/engine.hpp>
 
 namespace tribotwin::mujoco {
@@ -30,10 +29,12 @@ std::vector<double> extreme_temperatures(const drive::Drive& drive) {
 double creep_rad_s(const mjModel* m, const drive::Drive& drive, int dof) {
   double breakaway_nm = 0;
   const double load = std::isfinite(drive.law.range.load_max) ? drive.law.range.load_max : 0;
-  for (const double T : extreme_temperatures(drive)) breakaway_nm = std::max(breakaway_nm, friction_nm(drive, 0, load, T));
+  for (const double T : extreme_temperatures(drive))
+    breakaway_nm = std::max(breakaway_nm, friction_nm(drive, 0, load, T));
   const mjtNum* solref = m->dof_solref + mjNREF * dof;
   const mjtNum* solimp = m->dof_solimp + mjNIMP * dof;
-  const double d0 = std::clamp<double>(solimp[0], mjMINIMP, mjMAXIMP), dmax = std::clamp<double>(solimp[1], mjMINIMP, mjMAXIMP);
+  const double d0 = std::clamp<double>(solimp[0], mjMINIMP, mjMAXIMP),
+               dmax = std::clamp<double>(solimp[1], mjMINIMP, mjMAXIMP);
   double damping = -solref[1] / dmax;
   if (solref[0] > 0) {
     const bool safe = !(m->opt.disableflags & mjDSBL_REFSAFE);
@@ -46,7 +47,7 @@ double creep_rad_s(const mjModel* m, const drive::Drive& drive, int dof) {
 double longest_time_step_s(const mjModel* m, const drive::Drive& drive, int dof) {
   constexpr int points = 400;
   const double top = std::min(drive.law.range.speed_max_rad_s / drive.speed_scale(), 100.0);
-  double slope = 0;   // Nm s/rad, arm side
+  double slope = 0;  // Nm s/rad, arm side
   for (const double T : extreme_temperatures(drive)) {
     double before = friction_nm(drive, top / points, 0, T);
     for (int i = 2; i <= points; ++i) {
@@ -64,34 +65,39 @@ double rounded_down(double x) {
   return std::floor(x / scale) * scale;
 }
 
-/// What is wrong with the bristles on this joint at this time step, or nothing. They act as a torque held over the step:
-/// with omega the frequency of the joint on its bristles and zeta its damping ratio, that is faithful for omega dt up to
-/// 1/2 and 2 zeta omega dt up to 1. Runge-Kutta moves the joint by the mean of the speeds, not by the last one, so the
-/// spring gains (omega dt)^2 / 2 per step that zeta must take out.
+/// What is wrong with the bristles on this joint at this time step, or nothing. They act as a torque held over the
+/// step: with omega the frequency of the joint on its bristles and zeta its damping ratio, that is faithful for omega
+/// dt up to 1/2 and 2 zeta omega dt up to 1. Runge-Kutta moves the joint by the mean of the speeds, not by the last
+/// one, so the spring gains (omega dt)^2 / 2 per step that zeta must take out.
 std::string bristle_fault(const mjModel* m, const drive::Drive& drive, int dof) {
   const bool lugre = drive.dynamics == drive::Dynamics::lugre;
   const double to_joint = drive.torque_scale_nm() * drive.speed_scale() * m->dof_invweight0[dof];
   double stiffness = drive.bristles.sigma0;
   if (!lugre) {
     const double load = std::isfinite(drive.law.range.load_max) ? drive.law.range.load_max : 1;
-    double held_nm = (drive.gear_loss.mu_avg + std::abs(drive.gear_loss.mu_dif)) * load * drive.torque_max_nm, most_nm = 0;
+    double held_nm = (drive.gear_loss.mu_avg + std::abs(drive.gear_loss.mu_dif)) * load * drive.torque_max_nm,
+           most_nm = 0;
     for (const double T : extreme_temperatures(drive))
       for (const double l : {load, -load}) most_nm = std::max(most_nm, friction_nm(drive, 0, l, T));
     held_nm += most_nm;
     stiffness = held_nm / drive.torque_scale_nm() / drive.gear_loss.length_rad;
   }
-  const double omega = std::sqrt(stiffness * drive.speed_scale() * to_joint), rate = lugre ? drive.bristles.sigma1 * to_joint : 0;
+  const double omega = std::sqrt(stiffness * drive.speed_scale() * to_joint),
+               rate = lugre ? drive.bristles.sigma1 * to_joint : 0;
   const double dt = m->opt.timestep, zeta = rate / (2 * omega);
   const bool runge_kutta = m->opt.integrator == mjINT_RK4;
   if (runge_kutta && zeta == 0)
     return fmt::format("its {} no damping, and RK4 would make it ring louder; {}use integrator=\"Euler\"",
-                       lugre ? "friction=\"lugre\" has" : "friction=\"gear_loss\" has", lugre ? "give sigma1 above 0 or " : "");
-  const double longest = std::min({0.5 / omega, rate > 0 ? 1 / rate : friction::unlimited,
-                                   runge_kutta ? 2 * zeta / omega : friction::unlimited});
+                       lugre ? "friction=\"lugre\" has" : "friction=\"gear_loss\" has",
+                       lugre ? "give sigma1 above 0 or " : "");
+  const double longest = std::min(
+      {0.5 / omega, rate > 0 ? 1 / rate : friction::unlimited, runge_kutta ? 2 * zeta / omega : friction::unlimited});
   if (dt > longest * (1 + 1e-9))
-    return fmt::format("time step {:g} s is too long for its bristles, which would chatter (on this joint {} makes {:.3g} rad/s "
-                       "at a damping ratio of {:.2g}); {:g} s works{}",
-                       dt, lugre ? "sigma0" : "load per h", omega, zeta, rounded_down(longest), runge_kutta ? ", or integrator=\"Euler\" may" : "");
+    return fmt::format(
+        "time step {:g} s is too long for its bristles, which would chatter (on this joint {} makes {:.3g} rad/s "
+        "at a damping ratio of {:.2g}); {:g} s works{}",
+        dt, lugre ? "sigma0" : "load per h", omega, zeta, rounded_down(longest),
+        runge_kutta ? ", or integrator=\"Euler\" may" : "");
   return {};
 }
 
@@ -105,7 +111,8 @@ double friction_nm(const drive::Drive& drive, double qd_rad_s, double load_norm,
 std::string actdim_message(const drive::Drive& drive) {
   const bool bristles = drive.dynamics != drive::Dynamics::none;
   return fmt::format("actdim=\"{}\", the size of a drive's memory {}", drive::memory_size(drive),
-                     bristles ? "with friction=\"lugre\" or \"gear_loss\" (3 without)" : "(4 with friction=\"lugre\" or \"gear_loss\")");
+                     bristles ? "with friction=\"lugre\" or \"gear_loss\" (3 without)"
+                              : "(4 with friction=\"lugre\" or \"gear_loss\")");
 }
 
 double needed_tolerance(int solver) { return solver == mjSOL_CG ? 1e-12 : 1e-8; }
@@ -127,28 +134,34 @@ tl::expected<Binding, std::string> bind(const mjModel* m, drive::Drive drive, in
   b.control = engine::control_address(m, actuator);
   b.force = engine::force_address(m, actuator);
   b.gear = m->actuator_gear[6 * b.force];
-  b.row_hint = static_cast<int>(std::count_if(m->dof_frictionloss, m->dof_frictionloss + b.dof, [](mjtNum x) { return x > 0; }));
+  b.row_hint =
+      static_cast<int>(std::count_if(m->dof_frictionloss, m->dof_frictionloss + b.dof, [](mjtNum x) { return x > 0; }));
 
   if (!(m->dof_frictionloss[b.dof] > 0))
-    return fail(joint, "has no frictionloss, so the solver has no friction row for it; give the joint frictionloss=\"1\" "
-                       "(any positive value: the drive replaces it every step)");
+    return fail(joint,
+                "has no frictionloss, so the solver has no friction row for it; give the joint frictionloss=\"1\" "
+                "(any positive value: the drive replaces it every step)");
   if (m->opt.disableflags & (mjDSBL_FRICTIONLOSS | mjDSBL_CONSTRAINT | mjDSBL_ACTUATION))
     return fail("<option><flag>", "frictionloss, constraint and actuation must stay enabled");
   const double needed = needed_tolerance(m->opt.solver);
   if (m->opt.tolerance > needed * (1 + 1e-9))
-    return fail("<option>", fmt::format("tolerance=\"{:g}\" would let a stuck joint creep; this solver needs {:g} or less",
-                                        m->opt.tolerance, needed));
+    return fail("<option>",
+                fmt::format("tolerance=\"{:g}\" would let a stuck joint creep; this solver needs {:g} or less",
+                            m->opt.tolerance, needed));
   if (const int iterations = needed_iterations(m->opt.solver); m->opt.iterations < iterations)
-    return fail("<option>", fmt::format("iterations=\"{}\" would let a stuck joint creep; use {} or more", m->opt.iterations, iterations));
+    return fail("<option>", fmt::format("iterations=\"{}\" would let a stuck joint creep; use {} or more",
+                                        m->opt.iterations, iterations));
   const bool row_carries_friction = drive.dynamics == drive::Dynamics::none || drive.brake_torque_nm > 0;
   if (const double creep = row_carries_friction ? creep_rad_s(m, drive, b.dof) : 0; creep > creep_limit_rad_s)
-    return fail(joint, fmt::format("stiction settings are soft: under 90 % of its breakaway torque the joint would creep at "
-                                   "{:.2g} rad/s (limit {:g}); give the joint solreffriction=\".001 1\" "
-                                   "solimpfriction=\".9999 .9999 .001 .5 2\", or shorten the time step",
-                                   creep, creep_limit_rad_s));
+    return fail(joint,
+                fmt::format("stiction settings are soft: under 90 % of its breakaway torque the joint would creep at "
+                            "{:.2g} rad/s (limit {:g}); give the joint solreffriction=\".001 1\" "
+                            "solimpfriction=\".9999 .9999 .001 .5 2\", or shorten the time step",
+                            creep, creep_limit_rad_s));
   if (const double longest = longest_time_step_s(m, drive, b.dof); m->opt.timestep > longest) {
-    return fail(joint, fmt::format("time step {:g} s is too long for its viscous friction, which would ring; {:g} s works",
-                                   m->opt.timestep, rounded_down(longest)));
+    return fail(joint,
+                fmt::format("time step {:g} s is too long for its viscous friction, which would ring; {:g} s works",
+                            m->opt.timestep, rounded_down(longest)));
   }
   if (drive.dynamics != drive::Dynamics::none)
     if (const auto wrong = bristle_fault(m, drive, b.dof); !wrong.empty()) return fail(joint, wrong);
@@ -182,7 +195,8 @@ double commanded_force(const mjModel* m, const mjData* d, const Binding& b) {
 void limit_friction(const mjModel* m, mjData* d, const Binding& b) {
   drive::Scratch& s = scratch(d, b);
   const bool later_stage = m->opt.integrator == mjINT_RK4 && drive::within_step(s, d->time, m->opt.timestep);
-  const double limit = later_stage ? s.limit_nm : drive::begin_step(b.drive, memory(d, b), s, d->time, b.speed(d), b.angle(d));
+  const double limit =
+      later_stage ? s.limit_nm : drive::begin_step(b.drive, memory(d, b), s, d->time, b.speed(d), b.angle(d));
   if (const int row = engine::friction_row(d, b.dof, b.row_hint); row >= 0) engine::set_friction_limit(d, row, limit);
   // The engine computes qfrc_passive afresh ahead of every call of this, and sums it after.
   if (b.drive.dynamics != drive::Dynamics::none) d->qfrc_passive[b.dof] -= s.applied_nm;

@@ -18,13 +18,13 @@ inline constexpr char plugin_name[] = "tribotwin.drive";
 /// Where a drive is in a model. Immutable; shared by all mjData of the model.
 struct Binding {
   drive::Drive drive;
-  thermal::Decay decay;          ///< for the model's time step
-  int actuator = -1, joint = -1, dof = -1, position = -1;   ///< position: in mjData.qpos
-  int control = -1, force = -1;  ///< addresses in mjData.ctrl and mjData.actuator_force
-  int row_hint = 0;              ///< among the friction rows
-  double gear = 1;               ///< joint torque per actuator force
-  int memory_address = -1;       ///< in mjData.act (3.x) or mjData.userdata (2.2.2)
-  int scratch_address = -1;      ///< in mjData.plugin_state (3.x) or mjData.userdata (2.2.2)
+  thermal::Decay decay;                                    ///< for the model's time step
+  int actuator = -1, joint = -1, dof = -1, position = -1;  ///< position: in mjData.qpos
+  int control = -1, force = -1;                            ///< addresses in mjData.ctrl and mjData.actuator_force
+  int row_hint = 0;                                        ///< among the friction rows
+  double gear = 1;                                         ///< joint torque per actuator force
+  int memory_address = -1;                                 ///< in mjData.act (3.x) or mjData.userdata (2.2.2)
+  int scratch_address = -1;                                ///< in mjData.plugin_state (3.x) or mjData.userdata (2.2.2)
 
   /// Joint speed [rad/s; m/s for a slide].
   double speed(const mjData* d) const { return d->qvel[dof]; }
@@ -43,7 +43,8 @@ int needed_iterations(int solver);
 /// the solver or the time step could not carry friction faithfully: the message names the element and the remedy.
 tl::expected<Binding, std::string> bind(const mjModel* m, drive::Drive drive, int actuator);
 
-/// State of a drive in d; of a drive with bristles the memory is a drive::BristleMemory. Changing it between steps is allowed; see drive.hpp for what is input.
+/// State of a drive in d; of a drive with bristles the memory is a drive::BristleMemory. Changing it between steps is
+/// allowed; see drive.hpp for what is input.
 drive::Memory& memory(mjData* d, const Binding& binding);
 drive::Scratch& scratch(mjData* d, const Binding& binding);
 const drive::Memory& memory(const mjData* d, const Binding& binding);
@@ -52,8 +53,8 @@ const drive::Scratch& scratch(const mjData* d, const Binding& binding);
 /// What the control asks of the motor, within its range: actuator force as the current tells it.
 double commanded_force(const mjModel* m, const mjData* d, const Binding& binding);
 
-/// Before the solver runs: writes the friction limit into the joint's constraint row, and into qfrc_passive what bristles hold
-/// and what a weak motor does not give. Once per stage of the integrator.
+/// Before the solver runs: writes the friction limit into the joint's constraint row, and into qfrc_passive what
+/// bristles hold and what a weak motor does not give. Once per stage of the integrator.
 void limit_friction(const mjModel* m, mjData* d, const Binding& binding);
 
 /// After the step: heat, temperature, load. Once per mj_step.

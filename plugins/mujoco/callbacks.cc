@@ -1,5 +1,3 @@
-#include <tribotwin/plugins/mujoco/callbacks.hpp>
-
 #include <array>
 #include <atomic>
 #include <cstdio>
@@ -7,17 +5,18 @@
 #include <mutex>
 #include <stdexcept>
 
+#include <tribotwin/plugins/mujoco/callbacks.hpp>
 #include <tribotwin/plugins/mujoco/engine.hpp>
 
 namespace tribotwin::mujoco {
 namespace {
 
-std::mutex mutex;                  // guards installation, never taken in a step
+std::mutex mutex;  // guards installation, never taken in a step
 int registered = 0;
 std::atomic<mjfGeneric> previous{nullptr};
 
 std::array<std::atomic<const Registration*>, 1024> slots{};
-std::atomic<std::size_t> slots_used{0};   // high-water mark
+std::atomic<std::size_t> slots_used{0};  // high-water mark
 
 struct StepUnderWay {
   const mjData* data = nullptr;

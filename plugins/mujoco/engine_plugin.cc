@@ -1,5 +1,5 @@
-// tribotwin.drive and tribotwin.hysteresis as engine plugins of MuJoCo 3.x. Configuration comes from the keys, memory lives in the actuator's
-// activations, everything else in plugin_state.
+// tribotwin.drive and tribotwin.hysteresis as engine plugins of MuJoCo 3.x. Configuration comes from the keys, memory
+// lives in the actuator's activations, everything else in plugin_state.
 #include <cstring>
 #include <memory>
 #include <string>
@@ -136,7 +136,9 @@ void register_spring() {
   plugin.init = init<connect_spring>;
   plugin.destroy = destroy<Spring>;
   plugin.copy = copy<Spring>;
-  plugin.reset = [](const mjModel*, mjtNum* plugin_state, void*, int) { std::memset(plugin_state, 0, sizeof(SpringScratch)); };
+  plugin.reset = [](const mjModel*, mjtNum* plugin_state, void*, int) {
+    std::memset(plugin_state, 0, sizeof(SpringScratch));
+  };
   plugin.compute = [](const mjModel* m, mjData* d, int instance, int) {
     if (const Spring* s = bound<Spring>(d, instance)) d->actuator_force[s->force] = -spring_torque(m, d, *s);
   };

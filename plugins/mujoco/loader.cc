@@ -1,5 +1,3 @@
-#include <tribotwin/plugins/mujoco/loader.hpp>
-
 #include <algorithm>
 #include <cmath>
 #include <cstring>
@@ -10,6 +8,7 @@
 #include <pugixml.hpp>
 
 #include <tribotwin/plugins/mujoco/engine.hpp>
+#include <tribotwin/plugins/mujoco/loader.hpp>
 #include <tribotwin/plugins/mujoco/source.hpp>
 
 namespace tribotwin::mujoco {
@@ -39,7 +38,7 @@ tl::expected<std::vector<DriveElement>, std::string> read_drives(const std::vect
   }
 
   std::vector<DriveElement> drives;
-  std::map<std::string, std::string> joints;   // joint -> where it got its drive
+  std::map<std::string, std::string> joints;  // joint -> where it got its drive
   for (const auto& [source, element] : actuators) {
     const std::string where = at(*source, element);
     const std::string instance = element.attribute("instance").value();
@@ -54,8 +53,8 @@ tl::expected<std::vector<DriveElement>, std::string> read_drives(const std::vect
     if (const auto [first, fresh] = joints.emplace(joint, where); !fresh)
       return tl::unexpected(fmt::format("{}: joint '{}' has a drive already at {}", where, joint, first->second));
     if (std::ranges::any_of(drives, [&](const DriveElement& d) { return d.drive.name == instance; }))
-      return tl::unexpected(fmt::format("{}: instance '{}' serves another actuator already; each drive needs its own",
-                                        where, instance));
+      return tl::unexpected(
+          fmt::format("{}: instance '{}' serves another actuator already; each drive needs its own", where, instance));
 
     const auto& [instance_source, instance_element] = found->second;
     drive::Configuration configuration;
@@ -80,28 +79,34 @@ struct SpringElement {
 };
 
 /// Reads every elastic transmission of the model.
-tl::expected<std::vector<SpringElement>, std::string> read_springs(const std::vector<Source>& sources, const std::vector<DriveElement>& drives) {
+tl::expected<std::vector<SpringElement>, std::string> read_springs(const std::vector<Source>& sources,
+                                                                   const std::vector<DriveElement>& drives) {
   std::vector<SpringElement> springs;
   for (const Source& source : sources)
     for (const auto& match : source.document->select_nodes("//actuator/plugin[@plugin='tribotwin.hysteresis']")) {
       const pugi::xml_node element = match.node();
-      const std::string where = at(source, element), name = element.attribute("name").value(), instance = element.attribute("instance").value();
+      const std::string where = at(source, element), name = element.attribute("name").value(),
+                        instance = element.attribute("instance").value();
       if (name.empty() || !element.attribute("tendon") || instance.empty())
         return tl::unexpected(fmt::format("{}: needs name, tendon and instance", where));
       if (element.attribute("actdim").as_int(-1) != static_cast<int>(spring_memory_size))
-        return tl::unexpected(fmt::format("{}: needs actdim=\"{}\", the memory of the hysteresis", where, spring_memory_size));
+        return tl::unexpected(
+            fmt::format("{}: needs actdim=\"{}\", the memory of the hysteresis", where, spring_memory_size));
       if (std::ranges::any_of(springs, [&](const SpringElement& s) { return s.hysteresis.name == instance; }))
-        return tl::unexpected(fmt::format("{}: instance '{}' serves another actuator already; each transmission needs its own", where, instance));
+        return tl::unexpected(fmt::format(
+            "{}: instance '{}' serves another actuator already; each transmission needs its own", where, instance));
       const Source* instance_source = nullptr;
       pugi::xml_node instance_element;
       for (const Source& s : sources)
-        for (const auto& found : s.document->select_nodes("//extension/plugin[@plugin='tribotwin.hysteresis']/instance"))
+        for (const auto& found :
+             s.document->select_nodes("//extension/plugin[@plugin='tribotwin.hysteresis']/instance"))
           if (found.node().attribute("name").value() == instance) {
             instance_source = &s;
             instance_element = found.node();
           }
       if (!instance_source)
-        return tl::unexpected(fmt::format("{}: no <instance name=\"{}\"> under <extension><plugin plugin=\"{}\">", where, instance, spring_plugin_name));
+        return tl::unexpected(fmt::format("{}: no <instance name=\"{}\"> under <extension><plugin plugin=\"{}\">",
+                                          where, instance, spring_plugin_name));
       transmission::Configuration configuration;
       for (const pugi::xml_node config : instance_element.children("config")) {
         if (!config.attribute("key") || !config.attribute("value"))
@@ -109,7 +114,8 @@ tl::expected<std::vector<SpringElement>, std::string> read_springs(const std::ve
         configuration.emplace_back(config.attribute("key").value(), config.attribute("value").value());
       }
       auto hysteresis = transmission::make_hysteresis(instance, configuration);
-      if (!hysteresis) return tl::unexpected(fmt::format("{}: {}", at(*instance_source, instance_element), hysteresis.error()));
+      if (!hysteresis)
+        return tl::unexpected(fmt::format("{}: {}", at(*instance_source, instance_element), hysteresis.error()));
       if (std::ranges::none_of(drives, [&](const DriveElement& d) { return d.drive.name == hysteresis->drive; }))
         return tl::unexpected(fmt::format("{}: key 'drive' is '{}', which is no instance of {} that an actuator uses",
                                           at(*instance_source, instance_element), hysteresis->drive, plugin_name));
@@ -147,13 +153,17 @@ std::string saved(const pugi::xml_document& document, Origins& origins) {
 
 #if !TRIBOTWIN_ENGINE_PLUGINS
 /// Merges includes and turns every drive into what 2.2.2 knows: a torque actuator and room in userdata.
-std::string lower(const std::vector<Source>& sources, const std::filesystem::path& folder, int user_size, Origins& origins) {
+std::string lower(const std::vector<Source>& sources, const std::filesystem::path& folder, int user_size,
+                  Origins& origins) {
   merge_includes(sources, folder, origins);
   pugi::xml_document& main = *sources.front().document;
-  for (const auto& match : main.select_nodes("//extension/plugin[@plugin='tribotwin.drive' or @plugin='tribotwin.hysteresis']"))
+  for (const auto& match :
+       main.select_nodes("//extension/plugin[@plugin='tribotwin.drive' or @plugin='tribotwin.hysteresis']"))
     match.node().parent().remove_child(match.node());
-  for (const auto& match : main.select_nodes("//extension[not(plugin)]")) match.node().parent().remove_child(match.node());
-  for (const auto& match : main.select_nodes("//actuator/plugin[@plugin='tribotwin.drive' or @plugin='tribotwin.hysteresis']")) {
+  for (const auto& match : main.select_nodes("//extension[not(plugin)]"))
+    match.node().parent().remove_child(match.node());
+  for (const auto& match :
+       main.select_nodes("//actuator/plugin[@plugin='tribotwin.drive' or @plugin='tribotwin.hysteresis']")) {
     pugi::xml_node actuator = match.node();
     actuator.set_name("motor");
     for (const char* attribute : {"plugin", "instance", "actdim"}) actuator.remove_attribute(attribute);
@@ -165,8 +175,7 @@ std::string lower(const std::vector<Source>& sources, const std::filesystem::pat
     user = std::max(user, size.attribute("nuserdata").as_int());
     size.remove_attribute("nuserdata");
   }
-  root.append_child("size").append_attribute("nuserdata") =
-      user + user_size;
+  root.append_child("size").append_attribute("nuserdata") = user + user_size;
 
   // Read from memory, the text no longer has a folder of its own: asset folders become absolute.
   const std::filesystem::path base = std::filesystem::absolute(folder);
@@ -185,7 +194,8 @@ tl::expected<ModelPtr, std::string> compile(const std::string& mjcf, const std::
   const auto vfs = std::make_unique<mjVFS>();
   mj_defaultVFS(vfs.get());
   const char* name = "tribotwin_lowered.xml";
-  if (mj_makeEmptyFileVFS(vfs.get(), name, static_cast<int>(mjcf.size())) != 0) return tl::unexpected(std::string("the model text is too large"));
+  if (mj_makeEmptyFileVFS(vfs.get(), name, static_cast<int>(mjcf.size())) != 0)
+    return tl::unexpected(std::string("the model text is too large"));
   std::memcpy(vfs->filedata[mj_findFileVFS(vfs.get(), name)], mjcf.data(), mjcf.size());
   char error[1000] = "";
   ModelPtr model(mj_loadXML(name, vfs.get(), error, sizeof error));
@@ -194,7 +204,8 @@ tl::expected<ModelPtr, std::string> compile(const std::string& mjcf, const std::
   return model;
 }
 #else
-tl::expected<ModelPtr, std::string> compile(const std::string& text, const std::string& file, const std::filesystem::path& folder) {
+tl::expected<ModelPtr, std::string> compile(const std::string& text, const std::string& file,
+                                            const std::filesystem::path& folder) {
   char error[1000] = "";
   if (!file.empty()) {
     ModelPtr model(mj_loadXML(file.c_str(), nullptr, error, sizeof error));
@@ -213,7 +224,8 @@ tl::expected<ModelPtr, std::string> compile(const std::string& text, const std::
 
 /// An error of the engine at the user's line. The engine says line 0 for what is included, and a line may hold several
 /// elements, so the line is asked for again where includes are merged and every element has its own. Changes `sources`.
-std::string located(const std::string& error, const std::vector<Source>& sources, const std::string& name, const std::filesystem::path& folder) {
+std::string located(const std::string& error, const std::vector<Source>& sources, const std::string& name,
+                    const std::filesystem::path& folder) {
   const Origins as_written(sources);
   Origins merged(sources);
   merge_includes(sources, folder, merged);
@@ -226,7 +238,8 @@ std::string located(const std::string& error, const std::vector<Source>& sources
 tl::expected<void, std::string> apply(const Options& options, mjModel* m) {
   if (options.timestep_s) {
     if (!(*options.timestep_s >= shortest_timestep_s && *options.timestep_s <= longest_timestep_s))
-      return tl::unexpected(fmt::format("time step {} s must be within {:g} .. {:g} s", *options.timestep_s, shortest_timestep_s, longest_timestep_s));
+      return tl::unexpected(fmt::format("time step {} s must be within {:g} .. {:g} s", *options.timestep_s,
+                                        shortest_timestep_s, longest_timestep_s));
     m->opt.timestep = *options.timestep_s;
   }
   const auto choose = [](const std::optional<std::string>& name, std::string_view what,
@@ -242,18 +255,22 @@ tl::expected<void, std::string> apply(const Options& options, mjModel* m) {
     }
     return fmt::format("{} '{}' is not known; one of {}", what, *name, fmt::join(names, ", "));
   };
-  if (const auto bad = choose(options.integrator, "integrator",
-                              {{"Euler", mjINT_EULER},
-                               {"implicit", mjINT_IMPLICIT},
+  if (const auto bad = choose(
+          options.integrator, "integrator",
+          {
+            {"Euler", mjINT_EULER}, {"implicit", mjINT_IMPLICIT},
 #if TRIBOTWIN_ENGINE_PLUGINS
-                               {"implicitfast", mjINT_IMPLICITFAST},
+                {"implicitfast", mjINT_IMPLICITFAST},
 #endif
-                               {"RK4", mjINT_RK4}},
-                              m->opt.integrator);
+            {
+              "RK4", mjINT_RK4
+            }
+          },
+          m->opt.integrator);
       !bad.empty())
     return tl::unexpected(bad);
-  if (const auto bad = choose(options.solver, "solver", {{"Newton", mjSOL_NEWTON}, {"CG", mjSOL_CG}, {"PGS", mjSOL_PGS}},
-                              m->opt.solver);
+  if (const auto bad = choose(options.solver, "solver",
+                              {{"Newton", mjSOL_NEWTON}, {"CG", mjSOL_CG}, {"PGS", mjSOL_PGS}}, m->opt.solver);
       !bad.empty())
     return tl::unexpected(bad);
   // A solver chosen here brings the accuracy that keeps a stuck joint still; one chosen in the file is checked instead.
@@ -266,7 +283,8 @@ tl::expected<void, std::string> apply(const Options& options, mjModel* m) {
 
 /// The engine lets NaN pass into a model; a simulation must not start from it.
 tl::expected<void, std::string> require_finite(const mjModel* m) {
-  const auto check = [m](int type, int count, const char* what, std::initializer_list<std::pair<const char*, std::span<const mjtNum>>> fields)
+  const auto check = [m](int type, int count, const char* what,
+                         std::initializer_list<std::pair<const char*, std::span<const mjtNum>>> fields)
       -> tl::expected<void, std::string> {
     for (int i = 0; i < count; ++i)
       for (const auto& [field, values] : fields) {
@@ -274,36 +292,51 @@ tl::expected<void, std::string> require_finite(const mjModel* m) {
         const auto own = values.subspan(static_cast<std::size_t>(i) * width, width);
         if (std::ranges::all_of(own, [](mjtNum x) { return std::isfinite(x); })) continue;
         const char* name = type >= 0 ? mj_id2name(m, type, i) : nullptr;
-        return tl::unexpected(fmt::format("{} '{}': its {} is not finite ({})", what, name && *name ? name : std::to_string(i), field, fmt::join(own, " ")));
+        return tl::unexpected(fmt::format("{} '{}': its {} is not finite ({})", what,
+                                          name && *name ? name : std::to_string(i), field, fmt::join(own, " ")));
       }
     return {};
   };
-  const auto span = [](const mjtNum* first, auto count) { return std::span<const mjtNum>(first, static_cast<std::size_t>(count)); };
+  const auto span = [](const mjtNum* first, auto count) {
+    return std::span<const mjtNum>(first, static_cast<std::size_t>(count));
+  };
   if (auto ok = check(mjOBJ_BODY, static_cast<int>(m->nbody), "body",
-                      {{"mass", span(m->body_mass, m->nbody)}, {"inertia", span(m->body_inertia, 3 * m->nbody)},
-                       {"position", span(m->body_pos, 3 * m->nbody)}, {"centre of mass", span(m->body_ipos, 3 * m->nbody)},
+                      {{"mass", span(m->body_mass, m->nbody)},
+                       {"inertia", span(m->body_inertia, 3 * m->nbody)},
+                       {"position", span(m->body_pos, 3 * m->nbody)},
+                       {"centre of mass", span(m->body_ipos, 3 * m->nbody)},
                        {"orientation", span(m->body_quat, 4 * m->nbody)}});
       !ok)
     return ok;
   if (m->njnt > 0)
     if (auto ok = check(mjOBJ_JOINT, static_cast<int>(m->njnt), "joint",
-                        {{"axis", span(m->jnt_axis, 3 * m->njnt)}, {"anchor", span(m->jnt_pos, 3 * m->njnt)},
-                         {"range", span(m->jnt_range, 2 * m->njnt)}, {"stiffness", span(m->jnt_stiffness, m->njnt)}});
+                        {{"axis", span(m->jnt_axis, 3 * m->njnt)},
+                         {"anchor", span(m->jnt_pos, 3 * m->njnt)},
+                         {"range", span(m->jnt_range, 2 * m->njnt)},
+                         {"stiffness", span(m->jnt_stiffness, m->njnt)}});
         !ok)
       return ok;
   if (m->nv > 0)
     if (auto ok = check(-1, static_cast<int>(m->nv), "dof",
-                        {{"armature", span(m->dof_armature, m->nv)}, {"damping", span(m->dof_damping, m->nv)},
-                         {"frictionloss", span(m->dof_frictionloss, m->nv)}, {"solreffriction", span(m->dof_solref, mjNREF * m->nv)},
+                        {{"armature", span(m->dof_armature, m->nv)},
+                         {"damping", span(m->dof_damping, m->nv)},
+                         {"frictionloss", span(m->dof_frictionloss, m->nv)},
+                         {"solreffriction", span(m->dof_solref, mjNREF * m->nv)},
                          {"solimpfriction", span(m->dof_solimp, mjNIMP * m->nv)}});
         !ok)
       return ok;
   if (const int actuators = engine::actuator_count(m); actuators > 0)
-    if (auto ok = check(mjOBJ_ACTUATOR, actuators, "actuator", {{"gear", span(m->actuator_gear, 6 * actuators)}}); !ok) return ok;
-  if (m->nkey > 0)
-    if (auto ok = check(mjOBJ_KEY, static_cast<int>(m->nkey), "keyframe", {{"qpos", span(m->key_qpos, m->nkey * m->nq)}, {"qvel", span(m->key_qvel, m->nkey * m->nv)}}); !ok)
+    if (auto ok = check(mjOBJ_ACTUATOR, actuators, "actuator", {{"gear", span(m->actuator_gear, 6 * actuators)}}); !ok)
       return ok;
-  return check(-1, 1, "option", {{"gravity", span(m->opt.gravity, 3)}, {"timestep", span(&m->opt.timestep, 1)}, {"tolerance", span(&m->opt.tolerance, 1)}});
+  if (m->nkey > 0)
+    if (auto ok = check(mjOBJ_KEY, static_cast<int>(m->nkey), "keyframe",
+                        {{"qpos", span(m->key_qpos, m->nkey * m->nq)}, {"qvel", span(m->key_qvel, m->nkey * m->nv)}});
+        !ok)
+      return ok;
+  return check(-1, 1, "option",
+               {{"gravity", span(m->opt.gravity, 3)},
+                {"timestep", span(&m->opt.timestep, 1)},
+                {"tolerance", span(&m->opt.tolerance, 1)}});
 }
 
 Result load(const std::string& name, const std::string& text, const std::string& file,
@@ -348,7 +381,8 @@ Result load(const std::string& name, const std::string& text, const std::string&
   std::vector<Spring> bound_springs;
   for (SpringElement& element : *springs) {
     const int actuator = mj_name2id(m, mjOBJ_ACTUATOR, element.actuator.c_str());
-    const Binding drive = *std::ranges::find(bindings, element.hysteresis.drive, [](const Binding& b) { return b.drive.name; });
+    const Binding drive =
+        *std::ranges::find(bindings, element.hysteresis.drive, [](const Binding& b) { return b.drive.name; });
     auto spring = bind_spring(m, std::move(element.hysteresis), drive, actuator);
     if (!spring) return tl::unexpected(fmt::format("{}: {}", element.where, spring.error()));
 #if TRIBOTWIN_ENGINE_PLUGINS
@@ -367,7 +401,10 @@ Result load(const std::string& name, const std::string& text, const std::string&
 }  // namespace
 
 Model::Model(ModelPtr model, std::vector<Binding> drives, std::vector<Spring> springs)
-    : model_(std::move(model)), drives_(std::move(drives)), springs_(std::move(springs)), registration_(model_.get(), drives_, springs_) {}
+    : model_(std::move(model)),
+      drives_(std::move(drives)),
+      springs_(std::move(springs)),
+      registration_(model_.get(), drives_, springs_) {}
 
 DataPtr Model::make_data() const { return DataPtr(mj_makeData(model_.get())); }
 

@@ -17,8 +17,12 @@
 
 namespace tribotwin::mujoco {
 
-struct ModelDeleter { void operator()(mjModel* m) const { mj_deleteModel(m); } };
-struct DataDeleter { void operator()(mjData* d) const { mj_deleteData(d); } };
+struct ModelDeleter {
+  void operator()(mjModel* m) const { mj_deleteModel(m); }
+};
+struct DataDeleter {
+  void operator()(mjData* d) const { mj_deleteData(d); }
+};
 using ModelPtr = std::unique_ptr<mjModel, ModelDeleter>;
 using DataPtr = std::unique_ptr<mjData, DataDeleter>;
 
@@ -51,13 +55,14 @@ inline constexpr double shortest_timestep_s = 1e-6, longest_timestep_s = 1;
 /// What a user of a model may decide anew; checked together with the drives.
 struct Options {
   std::optional<double> timestep_s{};
-  std::optional<std::string> integrator;   ///< Euler, implicit, RK4 (implicitfast on 3.x)
-  std::optional<std::string> solver;       ///< Newton, CG, PGS
+  std::optional<std::string> integrator;  ///< Euler, implicit, RK4 (implicitfast on 3.x)
+  std::optional<std::string> solver;      ///< Newton, CG, PGS
 };
 
 /// Loads MJCF that uses the plugin vocabulary (plugins/README.md), on every engine. On 2.2.2, whose schema knows no
 /// plugins, drives are lowered to torque actuators in memory. Fails with one message that names file, line and element.
-tl::expected<std::shared_ptr<const Model>, std::string> load_file(const std::filesystem::path& file, const Options& = {});
+tl::expected<std::shared_ptr<const Model>, std::string> load_file(const std::filesystem::path& file,
+                                                                  const Options& = {});
 
 /// The same from text; `<include>` and assets are looked up in `folder`.
 tl::expected<std::shared_ptr<const Model>, std::string> load_string(std::string_view mjcf, const Options& = {},

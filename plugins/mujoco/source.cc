@@ -1,5 +1,3 @@
-#include <tribotwin/plugins/mujoco/source.hpp>
-
 #include <algorithm>
 #include <charconv>
 #include <cstring>
@@ -14,6 +12,7 @@
 #include <tribotwin/plugins/friction/law.hpp>
 #include <tribotwin/plugins/mujoco/engine.hpp>
 #include <tribotwin/plugins/mujoco/loader.hpp>
+#include <tribotwin/plugins/mujoco/source.hpp>
 
 namespace tribotwin::mujoco {
 namespace {
@@ -45,7 +44,9 @@ void for_each_element(pugi::xml_node root, const std::function<bool(pugi::xml_no
 Problem too_deep(const Source& source) {
   Problem problem;
   for_each_element(source.document->document_element(), [&](pugi::xml_node element, int depth) {
-    if (depth > deepest) problem = fmt::format("{}: is nested {} elements deep, but at most {} are possible", at(source, element), depth, deepest);
+    if (depth > deepest)
+      problem = fmt::format("{}: is nested {} elements deep, but at most {} are possible", at(source, element), depth,
+                            deepest);
     return !problem;
   });
   return problem;
@@ -56,7 +57,8 @@ Problem out_of_range(const Source& source) {
   const struct {
     const char *element, *attribute, *unit;
     double minimum, maximum;
-  } numbers[] = {{"option", "timestep", " s", shortest_timestep_s, longest_timestep_s}, {"size", "nuserdata", "", 0, most_user_data}};
+  } numbers[] = {{"option", "timestep", " s", shortest_timestep_s, longest_timestep_s},
+                 {"size", "nuserdata", "", 0, most_user_data}};
   for (const auto& n : numbers)
     for (const auto& match : source.document->select_nodes(fmt::format("//{}[@{}]", n.element, n.attribute).c_str())) {
       const std::string text = match.node().attribute(n.attribute).value();
@@ -65,7 +67,8 @@ Problem out_of_range(const Source& source) {
       const char* end = text.data() + (last == text.npos ? 0 : last + 1);
       const auto [stop, error] = std::from_chars(text.data() + std::min(first, text.size()), end, value);
       if (error != std::errc{} || stop != end || !(value >= n.minimum && value <= n.maximum))
-        return fmt::format("{}: {} is '{}' but must be within {:g} .. {:g}{}", at(source, match.node()), n.attribute, text, n.minimum, n.maximum, n.unit);
+        return fmt::format("{}: {} is '{}' but must be within {:g} .. {:g}{}", at(source, match.node()), n.attribute,
+                           text, n.minimum, n.maximum, n.unit);
     }
   return {};
 }
@@ -74,7 +77,8 @@ tl::expected<Source, std::string> parse(std::string name, std::string text) {
   Source source{std::move(name), std::move(text)};
   const pugi::xml_parse_result result = source.document->load_buffer(source.text.data(), source.text.size());
   if (!result)
-    return tl::unexpected(fmt::format("{}:{}: not well-formed XML ({})", source.name, source.line(result.offset), result.description()));
+    return tl::unexpected(
+        fmt::format("{}:{}: not well-formed XML ({})", source.name, source.line(result.offset), result.description()));
   if (!source.document->document_element()) return tl::unexpected(source.name + ": holds no XML element");
   if (const Problem p = too_deep(source)) return tl::unexpected(*p);
   if (const Problem p = out_of_range(source)) return tl::unexpected(*p);
@@ -86,13 +90,20 @@ struct Vocabulary {
   std::string_view element;
   std::span<const std::string_view> attributes, children;
 };
-constexpr std::string_view of_extension[] = {"plugin", "include"}, of_plugin[] = {"instance", "include"}, of_instance[] = {"config"};
-constexpr std::string_view plugin_attributes[] = {"plugin"}, instance_attributes[] = {"name"}, config_attributes[] = {"key", "value"}, include_attributes[] = {"file"};
-constexpr Vocabulary vocabulary[] = {{"extension", {}, of_extension}, {"plugin", plugin_attributes, of_plugin}, {"instance", instance_attributes, of_instance},
-                                     {"config", config_attributes, {}}, {"include", include_attributes, {}}};
+constexpr std::string_view of_extension[] = {"plugin", "include"}, of_plugin[] = {"instance", "include"},
+                           of_instance[] = {"config"};
+constexpr std::string_view plugin_attributes[] = {"plugin"}, instance_attributes[] = {"name"},
+                           config_attributes[] = {"key", "value"}, include_attributes[] = {"file"};
+constexpr Vocabulary vocabulary[] = {{"extension", {}, of_extension},
+                                     {"plugin", plugin_attributes, of_plugin},
+                                     {"instance", instance_attributes, of_instance},
+                                     {"config", config_attributes, {}},
+                                     {"include", include_attributes, {}}};
 
 std::string did_you_mean(std::string_view given, std::span<const std::string_view> accepted) {
-  return accepted.empty() ? std::string() : fmt::format("; did you mean '{}'?", friction::nearest(given, std::vector(accepted.begin(), accepted.end())));
+  return accepted.empty() ? std::string()
+                          : fmt::format("; did you mean '{}'?",
+                                        friction::nearest(given, std::vector(accepted.begin(), accepted.end())));
 }
 
 /// What is wrong with an element below <extension>, or in it.
@@ -101,15 +112,19 @@ Problem unknown_in(const Source& source, pugi::xml_node element) {
   const std::string where = at(source, element);
   for (const pugi::xml_attribute a : element.attributes())
     if (std::ranges::find(known->attributes, std::string_view(a.name())) == known->attributes.end())
-      return fmt::format("{}: attribute '{}' is not known{}", where, a.name(), did_you_mean(a.name(), known->attributes));
+      return fmt::format("{}: attribute '{}' is not known{}", where, a.name(),
+                         did_you_mean(a.name(), known->attributes));
   for (const pugi::xml_node child : element.children()) {
     if (child.type() == pugi::node_pcdata || child.type() == pugi::node_cdata) {
-      const std::string text = child.value(), shown = text.substr(std::min(text.find_first_not_of(" \t\r\n"), text.size()));
-      return fmt::format("{}: holds the text '{}', which nobody reads", where, shown.substr(0, std::min<std::size_t>(40, shown.find_first_of("\r\n"))));
+      const std::string text = child.value(),
+                        shown = text.substr(std::min(text.find_first_not_of(" \t\r\n"), text.size()));
+      return fmt::format("{}: holds the text '{}', which nobody reads", where,
+                         shown.substr(0, std::min<std::size_t>(40, shown.find_first_of("\r\n"))));
     }
     if (child.type() != pugi::node_element) continue;
     if (std::ranges::find(known->children, std::string_view(child.name())) == known->children.end())
-      return fmt::format("{}: is not known in <{}>{}", at(source, child), element.name(), did_you_mean(child.name(), known->children));
+      return fmt::format("{}: is not known in <{}>{}", at(source, child), element.name(),
+                         did_you_mean(child.name(), known->children));
     if (const Problem p = unknown_in(source, child)) return p;
   }
   return {};
@@ -119,8 +134,10 @@ Problem unknown_in(const Source& source, pugi::xml_node element) {
 Problem unknown_plugin(const Source& source, pugi::xml_node element) {
   const std::vector<std::string_view> ours{plugin_name, spring_plugin_name};
   const std::string_view name = element.attribute("plugin").value();
-  if (std::ranges::find(ours, name) != ours.end() || (TRIBOTWIN_ENGINE_PLUGINS && !name.starts_with("tribotwin."))) return {};
-  return fmt::format("{}: plugin '{}' is not known; did you mean '{}'?", at(source, element), name, friction::nearest(name, ours));
+  if (std::ranges::find(ours, name) != ours.end() || (TRIBOTWIN_ENGINE_PLUGINS && !name.starts_with("tribotwin.")))
+    return {};
+  return fmt::format("{}: plugin '{}' is not known; did you mean '{}'?", at(source, element), name,
+                     friction::nearest(name, ours));
 }
 
 /// Where an error of the engine is, as the engine says it: ", line 3", ", line = 3, column = 1".
@@ -152,7 +169,8 @@ tl::expected<std::string, std::string> read_text(const std::filesystem::path& fi
   return text.str();
 }
 
-tl::expected<std::vector<Source>, std::string> read_sources(std::string name, std::string text, const std::filesystem::path& folder) {
+tl::expected<std::vector<Source>, std::string> read_sources(std::string name, std::string text,
+                                                            const std::filesystem::path& folder) {
   std::vector<Source> sources;
   auto main = parse(std::filesystem::path(name).lexically_normal().string(), std::move(text));
   if (!main) return tl::unexpected(main.error());
@@ -182,8 +200,11 @@ tl::expected<void, std::string> check_extensions(const std::vector<Source>& sour
     for (const auto& match : source.document->select_nodes("//extension/plugin | //actuator/plugin")) {
       if (const Problem p = unknown_plugin(source, match.node())) return tl::unexpected(*p);
       const bool of_actuator = std::string_view(match.node().parent().name()) == "actuator";
-      if (const pugi::xml_node child = match.node().first_child(); of_actuator && std::string_view(match.node().attribute("plugin").value()).starts_with("tribotwin.") && child.type() == pugi::node_element)
-        return tl::unexpected(fmt::format("{}: is not known here; keys belong into the <instance> of <extension>", at(source, child)));
+      if (const pugi::xml_node child = match.node().first_child();
+          of_actuator && std::string_view(match.node().attribute("plugin").value()).starts_with("tribotwin.") &&
+          child.type() == pugi::node_element)
+        return tl::unexpected(
+            fmt::format("{}: is not known here; keys belong into the <instance> of <extension>", at(source, child)));
     }
   }
   return {};
@@ -199,7 +220,8 @@ Origins::Origins(const std::vector<Source>& sources) : main_(&sources.front()) {
 
 void Origins::add_copy(const Source& source, pugi::xml_node original, pugi::xml_node copy) {
   int from_depth = 1, to_depth = 1;
-  for (pugi::xml_node from = original, to = copy; from && to && from_depth > 0 && to_depth > 0; from = next_element(from, from_depth), to = next_element(to, to_depth)) {
+  for (pugi::xml_node from = original, to = copy; from && to && from_depth > 0 && to_depth > 0;
+       from = next_element(from, from_depth), to = next_element(to, to_depth)) {
     // A part of `source` may itself have been copied there from another file.
     const auto earlier = copies_.find(from.hash_value());
     copies_[to.hash_value()] = earlier != copies_.end() ? earlier->second : Place{&source, from.offset_debug()};
@@ -212,12 +234,14 @@ void Origins::saved_as(const std::string& text, const pugi::xml_document& docume
   if (!read.load_buffer(text.data(), text.size())) return;
   std::ptrdiff_t line = 1, counted = 0;
   int here_depth = 1, there_depth = 1;
-  for (pugi::xml_node here = document.document_element(), there = read.document_element(); here && there; here = next_element(here, here_depth), there = next_element(there, there_depth)) {
+  for (pugi::xml_node here = document.document_element(), there = read.document_element(); here && there;
+       here = next_element(here, here_depth), there = next_element(there, there_depth)) {
     const std::ptrdiff_t offset = there.offset_debug();
     line += std::count(text.begin() + counted, text.begin() + offset, '\n');
     counted = offset;
     const auto copied = copies_.find(here.hash_value());
-    lines_.push_back({line, there.name(), copied != copies_.end() ? copied->second : Place{main_, here.offset_debug()}});
+    lines_.push_back(
+        {line, there.name(), copied != copies_.end() ? copied->second : Place{main_, here.offset_debug()}});
   }
 }
 
@@ -230,7 +254,9 @@ std::string Origins::located(std::string message, const std::string& name) const
     std::smatch of;
     const std::string kind = std::regex_search(message, of, element) ? of[1].str() : "";
     const long number = std::strtol(found[1].str().c_str(), nullptr, 10);
-    const auto is_meant = [&](const Line& l) { return l.number == number && (kind.empty() || l.element == kind) && l.place.offset > 0; };
+    const auto is_meant = [&](const Line& l) {
+      return l.number == number && (kind.empty() || l.element == kind) && l.place.offset > 0;
+    };
     // Several files have such a line only where the engine reads them by itself and does not say which.
     if (std::ranges::count_if(lines_, is_meant) == 1) {
       const Place& place = std::ranges::find_if(lines_, is_meant)->place;

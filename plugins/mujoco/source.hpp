@@ -17,7 +17,7 @@ namespace tribotwin::mujoco {
 
 /// One file of a model, its includes not yet merged: line numbers are those the user sees.
 struct Source {
-  std::string name;   // for messages
+  std::string name;  // for messages
   std::string text;
   std::unique_ptr<pugi::xml_document> document = std::make_unique<pugi::xml_document>();
 
@@ -30,7 +30,8 @@ std::string at(const Source& source, pugi::xml_node element);
 tl::expected<std::string, std::string> read_text(const std::filesystem::path& file);
 
 /// The files of a model, main file first. Fails on what is no XML, nested too deep, or a number that no engine checks.
-tl::expected<std::vector<Source>, std::string> read_sources(std::string name, std::string text, const std::filesystem::path& folder);
+tl::expected<std::vector<Source>, std::string> read_sources(std::string name, std::string text,
+                                                            const std::filesystem::path& folder);
 
 /// Fails on elements, attributes and text in <extension> that nobody reads: engine 2.2.2 sees none of them.
 tl::expected<void, std::string> check_extensions(const std::vector<Source>& sources);
@@ -61,7 +62,7 @@ class Origins {
     Place place;
   };
   const Source* main_;
-  std::unordered_map<std::size_t, Place> copies_;   ///< by hash of the node
+  std::unordered_map<std::size_t, Place> copies_;  ///< by hash of the node
   std::vector<Line> lines_;
 };
 

@@ -1,15 +1,17 @@
-#include <tribotwin/plugins/mujoco/spring.hpp>
-
 #include <cmath>
 
 #include <fmt/format.h>
 
 #include <tribotwin/plugins/mujoco/engine.hpp>
+#include <tribotwin/plugins/mujoco/spring.hpp>
 
 namespace tribotwin::mujoco {
 
-tl::expected<Spring, std::string> bind_spring(const mjModel* m, transmission::Hysteresis hysteresis, Binding drive, int actuator) {
-  const auto fail = [&](std::string_view what) { return tl::unexpected(fmt::format("transmission '{}': {}", hysteresis.name, what)); };
+tl::expected<Spring, std::string> bind_spring(const mjModel* m, transmission::Hysteresis hysteresis, Binding drive,
+                                              int actuator) {
+  const auto fail = [&](std::string_view what) {
+    return tl::unexpected(fmt::format("transmission '{}': {}", hysteresis.name, what));
+  };
   if (m->actuator_trntype[actuator] != mjTRN_TENDON) return fail("must act on a tendon (tendon=\"...\")");
   Spring s;
   s.actuator = actuator;
@@ -20,14 +22,17 @@ tl::expected<Spring, std::string> bind_spring(const mjModel* m, transmission::Hy
   const std::string tendon = given ? given : std::to_string(s.tendon);
   if (m->actuator_gear[6 * s.force] != 1) return fail("gear must stay 1; the ratio is in the tendon's coefficients");
   for (int i = m->tendon_adr[s.tendon]; i < m->tendon_adr[s.tendon] + m->tendon_num[s.tendon]; ++i) {
-    if (m->wrap_type[i] != mjWRAP_JOINT) return fail(fmt::format("tendon '{}' must be <fixed>, of joints with coefficients 1/u and -1", tendon));
+    if (m->wrap_type[i] != mjWRAP_JOINT)
+      return fail(fmt::format("tendon '{}' must be <fixed>, of joints with coefficients 1/u and -1", tendon));
     s.torsion.push_back({m->jnt_qposadr[m->wrap_objid[i]], m->wrap_prm[i]});
   }
   const double omega = std::sqrt(hysteresis.stiffest() * m->tendon_invweight0[s.tendon]), longest = 1 / omega;
   if (m->opt.timestep > longest) {
     const double scale = std::pow(10, std::floor(std::log10(longest)));
-    return fail(fmt::format("tendon '{}': time step {:g} s is too long for its stiffness, which swings the inertias at up to {:.3g} rad/s; {:g} s works",
-                            tendon, m->opt.timestep, omega, std::floor(longest / scale) * scale));
+    return fail(
+        fmt::format("tendon '{}': time step {:g} s is too long for its stiffness, which swings the inertias at up to "
+                    "{:.3g} rad/s; {:g} s works",
+                    tendon, m->opt.timestep, omega, std::floor(longest / scale) * scale));
   }
   s.hysteresis = std::move(hysteresis);
   s.drive = std::move(drive);
@@ -36,7 +41,9 @@ tl::expected<Spring, std::string> bind_spring(const mjModel* m, transmission::Hy
 
 double& hysteretic_rad(mjData* d, const Spring& s) { return engine::memory(d)[s.memory_address]; }
 double hysteretic_rad(const mjData* d, const Spring& s) { return engine::memory(d)[s.memory_address]; }
-SpringScratch& scratch(mjData* d, const Spring& s) { return *reinterpret_cast<SpringScratch*>(engine::scratch(d) + s.scratch_address); }
+SpringScratch& scratch(mjData* d, const Spring& s) {
+  return *reinterpret_cast<SpringScratch*>(engine::scratch(d) + s.scratch_address);
+}
 const SpringScratch& scratch(const mjData* d, const Spring& s) {
   return *reinterpret_cast<const SpringScratch*>(engine::scratch(d) + s.scratch_address);
 }
@@ -54,7 +61,8 @@ double spring_torque(const mjModel* m, mjData* d, const Spring& spring) {
     s.step_time_s = d->time;
     s.torsion_begin_rad = s.torsion_rad;
   }
-  s.torque_nm = transmission::torque_nm(spring.hysteresis, s.torsion_rad, x, drive::temperature_degC(spring.drive.drive, memory(d, spring.drive)));
+  s.torque_nm = transmission::torque_nm(spring.hysteresis, s.torsion_rad, x,
+                                        drive::temperature_degC(spring.drive.drive, memory(d, spring.drive)));
   return s.torque_nm;
 }
 

@@ -7,8 +7,8 @@
 #include <tribotwin/plugins/mujoco/binding.hpp>
 #include <tribotwin/plugins/transmission/hysteresis.hpp>
 
-/// An elastic transmission tied to a fixed tendon, whose length is the torsion theta / u - q: coefficient 1/u on the motor's
-/// joint, -1 on the arm's. As the force of an actuator on that tendon, -tau_g reacts on both.
+/// An elastic transmission tied to a fixed tendon, whose length is the torsion theta / u - q: coefficient 1/u on the
+/// motor's joint, -1 on the arm's. As the force of an actuator on that tendon, -tau_g reacts on both.
 namespace tribotwin::mujoco {
 
 /// Name of the plugin in MJCF.
@@ -19,20 +19,20 @@ inline constexpr std::size_t spring_memory_size = 1;
 /// Beside x in mjData; doubles only. All zero is a fresh transmission.
 struct SpringScratch {
   double step_open, step_time_s, torsion_begin_rad;
-  double torsion_rad, torque_nm;   ///< of the last force, tau_g [arm side]
-  double heat_J;                   ///< since reset
+  double torsion_rad, torque_nm;  ///< of the last force, tau_g [arm side]
+  double heat_J;                  ///< since reset
 };
 inline constexpr std::size_t spring_scratch_size = sizeof(SpringScratch) / sizeof(double);
 
 /// Where a transmission is in a model. Immutable; shared by all mjData of the model.
 struct Spring {
   transmission::Hysteresis hysteresis;
-  Binding drive;                   ///< which has the temperature and gets the heat
+  Binding drive;  ///< which has the temperature and gets the heat
   int actuator = -1, tendon = -1;
-  int control = -1, force = -1;    ///< addresses in mjData.ctrl and mjData.actuator_force
-  int memory_address = -1, scratch_address = -1;   ///< as those of Binding
+  int control = -1, force = -1;                   ///< addresses in mjData.ctrl and mjData.actuator_force
+  int memory_address = -1, scratch_address = -1;  ///< as those of Binding
   struct Part {
-    int position;                  ///< in mjData.qpos
+    int position;  ///< in mjData.qpos
     double coefficient;
   };
   std::vector<Part> torsion;
@@ -44,11 +44,12 @@ struct Spring {
   }
 };
 
-/// Ties a transmission to actuator `actuator`. Fails when the actuator does not act on a fixed tendon, or the time step is too
-/// long for the stiffness: the message names the element and the remedy. Addresses in mjData are the caller's.
-tl::expected<Spring, std::string> bind_spring(const mjModel* m, transmission::Hysteresis hysteresis, Binding drive, int actuator);
+/// Ties a transmission to actuator `actuator`. Fails when the actuator does not act on a fixed tendon, or the time step
+/// is too long for the stiffness: the message names the element and the remedy. Addresses in mjData are the caller's.
+tl::expected<Spring, std::string> bind_spring(const mjModel* m, transmission::Hysteresis hysteresis, Binding drive,
+                                              int actuator);
 
-double& hysteretic_rad(mjData* d, const Spring& spring);   ///< x
+double& hysteretic_rad(mjData* d, const Spring& spring);  ///< x
 double hysteretic_rad(const mjData* d, const Spring& spring);
 SpringScratch& scratch(mjData* d, const Spring& spring);
 const SpringScratch& scratch(const mjData* d, const Spring& spring);

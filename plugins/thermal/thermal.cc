@@ -1,6 +1,6 @@
-#include <tribotwin/plugins/thermal/thermal.hpp>
-
 #include <cmath>
+
+#include <tribotwin/plugins/thermal/thermal.hpp>
 
 namespace tribotwin::thermal {
 namespace {
@@ -22,9 +22,12 @@ constexpr Parameter second_order[] = {
 
 std::string_view name(Order order) {
   switch (order) {
-    case Order::prescribed: return "prescribed";
-    case Order::first: return "first_order";
-    case Order::second: return "second_order";
+    case Order::prescribed:
+      return "prescribed";
+    case Order::first:
+      return "first_order";
+    case Order::second:
+      return "second_order";
   }
   return {};
 }
@@ -33,9 +36,12 @@ std::span<const Order> orders() { return all_orders; }
 
 std::span<const Parameter> parameters(Order order) {
   switch (order) {
-    case Order::prescribed: return {};
-    case Order::first: return first_order;
-    case Order::second: return second_order;
+    case Order::prescribed:
+      return {};
+    case Order::first:
+      return first_order;
+    case Order::second:
+      return second_order;
   }
   return {};
 }

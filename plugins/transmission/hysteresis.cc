@@ -1,5 +1,3 @@
-#include <tribotwin/plugins/transmission/hysteresis.hpp>
-
 #include <algorithm>
 #include <charconv>
 #include <cmath>
@@ -7,13 +5,15 @@
 
 #include <fmt/format.h>
 
+#include <tribotwin/plugins/transmission/hysteresis.hpp>
+
 namespace tribotwin::transmission {
 namespace {
 
 struct Key {
   const char* name;
   const char* unit;
-  const char* fallback;   ///< "" = required
+  const char* fallback;  ///< "" = required
   double minimum, maximum;
   const char* meaning;
 };
@@ -41,7 +41,9 @@ std::vector<double*> places(Hysteresis& h) {
   std::vector<double*> all;
   for (auto& row : h.k)
     for (double& x : row) all.push_back(&x);
-  for (double* x : {&h.w, &h.beta, &h.gamma, &h.n, &h.torsion_max_rad, &h.temperature_min_degC, &h.temperature_max_degC}) all.push_back(x);
+  for (double* x :
+       {&h.w, &h.beta, &h.gamma, &h.n, &h.torsion_max_rad, &h.temperature_min_degC, &h.temperature_max_degC})
+    all.push_back(x);
   return all;
 }
 
@@ -61,9 +63,7 @@ double Hysteresis::stiffness(double torsion, double T) const {
   return at(0) + at(1) * p + at(2) * p * p * p;
 }
 
-double Hysteresis::limit_rad() const {
-  return std::pow(beta + gamma, -1 / n);
-}
+double Hysteresis::limit_rad() const { return std::pow(beta + gamma, -1 / n); }
 
 double Hysteresis::stiffest() const {
   double most = 0;
@@ -74,7 +74,8 @@ double Hysteresis::stiffest() const {
       // x grows fastest against phi just after a reversal.
       const double p = torsion_max_rad * j / grid, growth = std::abs(at(1) + 3 * at(2) * p * p);
       const double fastest = 1 + std::max(0.0, (beta - gamma) / (beta + gamma));
-      most = std::max(most, stiffness(p, T) * (w + (1 - w) * fastest) + growth * (w * p + (1 - w) * std::min(p, limit_rad())));
+      most = std::max(
+          most, stiffness(p, T) * (w + (1 - w) * fastest) + growth * (w * p + (1 - w) * std::min(p, limit_rad())));
     }
   }
   return most;
@@ -82,12 +83,13 @@ double Hysteresis::stiffest() const {
 
 double advanced(const Hysteresis& h, double x0, double increment) {
   if (increment == 0) return x0;
-  const double limit = h.limit_rad(), length = limit / h.n;   // distance on which x settles
+  const double limit = h.limit_rad(), length = limit / h.n;  // distance on which x settles
   const double way = std::min(std::abs(increment), 60 * length);
   const double pieces = std::ceil(way / (0.05 * length)), step = way / pieces;
   double y = std::clamp(increment > 0 ? x0 : -x0, -limit, limit);
   for (int i = 0; i < static_cast<int>(pieces); ++i) {
-    const double a = slope(h, y), b = slope(h, y + step / 2 * a), c = slope(h, y + step / 2 * b), d = slope(h, y + step * c);
+    const double a = slope(h, y), b = slope(h, y + step / 2 * a), c = slope(h, y + step / 2 * b),
+                 d = slope(h, y + step * c);
     y = std::clamp(y + step / 6 * (a + 2 * b + 2 * c + d), -limit, limit);
   }
   return increment > 0 ? y : -y;
@@ -98,7 +100,8 @@ double torque_nm(const Hysteresis& h, double torsion, double x, double T) {
 }
 
 Advance advance(const Hysteresis& h, double x, double from, double to, double T) {
-  const double middle = 0.5 * (from + to), x_middle = advanced(h, x, middle - from), x_end = advanced(h, x_middle, to - middle);
+  const double middle = 0.5 * (from + to), x_middle = advanced(h, x, middle - from),
+               x_end = advanced(h, x_middle, to - middle);
   const double k0 = h.stiffness(from, T), k1 = h.stiffness(middle, T), k2 = h.stiffness(to, T);
   const double work = (to - from) / 6 * (k0 * x + 4 * k1 * x_middle + k2 * x_end);
   const double stored = 0.5 * (k2 * x_end * x_end - k0 * x * x);
@@ -117,11 +120,13 @@ std::span<const char* const> all_keys() {
 tl::expected<Hysteresis, std::string> make_hysteresis(std::string name, const Configuration& configuration) {
   std::map<std::string, std::string, std::less<>> left;
   for (const auto& [key, value] : configuration)
-    if (!value.empty() && !left.emplace(key, value).second) return tl::unexpected(fmt::format("key '{}' is given twice", key));
+    if (!value.empty() && !left.emplace(key, value).second)
+      return tl::unexpected(fmt::format("key '{}' is given twice", key));
   Hysteresis h{.name = std::move(name)};
   const auto drive = left.find("drive");
   if (drive == left.end())
-    return tl::unexpected(std::string("key 'drive' is missing: the instance of the tribotwin.drive that has the temperature and gets the heat"));
+    return tl::unexpected(std::string(
+        "key 'drive' is missing: the instance of the tribotwin.drive that has the temperature and gets the heat"));
   h.drive = drive->second;
   left.erase(drive);
   const auto values = places(h);
@@ -138,20 +143,29 @@ tl::expected<Hysteresis, std::string> make_hysteresis(std::string name, const Co
     if (error != std::errc{} || end != text.data() + text.size() || !std::isfinite(value))
       return tl::unexpected(fmt::format("key '{}' is '{}' but must be a finite number [{}]", key.name, text, key.unit));
     if (value < key.minimum || value > key.maximum)
-      return tl::unexpected(fmt::format("key '{}' is {} but must be within {} .. {} [{}]", key.name, value, key.minimum, key.maximum, key.unit));
+      return tl::unexpected(fmt::format("key '{}' is {} but must be within {} .. {} [{}]", key.name, value, key.minimum,
+                                        key.maximum, key.unit));
     *values[i] = value;
   }
   if (!left.empty())
-    return tl::unexpected(fmt::format("key '{}' is not known; the keys are {}", left.begin()->first, fmt::join(all_keys(), ", ")));
+    return tl::unexpected(
+        fmt::format("key '{}' is not known; the keys are {}", left.begin()->first, fmt::join(all_keys(), ", ")));
   if (!(h.gamma > -h.beta && h.gamma <= h.beta))
-    return tl::unexpected(fmt::format("gamma {} must be above -beta and at most beta = {}: beyond, loops would deliver energy or x have no limit", h.gamma, h.beta));
+    return tl::unexpected(fmt::format(
+        "gamma {} must be above -beta and at most beta = {}: beyond, loops would deliver energy or x have no limit",
+        h.gamma, h.beta));
   if (h.temperature_min_degC > h.temperature_max_degC)
-    return tl::unexpected(fmt::format("temperature_min_degC {} lies above temperature_max_degC {}", h.temperature_min_degC, h.temperature_max_degC));
+    return tl::unexpected(fmt::format("temperature_min_degC {} lies above temperature_max_degC {}",
+                                      h.temperature_min_degC, h.temperature_max_degC));
   for (int i = 0; i <= grid; ++i)
     for (int j = 0; j <= grid; ++j) {
-      const double T = h.temperature_min_degC + (h.temperature_max_degC - h.temperature_min_degC) * i / grid, p = h.torsion_max_rad * j / grid;
+      const double T = h.temperature_min_degC + (h.temperature_max_degC - h.temperature_min_degC) * i / grid,
+                   p = h.torsion_max_rad * j / grid;
       if (!(h.stiffness(p, T) > 0))
-        return tl::unexpected(fmt::format("the stiffness is {:.4g} Nm/rad at a torsion of {:.3g} rad and {:.3g} degC; it must be above 0 in the whole range", h.stiffness(p, T), p, T));
+        return tl::unexpected(
+            fmt::format("the stiffness is {:.4g} Nm/rad at a torsion of {:.3g} rad and {:.3g} degC; it must be above 0 "
+                        "in the whole range",
+                        h.stiffness(p, T), p, T));
     }
   return h;
 }
@@ -165,13 +179,16 @@ Configuration configuration_of(const Hysteresis& hysteresis) {
 }
 
 std::string reference_markdown() {
-  std::string out = "\n### Elastic transmission: `tribotwin.hysteresis`\n\n"
+  std::string out =
+      "\n### Elastic transmission: `tribotwin.hysteresis`\n\n"
       "`tau_g = w k phi + (1 - w) k x`, `x' = phi' - beta |phi'| |x|^(n-1) x - gamma phi' |x|^n`, "
-      "`k = k0(T) + k1(T) |phi| + k2(T) |phi|^3`, `ki(T) = ki0 + ki1 T + ki2 T^2` (P4 (2), (3)); torsion phi is the length of the tendon.\n\n"
+      "`k = k0(T) + k1(T) |phi| + k2(T) |phi|^3`, `ki(T) = ki0 + ki1 T + ki2 T^2` (P4 (2), (3)); torsion phi is the "
+      "length of the tendon.\n\n"
       "| key | unit | default | range | meaning |\n|---|---|---|---|---|\n"
       "| `drive` | | required | | instance of the tribotwin.drive that has the temperature and gets the heat |\n";
   for (const Key& key : keys)
-    out += fmt::format("| `{}` | {} | {} | {:g} .. {:g} | {} |\n", key.name, key.unit, key.fallback[0] ? key.fallback : "required", key.minimum, key.maximum, key.meaning);
+    out += fmt::format("| `{}` | {} | {} | {:g} .. {:g} | {} |\n", key.name, key.unit,
+                       key.fallback[0] ? key.fallback : "required", key.minimum, key.maximum, key.meaning);
   return out;
 }
 

@@ -7,24 +7,26 @@
 
 #include <tl/expected.hpp>
 
-/// The elastic, hysteretic transmission of a gear, between its torsion phi = theta / u - q and its torque (P4 (2), (3)):
+/// The elastic, hysteretic transmission of a gear, between its torsion phi = theta / u - q and its torque (P4 (2),
+/// (3)):
 ///
 ///   tau_g = w k phi + (1 - w) k x,   x' = phi' - beta |phi'| |x|^(n-1) x - gamma phi' |x|^n
 ///   k = k0(T) + k1(T) |phi| + k2(T) |phi|^3,   each k_i = k_i0 + k_i1 T + k_i2 T^2
 ///
-/// Time does not occur but through phi: x is advanced over the increment of phi, not over dt, so loops are the same at every
-/// rate. Of the work of a step, the part (1 - w) k x^2 / 2 may hold is stored, and the rest of the hysteretic work is heat;
-/// over a closed loop heat is its area. Where k rises with |phi| the heat of a step can be below 0, of a loop it cannot.
+/// Time does not occur but through phi: x is advanced over the increment of phi, not over dt, so loops are the same at
+/// every rate. Of the work of a step, the part (1 - w) k x^2 / 2 may hold is stored, and the rest of the hysteretic
+/// work is heat; over a closed loop heat is its area. Where k rises with |phi| the heat of a step can be below 0, of a
+/// loop it cannot.
 namespace tribotwin::transmission {
 
 struct Hysteresis {
   std::string name;
-  std::string drive;              ///< instance of the tribotwin.drive that has the temperature and gets the heat
-  double k[3][3] = {};            ///< [i][j]: coefficient of T^j in k_i; Nm/rad, Nm/rad^2, Nm/rad^4 per K^j
-  double w = 0.5;                 ///< elastic share, 0..1
+  std::string drive;                  ///< instance of the tribotwin.drive that has the temperature and gets the heat
+  double k[3][3] = {};                ///< [i][j]: coefficient of T^j in k_i; Nm/rad, Nm/rad^2, Nm/rad^4 per K^j
+  double w = 0.5;                     ///< elastic share, 0..1
   double beta = 1, gamma = 0, n = 1;  ///< [rad^-n], -beta < gamma <= beta; n >= 1
-  double torsion_max_rad = 1;     ///< stiffness is that of this torsion beyond it
-  double temperature_min_degC = 20, temperature_max_degC = 50;   ///< held to this range
+  double torsion_max_rad = 1;         ///< stiffness is that of this torsion beyond it
+  double temperature_min_degC = 20, temperature_max_degC = 50;  ///< held to this range
 
   /// k [Nm/rad] at a torsion and a temperature, held to the ranges above.
   double stiffness(double torsion_rad, double temperature_degC) const;
@@ -43,7 +45,7 @@ double torque_nm(const Hysteresis& h, double torsion_rad, double x_rad, double t
 
 struct Advance {
   double x_rad;
-  double heat_J;                  ///< hysteretic work - stored
+  double heat_J;  ///< hysteretic work - stored
 };
 /// x and heat after the torsion went from `from_rad` to `to_rad`.
 Advance advance(const Hysteresis& h, double x_rad, double from_rad, double to_rad, double temperature_degC);

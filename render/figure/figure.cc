@@ -1,5 +1,3 @@
-#include <tribotwin/render/figure/figure.hpp>
-
 #include <algorithm>
 #include <cmath>
 #include <iterator>
@@ -10,6 +8,7 @@
 #include <fmt/format.h>
 #include <glib.h>
 
+#include <tribotwin/render/figure/figure.hpp>
 #include <tribotwin/render/process/child.hpp>
 #include <tribotwin/render/theme/theme.hpp>
 
@@ -26,9 +25,12 @@ std::string quoted(const std::string& text) {
   std::string out = "\"";
   for (const char c : printable(text)) {
     const auto byte = static_cast<unsigned char>(c);
-    const bool harmless = byte >= 0x80 || byte == ' ' || (byte >= '0' && byte <= '9') || ((byte | 0x20) >= 'a' && (byte | 0x20) <= 'z');
-    if (harmless) out += c;
-    else out += fmt::format("\\{:04o}", byte);
+    const bool harmless =
+        byte >= 0x80 || byte == ' ' || (byte >= '0' && byte <= '9') || ((byte | 0x20) >= 'a' && (byte | 0x20) <= 'z');
+    if (harmless)
+      out += c;
+    else
+      out += fmt::format("\\{:04o}", byte);
   }
   return out + "\"";
 }
@@ -55,7 +57,10 @@ std::string plain(const std::string& text) {
   return out;
 }
 
-std::string label(const Axis& axis) { return quoted(fmt::format("{}{}{} [{}]", plain(axis.quantity), axis.symbol.empty() ? "" : " ", axis.symbol, plain(axis.unit))); }
+std::string label(const Axis& axis) {
+  return quoted(
+      fmt::format("{}{}{} [{}]", plain(axis.quantity), axis.symbol.empty() ? "" : " ", axis.symbol, plain(axis.unit)));
+}
 
 struct Range {
   double low = std::numeric_limits<double>::infinity(), high = -low;
@@ -76,11 +81,15 @@ std::string range(const char* name, const Axis& axis, Range r) {
 }
 
 Check checked(const Figure& f) {
-  const auto wrong = [&](const std::string& what) { return tl::unexpected(fmt::format("figure '{}': {}", f.title, what)); };
-  if (f.colour && !(f.colour->from && f.colour->to && *f.colour->from < *f.colour->to)) return wrong("its colour axis needs limits");
+  const auto wrong = [&](const std::string& what) {
+    return tl::unexpected(fmt::format("figure '{}': {}", f.title, what));
+  };
+  if (f.colour && !(f.colour->from && f.colour->to && *f.colour->from < *f.colour->to))
+    return wrong("its colour axis needs limits");
   if (f.surface) {
     const Surface& s = *f.surface;
-    if (s.x.size() < 2 || s.y.size() < 2 || s.z.size() != s.y.size() || std::ranges::any_of(s.z, [&](const auto& row) { return row.size() != s.x.size(); }))
+    if (s.x.size() < 2 || s.y.size() < 2 || s.z.size() != s.y.size() ||
+        std::ranges::any_of(s.z, [&](const auto& row) { return row.size() != s.x.size(); }))
       return wrong(fmt::format("its surface of {} x {} points has {} rows", s.x.size(), s.y.size(), s.z.size()));
     if (!f.z) return wrong("its surface needs a z axis");
     bool any = false;
@@ -94,7 +103,9 @@ Check checked(const Figure& f) {
   if (f.matrix) {
     const Matrix& m = *f.matrix;
     const auto n = m.names.size();
-    if (n < 2 || m.values.size() != n || std::ranges::any_of(m.values, [&](const auto& row) { return row.size() != n; })) return wrong(fmt::format("its matrix has {} names and {} rows", n, m.values.size()));
+    if (n < 2 || m.values.size() != n ||
+        std::ranges::any_of(m.values, [&](const auto& row) { return row.size() != n; }))
+      return wrong(fmt::format("its matrix has {} names and {} rows", n, m.values.size()));
     for (const auto& row : m.values)
       for (const double v : row)
         if (std::abs(v) > 1 + 1e-6) return wrong(fmt::format("its matrix has the value {}, beyond -1 .. 1", v));
@@ -105,12 +116,15 @@ Check checked(const Figure& f) {
     const Series& s = f.series[i];
     const std::string name = s.label.empty() ? fmt::format("series {}", i + 1) : fmt::format("series '{}'", s.label);
     const bool bars = s.mark == Mark::error_bars;
-    if (s.y.size() != s.x.size() || (bars && s.error.size() != s.x.size()) || (s.shade.size() > 1 && s.shade.size() != s.x.size()))
-      return wrong(fmt::format("{} has {} x, {} y, {} errors and {} shades", name, s.x.size(), s.y.size(), s.error.size(), s.shade.size()));
+    if (s.y.size() != s.x.size() || (bars && s.error.size() != s.x.size()) ||
+        (s.shade.size() > 1 && s.shade.size() != s.x.size()))
+      return wrong(fmt::format("{} has {} x, {} y, {} errors and {} shades", name, s.x.size(), s.y.size(),
+                               s.error.size(), s.shade.size()));
     if (!s.shade.empty() && !f.colour) return wrong(fmt::format("{} has shades but the figure no colour axis", name));
     bool any = false;
     for (std::size_t k = 0; k < s.x.size(); ++k) {
-      if (std::isinf(s.x[k]) || std::isinf(s.y[k]) || (bars && std::isinf(s.error[k]))) return wrong(fmt::format("{} has an infinite value at point {}", name, k + 1));
+      if (std::isinf(s.x[k]) || std::isinf(s.y[k]) || (bars && std::isinf(s.error[k])))
+        return wrong(fmt::format("{} has an infinite value at point {}", name, k + 1));
       any |= std::isfinite(s.x[k]) && std::isfinite(s.y[k]);
     }
     if (!any) return wrong(fmt::format("{} has no finite value", name));
@@ -121,9 +135,15 @@ Check checked(const Figure& f) {
 std::string terminal(Format format, FigureSize size) {
   const auto font = [](int points) { return fmt::format("font '{},{}'", theme::picture_font, points); };
   switch (format) {
-    case Format::svg: return fmt::format("set terminal svg size {},{} enhanced {} background '{}'\n", size.width, size.height, font(13), hex(theme::paper));
-    case Format::png: return fmt::format("set terminal pngcairo size {},{} enhanced {} fontscale 2 linewidth 2 pointscale 2\n", 2 * size.width, 2 * size.height, font(10));
-    case Format::pdf: return fmt::format("set terminal pdfcairo size {}in,{}in enhanced {} linewidth 1.4\n", size.width / 96.0, size.height / 96.0, font(10));
+    case Format::svg:
+      return fmt::format("set terminal svg size {},{} enhanced {} background '{}'\n", size.width, size.height, font(13),
+                         hex(theme::paper));
+    case Format::png:
+      return fmt::format("set terminal pngcairo size {},{} enhanced {} fontscale 2 linewidth 2 pointscale 2\n",
+                         2 * size.width, 2 * size.height, font(10));
+    case Format::pdf:
+      return fmt::format("set terminal pdfcairo size {}in,{}in enhanced {} linewidth 1.4\n", size.width / 96.0,
+                         size.height / 96.0, font(10));
   }
   return {};
 }
@@ -132,14 +152,19 @@ std::string terminal(Format format, FigureSize size) {
 std::string frame(const Figure& f, FigureSize size) {
   std::string s = "set encoding utf8\nset palette defined (";
   constexpr int steps = 32;
-  for (int i = 0; i <= steps; ++i) s += fmt::format("{}{} '{}'", i ? ", " : "", i, hex(viridis(static_cast<double>(i) / steps)));
+  for (int i = 0; i <= steps; ++i)
+    s += fmt::format("{}{} '{}'", i ? ", " : "", i, hex(viridis(static_cast<double>(i) / steps)));
   s += ")\n";
-  s += fmt::format("set title {} noenhanced textcolor '{}'\n", quoted(fitting(f.title, size.width - 60)), hex(theme::ink));
-  for (const char* axis : {"x", "y", "z", "cb"}) s += fmt::format("set {}tics nomirror textcolor '{}'\n", axis, hex(theme::ink));
-  s += fmt::format("set border {} linewidth 1 linecolor '{}'\nset tics out scale 0.6\n", f.surface ? 895 : 3, hex(theme::ink_soft));
+  s += fmt::format("set title {} noenhanced textcolor '{}'\n", quoted(fitting(f.title, size.width - 60)),
+                   hex(theme::ink));
+  for (const char* axis : {"x", "y", "z", "cb"})
+    s += fmt::format("set {}tics nomirror textcolor '{}'\n", axis, hex(theme::ink));
+  s += fmt::format("set border {} linewidth 1 linecolor '{}'\nset tics out scale 0.6\n", f.surface ? 895 : 3,
+                   hex(theme::ink_soft));
   s += fmt::format("set grid linecolor '{}' linetype 1 linewidth 1\n", hex(theme::line));
   s += fmt::format("set key tmargin center horizontal samplen 2.5 textcolor '{}'\n", hex(theme::ink));
-  s += fmt::format("set xlabel {} textcolor '{}'\nset ylabel {} textcolor '{}'\n", label(f.x), hex(theme::ink), label(f.y), hex(theme::ink));
+  s += fmt::format("set xlabel {} textcolor '{}'\nset ylabel {} textcolor '{}'\n", label(f.x), hex(theme::ink),
+                   label(f.y), hex(theme::ink));
   if (f.same_scale) s += "set size ratio -1\n";
   return s;
 }
@@ -155,13 +180,19 @@ std::string surface(const Figure& f) {
     s += '\n';
   }
   s += "END\n";
-  s += fmt::format("set cblabel {} textcolor '{}'\nunset key\nset view 60,325,0.95,1.05\nset xyplane 0\nset pm3d depthorder\nset lmargin at screen 0.22\nset rmargin at screen 0.70\nset colorbox user origin 0.85,0.2 size 0.025,0.6\n", label(*f.z), hex(theme::ink));
+  s += fmt::format(
+      "set cblabel {} textcolor '{}'\nunset key\nset view 60,325,0.95,1.05\nset xyplane 0\nset pm3d depthorder\nset "
+      "lmargin at screen 0.22\nset rmargin at screen 0.70\nset colorbox user origin 0.85,0.2 size 0.025,0.6\n",
+      label(*f.z), hex(theme::ink));
   const auto spaced = [](const char* axis, double from, double to, const char* offset) {
     const auto marks = ticks(from, to, 5);
     return marks.size() > 1 ? fmt::format("set {}tics {} offset {}\n", axis, marks[1] - marks[0], offset) : "";
   };
-  s += spaced("x", f.surface->x.front(), f.surface->x.back(), "0,-0.4") + spaced("y", f.surface->y.front(), f.surface->y.back(), "-0.6,-0.4") + spaced("z", z.low, z.high, "0,0.2") + spaced("cb", z.low, z.high, "0,0");
-  s += fmt::format("set xrange [{}:{}]\nset yrange [{}:{}]\nset xlabel offset 0,-1.2\nset ylabel offset 1,-2.2\n", f.surface->x.front(), f.surface->x.back(), f.surface->y.front(), f.surface->y.back());
+  s += spaced("x", f.surface->x.front(), f.surface->x.back(), "0,-0.4") +
+       spaced("y", f.surface->y.front(), f.surface->y.back(), "-0.6,-0.4") + spaced("z", z.low, z.high, "0,0.2") +
+       spaced("cb", z.low, z.high, "0,0");
+  s += fmt::format("set xrange [{}:{}]\nset yrange [{}:{}]\nset xlabel offset 0,-1.2\nset ylabel offset 1,-2.2\n",
+                   f.surface->x.front(), f.surface->x.back(), f.surface->y.front(), f.surface->y.back());
   return s + range("z", *f.z, z) + range("cb", *f.z, z) + "splot $surface using 1:2:3 with pm3d\n";
 }
 
@@ -169,8 +200,10 @@ std::string surface(const Figure& f) {
 std::string matrix(const Figure& f) {
   const Matrix& m = *f.matrix;
   const std::size_t n = m.names.size();
-  std::string s = fmt::format("set palette defined (-1 '{}', 0 '{}', 1 '{}')\nset cbrange [-1:1]\nset cbtics 0.5\nset cblabel {} textcolor '{}'\n", hex(diverging(-1)), hex(diverging(0)), hex(diverging(1)),
-                              label(f.x), hex(theme::ink));
+  std::string s = fmt::format(
+      "set palette defined (-1 '{}', 0 '{}', 1 '{}')\nset cbrange [-1:1]\nset cbtics 0.5\nset cblabel {} textcolor "
+      "'{}'\n",
+      hex(diverging(-1)), hex(diverging(0)), hex(diverging(1)), label(f.x), hex(theme::ink));
   s += "unset grid\nunset border\nset tics scale 0\nunset xlabel\nunset ylabel\n";
   for (const char* axis : {"x", "y"}) {
     s += fmt::format("set {}tics (", axis);
@@ -185,8 +218,10 @@ std::string matrix(const Figure& f) {
       const Colour fill = i == k || std::isnan(v) ? theme::grid : diverging(v);
       std::string number = i == k ? "1" : std::isnan(v) ? "–" : correlation(v);
       if (i != k && std::abs(v) >= 0.9) number = "{/:Bold " + number + "}";
-      s += fmt::format("set object rectangle from {},{} to {},{} fillcolor rgb '{}' fillstyle solid border rgb '{}'\n", x - 0.48, y - 0.47, x + 0.48, y + 0.47, hex(fill), hex(theme::paper));
-      s += fmt::format("set label {} at {},{} center front textcolor '{}'\n", quoted("{/*0.9 " + number + "}"), x, y, hex(theme::ink));
+      s += fmt::format("set object rectangle from {},{} to {},{} fillcolor rgb '{}' fillstyle solid border rgb '{}'\n",
+                       x - 0.48, y - 0.47, x + 0.48, y + 0.47, hex(fill), hex(theme::paper));
+      s += fmt::format("set label {} at {},{} center front textcolor '{}'\n", quoted("{/*0.9 " + number + "}"), x, y,
+                       hex(theme::ink));
     }
   return s + "plot NaN with lines linecolor palette notitle\n";
 }
@@ -197,30 +232,47 @@ std::string curves(const Figure& f, FigureSize size) {
   std::size_t strokes = 0;
   for (std::size_t i = 0; i < f.series.size(); ++i) {
     const Series& c = f.series[i];
-    const bool error = c.mark == Mark::error_bars, many = c.mark == Mark::points && c.x.size() > 1000;   // which are small and translucent
+    const bool error = c.mark == Mark::error_bars,
+               many = c.mark == Mark::points && c.x.size() > 1000;  // which are small and translucent
     const theme::Stroke stroke = theme::stroke(c.stroke ? *c.stroke : c.label.empty() ? strokes : strokes++);
-    const auto shade = [&](std::size_t k) { return viridis((c.shade[c.shade.size() > 1 ? k : 0] - *f.colour->from) / (*f.colour->to - *f.colour->from)); };
+    const auto shade = [&](std::size_t k) {
+      return viridis((c.shade[c.shade.size() > 1 ? k : 0] - *f.colour->from) / (*f.colour->to - *f.colour->from));
+    };
     s += fmt::format("$s{} << END\n", i);
     for (std::size_t k = 0; k < c.x.size(); ++k) {
       const Colour rgb = c.shade.empty() ? stroke.colour : shade(k);
       const bool gap = !(std::isfinite(c.x[k]) && std::isfinite(c.y[k]));
       const double spread = error && std::isfinite(c.error[k]) ? c.error[k] : 0;
       if (!gap) x.add(c.x[k]), y.add(c.y[k] - spread), y.add(c.y[k] + spread);
-      if (gap) s += "NaN NaN 0 0\n";
-      else s += fmt::format("{} {} {} {}\n", c.x[k], c.y[k], spread, (many ? 0xa0000000U : 0U) | static_cast<unsigned>(rgb.r << 16 | rgb.g << 8 | rgb.b));
+      if (gap)
+        s += "NaN NaN 0 0\n";
+      else
+        s += fmt::format("{} {} {} {}\n", c.x[k], c.y[k], spread,
+                         (many ? 0xa0000000U : 0U) | static_cast<unsigned>(rgb.r << 16 | rgb.g << 8 | rgb.b));
     }
     s += "END\n";
     const std::string colour = fmt::format("'{}'", hex(c.shade.empty() ? stroke.colour : shade(0)));
     plot += fmt::format("{} $s{} using ", i ? "," : "plot", i);
     switch (c.mark) {
-      case Mark::line: plot += fmt::format("1:2 with lines linewidth 1.8 linecolor rgb {} dashtype {}", colour, c.shade.empty() ? stroke.dashes : "solid"); break;
-      case Mark::reference: plot += fmt::format("1:2 with lines linewidth 1.2 linecolor rgb {} dashtype (6,5)", colour); break;
+      case Mark::line:
+        plot += fmt::format("1:2 with lines linewidth 1.8 linecolor rgb {} dashtype {}", colour,
+                            c.shade.empty() ? stroke.dashes : "solid");
+        break;
+      case Mark::reference:
+        plot += fmt::format("1:2 with lines linewidth 1.2 linecolor rgb {} dashtype (6,5)", colour);
+        break;
       case Mark::points: {
-        static constexpr int types[] = {7, 6, 2};   // gnuplot's, in the order of Shape
-        plot += fmt::format("1:2:4 with points pointtype {} pointsize {} linewidth 1.6 linecolor rgb variable", types[static_cast<int>(c.shape)], many ? 0.28 : c.shape == Shape::dot ? 0.4 : 0.9);
+        static constexpr int types[] = {7, 6, 2};  // gnuplot's, in the order of Shape
+        plot += fmt::format("1:2:4 with points pointtype {} pointsize {} linewidth 1.6 linecolor rgb variable",
+                            types[static_cast<int>(c.shape)],
+                            many                    ? 0.28
+                            : c.shape == Shape::dot ? 0.4
+                                                    : 0.9);
         break;
       }
-      case Mark::error_bars: plot += "1:2:3:4 with yerrorbars pointtype 7 pointsize 0.45 linewidth 1.2 linecolor rgb variable"; break;
+      case Mark::error_bars:
+        plot += "1:2:3:4 with yerrorbars pointtype 7 pointsize 0.45 linewidth 1.2 linecolor rgb variable";
+        break;
       case Mark::bars: {
         const double width = c.x.size() > 1 ? std::abs(c.x[1] - c.x[0]) : 1;
         y.add(0);
@@ -228,14 +280,21 @@ std::string curves(const Figure& f, FigureSize size) {
         plot += fmt::format("1:2:({}) with boxes fillstyle solid 0.75 noborder linecolor rgb {}", 0.92 * width, colour);
         break;
       }
-      case Mark::area: plot += fmt::format("1:2 with filledcurves closed fillstyle transparent solid 0.12 border linewidth 1.6 linecolor rgb {}", colour); break;
+      case Mark::area:
+        plot += fmt::format(
+            "1:2 with filledcurves closed fillstyle transparent solid 0.12 border linewidth 1.6 linecolor rgb {}",
+            colour);
+        break;
     }
-    plot += c.label.empty() ? " notitle" : fmt::format(" title {} noenhanced", quoted(fitting(c.label, size.width - 130)));
+    plot +=
+        c.label.empty() ? " notitle" : fmt::format(" title {} noenhanced", quoted(fitting(c.label, size.width - 130)));
   }
   if (f.colour) {
     // Room for the bar, its numbers and its label: gnuplot leaves too little where the numbers are long.
-    s += fmt::format("set cblabel {} textcolor '{}'\nset rmargin at screen {}\n", label(*f.colour), hex(theme::ink), 1 - 108.0 / size.width) + range("cb", *f.colour, {});
-    plot += ", NaN with lines linecolor palette notitle";   // what makes gnuplot draw the colour bar
+    s += fmt::format("set cblabel {} textcolor '{}'\nset rmargin at screen {}\n", label(*f.colour), hex(theme::ink),
+                     1 - 108.0 / size.width) +
+         range("cb", *f.colour, {});
+    plot += ", NaN with lines linecolor palette notitle";  // what makes gnuplot draw the colour bar
   }
   return s + range("x", f.x, x) + range("y", f.y, y) + plot + "\n";
 }
@@ -250,7 +309,10 @@ tl::expected<Format, std::string> format_of(std::string_view file) {
 
 tl::expected<std::string, std::string> draw(const Figure& figure, Format format, FigureSize size) {
   if (auto good = checked(figure); !good) return tl::unexpected(good.error());
-  const std::string script = terminal(format, size) + frame(figure, size) + (figure.surface ? surface(figure) : figure.matrix ? matrix(figure) : curves(figure, size));
+  const std::string script = terminal(format, size) + frame(figure, size) +
+                             (figure.surface  ? surface(figure)
+                              : figure.matrix ? matrix(figure)
+                                              : curves(figure, size));
   auto drawn = run({{"gnuplot", "-d"}, "gnuplot-nox"}, script);
   if (!drawn) return tl::unexpected(fmt::format("figure '{}': {}", figure.title, drawn.error()));
   return drawn;

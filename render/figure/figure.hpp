@@ -14,16 +14,16 @@ namespace tribotwin::render {
 /// Labelled "quantity symbol [unit]"; without unit "-".
 struct Axis {
   std::string quantity, symbol{}, unit{"-"};
-  std::optional<double> from{}, to{};   ///< else around the values
+  std::optional<double> from{}, to{};  ///< else around the values
 };
 
 enum class Mark {
   line,
-  reference,    ///< a thin dashed line, to compare with
-  points,       ///< small and translucent where they are many
-  error_bars,   ///< points with y +- error
-  bars,         ///< from 0 to y, centred on evenly spaced x
-  area          ///< closed outline, lightly filled
+  reference,   ///< a thin dashed line, to compare with
+  points,      ///< small and translucent where they are many
+  error_bars,  ///< points with y +- error
+  bars,        ///< from 0 to y, centred on evenly spaced x
+  area         ///< closed outline, lightly filled
 };
 
 /// Of Mark::points; those but the dot are drawn larger, to be told apart without colour.
@@ -32,11 +32,11 @@ enum class Shape { dot, circle, cross };
 /// x, y (and error) of equal length. NaN leaves a gap; a series needs at least one finite point.
 struct Series {
   Mark mark = Mark::line;
-  std::string label{};             ///< in the key; none if empty
+  std::string label{};  ///< in the key; none if empty
   std::vector<double> x{}, y{}, error{};
-  std::vector<double> shade{};     ///< value on the figure's colour axis: none, one for all, or one per point
+  std::vector<double> shade{};  ///< value on the figure's colour axis: none, one for all, or one per point
   Shape shape = Shape::dot;
-  std::optional<std::size_t> stroke{};   ///< of theme::stroke; else counted up over the series with a label
+  std::optional<std::size_t> stroke{};  ///< of theme::stroke; else counted up over the series with a label
 };
 
 /// z over a grid: z[row of y][column of x]; coloured by z.
@@ -45,7 +45,8 @@ struct Surface {
   std::vector<std::vector<double>> z;
 };
 
-/// Numbers between pairs of names, -1 to 1, symmetric: the lower half is drawn, the numbers in the cells. NaN is a dash.
+/// Numbers between pairs of names, -1 to 1, symmetric: the lower half is drawn, the numbers in the cells. NaN is a
+/// dash.
 struct Matrix {
   std::vector<std::string> names;
   std::vector<std::vector<double>> values;
@@ -54,22 +55,24 @@ struct Matrix {
 struct Figure {
   std::string title;
   Axis x, y;
-  std::optional<Axis> z{};        ///< with a surface
-  std::optional<Axis> colour{};   ///< draws a colour bar; from and to are required
+  std::optional<Axis> z{};       ///< with a surface
+  std::optional<Axis> colour{};  ///< draws a colour bar; from and to are required
   std::vector<Series> series{};
   std::optional<Surface> surface{};
   std::optional<Matrix> matrix{};
-  bool same_scale = false;        ///< one unit is as long on x as on y
+  bool same_scale = false;  ///< one unit is as long on x as on y
 };
 
 enum class Format { svg, png, pdf };
 /// By a file's ending. Fails with the endings there are.
 tl::expected<Format, std::string> format_of(std::string_view file);
 
-struct FigureSize { int width = 640, height = 430; };   ///< [1/96 inch]; PNGs have twice the pixels
+struct FigureSize {
+  int width = 640, height = 430;
+};  ///< [1/96 inch]; PNGs have twice the pixels
 
-/// The file's bytes, drawn by gnuplot. Fails on series without a finite value, of unequal lengths or with infinities (the
-/// message names figure and series), and where gnuplot is missing or fails.
+/// The file's bytes, drawn by gnuplot. Fails on series without a finite value, of unequal lengths or with infinities
+/// (the message names figure and series), and where gnuplot is missing or fails.
 tl::expected<std::string, std::string> draw(const Figure& figure, Format format, FigureSize size = {});
 
 }  // namespace tribotwin::render

@@ -1,5 +1,3 @@
-#include <tribotwin/render/figure/figures.hpp>
-
 #include <algorithm>
 #include <cmath>
 #include <numbers>
@@ -10,6 +8,7 @@
 #include <fmt/format.h>
 
 #include <tribotwin/plugins/mujoco/binding.hpp>
+#include <tribotwin/render/figure/figures.hpp>
 
 namespace tribotwin::render {
 namespace {
@@ -18,15 +17,18 @@ Series law_series(const drive::Drive& drive, const LawAxes& axes, double speed_m
   constexpr int steps = 160;
   Series s;
   for (int i = 0; i <= steps; ++i) {
-    const double share = static_cast<double>(i) / steps, speed = speed_max * share * share;   // closer where friction bends
+    const double share = static_cast<double>(i) / steps,
+                 speed = speed_max * share * share;  // closer where friction bends
     s.x.push_back(speed * axes.per_joint_rad_s);
     s.y.push_back(mujoco::friction_nm(drive, speed, load, temperature) * axes.per_nm);
   }
   return s;
 }
 
-/// One series of plain points and one with error bars; either may be missing. Without `shade` they have no colour of their own.
-void add_points(Figure& figure, const LawAxes& axes, std::span<const FrictionPoint> points, double FrictionPoint::* shade) {
+/// One series of plain points and one with error bars; either may be missing. Without `shade` they have no colour of
+/// their own.
+void add_points(Figure& figure, const LawAxes& axes, std::span<const FrictionPoint> points,
+                double FrictionPoint::*shade) {
   Series plain{.mark = Mark::points}, measured{.mark = Mark::error_bars};
   for (const auto& p : points) {
     Series& to = p.error_nm > 0 ? measured : plain;
@@ -49,14 +51,16 @@ void set_limits(Axis& axis, std::span<const double> values, double least) {
 constexpr double temperature_span_K = 2, load_span = 0.05;
 
 /// Outline at this many standard deviations.
-void set_ellipse(Series& s, const std::array<double, 2>& mean, const std::array<std::array<double, 2>, 2>& covariance, double radius) {
+void set_ellipse(Series& s, const std::array<double, 2>& mean, const std::array<std::array<double, 2>, 2>& covariance,
+                 double radius) {
   Eigen::Matrix2d c;
   c << covariance[0][0], covariance[0][1], covariance[1][0], covariance[1][1];
   const Eigen::SelfAdjointEigenSolver<Eigen::Matrix2d> axes(c);
   const Eigen::Matrix2d half = axes.eigenvectors() * axes.eigenvalues().cwiseMax(0).cwiseSqrt().asDiagonal();
   for (int k = 0; k <= 120; ++k) {
     const double angle = 2 * std::numbers::pi * k / 120;
-    const Eigen::Vector2d p = Eigen::Vector2d(mean[0], mean[1]) + radius * half * Eigen::Vector2d(std::cos(angle), std::sin(angle));
+    const Eigen::Vector2d p =
+        Eigen::Vector2d(mean[0], mean[1]) + radius * half * Eigen::Vector2d(std::cos(angle), std::sin(angle));
     s.x.push_back(p.x());
     s.y.push_back(p.y());
   }
@@ -84,7 +88,8 @@ LawAxes::LawAxes(const drive::Drive& drive) {
   per_nm = parts ? 1 / drive.torque_max_nm : 1;
 }
 
-Figure friction_against_temperature(const drive::Drive& drive, const std::string& title, double speed_max, double load_norm, std::span<const double> temperatures,
+Figure friction_against_temperature(const drive::Drive& drive, const std::string& title, double speed_max,
+                                    double load_norm, std::span<const double> temperatures,
                                     std::span<const FrictionPoint> points) {
   const LawAxes axes(drive);
   Figure f{.title = title, .x = axes.speed, .y = axes.friction};
@@ -100,8 +105,8 @@ Figure friction_against_temperature(const drive::Drive& drive, const std::string
   return f;
 }
 
-Figure friction_against_load(const drive::Drive& drive, const std::string& title, double speed_max, double temperature, std::span<const double> loads,
-                             std::span<const FrictionPoint> points) {
+Figure friction_against_load(const drive::Drive& drive, const std::string& title, double speed_max, double temperature,
+                             std::span<const double> loads, std::span<const FrictionPoint> points) {
   const LawAxes axes(drive);
   Figure f{.title = title, .x = axes.speed, .y = axes.friction};
   f.colour = axes.load;
@@ -116,7 +121,8 @@ Figure friction_against_load(const drive::Drive& drive, const std::string& title
   return f;
 }
 
-Figure friction_against_speed(const drive::Drive& drive, const std::string& title, double speed_max, double load_norm, std::span<const FrictionPoint> points) {
+Figure friction_against_speed(const drive::Drive& drive, const std::string& title, double speed_max, double load_norm,
+                              std::span<const FrictionPoint> points) {
   const LawAxes axes(drive);
   Figure f{.title = title, .x = axes.speed, .y = axes.friction};
   f.series.push_back(law_series(drive, axes, speed_max, load_norm, 0));
@@ -126,9 +132,13 @@ Figure friction_against_speed(const drive::Drive& drive, const std::string& titl
   return f;
 }
 
-Figure friction_surface(const drive::Drive& drive, const std::string& title, double speed_max, double load_norm, double from, double to) {
+Figure friction_surface(const drive::Drive& drive, const std::string& title, double speed_max, double load_norm,
+                        double from, double to) {
   const LawAxes axes(drive);
-  Figure f{.title = title, .x = axes.speed, .y = {.quantity = "temperature", .symbol = "{/:Italic T}", .unit = "°C"}, .z = axes.friction};
+  Figure f{.title = title,
+           .x = axes.speed,
+           .y = {.quantity = "temperature", .symbol = "{/:Italic T}", .unit = "°C"},
+           .z = axes.friction};
   f.x.from.reset();
   constexpr int steps = 40;
   Surface s;
@@ -136,7 +146,8 @@ Figure friction_surface(const drive::Drive& drive, const std::string& title, dou
   for (int i = 0; i <= steps; ++i) {
     s.y.push_back(from + (to - from) * i / steps);
     auto& row = s.z.emplace_back();
-    for (int k = 0; k <= steps; ++k) row.push_back(mujoco::friction_nm(drive, speed_max * k / steps, load_norm, s.y.back()) * axes.per_nm);
+    for (int k = 0; k <= steps; ++k)
+      row.push_back(mujoco::friction_nm(drive, speed_max * k / steps, load_norm, s.y.back()) * axes.per_nm);
   }
   f.surface = std::move(s);
   return f;
@@ -161,7 +172,8 @@ Figure tracking_error(const std::string& title, std::span<const Trace> errors_ra
   std::vector<Trace> traces(errors_rad.begin(), errors_rad.end());
   for (auto& trace : traces)
     for (double& v : trace.values) v *= 1e3;
-  return history(title, {.quantity = "tracking error", .symbol = "{/:Italic q}_d − {/:Italic q}", .unit = "mrad"}, traces);
+  return history(title, {.quantity = "tracking error", .symbol = "{/:Italic q}_d − {/:Italic q}", .unit = "mrad"},
+                 traces);
 }
 
 Figure residual_histogram(const std::string& title, const Axis& residual, std::span<const double> residuals) {
@@ -169,7 +181,7 @@ Figure residual_histogram(const std::string& title, const Axis& residual, std::s
   std::ranges::copy_if(residuals, std::back_inserter(r), [](double v) { return std::isfinite(v); });
   Figure f{.title = title, .x = residual, .y = {.quantity = "count", .unit = "-", .from = {}, .to = {}}};
   if (r.empty()) {
-    f.series.push_back({.mark = Mark::bars, .x = {0}, .y = {std::nan("")}});   // which draw() refuses by name
+    f.series.push_back({.mark = Mark::bars, .x = {0}, .y = {std::nan("")}});  // which draw() refuses by name
     return f;
   }
   const double n = static_cast<double>(r.size()), mean = std::accumulate(r.begin(), r.end(), 0.0) / n;
@@ -178,7 +190,7 @@ Figure residual_histogram(const std::string& title, const Axis& residual, std::s
   const double deviation = std::sqrt(square / std::max(n - 1, 1.0));
   auto [low, high] = std::ranges::minmax(r);
   if (!(low < high)) low -= 0.5, high += 0.5;
-  const int bins = std::clamp(static_cast<int>(std::lround(2 * std::cbrt(n))), 5, 80);   // Rice's rule
+  const int bins = std::clamp(static_cast<int>(std::lround(2 * std::cbrt(n))), 5, 80);  // Rice's rule
   const double width = (high - low) / bins;
   Series bars{.mark = Mark::bars, .x = {}, .y = std::vector<double>(static_cast<std::size_t>(bins))};
   for (int i = 0; i < bins; ++i) bars.x.push_back(low + width * (i + 0.5));
@@ -186,7 +198,8 @@ Figure residual_histogram(const std::string& title, const Axis& residual, std::s
   bars.label = fmt::format("n = {}", r.size());
   f.series.push_back(std::move(bars));
   if (deviation > 0) {
-    Series normal{.label = fmt::format("normal, mean {:.3g}, std {:.3g}", std::abs(mean) < 5e-4 * deviation ? 0.0 : mean, deviation)};
+    Series normal{.label = fmt::format("normal, mean {:.3g}, std {:.3g}",
+                                       std::abs(mean) < 5e-4 * deviation ? 0.0 : mean, deviation)};
     for (int i = 0; i <= 200; ++i) {
       const double x = low + (high - low) * i / 200, z = (x - mean) / deviation;
       normal.x.push_back(x);
@@ -199,7 +212,7 @@ Figure residual_histogram(const std::string& title, const Axis& residual, std::s
 
 std::vector<std::size_t> thinned(std::size_t count, std::size_t most) {
   std::vector<std::size_t> rows;
-  std::mt19937_64 random(1);   // whose numbers the standard fixes
+  std::mt19937_64 random(1);  // whose numbers the standard fixes
   for (std::size_t k = 0; k < std::min(count, most); ++k) {
     const std::size_t begin = k * count / std::min(count, most), end = (k + 1) * count / std::min(count, most);
     rows.push_back(begin + random() % (end - begin));
@@ -207,21 +220,25 @@ std::vector<std::size_t> thinned(std::size_t count, std::size_t most) {
   return rows;
 }
 
-Figure scatter(const std::string& title, const Axis& x, const Axis& y, std::span<const double> xs, std::span<const double> ys, std::size_t most) {
+Figure scatter(const std::string& title, const Axis& x, const Axis& y, std::span<const double> xs,
+               std::span<const double> ys, std::size_t most) {
   std::vector<std::size_t> rows;
   for (std::size_t i = 0; i < std::min(xs.size(), ys.size()); ++i)
     if (std::isfinite(xs[i]) && std::isfinite(ys[i])) rows.push_back(i);
   Figure f{.title = title, .x = x, .y = y};
   Series points{.mark = Mark::points, .stroke = 0};
-  for (const std::size_t k : thinned(rows.size(), most)) points.x.push_back(xs[rows[k]]), points.y.push_back(ys[rows[k]]);
+  for (const std::size_t k : thinned(rows.size(), most))
+    points.x.push_back(xs[rows[k]]), points.y.push_back(ys[rows[k]]);
   f.series.push_back(std::move(points));
   std::ranges::stable_sort(rows, {}, [&](std::size_t i) { return xs[i]; });
-  Series mean{.label = "mean", .stroke = 1}, above{.mark = Mark::reference, .label = "± standard deviation", .stroke = 1}, below{.mark = Mark::reference, .stroke = 1};
+  Series mean{.label = "mean", .stroke = 1},
+      above{.mark = Mark::reference, .label = "± standard deviation", .stroke = 1},
+      below{.mark = Mark::reference, .stroke = 1};
   const std::size_t n = rows.size(), usual = std::max<std::size_t>(n / 24, 30);
   for (std::size_t begin = 0; begin < n;) {
     std::size_t end = std::min(n, begin + usual);
     if (n - end < usual / 2) end = n;
-    while (end < n && xs[rows[end]] == xs[rows[end - 1]]) ++end;   // what is equal stays together
+    while (end < n && xs[rows[end]] == xs[rows[end - 1]]) ++end;  // what is equal stays together
     const double count = static_cast<double>(end - begin);
     double at = 0, level = 0, squares = 0;
     for (std::size_t k = begin; k < end; ++k) at += xs[rows[k]], level += ys[rows[k]];
@@ -241,7 +258,8 @@ Figure correlation_matrix(const std::string& title, Matrix correlation) {
   return {.title = title, .x = {.quantity = "correlation"}, .y = {}, .matrix = std::move(correlation)};
 }
 
-Figure confidence_ellipses(const std::string& title, const Axis& x, const Axis& y, std::span<const Estimate> estimates) {
+Figure confidence_ellipses(const std::string& title, const Axis& x, const Axis& y,
+                           std::span<const Estimate> estimates) {
   Figure f{.title = title, .x = x, .y = y};
   for (std::size_t i = 0; i < estimates.size(); ++i) {
     const Estimate& e = estimates[i];
@@ -252,8 +270,12 @@ Figure confidence_ellipses(const std::string& title, const Axis& x, const Axis& 
     }
     for (const double probability : {0.95, 0.99}) {
       // Quantile of the chi-squared distribution with 2 degrees of freedom, and of 2 F(2, n): both have closed forms.
-      const double n = e.degrees_of_freedom, radius = std::sqrt(n < 1e6 ? n * std::expm1(-2 / n * std::log1p(-probability)) : -2 * std::log1p(-probability));
-      Series s{.mark = probability < 0.99 ? Mark::area : Mark::reference, .label = probability < 0.99 ? e.label : "", .stroke = i};
+      const double n = e.degrees_of_freedom,
+                   radius = std::sqrt(n < 1e6 ? n * std::expm1(-2 / n * std::log1p(-probability))
+                                              : -2 * std::log1p(-probability));
+      Series s{.mark = probability < 0.99 ? Mark::area : Mark::reference,
+               .label = probability < 0.99 ? e.label : "",
+               .stroke = i};
       set_ellipse(s, e.mean, e.covariance, radius);
       f.series.push_back(std::move(s));
     }
@@ -263,11 +285,14 @@ Figure confidence_ellipses(const std::string& title, const Axis& x, const Axis& 
 
 Figure healthy_region(const std::string& title, const Axis& x, const Axis& y, const HealthyScatter& scatter) {
   Figure f{.title = title, .x = x, .y = y};
-  Series inner{.mark = Mark::area, .label = fmt::format("{:g} sigma", scatter.inner_sigma), .stroke = 0}, outer{.mark = Mark::reference, .label = fmt::format("{:g} sigma", scatter.outer_sigma), .stroke = 5};
+  Series inner{.mark = Mark::area, .label = fmt::format("{:g} sigma", scatter.inner_sigma), .stroke = 0},
+      outer{.mark = Mark::reference, .label = fmt::format("{:g} sigma", scatter.outer_sigma), .stroke = 5};
   set_ellipse(inner, scatter.mean, scatter.covariance, scatter.inner_sigma);
   set_ellipse(outer, scatter.mean, scatter.covariance, scatter.outer_sigma);
   f.series = {std::move(inner), std::move(outer)};
-  for (const auto& [label, points, shape, stroke] : {std::tuple{"learned", &scatter.learned, Shape::dot, 5}, {"healthy", &scatter.healthy, Shape::circle, 0}, {"not as learned", &scatter.anomalous, Shape::cross, 1}}) {
+  for (const auto& [label, points, shape, stroke] : {std::tuple{"learned", &scatter.learned, Shape::dot, 5},
+                                                     {"healthy", &scatter.healthy, Shape::circle, 0},
+                                                     {"not as learned", &scatter.anomalous, Shape::cross, 1}}) {
     if (points->empty()) continue;
     Series s{.mark = Mark::points, .label = label, .shape = shape, .stroke = static_cast<std::size_t>(stroke)};
     for (const auto& p : *points) s.x.push_back(p[0]), s.y.push_back(p[1]);
@@ -276,7 +301,8 @@ Figure healthy_region(const std::string& title, const Axis& x, const Axis& y, co
   return f;
 }
 
-Figure hysteresis_loop(const std::string& title, const Axis& position, const Axis& torque, std::span<const Loop> loops) {
+Figure hysteresis_loop(const std::string& title, const Axis& position, const Axis& torque,
+                       std::span<const Loop> loops) {
   Figure f{.title = title, .x = position, .y = torque};
   for (const auto& loop : loops) f.series.push_back({.label = loop.label, .x = loop.position, .y = loop.torque});
   return f;

@@ -12,30 +12,33 @@ namespace tribotwin::render {
 
 /// Friction seen at a joint. Speed and friction are magnitudes.
 struct FrictionPoint {
-  double speed_rad_s;         ///< joint side
+  double speed_rad_s;  ///< joint side
   double load_norm, temperature_degC;
-  double friction_nm;         ///< arm side
-  double error_nm = 0;        ///< one sigma; 0 draws no bar
+  double friction_nm;   ///< arm side
+  double error_nm = 0;  ///< one sigma; 0 draws no bar
 };
 
 /// The axes in which a drive's law is usually shown: motor or joint speed, Nm or parts of torque_max_nm.
 struct LawAxes {
   explicit LawAxes(const drive::Drive& drive);
   Axis speed, friction, load;
-  double per_joint_rad_s, per_nm;   ///< factors from joint-side rad/s and Nm
+  double per_joint_rad_s, per_nm;  ///< factors from joint-side rad/s and Nm
 };
 
 /// The law over speed at several temperatures, with points coloured by theirs. speed_max is joint side [rad/s].
-Figure friction_against_temperature(const drive::Drive& drive, const std::string& title, double speed_max_rad_s, double load_norm,
-                                    std::span<const double> temperatures_degC, std::span<const FrictionPoint> points = {});
+Figure friction_against_temperature(const drive::Drive& drive, const std::string& title, double speed_max_rad_s,
+                                    double load_norm, std::span<const double> temperatures_degC,
+                                    std::span<const FrictionPoint> points = {});
 /// The law over speed at several loads (at most eight), with points coloured by theirs.
-Figure friction_against_load(const drive::Drive& drive, const std::string& title, double speed_max_rad_s, double temperature_degC, std::span<const double> loads_norm,
+Figure friction_against_load(const drive::Drive& drive, const std::string& title, double speed_max_rad_s,
+                             double temperature_degC, std::span<const double> loads_norm,
                              std::span<const FrictionPoint> points = {});
 /// The law over speed at one load, where it knows no temperature; that of the points is not shown.
-Figure friction_against_speed(const drive::Drive& drive, const std::string& title, double speed_max_rad_s, double load_norm, std::span<const FrictionPoint> points = {});
+Figure friction_against_speed(const drive::Drive& drive, const std::string& title, double speed_max_rad_s,
+                              double load_norm, std::span<const FrictionPoint> points = {});
 /// The law over speed and temperature.
-Figure friction_surface(const drive::Drive& drive, const std::string& title, double speed_max_rad_s, double load_norm, double temperature_from_degC,
-                        double temperature_to_degC);
+Figure friction_surface(const drive::Drive& drive, const std::string& title, double speed_max_rad_s, double load_norm,
+                        double temperature_from_degC, double temperature_to_degC);
 
 struct Trace {
   std::string label;
@@ -49,14 +52,15 @@ Figure tracking_error(const std::string& title, std::span<const Trace> errors_ra
 /// How often residuals occur, with the normal distribution of their mean and deviation. NaN are left out.
 Figure residual_histogram(const std::string& title, const Axis& residual, std::span<const double> residuals);
 
-/// At most `most` of `count` indices, ascending: one of each of as many equal stretches, which one by a fixed seed, so that
-/// no rhythm of the data is met.
+/// At most `most` of `count` indices, ascending: one of each of as many equal stretches, which one by a fixed seed, so
+/// that no rhythm of the data is met.
 std::vector<std::size_t> thinned(std::size_t count, std::size_t most);
 
 constexpr std::size_t scatter_points = 2000;
-/// One quantity against another: at most `most` points and, of all points, mean and mean +- standard deviation in classes of x
-/// that hold as many each. NaN are left out.
-Figure scatter(const std::string& title, const Axis& x, const Axis& y, std::span<const double> xs, std::span<const double> ys, std::size_t most = scatter_points);
+/// One quantity against another: at most `most` points and, of all points, mean and mean +- standard deviation in
+/// classes of x that hold as many each. NaN are left out.
+Figure scatter(const std::string& title, const Axis& x, const Axis& y, std::span<const double> xs,
+               std::span<const double> ys, std::size_t most = scatter_points);
 
 /// How estimates move together: names and a symmetric matrix of correlations.
 Figure correlation_matrix(const std::string& title, Matrix correlation);
@@ -67,7 +71,8 @@ struct Estimate {
   std::array<double, 2> mean;
   std::array<std::array<double, 2>, 2> covariance;
   std::vector<std::array<double, 2>> samples;
-  double degrees_of_freedom = std::numeric_limits<double>::infinity();   ///< of the covariance's scale: samples - parameters
+  double degrees_of_freedom =
+      std::numeric_limits<double>::infinity();  ///< of the covariance's scale: samples - parameters
 };
 /// 95 % and 99 % confidence regions of normally distributed estimates: chi-squared or, with few degrees of freedom, F.
 Figure confidence_ellipses(const std::string& title, const Axis& x, const Axis& y, std::span<const Estimate> estimates);
@@ -76,14 +81,14 @@ Figure confidence_ellipses(const std::string& title, const Axis& x, const Axis& 
 struct HealthyScatter {
   std::array<double, 2> mean;
   std::array<std::array<double, 2>, 2> covariance;
-  std::vector<std::array<double, 2>> learned, healthy, anomalous;   ///< any may be empty; told apart by their shape
-  double inner_sigma = 2, outer_sigma = 6;                          ///< radii of the ellipses, in standard deviations
+  std::vector<std::array<double, 2>> learned, healthy, anomalous;  ///< any may be empty; told apart by their shape
+  double inner_sigma = 2, outer_sigma = 6;                         ///< radii of the ellipses, in standard deviations
 };
 Figure healthy_region(const std::string& title, const Axis& x, const Axis& y, const HealthyScatter& scatter);
 
 struct Loop {
   std::string label;
-  std::vector<double> position, torque;   ///< in the order of time
+  std::vector<double> position, torque;  ///< in the order of time
 };
 /// Torque over position.
 Figure hysteresis_loop(const std::string& title, const Axis& position, const Axis& torque, std::span<const Loop> loops);

@@ -1,16 +1,16 @@
-#include <tribotwin/render/offscreen/context.hpp>
-
 #include <cstdlib>
 
 #include <GL/osmesa.h>
+
+#include <tribotwin/render/offscreen/context.hpp>
 
 namespace tribotwin::render {
 
 void Context::Destroy::operator()(osmesa_context* context) const { OSMesaDestroyContext(context); }
 
 tl::expected<Context, std::string> Context::create() {
-  // With this extension MuJoCo 3.x biases its shadow map by so little that Mesa's rasteriser speckles the lit floor; without
-  // it the bias is the one of old. 2.2.2 does not look at it.
+  // With this extension MuJoCo 3.x biases its shadow map by so little that Mesa's rasteriser speckles the lit floor;
+  // without it the bias is the one of old. 2.2.2 does not look at it.
   setenv("MESA_EXTENSION_OVERRIDE", "-GL_ARB_clip_control", 0);
   Context c;
   c.screen_ = std::make_unique<unsigned char[]>(4);
@@ -19,7 +19,8 @@ tl::expected<Context, std::string> Context::create() {
     return tl::unexpected(std::string("no OpenGL context: is libosmesa6 whole?"));
   // Asked for by name: linking a gl function would bring in libGL.
   using GetInteger = void (*)(GLenum, GLint*);
-  if (const auto get = reinterpret_cast<GetInteger>(OSMesaGetProcAddress("glGetIntegerv"))) get(GL_MAX_RENDERBUFFER_SIZE, &c.side_max_);
+  if (const auto get = reinterpret_cast<GetInteger>(OSMesaGetProcAddress("glGetIntegerv")))
+    get(GL_MAX_RENDERBUFFER_SIZE, &c.side_max_);
   return c;
 }
 

@@ -18,9 +18,11 @@ class Context {
   int side_max() const { return side_max_; }
 
  private:
-  struct Destroy { void operator()(osmesa_context* context) const; };
+  struct Destroy {
+    void operator()(osmesa_context* context) const;
+  };
   Context() = default;
-  std::unique_ptr<unsigned char[]> screen_;   // the 1x1 buffer that OSMesa insists on
+  std::unique_ptr<unsigned char[]> screen_;  // the 1x1 buffer that OSMesa insists on
   std::unique_ptr<osmesa_context, Destroy> context_;
   int side_max_ = 0;
 };

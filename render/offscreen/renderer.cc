@@ -1,9 +1,9 @@
-#include <tribotwin/render/offscreen/renderer.hpp>
-
 #include <algorithm>
 #include <cmath>
 
 #include <fmt/format.h>
+
+#include <tribotwin/render/offscreen/renderer.hpp>
 
 namespace tribotwin::render {
 namespace {
@@ -20,7 +20,8 @@ tl::expected<mjvCamera, std::string> camera_of(const mjModel* m, const View& vie
   mjv_defaultFreeCamera(m, &camera);
   const bool free = view.azimuth_deg || view.elevation_deg || view.distance_m || view.look_at_m;
   if (!view.camera.empty() && free)
-    return tl::unexpected(fmt::format("camera '{}' has its own place: azimuth, elevation, distance and look-at are for a free camera", view.camera));
+    return tl::unexpected(fmt::format(
+        "camera '{}' has its own place: azimuth, elevation, distance and look-at are for a free camera", view.camera));
   const int id = mj_name2id(m, mjOBJ_CAMERA, free ? "" : view.camera.empty() ? "overview" : view.camera.c_str());
   if (id >= 0) {
     camera.type = mjCAMERA_FIXED;
@@ -29,7 +30,8 @@ tl::expected<mjvCamera, std::string> camera_of(const mjModel* m, const View& vie
     std::string names;
     for (int i = 0; i < m->ncam; ++i)
       if (const char* name = mj_id2name(m, mjOBJ_CAMERA, i)) names += (names.empty() ? "" : ", ") + std::string(name);
-    return tl::unexpected(fmt::format("camera '{}': the model has {}", view.camera, names.empty() ? "no named camera" : names));
+    return tl::unexpected(
+        fmt::format("camera '{}': the model has {}", view.camera, names.empty() ? "no named camera" : names));
   }
   if (view.azimuth_deg) camera.azimuth = *view.azimuth_deg;
   if (view.elevation_deg) camera.elevation = *view.elevation_deg;
@@ -39,8 +41,10 @@ tl::expected<mjvCamera, std::string> camera_of(const mjModel* m, const View& vie
 }
 
 void remove_texture(auto& geom) {
-  if constexpr (requires { geom.matid; }) geom.matid = -1;
-  else geom.texid = -1;
+  if constexpr (requires { geom.matid; })
+    geom.matid = -1;
+  else
+    geom.texid = -1;
 }
 
 /// The part of the camera's picture that lies in the tile; all in pixels from the bottom left.
@@ -102,8 +106,10 @@ Renderer::~Renderer() = default;
 tl::expected<Renderer, std::string> Renderer::create(const mjModel* model, Size size, Quality quality) {
   for (const int side : {size.width, size.height})
     if (side < side_min || side > side_most)
-      return tl::unexpected(fmt::format("a picture of {} x {} pixels: each side must be {} to {}", size.width, size.height, side_min, side_most));
-  if (quality.supersampling < 1 || quality.supersampling > 4) return tl::unexpected(fmt::format("supersampling {}: must be 1 to 4", quality.supersampling));
+      return tl::unexpected(fmt::format("a picture of {} x {} pixels: each side must be {} to {}", size.width,
+                                        size.height, side_min, side_most));
+  if (quality.supersampling < 1 || quality.supersampling > 4)
+    return tl::unexpected(fmt::format("supersampling {}: must be 1 to 4", quality.supersampling));
   auto gl = Context::create();
   if (!gl) return tl::unexpected(gl.error());
   auto impl = std::make_unique<Impl>(std::move(*gl));
@@ -111,10 +117,12 @@ tl::expected<Renderer, std::string> Renderer::create(const mjModel* model, Size 
   impl->supersampling = quality.supersampling;
   impl->model.reset(mj_copyModel(nullptr, model));
   mjModel* m = impl->model.get();
-  const int width = std::min(tile_side, size.width * quality.supersampling), height = std::min(tile_side, size.height * quality.supersampling);
+  const int width = std::min(tile_side, size.width * quality.supersampling),
+            height = std::min(tile_side, size.height * quality.supersampling);
   if (std::max(width, height) > impl->gl.side_max())
-    return tl::unexpected(fmt::format("a picture of {} x {} pixels needs a framebuffer of {} x {}; this OpenGL gives at most {} a side", size.width,
-                                      size.height, width, height, impl->gl.side_max()));
+    return tl::unexpected(
+        fmt::format("a picture of {} x {} pixels needs a framebuffer of {} x {}; this OpenGL gives at most {} a side",
+                    size.width, size.height, width, height, impl->gl.side_max()));
   m->vis.global.offwidth = width;
   m->vis.global.offheight = height;
   m->vis.quality.offsamples = quality.samples;
@@ -123,8 +131,10 @@ tl::expected<Renderer, std::string> Renderer::create(const mjModel* model, Size 
   mjr_defaultContext(&impl->context);
   mjr_makeContext(m, &impl->context, mjFONTSCALE_100);
   mjr_setBuffer(mjFB_OFFSCREEN, &impl->context);
-  if (impl->context.currentBuffer != mjFB_OFFSCREEN || impl->context.offWidth < width || impl->context.offHeight < height)
-    return tl::unexpected(fmt::format("no offscreen framebuffer of {} x {} pixels with {} samples", width, height, quality.samples));
+  if (impl->context.currentBuffer != mjFB_OFFSCREEN || impl->context.offWidth < width ||
+      impl->context.offHeight < height)
+    return tl::unexpected(
+        fmt::format("no offscreen framebuffer of {} x {} pixels with {} samples", width, height, quality.samples));
   mjv_defaultOption(&impl->option);
   return Renderer(std::move(impl));
 }
@@ -141,7 +151,8 @@ tl::expected<Image, std::string> Renderer::draw(mjData* d, const View& view, std
     if (paint == paints.end()) continue;
     const Colour c = paint->colour;
     remove_texture(geom);
-    for (int channel = 0; const auto part : {c.r, c.g, c.b}) geom.rgba[channel++] = lit * static_cast<float>(part) / 255;
+    for (int channel = 0; const auto part : {c.r, c.g, c.b})
+      geom.rgba[channel++] = lit * static_cast<float>(part) / 255;
     geom.emission = glowing / lit;
     geom.specular = geom.reflectance = 0;
   }
@@ -149,7 +160,7 @@ tl::expected<Image, std::string> Renderer::draw(mjData* d, const View& view, std
   const Size drawn{r.size.width * s, r.size.height * s};
   const mjvGLCamera eyes[2] = {r.scene.camera[0], r.scene.camera[1]};
   Image image(r.size.width, r.size.height);
-  const int step = tile_side / s * s;   // whole pixels of the picture
+  const int step = tile_side / s * s;  // whole pixels of the picture
   for (int bottom = 0; bottom < drawn.height; bottom += step)
     for (int left = 0; left < drawn.width; left += step) {
       const mjrRect tile{left, bottom, std::min(step, drawn.width - left), std::min(step, drawn.height - bottom)};

@@ -24,8 +24,8 @@ struct Size {
 inline constexpr int side_min = 16, side_most = 8192;
 
 struct Quality {
-  int samples = 4;         ///< multisampling
-  int supersampling = 2;   ///< pixels drawn per pixel of the picture, each way: 1..4
+  int samples = 4;        ///< multisampling
+  int supersampling = 2;  ///< pixels drawn per pixel of the picture, each way: 1..4
 };
 
 /// Where the eye is: a camera of the model by name, or free. Without a name: the camera "overview" if there is one and

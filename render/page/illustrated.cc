@@ -1,9 +1,8 @@
-#include <tribotwin/render/page/illustrated.hpp>
-
 #include <stdexcept>
 
 #include <fmt/format.h>
 
+#include <tribotwin/render/page/illustrated.hpp>
 #include <tribotwin/twin/io/name.hpp>
 
 namespace tribotwin::render {
@@ -20,11 +19,13 @@ FigureSize size_of(const Figure& figure) {
 
 void IllustratedPage::keep(const std::string& name, std::string bytes, const char* ending) {
   std::string file = fmt::format("{:02}_{}.{}", shown_, name, ending);
-  if (const auto why = twin::unfit_file_name(file)) throw std::runtime_error(fmt::format("the file of figure {}: {}; give the joint another name", shown_, *why));
+  if (const auto why = twin::unfit_file_name(file))
+    throw std::runtime_error(fmt::format("the file of figure {}: {}; give the joint another name", shown_, *why));
   files_.push_back({std::move(file), std::move(bytes)});
 }
 
-tl::expected<void, std::string> IllustratedPage::show(pugi::xml_node to, const Figure& figure, const std::string& name, const std::string& caption, bool wide) {
+tl::expected<void, std::string> IllustratedPage::show(pugi::xml_node to, const Figure& figure, const std::string& name,
+                                                      const std::string& caption, bool wide) {
   const FigureSize size = size_of(figure);
   auto svg = draw(figure, Format::svg, size);
   if (!svg) return tl::unexpected(svg.error());
@@ -38,14 +39,16 @@ tl::expected<void, std::string> IllustratedPage::show(pugi::xml_node to, const F
   return {};
 }
 
-void IllustratedPage::show(pugi::xml_node to, const Image& image, const std::string& name, const std::string& caption, bool wide) {
+void IllustratedPage::show(pugi::xml_node to, const Image& image, const std::string& name, const std::string& caption,
+                           bool wide) {
   std::string bytes = png(image);
   add_png(to, bytes, caption, caption, wide);
   ++shown_;
   if (!formats_.empty()) keep(name, std::move(bytes), "png");
 }
 
-void IllustratedPage::tile(pugi::xml_node tiles, const std::string& name, const std::string& value, const std::string& more, const char* kind) {
+void IllustratedPage::tile(pugi::xml_node tiles, const std::string& name, const std::string& value,
+                           const std::string& more, const char* kind) {
   auto node = add(tiles, "div", {}, "tile");
   add(node, "div", name, "name");
   add(node, "div", value, kind ? (std::string("value ") + kind).c_str() : "value");

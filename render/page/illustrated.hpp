@@ -13,8 +13,8 @@
 namespace tribotwin::render {
 
 struct ReportOptions {
-  std::vector<Format> figure_files;     ///< also every figure as a file of each of these formats (poses are PNG always)
-  std::string command;                  ///< how this report was asked for; shown in it
+  std::vector<Format> figure_files;  ///< also every figure as a file of each of these formats (poses are PNG always)
+  std::string command;               ///< how this report was asked for; shown in it
   std::function<void(double)> progress;
 };
 
@@ -25,20 +25,24 @@ struct File {
 struct Report {
   std::string html;
   std::vector<File> figures;
-  std::vector<std::string> notes;   ///< what could not be shown, for stderr; the page says so too
+  std::vector<std::string> notes;  ///< what could not be shown, for stderr; the page says so too
 };
 
 /// A page with figures, each of which may also become a file.
 class IllustratedPage : public Page {
  public:
   /// `figure_files`: also every figure as a file of each of these formats (pictures are PNG always).
-  IllustratedPage(std::string_view title, std::vector<Format> figure_files) : Page(title), formats_(std::move(figure_files)) {}
+  IllustratedPage(std::string_view title, std::vector<Format> figure_files)
+      : Page(title), formats_(std::move(figure_files)) {}
 
   /// Draws a figure; `name` is that of its files. Fails where it cannot be drawn.
-  tl::expected<void, std::string> show(pugi::xml_node to, const Figure& figure, const std::string& name, const std::string& caption, bool wide = false);
-  void show(pugi::xml_node to, const Image& image, const std::string& name, const std::string& caption, bool wide = false);
+  tl::expected<void, std::string> show(pugi::xml_node to, const Figure& figure, const std::string& name,
+                                       const std::string& caption, bool wide = false);
+  void show(pugi::xml_node to, const Image& image, const std::string& name, const std::string& caption,
+            bool wide = false);
   /// One figure of the page's head: a number with what it is, and more about it. `kind` is "good" or "bad".
-  static void tile(pugi::xml_node tiles, const std::string& name, const std::string& value, const std::string& more, const char* kind = nullptr);
+  static void tile(pugi::xml_node tiles, const std::string& name, const std::string& value, const std::string& more,
+                   const char* kind = nullptr);
 
   /// The last section: how the page was made, which `command` makes it again.
   void add_origin(const std::string& command);

@@ -1,11 +1,10 @@
-#include <tribotwin/render/page/page.hpp>
-
 #include <algorithm>
 #include <sstream>
 
 #include <fmt/format.h>
 #include <glib.h>
 
+#include <tribotwin/render/page/page.hpp>
 #include <tribotwin/render/theme/theme.hpp>
 
 namespace tribotwin::render {
@@ -23,7 +22,8 @@ h3 { font-size: 1.05rem; margin: 1.8rem 0 .6rem; overflow-wrap: anywhere; }
 .verdict { font-size: 1.2rem; max-width: 68ch; }
 p { margin: .3rem 0 .8rem; overflow-wrap: anywhere; max-width: 75ch; }
 .soft { color: SOFT; }
-.tiles { display: grid; grid-template-columns: repeat(auto-fit, minmax(min(100%, 165px), 1fr)); gap: 14px; margin: 1.2rem 0; }
+.tiles { display: grid; grid-template-columns: repeat(auto-fit, minmax(min(100%, 165px), 1fr)); gap: 14px;
+  margin: 1.2rem 0; }
 .tile, figure, .notice, .scroll, pre { background: PAPER; border: 1px solid LINE; border-radius: 10px; }
 .tile { padding: 12px 16px; }
 .tile .name, .tile .more { color: SOFT; font-size: .88rem; overflow-wrap: anywhere; }
@@ -32,7 +32,8 @@ p { margin: .3rem 0 .8rem; overflow-wrap: anywhere; max-width: 75ch; }
 .bad { color: BAD; }
 .notice { border-left: 5px solid BAD; padding: 10px 16px; margin: 1rem 0; }
 .notice p { margin: .2rem 0; }
-.figures { display: grid; grid-template-columns: repeat(auto-fit, minmax(min(100%, 440px), 1fr)); gap: 16px; margin: 1rem 0; }
+.figures { display: grid; grid-template-columns: repeat(auto-fit, minmax(min(100%, 440px), 1fr)); gap: 16px;
+  margin: 1rem 0; }
 figure { margin: 0; padding: 12px; min-width: 0; }
 figure.wide, figure:last-child:nth-child(odd) { grid-column: 1 / -1; }
 figure svg { max-width: 660px; margin: 0 auto; }
@@ -47,7 +48,8 @@ thead th, thead th.number { border-top: 0; color: SOFT; font-weight: 600; vertic
 td:last-child:not(.number) { min-width: 20ch; }
 td.number, th.number { text-align: right; white-space: nowrap; }
 th[scope=row] { font-weight: 600; overflow-wrap: anywhere; min-width: 8ch; }
-pre { padding: 12px 16px; font: .88rem/1.5 ui-monospace, Menlo, Consolas, 'DejaVu Sans Mono', monospace; white-space: pre-wrap; overflow-wrap: anywhere; }
+pre { padding: 12px 16px; font: .88rem/1.5 ui-monospace, Menlo, Consolas, 'DejaVu Sans Mono', monospace;
+  white-space: pre-wrap; overflow-wrap: anywhere; }
 @media (max-width: 600px) { main { padding: 18px 12px 32px; } th, td { padding: 6px 8px; } }
 @media print {
   @page { margin: 14mm; }
@@ -74,7 +76,8 @@ pre { padding: 12px 16px; font: .88rem/1.5 ui-monospace, Menlo, Consolas, 'DejaV
 }
 
 std::string base64(std::string_view bytes) {
-  const std::unique_ptr<char, decltype(&g_free)> text(g_base64_encode(reinterpret_cast<const guchar*>(bytes.data()), bytes.size()), g_free);
+  const std::unique_ptr<char, decltype(&g_free)> text(
+      g_base64_encode(reinterpret_cast<const guchar*>(bytes.data()), bytes.size()), g_free);
   return text.get();
 }
 
@@ -83,20 +86,28 @@ void prefix_ids(pugi::xml_node node, const std::string& prefix) {
   for (auto attribute : node.attributes()) {
     const std::string_view name = attribute.name();
     const std::string value = attribute.value();
-    if (name == "id") attribute.set_value((prefix + value).c_str());
-    else if (name == "xlink:href" && value.starts_with('#')) attribute.set_value(("#" + prefix + value.substr(1)).c_str());
-    else if (const auto at = value.find("url(#"); at != std::string::npos) attribute.set_value((value.substr(0, at + 5) + prefix + value.substr(at + 5)).c_str());
+    if (name == "id")
+      attribute.set_value((prefix + value).c_str());
+    else if (name == "xlink:href" && value.starts_with('#'))
+      attribute.set_value(("#" + prefix + value.substr(1)).c_str());
+    else if (const auto at = value.find("url(#"); at != std::string::npos)
+      attribute.set_value((value.substr(0, at + 5) + prefix + value.substr(at + 5)).c_str());
   }
   for (auto child = node.first_child(); child;) {
     const auto next = child.next_sibling();
     const std::string_view name = child.name();
-    if (name == "title" || name == "desc") node.remove_child(child);
-    else prefix_ids(child, prefix);
+    if (name == "title" || name == "desc")
+      node.remove_child(child);
+    else
+      prefix_ids(child, prefix);
     child = next;
   }
 }
 
-bool numeric(std::string_view cell) { return !cell.empty() && (g_ascii_isdigit(cell[0]) || ((cell[0] == '-' || cell[0] == '+') && cell.size() > 1) || cell == "–"); }
+bool numeric(std::string_view cell) {
+  return !cell.empty() &&
+         (g_ascii_isdigit(cell[0]) || ((cell[0] == '-' || cell[0] == '+') && cell.size() > 1) || cell == "–");
+}
 
 }  // namespace
 
@@ -128,7 +139,8 @@ Page::Page(std::string_view title) {
   main_ = html.append_child("body").append_child("main");
 }
 
-void Page::add_svg(pugi::xml_node to, std::string_view svg, const std::string& caption, const std::string& alternative, bool wide) {
+void Page::add_svg(pugi::xml_node to, std::string_view svg, const std::string& caption, const std::string& alternative,
+                   bool wide) {
   pugi::xml_document drawing;
   auto figure = add(to, "figure", {}, wide ? "wide" : nullptr);
   if (drawing.load_buffer(svg.data(), svg.size(), pugi::parse_default | pugi::parse_ws_pcdata_single)) {
@@ -142,7 +154,8 @@ void Page::add_svg(pugi::xml_node to, std::string_view svg, const std::string& c
   add(figure, "figcaption", caption);
 }
 
-void Page::add_png(pugi::xml_node to, std::string_view png, const std::string& caption, const std::string& alternative, bool wide) {
+void Page::add_png(pugi::xml_node to, std::string_view png, const std::string& caption, const std::string& alternative,
+                   bool wide) {
   auto figure = add(to, "figure", {}, wide ? "wide" : nullptr);
   auto image = figure.append_child("img");
   image.append_attribute("alt") = printable(alternative).c_str();
@@ -150,12 +163,15 @@ void Page::add_png(pugi::xml_node to, std::string_view png, const std::string& c
   add(figure, "figcaption", caption);
 }
 
-void Page::add_table(pugi::xml_node to, const std::vector<std::string>& head, const std::vector<std::vector<std::string>>& rows) {
+void Page::add_table(pugi::xml_node to, const std::vector<std::string>& head,
+                     const std::vector<std::vector<std::string>>& rows) {
   auto scroll = add(to, "div", {}, "scroll");
   scroll.append_attribute("tabindex") = "0";
   auto table = scroll.append_child("table");
   const auto kind = [&](std::size_t column) {
-    const bool any = column > 0 && std::ranges::any_of(rows, [&](const auto& row) { return column < row.size() && numeric(row[column]); });
+    const bool any = column > 0 && std::ranges::any_of(rows, [&](const auto& row) {
+                       return column < row.size() && numeric(row[column]);
+                     });
     return any && !head.empty() ? "number" : nullptr;
   };
   if (!head.empty()) {
@@ -166,8 +182,10 @@ void Page::add_table(pugi::xml_node to, const std::vector<std::string>& head, co
   for (const auto& row : rows) {
     auto line = body.append_child("tr");
     for (std::size_t i = 0; i < row.size(); ++i)
-      if (i == 0) add(line, "th", row[i]).append_attribute("scope") = "row";
-      else add(line, "td", row[i].empty() ? "–" : row[i], kind(i));
+      if (i == 0)
+        add(line, "th", row[i]).append_attribute("scope") = "row";
+      else
+        add(line, "td", row[i].empty() ? "–" : row[i], kind(i));
   }
 }
 

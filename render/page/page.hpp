@@ -19,10 +19,13 @@ class Page {
   /// <tag class="kind">text</tag>
   static pugi::xml_node add(pugi::xml_node to, const char* tag, std::string_view text = {}, const char* kind = nullptr);
   /// A card with a caption below.
-  void add_svg(pugi::xml_node to, std::string_view svg, const std::string& caption, const std::string& alternative, bool wide = false);
-  void add_png(pugi::xml_node to, std::string_view png, const std::string& caption, const std::string& alternative, bool wide = false);
+  void add_svg(pugi::xml_node to, std::string_view svg, const std::string& caption, const std::string& alternative,
+               bool wide = false);
+  void add_png(pugi::xml_node to, std::string_view png, const std::string& caption, const std::string& alternative,
+               bool wide = false);
   /// The first column names the rows; columns with numbers are set right.
-  static void add_table(pugi::xml_node to, const std::vector<std::string>& head, const std::vector<std::vector<std::string>>& rows);
+  static void add_table(pugi::xml_node to, const std::vector<std::string>& head,
+                        const std::vector<std::vector<std::string>>& rows);
 
   std::string html() const;
 

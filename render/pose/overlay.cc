@@ -1,5 +1,3 @@
-#include <tribotwin/render/pose/overlay.hpp>
-
 #include <algorithm>
 #include <cmath>
 #include <memory>
@@ -7,13 +5,17 @@
 #include <fmt/format.h>
 #include <pango/pangocairo.h>
 
+#include <tribotwin/render/pose/overlay.hpp>
+
 namespace tribotwin::render {
 namespace {
 
 /// The picture as a Cairo surface; what was drawn is taken back at the end of its life.
 class Canvas {
  public:
-  explicit Canvas(Image& image) : image_(image), surface_(cairo_image_surface_create(CAIRO_FORMAT_RGB24, image.width, image.height), cairo_surface_destroy) {
+  explicit Canvas(Image& image)
+      : image_(image),
+        surface_(cairo_image_surface_create(CAIRO_FORMAT_RGB24, image.width, image.height), cairo_surface_destroy) {
     for (int y = 0; y < image.height; ++y)
       for (int x = 0; x < image.width; ++x) {
         const std::uint8_t* p = image.at(x, y);
@@ -35,7 +37,9 @@ class Canvas {
       }
   }
 
-  void colour(Colour c, double opacity = 1) { cairo_set_source_rgba(cairo_.get(), c.r / 255.0, c.g / 255.0, c.b / 255.0, opacity); }
+  void colour(Colour c, double opacity = 1) {
+    cairo_set_source_rgba(cairo_.get(), c.r / 255.0, c.g / 255.0, c.b / 255.0, opacity);
+  }
   void card(double x, double y, double w, double h, double radius) {
     cairo_t* c = cairo_.get();
     cairo_new_sub_path(c);
@@ -54,7 +58,9 @@ class Canvas {
 
  private:
   std::uint32_t* row(int y) {
-    return reinterpret_cast<std::uint32_t*>(cairo_image_surface_get_data(surface_.get()) + static_cast<std::ptrdiff_t>(y) * cairo_image_surface_get_stride(surface_.get()));
+    return reinterpret_cast<std::uint32_t*>(cairo_image_surface_get_data(surface_.get()) +
+                                            static_cast<std::ptrdiff_t>(y) *
+                                                cairo_image_surface_get_stride(surface_.get()));
   }
   Image& image_;
   std::unique_ptr<cairo_surface_t, decltype(&cairo_surface_destroy)> surface_;
@@ -64,7 +70,8 @@ class Canvas {
 /// One line of text, set but not yet drawn.
 class Text {
  public:
-  Text(Canvas& canvas, const std::string& text, double pixels, bool bold = false, double width_most = 0) : layout_(pango_cairo_create_layout(*canvas), g_object_unref) {
+  Text(Canvas& canvas, const std::string& text, double pixels, bool bold = false, double width_most = 0)
+      : layout_(pango_cairo_create_layout(*canvas), g_object_unref) {
     const std::unique_ptr<PangoFontDescription, decltype(&pango_font_description_free)> font(
         pango_font_description_from_string(std::string(theme::picture_font).c_str()), pango_font_description_free);
     pango_font_description_set_absolute_size(font.get(), pixels * PANGO_SCALE);
@@ -102,12 +109,17 @@ void draw_panel(Image& image, const std::string& title, std::span<const PanelRow
   const double line = 1.5 * size, name_most = std::max(0.25 * image.width, 4 * size);
   const bool chips = std::ranges::any_of(rows, &PanelRow::has_chip);
   const Text heading(canvas, title, 1.1 * size, true, image.width - 2 * margin - 2 * pad);
-  struct Set { Text name, first, second; };
+  struct Set {
+    Text name, first, second;
+  };
   std::vector<Set> set;
   double widest[3] = {};
   for (const auto& row : rows) {
-    set.push_back({Text(canvas, row.name, size, false, name_most), Text(canvas, row.first, size), Text(canvas, row.second, size)});
-    const double widths[] = {static_cast<double>(set.back().name.width()), static_cast<double>(set.back().first.width()), static_cast<double>(set.back().second.width())};
+    set.push_back({Text(canvas, row.name, size, false, name_most), Text(canvas, row.first, size),
+                   Text(canvas, row.second, size)});
+    const double widths[] = {static_cast<double>(set.back().name.width()),
+                             static_cast<double>(set.back().first.width()),
+                             static_cast<double>(set.back().second.width())};
     for (int i = 0; i < 3; ++i) widest[i] = std::max(widest[i], widths[i]);
   }
   double inside = chips ? chip + 0.6 * gap : 0;
@@ -116,7 +128,8 @@ void draw_panel(Image& image, const std::string& title, std::span<const PanelRow
   inside = rows.empty() ? heading.width() : std::max<double>(second_at, heading.width());
   const double head = title.empty() ? 0 : 1.75 * size;
   canvas.colour(theme::paper, 0.88);
-  canvas.card(margin, margin, inside + 2 * pad, head + line * static_cast<double>(rows.size()) + 2 * pad - 0.4 * size, 10 * unit);
+  canvas.card(margin, margin, inside + 2 * pad, head + line * static_cast<double>(rows.size()) + 2 * pad - 0.4 * size,
+              10 * unit);
   canvas.colour(theme::ink);
   heading.draw(canvas, margin + pad, margin + pad);
   for (std::size_t i = 0; i < rows.size(); ++i) {

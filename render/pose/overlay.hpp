@@ -12,7 +12,7 @@ namespace tribotwin::render {
 struct PanelRow {
   Colour chip;
   bool has_chip;
-  std::string name, first, second;   ///< columns; plain text
+  std::string name, first, second;  ///< columns; plain text
 };
 
 /// A panel at the top left: a title, then rows in columns. `unit` is the picture's measure: 1/960 of the height of a
@@ -20,7 +20,7 @@ struct PanelRow {
 void draw_panel(Image& image, const std::string& title, std::span<const PanelRow> rows, double unit);
 
 struct ColourBar {
-  std::string label;   ///< with its unit in brackets
+  std::string label;  ///< with its unit in brackets
   double from, to;
 };
 /// A colour bar at the right edge.

@@ -1,5 +1,3 @@
-#include <tribotwin/render/pose/pose.hpp>
-
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -7,6 +5,7 @@
 #include <fmt/format.h>
 
 #include <tribotwin/render/pose/overlay.hpp>
+#include <tribotwin/render/pose/pose.hpp>
 #include <tribotwin/twin/robot/arm.hpp>
 
 namespace tribotwin::render {
@@ -16,9 +15,12 @@ constexpr double unknown = std::numeric_limits<double>::quiet_NaN();
 
 double shown_value(const mujoco::Binding& drive, const JointState& joint, ColourBy by) {
   switch (by) {
-    case ColourBy::temperature: return joint.temperature_degC;
-    case ColourBy::friction: return 100 * std::abs(joint.friction_nm) / drive.drive.torque_max_nm;
-    case ColourBy::nothing: break;
+    case ColourBy::temperature:
+      return joint.temperature_degC;
+    case ColourBy::friction:
+      return 100 * std::abs(joint.friction_nm) / drive.drive.torque_max_nm;
+    case ColourBy::nothing:
+      break;
   }
   return unknown;
 }
@@ -40,7 +42,8 @@ std::vector<int> housing(const mjModel* m, int joint, const std::string& name) {
 }
 
 ColourBar bar_of(ColourBy by, Scale scale) {
-  return {by == ColourBy::temperature ? "lubricant temperature [°C]" : "friction / maximum torque [%]", scale.from, scale.to};
+  return {by == ColourBy::temperature ? "lubricant temperature [°C]" : "friction / maximum torque [%]", scale.from,
+          scale.to};
 }
 
 }  // namespace
@@ -51,7 +54,8 @@ PoseState rest(const mujoco::Model& model) {
   if (const int home = mj_name2id(m, mjOBJ_KEY, "home"); home >= 0) mj_resetDataKeyframe(m, d.get(), home);
   PoseState state{{d->qpos, d->qpos + m->nq}, std::nullopt, {}};
   for (const auto& drive : model.drives())
-    state.joints.push_back({twin::joint_name(m, drive), drive::temperature_degC(drive.drive, mujoco::memory(d.get(), drive)), unknown});
+    state.joints.push_back(
+        {twin::joint_name(m, drive), drive::temperature_degC(drive.drive, mujoco::memory(d.get(), drive)), unknown});
   return state;
 }
 
@@ -64,7 +68,8 @@ PoseState recorded(const mujoco::Model& model, const twin::Recording& record, st
       const auto values = record.channel(joint.name, channel);
       return index < values.size() ? values[index] : unknown;
     };
-    if (const double q = at("position_rad"); std::isfinite(q)) state.qpos[static_cast<std::size_t>(twin::position_address(model.get(), model.drives()[i]))] = q;
+    if (const double q = at("position_rad"); std::isfinite(q))
+      state.qpos[static_cast<std::size_t>(twin::position_address(model.get(), model.drives()[i]))] = q;
     joint.temperature_degC = at("temperature_degC");
     joint.friction_nm = at("friction_nm");
   }
@@ -101,7 +106,8 @@ Scale scale_of(const mujoco::Model& model, const twin::Recording& record, Colour
 
 Scale scale_of(const mujoco::Model& model, const PoseState& state, ColourBy by) {
   std::vector<double> values;
-  for (std::size_t i = 0; i < state.joints.size(); ++i) values.push_back(shown_value(model.drives()[i], state.joints[i], by));
+  for (std::size_t i = 0; i < state.joints.size(); ++i)
+    values.push_back(shown_value(model.drives()[i], state.joints[i], by));
   if (by == ColourBy::friction) values.push_back(0);
   return scale_around(values);
 }
@@ -109,7 +115,8 @@ Scale scale_of(const mujoco::Model& model, const PoseState& state, ColourBy by) 
 PosePainter::PosePainter(std::shared_ptr<const mujoco::Model> model, Size size, Renderer renderer)
     : model_(std::move(model)), size_(size), renderer_(std::move(renderer)), data_(model_->make_data()) {}
 
-tl::expected<PosePainter, std::string> PosePainter::create(std::shared_ptr<const mujoco::Model> model, Size size, Quality quality) {
+tl::expected<PosePainter, std::string> PosePainter::create(std::shared_ptr<const mujoco::Model> model, Size size,
+                                                           Quality quality) {
   auto renderer = Renderer::create(model->get(), size, quality);
   if (!renderer) return tl::unexpected(renderer.error());
   return PosePainter(std::move(model), size, std::move(*renderer));
@@ -117,7 +124,8 @@ tl::expected<PosePainter, std::string> PosePainter::create(std::shared_ptr<const
 
 tl::expected<Image, std::string> PosePainter::draw(const PoseState& state, const PoseOptions& options) {
   const mjModel* m = model_->get();
-  if (state.qpos.size() != static_cast<std::size_t>(m->nq)) return tl::unexpected(fmt::format("a pose of {} coordinates: the model has {}", state.qpos.size(), m->nq));
+  if (state.qpos.size() != static_cast<std::size_t>(m->nq))
+    return tl::unexpected(fmt::format("a pose of {} coordinates: the model has {}", state.qpos.size(), m->nq));
   std::ranges::copy(state.qpos, data_->qpos);
   pose_kinematics(m, data_.get());
 
@@ -131,7 +139,8 @@ tl::expected<Image, std::string> PosePainter::draw(const PoseState& state, const
     const Colour colour = viridis(share(options.scale, value));
     if (std::isfinite(value))
       for (const int geom : housing(m, drive.joint, joint.name)) paints.push_back({geom, colour});
-    rows.push_back({colour, std::isfinite(value), joint.name, std::isfinite(joint.temperature_degC) ? fmt::format("{:.1f} °C", joint.temperature_degC) : "",
+    rows.push_back({colour, std::isfinite(value), joint.name,
+                    std::isfinite(joint.temperature_degC) ? fmt::format("{:.1f} °C", joint.temperature_degC) : "",
                     std::isfinite(joint.friction_nm) ? torque_text(joint.friction_nm, drive.drive.torque_max_nm) : ""});
   }
   auto image = renderer_.draw(data_.get(), options.view, paints);
@@ -146,7 +155,8 @@ std::vector<std::size_t> evenly_in_time(std::span<const double> time_s, std::siz
   std::vector<std::size_t> indices;
   if (time_s.empty() || count == 0) return indices;
   for (std::size_t i = 0; i < count; ++i) {
-    const double t = time_s.front() + (time_s.back() - time_s.front()) * (count == 1 ? 1.0 : static_cast<double>(i) / static_cast<double>(count - 1));
+    const double t = time_s.front() + (time_s.back() - time_s.front()) *
+                                          (count == 1 ? 1.0 : static_cast<double>(i) / static_cast<double>(count - 1));
     const auto at = std::ranges::lower_bound(time_s, t);
     const std::size_t index = std::min<std::size_t>(static_cast<std::size_t>(at - time_s.begin()), time_s.size() - 1);
     if (indices.empty() || index > indices.back()) indices.push_back(index);
@@ -154,8 +164,10 @@ std::vector<std::size_t> evenly_in_time(std::span<const double> time_s, std::siz
   return indices;
 }
 
-tl::expected<Image, std::string> contact_sheet(std::shared_ptr<const mujoco::Model> model, const twin::Recording& record, std::span<const std::size_t> indices,
-                                               const PoseOptions& options, Size each, const std::function<void(double)>& progress) {
+tl::expected<Image, std::string> contact_sheet(std::shared_ptr<const mujoco::Model> model,
+                                               const twin::Recording& record, std::span<const std::size_t> indices,
+                                               const PoseOptions& options, Size each,
+                                               const std::function<void(double)>& progress) {
   if (indices.empty()) return tl::unexpected(std::string("a contact sheet needs at least one sample"));
   auto painter = PosePainter::create(model, each);
   if (!painter) return tl::unexpected(painter.error());
@@ -165,11 +177,14 @@ tl::expected<Image, std::string> contact_sheet(std::shared_ptr<const mujoco::Mod
   const bool legend = options.legend && options.colour_by != ColourBy::nothing;
   const int strip = legend ? static_cast<int>(180 * unit) : 0;
   int columns = 1;
-  while (columns < n && static_cast<double>(columns) * each.width < 1.3 * ((n + columns - 1) / columns) * each.height) ++columns;
+  while (columns < n && static_cast<double>(columns) * each.width < 1.3 * ((n + columns - 1) / columns) * each.height)
+    ++columns;
   const int rows = (n + columns - 1) / columns;
   Image sheet(gap + columns * (each.width + gap) + strip, gap + rows * (each.height + caption + gap));
   if (std::max(sheet.width, sheet.height) > 2 * side_most)
-    return tl::unexpected(fmt::format("a contact sheet of {} x {} pixels: at most {} a side; choose fewer or smaller poses", sheet.width, sheet.height, 2 * side_most));
+    return tl::unexpected(
+        fmt::format("a contact sheet of {} x {} pixels: at most {} a side; choose fewer or smaller poses", sheet.width,
+                    sheet.height, 2 * side_most));
   for (std::size_t i = 0; i < sheet.rgb.size(); i += 3) {
     sheet.rgb[i] = theme::page.r;
     sheet.rgb[i + 1] = theme::page.g;
@@ -186,12 +201,15 @@ tl::expected<Image, std::string> contact_sheet(std::shared_ptr<const mujoco::Mod
     std::string text = duration(*state.time_s);
     if (options.colour_by != ColourBy::nothing && !state.joints.empty()) {
       const auto value = [&](const JointState& j) {
-        const double v = shown_value(model->drives()[static_cast<std::size_t>(&j - state.joints.data())], j, options.colour_by);
+        const double v =
+            shown_value(model->drives()[static_cast<std::size_t>(&j - state.joints.data())], j, options.colour_by);
         return std::isfinite(v) ? v : -std::numeric_limits<double>::infinity();
       };
       const auto& top = *std::ranges::max_element(state.joints, {}, value);
       if (std::isfinite(value(top)))
-        text += options.colour_by == ColourBy::temperature ? fmt::format(" · warmest: {}, {:.1f} °C", top.name, value(top)) : fmt::format(" · most: {}, {:.1f} %", top.name, value(top));
+        text += options.colour_by == ColourBy::temperature
+                    ? fmt::format(" · warmest: {}, {:.1f} °C", top.name, value(top))
+                    : fmt::format(" · most: {}, {:.1f} %", top.name, value(top));
     }
     draw_text(sheet, text, x + 2 * unit, y + each.height + 5 * unit, unit);
     if (progress) progress((i + 1.0) / n);

@@ -17,13 +17,13 @@ namespace tribotwin::render {
 /// A drive's joint at one instant; NaN where it is not known.
 struct JointState {
   std::string name;
-  double temperature_degC, friction_nm;   ///< friction signed, arm side
+  double temperature_degC, friction_nm;  ///< friction signed, arm side
 };
 
 struct PoseState {
-  std::vector<double> qpos;          ///< mjModel.nq
+  std::vector<double> qpos;  ///< mjModel.nq
   std::optional<double> time_s;
-  std::vector<JointState> joints;    ///< in the order of the model's drives
+  std::vector<JointState> joints;  ///< in the order of the model's drives
 };
 
 /// The model at rest: keyframe "home" if there is one, else qpos0; joints at the drives' start temperature.
@@ -47,15 +47,16 @@ struct PoseOptions {
   View view;
   ColourBy colour_by = ColourBy::temperature;
   Scale scale;
-  bool panel = true;    ///< time, and per joint name, temperature and friction
-  bool legend = true;   ///< the colour bar
-  double text_scale = 1;   ///< size of the text; 1 is for a picture seen as large as it is
+  bool panel = true;      ///< time, and per joint name, temperature and friction
+  bool legend = true;     ///< the colour bar
+  double text_scale = 1;  ///< size of the text; 1 is for a picture seen as large as it is
 };
 
 /// Draws poses of one model in one size.
 class PosePainter {
  public:
-  static tl::expected<PosePainter, std::string> create(std::shared_ptr<const mujoco::Model> model, Size size, Quality quality = {});
+  static tl::expected<PosePainter, std::string> create(std::shared_ptr<const mujoco::Model> model, Size size,
+                                                       Quality quality = {});
   tl::expected<Image, std::string> draw(const PoseState& state, const PoseOptions& options);
   Size size() const { return size_; }
 
@@ -68,8 +69,10 @@ class PosePainter {
 };
 
 /// `indices` of a record beside each other in one picture of about 16:10, under one colour bar.
-tl::expected<Image, std::string> contact_sheet(std::shared_ptr<const mujoco::Model> model, const twin::Recording& record, std::span<const std::size_t> indices,
-                                               const PoseOptions& options, Size each, const std::function<void(double)>& progress = {});
+tl::expected<Image, std::string> contact_sheet(std::shared_ptr<const mujoco::Model> model,
+                                               const twin::Recording& record, std::span<const std::size_t> indices,
+                                               const PoseOptions& options, Size each,
+                                               const std::function<void(double)>& progress = {});
 /// `count` samples, evenly in time from first to last, without repetition.
 std::vector<std::size_t> evenly_in_time(std::span<const double> time_s, std::size_t count);
 

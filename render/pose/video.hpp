@@ -10,12 +10,14 @@ namespace tribotwin::render {
 struct VideoOptions {
   Size size{960, 720};
   Quality quality{.samples = 4, .supersampling = 1};
-  int frames_per_s = 25;     ///< 1..240
-  double length_s = 20;      ///< of the film, whatever the run took
+  int frames_per_s = 25;  ///< 1..240
+  double length_s = 20;   ///< of the film, whatever the run took
 };
 
 /// A run as a film (H.264 in MP4), frames piped to `ffmpeg`. The file is there whole or not at all.
-tl::expected<void, std::string> write_video(const std::filesystem::path& file, twin::Existing existing, std::shared_ptr<const mujoco::Model> model, const twin::Recording& record,
-                                            const PoseOptions& pose, const VideoOptions& options, const std::function<void(double)>& progress = {});
+tl::expected<void, std::string> write_video(const std::filesystem::path& file, twin::Existing existing,
+                                            std::shared_ptr<const mujoco::Model> model, const twin::Recording& record,
+                                            const PoseOptions& pose, const VideoOptions& options,
+                                            const std::function<void(double)>& progress = {});
 
 }  // namespace tribotwin::render

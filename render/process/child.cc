@@ -1,13 +1,12 @@
-#include <tribotwin/render/process/child.hpp>
-
 #include <csignal>
 #include <cstring>
 
+#include <fmt/format.h>
+#include <gio/gio.h>
 #include <sys/mman.h>
 #include <unistd.h>
 
-#include <fmt/format.h>
-#include <gio/gio.h>
+#include <tribotwin/render/process/child.hpp>
 
 namespace tribotwin::render {
 namespace {
@@ -31,8 +30,8 @@ std::string one_line(std::string said) {
   return said.substr(said.find_first_not_of(" \n\r") == std::string::npos ? 0 : said.find_first_not_of(" \n\r"));
 }
 
-/// A file in memory that holds `input`, at its beginning; -1 and errno when there is none. A program that ends before it has
-/// read its input breaks a pipe, sometimes, and then its own words are lost; a file it never breaks.
+/// A file in memory that holds `input`, at its beginning; -1 and errno when there is none. A program that ends before
+/// it has read its input breaks a pipe, sometimes, and then its own words are lost; a file it never breaks.
 int file_in_memory(std::string_view input) {
   const int file = memfd_create("input", MFD_CLOEXEC);
   while (file >= 0 && !input.empty()) {
@@ -47,25 +46,29 @@ int file_in_memory(std::string_view input) {
 
 /// `stdin_file` becomes the program's standard input and is closed here; -1: as `flags` say.
 tl::expected<GSubprocess*, std::string> spawn(const Program& program, int flags, int stdin_file = -1) {
-  std::signal(SIGPIPE, SIG_IGN);   // a program that stops listening is an error message
+  std::signal(SIGPIPE, SIG_IGN);  // a program that stops listening is an error message
   std::vector<const char*> argv;
   for (const auto& argument : program.arguments) argv.push_back(argument.c_str());
   argv.push_back(nullptr);
   GError* error = nullptr;
-  const std::unique_ptr<GSubprocessLauncher, decltype(&g_object_unref)> launcher(g_subprocess_launcher_new(static_cast<GSubprocessFlags>(flags)), g_object_unref);
+  const std::unique_ptr<GSubprocessLauncher, decltype(&g_object_unref)> launcher(
+      g_subprocess_launcher_new(static_cast<GSubprocessFlags>(flags)), g_object_unref);
   if (stdin_file >= 0) g_subprocess_launcher_take_stdin_fd(launcher.get(), stdin_file);
   GSubprocess* process = g_subprocess_launcher_spawnv(launcher.get(), argv.data(), &error);
   if (process) return process;
   const bool missing = g_error_matches(error, G_SPAWN_ERROR, G_SPAWN_ERROR_NOENT);
   const std::string why = message(error);
-  if (missing) return tl::unexpected(fmt::format("{} is not installed; on Debian: apt-get install {}", program.arguments[0], program.package));
+  if (missing)
+    return tl::unexpected(
+        fmt::format("{} is not installed; on Debian: apt-get install {}", program.arguments[0], program.package));
   return tl::unexpected(fmt::format("{} cannot be started: {}", program.arguments[0], why));
 }
 
 tl::expected<void, std::string> verdict(const std::string& name, GSubprocess* process, const std::string& said) {
   if (g_subprocess_get_if_exited(process) && g_subprocess_get_exit_status(process) == 0) return {};
-  const std::string ending = g_subprocess_get_if_exited(process) ? fmt::format("ended with exit code {}", g_subprocess_get_exit_status(process))
-                                                                  : fmt::format("was ended by signal {}", g_subprocess_get_term_sig(process));
+  const std::string ending = g_subprocess_get_if_exited(process)
+                                 ? fmt::format("ended with exit code {}", g_subprocess_get_exit_status(process))
+                                 : fmt::format("was ended by signal {}", g_subprocess_get_term_sig(process));
   return tl::unexpected(fmt::format("{} {}{}{}", name, ending, said.empty() ? "" : ": ", said));
 }
 
@@ -73,7 +76,9 @@ tl::expected<void, std::string> verdict(const std::string& name, GSubprocess* pr
 
 tl::expected<std::string, std::string> run(const Program& program, std::string_view input) {
   const int script = file_in_memory(input);
-  if (script < 0) return tl::unexpected(fmt::format("{}: no memory for its input of {} bytes: {}", program.arguments[0], input.size(), std::strerror(errno)));
+  if (script < 0)
+    return tl::unexpected(fmt::format("{}: no memory for its input of {} bytes: {}", program.arguments[0], input.size(),
+                                      std::strerror(errno)));
   auto process = spawn(program, G_SUBPROCESS_FLAGS_STDOUT_PIPE | G_SUBPROCESS_FLAGS_STDERR_PIPE, script);
   if (!process) return tl::unexpected(process.error());
   const std::unique_ptr<GSubprocess, decltype(&g_object_unref)> owner(*process, g_object_unref);
@@ -82,7 +87,8 @@ tl::expected<std::string, std::string> run(const Program& program, std::string_v
   if (!g_subprocess_communicate(*process, nullptr, nullptr, &out, &err, &error))
     return tl::unexpected(fmt::format("{}: {}", program.arguments[0], message(error)));
   const Bytes out_owner(out), err_owner(err);
-  if (auto good = verdict(program.arguments[0], *process, one_line(text(err))); !good) return tl::unexpected(good.error());
+  if (auto good = verdict(program.arguments[0], *process, one_line(text(err))); !good)
+    return tl::unexpected(good.error());
   return text(out);
 }
 
@@ -103,7 +109,9 @@ Child::~Child() {
 tl::expected<void, std::string> Child::write(std::string_view bytes) {
   GError* error = nullptr;
   gsize written = 0;
-  if (g_output_stream_write_all(g_subprocess_get_stdin_pipe(process_.get()), bytes.data(), bytes.size(), &written, nullptr, &error)) return {};
+  if (g_output_stream_write_all(g_subprocess_get_stdin_pipe(process_.get()), bytes.data(), bytes.size(), &written,
+                                nullptr, &error))
+    return {};
   const std::string why = message(error);
   auto ended = finish();
   return tl::unexpected(ended ? fmt::format("{}: {}", name_, why) : ended.error());
@@ -113,7 +121,8 @@ tl::expected<std::string, std::string> Child::finish() {
   g_output_stream_close(g_subprocess_get_stdin_pipe(process_.get()), nullptr, nullptr);
   std::string said;
   char buffer[4096];
-  for (gssize n; (n = g_input_stream_read(g_subprocess_get_stderr_pipe(process_.get()), buffer, sizeof buffer, nullptr, nullptr)) > 0;)
+  for (gssize n; (n = g_input_stream_read(g_subprocess_get_stderr_pipe(process_.get()), buffer, sizeof buffer, nullptr,
+                                          nullptr)) > 0;)
     said.append(buffer, static_cast<std::size_t>(n));
   g_subprocess_wait(process_.get(), nullptr, nullptr);
   said = one_line(said);

@@ -14,8 +14,8 @@ namespace tribotwin::render {
 
 /// A program to start, and how to get it.
 struct Program {
-  std::vector<std::string> arguments;   ///< the first is the program, looked up in PATH
-  std::string package;                  ///< Debian package that has it
+  std::vector<std::string> arguments;  ///< the first is the program, looked up in PATH
+  std::string package;                 ///< Debian package that has it
 };
 
 /// Runs a program to its end and returns its stdout. Fails when it is not installed or ends with an error: the
@@ -35,7 +35,9 @@ class Child {
   tl::expected<std::string, std::string> finish();
 
  private:
-  struct Unref { void operator()(GSubprocess* process) const; };
+  struct Unref {
+    void operator()(GSubprocess* process) const;
+  };
   Child(std::string name, GSubprocess* process) : name_(std::move(name)), process_(process) {}
   std::string name_;
   std::unique_ptr<GSubprocess, Unref> process_;

@@ -1,5 +1,3 @@
-#include <tribotwin/render/report/days_report.hpp>
-
 #include <algorithm>
 #include <cmath>
 #include <numeric>
@@ -7,6 +5,7 @@
 #include <fmt/format.h>
 
 #include <tribotwin/render/figure/figures.hpp>
+#include <tribotwin/render/report/days_report.hpp>
 #include <tribotwin/twin/io/input.hpp>
 #include <tribotwin/twin/robot/base_parameters.hpp>
 
@@ -21,7 +20,13 @@ constexpr std::size_t curve_points = 400, shown_parameters = 6;
 class Writer {
  public:
   Writer(const DaysData& data, const ReportOptions& options)
-      : data_(data), c_(data.campaign), f_(data.results.findings), options_(options), page_(c_.name, options.figure_files), regressor_(*twin::Regressor::create(c_.model->get())), base_(twin::base_parameters(regressor_)) {}
+      : data_(data),
+        c_(data.campaign),
+        f_(data.results.findings),
+        options_(options),
+        page_(c_.name, options.figure_files),
+        regressor_(*twin::Regressor::create(c_.model->get())),
+        base_(twin::base_parameters(regressor_)) {}
 
   tl::expected<Report, std::string> write() {
     head();
@@ -52,7 +57,10 @@ class Writer {
     std::vector<std::size_t> order(base_.parameters.size());
     std::iota(order.begin(), order.end(), 0);
     const auto precision = [&](std::size_t p) { return std::abs(day(0, 0).base[p].value) / day(0, 0).base[p].sigma; };
-    std::ranges::stable_sort(order, std::greater{}, [&](std::size_t p) { const double x = precision(p); return std::isnan(x) ? 0 : x; });
+    std::ranges::stable_sort(order, std::greater{}, [&](std::size_t p) {
+      const double x = precision(p);
+      return std::isnan(x) ? 0 : x;
+    });
     order.resize(std::min(order.size(), shown_parameters));
     return order;
   }
@@ -63,14 +71,25 @@ class Writer {
     if (!c_.description.empty()) page_.add(to, "p", c_.description, "soft");
     std::string verdict;
     for (const auto& x : f_.changes)
-      if (const bool first = &x == f_.changes.data() || x.robot != (&x - 1)->robot || x.day != (&x - 1)->day || x.joint != (&x - 1)->joint; first)
-        verdict += fmt::format("Robot {}, test {}: friction of {} changed at {:.0f} min, by {:+.1f} % from one cycle to the next where earlier days had {:+.1f} % ({:.0f} sigma). ", x.robot + 1, x.day + 1, joint(x.joint), minutes(x), 100 * x.found, 100 * x.expected, std::abs(x.z));
-    if (verdict.empty()) verdict = f_.comparisons ? "Friction of no joint changed by more than from one day to the next." : "There are no earlier days to tell a change from.";
+      if (const bool first = &x == f_.changes.data() || x.robot != (&x - 1)->robot || x.day != (&x - 1)->day ||
+                             x.joint != (&x - 1)->joint;
+          first)
+        verdict += fmt::format(
+            "Robot {}, test {}: friction of {} changed at {:.0f} min, by {:+.1f} % from one cycle to the next where "
+            "earlier days had {:+.1f} % ({:.0f} sigma). ",
+            x.robot + 1, x.day + 1, joint(x.joint), minutes(x), 100 * x.found, 100 * x.expected, std::abs(x.z));
+    if (verdict.empty())
+      verdict = f_.comparisons ? "Friction of no joint changed by more than from one day to the next."
+                               : "There are no earlier days to tell a change from.";
     page_.add(to, "p", verdict, "verdict");
     auto grid = page_.add(to, "div", {}, "tiles");
-    page_.tile(grid, "tests", fmt::format("{}", data_.results.days.size()), fmt::format("{} robot{}, {} day{} of {:.3g} h", c_.robots, c_.robots > 1 ? "s" : "", c_.days, c_.days > 1 ? "s" : "", c_.duration_s / 3600));
+    page_.tile(grid, "tests", fmt::format("{}", data_.results.days.size()),
+               fmt::format("{} robot{}, {} day{} of {:.3g} h", c_.robots, c_.robots > 1 ? "s" : "", c_.days,
+                           c_.days > 1 ? "s" : "", c_.duration_s / 3600));
     page_.tile(grid, "cycles", fmt::format("{}", day(0, 0).cycles.size()), "of the motion on a day");
-    page_.tile(grid, "changes", fmt::format("{}", f_.changes.size()), fmt::format("of {} comparisons, beyond {:.2f} sigma", f_.comparisons, f_.threshold), f_.changes.empty() ? "good" : "bad");
+    page_.tile(grid, "changes", fmt::format("{}", f_.changes.size()),
+               fmt::format("of {} comparisons, beyond {:.2f} sigma", f_.comparisons, f_.threshold),
+               f_.changes.empty() ? "good" : "bad");
     std::optional<double> drift, over_days;
     for (std::size_t robot = 0; robot < c_.robots; ++robot)
       for (std::size_t p = 0; p < base_.parameters.size(); ++p) {
@@ -78,7 +97,11 @@ class Writer {
         if (s.over_a_day) drift = std::max(drift.value_or(0), *s.over_a_day);
         if (s.over_a_day && s.over_days) over_days = std::max(over_days.value_or(0), *s.over_days);
       }
-    page_.tile(grid, "inertia over a day", share(drift), fmt::format("at most, of what a cycle tells within {:.0f} %", 100 * told_within), !drift ? nullptr : *drift < 0.05 ? "good" : "bad");
+    page_.tile(grid, "inertia over a day", share(drift),
+               fmt::format("at most, of what a cycle tells within {:.0f} %", 100 * told_within),
+               !drift          ? nullptr
+               : *drift < 0.05 ? "good"
+                               : "bad");
     page_.tile(grid, "inertia over days", share(over_days), "standard deviation, at most, of the same");
   }
 
@@ -89,9 +112,21 @@ class Writer {
     page_.add(page_.body(), "h2", "Changes");
     std::vector<std::vector<std::string>> rows;
     for (const auto& x : f_.changes)
-      rows.push_back({joint(x.joint), fmt::format("{}", x.robot + 1), fmt::format("{}", x.day + 1), fmt::format("{}", x.cycle + 1), fmt::format("{:.1f}", minutes(x)), fmt::format("{:+.2f} %", 100 * x.found), fmt::format("{:+.2f} %", 100 * x.expected), fmt::format("{:.1f}", std::abs(x.z))});
-    page_.add_table(page_.body(), {"joint", "robot", "test", "cycle", "from [min]", "friction, from the cycle before", "on earlier days", "sigma"}, rows);
-    page_.add(page_.body(), "p", fmt::format("A change is a step of friction from one cycle to the next that differs from the same step on earlier days of this robot by more than {:.2f} standard deviations: of campaigns without a change, 1 % report any. Tests with a change are not merged, and later tests are not held against them.", f_.threshold), "soft");
+      rows.push_back({joint(x.joint), fmt::format("{}", x.robot + 1), fmt::format("{}", x.day + 1),
+                      fmt::format("{}", x.cycle + 1), fmt::format("{:.1f}", minutes(x)),
+                      fmt::format("{:+.2f} %", 100 * x.found), fmt::format("{:+.2f} %", 100 * x.expected),
+                      fmt::format("{:.1f}", std::abs(x.z))});
+    page_.add_table(page_.body(),
+                    {"joint", "robot", "test", "cycle", "from [min]", "friction, from the cycle before",
+                     "on earlier days", "sigma"},
+                    rows);
+    page_.add(page_.body(), "p",
+              fmt::format(
+                  "A change is a step of friction from one cycle to the next that differs from the same step on "
+                  "earlier days of this robot by more than {:.2f} standard deviations: of campaigns without a change, "
+                  "1 % report any. Tests with a change are not merged, and later tests are not held against them.",
+                  f_.threshold),
+              "soft");
   }
 
   void time_constants() {
@@ -105,17 +140,23 @@ class Writer {
       for (const char* name : {"t1", "t2"})
         for (std::size_t d = 0; d <= c_.days; ++d) {
           auto& row = rows.emplace_back();
-          row.push_back(fmt::format("{}, {}", name, d < c_.days ? fmt::format("test {}{}", d + 1, changed(robot, d) ? ", changed" : "") : "Mix"));
+          row.push_back(
+              fmt::format("{}, {}", name,
+                          d < c_.days ? fmt::format("test {}{}", d + 1, changed(robot, d) ? ", changed" : "") : "Mix"));
           for (std::size_t j = 0; j < joints(); ++j) {
             const auto& t = f_.thermal[robot][j];
             row.push_back("*");
             for (const auto& time : times_of(d < c_.days ? t.days[d] : t.merged))
-              if (time.told && time.name == std::string(name)) row.back() = fmt::format("{:.3f} ± {:.2g}", time.value_s / 60, time.sigma_s / 60);
+              if (time.told && time.name == std::string(name))
+                row.back() = fmt::format("{:.3f} ± {:.2g}", time.value_s / 60, time.sigma_s / 60);
           }
         }
       page_.add_table(to, head, rows);
     }
-    page_.add(to, "p", "Paper 3's table: of each test, and of all tests without a change merged (Mix). Friction is the thermometer; no temperature was measured. * not identifiable from this record.", "soft");
+    page_.add(to, "p",
+              "Paper 3's table: of each test, and of all tests without a change merged (Mix). Friction is the "
+              "thermometer; no temperature was measured. * not identifiable from this record.",
+              "soft");
   }
 
   /// Friction of one joint over the days of a robot, thinned.
@@ -123,22 +164,30 @@ class Writer {
     std::vector<Trace> out;
     for (std::size_t d = 0; d < c_.days; ++d) {
       const Warming& w = day(robot, d).warming[j];
-      Trace t{.label = fmt::format("test {}{}", d + 1, changed(robot, d) ? ", changed" : ""), .time_s = {}, .values = {}};
-      for (const std::size_t i : thinned(w.time_s.size(), curve_points)) t.time_s.push_back(w.time_s[i]), t.values.push_back(w.friction_nm[i]);
+      Trace t{
+          .label = fmt::format("test {}{}", d + 1, changed(robot, d) ? ", changed" : ""), .time_s = {}, .values = {}};
+      for (const std::size_t i : thinned(w.time_s.size(), curve_points))
+        t.time_s.push_back(w.time_s[i]), t.values.push_back(w.friction_nm[i]);
       out.push_back(std::move(t));
     }
     return out;
   }
 
-  Axis friction_axis(std::size_t j) const { return {.quantity = "friction", .unit = regressor_.is_slide(static_cast<Eigen::Index>(j)) ? "N" : "Nm"}; }
+  Axis friction_axis(std::size_t j) const {
+    return {.quantity = "friction", .unit = regressor_.is_slide(static_cast<Eigen::Index>(j)) ? "N" : "Nm"};
+  }
 
   Outcome warming() {
     page_.add(page_.body(), "h2", "Friction over the day");
     auto grid = page_.add(page_.body(), "div", {}, "figures");
     for (std::size_t j = 0; j < joints(); ++j)
       for (std::size_t robot = 0; robot < c_.robots; ++robot)
-        if (auto ok = page_.show(grid, history(fmt::format("{}, robot {}", joint(j), robot + 1), friction_axis(j), traces(robot, j)), fmt::format("friction_{}_robot{}", joint(j), robot + 1),
-                                 fmt::format("At {:.0f} % of the largest speed: motor torque less rigid dynamics, in windows of motion.", 100 * level_share)); !ok)
+        if (auto ok = page_.show(
+                grid, history(fmt::format("{}, robot {}", joint(j), robot + 1), friction_axis(j), traces(robot, j)),
+                fmt::format("friction_{}_robot{}", joint(j), robot + 1),
+                fmt::format("At {:.0f} % of the largest speed: motor torque less rigid dynamics, in windows of motion.",
+                            100 * level_share));
+            !ok)
           return ok;
     return {};
   }
@@ -147,16 +196,26 @@ class Writer {
     page_.add(page_.body(), "h2", "Torque, cold and hot");
     auto grid = page_.add(page_.body(), "div", {}, "figures");
     for (std::size_t j = 0; j < joints(); ++j) {
-      Figure figure{.title = fmt::format("{}, robot 1, test 1", joint(j)), .x = {.quantity = "time in the cycle", .unit = "s"}, .y = {.quantity = "motor torque", .unit = friction_axis(j).unit}};
+      Figure figure{.title = fmt::format("{}, robot 1, test 1", joint(j)),
+                    .x = {.quantity = "time in the cycle", .unit = "s"},
+                    .y = {.quantity = "motor torque", .unit = friction_axis(j).unit}};
       for (const auto& [name, stretch] : {std::pair{"cold", &day(0, 0).cold}, {"hot", &day(0, 0).hot}}) {
         std::vector<double> time, predicted = stretch->predicted_nm[j];
         for (const double t : stretch->time_s) time.push_back(t - stretch->time_s.front());
         for (std::size_t i = 0; i < predicted.size(); ++i)
           if (!stretch->moving[j][i]) predicted[i] = std::nan("");
-        figure.series.push_back({.mark = Mark::line, .label = fmt::format("measured, {}", name), .x = time, .y = stretch->measured_nm[j]});
-        figure.series.push_back({.mark = Mark::reference, .label = fmt::format("predicted, {}", name), .x = time, .y = std::move(predicted)});
+        figure.series.push_back(
+            {.mark = Mark::line, .label = fmt::format("measured, {}", name), .x = time, .y = stretch->measured_nm[j]});
+        figure.series.push_back({.mark = Mark::reference,
+                                 .label = fmt::format("predicted, {}", name),
+                                 .x = time,
+                                 .y = std::move(predicted)});
       }
-      if (auto ok = page_.show(grid, figure, fmt::format("torque_{}", joint(j)), "The same motion in the first and in the last cycle of the day, measured (filtered) and predicted by the parameters of the day with friction at the estimated temperature."); !ok) return ok;
+      if (auto ok = page_.show(grid, figure, fmt::format("torque_{}", joint(j)),
+                               "The same motion in the first and in the last cycle of the day, measured (filtered) and "
+                               "predicted by the parameters of the day with friction at the estimated temperature.");
+          !ok)
+        return ok;
     }
     return {};
   }
@@ -168,7 +227,8 @@ class Writer {
     for (std::size_t d = 0; d < c_.days; ++d)
       for (std::size_t k = 0; k < day(robot, d).cycles.size(); ++k) {
         const Measured& m = value(day(robot, d).cycles[k]);
-        s.x.push_back(1 + static_cast<double>(d) + (static_cast<double>(k) + 0.5) / static_cast<double>(day(robot, d).cycles.size()));
+        s.x.push_back(1 + static_cast<double>(d) +
+                      (static_cast<double>(k) + 0.5) / static_cast<double>(day(robot, d).cycles.size()));
         s.y.push_back(m.value);
         s.error.push_back(std::isfinite(m.sigma) ? m.sigma : 0);
       }
@@ -186,11 +246,19 @@ class Writer {
     for (const std::size_t j : which) {
       const auto show = [&](const std::string& what, const Axis& axis, const std::string& caption, const auto& value) {
         Figure figure{.title = fmt::format("{}: {}", joint(j), what), .x = over_tests(), .y = axis};
-        for (std::size_t robot = 0; robot < c_.robots; ++robot) figure.series.push_back(evolution(robot, fmt::format("robot {}", robot + 1), value));
+        for (std::size_t robot = 0; robot < c_.robots; ++robot)
+          figure.series.push_back(evolution(robot, fmt::format("robot {}", robot + 1), value));
         return page_.show(grid, figure, fmt::format("{}_{}", what, joint(j)), caption);
       };
-      if (auto ok = show("friction", friction_axis(j), "Friction of each cycle, the quantity that is compared from day to day, with one sigma.", [&](const Cycle& k) -> const Measured& { return k.level_nm[j]; }); !ok) return ok;
-      if (auto ok = show("f1", friction_axis(j), "The law's friction at speed 0, of each cycle, with one sigma.", [&](const Cycle& k) -> const Measured& { return k.friction[j][0]; }); !ok) return ok;
+      if (auto ok = show("friction", friction_axis(j),
+                         "Friction of each cycle, the quantity that is compared from day to day, with one sigma.",
+                         [&](const Cycle& k) -> const Measured& { return k.level_nm[j]; });
+          !ok)
+        return ok;
+      if (auto ok = show("f1", friction_axis(j), "The law's friction at speed 0, of each cycle, with one sigma.",
+                         [&](const Cycle& k) -> const Measured& { return k.friction[j][0]; });
+          !ok)
+        return ok;
     }
     return {};
   }
@@ -200,13 +268,22 @@ class Writer {
     auto grid = page_.add(page_.body(), "div", {}, "figures");
     for (const std::size_t p : best_told()) {
       const auto& parameter = base_.parameters[p];
-      Figure figure{.title = parameter.name, .x = over_tests(), .y = {.quantity = parameter.name, .unit = parameter.unit}};
+      Figure figure{
+          .title = parameter.name, .x = over_tests(), .y = {.quantity = parameter.name, .unit = parameter.unit}};
       for (std::size_t robot = 0; robot < c_.robots; ++robot) {
-        figure.series.push_back(evolution(robot, fmt::format("robot {}", robot + 1), [&](const Cycle& k) -> const Measured& { return k.base[p]; }));
+        figure.series.push_back(evolution(robot, fmt::format("robot {}", robot + 1),
+                                          [&](const Cycle& k) -> const Measured& { return k.base[p]; }));
         const double truth = day(robot, 0).base_of_robot[p];
-        figure.series.push_back({.mark = Mark::reference, .label = robot ? "" : "as simulated", .x = {1, 1 + static_cast<double>(c_.days)}, .y = {truth, truth}, .stroke = robot});
+        figure.series.push_back({.mark = Mark::reference,
+                                 .label = robot ? "" : "as simulated",
+                                 .x = {1, 1 + static_cast<double>(c_.days)},
+                                 .y = {truth, truth},
+                                 .stroke = robot});
       }
-      if (auto ok = page_.show(grid, figure, "inertia_" + parameter.name, fmt::format("{}, of each cycle, with one sigma.", parameter.group)); !ok) return ok;
+      if (auto ok = page_.show(grid, figure, "inertia_" + parameter.name,
+                               fmt::format("{}, of each cycle, with one sigma.", parameter.group));
+          !ok)
+        return ok;
     }
     return {};
   }
@@ -216,7 +293,8 @@ class Writer {
     page_.add(to, "h2", "Base parameters");
     std::vector<std::string> head{"parameter", "unit"};
     for (std::size_t robot = 0; robot < c_.robots; ++robot)
-      for (const char* what : {"", ", as simulated", ", over days", ", over a day"}) head.push_back(fmt::format("robot {}{}", robot + 1, what));
+      for (const char* what : {"", ", as simulated", ", over days", ", over a day"})
+        head.push_back(fmt::format("robot {}{}", robot + 1, what));
     std::vector<std::vector<std::string>> rows, groups;
     for (std::size_t p = 0; p < base_.parameters.size(); ++p) {
       auto& row = rows.emplace_back();
@@ -228,10 +306,16 @@ class Writer {
         row.push_back(share(s.over_a_day ? s.over_days : std::nullopt));
         row.push_back(share(s.over_a_day));
       }
-      if (base_.parameters[p].group != base_.parameters[p].name) groups.push_back({base_.parameters[p].name, base_.parameters[p].group});
+      if (base_.parameters[p].group != base_.parameters[p].name)
+        groups.push_back({base_.parameters[p].name, base_.parameters[p].group});
     }
     page_.add_table(to, head, rows);
-    page_.add(to, "p", fmt::format("Of all tests without a change. Over days: standard deviation of the tests. Over a day: from the first to the last third of it, at most. –: not told within {:.0f} % by a cycle. Torques tell some of them only together with others:", 100 * told_within), "soft");
+    page_.add(to, "p",
+              fmt::format("Of all tests without a change. Over days: standard deviation of the tests. Over a day: from "
+                          "the first to the last third of it, at most. –: not told within {:.0f} % by a cycle. Torques "
+                          "tell some of them only together with others:",
+                          100 * told_within),
+              "soft");
     page_.add_table(to, {"parameter", "stands for"}, groups);
   }
 
@@ -257,6 +341,8 @@ tl::expected<DaysData, std::string> load_days(const std::filesystem::path& direc
   return data;
 }
 
-tl::expected<Report, std::string> make_days_report(const DaysData& data, const ReportOptions& options) { return Writer(data, options).write(); }
+tl::expected<Report, std::string> make_days_report(const DaysData& data, const ReportOptions& options) {
+  return Writer(data, options).write();
+}
 
 }  // namespace tribotwin::render

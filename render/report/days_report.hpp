@@ -17,8 +17,8 @@ struct DaysData {
 /// Reads the folder of `tribotwin lab`. Throws InputError; fails where a test is missing or damaged, with its file.
 tl::expected<DaysData, std::string> load_days(const std::filesystem::path& directory);
 
-/// One self-contained page: verdict, changes, time constants, friction over the day, torques cold and hot, parameters over the
-/// tests, base parameters. Fails where figures cannot be drawn at all (no gnuplot).
+/// One self-contained page: verdict, changes, time constants, friction over the day, torques cold and hot, parameters
+/// over the tests, base parameters. Fails where figures cannot be drawn at all (no gnuplot).
 tl::expected<Report, std::string> make_days_report(const DaysData& data, const ReportOptions& options);
 
 }  // namespace tribotwin::render

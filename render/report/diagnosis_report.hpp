@@ -18,23 +18,25 @@ struct DiagnosisOptions {
 
 /// Observations of a joint and what its healthy state says of them.
 struct DiagnosisData {
-  std::filesystem::path file;                             ///< of the healthy state
-  std::string text;                                       ///< of the file, as it is
+  std::filesystem::path file;  ///< of the healthy state
+  std::string text;            ///< of the file, as it is
   twin::diagnosis::HealthyState healthy;
-  std::vector<twin::diagnosis::Observation> learned;      ///< none where the files that the state names are gone
+  std::vector<twin::diagnosis::Observation> learned;  ///< none where the files that the state names are gone
   std::vector<twin::diagnosis::Observation> checked;
-  std::vector<twin::diagnosis::Verdict> verdicts;         ///< as many as checked
+  std::vector<twin::diagnosis::Verdict> verdicts;  ///< as many as checked
   twin::diagnosis::Watch watch;
   DiagnosisOptions options;
-  std::vector<std::string> missing;                       ///< what a reader must know is not there: sentences
+  std::vector<std::string> missing;  ///< what a reader must know is not there: sentences
 };
 
 /// Fails, naming the file, where tribotwin diagnose check would refuse.
-tl::expected<DiagnosisData, std::string> load_diagnosis(const std::filesystem::path& healthy, const std::vector<std::filesystem::path>& data, twin::diagnosis::ObservationOptions read,
+tl::expected<DiagnosisData, std::string> load_diagnosis(const std::filesystem::path& healthy,
+                                                        const std::vector<std::filesystem::path>& data,
+                                                        twin::diagnosis::ObservationOptions read,
                                                         const DiagnosisOptions& options);
 
-/// One self-contained page: verdicts as sentences, distances as in paper 2's Tables II and III, regions as in its Figures 14
-/// and 15, the CUSUM and the margin left. Fails where figures cannot be drawn at all (no gnuplot).
+/// One self-contained page: verdicts as sentences, distances as in paper 2's Tables II and III, regions as in its
+/// Figures 14 and 15, the CUSUM and the margin left. Fails where figures cannot be drawn at all (no gnuplot).
 tl::expected<Report, std::string> make_diagnosis_report(const DiagnosisData& data, const ReportOptions& options);
 
 }  // namespace tribotwin::render

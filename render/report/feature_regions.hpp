@@ -13,18 +13,19 @@ namespace tribotwin::render {
 struct FeatureRegions {
   twin::diagnosis::Features mean;
   twin::diagnosis::FeatureMatrix covariance;
-  double anomalous_distance, wear_distance;        ///< squared radii of the ellipses, in standard deviations
+  double anomalous_distance, wear_distance;  ///< squared radii of the ellipses, in standard deviations
   std::vector<twin::diagnosis::Features> learned;
   struct Checked {
     twin::diagnosis::Features features;
-    std::array<bool, 2> anomalous;                 ///< per region
+    std::array<bool, 2> anomalous;  ///< per region
   };
   std::vector<Checked> checked;
 };
 
-/// Paper 2's Figures 14 and 15 as four drawings: region 1 along each of its axes, region 2. `of` comes before the titles and in
-/// the names of files; may be empty. Fails where they cannot be drawn.
-tl::expected<void, std::string> show_regions(IllustratedPage& page, pugi::xml_node to, const FeatureRegions& regions, const std::string& of = {});
+/// Paper 2's Figures 14 and 15 as four drawings: region 1 along each of its axes, region 2. `of` comes before the
+/// titles and in the names of files; may be empty. Fails where they cannot be drawn.
+tl::expected<void, std::string> show_regions(IllustratedPage& page, pugi::xml_node to, const FeatureRegions& regions,
+                                             const std::string& of = {});
 
 /// Label and unit of a feature.
 Axis feature_axis(Eigen::Index feature);

@@ -1,11 +1,11 @@
-#include <tribotwin/render/report/fit_data.hpp>
-
 #include <algorithm>
 #include <cmath>
 #include <fstream>
 #include <iterator>
 
 #include <fmt/format.h>
+
+#include <tribotwin/render/report/fit_data.hpp>
 
 namespace tribotwin::render {
 namespace {
@@ -17,18 +17,25 @@ using twin::identification::ParameterFile;
 std::vector<fs::path> named_data(FitData& fit) {
   const auto& names = fit.parameters.data;
   if (names.empty()) {
-    fit.missing.push_back("The file does not say which data the law was identified from: curves are shown without points, and no residuals.");
+    fit.missing.push_back(
+        "The file does not say which data the law was identified from: curves are shown without points, and no "
+        "residuals.");
     return {};
   }
   if (!fit.has_residual()) {
-    fit.missing.push_back("The parameters were not found from measured friction: curves are shown without points, and no residuals.");
+    fit.missing.push_back(
+        "The parameters were not found from measured friction: curves are shown without points, and no residuals.");
     return {};
   }
   std::vector<fs::path> found;
   for (const auto& name : names) {
-    if (const auto file = named_file(name, fit.file)) found.push_back(*file);
+    if (const auto file = named_file(name, fit.file))
+      found.push_back(*file);
     else {
-      fit.missing.push_back(fmt::format("The data of this identification are missing: {} is neither in the working directory nor beside {}. Curves are shown without points, and no residuals.", name, fit.file.filename().string()));
+      fit.missing.push_back(
+          fmt::format("The data of this identification are missing: {} is neither in the working directory nor beside "
+                      "{}. Curves are shown without points, and no residuals.",
+                      name, fit.file.filename().string()));
       return {};
     }
   }
@@ -60,7 +67,8 @@ std::optional<fs::path> named_file(const std::string& name, const fs::path& by) 
   return std::nullopt;
 }
 
-tl::expected<ParameterFile, std::string> read_parameter_file(const fs::path& path, const twin::identification::ReadOptions& given) {
+tl::expected<ParameterFile, std::string> read_parameter_file(const fs::path& path,
+                                                             const twin::identification::ReadOptions& given) {
   try {
     auto file = twin::identification::read_parameters(path);
     if (given.torque_max_nm > 0) file.torque_max_nm = given.torque_max_nm;
@@ -80,15 +88,18 @@ drive::Drive drawn_drive(const ParameterFile& file) {
   return drive;
 }
 
-std::vector<FrictionPoint> friction_points(const drive::Drive& drive, const twin::identification::Samples& s, std::span<const std::size_t> rows) {
+std::vector<FrictionPoint> friction_points(const drive::Drive& drive, const twin::identification::Samples& s,
+                                           std::span<const std::size_t> rows) {
   std::vector<FrictionPoint> points;
   const double nm = drive.torque_scale_nm();
   for (const std::size_t i : rows)
-    points.push_back({s.speed[i] / drive.speed_scale(), s.load[i], s.temperature_degC[i], s.friction[i] * nm, s.standard_error.empty() ? 0 : s.standard_error[i] * nm});
+    points.push_back({s.speed[i] / drive.speed_scale(), s.load[i], s.temperature_degC[i], s.friction[i] * nm,
+                      s.standard_error.empty() ? 0 : s.standard_error[i] * nm});
   return points;
 }
 
-tl::expected<FitData, std::string> load_fit(const fs::path& path, std::vector<fs::path> data, twin::identification::ReadOptions read) {
+tl::expected<FitData, std::string> load_fit(const fs::path& path, std::vector<fs::path> data,
+                                            twin::identification::ReadOptions read) {
   auto parameters = read_parameter_file(path, read);
   if (!parameters) return tl::unexpected(parameters.error());
   FitData fit{.file = path, .parameters = std::move(*parameters)};
@@ -105,7 +116,9 @@ tl::expected<FitData, std::string> load_fit(const fs::path& path, std::vector<fs
   if (!samples) return tl::unexpected(samples.error());
   fit.samples = std::move(*samples);
   hold_against_law(fit);
-  fit.own_data = p.found.samples == fit.samples.size() && std::abs(fit.deviation - p.found.residual.std) <= 1e-3 * p.found.residual.std + 1e-12 * std::ranges::max(fit.samples.friction);
+  fit.own_data = p.found.samples == fit.samples.size() &&
+                 std::abs(fit.deviation - p.found.residual.std) <=
+                     1e-3 * p.found.residual.std + 1e-12 * std::ranges::max(fit.samples.friction);
   return fit;
 }
 

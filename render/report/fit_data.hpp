@@ -16,14 +16,14 @@ namespace tribotwin::render {
 /// An identified law and what it was identified from, or is held against.
 struct FitData {
   std::filesystem::path file;
-  std::string text;                               ///< of the file, as it is
+  std::string text;  ///< of the file, as it is
   twin::identification::ParameterFile parameters;
-  drive::Drive drive;                             ///< with this law, as of drawn_drive
-  twin::identification::Samples samples;          ///< without rows when there are no data to show
-  std::vector<double> residuals;                  ///< measured - law [unit of the law], as the twin evaluates it
-  double deviation = 0;                           ///< their standard deviation
-  bool own_data = true;                           ///< the samples are those that the law was identified from
-  std::vector<std::string> missing;               ///< what a reader must know is not there, and why: sentences
+  drive::Drive drive;                     ///< with this law, as of drawn_drive
+  twin::identification::Samples samples;  ///< without rows when there are no data to show
+  std::vector<double> residuals;          ///< measured - law [unit of the law], as the twin evaluates it
+  double deviation = 0;                   ///< their standard deviation
+  bool own_data = true;                   ///< the samples are those that the law was identified from
+  std::vector<std::string> missing;       ///< what a reader must know is not there, and why: sentences
 
   /// Whether the file says how well the law follows measured friction; after 'tribotwin calibrate' it does not.
   bool has_residual() const { return parameters.found.residual.std > 0 || parameters.found.condition_number > 0; }
@@ -31,7 +31,8 @@ struct FitData {
 
 /// As twin::identification::read_parameters, with every failure as a sentence that names the file. torque_max_nm and
 /// gear_ratio are those of `given` where it has them.
-tl::expected<twin::identification::ParameterFile, std::string> read_parameter_file(const std::filesystem::path& file, const twin::identification::ReadOptions& given);
+tl::expected<twin::identification::ParameterFile, std::string> read_parameter_file(
+    const std::filesystem::path& file, const twin::identification::ReadOptions& given);
 
 /// A file that another one names: as it is called from the working directory, or beside the naming one.
 std::optional<std::filesystem::path> named_file(const std::string& name, const std::filesystem::path& by);
@@ -41,11 +42,15 @@ std::optional<std::filesystem::path> named_file(const std::string& name, const s
 drive::Drive drawn_drive(const twin::identification::ParameterFile& file);
 
 /// Those rows of measured friction, for a drive with the law they were read for.
-std::vector<FrictionPoint> friction_points(const drive::Drive& drive, const twin::identification::Samples& samples, std::span<const std::size_t> rows);
+std::vector<FrictionPoint> friction_points(const drive::Drive& drive, const twin::identification::Samples& samples,
+                                           std::span<const std::size_t> rows);
 
-/// `data`: what to hold the law against; else what the parameter file names, relative to the working directory or to its own
-/// folder. Where that is not there, or no measured friction, there are no samples and `missing` says so. Fails on a parameter file that cannot be read, on data that were asked for and are not
-/// there, and on data that are no measurement for this law.
-tl::expected<FitData, std::string> load_fit(const std::filesystem::path& parameters, std::vector<std::filesystem::path> data, twin::identification::ReadOptions read);
+/// `data`: what to hold the law against; else what the parameter file names, relative to the working directory or to
+/// its own folder. Where that is not there, or no measured friction, there are no samples and `missing` says so. Fails
+/// on a parameter file that cannot be read, on data that were asked for and are not there, and on data that are no
+/// measurement for this law.
+tl::expected<FitData, std::string> load_fit(const std::filesystem::path& parameters,
+                                            std::vector<std::filesystem::path> data,
+                                            twin::identification::ReadOptions read);
 
 }  // namespace tribotwin::render

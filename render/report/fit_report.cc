@@ -1,5 +1,3 @@
-#include <tribotwin/render/report/fit_report.hpp>
-
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -7,6 +5,7 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
+#include <tribotwin/render/report/fit_report.hpp>
 #include <tribotwin/render/theme/theme.hpp>
 
 namespace tribotwin::render {
@@ -32,7 +31,9 @@ std::string typeset(std::string number) {
   if (number.ends_with('.')) number.pop_back();
   return number + power;
 }
-std::string significant(double v, int digits = 3) { return v == 0 ? "0" : typeset(fmt::format("{:#.{}g}", v, std::clamp(digits, 1, 9))); }
+std::string significant(double v, int digits = 3) {
+  return v == 0 ? "0" : typeset(fmt::format("{:#.{}g}", v, std::clamp(digits, 1, 9)));
+}
 
 /// v to the second digit of its sigma.
 std::string significant(double v, double sigma) {
@@ -54,8 +55,8 @@ std::vector<double> evenly(double from, double to, int count) {
 
 /// Load or temperature, as far as the data go in it (or the law, where there are none).
 struct Input {
-  double low, high, window;     ///< a sample within `window` of a level is shown with the curves of that level
-  std::vector<double> levels;   ///< at which the curves over the other input are drawn
+  double low, high, window;    ///< a sample within `window` of a level is shown with the curves of that level
+  std::vector<double> levels;  ///< at which the curves over the other input are drawn
 
   Input(const std::vector<double>& column, double law_low, double law_high) : low(law_low), high(law_high) {
     if (!column.empty()) low = std::ranges::min(column), high = std::ranges::max(column);
@@ -67,7 +68,8 @@ struct Input {
 };
 
 std::string level_text(const char* level_format, const char* window_format, double level, const Input& input) {
-  return fmt::format(fmt::runtime(level_format), level) + (input.varies() ? fmt::format(fmt::runtime(window_format), input.window) : "");
+  return fmt::format(fmt::runtime(level_format), level) +
+         (input.varies() ? fmt::format(fmt::runtime(window_format), input.window) : "");
 }
 
 double end_or(double end, double otherwise) { return std::abs(end) < friction::unlimited ? end : otherwise; }
@@ -75,10 +77,19 @@ double end_or(double end, double otherwise) { return std::abs(end) < friction::u
 class Writer {
  public:
   Writer(const FitData& fit, const ReportOptions& options)
-      : fit_(fit), p_(fit.parameters), s_(fit.samples), law_(*fit.parameters.law.info), options_(options), page_(title(), options.figure_files), axes_(fit.drive),
-        speed_max_((s_.size() ? std::ranges::max(s_.speed) : end_or(p_.law.range.speed_max_rad_s, law_.side == friction::Side::motor ? 280 : 3)) / fit.drive.speed_scale()),
+      : fit_(fit),
+        p_(fit.parameters),
+        s_(fit.samples),
+        law_(*fit.parameters.law.info),
+        options_(options),
+        page_(title(), options.figure_files),
+        axes_(fit.drive),
+        speed_max_((s_.size() ? std::ranges::max(s_.speed)
+                              : end_or(p_.law.range.speed_max_rad_s, law_.side == friction::Side::motor ? 280 : 3)) /
+                   fit.drive.speed_scale()),
         load_(s_.load, 0, end_or(p_.law.range.load_max, 0.8)),
-        temperature_(s_.temperature_degC, end_or(p_.law.range.temperature_min_degC, 20), end_or(p_.law.range.temperature_max_degC, 80)) {
+        temperature_(s_.temperature_degC, end_or(p_.law.range.temperature_min_degC, 20),
+                     end_or(p_.law.range.temperature_max_degC, 80)) {
     for (std::size_t i = 0; i < p_.found.parameters.size(); ++i)
       if (!std::isnan(p_.found.parameters[i].sigma)) known_.push_back(i);
   }
@@ -97,26 +108,40 @@ class Writer {
 
  private:
   std::string title() const { return fmt::format("{}: friction law '{}'", fit_.file.stem().string(), law_.name); }
-  std::string torque(double v) const { return fmt::format("{} {}", significant(v), law_.normalised ? "of the maximum torque" : "Nm"); }
+  std::string torque(double v) const {
+    return fmt::format("{} {}", significant(v), law_.normalised ? "of the maximum torque" : "Nm");
+  }
   bool has_samples() const { return s_.size() > 0; }
-  static std::string drawn_of(std::size_t shown, std::size_t all) { return shown < all ? fmt::format("{} of the {} samples are drawn, chosen evenly", shown, all) : fmt::format("{} samples", all); }
+  static std::string drawn_of(std::size_t shown, std::size_t all) {
+    return shown < all ? fmt::format("{} of the {} samples are drawn, chosen evenly", shown, all)
+                       : fmt::format("{} samples", all);
+  }
   std::vector<std::string> with_status(Status status) const {
     std::vector<std::string> names;
     for (const auto& e : p_.found.parameters)
       if (e.status == status) names.push_back(e.name);
     return names;
   }
-  bool told(const std::string& name) const { return std::ranges::find(p_.found.unidentifiable, name) == p_.found.unidentifiable.end(); }
+  bool told(const std::string& name) const {
+    return std::ranges::find(p_.found.unidentifiable, name) == p_.found.unidentifiable.end();
+  }
   std::size_t identified() const {
-    return static_cast<std::size_t>(std::ranges::count_if(p_.found.parameters, [&](const auto& e) { return e.status == Status::estimated && told(e.name); }));
+    return static_cast<std::size_t>(std::ranges::count_if(
+        p_.found.parameters, [&](const auto& e) { return e.status == Status::estimated && told(e.name); }));
   }
 
   /// What was identified, from what, how well, and what could not be told.
   std::string verdict() const {
-    if (p_.found.samples == 0) return fmt::format("Law '{}' with given parameters: the file does not say how they were found.", law_.name);
-    const std::string source = p_.data.size() == 1 ? " of " + std::filesystem::path(p_.data[0]).filename().string() : p_.data.empty() ? "" : fmt::format(" of {} files", p_.data.size());
-    std::string s = fmt::format("{} of the {} parameters of law '{}' were identified from {} samples{}.", identified(), p_.found.parameters.size(), law_.name, p_.found.samples, source);
-    if (fit_.has_residual()) s += fmt::format(" The law leaves a standard deviation of {} and explains {:.2f} % of how friction varies.", torque(p_.found.residual.std), 100 * p_.found.r_squared);
+    if (p_.found.samples == 0)
+      return fmt::format("Law '{}' with given parameters: the file does not say how they were found.", law_.name);
+    const std::string source = p_.data.size() == 1 ? " of " + std::filesystem::path(p_.data[0]).filename().string()
+                               : p_.data.empty()   ? ""
+                                                   : fmt::format(" of {} files", p_.data.size());
+    std::string s = fmt::format("{} of the {} parameters of law '{}' were identified from {} samples{}.", identified(),
+                                p_.found.parameters.size(), law_.name, p_.found.samples, source);
+    if (fit_.has_residual())
+      s += fmt::format(" The law leaves a standard deviation of {} and explains {:.2f} % of how friction varies.",
+                       torque(p_.found.residual.std), 100 * p_.found.r_squared);
     const auto say = [&](const std::vector<std::string>& names, const char* what) {
       if (!names.empty()) s += fmt::format(" {}: {}.", what, fmt::join(names, ", "));
     };
@@ -128,9 +153,12 @@ class Writer {
 
   std::string range_text() const {
     const auto& r = p_.law.range;
-    std::string s = r.speed_max_rad_s < friction::unlimited ? fmt::format("Holds up to {:.4g} rad/s", r.speed_max_rad_s) : "Holds at any speed";
-    if (r.load_max < friction::unlimited && law_.load_dependent) s += fmt::format(", for loads up to {:.3g} of the maximum torque", r.load_max);
-    if (r.temperature_max_degC < friction::unlimited && law_.temperature_dependent) s += fmt::format(", at {:.3g} to {:.3g} °C", r.temperature_min_degC, r.temperature_max_degC);
+    std::string s = r.speed_max_rad_s < friction::unlimited ? fmt::format("Holds up to {:.4g} rad/s", r.speed_max_rad_s)
+                                                            : "Holds at any speed";
+    if (r.load_max < friction::unlimited && law_.load_dependent)
+      s += fmt::format(", for loads up to {:.3g} of the maximum torque", r.load_max);
+    if (r.temperature_max_degC < friction::unlimited && law_.temperature_dependent)
+      s += fmt::format(", at {:.3g} to {:.3g} °C", r.temperature_min_degC, r.temperature_max_degC);
     return s + ".";
   }
 
@@ -141,7 +169,10 @@ class Writer {
     page_.add(to, "p", verdict(), "verdict");
     notes_ = fit_.missing;
     if (has_samples() && !fit_.own_data)
-      notes_.push_back(fmt::format("The data shown here are not those of the identification: {} samples, of which the law leaves a standard deviation of {}.", s_.size(), torque(fit_.deviation)));
+      notes_.push_back(
+          fmt::format("The data shown here are not those of the identification: {} samples, of which the law leaves a "
+                      "standard deviation of {}.",
+                      s_.size(), torque(fit_.deviation)));
     if (!notes_.empty()) {
       auto box = page_.add(to, "div", {}, "notice");
       for (const auto& what : notes_) page_.add(box, "p", what);
@@ -166,16 +197,22 @@ class Writer {
       page_.tile(grid, "condition number", significant(p_.found.condition_number), "of the scaled Jacobian");
     }
     const std::size_t known = identified() + with_status(Status::fixed).size();
-    page_.tile(grid, "parameters known", fmt::format("{} of {}", known, p_.found.parameters.size()), "", known == p_.found.parameters.size() ? "good" : "bad");
-    if (const auto pairs = closest_pairs(); !pairs.empty()) page_.tile(grid, "closest pair", pair_name(pairs[0]), "correlation " + correlation(correlation_of(pairs[0])));
+    page_.tile(grid, "parameters known", fmt::format("{} of {}", known, p_.found.parameters.size()), "",
+               known == p_.found.parameters.size() ? "good" : "bad");
+    if (const auto pairs = closest_pairs(); !pairs.empty())
+      page_.tile(grid, "closest pair", pair_name(pairs[0]), "correlation " + correlation(correlation_of(pairs[0])));
   }
 
   const char* status_of(const twin::identification::Estimate& e) const {
     switch (e.status) {
-      case Status::estimated: return told(e.name) ? "estimated" : "estimated, but not told by the data";
-      case Status::fixed: return p_.found.samples ? "known beforehand" : "given";
-      case Status::held: return "held: not told by the data";
-      case Status::at_bound: return "at the edge of its range";
+      case Status::estimated:
+        return told(e.name) ? "estimated" : "estimated, but not told by the data";
+      case Status::fixed:
+        return p_.found.samples ? "known beforehand" : "given";
+      case Status::held:
+        return "held: not told by the data";
+      case Status::at_bound:
+        return "at the edge of its range";
     }
     return "";
   }
@@ -187,14 +224,25 @@ class Writer {
     for (std::size_t i = 0; i < p_.found.parameters.size(); ++i) {
       const auto& e = p_.found.parameters[i];
       const bool sure = e.sigma > 0;
-      rows.push_back({e.name, sure ? significant(e.value, e.sigma) : typeset(fmt::format("{:.6g}", e.value)), sure ? significant(e.sigma, 2) : "–",
-                      sure && !std::isnan(e.low) ? fmt::format("{} … {}", significant(e.low, e.sigma), significant(e.high, e.sigma)) : "–",
-                      e.unit == "-" ? "of τmax" : e.unit == "1" ? "-" : e.unit, status_of(e), std::string(law_.parameters[i].meaning)});
+      rows.push_back({e.name, sure ? significant(e.value, e.sigma) : typeset(fmt::format("{:.6g}", e.value)),
+                      sure ? significant(e.sigma, 2) : "–",
+                      sure && !std::isnan(e.low)
+                          ? fmt::format("{} … {}", significant(e.low, e.sigma), significant(e.high, e.sigma))
+                          : "–",
+                      e.unit == "-"   ? "of τmax"
+                      : e.unit == "1" ? "-"
+                                      : e.unit,
+                      status_of(e), std::string(law_.parameters[i].meaning)});
     }
     page_.add_table(to, {"parameter", "value", "sigma", "95 % interval", "unit", "status", "meaning"}, rows);
     page_.add(to, "pre", fmt::format("{} = {}", law_.normalised ? "friction / τmax" : "friction [Nm]", law_.equation));
-    page_.add(to, "p", fmt::format("{}v: {} speed [rad/s]{}{}. Sigma: one standard deviation.", law_.normalised ? "τmax: maximum torque; " : "", law_.side == friction::Side::motor ? "motor" : "joint",
-                                   law_.load_dependent ? "; l: load torque / maximum torque" : "", law_.temperature_dependent ? "; T: lubricant temperature [°C]" : ""), "soft");
+    page_.add(to, "p",
+              fmt::format("{}v: {} speed [rad/s]{}{}. Sigma: one standard deviation.",
+                          law_.normalised ? "τmax: maximum torque; " : "",
+                          law_.side == friction::Side::motor ? "motor" : "joint",
+                          law_.load_dependent ? "; l: load torque / maximum torque" : "",
+                          law_.temperature_dependent ? "; T: lubricant temperature [°C]" : ""),
+              "soft");
   }
 
   /// Shows a figure that `draw` makes of the samples that are `near`, at most `curve_points`.
@@ -205,7 +253,10 @@ class Writer {
     std::vector<std::size_t> some;
     for (const std::size_t k : thinned(rows.size(), curve_points)) some.push_back(rows[k]);
     const auto points = friction_points(fit_.drive, s_, some);
-    return page_.show(to, draw("Friction" + where, points), name, fmt::format("Law '{}'{}.{}", law_.name, where, has_samples() ? fmt::format(" Points: {}.", drawn_of(points.size(), rows.size())) : ""));
+    return page_.show(
+        to, draw("Friction" + where, points), name,
+        fmt::format("Law '{}'{}.{}", law_.name, where,
+                    has_samples() ? fmt::format(" Points: {}.", drawn_of(points.size(), rows.size())) : ""));
   }
 
   Outcome curves() {
@@ -213,20 +264,32 @@ class Writer {
     auto grid = page_.add(page_.body(), "div", {}, "figures");
     const bool thermal = law_.temperature_dependent, loaded = law_.load_dependent;
     if (!thermal && !loaded)
-      return show_curves(grid, "curve", "", [](std::size_t) { return true; }, [&](const std::string& title, const auto& points) { return friction_against_speed(fit_.drive, title, speed_max_, 0, points); });
+      return show_curves(
+          grid, "curve", "", [](std::size_t) { return true; },
+          [&](const std::string& title, const auto& points) {
+            return friction_against_speed(fit_.drive, title, speed_max_, 0, points);
+          });
     // Curves that differ in what did not vary would say the same as the others.
     if (thermal && (temperature_.varies() || !loaded || !load_.varies()))
       for (const double load : loaded ? load_.levels : std::vector{0.0})
-        if (auto ok = show_curves(grid, "temperature", loaded ? level_text(" at a load of {:.2f}", " ± {:.2f}", load, load_) : "",
-                                  [&](std::size_t i) { return !loaded || std::abs(s_.load[i] - load) <= load_.window; },
-                                  [&](const std::string& title, const auto& points) { return friction_against_temperature(fit_.drive, title, speed_max_, load, evenly(temperature_.low, temperature_.high, 7), points); });
+        if (auto ok = show_curves(
+                grid, "temperature", loaded ? level_text(" at a load of {:.2f}", " ± {:.2f}", load, load_) : "",
+                [&](std::size_t i) { return !loaded || std::abs(s_.load[i] - load) <= load_.window; },
+                [&](const std::string& title, const auto& points) {
+                  return friction_against_temperature(fit_.drive, title, speed_max_, load,
+                                                      evenly(temperature_.low, temperature_.high, 7), points);
+                });
             !ok)
           return ok;
     if (loaded && (load_.varies() || !thermal))
       for (const double T : thermal ? temperature_.levels : std::vector{temperature_.low})
-        if (auto ok = show_curves(grid, "load", thermal ? level_text(" at {:.1f}", " ± {:.1f}", T, temperature_) + " °C" : "",
-                                  [&](std::size_t i) { return !thermal || std::abs(s_.temperature_degC[i] - T) <= temperature_.window; },
-                                  [&](const std::string& title, const auto& points) { return friction_against_load(fit_.drive, title, speed_max_, T, evenly(load_.low, load_.high, 6), points); });
+        if (auto ok = show_curves(
+                grid, "load", thermal ? level_text(" at {:.1f}", " ± {:.1f}", T, temperature_) + " °C" : "",
+                [&](std::size_t i) { return !thermal || std::abs(s_.temperature_degC[i] - T) <= temperature_.window; },
+                [&](const std::string& title, const auto& points) {
+                  return friction_against_load(fit_.drive, title, speed_max_, T, evenly(load_.low, load_.high, 6),
+                                               points);
+                });
             !ok)
           return ok;
     return {};
@@ -235,18 +298,33 @@ class Writer {
   Outcome residuals() {
     if (!has_samples()) return {};
     page_.add(page_.body(), "h2", "Residuals");
-    page_.add(page_.body(), "p", "Measured minus law. Where the law follows the data, residuals scatter about 0 alike at every speed, temperature and load; a mean that wanders off tells what the law does not know.", "soft");
+    page_.add(page_.body(), "p",
+              "Measured minus law. Where the law follows the data, residuals scatter about 0 alike at every speed, "
+              "temperature and load; a mean that wanders off tells what the law does not know.",
+              "soft");
     auto grid = page_.add(page_.body(), "div", {}, "figures");
     const int power = fit_.deviation > 0 ? 3 * static_cast<int>(std::floor(std::log10(fit_.deviation) / 3)) : 0;
     std::vector<double> scaled = fit_.residuals;
     for (double& r : scaled) r *= std::pow(10, -power);
-    const Axis residual{.quantity = "measured − law", .unit = fmt::format("{}{}", power ? power_of_ten(power) + (law_.normalised ? " of " : " ") : "", law_.normalised ? "τmax" : "Nm")};
-    if (auto ok = page_.show(grid, residual_histogram("Residuals", residual, scaled), "residuals", fmt::format("How often each residual occurs, all {} samples, with the normal distribution of their mean and deviation.", s_.size())); !ok) return ok;
+    const Axis residual{.quantity = "measured − law",
+                        .unit = fmt::format("{}{}", power ? power_of_ten(power) + (law_.normalised ? " of " : " ") : "",
+                                            law_.normalised ? "τmax" : "Nm")};
+    if (auto ok = page_.show(grid, residual_histogram("Residuals", residual, scaled), "residuals",
+                             fmt::format("How often each residual occurs, all {} samples, with the normal distribution "
+                                         "of their mean and deviation.",
+                                         s_.size()));
+        !ok)
+      return ok;
     const Axis temperature{.quantity = "lubricant temperature", .symbol = "{/:Italic T}", .unit = "°C"};
-    for (const auto& [what, axis, column] : {std::tuple{"speed", &axes_.speed, &s_.speed}, {"temperature", &temperature, &s_.temperature_degC}, {"load", &axes_.load, &s_.load}}) {
+    for (const auto& [what, axis, column] : {std::tuple{"speed", &axes_.speed, &s_.speed},
+                                             {"temperature", &temperature, &s_.temperature_degC},
+                                             {"load", &axes_.load, &s_.load}}) {
       if (std::ranges::min(*column) == std::ranges::max(*column)) continue;
-      if (auto ok = page_.show(grid, scatter(fmt::format("Residuals against {}", what), *axis, residual, *column, scaled), fmt::format("residuals_{}", what),
-                               fmt::format("{}; the lines are mean and standard deviation of all in classes of {}.", drawn_of(std::min(scatter_points, s_.size()), s_.size()), what));
+      if (auto ok =
+              page_.show(grid, scatter(fmt::format("Residuals against {}", what), *axis, residual, *column, scaled),
+                         fmt::format("residuals_{}", what),
+                         fmt::format("{}; the lines are mean and standard deviation of all in classes of {}.",
+                                     drawn_of(std::min(scatter_points, s_.size()), s_.size()), what));
           !ok)
         return ok;
     }
@@ -255,14 +333,18 @@ class Writer {
 
   using Pair = std::array<std::size_t, 2>;
   double correlation_of(Pair p) const { return p_.found.correlation(p[0], p[1]); }
-  std::string pair_name(Pair p) const { return fmt::format("{} and {}", p_.found.parameters[p[0]].name, p_.found.parameters[p[1]].name); }
+  std::string pair_name(Pair p) const {
+    return fmt::format("{} and {}", p_.found.parameters[p[0]].name, p_.found.parameters[p[1]].name);
+  }
 
   /// Pairs of estimated parameters by the magnitude of their correlation.
   std::vector<Pair> closest_pairs() const {
     std::vector<Pair> pairs;
     for (const std::size_t a : known_)
       for (const std::size_t b : known_)
-        if (a < b && std::isfinite(correlation_of({a, b})) && p_.found.parameters[a].sigma > 0 && p_.found.parameters[b].sigma > 0) pairs.push_back({a, b});
+        if (a < b && std::isfinite(correlation_of({a, b})) && p_.found.parameters[a].sigma > 0 &&
+            p_.found.parameters[b].sigma > 0)
+          pairs.push_back({a, b});
     std::ranges::stable_sort(pairs, std::greater{}, [&](Pair p) { return std::abs(correlation_of(p)); });
     return pairs;
   }
@@ -280,7 +362,9 @@ class Writer {
     const bool wide = known_.size() > 6;
     auto grid = page_.add(page_.body(), "div", {}, "figures");
     if (auto ok = page_.show(grid, correlation_matrix("Correlation of the estimates", std::move(m)), "correlation",
-                             "Correlation of the estimated parameters: the darker, the stronger. Orange pairs rise and fall together; blue pairs, with a minus, make up for each other. Bold from 0.9.", wide);
+                             "Correlation of the estimated parameters: the darker, the stronger. Orange pairs rise and "
+                             "fall together; blue pairs, with a minus, make up for each other. Bold from 0.9.",
+                             wide);
         !ok)
       return ok;
     if (wide) grid = page_.add(page_.body(), "div", {}, "figures");
@@ -288,10 +372,20 @@ class Writer {
     for (const Pair pair : pairs) {
       const auto &a = p_.found.parameters[pair[0]], &b = p_.found.parameters[pair[1]];
       const double both = correlation_of(pair) * a.sigma * b.sigma;
-      const Estimate e{.label = "", .mean = {a.value, b.value}, .covariance = {{{a.sigma * a.sigma, both}, {both, b.sigma * b.sigma}}}, .samples = {{a.value, b.value}},
-                       .degrees_of_freedom = std::max(1.0, static_cast<double>(p_.found.samples) - static_cast<double>(known_.size()))};
-      if (auto ok = page_.show(grid, confidence_ellipses(fmt::format("{}: correlation {}", pair_name(pair), correlation(correlation_of(pair))), {.quantity = a.name, .unit = a.unit}, {.quantity = b.name, .unit = b.unit}, std::array{e}),
-                               "ellipse", "Where both parameters are: with 95 % confidence (filled) and with 99 % (dashed). The point is the estimate.");
+      const Estimate e{.label = "",
+                       .mean = {a.value, b.value},
+                       .covariance = {{{a.sigma * a.sigma, both}, {both, b.sigma * b.sigma}}},
+                       .samples = {{a.value, b.value}},
+                       .degrees_of_freedom =
+                           std::max(1.0, static_cast<double>(p_.found.samples) - static_cast<double>(known_.size()))};
+      if (auto ok =
+              page_.show(grid,
+                         confidence_ellipses(
+                             fmt::format("{}: correlation {}", pair_name(pair), correlation(correlation_of(pair))),
+                             {.quantity = a.name, .unit = a.unit}, {.quantity = b.name, .unit = b.unit}, std::array{e}),
+                         "ellipse",
+                         "Where both parameters are: with 95 % confidence (filled) and with 99 % (dashed). The point "
+                         "is the estimate.");
           !ok)
         return ok;
     }
@@ -313,13 +407,15 @@ class Writer {
   IllustratedPage page_;
   std::vector<std::string> notes_;
   const LawAxes axes_;
-  double speed_max_;                ///< joint side [rad/s]
+  double speed_max_;  ///< joint side [rad/s]
   Input load_, temperature_;
   std::vector<std::size_t> known_;  ///< parameters with a sigma
 };
 
 }  // namespace
 
-tl::expected<Report, std::string> make_fit_report(const FitData& fit, const ReportOptions& options) { return Writer(fit, options).write(); }
+tl::expected<Report, std::string> make_fit_report(const FitData& fit, const ReportOptions& options) {
+  return Writer(fit, options).write();
+}
 
 }  // namespace tribotwin::render

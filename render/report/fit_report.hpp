@@ -5,8 +5,8 @@
 
 namespace tribotwin::render {
 
-/// One self-contained page about an identified law: verdict, parameters, curves over points, residuals, correlation, origin.
-/// Fails where figures cannot be drawn at all (no gnuplot).
+/// One self-contained page about an identified law: verdict, parameters, curves over points, residuals, correlation,
+/// origin. Fails where figures cannot be drawn at all (no gnuplot).
 tl::expected<Report, std::string> make_fit_report(const FitData& fit, const ReportOptions& options);
 
 }  // namespace tribotwin::render

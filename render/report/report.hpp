@@ -10,8 +10,9 @@
 
 namespace tribotwin::render {
 
-/// One self-contained page about one run, or about several with a comparison. Fails where figures cannot be drawn at all
-/// (no gnuplot).
-tl::expected<Report, std::string> make_report(std::span<const std::unique_ptr<RunData>> runs, const ReportOptions& options);
+/// One self-contained page about one run, or about several with a comparison. Fails where figures cannot be drawn at
+/// all (no gnuplot).
+tl::expected<Report, std::string> make_report(std::span<const std::unique_ptr<RunData>> runs,
+                                              const ReportOptions& options);
 
 }  // namespace tribotwin::render

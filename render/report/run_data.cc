@@ -1,5 +1,3 @@
-#include <tribotwin/render/report/run_data.hpp>
-
 #include <algorithm>
 #include <cmath>
 #include <fstream>
@@ -8,6 +6,7 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
+#include <tribotwin/render/report/run_data.hpp>
 #include <tribotwin/render/theme/theme.hpp>
 #include <tribotwin/twin/io/input.hpp>
 #include <tribotwin/twin/io/name.hpp>
@@ -29,16 +28,24 @@ void add_joints(RunData& run) {
   for (std::size_t i = 0; i < run.record.joints.size(); ++i) {
     const std::string& name = run.record.joints[i];
     const auto channel = [&](const char* what) { return run.record.channel(name, what); };
-    JointHistory joint{.name = name, .position_rad = channel("position_rad"), .velocity_rad_s = channel("velocity_rad_s"), .friction_nm = channel("friction_nm"),
-                       .load_nm = channel("load_nm"), .temperature_degC = channel("temperature_degC"), .torsion_rad = channel("torsion_rad"),
-                       .transmission_torque_nm = channel("transmission_torque_nm"), .arm_position_rad = channel("arm_position_rad"), .arm_set_point_rad = channel("arm_set_point_rad")};
+    JointHistory joint{.name = name,
+                       .position_rad = channel("position_rad"),
+                       .velocity_rad_s = channel("velocity_rad_s"),
+                       .friction_nm = channel("friction_nm"),
+                       .load_nm = channel("load_nm"),
+                       .temperature_degC = channel("temperature_degC"),
+                       .torsion_rad = channel("torsion_rad"),
+                       .transmission_torque_nm = channel("transmission_torque_nm"),
+                       .arm_position_rad = channel("arm_position_rad"),
+                       .arm_set_point_rad = channel("arm_set_point_rad")};
     if (i < run.record.joint_attributes.size())
       for (const auto& [key, value] : run.record.joint_attributes[i]) {
         if (key == "gear_ratio") joint.gear_ratio = value;
         if (key == "torque_max_nm") joint.torque_max_nm = value;
       }
     for (const auto& drive : drives)
-      if (twin::joint_name(run.model()->get(), drive) == name) joint.gear_ratio = drive.drive.gear_ratio, joint.torque_max_nm = drive.drive.torque_max_nm;
+      if (twin::joint_name(run.model()->get(), drive) == name)
+        joint.gear_ratio = drive.drive.gear_ratio, joint.torque_max_nm = drive.drive.torque_max_nm;
     for (const double v : joint.velocity_rad_s)
       if (std::isfinite(v)) joint.speed_max_rad_s = std::max(joint.speed_max_rad_s, std::abs(v));
     joint.moved = joint.speed_max_rad_s > 1e-3;
@@ -55,30 +62,39 @@ std::string RunData::attribute(std::string_view key) const {
 }
 
 tl::expected<std::unique_ptr<RunData>, std::string> load_run(const fs::path& directory) {
-  if (!fs::is_directory(directory)) return tl::unexpected(fmt::format("{}: is no folder of a run (it must hold telemetry.h5)", directory.string()));
+  if (!fs::is_directory(directory))
+    return tl::unexpected(fmt::format("{}: is no folder of a run (it must hold telemetry.h5)", directory.string()));
   auto run = std::make_unique<RunData>();
   run->directory = directory;
   const auto miss = [&](std::string what) { run->missing.push_back(std::move(what)); };
 
-  const fs::path telemetry = directory / "telemetry.h5", summary = directory / "summary.json", scenario = directory / "scenario.yaml";
+  const fs::path telemetry = directory / "telemetry.h5", summary = directory / "summary.json",
+                 scenario = directory / "scenario.yaml";
   std::string no_record;
-  if (!fs::exists(telemetry)) no_record = fmt::format("{}: does not exist", telemetry.string());
-  else if (auto record = twin::read_telemetry(telemetry); !record) no_record = record.error();
-  else if (record->time_s.empty()) no_record = fmt::format("{}: holds no samples yet", telemetry.string());
-  else run->record = std::move(*record);
+  if (!fs::exists(telemetry))
+    no_record = fmt::format("{}: does not exist", telemetry.string());
+  else if (auto record = twin::read_telemetry(telemetry); !record)
+    no_record = record.error();
+  else if (record->time_s.empty())
+    no_record = fmt::format("{}: holds no samples yet", telemetry.string());
+  else
+    run->record = std::move(*record);
 
   if (const auto text = text_of(summary)) {
     run->summary = nlohmann::json::parse(*text, nullptr, false);
     if (!run->summary.is_object()) {
       run->summary = nullptr;
-      miss(fmt::format("{}: is damaged (not JSON); the figures that only the run itself knows are missing.", summary.string()));
+      miss(fmt::format("{}: is damaged (not JSON); the figures that only the run itself knows are missing.",
+                       summary.string()));
     }
   }
   if (!no_record.empty()) {
     if (run->summary.is_null()) return tl::unexpected(no_record);
     miss(no_record + ". Poses, curves and histories are missing.");
   } else if (!run->record.complete) {
-    miss(fmt::format("This run has not finished: it is still being written or was ended early. What follows shows its first {}.", duration(run->record.time_s.back())));
+    miss(fmt::format(
+        "This run has not finished: it is still being written or was ended early. What follows shows its first {}.",
+        duration(run->record.time_s.back())));
   } else if (run->summary.is_null() && !fs::exists(summary)) {
     miss(fmt::format("{}: does not exist; the figures that only the run itself knows are missing.", summary.string()));
   }
@@ -113,7 +129,8 @@ tl::expected<std::vector<std::unique_ptr<RunData>>, std::string> load_runs(const
   try {
     for (const auto& entry : summary["runs"]) {
       const auto folder = entry.at("folder").get<std::string>();
-      if (const auto why = twin::unfit_file_name(folder)) return tl::unexpected(fmt::format("{}: folder: {}", file.string(), *why));
+      if (const auto why = twin::unfit_file_name(folder))
+        return tl::unexpected(fmt::format("{}: folder: {}", file.string(), *why));
       auto run = load_run(directory / folder);
       if (!run) return tl::unexpected(run.error());
       (*run)->name = folder;
@@ -123,7 +140,11 @@ tl::expected<std::vector<std::unique_ptr<RunData>>, std::string> load_runs(const
   } catch (const nlohmann::json::exception&) {
     runs.clear();
   }
-  if (runs.empty()) return tl::unexpected(fmt::format("{}: `runs` must be a list of {{\"folder\": NAME, \"set\": [\"key=value\"]}}, as tribotwin run writes it for a scenario that varies", file.string()));
+  if (runs.empty())
+    return tl::unexpected(
+        fmt::format("{}: `runs` must be a list of {{\"folder\": NAME, \"set\": [\"key=value\"]}}, as tribotwin run "
+                    "writes it for a scenario that varies",
+                    file.string()));
   return runs;
 }
 

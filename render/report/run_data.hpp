@@ -19,24 +19,24 @@ namespace tribotwin::render {
 struct JointHistory {
   std::string name;
   double gear_ratio = 1, torque_max_nm = 1;
-  std::span<const double> position_rad, velocity_rad_s, friction_nm, load_nm, temperature_degC;   ///< of the record
+  std::span<const double> position_rad, velocity_rad_s, friction_nm, load_nm, temperature_degC;  ///< of the record
   /// Of a drive behind a transmission; else empty or NaN. Torsion, arm and set point are angles behind the gear.
   std::span<const double> torsion_rad, transmission_torque_nm, arm_position_rad, arm_set_point_rad;
   double speed_max_rad_s = 0;
-  bool moved = false;   ///< faster than a creep: 1e-3 rad/s at the joint
+  bool moved = false;  ///< faster than a creep: 1e-3 rad/s at the joint
 };
 
 /// What a folder of `tribotwin run` holds, as much of it as can be read.
 struct RunData {
   std::filesystem::path directory;
   std::string name;
-  std::string settings;                     ///< what made it one of several runs of a scenario: "key=value, ..."
-  twin::Recording record;                   ///< without samples when it could not be read
-  nlohmann::json summary;                   ///< null when there is none
+  std::string settings;    ///< what made it one of several runs of a scenario: "key=value, ..."
+  twin::Recording record;  ///< without samples when it could not be read
+  nlohmann::json summary;  ///< null when there is none
   std::string scenario_text;
-  std::optional<twin::Scenario> scenario;   ///< with the model
-  std::vector<std::string> missing;         ///< what a reader must know is not there, and why: sentences
-  std::vector<JointHistory> joints;         ///< points into `record`
+  std::optional<twin::Scenario> scenario;  ///< with the model
+  std::vector<std::string> missing;        ///< what a reader must know is not there, and why: sentences
+  std::vector<JointHistory> joints;        ///< points into `record`
 
   std::string attribute(std::string_view name) const;
   const mujoco::Model* model() const { return scenario ? scenario->model.get() : nullptr; }
@@ -44,8 +44,8 @@ struct RunData {
 
 /// Fails when the folder has neither telemetry nor a summary that can be read.
 tl::expected<std::unique_ptr<RunData>, std::string> load_run(const std::filesystem::path& directory);
-/// The run in a folder or, where a scenario that varies left several there, those that its summary.json names, each called by
-/// its folder's name. Fails like load_run, and on an entry that names no folder.
+/// The run in a folder or, where a scenario that varies left several there, those that its summary.json names, each
+/// called by its folder's name. Fails like load_run, and on an entry that names no folder.
 tl::expected<std::vector<std::unique_ptr<RunData>>, std::string> load_runs(const std::filesystem::path& directory);
 
 }  // namespace tribotwin::render

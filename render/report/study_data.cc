@@ -1,11 +1,10 @@
-#include <tribotwin/render/report/study_data.hpp>
-
 #include <algorithm>
 #include <fstream>
 
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
+#include <tribotwin/render/report/study_data.hpp>
 #include <tribotwin/twin/io/json_input.hpp>
 #include <tribotwin/twin/io/name.hpp>
 #include <tribotwin/twin/io/table.hpp>
@@ -20,11 +19,13 @@ using namespace twin::diagnosis;
 
 void read(StudyObservation& o, const JsonInput& in, const StudyJoint& joint) {
   const double curve = in["curve"].number();
-  const auto found = std::ranges::find_if(joint.curves, [&](const auto& one) { return static_cast<double>(one.first) == curve; });
+  const auto found =
+      std::ranges::find_if(joint.curves, [&](const auto& one) { return static_cast<double>(one.first) == curve; });
   if (found == joint.curves.end()) in["curve"].fail(fmt::format("{}/curves.csv has no curve {}", joint.name, curve));
   o.curve = found->first;
   o.temperature_degC = in["temperature_degC"].number();
-  for (std::size_t i = 0; i < feature_names.size(); ++i) o.features(static_cast<Eigen::Index>(i)) = in["features"][feature_names[i]].number();
+  for (std::size_t i = 0; i < feature_names.size(); ++i)
+    o.features(static_cast<Eigen::Index>(i)) = in["features"][feature_names[i]].number();
 }
 
 StudyVerdict verdict_of(const JsonInput& in, const StudyJoint& joint) {
@@ -36,16 +37,25 @@ StudyVerdict verdict_of(const JsonInput& in, const StudyJoint& joint) {
   v.anomalous = in["anomalous"].truth();
   for (std::size_t r = 0; r < regions.size(); ++r) {
     const JsonInput region = in[regions[r].name];
-    v.region[r] = {.distance = region["distance"].number(), .statistic = region["statistic"].number(), .limit = region["limit"].number(), .anomalous = region["anomalous"].truth()};
+    v.region[r] = {.distance = region["distance"].number(),
+                   .statistic = region["statistic"].number(),
+                   .limit = region["limit"].number(),
+                   .anomalous = region["anomalous"].truth()};
   }
   return v;
 }
 
 twin::study::Power power_of(const JsonInput& in) {
-  twin::study::Power power{.fault = drive::find_fault(in["fault"].text()), .detection_limit = in["detection_limit"].number(), .named = {}, .roc = {}};
+  twin::study::Power power{.fault = drive::find_fault(in["fault"].text()),
+                           .detection_limit = in["detection_limit"].number(),
+                           .named = {},
+                           .roc = {}};
   if (!power.fault) in["fault"].fail("is no fault of the twin");
-  for (const auto& [name, share] : in["named_at_twice_the_limit"].entries()) power.named[name] = std::min(1.0, share.number());
-  for (const JsonInput& point : in["roc"].list(1)) power.roc.push_back({point["severity"].number(), point["false_alarm"].number({0, 1}), point["detected"].number({0, 1})});
+  for (const auto& [name, share] : in["named_at_twice_the_limit"].entries())
+    power.named[name] = std::min(1.0, share.number());
+  for (const JsonInput& point : in["roc"].list(1))
+    power.roc.push_back(
+        {point["severity"].number(), point["false_alarm"].number({0, 1}), point["detected"].number({0, 1})});
   return power;
 }
 
@@ -56,11 +66,13 @@ std::map<std::size_t, StudyCurve> curves_of(const fs::path& file) {
   };
   const twin::Table table = wanted(twin::read_table(file));
   const auto series = std::ranges::find(table.names, "series") - table.names.begin();
-  const auto numbers = wanted(table.numbers("curve")), speed = wanted(table.numbers("speed_rad_s")), friction = wanted(table.numbers("friction_nm"));
+  const auto numbers = wanted(table.numbers("curve")), speed = wanted(table.numbers("speed_rad_s")),
+             friction = wanted(table.numbers("friction_nm"));
   if (!table.has("series")) throw InputError(fmt::format("{}: has no column 'series'", file.string()));
   std::map<std::size_t, StudyCurve> curves;
   for (std::size_t i = 0; i < table.rows.size(); ++i) {
-    if (!(numbers[i] >= 1 && numbers[i] <= 1e9)) throw InputError(fmt::format("{}curve: is {} but curves are counted from 1", table.where(i), numbers[i]));
+    if (!(numbers[i] >= 1 && numbers[i] <= 1e9))
+      throw InputError(fmt::format("{}curve: is {} but curves are counted from 1", table.where(i), numbers[i]));
     StudyCurve& curve = curves[static_cast<std::size_t>(numbers[i])];
     curve.series = table.rows[i][static_cast<std::size_t>(series)];
     curve.speed_rad_s.push_back(speed[i]);
@@ -78,13 +90,17 @@ std::string StudyVerdict::name() const { return fmt::format("{:g} kg, {}", load_
 std::vector<StudyJoint> load_study_folder(const fs::path& directory) {
   const fs::path file = directory / "diagnosis.json";
   std::ifstream stream(file, std::ios::binary);
-  if (!stream) throw InputError(fmt::format("{}: cannot be read; 'tribotwin lab' writes it at the end of a study, such as br609_diagnosis", file.string()));
+  if (!stream)
+    throw InputError(fmt::format(
+        "{}: cannot be read; 'tribotwin lab' writes it at the end of a study, such as br609_diagnosis", file.string()));
   const json root = json::parse(stream, nullptr, false);
-  if (root.is_discarded()) throw InputError(fmt::format("{}: is no JSON; 'tribotwin lab' writes it again", file.string()));
+  if (root.is_discarded())
+    throw InputError(fmt::format("{}: is no JSON; 'tribotwin lab' writes it again", file.string()));
   std::vector<StudyJoint> joints;
   for (const auto& [name, in] : JsonInput(root, file.string()).entries()) {
-    if (const auto why = twin::unfit_file_name(name)) in.fail(*why);   // the folder of its curves
-    StudyJoint joint{.name = name, .curves = curves_of(directory / name / "curves.csv"), .learned = {}, .checked = {}, .power = {}};
+    if (const auto why = twin::unfit_file_name(name)) in.fail(*why);  // the folder of its curves
+    StudyJoint joint{
+        .name = name, .curves = curves_of(directory / name / "curves.csv"), .learned = {}, .checked = {}, .power = {}};
     for (const JsonInput& one : in["learned"].list(observations_least)) read(joint.learned.emplace_back(), one, joint);
     for (const JsonInput& one : in["observations"].list(1)) joint.checked.push_back(verdict_of(one, joint));
     if (in.has("power"))

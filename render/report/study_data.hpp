@@ -14,37 +14,37 @@ namespace tribotwin::render {
 /// A measured curve, level by level.
 struct StudyCurve {
   std::string series;
-  std::vector<double> speed_rad_s, friction_nm;   ///< motor side; arm side
+  std::vector<double> speed_rad_s, friction_nm;  ///< motor side; arm side
 };
 
 /// What a curve says of its joint.
 struct StudyObservation {
-  std::size_t curve = 0;                          ///< key of StudyJoint::curves
+  std::size_t curve = 0;  ///< key of StudyJoint::curves
   double temperature_degC = 0;
-  twin::diagnosis::Features features;             ///< in feature_units
+  twin::diagnosis::Features features;  ///< in feature_units
 };
 
 /// One with a verdict.
 struct StudyVerdict : StudyObservation {
   double load_kg = 0;
-  std::string state, pattern;                     ///< the author's word; the verdict's
-  std::array<twin::diagnosis::RegionVerdict, 2> region;   ///< distance, statistic, limit, anomalous
+  std::string state, pattern;                            ///< the author's word; the verdict's
+  std::array<twin::diagnosis::RegionVerdict, 2> region;  ///< distance, statistic, limit, anomalous
   bool anomalous = false;
 
-  bool has_fault() const;                         ///< the state is the name of a fault
-  std::string name() const;                       ///< "2 kg, cold"
+  bool has_fault() const;    ///< the state is the name of a fault
+  std::string name() const;  ///< "2 kg, cold"
 };
 
 struct StudyJoint {
   std::string name;
-  std::map<std::size_t, StudyCurve> curves;       ///< by number
-  std::vector<StudyObservation> learned;          ///< at least observations_least, in the order of time
-  std::vector<StudyVerdict> checked;              ///< at least one
-  std::vector<twin::study::Power> power;          ///< empty where no curves were drawn
+  std::map<std::size_t, StudyCurve> curves;  ///< by number
+  std::vector<StudyObservation> learned;     ///< at least observations_least, in the order of time
+  std::vector<StudyVerdict> checked;         ///< at least one
+  std::vector<twin::study::Power> power;     ///< empty where no curves were drawn
 };
 
-/// Reads the folder of `tribotwin lab` for a study: DIR/diagnosis.json, DIR/JOINT/curves.csv. Throws InputError with file, key and
-/// what would be right.
+/// Reads the folder of `tribotwin lab` for a study: DIR/diagnosis.json, DIR/JOINT/curves.csv. Throws InputError with
+/// file, key and what would be right.
 std::vector<StudyJoint> load_study_folder(const std::filesystem::path& directory);
 
 }  // namespace tribotwin::render

@@ -1,5 +1,3 @@
-#include <tribotwin/render/report/study_report.hpp>
-
 #include <algorithm>
 #include <cmath>
 #include <functional>
@@ -10,6 +8,7 @@
 #include <fmt/ranges.h>
 
 #include <tribotwin/render/report/feature_regions.hpp>
+#include <tribotwin/render/report/study_report.hpp>
 
 namespace tribotwin::render {
 namespace {
@@ -17,18 +16,25 @@ namespace {
 using Outcome = tl::expected<void, std::string>;
 using namespace twin::diagnosis;
 
-constexpr double slow_share = 0.6;   ///< of the levels, from the slowest: those of a test cycle up to a tenth of its speed
+constexpr double slow_share =
+    0.6;  ///< of the levels, from the slowest: those of a test cycle up to a tenth of its speed
 
 class Writer {
  public:
   Writer(const std::filesystem::path& directory, const std::vector<StudyJoint>& joints, const ReportOptions& options)
-      : joints_(joints), options_(options), title_(fmt::format("Study of {}", fmt::join(names(joints), " and "))), page_(title_, options.figure_files) { head(directory); }
+      : joints_(joints),
+        options_(options),
+        title_(fmt::format("Study of {}", fmt::join(names(joints), " and "))),
+        page_(title_, options.figure_files) {
+    head(directory);
+  }
 
   tl::expected<Report, std::string> write() {
     double done = 0;
     for (const StudyJoint& joint : joints_) {
       page_.add(page_.body(), "h2", joint.name);
-      for (const auto part : {&Writer::friction, &Writer::over_observations, &Writer::regions_shown, &Writer::table, &Writer::faults}) {
+      for (const auto part :
+           {&Writer::friction, &Writer::over_observations, &Writer::regions_shown, &Writer::table, &Writer::faults}) {
         if (auto ok = (this->*part)(joint); !ok) return tl::unexpected(ok.error());
         if (options_.progress) options_.progress(++done / (5 * static_cast<double>(joints_.size())));
       }
@@ -55,7 +61,11 @@ class Writer {
   void head(const std::filesystem::path& directory) {
     auto to = page_.body();
     page_.add(to, "h1", title_);
-    page_.add(to, "p", fmt::format("{}: paper 2's experiment, healthy states learned from unloaded curves cold to hot, and verdicts on curves that were not learned.", directory.string()), "soft");
+    page_.add(to, "p",
+              fmt::format("{}: paper 2's experiment, healthy states learned from unloaded curves cold to hot, and "
+                          "verdicts on curves that were not learned.",
+                          directory.string()),
+              "soft");
     std::size_t unloaded = 0, false_alarms = 0, loaded = 0, flagged = 0, faults = 0, named = 0;
     for (const StudyJoint& joint : joints_) {
       std::string said;
@@ -63,22 +73,30 @@ class Writer {
         std::vector<std::string> which;
         for (const auto* v : verdicts(joint, false))
           if (v->region[r].anomalous) which.push_back(v->name());
-        said += fmt::format(" Region {} ({}) flags {}.", r + 1, regions[r].of, which.empty() ? "nothing" : fmt::format("{}", fmt::join(which, "; ")));
+        said += fmt::format(" Region {} ({}) flags {}.", r + 1, regions[r].of,
+                            which.empty() ? "nothing" : fmt::format("{}", fmt::join(which, "; ")));
       }
       page_.add(to, "p", joint.name + ":" + said, "verdict");
       for (const StudyVerdict& v : joint.checked) {
-        const auto [count, hits] = v.has_fault() ? std::tie(faults, named) : v.load_kg == 0 ? std::tie(unloaded, false_alarms) : std::tie(loaded, flagged);
+        const auto [count, hits] = v.has_fault()    ? std::tie(faults, named)
+                                   : v.load_kg == 0 ? std::tie(unloaded, false_alarms)
+                                                    : std::tie(loaded, flagged);
         ++count;
         hits += v.has_fault() ? v.pattern == v.state : v.anomalous;
       }
     }
     auto tiles = page_.add(to, "div", {}, "tiles");
-    page_.tile(tiles, "false alarms", fmt::format("{} of {}", false_alarms, unloaded), "new unloaded curves", false_alarms ? "bad" : "good");
+    page_.tile(tiles, "false alarms", fmt::format("{} of {}", false_alarms, unloaded), "new unloaded curves",
+               false_alarms ? "bad" : "good");
     page_.tile(tiles, "loads noticed", fmt::format("{} of {}", flagged, loaded), "curves with a payload");
-    if (faults) page_.tile(tiles, "faults named", fmt::format("{} of {}", named, faults), "simulated curves with a fault", 5 * named < 4 * faults ? "bad" : "good");
+    if (faults)
+      page_.tile(tiles, "faults named", fmt::format("{} of {}", named, faults), "simulated curves with a fault",
+                 5 * named < 4 * faults ? "bad" : "good");
   }
 
-  static const StudyCurve& curve(const StudyJoint& joint, const StudyObservation& o) { return joint.curves.at(o.curve); }
+  static const StudyCurve& curve(const StudyJoint& joint, const StudyObservation& o) {
+    return joint.curves.at(o.curve);
+  }
   static Axis speed() { return {.quantity = "motor speed", .unit = "rad/s", .from = 0}; }
   static Axis torque() { return {.quantity = "friction", .unit = "Nm"}; }
 
@@ -89,16 +107,38 @@ class Writer {
     for (const auto& o : joint.learned) warming.push_back(&o);
     std::ranges::stable_sort(warming, {}, &StudyObservation::temperature_degC);
     const double cold = warming.front()->temperature_degC, hot = warming.back()->temperature_degC;
-    const StudyObservation* medium = *std::ranges::min_element(warming, {}, [&](const auto* o) { return std::abs(o->temperature_degC - (cold + hot) / 2); });
-    Figure f{.title = joint.name + ": friction, cold to hot", .x = speed(), .y = torque(), .colour = Axis{.quantity = "temperature", .unit = "°C", .from = cold, .to = std::max(hot, cold + 1)}};
-    for (const auto* o : warming) f.series.push_back({.x = curve(joint, *o).speed_rad_s, .y = curve(joint, *o).friction_nm, .shade = {o->temperature_degC}});
-    for (const auto& [name, o, shape] : {std::tuple{"cold", warming.front(), Shape::circle}, {"medium", medium, Shape::dot}, {"hot", warming.back(), Shape::cross}})
-      f.series.push_back({.mark = Mark::points, .label = fmt::format("{}, {:.0f} °C", name, o->temperature_degC), .x = curve(joint, *o).speed_rad_s, .y = curve(joint, *o).friction_nm, .shape = shape, .stroke = 0});
-    if (auto ok = page_.show(grid, f, joint.name + "_cold_to_hot", "The curves that were learned; paper 2's Figures 9 and 10. Hotter is lighter."); !ok) return ok;
+    const StudyObservation* medium = *std::ranges::min_element(
+        warming, {}, [&](const auto* o) { return std::abs(o->temperature_degC - (cold + hot) / 2); });
+    Figure f{.title = joint.name + ": friction, cold to hot",
+             .x = speed(),
+             .y = torque(),
+             .colour = Axis{.quantity = "temperature", .unit = "°C", .from = cold, .to = std::max(hot, cold + 1)}};
+    for (const auto* o : warming)
+      f.series.push_back(
+          {.x = curve(joint, *o).speed_rad_s, .y = curve(joint, *o).friction_nm, .shade = {o->temperature_degC}});
+    for (const auto& [name, o, shape] : {std::tuple{"cold", warming.front(), Shape::circle},
+                                         {"medium", medium, Shape::dot},
+                                         {"hot", warming.back(), Shape::cross}})
+      f.series.push_back({.mark = Mark::points,
+                          .label = fmt::format("{}, {:.0f} °C", name, o->temperature_degC),
+                          .x = curve(joint, *o).speed_rad_s,
+                          .y = curve(joint, *o).friction_nm,
+                          .shape = shape,
+                          .stroke = 0});
+    if (auto ok = page_.show(grid, f, joint.name + "_cold_to_hot",
+                             "The curves that were learned; paper 2's Figures 9 and 10. Hotter is lighter.");
+        !ok)
+      return ok;
 
     if (const auto ratio = cold_over_hot(curve(joint, *warming.front()), curve(joint, *warming.back()))) {
-      Figure g{.title = joint.name + ": cold over hot", .x = speed(), .y = {.quantity = "friction cold / friction hot"}, .series = {*ratio}};
-      if (auto ok = page_.show(grid, g, joint.name + "_cold_over_hot", "Coldest over hottest learned curve, level by level: the ratio of paper 2's Figure 11."); !ok) return ok;
+      Figure g{.title = joint.name + ": cold over hot",
+               .x = speed(),
+               .y = {.quantity = "friction cold / friction hot"},
+               .series = {*ratio}};
+      if (auto ok = page_.show(grid, g, joint.name + "_cold_over_hot",
+                               "Coldest over hottest learned curve, level by level: the ratio of paper 2's Figure 11.");
+          !ok)
+        return ok;
     }
 
     const auto loads = verdicts(joint, false);
@@ -108,18 +148,25 @@ class Writer {
       for (const auto* v : loads) {
         const StudyCurve& c = curve(joint, *v);
         const auto count = static_cast<std::ptrdiff_t>(std::ceil(share * static_cast<double>(c.speed_rad_s.size())));
-        g.series.push_back({.label = fmt::format("{}, {:.0f} °C", v->name(), v->temperature_degC), .x = {c.speed_rad_s.begin(), c.speed_rad_s.begin() + count}, .y = {c.friction_nm.begin(), c.friction_nm.begin() + count}});
+        g.series.push_back({.label = fmt::format("{}, {:.0f} °C", v->name(), v->temperature_degC),
+                            .x = {c.speed_rad_s.begin(), c.speed_rad_s.begin() + count},
+                            .y = {c.friction_nm.begin(), c.friction_nm.begin() + count}});
       }
       return g;
     };
-    if (auto ok = page_.show(grid, under_load("friction under load", 1), joint.name + "_loads", "Curves that were not learned; paper 2's Figure 13."); !ok) return ok;
-    return page_.show(grid, under_load("friction under load, slow", slow_share), joint.name + "_loads_slow", "The slower levels of the same curves, where contact surfaces carry the load.");
+    if (auto ok = page_.show(grid, under_load("friction under load", 1), joint.name + "_loads",
+                             "Curves that were not learned; paper 2's Figure 13.");
+        !ok)
+      return ok;
+    return page_.show(grid, under_load("friction under load, slow", slow_share), joint.name + "_loads_slow",
+                      "The slower levels of the same curves, where contact surfaces carry the load.");
   }
 
   static std::optional<Series> cold_over_hot(const StudyCurve& cold, const StudyCurve& hot) {
     if (cold.speed_rad_s.size() != hot.speed_rad_s.size()) return std::nullopt;
     Series s{.x = cold.speed_rad_s};
-    for (std::size_t i = 0; i < s.x.size(); ++i) s.y.push_back(hot.friction_nm[i] != 0 ? cold.friction_nm[i] / hot.friction_nm[i] : std::nan(""));
+    for (std::size_t i = 0; i < s.x.size(); ++i)
+      s.y.push_back(hot.friction_nm[i] != 0 ? cold.friction_nm[i] / hot.friction_nm[i] : std::nan(""));
     return s;
   }
 
@@ -127,7 +174,8 @@ class Writer {
   Outcome over_observations(const StudyJoint& joint) {
     page_.add(page_.body(), "h3", "Features over the learned observations");
     auto grid = page_.add(page_.body(), "div", {}, "figures");
-    const auto show = [&](const Axis& axis, const std::string& caption, const std::function<double(const StudyObservation&)>& value) {
+    const auto show = [&](const Axis& axis, const std::string& caption,
+                          const std::function<double(const StudyObservation&)>& value) {
       Figure f{.title = fmt::format("{}: {}", joint.name, axis.quantity), .x = {.quantity = "observation"}, .y = axis};
       for (std::size_t i = 0; i < joint.learned.size(); ++i) {
         const std::string& series = curve(joint, joint.learned[i]).series;
@@ -137,19 +185,31 @@ class Writer {
       }
       return page_.show(grid, f, fmt::format("{}_{}", joint.name, axis.quantity), caption);
     };
-    if (auto ok = show({.quantity = "temperature", .unit = "°C"}, "Of the learned curves, in the order of time.", [](const auto& o) { return o.temperature_degC; }); !ok) return ok;
+    if (auto ok = show({.quantity = "temperature", .unit = "°C"}, "Of the learned curves, in the order of time.",
+                       [](const auto& o) { return o.temperature_degC; });
+        !ok)
+      return ok;
     for (Eigen::Index k = 0; k < feature_count; ++k)
-      if (auto ok = show(feature_axis(k), "Fitted to each learned curve; paper 2's Figure 12.", [k](const auto& o) { return o.features(k); }); !ok) return ok;
+      if (auto ok = show(feature_axis(k), "Fitted to each learned curve; paper 2's Figure 12.",
+                         [k](const auto& o) { return o.features(k); });
+          !ok)
+        return ok;
     return {};
   }
 
   Outcome regions_shown(const StudyJoint& joint) {
-    const HealthyState paper;   // for its thresholds
+    const HealthyState paper;  // for its thresholds
     const auto n = static_cast<double>(joint.learned.size());
-    FeatureRegions shown{.mean = Features::Zero(), .covariance = FeatureMatrix::Zero(), .anomalous_distance = paper.anomalous_distance, .wear_distance = paper.wear_distance, .learned = {}, .checked = {}};
+    FeatureRegions shown{.mean = Features::Zero(),
+                         .covariance = FeatureMatrix::Zero(),
+                         .anomalous_distance = paper.anomalous_distance,
+                         .wear_distance = paper.wear_distance,
+                         .learned = {},
+                         .checked = {}};
     for (const auto& o : joint.learned) shown.learned.push_back(o.features), shown.mean += o.features / n;
     for (const auto& y : shown.learned) shown.covariance += (y - shown.mean) * (y - shown.mean).transpose() / (n - 1);
-    for (const auto* v : verdicts(joint, false)) shown.checked.push_back({v->features, {v->region[0].anomalous, v->region[1].anomalous}});
+    for (const auto* v : verdicts(joint, false))
+      shown.checked.push_back({v->features, {v->region[0].anomalous, v->region[1].anomalous}});
     page_.add(page_.body(), "h3", "Confidence regions");
     return show_regions(page_, page_.body(), shown, joint.name);
   }
@@ -162,16 +222,25 @@ class Writer {
     std::vector<std::vector<std::string>> rows;
     for (const auto* v : some) {
       auto& row = rows.emplace_back();
-      row = {fmt::format("{}", rows.size()), fmt::format("{:g} kg", v->load_kg), v->state, fmt::format("{:.1f}", v->temperature_degC)};
-      for (const auto& r : v->region) row.insert(row.end(), {fmt::format("{:.3f}", r.distance), fmt::format("{:.2f}", r.statistic), yes(r.anomalous)});
+      row = {fmt::format("{}", rows.size()), fmt::format("{:g} kg", v->load_kg), v->state,
+             fmt::format("{:.1f}", v->temperature_degC)};
+      for (const auto& r : v->region)
+        row.insert(row.end(),
+                   {fmt::format("{:.3f}", r.distance), fmt::format("{:.2f}", r.statistic), yes(r.anomalous)});
       row.push_back(v->pattern);
     }
-    page_.add_table(page_.body(), {"", "load", "state", "°C", "distance region 1", "T² 1", "anomalous 1", "distance region 2", "T² 2", "anomalous 2", "pattern"}, rows);
+    page_.add_table(page_.body(),
+                    {"", "load", "state", "°C", "distance region 1", "T² 1", "anomalous 1", "distance region 2", "T² 2",
+                     "anomalous 2", "pattern"},
+                    rows);
     const auto& first = some.front()->region;
-    page_.add(page_.body(), "p",
-              fmt::format("As paper 2's Tables II and III. Distance: squared, paper 2 (15), over all temperatures; the paper calls beyond {:g} anomalous. Anomalous here: T², against a healthy joint at the same temperature, "
-                          "beyond {:.2f} in region 1, {:.2f} in region 2.", HealthyState{}.anomalous_distance, first[0].limit, first[1].limit),
-              "soft");
+    page_.add(
+        page_.body(), "p",
+        fmt::format("As paper 2's Tables II and III. Distance: squared, paper 2 (15), over all temperatures; the paper "
+                    "calls beyond {:g} anomalous. Anomalous here: T², against a healthy joint at the same temperature, "
+                    "beyond {:.2f} in region 1, {:.2f} in region 2.",
+                    HealthyState{}.anomalous_distance, first[0].limit, first[1].limit),
+        "soft");
     return {};
   }
 
@@ -191,21 +260,37 @@ class Writer {
     if (joint.power.empty()) return {};
     std::vector<Counted> drawn;
     for (const auto& power : joint.power)
-      drawn.push_back({fmt::format("{}, {:.2g}{}", power.fault->name, 2 * power.detection_limit, power.fault->unit == "1" ? "" : fmt::format(" {}", power.fault->unit)), power.named});
-    page_.add(page_.body(), "p", "Curves drawn from law and scatter, each fault at twice its detection limit (the severity that 95 % of curves betray): shares by verdict.");
+      drawn.push_back({fmt::format("{}, {:.2g}{}", power.fault->name, 2 * power.detection_limit,
+                                   power.fault->unit == "1" ? "" : fmt::format(" {}", power.fault->unit)),
+                       power.named});
+    page_.add(page_.body(), "p",
+              "Curves drawn from law and scatter, each fault at twice its detection limit (the severity that 95 % of "
+              "curves betray): shares by verdict.");
     confusion(drawn, [](double share) { return fmt::format("{:.3g} %", 100 * share); });
-    page_.add(page_.body(), "p", "Share of curves with a fault that are found over the share of false alarms that each region and indicator may raise, for severities up to twice the detection limit. Line by line from no fault (the share of healthy curves that any of them flags) upwards; where all are found, lines lie on each other.", "soft");
+    page_.add(page_.body(), "p",
+              "Share of curves with a fault that are found over the share of false alarms that each region and "
+              "indicator may raise, for severities up to twice the detection limit. Line by line from no fault (the "
+              "share of healthy curves that any of them flags) upwards; where all are found, lines lie on each other.",
+              "soft");
     auto grid = page_.add(page_.body(), "div", {}, "figures");
     for (const auto& power : joint.power)
-      if (auto ok = page_.show(grid, roc(joint, power), fmt::format("{}_roc_{}", joint.name, power.fault->name), fmt::format("{}; detection limit {:.2g}.", power.fault->footprint, power.detection_limit)); !ok) return ok;
+      if (auto ok =
+              page_.show(grid, roc(joint, power), fmt::format("{}_roc_{}", joint.name, power.fault->name),
+                         fmt::format("{}; detection limit {:.2g}.", power.fault->footprint, power.detection_limit));
+          !ok)
+        return ok;
     return {};
   }
 
   static Figure roc(const StudyJoint& joint, const twin::study::Power& power) {
-    Figure f{.title = fmt::format("{}: ROC of {}{}", joint.name, power.fault->name, power.fault->unit == "1" ? "" : fmt::format(" [{}]", power.fault->unit)), .x = {.quantity = "false-alarm share", .from = 0}, .y = {.quantity = "detected share", .from = 0, .to = 1.05}};
+    Figure f{.title = fmt::format("{}: ROC of {}{}", joint.name, power.fault->name,
+                                  power.fault->unit == "1" ? "" : fmt::format(" [{}]", power.fault->unit)),
+             .x = {.quantity = "false-alarm share", .from = 0},
+             .y = {.quantity = "detected share", .from = 0, .to = 1.05}};
     double last = -1;
     for (const auto& [severity, false_alarm, detected] : power.roc) {
-      if (f.series.empty() || severity != last) f.series.push_back({.label = severity == 0 ? "no fault" : fmt::format("{:.2g}", severity)});
+      if (f.series.empty() || severity != last)
+        f.series.push_back({.label = severity == 0 ? "no fault" : fmt::format("{:.2g}", severity)});
       f.series.back().x.push_back(false_alarm);
       f.series.back().y.push_back(detected);
       last = severity;
@@ -242,6 +327,10 @@ class Writer {
 
 }  // namespace
 
-tl::expected<Report, std::string> make_study_report(const std::filesystem::path& directory, const std::vector<StudyJoint>& joints, const ReportOptions& options) { return Writer(directory, joints, options).write(); }
+tl::expected<Report, std::string> make_study_report(const std::filesystem::path& directory,
+                                                    const std::vector<StudyJoint>& joints,
+                                                    const ReportOptions& options) {
+  return Writer(directory, joints, options).write();
+}
 
 }  // namespace tribotwin::render

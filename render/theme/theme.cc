@@ -1,5 +1,3 @@
-#include <tribotwin/render/theme/theme.hpp>
-
 #include <algorithm>
 #include <cmath>
 #include <iterator>
@@ -8,11 +6,15 @@
 #include <fmt/format.h>
 #include <glib.h>
 
+#include <tribotwin/render/theme/theme.hpp>
+
 namespace tribotwin::render {
 
 namespace {
 Colour mixed(Colour a, Colour b, double share) {
-  const auto mix = [share](int from, int to) { return static_cast<std::uint8_t>(std::lround(from + share * (to - from))); };
+  const auto mix = [share](int from, int to) {
+    return static_cast<std::uint8_t>(std::lround(from + share * (to - from)));
+  };
   return {mix(a.r, b.r), mix(a.g, b.g), mix(a.b, b.b)};
 }
 }  // namespace
@@ -22,9 +24,9 @@ std::string hex(Colour c) { return fmt::format("#{:02x}{:02x}{:02x}", c.r, c.g, 
 namespace theme {
 Stroke stroke(std::size_t index) {
   static constexpr Stroke strokes[] = {
-      {{0x1f, 0x4e, 0x79}, "solid"},          {{0xd1, 0x49, 0x3f}, "(12,4)"},       {{0x2a, 0x9d, 0x8f}, "(3,4)"},
-      {{0x6a, 0x3d, 0x9a}, "(14,4,3,4)"},     {{0xe0, 0x9f, 0x1f}, "solid"},        {{0x4a, 0x55, 0x68}, "(26,5)"},
-      {{0xb0, 0x5b, 0x9e}, "(2,9)"},          {{0x6b, 0x8e, 0x23}, "(14,4,3,4,3,4)"},
+      {{0x1f, 0x4e, 0x79}, "solid"},      {{0xd1, 0x49, 0x3f}, "(12,4)"},         {{0x2a, 0x9d, 0x8f}, "(3,4)"},
+      {{0x6a, 0x3d, 0x9a}, "(14,4,3,4)"}, {{0xe0, 0x9f, 0x1f}, "solid"},          {{0x4a, 0x55, 0x68}, "(26,5)"},
+      {{0xb0, 0x5b, 0x9e}, "(2,9)"},      {{0x6b, 0x8e, 0x23}, "(14,4,3,4,3,4)"},
   };
   return strokes[index % std::size(strokes)];
 }
@@ -32,12 +34,13 @@ Stroke stroke(std::size_t index) {
 
 Colour viridis(double share) {
   static constexpr Colour table[] = {
-      {0x44, 0x01, 0x54}, {0x48, 0x18, 0x6a}, {0x47, 0x2d, 0x7b}, {0x42, 0x40, 0x86}, {0x3b, 0x52, 0x8b}, {0x33, 0x63, 0x8d},
-      {0x2c, 0x72, 0x8e}, {0x26, 0x82, 0x8e}, {0x21, 0x91, 0x8c}, {0x1f, 0xa0, 0x88}, {0x28, 0xae, 0x80}, {0x3f, 0xbc, 0x73},
-      {0x5e, 0xc9, 0x62}, {0x84, 0xd4, 0x4b}, {0xad, 0xdc, 0x30}, {0xd8, 0xe2, 0x19}, {0xfd, 0xe7, 0x25},
+      {0x44, 0x01, 0x54}, {0x48, 0x18, 0x6a}, {0x47, 0x2d, 0x7b}, {0x42, 0x40, 0x86}, {0x3b, 0x52, 0x8b},
+      {0x33, 0x63, 0x8d}, {0x2c, 0x72, 0x8e}, {0x26, 0x82, 0x8e}, {0x21, 0x91, 0x8c}, {0x1f, 0xa0, 0x88},
+      {0x28, 0xae, 0x80}, {0x3f, 0xbc, 0x73}, {0x5e, 0xc9, 0x62}, {0x84, 0xd4, 0x4b}, {0xad, 0xdc, 0x30},
+      {0xd8, 0xe2, 0x19}, {0xfd, 0xe7, 0x25},
   };
   constexpr int steps = std::size(table) - 1;
-  const double at = steps * (share > 0 ? std::min(share, 1.0) : 0.0);   // NaN counts as 0
+  const double at = steps * (share > 0 ? std::min(share, 1.0) : 0.0);  // NaN counts as 0
   const int low = std::min(static_cast<int>(at), steps - 1);
   return mixed(table[low], table[low + 1], at - low);
 }
@@ -48,14 +51,18 @@ Colour diverging(double value) {
 }
 
 std::string printable(std::string_view text, bool keep_breaks) {
-  const std::unique_ptr<char, decltype(&g_free)> valid(g_utf8_make_valid(text.data(), static_cast<gssize>(text.size())), g_free);
+  const std::unique_ptr<char, decltype(&g_free)> valid(g_utf8_make_valid(text.data(), static_cast<gssize>(text.size())),
+                                                       g_free);
   std::string out;
   for (const char* at = valid.get(); *at; at = g_utf8_next_char(at)) {
     const gunichar c = g_utf8_get_char(at);
     const bool is_break = c == '\n' || c == '\r' || c == '\t';
-    if (is_break) out += keep_breaks ? static_cast<char>(c) : ' ';
-    else if (g_unichar_iscntrl(c) || (c & 0xfffe) == 0xfffe) out += "\uFFFD";
-    else out.append(at, static_cast<std::size_t>(g_utf8_next_char(at) - at));
+    if (is_break)
+      out += keep_breaks ? static_cast<char>(c) : ' ';
+    else if (g_unichar_iscntrl(c) || (c & 0xfffe) == 0xfffe)
+      out += "\uFFFD";
+    else
+      out.append(at, static_cast<std::size_t>(g_utf8_next_char(at) - at));
   }
   return out;
 }

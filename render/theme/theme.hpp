@@ -18,8 +18,8 @@ struct Colour {
 std::string hex(Colour colour);
 
 namespace theme {
-inline constexpr Colour ink{0x1a, 0x20, 0x2c};        ///< text
-inline constexpr Colour ink_soft{0x4a, 0x55, 0x68};   ///< captions; 7.5:1 on paper
+inline constexpr Colour ink{0x1a, 0x20, 0x2c};       ///< text
+inline constexpr Colour ink_soft{0x4a, 0x55, 0x68};  ///< captions; 7.5:1 on paper
 inline constexpr Colour paper{0xff, 0xff, 0xff};
 inline constexpr Colour page{0xf6, 0xf8, 0xfb};
 inline constexpr Colour line{0xdd, 0xe3, 0xea};
@@ -34,15 +34,18 @@ inline constexpr std::string_view picture_font = "DejaVu Sans";
 
 /// Line `index` of a figure without colour bar. Its lightness and its dashes differ from its neighbours', so that it
 /// can be told in greyscale; repeats after eight.
-struct Stroke { Colour colour; std::string_view dashes; };   ///< dashes: gnuplot's dashtype
+struct Stroke {
+  Colour colour;
+  std::string_view dashes;
+};  ///< dashes: gnuplot's dashtype
 Stroke stroke(std::size_t index);
 }  // namespace theme
 
 /// viridis (van der Walt and Smith 2015, CC0), perceptually uniform and monotone in lightness; share is held to 0..1.
 Colour viridis(double share);
 
-/// From blue at -1 over paper at 0 to orange at 1: as dark on both sides, so that in greyscale the tone is the magnitude.
-/// Ink on it keeps a contrast of 5:1.
+/// From blue at -1 over paper at 0 to orange at 1: as dark on both sides, so that in greyscale the tone is the
+/// magnitude. Ink on it keeps a contrast of 5:1.
 Colour diverging(double value);
 
 /// The text with every byte sequence that is no UTF-8, and every control character, replaced by U+FFFD. Line ends and

@@ -1,4 +1,5 @@
-// can_echo IFACE IN_ID OUT_ID COUNT: answers COUNT frames IN_ID (hex) with OUT_ID and the same data. What an answer costs at least.
+// can_echo IFACE IN_ID OUT_ID COUNT: answers COUNT frames IN_ID (hex) with OUT_ID and the same data. What an answer
+// costs at least.
 #include <linux/can.h>
 #include <linux/can/raw.h>
 #include <net/if.h>

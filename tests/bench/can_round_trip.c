@@ -1,5 +1,5 @@
-// can_round_trip IFACE OUT_ID IN_ID COUNT PAUSE_US: sends an empty frame OUT_ID (hex), waits for IN_ID, COUNT times. Prints
-// median and 99 % in microseconds, answers per second, and how many did not come within 100 ms.
+// can_round_trip IFACE OUT_ID IN_ID COUNT PAUSE_US: sends an empty frame OUT_ID (hex), waits for IN_ID, COUNT times.
+// Prints median and 99 % in microseconds, answers per second, and how many did not come within 100 ms.
 #include <linux/can.h>
 #include <linux/can/raw.h>
 #include <net/if.h>
@@ -45,15 +45,18 @@ int main(int argc, char** argv) {
     if (write(bus, &out, sizeof out) != sizeof out) return fail("write");
     struct pollfd waits = {.fd = bus, .events = POLLIN};
     struct can_frame frame;
-    if (poll(&waits, 1, 100) == 1 && read(bus, &frame, sizeof frame) == sizeof frame) took[answered++] = now_us() - sent;
-    else ++missing;
+    if (poll(&waits, 1, 100) == 1 && read(bus, &frame, sizeof frame) == sizeof frame)
+      took[answered++] = now_us() - sent;
+    else
+      ++missing;
     due += (double)pause_us;
     const double left = due - now_us();
     if (pause_us > 0 && left > 0) usleep((useconds_t)left);
   }
   const double all = now_us() - begin;
   qsort(took, (size_t)answered, sizeof *took, by_size);
-  printf("%.1f %.1f %.0f %ld\n", answered ? took[answered / 2] : -1, answered ? took[answered * 99 / 100] : -1, 1e6 * (double)answered / all, missing);
+  printf("%.1f %.1f %.0f %ld\n", answered ? took[answered / 2] : -1, answered ? took[answered * 99 / 100] : -1,
+         1e6 * (double)answered / all, missing);
   free(took);
   return close(bus);
 }

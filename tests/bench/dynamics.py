@@ -8,7 +8,14 @@ import numpy as np
 program = sys.argv[1]
 for samples in (100_000, 1_000_000):
     with tempfile.NamedTemporaryFile() as f:
-        ours = json.loads(subprocess.run([program, str(samples), f.name if samples <= 100_000 else ""], capture_output=True, text=True, check=True).stdout)
+        ours = json.loads(
+            subprocess.run(
+                [program, str(samples), f.name if samples <= 100_000 else ""],
+                capture_output=True,
+                text=True,
+                check=True,
+            ).stdout
+        )
         text = f"{samples} samples: dynamics {ours['seconds']:.1f} s, {ours['peak_GiB']:.2f} GiB"
         if samples <= 100_000:
             A = np.fromfile(f.name).reshape(-1, ours["columns"] + 1)

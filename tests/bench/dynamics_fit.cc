@@ -1,7 +1,5 @@
-// For bench/dynamics.py: fit_dynamics on synthetic motion of the ER3A with noise, every sample used, joints weighed alike. Arguments:
-// number of samples, file for [regressor, torque] as doubles row by row ("" for none).
-#include <sys/resource.h>
-
+// For bench/dynamics.py: fit_dynamics on synthetic motion of the ER3A with noise, every sample used, joints weighed
+// alike. Arguments: number of samples, file for [regressor, torque] as doubles row by row ("" for none).
 #include <chrono>
 #include <cstdio>
 #include <cstdlib>
@@ -9,6 +7,7 @@
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
+#include <sys/resource.h>
 
 #include <tribotwin/twin/identification/rigid_body/dynamics.hpp>
 
@@ -25,7 +24,8 @@ int main(int, char** argv) {
   const BaseParameters base = base_parameters(regressor);
   const auto friction = *robot_friction(**model, regressor, coulomb_viscous());
   const Index n = regressor.joints(), columns = base.size() + 3 * n;
-  JointMotion motion{.segments = {{0, samples}}, .time_s = std::vector<double>(static_cast<std::size_t>(samples)), .file = {0}};
+  JointMotion motion{
+      .segments = {{0, samples}}, .time_s = std::vector<double>(static_cast<std::size_t>(samples)), .file = {0}};
   std::mt19937_64 random(1);
   std::normal_distribution<double> normal;
   for (auto* m : {&motion.q, &motion.qd, &motion.qdd, &motion.torque}) m->resize(n, samples);
@@ -35,7 +35,8 @@ int main(int, char** argv) {
   std::FILE* out = file.empty() ? nullptr : std::fopen(file.c_str(), "wb");
   VectorXd row(columns + 1);
   for (Index i = 0; i < samples; ++i) {
-    for (Index j = 0; j < n; ++j) motion.q(j, i) = normal(random), motion.qd(j, i) = normal(random), motion.qdd(j, i) = 5 * normal(random);
+    for (Index j = 0; j < n; ++j)
+      motion.q(j, i) = normal(random), motion.qd(j, i) = normal(random), motion.qdd(j, i) = 5 * normal(random);
     const MatrixXd& Y = regressor.at(motion.q.col(i), motion.qd.col(i), motion.qdd.col(i));
     motion.torque.col(i) = Y * phi;
     for (Index j = 0; j < n; ++j) {
@@ -56,5 +57,6 @@ int main(int, char** argv) {
   for (const auto& f : fit->parameters.friction) parameters.insert(parameters.end(), f.begin(), f.end());
   ::rusage usage{};
   ::getrusage(RUSAGE_SELF, &usage);
-  fmt::print("{{\"seconds\": {}, \"columns\": {}, \"peak_GiB\": {}, \"parameters\": [{}]}}\n", seconds, columns, static_cast<double>(usage.ru_maxrss) / 1048576, fmt::join(parameters, ", "));
+  fmt::print("{{\"seconds\": {}, \"columns\": {}, \"peak_GiB\": {}, \"parameters\": [{}]}}\n", seconds, columns,
+             static_cast<double>(usage.ru_maxrss) / 1048576, fmt::join(parameters, ", "));
 }

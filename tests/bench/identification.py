@@ -8,7 +8,13 @@ from scipy.optimize import least_squares
 
 
 def law(p, v, l, T):
-    return p[0] + p[1] * l + p[4] * l * np.exp(-np.abs(v / p[7]) ** p[8]) + (p[2] + p[3] * T) * np.exp(-np.abs(v / (p[5] + p[6] * T)) ** p[8]) + (p[9] + p[10] * np.exp(-T / p[11])) * v
+    return (
+        p[0]
+        + p[1] * l
+        + p[4] * l * np.exp(-np.abs(v / p[7]) ** p[8])
+        + (p[2] + p[3] * T) * np.exp(-np.abs(v / (p[5] + p[6] * T)) ** p[8])
+        + (p[9] + p[10] * np.exp(-T / p[11])) * v
+    )
 
 
 def jacobian(p, v, l, T):
@@ -17,7 +23,23 @@ def jacobian(p, v, l, T):
     e1, e2, level = np.exp(-x1), np.exp(-x2), p[2] + p[3] * T
     du = level * e1 * x1 * p[8] / u
     dalpha = -level * e1 * x1 * np.log(np.abs(v / u)) - p[4] * l * e2 * x2 * np.log(np.abs(v / p[7]))
-    return np.stack([np.ones_like(v), l, e1, T * e1, l * e2, du, T * du, p[4] * l * e2 * x2 * p[8] / p[7], dalpha, v, v * eT, p[10] * v * eT * T / p[11] ** 2], 1)
+    return np.stack(
+        [
+            np.ones_like(v),
+            l,
+            e1,
+            T * e1,
+            l * e2,
+            du,
+            T * du,
+            p[4] * l * e2 * x2 * p[8] / p[7],
+            dalpha,
+            v,
+            v * eT,
+            p[10] * v * eT * T / p[11] ** 2,
+        ],
+        1,
+    )
 
 
 truth = [3.11e-2, 2.34e-2, -2.5e-2, 1.6e-3, 0.126, -24.81, 0.98, 9.22, 1.36, 1.3e-4, 1.32e-3, 20.71]
@@ -32,7 +54,11 @@ for curves, repeats in ((484, 9), (83334, 3)):
         ratios = []
         for _ in range(repeats):
             best = None
-            for jac in 3 * ("2-point", lambda p, *_: jacobian(p, v, l, T)) if curves < 1000 else ("2-point", lambda p, *_: jacobian(p, v, l, T)):
+            for jac in (
+                3 * ("2-point", lambda p, *_: jacobian(p, v, l, T))
+                if curves < 1000
+                else ("2-point", lambda p, *_: jacobian(p, v, l, T))
+            ):
                 begin = time.perf_counter()
                 r = least_squares(lambda p: law(p, v, l, T) - y, start, jac=jac, x_scale="jac")
                 seconds = time.perf_counter() - begin
@@ -40,4 +66,6 @@ for curves, repeats in ((484, 9), (83334, 3)):
             ours = json.loads(subprocess.run([sys.argv[1], f.name], capture_output=True, text=True, check=True).stdout)
             ratios.append((best[0] / ours["seconds"], best[0], ours["seconds"], ours["cost"] / best[1] - 1))
     ratio, scipy_s, our_s, excess = sorted(ratios)[len(ratios) // 2]
-    print(f"{v.size} samples: scipy {scipy_s:.4f} s, identify {our_s:.4f} s: {ratio:.1f} x; cost relative to scipy's {excess:+.1e}")
+    print(
+        f"{v.size} samples: scipy {scipy_s:.4f} s, identify {our_s:.4f} s: {ratio:.1f} x; cost relative to scipy's {excess:+.1e}"
+    )

@@ -20,7 +20,7 @@ int main(int, char** argv) {
   // Everything a user gets: grid, minimum, sigmas, residuals, verdict.
   const auto& law = *tribotwin::friction::find_law("extended");
   double least_s = 1e300, cost = 0;
-  for (int i = 0; i < 6; ++i) {   // as many as scipy has tries
+  for (int i = 0; i < 6; ++i) {  // as many as scipy has tries
     const auto begin = std::chrono::steady_clock::now();
     cost = fit(law, s)->cost;
     least_s = std::min(least_s, std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count());

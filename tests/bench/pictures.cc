@@ -1,11 +1,11 @@
 // Frames per second against MuJoCo's own sample `record` (package libmujoco-samples): same model, camera and size, both
-// writing raw frames to a file, in turns. It needs a display: xvfb-run build/release/tests/pictures. Start-up is taken off
-// both by the difference between many and few frames. Then the CPU time of the warm-up's report.
+// writing raw frames to a file, in turns. It needs a display: xvfb-run build/release/tests/pictures. Start-up is taken
+// off both by the difference between many and few frames. Then the CPU time of the warm-up's report.
 #include <algorithm>
 #include <chrono>
 #include <cstdio>
-#include <filesystem>
 #include <cstdlib>
+#include <filesystem>
 #include <vector>
 
 #include <fmt/format.h>
@@ -49,9 +49,16 @@ int main() {
   mj_saveModel(m.get(), mjb.c_str(), nullptr, 0);
   const auto theirs = [&](int frames) {
     // The sample ends with exit code 1 when it is done; what it wrote says whether it was.
-    const double t = seconds([&] { must(render::run({{"sh", "-c", "mujoco-record \"$@\" || test $? = 1", "sh", mjb, fmt::format("{}", frames / 25.0), "25", raw}, "libmujoco-samples"}, "")); });
-    const auto written = fs::file_size(raw), wanted = static_cast<std::uintmax_t>(frames) * size.width * size.height * 3;
-    if (written < wanted || written > wanted + wanted / static_cast<std::uintmax_t>(frames)) fmt::print(stderr, "record wrote {} bytes instead of {}\n", written, wanted), std::exit(1);
+    const double t = seconds([&] {
+      must(render::run(
+          {{"sh", "-c", "mujoco-record \"$@\" || test $? = 1", "sh", mjb, fmt::format("{}", frames / 25.0), "25", raw},
+           "libmujoco-samples"},
+          ""));
+    });
+    const auto written = fs::file_size(raw),
+               wanted = static_cast<std::uintmax_t>(frames) * size.width * size.height * 3;
+    if (written < wanted || written > wanted + wanted / static_cast<std::uintmax_t>(frames))
+      fmt::print(stderr, "record wrote {} bytes instead of {}\n", written, wanted), std::exit(1);
     return t;
   };
   const auto ours = [&](int frames) {
@@ -62,7 +69,9 @@ int main() {
       for (int i = 0; i < frames; ++i) {
         render::pose_kinematics(m.get(), d.get());
         // record's camera: that of mjv_defaultCamera
-        const auto image = must(renderer.draw(d.get(), {.azimuth_deg = 90, .elevation_deg = -45, .distance_m = 2, .look_at_m = std::array{0.0, 0.0, 0.0}}));
+        const auto image = must(renderer.draw(
+            d.get(),
+            {.azimuth_deg = 90, .elevation_deg = -45, .distance_m = 2, .look_at_m = std::array{0.0, 0.0, 0.0}}));
         std::fwrite(image.rgb.data(), 1, image.rgb.size(), file);
       }
       std::fclose(file);
@@ -72,18 +81,21 @@ int main() {
   for (int i = 0; i < 5; ++i) {
     const double record = theirs(many) - theirs(few), own = ours(many) - ours(few);
     ratios.push_back(record / own);
-    fmt::print("{} x {}: record {:.2f}, ours {:.2f} frames per second, ratio {:.2f}\n", size.width, size.height, (many - few) / record, (many - few) / own, ratios.back());
+    fmt::print("{} x {}: record {:.2f}, ours {:.2f} frames per second, ratio {:.2f}\n", size.width, size.height,
+               (many - few) / record, (many - few) / own, ratios.back());
     std::fflush(stdout);
   }
   std::ranges::sort(ratios);
-  fmt::print("frames per second, ours / record: median ratio {:.2f}, {:.2f} to {:.2f}\n", ratios[2], ratios.front(), ratios.back());
+  fmt::print("frames per second, ours / record: median ratio {:.2f}, {:.2f} to {:.2f}\n", ratios[2], ratios.front(),
+             ratios.back());
 
   const fs::path run = folder / "warmup";
   must(twin::run(twin::load_scenario(TRIBOTWIN_SOURCE_DIR "/twin/scenarios/irb6620_warmup.yaml"), {.directory = run}));
   const auto cpu = [] {
     rusage used{};
     getrusage(RUSAGE_CHILDREN, &used);
-    return static_cast<double>(used.ru_utime.tv_sec + used.ru_stime.tv_sec) + 1e-6 * static_cast<double>(used.ru_utime.tv_usec + used.ru_stime.tv_usec);
+    return static_cast<double>(used.ru_utime.tv_sec + used.ru_stime.tv_sec) +
+           1e-6 * static_cast<double>(used.ru_utime.tv_usec + used.ru_stime.tv_usec);
   };
   const double before = cpu();
   must(render::run({{TRIBOTWIN_REPORT, run.string(), "--quiet"}, "tribotwin"}, ""));

@@ -1,6 +1,4 @@
 // The project's speed, as ratios within one run: A and B alternate, and the median of the pairwise ratios counts.
-#include <benchmark/benchmark.h>
-
 #include <algorithm>
 #include <chrono>
 #include <cmath>
@@ -8,6 +6,8 @@
 #include <functional>
 #include <random>
 #include <regex>
+
+#include <benchmark/benchmark.h>
 
 #include <tribotwin/plugins/friction/batch.hpp>
 #include <tribotwin/twin/simulation/run.hpp>
@@ -45,8 +45,10 @@ std::shared_ptr<const mujoco::Model> robot(const char* integrator, bool lugre) {
   std::string text{std::istreambuf_iterator<char>(file), {}};
   if (lugre) {
     text = std::regex_replace(text, std::regex("actdim=\"3\""), "actdim=\"4\"");
-    text = std::regex_replace(text, std::regex("<instance name=\"[^\"]*\">"),
-                              R"($& <config key="friction" value="lugre"/> <config key="sigma0" value="0.1"/> <config key="sigma1" value="0.002"/> <config key="vd" value="2"/>)");
+    text = std::regex_replace(
+        text, std::regex("<instance name=\"[^\"]*\">"),
+        R"($& <config key="friction" value="lugre"/> <config key="sigma0" value="0.1"/> <config key="sigma1" value="0.002"/>)"
+        R"( <config key="vd" value="2"/>)");
   }
   return mujoco::load_string(text, {.integrator = integrator}, folder).value();
 }
@@ -63,15 +65,27 @@ void step(benchmark::State& state, const char* integrator, bool damping, bool lu
   // Both arms work around the same pose: gravity of the step before, and a swing of a fifth of the rated torque.
   const auto torque = [&](mjData* d, int i) {
     for (const auto& b : model->drives())
-      d->ctrl[b.control] = d->qfrc_bias[b.dof] - 0.5 * b.drive.torque_max_nm * d->qpos[b.dof] + 0.2 * b.drive.torque_max_nm * std::sin(0.004 * i);
+      d->ctrl[b.control] = d->qfrc_bias[b.dof] - 0.5 * b.drive.torque_max_nm * d->qpos[b.dof] +
+                           0.2 * b.drive.torque_max_nm * std::sin(0.004 * i);
   };
   for (const auto& b : model->drives()) {
     drive::set_temperature(b.drive, mujoco::memory(ours.get(), b), 50);
   }
   int i = 0, j = 0;
   report_ratio(
-      state, [&] { for (int n = 0; n < 2000; ++n) { torque(ours.get(), i++); model->step(ours.get()); } },
-      [&] { for (int n = 0; n < 2000; ++n) { torque(theirs.get(), j++); mj_step(native.get(), theirs.get()); } });
+      state,
+      [&] {
+        for (int n = 0; n < 2000; ++n) {
+          torque(ours.get(), i++);
+          model->step(ours.get());
+        }
+      },
+      [&] {
+        for (int n = 0; n < 2000; ++n) {
+          torque(theirs.get(), j++);
+          mj_step(native.get(), theirs.get());
+        }
+      });
 }
 BENCHMARK_CAPTURE(step, Euler, "Euler", false)->UseManualTime()->Iterations(60);
 BENCHMARK_CAPTURE(step, Euler_damping, "Euler", true)->UseManualTime()->Iterations(60);
@@ -109,8 +123,9 @@ BENCHMARK_CAPTURE(batch, x86_64_baseline, friction::VectorWidth::baseline)->UseM
 
 /// Simulated time / wall time of the warm-up on one core, telemetry included.
 void warmup(benchmark::State& state, bool multirate) {
-  const auto scenario = twin::load_scenario(TRIBOTWIN_SOURCE_DIR "/twin/scenarios/irb6620_warmup.yaml",
-                                            {multirate ? "multirate.enabled=true" : "multirate.enabled=false", multirate ? "seed=1" : "duration_s=600"});
+  const auto scenario = twin::load_scenario(
+      TRIBOTWIN_SOURCE_DIR "/twin/scenarios/irb6620_warmup.yaml",
+      {multirate ? "multirate.enabled=true" : "multirate.enabled=false", multirate ? "seed=1" : "duration_s=600"});
   const auto folder = std::filesystem::temp_directory_path() / "tribotwin_bench";
   double factor = 0;
   for (auto _ : state) {

@@ -1,5 +1,6 @@
-// Preloaded into User-Mode Linux 6.1: its buffer for floating-point state has a fixed size, and processors with a larger state
-// (AMX, AVX-512) refuse PTRACE_SETREGSET with less than all of it. So: read all, replace what was given, write all.
+// Preloaded into User-Mode Linux 6.1: its buffer for floating-point state has a fixed size, and processors with a
+// larger state (AMX, AVX-512) refuse PTRACE_SETREGSET with less than all of it. So: read all, replace what was given,
+// write all.
 #define _GNU_SOURCE
 #include <errno.h>
 #include <stdarg.h>
@@ -9,9 +10,11 @@
 #include <sys/uio.h>
 #include <unistd.h>
 
-enum { xstate = 0x202 };   // NT_X86_XSTATE of <elf.h>
+enum { xstate = 0x202 };  // NT_X86_XSTATE of <elf.h>
 
-static long call(long request, long pid, long address, long data) { return syscall(SYS_ptrace, request, pid, address, data); }
+static long call(long request, long pid, long address, long data) {
+  return syscall(SYS_ptrace, request, pid, address, data);
+}
 
 long ptrace(enum __ptrace_request request, ...) {
   va_list list;
@@ -19,7 +22,7 @@ long ptrace(enum __ptrace_request request, ...) {
   const long pid = va_arg(list, int), address = va_arg(list, long), data = va_arg(list, long);
   va_end(list);
 
-  if (request >= PTRACE_PEEKTEXT && request <= PTRACE_PEEKUSER) {   // these return the word they read
+  if (request >= PTRACE_PEEKTEXT && request <= PTRACE_PEEKUSER) {  // these return the word they read
     long word;
     if (call(request, pid, address, (long)&word) < 0) return -1;
     errno = 0;

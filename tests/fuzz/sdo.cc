@@ -22,8 +22,8 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
     const auto before = answers;
     node.receive(classic(0x601, std::span(data + at, 8)), 0);
     ++requests;
-    if (answers > before + 1) std::abort();   // one answer at most
-    if ((data[at] >> 5) != 4 && answers != before + 1) std::abort();   // and one for all but a client's abort
+    if (answers > before + 1) std::abort();                           // one answer at most
+    if ((data[at] >> 5) != 4 && answers != before + 1) std::abort();  // and one for all but a client's abort
   }
   // What was written is within the object's limits, whatever was sent.
   for (const Object& o : node.dictionary().objects())
@@ -35,7 +35,8 @@ __attribute__((weak)) int main(int argc, char** argv) {
   const long runs = argc > 1 ? std::atol(argv[1]) : 1000;
   std::mt19937 random(static_cast<unsigned>(argc > 2 ? std::atol(argv[2]) : 1));
   const std::uint8_t commands[] = {0x40, 0x60, 0x70, 0x23, 0x27, 0x2B, 0x2F, 0x21, 0x20, 0x00, 0x10, 0x01, 0x80, 0xA0};
-  const std::uint16_t indices[] = {0x1003, 0x1008, 0x1016, 0x1017, 0x1402, 0x1602, 0x1802, 0x1A02, 0x6040, 0x6060, 0x607A, 0x605A, 0x2110, 0x6085};
+  const std::uint16_t indices[] = {0x1003, 0x1008, 0x1016, 0x1017, 0x1402, 0x1602, 0x1802,
+                                   0x1A02, 0x6040, 0x6060, 0x607A, 0x605A, 0x2110, 0x6085};
   std::vector<std::uint8_t> bytes;
   for (long i = 0; i < runs; ++i) {
     bytes.resize(8 * (1 + random() % 16));

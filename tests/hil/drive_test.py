@@ -20,7 +20,21 @@ def aborts(code, call):
         return e.code == code
 
 
-process = start(hil, "drive", scenario, "--can", address, "--record", work + "/session.log", "--stats", work + "/stats.json", "-o", work + "/live", "--set", "telemetry_rate_hz=500")
+process = start(
+    hil,
+    "drive",
+    scenario,
+    "--can",
+    address,
+    "--record",
+    work + "/session.log",
+    "--stats",
+    work + "/stats.json",
+    "-o",
+    work + "/live",
+    "--set",
+    "telemetry_rate_hz=500",
+)
 master = Master(connect(address, interface, channel), nodes)
 
 # Boot-up and SDO.
@@ -86,12 +100,28 @@ for k in range(cycles):
     if ahead > 0:
         time.sleep(ahead)
 took = time.monotonic() - begin
-check("no PDO is missing in 5000 cycles", missed == 0 and all(master.tpdo3[n] - count[n] == cycles for n in nodes), (missed, master.tpdo3))
+check(
+    "no PDO is missing in 5000 cycles",
+    missed == 0 and all(master.tpdo3[n] - count[n] == cycles for n in nodes),
+    (missed, master.tpdo3),
+)
 # The servo's own error: stiction holds the light wrist until the integral part breaks it loose at each reversal.
 worst = {n: max(lags[n]) for n in nodes}
-check("positions follow within 15 mrad, half of the time within 3", all(e < 15e-3 for e in worst.values()) and all(sorted(l)[len(l) // 2] < 3e-3 for l in lags.values()), (worst, {n: sorted(l)[len(l) // 2] for n, l in lags.items()}))
-check("all stay enabled", all(is_state(master.status[n], "operation enabled") and master.status[n] & 0x1000 for n in nodes), master.status)
-print(f"    {cycles} cycles in {took:.1f} s; largest lag " + ", ".join("%.2f" % (1e3 * e) for e in worst.values()) + " mrad")
+check(
+    "positions follow within 15 mrad, half of the time within 3",
+    all(e < 15e-3 for e in worst.values()) and all(sorted(l)[len(l) // 2] < 3e-3 for l in lags.values()),
+    (worst, {n: sorted(l)[len(l) // 2] for n, l in lags.items()}),
+)
+check(
+    "all stay enabled",
+    all(is_state(master.status[n], "operation enabled") and master.status[n] & 0x1000 for n in nodes),
+    master.status,
+)
+print(
+    f"    {cycles} cycles in {took:.1f} s; largest lag "
+    + ", ".join("%.2f" % (1e3 * e) for e in worst.values())
+    + " mrad"
+)
 
 # CST and back, without a jump.
 hold = dict(master.position)
@@ -110,15 +140,27 @@ hold = dict(master.position)
 for k in range(100):
     master.cycle(hold)
 moved = {n: abs(master.position[n] - hold[n]) / per_rad[n] for n in nodes}
-check("back in CSP they stay", all(m < 2e-3 for m in moved.values()) and all(is_state(master.status[n], "operation enabled") for n in nodes), (moved, master.status))
+check(
+    "back in CSP they stay",
+    all(m < 2e-3 for m in moved.values()) and all(is_state(master.status[n], "operation enabled") for n in nodes),
+    (moved, master.status),
+)
 
 # Quick stop, and up again.
 master.control(0x02)
-check("quick stop: active, then switch on disabled", master.until(lambda: master.cycle() and all(is_state(master.status[n], "switch on disabled") for n in nodes), 10), master.status)
+check(
+    "quick stop: active, then switch on disabled",
+    master.until(lambda: master.cycle() and all(is_state(master.status[n], "switch on disabled") for n in nodes), 10),
+    master.status,
+)
 before = dict(master.position)
 for k in range(200):
     master.cycle()
-check("the brakes hold the arm", all(abs(master.position[n] - before[n]) / per_rad[n] < 1e-4 for n in nodes), (before, master.position))
+check(
+    "the brakes hold the arm",
+    all(abs(master.position[n] - before[n]) / per_rad[n] < 1e-4 for n in nodes),
+    (before, master.position),
+)
 for name, word in (("ready to switch on", 0x06), ("switched on", 0x07), ("operation enabled", 0x0F)):
     check("again " + name, master.reach(name, word, cycles=20), master.status)
 
@@ -132,7 +174,11 @@ for k in range(400):
     master.cycle(target)
     if is_state(master.status[2], "fault"):
         break
-check("following error: fault, EMCY 8611h", is_state(master.status[2], "fault") and (2, (0x8611, 0x21)) in master.emergencies, (hex(master.status[2]), master.emergencies))
+check(
+    "following error: fault, EMCY 8611h",
+    is_state(master.status[2], "fault") and (2, (0x8611, 0x21)) in master.emergencies,
+    (hex(master.status[2]), master.emergencies),
+)
 check("its history", master.read(2, 0x1003, 1) & 0xFFFF == 0x8611 and master.read(2, 0x603F, 0, "H") == 0x8611)
 check("the others go on", all(is_state(master.status[n], "operation enabled") for n in nodes if n != 2), master.status)
 master.control(0x0F, [2])
@@ -141,7 +187,11 @@ check("it stays in fault", is_state(master.status[2], "fault"))
 master.write(2, 0x6065, 0, "I", 0xFFFFFFFF)
 master.control(0x80, [2])
 master.cycle()
-check("until it is reset", is_state(master.status[2], "switch on disabled") and master.read(2, 0x603F, 0, "H") == 0, hex(master.status[2]))
+check(
+    "until it is reset",
+    is_state(master.status[2], "switch on disabled") and master.read(2, 0x603F, 0, "H") == 0,
+    hex(master.status[2]),
+)
 check("EMCY: no error", (2, (0, 0)) in master.emergencies, master.emergencies)
 for name, word in (("ready to switch on", 0x06), ("switched on", 0x07), ("operation enabled", 0x0F)):
     master.reach(name, word, [2], cycles=20)
@@ -150,9 +200,17 @@ check("all enabled", all(is_state(master.status[n], "operation enabled") for n i
 # A master that falls silent: the SYNC's deadline.
 master.emergencies.clear()
 master.listen(0.4)
-check("SYNC lost: EMCY 8700h of every drive", {n for n, (code, _) in master.emergencies if code == 0x8700} == set(nodes), master.emergencies)
+check(
+    "SYNC lost: EMCY 8700h of every drive",
+    {n for n, (code, _) in master.emergencies if code == 0x8700} == set(nodes),
+    master.emergencies,
+)
 check("the reaction has begun", all(not is_state(master.status[n], "operation enabled") for n in nodes), master.status)
-check("it ends in fault", master.until(lambda: master.cycle() and all(is_state(master.status[n], "fault") for n in nodes), 5), master.status)
+check(
+    "it ends in fault",
+    master.until(lambda: master.cycle() and all(is_state(master.status[n], "fault") for n in nodes), 5),
+    master.status,
+)
 master.control(0x80)
 master.cycle()
 
@@ -161,7 +219,11 @@ for name, word in (("ready to switch on", 0x06), ("switched on", 0x07), ("operat
     master.reach(name, word, cycles=20)
 check("enabled once more", all(is_state(master.status[n], "operation enabled") for n in nodes), master.status)
 master.nmt(0x80)
-check("pre-operational by heartbeat", master.until(lambda: all(master.heartbeat[n] == 0x7F for n in nodes), 3), master.heartbeat)
+check(
+    "pre-operational by heartbeat",
+    master.until(lambda: all(master.heartbeat[n] == 0x7F for n in nodes), 3),
+    master.heartbeat,
+)
 check("not enabled any more", all(not is_state(master.read(n, 0x6041, 0, "H"), "operation enabled") for n in nodes))
 
 master.bus.shutdown()
@@ -171,24 +233,75 @@ stats = json.load(open(work + "/stats.json"))
 check("statistics", stats["syncs"] > 5000 and len(stats["drives"]) == 6 and stats["bus"]["receive_lost"] == 0, stats)
 
 # The recorded session again: the same answers, the same telemetry, bit for bit.
-r = subprocess.run([hil, "replay", scenario, work + "/session.log", "--fast", "-o", work + "/again", "--set", "telemetry_rate_hz=500"], capture_output=True, text=True)
+r = subprocess.run(
+    [hil, "replay", scenario, work + "/session.log", "--fast", "-o", work + "/again", "--set", "telemetry_rate_hz=500"],
+    capture_output=True,
+    text=True,
+)
 check("replay answers the same", r.returncode == 0 and ": 0 differ, 0 missing" in r.stdout, (r.stdout, r.stderr))
 import h5py, numpy as np
+
 with h5py.File(work + "/live/telemetry.h5") as a, h5py.File(work + "/again/telemetry.h5") as b:
     same = all(np.array_equal(a[j][c][:], b[j][c][:]) for j in a if isinstance(a[j], h5py.Group) for c in a[j])
-    check("lockstep: the same telemetry bit for bit", same and a["time_s"].shape == b["time_s"].shape and a["time_s"].shape[0] > 5000, (a["time_s"].shape, b["time_s"].shape))
+    check(
+        "lockstep: the same telemetry bit for bit",
+        same and a["time_s"].shape == b["time_s"].shape and a["time_s"].shape[0] > 5000,
+        (a["time_s"].shape, b["time_s"].shape),
+    )
 
 # A listener beside the same session: what it expects is what the drives had.
-r = subprocess.run([hil, "shadow", scenario, "--can", "log:" + work + "/session.log", "--duration", "11", "--csv", work + "/shadow.csv"], capture_output=True, text=True)
+r = subprocess.run(
+    [
+        hil,
+        "shadow",
+        scenario,
+        "--can",
+        "log:" + work + "/session.log",
+        "--duration",
+        "11",
+        "--csv",
+        work + "/shadow.csv",
+    ],
+    capture_output=True,
+    text=True,
+)
 print(r.stdout)
 rows = {line.split()[0]: [float(x) for x in line.split()[1:6]] for line in r.stdout.splitlines()[2:]}
 check("shadow: every joint", r.returncode == 0 and sorted(rows) == ["joint%d" % n for n in nodes], (r.stdout, r.stderr))
 for n in nodes:
     limit = 0.005 * rated[n] * 1e-3 * gear[n]
-    check(f"shadow: joint{n} within 0.5 % of its torque", abs(rows["joint%d" % n][1]) < limit and rows["joint%d" % n][2] < limit, (rows["joint%d" % n], limit))
-r = subprocess.run([hil, "shadow", scenario, "--can", "log:" + work + "/session.log", "--duration", "11", "--limit", "50"], capture_output=True, text=True)
+    check(
+        f"shadow: joint{n} within 0.5 % of its torque",
+        abs(rows["joint%d" % n][1]) < limit and rows["joint%d" % n][2] < limit,
+        (rows["joint%d" % n], limit),
+    )
+r = subprocess.run(
+    [hil, "shadow", scenario, "--can", "log:" + work + "/session.log", "--duration", "11", "--limit", "50"],
+    capture_output=True,
+    text=True,
+)
 check("shadow: within the limit", r.returncode == 0, (r.returncode, r.stderr))
-r = subprocess.run([hil, "shadow", scenario, "--can", "log:" + work + "/session.log", "--duration", "11", "--limit", "50", "--set", "temperature_degC=80"], capture_output=True, text=True)
-check("shadow: another temperature than the robot's is noticed, exit code 3", r.returncode == 3 and "joint2: residual" in r.stderr, (r.returncode, r.stderr))
+r = subprocess.run(
+    [
+        hil,
+        "shadow",
+        scenario,
+        "--can",
+        "log:" + work + "/session.log",
+        "--duration",
+        "11",
+        "--limit",
+        "50",
+        "--set",
+        "temperature_degC=80",
+    ],
+    capture_output=True,
+    text=True,
+)
+check(
+    "shadow: another temperature than the robot's is noticed, exit code 3",
+    r.returncode == 3 and "joint2: residual" in r.stderr,
+    (r.returncode, r.stderr),
+)
 
 finish()

@@ -12,7 +12,8 @@ nodes = range(1, 7)
 
 
 with open(work + "/faults.yaml", "w") as f:
-    f.write("""faults:
+    f.write(
+        """faults:
   - {kind: silence, time_s: 0.5, duration_s: 0.1, node: 4}
   - {kind: over_temperature, time_s: 1.0, duration_s: 0.05, node: 5, temperature_degC: 140}
   - {kind: encoder_freeze, time_s: 1.5, duration_s: 0.4, node: 2}
@@ -21,15 +22,26 @@ with open(work + "/faults.yaml", "w") as f:
   - {kind: delay, time_s: 2.5, duration_s: 0.1, delay_s: 0.004, probability: 0.1}
   - {kind: link_down, time_s: 3.1, duration_s: 0.3}
   - {kind: bus_off, time_s: 3.6, duration_s: 0.2}
-""")
-r = subprocess.run([hil, "drive", scenario, "--can", "memory:x", "--faults", "/dev/null"], capture_output=True, text=True)
+"""
+    )
+r = subprocess.run(
+    [hil, "drive", scenario, "--can", "memory:x", "--faults", "/dev/null"], capture_output=True, text=True
+)
 check("no list", r.returncode == 2, (r.returncode, r.stderr))
 with open(work + "/bad.yaml", "w") as f:
     f.write("faults: [{kind: silence, time_s: 1, duration_s: 1}]")
-r = subprocess.run([hil, "drive", scenario, "--can", "memory:x", "--faults", work + "/bad.yaml"], capture_output=True, text=True)
-check("a fault without its drive", r.returncode == 2 and "node" in r.stderr and "bad.yaml" in r.stderr, (r.returncode, r.stderr))
+r = subprocess.run(
+    [hil, "drive", scenario, "--can", "memory:x", "--faults", work + "/bad.yaml"], capture_output=True, text=True
+)
+check(
+    "a fault without its drive",
+    r.returncode == 2 and "node" in r.stderr and "bad.yaml" in r.stderr,
+    (r.returncode, r.stderr),
+)
 
-process = start(hil, "drive", scenario, "--can", address, "--faults", work + "/faults.yaml", "--stats", work + "/stats.json")
+process = start(
+    hil, "drive", scenario, "--can", address, "--faults", work + "/faults.yaml", "--stats", work + "/stats.json"
+)
 master = Master(connect(address, interface, channel), nodes)
 for n in nodes:
     master.read(n, 0x1000)
@@ -80,7 +92,11 @@ silent_from = master.tpdo3[4]
 run_until(0.59)
 check("a silent drive says nothing", master.tpdo3[4] - silent_from <= 2, (silent_from, master.tpdo3[4]))
 run_until(0.7)
-check("without commands it went to fault by its own deadline", is_state(master.status[4], "fault") or is_state(master.status[4], "fault reaction active"), hex(master.status[4]))
+check(
+    "without commands it went to fault by its own deadline",
+    is_state(master.status[4], "fault") or is_state(master.status[4], "fault reaction active"),
+    hex(master.status[4]),
+)
 run_until(0.9)
 check("its history says why", master.read(4, 0x1003, 1) & 0xFFFF == 0x8250, hex(master.read(4, 0x1003, 1)))
 check("the others stayed", all(is_state(master.status[n], "operation enabled") for n in nodes if n != 4), master.status)
@@ -88,27 +104,45 @@ check("it comes back", enable([4]), hex(master.status[4]))
 master.write(4, 0x1402, 5, "H", 0)
 master.emergencies.clear()
 run_until(1.2)
-check("over-temperature: EMCY 4310h", (5, 0x4310) in [(n, code) for n, (code, _) in master.emergencies], master.emergencies)
+check(
+    "over-temperature: EMCY 4310h",
+    (5, 0x4310) in [(n, code) for n, (code, _) in master.emergencies],
+    master.emergencies,
+)
 check("it comes back", enable([5]), hex(master.status[5]))
 target = dict(master.position)
 master.emergencies.clear()
 run_until(1.9, {2: 2500})
-check("a frozen encoder: following error", (2, 0x8611) in [(n, code) for n, (code, _) in master.emergencies], master.emergencies)
+check(
+    "a frozen encoder: following error",
+    (2, 0x8611) in [(n, code) for n, (code, _) in master.emergencies],
+    master.emergencies,
+)
 run_until(2.0)
 check("it comes back", enable([2]), hex(master.status[2]))
 target = dict(master.position)
 run_until(2.95)
-master.listen(0.05)   # duplicates are still on their way
-check("duplicates, damage and delay end no session", process.poll() is None and all(is_state(master.status[n], "operation enabled") for n in nodes if n != 1), master.status)
-if not is_state(master.status[1], "operation enabled"):   # a damaged controlword may have stopped it: that is what it says
+master.listen(0.05)  # duplicates are still on their way
+check(
+    "duplicates, damage and delay end no session",
+    process.poll() is None and all(is_state(master.status[n], "operation enabled") for n in nodes if n != 1),
+    master.status,
+)
+if not is_state(
+    master.status[1], "operation enabled"
+):  # a damaged controlword may have stopped it: that is what it says
     enable([1])
 target = dict(master.position)
 master.emergencies.clear()
 run_until(3.02)
 end = time.monotonic() + 1
-while time.monotonic() < end:   # the master goes on; nothing gets through for 0.3 s
+while time.monotonic() < end:  # the master goes on; nothing gets through for 0.3 s
     cycle(target, seconds_most=0.01)
-check("a link that was down: EMCY 8140h after it, SYNC lost before", all((n, 0x8140) in [(m, code) for m, (code, _) in master.emergencies] for n in nodes), master.emergencies)
+check(
+    "a link that was down: EMCY 8140h after it, SYNC lost before",
+    all((n, 0x8140) in [(m, code) for m, (code, _) in master.emergencies] for n in nodes),
+    master.emergencies,
+)
 check("nobody is enabled", all(not is_state(master.status[n], "operation enabled") for n in nodes), master.status)
 check("they come back", enable(nodes), master.status)
 master.bus.shutdown()

@@ -38,5 +38,7 @@ def said():
 def connect(address, interface, channel):
     """python-can's end of the drives' bus; for socketcand the port is that of their address."""
     if interface == "socketcand":
-        return can.Bus(interface="socketcand", channel=channel, host="127.0.0.1", port=int(re.search(r":(\d+)/", address).group(1)))
+        return can.Bus(
+            interface="socketcand", channel=channel, host="127.0.0.1", port=int(re.search(r":(\d+)/", address).group(1))
+        )
     return can.Bus(interface=interface, channel=channel)

@@ -20,7 +20,11 @@ def sh(command):
 
 def refused(name, *arguments, says):
     r = subprocess.run([hil, *arguments], capture_output=True, text=True)
-    check(name, r.returncode == 2 and says in r.stderr and len(r.stderr.strip().splitlines()) == 1, (r.returncode, r.stderr))
+    check(
+        name,
+        r.returncode == 2 and says in r.stderr and len(r.stderr.strip().splitlines()) == 1,
+        (r.returncode, r.stderr),
+    )
 
 
 def stats():
@@ -60,7 +64,9 @@ m.bus.shutdown()
 m = Master(can.Bus(interface="socketcan", channel="vcan0"), nodes)
 check("drives beat again without a restart", m.until(lambda: len(m.heartbeat) == 6, 3), m.heartbeat)
 m.cycle()
-check("none is enabled: commands were lost", all(not is_state(m.status[n], "operation enabled") for n in nodes), m.status)
+check(
+    "none is enabled: commands were lost", all(not is_state(m.status[n], "operation enabled") for n in nodes), m.status
+)
 m.until(lambda: m.cycle() and all(is_state(m.status[n], "fault") for n in nodes), 3)
 m.bus.shutdown()
 m = master()
@@ -92,9 +98,17 @@ check("the queue is full", refusals > 100, refusals)
 sh("tc qdisc del dev vcan0 root")
 m.listen(0.2)
 m.heartbeat.clear()
-check("drives beat once the queue drains", process.poll() is None and m.until(lambda: len(m.heartbeat) == 6, 3), (m.heartbeat, said()))
+check(
+    "drives beat once the queue drains",
+    process.poll() is None and m.until(lambda: len(m.heartbeat) == 6, 3),
+    (m.heartbeat, said()),
+)
 m.cycle()
-check("none is enabled: commands were lost in the queue", m.until(lambda: m.cycle() and all(is_state(m.status[n], "fault") for n in nodes), 3), m.status)
+check(
+    "none is enabled: commands were lost in the queue",
+    m.until(lambda: m.cycle() and all(is_state(m.status[n], "fault") for n in nodes), 3),
+    m.status,
+)
 m.bus.shutdown()
 m = master()
 check("enabled after the queue", enabled(m), m.status)
@@ -106,14 +120,18 @@ raw.bind(("vcan0",))
 rng = random.Random(4)
 m.bus.set_filters([{"can_id": i, "can_mask": 0x780, "extended": False} for i in (0x180, 0x380, 0x580, 0x700)])
 hold = dict(m.position)
-foreign = [i for i in range(0x81, 0x7FF) if i & 0x780 not in (0x080, 0x180, 0x200, 0x300, 0x380, 0x400, 0x580, 0x600, 0x700)] + [0x80000123, 0x40000101, 0x20000004]
+foreign = [
+    i for i in range(0x81, 0x7FF) if i & 0x780 not in (0x080, 0x180, 0x200, 0x300, 0x380, 0x400, 0x580, 0x600, 0x700)
+] + [0x80000123, 0x40000101, 0x20000004]
 sent = 0
 for k in range(1000):
     for _ in range(100):
         identifier = rng.choice(foreign)
         data = rng.randbytes(rng.randrange(9))
         if rng.random() < 0.1:
-            frame = struct.pack("=IBB2x64s", identifier & ~0x40000000, rng.choice((12, 16, 64)), rng.randrange(4), rng.randbytes(64))
+            frame = struct.pack(
+                "=IBB2x64s", identifier & ~0x40000000, rng.choice((12, 16, 64)), rng.randrange(4), rng.randbytes(64)
+            )
         else:
             frame = struct.pack("=IB3x8s", identifier, len(data), data)
         try:
@@ -126,7 +144,9 @@ check(f"{sent} foreign frames: no drive minds", enabled(m), m.status)
 raw.close()
 
 # A listener beside live drives: it sees what they do and sends nothing.
-listener = subprocess.Popen([hil, "shadow", scenario, "--can", "vcan0", "--duration", "2", "--limit", "1000"], stdout=subprocess.PIPE, text=True)
+listener = subprocess.Popen(
+    [hil, "shadow", scenario, "--can", "vcan0", "--duration", "2", "--limit", "1000"], stdout=subprocess.PIPE, text=True
+)
 atexit.register(listener.kill)
 time.sleep(1)
 for n in nodes:
@@ -143,7 +163,11 @@ for k in range(1300):
     time.sleep(0.001)
 table = listener.communicate(timeout=20)[0]
 rows = [line.split() for line in table.splitlines()[2:]]
-check("a shadow beside live drives", listener.returncode == 0 and len(rows) == 6 and all(int(r[1]) > 200 for r in rows), (listener.returncode, table))
+check(
+    "a shadow beside live drives",
+    listener.returncode == 0 and len(rows) == 6 and all(int(r[1]) > 200 for r in rows),
+    (listener.returncode, table),
+)
 m.bus.shutdown()
 
 # A million frames of random identifiers, lengths and data, as fast as the bus takes them: commands, NMT and SYNC among them.
@@ -162,7 +186,9 @@ check("the session ends in order", process.wait(10) == 0, said())
 s = stats()
 check("counted: the losses of the link", s["bus"]["link_losses"] >= 2, s["bus"])
 check("counted: what the queue refused", s["bus"]["send_busy"] > 0, s["bus"])
-check("counted: every frame was received or lost", s["bus"]["received"] + s["bus"]["receive_lost"] > 1_000_000, s["bus"])
+check(
+    "counted: every frame was received or lost", s["bus"]["received"] + s["bus"]["receive_lost"] > 1_000_000, s["bus"]
+)
 text = said()
 check("reported: one line each time", "vcan0" in text and "down" in text, text)
 finish()

@@ -4,8 +4,14 @@ import struct, time
 import can
 
 STATES = {  # mask, value
-    "switch on disabled": (0x4F, 0x40), "ready to switch on": (0x6F, 0x21), "switched on": (0x6F, 0x23), "operation enabled": (0x6F, 0x27),
-    "quick stop active": (0x6F, 0x07), "fault reaction active": (0x4F, 0x0F), "fault": (0x4F, 0x08)}
+    "switch on disabled": (0x4F, 0x40),
+    "ready to switch on": (0x6F, 0x21),
+    "switched on": (0x6F, 0x23),
+    "operation enabled": (0x6F, 0x27),
+    "quick stop active": (0x6F, 0x07),
+    "fault reaction active": (0x4F, 0x0F),
+    "fault": (0x4F, 0x08),
+}
 SIZES = {"B": 0x2F, "b": 0x2F, "H": 0x2B, "h": 0x2B, "I": 0x23, "i": 0x23}
 
 
@@ -80,18 +86,20 @@ class Master:
         answer = self.request(node, struct.pack("<BHB4x", 0x40, index, sub))
         if answer[0] & 2:  # expedited
             size = 4 - (answer[0] >> 2 & 3)
-            data = answer[4:4 + size]
+            data = answer[4 : 4 + size]
         else:
             size, data, toggle = struct.unpack("<I", answer[4:])[0], b"", 0
             while len(data) < size:
                 part = self.request(node, bytes([0x60 | toggle]) + bytes(7))
                 assert part[0] & 0x10 == toggle
-                data += part[1:8 - (part[0] >> 1 & 7)]
+                data += part[1 : 8 - (part[0] >> 1 & 7)]
                 toggle ^= 0x10
         return data.decode() if kind == "s" else struct.unpack("<" + kind, data)[0]
 
     def write(self, node, index, sub, kind, value):
-        self.request(node, struct.pack("<BHB", SIZES[kind], index, sub) + struct.pack("<" + kind, value).ljust(4, b"\0"))
+        self.request(
+            node, struct.pack("<BHB", SIZES[kind], index, sub) + struct.pack("<" + kind, value).ljust(4, b"\0")
+        )
 
     def nmt(self, command, node=0):
         self.send(0x000, [command, node])

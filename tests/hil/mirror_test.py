@@ -28,7 +28,20 @@ matrix = canmatrix.formats.loadp_flat(work + "/drives.dbc")
 status_frames = {f.arbitration_id.id: f for f in matrix.frames if f.name.startswith("status")}
 check("the DBC has a status of every drive", sorted(status_frames) == [0x180 + n for n in nodes], sorted(status_frames))
 
-process = start(hil, "drive", scenario, "--can", address, "--profile", "mirror", "--realtime", "--stats", work + "/stats.json", "-o", work + "/run")
+process = start(
+    hil,
+    "drive",
+    scenario,
+    "--can",
+    address,
+    "--profile",
+    "mirror",
+    "--realtime",
+    "--stats",
+    work + "/stats.json",
+    "-o",
+    work + "/run",
+)
 bus = connect(address, interface, channel)
 counters, frames, stamps, last = {n: 0 for n in nodes}, {}, {n: [] for n in nodes}, {}
 
@@ -37,7 +50,13 @@ def command(node, mode, set_point):
     counters[node] = (counters[node] + 1) & 15
     body = bytes([counters[node] | mode << 4]) + struct.pack("<i", round(set_point * 1e6)) + b"\0\0"
     identifier = 0x100 + node
-    bus.send(can.Message(arbitration_id=identifier, data=body + bytes([crc(struct.pack("<H", identifier) + body)]), is_extended_id=False))
+    bus.send(
+        can.Message(
+            arbitration_id=identifier,
+            data=body + bytes([crc(struct.pack("<H", identifier) + body)]),
+            is_extended_id=False,
+        )
+    )
 
 
 def listen(until):
@@ -65,8 +84,16 @@ listen(time.monotonic() + 0.5)
 look()
 # By the bus's own time stamps: this process may be late.
 rates = {n: (len(t) - 1) / (t[-1] - t[0]) for n, t in stamps.items() if len(t) > 20}
-check("cyclic at 500 Hz without being asked", len(rates) == len(nodes) and all(300 < r < 700 for r in rates.values()), rates)
-check("off, and 50 degC", all(int(last[n]["state"]) == 0 and abs(float(last[n]["temperature"]) - 50) < 0.2 for n in nodes), last)
+check(
+    "cyclic at 500 Hz without being asked",
+    len(rates) == len(nodes) and all(300 < r < 700 for r in rates.values()),
+    rates,
+)
+check(
+    "off, and 50 degC",
+    all(int(last[n]["state"]) == 0 and abs(float(last[n]["temperature"]) - 50) < 0.2 for n in nodes),
+    last,
+)
 start = {n: float(last[n]["position"]) for n in nodes}
 begin = time.monotonic()
 for k in range(500):
@@ -75,7 +102,9 @@ for k in range(500):
     listen(begin + 0.004 * (k + 1))
 look()
 check("joint 4 went where it was told", abs(float(last[4]["position"]) - start[4] - 0.2) < 0.01, (start[4], last[4]))
-check("the others held", all(abs(float(last[n]["position"]) - start[n]) < 0.005 for n in nodes if n != 4), (start, last))
+check(
+    "the others held", all(abs(float(last[n]["position"]) - start[n]) < 0.005 for n in nodes if n != 4), (start, last)
+)
 check("they follow positions", all(int(last[n]["state"]) == 2 for n in nodes), last)
 listen(time.monotonic() + 1.0)
 look()
@@ -89,9 +118,19 @@ bus.shutdown()
 process.terminate()
 check("the session ends in order", process.wait(10) == 0, said())
 s = json.load(open(work + "/stats.json"))
-check("lateness is counted", s["lateness_max_us"] > 0 and any(k.startswith("lateness_below") for k in s) and "overruns" in s, s)
-check("the robot kept the time of the clock", abs(s["simulated_s"] - s["wall_s"]) < 0.3, (s["simulated_s"], s["wall_s"]))
-check("nothing was damaged or repeated", all(d["damaged"] == 0 and d["repeated"] == 0 and d["received"] == 501 for d in s["drives"]), s["drives"])
+check(
+    "lateness is counted",
+    s["lateness_max_us"] > 0 and any(k.startswith("lateness_below") for k in s) and "overruns" in s,
+    s,
+)
+check(
+    "the robot kept the time of the clock", abs(s["simulated_s"] - s["wall_s"]) < 0.3, (s["simulated_s"], s["wall_s"])
+)
+check(
+    "nothing was damaged or repeated",
+    all(d["damaged"] == 0 and d["repeated"] == 0 and d["received"] == 501 for d in s["drives"]),
+    s["drives"],
+)
 text = said()
 check("what it does is said", "moves with the clock" in text, text)
 finish()

@@ -23,7 +23,14 @@ def answers(name, code, *arguments, says=(), out="", **more):
     """One line on stderr that says all of `says`, and this exit code."""
     r = run(*arguments, **more)
     lines = r.stderr.splitlines()
-    check(name, r.returncode == code and len(lines) == (1 if says else 0) and all(s in r.stderr for s in says) and out in r.stdout, (r.returncode, r.stdout, r.stderr))
+    check(
+        name,
+        r.returncode == code
+        and len(lines) == (1 if says else 0)
+        and all(s in r.stderr for s in says)
+        and out in r.stdout,
+        (r.returncode, r.stdout, r.stderr),
+    )
     return r
 
 
@@ -31,7 +38,9 @@ def contents(*paths):
     found = []
     for path in paths:
         for folder, _, files in os.walk(path) if os.path.isdir(path) else [(".", None, [path])]:
-            found += [(f, hashlib.sha256(open(os.path.join(folder, f), "rb").read()).hexdigest()) for f in sorted(files)]
+            found += [
+                (f, hashlib.sha256(open(os.path.join(folder, f), "rb").read()).hexdigest()) for f in sorted(files)
+            ]
     return found
 
 
@@ -72,7 +81,7 @@ def simulated_s(statistics):
 
 
 def is_complete(folder):
-    with h5py.File(folder + "/telemetry.h5") as f:   # fails unless it was closed
+    with h5py.File(folder + "/telemetry.h5") as f:  # fails unless it was closed
         return bool(f["complete"][()])
 
 
@@ -84,7 +93,13 @@ def record_a_session():
     master.nmt(1)
     check("drives answer", all(master.cycle() for _ in range(10)))
     for n in nodes:
-        for index, sub, kind, value in ((0x1A03, 0, "B", 0), (0x1A03, 1, "I", 0x60770010), (0x1A03, 0, "B", 1), (0x1803, 2, "B", 1), (0x1803, 1, "I", 0x480 + n)):
+        for index, sub, kind, value in (
+            (0x1A03, 0, "B", 0),
+            (0x1A03, 1, "I", 0x60770010),
+            (0x1A03, 0, "B", 1),
+            (0x1803, 2, "B", 1),
+            (0x1803, 1, "I", 0x480 + n),
+        ):
             master.write(n, index, sub, kind, value)
     for _ in range(890):
         master.cycle()
@@ -95,7 +110,7 @@ def record_a_session():
 def logs_of_the_session():
     lines = open("session.log").readlines()
     of = lambda line: int(line.split()[2].split("#")[0], 16)
-    with open("default.log", "w") as f:   # whoever did not hear the master map torques
+    with open("default.log", "w") as f:  # whoever did not hear the master map torques
         f.writelines(l for l in lines if of(l) & 0x780 not in (0x600, 0x480))
     with open("some.log", "w") as f:
         f.writelines(l for l in lines if of(l) & 0x780 not in (0x600, 0x480) or of(l) & 0x7F in (1, 2))
@@ -105,10 +120,10 @@ def logs_of_the_session():
         f.writelines(l for i, l in enumerate(lines) if i not in (len(lines) - 40, len(lines) - 80))
     with open("three.log", "w") as f:
         f.writelines(l for l in lines if of(l) & 0x7F not in (4, 5, 6) or of(l) < 0x81)
-    with open("silent.log", "w") as f:   # joint3's torque ends
+    with open("silent.log", "w") as f:  # joint3's torque ends
         f.writelines(l for i, l in enumerate(lines) if of(l) != 0x483 or i < len(lines) // 2)
     with open("short.log", "w") as f:
-        f.writelines(lines[:lines.index([l for l in lines if " 080#" in l][8])])
+        f.writelines(lines[: lines.index([l for l in lines if " 080#" in l][8])])
     open("empty.log", "w").close()
 
 
@@ -117,19 +132,72 @@ logs_of_the_session()
 
 # 1. A record is not replaced.
 before = contents("live", "session.log", "stats.json")
-answers("replay into the folder of a live session", 2, "replay", scenario, "session.log", "--fast", "-o", "live", says=["live/telemetry.h5", "holds a session already", "--force"])
-answers("drive onto a record", 2, *realtime, "--duration", "0.1", "--record", "session.log", says=["session.log", "holds a session already", "--force"])
-answers("drive onto statistics", 2, *realtime, "--duration", "0.1", "--stats", "stats.json", says=["stats.json", "already", "--force"])
-answers("shadow onto a CSV", 2, "shadow", scenario, "--can", "log:session.log", "--csv", "stats.json", says=["stats.json", "already", "--force"])
+answers(
+    "replay into the folder of a live session",
+    2,
+    "replay",
+    scenario,
+    "session.log",
+    "--fast",
+    "-o",
+    "live",
+    says=["live/telemetry.h5", "holds a session already", "--force"],
+)
+answers(
+    "drive onto a record",
+    2,
+    *realtime,
+    "--duration",
+    "0.1",
+    "--record",
+    "session.log",
+    says=["session.log", "holds a session already", "--force"],
+)
+answers(
+    "drive onto statistics",
+    2,
+    *realtime,
+    "--duration",
+    "0.1",
+    "--stats",
+    "stats.json",
+    says=["stats.json", "already", "--force"],
+)
+answers(
+    "shadow onto a CSV",
+    2,
+    "shadow",
+    scenario,
+    "--can",
+    "log:session.log",
+    "--csv",
+    "stats.json",
+    says=["stats.json", "already", "--force"],
+)
 answers("eds onto a file", 2, "eds", scenario, "-o", "stats.json", says=["stats.json: exists", "--force"])
 answers("dbc onto a file", 2, "dbc", scenario, "-o", "stats.json", says=["stats.json: exists", "--force"])
 check("all stays as it was", contents("live", "session.log", "stats.json") == before)
 shutil.copytree("live", "again")
 shutil.copy("session.log", "again.log")
-answers("--force replaces a session's folder", 0, "replay", scenario, "session.log", "--fast", "-o", "again", "--force", out=" 0 differ, 0 missing, 0 added")
+answers(
+    "--force replaces a session's folder",
+    0,
+    "replay",
+    scenario,
+    "session.log",
+    "--fast",
+    "-o",
+    "again",
+    "--force",
+    out=" 0 differ, 0 missing, 0 added",
+)
 check("which holds the replay then", contents("again") != contents("live"))
 answers("--force replaces files", 0, *realtime, "--quiet", "--duration", "0.1", "--record", "again.log", "--force")
-check("which holds the new session then", 0 < size("again.log") < size("session.log"), (size("again.log"), size("session.log")))
+check(
+    "which holds the new session then",
+    0 < size("again.log") < size("session.log"),
+    (size("again.log"), size("session.log")),
+)
 for command in ("eds", "dbc"):
     with open("old." + command, "w") as f:
         f.write("old")
@@ -137,7 +205,18 @@ for command in ("eds", "dbc"):
     check("which holds it then", size("old." + command) > 1000)
 first = begin(*realtime, "--quiet", "--record", "shared.log")
 check("a session grows", until(lambda: size("shared.log") > 0))
-answers("a second session on the same record", 1, *realtime, "--quiet", "--duration", "0.1", "--record", "shared.log", "--force", says=["shared.log", "another session"])
+answers(
+    "a second session on the same record",
+    1,
+    *realtime,
+    "--quiet",
+    "--duration",
+    "0.1",
+    "--record",
+    "shared.log",
+    "--force",
+    says=["shared.log", "another session"],
+)
 ends("the first one goes on", first, 0)
 check("its record is whole", open("shared.log").read().startswith("(") and open("shared.log").read().endswith("\n"))
 
@@ -161,47 +240,217 @@ before = contents("session.log", "own.yaml", "arm.xml", "faults.yaml", "folder")
 shadow = ("shadow", "own.yaml", "--can", "log:session.log", "--force", "--csv")
 drive = ("drive", "own.yaml", "--can", "memory:x", "--realtime", "--duration", "0.1", "--force")
 for name, arguments, says in (
-        ("a log as its CSV", (*shadow, "session.log"), ("--csv session.log", "--can log:session.log")),
-        ("through a symbolic link", (*shadow, "linked.log"), ("--csv linked.log", "--can log:session.log")),
-        ("through a hard link", (*shadow, "hard.log"), ("--csv hard.log", "--can log:session.log")),
-        ("through a folder's link", (*shadow, "here/session.log"), ("--csv here/session.log", "--can log:session.log")),
-        ("a scenario as the CSV", (*shadow, "own.yaml"), ("--csv own.yaml", "SCENARIO own.yaml")),
-        ("a model as the CSV", (*shadow, "arm.xml"), ("--csv arm.xml", "arm.xml of own.yaml")),
-        ("a log in the folder of a replay", ("replay", "own.yaml", "folder/telemetry.h5", "--fast", "--force", "-o", "folder"), ("-o folder", "LOG folder/telemetry.h5")),
-        ("a log as the folder of a replay", ("replay", "own.yaml", "session.log", "--fast", "--force", "-o", "session.log"), ("-o session.log", "LOG session.log")),
-        ("a scenario in the folder of a replay", ("replay", "folder/scenario.yaml", "session.log", "--fast", "--force", "-o", "folder"), ("scenario.yaml of -o folder", "SCENARIO folder/scenario.yaml")),
-        ("a scenario in the folder of a session", ("drive", "folder/scenario.yaml", *drive[2:], "-o", "folder"), ("scenario.yaml of -o folder", "SCENARIO folder/scenario.yaml")),
-        ("a scenario as the record", (*drive, "--record", "own.yaml"), ("--record own.yaml", "SCENARIO own.yaml")),
-        ("a scenario as the statistics", (*drive, "--stats", "own.yaml"), ("--stats own.yaml", "SCENARIO own.yaml")),
-        ("faults as the statistics", (*drive, "--faults", "faults.yaml", "--stats", "./faults.yaml"), ("--stats ./faults.yaml", "--faults faults.yaml")),
-        ("faults as the record", (*drive, "--faults", "faults.yaml", "--record", "faults.yaml"), ("--record faults.yaml", "--faults faults.yaml")),
-        ("two outputs in one file", (*drive, "--record", "new", "--stats", "here/new"), ("--record new", "--stats here/new")),
-        ("a record in the telemetry", (*drive, "--record", "new/telemetry.h5", "-o", "new"), ("--record new/telemetry.h5", "telemetry.h5 of -o new")),
-        ("a scenario as the EDS", ("eds", "own.yaml", "--force", "-o", "own.yaml"), ("-o own.yaml", "SCENARIO own.yaml")),
-        ("a model as the DBC", ("dbc", "own.yaml", "--force", "-o", "arm.xml"), ("-o arm.xml", "arm.xml of own.yaml"))):
+    ("a log as its CSV", (*shadow, "session.log"), ("--csv session.log", "--can log:session.log")),
+    ("through a symbolic link", (*shadow, "linked.log"), ("--csv linked.log", "--can log:session.log")),
+    ("through a hard link", (*shadow, "hard.log"), ("--csv hard.log", "--can log:session.log")),
+    ("through a folder's link", (*shadow, "here/session.log"), ("--csv here/session.log", "--can log:session.log")),
+    ("a scenario as the CSV", (*shadow, "own.yaml"), ("--csv own.yaml", "SCENARIO own.yaml")),
+    ("a model as the CSV", (*shadow, "arm.xml"), ("--csv arm.xml", "arm.xml of own.yaml")),
+    (
+        "a log in the folder of a replay",
+        ("replay", "own.yaml", "folder/telemetry.h5", "--fast", "--force", "-o", "folder"),
+        ("-o folder", "LOG folder/telemetry.h5"),
+    ),
+    (
+        "a log as the folder of a replay",
+        ("replay", "own.yaml", "session.log", "--fast", "--force", "-o", "session.log"),
+        ("-o session.log", "LOG session.log"),
+    ),
+    (
+        "a scenario in the folder of a replay",
+        ("replay", "folder/scenario.yaml", "session.log", "--fast", "--force", "-o", "folder"),
+        ("scenario.yaml of -o folder", "SCENARIO folder/scenario.yaml"),
+    ),
+    (
+        "a scenario in the folder of a session",
+        ("drive", "folder/scenario.yaml", *drive[2:], "-o", "folder"),
+        ("scenario.yaml of -o folder", "SCENARIO folder/scenario.yaml"),
+    ),
+    ("a scenario as the record", (*drive, "--record", "own.yaml"), ("--record own.yaml", "SCENARIO own.yaml")),
+    ("a scenario as the statistics", (*drive, "--stats", "own.yaml"), ("--stats own.yaml", "SCENARIO own.yaml")),
+    (
+        "faults as the statistics",
+        (*drive, "--faults", "faults.yaml", "--stats", "./faults.yaml"),
+        ("--stats ./faults.yaml", "--faults faults.yaml"),
+    ),
+    (
+        "faults as the record",
+        (*drive, "--faults", "faults.yaml", "--record", "faults.yaml"),
+        ("--record faults.yaml", "--faults faults.yaml"),
+    ),
+    (
+        "two outputs in one file",
+        (*drive, "--record", "new", "--stats", "here/new"),
+        ("--record new", "--stats here/new"),
+    ),
+    (
+        "a record in the telemetry",
+        (*drive, "--record", "new/telemetry.h5", "-o", "new"),
+        ("--record new/telemetry.h5", "telemetry.h5 of -o new"),
+    ),
+    ("a scenario as the EDS", ("eds", "own.yaml", "--force", "-o", "own.yaml"), ("-o own.yaml", "SCENARIO own.yaml")),
+    ("a model as the DBC", ("dbc", "own.yaml", "--force", "-o", "arm.xml"), ("-o arm.xml", "arm.xml of own.yaml")),
+):
     answers(name, 2, *arguments, says=says)
-check("all stays as it was", contents("session.log", "own.yaml", "arm.xml", "faults.yaml", "folder") == before and not os.path.exists("new"))
-answers("a device may be both", 2, "shadow", scenario, "--can", "log:/dev/null", "--csv", "/dev/null", says=["no position was heard"])
+check(
+    "all stays as it was",
+    contents("session.log", "own.yaml", "arm.xml", "faults.yaml", "folder") == before and not os.path.exists("new"),
+)
+answers(
+    "a device may be both",
+    2,
+    "shadow",
+    scenario,
+    "--can",
+    "log:/dev/null",
+    "--csv",
+    "/dev/null",
+    says=["no position was heard"],
+)
 
 # 3. What was not compared is not well.
-answers("a limit without any torque", 2, "shadow", scenario, "--can", "log:default.log", "--limit", "1", says=["--limit 1", "joint1, joint2, joint3, joint4, joint5, joint6", "6077h", "TPDO"], out="joint6              0              -")
-answers("a limit without some torques", 2, "shadow", scenario, "--can", "log:some.log", "--limit", "1e6", says=["of joint3, joint4, joint5, joint6:", "6077h", "--joint"])
-answers("only joints that have some", 0, "shadow", scenario, "--can", "log:some.log", "--limit", "1e6", "--joint", "joint1", "--joint", "joint2")
-answers("a joint that there is not", 2, "shadow", scenario, "--can", "log:some.log", "--limit", "1e6", "--joint", "joint9", says=["joint9", "joint1, joint2"])
+answers(
+    "a limit without any torque",
+    2,
+    "shadow",
+    scenario,
+    "--can",
+    "log:default.log",
+    "--limit",
+    "1",
+    says=["--limit 1", "joint1, joint2, joint3, joint4, joint5, joint6", "6077h", "TPDO"],
+    out="joint6              0              -",
+)
+answers(
+    "a limit without some torques",
+    2,
+    "shadow",
+    scenario,
+    "--can",
+    "log:some.log",
+    "--limit",
+    "1e6",
+    says=["of joint3, joint4, joint5, joint6:", "6077h", "--joint"],
+)
+answers(
+    "only joints that have some",
+    0,
+    "shadow",
+    scenario,
+    "--can",
+    "log:some.log",
+    "--limit",
+    "1e6",
+    "--joint",
+    "joint1",
+    "--joint",
+    "joint2",
+)
+answers(
+    "a joint that there is not",
+    2,
+    "shadow",
+    scenario,
+    "--can",
+    "log:some.log",
+    "--limit",
+    "1e6",
+    "--joint",
+    "joint9",
+    says=["joint9", "joint1, joint2"],
+)
 answers("a limit that is kept", 0, "shadow", scenario, "--can", "log:session.log", "--limit", "1e6")
-answers("a limit over less than its time", 2, "shadow", scenario, "--can", "log:session.log", "--limit", "1e6", "--limit-time", "5", says=["joint1", "5 s of --limit-time"])
-answers("a shadow without torques predicts, and says that it compares nothing", 0, "shadow", scenario, "--can", "log:default.log", says=["no torque was heard of joint1", "nothing was compared"], out="joint1              0              -")
-r = answers("a torque that is heard no more", 0, "shadow", scenario, "--can", "log:silent.log", "--limit", "1e6", says=["joint3: no torque for 0.5 s"])
+answers(
+    "a limit over less than its time",
+    2,
+    "shadow",
+    scenario,
+    "--can",
+    "log:session.log",
+    "--limit",
+    "1e6",
+    "--limit-time",
+    "5",
+    says=["joint1", "5 s of --limit-time"],
+)
+answers(
+    "a shadow without torques predicts, and says that it compares nothing",
+    0,
+    "shadow",
+    scenario,
+    "--can",
+    "log:default.log",
+    says=["no torque was heard of joint1", "nothing was compared"],
+    out="joint1              0              -",
+)
+r = answers(
+    "a torque that is heard no more",
+    0,
+    "shadow",
+    scenario,
+    "--can",
+    "log:silent.log",
+    "--limit",
+    "1e6",
+    says=["joint3: no torque for 0.5 s"],
+)
 samples = [int(line.split()[1]) for line in r.stdout.splitlines()[2:]]
 check("is compared no more", samples[2] < samples[1] - 100 and samples[1] == samples[3], samples)
-answers("too few cycles for a prediction", 2, "shadow", scenario, "--can", "log:short.log", "--csv", "short.csv", says=["prediction takes 11"])
+answers(
+    "too few cycles for a prediction",
+    2,
+    "shadow",
+    scenario,
+    "--can",
+    "log:short.log",
+    "--csv",
+    "short.csv",
+    says=["prediction takes 11"],
+)
 check("and no CSV without rows", not os.path.exists("short.csv"))
 answers("replay: all the same", 0, "replay", scenario, "session.log", "--fast", out=" 0 differ, 0 missing, 0 added")
-answers("replay of an empty log", 2, "replay", scenario, "empty.log", "--fast", "-o", "nothing", says=["empty.log", "no frame"])
+answers(
+    "replay of an empty log",
+    2,
+    "replay",
+    scenario,
+    "empty.log",
+    "--fast",
+    "-o",
+    "nothing",
+    says=["empty.log", "no frame"],
+)
 check("and no folder without frames", not os.path.exists("nothing"))
-answers("replay of other nodes", 2, "replay", scenario, "session.log", "--fast", "--first-node", "20", says=["joint1, joint2, joint3, joint4, joint5, joint6", "--first-node 20"])
-answers("replay of some nodes", 2, "replay", scenario, "three.log", "--fast", says=["of joint4, joint5, joint6;", "--first-node 1"])
-answers("replay of a log whose end is missing", 1, "replay", scenario, "cut.log", "--fast", says=["cut.log", "not recorded"], out=" 0 missing, 4 added")
+answers(
+    "replay of other nodes",
+    2,
+    "replay",
+    scenario,
+    "session.log",
+    "--fast",
+    "--first-node",
+    "20",
+    says=["joint1, joint2, joint3, joint4, joint5, joint6", "--first-node 20"],
+)
+answers(
+    "replay of some nodes",
+    2,
+    "replay",
+    scenario,
+    "three.log",
+    "--fast",
+    says=["of joint4, joint5, joint6;", "--first-node 1"],
+)
+answers(
+    "replay of a log whose end is missing",
+    1,
+    "replay",
+    scenario,
+    "cut.log",
+    "--fast",
+    says=["cut.log", "not recorded"],
+    out=" 0 missing, 4 added",
+)
 answers("replay of a log with gaps", 1, "replay", scenario, "gap.log", "--fast", says=["gap.log"], out=" 2 added")
 
 # 4. A signal ends everything, and what was written is whole.
@@ -214,32 +463,60 @@ time.sleep(0.5)
 ends("replay of a pipe without writer", p, 1, says="interrupted")
 p = begin("shadow", scenario, "--can", "log:fifo", "--csv", "part.csv")
 with open("fifo", "w") as f:
-    f.write("".join(open("session.log").readlines()[:-1]) + "(17")   # and no end
+    f.write("".join(open("session.log").readlines()[:-1]) + "(17")  # and no end
     f.flush()
     check("the CSV of a pipe grows", until(lambda: size("part.csv") > 0 and open("part.csv").read().count("\n") > 300))
     ends("shadow of a pipe that says nothing more", p, 1, says="interrupted", out="joint1")
 rows = open("part.csv").read()
-check("its CSV has whole lines", rows.endswith("\n") and len({line.count(",") for line in rows.splitlines()}) == 1 and rows.count("\n") > 300, rows[-200:])
+check(
+    "its CSV has whole lines",
+    rows.endswith("\n") and len({line.count(",") for line in rows.splitlines()}) == 1 and rows.count("\n") > 300,
+    rows[-200:],
+)
 answers("shadow of /dev/zero", 1, "shadow", scenario, "--can", "log:/dev/zero", says=["/dev/zero:1: longer than"])
 shutil.copytree("live", "slow")
 p = begin("replay", scenario, "session.log", "--rate", "0.001", "-o", "slow", "--force")
 check("a slow replay runs", until(lambda: os.path.exists("slow/replaced") and size("slow/telemetry.h5") > 0))
 ends("a replay that sleeps", p, 1, says="interrupted after")
 check("its telemetry is closed, not complete", not is_complete("slow"))
-check("what it was to replace is kept", is_complete("slow/replaced") and "slow/replaced" in json.load(open("slow/summary.json"))["warnings"][-1], contents("slow"))
+check(
+    "what it was to replace is kept",
+    is_complete("slow/replaced") and "slow/replaced" in json.load(open("slow/summary.json"))["warnings"][-1],
+    contents("slow"),
+)
 check("its record is no whole one", json.load(open("slow/summary.json"))["interrupted"])
 p = begin("drive", scenario, "--can", "memory:x", "--quiet", "--stats", "quiet.json")
 time.sleep(1)
 ends("drives that hear nothing", p, 0, says="interrupted at 0.000 s")
 check("their statistics are written", json.load(open("quiet.json"))["frames_in"] == 0)
-p = begin(*realtime, "--quiet", "--duration", "60", "--record", "cut_short.log", "--stats", "cut_short.json", "-o", "cut_short")
+p = begin(
+    *realtime,
+    "--quiet",
+    "--duration",
+    "60",
+    "--record",
+    "cut_short.log",
+    "--stats",
+    "cut_short.json",
+    "-o",
+    "cut_short",
+)
 check("a long session runs", until(lambda: size("cut_short.log") > 0))
 ends("drives with a duration that is cut short", p, 1, says="of 60 s", number=signal.SIGINT)
-check("what they wrote is closed", open("cut_short.log").read().endswith("\n") and simulated_s("cut_short.json") > 0 and json.load(open("cut_short/summary.json"))["interrupted"] and not is_complete("cut_short"))
+check(
+    "what they wrote is closed",
+    open("cut_short.log").read().endswith("\n")
+    and simulated_s("cut_short.json") > 0
+    and json.load(open("cut_short/summary.json"))["interrupted"]
+    and not is_complete("cut_short"),
+)
 p = begin("shadow", scenario, "--can", "memory:x", "--duration", "60")
 time.sleep(1)
 ends("a shadow with a duration that is cut short", p, 1, says="of 60 s")
-for name, arguments in (("scenario", ("drive", "fifo", "--can", "memory:x")), ("list of faults", (*realtime, "--faults", "fifo"))):
+for name, arguments in (
+    ("scenario", ("drive", "fifo", "--can", "memory:x")),
+    ("list of faults", (*realtime, "--faults", "fifo")),
+):
     p = begin(*arguments)
     time.sleep(0.5)
     ends("a pipe as " + name, p, -signal.SIGTERM)
@@ -262,7 +539,14 @@ ends("drives that cannot keep up with the clock", p, 0, says="interrupted at 0."
 
 with open("scene.xml", "w") as f:
     f.write(fine.replace('timestep="0.000001"', 'timestep="0.0000001"'))
-answers("a step that no bus can count", 2, "drive", "own.yaml", *realtime[2:], says=["scene.xml", "timestep is '0.0000001'", "1e-06 .. 1 s"])
+answers(
+    "a step that no bus can count",
+    2,
+    "drive",
+    "own.yaml",
+    *realtime[2:],
+    says=["scene.xml", "timestep is '0.0000001'", "1e-06 .. 1 s"],
+)
 
 # 6. Nobody listens to what is said, or nobody can: the drives go on, and exit codes are what they are.
 p = begin(*realtime, "--stats", "unheard.json")
@@ -282,7 +566,11 @@ except BlockingIOError:
     os.set_blocking(writing, True)
 p = subprocess.Popen([hil, *realtime, "--duration", "0.5"], stderr=writing)
 atexit.register(p.kill)
-check("drives do not wait for a reader that stopped", until(lambda: p.poll() is not None) and p.returncode == 0, p.returncode)
+check(
+    "drives do not wait for a reader that stopped",
+    until(lambda: p.poll() is not None) and p.returncode == 0,
+    p.returncode,
+)
 near, far = pty.openpty()
 p = subprocess.Popen([hil, *realtime, "--stats", "terminal.json"], stderr=far, stdout=subprocess.DEVNULL)
 atexit.register(p.kill)
@@ -301,32 +589,81 @@ for name, more in (("closed", {"preexec_fn": lambda: os.close(2)}), ("full", {"s
     check(f"stderr {name}: wrong usage", quiet("drive", scenario) == 2)
     check(f"stderr {name}: a failed comparison", quiet("replay", scenario, "cut.log", "--fast") == 1)
 for name, more in (("closed", {"preexec_fn": lambda: os.close(1)}), ("full", {"stdout": full})):
-    for arguments in (("--help",), ("--version",), ("budget", scenario), ("eds", scenario), ("dbc", scenario), ("replay", scenario, "session.log", "--fast"), ("shadow", scenario, "--can", "log:session.log")):
+    for arguments in (
+        ("--help",),
+        ("--version",),
+        ("budget", scenario),
+        ("eds", scenario),
+        ("dbc", scenario),
+        ("replay", scenario, "session.log", "--fast"),
+        ("shadow", scenario, "--can", "log:session.log"),
+    ):
         r = subprocess.run([hil, *arguments], stderr=subprocess.PIPE, text=True, timeout=60, **more)
-        check(f"stdout {name}: {arguments[0]} did not deliver", r.returncode == 1 and "stdout" in r.stderr.splitlines()[-1], (r.returncode, r.stderr))
-subprocess.run([hil, "shadow", scenario, "--can", "log:session.log", "--csv", "closed.csv"], stderr=subprocess.DEVNULL, timeout=60, preexec_fn=lambda: os.close(1))
-check("a CSV does not get what a closed stdout should", size("closed.csv") > 1000 and "samples" not in open("closed.csv").read())
+        check(
+            f"stdout {name}: {arguments[0]} did not deliver",
+            r.returncode == 1 and "stdout" in r.stderr.splitlines()[-1],
+            (r.returncode, r.stderr),
+        )
+subprocess.run(
+    [hil, "shadow", scenario, "--can", "log:session.log", "--csv", "closed.csv"],
+    stderr=subprocess.DEVNULL,
+    timeout=60,
+    preexec_fn=lambda: os.close(1),
+)
+check(
+    "a CSV does not get what a closed stdout should",
+    size("closed.csv") > 1000 and "samples" not in open("closed.csv").read(),
+)
 
 with open("both.txt", "w") as f:
     subprocess.run([hil, "shadow", scenario, "--can", "log:session.log", "--csv", "/dev/stdout"], stdout=f, timeout=60)
 both = open("both.txt").read()
-check("a CSV on stdout comes before the table", both.startswith("time_s,") and "\n1.0" in both and "samples" in both.splitlines()[-7], both[:100] + both[-600:])
+check(
+    "a CSV on stdout comes before the table",
+    both.startswith("time_s,") and "\n1.0" in both and "samples" in both.splitlines()[-7],
+    both[:100] + both[-600:],
+)
 
 # 7. A full disk ends the record, not the drives.
 limit = lambda bytes: lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (bytes, bytes))
-for name, where, bytes, why, more in (("the record", "/dev/full", None, "No space left on device", ("--record", "/dev/full")), ("a limited record", "full.log", 60_000, "File too large", ("--record", "full.log")),
-                                ("the telemetry", "full/telemetry.h5", 400_000, "File too large", ("-o", "full", "--set", "telemetry_rate_hz=1000"))):
+for name, where, bytes, why, more in (
+    ("the record", "/dev/full", None, "No space left on device", ("--record", "/dev/full")),
+    ("a limited record", "full.log", 60_000, "File too large", ("--record", "full.log")),
+    (
+        "the telemetry",
+        "full/telemetry.h5",
+        400_000,
+        "File too large",
+        ("-o", "full", "--set", "telemetry_rate_hz=1000"),
+    ),
+):
     r = run(*realtime, "--quiet", "--duration", "2", "--stats", "full.json", *more, preexec_fn=bytes and limit(bytes))
     lines = r.stderr.splitlines()
-    check(name + " on a full disk: one note, and exit 1 at the end", r.returncode == 1 and len(lines) == 2 and all(where in l and why in l for l in lines) and "go on" in lines[0], (r.returncode, r.stderr))
+    check(
+        name + " on a full disk: one note, and exit 1 at the end",
+        r.returncode == 1 and len(lines) == 2 and all(where in l and why in l for l in lines) and "go on" in lines[0],
+        (r.returncode, r.stderr),
+    )
     check("the drives went on", simulated_s("full.json") >= 2, r.stderr)
     if os.path.exists("full.json"):
         os.remove("full.json")
-check("a record on a full disk has whole lines", 50_000 < size("full.log") <= 60_000 and open("full.log").read().endswith("\n"), size("full.log"))
+check(
+    "a record on a full disk has whole lines",
+    50_000 < size("full.log") <= 60_000 and open("full.log").read().endswith("\n"),
+    size("full.log"),
+)
 check("no summary without telemetry", not os.path.exists("full/summary.json"))
 r = run("shadow", scenario, "--can", "log:session.log", "--csv", "full.csv", preexec_fn=limit(20_000))
 lines = r.stderr.splitlines()
-check("a CSV on a full disk: exit 1, and the table all the same", r.returncode == 1 and all("full.csv" in l for l in lines) and len(lines) == 2 and "joint6" in r.stdout, (r.returncode, r.stdout, r.stderr))
-check("it has whole lines", 19_000 < size("full.csv") <= 20_000 and open("full.csv").read().endswith("\n"), size("full.csv"))
+check(
+    "a CSV on a full disk: exit 1, and the table all the same",
+    r.returncode == 1 and all("full.csv" in l for l in lines) and len(lines) == 2 and "joint6" in r.stdout,
+    (r.returncode, r.stdout, r.stderr),
+)
+check(
+    "it has whole lines",
+    19_000 < size("full.csv") <= 20_000 and open("full.csv").read().endswith("\n"),
+    size("full.csv"),
+)
 
 finish()

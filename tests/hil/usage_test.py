@@ -18,7 +18,14 @@ def run(*arguments):
 def refused(name, *arguments, says, code=2):
     r = run(*arguments)
     lines = r.stderr.strip().splitlines()
-    check(name, r.returncode == code and any(says in line for line in lines) and (len(lines) == 1 or "--help" in r.stderr) and r.stdout == "", (r.returncode, r.stdout, r.stderr))
+    check(
+        name,
+        r.returncode == code
+        and any(says in line for line in lines)
+        and (len(lines) == 1 or "--help" in r.stderr)
+        and r.stdout == "",
+        (r.returncode, r.stdout, r.stderr),
+    )
 
 
 taken = socket.socket()
@@ -29,7 +36,14 @@ refused("port taken", "drive", scenario, "--can", f"socketcand://127.0.0.1:{port
 refused("not loopback", "drive", scenario, "--can", "socketcand://0.0.0.0:29700/can0", says="loopback")
 refused("not an address", "drive", scenario, "--can", "tcp:nowhere", says="socketcand://")
 refused("a log is not a bus", "drive", scenario, "--can", "log:x.log", says="replay")
-refused("no such interface", "drive", scenario, "--can", "vcan7", says="CAN" if not os.path.exists("/proc/net/can") else "vcan7")
+refused(
+    "no such interface",
+    "drive",
+    scenario,
+    "--can",
+    "vcan7",
+    says="CAN" if not os.path.exists("/proc/net/can") else "vcan7",
+)
 refused("impossible budget", "drive", scenario, "--can", "memory:x", "--cycle", "1", says="% of the bus")
 refused("unknown profile", "drive", scenario, "--can", "memory:x", "--profile", "ethercat", says="ethercat")
 refused("node numbers beyond 127", "drive", scenario, "--can", "memory:x", "--first-node", "125", says="at most 127")
@@ -45,18 +59,44 @@ refused("a log in which no drive speaks", "shadow", scenario, "--can", "log:bad.
 with open(os.path.join(work, "quiet.log"), "w") as f:
     f.write("(1.000000) can0 080#\n(1.002000) can0 080#\n")
 refused("nothing heard", "shadow", scenario, "--can", "log:quiet.log", says="no position was heard of joint1")
-refused("a log that is a recording", "drive", scenario, "--can", "memory:x", "--record", "quiet.log", says="quiet.log: holds a session already")
+refused(
+    "a log that is a recording",
+    "drive",
+    scenario,
+    "--can",
+    "memory:x",
+    "--record",
+    "quiet.log",
+    says="quiet.log: holds a session already",
+)
 os.mkdir(os.path.join(work, "live"))
 with open(os.path.join(work, "live", "telemetry.h5"), "w") as f:
     f.write("somebody's")
-refused("a folder that holds a session", "drive", scenario, "--can", "memory:x", "-o", "live", says="telemetry.h5: holds a session already")
-check("and both stay as they were", open(os.path.join(work, "quiet.log")).read().count("\n") == 2 and open(os.path.join(work, "live", "telemetry.h5")).read() == "somebody's")
+refused(
+    "a folder that holds a session",
+    "drive",
+    scenario,
+    "--can",
+    "memory:x",
+    "-o",
+    "live",
+    says="telemetry.h5: holds a session already",
+)
+check(
+    "and both stay as they were",
+    open(os.path.join(work, "quiet.log")).read().count("\n") == 2
+    and open(os.path.join(work, "live", "telemetry.h5")).read() == "somebody's",
+)
 r = run("budget", scenario, "--cycle", "1")
-check("budget beyond the bus: the figures, and exit 2", r.returncode == 2 and "% of the bus" in r.stdout and len(r.stderr.splitlines()) == 1, (r.returncode, r.stdout, r.stderr))
+check(
+    "budget beyond the bus: the figures, and exit 2",
+    r.returncode == 2 and "% of the bus" in r.stdout and len(r.stderr.splitlines()) == 1,
+    (r.returncode, r.stdout, r.stderr),
+)
 for profile in ("cia402", "mirror"):
     check("budget " + profile, run("budget", scenario, "--profile", profile).returncode == 0)
 for command in ("budget", "eds", "dbc"):
     text = run(command, "--help").stdout
-    example = text[text.index("Example:"):].splitlines()[1].split()
+    example = text[text.index("Example:") :].splitlines()[1].split()
     check("example of --help: " + " ".join(example), run(*example[1:]).returncode == 0)
 finish()

@@ -16,17 +16,32 @@ FORBIDDEN = [
 
 # Inside a part each folder may use itself and those above it. A folder comes before its subfolders.
 ORDER = {
-    "twin": ["io", "io/telemetry", "numerics", "robot", "control", "simulation",
-             "identification", "identification/curves", "identification/dynamic_friction", "identification/thermal",
-             "identification/rigid_body",
-             "diagnosis",
-             "experiments", "experiments/friction", "experiments/fault_study", "experiments/working_days",
-             "commands", "scenarios", ""],
+    "twin": [
+        "io",
+        "io/telemetry",
+        "numerics",
+        "robot",
+        "control",
+        "simulation",
+        "identification",
+        "identification/curves",
+        "identification/dynamic_friction",
+        "identification/thermal",
+        "identification/rigid_body",
+        "diagnosis",
+        "experiments",
+        "experiments/friction",
+        "experiments/fault_study",
+        "experiments/working_days",
+        "commands",
+        "scenarios",
+        "",
+    ],
     "hil": ["can", "drives", "canopen", "mirror", "session", ""],
     "render": ["theme", "process", "offscreen", "pose", "figure", "page", "report", ""],
 }
-KNOWN_EXCEPTIONS = set()   # (file, included file)
-MAX_FILES = 25             # sources in one folder
+KNOWN_EXCEPTIONS = set()  # (file, included file)
+MAX_FILES = 25  # sources in one folder
 SOURCE = (".hpp", ".cc", ".inc", ".h", ".c", ".py")
 
 problems = []
@@ -39,7 +54,7 @@ for part in ("plugins", "twin", "hil", "render", "tests"):
         if os.path.basename(folder) in ("utils", "common", "misc"):
             problems.append(f"{folder}: say what is in it")
         order = ORDER.get(part)
-        room = folder[len(part) + 1:]
+        room = folder[len(part) + 1 :]
         if order and sources and room not in order:
             problems.append(f"{folder}: has no place in the order of {part}/")
             continue
@@ -56,15 +71,19 @@ for part in ("plugins", "twin", "hil", "render", "tests"):
                         problems.append(f"{path}:{number}: {where}: {why}: {include[1]}")
                 if not include[1].startswith("tribotwin/"):
                     continue
-                included = include[1][len("tribotwin/"):]
+                included = include[1][len("tribotwin/") :]
                 if not os.path.exists(included):
                     problems.append(f"{path}:{number}: there is no {included}")
                 if order and included.startswith(part + "/") and (path, included) not in KNOWN_EXCEPTIONS:
-                    used = os.path.dirname(included)[len(part) + 1:]
+                    used = os.path.dirname(included)[len(part) + 1 :]
                     if used not in order or order.index(used) > order.index(room):
                         problems.append(f"{path}:{number}: {room or part} is above {used or part}: {included}")
 for part, order in ORDER.items():
-    problems += [f"{part}/{room}: is in the order, but not there" for room in order if room and not os.path.isdir(f"{part}/{room}")]
+    problems += [
+        f"{part}/{room}: is in the order, but not there"
+        for room in order
+        if room and not os.path.isdir(f"{part}/{room}")
+    ]
 
 print("\n".join(problems))
 sys.exit(bool(problems))

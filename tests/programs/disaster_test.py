@@ -6,8 +6,12 @@ import os, random, shlex, subprocess
 from programs import *
 
 REASON = "No space left on device"
-kills = 8 if options.all else 1      # at random instants, per command and start
-variants = [(c, over) for c in commands for over in ([False, True] if c.old or c.stream or any(not o.endswith("/") for o in c.out) else [False])]
+kills = 8 if options.all else 1  # at random instants, per command and start
+variants = [
+    (c, over)
+    for c in commands
+    for over in ([False, True] if c.old or c.stream or any(not o.endswith("/") for o in c.out) else [False])
+]
 
 
 def title(command, over_old):
@@ -18,8 +22,14 @@ def undisturbed(variant):
     """What the command leaves, how long it takes and the changes it makes; that a second one leaves the same."""
     command, over_old = variant
     first, second = run_faulty(command, over_old, 0, "full"), run(command, over_old)
-    good = first.code == 0 and first.calls and first.after != first.before and not judge(command, second, first.after)[0]
-    check(f"{title(*variant)}: undisturbed, it works and repeats", good, (first.code, first.stderr[-500:], judge(command, second, first.after)))
+    good = (
+        first.code == 0 and first.calls and first.after != first.before and not judge(command, second, first.after)[0]
+    )
+    check(
+        f"{title(*variant)}: undisturbed, it works and repeats",
+        good,
+        (first.code, first.stderr[-500:], judge(command, second, first.after)),
+    )
     forget(first), forget(second)
     return first.after, second.seconds, first.calls, good
 
@@ -29,12 +39,21 @@ def chosen(count):
     between = 30 if options.all else 8
     if count <= 40:
         return list(range(1, count + 1))
-    return sorted({*range(1, 16), *range(count - 14, count + 1), *random.Random(seed).sample(range(16, count - 14), min(between, count - 30))})
+    return sorted(
+        {
+            *range(1, 16),
+            *range(count - 14, count + 1),
+            *random.Random(seed).sample(range(16, count - 14), min(between, count - 30)),
+        }
+    )
 
 
 def missing(outcome, truth):
     """What is not there as a whole, although the exit code was 0."""
-    found = {name: not_whole(name, outcome.after[name], data) if name in outcome.after else "is not there" for name, data in truth.items()}
+    found = {
+        name: not_whole(name, outcome.after[name], data) if name in outcome.after else "is not there"
+        for name, data in truth.items()
+    }
     return [f"exit code 0, but {name} {why}" for name, why in found.items() if why]
 
 
@@ -42,13 +61,14 @@ def names_the_file(stderr, call):
     """The message names what could not be written: the file itself, not its temporary name."""
     name = os.path.basename(call[1])
     plain = re.sub(r"\.(partial(-\w+)?|recovering)$", "", name).lstrip(".")
-    if call[0] == "fsync" and os.path.splitext(plain)[1] == "":   # of a folder: the file in it, or the folder
+    if call[0] == "fsync" and os.path.splitext(plain)[1] == "":  # of a folder: the file in it, or the folder
         return bool(re.search(r"[\w./-]+: ", stderr.split(REASON)[0].split("\n")[-1].split(": ", 1)[-1]))
     return plain in stderr
 
 
 class Tally:
     """Complaints about many runs of one kind, as one line each of the first and a number."""
+
     def __init__(self, name):
         self.name, self.runs, self.bad, self.litter = name, 0, [], collections.Counter()
 
@@ -58,7 +78,9 @@ class Tally:
         self.litter.update(re.sub(r"(\.partial-)[A-Za-z0-9]+$", r"\1XXXXXX", name) for name in litter)
 
     def report(self, covered):
-        litter = "; litter: " + ", ".join(f"{n} x {name}" for name, n in sorted(self.litter.items())) if self.litter else ""
+        litter = (
+            "; litter: " + ", ".join(f"{n} x {name}" for name, n in sorted(self.litter.items())) if self.litter else ""
+        )
         more = [f"{len(self.bad) - 4} more"] if len(self.bad) > 4 else []
         check(self.name, not self.bad, "\n     ".join(["", *self.bad[:4], *more]), f"({covered}{litter})")
 
@@ -73,9 +95,11 @@ def full_disk(variant, truth, calls):
         n, how = case
         r = run_faulty(command, over_old, n, how)
         complaints, litter = judge(command, r, truth)
-        reached = len(r.calls) >= n   # how often a run flushes depends on the clock
+        reached = len(r.calls) >= n  # how often a run flushes depends on the clock
         failed_at = r.calls[n - 1] if reached else ["none", r.folder]
-        hint = reached and how == "once" and "fallocate" in failed_at[0]   # space that cannot be kept in advance may be there later
+        hint = (
+            reached and how == "once" and "fallocate" in failed_at[0]
+        )  # space that cannot be kept in advance may be there later
         if r.code == 0 and (hint or not reached):
             complaints += missing(r, truth)
             forget(r)
@@ -85,7 +109,9 @@ def full_disk(variant, truth, calls):
         if REASON not in r.stderr:
             complaints.append(f"the reason is not said: {r.stderr[-200:]!r}")
         # What is left of a short write may have its place on the disk already: then a later change is the first that fails.
-        elif not any(names_the_file(r.stderr, call) for call in (r.calls[n - 1:] if how == "short" and reached else [failed_at])):
+        elif not any(
+            names_the_file(r.stderr, call) for call in (r.calls[n - 1 :] if how == "short" and reached else [failed_at])
+        ):
             complaints.append(f"the file is not named: {r.stderr[-200:]!r}")
         forget(r)
         return (f"change {n} ({how}: {failed_at[0]} {os.path.relpath(failed_at[1], r.folder)})", complaints, litter)
@@ -100,7 +126,9 @@ def full_disk(variant, truth, calls):
 REALLY_FULL = """mount -t tmpfs -o size=$1 full "$2" && mkdir "$2/case" && cp -a "$3/." "$2/case/" && cd "$2/case" && head -c 4096 /dev/zero > ../one_page || exit 99
 result=$4; shift 4; "$@"
 code=$?; cp -a . "$result/"; exit $code"""
-may_mount = subprocess.run(["unshare", "-m", "mount", "-t", "tmpfs", "none", "/mnt"], capture_output=True).returncode == 0
+may_mount = (
+    subprocess.run(["unshare", "-m", "mount", "-t", "tmpfs", "none", "/mnt"], capture_output=True).returncode == 0
+)
 
 
 def really_full(variant, truth):
@@ -115,10 +143,15 @@ def really_full(variant, truth):
         has, needs = pages(before), pages({**before, **truth})
         size = page * (1 + max(has, {"nothing": has, "half": (has + needs) // 2, "all but a page": needs - 1}[share]))
         disk, result = new_folder(), new_folder()
-        r = run(command, over_old, folder, wrapper=["unshare", "-m", "sh", "-c", REALLY_FULL, "sh", str(size), disk, folder, result])
+        r = run(
+            command,
+            over_old,
+            folder,
+            wrapper=["unshare", "-m", "sh", "-c", REALLY_FULL, "sh", str(size), disk, folder, result],
+        )
         r.before, r.after = before, snapshot(result)
         complaints, litter = judge(command, r, truth)
-        if r.code == 0:   # it may have made room by replacing what was there
+        if r.code == 0:  # it may have made room by replacing what was there
             complaints += missing(r, truth)
         elif r.code != 1 or REASON not in r.stderr:
             complaints.insert(0, f"exit code {r.code}, {r.stderr[-200:]!r}")
@@ -139,7 +172,9 @@ def again(command, over_old, killed, truth):
     if command.name.startswith("run") and not command.name.endswith("varied"):
         record = killed.after.get("out/telemetry.h5")
         if record is not None and record != killed.before.get("out/telemetry.h5"):
-            r = subprocess.run([programs["tribotwin"], "recover", "out"], cwd=folder, capture_output=True, text=True, timeout=60)
+            r = subprocess.run(
+                [programs["tribotwin"], "recover", "out"], cwd=folder, capture_output=True, text=True, timeout=60
+            )
             found, seen = columns(snapshot(folder)["out/telemetry.h5"]), columns(record)
             if r.returncode == 0:
                 why = wrong_rows(found, columns(truth["out/telemetry.h5"]))
@@ -160,7 +195,9 @@ def again(command, over_old, killed, truth):
 
 def killed_at_calls(variant, truth, calls):
     command, over_old = variant
-    cases = [(n, how) for n in chosen(len(calls)) for how in (["kill", "torn"] if options.all else [["kill", "torn"][n % 2]])]
+    cases = [
+        (n, how) for n in chosen(len(calls)) for how in (["kill", "torn"] if options.all else [["kill", "torn"][n % 2]])
+    ]
     if not options.all:
         cases = random.Random(seed).sample(cases, min(2, len(cases)))
 
@@ -199,7 +236,9 @@ def killed_at_random(variant, truth, seconds):
 
     tally = Tally(title(*variant) + ": kill -9 at random instants")
     while hits < kills and tally.runs < 3 * kills:
-        for hit, where, complaints, litter in in_parallel(one, [instants.uniform(0, seconds) for _ in range(kills - hits)]):
+        for hit, where, complaints, litter in in_parallel(
+            one, [instants.uniform(0, seconds) for _ in range(kills - hits)]
+        ):
             hits += hit
             tally.add(where, complaints, litter)
     tally.report(f"{hits} kills, {tally.runs - hits} came too late")
@@ -207,7 +246,9 @@ def killed_at_random(variant, truth, seconds):
 
 
 if not may_mount:
-    print("SKIPPED: no tmpfs can be mounted here (needs root or user namespaces): a disk that is really full was NOT tested")
+    print(
+        "SKIPPED: no tmpfs can be mounted here (needs root or user namespaces): a disk that is really full was NOT tested"
+    )
 total = at_random = 0
 for variant in variants:
     truth, seconds, calls, good = undisturbed(variant)

@@ -13,15 +13,17 @@
                          torn   a write writes half, then SIGKILL; other calls as `kill`
    FAULTY_DISK_LOG       file to which each change adds a line: its number, the call, the path
 
-   A change is: open for writing with O_CREAT, O_TRUNC or O_TMPFILE, fopen for writing, mkstemp and its kin, mkdir; write,
-   pwrite, writev, pwritev, copy_file_range, sendfile, fwrite, fflush; truncate, ftruncate, fallocate, posix_fallocate; fsync,
-   fdatasync; rename, link, symlink; and close of a descriptor that was written and not synchronised since, where network file
-   systems report what they could not keep. Removing and shortening are none: they work on a full disk. Nor does a full disk
-   refuse a write into space that the file has already, by an earlier write or by fallocate (POSIX says so of the latter).
-   A write that is torn by a kill ends between two pages: Linux looks for signals there.
+   A change is: open for writing with O_CREAT, O_TRUNC or O_TMPFILE, fopen for writing, mkstemp and its kin, mkdir;
+   write, pwrite, writev, pwritev, copy_file_range, sendfile, fwrite, fflush; truncate, ftruncate, fallocate,
+   posix_fallocate; fsync, fdatasync; rename, link, symlink; and close of a descriptor that was written and not
+   synchronised since, where network file systems report what they could not keep. Removing and shortening are none:
+   they work on a full disk. Nor does a full disk refuse a write into space that the file has already, by an earlier
+   write or by fallocate (POSIX says so of the latter). A write that is torn by a kill ends between two pages: Linux
+   looks for signals there.
 
-   Limitation: glibc calls its own write() from within stdio. fopen, fwrite, fflush and fclose are therefore caught themselves;
-   fprintf, fputs and what a buffer writes by itself are not. Mounting a small tmpfs catches those (disaster_test.py does). */
+   Limitation: glibc calls its own write() from within stdio. fopen, fwrite, fflush and fclose are therefore caught
+   themselves; fprintf, fputs and what a buffer writes by itself are not. Mounting a small tmpfs catches those
+   (disaster_test.py does). */
 #define _GNU_SOURCE
 #include <dlfcn.h>
 #include <errno.h>
@@ -80,12 +82,13 @@ __attribute__((constructor)) static void start(void) {
   const char* file = getenv("FAULTY_DISK_LOG");
   if (!file) return;
   const int opened = (int)syscall(SYS_openat, AT_FDCWD, file, O_WRONLY | O_CREAT | O_APPEND | O_CLOEXEC, 0666);
-  log_file = fcntl(opened, F_DUPFD_CLOEXEC, 1000);   /* out of the way of descriptors that a test closes */
+  log_file = fcntl(opened, F_DUPFD_CLOEXEC, 1000); /* out of the way of descriptors that a test closes */
   syscall(SYS_close, opened);
 }
 
 static bool inside(const char* path) {
-  return folder_length && strncmp(path, folder, folder_length) == 0 && (path[folder_length] == '/' || path[folder_length] == 0);
+  return folder_length && strncmp(path, folder, folder_length) == 0 &&
+         (path[folder_length] == '/' || path[folder_length] == 0);
 }
 
 static bool path_of(int fd, char* path) {
@@ -99,7 +102,8 @@ static bool path_of(int fd, char* path) {
 /* The absolute path of something that need not exist. */
 static void resolve(int directory, const char* given, char* path) {
   char whole[2 * PATH_MAX], parent[PATH_MAX];
-  if (given[0] == '/') snprintf(whole, sizeof whole, "%s", given);
+  if (given[0] == '/')
+    snprintf(whole, sizeof whole, "%s", given);
   else {
     if (directory == AT_FDCWD ? !getcwd(parent, sizeof parent) : !path_of(directory, parent)) parent[0] = 0;
     snprintf(whole, sizeof whole, "%s/%s", parent, given);
@@ -147,8 +151,14 @@ static enum verdict change_of_file(const char* call, int fd, bool is_write) {
   char path[PATH_MAX];
   const int kept = errno;
   struct stat s;
-  if (!folder_length || !path_of(fd, path) || !inside(path)) { errno = kept; return go_on; }
-  if (is_write && (fstat(fd, &s) != 0 || !S_ISREG(s.st_mode))) { errno = kept; return go_on; }
+  if (!folder_length || !path_of(fd, path) || !inside(path)) {
+    errno = kept;
+    return go_on;
+  }
+  if (is_write && (fstat(fd, &s) != 0 || !S_ISREG(s.st_mode))) {
+    errno = kept;
+    return go_on;
+  }
   errno = kept;
   if (is_write && fd < descriptors) atomic_store(&unsynchronised[fd], true);
   return change(call, path, is_write);
@@ -175,34 +185,49 @@ static off_t place(int fd) {
 }
 
 /* What a write of `size` bytes may write: all, or a part of it and then the machine dies where that was asked for. */
-#define WRITE(call, fd, to, size, whole, part)                         \
-  const size_t some = first_part(to, size);                            \
-  if (has_space(fd, to, size)) return whole;                           \
-  switch (change_of_file(call, fd, true)) {                            \
-    case fail: return -1;                                              \
-    case write_half: {                                                 \
-      const ssize_t written = some > 0 ? (part) : 0;                   \
-      if (how == torn) die();                                          \
-      if (written > 0) return written;                                 \
-      errno = ENOSPC;                                                  \
-      return -1;                                                       \
-    }                                                                  \
-    default: return whole;                                             \
+#define WRITE(call, fd, to, size, whole, part)       \
+  const size_t some = first_part(to, size);          \
+  if (has_space(fd, to, size)) return whole;         \
+  switch (change_of_file(call, fd, true)) {          \
+    case fail:                                       \
+      return -1;                                     \
+    case write_half: {                               \
+      const ssize_t written = some > 0 ? (part) : 0; \
+      if (how == torn) die();                        \
+      if (written > 0) return written;               \
+      errno = ENOSPC;                                \
+      return -1;                                     \
+    }                                                \
+    default:                                         \
+      return whole;                                  \
   }
 
-EXPORT ssize_t write(int fd, const void* data, size_t size) { WRITE("write", fd, place(fd), size, REAL(write)(fd, data, size), REAL(write)(fd, data, some)) }
-EXPORT ssize_t pwrite(int fd, const void* data, size_t size, off_t to) { WRITE("pwrite", fd, to, size, REAL(pwrite)(fd, data, size, to), REAL(pwrite)(fd, data, some, to)) }
-EXPORT ssize_t pwrite64(int fd, const void* data, size_t size, off64_t to) { WRITE("pwrite", fd, to, size, REAL(pwrite64)(fd, data, size, to), REAL(pwrite64)(fd, data, some, to)) }
+EXPORT ssize_t write(int fd, const void* data, size_t size){
+    WRITE("write", fd, place(fd), size, REAL(write)(fd, data, size),
+          REAL(write)(fd, data, some))} EXPORT ssize_t pwrite(int fd, const void* data, size_t size, off_t to){
+    WRITE("pwrite", fd, to, size, REAL(pwrite)(fd, data, size, to), REAL(pwrite)(fd, data, some, to))} EXPORT ssize_t
+    pwrite64(int fd, const void* data, size_t size, off64_t to){
+        WRITE("pwrite", fd, to, size, REAL(pwrite64)(fd, data, size, to), REAL(pwrite64)(fd, data, some, to))}
 /* Of several parts, a part of the first. */
-EXPORT ssize_t writev(int fd, const struct iovec* parts, int n) { WRITE("writev", fd, place(fd), parts[0].iov_len, REAL(writev)(fd, parts, n), REAL(write)(fd, parts[0].iov_base, some)) }
-EXPORT ssize_t pwritev(int fd, const struct iovec* parts, int n, off_t to) { WRITE("pwritev", fd, to, parts[0].iov_len, REAL(pwritev)(fd, parts, n, to), REAL(pwrite)(fd, parts[0].iov_base, some, to)) }
-EXPORT ssize_t copy_file_range(int from, off64_t* from_at, int to, off64_t* to_at, size_t size, unsigned flags) {
-  WRITE("copy_file_range", to, to_at ? *to_at : place(to), size, REAL(copy_file_range)(from, from_at, to, to_at, size, flags), REAL(copy_file_range)(from, from_at, to, to_at, some, flags))
-}
-ssize_t sendfile(int to, int from, off_t* from_at, size_t size);
+EXPORT ssize_t writev(int fd, const struct iovec* parts,
+                      int n){WRITE("writev", fd, place(fd), parts[0].iov_len, REAL(writev)(fd, parts, n),
+                                   REAL(write)(fd, parts[0].iov_base, some))} EXPORT ssize_t
+    pwritev(int fd, const struct iovec* parts, int n,
+            off_t to){WRITE("pwritev", fd, to, parts[0].iov_len, REAL(pwritev)(fd, parts, n, to),
+                            REAL(pwrite)(fd, parts[0].iov_base, some, to))} EXPORT ssize_t
+    copy_file_range(int from, off64_t* from_at, int to, off64_t* to_at, size_t size,
+                    unsigned flags){WRITE("copy_file_range", to, to_at ? *to_at : place(to), size,
+                                          REAL(copy_file_range)(from, from_at, to, to_at, size, flags),
+                                          REAL(copy_file_range)(from, from_at, to, to_at, some, flags))} ssize_t
+    sendfile(int to, int from, off_t* from_at, size_t size);
 ssize_t sendfile64(int to, int from, off64_t* from_at, size_t size);
-EXPORT ssize_t sendfile(int to, int from, off_t* from_at, size_t size) { WRITE("sendfile", to, place(to), size, REAL(sendfile)(to, from, from_at, size), REAL(sendfile)(to, from, from_at, some)) }
-EXPORT ssize_t sendfile64(int to, int from, off64_t* from_at, size_t size) { WRITE("sendfile", to, place(to), size, REAL(sendfile64)(to, from, from_at, size), REAL(sendfile64)(to, from, from_at, some)) }
+EXPORT ssize_t sendfile(int to, int from, off_t* from_at,
+                        size_t size){WRITE("sendfile", to, place(to), size, REAL(sendfile)(to, from, from_at, size),
+                                           REAL(sendfile)(to, from, from_at, some))} EXPORT ssize_t
+    sendfile64(int to, int from, off64_t* from_at, size_t size) {
+  WRITE("sendfile", to, place(to), size, REAL(sendfile64)(to, from, from_at, size),
+        REAL(sendfile64)(to, from, from_at, some))
+}
 
 #define FILE_CHANGE(name, declaration, fd, arguments, failure) \
   EXPORT int name declaration { return change_of_file(#name, fd, false) == fail ? (failure) : REAL(name) arguments; }
@@ -211,8 +236,12 @@ static bool shortens(int fd, off_t size) {
   struct stat s;
   return how <= half && fstat(fd, &s) == 0 && size <= s.st_size;
 }
-EXPORT int ftruncate(int fd, off_t size) { return !shortens(fd, size) && change_of_file("ftruncate", fd, false) == fail ? -1 : REAL(ftruncate)(fd, size); }
-EXPORT int ftruncate64(int fd, off64_t size) { return !shortens(fd, size) && change_of_file("ftruncate", fd, false) == fail ? -1 : REAL(ftruncate64)(fd, size); }
+EXPORT int ftruncate(int fd, off_t size) {
+  return !shortens(fd, size) && change_of_file("ftruncate", fd, false) == fail ? -1 : REAL(ftruncate)(fd, size);
+}
+EXPORT int ftruncate64(int fd, off64_t size) {
+  return !shortens(fd, size) && change_of_file("ftruncate", fd, false) == fail ? -1 : REAL(ftruncate64)(fd, size);
+}
 FILE_CHANGE(fallocate, (int fd, int mode, off_t from, off_t size), fd, (fd, mode, from, size), -1)
 FILE_CHANGE(fallocate64, (int fd, int mode, off64_t from, off64_t size), fd, (fd, mode, from, size), -1)
 FILE_CHANGE(posix_fallocate, (int fd, off_t from, off_t size), fd, (fd, from, size), ENOSPC)
@@ -260,21 +289,25 @@ PATH_CHANGE(mkstemps, (char* name, int suffix), AT_FDCWD, name, (name, suffix))
 PATH_CHANGE(mkstemps64, (char* name, int suffix), AT_FDCWD, name, (name, suffix))
 PATH_CHANGE(mkostemps, (char* name, int suffix, int flags), AT_FDCWD, name, (name, suffix, flags))
 PATH_CHANGE(mkostemps64, (char* name, int suffix, int flags), AT_FDCWD, name, (name, suffix, flags))
-EXPORT char* mkdtemp(char* name) { return change_of_path("mkdtemp", AT_FDCWD, name) == fail ? NULL : REAL(mkdtemp)(name); }
+EXPORT char* mkdtemp(char* name) {
+  return change_of_path("mkdtemp", AT_FDCWD, name) == fail ? NULL : REAL(mkdtemp)(name);
+}
 
-static bool makes_a_file(int flags) { return (flags & O_ACCMODE) != O_RDONLY && ((flags & (O_CREAT | O_TRUNC)) || (flags & O_TMPFILE) == O_TMPFILE); }
+static bool makes_a_file(int flags) {
+  return (flags & O_ACCMODE) != O_RDONLY && ((flags & (O_CREAT | O_TRUNC)) || (flags & O_TMPFILE) == O_TMPFILE);
+}
 
-#define OPEN(name, declaration, directory, path, ...)                                                  \
-  EXPORT int name declaration {                                                                        \
-    mode_t mode = 0;                                                                                   \
-    if ((flags & O_CREAT) || (flags & O_TMPFILE) == O_TMPFILE) {                                       \
-      va_list more;                                                                                    \
-      va_start(more, flags);                                                                           \
-      mode = va_arg(more, mode_t);                                                                     \
-      va_end(more);                                                                                    \
-    }                                                                                                  \
-    if (makes_a_file(flags) && change_of_path(#name, directory, path) == fail) return -1;              \
-    return REAL(name)(__VA_ARGS__, flags, mode);                                                       \
+#define OPEN(name, declaration, directory, path, ...)                                     \
+  EXPORT int name declaration {                                                           \
+    mode_t mode = 0;                                                                      \
+    if ((flags & O_CREAT) || (flags & O_TMPFILE) == O_TMPFILE) {                          \
+      va_list more;                                                                       \
+      va_start(more, flags);                                                              \
+      mode = va_arg(more, mode_t);                                                        \
+      va_end(more);                                                                       \
+    }                                                                                     \
+    if (makes_a_file(flags) && change_of_path(#name, directory, path) == fail) return -1; \
+    return REAL(name)(__VA_ARGS__, flags, mode);                                          \
   }
 OPEN(open, (const char* path, int flags, ...), AT_FDCWD, path, path)
 OPEN(open64, (const char* path, int flags, ...), AT_FDCWD, path, path)
@@ -284,11 +317,16 @@ EXPORT int creat(const char* path, mode_t mode) { return open(path, O_WRONLY | O
 EXPORT int creat64(const char* path, mode_t mode) { return open64(path, O_WRONLY | O_CREAT | O_TRUNC, mode); }
 
 /* stdio: see the limitation above. */
-EXPORT FILE* fopen(const char* path, const char* mode) { return mode[0] != 'r' && change_of_path("fopen", AT_FDCWD, path) == fail ? NULL : REAL(fopen)(path, mode); }
-EXPORT FILE* fopen64(const char* path, const char* mode) { return mode[0] != 'r' && change_of_path("fopen", AT_FDCWD, path) == fail ? NULL : REAL(fopen64)(path, mode); }
+EXPORT FILE* fopen(const char* path, const char* mode) {
+  return mode[0] != 'r' && change_of_path("fopen", AT_FDCWD, path) == fail ? NULL : REAL(fopen)(path, mode);
+}
+EXPORT FILE* fopen64(const char* path, const char* mode) {
+  return mode[0] != 'r' && change_of_path("fopen", AT_FDCWD, path) == fail ? NULL : REAL(fopen64)(path, mode);
+}
 EXPORT size_t fwrite(const void* data, size_t size, size_t n, FILE* file) {
   switch (change_of_file("fwrite", fileno(file), true)) {
-    case fail: return 0;
+    case fail:
+      return 0;
     case write_half: {
       const size_t written = REAL(fwrite)(data, size, n / 2, file);
       REAL(fflush)(file);
@@ -296,10 +334,13 @@ EXPORT size_t fwrite(const void* data, size_t size, size_t n, FILE* file) {
       errno = ENOSPC;
       return written;
     }
-    default: return REAL(fwrite)(data, size, n, file);
+    default:
+      return REAL(fwrite)(data, size, n, file);
   }
 }
-EXPORT int fflush(FILE* file) { return file && change_of_file("fflush", fileno(file), false) == fail ? EOF : REAL(fflush)(file); }
+EXPORT int fflush(FILE* file) {
+  return file && change_of_file("fflush", fileno(file), false) == fail ? EOF : REAL(fflush)(file);
+}
 EXPORT int fclose(FILE* file) {
   const int fd = fileno(file);
   const bool late = fd >= 0 && fd < descriptors && atomic_exchange(&unsynchronised[fd], false);

@@ -14,7 +14,10 @@ for option in ("--tribotwin", "--hil", "--report", "--source", "--shim", "--only
 for option in ("--all", "--keep"):
     parser.add_argument(option, action="store_true")
 options = parser.parse_args()
-programs = {name: path and os.path.abspath(path) for name, path in (("tribotwin", options.tribotwin), ("hil", options.hil), ("report", options.report))}
+programs = {
+    name: path and os.path.abspath(path)
+    for name, path in (("tribotwin", options.tribotwin), ("hil", options.hil), ("report", options.report))
+}
 seed = 20261122
 
 work = os.path.realpath(tempfile.mkdtemp(prefix="tribotwin_programs_"))
@@ -51,16 +54,16 @@ def in_parallel(function, items):
 @dataclasses.dataclass(frozen=True)
 class Command:
     name: str
-    argv: tuple                  # the program's key, then its arguments; it runs in the case's folder, {in} is that of the inputs
-    out: tuple = ()              # what it writes there
-    given: tuple = ()            # inputs that are copied there, because it writes beside or over them
-    old: tuple = ()              # (input, name there): an old result to be replaced with --force; files of `out` have one anyway
-    resumable: bool = False      # started again, it goes on
-    as_one: bool = False         # its files are one result: the old one is whole until the new one is
-    recording: bool = False      # what it recorded until it failed may stay: rows or lines that are right, not all of them
-    slow: bool = False           # too long to be run hundreds of times
-    stream: str = ""             # the value of its -o that may be a device or a pipe
-    masks: tuple = ("{in}/",)    # inputs in argv that no output may replace
+    argv: tuple  # the program's key, then its arguments; it runs in the case's folder, {in} is that of the inputs
+    out: tuple = ()  # what it writes there
+    given: tuple = ()  # inputs that are copied there, because it writes beside or over them
+    old: tuple = ()  # (input, name there): an old result to be replaced with --force; files of `out` have one anyway
+    resumable: bool = False  # started again, it goes on
+    as_one: bool = False  # its files are one result: the old one is whole until the new one is
+    recording: bool = False  # what it recorded until it failed may stay: rows or lines that are right, not all of them
+    slow: bool = False  # too long to be run hundreds of times
+    stream: str = ""  # the value of its -o that may be a device or a pipe
+    masks: tuple = ("{in}/",)  # inputs in argv that no output may replace
 
     def argument_lists(self):
         return [programs[self.argv[0]], *(a.replace("{in}", inputs) for a in self.argv[1:])]
@@ -81,37 +84,197 @@ def help_of(program, *words):
     return _helps[key]
 
 
-commands = [c for c in [
-    Command("run", ("tribotwin", "run", "{in}/scenario.yaml", "-o", "out"), ("out/",), old=(("old_run", "out"),), as_one=True, recording=True),
-    Command("run, seconds long", ("tribotwin", "run", "{in}/long.yaml", "-o", "out"), ("out/",), old=(("old_run", "out"),), as_one=True, recording=True, slow=True),
-    Command("run, varied", ("tribotwin", "run", "{in}/varied.yaml", "-o", "out"), ("out/",), recording=True),
-    Command("curve --csv", ("tribotwin", "curve", "{in}/pendulum.xml", "--joint", "hinge", "--csv", "curve.csv"), ("curve.csv",), stream="curve.csv"),
-    Command("lab", ("tribotwin", "lab", "{in}/campaign.yaml", "-o", "out", "--threads", "1"), ("out/",), resumable=True),
-    Command("calibrate", ("tribotwin", "calibrate", "{in}/fit.yaml", "-o", "out", "--threads", "1"), ("out/",), resumable=True),
-    Command("identify", ("tribotwin", "identify", "--law", "stribeck", "{in}/curves.csv", "-o", "params.yaml"), ("params.yaml",), stream="params.yaml"),
-    Command("diagnose learn", ("tribotwin", "diagnose", "learn", "{in}/healthy.csv", "-o", "healthy.yaml"), ("healthy.yaml",), stream="healthy.yaml"),
-    Command("excite", ("tribotwin", "excite", "{in}/pendulum.xml", "--inertia-only", "--evaluations", "20", "--period", "2", "--rate", "100", "-o", "motion.csv"), ("motion.csv",), stream="motion.csv"),
-    Command("dynamics", ("tribotwin", "dynamics", "{in}/pendulum.xml", "{in}/recorded.csv", "-o", "robot.yaml"), ("robot.yaml",), stream="robot.yaml"),
-    Command("predict", ("tribotwin", "predict", "{in}/pendulum.xml", "{in}/robot.yaml", "{in}/recorded.csv", "-o", "predicted.csv"), ("predicted.csv",), stream="predicted.csv"),
-    Command("thermal", ("tribotwin", "thermal", "{in}/thermal.csv", "-o", "thermal.yaml"), ("thermal.yaml",), stream="thermal.yaml"),
-    Command("export --csv", ("tribotwin", "export", "run", "--csv"), ("run/telemetry.csv",), given=("run",)),
-    Command("export --recording", ("tribotwin", "export", "{in}/run", "--recording", "-o", "recorded.csv"), ("recorded.csv",), stream="recorded.csv"),
-    Command("export --mjcf", ("tribotwin", "export", "{in}/params.yaml", "--mjcf", "--tau-max", "1", "--gear-ratio", "100", "-o", "joint.xml"), ("joint.xml",), stream="joint.xml"),
-    Command("recover", ("tribotwin", "recover", "killed"), given=("killed",)),
-    Command("hil drive", ("hil", "drive", "{in}/scenario.yaml", "--can", "socketcand://127.0.0.1:{port}/can0", "--duration", "0.1", "--record", "session.log", "--stats", "stats.json", "-o", "out"),
-            ("session.log", "stats.json", "out/"), old=(("session.log", "session.log"), ("old_run", "out")), as_one=True, recording=True),
-    Command("hil replay", ("hil", "replay", "{in}/scenario.yaml", "{in}/session.log", "--fast", "-o", "out"), ("out/",), old=(("old_run", "out"),), as_one=True, recording=True),
-    Command("hil shadow --csv", ("hil", "shadow", "{in}/scenario.yaml", "--can", "log:{in}/session.log", "--csv", "shadow.csv"), ("shadow.csv",), recording=True, stream="shadow.csv"),
-    Command("hil eds", ("hil", "eds", "{in}/scenario.yaml", "-o", "drive.eds"), ("drive.eds",), stream="drive.eds"),
-    Command("hil dbc", ("hil", "dbc", "{in}/scenario.yaml", "-o", "drives.dbc"), ("drives.dbc",), stream="drives.dbc"),
-    Command("report", ("report", "{in}/run", "-o", "page.html"), ("page.html",), stream="page.html"),
-    Command("report --png", ("report", "fit", "{in}/params.yaml", "{in}/curves.csv", "--png", "-o", "fit.html"), ("fit.html",)),
-    Command("report curve", ("report", "curve", "{in}/pendulum.xml", "--joint", "hinge", "-o", "curve.svg"), ("curve.svg",)),
-    Command("report pose", ("report", "pose", "{in}/pendulum.xml", "--size", "64x64", "-o", "pose.png"), ("pose.png",)),
-    Command("report sheet", ("report", "sheet", "{in}/run", "--size", "64x64", "--count", "2", "-o", "sheet.png"), ("sheet.png",)),
-    Command("report diagnosis", ("report", "diagnosis", "{in}/healthy.yaml", "{in}/healthy.csv", "-o", "diagnosis.html"), ("diagnosis.html",)),
-    Command("report video", ("report", "video", "{in}/run", "--seconds", "0.2", "--fps", "10", "--size", "64x64", "-o", "video.mp4"), ("video.mp4",)),
-] if programs[c.argv[0]]]
+commands = [
+    c
+    for c in [
+        Command(
+            "run",
+            ("tribotwin", "run", "{in}/scenario.yaml", "-o", "out"),
+            ("out/",),
+            old=(("old_run", "out"),),
+            as_one=True,
+            recording=True,
+        ),
+        Command(
+            "run, seconds long",
+            ("tribotwin", "run", "{in}/long.yaml", "-o", "out"),
+            ("out/",),
+            old=(("old_run", "out"),),
+            as_one=True,
+            recording=True,
+            slow=True,
+        ),
+        Command("run, varied", ("tribotwin", "run", "{in}/varied.yaml", "-o", "out"), ("out/",), recording=True),
+        Command(
+            "curve --csv",
+            ("tribotwin", "curve", "{in}/pendulum.xml", "--joint", "hinge", "--csv", "curve.csv"),
+            ("curve.csv",),
+            stream="curve.csv",
+        ),
+        Command(
+            "lab", ("tribotwin", "lab", "{in}/campaign.yaml", "-o", "out", "--threads", "1"), ("out/",), resumable=True
+        ),
+        Command(
+            "calibrate",
+            ("tribotwin", "calibrate", "{in}/fit.yaml", "-o", "out", "--threads", "1"),
+            ("out/",),
+            resumable=True,
+        ),
+        Command(
+            "identify",
+            ("tribotwin", "identify", "--law", "stribeck", "{in}/curves.csv", "-o", "params.yaml"),
+            ("params.yaml",),
+            stream="params.yaml",
+        ),
+        Command(
+            "diagnose learn",
+            ("tribotwin", "diagnose", "learn", "{in}/healthy.csv", "-o", "healthy.yaml"),
+            ("healthy.yaml",),
+            stream="healthy.yaml",
+        ),
+        Command(
+            "excite",
+            (
+                "tribotwin",
+                "excite",
+                "{in}/pendulum.xml",
+                "--inertia-only",
+                "--evaluations",
+                "20",
+                "--period",
+                "2",
+                "--rate",
+                "100",
+                "-o",
+                "motion.csv",
+            ),
+            ("motion.csv",),
+            stream="motion.csv",
+        ),
+        Command(
+            "dynamics",
+            ("tribotwin", "dynamics", "{in}/pendulum.xml", "{in}/recorded.csv", "-o", "robot.yaml"),
+            ("robot.yaml",),
+            stream="robot.yaml",
+        ),
+        Command(
+            "predict",
+            (
+                "tribotwin",
+                "predict",
+                "{in}/pendulum.xml",
+                "{in}/robot.yaml",
+                "{in}/recorded.csv",
+                "-o",
+                "predicted.csv",
+            ),
+            ("predicted.csv",),
+            stream="predicted.csv",
+        ),
+        Command(
+            "thermal",
+            ("tribotwin", "thermal", "{in}/thermal.csv", "-o", "thermal.yaml"),
+            ("thermal.yaml",),
+            stream="thermal.yaml",
+        ),
+        Command("export --csv", ("tribotwin", "export", "run", "--csv"), ("run/telemetry.csv",), given=("run",)),
+        Command(
+            "export --recording",
+            ("tribotwin", "export", "{in}/run", "--recording", "-o", "recorded.csv"),
+            ("recorded.csv",),
+            stream="recorded.csv",
+        ),
+        Command(
+            "export --mjcf",
+            (
+                "tribotwin",
+                "export",
+                "{in}/params.yaml",
+                "--mjcf",
+                "--tau-max",
+                "1",
+                "--gear-ratio",
+                "100",
+                "-o",
+                "joint.xml",
+            ),
+            ("joint.xml",),
+            stream="joint.xml",
+        ),
+        Command("recover", ("tribotwin", "recover", "killed"), given=("killed",)),
+        Command(
+            "hil drive",
+            (
+                "hil",
+                "drive",
+                "{in}/scenario.yaml",
+                "--can",
+                "socketcand://127.0.0.1:{port}/can0",
+                "--duration",
+                "0.1",
+                "--record",
+                "session.log",
+                "--stats",
+                "stats.json",
+                "-o",
+                "out",
+            ),
+            ("session.log", "stats.json", "out/"),
+            old=(("session.log", "session.log"), ("old_run", "out")),
+            as_one=True,
+            recording=True,
+        ),
+        Command(
+            "hil replay",
+            ("hil", "replay", "{in}/scenario.yaml", "{in}/session.log", "--fast", "-o", "out"),
+            ("out/",),
+            old=(("old_run", "out"),),
+            as_one=True,
+            recording=True,
+        ),
+        Command(
+            "hil shadow --csv",
+            ("hil", "shadow", "{in}/scenario.yaml", "--can", "log:{in}/session.log", "--csv", "shadow.csv"),
+            ("shadow.csv",),
+            recording=True,
+            stream="shadow.csv",
+        ),
+        Command("hil eds", ("hil", "eds", "{in}/scenario.yaml", "-o", "drive.eds"), ("drive.eds",), stream="drive.eds"),
+        Command(
+            "hil dbc", ("hil", "dbc", "{in}/scenario.yaml", "-o", "drives.dbc"), ("drives.dbc",), stream="drives.dbc"
+        ),
+        Command("report", ("report", "{in}/run", "-o", "page.html"), ("page.html",), stream="page.html"),
+        Command(
+            "report --png",
+            ("report", "fit", "{in}/params.yaml", "{in}/curves.csv", "--png", "-o", "fit.html"),
+            ("fit.html",),
+        ),
+        Command(
+            "report curve",
+            ("report", "curve", "{in}/pendulum.xml", "--joint", "hinge", "-o", "curve.svg"),
+            ("curve.svg",),
+        ),
+        Command(
+            "report pose", ("report", "pose", "{in}/pendulum.xml", "--size", "64x64", "-o", "pose.png"), ("pose.png",)
+        ),
+        Command(
+            "report sheet",
+            ("report", "sheet", "{in}/run", "--size", "64x64", "--count", "2", "-o", "sheet.png"),
+            ("sheet.png",),
+        ),
+        Command(
+            "report diagnosis",
+            ("report", "diagnosis", "{in}/healthy.yaml", "{in}/healthy.csv", "-o", "diagnosis.html"),
+            ("diagnosis.html",),
+        ),
+        Command(
+            "report video",
+            ("report", "video", "{in}/run", "--seconds", "0.2", "--fps", "10", "--size", "64x64", "-o", "video.mp4"),
+            ("video.mp4",),
+        ),
+    ]
+    if programs[c.argv[0]]
+]
 if options.only:
     commands = [c for c in commands if options.only in c.name]
 
@@ -120,7 +283,7 @@ if options.only:
 @dataclasses.dataclass
 class Outcome:
     folder: str
-    before: dict    # file -> bytes
+    before: dict  # file -> bytes
     after: dict
     code: int = None
     stdout: str = ""
@@ -183,6 +346,7 @@ def master_of(process, port):
     """The bench's own master (tests/hil/master.py) cycles the drive until its session is over."""
     import can
     from master import Master
+
     bus = None
     while bus is None and process.poll() is None:
         try:
@@ -194,7 +358,7 @@ def master_of(process, port):
         master.nmt(1)
         while process.poll() is None:
             master.cycle()
-    except (can.CanError, OSError, AttributeError):   # it has gone; AttributeError: it was never there
+    except (can.CanError, OSError, AttributeError):  # it has gone; AttributeError: it was never there
         pass
     finally:
         if bus:
@@ -216,7 +380,15 @@ def run(command, over_old=False, folder=None, environment={}, kill_after=None, w
     folder = folder or prepare(command, over_old)
     outcome = Outcome(folder, snapshot(folder), {})
     began = time.monotonic()
-    process, thread = start([*wrapper, *argv_of(command, over_old)], folder, env={**os.environ, **environment}, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE, start_new_session=True)
+    process, thread = start(
+        [*wrapper, *argv_of(command, over_old)],
+        folder,
+        env={**os.environ, **environment},
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        start_new_session=True,
+    )
     try:
         if kill_after is not None:
             try:
@@ -231,7 +403,11 @@ def run(command, over_old=False, folder=None, environment={}, kill_after=None, w
     outcome.seconds = time.monotonic() - began
     if thread:
         thread.join()
-    outcome.code, outcome.stdout, outcome.stderr = process.returncode, out.decode(errors="replace"), err.decode(errors="replace")
+    outcome.code, outcome.stdout, outcome.stderr = (
+        process.returncode,
+        out.decode(errors="replace"),
+        err.decode(errors="replace"),
+    )
     outcome.after = snapshot(folder)
     return outcome
 
@@ -245,9 +421,20 @@ def run_faulty(command, over_old, at, how):
     """The command with the disk's N-th change failing (faulty_disk.c); at 0 counts them."""
     folder = prepare(command, over_old)
     log = folder + ".calls"
-    outcome = run(command, over_old, folder, {
-        "LD_PRELOAD": os.path.abspath(options.shim), "FAULTY_DISK_FOLDER": folder, "FAULTY_DISK_PROGRAMS": ",".join(os.path.basename(p) for p in programs.values() if p),
-        "FAULTY_DISK_AT": str(at), "FAULTY_DISK_HOW": how, "FAULTY_DISK_LOG": log, "ASAN_OPTIONS": "verify_asan_link_order=0"})
+    outcome = run(
+        command,
+        over_old,
+        folder,
+        {
+            "LD_PRELOAD": os.path.abspath(options.shim),
+            "FAULTY_DISK_FOLDER": folder,
+            "FAULTY_DISK_PROGRAMS": ",".join(os.path.basename(p) for p in programs.values() if p),
+            "FAULTY_DISK_AT": str(at),
+            "FAULTY_DISK_HOW": how,
+            "FAULTY_DISK_LOG": log,
+            "ASAN_OPTIONS": "verify_asan_link_order=0",
+        },
+    )
     if os.path.exists(log):
         with open(log) as f:
             outcome.calls = [line.rstrip("\n").split(" ", 2)[1:] for line in f]
@@ -263,7 +450,9 @@ def columns(data):
     try:
         with h5py.File(path, "r") as f:
             found = {"complete": int(f["complete"][()])}
-            f.visititems(lambda name, d: found.update({name: d[:]}) if isinstance(d, h5py.Dataset) and d.shape else None)
+            f.visititems(
+                lambda name, d: found.update({name: d[:]}) if isinstance(d, h5py.Dataset) and d.shape else None
+            )
             return found
     except (OSError, KeyError, RuntimeError):
         return None
@@ -323,15 +512,23 @@ LOG_LINE = re.compile(rb"\(\d+\.\d{6}\) \S+ [0-9A-F]{3,8}#[0-9A-FR]*")
 
 def not_whole(name, data, truth):
     """What is wrong with a result; nothing where it is that of an undisturbed run."""
-    if data == truth or name.endswith(".html") and data.replace(b" --force", b"") == truth.replace(b" --force", b""):   # a page says how it was made
+    if (
+        data == truth or name.endswith(".html") and data.replace(b" --force", b"") == truth.replace(b" --force", b"")
+    ):  # a page says how it was made
         return ""
     try:
         if name.endswith(".h5"):
             found = columns(data)
-            return wrong_rows(found, columns(truth), True) or ("" if found["complete"] == columns(truth)["complete"] else "is not marked as the undisturbed one")
+            return wrong_rows(found, columns(truth), True) or (
+                "" if found["complete"] == columns(truth)["complete"] else "is not marked as the undisturbed one"
+            )
         if name.endswith(".log"):
             lines = data.split(b"\n")
-            return "" if lines[-1] == b"" and all(LOG_LINE.fullmatch(line) for line in lines[:-1]) else "has a line that is cut"
+            return (
+                ""
+                if lines[-1] == b"" and all(LOG_LINE.fullmatch(line) for line in lines[:-1])
+                else "has a line that is cut"
+            )
         if os.path.basename(name) == "summary.json":
             return "" if steady(json.loads(data)) == steady(json.loads(truth)) else "is not that of the undisturbed run"
         if os.path.basename(name) == "stats.json":
@@ -345,24 +542,30 @@ def wrong_part(name, data, truth, killed):
     """The same of a recording that was cut short: what it holds must be right. Kill -9 may cut a line of text."""
     if name.endswith(".h5"):
         found = columns(data)
-        if found is None:   # SWMR's mark is still on it: recover takes it off
+        if found is None:  # SWMR's mark is still on it: recover takes it off
             again = recovered(data)
             if again is None:
                 return "is neither readable nor recoverable"
             found = columns(again)
-        return wrong_rows(found, columns(truth)) or ("says complete, and was cut short" if found["complete"] and wrong_rows(found, columns(truth), True) else "")
+        return wrong_rows(found, columns(truth)) or (
+            "says complete, and was cut short" if found["complete"] and wrong_rows(found, columns(truth), True) else ""
+        )
     if name.endswith(".log"):
-        return not_whole(name, data[:data.rfind(b"\n") + 1] if killed else data, truth)
+        return not_whole(name, data[: data.rfind(b"\n") + 1] if killed else data, truth)
     if name.endswith(".csv"):
-        return "" if truth.startswith(data) and (killed or data == b"" or data.endswith(b"\n")) else "does not hold the first rows"
-    if os.path.basename(name) == "checksums":   # a line per curve
+        return (
+            ""
+            if truth.startswith(data) and (killed or data == b"" or data.endswith(b"\n"))
+            else "does not hold the first rows"
+        )
+    if os.path.basename(name) == "checksums":  # a line per curve
         return "" if truth.startswith(data) and (killed or data.endswith(b"\n")) else "does not hold the first lines"
     if os.path.basename(name) == "calibration.json":
         return "" if json.loads(data)["complete"] is False else "is not that of an undisturbed run"
     return "is not whole"
 
 
-HIDDEN = re.compile(r"\..+\.partial-[A-Za-z0-9]+")   # what a killed process may leave; run.lock holds nobody off
+HIDDEN = re.compile(r"\..+\.partial-[A-Za-z0-9]+")  # what a killed process may leave; run.lock holds nobody off
 
 
 def judge(command, outcome, truth, killed=False):
@@ -386,16 +589,26 @@ def judge(command, outcome, truth, killed=False):
                 complaints.append(f"{name} ({len(now)} bytes) {why}")
         elif now not in before.values():
             litter.append(name)
-    for output in command.out if command.as_one else ():   # a folder is one result
+    for output in command.out if command.as_one else ():  # a folder is one result
         belongs = lambda name: name == output or output.endswith("/") and name.startswith(output)
-        old_is_there = all(moved[data] for name, data in before.items() if belongs(name) and os.path.basename(name) != "run.lock")
-        new_is_there = all(name in after and not not_whole(name, after[name], data) for name, data in truth.items() if belongs(name) and before.get(name) != data)
+        old_is_there = all(
+            moved[data] for name, data in before.items() if belongs(name) and os.path.basename(name) != "run.lock"
+        )
+        new_is_there = all(
+            name in after and not not_whole(name, after[name], data)
+            for name, data in truth.items()
+            if belongs(name) and before.get(name) != data
+        )
         if not old_is_there and not new_is_there:
             complaints.append(f"{output}: neither the old result nor the new one is there as a whole")
     if litter and not killed:
         complaints.append("litter: " + ", ".join(litter))
     for name in litter:
-        if killed and not any(HIDDEN.fullmatch(part) for part in name.split("/")) and os.path.basename(name) != "run.lock":
+        if (
+            killed
+            and not any(HIDDEN.fullmatch(part) for part in name.split("/"))
+            and os.path.basename(name) != "run.lock"
+        ):
             complaints.append("litter that is not hidden: " + name)
     return complaints, litter
 
@@ -446,7 +659,9 @@ def write(name, text):
 
 
 def write_table(name, header, *columns):
-    np.savetxt(os.path.join(inputs, name), np.column_stack(columns), delimiter=",", header=header, comments="", fmt="%.9g")
+    np.savetxt(
+        os.path.join(inputs, name), np.column_stack(columns), delimiter=",", header=header, comments="", fmt="%.9g"
+    )
 
 
 def made(program, *arguments):
@@ -458,7 +673,21 @@ def made(program, *arguments):
 def kill_while_running(folder, seconds, *settings):
     """A run that kill -9 met in the middle, with rows in its record: its folder."""
     path = os.path.join(inputs, folder)
-    process = subprocess.Popen([programs["tribotwin"], "run", "scenario.yaml", "-o", folder, "--quiet", "--realtime", "--set", "duration_s=60", *settings], cwd=inputs)
+    process = subprocess.Popen(
+        [
+            programs["tribotwin"],
+            "run",
+            "scenario.yaml",
+            "-o",
+            folder,
+            "--quiet",
+            "--realtime",
+            "--set",
+            "duration_s=60",
+            *settings,
+        ],
+        cwd=inputs,
+    )
     time.sleep(seconds)
     process.kill()
     process.wait()
@@ -477,15 +706,50 @@ def make_inputs():
     write("fit.yaml", FIT)
     t = np.arange(0, 1.5, 0.01)
     for kp in (200, 400):
-        write(f"made_{kp}.json", json.dumps({"kp": kp, "trajectory": "sine", "entries": [
-            {"timestamp": x, "goal_position": 0.6 * np.sin(3 * x), "position": 0.54 * np.sin(3 * (x - 0.05)), "temp": 30} for x in t]}))
+        write(
+            f"made_{kp}.json",
+            json.dumps(
+                {
+                    "kp": kp,
+                    "trajectory": "sine",
+                    "entries": [
+                        {
+                            "timestamp": x,
+                            "goal_position": 0.6 * np.sin(3 * x),
+                            "position": 0.54 * np.sin(3 * (x - 0.05)),
+                            "temp": 30,
+                        }
+                        for x in t
+                    ],
+                }
+            ),
+        )
 
     # Friction curves of one joint, cold to hot: Stribeck's law with a little noise.
-    speeds, temperatures = np.array([0.2, 0.9, 1.7, 2.6, 3.5, 5, 9, 14, 17, 26, 52, 79, 105, 140, 175]), np.linspace(25, 58, 10)
+    speeds, temperatures = np.array([0.2, 0.9, 1.7, 2.6, 3.5, 5, 9, 14, 17, 26, 52, 79, 105, 140, 175]), np.linspace(
+        25, 58, 10
+    )
     v, T = np.tile(speeds, 10), np.repeat(temperatures, 15)
-    friction = 6 + 0.01 * T + 2 * np.exp(-((v / 3) ** 1.3)) + 1.4 * np.exp(-T / 32) * v**0.6 + random.normal(0, 0.02, v.size)
-    write_table("healthy.csv", "curve,speed_rad_s,load_norm,temperature_degC,friction_norm,friction_nm,stderr_nm", np.repeat(np.arange(1, 11), 15), v, 0 * v, T, friction / 130, friction, 0 * v + 0.02)
-    write_table("curves.csv", "speed_rad_s,friction_norm", v, 0.03 + 0.02 * np.exp(-((v / 10) ** 1.36)) + 1e-4 * v + random.normal(0, 1e-4, v.size))
+    friction = (
+        6 + 0.01 * T + 2 * np.exp(-((v / 3) ** 1.3)) + 1.4 * np.exp(-T / 32) * v**0.6 + random.normal(0, 0.02, v.size)
+    )
+    write_table(
+        "healthy.csv",
+        "curve,speed_rad_s,load_norm,temperature_degC,friction_norm,friction_nm,stderr_nm",
+        np.repeat(np.arange(1, 11), 15),
+        v,
+        0 * v,
+        T,
+        friction / 130,
+        friction,
+        0 * v + 0.02,
+    )
+    write_table(
+        "curves.csv",
+        "speed_rad_s,friction_norm",
+        v,
+        0.03 + 0.02 * np.exp(-((v / 10) ** 1.36)) + 1e-4 * v + random.normal(0, 1e-4, v.size),
+    )
 
     time_s = np.arange(0, 4000, 10.0)
     power = np.where((time_s // 800).astype(int) % 2, 2.0, 0.5)
@@ -497,17 +761,56 @@ def make_inputs():
     write_table("thermal.csv", "time_s,power_w_arm,temperature_arm_degC", time_s, power, warm)
 
     made("tribotwin", "run", "scenario.yaml", "-o", "run", "--quiet")
-    made("tribotwin", "run", "scenario.yaml", "-o", "old_run", "--quiet", "--set", "duration_s=2", "--set", "temperature_degC=30")
+    made(
+        "tribotwin",
+        "run",
+        "scenario.yaml",
+        "-o",
+        "old_run",
+        "--quiet",
+        "--set",
+        "duration_s=2",
+        "--set",
+        "temperature_degC=30",
+    )
     made("tribotwin", "identify", "--law", "stribeck", "curves.csv", "-o", "params.yaml", "--quiet")
     made("tribotwin", "diagnose", "learn", "healthy.csv", "-o", "healthy.yaml", "--quiet")
-    made("tribotwin", "excite", "pendulum.xml", "--inertia-only", "--evaluations", "20", "--period", "2", "--rate", "100", "-o", "motion.csv", "--quiet")
+    made(
+        "tribotwin",
+        "excite",
+        "pendulum.xml",
+        "--inertia-only",
+        "--evaluations",
+        "20",
+        "--period",
+        "2",
+        "--rate",
+        "100",
+        "-o",
+        "motion.csv",
+        "--quiet",
+    )
     write("excited.yaml", "model: pendulum.xml\ntelemetry_rate_hz: 500\nmotion: {type: recording, file: motion.csv}\n")
     made("tribotwin", "run", "excited.yaml", "-o", "excited", "--quiet")
     made("tribotwin", "export", "excited", "--recording", "--torque-noise", "0.01", "-o", "recorded.csv")
     made("tribotwin", "dynamics", "pendulum.xml", "recorded.csv", "-o", "robot.yaml", "--quiet")
     kill_while_running("killed", 2)
     if programs["hil"]:
-        process, thread = start([programs["hil"], "drive", "scenario.yaml", "--can", "socketcand://127.0.0.1:{port}/can0", "--duration", "0.1", "--record", "session.log"], inputs, stderr=subprocess.DEVNULL)
+        process, thread = start(
+            [
+                programs["hil"],
+                "drive",
+                "scenario.yaml",
+                "--can",
+                "socketcand://127.0.0.1:{port}/can0",
+                "--duration",
+                "0.1",
+                "--record",
+                "session.log",
+            ],
+            inputs,
+            stderr=subprocess.DEVNULL,
+        )
         thread.join()
         if process.wait(10):
             sys.exit("an input cannot be made: no session was recorded")

@@ -5,7 +5,7 @@ import random
 from programs import *
 
 SETTINGS = ("--set", "duration_s=60", "--set", "telemetry_rate_hz=500")
-KEPT = ("telemetry.h5.original", "telemetry.h5.damaged")   # where the original may stay
+KEPT = ("telemetry.h5.original", "telemetry.h5.damaged")  # where the original may stay
 tribotwin = programs["tribotwin"]
 
 
@@ -31,7 +31,11 @@ def wrong(found):
     if len(found["time_s"]) and (rows.max() >= len(truth["time_s"]) or np.any(np.diff(rows) <= 0)):
         return why
     for name in found:
-        if name != "complete" and "cycle" not in name and (len(found[name]) != len(rows) or found[name].tobytes() != truth[name][rows].tobytes()):
+        if (
+            name != "complete"
+            and "cycle" not in name
+            and (len(found[name]) != len(rows) or found[name].tobytes() != truth[name][rows].tobytes())
+        ):
             return why
     return ""
 
@@ -49,30 +53,62 @@ truth = columns(read(inputs + "/whole/telemetry.h5"))
 def interrupted(what):
     name, number, wait = what
     folder = new_folder()
-    process = subprocess.Popen([tribotwin, "run", inputs + "/scenario.yaml", "-o", "out", "--realtime", *SETTINGS], cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    process = subprocess.Popen(
+        [tribotwin, "run", inputs + "/scenario.yaml", "-o", "out", "--realtime", *SETTINGS],
+        cwd=folder,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
     time.sleep(wait)
     process.send_signal(number)
     error = process.communicate(timeout=30)[1]
     after = snapshot(folder)
     title = f"{name} after {wait} s"
-    check(f"{title}: exit code 1, and it is said", process.returncode == 1 and "interrupted" in error, (process.returncode, error))
+    check(
+        f"{title}: exit code 1, and it is said",
+        process.returncode == 1 and "interrupted" in error,
+        (process.returncode, error),
+    )
     summary = json.loads(after.get("out/summary.json", b"{}"))
-    check(f"{title}: the summary says interrupted", summary.get("interrupted") is True and 0 <= summary.get("simulated_s", -1) <= wait + 1, summary.keys())
+    check(
+        f"{title}: the summary says interrupted",
+        summary.get("interrupted") is True and 0 <= summary.get("simulated_s", -1) <= wait + 1,
+        summary.keys(),
+    )
     found = columns(after["out/telemetry.h5"]) if "out/telemetry.h5" in after else None
     if check(f"{title}: the record is plain HDF5", found is not None, sorted(after)):
-        check(f"{title}: with the first rows, incomplete", not wrong_rows(found, truth) and found["complete"] == 0, wrong_rows(found, truth))
+        check(
+            f"{title}: with the first rows, incomplete",
+            not wrong_rows(found, truth) and found["complete"] == 0,
+            wrong_rows(found, truth),
+        )
         check(f"{title}: none of them is lost", last(found) >= wait - 1, last(found))
-        check(f"{title}: the summary is that of these rows", abs(summary.get("simulated_s", -1) - last(found)) < 0.011, (summary.get("simulated_s"), last(found)))
-    check(f"{title}: no litter", set(after) <= {"out/telemetry.h5", "out/summary.json", "out/scenario.yaml"}, sorted(after))
+        check(
+            f"{title}: the summary is that of these rows",
+            abs(summary.get("simulated_s", -1) - last(found)) < 0.011,
+            (summary.get("simulated_s"), last(found)),
+        )
+    check(
+        f"{title}: no litter",
+        set(after) <= {"out/telemetry.h5", "out/summary.json", "out/scenario.yaml"},
+        sorted(after),
+    )
     before = after.get("out/telemetry.h5")
     r = recover(folder + "/out")
-    check(f"{title}: nothing to recover", r.returncode == 0 and snapshot(folder).get("out/telemetry.h5") == before, (r.returncode, r.stdout, r.stderr))
+    check(
+        f"{title}: nothing to recover",
+        r.returncode == 0 and snapshot(folder).get("out/telemetry.h5") == before,
+        (r.returncode, r.stdout, r.stderr),
+    )
 
 
 # ---- kill -9: at most the last second is lost.
 def killed(wait):
     folder = new_folder()
-    process = subprocess.Popen([tribotwin, "run", inputs + "/scenario.yaml", "-o", "out", "--realtime", "--quiet", *SETTINGS], cwd=folder)
+    process = subprocess.Popen(
+        [tribotwin, "run", inputs + "/scenario.yaml", "-o", "out", "--realtime", "--quiet", *SETTINGS], cwd=folder
+    )
     time.sleep(wait)
     process.kill()
     process.wait()
@@ -80,12 +116,20 @@ def killed(wait):
     r = recover(folder + "/out")
     found = columns(read(folder + "/out/telemetry.h5"))
     if check(f"{title}: recovered", r.returncode == 0 and found is not None, (r.returncode, r.stderr)):
-        check(f"{title}: the first rows, bit by bit, incomplete", not wrong_rows(found, truth) and found["complete"] == 0, wrong_rows(found, truth))
+        check(
+            f"{title}: the first rows, bit by bit, incomplete",
+            not wrong_rows(found, truth) and found["complete"] == 0,
+            wrong_rows(found, truth),
+        )
         check(f"{title}: all but the last second", last(found) >= wait - 1.1, last(found))
         check(f"{title}: as many as it says", said_samples(r) == len(found["time_s"]), (r.stdout, len(found["time_s"])))
     again = read(folder + "/out/telemetry.h5")
     r = recover(folder + "/out")
-    check(f"{title}: recovering twice changes nothing", r.returncode == 0 and read(folder + "/out/telemetry.h5") == again, (r.returncode, r.stdout, r.stderr))
+    check(
+        f"{title}: recovering twice changes nothing",
+        r.returncode == 0 and read(folder + "/out/telemetry.h5") == again,
+        (r.returncode, r.stdout, r.stderr),
+    )
 
 
 # ---- A record cut at any byte.
@@ -131,13 +175,21 @@ def cuts():
     count = 500 if options.all else 50
     for kind, data in (("a finished record", whole), ("a killed run's record", unfinished)):
         # Anywhere, and near the end where the newest things are.
-        sizes = [0, 1, 8, 512, 2048, len(data) - 1] + [source.randrange(len(data)) for _ in range(count // 2)] + [len(data) - source.randrange(1, len(data) // 10) for _ in range(count // 2 - 6)]
+        sizes = (
+            [0, 1, 8, 512, 2048, len(data) - 1]
+            + [source.randrange(len(data)) for _ in range(count // 2)]
+            + [len(data) - source.randrange(1, len(data) // 10) for _ in range(count // 2 - 6)]
+        )
         uncut, complaints = cut((kind, data, 0, len(data)))
         check(f"{kind} that is not cut is recovered or complete", uncut and not complaints, complaints)
         rows = len(columns(recovered(data))["time_s"])
         results = in_parallel(cut, [(kind, data, rows, size) for size in sizes])
         complaints = [c for _, one in results for c in one]
-        check(f"{kind} cut at {len(sizes)} places gives right rows or is refused", not complaints, "\n     ".join(["", *complaints[:6]]) + f"\n     {len(complaints)} in all")
+        check(
+            f"{kind} cut at {len(sizes)} places gives right rows or is refused",
+            not complaints,
+            "\n     ".join(["", *complaints[:6]]) + f"\n     {len(complaints)} in all",
+        )
         print(f"    {sum(good for good, _ in results)} recovered", flush=True)
 
 

@@ -16,22 +16,40 @@ def run_with(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, closed=(),
     folder = folder or prepare(command, False)
     outcome = Outcome(folder, snapshot(folder), {})
     shell = ["sh", "-c", 'exec "$@" ' + " ".join(f"{fd}>&-" for fd in closed), "sh"] if closed else []
-    process, thread = start([*wrapper, *shell, *(argv or argv_of(command))], folder, stdin=subprocess.DEVNULL, stdout=stdout, stderr=stderr, start_new_session=True)
+    process, thread = start(
+        [*wrapper, *shell, *(argv or argv_of(command))],
+        folder,
+        stdin=subprocess.DEVNULL,
+        stdout=stdout,
+        stderr=stderr,
+        start_new_session=True,
+    )
     out, err = process.communicate(timeout=120)
     if thread:
         thread.join()
-    outcome.code, outcome.stdout, outcome.stderr = process.returncode, (out or b"").decode(errors="replace"), (err or b"").decode(errors="replace")
+    outcome.code, outcome.stdout, outcome.stderr = (
+        process.returncode,
+        (out or b"").decode(errors="replace"),
+        (err or b"").decode(errors="replace"),
+    )
     outcome.after = snapshot(folder)
     return outcome
 
 
 def missing(outcome, truth):
-    return [name for name, data in truth.items() if name not in outcome.after or not_whole(name, outcome.after[name], data)]
+    return [
+        name for name, data in truth.items() if name not in outcome.after or not_whole(name, outcome.after[name], data)
+    ]
 
 
 def wrong(outcome, truth):
     """Results that are neither absent nor whole."""
-    return [name for name in outcome.after if outcome.after[name] != outcome.before.get(name) and (name not in truth or not_whole(name, outcome.after[name], truth[name]))]
+    return [
+        name
+        for name in outcome.after
+        if outcome.after[name] != outcome.before.get(name)
+        and (name not in truth or not_whole(name, outcome.after[name], truth[name]))
+    ]
 
 
 # ---- Streams that take nothing.
@@ -44,25 +62,58 @@ def streams(command):
     lost = 1 if prints else 0
     with open("/dev/full", "w") as full:
         r = run_with(command, stdout=full)
-        check(f"{name}: stdout is full", ended_well(r, lost) and bool(r.stderr) >= prints and not wrong(r, truth), (r.code, r.stderr[-300:], wrong(r, truth)))
+        check(
+            f"{name}: stdout is full",
+            ended_well(r, lost) and bool(r.stderr) >= prints and not wrong(r, truth),
+            (r.code, r.stderr[-300:], wrong(r, truth)),
+        )
         r = run_with(command, stderr=full)
-        check(f"{name}: stderr is full", r.code == 0 and not missing(r, truth) and bool(r.stdout) == prints, (r.code, missing(r, truth)))
+        check(
+            f"{name}: stderr is full",
+            r.code == 0 and not missing(r, truth) and bool(r.stdout) == prints,
+            (r.code, missing(r, truth)),
+        )
     r = run_with(command, closed=[1])
-    check(f"{name}: stdout is closed", ended_well(r, lost) and not wrong(r, truth), (r.code, r.stderr[-300:], wrong(r, truth)))
+    check(
+        f"{name}: stdout is closed",
+        ended_well(r, lost) and not wrong(r, truth),
+        (r.code, r.stderr[-300:], wrong(r, truth)),
+    )
     r = run_with(command, closed=[2])
-    check(f"{name}: stderr is closed", r.code == 0 and not missing(r, truth) and not wrong(r, truth), (r.code, missing(r, truth), wrong(r, truth)))
+    check(
+        f"{name}: stderr is closed",
+        r.code == 0 and not missing(r, truth) and not wrong(r, truth),
+        (r.code, missing(r, truth), wrong(r, truth)),
+    )
     r = run_with(command, closed=[0, 1, 2])
-    check(f"{name}: stdin, stdout and stderr are closed", r.code == lost and not wrong(r, truth), (r.code, wrong(r, truth)))
+    check(
+        f"{name}: stdin, stdout and stderr are closed",
+        r.code == lost and not wrong(r, truth),
+        (r.code, wrong(r, truth)),
+    )
     read, writing = os.pipe()
     os.close(read)
     r = run_with(command, stdout=writing)
     os.close(writing)
-    check(f"{name}: nobody reads stdout", ended_well(r, lost) and not wrong(r, truth), (r.code, r.stderr[-300:], wrong(r, truth)))
+    check(
+        f"{name}: nobody reads stdout",
+        ended_well(r, lost) and not wrong(r, truth),
+        (r.code, r.stderr[-300:], wrong(r, truth)),
+    )
 
 
 def helps():
     for program in (p for p in programs if programs[p]):
-        words = [[]] + [list(w) for w in sorted({(c.argv[1],) + ((c.argv[2],) if c.argv[2] == "learn" else ()) for c in commands if c.argv[0] == program and re.fullmatch("[a-z]+", c.argv[1])})]
+        words = [[]] + [
+            list(w)
+            for w in sorted(
+                {
+                    (c.argv[1],) + ((c.argv[2],) if c.argv[2] == "learn" else ())
+                    for c in commands
+                    if c.argv[0] == program and re.fullmatch("[a-z]+", c.argv[1])
+                }
+            )
+        ]
         for word in words:
             for option in ("--help", *(["--version"] if not word else [])):
                 argv, name = [programs[program], *word, option], " ".join([program, *word, option])
@@ -84,7 +135,11 @@ def codes():
     """What stderr loses changes no exit code, what stdout loses is a failure."""
     tribotwin = programs["tribotwin"]
     check_healthy = [tribotwin, "diagnose", "check", inputs + "/healthy.yaml", inputs + "/worn.csv"]
-    for name, argv, code in (("wrong option", [tribotwin, "run", "--fast"], 2), ("no such scenario", [tribotwin, "run", "nothing"], 2), ("a limit is exceeded", check_healthy, 3)):
+    for name, argv, code in (
+        ("wrong option", [tribotwin, "run", "--fast"], 2),
+        ("no such scenario", [tribotwin, "run", "nothing"], 2),
+        ("a limit is exceeded", check_healthy, 3),
+    ):
         with open("/dev/full", "w") as full:
             nobody = Command(name, ())
             check(f"{name}: exit code {code}", run_with(nobody, argv=argv).code == code)
@@ -95,7 +150,16 @@ def codes():
 
 
 # ---- Slow and impatient readers.
-LONG = [programs["tribotwin"], "curve", inputs + "/pendulum.xml", "--joint", "hinge", "--speeds", "1:280:80000", "--quiet"]   # 5 MB
+LONG = [
+    programs["tribotwin"],
+    "curve",
+    inputs + "/pendulum.xml",
+    "--joint",
+    "hinge",
+    "--speeds",
+    "1:280:80000",
+    "--quiet",
+]  # 5 MB
 
 
 def slow_readers():
@@ -112,13 +176,21 @@ def slow_readers():
             time.sleep(0.004)
         os.close(read)
         error = process.communicate(timeout=60)[1]
-        check(f"a slow reader of a {'' if blocking else 'non-'}blocking pipe gets all", process.returncode == 0 and got == whole, (process.returncode, len(got), len(whole), error))
+        check(
+            f"a slow reader of a {'' if blocking else 'non-'}blocking pipe gets all",
+            process.returncode == 0 and got == whole,
+            (process.returncode, len(got), len(whole), error),
+        )
     process = subprocess.Popen(LONG, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
     process.stdout.read(10)
     process.stdout.close()
     error = process.stderr.read().decode()
     code = process.wait(60)
-    check("a reader that goes away early: exit code 1, and it is said", code == 1 and error and not any(w in error for w in ABORT), (code, error))
+    check(
+        "a reader that goes away early: exit code 1, and it is said",
+        code == 1 and error and not any(w in error for w in ABORT),
+        (code, error),
+    )
 
 
 # ---- -o that is a device, a pipe or a FIFO. As root the devices are copies, out of everybody else's sight.
@@ -142,23 +214,43 @@ def fifo_content(path, result):
 
 
 def devices(command):
-    truth, own = run(command).after[command.stream], command.stream.encode()   # a page says how it was made
+    truth, own = run(command).after[command.stream], command.stream.encode()  # a page says how it was made
     name = f"{command.name} to "
     for device, code in (("/dev/null", 0), ("/dev/full", 1)):
         r = run_with(command, argv=with_output(command, device), wrapper=own_devices)
-        check(name + device, ended_well(r, code) and not r.after and (code == 0 or device in r.stderr), (r.code, r.stderr[-300:], list(r.after)))
+        check(
+            name + device,
+            ended_well(r, code) and not r.after and (code == 0 or device in r.stderr),
+            (r.code, r.stderr[-300:], list(r.after)),
+        )
     r = run_with(command, argv=with_output(command, "/dev/stdout"), wrapper=own_devices)
-    check(name + "/dev/stdout", ended_well(r, 0) and truth in r.stdout.encode().replace(b"-o /dev/stdout", b"-o " + own) and not r.after, (r.code, r.stderr[-300:], r.stdout[:100]))
+    check(
+        name + "/dev/stdout",
+        ended_well(r, 0) and truth in r.stdout.encode().replace(b"-o /dev/stdout", b"-o " + own) and not r.after,
+        (r.code, r.stderr[-300:], r.stdout[:100]),
+    )
 
     # bash's >(cat > x): a descriptor of a pipe by its name below /dev/fd.
     read, writing = os.pipe()
     folder = prepare(command, False)
-    process = subprocess.Popen([*own_devices, *with_output(command, f"/dev/fd/{writing}")], cwd=folder, pass_fds=[writing], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
+    process = subprocess.Popen(
+        [*own_devices, *with_output(command, f"/dev/fd/{writing}")],
+        cwd=folder,
+        pass_fds=[writing],
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+    )
     os.close(writing)
     with os.fdopen(read, "rb") as f:
         got = f.read()
     error = process.communicate(timeout=60)[1]
-    check(name + "a pipe, as by >(cat)", process.returncode == 0 and got.replace(b"-o /dev/fd/%d" % writing, b"-o " + own) == truth and not os.listdir(folder), (process.returncode, error, len(got), os.listdir(folder)))
+    check(
+        name + "a pipe, as by >(cat)",
+        process.returncode == 0
+        and got.replace(b"-o /dev/fd/%d" % writing, b"-o " + own) == truth
+        and not os.listdir(folder),
+        (process.returncode, error, len(got), os.listdir(folder)),
+    )
 
     folder = prepare(command, False)
     path, got = os.path.join(folder, command.stream), []
@@ -168,13 +260,17 @@ def devices(command):
     process = subprocess.Popen(argv_of(command), cwd=folder, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
     error = process.communicate(timeout=60)[1]
     is_fifo = stat.S_ISFIFO(os.lstat(path).st_mode)
-    if is_fifo:   # nobody wrote: let the reader go
+    if is_fifo:  # nobody wrote: let the reader go
         try:
             os.close(os.open(path, os.O_WRONLY | os.O_NONBLOCK))
         except OSError as e:
             assert e.errno == errno.ENXIO
     reader.join(10)
-    check(name + "a FIFO", process.returncode == 0 and is_fifo and got == [truth], (process.returncode, error, is_fifo, [len(g) for g in got]))
+    check(
+        name + "a FIFO",
+        process.returncode == 0 and is_fifo and got == [truth],
+        (process.returncode, error, is_fifo, [len(g) for g in got]),
+    )
 
 
 # ---- An output that is an input.
@@ -190,7 +286,7 @@ def output_is_input(command):
             copy_of_input, link = os.path.join(folder, source), os.path.join(folder, "link_" + source)
             copy(os.path.join(inputs, source), copy_of_input)
             if source != "pendulum.xml":
-                copy(inputs + "/pendulum.xml", folder)   # which scenarios name
+                copy(inputs + "/pendulum.xml", folder)  # which scenarios name
             if kind == "a symbolic link":
                 os.symlink(source, link)
             elif kind == "a hard link":
@@ -198,14 +294,21 @@ def output_is_input(command):
             target = source if kind == "itself" else "link_" + source
             suffix = os.path.splitext(output)[1]
             if not target.endswith(suffix) and suffix in (".png", ".svg", ".mp4", ".html"):
-                continue   # refused for its name
-            argv = [a.replace(inputs + "/" + source, source) if i == index else a for i, a in enumerate(command.argument_lists())]
+                continue  # refused for its name
+            argv = [
+                a.replace(inputs + "/" + source, source) if i == index else a
+                for i, a in enumerate(command.argument_lists())
+            ]
             argv = [target if a == output else a for a in argv]
             before = snapshot(folder)
             for force in ([], ["--force"] if command.knows_force else []):
                 r = run_with(command, argv=argv + force, folder=folder)
                 untouched = snapshot(folder) == before and (kind != "a symbolic link" or os.path.islink(link))
-                check(f"{command.name}: its output is {kind} of its input {source}{' with --force' if force else ''}", ended_well(r, 2) and untouched and source in r.stderr, (r.code, r.stderr[-300:], "" if untouched else "the input was changed"))
+                check(
+                    f"{command.name}: its output is {kind} of its input {source}{' with --force' if force else ''}",
+                    ended_well(r, 2) and untouched and source in r.stderr,
+                    (r.code, r.stderr[-300:], "" if untouched else "the input was changed"),
+                )
                 if not command.knows_force:
                     break
 
@@ -213,14 +316,59 @@ def output_is_input(command):
 def more_inputs():
     """Outputs that are folders, records or written beside their input."""
     tribotwin = programs["tribotwin"]
-    cases = [("run into the folder of its own scenario", [tribotwin, "run", "run/scenario.yaml", "-o", "run"]),
-             ("export --recording into the record", [tribotwin, "export", "run", "--recording", "-o", "run/telemetry.h5"]),
-             ("predict with one file for both results", [tribotwin, "predict", inputs + "/pendulum.xml", inputs + "/robot.yaml", inputs + "/recorded.csv", "-o", "both.csv", "--wrench", "both.csv"])]
+    cases = [
+        ("run into the folder of its own scenario", [tribotwin, "run", "run/scenario.yaml", "-o", "run"]),
+        ("export --recording into the record", [tribotwin, "export", "run", "--recording", "-o", "run/telemetry.h5"]),
+        (
+            "predict with one file for both results",
+            [
+                tribotwin,
+                "predict",
+                inputs + "/pendulum.xml",
+                inputs + "/robot.yaml",
+                inputs + "/recorded.csv",
+                "-o",
+                "both.csv",
+                "--wrench",
+                "both.csv",
+            ],
+        ),
+    ]
     if programs["report"]:
         cases += [("a page into the record", [programs["report"], "run", "-o", "run/telemetry.h5"])]
     if programs["hil"]:
-        cases += [("a session recorded into its scenario", [programs["hil"], "drive", "scenario.yaml", "--can", "memory:x", "--duration", "0.1", "--record", "scenario.yaml"]),
-                  ("a session recorded and counted into one file", [programs["hil"], "drive", "scenario.yaml", "--can", "memory:x", "--duration", "0.1", "--record", "one", "--stats", "one"])]
+        cases += [
+            (
+                "a session recorded into its scenario",
+                [
+                    programs["hil"],
+                    "drive",
+                    "scenario.yaml",
+                    "--can",
+                    "memory:x",
+                    "--duration",
+                    "0.1",
+                    "--record",
+                    "scenario.yaml",
+                ],
+            ),
+            (
+                "a session recorded and counted into one file",
+                [
+                    programs["hil"],
+                    "drive",
+                    "scenario.yaml",
+                    "--can",
+                    "memory:x",
+                    "--duration",
+                    "0.1",
+                    "--record",
+                    "one",
+                    "--stats",
+                    "one",
+                ],
+            ),
+        ]
     for name, argv in cases:
         for force in ([], ["--force"]):
             folder = new_folder()
@@ -232,7 +380,11 @@ def more_inputs():
                 code, error = r.returncode, r.stderr
             except subprocess.TimeoutExpired:
                 code, error = "ran on", ""
-            check(f"{name}{' with --force' if force else ''}: refused", code == 2 and snapshot(folder) == before, (code, error[-300:], "" if snapshot(folder) == before else "an input was changed"))
+            check(
+                f"{name}{' with --force' if force else ''}: refused",
+                code == 2 and snapshot(folder) == before,
+                (code, error[-300:], "" if snapshot(folder) == before else "an input was changed"),
+            )
 
 
 # ---- An old result, and two writers of a new one.
@@ -241,10 +393,18 @@ def old_result(command):
     folder = prepare(command, True)
     before = snapshot(folder)
     r = run_with(command, folder=folder)
-    check(f"{command.name}: an old result is not replaced unasked", ended_well(r, 2) and r.after == before and "--force" in r.stderr, (r.code, r.stderr[-300:], sorted(k for k in {*before, *r.after} if before.get(k) != r.after.get(k))))
+    check(
+        f"{command.name}: an old result is not replaced unasked",
+        ended_well(r, 2) and r.after == before and "--force" in r.stderr,
+        (r.code, r.stderr[-300:], sorted(k for k in {*before, *r.after} if before.get(k) != r.after.get(k))),
+    )
     if check(f"{command.name}: knows --force", command.knows_force):
         r = run(command, True)
-        check(f"{command.name}: --force replaces", r.code == 0 and not missing(r, run(command).after), (r.code, r.stderr[-300:]))
+        check(
+            f"{command.name}: --force replaces",
+            r.code == 0 and not missing(r, run(command).after),
+            (r.code, r.stderr[-300:]),
+        )
 
 
 def two_writers(command, first, second):
@@ -253,17 +413,35 @@ def two_writers(command, first, second):
     for force in ([], ["--force"] if command.knows_force else []):
         for attempt in range(3):
             folder = prepare(command, False)
-            both = [subprocess.Popen(argv + force, cwd=folder, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True) for argv in (first, second)]
+            both = [
+                subprocess.Popen(
+                    argv + force,
+                    cwd=folder,
+                    stdin=subprocess.DEVNULL,
+                    stdout=subprocess.DEVNULL,
+                    stderr=subprocess.PIPE,
+                    text=True,
+                )
+                for argv in (first, second)
+            ]
             errors = [p.communicate(timeout=60)[1] for p in both]
             codes, after = [p.returncode for p in both], snapshot(folder)
-            whole = [all(name in after and not not_whole(name, after[name], data) for name, data in truth.items()) and set(after) == set(truth) for truth in truths]
+            whole = [
+                all(name in after and not not_whole(name, after[name], data) for name, data in truth.items())
+                and set(after) == set(truth)
+                for truth in truths
+            ]
             if force:
                 good = 0 in codes and set(codes) <= {0, 1, 2} and any(whole)
             else:
                 good = sorted(codes) in ([0, 1], [0, 2]) and whole[codes.index(0)]
             if not good:
                 break
-        check(f"{command.name}: two at once{' with --force' if force else ''}", good, (codes, whole, sorted(after), errors))
+        check(
+            f"{command.name}: two at once{' with --force' if force else ''}",
+            good,
+            (codes, whole, sorted(after), errors),
+        )
         if not command.knows_force:
             break
 
@@ -273,10 +451,12 @@ def varied(command, *more):
 
 
 if not safe_devices:
-    print("SKIPPED: devices could not be copied (mount namespaces); -o DEVICE was NOT tested, because as root it could replace the real ones")
+    print(
+        "SKIPPED: devices could not be copied (mount namespaces); -o DEVICE was NOT tested, because as root it could replace the real ones"
+    )
 with open(inputs + "/healthy.csv") as f:
     header, *rows = f.read().splitlines()
-with open(inputs + "/worn.csv", "w") as f:   # twice the friction
+with open(inputs + "/worn.csv", "w") as f:  # twice the friction
     f.write(header + "\n")
     for row in rows[:15]:
         *start_of_row, norm, nm, error = row.split(",")

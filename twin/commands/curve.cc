@@ -27,9 +27,11 @@ std::vector<double> speeds_of(const std::string& text) {
   }
   const double count = parts[2];
   if (!(std::isfinite(parts[0]) && std::isfinite(parts[1])) || count < 1 || count > 1e6 || count != std::floor(count))
-    throw InputError(fmt::format("--speeds {}: FROM and TO must be finite and COUNT a whole number from 1 to 1000000", text));
+    throw InputError(
+        fmt::format("--speeds {}: FROM and TO must be finite and COUNT a whole number from 1 to 1000000", text));
   std::vector<double> speeds;
-  for (int i = 0; i < static_cast<int>(count); ++i) speeds.push_back(count == 1 ? parts[0] : parts[0] + (parts[1] - parts[0]) * i / (count - 1));
+  for (int i = 0; i < static_cast<int>(count); ++i)
+    speeds.push_back(count == 1 ? parts[0] : parts[0] + (parts[1] - parts[0]) * i / (count - 1));
   return speeds;
 }
 
@@ -44,30 +46,39 @@ struct Arguments {
 int deliver_points(const Arguments& a, const drive::Drive& drive, const std::vector<CurvePoint>& points) {
   int outside = 0;
   for (const auto& p : points)
-    outside += friction::level(drive.law, friction::at_temperature(drive.law, p.temperature_degC), p.speed_rad_s / drive.gear_ratio * drive.speed_scale(), p.load_norm).outside;
+    outside += friction::level(drive.law, friction::at_temperature(drive.law, p.temperature_degC),
+                               p.speed_rad_s / drive.gear_ratio * drive.speed_scale(), p.load_norm)
+                   .outside;
   std::string text = "speed_rad_s,load_norm,temperature_degC,friction_norm,friction_nm,stderr_nm\n";
   for (const auto& p : points)
-    text += fmt::format("{},{},{},{},{},{}\n", p.speed_rad_s, p.load_norm, p.temperature_degC, p.friction_norm, p.friction_nm, p.stderr_nm);
+    text += fmt::format("{},{},{},{},{},{}\n", p.speed_rad_s, p.load_norm, p.temperature_degC, p.friction_norm,
+                        p.friction_nm, p.stderr_nm);
   if (outside && !a.quiet)
-    note("{} of {} points lie outside the range in which law '{}' was identified; its validity policy applies", outside, points.size(), drive.law.info->name);
+    note("{} of {} points lie outside the range in which law '{}' was identified; its validity policy applies", outside,
+         points.size(), drive.law.info->name);
   return deliver(text, a.csv);
 }
 
-/// The curve of an identified law. Where the file does not say the largest torque or the gear, normalised torque stays so.
+/// The curve of an identified law. Where the file does not say the largest torque or the gear, normalised torque stays
+/// so.
 int of_parameters(const Arguments& a, const std::vector<double>& speeds) {
-  if (a.experiment || !a.joint.empty()) throw InputError(fmt::format("{}: an identified law has no joint to experiment with; give a model", a.model));
+  if (a.experiment || !a.joint.empty())
+    throw InputError(fmt::format("{}: an identified law has no joint to experiment with; give a model", a.model));
   const auto file = identification::read_parameters(a.model);
   drive::Drive drive;
   drive.law = file.law;
   drive.torque_max_nm = file.torque_max_nm > 0 ? file.torque_max_nm : 1;
   drive.gear_ratio = file.gear_ratio > 0 ? file.gear_ratio : 1;
-  if (!(file.torque_max_nm > 0) && !a.quiet) note("{}: holds no torque_max_nm; {} is that of 1 Nm", a.model, file.law.info->normalised ? "friction_nm" : "friction_norm");
+  if (!(file.torque_max_nm > 0) && !a.quiet)
+    note("{}: holds no torque_max_nm; {} is that of 1 Nm", a.model,
+         file.law.info->normalised ? "friction_nm" : "friction_norm");
   return deliver_points(a, drive, law_curve(drive, speeds, a.load, a.temperature));
 }
 
 int execute(const Arguments& a) {
   const auto speeds = speeds_of(a.speeds);
-  for (const auto& [option, value] : {std::pair{"--temperature", a.temperature}, {"--load", a.load}, {"--noise", a.noise}})
+  for (const auto& [option, value] :
+       {std::pair{"--temperature", a.temperature}, {"--load", a.load}, {"--noise", a.noise}})
     if (!std::isfinite(value)) throw InputError(fmt::format("{} {}: must be a finite number", option, value));
   if (a.model.ends_with(".yaml")) return of_parameters(a, speeds);
   if (a.joint.empty()) throw InputError("--joint is needed: a model has several");
@@ -83,10 +94,15 @@ int execute(const Arguments& a) {
       if (v == 0) throw InputError("--speeds: a measurement needs a speed other than 0");
     Progress progress(a.quiet);
     auto measured = measure_curve(**model, index, speeds,
-                                        {.load_norm = a.load, .temperature_degC = a.temperature,
-                                         .load_by = a.load_by == "pose" ? LoadBy::pose : LoadBy::torque,
-                                         .noise_nm = a.noise, .seed = a.seed, .progress = [&](double share) { progress(share); }});
-    if (!measured) return complain(a.load_by == "pose" && measured.error().starts_with("no pose") ? wrong_input : failed, measured.error());
+                                  {.load_norm = a.load,
+                                   .temperature_degC = a.temperature,
+                                   .load_by = a.load_by == "pose" ? LoadBy::pose : LoadBy::torque,
+                                   .noise_nm = a.noise,
+                                   .seed = a.seed,
+                                   .progress = [&](double share) { progress(share); }});
+    if (!measured)
+      return complain(a.load_by == "pose" && measured.error().starts_with("no pose") ? wrong_input : failed,
+                      measured.error());
     points = std::move(*measured);
   } else {
     points = law_curve(drive, speeds, a.load, a.temperature);
@@ -101,17 +117,27 @@ void add_curve(CLI::App& app, int& code) {
   auto* command = app.add_subcommand("curve", "Friction over speed: the law, or as an experiment measures it");
   command->add_option("MODEL", a->model, "MJCF model, or PARAMS.yaml of tribotwin identify")->required();
   command->add_option("--joint", a->joint, "Joint with a drive, of a model");
-  command->add_option("--temperature", a->temperature, "Lubricant temperature [degC]")->capture_default_str()->check(CLI::Range(-273.15, 1000.0));
-  command->add_option("--load", a->load, "Load torque / torque_max_nm [-]")->capture_default_str()->check(CLI::Range(-1000.0, 1000.0));
+  command->add_option("--temperature", a->temperature, "Lubricant temperature [degC]")
+      ->capture_default_str()
+      ->check(CLI::Range(-273.15, 1000.0));
+  command->add_option("--load", a->load, "Load torque / torque_max_nm [-]")
+      ->capture_default_str()
+      ->check(CLI::Range(-1000.0, 1000.0));
   command->add_option("--speeds", a->speeds, "FROM:TO:COUNT, motor side [rad/s]")->capture_default_str();
   command->add_flag("--experiment", a->experiment, "Measure in simulation by paper 1's +-v procedure");
-  command->add_option("--load-by", a->load_by, "What holds the load in the experiment")->check(CLI::IsMember({"torque", "pose"}))->capture_default_str();
-  command->add_option("--noise", a->noise, "Standard deviation of the measured motor torque, arm side [Nm]")->capture_default_str()->check(CLI::Range(0.0, 1e9));
+  command->add_option("--load-by", a->load_by, "What holds the load in the experiment")
+      ->check(CLI::IsMember({"torque", "pose"}))
+      ->capture_default_str();
+  command->add_option("--noise", a->noise, "Standard deviation of the measured motor torque, arm side [Nm]")
+      ->capture_default_str()
+      ->check(CLI::Range(0.0, 1e9));
   command->add_option("--seed", a->seed, "Seed of the noise")->capture_default_str();
   command->add_option("--csv", a->csv.file, "Write to this file instead of stdout");
   command->add_flag("--force", a->csv.force, "Replace files that exist");
   command->add_flag("--quiet", a->quiet, "No progress, no notes");
-  command->footer("Example:\n  tribotwin curve mjcf/irb6620.xml --joint joint2 --temperature 50 --load 0.3 --speeds 1:280:10 --experiment");
+  command->footer(
+      "Example:\n  tribotwin curve mjcf/irb6620.xml --joint joint2 --temperature 50 --load 0.3 --speeds 1:280:10 "
+      "--experiment");
   command->callback([a, &code] {
     check(a->csv, {a->model});
     code = execute(*a);

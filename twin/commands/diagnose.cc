@@ -28,9 +28,12 @@ struct Arguments {
 };
 
 template <class T>
-Json or_null(const std::optional<T>& x) { return x ? Json(*x) : Json(nullptr); }
+Json or_null(const std::optional<T>& x) {
+  return x ? Json(*x) : Json(nullptr);
+}
 
-std::vector<ObservationFile> read(const std::vector<std::string>& files, const ObservationOptions& options, bool quiet) {
+std::vector<ObservationFile> read(const std::vector<std::string>& files, const ObservationOptions& options,
+                                  bool quiet) {
   std::vector<ObservationFile> all;
   for (const auto& file : files) {
     auto one = read_observations(file, options);
@@ -50,19 +53,36 @@ int learn_state(const Arguments& a) {
   if (!(state->torque_max_nm > 0)) state->torque_max_nm = a.read.torque_max_nm;
   if (const int code = deliver(to_yaml(*state), a.output)) return code;
   if (!a.output.named() || a.quiet) return done;
-  report_text(fmt::format("healthy state of {} curves{}{}{}\n", state->observations, state->left_out ? fmt::format(" ({} left out)", state->left_out) : "",
-             state->knows_temperature ? fmt::format(", {:.1f} to {:.1f} degC", state->temperature_low_degC, state->temperature_high_degC) : "",
-             state->observations < observations_usual ? fmt::format("; {} and more, cold to hot, detect smaller changes", observations_usual) : ""));
-  if (!state->knows_temperature) note("the curves span less than 5 K or have no temperature_degC: what temperature does is not told apart from faults");
+  report_text(fmt::format("healthy state of {} curves{}{}{}\n", state->observations,
+                          state->left_out ? fmt::format(" ({} left out)", state->left_out) : "",
+                          state->knows_temperature ? fmt::format(", {:.1f} to {:.1f} degC", state->temperature_low_degC,
+                                                                 state->temperature_high_degC)
+                                                   : "",
+                          state->observations < observations_usual
+                              ? fmt::format("; {} and more, cold to hot, detect smaller changes", observations_usual)
+                              : ""));
+  if (!state->knows_temperature)
+    note(
+        "the curves span less than 5 K or have no temperature_degC: what temperature does is not told apart from "
+        "faults");
   return done;
 }
 
 Json json_of(const RegionVerdict& v) {
-  return {{"distance", v.distance}, {"anomalous", v.anomalous}, {"statistic", v.statistic}, {"limit", v.limit}, {"by_chance", v.by_chance}, {"beyond_two_sigma", v.beyond_two_sigma}, {"beyond_wear_threshold", v.beyond_wear}};
+  return {{"distance", v.distance},
+          {"anomalous", v.anomalous},
+          {"statistic", v.statistic},
+          {"limit", v.limit},
+          {"by_chance", v.by_chance},
+          {"beyond_two_sigma", v.beyond_two_sigma},
+          {"beyond_wear_threshold", v.beyond_wear}};
 }
 
 Json json_of(const Observation& o, const Verdict& v) {
-  Json j{{"file", o.file}, {"curve", o.curve}, {"temperature_degC", or_null(o.temperature_degC)}, {"anomalous", v.anomalous}};
+  Json j{{"file", o.file},
+         {"curve", o.curve},
+         {"temperature_degC", or_null(o.temperature_degC)},
+         {"anomalous", v.anomalous}};
   for (std::size_t r = 0; r < regions.size(); ++r) j[regions[r].name] = json_of(v.region[r]);
   j["equivalent_load"] = v.load.load_norm;
   j["equivalent_load_sigma"] = v.load.sigma;
@@ -73,9 +93,13 @@ Json json_of(const Observation& o, const Verdict& v) {
   j["severity"] = v.severity;
   j["confidence"] = v.confidence;
   for (const auto& c : v.candidates) j["probabilities"][c.pattern ? c.pattern->name : "healthy"] = c.probability;
-  for (Eigen::Index i = 0; i < feature_count; ++i) j["features"][feature_names[static_cast<std::size_t>(i)]] = o.features(i);
+  for (Eigen::Index i = 0; i < feature_count; ++i)
+    j["features"][feature_names[static_cast<std::size_t>(i)]] = o.features(i);
   for (std::size_t k = 0; k < indicator_count; ++k)
-    if (v.indicators[k]) j["indicators"][indicators[k].name] = {{"value", v.indicators[k]->value}, {"limit", v.indicators[k]->limit}, {"anomalous", v.indicators[k]->anomalous}};
+    if (v.indicators[k])
+      j["indicators"][indicators[k].name] = {{"value", v.indicators[k]->value},
+                                             {"limit", v.indicators[k]->limit},
+                                             {"anomalous", v.indicators[k]->anomalous}};
   j["sentence"] = v.sentence;
   return j;
 }
@@ -90,8 +114,14 @@ ObservationOptions options_of(const Arguments& a, const HealthyState& state) {
 
 int check_curves(const Arguments& a) {
   const HealthyState state = read_healthy(a.healthy);
-  Json j{{"healthy", a.healthy}, {"joint", state.joint}, {"false_alarm", a.check.false_alarm}, {"observations", Json::array()}};
-  std::string table = fmt::format("{:<5} {:>7} {:>10} {:>10} {:>8} {:>10} {:>10} {:>8} {:>11}  {:<15} {}\n", "curve", "degC", "distance 1", "T^2 1", "limit", "distance 2", "T^2 2", "limit", "equiv. load", "pattern", "confidence"), sentences;
+  Json j{{"healthy", a.healthy},
+         {"joint", state.joint},
+         {"false_alarm", a.check.false_alarm},
+         {"observations", Json::array()}};
+  std::string table = fmt::format("{:<5} {:>7} {:>10} {:>10} {:>8} {:>10} {:>10} {:>8} {:>11}  {:<15} {}\n", "curve",
+                                  "degC", "distance 1", "T^2 1", "limit", "distance 2", "T^2 2", "limit", "equiv. load",
+                                  "pattern", "confidence"),
+              sentences;
   bool anomalous = false;
   for (const auto& file : read(a.data, options_of(a, state), a.quiet)) {
     const auto verdicts = check(state, file, a.check);
@@ -101,9 +131,12 @@ int check_curves(const Arguments& a) {
       const Verdict& v = (*verdicts)[i];
       anomalous |= v.anomalous;
       j["observations"].push_back(json_of(o, v));
-      table += fmt::format("{:<5} {:>7} {:>10.3f} {:>10.3f} {:>7.2f}{} {:>10.3f} {:>10.3f} {:>7.2f}{} {:>11.3f}  {:<15} {:.2f}\n", j["observations"].size(), o.temperature_degC ? fmt::format("{:.1f}", *o.temperature_degC) : "-",
-                           v.region[0].distance, v.region[0].statistic, v.region[0].limit, v.region[0].anomalous ? "!" : " ", v.region[1].distance, v.region[1].statistic, v.region[1].limit, v.region[1].anomalous ? "!" : " ",
-                           v.load.load_norm, v.pattern, v.confidence);
+      table += fmt::format(
+          "{:<5} {:>7} {:>10.3f} {:>10.3f} {:>7.2f}{} {:>10.3f} {:>10.3f} {:>7.2f}{} {:>11.3f}  {:<15} {:.2f}\n",
+          j["observations"].size(), o.temperature_degC ? fmt::format("{:.1f}", *o.temperature_degC) : "-",
+          v.region[0].distance, v.region[0].statistic, v.region[0].limit, v.region[0].anomalous ? "!" : " ",
+          v.region[1].distance, v.region[1].statistic, v.region[1].limit, v.region[1].anomalous ? "!" : " ",
+          v.load.load_norm, v.pattern, v.confidence);
       sentences += v.sentence + "\n";
     }
   }
@@ -113,13 +146,17 @@ int check_curves(const Arguments& a) {
 
 Json json_of(const Margin& m) {
   return {{"load_norm", {{"value", m.load_norm.value}, {"low", m.load_norm.low}, {"high", m.load_norm.high}}},
-          {"observations", {{"value", or_null(m.observations)}, {"low", or_null(m.earliest)}, {"high", or_null(m.latest)}}}};
+          {"observations",
+           {{"value", or_null(m.observations)}, {"low", or_null(m.earliest)}, {"high", or_null(m.latest)}}}};
 }
 
 std::string text_of(const Margin& m) {
-  std::string s = fmt::format("margin to the wear threshold: {:.3g} of torque_max in equivalent load (95 %: {:.3g} .. {:.3g})", m.load_norm.value, m.load_norm.low, m.load_norm.high);
+  std::string s =
+      fmt::format("margin to the wear threshold: {:.3g} of torque_max in equivalent load (95 %: {:.3g} .. {:.3g})",
+                  m.load_norm.value, m.load_norm.low, m.load_norm.high);
   if (!m.observations) return s + "; wear does not grow\n";
-  return s + fmt::format("; at this rate {:.0f} more observations (95 %: {:.0f} .. {})\n", *m.observations, m.earliest.value_or(0), m.latest ? fmt::format("{:.0f}", *m.latest) : "never");
+  return s + fmt::format("; at this rate {:.0f} more observations (95 %: {:.0f} .. {})\n", *m.observations,
+                         m.earliest.value_or(0), m.latest ? fmt::format("{:.0f}", *m.latest) : "never");
 }
 
 int watch_curves(const Arguments& a) {
@@ -130,19 +167,28 @@ int watch_curves(const Arguments& a) {
     all.insert(all.end(), file.observations.begin(), file.observations.end());
   }
   const Watch w = watch(state, all, a.false_alarm);
-  Json j{{"healthy", a.healthy}, {"false_alarm", a.false_alarm}, {"threshold", w.threshold}, {"observations", Json::array()}};
-  std::string table = fmt::format("{:>5} {:>7} {:>9} {:>9} {:>9} {:>9}   {}\n", "", "degC", "score 1", "CUSUM 1", "score 2", "CUSUM 2", "from");
+  Json j{{"healthy", a.healthy},
+         {"false_alarm", a.false_alarm},
+         {"threshold", w.threshold},
+         {"observations", Json::array()}};
+  std::string table = fmt::format("{:>5} {:>7} {:>9} {:>9} {:>9} {:>9}   {}\n", "", "degC", "score 1", "CUSUM 1",
+                                  "score 2", "CUSUM 2", "from");
   for (std::size_t i = 0; i < all.size(); ++i) {
     const auto& s = w.steps[i];
     Json one{{"file", all[i].file}, {"curve", all[i].curve}};
-    for (std::size_t r = 0; r < regions.size(); ++r) one[regions[r].name] = {{"score", s.region[r].score}, {"cusum", s.region[r].sum}, {"alarm", s.alarm[r]}};
+    for (std::size_t r = 0; r < regions.size(); ++r)
+      one[regions[r].name] = {{"score", s.region[r].score}, {"cusum", s.region[r].sum}, {"alarm", s.alarm[r]}};
     j["observations"].push_back(std::move(one));
-    table += fmt::format("{:>5} {:>7} {:>9.3f} {:>8.3f}{} {:>9.3f} {:>8.3f}{}   {}\n", i + 1, all[i].temperature_degC ? fmt::format("{:.1f}", *all[i].temperature_degC) : "-", s.region[0].score, s.region[0].sum,
-                         s.alarm[0] ? "!" : " ", s.region[1].score, s.region[1].sum, s.alarm[1] ? "!" : " ", all[i].file);
+    table += fmt::format("{:>5} {:>7} {:>9.3f} {:>8.3f}{} {:>9.3f} {:>8.3f}{}   {}\n", i + 1,
+                         all[i].temperature_degC ? fmt::format("{:.1f}", *all[i].temperature_degC) : "-",
+                         s.region[0].score, s.region[0].sum, s.alarm[0] ? "!" : " ", s.region[1].score, s.region[1].sum,
+                         s.alarm[1] ? "!" : " ", all[i].file);
   }
   j["first_alarm"] = w.first_alarm ? Json(*w.first_alarm + 1) : Json(nullptr);
   j["margin"] = w.margin ? json_of(*w.margin) : Json(nullptr);
-  table += fmt::format("threshold {:.3f}, {}\n", w.threshold, w.first_alarm ? fmt::format("first exceeded by observation {}", *w.first_alarm + 1) : "not exceeded");
+  table +=
+      fmt::format("threshold {:.3f}, {}\n", w.threshold,
+                  w.first_alarm ? fmt::format("first exceeded by observation {}", *w.first_alarm + 1) : "not exceeded");
   if (w.margin) table += text_of(*w.margin);
   if (const int code = deliver(a.json ? j.dump(2) + "\n" : table)) return code;
   return w.first_alarm ? limit_exceeded : done;
@@ -153,22 +199,39 @@ int watch_shadow(const Arguments& a) {
   if (!w) throw InputError(w.error());
   // Beyond 2 / sqrt(n) it is hardly chance.
   if (!a.quiet && w->correlation > 2 / std::sqrt(static_cast<double>(a.residuals.learn)))
-    note("neighbouring windows are correlated ({:.2f}): there will be more false alarms than asked for; lengthen --window", w->correlation);
-  Json j{{"joint", w->joint}, {"false_alarm", a.residuals.false_alarm}, {"threshold", w->threshold}, {"correlation", w->correlation}, {"windows", Json::array()}};
+    note(
+        "neighbouring windows are correlated ({:.2f}): there will be more false alarms than asked for; lengthen "
+        "--window",
+        w->correlation);
+  Json j{{"joint", w->joint},
+         {"false_alarm", a.residuals.false_alarm},
+         {"threshold", w->threshold},
+         {"correlation", w->correlation},
+         {"windows", Json::array()}};
   std::string table = fmt::format("{:>10} {:>12} {:>9} {:>9}\n", "time s", "rms Nm", "score", "CUSUM");
   for (const auto& x : w->windows) {
-    j["windows"].push_back({{"time_s", x.time_s}, {"rms_nm", x.rms_nm}, {"score", x.cusum.score}, {"cusum", x.cusum.sum}, {"alarm", x.alarm}});
-    table += fmt::format("{:>10.1f} {:>12.5g} {:>9.3f} {:>8.3f}{}\n", x.time_s, x.rms_nm, x.cusum.score, x.cusum.sum, x.alarm ? "!" : "");
+    j["windows"].push_back({{"time_s", x.time_s},
+                            {"rms_nm", x.rms_nm},
+                            {"score", x.cusum.score},
+                            {"cusum", x.cusum.sum},
+                            {"alarm", x.alarm}});
+    table += fmt::format("{:>10.1f} {:>12.5g} {:>9.3f} {:>8.3f}{}\n", x.time_s, x.rms_nm, x.cusum.score, x.cusum.sum,
+                         x.alarm ? "!" : "");
   }
   j["first_alarm_s"] = w->first_alarm ? Json(w->windows[*w->first_alarm].time_s) : Json(nullptr);
-  table += fmt::format("threshold {:.3f}, {}\n", w->threshold, w->first_alarm ? fmt::format("first exceeded at {:.1f} s", w->windows[*w->first_alarm].time_s) : "not exceeded");
+  table += fmt::format(
+      "threshold {:.3f}, {}\n", w->threshold,
+      w->first_alarm ? fmt::format("first exceeded at {:.1f} s", w->windows[*w->first_alarm].time_s) : "not exceeded");
   if (const int code = deliver(a.json ? j.dump(2) + "\n" : table)) return code;
   return w->first_alarm ? limit_exceeded : done;
 }
 
 void add_units(CLI::App& c, Arguments& a) {
-  c.add_option("--tau-max", a.read.torque_max_nm, "Largest manipulation torque [Nm], arm side, for curves in friction_norm alone")->check(CLI::Range(1e-9, 1e9));
-  c.add_option("--gear-ratio", a.read.gear_ratio, "Motor turns per joint turn, for recordings")->check(CLI::Range(1e-6, 1e6));
+  c.add_option("--tau-max", a.read.torque_max_nm,
+               "Largest manipulation torque [Nm], arm side, for curves in friction_norm alone")
+      ->check(CLI::Range(1e-9, 1e9));
+  c.add_option("--gear-ratio", a.read.gear_ratio, "Motor turns per joint turn, for recordings")
+      ->check(CLI::Range(1e-6, 1e6));
   c.add_option("--joint", a.read.joint, "Joint of a telemetry.h5");
   c.add_flag("--quiet", a.quiet, "No notes on stderr");
 }
@@ -177,18 +240,28 @@ void add_units(CLI::App& c, Arguments& a) {
 
 void add_diagnose(CLI::App& app, int& code) {
   auto a = std::make_shared<Arguments>();
-  auto* c = app.add_subcommand("diagnose", "Whether a joint is healthy, from its friction at any temperature (paper 2)");
+  auto* c =
+      app.add_subcommand("diagnose", "Whether a joint is healthy, from its friction at any temperature (paper 2)");
   c->require_subcommand(1);
 
   auto* l = c->add_subcommand("learn", "The healthy state of a joint, from unloaded friction curves cold to hot");
-  l->add_option("CURVES", a->data, "Friction curves (CSV), as of tribotwin lab; recordings or telemetry.h5")->required();
-  l->add_option("--loaded", a->loaded, "Curves of the same joint with a payload, to learn what load does; may be repeated")->allow_extra_args(false);
-  l->add_option("--load-sensitivity", a->read.load_sensitivity, "Relative rise of Fc and Fs per load_norm")->check(CLI::Range(0.0, 100.0))->capture_default_str();
-  l->add_option("--lever", a->learn.lever_m, "Distance of a payload from the joint's axis [m], for equivalent loads in kg")->check(CLI::Range(1e-6, 1e3));
+  l->add_option("CURVES", a->data, "Friction curves (CSV), as of tribotwin lab; recordings or telemetry.h5")
+      ->required();
+  l->add_option("--loaded", a->loaded,
+                "Curves of the same joint with a payload, to learn what load does; may be repeated")
+      ->allow_extra_args(false);
+  l->add_option("--load-sensitivity", a->read.load_sensitivity, "Relative rise of Fc and Fs per load_norm")
+      ->check(CLI::Range(0.0, 100.0))
+      ->capture_default_str();
+  l->add_option("--lever", a->learn.lever_m,
+                "Distance of a payload from the joint's axis [m], for equivalent loads in kg")
+      ->check(CLI::Range(1e-6, 1e3));
   l->add_flag("--robust", a->learn.robust, "Leave out curves far off the rest");
   a->output.add_to(*l, "healthy.yaml to write (default: stdout)");
   add_units(*l, *a);
-  l->footer("Example:\n  tribotwin lab br609_campaign -o lab/br609\n  tribotwin diagnose learn lab/br609/curves/00?.csv lab/br609/curves/01[012].csv -o healthy.yaml");
+  l->footer(
+      "Example:\n  tribotwin lab br609_campaign -o lab/br609\n  tribotwin diagnose learn lab/br609/curves/00?.csv "
+      "lab/br609/curves/01[012].csv -o healthy.yaml");
   l->callback([a, &code] {
     auto inputs = paths(a->data);
     inputs.insert(inputs.end(), a->loaded.begin(), a->loaded.end());
@@ -198,17 +271,24 @@ void add_diagnose(CLI::App& app, int& code) {
 
   auto* k = c->add_subcommand("check", "Verdicts on friction curves; exit code 3 where one is not healthy");
   k->add_option("HEALTHY", a->healthy, "healthy.yaml of tribotwin diagnose learn")->required();
-  k->add_option("CURVES", a->data, "Friction curves (CSV), as of tribotwin lab; recordings or telemetry.h5")->required();
-  k->add_option("--false-alarm", a->check.false_alarm, "Share of healthy observations that may be called anomalous, per region and indicator")->check(CLI::Range(1e-9, 0.5))->capture_default_str();
+  k->add_option("CURVES", a->data, "Friction curves (CSV), as of tribotwin lab; recordings or telemetry.h5")
+      ->required();
+  k->add_option("--false-alarm", a->check.false_alarm,
+                "Share of healthy observations that may be called anomalous, per region and indicator")
+      ->check(CLI::Range(1e-9, 0.5))
+      ->capture_default_str();
   k->add_flag("--json", a->json, "Print JSON instead of the table");
   add_units(*k, *a);
   k->footer("Example:\n  tribotwin diagnose check healthy.yaml lab/br609/curves/013.csv --json");
   k->callback([a, &code] { code = check_curves(*a); });
 
-  auto* w = c->add_subcommand("watch", "Small changes over many observations (CUSUM), and the margin left; exit code 3 at an alarm");
+  auto* w = c->add_subcommand(
+      "watch", "Small changes over many observations (CUSUM), and the margin left; exit code 3 at an alarm");
   w->add_option("HEALTHY", a->healthy, "healthy.yaml of tribotwin diagnose learn")->required();
   w->add_option("CURVES", a->data, "Friction curves in the order of time")->required();
-  w->add_option("--false-alarm", a->false_alarm, "False alarms per observation of a healthy joint, on average")->check(CLI::Range(1e-7, 0.3))->capture_default_str();
+  w->add_option("--false-alarm", a->false_alarm, "False alarms per observation of a healthy joint, on average")
+      ->check(CLI::Range(1e-7, 0.3))
+      ->capture_default_str();
   w->add_flag("--json", a->json, "Print JSON instead of the table");
   add_units(*w, *a);
   w->footer("Example:\n  tribotwin diagnose watch healthy.yaml lab/br609/curves/0??.csv");
@@ -217,9 +297,15 @@ void add_diagnose(CLI::App& app, int& code) {
   auto* s = c->add_subcommand("residuals", "The same over the residuals of a shadow; exit code 3 at an alarm");
   s->add_option("CSV", a->data, "File of tribotwin-hil shadow --csv")->required()->expected(1);
   s->add_option("--joint", a->residuals.joint, "Joint, where there are several");
-  s->add_option("--window", a->residuals.window_s, "Length of a window [s]; whole work cycles")->check(CLI::Range(1e-3, 1e7))->capture_default_str();
-  s->add_option("--learn", a->residuals.learn, "Windows at the beginning that are healthy")->check(CLI::Range(8, 1000000))->capture_default_str();
-  s->add_option("--false-alarm", a->residuals.false_alarm, "False alarms per window of a healthy joint, on average")->check(CLI::Range(1e-7, 0.3))->capture_default_str();
+  s->add_option("--window", a->residuals.window_s, "Length of a window [s]; whole work cycles")
+      ->check(CLI::Range(1e-3, 1e7))
+      ->capture_default_str();
+  s->add_option("--learn", a->residuals.learn, "Windows at the beginning that are healthy")
+      ->check(CLI::Range(8, 1000000))
+      ->capture_default_str();
+  s->add_option("--false-alarm", a->residuals.false_alarm, "False alarms per window of a healthy joint, on average")
+      ->check(CLI::Range(1e-7, 0.3))
+      ->capture_default_str();
   s->add_flag("--json", a->json, "Print JSON instead of the table");
   s->add_flag("--quiet", a->quiet, "No notes on stderr");
   s->footer("Example:\n  tribotwin diagnose residuals shadow.csv --joint joint2");

@@ -33,7 +33,8 @@ std::vector<thermal::Model> thermal_models(const std::string& file, const Regres
   std::vector<thermal::Model> models;
   for (Index j = 0; j < regressor.joints(); ++j) {
     const auto found = std::ranges::find(named, regressor.joint_name(j), [](const auto& m) { return m.first; });
-    if (found == named.end()) throw InputError(fmt::format("{}: joints: has no '{}', which the model has", file, regressor.joint_name(j)));
+    if (found == named.end())
+      throw InputError(fmt::format("{}: joints: has no '{}', which the model has", file, regressor.joint_name(j)));
     models.push_back(found->second);
   }
   return models;
@@ -46,11 +47,20 @@ Json json_of(const Robot& robot, const DynamicsFit& fit, const Consistency& cons
   const Eigen::VectorXd of_model = robot.base.from_all * robot.regressor.model_parameters();
   for (std::size_t k = 0; k < fit.base.size(); ++k) {
     const Estimate& e = fit.base[k];
-    j["base_parameters"][e.name] = {{"value", number(e.value)}, {"sigma", number(e.sigma)}, {"unit", e.unit}, {"of_model", of_model(static_cast<Eigen::Index>(k))}, {"group", robot.base.parameters[k].group}};
+    j["base_parameters"][e.name] = {{"value", number(e.value)},
+                                    {"sigma", number(e.sigma)},
+                                    {"unit", e.unit},
+                                    {"of_model", of_model(static_cast<Eigen::Index>(k))},
+                                    {"group", robot.base.parameters[k].group}};
   }
   for (std::size_t i = 0; i < fit.joints.size(); ++i) {
-    for (const Estimate& e : fit.friction[i]) j["friction"][fit.joints[i].name][e.name] = {{"value", number(e.value)}, {"sigma", number(e.sigma)}, {"unit", e.unit}};
-    j["joints"][fit.joints[i].name] = {{"relative_error", number(fit.joints[i].relative_error)}, {"noise", number(fit.joints[i].noise)}, {"correlated_samples", number(fit.joints[i].correlation)}, {"samples", fit.joints[i].samples}};
+    for (const Estimate& e : fit.friction[i])
+      j["friction"][fit.joints[i].name][e.name] = {
+          {"value", number(e.value)}, {"sigma", number(e.sigma)}, {"unit", e.unit}};
+    j["joints"][fit.joints[i].name] = {{"relative_error", number(fit.joints[i].relative_error)},
+                                       {"noise", number(fit.joints[i].noise)},
+                                       {"correlated_samples", number(fit.joints[i].correlation)},
+                                       {"samples", fit.joints[i].samples}};
   }
   j["relative_error"] = number(fit.relative_error);
   j["condition_number"] = number(fit.condition_number);
@@ -61,7 +71,8 @@ Json json_of(const Robot& robot, const DynamicsFit& fit, const Consistency& cons
 }
 
 std::string row_of(const Estimate& e, const std::string& name) {
-  return fmt::format("{:>12.5g} {:>10}   {:<9} {}\n", e.value, std::isnan(e.sigma) ? "held" : fmt::format("{:.2g}", e.sigma), e.unit, name);
+  return fmt::format("{:>12.5g} {:>10}   {:<9} {}\n", e.value,
+                     std::isnan(e.sigma) ? "held" : fmt::format("{:.2g}", e.sigma), e.unit, name);
 }
 
 std::string table_of(const Robot& robot, const DynamicsFit& fit, const Consistency& consistency) {
@@ -70,10 +81,15 @@ std::string table_of(const Robot& robot, const DynamicsFit& fit, const Consisten
   s += fmt::format("\n{:>12} {:>10}   {:<9} {}\n", "value", "sigma", "unit", "friction");
   for (std::size_t j = 0; j < fit.joints.size(); ++j)
     for (const Estimate& e : fit.friction[j]) s += row_of(e, fit.joints[j].name + "." + e.name);
-  s += fmt::format("\n{:<14} {:>14} {:>12} {:>10} {:>22}\n", "joint", "relative error", "residual std", "samples", "worth one independent");
-  for (const auto& j : fit.joints) s += fmt::format("{:<14} {:>12.2f} % {:>12.4g} {:>10} {:>22.1f}\n", j.name, 100 * j.relative_error, j.noise, j.samples, j.correlation);
-  s += fmt::format("\nrelative error {:.3f} %, condition number {:.0f}\n", 100 * fit.relative_error, fit.condition_number);
-  s += fmt::format("{} bodies have these base parameters: the nearest possible ones are {:.2f} sigma away\n", consistency.possible ? "within the noise, real" : "no real", consistency.distance_sigma);
+  s += fmt::format("\n{:<14} {:>14} {:>12} {:>10} {:>22}\n", "joint", "relative error", "residual std", "samples",
+                   "worth one independent");
+  for (const auto& j : fit.joints)
+    s += fmt::format("{:<14} {:>12.2f} % {:>12.4g} {:>10} {:>22.1f}\n", j.name, 100 * j.relative_error, j.noise,
+                     j.samples, j.correlation);
+  s += fmt::format("\nrelative error {:.3f} %, condition number {:.0f}\n", 100 * fit.relative_error,
+                   fit.condition_number);
+  s += fmt::format("{} bodies have these base parameters: the nearest possible ones are {:.2f} sigma away\n",
+                   consistency.possible ? "within the noise, real" : "no real", consistency.distance_sigma);
   return s;
 }
 
@@ -84,10 +100,15 @@ void doubt(const Arguments& a, const Robot& robot, const DynamicsFit& fit) {
     const auto& joint = fit.joints[j];
     const char* unit = robot.regressor.is_slide(static_cast<Eigen::Index>(j)) ? "n" : "nm";
     if (joint.relative_error > 0.7)
-      throw InputError(fmt::format("{}: motion explains only {:.0f} % of torque_{}_{}; is it the torque of another joint, another column, another robot, or late?", where, 100 * (1 - joint.relative_error), joint.name, unit));
-    const Estimate& level = fit.friction[j].front();   // Coulomb friction, or what is left of it at speed 0
+      throw InputError(
+          fmt::format("{}: motion explains only {:.0f} % of torque_{}_{}; is it the torque of another joint, another "
+                      "column, another robot, or late?",
+                      where, 100 * (1 - joint.relative_error), joint.name, unit));
+    const Estimate& level = fit.friction[j].front();  // Coulomb friction, or what is left of it at speed 0
     if (level.name == "Fc" && level.value < -5 * level.sigma)
-      throw InputError(fmt::format("{}: friction of {} would drive its motion ({} = {:.3g} Nm); torque_{}_{} or its position has the wrong sign", where, joint.name, level.name, level.value, joint.name, unit));
+      throw InputError(fmt::format(
+          "{}: friction of {} would drive its motion ({} = {:.3g} Nm); torque_{}_{} or its position has the wrong sign",
+          where, joint.name, level.name, level.value, joint.name, unit));
   }
 }
 
@@ -96,20 +117,32 @@ int execute(const Arguments& a) {
   const Robot robot = load_robot(a.model);
   const auto friction = robot_friction(*robot.model, robot.regressor, law);
   if (!friction) throw InputError(fmt::format("{}: {}", a.model, friction.error()));
-  if (!a.thermal.empty() && !law.temperature_dependent) throw InputError(fmt::format("--thermal: friction '{}' does not depend on temperature; --friction polynomial does", law.name));
+  if (!a.thermal.empty() && !law.temperature_dependent)
+    throw InputError(
+        fmt::format("--thermal: friction '{}' does not depend on temperature; --friction polynomial does", law.name));
   const auto models = a.thermal.empty() ? std::vector<thermal::Model>{} : thermal_models(a.thermal, robot.regressor);
   JointMotion motion = read_motion(robot, a.data, a.preparation, a.quiet);
   Progress progress(a.quiet, "identifying");
-  const DynamicsOptions options{.robust = a.robust == "huber" ? Robust::huber : a.robust == "tukey" ? Robust::tukey : Robust::none, .weigh = !a.unweighted, .essential_only = a.essential, .threads = a.threads,
+  const DynamicsOptions options{.robust = a.robust == "huber"   ? Robust::huber
+                                          : a.robust == "tukey" ? Robust::tukey
+                                                                : Robust::none,
+                                .weigh = !a.unweighted,
+                                .essential_only = a.essential,
+                                .threads = a.threads,
                                 .progress = [&](double share) { progress(share); }};
-  const auto fit = models.empty() || motion.has_temperature ? fit_dynamics(robot.regressor, robot.base, *friction, motion, options) : fit_warming_dynamics(robot.regressor, robot.base, *friction, models, motion, options);
+  const auto fit = models.empty() || motion.has_temperature
+                       ? fit_dynamics(robot.regressor, robot.base, *friction, motion, options)
+                       : fit_warming_dynamics(robot.regressor, robot.base, *friction, models, motion, options);
   if (!fit) throw InputError(fmt::format("{}: {}", a.data.front(), fit.error()));
   doubt(a, robot, *fit);
-  const Consistency consistency = nearest_consistent(robot.regressor, robot.base, fit->parameters.base, fit->information);
+  const Consistency consistency =
+      nearest_consistent(robot.regressor, robot.base, fit->parameters.base, fit->information);
   if (!a.quiet)
     for (const auto& text : fit->notes) note("{}", text);
   if (a.output.named())
-    if (const int code = deliver(to_yaml(*fit, robot.base, law, robot.regressor, consistency, a.data, a.model, models), a.output)) return code;
+    if (const int code =
+            deliver(to_yaml(*fit, robot.base, law, robot.regressor, consistency, a.data, a.model, models), a.output))
+      return code;
   return deliver(a.json ? json_of(robot, *fit, consistency).dump(2) + "\n" : table_of(robot, *fit, consistency));
 }
 
@@ -117,17 +150,27 @@ int execute(const Arguments& a) {
 
 void add_dynamics(CLI::App& app, int& code) {
   auto a = std::make_shared<Arguments>();
-  auto* c = app.add_subcommand("dynamics", "A robot's inertial parameters and friction from its recorded motion and torques");
-  c->add_option("MODEL", a->model, "MJCF model: where joints are and which way they turn; masses are found")->required();
-  c->add_option("DATA", a->data, "CSV: time_s, position_JOINT_rad (_m), torque_JOINT_nm (_n), optionally velocity_JOINT_rad_s, temperature_JOINT_degC")->required();
+  auto* c =
+      app.add_subcommand("dynamics", "A robot's inertial parameters and friction from its recorded motion and torques");
+  c->add_option("MODEL", a->model, "MJCF model: where joints are and which way they turn; masses are found")
+      ->required();
+  c->add_option("DATA", a->data,
+                "CSV: time_s, position_JOINT_rad (_m), torque_JOINT_nm (_n), optionally velocity_JOINT_rad_s, "
+                "temperature_JOINT_degC")
+      ->required();
   c->add_option("--friction", a->friction, "coulomb_viscous, polynomial or another law")->capture_default_str();
-  c->add_option("--robust", a->robust, "Loss for data with outliers")->check(CLI::IsMember({"none", "huber", "tukey"}))->capture_default_str();
+  c->add_option("--robust", a->robust, "Loss for data with outliers")
+      ->check(CLI::IsMember({"none", "huber", "tukey"}))
+      ->capture_default_str();
   c->add_flag("--unweighted", a->unweighted, "Do not weigh joints by their noise");
   c->add_flag("--essential", a->essential, "Base parameters that do not better the fit are 0");
-  c->add_option("--thermal", a->thermal, "THERMAL.yaml of tribotwin thermal, every joint: kept for predict, and without temperature columns friction is fitted at the temperatures it makes; every file begins at rest temperature");
+  c->add_option("--thermal", a->thermal,
+                "THERMAL.yaml of tribotwin thermal, every joint: kept for predict, and without temperature columns "
+                "friction is fitted at the temperatures it makes; every file begins at rest temperature");
   add_preparation(*c, a->preparation);
   a->output.add_to(*c, "PARAMS.yaml to write: read by predict");
-  c->add_option("--threads", a->threads, "Processors to use; they change nothing but the time")->check(CLI::Range(1, 256));
+  c->add_option("--threads", a->threads, "Processors to use; they change nothing but the time")
+      ->check(CLI::Range(1, 256));
   c->add_flag("--json", a->json, "Print JSON instead of the table");
   c->add_flag("--quiet", a->quiet, "No progress, no notes");
   c->footer("Example:\n  tribotwin dynamics mjcf/er3a_c60.xml recording.csv --friction polynomial -o robot.yaml");

@@ -44,9 +44,14 @@ int execute(Arguments& a) {
     for (const auto& text : found->notes) note("{}", text);
   if (a.output.named())
     if (const int code = deliver(to_csv(*found, robot.regressor, a.rate_hz), a.output)) return code;
-  Json j{{"condition_number", found->condition_number}, {"first_condition_number", found->first_condition_number}, {"base_parameters", robot.base.size()},
-         {"duration_s", found->duration_s()}, {"sections_s", {found->inertia_s, found->friction_s, found->duration_s()}}, {"interrupted", found->interrupted}};
-  std::string text = fmt::format("condition number {:.1f} (the first tried: {:.3g}), {} base parameters\n", found->condition_number, found->first_condition_number, robot.base.size());
+  Json j{{"condition_number", found->condition_number},
+         {"first_condition_number", found->first_condition_number},
+         {"base_parameters", robot.base.size()},
+         {"duration_s", found->duration_s()},
+         {"sections_s", {found->inertia_s, found->friction_s, found->duration_s()}},
+         {"interrupted", found->interrupted}};
+  std::string text = fmt::format("condition number {:.1f} (the first tried: {:.3g}), {} base parameters\n",
+                                 found->condition_number, found->first_condition_number, robot.base.size());
   text += fmt::format("section 1, inertia: 0 .. {:.1f} s\n", found->inertia_s);
   if (!a.inertia_only) {
     text += fmt::format("section 2, friction joint by joint: .. {:.1f} s, the others at", found->friction_s);
@@ -57,23 +62,38 @@ int execute(Arguments& a) {
     text += fmt::format("\nsection 3, heating: .. {:.1f} s\n", found->duration_s());
   }
   if (const int code = deliver(a.json ? j.dump(2) + "\n" : text)) return code;
-  return found->interrupted ? complain(failed, fmt::format("interrupted; the best motion until then is whole{}", a.output.named() ? " in " + a.output.file : "")) : done;
+  return found->interrupted ? complain(failed, fmt::format("interrupted; the best motion until then is whole{}",
+                                                           a.output.named() ? " in " + a.output.file : ""))
+                            : done;
 }
 
 }  // namespace
 
 void add_excite(CLI::App& app, int& code) {
   auto a = std::make_shared<Arguments>();
-  auto* c = app.add_subcommand("excite", "A motion that tells a robot's dynamics: inertia, friction joint by joint, heating");
+  auto* c =
+      app.add_subcommand("excite", "A motion that tells a robot's dynamics: inertia, friction joint by joint, heating");
   c->add_option("MODEL", a->model, "MJCF model")->required();
   a->output.add_to(*c, "CSV of set points to write: time_s, section, position_JOINT_rad, velocity_JOINT_rad_s");
-  c->add_option("--share", a->options.share, "Of the speeds and torques that the model allows")->check(CLI::Range(0.01, 1.0))->capture_default_str();
-  c->add_option("--period", a->options.period_s, "Of the Fourier series [s]")->check(CLI::Range(1.0, 1000.0))->capture_default_str();
-  c->add_option("--harmonics", a->options.harmonics, "Of the Fourier series")->check(CLI::Range(2, 20))->capture_default_str();
-  c->add_option("--periods", a->options.periods, "How often the series is run")->check(CLI::Range(1, 1000))->capture_default_str();
-  c->add_option("--heating", a->heating_min, "Length of the third section [min]")->check(CLI::Range(0.0, 600.0))->capture_default_str();
+  c->add_option("--share", a->options.share, "Of the speeds and torques that the model allows")
+      ->check(CLI::Range(0.01, 1.0))
+      ->capture_default_str();
+  c->add_option("--period", a->options.period_s, "Of the Fourier series [s]")
+      ->check(CLI::Range(1.0, 1000.0))
+      ->capture_default_str();
+  c->add_option("--harmonics", a->options.harmonics, "Of the Fourier series")
+      ->check(CLI::Range(2, 20))
+      ->capture_default_str();
+  c->add_option("--periods", a->options.periods, "How often the series is run")
+      ->check(CLI::Range(1, 1000))
+      ->capture_default_str();
+  c->add_option("--heating", a->heating_min, "Length of the third section [min]")
+      ->check(CLI::Range(0.0, 600.0))
+      ->capture_default_str();
   c->add_flag("--inertia-only", a->inertia_only, "The first section alone");
-  c->add_option("--evaluations", a->options.evaluations, "Motions to try")->check(CLI::Range(10, 10000000))->capture_default_str();
+  c->add_option("--evaluations", a->options.evaluations, "Motions to try")
+      ->check(CLI::Range(10, 10000000))
+      ->capture_default_str();
   c->add_option("--seed", a->options.seed, "Seed of the search")->capture_default_str();
   c->add_option("--rate", a->rate_hz, "Set points per second")->check(CLI::Range(1.0, 100000.0))->capture_default_str();
   c->add_flag("--json", a->json, "Print JSON instead of text");

@@ -30,7 +30,8 @@ struct Arguments {
 int identify_bouc_wen(const Arguments& a);
 int identify_lugre(const Arguments& a);
 /// What has a memory, and is identified from recordings sample by sample.
-constexpr std::pair<std::string_view, int (*)(const Arguments&)> from_time_series[] = {{"bouc_wen", identify_bouc_wen}, {"lugre", identify_lugre}};
+constexpr std::pair<std::string_view, int (*)(const Arguments&)> from_time_series[] = {{"bouc_wen", identify_bouc_wen},
+                                                                                       {"lugre", identify_lugre}};
 
 std::vector<const friction::LawInfo*> laws_of(const std::string& text) {
   std::vector<const friction::LawInfo*> laws;
@@ -42,8 +43,11 @@ std::vector<const friction::LawInfo*> laws_of(const std::string& text) {
       std::vector<std::string_view> names;
       for (const auto& l : friction::laws()) names.push_back(l.name);
       for (const auto& [other, identify] : from_time_series) names.push_back(other);
-      if (std::ranges::find(names, name) != names.end()) throw InputError(fmt::format("--law {}: '{}' is identified from other data than laws of friction curves, and by itself", text, name));
-      throw InputError(fmt::format("--law {}: no law '{}' can be identified; did you mean '{}'? Those that can are {}", text, name, friction::nearest(name, names), fmt::join(names, ", ")));
+      if (std::ranges::find(names, name) != names.end())
+        throw InputError(fmt::format(
+            "--law {}: '{}' is identified from other data than laws of friction curves, and by itself", text, name));
+      throw InputError(fmt::format("--law {}: no law '{}' can be identified; did you mean '{}'? Those that can are {}",
+                                   text, name, friction::nearest(name, names), fmt::join(names, ", ")));
     }
     laws.push_back(&*law);
     at = comma + 1;
@@ -57,9 +61,11 @@ std::vector<std::pair<std::string, double>> fixed_of(const std::vector<std::stri
     const auto sign = text.find('=');
     double value = 0;
     const char* end = text.data() + text.size();
-    if (sign == text.npos || sign == 0) throw InputError(fmt::format("--fix {}: must be NAME=VALUE, for example --fix alpha=1.36", text));
+    if (sign == text.npos || sign == 0)
+      throw InputError(fmt::format("--fix {}: must be NAME=VALUE, for example --fix alpha=1.36", text));
     const auto [stop, error] = std::from_chars(text.data() + sign + 1, end, value);
-    if (error != std::errc{} || stop != end || !std::isfinite(value)) throw InputError(fmt::format("--fix {}: '{}' is not a finite number", text, text.substr(sign + 1)));
+    if (error != std::errc{} || stop != end || !std::isfinite(value))
+      throw InputError(fmt::format("--fix {}: '{}' is not a finite number", text, text.substr(sign + 1)));
     fixed.emplace_back(text.substr(0, sign), value);
   }
   return fixed;
@@ -68,7 +74,9 @@ std::vector<std::pair<std::string, double>> fixed_of(const std::vector<std::stri
 Json number(double x) { return std::isfinite(x) ? Json(x) : Json(nullptr); }
 
 /// What does not exist is a dash: R^2 where friction never changes, AICc with too few samples.
-std::string or_dash(double x, const std::string& spec) { return std::isfinite(x) ? fmt::format(fmt::runtime("{:" + spec + "}"), x) : "-"; }
+std::string or_dash(double x, const std::string& spec) {
+  return std::isfinite(x) ? fmt::format(fmt::runtime("{:" + spec + "}"), x) : "-";
+}
 
 Json json_of(const Estimates& fit, std::string_view law) {
   Json j;
@@ -76,9 +84,14 @@ Json json_of(const Estimates& fit, std::string_view law) {
   j["parameters"] = Json::object();
   static constexpr const char* status[] = {"estimated", "fixed", "held", "at_bound"};
   for (const auto& e : fit.parameters)
-    j["parameters"][e.name] = {{"value", number(e.value)}, {"sigma", number(e.sigma)}, {"confidence_95", Json::array({number(e.low), number(e.high)})}, {"unit", e.unit},
+    j["parameters"][e.name] = {{"value", number(e.value)},
+                               {"sigma", number(e.sigma)},
+                               {"confidence_95", Json::array({number(e.low), number(e.high)})},
+                               {"unit", e.unit},
                                {"status", status[static_cast<int>(e.status)]}};
-  j["residual"] = {{"mean", number(fit.residual.mean)}, {"std", number(fit.residual.std)}, {"max_abs", number(fit.residual.max_abs)}};
+  j["residual"] = {{"mean", number(fit.residual.mean)},
+                   {"std", number(fit.residual.std)},
+                   {"max_abs", number(fit.residual.max_abs)}};
   j["samples"] = fit.samples;
   j["unidentifiable"] = fit.unidentifiable;
   j["condition_number"] = number(fit.condition_number);
@@ -105,10 +118,13 @@ Json json_of(const Fit& fit, const Samples& samples, double held_out) {
 
 std::string table_of(const Estimates& fit, std::string_view law, std::string_view equation, std::string_view unit) {
   static constexpr const char* status[] = {"", "fixed", "held", "at its bound"};
-  std::string s = fmt::format("law {}: {}\n\n{:<7} {:>13} {:>11}   {:<27} {:<15}\n", law, equation, "", "value", "sigma", "95 % interval", "unit");
+  std::string s = fmt::format("law {}: {}\n\n{:<7} {:>13} {:>11}   {:<27} {:<15}\n", law, equation, "", "value",
+                              "sigma", "95 % interval", "unit");
   for (const auto& e : fit.parameters) {
     s += fmt::format("{:<7} {:>13.6g} ", e.name, e.value);
-    s += std::isnan(e.sigma) ? fmt::format("{:>11}   {:<27} ", "-", status[static_cast<int>(e.status)]) : fmt::format("{:>11.2g}   {:<27} ", e.sigma, fmt::format("{:.5g} .. {:.5g}", e.low, e.high));
+    s += std::isnan(e.sigma)
+             ? fmt::format("{:>11}   {:<27} ", "-", status[static_cast<int>(e.status)])
+             : fmt::format("{:>11.2g}   {:<27} ", e.sigma, fmt::format("{:.5g} .. {:.5g}", e.low, e.high));
     s += fmt::format("{}\n", e.unit);
   }
   std::vector<std::size_t> shown;
@@ -119,11 +135,17 @@ std::string table_of(const Estimates& fit, std::string_view law, std::string_vie
   for (const std::size_t i : shown) {
     s += fmt::format("\n{:<8}", fit.parameters[i].name);
     for (const std::size_t j : shown)
-      if (j <= i) s += std::isfinite(fit.correlation(i, j)) ? fmt::format("{:>7.2f}", fit.correlation(i, j)) : fmt::format("{:>7}", "");
+      if (j <= i)
+        s += std::isfinite(fit.correlation(i, j)) ? fmt::format("{:>7.2f}", fit.correlation(i, j))
+                                                  : fmt::format("{:>7}", "");
   }
-  s += fmt::format("\n\nresiduals: mean {:.3g}, std {:.4g}, largest {:.4g} {}; {} samples; R^2 {}; condition number {}; AICc {}\n", fit.residual.mean, fit.residual.std,
-                   fit.residual.max_abs, unit, fit.samples, or_dash(fit.r_squared, ".5f"), or_dash(fit.condition_number, ".3g"), or_dash(fit.aicc, ".1f"));
-  s += fit.unidentifiable.empty() ? "every parameter can be told from these data\n" : fmt::format("cannot be told from these data: {}\n", fmt::join(fit.unidentifiable, ", "));
+  s += fmt::format(
+      "\n\nresiduals: mean {:.3g}, std {:.4g}, largest {:.4g} {}; {} samples; R^2 {}; condition number {}; AICc {}\n",
+      fit.residual.mean, fit.residual.std, fit.residual.max_abs, unit, fit.samples, or_dash(fit.r_squared, ".5f"),
+      or_dash(fit.condition_number, ".3g"), or_dash(fit.aicc, ".1f"));
+  s += fit.unidentifiable.empty()
+           ? "every parameter can be told from these data\n"
+           : fmt::format("cannot be told from these data: {}\n", fmt::join(fit.unidentifiable, ", "));
   return s;
 }
 
@@ -140,12 +162,15 @@ void print_notes(const Arguments& a, const std::vector<std::string>& notes) {
 }
 
 /// PARAMS.yaml, and JSON or the table.
-int deliver_dynamics(const Arguments& a, const Estimates& fit, double normalised_mse, std::string_view equation, const std::string& yaml) {
+int deliver_dynamics(const Arguments& a, const Estimates& fit, double normalised_mse, std::string_view equation,
+                     const std::string& yaml) {
   if (const auto ok = usable(fit); !ok) return complain(failed, fmt::format("{}: {}", a.law, ok.error()));
   print_notes(a, fit.notes);
   if (a.output.named())
     if (const int code = deliver(yaml, a.output)) return code;
-  if (!a.json) return deliver(table_of(fit, a.law, equation, "Nm") + fmt::format("normalised MSE {}\n", or_dash(normalised_mse, ".3g")));
+  if (!a.json)
+    return deliver(table_of(fit, a.law, equation, "Nm") +
+                   fmt::format("normalised MSE {}\n", or_dash(normalised_mse, ".3g")));
   Json j = json_of(fit, a.law);
   j["normalised_mse"] = number(normalised_mse);
   return deliver(j.dump(2) + "\n");
@@ -161,7 +186,9 @@ int identify_bouc_wen(const Arguments& a) {
 }
 
 int identify_lugre(const Arguments& a) {
-  if (a.known_law.empty()) throw InputError("--law lugre: bristles stand over a static law: --static PARAMS.yaml, of an identification before, is needed");
+  if (a.known_law.empty())
+    throw InputError(
+        "--law lugre: bristles stand over a static law: --static PARAMS.yaml, of an identification before, is needed");
   auto known = read_parameters(a.known_law);
   if (a.torque_max_nm > 0) known.torque_max_nm = a.torque_max_nm;
   if (a.gear_ratio > 0) known.gear_ratio = a.gear_ratio;
@@ -175,18 +202,30 @@ int identify_lugre(const Arguments& a) {
   return deliver_dynamics(a, *found, found->normalised_mse, lugre_equation, to_yaml(known, *found, a.data));
 }
 
-int identify_shared(const Arguments& a, const friction::LawInfo& law, const Samples& samples, const FitOptions& options) {
+int identify_shared(const Arguments& a, const friction::LawInfo& law, const Samples& samples,
+                    const FitOptions& options) {
   const auto shared = fit_shared(law, samples, a.shared, options);
   if (!shared) return complain(failed, shared.error());
-  if (!std::isfinite(shared->value)) return complain(failed, fmt::format("the fit gives no finite number for {}; what is in the data that no joint has?", a.shared));
+  if (!std::isfinite(shared->value))
+    return complain(
+        failed, fmt::format("the fit gives no finite number for {}; what is in the data that no joint has?", a.shared));
   print_notes(a, shared->notes);
-  Json j{{"law", law.name}, {"shared", a.shared}, {"value", number(shared->value)}, {"sigma", number(shared->sigma)}, {"curves", shared->curves}, {"samples", shared->samples}, {"profile", Json::array()}, {"notes", shared->notes}};
-  for (const auto& [value, cost] : shared->profile) j["profile"].push_back({{"value", value}, {"relative_cost_increase", cost}});
+  Json j{{"law", law.name},
+         {"shared", a.shared},
+         {"value", number(shared->value)},
+         {"sigma", number(shared->sigma)},
+         {"curves", shared->curves},
+         {"samples", shared->samples},
+         {"profile", Json::array()},
+         {"notes", shared->notes}};
+  for (const auto& [value, cost] : shared->profile)
+    j["profile"].push_back({{"value", value}, {"relative_cost_increase", cost}});
   if (a.output.named())
     if (const int code = deliver(j.dump(2) + "\n", a.output)) return code;
   if (a.json) return deliver(j.dump(2) + "\n");
-  std::string s = fmt::format("{} common to {} curves ({} samples), all else of law {} free at each: {:.4f} +- {:.4f}\n\n{:>10} {:>18}\n", a.shared, shared->curves, shared->samples, law.name, shared->value,
-                              shared->sigma, a.shared, "relative cost");
+  std::string s = fmt::format(
+      "{} common to {} curves ({} samples), all else of law {} free at each: {:.4f} +- {:.4f}\n\n{:>10} {:>18}\n",
+      a.shared, shared->curves, shared->samples, law.name, shared->value, shared->sigma, a.shared, "relative cost");
   for (const auto& [value, cost] : shared->profile) s += fmt::format("{:>10.4f} {:>18.6f}\n", value, 1 + cost);
   return deliver(s);
 }
@@ -203,15 +242,20 @@ int identify_each(const Arguments& a, const friction::LawInfo& law, const Sample
     for (; begin < samples.size() && samples.curve[begin] == curve; ++begin) rows.push_back(begin);
     const Samples one = samples.subset(rows);
     double load = 0, temperature = 0;
-    for (std::size_t i = 0; i < one.size(); ++i) load += one.load[i] / static_cast<double>(one.size()), temperature += one.temperature_degC[i] / static_cast<double>(one.size());
+    for (std::size_t i = 0; i < one.size(); ++i)
+      load += one.load[i] / static_cast<double>(one.size()),
+          temperature += one.temperature_degC[i] / static_cast<double>(one.size());
     const auto found = fit(law, one, options);
     const auto ok = found ? usable(*found) : tl::unexpected(found.error());
-    if (!ok) return complain(failed, fmt::format("curve {} (load {:.3g}, {:.4g} degC): {}", curve + 1, load, temperature, ok.error()));
+    if (!ok)
+      return complain(failed,
+                      fmt::format("curve {} (load {:.3g}, {:.4g} degC): {}", curve + 1, load, temperature, ok.error()));
     Json j = json_of(*found, one, -1);
     j["curve"] = curve + 1, j["load_norm"] = load, j["temperature_degC"] = temperature;
     all.push_back(std::move(j));
     s += fmt::format("{:>6} {:>8.4f} {:>8.2f}", curve + 1, load, temperature);
-    for (const auto& e : found->parameters) s += fmt::format(" {:>11.5g} {:>9}", e.value, std::isnan(e.sigma) ? "-" : fmt::format("{:.2g}", e.sigma));
+    for (const auto& e : found->parameters)
+      s += fmt::format(" {:>11.5g} {:>9}", e.value, std::isnan(e.sigma) ? "-" : fmt::format("{:.2g}", e.sigma));
     s += fmt::format("  {:.4g}\n", found->residual.std);
   }
   return deliver(a.json ? Json{{"law", law.name}, {"curves", std::move(all)}}.dump(2) + "\n" : s);
@@ -222,7 +266,10 @@ int evaluate(const Arguments& a) {
   const auto known = read_parameters(a.evaluate);
   const auto& law = *known.law.info;
   std::vector<std::filesystem::path> files(a.data.begin(), a.data.end());
-  const auto samples = read_samples(files, law, {.torque_max_nm = a.torque_max_nm > 0 ? a.torque_max_nm : known.torque_max_nm, .gear_ratio = a.gear_ratio > 0 ? a.gear_ratio : known.gear_ratio, .joint = a.joint});
+  const auto samples = read_samples(files, law,
+                                    {.torque_max_nm = a.torque_max_nm > 0 ? a.torque_max_nm : known.torque_max_nm,
+                                     .gear_ratio = a.gear_ratio > 0 ? a.gear_ratio : known.gear_ratio,
+                                     .joint = a.joint});
   if (!samples) throw InputError(samples.error());
   print_notes(a, samples->notes);
   double mean = 0, squares = 0, most = 0;
@@ -230,7 +277,8 @@ int evaluate(const Arguments& a) {
   const auto n = static_cast<double>(samples->size());
   std::vector<double> errors;
   for (std::size_t i = 0; i < samples->size(); ++i) {
-    const auto level = friction::level(known.law, friction::at_temperature(known.law, samples->temperature_degC[i]), samples->speed[i], samples->load[i]);
+    const auto level = friction::level(known.law, friction::at_temperature(known.law, samples->temperature_degC[i]),
+                                       samples->speed[i], samples->load[i]);
     outside += level.outside;
     errors.push_back(samples->friction[i] - level.total());
     mean += errors.back() / n;
@@ -238,35 +286,58 @@ int evaluate(const Arguments& a) {
   }
   for (const double e : errors) squares += (e - mean) * (e - mean) / n;
   if (a.json)
-    return deliver(Json{{"law", law.name}, {"residual", {{"mean", mean}, {"std", std::sqrt(squares)}, {"max_abs", most}}}, {"samples", samples->size()}, {"outside_range", outside}}.dump(2) + "\n");
-  return deliver(fmt::format("law {} of {}: measured - predicted: mean {:.4g}, std {:.4g}, largest {:.4g} {}; {} samples, {} of them outside the range it was identified in\n", law.name, a.evaluate, mean,
-                             std::sqrt(squares), most, law.normalised ? "of torque_max" : "Nm", samples->size(), outside));
+    return deliver(Json{{"law", law.name},
+                        {"residual", {{"mean", mean}, {"std", std::sqrt(squares)}, {"max_abs", most}}},
+                        {"samples", samples->size()},
+                        {"outside_range", outside}}
+                       .dump(2) +
+                   "\n");
+  return deliver(
+      fmt::format("law {} of {}: measured - predicted: mean {:.4g}, std {:.4g}, largest {:.4g} {}; {} samples, {} of "
+                  "them outside the range it was identified in\n",
+                  law.name, a.evaluate, mean, std::sqrt(squares), most, law.normalised ? "of torque_max" : "Nm",
+                  samples->size(), outside));
 }
 
 int execute(const Arguments& a) {
   if (!a.evaluate.empty()) return evaluate(a);
-  if (const auto dynamic = std::ranges::find(from_time_series, a.law, [](const auto& entry) { return entry.first; }); dynamic != std::end(from_time_series)) {
-    for (const auto& [option, given] : {std::pair{"--fix", !a.fix.empty()}, {"--staged", a.staged}, {"--robust", a.loss != "squares"}, {"--unweighted", a.unweighted}, {"--cross-validate", a.folds > 1},
-                                        {"--shared", !a.shared.empty()}, {"--each", a.each}, {"--joint", !a.joint.empty()}})
+  if (const auto dynamic = std::ranges::find(from_time_series, a.law, [](const auto& entry) { return entry.first; });
+      dynamic != std::end(from_time_series)) {
+    for (const auto& [option, given] : {std::pair{"--fix", !a.fix.empty()},
+                                        {"--staged", a.staged},
+                                        {"--robust", a.loss != "squares"},
+                                        {"--unweighted", a.unweighted},
+                                        {"--cross-validate", a.folds > 1},
+                                        {"--shared", !a.shared.empty()},
+                                        {"--each", a.each},
+                                        {"--joint", !a.joint.empty()}})
       if (given) throw InputError(fmt::format("{}: belongs to friction curves, not to --law {}", option, a.law));
     return dynamic->second(a);
   }
   if (!a.known_law.empty()) throw InputError("--static: belongs to --law lugre");
   const auto laws = laws_of(a.law);
-  FitOptions options{.fixed = fixed_of(a.fix), .loss = a.loss == "huber" ? Loss::huber : a.loss == "cauchy" ? Loss::cauchy : Loss::squares, .weigh = !a.unweighted, .threads = a.threads};
-  if (laws.size() > 1 && (a.output.named() || !a.shared.empty() || !a.fix.empty() || a.each)) throw InputError("-o, --fix, --shared and --each need a single law");
+  FitOptions options{.fixed = fixed_of(a.fix),
+                     .loss = a.loss == "huber"    ? Loss::huber
+                             : a.loss == "cauchy" ? Loss::cauchy
+                                                  : Loss::squares,
+                     .weigh = !a.unweighted,
+                     .threads = a.threads};
+  if (laws.size() > 1 && (a.output.named() || !a.shared.empty() || !a.fix.empty() || a.each))
+    throw InputError("-o, --fix, --shared and --each need a single law");
   std::vector<std::filesystem::path> files(a.data.begin(), a.data.end());
   std::vector<Fit> fits;
   std::vector<double> held_out;
   Json all = Json::array();
   for (const auto* law : laws) {
-    const auto samples = read_samples(files, *law, {.torque_max_nm = a.torque_max_nm, .gear_ratio = a.gear_ratio, .joint = a.joint});
+    const auto samples =
+        read_samples(files, *law, {.torque_max_nm = a.torque_max_nm, .gear_ratio = a.gear_ratio, .joint = a.joint});
     if (!samples) throw InputError(samples.error());
     for (const auto& [name, value] : options.fixed)
       if (std::ranges::find(law->parameters, name, &friction::Parameter::name) == law->parameters.end()) {
         std::vector<std::string_view> names;
         for (const auto& p : law->parameters) names.push_back(p.name);
-        throw InputError(fmt::format("--fix {}={}: law '{}' has no such parameter; did you mean '{}'?", name, value, law->name, friction::nearest(name, names)));
+        throw InputError(fmt::format("--fix {}={}: law '{}' has no such parameter; did you mean '{}'?", name, value,
+                                     law->name, friction::nearest(name, names)));
       }
     if (law == laws.front()) print_notes(a, samples->notes);
     if (!a.shared.empty()) return identify_shared(a, *law, *samples, options);
@@ -288,13 +359,18 @@ int execute(const Arguments& a) {
     held_out.push_back(error);
   }
   if (a.output.named())
-    if (const int code = deliver(to_yaml(parameter_file(fits.front(), a.data, a.torque_max_nm, a.gear_ratio)), a.output)) return code;
+    if (const int code =
+            deliver(to_yaml(parameter_file(fits.front(), a.data, a.torque_max_nm, a.gear_ratio)), a.output))
+      return code;
   if (a.json) return deliver((laws.size() > 1 ? Json{{"laws", all}} : all.front()).dump(2) + "\n");
   if (laws.size() == 1) return deliver(table_of(fits.front(), held_out.front()));
-  std::string s = fmt::format("{:<24} {:>4} {:>12} {:>12} {:>10} {:>12} {:>14}\n", "law", "p", "residual std", "largest", "R^2", "AICc", a.folds > 1 ? "held-out RMS" : "");
+  std::string s = fmt::format("{:<24} {:>4} {:>12} {:>12} {:>10} {:>12} {:>14}\n", "law", "p", "residual std",
+                              "largest", "R^2", "AICc", a.folds > 1 ? "held-out RMS" : "");
   for (std::size_t i = 0; i < fits.size(); ++i)
-    s += fmt::format("{:<24} {:>4} {:>12.4g} {:>12.4g} {:>10} {:>12} {:>14}\n", fits[i].law.info->name, fits[i].estimated, fits[i].residual.std, fits[i].residual.max_abs, or_dash(fits[i].r_squared, ".5f"),
-                     or_dash(fits[i].aicc, ".1f"), held_out[i] >= 0 ? fmt::format("{:.4g}", held_out[i]) : "");
+    s += fmt::format("{:<24} {:>4} {:>12.4g} {:>12.4g} {:>10} {:>12} {:>14}\n", fits[i].law.info->name,
+                     fits[i].estimated, fits[i].residual.std, fits[i].residual.max_abs,
+                     or_dash(fits[i].r_squared, ".5f"), or_dash(fits[i].aicc, ".1f"),
+                     held_out[i] >= 0 ? fmt::format("{:.4g}", held_out[i]) : "");
   return deliver(s);
 }
 
@@ -302,18 +378,32 @@ int execute(const Arguments& a) {
 
 void add_identify(CLI::App& app, int& code) {
   auto a = std::make_shared<Arguments>();
-  auto* c = app.add_subcommand("identify", "A friction law's parameters from measured friction, with honest uncertainties");
-  c->add_option("DATA", a->data, "Friction curves (CSV), recordings of a joint (CSV) or telemetry.h5; of bouc_wen and lugre recordings sample by sample (CSV)")->required();
-  c->add_option("--law", a->law, "Law, or several with commas between to compare them; bouc_wen: a gear's hysteretic spring; lugre: bristles over a law")->capture_default_str();
+  auto* c =
+      app.add_subcommand("identify", "A friction law's parameters from measured friction, with honest uncertainties");
+  c->add_option("DATA", a->data,
+                "Friction curves (CSV), recordings of a joint (CSV) or telemetry.h5; of bouc_wen and lugre recordings "
+                "sample by sample (CSV)")
+      ->required();
+  c->add_option("--law", a->law,
+                "Law, or several with commas between to compare them; bouc_wen: a gear's hysteretic spring; lugre: "
+                "bristles over a law")
+      ->capture_default_str();
   c->add_option("--fix", a->fix, "NAME=VALUE, a parameter that is known")->allow_extra_args(false);
-  c->add_option("--tau-max", a->torque_max_nm, "Largest manipulation torque [Nm], arm side: turns Nm into normalised torque and back")->check(CLI::Range(1e-9, 1e9));
-  c->add_option("--gear-ratio", a->gear_ratio, "Motor turns per joint turn, for recordings and laws of the joint side")->check(CLI::Range(1e-6, 1e6));
+  c->add_option("--tau-max", a->torque_max_nm,
+                "Largest manipulation torque [Nm], arm side: turns Nm into normalised torque and back")
+      ->check(CLI::Range(1e-9, 1e9));
+  c->add_option("--gear-ratio", a->gear_ratio, "Motor turns per joint turn, for recordings and laws of the joint side")
+      ->check(CLI::Range(1e-6, 1e6));
   c->add_option("--joint", a->joint, "Joint of a telemetry.h5");
   c->add_flag("--staged", a->staged, "Load terms first, from one temperature, then the rest (paper 1)");
-  c->add_option("--robust", a->loss, "Loss for data with outliers")->check(CLI::IsMember({"squares", "huber", "cauchy"}))->capture_default_str();
+  c->add_option("--robust", a->loss, "Loss for data with outliers")
+      ->check(CLI::IsMember({"squares", "huber", "cauchy"}))
+      ->capture_default_str();
   c->add_flag("--unweighted", a->unweighted, "Do not weigh by standard errors");
-  c->add_option("--cross-validate", a->folds, "Also the error on held-out curves, in this many folds")->check(CLI::Range(2, 100));
-  c->add_option("--shared", a->shared, "A parameter common to all curves while the others are free at each (paper 1's alpha*)");
+  c->add_option("--cross-validate", a->folds, "Also the error on held-out curves, in this many folds")
+      ->check(CLI::Range(2, 100));
+  c->add_option("--shared", a->shared,
+                "A parameter common to all curves while the others are free at each (paper 1's alpha*)");
   c->add_flag("--each", a->each, "One fit per curve");
   c->add_option("--static", a->known_law, "Of --law lugre: PARAMS.yaml of the law that the bristles stand over");
   c->add_option("--evaluate", a->evaluate, "Nothing is identified: how well this PARAMS.yaml predicts the data");
@@ -321,7 +411,10 @@ void add_identify(CLI::App& app, int& code) {
   c->add_option("--threads", a->threads, "Processors to use")->check(CLI::Range(1, 256));
   c->add_flag("--json", a->json, "Print JSON instead of the table");
   c->add_flag("--quiet", a->quiet, "No notes on stderr");
-  c->footer("Example:\n  tribotwin identify --law extended --fix alpha=1.36 curves.csv -o params.yaml\n  tribotwin identify --law bouc_wen 20degC.csv 35degC.csv 50degC.csv -o gear.yaml\n  tribotwin identify --law lugre --static params.yaml reversals.csv -o lugre.yaml");
+  c->footer(
+      "Example:\n  tribotwin identify --law extended --fix alpha=1.36 curves.csv -o params.yaml\n  tribotwin identify "
+      "--law bouc_wen 20degC.csv 35degC.csv 50degC.csv -o gear.yaml\n  tribotwin identify --law lugre --static "
+      "params.yaml reversals.csv -o lugre.yaml");
   c->callback([a, &code] {
     auto inputs = paths(a->data);
     inputs.insert(inputs.end(), {a->known_law, a->evaluate});

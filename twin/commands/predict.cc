@@ -26,8 +26,8 @@ struct Arguments {
   std::string model, parameters, wrench, site = "flange";
   Destination output;
   std::vector<std::string> data;
-  std::vector<double> window_s;     ///< none, or first and last time whose errors count
-  std::vector<double> start_degC;   ///< none, one for all joints, or one each
+  std::vector<double> window_s;    ///< none, or first and last time whose errors count
+  std::vector<double> start_degC;  ///< none, one for all joints, or one each
   Preparation preparation;
   unsigned threads = std::max(1u, std::thread::hardware_concurrency());
   bool json = false, quiet = false;
@@ -40,7 +40,8 @@ struct Error {
   double share() const { return rms / range; }
 };
 
-Error error_of(const JointMotion& motion, const Eigen::MatrixXd& predicted, Index joint, double from_s, double until_s) {
+Error error_of(const JointMotion& motion, const Eigen::MatrixXd& predicted, Index joint, double from_s,
+               double until_s) {
   Error e;
   double squares = 0, low = infinity, high = -low;
   for (Index i = 0; i < motion.size(); ++i) {
@@ -66,7 +67,8 @@ std::string csv_of(const Robot& robot, const JointMotion& motion, const Eigen::M
   s += '\n';
   for (Index i = 0; i < motion.size(); ++i) {
     s += fmt::format("{:.9g}", motion.time_s[static_cast<std::size_t>(i)]);
-    for (Index j = 0; j < predicted.rows(); ++j) s += fmt::format(",{:.9g},{:.9g},{:.7g}", motion.torque(j, i), predicted(j, i), motion.temperature_degC(j, i));
+    for (Index j = 0; j < predicted.rows(); ++j)
+      s += fmt::format(",{:.9g},{:.9g},{:.7g}", motion.torque(j, i), predicted(j, i), motion.temperature_degC(j, i));
     s += '\n';
   }
   return s;
@@ -76,8 +78,11 @@ std::string csv_of(const Robot& robot, const JointMotion& motion, const Eigen::M
 std::vector<double> start_of(const Arguments& a, const Robot& robot, const std::vector<thermal::Model>& models) {
   std::vector<double> start;
   for (const auto& m : models) start.push_back(m.T_amb_degC);
-  if (a.start_degC.size() > 1 && a.start_degC.size() != start.size()) throw InputError(fmt::format("--start: {} temperatures; give one, or one for each of the {} joints of {}", a.start_degC.size(), robot.regressor.joints(), a.model));
-  for (std::size_t j = 0; j < start.size() && !a.start_degC.empty(); ++j) start[j] = a.start_degC[a.start_degC.size() == 1 ? 0 : j];
+  if (a.start_degC.size() > 1 && a.start_degC.size() != start.size())
+    throw InputError(fmt::format("--start: {} temperatures; give one, or one for each of the {} joints of {}",
+                                 a.start_degC.size(), robot.regressor.joints(), a.model));
+  for (std::size_t j = 0; j < start.size() && !a.start_degC.empty(); ++j)
+    start[j] = a.start_degC[a.start_degC.size() == 1 ? 0 : j];
   return start;
 }
 
@@ -85,7 +90,8 @@ std::string wrench_csv_of(const JointMotion& motion, const Eigen::MatrixXd& wren
   std::string s = "time_s,force_x_n,force_y_n,force_z_n,torque_x_nm,torque_y_nm,torque_z_nm\n";
   for (Index i = 0; i < motion.size(); ++i) {
     s += fmt::format("{:.9g}", motion.time_s[static_cast<std::size_t>(i)]);
-    for (Index k = 0; k < wrench.rows(); ++k) s += std::isnan(wrench(k, i)) ? "," : fmt::format(",{:.6g}", wrench(k, i));
+    for (Index k = 0; k < wrench.rows(); ++k)
+      s += std::isnan(wrench(k, i)) ? "," : fmt::format(",{:.6g}", wrench(k, i));
     s += '\n';
   }
   return s;
@@ -97,11 +103,22 @@ int execute(const Arguments& a) {
   const auto friction = robot_friction(*robot.model, robot.regressor, *file.law);
   if (!friction) throw InputError(fmt::format("{}: {}", a.model, friction.error()));
   JointMotion motion = read_motion(robot, a.data, a.preparation, a.quiet);
-  const bool unknown = file.law->temperature_dependent && !motion.has_temperature, estimated = unknown && !file.thermal.empty();
-  if (!a.start_degC.empty() && !estimated) throw InputError(fmt::format("--start: temperatures are not estimated; that takes data without temperature columns and {} by dynamics --thermal", a.parameters));
-  if (estimated) estimate_temperatures(robot.regressor, robot.base, *friction, file.parameters, file.thermal, start_of(a, robot, file.thermal), motion, a.threads);
-  if (unknown && !a.quiet) note("without temperature columns {}", estimated ? "temperatures are estimated from the motion, from the start of each file on" : fmt::format("law '{}' is that of 20 degC", file.law->name));
-  const Eigen::MatrixXd predicted = predicted_torque(robot.regressor, robot.base, *friction, file.parameters, motion, a.threads);
+  const bool unknown = file.law->temperature_dependent && !motion.has_temperature,
+             estimated = unknown && !file.thermal.empty();
+  if (!a.start_degC.empty() && !estimated)
+    throw InputError(
+        fmt::format("--start: temperatures are not estimated; that takes data without temperature columns and {} by "
+                    "dynamics --thermal",
+                    a.parameters));
+  if (estimated)
+    estimate_temperatures(robot.regressor, robot.base, *friction, file.parameters, file.thermal,
+                          start_of(a, robot, file.thermal), motion, a.threads);
+  if (unknown && !a.quiet)
+    note("without temperature columns {}",
+         estimated ? "temperatures are estimated from the motion, from the start of each file on"
+                   : fmt::format("law '{}' is that of 20 degC", file.law->name));
+  const Eigen::MatrixXd predicted =
+      predicted_torque(robot.regressor, robot.base, *friction, file.parameters, motion, a.threads);
   std::string wrench_csv;
   if (!a.wrench.empty()) {
     const auto wrench = external_wrench(*robot.model, a.site, motion, predicted);
@@ -109,14 +126,21 @@ int execute(const Arguments& a) {
     wrench_csv = wrench_csv_of(motion, *wrench);
   }
   Json j{{"joints", Json::object()}};
-  std::string table = fmt::format("{:<14} {:>10} {:>12} {:>12} {:>12} {:>10}\n", "joint", "error rms", "of its range", "range", "largest", "samples");
+  std::string table = fmt::format("{:<14} {:>10} {:>12} {:>12} {:>12} {:>10}\n", "joint", "error rms", "of its range",
+                                  "range", "largest", "samples");
   double worst = 0;
   for (Index joint = 0; joint < predicted.rows(); ++joint) {
     const auto& name = robot.regressor.joint_name(joint);
-    const Error e = a.window_s.empty() ? error_of(motion, predicted, joint, -infinity, infinity) : error_of(motion, predicted, joint, a.window_s[0], a.window_s[1]);
-    if (e.samples == 0 && !a.window_s.empty()) throw InputError(fmt::format("--window: joint {} does not move from {:g} to {:g} s", name, a.window_s[0], a.window_s[1]));
-    j["joints"][name] = {{"rms", e.rms}, {"relative_to_range", e.share()}, {"range", e.range}, {"largest", e.largest}, {"samples", e.samples}, {"unit", robot.regressor.is_slide(joint) ? "N" : "Nm"}};
-    table += fmt::format("{:<14} {:>10.4g} {:>10.2f} % {:>12.4g} {:>12.4g} {:>10}\n", name, e.rms, 100 * e.share(), e.range, e.largest, e.samples);
+    const Error e = a.window_s.empty() ? error_of(motion, predicted, joint, -infinity, infinity)
+                                       : error_of(motion, predicted, joint, a.window_s[0], a.window_s[1]);
+    if (e.samples == 0 && !a.window_s.empty())
+      throw InputError(
+          fmt::format("--window: joint {} does not move from {:g} to {:g} s", name, a.window_s[0], a.window_s[1]));
+    j["joints"][name] = {{"rms", e.rms},         {"relative_to_range", e.share()},
+                         {"range", e.range},     {"largest", e.largest},
+                         {"samples", e.samples}, {"unit", robot.regressor.is_slide(joint) ? "N" : "Nm"}};
+    table += fmt::format("{:<14} {:>10.4g} {:>10.2f} % {:>12.4g} {:>12.4g} {:>10}\n", name, e.rms, 100 * e.share(),
+                         e.range, e.largest, e.samples);
     worst = std::max(worst, e.share());
   }
   j["worst_relative_to_range"] = worst;
@@ -135,13 +159,26 @@ void add_predict(CLI::App& app, int& code) {
   c->add_option("MODEL", a->model, "MJCF model")->required();
   c->add_option("PARAMS", a->parameters, "PARAMS.yaml of tribotwin dynamics")->required();
   c->add_option("DATA", a->data, "CSV as for tribotwin dynamics")->required();
-  c->add_option("--start", a->start_degC, "Where temperatures are estimated: at the start of each file [degC], one or one for each joint as A,B (default: that of rest)")->delimiter(',')->check(CLI::Range(-60.0, 250.0));
-  c->add_option("--window", a->window_s, "First and last time_s whose errors count, as A,B: the end of a day whose beginning only warms the robot up")->delimiter(',')->expected(2);
+  c->add_option("--start", a->start_degC,
+                "Where temperatures are estimated: at the start of each file [degC], one or one for each joint as A,B "
+                "(default: that of rest)")
+      ->delimiter(',')
+      ->check(CLI::Range(-60.0, 250.0));
+  c->add_option(
+       "--window", a->window_s,
+       "First and last time_s whose errors count, as A,B: the end of a day whose beginning only warms the robot up")
+      ->delimiter(',')
+      ->expected(2);
   add_preparation(*c, a->preparation);
-  a->output.add_to(*c, "CSV to write: time_s, torque_JOINT_nm (filtered as for the fit), predicted_JOINT_nm, temperature_JOINT_degC (recorded, estimated, or 20)");
-  auto* wrench = c->add_option("--wrench", a->wrench, "CSV to write: force and torque from outside at the tool, world axes; empty where joints rest or the arm is singular");
+  a->output.add_to(*c,
+                   "CSV to write: time_s, torque_JOINT_nm (filtered as for the fit), predicted_JOINT_nm, "
+                   "temperature_JOINT_degC (recorded, estimated, or 20)");
+  auto* wrench = c->add_option("--wrench", a->wrench,
+                               "CSV to write: force and torque from outside at the tool, world axes; empty where "
+                               "joints rest or the arm is singular");
   c->add_option("--site", a->site, "Site of the model at which they act")->needs(wrench)->capture_default_str();
-  c->add_option("--threads", a->threads, "Processors to use; they change nothing but the time")->check(CLI::Range(1, 256));
+  c->add_option("--threads", a->threads, "Processors to use; they change nothing but the time")
+      ->check(CLI::Range(1, 256));
   c->add_flag("--json", a->json, "Print JSON instead of the table");
   c->add_flag("--quiet", a->quiet, "No notes");
   c->footer("Example:\n  tribotwin predict mjcf/er3a_c60.xml robot.yaml other.csv -o predicted.csv");

@@ -9,8 +9,8 @@
 #include <tribotwin/twin/io/input.hpp>
 #include <tribotwin/twin/io/output.hpp>
 
-/// The commands of the program `tribotwin`, one file each. A command registers itself with its options; when it was asked
-/// for, its callback does the work and leaves its exit code in `code`. Wrong input is thrown as InputError.
+/// The commands of the program `tribotwin`, one file each. A command registers itself with its options; when it was
+/// asked for, its callback does the work and leaves its exit code in `code`. Wrong input is thrown as InputError.
 namespace tribotwin::twin::program {
 
 void add_run(CLI::App& app, int& code);
@@ -33,8 +33,12 @@ inline int complain(Exit code, const std::string& message) { return twin::compla
 std::filesystem::path scenario_file(const std::string& given);
 
 /// Before any work: throws InputError where -o names what cannot be written or is one of `inputs`.
-inline void check(const Destination& output, const std::vector<std::filesystem::path>& inputs) { or_wrong_input(output.check(inputs)); }
-inline std::vector<std::filesystem::path> paths(const std::vector<std::string>& files) { return {files.begin(), files.end()}; }
+inline void check(const Destination& output, const std::vector<std::filesystem::path>& inputs) {
+  or_wrong_input(output.check(inputs));
+}
+inline std::vector<std::filesystem::path> paths(const std::vector<std::string>& files) {
+  return {files.begin(), files.end()};
+}
 
 /// The value, or its message thrown: exit code 1.
 template <class T>
@@ -44,6 +48,8 @@ T or_fail(tl::expected<T, std::string> value) {
 }
 
 /// Writes the result to where it goes; returns the exit code.
-inline int deliver(const std::string& text, const Destination& output = {}) { return output.deliver("tribotwin", text); }
+inline int deliver(const std::string& text, const Destination& output = {}) {
+  return output.deliver("tribotwin", text);
+}
 
 }  // namespace tribotwin::twin::program

@@ -33,15 +33,18 @@ int recover_record(const std::string& directory) {
     print("{}/telemetry.h5 is a complete HDF5 file without damage; there was nothing to recover\n", directory);
     return done;
   }
-  print("{0}/telemetry.h5: {1} samples up to {2} s recovered; the original is kept as {0}/telemetry.h5.original\n", directory, result->samples, result->last_time_s);
+  print("{0}/telemetry.h5: {1} samples up to {2} s recovered; the original is kept as {0}/telemetry.h5.original\n",
+        directory, result->samples, result->last_time_s);
   if (result->lost_samples > 0 || result->lost_cycles > 0)
-    note("{} samples and {} work cycles are damaged (cut off, or with a wrong checksum) and left out", result->lost_samples, result->lost_cycles);
+    note("{} samples and {} work cycles are damaged (cut off, or with a wrong checksum) and left out",
+         result->lost_samples, result->lost_cycles);
   return done;
 }
 
 int export_record(const std::string& directory, Existing existing) {
   require_record(directory);
-  for (const char* name : {"telemetry.csv", "cycles.csv"}) or_wrong_input(check_output(std::filesystem::path(directory) / name, existing));
+  for (const char* name : {"telemetry.csv", "cycles.csv"})
+    or_wrong_input(check_output(std::filesystem::path(directory) / name, existing));
   FolderLock lock;
   or_fail(lock.take(directory));
   Progress progress(false);
@@ -60,21 +63,27 @@ double typical_step(const std::vector<double>& time) {
 }
 
 /// A channel that has a number at every sample.
-std::span<const double> whole_channel(const Recording& record, const std::string& directory, const std::string& joint, std::string_view channel) {
+std::span<const double> whole_channel(const Recording& record, const std::string& directory, const std::string& joint,
+                                      std::string_view channel) {
   const auto values = record.channel(joint, channel);
-  if (values.size() != record.time_s.size()) throw InputError(fmt::format("{}/telemetry.h5: {}: has no channel {}", directory, joint, channel));
+  if (values.size() != record.time_s.size())
+    throw InputError(fmt::format("{}/telemetry.h5: {}: has no channel {}", directory, joint, channel));
   const auto wrong = std::ranges::find_if_not(values, [](double x) { return std::isfinite(x); });
-  if (wrong != values.end()) throw InputError(fmt::format("{}/telemetry.h5: {}: {} is {} at sample {} but must be a finite number", directory, joint, channel, *wrong, wrong - values.begin()));
+  if (wrong != values.end())
+    throw InputError(fmt::format("{}/telemetry.h5: {}: {} is {} at sample {} but must be a finite number", directory,
+                                 joint, channel, *wrong, wrong - values.begin()));
   return values;
 }
 
-/// What the robot's controller would have recorded of a run: the columns of tribotwin dynamics. The noise of the torque is
-/// given as a share of torque_max_nm.
-int export_recording(const std::string& directory, Sensors sensors, double torque_noise_share, std::uint64_t seed, const Destination& output) {
+/// What the robot's controller would have recorded of a run: the columns of tribotwin dynamics. The noise of the torque
+/// is given as a share of torque_max_nm.
+int export_recording(const std::string& directory, Sensors sensors, double torque_noise_share, std::uint64_t seed,
+                     const Destination& output) {
   require_record(directory);
   const auto record = read_telemetry(std::filesystem::path(directory) / "telemetry.h5");
   if (!record) throw InputError(record.error());
-  if (record->time_s.size() < 2) return complain(failed, fmt::format("{}/telemetry.h5: holds {} samples", directory, record->time_s.size()));
+  if (record->time_s.size() < 2)
+    return complain(failed, fmt::format("{}/telemetry.h5: holds {} samples", directory, record->time_s.size()));
   const auto& time = record->time_s;
   // Skipped work cycles are gaps in the recording, too.
   const double step_s = typical_step(time), rate = 1 / step_s;
@@ -83,7 +92,10 @@ int export_recording(const std::string& directory, Sensors sensors, double torqu
     if (time[i] - time[i - 1] > 1.5 * step_s) starts.push_back(i);
   starts.push_back(time.size());
   if (sensors.sampling_hz == 0) sensors.sampling_hz = rate;
-  if (sensors.sampling_hz > rate * 1.001) throw InputError(fmt::format("--sampling {:g}: the run was recorded at {:.6g} Hz; run it with --set telemetry_rate_hz={:g}", sensors.sampling_hz, rate, sensors.sampling_hz));
+  if (sensors.sampling_hz > rate * 1.001)
+    throw InputError(
+        fmt::format("--sampling {:g}: the run was recorded at {:.6g} Hz; run it with --set telemetry_rate_hz={:g}",
+                    sensors.sampling_hz, rate, sensors.sampling_hz));
   std::vector<JointRecording> joints;
   std::string text = "time_s";
   for (std::size_t j = 0; j < record->joints.size(); ++j) {
@@ -94,17 +106,30 @@ int export_recording(const std::string& directory, Sensors sensors, double torqu
     sensors.torque_noise_nm = torque_noise_share * torque_max_nm;
     auto& joint = joints.emplace_back();
     for (std::size_t s = 0; s + 1 < starts.size(); ++s) {
-      const auto part = [&](const auto& values) { return std::vector<double>(values.begin() + static_cast<std::ptrdiff_t>(starts[s]), values.begin() + static_cast<std::ptrdiff_t>(starts[s + 1])); };
-      const auto column = [&](std::string_view channel) { return part(whole_channel(*record, directory, name, channel)); };
-      const auto recorded = sensed({.time_s = part(time), .position_rad = column("position_rad"), .torque_nm = column("torque_nm"), .temperature_degC = column("temperature_degC")}, sensors, seed + j + s * record->joints.size());
-      for (auto channel : {&JointRecording::time_s, &JointRecording::position_rad, &JointRecording::torque_nm, &JointRecording::temperature_degC}) (joint.*channel).insert((joint.*channel).end(), (recorded.*channel).begin(), (recorded.*channel).end());
+      const auto part = [&](const auto& values) {
+        return std::vector<double>(values.begin() + static_cast<std::ptrdiff_t>(starts[s]),
+                                   values.begin() + static_cast<std::ptrdiff_t>(starts[s + 1]));
+      };
+      const auto column = [&](std::string_view channel) {
+        return part(whole_channel(*record, directory, name, channel));
+      };
+      const auto recorded = sensed({.time_s = part(time),
+                                    .position_rad = column("position_rad"),
+                                    .torque_nm = column("torque_nm"),
+                                    .temperature_degC = column("temperature_degC")},
+                                   sensors, seed + j + s * record->joints.size());
+      for (auto channel : {&JointRecording::time_s, &JointRecording::position_rad, &JointRecording::torque_nm,
+                           &JointRecording::temperature_degC})
+        (joint.*channel).insert((joint.*channel).end(), (recorded.*channel).begin(), (recorded.*channel).end());
     }
     text += fmt::format(",position_{0}_rad,torque_{0}_nm,temperature_{0}_degC", name);
   }
   text += '\n';
   for (std::size_t i = 0; i < joints.front().size(); ++i) {
     text += fmt::format("{:.9g}", joints.front().time_s[i]);
-    for (const auto& joint : joints) text += fmt::format(",{:.12g},{:.9g},{:.7g}", joint.position_rad[i], joint.torque_nm[i], joint.temperature_degC[i]);
+    for (const auto& joint : joints)
+      text +=
+          fmt::format(",{:.12g},{:.9g},{:.7g}", joint.position_rad[i], joint.torque_nm[i], joint.temperature_degC[i]);
     text += '\n';
   }
   return deliver(text, output);
@@ -125,7 +150,8 @@ int deliver_instance(const std::string& name, const Keys& keys, const Destinatio
   return deliver(text.str(), output);
 }
 
-int export_instance(const std::string& file, const std::string& name, const std::string& on_drive, double torque_max_nm, double gear_ratio, const Destination& output) {
+int export_instance(const std::string& file, const std::string& name, const std::string& on_drive, double torque_max_nm,
+                    double gear_ratio, const Destination& output) {
   if (const auto law = load_yaml(file)["law"]; law && law.IsScalar() && law.Scalar() == "bouc_wen") {
     const auto spring = identification::hysteresis_of(file, name, on_drive);
     if (!spring) return complain(failed, fmt::format("{}: {}", file, spring.error()));
@@ -138,7 +164,8 @@ int export_instance(const std::string& file, const std::string& name, const std:
   if (!drive) throw InputError(fmt::format("{}: {}", file, drive.error()));
   // What a model could not load is refused here, with the reason the model would give.
   const auto keys = drive::configuration_of(*drive);
-  if (const auto loaded = drive::make_drive(name, keys); !loaded) return complain(failed, fmt::format("{}: {}", file, loaded.error()));
+  if (const auto loaded = drive::make_drive(name, keys); !loaded)
+    return complain(failed, fmt::format("{}: {}", file, loaded.error()));
   return deliver_instance(name, keys, output);
 }
 
@@ -162,25 +189,52 @@ void add_export(CLI::App& app, int& code) {
     bool csv = false, mjcf = false, recording = false;
   };
   auto a = std::make_shared<Arguments>();
-  auto* command = app.add_subcommand("export", "The record of a run as CSV, whole or as a controller records, or identified parameters as a MuJoCo element");
+  auto* command = app.add_subcommand(
+      "export",
+      "The record of a run as CSV, whole or as a controller records, or identified parameters as a MuJoCo element");
   command->add_option("FROM", a->from, "Folder of a run, or PARAMS.yaml")->required();
   auto* csv = command->add_flag("--csv", a->csv, "telemetry.csv and, where there are work cycles, cycles.csv");
-  auto* mjcf = command->add_flag("--mjcf", a->mjcf, "The <instance> block of the law in PARAMS.yaml, for a model's tribotwin.drive (bouc_wen: tribotwin.hysteresis)")->excludes(csv);
-  auto* recording = command->add_flag("--recording", a->recording, "CSV as the robot's controller records it, for tribotwin dynamics")->excludes(csv)->excludes(mjcf);
-  command->add_option("--sampling", a->sensors.sampling_hz, "Of the recording [Hz] (default: that of the run)")->check(CLI::Range(1e-3, 1e6))->needs(recording);
-  command->add_option("--encoder", a->sensors.encoder_increments_per_turn, "Encoder increments per turn of the joint (default: ideal)")->check(CLI::Range(1.0, 1e12))->needs(recording);
-  command->add_option("--torque-noise", a->torque_noise_share, "Standard deviation of the torque, a share of torque_max_nm")->check(CLI::Range(0.0, 10.0))->needs(recording);
+  auto* mjcf = command
+                   ->add_flag("--mjcf", a->mjcf,
+                              "The <instance> block of the law in PARAMS.yaml, for a model's tribotwin.drive "
+                              "(bouc_wen: tribotwin.hysteresis)")
+                   ->excludes(csv);
+  auto* recording =
+      command->add_flag("--recording", a->recording, "CSV as the robot's controller records it, for tribotwin dynamics")
+          ->excludes(csv)
+          ->excludes(mjcf);
+  command->add_option("--sampling", a->sensors.sampling_hz, "Of the recording [Hz] (default: that of the run)")
+      ->check(CLI::Range(1e-3, 1e6))
+      ->needs(recording);
+  command
+      ->add_option("--encoder", a->sensors.encoder_increments_per_turn,
+                   "Encoder increments per turn of the joint (default: ideal)")
+      ->check(CLI::Range(1.0, 1e12))
+      ->needs(recording);
+  command
+      ->add_option("--torque-noise", a->torque_noise_share,
+                   "Standard deviation of the torque, a share of torque_max_nm")
+      ->check(CLI::Range(0.0, 10.0))
+      ->needs(recording);
   command->add_option("--seed", a->seed, "Seed of the noise")->needs(recording);
   command->add_option("--name", a->name, "Name of the instance")->capture_default_str();
-  command->add_option("--drive", a->on_drive, "Of a bouc_wen: name of the tribotwin.drive instance that has its temperature and gets its heat")->capture_default_str();
-  command->add_option("--tau-max", a->torque_max_nm, "torque_max_nm [Nm], where the file holds none")->check(CLI::Range(1e-9, 1e9));
-  command->add_option("--gear-ratio", a->gear_ratio, "Motor turns per joint turn, where the file holds none")->check(CLI::Range(1e-6, 1e6));
+  command
+      ->add_option("--drive", a->on_drive,
+                   "Of a bouc_wen: name of the tribotwin.drive instance that has its temperature and gets its heat")
+      ->capture_default_str();
+  command->add_option("--tau-max", a->torque_max_nm, "torque_max_nm [Nm], where the file holds none")
+      ->check(CLI::Range(1e-9, 1e9));
+  command->add_option("--gear-ratio", a->gear_ratio, "Motor turns per joint turn, where the file holds none")
+      ->check(CLI::Range(1e-6, 1e6));
   a->output.add_to(*command, "File for the block or the recording (default: stdout)");
   command->footer("Example:\n  tribotwin export params.yaml --mjcf --tau-max 7500 --gear-ratio 178");
   command->callback([a, &code] {
-    if (a->csv + a->mjcf + a->recording != 1) throw InputError("export needs --csv or --recording (of a run) or --mjcf (of PARAMS.yaml)");
+    if (a->csv + a->mjcf + a->recording != 1)
+      throw InputError("export needs --csv or --recording (of a run) or --mjcf (of PARAMS.yaml)");
     check(a->output, {a->from, std::filesystem::path(a->from) / "telemetry.h5"});
-    code = a->recording ? export_recording(a->from, a->sensors, a->torque_noise_share, a->seed, a->output) : a->csv ? export_record(a->from, a->output.existing()) : export_instance(a->from, a->name, a->on_drive, a->torque_max_nm, a->gear_ratio, a->output);
+    code = a->recording ? export_recording(a->from, a->sensors, a->torque_noise_share, a->seed, a->output)
+           : a->csv     ? export_record(a->from, a->output.existing())
+                        : export_instance(a->from, a->name, a->on_drive, a->torque_max_nm, a->gear_ratio, a->output);
   });
 }
 

@@ -1,7 +1,6 @@
-#include <tribotwin/twin/commands/robot.hpp>
-
 #include <fmt/format.h>
 
+#include <tribotwin/twin/commands/robot.hpp>
 #include <tribotwin/twin/io/input.hpp>
 #include <tribotwin/twin/io/output.hpp>
 
@@ -12,18 +11,28 @@ using namespace identification;
 Robot load_robot(const std::string& file) {
   const auto model = mujoco::load_file(file);
   if (!model) throw InputError(model.error());
-  if (!(*model)->springs().empty()) throw InputError(fmt::format("{}: has an elastic transmission; rigid dynamics cannot tell what happens behind it", file));
+  if (!(*model)->springs().empty())
+    throw InputError(
+        fmt::format("{}: has an elastic transmission; rigid dynamics cannot tell what happens behind it", file));
   const auto regressor = Regressor::create((*model)->get());
   if (!regressor) throw InputError(fmt::format("{}: {}", file, regressor.error()));
   return {*model, *regressor, base_parameters(*regressor)};
 }
 
 void add_preparation(CLI::App& command, Preparation& preparation) {
-  command.add_option("--cutoff", preparation.cutoff_hz, "Cut-off of the zero-phase low-pass on positions and torques [Hz] (default: 20, or a fifth of the sampling rate)")->check(CLI::Range(1e-3, 1e6));
-  command.add_option("--decimate", preparation.decimation, "Every how many samples one is used (default: five per period of the cut-off)")->check(CLI::Range(1u, 1000000u));
+  command
+      .add_option("--cutoff", preparation.cutoff_hz,
+                  "Cut-off of the zero-phase low-pass on positions and torques [Hz] (default: 20, or a fifth of the "
+                  "sampling rate)")
+      ->check(CLI::Range(1e-3, 1e6));
+  command
+      .add_option("--decimate", preparation.decimation,
+                  "Every how many samples one is used (default: five per period of the cut-off)")
+      ->check(CLI::Range(1u, 1000000u));
 }
 
-JointMotion read_motion(const Robot& robot, const std::vector<std::string>& files, const Preparation& preparation, bool quiet) {
+JointMotion read_motion(const Robot& robot, const std::vector<std::string>& files, const Preparation& preparation,
+                        bool quiet) {
   std::vector<RobotRecording> recordings;
   for (const auto& file : files) {
     auto recording = read_robot_recording(file, robot.regressor);

@@ -26,6 +26,7 @@ Robot load_robot(const std::string& file);
 void add_preparation(CLI::App& command, identification::Preparation& preparation);
 
 /// Reads and prepares recordings. Throws InputError; prints what is to be known of them unless `quiet`.
-identification::JointMotion read_motion(const Robot& robot, const std::vector<std::string>& files, const identification::Preparation& preparation, bool quiet);
+identification::JointMotion read_motion(const Robot& robot, const std::vector<std::string>& files,
+                                        const identification::Preparation& preparation, bool quiet);
 
 }  // namespace tribotwin::twin::program

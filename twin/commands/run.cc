@@ -5,9 +5,9 @@
 
 #include <fmt/format.h>
 
-#include <tribotwin/twin/io/name.hpp>
 #include <tribotwin/twin/commands/program.hpp>
 #include <tribotwin/twin/io/interrupt.hpp>
+#include <tribotwin/twin/io/name.hpp>
 #include <tribotwin/twin/simulation/run.hpp>
 #include <tribotwin/twin/simulation/run_folder.hpp>
 
@@ -32,22 +32,26 @@ int list_scenarios() {
   std::ranges::sort(files);
   for (const auto& file : files) {
     const YAML::Node node = load_yaml(file);
-    if (node["model"] && !node["procedure"]) print("{:<20} {}\n", file.stem().string(), node["description"].as<std::string>(""));
+    if (node["model"] && !node["procedure"])
+      print("{:<20} {}\n", file.stem().string(), node["description"].as<std::string>(""));
   }
   return done;
 }
 
 void print_summary(const Summary& s, const fs::path& directory) {
   print("simulated {:.1f} s in {:.2f} s ({:.0f} x real time), {} of {} steps computed\n", s.simulated_s, s.wall_s,
-             s.simulated_s / std::max(s.wall_s, 1e-9), s.steps_computed, s.steps);
-  print("friction work {:.6g} J, heat {:.6g} J, energy balance {:.2g} J\n", s.friction_work_J, s.heat_J, s.energy_balance_J);
-  print("{:<12} {:>28} {:>24} {:>10} {:>10} {:>10}\n", "joint", "temperature [degC]", "friction [Nm]", "load [-]", "clamped", "stuck [s]");
+        s.simulated_s / std::max(s.wall_s, 1e-9), s.steps_computed, s.steps);
+  print("friction work {:.6g} J, heat {:.6g} J, energy balance {:.2g} J\n", s.friction_work_J, s.heat_J,
+        s.energy_balance_J);
+  print("{:<12} {:>28} {:>24} {:>10} {:>10} {:>10}\n", "joint", "temperature [degC]", "friction [Nm]", "load [-]",
+        "clamped", "stuck [s]");
   for (const auto& j : s.joints)
-    print("{:<12} {:>8.2f} ->{:>7.2f} max{:>7.2f} {:>9.4g} rms{:>9.4g} max {:>9.3f} {:>10} {:>10.2f}\n", j.name, j.temperature_degC.start,
-               j.temperature_degC.end, j.temperature_degC.max, j.friction_nm.rms, j.friction_nm.max, j.load_max_norm, j.clamped_samples, j.stuck_s);
+    print("{:<12} {:>8.2f} ->{:>7.2f} max{:>7.2f} {:>9.4g} rms{:>9.4g} max {:>9.3f} {:>10} {:>10.2f}\n", j.name,
+          j.temperature_degC.start, j.temperature_degC.end, j.temperature_degC.max, j.friction_nm.rms,
+          j.friction_nm.max, j.load_max_norm, j.clamped_samples, j.stuck_s);
   if (s.comparison)
     print("MAE against the recording: {:.1f} mrad; the same twin with MuJoCo's frictionloss and damping: {:.1f} mrad\n",
-               s.comparison->mae_mrad, s.comparison->baseline_mae_mrad);
+          s.comparison->mae_mrad, s.comparison->baseline_mae_mrad);
   for (const auto& warning : s.warnings) note("{}", warning);
   if (!directory.empty()) print("written: {0}/telemetry.h5, {0}/summary.json, {0}/scenario.yaml\n", directory.string());
 }
@@ -55,7 +59,8 @@ void print_summary(const Summary& s, const fs::path& directory) {
 void print_varied(const std::vector<VariedRun>& runs, const fs::path& directory) {
   for (const auto& run : runs) {
     print("{:<24} simulated {:.1f} s in {:.2f} s", run.folder, run.summary.simulated_s, run.summary.wall_s);
-    for (const auto& t : run.summary.tracking) print("; error {:.3f} mrad, at standstill {:.4f} mrad to and fro", t.l1_mrad, t.standstill_pp_mrad);
+    for (const auto& t : run.summary.tracking)
+      print("; error {:.3f} mrad, at standstill {:.4f} mrad to and fro", t.l1_mrad, t.standstill_pp_mrad);
     for (const auto& l : run.summary.loops) print("; loop {:.4g} J, {:.4g} Nm/rad", l.area_J, l.stiffness_nm_rad);
     print("\n");
     for (const auto& warning : run.summary.warnings) note("{}: {}", run.folder, warning);
@@ -69,13 +74,18 @@ struct Variation {
   std::vector<std::string> settings;
 };
 
-/// Every combination of the values that a mapping under `vary` lists for its keys, mapping by mapping; none without `vary`.
+/// Every combination of the values that a mapping under `vary` lists for its keys, mapping by mapping; none without
+/// `vary`.
 std::vector<Variation> variations(const fs::path& file) {
   std::vector<Variation> all;
   const YAML::Node root = load_yaml(file), vary = root["vary"];
   if (!vary) return all;
-  const auto fail_at = [&](const YAML::Node& node, const std::string& why) { throw InputError(fmt::format("{}:{}: vary: {}", file.string(), node.Mark().line + 1, why)); };
-  const auto fail = [&](const std::string& why) { fail_at(vary, why + ", for example vary: [{temperature_degC: [20, 35]}]"); };
+  const auto fail_at = [&](const YAML::Node& node, const std::string& why) {
+    throw InputError(fmt::format("{}:{}: vary: {}", file.string(), node.Mark().line + 1, why));
+  };
+  const auto fail = [&](const std::string& why) {
+    fail_at(vary, why + ", for example vary: [{temperature_degC: [20, 35]}]");
+  };
   if (!vary.IsSequence() || vary.size() == 0) fail("must be a list of mappings from keys to lists of values");
   for (const auto& set : vary) {
     if (!set.IsMap()) fail("must be a list of mappings from keys to lists of values");
@@ -83,7 +93,8 @@ std::vector<Variation> variations(const fs::path& file) {
     for (const auto& entry : set) {
       if (!entry.first.IsScalar() || entry.first.Scalar().empty()) fail("has a key that is no name");
       const std::string key = entry.first.Scalar();
-      if (!entry.second.IsSequence() || entry.second.size() == 0) fail(fmt::format("has no list of values for '{}'", key));
+      if (!entry.second.IsSequence() || entry.second.size() == 0)
+        fail(fmt::format("has no list of values for '{}'", key));
       std::vector<Variation> longer;
       for (const Variation& one : product)
         for (const auto& value : entry.second) {
@@ -91,13 +102,15 @@ std::vector<Variation> variations(const fs::path& file) {
           Variation more = one;
           more.folder += (one.folder.empty() ? "" : "_") + fs::path(value.Scalar()).filename().string();
           more.settings.push_back(key + "=" + value.Scalar());
-          if (const auto why = unfit_file_name(more.folder)) fail_at(value, fmt::format("{}: {} makes the folder {}", key, value.Scalar(), *why));
+          if (const auto why = unfit_file_name(more.folder))
+            fail_at(value, fmt::format("{}: {} makes the folder {}", key, value.Scalar(), *why));
           longer.push_back(std::move(more));
         }
       product = std::move(longer);
     }
     for (Variation& one : product) {
-      if (std::ranges::find(all, one.folder, &Variation::folder) != all.end()) fail(fmt::format("gives two runs the folder '{}'", one.folder));
+      if (std::ranges::find(all, one.folder, &Variation::folder) != all.end())
+        fail(fmt::format("gives two runs the folder '{}'", one.folder));
       all.push_back(std::move(one));
     }
   }
@@ -114,7 +127,9 @@ struct Arguments {
 /// The scenario.yaml of an earlier run is not replaced by the run that reads it.
 void require_other_folder(const fs::path& output, const fs::path& scenario) {
   std::error_code error;
-  if (fs::equivalent(output / "scenario.yaml", scenario, error)) throw InputError(fmt::format("-o {}: the scenario that is read lies in it; choose another folder", output.string()));
+  if (fs::equivalent(output / "scenario.yaml", scenario, error))
+    throw InputError(
+        fmt::format("-o {}: the scenario that is read lies in it; choose another folder", output.string()));
 }
 
 int strict_code(const Arguments& a, bool balanced) {
@@ -123,7 +138,8 @@ int strict_code(const Arguments& a, bool balanced) {
 }
 
 /// Runs all variations, each in a folder of its own, and one summary over them.
-int vary(const Arguments& a, const fs::path& file, const std::vector<Variation>& all, const std::vector<std::string>& settings) {
+int vary(const Arguments& a, const fs::path& file, const std::vector<Variation>& all,
+         const std::vector<std::string>& settings) {
   // All are read before the first runs: what is wrong with the last is said at once.
   std::vector<Scenario> scenarios;
   for (const Variation& one : all) {
@@ -139,26 +155,37 @@ int vary(const Arguments& a, const fs::path& file, const std::vector<Variation>&
   {
     Progress progress(a.quiet);
     for (std::size_t i = 0; i < all.size(); ++i) {
-      const auto summary = twin::run(scenarios[i], {.directory = output / all[i].folder, .existing = replace_if(a.force), .realtime = a.realtime, .stop = &interrupted(), .progress = [&](double share, double left) {
-                                                      const double whole = (static_cast<double>(i) + share) / static_cast<double>(all.size());
-                                                      progress(whole, left + static_cast<double>(all.size() - i - 1) * (share > 0 ? left / (1 - std::min(share, 0.999)) : 0));
-                                                    }});
+      const auto summary = twin::run(
+          scenarios[i], {.directory = output / all[i].folder,
+                         .existing = replace_if(a.force),
+                         .realtime = a.realtime,
+                         .stop = &interrupted(),
+                         .progress = [&](double share, double left) {
+                           const double whole = (static_cast<double>(i) + share) / static_cast<double>(all.size());
+                           progress(whole, left + static_cast<double>(all.size() - i - 1) *
+                                                      (share > 0 ? left / (1 - std::min(share, 0.999)) : 0));
+                         }});
       if (!summary) return complain(failed, fmt::format("{}: {}", all[i].folder, summary.error()));
-      if (summary->interrupted) return complain(failed, fmt::format("{}: interrupted; {} of {} runs are whole", all[i].folder, i, all.size()));
+      if (summary->interrupted)
+        return complain(failed, fmt::format("{}: interrupted; {} of {} runs are whole", all[i].folder, i, all.size()));
       runs.push_back({all[i].folder, all[i].settings, *summary});
     }
   }
-  if (const auto ok = write_file(output / "summary.json", varied_json(runs), Existing::refuse); !ok) return complain(failed, ok.error());
+  if (const auto ok = write_file(output / "summary.json", varied_json(runs), Existing::refuse); !ok)
+    return complain(failed, ok.error());
   folder.commit();
-  if (a.json) print("{}", varied_json(runs));
-  else if (!a.quiet) print_varied(runs, output);
+  if (a.json)
+    print("{}", varied_json(runs));
+  else if (!a.quiet)
+    print_varied(runs, output);
   return strict_code(a, std::ranges::all_of(runs, [](const VariedRun& run) { return run.summary.balanced; }));
 }
 
 int execute(const Arguments& a) {
   if (a.list) return list_scenarios();
   catch_interrupts();
-  if (a.scenario.empty()) return complain(wrong_input, "run needs a scenario; 'tribotwin run --list' names those that ship");
+  if (a.scenario.empty())
+    return complain(wrong_input, "run needs a scenario; 'tribotwin run --list' names those that ship");
   std::vector<std::string> settings = a.settings;
   if (a.seed) settings.push_back(fmt::format("seed={}", *a.seed));
   const fs::path file = scenario_file(a.scenario);
@@ -168,13 +195,20 @@ int execute(const Arguments& a) {
   require_other_folder(output, file);
   const auto summary = [&] {
     Progress progress(a.quiet);
-    return twin::run(loaded, {.directory = output, .existing = replace_if(a.force), .realtime = a.realtime, .stop = &interrupted(), .progress = [&](double share, double left) { progress(share, left); }});
+    return twin::run(loaded, {.directory = output,
+                              .existing = replace_if(a.force),
+                              .realtime = a.realtime,
+                              .stop = &interrupted(),
+                              .progress = [&](double share, double left) { progress(share, left); }});
   }();
   if (!summary) return complain(failed, summary.error());
-  if (a.json) print("{}", summary_json(*summary));
-  else if (!a.quiet) print_summary(*summary, output);
+  if (a.json)
+    print("{}", summary_json(*summary));
+  else if (!a.quiet)
+    print_summary(*summary, output);
   if (summary->interrupted)
-    return complain(failed, fmt::format("interrupted at {:.6g} of {:.6g} s; the record in {} is whole until then", summary->simulated_s, loaded.duration_s, output.string()));
+    return complain(failed, fmt::format("interrupted at {:.6g} of {:.6g} s; the record in {} is whole until then",
+                                        summary->simulated_s, loaded.duration_s, output.string()));
   return strict_code(a, summary->balanced);
 }
 
@@ -193,9 +227,11 @@ void add_run(CLI::App& app, int& code) {
   run->add_option("SCENARIO", a->scenario, "Scenario file, or the name of a shipped one");
   run->add_option("-o,--output", a->directory, "Folder for the results (default: runs/NAME)");
   run->add_option("--seed", a->seed, "Seed of everything random");
-  run->add_option("--set", a->settings, "key=value, dotted keys, in place of what the file says")->allow_extra_args(false);
+  run->add_option("--set", a->settings, "key=value, dotted keys, in place of what the file says")
+      ->allow_extra_args(false);
   run->add_flag("--force", a->force, "Replace a run that the folder holds, once the new one is whole");
-  run->add_flag("--strict", a->strict, "Exit code 3 if the energy balance is off by more than 1 % of the friction work");
+  run->add_flag("--strict", a->strict,
+                "Exit code 3 if the energy balance is off by more than 1 % of the friction work");
   run->add_flag("--realtime", a->realtime, "Not faster than the clock");
   run->add_flag("--quiet", a->quiet, "No progress, no summary");
   run->add_flag("--json", a->json, "Print summary.json instead of the table");

@@ -25,18 +25,21 @@ struct Arguments {
   std::vector<std::string> data;
   std::string evaluate;
   Destination output;
-  std::vector<double> cycle_s;   ///< none, one for all files, or one each
+  std::vector<double> cycle_s;  ///< none, one for all files, or one each
   int order = 0;
-  double alpha = 0, rest_degC = 20;   ///< of friction; 0: not known
+  double alpha = 0, rest_degC = 20;  ///< of friction; 0: not known
   bool rested = false, chain = false, json = false, quiet = false;
 };
 
 /// The joints of all files, each with the sessions of those that have it.
 std::vector<JointHeat> read(const Arguments& a) {
-  if (a.cycle_s.size() > 1 && a.cycle_s.size() != a.data.size()) throw InputError(fmt::format("--cycle: {} values for {} files; give one, or one for each", a.cycle_s.size(), a.data.size()));
+  if (a.cycle_s.size() > 1 && a.cycle_s.size() != a.data.size())
+    throw InputError(
+        fmt::format("--cycle: {} values for {} files; give one, or one for each", a.cycle_s.size(), a.data.size()));
   std::vector<JointHeat> joints;
   for (std::size_t f = 0; f < a.data.size(); ++f) {
-    auto recording = read_thermal_recording(a.data[f], f, a.cycle_s.empty() ? 0 : a.cycle_s[a.cycle_s.size() == 1 ? 0 : f]);
+    auto recording =
+        read_thermal_recording(a.data[f], f, a.cycle_s.empty() ? 0 : a.cycle_s[a.cycle_s.size() == 1 ? 0 : f]);
     if (!recording) throw InputError(recording.error());
     if (!a.quiet)
       for (const auto& text : recording->notes) note("{}", text);
@@ -84,7 +87,9 @@ TorqueThermalFit fitted_to_torque(const Arguments& a, const std::string& joint, 
 /// What both fits say.
 Json json_of(const auto& fit, thermal::Order order) {
   Json j{{"order", order == thermal::Order::first ? 1 : 2}};
-  for (const auto& e : fit.parameters) j["parameters"][e.name] = {{"value", e.value}, {"sigma", e.sigma}, {"low", e.low}, {"high", e.high}, {"unit", e.unit}};
+  for (const auto& e : fit.parameters)
+    j["parameters"][e.name] = {
+        {"value", e.value}, {"sigma", e.sigma}, {"low", e.low}, {"high", e.high}, {"unit", e.unit}};
   j["correlated_samples"] = fit.correlation;
   j["samples"] = fit.samples;
   j["unidentifiable"] = fit.unidentifiable;
@@ -108,26 +113,35 @@ Json json_of(const TorqueThermalFit& fit) {
 
 /// `others`: A or P_0 of each file.
 template <class Fit>
-std::string estimates_of(const std::string& joint, const std::string& from, const Fit& fit, const std::vector<Estimate>& others) {
+std::string estimates_of(const std::string& joint, const std::string& from, const Fit& fit,
+                         const std::vector<Estimate>& others) {
   std::string s;
   const auto row = [&](const Estimate& e, const std::string& remark) {
-    s += fmt::format("{:<14} {:<10} {:>12.5g} {:>10}   {:<6}  {:<20} {}\n", joint, e.name, e.value, std::isnan(e.sigma) ? "none" : fmt::format("{:.2g}", e.sigma), e.unit, from, remark);
+    s += fmt::format("{:<14} {:<10} {:>12.5g} {:>10}   {:<6}  {:<20} {}\n", joint, e.name, e.value,
+                     std::isnan(e.sigma) ? "none" : fmt::format("{:.2g}", e.sigma), e.unit, from, remark);
   };
   for (const auto& e : fit.parameters) {
     const bool blind = std::ranges::find(fit.unidentifiable, e.name) != fit.unidentifiable.end();
-    row(e, !blind ? "" : e.status == Status::held ? "not identifiable from this record: no effect of the power is seen" : "not identifiable from this record");
+    row(e, !blind                     ? ""
+           : e.status == Status::held ? "not identifiable from this record: no effect of the power is seen"
+                                      : "not identifiable from this record");
   }
   for (const auto& e : others) row(e, "");
   return s;
 }
 
 std::string rows_of(const std::string& joint, const std::string& from, const TorqueThermalFit& fit) {
-  return estimates_of(joint, from, fit, fit.power_w) + fmt::format("{:<14} friction falls to {:.3g} of the cold one; residual {:.2g} % rms, {} cycles, {:.0f} worth one independent\n", joint, fit.final_to_cold, 100 * fit.rms, fit.samples, fit.correlation);
+  return estimates_of(joint, from, fit, fit.power_w) + fmt::format(
+                                                           "{:<14} friction falls to {:.3g} of the cold one; residual "
+                                                           "{:.2g} % rms, {} cycles, {:.0f} worth one independent\n",
+                                                           joint, fit.final_to_cold, 100 * fit.rms, fit.samples,
+                                                           fit.correlation);
 }
 
 std::string rows_of(const std::string& joint, const std::string& from, const ThermalFit& fit) {
   std::string s = estimates_of(joint, from, fit, fit.ambient);
-  s += fmt::format("{:<14} residual {:.3g} K rms, {} samples, {:.0f} worth one independent\n", joint, fit.rms_K, fit.samples, fit.correlation);
+  s += fmt::format("{:<14} residual {:.3g} K rms, {} samples, {:.0f} worth one independent\n", joint, fit.rms_K,
+                   fit.samples, fit.correlation);
   return s;
 }
 
@@ -153,31 +167,45 @@ int identify(const Arguments& a) {
   const auto joints = read(a);
   std::vector<NamedThermalFit> fits;
   Json j{{"joints", Json::object()}};
-  std::string table = fmt::format("{:<14} {:<10} {:>12} {:>10}   {:<6}  {}\n", "joint", "", "value", "sigma", "unit", "from");
+  std::string table =
+      fmt::format("{:<14} {:<10} {:>12} {:>10}   {:<6}  {}\n", "joint", "", "value", "sigma", "unit", "from");
   Progress progress(a.quiet, "identifying");
   bool from_torque = false;
   for (const auto& joint : joints) {
     const auto without = std::ranges::find_if_not(joint.sessions, has_temperature);
     const bool torque_only = without != joint.sessions.end();
     from_torque |= torque_only;
-    if (torque_only && std::ranges::any_of(joint.sessions, has_temperature)) throw InputError(fmt::format("{}: has no column temperature_{}_degC, which other files have; give all files one, or none", a.data[without->file], joint.name));
-    if (torque_only && !a.rested) throw InputError(fmt::format("{}: has no temperatures; torque alone tells how far a joint is from rest, so that records must begin there, as after a night: say so with --rested", a.data[without->file]));
+    if (torque_only && std::ranges::any_of(joint.sessions, has_temperature))
+      throw InputError(
+          fmt::format("{}: has no column temperature_{}_degC, which other files have; give all files one, or none",
+                      a.data[without->file], joint.name));
+    if (torque_only && !a.rested)
+      throw InputError(
+          fmt::format("{}: has no temperatures; torque alone tells how far a joint is from rest, so that records must "
+                      "begin there, as after a night: say so with --rested",
+                      a.data[without->file]));
     if (torque_only) {
       const auto fit = fit_files(a, joint, fitted_to_torque, j, table);
       constexpr double steady = 0.05;
-      if (fit.rms > steady && !a.quiet) note("{}: the work of the cycles scatters by {:.2g} % about the model; is --cycle their period, and does the robot go back the way it came?", joint.name, 100 * fit.rms);
+      if (fit.rms > steady && !a.quiet)
+        note(
+            "{}: the work of the cycles scatters by {:.2g} % about the model; is --cycle their period, and does the "
+            "robot go back the way it came?",
+            joint.name, 100 * fit.rms);
       fits.emplace_back(joint.name, with_alpha(fit, a.alpha != 0 ? a.alpha : guessed_alpha, a.alpha != 0, a.rest_degC));
-    }
-    else fits.emplace_back(joint.name, fit_files(a, joint, fitted, j, table));
+    } else
+      fits.emplace_back(joint.name, fit_files(a, joint, fitted, j, table));
     if (!torque_only && !a.cycle_s.empty()) {
       const Estimate alpha = fit_alpha(joint.sessions, a.rest_degC);
       j["joints"][joint.name]["alpha"] = {{"value", alpha.value}, {"sigma", alpha.sigma}, {"unit", alpha.unit}};
-      table += fmt::format("{:<14} {:<10} {:>12.5g} {:>10.2g}   {:<6}  of the friction at {:g} degC\n", joint.name, alpha.name, alpha.value, alpha.sigma, alpha.unit, a.rest_degC);
+      table += fmt::format("{:<14} {:<10} {:>12.5g} {:>10.2g}   {:<6}  of the friction at {:g} degC\n", joint.name,
+                           alpha.name, alpha.value, alpha.sigma, alpha.unit, a.rest_degC);
     }
     progress(static_cast<double>(fits.size()) / static_cast<double>(joints.size()));
   }
   if (from_torque && !a.quiet && a.alpha == 0)
-    note("torque tells alpha c, not alpha and c one by one; for that give --alpha, or temperatures.{}", a.output.named() ? fmt::format(" {} is in units in which alpha is {} 1/K", a.output.file, guessed_alpha) : "");
+    note("torque tells alpha c, not alpha and c one by one; for that give --alpha, or temperatures.{}",
+         a.output.named() ? fmt::format(" {} is in units in which alpha is {} 1/K", a.output.file, guessed_alpha) : "");
   if (a.output.named())
     if (const int code = deliver(to_yaml(fits, a.data), a.output)) return code;
   return deliver(a.json ? j.dump(2) + "\n" : table);
@@ -186,13 +214,21 @@ int identify(const Arguments& a) {
 int identify_chain(const Arguments& a) {
   const auto joints = read(a);
   for (const auto& joint : joints)
-    if (!std::ranges::all_of(joint.sessions, has_temperature)) throw InputError(fmt::format("{}: --chain takes the temperatures of all joints; {} has none", a.data.front(), joint.name));
+    if (!std::ranges::all_of(joint.sessions, has_temperature))
+      throw InputError(
+          fmt::format("{}: --chain takes the temperatures of all joints; {} has none", a.data.front(), joint.name));
   const auto fit = fit_thermal_chain(joints);
   if (!fit) throw InputError(fmt::format("{}: {}", a.data.front(), fit.error()));
-  Json j{{"exchange_1_s", {{"value", fit->exchange.value}, {"sigma", fit->exchange.sigma}}}, {"rms_K", fit->rms_K}, {"correlated_samples", fit->correlation}, {"samples", fit->samples}, {"unidentifiable", fit->unidentifiable}};
+  Json j{{"exchange_1_s", {{"value", fit->exchange.value}, {"sigma", fit->exchange.sigma}}},
+         {"rms_K", fit->rms_K},
+         {"correlated_samples", fit->correlation},
+         {"samples", fit->samples},
+         {"unidentifiable", fit->unidentifiable}};
   std::string table = fmt::format("{:<14} {:<10} {:>12} {:>10}   {}\n", "joint", "", "value", "sigma", "unit");
   const auto row = [&](const std::string& joint, const Estimate& e, const std::string& name) {
-    table += fmt::format("{:<14} {:<10} {:>12.5g} {:>10}   {:<6} {}\n", joint, e.name, e.value, std::isnan(e.sigma) ? "none" : fmt::format("{:.2g}", e.sigma), e.unit, std::ranges::count(fit->unidentifiable, name) ? "not identifiable from this record" : "");
+    table += fmt::format("{:<14} {:<10} {:>12.5g} {:>10}   {:<6} {}\n", joint, e.name, e.value,
+                         std::isnan(e.sigma) ? "none" : fmt::format("{:.2g}", e.sigma), e.unit,
+                         std::ranges::count(fit->unidentifiable, name) ? "not identifiable from this record" : "");
   };
   row("all", fit->exchange, fit->exchange.name);
   for (std::size_t k = 0; k < fit->parameters.size(); ++k)
@@ -201,7 +237,8 @@ int identify_chain(const Arguments& a) {
       row(joint, e, joint + "." + e.name);
       j["joints"][joint][e.name] = {{"value", e.value}, {"sigma", e.sigma}, {"unit", e.unit}};
     }
-  table += fmt::format("residual {:.3g} K rms, {} samples, {:.0f} worth one independent\n", fit->rms_K, fit->samples, fit->correlation);
+  table += fmt::format("residual {:.3g} K rms, {} samples, {:.0f} worth one independent\n", fit->rms_K, fit->samples,
+                       fit->correlation);
   if (a.output.named())
     if (const int code = deliver(to_yaml(*fit, a.data), a.output)) return code;
   return deliver(a.json ? j.dump(2) + "\n" : table);
@@ -212,10 +249,14 @@ std::vector<std::vector<std::vector<double>>> predictions(const Arguments& a, co
   std::vector<std::vector<std::vector<double>>> out(joints.size());
   for (const auto& joint : joints)
     for (const auto& session : joint.sessions)
-      if (!has_temperature(session)) throw InputError(fmt::format("{}: has no column temperature_{}_degC to compare with", a.data[session.file], joint.name));
+      if (!has_temperature(session))
+        throw InputError(
+            fmt::format("{}: has no column temperature_{}_degC to compare with", a.data[session.file], joint.name));
   if (is_thermal_chain(a.evaluate)) {
     const auto chain = read_thermal_chain(a.evaluate);
-    if (!std::ranges::equal(joints, chain.joints, {}, &JointHeat::name)) throw InputError(fmt::format("{}: chain: its joints are {}, those of {} are not, in this order", a.evaluate, fmt::join(chain.joints, ", "), a.data.front()));
+    if (!std::ranges::equal(joints, chain.joints, {}, &JointHeat::name))
+      throw InputError(fmt::format("{}: chain: its joints are {}, those of {} are not, in this order", a.evaluate,
+                                   fmt::join(chain.joints, ", "), a.data.front()));
     for (std::size_t s = 0; s < joints.front().sessions.size(); ++s) {
       const auto predicted = predicted_temperatures(chain, joints, s);
       for (std::size_t k = 0; k < joints.size(); ++k) {
@@ -229,7 +270,9 @@ std::vector<std::vector<std::vector<double>>> predictions(const Arguments& a, co
   for (std::size_t k = 0; k < joints.size(); ++k) {
     const auto& joint = joints[k];
     const auto model = std::ranges::find(models, joint.name, [](const auto& m) { return m.first; });
-    if (model == models.end()) throw InputError(fmt::format("{}: joints: has no '{}', of which {} has a temperature", a.evaluate, joint.name, a.data[joint.sessions.front().file]));
+    if (model == models.end())
+      throw InputError(fmt::format("{}: joints: has no '{}', of which {} has a temperature", a.evaluate, joint.name,
+                                   a.data[joint.sessions.front().file]));
     for (const auto& session : joint.sessions) out[k].push_back(predicted_temperature(model->second, session));
   }
   return out;
@@ -239,7 +282,8 @@ int evaluate(const Arguments& a) {
   const auto joints = read(a);
   const auto all = predictions(a, joints);
   Json j{{"joints", Json::object()}};
-  std::string table = fmt::format("{:<14} {:>12} {:>12} {:>12} {:>10}   {}\n", "joint", "error rms K", "largest K", "from degC", "samples", "session");
+  std::string table = fmt::format("{:<14} {:>12} {:>12} {:>12} {:>10}   {}\n", "joint", "error rms K", "largest K",
+                                  "from degC", "samples", "session");
   double worst = 0;
   for (std::size_t k = 0; k < joints.size(); ++k)
     for (std::size_t s = 0; s < joints[k].sessions.size(); ++s) {
@@ -253,8 +297,14 @@ int evaluate(const Arguments& a) {
       }
       const double rms = std::sqrt(squares / static_cast<double>(predicted.size()));
       worst = std::max(worst, rms);
-      j["joints"][joints[k].name].push_back({{"file", a.data[session.file]}, {"from_s", session.time_s.front()}, {"rms_K", rms}, {"largest_K", largest}, {"samples", predicted.size()}});
-      table += fmt::format("{:<14} {:>12.3f} {:>12.3f} {:>12.2f} {:>10}   {} from {:.6g} s\n", joints[k].name, rms, largest, session.temperature_degC.front(), predicted.size(), a.data[session.file], session.time_s.front());
+      j["joints"][joints[k].name].push_back({{"file", a.data[session.file]},
+                                             {"from_s", session.time_s.front()},
+                                             {"rms_K", rms},
+                                             {"largest_K", largest},
+                                             {"samples", predicted.size()}});
+      table +=
+          fmt::format("{:<14} {:>12.3f} {:>12.3f} {:>12.2f} {:>10}   {} from {:.6g} s\n", joints[k].name, rms, largest,
+                      session.temperature_degC.front(), predicted.size(), a.data[session.file], session.time_s.front());
     }
   j["worst_rms_K"] = worst;
   return deliver(a.json ? j.dump(2) + "\n" : table);
@@ -264,16 +314,42 @@ int evaluate(const Arguments& a) {
 
 void add_thermal(CLI::App& app, int& code) {
   auto a = std::make_shared<Arguments>();
-  auto* c = app.add_subcommand("thermal", "How joints warm up: thermal models from recorded heat and temperature, or from torque alone");
-  c->add_option("DATA", a->data, "CSV: time_s, power_w_JOINT or torque_JOINT_nm with velocity_JOINT_rad_s or position_JOINT_rad, and temperature_JOINT_degC; without that --cycle and --rested")->required();
-  auto* order = c->add_option("--order", a->order, "Of the model (default: 2 where both time constants can be told, else 1)")->check(CLI::IsMember({1, 2}));
-  c->add_option("--cycle", a->cycle_s, "Length of the working cycle [s], for heat from torque and motion: one, or one for each file as A,B")->delimiter(',')->check(CLI::Range(1e-3, 3600.0));
+  auto* c = app.add_subcommand(
+      "thermal", "How joints warm up: thermal models from recorded heat and temperature, or from torque alone");
+  c->add_option("DATA", a->data,
+                "CSV: time_s, power_w_JOINT or torque_JOINT_nm with velocity_JOINT_rad_s or position_JOINT_rad, and "
+                "temperature_JOINT_degC; without that --cycle and --rested")
+      ->required();
+  auto* order =
+      c->add_option("--order", a->order, "Of the model (default: 2 where both time constants can be told, else 1)")
+          ->check(CLI::IsMember({1, 2}));
+  c->add_option("--cycle", a->cycle_s,
+                "Length of the working cycle [s], for heat from torque and motion: one, or one for each file as A,B")
+      ->delimiter(',')
+      ->check(CLI::Range(1e-3, 3600.0));
   auto* rested = c->add_flag("--rested", a->rested, "Every file begins at ambient temperature, as after a night");
-  auto* chain = c->add_flag("--chain", a->chain, "Joints warm their neighbours, in the order of the columns, at one rate; for records too short to tell slow poles joint by joint")->excludes(order)->excludes(rested);
-  auto* alpha = c->add_option("--alpha", a->alpha, "Without temperatures: change of friction per K over friction at rest temperature, where it is known [1/K]")->check(CLI::Range(-1.0, 1.0));
-  auto* rest = c->add_option("--rest", a->rest_degC, "Temperature at rest [degC], which alpha refers to")->check(CLI::Range(-60.0, 250.0))->capture_default_str();
+  auto* chain = c->add_flag("--chain", a->chain,
+                            "Joints warm their neighbours, in the order of the columns, at one rate; for records too "
+                            "short to tell slow poles joint by joint")
+                    ->excludes(order)
+                    ->excludes(rested);
+  auto* alpha =
+      c->add_option(
+           "--alpha", a->alpha,
+           "Without temperatures: change of friction per K over friction at rest temperature, where it is known [1/K]")
+          ->check(CLI::Range(-1.0, 1.0));
+  auto* rest = c->add_option("--rest", a->rest_degC, "Temperature at rest [degC], which alpha refers to")
+                   ->check(CLI::Range(-60.0, 250.0))
+                   ->capture_default_str();
   auto* output = a->output.add_to(*c, "PARAMS.yaml to write");
-  c->add_option("--evaluate", a->evaluate, "PARAMS.yaml of an earlier call: how well it predicts these data from their first temperatures")->excludes(order)->excludes(rested)->excludes(output)->excludes(alpha)->excludes(rest)->excludes(chain);
+  c->add_option("--evaluate", a->evaluate,
+                "PARAMS.yaml of an earlier call: how well it predicts these data from their first temperatures")
+      ->excludes(order)
+      ->excludes(rested)
+      ->excludes(output)
+      ->excludes(alpha)
+      ->excludes(rest)
+      ->excludes(chain);
   c->add_flag("--json", a->json, "Print JSON instead of the table");
   c->add_flag("--quiet", a->quiet, "No progress, no notes");
   c->footer("Example:\n  tribotwin thermal monday.csv tuesday.csv -o thermal.yaml");

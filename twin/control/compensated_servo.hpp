@@ -9,10 +9,11 @@ namespace tribotwin::twin {
 struct CompensatedOptions {
   CascadedOptions loops;
   CompensatorOptions compensator;
-  double identification_error = 0;   ///< relative, 1 sigma: the controller's model is not the plant
+  double identification_error = 0;  ///< relative, 1 sigma: the controller's model is not the plant
   std::uint64_t seed = 1;
 };
 
-std::unique_ptr<Servo> make_compensated(const mujoco::Model& model, const mjData* start, const CompensatedOptions& options);
+std::unique_ptr<Servo> make_compensated(const mujoco::Model& model, const mjData* start,
+                                        const CompensatedOptions& options);
 
 }  // namespace tribotwin::twin

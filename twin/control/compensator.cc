@@ -1,8 +1,8 @@
-#include <tribotwin/twin/control/compensator.hpp>
-
 #include <algorithm>
 #include <cmath>
 #include <random>
+
+#include <tribotwin/twin/control/compensator.hpp>
 
 namespace tribotwin::twin {
 
@@ -18,7 +18,9 @@ JointModel JointModel::misjudged(double relative, std::uint64_t seed) const {
   auto parameters = drive.law.parameters;
   for (double& p : parameters) p = judged(p);
   m.drive.law = friction::with_parameters(drive.law, {parameters.data(), drive.law.info->parameters.size()});
-  for (double* p : {&m.drive.bristles.sigma0, &m.drive.bristles.sigma1, &m.drive.bristles.vd, &m.transmission.beta, &m.transmission.gamma, &m.inertia_kg_m2}) *p = judged(*p);
+  for (double* p : {&m.drive.bristles.sigma0, &m.drive.bristles.sigma1, &m.drive.bristles.vd, &m.transmission.beta,
+                    &m.transmission.gamma, &m.inertia_kg_m2})
+    *p = judged(*p);
   for (double& p : m.drive.load_table.values) p = judged(p);
   for (auto& row : m.transmission.k)
     for (double& p : row) p = judged(p);
@@ -29,16 +31,22 @@ JointModel JointModel::misjudged(double relative, std::uint64_t seed) const {
 }
 
 double HysteresisInverse::update(double torque, double temperature) {
-  const auto hysteretic = [&](double torsion) { return transmission::advanced(h_, hysteretic_rad_, torsion - torsion_rad_); };
-  const auto excess = [&](double torsion) { return transmission::torque_nm(h_, torsion, hysteretic(torsion), temperature) - torque; };
+  const auto hysteretic = [&](double torsion) {
+    return transmission::advanced(h_, hysteretic_rad_, torsion - torsion_rad_);
+  };
+  const auto excess = [&](double torsion) {
+    return transmission::torque_nm(h_, torsion, hysteretic(torsion), temperature) - torque;
+  };
   // Torque grows with torsion: a bracket, then the secant with halved weights (Illinois).
   double a = torsion_rad_, fa = excess(a), b = a, fb = fa;
   double step = std::abs(fa) / h_.stiffness(a, temperature);
   for (int i = 0; i < 60 && fa * fb > 0; ++i, step *= 2) b = torsion_rad_ - std::copysign(step, fa), fb = excess(b);
   for (int i = 0; i < 60 && fb != 0 && fa * fb < 0 && std::abs(b - a) > 1e-13; ++i) {
     const double c = (a * fb - b * fa) / (fb - fa), fc = excess(c);
-    if (fc * fb < 0) a = b, fa = fb;
-    else fa *= 0.5;
+    if (fc * fb < 0)
+      a = b, fa = fb;
+    else
+      fa *= 0.5;
     b = c, fb = fc;
   }
   hysteretic_rad_ = hysteretic(b);
@@ -46,25 +54,40 @@ double HysteresisInverse::update(double torque, double temperature) {
 }
 
 Compensator::Compensator(JointModel model, const CompensatorOptions& options)
-    : model_(std::move(model)), options_(options), observer_(options.observer_gain_1_s), inverse_(model_.transmission), reference_(friction::at_temperature(model_.drive.law, options.reference_temperature_degC)) {
+    : model_(std::move(model)),
+      options_(options),
+      observer_(options.observer_gain_1_s),
+      inverse_(model_.transmission),
+      reference_(friction::at_temperature(model_.drive.law, options.reference_temperature_degC)) {
   scratch_.temperature_held = 1;
 }
 
 double Compensator::gear_torque_nm() const { return observer_.residual_nm() * model_.ratio; }
 
 double Compensator::static_friction_nm(double speed) const {
-  const double level = drive::level(model_.drive, reference_, speed * model_.drive.speed_scale(), 0).total() * model_.drive.torque_scale_nm();
+  const double level = drive::level(model_.drive, reference_, speed * model_.drive.speed_scale(), 0).total() *
+                       model_.drive.torque_scale_nm();
   return speed == 0 ? 0 : std::copysign(level, speed);
 }
 
 void Compensator::observe_friction(const Input& in, double time_s, double dt_s) {
   drive::Drive& drive = model_.drive;
-  // Bristles driven by a count that goes to and fro would lose their deflection: the angle follows with the play of one count.
-  angle_rad_ = fresh_ ? in.angle_rad : std::clamp(angle_rad_, in.angle_rad - in.resolution_rad, in.angle_rad + in.resolution_rad);
+  // Bristles driven by a count that goes to and fro would lose their deflection: the angle follows with the play of one
+  // count.
+  angle_rad_ = fresh_ ? in.angle_rad
+                      : std::clamp(angle_rad_, in.angle_rad - in.resolution_rad, in.angle_rad + in.resolution_rad);
   const double strengthening = std::copysign(scratch_.gear_limit_nm, in.speed_rad_s);
   if (!fresh_) {
-    drive::end_step(drive, decay_, {.friction_nm = strengthening, .torque_nm = in.torque_nm, .qd_end_rad_s = in.speed_rad_s, .q_end_rad = angle_rad_, .rotor_inertia_kg_m2 = model_.inertia_kg_m2}, dt_s, memory_, scratch_);
-    memory_.z += options_.friction_gain_rad_nm_s * dt_s * (in.torque_nm - model_.inertia_kg_m2 * in.acceleration_rad_s2 - observer_.residual_nm() - friction_nm_);
+    drive::end_step(drive, decay_,
+                    {.friction_nm = strengthening,
+                     .torque_nm = in.torque_nm,
+                     .qd_end_rad_s = in.speed_rad_s,
+                     .q_end_rad = angle_rad_,
+                     .rotor_inertia_kg_m2 = model_.inertia_kg_m2},
+                    dt_s, memory_, scratch_);
+    memory_.z +=
+        options_.friction_gain_rad_nm_s * dt_s *
+        (in.torque_nm - model_.inertia_kg_m2 * in.acceleration_rad_s2 - observer_.residual_nm() - friction_nm_);
   }
   memory_.load_nm = observer_.residual_nm();
   drive::set_temperature(drive, memory_, in.temperature_degC);
@@ -74,11 +97,14 @@ void Compensator::observe_friction(const Input& in, double time_s, double dt_s) 
 
 double Compensator::update(const Input& in, double time_s, double dt_s) {
   if (options_.compensation == Compensation::none) return 0;
-  if (options_.compensation == Compensation::static_) friction_nm_ = static_friction_nm(in.speed_rad_s);
-  else observe_friction(in, time_s, dt_s);
+  if (options_.compensation == Compensation::static_)
+    friction_nm_ = static_friction_nm(in.speed_rad_s);
+  else
+    observe_friction(in, time_s, dt_s);
   observer_.update(in.torque_nm - friction_nm_, model_.inertia_kg_m2 * in.speed_rad_s, dt_s);
   fresh_ = false;
-  const double temperature = options_.compensation == Compensation::static_ ? options_.reference_temperature_degC : in.temperature_degC;
+  const double temperature =
+      options_.compensation == Compensation::static_ ? options_.reference_temperature_degC : in.temperature_degC;
   const double torsion = inverse_.update(gear_torque_nm(), temperature);
   // The dead zone: what is applied follows what is estimated at the distance of its noise.
   const double zone = options_.compensation == Compensation::proposed ? options_.dead_zone_rad : 0;

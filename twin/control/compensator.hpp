@@ -8,16 +8,16 @@
 #include <tribotwin/plugins/transmission/hysteresis.hpp>
 #include <tribotwin/twin/control/momentum_observer.hpp>
 
-/// Feed-forward of the torsion of an elastic, hysteretic gear from what the motor side knows (P4 section 5.2). No sensor
-/// behind the gear is used: motor torque, less friction, less what accelerates the rotor, is the gear's torque; the inverted
-/// hysteresis makes a torsion of it, and the set point gets that torsion on top.
+/// Feed-forward of the torsion of an elastic, hysteretic gear from what the motor side knows (P4 section 5.2). No
+/// sensor behind the gear is used: motor torque, less friction, less what accelerates the rotor, is the gear's torque;
+/// the inverted hysteresis makes a torsion of it, and the set point gets that torsion on top.
 namespace tribotwin::twin {
 
 /// Where the friction of the momentum observer comes from.
 enum class Compensation {
-  none,       ///< the set point stays as it is
-  static_,    ///< the rival of P4 ([8]): the static friction curve of one temperature without load; no dead zone
-  proposed,   ///< LuGre observer with load and temperature, dead zone
+  none,      ///< the set point stays as it is
+  static_,   ///< the rival of P4 ([8]): the static friction curve of one temperature without load; no dead zone
+  proposed,  ///< LuGre observer with load and temperature, dead zone
 };
 /// "none", "static", "proposed".
 std::string_view name_of(Compensation compensation);
@@ -26,11 +26,12 @@ std::string_view name_of(Compensation compensation);
 struct JointModel {
   drive::Drive drive;
   transmission::Hysteresis transmission;
-  double inertia_kg_m2 = 0;      ///< of the rotor, on the side of the drive's joint
-  double ratio = 1;              ///< joint turns of the drive per turn of the arm
+  double inertia_kg_m2 = 0;  ///< of the rotor, on the side of the drive's joint
+  double ratio = 1;          ///< joint turns of the drive per turn of the arm
 
-  /// Every number of law, bristles, table, stiffness, shape and inertia times 1 + `relative` N(0, 1): what identification
-  /// leaves unknown, so that no plant compensates itself. w stays below 1 and n at or above 1; friction stays a valid law.
+  /// Every number of law, bristles, table, stiffness, shape and inertia times 1 + `relative` N(0, 1): what
+  /// identification leaves unknown, so that no plant compensates itself. w stays below 1 and n at or above 1; friction
+  /// stays a valid law.
   JointModel misjudged(double relative, std::uint64_t seed) const;
 };
 
@@ -49,10 +50,10 @@ class HysteresisInverse {
 
 struct CompensatorOptions {
   Compensation compensation = Compensation::proposed;
-  double observer_gain_1_s = 60;          ///< K_o of (8)
-  double friction_gain_rad_nm_s = 0;      ///< k_f of (12b)
-  double dead_zone_rad = 0;               ///< half width, arm side; for `proposed`
-  double reference_temperature_degC = 20; ///< of the static curve and its spring
+  double observer_gain_1_s = 60;           ///< K_o of (8)
+  double friction_gain_rad_nm_s = 0;       ///< k_f of (12b)
+  double dead_zone_rad = 0;                ///< half width, arm side; for `proposed`
+  double reference_temperature_degC = 20;  ///< of the static curve and its spring
 };
 
 /// One joint's compensation. Call `update` once per control period, in order.
@@ -61,18 +62,18 @@ class Compensator {
   Compensator(JointModel model, const CompensatorOptions& options);
 
   struct Input {
-    double torque_nm;            ///< of the motor since the last call, on the side of the drive's joint
-    double angle_rad, speed_rad_s;   ///< measured, the drive's joint
-    double resolution_rad;       ///< of the angle
-    double acceleration_rad_s2;  ///< set point, the drive's joint: the measured one is too coarse
-    double temperature_degC;     ///< measured, lubricant
+    double torque_nm;               ///< of the motor since the last call, on the side of the drive's joint
+    double angle_rad, speed_rad_s;  ///< measured, the drive's joint
+    double resolution_rad;          ///< of the angle
+    double acceleration_rad_s2;     ///< set point, the drive's joint: the measured one is too coarse
+    double temperature_degC;        ///< measured, lubricant
   };
   /// Torsion to add to the arm's set point [rad].
   double update(const Input& input, double time_s, double dt_s);
 
-  double friction_nm() const { return friction_nm_; }           ///< on the side of the drive's joint, signed
-  double gear_torque_nm() const;                                ///< arm side
-  double torsion_rad() const { return inverse_.torsion_rad(); } ///< as estimated, before the dead zone
+  double friction_nm() const { return friction_nm_; }            ///< on the side of the drive's joint, signed
+  double gear_torque_nm() const;                                 ///< arm side
+  double torsion_rad() const { return inverse_.torsion_rad(); }  ///< as estimated, before the dead zone
 
  private:
   double static_friction_nm(double speed_rad_s) const;

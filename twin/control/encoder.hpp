@@ -6,9 +6,9 @@
 
 namespace tribotwin::twin {
 
-/// A motor encoder of whole counts and the tracking loop of second order by which a drive makes a speed of them: critically
-/// damped, so that a step of one count shows as a speed of at most 0.74 bandwidth counts. Angles are the joint's: with a gear
-/// between, `gear_ratio` motor turns to one of the joint's.
+/// A motor encoder of whole counts and the tracking loop of second order by which a drive makes a speed of them:
+/// critically damped, so that a step of one count shows as a speed of at most 0.74 bandwidth counts. Angles are the
+/// joint's: with a gear between, `gear_ratio` motor turns to one of the joint's.
 class Encoder {
  public:
   /// No encoder: angle and speed are what they are.

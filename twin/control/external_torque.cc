@@ -1,28 +1,33 @@
-#include <tribotwin/twin/control/external_torque.hpp>
-
 #include <algorithm>
 #include <cmath>
 
 #include <Eigen/Dense>
 #include <fmt/format.h>
 
+#include <tribotwin/twin/control/external_torque.hpp>
+
 namespace tribotwin::twin {
 
 ExternalTorque::ExternalTorque(std::shared_ptr<const mujoco::Model> model, double gain_1_s)
-    : model_(std::move(model)), data_(model_->make_data()), observers_(model_->drives().size(), MomentumObserver(gain_1_s)) {
+    : model_(std::move(model)),
+      data_(model_->make_data()),
+      observers_(model_->drives().size(), MomentumObserver(gain_1_s)) {
   for (auto* values : {&external_nm_, &momentum_, &speed_, &load_nm_}) values->resize(observers_.size());
   for (auto* values : {&step_, &moved_}) values->resize(static_cast<std::size_t>((*model_)->nv));
   slides_.resize(observers_.size());
 }
 
-tl::expected<ExternalTorque, std::string> ExternalTorque::make(std::shared_ptr<const mujoco::Model> model, double gain_1_s) {
+tl::expected<ExternalTorque, std::string> ExternalTorque::make(std::shared_ptr<const mujoco::Model> model,
+                                                               double gain_1_s) {
   for (int dof = 0; dof < (*model)->nv; ++dof)
     if (std::ranges::none_of(model->drives(), [dof](const auto& drive) { return drive.dof == dof; }))
-      return tl::unexpected(fmt::format("joint '{}' has no tribotwin.drive: what moves it is not known", (*model)->names + (*model)->name_jntadr[(*model)->dof_jntid[dof]]));
+      return tl::unexpected(fmt::format("joint '{}' has no tribotwin.drive: what moves it is not known",
+                                        (*model)->names + (*model)->name_jntadr[(*model)->dof_jntid[dof]]));
   return ExternalTorque(std::move(model), gain_1_s);
 }
 
-void ExternalTorque::update(std::span<const double> position_rad, std::span<const double> speed_rad_s, std::span<const double> torque_nm, std::span<const double> temperature_degC, double dt_s) {
+void ExternalTorque::update(std::span<const double> position_rad, std::span<const double> speed_rad_s,
+                            std::span<const double> torque_nm, std::span<const double> temperature_degC, double dt_s) {
   const mjModel* m = model_->get();
   mjData* d = data_.get();
   const auto drives = model_->drives();
@@ -43,7 +48,8 @@ void ExternalTorque::update(std::span<const double> position_rad, std::span<cons
     const int dof = drives[i].dof;
     momentum_[i] += moved_[dof];
     const double w = speed_rad_s[i] * drive.speed_scale();
-    const auto level = drive::level(drive, friction::at_temperature(drive.law, temperature_degC[i]), w, load_nm_[i] / drive.torque_max_nm);
+    const auto level = drive::level(drive, friction::at_temperature(drive.law, temperature_degC[i]), w,
+                                    load_nm_[i] / drive.torque_max_nm);
     const double friction = w == 0 ? 0 : std::copysign(level.total() * drive.torque_scale_nm(), w);
     external_nm_[i] = -observers_[i].update(torque_nm[i] - friction - d->qfrc_bias[dof], momentum_[i], dt_s);
     load_nm_[i] = torque_nm[i] - friction - m->dof_armature[dof] * step_[dof] / dt_s;

@@ -11,22 +11,23 @@
 namespace tribotwin::twin {
 
 /// A force sensor without a sensor: what acts on each joint of an arm from outside, from motor torques, motion and the
-/// temperature of each gear. A generalised-momentum observer per joint over the engine's rigid-body model, with the friction of
-/// the drives' laws at the present speed, load and temperature.
+/// temperature of each gear. A generalised-momentum observer per joint over the engine's rigid-body model, with the
+/// friction of the drives' laws at the present speed, load and temperature.
 class ExternalTorque {
  public:
   /// `gain_1_s`: 1 / time constant of the estimate. Every dof of the model must have a drive.
   /// Fails with the name of the joint that has none.
   static tl::expected<ExternalTorque, std::string> make(std::shared_ptr<const mujoco::Model> model, double gain_1_s);
 
-  /// One control period; spans per drive, arm side: position [rad], speed [rad/s], motor torque since the last call [Nm],
-  /// lubricant temperature [degC].
-  void update(std::span<const double> position_rad, std::span<const double> speed_rad_s, std::span<const double> torque_nm, std::span<const double> temperature_degC, double dt_s);
+  /// One control period; spans per drive, arm side: position [rad], speed [rad/s], motor torque since the last call
+  /// [Nm], lubricant temperature [degC].
+  void update(std::span<const double> position_rad, std::span<const double> speed_rad_s,
+              std::span<const double> torque_nm, std::span<const double> temperature_degC, double dt_s);
 
   /// Per drive [Nm], positive in the direction of the joint.
   std::span<const double> torque_nm() const { return external_nm_; }
-  /// Whether the joint slides: at standstill its friction is whatever holds it, and the estimate is worth no more than +- the
-  /// breakaway torque.
+  /// Whether the joint slides: at standstill its friction is whatever holds it, and the estimate is worth no more than
+  /// +- the breakaway torque.
   bool slides(std::size_t drive) const { return slides_[drive]; }
   /// Force [N] and torque [Nm] at a site, world axes, that explain the joints' torques best in the least-squares sense.
   std::array<double, 6> wrench(int site);
@@ -37,7 +38,7 @@ class ExternalTorque {
   mujoco::DataPtr data_;
   std::vector<MomentumObserver> observers_;
   std::vector<double> external_nm_, momentum_, speed_, load_nm_;
-  std::vector<double> step_, moved_;   ///< per dof
+  std::vector<double> step_, moved_;  ///< per dof
   std::vector<bool> slides_;
   bool fresh_ = true;
 };

@@ -1,17 +1,20 @@
-#include <tribotwin/twin/control/servo.hpp>
-
 #include <algorithm>
 #include <cmath>
+
+#include <tribotwin/twin/control/servo.hpp>
 
 namespace tribotwin::twin {
 namespace {
 
 class Cascaded final : public Servo {
  public:
-  Cascaded(const mujoco::Model& model, const mjData* start, const CascadedOptions& o) : servo_(model, start, o), commands_(model.drives().size()) {}
+  Cascaded(const mujoco::Model& model, const mjData* start, const CascadedOptions& o)
+      : servo_(model, start, o), commands_(model.drives().size()) {}
   void control(const mjModel* m, mjData* d, std::span<const SetPoint> set_points) override {
     for (std::size_t i = 0; i < commands_.size(); ++i)
-      commands_[i] = {.mode = DriveCommand::Mode::position, .position_rad = set_points[i].position_rad, .velocity_rad_s = set_points[i].velocity_rad_s};
+      commands_[i] = {.mode = DriveCommand::Mode::position,
+                      .position_rad = set_points[i].position_rad,
+                      .velocity_rad_s = set_points[i].velocity_rad_s};
     servo_.control(m, d, commands_);
   }
 
@@ -40,7 +43,8 @@ class Torque final : public Servo {
  public:
   Torque(const mujoco::Model& model, std::vector<double> torque_nm) : model_(model), torque_nm_(std::move(torque_nm)) {}
   void control(const mjModel*, mjData* d, std::span<const SetPoint>) override {
-    for (std::size_t i = 0; i < torque_nm_.size(); ++i) d->ctrl[model_.drives()[i].control] = torque_nm_[i] / model_.drives()[i].gear;
+    for (std::size_t i = 0; i < torque_nm_.size(); ++i)
+      d->ctrl[model_.drives()[i].control] = torque_nm_[i] / model_.drives()[i].gear;
   }
 
  private:
@@ -50,19 +54,23 @@ class Torque final : public Servo {
 
 }  // namespace
 
-DriveServo::DriveServo(const mujoco::Model& model, const mjData* start, const CascadedOptions& o) : model_(model), options_(o) {
+DriveServo::DriveServo(const mujoco::Model& model, const mjData* start, const CascadedOptions& o)
+    : model_(model), options_(o) {
   for (const auto& drive : model.drives()) {
     Loop loop;
     loop.speed_gain = o.speed_bandwidth_rad_s * inertia_kg_m2(model.get(), start, drive.dof);
     loop.position = position_address(model.get(), drive);
-    loop.limit = model->actuator_ctrllimited[drive.actuator] ? model->actuator_ctrlrange[2 * drive.control + 1] * drive.gear : friction::unlimited;
+    loop.limit = model->actuator_ctrllimited[drive.actuator]
+                     ? model->actuator_ctrlrange[2 * drive.control + 1] * drive.gear
+                     : friction::unlimited;
     if (o.encoder_counts > 0) loop.encoder = Encoder(o.encoder_counts, drive.drive.gear_ratio, o.speed_filter_rad_s);
     loops_.push_back(loop);
   }
 }
 
 void DriveServo::measure(const mjModel* m, const mjData* d) {
-  for (std::size_t i = 0; i < loops_.size(); ++i) loops_[i].encoder.read(d->qpos[loops_[i].position], d->qvel[model_.drives()[i].dof], m->opt.timestep);
+  for (std::size_t i = 0; i < loops_.size(); ++i)
+    loops_[i].encoder.read(d->qpos[loops_[i].position], d->qvel[model_.drives()[i].dof], m->opt.timestep);
 }
 
 void DriveServo::actuate(const mjModel* m, mjData* d, std::span<const DriveCommand> commands) {

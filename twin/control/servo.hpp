@@ -22,11 +22,11 @@ class Servo {
 /// Position P over speed PI, as in industrial drives. Torque limit: the actuator's ctrlrange.
 struct CascadedOptions {
   double position_gain_1_s = 10;
-  double speed_bandwidth_rad_s = 60;   ///< speed gain over the joint's inertia at the start
-  double integral_time_s = 0.1;        ///< 0: no integral part
-  bool gravity = true;                 ///< feed gravity forward
-  double encoder_counts = 0;           ///< per motor turn; 0: angle and speed are measured exactly
-  double speed_filter_rad_s = 300;     ///< bandwidth of the tracking loop behind the encoder
+  double speed_bandwidth_rad_s = 60;  ///< speed gain over the joint's inertia at the start
+  double integral_time_s = 0.1;       ///< 0: no integral part
+  bool gravity = true;                ///< feed gravity forward
+  double encoder_counts = 0;          ///< per motor turn; 0: angle and speed are measured exactly
+  double speed_filter_rad_s = 300;    ///< bandwidth of the tracking loop behind the encoder
 };
 
 /// What one drive is told for a time step. Arm side.
@@ -34,8 +34,8 @@ struct DriveCommand {
   enum class Mode { off, torque, velocity, position };
   Mode mode = Mode::off;
   double position_rad = 0;
-  double velocity_rad_s = 0;     ///< set point, or added to the position loop's output
-  double torque_nm = 0;          ///< set point, or added to the speed loop's output
+  double velocity_rad_s = 0;  ///< set point, or added to the position loop's output
+  double torque_nm = 0;       ///< set point, or added to the speed loop's output
   double torque_limit_nm = friction::unlimited;
 };
 
@@ -71,10 +71,10 @@ std::unique_ptr<Servo> make_cascaded(const mujoco::Model& model, const mjData* s
 
 /// A small servo's firmware: position error -> duty cycle -> DC motor with winding resistance and back-EMF.
 struct DcPositionOptions {
-  double kp = 400, error_gain = 0;     ///< duty = kp error_gain (goal - position), limited to +-1
-  double torque_limit_nm = friction::unlimited;   ///< current limit
-  double supply_V = 7.4, resistance_ohm = 1, kt_nm_A = 1;   ///< torque = kt / R (duty V' - kt speed)
-  double supply_resistance_ohm = 0;    ///< V' = V (1 - R_supply / R duty^2): what the supply loses under load
+  double kp = 400, error_gain = 0;                         ///< duty = kp error_gain (goal - position), limited to +-1
+  double torque_limit_nm = friction::unlimited;            ///< current limit
+  double supply_V = 7.4, resistance_ohm = 1, kt_nm_A = 1;  ///< torque = kt / R (duty V' - kt speed)
+  double supply_resistance_ohm = 0;  ///< V' = V (1 - R_supply / R duty^2): what the supply loses under load
 };
 /// Motor torque [Nm] at a position error [rad] and speed [rad/s].
 double dc_torque_nm(const DcPositionOptions& options, double error_rad, double speed_rad_s);

@@ -1,11 +1,12 @@
-#include <tribotwin/twin/control/temperature_observer.hpp>
-
 #include <algorithm>
 #include <cmath>
 
+#include <tribotwin/twin/control/temperature_observer.hpp>
+
 namespace tribotwin::twin {
 
-TemperatureObserver::TemperatureObserver(drive::Drive drive, const TemperatureObserverOptions& options) : drive_(std::move(drive)), options_(options) {
+TemperatureObserver::TemperatureObserver(drive::Drive drive, const TemperatureObserverOptions& options)
+    : drive_(std::move(drive)), options_(options) {
   const thermal::Rise start = thermal::settled(drive_.thermal, options.start_degC - drive_.thermal.T_amb_degC);
   state_ = {start.node_K[0], start.node_K[1], 1};
   // A wrong start is wrong in all nodes alike.
@@ -14,11 +15,15 @@ TemperatureObserver::TemperatureObserver(drive::Drive drive, const TemperatureOb
   covariance_(2, 2) = options.model_error * options.model_error;
 }
 
-double TemperatureObserver::sigma_K() const { return std::sqrt(std::max(0.0, covariance_.topLeftCorner<2, 2>().sum())); }
+double TemperatureObserver::sigma_K() const {
+  return std::sqrt(std::max(0.0, covariance_.topLeftCorner<2, 2>().sum()));
+}
 
 double TemperatureObserver::friction_nm(const Input& in, double temperature) const {
   const double w = in.speed_rad_s * drive_.speed_scale();
-  const double level = drive::level(drive_, friction::at_temperature(drive_.law, temperature), w, in.load_nm / drive_.torque_max_nm).total();
+  const double level =
+      drive::level(drive_, friction::at_temperature(drive_.law, temperature), w, in.load_nm / drive_.torque_max_nm)
+          .total();
   return std::copysign(level * drive_.torque_scale_nm(), w);
 }
 
@@ -34,7 +39,8 @@ void TemperatureObserver::update(const Input& in, double dt_s) {
   }
   Eigen::Vector3d ambient(model.share(0) * decay.one_minus_keep[0], model.share(1) * decay.one_minus_keep[1], 0);
   ambient *= in.ambient_degC - model.T_amb_degC;
-  // The factor drifts by its own size within the longest time constant: ambient, cooling and grease do not stay as they were.
+  // The factor drifts by its own size within the longest time constant: ambient, cooling and grease do not stay as they
+  // were.
   const double longest_s = model.order == thermal::Order::second ? std::max(model.t_s[0], model.t_s[1]) : model.t_s[0];
   state_ = (ahead * state_ + ambient).eval();
   covariance_ = (ahead * covariance_ * ahead.transpose()).eval();
@@ -42,11 +48,13 @@ void TemperatureObserver::update(const Input& in, double dt_s) {
 
   if (!(std::abs(in.speed_rad_s) >= options_.speed_min_rad_s)) return;
   constexpr double step_K = 0.5;
-  const double T = temperature_degC(), slope = (friction_nm(in, T + step_K) - friction_nm(in, T - step_K)) / (2 * step_K);
+  const double T = temperature_degC(),
+               slope = (friction_nm(in, T + step_K) - friction_nm(in, T - step_K)) / (2 * step_K);
   if (slope == 0) return;
   const Eigen::RowVector3d seen(slope, slope, 0);
   // Errors that stay correlated longer than a step tell less.
-  const double variance = options_.friction_sigma_nm * options_.friction_sigma_nm * std::max(1.0, options_.correlation_s / dt_s);
+  const double variance =
+      options_.friction_sigma_nm * options_.friction_sigma_nm * std::max(1.0, options_.correlation_s / dt_s);
   const Eigen::Vector3d gain = covariance_ * seen.transpose() / (seen * covariance_ * seen.transpose() + variance);
   state_ += gain * (in.friction_nm - friction_nm(in, T));
   const Eigen::Matrix3d rest = Eigen::Matrix3d::Identity() - gain * seen;

@@ -9,26 +9,27 @@ namespace tribotwin::twin {
 struct TemperatureObserverOptions {
   double start_degC = 25;
   double start_sigma_K = 10;
-  /// What the thermal model gets wrong: the heat, and with it the steady rise, of a relative error of this size, 1 sigma.
+  /// What the thermal model gets wrong: the heat, and with it the steady rise, of a relative error of this size, 1
+  /// sigma.
   double model_error = 0.1;
-  double friction_sigma_nm = 1;     ///< error of a measured friction torque, arm side, 1 sigma
-  double correlation_s = 1;         ///< errors this far apart count as independent
-  double speed_min_rad_s = 0.01;    ///< of the joint; below it friction says nothing
+  double friction_sigma_nm = 1;   ///< error of a measured friction torque, arm side, 1 sigma
+  double correlation_s = 1;       ///< errors this far apart count as independent
+  double speed_min_rad_s = 0.01;  ///< of the joint; below it friction says nothing
 };
 
-/// Lubricant temperature of a joint without a sensor: the thermal model of its drive, corrected by what measured friction
-/// differs from the law (an extended Kalman filter over the model's nodes and the factor of its heat). Where the law does not
-/// depend on temperature, as beyond the edge of its range, only the model speaks, and sigma says so. P4 names such an observer
-/// as future work.
+/// Lubricant temperature of a joint without a sensor: the thermal model of its drive, corrected by what measured
+/// friction differs from the law (an extended Kalman filter over the model's nodes and the factor of its heat). Where
+/// the law does not depend on temperature, as beyond the edge of its range, only the model speaks, and sigma says so.
+/// P4 names such an observer as future work.
 class TemperatureObserver {
  public:
   /// The drive's thermal model must be of first or second order.
   TemperatureObserver(drive::Drive drive, const TemperatureObserverOptions& options);
 
   struct Input {
-    double speed_rad_s;             ///< of the joint
-    double load_nm;                 ///< gear torque, arm side, signed
-    double friction_nm;             ///< measured: motor torque less rigid-body torque, arm side, signed
+    double speed_rad_s;  ///< of the joint
+    double load_nm;      ///< gear torque, arm side, signed
+    double friction_nm;  ///< measured: motor torque less rigid-body torque, arm side, signed
     double ambient_degC;
   };
   void update(const Input& input, double dt_s);
@@ -41,7 +42,7 @@ class TemperatureObserver {
 
   drive::Drive drive_;
   TemperatureObserverOptions options_;
-  Eigen::Vector3d state_;           ///< rise of the two nodes [K]; heat over what the model says [-]
+  Eigen::Vector3d state_;  ///< rise of the two nodes [K]; heat over what the model says [-]
   Eigen::Matrix3d covariance_;
 };
 

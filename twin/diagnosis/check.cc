@@ -1,5 +1,3 @@
-#include <tribotwin/twin/diagnosis/check.hpp>
-
 #include <algorithm>
 #include <cmath>
 
@@ -7,28 +5,42 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
+#include <tribotwin/twin/diagnosis/check.hpp>
+
 namespace tribotwin::twin::diagnosis {
 namespace {
 
 using Problem = std::optional<std::string>;
 constexpr double gravity = 9.81;
-constexpr double prior_healthy = 0.9;     ///< most joints that are checked are healthy
-constexpr double unknown_below = 1e-3;    ///< chance of the misfit that the best pattern leaves
+constexpr double prior_healthy = 0.9;   ///< most joints that are checked are healthy
+constexpr double unknown_below = 1e-3;  ///< chance of the misfit that the best pattern leaves
 
 Problem unfit(const HealthyState& h, const ObservationFile& file, const Observation& o) {
-  if (!h.joint.empty() && !file.joint.empty() && h.joint != file.joint) return fmt::format("{}: is of joint '{}', the healthy state of '{}': learn one for each joint", o.file, file.joint, h.joint);
+  if (!h.joint.empty() && !file.joint.empty() && h.joint != file.joint)
+    return fmt::format("{}: is of joint '{}', the healthy state of '{}': learn one for each joint", o.file, file.joint,
+                       h.joint);
   if (h.torque_max_nm > 0 && file.torque_max_nm > 0 && std::abs(file.torque_max_nm / h.torque_max_nm - 1) > 1e-3)
-    return fmt::format("{}: friction_nm / friction_norm says torque_max {:.4g} Nm, the healthy state was learned with {:.4g} Nm: another joint or another unit", o.file, file.torque_max_nm, h.torque_max_nm);
-  if (h.knows_temperature && !o.temperature_degC) return fmt::format("{}: has no column temperature_degC, with which the healthy state was learned: record it, or learn without it", o.name());
+    return fmt::format(
+        "{}: friction_nm / friction_norm says torque_max {:.4g} Nm, the healthy state was learned with {:.4g} Nm: "
+        "another joint or another unit",
+        o.file, file.torque_max_nm, h.torque_max_nm);
+  if (h.knows_temperature && !o.temperature_degC)
+    return fmt::format(
+        "{}: has no column temperature_degC, with which the healthy state was learned: record it, or learn without it",
+        o.name());
   // Standstill friction that a bound holds at Coulomb's is a finding; a curve without slow or fast levels is none.
   for (const Eigen::Index i : {1, 2, 3})
-    if (std::ranges::count(o.weak, feature_names[static_cast<std::size_t>(i)]) && !(o.features(i) > 0 && o.shape.isZero() && o.features(0) == o.features(1)))
-      return fmt::format("{}: {} cannot be told from its levels: record the speeds of the healthy curves, from well below the Stribeck velocity ({:.2g} rad/s, motor side) to well into viscous friction", o.name(),
-                         fmt::join(o.weak, ", "), h.mean(2));
+    if (std::ranges::count(o.weak, feature_names[static_cast<std::size_t>(i)]) &&
+        !(o.features(i) > 0 && o.shape.isZero() && o.features(0) == o.features(1)))
+      return fmt::format(
+          "{}: {} cannot be told from its levels: record the speeds of the healthy curves, from well below the "
+          "Stribeck velocity ({:.2g} rad/s, motor side) to well into viscous friction",
+          o.name(), fmt::join(o.weak, ", "), h.mean(2));
   for (const Eigen::Index i : {1, 2})
     if (const double ratio = o.features(i) / h.mean(i); !(ratio < 20 && ratio > 0.05))
-      return fmt::format("{}: {} is {:.4g} {} where {:.4g} is healthy: another joint or another unit", o.name(), feature_names[static_cast<std::size_t>(i)], o.features(i), feature_units[static_cast<std::size_t>(i)],
-                         h.mean(i));
+      return fmt::format("{}: {} is {:.4g} {} where {:.4g} is healthy: another joint or another unit", o.name(),
+                         feature_names[static_cast<std::size_t>(i)], o.features(i),
+                         feature_units[static_cast<std::size_t>(i)], h.mean(i));
   return {};
 }
 
@@ -41,22 +53,33 @@ std::string load_text(const HealthyState& h, double load_norm) {
 
 std::string sentence_of(const HealthyState& h, const Observation& o, const Verdict& v) {
   std::string s = o.name() + ": ";
-  const bool outside = h.knows_temperature && (*o.temperature_degC < h.temperature_low_degC - 2 || *o.temperature_degC > h.temperature_high_degC + 2);
-  const std::string where = outside ? fmt::format(" Learned were {:.0f} to {:.0f} degC only.", h.temperature_low_degC, h.temperature_high_degC) : "";
+  const bool outside = h.knows_temperature && (*o.temperature_degC < h.temperature_low_degC - 2 ||
+                                               *o.temperature_degC > h.temperature_high_degC + 2);
+  const std::string where = outside ? fmt::format(" Learned were {:.0f} to {:.0f} degC only.", h.temperature_low_degC,
+                                                  h.temperature_high_degC)
+                                    : "";
   if (!v.anomalous) return s + "healthy: contact surfaces and lubricant are as learned." + where;
   std::vector<std::string> what;
   for (std::size_t r = 0; r < regions.size(); ++r)
-    if (v.region[r].anomalous) what.push_back(fmt::format("{} (distance {:.3g}, limit {:.3g})", regions[r].of, v.region[r].statistic, v.region[r].limit));
+    if (v.region[r].anomalous)
+      what.push_back(
+          fmt::format("{} (distance {:.3g}, limit {:.3g})", regions[r].of, v.region[r].statistic, v.region[r].limit));
   for (std::size_t k = 0; k < indicator_count; ++k)
-    if (v.indicators[k] && v.indicators[k]->anomalous) what.push_back(fmt::format("{} ({:.3g}, limit {:.3g})", indicators[k].name, v.indicators[k]->value, v.indicators[k]->limit));
+    if (v.indicators[k] && v.indicators[k]->anomalous)
+      what.push_back(
+          fmt::format("{} ({:.3g}, limit {:.3g})", indicators[k].name, v.indicators[k]->value, v.indicators[k]->limit));
   s += fmt::format("not as learned: {}. ", fmt::join(what, ", "));
-  if (v.pattern == "unknown") s += "No known cause moves friction like this; repeat the test, then inspect the joint.";
+  if (v.pattern == "unknown")
+    s += "No known cause moves friction like this; repeat the test, then inspect the joint.";
   else {
     const Pattern& p = *v.candidates.front().pattern;
-    s += fmt::format("It looks like {} (confidence {:.0f} %), severity {:.2g} {}; {}.", p.meaning, 100 * v.confidence, v.severity, p.unit == "1" ? "(relative)" : p.unit, p.advice);
+    s += fmt::format("It looks like {} (confidence {:.0f} %), severity {:.2g} {}; {}.", p.meaning, 100 * v.confidence,
+                     v.severity, p.unit == "1" ? "(relative)" : p.unit, p.advice);
   }
   if (v.region[0].anomalous && v.load.load_norm > 2 * v.load.sigma)
-    s += fmt::format(" Its friction is that of an additional load of {}; the wear threshold, {}, is {}.", load_text(h, v.load.load_norm), load_text(h, v.load.threshold), v.load.load_norm > v.load.threshold ? "exceeded" : "not reached");
+    s += fmt::format(" Its friction is that of an additional load of {}; the wear threshold, {}, is {}.",
+                     load_text(h, v.load.load_norm), load_text(h, v.load.threshold),
+                     v.load.load_norm > v.load.threshold ? "exceeded" : "not reached");
   return s + where;
 }
 
@@ -67,10 +90,12 @@ Verdict verdict_of(const HealthyState& h, const Observation& o, const CheckOptio
     v.anomalous |= v.region[r].anomalous;
   }
   const double n = static_cast<double>(h.observations);
-  const double t = boost::math::quantile(boost::math::complement(boost::math::students_t(n - 1), options.false_alarm)) * std::sqrt(1 + 1 / n);
+  const double t = boost::math::quantile(boost::math::complement(boost::math::students_t(n - 1), options.false_alarm)) *
+                   std::sqrt(1 + 1 / n);
   for (const std::size_t k : {ripple, lost_motion})
     if (h.indicators[k] && o.indicators[k]) {
-      v.indicators[k] = IndicatorVerdict{.value = *o.indicators[k], .limit = h.indicators[k]->mean + t * h.indicators[k]->deviation};
+      v.indicators[k] =
+          IndicatorVerdict{.value = *o.indicators[k], .limit = h.indicators[k]->mean + t * h.indicators[k]->deviation};
       v.indicators[k]->anomalous = v.indicators[k]->value > v.indicators[k]->limit;
       v.anomalous |= v.indicators[k]->anomalous;
     }
@@ -86,7 +111,8 @@ Verdict verdict_of(const HealthyState& h, const Observation& o, const CheckOptio
     for (const auto& c : v.candidates) sum += c.probability;
     for (auto& c : v.candidates) c.probability /= sum > 0 ? sum : 1 - healthy;
     const Candidate& best = v.candidates.front();
-    const Baseline whole{.coefficients = {}, .covariance = h.together, .inverse_gram = {}, .freedom = h.degrees_of_freedom()};
+    const Baseline whole{
+        .coefficients = {}, .covariance = h.together, .inverse_gram = {}, .freedom = h.degrees_of_freedom()};
     if (const double chance = whole.exceeded_by_chance(best.misfit); chance < unknown_below) {
       v.pattern = "unknown";
       v.confidence = 1 - chance;
@@ -109,7 +135,8 @@ RegionVerdict judge(const HealthyState& h, const Observation& o, std::size_t whi
   RegionVerdict v{.distance = h.distance(o.features, which)};
   v.beyond_two_sigma = v.distance > h.anomalous_distance;
   v.beyond_wear = v.distance > h.wear_distance;
-  v.statistic = e.dot(base.covariance.ldlt().solve(e)) / base.variance(h.regressors(o.temperature_degC), h.scatter_of(o, which));
+  v.statistic =
+      e.dot(base.covariance.ldlt().solve(e)) / base.variance(h.regressors(o.temperature_degC), h.scatter_of(o, which));
   v.limit = base.limit(false_alarm);
   v.by_chance = base.exceeded_by_chance(v.statistic);
   v.anomalous = v.statistic > v.limit;
@@ -131,7 +158,8 @@ EquivalentLoad equivalent_load(const HealthyState& h, const Observation& o) {
   return l;
 }
 
-tl::expected<std::vector<Verdict>, std::string> check(const HealthyState& healthy, const ObservationFile& file, const CheckOptions& options) {
+tl::expected<std::vector<Verdict>, std::string> check(const HealthyState& healthy, const ObservationFile& file,
+                                                      const CheckOptions& options) {
   std::vector<Verdict> all;
   for (const auto& o : file.observations) {
     if (auto problem = unfit(healthy, file, o)) return tl::unexpected(*problem);

@@ -30,33 +30,35 @@ struct IndicatorVerdict {
 };
 
 struct EquivalentLoad {
-  double load_norm = 0, sigma = 0;    ///< extra load that would change Fc, Fs, Vs alike, over torque_max
-  double threshold = 0;               ///< at which paper 2's distance reaches the wear threshold
-  std::optional<double> nm, kg;       ///< where torque_max, the lever are known
+  double load_norm = 0, sigma = 0;  ///< extra load that would change Fc, Fs, Vs alike, over torque_max
+  double threshold = 0;             ///< at which paper 2's distance reaches the wear threshold
+  std::optional<double> nm, kg;     ///< where torque_max, the lever are known
 };
 
 struct Verdict {
   std::array<RegionVerdict, 2> region;
-  std::array<std::optional<IndicatorVerdict>, indicator_count> indicators;   ///< load_norm is none: a payload is no fault
+  std::array<std::optional<IndicatorVerdict>, indicator_count>
+      indicators;  ///< load_norm is none: a payload is no fault
   EquivalentLoad load;
   std::string_view pattern = "healthy";
   double severity = 0;
   double confidence = 0;              ///< probability of the pattern, among all; of an anomaly among the causes
   std::vector<Candidate> candidates;  ///< likeliest first; empty where `unknown`
   std::string sentence;
-  bool anomalous = false;             ///< either region, or an indicator
+  bool anomalous = false;  ///< either region, or an indicator
 };
 
 struct CheckOptions {
-  double false_alarm = two_sigma_false_alarm;   ///< per region and indicator
+  double false_alarm = two_sigma_false_alarm;  ///< per region and indicator
 };
 
 RegionVerdict judge(const HealthyState& healthy, const Observation& o, std::size_t region, double false_alarm);
 /// By generalised least squares along the effect of load on Fc, Fs, Vs.
 EquivalentLoad equivalent_load(const HealthyState& healthy, const Observation& o);
 
-/// Fails on observations that this healthy state cannot judge: another joint, another unit, no temperature, features that
-/// the curve does not tell. The sentence says what to record.
-tl::expected<std::vector<Verdict>, std::string> check(const HealthyState& healthy, const ObservationFile& file, const CheckOptions& options = {});
+/// Fails on observations that this healthy state cannot judge: another joint, another unit, no temperature, features
+/// that the curve does not tell. The sentence says what to record.
+tl::expected<std::vector<Verdict>, std::string> check(const HealthyState& healthy, const ObservationFile& file,
+                                                      const CheckOptions& options = {});
 
 }  // namespace tribotwin::twin::diagnosis

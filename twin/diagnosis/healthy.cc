@@ -1,5 +1,3 @@
-#include <tribotwin/twin/diagnosis/healthy.hpp>
-
 #include <algorithm>
 #include <cmath>
 #include <numeric>
@@ -9,6 +7,7 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
+#include <tribotwin/twin/diagnosis/healthy.hpp>
 #include <tribotwin/twin/numerics/median.hpp>
 
 namespace tribotwin::twin::diagnosis {
@@ -27,7 +26,9 @@ double shape_scatter(const FeatureMatrix& shape, const RegionFeatures& r) {
 
 bool singular(const MatrixXd& covariance) {
   const VectorXd unit = covariance.diagonal().cwiseSqrt().cwiseInverse();
-  return !unit.allFinite() || Eigen::SelfAdjointEigenSolver<MatrixXd>(unit.asDiagonal() * covariance * unit.asDiagonal(), Eigen::EigenvaluesOnly).eigenvalues()(0) < 1e-7;
+  return !unit.allFinite() || Eigen::SelfAdjointEigenSolver<MatrixXd>(
+                                  unit.asDiagonal() * covariance * unit.asDiagonal(), Eigen::EigenvaluesOnly)
+                                      .eigenvalues()(0) < 1e-7;
 }
 
 /// Oracle approximating shrinkage (Chen, Wiesel, Eldar, Hero 2010) of a covariance towards its mean variance times the
@@ -38,14 +39,15 @@ double shrink(FeatureMatrix& covariance, const FeatureMatrix& target, double n) 
   FeatureMatrix S = L.triangularView<Eigen::Lower>().solve(covariance);
   S = L.triangularView<Eigen::Lower>().solve(S.transpose()).eval();
   const double trace = S.trace(), squares = S.squaredNorm();
-  const double share = std::min(1.0, ((1 - 2 / p) * squares + trace * trace) / ((n + 1 - 2 / p) * (squares - trace * trace / p)));
+  const double share =
+      std::min(1.0, ((1 - 2 / p) * squares + trace * trace) / ((n + 1 - 2 / p) * (squares - trace * trace / p)));
   S = (1 - share) * S + share * trace / p * FeatureMatrix::Identity();
   covariance = L * S * L.transpose();
   return share;
 }
 
-/// Rows that belong together: those nearest the middle, their mean and covariance, and again, until nothing changes (Rousseeuw
-/// and Van Driessen 1999); then all rows within the 99.9 % region of those within theirs.
+/// Rows that belong together: those nearest the middle, their mean and covariance, and again, until nothing changes
+/// (Rousseeuw and Van Driessen 1999); then all rows within the 99.9 % region of those within theirs.
 std::vector<std::size_t> clean_rows(const MatrixXd& x, const MatrixXd& y, const VectorXd& scatter) {
   const auto n = static_cast<std::size_t>(x.rows()), half = (3 * n) / 4;
   const auto distances = [&](const std::vector<std::size_t>& rows) {
@@ -70,7 +72,7 @@ std::vector<std::size_t> clean_rows(const MatrixXd& x, const MatrixXd& y, const 
   std::vector<double> d(n, 0.0);
   for (Index k = 0; k < y.cols(); ++k) {
     VectorXd column = y.col(k);
-    if (x.cols() > 1) {   // Theil and Sen: the median of all slopes
+    if (x.cols() > 1) {  // Theil and Sen: the median of all slopes
       std::vector<double> slopes;
       for (Index i = 0; i < x.rows(); ++i)
         for (Index j = 0; j < i; ++j)
@@ -92,7 +94,8 @@ std::vector<std::size_t> clean_rows(const MatrixXd& x, const MatrixXd& y, const 
   d = distances(rows);
   // The covariance of the inner rows is too small: the median distance tells by how much.
   const boost::math::chi_squared chi2(static_cast<double>(y.cols()));
-  const double factor = identification::median_of(d) / boost::math::median(chi2), cut = boost::math::quantile(chi2, 0.999);
+  const double factor = identification::median_of(d) / boost::math::median(chi2),
+               cut = boost::math::quantile(chi2, 0.999);
   std::vector<std::size_t> kept;
   for (std::size_t i = 0; i < n; ++i)
     if (d[i] <= cut * factor) kept.push_back(i);
@@ -108,7 +111,9 @@ std::vector<std::size_t> clean_rows(const MatrixXd& x, const MatrixXd& y, const 
   return kept;
 }
 
-const char* const record_cold_to_hot = "record unloaded curves from a cold start to thermal equilibrium, 20 or so, each with speeds from below to far above the Stribeck velocity";
+const char* const record_cold_to_hot =
+    "record unloaded curves from a cold start to thermal equilibrium, 20 or so, each with speeds from below to far "
+    "above the Stribeck velocity";
 
 /// One joint, one unit.
 Problem mixed(std::span<const ObservationFile> files, std::string& joint, double& torque_max_nm) {
@@ -116,11 +121,14 @@ Problem mixed(std::span<const ObservationFile> files, std::string& joint, double
   for (const auto& f : files) {
     const std::string& file = f.observations.front().file;
     if (!joint.empty() && !f.joint.empty() && f.joint != joint)
-      return fmt::format("{}: is of joint '{}', {} of '{}'; a healthy state is that of one joint: learn each by itself", file, f.joint, named ? named->observations.front().file : "--joint", joint);
+      return fmt::format("{}: is of joint '{}', {} of '{}'; a healthy state is that of one joint: learn each by itself",
+                         file, f.joint, named ? named->observations.front().file : "--joint", joint);
     if (!f.joint.empty() && !named) named = &f, joint = f.joint;
     if (torque_max_nm > 0 && f.torque_max_nm > 0 && std::abs(f.torque_max_nm / torque_max_nm - 1) > 1e-3)
-      return fmt::format("{}: friction_nm / friction_norm says torque_max {:.4g} Nm, {} {:.4g} Nm; these are different joints or units: learn each joint by itself", file, f.torque_max_nm,
-                         scaled ? scaled->observations.front().file : "another says", torque_max_nm);
+      return fmt::format(
+          "{}: friction_nm / friction_norm says torque_max {:.4g} Nm, {} {:.4g} Nm; these are different joints or "
+          "units: learn each joint by itself",
+          file, f.torque_max_nm, scaled ? scaled->observations.front().file : "another says", torque_max_nm);
     if (f.torque_max_nm > 0 && !scaled) scaled = &f, torque_max_nm = f.torque_max_nm;
   }
   return {};
@@ -134,8 +142,11 @@ Problem far_from_the_rest(const std::vector<const Observation*>& all) {
     const double middle = identification::median_of(values);
     for (const auto* o : all)
       if (const double ratio = o->features(feature) / middle; !(ratio < 3 && ratio > 1.0 / 3))
-        return fmt::format("{}: {} is {:.4g} {} where the others have {:.4g}: another joint or another unit ({}); learn from one joint in one unit", o->name(), feature_names[static_cast<std::size_t>(feature)],
-                           o->features(feature), feature_units[static_cast<std::size_t>(feature)], middle, hint);
+        return fmt::format(
+            "{}: {} is {:.4g} {} where the others have {:.4g}: another joint or another unit ({}); learn from one "
+            "joint in one unit",
+            o->name(), feature_names[static_cast<std::size_t>(feature)], o->features(feature),
+            feature_units[static_cast<std::size_t>(feature)], middle, hint);
   }
   return {};
 }
@@ -148,8 +159,10 @@ Problem loaded_among(const std::vector<const Observation*>& all) {
   const double middle = identification::median_of(loads);
   for (const auto* o : all)
     if (o->indicators[load] && *o->indicators[load] > middle + std::max(0.1 * middle, 0.02))
-      return fmt::format("{}: carries a load of {:.3g} of torque_max where the others have {:.3g}; the healthy state is learned without payload: leave this curve out and give it as --loaded, which tells what load does",
-                         o->name(), *o->indicators[load], middle);
+      return fmt::format(
+          "{}: carries a load of {:.3g} of torque_max where the others have {:.3g}; the healthy state is learned "
+          "without payload: leave this curve out and give it as --loaded, which tells what load does",
+          o->name(), *o->indicators[load], middle);
   return {};
 }
 
@@ -157,16 +170,22 @@ Problem loaded_among(const std::vector<const Observation*>& all) {
 Problem learn_load(std::span<const ObservationFile> loaded, HealthyState& h) {
   Features sum = Features::Zero();
   double squares = 0;
-  if (!h.indicators[load]) return std::string("--loaded: the healthy curves have no column load_norm; record the load with every curve");
+  if (!h.indicators[load])
+    return std::string("--loaded: the healthy curves have no column load_norm; record the load with every curve");
   for (const auto& file : loaded)
     for (const auto& o : file.observations) {
-      if (!o.indicators[load]) return fmt::format("{}: has no column load_norm; record the load with every curve", o.name());
+      if (!o.indicators[load])
+        return fmt::format("{}: has no column load_norm; record the load with every curve", o.name());
       const double extra = h.load_term(*o.indicators[load] - h.indicators[load]->mean);
       sum += extra * h.deviation(o);
       squares += extra * extra;
     }
-  if (squares < 0.02 * 0.02) return fmt::format("--loaded: these curves carry no more load than the healthy ones ({:.3g} of torque_max): record some with a payload", h.indicators[load]->mean);
-  h.load_effect.head(3) = sum.head(3) / squares;   // the lubricant does not know of the load (paper 2, Table IV)
+  if (squares < 0.02 * 0.02)
+    return fmt::format(
+        "--loaded: these curves carry no more load than the healthy ones ({:.3g} of torque_max): record some with a "
+        "payload",
+        h.indicators[load]->mean);
+  h.load_effect.head(3) = sum.head(3) / squares;  // the lubricant does not know of the load (paper 2, Table IV)
   h.load_measured = true;
   return {};
 }
@@ -185,12 +204,14 @@ Baseline regression(const MatrixXd& x, const MatrixXd& y, const VectorXd& scatte
 
 double Baseline::limit(double false_alarm) const {
   const auto p = static_cast<double>(covariance.rows());
-  return p * freedom / (freedom - p + 1) * boost::math::quantile(boost::math::complement(boost::math::fisher_f(p, freedom - p + 1), false_alarm));
+  return p * freedom / (freedom - p + 1) *
+         boost::math::quantile(boost::math::complement(boost::math::fisher_f(p, freedom - p + 1), false_alarm));
 }
 
 double Baseline::exceeded_by_chance(double statistic) const {
   const auto p = static_cast<double>(covariance.rows());
-  return boost::math::cdf(boost::math::complement(boost::math::fisher_f(p, freedom - p + 1), statistic * (freedom - p + 1) / (p * freedom)));
+  return boost::math::cdf(boost::math::complement(boost::math::fisher_f(p, freedom - p + 1),
+                                                  statistic * (freedom - p + 1) / (p * freedom)));
 }
 
 VectorXd HealthyState::regressors(std::optional<double> temperature_degC) const {
@@ -219,10 +240,16 @@ double HealthyState::distance(const Features& features, std::size_t which) const
 
 VectorXd HealthyState::radii(std::size_t which) const {
   const auto& r = regions[which];
-  return Eigen::SelfAdjointEigenSolver<MatrixXd>(MatrixXd(covariance.block(r.first, r.first, r.count, r.count)), Eigen::EigenvaluesOnly).eigenvalues().cwiseMax(0).cwiseSqrt();
+  return Eigen::SelfAdjointEigenSolver<MatrixXd>(MatrixXd(covariance.block(r.first, r.first, r.count, r.count)),
+                                                 Eigen::EigenvaluesOnly)
+      .eigenvalues()
+      .cwiseMax(0)
+      .cwiseSqrt();
 }
 
-double HealthyState::sensitivity_at_mean_load() const { return load_sensitivity / (1 + load_sensitivity * (indicators[load] ? indicators[load]->mean : 0)); }
+double HealthyState::sensitivity_at_mean_load() const {
+  return load_sensitivity / (1 + load_sensitivity * (indicators[load] ? indicators[load]->mean : 0));
+}
 
 double HealthyState::load_term(double extra) const {
   const double k = sensitivity_at_mean_load();
@@ -235,13 +262,15 @@ double HealthyState::load_of_term(double term) const {
 }
 
 double HealthyState::wear_load() const {
-  Features along = mean;   // per load_norm, in the features' own units
+  Features along = mean;  // per load_norm, in the features' own units
   along.head(4) = mean.head(4).cwiseProduct(load_effect.head(4));
   const double per_load = std::sqrt(distance(mean + along, 0));
   return per_load > 0 ? std::sqrt(wear_distance) / per_load : 0;
 }
 
-tl::expected<HealthyState, std::string> learn(std::span<const ObservationFile> healthy, std::span<const ObservationFile> loaded, double load_sensitivity, const LearnOptions& options) {
+tl::expected<HealthyState, std::string> learn(std::span<const ObservationFile> healthy,
+                                              std::span<const ObservationFile> loaded, double load_sensitivity,
+                                              const LearnOptions& options) {
   HealthyState h{.load_sensitivity = load_sensitivity, .lever_m = options.lever_m};
   std::vector<const Observation*> all;
   for (const auto& file : healthy) {
@@ -252,17 +281,24 @@ tl::expected<HealthyState, std::string> learn(std::span<const ObservationFile> h
   if (auto p = mixed(loaded, h.joint, h.torque_max_nm)) return tl::unexpected(*p);
   for (const auto* o : all)
     if (!o->weak.empty())
-      return tl::unexpected(fmt::format("{}: {} cannot be told from its levels: record speeds from well below the Stribeck velocity (about 1 rad/s, motor side) to well into viscous friction (about 100 rad/s), 10 levels or more",
-                                        o->name(), fmt::join(o->weak, ", ")));
-  if (all.size() < observations_least) return tl::unexpected(fmt::format("{} curve(s): a healthy state needs {} or more, {} to be worth much: {}", all.size(), observations_least, observations_usual, record_cold_to_hot));
+      return tl::unexpected(
+          fmt::format("{}: {} cannot be told from its levels: record speeds from well below the Stribeck velocity "
+                      "(about 1 rad/s, motor side) to well into viscous friction (about 100 rad/s), 10 levels or more",
+                      o->name(), fmt::join(o->weak, ", ")));
+  if (all.size() < observations_least)
+    return tl::unexpected(fmt::format("{} curve(s): a healthy state needs {} or more, {} to be worth much: {}",
+                                      all.size(), observations_least, observations_usual, record_cold_to_hot));
   if (auto p = far_from_the_rest(all)) return tl::unexpected(*p);
   if (auto p = loaded_among(all)) return tl::unexpected(*p);
 
-  const auto count_with_temperature = std::ranges::count_if(all, [](const auto* o) { return o->temperature_degC.has_value(); });
+  const auto count_with_temperature =
+      std::ranges::count_if(all, [](const auto* o) { return o->temperature_degC.has_value(); });
   if (count_with_temperature > 0) {
     if (static_cast<std::size_t>(count_with_temperature) < all.size()) {
       const auto* without = *std::ranges::find_if(all, [](const auto* o) { return !o->temperature_degC; });
-      return tl::unexpected(fmt::format("{}: has no column temperature_degC, others have: record it with every curve, or take it out of all", without->name()));
+      return tl::unexpected(fmt::format(
+          "{}: has no column temperature_degC, others have: record it with every curve, or take it out of all",
+          without->name()));
     }
     const auto [low, high] = std::ranges::minmax(all, {}, [](const auto* o) { return *o->temperature_degC; });
     h.temperature_low_degC = *low->temperature_degC, h.temperature_high_degC = *high->temperature_degC;
@@ -286,12 +322,16 @@ tl::expected<HealthyState, std::string> learn(std::span<const ObservationFile> h
   }
   if (options.robust) {
     std::vector<std::size_t> kept;
-    const auto good1 = clean_rows(x, y.leftCols(3), scatter.col(0)), good2 = clean_rows(x, y.rightCols(2), scatter.col(1));
+    const auto good1 = clean_rows(x, y.leftCols(3), scatter.col(0)),
+               good2 = clean_rows(x, y.rightCols(2), scatter.col(1));
     std::ranges::set_intersection(good1, good2, std::back_inserter(kept));
     h.left_out = all.size() - kept.size();
     if (kept.size() < observations_least || 3 * kept.size() < 2 * all.size())
-      return tl::unexpected(fmt::format("only {} of {} curves belong together: these are no {} healthy observations of one joint; {}", kept.size(), all.size(), all.size(), record_cold_to_hot));
-    x = MatrixXd(x(kept, Eigen::all)), y = MatrixXd(y(kept, Eigen::all)), raw = MatrixXd(raw(kept, Eigen::all)), scatter = MatrixXd(scatter(kept, Eigen::all));
+      return tl::unexpected(
+          fmt::format("only {} of {} curves belong together: these are no {} healthy observations of one joint; {}",
+                      kept.size(), all.size(), all.size(), record_cold_to_hot));
+    x = MatrixXd(x(kept, Eigen::all)), y = MatrixXd(y(kept, Eigen::all)), raw = MatrixXd(raw(kept, Eigen::all)),
+    scatter = MatrixXd(scatter(kept, Eigen::all));
     std::vector<const Observation*> some;
     for (const std::size_t i : kept) some.push_back(all[i]);
     all = std::move(some);
@@ -305,8 +345,11 @@ tl::expected<HealthyState, std::string> learn(std::span<const ObservationFile> h
     const auto& r = regions[which];
     h.region[which] = regression(x, y.middleCols(r.first, r.count), scatter.col(static_cast<Index>(which)));
     if (singular(h.region[which].covariance) || singular(h.covariance.block(r.first, r.first, r.count, r.count)))
-      return tl::unexpected(fmt::format("the {} curves do not scatter in all of {}: they are copies of each other or lie in one line (collinear), and say nothing of what is normal; {}", all.size(),
-                                        fmt::join(feature_names.begin() + r.first, feature_names.begin() + r.first + r.count, ", "), record_cold_to_hot));
+      return tl::unexpected(fmt::format(
+          "the {} curves do not scatter in all of {}: they are copies of each other or lie in one line (collinear), "
+          "and say nothing of what is normal; {}",
+          all.size(), fmt::join(feature_names.begin() + r.first, feature_names.begin() + r.first + r.count, ", "),
+          record_cold_to_hot));
   }
   // Of observations brought to scatter 1, like what their fits claim.
   FeatureMatrix claimed = FeatureMatrix::Zero();
@@ -319,8 +362,11 @@ tl::expected<HealthyState, std::string> learn(std::span<const ObservationFile> h
     h.together += e * e.transpose() / h.degrees_of_freedom();
     claimed += FeatureMatrix(unit.asDiagonal() * all[i]->shape * unit.asDiagonal()) / n;
   }
-  if (claimed.diagonal().minCoeff() > 0 && claimed.llt().info() == Eigen::Success) h.shrinkage = shrink(h.together, claimed, h.degrees_of_freedom());
-  if (singular(h.together)) return tl::unexpected(fmt::format("the features of the {} curves lie in one line (collinear); {}", all.size(), record_cold_to_hot));
+  if (claimed.diagonal().minCoeff() > 0 && claimed.llt().info() == Eigen::Success)
+    h.shrinkage = shrink(h.together, claimed, h.degrees_of_freedom());
+  if (singular(h.together))
+    return tl::unexpected(
+        fmt::format("the features of the {} curves lie in one line (collinear); {}", all.size(), record_cold_to_hot));
 
   for (std::size_t k = 0; k < indicator_count; ++k) {
     std::vector<double> values;
@@ -330,7 +376,8 @@ tl::expected<HealthyState, std::string> learn(std::span<const ObservationFile> h
     double mean = 0, squares = 0;
     for (const double v : values) mean += v / n;
     for (const double v : values) squares += (v - mean) * (v - mean) / (n - 1);
-    h.indicators[k] = HealthyState::IndicatorState{.mean = mean, .deviation = std::max({std::sqrt(squares), relative_floor[k] * mean, absolute_floor[k]})};
+    h.indicators[k] = HealthyState::IndicatorState{
+        .mean = mean, .deviation = std::max({std::sqrt(squares), relative_floor[k] * mean, absolute_floor[k]})};
   }
 
   h.load_effect.head(2).setConstant(h.sensitivity_at_mean_load());

@@ -14,8 +14,8 @@
 
 /// What is normal for one joint, learned from unloaded curves cold to hot. Two descriptions stand side by side:
 ///
-/// Paper 2's: mean mu and covariance Sigma of Fc, Fs, Vs (region 1) and Fv, beta (region 2) over all temperatures, squared
-/// distance (y - mu)' Sigma^-1 (y - mu) (15) against N^2 (chi-square), ellipsoid radii N sqrt(lambda) (14).
+/// Paper 2's: mean mu and covariance Sigma of Fc, Fs, Vs (region 1) and Fv, beta (region 2) over all temperatures,
+/// squared distance (y - mu)' Sigma^-1 (y - mu) (15) against N^2 (chi-square), ellipsoid radii N sqrt(lambda) (14).
 ///
 /// The baseline that anomalies are judged by: logarithmic features y = B'x + e, x = (1, T - T_reference), e normal with
 /// covariance v S, v the scatter that each fit claims for itself (Observation::shape). For a new healthy observation
@@ -25,18 +25,18 @@
 /// observations were learned; paper 2's distance at the coldest and hottest observations is mostly temperature.
 namespace tribotwin::twin::diagnosis {
 
-/// Share of a normal distribution beyond 2 standard deviations: the rate at which healthy joints are called anomalous in
-/// each region unless another is asked for. Paper 2's N^2 = 4 has 26 % in region 1 and 13.5 % in region 2.
+/// Share of a normal distribution beyond 2 standard deviations: the rate at which healthy joints are called anomalous
+/// in each region unless another is asked for. Paper 2's N^2 = 4 has 26 % in region 1 and 13.5 % in region 2.
 constexpr double two_sigma_false_alarm = 0.0455;
 constexpr std::size_t observations_least = 8, observations_usual = 20;
-constexpr double temperature_span_K = 5;   ///< below, a temperature term would be told by noise alone
+constexpr double temperature_span_K = 5;  ///< below, a temperature term would be told by noise alone
 
 /// Multivariate regression of p numbers on q = 1 or 2 regressors.
 struct Baseline {
-  Eigen::MatrixXd coefficients;     ///< q x p
-  Eigen::MatrixXd covariance;       ///< p x p, of an observation with scatter 1
-  Eigen::MatrixXd inverse_gram;     ///< q x q, (X'WX)^-1
-  double freedom = 0;               ///< nu
+  Eigen::MatrixXd coefficients;  ///< q x p
+  Eigen::MatrixXd covariance;    ///< p x p, of an observation with scatter 1
+  Eigen::MatrixXd inverse_gram;  ///< q x q, (X'WX)^-1
+  double freedom = 0;            ///< nu
 
   Eigen::VectorXd predicted(const Eigen::VectorXd& x) const { return coefficients.transpose() * x; }
   /// Variance factor of observed - predicted, for an observation of this scatter.
@@ -50,22 +50,23 @@ struct Baseline {
 Baseline regression(const Eigen::MatrixXd& x, const Eigen::MatrixXd& y, const Eigen::VectorXd& scatter);
 
 struct HealthyState {
-  std::string joint;                              ///< or empty
-  double torque_max_nm = 0;                       ///< 0: not known
+  std::string joint;         ///< or empty
+  double torque_max_nm = 0;  ///< 0: not known
   std::size_t observations = 0;
-  std::size_t left_out = 0;                       ///< by a robust estimate
+  std::size_t left_out = 0;  ///< by a robust estimate
   double temperature_low_degC = 0, temperature_high_degC = 0;
-  bool knows_temperature = false;                 ///< whether the baseline has a temperature term
-  double load_sensitivity = 0;                    ///< as of ObservationOptions
+  bool knows_temperature = false;  ///< whether the baseline has a temperature term
+  double load_sensitivity = 0;     ///< as of ObservationOptions
 
-  double anomalous_distance = 4, wear_distance = 36;    ///< N^2 of paper 2, 2 and 6 sigma
-  Features mean = Features::Zero();               ///< paper 2, in feature_units
+  double anomalous_distance = 4, wear_distance = 36;  ///< N^2 of paper 2, 2 and 6 sigma
+  Features mean = Features::Zero();                   ///< paper 2, in feature_units
   FeatureMatrix covariance = FeatureMatrix::Zero();
 
-  std::array<Baseline, 2> region;                 ///< of the logarithmic features
-  std::array<double, 2> scatter{1, 1};            ///< that of a typical fit, which counts as 1
-  FeatureMatrix together = FeatureMatrix::Identity();   ///< covariance of both regions for observations of scatter 1, shrunk towards that which the fits claim
-  double shrinkage = 0;                           ///< 0: the sample's, 1: the target
+  std::array<Baseline, 2> region;                      ///< of the logarithmic features
+  std::array<double, 2> scatter{1, 1};                 ///< that of a typical fit, which counts as 1
+  FeatureMatrix together = FeatureMatrix::Identity();  ///< covariance of both regions for observations of scatter 1,
+                                                       ///< shrunk towards that which the fits claim
+  double shrinkage = 0;                                ///< 0: the sample's, 1: the target
 
   struct IndicatorState {
     double mean = 0, deviation = 0;
@@ -76,7 +77,7 @@ struct HealthyState {
   /// load_sensitivity.
   Features load_effect = Features::Zero();
   bool load_measured = false;
-  double lever_m = 0;                             ///< of the payload about the joint, for loads in kg; 0: not known
+  double lever_m = 0;  ///< of the payload about the joint, for loads in kg; 0: not known
   std::vector<std::string> data;
 
   Eigen::VectorXd regressors(std::optional<double> temperature_degC) const;
@@ -99,14 +100,16 @@ struct HealthyState {
 };
 
 struct LearnOptions {
-  bool robust = false;              ///< leave out what lies far off the rest (minimum covariance determinant, reweighted)
+  bool robust = false;  ///< leave out what lies far off the rest (minimum covariance determinant, reweighted)
   double lever_m = 0;
 };
 
-/// Fails with a sentence that says what to record next: too few observations, all of them alike or in one line, features
-/// that a curve does not tell, loaded curves among them, more than one joint or unit. `loaded`: curves of the same joint
-/// with load, from which its effect is learned; may be empty.
-tl::expected<HealthyState, std::string> learn(std::span<const ObservationFile> healthy, std::span<const ObservationFile> loaded, double load_sensitivity, const LearnOptions& options = {});
+/// Fails with a sentence that says what to record next: too few observations, all of them alike or in one line,
+/// features that a curve does not tell, loaded curves among them, more than one joint or unit. `loaded`: curves of the
+/// same joint with load, from which its effect is learned; may be empty.
+tl::expected<HealthyState, std::string> learn(std::span<const ObservationFile> healthy,
+                                              std::span<const ObservationFile> loaded, double load_sensitivity,
+                                              const LearnOptions& options = {});
 
 std::string to_yaml(const HealthyState& state);
 /// Throws InputError with file, key and what would be right.

@@ -25,7 +25,8 @@ std::string rows(const MatrixXd& m) {
 std::string list(const VectorXd& v) { return fmt::format("[{}]", fmt::join(v, ", ")); }
 
 std::string baseline(const Baseline& b) {
-  return fmt::format("{{coefficients: {}, covariance: {}, inverse_gram: {}, freedom: {}}}", rows(b.coefficients), rows(b.covariance), rows(b.inverse_gram), b.freedom);
+  return fmt::format("{{coefficients: {}, covariance: {}, inverse_gram: {}, freedom: {}}}", rows(b.coefficients),
+                     rows(b.covariance), rows(b.inverse_gram), b.freedom);
 }
 
 VectorXd numbers(Mapping& m, const std::string& key, Index count) {
@@ -36,7 +37,9 @@ VectorXd numbers(Mapping& m, const std::string& key, Index count) {
 
 MatrixXd matrix(Mapping& m, const std::string& key, Index row_count, Index column_count) {
   const YAML::Node node = m.raw(key);
-  const auto wrong = [&] { m.fail(key, fmt::format("must be {} list(s) of {} finite numbers", row_count, column_count)); };
+  const auto wrong = [&] {
+    m.fail(key, fmt::format("must be {} list(s) of {} finite numbers", row_count, column_count));
+  };
   MatrixXd out(row_count, column_count);
   if (!node || !node.IsSequence() || static_cast<Index>(node.size()) != row_count) wrong();
   for (Index i = 0; i < row_count; ++i) {
@@ -53,7 +56,8 @@ MatrixXd matrix(Mapping& m, const std::string& key, Index row_count, Index colum
 /// Symmetric and positive definite.
 MatrixXd covariance(Mapping& m, const std::string& key, Index size) {
   const MatrixXd c = matrix(m, key, size, size);
-  if (!c.isApprox(c.transpose(), 1e-9) || c.llt().info() != Eigen::Success) m.fail(key, "is no covariance: it must be symmetric and positive definite");
+  if (!c.isApprox(c.transpose(), 1e-9) || c.llt().info() != Eigen::Success)
+    m.fail(key, "is no covariance: it must be symmetric and positive definite");
   return c;
 }
 
@@ -64,7 +68,9 @@ Mapping required(Mapping& m, const std::string& key) {
 }
 
 Baseline read_baseline(Mapping m, Index regressors, Index size) {
-  Baseline b{.coefficients = matrix(m, "coefficients", regressors, size), .covariance = covariance(m, "covariance", size), .inverse_gram = covariance(m, "inverse_gram", regressors),
+  Baseline b{.coefficients = matrix(m, "coefficients", regressors, size),
+             .covariance = covariance(m, "covariance", size),
+             .inverse_gram = covariance(m, "inverse_gram", regressors),
              .freedom = m.number("freedom", {static_cast<double>(size), 1e9})};
   m.done();
   return b;
@@ -73,24 +79,35 @@ Baseline read_baseline(Mapping m, Index regressors, Index size) {
 }  // namespace
 
 std::string to_yaml(const HealthyState& h) {
-  std::string s = fmt::format("# Healthy state of a joint, of tribotwin diagnose learn: friction law {} with alpha {}, paper 2\n", law_name, alpha);
+  std::string s =
+      fmt::format("# Healthy state of a joint, of tribotwin diagnose learn: friction law {} with alpha {}, paper 2\n",
+                  law_name, alpha);
   if (!h.joint.empty()) s += fmt::format("joint: {}\n", quoted(h.joint));
   if (h.torque_max_nm > 0) s += fmt::format("torque_max_nm: {}\n", h.torque_max_nm);
   s += fmt::format("law: {}\nalpha: {}\nobservations: {}\nleft_out: {}\n", law_name, alpha, h.observations, h.left_out);
-  s += fmt::format("temperature: {{low_degC: {}, high_degC: {}, known: {}}}\n", h.temperature_low_degC, h.temperature_high_degC, h.knows_temperature);
+  s += fmt::format("temperature: {{low_degC: {}, high_degC: {}, known: {}}}\n", h.temperature_low_degC,
+                   h.temperature_high_degC, h.knows_temperature);
   s += fmt::format("features: [{}]\nunits: ['{}']\n", fmt::join(feature_names, ", "), fmt::join(feature_units, "', '"));
   s += fmt::format("mean: {}\ncovariance: {}\n", list(h.mean), rows(h.covariance));
-  s += fmt::format("thresholds:   # squared distances, N^2 of paper 2 (2 and 6 sigma)\n  anomalous: {}\n  wear: {}\n", h.anomalous_distance, h.wear_distance);
+  s += fmt::format("thresholds:   # squared distances, N^2 of paper 2 (2 and 6 sigma)\n  anomalous: {}\n  wear: {}\n",
+                   h.anomalous_distance, h.wear_distance);
   s += "radii:   # N sqrt(lambda) for N = 1, paper 2 (14)\n";
   for (std::size_t r = 0; r < regions.size(); ++r) s += fmt::format("  {}: {}\n", regions[r].name, list(h.radii(r)));
-  s += "# What anomalies are judged by: ln Fc, ln Fs, ln Vs, ln Fv, beta on 1 and, where known, temperature - middle\nbaseline:\n";
-  for (std::size_t r = 0; r < regions.size(); ++r) s += fmt::format("  {}: {}\n", regions[r].name, baseline(h.region[r]));
-  s += fmt::format("  together: {}\n  scatter: [{}]\n  shrinkage: {}\n", rows(h.together), fmt::join(h.scatter, ", "), h.shrinkage);
+  s += "# What anomalies are judged by: ln Fc, ln Fs, ln Vs, ln Fv, beta on 1 and, where known, temperature - "
+       "middle\nbaseline:\n";
+  for (std::size_t r = 0; r < regions.size(); ++r)
+    s += fmt::format("  {}: {}\n", regions[r].name, baseline(h.region[r]));
+  s += fmt::format("  together: {}\n  scatter: [{}]\n  shrinkage: {}\n", rows(h.together), fmt::join(h.scatter, ", "),
+                   h.shrinkage);
   if (std::ranges::any_of(h.indicators, [](const auto& i) { return i.has_value(); })) s += "indicators:\n";
   for (std::size_t k = 0; k < indicator_count; ++k)
-    if (h.indicators[k]) s += fmt::format("  {}: {{mean: {}, sd: {}}}   # {}\n", indicators[k].name, h.indicators[k]->mean, h.indicators[k]->deviation, indicators[k].meaning);
-  s += fmt::format("load:\n  sensitivity: {}   # relative rise of Fc and Fs per load_norm, assumed\n  effect: {}   # on ln Fc, ln Fs, ln Vs, ln Fv, beta per ln(1 + k load) / k, k the sensitivity at the healthy load\n  measured: {}\n", h.load_sensitivity, list(h.load_effect),
-                   h.load_measured);
+    if (h.indicators[k])
+      s += fmt::format("  {}: {{mean: {}, sd: {}}}   # {}\n", indicators[k].name, h.indicators[k]->mean,
+                       h.indicators[k]->deviation, indicators[k].meaning);
+  s += fmt::format(
+      "load:\n  sensitivity: {}   # relative rise of Fc and Fs per load_norm, assumed\n  effect: {}   # on ln Fc, ln "
+      "Fs, ln Vs, ln Fv, beta per ln(1 + k load) / k, k the sensitivity at the healthy load\n  measured: {}\n",
+      h.load_sensitivity, list(h.load_effect), h.load_measured);
   if (h.lever_m > 0) s += fmt::format("  lever_m: {}\n", h.lever_m);
   std::vector<std::string> data;
   for (const auto& file : h.data) data.push_back(quoted(file));
@@ -99,7 +116,8 @@ std::string to_yaml(const HealthyState& h) {
 
 HealthyState read_healthy(const std::filesystem::path& file) {
   Mapping m(file.string(), "", load_yaml(file));
-  m.accept({"joint", "torque_max_nm", "law", "alpha", "observations", "left_out", "temperature", "features", "units", "mean", "covariance", "thresholds", "radii", "baseline", "indicators", "load", "data"});
+  m.accept({"joint", "torque_max_nm", "law", "alpha", "observations", "left_out", "temperature", "features", "units",
+            "mean", "covariance", "thresholds", "radii", "baseline", "indicators", "load", "data"});
   HealthyState h{.joint = m.text_or("joint", ""), .torque_max_nm = m.number_or("torque_max_nm", 0, {1e-9, 1e9})};
   m.choice("law", {law_name});
   m.number("alpha", {alpha, alpha});
@@ -111,7 +129,8 @@ HealthyState read_healthy(const std::filesystem::path& file) {
   h.knows_temperature = temperature.flag_or("known", false);
   temperature.done();
   for (const auto& [key, names] : {std::pair{"features", &feature_names}, {"units", &feature_units}})
-    if (const auto given = m.texts(key); !std::ranges::equal(given, *names)) m.fail(key, fmt::format("are [{}] but must be [{}]", fmt::join(given, ", "), fmt::join(*names, ", ")));
+    if (const auto given = m.texts(key); !std::ranges::equal(given, *names))
+      m.fail(key, fmt::format("are [{}] but must be [{}]", fmt::join(given, ", "), fmt::join(*names, ", ")));
   h.mean = numbers(m, "mean", feature_count);
   if (!(h.mean.minCoeff() > 0)) m.fail("mean", "must hold numbers above 0");
   h.covariance = covariance(m, "covariance", feature_count);
@@ -119,12 +138,13 @@ HealthyState read_healthy(const std::filesystem::path& file) {
   h.anomalous_distance = thresholds.number("anomalous", {0, 1e9});
   h.wear_distance = thresholds.number("wear", {h.anomalous_distance, 1e9});
   thresholds.done();
-  auto radii = required(m, "radii");   // follow from the covariance
+  auto radii = required(m, "radii");  // follow from the covariance
   for (const auto& r : regions) numbers(radii, std::string(r.name), r.count);
   radii.done();
   auto base = required(m, "baseline");
   const Index q = h.knows_temperature ? 2 : 1;
-  for (std::size_t r = 0; r < regions.size(); ++r) h.region[r] = read_baseline(required(base, std::string(regions[r].name)), q, regions[r].count);
+  for (std::size_t r = 0; r < regions.size(); ++r)
+    h.region[r] = read_baseline(required(base, std::string(regions[r].name)), q, regions[r].count);
   h.together = covariance(base, "together", feature_count);
   const VectorXd scatter = numbers(base, "scatter", 2);
   h.scatter = {scatter(0), scatter(1)};
@@ -136,7 +156,8 @@ HealthyState read_healthy(const std::filesystem::path& file) {
     known->accept(names);
     for (std::size_t k = 0; k < indicator_count; ++k)
       if (auto one = known->mapping(std::string(names[k]))) {
-        h.indicators[k] = HealthyState::IndicatorState{.mean = one->number("mean", {-1e9, 1e9}), .deviation = one->number("sd", {1e-12, 1e9})};
+        h.indicators[k] = HealthyState::IndicatorState{.mean = one->number("mean", {-1e9, 1e9}),
+                                                       .deviation = one->number("sd", {1e-12, 1e9})};
         one->done();
       }
   }

@@ -1,5 +1,3 @@
-#include <tribotwin/twin/diagnosis/sequence.hpp>
-
 #include <algorithm>
 #include <cmath>
 
@@ -8,13 +6,14 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
+#include <tribotwin/twin/diagnosis/sequence.hpp>
 #include <tribotwin/twin/io/table.hpp>
 
 namespace tribotwin::twin::diagnosis {
 namespace {
 
 using Eigen::Index, Eigen::MatrixXd, Eigen::VectorXd;
-constexpr double score_most = 8;            ///< a normal score beyond which probabilities underflow
+constexpr double score_most = 8;  ///< a normal score beyond which probabilities underflow
 
 double cumulative(double z) { return boost::math::cdf(boost::math::normal(), z); }
 
@@ -53,16 +52,20 @@ std::optional<Margin> margin_of(const HealthyState& h, std::span<const Observati
   Line line{.coefficients = inverse * x.transpose() * y};
   const double freedom = static_cast<double>(n - 2);
   line.covariance = inverse * (y - x * line.coefficients).squaredNorm() / freedom;
-  const double t = boost::math::quantile(boost::math::students_t(freedom), 0.975), now = static_cast<double>(n - 1), threshold = h.wear_load();
+  const double t = boost::math::quantile(boost::math::students_t(freedom), 0.975), now = static_cast<double>(n - 1),
+               threshold = h.wear_load();
   const double left = threshold - line.at(now), width = t * line.error(now);
-  return Margin{.load_norm = {left, left - width, left + width}, .observations = line.reaches(threshold, 0, now), .earliest = line.reaches(threshold, t, now), .latest = line.reaches(threshold, -t, now)};
+  return Margin{.load_norm = {left, left - width, left + width},
+                .observations = line.reaches(threshold, 0, now),
+                .earliest = line.reaches(threshold, t, now),
+                .latest = line.reaches(threshold, -t, now)};
 }
 
 }  // namespace
 
 double average_run_length(double h) {
   constexpr Index n = 100;
-  const double width = 2 * h / (2 * n - 1);   // state i holds sums around i width, state 0 all that end at 0
+  const double width = 2 * h / (2 * n - 1);  // state i holds sums around i width, state 0 all that end at 0
   MatrixXd stay(n, n);
   for (Index i = 0; i < n; ++i)
     for (Index k = 0; k < n; ++k) {
@@ -83,10 +86,13 @@ Cusum::Step Cusum::take(const VectorXd& y, const VectorXd& x, double scatter, do
   const VectorXd e = y - b.predicted(x);
   const double variance = b.variance(x, scatter);
   const double chance = b.exceeded_by_chance(e.dot(b.covariance.ldlt().solve(e)) / variance);
-  const double score = chance > 0 ? std::clamp(-boost::math::quantile(boost::math::normal(), std::min(chance, 1 - 1e-15)), -score_most, score_most) : score_most;
+  const double score = chance > 0
+                           ? std::clamp(-boost::math::quantile(boost::math::normal(), std::min(chance, 1 - 1e-15)),
+                                        -score_most, score_most)
+                           : score_most;
   sum_ = std::max(0.0, sum_ + score - cusum_allowance);
   sounded_ |= sum_ > threshold;
-  if (!sounded_) {   // recursive least squares
+  if (!sounded_) {  // recursive least squares
     const VectorXd gain = b.inverse_gram * x / variance;
     b.coefficients += gain * e.transpose();
     b.inverse_gram -= gain * gain.transpose() * variance;
@@ -102,7 +108,8 @@ Watch watch(const HealthyState& h, std::span<const Observation> observations, do
   for (const auto& o : observations) {
     WatchStep step;
     for (std::size_t r = 0; r < regions.size(); ++r) {
-      step.region[r] = charts[r].take(o.logarithmic().segment(regions[r].first, regions[r].count), h.regressors(o.temperature_degC), h.scatter_of(o, r), w.threshold);
+      step.region[r] = charts[r].take(o.logarithmic().segment(regions[r].first, regions[r].count),
+                                      h.regressors(o.temperature_degC), h.scatter_of(o, r), w.threshold);
       step.alarm[r] = step.region[r].sum > w.threshold;
       if (step.alarm[r] && !w.first_alarm) w.first_alarm = w.steps.size();
     }
@@ -119,17 +126,23 @@ tl::expected<ResidualWatch, std::string> watch_residuals(const std::filesystem::
   std::vector<std::string> joints;
   for (const auto& name : header->names)
     if (name.ends_with(ending)) joints.push_back(name.substr(0, name.size() - ending.size()));
-  if (joints.empty()) return tl::unexpected(fmt::format("{}:1: no column JOINT{}, as tribotwin-hil shadow --csv writes them; the header names {}", file.string(), ending, fmt::join(header->names, ", ")));
+  if (joints.empty())
+    return tl::unexpected(
+        fmt::format("{}:1: no column JOINT{}, as tribotwin-hil shadow --csv writes them; the header names {}",
+                    file.string(), ending, fmt::join(header->names, ", ")));
   ResidualWatch w{.joint = o.joint};
   if (w.joint.empty() && joints.size() == 1) w.joint = joints.front();
-  if (std::ranges::find(joints, w.joint) == joints.end()) return tl::unexpected(fmt::format("{}: --joint '{}': its joints are {}", file.string(), w.joint, fmt::join(joints, ", ")));
+  if (std::ranges::find(joints, w.joint) == joints.end())
+    return tl::unexpected(
+        fmt::format("{}: --joint '{}': its joints are {}", file.string(), w.joint, fmt::join(joints, ", ")));
   const auto table = read_numbers(file, {"time_s", w.joint + std::string(ending), w.joint + ".temperature_degC"});
   if (!table) return tl::unexpected(table.error());
   const auto &time = table->columns[0], &residual = table->columns[1], &temperature = table->columns[2];
   if (const auto problem = not_increasing(*table, time)) return tl::unexpected(*problem);
-  if (time.empty() || residual.empty()) return tl::unexpected(fmt::format("{}: no row with time_s and {}{}", file.string(), w.joint, ending));
+  if (time.empty() || residual.empty())
+    return tl::unexpected(fmt::format("{}: no row with time_s and {}{}", file.string(), w.joint, ending));
 
-  std::vector<double> level, warmth;   // of the windows: ln rms, mean temperature
+  std::vector<double> level, warmth;  // of the windows: ln rms, mean temperature
   double squares = 0, degrees = 0, end = time.front() + o.window_s;
   std::size_t count = 0;
   for (std::size_t i = 0; i < time.size(); ++i) {
@@ -139,7 +152,7 @@ tl::expected<ResidualWatch, std::string> watch_residuals(const std::filesystem::
         level.push_back(std::log(w.windows.back().rms_nm));
         warmth.push_back(degrees / static_cast<double>(count));
       }
-      end += o.window_s * (std::floor((time[i] - end) / o.window_s) + 1);   // across a gap of any length at once
+      end += o.window_s * (std::floor((time[i] - end) / o.window_s) + 1);  // across a gap of any length at once
       squares = degrees = 0, count = 0;
     }
     squares += residual[i] * residual[i], ++count;
@@ -147,7 +160,9 @@ tl::expected<ResidualWatch, std::string> watch_residuals(const std::filesystem::
   }
   const std::size_t learn = std::max(o.learn, observations_least);
   if (level.size() <= learn)
-    return tl::unexpected(fmt::format("{}: {} whole windows of {:g} s, of which {} are learned from: record {:g} s or more, or shorten --window", file.string(), level.size(), o.window_s, learn, static_cast<double>(learn + 2) * o.window_s));
+    return tl::unexpected(fmt::format(
+        "{}: {} whole windows of {:g} s, of which {} are learned from: record {:g} s or more, or shorten --window",
+        file.string(), level.size(), o.window_s, learn, static_cast<double>(learn + 2) * o.window_s));
 
   const auto n = static_cast<Index>(learn);
   const auto [low, high] = std::minmax_element(warmth.begin(), warmth.begin() + n);
@@ -164,7 +179,9 @@ tl::expected<ResidualWatch, std::string> watch_residuals(const std::filesystem::
   const Baseline baseline = regression(x, y, VectorXd::Ones(n));
   const VectorXd e = y - x * baseline.coefficients;
   w.correlation = e.head(n - 1).dot(e.tail(n - 1)) / std::max(e.squaredNorm(), 1e-300);
-  if (!(baseline.covariance(0, 0) > 0)) return tl::unexpected(fmt::format("{}: the residuals of the first {} windows are all alike; this is no measurement", file.string(), learn));
+  if (!(baseline.covariance(0, 0) > 0))
+    return tl::unexpected(fmt::format("{}: the residuals of the first {} windows are all alike; this is no measurement",
+                                      file.string(), learn));
   w.threshold = cusum_threshold(o.false_alarm);
   Cusum chart(baseline);
   for (std::size_t i = learn; i < level.size(); ++i) {

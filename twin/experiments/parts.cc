@@ -1,5 +1,3 @@
-#include <tribotwin/twin/experiments/parts.hpp>
-
 #include <algorithm>
 #include <atomic>
 #include <chrono>
@@ -14,6 +12,7 @@
 
 #include <fmt/format.h>
 
+#include <tribotwin/twin/experiments/parts.hpp>
 #include <tribotwin/twin/io/checksum.hpp>
 #include <tribotwin/twin/io/folder_lock.hpp>
 #include <tribotwin/twin/io/input.hpp>
@@ -35,27 +34,34 @@ std::optional<std::string> text_of(const fs::path& file) {
 void require_free(const std::string& resolved_yaml, const std::string& folder, const fs::path& directory) {
   std::error_code error;
   if (!fs::exists(directory, error)) return;
-  if (!fs::is_directory(directory, error)) throw InputError(fmt::format("{}: is a file, not a folder", directory.string()));
+  if (!fs::is_directory(directory, error))
+    throw InputError(fmt::format("{}: is a file, not a folder", directory.string()));
   if (const auto text = text_of(directory / "campaign.yaml")) {
     if (*text == resolved_yaml) return;
     const auto first_line = [](const std::string& t) { return t.substr(0, t.find('\n')); };
-    const bool same_text = text->substr(std::min(text->size(), text->find('\n'))) == resolved_yaml.substr(resolved_yaml.find('\n'));
+    const bool same_text =
+        text->substr(std::min(text->size(), text->find('\n'))) == resolved_yaml.substr(resolved_yaml.find('\n'));
     throw InputError(fmt::format("{}: holds {}; choose another folder with -o, or remove this one", directory.string(),
-                                 same_text ? fmt::format("this campaign with another engine or model ('{}', now '{}')", first_line(*text), first_line(resolved_yaml))
+                                 same_text ? fmt::format("this campaign with another engine or model ('{}', now '{}')",
+                                                         first_line(*text), first_line(resolved_yaml))
                                            : "another campaign (its campaign.yaml differs)"));
   }
   // A run that was killed at its very start leaves these.
   for (const auto& entry : fs::directory_iterator(directory, error)) {
     const std::string name = entry.path().filename().string();
-    if (name == "run.lock" || name.starts_with(".campaign.yaml.partial-") || (name == folder && fs::is_empty(entry.path(), error))) continue;
-    throw InputError(fmt::format("{}: holds {} and no campaign; choose another folder with -o", directory.string(), name));
+    if (name == "run.lock" || name.starts_with(".campaign.yaml.partial-") ||
+        (name == folder && fs::is_empty(entry.path(), error)))
+      continue;
+    throw InputError(
+        fmt::format("{}: holds {} and no campaign; choose another folder with -o", directory.string(), name));
   }
 }
 
 Status open(const fs::path& directory, const std::string& folder, const std::string& resolved_yaml, FolderLock& lock) {
   std::error_code error;
   fs::create_directories(directory / folder, error);
-  if (error) return tl::unexpected(fmt::format("{}: cannot be created ({})", (directory / folder).string(), error.message()));
+  if (error)
+    return tl::unexpected(fmt::format("{}: cannot be created ({})", (directory / folder).string(), error.message()));
   if (auto ok = lock.take(directory); !ok) return ok;
   const fs::path file = directory / "campaign.yaml";
   if (text_of(file) == resolved_yaml) return {};
@@ -92,7 +98,8 @@ std::string resolved_yaml(const mujoco::Model& model, const YAML::Node& campaign
   return fmt::format("# MuJoCo {}, model {:016x}\n{}", mj_versionString(), fingerprint(model), to_text(campaign));
 }
 
-tl::expected<Completed, std::string> complete(const std::string& resolved_yaml, const Parts& parts, const LabOptions& options) {
+tl::expected<Completed, std::string> complete(const std::string& resolved_yaml, const Parts& parts,
+                                              const LabOptions& options) {
   const auto started = std::chrono::steady_clock::now();
   require_free(resolved_yaml, parts.folder, options.directory);
   const auto lock = std::make_shared<FolderLock>();
@@ -114,7 +121,7 @@ tl::expected<Completed, std::string> complete(const std::string& resolved_yaml, 
 
   std::atomic<std::size_t> next = 0;
   std::atomic<bool> stop = false;
-  std::mutex mutex;   // guards what follows
+  std::mutex mutex;  // guards what follows
   std::string error;
   std::size_t error_at = parts.files.size(), finished = 0;
   const auto work = [&] {
@@ -133,7 +140,8 @@ tl::expected<Completed, std::string> complete(const std::string& resolved_yaml, 
       ++finished;
       if (options.progress)
         options.progress(static_cast<double>(out.present + finished) / static_cast<double>(parts.files.size()),
-                         std::chrono::duration<double>(std::chrono::steady_clock::now() - started).count() / static_cast<double>(finished) * static_cast<double>(missing.size() - finished));
+                         std::chrono::duration<double>(std::chrono::steady_clock::now() - started).count() /
+                             static_cast<double>(finished) * static_cast<double>(missing.size() - finished));
     }
   };
   const unsigned wanted = options.threads ? options.threads : std::max(1u, std::thread::hardware_concurrency());

@@ -1,6 +1,3 @@
-#include <tribotwin/twin/identification/by_simulation.hpp>
-#include <tribotwin/twin/numerics/cma_es.hpp>
-
 #include <algorithm>
 #include <cmath>
 #include <cstring>
@@ -15,19 +12,22 @@
 #include <pugixml.hpp>
 
 #include <tribotwin/plugins/drive/configuration.hpp>
+#include <tribotwin/twin/identification/by_simulation.hpp>
+#include <tribotwin/twin/numerics/cma_es.hpp>
 
 namespace tribotwin::twin::identification {
 namespace {
 
 namespace fs = std::filesystem;
 using Eigen::Index, Eigen::MatrixXd, Eigen::VectorXd;
-constexpr double unknown = std::numeric_limits<double>::quiet_NaN(), impossible = std::numeric_limits<double>::infinity();
+constexpr double unknown = std::numeric_limits<double>::quiet_NaN(),
+                 impossible = std::numeric_limits<double>::infinity();
 
 struct Key {
   Place place;
   std::string_view name;
   double minimum, maximum;
-  double DcPositionOptions::* option = nullptr;
+  double DcPositionOptions::*option = nullptr;
 };
 constexpr Key keys[] = {
     {Place::joint, "armature", 0, 1e9},
@@ -49,13 +49,17 @@ const Key* find_key(Place place, std::string_view name) {
 }
 
 bool is_law_parameter(std::string_view key) {
-  return std::ranges::any_of(friction::laws(), [&](const auto& law) { return std::ranges::find(law.parameters, key, &friction::Parameter::name) != law.parameters.end(); });
+  return std::ranges::any_of(friction::laws(), [&](const auto& law) {
+    return std::ranges::find(law.parameters, key, &friction::Parameter::name) != law.parameters.end();
+  });
 }
 
 tl::expected<std::string, std::string> read_text(const fs::path& file) {
   std::ifstream stream(file, std::ios::binary);
   std::error_code error;
-  if (!stream || fs::is_directory(file, error)) return tl::unexpected(fmt::format("{}: cannot be read ({})", file.string(), stream ? "a folder" : std::strerror(errno)));
+  if (!stream || fs::is_directory(file, error))
+    return tl::unexpected(
+        fmt::format("{}: cannot be read ({})", file.string(), stream ? "a folder" : std::strerror(errno)));
   std::ostringstream text;
   text << stream.rdbuf();
   return text.str();
@@ -87,7 +91,9 @@ void absolute_folders(pugi::xml_node root, const fs::path& folder) {
       if (compiler.attribute(attribute)) given = compiler.attribute(attribute).value();
       compiler.remove_attribute(attribute);
     }
-    if (!given.empty() || root.select_node("//asset//*[@file]")) root.append_child("compiler").append_attribute(attribute) = (fs::absolute(folder) / given).lexically_normal().c_str();
+    if (!given.empty() || root.select_node("//asset//*[@file]"))
+      root.append_child("compiler").append_attribute(attribute) =
+          (fs::absolute(folder) / given).lexically_normal().c_str();
   }
 }
 
@@ -123,7 +129,9 @@ std::vector<std::string_view> keys_of(Place place, const friction::LawInfo& law)
   if (place == Place::drive) {
     for (const auto& p : law.parameters) all.push_back(p.name);
     for (const char* key : drive::all_keys())
-      if (!is_law_parameter(key) && std::string_view(key) != "law" && std::string_view(key) != "thermal" && std::string_view(key) != "validity") all.emplace_back(key);
+      if (!is_law_parameter(key) && std::string_view(key) != "law" && std::string_view(key) != "thermal" &&
+          std::string_view(key) != "validity")
+        all.emplace_back(key);
   }
   for (const Key& key : keys)
     if (key.place == place) all.push_back(key.name);
@@ -140,7 +148,7 @@ std::string Quantity::path() const { return fmt::format("{}.{}", name(place), ke
 
 double Quantity::scale() const {
   if (sigma > 0) return sigma;
-  return (logarithmic ? std::log(high / low) : high - low) / 6;   // the bounds as three sigma either way
+  return (logarithmic ? std::log(high / low) : high - low) / 6;  // the bounds as three sigma either way
 }
 
 double Quantity::value(double z) const {
@@ -148,7 +156,9 @@ double Quantity::value(double z) const {
   return std::clamp(logarithmic ? start * std::exp(scale() * z) : start + scale() * z, low, high);
 }
 
-double Quantity::coordinate(double value) const { return (logarithmic ? std::log(value / start) : value - start) / scale(); }
+double Quantity::coordinate(double value) const {
+  return (logarithmic ? std::log(value / start) : value - start) / scale();
+}
 
 std::vector<std::size_t> VariantTwins::sought() const {
   std::vector<std::size_t> all;
@@ -163,10 +173,12 @@ std::string VariantTwins::edited(const std::string& text, std::span<const double
   const pugi::xml_node actuator = document.select_node("//actuator/plugin[@plugin='tribotwin.drive']").node();
   const auto named = [&](const char* path, const char* attribute) {
     for (const auto& match : document.select_nodes(path))
-      if (std::string_view(match.node().attribute("name").value()) == actuator.attribute(attribute).value()) return match.node();
+      if (std::string_view(match.node().attribute("name").value()) == actuator.attribute(attribute).value())
+        return match.node();
     return pugi::xml_node();
   };
-  pugi::xml_node instance = named("//extension/plugin[@plugin='tribotwin.drive']/instance", "instance"), joint = named("//worldbody//joint", "joint");
+  pugi::xml_node instance = named("//extension/plugin[@plugin='tribotwin.drive']/instance", "instance"),
+                 joint = named("//worldbody//joint", "joint");
   const auto config = [&](std::string_view key) {
     for (pugi::xml_node c : instance.children("config"))
       if (c.attribute("key").value() == key) return c;
@@ -199,7 +211,8 @@ std::string VariantTwins::edited(const std::string& text, std::span<const double
   return text_of(document);
 }
 
-tl::expected<std::shared_ptr<const mujoco::Model>, std::string> VariantTwins::load(const std::string& text, std::span<const double> values) const {
+tl::expected<std::shared_ptr<const mujoco::Model>, std::string> VariantTwins::load(
+    const std::string& text, std::span<const double> values) const {
   const std::string mjcf = edited(text, values);
   const std::lock_guard lock(compiler);
   return mujoco::load_string(mjcf, {.timestep_s = variant_->timestep_s});
@@ -210,7 +223,9 @@ tl::expected<VariantTwins, std::string> VariantTwins::open(const Variant& varian
   twins.variant_ = std::make_shared<const Variant>(variant);
   const auto given = mujoco::load_file(variant.model);
   if (!given) return tl::unexpected("model: " + given.error());
-  if ((*given)->drives().size() != 1) return tl::unexpected(fmt::format("model: {} has {} drives, but a recording of one joint needs exactly 1", variant.model.string(), (*given)->drives().size()));
+  if ((*given)->drives().size() != 1)
+    return tl::unexpected(fmt::format("model: {} has {} drives, but a recording of one joint needs exactly 1",
+                                      variant.model.string(), (*given)->drives().size()));
   const auto text = read_text(variant.model);
   if (!text) return tl::unexpected("model: " + text.error());
   pugi::xml_document document;
@@ -232,14 +247,15 @@ tl::expected<VariantTwins, std::string> VariantTwins::open(const Variant& varian
     for (const double bound : {q.low, q.high}) {
       auto edge = values;
       edge[i] = bound;
-      if (const auto model = twins.load(twins.lean_, edge); !model) return tl::unexpected(fmt::format("{}: its bound {:g} is refused: {}", q.path(), bound, model.error()));
+      if (const auto model = twins.load(twins.lean_, edge); !model)
+        return tl::unexpected(fmt::format("{}: its bound {:g} is refused: {}", q.path(), bound, model.error()));
     }
   }
   return twins;
 }
 
-/// Geometry that is only seen costs more than half of a small model's step. It goes where that changes no bit: the masses
-/// it stood for stay.
+/// Geometry that is only seen costs more than half of a small model's step. It goes where that changes no bit: the
+/// masses it stood for stay.
 void VariantTwins::try_without_scenery() {
   lean_ = text_;
   pugi::xml_document document;
@@ -251,13 +267,16 @@ void VariantTwins::try_without_scenery() {
     pugi::xml_node body = match.node();
     if (body.child("inertial") || m->body_mass[id] == 0) continue;
     pugi::xml_node inertial = body.prepend_child("inertial");
-    const auto give = [&](const char* attribute, const mjtNum* first, int count) { inertial.append_attribute(attribute) = fmt::format("{}", fmt::join(first, first + count, " ")).c_str(); };
+    const auto give = [&](const char* attribute, const mjtNum* first, int count) {
+      inertial.append_attribute(attribute) = fmt::format("{}", fmt::join(first, first + count, " ")).c_str();
+    };
     give("mass", m->body_mass + id, 1);
     give("pos", m->body_ipos + 3 * id, 3);
     give("quat", m->body_iquat + 4 * id, 4);
     give("diaginertia", m->body_inertia + 3 * id, 3);
   }
-  for (const char* path : {"//worldbody//geom", "//worldbody//site", "//worldbody//light", "//worldbody//camera", "//asset", "//visual"})
+  for (const char* path :
+       {"//worldbody//geom", "//worldbody//site", "//worldbody//light", "//worldbody//camera", "//asset", "//visual"})
     for (const auto& match : document.select_nodes(path)) match.node().parent().remove_child(match.node());
   for (const auto& match : document.select_nodes("//@material")) match.parent().remove_attribute(match.attribute());
   const std::string stripped = text_of(document);
@@ -269,7 +288,8 @@ void VariantTwins::try_without_scenery() {
   // A whole turn each way: were something to touch, or to weigh, the trajectories would part.
   const auto& drive = reference_->drives()[0];
   for (int k = 0; k < 4000; ++k) {
-    for (const auto& d : {a.get(), b.get()}) d->ctrl[drive.control] = (k / 1000 % 2 ? -0.5 : 0.5) * drive.drive.torque_max_nm / drive.gear;
+    for (const auto& d : {a.get(), b.get()})
+      d->ctrl[drive.control] = (k / 1000 % 2 ? -0.5 : 0.5) * drive.drive.torque_max_nm / drive.gear;
     reference_->step(a.get());
     (*lean)->step(b.get());
     if (!std::equal(a->qpos, a->qpos + (**lean)->nq, b->qpos) || a->ncon != 0) return;
@@ -290,7 +310,8 @@ DcPositionOptions VariantTwins::control(std::span<const double> values, const Re
   for (const auto& [key, value] : recording.points.numbers)
     if (key == "kp") o.kp = value;
   for (std::size_t i = 0; i < values.size(); ++i)
-    if (const Key* key = find_key(variant_->quantities[i].place, variant_->quantities[i].key); key && key->option) o.*key->option = values[i];
+    if (const Key* key = find_key(variant_->quantities[i].place, variant_->quantities[i].key); key && key->option)
+      o.*key->option = values[i];
   for (const auto& [key, value] : recording.control) o.*find_key(Place::control, key)->option = value;
   return o;
 }
@@ -301,18 +322,21 @@ double VariantTwins::delay_s(std::span<const double> values) const {
   return 0;
 }
 
-tl::expected<std::vector<double>, std::string> VariantTwins::positions(const Candidate& candidate, const Recording& recording) const {
+tl::expected<std::vector<double>, std::string> VariantTwins::positions(const Candidate& candidate,
+                                                                       const Recording& recording) const {
   const SetPoints& r = recording.points;
   Scenario scenario;
   scenario.model = candidate.model;
   scenario.duration_s = recording.duration_s();
   scenario.start_rad = {r.measured_rad[0]};
   const double recorded = r.temperature_degC[0];
-  scenario.temperature_degC = {recording.temperature_degC.value_or(std::isfinite(recorded) ? recorded : candidate.model->drives()[0].drive.thermal.T_amb_degC)};
+  scenario.temperature_degC = {recording.temperature_degC.value_or(
+      std::isfinite(recorded) ? recorded : candidate.model->drives()[0].drive.thermal.T_amb_degC)};
   scenario.control = control(candidate.values, recording);
   scenario.motion.emplace(scenario.start_rad);
   const double delay = delay_s(candidate.values);
-  for (std::size_t i = 0; i < r.time_s.size(); ++i) scenario.motion->hold_at(r.time_s[i] - r.time_s[0] + delay, {r.position_rad[0][i]});
+  for (std::size_t i = 0; i < r.time_s.size(); ++i)
+    scenario.motion->hold_at(r.time_s[i] - r.time_s[0] + delay, {r.position_rad[0][i]});
   scenario.recording = SetPoints{.time_s = r.time_s, .torque_on = r.torque_on};
 
   Twin twin(scenario);
@@ -321,13 +345,16 @@ tl::expected<std::vector<double>, std::string> VariantTwins::positions(const Can
   std::vector<double> positions(r.time_s.size(), unknown);
   std::size_t next = 0;
   while (twin.steps() < steps) {
-    for (; next < r.time_s.size() && r.time_s[next] - r.time_s[0] <= twin.time_s() + 1e-12; ++next) positions[next] = twin.data()->qpos[address];
+    for (; next < r.time_s.size() && r.time_s[next] - r.time_s[0] <= twin.time_s() + 1e-12; ++next)
+      positions[next] = twin.data()->qpos[address];
     if (const auto ok = twin.step(); !ok) return tl::unexpected(ok.error());
   }
   return positions;
 }
 
-double mae_mrad(const Recording& recording, std::span<const double> positions) { return 1e3 * mean_error(Norm::absolute, recording, positions); }
+double mae_mrad(const Recording& recording, std::span<const double> positions) {
+  return 1e3 * mean_error(Norm::absolute, recording, positions);
+}
 
 namespace {
 
@@ -355,9 +382,16 @@ class Counter {
 /// n ln(error) + 1/2 sum z^2 over the sought quantities; infinite where the twin is refused or diverges.
 class Posterior {
  public:
-  Posterior(const VariantTwins& twins, const std::vector<Recording>& recordings, std::vector<std::size_t> learn, const SearchOptions& options, Counter& counter)
-      : twins_(twins), recordings_(recordings), learn_(std::move(learn)), options_(options), counter_(counter), sought_(twins.sought()) {
-    for (const std::size_t i : learn_) independent_ += std::max(1.0, recordings_[i].duration_s() / options.correlation_s);
+  Posterior(const VariantTwins& twins, const std::vector<Recording>& recordings, std::vector<std::size_t> learn,
+            const SearchOptions& options, Counter& counter)
+      : twins_(twins),
+        recordings_(recordings),
+        learn_(std::move(learn)),
+        options_(options),
+        counter_(counter),
+        sought_(twins.sought()) {
+    for (const std::size_t i : learn_)
+      independent_ += std::max(1.0, recordings_[i].duration_s() / options.correlation_s);
   }
 
   Index size() const { return static_cast<Index>(sought_.size()); }
@@ -387,7 +421,9 @@ class Posterior {
 
   double operator()(const VectorXd& z) const {
     const double e = error(z);
-    return e == impossible ? impossible : independent_ * (options_.norm == Norm::squared ? 0.5 : 1.0) * std::log(std::max(e, 1e-30)) + prior(z);
+    return e == impossible
+               ? impossible
+               : independent_ * (options_.norm == Norm::squared ? 0.5 : 1.0) * std::log(std::max(e, 1e-30)) + prior(z);
   }
 
   /// J^T J of the positions over their mean square error, every recording weighing the same.
@@ -403,7 +439,9 @@ class Posterior {
       }
       return sum / static_cast<double>(learn_.size());
     }();
-    std::vector<std::pair<tl::expected<VariantTwins::Candidate, std::string>, tl::expected<VariantTwins::Candidate, std::string>>> moved;
+    std::vector<std::pair<tl::expected<VariantTwins::Candidate, std::string>,
+                          tl::expected<VariantTwins::Candidate, std::string>>>
+        moved;
     for (Index j = 0; j < size(); ++j) {
       VectorXd up = z, down = z;
       up(j) += step, down(j) -= step;
@@ -434,7 +472,8 @@ class Posterior {
     for (Index i = 0; i < size(); ++i) {
       const Quantity& q = quantity(i);
       const double held = std::clamp(z(i), q.coordinate(q.low), q.coordinate(q.high)), beyond = z(i) - held;
-      sum += (q.sigma > 0 ? 0.5 * held * held : 0) + 10 * beyond * beyond;   // leads back to where the value still follows z
+      sum += (q.sigma > 0 ? 0.5 * held * held : 0) +
+             10 * beyond * beyond;  // leads back to where the value still follows z
     }
     return sum;
   }
@@ -448,11 +487,13 @@ class Posterior {
   double independent_ = 0;
 };
 
-Minimum descend(const Posterior& posterior, int start, const SearchOptions& options, Counter& counter, double simulations_each) {
+Minimum descend(const Posterior& posterior, int start, const SearchOptions& options, Counter& counter,
+                double simulations_each) {
   const Index n = posterior.size();
   Gaussian gaussian(options.seed * 1000003 + static_cast<std::uint64_t>(start));
   const VectorXd mean = start == 0 ? VectorXd(VectorXd::Zero(n)) : VectorXd(0.5 * gaussian(n));
-  const Minimum best = cma_es([&](const VectorXd& z) { return posterior(z); }, mean, {.evaluations = options.evaluations}, gaussian);
+  const Minimum best =
+      cma_es([&](const VectorXd& z) { return posterior(z); }, mean, {.evaluations = options.evaluations}, gaussian);
   if (n > 0) counter.add((options.evaluations - best.evaluations) * simulations_each);
   return best;
 }
@@ -464,8 +505,10 @@ void judge(const Posterior& posterior, const VectorXd& z, const std::vector<std:
   std::vector<Index> open;
   for (Index i = 0; i < posterior.size(); ++i) {
     const Quantity& q = posterior.quantity(i);
-    if (z(i) > q.coordinate(q.low) + 1e-6 && z(i) < q.coordinate(q.high) - 1e-6) open.push_back(i);
-    else fit.knowledge[sought[static_cast<std::size_t>(i)]] = Knowledge::at_bound;
+    if (z(i) > q.coordinate(q.low) + 1e-6 && z(i) < q.coordinate(q.high) - 1e-6)
+      open.push_back(i);
+    else
+      fit.knowledge[sought[static_cast<std::size_t>(i)]] = Knowledge::at_bound;
     if (q.sigma > 0) H(i, i) += 1;
   }
   const MatrixXd covariance = MatrixXd(H(open, open)).completeOrthogonalDecomposition().pseudoInverse();
@@ -477,14 +520,16 @@ void judge(const Posterior& posterior, const VectorXd& z, const std::vector<std:
     fit.sigma[at] = deviation * q.scale() * (q.logarithmic ? fit.values[at] : 1);
     for (std::size_t l = 0; l < open.size(); ++l) {
       const auto a = static_cast<Index>(k), b = static_cast<Index>(l);
-      fit.correlation(static_cast<Index>(at), static_cast<Index>(sought[static_cast<std::size_t>(open[l])])) = covariance(a, b) / std::sqrt(covariance(a, a) * covariance(b, b));
+      fit.correlation(static_cast<Index>(at), static_cast<Index>(sought[static_cast<std::size_t>(open[l])])) =
+          covariance(a, b) / std::sqrt(covariance(a, a) * covariance(b, b));
     }
   }
 }
 
 }  // namespace
 
-tl::expected<void, std::string> calibrate(const Plan& plan, const std::vector<SimulationFit>& have, const Watch& watch) {
+tl::expected<void, std::string> calibrate(const Plan& plan, const std::vector<SimulationFit>& have,
+                                          const Watch& watch) {
   struct Job {
     SimulationFit fit;
     std::vector<std::size_t> learn;
@@ -499,8 +544,11 @@ tl::expected<void, std::string> calibrate(const Plan& plan, const std::vector<Si
   }
   std::vector<Job> jobs;
   double total = 0;
-  const auto add = [&](std::size_t variant, std::size_t split, std::size_t fold, const std::vector<std::size_t>& held_out) {
-    if (std::ranges::any_of(have, [&](const SimulationFit& f) { return f.variant == variant && f.split == split && f.fold == fold; })) return;
+  const auto add = [&](std::size_t variant, std::size_t split, std::size_t fold,
+                       const std::vector<std::size_t>& held_out) {
+    if (std::ranges::any_of(
+            have, [&](const SimulationFit& f) { return f.variant == variant && f.split == split && f.fold == fold; }))
+      return;
     Job& job = jobs.emplace_back();
     job.fit.variant = variant, job.fit.split = split, job.fit.fold = fold;
     for (std::size_t i = 0; i < plan.recordings.size(); ++i)
@@ -508,7 +556,8 @@ tl::expected<void, std::string> calibrate(const Plan& plan, const std::vector<Si
     job.minima.resize(static_cast<std::size_t>(plan.search.starts));
     job.open = plan.search.starts;
     total += static_cast<double>(job.learn.size()) * plan.search.evaluations * plan.search.starts;
-    if (split == SimulationFit::all) total += 2 * static_cast<double>(job.learn.size() * twins[variant].sought().size());
+    if (split == SimulationFit::all)
+      total += 2 * static_cast<double>(job.learn.size() * twins[variant].sought().size());
   };
   for (std::size_t v = 0; v < plan.variants.size(); ++v) {
     add(v, SimulationFit::all, 0, {});
@@ -525,7 +574,9 @@ tl::expected<void, std::string> calibrate(const Plan& plan, const std::vector<Si
     const VariantTwins& t = twins[job.fit.variant];
     const Posterior posterior(t, plan.recordings, job.learn, plan.search, counter);
     const Minimum& best = *std::ranges::min_element(job.minima, {}, &Minimum::objective);
-    const auto fail = [&](const std::string& why) { throw std::runtime_error(fmt::format("variant '{}': {}", plan.variants[job.fit.variant].label, why)); };
+    const auto fail = [&](const std::string& why) {
+      throw std::runtime_error(fmt::format("variant '{}': {}", plan.variants[job.fit.variant].label, why));
+    };
     if (!std::isfinite(best.objective)) fail("every twin tried was refused or diverged");
     SimulationFit& fit = job.fit;
     fit.values = posterior.values(best.z);
@@ -553,7 +604,8 @@ tl::expected<void, std::string> calibrate(const Plan& plan, const std::vector<Si
       for (std::size_t task; (task = next++) < jobs.size() * starts && !gave_up;) {
         Job& job = jobs[task / starts];
         const Posterior posterior(twins[job.fit.variant], plan.recordings, job.learn, plan.search, counter);
-        job.minima[task % starts] = descend(posterior, static_cast<int>(task % starts), plan.search, counter, static_cast<double>(job.learn.size()));
+        job.minima[task % starts] = descend(posterior, static_cast<int>(task % starts), plan.search, counter,
+                                            static_cast<double>(job.learn.size()));
         const bool last = [&] {
           const std::lock_guard lock(mutex);
           return --job.open == 0;

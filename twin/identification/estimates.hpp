@@ -9,32 +9,32 @@ namespace tribotwin::twin::identification {
 
 enum class Status {
   estimated,
-  fixed,          ///< by the user
-  held,           ///< the data cannot tell it: its term is 0, or it has no effect
-  at_bound        ///< of the accepted range; has no sigma
+  fixed,    ///< by the user
+  held,     ///< the data cannot tell it: its term is 0, or it has no effect
+  at_bound  ///< of the accepted range; has no sigma
 };
 
 struct Estimate {
   std::string name, unit;
   double value = 0;
-  double sigma = 0;           ///< one standard deviation; NaN unless estimated
-  double low = 0, high = 0;   ///< 95 % confidence interval; NaN unless estimated
+  double sigma = 0;          ///< one standard deviation; NaN unless estimated
+  double low = 0, high = 0;  ///< 95 % confidence interval; NaN unless estimated
   Status status = Status::estimated;
 };
 
 /// What is known of numbers that were identified, whatever they belong to.
 struct Estimates {
   std::vector<Estimate> parameters;
-  Eigen::MatrixXd covariance;                ///< of the parameters; NaN rows where not estimated
-  double condition_number = 0;               ///< of the Jacobian with unit columns, at the solution
+  Eigen::MatrixXd covariance;   ///< of the parameters; NaN rows where not estimated
+  double condition_number = 0;  ///< of the Jacobian with unit columns, at the solution
   struct {
     double mean = 0, std = 0, max_abs = 0;
-  } residual;                                ///< measured - predicted
-  double cost = 0;                           ///< weighted sum of squares
+  } residual;       ///< measured - predicted
+  double cost = 0;  ///< weighted sum of squares
   double r_squared = 0, aicc = 0;
   std::size_t samples = 0, estimated = 0;
-  std::vector<std::string> unidentifiable;   ///< parameters that these data cannot tell
-  std::vector<std::string> notes;            ///< what the reader must know before using it
+  std::vector<std::string> unidentifiable;  ///< parameters that these data cannot tell
+  std::vector<std::string> notes;           ///< what the reader must know before using it
 
   double correlation(std::size_t i, std::size_t j) const;
 };

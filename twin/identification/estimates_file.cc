@@ -1,11 +1,12 @@
-#include <tribotwin/twin/identification/estimates_file.hpp>
-
 #include <cmath>
+
+#include <tribotwin/twin/identification/estimates_file.hpp>
 
 namespace tribotwin::twin::identification {
 
 void write(YAML::Emitter& out, const Estimate& e, const std::string& group) {
-  out << YAML::Key << e.name << YAML::Value << YAML::Flow << YAML::BeginMap << YAML::Key << "value" << YAML::Value << e.value;
+  out << YAML::Key << e.name << YAML::Value << YAML::Flow << YAML::BeginMap << YAML::Key << "value" << YAML::Value
+      << e.value;
   if (!std::isnan(e.sigma)) out << YAML::Key << "sigma" << YAML::Value << e.sigma;
   out << YAML::Key << "unit" << YAML::Value << e.unit;
   if (!group.empty()) out << YAML::Key << "group" << YAML::Value << YAML::DoubleQuoted << group;

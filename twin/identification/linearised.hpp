@@ -19,17 +19,26 @@ inline Eigen::MatrixXd covariance_of(const Eigen::MatrixXd& jacobian) {
   const Eigen::VectorXd scale = jacobian.colwise().norm().cwiseMax(1e-300).cwiseInverse();
   const Eigen::MatrixXd unit = jacobian * scale.asDiagonal();
   const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> eigen(unit.transpose() * unit);
-  const Eigen::VectorXd inverse = eigen.eigenvalues().unaryExpr([](double information) { return information > 1e-12 ? 1 / information : 1e30; });
-  return scale.asDiagonal() * (eigen.eigenvectors() * inverse.asDiagonal() * eigen.eigenvectors().transpose()) * scale.asDiagonal();
+  const Eigen::VectorXd inverse =
+      eigen.eigenvalues().unaryExpr([](double information) { return information > 1e-12 ? 1 / information : 1e30; });
+  return scale.asDiagonal() * (eigen.eigenvectors() * inverse.asDiagonal() * eigen.eigenvectors().transpose()) *
+         scale.asDiagonal();
 }
 
 /// Half the width of a 95 % interval, in sigmas that `freedom` degrees of freedom tell; fewer than 1 count as 1.
-inline double interval_sigmas(double freedom) { return boost::math::quantile(boost::math::students_t(std::max(1.0, freedom)), 0.975); }
+inline double interval_sigmas(double freedom) {
+  return boost::math::quantile(boost::math::students_t(std::max(1.0, freedom)), 0.975);
+}
 
 /// `quantile` is that of the 95 % interval, in sigmas.
 inline Estimate estimate(std::string name, std::string unit, double value, double variance, double quantile) {
   const double sigma = std::sqrt(variance);
-  return {.name = std::move(name), .unit = std::move(unit), .value = value, .sigma = sigma, .low = value - quantile * sigma, .high = value + quantile * sigma};
+  return {.name = std::move(name),
+          .unit = std::move(unit),
+          .value = value,
+          .sigma = sigma,
+          .low = value - quantile * sigma,
+          .high = value + quantile * sigma};
 }
 
 inline Estimate without_sigma(std::string name, std::string unit, double value, Status status) {

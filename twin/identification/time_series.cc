@@ -1,13 +1,15 @@
-#include <tribotwin/twin/identification/time_series.hpp>
-
 #include <algorithm>
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
+#include <tribotwin/twin/identification/time_series.hpp>
+
 namespace tribotwin::twin::identification {
 
-tl::expected<Numbers, std::string> read_time_series(const std::filesystem::path& file, const std::vector<std::string>& needed, const std::vector<std::string>& optional,
+tl::expected<Numbers, std::string> read_time_series(const std::filesystem::path& file,
+                                                    const std::vector<std::string>& needed,
+                                                    const std::vector<std::string>& optional,
                                                     std::vector<std::string>& notes) {
   std::vector<std::string> wanted = needed;
   wanted.insert(wanted.end(), optional.begin(), optional.end());
@@ -15,23 +17,34 @@ tl::expected<Numbers, std::string> read_time_series(const std::filesystem::path&
   if (!table) return table;
   for (const auto& name : needed)
     if (std::ranges::find(table->names, name) == table->names.end())
-      return tl::unexpected(fmt::format("{}:1: no column {}; the columns are {}, and may be {}; the header names {}", file.string(), name, fmt::join(needed, ", "), fmt::join(optional, ", "),
+      return tl::unexpected(fmt::format("{}:1: no column {}; the columns are {}, and may be {}; the header names {}",
+                                        file.string(), name, fmt::join(needed, ", "), fmt::join(optional, ", "),
                                         fmt::join(table->names, ", ")));
   const auto& time = table->columns[0];
-  if (time.empty()) return tl::unexpected(table->left_out ? fmt::format("{}: no row without an empty, NaN or infinite cell", file.string()) : fmt::format("{}: is empty: a header but no samples", file.string()));
+  if (time.empty())
+    return tl::unexpected(table->left_out
+                              ? fmt::format("{}: no row without an empty, NaN or infinite cell", file.string())
+                              : fmt::format("{}: is empty: a header but no samples", file.string()));
   if (const auto problem = not_increasing(*table, time)) return tl::unexpected(*problem);
   if (3 * table->left_out > time.size() + table->left_out)
-    return tl::unexpected(fmt::format("{}: {} of {} rows hold no finite numbers; what is left is no recording", file.string(), table->left_out, time.size() + table->left_out));
-  if (table->left_out) notes.push_back(fmt::format("{}: {} rows with empty, NaN or infinite cells are left out, the first in line {}", file.string(), table->left_out, table->first_left_out));
+    return tl::unexpected(fmt::format("{}: {} of {} rows hold no finite numbers; what is left is no recording",
+                                      file.string(), table->left_out, time.size() + table->left_out));
+  if (table->left_out)
+    notes.push_back(fmt::format("{}: {} rows with empty, NaN or infinite cells are left out, the first in line {}",
+                                file.string(), table->left_out, table->first_left_out));
   return table;
 }
 
-std::optional<std::string> implausible_temperature(const std::filesystem::path& file, std::string_view column, std::span<const double> degC) {
+std::optional<std::string> implausible_temperature(const std::filesystem::path& file, std::string_view column,
+                                                   std::span<const double> degC) {
   constexpr double least = -60, most = 250;
   if (degC.empty()) return {};
   const auto [low, high] = std::ranges::minmax(degC);
   if (low >= least && high <= most) return {};
-  return fmt::format("{}: {} goes from {:.4g} to {:.4g}, where a gearbox is between {:g} and {:g}; are these kelvins, or is it another column?", file.string(), column, low, high, least, most);
+  return fmt::format(
+      "{}: {} goes from {:.4g} to {:.4g}, where a gearbox is between {:g} and {:g}; are these kelvins, or is it "
+      "another column?",
+      file.string(), column, low, high, least, most);
 }
 
 }  // namespace tribotwin::twin::identification

@@ -1,6 +1,6 @@
-#include <tribotwin/twin/io/checksum.hpp>
-
 #include <boost/crc.hpp>
+
+#include <tribotwin/twin/io/checksum.hpp>
 
 namespace tribotwin::twin {
 

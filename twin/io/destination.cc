@@ -1,5 +1,4 @@
 #include <tribotwin/twin/io/destination.hpp>
-
 #include <tribotwin/twin/io/output.hpp>
 
 namespace tribotwin::twin {

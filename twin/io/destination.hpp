@@ -14,7 +14,7 @@ namespace tribotwin::twin {
 /// Where a command's result goes: the file named with -o, or stdout without one.
 struct Destination {
   std::string file;
-  bool force = false;   ///< the file may replace one that exists
+  bool force = false;  ///< the file may replace one that exists
 
   /// Adds the options -o and --force to a CLI::App; returns the first.
   template <class Command>

@@ -1,5 +1,3 @@
-#include <tribotwin/twin/io/file.hpp>
-
 #include <algorithm>
 #include <cerrno>
 #include <cstdint>
@@ -16,6 +14,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include <tribotwin/twin/io/file.hpp>
 #include <tribotwin/twin/io/stream.hpp>
 
 namespace tribotwin::twin {
@@ -39,17 +38,23 @@ std::optional<struct stat> look(const fs::path& file) {
 
 bool same(const struct stat& a, const struct stat& b) { return a.st_dev == b.st_dev && a.st_ino == b.st_ino; }
 
-/// The standard stream that `there` is, as /dev/stdout is: opening it anew would begin at the start of a redirected file.
+/// The standard stream that `there` is, as /dev/stdout is: opening it anew would begin at the start of a redirected
+/// file.
 std::optional<int> standard_stream(const struct stat& there) {
   for (const int stream : {STDOUT_FILENO, STDERR_FILENO})
-    if (struct stat s {}; ::fstat(stream, &s) == 0 && same(s, there)) return stream;
+    if (struct stat s{}; ::fstat(stream, &s) == 0 && same(s, there)) return stream;
   return std::nullopt;
 }
 
-bool is_stream(const struct stat& there) { return S_ISFIFO(there.st_mode) || S_ISCHR(there.st_mode) || standard_stream(there); }
+bool is_stream(const struct stat& there) {
+  return S_ISFIFO(there.st_mode) || S_ISCHR(there.st_mode) || standard_stream(there);
+}
 
 Status check_kind(const fs::path& file, const struct stat& there) {
-  const char* kind = S_ISDIR(there.st_mode) ? "a folder" : S_ISBLK(there.st_mode) ? "a block device" : S_ISSOCK(there.st_mode) ? "a socket" : nullptr;
+  const char* kind = S_ISDIR(there.st_mode)    ? "a folder"
+                     : S_ISBLK(there.st_mode)  ? "a block device"
+                     : S_ISSOCK(there.st_mode) ? "a socket"
+                                               : nullptr;
   if (kind) return tl::unexpected(fmt::format("{}: is {}; name a file with -o", file.string(), kind));
   return {};
 }
@@ -60,7 +65,8 @@ Status check_folder(const fs::path& file) {
   const fs::path folder = folder_of(file);
   const auto there = look(folder);
   if (!there) return tl::unexpected(fmt::format("{}: there is no folder {}", file.string(), folder.string()));
-  if (!S_ISDIR(there->st_mode)) return tl::unexpected(fmt::format("{}: {} is no folder", file.string(), folder.string()));
+  if (!S_ISDIR(there->st_mode))
+    return tl::unexpected(fmt::format("{}: {} is no folder", file.string(), folder.string()));
   if (::access(folder.c_str(), W_OK | X_OK) != 0) return not_written(file, errno);
   return {};
 }
@@ -118,7 +124,9 @@ Status check_output(const fs::path& file, Existing existing, std::span<const fs:
   if (there && is_stream(*there)) return {};
   for (const fs::path& input : inputs)
     if (is_same_file(file, there, input))
-      return tl::unexpected(fmt::format("{}: is also read or written by this command as {}; choose another name with -o", file.string(), input.string()));
+      return tl::unexpected(
+          fmt::format("{}: is also read or written by this command as {}; choose another name with -o", file.string(),
+                      input.string()));
   if (!there) return check_folder(file);
   if (auto ok = check_kind(file, *there); !ok) return ok;
   if (existing == Existing::refuse) return exists_already(file);
@@ -137,7 +145,8 @@ Status write_derived(const fs::path& file, std::string_view bytes, Existing exis
   std::ifstream stream(file, std::ios::binary);
   if (stream && std::equal(std::istreambuf_iterator<char>(stream), {}, bytes.begin(), bytes.end())) return {};
   if (stream.is_open() && existing == Existing::refuse)
-    return tl::unexpected(fmt::format("{}: was changed since it was made; move it away, or replace it with --force", file.string()));
+    return tl::unexpected(
+        fmt::format("{}: was changed since it was made; move it away, or replace it with --force", file.string()));
   return write_file(file, bytes, existing);
 }
 
@@ -180,8 +189,9 @@ Status NewFile::write(std::string_view bytes) {
 }
 
 Status NewFile::rename_to_final() {
-  const int error = existing_ == Existing::refuse ? rename_to_free_name(partial_, file_)
-                    : ::rename(partial_.c_str(), file_.c_str()) == 0 ? 0 : errno;
+  const int error = existing_ == Existing::refuse                    ? rename_to_free_name(partial_, file_)
+                    : ::rename(partial_.c_str(), file_.c_str()) == 0 ? 0
+                                                                     : errno;
   if (error == EEXIST) return exists_already(file_);
   if (error != 0) return not_written(file_, error);
   partial_.clear();
@@ -198,7 +208,7 @@ Status NewFile::publish_growing() { return rename_to_final(); }
 
 Status sync_folder(const fs::path& folder) {
   const int descriptor = ::open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
-  if (descriptor < 0) return {};   // a folder that may be written but not read
+  if (descriptor < 0) return {};  // a folder that may be written but not read
   const int error = ::fsync(descriptor) == 0 ? 0 : errno;
   ::close(descriptor);
   if (error == 0 || error == EINVAL || error == EROFS || error == ENOTSUP) return {};

@@ -8,8 +8,8 @@
 #include <tl/expected.hpp>
 
 /// The one way in which a file comes into being: the new content is written beside the old under an unpredictable name,
-/// forced to disk and renamed, so that after a crash, a kill or a full disk the file is the old one or the whole new one.
-/// Devices and FIFOs stay what they are: they are written as streams. All messages name the file and the reason.
+/// forced to disk and renamed, so that after a crash, a kill or a full disk the file is the old one or the whole new
+/// one. Devices and FIFOs stay what they are: they are written as streams. All messages name the file and the reason.
 namespace tribotwin::twin {
 
 /// What happens to a file of that name.
@@ -17,16 +17,18 @@ enum class Existing { refuse, replace };
 
 constexpr Existing replace_if(bool force) { return force ? Existing::replace : Existing::refuse; }
 
-/// Whether `file` may become an output: for the start of a command, before its work. Refuses a folder, a name in a folder
-/// that does not exist, what exists (unless it may be replaced) and, always, one of `inputs`, by whatever name; these are the
-/// other files that the command reads or writes.
+/// Whether `file` may become an output: for the start of a command, before its work. Refuses a folder, a name in a
+/// folder that does not exist, what exists (unless it may be replaced) and, always, one of `inputs`, by whatever name;
+/// these are the other files that the command reads or writes.
 tl::expected<void, std::string> check_output(const std::filesystem::path& file, Existing existing,
                                              std::span<const std::filesystem::path> inputs = {});
 
-tl::expected<void, std::string> write_file(const std::filesystem::path& file, std::string_view bytes, Existing existing);
+tl::expected<void, std::string> write_file(const std::filesystem::path& file, std::string_view bytes,
+                                           Existing existing);
 
 /// Writes what follows from other files. An equal file is left alone; one that somebody changed is an existing file.
-tl::expected<void, std::string> write_derived(const std::filesystem::path& file, std::string_view bytes, Existing existing);
+tl::expected<void, std::string> write_derived(const std::filesystem::path& file, std::string_view bytes,
+                                              Existing existing);
 
 /// A regular file in the making, for content that comes in pieces or from a library that wants a name.
 class NewFile {
@@ -35,7 +37,7 @@ class NewFile {
   static tl::expected<NewFile, std::string> create(const std::filesystem::path& file, Existing existing);
   NewFile(NewFile&& other) noexcept;
   NewFile& operator=(NewFile&& other) noexcept;
-  ~NewFile();   ///< without publish(): nothing is left
+  ~NewFile();  ///< without publish(): nothing is left
 
   /// Its name while it is in the making: ".NAME.partial-XXXXXXXX" in the same folder.
   const std::filesystem::path& partial() const { return partial_; }

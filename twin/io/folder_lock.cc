@@ -1,5 +1,3 @@
-#include <tribotwin/twin/io/folder_lock.hpp>
-
 #include <cerrno>
 #include <cstring>
 #include <utility>
@@ -9,6 +7,8 @@
 #include <sys/file.h>
 #include <sys/stat.h>
 #include <unistd.h>
+
+#include <tribotwin/twin/io/folder_lock.hpp>
 
 namespace tribotwin::twin {
 
@@ -24,14 +24,17 @@ tl::expected<void, std::string> FolderLock::take(const std::filesystem::path& di
   path_ = directory / "run.lock";
   for (;;) {
     file_ = ::open(path_.c_str(), O_CREAT | O_RDWR | O_NOFOLLOW | O_CLOEXEC, 0666);
-    if (file_ < 0) return tl::unexpected(fmt::format("{}: cannot be written ({})", path_.string(), std::strerror(errno)));
+    if (file_ < 0)
+      return tl::unexpected(fmt::format("{}: cannot be written ({})", path_.string(), std::strerror(errno)));
     if (::flock(file_, LOCK_EX | LOCK_NB) != 0) {
       ::close(std::exchange(file_, -1));
-      return tl::unexpected(fmt::format("{}: another run is writing into this folder; choose another with -o", directory.string()));
+      return tl::unexpected(
+          fmt::format("{}: another run is writing into this folder; choose another with -o", directory.string()));
     }
-    struct stat mine{}, there{};
+    struct stat mine {
+    }, there{};
     if (::fstat(file_, &mine) == 0 && ::stat(path_.c_str(), &there) == 0 && mine.st_ino == there.st_ino) return {};
-    ::close(std::exchange(file_, -1));   // its holder took the file away in between
+    ::close(std::exchange(file_, -1));  // its holder took the file away in between
   }
 }
 

@@ -7,8 +7,8 @@
 
 namespace tribotwin::twin {
 
-/// Keeps a second process out of a folder that a command writes into, by a lock on the file run.lock. A killed process leaves
-/// the file but not the lock.
+/// Keeps a second process out of a folder that a command writes into, by a lock on the file run.lock. A killed process
+/// leaves the file but not the lock.
 class FolderLock {
  public:
   FolderLock() = default;

@@ -1,5 +1,3 @@
-#include <tribotwin/twin/io/input.hpp>
-
 #include <algorithm>
 #include <charconv>
 #include <cmath>
@@ -9,6 +7,7 @@
 #include <fmt/format.h>
 
 #include <tribotwin/plugins/friction/law.hpp>
+#include <tribotwin/twin/io/input.hpp>
 #include <tribotwin/twin/io/name.hpp>
 
 namespace tribotwin::twin {
@@ -16,32 +15,42 @@ namespace {
 
 const char* kind(const YAML::Node& node) {
   switch (node.Type()) {
-    case YAML::NodeType::Map: return "a mapping";
-    case YAML::NodeType::Sequence: return "a list";
-    case YAML::NodeType::Null: return "empty";
-    default: return "a value";
+    case YAML::NodeType::Map:
+      return "a mapping";
+    case YAML::NodeType::Sequence:
+      return "a list";
+    case YAML::NodeType::Null:
+      return "empty";
+    default:
+      return "a value";
   }
 }
 
 }  // namespace
 
-Mapping::Mapping(std::string file, std::string where, YAML::Node node) : file_(std::move(file)), where_(std::move(where)), node_(node) {
-  if (!node_.IsMap()) throw InputError(fmt::format("{}: '{}' is {} but must be a mapping of keys", at(node_.Mark()), where_, kind(node_)));
+Mapping::Mapping(std::string file, std::string where, YAML::Node node)
+    : file_(std::move(file)), where_(std::move(where)), node_(node) {
+  if (!node_.IsMap())
+    throw InputError(
+        fmt::format("{}: '{}' is {} but must be a mapping of keys", at(node_.Mark()), where_, kind(node_)));
   std::set<std::string> seen;
   for (const auto& entry : node_) {
     // yaml-cpp finds no entry by such a key: it would be there and not be there.
     if (!entry.first.IsScalar() || entry.first.Scalar().empty())
-      throw InputError(fmt::format("{}: {}{}a key is {} but must be a name", at(entry.first.Mark()), where_, where_.empty() ? "" : ": ", kind(entry.first)));
+      throw InputError(fmt::format("{}: {}{}a key is {} but must be a name", at(entry.first.Mark()), where_,
+                                   where_.empty() ? "" : ": ", kind(entry.first)));
     if (!seen.insert(entry.first.Scalar()).second) fail(entry.first.Scalar(), "is given twice");
   }
 }
 
-std::string Mapping::at(const YAML::Mark& mark) const { return mark.line < 0 ? file_ : fmt::format("{}:{}", file_, mark.line + 1); }
+std::string Mapping::at(const YAML::Mark& mark) const {
+  return mark.line < 0 ? file_ : fmt::format("{}:{}", file_, mark.line + 1);
+}
 
 void Mapping::fail(const std::string& key, const std::string& why) const {
   YAML::Mark mark = node_.Mark();
   for (const auto& entry : node_)
-    if (entry.first.Scalar() == key) mark = entry.first.Mark();   // none where --set or a program put it there
+    if (entry.first.Scalar() == key) mark = entry.first.Mark();  // none where --set or a program put it there
   throw InputError(fmt::format("{}: {}{}{}: {}", at(mark), where_, where_.empty() ? "" : ".", key, why));
 }
 
@@ -61,8 +70,9 @@ double Mapping::to_number(const std::string& key, const YAML::Node& node, Bounds
   if (error != std::errc{} || end != text.data() + text.size() || !std::isfinite(value))
     fail(key, fmt::format("is '{}' but must be a finite number", text));
   if (value < bounds.minimum || value > bounds.maximum)
-    fail(key, bounds.maximum >= 1e300 ? fmt::format("is {} but must be at least {:g}", value, bounds.minimum)
-              : fmt::format("is {} but must be within {:g} .. {:g}", value, bounds.minimum, bounds.maximum));
+    fail(key, bounds.maximum >= 1e300
+                  ? fmt::format("is {} but must be at least {:g}", value, bounds.minimum)
+                  : fmt::format("is {} but must be within {:g} .. {:g}", value, bounds.minimum, bounds.maximum));
   return value;
 }
 
@@ -98,12 +108,15 @@ std::string Mapping::text(const std::string& key) {
   if (!node.IsScalar() || node.Scalar().empty()) fail(key, fmt::format("is {} but must be text", kind(node)));
   return node.Scalar();
 }
-std::string Mapping::text_or(const std::string& key, std::string fallback) { return has(key) ? text(key) : (take(key), fallback); }
+std::string Mapping::text_or(const std::string& key, std::string fallback) {
+  return has(key) ? text(key) : (take(key), fallback);
+}
 std::string Mapping::choice(const std::string& key, const std::vector<std::string_view>& accepted) {
   const std::string value = text(key);
   for (const auto& a : accepted)
     if (a == value) return value;
-  fail(key, fmt::format("'{}' is not known; did you mean '{}'? Accepted: {}", value, friction::nearest(value, accepted), fmt::join(accepted, ", ")));
+  fail(key, fmt::format("'{}' is not known; did you mean '{}'? Accepted: {}", value, friction::nearest(value, accepted),
+                        fmt::join(accepted, ", ")));
 }
 std::vector<double> Mapping::numbers(const std::string& key, Bounds bounds) {
   const YAML::Node node = take(key);
@@ -132,7 +145,8 @@ std::filesystem::path Mapping::file(const std::string& key, const std::filesyste
   const std::filesystem::path path = (folder / text(key)).lexically_normal();
   std::error_code error;
   if (std::filesystem::is_directory(path, error)) fail(key, fmt::format("'{}' is a folder, not a file", path.string()));
-  if (!std::filesystem::exists(path, error)) fail(key, fmt::format("'{}' cannot be read: it does not exist", path.string()));
+  if (!std::filesystem::exists(path, error))
+    fail(key, fmt::format("'{}' cannot be read: it does not exist", path.string()));
   return path;
 }
 std::optional<Mapping> Mapping::mapping(const std::string& key) {
@@ -165,12 +179,14 @@ void Mapping::done() const { accept({known_.begin(), known_.end()}); }
 
 YAML::Node load_yaml(const std::filesystem::path& file) {
   std::error_code error;
-  if (std::filesystem::is_directory(file, error)) throw InputError(fmt::format("{}: is a folder, not a YAML file", file.string()));
+  if (std::filesystem::is_directory(file, error))
+    throw InputError(fmt::format("{}: is a folder, not a YAML file", file.string()));
   std::ifstream stream(file);
   if (!stream) throw InputError(fmt::format("{}: cannot be read ({})", file.string(), std::strerror(errno)));
   try {
     YAML::Node node = YAML::Load(stream);
-    if (!node.IsMap()) throw InputError(fmt::format("{}: is {} but must be a mapping of keys", file.string(), kind(node)));
+    if (!node.IsMap())
+      throw InputError(fmt::format("{}: is {} but must be a mapping of keys", file.string(), kind(node)));
     return node;
   } catch (const YAML::Exception& e) {
     throw InputError(fmt::format("{}:{}: not well-formed YAML ({})", file.string(), e.mark.line + 1, e.msg));
@@ -179,12 +195,15 @@ YAML::Node load_yaml(const std::filesystem::path& file) {
 
 std::string quoted(const std::string& text) {
   const auto is_control = [](char c) { return static_cast<unsigned char>(c) < 0x20 || c == 0x7f; };
-  const bool escaped = std::ranges::any_of(text, is_control);   // only double quotes know escapes
+  const bool escaped = std::ranges::any_of(text, is_control);  // only double quotes know escapes
   std::string out;
   for (const char c : text) {
-    if (is_control(c)) out += fmt::format("\\x{:02x}", static_cast<unsigned char>(c));
-    else if (escaped && (c == '"' || c == '\\')) out += {'\\', c};
-    else out += c == '\'' && !escaped ? std::string("''") : std::string(1, c);
+    if (is_control(c))
+      out += fmt::format("\\x{:02x}", static_cast<unsigned char>(c));
+    else if (escaped && (c == '"' || c == '\\'))
+      out += {'\\', c};
+    else
+      out += c == '\'' && !escaped ? std::string("''") : std::string(1, c);
   }
   return escaped ? '"' + out + '"' : "'" + out + "'";
 }

@@ -4,8 +4,8 @@
 
 namespace tribotwin::twin {
 
-/// Installs handlers for SIGINT, SIGTERM and SIGHUP: the first signal sets interrupted(), a second one terminates the program.
-/// Blocking system calls return EINTR. Before this call they terminate the program.
+/// Installs handlers for SIGINT, SIGTERM and SIGHUP: the first signal sets interrupted(), a second one terminates the
+/// program. Blocking system calls return EINTR. Before this call they terminate the program.
 void catch_interrupts();
 
 /// Whether the user wants the program to end. Work whose result is no longer needed sets it too.

@@ -1,12 +1,14 @@
-#include <tribotwin/twin/io/json_input.hpp>
-
 #include <limits>
 
 #include <fmt/format.h>
 
+#include <tribotwin/twin/io/json_input.hpp>
+
 namespace tribotwin::twin {
 
-std::string JsonInput::below(std::string_view key) const { return fmt::format("{}{}{}", where_, where_.empty() ? "" : ": ", key); }
+std::string JsonInput::below(std::string_view key) const {
+  return fmt::format("{}{}{}", where_, where_.empty() ? "" : ": ", key);
+}
 
 void JsonInput::fail(const std::string& what) const { throw InputError(where_.empty() ? what : where_ + ": " + what); }
 
@@ -18,11 +20,14 @@ JsonInput JsonInput::operator[](std::string_view key) const {
 double JsonInput::number(Bounds bounds) const {
   if (!value_.is_number()) fail("must be a number");
   const double x = value_.get<double>();
-  if (!(x >= bounds.minimum && x <= bounds.maximum)) fail(fmt::format("is {} but must be {:g} to {:g}", x, bounds.minimum, bounds.maximum));
+  if (!(x >= bounds.minimum && x <= bounds.maximum))
+    fail(fmt::format("is {} but must be {:g} to {:g}", x, bounds.minimum, bounds.maximum));
   return x;
 }
 
-double JsonInput::number_or_null(Bounds bounds) const { return is_null() ? std::numeric_limits<double>::quiet_NaN() : number(bounds); }
+double JsonInput::number_or_null(Bounds bounds) const {
+  return is_null() ? std::numeric_limits<double>::quiet_NaN() : number(bounds);
+}
 
 bool JsonInput::truth() const {
   if (!value_.is_boolean()) fail("must be true or false");
@@ -37,7 +42,8 @@ std::string JsonInput::text() const {
 std::vector<JsonInput> JsonInput::list(std::size_t least, std::size_t most) const {
   if (!value_.is_array()) fail("must be a list");
   if (value_.size() < least || value_.size() > most)
-    fail(least == most ? fmt::format("has {} entries but must have {}", value_.size(), least) : fmt::format("must be a list of at least {}", least));
+    fail(least == most ? fmt::format("has {} entries but must have {}", value_.size(), least)
+                       : fmt::format("must be a list of at least {}", least));
   std::vector<JsonInput> all;
   for (const nlohmann::json& one : value_) all.emplace_back(one, fmt::format("{} {}", where_, all.size() + 1));
   return all;

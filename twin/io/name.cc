@@ -1,8 +1,8 @@
-#include <tribotwin/twin/io/name.hpp>
-
 #include <algorithm>
 
 #include <fmt/format.h>
+
+#include <tribotwin/twin/io/name.hpp>
 
 namespace tribotwin::twin {
 namespace {
@@ -15,7 +15,8 @@ bool is_control(char c) { return static_cast<unsigned char>(c) < 0x20 || c == 0x
 /// On one line and not too long to read.
 std::string shown(std::string_view name) {
   std::string out;
-  for (const char c : name.substr(0, 60)) out += is_control(c) ? fmt::format("\\x{:02x}", static_cast<unsigned char>(c)) : std::string(1, c);
+  for (const char c : name.substr(0, 60))
+    out += is_control(c) ? fmt::format("\\x{:02x}", static_cast<unsigned char>(c)) : std::string(1, c);
   return name.size() > 60 ? out + "..." : out;
 }
 
@@ -23,13 +24,21 @@ std::string shown(std::string_view name) {
 
 std::optional<std::string> unfit_file_name(std::string_view name) {
   std::string wrong;
-  if (name.empty()) wrong = "is empty";
-  else if (name == "." || name == "..") wrong = "is a folder of the file system";
-  else if (name.find('/') != name.npos) wrong = "contains '/'";
-  else if (std::ranges::any_of(name, is_control)) wrong = "contains a control character";
-  else if (name.size() > most_bytes) wrong = fmt::format("has {} bytes", name.size());
-  else return std::nullopt;
-  return fmt::format("'{}' {} but must be a file name: 1 to {} bytes without '/' and control characters, not '.' or '..'", shown(name), wrong, most_bytes);
+  if (name.empty())
+    wrong = "is empty";
+  else if (name == "." || name == "..")
+    wrong = "is a folder of the file system";
+  else if (name.find('/') != name.npos)
+    wrong = "contains '/'";
+  else if (std::ranges::any_of(name, is_control))
+    wrong = "contains a control character";
+  else if (name.size() > most_bytes)
+    wrong = fmt::format("has {} bytes", name.size());
+  else
+    return std::nullopt;
+  return fmt::format(
+      "'{}' {} but must be a file name: 1 to {} bytes without '/' and control characters, not '.' or '..'", shown(name),
+      wrong, most_bytes);
 }
 
 }  // namespace tribotwin::twin

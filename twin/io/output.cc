@@ -1,17 +1,16 @@
-#include <tribotwin/twin/io/output.hpp>
-
 #include <csignal>
 #include <cstring>
 
 #include <fcntl.h>
 #include <unistd.h>
 
+#include <tribotwin/twin/io/output.hpp>
 #include <tribotwin/twin/io/stream.hpp>
 
 namespace tribotwin::twin {
 namespace {
 
-int stdout_error = 0;   // errno of the first write to stdout that failed
+int stdout_error = 0;  // errno of the first write to stdout that failed
 
 }  // namespace
 
@@ -34,7 +33,8 @@ int complain(std::string_view program, Exit code, std::string_view message) {
 
 int finish(std::string_view program, int code) {
   if (stdout_error == 0) return code;
-  return complain(program, failed, fmt::format("stdout did not take the whole result ({})", std::strerror(stdout_error)));
+  return complain(program, failed,
+                  fmt::format("stdout did not take the whole result ({})", std::strerror(stdout_error)));
 }
 
 Progress::Progress(bool quiet, std::string what) : what_(std::move(what)), on_(!quiet && ::isatty(STDERR_FILENO)) {
@@ -50,7 +50,8 @@ void Progress::operator()(double share, double seconds_left) {
   if (!on_ || percent == last_) return;
   last_ = percent;
   shown_ = true;
-  report_text(fmt::format("\r\033[K{}{:3d} %{}", what_, percent, seconds_left >= 0 ? fmt::format(", {:.0f} s left", seconds_left) : ""));
+  report_text(fmt::format("\r\033[K{}{:3d} %{}", what_, percent,
+                          seconds_left >= 0 ? fmt::format(", {:.0f} s left", seconds_left) : ""));
 }
 
 }  // namespace tribotwin::twin

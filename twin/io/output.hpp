@@ -6,14 +6,14 @@
 
 #include <fmt/format.h>
 
-/// What all programs of the project share towards their user: exit codes, messages, progress. Nothing here throws when a
-/// stream is closed, full or slow: a lost result is reported by `finish`, a lost message is lost.
+/// What all programs of the project share towards their user: exit codes, messages, progress. Nothing here throws when
+/// a stream is closed, full or slow: a lost result is reported by `finish`, a lost message is lost.
 namespace tribotwin::twin {
 
 enum Exit { done = 0, failed = 1, wrong_input = 2, limit_exceeded = 3 };
 
-/// First call of every main(). Writing to a closed pipe or beyond a file size limit becomes an error instead of a signal.
-/// A standard stream that was closed is replaced by one that fails, so that no file of ours gets its number.
+/// First call of every main(). Writing to a closed pipe or beyond a file size limit becomes an error instead of a
+/// signal. A standard stream that was closed is replaced by one that fails, so that no file of ours gets its number.
 void prepare_streams();
 
 /// Text to stdout (results only) and to stderr (everything else), whole, also into a pipe that is slow.

@@ -1,11 +1,10 @@
-#include <tribotwin/twin/io/stream.hpp>
-
 #include <cerrno>
 
 #include <poll.h>
 #include <unistd.h>
 
 #include <tribotwin/twin/io/interrupt.hpp>
+#include <tribotwin/twin/io/stream.hpp>
 
 namespace tribotwin::twin {
 

@@ -1,5 +1,3 @@
-#include <tribotwin/twin/io/table.hpp>
-
 #include <algorithm>
 #include <charconv>
 #include <cmath>
@@ -11,16 +9,21 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
+#include <tribotwin/twin/io/table.hpp>
+
 namespace tribotwin::twin {
 
 namespace {
 
-/// The first whose ending a name has. Wide: what is merely unlikely (degrees, kelvins) is told by those who know the joint.
+/// The first whose ending a name has. Wide: what is merely unlikely (degrees, kelvins) is told by those who know the
+/// joint.
 constexpr struct {
   std::string_view ending;
   Quantity quantity;
-} quantities[] = {{"_degC", {" degC", -273.15, 1000}}, {"_rad_s", {" rad/s", -1e6, 1e6}}, {"_m_s", {" m/s", -1e4, 1e4}}, {"_s", {" s", -1e10, 1e10}},
-                  {"_nm", {" Nm", -1e7, 1e7}},         {"_n", {" N", -1e7, 1e7}},         {"_rad", {" rad", -1e6, 1e6}}, {"_m", {" m", -1e6, 1e6}},
+} quantities[] = {{"_degC", {" degC", -273.15, 1000}}, {"_rad_s", {" rad/s", -1e6, 1e6}},
+                  {"_m_s", {" m/s", -1e4, 1e4}},       {"_s", {" s", -1e10, 1e10}},
+                  {"_nm", {" Nm", -1e7, 1e7}},         {"_n", {" N", -1e7, 1e7}},
+                  {"_rad", {" rad", -1e6, 1e6}},       {"_m", {" m", -1e6, 1e6}},
                   {"_norm", {"", -1e6, 1e6}},          {"", {"", -1e12, 1e12}}};
 constexpr Quantity power{" W", -1e7, 1e7};
 constexpr double shortest_step_s = 1e-9;
@@ -32,7 +35,9 @@ const Quantity& quantity_of(std::string_view column) {
   return std::ranges::find_if(quantities, [&](const auto& q) { return column.ends_with(q.ending); })->quantity;
 }
 
-std::string Quantity::requirement() const { return fmt::format("must be within {:g} .. {:g}{}", minimum, maximum, unit); }
+std::string Quantity::requirement() const {
+  return fmt::format("must be within {:g} .. {:g}{}", minimum, maximum, unit);
+}
 
 bool Table::has(std::string_view name) const { return std::ranges::find(names, name) != names.end(); }
 
@@ -40,7 +45,9 @@ std::string Table::where(std::size_t row) const { return fmt::format("{}:{}: ", 
 
 tl::expected<std::vector<double>, std::string> Table::numbers(std::string_view name) const {
   const auto at = std::ranges::find(names, name);
-  if (at == names.end()) return tl::unexpected(fmt::format("{}:1: no column '{}'; its header names: {}", file.string(), name, fmt::join(names, ", ")));
+  if (at == names.end())
+    return tl::unexpected(
+        fmt::format("{}:1: no column '{}'; its header names: {}", file.string(), name, fmt::join(names, ", ")));
   const auto column = static_cast<std::size_t>(at - names.begin());
   std::vector<double> values;
   for (std::size_t row = 0; row < rows.size(); ++row) {
@@ -49,7 +56,9 @@ tl::expected<std::vector<double>, std::string> Table::numbers(std::string_view n
     const auto [end, error] = std::from_chars(cell.data(), cell.data() + cell.size(), x);
     if (error != std::errc{} || end != cell.data() + cell.size() || !std::isfinite(x))
       return tl::unexpected(fmt::format("{}column '{}' is '{}', not a finite number", where(row), name, cell));
-    if (!quantity_of(name).contains(x)) return tl::unexpected(fmt::format("{}column '{}' is {} but {}", where(row), name, cell, quantity_of(name).requirement()));
+    if (!quantity_of(name).contains(x))
+      return tl::unexpected(
+          fmt::format("{}column '{}' is {} but {}", where(row), name, cell, quantity_of(name).requirement()));
     values.push_back(x);
   }
   return values;
@@ -59,7 +68,8 @@ namespace {
 
 tl::expected<std::ifstream, std::string> opened(const std::filesystem::path& file) {
   std::error_code error;
-  if (std::filesystem::is_directory(file, error)) return tl::unexpected(fmt::format("{}: is a folder, not a CSV file", file.string()));
+  if (std::filesystem::is_directory(file, error))
+    return tl::unexpected(fmt::format("{}: is a folder, not a CSV file", file.string()));
   std::ifstream stream(file);
   if (!stream) return tl::unexpected(fmt::format("{}: cannot be read ({})", file.string(), std::strerror(errno)));
   return stream;
@@ -72,21 +82,24 @@ std::string_view trimmed(std::string_view cell) {
 
 }  // namespace
 
-tl::expected<Numbers, std::string> read_numbers(const std::filesystem::path& file, const std::vector<std::string>& wanted) {
+tl::expected<Numbers, std::string> read_numbers(const std::filesystem::path& file,
+                                                const std::vector<std::string>& wanted) {
   auto stream = opened(file);
   if (!stream) return tl::unexpected(stream.error());
   Numbers numbers{.file = file, .names = {}, .columns = std::vector<std::vector<double>>(wanted.size()), .lines = {}};
   std::vector<Quantity> quantity;
   for (const auto& name : wanted) quantity.push_back(quantity_of(name));
   std::string line;
-  if (!std::getline(*stream, line)) return tl::unexpected(fmt::format("{}: is empty; its first line should name the columns", file.string()));
+  if (!std::getline(*stream, line))
+    return tl::unexpected(fmt::format("{}: is empty; its first line should name the columns", file.string()));
   constexpr std::size_t none = static_cast<std::size_t>(-1);
-  std::vector<std::size_t> wanted_at;   // per column of the file
+  std::vector<std::size_t> wanted_at;  // per column of the file
   for (std::string_view rest = line; true;) {
     const auto comma = rest.find(',');
     const std::string name(trimmed(rest.substr(0, comma)));
     const auto found = std::ranges::find(wanted, name);
-    if (std::ranges::find(numbers.names, name) != numbers.names.end()) return tl::unexpected(fmt::format("{}:1: column '{}' twice", file.string(), name));
+    if (std::ranges::find(numbers.names, name) != numbers.names.end())
+      return tl::unexpected(fmt::format("{}:1: column '{}' twice", file.string(), name));
     numbers.names.push_back(name);
     wanted_at.push_back(found == wanted.end() ? none : static_cast<std::size_t>(found - wanted.begin()));
     if (comma == rest.npos) break;
@@ -105,16 +118,20 @@ tl::expected<Numbers, std::string> read_numbers(const std::filesystem::path& fil
         double x = std::numeric_limits<double>::quiet_NaN();
         const auto [end, error] = std::from_chars(cell.data(), cell.data() + cell.size(), x);
         if (!cell.empty() && (error != std::errc{} || end != cell.data() + cell.size()))
-          return tl::unexpected(fmt::format("{}:{}: column '{}' is '{}', not a number", file.string(), number, numbers.names[column], cell));
+          return tl::unexpected(fmt::format("{}:{}: column '{}' is '{}', not a number", file.string(), number,
+                                            numbers.names[column], cell));
         if (std::isfinite(x) && !quantity[wanted_at[column]].contains(x))
-          return tl::unexpected(fmt::format("{}:{}: column '{}' is {} but {}", file.string(), number, numbers.names[column], cell, quantity[wanted_at[column]].requirement()));
+          return tl::unexpected(fmt::format("{}:{}: column '{}' is {} but {}", file.string(), number,
+                                            numbers.names[column], cell, quantity[wanted_at[column]].requirement()));
         row[wanted_at[column]] = x;
         finite &= std::isfinite(x);
       }
       if (comma == rest.npos) break;
       rest.remove_prefix(comma + 1);
     }
-    if (column + 1 != wanted_at.size()) return tl::unexpected(fmt::format("{}:{}: {} cells but {} columns", file.string(), number, column + 1, wanted_at.size()));
+    if (column + 1 != wanted_at.size())
+      return tl::unexpected(
+          fmt::format("{}:{}: {} cells but {} columns", file.string(), number, column + 1, wanted_at.size()));
     if (!finite) {
       if (numbers.left_out++ == 0) numbers.first_left_out = number;
       continue;
@@ -129,7 +146,10 @@ tl::expected<Numbers, std::string> read_numbers(const std::filesystem::path& fil
 std::optional<std::string> not_increasing(const Numbers& numbers, const std::vector<double>& time_s) {
   for (std::size_t i = 1; i < time_s.size(); ++i)
     if (!(time_s[i] - time_s[i - 1] >= shortest_step_s))
-      return fmt::format("{}:{}: time_s {} does not come after {}; it must increase from row to row, recordings made one by one are files of their own", numbers.file.string(), numbers.lines[i], time_s[i], time_s[i - 1]);
+      return fmt::format(
+          "{}:{}: time_s {} does not come after {}; it must increase from row to row, recordings made one by one are "
+          "files of their own",
+          numbers.file.string(), numbers.lines[i], time_s[i], time_s[i - 1]);
   return std::nullopt;
 }
 
@@ -149,12 +169,15 @@ tl::expected<Table, std::string> read_table(const std::filesystem::path& file) {
   };
   Table table{.file = file, .names = {}, .rows = {}, .lines = {}};
   std::string line;
-  if (!std::getline(stream, line)) return tl::unexpected(fmt::format("{}: is empty; its first line should name the columns", file.string()));
+  if (!std::getline(stream, line))
+    return tl::unexpected(fmt::format("{}: is empty; its first line should name the columns", file.string()));
   table.names = cells_of(line);
   for (std::size_t number = 2; std::getline(stream, line); ++number) {
     auto cells = cells_of(line);
     if (cells.empty()) continue;
-    if (cells.size() != table.names.size()) return tl::unexpected(fmt::format("{}:{}: {} cells but {} columns", file.string(), number, cells.size(), table.names.size()));
+    if (cells.size() != table.names.size())
+      return tl::unexpected(
+          fmt::format("{}:{}: {} cells but {} columns", file.string(), number, cells.size(), table.names.size()));
     table.rows.push_back(std::move(cells));
     table.lines.push_back(number);
   }

@@ -26,11 +26,12 @@ const Quantity& quantity_of(std::string_view column);
 struct Table {
   std::filesystem::path file;
   std::vector<std::string> names;
-  std::vector<std::vector<std::string>> rows;   ///< as many cells as names
-  std::vector<std::size_t> lines;               ///< of the file, from 1, per row
+  std::vector<std::vector<std::string>> rows;  ///< as many cells as names
+  std::vector<std::size_t> lines;              ///< of the file, from 1, per row
 
   bool has(std::string_view name) const;
-  /// A column of numbers that its quantity can have. Fails with file, line, column and the cell that is none, or with the columns there are.
+  /// A column of numbers that its quantity can have. Fails with file, line, column and the cell that is none, or with
+  /// the columns there are.
   tl::expected<std::vector<double>, std::string> numbers(std::string_view name) const;
   /// "FILE:LINE: " of a row
   std::string where(std::size_t row) const;
@@ -42,16 +43,17 @@ tl::expected<Table, std::string> read_table(const std::filesystem::path& file);
 /// Columns of numbers from a file too long to be kept as text.
 struct Numbers {
   std::filesystem::path file;
-  std::vector<std::string> names;                ///< all columns of the header
-  std::vector<std::vector<double>> columns;      ///< of the wanted names, in their order; empty where the file has none
-  std::vector<std::size_t> lines;                ///< of the file, from 1, per row
-  std::size_t left_out = 0;                      ///< rows in which a wanted cell is empty, NaN or infinite
-  std::size_t first_left_out = 0;                ///< its line, from 1
+  std::vector<std::string> names;            ///< all columns of the header
+  std::vector<std::vector<double>> columns;  ///< of the wanted names, in their order; empty where the file has none
+  std::vector<std::size_t> lines;            ///< of the file, from 1, per row
+  std::size_t left_out = 0;                  ///< rows in which a wanted cell is empty, NaN or infinite
+  std::size_t first_left_out = 0;            ///< its line, from 1
 };
 
-/// Reads the columns `wanted` of a CSV file in one pass. Fails with file and line, also where a cell is no number at all or one
-/// that its quantity cannot have.
-tl::expected<Numbers, std::string> read_numbers(const std::filesystem::path& file, const std::vector<std::string>& wanted);
+/// Reads the columns `wanted` of a CSV file in one pass. Fails with file and line, also where a cell is no number at
+/// all or one that its quantity cannot have.
+tl::expected<Numbers, std::string> read_numbers(const std::filesystem::path& file,
+                                                const std::vector<std::string>& wanted);
 
 /// The first row of `time_s` that does not come after the row before, by a nanosecond at least, with file and line.
 std::optional<std::string> not_increasing(const Numbers& numbers, const std::vector<double>& time_s);

@@ -1,15 +1,16 @@
-#include <tribotwin/twin/numerics/cma_es.hpp>
-
 #include <algorithm>
 #include <cmath>
 #include <utility>
 #include <vector>
 
+#include <tribotwin/twin/numerics/cma_es.hpp>
+
 namespace tribotwin::twin {
 
 using Eigen::Index, Eigen::MatrixXd, Eigen::VectorXd;
 
-Minimum cma_es(const std::function<double(const VectorXd&)>& objective, const VectorXd& start, const CmaOptions& options, Gaussian& gaussian) {
+Minimum cma_es(const std::function<double(const VectorXd&)>& objective, const VectorXd& start,
+               const CmaOptions& options, Gaussian& gaussian) {
   const int population = options.population, parents = population / 2;
   const Index n = start.size();
   VectorXd mean = start;
@@ -21,13 +22,16 @@ Minimum cma_es(const std::function<double(const VectorXd&)>& objective, const Ve
   weight /= weight.sum();
   const double N = static_cast<double>(n), mu = 1 / weight.squaredNorm();
   const double c_path = (4 + mu / N) / (N + 4 + 2 * mu / N), c_step = (mu + 2) / (N + mu + 5);
-  const double c_one = 2 / (std::pow(N + 1.3, 2) + mu), c_mu = std::min(1 - c_one, 2 * (mu - 2 + 1 / mu) / (std::pow(N + 2, 2) + mu));
+  const double c_one = 2 / (std::pow(N + 1.3, 2) + mu),
+               c_mu = std::min(1 - c_one, 2 * (mu - 2 + 1 / mu) / (std::pow(N + 2, 2) + mu));
   const double damping = 1 + 2 * std::max(0.0, std::sqrt((mu - 1) / (N + 1)) - 1) + c_step;
   const double expected_length = std::sqrt(N) * (1 - 1 / (4 * N) + 1 / (21 * N * N));
   VectorXd path = VectorXd::Zero(n), step_path = VectorXd::Zero(n), axes = VectorXd::Ones(n);
   MatrixXd C = MatrixXd::Identity(n, n), B = C;
   double step = options.first_step;
-  for (int generation = 1; best.evaluations + population <= options.evaluations && step * axes.maxCoeff() > options.last_step && !(options.stop && *options.stop); ++generation) {
+  for (int generation = 1; best.evaluations + population <= options.evaluations &&
+                           step * axes.maxCoeff() > options.last_step && !(options.stop && *options.stop);
+       ++generation) {
     std::vector<std::pair<double, VectorXd>> tried;
     for (int k = 0; k < population; ++k, ++best.evaluations) {
       const VectorXd y = B * axes.cwiseProduct(gaussian(n));
@@ -44,10 +48,13 @@ Minimum cma_es(const std::function<double(const VectorXd&)>& objective, const Ve
       spread += weight(i) * y * y.transpose();
     }
     mean += step * move;
-    step_path = (1 - c_step) * step_path + std::sqrt(c_step * (2 - c_step) * mu) * (B * (B.transpose() * move).cwiseQuotient(axes));
-    const bool steady = step_path.norm() / std::sqrt(1 - std::pow(1 - c_step, 2 * generation)) / expected_length < 1.4 + 2 / (N + 1);
+    step_path = (1 - c_step) * step_path +
+                std::sqrt(c_step * (2 - c_step) * mu) * (B * (B.transpose() * move).cwiseQuotient(axes));
+    const bool steady =
+        step_path.norm() / std::sqrt(1 - std::pow(1 - c_step, 2 * generation)) / expected_length < 1.4 + 2 / (N + 1);
     path = (1 - c_path) * path + (steady ? std::sqrt(c_path * (2 - c_path) * mu) : 0) * move;
-    C = (1 - c_one - c_mu) * C + c_one * (path * path.transpose() + (steady ? 0 : c_path * (2 - c_path)) * C) + c_mu * spread;
+    C = (1 - c_one - c_mu) * C + c_one * (path * path.transpose() + (steady ? 0 : c_path * (2 - c_path)) * C) +
+        c_mu * spread;
     step *= std::exp(c_step / damping * (step_path.norm() / expected_length - 1));
     const Eigen::SelfAdjointEigenSolver<MatrixXd> eigen(C);
     B = eigen.eigenvectors();

@@ -27,9 +27,9 @@ class Gaussian {
 
 struct CmaOptions {
   int population = 8;
-  double first_step = 0.3, last_step = 1e-4;   ///< standard deviation of the search; it ends below the last
-  int evaluations = 1000;                      ///< at most
-  const std::atomic<bool>* stop = nullptr;     ///< ends after the generation under way
+  double first_step = 0.3, last_step = 1e-4;  ///< standard deviation of the search; it ends below the last
+  int evaluations = 1000;                     ///< at most
+  const std::atomic<bool>* stop = nullptr;    ///< ends after the generation under way
 };
 
 struct Minimum {
@@ -38,8 +38,9 @@ struct Minimum {
   int evaluations = 0;
 };
 
-/// CMA-ES with rank-one and rank-mu updates and cumulative step-size adaptation, constants as in Hansen 2016. Coordinates should
-/// be of order 1. The best point that was tried, `start` among them.
-Minimum cma_es(const std::function<double(const Eigen::VectorXd&)>& objective, const Eigen::VectorXd& start, const CmaOptions& options, Gaussian& gaussian);
+/// CMA-ES with rank-one and rank-mu updates and cumulative step-size adaptation, constants as in Hansen 2016.
+/// Coordinates should be of order 1. The best point that was tried, `start` among them.
+Minimum cma_es(const std::function<double(const Eigen::VectorXd&)>& objective, const Eigen::VectorXd& start,
+               const CmaOptions& options, Gaussian& gaussian);
 
 }  // namespace tribotwin::twin

@@ -1,7 +1,7 @@
-#include <tribotwin/twin/numerics/correlation.hpp>
-
 #include <algorithm>
 #include <cstddef>
+
+#include <tribotwin/twin/numerics/correlation.hpp>
 
 namespace tribotwin::twin {
 

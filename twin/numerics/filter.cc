@@ -1,9 +1,9 @@
-#include <tribotwin/twin/numerics/filter.hpp>
-
 #include <algorithm>
 #include <cassert>
 #include <cmath>
 #include <numbers>
+
+#include <tribotwin/twin/numerics/filter.hpp>
 
 namespace tribotwin::twin::identification {
 namespace {
@@ -26,7 +26,11 @@ struct Section {
 
 Section section(double warped, double damping) {
   const double w2 = warped * warped, norm = 1 / (1 + 2 * damping * warped + w2);
-  return {.b0 = w2 * norm, .b1 = 2 * w2 * norm, .b2 = w2 * norm, .a1 = 2 * (w2 - 1) * norm, .a2 = (1 - 2 * damping * warped + w2) * norm};
+  return {.b0 = w2 * norm,
+          .b1 = 2 * w2 * norm,
+          .b2 = w2 * norm,
+          .a1 = 2 * (w2 - 1) * norm,
+          .a2 = (1 - 2 * damping * warped + w2) * norm};
 }
 
 }  // namespace

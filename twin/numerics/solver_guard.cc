@@ -1,10 +1,9 @@
-#include <tribotwin/twin/numerics/solver_guard.hpp>
-
 #include <cstdlib>
 
 #include <glog/logging.h>
 
 #include <tribotwin/twin/io/output.hpp>
+#include <tribotwin/twin/numerics/solver_guard.hpp>
 
 namespace tribotwin::twin::identification {
 namespace {
@@ -12,7 +11,8 @@ namespace {
 const char* name_of_program = "";
 
 [[noreturn]] void give_up() {
-  complain(name_of_program, failed, "the solver met numbers that it cannot work with; is there a value in the data that no joint has?");
+  complain(name_of_program, failed,
+           "the solver met numbers that it cannot work with; is there a value in the data that no joint has?");
   std::_Exit(failed);
 }
 
@@ -20,7 +20,8 @@ const char* name_of_program = "";
 
 void exit_on_solver_failure(const char* program) {
   name_of_program = program;
-  FLAGS_minloglevel = google::NUM_SEVERITIES;   // not even the last words of a failed check, which name only lines of Ceres
+  FLAGS_minloglevel =
+      google::NUM_SEVERITIES;  // not even the last words of a failed check, which name only lines of Ceres
   google::InstallFailureFunction(give_up);
 }
 

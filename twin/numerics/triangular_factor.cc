@@ -1,13 +1,17 @@
-#include <tribotwin/twin/numerics/triangular_factor.hpp>
-
 #include <algorithm>
 #include <limits>
+
+#include <tribotwin/twin/numerics/triangular_factor.hpp>
 
 namespace tribotwin::twin {
 
 using Eigen::Index, Eigen::MatrixXd, Eigen::VectorXd;
 
-TriangularFactor::TriangularFactor(Index columns) : columns_(columns), block_(std::max<Index>(4 * columns, 128)), buffer_(decltype(buffer_)::Zero(columns + block_, columns)), used_(columns) {}
+TriangularFactor::TriangularFactor(Index columns)
+    : columns_(columns),
+      block_(std::max<Index>(4 * columns, 128)),
+      buffer_(decltype(buffer_)::Zero(columns + block_, columns)),
+      used_(columns) {}
 
 Eigen::Ref<Eigen::RowVectorXd, 0, Eigen::InnerStride<>> TriangularFactor::row() {
   if (used_ == buffer_.rows()) fold();

@@ -4,8 +4,9 @@
 
 namespace tribotwin::twin {
 
-/// The factor R of the QR decomposition of a tall matrix that is never in memory: rows come one by one and are folded in by
-/// Householder reflections, block by block (TSQR). R^T R is the matrix's normal matrix, without its loss of digits.
+/// The factor R of the QR decomposition of a tall matrix that is never in memory: rows come one by one and are folded
+/// in by Householder reflections, block by block (TSQR). R^T R is the matrix's normal matrix, without its loss of
+/// digits.
 class TriangularFactor {
  public:
   explicit TriangularFactor(Eigen::Index columns);
@@ -24,7 +25,7 @@ class TriangularFactor {
 
   Eigen::Index columns_, block_;
   // Row-major, because rows are written; folding is delayed and changes nothing that can be seen.
-  mutable Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor> buffer_;   ///< R on top, then rows
+  mutable Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor> buffer_;  ///< R on top, then rows
   mutable Eigen::Index used_;
 };
 

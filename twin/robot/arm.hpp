@@ -31,10 +31,11 @@ double inertia_kg_m2(const mjModel* m, const mjData* d, int dof);
 /// A body carried at the flange: a point of mass with the inertia of a steel ball of that mass.
 struct Payload {
   double mass_kg = 0;
-  std::array<double, 3> com_m{};   ///< from the site "flange", or from the frame of the last driven body without one
+  std::array<double, 3> com_m{};  ///< from the site "flange", or from the frame of the last driven body without one
 };
 
 /// The arm with a payload (in place of none). Fails where the changed model could not carry its drives.
-tl::expected<std::shared_ptr<const mujoco::Model>, std::string> with_payload(const mujoco::Model& arm, const Payload& payload);
+tl::expected<std::shared_ptr<const mujoco::Model>, std::string> with_payload(const mujoco::Model& arm,
+                                                                             const Payload& payload);
 
 }  // namespace tribotwin::twin

@@ -1,11 +1,10 @@
-#include <tribotwin/twin/robot/base_parameters.hpp>
-
 #include <cmath>
 #include <random>
 
 #include <fmt/format.h>
 
 #include <tribotwin/twin/numerics/triangular_factor.hpp>
+#include <tribotwin/twin/robot/base_parameters.hpp>
 
 namespace tribotwin::twin {
 namespace {
@@ -26,7 +25,8 @@ MatrixXd excited(Regressor& regressor) {
   TriangularFactor factor(columns);
   VectorXd q(n), qd(n), qdd(n);
   for (Index state = 0; state < 50 + 4 * columns / n; ++state) {
-    for (Index j = 0; j < n; ++j) q(j) = uniform(regressor.is_slide(j) ? 1 : 3.2), qd(j) = uniform(3), qdd(j) = uniform(10);
+    for (Index j = 0; j < n; ++j)
+      q(j) = uniform(regressor.is_slide(j) ? 1 : 3.2), qd(j) = uniform(3), qdd(j) = uniform(10);
     factor.add(regressor.at(q, qd, qdd));
   }
   return factor.R();
@@ -37,7 +37,8 @@ std::string group_text(const std::vector<Regressor::Column>& columns, Index lead
   for (Index c = 0; c < row.size(); ++c) {
     if (c == leading || row(c) == 0) continue;
     const double size = std::abs(row(c));
-    text += fmt::format(" {} {}{}", row(c) < 0 ? '-' : '+', size == 1 ? "" : fmt::format("{:.4g} ", size), columns[static_cast<std::size_t>(c)].name);
+    text += fmt::format(" {} {}{}", row(c) < 0 ? '-' : '+', size == 1 ? "" : fmt::format("{:.4g} ", size),
+                        columns[static_cast<std::size_t>(c)].name);
   }
   return text;
 }
@@ -50,8 +51,10 @@ BaseParameters base_parameters(Regressor regressor) {
   VectorXd length = R.colwise().norm();
   const double longest = length.maxCoeff();
   for (Index c = 0; c < R.cols(); ++c)
-    if (length(c) > nothing * longest) R.col(c) /= length(c);
-    else length(c) = 0, R.col(c).setZero();
+    if (length(c) > nothing * longest)
+      R.col(c) /= length(c);
+    else
+      length(c) = 0, R.col(c).setZero();
 
   BaseParameters base;
   Eigen::ColPivHouseholderQR<MatrixXd> pivoted(R);
@@ -85,7 +88,9 @@ BaseParameters base_parameters(Regressor regressor) {
       base.from_all(i, c) = std::abs(std::abs(x) - 1) < 1e-9 ? std::copysign(1, x) : x;
     }
     const auto& leading = columns[static_cast<std::size_t>(base.independent[static_cast<std::size_t>(i)])];
-    base.parameters.push_back({leading.name, group_text(columns, base.independent[static_cast<std::size_t>(i)], base.from_all.row(i)), leading.unit});
+    base.parameters.push_back({leading.name,
+                               group_text(columns, base.independent[static_cast<std::size_t>(i)], base.from_all.row(i)),
+                               leading.unit});
   }
   return base;
 }

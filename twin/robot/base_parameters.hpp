@@ -9,19 +9,19 @@
 
 namespace tribotwin::twin {
 
-/// The combinations of inertial parameters that torques can tell: beta = phi(independent) + groups phi(dependent), so that
-/// Y phi = Y(:, independent) beta in every state (Gautier 1991). Columns are taken from the base outwards: what a link and its
-/// successor move alike is counted to the one nearer to the base, rotors to links where they move alike.
+/// The combinations of inertial parameters that torques can tell: beta = phi(independent) + groups phi(dependent), so
+/// that Y phi = Y(:, independent) beta in every state (Gautier 1991). Columns are taken from the base outwards: what a
+/// link and its successor move alike is counted to the one nearer to the base, rotors to links where they move alike.
 struct BaseParameters {
   struct Parameter {
-    std::string name;      ///< of its leading parameter, "link2.Izz"
-    std::string group;     ///< in full, "link2.Izz + joint2.Ia - 0.35 link3.mx + ..."
+    std::string name;   ///< of its leading parameter, "link2.Izz"
+    std::string group;  ///< in full, "link2.Izz + joint2.Ia - 0.35 link3.mx + ..."
     std::string unit;
   };
   std::vector<Parameter> parameters;
-  std::vector<Eigen::Index> independent;      ///< columns of the regressor, ascending
-  Eigen::MatrixXd from_all;                   ///< beta = from_all phi
-  Eigen::Index numerical_rank = 0;            ///< of the regressor by column-pivoted QR, for comparison with their number
+  std::vector<Eigen::Index> independent;  ///< columns of the regressor, ascending
+  Eigen::MatrixXd from_all;               ///< beta = from_all phi
+  Eigen::Index numerical_rank = 0;        ///< of the regressor by column-pivoted QR, for comparison with their number
 
   Eigen::Index size() const { return static_cast<Eigen::Index>(parameters.size()); }
 };

@@ -1,5 +1,3 @@
-#include <tribotwin/twin/robot/drive_change.hpp>
-
 #include <algorithm>
 #include <sstream>
 
@@ -7,6 +5,7 @@
 #include <pugixml.hpp>
 
 #include <tribotwin/twin/robot/arm.hpp>
+#include <tribotwin/twin/robot/drive_change.hpp>
 
 namespace tribotwin::twin {
 namespace {
@@ -16,14 +15,17 @@ void include_all(pugi::xml_document& document, const std::filesystem::path& fold
   while (const pugi::xml_node include = document.select_node("//include").node()) {
     pugi::xml_document part;
     part.load_file((folder / include.attribute("file").value()).c_str());
-    for (const pugi::xml_node child : part.document_element().children()) include.parent().insert_copy_before(child, include);
+    for (const pugi::xml_node child : part.document_element().children())
+      include.parent().insert_copy_before(child, include);
     include.parent().remove_child(include);
   }
 }
 
 drive::Configuration changed(drive::Configuration configuration, const drive::Configuration& keys) {
   const auto drop = [&](const auto& parameters) {
-    std::erase_if(configuration, [&](const auto& entry) { return std::ranges::any_of(parameters, [&](const auto& p) { return p.name == entry.first; }); });
+    std::erase_if(configuration, [&](const auto& entry) {
+      return std::ranges::any_of(parameters, [&](const auto& p) { return p.name == entry.first; });
+    });
   };
   for (const auto& [key, value] : keys) {
     const auto old = std::ranges::find(configuration, key, &drive::Configuration::value_type::first);
@@ -44,7 +46,8 @@ drive::Configuration changed(drive::Configuration configuration, const drive::Co
 
 }  // namespace
 
-tl::expected<std::shared_ptr<const mujoco::Model>, std::string> load_with_drive(const std::filesystem::path& file, const std::string& joint,
+tl::expected<std::shared_ptr<const mujoco::Model>, std::string> load_with_drive(const std::filesystem::path& file,
+                                                                                const std::string& joint,
                                                                                 const drive::Configuration& keys) {
   auto model = mujoco::load_file(file);
   if (!model || keys.empty()) return model;
@@ -61,7 +64,8 @@ tl::expected<std::shared_ptr<const mujoco::Model>, std::string> load_with_drive(
     if (element.attribute("name").value() != instance) continue;
     // Words first: with a law or a thermal model their own parameters go, and those given here come after.
     drive::Configuration ordered = keys, present;
-    std::ranges::stable_partition(ordered, [](const auto& entry) { return entry.first == "law" || entry.first == "thermal"; });
+    std::ranges::stable_partition(ordered,
+                                  [](const auto& entry) { return entry.first == "law" || entry.first == "thermal"; });
     while (const pugi::xml_node config = element.child("config")) {
       present.emplace_back(config.attribute("key").value(), config.attribute("value").value());
       element.remove_child(config);

@@ -1,5 +1,3 @@
-#include <tribotwin/twin/robot/excitation.hpp>
-
 #include <algorithm>
 #include <cmath>
 #include <numbers>
@@ -10,20 +8,23 @@
 #include <fmt/ranges.h>
 
 #include <tribotwin/twin/numerics/cma_es.hpp>
+#include <tribotwin/twin/robot/excitation.hpp>
 
 namespace tribotwin::twin {
 namespace {
 
 using Eigen::Index, Eigen::MatrixXd, Eigen::VectorXd;
 
-/// Self-collision by MuJoCo's contacts. A robot drawn without contacts gets them for this; bodies that touch in the reference pose,
-/// as neighbours do, are taken to be meant so.
+/// Self-collision by MuJoCo's contacts. A robot drawn without contacts gets them for this; bodies that touch in the
+/// reference pose, as neighbours do, are taken to be meant so.
 class Collisions {
  public:
-  Collisions(const mjModel* model, const VectorXd& reference) : model_(mj_copyModel(nullptr, model)), data_(mj_makeData(model_.get())) {
+  Collisions(const mjModel* model, const VectorXd& reference)
+      : model_(mj_copyModel(nullptr, model)), data_(mj_makeData(model_.get())) {
     mjModel* m = model_.get();
     bool own = false;
-    for (int g = 0; g < m->ngeom; ++g) own |= m->body_weldid[m->geom_bodyid[g]] != 0 && (m->geom_contype[g] || m->geom_conaffinity[g]);
+    for (int g = 0; g < m->ngeom; ++g)
+      own |= m->body_weldid[m->geom_bodyid[g]] != 0 && (m->geom_contype[g] || m->geom_conaffinity[g]);
     for (int g = 0; g < m->ngeom && !own; ++g) m->geom_contype[g] = m->geom_conaffinity[g] = 1;
     touching(reference, [&](int a, int b) {
       meant_.insert({a, b});
@@ -36,7 +37,10 @@ class Collisions {
     std::optional<std::string> found;
     touching(q, [&](int a, int b) {
       if (meant_.contains({a, b})) return false;
-      const auto name = [&](int body) { return std::string(mj_id2name(model_.get(), mjOBJ_BODY, body) ? mj_id2name(model_.get(), mjOBJ_BODY, body) : "a body"); };
+      const auto name = [&](int body) {
+        return std::string(mj_id2name(model_.get(), mjOBJ_BODY, body) ? mj_id2name(model_.get(), mjOBJ_BODY, body)
+                                                                      : "a body");
+      };
       found = fmt::format("{} and {}", name(a), name(b));
       return true;
     });
@@ -72,7 +76,12 @@ VectorXd reference_pose(const mjModel* m, const MotionLimits& limits) {
 class Judge {
  public:
   Judge(const mujoco::Model& model, const Regressor& regressor, const BaseParameters& base, const MotionLimits& limits)
-      : regressor_(regressor), base_(base), limits_(limits), phi_(regressor.model_parameters()), columns_(base.size() + 2 * regressor.joints()), collisions(model.get(), reference_pose(model.get(), limits)) {
+      : regressor_(regressor),
+        base_(base),
+        limits_(limits),
+        phi_(regressor.model_parameters()),
+        columns_(base.size() + 2 * regressor.joints()),
+        collisions(model.get(), reference_pose(model.get(), limits)) {
     for (Index j = 0; j < regressor.joints(); ++j) {
       const auto drive = std::ranges::find(model.drives(), static_cast<int>(j), &mujoco::Binding::dof);
       drives_.push_back(drive == model.drives().end() ? nullptr : &*drive);
@@ -84,8 +93,13 @@ class Judge {
     unit_.setZero(n);
     std::vector<MatrixXd> Ys;
     for (int s = 0; s < states; ++s) {
-      const auto within = [&](const VectorXd& low, const VectorXd& high) -> VectorXd { return low + gaussian(n).unaryExpr([](double z) { return 0.5 * std::erfc(-z / std::numbers::sqrt2); }).cwiseProduct(high - low); };
-      const VectorXd q = within(limits.low, limits.high), qd = within(-limits.speed, limits.speed), qdd = within(-limits.acceleration, limits.acceleration);
+      const auto within = [&](const VectorXd& low, const VectorXd& high) -> VectorXd {
+        return low + gaussian(n)
+                         .unaryExpr([](double z) { return 0.5 * std::erfc(-z / std::numbers::sqrt2); })
+                         .cwiseProduct(high - low);
+      };
+      const VectorXd q = within(limits.low, limits.high), qd = within(-limits.speed, limits.speed),
+                     qdd = within(-limits.acceleration, limits.acceleration);
       unit_ += (regressor_.at(q, qd, qdd) * phi_).cwiseAbs2();
       Ys.push_back(rows(qd));
     }
@@ -102,7 +116,10 @@ class Judge {
     for (Index j = 0; j < rigid.size(); ++j) {
       double torque = rigid(j);
       if (const auto* d = drives_[static_cast<std::size_t>(j)]; d && qd(j) != 0)
-        torque += std::copysign(mujoco::friction_nm(d->drive, std::abs(qd(j)), std::abs(rigid(j)) / d->drive.torque_max_nm, d->drive.thermal.T_amb_degC), qd(j));
+        torque +=
+            std::copysign(mujoco::friction_nm(d->drive, std::abs(qd(j)), std::abs(rigid(j)) / d->drive.torque_max_nm,
+                                              d->drive.thermal.T_amb_degC),
+                          qd(j));
       worst = std::max(worst, std::abs(torque) / limits_.torque(j) - 1);
     }
     return worst;
@@ -124,7 +141,8 @@ class Judge {
   MatrixXd rows(const VectorXd& qd) {
     MatrixXd Y = MatrixXd::Zero(regressor_.joints(), columns_);
     Y.leftCols(base_.size()) = regressor_.last()(Eigen::all, base_.independent);
-    for (Index j = 0; j < qd.size(); ++j) Y(j, base_.size() + 2 * j) = qd(j) > 0 ? 1 : qd(j) < 0 ? -1 : 0, Y(j, base_.size() + 2 * j + 1) = qd(j);
+    for (Index j = 0; j < qd.size(); ++j)
+      Y(j, base_.size() + 2 * j) = qd(j) > 0 ? 1 : qd(j) < 0 ? -1 : 0, Y(j, base_.size() + 2 * j + 1) = qd(j);
     return Y;
   }
 
@@ -144,21 +162,27 @@ class Judge {
 /// A search coordinate to 0 .. 1.
 double share_of(double z) { return 1 / (1 + std::exp(-z)); }
 
-/// Coordinates to a series that keeps positions, speeds and accelerations by construction: per joint the coefficients, how much of
-/// what is allowed they use, and where in what is left the centre lies.
+/// Coordinates to a series that keeps positions, speeds and accelerations by construction: per joint the coefficients,
+/// how much of what is allowed they use, and where in what is left the centre lies.
 FourierSeries series_of(const VectorXd& z, const MotionLimits& limits, const ExcitationOptions& o) {
   const Index n = limits.low.size(), H = o.harmonics;
-  FourierSeries s{.period_s = o.period_s, .centre = VectorXd::Zero(n), .a = z.head(n * H).reshaped(n, H), .b = z.segment(n * H, n * H).reshaped(n, H)};
+  FourierSeries s{.period_s = o.period_s,
+                  .centre = VectorXd::Zero(n),
+                  .a = z.head(n * H).reshaped(n, H),
+                  .b = z.segment(n * H, n * H).reshaped(n, H)};
   s.start_at_rest();
   const int grid = 24 * o.harmonics;
-  VectorXd q(n), qd(n), qdd(n), least = VectorXd::Constant(n, 1e300), most = -least, speed = VectorXd::Zero(n), acceleration = VectorXd::Zero(n);
+  VectorXd q(n), qd(n), qdd(n), least = VectorXd::Constant(n, 1e300), most = -least, speed = VectorXd::Zero(n),
+                                acceleration = VectorXd::Zero(n);
   for (int i = 0; i < grid; ++i) {
     s.at(i * o.period_s / grid, q, qd, qdd);
-    least = least.cwiseMin(q), most = most.cwiseMax(q), speed = speed.cwiseMax(qd.cwiseAbs()), acceleration = acceleration.cwiseMax(qdd.cwiseAbs());
+    least = least.cwiseMin(q), most = most.cwiseMax(q), speed = speed.cwiseMax(qd.cwiseAbs()),
+    acceleration = acceleration.cwiseMax(qdd.cwiseAbs());
   }
   for (Index j = 0; j < n; ++j) {
     // The grid misses the peaks by less than 1 %.
-    const double allowed = 0.99 * std::min({limits.speed(j) / speed(j), limits.acceleration(j) / acceleration(j), (limits.high(j) - limits.low(j)) / (most(j) - least(j))});
+    const double allowed = 0.99 * std::min({limits.speed(j) / speed(j), limits.acceleration(j) / acceleration(j),
+                                            (limits.high(j) - limits.low(j)) / (most(j) - least(j))});
     const double scale = allowed * (0.1 + 0.9 * share_of(2 + z(2 * n * H + j)));
     s.a.row(j) *= scale, s.b.row(j) *= scale;
     const double first = limits.low(j) - scale * least(j), last = limits.high(j) - scale * most(j);
@@ -198,7 +222,8 @@ std::string trouble(const Motion& motion, Judge& judge) {
     motion.at(t, now);
     for (Index j = 0; j < n; ++j) {
       const auto at = static_cast<std::size_t>(j);
-      q(j) = now[at].position_rad, qd(j) = now[at].velocity_rad_s, qdd(j) = (now[at].velocity_rad_s - before[at].velocity_rad_s) / dt;
+      q(j) = now[at].position_rad, qd(j) = now[at].velocity_rad_s,
+      qdd(j) = (now[at].velocity_rad_s - before[at].velocity_rad_s) / dt;
     }
     if (judge.torque_excess(q, qd, qdd) > 0) return "torque";
     if (const auto pair = judge.collisions.at(q)) return *pair;
@@ -211,18 +236,24 @@ std::span<const double> values(const VectorXd& v) { return {v.data(), static_cas
 std::vector<double> list(const VectorXd& v) { return {v.begin(), v.end()}; }
 
 /// Back and forth around a pose at several speeds, slowly to fast.
-Motion friction_of(Index joint, const VectorXd& pose, double half_travel, const MotionLimits& limits, const VectorXd& acceleration) {
+Motion friction_of(Index joint, const VectorXd& pose, double half_travel, const MotionLimits& limits,
+                   const VectorXd& acceleration) {
   Motion motion(list(pose));
   VectorXd low = pose, high = pose;
-  low(joint) = std::max(limits.low(joint), pose(joint) - half_travel), high(joint) = std::min(limits.high(joint), pose(joint) + half_travel);
+  low(joint) = std::max(limits.low(joint), pose(joint) - half_travel),
+  high(joint) = std::min(limits.high(joint), pose(joint) + half_travel);
   const VectorXd approach = 0.3 * limits.speed;
   for (const double share : {0.03, 0.1, 0.25, 0.5, 0.75, 1.0}) {
     // Slow passes are short: five seconds at most.
     const VectorXd speed = share * limits.speed;
     const double shorter = std::min(1.0, 5 * speed(joint) / (high(joint) - low(joint)));
-    const VectorXd middle = 0.5 * (low + high), from = middle + shorter * (low - middle), to = middle + shorter * (high - middle);
+    const VectorXd middle = 0.5 * (low + high), from = middle + shorter * (low - middle),
+                   to = middle + shorter * (high - middle);
     motion.move_to(list(from), values(approach), values(acceleration)).dwell(0.1);
-    motion.move_to(list(to), values(speed), values(acceleration)).dwell(0.1).move_to(list(from), values(speed), values(acceleration)).dwell(0.1);
+    motion.move_to(list(to), values(speed), values(acceleration))
+        .dwell(0.1)
+        .move_to(list(from), values(speed), values(acceleration))
+        .dwell(0.1);
   }
   motion.move_to(list(pose), values(approach), values(acceleration)).dwell(0.1);
   return motion;
@@ -233,7 +264,12 @@ Motion friction_of(Index joint, const VectorXd& pose, double half_travel, const 
 MotionLimits motion_limits(const mujoco::Model& model, const Regressor& regressor, double share) {
   const mjModel* m = model.get();
   const Index n = regressor.joints();
-  MotionLimits limits{.low = VectorXd(n), .high = VectorXd(n), .speed = VectorXd::Constant(n, 2 * share), .acceleration = {}, .torque = VectorXd::Constant(n, friction::unlimited), .notes = {}};
+  MotionLimits limits{.low = VectorXd(n),
+                      .high = VectorXd(n),
+                      .speed = VectorXd::Constant(n, 2 * share),
+                      .acceleration = {},
+                      .torque = VectorXd::Constant(n, friction::unlimited),
+                      .notes = {}};
   std::vector<std::string> unlimited;
   for (Index j = 0; j < n; ++j) {
     double low = m->jnt_range[2 * j], high = m->jnt_range[2 * j + 1];
@@ -244,15 +280,20 @@ MotionLimits motion_limits(const mujoco::Model& model, const Regressor& regresso
     }
     limits.low(j) = low + 0.02 * (high - low), limits.high(j) = high - 0.02 * (high - low);
   }
-  if (!unlimited.empty()) limits.notes.push_back(fmt::format("the model gives no range for {}: half a turn (0.5 m) to both sides is taken", fmt::join(unlimited, ", ")));
+  if (!unlimited.empty())
+    limits.notes.push_back(fmt::format("the model gives no range for {}: half a turn (0.5 m) to both sides is taken",
+                                       fmt::join(unlimited, ", ")));
   const int numeric = mj_name2id(m, mjOBJ_NUMERIC, "joint_speed_max_rad_s");
   if (numeric >= 0 && static_cast<std::size_t>(m->numeric_size[numeric]) == model.drives().size())
-    for (std::size_t d = 0; d < model.drives().size(); ++d) limits.speed(model.drives()[d].dof) = share * m->numeric_data[m->numeric_adr[numeric] + static_cast<int>(d)];
+    for (std::size_t d = 0; d < model.drives().size(); ++d)
+      limits.speed(model.drives()[d].dof) = share * m->numeric_data[m->numeric_adr[numeric] + static_cast<int>(d)];
   else
-    limits.notes.push_back("the model has no numeric joint_speed_max_rad_s with a number per drive: 2 rad/s (2 m/s) is taken");
+    limits.notes.push_back(
+        "the model has no numeric joint_speed_max_rad_s with a number per drive: 2 rad/s (2 m/s) is taken");
   limits.acceleration = limits.speed / 0.4;
   for (const auto& drive : model.drives())
-    if (m->actuator_ctrllimited[drive.actuator]) limits.torque(drive.dof) = share * m->actuator_ctrlrange[2 * drive.control + 1] * drive.gear;
+    if (m->actuator_ctrllimited[drive.actuator])
+      limits.torque(drive.dof) = share * m->actuator_ctrlrange[2 * drive.control + 1] * drive.gear;
   return limits;
 }
 
@@ -266,7 +307,9 @@ void Excitation::at(double time_s, std::span<SetPoint> out) const {
 
 std::string to_csv(const Excitation& e, const Regressor& regressor, double rate_hz) {
   std::string s = "time_s,section";
-  for (Index j = 0; j < regressor.joints(); ++j) s += fmt::format(",position_{0}_{1},velocity_{0}_{1}_s", regressor.joint_name(j), regressor.is_slide(j) ? "m" : "rad");
+  for (Index j = 0; j < regressor.joints(); ++j)
+    s += fmt::format(",position_{0}_{1},velocity_{0}_{1}_s", regressor.joint_name(j),
+                     regressor.is_slide(j) ? "m" : "rad");
   s += '\n';
   std::vector<SetPoint> points(static_cast<std::size_t>(regressor.joints()));
   for (std::size_t i = 0; static_cast<double>(i) <= e.duration_s() * rate_hz; ++i) {
@@ -279,7 +322,8 @@ std::string to_csv(const Excitation& e, const Regressor& regressor, double rate_
   return s;
 }
 
-tl::expected<Excitation, std::string> excite(const mujoco::Model& model, const Regressor& regressor, const BaseParameters& base, const ExcitationOptions& o) {
+tl::expected<Excitation, std::string> excite(const mujoco::Model& model, const Regressor& regressor,
+                                             const BaseParameters& base, const ExcitationOptions& o) {
   const MotionLimits limits = motion_limits(model, regressor, o.share);
   Judge judge(model, regressor, base, limits);
   const Index n = regressor.joints(), size = 2 * n * o.harmonics + 2 * n;
@@ -302,11 +346,22 @@ tl::expected<Excitation, std::string> excite(const mujoco::Model& model, const R
     if (const VectorXd z = gaussian(size); true)
       if (const double value = tried(z); value < start.objective) start.z = z, start.objective = value;
   Minimum found = start;
-  if (!stopped()) found = cma_es(tried, start.z, {.population = 16, .evaluations = o.evaluations - evaluations, .stop = o.stop}, gaussian);
+  if (!stopped())
+    found = cma_es(tried, start.z, {.population = 16, .evaluations = o.evaluations - evaluations, .stop = o.stop},
+                   gaussian);
   if (found.objective >= impossible)
-    return tl::unexpected(fmt::format("no motion of all joints within torque limits and without self-collision was found in {} trials{}; lower --share, or a reference pose (first keyframe) that is free may help", evaluations, stopped() ? ", being interrupted" : ""));
+    return tl::unexpected(
+        fmt::format("no motion of all joints within torque limits and without self-collision was found in {} trials{}; "
+                    "lower --share, or a reference pose (first keyframe) that is free may help",
+                    evaluations, stopped() ? ", being interrupted" : ""));
 
-  Excitation out{.inertia = series_of(found.z, limits, o), .inertia_s = o.periods * o.period_s, .rest = Motion({}), .condition_number = std::exp(found.objective), .first_condition_number = std::exp(first), .interrupted = stopped(), .notes = limits.notes};
+  Excitation out{.inertia = series_of(found.z, limits, o),
+                 .inertia_s = o.periods * o.period_s,
+                 .rest = Motion({}),
+                 .condition_number = std::exp(found.objective),
+                 .first_condition_number = std::exp(first),
+                 .interrupted = stopped(),
+                 .notes = limits.notes};
   VectorXd q(n), qd(n), qdd(n);
   out.inertia.at(0, q, qd, qdd);
   out.pose = reference_pose(model.get(), limits);
@@ -321,31 +376,46 @@ tl::expected<Excitation, std::string> excite(const mujoco::Model& model, const R
       Motion motion = make(travel);
       why = trouble(motion, judge);
       if (why.empty()) return motion;
-      if (why == "torque") acceleration *= 0.7;
-      else travel *= 0.7;
+      if (why == "torque")
+        acceleration *= 0.7;
+      else
+        travel *= 0.7;
     }
-    return tl::unexpected(fmt::format("{}: no motion within the limits around the pose of the first keyframe ({})", what, why == "torque" ? "torque" : why + " touch"));
+    return tl::unexpected(fmt::format("{}: no motion within the limits around the pose of the first keyframe ({})",
+                                      what, why == "torque" ? "torque" : why + " touch"));
   };
   out.rest = Motion(list(q));
   out.friction_s = out.inertia_s;
   if (!o.friction && o.heating_s == 0) return out;
   out.rest.dwell(0.2).move_to(list(out.pose), values(approach), values(acceleration)).dwell(0.2);
-  if (const auto why = trouble(out.rest, judge); !why.empty()) out.notes.push_back(fmt::format("on the way from the first section to the pose: {}", why == "torque" ? "more torque than the limit is needed" : why + " touch"));
+  if (const auto why = trouble(out.rest, judge); !why.empty())
+    out.notes.push_back(fmt::format("on the way from the first section to the pose: {}",
+                                    why == "torque" ? "more torque than the limit is needed" : why + " touch"));
   for (Index j = 0; j < n && o.friction; ++j) {
-    const auto part = settled([&](double travel) { return friction_of(j, out.pose, travel * std::min(0.45 * (limits.high(j) - limits.low(j)), 1.2), limits, acceleration); }, "friction of " + regressor.joint_name(j));
+    const auto part = settled(
+        [&](double travel) {
+          return friction_of(j, out.pose, travel * std::min(0.45 * (limits.high(j) - limits.low(j)), 1.2), limits,
+                             acceleration);
+        },
+        "friction of " + regressor.joint_name(j));
     if (!part) return tl::unexpected(part.error());
     out.rest.then(*part);
   }
   out.friction_s = out.inertia_s + out.rest.duration_s();
   if (o.heating_s > 0) {
-    const auto part = settled([&](double travel) {
-      const VectorXd half = travel * 0.3 * (limits.high - limits.low), from = (out.pose - half).cwiseMax(limits.low), to = (out.pose + half).cwiseMin(limits.high);
-      Motion motion(list(out.pose));
-      motion.move_to(list(from), values(approach), values(acceleration));
-      while (motion.duration_s() < std::max(o.heating_s, 1.0)) motion.move_to(list(to), values(limits.speed), values(acceleration)).move_to(list(from), values(limits.speed), values(acceleration));
-      motion.move_to(list(out.pose), values(approach), values(acceleration));
-      return motion;
-    }, "heating");
+    const auto part = settled(
+        [&](double travel) {
+          const VectorXd half = travel * 0.3 * (limits.high - limits.low),
+                         from = (out.pose - half).cwiseMax(limits.low), to = (out.pose + half).cwiseMin(limits.high);
+          Motion motion(list(out.pose));
+          motion.move_to(list(from), values(approach), values(acceleration));
+          while (motion.duration_s() < std::max(o.heating_s, 1.0))
+            motion.move_to(list(to), values(limits.speed), values(acceleration))
+                .move_to(list(from), values(limits.speed), values(acceleration));
+          motion.move_to(list(out.pose), values(approach), values(acceleration));
+          return motion;
+        },
+        "heating");
     if (!part) return tl::unexpected(part.error());
     out.rest.then(*part);
   }

@@ -14,43 +14,45 @@
 #include <tribotwin/twin/robot/motion.hpp>
 
 /// Motion that tells a robot's dynamics: paper 3's cycle of three sections. Inertia: Fourier series of all joints whose
-/// coefficients make the condition number of the base regressor small. Friction: joint by joint, several speeds both ways,
-/// the others in a stated pose. Heating: fast point-to-point moves of all joints.
+/// coefficients make the condition number of the base regressor small. Friction: joint by joint, several speeds both
+/// ways, the others in a stated pose. Heating: fast point-to-point moves of all joints.
 namespace tribotwin::twin {
 
 /// What the motion keeps to, per joint of the regressor.
 struct MotionLimits {
-  Eigen::VectorXd low, high;        ///< positions [rad; m]
+  Eigen::VectorXd low, high;  ///< positions [rad; m]
   Eigen::VectorXd speed, acceleration;
-  Eigen::VectorXd torque;           ///< of the motor, arm side; infinite where the model names none
-  std::vector<std::string> notes;   ///< what had to be assumed
+  Eigen::VectorXd torque;          ///< of the motor, arm side; infinite where the model names none
+  std::vector<std::string> notes;  ///< what had to be assumed
 };
 
-/// Range of the joints less 2 % of it at each end; the model's numeric `joint_speed_max_rad_s` (per drive; else 2 rad/s); the
-/// acceleration that reaches it in 0.4 s; ctrlrange of the drives. Speeds and torques times `share`.
+/// Range of the joints less 2 % of it at each end; the model's numeric `joint_speed_max_rad_s` (per drive; else 2
+/// rad/s); the acceleration that reaches it in 0.4 s; ctrlrange of the drives. Speeds and torques times `share`.
 MotionLimits motion_limits(const mujoco::Model& model, const Regressor& regressor, double share);
 
 struct ExcitationOptions {
-  double share = 0.8;             ///< of the speeds and torques
+  double share = 0.8;  ///< of the speeds and torques
   double period_s = 10;
   int harmonics = 5;
-  int periods = 2;                ///< of the series, one after the other
-  double heating_s = 180;         ///< 0: none
+  int periods = 2;         ///< of the series, one after the other
+  double heating_s = 180;  ///< 0: none
   bool friction = true;
   int evaluations = 4000;
   std::uint64_t seed = 1;
-  const std::atomic<bool>* stop = nullptr;                                   ///< what was found until then is the result
+  const std::atomic<bool>* stop = nullptr;  ///< what was found until then is the result
   std::function<void(double share, double condition_number)> progress;
 };
 
 struct Excitation {
   FourierSeries inertia;
-  double inertia_s = 0;                 ///< end of the first section
-  double friction_s = 0;                ///< end of the second
-  Motion rest;                          ///< second and third section, from inertia_s on
-  double condition_number = 0;          ///< of base regressor, Coulomb and viscous columns over the first section; every column in units of its rms at random states within the limits, every row in units of the joint's torque
-  double first_condition_number = 0;    ///< of the first motion tried that keeps the limits
-  Eigen::VectorXd pose;                 ///< of the joints that rest in the second section
+  double inertia_s = 0;   ///< end of the first section
+  double friction_s = 0;  ///< end of the second
+  Motion rest;            ///< second and third section, from inertia_s on
+  double condition_number =
+      0;  ///< of base regressor, Coulomb and viscous columns over the first section; every column in units of its rms
+          ///< at random states within the limits, every row in units of the joint's torque
+  double first_condition_number = 0;  ///< of the first motion tried that keeps the limits
+  Eigen::VectorXd pose;               ///< of the joints that rest in the second section
   bool interrupted = false;
   std::vector<std::string> notes;
 
@@ -65,6 +67,7 @@ struct Excitation {
 std::string to_csv(const Excitation& excitation, const Regressor& regressor, double rate_hz);
 
 /// Fails where no motion within the limits was found.
-tl::expected<Excitation, std::string> excite(const mujoco::Model& model, const Regressor& regressor, const BaseParameters& base, const ExcitationOptions& options = {});
+tl::expected<Excitation, std::string> excite(const mujoco::Model& model, const Regressor& regressor,
+                                             const BaseParameters& base, const ExcitationOptions& options = {});
 
 }  // namespace tribotwin::twin

@@ -1,7 +1,7 @@
-#include <tribotwin/twin/robot/fourier.hpp>
-
 #include <cmath>
 #include <numbers>
+
+#include <tribotwin/twin/robot/fourier.hpp>
 
 namespace tribotwin::twin {
 
@@ -18,7 +18,8 @@ void FourierSeries::at(double t, Eigen::Ref<VectorXd> q, Eigen::Ref<VectorXd> qd
   qd.setZero();
   qdd.setZero();
   for (Index k = 0; k < a.cols(); ++k) {
-    const double w = static_cast<double>(k + 1) * 2 * std::numbers::pi / period_s, c = std::cos(w * t), s = std::sin(w * t);
+    const double w = static_cast<double>(k + 1) * 2 * std::numbers::pi / period_s, c = std::cos(w * t),
+                 s = std::sin(w * t);
     q += (a.col(k) * s - b.col(k) * c) / w;
     qd += a.col(k) * c + b.col(k) * s;
     qdd += w * (b.col(k) * c - a.col(k) * s);

@@ -11,13 +11,14 @@ namespace tribotwin::twin {
 /// with sum a_k = 0 and sum k b_k = 0, so that it starts and ends at rest without acceleration.
 struct FourierSeries {
   double period_s = 10;
-  Eigen::VectorXd centre;       ///< per joint [rad; m]
-  Eigen::MatrixXd a, b;         ///< joints x harmonics [rad/s; m/s]
+  Eigen::VectorXd centre;  ///< per joint [rad; m]
+  Eigen::MatrixXd a, b;    ///< joints x harmonics [rad/s; m/s]
 
   /// The nearest that starts at rest without acceleration.
   void start_at_rest();
   /// Positions, velocities and accelerations at a time [s]; vectors of joints.
-  void at(double time_s, Eigen::Ref<Eigen::VectorXd> q, Eigen::Ref<Eigen::VectorXd> qd, Eigen::Ref<Eigen::VectorXd> qdd) const;
+  void at(double time_s, Eigen::Ref<Eigen::VectorXd> q, Eigen::Ref<Eigen::VectorXd> qd,
+          Eigen::Ref<Eigen::VectorXd> qdd) const;
 };
 
 }  // namespace tribotwin::twin

@@ -1,12 +1,13 @@
-#include <tribotwin/twin/robot/motion.hpp>
-
 #include <algorithm>
 #include <cmath>
 #include <numbers>
 
+#include <tribotwin/twin/robot/motion.hpp>
+
 namespace tribotwin::twin {
 
-Motion& Motion::move_to(std::vector<double> target, std::span<const double> speed, std::span<const double> acceleration) {
+Motion& Motion::move_to(std::vector<double> target, std::span<const double> speed,
+                        std::span<const double> acceleration) {
   // The trapezoid of the joint that needs longest, followed by all in proportion; ramps long enough for everyone.
   double duration = 0, ramp = 0;
   for (std::size_t j = 0; j < target.size(); ++j) {
@@ -41,8 +42,11 @@ Motion& Motion::hold_at(double time_s, std::vector<double> position) {
 }
 
 Motion& Motion::pass_through(double time_s, std::vector<double> position, std::vector<double> velocity) {
-  std::vector<double> from_velocity = segments_.empty() || segments_.back().to_velocity.empty() ? std::vector<double>(start_.size(), 0.0) : segments_.back().to_velocity;
-  if (time_s > end_s_) segments_.push_back({end_s_, time_s - end_s_, 0, last_, position, std::move(from_velocity), std::move(velocity)});
+  std::vector<double> from_velocity = segments_.empty() || segments_.back().to_velocity.empty()
+                                          ? std::vector<double>(start_.size(), 0.0)
+                                          : segments_.back().to_velocity;
+  if (time_s > end_s_)
+    segments_.push_back({end_s_, time_s - end_s_, 0, last_, position, std::move(from_velocity), std::move(velocity)});
   end_s_ = time_s;
   last_ = std::move(position);
   return *this;
@@ -88,7 +92,8 @@ void Motion::at(double t, std::span<SetPoint> out) const {
     const double x = u / s.duration_s, h01 = x * x * (3 - 2 * x), h10 = x * (1 - x) * (1 - x), h11 = x * x * (x - 1);
     for (std::size_t j = 0; j < start_.size(); ++j) {
       const double way = s.to[j] - s.from[j], v0 = s.from_velocity[j], v1 = s.to_velocity[j];
-      out[j] = {s.from[j] + h01 * way + s.duration_s * (h10 * v0 + h11 * v1), 6 * x * (1 - x) * way / s.duration_s + (1 - x) * (1 - 3 * x) * v0 + x * (3 * x - 2) * v1};
+      out[j] = {s.from[j] + h01 * way + s.duration_s * (h10 * v0 + h11 * v1),
+                6 * x * (1 - x) * way / s.duration_s + (1 - x) * (1 - 3 * x) * v0 + x * (3 * x - 2) * v1};
     }
     return;
   }
@@ -112,7 +117,8 @@ void Motion::at(double t, std::span<SetPoint> out) const {
   }
 }
 
-Motion back_and_forth(std::vector<double> centre, std::size_t joint, double travel, double speed, double acceleration, double dwell_s) {
+Motion back_and_forth(std::vector<double> centre, std::size_t joint, double travel, double speed, double acceleration,
+                      double dwell_s) {
   std::vector<double> low = centre, high = centre;
   low[joint] -= travel / 2;
   high[joint] += travel / 2;
@@ -122,11 +128,13 @@ Motion back_and_forth(std::vector<double> centre, std::size_t joint, double trav
   return motion;
 }
 
-Motion test_cycle(std::vector<double> centre, std::span<const std::size_t> joints, double acceleration, double dwell_s) {
+Motion test_cycle(std::vector<double> centre, std::span<const std::size_t> joints, double acceleration,
+                  double dwell_s) {
   constexpr double deg = std::numbers::pi / 180;
-  constexpr struct { double speed, travel; } levels[] = {
-      {0.1, 2}, {0.5, 6}, {1, 15}, {1.5, 15}, {2, 30}, {3, 30}, {5, 60}, {8, 120}, {10, 120}, {15, 180},
-      {30, 240}, {45, 360}, {60, 360}, {80, 360}, {100, 360}};
+  constexpr struct {
+    double speed, travel;
+  } levels[] = {{0.1, 2},  {0.5, 6},  {1, 15},   {1.5, 15}, {2, 30},   {3, 30},   {5, 60},   {8, 120},
+                {10, 120}, {15, 180}, {30, 240}, {45, 360}, {60, 360}, {80, 360}, {100, 360}};
   const std::vector<double> accelerations(centre.size(), acceleration), approach(centre.size(), 60 * deg);
   Motion motion(centre);
   for (const std::size_t joint : joints) {

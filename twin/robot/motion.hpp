@@ -6,7 +6,8 @@
 #include <vector>
 
 /// What the arm is asked to do, as a pure function of time: a list of straight joint moves with trapezoidal speed,
-/// held samples of a recording, or cubics through samples of position and speed. Angles [rad] (slides [m]), speeds [rad/s], one entry per driven joint.
+/// held samples of a recording, or cubics through samples of position and speed. Angles [rad] (slides [m]), speeds
+/// [rad/s], one entry per driven joint.
 namespace tribotwin::twin {
 
 struct SetPoint {
@@ -23,8 +24,8 @@ class Motion {
   Motion& dwell(double duration_s);
   /// Appends a jump held until the next move: recorded set points.
   Motion& hold_at(double time_s, std::vector<double> position_rad);
-  /// Appends the cubic from the end of the last such piece to a position and velocity at a time; without one before, from the
-  /// start at time 0, at rest.
+  /// Appends the cubic from the end of the last such piece to a position and velocity at a time; without one before,
+  /// from the start at time 0, at rest.
   Motion& pass_through(double time_s, std::vector<double> position_rad, std::vector<double> velocity_rad_s);
   /// Appends another motion, which begins where this one ends and does not repeat.
   Motion& then(const Motion& other);
@@ -46,7 +47,7 @@ class Motion {
   struct Segment {
     double start_s, duration_s, ramp_s;
     std::vector<double> from, to;
-    std::vector<double> from_velocity, to_velocity;   ///< of cubics; else empty
+    std::vector<double> from_velocity, to_velocity;  ///< of cubics; else empty
   };
   std::vector<double> start_, last_;
   std::vector<Segment> segments_;
@@ -58,6 +59,7 @@ Motion back_and_forth(std::vector<double> centre_rad, std::size_t joint, double 
                       double acceleration_rad_s2, double dwell_s);
 
 /// Paper 2, Table 1: 15 speed levels, each forward and back over its travel, on the chosen joints one after the other.
-Motion test_cycle(std::vector<double> centre_rad, std::span<const std::size_t> joints, double acceleration_rad_s2, double dwell_s);
+Motion test_cycle(std::vector<double> centre_rad, std::span<const std::size_t> joints, double acceleration_rad_s2,
+                  double dwell_s);
 
 }  // namespace tribotwin::twin

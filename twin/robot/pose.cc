@@ -1,5 +1,3 @@
-#include <tribotwin/twin/robot/pose.hpp>
-
 #include <algorithm>
 #include <cmath>
 #include <numbers>
@@ -8,11 +6,12 @@
 #include <fmt/format.h>
 
 #include <tribotwin/twin/robot/arm.hpp>
+#include <tribotwin/twin/robot/pose.hpp>
 
 namespace tribotwin::twin {
 namespace {
 
-constexpr double tolerated = 0.01;   // change of load while measuring, over torque_max_nm, either way
+constexpr double tolerated = 0.01;  // change of load while measuring, over torque_max_nm, either way
 
 /// `count` angles over a joint's range.
 std::vector<double> grid_of(const mjModel* m, int joint, int count) {
@@ -59,18 +58,21 @@ Gravity::Gravity(const mujoco::Model& arm, std::size_t drive, std::vector<double
 double Gravity::load_nm(std::span<const double> pose_rad, double q_rad) const {
   const mjModel* m = arm_.get();
   const auto drives = arm_.drives();
-  for (std::size_t i = 0; i < drives.size(); ++i) data_->qpos[position_address(m, drives[i])] = i == drive_ ? q_rad : pose_rad[i];
+  for (std::size_t i = 0; i < drives.size(); ++i)
+    data_->qpos[position_address(m, drives[i])] = i == drive_ ? q_rad : pose_rad[i];
   mj_kinematics(m, data_.get());
   mj_comPos(m, data_.get());
   return gravity_torque_nm(m, data_.get(), drives[drive_].dof);
 }
 
 Pose Gravity::with_width(std::vector<double> pose_rad) const {
-  const double q = pose_rad[drive_], limit = tolerated * arm_.drives()[drive_].drive.torque_max_nm, here = load_nm(pose_rad, q);
+  const double q = pose_rad[drive_], limit = tolerated * arm_.drives()[drive_].drive.torque_max_nm,
+               here = load_nm(pose_rad, q);
   double half = 1;
   for (double step = 0.5; step > 1e-4; step /= 2) {
     bool good = true;
-    for (const double share : {-1.0, -0.5, 0.5, 1.0}) good = good && std::abs(load_nm(pose_rad, q + share * half) - here) <= limit;
+    for (const double share : {-1.0, -0.5, 0.5, 1.0})
+      good = good && std::abs(load_nm(pose_rad, q + share * half) - here) <= limit;
     half += good ? step : -step;
   }
   return {std::move(pose_rad), 2 * half};
@@ -88,12 +90,15 @@ tl::expected<Pose, std::string> Gravity::pose_for(double load_nm) const {
       if (before * here > 0) continue;
       const double slope = std::abs(here - before);
       if (best && slope >= best->slope) continue;
-      best = {inner_grid_[i - 1] + (before == here ? 0 : before / (before - here)) * (inner_grid_[i] - inner_grid_[i - 1]), outer_grid_[o], slope};
+      best = {
+          inner_grid_[i - 1] + (before == here ? 0 : before / (before - here)) * (inner_grid_[i] - inner_grid_[i - 1]),
+          outer_grid_[o], slope};
     }
   const double torque_max = arm_.drives()[drive_].drive.torque_max_nm;
   if (!best)
-    return tl::unexpected(fmt::format("no pose of this joint and the next one outward gives the load {:.3g}; gravity gives {:.3g} .. {:.3g}",
-                                      load_nm / torque_max, least_nm_ / torque_max, most_nm_ / torque_max));
+    return tl::unexpected(fmt::format(
+        "no pose of this joint and the next one outward gives the load {:.3g}; gravity gives {:.3g} .. {:.3g}",
+        load_nm / torque_max, least_nm_ / torque_max, most_nm_ / torque_max));
   std::vector<double> pose = start_;
   if (outer_ >= 0) pose[static_cast<std::size_t>(outer_)] = best->outer;
   const double cell = inner_grid_[1] - inner_grid_[0];
@@ -101,8 +106,10 @@ tl::expected<Pose, std::string> Gravity::pose_for(double load_nm) const {
   if (fa * (this->load_nm(pose, c) - load_nm) <= 0)
     for (int k = 0; k < 60; ++k) {
       const double middle = 0.5 * (a + c), f = this->load_nm(pose, middle) - load_nm;
-      if (fa * f <= 0) c = middle;
-      else a = middle, fa = f;
+      if (fa * f <= 0)
+        c = middle;
+      else
+        a = middle, fa = f;
       best->q = 0.5 * (a + c);
     }
   pose[drive_] = best->q;

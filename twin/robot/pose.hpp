@@ -12,12 +12,12 @@
 namespace tribotwin::twin {
 
 struct Pose {
-  std::vector<double> position_rad;   ///< per drive
-  double width_rad;                   ///< the joint's travel around the pose in which the load stays within 1 % of torque_max_nm
+  std::vector<double> position_rad;  ///< per drive
+  double width_rad;  ///< the joint's travel around the pose in which the load stays within 1 % of torque_max_nm
 };
 
-/// Gravity's load on one joint over its own angle and that of the next driven joint outward, within their ranges. Keeps a
-/// reference to the arm; one thread at a time.
+/// Gravity's load on one joint over its own angle and that of the next driven joint outward, within their ranges. Keeps
+/// a reference to the arm; one thread at a time.
 class Gravity {
  public:
   /// `start_rad` per drive: what the other joints do.
@@ -38,9 +38,9 @@ class Gravity {
   const mujoco::Model& arm_;
   std::size_t drive_;
   std::vector<double> start_;
-  int outer_ = -1;                         ///< drive of the next joint outward
+  int outer_ = -1;  ///< drive of the next joint outward
   mujoco::DataPtr data_;
-  std::vector<double> inner_grid_, outer_grid_, load_;   ///< load by inner, then outer
+  std::vector<double> inner_grid_, outer_grid_, load_;  ///< load by inner, then outer
   double least_nm_, most_nm_;
 };
 

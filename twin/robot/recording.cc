@@ -1,5 +1,3 @@
-#include <tribotwin/twin/robot/recording.hpp>
-
 #include <cmath>
 #include <cstring>
 #include <fstream>
@@ -8,6 +6,7 @@
 #include <nlohmann/json.hpp>
 
 #include <tribotwin/twin/io/table.hpp>
+#include <tribotwin/twin/robot/recording.hpp>
 
 namespace tribotwin::twin {
 namespace {
@@ -24,17 +23,27 @@ Result read_json(const std::filesystem::path& file, std::istream& stream) {
   for (const auto& [key, value] : json.items())
     if (value.is_number()) {
       points.numbers.emplace_back(key, value.get<double>());
-      if (!quantity_of(key).contains(points.numbers.back().second)) return fail(fmt::format("{} is {} but {}", key, points.numbers.back().second, quantity_of(key).requirement()));
+      if (!quantity_of(key).contains(points.numbers.back().second))
+        return fail(fmt::format("{} is {} but {}", key, points.numbers.back().second, quantity_of(key).requirement()));
     }
   points.position_rad.resize(1);
   std::size_t i = 0;
   for (const auto& entry : json["entries"]) {
-    const auto number = [&](const char* key) { return entry.is_object() && entry.contains(key) && entry[key].is_number() ? entry[key].get<double>() : std::nan(""); };
+    const auto number = [&](const char* key) {
+      return entry.is_object() && entry.contains(key) && entry[key].is_number() ? entry[key].get<double>()
+                                                                                : std::nan("");
+    };
     const double t = number("timestamp"), goal = number("goal_position");
-    if (!std::isfinite(t) || !std::isfinite(goal)) return fail(fmt::format("entry {}: needs the numbers timestamp and goal_position", i));
-    for (const auto& [key, column] : {std::pair{"timestamp", "time_s"}, {"goal_position", "position_rad"}, {"position", "position_rad"}, {"temp", "temperature_degC"}})
-      if (const double x = number(key); std::isfinite(x) && !quantity_of(column).contains(x)) return fail(fmt::format("entry {}: {} is {} but {}", i, key, x, quantity_of(column).requirement()));
-    if (!points.time_s.empty() && t <= points.time_s.back()) return fail(fmt::format("entry {}: timestamp {} does not come after {}", i, t, points.time_s.back()));
+    if (!std::isfinite(t) || !std::isfinite(goal))
+      return fail(fmt::format("entry {}: needs the numbers timestamp and goal_position", i));
+    for (const auto& [key, column] : {std::pair{"timestamp", "time_s"},
+                                      {"goal_position", "position_rad"},
+                                      {"position", "position_rad"},
+                                      {"temp", "temperature_degC"}})
+      if (const double x = number(key); std::isfinite(x) && !quantity_of(column).contains(x))
+        return fail(fmt::format("entry {}: {} is {} but {}", i, key, x, quantity_of(column).requirement()));
+    if (!points.time_s.empty() && t <= points.time_s.back())
+      return fail(fmt::format("entry {}: timestamp {} does not come after {}", i, t, points.time_s.back()));
     points.time_s.push_back(t);
     points.position_rad[0].push_back(goal);
     points.measured_rad.push_back(number("position"));
@@ -54,7 +63,8 @@ Result read_csv(const std::filesystem::path& file) {
   SetPoints points{.time_s = std::move(*time)};
   for (std::size_t i = 1; i < points.time_s.size(); ++i)
     if (points.time_s[i] <= points.time_s[i - 1])
-      return tl::unexpected(fmt::format("{}time {} s does not come after {} s", table->where(i), points.time_s[i], points.time_s[i - 1]));
+      return tl::unexpected(
+          fmt::format("{}time {} s does not come after {} s", table->where(i), points.time_s[i], points.time_s[i - 1]));
   for (const auto& name : table->names) {
     constexpr std::string_view prefix = "position_";
     if (!name.starts_with(prefix)) continue;
@@ -71,7 +81,8 @@ Result read_csv(const std::filesystem::path& file) {
     points.velocity_rad_s.push_back(std::move(*speeds));
   }
   if (!points.velocity_rad_s.empty() && points.velocity_rad_s.size() < points.joints.size())
-    return tl::unexpected(fmt::format("{}:1: {} of {} joints have a velocity; give it for all or none", file.string(), points.velocity_rad_s.size(), points.joints.size()));
+    return tl::unexpected(fmt::format("{}:1: {} of {} joints have a velocity; give it for all or none", file.string(),
+                                      points.velocity_rad_s.size(), points.joints.size()));
   if (points.joints.empty()) return tl::unexpected(fmt::format("{}:1: no column 'position_JOINT_rad'", file.string()));
   return points;
 }
@@ -81,7 +92,8 @@ Result read_csv(const std::filesystem::path& file) {
 Result read_set_points(const std::filesystem::path& file) {
   if (file.extension() != ".json") return read_csv(file);
   std::error_code error;
-  if (std::filesystem::is_directory(file, error)) return tl::unexpected(fmt::format("{}: is a folder, not a recording", file.string()));
+  if (std::filesystem::is_directory(file, error))
+    return tl::unexpected(fmt::format("{}: is a folder, not a recording", file.string()));
   std::ifstream stream(file);
   if (!stream) return tl::unexpected(fmt::format("{}: cannot be read ({})", file.string(), std::strerror(errno)));
   return read_json(file, stream);

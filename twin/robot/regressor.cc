@@ -1,8 +1,8 @@
-#include <tribotwin/twin/robot/regressor.hpp>
-
 #include <algorithm>
 
 #include <fmt/format.h>
+
+#include <tribotwin/twin/robot/regressor.hpp>
 
 namespace tribotwin::twin {
 namespace {
@@ -10,8 +10,11 @@ namespace {
 using Eigen::Index, Eigen::Matrix3d, Eigen::MatrixXd, Eigen::Vector3d, Eigen::VectorXd;
 
 constexpr Index per_body = 10;
-constexpr struct { const char *name, *unit; } body_parameters[per_body] = {
-    {"Ixx", "kg m^2"}, {"Ixy", "kg m^2"}, {"Ixz", "kg m^2"}, {"Iyy", "kg m^2"}, {"Iyz", "kg m^2"}, {"Izz", "kg m^2"}, {"mx", "kg m"}, {"my", "kg m"}, {"mz", "kg m"}, {"m", "kg"}};
+constexpr struct {
+  const char *name, *unit;
+} body_parameters[per_body] = {{"Ixx", "kg m^2"}, {"Ixy", "kg m^2"}, {"Ixz", "kg m^2"}, {"Iyy", "kg m^2"},
+                               {"Iyz", "kg m^2"}, {"Izz", "kg m^2"}, {"mx", "kg m"},    {"my", "kg m"},
+                               {"mz", "kg m"},    {"m", "kg"}};
 constexpr int tensor[6][2] = {{0, 0}, {0, 1}, {0, 2}, {1, 1}, {1, 2}, {2, 2}};
 
 Vector3d vector(const mjtNum* v) { return {v[0], v[1], v[2]}; }
@@ -38,7 +41,9 @@ std::string name_of(const mjModel* m, int type, int id, const char* kind) {
 tl::expected<Regressor, std::string> Regressor::create(const mjModel* m) {
   for (int j = 0; j < m->njnt; ++j)
     if (m->jnt_type[j] != mjJNT_HINGE && m->jnt_type[j] != mjJNT_SLIDE)
-      return tl::unexpected(fmt::format("joint '{}' is a {} joint; the dynamics of trees of hinges and slides can be identified", name_of(m, mjOBJ_JOINT, j, "joint"), m->jnt_type[j] == mjJNT_FREE ? "free" : "ball"));
+      return tl::unexpected(
+          fmt::format("joint '{}' is a {} joint; the dynamics of trees of hinges and slides can be identified",
+                      name_of(m, mjOBJ_JOINT, j, "joint"), m->jnt_type[j] == mjJNT_FREE ? "free" : "ball"));
   if (m->njnt == 0) return tl::unexpected(std::string("the model has no joint"));
   Regressor r(m);
   r.gravity_ = m->opt.disableflags & mjDSBL_GRAVITY ? Vector3d::Zero() : vector(m->opt.gravity);
@@ -50,11 +55,13 @@ tl::expected<Regressor, std::string> Regressor::create(const mjModel* m) {
     for (int j = 0; j < m->body_jntnum[b]; ++j) joints.push_back(m->body_jntadr[b] + j);
     if (joints.empty()) continue;
     r.first_column_[static_cast<std::size_t>(b)] = static_cast<Index>(r.columns_.size());
-    for (const auto& p : body_parameters) r.columns_.push_back({.name = name_of(m, mjOBJ_BODY, b, "body") + "." + p.name, .unit = p.unit, .body = b});
+    for (const auto& p : body_parameters)
+      r.columns_.push_back({.name = name_of(m, mjOBJ_BODY, b, "body") + "." + p.name, .unit = p.unit, .body = b});
   }
   for (int j = 0; j < m->njnt; ++j) {
     r.joint_names_.push_back(name_of(m, mjOBJ_JOINT, j, "joint"));
-    r.columns_.push_back({.name = r.joint_names_.back() + ".Ia", .unit = m->jnt_type[j] == mjJNT_SLIDE ? "kg" : "kg m^2", .dof = j});
+    r.columns_.push_back(
+        {.name = r.joint_names_.back() + ".Ia", .unit = m->jnt_type[j] == mjJNT_SLIDE ? "kg" : "kg m^2", .dof = j});
   }
   r.frames_.resize(static_cast<std::size_t>(m->nbody));
   r.axis_.resize(static_cast<std::size_t>(m->njnt));
@@ -65,10 +72,12 @@ tl::expected<Regressor, std::string> Regressor::create(const mjModel* m) {
 
 bool Regressor::acts(std::size_t column, Index dof) const {
   const Column& c = columns_[column];
-  return c.body < 0 ? c.dof == dof : std::ranges::count(moved_by_[static_cast<std::size_t>(c.body)], static_cast<int>(dof)) > 0;
+  return c.body < 0 ? c.dof == dof
+                    : std::ranges::count(moved_by_[static_cast<std::size_t>(c.body)], static_cast<int>(dof)) > 0;
 }
 
-const MatrixXd& Regressor::at(const Eigen::Ref<const VectorXd>& q, const Eigen::Ref<const VectorXd>& qd, const Eigen::Ref<const VectorXd>& qdd) {
+const MatrixXd& Regressor::at(const Eigen::Ref<const VectorXd>& q, const Eigen::Ref<const VectorXd>& qd,
+                              const Eigen::Ref<const VectorXd>& qdd) {
   const mjModel* m = model_;
   frames_[0].a = -gravity_;
   for (int b = 1; b < m->nbody; ++b) {
@@ -89,7 +98,7 @@ const MatrixXd& Regressor::at(const Eigen::Ref<const VectorXd>& q, const Eigen::
       } else {
         const Vector3d own_anchor = vector(m->jnt_pos + 3 * j), to_anchor = f.R * own_anchor;
         anchor_[at] = f.origin + to_anchor;
-        f.a = f.acceleration(to_anchor);   // of the anchor, the same on both sides of the hinge
+        f.a = f.acceleration(to_anchor);  // of the anchor, the same on both sides of the hinge
         f.dw += qdd(j) * axis + qd(j) * f.w.cross(axis);
         f.w += qd(j) * axis;
         f.R = f.R * Eigen::AngleAxisd(travel, own_axis).toRotationMatrix();
@@ -109,8 +118,11 @@ const MatrixXd& Regressor::at(const Eigen::Ref<const VectorXd>& q, const Eigen::
     for (const int j : moved_by_[static_cast<std::size_t>(b)]) {
       const Vector3d u = f.R.transpose() * axis_[static_cast<std::size_t>(j)];
       auto row = Y_.block<1, per_body>(j, first);
-      if (m->jnt_type[j] == mjJNT_SLIDE) row = u.transpose() * force;
-      else row = u.transpose() * torque + u.cross(f.R.transpose() * (f.origin - anchor_[static_cast<std::size_t>(j)])).transpose() * force;
+      if (m->jnt_type[j] == mjJNT_SLIDE)
+        row = u.transpose() * force;
+      else
+        row = u.transpose() * torque +
+              u.cross(f.R.transpose() * (f.origin - anchor_[static_cast<std::size_t>(j)])).transpose() * force;
     }
   }
   const Index rotors = static_cast<Index>(columns_.size()) - m->nv;
@@ -131,7 +143,9 @@ VectorXd Regressor::model_parameters() const {
     const Matrix3d R = rotation(m->body_iquat + 4 * b), S = cross_matrix(centre);
     const Matrix3d I = R * vector(m->body_inertia + 3 * b).asDiagonal() * R.transpose() - m->body_mass[b] * S * S;
     const Index k = static_cast<Index>(c) - first_column_[static_cast<std::size_t>(b)];
-    phi(static_cast<Index>(c)) = k < 6 ? I(tensor[k][0], tensor[k][1]) : k < 9 ? m->body_mass[b] * centre(k - 6) : m->body_mass[b];
+    phi(static_cast<Index>(c)) = k < 6   ? I(tensor[k][0], tensor[k][1])
+                                 : k < 9 ? m->body_mass[b] * centre(k - 6)
+                                         : m->body_mass[b];
   }
   return phi;
 }

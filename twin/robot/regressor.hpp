@@ -9,25 +9,26 @@
 
 /// Rigid-body dynamics as a linear function of what there is to identify: tau = Y(q, qd, qdd) phi.
 ///
-/// phi holds ten numbers per moving body, about the origin of the body's frame and in its axes: the inertia tensor's elements
-/// Ixx Ixy Ixz Iyy Iyz Izz [kg m^2], the first moments mx my mz [kg m], the mass m [kg]; then one rotor inertia (armature) per
-/// joint, Ia [kg m^2; kg for a slide]. With the acceleration a of the frame's origin less gravity, the angular velocity w and
-/// acceleration w' of the body, all in its axes, the force and the torque about the origin are
+/// phi holds ten numbers per moving body, about the origin of the body's frame and in its axes: the inertia tensor's
+/// elements Ixx Ixy Ixz Iyy Iyz Izz [kg m^2], the first moments mx my mz [kg m], the mass m [kg]; then one rotor
+/// inertia (armature) per joint, Ia [kg m^2; kg for a slide]. With the acceleration a of the frame's origin less
+/// gravity, the angular velocity w and acceleration w' of the body, all in its axes, the force and the torque about the
+/// origin are
 ///
 ///   f = m a + w' x mc + w x (w x mc),     n = I w' + w x I w + mc x a
 ///
-/// and a joint feels the part along its axis: Newton-Euler over mjModel's tree, exact. Equals mj_inverse without constraints,
-/// passive forces and actuators.
+/// and a joint feels the part along its axis: Newton-Euler over mjModel's tree, exact. Equals mj_inverse without
+/// constraints, passive forces and actuators.
 namespace tribotwin::twin {
 
 class Regressor {
  public:
   /// What a column multiplies.
   struct Column {
-    std::string name;      ///< "link2.Ixx", "joint2.Ia"
+    std::string name;  ///< "link2.Ixx", "joint2.Ia"
     std::string unit;
-    int body = -1;         ///< of mjModel; -1 for a rotor
-    int dof = -1;          ///< of a rotor; -1 for a body
+    int body = -1;  ///< of mjModel; -1 for a rotor
+    int dof = -1;   ///< of a rotor; -1 for a body
   };
 
   /// `model` must outlive the regressor. Fails where a joint is neither hinge nor slide, or none is.
@@ -42,9 +43,10 @@ class Regressor {
   /// Whether a column can have an effect on the torque of a joint.
   bool acts(std::size_t column, Eigen::Index dof) const;
 
-  /// Y, joints x columns, at positions [rad; m], velocities and accelerations of the joints. Uses the object's own workspace:
-  /// one object per thread.
-  const Eigen::MatrixXd& at(const Eigen::Ref<const Eigen::VectorXd>& q, const Eigen::Ref<const Eigen::VectorXd>& qd, const Eigen::Ref<const Eigen::VectorXd>& qdd);
+  /// Y, joints x columns, at positions [rad; m], velocities and accelerations of the joints. Uses the object's own
+  /// workspace: one object per thread.
+  const Eigen::MatrixXd& at(const Eigen::Ref<const Eigen::VectorXd>& q, const Eigen::Ref<const Eigen::VectorXd>& qd,
+                            const Eigen::Ref<const Eigen::VectorXd>& qdd);
 
   /// Y of the last call of `at`.
   const Eigen::MatrixXd& last() const { return Y_; }
@@ -55,7 +57,8 @@ class Regressor {
  private:
   struct Frame {
     Eigen::Matrix3d R = Eigen::Matrix3d::Identity();
-    Eigen::Vector3d origin = Eigen::Vector3d::Zero(), w = Eigen::Vector3d::Zero(), dw = Eigen::Vector3d::Zero(), a = Eigen::Vector3d::Zero();
+    Eigen::Vector3d origin = Eigen::Vector3d::Zero(), w = Eigen::Vector3d::Zero(), dw = Eigen::Vector3d::Zero(),
+                    a = Eigen::Vector3d::Zero();
     /// Acceleration of the point at `r` from the origin that moves with the frame.
     Eigen::Vector3d acceleration(const Eigen::Vector3d& r) const { return a + dw.cross(r) + w.cross(w.cross(r)); }
   };
@@ -64,11 +67,11 @@ class Regressor {
   const mjModel* model_;
   std::vector<Column> columns_;
   std::vector<std::string> joint_names_;
-  std::vector<Eigen::Index> first_column_;       ///< per body; -1 where it does not move
-  std::vector<std::vector<int>> moved_by_;       ///< joints between a body and the world
+  std::vector<Eigen::Index> first_column_;  ///< per body; -1 where it does not move
+  std::vector<std::vector<int>> moved_by_;  ///< joints between a body and the world
   Eigen::Vector3d gravity_;
-  std::vector<Frame> frames_;                    ///< per body
-  std::vector<Eigen::Vector3d> axis_, anchor_;   ///< per joint, world
+  std::vector<Frame> frames_;                   ///< per body
+  std::vector<Eigen::Vector3d> axis_, anchor_;  ///< per joint, world
   Eigen::MatrixXd Y_;
 };
 

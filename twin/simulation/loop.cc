@@ -1,7 +1,7 @@
-#include <tribotwin/twin/simulation/loop.hpp>
-
 #include <algorithm>
 #include <cmath>
+
+#include <tribotwin/twin/simulation/loop.hpp>
 
 namespace tribotwin::twin {
 
@@ -11,7 +11,7 @@ double HysteresisLoop::area_J() const {
     const Point &a = points_[i], &b = points_[(i + 1) % points_.size()];
     twice += (a.torque_nm + b.torque_nm) * (b.torsion_rad - a.torsion_rad);
   }
-  return 0.5 * std::abs(twice);   // the ring may begin anywhere: the sum does not care
+  return 0.5 * std::abs(twice);  // the ring may begin anywhere: the sum does not care
 }
 
 double HysteresisLoop::torque_max_nm() const {
@@ -20,7 +20,8 @@ double HysteresisLoop::torque_max_nm() const {
 
 double HysteresisLoop::chord_nm_rad() const {
   const auto [low, high] = std::ranges::minmax(points_, {}, &Point::torsion_rad);
-  return high.torsion_rad > low.torsion_rad ? (high.torque_nm - low.torque_nm) / (high.torsion_rad - low.torsion_rad) : 0;
+  return high.torsion_rad > low.torsion_rad ? (high.torque_nm - low.torque_nm) / (high.torsion_rad - low.torsion_rad)
+                                            : 0;
 }
 
 }  // namespace tribotwin::twin

@@ -18,8 +18,12 @@ namespace tribotwin::twin {
 
 struct JointSummary {
   std::string name;
-  struct { double start, end, max; } temperature_degC;
-  struct { double rms, max; } friction_nm;
+  struct {
+    double start, end, max;
+  } temperature_degC;
+  struct {
+    double rms, max;
+  } friction_nm;
   double load_max_norm;
   std::int64_t clamped_samples;
   double stuck_s;
@@ -31,17 +35,17 @@ struct Comparison {
 
 /// A drive behind a transmission that followed its set point (TrackingError).
 struct TrackingSummary {
-  double temperature_degC;           ///< at the start
-  std::string compensation;          ///< none, static, proposed
+  double temperature_degC;   ///< at the start
+  std::string compensation;  ///< none, static, proposed
   double l1_mrad, standstill_pp_mrad;
 };
 
 /// The last whole period of a transmission's torque under a load that goes to and fro.
 struct LoopSummary {
   double frequency_hz, temperature_degC;
-  double area_J;                     ///< of torque over torsion
-  double torque_nm;                  ///< largest |torque|
-  double stiffness_nm_rad;           ///< chord from end to end of the loop
+  double area_J;            ///< of torque over torsion
+  double torque_nm;         ///< largest |torque|
+  double stiffness_nm_rad;  ///< chord from end to end of the loop
 };
 
 constexpr double balance_share = 0.01, balance_floor_J = 1e-3;
@@ -51,14 +55,14 @@ struct Summary {
   std::int64_t steps, steps_computed;
   std::uint64_t seed;
   double friction_work_J, heat_J, motor_work_J;
-  double energy_balance_J;           ///< what the mechanical balance leaves over
-  bool balanced = true;              ///< that is below balance_share of the friction work, or below balance_floor_J
+  double energy_balance_J;  ///< what the mechanical balance leaves over
+  bool balanced = true;     ///< that is below balance_share of the friction work, or below balance_floor_J
   std::vector<JointSummary> joints;
   std::vector<std::string> warnings;
   std::optional<Comparison> comparison;
   std::vector<TrackingSummary> tracking;
   std::vector<LoopSummary> loops;
-  bool interrupted = false;          ///< the run was cut short
+  bool interrupted = false;  ///< the run was cut short
 };
 
 /// What a twin has done so far.
@@ -68,7 +72,7 @@ std::string summary_json(const Summary& summary);
 /// One of several runs of a scenario.
 struct VariedRun {
   std::string folder;
-  std::vector<std::string> settings;   ///< key=value
+  std::vector<std::string> settings;  ///< key=value
   Summary summary;
 };
 /// The summary.json over them: `runs` with folder and settings; tracking, loops and warnings of all.
@@ -78,7 +82,8 @@ std::string varied_json(std::span<const VariedRun> runs);
 class Recorder {
  public:
   /// `cycles`: with channels per work cycle. Throws InputError where the folder holds a run that may not be replaced.
-  static tl::expected<std::unique_ptr<Recorder>, std::string> create(const std::filesystem::path& directory, const Scenario& scenario, bool cycles,
+  static tl::expected<std::unique_ptr<Recorder>, std::string> create(const std::filesystem::path& directory,
+                                                                     const Scenario& scenario, bool cycles,
                                                                      Existing existing = Existing::refuse);
   ~Recorder();
   /// After step number `step` of the twin: records the state at its start, where the scenario's telemetry rate says so.

@@ -1,5 +1,3 @@
-#include <tribotwin/twin/simulation/run.hpp>
-
 #include <algorithm>
 #include <chrono>
 #include <cmath>
@@ -9,6 +7,7 @@
 
 #include <tribotwin/twin/simulation/loop.hpp>
 #include <tribotwin/twin/simulation/recorder.hpp>
+#include <tribotwin/twin/simulation/run.hpp>
 #include <tribotwin/twin/simulation/tracking.hpp>
 
 namespace tribotwin::twin {
@@ -23,15 +22,20 @@ double seconds_since(Clock::time_point start) { return std::chrono::duration<dou
 class Runner {
  public:
   Runner(const Scenario& scenario, const RunOptions& options)
-      : scenario_(scenario), options_(options), twin_(scenario), timestep_s_(scenario.model->get()->opt.timestep),
+      : scenario_(scenario),
+        options_(options),
+        twin_(scenario),
+        timestep_s_(scenario.model->get()->opt.timestep),
         total_(std::llround(std::ceil(scenario.duration_s / timestep_s_ - 1e-6))),
         drives_(scenario.model->drives().size()) {
-    if (scenario.motion && scenario.motion->period_s() > 0) cycle_ = std::llround(scenario.motion->period_s() / timestep_s_);
+    if (scenario.motion && scenario.motion->period_s() > 0)
+      cycle_ = std::llround(scenario.motion->period_s() / timestep_s_);
     cycle_row_.resize(2 * drives_);
     const auto springs = scenario.model->springs().size();
     if (std::holds_alternative<CompensatedOptions>(scenario.control)) tracking_.resize(springs);
     for (const Wave& wave : scenario.waves)
-      if (const double samples = 1 / (wave.frequency_hz * timestep_s_); loops_.empty() && wave.frequency_hz > 0 && samples <= static_cast<double>(total_)) {
+      if (const double samples = 1 / (wave.frequency_hz * timestep_s_);
+          loops_.empty() && wave.frequency_hz > 0 && samples <= static_cast<double>(total_)) {
         loop_hz_ = wave.frequency_hz;
         loops_.assign(springs, HysteresisLoop(static_cast<std::size_t>(std::llround(samples))));
       }
@@ -57,24 +61,35 @@ class Runner {
   Summary summary() {
     Summary s = summarize(twin_, scenario_, seconds_since(started_));
     s.interrupted = twin_.steps() < total_;
-    if (s.interrupted && recorder_ && !recorder_->replaced().empty()) s.warnings.push_back(kept_in(recorder_->replaced()));
+    if (s.interrupted && recorder_ && !recorder_->replaced().empty())
+      s.warnings.push_back(kept_in(recorder_->replaced()));
     if (skipped_cycles_ > 0)
-      s.warnings.push_back(fmt::format("multi-rate: {} of {} work cycles were computed step by step, the others followed from them (largest correction {:.2g} K)",
-                                       cycles_ - skipped_cycles_, cycles_, largest_correction_K_));
+      s.warnings.push_back(
+          fmt::format("multi-rate: {} of {} work cycles were computed step by step, the others followed from them "
+                      "(largest correction {:.2g} K)",
+                      cycles_ - skipped_cycles_, cycles_, largest_correction_K_));
     if (scenario_.recording && scenario_.baseline && samples_compared_ > 0 && !s.interrupted)
       s.comparison = Comparison{1e3 * error_sum_rad_ / static_cast<double>(samples_compared_), baseline_mae_mrad()};
-    const auto start_degC = [&](std::size_t spring) { return scenario_.temperature_degC[twin_.transmission(scenario_.model->springs()[spring]).drive]; };
+    const auto start_degC = [&](std::size_t spring) {
+      return scenario_.temperature_degC[twin_.transmission(scenario_.model->springs()[spring]).drive];
+    };
     for (std::size_t i = 0; i < tracking_.size(); ++i)
-      s.tracking.push_back({start_degC(i), std::string(name_of(std::get<CompensatedOptions>(scenario_.control).compensator.compensation)), tracking_[i].l1_mrad(), tracking_[i].standstill_pp_mrad()});
+      s.tracking.push_back(
+          {start_degC(i),
+           std::string(name_of(std::get<CompensatedOptions>(scenario_.control).compensator.compensation)),
+           tracking_[i].l1_mrad(), tracking_[i].standstill_pp_mrad()});
     for (std::size_t i = 0; i < loops_.size(); ++i)
-      s.loops.push_back({loop_hz_, start_degC(i), loops_[i].area_J(), loops_[i].torque_max_nm(), loops_[i].chord_nm_rad()});
+      s.loops.push_back(
+          {loop_hz_, start_degC(i), loops_[i].area_J(), loops_[i].torque_max_nm(), loops_[i].chord_nm_rad()});
     return s;
   }
 
  private:
   bool stopped() const { return options_.stop && options_.stop->load(std::memory_order_relaxed); }
 
-  static std::string kept_in(const std::filesystem::path& folder) { return fmt::format("the run that this one was to replace is kept in {}", folder.string()); }
+  static std::string kept_in(const std::filesystem::path& folder) {
+    return fmt::format("the run that this one was to replace is kept in {}", folder.string());
+  }
   Status with_replaced(Status status) const {
     if (status || !recorder_ || recorder_->replaced().empty()) return status;
     return tl::unexpected(fmt::format("{}; {}", status.error(), kept_in(recorder_->replaced())));
@@ -89,7 +104,9 @@ class Runner {
         if (auto ok = recorder_->sample(twin_, k); !ok) return ok;
       watch_transmissions();
       if (k % 1024 == 0) report();
-      if (options_.realtime) std::this_thread::sleep_until(started_ + std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(twin_.time_s())));
+      if (options_.realtime)
+        std::this_thread::sleep_until(
+            started_ + std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(twin_.time_s())));
     }
     return {};
   }
@@ -99,7 +116,8 @@ class Runner {
     const auto springs = scenario_.model->springs();
     for (std::size_t i = 0; i < springs.size(); ++i) {
       const auto t = twin_.transmission(springs[i]);
-      if (i < tracking_.size()) tracking_[i].add(t.arm_set_point_rad, t.arm_rad, t.arm_set_speed_rad_s == 0, timestep_s_);
+      if (i < tracking_.size())
+        tracking_[i].add(t.arm_set_point_rad, t.arm_rad, t.arm_set_speed_rad_s == 0, timestep_s_);
       if (i < loops_.size()) loops_[i].add(t.torsion_rad, t.torque_nm);
     }
   }
@@ -116,21 +134,23 @@ class Runner {
 
   void report() {
     if (!options_.progress) return;
-    const double share = static_cast<double>(twin_.steps()) / static_cast<double>(total_), wall = seconds_since(started_);
+    const double share = static_cast<double>(twin_.steps()) / static_cast<double>(total_),
+                 wall = seconds_since(started_);
     options_.progress(share, share > 0 ? wall / share - wall : 0);
   }
 
-  // Multi-rate. One work cycle, computed in full, is an affine map of each thermal node: rise' = keep rise + input, where
-  // `input` depends on the temperature only slowly. Cycles ahead follow from that map in closed form until they would
-  // leave the tolerance; the next cycle is computed again, and the cycles between are redone with the input in between
-  // (trapezoid). The heat of a skipped cycle is interpolated alike and booked.
+  // Multi-rate. One work cycle, computed in full, is an affine map of each thermal node: rise' = keep rise + input,
+  // where `input` depends on the temperature only slowly. Cycles ahead follow from that map in closed form until they
+  // would leave the tolerance; the next cycle is computed again, and the cycles between are redone with the input in
+  // between (trapezoid). The heat of a skipped cycle is interpolated alike and booked.
   struct CycleMap {
     std::vector<std::array<double, 2>> input;
     std::vector<double> heat_J;
   };
 
   double keep(std::size_t drive, int node) const {
-    return std::exp(-static_cast<double>(cycle_) * timestep_s_ / scenario_.model->drives()[drive].drive.thermal.t_s[node]);
+    return std::exp(-static_cast<double>(cycle_) * timestep_s_ /
+                    scenario_.model->drives()[drive].drive.thermal.t_s[node]);
   }
 
   tl::expected<CycleMap, std::string> compute_cycle() {
@@ -145,13 +165,15 @@ class Runner {
     for (std::size_t i = 0; i < drives_; ++i) {
       map.heat_J.push_back(twin_.drive(i).heat_J - heat[i]);
       auto& input = map.input.emplace_back();
-      for (int n = 0; n < 2; ++n) input[static_cast<std::size_t>(n)] = twin_.memory(i).rise.node_K[n] - keep(i, n) * before[i].node_K[n];
+      for (int n = 0; n < 2; ++n)
+        input[static_cast<std::size_t>(n)] = twin_.memory(i).rise.node_K[n] - keep(i, n) * before[i].node_K[n];
     }
     return map;
   }
 
   /// Rise of a drive after each of `count` cycles from `rise`, its inputs going linearly from `from` to `to`.
-  thermal::Rise ahead(std::size_t i, thermal::Rise rise, const CycleMap& from, const CycleMap& to, std::int64_t count, std::int64_t span, auto&& each) const {
+  thermal::Rise ahead(std::size_t i, thermal::Rise rise, const CycleMap& from, const CycleMap& to, std::int64_t count,
+                      std::int64_t span, auto&& each) const {
     if (scenario_.model->drives()[i].drive.thermal.order == thermal::Order::prescribed) return rise;
     const double k[2] = {keep(i, 0), keep(i, 1)};
     for (std::int64_t c = 1; c <= count; ++c) {
@@ -166,8 +188,10 @@ class Runner {
   /// How many cycles may be skipped: none may change a temperature by more than the tolerance, cross the edge of a
   /// law's range, an event, or the end, nor may a fault grow much; the last cycle is always computed.
   std::int64_t cycles_to_skip(const CycleMap& map) const {
-    const double until_s = std::min({scenario_.duration_s, twin_.next_event_s(), twin_.time_s() + twin_.growth_horizon_s()});
-    std::int64_t count = static_cast<std::int64_t>((until_s - twin_.time_s()) / (static_cast<double>(cycle_) * timestep_s_) - 1 + 1e-9);
+    const double until_s =
+        std::min({scenario_.duration_s, twin_.next_event_s(), twin_.time_s() + twin_.growth_horizon_s()});
+    std::int64_t count =
+        static_cast<std::int64_t>((until_s - twin_.time_s()) / (static_cast<double>(cycle_) * timestep_s_) - 1 + 1e-9);
     count = std::clamp<std::int64_t>(count, 0, 100000);
     for (std::size_t i = 0; i < drives_ && count > 0; ++i) {
       const auto& drive = scenario_.model->drives()[i].drive;
@@ -193,12 +217,13 @@ class Runner {
 
   Status run_cycle() {
     const auto computed_row = [&](const CycleMap& map) {
-      return record_cycle(twin_.time_s(), [&](std::size_t i) { return twin_.temperature_degC(i); },
-                          [&](std::size_t i) { return map.heat_J[i] / (static_cast<double>(cycle_) * timestep_s_); });
+      return record_cycle(
+          twin_.time_s(), [&](std::size_t i) { return twin_.temperature_degC(i); },
+          [&](std::size_t i) { return map.heat_J[i] / (static_cast<double>(cycle_) * timestep_s_); });
     };
     auto map = compute_cycle();
     if (!map) return tl::unexpected(map.error());
-    if (twin_.steps() % cycle_ != 0) return {};   // the end of the run came first
+    if (twin_.steps() % cycle_ != 0) return {};  // the end of the run came first
     if (auto ok = computed_row(*map); !ok) return ok;
     while (scenario_.multirate.enabled) {
       const std::int64_t count = cycles_to_skip(*map);
@@ -208,19 +233,20 @@ class Runner {
       for (std::size_t i = 0; i < drives_; ++i) {
         start[i] = twin_.memory(i).rise;
         predicted[i] = ahead(i, start[i], *map, *map, count, 1, [](auto, const auto&) {});
-        heat[i] = 0;   // booked below, when the heat at the far end is known
+        heat[i] = 0;  // booked below, when the heat at the far end is known
       }
       const double start_s = twin_.time_s(), cycle_s = static_cast<double>(cycle_) * timestep_s_;
       twin_.skip(count * cycle_, predicted, heat);
       auto next = compute_cycle();
       if (!next) return tl::unexpected(next.error());
-      if (twin_.steps() % cycle_ != 0) next = *map;   // cut short: no better end for the cycles that were skipped
+      if (twin_.steps() % cycle_ != 0) next = *map;  // cut short: no better end for the cycles that were skipped
       std::vector<std::vector<thermal::Rise>> path(drives_);
       std::vector<thermal::Rise> corrected(drives_);
       for (std::size_t i = 0; i < drives_; ++i) {
         path[i].assign(static_cast<std::size_t>(count), start[i]);
-        const thermal::Rise end = ahead(i, start[i], *map, *next, count, count + 1,
-                                        [&](std::int64_t c, const thermal::Rise& rise) { path[i][static_cast<std::size_t>(c - 1)] = rise; });
+        const thermal::Rise end =
+            ahead(i, start[i], *map, *next, count, count + 1,
+                  [&](std::int64_t c, const thermal::Rise& rise) { path[i][static_cast<std::size_t>(c - 1)] = rise; });
         corrected[i] = twin_.memory(i).rise;
         double correction = 0;
         for (int n = 0; n < 2; ++n) {
@@ -233,9 +259,13 @@ class Runner {
       }
       twin_.skip(0, corrected, heat);
       for (std::int64_t c = 1; c <= count; ++c)
-        if (auto ok = record_cycle(start_s + static_cast<double>(c) * cycle_s,
-                                   [&](std::size_t i) { return scenario_.model->drives()[i].drive.thermal.T_amb_degC + path[i][static_cast<std::size_t>(c - 1)].total_K(); },
-                                   [&](std::size_t i) { return skipped_heat(*map, *next, i, c, count) / cycle_s; });
+        if (auto ok = record_cycle(
+                start_s + static_cast<double>(c) * cycle_s,
+                [&](std::size_t i) {
+                  return scenario_.model->drives()[i].drive.thermal.T_amb_degC +
+                         path[i][static_cast<std::size_t>(c - 1)].total_K();
+                },
+                [&](std::size_t i) { return skipped_heat(*map, *next, i, c, count) / cycle_s; });
             !ok)
           return ok;
       skipped_cycles_ += count;
@@ -246,7 +276,8 @@ class Runner {
     return {};
   }
 
-  static double skipped_heat(const CycleMap& from, const CycleMap& to, std::size_t i, std::int64_t c, std::int64_t count) {
+  static double skipped_heat(const CycleMap& from, const CycleMap& to, std::size_t i, std::int64_t c,
+                             std::int64_t count) {
     const double w = static_cast<double>(c) / static_cast<double>(count + 1);
     return (1 - w) * from.heat_J[i] + w * to.heat_J[i];
   }
@@ -298,8 +329,8 @@ class Runner {
   double largest_correction_K_ = 0, error_sum_rad_ = 0;
   std::size_t compared_ = 0;
   std::int64_t samples_compared_ = 0;
-  std::vector<TrackingError> tracking_;   // per transmission, of a compensated servo
-  std::vector<HysteresisLoop> loops_;     // per transmission, under an actuator that goes to and fro
+  std::vector<TrackingError> tracking_;  // per transmission, of a compensated servo
+  std::vector<HysteresisLoop> loops_;    // per transmission, under an actuator that goes to and fro
   double loop_hz_ = 0;
   Clock::time_point started_ = Clock::now();
 };

@@ -13,15 +13,15 @@
 namespace tribotwin::twin {
 
 struct RunOptions {
-  std::filesystem::path directory;                    ///< empty: nothing is written
-  Existing existing = Existing::refuse;               ///< what happens to a run that the directory holds
-  bool realtime = false;                              ///< not faster than the clock
-  const std::atomic<bool>* stop = nullptr;            ///< ends the run after the current step: it is interrupted
+  std::filesystem::path directory;          ///< empty: nothing is written
+  Existing existing = Existing::refuse;     ///< what happens to a run that the directory holds
+  bool realtime = false;                    ///< not faster than the clock
+  const std::atomic<bool>* stop = nullptr;  ///< ends the run after the current step: it is interrupted
   std::function<void(double share, double seconds_left)> progress;
 };
 
-/// Runs a scenario to its end. With a directory: telemetry.h5 grows while it runs, summary.json is written last and says
-/// whether the run was interrupted. Throws InputError where the directory holds a run that may not be replaced.
+/// Runs a scenario to its end. With a directory: telemetry.h5 grows while it runs, summary.json is written last and
+/// says whether the run was interrupted. Throws InputError where the directory holds a run that may not be replaced.
 tl::expected<Summary, std::string> run(const Scenario& scenario, const RunOptions& options);
 
 }  // namespace tribotwin::twin

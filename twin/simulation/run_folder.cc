@@ -1,11 +1,10 @@
-#include <tribotwin/twin/simulation/run_folder.hpp>
-
 #include <algorithm>
 #include <array>
 
 #include <fmt/format.h>
 
 #include <tribotwin/twin/io/input.hpp>
+#include <tribotwin/twin/simulation/run_folder.hpp>
 
 namespace tribotwin::twin {
 namespace {
@@ -14,7 +13,8 @@ namespace fs = std::filesystem;
 using Status = tl::expected<void, std::string>;
 
 /// What a run consists of, and what is made from its record.
-constexpr std::array names{"telemetry.h5", "summary.json", "scenario.yaml", "telemetry.csv", "cycles.csv", "telemetry.h5.original"};
+constexpr std::array names{"telemetry.h5",  "summary.json", "scenario.yaml",
+                           "telemetry.csv", "cycles.csv",   "telemetry.h5.original"};
 
 bool present(const fs::path& file) {
   std::error_code error;
@@ -39,7 +39,9 @@ Status RunFolder::open(const fs::path& directory, Existing existing) {
   const auto found = std::ranges::find_if(names, [&](const char* name) { return present(directory / name); });
   if (found == names.end()) return {};
   if (existing == Existing::refuse)
-    throw InputError(fmt::format("{}: holds a run already ({}); choose another folder with -o, or replace it with --force", directory.string(), *found));
+    throw InputError(
+        fmt::format("{}: holds a run already ({}); choose another folder with -o, or replace it with --force",
+                    directory.string(), *found));
   return set_aside();
 }
 
@@ -52,7 +54,8 @@ Status RunFolder::set_aside() {
   for (const char* name : names) {
     if (!present(directory_ / name)) continue;
     fs::rename(directory_ / name, aside_ / name, error);
-    if (error) return tl::unexpected(fmt::format("{}: cannot be set aside ({})", (directory_ / name).string(), error.message()));
+    if (error)
+      return tl::unexpected(fmt::format("{}: cannot be set aside ({})", (directory_ / name).string(), error.message()));
   }
   if (auto ok = sync_folder(aside_); !ok) return ok;
   return sync_folder(directory_);
@@ -68,10 +71,11 @@ RunFolder::~RunFolder() {
   if (!restore_) return;
   std::error_code ignored;
   for (const char* name : names)
-    if (!aside_.empty() && present(aside_ / name) && !present(directory_ / name)) fs::rename(aside_ / name, directory_ / name, ignored);
+    if (!aside_.empty() && present(aside_ / name) && !present(directory_ / name))
+      fs::rename(aside_ / name, directory_ / name, ignored);
   if (!aside_.empty()) fs::remove(aside_, ignored);
   lock_.release();
-  if (created_) fs::remove(directory_, ignored);   // succeeds only while it is empty
+  if (created_) fs::remove(directory_, ignored);  // succeeds only while it is empty
 }
 
 }  // namespace tribotwin::twin

@@ -10,9 +10,9 @@
 
 namespace tribotwin::twin {
 
-/// The folder that a run writes into: created if needed, locked against other processes, and never in place of an earlier
-/// run unless that was asked for. A run that is to be replaced is set aside in the folder `replaced`, where it stays whole until
-/// the new one is.
+/// The folder that a run writes into: created if needed, locked against other processes, and never in place of an
+/// earlier run unless that was asked for. A run that is to be replaced is set aside in the folder `replaced`, where it
+/// stays whole until the new one is.
 class RunFolder {
  public:
   RunFolder() = default;
@@ -21,7 +21,8 @@ class RunFolder {
   /// Without commit(): brings back what was set aside where nothing new has taken its place.
   ~RunFolder();
 
-  /// Throws InputError where the folder holds a run that may not be replaced. Fails where another process writes into it.
+  /// Throws InputError where the folder holds a run that may not be replaced. Fails where another process writes into
+  /// it.
   tl::expected<void, std::string> open(const std::filesystem::path& directory, Existing existing);
   /// The new run has its record: from now on a failure leaves both, the old one in `replaced`.
   void keep_both() { restore_ = false; }

@@ -1,5 +1,3 @@
-#include <tribotwin/twin/simulation/scenario.hpp>
-
 #include <algorithm>
 #include <cmath>
 #include <numbers>
@@ -7,6 +5,7 @@
 #include <fmt/format.h>
 
 #include <tribotwin/plugins/mujoco/engine.hpp>
+#include <tribotwin/twin/simulation/scenario.hpp>
 
 namespace tribotwin::twin {
 namespace {
@@ -15,8 +14,8 @@ namespace fs = std::filesystem;
 
 /// Of joints: rad, or m of a sliding one.
 constexpr Bounds positions{-1e4, 1e4};
-constexpr double longest_s = 1e9;        ///< of a run and of a cycle: thirty years
-constexpr double most_cycle_steps = 1e7; ///< of a wave, whose loop is kept step by step
+constexpr double longest_s = 1e9;         ///< of a run and of a cycle: thirty years
+constexpr double most_cycle_steps = 1e7;  ///< of a wave, whose loop is kept step by step
 
 /// Applies key=value to the tree; dotted keys descend, missing mappings are made.
 void apply_override(YAML::Node root, const std::string& assignment) {
@@ -36,7 +35,8 @@ void apply_override(YAML::Node root, const std::string& assignment) {
   node.reset(root);
   for (std::size_t i = 0; i + 1 < keys.size(); ++i) {
     if (node.IsDefined() && !node.IsNull() && !node.IsMap())
-      throw InputError(fmt::format("--set {}: '{}' is no mapping, so it has no key '{}'", assignment, keys[i - 1], keys[i]));
+      throw InputError(
+          fmt::format("--set {}: '{}' is no mapping, so it has no key '{}'", assignment, keys[i - 1], keys[i]));
     node.reset(node[keys[i]]);
   }
   try {
@@ -59,18 +59,21 @@ std::shared_ptr<const mujoco::Model> checked(tl::expected<std::shared_ptr<const 
 }
 
 /// Values per drive from a number for all, a list, or a mapping by joint name.
-std::vector<double> per_drive(Mapping& in, const std::string& key, const mujoco::Model& model, std::vector<double> values, Bounds bounds = {}) {
+std::vector<double> per_drive(Mapping& in, const std::string& key, const mujoco::Model& model,
+                              std::vector<double> values, Bounds bounds = {}) {
   const YAML::Node node = in.raw(key);
   if (!node) return values;
   if (node.IsScalar()) {
     std::ranges::fill(values, in.number(key, bounds));
   } else if (node.IsSequence()) {
     const auto list = in.numbers(key, bounds);
-    if (list.size() != values.size()) in.fail(key, fmt::format("has {} numbers, but the model has {} drives", list.size(), values.size()));
+    if (list.size() != values.size())
+      in.fail(key, fmt::format("has {} numbers, but the model has {} drives", list.size(), values.size()));
     values = list;
   } else {
     auto by_name = in.mapping(key);
-    for (const auto& joint : by_name->names()) values[drive_index(model, *by_name, joint, joint)] = by_name->number(joint, bounds);
+    for (const auto& joint : by_name->names())
+      values[drive_index(model, *by_name, joint, joint)] = by_name->number(joint, bounds);
   }
   return values;
 }
@@ -100,21 +103,26 @@ CascadedOptions cascaded_options(Mapping& in, CascadedOptions o, const mujoco::M
   o.encoder_counts = in.number_or("encoder_counts", o.encoder_counts, {0, 1e12});
   o.speed_filter_rad_s = in.number_or("speed_filter_rad_s", o.speed_filter_rad_s, {1e-6, 1e9});
   if (o.speed_bandwidth_rad_s * model->opt.timestep > 1)
-    in.fail("speed_bandwidth_rad_s", fmt::format("is above 1 / time step = {:g} rad/s and would be unstable", 1 / model->opt.timestep));
+    in.fail("speed_bandwidth_rad_s",
+            fmt::format("is above 1 / time step = {:g} rad/s and would be unstable", 1 / model->opt.timestep));
   return o;
 }
 
 CompensatedOptions compensated_options(Mapping& in, const mujoco::Model& model, std::uint64_t seed) {
   CompensatedOptions o{.seed = seed};
-  if (model.springs().empty()) in.fail("type", "is compensated, but the model has no tribotwin.hysteresis: there is no torsion to compensate");
+  if (model.springs().empty())
+    in.fail("type", "is compensated, but the model has no tribotwin.hysteresis: there is no torsion to compensate");
   o.loops = cascaded_options(in, {}, model);
   const std::string compensation = in.choice("compensation", {"none", "static", "proposed"});
   for (const auto c : {Compensation::none, Compensation::static_, Compensation::proposed})
     if (name_of(c) == compensation) o.compensator.compensation = c;
-  o.compensator.observer_gain_1_s = in.number_or("observer_gain_1_s", o.compensator.observer_gain_1_s, {1e-6, 1 / model->opt.timestep});
-  o.compensator.friction_gain_rad_nm_s = in.number_or("friction_gain_rad_nm_s", o.compensator.friction_gain_rad_nm_s, {0, 1e6});
+  o.compensator.observer_gain_1_s =
+      in.number_or("observer_gain_1_s", o.compensator.observer_gain_1_s, {1e-6, 1 / model->opt.timestep});
+  o.compensator.friction_gain_rad_nm_s =
+      in.number_or("friction_gain_rad_nm_s", o.compensator.friction_gain_rad_nm_s, {0, 1e6});
   o.compensator.dead_zone_rad = in.number_or("dead_zone_rad", o.compensator.dead_zone_rad, {0, 1});
-  o.compensator.reference_temperature_degC = in.number_or("reference_temperature_degC", o.compensator.reference_temperature_degC, {-100, 300});
+  o.compensator.reference_temperature_degC =
+      in.number_or("reference_temperature_degC", o.compensator.reference_temperature_degC, {-100, 300});
   o.identification_error = in.number_or("identification_error", o.identification_error, {0, 0.3});
   return o;
 }
@@ -149,7 +157,9 @@ Motion motion_of(Mapping in, Scenario& s, const fs::path& folder, YAML::Node nod
     }
     std::vector<double> start = s.start_rad;
     for (std::size_t k = 0; k < drives.size(); ++k)
-      start[drives[k]] = points->measured_rad.empty() || !std::isfinite(points->measured_rad[0]) ? points->position_rad[k][0] : points->measured_rad[0];
+      start[drives[k]] = points->measured_rad.empty() || !std::isfinite(points->measured_rad[0])
+                             ? points->position_rad[k][0]
+                             : points->measured_rad[0];
     s.start_rad = start;
     Motion motion(start);
     std::vector<double> velocity(n, 0.0);
@@ -241,7 +251,9 @@ Event event_of(Mapping in, const mujoco::Model& model, double duration_s) {
 
 }  // namespace
 
-double Wave::operator()(double t) const { return offset + amplitude * std::sin(2 * std::numbers::pi * frequency_hz * t + phase_rad); }
+double Wave::operator()(double t) const {
+  return offset + amplitude * std::sin(2 * std::numbers::pi * frequency_hz * t + phase_rad);
+}
 
 Wear read_wear(Mapping& in, const mujoco::Model& model) {
   Wear wear{.joint = in.text("joint")};
@@ -252,50 +264,75 @@ Wear read_wear(Mapping& in, const mujoco::Model& model) {
     std::vector<std::string_view> accepted;
     for (const auto& p : law.info->parameters) accepted.push_back(p.name);
     if (std::ranges::find(accepted, name) == accepted.end())
-      factors->fail(name, fmt::format("is no parameter of law '{}'; did you mean '{}'?", law.info->name, friction::nearest(name, accepted)));
+      factors->fail(name, fmt::format("is no parameter of law '{}'; did you mean '{}'?", law.info->name,
+                                      friction::nearest(name, accepted)));
     wear.factors[name] = factors->number(name, {0, 1000});
   }
   return wear;
 }
 
-std::size_t drive_index(const mujoco::Model& model, const Mapping& mapping, const std::string& key, const std::string& joint) {
+std::size_t drive_index(const mujoco::Model& model, const Mapping& mapping, const std::string& key,
+                        const std::string& joint) {
   const auto found = find_drive(model, joint);
   if (!found) mapping.fail(key, found.error());
   return *found;
 }
 
-FaultSetting fault_of(Mapping& in, const std::string& type_key, const mujoco::Model& model, std::size_t drive, double growth) {
+FaultSetting fault_of(Mapping& in, const std::string& type_key, const mujoco::Model& model, std::size_t drive,
+                      double growth) {
   std::vector<std::string_view> names;
   for (const auto& fault : drive::faults()) names.push_back(fault.name);
   const drive::FaultInfo* type = drive::find_fault(in.choice(type_key, names));
   const double severity = in.number("severity", {0, type->maximum}), most = severity + growth;
-  if (most > type->maximum) in.fail("growth_per_h", fmt::format("makes a severity of {:.4g} by the end, but that of '{}' is {:g} at most", most, type->name, type->maximum));
+  if (most > type->maximum)
+    in.fail("growth_per_h", fmt::format("makes a severity of {:.4g} by the end, but that of '{}' is {:g} at most", most,
+                                        type->name, type->maximum));
   drive::Faults faults{};
   type->add(faults, most);
   const auto& binding = model.drives()[drive];
   drive::Drive faulty = binding.drive;
   faulty.law = drive::with_faults(faulty.law, faults);
-  if (auto carried = mujoco::bind(model.get(), faulty, binding.actuator); !carried) in.fail("severity", fmt::format("of {:.4g} is more than can be simulated: {}", most, carried.error()));
+  if (auto carried = mujoco::bind(model.get(), faulty, binding.actuator); !carried)
+    in.fail("severity", fmt::format("of {:.4g} is more than can be simulated: {}", most, carried.error()));
   return {type, severity};
 }
 
 Scenario load_scenario(const fs::path& file, const std::vector<std::string>& overrides) {
   YAML::Node root = load_yaml(file);
   for (const auto& assignment : overrides) apply_override(root, assignment);
-  if (root.IsMap()) root.remove("vary");   // `tribotwin run` makes overrides of it
+  if (root.IsMap()) root.remove("vary");  // `tribotwin run` makes overrides of it
   const fs::path folder = fs::absolute(file).parent_path();
 
   Scenario s;
   s.file = file;
   Mapping in(file.string(), "", root);
-  in.accept({"name", "description", "seed", "timestep_s", "integrator", "solver", "model", "duration_s", "telemetry_rate_hz", "keyframe",
-             "start_rad", "ambient_degC", "temperature_degC", "motion", "control", "actuators", "multirate", "events", "baseline", "vary"});
+  in.accept({"name",
+             "description",
+             "seed",
+             "timestep_s",
+             "integrator",
+             "solver",
+             "model",
+             "duration_s",
+             "telemetry_rate_hz",
+             "keyframe",
+             "start_rad",
+             "ambient_degC",
+             "temperature_degC",
+             "motion",
+             "control",
+             "actuators",
+             "multirate",
+             "events",
+             "baseline",
+             "vary"});
   s.name = in.file_name_or("name", file.stem().string());
   root["name"] = s.name;
   s.description = in.text_or("description", "");
   s.seed = in.whole_or("seed", 1, {0, 9007199254740992.0});
   mujoco::Options options;
-  if (in.has("timestep_s")) options.timestep_s = in.number("timestep_s", {mujoco::shortest_timestep_s, mujoco::longest_timestep_s});
+  if (in.has("timestep_s"))
+    options.timestep_s = in.number("timestep_s", {mujoco::shortest_timestep_s, mujoco::longest_timestep_s});
   if (in.has("integrator")) options.integrator = in.text("integrator");
   if (in.has("solver")) options.solver = in.text("solver");
   s.model = checked(mujoco::load_file(absolute(folder, in, root, "model"), options));
@@ -310,13 +347,15 @@ Scenario load_scenario(const fs::path& file, const std::vector<std::string>& ove
     const std::string key = in.text("keyframe");
     const int id = mj_name2id(model.get(), mjOBJ_KEY, key.c_str());
     if (id < 0) in.fail("keyframe", fmt::format("the model has no keyframe '{}'", key));
-    for (std::size_t j = 0; j < n; ++j) s.start_rad[j] = model->key_qpos[id * model->nq + position_address(model.get(), model.drives()[j])];
+    for (std::size_t j = 0; j < n; ++j)
+      s.start_rad[j] = model->key_qpos[id * model->nq + position_address(model.get(), model.drives()[j])];
   }
   s.start_rad = per_drive(in, "start_rad", model, s.start_rad, positions);
 
   if (in.has("ambient_degC")) s.ambient_degC = in.number("ambient_degC", {-100, 300});
   s.temperature_degC.resize(n);
-  for (std::size_t j = 0; j < n; ++j) s.temperature_degC[j] = s.ambient_degC.value_or(model.drives()[j].drive.thermal.T_amb_degC);
+  for (std::size_t j = 0; j < n; ++j)
+    s.temperature_degC[j] = s.ambient_degC.value_or(model.drives()[j].drive.thermal.T_amb_degC);
 
   if (auto motion = in.mapping("motion")) s.motion = motion_of(*motion, s, folder, root["motion"]);
   for (std::size_t j = 0; j < n; ++j) {
@@ -325,13 +364,17 @@ Scenario load_scenario(const fs::path& file, const std::vector<std::string>& ove
     const double low = model->jnt_range[2 * drive.joint], high = model->jnt_range[2 * drive.joint + 1];
     const auto [least, most] = s.motion ? s.motion->reach_rad(j) : std::pair{s.start_rad[j], s.start_rad[j]};
     if (!(least >= low - 1e-9 && most <= high + 1e-9))
-      in.fail(s.motion ? "motion" : "start_rad", fmt::format("takes {} to {:.4g} .. {:.4g} rad, but its range is {:.4g} .. {:.4g} rad",
-                                                             joint_name(model.get(), drive), least, most, low, high));
+      in.fail(s.motion ? "motion" : "start_rad",
+              fmt::format("takes {} to {:.4g} .. {:.4g} rad, but its range is {:.4g} .. {:.4g} rad",
+                          joint_name(model.get(), drive), least, most, low, high));
   }
   if (s.duration_s == 0) in.fail("duration_s", "is missing");
   if (!(s.duration_s >= model->opt.timestep && s.duration_s <= longest_s))
-    in.fail("duration_s", fmt::format("is {:g} s but must be within a time step, {:g} s, and {:g} s", s.duration_s, model->opt.timestep, longest_s));
-  if (s.motion && s.motion->period_s() > longest_s) in.fail("motion", fmt::format("takes {:.3g} s a cycle, at most {:g} s are possible; move faster or less far", s.motion->period_s(), longest_s));
+    in.fail("duration_s", fmt::format("is {:g} s but must be within a time step, {:g} s, and {:g} s", s.duration_s,
+                                      model->opt.timestep, longest_s));
+  if (s.motion && s.motion->period_s() > longest_s)
+    in.fail("motion", fmt::format("takes {:.3g} s a cycle, at most {:g} s are possible; move faster or less far",
+                                  s.motion->period_s(), longest_s));
   if (s.recording && !s.recording->temperature_degC.empty() && std::isfinite(s.recording->temperature_degC[0]))
     s.temperature_degC[0] = s.recording->temperature_degC[0];
   s.temperature_degC = per_drive(in, "temperature_degC", model, s.temperature_degC, {-100, 300});
@@ -358,18 +401,31 @@ Scenario load_scenario(const fs::path& file, const std::vector<std::string>& ove
     std::vector<std::string> names;
     std::vector<int> controls;
     for (int a = 0; a < model->nu; ++a)
-      if (std::ranges::none_of(model.drives(), [a](const auto& drive) { return drive.actuator == a; }) && std::ranges::none_of(model.springs(), [a](const auto& spring) { return spring.actuator == a; }))
-        names.emplace_back(model->names + model->name_actuatoradr[a]), controls.push_back(mujoco::engine::control_address(model.get(), a));
+      if (std::ranges::none_of(model.drives(), [a](const auto& drive) { return drive.actuator == a; }) &&
+          std::ranges::none_of(model.springs(), [a](const auto& spring) { return spring.actuator == a; }))
+        names.emplace_back(model->names + model->name_actuatoradr[a]),
+            controls.push_back(mujoco::engine::control_address(model.get(), a));
     const std::vector<std::string_view> accepted(names.begin(), names.end());
     for (const auto& name : actuators->names()) {
       const auto found = std::ranges::find(names, name);
       if (found == names.end())
-        actuators->fail(name, names.empty() ? "is no actuator of the model beside its drives; it has none" : fmt::format("is no actuator of the model beside its drives; did you mean '{}'?", friction::nearest(name, accepted)));
+        actuators->fail(name, names.empty()
+                                  ? "is no actuator of the model beside its drives; it has none"
+                                  : fmt::format("is no actuator of the model beside its drives; did you mean '{}'?",
+                                                friction::nearest(name, accepted)));
       auto wave = actuators->mapping(name);
       if (!wave) actuators->fail(name, "must be a mapping: offset, amplitude, frequency_hz, phase_rad");
-      s.waves.push_back({.control = controls[static_cast<std::size_t>(found - names.begin())], .offset = wave->number_or("offset", 0, {-1e9, 1e9}), .amplitude = wave->number_or("amplitude", 0, {-1e9, 1e9}), .frequency_hz = wave->number_or("frequency_hz", 0, {0, 1e6}), .phase_rad = wave->number_or("phase_rad", 0, {-1e6, 1e6})});
-      if (const double steps = 1 / (s.waves.back().frequency_hz * model->opt.timestep); std::isfinite(steps) && steps > most_cycle_steps)
-        wave->fail("frequency_hz", fmt::format("is {} but must be 0 or at least {:.2g}: a period may have {:g} time steps", s.waves.back().frequency_hz, 1 / (most_cycle_steps * model->opt.timestep), most_cycle_steps));
+      s.waves.push_back({.control = controls[static_cast<std::size_t>(found - names.begin())],
+                         .offset = wave->number_or("offset", 0, {-1e9, 1e9}),
+                         .amplitude = wave->number_or("amplitude", 0, {-1e9, 1e9}),
+                         .frequency_hz = wave->number_or("frequency_hz", 0, {0, 1e6}),
+                         .phase_rad = wave->number_or("phase_rad", 0, {-1e6, 1e6})});
+      if (const double steps = 1 / (s.waves.back().frequency_hz * model->opt.timestep);
+          std::isfinite(steps) && steps > most_cycle_steps)
+        wave->fail(
+            "frequency_hz",
+            fmt::format("is {} but must be 0 or at least {:.2g}: a period may have {:g} time steps",
+                        s.waves.back().frequency_hz, 1 / (most_cycle_steps * model->opt.timestep), most_cycle_steps));
       wave->done();
     }
   }
@@ -388,9 +444,11 @@ Scenario load_scenario(const fs::path& file, const std::vector<std::string>& ove
     s.baseline_control = dc_options(*baseline, s.recording ? &*s.recording : nullptr);
     s.baseline_delay_s = baseline->number_or("delay_s", 0, {0, 10});
     baseline->done();
-    if (!s.recording || s.recording->measured_rad.empty() || !std::ranges::all_of(s.recording->measured_rad, [](double q) { return std::isfinite(q); }))
+    if (!s.recording || s.recording->measured_rad.empty() ||
+        !std::ranges::all_of(s.recording->measured_rad, [](double q) { return std::isfinite(q); }))
       in.fail("baseline", "needs a recording with measured positions in all entries");
-    if ((*s.baseline)->nu != 1 || (*s.baseline)->nq != 1) in.fail("baseline", "its model must have one joint and one motor");
+    if ((*s.baseline)->nu != 1 || (*s.baseline)->nq != 1)
+      in.fail("baseline", "its model must have one joint and one motor");
   }
   in.done();
   s.resolved_yaml = to_text(root);

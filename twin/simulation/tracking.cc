@@ -1,9 +1,9 @@
-#include <tribotwin/twin/simulation/tracking.hpp>
-
 #include <algorithm>
 #include <cmath>
 
 #include <Eigen/Dense>
+
+#include <tribotwin/twin/simulation/tracking.hpp>
 
 namespace tribotwin::twin {
 namespace {

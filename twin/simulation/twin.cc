@@ -1,16 +1,18 @@
-#include <tribotwin/twin/simulation/twin.hpp>
-
 #include <algorithm>
 #include <cmath>
 #include <stdexcept>
 
 #include <fmt/format.h>
 
+#include <tribotwin/twin/simulation/twin.hpp>
+
 namespace tribotwin::twin {
 namespace {
 
 template <class... F>
-struct Overloaded : F... { using F::operator()...; };
+struct Overloaded : F... {
+  using F::operator()...;
+};
 
 /// Faults grow in steps this long: a growth is slow, and friction's coefficients stay cached in between.
 constexpr double growth_step_s = 1;
@@ -24,7 +26,9 @@ Twin::Twin(const Scenario& scenario, Commanded) : Twin(scenario) {
   commands_.resize(model_->drives().size());
 }
 
-void Twin::set_brake(std::size_t i, bool engaged) { mujoco::scratch(data_.get(), model_->drives()[i]).brake_engaged = engaged; }
+void Twin::set_brake(std::size_t i, bool engaged) {
+  mujoco::scratch(data_.get(), model_->drives()[i]).brake_engaged = engaged;
+}
 
 void Twin::set_measured_temperature(std::size_t i, std::optional<double> temperature_degC) {
   const auto& binding = model_->drives()[i];
@@ -43,7 +47,8 @@ Twin::Twin(const Scenario& scenario)
     data_->qpos[position_address(model_->get(), drives[i])] = scenario.start_rad[i];
     drive::set_temperature(drives[i].drive, mujoco::memory(data_.get(), drives[i]), scenario.temperature_degC[i]);
     if (scenario.ambient_degC)
-      mujoco::scratch(data_.get(), drives[i]).ambient_offset_K = *scenario.ambient_degC - drives[i].drive.thermal.T_amb_degC;
+      mujoco::scratch(data_.get(), drives[i]).ambient_offset_K =
+          *scenario.ambient_degC - drives[i].drive.thermal.T_amb_degC;
   }
   mj_forward(model_->get(), data_.get());
   // The gear of an arm at rest carries gravity; friction of the first step knows it.
@@ -56,7 +61,8 @@ Twin::Twin(const Scenario& scenario)
                         [&](const DcPositionOptions& o) { servo_ = make_dc_position(*model_, o); },
                         [&](const std::vector<double>& torque) { servo_ = make_torque(*model_, torque); }},
              scenario.control);
-  if (static_cast<std::size_t>((*model_)->nu) > drives.size()) qvel_begin_.resize(static_cast<std::size_t>((*model_)->nv));
+  if (static_cast<std::size_t>((*model_)->nu) > drives.size())
+    qvel_begin_.resize(static_cast<std::size_t>((*model_)->nv));
   energy_start_J_ = mechanical_energy_J();
 }
 
@@ -66,9 +72,10 @@ double Twin::mechanical_energy_J() const {
   mj_comPos(m, data_.get());
   mj_crb(m, data_.get());
   double energy = 0;
-  for (int body = 1; body < m->nbody; ++body) energy -= m->body_mass[body] * mju_dot3(m->opt.gravity, data_->xipos + 3 * body);
+  for (int body = 1; body < m->nbody; ++body)
+    energy -= m->body_mass[body] * mju_dot3(m->opt.gravity, data_->xipos + 3 * body);
   std::vector<double> momentum(static_cast<std::size_t>(m->nv));
-  mj_mulM(m, data_.get(), momentum.data(), data_->qvel);   // the joint-space inertia holds the rotors too
+  mj_mulM(m, data_.get(), momentum.data(), data_->qvel);  // the joint-space inertia holds the rotors too
   return energy + 0.5 * mju_dot(momentum.data(), data_->qvel, static_cast<int>(m->nv));
 }
 
@@ -82,7 +89,12 @@ Twin::Transmission Twin::transmission(const mujoco::Spring& spring) const {
   const std::size_t i = drive_of(*model_, spring);
   const auto& s = mujoco::scratch(data_.get(), spring);
   const double ratio = ratio_of(spring);
-  return {i, s.torsion_begin_rad, s.torque_nm, q_begin_[i] / ratio - s.torsion_begin_rad, set_points_[i].position_rad / ratio, set_points_[i].velocity_rad_s / ratio};
+  return {i,
+          s.torsion_begin_rad,
+          s.torque_nm,
+          q_begin_[i] / ratio - s.torsion_begin_rad,
+          set_points_[i].position_rad / ratio,
+          set_points_[i].velocity_rad_s / ratio};
 }
 
 double Twin::next_event_s() const {
@@ -91,35 +103,39 @@ double Twin::next_event_s() const {
 
 void Twin::apply(const Event& event) {
   const double energy = mechanical_energy_J();
-  std::visit(Overloaded{
-                 [&](const PayloadChange& change) { model_ = change.model; },
-                 [&](const AmbientChange& change) {
-                   for (const auto& d : model_->drives())
-                     mujoco::scratch(data_.get(), d).ambient_offset_K = change.temperature_degC - d.drive.thermal.T_amb_degC;
-                 },
-                 [&](const Wear& wear) {
-                   for (const auto& d : model_->drives()) {
-                     if (joint_name(model_->get(), d) != wear.joint) continue;
-                     const auto& parameters = d.drive.law.info->parameters;
-                     for (std::size_t p = 0; p < parameters.size(); ++p)
-                       if (const auto found = wear.factors.find(std::string(parameters[p].name)); found != wear.factors.end())
-                         drive::set_wear(mujoco::scratch(data_.get(), d), p, found->second);
-                   }
-                 },
-                 [&](const FaultChange& fault) {
-                   std::erase_if(faults_, [&](const ActiveFault& a) { return a.fault->drive == fault.drive && a.fault->type == fault.type; });
-                   faults_.push_back({&fault, event.time_s});
-                   set_faults();
-                 }},
+  std::visit(Overloaded{[&](const PayloadChange& change) { model_ = change.model; },
+                        [&](const AmbientChange& change) {
+                          for (const auto& d : model_->drives())
+                            mujoco::scratch(data_.get(), d).ambient_offset_K =
+                                change.temperature_degC - d.drive.thermal.T_amb_degC;
+                        },
+                        [&](const Wear& wear) {
+                          for (const auto& d : model_->drives()) {
+                            if (joint_name(model_->get(), d) != wear.joint) continue;
+                            const auto& parameters = d.drive.law.info->parameters;
+                            for (std::size_t p = 0; p < parameters.size(); ++p)
+                              if (const auto found = wear.factors.find(std::string(parameters[p].name));
+                                  found != wear.factors.end())
+                                drive::set_wear(mujoco::scratch(data_.get(), d), p, found->second);
+                          }
+                        },
+                        [&](const FaultChange& fault) {
+                          std::erase_if(faults_, [&](const ActiveFault& a) {
+                            return a.fault->drive == fault.drive && a.fault->type == fault.type;
+                          });
+                          faults_.push_back({&fault, event.time_s});
+                          set_faults();
+                        }},
              event.what);
   energy_jumps_J_ += mechanical_energy_J() - energy;
 }
 
 void Twin::set_faults() {
   for (const ActiveFault& one : faults_) {
-    drive::Faults all{};   // of its drive
+    drive::Faults all{};  // of its drive
     for (const auto& [fault, since_s] : faults_)
-      if (fault->drive == one.fault->drive) fault->type->add(all, fault->severity + fault->growth_per_h * (time_s() - since_s) / 3600);
+      if (fault->drive == one.fault->drive)
+        fault->type->add(all, fault->severity + fault->growth_per_h * (time_s() - since_s) / 3600);
     drive::set_faults(mujoco::scratch(data_.get(), model_->drives()[one.fault->drive]), all);
   }
 }
@@ -133,13 +149,15 @@ double Twin::growth_horizon_s() const {
 
 void Twin::control(void* self, const mjModel* m, mjData* d) {
   Twin& twin = *static_cast<Twin*>(self);
-  if (std::exchange(twin.controlled_, true)) return;   // later stages of an integrator keep the torque
+  if (std::exchange(twin.controlled_, true)) return;  // later stages of an integrator keep the torque
   for (const Wave& wave : twin.scenario_.waves) d->ctrl[wave.control] = wave(twin.time_s());
   if (twin.drive_servo_) return twin.drive_servo_->control(m, d, twin.commands_);
   if (twin.scenario_.motion) twin.scenario_.motion->at(twin.time_s(), twin.set_points_);
   if (twin.scenario_.recording && !twin.scenario_.recording->torque_on.empty()) {
     const SetPoints& r = *twin.scenario_.recording;
-    while (twin.recording_index_ + 1 < r.time_s.size() && r.time_s[twin.recording_index_ + 1] - r.time_s[0] <= twin.time_s()) ++twin.recording_index_;
+    while (twin.recording_index_ + 1 < r.time_s.size() &&
+           r.time_s[twin.recording_index_ + 1] - r.time_s[0] <= twin.time_s())
+      ++twin.recording_index_;
     if (!r.torque_on[twin.recording_index_]) {
       for (const auto& drive : twin.model_->drives()) d->ctrl[drive.control] = 0;
       return;
@@ -153,7 +171,8 @@ std::string Twin::diagnosis() const {
   const auto drives = model_->drives();
   for (std::size_t i = 0; i < drives.size(); ++i)
     text += fmt::format("{}{} q {:.6g} rad, qd {:.6g} rad/s, motor {:.6g} Nm, {:.2f} degC", i ? "; " : "",
-                        joint_name(model_->get(), drives[i]), q_begin_[i], qd_begin_[i], drive(i).torque_nm, drive(i).temperature_degC);
+                        joint_name(model_->get(), drives[i]), q_begin_[i], qd_begin_[i], drive(i).torque_nm,
+                        drive(i).temperature_degC);
   return text;
 }
 
@@ -184,8 +203,9 @@ tl::expected<void, std::string> Twin::step() {
     if (w == mjWARN_BADQPOS)
       for (const auto& drive : drives)
         if (position_address(model_->get(), drive) == which) joint = joint_name(model_->get(), drive);
-    return tl::unexpected(fmt::format("the simulation diverged at step {} ({} s){}: {} State before the step: {}", steps_, time_s(),
-                                      joint.empty() ? "" : ", joint " + joint, mju_warningText(w, static_cast<std::size_t>(which)), diagnosis()));
+    return tl::unexpected(fmt::format("the simulation diverged at step {} ({} s){}: {} State before the step: {}",
+                                      steps_, time_s(), joint.empty() ? "" : ", joint " + joint,
+                                      mju_warningText(w, static_cast<std::size_t>(which)), diagnosis()));
   }
   for (std::size_t i = 0; i < drives.size(); ++i) {
     const drive::Scratch& s = drive(i);
@@ -198,10 +218,12 @@ tl::expected<void, std::string> Twin::step() {
     f.friction_max_nm = std::max(f.friction_max_nm, std::abs(s.friction_nm));
     f.load_max_norm = std::max(f.load_max_norm, std::abs(s.load_used_nm) / drives[i].drive.torque_max_nm);
     if (s.outside != 0 && drives[i].drive.law.validity == friction::Validity::error)
-      return tl::unexpected(fmt::format("joint {} left the range of its law '{}' at step {} ({} s), and its validity is 'error'. State: {}",
-                                        joint_name(model_->get(), drives[i]), drives[i].drive.law.info->name, steps_, time_s(), diagnosis()));
+      return tl::unexpected(fmt::format(
+          "joint {} left the range of its law '{}' at step {} ({} s), and its validity is 'error'. State: {}",
+          joint_name(model_->get(), drives[i]), drives[i].drive.law.info->name, steps_, time_s(), diagnosis()));
   }
-  for (std::size_t dof = 0; dof < qvel_begin_.size(); ++dof) other_work_J_ += d->qfrc_actuator[dof] * 0.5 * (qvel_begin_[dof] + d->qvel[dof]) * timestep_s_;
+  for (std::size_t dof = 0; dof < qvel_begin_.size(); ++dof)
+    other_work_J_ += d->qfrc_actuator[dof] * 0.5 * (qvel_begin_[dof] + d->qvel[dof]) * timestep_s_;
   ++steps_;
   return {};
 }
@@ -213,7 +235,7 @@ void Twin::skip(std::int64_t steps, std::span<const thermal::Rise> rise, std::sp
     drive::Scratch& s = mujoco::scratch(data_.get(), drives[i]);
     s.heat_J += heat_J[i];
     s.friction_work_J += heat_J[i];
-    motor_work_J_ += heat_J[i];   // a cycle that returns to its start takes from the motor what friction eats
+    motor_work_J_ += heat_J[i];  // a cycle that returns to its start takes from the motor what friction eats
     figures_[i].temperature_max_degC = std::max(figures_[i].temperature_max_degC, temperature_degC(i));
   }
   steps_ += steps;

@@ -23,9 +23,10 @@ struct JointFigures {
 class Twin {
  public:
   explicit Twin(const Scenario& scenario);
-  /// A twin whose drives do what `commands` says, in place of the scenario's motion and control: for controllers outside.
-  /// The loops' gains are those of the scenario's servo.
-  static constexpr struct Commanded {} commanded{};
+  /// A twin whose drives do what `commands` says, in place of the scenario's motion and control: for controllers
+  /// outside. The loops' gains are those of the scenario's servo.
+  static constexpr struct Commanded {
+  } commanded{};
   Twin(const Scenario& scenario, Commanded);
   Twin(const Twin&) = delete;
   Twin& operator=(const Twin&) = delete;
@@ -35,7 +36,7 @@ class Twin {
   tl::expected<void, std::string> step();
 
   double time_s() const { return static_cast<double>(steps_) * timestep_s_; }
-  std::int64_t steps() const { return steps_; }              ///< of simulated time, skipped ones included
+  std::int64_t steps() const { return steps_; }  ///< of simulated time, skipped ones included
   std::int64_t steps_computed() const { return computed_; }
   const mujoco::Model& model() const { return *model_; }
   mjData* data() { return data_.get(); }
@@ -64,8 +65,8 @@ class Twin {
   };
   Transmission transmission(const mujoco::Spring& spring) const;
 
-  /// Mechanical energy balance since the start [J]: work of motors and of all other actuators - change of kinetic and potential energy (payload
-  /// changes excluded) - friction work; 0 up to the integrator's error.
+  /// Mechanical energy balance since the start [J]: work of motors and of all other actuators - change of kinetic and
+  /// potential energy (payload changes excluded) - friction work; 0 up to the integrator's error.
   double balance_J() const;
   double motor_work_J() const { return motor_work_J_; }
 
@@ -88,7 +89,7 @@ class Twin {
   std::shared_ptr<const mujoco::Model> model_;
   mujoco::DataPtr data_;
   std::unique_ptr<Servo> servo_;
-  std::unique_ptr<DriveServo> drive_servo_;   ///< of a commanded twin, in place of servo_
+  std::unique_ptr<DriveServo> drive_servo_;  ///< of a commanded twin, in place of servo_
   std::vector<DriveCommand> commands_;
   std::vector<SetPoint> set_points_;
   std::vector<double> q_begin_, qd_begin_;
@@ -103,7 +104,7 @@ class Twin {
   std::vector<ActiveFault> faults_;
   std::size_t recording_index_ = 0;
   bool controlled_ = false;
-  std::vector<double> qvel_begin_;   ///< of all joints, where actuators beside the drives work on them
+  std::vector<double> qvel_begin_;  ///< of all joints, where actuators beside the drives work on them
   double motor_work_J_ = 0, other_work_J_ = 0, energy_start_J_ = 0, energy_jumps_J_ = 0;
 };
 

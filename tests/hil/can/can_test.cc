@@ -1,11 +1,11 @@
-#include <gmock/gmock.h>
-
 #include <chrono>
 #include <csignal>
 #include <fstream>
 #include <thread>
 
 #include <arpa/inet.h>
+#include <fmt/format.h>
+#include <gmock/gmock.h>
 #include <netinet/in.h>
 #include <poll.h>
 #include <sys/resource.h>
@@ -13,8 +13,6 @@
 #include <sys/stat.h>
 #include <sys/time.h>
 #include <unistd.h>
-
-#include <fmt/format.h>
 
 #include <tribotwin/hil/can/log.hpp>
 #include <tribotwin/hil/can/record_file.hpp>
@@ -27,7 +25,9 @@ using namespace std::chrono_literals;
 using testing::ElementsAre;
 using testing::HasSubstr;
 
-std::int64_t in(std::chrono::nanoseconds time) { return (std::chrono::steady_clock::now().time_since_epoch() + time).count(); }
+std::int64_t in(std::chrono::nanoseconds time) {
+  return (std::chrono::steady_clock::now().time_since_epoch() + time).count();
+}
 
 Frame frame_of(std::uint32_t id, std::vector<std::uint8_t> bytes = {}) { return classic(id, bytes); }
 
@@ -60,7 +60,8 @@ TEST(Frame, EqualityIgnoresTimeAndWhatIsBehindTheData) {
   EXPECT_EQ(a, b);
   b.size = 3;
   EXPECT_NE(a, b);
-  for (bool Frame::*flag : {&Frame::extended, &Frame::remote, &Frame::error, &Frame::fd, &Frame::bit_rate_switch, &Frame::error_passive}) {
+  for (bool Frame::*flag :
+       {&Frame::extended, &Frame::remote, &Frame::error, &Frame::fd, &Frame::bit_rate_switch, &Frame::error_passive}) {
     b = a;
     b.*flag = !(a.*flag);
     EXPECT_NE(a, b);
@@ -145,8 +146,11 @@ TEST_F(Log, EveryKindOfLineParses) {
 }
 
 TEST_F(Log, TextAndLinesAreInverse) {
-  std::vector<Frame> frames{fd_frame(64), fd_frame(0), {.id = 0x1ABCDEF0, .extended = true, .size = 3, .data = {1, 2, 3}},
-                            {.id = 5, .extended = true, .remote = true, .size = 4}, {.id = 0x1FFFFFFF, .error = true, .size = 8}};
+  std::vector<Frame> frames{fd_frame(64),
+                            fd_frame(0),
+                            {.id = 0x1ABCDEF0, .extended = true, .size = 3, .data = {1, 2, 3}},
+                            {.id = 5, .extended = true, .remote = true, .size = 4},
+                            {.id = 0x1FFFFFFF, .error = true, .size = 8}};
   for (std::uint8_t n = 0; n <= 8; ++n) frames.push_back(frame_of(0x700u + n, std::vector<std::uint8_t>(n, 0xA5)));
   for (const auto& frame : frames) {
     std::string bus;
@@ -201,7 +205,8 @@ TEST_F(Log, WhatIsNoFrameIsRefusedWithTheReason) {
 }
 
 TEST_F(Log, ReaderNamesFileAndLineAndGoesOn) {
-  auto log = LogReader::open(file("(1.0) can0 123#01\n\n  \r\nnonsense\n" + std::string(5000, 'x') + "\n(2.0) can1 20000004#0004 R\r\n(3.0) can0 123##1AABB"));
+  auto log = LogReader::open(file("(1.0) can0 123#01\n\n  \r\nnonsense\n" + std::string(5000, 'x') +
+                                  "\n(2.0) can1 20000004#0004 R\r\n(3.0) can0 123##1AABB"));
   ASSERT_TRUE(log);
   Frame frame;
   ASSERT_EQ(log->next(frame), true);
@@ -209,7 +214,8 @@ TEST_F(Log, ReaderNamesFileAndLineAndGoesOn) {
   EXPECT_EQ(log->bus(), "can0");
   EXPECT_EQ(log->line(), 1u);
   EXPECT_EQ(log->next(frame).error(), (folder_ / "a.log").string() + ":4: 'nonsense' is not '(time) bus frame'");
-  EXPECT_EQ(log->next(frame).error(), (folder_ / "a.log").string() + ":5: longer than 4095 characters, not a line of a candump log");
+  EXPECT_EQ(log->next(frame).error(),
+            (folder_ / "a.log").string() + ":5: longer than 4095 characters, not a line of a candump log");
   ASSERT_EQ(log->next(frame), true);
   EXPECT_TRUE(frame.error);
   EXPECT_EQ(log->bus(), "can1");
@@ -246,13 +252,16 @@ TEST_F(Log, WriterWritesWhatCandumpWrites) {
     ASSERT_TRUE(moved.write(frame_of(0x80)));
   }
   std::ifstream in(path);
-  EXPECT_EQ(std::string(std::istreambuf_iterator(in), {}),
-            "(1700000000.123456) vcan0 601#4041\n(0000000000.000001) vcan0 123##10001\n(0000000000.000000) vcan0 080#\n");
+  EXPECT_EQ(
+      std::string(std::istreambuf_iterator(in), {}),
+      "(1700000000.123456) vcan0 601#4041\n(0000000000.000001) vcan0 123##10001\n(0000000000.000000) vcan0 080#\n");
 }
 
 TEST_F(Log, WriterNamesTheFileThatCannotBeWritten) {
-  EXPECT_EQ(LogWriter::create("/no/such/folder/a.log", "can0").error(), "/no/such/folder/a.log: cannot be written (No such file or directory)");
-  for (const char* bus : {"", "two words", " can0", "can0\n"}) EXPECT_THAT(LogWriter::create(folder_ / "b.log", bus).error(), HasSubstr("one word")) << bus;
+  EXPECT_EQ(LogWriter::create("/no/such/folder/a.log", "can0").error(),
+            "/no/such/folder/a.log: cannot be written (No such file or directory)");
+  for (const char* bus : {"", "two words", " can0", "can0\n"})
+    EXPECT_THAT(LogWriter::create(folder_ / "b.log", bus).error(), HasSubstr("one word")) << bus;
   if (!std::filesystem::exists("/dev/full")) GTEST_SKIP() << "no /dev/full";
   auto full = LogWriter::create("/dev/full", "can0");
   ASSERT_TRUE(full);
@@ -274,7 +283,8 @@ std::string content_of(const std::filesystem::path& path) {
 
 TEST_F(Log, ARecordIsNeverReplacedUnasked) {
   const auto path = file("somebody's\n");
-  EXPECT_EQ(RecordFile::create(path).error(), path.string() + ": exists already; give another name, or --force to replace it");
+  EXPECT_EQ(RecordFile::create(path).error(),
+            path.string() + ": exists already; give another name, or --force to replace it");
   EXPECT_EQ(content_of(path), "somebody's\n");
   {
     auto replacing = RecordFile::create(path, {.replace = true});
@@ -365,7 +375,8 @@ std::vector<std::uint32_t> identifiers_at(Transport& end) {
 }
 
 TEST(MemoryBus, AllOthersReceiveWhatOneSends) {
-  const auto a = open_memory("three", {}), b = open_memory("three", {}), c = open_memory("three", {}), other = open_memory("another", {});
+  const auto a = open_memory("three", {}), b = open_memory("three", {}), c = open_memory("three", {}),
+             other = open_memory("another", {});
   const Frame sent = frame_of(0x123, {1, 2, 3});
   EXPECT_EQ(a->send(sent), Sent::done);
   Frame got;
@@ -397,10 +408,11 @@ TEST(MemoryBus, IsForgottenWithItsLastEnd) {
 }
 
 TEST(MemoryBus, FiltersAndRefuses) {
-  const auto any = open_memory("filters", {.fd = true}), plain = open_memory("filters", {}), ears = open_memory("filters", {.listen_only = true}),
+  const auto any = open_memory("filters", {.fd = true}), plain = open_memory("filters", {}),
+             ears = open_memory("filters", {.listen_only = true}),
              few = open_memory("filters", {.identifiers = {0x80, 0x181}});
-  for (const auto& frame : {frame_of(0x80), frame_of(0x81), frame_of(0x181), Frame{.id = 0x80, .extended = true}, Frame{.id = 0x80, .remote = true},
-                            Frame{.id = 4, .error = true, .size = 8}, fd_frame(12)})
+  for (const auto& frame : {frame_of(0x80), frame_of(0x81), frame_of(0x181), Frame{.id = 0x80, .extended = true},
+                            Frame{.id = 0x80, .remote = true}, Frame{.id = 4, .error = true, .size = 8}, fd_frame(12)})
     EXPECT_EQ(any->send(frame), Sent::done);
   EXPECT_THAT(identifiers_at(*few), ElementsAre(0x80, 0x181, 4));
   EXPECT_THAT(identifiers_at(*plain), ElementsAre(0x80, 0x81, 0x181, 0x80, 0x80, 4));
@@ -433,7 +445,8 @@ TEST(MemoryBus, ConcurrentEndsSeeOneOrder) {
     }
   };
   const auto talk = [](Transport& end, std::uint32_t id) {
-    for (std::uint32_t i = 0; i < each; ++i) end.send(frame_of(id, {static_cast<std::uint8_t>(i >> 8), static_cast<std::uint8_t>(i)}));
+    for (std::uint32_t i = 0; i < each; ++i)
+      end.send(frame_of(id, {static_cast<std::uint8_t>(i >> 8), static_cast<std::uint8_t>(i)}));
   };
   {
     std::vector<std::jthread> threads;
@@ -511,13 +524,16 @@ class Client {
     address.sin_family = AF_INET;
     address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
     address.sin_port = htons(static_cast<std::uint16_t>(server.port()));
-    if (::connect(fd_, reinterpret_cast<sockaddr*>(&address), sizeof address) != 0) throw std::runtime_error("cannot connect");
+    if (::connect(fd_, reinterpret_cast<sockaddr*>(&address), sizeof address) != 0)
+      throw std::runtime_error("cannot connect");
   }
   ~Client() { close(); }
   Client(const Client&) = delete;
   Client& operator=(const Client&) = delete;
 
-  bool try_say(std::string_view words) { return ::send(fd_, words.data(), words.size(), MSG_NOSIGNAL) == static_cast<ssize_t>(words.size()); }
+  bool try_say(std::string_view words) {
+    return ::send(fd_, words.data(), words.size(), MSG_NOSIGNAL) == static_cast<ssize_t>(words.size());
+  }
   void say(std::string_view words) { EXPECT_TRUE(try_say(words)); }
   /// Whether the server says this next, and nothing else in the same moment.
   bool hears(std::string_view words) {
@@ -593,12 +609,17 @@ TEST(Socketcand, FramesBothWays) {
   EXPECT_EQ(server.got[1], (Frame{.id = 0x12345, .extended = true, .size = 2, .data = {1, 0xF1}}));
   EXPECT_EQ(server.got[2], (Frame{.id = 0x123, .extended = true}));
   EXPECT_EQ(server.got[3], frame_of(0x7FF));
-  EXPECT_LT(std::chrono::abs(std::chrono::system_clock::now().time_since_epoch() - std::chrono::nanoseconds(server.got[0].time_ns)), 60s);
+  EXPECT_LT(std::chrono::abs(std::chrono::system_clock::now().time_since_epoch() -
+                             std::chrono::nanoseconds(server.got[0].time_ns)),
+            60s);
 
   EXPECT_EQ(server.bus->send(frame_of(0x23, {0x1A, 0x22, 0x03, 0x44})), Sent::done);
   EXPECT_EQ(server.bus->send({.id = 0x123, .extended = true}), Sent::done);
   ASSERT_TRUE(server.until([&] { return std::ranges::count(client.read(), '>') == 2; }));
-  EXPECT_THAT(client.read(), testing::MatchesRegex(" < frame 023 [0-9]+\\.[0-9][0-9][0-9][0-9][0-9][0-9] 1A220344 > < frame 00000123 [0-9]+\\.[0-9]+  >"));
+  EXPECT_THAT(
+      client.read(),
+      testing::MatchesRegex(
+          " < frame 023 [0-9]+\\.[0-9][0-9][0-9][0-9][0-9][0-9] 1A220344 > < frame 00000123 [0-9]+\\.[0-9]+  >"));
   EXPECT_EQ(server.bus->counters().sent, 2u);
   EXPECT_EQ(server.bus->counters().received, 4u);
 }
@@ -629,7 +650,8 @@ TEST(Socketcand, FirstFramesComeAfterTheAnswerToRawmode) {
   // Frames sent in the moment in which the client joins.
   server.until([&] { return server.bus->send(frame_of(1)), !client.read().empty(); });
   EXPECT_TRUE(client.hears("< ok >"));
-  for (int i = 0; i < 3000; ++i) server.bus->send(frame_of(1, {1, 2, 3, 4, 5, 6, 7, 8}));   // more than is kept: not the client's fault
+  for (int i = 0; i < 3000; ++i)
+    server.bus->send(frame_of(1, {1, 2, 3, 4, 5, 6, 7, 8}));  // more than is kept: not the client's fault
   EXPECT_TRUE(client.hears_something_with("< frame 001"));
   EXPECT_THAT(server.bus->state(), HasSubstr("1 client"));
 }
@@ -642,8 +664,19 @@ TEST(Socketcand, WhatIsNoCommandIsAnsweredWithAnError) {
   client.hears_something_with("< error unknown command, open a bus first >");
   client.say("< open can0 >");
   client.hears("< ok >");
-  const std::vector<const char*> wrong{"send 123", "send 123 1", "send 123 0 1", "send 123 9 1 2 3 4 5 6 7 8 9", "send 123 1 100", "send 12G 0",
-                                       "send 20000000 0", "send 123456789 0", "send 123 -1", "subscribe 0 0 123", "rawmode now", "", "<"};
+  const std::vector<const char*> wrong{"send 123",
+                                       "send 123 1",
+                                       "send 123 0 1",
+                                       "send 123 9 1 2 3 4 5 6 7 8 9",
+                                       "send 123 1 100",
+                                       "send 12G 0",
+                                       "send 20000000 0",
+                                       "send 123456789 0",
+                                       "send 123 -1",
+                                       "subscribe 0 0 123",
+                                       "rawmode now",
+                                       "",
+                                       "<"};
   for (const char* words : wrong) {
     client.say(fmt::format("< {} >", words));
     EXPECT_TRUE(client.hears_something_with("< error ")) << words;
@@ -723,7 +756,7 @@ TEST(Socketcand, ClientThatDoesNotReadIsDroppedAndBlocksNobody) {
     }
   }
   EXPECT_THAT(server.bus->state(), HasSubstr("1 client"));
-  EXPECT_GE(server.bus->counters().send_busy, 1000u);   // in a row, and maybe some before
+  EXPECT_GE(server.bus->counters().send_busy, 1000u);  // in a row, and maybe some before
   EXPECT_TRUE(server.until(count)) << heard << " of " << sent;
 }
 
@@ -782,13 +815,16 @@ TEST(Socketcand, FloodingClientCannotHoldTheLoop) {
   client.joined();
   std::string many;
   for (int i = 0; i < 1000; ++i) many += "< send 1 0 >";
-  std::thread flood([&] { while (client.try_say(many)) {} });
+  std::thread flood([&] {
+    while (client.try_say(many)) {
+    }
+  });
   std::size_t frames = 0;
   for (int round = 0; round < 50 || frames < 50'000; ++round) {
     server.bus->wait(in(1s));
-    for (Frame frame; server.bus->receive(frame);) ++frames;   // ends although there is always more
+    for (Frame frame; server.bus->receive(frame);) ++frames;  // ends although there is always more
   }
-  server.bus.reset();   // which ends the flood
+  server.bus.reset();  // which ends the flood
   flood.join();
 }
 
@@ -800,7 +836,8 @@ TEST(Socketcand, FiltersAndRefuses) {
   EXPECT_EQ(server.got[1], frame_of(0x80, {9}));
   EXPECT_EQ(server.bus->send(frame_of(1)), Sent::refused);
   auto talking = served();
-  for (const auto& frame : {fd_frame(8), Frame{.id = 1, .remote = true}, Frame{.id = 1, .error = true}, Frame{.id = 0x800}, Frame{.id = 1, .size = 9}})
+  for (const auto& frame : {fd_frame(8), Frame{.id = 1, .remote = true}, Frame{.id = 1, .error = true},
+                            Frame{.id = 0x800}, Frame{.id = 1, .size = 9}})
     EXPECT_EQ(talking.bus->send(frame), Sent::refused) << text(frame);
   EXPECT_EQ(talking.bus->counters().send_refused, 5u);
 }
@@ -825,7 +862,10 @@ TEST(Socketcand, OnlyFreePortsOfThisMachineAreServed) {
   auto server = served();
   const auto taken = open_socketcand("127.0.0.1", server.port(), "can1", {});
   ASSERT_FALSE(taken);
-  EXPECT_EQ(taken.error().message, fmt::format("socketcand://127.0.0.1:{0}/can1: port {0} is taken by another program; end it or choose another port", server.port()));
+  EXPECT_EQ(taken.error().message,
+            fmt::format(
+                "socketcand://127.0.0.1:{0}/can1: port {0} is taken by another program; end it or choose another port",
+                server.port()));
   for (const char* host : {"0.0.0.0", "192.168.1.7", "128.0.0.1", "::", "example.org", ""}) {
     const auto refused = open_socketcand(host, 29536, "can0", {});
     ASSERT_FALSE(refused) << host;
@@ -857,14 +897,19 @@ TEST(OpenBus, KnowsItsForms) {
   const auto served = open_bus("socketcand://127.0.0.1:0/can0");
   ASSERT_TRUE(served);
   EXPECT_EQ((*served)->name(), "can0");
-  EXPECT_THAT(open_bus("log:run.log").error().message, "'log:run.log' is a log, not a bus: replay reads logs, --record writes them");
-  for (const char* address : {"socketcand://127.0.0.1:0", "socketcand://127.0.0.1/can0", "socketcand://127.0.0.1:x/can0", "socketcand://:1/can0",
-                              "socketcand://127.0.0.1:1/", "socketcand://", "socketcand://127.0.0.1:99999999999/can0"})
-    EXPECT_THAT(open_bus(address).error().message, HasSubstr("is not of the form socketcand://127.0.0.1:29536/NAME")) << address;
+  EXPECT_THAT(open_bus("log:run.log").error().message,
+              "'log:run.log' is a log, not a bus: replay reads logs, --record writes them");
+  for (const char* address : {"socketcand://127.0.0.1:0", "socketcand://127.0.0.1/can0",
+                              "socketcand://127.0.0.1:x/can0", "socketcand://:1/can0", "socketcand://127.0.0.1:1/",
+                              "socketcand://", "socketcand://127.0.0.1:99999999999/can0"})
+    EXPECT_THAT(open_bus(address).error().message, HasSubstr("is not of the form socketcand://127.0.0.1:29536/NAME"))
+        << address;
   EXPECT_THAT(open_bus("socketcand://10.0.0.1:29536/can0").error().message, HasSubstr("is no loopback address"));
-  for (const char* address : {"", "memory:", "socketcan:", "http://localhost/", "two words", "an_interface_name_too_long", "/dev/ttyACM0", "udp:can0"}) {
+  for (const char* address : {"", "memory:", "socketcan:", "http://localhost/", "two words",
+                              "an_interface_name_too_long", "/dev/ttyACM0", "udp:can0"}) {
     const std::string message = open_bus(address).error().message;
-    for (const char* form : {"can0", "socketcan:NAME", "socketcand://127.0.0.1:29536/NAME", "memory:NAME"}) EXPECT_THAT(message, HasSubstr(form)) << address;
+    for (const char* form : {"can0", "socketcan:NAME", "socketcand://127.0.0.1:29536/NAME", "memory:NAME"})
+      EXPECT_THAT(message, HasSubstr(form)) << address;
     EXPECT_EQ(message.find('\n'), std::string::npos);
   }
 }

@@ -1,6 +1,4 @@
 // Run by tests/can_vm/run.sh, because these tests break the buses they use; without it only those that need no bus run.
-#include <gmock/gmock.h>
-
 #include <chrono>
 #include <csignal>
 #include <cstddef>
@@ -8,6 +6,7 @@
 #include <thread>
 
 #include <fmt/format.h>
+#include <gmock/gmock.h>
 #include <linux/filter.h>
 #include <linux/seccomp.h>
 #include <net/if.h>
@@ -27,8 +26,8 @@ using testing::AllOf;
 using testing::HasSubstr;
 using namespace std::chrono_literals;
 
-constexpr std::int64_t ms = 1'000'000, s = 1000 * ms;   // in ns
-constexpr std::int64_t patience = 20 * s;               // for what must happen, but nobody knows when
+constexpr std::int64_t ms = 1'000'000, s = 1000 * ms;  // in ns
+constexpr std::int64_t patience = 20 * s;              // for what must happen, but nobody knows when
 
 std::int64_t now_ns(clockid_t clock = CLOCK_MONOTONIC) {
   timespec now;
@@ -147,7 +146,8 @@ TEST_F(SocketCan, FiltersByIdentifier) {
 
 TEST_F(SocketCan, CountsErrorFrames) {
   const auto bus = open();
-  shell("cansend vcan0 20000004#0010000000000000 && cansend vcan0 20000040#0000000000000000");   // controller problem, bus-off
+  shell("cansend vcan0 20000004#0010000000000000 && cansend vcan0 20000040#0000000000000000");  // controller problem,
+                                                                                                // bus-off
   EXPECT_EQ(text(next(*bus)), "20000004#0010000000000000");
   const Frame bus_off = next(*bus);
   EXPECT_TRUE(bus_off.error);
@@ -163,7 +163,8 @@ TEST_F(SocketCan, TimesAreOfTheKernelInRealTime) {
   for (int i = 0; i < 100; ++i) {
     ASSERT_EQ(peer->send(numbered(1, i)), Sent::done);
     const auto sent = now_ns(CLOCK_REALTIME);
-    if (i == 0) std::this_thread::sleep_for(100ms);   // the kernel needs some time to start stamping: the first may be late
+    if (i == 0)
+      std::this_thread::sleep_for(100ms);  // the kernel needs some time to start stamping: the first may be late
     const Frame frame = next(*bus);
     EXPECT_GE(frame.time_ns, earliest);
     EXPECT_LE(frame.time_ns, i == 0 ? now_ns(CLOCK_REALTIME) : sent) << "the time of reading, not that of the frame";
@@ -184,12 +185,13 @@ TEST_F(SocketCan, WaitsForFramesDeadlinesAndSignals) {
   EXPECT_TRUE(bus->receive(frame));
   EXPECT_FALSE(bus->receive(frame));
 
-  struct sigaction nothing {}, before;
+  struct sigaction nothing {
+  }, before;
   nothing.sa_handler = [](int) {};
   sigaction(SIGALRM, &nothing, &before);
   const itimerval soon{.it_interval = {0, 50'000}, .it_value = {0, 50'000}}, never{};
   setitimer(ITIMER_REAL, &soon, nullptr);
-  bus->wait(INT64_MAX);   // if the signal does not end it, nothing does
+  bus->wait(INT64_MAX);  // if the signal does not end it, nothing does
   setitimer(ITIMER_REAL, &never, nullptr);
   sigaction(SIGALRM, &before, nullptr);
 }
@@ -211,7 +213,8 @@ TEST_F(SocketCan, LinkDownWakesAndUpRecovers) {
   }
   EXPECT_EQ(bus->counters().send_down, 3);
   const auto start = now_ns();
-  while (now_ns() < start + 30 * ms) bus->wait(start + 30 * ms);   // must not spin on POLLERR, which nobody sees but a profiler
+  while (now_ns() < start + 30 * ms)
+    bus->wait(start + 30 * ms);  // must not spin on POLLERR, which nobody sees but a profiler
   EXPECT_FALSE(bus->up());
 
   shell("ip link set dev vcan0 up");
@@ -271,7 +274,7 @@ TEST_F(SocketCan, TakesUpADeviceThatIsMadeAgain) {
 
   EXPECT_EQ(bus->send(numbered(1, 1)), Sent::done);
   EXPECT_EQ(next(*other), numbered(1, 1));
-  EXPECT_EQ(other->send(numbered(3, 0)), Sent::done);   // filtered as before
+  EXPECT_EQ(other->send(numbered(3, 0)), Sent::done);  // filtered as before
   EXPECT_EQ(other->send(numbered(2, 2)), Sent::done);
   shell("cansend vcan0 20000040#0000000000000000");
   EXPECT_EQ(next(*bus), numbered(2, 2));
@@ -282,7 +285,7 @@ TEST_F(SocketCan, TakesUpADeviceThatIsMadeAgain) {
 TEST_F(SocketCan, TakesUpADeviceThatWasReplacedBehindItsBack) {
   const auto sender = open(), receiver = open(), peer = open({}, "vcan1");
   const unsigned index = if_nametoindex("vcan0");
-  for (unsigned times = 1; times <= 2; ++times) {   // with a new index, with the old one
+  for (unsigned times = 1; times <= 2; ++times) {  // with a new index, with the old one
     shell(fmt::format("ip link del dev vcan0 && ip link add dev vcan0 {} type vcan && ip link set dev vcan0 up",
                       times == 1 ? "" : fmt::format("index {}", index)));
     Frame frame;
@@ -291,11 +294,13 @@ TEST_F(SocketCan, TakesUpADeviceThatWasReplacedBehindItsBack) {
     EXPECT_EQ(next(*receiver), numbered(1, times));
     EXPECT_EQ(sender->counters().link_losses, times);
   }
-  expect_silence(*peer);   // an unbound CAN socket would be one on all buses
+  expect_silence(*peer);  // an unbound CAN socket would be one on all buses
 }
 
 TEST_F(SocketCan, ABusWithoutCarrierIsNotUp) {
-  shell("ip link del dev vxcan0 2>/dev/null; ip link add dev vxcan0 type vxcan peer name vxcan1 && ip link set dev vxcan0 up && ip link set dev vxcan1 up");
+  shell(
+      "ip link del dev vxcan0 2>/dev/null; ip link add dev vxcan0 type vxcan peer name vxcan1 && ip link set dev "
+      "vxcan0 up && ip link set dev vxcan1 up");
   const auto bus = open({}, "vxcan0"), peer = open({}, "vxcan1");
   wait_until(*bus, true);
   shell("ip link set dev vxcan1 down");
@@ -312,7 +317,8 @@ TEST_F(SocketCan, ABusWithoutCarrierIsNotUp) {
 
 TEST_F(SocketCan, AFullQueueIsBusyAndNeverBlocks) {
   const auto bus = open(), peer = open();
-  shell("tc qdisc add dev vcan0 root tbf rate 8kbit burst 32 limit 160");   // 62.5 classic frames per second, 10 of them queued
+  shell("tc qdisc add dev vcan0 root tbf rate 8kbit burst 32 limit 160");  // 62.5 classic frames per second, 10 of them
+                                                                           // queued
   unsigned sent = 0, busy = 0;
   const auto start = now_ns();
   for (int i = 0; i < 1000; ++i) {
@@ -327,7 +333,8 @@ TEST_F(SocketCan, AFullQueueIsBusyAndNeverBlocks) {
   EXPECT_EQ(bus->counters().send_busy, busy);
   EXPECT_TRUE(bus->up());
 
-  for (const auto end = now_ns() + patience; bus->send(numbered(2, 0)) != Sent::done && now_ns() < end;) bus->wait(now_ns() + ms);
+  for (const auto end = now_ns() + patience; bus->send(numbered(2, 0)) != Sent::done && now_ns() < end;)
+    bus->wait(now_ns() + ms);
   for (unsigned i = 0; i < sent; ++i) EXPECT_EQ(next(*peer).id, 1);
   EXPECT_EQ(next(*peer), numbered(2, 0)) << "no recovery, or a dropped frame came";
 }
@@ -341,10 +348,10 @@ TEST_F(SocketCan, CountsEveryFrameLostInItsBuffer) {
   for (; bus->receive(frame); ++received) ASSERT_EQ(frame, numbered(1, received));
   ASSERT_LT(received, total);
   EXPECT_GT(received, 250);
-  if (std::getenv("CAN_VM") == std::string("vm")) {   // as root
+  if (std::getenv("CAN_VM") == std::string("vm")) {  // as root
     EXPECT_GT(received, 5000) << "SO_RCVBUFFORCE";
   }
-  peer->send(numbered(1, total));   // brings the count along
+  peer->send(numbered(1, total));  // brings the count along
   EXPECT_EQ(next(*bus), numbered(1, total));
   EXPECT_EQ(bus->counters().receive_lost, total - received);
   peer->send(numbered(1, 0));
@@ -374,7 +381,7 @@ TEST(CanUtils, Echo) {
   const char* const count = std::getenv("CAN_ECHO_COUNT");
   if (!count) GTEST_SKIP() << "run by tests/hil/can/can_utils_test.sh";
   const auto bus = open({.fd = true});
-  ASSERT_EQ(bus->send(numbered(0x7FF, 0)), Sent::done);   // ready
+  ASSERT_EQ(bus->send(numbered(0x7FF, 0)), Sent::done);  // ready
   for (int i = 0; i < std::atoi(count); ++i) {
     const Frame frame = next(*bus);
     ASSERT_EQ(bus->send(frame), Sent::done) << text(frame);
@@ -386,16 +393,20 @@ TEST(Opening, SaysThatTheKernelHasNoCan) {
     if (probe >= 0) close(probe);
     GTEST_SKIP() << "it has";
   }
-  EXPECT_EQ(failure("can0"), "can0: this kernel has no SocketCAN; try `modprobe can_raw`, or serve the bus over TCP as "
-                             "socketcand://127.0.0.1:29536/can0");
+  EXPECT_EQ(failure("can0"),
+            "can0: this kernel has no SocketCAN; try `modprobe can_raw`, or serve the bus over TCP as "
+            "socketcand://127.0.0.1:29536/can0");
 }
 
 TEST(OpeningDeathTest, SaysThatPermissionIsMissing) {
   const auto forbidden = [] {
-    sock_filter filter[] = {BPF_STMT(BPF_LD | BPF_W | BPF_ABS, offsetof(seccomp_data, nr)), BPF_JUMP(BPF_JMP | BPF_JEQ | BPF_K, __NR_socket, 0, 1),
-                            BPF_STMT(BPF_RET | BPF_K, SECCOMP_RET_ERRNO | EPERM), BPF_STMT(BPF_RET | BPF_K, SECCOMP_RET_ALLOW)};
+    sock_filter filter[] = {BPF_STMT(BPF_LD | BPF_W | BPF_ABS, offsetof(seccomp_data, nr)),
+                            BPF_JUMP(BPF_JMP | BPF_JEQ | BPF_K, __NR_socket, 0, 1),
+                            BPF_STMT(BPF_RET | BPF_K, SECCOMP_RET_ERRNO | EPERM),
+                            BPF_STMT(BPF_RET | BPF_K, SECCOMP_RET_ALLOW)};
     const sock_fprog program{.len = 4, .filter = filter};
-    if (prctl(PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0) != 0 || prctl(PR_SET_SECCOMP, SECCOMP_MODE_FILTER, &program) != 0) std::_Exit(2);
+    if (prctl(PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0) != 0 || prctl(PR_SET_SECCOMP, SECCOMP_MODE_FILTER, &program) != 0)
+      std::_Exit(2);
     const std::string message = failure("can0");
     std::fputs(message.c_str(), stderr);
     std::_Exit(1);

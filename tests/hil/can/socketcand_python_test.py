@@ -3,7 +3,7 @@ import logging, random, re, subprocess, sys, threading, time
 
 import can
 
-logging.getLogger("can").setLevel(logging.ERROR)   # it warns of every read that ends inside a frame
+logging.getLogger("can").setLevel(logging.ERROR)  # it warns of every read that ends inside a frame
 failures = []
 
 
@@ -14,7 +14,9 @@ def check(name, condition, detail=""):
 
 
 def serve(frames):
-    server = subprocess.Popen([sys.argv[1], "socketcand://127.0.0.1:0/can0", str(frames)], stdout=subprocess.PIPE, text=True)
+    server = subprocess.Popen(
+        [sys.argv[1], "socketcand://127.0.0.1:0/can0", str(frames)], stdout=subprocess.PIPE, text=True
+    )
     return server, int(re.search(r"127\.0\.0\.1:(\d+)", server.stdout.readline()).group(1))
 
 
@@ -27,8 +29,11 @@ def same(sent, got):
 
 
 # One frame after the other: every length, standard and extended identifiers, old and new time.
-cases = [can.Message(arbitration_id=i, is_extended_id=e, data=bytes(range(n)))
-         for n in range(9) for i, e in ((0, False), (0x601, False), (0x7FE, False), (0x800, True), (0x12345, True), (0x1FFFFFFE, True))]
+cases = [
+    can.Message(arbitration_id=i, is_extended_id=e, data=bytes(range(n)))
+    for n in range(9)
+    for i, e in ((0, False), (0x601, False), (0x7FE, False), (0x800, True), (0x12345, True), (0x1FFFFFFE, True))
+]
 server, port = serve(len(cases))
 bus = connect(port)
 round_trips = []
@@ -46,7 +51,12 @@ print(f"round trip: median {1e6 * round_trips[len(round_trips) // 2]:.0f} us, lo
 
 # A burst: python-can reads 1024 bytes at a time, so most reads end inside a frame.
 random.seed(1)
-burst = [can.Message(arbitration_id=random.randrange(0x7FF), is_extended_id=False, data=random.randbytes(random.randrange(9))) for _ in range(3000)]
+burst = [
+    can.Message(
+        arbitration_id=random.randrange(0x7FF), is_extended_id=False, data=random.randbytes(random.randrange(9))
+    )
+    for _ in range(3000)
+]
 server, port = serve(len(burst))
 bus = connect(port)
 for sent in burst:

@@ -1,12 +1,11 @@
 // One drive on an imaginary bus: frames in, frames out, the clock in our hands.
-#include <gmock/gmock.h>
-#include <gtest/gtest.h>
-
 #include <cmath>
 #include <numbers>
 #include <random>
 
 #include <fmt/format.h>
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
 
 #include <tribotwin/hil/canopen/budget.hpp>
 #include <tribotwin/hil/canopen/description.hpp>
@@ -16,7 +15,14 @@ namespace tribotwin::hil {
 namespace {
 
 constexpr std::int64_t ms = 1'000'000;
-const DriveParameters parameters{.node = 5, .name = "joint5", .gear_ratio = 100, .rated_torque_nm = 2, .speed_max_rad_s = 300, .limited = true, .position_low_rad = -2, .position_high_rad = 2};
+const DriveParameters parameters{.node = 5,
+                                 .name = "joint5",
+                                 .gear_ratio = 100,
+                                 .rated_torque_nm = 2,
+                                 .speed_max_rad_s = 300,
+                                 .limited = true,
+                                 .position_low_rad = -2,
+                                 .position_high_rad = 2};
 
 class OneNode : public testing::Test {
  protected:
@@ -36,7 +42,9 @@ class OneNode : public testing::Test {
   }
   void send(std::uint32_t id, std::vector<std::uint8_t> bytes) { node.receive(classic(id, bytes), now); }
   void nmt(std::uint8_t command) { send(0, {command, 5}); }
-  void control(std::uint16_t word) { send(0x205, {static_cast<std::uint8_t>(word), static_cast<std::uint8_t>(word >> 8)}); }
+  void control(std::uint16_t word) {
+    send(0x205, {static_cast<std::uint8_t>(word), static_cast<std::uint8_t>(word >> 8)});
+  }
   void wait(std::int64_t milliseconds) {
     for (std::int64_t i = 0; i < milliseconds; ++i) {
       now += ms;
@@ -48,9 +56,12 @@ class OneNode : public testing::Test {
     for (int i = 0; i < steps; ++i) {
       const auto c = node.command(1e-3);
       using Mode = twin::DriveCommand::Mode;
-      if (c.mode == Mode::position) robot.position_rad = c.position_rad, robot.velocity_rad_s = c.velocity_rad_s;
-      else if (c.mode == Mode::velocity) robot.velocity_rad_s = c.velocity_rad_s, robot.position_rad += 1e-3 * c.velocity_rad_s;
-      else robot.velocity_rad_s = 0;
+      if (c.mode == Mode::position)
+        robot.position_rad = c.position_rad, robot.velocity_rad_s = c.velocity_rad_s;
+      else if (c.mode == Mode::velocity)
+        robot.velocity_rad_s = c.velocity_rad_s, robot.position_rad += 1e-3 * c.velocity_rad_s;
+      else
+        robot.velocity_rad_s = 0;
       robot.torque_nm = c.mode == Mode::torque ? c.torque_nm : 0;
       node.feedback(robot, 1e-3);
     }
@@ -67,7 +78,7 @@ class OneNode : public testing::Test {
     std::ranges::copy_if(bus, std::back_inserter(some), [&](const Frame& f) { return f.id == id; });
     return some;
   }
-  std::uint32_t sdo(std::vector<std::uint8_t> request) {   // 0, or the abort code
+  std::uint32_t sdo(std::vector<std::uint8_t> request) {  // 0, or the abort code
     request.resize(8);
     bus.clear();
     send(0x605, request);
@@ -77,14 +88,24 @@ class OneNode : public testing::Test {
     return d[0] == 0x80 ? static_cast<std::uint32_t>(decode(Type::u32, std::span(d).subspan(4, 4))) : 0;
   }
   std::uint32_t write(std::uint16_t index, std::uint8_t sub, Type type, std::int64_t value) {
-    std::vector<std::uint8_t> request{static_cast<std::uint8_t>(0x23 | (4 - size_of(type)) << 2), static_cast<std::uint8_t>(index), static_cast<std::uint8_t>(index >> 8), sub, 0, 0, 0, 0};
+    std::vector<std::uint8_t> request{static_cast<std::uint8_t>(0x23 | (4 - size_of(type)) << 2),
+                                      static_cast<std::uint8_t>(index),
+                                      static_cast<std::uint8_t>(index >> 8),
+                                      sub,
+                                      0,
+                                      0,
+                                      0,
+                                      0};
     encode(value, std::span(request).subspan(4, static_cast<std::size_t>(size_of(type))));
     return sdo(request);
   }
 };
 
 TEST_F(OneNode, BootsAndBeats) {
-  Node fresh(parameters, [this](const Frame& f) { bus.push_back(f); return Sent::done; });
+  Node fresh(parameters, [this](const Frame& f) {
+    bus.push_back(f);
+    return Sent::done;
+  });
   fresh.start(0);
   ASSERT_EQ(bus.size(), 1U);
   EXPECT_EQ(text(bus[0]), "705#00");
@@ -101,24 +122,47 @@ TEST(StateMachine, ToTheLetter) {
   const auto in = [](S state) {
     StateMachine m;
     const StopOptions at_once{.quick_stop = 6, .disable_operation = 0};
-    if (state == S::ready_to_switch_on || state == S::switched_on || state == S::operation_enabled || state == S::quick_stop_active) m.controlword(0x06, at_once);
-    if (state == S::switched_on || state == S::operation_enabled || state == S::quick_stop_active) m.controlword(0x07, at_once);
+    if (state == S::ready_to_switch_on || state == S::switched_on || state == S::operation_enabled ||
+        state == S::quick_stop_active)
+      m.controlword(0x06, at_once);
+    if (state == S::switched_on || state == S::operation_enabled || state == S::quick_stop_active)
+      m.controlword(0x07, at_once);
     if (state == S::operation_enabled || state == S::quick_stop_active) m.controlword(0x0F, at_once);
     if (state == S::quick_stop_active) m.controlword(0x02, at_once);
     if (state == S::fault) m.fail(false);
     EXPECT_EQ(m.state(), state);
     return m;
   };
-  struct Row { S from; std::uint16_t word; S to; } rows[] = {
-      {S::switch_on_disabled, 0x06, S::ready_to_switch_on}, {S::switch_on_disabled, 0x07, S::switch_on_disabled}, {S::switch_on_disabled, 0x0F, S::switch_on_disabled},
-      {S::switch_on_disabled, 0x00, S::switch_on_disabled}, {S::switch_on_disabled, 0x02, S::switch_on_disabled},
-      {S::ready_to_switch_on, 0x07, S::switched_on}, {S::ready_to_switch_on, 0x0F, S::operation_enabled}, {S::ready_to_switch_on, 0x00, S::switch_on_disabled},
-      {S::ready_to_switch_on, 0x02, S::switch_on_disabled}, {S::ready_to_switch_on, 0x06, S::ready_to_switch_on},
-      {S::switched_on, 0x0F, S::operation_enabled}, {S::switched_on, 0x06, S::ready_to_switch_on}, {S::switched_on, 0x00, S::switch_on_disabled}, {S::switched_on, 0x02, S::switch_on_disabled},
-      {S::operation_enabled, 0x07, S::switched_on}, {S::operation_enabled, 0x06, S::ready_to_switch_on}, {S::operation_enabled, 0x00, S::switch_on_disabled},
-      {S::operation_enabled, 0x02, S::quick_stop_active}, {S::operation_enabled, 0x0F, S::operation_enabled},
-      {S::quick_stop_active, 0x00, S::switch_on_disabled}, {S::quick_stop_active, 0x0F, S::operation_enabled}, {S::quick_stop_active, 0x06, S::quick_stop_active},
-      {S::fault, 0x80, S::switch_on_disabled}, {S::fault, 0x0F, S::fault}, {S::fault, 0x00, S::fault}, {S::fault, 0x06, S::fault}};
+  struct Row {
+    S from;
+    std::uint16_t word;
+    S to;
+  } rows[] = {{S::switch_on_disabled, 0x06, S::ready_to_switch_on},
+              {S::switch_on_disabled, 0x07, S::switch_on_disabled},
+              {S::switch_on_disabled, 0x0F, S::switch_on_disabled},
+              {S::switch_on_disabled, 0x00, S::switch_on_disabled},
+              {S::switch_on_disabled, 0x02, S::switch_on_disabled},
+              {S::ready_to_switch_on, 0x07, S::switched_on},
+              {S::ready_to_switch_on, 0x0F, S::operation_enabled},
+              {S::ready_to_switch_on, 0x00, S::switch_on_disabled},
+              {S::ready_to_switch_on, 0x02, S::switch_on_disabled},
+              {S::ready_to_switch_on, 0x06, S::ready_to_switch_on},
+              {S::switched_on, 0x0F, S::operation_enabled},
+              {S::switched_on, 0x06, S::ready_to_switch_on},
+              {S::switched_on, 0x00, S::switch_on_disabled},
+              {S::switched_on, 0x02, S::switch_on_disabled},
+              {S::operation_enabled, 0x07, S::switched_on},
+              {S::operation_enabled, 0x06, S::ready_to_switch_on},
+              {S::operation_enabled, 0x00, S::switch_on_disabled},
+              {S::operation_enabled, 0x02, S::quick_stop_active},
+              {S::operation_enabled, 0x0F, S::operation_enabled},
+              {S::quick_stop_active, 0x00, S::switch_on_disabled},
+              {S::quick_stop_active, 0x0F, S::operation_enabled},
+              {S::quick_stop_active, 0x06, S::quick_stop_active},
+              {S::fault, 0x80, S::switch_on_disabled},
+              {S::fault, 0x0F, S::fault},
+              {S::fault, 0x00, S::fault},
+              {S::fault, 0x06, S::fault}};
   for (const auto& row : rows) {
     StateMachine m = in(row.from);
     m.controlword(row.word, {.quick_stop = 6, .disable_operation = 0});
@@ -163,7 +207,7 @@ TEST_F(OneNode, StatuswordsOfEveryState) {
   EXPECT_TRUE(node.brake_engaged());
   control(0x0F);
   EXPECT_EQ(status() & 0x6F, 0x27);
-  EXPECT_EQ(status() & 0x1200, 0x1200);   // remote, follows
+  EXPECT_EQ(status() & 0x1200, 0x1200);  // remote, follows
   EXPECT_FALSE(node.brake_engaged());
   control(0x02);
   EXPECT_EQ(status() & 0x6F, 0x07);
@@ -177,7 +221,7 @@ TEST_F(OneNode, StatuswordsOfEveryState) {
 TEST_F(OneNode, EnablingDoesNotMoveTheArm) {
   robot.position_rad = 0.7;
   node.feedback(robot, 0);
-  send(0x405, {0x06, 0, 0, 0, 0, 0});   // a target of 0, long before
+  send(0x405, {0x06, 0, 0, 0, 0, 0});  // a target of 0, long before
   enable();
   const auto c = node.command(1e-3);
   EXPECT_EQ(c.mode, twin::DriveCommand::Mode::position);
@@ -200,7 +244,7 @@ TEST_F(OneNode, CspInterpolatesOverTheCycle) {
     EXPECT_NEAR(c.velocity_rad_s, 0.5, 1e-3);
     EXPECT_NEAR(node.command(1e-3).position_rad, 0.001 * k, 2e-6);
   }
-  node.sync(now);   // no new target: it stands there
+  node.sync(now);  // no new target: it stands there
   run(5);
   EXPECT_NEAR(robot.position_rad, 0.01, 2e-6);
   EXPECT_NEAR(robot.velocity_rad_s, 0, 1e-9);
@@ -213,14 +257,14 @@ TEST_F(OneNode, TargetsBeyondTheLimitsAreHeld) {
     send(0x405, data);
     node.sync(now);
     run(2);
-    ASSERT_LE(std::abs(robot.velocity_rad_s), 3.001);   // 6080h: 300 rad/s at the motor
+    ASSERT_LE(std::abs(robot.velocity_rad_s), 3.001);  // 6080h: 300 rad/s at the motor
   }
   EXPECT_NEAR(robot.position_rad, 2, 1e-4);
 }
 
 TEST_F(OneNode, ModesCsvAndCst) {
   enable();
-  EXPECT_EQ(write(0x60FF, 0, Type::i32, 60000), 0U);   // 60 rpm at the motor
+  EXPECT_EQ(write(0x60FF, 0, Type::i32, 60000), 0U);  // 60 rpm at the motor
   EXPECT_EQ(write(0x6060, 0, Type::i8, 9), 0U);
   EXPECT_EQ(node.dictionary().get(0x6061), 9);
   auto c = node.command(1e-3);
@@ -232,7 +276,8 @@ TEST_F(OneNode, ModesCsvAndCst) {
   EXPECT_EQ(c.mode, twin::DriveCommand::Mode::torque);
   EXPECT_NEAR(c.torque_nm, -100, 1e-9);
   EXPECT_NEAR(c.torque_limit_nm, 200, 1e-9);
-  for (const int profile : {1, 3, 4, 6, 7, 0, -1}) EXPECT_EQ(write(0x6060, 0, Type::i8, profile), 0x06090030U) << profile;
+  for (const int profile : {1, 3, 4, 6, 7, 0, -1})
+    EXPECT_EQ(write(0x6060, 0, Type::i8, profile), 0x06090030U) << profile;
 }
 
 // Lost commands: after one deadline the torque is the reaction's, and it stays so until a fault reset.
@@ -258,7 +303,7 @@ TEST_F(OneNode, ALatePdoTakesThePower) {
     EXPECT_EQ(text(on(0x085).at(0)).substr(0, 8), "085#5082");
     EXPECT_EQ(node.command(1e-3).torque_nm, 0);
     EXPECT_EQ(node.state(), option == 2 ? DriveState::fault : DriveState::fault_reaction_active);
-    send(0x405, {0x0F, 0, 0, 0, 0, 0});   // the master is back, but the fault stays
+    send(0x405, {0x0F, 0, 0, 0, 0, 0});  // the master is back, but the fault stays
     node.sync(now);
     run(100);
     EXPECT_EQ(node.state(), DriveState::fault);
@@ -273,14 +318,14 @@ TEST_F(OneNode, ALostHeartbeatTakesThePower) {
   EXPECT_EQ(write(0x1016, 1, Type::u32, 0x7F << 16 | 50), 0U);
   enable();
   wait(200);
-  EXPECT_EQ(node.state(), DriveState::operation_enabled);   // watched from its first beat on
+  EXPECT_EQ(node.state(), DriveState::operation_enabled);  // watched from its first beat on
   send(0x77F, {5});
   wait(50);
   EXPECT_EQ(node.state(), DriveState::operation_enabled);
   bus.clear();
   wait(1);
   EXPECT_EQ(text(on(0x085).at(0)).substr(0, 8), "085#3081");
-  EXPECT_EQ(node.nmt(), Nmt::pre_operational);   // 1029h
+  EXPECT_EQ(node.nmt(), Nmt::pre_operational);  // 1029h
   EXPECT_EQ(node.state(), DriveState::fault_reaction_active);
   run(100);
   EXPECT_EQ(node.state(), DriveState::fault);
@@ -308,10 +353,10 @@ TEST_F(OneNode, NmtTakesThePower) {
 }
 
 TEST_F(OneNode, QuickStopRampsDown) {
-  EXPECT_EQ(write(0x6085, 0, Type::u32, 95493), 0U);   // 10 rad/s2 at the motor, 0.1 at the joint
+  EXPECT_EQ(write(0x6085, 0, Type::u32, 95493), 0U);  // 10 rad/s2 at the motor, 0.1 at the joint
   EXPECT_EQ(write(0x6060, 0, Type::i8, 9), 0U);
   enable();
-  EXPECT_EQ(write(0x60FF, 0, Type::i32, 95493), 0U);   // 10 rad/s at the motor
+  EXPECT_EQ(write(0x60FF, 0, Type::i32, 95493), 0U);  // 10 rad/s at the motor
   run(10);
   EXPECT_NEAR(robot.velocity_rad_s, 0.1, 1e-4);
   control(0x02);
@@ -340,7 +385,7 @@ TEST_F(OneNode, TransmissionTypes) {
 
 TEST_F(OneNode, EventTimerAndInhibitTime) {
   EXPECT_EQ(write(0x1800, 5, Type::u16, 20), 0U);
-  EXPECT_EQ(write(0x1800, 3, Type::u16, 50), 0U);   // 5 ms
+  EXPECT_EQ(write(0x1800, 3, Type::u16, 50), 0U);  // 5 ms
   nmt(1);
   wait(1);
   bus.clear();
@@ -354,10 +399,10 @@ TEST_F(OneNode, EventTimerAndInhibitTime) {
   control(0x06);
   wait(1);
   EXPECT_LE(on(0x185).size(), 1U);
-  EXPECT_GT(node.next_ns(), now);   // nothing to do before the inhibit time is over
+  EXPECT_GT(node.next_ns(), now);  // nothing to do before the inhibit time is over
   wait(6);
   ASSERT_FALSE(on(0x185).empty());
-  EXPECT_EQ(on(0x185).back().data[0] & 0x6F, 0x21);   // the last state got through
+  EXPECT_EQ(on(0x185).back().data[0] & 0x6F, 0x21);  // the last state got through
 }
 
 TEST_F(OneNode, ShortPdosAreRefusedAndLongOnesTaken) {
@@ -392,7 +437,7 @@ TEST_F(OneNode, SdoInSegments) {
   EXPECT_EQ(name, "tribotwin drive joint5");
   // A download in segments of what is also expedited.
   EXPECT_EQ(sdo({0x21, 0x85, 0x60, 0, 4}), 0U);
-  EXPECT_EQ(sdo({0x07, 0x10, 0x27, 0, 0}), 0U);   // 4 bytes, last
+  EXPECT_EQ(sdo({0x07, 0x10, 0x27, 0, 0}), 0U);  // 4 bytes, last
   EXPECT_EQ(node.dictionary().get(0x6085), 10000);
   // Toggle, time-out, unknown commands, abort by the client.
   EXPECT_EQ(sdo({0x40, 0x08, 0x10, 0}), 0U);
@@ -414,14 +459,14 @@ TEST_F(OneNode, RemappingNeedsAPdoThatDoesNotExist) {
   nmt(1);
   EXPECT_EQ(write(0x1A02, 0, Type::u8, 0), 0x08000022U);
   EXPECT_EQ(write(0x1802, 1, Type::u32, 0x80000385), 0U);
-  EXPECT_EQ(write(0x1A02, 1, Type::u32, 0x60410010), 0x08000022U);   // number of objects first
+  EXPECT_EQ(write(0x1A02, 1, Type::u32, 0x60410010), 0x08000022U);  // number of objects first
   EXPECT_EQ(write(0x1A02, 0, Type::u8, 0), 0U);
   EXPECT_EQ(write(0x1A02, 1, Type::u32, 0x21000110), 0U);
   EXPECT_EQ(write(0x1A02, 2, Type::u32, 0x21010120), 0U);
   EXPECT_EQ(write(0x1A02, 3, Type::u32, 0x60400010), 0U);
   EXPECT_EQ(write(0x1A02, 4, Type::u32, 0x99990010), 0x06020000U);
   EXPECT_EQ(write(0x1A02, 0, Type::u8, 3), 0U);
-  EXPECT_EQ(write(0x1802, 1, Type::u32, 0x00000701), 0x06090030U);   // a heartbeat's
+  EXPECT_EQ(write(0x1802, 1, Type::u32, 0x00000701), 0x06090030U);  // a heartbeat's
   EXPECT_EQ(write(0x1802, 1, Type::u32, 0x00000385), 0U);
   robot.temperature_degC = 61.5;
   robot.friction_nm = -3.25;
@@ -451,8 +496,10 @@ TEST_F(OneNode, AGapInAnRpdoIsSkipped) {
 TEST_F(OneNode, AGapHasTheBitsOfItsType) {
   EXPECT_EQ(write(0x1402, 1, Type::u32, 0x80000405), 0U);
   EXPECT_EQ(write(0x1602, 0, Type::u8, 0), 0U);
-  for (const std::uint32_t good : {0x00020008U, 0x00030010U, 0x00040020U, 0x00050008U, 0x00060010U, 0x00070020U}) EXPECT_EQ(write(0x1602, 1, Type::u32, good), 0U) << good;
-  for (const std::uint32_t bad : {0x00010001U, 0x00010008U, 0x00020010U, 0x00070008U}) EXPECT_NE(write(0x1602, 1, Type::u32, bad), 0U) << bad;
+  for (const std::uint32_t good : {0x00020008U, 0x00030010U, 0x00040020U, 0x00050008U, 0x00060010U, 0x00070020U})
+    EXPECT_EQ(write(0x1602, 1, Type::u32, good), 0U) << good;
+  for (const std::uint32_t bad : {0x00010001U, 0x00010008U, 0x00020010U, 0x00070008U})
+    EXPECT_NE(write(0x1602, 1, Type::u32, bad), 0U) << bad;
 }
 
 TEST_F(OneNode, IdentifiersOf29BitsAreRefused) {
@@ -532,8 +579,18 @@ TEST_F(OneNode, AFullBusStopsNothing) {
 TEST_F(OneNode, RandomAndMutatedFrames) {
   std::mt19937 random(11);
   const std::vector<std::uint32_t> ids = {0, 0x80, 0x205, 0x305, 0x405, 0x505, 0x605, 0x705, 0x77F, 0x585};
-  const std::vector<std::vector<std::uint8_t>> seeds = {{1, 5}, {0x06, 0}, {0x07, 0}, {0x0F, 0}, {0x0F, 0, 0x10, 0, 0, 0}, {0x40, 0x08, 0x10, 0, 0, 0, 0, 0}, {0x60, 0, 0, 0, 0, 0, 0, 0},
-                                                        {0x23, 0x02, 0x14, 1, 5, 4, 0, 0x80}, {0x2F, 0x02, 0x1A, 0, 0, 0, 0, 0}, {0x23, 0x02, 0x1A, 1, 0x20, 0, 0x64, 0x60}, {0x80, 5}, {0x81, 0}};
+  const std::vector<std::vector<std::uint8_t>> seeds = {{1, 5},
+                                                        {0x06, 0},
+                                                        {0x07, 0},
+                                                        {0x0F, 0},
+                                                        {0x0F, 0, 0x10, 0, 0, 0},
+                                                        {0x40, 0x08, 0x10, 0, 0, 0, 0, 0},
+                                                        {0x60, 0, 0, 0, 0, 0, 0, 0},
+                                                        {0x23, 0x02, 0x14, 1, 5, 4, 0, 0x80},
+                                                        {0x2F, 0x02, 0x1A, 0, 0, 0, 0, 0},
+                                                        {0x23, 0x02, 0x1A, 1, 0x20, 0, 0x64, 0x60},
+                                                        {0x80, 5},
+                                                        {0x81, 0}};
   bus.reserve(4096);
   for (int i = 0; i < 1'000'000; ++i) {
     Frame f;
@@ -547,8 +604,10 @@ TEST_F(OneNode, RandomAndMutatedFrames) {
     f.extended = random() % 64 == 0;
     f.remote = random() % 64 == 0;
     now += static_cast<std::int64_t>(random() % 3) * ms;
-    if (f.id == 0x80 && f.size <= 1) node.sync(now);
-    else node.receive(f, now);
+    if (f.id == 0x80 && f.size <= 1)
+      node.sync(now);
+    else
+      node.receive(f, now);
     node.tick(now);
     run(1);
     const auto c = node.command(1e-3);
@@ -565,7 +624,8 @@ TEST(Description, EdsListsEveryObjectOnce) {
   const std::string s = eds(dictionary, parameters);
   for (const Object& o : dictionary.objects()) {
     const bool single = !const_cast<Dictionary&>(dictionary).find(o.index, 1);
-    const std::string section = single ? fmt::format("[{:04X}]\n", o.index) : fmt::format("[{:04X}sub{:X}]\n", o.index, o.sub);
+    const std::string section =
+        single ? fmt::format("[{:04X}]\n", o.index) : fmt::format("[{:04X}sub{:X}]\n", o.index, o.sub);
     const auto at = s.find(section);
     ASSERT_NE(at, std::string::npos) << section;
     EXPECT_EQ(s.find(section, at + 1), std::string::npos) << section;
@@ -581,10 +641,12 @@ TEST(Budget, TableOfTheFacts) {
   std::vector<DriveParameters> p(6, parameters);
   std::vector<Dictionary> d;
   std::vector<DescribedDrive> drives;
-  for (int i = 0; i < 6; ++i) p[static_cast<std::size_t>(i)].node = static_cast<std::uint8_t>(i + 1), d.emplace_back(p[static_cast<std::size_t>(i)]);
+  for (int i = 0; i < 6; ++i)
+    p[static_cast<std::size_t>(i)].node = static_cast<std::uint8_t>(i + 1),
+    d.emplace_back(p[static_cast<std::size_t>(i)]);
   for (std::size_t i = 0; i < 6; ++i) drives.push_back({&d[i], &p[i]});
   const Budget b = budget(drives, 0.002, 1e6);
-  EXPECT_EQ(b.frames, 13);   // one PDO each way
+  EXPECT_EQ(b.frames, 13);  // one PDO each way
   EXPECT_LT(b.most, 0.8);
   EXPECT_GT(budget(drives, 0.001, 1e6).most, 1);
 }

@@ -1,9 +1,9 @@
 // The plain profile: frames, counters, and what a drive does when commands stop.
-#include <gmock/gmock.h>
-#include <gtest/gtest.h>
-
 #include <cmath>
 #include <random>
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
 
 #include <tribotwin/hil/mirror/mirror.hpp>
 
@@ -11,7 +11,8 @@ namespace tribotwin::hil {
 namespace {
 
 constexpr std::int64_t ms = 1'000'000;
-const DriveParameters parameters{.node = 3, .name = "joint3", .gear_ratio = 100, .rated_torque_nm = 2, .speed_max_rad_s = 300};
+const DriveParameters parameters{
+    .node = 3, .name = "joint3", .gear_ratio = 100, .rated_torque_nm = 2, .speed_max_rad_s = 300};
 
 // The published check value of CRC-8/SAE-J1850 over "123456789" is 4Bh.
 TEST(Crc, CheckValue) {
@@ -23,20 +24,25 @@ TEST(MirrorFrames, RoundTrip) {
   std::mt19937 random(1);
   std::uniform_real_distribution<double> u(-1, 1);
   for (int i = 0; i < 10000; ++i) {
-    const MirrorCommand c{static_cast<std::uint8_t>(random() & 15), std::array{MirrorMode::off, MirrorMode::torque, MirrorMode::position, MirrorMode::velocity, MirrorMode::clear_fault}[random() % 5], 1000 * u(random)};
+    const MirrorCommand c{static_cast<std::uint8_t>(random() & 15),
+                          std::array{MirrorMode::off, MirrorMode::torque, MirrorMode::position, MirrorMode::velocity,
+                                     MirrorMode::clear_fault}[random() % 5],
+                          1000 * u(random)};
     const auto back = decode_command(encode(c, 3));
     ASSERT_TRUE(back);
     EXPECT_EQ(back->counter, c.counter);
     EXPECT_EQ(back->mode, c.mode);
     EXPECT_NEAR(back->set_point, c.set_point, c.mode == MirrorMode::torque ? 5e-4 : 5e-7);
-    const MirrorStatus s{static_cast<std::uint8_t>(random() & 15), MirrorMode::stopping, 80 * u(random), 2 * u(random), 100 + 150 * u(random)};
+    const MirrorStatus s{static_cast<std::uint8_t>(random() & 15), MirrorMode::stopping, 80 * u(random), 2 * u(random),
+                         100 + 150 * u(random)};
     const auto status = decode_status(encode(s, 3));
     ASSERT_TRUE(status);
     EXPECT_NEAR(status->position_rad, s.position_rad, 5.1e-6);
     EXPECT_NEAR(status->torque_norm, s.torque_norm, 5.1e-4);
     EXPECT_NEAR(status->temperature_degC, s.temperature_degC, 0.051);
   }
-  EXPECT_NEAR(decode_status(encode(MirrorStatus{.torque_norm = 99, .temperature_degC = NAN}, 1))->torque_norm, 2.047, 1e-9);
+  EXPECT_NEAR(decode_status(encode(MirrorStatus{.torque_norm = 99, .temperature_degC = NAN}, 1))->torque_norm, 2.047,
+              1e-9);
 }
 
 // Every error of one or two bits is found.
@@ -45,33 +51,44 @@ TEST(MirrorFrames, DamageIsFound) {
   for (int a = 0; a < 64; ++a)
     for (int b = a; b < 64; ++b) {
       Frame bad = good;
-      bad.data[static_cast<std::size_t>(a / 8)] = static_cast<std::uint8_t>(bad.data[static_cast<std::size_t>(a / 8)] ^ 1 << a % 8);
-      if (b != a) bad.data[static_cast<std::size_t>(b / 8)] = static_cast<std::uint8_t>(bad.data[static_cast<std::size_t>(b / 8)] ^ 1 << b % 8);
+      bad.data[static_cast<std::size_t>(a / 8)] =
+          static_cast<std::uint8_t>(bad.data[static_cast<std::size_t>(a / 8)] ^ 1 << a % 8);
+      if (b != a)
+        bad.data[static_cast<std::size_t>(b / 8)] =
+            static_cast<std::uint8_t>(bad.data[static_cast<std::size_t>(b / 8)] ^ 1 << b % 8);
       EXPECT_FALSE(decode_command(bad)) << a << " " << b;
     }
   Frame other = good;
-  other.id = 0x104;   // another drive's
+  other.id = 0x104;  // another drive's
   EXPECT_FALSE(decode_command(other));
 }
 
 class Mirror : public testing::Test {
  protected:
   std::vector<Frame> bus;
-  MirrorDrive drive{parameters, [this](const Frame& f) { bus.push_back(f); return Sent::done; }};
+  MirrorDrive drive{parameters, [this](const Frame& f) {
+                      bus.push_back(f);
+                      return Sent::done;
+                    }};
   std::int64_t now = 0;
   std::uint8_t counter = 0;
   Feedback robot;
 
-  void command(MirrorMode mode, double set_point = 0) { drive.receive(encode(MirrorCommand{++counter, mode, set_point}, 3), now); }
+  void command(MirrorMode mode, double set_point = 0) {
+    drive.receive(encode(MirrorCommand{++counter, mode, set_point}, 3), now);
+  }
   void run(int steps) {
     for (int i = 0; i < steps; ++i) {
       now += ms;
       drive.tick(now);
       const auto c = drive.command(1e-3);
       using Mode = twin::DriveCommand::Mode;
-      if (c.mode == Mode::position) robot.position_rad = c.position_rad, robot.velocity_rad_s = c.velocity_rad_s;
-      else if (c.mode == Mode::velocity) robot.velocity_rad_s = c.velocity_rad_s, robot.position_rad += 1e-3 * c.velocity_rad_s;
-      else robot.velocity_rad_s = 0;
+      if (c.mode == Mode::position)
+        robot.position_rad = c.position_rad, robot.velocity_rad_s = c.velocity_rad_s;
+      else if (c.mode == Mode::velocity)
+        robot.velocity_rad_s = c.velocity_rad_s, robot.position_rad += 1e-3 * c.velocity_rad_s;
+      else
+        robot.velocity_rad_s = 0;
       drive.feedback(robot, 1e-3);
     }
   }
@@ -86,7 +103,7 @@ TEST_F(Mirror, FollowsAndReports) {
   EXPECT_NEAR(robot.position_rad, 0.05, 1e-6);
   bus.clear();
   run(100);
-  EXPECT_NEAR(static_cast<double>(bus.size()), 50, 1);   // every 2 ms
+  EXPECT_NEAR(static_cast<double>(bus.size()), 50, 1);  // every 2 ms
   const auto status = decode_status(bus.front());
   ASSERT_TRUE(status);
   EXPECT_NEAR(status->position_rad, 0.05, 1e-5);
@@ -111,7 +128,7 @@ TEST_F(Mirror, RepeatedLostDamagedAndLateAreToldApart) {
   EXPECT_EQ(drive.command(1e-3).torque_nm, 5);
   run(1);
   EXPECT_EQ(drive.counters().late, 1U);
-  EXPECT_EQ(drive.command(1e-3).torque_nm, 0);   // never the last torque
+  EXPECT_EQ(drive.command(1e-3).torque_nm, 0);  // never the last torque
 }
 
 TEST_F(Mirror, ARepeatedFrameKeepsNothingAlive) {
@@ -145,7 +162,9 @@ TEST_F(Mirror, AStopStaysUntilItIsCleared) {
 TEST_F(Mirror, RandomFrames) {
   std::mt19937 random(5);
   for (int i = 0; i < 1'000'000; ++i) {
-    Frame f = encode(MirrorCommand{static_cast<std::uint8_t>(random()), static_cast<MirrorMode>(random() & 15), static_cast<double>(random() % 2000) - 1000}, 3);
+    Frame f = encode(MirrorCommand{static_cast<std::uint8_t>(random()), static_cast<MirrorMode>(random() & 15),
+                                   static_cast<double>(random() % 2000) - 1000},
+                     3);
     if (random() % 3 == 0) f.data[random() % 8] = static_cast<std::uint8_t>(random());
     if (random() % 16 == 0) f.size = static_cast<std::uint8_t>(random() % 9);
     drive.receive(f, now);

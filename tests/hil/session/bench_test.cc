@@ -1,8 +1,8 @@
 // Drives and robot on one imaginary bus.
+#include <cmath>
+
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
-
-#include <cmath>
 
 #include <tribotwin/hil/mirror/mirror.hpp>
 #include <tribotwin/hil/session/bench.hpp>
@@ -14,12 +14,18 @@ constexpr std::int64_t ms = 1'000'000;
 
 class OneBench : public testing::Test {
  protected:
-  twin::Scenario scenario = twin::load_scenario(std::string(TRIBOTWIN_SOURCE_DIR) + "/twin/scenarios/irb6620_hold.yaml");
+  twin::Scenario scenario =
+      twin::load_scenario(std::string(TRIBOTWIN_SOURCE_DIR) + "/twin/scenarios/irb6620_hold.yaml");
   std::vector<Frame> bus;
   std::int64_t now = 0;
-  Send send = [this](const Frame& f) { bus.push_back(f); return Sent::done; };
+  Send send = [this](const Frame& f) {
+    bus.push_back(f);
+    return Sent::done;
+  };
 
-  void give(Bench& bench, std::uint32_t id, std::vector<std::uint8_t> bytes = {}) { ASSERT_TRUE(bench.receive(classic(id, bytes), now)); }
+  void give(Bench& bench, std::uint32_t id, std::vector<std::uint8_t> bytes = {}) {
+    ASSERT_TRUE(bench.receive(classic(id, bytes), now));
+  }
   double position(Bench& bench, std::size_t drive) { return bench.plant().twin().data()->qpos[drive]; }
 };
 
@@ -82,7 +88,8 @@ TEST_F(OneBench, MirrorDrivesFollow) {
     now += 2 * ms;
     for (int node = 1; node <= 6; ++node) {
       const auto i = static_cast<std::size_t>(node - 1);
-      const double target = (node == 4 ? start + 0.1 * (1 - std::cos(M_PI * std::min(1.0, k / 400.0))) : scenario.start_rad[i]);
+      const double target =
+          (node == 4 ? start + 0.1 * (1 - std::cos(M_PI * std::min(1.0, k / 400.0))) : scenario.start_rad[i]);
       ASSERT_TRUE(bench.receive(encode(MirrorCommand{counter, MirrorMode::position, target}, node), now));
     }
     ++counter;

@@ -1,7 +1,7 @@
-#include <gmock/gmock.h>
-
 #include <cmath>
 #include <numbers>
+
+#include <gmock/gmock.h>
 
 #include <tribotwin/plugins/drive/configuration.hpp>
 #include <tribotwin/plugins/drive/fault.hpp>
@@ -12,8 +12,8 @@ namespace {
 using testing::HasSubstr;
 
 Configuration extended() {
-  Configuration c{{"law", "extended"}, {"torque_max_nm", "7000"}, {"gear_ratio", "178"}, {"thermal", "first_order"},
-                  {"R_th", "0.15"}, {"kappa", "10944"}};
+  Configuration c{{"law", "extended"},        {"torque_max_nm", "7000"}, {"gear_ratio", "178"},
+                  {"thermal", "first_order"}, {"R_th", "0.15"},          {"kappa", "10944"}};
   const auto law = *friction::published_law("extended");
   for (std::size_t i = 0; i < law.info->parameters.size(); ++i)
     c.emplace_back(law.info->parameters[i].name, std::to_string(law.parameters[i]));
@@ -54,9 +54,21 @@ TEST(Configuration, MistakesAreNamedWithTheRemedy) {
 TEST(Configuration, SelfLockingCountsTorqueOfFrictionPerTorqueOfLoad) {
   // A law in Nm: 40 and 60 Nm of friction at a load of 50 Nm.
   const auto error = [](const char* Fsl) {
-    const auto drive = make_drive("j3", {{"law", "steady_state_extended"}, {"Fc0", "5"}, {"FcT", "0"}, {"Fcl", "3"}, {"Fs0", "8"}, {"Fsl", Fsl}, {"Vs0", "3"},
-                                         {"VsT", "0"}, {"alpha", "1.3"}, {"FvT", "1"}, {"TV0", "30"}, {"beta0", "0.6"}, {"betaT", "0"},
-                                         {"torque_max_nm", "50"}, {"gear_ratio", "100"}});
+    const auto drive = make_drive("j3", {{"law", "steady_state_extended"},
+                                         {"Fc0", "5"},
+                                         {"FcT", "0"},
+                                         {"Fcl", "3"},
+                                         {"Fs0", "8"},
+                                         {"Fsl", Fsl},
+                                         {"Vs0", "3"},
+                                         {"VsT", "0"},
+                                         {"alpha", "1.3"},
+                                         {"FvT", "1"},
+                                         {"TV0", "30"},
+                                         {"beta0", "0.6"},
+                                         {"betaT", "0"},
+                                         {"torque_max_nm", "50"},
+                                         {"gear_ratio", "100"}});
     return drive ? std::string("accepted") : drive.error();
   };
   EXPECT_EQ(error("40"), "accepted");
@@ -75,12 +87,20 @@ TEST(Drive, WearScalesTheChosenParameterOnly) {
 }
 
 TEST(Drive, WearReachesEveryParameterOfTheLaw) {
-  const Drive drive = *make_drive("j3", {{"law", "steady_state"}, {"Fc", "5"}, {"Fs", "8"}, {"Vs", "3"}, {"alpha", "1.3"}, {"Fv", "1"},
-                                         {"beta", "0.6"}, {"torque_max_nm", "130"}, {"gear_ratio", "100"}});
+  const Drive drive = *make_drive("j3", {{"law", "steady_state"},
+                                         {"Fc", "5"},
+                                         {"Fs", "8"},
+                                         {"Vs", "3"},
+                                         {"alpha", "1.3"},
+                                         {"Fv", "1"},
+                                         {"beta", "0.6"},
+                                         {"torque_max_nm", "130"},
+                                         {"gear_ratio", "100"}});
   for (std::size_t i = 0; i < drive.law.values().size(); ++i) {
     Scratch scratch{};
     set_wear(scratch, i, 1.2);
-    const double limit = begin_step(drive, {}, scratch, 0, 0.04), worn = friction::torque(current_law(drive, scratch), 4, 0, 25);
+    const double limit = begin_step(drive, {}, scratch, 0, 0.04),
+                 worn = friction::torque(current_law(drive, scratch), 4, 0, 25);
     EXPECT_DOUBLE_EQ(limit, worn) << drive.law.info->parameters[i].name;
     EXPECT_GT(std::abs(limit - friction::torque(drive.law, 4, 0, 25)), 0.01) << drive.law.info->parameters[i].name;
   }
@@ -89,28 +109,46 @@ TEST(Drive, WearReachesEveryParameterOfTheLaw) {
 /// Friction with a fault against that of the law with the parameters that the footprint says.
 TEST(Fault, LeavesItsFootprintOnTheLaw) {
   const auto drive_with = [](double Fc, double Fs, double Vs, double Fv) {
-    return *make_drive("j3", {{"law", "steady_state"}, {"Fc", std::to_string(Fc)}, {"Fs", std::to_string(Fs)}, {"Vs", std::to_string(Vs)}, {"alpha", "1.3"},
-                              {"Fv", std::to_string(Fv)}, {"beta", "0.6"}, {"torque_max_nm", "130"}, {"gear_ratio", "100"}});
+    return *make_drive("j3", {{"law", "steady_state"},
+                              {"Fc", std::to_string(Fc)},
+                              {"Fs", std::to_string(Fs)},
+                              {"Vs", std::to_string(Vs)},
+                              {"alpha", "1.3"},
+                              {"Fv", std::to_string(Fv)},
+                              {"beta", "0.6"},
+                              {"torque_max_nm", "130"},
+                              {"gear_ratio", "100"}});
   };
   const Drive healthy = drive_with(5, 8, 3, 1);
   const struct {
     const char* name;
     Drive drive;
-  } expected[] = {{"wear", drive_with(6, 9.6, 3.6, 1)}, {"thickening", drive_with(5, 8, 3.2, 1.2)}, {"lubricant_loss", drive_with(5, 8, 3.6, 0.8)}, {"preload_loss", drive_with(4, 6.4, 3, 1)}};
+  } expected[] = {{"wear", drive_with(6, 9.6, 3.6, 1)},
+                  {"thickening", drive_with(5, 8, 3.2, 1.2)},
+                  {"lubricant_loss", drive_with(5, 8, 3.6, 0.8)},
+                  {"preload_loss", drive_with(4, 6.4, 3, 1)}};
   for (const auto& [name, drive] : expected) {
     Faults faults{};
     find_fault(name)->add(faults, 0.2);
     for (const double qd : {0.0, 0.001, 0.02, 0.1, 1.5}) {
       Scratch faulty{}, plain{};
       set_faults(faulty, faults);
-      EXPECT_NEAR(begin_step(healthy, {}, faulty, 0, qd), begin_step(drive, {}, plain, 0, qd), 1e-9) << name << " at " << qd;
+      EXPECT_NEAR(begin_step(healthy, {}, faulty, 0, qd), begin_step(drive, {}, plain, 0, qd), 1e-9)
+          << name << " at " << qd;
     }
   }
 }
 
 TEST(Fault, RippleFollowsTheMotorsAngleAndNeverPushes) {
-  const Drive drive = *make_drive("j3", {{"law", "steady_state"}, {"Fc", "5"}, {"Fs", "8"}, {"Vs", "3"}, {"alpha", "1.3"}, {"Fv", "1"},
-                                         {"beta", "0.6"}, {"torque_max_nm", "130"}, {"gear_ratio", "100"}});
+  const Drive drive = *make_drive("j3", {{"law", "steady_state"},
+                                         {"Fc", "5"},
+                                         {"Fs", "8"},
+                                         {"Vs", "3"},
+                                         {"alpha", "1.3"},
+                                         {"Fv", "1"},
+                                         {"beta", "0.6"},
+                                         {"torque_max_nm", "130"},
+                                         {"gear_ratio", "100"}});
   Faults faults{};
   find_fault("pitted_bearing")->add(faults, 1);
   double mean = 0, least = 1e9, most = 0;
@@ -129,14 +167,21 @@ TEST(Fault, RippleFollowsTheMotorsAngleAndNeverPushes) {
 }
 
 TEST(Fault, TeethTransmitNothingWhileTheyCrossTheGap) {
-  const Drive drive = *make_drive("j3", {{"law", "steady_state"}, {"Fc", "5"}, {"Fs", "8"}, {"Vs", "3"}, {"alpha", "1.3"}, {"Fv", "1"},
-                                         {"beta", "0.6"}, {"torque_max_nm", "130"}, {"gear_ratio", "100"}});
+  const Drive drive = *make_drive("j3", {{"law", "steady_state"},
+                                         {"Fc", "5"},
+                                         {"Fs", "8"},
+                                         {"Vs", "3"},
+                                         {"alpha", "1.3"},
+                                         {"Fv", "1"},
+                                         {"beta", "0.6"},
+                                         {"torque_max_nm", "130"},
+                                         {"gear_ratio", "100"}});
   Scratch scratch{};
   set_faults(scratch, {.play_rad = 0.01});
   Memory memory;
   const auto decay = thermal::decay(drive.thermal, 1e-3);
   double q = 0;
-  const auto go = [&](double qd) {   // travel until the teeth touch
+  const auto go = [&](double qd) {  // travel until the teeth touch
     const double from = q;
     for (int i = 0; i < 100000; ++i) {
       const double limit = begin_step(drive, memory, scratch, 0, qd, q);
@@ -147,12 +192,12 @@ TEST(Fault, TeethTransmitNothingWhileTheyCrossTheGap) {
     }
     return -1.0;
   };
-  const auto touch = [&](double qd) {   // one step on the flank
+  const auto touch = [&](double qd) {  // one step on the flank
     begin_step(drive, memory, scratch, 0, qd, q);
     q += qd * 1e-3;
     end_step(drive, decay, {.qd_end_rad_s = qd, .q_end_rad = q}, 1e-3, memory, scratch);
   };
-  EXPECT_NEAR(go(0.1), 0.005, 2e-4);   // from the middle
+  EXPECT_NEAR(go(0.1), 0.005, 2e-4);  // from the middle
   touch(0.1);
   EXPECT_EQ(go(0.1), 0);
   touch(-0.1);
@@ -181,8 +226,16 @@ TEST(Drive, HeatEqualsFrictionWorkAndReachesTheOil) {
 }
 
 Configuration with_table() {
-  return {{"law", "stribeck"}, {"Fc", "0.03"}, {"Fs", "0.02"}, {"Fv", "4e-4"}, {"vs", "10"}, {"alpha", "1.3"}, {"torque_max_nm", "100"}, {"gear_ratio", "50"},
-          {"load_table_speeds", "0 10 100"}, {"load_table_loads", "-0.8 -0.2 0 0.4"},
+  return {{"law", "stribeck"},
+          {"Fc", "0.03"},
+          {"Fs", "0.02"},
+          {"Fv", "4e-4"},
+          {"vs", "10"},
+          {"alpha", "1.3"},
+          {"torque_max_nm", "100"},
+          {"gear_ratio", "50"},
+          {"load_table_speeds", "0 10 100"},
+          {"load_table_loads", "-0.8 -0.2 0 0.4"},
           {"load_table_values", "0.03 0.01 0 0.02  0.04 0.012 0 0.03  0.05 0.02 0 0.04"}};
 }
 
@@ -195,9 +248,9 @@ TEST(LoadTable, IsBilinearHeldAtItsEdgesAndKnowsDriverFromDriven) {
   EXPECT_DOUBLE_EQ(t(55, -0.5), (0.04 + 0.012 + 0.05 + 0.02) / 4);
   EXPECT_DOUBLE_EQ(t(1e4, -9), 0.05);
   EXPECT_DOUBLE_EQ(t(1e4, 9), 0.04);
-  EXPECT_DOUBLE_EQ(t(-10, -0.4), t(10, 0.4));   // the same, mirrored
+  EXPECT_DOUBLE_EQ(t(-10, -0.4), t(10, 0.4));  // the same, mirrored
   EXPECT_NE(t(10, -0.4), t(10, 0.4));
-  EXPECT_DOUBLE_EQ(t(0, 0.4), 0.02);            // at standstill the larger of 0.02 (driven) and 0.01667 (driving)
+  EXPECT_DOUBLE_EQ(t(0, 0.4), 0.02);  // at standstill the larger of 0.02 (driven) and 0.01667 (driving)
   EXPECT_EQ(configuration_of(*make_drive("j", configuration_of(*made))), configuration_of(*made));
   // It reaches the limit of the step, on the arm side.
   Scratch scratch{};
@@ -221,13 +274,16 @@ TEST(LoadTable, MistakesAreNamed) {
   EXPECT_THAT(error("load_table_loads", "0 0 1 2"), HasSubstr("ascending"));
   EXPECT_THAT(error("load_table_loads", "-1 0 1"), HasSubstr("has 12 numbers but must have 9"));
   EXPECT_THAT(error("load_table_speeds", "0 10 x"), HasSubstr("finite number"));
-  EXPECT_THAT(error("load_table_values", "0.3 0.01 0 0.7 0.04 0.012 0 0.03 0.05 0.02 0 0.04"), HasSubstr("lock itself"));
+  EXPECT_THAT(error("load_table_values", "0.3 0.01 0 0.7 0.04 0.012 0 0.03 0.05 0.02 0 0.04"),
+              HasSubstr("lock itself"));
 }
 
 TEST(GearLoss, FollowsItsEquationAndTheSignOfTheLoad) {
   // mu_avg 0.08, mu_dif 0.03 over a length of 0.2 rad on the motor side; a purely viscous law beside it.
-  Configuration c{{"law", "stribeck"}, {"Fc", "0"}, {"Fs", "0"}, {"Fv", "4e-4"}, {"vs", "10"}, {"alpha", "1"}, {"torque_max_nm", "100"}, {"gear_ratio", "50"},
-                  {"friction", "gear_loss"}, {"mu_avg", "0.08"}, {"mu_dif", "0.03"}, {"h", "0.2"}};
+  Configuration c{{"law", "stribeck"},      {"Fc", "0"},          {"Fs", "0"},
+                  {"Fv", "4e-4"},           {"vs", "10"},         {"alpha", "1"},
+                  {"torque_max_nm", "100"}, {"gear_ratio", "50"}, {"friction", "gear_loss"},
+                  {"mu_avg", "0.08"},       {"mu_dif", "0.03"},   {"h", "0.2"}};
   const auto made = make_drive("j", c);
   ASSERT_TRUE(made) << made.error();
   EXPECT_EQ(configuration_of(*make_drive("j", configuration_of(*made))), configuration_of(*made));

@@ -1,7 +1,7 @@
-#include <gmock/gmock.h>
-
 #include <bit>
 #include <random>
+
+#include <gmock/gmock.h>
 
 #include <tribotwin/plugins/friction/batch.hpp>
 #include <tribotwin/plugins/friction/law.hpp>
@@ -11,7 +11,8 @@ namespace {
 
 using testing::HasSubstr;
 
-Law law_of(std::string_view name, std::vector<std::pair<std::string, double>> values, Validity validity = Validity::clamp) {
+Law law_of(std::string_view name, std::vector<std::pair<std::string, double>> values,
+           Validity validity = Validity::clamp) {
   auto law = make_law(name, values);
   EXPECT_TRUE(law) << law.error();
   law->validity = validity;
@@ -19,28 +20,53 @@ Law law_of(std::string_view name, std::vector<std::pair<std::string, double>> va
 }
 
 Law steady_state_extended() {
-  return law_of("steady_state_extended", {{"Fc0", 7.9}, {"FcT", .027}, {"Fcl", 5.4}, {"Fs0", 13}, {"Fsl", 7.8}, {"Vs0", 2}, {"VsT", .025},
-                                          {"alpha", 1.3}, {"FvT", 5.7}, {"TV0", 32}, {"beta0", .5}, {"betaT", .0025}});
+  return law_of("steady_state_extended", {{"Fc0", 7.9},
+                                          {"FcT", .027},
+                                          {"Fcl", 5.4},
+                                          {"Fs0", 13},
+                                          {"Fsl", 7.8},
+                                          {"Vs0", 2},
+                                          {"VsT", .025},
+                                          {"alpha", 1.3},
+                                          {"FvT", 5.7},
+                                          {"TV0", 32},
+                                          {"beta0", .5},
+                                          {"betaT", .0025}});
 }
 
 Law stribeck_T() {
-  return law_of("stribeck_T", {{"Fc0", 60}, {"FcT", .8}, {"FcTT", .004}, {"Fs0", 90}, {"FsT", 1.2}, {"FsTT", .006}, {"vs0", 2}, {"vsT", .08},
-                               {"vsTT", -4e-4}, {"delta", 1.4}, {"Fv0", 1.6}, {"FvT", -.04}, {"FvTT", 3.5e-4}});
+  return law_of("stribeck_T", {{"Fc0", 60},
+                               {"FcT", .8},
+                               {"FcTT", .004},
+                               {"Fs0", 90},
+                               {"FsT", 1.2},
+                               {"FsTT", .006},
+                               {"vs0", 2},
+                               {"vsT", .08},
+                               {"vsTT", -4e-4},
+                               {"delta", 1.4},
+                               {"Fv0", 1.6},
+                               {"FvT", -.04},
+                               {"FvTT", 3.5e-4}});
 }
 
 /// One instance of every law, with the papers' numbers where there are any.
 std::vector<Law> instances(Validity validity) {
   std::vector<Law> all{
       *published_law("stribeck"),
-      law_of("stribeck_non_newtonian", {{"Fc", .034}, {"Fs", .046}, {"Fv", 3e-4}, {"vs", 10.7}, {"alpha", 1.93}, {"Fmu", 2e-4}, {"beta", .7}}),
-      law_of("load", {{"Fc0", .033}, {"Fcl", .0234}, {"Fs0", .04}, {"Fsl", .126}, {"vs", 9.22}, {"alpha", 1.36}, {"Fv", 3.7e-4}}),
+      law_of("stribeck_non_newtonian",
+             {{"Fc", .034}, {"Fs", .046}, {"Fv", 3e-4}, {"vs", 10.7}, {"alpha", 1.93}, {"Fmu", 2e-4}, {"beta", .7}}),
+      law_of(
+          "load",
+          {{"Fc0", .033}, {"Fcl", .0234}, {"Fs0", .04}, {"Fsl", .126}, {"vs", 9.22}, {"alpha", 1.36}, {"Fv", 3.7e-4}}),
       *published_law("extended"),
       law_of("steady_state", {{"Fc", 12}, {"Fs", 15}, {"Vs", 4}, {"alpha", 1.3}, {"Fv", .5}, {"beta", .6}}),
       steady_state_extended(),
       law_of("polynomial", {{"f1", 4}, {"f2", 3}, {"f3", -.4}, {"f4", .05}, {"a", -.012}, {"T0", 20}}),
       stribeck_T(),
   };
-  EXPECT_TRUE(std::ranges::equal(all, laws(), {}, [](const Law& law) { return law.info->name; }, &LawInfo::name));
+  EXPECT_TRUE(std::ranges::equal(
+      all, laws(), {}, [](const Law& law) { return law.info->name; }, &LawInfo::name));
   for (Law& law : all) law.validity = validity;
   return all;
 }
@@ -55,18 +81,22 @@ double formula(const Law& law, double v, double l, double T) {
   const auto e = [&](double vs) { return std::exp(-std::pow(std::abs(v / vs), p("alpha"))); };
   const auto name = law.info->name;
   if (name == "stribeck") return p("Fc") + p("Fs") * e(p("vs")) + p("Fv") * v;
-  if (name == "stribeck_non_newtonian") return p("Fc") + p("Fs") * e(p("vs")) + p("Fv") * v + p("Fmu") * std::pow(v, p("beta"));
+  if (name == "stribeck_non_newtonian")
+    return p("Fc") + p("Fs") * e(p("vs")) + p("Fv") * v + p("Fmu") * std::pow(v, p("beta"));
   if (name == "load") return (p("Fc0") + p("Fcl") * l) + (p("Fs0") + p("Fsl") * l) * e(p("vs")) + p("Fv") * v;
   if (name == "extended")
-    return (p("Fc0") + p("Fcl") * l) + p("Fsl") * l * e(p("vsl")) + (p("Fs0") + p("FsT") * T) * e(p("vs0") + p("vsT") * T) +
-           (p("Fv0") + p("FvT") * std::exp(-T / p("TV0"))) * v;
+    return (p("Fc0") + p("Fcl") * l) + p("Fsl") * l * e(p("vsl")) +
+           (p("Fs0") + p("FsT") * T) * e(p("vs0") + p("vsT") * T) + (p("Fv0") + p("FvT") * std::exp(-T / p("TV0"))) * v;
   if (name == "steady_state") return p("Fc") + (p("Fs") - p("Fc")) * e(p("Vs")) + p("Fv") * std::pow(v, p("beta"));
   if (name == "steady_state_extended") {
-    const double Fc = p("Fc0") + p("FcT") * T + p("Fcl") * l, Fs = p("Fs0") + p("Fsl") * l, Vs = p("Vs0") + p("VsT") * T;
+    const double Fc = p("Fc0") + p("FcT") * T + p("Fcl") * l, Fs = p("Fs0") + p("Fsl") * l,
+                 Vs = p("Vs0") + p("VsT") * T;
     return Fc + (Fs - Fc) * e(Vs) + p("FvT") * std::exp(-T / p("TV0")) * std::pow(v, p("beta0") + p("betaT") * T);
   }
   if (name == "stribeck_T") {
-    const auto at = [&](const std::string& what) { return p((what + "0").c_str()) + p((what + "T").c_str()) * T + p((what + "TT").c_str()) * T * T; };
+    const auto at = [&](const std::string& what) {
+      return p((what + "0").c_str()) + p((what + "T").c_str()) * T + p((what + "TT").c_str()) * T * T;
+    };
     return at("Fc") + (at("Fs") - at("Fc")) * std::exp(-std::pow(v / at("vs"), p("delta"))) + at("Fv") * v;
   }
   if (name == "polynomial")
@@ -78,11 +108,14 @@ TEST(Laws, EqualTheirFormulasWithinTheirRange) {
   std::mt19937_64 random(1);
   for (const Law& law : instances(Validity::clamp)) {
     const auto& r = law.range;
-    std::uniform_real_distribution<> v(1e-6, std::min(r.speed_max_rad_s, 6.0 * (law.info->side == Side::motor ? 100 : 1))),
-        l(0, std::min(r.load_max, 1.0)), T(std::max(r.temperature_min_degC, 20.0), std::min(r.temperature_max_degC, 80.0));
+    std::uniform_real_distribution<> v(1e-6,
+                                       std::min(r.speed_max_rad_s, 6.0 * (law.info->side == Side::motor ? 100 : 1))),
+        l(0, std::min(r.load_max, 1.0)),
+        T(std::max(r.temperature_min_degC, 20.0), std::min(r.temperature_max_degC, 80.0));
     for (int i = 0; i < 20000; ++i) {
       const double vi = v(random), li = l(random), Ti = T(random), expected = formula(law, vi, li, Ti);
-      ASSERT_NEAR(torque(law, vi, li, Ti), expected, 1e-12 * expected) << law.info->name << " " << vi << " " << li << " " << Ti;
+      ASSERT_NEAR(torque(law, vi, li, Ti), expected, 1e-12 * expected)
+          << law.info->name << " " << vi << " " << li << " " << Ti;
     }
   }
 }
@@ -93,18 +126,24 @@ TEST(Laws, AreOddFiniteAndDissipativeForAnyInputUnderEveryPolicy) {
   std::uniform_int_distribution<> special(0, 99);
   const auto any = [&] {
     switch (special(random)) {
-      case 0: return 0.0;
-      case 1: return std::numeric_limits<double>::infinity();
-      case 2: return std::numeric_limits<double>::quiet_NaN();
-      case 3: return std::numeric_limits<double>::max();
-      case 4: return std::numeric_limits<double>::denorm_min();
-      default: return std::copysign(std::pow(10, exponent(random)), sign(random));
+      case 0:
+        return 0.0;
+      case 1:
+        return std::numeric_limits<double>::infinity();
+      case 2:
+        return std::numeric_limits<double>::quiet_NaN();
+      case 3:
+        return std::numeric_limits<double>::max();
+      case 4:
+        return std::numeric_limits<double>::denorm_min();
+      default:
+        return std::copysign(std::pow(10, exponent(random)), sign(random));
     }
   };
   std::uniform_real_distribution<> usual_T(-60, 200);
   for (const Validity validity : {Validity::clamp, Validity::extrapolate, Validity::error})
     for (const Law& law : instances(validity))
-      for (int i = 0; i < 60000; ++i) {   // 3 policies x 8 laws: 1.44e6 inputs
+      for (int i = 0; i < 60000; ++i) {  // 3 policies x 8 laws: 1.44e6 inputs
         const double v = any(), l = any(), T = i % 2 ? any() : usual_T(random);
         const double forward = torque(law, v, l, T), backward = torque(law, -v, l, T);
         ASSERT_TRUE(std::isfinite(forward)) << law.info->name << " " << v << " " << l << " " << T;
@@ -123,10 +162,14 @@ TEST(Laws, PlaceTheirParametersInTheFamilyAffinely) {
   for (const LawInfo& law : laws())
     for (int k = 0; k < 100; ++k) {
       std::array<double, max_parameters> a{}, b{}, sum{};
-      for (std::size_t i = 0; i < law.parameters.size(); ++i) a[i] = value(random), b[i] = value(random), sum[i] = a[i] + b[i];
-      const auto at = [&](const auto& p) { return std::bit_cast<Fields>(law.family({p.data(), law.parameters.size()})); };
+      for (std::size_t i = 0; i < law.parameters.size(); ++i)
+        a[i] = value(random), b[i] = value(random), sum[i] = a[i] + b[i];
+      const auto at = [&](const auto& p) {
+        return std::bit_cast<Fields>(law.family({p.data(), law.parameters.size()}));
+      };
       const Fields of_a = at(a), of_b = at(b), of_0 = at(decltype(a){}), of_sum = at(sum);
-      for (std::size_t i = 0; i < of_a.size(); ++i) ASSERT_NEAR(of_a[i] + of_b[i] - of_0[i], of_sum[i], 1e-13) << law.name << " field " << i;
+      for (std::size_t i = 0; i < of_a.size(); ++i)
+        ASSERT_NEAR(of_a[i] + of_b[i] - of_0[i], of_sum[i], 1e-13) << law.name << " field " << i;
     }
 }
 
@@ -154,21 +197,41 @@ TEST(Laws, ExtendedSteadyStateIsPaperTwosLawWithMovingCoefficients) {
   const Law law = steady_state_extended();
   for (const double T : {20.0, 38.0, 60.0})
     for (const double l : {0.0, 0.4, 1.0}) {
-      const Law there = law_of("steady_state", {{"Fc", 7.9 + .027 * T + 5.4 * l}, {"Fs", 13 + 7.8 * l}, {"Vs", 2 + .025 * T}, {"alpha", 1.3},
-                                                {"Fv", 5.7 * std::exp(-T / 32)}, {"beta", .5 + .0025 * T}});
-      for (const double v : {0.1, 2.0, 9.0, 174.6}) EXPECT_NEAR(torque(law, v, -l, T), torque(there, v, 0, 0), 1e-12 * torque(there, v, 0, 0));
+      const Law there = law_of("steady_state", {{"Fc", 7.9 + .027 * T + 5.4 * l},
+                                                {"Fs", 13 + 7.8 * l},
+                                                {"Vs", 2 + .025 * T},
+                                                {"alpha", 1.3},
+                                                {"Fv", 5.7 * std::exp(-T / 32)},
+                                                {"beta", .5 + .0025 * T}});
+      for (const double v : {0.1, 2.0, 9.0, 174.6})
+        EXPECT_NEAR(torque(law, v, -l, T), torque(there, v, 0, 0), 1e-12 * torque(there, v, 0, 0));
     }
 }
 
 TEST(Laws, ViscousExponentIsHeldWhereATemperatureWouldMakeItNegativeOrHuge) {
-  const Law law = law_of("steady_state_extended", {{"Fc0", 1}, {"FcT", 0}, {"Fcl", 0}, {"Fs0", 1}, {"Fsl", 0}, {"Vs0", 1}, {"VsT", 0}, {"alpha", 1.3},
-                                                   {"FvT", 1}, {"TV0", 1000}, {"beta0", .5}, {"betaT", .05}}, Validity::extrapolate);
-  for (const auto& [T, beta] : {std::pair{-200.0, exponent_min}, {-20.0, exponent_min}, {50.0, 3.0}, {1000.0, exponent_max}}) {
+  const Law law = law_of("steady_state_extended",
+                         {{"Fc0", 1},
+                          {"FcT", 0},
+                          {"Fcl", 0},
+                          {"Fs0", 1},
+                          {"Fsl", 0},
+                          {"Vs0", 1},
+                          {"VsT", 0},
+                          {"alpha", 1.3},
+                          {"FvT", 1},
+                          {"TV0", 1000},
+                          {"beta0", .5},
+                          {"betaT", .05}},
+                         Validity::extrapolate);
+  for (const auto& [T, beta] :
+       {std::pair{-200.0, exponent_min}, {-20.0, exponent_min}, {50.0, 3.0}, {1000.0, exponent_max}}) {
     EXPECT_EQ(at_temperature(law, T).coefficients.beta, beta);
     const double expected = 1 + std::exp(-T / 1000) * std::pow(1e6, beta);
     EXPECT_NEAR(torque(law, 1e9, 0, T), expected, 1e-12 * expected);
     for (const VectorWidth width : {VectorWidth::baseline, best_vector_width()})
-      EXPECT_NEAR(torque(law, Eigen::ArrayXd::Constant(5, 1e9), Eigen::ArrayXd::Zero(5), Eigen::ArrayXd::Constant(5, T), width)[4], expected, 1e-12 * expected);
+      EXPECT_NEAR(torque(law, Eigen::ArrayXd::Constant(5, 1e9), Eigen::ArrayXd::Zero(5), Eigen::ArrayXd::Constant(5, T),
+                         width)[4],
+                  expected, 1e-12 * expected);
   }
 }
 
@@ -180,11 +243,13 @@ TEST(Laws, MistakesAreNamed) {
   EXPECT_THAT(make_law("stribeck", Values{{"vs", 0}}).error(), HasSubstr("must be within"));
   EXPECT_THAT(make_law("stribeck", Values{{"vs", std::nan("")}}).error(), HasSubstr("must be within"));
   EXPECT_THAT(make_law("stribeck", Values{{"vs", 1}, {"vs", 1}}).error(), HasSubstr("twice"));
-  EXPECT_THAT(make_law("steady_state", Values{{"Fc", 2}, {"Fs", 1}, {"Vs", 1}, {"alpha", 1}, {"Fv", 0}, {"beta", 1}}).error(),
-              HasSubstr("Fs is the standstill level"));
+  EXPECT_THAT(
+      make_law("steady_state", Values{{"Fc", 2}, {"Fs", 1}, {"Vs", 1}, {"alpha", 1}, {"Fv", 0}, {"beta", 1}}).error(),
+      HasSubstr("Fs is the standstill level"));
   // Each breaks one condition, at one corner of the range.
   const auto moved = [](const char* name, double value) {
-    Values values{{"Fc0", 8}, {"FcT", .03}, {"Fcl", 5}, {"Fs0", 13}, {"Fsl", 6}, {"Vs0", 2}, {"VsT", .02}, {"alpha", 1.3}, {"FvT", 5}, {"TV0", 30}, {"beta0", .5}, {"betaT", .002}};
+    Values values{{"Fc0", 8},   {"FcT", .03},   {"Fcl", 5}, {"Fs0", 13}, {"Fsl", 6},    {"Vs0", 2},
+                  {"VsT", .02}, {"alpha", 1.3}, {"FvT", 5}, {"TV0", 30}, {"beta0", .5}, {"betaT", .002}};
     for (auto& [key, now] : values)
       if (key == name) now = value;
     const auto law = make_law("steady_state_extended", values);
@@ -207,10 +272,12 @@ TEST(Laws, MistakesAreNamed) {
 TEST(Laws, PolynomialsInTemperatureAreCheckedBetweenTheEndsOfTheRangeToo) {
   std::vector<std::pair<std::string, double>> values;
   const Law good = stribeck_T();
-  for (std::size_t i = 0; i < good.values().size(); ++i) values.emplace_back(good.info->parameters[i].name, good.values()[i]);
+  for (std::size_t i = 0; i < good.values().size(); ++i)
+    values.emplace_back(good.info->parameters[i].name, good.values()[i]);
   const auto moved = [&](std::initializer_list<std::pair<const char*, double>> changes) {
     auto all = values;
-    for (const auto& [name, value] : changes) std::ranges::find(all, name, [](const auto& v) { return v.first; })->second = value;
+    for (const auto& [name, value] : changes)
+      std::ranges::find(all, name, [](const auto& v) { return v.first; })->second = value;
     const auto law = make_law("stribeck_T", all);
     return law ? std::string("accepted") : law.error();
   };
@@ -231,13 +298,16 @@ TEST(Batch, EqualsTheScalarLawInsideAndOutsideTheRange) {
         Eigen::ArrayXd vs(n), ls(n), Ts(n);
         for (int i = 0; i < n; ++i) vs[i] = v(random), ls[i] = l(random), Ts[i] = T(random);
         vs[0] = 0;
-        if (n > 7) vs[1] = std::nan(""), ls[2] = std::nan(""), Ts[3] = std::nan(""), vs[4] = 1e300, Ts[5] = -1e300, vs[6] = 1e-300;
+        if (n > 7)
+          vs[1] = std::nan(""), ls[2] = std::nan(""), Ts[3] = std::nan(""), vs[4] = 1e300, Ts[5] = -1e300,
+          vs[6] = 1e-300;
         for (const VectorWidth width : {VectorWidth::baseline, best_vector_width()}) {
-        const Eigen::ArrayXd batch = torque(law, vs, ls, Ts, width);
-        for (int i = 0; i < n; ++i) {
-          const double scalar = torque(law, vs[i], ls[i], Ts[i]);
-          ASSERT_NEAR(batch[i], scalar, 1e-12 * std::abs(scalar)) << law.info->name << " " << vs[i] << " " << ls[i] << " " << Ts[i];
-        }
+          const Eigen::ArrayXd batch = torque(law, vs, ls, Ts, width);
+          for (int i = 0; i < n; ++i) {
+            const double scalar = torque(law, vs[i], ls[i], Ts[i]);
+            ASSERT_NEAR(batch[i], scalar, 1e-12 * std::abs(scalar))
+                << law.info->name << " " << vs[i] << " " << ls[i] << " " << Ts[i];
+          }
         }
       }
 }

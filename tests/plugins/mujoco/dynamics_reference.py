@@ -10,7 +10,7 @@ SIGMA0, SIGMA1, VD, FC, FS, VS, FV = 1e5, 316.0, 0.02, 1.0, 1.5, 0.001, 0.4
 
 
 def g(w):
-    return FC + (FS - FC) * np.exp(-(w / VS) ** 2)
+    return FC + (FS - FC) * np.exp(-((w / VS) ** 2))
 
 
 def dz(w, z):
@@ -18,11 +18,13 @@ def dz(w, z):
 
 
 def friction(w, z):
-    return SIGMA0 * z + SIGMA1 * np.exp(-(w / VD) ** 2) * dz(w, z) + FV * w
+    return SIGMA0 * z + SIGMA1 * np.exp(-((w / VD) ** 2)) * dz(w, z) + FV * w
 
 
 def integrate(f, y0, times, longest=np.inf, method="DOP853"):
-    solution = solve_ivp(f, (times[0], times[-1]), y0, method=method, t_eval=times, rtol=1e-10, atol=1e-15, max_step=longest)
+    solution = solve_ivp(
+        f, (times[0], times[-1]), y0, method=method, t_eval=times, rtol=1e-10, atol=1e-15, max_step=longest
+    )
     assert solution.success, solution.message
     return solution.y
 
@@ -45,7 +47,12 @@ def lag(frequency):  # speed varies, direction does not
 
 def stick_slip():  # 1 kg drawn by a spring of 2 N/m whose end moves at 0.1 m/s; the paper's figure
     times = np.linspace(0, 40, 801)
-    y = integrate(lambda t, y: [y[1], 2 * (0.1 * t - y[0]) - friction(y[1], y[2]), dz(y[1], y[2])], [0.0, 0.0, 0.0], times, method="LSODA")
+    y = integrate(
+        lambda t, y: [y[1], 2 * (0.1 * t - y[0]) - friction(y[1], y[2]), dz(y[1], y[2])],
+        [0.0, 0.0, 0.0],
+        times,
+        method="LSODA",
+    )
     for row in zip(times, y[0], y[1]):
         print(*(repr(float(x)) for x in row))
 
@@ -54,8 +61,15 @@ def breakaway():  # force rate, force at which a mass of 1 kg starts to slide (s
     for rate in (0.1, 0.5, 1.0, 2.0, 5.0, 20.0):
         gone = lambda t, y: y[1] - 1e-3
         gone.terminal, gone.direction = True, 1
-        s = solve_ivp(lambda t, y: [y[1], rate * t - friction(y[1], y[2]), dz(y[1], y[2])], (0, 3 / rate), [0, 0, 0],
-                      method="LSODA", rtol=1e-10, atol=1e-14, events=gone)
+        s = solve_ivp(
+            lambda t, y: [y[1], rate * t - friction(y[1], y[2]), dz(y[1], y[2])],
+            (0, 3 / rate),
+            [0, 0, 0],
+            method="LSODA",
+            rtol=1e-10,
+            atol=1e-14,
+            events=gone,
+        )
         print(repr(rate), repr(float(rate * s.t_events[0][0])))
 
 

@@ -1,5 +1,3 @@
-#include <gmock/gmock.h>
-
 #include <cmath>
 #include <fstream>
 #include <functional>
@@ -7,12 +5,12 @@
 #include <random>
 #include <regex>
 
+#include "reference.hpp"
 #include <fmt/format.h>
+#include <gmock/gmock.h>
 
 #include <tribotwin/plugins/mujoco/engine.hpp>
 #include <tribotwin/plugins/mujoco/loader.hpp>
-
-#include "reference.hpp"
 
 namespace tribotwin::mujoco {
 namespace {
@@ -22,8 +20,10 @@ constexpr double pi = std::numbers::pi;
 
 /// Canudas de Wit et al. 1995, Table I, with P4's fading damping, as a drive of gear ratio 1.
 drive::Configuration textbook() {
-  return {{"law", "steady_state"}, {"Fc", "1"}, {"Fs", "1.5"}, {"Vs", "0.001"}, {"alpha", "2"}, {"Fv", "0.4"}, {"beta", "1"},
-          {"torque_max_nm", "1"}, {"gear_ratio", "1"}, {"friction", "lugre"}, {"sigma0", "1e5"}, {"sigma1", "316"}, {"vd", "0.02"}};
+  return {{"law", "steady_state"}, {"Fc", "1"},           {"Fs", "1.5"},     {"Vs", "0.001"},
+          {"alpha", "2"},          {"Fv", "0.4"},         {"beta", "1"},     {"torque_max_nm", "1"},
+          {"gear_ratio", "1"},     {"friction", "lugre"}, {"sigma0", "1e5"}, {"sigma1", "316"},
+          {"vd", "0.02"}};
 }
 
 std::string keys(const drive::Configuration& configuration) {
@@ -42,9 +42,12 @@ struct Slide {
   tl::expected<std::shared_ptr<const Model>, std::string> load() const {
     return load_string(fmt::format(R"(<mujoco><option {} gravity="0 0 0" tolerance="1e-10"/>
   <extension><plugin plugin="tribotwin.drive"><instance name="j">{}</instance></plugin></extension>
-  <worldbody><body><joint name="rail" type="slide" axis="1 0 0" frictionloss="1" solreffriction=".001 1" solimpfriction=".9999 .9999 .001 .5 2"/>
+  <worldbody><body><joint name="rail" type="slide" axis="1 0 0" frictionloss="1"
+    solreffriction=".001 1" solimpfriction=".9999 .9999 .001 .5 2"/>
     <geom type="sphere" size=".1" mass="1"/></body></worldbody>
-  <actuator><plugin name="drive" joint="rail" plugin="tribotwin.drive" instance="j" actdim="{}"/></actuator>{}</mujoco>)", option, config, actdim, more));
+  <actuator><plugin name="drive" joint="rail" plugin="tribotwin.drive" instance="j" actdim="{}"/></actuator>
+  {}</mujoco>)",
+                                   option, config, actdim, more));
   }
   std::string error() const {
     const auto model = load();
@@ -53,8 +56,8 @@ struct Slide {
 };
 
 /// Largest deviation from the reference of a drive led along a prescribed displacement x(t), speed v(t).
-double deviation(const std::vector<std::vector<double>>& rows, const std::function<double(double)>& x, const std::function<double(double)>& v,
-                 int steps_per_row) {
+double deviation(const std::vector<std::vector<double>>& rows, const std::function<double(double)>& x,
+                 const std::function<double(double)>& v, int steps_per_row) {
   const drive::Drive drive = *drive::make_drive("j", textbook());
   const double dt = (rows[1][0] - rows[0][0]) / steps_per_row;
   const auto decay = thermal::decay(drive.thermal, dt);
@@ -65,7 +68,9 @@ double deviation(const std::vector<std::vector<double>>& rows, const std::functi
     for (int n = 0; n < steps_per_row; ++n) {
       const double t = rows[k][0] + n * dt;
       drive::begin_step(drive, memory, scratch, t, v(t), x(t));
-      if (n == 0) largest = std::max(largest, std::abs(scratch.applied_nm + std::copysign(scratch.gear_limit_nm, v(t)) - rows[k][1]));
+      if (n == 0)
+        largest =
+            std::max(largest, std::abs(scratch.applied_nm + std::copysign(scratch.gear_limit_nm, v(t)) - rows[k][1]));
       drive::end_step(drive, decay, {0, 0, v(t + dt), x(t + dt), 0}, dt, memory, scratch);
     }
   return largest;
@@ -77,11 +82,12 @@ TEST(Lugre, PreslidingHysteresisEqualsTheReference) {
   // x' = a f cos(ft) (1 + sin(0.37 ft) / 2)
   const auto v = [&](double t) { return a * f * std::cos(f * t) * (1 + 0.5 * std::sin(0.37 * f * t)); };
   const auto x = [&](double t) {
-    return a * std::sin(f * t) + a / 4 * ((1 - std::cos(1.37 * f * t)) / 1.37 - (1 - std::cos(0.63 * f * t)) / 0.63 * 1.0);
+    return a * std::sin(f * t) +
+           a / 4 * ((1 - std::cos(1.37 * f * t)) / 1.37 - (1 - std::cos(0.63 * f * t)) / 0.63 * 1.0);
   };
   const double coarse = deviation(rows, x, v, 5), fine = deviation(rows, x, v, 50);
-  EXPECT_LT(coarse, 2e-6);   // of a breakaway level of 1.5, at 1 ms
-  EXPECT_LT(fine, coarse / 50);   // second order
+  EXPECT_LT(coarse, 2e-6);       // of a breakaway level of 1.5, at 1 ms
+  EXPECT_LT(fine, coarse / 50);  // second order
   std::printf("presliding: %.2e at 1 ms, %.2e at 0.1 ms\n", coarse, fine);
 }
 
@@ -141,31 +147,49 @@ TEST(Lugre, BreakawayFallsWithTheRateOfTheLoadAsInTheReference) {
 
 TEST(Lugre, SteadyStateIsTheStaticLaw) {
   std::vector<drive::Configuration> all{textbook()};
-  drive::Configuration extended{{"law", "extended"}, {"torque_max_nm", "7000"}, {"gear_ratio", "178"}, {"friction", "lugre"},
-                                {"sigma0", "0.1"}, {"sigma1", "1e-4"}, {"vd", "0.3"}, {"T_amb", "50"}};
+  drive::Configuration extended{
+      {"law", "extended"}, {"torque_max_nm", "7000"}, {"gear_ratio", "178"}, {"friction", "lugre"},
+      {"sigma0", "0.1"},   {"sigma1", "1e-4"},        {"vd", "0.3"},         {"T_amb", "50"}};
   const auto law = *friction::published_law("extended");
-  for (std::size_t i = 0; i < law.info->parameters.size(); ++i) extended.emplace_back(law.info->parameters[i].name, fmt::format("{}", law.parameters[i]));
+  for (std::size_t i = 0; i < law.info->parameters.size(); ++i)
+    extended.emplace_back(law.info->parameters[i].name, fmt::format("{}", law.parameters[i]));
   all.push_back(extended);
-  all.push_back({{"law", "polynomial"}, {"f1", "4"}, {"f2", "3"}, {"f3", "-.4"}, {"f4", ".05"}, {"a", "-.012"}, {"T0", "20"}, {"torque_max_nm", "100"},
-                 {"gear_ratio", "50"}, {"friction", "lugre"}, {"sigma0", "1e4"}, {"sigma1", "1"}, {"vd", "0.01"}});
+  all.push_back({{"law", "polynomial"},
+                 {"f1", "4"},
+                 {"f2", "3"},
+                 {"f3", "-.4"},
+                 {"f4", ".05"},
+                 {"a", "-.012"},
+                 {"T0", "20"},
+                 {"torque_max_nm", "100"},
+                 {"gear_ratio", "50"},
+                 {"friction", "lugre"},
+                 {"sigma0", "1e4"},
+                 {"sigma1", "1"},
+                 {"vd", "0.01"}});
   for (const auto& configuration : all) {
     const auto drive = drive::make_drive("j", configuration);
     ASSERT_TRUE(drive) << drive.error();
-    for (const double speed : {1e-4, 1e-3, 0.01, 0.1, 1.0}) for (const double sign : {1.0, -1.0}) {
-      const double qd = sign * speed, dt = 1e-3;
-      drive::BristleMemory memory;
-      drive::Scratch scratch{};
-      const auto decay = thermal::decay(drive->thermal, dt);
-      // Where z settles: some 30 relaxation lengths.
-      const int steps = std::min(2'000'000, 1000 + static_cast<int>(30 * friction_nm(*drive, 0, 0, 50) / (drive->bristles.sigma0 * drive->torque_scale_nm() * drive->speed_scale() * speed * dt)));
-      for (int i = 0; i < steps; ++i) {
-        memory.load_nm = 0;
-        drive::begin_step(*drive, memory, scratch, i * dt, qd, i * qd * dt);
-        drive::end_step(*drive, decay, {std::copysign(scratch.gear_limit_nm, qd), 0, qd, (i + 1) * qd * dt, 0}, dt, memory, scratch);
+    for (const double speed : {1e-4, 1e-3, 0.01, 0.1, 1.0})
+      for (const double sign : {1.0, -1.0}) {
+        const double qd = sign * speed, dt = 1e-3;
+        drive::BristleMemory memory;
+        drive::Scratch scratch{};
+        const auto decay = thermal::decay(drive->thermal, dt);
+        // Where z settles: some 30 relaxation lengths.
+        const int steps =
+            std::min(2'000'000, 1000 + static_cast<int>(30 * friction_nm(*drive, 0, 0, 50) /
+                                                        (drive->bristles.sigma0 * drive->torque_scale_nm() *
+                                                         drive->speed_scale() * speed * dt)));
+        for (int i = 0; i < steps; ++i) {
+          memory.load_nm = 0;
+          drive::begin_step(*drive, memory, scratch, i * dt, qd, i * qd * dt);
+          drive::end_step(*drive, decay, {std::copysign(scratch.gear_limit_nm, qd), 0, qd, (i + 1) * qd * dt, 0}, dt,
+                          memory, scratch);
+        }
+        const double expected = sign * friction_nm(*drive, qd, 0, drive->thermal.T_amb_degC);
+        EXPECT_NEAR(scratch.friction_nm, expected, 1e-6 * std::abs(expected)) << drive->law.info->name << " " << qd;
       }
-      const double expected = sign * friction_nm(*drive, qd, 0, drive->thermal.T_amb_degC);
-      EXPECT_NEAR(scratch.friction_nm, expected, 1e-6 * std::abs(expected)) << drive->law.info->name << " " << qd;
-    }
   }
 }
 
@@ -175,7 +199,7 @@ TEST(Lugre, PreslidingStiffnessIsSigma0) {
   const DataPtr d = (*model)->make_data();
   d->ctrl[0] = 0.01;
   while (d->time < 1) (*model)->step(d.get());
-  EXPECT_NEAR(d->qpos[0], 1e-7, 1e-9);   // creep towards the level: z' = w (1 - sigma0 z / g)
+  EXPECT_NEAR(d->qpos[0], 1e-7, 1e-9);  // creep towards the level: z' = w (1 - sigma0 z / g)
   EXPECT_NEAR(d->qvel[0], 0, 1e-12);
 }
 
@@ -184,12 +208,13 @@ TEST(Lugre, BristleStaysWithinItsLimitAndNeverCreatesEnergy) {
   std::uniform_real_distribution<> exponent(-9, 6), sign(-1, 1);
   const drive::Bristles b{.sigma0 = 1e5, .sigma1 = 316, .vd = 0.02};
   for (int i = 0; i < 200000; ++i) {
-    const double z0 = sign(random) * 1e-4, w = std::copysign(std::pow(10, exponent(random)), sign(random)), g = std::pow(10, exponent(random) / 4),
-                 dt = std::pow(10, exponent(random) / 2 - 3);
+    const double z0 = sign(random) * 1e-4, w = std::copysign(std::pow(10, exponent(random)), sign(random)),
+                 g = std::pow(10, exponent(random) / 4), dt = std::pow(10, exponent(random) / 2 - 3);
     const double z = drive::advanced(b, z0, w, g, dt);
     ASSERT_LE(std::abs(b.sigma0 * z), std::max(g, std::abs(b.sigma0 * z0)) * (1 + 1e-12));
     // Two halves make the whole: the solution is exact.
-    ASSERT_NEAR(drive::advanced(b, drive::advanced(b, z0, w, g, dt / 2), w, g, dt / 2), z, 1e-12 * std::max(g / b.sigma0, std::abs(z0)));
+    ASSERT_NEAR(drive::advanced(b, drive::advanced(b, z0, w, g, dt / 2), w, g, dt / 2), z,
+                1e-12 * std::max(g / b.sigma0, std::abs(z0)));
   }
   EXPECT_EQ(drive::advanced(b, 1, 1, 0, 1), 0);
 
@@ -208,8 +233,11 @@ TEST(Lugre, BristleStaysWithinItsLimitAndNeverCreatesEnergy) {
         (*model)->step(d.get());
         const double z = static_cast<const drive::BristleMemory&>(memory(d.get(), drive)).z;
         ASSERT_LE(0.5 * d->qvel[0] * d->qvel[0] + 0.5e5 * z * z, start * 1.05) << integrator << " step " << i;
-        // What left the motion is the friction work, is the heat. (Of the viscous part, RK4 shows the last stage's force alone.)
-        ASSERT_NEAR(scratch(d.get(), drive).friction_work_J, start - 0.5 * d->qvel[0] * d->qvel[0], (integrator == std::string("RK4") ? 1e-3 : 1e-9) * start) << integrator;
+        // What left the motion is the friction work, is the heat. (Of the viscous part, RK4 shows the last stage's
+        // force alone.)
+        ASSERT_NEAR(scratch(d.get(), drive).friction_work_J, start - 0.5 * d->qvel[0] * d->qvel[0],
+                    (integrator == std::string("RK4") ? 1e-3 : 1e-9) * start)
+            << integrator;
         ASSERT_NEAR(scratch(d.get(), drive).heat_J, scratch(d.get(), drive).friction_work_J, 1e-12 * start);
       }
       EXPECT_LT(std::abs(d->qvel[0]), 1e-3 + 0.7 * std::sqrt(2 * start)) << integrator;
@@ -250,7 +278,8 @@ TEST(Lugre, StateIsResetCopiedAndRestoredWithTheData) {
 
 TEST(Lugre, ConfigurationSurvivesTheRoundTrip) {
   const auto drive = *drive::make_drive("j", textbook());
-  EXPECT_EQ(drive::configuration_of(*drive::make_drive("j", drive::configuration_of(drive))), drive::configuration_of(drive));
+  EXPECT_EQ(drive::configuration_of(*drive::make_drive("j", drive::configuration_of(drive))),
+            drive::configuration_of(drive));
   EXPECT_EQ(drive.bristles.sigma1, 316);
 }
 
@@ -267,13 +296,23 @@ TEST(Lugre, MistakesAreNamedWithTheRemedy) {
     s.config = keys(c);
   };
   EXPECT_EQ(Slide().error(), "loaded");
-  EXPECT_THAT(with([](Slide& s) { s.actdim = "3"; }), testing::AllOf(HasSubstr("<plugin name=\"drive\">"), HasSubstr("actdim=\"4\""), HasSubstr("friction=\"lugre\"")));
-  EXPECT_THAT(with([&](Slide& s) { replaced(s, "sigma0", nullptr); }), HasSubstr("friction 'lugre': key 'sigma0' is missing"));
-  EXPECT_THAT(with([&](Slide& s) { replaced(s, "friction", "lugree"); }), HasSubstr("must be static, lugre or gear_loss"));
+  EXPECT_THAT(
+      with([](Slide& s) { s.actdim = "3"; }),
+      testing::AllOf(HasSubstr("<plugin name=\"drive\">"), HasSubstr("actdim=\"4\""), HasSubstr("friction=\"lugre\"")));
+  EXPECT_THAT(with([&](Slide& s) { replaced(s, "sigma0", nullptr); }),
+              HasSubstr("friction 'lugre': key 'sigma0' is missing"));
+  EXPECT_THAT(with([&](Slide& s) { replaced(s, "friction", "lugree"); }),
+              HasSubstr("must be static, lugre or gear_loss"));
   EXPECT_THAT(with([&](Slide& s) { replaced(s, "friction", nullptr); }), HasSubstr("is not known"));
-  EXPECT_THAT(with([](Slide& s) { s.option = R"(timestep="0.002")"; }), testing::AllOf(HasSubstr("joint 'rail'"), HasSubstr("time step 0.002 s"), HasSubstr("0.001 s works")));
-  EXPECT_THAT(with([&](Slide& s) { replaced(s, "sigma1", "0"); s.option = R"(timestep="0.001" integrator="RK4")"; }), HasSubstr("no damping"));
-  EXPECT_THAT(with([&](Slide& s) { replaced(s, "sigma1", "1000"); }), testing::AllOf(HasSubstr("must not be above"), HasSubstr("vd")));
+  EXPECT_THAT(with([](Slide& s) { s.option = R"(timestep="0.002")"; }),
+              testing::AllOf(HasSubstr("joint 'rail'"), HasSubstr("time step 0.002 s"), HasSubstr("0.001 s works")));
+  EXPECT_THAT(with([&](Slide& s) {
+                replaced(s, "sigma1", "0");
+                s.option = R"(timestep="0.001" integrator="RK4")";
+              }),
+              HasSubstr("no damping"));
+  EXPECT_THAT(with([&](Slide& s) { replaced(s, "sigma1", "1000"); }),
+              testing::AllOf(HasSubstr("must not be above"), HasSubstr("vd")));
   // The named step loads.
   Slide s;
   s.option = R"(timestep="0.001")";
@@ -294,9 +333,10 @@ TEST_P(Shipped, HoldsStillAndMovesWithBristlesAtOneMillisecond) {
     const double sigma0 = 0.49 * 0.49 * 1e6 / (to_joint * b.drive.speed_scale()), sigma1 = 0.8 * 490 / to_joint;
     const double g = friction_nm(b.drive, 0, 0, 50) / b.drive.torque_scale_nm();
     const std::string begin = "<instance name=\"" + b.drive.name + "\">";
-    text.replace(text.find(begin), begin.size(), begin + fmt::format(
-        R"(<config key="friction" value="lugre"/><config key="sigma0" value="{}"/><config key="sigma1" value="{}"/><config key="vd" value="{}"/>)",
-        sigma0, sigma1, 2 * g / sigma1));
+    text.replace(text.find(begin), begin.size(),
+                 begin + fmt::format(R"(<config key="friction" value="lugre"/><config key="sigma0" value="{}"/>)"
+                                     R"(<config key="sigma1" value="{}"/><config key="vd" value="{}"/>)",
+                                     sigma0, sigma1, 2 * g / sigma1));
   }
   const auto model = load_string(text, {}, std::string(TRIBOTWIN_SOURCE_DIR) + "/mjcf");
   ASSERT_TRUE(model) << model.error();
@@ -306,7 +346,9 @@ TEST_P(Shipped, HoldsStillAndMovesWithBristlesAtOneMillisecond) {
     for (const Binding& b : (*model)->drives()) {
       const double swing = i < 3000 ? 0.15 * b.drive.torque_max_nm * std::sin(0.004 * i) : 0;
       d->ctrl[b.control] = d->qfrc_bias[b.dof] + swing;
-      const double limit = (*model)->get()->actuator_ctrllimited[b.control] ? (*model)->get()->actuator_ctrlrange[2 * b.control + 1] : 1e9;
+      const double limit = (*model)->get()->actuator_ctrllimited[b.control]
+                               ? (*model)->get()->actuator_ctrlrange[2 * b.control + 1]
+                               : 1e9;
       d->ctrl[b.control] = std::clamp(d->ctrl[b.control], -limit, limit);
     }
     (*model)->step(d.get());

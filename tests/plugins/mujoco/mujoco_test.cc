@@ -1,10 +1,9 @@
-#include <gmock/gmock.h>
-
 #include <cmath>
 #include <numbers>
 #include <thread>
 
 #include <fmt/format.h>
+#include <gmock/gmock.h>
 
 #include <tribotwin/plugins/mujoco/engine.hpp>
 #include <tribotwin/plugins/mujoco/loader.hpp>
@@ -21,7 +20,8 @@ struct Arm {
   std::string option = R"(timestep="0.001" tolerance="1e-10")";
   std::string joint = R"(armature="2" frictionloss="1" solreffriction=".001 1" solimpfriction=".9999 .9999 .001 .5 2")";
   std::string gravity = "0 0 -9.81";
-  std::string config = R"(<config key="law" value="stribeck"/><config key="Fc" value="0.03"/><config key="Fs" value="0.02"/>
+  std::string config =
+      R"(<config key="law" value="stribeck"/><config key="Fc" value="0.03"/><config key="Fs" value="0.02"/>
       <config key="Fv" value="4e-4"/><config key="vs" value="10"/><config key="alpha" value="1.3"/>
       <config key="torque_max_nm" value="100"/><config key="gear_ratio" value="50"/>)";
   std::string actuator = R"(<plugin name="drive" joint="hinge" plugin="tribotwin.drive" instance="j" actdim="3"/>)";
@@ -29,8 +29,10 @@ struct Arm {
   std::string text() const {
     return fmt::format(R"(<mujoco><option {} gravity="{}"/>
   <extension><plugin plugin="tribotwin.drive"><instance name="j">{}</instance></plugin></extension>
-  <worldbody><body><joint name="hinge" axis="0 1 0" {}/><geom type="sphere" size=".1" pos=".5 0 0" mass="4"/></body></worldbody>
-  <actuator>{}</actuator></mujoco>)", option, gravity, config, joint, actuator);
+  <worldbody><body><joint name="hinge" axis="0 1 0" {}/><geom type="sphere" size=".1" pos=".5 0 0" mass="4"/></body>
+   </worldbody>
+  <actuator>{}</actuator></mujoco>)",
+                       option, gravity, config, joint, actuator);
   }
   tl::expected<std::shared_ptr<const Model>, std::string> load() const { return load_string(text()); }
   std::string error() const {
@@ -46,20 +48,43 @@ TEST(Loader, NamesTheElementAndTheRemedy) {
     return arm.error();
   };
   EXPECT_EQ(Arm().error(), "loaded");
-  EXPECT_THAT(with([](Arm& a) { a.joint = ""; }), testing::AllOf(HasSubstr("joint 'hinge'"), HasSubstr("frictionloss")));
-  EXPECT_THAT(with([](Arm& a) { a.joint = R"(frictionloss="1")"; }), testing::AllOf(HasSubstr("joint 'hinge'"), HasSubstr("soft"), HasSubstr("solimpfriction")));
-  EXPECT_THAT(with([](Arm& a) { a.config += R"(<config key="Fcc" value="1"/>)"; }), testing::AllOf(HasSubstr("<instance name=\"j\">"), HasSubstr("did you mean 'Fc'")));
+  EXPECT_THAT(with([](Arm& a) { a.joint = ""; }),
+              testing::AllOf(HasSubstr("joint 'hinge'"), HasSubstr("frictionloss")));
+  EXPECT_THAT(with([](Arm& a) { a.joint = R"(frictionloss="1")"; }),
+              testing::AllOf(HasSubstr("joint 'hinge'"), HasSubstr("soft"), HasSubstr("solimpfriction")));
+  EXPECT_THAT(with([](Arm& a) { a.config += R"(<config key="Fcc" value="1"/>)"; }),
+              testing::AllOf(HasSubstr("<instance name=\"j\">"), HasSubstr("did you mean 'Fc'")));
   EXPECT_THAT(with([](Arm& a) { a.config = ""; }), HasSubstr("'law' is missing"));
   EXPECT_THAT(with([](Arm& a) { a.option = R"(solver="CG" tolerance="1e-8")"; }), HasSubstr("1e-12"));
-  EXPECT_THAT(with([](Arm& a) { a.option = R"(timestep="0.5" tolerance="1e-10")"; a.config += R"(<config key="brake_torque_nm" value="1"/>)"; a.joint += R"( )"; }), testing::AnyOf(HasSubstr("time step"), HasSubstr("shorten")));
-  EXPECT_THAT(with([](Arm& a) { a.actuator = R"(<plugin name="drive" joint="hinge" plugin="tribotwin.drive" instance="k" actdim="3"/>)"; }), HasSubstr("no <instance name=\"k\">"));
-  EXPECT_THAT(with([](Arm& a) { a.actuator = R"(<plugin name="drive" joint="hinge" plugin="tribotwin.drive" instance="j" actdim="2"/>)"; }), HasSubstr("actdim=\"3\""));
-  EXPECT_THAT(with([](Arm& a) { a.actuator += R"(<plugin name="second" joint="hinge" plugin="tribotwin.drive" instance="j" actdim="3"/>)"; }), HasSubstr("has a drive already"));
+  EXPECT_THAT(with([](Arm& a) {
+                a.option = R"(timestep="0.5" tolerance="1e-10")";
+                a.config += R"(<config key="brake_torque_nm" value="1"/>)";
+                a.joint += R"( )";
+              }),
+              testing::AnyOf(HasSubstr("time step"), HasSubstr("shorten")));
+  EXPECT_THAT(with([](Arm& a) {
+                a.actuator = R"(<plugin name="drive" joint="hinge" plugin="tribotwin.drive" instance="k" actdim="3"/>)";
+              }),
+              HasSubstr("no <instance name=\"k\">"));
+  EXPECT_THAT(with([](Arm& a) {
+                a.actuator = R"(<plugin name="drive" joint="hinge" plugin="tribotwin.drive" instance="j" actdim="2"/>)";
+              }),
+              HasSubstr("actdim=\"3\""));
+  EXPECT_THAT(with([](Arm& a) {
+                a.actuator +=
+                    R"(<plugin name="second" joint="hinge" plugin="tribotwin.drive" instance="j" actdim="3"/>)";
+              }),
+              HasSubstr("has a drive already"));
   EXPECT_THAT(with([](Arm& a) { a.config += "<config"; }), HasSubstr("not well-formed"));
   EXPECT_THAT(with([](Arm& a) { a.joint += R"( nonsense="1")"; }), HasSubstr("nonsense"));
   EXPECT_THAT(with([](Arm& a) { a.gravity = "0 0 nan"; }), HasSubstr("gravity is not finite"));
   EXPECT_THAT(with([](Arm& a) { a.joint += R"( damping="nan")"; }), HasSubstr("damping is not finite"));
-  EXPECT_THAT(with([](Arm& a) { a.actuator += R"(<!-- --></actuator><worldbody><body name="b"><joint/><geom size=".1" mass="-1"/></body></worldbody><actuator>)"; }), HasSubstr("negative"));
+  EXPECT_THAT(with([](Arm& a) {
+                a.actuator +=
+                    R"(<!-- --></actuator><worldbody><body name="b"><joint/><geom size=".1" mass="-1"/></body>)"
+                    R"(</worldbody><actuator>)";
+              }),
+              HasSubstr("negative"));
   EXPECT_THAT(load_file("/nonexistent/x.xml").error(), HasSubstr("cannot be read"));
   EXPECT_THAT(load_file("/").error(), HasSubstr("folder"));
 }
@@ -75,7 +100,9 @@ TEST(Br609, CurvesMoveAsPaperTwoDescribes) {
   const auto joint_1 = [](double v) { return 9 + 4 * std::exp(-std::pow(v / 3, 1.3)) + 1.623 * std::pow(v, 0.6); };
   const double levels[] = {.1, .5, 1, 1.5, 2, 3, 5, 8, 10, 15, 30, 45, 60, 80, 100};
   for (const auto& b : (*model)->drives()) {
-    const auto at = [&](double speed_deg_s, double load, double T) { return friction_nm(b.drive, speed_deg_s * deg, load, T); };
+    const auto at = [&](double speed_deg_s, double load, double T) {
+      return friction_nm(b.drive, speed_deg_s * deg, load, T);
+    };
     const double size = at(0, 0, 40) / 13;
     for (const double v : levels) {
       EXPECT_NEAR(at(v, 0, 40), size * joint_1(100 * v * deg), 2e-4 * at(v, 0, 40)) << b.drive.name << " " << v;
@@ -92,7 +119,8 @@ TEST(Br609, CurvesMoveAsPaperTwoDescribes) {
 TEST(Drive, ConstantCoulombFrictionMovesExactlyLikeTheNativeElement) {
   for (const char* integrator : {"Euler", "implicit", "RK4"})
     for (const char* solver : {"Newton", "CG", "PGS"}) {
-      const std::string option = fmt::format(R"(timestep="0.001" tolerance="1e-12" iterations="100" integrator="{}" solver="{}")", integrator, solver);
+      const std::string option = fmt::format(
+          R"(timestep="0.001" tolerance="1e-12" iterations="100" integrator="{}" solver="{}")", integrator, solver);
       Arm arm;
       arm.option = option;
       arm.config = R"(<config key="law" value="stribeck"/><config key="Fc" value="0.05"/><config key="Fs" value="0"/>
@@ -128,7 +156,7 @@ TEST(Drive, ViscousFrictionNeverReversesTheMotionHoweverLongTheStep) {
   const std::vector<Binding> drives{binding};
   Arm quiet = arm;
   quiet.gravity = "0 0 0";
-  if (TRIBOTWIN_ENGINE_PLUGINS) return;   // the plugin has its own copy of the parameters
+  if (TRIBOTWIN_ENGINE_PLUGINS) return;  // the plugin has its own copy of the parameters
   const auto still = quiet.load();
   ModelPtr copy(mj_copyModel(nullptr, (*still)->get()));
   const Registration registration(copy.get(), drives);
@@ -181,7 +209,8 @@ TEST(Faults, TeethThatAreApartHoldNoJoint) {
     for (int i = 0; i < steps; ++i) (*model)->step(d.get());
     return d->qpos[0] - from;
   };
-  // 0.05 Nm, of 5 Nm of breakaway: from the middle to the flank, a hundredth of that on with what speed there is, and held there.
+  // 0.05 Nm, of 5 Nm of breakaway: from the middle to the flank, a hundredth of that on with what speed there is, and
+  // held there.
   EXPECT_NEAR(pushed(0.05, 3000), 0.01, 3e-4);
   EXPECT_NEAR(pushed(0.05, 1000), 0, 1e-6);
   EXPECT_NEAR(pushed(-0.05, 3000), -0.02, 6e-4);
@@ -227,12 +256,18 @@ TEST(Drive, ResetCopyAndConcurrentSimulationsShareNothing) {
 }
 
 /// Every solver, integrator and time step of the project's promise, on the whole IRB 6620.
-struct Case { const char* solver; const char* integrator; double timestep_s; };
+struct Case {
+  const char* solver;
+  const char* integrator;
+  double timestep_s;
+};
 void PrintTo(const Case& c, std::ostream* out) { *out << c.solver << "/" << c.integrator << "/" << c.timestep_s; }
 class Irb6620 : public testing::TestWithParam<Case> {
  protected:
   std::shared_ptr<const Model> model = [] {
-    auto loaded = load_file(irb6620, {.timestep_s = GetParam().timestep_s, .integrator = GetParam().integrator, .solver = GetParam().solver});
+    auto loaded = load_file(
+        irb6620,
+        {.timestep_s = GetParam().timestep_s, .integrator = GetParam().integrator, .solver = GetParam().solver});
     if (!loaded) throw std::runtime_error(loaded.error());
     return *loaded;
   }();
@@ -267,7 +302,7 @@ TEST_P(Irb6620, BreaksAwayWithinAThousandthOfTheLaw) {
         for (std::size_t k = 0; k < gravity.size(); ++k)
           d->ctrl[model->drives()[k].control] = gravity[k] + (k == j ? share * breakaway[k] : 0);
       };
-      torque(0);   // the gear takes up the load first: friction knows the load of the step before
+      torque(0);  // the gear takes up the load first: friction knows the load of the step before
       for (int i = 0; i < 5; ++i) model->step(d.get());
       torque(factor);
       const double end = d->time + 0.4;
@@ -307,11 +342,13 @@ TEST_P(Irb6620, SlidesWithTheFrictionOfTheLaw) {
 TEST_P(Irb6620, DoesNotCreepForAMinuteAtNinetyPercentOfBreakaway) {
   temperature(50);
   const auto [gravity, breakaway] = hold(50);
-  for (std::size_t k = 0; k < gravity.size(); ++k) d->ctrl[model->drives()[k].control] = gravity[k] + 0.9 * breakaway[k];
+  for (std::size_t k = 0; k < gravity.size(); ++k)
+    d->ctrl[model->drives()[k].control] = gravity[k] + 0.9 * breakaway[k];
   while (d->time < 1) model->step(d.get());
   std::vector<double> begin(d->qpos, d->qpos + model->get()->nq);
   while (d->time < 61) model->step(d.get());
-  for (int j = 0; j < model->get()->nq; ++j) EXPECT_LT(std::abs(d->qpos[j] - begin[static_cast<std::size_t>(j)]) / 60, 1e-5) << "joint " << j + 1;
+  for (int j = 0; j < model->get()->nq; ++j)
+    EXPECT_LT(std::abs(d->qpos[j] - begin[static_cast<std::size_t>(j)]) / 60, 1e-5) << "joint " << j + 1;
 }
 
 std::vector<Case> cases() {

@@ -8,7 +8,8 @@
 
 /// The rows that `dynamics_reference.py CASE` prints (scipy, 1e-10).
 inline std::vector<std::vector<double>> reference(const std::string& what) {
-  const std::string command = "/usr/bin/python3 " TRIBOTWIN_SOURCE_DIR "/tests/plugins/mujoco/dynamics_reference.py " + what;
+  const std::string command =
+      "/usr/bin/python3 " TRIBOTWIN_SOURCE_DIR "/tests/plugins/mujoco/dynamics_reference.py " + what;
   FILE* pipe = popen(command.c_str(), "r");
   if (!pipe) throw std::runtime_error(command);
   std::string text;

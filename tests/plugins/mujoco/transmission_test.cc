@@ -1,16 +1,14 @@
-#include <gmock/gmock.h>
-
 #include <cmath>
 #include <fstream>
 #include <numbers>
 #include <regex>
 
+#include "reference.hpp"
 #include <fmt/format.h>
+#include <gmock/gmock.h>
 
 #include <tribotwin/plugins/mujoco/engine.hpp>
 #include <tribotwin/plugins/mujoco/loader.hpp>
-
-#include "reference.hpp"
 
 namespace tribotwin::mujoco {
 namespace {
@@ -20,14 +18,16 @@ constexpr double pi = std::numbers::pi;
 const std::string bench = std::string(TRIBOTWIN_SOURCE_DIR) + "/mjcf/rh380n_bench.xml";
 
 transmission::Configuration spring() {
-  return {{"drive", "j"}, {"k00", "1.2e6"}, {"k10", "4e7"}, {"k20", "3e12"}, {"w", "0.6"}, {"beta", "1500"}, {"gamma", "300"}, {"n", "1.3"}, {"torsion_max_rad", "0.01"}};
+  return {{"drive", "j"},   {"k00", "1.2e6"}, {"k10", "4e7"},
+          {"k20", "3e12"},  {"w", "0.6"},     {"beta", "1500"},
+          {"gamma", "300"}, {"n", "1.3"},     {"torsion_max_rad", "0.01"}};
 }
 
 TEST(Hysteresis, EqualsTheReference) {
   const auto h = *transmission::make_hysteresis("h", spring());
   const auto rows = reference("hysteresis");
   const auto phi = [](double t) { return 1.5e-3 * std::sin(2 * pi * t) + 0.4e-3 * std::sin(2 * pi * 3.3 * t); };
-  for (const int steps : {5, 50}) {   // 1 ms, 0.1 ms
+  for (const int steps : {5, 50}) {  // 1 ms, 0.1 ms
     double x = 0, heat = 0, torque_error = 0, heat_error = 0;
     const double dt = 0.005 / steps;
     for (std::size_t k = 0; k < rows.size(); ++k) {
@@ -40,7 +40,8 @@ TEST(Hysteresis, EqualsTheReference) {
         heat += after.heat_J;
       }
     }
-    std::printf("Bouc-Wen at %g ms: torque %.1e of 3000 Nm, heat %.1e of %.2f J\n", 1e3 * dt, torque_error, heat_error, rows.back()[2]);
+    std::printf("Bouc-Wen at %g ms: torque %.1e of 3000 Nm, heat %.1e of %.2f J\n", 1e3 * dt, torque_error, heat_error,
+                rows.back()[2]);
     EXPECT_LT(torque_error, steps == 5 ? 0.5 : 0.005);
     EXPECT_LT(heat_error, steps == 5 ? 2e-3 : 2e-5);
   }
@@ -53,7 +54,8 @@ TEST(Hysteresis, IsStableAndBoundedForAnyIncrement) {
       for (const double sign : {1.0, -1.0}) {
         const double x = transmission::advanced(h, x0, sign * way);
         ASSERT_LE(std::abs(x), h.limit_rad());
-        ASSERT_NEAR(transmission::advanced(h, transmission::advanced(h, x0, sign * way / 2), sign * way / 2), x, 1e-5 * h.limit_rad());
+        ASSERT_NEAR(transmission::advanced(h, transmission::advanced(h, x0, sign * way / 2), sign * way / 2), x,
+                    1e-5 * h.limit_rad());
         if (way >= 1) ASSERT_NEAR(x, sign * h.limit_rad(), 1e-12);
       }
 }
@@ -103,7 +105,8 @@ Loop loop(double frequency, double T) {
       const double t = i * dt;
       // Less what 25 kg m^2 add at 2e6 Nm/rad: the gear, not the load motor, is to see 3 kNm at every rate.
       const double amplitude = 3000 * (1 - 25 * std::pow(2 * pi * frequency, 2) / 2e6);
-      d->ctrl[1] = amplitude * std::sin(2 * pi * frequency * t) - 4000 * d->qvel[model->get()->jnt_dofadr[1]];   // damped: no ringing
+      d->ctrl[1] = amplitude * std::sin(2 * pi * frequency * t) -
+                   4000 * d->qvel[model->get()->jnt_dofadr[1]];  // damped: no ringing
       d->ctrl[0] = std::clamp(-400 * d->qpos[0] - 4 * d->qvel[0] + scratch(d.get(), s).torque_nm / 185, -50.0, 50.0);
       model->step(d.get());
       const auto& now = scratch(d.get(), s);
@@ -143,7 +146,8 @@ TEST(Bench, ReactionsBalanceAndHeatReachesTheDrive) {
       model->step(d.get());
       const double tau = -d->actuator_force[s.force];
       // Motor and load motor act on their joints directly; what is left of qfrc_actuator is the gear's.
-      const double on_motor = d->qfrc_actuator[0] - d->actuator_force[drive.force], on_arm = d->qfrc_actuator[1] - d->actuator_force[1];
+      const double on_motor = d->qfrc_actuator[0] - d->actuator_force[drive.force],
+                   on_arm = d->qfrc_actuator[1] - d->actuator_force[1];
       ASSERT_NEAR(on_arm, tau, 1e-9 * std::abs(tau) + 1e-9) << integrator;
       ASSERT_NEAR(on_motor * 185 + on_arm, 0, 1e-9 * std::abs(tau) + 1e-9) << integrator;
     }
@@ -170,7 +174,8 @@ TEST(Bench, WarmsAsPaperFourSaysAndKeepsItsStateWithTheData) {
   drive::BristleMemory m;
   drive::Scratch s{};
   double minutes = 0;
-  for (const auto decay = thermal::decay(drive.thermal, 1); drive::temperature_degC(drive, m) < 50 && minutes < 90; minutes += 1.0 / 60) {
+  for (const auto decay = thermal::decay(drive.thermal, 1); drive::temperature_degC(drive, m) < 50 && minutes < 90;
+       minutes += 1.0 / 60) {
     const double f = friction_nm(drive, 150, 0, drive::temperature_degC(drive, m));
     thermal::step(drive.thermal, decay, f * 150, 0, m.rise);
   }
@@ -199,13 +204,17 @@ TEST(Bench, MistakesNameTheElementAndTheRemedy) {
   std::ifstream stream(bench);
   const std::string text(std::istreambuf_iterator<char>(stream), {});
   const auto with = [&](const char* what, const char* instead) {
-    const auto model = load_string(std::regex_replace(text, std::regex(what), instead), {}, std::string(TRIBOTWIN_SOURCE_DIR) + "/mjcf");
+    const auto model = load_string(std::regex_replace(text, std::regex(what), instead), {},
+                                   std::string(TRIBOTWIN_SOURCE_DIR) + "/mjcf");
     return model ? std::string("loaded") : model.error();
   };
   EXPECT_EQ(with("nothing at all", ""), "loaded");
-  EXPECT_THAT(with("instance=\"gear\" actdim=\"1\"", "instance=\"gear\" actdim=\"2\""), testing::AllOf(HasSubstr("<plugin name=\"gear\">"), HasSubstr("actdim=\"1\"")));
-  EXPECT_THAT(with("key=\"drive\" value=\"motor\"", "key=\"drive\" value=\"moter\""), testing::AllOf(HasSubstr("<instance name=\"gear\">"), HasSubstr("'moter'")));
-  EXPECT_THAT(with("timestep=\"0.0005\"", "timestep=\"0.005\""), testing::AllOf(HasSubstr("tendon 'torsion'"), HasSubstr("works")));
+  EXPECT_THAT(with("instance=\"gear\" actdim=\"1\"", "instance=\"gear\" actdim=\"2\""),
+              testing::AllOf(HasSubstr("<plugin name=\"gear\">"), HasSubstr("actdim=\"1\"")));
+  EXPECT_THAT(with("key=\"drive\" value=\"motor\"", "key=\"drive\" value=\"moter\""),
+              testing::AllOf(HasSubstr("<instance name=\"gear\">"), HasSubstr("'moter'")));
+  EXPECT_THAT(with("timestep=\"0.0005\"", "timestep=\"0.005\""),
+              testing::AllOf(HasSubstr("tendon 'torsion'"), HasSubstr("works")));
   EXPECT_THAT(with("tendon=\"torsion\" plugin", "joint=\"output\" plugin"), HasSubstr("tendon"));
 }
 

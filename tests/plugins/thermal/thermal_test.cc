@@ -1,7 +1,7 @@
-#include <gtest/gtest.h>
-
 #include <cmath>
 #include <vector>
+
+#include <gtest/gtest.h>
 
 #include <tribotwin/plugins/thermal/thermal.hpp>
 
@@ -10,7 +10,10 @@ namespace {
 
 TEST(Thermal, StepResponseEqualsTheClosedFormForAnyTimeStep) {
   // P5 (4); P1 with kappa = 3.04 h and P3's joint 1, minutes to seconds.
-  struct Case { Model model; std::vector<std::pair<double, double>> poles; };   // gain x time constant, time constant
+  struct Case {
+    Model model;
+    std::vector<std::pair<double, double>> poles;
+  };  // gain x time constant, time constant
   const double t1 = 2.4465 * 60, t2 = 35.4424 * 60;
   const Case cases[] = {
       {make_model(Order::first, 25, std::vector{0.15, 10944.0}), {{0.15, 10944}}},

@@ -1,6 +1,4 @@
 // Figures read back: what gnuplot drew is what was given.
-#include <gtest/gtest.h>
-
 #include <algorithm>
 #include <charconv>
 #include <cmath>
@@ -8,6 +6,7 @@
 #include <random>
 
 #include <fmt/format.h>
+#include <gtest/gtest.h>
 #include <pugixml.hpp>
 #include <unistd.h>
 
@@ -18,7 +17,9 @@
 namespace tribotwin::render {
 namespace {
 
-struct Point { double x, y; };
+struct Point {
+  double x, y;
+};
 using Path = std::vector<Point>;
 
 std::string text_of(const pugi::xml_node& node) {
@@ -32,8 +33,10 @@ std::vector<double> numbers(std::string_view text) {
   for (const char *at = text.data(), *end = at + text.size(); at < end;) {
     double v;
     const auto [next, error] = std::from_chars(at, end, v);
-    if (error == std::errc{}) out.push_back(v), at = next;
-    else ++at;
+    if (error == std::errc{})
+      out.push_back(v), at = next;
+    else
+      ++at;
   }
   return out;
 }
@@ -45,23 +48,30 @@ struct Drawing {
   double x_at = 0, x_per = 1, y_at = 0, y_per = 1;
 
   explicit Drawing(const std::string& svg) {
-    if (!document.load_buffer(svg.data(), svg.size(), pugi::parse_default | pugi::parse_ws_pcdata)) throw std::runtime_error("the SVG is not well-formed");
-    std::vector<std::pair<double, double>> x_ticks, y_ticks;   // pixel, value
+    if (!document.load_buffer(svg.data(), svg.size(), pugi::parse_default | pugi::parse_ws_pcdata))
+      throw std::runtime_error("the SVG is not well-formed");
+    std::vector<std::pair<double, double>> x_ticks, y_ticks;  // pixel, value
     for (const auto& found : document.select_nodes("//text")) {
       std::string text = text_of(found.node());
-      const auto place = numbers(found.node().parent().previous_sibling("path").attribute("d").value());   // the tick mark
+      const auto place =
+          numbers(found.node().parent().previous_sibling("path").attribute("d").value());  // the tick mark
       const std::string anchor = found.node().parent().attribute("text-anchor").value();
       double value;
       const auto first = text.find_first_not_of(' ');
-      const auto [end, error] = std::from_chars(text.data() + (first == std::string::npos ? 0 : first), text.data() + text.size(), value);
+      const auto [end, error] =
+          std::from_chars(text.data() + (first == std::string::npos ? 0 : first), text.data() + text.size(), value);
       if (error == std::errc{} && end == text.data() + text.size() && place.size() == 4) {
         if (anchor == "middle") x_ticks.emplace_back(place[0], value);
-        if (anchor == "end") y_ticks.emplace_back(place[1], value);   // those of a colour bar start at it
+        if (anchor == "end") y_ticks.emplace_back(place[1], value);  // those of a colour bar start at it
       }
       texts.push_back(std::move(text));
     }
-    if (x_ticks.size() > 1) x_per = (x_ticks.back().second - x_ticks.front().second) / (x_ticks.back().first - x_ticks.front().first), x_at = x_ticks.front().second - x_per * x_ticks.front().first;
-    if (y_ticks.size() > 1) y_per = (y_ticks.back().second - y_ticks.front().second) / (y_ticks.back().first - y_ticks.front().first), y_at = y_ticks.front().second - y_per * y_ticks.front().first;
+    if (x_ticks.size() > 1)
+      x_per = (x_ticks.back().second - x_ticks.front().second) / (x_ticks.back().first - x_ticks.front().first),
+      x_at = x_ticks.front().second - x_per * x_ticks.front().first;
+    if (y_ticks.size() > 1)
+      y_per = (y_ticks.back().second - y_ticks.front().second) / (y_ticks.back().first - y_ticks.front().first),
+      y_at = y_ticks.front().second - y_per * y_ticks.front().first;
   }
 
   bool says(const std::string& what) const {
@@ -107,7 +117,8 @@ std::string refusal(const Figure& figure) {
   return svg ? "" : svg.error();
 }
 
-const Axis plain_x{.quantity = "speed", .symbol = "{/:Italic v}", .unit = "rad/s"}, plain_y{.quantity = "friction", .unit = "Nm"};
+const Axis plain_x{.quantity = "speed", .symbol = "{/:Italic v}", .unit = "rad/s"},
+    plain_y{.quantity = "friction", .unit = "Nm"};
 constexpr double nan = std::numeric_limits<double>::quiet_NaN();
 
 TEST(Figure, DrawnValuesAreTheGivenOnes) {
@@ -125,11 +136,14 @@ TEST(Figure, DrawnValuesAreTheGivenOnes) {
   }
   const Path marks = d.points(2);
   for (std::size_t i = 0; i < points.x.size(); ++i)
-    EXPECT_TRUE(std::ranges::any_of(marks, [&](Point p) { return std::abs(p.x - points.x[i]) < 0.02 && std::abs(p.y - points.y[i]) < 0.01; })) << i;
+    EXPECT_TRUE(std::ranges::any_of(marks, [&](Point p) {
+      return std::abs(p.x - points.x[i]) < 0.02 && std::abs(p.y - points.y[i]) < 0.01;
+    })) << i;
 }
 
 TEST(Figure, LabelsAndUnitsAreThere) {
-  const Drawing d = drawing({.title = "Title", .x = plain_x, .y = plain_y, .series = {{.label = "law", .x = {0, 1}, .y = {1, 2}}}});
+  const Drawing d =
+      drawing({.title = "Title", .x = plain_x, .y = plain_y, .series = {{.label = "law", .x = {0, 1}, .y = {1, 2}}}});
   EXPECT_TRUE(d.says("Title"));
   EXPECT_TRUE(d.says("speed v [rad/s]"));
   EXPECT_TRUE(d.says("friction [Nm]"));
@@ -137,7 +151,8 @@ TEST(Figure, LabelsAndUnitsAreThere) {
 }
 
 TEST(Figure, NanIsAGap) {
-  const Drawing d = drawing({.title = "gap", .x = plain_x, .y = plain_y, .series = {{.x = {0, 1, 2, 3, 4, 5}, .y = {1, 2, 2, nan, 4, 5}}}});
+  const Drawing d = drawing(
+      {.title = "gap", .x = plain_x, .y = plain_y, .series = {{.x = {0, 1, 2, 3, 4, 5}, .y = {1, 2, 2, nan, 4, 5}}}});
   const auto lines = d.lines(1);
   ASSERT_EQ(lines.size(), 2U);
   EXPECT_NEAR(lines[0].back().x, 2, 0.02);
@@ -145,11 +160,20 @@ TEST(Figure, NanIsAGap) {
 }
 
 TEST(Figure, NothingIsSilentlyEmpty) {
-  EXPECT_NE(refusal({.title = "F", .x = plain_x, .y = plain_y}).find("figure 'F': has nothing to show"), std::string::npos);
-  EXPECT_NE(refusal({.title = "F", .x = plain_x, .y = plain_y, .series = {{.label = "a", .x = {1, 2}, .y = {nan, nan}}}}).find("figure 'F': series 'a' has no finite value"), std::string::npos);
-  EXPECT_NE(refusal({.title = "F", .x = plain_x, .y = plain_y, .series = {{.label = "a"}}}).find("no finite value"), std::string::npos);
-  EXPECT_NE(refusal({.title = "F", .x = plain_x, .y = plain_y, .series = {{.x = {1, 2}, .y = {1}}}}).find("series 1 has 2 x, 1 y"), std::string::npos);
-  EXPECT_NE(refusal({.title = "F", .x = plain_x, .y = plain_y, .series = {{.x = {1, 2}, .y = {1, INFINITY}}}}).find("infinite value at point 2"), std::string::npos);
+  EXPECT_NE(refusal({.title = "F", .x = plain_x, .y = plain_y}).find("figure 'F': has nothing to show"),
+            std::string::npos);
+  EXPECT_NE(
+      refusal({.title = "F", .x = plain_x, .y = plain_y, .series = {{.label = "a", .x = {1, 2}, .y = {nan, nan}}}})
+          .find("figure 'F': series 'a' has no finite value"),
+      std::string::npos);
+  EXPECT_NE(refusal({.title = "F", .x = plain_x, .y = plain_y, .series = {{.label = "a"}}}).find("no finite value"),
+            std::string::npos);
+  EXPECT_NE(refusal({.title = "F", .x = plain_x, .y = plain_y, .series = {{.x = {1, 2}, .y = {1}}}})
+                .find("series 1 has 2 x, 1 y"),
+            std::string::npos);
+  EXPECT_NE(refusal({.title = "F", .x = plain_x, .y = plain_y, .series = {{.x = {1, 2}, .y = {1, INFINITY}}}})
+                .find("infinite value at point 2"),
+            std::string::npos);
   EXPECT_NE(refusal(residual_histogram("R", plain_x, std::vector{nan})).find("no finite value"), std::string::npos);
   Figure flat{.title = "F", .x = plain_x, .y = plain_y, .z = plain_y};
   flat.surface = Surface{{0, 1}, {0, 1}, {{nan, nan}, {nan, nan}}};
@@ -159,28 +183,37 @@ TEST(Figure, NothingIsSilentlyEmpty) {
 }
 
 TEST(Figure, OnePointAndConstantsHaveARange) {
-  EXPECT_EQ(refusal({.title = "F", .x = plain_x, .y = plain_y, .series = {{.mark = Mark::points, .x = {1}, .y = {0}}}}), "");
+  EXPECT_EQ(refusal({.title = "F", .x = plain_x, .y = plain_y, .series = {{.mark = Mark::points, .x = {1}, .y = {0}}}}),
+            "");
   EXPECT_EQ(refusal({.title = "F", .x = plain_x, .y = plain_y, .series = {{.x = {1, 2}, .y = {5, 5}}}}), "");
 }
 
 TEST(Figure, TextIsShownAsItIsAndNothingIsExecuted) {
   const std::string file = fmt::format("{}tw{}", testing::TempDir(), std::random_device{}());
-  for (const std::string& name : std::vector<std::string>{"a 'b' ''", "\"quoted\" \\\"", "`touch " + file + "`", "$(touch " + file + ")", "'; !touch " + file + "; '",
-                                  "<script>alert(1)</script>", "F_s^{2}@&~x{/:Bold y}", "π ü 関節", "%s %d #", "END", "\\", "'"}) {
-    const Drawing d = drawing({.title = name, .x = {.quantity = name, .unit = name}, .y = plain_y, .series = {{.label = name, .x = {0, 1}, .y = {1, 2}}}});
-    EXPECT_EQ(std::ranges::count(d.texts, name), 2) << name;                       // title and key
+  for (const std::string& name : std::vector<std::string>{
+           "a 'b' ''", "\"quoted\" \\\"", "`touch " + file + "`", "$(touch " + file + ")", "'; !touch " + file + "; '",
+           "<script>alert(1)</script>", "F_s^{2}@&~x{/:Bold y}", "π ü 関節", "%s %d #", "END", "\\", "'"}) {
+    const Drawing d = drawing({.title = name,
+                               .x = {.quantity = name, .unit = name},
+                               .y = plain_y,
+                               .series = {{.label = name, .x = {0, 1}, .y = {1, 2}}}});
+    EXPECT_EQ(std::ranges::count(d.texts, name), 2) << name;  // title and key
     EXPECT_TRUE(d.says(name + " [" + name + "]")) << name;
     EXPECT_TRUE(d.document.select_nodes("//script").empty());
   }
-  const Drawing d = drawing({.title = "a\nb\x01\xff", .x = plain_x, .y = plain_y, .series = {{.x = {0, 1}, .y = {1, 2}}}});
+  const Drawing d =
+      drawing({.title = "a\nb\x01\xff", .x = plain_x, .y = plain_y, .series = {{.x = {0, 1}, .y = {1, 2}}}});
   EXPECT_TRUE(d.says("a b\uFFFD\uFFFD"));
   EXPECT_NE(access(file.c_str(), F_OK), 0);
 }
 
 TEST(Figure, LongTextLosesItsMiddle) {
   const std::string name = "begin " + std::string(300, 'm') + " end ü";
-  const Drawing d = drawing({.title = name, .x = plain_x, .y = plain_y, .series = {{.label = name, .x = {0, 1}, .y = {1, 2}}}});
-  EXPECT_TRUE(std::ranges::any_of(d.texts, [](const std::string& t) { return t.starts_with("begin m") && t.ends_with("m end ü") && t.size() < 100 && t.find("…") != std::string::npos; }));
+  const Drawing d =
+      drawing({.title = name, .x = plain_x, .y = plain_y, .series = {{.label = name, .x = {0, 1}, .y = {1, 2}}}});
+  EXPECT_TRUE(std::ranges::any_of(d.texts, [](const std::string& t) {
+    return t.starts_with("begin m") && t.ends_with("m end ü") && t.size() < 100 && t.find("…") != std::string::npos;
+  }));
 }
 
 TEST(Figure, EveryFormat) {
@@ -217,14 +250,16 @@ TEST(Figure, StrokesDifferInGreyscale) {
 
 class LawFigures : public testing::Test {
  protected:
-  std::shared_ptr<const mujoco::Model> model = mujoco::load_file(std::string(TRIBOTWIN_SOURCE_DIR) + "/mjcf/irb6620.xml").value();
+  std::shared_ptr<const mujoco::Model> model =
+      mujoco::load_file(std::string(TRIBOTWIN_SOURCE_DIR) + "/mjcf/irb6620.xml").value();
   const drive::Drive& drive = model->drives()[1].drive;
 };
 
 // The curve in the picture is the law of physics.md: at 0 load and 50 degC, evaluated here by friction::level itself.
 TEST_F(LawFigures, CurvesAreTheLaw) {
   const double speed = 280 / drive.gear_ratio;
-  const std::vector<FrictionPoint> measured = {{100 / drive.gear_ratio, 0, 50, 0.06 * drive.torque_max_nm, 0.005 * drive.torque_max_nm}};
+  const std::vector<FrictionPoint> measured = {
+      {100 / drive.gear_ratio, 0, 50, 0.06 * drive.torque_max_nm, 0.005 * drive.torque_max_nm}};
   const Drawing d = drawing(friction_against_temperature(drive, "law", speed, 0, std::vector{50.0, 70.0}, measured));
   EXPECT_TRUE(d.says("motor speed v [rad/s]"));
   EXPECT_TRUE(d.says("friction torque τf / τmax [-]"));
@@ -238,7 +273,7 @@ TEST_F(LawFigures, CurvesAreTheLaw) {
       largest = std::max(largest, std::abs(p.y - friction::level(drive.law, at, p.x, 0).total()));
     }
     EXPECT_GT(lines[0].size(), 100U);
-    EXPECT_LT(largest, 1e-3);   // half a pixel
+    EXPECT_LT(largest, 1e-3);  // half a pixel
   }
   const Path marks = d.points(3);
   ASSERT_FALSE(marks.empty());
@@ -253,7 +288,8 @@ TEST_F(LawFigures, WithoutColour) {
 }
 
 TEST_F(LawFigures, LoadAndSurface) {
-  EXPECT_TRUE(drawing(friction_against_load(drive, "law", 1.5, 50, std::vector{0.0, 0.5})).says("load |τl| / τmax [-]"));
+  EXPECT_TRUE(
+      drawing(friction_against_load(drive, "law", 1.5, 50, std::vector{0.0, 0.5})).says("load |τl| / τmax [-]"));
   const Figure one = friction_against_load(drive, "law", 1.5, 50, std::vector{0.0});
   EXPECT_EQ(refusal(one), "");
   const Drawing surface = drawing(friction_surface(drive, "law", 1.5, 0, 38, 81));
@@ -263,19 +299,23 @@ TEST_F(LawFigures, LoadAndSurface) {
 }
 
 TEST(Figures, HistoryChoosesItsUnit) {
-  const auto over = [](double span) { return drawing(history("H", plain_y, std::vector<Trace>{{"a", {0, span / 2, span}, {1, 2, 3}}})); };
+  const auto over = [](double span) {
+    return drawing(history("H", plain_y, std::vector<Trace>{{"a", {0, span / 2, span}, {1, 2, 3}}}));
+  };
   EXPECT_TRUE(over(50).says("time t [s]"));
   EXPECT_TRUE(over(1800).says("time t [min]"));
   const Drawing hours = over(20000);
   EXPECT_TRUE(hours.says("time t [h]"));
   const auto lines = hours.lines(1);
-  EXPECT_TRUE(std::ranges::any_of(lines, [](const Path& p) { return p.size() == 3 && std::abs(p[2].x - 20000 / 3600.0) < 0.02; }));
+  EXPECT_TRUE(std::ranges::any_of(
+      lines, [](const Path& p) { return p.size() == 3 && std::abs(p[2].x - 20000 / 3600.0) < 0.02; }));
 }
 
 TEST(Figures, TrackingErrorIsInMilliradians) {
   const Drawing d = drawing(tracking_error("E", std::vector<Trace>{{"joint2", {0, 1, 2}, {0.001, -0.002, 0.003}}}));
   EXPECT_TRUE(d.says("[mrad]"));
-  EXPECT_TRUE(std::ranges::any_of(d.lines(1), [](const Path& p) { return p.size() == 3 && std::abs(p[1].y + 2) < 0.05; }));
+  EXPECT_TRUE(
+      std::ranges::any_of(d.lines(1), [](const Path& p) { return p.size() == 3 && std::abs(p[1].y + 2) < 0.05; }));
 }
 
 TEST(Figures, HistogramCountsEveryResidualAndFitsTheNormal) {
@@ -289,7 +329,8 @@ TEST(Figures, HistogramCountsEveryResidualAndFitsTheNormal) {
   EXPECT_EQ(counted, 3000);
   const double width = f.series[0].x[1] - f.series[0].x[0];
   double area = 0;
-  for (std::size_t i = 1; i < f.series[1].x.size(); ++i) area += f.series[1].y[i] * (f.series[1].x[i] - f.series[1].x[i - 1]);
+  for (std::size_t i = 1; i < f.series[1].x.size(); ++i)
+    area += f.series[1].y[i] * (f.series[1].x[i] - f.series[1].x[i - 1]);
   EXPECT_NEAR(area / (3000 * width), 1, 0.01);
   const auto top = static_cast<std::size_t>(std::ranges::max_element(f.series[1].y) - f.series[1].y.begin());
   EXPECT_NEAR(f.series[1].x[top], 0.5, 0.15);
@@ -314,7 +355,9 @@ TEST(Figures, EllipsesHoldTheirShare) {
     for (const auto& p : e.samples) {
       bool in = false;
       for (std::size_t i = 0, k = outline.x.size() - 1; i < outline.x.size(); k = i++)
-        if ((outline.y[i] > p[1]) != (outline.y[k] > p[1]) && p[0] < (outline.x[k] - outline.x[i]) * (p[1] - outline.y[i]) / (outline.y[k] - outline.y[i]) + outline.x[i]) in = !in;
+        if ((outline.y[i] > p[1]) != (outline.y[k] > p[1]) &&
+            p[0] < (outline.x[k] - outline.x[i]) * (p[1] - outline.y[i]) / (outline.y[k] - outline.y[i]) + outline.x[i])
+          in = !in;
       inside += in;
     }
     EXPECT_NEAR(inside / 20000.0, promised, 0.005);
@@ -325,10 +368,11 @@ TEST(Figures, EllipsesHoldTheirShare) {
 // With few degrees of freedom the scale of the covariance is uncertain too: regions by the F distribution.
 TEST(Figures, EllipsesOfFewSamplesAreWider) {
   const auto radius = [](double degrees_of_freedom, std::size_t series) {
-    const Figure f = confidence_ellipses("C", plain_x, plain_y, std::vector{Estimate{"", {0, 0}, {{{1, 0}, {0, 1}}}, {}, degrees_of_freedom}});
+    const Figure f = confidence_ellipses("C", plain_x, plain_y,
+                                         std::vector{Estimate{"", {0, 0}, {{{1, 0}, {0, 1}}}, {}, degrees_of_freedom}});
     return std::hypot(f.series[series].x[7], f.series[series].y[7]);
   };
-  EXPECT_NEAR(std::pow(radius(10, 0), 2), 2 * 4.102821, 1e-4);   // 2 F(0.95; 2, 10), 2 F(0.99; 2, 10) of tables
+  EXPECT_NEAR(std::pow(radius(10, 0), 2), 2 * 4.102821, 1e-4);  // 2 F(0.95; 2, 10), 2 F(0.99; 2, 10) of tables
   EXPECT_NEAR(std::pow(radius(10, 1), 2), 2 * 7.559432, 1e-4);
   EXPECT_NEAR(std::pow(radius(1e9, 0), 2), 5.991465, 1e-4);
 }
@@ -339,17 +383,23 @@ TEST(Figures, MatrixShowsItsLowerHalf) {
   const Drawing d = drawing(f);
   EXPECT_EQ(std::ranges::count(d.texts, "Fc0"), 2);
   EXPECT_EQ(std::ranges::count(d.texts, "v_s"), 2);
-  for (const char* number : {"−0.93", "0.05", "0.999"}) EXPECT_EQ(std::ranges::count_if(d.texts, [&](const std::string& t) { return t.find(number) != std::string::npos; }), 1) << number;
+  for (const char* number : {"−0.93", "0.05", "0.999"})
+    EXPECT_EQ(std::ranges::count_if(d.texts, [&](const std::string& t) { return t.find(number) != std::string::npos; }),
+              1)
+        << number;
   EXPECT_TRUE(d.says("correlation [-]"));
   EXPECT_TRUE(draw(f, Format::png)->starts_with("\x89PNG"));
   EXPECT_NE(refusal(correlation_matrix("C", {{"a", "b"}, {{1, 0.5}}})).find("2 names and 1 rows"), std::string::npos);
-  EXPECT_NE(refusal(correlation_matrix("C", {{"a", "b"}, {{1, 1.5}, {1.5, 1}}})).find("beyond -1 .. 1"), std::string::npos);
+  EXPECT_NE(refusal(correlation_matrix("C", {{"a", "b"}, {{1, 1.5}, {1.5, 1}}})).find("beyond -1 .. 1"),
+            std::string::npos);
   EXPECT_EQ(refusal(correlation_matrix("C", {{"a", "b"}, {{1, nan}, {nan, 1}}})), "");
 }
 
 // In greyscale the tone is the magnitude, whatever the sign, and text on it stays readable.
 TEST(Figures, DivergingTonesReadInGreyscale) {
-  const auto linear = [](double c) { return c <= 0.03928 * 255 ? c / 255 / 12.92 : std::pow((c / 255 + 0.055) / 1.055, 2.4); };
+  const auto linear = [](double c) {
+    return c <= 0.03928 * 255 ? c / 255 / 12.92 : std::pow((c / 255 + 0.055) / 1.055, 2.4);
+  };
   const auto light = [&](Colour c) { return 0.2126 * linear(c.r) + 0.7152 * linear(c.g) + 0.0722 * linear(c.b); };
   for (int i = 0; i < 10; ++i) {
     const double v = 0.1 * i;
@@ -372,8 +422,9 @@ TEST(Figures, ScatterCountsAllAndDrawsSome) {
   const Figure f = scatter("S", plain_x, plain_y, x, y, 1000);
   ASSERT_EQ(f.series.size(), 4U);
   EXPECT_EQ(f.series[0].x.size(), 1000U);
-  for (int level = 0; level < 12; ++level) EXPECT_GT(std::ranges::count(f.series[0].x, level), 50) << level;   // the rhythm of 12 is not met
-  ASSERT_EQ(f.series[1].x.size(), 12U);   // what is equal stays together
+  for (int level = 0; level < 12; ++level)
+    EXPECT_GT(std::ranges::count(f.series[0].x, level), 50) << level;  // the rhythm of 12 is not met
+  ASSERT_EQ(f.series[1].x.size(), 12U);                                // what is equal stays together
   EXPECT_EQ(f.series[1].x[7], 7);
   EXPECT_NEAR(f.series[1].y[7], 3, 0.05);
   EXPECT_NEAR(f.series[1].y[6], 0, 0.05);
@@ -387,13 +438,17 @@ TEST(Figures, ThinnedIsEvenAndWhole) {
   EXPECT_EQ(thinned(3, 10), (std::vector<std::size_t>{0, 1, 2}));
   const auto rows = thinned(1000003, 1000);
   ASSERT_EQ(rows.size(), 1000U);
-  for (std::size_t k = 0; k < rows.size(); ++k) EXPECT_TRUE(rows[k] >= k * 1000003 / 1000 && rows[k] < (k + 1) * 1000003 / 1000) << k;
+  for (std::size_t k = 0; k < rows.size(); ++k)
+    EXPECT_TRUE(rows[k] >= k * 1000003 / 1000 && rows[k] < (k + 1) * 1000003 / 1000) << k;
   EXPECT_EQ(rows, thinned(1000003, 1000));
 }
 
 TEST(Figures, HysteresisKeepsItsOrder) {
-  const Drawing d = drawing(hysteresis_loop("L", {.quantity = "position", .unit = "rad"}, plain_y, std::vector<Loop>{{"loop", {0, 1, 1, 0, 0}, {0, 0, 2, 2, 0}}}));
-  EXPECT_TRUE(std::ranges::any_of(d.lines(1), [](const Path& p) { return p.size() == 5 && std::abs(p[2].y - 2) < 0.02 && std::abs(p[3].x) < 0.02; }));
+  const Drawing d = drawing(hysteresis_loop("L", {.quantity = "position", .unit = "rad"}, plain_y,
+                                            std::vector<Loop>{{"loop", {0, 1, 1, 0, 0}, {0, 0, 2, 2, 0}}}));
+  EXPECT_TRUE(std::ranges::any_of(d.lines(1), [](const Path& p) {
+    return p.size() == 5 && std::abs(p[2].y - 2) < 0.02 && std::abs(p[3].x) < 0.02;
+  }));
 }
 
 }  // namespace

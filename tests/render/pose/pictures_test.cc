@@ -1,10 +1,9 @@
 // Pixels: the same every time, and those of the golden image.
-#include <gtest/gtest.h>
-
 #include <cmath>
 #include <cstdlib>
 
 #include <fmt/format.h>
+#include <gtest/gtest.h>
 #include <lodepng.h>
 
 #include <tribotwin/render/pose/overlay.hpp>
@@ -21,7 +20,8 @@ std::shared_ptr<const mujoco::Model> robot(const std::string& name = "irb6620") 
   return *model;
 }
 
-Image drawn(const mjModel* m, const View& view = {}, std::span<const Paint> paints = {}, Size size = {320, 240}, Quality quality = {}) {
+Image drawn(const mjModel* m, const View& view = {}, std::span<const Paint> paints = {}, Size size = {320, 240},
+            Quality quality = {}) {
   const mujoco::DataPtr d(mj_makeData(m));
   mj_resetDataKeyframe(m, d.get(), 0);
   pose_kinematics(m, d.get());
@@ -38,7 +38,8 @@ mujoco::ModelPtr changed(const mujoco::Model& model, auto change) {
   return copy;
 }
 
-/// Share of pixels of which a channel differs by more than 24: antialiasing of another Mesa stays below, a changed part does not.
+/// Share of pixels of which a channel differs by more than 24: antialiasing of another Mesa stays below, a changed part
+/// does not.
 double difference(const Image& a, const Image& b) {
   if (a.width != b.width || a.height != b.height) return 1;
   std::size_t off = 0;
@@ -57,7 +58,8 @@ Image golden() {
   std::vector<unsigned char> rgb;
   unsigned width = 0, height = 0;
   const std::string file = source + "/tests/render/pose/golden/irb6620.png";
-  if (const unsigned error = lodepng::decode(rgb, width, height, file, LCT_RGB)) throw std::runtime_error(file + ": " + lodepng_error_text(error));
+  if (const unsigned error = lodepng::decode(rgb, width, height, file, LCT_RGB))
+    throw std::runtime_error(file + ": " + lodepng_error_text(error));
   image.width = static_cast<int>(width);
   image.height = static_cast<int>(height);
   image.rgb.assign(rgb.begin(), rgb.end());
@@ -77,7 +79,9 @@ TEST(Pictures, PngHoldsThePixels) {
   std::vector<unsigned char> rgb;
   unsigned width = 0, height = 0;
   const std::string bytes = png(image);
-  ASSERT_EQ(lodepng::decode(rgb, width, height, reinterpret_cast<const unsigned char*>(bytes.data()), bytes.size(), LCT_RGB), 0U);
+  ASSERT_EQ(
+      lodepng::decode(rgb, width, height, reinterpret_cast<const unsigned char*>(bytes.data()), bytes.size(), LCT_RGB),
+      0U);
   EXPECT_EQ(width, 5U);
   EXPECT_EQ(height, 3U);
   EXPECT_TRUE(std::equal(rgb.begin(), rgb.end(), image.rgb.begin(), image.rgb.end()));
@@ -86,7 +90,7 @@ TEST(Pictures, PngHoldsThePixels) {
 TEST(Pictures, LooksLikeTheGoldenImage) {
   const auto model = robot();
   const Image now = drawn(model->get());
-  if (const char* file = std::getenv("TRIBOTWIN_NEW_GOLDEN")) {   // to accept a change that was looked at
+  if (const char* file = std::getenv("TRIBOTWIN_NEW_GOLDEN")) {  // to accept a change that was looked at
     const std::string bytes = png(now);
     lodepng::save_file(std::vector<unsigned char>(bytes.begin(), bytes.end()), file);
   }
@@ -139,9 +143,12 @@ TEST(Pictures, TilesHaveNoSeams) {
   for (int y = 0; y < 300; ++y)
     for (int x = 0; x < 2400; ++x)
       for (int c = 0; c < 3; ++c)
-        half.at(x, y)[c] = static_cast<std::uint8_t>((large.at(2 * x, 2 * y)[c] + large.at(2 * x + 1, 2 * y)[c] + large.at(2 * x, 2 * y + 1)[c] + large.at(2 * x + 1, 2 * y + 1)[c]) / 4);
+        half.at(x, y)[c] =
+            static_cast<std::uint8_t>((large.at(2 * x, 2 * y)[c] + large.at(2 * x + 1, 2 * y)[c] +
+                                       large.at(2 * x, 2 * y + 1)[c] + large.at(2 * x + 1, 2 * y + 1)[c]) /
+                                      4);
   EXPECT_LT(difference(half, small), 0.02);
-  Image shifted(2400, 300);   // what a tile in the wrong place would give
+  Image shifted(2400, 300);  // what a tile in the wrong place would give
   paste(shifted, half, -40, 0);
   EXPECT_GT(difference(shifted, small), 0.02);
 }
@@ -173,7 +180,8 @@ TEST(Poses, HousingHasTheColourOfItsTemperature) {
   const auto near = [](const Image& image, Colour c) {
     int n = 0;
     for (std::size_t i = 0; i < image.rgb.size(); i += 3)
-      n += std::abs(image.rgb[i] - c.r) < 20 && std::abs(image.rgb[i + 1] - c.g) < 20 && std::abs(image.rgb[i + 2] - c.b) < 20;
+      n += std::abs(image.rgb[i] - c.r) < 20 && std::abs(image.rgb[i + 1] - c.g) < 20 &&
+           std::abs(image.rgb[i + 2] - c.b) < 20;
     return n;
   };
   PoseState state = rest(*model);
@@ -188,7 +196,8 @@ TEST(Poses, HousingHasTheColourOfItsTemperature) {
 
 TEST(Poses, NamesOfAnyKindAreDrawnAndNotRead) {
   const Image blank(640, 480);
-  const std::vector<PanelRow> rows = {{{255, 0, 0}, true, "a <b>&amp; \"quoted\" `x` \n ü 関節 \xff\xfe", "1 °C", "2 Nm"}};
+  const std::vector<PanelRow> rows = {
+      {{255, 0, 0}, true, "a <b>&amp; \"quoted\" `x` \n ü 関節 \xff\xfe", "1 °C", "2 Nm"}};
   Image image = blank;
   draw_panel(image, "<span>", rows, 0.5);
   EXPECT_NE(image, blank);

@@ -39,27 +39,49 @@ class Browser:
 
     def __init__(self, work, check):
         self.work, self.check = work, check
-        self.command = ["chromium", "--headless", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage", "--user-data-dir=" + self.path("browser"), "--virtual-time-budget=20000"]
+        self.command = [
+            "chromium",
+            "--headless",
+            "--no-sandbox",
+            "--disable-gpu",
+            "--disable-dev-shm-usage",
+            "--user-data-dir=" + self.path("browser"),
+            "--virtual-time-budget=20000",
+        ]
 
     def path(self, name):
         return os.path.join(self.work, name)
 
     def console(self, page):
         """What the browser says about the page as it is."""
-        r = subprocess.run(self.command + ["--enable-logging=stderr", "--v=0", "--dump-dom", "file://" + page], capture_output=True, text=True, timeout=300)
+        r = subprocess.run(
+            self.command + ["--enable-logging=stderr", "--v=0", "--dump-dom", "file://" + page],
+            capture_output=True,
+            text=True,
+            timeout=300,
+        )
         return [line for line in r.stderr.splitlines() if "CONSOLE" in line], r.stdout
 
     def measured(self, page, width):
         with open(page) as f:
             text = f.read()
-        probe = re.sub(r'<meta http-equiv="Content-Security-Policy"[^>]*>', "", text).replace("</body>", MEASURE + "</body>")
+        probe = re.sub(r'<meta http-equiv="Content-Security-Policy"[^>]*>', "", text).replace(
+            "</body>", MEASURE + "</body>"
+        )
         assert probe.count("postMessage") == 1
         with open(self.path("probe.html"), "w") as f:
             f.write(probe)
         with open(self.path("frame.html"), "w") as f:
-            f.write("<pre id=result></pre><script>addEventListener('message', e => document.getElementById('result').textContent = JSON.stringify(e.data));</script>"
-                    "<iframe src=probe.html style='width:%dpx;height:900px;border:0'></iframe>" % width)
-        r = subprocess.run(self.command + ["--dump-dom", "--window-size=1400,1000", "file://" + self.path("frame.html")], capture_output=True, text=True, timeout=300)
+            f.write(
+                "<pre id=result></pre><script>addEventListener('message', e => document.getElementById('result').textContent = JSON.stringify(e.data));</script>"
+                "<iframe src=probe.html style='width:%dpx;height:900px;border:0'></iframe>" % width
+            )
+        r = subprocess.run(
+            self.command + ["--dump-dom", "--window-size=1400,1000", "file://" + self.path("frame.html")],
+            capture_output=True,
+            text=True,
+            timeout=300,
+        )
         found = re.search(r'<pre id="result">(.*?)</pre>', r.stdout, re.S)
         return json.loads(html.unescape(found.group(1))) if found and found.group(1) else None
 
@@ -73,9 +95,29 @@ class Browser:
             check(f"{name} at {width}: measured", m is not None and m["width"] == width, m)
             if not m:
                 continue
-            check(f"{name} at {width}: {images} pictures and {drawings} drawings load", m["images"] == images and m["broken"] == 0 and m["drawings"] == drawings, {k: m[k] for k in m if k != "text"})
-            check(f"{name} at {width}: nothing is wider than the window", m["overflow"] <= 0 and not m["wide"], (m["overflow"], m["wide"]))
-            check(f"{name} at {width}: contrast at least 4.5:1 in {m['texts']} texts", m["texts"] > 30 and m["contrast"] >= 4.5, (m["contrast"], m["where"]))
-            check(f"{name} at {width}: no label is cut off or over another", not m["cut"] and not m["over"], (m["cut"], m["over"]))
-            check(f"{name} at {width}: no script but ours, ids unique", m["scripts"] == 1 and m["ids"] == 0, (m["scripts"], m["ids"]))
+            check(
+                f"{name} at {width}: {images} pictures and {drawings} drawings load",
+                m["images"] == images and m["broken"] == 0 and m["drawings"] == drawings,
+                {k: m[k] for k in m if k != "text"},
+            )
+            check(
+                f"{name} at {width}: nothing is wider than the window",
+                m["overflow"] <= 0 and not m["wide"],
+                (m["overflow"], m["wide"]),
+            )
+            check(
+                f"{name} at {width}: contrast at least 4.5:1 in {m['texts']} texts",
+                m["texts"] > 30 and m["contrast"] >= 4.5,
+                (m["contrast"], m["where"]),
+            )
+            check(
+                f"{name} at {width}: no label is cut off or over another",
+                not m["cut"] and not m["over"],
+                (m["cut"], m["over"]),
+            )
+            check(
+                f"{name} at {width}: no script but ours, ids unique",
+                m["scripts"] == 1 and m["ids"] == 0,
+                (m["scripts"], m["ids"]),
+            )
         return m

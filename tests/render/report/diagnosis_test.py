@@ -23,16 +23,30 @@ def check(name, condition, detail=""):
 def run(program, *arguments):
     # A report is made again and again here; that nothing is replaced unasked is tested in tests/programs.
     again = ["--force"] if program == report and "--help" not in arguments else []
-    return subprocess.run([program, *map(str, arguments), *again], capture_output=True, text=True, timeout=300, cwd=work)
+    return subprocess.run(
+        [program, *map(str, arguments), *again], capture_output=True, text=True, timeout=300, cwd=work
+    )
 
 
 def write(name, conditions):
     rows = []
     for i, (T, wear) in enumerate(conditions):
         Fc, Fs, Vs = (1 + wear) * (6 + 0.0162 * T), (1 + wear) * 9.5, (1 + wear) * (2 + 0.025 * T)
-        friction = Fc + (Fs - Fc) * np.exp(-((v / Vs) ** 1.3)) + 3.4 * np.exp(-T / 32) * v ** (0.5 + 0.0025 * T) + random.normal(0, 0.05, v.size)
+        friction = (
+            Fc
+            + (Fs - Fc) * np.exp(-((v / Vs) ** 1.3))
+            + 3.4 * np.exp(-T / 32) * v ** (0.5 + 0.0025 * T)
+            + random.normal(0, 0.05, v.size)
+        )
         rows.append(np.column_stack([np.full(v.size, i + 1), v, np.full(v.size, T), friction, np.full(v.size, 0.05)]))
-    np.savetxt(os.path.join(work, name), np.vstack(rows), delimiter=",", header="curve,speed_rad_s,temperature_degC,friction_nm,stderr_nm", comments="", fmt="%.9g")
+    np.savetxt(
+        os.path.join(work, name),
+        np.vstack(rows),
+        delimiter=",",
+        header="curve,speed_rad_s,temperature_degC,friction_nm,stderr_nm",
+        comments="",
+        fmt="%.9g",
+    )
 
 
 write("healthy.csv", [(T, 0) for T in np.linspace(25, 58, 20)])
@@ -40,16 +54,33 @@ write("checked.csv", [(30, 0), (55, 0), (40, 0.1), (41, 0.15)])
 check("learn", run(twin, "diagnose", "learn", "healthy.csv", "-o", "healthy.yaml").returncode == 0)
 seen = json.loads(run(twin, "diagnose", "check", "healthy.yaml", "checked.csv", "--json").stdout)["observations"]
 r = run(report, "diagnosis", "healthy.yaml", "checked.csv", "-o", "page.html", "--quiet")
-check("the page is written", r.returncode == 0 and r.stdout == "page.html\n" and r.stderr == "", (r.returncode, r.stdout, r.stderr))
+check(
+    "the page is written",
+    r.returncode == 0 and r.stdout == "page.html\n" and r.stderr == "",
+    (r.returncode, r.stdout, r.stderr),
+)
 measured = Browser(work, check).check_page("page", os.path.join(work, "page.html"), images=0, drawings=5)
 text = measured["text"] if measured else ""
 for i, o in enumerate(seen):
     row = re.search(rf"^{i + 1}\t([^\n]*)$", text, re.M)
     cells = row.group(1).split("\t") if row else []
-    expected = [f"{o['region1']['distance']:.3f}", f"{o['region1']['statistic']:.2f}", str(o["region1"]["anomalous"]), f"{o['region2']['distance']:.3f}", f"{o['region2']['statistic']:.2f}", str(o["region2"]["anomalous"])]
-    check(f"row {i + 1} is that of diagnose check", cells[1:7] == expected and cells[8] == o["pattern"], (cells, expected))
+    expected = [
+        f"{o['region1']['distance']:.3f}",
+        f"{o['region1']['statistic']:.2f}",
+        str(o["region1"]["anomalous"]),
+        f"{o['region2']['distance']:.3f}",
+        f"{o['region2']['statistic']:.2f}",
+        str(o["region2"]["anomalous"]),
+    ]
+    check(
+        f"row {i + 1} is that of diagnose check", cells[1:7] == expected and cells[8] == o["pattern"], (cells, expected)
+    )
     check(f"sentence {i + 1} is on the page", (o["sentence"] in text) == o["anomalous"], o["sentence"])
-check("verdict counts", f"{sum(o['anomalous'] for o in seen)} of 4 observations are not those of a healthy joint" in text, text[:400])
+check(
+    "verdict counts",
+    f"{sum(o['anomalous'] for o in seen)} of 4 observations are not those of a healthy joint" in text,
+    text[:400],
+)
 # Marks differ in shape: the same drawing without any colour still has three kinds of points and two kinds of outlines.
 with open(os.path.join(work, "page.html")) as f:
     drawing = re.search(r'<svg[^>]*aria-label="Region 1: Fc and Fs.*?</svg>', f.read(), re.S)
@@ -59,19 +90,37 @@ check("outlines are told apart by dashes", drawing and "stroke-dasharray" in dra
 
 os.rename(os.path.join(work, "healthy.csv"), os.path.join(work, "gone.csv"))
 r = run(report, "diagnosis", "healthy.yaml", "checked.csv", "-o", "alone.html", "--quiet")
-check("without the learned curves the page says so", r.returncode == 0 and "are not shown: healthy.csv" in r.stderr, r.stderr)
-for name, says, arguments in (("no healthy state", "nothing.yaml", ("nothing.yaml", "checked.csv")), ("no curves", "nothing.csv", ("healthy.yaml", "nothing.csv"))):
+check(
+    "without the learned curves the page says so",
+    r.returncode == 0 and "are not shown: healthy.csv" in r.stderr,
+    r.stderr,
+)
+for name, says, arguments in (
+    ("no healthy state", "nothing.yaml", ("nothing.yaml", "checked.csv")),
+    ("no curves", "nothing.csv", ("healthy.yaml", "nothing.csv")),
+):
     r = run(report, "diagnosis", *arguments, "-o", "wrong.html")
-    check(f"{name}: refused", r.returncode == 2 and says in r.stderr and not os.path.exists(os.path.join(work, "wrong.html")), r.stderr)
+    check(
+        f"{name}: refused",
+        r.returncode == 2 and says in r.stderr and not os.path.exists(os.path.join(work, "wrong.html")),
+        r.stderr,
+    )
+
 
 # A study folder of numbers that are told apart: two joints, loads, one simulated fault, one that was drawn.
 def curve_rows(number, series, T, load):
-    friction = (6 + 0.016 * T) * (1 + 0.1 * load) + 3.4 * np.exp(-T / 32) * v ** 0.6
+    friction = (6 + 0.016 * T) * (1 + 0.1 * load) + 3.4 * np.exp(-T / 32) * v**0.6
     return "".join(f"{series},{number},{speed:.6g},{x:.9g}\n" for speed, x in zip(v, friction))
 
 
 def observation(number, T):
-    features = dict(zip(("Fc", "Fs", "Vs", "Fv", "beta"), np.array([6 + 0.016 * T, 9.5, 2 + 0.025 * T, 3.4 * np.exp(-T / 32), 0.5 + 0.0025 * T]) + random.normal(0, 0.02, 5)))
+    features = dict(
+        zip(
+            ("Fc", "Fs", "Vs", "Fv", "beta"),
+            np.array([6 + 0.016 * T, 9.5, 2 + 0.025 * T, 3.4 * np.exp(-T / 32), 0.5 + 0.0025 * T])
+            + random.normal(0, 0.02, 5),
+        )
+    )
     return {"curve": number, "temperature_degC": T, "features": features}
 
 
@@ -83,12 +132,48 @@ def study():
         for number, T in enumerate(np.linspace(25, 58, 10), 1):
             rows += curve_rows(number, "evolution", T, 0)
             learned.append(observation(number, T))
-        for number, (load, state, T, bad, pattern) in enumerate(((0, "cold", 26.0, False, "healthy"), (2, "cold", 27.0, j == 0, "load"), (5, "thermal", 57.0, True, "load"), (0, "wear", 40.0, True, ("wear", "unknown")[j])), 11):
+        for number, (load, state, T, bad, pattern) in enumerate(
+            (
+                (0, "cold", 26.0, False, "healthy"),
+                (2, "cold", 27.0, j == 0, "load"),
+                (5, "thermal", 57.0, True, "load"),
+                (0, "wear", 40.0, True, ("wear", "unknown")[j]),
+            ),
+            11,
+        ):
             rows += curve_rows(number, "new", T, load)
-            region = lambda x, limit, anomalous: {"distance": x, "statistic": 2 * x, "limit": limit, "anomalous": anomalous}
-            checked.append({**observation(number, T), "load_kg": load, "state": state, "series": "new", "region1": region(100 + number + j / 8, 26.25, bad), "region2": region(number / 16, 19.39, False), "anomalous": bad, "pattern": pattern})
-        roc = [{"severity": s, "false_alarm": a, "detected": min(1, a + 10 * s)} for s in (0, 0.05, 0.1) for a in (0.01, 0.1, 0.2)]
-        power = [{"fault": "wear", "unit": "1", "detection_limit": 0.05, "named_at_twice_the_limit": {"wear": 0.875, "unknown": 0.125}, "roc": roc}]
+            region = lambda x, limit, anomalous: {
+                "distance": x,
+                "statistic": 2 * x,
+                "limit": limit,
+                "anomalous": anomalous,
+            }
+            checked.append(
+                {
+                    **observation(number, T),
+                    "load_kg": load,
+                    "state": state,
+                    "series": "new",
+                    "region1": region(100 + number + j / 8, 26.25, bad),
+                    "region2": region(number / 16, 19.39, False),
+                    "anomalous": bad,
+                    "pattern": pattern,
+                }
+            )
+        roc = [
+            {"severity": s, "false_alarm": a, "detected": min(1, a + 10 * s)}
+            for s in (0, 0.05, 0.1)
+            for a in (0.01, 0.1, 0.2)
+        ]
+        power = [
+            {
+                "fault": "wear",
+                "unit": "1",
+                "detection_limit": 0.05,
+                "named_at_twice_the_limit": {"wear": 0.875, "unknown": 0.125},
+                "roc": roc,
+            }
+        ]
         whole[joint] = {"observations": checked, "learned": learned, "power": power}
         with open(os.path.join(work, "study", joint, "curves.csv"), "w") as f:
             f.write(rows)
@@ -104,7 +189,11 @@ whole = study()
 keep(whole)
 page = os.path.join(work, "study", "report.html")
 r = run(report, "study", "study", "--quiet")
-check("study: the page is written", r.returncode == 0 and r.stdout == "study/report.html\n" and r.stderr == "", (r.returncode, r.stdout, r.stderr))
+check(
+    "study: the page is written",
+    r.returncode == 0 and r.stdout == "study/report.html\n" and r.stderr == "",
+    (r.returncode, r.stdout, r.stderr),
+)
 measured = Browser(work, check).check_page("study", page, images=0, drawings=2 * (4 + 6 + 4 + 1))
 text = measured["text"] if measured else ""
 for joint in whole:
@@ -113,20 +202,45 @@ for joint in whole:
         for region in (o["region1"], o["region2"]):
             cells += [f"{region['distance']:.3f}", f"{region['statistic']:.2f}", str(region["anomalous"])]
         check(f"study: row {i + 1} of {joint}", "\t".join(cells + [o["pattern"]]) in text, cells)
-check("study: what each joint flags", "joint3: Region 1 (contact surfaces) flags 2 kg, cold; 5 kg, thermal. Region 2 (lubricant) flags nothing." in text and "joint5: Region 1 (contact surfaces) flags 5 kg, thermal." in text, text[:600])
+check(
+    "study: what each joint flags",
+    "joint3: Region 1 (contact surfaces) flags 2 kg, cold; 5 kg, thermal. Region 2 (lubricant) flags nothing." in text
+    and "joint5: Region 1 (contact surfaces) flags 5 kg, thermal." in text,
+    text[:600],
+)
 check("study: faults named", re.search(r"faults named\s+1 of 2", text), text[:600])
-check("study: confusion", len(re.findall(r"^wear, 0\.1\t87\.5 %\t.*\t12\.5 %$", text, re.M)) == 2, re.findall("^wear.*", text, re.M))
+check(
+    "study: confusion",
+    len(re.findall(r"^wear, 0\.1\t87\.5 %\t.*\t12\.5 %$", text, re.M)) == 2,
+    re.findall("^wear.*", text, re.M),
+)
 with open(page) as f:
     drawing = re.search(r'<svg[^>]*aria-label="joint3: ROC of wear.*?</svg>', f.read(), re.S)
-dashes = set(re.findall(r"stroke-dasharray='[^']*'|stroke-dasharray=\"[^\"]*\"", drawing.group(0))) if drawing else set()
-check("study: severities are told apart by dashes", len(dashes) >= 2 and all(s in drawing.group(0) for s in ("no fault", "0.05", "0.1")), dashes)
+dashes = (
+    set(re.findall(r"stroke-dasharray='[^']*'|stroke-dasharray=\"[^\"]*\"", drawing.group(0))) if drawing else set()
+)
+check(
+    "study: severities are told apart by dashes",
+    len(dashes) >= 2 and all(s in drawing.group(0) for s in ("no fault", "0.05", "0.1")),
+    dashes,
+)
 
 os.remove(page)
 for name, path, value, says in (
     ("no joints", (), {}, "must be a mapping that is not empty"),
     ("no JSON", (), "{", "is no JSON"),
-    ("a key is missing", ("joint3", "observations", 1), {"curve": 12, "temperature_degC": 27}, "joint3: observations 2: has no 'features'"),
-    ("a number is none", ("joint5", "learned", 0, "features", "Vs"), "fast", "joint5: learned 1: features: Vs: must be a number"),
+    (
+        "a key is missing",
+        ("joint3", "observations", 1),
+        {"curve": 12, "temperature_degC": 27},
+        "joint3: observations 2: has no 'features'",
+    ),
+    (
+        "a number is none",
+        ("joint5", "learned", 0, "features", "Vs"),
+        "fast",
+        "joint5: learned 1: features: Vs: must be a number",
+    ),
     ("no such curve", ("joint3", "learned", 2, "curve"), 99, "joint3/curves.csv has no curve 99"),
     ("too few learned", ("joint5", "learned"), [], "joint5: learned: must be a list of at least 8"),
     ("no such fault", ("joint3", "power", 0, "fault"), "waer", "joint3: power 1: fault: is no fault of the twin"),
@@ -139,16 +253,35 @@ for name, path, value, says in (
     at[("all", *path)[-1]] = value
     keep(wrong["all"])
     r = run(report, "study", "study", "--quiet")
-    check(f"study, {name}: refused", r.returncode == 2 and "study/diagnosis.json" in r.stderr and says in r.stderr and r.stderr.count("\n") == 1 and not os.path.exists(page), (r.returncode, r.stderr))
+    check(
+        f"study, {name}: refused",
+        r.returncode == 2
+        and "study/diagnosis.json" in r.stderr
+        and says in r.stderr
+        and r.stderr.count("\n") == 1
+        and not os.path.exists(page),
+        (r.returncode, r.stderr),
+    )
 keep({"joint5": {key: value for key, value in whole["joint5"].items() if key != "power"}})
 r = run(report, "study", "study", "-o", "undrawn.html", "--png", "--quiet")
 figures = os.listdir(os.path.join(work, "undrawn_figures")) if r.returncode == 0 else []
-check("study without drawn curves: no ROC, the rest as files", len(figures) == 14 and not any("roc" in name for name in figures), (r.stderr, figures))
+check(
+    "study without drawn curves: no ROC, the rest as files",
+    len(figures) == 14 and not any("roc" in name for name in figures),
+    (r.stderr, figures),
+)
 keep(whole)
 os.remove(os.path.join(work, "study", "joint5", "curves.csv"))
-for name, folder, says in (("no curves", "study", "study/joint5/curves.csv"), ("no folder", "nowhere", "nowhere/diagnosis.json")):
+for name, folder, says in (
+    ("no curves", "study", "study/joint5/curves.csv"),
+    ("no folder", "nowhere", "nowhere/diagnosis.json"),
+):
     r = run(report, "study", folder, "--quiet")
-    check(f"study, {name}: refused", r.returncode == 2 and says in r.stderr and r.stderr.count("\n") == 1, (r.returncode, r.stderr))
+    check(
+        f"study, {name}: refused",
+        r.returncode == 2 and says in r.stderr and r.stderr.count("\n") == 1,
+        (r.returncode, r.stderr),
+    )
 
 print(f"{len(failures)} failed: {failures}" if failures else "all passed")
 sys.exit(bool(failures))

@@ -16,7 +16,15 @@ failures = []
 def run(program, *arguments, **options):
     # A report is made again and again here; that nothing is replaced unasked is tested in tests/programs.
     again = ["--force"] if program == report and "--help" not in arguments else []
-    return subprocess.run([program, *arguments, *again], capture_output=True, text=True, errors="replace", timeout=300, cwd=work, **options)
+    return subprocess.run(
+        [program, *arguments, *again],
+        capture_output=True,
+        text=True,
+        errors="replace",
+        timeout=300,
+        cwd=work,
+        **options,
+    )
 
 
 def check(name, condition, detail=""):
@@ -27,7 +35,11 @@ def check(name, condition, detail=""):
 
 def refused(name, code, *arguments, says=(), **options):
     r = run(report, *arguments, **options)
-    check(name, r.returncode == code and all(s in r.stderr for s in says) and r.stdout == "", (r.returncode, r.stdout, r.stderr))
+    check(
+        name,
+        r.returncode == code and all(s in r.stderr for s in says) and r.stdout == "",
+        (r.returncode, r.stdout, r.stderr),
+    )
 
 
 def path(name):
@@ -45,21 +57,48 @@ check_page = Browser(work, check).check_page
 r = run(twin, "run", "irb6620_warmup", "-o", "warmup", "--set", "duration_s=1200", "--quiet")
 check("the run works", r.returncode == 0, r.stderr)
 r = run(report, "warmup", "--png", "--pdf")
-check("report of a run", r.returncode == 0 and r.stderr == "" and r.stdout.splitlines() == ["warmup/report_figures/ (19 figures)", "warmup/report.html"], (r.returncode, r.stdout, r.stderr))
+check(
+    "report of a run",
+    r.returncode == 0
+    and r.stderr == ""
+    and r.stdout.splitlines() == ["warmup/report_figures/ (19 figures)", "warmup/report.html"],
+    (r.returncode, r.stdout, r.stderr),
+)
 page = content("warmup/report.html")
 m = check_page("report", path("warmup/report.html"), 3, 8)
 summary = json.loads(content("warmup/summary.json"))
 hot = max(summary["joints"], key=lambda j: j["temperature_degC"]["max"])
 if m:
-    for what in (f"{hot['temperature_degC']['max']:.1f} °C", "joint2", "MuJoCo " + summary["engine"]["version"], "seed", "Stood still: joint1", "tribotwin run warmup/scenario.yaml -o warmup_again",
-                 "tribotwin-report warmup --png --pdf", "motion:", "Law 'extended'", *summary["warnings"]):
+    for what in (
+        f"{hot['temperature_degC']['max']:.1f} °C",
+        "joint2",
+        "MuJoCo " + summary["engine"]["version"],
+        "seed",
+        "Stood still: joint1",
+        "tribotwin run warmup/scenario.yaml -o warmup_again",
+        "tribotwin-report warmup --png --pdf",
+        "motion:",
+        "Law 'extended'",
+        *summary["warnings"],
+    ):
         check(f"the page says {what[:50]!r}", what in m["text"])
 check("nothing is fetched", not re.search(r'(src|href)="(?!data:|#)', page) and "@import" not in page)
 figures = sorted(os.listdir(path("warmup/report_figures")))
-check("figures are PNG and PDF files", all(content("warmup/report_figures/" + f, "rb")[:4] == (b"%PDF" if f.endswith("pdf") else b"\x89PNG") for f in figures) and sum(f.endswith("pdf") for f in figures) == 8, figures)
+check(
+    "figures are PNG and PDF files",
+    all(
+        content("warmup/report_figures/" + f, "rb")[:4] == (b"%PDF" if f.endswith("pdf") else b"\x89PNG")
+        for f in figures
+    )
+    and sum(f.endswith("pdf") for f in figures) == 8,
+    figures,
+)
 first = hashlib.sha256(page.encode()).hexdigest()
 run(report, "warmup", "--png", "--pdf")
-check("two processes make the same page, pixels included", hashlib.sha256(content("warmup/report.html").encode()).hexdigest() == first)
+check(
+    "two processes make the same page, pixels included",
+    hashlib.sha256(content("warmup/report.html").encode()).hexdigest() == first,
+)
 check("nothing half-written is left", not glob.glob(work + "/**/*.partial", recursive=True))
 
 # Comparison.
@@ -68,13 +107,22 @@ r = run(report, "warmup", "warmup35", "-o", "both.html")
 check("report of two runs", r.returncode == 0 and r.stdout == "both.html\n", (r.returncode, r.stdout, r.stderr))
 m = check_page("comparison", path("both.html"), 6, 18)
 if m:
-    check("the comparison names both", "irb6620_warmup (warmup)" in m["text"] and "irb6620_warmup (warmup35)" in m["text"] and "highest temperature" in m["text"])
+    check(
+        "the comparison names both",
+        "irb6620_warmup (warmup)" in m["text"]
+        and "irb6620_warmup (warmup35)" in m["text"]
+        and "highest temperature" in m["text"],
+    )
 
 
 # Scenarios that vary, of a drive behind a transmission; poses are left out where they are not looked at.
 def varied(scenario, folder, runs, duration_s):
     """The shipped scenario with a shorter list of runs."""
-    text = content(os.path.join(source, "twin", "scenarios", scenario + ".yaml")).split("vary:")[0].replace("../../mjcf", os.path.join(source, "mjcf"))
+    text = (
+        content(os.path.join(source, "twin", "scenarios", scenario + ".yaml"))
+        .split("vary:")[0]
+        .replace("../../mjcf", os.path.join(source, "mjcf"))
+    )
     with open(path(scenario + ".yaml"), "w") as f:
         f.write(text + "vary: " + json.dumps(runs) + "\n")
     r = run(twin, "run", scenario + ".yaml", "-o", folder, "--set", f"duration_s={duration_s}", "--quiet")
@@ -94,40 +142,81 @@ def drawn(page, title):
     curves = {}
     for part in re.split(r'id="[^"]*gnuplot_plot_\d+"', svg)[1:]:
         label = re.search(r"<text>(.*?)</text>", part).group(1)
-        points = re.search(r' d="(.*?)"', part, re.S).group(1).split("M")[2:]   # the first is the key's
-        curves[label] = np.array([[float(v) for v in p.split(",")] for p in re.findall(r"[-\d.]+,[-\d.]+", " ".join(points))])
+        points = re.search(r' d="(.*?)"', part, re.S).group(1).split("M")[2:]  # the first is the key's
+        curves[label] = np.array(
+            [[float(v) for v in p.split(",")] for p in re.findall(r"[-\d.]+,[-\d.]+", " ".join(points))]
+        )
     return curves
 
 
 def recorded(folder):
     with h5py.File(path(folder + "/telemetry.h5")) as f:
-        return {"time": f["time_s"][:], **{name: f["motor"][name][:] for name in ("torsion_rad", "transmission_torque_nm", "arm_position_rad", "arm_set_point_rad")}}
+        return {
+            "time": f["time_s"][:],
+            **{
+                name: f["motor"][name][:]
+                for name in ("torsion_rad", "transmission_torque_nm", "arm_position_rad", "arm_set_point_rad")
+            },
+        }
 
 
-varied("rh380n_tracking", "tracking", [{"temperature_degC": [20], "control.compensation": ["none", "proposed"]}, {"temperature_degC": [35], "control.compensation": ["none"]}], 18)
+varied(
+    "rh380n_tracking",
+    "tracking",
+    [
+        {"temperature_degC": [20], "control.compensation": ["none", "proposed"]},
+        {"temperature_degC": [35], "control.compensation": ["none"]},
+    ],
+    18,
+)
 r = run(report, "tracking/20_proposed", "-o", "followed.html")
 check("report of a drive behind a transmission", r.returncode == 0 and r.stderr == "", (r.returncode, r.stderr))
 m = check_page("transmission", path("followed.html"), 3, 6)
 entry = json.loads(content("tracking/20_proposed/summary.json"))["tracking"][0]
 if m:
-    for what in ("motor: torque over torsion", "motor: arm and set point", "motor: tracking error", f"proposed\t{entry['l1_mrad']:.4f}"):
+    for what in (
+        "motor: torque over torsion",
+        "motor: arm and set point",
+        "motor: tracking error",
+        f"proposed\t{entry['l1_mrad']:.4f}",
+    ):
         check(f"transmission: the page says {what!r}", what in m["text"])
 without_poses("tracking")
 r = run(report, "tracking")
-check("the folder of a scenario that varied is the comparison of its runs", r.returncode == 0 and r.stdout == "tracking/report.html\n", (r.returncode, r.stdout, r.stderr))
+check(
+    "the folder of a scenario that varied is the comparison of its runs",
+    r.returncode == 0 and r.stdout == "tracking/report.html\n",
+    (r.returncode, r.stdout, r.stderr),
+)
 m = check_page("varied", path("tracking/report.html"), 0, 5 + 3 * 5)
 summary = json.loads(content("tracking/summary.json"))
 if m:
-    check("varied: title and settings", m["title"] == "rh380n_tracking: 3 runs compared" and "temperature_degC=20, control.compensation=proposed" in m["text"], m["title"])
+    check(
+        "varied: title and settings",
+        m["title"] == "rh380n_tracking: 3 runs compared"
+        and "temperature_degC=20, control.compensation=proposed" in m["text"],
+        m["title"],
+    )
     for of, e in zip(summary["runs"], summary["tracking"]):
         row = f"{of['folder']}\t{e['temperature_degC']:.1f}\t{e['compensation']}\t{e['l1_mrad']:.4f}\t{e['standstill_pp_mrad']:.4f}"
         check("varied: the table has " + row.replace("\t", " "), row in m["text"], m["text"][:3000])
 page = content("tracking/report.html")
 cold = drawn(page, "Tracking error from 20.0 °C")
-check("errors from one temperature are in one figure", list(cold) == ["20_none", "20_proposed"] and list(drawn(page, "Tracking error from 35.0 °C")) == ["35_none"], list(cold))
+check(
+    "errors from one temperature are in one figure",
+    list(cold) == ["20_none", "20_proposed"] and list(drawn(page, "Tracking error from 35.0 °C")) == ["35_none"],
+    list(cold),
+)
 heights = {name: np.ptp(points[:, 1]) for name, points in cold.items()}
-spans = {name: np.ptp(recorded("tracking/" + name)["arm_set_point_rad"] - recorded("tracking/" + name)["arm_position_rad"]) for name in cold}
-check("the errors are drawn with their peaks, to one scale", abs(heights["20_none"] / heights["20_proposed"] / (spans["20_none"] / spans["20_proposed"]) - 1) < 0.01, (heights, spans))
+spans = {
+    name: np.ptp(recorded("tracking/" + name)["arm_set_point_rad"] - recorded("tracking/" + name)["arm_position_rad"])
+    for name in cold
+}
+check(
+    "the errors are drawn with their peaks, to one scale",
+    abs(heights["20_none"] / heights["20_proposed"] / (spans["20_none"] / spans["20_proposed"]) - 1) < 0.01,
+    (heights, spans),
+)
 
 varied("rh380n_hysteresis", "hysteresis", [{"temperature_degC": [20, 50]}], 3)
 without_poses("hysteresis")
@@ -135,14 +224,22 @@ r = run(report, "hysteresis")
 check("report of hysteresis", r.returncode == 0, r.stderr)
 page = content("hysteresis/report.html")
 loops = drawn(page, "Torque over torsion")
-check("a set point at rest has no tracking error", list(loops) == ["20", "50"] and "racking error" not in page, list(loops))
+check(
+    "a set point at rest has no tracking error",
+    list(loops) == ["20", "50"] and "racking error" not in page,
+    list(loops),
+)
 widths = {}
 for name, points in loops.items():
     of = recorded("hysteresis/" + name)
-    torsion = of["torsion_rad"][of["time"] >= of["time"][-1] - 1 / 0.5 - 1e-9]   # the last period at 0.5 Hz
+    torsion = of["torsion_rad"][of["time"] >= of["time"][-1] - 1 / 0.5 - 1e-9]  # the last period at 0.5 Hz
     widths[name] = np.ptp(points[:, 0]) / np.ptp(torsion)
     expected = points[:, 0].min() + (torsion[[0, -1]] - torsion.min()) * widths[name]
-    check(f"loop {name}: the last period, from its beginning to its end", np.abs(points[[0, -1], 0] - expected).max() < 1, (points[[0, -1], 0], expected))
+    check(
+        f"loop {name}: the last period, from its beginning to its end",
+        np.abs(points[[0, -1], 0] - expected).max() < 1,
+        (points[[0, -1], 0], expected),
+    )
 check("loops are drawn to one scale", abs(widths["20"] / widths["50"] - 1) < 0.01, widths)
 
 os.makedirs(path("odd_runs"))
@@ -158,7 +255,19 @@ refused("a run that is gone", 2, "odd_runs", says=["odd_runs/away: is no folder 
 model = os.path.join(source, "mjcf", "irb6620.xml")
 hashes = set()
 for _ in range(2):
-    r = run(report, "pose", model, "--pose", "joint2=0.6", "--temperature", "joint2=72", "--size", "320x240", "-o", "pose.png")
+    r = run(
+        report,
+        "pose",
+        model,
+        "--pose",
+        "joint2=0.6",
+        "--temperature",
+        "joint2=72",
+        "--size",
+        "320x240",
+        "-o",
+        "pose.png",
+    )
     check("pose of a model", r.returncode == 0 and r.stdout == "pose.png\n", r.stderr)
     hashes.add(hashlib.sha256(content("pose.png", "rb")).hexdigest())
 check("two processes draw the same pixels", len(hashes) == 1)
@@ -167,14 +276,44 @@ check("pose of a run", r.returncode == 0 and content("run.png", "rb").startswith
 for over in ("temperature", "load", "surface"):
     r = run(report, "curve", model, "--joint", "joint2", "--over", over, "-o", over + ".svg")
     check("curve over " + over, r.returncode == 0 and "joint2: law 'extended'" in content(over + ".svg"), r.stderr)
-run(twin, "curve", model, "--joint", "joint2", "--experiment", "--noise", "20", "--speeds", "10:250:4", "--temperature", "50", "--csv", "points.csv", "--quiet")
+run(
+    twin,
+    "curve",
+    model,
+    "--joint",
+    "joint2",
+    "--experiment",
+    "--noise",
+    "20",
+    "--speeds",
+    "10:250:4",
+    "--temperature",
+    "50",
+    "--csv",
+    "points.csv",
+    "--quiet",
+)
 r = run(report, "curve", model, "--joint", "joint2", "--points", "points.csv", "-o", "points.pdf")
 check("curve with measured points", r.returncode == 0 and content("points.pdf", "rb").startswith(b"%PDF"), r.stderr)
 r = run(report, "sheet", "warmup", "--count", "4", "--size", "160x120", "-o", "sheet.png")
 check("contact sheet", r.returncode == 0 and content("sheet.png", "rb").startswith(b"\x89PNG"), r.stderr)
 r = run(report, "video", "warmup", "--seconds", "0.4", "--size", "160x121", "-o", "film.mp4")
 check("film", r.returncode == 0, r.stderr)
-r = subprocess.run(["ffprobe", "-v", "error", "-count_frames", "-show_entries", "stream=width,height,nb_read_frames", "-of", "csv=p=0", path("film.mp4")], capture_output=True, text=True)
+r = subprocess.run(
+    [
+        "ffprobe",
+        "-v",
+        "error",
+        "-count_frames",
+        "-show_entries",
+        "stream=width,height,nb_read_frames",
+        "-of",
+        "csv=p=0",
+        path("film.mp4"),
+    ],
+    capture_output=True,
+    text=True,
+)
 check("the film has its frames", r.stdout.strip() == "160,122,10", (r.stdout, r.stderr))
 
 # Names as bad as they get: of joint, folder, file and scenario. A file "pwned" would show that one was executed.
@@ -182,11 +321,23 @@ name = "j'1\" `touch pwned` $(touch pwned) <script>document.title='pwned'</scrip
 escaped = html.escape(name).replace("\n", "&#10;")
 folder = "odd 'name' \"`touch pwned`\" <b>;ü"
 os.mkdir(path(folder))
-mjcf = content(os.path.join(source, "mjcf", "xl330_pendulum.xml")).replace('"hinge"', '"' + escaped + '"').replace('"scene.xml"', '"' + os.path.join(source, "mjcf", "scene.xml") + '"')
+mjcf = (
+    content(os.path.join(source, "mjcf", "xl330_pendulum.xml"))
+    .replace('"hinge"', '"' + escaped + '"')
+    .replace('"scene.xml"', '"' + os.path.join(source, "mjcf", "scene.xml") + '"')
+)
 with open(path(folder) + "/odd.xml", "w") as f:
     f.write(mjcf)
-scenario = {"name": "<script>document.title='pwned'<b> `touch pwned` 'x' \"y\"", "description": "a\n<script>document.title='pwned'</script> <img src=x onerror=alert(1)> </style></pre> ]]> ü", "model": "odd.xml", "duration_s": 6, "ambient_degC": 25,
-            "motion": {"type": "cycle", "waypoints": [{"position_rad": {name: -0.5}}, {"position_rad": {name: 0.9}}]}, "control": {"type": "servo"}, "telemetry_rate_hz": 50}
+scenario = {
+    "name": "<script>document.title='pwned'<b> `touch pwned` 'x' \"y\"",
+    "description": "a\n<script>document.title='pwned'</script> <img src=x onerror=alert(1)> </style></pre> ]]> ü",
+    "model": "odd.xml",
+    "duration_s": 6,
+    "ambient_degC": 25,
+    "motion": {"type": "cycle", "waypoints": [{"position_rad": {name: -0.5}}, {"position_rad": {name: 0.9}}]},
+    "control": {"type": "servo"},
+    "telemetry_rate_hz": 50,
+}
 with open(path(folder) + "/odd.yaml", "w") as f:
     json.dump(scenario, f)
 r = run(twin, "run", folder + "/odd.yaml", "-o", folder + "/run `x`", "--quiet")
@@ -198,13 +349,35 @@ if m:
     shown = name.replace("\n", " ")
     flat = re.sub(r"\s+", " ", m["text"])
     check("the joint's name is shown as it is", shown in flat, flat[:2000])
-    check("the scenario's name is shown as it is", m["title"] == scenario["name"] and scenario["name"] in m["text"], m["title"])
+    check(
+        "the scenario's name is shown as it is",
+        m["title"] == scenario["name"] and scenario["name"] in m["text"],
+        m["title"],
+    )
     command = re.search(r"tribotwin-report .*odd\.html' --png", m["text"])
     check("the command is quoted for the shell", command is not None)
     if command:
-        words = subprocess.run(["bash", "-c", "printf '%s\\n' " + command.group(0)], capture_output=True, text=True, cwd=work).stdout.splitlines()
-        check("the shell reads it back", words == ["tribotwin-report", folder + "/run `x`", "-o", folder + "/odd.html", "--png"], words)
-r = run(report, "pose", folder + "/odd.xml", "--pose", name + "=0.4", "--temperature", name + "=40", "--size", "160x120", "-o", "odd.png")
+        words = subprocess.run(
+            ["bash", "-c", "printf '%s\\n' " + command.group(0)], capture_output=True, text=True, cwd=work
+        ).stdout.splitlines()
+        check(
+            "the shell reads it back",
+            words == ["tribotwin-report", folder + "/run `x`", "-o", folder + "/odd.html", "--png"],
+            words,
+        )
+r = run(
+    report,
+    "pose",
+    folder + "/odd.xml",
+    "--pose",
+    name + "=0.4",
+    "--temperature",
+    name + "=40",
+    "--size",
+    "160x120",
+    "-o",
+    "odd.png",
+)
 check("a pose with odd names", r.returncode == 0, r.stderr)
 r = run(report, "curve", folder + "/odd.xml", "--joint", name, "-o", "odd.svg")
 check("a curve with odd names", r.returncode == 0 and "<script" not in content("odd.svg"), r.stderr)
@@ -217,7 +390,17 @@ os.mkdir(path("empty"))
 refused("empty folder", 2, "empty", says=["empty/telemetry.h5: does not exist"])
 refused("no folder for the page", 2, "warmup", "-o", "no/where.html", says=["there is no folder no"])
 refused("unwritable page", 1, "warmup", "-o", "/proc/report.html", says=["/proc/report.html: cannot be written"])
-refused("unwritable picture", 1, "pose", model, "--size", "64x64", "-o", "/proc/x.png", says=["/proc/x.png: cannot be written"])
+refused(
+    "unwritable picture",
+    1,
+    "pose",
+    model,
+    "--size",
+    "64x64",
+    "-o",
+    "/proc/x.png",
+    says=["/proc/x.png: cannot be written"],
+)
 refused("size too large", 2, "pose", model, "--size", "9000x100", says=["each side must be 16 to 8192"])
 refused("size nonsense", 2, "pose", model, "--size", "large", says=["WIDTHxHEIGHT"])
 refused("no such camera", 2, "pose", model, "--camera", "side", says=["overview"])
@@ -235,34 +418,69 @@ refused("curve of no joint", 2, "curve", model, "--joint", "joint7", says=["join
 refused("points that are none", 2, "curve", model, "--joint", "joint2", "--points", model, says=["irb6620.xml:"])
 with open(path("bad.csv"), "w") as f:
     f.write("speed_rad_s,load_norm,temperature_degC,friction_nm\n1,0,50,3\n2,0,50,x\n")
-refused("a point that is no number", 2, "curve", model, "--joint", "joint2", "--points", "bad.csv", says=["bad.csv:3: column 'friction_nm' is 'x'"])
-refused("several loads over temperature", 2, "curve", model, "--joint", "joint2", "--load", "0", "0.5", says=["one load"])
+refused(
+    "a point that is no number",
+    2,
+    "curve",
+    model,
+    "--joint",
+    "joint2",
+    "--points",
+    "bad.csv",
+    says=["bad.csv:3: column 'friction_nm' is 'x'"],
+)
+refused(
+    "several loads over temperature", 2, "curve", model, "--joint", "joint2", "--load", "0", "0.5", says=["one load"]
+)
 
 # Helpers that are not there.
 os.mkdir(path("bin"))
 for tool in ("gnuplot", "ffmpeg"):
     os.symlink(shutil.which(tool), path("bin/" + tool))
-for tool, package, arguments in (("gnuplot", "gnuplot-nox", ["warmup", "-o", "x.html"]), ("gnuplot", "gnuplot-nox", ["curve", model, "--joint", "joint2", "-o", "x.svg"]),
-                                 ("ffmpeg", "ffmpeg", ["video", "warmup", "--seconds", "0.1", "--size", "64x64", "-o", "x.mp4"])):
+for tool, package, arguments in (
+    ("gnuplot", "gnuplot-nox", ["warmup", "-o", "x.html"]),
+    ("gnuplot", "gnuplot-nox", ["curve", model, "--joint", "joint2", "-o", "x.svg"]),
+    ("ffmpeg", "ffmpeg", ["video", "warmup", "--seconds", "0.1", "--size", "64x64", "-o", "x.mp4"]),
+):
     os.rename(path("bin/" + tool), path("bin/away"))
-    refused(f"no {tool} for {arguments[0]}", 1, *arguments, says=[f"{tool} is not installed; on Debian: apt-get install {package}"], env={**os.environ, "PATH": path("bin")})
+    refused(
+        f"no {tool} for {arguments[0]}",
+        1,
+        *arguments,
+        says=[f"{tool} is not installed; on Debian: apt-get install {package}"],
+        env={**os.environ, "PATH": path("bin")},
+    )
     os.rename(path("bin/away"), path("bin/" + tool))
 with open(path("bin/broken"), "w") as f:
     f.write("#!/bin/sh\necho 'out of ink' >&2\nexit 3\n")
 os.chmod(path("bin/broken"), 0o755)
-for tool, arguments in (("gnuplot", ["curve", model, "--joint", "joint2", "-o", "x.svg"]), ("ffmpeg", ["video", "warmup", "--seconds", "1", "--size", "64x64", "-o", "x.mp4"])):
+for tool, arguments in (
+    ("gnuplot", ["curve", model, "--joint", "joint2", "-o", "x.svg"]),
+    ("ffmpeg", ["video", "warmup", "--seconds", "1", "--size", "64x64", "-o", "x.mp4"]),
+):
     os.rename(path("bin/" + tool), path("bin/away"))
     os.symlink(path("bin/broken"), path("bin/" + tool))
-    refused(f"a {tool} that fails", 1, *arguments, says=[f"{tool} ended with exit code 3: out of ink"], env={**os.environ, "PATH": path("bin") + ":/bin:/usr/bin"})
+    refused(
+        f"a {tool} that fails",
+        1,
+        *arguments,
+        says=[f"{tool} ended with exit code 3: out of ink"],
+        env={**os.environ, "PATH": path("bin") + ":/bin:/usr/bin"},
+    )
     os.remove(path("bin/" + tool))
     os.rename(path("bin/away"), path("bin/" + tool))
 check("nothing is left of what failed", not glob.glob(work + "/x.*"), glob.glob(work + "/x.*"))
+
 
 # Runs that are not whole.
 def partial(name, *, says, code=0):
     r = run(report, name, "-o", name + ".html")
     text = content(name + ".html") if r.returncode == 0 else ""
-    check(name + ": a partial report that says so", r.returncode == code and all(s in r.stderr and html.escape(s, quote=False) in text for s in says), (r.returncode, r.stderr))
+    check(
+        name + ": a partial report that says so",
+        r.returncode == code and all(s in r.stderr and html.escape(s, quote=False) in text for s in says),
+        (r.returncode, r.stderr),
+    )
 
 
 shutil.copytree(path("warmup"), path("no_summary"))
@@ -296,7 +514,10 @@ partial("gone", says=["gone/telemetry.h5: does not exist"])
 # A run that is still being written, and one that was killed.
 process = subprocess.Popen([twin, "run", "irb6620_hold", "-o", "growing", "--realtime", "--quiet"], cwd=work)
 deadline = time.time() + 30
-while time.time() < deadline and not (os.path.exists(path("growing/telemetry.h5")) and run(report, "pose", "growing", "--size", "64x64", "-o", "now.png").returncode == 0):
+while time.time() < deadline and not (
+    os.path.exists(path("growing/telemetry.h5"))
+    and run(report, "pose", "growing", "--size", "64x64", "-o", "now.png").returncode == 0
+):
     time.sleep(0.5)
 partial("growing", says=["This run has not finished"])
 process.send_signal(signal.SIGKILL)
@@ -306,7 +527,10 @@ partial("growing", says=["This run has not finished"])
 # A record that its model does not fit.
 shutil.copytree(path("warmup"), path("other_model"))
 with open(path("other_model/scenario.yaml"), "w") as f:
-    f.write("name: other\nmodel: %s\nduration_s: 1\ncontrol: {type: torque}\n" % os.path.join(source, "mjcf", "xl330_pendulum.xml"))
+    f.write(
+        "name: other\nmodel: %s\nduration_s: 1\ncontrol: {type: torque}\n"
+        % os.path.join(source, "mjcf", "xl330_pendulum.xml")
+    )
 r = run(report, "other_model")
 check("a model that is not the record's does no harm", r.returncode == 0, r.stderr)
 
@@ -324,13 +548,21 @@ os.symlink(path("warmup"), path("runs/irb6620_warmup"))
 os.symlink(os.path.join(source, "mjcf"), path("mjcf"))
 for command in ([], ["pose"], ["curve"], ["sheet"], ["video"]):
     text = run(report, *command, "--help").stdout
-    example = text[text.index("Example:"):].splitlines()[1].split()
+    example = text[text.index("Example:") :].splitlines()[1].split()
     r = run(report, *example[1:])
-    check("example of --help: " + " ".join(example), example[0] == "tribotwin-report" and r.returncode == 0, (r.stdout, r.stderr))
+    check(
+        "example of --help: " + " ".join(example),
+        example[0] == "tribotwin-report" and r.returncode == 0,
+        (r.stdout, r.stderr),
+    )
 
 # No display libraries.
 linked = subprocess.run(["ldd", report], capture_output=True, text=True).stdout
-check("linked to OSMesa, neither to libGL nor libEGL", "libOSMesa" in linked and not re.search(r"lib(GL|EGL|GLX|OpenGL)\.so", linked), linked)
+check(
+    "linked to OSMesa, neither to libGL nor libEGL",
+    "libOSMesa" in linked and not re.search(r"lib(GL|EGL|GLX|OpenGL)\.so", linked),
+    linked,
+)
 
 shutil.rmtree(work)
 print(f"{len(failures)} failed" if failures else "all passed")

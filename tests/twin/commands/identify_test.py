@@ -21,7 +21,13 @@ def check(name, condition, detail=""):
 
 
 def law(p, v, l, T):
-    return p[0] + p[1] * l + p[4] * l * np.exp(-np.abs(v / p[7]) ** p[8]) + (p[2] + p[3] * T) * np.exp(-np.abs(v / (p[5] + p[6] * T)) ** p[8]) + (p[9] + p[10] * np.exp(-T / p[11])) * v
+    return (
+        p[0]
+        + p[1] * l
+        + p[4] * l * np.exp(-np.abs(v / p[7]) ** p[8])
+        + (p[2] + p[3] * T) * np.exp(-np.abs(v / (p[5] + p[6] * T)) ** p[8])
+        + (p[9] + p[10] * np.exp(-T / p[11])) * v
+    )
 
 
 def write(name, header, *columns, fmt="%.12g"):
@@ -41,12 +47,20 @@ def identify(*arguments):
 
 def refused(name, *arguments, says, code=2):
     r = run("identify", *arguments)
-    check(name, r.returncode == code and says in r.stderr and r.stdout == "" and len(r.stderr.strip().splitlines()) == 1, (r.returncode, r.stdout[:200], r.stderr))
+    check(
+        name,
+        r.returncode == code and says in r.stderr and r.stdout == "" and len(r.stderr.strip().splitlines()) == 1,
+        (r.returncode, r.stdout[:200], r.stderr),
+    )
 
 
 HEADER = "speed_rad_s,load_norm,temperature_degC,friction_norm"
 curves = 484
-v, l, T = np.tile(1.5 * (280 / 1.5) ** (np.arange(12) / 11), curves), random.uniform(0, 0.73, curves).repeat(12), random.uniform(38, 81.2, curves).repeat(12)
+v, l, T = (
+    np.tile(1.5 * (280 / 1.5) ** (np.arange(12) / 11), curves),
+    random.uniform(0, 0.73, curves).repeat(12),
+    random.uniform(38, 81.2, curves).repeat(12),
+)
 y = law(P, v, l, T) + random.normal(0, 4.23e-3, v.size)
 full = write("full.csv", HEADER, v, l, T, y)
 
@@ -56,77 +70,166 @@ judge = least_squares(lambda p: law(p, v, l, T) - y, P, x_scale="jac", ftol=1e-1
 sigma = np.sqrt(np.diag(np.linalg.inv(judge.jac.T @ judge.jac)) * 2 * judge.cost / (v.size - 12))
 values, sigmas = (np.array([ours["parameters"][n][k] for n in NAMES]) for k in ("value", "sigma"))
 check("the cost is scipy's", abs(ours["cost"] / (2 * judge.cost) - 1) < 1e-9, (ours["cost"], 2 * judge.cost))
-check("values within a hundredth of a sigma of scipy's", np.all(np.abs(values - judge.x) < 0.01 * sigma), (values - judge.x) / sigma)
+check(
+    "values within a hundredth of a sigma of scipy's",
+    np.all(np.abs(values - judge.x) < 0.01 * sigma),
+    (values - judge.x) / sigma,
+)
 check("sigmas are scipy's", np.allclose(sigmas, sigma, rtol=2e-3), sigmas / sigma)
 correlation = np.linalg.inv(judge.jac.T @ judge.jac)
 correlation /= np.sqrt(np.outer(np.diag(correlation), np.diag(correlation)))
-check("correlations are scipy's", np.allclose([[ours["correlation"][a][b] for b in NAMES] for a in NAMES], correlation, atol=2e-3))
+check(
+    "correlations are scipy's",
+    np.allclose([[ours["correlation"][a][b] for b in NAMES] for a in NAMES], correlation, atol=2e-3),
+)
 residual = y - law(values, v, l, T)
-check("residual statistics", np.allclose([ours["residual"][k] for k in ("mean", "std", "max_abs")], [residual.mean(), residual.std(), abs(residual).max()], atol=1e-9), ours["residual"])
-check("keys of the contract", {"law", "parameters", "residual", "samples", "unidentifiable"} <= set(ours) and ours["samples"] == v.size and ours["unidentifiable"] == [] and ours["law"] == "extended")
+check(
+    "residual statistics",
+    np.allclose(
+        [ours["residual"][k] for k in ("mean", "std", "max_abs")],
+        [residual.mean(), residual.std(), abs(residual).max()],
+        atol=1e-9,
+    ),
+    ours["residual"],
+)
+check(
+    "keys of the contract",
+    {"law", "parameters", "residual", "samples", "unidentifiable"} <= set(ours)
+    and ours["samples"] == v.size
+    and ours["unidentifiable"] == []
+    and ours["law"] == "extended",
+)
 
 # ---- Files: PARAMS.yaml feeds curve and export.
 r = run("identify", full, "--law", "extended", "--tau-max", 7500, "--gear-ratio", 178, "-o", "params.yaml")
-check("a table and a file", r.returncode == 0 and "condition number" in r.stdout and os.path.exists(work + "/params.yaml"), r.stderr)
+check(
+    "a table and a file",
+    r.returncode == 0 and "condition number" in r.stdout and os.path.exists(work + "/params.yaml"),
+    r.stderr,
+)
 r = run("curve", "params.yaml", "--temperature", 50, "--load", 0.3, "--speeds", "1:280:5")
 rows = np.loadtxt(r.stdout.splitlines()[1:], delimiter=",")
-check("curve reads it", np.allclose(rows[:, 3], law(values, rows[:, 0], 0.3, 50), atol=1e-9) and np.allclose(rows[:, 4], 7500 * rows[:, 3]), r.stderr)
+check(
+    "curve reads it",
+    np.allclose(rows[:, 3], law(values, rows[:, 0], 0.3, 50), atol=1e-9) and np.allclose(rows[:, 4], 7500 * rows[:, 3]),
+    r.stderr,
+)
 instance = run("export", "params.yaml", "--mjcf", "--name", "j2").stdout
 model = open(source + "/mjcf/irb6620.xml").read()
 begin = model.index('<instance name="j2">')
 with open(work + "/robot.xml", "w") as f:
-    f.write(model[:begin] + instance + model[model.index("</instance>", begin) + len("</instance>"):])
+    f.write(model[:begin] + instance + model[model.index("</instance>", begin) + len("</instance>") :])
 shutil.copy(source + "/mjcf/scene.xml", work)
 r = run("curve", "robot.xml", "--joint", "joint2", "--temperature", 50, "--load", 0.3, "--speeds", "1:280:5")
-check("export --mjcf is what a model loads", r.returncode == 0 and np.allclose(np.loadtxt(r.stdout.splitlines()[1:], delimiter=",")[:, 3], rows[:, 3]), r.stderr)
+check(
+    "export --mjcf is what a model loads",
+    r.returncode == 0 and np.allclose(np.loadtxt(r.stdout.splitlines()[1:], delimiter=",")[:, 3], rows[:, 3]),
+    r.stderr,
+)
 r = run("export", "params.yaml", "--csv")
 check("a PARAMS.yaml is no run", r.returncode == 2 and "telemetry.h5" in r.stderr, r.stderr)
 
 # ---- Options.
 fixed = identify("--fix", "alpha=1.36", "--fix", "TV0=20.71", full)
-check("--fix", fixed["parameters"]["alpha"] == dict(fixed["parameters"]["alpha"], value=1.36, sigma=None, status="fixed") and fixed["parameters"]["FvT"]["sigma"] < 0.3 * ours["parameters"]["FvT"]["sigma"], fixed["parameters"])
+check(
+    "--fix",
+    fixed["parameters"]["alpha"] == dict(fixed["parameters"]["alpha"], value=1.36, sigma=None, status="fixed")
+    and fixed["parameters"]["FvT"]["sigma"] < 0.3 * ours["parameters"]["FvT"]["sigma"],
+    fixed["parameters"],
+)
 several = identify("--law", "stribeck,load,extended", "--cross-validate", 4, full)["laws"]
-check("laws compared: the true one has the least held-out error and AICc", min(several, key=lambda f: f["held_out_rms"])["law"] == min(several, key=lambda f: f["aicc"])["law"] == "extended" and abs(several[2]["held_out_rms"] / 4.23e-3 - 1) < 0.05, [(f["law"], f["held_out_rms"], f["aicc"]) for f in several])
+check(
+    "laws compared: the true one has the least held-out error and AICc",
+    min(several, key=lambda f: f["held_out_rms"])["law"] == min(several, key=lambda f: f["aicc"])["law"] == "extended"
+    and abs(several[2]["held_out_rms"] / 4.23e-3 - 1) < 0.05,
+    [(f["law"], f["held_out_rms"], f["aicc"]) for f in several],
+)
 half = v.size // 2
-write("a.csv", HEADER, v[:half], l[:half], T[:half], y[:half]), write("b.csv", HEADER, v[half:], l[half:], T[half:], y[half:])
+write("a.csv", HEADER, v[:half], l[:half], T[:half], y[:half]), write(
+    "b.csv", HEADER, v[half:], l[half:], T[half:], y[half:]
+)
 check("two files are one", identify("a.csv", "b.csv")["cost"] == ours["cost"])
-nm = write("nm.csv", "speed_rad_s,load_norm,temperature_degC,friction_nm,stderr_nm", v, l, T, 7500 * y, np.full(v.size, 30.0))
-check("Nm and standard errors", np.isclose(identify("--tau-max", 7500, nm)["parameters"]["Fc0"]["value"], values[0], rtol=1e-6))
+nm = write(
+    "nm.csv", "speed_rad_s,load_norm,temperature_degC,friction_nm,stderr_nm", v, l, T, 7500 * y, np.full(v.size, 30.0)
+)
+check(
+    "Nm and standard errors",
+    np.isclose(identify("--tau-max", 7500, nm)["parameters"]["Fc0"]["value"], values[0], rtol=1e-6),
+)
 both = write("both.csv", HEADER, np.r_[v, -v], np.r_[l, -l], np.r_[T, T], np.r_[y, -y])
 check("both directions fold", np.isclose(identify(both)["parameters"]["Fc0"]["value"], values[0], rtol=1e-6))
 
 e = identify("--evaluate", "params.yaml", full)
-check("--evaluate: the residuals of the fit", np.isclose(e["residual"]["std"], ours["residual"]["std"], rtol=1e-9) and e["outside_range"] == 0, e)
-s = identify("--law", "stribeck", "--shared", "alpha", write("unloaded.csv", HEADER, v, zero(l), T, law(P, v, 0, T) + random.normal(0, 5e-4, v.size)))
+check(
+    "--evaluate: the residuals of the fit",
+    np.isclose(e["residual"]["std"], ours["residual"]["std"], rtol=1e-9) and e["outside_range"] == 0,
+    e,
+)
+s = identify(
+    "--law",
+    "stribeck",
+    "--shared",
+    "alpha",
+    write("unloaded.csv", HEADER, v, zero(l), T, law(P, v, 0, T) + random.normal(0, 5e-4, v.size)),
+)
 check("one exponent for all unloaded curves", abs(s["value"] - 1.36) < 0.02 and s["curves"] == curves, s)
 
 # ---- What the data cannot tell, and dirty data.
-check("one load", set(identify(write("l.csv", HEADER, v, zero(l) + 0.3, T, law(P, v, 0.3, T)))["unidentifiable"]) == {"Fcl", "Fsl", "vsl"})
-check("one temperature", set(identify(write("T.csv", HEADER, v, l, zero(T) + 50, law(P, v, l, 50)))["unidentifiable"]) == {"FsT", "vsT", "FvT", "TV0"})
-check("one speed", set(identify("--law", "stribeck", write("v.csv", HEADER, zero(v) + 20, l, T, law(P, 20, l, T)))["unidentifiable"]) == {"Fs", "Fv", "vs", "alpha"})
+check(
+    "one load",
+    set(identify(write("l.csv", HEADER, v, zero(l) + 0.3, T, law(P, v, 0.3, T)))["unidentifiable"])
+    == {"Fcl", "Fsl", "vsl"},
+)
+check(
+    "one temperature",
+    set(identify(write("T.csv", HEADER, v, l, zero(T) + 50, law(P, v, l, 50)))["unidentifiable"])
+    == {"FsT", "vsT", "FvT", "TV0"},
+)
+check(
+    "one speed",
+    set(identify("--law", "stribeck", write("v.csv", HEADER, zero(v) + 20, l, T, law(P, 20, l, T)))["unidentifiable"])
+    == {"Fs", "Fv", "vs", "alpha"},
+)
 refused("three points", write("three.csv", HEADER, v[:3], l[:3], T[:3], y[:3]), says="3 samples cannot tell", code=1)
 refused("all zero", write("zero.csv", HEADER, v, l, T, zero(v)), says="friction is 0 in every sample", code=1)
 dirty = y + np.where(random.uniform(size=v.size) < 0.2, 0.3 * random.uniform(size=v.size), 0)
 outliers = write("outliers.csv", HEADER, v, l, T, dirty)
 check("20 % outliers are said", any("outliers" in n for n in identify(outliers)["notes"]))
 robust = identify("--robust", "cauchy", outliers)
-check("and a robust loss forgets them", all(abs(robust["parameters"][n]["value"] - p) < 5 * robust["parameters"][n]["sigma"] for n, p in zip(NAMES, P)), robust["parameters"])
+check(
+    "and a robust loss forgets them",
+    all(abs(robust["parameters"][n]["value"] - p) < 5 * robust["parameters"][n]["sigma"] for n, p in zip(NAMES, P)),
+    robust["parameters"],
+)
 holes = y.copy()
 holes[::10] = np.nan
 some = identify(write("nan.csv", HEADER, v, l, T, holes))
-check("NaN rows are left out, counted", some["left_out"] == len(holes[::10]) and some["samples"] == v.size - some["left_out"], some["left_out"])
+check(
+    "NaN rows are left out, counted",
+    some["left_out"] == len(holes[::10]) and some["samples"] == v.size - some["left_out"],
+    some["left_out"],
+)
 r = run("identify", "nan.csv")
 check("and said", f"{len(holes[::10])} rows" in r.stderr and "line 2" in r.stderr, r.stderr)
 holes[::2] = np.nan
 refused("mostly NaN", write("nans.csv", HEADER, v, l, T, holes), says="hold no finite numbers")
-refused("swapped: speed and temperature", write("s1.csv", HEADER, T, l, v, y), says="temperature_degC goes from 1.5 to 280")
+refused(
+    "swapped: speed and temperature", write("s1.csv", HEADER, T, l, v, y), says="temperature_degC goes from 1.5 to 280"
+)
 refused("swapped: load and speed", write("s2.csv", HEADER, l + 0.01, v, T, y), says="load_norm reaches 280")
-check("swapped: friction and load: said", any("explains only" in n or "follow" in n for n in identify(write("s3.csv", HEADER, v, y, T, l + 1e-3))["notes"]))
+check(
+    "swapped: friction and load: said",
+    any("explains only" in n or "follow" in n for n in identify(write("s3.csv", HEADER, v, y, T, l + 1e-3))["notes"]),
+)
 refused("degrees for radians", write("deg.csv", HEADER, np.degrees(v), l, T, y), says="rpm at the motor")
 refused("kelvins", write("K.csv", HEADER, v, l, T + 273.15, y), says="kelvins")
 refused("Nm for normalised", write("N.csv", HEADER, v, l, T, 7500 * y), says="these Nm")
 refused("sign against motion", write("sign.csv", HEADER, v, l, T, -y), says="sign opposite to speed")
-refused("no such column", write("c.csv", "speed,load_norm,temperature_degC,friction_norm", v, l, T, y), says="the header names speed, load_norm")
+refused(
+    "no such column",
+    write("c.csv", "speed,load_norm,temperature_degC,friction_norm", v, l, T, y),
+    says="the header names speed, load_norm",
+)
 refused("no load", write("nl.csv", "speed_rad_s,temperature_degC,friction_norm", v, T, y), says="load_norm is needed")
 refused("unknown law", "--law", "stribek", full, says="did you mean 'stribeck'")
 refused("unknown parameter", "--fix", "alhpa=1", full, says="did you mean 'alpha'")
@@ -149,7 +252,7 @@ for speed in (0.02, 0.05, 0.1, 0.2, 0.4, 0.8, 1.5):
     for direction in (1, -1):
         for rate in [0] * 50 + [direction * speed] * int(min(1.0, 3 * speed) / speed / dt) + [0] * 50:
             motor = abs(rate) * 100
-            friction = np.sign(rate) * (5.4 + 2.4 * np.exp(-(motor / 3) ** 1.3) + 0.97 * motor**0.6) if rate else 0
+            friction = np.sign(rate) * (5.4 + 2.4 * np.exp(-((motor / 3) ** 1.3)) + 0.97 * motor**0.6) if rate else 0
             rows.append((time, position, 20 * np.sin(position) + friction))
             time += dt
             position += rate * dt
@@ -157,14 +260,40 @@ rows = np.array(rows)
 late = np.interp(rows[:, 0] - 0.02, rows[:, 0], rows[:, 2]) + random.normal(0, 0.3, len(rows))
 series = write("series.csv", "time_s,position_rad,torque_nm", rows[:, 0], rows[:, 1], late)
 f = identify("--law", "steady_state", "--fix", "alpha=1.3", "--gear-ratio", 100, series)
-check("a recording of a joint", not isinstance(f, subprocess.CompletedProcess) and f["samples"] == 7 and all(abs(f["parameters"][n]["value"] - p) < 4 * f["parameters"][n]["sigma"] + 0.01 * p for n, p in (("Fc", 5.4), ("Fs", 7.8), ("Vs", 3), ("Fv", 0.97), ("beta", 0.6))), f)
+check(
+    "a recording of a joint",
+    not isinstance(f, subprocess.CompletedProcess)
+    and f["samples"] == 7
+    and all(
+        abs(f["parameters"][n]["value"] - p) < 4 * f["parameters"][n]["sigma"] + 0.01 * p
+        for n, p in (("Fc", 5.4), ("Fs", 7.8), ("Vs", 3), ("Fv", 0.97), ("beta", 0.6))
+    ),
+    f,
+)
 refused("a recording without a gear", "--law", "steady_state", series, says="--gear-ratio")
-refused("its speed in degrees", "--law", "steady_state", "--gear-ratio", 100, write("sdeg.csv", "time_s,position_rad,velocity_rad_s,torque_nm", rows[:, 0], rows[:, 1], np.degrees(np.gradient(rows[:, 1], dt)), late), says="in degrees")
+refused(
+    "its speed in degrees",
+    "--law",
+    "steady_state",
+    "--gear-ratio",
+    100,
+    write(
+        "sdeg.csv",
+        "time_s,position_rad,velocity_rad_s,torque_nm",
+        rows[:, 0],
+        rows[:, 1],
+        np.degrees(np.gradient(rows[:, 1], dt)),
+        late,
+    ),
+    says="in degrees",
+)
 
 # ---- A record of the twin.
 r = run("run", source + "/twin/scenarios/br609_test_cycle.yaml", "-o", "cycle", "--quiet")
 f = identify("--law", "steady_state", "--fix", "alpha=1.3", "--joint", "joint3", "cycle/telemetry.h5")
-check("a telemetry.h5", not isinstance(f, subprocess.CompletedProcess) and f["samples"] >= 15 and f["r_squared"] > 0.99, f)
+check(
+    "a telemetry.h5", not isinstance(f, subprocess.CompletedProcess) and f["samples"] >= 15 and f["r_squared"] > 0.99, f
+)
 refused("which joint?", "--law", "steady_state", "cycle/telemetry.h5", says="joint1, joint2")
 
 shutil.rmtree(work)

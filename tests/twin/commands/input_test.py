@@ -23,7 +23,9 @@ def limited():
 
 def run(*arguments, which=program, cwd=work):
     try:
-        return subprocess.run([which, *map(str, arguments)], capture_output=True, text=True, cwd=cwd, timeout=30, preexec_fn=limited)
+        return subprocess.run(
+            [which, *map(str, arguments)], capture_output=True, text=True, cwd=cwd, timeout=30, preexec_fn=limited
+        )
     except subprocess.TimeoutExpired:
         return subprocess.CompletedProcess(arguments, -1, "", "does not end")
 
@@ -36,7 +38,11 @@ def refused(name, says, *arguments, which=program, cwd=work, code=2):
     before = tree()
     r = run(*arguments, which=which, cwd=cwd)
     lines = r.stderr.strip().splitlines()
-    check(name, r.returncode == code and r.stdout == "" and len(lines) == 1 and all(s in r.stderr for s in says), (r.returncode, r.stdout[:300], r.stderr[-600:]))
+    check(
+        name,
+        r.returncode == code and r.stdout == "" and len(lines) == 1 and all(s in r.stderr for s in says),
+        (r.returncode, r.stdout[:300], r.stderr[-600:]),
+    )
     check(name + ": nothing is written", tree() == before, sorted(set(tree()) - set(before)))
 
 
@@ -79,40 +85,101 @@ option = pendulum.count("\n", 0, re.search("<option", pendulum).start()) + 1
 SCENARIO = "model: pendulum.xml\nduration_s: 0.1\nmotion: {type: hold}\n"
 write("pendulum.xml", pendulum)
 write("run.yaml", SCENARIO)
-check("what the cases change runs", run("run", "run.yaml", "-o", "good").returncode == 0, run("run", "run.yaml", "-o", "good").stderr)
+check(
+    "what the cases change runs",
+    run("run", "run.yaml", "-o", "good").returncode == 0,
+    run("run", "run.yaml", "-o", "good").stderr,
+)
 for value in ("0", "-0.001", "1e-300", "nan", "inf", "2", "1e300"):
     write("step.xml", re.sub('timestep="[^"]*"', f'timestep="{value}"', pendulum))
     write("step.yaml", SCENARIO.replace("pendulum", "step"))
     says = [f"step.xml:{option}: ", "timestep", "1e-06 .. 1"]
     refused(f"time step {value}", says, "run", "step.yaml", "-o", "out")
-    refused(f"time step {value}, on the bus", says, "drive", "step.yaml", "--can", "socketcand://127.0.0.1:29611/can0", "--duration", "0.1", which=hil)
+    refused(
+        f"time step {value}, on the bus",
+        says,
+        "drive",
+        "step.yaml",
+        "--can",
+        "socketcand://127.0.0.1:29611/can0",
+        "--duration",
+        "0.1",
+        which=hil,
+    )
 for value in ("0", "-1", "1e-300", ".nan", ".inf"):
-    refused(f"time step {value} of a scenario", ["run.yaml", "timestep_s"], "run", "run.yaml", "-o", "out", "--set", f"timestep_s={value}")
+    refused(
+        f"time step {value} of a scenario",
+        ["run.yaml", "timestep_s"],
+        "run",
+        "run.yaml",
+        "-o",
+        "out",
+        "--set",
+        f"timestep_s={value}",
+    )
 
 # ---- Runs without a step, and without an end.
 for value in ("0", "-1", "1e-300", ".nan", ".inf", "1e300", "1e-6"):
-    refused(f"duration {value}", ["run.yaml", "duration_s"], "run", "run.yaml", "-o", "out", "--set", f"duration_s={value}")
+    refused(
+        f"duration {value}", ["run.yaml", "duration_s"], "run", "run.yaml", "-o", "out", "--set", f"duration_s={value}"
+    )
 for value in ("0", "1e300", ".nan", "-1"):
-    refused(f"telemetry rate {value}", ["run.yaml", "telemetry_rate_hz"], "run", "run.yaml", "-o", "out", "--set", f"telemetry_rate_hz={value}")
+    refused(
+        f"telemetry rate {value}",
+        ["run.yaml", "telemetry_rate_hz"],
+        "run",
+        "run.yaml",
+        "-o",
+        "out",
+        "--set",
+        f"telemetry_rate_hz={value}",
+    )
 for name, times in (("endless", "0\n1e300"), ("standing", "0\n0"), ("backwards", "1\n0")):
     write("points.csv", "time_s,position_joint_rad\n" + "".join(f"{t},0\n" for t in times.split()))
     write("points.yaml", "model: pendulum.xml\nmotion: {type: recording, file: points.csv}\n")
     refused(f"a recording that is {name}", ["points.csv:3: ", "time"], "run", "points.yaml", "-o", "out")
-refused("a recording of one instant", ["duration_s"], "run", write("once.yaml", "model: pendulum.xml\nmotion: {type: recording, file: once.csv}\n") if write("once.csv", "time_s,position_joint_rad\n5,0\n") else "", "-o", "out")
-for entry in ('"timestamp": 1e300, "goal_position": 0', '"timestamp": 1, "goal_position": 1e300', '"timestamp": 1, "goal_position": 0, "position": -1e308', '"timestamp": 1, "goal_position": 0, "temp": 1e20'):
+refused(
+    "a recording of one instant",
+    ["duration_s"],
+    "run",
+    write("once.yaml", "model: pendulum.xml\nmotion: {type: recording, file: once.csv}\n")
+    if write("once.csv", "time_s,position_joint_rad\n5,0\n")
+    else "",
+    "-o",
+    "out",
+)
+for entry in (
+    '"timestamp": 1e300, "goal_position": 0',
+    '"timestamp": 1, "goal_position": 1e300',
+    '"timestamp": 1, "goal_position": 0, "position": -1e308',
+    '"timestamp": 1, "goal_position": 0, "temp": 1e20',
+):
     write("points.json", '{"kp": 400, "entries": [{"timestamp": 0, "goal_position": 0}, {%s}]}' % entry)
     write("points.yaml", "model: pendulum.xml\nmotion: {type: recording, file: points.json}\n")
     refused(f"a recording with {entry}", ["points.json", "entry 1"], "run", "points.yaml", "-o", "out")
 arm = f"model: {source}/mjcf/irb6620.xml\n"
-for name, text in (("far", arm + "duration_s: 1\nmotion: {type: cycle, waypoints: [{position_rad: 0}, {position_rad: 1e299}]}\n"),
-                   ("slow", "model: pendulum.xml\nduration_s: 1\nmotion: {type: back_and_forth, joint: joint, travel_rad: 1000, speed_rad_s: 1e-9}\n")):
+for name, text in (
+    ("far", arm + "duration_s: 1\nmotion: {type: cycle, waypoints: [{position_rad: 0}, {position_rad: 1e299}]}\n"),
+    (
+        "slow",
+        "model: pendulum.xml\nduration_s: 1\nmotion: {type: back_and_forth, joint: joint, travel_rad: 1000, speed_rad_s: 1e-9}\n",
+    ),
+):
     refused(f"a cycle that is too {name}", ["long.yaml:"], "run", write("long.yaml", text), "-o", "out")
 
 # ---- Names that become folders and files.
 for name in ("../../x", "/tmp/tribotwin_absolute", "..", ".", "a/b", '"a\\nb"', '"\\x07"', "x" * 201):
-    refused(f"scenario named {name[:20]}", ["run.yaml", "name", "file name"], "run", "run.yaml", "--set", f"name={name}")
+    refused(
+        f"scenario named {name[:20]}", ["run.yaml", "name", "file name"], "run", "run.yaml", "--set", f"name={name}"
+    )
 write("vary.yaml", SCENARIO + "vary:\n  - {name: [a, ..]}\n")
-for values in ("{temperature_degC: ['..', 20]}", "{temperature_degC: ['']}", "{name: ['a/']}", "{model: ['../../..']}", "{name: ['" + 150 * "x" + "'], description: ['" + 150 * "y" + "']}"):
+for values in (
+    "{temperature_degC: ['..', 20]}",
+    "{temperature_degC: ['']}",
+    "{name: ['a/']}",
+    "{model: ['../../..']}",
+    "{name: ['" + 150 * "x" + "'], description: ['" + 150 * "y" + "']}",
+):
     write("vary.yaml", SCENARIO + f"vary:\n  - {values}\n")
     refused(f"vary {values[:40]}", ["vary.yaml:5: vary", "file name"], "run", "vary.yaml", "-o", "out")
 study = open(f"{source}/twin/scenarios/br609_diagnosis.yaml").read().replace("../../mjcf", f"{source}/mjcf")
@@ -121,8 +188,22 @@ for name in ("../../joint2", "/tmp/joint2", "..", '""'):
     refused(f"a study of joint {name}", ["study.yaml:", "joints"], "lab", "study.yaml", "-o", "out")
 curves = open(f"{source}/twin/scenarios/irb6620_load_campaign.yaml").read().replace("../../mjcf", f"{source}/mjcf")
 for name in ("../x", '"a\\0b"'):
-    refused(f"a campaign named {name}", ["curves.yaml:", "name", "file name"], "lab", write("curves.yaml", re.sub("^name:.*\n", "", curves, flags=re.M) + f"name: {name}\n"), "-o", "out")
-    refused(f"a campaign of days named {name}", ["days.yaml:", "name", "file name"], "lab", write("days.yaml", f"name: {name}\nprocedure: working_days\nmodel: {source}/mjcf/er3a_c60.xml\n"), "-o", "out")
+    refused(
+        f"a campaign named {name}",
+        ["curves.yaml:", "name", "file name"],
+        "lab",
+        write("curves.yaml", re.sub("^name:.*\n", "", curves, flags=re.M) + f"name: {name}\n"),
+        "-o",
+        "out",
+    )
+    refused(
+        f"a campaign of days named {name}",
+        ["days.yaml:", "name", "file name"],
+        "lab",
+        write("days.yaml", f"name: {name}\nprocedure: working_days\nmodel: {source}/mjcf/er3a_c60.xml\n"),
+        "-o",
+        "out",
+    )
 
 # ---- Cells of CSV files: finite, and what their quantity can be.
 time = np.arange(0, 3600, 10.0)
@@ -145,7 +226,12 @@ check("what the cases change is fitted", r.returncode == 0, r.stderr)
 for value in ("1e200", "1e20", "-1e308", "1e9"):
     refused(f"power {value}", ["bad.csv:101: ", "power_w_arm", value, " W"], "thermal", heat("bad.csv", 1, 100, value))
 for value in ("-274", "1e5"):
-    refused(f"temperature {value}", ["bad.csv:101: ", "temperature_arm_degC", "-273.15", "degC"], "thermal", heat("bad.csv", 2, 100, value))
+    refused(
+        f"temperature {value}",
+        ["bad.csv:101: ", "temperature_arm_degC", "-273.15", "degC"],
+        "thermal",
+        heat("bad.csv", 2, 100, value),
+    )
 refused("time 1e300", ["bad.csv:361: ", "time_s", " s"], "thermal", heat("bad.csv", 0, 360, "1e300"))
 refused("time that stands", ["bad.csv:101: ", "time_s"], "thermal", heat("bad.csv", 0, 100, "980"))
 
@@ -156,12 +242,18 @@ def curve(name, value=None, column=1):
     rows = [[v, 0.05 + 1e-4 * v, 0.3, 40] for v in speeds]
     if value is not None:
         rows[5][column] = value
-    return write(name, "speed_rad_s,friction_norm,load_norm,temperature_degC\n" + "".join(",".join(map(str, row)) + "\n" for row in rows))
+    return write(
+        name,
+        "speed_rad_s,friction_norm,load_norm,temperature_degC\n"
+        + "".join(",".join(map(str, row)) + "\n" for row in rows),
+    )
 
 
 for column, name in enumerate(("speed_rad_s", "friction_norm", "load_norm", "temperature_degC")):
     for value in ("-1e308", "1e308"):
-        refused(f"{name} {value}", ["bad.csv:7: ", name], "identify", "--law", "stribeck", curve("bad.csv", value, column))
+        refused(
+            f"{name} {value}", ["bad.csv:7: ", name], "identify", "--law", "stribeck", curve("bad.csv", value, column)
+        )
 
 # ---- What identify writes is what all else reads.
 curve("curve.csv")
@@ -176,70 +268,168 @@ for law in re.search("can are (.*)", listed)[1].split(", "):
     free = run("identify", "--law", law, "curve.csv", "--json", "-o", "free.yaml", "--quiet", *units)
     fixes = []
     if free.returncode == 0:
-        check(f"{law}: what is identified is read", run("curve", "free.yaml", "--quiet").returncode == 0, run("curve", "free.yaml").stderr)
+        check(
+            f"{law}: what is identified is read",
+            run("curve", "free.yaml", "--quiet").returncode == 0,
+            run("curve", "free.yaml").stderr,
+        )
         for name, p in json.loads(free.stdout)["parameters"].items():
             fixes += ["--fix", f"{name}={p['value']!r}"]
         r = run("identify", "--law", law, "curve.csv", "--json", "-o", "fixed.yaml", "--quiet", *units, *fixes)
-        check(f"{law}: all parameters fixed", r.returncode == 0 and all(p["status"] == "fixed" for p in json.loads(r.stdout)["parameters"].values()), (r.returncode, r.stderr))
-        check(f"{law}: ... what is written is read", run("curve", "fixed.yaml", "--quiet").returncode == 0, run("curve", "fixed.yaml").stderr)
+        check(
+            f"{law}: all parameters fixed",
+            r.returncode == 0 and all(p["status"] == "fixed" for p in json.loads(r.stdout)["parameters"].values()),
+            (r.returncode, r.stderr),
+        )
+        check(
+            f"{law}: ... what is written is read",
+            run("curve", "fixed.yaml", "--quiet").returncode == 0,
+            run("curve", "fixed.yaml").stderr,
+        )
         r = run("identify", "--law", law, "curve.csv", "--quiet", *units, *fixes)
-        check(f"{law}: ... no number of the table is infinite or none", r.returncode == 0 and not re.search(r"\b(nan|inf)\b", r.stdout), r.stdout)
+        check(
+            f"{law}: ... no number of the table is infinite or none",
+            r.returncode == 0 and not re.search(r"\b(nan|inf)\b", r.stdout),
+            r.stdout,
+        )
     else:
         # One temperature does not tell these laws' levels apart; where they come out the wrong way round they are no such law.
-        check(f"{law}: is not written", law in ("steady_state_extended", "stribeck_T") and free.returncode == 1 and "no law that can be used" in free.stderr and not os.path.exists(f"{work}/free.yaml"), (free.returncode, free.stderr))
+        check(
+            f"{law}: is not written",
+            law in ("steady_state_extended", "stribeck_T")
+            and free.returncode == 1
+            and "no law that can be used" in free.stderr
+            and not os.path.exists(f"{work}/free.yaml"),
+            (free.returncode, free.stderr),
+        )
 flat = write("flat.csv", "speed_rad_s,friction_norm\n" + "".join(f"{v},0.05\n" for v in speeds))
 r = run("identify", "--law", "stribeck", flat, "-o", "flat.yaml", "--tau-max", "10", "--gear-ratio", "10")
-check("friction that never changes", r.returncode in (0, 1, 2) and not re.search(r"\b(nan|inf)\b", r.stdout), r.stdout + r.stderr)
+check(
+    "friction that never changes",
+    r.returncode in (0, 1, 2) and not re.search(r"\b(nan|inf)\b", r.stdout),
+    r.stdout + r.stderr,
+)
 if r.returncode == 0:
-    check("... what is written is read", run("curve", "flat.yaml", "--quiet").returncode == 0, run("curve", "flat.yaml").stderr)
+    check(
+        "... what is written is read",
+        run("curve", "flat.yaml", "--quiet").returncode == 0,
+        run("curve", "flat.yaml").stderr,
+    )
 odd = write("odd\t'name.csv", content("curve.csv"))
 r = run("identify", "--law", "stribeck", odd, "-o", "odd.yaml", "--quiet", "--tau-max", "10", "--gear-ratio", "10")
-check("a file with a tab and a quote in its name", r.returncode != 0 or run("curve", "odd.yaml", "--quiet").returncode == 0, (r.stderr, run("curve", "odd.yaml").stderr))
+check(
+    "a file with a tab and a quote in its name",
+    r.returncode != 0 or run("curve", "odd.yaml", "--quiet").returncode == 0,
+    (r.stderr, run("curve", "odd.yaml").stderr),
+)
 
 # ---- Null keys and other kinds of nodes, in every YAML file.
 thermal = content("thermal.yaml")
-refused("a joint ~ in THERMAL.yaml", ["null.yaml:", "key"], "thermal", "heat.csv", "--evaluate", write("null.yaml", re.sub("^  arm:", "  ~:", thermal, flags=re.M)))
-refused("a key that is a list", ["null.yaml:", "key"], "thermal", "heat.csv", "--evaluate", write("null.yaml", re.sub("^  arm:", "  ? [a, b]\n  :", thermal, flags=re.M)))
-refused("a null key in a scenario", ["null.yaml:2", "key"], "run", write("null.yaml", SCENARIO.replace("\n", "\n~: 3\n", 1)), "-o", "out")
+refused(
+    "a joint ~ in THERMAL.yaml",
+    ["null.yaml:", "key"],
+    "thermal",
+    "heat.csv",
+    "--evaluate",
+    write("null.yaml", re.sub("^  arm:", "  ~:", thermal, flags=re.M)),
+)
+refused(
+    "a key that is a list",
+    ["null.yaml:", "key"],
+    "thermal",
+    "heat.csv",
+    "--evaluate",
+    write("null.yaml", re.sub("^  arm:", "  ? [a, b]\n  :", thermal, flags=re.M)),
+)
+refused(
+    "a null key in a scenario",
+    ["null.yaml:2", "key"],
+    "run",
+    write("null.yaml", SCENARIO.replace("\n", "\n~: 3\n", 1)),
+    "-o",
+    "out",
+)
 
 # ---- The record of a run: time goes forward.
 shutil.copytree(f"{work}/good", f"{work}/still")
-for name, times in (("constant", lambda t: 0 * t), ("backwards", lambda t: t[::-1]), ("none", lambda t: t * np.nan), ("endless", lambda t: t * 1e300), ("too fine", lambda t: t * 1e-300)):
+for name, times in (
+    ("constant", lambda t: 0 * t),
+    ("backwards", lambda t: t[::-1]),
+    ("none", lambda t: t * np.nan),
+    ("endless", lambda t: t * 1e300),
+    ("too fine", lambda t: t * 1e-300),
+):
     with h5py.File(f"{work}/still/telemetry.h5", "r+") as f, h5py.File(f"{work}/good/telemetry.h5") as good:
         f["time_s"][:] = times(good["time_s"][:])
     refused(f"a record whose time is {name}", ["still/telemetry.h5", "time_s"], "export", "still", "--recording")
 with h5py.File(f"{work}/still/telemetry.h5", "r+") as f, h5py.File(f"{work}/good/telemetry.h5") as good:
     f["time_s"][:] = good["time_s"][:]
     f["joint/torque_nm"][3] = np.nan
-refused("a record with a torque that is none", ["still/telemetry.h5", "joint", "torque_nm"], "export", "still", "--recording")
+refused(
+    "a record with a torque that is none",
+    ["still/telemetry.h5", "joint", "torque_nm"],
+    "export",
+    "still",
+    "--recording",
+)
 
 # ---- MJCF: what nobody knows, and errors of the engine at the line of the user's file.
 config = pendulum.count("\n", 0, re.search("<config", pendulum).start()) + 1
 load = lambda text: ("curve", write("bad.xml", text), "--joint", "joint")
 for name, before, after, says in (
-        ("a misspelt config", "<config key=", "<confg key=", [f"bad.xml:{config}: ", "<confg", "config"]),
-        ("a misspelt attribute", "<config key=", '<config kye="law" key=', [f"bad.xml:{config}: ", "kye"]),
-        ("an attribute of the instance", "<instance name=", '<instance nmae="x" name=', ["bad.xml:", "nmae"]),
-        ("an element in a config", '<config key="gear_ratio"', '<config key="T_amb" value="20"><x/></config><config key="gear_ratio"', ["bad.xml:", "<x>"]),
-        ("a misspelt plugin", '<plugin plugin="tribotwin.drive">', '<plugin plugin="tribotwin.drvie">', ["bad.xml:", "tribotwin.drvie", "tribotwin.drive"]),
-        ("text in an instance", '<instance name="servo">', '<instance name="servo">gear_ratio = 3', ["bad.xml:", "text"]),
-        ("an element that the engine does not know", "<worldbody>", "<worldbody>\n<bdy/>\n", ["bad.xml:", "bdy"]),
-        ("an attribute that the engine does not know", "<joint name=", "<joint nmae=\"x\" name=", ["bad.xml:", "nmae"])):
+    ("a misspelt config", "<config key=", "<confg key=", [f"bad.xml:{config}: ", "<confg", "config"]),
+    ("a misspelt attribute", "<config key=", '<config kye="law" key=', [f"bad.xml:{config}: ", "kye"]),
+    ("an attribute of the instance", "<instance name=", '<instance nmae="x" name=', ["bad.xml:", "nmae"]),
+    (
+        "an element in a config",
+        '<config key="gear_ratio"',
+        '<config key="T_amb" value="20"><x/></config><config key="gear_ratio"',
+        ["bad.xml:", "<x>"],
+    ),
+    (
+        "a misspelt plugin",
+        '<plugin plugin="tribotwin.drive">',
+        '<plugin plugin="tribotwin.drvie">',
+        ["bad.xml:", "tribotwin.drvie", "tribotwin.drive"],
+    ),
+    ("text in an instance", '<instance name="servo">', '<instance name="servo">gear_ratio = 3', ["bad.xml:", "text"]),
+    ("an element that the engine does not know", "<worldbody>", "<worldbody>\n<bdy/>\n", ["bad.xml:", "bdy"]),
+    ("an attribute that the engine does not know", "<joint name=", "<joint nmae=\"x\" name=", ["bad.xml:", "nmae"]),
+):
     text = re.sub(before, lambda m: after, pendulum, count=1)
     check(f"{name}: the case is one", text != pendulum)
     expected = text.count("\n", 0, text.index(after)) + 1
     says = [f"bad.xml:{expected + (after.count(chr(10)) - 1 if after.endswith(chr(10)) else 0)}: "] + says[1:]
     refused(name, says, *load(text))
 body = pendulum.index("</worldbody>")
-for name, element, says in (("a body without mass", "<body name='b'><joint name='free'/></body>", "mass"), ("an unknown material", "<geom size='.1' material='none'/>", "material")):
+for name, element, says in (
+    ("a body without mass", "<body name='b'><joint name='free'/></body>", "mass"),
+    ("an unknown material", "<geom size='.1' material='none'/>", "material"),
+):
     text = pendulum[:body] + "\n\n" + element + "\n" + pendulum[body:]
     refused(name, [f"bad.xml:{text.count(chr(10), 0, text.index(element)) + 1}: ", says], *load(text))
 write("part.xml", "<mujocoinclude>\n\n<body name='b'>\n<geom size='.1' colour='red'/></body>\n</mujocoinclude>")
-refused("an error in an included file", ["part.xml:4: ", "colour"], *load(pendulum[:body] + "<include file='part.xml'/>" + pendulum[body:]))
+refused(
+    "an error in an included file",
+    ["part.xml:4: ", "colour"],
+    *load(pendulum[:body] + "<include file='part.xml'/>" + pendulum[body:]),
+)
 write("light.xml", "<mujocoinclude>\n\n\n<body name='b'><joint name='free'/></body>\n</mujocoinclude>")
-refused("a body without mass in an included file", ["light.xml:4: ", "mass"], *load(pendulum[:body] + "<include file='light.xml'/>" + pendulum[body:]))
-refused("30,000 nested elements", ["bad.xml:", "nested"], *load(pendulum[:body] + 30000 * "<body>" + 30000 * "</body>" + pendulum[body:]))
-refused("too much user data", ["bad.xml:", "nuserdata"], *load(pendulum[:body] + pendulum[body:].replace("</mujoco>", '<size nuserdata="2147483647"/></mujoco>')))
+refused(
+    "a body without mass in an included file",
+    ["light.xml:4: ", "mass"],
+    *load(pendulum[:body] + "<include file='light.xml'/>" + pendulum[body:]),
+)
+refused(
+    "30,000 nested elements",
+    ["bad.xml:", "nested"],
+    *load(pendulum[:body] + 30000 * "<body>" + 30000 * "</body>" + pendulum[body:]),
+)
+refused(
+    "too much user data",
+    ["bad.xml:", "nuserdata"],
+    *load(pendulum[:body] + pendulum[body:].replace("</mujoco>", '<size nuserdata="2147483647"/></mujoco>')),
+)
 
 if failures:
     print("kept:", work)

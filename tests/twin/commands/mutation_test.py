@@ -9,9 +9,9 @@ import yaml
 
 program, source, hil, *report = map(os.path.abspath, sys.argv[1:])
 work = tempfile.mkdtemp(prefix="tribotwin_mutation_")
-each = int(os.environ.get("TRIBOTWIN_MUTATIONS", "7"))   # of a file
+each = int(os.environ.get("TRIBOTWIN_MUTATIONS", "7"))  # of a file
 failures, counts = [], {}
-NULL = object()   # a key, written as ~
+NULL = object()  # a key, written as ~
 
 
 def limited():
@@ -22,7 +22,15 @@ def limited():
 
 def run(arguments, cwd):
     try:
-        return subprocess.run([str(a) for a in arguments], capture_output=True, text=True, errors="replace", cwd=cwd, timeout=60, preexec_fn=limited)
+        return subprocess.run(
+            [str(a) for a in arguments],
+            capture_output=True,
+            text=True,
+            errors="replace",
+            cwd=cwd,
+            timeout=60,
+            preexec_fn=limited,
+        )
     except subprocess.TimeoutExpired:
         return None
 
@@ -56,7 +64,24 @@ def places(node, path=()):
         yield from places(entry[1] if kind == "map" else entry, path + (i,))
 
 
-LITERALS = ("null", "1e308", "-1e308", "-1", "0", "1e999", '""', '"' + "x" * 5000 + '"', '"../../x"', "[]", "{}", "[[1]]", '{"a": 1}', "true", '"\\u0007"', "[null]")
+LITERALS = (
+    "null",
+    "1e308",
+    "-1e308",
+    "-1",
+    "0",
+    "1e999",
+    '""',
+    '"' + "x" * 5000 + '"',
+    '"../../x"',
+    "[]",
+    "{}",
+    "[[1]]",
+    '{"a": 1}',
+    "true",
+    '"\\u0007"',
+    "[null]",
+)
 YAML_ONLY = (".nan", ".inf", "~", "&a [*a]", "!!binary x", "0x10", "2026-01-01")
 
 
@@ -79,7 +104,10 @@ def mutated(node, random, is_yaml):
         elif how < 0.85:
             value.append(value[i])
         elif kind == "map":
-            value[i] = (random.choice((NULL, "", "unknown", "x/../y") if is_yaml else ("", "unknown", "x/../y")), value[i][1])
+            value[i] = (
+                random.choice((NULL, "", "unknown", "x/../y") if is_yaml else ("", "unknown", "x/../y")),
+                value[i][1],
+            )
         else:
             value[i] = ("map", [("of", value[i])])
         return (kind, value)
@@ -106,7 +134,7 @@ def attack(name, file, document, command, seed):
     if r is None or r.returncode not in (0, 1, 2, 3):
         wrong = "crash or hang"
     elif "'none://'" in r.stderr or "holds another campaign" in r.stderr:
-        outcome = 0   # read; what comes next has no bus, or works in another folder
+        outcome = 0  # read; what comes next has no bus, or works in another folder
     elif r.returncode in (1, 2) and (not r.stderr.strip() or os.path.basename(file) not in r.stderr):
         wrong = "the message does not name the file"
     elif r.returncode in (1, 2) and len(r.stderr.strip().splitlines()) > 1 + r.stderr.count("note: "):
@@ -116,7 +144,14 @@ def attack(name, file, document, command, seed):
         finite_only(r.stdout)
         wrong = "a number that is none" if len(failures) > before else None
     shutil.rmtree(folder)
-    return outcome, wrong and (name, seed, wrong, outcome, r and r.stderr[-400:], changed[:1500] if len(changed) < 20000 else text(pairs("long")))
+    return outcome, wrong and (
+        name,
+        seed,
+        wrong,
+        outcome,
+        r and r.stderr[-400:],
+        changed[:1500] if len(changed) < 20000 else text(pairs("long")),
+    )
 
 
 # ---- One whole example of everything.
@@ -136,41 +171,165 @@ def read(name):
 
 os.makedirs(f"{work}/whole")
 speeds = np.geomspace(1, 280, 12)
-put("curve.csv", "curve,speed_rad_s,friction_norm,friction_nm,load_norm,temperature_degC\n" + "".join(f"{c + 1},{v},{f},{10 * f},0.01,{20 + c}\n" for c in range(10) for v in speeds for f in [0.05 + 0.02 * np.exp(-v / (8 + 0.3 * c)) + (3 - 0.1 * c) * 1e-4 * v**0.9 + 1e-4 * np.sin(37 * c + v)]))
-make(program, "identify", "--law", "stribeck", "curve.csv", "-o", "params.yaml", "--tau-max", "10", "--gear-ratio", "100", "--quiet")
+put(
+    "curve.csv",
+    "curve,speed_rad_s,friction_norm,friction_nm,load_norm,temperature_degC\n"
+    + "".join(
+        f"{c + 1},{v},{f},{10 * f},0.01,{20 + c}\n"
+        for c in range(10)
+        for v in speeds
+        for f in [
+            0.05 + 0.02 * np.exp(-v / (8 + 0.3 * c)) + (3 - 0.1 * c) * 1e-4 * v**0.9 + 1e-4 * np.sin(37 * c + v)
+        ]
+    ),
+)
+make(
+    program,
+    "identify",
+    "--law",
+    "stribeck",
+    "curve.csv",
+    "-o",
+    "params.yaml",
+    "--tau-max",
+    "10",
+    "--gear-ratio",
+    "100",
+    "--quiet",
+)
 make(program, "diagnose", "learn", "curve.csv", "-o", "healthy.yaml", "--quiet")
 time = np.arange(0, 7200, 20.0)
-put("heat.csv", "time_s,power_w_arm,temperature_arm_degC,power_w_hand,temperature_hand_degC\n" + "".join(f"{t},{1 + np.sin(t / 300)},{20 + 5 * (1 - np.exp(-t / 900)) + 0.3 * np.cos(t / 300)},{1 + np.cos(t / 400)},{21 + 3 * (1 - np.exp(-t / 700))}\n" for t in time))
+put(
+    "heat.csv",
+    "time_s,power_w_arm,temperature_arm_degC,power_w_hand,temperature_hand_degC\n"
+    + "".join(
+        f"{t},{1 + np.sin(t / 300)},{20 + 5 * (1 - np.exp(-t / 900)) + 0.3 * np.cos(t / 300)},{1 + np.cos(t / 400)},{21 + 3 * (1 - np.exp(-t / 700))}\n"
+        for t in time
+    ),
+)
 make(program, "thermal", "heat.csv", "-o", "thermal.yaml", "--quiet")
 make(program, "thermal", "heat.csv", "--chain", "-o", "chain.yaml", "--quiet")
 shutil.copy(f"{source}/mjcf/scene.xml", f"{work}/whole/scene.xml")
 for model in ("xl330_pendulum", "irb6620", "br609", "er3a_c60"):
     shutil.copy(f"{source}/mjcf/{model}.xml", f"{work}/whole/{model}.xml")
-put("goals.json", json.dumps({"kp": 400, "entries": [{"timestamp": 0.02 * i, "goal_position": 0.5, "position": 0.02 * i, "temp": 30, "torque_enable": True} for i in range(20)]}))
-scenario = {"name": "a", "model": "irb6620.xml", "duration_s": 0.05, "seed": 1, "keyframe": "home", "temperature_degC": {"joint2": 40}, "ambient_degC": 22, "telemetry_rate_hz": 50,
-            "motion": {"type": "cycle", "speed_share": 0.5, "ramp_s": 0.4, "waypoints": [{"position_rad": {"joint1": 0.1}}, {"position_rad": {"joint1": -0.1}}]},
-            "control": {"type": "servo", "speed_bandwidth_rad_s": 40}, "multirate": {"enabled": True, "tolerance_K": 2},
-            "events": [{"time_s": 0.01, "type": "payload", "mass_kg": 3, "com_m": [0, 0, 0.1]}, {"time_s": 0.02, "type": "ambient", "temperature_degC": 30},
-                       {"time_s": 0.03, "type": "wear", "joint": "joint2", "factors": {"Fc0": 1.2}}]}
-replay = {"model": "xl330_pendulum.xml", "motion": {"type": "recording", "file": "goals.json", "delay_s": 0.01},
-          "control": {"type": "dc_position", "error_gain": 0.002, "supply_V": 7.4, "resistance_ohm": 3, "kt_nm_A": 0.4}}
-varied = {"model": "xl330_pendulum.xml", "duration_s": 0.02, "motion": {"type": "hold"}, "vary": [{"temperature_degC": [20, 30], "seed": [1]}]}
-campaign = {"model": "irb6620.xml", "joint": "joint2", "procedure": "plus_minus", "speeds_rad_s": [10, 30], "seed": 3, "start_rad": {"joint2": 0.1}, "sensors": {"torque_noise_nm": 20, "sampling_hz": 250},
-            "drive": {"temperature_min_degC": 30}, "series": [{"name": "s", "load": {"by": "torque", "norm": [0.1]}, "temperature": {"prescribed_degC": [40]}}]}
-study = {"model": "br609.xml", "procedure": "test_cycle", "joints": {"joint3": {}}, "diagnosis": {"learn": ["l"], "check": [{"series": "l", "state": "cold"}], "false_alarm": 0.01, "draws": 0},
-         "series": [{"name": "l", "load": {"by": "payload", "mass_kg": 0}, "temperature": {"prescribed_degC": [20, 22, 24, 26, 28, 30, 32, 34]}}]}
-days = {"procedure": "working_days", "model": f"{work}/whole/er3a_c60.xml", "robots": 1, "days": 1, "duration_s": 510, "scatter": {"friction": 0.08}, "excitation": {"evaluations": 60, "heating_s": 10}}
-fit = {"recordings": {"files": f"{work}/whole/goals.json"}, "search": {"starts": 1, "evaluations": 20}, "variants": [{"label": "v", "model": f"{work}/whole/xl330_pendulum.xml", "law": "load", "drive": {"Fc0": {"start": 0.014, "low": 0.01, "high": 0.02}},
-       "control": {"error_gain": 0.002, "supply_V": 7.4, "resistance_ohm": 3, "kt_nm_A": 0.4}}]}
-faults = {"faults": [{"kind": "drop", "time_s": 0, "duration_s": 1, "probability": 0.5}, {"kind": "over_temperature", "time_s": 0, "duration_s": 1, "node": 1, "temperature_degC": 120}]}
-for name, document in (("scenario", scenario), ("replay", replay), ("varied", varied), ("campaign", campaign), ("days", days), ("fit", fit), ("faults", faults), ("study", study)):
+put(
+    "goals.json",
+    json.dumps(
+        {
+            "kp": 400,
+            "entries": [
+                {"timestamp": 0.02 * i, "goal_position": 0.5, "position": 0.02 * i, "temp": 30, "torque_enable": True}
+                for i in range(20)
+            ],
+        }
+    ),
+)
+scenario = {
+    "name": "a",
+    "model": "irb6620.xml",
+    "duration_s": 0.05,
+    "seed": 1,
+    "keyframe": "home",
+    "temperature_degC": {"joint2": 40},
+    "ambient_degC": 22,
+    "telemetry_rate_hz": 50,
+    "motion": {
+        "type": "cycle",
+        "speed_share": 0.5,
+        "ramp_s": 0.4,
+        "waypoints": [{"position_rad": {"joint1": 0.1}}, {"position_rad": {"joint1": -0.1}}],
+    },
+    "control": {"type": "servo", "speed_bandwidth_rad_s": 40},
+    "multirate": {"enabled": True, "tolerance_K": 2},
+    "events": [
+        {"time_s": 0.01, "type": "payload", "mass_kg": 3, "com_m": [0, 0, 0.1]},
+        {"time_s": 0.02, "type": "ambient", "temperature_degC": 30},
+        {"time_s": 0.03, "type": "wear", "joint": "joint2", "factors": {"Fc0": 1.2}},
+    ],
+}
+replay = {
+    "model": "xl330_pendulum.xml",
+    "motion": {"type": "recording", "file": "goals.json", "delay_s": 0.01},
+    "control": {"type": "dc_position", "error_gain": 0.002, "supply_V": 7.4, "resistance_ohm": 3, "kt_nm_A": 0.4},
+}
+varied = {
+    "model": "xl330_pendulum.xml",
+    "duration_s": 0.02,
+    "motion": {"type": "hold"},
+    "vary": [{"temperature_degC": [20, 30], "seed": [1]}],
+}
+campaign = {
+    "model": "irb6620.xml",
+    "joint": "joint2",
+    "procedure": "plus_minus",
+    "speeds_rad_s": [10, 30],
+    "seed": 3,
+    "start_rad": {"joint2": 0.1},
+    "sensors": {"torque_noise_nm": 20, "sampling_hz": 250},
+    "drive": {"temperature_min_degC": 30},
+    "series": [{"name": "s", "load": {"by": "torque", "norm": [0.1]}, "temperature": {"prescribed_degC": [40]}}],
+}
+study = {
+    "model": "br609.xml",
+    "procedure": "test_cycle",
+    "joints": {"joint3": {}},
+    "diagnosis": {"learn": ["l"], "check": [{"series": "l", "state": "cold"}], "false_alarm": 0.01, "draws": 0},
+    "series": [
+        {
+            "name": "l",
+            "load": {"by": "payload", "mass_kg": 0},
+            "temperature": {"prescribed_degC": [20, 22, 24, 26, 28, 30, 32, 34]},
+        }
+    ],
+}
+days = {
+    "procedure": "working_days",
+    "model": f"{work}/whole/er3a_c60.xml",
+    "robots": 1,
+    "days": 1,
+    "duration_s": 510,
+    "scatter": {"friction": 0.08},
+    "excitation": {"evaluations": 60, "heating_s": 10},
+}
+fit = {
+    "recordings": {"files": f"{work}/whole/goals.json"},
+    "search": {"starts": 1, "evaluations": 20},
+    "variants": [
+        {
+            "label": "v",
+            "model": f"{work}/whole/xl330_pendulum.xml",
+            "law": "load",
+            "drive": {"Fc0": {"start": 0.014, "low": 0.01, "high": 0.02}},
+            "control": {"error_gain": 0.002, "supply_V": 7.4, "resistance_ohm": 3, "kt_nm_A": 0.4},
+        }
+    ],
+}
+faults = {
+    "faults": [
+        {"kind": "drop", "time_s": 0, "duration_s": 1, "probability": 0.5},
+        {"kind": "over_temperature", "time_s": 0, "duration_s": 1, "node": 1, "temperature_degC": 120},
+    ]
+}
+for name, document in (
+    ("scenario", scenario),
+    ("replay", replay),
+    ("varied", varied),
+    ("campaign", campaign),
+    ("days", days),
+    ("fit", fit),
+    ("faults", faults),
+    ("study", study),
+):
     put(f"{name}.yaml", json.dumps(document))
 make(program, "run", "scenario.yaml", "-o", "ran", "--quiet")
 make(program, "lab", "days.yaml", "-o", "lab", "--quiet")
 make(program, "calibrate", "fit.yaml", "-o", "found", "--quiet")
 part = read("lab/tests/robot1_day1.json")
-for stretch in ("cold", "hot"):   # the shape without its thousands of numbers
-    part[stretch] = {"time_s": part[stretch]["time_s"][::50], **{k: [x[::50] for x in part[stretch][k]] for k in ("measured_nm", "predicted_nm", "moving")}}
+for stretch in ("cold", "hot"):  # the shape without its thousands of numbers
+    part[stretch] = {
+        "time_s": part[stretch]["time_s"][::50],
+        **{k: [x[::50] for x in part[stretch][k]] for k in ("measured_nm", "predicted_nm", "moving")},
+    }
 put("lab/tests/robot1_day1.json", json.dumps(part))
 
 targets = [
@@ -181,22 +340,36 @@ targets = [
     ("campaign", "campaign.yaml", [program, "lab", "campaign.yaml", "-o", "out", "--quiet"]),
     ("campaign of days", "days.yaml", [program, "lab", "days.yaml", "-o", "lab", "--quiet"]),
     ("calibration", "fit.yaml", [program, "calibrate", "fit.yaml", "-o", "out", "--json", "--quiet"]),
-    ("calibration, kept", "found/calibration.json", [program, "calibrate", "fit.yaml", "-o", "found", "--json", "--quiet"]),
+    (
+        "calibration, kept",
+        "found/calibration.json",
+        [program, "calibrate", "fit.yaml", "-o", "found", "--json", "--quiet"],
+    ),
     ("parameters", "params.yaml", [program, "curve", "params.yaml", "--quiet"]),
-    ("parameters, evaluated", "params.yaml", [program, "identify", "curve.csv", "--evaluate", "params.yaml", "--json", "--quiet"]),
+    (
+        "parameters, evaluated",
+        "params.yaml",
+        [program, "identify", "curve.csv", "--evaluate", "params.yaml", "--json", "--quiet"],
+    ),
     ("parameters, exported", "params.yaml", [program, "export", "params.yaml", "--mjcf"]),
     ("healthy state", "healthy.yaml", [program, "diagnose", "check", "healthy.yaml", "curve.csv", "--json", "--quiet"]),
-    ("thermal models", "thermal.yaml", [program, "thermal", "heat.csv", "--evaluate", "thermal.yaml", "--json", "--quiet"]),
+    (
+        "thermal models",
+        "thermal.yaml",
+        [program, "thermal", "heat.csv", "--evaluate", "thermal.yaml", "--json", "--quiet"],
+    ),
     ("thermal chain", "chain.yaml", [program, "thermal", "heat.csv", "--evaluate", "chain.yaml", "--json", "--quiet"]),
     ("faults", "faults.yaml", [hil, "drive", "varied.yaml", "--can", "none://", "--faults", "faults.yaml"]),
     ("study", "study.yaml", [program, "lab", "study.yaml", "-o", "out", "--quiet"]),
 ]
-refused_as_it_is = ("faults",)   # a bus that is none: what matters is read before
+refused_as_it_is = ("faults",)  # a bus that is none: what matters is read before
 if report:
-    targets += [("day of a robot", "lab/tests/robot1_day1.json", [report[0], "days", "lab", "-o", "page.html", "--quiet"]),
-                ("summary", "ran/summary.json", [report[0], "ran", "-o", "page.html", "--quiet"])]
+    targets += [
+        ("day of a robot", "lab/tests/robot1_day1.json", [report[0], "days", "lab", "-o", "page.html", "--quiet"]),
+        ("summary", "ran/summary.json", [report[0], "ran", "-o", "page.html", "--quiet"]),
+    ]
 
-for name, file, document_command in targets:   # what is changed is right before
+for name, file, document_command in targets:  # what is changed is right before
     folder = tempfile.mkdtemp(prefix="case_", dir=work)
     shutil.copytree(f"{work}/whole", folder, dirs_exist_ok=True)
     r = run(document_command, folder)
@@ -206,7 +379,11 @@ for name, file, document_command in targets:   # what is changed is right before
     shutil.rmtree(folder)
 
 with ThreadPoolExecutor(os.cpu_count()) as pool:
-    jobs = [pool.submit(attack, name, file, read(file), command, seed) for name, file, command in targets for seed in range(each)]
+    jobs = [
+        pool.submit(attack, name, file, read(file), command, seed)
+        for name, file, command in targets
+        for seed in range(each)
+    ]
     for job, (name, seed) in zip(jobs, ((t[0], s) for t in targets for s in range(each))):
         outcome, wrong = job.result()
         counts.setdefault(name, {}).setdefault(outcome, 0)
@@ -216,7 +393,7 @@ with ThreadPoolExecutor(os.cpu_count()) as pool:
             print("FAIL", *wrong, sep="\n   ", flush=True)
 for name, outcomes in counts.items():
     print(f"{name}: {outcomes}")
-    if not outcomes.get(2) and name != "summary":   # of which a page shows what there is
+    if not outcomes.get(2) and name != "summary":  # of which a page shows what there is
         failures.append(f"{name}: nothing is refused")
         print("FAIL", failures[-1])
 

@@ -22,7 +22,11 @@ def check(name, condition, detail=""):
 def refused(name, code, *arguments, says=()):
     r = run(*arguments)
     lines = r.stderr.strip().splitlines()
-    check(name, r.returncode == code and all(s in r.stderr for s in says) and len(lines) >= 1, (r.returncode, r.stdout, r.stderr))
+    check(
+        name,
+        r.returncode == code and all(s in r.stderr for s in says) and len(lines) >= 1,
+        (r.returncode, r.stdout, r.stderr),
+    )
 
 
 model = os.path.join(source, "mjcf", "irb6620.xml")
@@ -32,7 +36,18 @@ r = run("run", "irb6620_warmup", "-o", "run", "--set", "duration_s=600")
 check("run exits 0", r.returncode == 0, r.stderr)
 check("stderr is no terminal: no progress", "\r" not in r.stderr)
 summary = json.load(open(work + "/run/summary.json"))
-for key in ("simulated_s", "wall_s", "steps", "realtime_factor", "seed", "engine", "friction_work_J", "heat_J", "joints", "warnings"):
+for key in (
+    "simulated_s",
+    "wall_s",
+    "steps",
+    "realtime_factor",
+    "seed",
+    "engine",
+    "friction_work_J",
+    "heat_J",
+    "joints",
+    "warnings",
+):
     check("summary has " + key, key in summary)
 for key in ("name", "temperature_degC", "friction_nm", "load_norm", "clamped_samples", "stuck_s"):
     check("joint summary has " + key, key in summary["joints"][0])
@@ -41,7 +56,10 @@ with h5py.File(work + "/run/telemetry.h5") as f:
     check("one group per joint", joints == ["joint%d" % i for i in range(1, 7)], joints)
     for channel in ("position_rad", "velocity_rad_s", "motor_torque_nm", "friction_nm", "load_nm", "temperature_degC"):
         d = f["joint2"][channel]
-        check("dataset " + channel, d.shape == f["time_s"].shape and d.chunks and "unit" in d.attrs and "description" in d.attrs)
+        check(
+            "dataset " + channel,
+            d.shape == f["time_s"].shape and d.chunks and "unit" in d.attrs and "description" in d.attrs,
+        )
     check("complete", f["complete"][()] == 1)
     check("it warms up", f["joint2/temperature_degC"][-1] > 25.5)
 
@@ -51,8 +69,21 @@ with h5py.File(work + "/run/telemetry.h5") as a, h5py.File(work + "/again/teleme
     check("rerun has the same bytes", all(np.array_equal(a[j][c][:], b[j][c][:]) for j in joints for c in a[j]))
 
 # kill -9 in the middle; a second program reads meanwhile.
-p = subprocess.Popen([program, "run", "irb6620_warmup", "-o", "killed", "--quiet", "--set", "multirate.enabled=false",
-                      "--set", "telemetry_rate_hz=1000"], cwd=work)
+p = subprocess.Popen(
+    [
+        program,
+        "run",
+        "irb6620_warmup",
+        "-o",
+        "killed",
+        "--quiet",
+        "--set",
+        "multirate.enabled=false",
+        "--set",
+        "telemetry_rate_hz=1000",
+    ],
+    cwd=work,
+)
 time.sleep(4)
 with h5py.File(work + "/killed/telemetry.h5", "r", libver="latest", swmr=True) as f:
     seen = f["time_s"].shape[0]
@@ -65,12 +96,19 @@ r = run("recover", "killed")
 check("recover exits 0", r.returncode == 0, r.stderr)
 with h5py.File(work + "/killed/telemetry.h5") as f:
     n = f["time_s"].shape[0]
-    check("recovered what was seen", n >= seen and f["joint2/position_rad"].shape[0] == n and f["complete"][()] == 0, (n, seen))
+    check(
+        "recovered what was seen",
+        n >= seen and f["joint2/position_rad"].shape[0] == n and f["complete"][()] == 0,
+        (n, seen),
+    )
     check("recovered time is whole", np.all(np.diff(f["time_s"][:]) > 0))
 r = run("recover", "run")
 check("nothing to recover", r.returncode == 0 and "complete" in r.stdout)
 
-check("the folder of a killed run can be used again", run("run", "irb6620_hold", "-o", "killed", "--quiet", "--force", "--set", "duration_s=1").returncode == 0)
+check(
+    "the folder of a killed run can be used again",
+    run("run", "irb6620_hold", "-o", "killed", "--quiet", "--force", "--set", "duration_s=1").returncode == 0,
+)
 check("no lock stays behind", not os.path.exists(work + "/killed/run.lock"))
 
 # A viscous damper that nobody accounts for takes energy: said, and an exit code for who asks for it.
@@ -80,11 +118,23 @@ assert found == 1
 open(os.path.join(work, "damped.xml"), "w").write(damped.replace('file="', 'file="' + os.path.dirname(model) + "/"))
 short = ("--set", "duration_s=20", "--set", "multirate.enabled=false")
 r = run("run", "irb6620_warmup", "-o", "damped", "--set", "model=" + os.path.join(work, "damped.xml"), *short)
-check("an energy balance that does not hold is said", r.returncode == 0 and "energy balance is off" in r.stderr, (r.returncode, r.stderr))
+check(
+    "an energy balance that does not hold is said",
+    r.returncode == 0 and "energy balance is off" in r.stderr,
+    (r.returncode, r.stderr),
+)
 warnings = json.load(open(work + "/damped/summary.json"))["warnings"]
-check("... in the summary, too", any("energy balance" in w and "% of the friction work" in w for w in warnings), warnings)
-r = run("run", "irb6620_warmup", "-o", "strict", "--strict", "--set", "model=" + os.path.join(work, "damped.xml"), *short)
-check("... and exit code 3 under --strict", r.returncode == 3 and os.path.exists(work + "/strict/summary.json"), (r.returncode, r.stderr))
+check(
+    "... in the summary, too", any("energy balance" in w and "% of the friction work" in w for w in warnings), warnings
+)
+r = run(
+    "run", "irb6620_warmup", "-o", "strict", "--strict", "--set", "model=" + os.path.join(work, "damped.xml"), *short
+)
+check(
+    "... and exit code 3 under --strict",
+    r.returncode == 3 and os.path.exists(work + "/strict/summary.json"),
+    (r.returncode, r.stderr),
+)
 r = run("run", "irb6620_warmup", "-o", "balanced", "--strict", *short)
 check("a balance that holds passes --strict", r.returncode == 0, (r.returncode, r.stderr))
 
@@ -94,27 +144,62 @@ table = np.genfromtxt(work + "/run/telemetry.csv", delimiter=",", names=True, de
 with h5py.File(work + "/run/telemetry.h5") as f:
     check("csv equals the record", np.array_equal(table["joint2.friction_nm"], f["joint2/friction_nm"][:]))
 
+
 # Full disk.
 def small_files():
     resource.setrlimit(resource.RLIMIT_FSIZE, (300000, 300000))
+
+
 r = run("run", "irb6620_warmup", "-o", "full", "--quiet", "--set", "telemetry_rate_hz=1000", preexec_fn=small_files)
-check("full disk", r.returncode == 1 and "telemetry.h5" in r.stderr and "File too large" in r.stderr and not os.path.exists(work + "/full/summary.json"), (r.returncode, r.stderr))
+check(
+    "full disk",
+    r.returncode == 1
+    and "telemetry.h5" in r.stderr
+    and "File too large" in r.stderr
+    and not os.path.exists(work + "/full/summary.json"),
+    (r.returncode, r.stderr),
+)
 
 # Curves.
 r = run("curve", model, "--joint", "joint2", "--temperature", "50", "--load", "0.3", "--speeds", "1:280:5")
-check("curve columns", r.stdout.splitlines()[0] == "speed_rad_s,load_norm,temperature_degC,friction_norm,friction_nm,stderr_nm" and len(r.stdout.splitlines()) == 6)
+check(
+    "curve columns",
+    r.stdout.splitlines()[0] == "speed_rad_s,load_norm,temperature_degC,friction_norm,friction_nm,stderr_nm"
+    and len(r.stdout.splitlines()) == 6,
+)
 v, l, T = 280, 0.3, 50
-law = (.0311 + .0234 * l + .126 * l * np.exp(-(v / 9.22) ** 1.36) + (-.025 + .0016 * T) * np.exp(-(v / (-24.81 + .98 * T)) ** 1.36)
-       + (1.3e-4 + 1.32e-3 * np.exp(-T / 20.71)) * v)
+law = (
+    0.0311
+    + 0.0234 * l
+    + 0.126 * l * np.exp(-((v / 9.22) ** 1.36))
+    + (-0.025 + 0.0016 * T) * np.exp(-((v / (-24.81 + 0.98 * T)) ** 1.36))
+    + (1.3e-4 + 1.32e-3 * np.exp(-T / 20.71)) * v
+)
 check("curve equals paper 1", abs(float(r.stdout.splitlines()[-1].split(",")[3]) / law - 1) < 1e-12)
 
 # A model named without a folder.
-r = subprocess.run([program, "curve", "irb6620.xml", "--joint", "joint2", "--speeds", "1:280:3"], capture_output=True, text=True, cwd=source + "/mjcf")
+r = subprocess.run(
+    [program, "curve", "irb6620.xml", "--joint", "joint2", "--speeds", "1:280:3"],
+    capture_output=True,
+    text=True,
+    cwd=source + "/mjcf",
+)
 check("model in the current folder", r.returncode == 0, r.stderr)
 
 # Wrong input.
 refused("nan load", 2, "curve", model, "--joint", "joint2", "--load", "nan", says=["finite"])
-refused("too slow to measure", 1, "curve", model, "--joint", "joint2", "--speeds", "0.001:0.001:1", "--experiment", says=["stick"])
+refused(
+    "too slow to measure",
+    1,
+    "curve",
+    model,
+    "--joint",
+    "joint2",
+    "--speeds",
+    "0.001:0.001:1",
+    "--experiment",
+    says=["stick"],
+)
 refused("no command", 2)
 refused("unknown option", 2, "run", "irb6620_hold", "--fast")
 refused("unknown scenario", 2, "run", "irb6621_warmup", says=["irb6621_warmup"])
@@ -125,7 +210,20 @@ refused("unwritable folder", 1, "run", "irb6620_hold", "-o", "/proc/none", says=
 refused("unknown joint", 2, "curve", model, "--joint", "joint7", says=["did you mean", "joint6"])
 refused("bad speeds", 2, "curve", model, "--joint", "joint2", "--speeds", "1:x:3", says=["FROM:TO:COUNT"])
 refused("missing model", 2, "curve", "none.xml", "--joint", "joint2", says=["none.xml"])
-refused("impossible pose", 2, "curve", model, "--joint", "joint2", "--load", "0.9", "--experiment", "--load-by", "pose", says=[".."])
+refused(
+    "impossible pose",
+    2,
+    "curve",
+    model,
+    "--joint",
+    "joint2",
+    "--load",
+    "0.9",
+    "--experiment",
+    "--load-by",
+    "pose",
+    says=[".."],
+)
 refused("recover nothing", 2, "recover", "none", says=["does not exist"])
 refused("export nothing", 2, "export", "none", "--csv", says=["does not exist"])
 open(work + "/run2.h5", "w").write("x")
@@ -136,7 +234,14 @@ for command in ([], ["run"], ["curve"], ["recover"], ["export"]):
     r = run(*command, "--help")
     check("help " + " ".join(command), r.returncode == 0 and ("Example" in r.stdout or not command), r.stdout)
 r = run("run", "--list")
-check("list", r.returncode == 0 and all(s in r.stdout for s in ("irb6620_warmup", "irb6620_hold", "br609_test_cycle", "er3a_c60_day", "xl330_replay")), r.stdout)
+check(
+    "list",
+    r.returncode == 0
+    and all(
+        s in r.stdout for s in ("irb6620_warmup", "irb6620_hold", "br609_test_cycle", "er3a_c60_day", "xl330_replay")
+    ),
+    r.stdout,
+)
 
 subprocess.run(["rm", "-rf", work])
 print("%d failed" % len(failures))

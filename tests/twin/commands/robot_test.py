@@ -16,7 +16,9 @@ def check(name, condition, detail=""):
 
 
 def run(*arguments, code=0, **options):
-    r = subprocess.run([program, *map(str, arguments)], capture_output=True, text=True, cwd=work, timeout=300, **options)
+    r = subprocess.run(
+        [program, *map(str, arguments)], capture_output=True, text=True, cwd=work, timeout=300, **options
+    )
     if r.returncode != code:
         failures.append(arguments)
         print("FAIL", arguments, r.returncode, r.stdout[-2000:], r.stderr, flush=True)
@@ -25,11 +27,15 @@ def run(*arguments, code=0, **options):
 
 def refused(name, says, *arguments):
     r = run(*arguments, code=2)
-    check(name, r.stdout == "" and len(r.stderr.strip().splitlines()) == 1 and all(s in r.stderr for s in says), r.stderr)
+    check(
+        name, r.stdout == "" and len(r.stderr.strip().splitlines()) == 1 and all(s in r.stderr for s in says), r.stderr
+    )
 
 
 def write(file, names, columns):
-    np.savetxt(f"{work}/{file}", np.column_stack(columns), delimiter=",", header=",".join(names), comments="", fmt="%.12g")
+    np.savetxt(
+        f"{work}/{file}", np.column_stack(columns), delimiter=",", header=",".join(names), comments="", fmt="%.12g"
+    )
 
 
 def read(file):
@@ -39,7 +45,10 @@ def read(file):
 
 def record(name, motion, seed, **keys):
     """A run of the ER3A twin and what its controller records: 10^6 increments per turn, torque noise 1 % of torque_max."""
-    json.dump({"model": model, "ambient_degC": 20, "telemetry_rate_hz": 500, "motion": motion, **keys}, open(f"{work}/{name}.yaml", "w"))
+    json.dump(
+        {"model": model, "ambient_degC": 20, "telemetry_rate_hz": 500, "motion": motion, **keys},
+        open(f"{work}/{name}.yaml", "w"),
+    )
     run("run", f"{name}.yaml", "-o", name, "--quiet")
     run("export", name, "--recording", "--encoder", 1e6, "--torque-noise", 0.01, "--seed", seed, "-o", f"{name}.csv")
 
@@ -48,21 +57,45 @@ def record(name, motion, seed, **keys):
 r = json.loads(run("excite", model, "-o", "motion.csv", "--evaluations", 400, "--heating", 0.5, "--json").stdout)
 names, motion = read("motion.csv")
 check("the search betters the condition number", r["condition_number"] < 0.7 * r["first_condition_number"], r)
-check("sections in order", names[:2] == ["time_s", "section"] and set(motion[:, 1]) == {1, 2, 3} and np.all(np.diff(motion[:, 1]) >= 0))
+check(
+    "sections in order",
+    names[:2] == ["time_s", "section"] and set(motion[:, 1]) == {1, 2, 3} and np.all(np.diff(motion[:, 1]) >= 0),
+)
 position, velocity = motion[:, 2::2], motion[:, 3::2]
-ranges = [(float(a), float(b)) for a, b in re.findall(r'<joint name="joint\d".*?range="(\S+) (\S+)"', open(model).read())]
+ranges = [
+    (float(a), float(b)) for a, b in re.findall(r'<joint name="joint\d".*?range="(\S+) (\S+)"', open(model).read())
+]
 speeds = np.array([4.014, 4.014, 4.363, 5.585, 5.585, 7.330])
-check("positions within the ranges", all(low <= position[:, j].min() and position[:, j].max() <= high for j, (low, high) in enumerate(ranges)))
-check("speeds within 80 %", np.all(np.abs(velocity).max(0) <= 0.8 * speeds * (1 + 1e-9)), np.abs(velocity).max(0) / speeds)
+check(
+    "positions within the ranges",
+    all(low <= position[:, j].min() and position[:, j].max() <= high for j, (low, high) in enumerate(ranges)),
+)
+check(
+    "speeds within 80 %", np.all(np.abs(velocity).max(0) <= 0.8 * speeds * (1 + 1e-9)), np.abs(velocity).max(0) / speeds
+)
 check("it starts at rest", np.abs(velocity[0]).max() < 1e-9)
 slope = np.gradient(position, motion[:, 0], axis=0)
-check("velocities are the slopes of positions", np.abs(slope - velocity)[1:-1].max() < 0.1, np.abs(slope - velocity)[1:-1].max())
+check(
+    "velocities are the slopes of positions",
+    np.abs(slope - velocity)[1:-1].max() < 0.1,
+    np.abs(slope - velocity)[1:-1].max(),
+)
 check("every joint moves in the second section", np.all(np.ptp(position[motion[:, 1] == 2], axis=0) > 0.3))
-p = subprocess.Popen([program, "excite", model, "-o", "stopped.csv", "--evaluations", "1000000", "--inertia-only"], cwd=work, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+p = subprocess.Popen(
+    [program, "excite", model, "-o", "stopped.csv", "--evaluations", "1000000", "--inertia-only"],
+    cwd=work,
+    stdout=subprocess.PIPE,
+    stderr=subprocess.PIPE,
+    text=True,
+)
 time.sleep(4)
 p.send_signal(signal.SIGINT)
 out, err = p.communicate(timeout=60)
-check("Ctrl-C leaves the best so far, whole", p.returncode == 1 and "interrupted" in err and "condition number" in out and len(read("stopped.csv")[1]) == 5001, (p.returncode, out, err))
+check(
+    "Ctrl-C leaves the best so far, whole",
+    p.returncode == 1 and "interrupted" in err and "condition number" in out and len(read("stopped.csv")[1]) == 5001,
+    (p.returncode, out, err),
+)
 
 # ---- From that motion to parameters, and to torques of another one, cold and hot.
 record("excited", {"type": "recording", "file": "motion.csv"}, 1)
@@ -70,7 +103,9 @@ waypoints = [[-1.2, -0.4, -0.5, -1.8, -1.2, -2.5], [0.5, 0.6, 0.5, 1.8, 1.2, 2.5
 cycle = {"type": "cycle", "speed_share": 0.7, "waypoints": [{"position_rad": w} for w in waypoints]}
 record("cold", cycle, 2, duration_s=30)
 record("hot", cycle, 3, duration_s=30, temperature_degC=45)
-fit = json.loads(run("dynamics", model, "excited.csv", "--friction", "polynomial", "-o", "params.yaml", "--json", "--quiet").stdout)
+fit = json.loads(
+    run("dynamics", model, "excited.csv", "--friction", "polynomial", "-o", "params.yaml", "--json", "--quiet").stdout
+)
 for name in ("cold", "hot"):
     e = json.loads(run("predict", model, "params.yaml", f"{name}.csv", "--json").stdout)
     check(f"torque of another motion, {name}: below 3 % of the range", e["worst_relative_to_range"] < 0.03, e)
@@ -79,27 +114,80 @@ for j in range(1, 7):
     block = re.search(rf'<instance name="j{j}">(.*?)</instance>', open(model).read(), re.S).group(1)
     truth[f"joint{j}"] = dict(re.findall(r'key="(\w+)" value="(\S+?)"', block))
 off = {name: (e["value"] - e["of_model"]) / e["sigma"] for name, e in fit["base_parameters"].items()}
-off |= {joint + "." + name: (e["value"] - float(truth[joint][name])) / e["sigma"] for joint, all_ in fit["friction"].items() for name, e in all_.items() if e["sigma"]}
+off |= {
+    joint + "." + name: (e["value"] - float(truth[joint][name])) / e["sigma"]
+    for joint, all_ in fit["friction"].items()
+    for name, e in all_.items()
+    if e["sigma"]
+}
 size = np.abs(list(off.values()))
-check("40 base and 30 friction parameters are as far off as their sigmas say", len(size) == 70 and size.max() < 3.5 and 0.75 < np.sqrt(np.mean(size**2)) < 1.25, off)
+check(
+    "40 base and 30 friction parameters are as far off as their sigmas say",
+    len(size) == 70 and size.max() < 3.5 and 0.75 < np.sqrt(np.mean(size**2)) < 1.25,
+    off,
+)
 for name, value in {"joint3.Ia": 0.20, "joint4.Ia": 0.045, "joint5.Ia": 0.045, "joint6.Ia": 0.020}.items():
     check(name + " of the MJCF", abs(fit["base_parameters"][name]["of_model"] - value) < 1e-12)
 # ---- A force without a sensor: 2 kg that nobody told of, cold and hot.
 for name, temperature, seed in (("laden_cold", 20, 4), ("laden_hot", 45, 5)):
-    record(name, cycle, seed, duration_s=30, temperature_degC=temperature, events=[{"time_s": 0, "type": "payload", "mass_kg": 2}])
+    record(
+        name,
+        cycle,
+        seed,
+        duration_s=30,
+        temperature_degC=temperature,
+        events=[{"time_s": 0, "type": "payload", "mass_kg": 2}],
+    )
     names, laden = read(f"{name}.csv")
-    write(f"{name}_blind.csv", [n for n in names if "degC" not in n], [laden[:, i] for i, n in enumerate(names) if "degC" not in n])
+    write(
+        f"{name}_blind.csv",
+        [n for n in names if "degC" not in n],
+        [laden[:, i] for i, n in enumerate(names) if "degC" not in n],
+    )
     for file in (name, f"{name}_blind"):
         run("predict", model, "params.yaml", f"{file}.csv", "--wrench", f"{file}_wrench.csv", "--json", "--quiet")
-force = {n: np.nanmean(np.genfromtxt(f"{work}/{n}_wrench.csv", delimiter=",", names=True)["force_z_n"]) for n in ("laden_cold", "laden_hot", "laden_hot_blind")}
+force = {
+    n: np.nanmean(np.genfromtxt(f"{work}/{n}_wrench.csv", delimiter=",", names=True)["force_z_n"])
+    for n in ("laden_cold", "laden_hot", "laden_hot_blind")
+}
 wrench_names = open(f"{work}/laden_hot_wrench.csv").readline().strip().split(",")
-check("wrench columns", wrench_names == ["time_s", "force_x_n", "force_y_n", "force_z_n", "torque_x_nm", "torque_y_nm", "torque_z_nm"], wrench_names)
-check("2 kg at the flange weigh 19.6 N within 15 %, cold and hot", all(abs(force[n] + 19.62) < 0.15 * 19.62 for n in ("laden_cold", "laden_hot")), force)
-spread = {n: np.nanstd(np.genfromtxt(f"{work}/{n}_wrench.csv", delimiter=",", names=True)["force_z_n"]) for n in ("laden_hot", "laden_hot_blind")}
-check("without temperatures hot friction is taken for force", spread["laden_hot_blind"] > 1.15 * spread["laden_hot"], spread)
-refused("no such site", ["--site", "flange"], "predict", model, "params.yaml", "cold.csv", "--wrench", "w.csv", "--site", "tool")
+check(
+    "wrench columns",
+    wrench_names == ["time_s", "force_x_n", "force_y_n", "force_z_n", "torque_x_nm", "torque_y_nm", "torque_z_nm"],
+    wrench_names,
+)
+check(
+    "2 kg at the flange weigh 19.6 N within 15 %, cold and hot",
+    all(abs(force[n] + 19.62) < 0.15 * 19.62 for n in ("laden_cold", "laden_hot")),
+    force,
+)
+spread = {
+    n: np.nanstd(np.genfromtxt(f"{work}/{n}_wrench.csv", delimiter=",", names=True)["force_z_n"])
+    for n in ("laden_hot", "laden_hot_blind")
+}
+check(
+    "without temperatures hot friction is taken for force",
+    spread["laden_hot_blind"] > 1.15 * spread["laden_hot"],
+    spread,
+)
+refused(
+    "no such site",
+    ["--site", "flange"],
+    "predict",
+    model,
+    "params.yaml",
+    "cold.csv",
+    "--wrench",
+    "w.csv",
+    "--site",
+    "tool",
+)
 linear = json.loads(run("dynamics", model, "excited.csv", "--json", "--quiet").stdout)
-check("one law for all temperatures is worse", linear["relative_error"] > 1.5 * fit["relative_error"], (linear["relative_error"], fit["relative_error"]))
+check(
+    "one law for all temperatures is worse",
+    linear["relative_error"] > 1.5 * fit["relative_error"],
+    (linear["relative_error"], fit["relative_error"]),
+)
 
 # ---- Data that are not what they say.
 names, data = read("cold.csv")
@@ -108,7 +196,7 @@ data = data[:6000]
 
 def broken(file, change):
     d, n = data.copy(), list(names)
-    result = change(d, n)   # or in place
+    result = change(d, n)  # or in place
     write(file, n, (d if result is None else result).T)
     return file
 
@@ -117,12 +205,14 @@ def swap(a, b):
     def change(d, n):
         i, j = n.index(a), n.index(b)
         d[:, [i, j]] = d[:, [j, i]]
+
     return change
 
 
 def scaled(column, factor):
     def change(d, n):
         d[:, n.index(column)] *= factor
+
     return change
 
 
@@ -131,6 +221,7 @@ def without(column):
         i = n.index(column)
         del n[i]
         return np.delete(d, i, 1)
+
     return change
 
 
@@ -139,16 +230,47 @@ def standing(d, n):
         d[:, n.index(f"position_joint{j}_rad")] = 0.1
 
 
-refused("position and torque swapped", ["position_joint2_rad", "torque"], "dynamics", model, broken("a.csv", swap("position_joint2_rad", "torque_joint2_nm")))
-refused("degrees", ["position_joint3_rad", "degrees"], "dynamics", model, broken("b.csv", scaled("position_joint3_rad", 57.29578)))
-refused("a joint is missing", ["position_joint4_rad", "joint4"], "dynamics", model, broken("c.csv", without("position_joint4_rad")))
+refused(
+    "position and torque swapped",
+    ["position_joint2_rad", "torque"],
+    "dynamics",
+    model,
+    broken("a.csv", swap("position_joint2_rad", "torque_joint2_nm")),
+)
+refused(
+    "degrees",
+    ["position_joint3_rad", "degrees"],
+    "dynamics",
+    model,
+    broken("b.csv", scaled("position_joint3_rad", 57.29578)),
+)
+refused(
+    "a joint is missing",
+    ["position_joint4_rad", "joint4"],
+    "dynamics",
+    model,
+    broken("c.csv", without("position_joint4_rad")),
+)
 refused("a torque is missing", ["torque_joint5_nm"], "dynamics", model, broken("d.csv", without("torque_joint5_nm")))
 refused("the robot stands", ["stands"], "dynamics", model, broken("e.csv", standing))
 refused("time goes back", ["time_s", "does not come after"], "dynamics", model, broken("f.csv", lambda d, n: d[::-1]))
 refused("sign of a torque", ["torque_joint1_nm"], "dynamics", model, broken("g.csv", scaled("torque_joint1_nm", -1)))
-refused("torques of two joints swapped", ["torque of another joint"], "dynamics", model, broken("h.csv", swap("torque_joint1_nm", "torque_joint6_nm")))
+refused(
+    "torques of two joints swapped",
+    ["torque of another joint"],
+    "dynamics",
+    model,
+    broken("h.csv", swap("torque_joint1_nm", "torque_joint6_nm")),
+)
 refused("no such law", ["coulomb_viscous", "did you mean"], "dynamics", model, "cold.csv", "--friction", "polynomal")
-refused("a file of another robot", ["another robot"], "predict", f"{source}/mjcf/xl330_pendulum.xml", "params.yaml", "cold.csv")
+refused(
+    "a file of another robot",
+    ["another robot"],
+    "predict",
+    f"{source}/mjcf/xl330_pendulum.xml",
+    "params.yaml",
+    "cold.csv",
+)
 refused("an elastic joint", ["elastic"], "dynamics", f"{source}/mjcf/rh380n_bench.xml", "cold.csv")
 random = np.random.default_rng(1)
 
@@ -161,7 +283,12 @@ def jittery(d, n):
 
 
 r = run("dynamics", model, broken("i.csv", jittery), "--json")
-check("time that is not equidistant is said and used", "not equidistant" in r.stderr and json.loads(r.stdout)["relative_error"] < 0.1, r.stderr)
+check(
+    "time that is not equidistant is said and used",
+    "not equidistant" in r.stderr and json.loads(r.stdout)["relative_error"] < 0.1,
+    r.stderr,
+)
+
 
 def holes(d, n):
     d[1000:1003, n.index("torque_joint2_nm")] = np.nan
@@ -171,41 +298,83 @@ def holes(d, n):
 def still(column):
     def change(d, n):
         d[:, n.index(column)] = 0.2
+
     return change
 
 
 r = run("dynamics", model, broken("j.csv", holes), "--json")
-check("rows with NaN are gaps, said and left out", "4 rows" in r.stderr and "line 1002" in r.stderr and json.loads(r.stdout)["relative_error"] < 0.1, r.stderr)
-refused("nothing but NaN", ["0 rows of finite numbers"], "dynamics", model, broken("k.csv", scaled("torque_joint2_nm", np.nan)))
+check(
+    "rows with NaN are gaps, said and left out",
+    "4 rows" in r.stderr and "line 1002" in r.stderr and json.loads(r.stdout)["relative_error"] < 0.1,
+    r.stderr,
+)
+refused(
+    "nothing but NaN",
+    ["0 rows of finite numbers"],
+    "dynamics",
+    model,
+    broken("k.csv", scaled("torque_joint2_nm", np.nan)),
+)
 refused("one joint stands", ["joint5", "stands"], "dynamics", model, broken("l.csv", still("position_joint5_rad")))
 refused("degrees, predicted", ["position_joint3_rad", "degrees"], "predict", model, "params.yaml", "b.csv")
 refused("a joint is missing, predicted", ["position_joint4_rad"], "predict", model, "params.yaml", "c.csv")
 refused("the robot stands, predicted", ["stands"], "predict", model, "params.yaml", "e.csv")
 refused("time goes back, predicted", ["does not come after"], "predict", model, "params.yaml", "f.csv")
 refused("recording as parameters", ["cold.csv"], "predict", model, "cold.csv", "cold.csv")
-open(f"{work}/ball.xml", "w").write("<mujoco><worldbody><body><joint name='b' type='ball'/><geom size='.1'/></body></worldbody></mujoco>")
+open(f"{work}/ball.xml", "w").write(
+    "<mujoco><worldbody><body><joint name='b' type='ball'/><geom size='.1'/></body></worldbody></mujoco>"
+)
 open(f"{work}/none.xml", "w").write("<mujoco><worldbody><geom size='.1'/></worldbody></mujoco>")
 for file, says in (("ball.xml", "ball joint"), ("none.xml", "no joint"), ("nofile.xml", "cannot be read")):
     refused(f"excite {file}", [file, says], "excite", file, "-o", "o.csv")
 check("no motion is written then", not os.path.exists(f"{work}/o.csv"))
 
 # ---- A slide: a mass on a rail with known friction, from numpy.
-open(f"{work}/slide.xml", "w").write("<mujoco><worldbody><body name='cart'><joint name='x' type='slide' axis='1 0 0' armature='0.5'/><geom size='.1' mass='3'/></body></worldbody></mujoco>")
+open(f"{work}/slide.xml", "w").write(
+    "<mujoco><worldbody><body name='cart'><joint name='x' type='slide' axis='1 0 0' armature='0.5'/><geom size='.1' mass='3'/></body></worldbody></mujoco>"
+)
 t = np.arange(0, 20, 0.002)
-x, v, a = 0.2 * np.sin(2 * t) + 0.05 * np.sin(5 * t), 0.4 * np.cos(2 * t) + 0.25 * np.cos(5 * t), -0.8 * np.sin(2 * t) - 1.25 * np.sin(5 * t)
-write("slide.csv", ["time_s", "position_x_m", "torque_x_n"], [t, x, 3.5 * a + 2 * np.sign(v) + 4 * v + 0.3 + random.normal(0, 0.05, len(t))])
+x, v, a = (
+    0.2 * np.sin(2 * t) + 0.05 * np.sin(5 * t),
+    0.4 * np.cos(2 * t) + 0.25 * np.cos(5 * t),
+    -0.8 * np.sin(2 * t) - 1.25 * np.sin(5 * t),
+)
+write(
+    "slide.csv",
+    ["time_s", "position_x_m", "torque_x_n"],
+    [t, x, 3.5 * a + 2 * np.sign(v) + 4 * v + 0.3 + random.normal(0, 0.05, len(t))],
+)
 s = json.loads(run("dynamics", "slide.xml", "slide.csv", "--json").stdout)
 mass, friction = s["base_parameters"]["cart.m"], s["friction"]["x"]
-check("a slide's mass with its rotor, in kg", abs(mass["value"] - 3.5) < 4 * mass["sigma"] and mass["sigma"] < 0.01 and mass["unit"] == "kg", mass)
-check("and its friction", all(abs(friction[k]["value"] - e) < 4 * friction[k]["sigma"] for k, e in (("Fc", 2), ("Fv", 4), ("offset", 0.3))), friction)
+check(
+    "a slide's mass with its rotor, in kg",
+    abs(mass["value"] - 3.5) < 4 * mass["sigma"] and mass["sigma"] < 0.01 and mass["unit"] == "kg",
+    mass,
+)
+check(
+    "and its friction",
+    all(abs(friction[k]["value"] - e) < 4 * friction[k]["sigma"] for k, e in (("Fc", 2), ("Fv", 4), ("offset", 0.3))),
+    friction,
+)
 run("excite", "slide.xml", "-o", "rail.csv", "--evaluations", 20, "--quiet")
 names, rail = read("rail.csv")
-check("a slide's motion in metres, half of one to both sides", names == ["time_s", "section", "position_x_m", "velocity_x_m_s"] and np.abs(rail[:, 2]).max() <= 0.5 and set(rail[:, 1]) == {1, 2, 3}, names)
+check(
+    "a slide's motion in metres, half of one to both sides",
+    names == ["time_s", "section", "position_x_m", "velocity_x_m_s"]
+    and np.abs(rail[:, 2]).max() <= 0.5
+    and set(rail[:, 1]) == {1, 2, 3},
+    names,
+)
 refused("a slide's column in rad", ["position_x_m"], "dynamics", "slide.xml", "cold.csv")
 outlying = 3.5 * a + 2 * np.sign(v) + 4 * v + 0.3 + random.normal(0, 0.05, len(t))
 outlying[2000:2050] += 40
 write("outliers.csv", ["time_s", "position_x_m", "torque_x_n"], [t, x, outlying])
-plain, robust = (json.loads(run("dynamics", "slide.xml", "outliers.csv", "--json", "--robust", loss).stdout)["base_parameters"]["cart.m"]["value"] for loss in ("none", "tukey"))
+plain, robust = (
+    json.loads(run("dynamics", "slide.xml", "outliers.csv", "--json", "--robust", loss).stdout)["base_parameters"][
+        "cart.m"
+    ]["value"]
+    for loss in ("none", "tukey")
+)
 check("outliers: tukey is ten times nearer", abs(robust - 3.5) < 0.1 * abs(plain - 3.5), (plain, robust))
 
 print("failed:", failures)

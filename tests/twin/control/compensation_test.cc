@@ -76,19 +76,24 @@ TEST(TrackingError, TellsOscillationFromTheWayOfTheLoad) {
   }
   EXPECT_LT(slow.standstill_pp_mrad(), 5e-4);
   EXPECT_NEAR(swinging.standstill_pp_mrad(), 1e-2, 1.5e-3);
-  EXPECT_NEAR(slow.l1_mrad(), 1.5 * (3 - std::cos(2 * std::numbers::pi * 10 / 16 - std::numbers::pi)) / (2 * std::numbers::pi * 10 / 16), 0.01);
+  EXPECT_NEAR(
+      slow.l1_mrad(),
+      1.5 * (3 - std::cos(2 * std::numbers::pi * 10 / 16 - std::numbers::pi)) / (2 * std::numbers::pi * 10 / 16), 0.01);
 }
 
 struct Tracked {
   double none = 0, fixed = 0, proposed = 0, oscillation = 0;
 };
 
-/// rh380n_tracking at one temperature, mean over seeds of the identification error; oscillation: of the first, the shipped one.
+/// rh380n_tracking at one temperature, mean over seeds of the identification error; oscillation: of the first, the
+/// shipped one.
 Tracked tracked(double temperature, std::span<const int> seeds) {
   const auto run_one = [&](const char* compensation, int seed) {
     return std::async(std::launch::async, [=] {
-      const Scenario scenario = load_scenario(std::string(TRIBOTWIN_SOURCE_DIR) + "/twin/scenarios/rh380n_tracking.yaml",
-                                              {fmt::format("temperature_degC={}", temperature), fmt::format("control.compensation={}", compensation), fmt::format("seed={}", seed)});
+      const Scenario scenario =
+          load_scenario(std::string(TRIBOTWIN_SOURCE_DIR) + "/twin/scenarios/rh380n_tracking.yaml",
+                        {fmt::format("temperature_degC={}", temperature),
+                         fmt::format("control.compensation={}", compensation), fmt::format("seed={}", seed)});
       const auto summary = run(scenario, {});
       EXPECT_TRUE(summary.has_value()) << summary.error();
       return summary->tracking.at(0);
@@ -116,7 +121,10 @@ TEST(Compensation, CutsTheTrackingErrorAsInPaper4) {
   EXPECT_LT(warm.proposed / warm.fixed, cold.proposed / cold.fixed) << "the advantage grows with temperature";
   const double two_counts_mrad = 1e3 * 2 * 2 * std::numbers::pi / 8192 / 185;
   EXPECT_LT(std::max(cold.oscillation, warm.oscillation), two_counts_mrad);
-  fmt::print("20 degC: {:.3f} -> {:.3f} -> {:.3f} mrad, 35 degC: {:.3f} -> {:.3f} -> {:.3f} mrad, oscillation {:.4f} mrad\n", cold.none, cold.fixed, cold.proposed, warm.none, warm.fixed, warm.proposed, std::max(cold.oscillation, warm.oscillation));
+  fmt::print(
+      "20 degC: {:.3f} -> {:.3f} -> {:.3f} mrad, 35 degC: {:.3f} -> {:.3f} -> {:.3f} mrad, oscillation {:.4f} mrad\n",
+      cold.none, cold.fixed, cold.proposed, warm.none, warm.fixed, warm.proposed,
+      std::max(cold.oscillation, warm.oscillation));
 }
 
 /// A joint that warms up by its own friction, its heat and steady rise 10 % other than the observer believes.
@@ -127,16 +135,24 @@ double error_after_one_time_constant(double start_error_K, double heat_factor, d
   real.t_s[0] *= time_factor;
   real.gain_K_J[0] *= heat_factor / time_factor;
   const double dt = 1, start = 45;
-  TemperatureObserver observer(believed, {.start_degC = start + start_error_K, .start_sigma_K = 15, .friction_sigma_nm = 0.02 * believed.torque_max_nm * 0.1, .correlation_s = 1});
+  TemperatureObserver observer(believed, {.start_degC = start + start_error_K,
+                                          .start_sigma_K = 15,
+                                          .friction_sigma_nm = 0.02 * believed.torque_max_nm * 0.1,
+                                          .correlation_s = 1});
   thermal::Rise rise = thermal::settled(real, start - real.T_amb_degC);
   const thermal::Decay decay = thermal::decay(real, dt);
   std::mt19937_64 random(7);
   std::normal_distribution<double> noise(0, 0.02 * believed.torque_max_nm * 0.1);
   for (double t = 0; t < believed.thermal.t_s[0]; t += dt) {
-    const double temperature = real.T_amb_degC + rise.total_K(), speed = 1.2 * std::sin(0.7 * t), load = 0.3 * believed.torque_max_nm;
+    const double temperature = real.T_amb_degC + rise.total_K(), speed = 1.2 * std::sin(0.7 * t),
+                 load = 0.3 * believed.torque_max_nm;
     const double friction = std::copysign(mujoco::friction_nm(believed, speed, 0.3, temperature), speed);
     thermal::step(real, decay, friction * speed, 0, rise);
-    observer.update({.speed_rad_s = speed, .load_nm = load, .friction_nm = friction + noise(random), .ambient_degC = real.T_amb_degC}, dt);
+    observer.update({.speed_rad_s = speed,
+                     .load_nm = load,
+                     .friction_nm = friction + noise(random),
+                     .ambient_degC = real.T_amb_degC},
+                    dt);
   }
   const double error = observer.temperature_degC() - (real.T_amb_degC + rise.total_K());
   EXPECT_LT(std::abs(error), 3 * observer.sigma_K() + 0.1);
@@ -146,15 +162,17 @@ double error_after_one_time_constant(double start_error_K, double heat_factor, d
 TEST(TemperatureObserver, FindsTheTemperatureFromFriction) {
   for (const double start : {-15.0, 15.0})
     for (const double heat : {0.9, 1.1})
-      for (const double time : {0.9, 1.1}) EXPECT_LT(error_after_one_time_constant(start, heat, time), 2) << start << ' ' << heat << ' ' << time;
+      for (const double time : {0.9, 1.1})
+        EXPECT_LT(error_after_one_time_constant(start, heat, time), 2) << start << ' ' << heat << ' ' << time;
 }
 
 struct Felt {
   double joint3_nm;
-  std::array<double, 6> wrench;   ///< at the flange
+  std::array<double, 6> wrench;  ///< at the flange
 };
 
-/// The estimate 0.1 s after 5 Nm were put on joint 3, or `push` (force and torque, world axes) on the flange, of a moving ER3A, its gears at `real` degC, believed at `believed`.
+/// The estimate 0.1 s after 5 Nm were put on joint 3, or `push` (force and torque, world axes) on the flange, of a
+/// moving ER3A, its gears at `real` degC, believed at `believed`.
 Felt felt(double real_degC, double believed_degC, std::optional<std::array<double, 6>> push = {}) {
   const auto loaded = mujoco::load_file(std::string(TRIBOTWIN_SOURCE_DIR) + "/mjcf/er3a_c60.xml");
   const auto model = *loaded;
@@ -167,7 +185,8 @@ Felt felt(double real_degC, double believed_degC, std::optional<std::array<doubl
   EXPECT_TRUE(sensor.has_value()) << sensor.error();
   const double dt = (*model)->opt.timestep;
   std::vector<DriveCommand> commands(drives.size());
-  std::vector<double> q(drives.size()), qd(drives.size()), torque(drives.size()), temperature(drives.size(), believed_degC);
+  std::vector<double> q(drives.size()), qd(drives.size()), torque(drives.size()),
+      temperature(drives.size(), believed_degC);
   const std::size_t joint = 2;
   const int flange = mj_name2id(model->get(), mjOBJ_SITE, "flange");
   Felt felt{};
@@ -176,11 +195,17 @@ Felt felt(double real_degC, double believed_degC, std::optional<std::array<doubl
     std::vector<DriveCommand>& commands;
   } loop{servo, commands};
   for (int i = 0; i * dt < 1.1; ++i) {
-    for (std::size_t k = 0; k < drives.size(); ++k) commands[k] = {.mode = DriveCommand::Mode::velocity, .velocity_rad_s = 0.5};
+    for (std::size_t k = 0; k < drives.size(); ++k)
+      commands[k] = {.mode = DriveCommand::Mode::velocity, .velocity_rad_s = 0.5};
     mju_zero(d->qfrc_applied, (*model)->nv);
     if (i * dt >= 1 && !push) d->qfrc_applied[drives[joint].dof] = 5;
-    if (i * dt >= 1 && push) mj_applyFT(model->get(), d.get(), push->data(), push->data() + 3, d->site_xpos + 3 * flange, (*model)->site_bodyid[flange], d->qfrc_applied);
-    model->step(d.get(), {[](void* self, const mjModel* m, mjData* data) { static_cast<Loop*>(self)->servo.control(m, data, static_cast<Loop*>(self)->commands); }, &loop});
+    if (i * dt >= 1 && push)
+      mj_applyFT(model->get(), d.get(), push->data(), push->data() + 3, d->site_xpos + 3 * flange,
+                 (*model)->site_bodyid[flange], d->qfrc_applied);
+    model->step(d.get(), {[](void* self, const mjModel* m, mjData* data) {
+                            static_cast<Loop*>(self)->servo.control(m, data, static_cast<Loop*>(self)->commands);
+                          },
+                          &loop});
     for (std::size_t k = 0; k < drives.size(); ++k) {
       q[k] = d->qpos[drives[k].position];
       qd[k] = d->qvel[drives[k].dof];
@@ -204,11 +229,13 @@ TEST(ExternalTorque, FeelsForceAndTorqueAtTheToolColdAndHotIfItKnowsTheTemperatu
   const auto largest_error = [](double real_degC, double believed_degC, const std::array<double, 6>& push) {
     const auto wrench = felt(real_degC, believed_degC, push).wrench;
     double error = 0, size = 0;
-    for (std::size_t k = 0; k < 6; ++k) error = std::max(error, std::abs(wrench[k] - push[k])), size = std::max(size, std::abs(push[k]));
-    fmt::print("{} at {} degC by a model of {} degC: {:.3f}\n", fmt::join(push, ", "), real_degC, believed_degC, fmt::join(wrench, ", "));
+    for (std::size_t k = 0; k < 6; ++k)
+      error = std::max(error, std::abs(wrench[k] - push[k])), size = std::max(size, std::abs(push[k]));
+    fmt::print("{} at {} degC by a model of {} degC: {:.3f}\n", fmt::join(push, ", "), real_degC, believed_degC,
+               fmt::join(wrench, ", "));
     return error / size;
   };
-  for (const std::array<double, 6>& push : {std::array<double, 6>{20, 0, 0, 0, 0, 0}, {0, 0, 0, 0, 5, 0}}) {   // N, Nm
+  for (const std::array<double, 6>& push : {std::array<double, 6>{20, 0, 0, 0, 0, 0}, {0, 0, 0, 0, 5, 0}}) {  // N, Nm
     for (const double temperature : {20.0, 45.0}) EXPECT_LT(largest_error(temperature, temperature, push), 0.15);
     EXPECT_GT(largest_error(20, 45, push), 0.15) << "an isothermal model must not do";
     EXPECT_GT(largest_error(45, 20, push), 0.15) << "an isothermal model must not do";

@@ -1,4 +1,5 @@
-// Healthy states and verdicts on curves of the BR609's third joint as its campaign measures them: false alarms, power, patterns.
+// Healthy states and verdicts on curves of the BR609's third joint as its campaign measures them: false alarms, power,
+// patterns.
 #include <cmath>
 #include <filesystem>
 #include <fstream>
@@ -19,14 +20,16 @@ namespace {
 using testing::HasSubstr;
 
 // Of the unloaded curves of twin/scenarios/br609_campaign.yaml: motor speeds, mean |load| and error of each level.
-constexpr std::array speeds{0.1745, 0.8727, 1.7453, 2.618, 3.4907, 5.236, 8.7266, 13.963, 17.453, 26.18, 52.36, 78.54, 104.72, 139.63, 174.5};
-constexpr std::array unloaded{0.3927, 0.3927, 0.3925, 0.3926, 0.3919, 0.3920, 0.3893, 0.3778, 0.3790, 0.3612, 0.3518, 0.2957, 0.3206, 0.3449, 0.3582};
+constexpr std::array speeds{0.1745, 0.8727, 1.7453, 2.618, 3.4907, 5.236,  8.7266, 13.963,
+                            17.453, 26.18,  52.36,  78.54, 104.72, 139.63, 174.5};
+constexpr std::array unloaded{0.3927, 0.3927, 0.3925, 0.3926, 0.3919, 0.3920, 0.3893, 0.3778,
+                              0.3790, 0.3612, 0.3518, 0.2957, 0.3206, 0.3449, 0.3582};
 constexpr double level_noise_nm = 0.05, torque_max_nm = 130;
 constexpr double cold = 25, medium = 42, hot = 58;
 
 struct Condition {
   double temperature_degC = medium, extra_load = 0;
-  double boundary = 1, coulomb = 1, stribeck = 1, viscous = 1, torque = 1;   ///< factors
+  double boundary = 1, coulomb = 1, stribeck = 1, viscous = 1, torque = 1;  ///< factors
   double ripple_nm = 0.02, lost_motion_rad = 1e-4;
 };
 
@@ -40,10 +43,15 @@ class Bench {
     const auto Fcl = parameter("Fcl"), Fsl = parameter("Fsl");
     for (std::size_t i = 0; i < speeds.size(); ++i) {
       const double T = c.temperature_degC, l = unloaded[i] + c.extra_load;
-      const double Fc = (parameter("Fc0") + parameter("FcT") * T + Fcl * l) * c.coulomb, Fs = (parameter("Fs0") + Fsl * l) * c.boundary, Vs = (parameter("Vs0") + parameter("VsT") * T) * c.stribeck;
-      const double viscous = parameter("FvT") * std::exp(-T / parameter("TV0")) * std::pow(speeds[i], parameter("beta0") + parameter("betaT") * T) * c.viscous;
-      const double friction = c.torque * (Fc + (Fs - Fc) * std::exp(-std::pow(speeds[i] / Vs, alpha)) + viscous) + level_noise_nm * normal_(random_);
-      s += fmt::format("{},{},{},{},{},{},{},{}\n", number, speeds[i], l * c.torque, T, friction, level_noise_nm, c.ripple_nm * (1 + 0.1 * normal_(random_)), c.lost_motion_rad * (1 + 0.05 * normal_(random_)));
+      const double Fc = (parameter("Fc0") + parameter("FcT") * T + Fcl * l) * c.coulomb,
+                   Fs = (parameter("Fs0") + Fsl * l) * c.boundary,
+                   Vs = (parameter("Vs0") + parameter("VsT") * T) * c.stribeck;
+      const double viscous = parameter("FvT") * std::exp(-T / parameter("TV0")) *
+                             std::pow(speeds[i], parameter("beta0") + parameter("betaT") * T) * c.viscous;
+      const double friction = c.torque * (Fc + (Fs - Fc) * std::exp(-std::pow(speeds[i] / Vs, alpha)) + viscous) +
+                              level_noise_nm * normal_(random_);
+      s += fmt::format("{},{},{},{},{},{},{},{}\n", number, speeds[i], l * c.torque, T, friction, level_noise_nm,
+                       c.ripple_nm * (1 + 0.1 * normal_(random_)), c.lost_motion_rad * (1 + 0.05 * normal_(random_)));
     }
     return s;
   }
@@ -72,7 +80,8 @@ class Bench {
  private:
   double parameter(std::string_view name) const {
     const auto& p = law_.info->parameters;
-    return law_.parameters[static_cast<std::size_t>(std::ranges::find(p, name, &friction::Parameter::name) - p.begin())];
+    return law_
+        .parameters[static_cast<std::size_t>(std::ranges::find(p, name, &friction::Parameter::name) - p.begin())];
   }
   std::shared_ptr<const mujoco::Model> model_;
   friction::Law law_;
@@ -81,7 +90,8 @@ class Bench {
 };
 
 /// `count` of a bank's observations from `begin` of a shuffled order.
-ObservationFile drawn(const ObservationFile& bank, const std::vector<std::size_t>& order, std::size_t begin, std::size_t count) {
+ObservationFile drawn(const ObservationFile& bank, const std::vector<std::size_t>& order, std::size_t begin,
+                      std::size_t count) {
   ObservationFile some;
   for (std::size_t i = begin; i < begin + count; ++i) some.observations.push_back(bank.observations[order[i]]);
   return some;
@@ -91,7 +101,7 @@ class Bank : public testing::Test {
  protected:
   static void SetUpTestSuite() {
     bench = new Bench;
-    bank = new ObservationFile(bench->healthy(4000));   // so many that a rate of 4.55 % is told to 0.3 %
+    bank = new ObservationFile(bench->healthy(4000));  // so many that a rate of 4.55 % is told to 0.3 %
   }
   static void TearDownTestSuite() {
     delete bank;
@@ -131,9 +141,15 @@ TEST_F(Bank, FalseAlarmsAreThoseAskedForColdToHotHoweverFewAreLearned) {
     }
     for (std::size_t r = 0; r < 2; ++r)
       for (std::size_t k = 0; k < rates.size(); ++k) {
-        EXPECT_NEAR(alarms[r][3][k] / checked[3], rates[k], 0.01) << "region " << r + 1 << ", " << learned << " learned";
-        for (const std::size_t third : {0, 1, 2}) EXPECT_LT(alarms[r][third][k] / checked[third], rates[k] + 0.02) << "region " << r + 1 << ", " << learned << " learned, third " << third;
-        if (learned == 20) fmt::print("region {}, 20 learned: {:.4f} of nominal {:.4f}; cold {:.4f} medium {:.4f} hot {:.4f}\n", r + 1, alarms[r][3][k] / checked[3], rates[k], alarms[r][0][k] / checked[0], alarms[r][1][k] / checked[1], alarms[r][2][k] / checked[2]);
+        EXPECT_NEAR(alarms[r][3][k] / checked[3], rates[k], 0.01)
+            << "region " << r + 1 << ", " << learned << " learned";
+        for (const std::size_t third : {0, 1, 2})
+          EXPECT_LT(alarms[r][third][k] / checked[third], rates[k] + 0.02)
+              << "region " << r + 1 << ", " << learned << " learned, third " << third;
+        if (learned == 20)
+          fmt::print("region {}, 20 learned: {:.4f} of nominal {:.4f}; cold {:.4f} medium {:.4f} hot {:.4f}\n", r + 1,
+                     alarms[r][3][k] / checked[3], rates[k], alarms[r][0][k] / checked[0], alarms[r][1][k] / checked[1],
+                     alarms[r][2][k] / checked[2]);
       }
   }
 }
@@ -145,19 +161,26 @@ TEST_F(Bank, AtTheEndsOfTheTemperaturesTheDistanceOfPaper2IsMostlyTemperature) {
   for (int joint = 0; joint < 60; ++joint) {
     const HealthyState h = state(20);
     for (std::size_t r = 0; r < 2; ++r) {
-      const Baseline constant{.coefficients = {}, .covariance = Eigen::MatrixXd::Identity(regions[r].count, regions[r].count), .inverse_gram = {}, .freedom = 19};
+      const Baseline constant{.coefficients = {},
+                              .covariance = Eigen::MatrixXd::Identity(regions[r].count, regions[r].count),
+                              .inverse_gram = {},
+                              .freedom = 19};
       const double hotelling = constant.limit(0.01) * (1 + 1.0 / 20);
-      for (const auto& o : seen.observations) by_distance[r] += (h.distance(o.features, r) > hotelling) / 36000.0, by_statistic[r] += judge(h, o, r, 0.01).anomalous / 36000.0;
+      for (const auto& o : seen.observations)
+        by_distance[r] += (h.distance(o.features, r) > hotelling) / 36000.0,
+            by_statistic[r] += judge(h, o, r, 0.01).anomalous / 36000.0;
     }
   }
-  fmt::print("false alarms at {} degC, 1 % asked for: by distance {:.3f}, {:.3f}; by T^2 {:.3f}, {:.3f}\n", cold, by_distance[0], by_distance[1], by_statistic[0], by_statistic[1]);
+  fmt::print("false alarms at {} degC, 1 % asked for: by distance {:.3f}, {:.3f}; by T^2 {:.3f}, {:.3f}\n", cold,
+             by_distance[0], by_distance[1], by_statistic[0], by_statistic[1]);
   EXPECT_GT(by_distance[1], 0.02);
   for (const double share : by_statistic) EXPECT_LT(share, 0.02);
 }
 
 TEST_F(Bank, WearOfTenPercentIsFoundAtAnyTemperature) {
   for (const double T : {cold, medium, hot}) {
-    const auto worn = bench->measure(std::vector<Condition>(100, {.temperature_degC = T, .boundary = 1.1, .coulomb = 1.1, .stribeck = 1.1}));
+    const auto worn = bench->measure(
+        std::vector<Condition>(100, {.temperature_degC = T, .boundary = 1.1, .coulomb = 1.1, .stribeck = 1.1}));
     int found = 0, named = 0;
     for (int joint = 0; joint < 100; ++joint) {
       const auto verdicts = check(state(20), {.observations = {worn.observations[joint]}}, {.false_alarm = 0.01});
@@ -198,7 +221,9 @@ TEST_F(Bank, LoadIsFoundAndLeavesTheLubricantAlone) {
   for (const double T : {cold, hot}) {
     double sum = 0;
     int lubricant = 0;
-    const auto verdicts = *check(h, bench->measure(std::vector<Condition>(50, {.temperature_degC = T, .extra_load = 0.2})), {.false_alarm = 0.01});
+    const auto verdicts =
+        *check(h, bench->measure(std::vector<Condition>(50, {.temperature_degC = T, .extra_load = 0.2})),
+               {.false_alarm = 0.01});
     for (const auto& v : verdicts) {
       EXPECT_TRUE(v.region[0].anomalous);
       lubricant += v.region[1].anomalous;
@@ -213,7 +238,8 @@ TEST_F(Bank, RobustLearningLeavesOutWhatDoesNotBelong) {
   ObservationFile dirty = drawn(*bank, shuffled(), 0, 25);
   const auto worn = bench->measure(std::vector<Condition>(4, {.boundary = 1.1, .coulomb = 1.1}));
   dirty.observations.insert(dirty.observations.begin() + 7, worn.observations.begin(), worn.observations.end());
-  const HealthyState plain = *learn(std::array{dirty}, {}, 0.6), robust = *learn(std::array{dirty}, {}, 0.6, {.robust = true});
+  const HealthyState plain = *learn(std::array{dirty}, {}, 0.6),
+                     robust = *learn(std::array{dirty}, {}, 0.6, {.robust = true});
   EXPECT_GE(robust.left_out, 4u);
   EXPECT_LE(robust.left_out, 7u);
   EXPECT_LT(robust.covariance(1, 1), 0.2 * plain.covariance(1, 1));
@@ -244,7 +270,7 @@ TEST(Cusum, RunsAsLongAsTheMarkovChainSays) {
     constexpr int runs = 4000;
     for (int run = 0; run < runs; ++run)
       for (double sum = 0; sum <= h; ++steps) sum = std::max(0.0, sum + normal(random) - cusum_allowance);
-    EXPECT_NEAR(steps / runs * rate, 1, 0.05);   // 3 standard errors
+    EXPECT_NEAR(steps / runs * rate, 1, 0.05);  // 3 standard errors
   }
 }
 
@@ -259,13 +285,17 @@ TEST_F(Bank, WatchedJointsSoundAsOftenAsAskedForAndWearIsFound) {
     bool alarm = false;
     for (std::size_t i = 20; i < 520 && !alarm; ++i, ++observed) {
       const auto& o = bank->observations[order[i]];
-      for (std::size_t r = 0; r < 2; ++r) alarm |= charts[r].take(o.logarithmic().segment(regions[r].first, regions[r].count), h.regressors(o.temperature_degC), h.scatter_of(o, r), threshold).sum > threshold;
+      for (std::size_t r = 0; r < 2; ++r)
+        alarm |= charts[r]
+                     .take(o.logarithmic().segment(regions[r].first, regions[r].count),
+                           h.regressors(o.temperature_degC), h.scatter_of(o, r), threshold)
+                     .sum > threshold;
     }
     alarms += alarm;
   }
   fmt::print("watched: a false alarm in {:.1f} observations, asked for {:.0f}\n", observed / alarms, 1 / rate);
   EXPECT_LT(alarms / observed, 1.15 * rate);
-  EXPECT_GT(alarms / observed, 0.65 * rate);   // the regions' charts are correlated and sound together
+  EXPECT_GT(alarms / observed, 0.65 * rate);  // the regions' charts are correlated and sound together
 
   // Wear that grows by 0.1 % with every observation.
   std::vector<Condition> growing;
@@ -279,7 +309,8 @@ TEST_F(Bank, WatchedJointsSoundAsOftenAsAskedForAndWearIsFound) {
   EXPECT_LT(*w.first_alarm, 60u);
   ASSERT_TRUE(w.margin);
   EXPECT_LT(w.margin->load_norm.low, w.margin->load_norm.high);
-  fmt::print("wear growing 0.1 % an observation: alarm at {}, margin {:.3f} ({:.3f} .. {:.3f})\n", *w.first_alarm + 1, w.margin->load_norm.value, w.margin->load_norm.low, w.margin->load_norm.high);
+  fmt::print("wear growing 0.1 % an observation: alarm at {}, margin {:.3f} ({:.3f} .. {:.3f})\n", *w.first_alarm + 1,
+             w.margin->load_norm.value, w.margin->load_norm.low, w.margin->load_norm.high);
 }
 
 TEST_F(Bank, WhatCannotBeJudgedIsRefusedWithWhatToRecord) {

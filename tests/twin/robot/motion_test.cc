@@ -1,7 +1,7 @@
-#include <gmock/gmock.h>
-
 #include <cmath>
 #include <numbers>
+
+#include <gmock/gmock.h>
 
 #include <tribotwin/twin/robot/arm.hpp>
 #include <tribotwin/twin/robot/motion.hpp>
@@ -17,7 +17,9 @@ void expect_consistent(const Motion& motion, std::span<const double> speed_limit
   for (double t = dt; t < motion.duration_s() + 1; t += dt) {
     motion.at(t, now);
     for (std::size_t j = 0; j < now.size(); ++j) {
-      ASSERT_NEAR(now[j].position_rad - before[j].position_rad, 0.5 * (now[j].velocity_rad_s + before[j].velocity_rad_s) * dt, 2e-5) << t;
+      ASSERT_NEAR(now[j].position_rad - before[j].position_rad,
+                  0.5 * (now[j].velocity_rad_s + before[j].velocity_rad_s) * dt, 2e-5)
+          << t;
       ASSERT_LE(std::abs(now[j].velocity_rad_s), speed_limit[j] * (1 + 1e-12));
     }
     before = now;
@@ -27,7 +29,10 @@ void expect_consistent(const Motion& motion, std::span<const double> speed_limit
 TEST(Motion, TrapezoidsAreContinuousAndKeepTheirLimits) {
   Motion motion({0, 0});
   const std::vector<double> speed{1, 2}, acceleration{4, 3};
-  motion.move_to({1, -3}, speed, acceleration).dwell(0.3).move_to({1.001, 0}, speed, acceleration).move_to({0, 0}, speed, acceleration);
+  motion.move_to({1, -3}, speed, acceleration)
+      .dwell(0.3)
+      .move_to({1.001, 0}, speed, acceleration)
+      .move_to({0, 0}, speed, acceleration);
   expect_consistent(motion, speed);
   std::vector<SetPoint> end(2);
   motion.at(motion.duration_s(), end);
@@ -61,7 +66,7 @@ TEST(Motion, TestCycleRunsPaperTwosLevels) {
   // Paper 2, Table 1: sampling times 20 12 15 10 15 10 12 15 12 12 8 8 6 4.5 3.6 s are travel over speed.
   const double expected[] = {20, 12, 15, 10, 15, 10, 12, 15, 12, 12, 8, 8, 6, 4.5, 3.6};
   for (std::size_t i = 0; i < 15; ++i)
-    if (levels[i] != 60) EXPECT_NEAR(time[i], expected[i], 0.3) << levels[i];   // 60 deg/s is the approach speed too
+    if (levels[i] != 60) EXPECT_NEAR(time[i], expected[i], 0.3) << levels[i];  // 60 deg/s is the approach speed too
 }
 
 TEST(Arm, GravityTorqueIsTheEnginesBias) {
@@ -74,22 +79,27 @@ TEST(Arm, GravityTorqueIsTheEnginesBias) {
         for (int j = 0; j < (*m)->nq; ++j) d->qpos[j] = std::sin(3.1 * k + 1.7 * j);
         mj_forward(m->get(), d.get());
         for (const auto& drive : m->drives())
-          EXPECT_NEAR(gravity_torque_nm(m->get(), d.get(), drive.dof), d->qfrc_bias[drive.dof], 1e-8 * (1 + std::abs(d->qfrc_bias[drive.dof])));
+          EXPECT_NEAR(gravity_torque_nm(m->get(), d.get(), drive.dof), d->qfrc_bias[drive.dof],
+                      1e-8 * (1 + std::abs(d->qfrc_bias[drive.dof])));
       }
     }
     EXPECT_NEAR((*loaded)->body_subtreemass[0] - (*model)->body_subtreemass[0], 3, 1e-9);
   }
-  EXPECT_THAT(with_payload(*mujoco::load_file(TRIBOTWIN_SOURCE_DIR "/mjcf/br609.xml").value(), {.mass_kg = -1}).error(), testing::HasSubstr("0 or more"));
+  EXPECT_THAT(with_payload(*mujoco::load_file(TRIBOTWIN_SOURCE_DIR "/mjcf/br609.xml").value(), {.mass_kg = -1}).error(),
+              testing::HasSubstr("0 or more"));
 }
 
 TEST(Arm, PayloadMovesLikeABodyOfItsOwn) {
   const auto xml = [](const char* extra) {
     return std::string(R"(<mujoco><option timestep="0.001" tolerance="1e-12"/>
-  <extension><plugin plugin="tribotwin.drive"><instance name="j"><config key="law" value="stribeck"/><config key="Fc" value="0.01"/>
+  <extension><plugin plugin="tribotwin.drive"><instance name="j"><config key="law" value="stribeck"/>
+    <config key="Fc" value="0.01"/>
     <config key="Fs" value="0"/><config key="Fv" value="0"/><config key="vs" value="1"/><config key="alpha" value="1"/>
     <config key="torque_max_nm" value="100"/><config key="gear_ratio" value="1"/></instance></plugin></extension>
-  <worldbody><body><joint name="hinge" axis="0 1 0" armature="1" frictionloss="1" solreffriction=".001 1" solimpfriction=".9999 .9999 .001 .5 2"/>
-    <inertial pos=".3 .02 .01" mass="4" fullinertia=".3 .2 .25 .01 .02 .03"/><site name="flange" pos=".6 0 0"/>)") + extra + R"(</body></worldbody>
+  <worldbody><body><joint name="hinge" axis="0 1 0" armature="1" frictionloss="1"
+    solreffriction=".001 1" solimpfriction=".9999 .9999 .001 .5 2"/>
+    <inertial pos=".3 .02 .01" mass="4" fullinertia=".3 .2 .25 .01 .02 .03"/><site name="flange" pos=".6 0 0"/>)") +
+           extra + R"(</body></worldbody>
   <actuator><plugin name="drive" joint="hinge" plugin="tribotwin.drive" instance="j" actdim="3"/></actuator></mujoco>)";
   };
   // A steel ball of 5 kg: radius 53.36 mm, inertia 0.4 m r^2.
@@ -99,7 +109,9 @@ TEST(Arm, PayloadMovesLikeABodyOfItsOwn) {
   const auto carried = with_payload(**bare, {.mass_kg = 5, .com_m = {0.1, 0.05, -0.02}});
   ASSERT_TRUE(carried) << carried.error();
   const std::string i = std::to_string(inertia);
-  const auto welded = mujoco::load_string(xml(("<body><inertial pos=\".7 .05 -.02\" mass=\"5\" diaginertia=\"" + i + " " + i + " " + i + "\"/></body>").c_str()));
+  const auto welded = mujoco::load_string(
+      xml(("<body><inertial pos=\".7 .05 -.02\" mass=\"5\" diaginertia=\"" + i + " " + i + " " + i + "\"/></body>")
+              .c_str()));
   ASSERT_TRUE(welded) << welded.error();
   const mujoco::DataPtr a = (*carried)->make_data(), b = (*welded)->make_data();
   for (int k = 0; k < 2000; ++k) {

@@ -1,9 +1,9 @@
-#include <gmock/gmock.h>
-
 #include <cmath>
 #include <cstdlib>
 #include <fstream>
 #include <thread>
+
+#include <gmock/gmock.h>
 
 #include <tribotwin/twin/io/telemetry/telemetry.hpp>
 #include <tribotwin/twin/simulation/run.hpp>
@@ -38,7 +38,8 @@ TEST_P(Shipped, BalancesItsEnergy) {
   EXPECT_LT(std::abs(s->energy_balance_J), 1e-3 * std::max(std::abs(s->motor_work_J), s->friction_work_J));
 }
 INSTANTIATE_TEST_SUITE_P(Scenarios, Shipped,
-                         testing::Values("irb6620_warmup", "irb6620_hold", "br609_test_cycle", "er3a_c60_day", "xl330_replay"),
+                         testing::Values("irb6620_warmup", "irb6620_hold", "br609_test_cycle", "er3a_c60_day",
+                                         "xl330_replay"),
                          [](const auto& info) { return info.param; });
 
 TEST(Warmup, EndsNearPaperOnesTemperature) {
@@ -48,8 +49,11 @@ TEST(Warmup, EndsNearPaperOnesTemperature) {
 
 TEST(MultiRate, FollowsTheFullRunAtEveryCycle) {
   const Folder a, b;
-  const auto full = run(load_scenario(scenarios / "irb6620_warmup.yaml", {"multirate.enabled=false", "telemetry_rate_hz=0.01"}), {.directory = a.path});
-  const auto fast = run(load_scenario(scenarios / "irb6620_warmup.yaml", {"telemetry_rate_hz=0.01"}), {.directory = b.path});
+  const auto full =
+      run(load_scenario(scenarios / "irb6620_warmup.yaml", {"multirate.enabled=false", "telemetry_rate_hz=0.01"}),
+          {.directory = a.path});
+  const auto fast =
+      run(load_scenario(scenarios / "irb6620_warmup.yaml", {"telemetry_rate_hz=0.01"}), {.directory = b.path});
   ASSERT_TRUE(full && fast);
   EXPECT_LT(fast->steps_computed * 100, full->steps_computed);
   const auto f = read_telemetry(a.path / "telemetry.h5"), g = read_telemetry(b.path / "telemetry.h5");
@@ -74,7 +78,8 @@ TEST(MultiRate, FollowsTheFullRunAtEveryCycle) {
 
 TEST(Load, LagErrorHalvesWithTheTimeStep) {
   const auto lag = [](const char* dt) {
-    const Scenario scenario = load_scenario(scenarios / "irb6620_warmup.yaml", {std::string("timestep_s=") + dt, "duration_s=8", "temperature_degC=50"});
+    const Scenario scenario = load_scenario(scenarios / "irb6620_warmup.yaml",
+                                            {std::string("timestep_s=") + dt, "duration_s=8", "temperature_degC=50"});
     Twin twin(scenario);
     double sum = 0, count = 0;
     while (twin.time_s() < 8) {
@@ -100,7 +105,8 @@ TEST(Determinism, ParallelTwinsAndARerunOfTheResolvedScenarioRepeatEveryValue) {
   std::vector<fs::path> paths;
   for (int i = 0; i < 4; ++i) paths.push_back(again.path / std::to_string(i));
   std::vector<std::thread> threads;
-  for (const auto& path : paths) threads.emplace_back([&resolved, path] { EXPECT_TRUE(run(resolved, {.directory = path})); });
+  for (const auto& path : paths)
+    threads.emplace_back([&resolved, path] { EXPECT_TRUE(run(resolved, {.directory = path})); });
   for (auto& thread : threads) thread.join();
   const auto expected = read_telemetry(first.path / "telemetry.h5");
   ASSERT_TRUE(expected) << expected.error();
@@ -116,12 +122,14 @@ TEST(Determinism, ParallelTwinsAndARerunOfTheResolvedScenarioRepeatEveryValue) {
 
 TEST(Telemetry, FrictionFollowsTheLawFromItsOwnRow) {
   const Folder folder;
-  const Scenario scenario = load_scenario(scenarios / "irb6620_warmup.yaml", {"duration_s=20", "multirate.enabled=false", "telemetry_rate_hz=1000"});
+  const Scenario scenario = load_scenario(scenarios / "irb6620_warmup.yaml",
+                                          {"duration_s=20", "multirate.enabled=false", "telemetry_rate_hz=1000"});
   ASSERT_TRUE(run(scenario, {.directory = folder.path}));
   const auto r = read_telemetry(folder.path / "telemetry.h5");
   const auto& drive = scenario.model->drives()[1].drive;
-  const auto v = r->channel("joint2", "velocity_rad_s"), f = r->channel("joint2", "friction_nm"), l = r->channel("joint2", "load_nm"),
-             T = r->channel("joint2", "temperature_degC"), motor = r->channel("joint2", "motor_torque_nm"), arm = r->channel("joint2", "torque_nm");
+  const auto v = r->channel("joint2", "velocity_rad_s"), f = r->channel("joint2", "friction_nm"),
+             l = r->channel("joint2", "load_nm"), T = r->channel("joint2", "temperature_degC"),
+             motor = r->channel("joint2", "motor_torque_nm"), arm = r->channel("joint2", "torque_nm");
   int compared = 0;
   for (std::size_t i = 0; i + 1 < v.size(); ++i) {
     EXPECT_DOUBLE_EQ(motor[i] * 178, arm[i]);
@@ -163,21 +171,33 @@ TEST(Bad, ScenariosAreRefusedWithPlaceAndRemedy) {
   };
   const std::string model = "model: " + std::string(TRIBOTWIN_SOURCE_DIR) + "/mjcf/irb6620.xml\n";
   EXPECT_EQ(error(model + "duration_s: 1\nmotion: {type: hold}\n"), "accepted");
-  EXPECT_THAT(error(model + "duration_s: 1\nmotoin: {type: hold}\n"), testing::AllOf(HasSubstr("s.yaml:3"), HasSubstr("did you mean 'motion'")));
-  EXPECT_THAT(error(model + "duration_s: long\nmotion: {type: hold}\n"), testing::AllOf(HasSubstr("s.yaml:2"), HasSubstr("'long'"), HasSubstr("finite number")));
+  EXPECT_THAT(error(model + "duration_s: 1\nmotoin: {type: hold}\n"),
+              testing::AllOf(HasSubstr("s.yaml:3"), HasSubstr("did you mean 'motion'")));
+  EXPECT_THAT(error(model + "duration_s: long\nmotion: {type: hold}\n"),
+              testing::AllOf(HasSubstr("s.yaml:2"), HasSubstr("'long'"), HasSubstr("finite number")));
   EXPECT_THAT(error(model + "duration_s: -1\nmotion: {type: hold}\n"), HasSubstr("must be within"));
   EXPECT_THAT(error(model + "duration_s: .nan\nmotion: {type: hold}\n"), HasSubstr("finite number"));
   EXPECT_THAT(error(model + "motion: {type: hold}\n"), HasSubstr("duration_s: is missing"));
   EXPECT_THAT(error(model + "duration_s: 1\nmotion: {type: holt}\n"), HasSubstr("did you mean 'hold'"));
   EXPECT_THAT(error(model + "duration_s: 1\nduration_s: 2\nmotion: {type: hold}\n"), HasSubstr("twice"));
   EXPECT_THAT(error("model: nowhere.xml\nduration_s: 1\nmotion: {type: hold}\n"), HasSubstr("cannot be read"));
-  EXPECT_THAT(error(model + "duration_s: 1\nstart_rad: {joint9: 1}\nmotion: {type: hold}\n"), HasSubstr("did you mean 'joint"));
-  EXPECT_THAT(error(model + "duration_s: 1\nmotion: {type: hold}\nevents: [{time_s: 0, type: payload, mass_kg: -3}]\n"), HasSubstr("mass_kg"));
-  EXPECT_THAT(error(model + "duration_s: 1\nmotion: {type: hold}\nevents: [{time_s: 0, type: wear, joint: joint2, factors: {Fc: 2}}]\n"), HasSubstr("did you mean 'Fc"));
-  EXPECT_THAT(error(model + "duration_s: 1\nmotion: {type: hold}\nmultirate: {tolerance_K: 1}\n"), HasSubstr("repeats"));
+  EXPECT_THAT(error(model + "duration_s: 1\nstart_rad: {joint9: 1}\nmotion: {type: hold}\n"),
+              HasSubstr("did you mean 'joint"));
+  EXPECT_THAT(error(model + "duration_s: 1\nmotion: {type: hold}\nevents: [{time_s: 0, type: payload, mass_kg: -3}]\n"),
+              HasSubstr("mass_kg"));
+  EXPECT_THAT(
+      error(
+          model +
+          "duration_s: 1\nmotion: {type: hold}\nevents: [{time_s: 0, type: wear, joint: joint2, factors: {Fc: 2}}]\n"),
+      HasSubstr("did you mean 'Fc"));
+  EXPECT_THAT(error(model + "duration_s: 1\nmotion: {type: hold}\nmultirate: {tolerance_K: 1}\n"),
+              HasSubstr("repeats"));
   EXPECT_THAT(error(model + "duration_s: 1\ntimestep_s: 0.9\nmotion: {type: hold}\n"), HasSubstr("time step"));
-  EXPECT_THAT(error(model + "duration_s: 1\nstart_rad: {joint2: 3}\nmotion: {type: hold}\n"), HasSubstr("joint2 to 3 .. 3 rad, but its range is"));
-  EXPECT_THAT(error(model + "motion: {type: back_and_forth, joint: joint2, travel_rad: 100, speed_rad_s: 1}\nduration_s: 1\n"), HasSubstr("its range is"));
+  EXPECT_THAT(error(model + "duration_s: 1\nstart_rad: {joint2: 3}\nmotion: {type: hold}\n"),
+              HasSubstr("joint2 to 3 .. 3 rad, but its range is"));
+  EXPECT_THAT(
+      error(model + "motion: {type: back_and_forth, joint: joint2, travel_rad: 100, speed_rad_s: 1}\nduration_s: 1\n"),
+      HasSubstr("its range is"));
   EXPECT_THAT(error("model: [1\n"), HasSubstr("not well-formed YAML"));
   EXPECT_THAT(error("- 1\n"), HasSubstr("must be a mapping"));
   std::ofstream(folder.path / "empty.csv") << "";
@@ -185,7 +205,9 @@ TEST(Bad, ScenariosAreRefusedWithPlaceAndRemedy) {
   std::ofstream(folder.path / "bad.csv") << "time_s,position_joint2_rad\n0,1\n1,x\n";
   std::ofstream(folder.path / "back.csv") << "time_s,position_joint2_rad\n0,1\n0,1\n";
   std::ofstream(folder.path / "empty.json") << R"({"entries": []})";
-  const auto recording = [&](const char* file) { return error(model + "motion: {type: recording, file: " + file + "}\n"); };
+  const auto recording = [&](const char* file) {
+    return error(model + "motion: {type: recording, file: " + file + "}\n");
+  };
   EXPECT_THAT(recording("empty.csv"), HasSubstr("empty"));
   EXPECT_THAT(recording("header.csv"), HasSubstr("no samples"));
   EXPECT_THAT(recording("bad.csv"), testing::AllOf(HasSubstr("bad.csv:3"), HasSubstr("'x'")));
@@ -195,7 +217,8 @@ TEST(Bad, ScenariosAreRefusedWithPlaceAndRemedy) {
 }
 
 TEST(Divergence, StopsWithStepJointAndState) {
-  const auto s = run(load_scenario(scenarios / "irb6620_hold.yaml", {"control.torque_nm={joint6: 1e9}", "duration_s=10"}), {});
+  const auto s =
+      run(load_scenario(scenarios / "irb6620_hold.yaml", {"control.torque_nm={joint6: 1e9}", "duration_s=10"}), {});
   // The actuator's range limits the torque; without it the arm would leave the world. A velocity set by hand does.
   Scenario scenario = load_scenario(scenarios / "irb6620_hold.yaml");
   Twin twin(scenario);
@@ -203,7 +226,8 @@ TEST(Divergence, StopsWithStepJointAndState) {
   twin.data()->qvel[2] = std::nan("");
   const auto stopped = twin.step();
   ASSERT_FALSE(stopped);
-  EXPECT_THAT(stopped.error(), testing::AllOf(HasSubstr("diverged at step 1"), HasSubstr("joint3"), HasSubstr("State before the step")));
+  EXPECT_THAT(stopped.error(),
+              testing::AllOf(HasSubstr("diverged at step 1"), HasSubstr("joint3"), HasSubstr("State before the step")));
   EXPECT_TRUE(s);
 }
 

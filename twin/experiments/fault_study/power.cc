@@ -1,5 +1,3 @@
-#include <tribotwin/twin/experiments/fault_study/power.hpp>
-
 #include <algorithm>
 #include <atomic>
 #include <cmath>
@@ -10,6 +8,7 @@
 
 #include <fmt/format.h>
 
+#include <tribotwin/twin/experiments/fault_study/power.hpp>
 #include <tribotwin/twin/identification/curves/samples.hpp>
 
 namespace tribotwin::twin::study {
@@ -19,20 +18,26 @@ using diagnosis::HealthyState, diagnosis::Observation, diagnosis::Verdict;
 
 constexpr double wanted_power = 0.95;
 constexpr double false_alarms[] = {0.01, diagnosis::two_sigma_false_alarm, 0.1, 0.2};
-constexpr double roc_severities[] = {0, 0.25, 0.5, 0.75, 1, 1.5, 2};   ///< of the detection limit
+constexpr double roc_severities[] = {0, 0.25, 0.5, 0.75, 1, 1.5, 2};  ///< of the detection limit
 
 /// Curves of one joint out of its law.
 class Joint {
  public:
   Joint(const Campaign& campaign, const LevelStatistics& levels, const HealthyState& healthy)
-      : campaign_(campaign), drive_(campaign.model->drives()[campaign.drive].drive), levels_(levels), healthy_(healthy), travel_rad_(test_cycle_travel_rad()) {}
+      : campaign_(campaign),
+        drive_(campaign.model->drives()[campaign.drive].drive),
+        levels_(levels),
+        healthy_(healthy),
+        travel_rad_(test_cycle_travel_rad()) {}
 
   /// `number` tells draws apart; the same number is the same luck at every severity.
-  tl::expected<Observation, std::string> draw(const drive::FaultInfo& fault, double severity, std::uint32_t number) const {
+  tl::expected<Observation, std::string> draw(const drive::FaultInfo& fault, double severity,
+                                              std::uint32_t number) const {
     std::seed_seq seed{static_cast<std::uint32_t>(campaign_.seed), number, 4u};
     std::mt19937_64 random(seed);
     std::normal_distribution<double> normal;
-    const double temperature = std::uniform_real_distribution(healthy_.temperature_low_degC, healthy_.temperature_high_degC)(random);
+    const double temperature =
+        std::uniform_real_distribution(healthy_.temperature_low_degC, healthy_.temperature_high_degC)(random);
     drive::Faults faults{};
     fault.add(faults, severity);
     const friction::Law law = drive::with_faults(drive_.law, faults);
@@ -42,14 +47,19 @@ class Joint {
     for (std::size_t i = 0; i < levels_.speed_rad_s.size(); ++i) {
       const double v = levels_.speed_rad_s[i], load = levels_.load_norm[i], seen = 1 / (1 - faults.torque_loss);
       friction::Level level = friction::level(law, at, v / drive_.gear_ratio * drive_.speed_scale(), load);
-      // A pass that has no three periods of the ripple sees its mean over the travel, of which levels_of takes what the ripple of
-      // longer ones foretells; those measure its amplitude.
-      const double half_travel = 0.5 * travel_rad_[i] * drive_.gear_ratio, start = campaign_.curves.front().measurement.start_rad[campaign_.drive];
+      // A pass that has no three periods of the ripple sees its mean over the travel, of which levels_of takes what the
+      // ripple of longer ones foretells; those measure its amplitude.
+      const double half_travel = 0.5 * travel_rad_[i] * drive_.gear_ratio,
+                   start = campaign_.curves.front().measurement.start_rad[campaign_.drive];
       const double g_nm = level.weakening * drive_.torque_scale_nm();
       level.weakening *= 1 + faults.ripple * std::cos(drive_.gear_ratio * start) * std::sin(half_travel) / half_travel;
-      const double sensor_nm = std::sqrt(std::max(0.0, levels_.stderr_nm[i] * levels_.stderr_nm[i] - campaign_.level_noise_nm * campaign_.level_noise_nm));
-      const double amplitude = std::hypot(faults.ripple * g_nm * seen + std::numbers::sqrt2 * sensor_nm * normal(random), std::numbers::sqrt2 * sensor_nm * normal(random));
-      if (half_travel > 3 * std::numbers::pi && v < slow_enough && amplitude > standing_out * sensor_nm) ripple = std::max(ripple, amplitude);
+      const double sensor_nm = std::sqrt(std::max(
+          0.0, levels_.stderr_nm[i] * levels_.stderr_nm[i] - campaign_.level_noise_nm * campaign_.level_noise_nm));
+      const double amplitude =
+          std::hypot(faults.ripple * g_nm * seen + std::numbers::sqrt2 * sensor_nm * normal(random),
+                     std::numbers::sqrt2 * sensor_nm * normal(random));
+      if (half_travel > 3 * std::numbers::pi && v < slow_enough && amplitude > standing_out * sensor_nm)
+        ripple = std::max(ripple, amplitude);
       curve.speed.push_back(v);
       curve.load.push_back(load * seen);
       curve.temperature_degC.push_back(temperature);
@@ -64,14 +74,16 @@ class Joint {
     o->temperature_degC = temperature;
     o->indicators[diagnosis::load] = load_sum / static_cast<double>(levels_.speed_rad_s.size());
     o->indicators[diagnosis::ripple] = ripple;
-    o->indicators[diagnosis::lost_motion] = std::max(0.0, faults.play_rad + (faults.play_rad > 0 ? lost_motion_error_rad * normal(random) : 0));
+    o->indicators[diagnosis::lost_motion] =
+        std::max(0.0, faults.play_rad + (faults.play_rad > 0 ? lost_motion_error_rad * normal(random) : 0));
     return o;
   }
 
  private:
-  static constexpr double slow_enough = 60;        ///< motor rad/s: up to here the servo holds its speed against the ripple
-  static constexpr double standing_out = 8;        ///< amplitude over the level's standard error at which levels_of reports a ripple
-  static constexpr double lost_motion_error_rad = 3e-5;   ///< as the curves of the campaign show it
+  static constexpr double slow_enough = 60;  ///< motor rad/s: up to here the servo holds its speed against the ripple
+  static constexpr double standing_out =
+      8;  ///< amplitude over the level's standard error at which levels_of reports a ripple
+  static constexpr double lost_motion_error_rad = 3e-5;  ///< as the curves of the campaign show it
   const Campaign& campaign_;
   const drive::Drive& drive_;
   const LevelStatistics& levels_;
@@ -80,7 +92,8 @@ class Joint {
 };
 
 /// Verdicts on curves with a fault; of curves that no verdict can be had on, none.
-std::vector<std::optional<Verdict>> judged(const HealthyState& healthy, const std::vector<Observation>& curves, double false_alarm) {
+std::vector<std::optional<Verdict>> judged(const HealthyState& healthy, const std::vector<Observation>& curves,
+                                           double false_alarm) {
   std::vector<std::optional<Verdict>> all;
   for (const Observation& o : curves) {
     diagnosis::ObservationFile one{.observations = {o}};
@@ -91,10 +104,12 @@ std::vector<std::optional<Verdict>> judged(const HealthyState& healthy, const st
 }
 
 double share_of(const std::vector<std::optional<Verdict>>& verdicts, auto&& what) {
-  return static_cast<double>(std::ranges::count_if(verdicts, [&](const auto& v) { return v && what(*v); })) / static_cast<double>(verdicts.size());
+  return static_cast<double>(std::ranges::count_if(verdicts, [&](const auto& v) { return v && what(*v); })) /
+         static_cast<double>(verdicts.size());
 }
 
-tl::expected<Power, std::string> power_of_one(const Joint& joint, const HealthyState& healthy, const drive::FaultInfo& fault, std::size_t draws, double false_alarm) {
+tl::expected<Power, std::string> power_of_one(const Joint& joint, const HealthyState& healthy,
+                                              const drive::FaultInfo& fault, std::size_t draws, double false_alarm) {
   Power power{.fault = &fault, .detection_limit = fault.maximum};
   const auto drawn = [&](double severity) -> tl::expected<std::vector<Observation>, std::string> {
     std::vector<Observation> curves;
@@ -105,7 +120,9 @@ tl::expected<Power, std::string> power_of_one(const Joint& joint, const HealthyS
     }
     return curves;
   };
-  const auto detected = [&](const std::vector<Observation>& curves, double rate) { return share_of(judged(healthy, curves, rate), [](const Verdict& v) { return v.anomalous; }); };
+  const auto detected = [&](const std::vector<Observation>& curves, double rate) {
+    return share_of(judged(healthy, curves, rate), [](const Verdict& v) { return v.anomalous; });
+  };
 
   double low = std::log(1e-4 * fault.maximum), high = std::log(fault.maximum);
   for (int round = 0; round < 10; ++round) {
@@ -122,23 +139,28 @@ tl::expected<Power, std::string> power_of_one(const Joint& joint, const HealthyS
     if (!curves) return tl::unexpected(curves.error());
     for (const double rate : false_alarms) power.roc.push_back({severity, rate, detected(*curves, rate)});
     if (share == 2)
-      for (const auto& v : judged(healthy, *curves, false_alarm)) power.named[v ? std::string(v->pattern) : "refused"] += 1 / static_cast<double>(draws);
+      for (const auto& v : judged(healthy, *curves, false_alarm))
+        power.named[v ? std::string(v->pattern) : "refused"] += 1 / static_cast<double>(draws);
   }
   return power;
 }
 
 }  // namespace
 
-tl::expected<std::vector<Power>, std::string> power_of(const Campaign& campaign, const LevelStatistics& levels, const HealthyState& healthy, std::size_t draws, double false_alarm, unsigned threads) {
+tl::expected<std::vector<Power>, std::string> power_of(const Campaign& campaign, const LevelStatistics& levels,
+                                                       const HealthyState& healthy, std::size_t draws,
+                                                       double false_alarm, unsigned threads) {
   const Joint joint(campaign, levels, healthy);
   const auto faults = drive::faults();
   std::vector<tl::expected<Power, std::string>> found(faults.size());
   std::atomic<std::size_t> next = 0;
   const auto work = [&] {
-    for (std::size_t i; (i = next++) < faults.size();) found[i] = power_of_one(joint, healthy, faults[i], draws, false_alarm);
+    for (std::size_t i; (i = next++) < faults.size();)
+      found[i] = power_of_one(joint, healthy, faults[i], draws, false_alarm);
   };
   std::vector<std::thread> others;
-  for (unsigned t = 1; t < (threads ? threads : std::max(1u, std::thread::hardware_concurrency())); ++t) others.emplace_back(work);
+  for (unsigned t = 1; t < (threads ? threads : std::max(1u, std::thread::hardware_concurrency())); ++t)
+    others.emplace_back(work);
   work();
   for (std::thread& thread : others) thread.join();
   std::vector<Power> all;

@@ -11,27 +11,31 @@
 #include <tribotwin/twin/diagnosis/check.hpp>
 #include <tribotwin/twin/experiments/friction/campaign.hpp>
 
-/// How small a fault can be and still be found, and whether it gets its right name: Monte Carlo over curves of the law with the
-/// scatter of the campaign, thousands of times faster than the simulation of a test cycle.
+/// How small a fault can be and still be found, and whether it gets its right name: Monte Carlo over curves of the law
+/// with the scatter of the campaign, thousands of times faster than the simulation of a test cycle.
 namespace tribotwin::twin::study {
 
 /// Levels of the campaign's healthy curves: what a drawn curve is made like.
 struct LevelStatistics {
-  std::vector<double> speed_rad_s, load_norm, stderr_nm;   ///< motor side; |load|; means over curves, level noise included
+  std::vector<double> speed_rad_s, load_norm,
+      stderr_nm;  ///< motor side; |load|; means over curves, level noise included
 };
 
 struct Power {
   const drive::FaultInfo* fault;
-  double detection_limit = 0;                ///< severity at which 95 % of curves are anomalous
-  std::map<std::string, double> named;       ///< at twice the limit: share of curves by verdict, `healthy` where none was raised
+  double detection_limit = 0;  ///< severity at which 95 % of curves are anomalous
+  std::map<std::string, double>
+      named;  ///< at twice the limit: share of curves by verdict, `healthy` where none was raised
   struct Point {
     double severity, false_alarm, detected;  ///< share of curves; severity 0: of healthy ones
   };
   std::vector<Point> roc;
 };
 
-/// Every fault, at temperatures drawn between the coldest and the hottest that were learned. `draws` curves for each severity. Fails
-/// where a curve cannot be fitted.
-tl::expected<std::vector<Power>, std::string> power_of(const Campaign& campaign, const LevelStatistics& levels, const diagnosis::HealthyState& healthy, std::size_t draws, double false_alarm, unsigned threads);
+/// Every fault, at temperatures drawn between the coldest and the hottest that were learned. `draws` curves for each
+/// severity. Fails where a curve cannot be fitted.
+tl::expected<std::vector<Power>, std::string> power_of(const Campaign& campaign, const LevelStatistics& levels,
+                                                       const diagnosis::HealthyState& healthy, std::size_t draws,
+                                                       double false_alarm, unsigned threads);
 
 }  // namespace tribotwin::twin::study

@@ -1,5 +1,3 @@
-#include <tribotwin/twin/experiments/fault_study/study.hpp>
-
 #include <algorithm>
 #include <chrono>
 #include <cmath>
@@ -8,6 +6,7 @@
 #include <nlohmann/json.hpp>
 
 #include <tribotwin/twin/experiments/fault_study/power.hpp>
+#include <tribotwin/twin/experiments/fault_study/study.hpp>
 #include <tribotwin/twin/io/file.hpp>
 #include <tribotwin/twin/io/input.hpp>
 #include <tribotwin/twin/io/name.hpp>
@@ -24,7 +23,9 @@ using diagnosis::Observation, diagnosis::ObservationFile, diagnosis::HealthyStat
 tl::expected<ObservationFile, std::string> observed(const Joint& joint, const fs::path& directory) {
   auto file = diagnosis::read_observations(directory / "curves.csv", {});
   if (file && file->observations.size() != joint.campaign.curves.size())
-    return tl::unexpected(fmt::format("{}: has {} curves where the campaign has {}", (directory / "curves.csv").string(), file->observations.size(), joint.campaign.curves.size()));
+    return tl::unexpected(fmt::format("{}: has {} curves where the campaign has {}",
+                                      (directory / "curves.csv").string(), file->observations.size(),
+                                      joint.campaign.curves.size()));
   return file;
 }
 
@@ -39,8 +40,10 @@ ObservationFile of_series(const ObservationFile& all, const Campaign& campaign, 
 
 Json json_of(const Observation& o) {
   Json j{{"curve", o.curve}, {"temperature_degC", *o.temperature_degC}};
-  for (Eigen::Index i = 0; i < diagnosis::feature_count; ++i) j["features"][diagnosis::feature_names[static_cast<std::size_t>(i)]] = o.features(i);
-  for (std::size_t k = 0; k < diagnosis::indicator_count; ++k) j["indicators"][diagnosis::indicators[k].name] = *o.indicators[k];
+  for (Eigen::Index i = 0; i < diagnosis::feature_count; ++i)
+    j["features"][diagnosis::feature_names[static_cast<std::size_t>(i)]] = o.features(i);
+  for (std::size_t k = 0; k < diagnosis::indicator_count; ++k)
+    j["indicators"][diagnosis::indicators[k].name] = *o.indicators[k];
   return j;
 }
 
@@ -48,7 +51,10 @@ Json json_of(const Verdict& v) {
   Json j;
   for (std::size_t r = 0; r < diagnosis::regions.size(); ++r) {
     const auto& region = v.region[r];
-    j[diagnosis::regions[r].name] = {{"distance", region.distance}, {"anomalous", region.anomalous}, {"statistic", region.statistic}, {"limit", region.limit}};
+    j[diagnosis::regions[r].name] = {{"distance", region.distance},
+                                     {"anomalous", region.anomalous},
+                                     {"statistic", region.statistic},
+                                     {"limit", region.limit}};
   }
   j["anomalous"] = v.anomalous;
   j["equivalent_load"] = v.load.load_norm;
@@ -85,12 +91,18 @@ LevelStatistics statistics_of(const Study& study, const Joint& joint, const fs::
 }
 
 Json json_of(const Power& power) {
-  Json j{{"fault", power.fault->name}, {"unit", power.fault->unit}, {"detection_limit", power.detection_limit}, {"named_at_twice_the_limit", power.named}, {"roc", Json::array()}};
-  for (const auto& [severity, false_alarm, detected] : power.roc) j["roc"].push_back({{"severity", severity}, {"false_alarm", false_alarm}, {"detected", detected}});
+  Json j{{"fault", power.fault->name},
+         {"unit", power.fault->unit},
+         {"detection_limit", power.detection_limit},
+         {"named_at_twice_the_limit", power.named},
+         {"roc", Json::array()}};
+  for (const auto& [severity, false_alarm, detected] : power.roc)
+    j["roc"].push_back({{"severity", severity}, {"false_alarm", false_alarm}, {"detected", detected}});
   return j;
 }
 
-tl::expected<Json, std::string> verdicts(const Study& study, const Joint& joint, const fs::path& directory, unsigned threads) {
+tl::expected<Json, std::string> verdicts(const Study& study, const Joint& joint, const fs::path& directory,
+                                         unsigned threads) {
   const auto all = observed(joint, directory);
   if (!all) return tl::unexpected(all.error());
   std::vector<ObservationFile> healthy;
@@ -114,7 +126,8 @@ tl::expected<Json, std::string> verdicts(const Study& study, const Joint& joint,
     }
   }
   if (study.draws > 0) {
-    const auto power = power_of(joint.campaign, statistics_of(study, joint, directory), *state, study.draws, study.false_alarm, threads);
+    const auto power = power_of(joint.campaign, statistics_of(study, joint, directory), *state, study.draws,
+                                study.false_alarm, threads);
     if (!power) return tl::unexpected(fmt::format("{}: {}", joint.name, power.error()));
     for (const Power& one : *power) j["power"].push_back(json_of(one));
   }
@@ -123,9 +136,11 @@ tl::expected<Json, std::string> verdicts(const Study& study, const Joint& joint,
 
 /// What the verdicts would find missing after an hour of measuring.
 void require_learnable(const Study& study, const Joint& joint) {
-  const auto learned = static_cast<std::size_t>(std::ranges::count_if(joint.campaign.curves, [&](const Curve& c) { return std::ranges::count(study.learn, c.series) > 0; }));
+  const auto learned = static_cast<std::size_t>(std::ranges::count_if(
+      joint.campaign.curves, [&](const Curve& c) { return std::ranges::count(study.learn, c.series) > 0; }));
   if (learned < diagnosis::observations_least)
-    throw InputError(fmt::format("{}: diagnosis.learn: has {} curves of {}, but a healthy state needs {} or more", joint.campaign.file.string(), learned, joint.name, diagnosis::observations_least));
+    throw InputError(fmt::format("{}: diagnosis.learn: has {} curves of {}, but a healthy state needs {} or more",
+                                 joint.campaign.file.string(), learned, joint.name, diagnosis::observations_least));
 }
 
 }  // namespace
@@ -140,24 +155,27 @@ Study load_study(const fs::path& file, const YAML::Node& tree) {
   if (!diagnosis) in.fail("diagnosis", "is missing: {learn: [SERIES, ...], check: [{series, state}, ...]}");
   const auto seed = in.whole_or("seed", 1, {0, 9007199254740992.0});
   for (const auto& name : joints->names()) {
-    if (const auto why = unfit_file_name(name)) joints->fail(name, *why);   // its folder has this name
+    if (const auto why = unfit_file_name(name)) joints->fail(name, *why);  // its folder has this name
     YAML::Node root = YAML::Clone(tree);
     root.remove("joints");
     root.remove("diagnosis");
     root["joint"] = name;
-    root["seed"] = seed + study.joints.size();   // each joint has errors of its own
+    root["seed"] = seed + study.joints.size();  // each joint has errors of its own
     auto own = joints->mapping(name);
     for (const auto& key : own->names()) root[key] = YAML::Clone(own->raw(key));
     study.joints.push_back({name, campaign_of(file, root)});
   }
-  if (study.joints.empty()) in.fail("joints", "is empty: a mapping from joints to keys of the campaign that they have of their own");
+  if (study.joints.empty())
+    in.fail("joints", "is empty: a mapping from joints to keys of the campaign that they have of their own");
 
   const auto series_of = [&](const std::string& key, const std::string& series) {
     for (const Joint& joint : study.joints)
-      if (std::ranges::none_of(joint.campaign.curves, [&](const Curve& c) { return c.series == series; })) diagnosis->fail(key, fmt::format("'{}' is no series of this campaign", series));
+      if (std::ranges::none_of(joint.campaign.curves, [&](const Curve& c) { return c.series == series; }))
+        diagnosis->fail(key, fmt::format("'{}' is no series of this campaign", series));
     return series;
   };
-  if (const YAML::Node learn = diagnosis->raw("learn"); !learn || !learn.IsSequence()) diagnosis->fail("learn", "must be a list of series");
+  if (const YAML::Node learn = diagnosis->raw("learn"); !learn || !learn.IsSequence())
+    diagnosis->fail("learn", "must be a list of series");
   for (const auto& series : diagnosis->texts("learn")) study.learn.push_back(series_of("learn", series));
   if (study.learn.empty()) diagnosis->fail("learn", "must be a list of series");
   for (Mapping one : diagnosis->mappings("check")) {
@@ -167,8 +185,10 @@ Study load_study(const fs::path& file, const YAML::Node& tree) {
   }
   study.false_alarm = diagnosis->number_or("false_alarm", study.false_alarm, {1e-9, 0.5});
   study.draws = diagnosis->whole_or("draws", 0, {0, 1e5});
-  if (study.draws > 0 && std::ranges::any_of(study.joints, [](const Joint& j) { return j.campaign.procedure != Procedure::test_cycle; }))
-    diagnosis->fail("draws", "is for procedure: test_cycle, whose travels tell what a ripple does to slow levels; leave it out");
+  if (study.draws > 0 &&
+      std::ranges::any_of(study.joints, [](const Joint& j) { return j.campaign.procedure != Procedure::test_cycle; }))
+    diagnosis->fail("draws",
+                    "is for procedure: test_cycle, whose travels tell what a ripple does to slow levels; leave it out");
   diagnosis->done();
   return study;
 }
@@ -183,15 +203,21 @@ tl::expected<LabSummary, std::string> run_study(const Study& study, const LabOpt
     const Joint& joint = study.joints[i];
     LabOptions own = options;
     own.directory = options.directory / joint.name;
-    if (options.progress) own.progress = [&](double share, double left) { options.progress((static_cast<double>(i) + share) / joints, share > 0 ? left * (joints - static_cast<double>(i)) : -1); };
+    if (options.progress)
+      own.progress = [&](double share, double left) {
+        options.progress((static_cast<double>(i) + share) / joints,
+                         share > 0 ? left * (joints - static_cast<double>(i)) : -1);
+      };
     const auto summary = run_campaign(joint.campaign, own);
     if (!summary) return tl::unexpected(fmt::format("{}: {}", joint.name, summary.error()));
-    sum.curves += summary->curves, sum.present += summary->present, sum.levels += summary->levels, sum.outside += summary->outside;
+    sum.curves += summary->curves, sum.present += summary->present, sum.levels += summary->levels,
+        sum.outside += summary->outside;
     auto judged = verdicts(study, joint, own.directory, options.threads);
     if (!judged) return tl::unexpected(judged.error());
     all[joint.name] = *std::move(judged);
   }
-  if (auto ok = write_derived(options.directory / "diagnosis.json", all.dump(2) + "\n", options.existing); !ok) return tl::unexpected(ok.error());
+  if (auto ok = write_derived(options.directory / "diagnosis.json", all.dump(2) + "\n", options.existing); !ok)
+    return tl::unexpected(ok.error());
   sum.wall_s = std::chrono::duration<double>(std::chrono::steady_clock::now() - started).count();
   return sum;
 }

@@ -1,5 +1,3 @@
-#include <tribotwin/twin/experiments/friction/campaign.hpp>
-
 #include <algorithm>
 #include <array>
 #include <charconv>
@@ -12,6 +10,7 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
+#include <tribotwin/twin/experiments/friction/campaign.hpp>
 #include <tribotwin/twin/experiments/friction/warmup.hpp>
 #include <tribotwin/twin/experiments/parts.hpp>
 #include <tribotwin/twin/io/input.hpp>
@@ -22,14 +21,16 @@ namespace tribotwin::twin {
 namespace {
 
 namespace fs = std::filesystem;
-constexpr Bounds positions{-1e4, 1e4};   // of joints: rad, or m of a sliding one
-constexpr std::size_t most_curves = 100000, most_benches = 900;   // the engine's callbacks serve 1024 models
+constexpr Bounds positions{-1e4, 1e4};                           // of joints: rad, or m of a sliding one
+constexpr std::size_t most_curves = 100000, most_benches = 900;  // the engine's callbacks serve 1024 models
 
-/// Applies key=value to the tree; dotted keys descend into mappings and, by numbers, into lists. Missing mappings are made.
+/// Applies key=value to the tree; dotted keys descend into mappings and, by numbers, into lists. Missing mappings are
+/// made.
 void apply_setting(YAML::Node root, const std::string& assignment) {
   const auto equals = assignment.find('=');
   if (equals == std::string::npos || equals == 0)
-    throw InputError(fmt::format("--set {}: must be key=value, for example --set seed=7 or --set series.0.load.norm=0.3", assignment));
+    throw InputError(fmt::format(
+        "--set {}: must be key=value, for example --set seed=7 or --set series.0.load.norm=0.3", assignment));
   YAML::Node node;
   node.reset(root);
   const std::string path = assignment.substr(0, equals);
@@ -41,10 +42,12 @@ void apply_setting(YAML::Node root, const std::string& assignment) {
       std::size_t index = 0;
       const auto [end, error] = std::from_chars(key.data(), key.data() + key.size(), index);
       if (error != std::errc{} || end != key.data() + key.size() || index >= node.size())
-        throw InputError(fmt::format("--set {}: '{}' must be a number from 0 to {}, an entry of the list", assignment, key, node.size() - 1));
+        throw InputError(fmt::format("--set {}: '{}' must be a number from 0 to {}, an entry of the list", assignment,
+                                     key, node.size() - 1));
       node.reset(node[index]);
     } else if (node.IsDefined() && !node.IsNull() && !node.IsMap()) {
-      throw InputError(fmt::format("--set {}: '{}' is no mapping, so it has no key '{}'", assignment, path.substr(0, begin - 1), key));
+      throw InputError(fmt::format("--set {}: '{}' is no mapping, so it has no key '{}'", assignment,
+                                   path.substr(0, begin - 1), key));
     } else {
       node.reset(node[key]);
     }
@@ -59,7 +62,8 @@ void apply_setting(YAML::Node root, const std::string& assignment) {
 
 /// A reproducible stream for one purpose of one curve.
 std::mt19937_64 random_for(std::uint64_t seed, std::uint64_t number, std::uint64_t purpose) {
-  std::seed_seq sequence{static_cast<std::uint32_t>(seed), static_cast<std::uint32_t>(seed >> 32), static_cast<std::uint32_t>(number), static_cast<std::uint32_t>(purpose)};
+  std::seed_seq sequence{static_cast<std::uint32_t>(seed), static_cast<std::uint32_t>(seed >> 32),
+                         static_cast<std::uint32_t>(number), static_cast<std::uint32_t>(purpose)};
   return std::mt19937_64(sequence);
 }
 enum Purpose : std::uint64_t { for_sensors = 1, for_levels = 2, for_conditions = 3 };
@@ -71,7 +75,7 @@ struct Axis {
   bool range = false;
 
   double draw(std::mt19937_64& random) const {
-    const double share = static_cast<double>(random() >> 11) * 0x1p-53;   // the same on every standard library
+    const double share = static_cast<double>(random() >> 11) * 0x1p-53;  // the same on every standard library
     if (range) return low + (high - low) * share;
     return values[std::min(values.size() - 1, static_cast<std::size_t>(share * static_cast<double>(values.size())))];
   }
@@ -97,10 +101,12 @@ Axis axis(Mapping& in, const std::string& key, Bounds bounds, bool drawn) {
     if (a.range && !drawn) range->fail("count", "is missing");
     if (!a.range) {
       const auto count = static_cast<double>(range->whole("count", {1, static_cast<double>(most_curves)}));
-      if (spacing == "logarithmic" && !(a.low > 0 && a.high > 0)) range->fail("spacing", "logarithmic needs from and to above 0");
+      if (spacing == "logarithmic" && !(a.low > 0 && a.high > 0))
+        range->fail("spacing", "logarithmic needs from and to above 0");
       for (double k = 0; k < count; ++k) {
         const double share = count == 1 ? 0 : k / (count - 1);
-        a.values.push_back(spacing == "linear" ? a.low + (a.high - a.low) * share : a.low * std::pow(a.high / a.low, share));
+        a.values.push_back(spacing == "linear" ? a.low + (a.high - a.low) * share
+                                               : a.low * std::pow(a.high / a.low, share));
       }
     }
     range->done();
@@ -112,10 +118,15 @@ Axis axis(Mapping& in, const std::string& key, Bounds bounds, bool drawn) {
 class Series {
  public:
   Series(Campaign& campaign, const Measurement& basis, std::set<std::string>& names, std::size_t index, Mapping in)
-      : campaign_(campaign), basis_(basis), drive_(campaign.model->drives()[campaign.drive].drive), index_(index), in_(std::move(in)) {
+      : campaign_(campaign),
+        basis_(basis),
+        drive_(campaign.model->drives()[campaign.drive].drive),
+        index_(index),
+        in_(std::move(in)) {
     in_.accept({"name", "load", "temperature", "combine", "count", "fault"});
     name_ = in_.text("name");
-    if (name_.find_first_of(",\"\n\r") != std::string::npos) in_.fail("name", "must have no comma, quote or line break: it is a cell of curves.csv");
+    if (name_.find_first_of(",\"\n\r") != std::string::npos)
+      in_.fail("name", "must have no comma, quote or line break: it is a cell of curves.csv");
     if (!names.insert(name_).second) in_.fail("name", fmt::format("'{}' is the name of another series", name_));
     combine_ = in_.has("combine") ? in_.choice("combine", {"grid", "pairs", "random"}) : "grid";
     if (combine_ == "random") {
@@ -137,18 +148,21 @@ class Series {
     std::mt19937_64 random = random_for(campaign_.seed, index_, for_conditions);
     if (combine_ == "random") {
       for (std::size_t k = 0; k < count_; ++k) {
-        const double load = load_.draw(random);   // in this order, whatever a compiler does with arguments
+        const double load = load_.draw(random);  // in this order, whatever a compiler does with arguments
         prescribed(loaded(load), temperature_.draw(random));
       }
     } else if (combine_ == "pairs") {
       const std::size_t temperatures = heating_ ? steps_.size() : temperature_.values.size();
       if (load_.values.size() != temperatures)
-        in_.fail("combine", fmt::format("pairs needs as many loads as temperatures, but there are {} and {}", load_.values.size(), temperatures));
+        in_.fail("combine", fmt::format("pairs needs as many loads as temperatures, but there are {} and {}",
+                                        load_.values.size(), temperatures));
       thermal::Rise rise = start_;
       for (std::size_t k = 0; k < temperatures; ++k) {
         const Loaded load = loaded(load_.values[k]);
-        if (heating_) rise = observed(load, k, rise);
-        else prescribed(load, temperature_.values[k]);
+        if (heating_)
+          rise = observed(load, k, rise);
+        else
+          prescribed(load, temperature_.values[k]);
       }
     } else {
       for (const double l : load_.values) {
@@ -165,11 +179,11 @@ class Series {
     std::size_t bench;
     Measurement measurement;
     double payload_kg;
-    std::shared_ptr<const mujoco::Model> arm;   ///< with its payload, without gravity's absence: what Gravity asks
+    std::shared_ptr<const mujoco::Model> arm;  ///< with its payload, without gravity's absence: what Gravity asks
     std::string text;
   };
   struct Step {
-    double duration_s, speed_rad_s;   ///< arm side
+    double duration_s, speed_rad_s;  ///< arm side
   };
 
   void read_fault(Mapping in) {
@@ -181,7 +195,8 @@ class Series {
 
   void read_load() {
     auto load = in_.mapping("load");
-    if (!load) in_.fail("load", "is missing: {by: torque, norm: ...}, {by: pose, norm: ...} or {by: payload, mass_kg: ...}");
+    if (!load)
+      in_.fail("load", "is missing: {by: torque, norm: ...}, {by: pose, norm: ...} or {by: payload, mass_kg: ...}");
     const std::string by = load->choice("by", {"torque", "pose", "payload"});
     by_ = by == "torque" ? LoadBy::torque : by == "pose" ? LoadBy::pose : LoadBy::payload;
     const bool drawn = combine_ == "random";
@@ -192,7 +207,9 @@ class Series {
       if (by_ == LoadBy::pose) {
         payload_.mass_kg = load->number_or("payload_kg", 0, {0, 1e6});
         if (campaign_.procedure == Procedure::test_cycle)
-          load->fail("by", "pose has no meaning for the test cycle, whose travel runs through all loads of the joint; use torque or payload");
+          load->fail("by",
+                     "pose has no meaning for the test cycle, whose travel runs through all loads of the joint; use "
+                     "torque or payload");
       }
     }
     if (by_ != LoadBy::torque && load->has("com_m")) {
@@ -206,7 +223,8 @@ class Series {
   void read_temperature() {
     auto temperature = in_.mapping("temperature");
     if (!temperature) in_.fail("temperature", "is missing: {prescribed_degC: ...} or {heating: {steps: [...]}}");
-    if (temperature->has("prescribed_degC") == temperature->has("heating")) in_.fail("temperature", "needs either prescribed_degC or heating");
+    if (temperature->has("prescribed_degC") == temperature->has("heating"))
+      in_.fail("temperature", "needs either prescribed_degC or heating");
     if (temperature->has("prescribed_degC")) {
       temperature_ = axis(*temperature, "prescribed_degC", {-100, 300}, combine_ == "random");
       temperature->done();
@@ -217,18 +235,25 @@ class Series {
     auto heating = temperature->mapping("heating");
     heating->accept({"ambient_degC", "start_degC", "travel_rad", "steps"});
     if (drive_.thermal.order == thermal::Order::prescribed)
-      temperature->fail("heating", "needs a thermal model, but this drive's is 'prescribed'; give it one with drive: {thermal: first_order, R_th: ..., kappa: ...}");
-    ambient_offset_K_ = heating->number_or("ambient_degC", drive_.thermal.T_amb_degC, {-100, 300}) - drive_.thermal.T_amb_degC;
-    start_ = thermal::settled(drive_.thermal, heating->number_or("start_degC", drive_.thermal.T_amb_degC + ambient_offset_K_, {-100, 300}) - drive_.thermal.T_amb_degC);
+      temperature->fail("heating",
+                        "needs a thermal model, but this drive's is 'prescribed'; give it one with drive: {thermal: "
+                        "first_order, R_th: ..., kappa: ...}");
+    ambient_offset_K_ =
+        heating->number_or("ambient_degC", drive_.thermal.T_amb_degC, {-100, 300}) - drive_.thermal.T_amb_degC;
+    start_ = thermal::settled(
+        drive_.thermal, heating->number_or("start_degC", drive_.thermal.T_amb_degC + ambient_offset_K_, {-100, 300}) -
+                            drive_.thermal.T_amb_degC);
     travel_rad_ = heating->number_or("travel_rad", 1, {0, 100});
     for (Mapping step : heating->mappings("steps")) {
       step.accept({"duration_s", "speed_rad_s", "repeat"});
       const std::size_t repeat = step.whole_or("repeat", 1, {1, 10000});
-      const Step one{step.number("duration_s", {0, 1e9}), step.number_or("speed_rad_s", 0, {0, 1e6}) / drive_.gear_ratio};
+      const Step one{step.number("duration_s", {0, 1e9}),
+                     step.number_or("speed_rad_s", 0, {0, 1e6}) / drive_.gear_ratio};
       steps_.insert(steps_.end(), repeat, one);
       step.done();
     }
-    if (steps_.empty()) heating->fail("steps", "must be a list of {duration_s, speed_rad_s}; a curve is measured after each");
+    if (steps_.empty())
+      heating->fail("steps", "must be a list of {duration_s, speed_rad_s}; a curve is measured after each");
     heating->done();
     temperature->done();
   }
@@ -238,7 +263,11 @@ class Series {
     const bool gravity = by_ != LoadBy::torque;
     Payload payload = payload_;
     if (by_ == LoadBy::payload) payload.mass_kg = load;
-    Loaded l{.bench = 0, .measurement = basis_, .payload_kg = gravity ? payload.mass_kg : 0, .arm = campaign_.model, .text = {}};
+    Loaded l{.bench = 0,
+             .measurement = basis_,
+             .payload_kg = gravity ? payload.mass_kg : 0,
+             .arm = campaign_.model,
+             .text = {}};
     if (gravity && payload.mass_kg > 0) {
       if (!arm_ || arm_mass_kg_ != payload.mass_kg) {
         auto carrying = with_payload(*campaign_.model, payload);
@@ -272,7 +301,8 @@ class Series {
         break;
     }
     if (!bench_arm_ || bench_arm_ != l.arm) {
-      if (campaign_.benches.size() >= most_benches) in_.fail("load", fmt::format("the campaign has more than {} different payloads", most_benches));
+      if (campaign_.benches.size() >= most_benches)
+        in_.fail("load", fmt::format("the campaign has more than {} different payloads", most_benches));
       auto bench = bench_of(*l.arm, gravity, basis_.sensors.sampling_hz);
       if (!bench) in_.fail("load", bench.error());
       campaign_.benches.push_back(*bench);
@@ -283,18 +313,27 @@ class Series {
   }
 
   void prescribed(const Loaded& load, double temperature_degC) {
-    add_curve(load, {.rise = thermal::settled(drive_.thermal, temperature_degC - drive_.thermal.T_amb_degC)}, fmt::format("{:.4g} degC", temperature_degC));
+    add_curve(load, {.rise = thermal::settled(drive_.thermal, temperature_degC - drive_.thermal.T_amb_degC)},
+              fmt::format("{:.4g} degC", temperature_degC));
   }
 
   /// Step `k` of the warm-up and the curve after it; returns where both leave the lubricant.
   thermal::Rise observed(const Loaded& load, std::size_t k, const thermal::Rise& before) {
-    const auto load_nm = [&](double q) { return by_ == LoadBy::torque ? load.measurement.external_nm : gravity_->load_nm(load.measurement.start_rad, q); };
-    double mean = 0;   // friction follows |load|
+    const auto load_nm = [&](double q) {
+      return by_ == LoadBy::torque ? load.measurement.external_nm : gravity_->load_nm(load.measurement.start_rad, q);
+    };
+    double mean = 0;  // friction follows |load|
     constexpr int points = 41;
     for (int i = 0; i < points; ++i)
-      mean += std::abs(load_nm(load.measurement.start_rad[campaign_.drive] + travel_rad_ * (static_cast<double>(i) / (points - 1) - 0.5))) / points / drive_.torque_max_nm;
-    const Heat heat{.rise = after_steady_work(drive_, before, ambient_offset_K_, steps_[k].speed_rad_s, mean, steps_[k].duration_s), .ambient_offset_K = ambient_offset_K_, .held = false};
-    add_curve(load, heat, fmt::format("observation {} at {:.4g} degC", k + 1, drive_.thermal.T_amb_degC + heat.rise.total_K()));
+      mean += std::abs(load_nm(load.measurement.start_rad[campaign_.drive] +
+                               travel_rad_ * (static_cast<double>(i) / (points - 1) - 0.5))) /
+              points / drive_.torque_max_nm;
+    const Heat heat{
+        .rise = after_steady_work(drive_, before, ambient_offset_K_, steps_[k].speed_rad_s, mean, steps_[k].duration_s),
+        .ambient_offset_K = ambient_offset_K_,
+        .held = false};
+    add_curve(load, heat,
+              fmt::format("observation {} at {:.4g} degC", k + 1, drive_.thermal.T_amb_degC + heat.rise.total_K()));
     return after_motion(drive_, heat.rise, ambient_offset_K_, motion(load, heat), campaign_.drive, load_nm);
   }
 
@@ -309,26 +348,33 @@ class Series {
   }
 
   void add_curve(const Loaded& load, const Heat& heat, const std::string& temperature) {
-    if (campaign_.curves.size() >= most_curves) in_.fail("name", fmt::format("the campaign has more than {} curves", most_curves));
-    Curve curve{.series = name_, .number = campaign_.curves.size() + 1, .bench = load.bench, .measurement = load.measurement, .payload_kg = load.payload_kg, .conditions = load.text + ", " + temperature};
+    if (campaign_.curves.size() >= most_curves)
+      in_.fail("name", fmt::format("the campaign has more than {} curves", most_curves));
+    Curve curve{.series = name_,
+                .number = campaign_.curves.size() + 1,
+                .bench = load.bench,
+                .measurement = load.measurement,
+                .payload_kg = load.payload_kg,
+                .conditions = load.text + ", " + temperature};
     curve.measurement.heat = heat;
     curve.measurement.faults = faults_;
     curve.measurement.seed = random_for(campaign_.seed, curve.number, for_sensors)();
-    motion(load, heat);   // whether it can be done shows here, before hours of work
+    motion(load, heat);  // whether it can be done shows here, before hours of work
     if (drive_.law.validity == friction::Validity::error) {
       const auto at = friction::at_temperature(drive_.law, drive_.thermal.T_amb_degC + heat.rise.total_K());
       const double l = by_ == LoadBy::payload ? 0 : load.measurement.external_nm / drive_.torque_max_nm;
       for (const double v : curve.measurement.speeds_rad_s)
         if (friction::level(drive_.law, at, v * drive_.speed_scale(), l).outside)
-          in_.fail("name", fmt::format("curve {} ({}) leaves the range of law '{}' at {:.4g} rad/s of the joint, and its validity is 'error'", curve.number, curve.conditions,
-                                       drive_.law.info->name, v));
+          in_.fail("name", fmt::format("curve {} ({}) leaves the range of law '{}' at {:.4g} rad/s of the joint, and "
+                                       "its validity is 'error'",
+                                       curve.number, curve.conditions, drive_.law.info->name, v));
     }
     campaign_.curves.push_back(std::move(curve));
   }
 
   Campaign& campaign_;
   const Measurement& basis_;
-  drive::Drive drive_;   ///< with its faults
+  drive::Drive drive_;  ///< with its faults
   drive::Faults faults_{};
   std::size_t index_;
   Mapping in_;
@@ -352,11 +398,14 @@ std::vector<double> start_of(Mapping& in, const mujoco::Model& model) {
   if (!node) return start;
   if (node.IsSequence()) {
     start = in.numbers("start_rad", positions);
-    if (start.size() != model.drives().size()) in.fail("start_rad", fmt::format("has {} numbers, but the model has {} drives", start.size(), model.drives().size()));
+    if (start.size() != model.drives().size())
+      in.fail("start_rad",
+              fmt::format("has {} numbers, but the model has {} drives", start.size(), model.drives().size()));
     return start;
   }
   auto by_name = in.mapping("start_rad");
-  for (const auto& joint : by_name->names()) start[drive_index(model, *by_name, joint, joint)] = by_name->number(joint, positions);
+  for (const auto& joint : by_name->names())
+    start[drive_index(model, *by_name, joint, joint)] = by_name->number(joint, positions);
   return start;
 }
 
@@ -368,19 +417,23 @@ YAML::Node campaign_tree(const fs::path& file, const std::vector<std::string>& o
   return root;
 }
 
-Campaign load_campaign(const fs::path& file, const std::vector<std::string>& overrides) { return campaign_of(file, campaign_tree(file, overrides)); }
+Campaign load_campaign(const fs::path& file, const std::vector<std::string>& overrides) {
+  return campaign_of(file, campaign_tree(file, overrides));
+}
 
 Campaign campaign_of(const fs::path& file, YAML::Node root) {
   Campaign c;
   c.file = file;
   Mapping in(file.string(), "", root);
-  in.accept({"name", "description", "model", "joint", "procedure", "speeds_rad_s", "seed", "start_rad", "sensors", "level_noise_nm", "servo", "drive", "series"});
+  in.accept({"name", "description", "model", "joint", "procedure", "speeds_rad_s", "seed", "start_rad", "sensors",
+             "level_noise_nm", "servo", "drive", "series"});
   c.name = in.file_name_or("name", file.stem().string());
   root["name"] = c.name;
   c.description = in.text_or("description", "");
   c.seed = in.whole_or("seed", 1, {0, 9007199254740992.0});
   c.level_noise_nm = in.number_or("level_noise_nm", 0, {0, 1e9});
-  c.procedure = in.choice("procedure", {"plus_minus", "test_cycle"}) == "plus_minus" ? Procedure::plus_minus : Procedure::test_cycle;
+  c.procedure = in.choice("procedure", {"plus_minus", "test_cycle"}) == "plus_minus" ? Procedure::plus_minus
+                                                                                     : Procedure::test_cycle;
 
   drive::Configuration keys;
   if (auto drive = in.mapping("drive"))
@@ -409,7 +462,8 @@ Campaign campaign_of(const fs::path& file, YAML::Node root) {
   if (auto servo = in.mapping("servo")) {
     servo->accept({"position_gain_1_s", "speed_bandwidth_rad_s", "integral_time_s"});
     basis.servo.position_gain_1_s = servo->number_or("position_gain_1_s", basis.servo.position_gain_1_s, {0, 200});
-    basis.servo.speed_bandwidth_rad_s = servo->number_or("speed_bandwidth_rad_s", basis.servo.speed_bandwidth_rad_s, {1, 400});
+    basis.servo.speed_bandwidth_rad_s =
+        servo->number_or("speed_bandwidth_rad_s", basis.servo.speed_bandwidth_rad_s, {1, 400});
     basis.servo.integral_time_s = servo->number_or("integral_time_s", basis.servo.integral_time_s, {0.005, 10});
     servo->done();
   }
@@ -419,15 +473,21 @@ Campaign campaign_of(const fs::path& file, YAML::Node root) {
     const auto& binding = c.model->drives()[c.drive];
     const auto [low, high] = test_cycle_of(*c.model, c.drive, basis.start_rad).reach_rad(c.drive);
     const mjModel* m = c.model->get();
-    if (m->jnt_limited[binding.joint] && !(low >= m->jnt_range[2 * binding.joint] && high <= m->jnt_range[2 * binding.joint + 1]))
-      in.fail("joint", fmt::format("the test cycle takes it to {:.4g} .. {:.4g} rad, but its range is {:.4g} .. {:.4g} rad", low, high, m->jnt_range[2 * binding.joint], m->jnt_range[2 * binding.joint + 1]));
+    if (m->jnt_limited[binding.joint] &&
+        !(low >= m->jnt_range[2 * binding.joint] && high <= m->jnt_range[2 * binding.joint + 1]))
+      in.fail("joint",
+              fmt::format("the test cycle takes it to {:.4g} .. {:.4g} rad, but its range is {:.4g} .. {:.4g} rad", low,
+                          high, m->jnt_range[2 * binding.joint], m->jnt_range[2 * binding.joint + 1]));
   } else {
     const std::vector<double> speeds = axis(in, "speeds_rad_s", {1e-6, 1e6}, false).values;
-    if (speeds.size() > 1000) in.fail("speeds_rad_s", fmt::format("has {} speeds, at most 1000 are possible", speeds.size()));
+    if (speeds.size() > 1000)
+      in.fail("speeds_rad_s", fmt::format("has {} speeds, at most 1000 are possible", speeds.size()));
     std::vector<double> sorted = speeds;
     std::ranges::sort(sorted);
     for (std::size_t i = 1; i < sorted.size(); ++i)
-      if (sorted[i] < 1.05 * sorted[i - 1]) in.fail("speeds_rad_s", fmt::format("{} and {} are too near to be told apart, 5 % is the least", sorted[i - 1], sorted[i]));
+      if (sorted[i] < 1.05 * sorted[i - 1])
+        in.fail("speeds_rad_s",
+                fmt::format("{} and {} are too near to be told apart, 5 % is the least", sorted[i - 1], sorted[i]));
     for (const double v : speeds) basis.speeds_rad_s.push_back(v / drive.gear_ratio);
   }
   std::set<std::string> names;
@@ -444,22 +504,30 @@ tl::expected<std::string, std::string> measured_rows(const Campaign& campaign, c
   const drive::Drive& drive = campaign.model->drives()[campaign.drive].drive;
   const Measurement& me = curve.measurement;
   const auto fail = [&](const std::string& why) {
-    return tl::unexpected(fmt::format("curve {} of series '{}' ({}): {}", curve.number, curve.series, curve.conditions, why));
+    return tl::unexpected(
+        fmt::format("curve {} of series '{}' ({}): {}", curve.number, curve.series, curve.conditions, why));
   };
-  const auto motion = campaign.procedure == Procedure::test_cycle ? test_cycle_of(bench, campaign.drive, me.start_rad) : plus_minus(bench, campaign.drive, me);
+  const auto motion = campaign.procedure == Procedure::test_cycle ? test_cycle_of(bench, campaign.drive, me.start_rad)
+                                                                  : plus_minus(bench, campaign.drive, me);
   if (!motion) return fail(motion.error());
   const auto recording = record(bench, campaign.drive, *motion, me);
   if (!recording) return fail(recording.error());
-  const auto found = levels_of(*recording, {.speeds_rad_s = me.speeds_rad_s, .centre_rad = me.start_rad[campaign.drive], .width_rad = me.width_rad});
+  const auto found = levels_of(
+      *recording,
+      {.speeds_rad_s = me.speeds_rad_s, .centre_rad = me.start_rad[campaign.drive], .width_rad = me.width_rad});
   if (!found) return fail(found.error());
   std::mt19937_64 random = random_for(campaign.seed, curve.number, for_levels);
   std::normal_distribution<double> noise;
   std::string rows;
   for (const Level& level : found->levels) {
     const double error = campaign.level_noise_nm > 0 ? campaign.level_noise_nm * noise(random) : 0;
-    const double norm = 1 / drive.torque_max_nm, stderr_nm = std::hypot(level.stderr_nm, campaign.level_noise_nm), friction = level.friction_nm + error;
-    rows += fmt::format("{},{},{},{},{},{},{},{},{},{},{},{},{},{}\n", curve.series, curve.number, level.speed_rad_s * drive.gear_ratio, level.load_nm * norm, level.temperature_degC,
-                        friction * norm, stderr_nm * norm, (level.forward->friction_nm + error) * norm, (level.backward->friction_nm + error) * norm, friction, stderr_nm, found->lag_s, level.ripple_nm, level.lost_motion_rad);
+    const double norm = 1 / drive.torque_max_nm, stderr_nm = std::hypot(level.stderr_nm, campaign.level_noise_nm),
+                 friction = level.friction_nm + error;
+    rows += fmt::format("{},{},{},{},{},{},{},{},{},{},{},{},{},{}\n", curve.series, curve.number,
+                        level.speed_rad_s * drive.gear_ratio, level.load_nm * norm, level.temperature_degC,
+                        friction * norm, stderr_nm * norm, (level.forward->friction_nm + error) * norm,
+                        (level.backward->friction_nm + error) * norm, friction, stderr_nm, found->lag_s,
+                        level.ripple_nm, level.lost_motion_rad);
   }
   return rows;
 }

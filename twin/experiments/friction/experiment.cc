@@ -1,10 +1,10 @@
-#include <tribotwin/twin/experiments/friction/experiment.hpp>
-
 #include <algorithm>
 #include <cmath>
 #include <numbers>
 
 #include <fmt/format.h>
+
+#include <tribotwin/twin/experiments/friction/experiment.hpp>
 
 namespace tribotwin::twin {
 namespace {
@@ -16,12 +16,14 @@ constexpr double longest_step_s = 0.004;
 constexpr double deg = std::numbers::pi / 180;
 
 /// Paper 2, Table 1 [deg/s, deg].
-constexpr struct { double speed, displacement; } cycle[] = {
-    {0.1, 2}, {0.5, 6}, {1, 15}, {1.5, 15}, {2, 30}, {3, 30}, {5, 60}, {8, 120}, {10, 120}, {15, 180},
-    {30, 240}, {45, 360}, {60, 360}, {80, 360}, {100, 360}};
+constexpr struct {
+  double speed, displacement;
+} cycle[] = {{0.1, 2},  {0.5, 6},  {1, 15},   {1.5, 15}, {2, 30},   {3, 30},   {5, 60},   {8, 120},
+             {10, 120}, {15, 180}, {30, 240}, {45, 360}, {60, 360}, {80, 360}, {100, 360}};
 
 /// Data with the arm at a pose, load and temperature as they are before the joint moves.
-mujoco::DataPtr prepared(const mujoco::Model& bench, std::size_t drive, std::span<const double> pose_rad, const Measurement& me) {
+mujoco::DataPtr prepared(const mujoco::Model& bench, std::size_t drive, std::span<const double> pose_rad,
+                         const Measurement& me) {
   const mjModel* m = bench.get();
   mujoco::DataPtr d = bench.make_data();
   const auto drives = bench.drives();
@@ -38,7 +40,7 @@ mujoco::DataPtr prepared(const mujoco::Model& bench, std::size_t drive, std::spa
       s.ambient_offset_K = me.heat.ambient_offset_K;
       drive::set_faults(s, me.faults);
     } else {
-      s.brake_engaged = 1e6;   // the others stand
+      s.brake_engaged = 1e6;  // the others stand
     }
     memory.load_nm = gravity_torque_nm(m, d.get(), drives[i].dof) + (own ? me.external_nm : 0);
   }
@@ -49,7 +51,7 @@ mujoco::DataPtr prepared(const mujoco::Model& bench, std::size_t drive, std::spa
 struct Loop {
   DriveServo& servo;
   std::vector<DriveCommand>& commands;
-  bool fresh = true;   ///< later stages of an integrator keep the torque
+  bool fresh = true;  ///< later stages of an integrator keep the torque
   static void control(void* self, const mjModel* m, mjData* d) {
     Loop& loop = *static_cast<Loop*>(self);
     if (std::exchange(loop.fresh, false)) loop.servo.control(m, d, loop.commands);
@@ -58,15 +60,17 @@ struct Loop {
 
 }  // namespace
 
-tl::expected<std::shared_ptr<const mujoco::Model>, std::string> bench_of(const mujoco::Model& arm, bool gravity, double sampling_hz) {
-  // Stiction or friction of some joint may need a shorter step. Asked of a copy, for engine plugins do not refuse but end
-  // the process.
+tl::expected<std::shared_ptr<const mujoco::Model>, std::string> bench_of(const mujoco::Model& arm, bool gravity,
+                                                                         double sampling_hz) {
+  // Stiction or friction of some joint may need a shorter step. Asked of a copy, for engine plugins do not refuse but
+  // end the process.
   const mujoco::ModelPtr trial(mj_copyModel(nullptr, arm.get()));
   double parts = std::ceil(1 / sampling_hz / std::max(longest_step_s, arm->opt.timestep) - 1e-9);
   const auto carries = [&] {
     trial->opt.timestep = 1 / sampling_hz / parts;
-    return trial->opt.timestep <= arm->opt.timestep ||
-           std::ranges::all_of(arm.drives(), [&](const auto& b) { return mujoco::bind(trial.get(), b.drive, b.actuator).has_value(); });
+    return trial->opt.timestep <= arm->opt.timestep || std::ranges::all_of(arm.drives(), [&](const auto& b) {
+             return mujoco::bind(trial.get(), b.drive, b.actuator).has_value();
+           });
   };
   while (!carries()) ++parts;
   return mujoco::variant(arm, [&](mjModel* m) {
@@ -82,7 +86,8 @@ tl::expected<Motion, std::string> plus_minus(const mujoco::Model& bench, std::si
   const auto& binding = bench.drives()[drive];
   const auto d = prepared(bench, drive, me.start_rad, me);
   const double load = std::abs(mujoco::memory(d.get(), binding).load_nm) / binding.drive.torque_max_nm;
-  const double breakaway = mujoco::friction_nm(binding.drive, 0, load, drive::temperature_degC(binding.drive, mujoco::memory(d.get(), binding)));
+  const double breakaway = mujoco::friction_nm(
+      binding.drive, 0, load, drive::temperature_degC(binding.drive, mujoco::memory(d.get(), binding)));
   const double gain = me.servo.speed_bandwidth_rad_s * inertia_kg_m2(bench.get(), d.get(), binding.dof);
 
   const std::size_t joints = bench.drives().size();
@@ -91,20 +96,26 @@ tl::expected<Motion, std::string> plus_minus(const mujoco::Model& bench, std::si
   std::vector<double> low = me.start_rad, high = me.start_rad;
   std::optional<Motion> motion;
   for (const double v : me.speeds_rad_s) {
-    // While the joint sticks at its turn, the torque grows as gain v (1 + (Kp + 1/Ti) t + Kp/(2 Ti) t^2), from friction in
-    // one direction to friction in the other.
+    // While the joint sticks at its turn, the torque grows as gain v (1 + (Kp + 1/Ti) t + Kp/(2 Ti) t^2), from friction
+    // in one direction to friction in the other.
     const double per_s = me.servo.integral_time_s > 0 ? 1 / me.servo.integral_time_s : 0;
-    const double a = 0.5 * me.servo.position_gain_1_s * per_s, b = me.servo.position_gain_1_s + per_s, c = 1 - 2 * breakaway / (gain * v);
+    const double a = 0.5 * me.servo.position_gain_1_s * per_s, b = me.servo.position_gain_1_s + per_s,
+                 c = 1 - 2 * breakaway / (gain * v);
     const double stuck_s = c >= 0 ? 0 : a > 0 ? (-b + std::sqrt(b * b - 4 * a * c)) / (2 * a) : b > 0 ? -c / b : 1e300;
     if (v < 1e-4 || stuck_s > 20)
-      return tl::unexpected(fmt::format("no steady motion at {:g} motor rad/s ({}); such low speeds stick and slip, measure at higher ones", v * binding.drive.gear_ratio,
-                                        v < 1e-4 ? "below 1e-4 rad/s of the joint" : fmt::format("the servo would need {:.0f} s to break the joint away", stuck_s)));
+      return tl::unexpected(fmt::format(
+          "no steady motion at {:g} motor rad/s ({}); such low speeds stick and slip, measure at higher ones",
+          v * binding.drive.gear_ratio,
+          v < 1e-4 ? "below 1e-4 rad/s of the joint"
+                   : fmt::format("the servo would need {:.0f} s to break the joint away", stuck_s)));
     const double reach = 0.5 * std::min(v * measure_s, me.width_rad) + v * (0.5 * ramp_s + settle_s + 3 * stuck_s);
     low[drive] = me.start_rad[drive] - reach;
     high[drive] = me.start_rad[drive] + reach;
     const std::vector<double> speed(joints, v), acceleration(joints, v / ramp_s);
-    if (!motion) motion.emplace(low);
-    else motion->move_to(low, approach_speed, approach_acceleration).dwell(dwell_s);
+    if (!motion)
+      motion.emplace(low);
+    else
+      motion->move_to(low, approach_speed, approach_acceleration).dwell(dwell_s);
     motion->move_to(high, speed, acceleration).dwell(dwell_s).move_to(low, speed, acceleration).dwell(dwell_s);
   }
   return *motion;
@@ -124,7 +135,8 @@ std::vector<double> test_cycle_travel_rad() {
 
 Motion test_cycle_of(const mujoco::Model& bench, std::size_t drive, std::span<const double> start_rad) {
   const std::size_t joints = bench.drives().size();
-  const std::vector<double> centre(start_rad.begin(), start_rad.end()), acceleration(joints, 400 * deg), approach(joints, 50 * deg);
+  const std::vector<double> centre(start_rad.begin(), start_rad.end()), acceleration(joints, 400 * deg),
+      approach(joints, 50 * deg);
   Motion motion(centre);
   std::vector<double> low = centre, high = centre;
   for (const auto& level : cycle) {
@@ -137,8 +149,8 @@ Motion test_cycle_of(const mujoco::Model& bench, std::size_t drive, std::span<co
   return motion;
 }
 
-tl::expected<JointRecording, std::string> record(const mujoco::Model& bench, std::size_t drive, const Motion& motion, const Measurement& me,
-                                                 const std::function<void(double)>& progress) {
+tl::expected<JointRecording, std::string> record(const mujoco::Model& bench, std::size_t drive, const Motion& motion,
+                                                 const Measurement& me, const std::function<void(double)>& progress) {
   const mjModel* m = bench.get();
   const auto d = prepared(bench, drive, motion.start_rad(), me);
   const auto& binding = bench.drives()[drive];
@@ -152,7 +164,9 @@ tl::expected<JointRecording, std::string> record(const mujoco::Model& bench, std
   const double dt = m->opt.timestep;
   const auto steps = static_cast<std::size_t>(std::ceil(motion.duration_s() / dt));
   JointRecording signals;
-  for (auto* column : {&signals.time_s, &signals.position_rad, &signals.velocity_rad_s, &signals.torque_nm, &signals.load_nm, &signals.temperature_degC}) column->reserve(steps);
+  for (auto* column : {&signals.time_s, &signals.position_rad, &signals.velocity_rad_s, &signals.torque_nm,
+                       &signals.load_nm, &signals.temperature_degC})
+    column->reserve(steps);
   for (std::size_t k = 0; k < steps; ++k) {
     const double t = static_cast<double>(k) * dt;
     motion.at(t, set_points);
@@ -167,12 +181,15 @@ tl::expected<JointRecording, std::string> record(const mujoco::Model& bench, std
     loop.fresh = true;
     bench.step(d.get(), {Loop::control, &loop});
     for (int w = 0; w < mjNWARNING; ++w)
-      if (d->warning[w].number) return tl::unexpected(fmt::format("the simulation diverged: {}", mju_warningText(w, static_cast<std::size_t>(d->warning[w].lastinfo))));
+      if (d->warning[w].number)
+        return tl::unexpected(fmt::format("the simulation diverged: {}",
+                                          mju_warningText(w, static_cast<std::size_t>(d->warning[w].lastinfo))));
     const drive::Scratch& s = mujoco::scratch(d.get(), binding);
     signals.torque_nm.push_back(s.torque_nm);
-    // Of this step; the drive itself knows the load one step late, and only filtered where that is asked for. A controller
-    // knows it by its current, as it knows the torque.
-    const double load = drive::delivered_nm(s) - s.friction_nm - m->dof_armature[binding.dof] * (d->qvel[binding.dof] - signals.velocity_rad_s.back()) / dt;
+    // Of this step; the drive itself knows the load one step late, and only filtered where that is asked for. A
+    // controller knows it by its current, as it knows the torque.
+    const double load = drive::delivered_nm(s) - s.friction_nm -
+                        m->dof_armature[binding.dof] * (d->qvel[binding.dof] - signals.velocity_rad_s.back()) / dt;
     signals.load_nm.push_back(load / (1 - me.faults.torque_loss));
     signals.temperature_degC.push_back(s.temperature_degC);
     if (progress && k % 512 == 0) progress(static_cast<double>(k) / static_cast<double>(steps));
@@ -180,20 +197,26 @@ tl::expected<JointRecording, std::string> record(const mujoco::Model& bench, std
   return sensed(signals, me.sensors, me.seed);
 }
 
-std::vector<CurvePoint> law_curve(const drive::Drive& drive, std::span<const double> speeds, double load_norm, double temperature_degC) {
+std::vector<CurvePoint> law_curve(const drive::Drive& drive, std::span<const double> speeds, double load_norm,
+                                  double temperature_degC) {
   std::vector<CurvePoint> points;
   for (const double speed : speeds) {
-    const double nm = std::copysign(mujoco::friction_nm(drive, speed / drive.gear_ratio, load_norm, temperature_degC), speed);
+    const double nm =
+        std::copysign(mujoco::friction_nm(drive, speed / drive.gear_ratio, load_norm, temperature_degC), speed);
     points.push_back({speed, load_norm, temperature_degC, nm / drive.torque_max_nm, nm, 0});
   }
   return points;
 }
 
 tl::expected<std::vector<CurvePoint>, std::string> measure_curve(const mujoco::Model& model, std::size_t drive_index,
-                                                                 std::span<const double> speeds, const ExperimentOptions& options) {
+                                                                 std::span<const double> speeds,
+                                                                 const ExperimentOptions& options) {
   const drive::Drive& drive = model.drives()[drive_index].drive;
   const bool gravity = options.load_by != LoadBy::torque;
-  Measurement me{.speeds_rad_s = {}, .start_rad = std::vector<double>(model.drives().size(), 0.0), .sensors = {.torque_noise_nm = options.noise_nm}, .seed = options.seed};
+  Measurement me{.speeds_rad_s = {},
+                 .start_rad = std::vector<double>(model.drives().size(), 0.0),
+                 .sensors = {.torque_noise_nm = options.noise_nm},
+                 .seed = options.seed};
   for (const double speed : speeds) me.speeds_rad_s.push_back(std::abs(speed) / drive.gear_ratio);
   me.heat.rise = thermal::settled(drive.thermal, options.temperature_degC - drive.thermal.T_amb_degC);
   if (gravity) {
@@ -210,14 +233,18 @@ tl::expected<std::vector<CurvePoint>, std::string> measure_curve(const mujoco::M
   if (!motion) return tl::unexpected(motion.error());
   const auto recording = record(**bench, drive_index, *motion, me, options.progress);
   if (!recording) return tl::unexpected(recording.error());
-  const auto levels = levels_of(*recording, {.speeds_rad_s = me.speeds_rad_s, .centre_rad = me.start_rad[drive_index], .width_rad = me.width_rad, .lag_s = 0});
+  const auto levels = levels_of(*recording, {.speeds_rad_s = me.speeds_rad_s,
+                                             .centre_rad = me.start_rad[drive_index],
+                                             .width_rad = me.width_rad,
+                                             .lag_s = 0});
   if (!levels) return tl::unexpected(levels.error());
   std::vector<CurvePoint> points;
   for (std::size_t i = 0; i < speeds.size(); ++i) {
     const Level& level = levels->levels[i];
     const double friction = std::copysign(level.friction_nm, speeds[i]);
-    points.push_back({std::copysign(level.speed_rad_s * drive.gear_ratio, speeds[i]), level.load_nm / drive.torque_max_nm, level.temperature_degC,
-                      friction / drive.torque_max_nm, friction, level.stderr_nm});
+    points.push_back({std::copysign(level.speed_rad_s * drive.gear_ratio, speeds[i]),
+                      level.load_nm / drive.torque_max_nm, level.temperature_degC, friction / drive.torque_max_nm,
+                      friction, level.stderr_nm});
   }
   return points;
 }

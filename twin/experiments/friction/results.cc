@@ -1,11 +1,10 @@
-#include <tribotwin/twin/experiments/friction/results.hpp>
-
 #include <algorithm>
 #include <chrono>
 #include <cstring>
 
 #include <fmt/format.h>
 
+#include <tribotwin/twin/experiments/friction/results.hpp>
 #include <tribotwin/twin/io/file.hpp>
 #include <tribotwin/twin/io/table.hpp>
 
@@ -13,12 +12,20 @@ namespace tribotwin::twin {
 
 tl::expected<LabSummary, std::string> run_campaign(const Campaign& campaign, const LabOptions& options) {
   const auto started = std::chrono::steady_clock::now();
-  Parts parts{
-      .folder = "curves", .files = {},
-      .whole = [&](std::size_t i, const std::string& text) {
-        return text.starts_with(curve_columns) && text.ends_with('\n') && static_cast<std::size_t>(std::ranges::count(text, '\n')) == 1 + campaign.curves[i].measurement.speeds_rad_s.size();
-      },
-      .make = [&](std::size_t i) { return measured_rows(campaign, campaign.curves[i]).map([](const std::string& rows) { return curve_columns + rows; }); }};
+  Parts parts{.folder = "curves",
+              .files = {},
+              .whole =
+                  [&](std::size_t i, const std::string& text) {
+                    return text.starts_with(curve_columns) && text.ends_with('\n') &&
+                           static_cast<std::size_t>(std::ranges::count(text, '\n')) ==
+                               1 + campaign.curves[i].measurement.speeds_rad_s.size();
+                  },
+              .make =
+                  [&](std::size_t i) {
+                    return measured_rows(campaign, campaign.curves[i]).map([](const std::string& rows) {
+                      return curve_columns + rows;
+                    });
+                  }};
   const std::size_t width = std::max<std::size_t>(3, fmt::formatted_size("{}", campaign.curves.size()));
   for (const Curve& curve : campaign.curves) parts.files.push_back(fmt::format("{:0{}}.csv", curve.number, width));
   const auto completed = complete(campaign.resolved_yaml, parts, options);
@@ -32,7 +39,8 @@ tl::expected<LabSummary, std::string> run_campaign(const Campaign& campaign, con
 
   const auto table = read_table(file);
   if (!table) return tl::unexpected(table.error());
-  const auto speed = table->numbers("speed_rad_s"), load = table->numbers("load_norm"), temperature = table->numbers("temperature_degC");
+  const auto speed = table->numbers("speed_rad_s"), load = table->numbers("load_norm"),
+             temperature = table->numbers("temperature_degC");
   for (const auto* column : {&speed, &load, &temperature})
     if (!*column) return tl::unexpected(column->error());
   const drive::Drive& drive = campaign.model->drives()[campaign.drive].drive;
@@ -42,7 +50,9 @@ tl::expected<LabSummary, std::string> run_campaign(const Campaign& campaign, con
     bool outside = true;
     for (const double side : {-1e-3, 1e-3})
       outside = outside && friction::level(drive.law, friction::at_temperature(drive.law, (*temperature)[i] + side),
-                                           (*speed)[i] / drive.gear_ratio * drive.speed_scale() * (1 - 1e-3), (*load)[i] * (1 - 1e-3)).outside;
+                                           (*speed)[i] / drive.gear_ratio * drive.speed_scale() * (1 - 1e-3),
+                                           (*load)[i] * (1 - 1e-3))
+                               .outside;
     summary.outside += outside;
   }
   summary.wall_s = std::chrono::duration<double>(std::chrono::steady_clock::now() - started).count();

@@ -11,8 +11,8 @@
 namespace tribotwin::twin {
 
 struct LabSummary {
-  std::size_t curves = 0, present = 0;   ///< in all; measured by an earlier run
-  std::size_t levels = 0, outside = 0;   ///< rows of curves.csv; those outside the range of the law
+  std::size_t curves = 0, present = 0;  ///< in all; measured by an earlier run
+  std::size_t levels = 0, outside = 0;  ///< rows of curves.csv; those outside the range of the law
   double wall_s = 0;
 };
 

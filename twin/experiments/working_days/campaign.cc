@@ -1,11 +1,10 @@
-#include <tribotwin/twin/experiments/working_days/campaign.hpp>
-
 #include <algorithm>
 #include <random>
 
 #include <fmt/format.h>
 
 #include <tribotwin/twin/experiments/parts.hpp>
+#include <tribotwin/twin/experiments/working_days/campaign.hpp>
 
 namespace tribotwin::twin::repeatability {
 namespace {
@@ -15,7 +14,10 @@ enum Purpose : std::uint64_t { of_friction = 1, of_inertia = 2, of_ambient = 3 }
 
 Fault read_fault(Mapping in, const Campaign& c) {
   in.accept({"robot", "day", "time_s", "joint", "factors"});
-  Fault f{.robot = in.whole("robot", {1, static_cast<double>(c.robots)}) - 1, .day = in.whole("day", {1, static_cast<double>(c.days)}) - 1, .time_s = in.number("time_s", {0, c.duration_s}), .wear = {}};
+  Fault f{.robot = in.whole("robot", {1, static_cast<double>(c.robots)}) - 1,
+          .day = in.whole("day", {1, static_cast<double>(c.days)}) - 1,
+          .time_s = in.number("time_s", {0, c.duration_s}),
+          .wear = {}};
   f.wear = read_wear(in, *c.model);
   in.done();
   return f;
@@ -23,13 +25,16 @@ Fault read_fault(Mapping in, const Campaign& c) {
 
 }  // namespace
 
-bool is_repeatability(const YAML::Node& root) { return root.IsMap() && root["procedure"] && root["procedure"].IsScalar() && root["procedure"].Scalar() == procedure; }
+bool is_repeatability(const YAML::Node& root) {
+  return root.IsMap() && root["procedure"] && root["procedure"].IsScalar() && root["procedure"].Scalar() == procedure;
+}
 
 Campaign load_campaign(const std::filesystem::path& file, YAML::Node root) {
   Campaign c;
   c.file = file;
   Mapping in(file.string(), "", root);
-  in.accept({"name", "description", "procedure", "model", "robots", "days", "duration_s", "ambient", "scatter", "sensors", "excitation", "faults", "seed"});
+  in.accept({"name", "description", "procedure", "model", "robots", "days", "duration_s", "ambient", "scatter",
+             "sensors", "excitation", "faults", "seed"});
   in.choice("procedure", {procedure});
   c.name = in.file_name_or("name", file.stem().string());
   root["name"] = c.name;
@@ -40,11 +45,14 @@ Campaign load_campaign(const std::filesystem::path& file, YAML::Node root) {
   const auto model = mujoco::load_file(path);
   if (!model) throw InputError(model.error());
   c.model = *model;
-  if (static_cast<std::size_t>((*c.model)->nv) != c.model->drives().size()) in.fail("model", "has joints without a tribotwin.drive");
+  if (static_cast<std::size_t>((*c.model)->nv) != c.model->drives().size())
+    in.fail("model", "has joints without a tribotwin.drive");
   for (const auto& binding : c.model->drives()) {
     if (binding.drive.law.info->name != "polynomial")
-      in.fail("model", fmt::format("has the law '{}' in {}; working days are for 'polynomial', paper 5's", binding.drive.law.info->name, joint_name(c.model->get(), binding)));
-    if (binding.drive.thermal.order == thermal::Order::prescribed) in.fail("model", fmt::format("has no thermal model in {}", joint_name(c.model->get(), binding)));
+      in.fail("model", fmt::format("has the law '{}' in {}; working days are for 'polynomial', paper 5's",
+                                   binding.drive.law.info->name, joint_name(c.model->get(), binding)));
+    if (binding.drive.thermal.order == thermal::Order::prescribed)
+      in.fail("model", fmt::format("has no thermal model in {}", joint_name(c.model->get(), binding)));
   }
   c.robots = in.whole_or("robots", 2, {1, 20});
   c.days = in.whole_or("days", 4, {1, 50});
@@ -69,7 +77,8 @@ Campaign load_campaign(const std::filesystem::path& file, YAML::Node root) {
   if (auto excitation = in.mapping("excitation")) {
     excitation->accept({"share", "evaluations", "heating_s"});
     c.excitation.share = excitation->number_or("share", c.excitation.share, {0.01, 1});
-    c.excitation.evaluations = static_cast<int>(excitation->whole_or("evaluations", static_cast<std::size_t>(c.excitation.evaluations), {10, 1e7}));
+    c.excitation.evaluations = static_cast<int>(
+        excitation->whole_or("evaluations", static_cast<std::size_t>(c.excitation.evaluations), {10, 1e7}));
     c.excitation.heating_s = excitation->number_or("heating_s", c.excitation.heating_s, {10, 3600});
   }
   for (Mapping fault : in.mappings("faults")) c.faults.push_back(read_fault(std::move(fault), c));
@@ -79,7 +88,8 @@ Campaign load_campaign(const std::filesystem::path& file, YAML::Node root) {
 }
 
 std::uint64_t seed_for(const Campaign& campaign, std::uint64_t purpose, std::uint64_t number) {
-  std::seed_seq sequence{static_cast<std::uint32_t>(campaign.seed), static_cast<std::uint32_t>(campaign.seed >> 32), static_cast<std::uint32_t>(purpose), static_cast<std::uint32_t>(number)};
+  std::seed_seq sequence{static_cast<std::uint32_t>(campaign.seed), static_cast<std::uint32_t>(campaign.seed >> 32),
+                         static_cast<std::uint32_t>(purpose), static_cast<std::uint32_t>(number)};
   return std::mt19937_64(sequence)();
 }
 
@@ -87,8 +97,11 @@ tl::expected<Individual, std::string> individual(const Campaign& campaign, std::
   Individual out;
   std::mt19937_64 random(seed_for(campaign, of_friction, robot));
   // Three standard deviations at most: nothing turns negative.
-  const auto factor = [&](double scatter) { return 1 + scatter * std::clamp(std::normal_distribution<double>()(random), -3.0, 3.0); };
-  for (std::size_t i = 0; i < campaign.model->drives().size(); ++i) out.friction.push_back(factor(campaign.friction_scatter));
+  const auto factor = [&](double scatter) {
+    return 1 + scatter * std::clamp(std::normal_distribution<double>()(random), -3.0, 3.0);
+  };
+  for (std::size_t i = 0; i < campaign.model->drives().size(); ++i)
+    out.friction.push_back(factor(campaign.friction_scatter));
   random.seed(seed_for(campaign, of_inertia, robot));
   auto model = mujoco::variant(*campaign.model, [&](mjModel* m) {
     for (int body = 1; body < m->nbody; ++body) {
@@ -104,7 +117,8 @@ tl::expected<Individual, std::string> individual(const Campaign& campaign, std::
 }
 
 std::filesystem::path file_of(const Campaign& campaign, std::size_t test) {
-  return std::filesystem::path("tests") / fmt::format("robot{}_day{}.json", campaign.robot_of(test) + 1, campaign.day_of(test) + 1);
+  return std::filesystem::path("tests") /
+         fmt::format("robot{}_day{}.json", campaign.robot_of(test) + 1, campaign.day_of(test) + 1);
 }
 
 double ambient_degC(const Campaign& campaign, std::size_t day) {

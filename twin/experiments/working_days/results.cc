@@ -1,11 +1,10 @@
-#include <tribotwin/twin/experiments/working_days/results.hpp>
-
 #include <fstream>
 #include <iterator>
 #include <utility>
 
 #include <fmt/format.h>
 
+#include <tribotwin/twin/experiments/working_days/results.hpp>
 #include <tribotwin/twin/io/file.hpp>
 #include <tribotwin/twin/io/input.hpp>
 
@@ -18,7 +17,10 @@ tl::expected<Results, std::string> found(const Campaign& campaign, std::vector<W
   return Results{.days = std::move(days), .findings = *std::move(findings)};
 }
 
-Shape shape_of(const Regressor& regressor) { return {.joints = static_cast<std::size_t>(regressor.joints()), .base = static_cast<std::size_t>(base_parameters(regressor).size())}; }
+Shape shape_of(const Regressor& regressor) {
+  return {.joints = static_cast<std::size_t>(regressor.joints()),
+          .base = static_cast<std::size_t>(base_parameters(regressor).size())};
+}
 
 }  // namespace
 
@@ -27,18 +29,23 @@ tl::expected<Results, std::string> run_campaign(const Campaign& campaign, const 
   if (!regressor) throw InputError(fmt::format("{}: {}", campaign.file.string(), regressor.error()));
   const auto excitation = excite(*campaign.model, *regressor, base_parameters(*regressor), campaign.excitation);
   if (!excitation) return tl::unexpected(excitation.error());
-  if (campaign.duration_s < excitation->duration_s()) throw InputError(fmt::format("{}: duration_s: is {:g}, but one cycle of the motion takes {:.0f} s", campaign.file.string(), campaign.duration_s, excitation->duration_s()));
+  if (campaign.duration_s < excitation->duration_s())
+    throw InputError(fmt::format("{}: duration_s: is {:g}, but one cycle of the motion takes {:.0f} s",
+                                 campaign.file.string(), campaign.duration_s, excitation->duration_s()));
   const Shape shape = shape_of(*regressor);
-  Parts parts{.folder = file_of(campaign, 0).parent_path().string(), .files = {},
+  Parts parts{.folder = file_of(campaign, 0).parent_path().string(),
+              .files = {},
               .whole = [&](std::size_t, const std::string& text) { return from_text(text, shape).has_value(); },
               .make = [&](std::size_t test) { return working_day(campaign, *excitation, test).map(to_text); }};
-  for (std::size_t test = 0; test < campaign.tests(); ++test) parts.files.push_back(file_of(campaign, test).filename().string());
+  for (std::size_t test = 0; test < campaign.tests(); ++test)
+    parts.files.push_back(file_of(campaign, test).filename().string());
   const auto completed = complete(campaign.resolved_yaml, parts, options);
   if (!completed) return tl::unexpected(completed.error());
   std::vector<WorkingDay> days;
   for (std::size_t test = 0; test < campaign.tests(); ++test) {
     auto day = from_text(completed->texts[test], shape);
-    if (!day) return tl::unexpected(fmt::format("{}: {}", (options.directory / file_of(campaign, test)).string(), day.error()));
+    if (!day)
+      return tl::unexpected(fmt::format("{}: {}", (options.directory / file_of(campaign, test)).string(), day.error()));
     days.push_back(*std::move(day));
   }
   auto out = found(campaign, std::move(days));
@@ -61,7 +68,9 @@ tl::expected<Results, std::string> read_results(const Campaign& campaign, const 
   for (std::size_t test = 0; test < campaign.tests(); ++test) {
     const auto file = directory / file_of(campaign, test);
     std::ifstream stream(file, std::ios::binary);
-    if (!stream) return tl::unexpected(fmt::format("{}: is missing; 'tribotwin lab' goes on where it was interrupted", file.string()));
+    if (!stream)
+      return tl::unexpected(
+          fmt::format("{}: is missing; 'tribotwin lab' goes on where it was interrupted", file.string()));
     auto day = from_text(std::string(std::istreambuf_iterator<char>(stream), {}), shape);
     if (!day) return tl::unexpected(fmt::format("{}: {}", file.string(), day.error()));
     days.push_back(*std::move(day));

@@ -13,14 +13,15 @@ namespace tribotwin::twin::repeatability {
 
 /// A finished campaign.
 struct Results {
-  std::vector<WorkingDay> days;                 ///< in the order of the tests
+  std::vector<WorkingDay> days;  ///< in the order of the tests
   Findings findings;
-  std::size_t present = 0;                      ///< tests made by an earlier run
-  std::vector<std::filesystem::path> files;     ///< written by this run, beside the tests
+  std::size_t present = 0;                   ///< tests made by an earlier run
+  std::vector<std::filesystem::path> files;  ///< written by this run, beside the tests
 };
 
-/// Makes the tests that a campaign's folder lacks, each a file in tests/ (experiments/parts.hpp, also for what it throws and how it
-/// fails), and writes its tables and motion.csv. Throws InputError also where a day is shorter than a cycle of the motion.
+/// Makes the tests that a campaign's folder lacks, each a file in tests/ (experiments/parts.hpp, also for what it
+/// throws and how it fails), and writes its tables and motion.csv. Throws InputError also where a day is shorter than a
+/// cycle of the motion.
 tl::expected<Results, std::string> run_campaign(const Campaign& campaign, const LabOptions& options);
 
 /// Of a finished campaign's folder. Fails where a test is missing or damaged, with its file.

@@ -1,5 +1,3 @@
-#include <tribotwin/twin/experiments/working_days/working_day.hpp>
-
 #include <algorithm>
 #include <cmath>
 #include <functional>
@@ -8,6 +6,7 @@
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
+#include <tribotwin/twin/experiments/working_days/working_day.hpp>
 #include <tribotwin/twin/identification/curves/recording.hpp>
 #include <tribotwin/twin/identification/rigid_body/dynamics.hpp>
 #include <tribotwin/twin/identification/rigid_body/temperature_estimator.hpp>
@@ -22,15 +21,15 @@ namespace {
 using namespace identification;
 using Eigen::Index, Eigen::MatrixXd, Eigen::VectorXd;
 
-constexpr std::uint64_t of_sensors = 100;        ///< purpose of the seed
-constexpr double kept_hz = 60;                   ///< samples per second of the fits: beyond the filter's band they tell little
-constexpr double window_s = 3;                   ///< of one value of friction over the day
-constexpr double fewest_s = 1;                   ///< of motion in such a window
-constexpr std::size_t torques = 4;               ///< f1 .. f4; a and T0 follow them
+constexpr std::uint64_t of_sensors = 100;  ///< purpose of the seed
+constexpr double kept_hz = 60;      ///< samples per second of the fits: beyond the filter's band they tell little
+constexpr double window_s = 3;      ///< of one value of friction over the day
+constexpr double fewest_s = 1;      ///< of motion in such a window
+constexpr std::size_t torques = 4;  ///< f1 .. f4; a and T0 follow them
 /// Where only friction is seen, a kelvin is what takes 1 % of it: a = -0.01 / K by definition.
 constexpr double share_per_K = 0.01;
-constexpr int rounds = 4;                        ///< of friction over the day and the fit of all cycles, each given the other
-constexpr double reference_degC = 20;            ///< T0 of the law, at the start of the day
+constexpr int rounds = 4;              ///< of friction over the day and the fit of all cycles, each given the other
+constexpr double reference_degC = 20;  ///< T0 of the law, at the start of the day
 
 /// The excitation and the way back to its start, for ever.
 Motion cycle_of(const Campaign& c, const Regressor& regressor, const Excitation& e) {
@@ -52,13 +51,18 @@ Motion cycle_of(const Campaign& c, const Regressor& regressor, const Excitation&
   motion.pass_through(e.inertia_s, start, std::vector<double>(joints, 0.0)).then(e.rest);
   const MotionLimits limits = motion_limits(*c.model, regressor, c.excitation.share);
   const VectorXd approach = 0.3 * limits.speed;
-  const auto values = [](const VectorXd& v) { return std::span<const double>(v.data(), static_cast<std::size_t>(v.size())); };
-  return motion.dwell(0.3).move_to(start, values(approach), values(limits.acceleration)).dwell(0.5).repeat((*c.model)->opt.timestep);
+  const auto values = [](const VectorXd& v) {
+    return std::span<const double>(v.data(), static_cast<std::size_t>(v.size()));
+  };
+  return motion.dwell(0.3)
+      .move_to(start, values(approach), values(limits.acceleration))
+      .dwell(0.5)
+      .repeat((*c.model)->opt.timestep);
 }
 
 /// What the controller recorded of a cycle.
 struct Recorded {
-  RobotRecording measuring;   ///< sections of inertia and friction
+  RobotRecording measuring;  ///< sections of inertia and friction
   RobotRecording heating;
 };
 
@@ -76,7 +80,9 @@ RobotRecording part_of(const std::vector<JointRecording>& joints, std::size_t fi
   return r;
 }
 
-tl::expected<std::vector<Recorded>, std::string> simulated(const Campaign& c, const Excitation& e, std::size_t test, const Individual& robot, double ambient, const Regressor& regressor) {
+tl::expected<std::vector<Recorded>, std::string> simulated(const Campaign& c, const Excitation& e, std::size_t test,
+                                                           const Individual& robot, double ambient,
+                                                           const Regressor& regressor) {
   Scenario s;
   s.model = robot.model;
   s.ambient_degC = ambient;
@@ -89,12 +95,14 @@ tl::expected<std::vector<Recorded>, std::string> simulated(const Campaign& c, co
   // Wear replaces earlier wear, so that a fault's factors come on top of what the robot is.
   for (std::size_t i = 0; i < drives.size(); ++i) {
     Wear own{.joint = joint_name(robot.model->get(), drives[i])};
-    for (std::size_t p = 0; p < torques; ++p) own.factors[std::string(drives[i].drive.law.info->parameters[p].name)] = robot.friction[i];
+    for (std::size_t p = 0; p < torques; ++p)
+      own.factors[std::string(drives[i].drive.law.info->parameters[p].name)] = robot.friction[i];
     s.events.push_back({0, own});
     for (const Fault& fault : c.faults) {
       if (fault.robot != c.robot_of(test) || fault.day != c.day_of(test) || fault.wear.joint != own.joint) continue;
       Wear broken = own;
-      for (const auto& [name, factor] : fault.wear.factors) broken.factors.try_emplace(name, 1.0).first->second *= factor;
+      for (const auto& [name, factor] : fault.wear.factors)
+        broken.factors.try_emplace(name, 1.0).first->second *= factor;
       s.events.push_back({fault.time_s, broken});
     }
   }
@@ -102,9 +110,12 @@ tl::expected<std::vector<Recorded>, std::string> simulated(const Campaign& c, co
 
   const double dt = (*robot.model)->opt.timestep, period = s.motion->period_s();
   const auto cycles = static_cast<std::size_t>(c.duration_s / period + 1e-9);
-  if (cycles < 1) return tl::unexpected(fmt::format("duration_s {:g} is shorter than a cycle of the motion, {:.0f} s", c.duration_s, period));
+  if (cycles < 1)
+    return tl::unexpected(
+        fmt::format("duration_s {:g} is shorter than a cycle of the motion, {:.0f} s", c.duration_s, period));
   const auto steps = std::llround(period / dt), every = std::max(1LL, std::llround(1 / (c.sampling_hz * dt)));
-  Sensors sensors{.encoder_increments_per_turn = c.encoder_increments_per_turn, .sampling_hz = 1 / (static_cast<double>(every) * dt)};
+  Sensors sensors{.encoder_increments_per_turn = c.encoder_increments_per_turn,
+                  .sampling_hz = 1 / (static_cast<double>(every) * dt)};
   Twin twin(s);
   std::vector<Recorded> out;
   for (std::size_t k = 0; k < cycles; ++k) {
@@ -124,7 +135,8 @@ tl::expected<std::vector<Recorded>, std::string> simulated(const Campaign& c, co
       signals[j] = sensed(signals[j], sensors, seed_for(c, of_sensors + test, k * drives.size() + j));
     }
     const auto& time = signals.front().time_s;
-    const auto heating = static_cast<std::size_t>(std::ranges::lower_bound(time, time.front() + e.friction_s) - time.begin());
+    const auto heating =
+        static_cast<std::size_t>(std::ranges::lower_bound(time, time.front() + e.friction_s) - time.begin());
     out.push_back({part_of(signals, 0, heating), part_of(signals, heating, time.size())});
   }
   return out;
@@ -148,13 +160,20 @@ std::vector<std::vector<Measured>> torques_of(const std::vector<std::vector<Esti
 class Friction {
  public:
   /// `reference`: per joint, a friction curve of which the present one is a multiple.
-  Friction(const Regressor& regressor, const BaseParameters& base, const RobotFriction& law, RobotParameters reference, const VectorXd& level_speed)
-      : regressor_(regressor), base_(base), law_(law), reference_(std::move(reference)), rigid_(reference_), points_(static_cast<std::size_t>(regressor.joints())) {
+  Friction(const Regressor& regressor, const BaseParameters& base, const RobotFriction& law, RobotParameters reference,
+           const VectorXd& level_speed)
+      : regressor_(regressor),
+        base_(base),
+        law_(law),
+        reference_(std::move(reference)),
+        rigid_(reference_),
+        points_(static_cast<std::size_t>(regressor.joints())) {
     for (auto& joint : rigid_.friction) std::ranges::fill(joint, 0.0);
     for (Index j = 0; j < regressor.joints(); ++j) level_nm_.push_back(curve(j, level_speed(j)));
   }
 
-  /// Takes in what came next. Returns each joint's friction at the level speed, from samples after `from_s` in which it moves.
+  /// Takes in what came next. Returns each joint's friction at the level speed, from samples after `from_s` in which it
+  /// moves.
   std::vector<Measured> add(const JointMotion& motion, double from_s) {
     const MatrixXd rest = motion.torque - predicted_torque(regressor_, base_, law_, rigid_, motion, 1);
     std::vector<Measured> out;
@@ -162,11 +181,13 @@ class Friction {
       std::vector<double> at, shape, torque;
       for (const auto& [first, past] : motion.segments) window(motion, rest, j, first, past);
       for (Index i = 0; i < motion.size(); ++i)
-        if (motion.moving(j, i) && motion.time_s[static_cast<std::size_t>(i)] >= from_s) shape.push_back(curve(j, motion.qd(j, i))), torque.push_back(rest(j, i));
+        if (motion.moving(j, i) && motion.time_s[static_cast<std::size_t>(i)] >= from_s)
+          shape.push_back(curve(j, motion.qd(j, i))), torque.push_back(rest(j, i));
       const Eigen::Map<const VectorXd> f(shape.data(), static_cast<Index>(shape.size())), u(torque.data(), f.size());
       const double scale = f.dot(u) / f.squaredNorm(), level = level_nm_[static_cast<std::size_t>(j)];
       const VectorXd residual = u - scale * f;
-      const double variance = residual.squaredNorm() / static_cast<double>(residual.size()) * samples_per_independent({residual.data(), static_cast<std::size_t>(residual.size())});
+      const double variance = residual.squaredNorm() / static_cast<double>(residual.size()) *
+                              samples_per_independent({residual.data(), static_cast<std::size_t>(residual.size())});
       out.push_back({scale * level, std::sqrt(variance / f.squaredNorm()) * level});
     }
     return out;
@@ -191,7 +212,7 @@ class Friction {
     double time_s, work_J, friction_nm;
   };
   struct Points {
-    double work_J = 0;   ///< of friction since the start of the day
+    double work_J = 0;  ///< of friction since the start of the day
     std::vector<Point> kept;
   };
 
@@ -213,7 +234,9 @@ class Friction {
         const double f = curve(j, motion.qd(j, i));
         cross += f * rest(j, i), own += f * f, ++count, moved_at += time(i), work_at += points.work_J;
       }
-      if (count * motion.period_s >= fewest_s) points.kept.push_back({moved_at / count, work_at / count, cross / own * level_nm_[static_cast<std::size_t>(j)]});
+      if (count * motion.period_s >= fewest_s)
+        points.kept.push_back(
+            {moved_at / count, work_at / count, cross / own * level_nm_[static_cast<std::size_t>(j)]});
       begin = i;
     }
   }
@@ -231,9 +254,11 @@ struct Sections {
   JointMotion measuring, heating;
 };
 
-/// Gives the recordings the temperatures of each joint's thermal model, in units of share_per_K: those of paper 5's Algorithm 1, sample by
-/// sample, for a joint that warms up within seconds is not as warm at both ends of a window.
-tl::expected<void, std::string> take_temperature(std::vector<Recorded>& recorded, const std::vector<Sections>& sections, const std::vector<Warming>& warming, const RobotFriction& law, const RobotParameters& reference) {
+/// Gives the recordings the temperatures of each joint's thermal model, in units of share_per_K: those of paper 5's
+/// Algorithm 1, sample by sample, for a joint that warms up within seconds is not as warm at both ends of a window.
+tl::expected<void, std::string> take_temperature(std::vector<Recorded>& recorded, const std::vector<Sections>& sections,
+                                                 const std::vector<Warming>& warming, const RobotFriction& law,
+                                                 const RobotParameters& reference) {
   for (auto& r : recorded) r.measuring.temperature_degC.resizeLike(r.measuring.position);
   for (std::size_t j = 0; j < warming.size(); ++j) {
     const HeatSession session = as_heat(warming[j], 0, rises(warming[j]));
@@ -257,12 +282,15 @@ tl::expected<void, std::string> take_temperature(std::vector<Recorded>& recorded
           for (Index i = first; i < past; ++i) {
             if (motion == &sections[k].measuring) temperature.push_back(joint.temperature_degC());
             const auto now = static_cast<std::size_t>(i);
-            joint.update(motion->qd(row, i), 0, i + 1 < past ? motion->time_s[now + 1] - motion->time_s[now] : motion->edge_s[s]);
+            joint.update(motion->qd(row, i), 0,
+                         i + 1 < past ? motion->time_s[now + 1] - motion->time_s[now] : motion->edge_s[s]);
           }
         }
       }
       auto& r = recorded[k].measuring;
-      for (std::size_t i = 0; i < r.time_s.size(); ++i) r.temperature_degC(row, static_cast<Index>(i)) = between_samples(sections[k].measuring.time_s, temperature, r.time_s[i]);
+      for (std::size_t i = 0; i < r.time_s.size(); ++i)
+        r.temperature_degC(row, static_cast<Index>(i)) =
+            between_samples(sections[k].measuring.time_s, temperature, r.time_s[i]);
     }
   }
   return {};
@@ -273,7 +301,8 @@ Stretch stretch_of(const JointMotion& motion, const MatrixXd& predicted, double 
   s.measured_nm.resize(static_cast<std::size_t>(predicted.rows()));
   s.predicted_nm.resize(s.measured_nm.size());
   s.moving.resize(s.measured_nm.size());
-  for (Index i = 0; i < motion.size() && motion.time_s[static_cast<std::size_t>(i)] < motion.time_s.front() + length_s; ++i) {
+  for (Index i = 0; i < motion.size() && motion.time_s[static_cast<std::size_t>(i)] < motion.time_s.front() + length_s;
+       ++i) {
     s.time_s.push_back(motion.time_s[static_cast<std::size_t>(i)]);
     for (std::size_t j = 0; j < s.measured_nm.size(); ++j) {
       s.measured_nm[j].push_back(motion.torque(static_cast<Index>(j), i));
@@ -284,21 +313,26 @@ Stretch stretch_of(const JointMotion& motion, const MatrixXd& predicted, double 
   return s;
 }
 
-std::string name_of(const Campaign& c, std::size_t test) { return fmt::format("robot {}, day {}", c.robot_of(test) + 1, c.day_of(test) + 1); }
+std::string name_of(const Campaign& c, std::size_t test) {
+  return fmt::format("robot {}, day {}", c.robot_of(test) + 1, c.day_of(test) + 1);
+}
 
 }  // namespace
 
 bool rises(const Warming& w) { return w.friction_nm.back() > w.friction_nm.front(); }
 
 HeatSession as_heat(const Warming& w, std::size_t file, bool rising) {
-  HeatSession out{.file = file, .time_s = w.time_s, .power_w = w.power_w, .temperature_degC = w.friction_nm, .start_s = 0};
+  HeatSession out{
+      .file = file, .time_s = w.time_s, .power_w = w.power_w, .temperature_degC = w.friction_nm, .start_s = 0};
   if (!rising)
     for (double& T : out.temperature_degC) T = -T;
   return out;
 }
 
 tl::expected<WorkingDay, std::string> working_day(const Campaign& c, const Excitation& e, std::size_t test) {
-  const auto fail = [&](const std::string& why) { return tl::unexpected(fmt::format("{}: {}", name_of(c, test), why)); };
+  const auto fail = [&](const std::string& why) {
+    return tl::unexpected(fmt::format("{}: {}", name_of(c, test), why));
+  };
   const auto robot = individual(c, c.robot_of(test));
   if (!robot) return fail(robot.error());
   // The owner knows the type: its geometry, not the masses of this robot.
@@ -312,29 +346,37 @@ tl::expected<WorkingDay, std::string> working_day(const Campaign& c, const Excit
   WorkingDay day{.ambient_degC = ambient_degC(c, c.day_of(test))};
   auto recorded = simulated(c, e, test, *robot, day.ambient_degC, *regressor);
   if (!recorded) return fail(recorded.error());
-  const Preparation preparation{.decimation = static_cast<unsigned>(std::max(1.0, std::round(c.sampling_hz / kept_hz)))};
+  const Preparation preparation{.decimation =
+                                    static_cast<unsigned>(std::max(1.0, std::round(c.sampling_hz / kept_hz)))};
   const auto prepared = [&](const RobotRecording& r) { return prepare({&r, 1}, *regressor, preparation); };
 
   // 1
   MatrixXd information = MatrixXd::Zero(base.size(), base.size());
   VectorXd weighted = VectorXd::Zero(base.size());
-  RobotParameters reference{.base = {}, .friction = std::vector<std::vector<double>>(joints, std::vector<double>(law->front().law().parameters.size(), 0.0))};
+  RobotParameters reference{.base = {},
+                            .friction = std::vector<std::vector<double>>(
+                                joints, std::vector<double>(law->front().law().parameters.size(), 0.0))};
   std::vector<Sections> sections;
   for (const auto& r : *recorded) {
     auto during = prepared(r.measuring), after = prepared(r.heating);
     if (!during || !after) return fail(during ? after.error() : during.error());
     const auto fit = fit_dynamics(*regressor, base, *law, *during, {.threads = 1});
     if (!fit) return fail(fit.error());
-    day.cycles.push_back({.start_s = r.measuring.time_s.front(), .base = measured(fit->base), .friction = torques_of(fit->friction), .level_nm = {}});
+    day.cycles.push_back({.start_s = r.measuring.time_s.front(),
+                          .base = measured(fit->base),
+                          .friction = torques_of(fit->friction),
+                          .level_nm = {}});
     sections.push_back({std::move(*during), std::move(*after)});
     information += fit->information;
     weighted += fit->information * fit->parameters.base;
     for (std::size_t j = 0; j < joints; ++j)
-      for (std::size_t p = 0; p < torques; ++p) reference.friction[j][p] += fit->parameters.friction[j][p] / static_cast<double>(recorded->size());
+      for (std::size_t p = 0; p < torques; ++p)
+        reference.friction[j][p] += fit->parameters.friction[j][p] / static_cast<double>(recorded->size());
   }
   reference.base = information.ldlt().solve(weighted);
 
-  // 2 and 3, in turn: friction curves of single cycles, in which a joint warms up from slow passes to fast ones, have the wrong shape.
+  // 2 and 3, in turn: friction curves of single cycles, in which a joint warms up from slow passes to fast ones, have
+  // the wrong shape.
   tl::expected<DynamicsFit, std::string> fit;
   std::vector<RobotRecording> measuring;
   for (int round = 0;; ++round) {
@@ -353,7 +395,7 @@ tl::expected<WorkingDay, std::string> working_day(const Campaign& c, const Excit
     fit = fit_dynamics(*regressor, base, *law, *motion, {.threads = 1});
     if (!fit) return fail(fit.error());
     reference = fit->parameters;
-    for (auto& joint : reference.friction) joint[torques] = 0;   // the curve at the start of the day
+    for (auto& joint : reference.friction) joint[torques] = 0;  // the curve at the start of the day
   }
   day.base = measured(fit->base);
   day.friction = torques_of(fit->friction);
@@ -363,12 +405,15 @@ tl::expected<WorkingDay, std::string> working_day(const Campaign& c, const Excit
     auto& of_robot = day.friction_of_robot.emplace_back();
     const auto drive = std::ranges::find(c.model->drives(), static_cast<int>(j), &mujoco::Binding::dof);
     const auto f = drive->drive.law.values();
-    for (std::size_t p = 0; p < torques; ++p) of_robot.push_back(f[p] * robot->friction[static_cast<std::size_t>(drive - c.model->drives().begin())] * (1 + f[torques] * (day.ambient_degC - f[torques + 1])));
+    for (std::size_t p = 0; p < torques; ++p)
+      of_robot.push_back(f[p] * robot->friction[static_cast<std::size_t>(drive - c.model->drives().begin())] *
+                         (1 + f[torques] * (day.ambient_degC - f[torques + 1])));
   }
   for (const auto& [part, out] : {std::pair{&measuring.front(), &day.cold}, {&measuring.back(), &day.hot}}) {
     const auto shown = prepared(*part);
     if (!shown) return fail(shown.error());
-    *out = stretch_of(*shown, predicted_torque(*regressor, base, *law, fit->parameters, *shown, 1), c.excitation.period_s);
+    *out =
+        stretch_of(*shown, predicted_torque(*regressor, base, *law, fit->parameters, *shown, 1), c.excitation.period_s);
   }
   return day;
 }
@@ -378,11 +423,25 @@ tl::expected<WorkingDay, std::string> working_day(const Campaign& c, const Excit
 using Json = nlohmann::json;
 
 void to_json(Json& j, const Measured& m) { j = {m.value, std::isfinite(m.sigma) ? Json(m.sigma) : Json(nullptr)}; }
-void to_json(Json& j, const Cycle& c) { j = {{"start_s", c.start_s}, {"base", c.base}, {"friction", c.friction}, {"level_nm", c.level_nm}}; }
-void to_json(Json& j, const Warming& w) { j = {{"time_s", w.time_s}, {"power_w", w.power_w}, {"friction_nm", w.friction_nm}}; }
-void to_json(Json& j, const Stretch& s) { j = {{"time_s", s.time_s}, {"measured_nm", s.measured_nm}, {"predicted_nm", s.predicted_nm}, {"moving", s.moving}}; }
+void to_json(Json& j, const Cycle& c) {
+  j = {{"start_s", c.start_s}, {"base", c.base}, {"friction", c.friction}, {"level_nm", c.level_nm}};
+}
+void to_json(Json& j, const Warming& w) {
+  j = {{"time_s", w.time_s}, {"power_w", w.power_w}, {"friction_nm", w.friction_nm}};
+}
+void to_json(Json& j, const Stretch& s) {
+  j = {{"time_s", s.time_s}, {"measured_nm", s.measured_nm}, {"predicted_nm", s.predicted_nm}, {"moving", s.moving}};
+}
 void to_json(Json& j, const WorkingDay& d) {
-  j = {{"ambient_degC", d.ambient_degC}, {"cycles", d.cycles}, {"warming", d.warming}, {"base", d.base}, {"friction", d.friction}, {"base_of_robot", d.base_of_robot}, {"friction_of_robot", d.friction_of_robot}, {"cold", d.cold}, {"hot", d.hot}};
+  j = {{"ambient_degC", d.ambient_degC},
+       {"cycles", d.cycles},
+       {"warming", d.warming},
+       {"base", d.base},
+       {"friction", d.friction},
+       {"base_of_robot", d.base_of_robot},
+       {"friction_of_robot", d.friction_of_robot},
+       {"cold", d.cold},
+       {"hot", d.hot}};
 }
 
 std::string to_text(const WorkingDay& day) { return Json(day).dump() + "\n"; }
@@ -430,7 +489,8 @@ Stretch stretch_of(const JsonInput& in, std::size_t joints) {
   for (const auto& joint : in["moving"].list(joints, joints)) {
     auto& of_joint = s.moving.emplace_back();
     for (const auto& one : joint.list(n, n)) of_joint.push_back(one.truth());
-    if (std::ranges::find(of_joint, true) == of_joint.end()) joint.fail("is false everywhere, but a joint that rests has no friction to predict");
+    if (std::ranges::find(of_joint, true) == of_joint.end())
+      joint.fail("is false everywhere, but a joint that rests has no friction to predict");
   }
   return s;
 }
@@ -438,12 +498,16 @@ Stretch stretch_of(const JsonInput& in, std::size_t joints) {
 WorkingDay day_of(const JsonInput& in, const Shape& shape) {
   WorkingDay day{.ambient_degC = in["ambient_degC"].number({-273.15, 1000})};
   for (const auto& cycle : in["cycles"].list(1))
-    day.cycles.push_back({.start_s = cycle["start_s"].number(times_s), .base = measured_of(cycle["base"], shape.base), .friction = friction_of(cycle["friction"], shape.joints), .level_nm = measured_of(cycle["level_nm"], shape.joints)});
+    day.cycles.push_back({.start_s = cycle["start_s"].number(times_s),
+                          .base = measured_of(cycle["base"], shape.base),
+                          .friction = friction_of(cycle["friction"], shape.joints),
+                          .level_nm = measured_of(cycle["level_nm"], shape.joints)});
   for (const auto& joint : in["warming"].list(shape.joints, shape.joints)) day.warming.push_back(warming_of(joint));
   day.base = measured_of(in["base"], shape.base);
   day.friction = friction_of(in["friction"], shape.joints);
   day.base_of_robot = in["base_of_robot"].numbers(shape.base, shape.base);
-  for (const auto& joint : in["friction_of_robot"].list(shape.joints, shape.joints)) day.friction_of_robot.push_back(joint.numbers(torques, torques));
+  for (const auto& joint : in["friction_of_robot"].list(shape.joints, shape.joints))
+    day.friction_of_robot.push_back(joint.numbers(torques, torques));
   day.cold = stretch_of(in["cold"], shape.joints);
   day.hot = stretch_of(in["hot"], shape.joints);
   return day;

@@ -1,7 +1,6 @@
-#include <tribotwin/twin/identification/curves/basis.hpp>
-
 #include <algorithm>
 
+#include <tribotwin/twin/identification/curves/basis.hpp>
 #include <tribotwin/twin/identification/curves/moments_kernel.hpp>
 #include <tribotwin/twin/numerics/parallel.hpp>
 
@@ -19,17 +18,25 @@ constexpr std::size_t chunk = 16384;
 struct {
   int linear, nonlinear, column;
 } constexpr all_derivatives[] = {
-    {B, vs, col_u}, {B_T, vs, col_uT}, {B_TT, vs, col_uTT}, {B_l, vs, col_ul}, {B, vs_T, col_uT}, {B_T, vs_T, col_uTT}, {B_TT, vs_T, col_uT3}, {B_l, vs_T, col_uTl},
-    {B, vs_TT, col_uTT}, {B_T, vs_TT, col_uT3}, {B_TT, vs_TT, col_uT4}, {B_l, vs_TT, col_uTTl},
-    {B, alpha, col_a}, {B_T, alpha, col_aT}, {B_TT, alpha, col_aTT}, {B_l, alpha, col_al}, {C_l, vl, col_vl}, {C_l, alpha, col_al2},
-    {F1_T, T_V, col_F1_TV}, {Fb_T, T_V, col_Fb_TV}, {Fb, beta, col_beta}, {Fb_T, beta, col_beta_eT}, {Fb, beta_T, col_betaT}, {Fb_T, beta_T, col_beta_eTT}};
+    {B, vs, col_u},       {B_T, vs, col_uT},         {B_TT, vs, col_uTT},     {B_l, vs, col_ul},
+    {B, vs_T, col_uT},    {B_T, vs_T, col_uTT},      {B_TT, vs_T, col_uT3},   {B_l, vs_T, col_uTl},
+    {B, vs_TT, col_uTT},  {B_T, vs_TT, col_uT3},     {B_TT, vs_TT, col_uT4},  {B_l, vs_TT, col_uTTl},
+    {B, alpha, col_a},    {B_T, alpha, col_aT},      {B_TT, alpha, col_aTT},  {B_l, alpha, col_al},
+    {C_l, vl, col_vl},    {C_l, alpha, col_al2},     {F1_T, T_V, col_F1_TV},  {Fb_T, T_V, col_Fb_TV},
+    {Fb, beta, col_beta}, {Fb_T, beta, col_beta_eT}, {Fb, beta_T, col_betaT}, {Fb_T, beta_T, col_beta_eTT}};
 
-KernelNumbers numbers(const F& f) { return {f.vs, f.vs_T, f.vs_TT, f.vl, f.alpha, f.T_V, f.beta, f.beta_T, f.s_T, f.s_T0}; }
+KernelNumbers numbers(const F& f) {
+  return {f.vs, f.vs_T, f.vs_TT, f.vl, f.alpha, f.T_V, f.beta, f.beta_T, f.s_T, f.s_T0};
+}
 
 KernelSamples part(const Samples& s, std::span<const double> weights, std::size_t i) {
   const std::size_t first = i * chunk;
-  return {s.speed.data() + first, s.load.data() + first, s.temperature_degC.data() + first, s.friction.data() + first,
-          weights.empty() ? nullptr : weights.data() + first, std::min(chunk, s.size() - first)};
+  return {s.speed.data() + first,
+          s.load.data() + first,
+          s.temperature_degC.data() + first,
+          s.friction.data() + first,
+          weights.empty() ? nullptr : weights.data() + first,
+          std::min(chunk, s.size() - first)};
 }
 
 struct Kernels {
@@ -39,7 +46,8 @@ struct Kernels {
 const Kernels& kernels() {
   static const Kernels best = [] {
 #if defined(__x86_64__)
-    if (__builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512dq")) return Kernels{moments_avx512, residuals_avx512};
+    if (__builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512dq"))
+      return Kernels{moments_avx512, residuals_avx512};
     if (__builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma")) return Kernels{moments_avx2, residuals_avx2};
 #endif
     return Kernels{};
@@ -49,14 +57,16 @@ const Kernels& kernels() {
 
 }  // namespace
 
-const LinearFields linear_fields{&F::A, &F::A_T, &F::A_TT, &F::A_l, &F::B, &F::B_T, &F::B_TT, &F::B_l, &F::C_l, &F::F1, &F::F1_t, &F::F1_tt, &F::F1_T, &F::F2, &F::F3, &F::Fb, &F::Fb_T};
-const NonlinearFields nonlinear_fields{&F::vs, &F::vs_T, &F::vs_TT, &F::vl, &F::alpha, &F::T_V, &F::beta, &F::beta_T, &F::s_T, &F::s_T0};
+const LinearFields linear_fields{&F::A,  &F::A_T,  &F::A_TT,  &F::A_l,  &F::B,  &F::B_T, &F::B_TT, &F::B_l, &F::C_l,
+                                 &F::F1, &F::F1_t, &F::F1_tt, &F::F1_T, &F::F2, &F::F3,  &F::Fb,   &F::Fb_T};
+const NonlinearFields nonlinear_fields{&F::vs,  &F::vs_T, &F::vs_TT,  &F::vl,  &F::alpha,
+                                       &F::T_V, &F::beta, &F::beta_T, &F::s_T, &F::s_T0};
 
 Placement::Placement(const friction::LawInfo& law) {
   const auto count = static_cast<Index>(law.parameters.size());
   std::vector<double> unit(law.parameters.size(), 0);
   origin = law.family(unit);
-  std::vector<F> moved;   // each parameter by 1
+  std::vector<F> moved;  // each parameter by 1
   for (double& x : unit) x = 1, moved.push_back(law.family(unit)), x = 0;
   const auto fill = [&](auto& fields, std::vector<std::size_t>& used, VectorXd& offset, MatrixXd& place) {
     for (std::size_t k = 0; k < fields.size(); ++k)
@@ -80,7 +90,8 @@ Placement::Placement(const friction::LawInfo& law) {
     const Derivative d{place_in(linear_used, of), place_in(nonlinear_used, by), 0};
     if (d.linear >= 0 && d.nonlinear >= 0) derivatives.push_back(d), column_of.push_back(column);
   };
-  for (const auto& d : all_derivatives) take(static_cast<std::size_t>(d.linear), static_cast<std::size_t>(d.nonlinear), d.column);
+  for (const auto& d : all_derivatives)
+    take(static_cast<std::size_t>(d.linear), static_cast<std::size_t>(d.nonlinear), d.column);
   for (const std::size_t k : linear_used) take(k, s_T, col_scaled + static_cast<int>(k));
   columns.assign(linear_used.begin(), linear_used.end());
   columns.insert(columns.end(), column_of.begin(), column_of.end());
@@ -92,12 +103,15 @@ Placement::Placement(const friction::LawInfo& law) {
 
 F Placement::family(const VectorXd& linear_numbers, const VectorXd& nonlinear_numbers) const {
   F f = origin;
-  for (std::size_t k = 0; k < linear_used.size(); ++k) f.*linear_fields[linear_used[k]] = linear_numbers(static_cast<Index>(k));
-  for (std::size_t n = 0; n < nonlinear_used.size(); ++n) f.*nonlinear_fields[nonlinear_used[n]] = nonlinear_numbers(static_cast<Index>(n));
+  for (std::size_t k = 0; k < linear_used.size(); ++k)
+    f.*linear_fields[linear_used[k]] = linear_numbers(static_cast<Index>(k));
+  for (std::size_t n = 0; n < nonlinear_used.size(); ++n)
+    f.*nonlinear_fields[nonlinear_used[n]] = nonlinear_numbers(static_cast<Index>(n));
   return f;
 }
 
-Moments accumulate(const Samples& samples, std::span<const double> weights, const Placement& place, const friction::Family& family, unsigned threads, bool derivatives) {
+Moments accumulate(const Samples& samples, std::span<const double> weights, const Placement& place,
+                   const friction::Family& family, unsigned threads, bool derivatives) {
   const auto fields = static_cast<Index>(place.linear_used.size());
   std::vector<int> used = place.columns;
   if (!derivatives) used.erase(used.begin() + fields, used.end() - 1);
@@ -106,13 +120,17 @@ Moments accumulate(const Samples& samples, std::span<const double> weights, cons
   std::vector<double> sums(count * n * n, 0);
   const auto kernel = kernels().moments;
   const KernelNumbers p = numbers(family);
-  in_parallel(count, threads, [&](std::size_t i) { kernel(part(samples, weights, i), p, used.data(), static_cast<int>(n), sums.data() + i * n * n); });
+  in_parallel(count, threads, [&](std::size_t i) {
+    kernel(part(samples, weights, i), p, used.data(), static_cast<int>(n), sums.data() + i * n * n);
+  });
   for (std::size_t i = 1; i < count; ++i)
     for (std::size_t k = 0; k < n * n; ++k) sums[k] += sums[i * n * n + k];
   Moments m;
   m.place_ = &place;
   const auto size = static_cast<Index>(n);
-  m.all_ = Eigen::Map<const Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>>(sums.data(), size, size).selfadjointView<Eigen::Lower>();
+  m.all_ =
+      Eigen::Map<const Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>>(sums.data(), size, size)
+          .selfadjointView<Eigen::Lower>();
   m.FF = m.all_.topLeftCorner(fields, fields);
   m.Fy = m.all_.col(size - 1).head(fields);
   m.yy = m.all_(size - 1, size - 1);
@@ -121,24 +139,29 @@ Moments accumulate(const Samples& samples, std::span<const double> weights, cons
 
 Moments::At Moments::at(const VectorXd& eta) const {
   const Index K = eta.size(), N = place_->nonlinear_offset.size(), size = all_.rows();
-  MatrixXd combine = MatrixXd::Zero(size, N);   // D = columns * combine
+  MatrixXd combine = MatrixXd::Zero(size, N);  // D = columns * combine
   for (const auto& d : place_->derivatives) combine(d.column, d.nonlinear) += eta(d.linear);
   const VectorXd by_residual = all_.col(size - 1) - all_.leftCols(K) * eta;
   const MatrixXd by_derivatives = all_.lazyProduct(combine);
-  At result{.FD = by_derivatives.topRows(K), .DD = combine.transpose().lazyProduct(by_derivatives), .Dr = combine.transpose().lazyProduct(by_residual),
-            .rr = std::max(by_residual(size - 1) - eta.dot(by_residual.head(K)), 0.0), .Fr_by = MatrixXd::Zero(K, N)};
+  At result{.FD = by_derivatives.topRows(K),
+            .DD = combine.transpose().lazyProduct(by_derivatives),
+            .Dr = combine.transpose().lazyProduct(by_residual),
+            .rr = std::max(by_residual(size - 1) - eta.dot(by_residual.head(K)), 0.0),
+            .Fr_by = MatrixXd::Zero(K, N)};
   for (const auto& d : place_->derivatives) result.Fr_by(d.linear, d.nonlinear) = by_residual(d.column);
   return result;
 }
 
-std::vector<double> residuals(const Samples& samples, const Placement& place, const friction::Family& family, unsigned threads) {
+std::vector<double> residuals(const Samples& samples, const Placement& place, const friction::Family& family,
+                              unsigned threads) {
   std::vector<double> r(samples.size());
   std::vector<int> used(place.linear_used.begin(), place.linear_used.end());
   double linear[linear_count];
   for (std::size_t k = 0; k < linear_count; ++k) linear[k] = family.*linear_fields[k];
   const auto kernel = kernels().residuals;
   in_parallel((samples.size() + chunk - 1) / chunk, threads, [&](std::size_t i) {
-    kernel(part(samples, {}, i), numbers(family), used.data(), static_cast<int>(used.size()), linear, r.data() + i * chunk);
+    kernel(part(samples, {}, i), numbers(family), used.data(), static_cast<int>(used.size()), linear,
+           r.data() + i * chunk);
   });
   return r;
 }

@@ -10,9 +10,9 @@
 #include <tribotwin/plugins/friction/law.hpp>
 #include <tribotwin/twin/identification/curves/samples.hpp>
 
-/// The family of laws (plugins/friction/law.hpp) as paper 1 (5) writes a model: linear in `linear` numbers eta, nonlinear
-/// in `nonlinear` numbers rho. Every law places its parameters affinely in the family, so these derivatives are those of
-/// every law by the chain rule, exactly.
+/// The family of laws (plugins/friction/law.hpp) as paper 1 (5) writes a model: linear in `linear` numbers eta,
+/// nonlinear in `nonlinear` numbers rho. Every law places its parameters affinely in the family, so these derivatives
+/// are those of every law by the chain rule, exactly.
 namespace tribotwin::twin::identification {
 
 inline constexpr std::size_t linear_count = 17, nonlinear_count = 10;
@@ -21,55 +21,62 @@ using NonlinearFields = std::array<double friction::Family::*, nonlinear_count>;
 extern const LinearFields linear_fields;
 extern const NonlinearFields nonlinear_fields;
 
-/// A law's parameters in the family. Vectors and matrices below are over the fields that some parameter moves ("in use").
+/// A law's parameters in the family. Vectors and matrices below are over the fields that some parameter moves ("in
+/// use").
 struct Placement {
   explicit Placement(const friction::LawInfo& law);
-  friction::Family origin;                                ///< of parameters that are all 0
-  std::vector<std::size_t> linear_used, nonlinear_used;   ///< fields in use, ascending
+  friction::Family origin;                               ///< of parameters that are all 0
+  std::vector<std::size_t> linear_used, nonlinear_used;  ///< fields in use, ascending
   Eigen::VectorXd linear_offset, nonlinear_offset;
-  Eigen::MatrixXd linear, nonlinear;                      ///< fields in use x parameters: field = offset + place * parameters
+  Eigen::MatrixXd linear, nonlinear;  ///< fields in use x parameters: field = offset + place * parameters
 
   /// d(basis_k)/d(nonlinear_n) is a column of the kernels: all three as places among those in use.
   struct Derivative {
     Eigen::Index linear, nonlinear, column;
   };
-  std::vector<Derivative> derivatives;   ///< the law's, but for its reference temperature s_T0, a convention
-  std::vector<int> columns;              ///< those in use, ascending: first the linear fields, last y
+  std::vector<Derivative> derivatives;  ///< the law's, but for its reference temperature s_T0, a convention
+  std::vector<int> columns;             ///< those in use, ascending: first the linear fields, last y
 
   friction::Family family(const Eigen::VectorXd& linear_numbers, const Eigen::VectorXd& nonlinear_numbers) const;
 
   bool is_linear(std::size_t parameter) const { return nonlinear.col(static_cast<Eigen::Index>(parameter)).isZero(0); }
 };
 
-/// Products of all columns that the fit needs, weighted and summed over the samples, at one set of nonlinear numbers: with
-/// them cost, gradient and every derivative follow for whatever linear numbers.
+/// Products of all columns that the fit needs, weighted and summed over the samples, at one set of nonlinear numbers:
+/// with them cost, gradient and every derivative follow for whatever linear numbers.
 struct Moments {
-  Eigen::MatrixXd FF;                       ///< basis^T basis, linear fields in use
-  Eigen::VectorXd Fy;                       ///< basis^T y
+  Eigen::MatrixXd FF;  ///< basis^T basis, linear fields in use
+  Eigen::VectorXd Fy;  ///< basis^T y
   double yy = 0;
 
-  /// At the linear numbers eta, with residual r = y - basis eta and D = its derivatives by the nonlinear fields in use, negative.
+  /// At the linear numbers eta, with residual r = y - basis eta and D = its derivatives by the nonlinear fields in use,
+  /// negative.
   struct At {
     Eigen::MatrixXd FD, DD;
     Eigen::VectorXd Dr;
     double rr = 0;
-    Eigen::MatrixXd Fr_by;                  ///< sum of r d(basis_k)/d(nonlinear_n): the second term of Golub and Pereyra
+    Eigen::MatrixXd Fr_by;  ///< sum of r d(basis_k)/d(nonlinear_n): the second term of Golub and Pereyra
   };
-  At at(const Eigen::VectorXd& eta) const;   ///< of moments with derivatives only
+  At at(const Eigen::VectorXd& eta) const;  ///< of moments with derivatives only
   /// At::rr alone.
-  double cost(const Eigen::VectorXd& eta) const { return std::max(yy - 2 * eta.dot(Fy) + eta.dot(FF * eta), 0.0); }   // NaN stays NaN
+  double cost(const Eigen::VectorXd& eta) const {
+    return std::max(yy - 2 * eta.dot(Fy) + eta.dot(FF * eta), 0.0);
+  }  // NaN stays NaN
 
  private:
-  friend Moments accumulate(const Samples&, std::span<const double>, const Placement&, const friction::Family&, unsigned, bool);
-  Eigen::MatrixXd all_;                     ///< products of the columns in use
+  friend Moments accumulate(const Samples&, std::span<const double>, const Placement&, const friction::Family&,
+                            unsigned, bool);
+  Eigen::MatrixXd all_;  ///< products of the columns in use
   const Placement* place_ = nullptr;
 };
 
-/// One pass over the samples (at least one). The order of summation does not depend on the number of threads. `place` must
-/// outlive the result.
-Moments accumulate(const Samples& samples, std::span<const double> weights, const Placement& place, const friction::Family& family, unsigned threads, bool derivatives = true);
+/// One pass over the samples (at least one). The order of summation does not depend on the number of threads. `place`
+/// must outlive the result.
+Moments accumulate(const Samples& samples, std::span<const double> weights, const Placement& place,
+                   const friction::Family& family, unsigned threads, bool derivatives = true);
 
 /// y - f of every sample.
-std::vector<double> residuals(const Samples& samples, const Placement& place, const friction::Family& family, unsigned threads);
+std::vector<double> residuals(const Samples& samples, const Placement& place, const friction::Family& family,
+                              unsigned threads);
 
 }  // namespace tribotwin::twin::identification

@@ -11,48 +11,52 @@
 #include <tribotwin/twin/identification/curves/samples.hpp>
 #include <tribotwin/twin/identification/estimates.hpp>
 
-/// Finding a law's parameters from measured friction, as paper 1 section 2.2: the sum of squared errors is minimised over
-/// the nonlinear parameters alone, the linear ones being the least-squares solution at each of them (separable least
-/// squares, paper 1 (9), (10)): a coarse grid, then Ceres' trust region on the projected residual with the exact
-/// derivatives of Golub and Pereyra. Covariance: lambda [sum psi psi^T]^-1 (paper 1 (11)), lambda = sum of squares / (N - p).
-/// Accepted ranges of parameters are bounds, Fs >= Fc of `steady_state` (paper 2 (12)) included.
+/// Finding a law's parameters from measured friction, as paper 1 section 2.2: the sum of squared errors is minimised
+/// over the nonlinear parameters alone, the linear ones being the least-squares solution at each of them (separable
+/// least squares, paper 1 (9), (10)): a coarse grid, then Ceres' trust region on the projected residual with the exact
+/// derivatives of Golub and Pereyra. Covariance: lambda [sum psi psi^T]^-1 (paper 1 (11)), lambda = sum of squares / (N
+/// - p). Accepted ranges of parameters are bounds, Fs >= Fc of `steady_state` (paper 2 (12)) included.
 namespace tribotwin::twin::identification {
 
 enum class Loss {
   squares,
-  huber,    ///< linear beyond 1.345 sigma: 95 % efficient on clean data
-  cauchy    ///< forgets gross outliers beyond a few 2.385 sigma
+  huber,  ///< linear beyond 1.345 sigma: 95 % efficient on clean data
+  cauchy  ///< forgets gross outliers beyond a few 2.385 sigma
 };
 
 struct FitOptions {
-  std::vector<std::pair<std::string, double>> fixed;   ///< parameters that are known
+  std::vector<std::pair<std::string, double>> fixed;  ///< parameters that are known
   Loss loss = Loss::squares;
-  bool weigh = true;          ///< by 1 / standard error^2 where the samples have one
+  bool weigh = true;  ///< by 1 / standard error^2 where the samples have one
   unsigned threads = 2;
 };
 
-struct Fit : Estimates {                     ///< in the law's order
-  friction::Law law;                         ///< its range is that of the samples
+struct Fit : Estimates {  ///< in the law's order
+  friction::Law law;      ///< its range is that of the samples
 };
 
 /// Fails with a sentence on what the data lack.
-tl::expected<Fit, std::string> fit(const friction::LawInfo& law, const Samples& samples, const FitOptions& options = {});
+tl::expected<Fit, std::string> fit(const friction::LawInfo& law, const Samples& samples,
+                                   const FitOptions& options = {});
 
-/// Paper 1's order: the load terms from the samples of the temperature at which most loads were measured, then, these fixed,
-/// the rest from all. Only for laws that depend on both; fails where no temperature has three loads.
-tl::expected<Fit, std::string> fit_staged(const friction::LawInfo& law, const Samples& samples, const FitOptions& options = {});
+/// Paper 1's order: the load terms from the samples of the temperature at which most loads were measured, then, these
+/// fixed, the rest from all. Only for laws that depend on both; fails where no temperature has three loads.
+tl::expected<Fit, std::string> fit_staged(const friction::LawInfo& law, const Samples& samples,
+                                          const FitOptions& options = {});
 
 /// Root mean square error of samples that were held out: `folds` parts of whole curves where there are as many, else of
 /// samples in turn.
-tl::expected<double, std::string> cross_validate(const friction::LawInfo& law, const Samples& samples, const FitOptions& options, unsigned folds);
+tl::expected<double, std::string> cross_validate(const friction::LawInfo& law, const Samples& samples,
+                                                 const FitOptions& options, unsigned folds);
 
 /// One parameter common to all curves, the others free at each (paper 1, Fig. 5: alpha*).
 struct Shared {
   double value = 0, sigma = 0;
-  std::vector<std::pair<double, double>> profile;   ///< value, cost relative to the least
+  std::vector<std::pair<double, double>> profile;  ///< value, cost relative to the least
   std::size_t curves = 0, samples = 0;
   std::vector<std::string> notes;
 };
-tl::expected<Shared, std::string> fit_shared(const friction::LawInfo& law, const Samples& samples, const std::string& parameter, const FitOptions& options = {});
+tl::expected<Shared, std::string> fit_shared(const friction::LawInfo& law, const Samples& samples,
+                                             const std::string& parameter, const FitOptions& options = {});
 
 }  // namespace tribotwin::twin::identification

@@ -1,5 +1,3 @@
-#include <tribotwin/twin/identification/curves/lag.hpp>
-
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -7,13 +5,15 @@
 
 #include <Eigen/Dense>
 
+#include <tribotwin/twin/identification/curves/lag.hpp>
+
 namespace tribotwin::twin {
 namespace {
 
-constexpr double longest_s = 0.1, earliest_s = -0.02;   // lags that are looked for
+constexpr double longest_s = 0.1, earliest_s = -0.02;  // lags that are looked for
 constexpr std::size_t most_samples = 100000;
 constexpr Eigen::Index columns = 16;
-constexpr Eigen::Index load_columns[] = {0, 2, 3, 4, 5, 6}, by_load = columns - 2;   // of Sample::explains
+constexpr Eigen::Index load_columns[] = {0, 2, 3, 4, 5, 6}, by_load = columns - 2;  // of Sample::explains
 
 /// A part of the recording without gaps, on even times, filtered.
 struct Track {
@@ -41,7 +41,8 @@ std::vector<Track> tracks_of(const JointRecording& r, double period) {
     if (i < r.size() && r.time_s[i] - r.time_s[i - 1] <= 5 * period) continue;
     Track track;
     std::size_t k = begin;
-    for (double t = r.time_s[begin]; t <= r.time_s[i - 1] + 1e-9 * period; t = r.time_s[begin] + period * static_cast<double>(track.q.size())) {
+    for (double t = r.time_s[begin]; t <= r.time_s[i - 1] + 1e-9 * period;
+         t = r.time_s[begin] + period * static_cast<double>(track.q.size())) {
       while (k + 2 < i && r.time_s[k + 1] <= t) ++k;
       const std::size_t next = std::min(k + 1, i - 1);
       const double w = next == k ? 0 : std::clamp((t - r.time_s[k]) / (r.time_s[next] - r.time_s[k]), 0.0, 1.0);
@@ -96,12 +97,14 @@ std::optional<Lag> lag_of_torque(const JointRecording& r, double position_error_
     const auto high = magnitudes.begin() + static_cast<std::ptrdiff_t>(0.995 * static_cast<double>(magnitudes.size()));
     std::ranges::nth_element(magnitudes, high);
     steepest = *high;
-    const double noise = position_error_rad * std::sqrt(0.212 * period / width_s) / (width_s * width_s);   // of a Gaussian's second derivative
+    const double noise = position_error_rad * std::sqrt(0.212 * period / width_s) /
+                         (width_s * width_s);  // of a Gaussian's second derivative
     if (noise < 0.02 * steepest) break;
     if (width_s > 0.05) return std::nullopt;
   }
 
-  const auto margin = static_cast<std::size_t>(std::ceil(3 * width_s / period)), late = static_cast<std::size_t>(std::ceil(longest_s / period)) + 2;
+  const auto margin = static_cast<std::size_t>(std::ceil(3 * width_s / period)),
+             late = static_cast<std::size_t>(std::ceil(longest_s / period)) + 2;
   std::vector<Sample> samples;
   for (std::size_t k = 0; k < tracks.size(); ++k) {
     const auto& q = tracks[k].q;
@@ -127,9 +130,11 @@ std::optional<Lag> lag_of_torque(const JointRecording& r, double position_error_
   for (Sample& sample : samples) {
     const auto& q = tracks[sample.track].q;
     const std::size_t i = sample.at;
-    const double v = (q[i + 1] - q[i - 1]) / (2 * period), s = v > 0 ? 1 : -1, speed = std::abs(v) / fastest, a = acceleration[sample.track][i];
-    sample.explains << a, s * a, 1, std::sin(q[i]), std::cos(q[i]), std::sin(2 * q[i]), std::cos(2 * q[i]), s, s * speed, s * speed * speed, s * std::exp(-speed / 0.01),
-        s * std::exp(-speed / 0.04), s * std::exp(-speed / 0.15), s * std::exp(-speed / 0.5), 0, 0;
+    const double v = (q[i + 1] - q[i - 1]) / (2 * period), s = v > 0 ? 1 : -1, speed = std::abs(v) / fastest,
+                 a = acceleration[sample.track][i];
+    sample.explains << a, s * a, 1, std::sin(q[i]), std::cos(q[i]), std::sin(2 * q[i]), std::cos(2 * q[i]), s,
+        s * speed, s * speed * speed, s * std::exp(-speed / 0.01), s * std::exp(-speed / 0.04),
+        s * std::exp(-speed / 0.15), s * std::exp(-speed / 0.5), 0, 0;
   }
   if (static_cast<double>(samples.size()) * period < 1) return std::nullopt;
 
@@ -150,7 +155,7 @@ std::optional<Lag> lag_of_torque(const JointRecording& r, double position_error_
     scale = gram.diagonal().cwiseMax(1e-300).cwiseSqrt();
     solver.compute(scale.cwiseInverse().asDiagonal() * gram * scale.cwiseInverse().asDiagonal());
   };
-  const auto fit = [&](double lag_s) {   // sum of squares that is left
+  const auto fit = [&](double lag_s) {  // sum of squares that is left
     Vector right = Vector::Zero();
     double square = 0;
     for (const Sample& s : samples) {
@@ -168,14 +173,14 @@ std::optional<Lag> lag_of_torque(const JointRecording& r, double position_error_
     if (const double left = fit(lag); left < least) least = left, best = lag;
   if (best - step < earliest_s || best + step > longest_s) return std::nullopt;
   for (int round = 0; round < 2; ++round) {
-    for (double h = step; h > 0.02 * period; h /= 2) {   // least squares are a parabola near their least
+    for (double h = step; h > 0.02 * period; h /= 2) {  // least squares are a parabola near their least
       const double before = fit(best - h), here = fit(best), after = fit(best + h), bend = before - 2 * here + after;
       if (bend > 0) best += std::clamp(0.5 * h * (before - after) / bend, -h, h);
     }
     fit(best);
     if (round) break;
-    // Friction grows with |load|, most so at low speed, and the load is known by now: all that does not change sign with
-    // the direction.
+    // Friction grows with |load|, most so at low speed, and the load is known by now: all that does not change sign
+    // with the direction.
     for (Sample& s : samples) {
       double load = 0;
       for (const Eigen::Index c : load_columns) load += s.explains[c] * solution[c];
@@ -186,7 +191,8 @@ std::optional<Lag> lag_of_torque(const JointRecording& r, double position_error_
   }
 
   // Without ramps there is only gravity, which friction's growth with the load can pass for.
-  if (solution[0] * steepest < 5 * std::sqrt(std::max(0.0, fit(best)) / static_cast<double>(samples.size()))) return std::nullopt;
+  if (solution[0] * steepest < 5 * std::sqrt(std::max(0.0, fit(best)) / static_cast<double>(samples.size())))
+    return std::nullopt;
 
   // Scatter: how far each part of the recording alone would move the lag.
   constexpr std::size_t parts = 12;
@@ -203,7 +209,8 @@ std::optional<Lag> lag_of_torque(const JointRecording& r, double position_error_
   for (std::size_t p = 0; p < parts; ++p) total += square[p], scatter += product[p] * product[p];
   if (!(total > 0)) return std::nullopt;
   const double error = std::sqrt(scatter * parts / (parts - 1.0)) / total;
-  return Lag{best, std::max(error, 0.1 * period)};   // nobody says when within its period a controller reads which column
+  return Lag{best,
+             std::max(error, 0.1 * period)};  // nobody says when within its period a controller reads which column
 }
 
 }  // namespace tribotwin::twin

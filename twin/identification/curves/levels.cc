@@ -1,5 +1,3 @@
-#include <tribotwin/twin/identification/curves/levels.hpp>
-
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -14,14 +12,15 @@
 #include <fmt/ranges.h>
 
 #include <tribotwin/twin/identification/curves/lag.hpp>
+#include <tribotwin/twin/identification/curves/levels.hpp>
 #include <tribotwin/twin/numerics/correlation.hpp>
 
 namespace tribotwin::twin {
 namespace {
 
-constexpr double standstill_rad_s = 5e-5;   // a stuck joint may creep below this
-constexpr double same_speed = 0.03;         // relative
-constexpr double steady = 0.02;             // relative, between parts of a pass
+constexpr double standstill_rad_s = 5e-5;  // a stuck joint may creep below this
+constexpr double same_speed = 0.03;        // relative
+constexpr double steady = 0.02;            // relative, between parts of a pass
 // Unsteadiness this small moves no torque worth speaking of: late by 10 us while settling at 15 rad/s is a speed off by
 // 0.015 %.
 constexpr double finest_s = 1e-5, finest_rad = 1e-6;
@@ -36,7 +35,7 @@ struct Pass {
 };
 
 struct Line {
-  double slope = 0, at = 0;   ///< at: value at t of `begin`
+  double slope = 0, at = 0;  ///< at: value at t of `begin`
 };
 
 Line line(const JointRecording& r, std::size_t begin, std::size_t end) {
@@ -74,7 +73,8 @@ double position_error(const std::vector<double>& q) {
       const double ratio = s / increment;
       return ratio < 1e6 && std::abs(ratio - std::round(ratio)) < 0.1;
     });
-    if (static_cast<double>(multiples) > 0.9 * static_cast<double>(steps.size())) return std::max(error, increment / std::sqrt(12.0));
+    if (static_cast<double>(multiples) > 0.9 * static_cast<double>(steps.size()))
+      return std::max(error, increment / std::sqrt(12.0));
   }
   return error;
 }
@@ -82,7 +82,8 @@ double position_error(const std::vector<double>& q) {
 /// Finds the passes of one recording.
 class Segmentation {
  public:
-  Segmentation(const JointRecording& r, std::vector<std::string>& left_out) : r_(r), error_(position_error(r.position_rad)), left_out_(left_out) {}
+  Segmentation(const JointRecording& r, std::vector<std::string>& left_out)
+      : r_(r), error_(position_error(r.position_rad)), left_out_(left_out) {}
 
   std::vector<Pass> passes() {
     std::vector<double> periods;
@@ -101,7 +102,8 @@ class Segmentation {
     for (const Pass& p : passes_) shortest_s = shortest_s == 0 ? duration(p) : std::min(shortest_s, duration(p));
     for (const Pass& p : unsteady_)
       if (duration(p) >= shortest_s)
-        left_out_.push_back(fmt::format("the speed of {:.3g} rad/s is not steady from {:.2f} to {:.2f} s", p.magnitude(), r_.time_s[p.begin], r_.time_s[p.end - 1]));
+        left_out_.push_back(fmt::format("the speed of {:.3g} rad/s is not steady from {:.2f} to {:.2f} s",
+                                        p.magnitude(), r_.time_s[p.begin], r_.time_s[p.end - 1]));
     return std::move(passes_);
   }
 
@@ -124,8 +126,10 @@ class Segmentation {
       std::size_t good = i + seed, step = seed, bad = end + 1;
       while (good < end && bad > end) {
         const std::size_t next = std::min(end, good + step);
-        if (straight(i, next)) good = next, step *= 2;
-        else bad = next;
+        if (straight(i, next))
+          good = next, step *= 2;
+        else
+          bad = next;
       }
       while (bad <= end && bad - good > 1) {
         const std::size_t middle = good + (bad - good) / 2;
@@ -136,7 +140,8 @@ class Segmentation {
     }
   }
 
-  /// Whether the joint was nowhere far from constant speed: by 10 ms, or 0.3 % of the time, or the error of the position.
+  /// Whether the joint was nowhere far from constant speed: by 10 ms, or 0.3 % of the time, or the error of the
+  /// position.
   bool straight(std::size_t begin, std::size_t end) const {
     const auto &a = sums_[begin - origin_], &b = sums_[end - origin_];
     const long double n = static_cast<long double>(end - begin), t = b[0] - a[0], q = b[1] - a[1];
@@ -153,15 +158,17 @@ class Segmentation {
       if (n < 2 * least_samples) break;
       const std::size_t first = begin + quarter, last = end - quarter;
       const Line middle = line(r_, first, last);
-      const auto off = [&](std::size_t i) {   // mean distance of a block from the line through the middle
+      const auto off = [&](std::size_t i) {  // mean distance of a block from the line through the middle
         double sum = 0;
-        for (std::size_t k = i; k < i + block; ++k) sum += r_.position_rad[k] - middle.at - middle.slope * (r_.time_s[k] - r_.time_s[first]);
+        for (std::size_t k = i; k < i + block; ++k)
+          sum += r_.position_rad[k] - middle.at - middle.slope * (r_.time_s[k] - r_.time_s[first]);
         return sum / static_cast<double>(block);
       };
       double square = 0;
       std::size_t blocks = 0;
       for (std::size_t i = first; i + block <= last; i += block, ++blocks) square += off(i) * off(i);
-      const double limit = 5 * std::sqrt(square / static_cast<double>(blocks)) + finest_s * std::abs(middle.slope) + finest_rad;
+      const double limit =
+          5 * std::sqrt(square / static_cast<double>(blocks)) + finest_s * std::abs(middle.slope) + finest_rad;
       std::size_t from = first, to = last;
       while (from >= begin + block && std::abs(off(from - block)) <= limit) from -= block;
       while (to + block <= end && std::abs(off(to)) <= limit) to += block;
@@ -170,10 +177,12 @@ class Segmentation {
     }
     if (end - begin < least_samples) return;
     const Line whole = line(r_, begin, end);
-    const double speed = std::abs(whole.slope), duration = r_.time_s[end - 1] - r_.time_s[begin], travel = speed * duration;
+    const double speed = std::abs(whole.slope), duration = r_.time_s[end - 1] - r_.time_s[begin],
+                 travel = speed * duration;
     if (speed < standstill_rad_s || travel < 20 * error_) return;
     constexpr std::size_t parts = 4;
-    const double n = static_cast<double>(end - begin), sigma = error_ * std::sqrt(12 / (n / parts)) / (duration / parts);
+    const double n = static_cast<double>(end - begin),
+                 sigma = error_ * std::sqrt(12 / (n / parts)) / (duration / parts);
     for (std::size_t p = 0; p < parts; ++p) {
       const double part = line(r_, begin + (end - begin) * p / parts, begin + (end - begin) * (p + 1) / parts).slope;
       if (std::abs(part - whole.slope) > steady * speed + 4 * sigma) {
@@ -195,7 +204,7 @@ class Segmentation {
 
 struct Pair {
   Pass forward, reverse;
-  double low, high;   ///< common positions
+  double low, high;  ///< common positions
   double speed() const { return 0.5 * (forward.speed - reverse.speed); }
   std::size_t begin() const { return std::min(forward.begin, reverse.begin); }
 };
@@ -207,8 +216,8 @@ bool alike(double a, double b) { return std::abs(a - b) <= same_speed * std::max
 std::vector<Pair> paired(const JointRecording& r, const std::vector<Pass>& passes, std::vector<std::string>& left_out) {
   struct Candidate {
     std::size_t a, b;
-    int apart;     ///< tenths of the longer travel that are not common
-    int further;   ///< how many others come between
+    int apart;    ///< tenths of the longer travel that are not common
+    int further;  ///< how many others come between
   };
   std::vector<Candidate> candidates;
   for (std::size_t a = 0; a < passes.size(); ++a)
@@ -217,7 +226,8 @@ std::vector<Pair> paired(const JointRecording& r, const std::vector<Pass>& passe
       if (p.speed * q.speed > 0 || !alike(p.magnitude(), q.magnitude())) continue;
       const double common = std::min(p.high, q.high) - std::max(p.low, q.low);
       if (common < 0.2 * std::min(p.high - p.low, q.high - q.low)) continue;
-      candidates.push_back({a, b, static_cast<int>(10 * (1 - common / std::max(p.high - p.low, q.high - q.low))), static_cast<int>(further++)});
+      candidates.push_back({a, b, static_cast<int>(10 * (1 - common / std::max(p.high - p.low, q.high - q.low))),
+                            static_cast<int>(further++)});
     }
   std::ranges::stable_sort(candidates, {}, [](const Candidate& c) { return std::pair(c.apart, c.further); });
   std::vector<bool> used(passes.size());
@@ -231,14 +241,16 @@ std::vector<Pair> paired(const JointRecording& r, const std::vector<Pass>& passe
   std::ranges::sort(pairs, {}, &Pair::begin);
   for (std::size_t i = 0; i < passes.size(); ++i)
     if (!used[i])
-      left_out.push_back(fmt::format("no {} pass at {:.3g} rad/s over the positions of the {} one from {:.2f} to {:.2f} s", passes[i].speed > 0 ? "reverse" : "forward",
-                                     passes[i].magnitude(), passes[i].speed > 0 ? "forward" : "reverse", r.time_s[passes[i].begin], r.time_s[passes[i].end - 1]));
+      left_out.push_back(fmt::format(
+          "no {} pass at {:.3g} rad/s over the positions of the {} one from {:.2f} to {:.2f} s",
+          passes[i].speed > 0 ? "reverse" : "forward", passes[i].magnitude(),
+          passes[i].speed > 0 ? "forward" : "reverse", r.time_s[passes[i].begin], r.time_s[passes[i].end - 1]));
   return pairs;
 }
 
 /// Mean and its standard error of samples in order of time that may be correlated, `fitted` as there.
 struct Mean {
-  double value, stderr_;   // stderr is a macro
+  double value, stderr_;  // stderr is a macro
 };
 Mean mean_of(std::span<const double> x, double fitted = 1) {
   const double n = static_cast<double>(x.size());
@@ -264,7 +276,7 @@ class Profile {
 
   struct Row {
     std::size_t sample;
-    double x, sign;   ///< position within -1 .. 1
+    double x, sign;  ///< position within -1 .. 1
   };
   std::span<const Row> rows() const { return rows_; }
   bool too_short() const { return forward_ < least_samples || rows_.size() - forward_ < least_samples; }
@@ -303,15 +315,15 @@ class Profile {
   double common_nm(double x) const { return evaluate(x).first; }
   double common_slope_nm_rad(double x) const { return evaluate(x).second / half_; }
 
-  /// (u+ - u-) / 2 at equal positions (paper 2 (6)): at the forward samples, the reverse ones interpolated. Taken beyond the
-  /// common part, which cancels.
+  /// (u+ - u-) / 2 at equal positions (paper 2 (6)): at the forward samples, the reverse ones interpolated. Taken
+  /// beyond the common part, which cancels.
   struct Difference {
     std::vector<double> x, friction_nm;
   };
   Difference difference(double lag_s) const {
     Difference d;
     const auto beyond = [&](std::size_t i) { return torque(rows_[i], lag_s) - common_nm(rows_[i].x); };
-    std::size_t k = rows_.size() - 1;   // reverse positions fall with time
+    std::size_t k = rows_.size() - 1;  // reverse positions fall with time
     double after = beyond(k), before = beyond(k - 1);
     for (std::size_t i = 0; i < forward_; ++i) {
       while (k > forward_ + 1 && rows_[k - 1].x < rows_[i].x) {
@@ -326,11 +338,11 @@ class Profile {
     return d;
   }
 
-  /// Information on a change of the lag: the difference = friction, free to change with |load|, + change x its derivative by
-  /// the lag. Nothing where the common part does not rise above the noise.
+  /// Information on a change of the lag: the difference = friction, free to change with |load|, + change x its
+  /// derivative by the lag. Nothing where the common part does not rise above the noise.
   struct Information {
     double square = 0, product = 0;
-    double variance = 0, count = 0;   ///< of the noise, per sample as a mean sees it, correlation included
+    double variance = 0, count = 0;  ///< of the noise, per sample as a mean sees it, correlation included
   };
   Information information(double lag_s) const {
     const Difference d = difference(lag_s);
@@ -347,7 +359,8 @@ class Profile {
     if (spread < 1e-6 * count * friction_ * friction_) return {};
     const Eigen::Map<const Eigen::VectorXd> y(d.friction_nm.data(), n);
     const auto free = known.leftCols(2).completeOrthogonalDecomposition();
-    const Eigen::VectorXd by_lag = known.col(2) - known.leftCols(2) * free.solve(known.col(2)), rest = y - known.leftCols(2) * free.solve(y);
+    const Eigen::VectorXd by_lag = known.col(2) - known.leftCols(2) * free.solve(known.col(2)),
+                          rest = y - known.leftCols(2) * free.solve(y);
     const double length = by_lag.squaredNorm();
     if (!(length > 0)) return {};
     const double change = by_lag.dot(rest) / length;
@@ -360,7 +373,7 @@ class Profile {
  private:
   void take(const Pass& pass, double sign) {
     for (std::size_t i = pass.begin; i < pass.end; ++i) {
-      const double q = pass.at + pass.speed * (r_.time_s[i] - r_.time_s[pass.begin]);   // free of quantisation
+      const double q = pass.at + pass.speed * (r_.time_s[i] - r_.time_s[pass.begin]);  // free of quantisation
       if (q >= pair_.low && q <= pair_.high) rows_.push_back({i, scaled(q), sign});
     }
     if (sign > 0) forward_ = rows_.size();
@@ -399,10 +412,12 @@ class Profile {
 /// A part of the friction that is periodic in the joint's angle.
 struct Ripple {
   double per_turn = 0, cosine_nm = 0, sine_nm = 0;
-  double resolution = 0;    ///< of per_turn, half of what the travel can tell apart
-  double friction_nm = 0;   ///< of the level that it was found in
+  double resolution = 0;   ///< of per_turn, half of what the travel can tell apart
+  double friction_nm = 0;  ///< of the level that it was found in
   double amplitude_nm() const { return std::hypot(cosine_nm, sine_nm); }
-  double operator()(double q_rad) const { return cosine_nm * std::cos(per_turn * q_rad) + sine_nm * std::sin(per_turn * q_rad); }
+  double operator()(double q_rad) const {
+    return cosine_nm * std::cos(per_turn * q_rad) + sine_nm * std::sin(per_turn * q_rad);
+  }
 };
 
 /// Of the samples' Fourier amplitudes over the angle, beyond what a slow trend explains, the largest.
@@ -411,18 +426,19 @@ Ripple ripple_of(const Profile& profile, const Profile::Difference& both) {
   const auto n = static_cast<Eigen::Index>(both.x.size());
   const double travel = std::abs(profile.position(both.x.back()) - profile.position(both.x.front()));
   const double lowest = std::ceil(2 * std::numbers::pi * least_periods / travel);
-  const double highest = std::min(most_per_turn, 2 * std::numbers::pi * static_cast<double>(n) / travel / least_samples_per_period);
+  const double highest =
+      std::min(most_per_turn, 2 * std::numbers::pi * static_cast<double>(n) / travel / least_samples_per_period);
   const double step = std::max(1.0, std::floor(std::numbers::pi / travel));
   if (!(highest > lowest + 10 * step)) return {};
 
-  Eigen::MatrixXd slow(n, 5);   // polynomial in the position, and friction's share of the load
+  Eigen::MatrixXd slow(n, 5);  // polynomial in the position, and friction's share of the load
   for (Eigen::Index i = 0; i < n; ++i) {
     const double x = both.x[static_cast<std::size_t>(i)];
     slow.row(i) << 1, x, x * x, x * x * x, std::abs(profile.common_nm(x));
   }
   const Eigen::Map<const Eigen::VectorXd> all(both.friction_nm.data(), n);
   const Eigen::VectorXd rest = all - slow * slow.completeOrthogonalDecomposition().solve(all);
-  Eigen::ArrayXcd turned(n), turn(n);   // e^(i k q), from one k to the next
+  Eigen::ArrayXcd turned(n), turn(n);  // e^(i k q), from one k to the next
   for (Eigen::Index i = 0; i < n; ++i) {
     const double q = profile.position(both.x[static_cast<std::size_t>(i)]);
     turned[i] = std::polar(1.0, lowest * q), turn[i] = std::polar(1.0, step * q);
@@ -435,11 +451,12 @@ Ripple ripple_of(const Profile& profile, const Profile::Difference& both) {
     if (one.amplitude_nm() > strongest.amplitude_nm()) strongest = one;
     squares.push_back(one.amplitude_nm() * one.amplitude_nm());
   }
-  // Squared amplitudes of noise are exponentially distributed, with a median of ln 2 times their mean; that of the neighbours, for
-  // noise need not be white.
+  // Squared amplitudes of noise are exponentially distributed, with a median of ln 2 times their mean; that of the
+  // neighbours, for noise need not be white.
   const double count = static_cast<double>(squares.size());
   constexpr std::size_t most_neighbours = 60;
-  const auto place = static_cast<std::size_t>(std::lround((strongest.per_turn - lowest) / step)), wide = std::min(squares.size(), most_neighbours);
+  const auto place = static_cast<std::size_t>(std::lround((strongest.per_turn - lowest) / step)),
+             wide = std::min(squares.size(), most_neighbours);
   const std::size_t from = std::min(place - std::min(place, wide / 2), squares.size() - wide);
   const std::span<double> neighbours(squares.data() + from, wide);
   std::ranges::nth_element(neighbours, neighbours.begin() + static_cast<std::ptrdiff_t>(wide / 2));
@@ -448,9 +465,11 @@ Ripple ripple_of(const Profile& profile, const Profile::Difference& both) {
 }
 
 /// Travel from the turn between two passes until the torque beyond the load is half the friction in the new direction.
-double lost_motion_rad(const JointRecording& r, const Pair& pair, const Profile& profile, double friction_nm, double lag_s) {
+double lost_motion_rad(const JointRecording& r, const Pair& pair, const Profile& profile, double friction_nm,
+                       double lag_s) {
   const bool forward_first = pair.forward.begin < pair.reverse.begin;
-  const Pass &before = forward_first ? pair.forward : pair.reverse, &after = forward_first ? pair.reverse : pair.forward;
+  const Pass &before = forward_first ? pair.forward : pair.reverse,
+             &after = forward_first ? pair.reverse : pair.forward;
   const double direction = forward_first ? -1 : 1;
   std::size_t turn = before.end - 1;
   for (std::size_t i = turn; i < after.begin; ++i)
@@ -478,8 +497,11 @@ double lost_motion_rad(const JointRecording& r, const Pair& pair, const Profile&
 }
 
 /// `known` is a ripple that other levels show; a pass too short to have its mean in it gets rid of it.
-Level measured(const JointRecording& r, const Pair& pair, const Profile& profile, const LevelOptions& options, double lag_s, double lag_stderr_s, Ripple& ripple, const Ripple& known = {}) {
-  const auto inside = [&](double x) { return std::abs(profile.position(x) - options.centre_rad) <= 0.5 * options.width_rad; };
+Level measured(const JointRecording& r, const Pair& pair, const Profile& profile, const LevelOptions& options,
+               double lag_s, double lag_stderr_s, Ripple& ripple, const Ripple& known = {}) {
+  const auto inside = [&](double x) {
+    return std::abs(profile.position(x) - options.centre_rad) <= 0.5 * options.width_rad;
+  };
   std::array<std::vector<double>, 2> beyond_load;
   double load = 0, load_magnitude = 0, temperature = 0, count = 0, slope = 0;
   for (const Profile::Row& row : profile.rows()) {
@@ -496,7 +518,8 @@ Level measured(const JointRecording& r, const Pair& pair, const Profile& profile
   Profile::Difference both = profile.difference(lag_s);
   ripple = ripple_of(profile, both);
   if (known.per_turn > 0 && ripple.per_turn == 0) {
-    const double share = std::accumulate(both.friction_nm.begin(), both.friction_nm.end(), 0.0) / static_cast<double>(both.x.size()) / known.friction_nm;
+    const double share = std::accumulate(both.friction_nm.begin(), both.friction_nm.end(), 0.0) /
+                         static_cast<double>(both.x.size()) / known.friction_nm;
     for (std::size_t i = 0; i < both.x.size(); ++i) both.friction_nm[i] -= share * known(profile.position(both.x[i]));
   }
   std::vector<double> difference;
@@ -507,15 +530,23 @@ Level measured(const JointRecording& r, const Pair& pair, const Profile& profile
   // What scatters beyond the trend with |load|, which is no error; of all samples, for a narrow window has few.
   const auto n = static_cast<Eigen::Index>(both.x.size());
   Eigen::MatrixXd trend(n, 2);
-  for (Eigen::Index i = 0; i < n; ++i) trend.row(i) << 1, std::abs(profile.common_nm(both.x[static_cast<std::size_t>(i)]));
+  for (Eigen::Index i = 0; i < n; ++i)
+    trend.row(i) << 1, std::abs(profile.common_nm(both.x[static_cast<std::size_t>(i)]));
   const Eigen::Map<const Eigen::VectorXd> all(both.friction_nm.data(), n);
   const Eigen::VectorXd noise = all - trend * trend.completeOrthogonalDecomposition().solve(all);
-  const double scatter = mean_of({noise.data(), both.x.size()}, 2).stderr_ * std::sqrt(static_cast<double>(n) / static_cast<double>(difference.size()));
-  Level level{.speed_rad_s = v, .friction_nm = friction, .stderr_nm = std::hypot(scatter, by_lag), .forward = {}, .backward = {},
+  const double scatter = mean_of({noise.data(), both.x.size()}, 2).stderr_ *
+                         std::sqrt(static_cast<double>(n) / static_cast<double>(difference.size()));
+  Level level{.speed_rad_s = v,
+              .friction_nm = friction,
+              .stderr_nm = std::hypot(scatter, by_lag),
+              .forward = {},
+              .backward = {},
               .load_nm = std::copysign(load_magnitude / count, load),
               .temperature_degC = r.temperature_degC.empty() ? std::nan("") : temperature / count,
-              .samples = static_cast<std::size_t>(count), .offset_s = 0,
-              .begin_s = r.time_s[pair.begin()], .end_s = r.time_s[std::max(pair.forward.end, pair.reverse.end) - 1]};
+              .samples = static_cast<std::size_t>(count),
+              .offset_s = 0,
+              .begin_s = r.time_s[pair.begin()],
+              .end_s = r.time_s[std::max(pair.forward.end, pair.reverse.end) - 1]};
   if (!r.load_nm.empty()) {
     const Mean up = mean_of(beyond_load[0]), down = mean_of(beyond_load[1]);
     level.forward = {up.value, std::hypot(up.stderr_, by_lag)};
@@ -527,7 +558,8 @@ Level measured(const JointRecording& r, const Pair& pair, const Profile& profile
   // The reverse pass is the mirror image of the forward one: last sample against first.
   const std::size_t mirrored = std::min(pair.forward.end - pair.forward.begin, pair.reverse.end - pair.reverse.begin);
   for (std::size_t i = 0; i < mirrored; ++i)
-    level.offset_s += std::abs(r.position_rad[pair.forward.end - 1 - i] - r.position_rad[pair.reverse.begin + i]) / (v * static_cast<double>(mirrored));
+    level.offset_s += std::abs(r.position_rad[pair.forward.end - 1 - i] - r.position_rad[pair.reverse.begin + i]) /
+                      (v * static_cast<double>(mirrored));
   return level;
 }
 
@@ -550,7 +582,9 @@ tl::expected<Levels, std::string> levels_of(const JointRecording& r, const Level
         travelled += p.magnitude();
       }
     if (std::abs(given - travelled) > 0.2 * travelled && samples > 50)
-      return tl::unexpected(fmt::format("velocity_rad_s is {:.3g} times as fast as position_rad moves; both must be of the joint, in radians", given / travelled));
+      return tl::unexpected(fmt::format(
+          "velocity_rad_s is {:.3g} times as fast as position_rad moves; both must be of the joint, in radians",
+          given / travelled));
   }
   std::vector<Pair> pairs = paired(r, passes, result.left_out);
   if (!options.speeds_rad_s.empty()) {
@@ -564,14 +598,23 @@ tl::expected<Levels, std::string> levels_of(const JointRecording& r, const Level
       };
       std::size_t best = pairs.size();
       for (std::size_t i = 0; i < pairs.size(); ++i)
-        if (!used[i] && alike(pairs[i].speed(), v) && (best == pairs.size() || rank(pairs[i]) < rank(pairs[best]))) best = i;
+        if (!used[i] && alike(pairs[i].speed(), v) && (best == pairs.size() || rank(pairs[i]) < rank(pairs[best])))
+          best = i;
       if (best == pairs.size()) {
         bool forward = false, reverse = false;
         for (const Pass& p : passes)
           if (alike(p.magnitude(), v)) (p.speed > 0 ? forward : reverse) = true;
-        const char* which = !forward && !reverse ? "no pass" : !reverse ? "no reverse pass" : !forward ? "no forward pass" : "no pair of passes over the same positions";
+        const char* which = !forward && !reverse ? "no pass"
+                            : !reverse           ? "no reverse pass"
+                            : !forward           ? "no forward pass"
+                                                 : "no pair of passes over the same positions";
         std::string why = fmt::format("{} at {:.3g} rad/s", which, v);
-        if (!result.left_out.empty()) why += fmt::format(" ({})", fmt::join(result.left_out.begin(), result.left_out.begin() + static_cast<std::ptrdiff_t>(std::min<std::size_t>(3, result.left_out.size())), "; "));
+        if (!result.left_out.empty())
+          why += fmt::format(
+              " ({})", fmt::join(result.left_out.begin(),
+                                 result.left_out.begin() +
+                                     static_cast<std::ptrdiff_t>(std::min<std::size_t>(3, result.left_out.size())),
+                                 "; "));
         return tl::unexpected(why);
       }
       used[best] = true;
@@ -587,7 +630,8 @@ tl::expected<Levels, std::string> levels_of(const JointRecording& r, const Level
     for (Profile& p : profiles)
       if (!p.too_short()) p.fit(result.lag_s);
   };
-  const std::optional<Lag> ramps = options.lag_s ? Lag{*options.lag_s, 0} : lag_of_torque(r, position_error(r.position_rad));
+  const std::optional<Lag> ramps =
+      options.lag_s ? Lag{*options.lag_s, 0} : lag_of_torque(r, position_error(r.position_rad));
   if (ramps) {
     result.lag_s = ramps->lag_s;
     result.lag_stderr_s = ramps->stderr_s;
@@ -603,7 +647,7 @@ tl::expected<Levels, std::string> levels_of(const JointRecording& r, const Level
           const auto i = p.information(result.lag_s);
           square += i.square;
           product += i.product;
-          variance += i.variance * i.count;   // of all together: one level's own is too uncertain to weigh it by
+          variance += i.variance * i.count;  // of all together: one level's own is too uncertain to weigh it by
           count += i.count;
         }
       if (count > 0) square /= variance / count, product /= variance / count;
@@ -624,14 +668,17 @@ tl::expected<Levels, std::string> levels_of(const JointRecording& r, const Level
     for (const auto& row : profiles[i].rows())
       if (std::abs(profiles[i].position(row.x) - options.centre_rad) <= 0.5 * options.width_rad) ++inside[row.sign > 0];
     if (profiles[i].too_short() || std::min(inside[0], inside[1]) < 3) {
-      const std::string why = fmt::format("the passes at {:.3g} rad/s share {:.4g} .. {:.4g} rad, too little{}", pairs[i].speed(), pairs[i].low, pairs[i].high,
-                                          window ? fmt::format(" of {:.4g} +- {:.2g} rad", options.centre_rad, 0.5 * options.width_rad) : "");
+      const std::string why = fmt::format(
+          "the passes at {:.3g} rad/s share {:.4g} .. {:.4g} rad, too little{}", pairs[i].speed(), pairs[i].low,
+          pairs[i].high,
+          window ? fmt::format(" of {:.4g} +- {:.2g} rad", options.centre_rad, 0.5 * options.width_rad) : "");
       if (!options.speeds_rad_s.empty()) return tl::unexpected(why);
       result.left_out.push_back(why);
       continue;
     }
     kept.push_back(i);
-    result.levels.push_back(measured(r, pairs[i], profiles[i], options, result.lag_s, result.lag_stderr_s, ripples.emplace_back()));
+    result.levels.push_back(
+        measured(r, pairs[i], profiles[i], options, result.lag_s, result.lag_stderr_s, ripples.emplace_back()));
   }
   if (result.levels.empty()) return tl::unexpected(result.left_out.front());
   // What is periodic in the angle is so at every speed; what is seen at one speed alone may be periodic in time.
@@ -651,9 +698,14 @@ tl::expected<Levels, std::string> levels_of(const JointRecording& r, const Level
     Ripple slowest = known, ignored;
     double speed = std::numeric_limits<double>::infinity();
     for (std::size_t k = 0; k < kept.size(); ++k)
-      if (ripples[k].per_turn > 0 && std::abs(ripples[k].per_turn - known.per_turn) <= ripples[k].resolution + known.resolution && result.levels[k].speed_rad_s < speed) slowest = ripples[k], speed = result.levels[k].speed_rad_s;
+      if (ripples[k].per_turn > 0 &&
+          std::abs(ripples[k].per_turn - known.per_turn) <= ripples[k].resolution + known.resolution &&
+          result.levels[k].speed_rad_s < speed)
+        slowest = ripples[k], speed = result.levels[k].speed_rad_s;
     for (std::size_t k = 0; k < kept.size(); ++k)
-      if (result.levels[k].speed_rad_s < speed) result.levels[k] = measured(r, pairs[kept[k]], profiles[kept[k]], options, result.lag_s, result.lag_stderr_s, ignored, slowest);
+      if (result.levels[k].speed_rad_s < speed)
+        result.levels[k] = measured(r, pairs[kept[k]], profiles[kept[k]], options, result.lag_s, result.lag_stderr_s,
+                                    ignored, slowest);
   }
   return result;
 }

@@ -1,11 +1,11 @@
-#include <tribotwin/twin/identification/curves/recording.hpp>
-
 #include <algorithm>
 #include <cmath>
 #include <numbers>
 #include <random>
 
 #include <fmt/format.h>
+
+#include <tribotwin/twin/identification/curves/recording.hpp>
 
 namespace tribotwin::twin {
 
@@ -14,18 +14,24 @@ tl::expected<void, std::string> check(const JointRecording& r) {
     const char* name;
     const std::vector<double>& values;
     bool required;
-  } columns[] = {{"time_s", r.time_s, true}, {"position_rad", r.position_rad, true}, {"velocity_rad_s", r.velocity_rad_s, false},
-                 {"torque_nm", r.torque_nm, true}, {"load_nm", r.load_nm, false}, {"temperature_degC", r.temperature_degC, false}};
+  } columns[] = {{"time_s", r.time_s, true},
+                 {"position_rad", r.position_rad, true},
+                 {"velocity_rad_s", r.velocity_rad_s, false},
+                 {"torque_nm", r.torque_nm, true},
+                 {"load_nm", r.load_nm, false},
+                 {"temperature_degC", r.temperature_degC, false}};
   if (r.time_s.empty()) return tl::unexpected(std::string("the recording is empty"));
   for (const auto& c : columns) {
     if (c.values.empty() && !c.required) continue;
-    if (c.values.size() != r.size()) return tl::unexpected(fmt::format("{} has {} samples, time_s {}", c.name, c.values.size(), r.size()));
+    if (c.values.size() != r.size())
+      return tl::unexpected(fmt::format("{} has {} samples, time_s {}", c.name, c.values.size(), r.size()));
     for (std::size_t i = 0; i < r.size(); ++i)
       if (!std::isfinite(c.values[i])) return tl::unexpected(fmt::format("{} is not finite at sample {}", c.name, i));
   }
   for (std::size_t i = 1; i < r.size(); ++i)
     if (r.time_s[i] <= r.time_s[i - 1])
-      return tl::unexpected(fmt::format("time_s {} at sample {} does not come after {}", r.time_s[i], i, r.time_s[i - 1]));
+      return tl::unexpected(
+          fmt::format("time_s {} at sample {} does not come after {}", r.time_s[i], i, r.time_s[i - 1]));
   return {};
 }
 
@@ -43,8 +49,11 @@ JointRecording sensed(const JointRecording& s, const Sensors& sensors, std::uint
   std::mt19937_64 random(sequence);
   std::normal_distribution<double> noise(0, 1);
   const double period = 1 / sensors.sampling_hz;
-  const double increment = sensors.encoder_increments_per_turn > 0 ? 2 * std::numbers::pi / sensors.encoder_increments_per_turn : 0;
-  const auto at = [&s](const std::vector<double>& values, double time_s) { return between_samples(s.time_s, values, time_s); };
+  const double increment =
+      sensors.encoder_increments_per_turn > 0 ? 2 * std::numbers::pi / sensors.encoder_increments_per_turn : 0;
+  const auto at = [&s](const std::vector<double>& values, double time_s) {
+    return between_samples(s.time_s, values, time_s);
+  };
   for (std::size_t k = 0;; ++k) {
     const double t = s.time_s.front() + static_cast<double>(k) * period;
     if (t > s.time_s.back() + 1e-9) break;
@@ -55,7 +64,8 @@ JointRecording sensed(const JointRecording& s, const Sensors& sensors, std::uint
       out.velocity_rad_s.push_back(k ? (out.position_rad[k] - out.position_rad[k - 1]) / period : 0);
     else if (!s.velocity_rad_s.empty())
       out.velocity_rad_s.push_back(at(s.velocity_rad_s, t));
-    out.torque_nm.push_back(at(s.torque_nm, t - sensors.lag_s) + (sensors.torque_noise_nm > 0 ? sensors.torque_noise_nm * noise(random) : 0));
+    out.torque_nm.push_back(at(s.torque_nm, t - sensors.lag_s) +
+                            (sensors.torque_noise_nm > 0 ? sensors.torque_noise_nm * noise(random) : 0));
     if (!s.load_nm.empty()) out.load_nm.push_back(at(s.load_nm, t));
     if (!s.temperature_degC.empty()) out.temperature_degC.push_back(at(s.temperature_degC, t));
   }

@@ -10,12 +10,12 @@ namespace tribotwin::twin {
 
 /// What a controller records of one joint, arm side, one entry per sample: of the twin or of somebody's robot.
 struct JointRecording {
-  std::vector<double> time_s;              ///< strictly increasing; gaps are allowed
+  std::vector<double> time_s;  ///< strictly increasing; gaps are allowed
   std::vector<double> position_rad;
-  std::vector<double> velocity_rad_s;      ///< may be empty
-  std::vector<double> torque_nm;           ///< of the motor, positive drives forward
-  std::vector<double> load_nm;             ///< what the gear transmits to the arm (gravity, external torque); may be empty
-  std::vector<double> temperature_degC;    ///< of the lubricant; may be empty
+  std::vector<double> velocity_rad_s;  ///< may be empty
+  std::vector<double> torque_nm;       ///< of the motor, positive drives forward
+  std::vector<double> load_nm;         ///< what the gear transmits to the arm (gravity, external torque); may be empty
+  std::vector<double> temperature_degC;  ///< of the lubricant; may be empty
 
   std::size_t size() const { return time_s.size(); }
 };
@@ -23,7 +23,8 @@ struct JointRecording {
 /// Whether the columns are equally long, finite and in order of time. Fails with column and row (from 0).
 tl::expected<void, std::string> check(const JointRecording& recording);
 
-/// A signal at a time, linear between samples, the nearest one before and after them. `time_s` as of a recording, `values` of its length.
+/// A signal at a time, linear between samples, the nearest one before and after them. `time_s` as of a recording,
+/// `values` of its length.
 double between_samples(const std::vector<double>& time_s, const std::vector<double>& values, double at_s);
 
 /// How a controller sees a joint.
@@ -31,11 +32,11 @@ struct Sensors {
   double encoder_increments_per_turn = 0;  ///< per turn of the joint; 0: ideal, velocity included
   double torque_noise_nm = 0;              ///< standard deviation, white, arm side
   double sampling_hz = 250;
-  double lag_s = 0;                        ///< the torque column is late by this
+  double lag_s = 0;  ///< the torque column is late by this
 };
 
-/// The recording a controller makes of signals that are given at every step of a simulation: sampled, position quantised,
-/// velocity differentiated from it, torque late and noisy. Load and temperature are taken as they are.
+/// The recording a controller makes of signals that are given at every step of a simulation: sampled, position
+/// quantised, velocity differentiated from it, torque late and noisy. Load and temperature are taken as they are.
 JointRecording sensed(const JointRecording& signals, const Sensors& sensors, std::uint64_t seed);
 
 }  // namespace tribotwin::twin

@@ -1,5 +1,3 @@
-#include <tribotwin/twin/identification/curves/samples.hpp>
-
 #include <algorithm>
 #include <cmath>
 #include <optional>
@@ -8,6 +6,7 @@
 #include <fmt/ranges.h>
 
 #include <tribotwin/twin/identification/curves/levels.hpp>
+#include <tribotwin/twin/identification/curves/samples.hpp>
 #include <tribotwin/twin/identification/time_series.hpp>
 #include <tribotwin/twin/io/table.hpp>
 #include <tribotwin/twin/io/telemetry/telemetry.hpp>
@@ -29,34 +28,52 @@ struct Units {
 tl::expected<Units, std::string> units_of(const friction::LawInfo& law, const ReadOptions& o, bool friction_is_norm) {
   Units u;
   if (law.side == friction::Side::arm) {
-    if (!(o.gear_ratio > 0)) return tl::unexpected(fmt::format("law '{}' takes joint speeds, speed_rad_s is the motor's: --gear-ratio is needed", law.name));
+    if (!(o.gear_ratio > 0))
+      return tl::unexpected(
+          fmt::format("law '{}' takes joint speeds, speed_rad_s is the motor's: --gear-ratio is needed", law.name));
     u.speed_from_motor = 1 / o.gear_ratio;
   }
   if (law.normalised != friction_is_norm && !(o.torque_max_nm > 0))
-    return tl::unexpected(fmt::format("law '{}' is one of {}, the data are {}: --tau-max (largest manipulation torque [Nm]) is needed", law.name,
-                                      law.normalised ? "normalised torque" : "Nm", friction_is_norm ? "normalised" : "in Nm"));
-  if (law.normalised) u.friction_from_nm = o.torque_max_nm > 0 ? 1 / o.torque_max_nm : 1;
-  else u.friction_from_norm = o.torque_max_nm > 0 ? o.torque_max_nm : 1;
+    return tl::unexpected(
+        fmt::format("law '{}' is one of {}, the data are {}: --tau-max (largest manipulation torque [Nm]) is needed",
+                    law.name, law.normalised ? "normalised torque" : "Nm", friction_is_norm ? "normalised" : "in Nm"));
+  if (law.normalised)
+    u.friction_from_nm = o.torque_max_nm > 0 ? 1 / o.torque_max_nm : 1;
+  else
+    u.friction_from_norm = o.torque_max_nm > 0 ? o.torque_max_nm : 1;
   return u;
 }
 
 /// Refuses what cannot be true. Speeds on the motor side.
-Problem implausible(const fs::path& file, std::span<const double> speed, std::span<const double> load, std::span<const double> temperature,
-                    std::span<const double> friction, bool friction_is_norm) {
-  const auto most = [](std::span<const double> x) { return x.empty() ? 0.0 : std::ranges::max(x, {}, [](double v) { return std::abs(v); }); };
+Problem implausible(const fs::path& file, std::span<const double> speed, std::span<const double> load,
+                    std::span<const double> temperature, std::span<const double> friction, bool friction_is_norm) {
+  const auto most = [](std::span<const double> x) {
+    return x.empty() ? 0.0 : std::ranges::max(x, {}, [](double v) { return std::abs(v); });
+  };
   const auto magnitude = [&](std::span<const double> x) { return std::abs(most(x)); };
   if (magnitude(speed) > motor_speed_most)
-    return fmt::format("{}: speed_rad_s reaches {:.4g} rad/s, {:.0f} rpm at the motor, where {:g} is beyond any; are these degrees per second, or is it another column?", file.string(),
-                       magnitude(speed), magnitude(speed) * 60 / 6.283185307, motor_speed_most);
+    return fmt::format(
+        "{}: speed_rad_s reaches {:.4g} rad/s, {:.0f} rpm at the motor, where {:g} is beyond any; are these degrees "
+        "per second, or is it another column?",
+        file.string(), magnitude(speed), magnitude(speed) * 60 / 6.283185307, motor_speed_most);
   if (magnitude(load) > load_most)
-    return fmt::format("{}: load_norm reaches {:.4g}, where a joint carries up to 1 (load torque / torque_max); are these Nm, or is it another column?", file.string(), magnitude(load));
+    return fmt::format(
+        "{}: load_norm reaches {:.4g}, where a joint carries up to 1 (load torque / torque_max); are these Nm, or is "
+        "it another column?",
+        file.string(), magnitude(load));
   if (const Problem p = implausible_temperature(file, "temperature_degC", temperature)) return p;
   if (friction_is_norm && magnitude(friction) > friction_norm_most)
-    return fmt::format("{}: friction_norm reaches {:.4g}, where friction is a part of torque_max; are these Nm (friction_nm), or is it another column?", file.string(), magnitude(friction));
+    return fmt::format(
+        "{}: friction_norm reaches {:.4g}, where friction is a part of torque_max; are these Nm (friction_nm), or is "
+        "it another column?",
+        file.string(), magnitude(friction));
   std::size_t against = 0;
   for (std::size_t i = 0; i < speed.size(); ++i) against += speed[i] * friction[i] < 0;
   if (2 * against > speed.size())
-    return fmt::format("{}: friction has the sign opposite to speed in {} of {} rows; it is counted positive when it opposes positive motion", file.string(), against, speed.size());
+    return fmt::format(
+        "{}: friction has the sign opposite to speed in {} of {} rows; it is counted positive when it opposes positive "
+        "motion",
+        file.string(), against, speed.size());
   return {};
 }
 
@@ -68,7 +85,9 @@ struct CurveColumns {
 Problem append(Samples& s, const fs::path& file, const CurveColumns& c, const Units& u, bool is_norm) {
   const std::size_t n = c.speed.size();
   const bool weighted = !c.error.empty() && std::ranges::all_of(c.error, [](double e) { return e > 0; });
-  if (!c.error.empty() && !weighted) s.notes.push_back(fmt::format("{}: standard errors that are not all above 0 cannot be weights; every row counts the same", file.string()));
+  if (!c.error.empty() && !weighted)
+    s.notes.push_back(fmt::format(
+        "{}: standard errors that are not all above 0 cannot be weights; every row counts the same", file.string()));
   const bool first = s.speed.empty();
   if (!first && weighted != !s.standard_error.empty()) {
     s.standard_error.clear();
@@ -94,7 +113,8 @@ Problem append(Samples& s, const fs::path& file, const CurveColumns& c, const Un
     any = true;
     last_speed = v;
     if (!c.curve.empty()) last_curve = c.curve[i];
-    const double scale = is_norm ? u.friction_from_norm : u.friction_from_nm, friction = std::copysign(scale, c.speed[i]) * c.friction[i];
+    const double scale = is_norm ? u.friction_from_norm : u.friction_from_nm,
+                 friction = std::copysign(scale, c.speed[i]) * c.friction[i];
     against += friction < 0;
     s.speed.push_back(v * u.speed_from_motor);
     s.friction.push_back(friction);
@@ -103,8 +123,13 @@ Problem append(Samples& s, const fs::path& file, const CurveColumns& c, const Un
     if (keep_errors) s.standard_error.push_back(c.error[i] * scale);
     s.curve.push_back(curve);
   }
-  if (standing) s.notes.push_back(fmt::format("{}: {} rows at speed 0 are left out: friction at rest is whatever the load is, up to breakaway", file.string(), standing));
-  if (against) s.notes.push_back(fmt::format("{}: friction drives the motion in {} rows; noise may do that, a wrong sign too", file.string(), against));
+  if (standing)
+    s.notes.push_back(
+        fmt::format("{}: {} rows at speed 0 are left out: friction at rest is whatever the load is, up to breakaway",
+                    file.string(), standing));
+  if (against)
+    s.notes.push_back(fmt::format("{}: friction drives the motion in {} rows; noise may do that, a wrong sign too",
+                                  file.string(), against));
   return any ? Problem{} : fmt::format("{}: no row with motion", file.string());
 }
 
@@ -113,44 +138,73 @@ Problem read_curves(Samples& samples, const Numbers& table, const friction::LawI
   const std::string file = table.file.string();
   const bool norm = !c[1].empty() && (law.normalised || c[2].empty());
   if (c[0].empty() || (c[1].empty() && c[2].empty()))
-    return table.left_out ? fmt::format("{}: no row without an empty, NaN or infinite cell", file) : fmt::format("{}: is empty: a header but no samples", file);
+    return table.left_out ? fmt::format("{}: no row without an empty, NaN or infinite cell", file)
+                          : fmt::format("{}: is empty: a header but no samples", file);
   const bool has_load = !c[3].empty(), has_temperature = !c[4].empty();
-  if (law.load_dependent && !has_load) return fmt::format("{}:1: law '{}' depends on load: a column load_norm is needed; the header names {}", file, law.name, fmt::join(table.names, ", "));
+  if (law.load_dependent && !has_load)
+    return fmt::format("{}:1: law '{}' depends on load: a column load_norm is needed; the header names {}", file,
+                       law.name, fmt::join(table.names, ", "));
   if (law.temperature_dependent && !has_temperature)
-    return fmt::format("{}:1: law '{}' depends on temperature: a column temperature_degC is needed; the header names {}", file, law.name, fmt::join(table.names, ", "));
+    return fmt::format(
+        "{}:1: law '{}' depends on temperature: a column temperature_degC is needed; the header names {}", file,
+        law.name, fmt::join(table.names, ", "));
   const auto& friction = norm ? c[1] : c[2];
   if (const Problem p = implausible(table.file, c[0], c[3], c[4], friction, norm)) return p;
   const auto units = units_of(law, options, norm);
   if (!units) return fmt::format("{}: {}", file, units.error());
-  return append(samples, table.file, {.speed = c[0], .friction = friction, .load = c[3], .temperature = c[4], .error = norm ? c[5] : c[6], .curve = c[7]}, *units, norm);
+  return append(samples, table.file,
+                {.speed = c[0],
+                 .friction = friction,
+                 .load = c[3],
+                 .temperature = c[4],
+                 .error = norm ? c[5] : c[6],
+                 .curve = c[7]},
+                *units, norm);
 }
 
-const std::vector<std::string> curve_columns{"speed_rad_s", "friction_norm", "friction_nm", "load_norm", "temperature_degC", "stderr_norm", "stderr_nm", "curve"};
-const std::vector<std::string> series_columns{"time_s", "position_rad", "velocity_rad_s", "torque_nm", "temperature_degC", "load_nm"};
+const std::vector<std::string> curve_columns{"speed_rad_s",      "friction_norm", "friction_nm", "load_norm",
+                                             "temperature_degC", "stderr_norm",   "stderr_nm",   "curve"};
+const std::vector<std::string> series_columns{"time_s",    "position_rad",     "velocity_rad_s",
+                                              "torque_nm", "temperature_degC", "load_nm"};
 
 /// Friction levels of a recording, arm side, as a curve file would hold them.
-Problem append_levels(Samples& samples, const fs::path& file, const JointRecording& recording, const friction::LawInfo& law, const ReadOptions& o) {
-  if (!(o.gear_ratio > 0)) return fmt::format("{}: a recording has joint speeds, friction is a matter of the motor's: --gear-ratio is needed", file.string());
-  if (law.load_dependent && recording.load_nm.empty()) samples.notes.push_back(fmt::format("{}: without a column load_nm the load is taken from (u+ + u-)/2, which holds where friction is the same both ways", file.string()));
-  if (law.load_dependent && !(o.torque_max_nm > 0)) return fmt::format("{}: law '{}' depends on load / torque_max: --tau-max is needed", file.string(), law.name);
-  if (law.temperature_dependent && recording.temperature_degC.empty()) return fmt::format("{}: law '{}' depends on temperature: a column temperature_degC is needed", file.string(), law.name);
+Problem append_levels(Samples& samples, const fs::path& file, const JointRecording& recording,
+                      const friction::LawInfo& law, const ReadOptions& o) {
+  if (!(o.gear_ratio > 0))
+    return fmt::format("{}: a recording has joint speeds, friction is a matter of the motor's: --gear-ratio is needed",
+                       file.string());
+  if (law.load_dependent && recording.load_nm.empty())
+    samples.notes.push_back(
+        fmt::format("{}: without a column load_nm the load is taken from (u+ + u-)/2, which holds where friction is "
+                    "the same both ways",
+                    file.string()));
+  if (law.load_dependent && !(o.torque_max_nm > 0))
+    return fmt::format("{}: law '{}' depends on load / torque_max: --tau-max is needed", file.string(), law.name);
+  if (law.temperature_dependent && recording.temperature_degC.empty())
+    return fmt::format("{}: law '{}' depends on temperature: a column temperature_degC is needed", file.string(),
+                       law.name);
   if (!recording.velocity_rad_s.empty()) {
     // Speeds against the slope of positions: a factor of 57.3 is a mix of degrees and radians.
     double cross = 0, own = 0;
     for (std::size_t i = 1; i < recording.size(); ++i) {
-      const double dt = recording.time_s[i] - recording.time_s[i - 1], step = recording.position_rad[i] - recording.position_rad[i - 1];
+      const double dt = recording.time_s[i] - recording.time_s[i - 1],
+                   step = recording.position_rad[i] - recording.position_rad[i - 1];
       if (!(dt > 0) || dt > 1) continue;
       cross += step * recording.velocity_rad_s[i] * dt, own += step * step;
     }
     const double ratio = own > 0 ? cross / own : 1;
     if (ratio < 0.5 || ratio > 2)
-      return fmt::format("{}: velocity_rad_s is {:.3g} times the slope of position_rad{}", file.string(), ratio,
-                         std::abs(std::log(std::abs(ratio) / 57.29578)) < 0.3 || std::abs(std::log(std::abs(ratio) * 57.29578)) < 0.3 ? ": one of them is in degrees" : "; one of them is not what its name says");
+      return fmt::format(
+          "{}: velocity_rad_s is {:.3g} times the slope of position_rad{}", file.string(), ratio,
+          std::abs(std::log(std::abs(ratio) / 57.29578)) < 0.3 || std::abs(std::log(std::abs(ratio) * 57.29578)) < 0.3
+              ? ": one of them is in degrees"
+              : "; one of them is not what its name says");
   }
   const auto levels = levels_of(recording);
   if (!levels) return fmt::format("{}: {}", file.string(), levels.error());
   if (!levels->left_out.empty())
-    samples.notes.push_back(fmt::format("{}: {} stretches of constant speed are no levels, the first: {}", file.string(), levels->left_out.size(), levels->left_out.front()));
+    samples.notes.push_back(fmt::format("{}: {} stretches of constant speed are no levels, the first: {}",
+                                        file.string(), levels->left_out.size(), levels->left_out.front()));
   CurveColumns c;
   for (const Level& level : levels->levels) {
     c.speed.push_back(level.speed_rad_s * o.gear_ratio);
@@ -170,10 +224,19 @@ Problem read_series(Samples& samples, const Numbers& table, const friction::LawI
   const auto& c = table.columns;
   for (const int needed : {0, 1, 3})
     if (c[static_cast<std::size_t>(needed)].empty())
-      return fmt::format("{}:1: no samples in column {}; a recording has time_s, position_rad, torque_nm and may have velocity_rad_s, temperature_degC, load_nm", table.file.string(),
-                         series_columns[static_cast<std::size_t>(needed)]);
+      return fmt::format(
+          "{}:1: no samples in column {}; a recording has time_s, position_rad, torque_nm and may have velocity_rad_s, "
+          "temperature_degC, load_nm",
+          table.file.string(), series_columns[static_cast<std::size_t>(needed)]);
   if (const Problem p = not_increasing(table, c[0])) return p;
-  return append_levels(samples, table.file, {.time_s = c[0], .position_rad = c[1], .velocity_rad_s = c[2], .torque_nm = c[3], .load_nm = c[5], .temperature_degC = c[4]}, law, options);
+  return append_levels(samples, table.file,
+                       {.time_s = c[0],
+                        .position_rad = c[1],
+                        .velocity_rad_s = c[2],
+                        .torque_nm = c[3],
+                        .load_nm = c[5],
+                        .temperature_degC = c[4]},
+                       law, options);
 }
 
 Problem read_record(Samples& samples, const fs::path& file, const friction::LawInfo& law, ReadOptions options) {
@@ -181,10 +244,12 @@ Problem read_record(Samples& samples, const fs::path& file, const friction::LawI
   if (!record) return record.error();
   std::size_t joint = 0;
   if (options.joint.empty()) {
-    if (record->joints.size() != 1) return fmt::format("{}: has the joints {}; --joint says which", file.string(), fmt::join(record->joints, ", "));
+    if (record->joints.size() != 1)
+      return fmt::format("{}: has the joints {}; --joint says which", file.string(), fmt::join(record->joints, ", "));
   } else {
     joint = static_cast<std::size_t>(std::ranges::find(record->joints, options.joint) - record->joints.begin());
-    if (joint == record->joints.size()) return fmt::format("{}: no joint '{}'; it has {}", file.string(), options.joint, fmt::join(record->joints, ", "));
+    if (joint == record->joints.size())
+      return fmt::format("{}: no joint '{}'; it has {}", file.string(), options.joint, fmt::join(record->joints, ", "));
   }
   if (joint < record->joint_attributes.size())
     for (const auto& [name, value] : record->joint_attributes[joint]) {
@@ -195,8 +260,14 @@ Problem read_record(Samples& samples, const fs::path& file, const friction::LawI
     const auto c = record->channel(record->joints[joint], name);
     return std::vector<double>(c.begin(), c.end());
   };
-  return append_levels(samples, file, {.time_s = record->time_s, .position_rad = column("position_rad"), .velocity_rad_s = column("velocity_rad_s"), .torque_nm = column("torque_nm"),
-                                       .load_nm = column("load_nm"), .temperature_degC = column("temperature_degC")}, law, options);
+  return append_levels(samples, file,
+                       {.time_s = record->time_s,
+                        .position_rad = column("position_rad"),
+                        .velocity_rad_s = column("velocity_rad_s"),
+                        .torque_nm = column("torque_nm"),
+                        .load_nm = column("load_nm"),
+                        .temperature_degC = column("temperature_degC")},
+                       law, options);
 }
 
 }  // namespace
@@ -222,7 +293,8 @@ Samples Samples::subset(std::span<const std::size_t> rows) const {
   return some;
 }
 
-tl::expected<Samples, std::string> read_samples(std::span<const fs::path> files, const friction::LawInfo& law, const ReadOptions& options) {
+tl::expected<Samples, std::string> read_samples(std::span<const fs::path> files, const friction::LawInfo& law,
+                                                const ReadOptions& options) {
   Samples samples;
   for (const fs::path& file : files) {
     if (file.extension() == ".h5") {
@@ -231,19 +303,29 @@ tl::expected<Samples, std::string> read_samples(std::span<const fs::path> files,
     }
     auto table = read_numbers(file, curve_columns);
     if (!table) return tl::unexpected(table.error());
-    const auto names = [&](std::string_view name) { return std::ranges::find(table->names, name) != table->names.end(); };
+    const auto names = [&](std::string_view name) {
+      return std::ranges::find(table->names, name) != table->names.end();
+    };
     const bool series = names("time_s") && names("position_rad");
     if (!series && (!names("speed_rad_s") || (!names("friction_norm") && !names("friction_nm"))))
-      return tl::unexpected(fmt::format("{}:1: neither a friction curve (speed_rad_s; friction_norm or friction_nm) nor a recording (time_s, position_rad, torque_nm); the header names {}",
-                                        file.string(), fmt::join(table->names, ", ")));
+      return tl::unexpected(
+          fmt::format("{}:1: neither a friction curve (speed_rad_s; friction_norm or friction_nm) nor a recording "
+                      "(time_s, position_rad, torque_nm); the header names {}",
+                      file.string(), fmt::join(table->names, ", ")));
     if (series) table = read_numbers(file, series_columns);
     if (!table) return tl::unexpected(table.error());
     if (table->left_out)
-      samples.notes.push_back(fmt::format("{}: {} rows with empty, NaN or infinite cells are left out, the first in line {}", file.string(), table->left_out, table->first_left_out));
+      samples.notes.push_back(
+          fmt::format("{}: {} rows with empty, NaN or infinite cells are left out, the first in line {}", file.string(),
+                      table->left_out, table->first_left_out));
     samples.left_out += table->left_out;
-    if (const Problem p = series ? read_series(samples, *table, law, options) : read_curves(samples, *table, law, options)) return tl::unexpected(*p);
+    if (const Problem p =
+            series ? read_series(samples, *table, law, options) : read_curves(samples, *table, law, options))
+      return tl::unexpected(*p);
     if (3 * table->left_out > table->columns[0].size() + table->left_out)
-      return tl::unexpected(fmt::format("{}: {} of {} rows hold no finite numbers; what is left may not be a fair sample", file.string(), table->left_out, table->columns[0].size() + table->left_out));
+      return tl::unexpected(
+          fmt::format("{}: {} of {} rows hold no finite numbers; what is left may not be a fair sample", file.string(),
+                      table->left_out, table->columns[0].size() + table->left_out));
   }
   return samples;
 }

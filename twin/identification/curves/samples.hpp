@@ -14,13 +14,14 @@
 /// Friction that was measured, whatever the measurement: what a law is fitted to.
 namespace tribotwin::twin::identification {
 
-/// Columns of equal length. Speed on the law's side [rad/s], friction in the law's unit; both >= 0 after folding (friction
-/// opposes motion, laws are odd). Load over torque_max, magnitude. `stderr` is empty or the standard error of each level.
+/// Columns of equal length. Speed on the law's side [rad/s], friction in the law's unit; both >= 0 after folding
+/// (friction opposes motion, laws are odd). Load over torque_max, magnitude. `stderr` is empty or the standard error of
+/// each level.
 struct Samples {
   std::vector<double> speed, load, temperature_degC, friction, standard_error;
-  std::vector<std::uint32_t> curve;   ///< which curve a sample belongs to, from 0, ascending
-  std::size_t left_out = 0;           ///< rows of the files that held no finite numbers
-  std::vector<std::string> notes;     ///< what a reader of the result should know about the data
+  std::vector<std::uint32_t> curve;  ///< which curve a sample belongs to, from 0, ascending
+  std::size_t left_out = 0;          ///< rows of the files that held no finite numbers
+  std::vector<std::string> notes;    ///< what a reader of the result should know about the data
 
   std::size_t size() const { return speed.size(); }
   std::uint32_t curves() const { return curve.empty() ? 0 : curve.back() + 1; }
@@ -28,17 +29,17 @@ struct Samples {
 };
 
 struct ReadOptions {
-  double torque_max_nm = 0;   ///< to turn Nm into normalised torque and back; 0: not known
-  double gear_ratio = 0;      ///< to turn joint into motor speeds; 0: not known
-  std::string joint;          ///< of a telemetry.h5; may be empty where it has one joint only
+  double torque_max_nm = 0;  ///< to turn Nm into normalised torque and back; 0: not known
+  double gear_ratio = 0;     ///< to turn joint into motor speeds; 0: not known
+  std::string joint;         ///< of a telemetry.h5; may be empty where it has one joint only
 };
 
 /// Reads curve CSV (speed_rad_s, load_norm, temperature_degC, friction_norm or friction_nm, optionally stderr_norm or
-/// stderr_nm and curve), time-series CSV (time_s, position_rad, velocity_rad_s, torque_nm, optionally temperature_degC and
-/// load_nm) or telemetry.h5, in the units of `law`. Rows with a cell that is no finite number are left out and counted.
-/// Fails with file, line or column and what would be right: also where the numbers cannot be what their header says
-/// (degrees for radians, swapped columns).
-tl::expected<Samples, std::string> read_samples(std::span<const std::filesystem::path> files, const friction::LawInfo& law,
-                                                const ReadOptions& options);
+/// stderr_nm and curve), time-series CSV (time_s, position_rad, velocity_rad_s, torque_nm, optionally temperature_degC
+/// and load_nm) or telemetry.h5, in the units of `law`. Rows with a cell that is no finite number are left out and
+/// counted. Fails with file, line or column and what would be right: also where the numbers cannot be what their header
+/// says (degrees for radians, swapped columns).
+tl::expected<Samples, std::string> read_samples(std::span<const std::filesystem::path> files,
+                                                const friction::LawInfo& law, const ReadOptions& options);
 
 }  // namespace tribotwin::twin::identification

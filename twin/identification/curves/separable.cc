@@ -1,9 +1,8 @@
-#include <tribotwin/twin/identification/curves/separable.hpp>
-
 #include <algorithm>
 #include <cmath>
 #include <limits>
 
+#include <tribotwin/twin/identification/curves/separable.hpp>
 #include <tribotwin/twin/numerics/least_squares.hpp>
 
 namespace tribotwin::twin::identification {
@@ -22,8 +21,10 @@ Samples thinned(const Samples& all, std::size_t count) {
   std::vector<std::size_t> rows(count);
   // Golden-ratio steps within strides: no beat with speed levels that repeat.
   for (std::size_t i = 0; i < count; ++i) {
-    const double stride = static_cast<double>(all.size()) / static_cast<double>(count), jitter = 0.6180339887498949 * static_cast<double>(i);
-    rows[i] = std::min(all.size() - 1, static_cast<std::size_t>(stride * (static_cast<double>(i) + jitter - std::floor(jitter))));
+    const double stride = static_cast<double>(all.size()) / static_cast<double>(count),
+                 jitter = 0.6180339887498949 * static_cast<double>(i);
+    rows[i] = std::min(all.size() - 1,
+                       static_cast<std::size_t>(stride * (static_cast<double>(i) + jitter - std::floor(jitter))));
   }
   return all.subset(rows);
 }
@@ -45,13 +46,15 @@ MatrixXd product(const MatrixXd& A, const MatrixXd& B, const MatrixXd& C) {
 VectorXd solution(const MatrixXd& A, const VectorXd& c) {
   const VectorXd unit = A.diagonal().cwiseMax(1e-300).cwiseSqrt().cwiseInverse();
   const Eigen::LDLT<MatrixXd> factor(unit.asDiagonal() * A * unit.asDiagonal());
-  if (factor.info() == Eigen::Success && factor.vectorD().minCoeff() > 1e-12) return unit.asDiagonal() * factor.solve(unit.asDiagonal() * c);
+  if (factor.info() == Eigen::Success && factor.vectorD().minCoeff() > 1e-12)
+    return unit.asDiagonal() * factor.solve(unit.asDiagonal() * c);
   return pseudo_inverse(A) * c;
 }
 
-/// min x^T N x / 2 - b^T x within bounds; `held` tells which bound holds. Active sets as of Stark and Parker, Comput. Stat. 10 (1995) 129:
-/// every step stays within the bounds and goes down.
-VectorXd bounded_solution(const MatrixXd& N, const VectorXd& b, const VectorXd& low, const VectorXd& high, std::vector<bool>& held) {
+/// min x^T N x / 2 - b^T x within bounds; `held` tells which bound holds. Active sets as of Stark and Parker, Comput.
+/// Stat. 10 (1995) 129: every step stays within the bounds and goes down.
+VectorXd bounded_solution(const MatrixXd& N, const VectorXd& b, const VectorXd& low, const VectorXd& high,
+                          std::vector<bool>& held) {
   const Index n = b.size();
   held.assign(static_cast<std::size_t>(n), false);
   if (n == 0) return b;
@@ -70,12 +73,14 @@ VectorXd bounded_solution(const MatrixXd& N, const VectorXd& b, const VectorXd& 
       for (std::size_t k = 0; k < open.size(); ++k) {
         const Index i = open[k];
         const double to = x(i) + step(k), room = std::clamp(to, low(i), high(i)) - x(i);
-        if (std::abs(to - x(i) - room) * std::sqrt(N(i, i)) > 1e-12 && room / step(k) < share) share = room / step(k), stopped = i;
+        if (std::abs(to - x(i) - room) * std::sqrt(N(i, i)) > 1e-12 && room / step(k) < share)
+          share = room / step(k), stopped = i;
       }
       x(open) += share * step;
     }
     if (stopped >= 0) {
-      x(stopped) = std::abs(x(stopped) - low(stopped)) < std::abs(x(stopped) - high(stopped)) ? low(stopped) : high(stopped);
+      x(stopped) =
+          std::abs(x(stopped) - low(stopped)) < std::abs(x(stopped) - high(stopped)) ? low(stopped) : high(stopped);
       held[stopped] = true;
       continue;
     }
@@ -99,18 +104,22 @@ VectorXd bounded_solution(const MatrixXd& N, const VectorXd& b, const VectorXd& 
 MatrixXd pseudo_inverse(const MatrixXd& matrix, double tolerance) {
   if (matrix.rows() == 0) return matrix;
   // A column of such a norm is one of terms that underflow: it has no effect.
-  const VectorXd scale = matrix.diagonal().cwiseMax(0).cwiseSqrt().unaryExpr([](double x) { return x > 1e-100 ? 1 / x : 0; });
+  const VectorXd scale =
+      matrix.diagonal().cwiseMax(0).cwiseSqrt().unaryExpr([](double x) { return x > 1e-100 ? 1 / x : 0; });
   const MatrixXd scaled = scale.asDiagonal() * matrix * scale.asDiagonal();
   // Far from singular there is no null space, and no need of the slower eigenvalues.
-  if (const Eigen::LLT<MatrixXd> factor(scaled); factor.info() == Eigen::Success && factor.matrixLLT().diagonal().minCoeff() > 1e-4)
+  if (const Eigen::LLT<MatrixXd> factor(scaled);
+      factor.info() == Eigen::Success && factor.matrixLLT().diagonal().minCoeff() > 1e-4)
     return scale.asDiagonal() * factor.solve(MatrixXd(scale.asDiagonal()));
   const Eigen::SelfAdjointEigenSolver<MatrixXd> eigen(scaled);
   const double least = tolerance * eigen.eigenvalues().cwiseAbs().maxCoeff();
   const VectorXd inverse = eigen.eigenvalues().unaryExpr([least](double e) { return e > least ? 1 / e : 0; });
-  return scale.asDiagonal() * eigen.eigenvectors() * inverse.asDiagonal() * eigen.eigenvectors().transpose() * scale.asDiagonal();
+  return scale.asDiagonal() * eigen.eigenvectors() * inverse.asDiagonal() * eigen.eigenvectors().transpose() *
+         scale.asDiagonal();
 }
 
-Separable::Separable(const friction::LawInfo& law, const Samples& samples, std::vector<double> weights, unsigned threads)
+Separable::Separable(const friction::LawInfo& law, const Samples& samples, std::vector<double> weights,
+                     unsigned threads)
     : law_(&law), samples_(&samples), weights_(std::move(weights)), threads_(threads), place_(law) {
   const auto count = static_cast<Index>(law.parameters.size());
   to_parameters_ = MatrixXd::Identity(count, count);
@@ -119,7 +128,7 @@ Separable::Separable(const friction::LawInfo& law, const Samples& samples, std::
   high_.resize(count);
   for (Index i = 0; i < count; ++i) low_(i) = law.parameters[i].minimum, high_(i) = law.parameters[i].maximum;
   free_.assign(law.parameters.size(), true);
-  if (law.name == "steady_state") {   // Fs = Fc + excess
+  if (law.name == "steady_state") {  // Fs = Fc + excess
     to_parameters_(1, 0) = 1;
     low_(1) = 0;
     place_.linear = place_.linear * to_parameters_;
@@ -132,7 +141,7 @@ void Separable::hold(std::size_t parameter, double value) {
   values_(static_cast<Index>(parameter)) = value;
 }
 
-std::size_t Separable::parameter_of(double F::* field) const {
+std::size_t Separable::parameter_of(double F::*field) const {
   for (std::size_t n = 0; n < place_.nonlinear_used.size(); ++n)
     if (nonlinear_fields[place_.nonlinear_used[n]] == field)
       for (Index j = 0; j < place_.nonlinear.cols(); ++j)
@@ -141,17 +150,26 @@ std::size_t Separable::parameter_of(double F::* field) const {
 }
 
 Point Separable::at(const VectorXd& start, bool derivatives) const {
-  Point point{.values = start, .family = {}, .moments = {}, .linear = {}, .at_bound = std::vector<bool>(free_.size(), false), .cost = 0};
+  Point point{.values = start,
+              .family = {},
+              .moments = {},
+              .linear = {},
+              .at_bound = std::vector<bool>(free_.size(), false),
+              .cost = 0};
   VectorXd& u = point.values;
   std::vector<Index> sought;
   sought.reserve(free_.size());
   for (std::size_t j = 0; j < free_.size(); ++j) {
     const auto i = static_cast<Index>(j);
-    if (!free_[j]) u(i) = values_(i);
-    else if (place_.is_linear(j)) u(i) = 0, sought.push_back(i);
-    else u(i) = std::clamp(u(i), low_(i), high_(i));
+    if (!free_[j])
+      u(i) = values_(i);
+    else if (place_.is_linear(j))
+      u(i) = 0, sought.push_back(i);
+    else
+      u(i) = std::clamp(u(i), low_(i), high_(i));
   }
-  const VectorXd nonlinear = place_.nonlinear_offset + place_.nonlinear * u, known = place_.linear_offset + place_.linear * u;
+  const VectorXd nonlinear = place_.nonlinear_offset + place_.nonlinear * u,
+                 known = place_.linear_offset + place_.linear * u;
   point.family = place_.family(known, nonlinear);
   point.moments = accumulate(*samples_, weights_, place_, point.family, threads_, derivatives);
   const Moments& basis = point.moments;
@@ -159,7 +177,8 @@ Point Separable::at(const VectorXd& start, bool derivatives) const {
   const VectorXd b = Q.transpose() * (basis.Fy - basis.FF * known), low = low_(sought), high = high_(sought);
   std::vector<bool> held;
   const VectorXd eta = bounded_solution(N, b, low, high, held);
-  for (std::size_t i = 0; i < sought.size(); ++i) u(sought[i]) = eta(static_cast<Index>(i)), point.at_bound[sought[i]] = held[i];
+  for (std::size_t i = 0; i < sought.size(); ++i)
+    u(sought[i]) = eta(static_cast<Index>(i)), point.at_bound[sought[i]] = held[i];
   const VectorXd linear = known + Q * eta;
   point.family = place_.family(linear, nonlinear);
   point.cost = basis.cost(linear);
@@ -174,14 +193,21 @@ Point Separable::again(const Point& point) const {
   return now;
 }
 
-/// The projected residual in as few numbers as there are nonlinear coordinates, plus one: Ceres' steps depend on J^T J, J^T r
-/// and r^T r alone, and the triangular factor of these products has the same.
+/// The projected residual in as few numbers as there are nonlinear coordinates, plus one: Ceres' steps depend on J^T J,
+/// J^T r and r^T r alone, and the triangular factor of these products has the same.
 class ProjectedResidual final : public ceres::CostFunction {
  public:
-  mutable Point best_;   ///< of all that were tried
+  mutable Point best_;  ///< of all that were tried
 
-  ProjectedResidual(const Separable& problem, const Point& first, const VectorXd& first_x, std::vector<Index> sought, double scale)
-      : best_(first), problem_(problem), start_(first.values), sought_(std::move(sought)), scale_(scale), last_(first), last_x_(first_x) {
+  ProjectedResidual(const Separable& problem, const Point& first, const VectorXd& first_x, std::vector<Index> sought,
+                    double scale)
+      : best_(first),
+        problem_(problem),
+        start_(first.values),
+        sought_(std::move(sought)),
+        scale_(scale),
+        last_(first),
+        last_x_(first_x) {
     mutable_parameter_block_sizes()->push_back(static_cast<int>(sought_.size()));
     set_num_residuals(static_cast<int>(sought_.size()) + 1);
   }
@@ -207,7 +233,8 @@ class ProjectedResidual final : public ceres::CostFunction {
     for (std::size_t j = 0; j < problem_.free_.size(); ++j)
       if (problem_.free_[j] && place.is_linear(j) && !last_.at_bound[j]) open.push_back(static_cast<Index>(j));
     const MatrixXd Q = place.linear(Eigen::all, open), R = place.nonlinear(Eigen::all, sought_);
-    const MatrixXd inverse = pseudo_inverse(product(Q, last_.moments.FF, Q)), FD = product(Q, sums.FD, R), S = product(Q, sums.Fr_by, R);
+    const MatrixXd inverse = pseudo_inverse(product(Q, last_.moments.FF, Q)), FD = product(Q, sums.FD, R),
+                   S = product(Q, sums.Fr_by, R);
     MatrixXd products(n + 1, n + 1);
     const MatrixXd DD = product(R, sums.DD, R);
     products.topLeftCorner(n, n) = DD - product(FD, inverse, FD) + product(S, inverse, S);
@@ -223,18 +250,22 @@ class ProjectedResidual final : public ceres::CostFunction {
     MatrixXd root;
     if (const Eigen::LLT<MatrixXd> factor(normal); factor.info() == Eigen::Success) {
       root = factor.matrixU();
-    } else {   // rounding took a pivot below zero
+    } else {  // rounding took a pivot below zero
       const Eigen::SelfAdjointEigenSolver<MatrixXd> eigen(normal);
-      root = Eigen::HouseholderQR<MatrixXd>(eigen.eigenvalues().cwiseMax(0).cwiseSqrt().asDiagonal() * eigen.eigenvectors().transpose()).matrixQR().triangularView<Eigen::Upper>();
+      root = Eigen::HouseholderQR<MatrixXd>(eigen.eigenvalues().cwiseMax(0).cwiseSqrt().asDiagonal() *
+                                            eigen.eigenvectors().transpose())
+                 .matrixQR()
+                 .triangularView<Eigen::Upper>();
     }
     offset_ = root.col(n).head(n).squaredNorm() / std::max(root(n, n) * root(n, n), 1e-300);
     root = root * unit.asDiagonal();
-    Eigen::Map<Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>>(jacobians[0], n + 1, n) = root.leftCols(n);
+    Eigen::Map<Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>>(jacobians[0], n + 1, n) =
+        root.leftCols(n);
     r = root.col(n);
     return true;
   }
-  /// What a step is expected to take off the cost where derivatives were last asked for, in parts of what no step takes: the square
-  /// of the relative offset of Bates and Watts, Technometrics 23 (1981) 179.
+  /// What a step is expected to take off the cost where derivatives were last asked for, in parts of what no step
+  /// takes: the square of the relative offset of Bates and Watts, Technometrics 23 (1981) 179.
   double offset() const { return offset_; }
 
  private:
@@ -267,15 +298,16 @@ Point Separable::descend(const VectorXd& start, int iterations, double sigmas) c
   for (Index i = 0; i < n; ++i) x(i) = std::clamp(start(sought[i]), low_(sought[i]), high_(sought[i]));
   // Costs in units of the noise, so that Ceres' absolute tolerances mean something.
   Point first = at(start);
-  if (first.cost <= 1e-26 * first.moments.yy) return first;   // nothing is left but rounding
+  if (first.cost <= 1e-26 * first.moments.yy) return first;  // nothing is left but rounding
   const double scale = static_cast<double>(samples_->size()) / first.cost;
   ProjectedResidual residual(*this, first, x, sought, scale);
   ceres::Solver::Options options;
   options.max_num_iterations = iterations;
-  options.function_tolerance = 1e-6 / static_cast<double>(samples_->size());   // where steps are short because the valley is curved
+  options.function_tolerance =
+      1e-6 / static_cast<double>(samples_->size());  // where steps are short because the valley is curved
   options.parameter_tolerance = 1e-11;
   options.gradient_tolerance = 1e-13;
-  options.max_num_line_search_step_size_iterations = 0;   // bounds are kept without it
+  options.max_num_line_search_step_size_iterations = 0;  // bounds are kept without it
   Converged converged(residual, sigmas * sigmas / static_cast<double>(samples_->size()));
   options.callbacks.push_back(&converged);
   least_squares(residual, x, low_(sought), high_(sought), options);
@@ -298,7 +330,7 @@ std::vector<std::size_t> Separable::dependent_linear(const std::vector<std::size
   // Whatever the nonlinear numbers: a term that the others can stand in for everywhere on the grid.
   const std::vector<VectorXd> points = grid();
   std::vector<std::size_t> dependent;
-  for (const std::size_t g : {std::size_t{0}, points.size() - 1}) {   // its two ends
+  for (const std::size_t g : {std::size_t{0}, points.size() - 1}) {  // its two ends
     const MatrixXd FF = at(points[g], false).moments.FF;
     std::vector<std::size_t> kept, spare;
     for (const std::size_t j : order) {
@@ -309,11 +341,14 @@ std::vector<std::size_t> Separable::dependent_linear(const std::vector<std::size
       MatrixXd N = product(Q, FF, Q);
       const VectorXd unit = N.diagonal().cwiseMax(1e-300).cwiseSqrt().cwiseInverse();
       N = unit.asDiagonal() * N * unit.asDiagonal();
-      const bool told = N(N.rows() - 1, N.rows() - 1) > 0.5 && Eigen::SelfAdjointEigenSolver<MatrixXd>(N, Eigen::EigenvaluesOnly).eigenvalues()(0) > 1e-12;
+      const bool told = N(N.rows() - 1, N.rows() - 1) > 0.5 &&
+                        Eigen::SelfAdjointEigenSolver<MatrixXd>(N, Eigen::EigenvaluesOnly).eigenvalues()(0) > 1e-12;
       (told ? kept : spare).push_back(j);
     }
-    if (g == 0) dependent = spare;
-    else std::erase_if(dependent, [&](std::size_t j) { return std::ranges::find(spare, j) == spare.end(); });
+    if (g == 0)
+      dependent = spare;
+    else
+      std::erase_if(dependent, [&](std::size_t j) { return std::ranges::find(spare, j) == spare.end(); });
   }
   return dependent;
 }
@@ -323,7 +358,9 @@ std::vector<VectorXd> Separable::grid() const {
   const auto [t_low, t_high] = std::ranges::minmax(samples_->temperature_degC);
   // Speeds spread over the decades that were measured.
   const auto [slowest, fastest] = std::ranges::minmax(samples_->speed);
-  const auto decade = [&, low = std::max(slowest, 1e-3 * fastest)](double share) { return low * std::pow(fastest / low, share); };
+  const auto decade = [&, low = std::max(slowest, 1e-3 * fastest)](double share) {
+    return low * std::pow(fastest / low, share);
+  };
   std::vector<VectorXd> points{values_};
   const auto branch = [&](std::size_t parameter, std::span<const double> choices) {
     if (parameter == npos || !free_[parameter]) return;
@@ -336,7 +373,7 @@ std::vector<VectorXd> Separable::grid() const {
     points = std::move(more);
   };
   // A quantity that changes with temperature: choices at both ends of the range.
-  const auto branch_line = [&](double F::* level, double F::* slope, std::span<const double> choices) {
+  const auto branch_line = [&](double F::*level, double F::*slope, std::span<const double> choices) {
     const std::size_t a = parameter_of(level), b = parameter_of(slope);
     if (b == npos || !free_[b] || t_high - t_low < 1e-9) return branch(a, choices);
     std::vector<VectorXd> more;
@@ -346,8 +383,10 @@ std::vector<VectorXd> Separable::grid() const {
           more.push_back(p);
           const double k = (at_high - at_low) / (t_high - t_low);
           more.back()(static_cast<Index>(b)) = k;
-          if (free_[a]) more.back()(static_cast<Index>(a)) = at_low - k * t_low;
-          else more.back()(static_cast<Index>(b)) = (at_high - values_(static_cast<Index>(a))) / t_high;
+          if (free_[a])
+            more.back()(static_cast<Index>(a)) = at_low - k * t_low;
+          else
+            more.back()(static_cast<Index>(b)) = (at_high - values_(static_cast<Index>(a))) / t_high;
         }
     points = std::move(more);
   };
@@ -377,7 +416,8 @@ Point Separable::minimise() const {
   // The Stribeck velocities make the valleys: of starts that share them only the best is followed.
   const std::size_t places[] = {parameter_of(&F::vs), parameter_of(&F::vs_T)};
   const auto same_place = [&](const VectorXd& a, const VectorXd& b) {
-    return std::ranges::all_of(places, [&](std::size_t j) { return j == npos || a(static_cast<Index>(j)) == b(static_cast<Index>(j)); });
+    return std::ranges::all_of(
+        places, [&](std::size_t j) { return j == npos || a(static_cast<Index>(j)) == b(static_cast<Index>(j)); });
   };
   std::vector<VectorXd> followed;
   for (const auto& [cost, start] : starts) {
@@ -386,7 +426,9 @@ Point Separable::minimise() const {
     followed.push_back(start);
     const Point valley = coarse.descend(start, nonlinear < 6 ? 12 : 40, near);
     // Two starts that ran into the same valley count once.
-    if (std::ranges::none_of(valleys, [&](const Point& v) { return std::abs(v.cost - valley.cost) <= 1e-3 * valley.cost; })) valleys.push_back(valley);
+    if (std::ranges::none_of(valleys,
+                             [&](const Point& v) { return std::abs(v.cost - valley.cost) <= 1e-3 * valley.cost; }))
+      valleys.push_back(valley);
   }
   // A valley that lies clearly higher on the few samples does not become the deepest on more.
   const double lowest = std::ranges::min(valleys, {}, &Point::cost).cost;
@@ -394,7 +436,8 @@ Point Separable::minimise() const {
   const auto deepest = [&](const Separable& problem, int iterations, double sigmas) {
     Point best = problem.descend(valleys.front().values, iterations, sigmas);
     for (std::size_t i = 1; i < valleys.size(); ++i)
-      if (Point found = problem.descend(valleys[i].values, iterations, sigmas); found.cost < best.cost) best = std::move(found);
+      if (Point found = problem.descend(valleys[i].values, iterations, sigmas); found.cost < best.cost)
+        best = std::move(found);
     return best;
   };
   for (std::size_t count = start_samples; 4 * count <= samples_->size(); count *= 16) {

@@ -1,5 +1,3 @@
-#include <tribotwin/twin/identification/dynamic_friction/bouc_wen.hpp>
-
 #include <algorithm>
 #include <cmath>
 #include <numeric>
@@ -7,6 +5,7 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
+#include <tribotwin/twin/identification/dynamic_friction/bouc_wen.hpp>
 #include <tribotwin/twin/identification/dynamic_friction/prediction_error.hpp>
 #include <tribotwin/twin/identification/time_series.hpp>
 
@@ -25,7 +24,7 @@ enum Shape : Index { log_limit, ratio, exponent, share, first_start };
 constexpr double torsion_most_rad = 0.2;
 
 struct Course {
-  std::vector<double> torsion, torque, temperature;   ///< torsion as monotone_course leaves it
+  std::vector<double> torsion, torque, temperature;  ///< torsion as monotone_course leaves it
   std::vector<std::size_t> reversals;
 };
 
@@ -34,7 +33,8 @@ transmission::Hysteresis spring_of(const VectorXd& at) {
   return {.w = at(share), .beta = beta, .gamma = at(ratio) * beta, .n = at(exponent)};
 }
 
-/// The torsions and what of them linear numbers multiply, at some samples of each course. x is advanced from one to the next.
+/// The torsions and what of them linear numbers multiply, at some samples of each course. x is advanced from one to the
+/// next.
 class Loops {
  public:
   Loops(std::span<const Course> courses, std::size_t most) {
@@ -62,8 +62,10 @@ class Loops {
       for (const std::size_t begin = i; i < ends_[r]; ++i) {
         if (i > begin) x = transmission::advanced(h, x, torsion_[i] - torsion_[i - 1]);
         const double stretch = h.w * torsion_[i] + (1 - h.w) * x, size = std::abs(torsion_[i]), T = temperature_[i];
-        const double by_torsion[] = {stretch, stretch * size, stretch * size * size * size}, by_temperature[] = {1, T, T * T};
-        for (Index k = 0; k < linear_count; ++k) p.basis(static_cast<Index>(i), k) = by_torsion[stiffnesses[k].first] * by_temperature[stiffnesses[k].second];
+        const double by_torsion[] = {stretch, stretch * size, stretch * size * size * size},
+                     by_temperature[] = {1, T, T * T};
+        for (Index k = 0; k < linear_count; ++k)
+          p.basis(static_cast<Index>(i), k) = by_torsion[stiffnesses[k].first] * by_temperature[stiffnesses[k].second];
       }
     }
     return p;
@@ -85,7 +87,8 @@ std::vector<double> smoothed(std::span<const double> x, double noise) {
     double squares = 0;
     for (std::size_t i = width; i + width < x.size(); ++i) {
       double sum = 0;
-      for (int j = -m; j <= m; ++j) sum += (3 * m * m + 3 * m - 1 - 5 * j * j) * x[i + static_cast<std::size_t>(j + m) - width];
+      for (int j = -m; j <= m; ++j)
+        sum += (3 * m * m + 3 * m - 1 - 5 * j * j) * x[i + static_cast<std::size_t>(j + m) - width];
       y[i] = 3 * sum / ((2 * m + 3) * (2 * m + 1) * (2 * m - 1));
       squares += (y[i] - x[i]) * (y[i] - x[i]);
     }
@@ -103,15 +106,26 @@ tl::expected<LoopRecordings, std::string> read_loops(std::span<const std::filesy
     const auto table = read_time_series(file, {"time_s", "torsion_rad", "torque_nm"}, {"temperature_degC"}, all.notes);
     if (!table) return tl::unexpected(table.error());
     const auto& c = table->columns;
-    const auto largest = [](const std::vector<double>& x) { return std::abs(std::ranges::max(x, {}, [](double v) { return std::abs(v); })); };
+    const auto largest = [](const std::vector<double>& x) {
+      return std::abs(std::ranges::max(x, {}, [](double v) { return std::abs(v); }));
+    };
     if (largest(c[1]) > torsion_most_rad)
-      return tl::unexpected(fmt::format("{}: torsion_rad reaches {:.4g}, where {:g} rad is more than a gear yields; are these degrees, or the motor's angle?", file.string(), largest(c[1]), torsion_most_rad));
-    if (auto problem = implausible_temperature(file, "temperature_degC", c[3])) return tl::unexpected(std::move(*problem));
+      return tl::unexpected(
+          fmt::format("{}: torsion_rad reaches {:.4g}, where {:g} rad is more than a gear yields; are these degrees, "
+                      "or the motor's angle?",
+                      file.string(), largest(c[1]), torsion_most_rad));
+    if (auto problem = implausible_temperature(file, "temperature_degC", c[3]))
+      return tl::unexpected(std::move(*problem));
     if (std::inner_product(c[1].begin(), c[1].end(), c[2].begin(), 0.0) < 0)
-      return tl::unexpected(fmt::format("{}: torque_nm is mostly of the sign opposite to torsion_rad (motor angle / gear ratio - arm angle); a spring has the same", file.string()));
+      return tl::unexpected(
+          fmt::format("{}: torque_nm is mostly of the sign opposite to torsion_rad (motor angle / gear ratio - arm "
+                      "angle); a spring has the same",
+                      file.string()));
     all.recordings.push_back({c[1], c[2], c[3]});
     if (all.recordings.back().temperature_degC.empty() != all.recordings.front().temperature_degC.empty())
-      return tl::unexpected(fmt::format("{}: {} a column temperature_degC, {} {}", file.string(), c[3].empty() ? "lacks" : "has", files[0].string(), c[3].empty() ? "has one" : "does not"));
+      return tl::unexpected(fmt::format("{}: {} a column temperature_degC, {} {}", file.string(),
+                                        c[3].empty() ? "lacks" : "has", files[0].string(),
+                                        c[3].empty() ? "has one" : "does not"));
   }
   return all;
 }
@@ -121,7 +135,8 @@ std::vector<double> monotone_course(std::span<const double> torsion, std::vector
   std::vector<double> course(torsion.begin(), torsion.end());
   if (n < 4) return course;
   double squares = 0;
-  for (std::size_t i = 3; i < n; ++i) squares += std::pow(torsion[i] - 3 * torsion[i - 1] + 3 * torsion[i - 2] - torsion[i - 3], 2);
+  for (std::size_t i = 3; i < n; ++i)
+    squares += std::pow(torsion[i] - 3 * torsion[i - 1] + 3 * torsion[i - 2] - torsion[i - 3], 2);
   // White noise has third differences of variance 20. In long recordings its extremes are some 8.5 sigma apart.
   const double noise = std::sqrt(squares / (20 * static_cast<double>(n - 3))), clear = 9 * noise;
   course = smoothed(torsion, noise);
@@ -179,27 +194,45 @@ tl::expected<HysteresisFit, std::string> fit_hysteresis(std::span<const LoopReco
     c.torque = r.torque_nm;
     c.temperature = thermal ? r.temperature_degC : std::vector<double>(r.torsion_rad.size(), 0);
     samples += c.torsion.size(), reversals += c.reversals.size();
-    for (const double phi : c.torsion) reach = std::max(reach, std::abs(phi)), moved = std::max(moved, std::abs(phi - c.torsion[0]));
+    for (const double phi : c.torsion)
+      reach = std::max(reach, std::abs(phi)), moved = std::max(moved, std::abs(phi - c.torsion[0]));
     for (const double T : c.temperature) coldest = std::min(coldest, T), hottest = std::max(hottest, T);
   }
-  if (!(moved > 0)) return tl::unexpected(std::string("the torsion never changes: nothing can be learned of a spring at rest"));
-  if (reversals < 2) return tl::unexpected(fmt::format("the torsion reverses {} times: only closed loops tell loss from stiffness; load the gear both ways, at least once around", reversals));
+  if (!(moved > 0))
+    return tl::unexpected(std::string("the torsion never changes: nothing can be learned of a spring at rest"));
+  if (reversals < 2)
+    return tl::unexpected(
+        fmt::format("the torsion reverses {} times: only closed loops tell loss from stiffness; load the gear both "
+                    "ways, at least once around",
+                    reversals));
   const std::size_t least = 10 * static_cast<std::size_t>(linear_count + first_start);
-  if (samples < least) return tl::unexpected(fmt::format("{} samples cannot tell a loop's shape: record {} or more", samples, least));
+  if (samples < least)
+    return tl::unexpected(fmt::format("{} samples cannot tell a loop's shape: record {} or more", samples, least));
 
   const auto starts_of = static_cast<Index>(courses.size());
-  Simulated all{.low = VectorXd(first_start + starts_of), .high = VectorXd(first_start + starts_of), .linear_free = std::vector<bool>(linear_count, true), .threads = threads};
+  Simulated all{.low = VectorXd(first_start + starts_of),
+                .high = VectorXd(first_start + starts_of),
+                .linear_free = std::vector<bool>(linear_count, true),
+                .threads = threads};
   all.low << std::log(1e-3 * reach), -0.99, 1, 0, VectorXd::Constant(starts_of, -1);
   all.high << std::log(30 * reach), 1, 10, 1, VectorXd::Constant(starts_of, 1);
   // As in fit.cc: a curvature needs a third temperature, a slope a second.
   const double span = hottest - coldest;
   std::vector<std::string> held;
-  const bool middle = std::ranges::any_of(courses, [&](const Course& c) { return std::ranges::any_of(c.temperature, [&](double T) { return T > coldest + 0.05 * span && T < hottest - 0.05 * span; }); });
+  const bool middle = std::ranges::any_of(courses, [&](const Course& c) {
+    return std::ranges::any_of(c.temperature,
+                               [&](double T) { return T > coldest + 0.05 * span && T < hottest - 0.05 * span; });
+  });
   const int powers = !thermal || span < 1e-6 * (1 + std::abs(hottest)) ? 0 : middle ? 2 : 1;
   for (std::size_t k = 0; k < std::size(stiffnesses); ++k)
-    if (stiffnesses[k].second > powers) all.linear_free[k] = false, held.push_back(fmt::format("k{}{}", stiffnesses[k].first, stiffnesses[k].second));
+    if (stiffnesses[k].second > powers)
+      all.linear_free[k] = false, held.push_back(fmt::format("k{}{}", stiffnesses[k].first, stiffnesses[k].second));
   if (!held.empty())
-    result.notes.push_back(fmt::format("{}: {} cannot be told and are held at 0", !thermal ? std::string("no temperature was recorded") : powers ? fmt::format("all samples are near {:.4g} or {:.4g} degC", coldest, hottest) : fmt::format("all samples are at {:.4g} degC", coldest),
+    result.notes.push_back(fmt::format("{}: {} cannot be told and are held at 0",
+                                       !thermal ? std::string("no temperature was recorded")
+                                       : powers
+                                           ? fmt::format("all samples are near {:.4g} or {:.4g} degC", coldest, hottest)
+                                           : fmt::format("all samples are at {:.4g} degC", coldest),
                                        fmt::join(held, ", ")));
 
   constexpr std::size_t thinned = 1500;
@@ -225,7 +258,10 @@ tl::expected<HysteresisFit, std::string> fit_hysteresis(std::span<const LoopReco
   // Four numbers and the starts would take away as much by chance once in some ten thousand recordings.
   const double by_chance = 25 + 3 * static_cast<double>(starts_of);
   if (!(elastic - found.cost > by_chance * found.cost / n))
-    return tl::unexpected(fmt::format("there is no hysteresis in these data: a spring without loss predicts the torque to {:.3g} Nm, one with it to {:.3g} Nm", std::sqrt(elastic / n), std::sqrt(found.cost / n)));
+    return tl::unexpected(
+        fmt::format("there is no hysteresis in these data: a spring without loss predicts the torque to {:.3g} Nm, one "
+                    "with it to {:.3g} Nm",
+                    std::sqrt(elastic / n), std::sqrt(found.cost / n)));
 
   const Worth is_worth = worth(all, found);
   // From the coordinates of the search to the parameters of the plugin, with beta + gamma = limit^-n.
@@ -242,17 +278,20 @@ tl::expected<HysteresisFit, std::string> fit_hysteresis(std::span<const LoopReco
   };
   static constexpr const char* units[] = {"Nm/rad", "Nm/rad^2", "Nm/rad^4"};
   static constexpr const char* per_K[] = {"", "/K", "/K^2"};
-  std::vector<double> effect;   // of one unit, root mean square [Nm]
+  std::vector<double> effect;  // of one unit, root mean square [Nm]
   for (int i = 0; i < 3; ++i)
     for (int j = 0; j < 3; ++j) {
       const Index k = std::ranges::find(stiffnesses, std::pair(i, j)) - std::begin(stiffnesses);
       to(add(fmt::format("k{}{}", i, j), std::string(units[i]) + per_K[j], h.k[i][j], status(k)), k) = 1;
       effect.push_back(is_worth.effect[static_cast<std::size_t>(k)]);
     }
-  const Index L = linear_count + log_limit, R = linear_count + ratio, N = linear_count + exponent, W = linear_count + share;
+  const Index L = linear_count + log_limit, R = linear_count + ratio, N = linear_count + exponent,
+              W = linear_count + share;
   to(add("w", "1", h.w, status(W)), W) = 1;
-  const Index beta = add("beta", "rad^-n", h.beta, status(L)), gamma = add("gamma", "rad^-n", h.gamma, status(L) == Status::estimated ? status(R) : status(L));
-  to(beta, L) = -h.n * h.beta, to(beta, N) = -found.nonlinear(log_limit) * h.beta, to(beta, R) = -h.beta / (1 + found.nonlinear(ratio));
+  const Index beta = add("beta", "rad^-n", h.beta, status(L)),
+              gamma = add("gamma", "rad^-n", h.gamma, status(L) == Status::estimated ? status(R) : status(L));
+  to(beta, L) = -h.n * h.beta, to(beta, N) = -found.nonlinear(log_limit) * h.beta,
+           to(beta, R) = -h.beta / (1 + found.nonlinear(ratio));
   to.row(gamma) = found.nonlinear(ratio) * to.row(beta);
   to(gamma, R) += h.beta;
   to(add("n", "1", h.n, status(N)), N) = 1;
@@ -265,7 +304,8 @@ tl::expected<HysteresisFit, std::string> fit_hysteresis(std::span<const LoopReco
   conclude(all, found, is_worth, to, widest, result);
   result.normalised_mse = 1 - result.r_squared;
   h.drive = "motor";
-  if (const auto loaded = transmission::make_hysteresis("", transmission::configuration_of(h)); !loaded) result.notes.push_back(fmt::format("a model would not load this spring: {}", loaded.error()));
+  if (const auto loaded = transmission::make_hysteresis("", transmission::configuration_of(h)); !loaded)
+    result.notes.push_back(fmt::format("a model would not load this spring: {}", loaded.error()));
   return result;
 }
 

@@ -1,11 +1,10 @@
-#include <tribotwin/twin/identification/dynamic_friction/bristles.hpp>
-
 #include <algorithm>
 #include <cmath>
 #include <numeric>
 
 #include <fmt/format.h>
 
+#include <tribotwin/twin/identification/dynamic_friction/bristles.hpp>
 #include <tribotwin/twin/identification/dynamic_friction/prediction_error.hpp>
 #include <tribotwin/twin/identification/time_series.hpp>
 
@@ -14,12 +13,15 @@ namespace {
 
 using Eigen::Index, Eigen::VectorXd;
 
-/// The nonlinear numbers; then a share of breakaway per recording, the deflection at its start. sigma1 is the linear one.
+/// The nonlinear numbers; then a share of breakaway per recording, the deflection at its start. sigma1 is the linear
+/// one.
 enum Shape : Index { log_sigma0, log_vd, first_start };
 
 constexpr double arm_speed_most = 60;
 
-double temperature_of(const SlidingRecording& r, std::size_t i) { return r.temperature_degC.empty() ? 0 : r.temperature_degC[i]; }
+double temperature_of(const SlidingRecording& r, std::size_t i) {
+  return r.temperature_degC.empty() ? 0 : r.temperature_degC[i];
+}
 double load_of(const SlidingRecording& r, std::size_t i) { return r.load_nm.empty() ? 0 : r.load_nm[i]; }
 
 /// Torque without sigma1 [Nm], and what one unit of it adds.
@@ -44,12 +46,13 @@ Prediction predict(const drive::Drive& of_law, std::span<const SlidingRecording>
       return scratch.applied_nm;
     };
     begins(without, 0);
-    const double breakaway = drive::level(without, {scratch.cache, false}, 0, load_of(r, 0) / without.torque_max_nm).weakening;
+    const double breakaway =
+        drive::level(without, {scratch.cache, false}, 0, load_of(r, 0) / without.torque_max_nm).weakening;
     memory.z = at(first_start + static_cast<Index>(k)) * breakaway / without.bristles.sigma0;
     for (std::size_t i = 0; i < r.time_s.size(); ++i, ++row) {
       const double v = r.velocity_rad_s[i], damped = begins(with, i), elastic = begins(without, i);
       p.known(row) = elastic + (v == 0 ? 0 : std::copysign(scratch.limit_nm, v));
-      p.basis(row, 0) = std::abs(damped - elastic) < 1e-100 ? 0 : damped - elastic;   // its square would underflow
+      p.basis(row, 0) = std::abs(damped - elastic) < 1e-100 ? 0 : damped - elastic;  // its square would underflow
       if (i + 1 == r.time_s.size()) continue;
       // The way between two samples, by the trapezoidal rule.
       const double dt = r.time_s[i + 1] - r.time_s[i], next = r.velocity_rad_s[i + 1];
@@ -61,27 +64,41 @@ Prediction predict(const drive::Drive& of_law, std::span<const SlidingRecording>
 
 }  // namespace
 
-tl::expected<SlidingRecordings, std::string> read_sliding(std::span<const std::filesystem::path> files, const drive::Drive& drive) {
+tl::expected<SlidingRecordings, std::string> read_sliding(std::span<const std::filesystem::path> files,
+                                                          const drive::Drive& drive) {
   SlidingRecordings all;
   const friction::LawInfo& law = *drive.law.info;
   for (const auto& file : files) {
-    const auto table = read_time_series(file, {"time_s", "velocity_rad_s", "torque_nm"}, {"temperature_degC", "load_nm"}, all.notes);
+    const auto table =
+        read_time_series(file, {"time_s", "velocity_rad_s", "torque_nm"}, {"temperature_degC", "load_nm"}, all.notes);
     if (!table) return tl::unexpected(table.error());
     const auto& c = table->columns;
-    if (law.temperature_dependent && c[3].empty()) return tl::unexpected(fmt::format("{}:1: law '{}' depends on temperature: a column temperature_degC is needed", file.string(), law.name));
-    if (law.load_dependent && c[4].empty()) return tl::unexpected(fmt::format("{}:1: law '{}' depends on load: a column load_nm is needed", file.string(), law.name));
-    if (auto problem = implausible_temperature(file, "temperature_degC", c[3])) return tl::unexpected(std::move(*problem));
+    if (law.temperature_dependent && c[3].empty())
+      return tl::unexpected(fmt::format("{}:1: law '{}' depends on temperature: a column temperature_degC is needed",
+                                        file.string(), law.name));
+    if (law.load_dependent && c[4].empty())
+      return tl::unexpected(
+          fmt::format("{}:1: law '{}' depends on load: a column load_nm is needed", file.string(), law.name));
+    if (auto problem = implausible_temperature(file, "temperature_degC", c[3]))
+      return tl::unexpected(std::move(*problem));
     const double fastest = std::abs(std::ranges::max(c[1], {}, [](double v) { return std::abs(v); }));
     if (fastest * std::min(1.0, drive.speed_scale()) > arm_speed_most)
-      return tl::unexpected(fmt::format("{}: velocity_rad_s reaches {:.4g} rad/s, where a joint turns at up to {:g}; are these degrees per second, or the motor's?", file.string(), fastest, arm_speed_most));
+      return tl::unexpected(
+          fmt::format("{}: velocity_rad_s reaches {:.4g} rad/s, where a joint turns at up to {:g}; are these degrees "
+                      "per second, or the motor's?",
+                      file.string(), fastest, arm_speed_most));
     if (std::inner_product(c[1].begin(), c[1].end(), c[2].begin(), 0.0) < 0)
-      return tl::unexpected(fmt::format("{}: torque_nm mostly drives the motion; friction is counted positive when it opposes positive motion", file.string()));
-    all.recordings.push_back({.time_s = c[0], .velocity_rad_s = c[1], .torque_nm = c[2], .temperature_degC = c[3], .load_nm = c[4]});
+      return tl::unexpected(fmt::format(
+          "{}: torque_nm mostly drives the motion; friction is counted positive when it opposes positive motion",
+          file.string()));
+    all.recordings.push_back(
+        {.time_s = c[0], .velocity_rad_s = c[1], .torque_nm = c[2], .temperature_degC = c[3], .load_nm = c[4]});
   }
   return all;
 }
 
-tl::expected<BristleFit, std::string> fit_bristles(const drive::Drive& drive, std::span<const SlidingRecording> recordings, unsigned threads) {
+tl::expected<BristleFit, std::string> fit_bristles(const drive::Drive& drive,
+                                                   std::span<const SlidingRecording> recordings, unsigned threads) {
   BristleFit result;
   std::vector<double> torque;
   double fastest = 0, travel = 0, breakaway = 0;
@@ -94,17 +111,27 @@ tl::expected<BristleFit, std::string> fit_bristles(const drive::Drive& drive, st
       fastest = std::max(fastest, std::abs(r.velocity_rad_s[i]) * drive.speed_scale());
     }
     travel = std::max(travel, (highest - lowest) * drive.speed_scale());
-    breakaway = std::max(breakaway, drive::level(drive, friction::at_temperature(drive.law, temperature_of(r, 0)), 0, load_of(r, 0) / drive.torque_max_nm).weakening);
+    breakaway = std::max(breakaway, drive::level(drive, friction::at_temperature(drive.law, temperature_of(r, 0)), 0,
+                                                 load_of(r, 0) / drive.torque_max_nm)
+                                        .weakening);
   }
-  if (!(fastest > 0)) return tl::unexpected(std::string("the speed is 0 in every sample: bristles must bend to be known"));
-  if (!(breakaway > 0)) return tl::unexpected(std::string("the static law has no friction at standstill, and bristles nothing to hold"));
+  if (!(fastest > 0))
+    return tl::unexpected(std::string("the speed is 0 in every sample: bristles must bend to be known"));
+  if (!(breakaway > 0))
+    return tl::unexpected(std::string("the static law has no friction at standstill, and bristles nothing to hold"));
   constexpr std::size_t least = 50;
-  if (torque.size() < least) return tl::unexpected(fmt::format("{} samples cannot tell sigma0, sigma1 and vd: record {} or more", torque.size(), least));
+  if (torque.size() < least)
+    return tl::unexpected(
+        fmt::format("{} samples cannot tell sigma0, sigma1 and vd: record {} or more", torque.size(), least));
 
   const auto starts_of = static_cast<Index>(recordings.size());
   Simulated model{.measured = Eigen::Map<const VectorXd>(torque.data(), static_cast<Index>(torque.size())),
                   .predict = [&](const VectorXd& at) { return predict(drive, recordings, at); },
-                  .low = VectorXd(first_start + starts_of), .high = VectorXd(first_start + starts_of), .linear_free = {true}, .linear_low = 0, .threads = threads};
+                  .low = VectorXd(first_start + starts_of),
+                  .high = VectorXd(first_start + starts_of),
+                  .linear_free = {true},
+                  .linear_low = 0,
+                  .threads = threads};
   // The way over which bristles bend up to breakaway, against the way that was recorded.
   const auto sigma0_at = [&](double share) { return std::log(breakaway / (share * travel)); };
   model.low << sigma0_at(100), std::log(1e-5 * fastest), VectorXd::Constant(starts_of, -1);
@@ -124,28 +151,34 @@ tl::expected<BristleFit, std::string> fit_bristles(const drive::Drive& drive, st
     for (std::size_t i = 0; i < r.time_s.size(); ++i) {
       const double v = r.velocity_rad_s[i];
       if (v == 0) continue;
-      const auto level = drive::level(drive, friction::at_temperature(drive.law, temperature_of(r, i)), v * drive.speed_scale(), load_of(r, i) / drive.torque_max_nm);
+      const auto level = drive::level(drive, friction::at_temperature(drive.law, temperature_of(r, i)),
+                                      v * drive.speed_scale(), load_of(r, i) / drive.torque_max_nm);
       of_law += std::pow(r.torque_nm[i] - std::copysign(level.total() * drive.torque_scale_nm(), v), 2);
     }
   // As much as three numbers and the starts would take away by chance once in some ten thousand recordings.
   const double by_chance = 22 + 3 * static_cast<double>(starts_of);
   if (!(of_law - found.cost > by_chance * found.cost / n))
-    return tl::unexpected(fmt::format("there is no pre-sliding in these data: the static law alone predicts the torque to {:.3g} Nm, with bristles it does to {:.3g} Nm; record slow reversals, many samples to each", std::sqrt(of_law / n),
-                                      std::sqrt(found.cost / n)));
+    return tl::unexpected(
+        fmt::format("there is no pre-sliding in these data: the static law alone predicts the torque to {:.3g} Nm, "
+                    "with bristles it does to {:.3g} Nm; record slow reversals, many samples to each",
+                    std::sqrt(of_law / n), std::sqrt(found.cost / n)));
 
   const Worth is_worth = worth(model, found);
-  result.bristles = {.sigma0 = std::exp(found.nonlinear(log_sigma0)), .sigma1 = found.linear(0), .vd = std::exp(found.nonlinear(log_vd))};
+  result.bristles = {.sigma0 = std::exp(found.nonlinear(log_sigma0)),
+                     .sigma1 = found.linear(0),
+                     .vd = std::exp(found.nonlinear(log_vd))};
   const auto& b = result.bristles;
   Eigen::MatrixXd to = Eigen::MatrixXd::Zero(3, is_worth.covariance.cols());
   const bool normalised = drive.law.info->normalised;
   const auto add = [&](const char* name, const char* unit, double value, Index coordinate, double slope) {
     to(static_cast<Index>(result.parameters.size()), coordinate) = slope;
-    result.parameters.push_back({.name = name, .unit = unit, .value = value, .status = is_worth.status[static_cast<std::size_t>(coordinate)]});
+    result.parameters.push_back(
+        {.name = name, .unit = unit, .value = value, .status = is_worth.status[static_cast<std::size_t>(coordinate)]});
   };
   add("sigma0", normalised ? "1/rad" : "Nm/rad", b.sigma0, 1 + log_sigma0, b.sigma0);
   add("sigma1", normalised ? "s/rad" : "Nm s/rad", b.sigma1, 0, 1);
   add("vd", "rad/s", b.vd, 1 + log_vd, b.vd);
-  const double widest[] = {0.5 * b.sigma0, 0.5 * b.sigma1, 0.5 * b.vd};   // not 0 by two sigma is the least to ask for
+  const double widest[] = {0.5 * b.sigma0, 0.5 * b.sigma1, 0.5 * b.vd};  // not 0 by two sigma is the least to ask for
   conclude(model, found, is_worth, to, widest, result);
   // The edges of the search are far beyond what was recorded: there, a number has no effect any more.
   for (const auto& e : result.parameters)

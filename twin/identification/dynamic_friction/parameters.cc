@@ -1,17 +1,17 @@
-#include <tribotwin/twin/identification/dynamic_friction/parameters.hpp>
-
 #include <cmath>
 #include <sstream>
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
+#include <tribotwin/twin/identification/dynamic_friction/parameters.hpp>
 #include <tribotwin/twin/io/input.hpp>
 
 namespace tribotwin::twin::identification {
 namespace {
 
-constexpr std::pair<Status, std::string_view> statuses[] = {{Status::estimated, "estimated"}, {Status::fixed, "fixed"}, {Status::held, "held"}, {Status::at_bound, "at_bound"}};
+constexpr std::pair<Status, std::string_view> statuses[] = {
+    {Status::estimated, "estimated"}, {Status::fixed, "fixed"}, {Status::held, "held"}, {Status::at_bound, "at_bound"}};
 
 std::string_view name_of(Status status) {
   for (const auto& [s, name] : statuses)
@@ -40,45 +40,61 @@ std::string results(const Estimates& found, const std::string& range, const std:
   std::string sigmas, intervals, correlations;
   for (std::size_t i = 0; i < found.parameters.size(); ++i) {
     const Estimate& e = found.parameters[i];
-    if (std::isfinite(e.low) && std::isfinite(e.high)) intervals += fmt::format("  {}: [{}, {}]\n", e.name, e.low, e.high);
+    if (std::isfinite(e.low) && std::isfinite(e.high))
+      intervals += fmt::format("  {}: [{}, {}]\n", e.name, e.low, e.high);
     if (!std::isfinite(e.sigma)) continue;
     sigmas += fmt::format("  {}: {}\n", e.name, e.sigma);
     std::vector<std::string> row;
     for (std::size_t j = 0; j < found.parameters.size(); ++j)
-      if (std::isfinite(found.parameters[j].sigma)) row.push_back(fmt::format("{:.6g}", std::isfinite(found.correlation(i, j)) ? found.correlation(i, j) : i == j ? 1.0 : 0.0));
+      if (std::isfinite(found.parameters[j].sigma))
+        row.push_back(fmt::format("{:.6g}", std::isfinite(found.correlation(i, j)) ? found.correlation(i, j)
+                                            : i == j                               ? 1.0
+                                                                                   : 0.0));
     correlations += fmt::format("  {}: [{}]\n", e.name, fmt::join(row, ", "));
   }
-  s += block("sigma:   # one standard deviation of those that were estimated", sigmas) + block("confidence_95:", intervals) + block("correlation:   # in the order of sigma", correlations);
+  s += block("sigma:   # one standard deviation of those that were estimated", sigmas) +
+       block("confidence_95:", intervals) + block("correlation:   # in the order of sigma", correlations);
   if (!range.empty()) s += fmt::format("range: {{{}}}\n", range);
-  s += fmt::format("residual: {{mean: {}, std: {}, max_abs: {}}}\nsamples: {}\n", found.residual.mean, found.residual.std, found.residual.max_abs, found.samples);
+  s += fmt::format("residual: {{mean: {}, std: {}, max_abs: {}}}\nsamples: {}\n", found.residual.mean,
+                   found.residual.std, found.residual.max_abs, found.samples);
   // Neither exists where nothing is estimated, or friction never changes.
-  for (const auto& [key, value] : {std::pair{"condition_number", found.condition_number}, {"r_squared", found.r_squared}})
+  for (const auto& [key, value] :
+       {std::pair{"condition_number", found.condition_number}, {"r_squared", found.r_squared}})
     if (std::isfinite(value)) s += fmt::format("{}: {}\n", key, value);
-  return s + fmt::format("unidentifiable: {}\ndata: {}\nnotes: {}\n", list(found.unidentifiable), list(data), list(found.notes));
+  return s + fmt::format("unidentifiable: {}\ndata: {}\nnotes: {}\n", list(found.unidentifiable), list(data),
+                         list(found.notes));
 }
 
 }  // namespace
 
 ParameterFile parameter_file(const Fit& fit, std::vector<std::string> data, double torque_max_nm, double gear_ratio) {
-  return {.law = fit.law, .torque_max_nm = torque_max_nm, .gear_ratio = gear_ratio, .found = fit, .data = std::move(data)};
+  return {
+      .law = fit.law, .torque_max_nm = torque_max_nm, .gear_ratio = gear_ratio, .found = fit, .data = std::move(data)};
 }
 
 std::string to_yaml(const ParameterFile& f) {
   const friction::LawInfo& info = *f.law.info;
-  std::string s = fmt::format("# {} = {}; {}\nlaw: {}\n", info.normalised ? "friction / torque_max_nm" : "friction [Nm]", info.equation, info.source, info.name);
+  std::string s =
+      fmt::format("# {} = {}; {}\nlaw: {}\n", info.normalised ? "friction / torque_max_nm" : "friction [Nm]",
+                  info.equation, info.source, info.name);
   if (f.torque_max_nm > 0) s += fmt::format("torque_max_nm: {}\n", f.torque_max_nm);
   if (f.gear_ratio > 0) s += fmt::format("gear_ratio: {}\n", f.gear_ratio);
   const auto& r = f.law.range;
   std::string range = fmt::format("speed_max_rad_s: {}", r.speed_max_rad_s);
   if (info.load_dependent) range += fmt::format(", load_max: {}", r.load_max);
-  if (info.temperature_dependent) range += fmt::format(", temperature_min_degC: {}, temperature_max_degC: {}", r.temperature_min_degC, r.temperature_max_degC);
+  if (info.temperature_dependent)
+    range += fmt::format(", temperature_min_degC: {}, temperature_max_degC: {}", r.temperature_min_degC,
+                         r.temperature_max_degC);
   return s + results(f.found, range, f.data);
 }
 
 std::string to_yaml(const HysteresisFit& fit, const std::vector<std::string>& data) {
   const auto& h = fit.hysteresis;
   return fmt::format("# {}\nlaw: bouc_wen\n", bouc_wen_equation) +
-         results(fit, fmt::format("torsion_max_rad: {}, temperature_min_degC: {}, temperature_max_degC: {}", h.torsion_max_rad, h.temperature_min_degC, h.temperature_max_degC), data);
+         results(fit,
+                 fmt::format("torsion_max_rad: {}, temperature_min_degC: {}, temperature_max_degC: {}",
+                             h.torsion_max_rad, h.temperature_min_degC, h.temperature_max_degC),
+                 data);
 }
 
 std::string to_yaml(const ParameterFile& of_law, const BristleFit& fit, const std::vector<std::string>& data) {
@@ -91,19 +107,26 @@ std::string to_yaml(const ParameterFile& of_law, const BristleFit& fit, const st
 tl::expected<void, std::string> usable(const Estimates& found, const friction::LawInfo* law) {
   std::vector<std::pair<std::string, double>> values;
   for (const auto& e : found.parameters) {
-    if (!std::isfinite(e.value)) return tl::unexpected(fmt::format("the fit gives no finite number for {}; what is in the data that no joint has?", e.name));
+    if (!std::isfinite(e.value))
+      return tl::unexpected(
+          fmt::format("the fit gives no finite number for {}; what is in the data that no joint has?", e.name));
     values.emplace_back(e.name, e.value);
   }
   const auto& r = found.residual;
-  if (!std::isfinite(r.mean) || !std::isfinite(r.std) || !std::isfinite(r.max_abs)) return tl::unexpected(std::string("the residuals of the fit are not finite; what is in the data that no joint has?"));
+  if (!std::isfinite(r.mean) || !std::isfinite(r.std) || !std::isfinite(r.max_abs))
+    return tl::unexpected(
+        std::string("the residuals of the fit are not finite; what is in the data that no joint has?"));
   if (!law) return {};
-  if (const auto made = friction::make_law(law->name, values); !made) return tl::unexpected(fmt::format("what these data give is no law that can be used: {}", made.error()));
+  if (const auto made = friction::make_law(law->name, values); !made)
+    return tl::unexpected(fmt::format("what these data give is no law that can be used: {}", made.error()));
   return {};
 }
 
 ParameterFile read_parameters(const std::filesystem::path& path) {
   Mapping m(path.string(), "", load_yaml(path));
-  m.accept({"law", "torque_max_nm", "gear_ratio", "parameters", "status", "sigma", "confidence_95", "correlation", "range", "residual", "samples", "condition_number", "r_squared", "unidentifiable", "data", "notes", "lugre"});
+  m.accept({"law", "torque_max_nm", "gear_ratio", "parameters", "status", "sigma", "confidence_95", "correlation",
+            "range", "residual", "samples", "condition_number", "r_squared", "unidentifiable", "data", "notes",
+            "lugre"});
   ParameterFile f;
   const std::string law = m.text("law");
   const friction::LawInfo* info = friction::find_law(law);
@@ -121,7 +144,8 @@ ParameterFile read_parameters(const std::filesystem::path& path) {
   auto made = friction::make_law(law, values);
   if (!made) throw InputError(fmt::format("{}: {}", path.string(), made.error()));
   f.law = *made;
-  auto status = m.mapping("status"), sigma = m.mapping("sigma"), interval = m.mapping("confidence_95"), correlation = m.mapping("correlation");
+  auto status = m.mapping("status"), sigma = m.mapping("sigma"), interval = m.mapping("confidence_95"),
+       correlation = m.mapping("correlation");
   const double unknown = std::numeric_limits<double>::quiet_NaN();
   const auto n = static_cast<Eigen::Index>(info->parameters.size());
   f.found.covariance = Eigen::MatrixXd::Constant(n, n, unknown);
@@ -129,7 +153,13 @@ ParameterFile read_parameters(const std::filesystem::path& path) {
   for (std::size_t i = 0; i < info->parameters.size(); ++i) {
     const auto& p = info->parameters[i];
     const std::string name(p.name);
-    Estimate e{.name = name, .unit = std::string(p.unit), .value = f.law.parameters[i], .sigma = unknown, .low = unknown, .high = unknown, .status = Status::fixed};
+    Estimate e{.name = name,
+               .unit = std::string(p.unit),
+               .value = f.law.parameters[i],
+               .sigma = unknown,
+               .low = unknown,
+               .high = unknown,
+               .status = Status::fixed};
     if (status && status->has(name)) {
       const std::string given = status->choice(name, {"estimated", "fixed", "held", "at_bound"});
       for (const auto& [s, text] : statuses)
@@ -150,9 +180,11 @@ ParameterFile read_parameters(const std::filesystem::path& path) {
     for (const Eigen::Index i : estimated) {
       const std::string& name = f.found.parameters[static_cast<std::size_t>(i)].name;
       const auto row = correlation->numbers(name, {-1.000001, 1.000001});
-      if (row.size() != estimated.size()) correlation->fail(name, fmt::format("must hold {} numbers, one per parameter with a sigma", estimated.size()));
+      if (row.size() != estimated.size())
+        correlation->fail(name, fmt::format("must hold {} numbers, one per parameter with a sigma", estimated.size()));
       for (std::size_t k = 0; k < row.size(); ++k)
-        f.found.covariance(i, estimated[k]) = row[k] * f.found.parameters[static_cast<std::size_t>(i)].sigma * f.found.parameters[static_cast<std::size_t>(estimated[k])].sigma;
+        f.found.covariance(i, estimated[k]) = row[k] * f.found.parameters[static_cast<std::size_t>(i)].sigma *
+                                              f.found.parameters[static_cast<std::size_t>(estimated[k])].sigma;
     }
   for (auto* part : {&status, &sigma, &interval, &correlation, &parameters})
     if (*part) (*part)->done();
@@ -180,14 +212,17 @@ ParameterFile read_parameters(const std::filesystem::path& path) {
   if (const auto lugre = m.mapping("lugre")) {
     auto values_of = Mapping(*lugre).mapping("parameters");
     if (!values_of) lugre->fail("parameters", "is missing");
-    f.bristles = drive::Bristles{.sigma0 = values_of->number("sigma0", {1e-12, 1e15}), .sigma1 = values_of->number("sigma1", {0, 1e15}), .vd = values_of->number("vd", {1e-9, 1e9})};
+    f.bristles = drive::Bristles{.sigma0 = values_of->number("sigma0", {1e-12, 1e15}),
+                                 .sigma1 = values_of->number("sigma1", {0, 1e15}),
+                                 .vd = values_of->number("vd", {1e-9, 1e9})};
     values_of->done();
   }
   m.done();
   return f;
 }
 
-tl::expected<transmission::Hysteresis, std::string> hysteresis_of(const std::filesystem::path& path, std::string name, const std::string& drive) {
+tl::expected<transmission::Hysteresis, std::string> hysteresis_of(const std::filesystem::path& path, std::string name,
+                                                                  const std::string& drive) {
   Mapping m(path.string(), "", load_yaml(path));
   transmission::Configuration keys{{"drive", drive}};
   for (const char* part : {"parameters", "range"}) {
@@ -199,7 +234,8 @@ tl::expected<transmission::Hysteresis, std::string> hysteresis_of(const std::fil
 }
 
 tl::expected<drive::Drive, std::string> drive_of(const ParameterFile& f, std::string name) {
-  if (!(f.torque_max_nm > 0)) return tl::unexpected(std::string("the file holds no torque_max_nm; give it by --tau-max"));
+  if (!(f.torque_max_nm > 0))
+    return tl::unexpected(std::string("the file holds no torque_max_nm; give it by --tau-max"));
   if (!(f.gear_ratio > 0)) return tl::unexpected(std::string("the file holds no gear_ratio; give it by --gear-ratio"));
   drive::Drive d;
   d.name = std::move(name);

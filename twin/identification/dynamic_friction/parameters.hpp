@@ -14,10 +14,10 @@
 namespace tribotwin::twin::identification {
 
 struct ParameterFile {
-  friction::Law law;                    ///< its range is that of the data
-  double torque_max_nm = 0;             ///< 0: not known
-  double gear_ratio = 0;                ///< 0: not known
-  Estimates found;                      ///< in the law's order
+  friction::Law law;         ///< its range is that of the data
+  double torque_max_nm = 0;  ///< 0: not known
+  double gear_ratio = 0;     ///< 0: not known
+  Estimates found;           ///< in the law's order
   std::vector<std::string> data;
   std::optional<drive::Bristles> bristles;
 };
@@ -28,14 +28,17 @@ std::string to_yaml(const ParameterFile& file);
 std::string to_yaml(const ParameterFile& of_law, const BristleFit& fit, const std::vector<std::string>& data);
 std::string to_yaml(const HysteresisFit& fit, const std::vector<std::string>& data);
 
-/// Fails where a number is not finite or, with a law, where the law itself refuses its parameters: a PARAMS.yaml of it could not be read.
+/// Fails where a number is not finite or, with a law, where the law itself refuses its parameters: a PARAMS.yaml of it
+/// could not be read.
 tl::expected<void, std::string> usable(const Estimates& found, const friction::LawInfo* law = nullptr);
 
 /// Throws InputError with file, key and what would be right.
 ParameterFile read_parameters(const std::filesystem::path& file);
 
-/// The spring of a PARAMS.yaml with `law: bouc_wen`, on the drive instance `drive`. Fails where a model could not load it.
-tl::expected<transmission::Hysteresis, std::string> hysteresis_of(const std::filesystem::path& file, std::string name, const std::string& drive);
+/// The spring of a PARAMS.yaml with `law: bouc_wen`, on the drive instance `drive`. Fails where a model could not load
+/// it.
+tl::expected<transmission::Hysteresis, std::string> hysteresis_of(const std::filesystem::path& file, std::string name,
+                                                                  const std::string& drive);
 
 /// A drive with this law, bristles included. Fails where torque_max_nm or gear_ratio are not known.
 tl::expected<drive::Drive, std::string> drive_of(const ParameterFile& file, std::string name);

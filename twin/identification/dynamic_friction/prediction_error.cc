@@ -1,5 +1,3 @@
-#include <tribotwin/twin/identification/dynamic_friction/prediction_error.hpp>
-
 #include <algorithm>
 #include <cmath>
 
@@ -7,6 +5,7 @@
 #include <fmt/format.h>
 
 #include <tribotwin/twin/identification/curves/separable.hpp>
+#include <tribotwin/twin/identification/dynamic_friction/prediction_error.hpp>
 #include <tribotwin/twin/numerics/correlation.hpp>
 #include <tribotwin/twin/numerics/parallel.hpp>
 
@@ -49,7 +48,8 @@ MatrixXd by_nonlinear(const Simulated& model, const VectorXd& at, const VectorXd
 
 class Residual final : public ceres::CostFunction {
  public:
-  Residual(const Simulated& model, VectorXd start, double scale) : model_(model), start_(std::move(start)), open_(sought(model)), scale_(scale) {
+  Residual(const Simulated& model, VectorXd start, double scale)
+      : model_(model), start_(std::move(start)), open_(sought(model)), scale_(scale) {
     mutable_parameter_block_sizes()->push_back(static_cast<int>(open_.size()));
     set_num_residuals(static_cast<int>(model.measured.size()));
   }
@@ -67,8 +67,10 @@ class Residual final : public ceres::CostFunction {
     MatrixXd D = by_nonlinear(model_, at, now.linear);
     // A linear number at its bound does not give way.
     const MatrixXd B = open_basis(model_, model_.predict(at).basis);
-    if (now.linear.size() != 1 || now.linear(0) > model_.linear_low) D -= B * (pseudo_inverse(B.transpose() * B) * (B.transpose() * D));
-    Eigen::Map<Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>>(jacobians[0], D.rows(), D.cols()) = -scale_ * D;
+    if (now.linear.size() != 1 || now.linear(0) > model_.linear_low)
+      D -= B * (pseudo_inverse(B.transpose() * B) * (B.transpose() * D));
+    Eigen::Map<Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>>(jacobians[0], D.rows(),
+                                                                                       D.cols()) = -scale_ * D;
     return true;
   }
 
@@ -131,8 +133,9 @@ Simulation search(const Simulated& few, const Simulated& all, const std::vector<
   std::ranges::sort(tried);
   Simulation best = simulate(few, starts[tried[0].second]);
   for (std::size_t i = 0; i < std::min(followed, tried.size()); ++i)
-    if (Simulation found = descend(few, starts[tried[i].second], rough); found.cost < best.cost) best = std::move(found);
-  return descend(all, best.nonlinear, 1e-5 / static_cast<double>(all.measured.size()));   // some thousandths of a sigma
+    if (Simulation found = descend(few, starts[tried[i].second], rough); found.cost < best.cost)
+      best = std::move(found);
+  return descend(all, best.nonlinear, 1e-5 / static_cast<double>(all.measured.size()));  // some thousandths of a sigma
 }
 
 Worth worth(const Simulated& model, const Simulation& minimum) {
@@ -145,13 +148,16 @@ Worth worth(const Simulated& model, const Simulation& minimum) {
   for (std::size_t k = 0; k < open.size(); ++k) S.col(linear + open[k]) = D.col(static_cast<Index>(k));
   const MatrixXd H = S.transpose() * S;
 
-  Worth result{.covariance = MatrixXd::Constant(count, count, std::nan("")), .status = std::vector<Status>(static_cast<std::size_t>(count), Status::held), .effect = {}};
+  Worth result{.covariance = MatrixXd::Constant(count, count, std::nan("")),
+               .status = std::vector<Status>(static_cast<std::size_t>(count), Status::held),
+               .effect = {}};
   for (Index i = 0; i < count; ++i) result.effect.push_back(std::sqrt(H(i, i) / rows));
   // Cholesky, first come, first served: a pivot that vanishes belongs to a column in the span of those before it.
   std::vector<Index> kept;
   for (Index i = 0; i < count; ++i) {
     Status& status = result.status[static_cast<std::size_t>(i)];
-    if (i < linear ? !model.linear_free[static_cast<std::size_t>(i)] : model.low(i - linear) == model.high(i - linear)) continue;
+    if (i < linear ? !model.linear_free[static_cast<std::size_t>(i)] : model.low(i - linear) == model.high(i - linear))
+      continue;
     const double value = i < linear ? minimum.linear(i) : minimum.nonlinear(i - linear);
     if (i < linear ? value <= model.linear_low : value <= model.low(i - linear) || value >= model.high(i - linear)) {
       status = Status::at_bound;
@@ -171,14 +177,18 @@ Worth worth(const Simulated& model, const Simulation& minimum) {
   result.covariance(kept, kept) = inverse;
   if (!kept.empty()) {
     const VectorXd unit = open_H.diagonal().cwiseSqrt().cwiseInverse();
-    const VectorXd eigenvalues = Eigen::SelfAdjointEigenSolver<MatrixXd>(unit.asDiagonal() * open_H * unit.asDiagonal(), Eigen::EigenvaluesOnly).eigenvalues();
+    const VectorXd eigenvalues =
+        Eigen::SelfAdjointEigenSolver<MatrixXd>(unit.asDiagonal() * open_H * unit.asDiagonal(), Eigen::EigenvaluesOnly)
+            .eigenvalues();
     result.condition_number = std::sqrt(eigenvalues.maxCoeff() / std::max(eigenvalues.minCoeff(), 1e-300));
   }
   return result;
 }
 
-void conclude(const Simulated& model, const Simulation& minimum, const Worth& worth, const MatrixXd& to, std::span<const double> widest, Estimates& result) {
-  constexpr double quantile = 1.959964, nan = std::numeric_limits<double>::quiet_NaN();   // time series are long: Student's is normal
+void conclude(const Simulated& model, const Simulation& minimum, const Worth& worth, const MatrixXd& to,
+              std::span<const double> widest, Estimates& result) {
+  constexpr double quantile = 1.959964,
+                   nan = std::numeric_limits<double>::quiet_NaN();  // time series are long: Student's is normal
   result.condition_number = worth.condition_number;
   result.covariance = to * worth.covariance.unaryExpr([](double c) { return std::isnan(c) ? 0 : c; }) * to.transpose();
   for (std::size_t i = 0; i < result.parameters.size(); ++i) {
@@ -187,8 +197,12 @@ void conclude(const Simulated& model, const Simulation& minimum, const Worth& wo
     if (e.status != Status::estimated) {
       result.covariance.row(k).setConstant(nan), result.covariance.col(k).setConstant(nan);
       e.sigma = e.low = e.high = nan;
-      if (e.status == Status::held) result.unidentifiable.push_back(e.name);
-      else result.notes.push_back(fmt::format("{} = {:.6g} is at the edge of its range; the sigmas of the others hold only if it belongs there", e.name, e.value));
+      if (e.status == Status::held)
+        result.unidentifiable.push_back(e.name);
+      else
+        result.notes.push_back(fmt::format(
+            "{} = {:.6g} is at the edge of its range; the sigmas of the others hold only if it belongs there", e.name,
+            e.value));
       continue;
     }
     ++result.estimated;
@@ -198,7 +212,7 @@ void conclude(const Simulated& model, const Simulation& minimum, const Worth& wo
     if (e.sigma > widest[i]) result.unidentifiable.push_back(e.name);
   }
   const VectorXd& r = minimum.residual;
-  const auto n = static_cast<double>(r.size()), p = static_cast<double>(result.estimated) + 1;   // the variance is one
+  const auto n = static_cast<double>(r.size()), p = static_cast<double>(result.estimated) + 1;  // the variance is one
   result.samples = static_cast<std::size_t>(r.size());
   result.cost = minimum.cost;
   result.residual.mean = r.mean();
@@ -207,9 +221,16 @@ void conclude(const Simulated& model, const Simulation& minimum, const Worth& wo
   result.r_squared = 1 - minimum.cost / (model.measured.array() - model.measured.mean()).square().sum();
   result.aicc = n * std::log(std::max(minimum.cost, 1e-300) / n) + 2 * p + 2 * p * (p + 1) / std::max(1.0, n - p - 1);
   if (worth.correlated > 3)
-    result.notes.push_back(fmt::format("errors are alike for some {:.0f} samples on end, which the sigmas allow for: the model does not follow these data, or the torque was filtered", worth.correlated));
-  if (std::abs(result.residual.mean) > 0.2 * result.residual.std) result.notes.push_back(fmt::format("the mean error is {:.3g} Nm: a sensor may have an offset", result.residual.mean));
-  if (1 - result.r_squared > 1e-3 && worth.correlated > 3) result.notes.push_back(fmt::format("normalised MSE {:.2g}: the model is no good description of these data", 1 - result.r_squared));
+    result.notes.push_back(
+        fmt::format("errors are alike for some {:.0f} samples on end, which the sigmas allow for: the model does not "
+                    "follow these data, or the torque was filtered",
+                    worth.correlated));
+  if (std::abs(result.residual.mean) > 0.2 * result.residual.std)
+    result.notes.push_back(
+        fmt::format("the mean error is {:.3g} Nm: a sensor may have an offset", result.residual.mean));
+  if (1 - result.r_squared > 1e-3 && worth.correlated > 3)
+    result.notes.push_back(
+        fmt::format("normalised MSE {:.2g}: the model is no good description of these data", 1 - result.r_squared));
 }
 
 }  // namespace tribotwin::twin::identification

@@ -10,9 +10,10 @@
 #include <tribotwin/twin/identification/estimates.hpp>
 
 /// Prediction error identification of what has a state of its own: the model is simulated along the recorded input, and
-/// what it predicts is linear in some numbers, in others not. As in separable.hpp the linear ones follow from the others
-/// (variable projection); those are searched on a grid over a thinned recording, the best starts descended there by Ceres'
-/// trust region (derivatives of Kaufman 1975, from central differences of simulations), the deepest on all samples.
+/// what it predicts is linear in some numbers, in others not. As in separable.hpp the linear ones follow from the
+/// others (variable projection); those are searched on a grid over a thinned recording, the best starts descended there
+/// by Ceres' trust region (derivatives of Kaufman 1975, from central differences of simulations), the deepest on all
+/// samples.
 namespace tribotwin::twin::identification {
 
 /// prediction = known + basis * linear.
@@ -25,14 +26,14 @@ struct Simulated {
   Eigen::VectorXd measured;
   /// Called from several threads.
   std::function<Prediction(const Eigen::VectorXd& nonlinear)> predict;
-  Eigen::VectorXd low, high;             ///< of the nonlinear numbers, which should be of the order of 1; equal: held
-  std::vector<bool> linear_free;         ///< the others are 0
-  double linear_low = -std::numeric_limits<double>::infinity();   ///< of a linear number that is the only one
+  Eigen::VectorXd low, high;      ///< of the nonlinear numbers, which should be of the order of 1; equal: held
+  std::vector<bool> linear_free;  ///< the others are 0
+  double linear_low = -std::numeric_limits<double>::infinity();  ///< of a linear number that is the only one
   unsigned threads = 1;
 };
 
 struct Simulation {
-  Eigen::VectorXd nonlinear, linear, residual;   ///< residual: measured - predicted
+  Eigen::VectorXd nonlinear, linear, residual;  ///< residual: measured - predicted
   double cost = std::numeric_limits<double>::infinity();
 };
 
@@ -44,17 +45,19 @@ Simulation search(const Simulated& few, const Simulated& all, const std::vector<
 
 /// What a minimum is worth. Numbers: the linear ones, then the nonlinear ones.
 struct Worth {
-  Eigen::MatrixXd covariance;            ///< NaN where held, at a bound or dependent
-  std::vector<Status> status;            ///< estimated, at_bound, or held: by the caller, or for the others can stand in for it
+  Eigen::MatrixXd covariance;  ///< NaN where held, at a bound or dependent
+  std::vector<Status> status;  ///< estimated, at_bound, or held: by the caller, or for the others can stand in for it
   double condition_number = 0;
-  double correlated = 1;                 ///< samples that are worth one independent
-  std::vector<double> effect;            ///< root mean square of what one unit of the number does to the prediction
+  double correlated = 1;       ///< samples that are worth one independent
+  std::vector<double> effect;  ///< root mean square of what one unit of the number does to the prediction
 };
 /// Variance of the residuals, times how many samples are worth one that is independent, times [sum psi psi^T]^-1.
 Worth worth(const Simulated& model, const Simulation& minimum);
 
-/// Completes `result`, whose parameters have values and statuses: their covariance is `to` times that of `worth`. A number with a
-/// sigma above its place in `widest` is called unidentifiable. Statistics of the residuals and what they say are added.
-void conclude(const Simulated& model, const Simulation& minimum, const Worth& worth, const Eigen::MatrixXd& to, std::span<const double> widest, Estimates& result);
+/// Completes `result`, whose parameters have values and statuses: their covariance is `to` times that of `worth`. A
+/// number with a sigma above its place in `widest` is called unidentifiable. Statistics of the residuals and what they
+/// say are added.
+void conclude(const Simulated& model, const Simulation& minimum, const Worth& worth, const Eigen::MatrixXd& to,
+              std::span<const double> widest, Estimates& result);
 
 }  // namespace tribotwin::twin::identification

@@ -1,10 +1,10 @@
-#include <tribotwin/twin/identification/rigid_body/consistency.hpp>
-
 #include <algorithm>
 #include <cmath>
 
 #include <boost/math/distributions/chi_squared.hpp>
 #include <ceres/ceres.h>
+
+#include <tribotwin/twin/identification/rigid_body/consistency.hpp>
 
 namespace tribotwin::twin::identification {
 namespace {
@@ -20,14 +20,16 @@ using Ten = Eigen::Matrix<double, per_body, 1>;
 /// Pseudo-inertia to Ixx Ixy Ixz Iyy Iyz Izz mx my mz m: linear.
 Ten parameters_of(const Matrix4d& J) {
   Ten p;
-  p << J(1, 1) + J(2, 2), -J(0, 1), -J(0, 2), J(0, 0) + J(2, 2), -J(1, 2), J(0, 0) + J(1, 1), J(0, 3), J(1, 3), J(2, 3), J(3, 3);
+  p << J(1, 1) + J(2, 2), -J(0, 1), -J(0, 2), J(0, 0) + J(2, 2), -J(1, 2), J(0, 0) + J(1, 1), J(0, 3), J(1, 3), J(2, 3),
+      J(3, 3);
   return p;
 }
 
 Matrix4d pseudo_inertia(const Ten& p) {
   const double half = 0.5 * (p(0) + p(3) + p(5));
   Matrix4d J;
-  J << half - p(0), -p(1), -p(2), p(6), -p(1), half - p(3), -p(4), p(7), -p(2), -p(4), half - p(5), p(8), p(6), p(7), p(8), p(9);
+  J << half - p(0), -p(1), -p(2), p(6), -p(1), half - p(3), -p(4), p(7), -p(2), -p(4), half - p(5), p(8), p(6), p(7),
+      p(8), p(9);
   return J;
 }
 
@@ -62,7 +64,8 @@ VectorXd physical(const double* x, Index count, Index bodies, MatrixXd* by) {
 /// Rows W (from_all phi(x) - beta), then (phi(x) - model's) weakly.
 class Mismatch final : public ceres::CostFunction {
  public:
-  Mismatch(MatrixXd W, const BaseParameters& base, const VectorXd& beta, VectorXd model, VectorXd weak, Index bodies) : A_(W * base.from_all), b_(W * beta), model_(std::move(model)), weak_(std::move(weak)), bodies_(bodies) {
+  Mismatch(MatrixXd W, const BaseParameters& base, const VectorXd& beta, VectorXd model, VectorXd weak, Index bodies)
+      : A_(W * base.from_all), b_(W * beta), model_(std::move(model)), weak_(std::move(weak)), bodies_(bodies) {
     set_num_residuals(static_cast<int>(b_.size() + model_.size()));
     mutable_parameter_block_sizes()->push_back(static_cast<int>(model_.size()));
   }
@@ -72,7 +75,11 @@ class Mismatch final : public ceres::CostFunction {
     MatrixXd by;
     const VectorXd phi = physical(x[0], model_.size(), bodies_, wanted ? &by : nullptr);
     Eigen::Map<VectorXd>(residuals, b_.size() + model_.size()) << A_ * phi - b_, weak_.cwiseProduct(phi - model_);
-    if (wanted) Eigen::Map<Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>>(jacobians[0], b_.size() + model_.size(), model_.size()) << A_ * by, weak_.asDiagonal() * by;
+    if (wanted)
+      Eigen::Map<Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>>(
+          jacobians[0], b_.size() + model_.size(), model_.size())
+          << A_ * by,
+          weak_.asDiagonal() * by;
     return true;
   }
 
@@ -84,7 +91,8 @@ class Mismatch final : public ceres::CostFunction {
 
 }  // namespace
 
-Consistency nearest_consistent(const Regressor& regressor, const BaseParameters& base, const VectorXd& beta, const MatrixXd& information) {
+Consistency nearest_consistent(const Regressor& regressor, const BaseParameters& base, const VectorXd& beta,
+                               const MatrixXd& information) {
   const VectorXd model = regressor.model_parameters();
   const Index count = model.size(), bodies = (count - regressor.joints()) / per_body;
   VectorXd x(count), weak(count);
@@ -97,7 +105,8 @@ Consistency nearest_consistent(const Regressor& regressor, const BaseParameters&
     for (int k = 0; k < per_body; ++k) x(per_body * b + k) = L(lower[k][0], lower[k][1]);
     weak.segment<per_body>(per_body * b).setConstant(1e-4 / (1e-3 + p.cwiseAbs().maxCoeff()));
   }
-  for (Index k = per_body * bodies; k < count; ++k) x(k) = std::sqrt(std::max(model(k), 1e-6)), weak(k) = 1e-4 / (1e-3 + model(k));
+  for (Index k = per_body * bodies; k < count; ++k)
+    x(k) = std::sqrt(std::max(model(k), 1e-6)), weak(k) = 1e-4 / (1e-3 + model(k));
 
   const Eigen::SelfAdjointEigenSolver<MatrixXd> eigen(information);
   const MatrixXd root = eigen.eigenvalues().cwiseMax(0).cwiseSqrt().asDiagonal() * eigen.eigenvectors().transpose();
@@ -115,7 +124,8 @@ Consistency nearest_consistent(const Regressor& regressor, const BaseParameters&
   out.parameters = physical(x.data(), count, bodies, nullptr);
   out.base = base.from_all * out.parameters;
   out.distance_sigma = (root * (out.base - beta)).norm();
-  out.possible = out.distance_sigma * out.distance_sigma < boost::math::quantile(boost::math::chi_squared(static_cast<double>(base.size())), 0.95);
+  out.possible = out.distance_sigma * out.distance_sigma <
+                 boost::math::quantile(boost::math::chi_squared(static_cast<double>(base.size())), 0.95);
   return out;
 }
 

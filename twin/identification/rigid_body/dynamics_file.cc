@@ -1,11 +1,10 @@
-#include <tribotwin/twin/identification/rigid_body/dynamics_file.hpp>
-
 #include <algorithm>
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
 #include <tribotwin/twin/identification/estimates_file.hpp>
+#include <tribotwin/twin/identification/rigid_body/dynamics_file.hpp>
 #include <tribotwin/twin/identification/thermal/thermal_file.hpp>
 #include <tribotwin/twin/io/input.hpp>
 
@@ -13,12 +12,16 @@ namespace tribotwin::twin::identification {
 
 using Eigen::Index;
 
-std::string to_yaml(const DynamicsFit& fit, const BaseParameters& base, const friction::LawInfo& law, const Regressor& regressor, const Consistency& consistency, const std::vector<std::string>& data, const std::string& model, std::span<const thermal::Model> thermal) {
+std::string to_yaml(const DynamicsFit& fit, const BaseParameters& base, const friction::LawInfo& law,
+                    const Regressor& regressor, const Consistency& consistency, const std::vector<std::string>& data,
+                    const std::string& model, std::span<const thermal::Model> thermal) {
   YAML::Emitter out;
   out.SetDoublePrecision(17);
-  out << YAML::BeginMap << YAML::Key << "model" << YAML::Value << model << YAML::Key << "data" << YAML::Value << YAML::Flow << data;
+  out << YAML::BeginMap << YAML::Key << "model" << YAML::Value << model << YAML::Key << "data" << YAML::Value
+      << YAML::Flow << data;
   out << YAML::Key << "friction_law" << YAML::Value << std::string(law.name);
-  out << YAML::Key << "relative_error" << YAML::Value << fit.relative_error << YAML::Key << "condition_number" << YAML::Value << fit.condition_number;
+  out << YAML::Key << "relative_error" << YAML::Value << fit.relative_error << YAML::Key << "condition_number"
+      << YAML::Value << fit.condition_number;
   out << YAML::Key << "base_parameters" << YAML::Value << YAML::BeginMap;
   for (std::size_t k = 0; k < fit.base.size(); ++k) write(out, fit.base[k], base.parameters[k].group);
   out << YAML::EndMap << YAML::Key << "friction" << YAML::Value << YAML::BeginMap;
@@ -39,11 +42,15 @@ std::string to_yaml(const DynamicsFit& fit, const BaseParameters& base, const fr
   }
   out << YAML::Key << "noise" << YAML::Value << YAML::BeginMap;
   for (const auto& joint : fit.joints) out << YAML::Key << joint.name << YAML::Value << joint.noise;
-  out << YAML::EndMap << YAML::Key << "physically_possible" << YAML::Value << consistency.possible << YAML::Key << "distance_sigma" << YAML::Value << consistency.distance_sigma;
+  out << YAML::EndMap << YAML::Key << "physically_possible" << YAML::Value << consistency.possible << YAML::Key
+      << "distance_sigma" << YAML::Value << consistency.distance_sigma;
   out << YAML::Key << "nearest_consistent" << YAML::Value << YAML::BeginMap;
-  for (std::size_t c = 0; c < regressor.columns().size(); ++c) out << YAML::Key << regressor.columns()[c].name << YAML::Value << consistency.parameters(static_cast<Index>(c));
+  for (std::size_t c = 0; c < regressor.columns().size(); ++c)
+    out << YAML::Key << regressor.columns()[c].name << YAML::Value << consistency.parameters(static_cast<Index>(c));
   out << YAML::EndMap << YAML::EndMap;
-  return "# A robot's dynamics by tribotwin dynamics; torques arm side, base parameters as groups of inertial parameters\n" + std::string(out.c_str()) + "\n";
+  return "# A robot's dynamics by tribotwin dynamics; torques arm side, base parameters as groups of inertial "
+         "parameters\n" +
+         std::string(out.c_str()) + "\n";
 }
 
 const friction::LawInfo& dynamics_law(const std::string& name, const std::string& where) {
@@ -53,20 +60,24 @@ const friction::LawInfo& dynamics_law(const std::string& name, const std::string
     if (law.name == name) return law;
     names.push_back(law.name);
   }
-  throw InputError(fmt::format("{} '{}': no such friction; did you mean '{}'? There are {}", where, name, friction::nearest(name, names), fmt::join(names, ", ")));
+  throw InputError(fmt::format("{} '{}': no such friction; did you mean '{}'? There are {}", where, name,
+                               friction::nearest(name, names), fmt::join(names, ", ")));
 }
 
 DynamicsFile read_dynamics(const std::filesystem::path& file, const Regressor& regressor, const BaseParameters& base) {
   Mapping in(file.string(), "", load_yaml(file));
-  in.accept({"model", "data", "friction_law", "relative_error", "condition_number", "base_parameters", "friction", "thermal", "noise", "physically_possible", "distance_sigma", "nearest_consistent"});
+  in.accept({"model", "data", "friction_law", "relative_error", "condition_number", "base_parameters", "friction",
+             "thermal", "noise", "physically_possible", "distance_sigma", "nearest_consistent"});
   DynamicsFile out;
   out.law = &dynamics_law(in.text("friction_law"), file.string() + ": friction_law");
   auto parameters = in.mapping("base_parameters");
   if (!parameters) in.fail("base_parameters", "is missing: this is no file of tribotwin dynamics");
   out.parameters.base.resize(base.size());
   for (const auto& name : parameters->names())
-    if (std::ranges::find(base.parameters, name, &BaseParameters::Parameter::name) == base.parameters.end()) parameters->fail(name, "is no base parameter of the model; the file is one of another robot");
-  for (Index k = 0; k < base.size(); ++k) out.parameters.base(k) = read_estimate(*parameters, base.parameters[static_cast<std::size_t>(k)].name);
+    if (std::ranges::find(base.parameters, name, &BaseParameters::Parameter::name) == base.parameters.end())
+      parameters->fail(name, "is no base parameter of the model; the file is one of another robot");
+  for (Index k = 0; k < base.size(); ++k)
+    out.parameters.base(k) = read_estimate(*parameters, base.parameters[static_cast<std::size_t>(k)].name);
   auto friction = in.mapping("friction");
   if (!friction) in.fail("friction", "is missing: a mapping of joints");
   for (Index j = 0; j < regressor.joints(); ++j) {
@@ -80,7 +91,8 @@ DynamicsFile read_dynamics(const std::filesystem::path& file, const Regressor& r
   if (auto thermal = in.mapping("thermal")) {
     for (Index j = 0; j < regressor.joints(); ++j) {
       auto joint = thermal->mapping(regressor.joint_name(j));
-      if (!joint) thermal->fail(regressor.joint_name(j), "is missing: every joint of the model needs its thermal model");
+      if (!joint)
+        thermal->fail(regressor.joint_name(j), "is missing: every joint of the model needs its thermal model");
       out.thermal.push_back(read_model(*joint));
     }
     thermal->done();

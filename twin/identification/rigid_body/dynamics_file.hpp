@@ -13,12 +13,14 @@
 namespace tribotwin::twin::identification {
 
 /// `thermal`: per joint, or none.
-std::string to_yaml(const DynamicsFit& fit, const BaseParameters& base, const friction::LawInfo& law, const Regressor& regressor, const Consistency& consistency, const std::vector<std::string>& data, const std::string& model, std::span<const thermal::Model> thermal = {});
+std::string to_yaml(const DynamicsFit& fit, const BaseParameters& base, const friction::LawInfo& law,
+                    const Regressor& regressor, const Consistency& consistency, const std::vector<std::string>& data,
+                    const std::string& model, std::span<const thermal::Model> thermal = {});
 
 struct DynamicsFile {
   const friction::LawInfo* law = nullptr;
   RobotParameters parameters;
-  std::vector<thermal::Model> thermal;   ///< per joint; empty: not known
+  std::vector<thermal::Model> thermal;  ///< per joint; empty: not known
 };
 
 /// Throws InputError with file, key and what would be right: also where the file is one of another robot.

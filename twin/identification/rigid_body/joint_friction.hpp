@@ -12,13 +12,14 @@
 /// Friction of one joint as a term of the robot's dynamics: value and exact derivatives by its parameters.
 namespace tribotwin::twin::identification {
 
-/// Coulomb and viscous friction with an offset of the torque, Fc sgn(v) + Fv v + offset [Nm; N], v of the joint: the law
-/// whose parameters are all linear. It is no law of a drive: a sensor's offset is none of the gear's.
+/// Coulomb and viscous friction with an offset of the torque, Fc sgn(v) + Fv v + offset [Nm; N], v of the joint: the
+/// law whose parameters are all linear. It is no law of a drive: a sensor's offset is none of the gear's.
 const friction::LawInfo& coulomb_viscous();
 
 class JointFriction {
  public:
-  /// Scales turn joint speeds [rad/s; m/s] into the law's and its torques into Nm; torque_max_nm turns loads into load_norm.
+  /// Scales turn joint speeds [rad/s; m/s] into the law's and its torques into Nm; torque_max_nm turns loads into
+  /// load_norm.
   struct Scales {
     double speed = 1, torque = 1, torque_max_nm = 1;
   };
@@ -28,9 +29,10 @@ class JointFriction {
   const Scales& scales() const { return scales_; }
   Eigen::Index size() const { return static_cast<Eigen::Index>(law_->parameters.size()); }
 
-  /// Torque [Nm; N] at joint speed, load |tau_m| [Nm] and temperature [degC], and its derivatives by the parameters where
-  /// `derivatives` is not null. For speeds other than 0.
-  double torque(std::span<const double> parameters, double speed, double load_nm, double temperature_degC, double* derivatives = nullptr) const;
+  /// Torque [Nm; N] at joint speed, load |tau_m| [Nm] and temperature [degC], and its derivatives by the parameters
+  /// where `derivatives` is not null. For speeds other than 0.
+  double torque(std::span<const double> parameters, double speed, double load_nm, double temperature_degC,
+                double* derivatives = nullptr) const;
 
  private:
   const friction::LawInfo* law_;

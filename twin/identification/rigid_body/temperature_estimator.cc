@@ -1,9 +1,9 @@
-#include <tribotwin/twin/identification/rigid_body/temperature_estimator.hpp>
-
 #include <algorithm>
 #include <cmath>
 
 #include <fmt/format.h>
+
+#include <tribotwin/twin/identification/rigid_body/temperature_estimator.hpp>
 
 namespace tribotwin::twin::identification {
 namespace {
@@ -12,16 +12,19 @@ using Eigen::Index, Eigen::MatrixXd;
 
 /// One segment of motion of one joint, as heat: where the filter took the ends, its first and last sample go on.
 struct Stretch {
-  Index first, last;   ///< past the last sample
+  Index first, last;  ///< past the last sample
   double begin_s, end_s;
 };
 
-/// Goes on for `duration_s` with the mean power of a stretch; that this depends on the temperature is taken to first order.
-void go_on(TemperatureEstimator& joint, const Stretch& stretch, const JointMotion& motion, Index j, const MatrixXd& load, double duration_s) {
+/// Goes on for `duration_s` with the mean power of a stretch; that this depends on the temperature is taken to first
+/// order.
+void go_on(TemperatureEstimator& joint, const Stretch& stretch, const JointMotion& motion, Index j,
+           const MatrixXd& load, double duration_s) {
   const auto mean_power = [&](double temperature) {
     double work = 0;
     for (Index i = stretch.first; i < stretch.last; ++i) {
-      const double begin = i == stretch.first ? stretch.begin_s : motion.time_s[static_cast<std::size_t>(i)], end = i + 1 == stretch.last ? stretch.end_s : motion.time_s[static_cast<std::size_t>(i) + 1];
+      const double begin = i == stretch.first ? stretch.begin_s : motion.time_s[static_cast<std::size_t>(i)],
+                   end = i + 1 == stretch.last ? stretch.end_s : motion.time_s[static_cast<std::size_t>(i) + 1];
       work += joint.friction_at(motion.qd(j, i), load(j, i), temperature) * motion.qd(j, i) * (end - begin);
     }
     return work / (stretch.end_s - stretch.begin_s);
@@ -30,13 +33,18 @@ void go_on(TemperatureEstimator& joint, const Stretch& stretch, const JointMotio
   const thermal::Model& model = joint.model();
   const double fastest_s = model.order == thermal::Order::first ? model.t_s[0] : std::min(model.t_s[0], model.t_s[1]);
   const double steps = std::ceil(4 * duration_s / fastest_s);
-  for (double k = 0; k < steps; ++k) joint.heat(std::max(0.0, power + slope * (joint.temperature_degC() - T)), duration_s / steps);
+  for (double k = 0; k < steps; ++k)
+    joint.heat(std::max(0.0, power + slope * (joint.temperature_degC() - T)), duration_s / steps);
 }
 
 }  // namespace
 
-TemperatureEstimator::TemperatureEstimator(JointFriction friction, std::vector<double> parameters, const thermal::Model& model, double start_degC)
-    : friction_(std::move(friction)), parameters_(std::move(parameters)), model_(model), rise_(thermal::settled(model, start_degC - model.T_amb_degC)) {}
+TemperatureEstimator::TemperatureEstimator(JointFriction friction, std::vector<double> parameters,
+                                           const thermal::Model& model, double start_degC)
+    : friction_(std::move(friction)),
+      parameters_(std::move(parameters)),
+      model_(model),
+      rise_(thermal::settled(model, start_degC - model.T_amb_degC)) {}
 
 double TemperatureEstimator::friction_at(double speed, double load, double temperature_degC) const {
   return speed == 0 ? 0 : friction_.torque(parameters_, speed, load, temperature_degC);
@@ -47,7 +55,9 @@ void TemperatureEstimator::heat(double power_w, double dt_s) {
   thermal::step(model_, decay_, power_w, 0, rise_);
 }
 
-void estimate_temperatures(const Regressor& regressor, const BaseParameters& base, const RobotFriction& friction, const RobotParameters& parameters, std::span<const thermal::Model> models, std::span<const double> start_degC, JointMotion& motion, unsigned threads) {
+void estimate_temperatures(const Regressor& regressor, const BaseParameters& base, const RobotFriction& friction,
+                           const RobotParameters& parameters, std::span<const thermal::Model> models,
+                           std::span<const double> start_degC, JointMotion& motion, unsigned threads) {
   const MatrixXd load = gear_load(regressor, base, parameters.base, motion, threads);
   for (Index j = 0; j < regressor.joints(); ++j) {
     const auto at = static_cast<std::size_t>(j);
@@ -56,11 +66,14 @@ void estimate_temperatures(const Regressor& regressor, const BaseParameters& bas
     for (std::size_t s = 0; s < motion.segments.size(); ++s) {
       const auto stretch_of = [&](std::size_t k) {
         const auto& [first, last] = motion.segments[k];
-        return Stretch{first, last, motion.time_s[static_cast<std::size_t>(first)] - motion.edge_s[k], motion.time_s[static_cast<std::size_t>(last) - 1] + motion.edge_s[k]};
+        return Stretch{first, last, motion.time_s[static_cast<std::size_t>(first)] - motion.edge_s[k],
+                       motion.time_s[static_cast<std::size_t>(last) - 1] + motion.edge_s[k]};
       };
       const Stretch now = stretch_of(s);
-      if (s == 0 || motion.file[s] != motion.file[s - 1]) joint = cold;
-      else if (const Stretch before = stretch_of(s - 1); now.begin_s > before.end_s) go_on(joint, before, motion, j, load, now.begin_s - before.end_s);
+      if (s == 0 || motion.file[s] != motion.file[s - 1])
+        joint = cold;
+      else if (const Stretch before = stretch_of(s - 1); now.begin_s > before.end_s)
+        go_on(joint, before, motion, j, load, now.begin_s - before.end_s);
       joint.update(motion.qd(j, now.first), load(j, now.first), motion.edge_s[s]);
       for (Index i = now.first; i < now.last; ++i) {
         motion.temperature_degC(j, i) = joint.temperature_degC();
@@ -71,12 +84,16 @@ void estimate_temperatures(const Regressor& regressor, const BaseParameters& bas
   }
 }
 
-tl::expected<DynamicsFit, std::string> fit_warming_dynamics(const Regressor& regressor, const BaseParameters& base, const RobotFriction& friction, std::span<const thermal::Model> models, JointMotion& motion, const DynamicsOptions& options) {
+tl::expected<DynamicsFit, std::string> fit_warming_dynamics(const Regressor& regressor, const BaseParameters& base,
+                                                            const RobotFriction& friction,
+                                                            std::span<const thermal::Model> models, JointMotion& motion,
+                                                            const DynamicsOptions& options) {
   constexpr int most_rounds = 10;
   constexpr double agree_K = 0.1;
   std::vector<double> start_degC;
   for (const auto& m : models) start_degC.push_back(m.T_amb_degC);
-  motion.temperature_degC.colwise() = Eigen::Map<const Eigen::VectorXd>(start_degC.data(), static_cast<Index>(start_degC.size()));
+  motion.temperature_degC.colwise() =
+      Eigen::Map<const Eigen::VectorXd>(start_degC.data(), static_cast<Index>(start_degC.size()));
   for (int round = 0;; ++round) {
     auto fit = fit_dynamics(regressor, base, friction, motion, options);
     if (!fit) return fit;

@@ -1,16 +1,17 @@
-#include <tribotwin/twin/identification/rigid_body/wrench.hpp>
-
 #include <limits>
 #include <vector>
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
+#include <tribotwin/twin/identification/rigid_body/wrench.hpp>
+
 namespace tribotwin::twin::identification {
 
 using Eigen::Index, Eigen::MatrixXd, Eigen::VectorXd;
 
-tl::expected<MatrixXd, std::string> external_wrench(const mujoco::Model& model, const std::string& site, const JointMotion& motion, const MatrixXd& predicted) {
+tl::expected<MatrixXd, std::string> external_wrench(const mujoco::Model& model, const std::string& site,
+                                                    const JointMotion& motion, const MatrixXd& predicted) {
   /// Directions that joints feel less than this share of the strongest are open: the arm is nearly singular.
   constexpr double weakest = 0.01;
   const mjModel* m = model.get();
@@ -19,7 +20,9 @@ tl::expected<MatrixXd, std::string> external_wrench(const mujoco::Model& model, 
     std::vector<std::string> names;
     for (int s = 0; s < m->nsite; ++s)
       if (const char* name = mj_id2name(m, mjOBJ_SITE, s)) names.emplace_back(name);
-    return tl::unexpected(fmt::format("has no site '{}'; {}", site, names.empty() ? "it has none" : fmt::format("its sites: {}", fmt::join(names, ", "))));
+    return tl::unexpected(
+        fmt::format("has no site '{}'; {}", site,
+                    names.empty() ? "it has none" : fmt::format("its sites: {}", fmt::join(names, ", "))));
   }
   const auto d = model.make_data();
   Eigen::Matrix<double, 6, Eigen::Dynamic, Eigen::RowMajor> J(6, m->nv);

@@ -1,5 +1,3 @@
-#include <tribotwin/twin/identification/thermal/thermal_chain.hpp>
-
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -9,6 +7,7 @@
 
 #include <tribotwin/twin/identification/estimates_file.hpp>
 #include <tribotwin/twin/identification/linearised.hpp>
+#include <tribotwin/twin/identification/thermal/thermal_chain.hpp>
 #include <tribotwin/twin/io/input.hpp>
 #include <tribotwin/twin/numerics/correlation.hpp>
 #include <tribotwin/twin/numerics/least_squares.hpp>
@@ -18,12 +17,12 @@ namespace {
 
 using Eigen::Index, Eigen::MatrixXd, Eigen::VectorXd;
 
-constexpr std::size_t most_samples = 300;   // per session: bodies of many minutes
+constexpr std::size_t most_samples = 300;  // per session: bodies of many minutes
 
 /// A session of all joints: joints x samples.
 struct Session {
   std::vector<double> time_s;
-  MatrixXd power_w, temperature_degC;   ///< power: mean since the sample before
+  MatrixXd power_w, temperature_degC;  ///< power: mean since the sample before
 };
 
 /// Means of groups of as many samples, with the mean power between their mean times.
@@ -31,7 +30,9 @@ Session averaged(std::span<const JointHeat> joints, std::size_t session, std::si
   const auto& time = joints.front().sessions[session].time_s;
   const std::size_t group = (time.size() + most - 1) / most, count = time.size() / group;
   const auto n = static_cast<Index>(joints.size());
-  Session out{.time_s = std::vector<double>(count, 0.0), .power_w = MatrixXd::Zero(n, static_cast<Index>(count)), .temperature_degC = MatrixXd::Zero(n, static_cast<Index>(count))};
+  Session out{.time_s = std::vector<double>(count, 0.0),
+              .power_w = MatrixXd::Zero(n, static_cast<Index>(count)),
+              .temperature_degC = MatrixXd::Zero(n, static_cast<Index>(count))};
   for (std::size_t i = 0; i < count * group; ++i) out.time_s[i / group] += time[i] / static_cast<double>(group);
   for (Index j = 0; j < n; ++j) {
     const HeatSession& s = joints[static_cast<std::size_t>(j)].sessions[session];
@@ -43,33 +44,40 @@ Session averaged(std::span<const JointHeat> joints, std::size_t session, std::si
       mean_work(k) += work / static_cast<double>(group);
       out.temperature_degC(j, k) += s.temperature_degC[i] / static_cast<double>(group);
     }
-    for (std::size_t k = 1; k < count; ++k) out.power_w(j, static_cast<Index>(k)) = (mean_work(static_cast<Index>(k)) - mean_work(static_cast<Index>(k) - 1)) / (out.time_s[k] - out.time_s[k - 1]);
+    for (std::size_t k = 1; k < count; ++k)
+      out.power_w(j, static_cast<Index>(k)) =
+          (mean_work(static_cast<Index>(k)) - mean_work(static_cast<Index>(k) - 1)) /
+          (out.time_s[k] - out.time_s[k - 1]);
   }
   return out;
 }
 
 /// The chain's matrix is symmetric: its modes relax on their own, each exactly.
 struct Modes {
-  MatrixXd shape;     ///< columns
+  MatrixXd shape;  ///< columns
   VectorXd rate_1_s;
 
   Modes(const VectorXd& t_s, double exchange_1_s) {
     const Index n = t_s.size();
     MatrixXd m = t_s.cwiseInverse().asDiagonal();
-    for (Index j = 0; j + 1 < n; ++j) m(j, j) += exchange_1_s, m(j + 1, j + 1) += exchange_1_s, m(j, j + 1) -= exchange_1_s, m(j + 1, j) -= exchange_1_s;
+    for (Index j = 0; j + 1 < n; ++j)
+      m(j, j) += exchange_1_s, m(j + 1, j + 1) += exchange_1_s, m(j, j + 1) -= exchange_1_s,
+          m(j + 1, j) -= exchange_1_s;
     const Eigen::SelfAdjointEigenSolver<MatrixXd> eigen(m);
     shape = eigen.eigenvectors();
     rate_1_s = eigen.eigenvalues();
   }
 
-  /// Amplitudes of the modes, modes x samples, from those at the start under constant drives [K/s] since the sample before.
+  /// Amplitudes of the modes, modes x samples, from those at the start under constant drives [K/s] since the sample
+  /// before.
   template <class Drive>
   MatrixXd amplitudes(const std::vector<double>& time_s, VectorXd x, const Drive& drive) const {
     MatrixXd out(x.size(), static_cast<Index>(time_s.size()));
     out.col(0) = x;
     for (Index k = 1; k < out.cols(); ++k) {
       const auto at = static_cast<std::size_t>(k);
-      const VectorXd loss = rate_1_s.unaryExpr([&](double rate) { return -std::expm1(-rate * (time_s[at] - time_s[at - 1])); });
+      const VectorXd loss =
+          rate_1_s.unaryExpr([&](double rate) { return -std::expm1(-rate * (time_s[at] - time_s[at - 1])); });
       x += loss.cwiseProduct(drive(k).cwiseQuotient(rate_1_s) - x);
       out.col(k) = x;
     }
@@ -102,13 +110,17 @@ class ChainProblem {
     for (std::size_t s = 0; s < sessions_.size(); ++s) {
       const Session& session = sessions_[s];
       const Index rows = session.power_w.size();
-      const auto put = [&](Index column, const MatrixXd& amplitudes) { c.col(column).segment(row, rows) = (modes.shape * amplitudes).reshaped(); };
+      const auto put = [&](Index column, const MatrixXd& amplitudes) {
+        c.col(column).segment(row, rows) = (modes.shape * amplitudes).reshaped();
+      };
       const VectorXd none = VectorXd::Zero(n_);
       for (Index j = 0; j < n_; ++j) {
         const VectorXd of_joint = modes.shape.row(j).transpose();
-        put(j, modes.amplitudes(session.time_s, none, [&](Index k) { return VectorXd(of_joint * session.power_w(j, k)); }));
+        put(j, modes.amplitudes(session.time_s, none,
+                                [&](Index k) { return VectorXd(of_joint * session.power_w(j, k)); }));
         put(n_ + j, modes.amplitudes(session.time_s, none, [&](Index) { return VectorXd(of_joint / t_s(j)); }));
-        put((2 + static_cast<Index>(s)) * n_ + j, modes.amplitudes(session.time_s, of_joint, [&](Index) { return none; }));
+        put((2 + static_cast<Index>(s)) * n_ + j,
+            modes.amplitudes(session.time_s, of_joint, [&](Index) { return none; }));
       }
       row += rows;
     }
@@ -118,7 +130,7 @@ class ChainProblem {
   /// Gains that would be negative are 0.
   VectorXd linear(MatrixXd columns) const {
     while (true) {
-      const VectorXd x = columns.colPivHouseholderQr().solve(measured_);   // 0 where a column is
+      const VectorXd x = columns.colPivHouseholderQr().solve(measured_);  // 0 where a column is
       Index worst;
       if (x.head(n_).minCoeff(&worst) >= 0) return x;
       columns.col(worst).setZero();
@@ -154,7 +166,8 @@ class ChainProblem {
 double descend(const ChainProblem& problem, VectorXd& z) {
   VectorXd low = VectorXd::Constant(z.size(), std::log(10.0)), high = VectorXd::Constant(z.size(), std::log(1e6));
   low(problem.joints()) = std::log(1e-7), high(problem.joints()) = std::log(0.1);
-  const auto residual = by_differences<ceres::FORWARD>([&problem](const VectorXd& at) { return problem.residual(at); }, z.size(), problem.samples());
+  const auto residual = by_differences<ceres::FORWARD>([&problem](const VectorXd& at) { return problem.residual(at); },
+                                                       z.size(), problem.samples());
   ceres::Solver::Options options;
   options.max_num_iterations = 40;
   options.function_tolerance = 1e-7;
@@ -166,14 +179,20 @@ double descend(const ChainProblem& problem, VectorXd& z) {
 tl::expected<ThermalChainFit, std::string> fit_thermal_chain(std::span<const JointHeat> joints) {
   if (joints.size() < 2) return tl::unexpected(fmt::format("{} joint with a temperature is no chain", joints.size()));
   for (const auto& joint : joints) {
-    const auto same = [](const HeatSession& a, const HeatSession& b) { return a.file == b.file && a.time_s == b.time_s; };
-    if (!std::ranges::equal(joint.sessions, joints.front().sessions, same)) return tl::unexpected(fmt::format("{} is not recorded at the times of {}; every file needs all joints", joint.name, joints.front().name));
+    const auto same = [](const HeatSession& a, const HeatSession& b) {
+      return a.file == b.file && a.time_s == b.time_s;
+    };
+    if (!std::ranges::equal(joint.sessions, joints.front().sessions, same))
+      return tl::unexpected(fmt::format("{} is not recorded at the times of {}; every file needs all joints",
+                                        joint.name, joints.front().name));
   }
   std::vector<Session> sessions;
-  for (std::size_t s = 0; s < joints.front().sessions.size(); ++s) sessions.push_back(averaged(joints, s, most_samples));
+  for (std::size_t s = 0; s < joints.front().sessions.size(); ++s)
+    sessions.push_back(averaged(joints, s, most_samples));
   const ChainProblem problem(std::move(sessions));
   const Index n = problem.joints();
-  if (problem.samples() <= problem.unknowns() + n + 1) return tl::unexpected(fmt::format("{} samples for {} unknowns", problem.samples(), problem.unknowns() + n + 1));
+  if (problem.samples() <= problem.unknowns() + n + 1)
+    return tl::unexpected(fmt::format("{} samples for {} unknowns", problem.samples(), problem.unknowns() + n + 1));
   VectorXd z;
   double least = std::numeric_limits<double>::infinity();
   for (const double exchange_s : {300.0, 1500.0, 8000.0}) {
@@ -181,22 +200,33 @@ tl::expected<ThermalChainFit, std::string> fit_thermal_chain(std::span<const Joi
     start(n) = -std::log(exchange_s);
     if (const double cost = descend(problem, start); cost < least) least = cost, z = start;
   }
-  if (z.size() == 0) return tl::unexpected(std::string("no chain has a finite error; is there a value in the data that no joint has?"));
+  if (z.size() == 0)
+    return tl::unexpected(std::string("no chain has a finite error; is there a value in the data that no joint has?"));
 
   const VectorXd residual = problem.residual(z), x = problem.linear(problem.columns(z));
-  ThermalChainFit fit{.chain = {}, .parameters = {}, .exchange = {}, .rms_K = std::sqrt(residual.squaredNorm() / static_cast<double>(residual.size())), .correlation = 1, .samples = static_cast<std::size_t>(problem.samples()), .unidentifiable = {}};
-  for (Index j = 0; j < n; ++j) {   // along the time of each joint
+  ThermalChainFit fit{.chain = {},
+                      .parameters = {},
+                      .exchange = {},
+                      .rms_K = std::sqrt(residual.squaredNorm() / static_cast<double>(residual.size())),
+                      .correlation = 1,
+                      .samples = static_cast<std::size_t>(problem.samples()),
+                      .unidentifiable = {}};
+  for (Index j = 0; j < n; ++j) {  // along the time of each joint
     const VectorXd own = residual(Eigen::seq(j, Eigen::last, n));
-    fit.correlation = std::max(fit.correlation, samples_per_independent({own.data(), static_cast<std::size_t>(own.size())}, 0));
+    fit.correlation =
+        std::max(fit.correlation, samples_per_independent({own.data(), static_cast<std::size_t>(own.size())}, 0));
   }
-  const MatrixXd covariance = covariance_of(problem.jacobian(z)) * (residual.squaredNorm() / static_cast<double>(residual.size()) * fit.correlation);
-  const double freedom = static_cast<double>(problem.samples()) / fit.correlation - static_cast<double>(covariance.cols());
+  const MatrixXd covariance = covariance_of(problem.jacobian(z)) *
+                              (residual.squaredNorm() / static_cast<double>(residual.size()) * fit.correlation);
+  const double freedom =
+      static_cast<double>(problem.samples()) / fit.correlation - static_cast<double>(covariance.cols());
   const double quantile = interval_sigmas(freedom);
   const auto judge = [&](const Estimate& e, const std::string& name) {
     if (std::isnan(e.sigma) || e.high - e.low > e.value) fit.unidentifiable.push_back(name);
   };
   fit.chain.exchange_1_s = std::exp(z(n));
-  fit.exchange = estimate("exchange", "1/s", fit.chain.exchange_1_s, covariance(n, n) * fit.chain.exchange_1_s * fit.chain.exchange_1_s, quantile);
+  fit.exchange = estimate("exchange", "1/s", fit.chain.exchange_1_s,
+                          covariance(n, n) * fit.chain.exchange_1_s * fit.chain.exchange_1_s, quantile);
   judge(fit.exchange, "exchange");
   for (Index j = 0; j < n; ++j) {
     const auto& name = joints[static_cast<std::size_t>(j)].name;
@@ -204,8 +234,10 @@ tl::expected<ThermalChainFit, std::string> fit_thermal_chain(std::span<const Joi
     fit.chain.joints.push_back(name);
     fit.chain.gain_K_J.push_back(gain), fit.chain.t_s.push_back(t_s), fit.chain.ambient_degC.push_back(ambient);
     const Index first = n + 1;
-    fit.parameters.push_back({gain == 0 ? without_sigma("gain", "K/J", 0, Status::held) : estimate("gain", "K/J", gain, covariance(first + j, first + j), quantile),
-                              estimate("t", "s", t_s, covariance(j, j) * t_s * t_s, quantile), estimate("T_amb", "degC", ambient, covariance(first + n + j, first + n + j), quantile)});
+    fit.parameters.push_back({gain == 0 ? without_sigma("gain", "K/J", 0, Status::held)
+                                        : estimate("gain", "K/J", gain, covariance(first + j, first + j), quantile),
+                              estimate("t", "s", t_s, covariance(j, j) * t_s * t_s, quantile),
+                              estimate("T_amb", "degC", ambient, covariance(first + n + j, first + n + j), quantile)});
     for (const auto& e : fit.parameters.back()) judge(e, name + "." + e.name);
   }
   return fit;
@@ -213,16 +245,21 @@ tl::expected<ThermalChainFit, std::string> fit_thermal_chain(std::span<const Joi
 
 MatrixXd predicted_temperatures(const ThermalChain& chain, std::span<const JointHeat> joints, std::size_t session) {
   const Session s = averaged(joints, session, joints.front().sessions[session].time_s.size());
-  const auto vector = [](const std::vector<double>& v) { return Eigen::Map<const VectorXd>(v.data(), static_cast<Index>(v.size())); };
+  const auto vector = [](const std::vector<double>& v) {
+    return Eigen::Map<const VectorXd>(v.data(), static_cast<Index>(v.size()));
+  };
   const Modes modes(vector(chain.t_s), chain.exchange_1_s);
   const VectorXd surroundings = vector(chain.ambient_degC).cwiseQuotient(vector(chain.t_s));
-  return modes.shape * modes.amplitudes(s.time_s, modes.shape.transpose() * s.temperature_degC.col(0), [&](Index k) { return VectorXd(modes.shape.transpose() * (vector(chain.gain_K_J).cwiseProduct(s.power_w.col(k)) + surroundings)); });
+  return modes.shape * modes.amplitudes(s.time_s, modes.shape.transpose() * s.temperature_degC.col(0), [&](Index k) {
+    return VectorXd(modes.shape.transpose() * (vector(chain.gain_K_J).cwiseProduct(s.power_w.col(k)) + surroundings));
+  });
 }
 
 std::string to_yaml(const ThermalChainFit& fit, const std::vector<std::string>& data) {
   YAML::Emitter out;
   out.SetDoublePrecision(17);
-  out << YAML::BeginMap << YAML::Key << "data" << YAML::Value << YAML::Flow << data << YAML::Key << "rms_K" << YAML::Value << fit.rms_K;
+  out << YAML::BeginMap << YAML::Key << "data" << YAML::Value << YAML::Flow << data << YAML::Key << "rms_K"
+      << YAML::Value << fit.rms_K;
   out << YAML::Key << "unidentifiable" << YAML::Value << YAML::Flow << fit.unidentifiable;
   write(out, fit.exchange);
   out << YAML::Key << "chain" << YAML::Value << YAML::BeginMap;

@@ -10,37 +10,40 @@
 #include <tribotwin/twin/identification/estimates.hpp>
 #include <tribotwin/twin/identification/thermal/thermal_recording.hpp>
 
-/// The joints of an arm as one chain of warm bodies: each is heated by its power, cools to its surroundings and exchanges heat
-/// with the joints before and after it, at the same rate k everywhere (links of one kind),
+/// The joints of an arm as one chain of warm bodies: each is heated by its power, cools to its surroundings and
+/// exchanges heat with the joints before and after it, at the same rate k everywhere (links of one kind),
 ///
 ///   dT_j/dt = g_j P_j + (A_j - T_j) / t_j + k (T_j-1 - T_j) + k (T_j+1 - T_j).
 ///
-/// The slow poles that a single joint's record is too short to tell are those of the chain, and neighbours' temperatures tell them.
-/// Every state is measured: a prediction needs no more than the first temperatures. A_j has the heat of what is always on in it.
+/// The slow poles that a single joint's record is too short to tell are those of the chain, and neighbours'
+/// temperatures tell them. Every state is measured: a prediction needs no more than the first temperatures. A_j has the
+/// heat of what is always on in it.
 namespace tribotwin::twin::identification {
 
 struct ThermalChain {
   std::vector<std::string> joints;
-  std::vector<double> gain_K_J, t_s, ambient_degC;   ///< per joint: g_j, t_j, A_j
-  double exchange_1_s = 0;                           ///< k
+  std::vector<double> gain_K_J, t_s, ambient_degC;  ///< per joint: g_j, t_j, A_j
+  double exchange_1_s = 0;                          ///< k
 };
 
 struct ThermalChainFit {
   ThermalChain chain;
-  std::vector<std::vector<Estimate>> parameters;     ///< per joint: gain, t, T_amb
+  std::vector<std::vector<Estimate>> parameters;  ///< per joint: gain, t, T_amb
   Estimate exchange;
-  double rms_K = 0;                                  ///< of all residuals
-  double correlation = 1;                            ///< how many correlated samples are worth one
+  double rms_K = 0;        ///< of all residuals
+  double correlation = 1;  ///< how many correlated samples are worth one
   std::size_t samples = 0;
-  std::vector<std::string> unidentifiable;           ///< JOINT.parameter: without a sigma or with a 95 % interval wider than the value
+  std::vector<std::string>
+      unidentifiable;  ///< JOINT.parameter: without a sigma or with a 95 % interval wider than the value
 };
 
-/// Joints in the order of the arm, all recorded at the same times. t_j and k by Ceres from several starts, all else is linear, gains not negative.
-/// A_j are the same in all sessions. Fails with what the data lack.
+/// Joints in the order of the arm, all recorded at the same times. t_j and k by Ceres from several starts, all else is
+/// linear, gains not negative. A_j are the same in all sessions. Fails with what the data lack.
 tl::expected<ThermalChainFit, std::string> fit_thermal_chain(std::span<const JointHeat> joints);
 
 /// Temperatures [degC] of session `session` of these joints, joints x samples, from the first ones.
-Eigen::MatrixXd predicted_temperatures(const ThermalChain& chain, std::span<const JointHeat> joints, std::size_t session);
+Eigen::MatrixXd predicted_temperatures(const ThermalChain& chain, std::span<const JointHeat> joints,
+                                       std::size_t session);
 
 std::string to_yaml(const ThermalChainFit& fit, const std::vector<std::string>& data);
 

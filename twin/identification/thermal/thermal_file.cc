@@ -1,36 +1,43 @@
-#include <tribotwin/twin/identification/thermal/thermal_file.hpp>
-
 #include <cmath>
 
 #include <fmt/format.h>
 
+#include <tribotwin/twin/identification/thermal/thermal_file.hpp>
+
 namespace tribotwin::twin::identification {
 namespace {
 
-const std::vector<std::string_view> order_names{thermal::name(thermal::Order::first), thermal::name(thermal::Order::second)};
+const std::vector<std::string_view> order_names{thermal::name(thermal::Order::first),
+                                                thermal::name(thermal::Order::second)};
 
 }  // namespace
 
 void write(YAML::Emitter& out, const thermal::Model& model) {
-  out << YAML::Key << "thermal" << YAML::Value << std::string(thermal::name(model.order)) << YAML::Key << "T_amb" << YAML::Value << model.T_amb_degC;
+  out << YAML::Key << "thermal" << YAML::Value << std::string(thermal::name(model.order)) << YAML::Key << "T_amb"
+      << YAML::Value << model.T_amb_degC;
   const auto values = thermal::values(model);
-  for (std::size_t k = 0; k < values.size(); ++k) out << YAML::Key << std::string(thermal::parameters(model.order)[k].name) << YAML::Value << values[k];
+  for (std::size_t k = 0; k < values.size(); ++k)
+    out << YAML::Key << std::string(thermal::parameters(model.order)[k].name) << YAML::Value << values[k];
 }
 
 thermal::Model read_model(Mapping& in, std::vector<std::string_view> beside) {
-  const auto order = in.choice("thermal", order_names) == order_names[0] ? thermal::Order::first : thermal::Order::second;
+  const auto order =
+      in.choice("thermal", order_names) == order_names[0] ? thermal::Order::first : thermal::Order::second;
   beside.insert(beside.end(), {"thermal", "T_amb"});
   for (const auto& p : thermal::parameters(order)) beside.push_back(p.name);
   in.accept(beside);
   std::vector<double> values;
-  for (const auto& p : thermal::parameters(order)) values.push_back(std::max(p.minimum, in.number(std::string(p.name), {0, p.maximum})));   // a gain of 0: the power had no effect
+  for (const auto& p : thermal::parameters(order))
+    values.push_back(
+        std::max(p.minimum, in.number(std::string(p.name), {0, p.maximum})));  // a gain of 0: the power had no effect
   return thermal::make_model(order, in.number("T_amb", {-100, 300}), values);
 }
 
 std::string to_yaml(const std::vector<NamedThermalFit>& joints, const std::vector<std::string>& data) {
   YAML::Emitter out;
   out.SetDoublePrecision(17);
-  out << YAML::BeginMap << YAML::Key << "data" << YAML::Value << YAML::Flow << data << YAML::Key << "joints" << YAML::Value << YAML::BeginMap;
+  out << YAML::BeginMap << YAML::Key << "data" << YAML::Value << YAML::Flow << data << YAML::Key << "joints"
+      << YAML::Value << YAML::BeginMap;
   for (const auto& [joint, fit] : joints) {
     out << YAML::Key << joint << YAML::Value << YAML::BeginMap;
     write(out, fit.model);
@@ -41,7 +48,8 @@ std::string to_yaml(const std::vector<NamedThermalFit>& joints, const std::vecto
     out << YAML::Key << "rms_K" << YAML::Value << fit.rms_K << YAML::EndMap;
   }
   out << YAML::EndMap << YAML::EndMap;
-  return "# Thermal models by tribotwin thermal; names and units as in plugins/README.md\n" + std::string(out.c_str()) + "\n";
+  return "# Thermal models by tribotwin thermal; names and units as in plugins/README.md\n" + std::string(out.c_str()) +
+         "\n";
 }
 
 std::vector<std::pair<std::string, thermal::Model>> read_thermal(const std::filesystem::path& file) {

@@ -11,7 +11,7 @@
 /// PARAMS.yaml of `tribotwin thermal`: the thermal model of every joint that was recorded.
 namespace tribotwin::twin::identification {
 
-using NamedThermalFit = std::pair<std::string, ThermalFit>;   ///< joint, its fit
+using NamedThermalFit = std::pair<std::string, ThermalFit>;  ///< joint, its fit
 
 std::string to_yaml(const std::vector<NamedThermalFit>& joints, const std::vector<std::string>& data);
 

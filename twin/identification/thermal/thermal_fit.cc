@@ -1,5 +1,3 @@
-#include <tribotwin/twin/identification/thermal/thermal_fit.hpp>
-
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -9,6 +7,7 @@
 #include <fmt/format.h>
 
 #include <tribotwin/twin/identification/linearised.hpp>
+#include <tribotwin/twin/identification/thermal/thermal_fit.hpp>
 #include <tribotwin/twin/numerics/correlation.hpp>
 #include <tribotwin/twin/numerics/least_squares.hpp>
 
@@ -28,7 +27,8 @@ Response response(const HeatSession& session, double t_s) {
   Response r;
   double heated = 0, kept = 1;
   for (std::size_t i = 0; i < session.time_s.size(); ++i) {
-    const double before = i ? session.time_s[i - 1] : session.start_s.value_or(session.time_s[0]), loss = -std::expm1(-(session.time_s[i] - before) / t_s);
+    const double before = i ? session.time_s[i - 1] : session.start_s.value_or(session.time_s[0]),
+                 loss = -std::expm1(-(session.time_s[i] - before) / t_s);
     heated += (session.power_w[i] - heated) * loss;
     kept -= kept * loss;
     r.power.push_back(heated);
@@ -37,16 +37,18 @@ Response response(const HeatSession& session, double t_s) {
   return r;
 }
 
-/// The least-squares solution of the linear unknowns at some time constants: gains c_i t_i (0 where they would be negative), then A per file, then x_i0.
+/// The least-squares solution of the linear unknowns at some time constants: gains c_i t_i (0 where they would be
+/// negative), then A per file, then x_i0.
 struct Projection {
   MatrixXd columns;
-  VectorXd linear, residual;     ///< residual: model - measured
+  VectorXd linear, residual;  ///< residual: model - measured
   double cost() const { return residual.squaredNorm(); }
 };
 
 class ThermalProblem {
  public:
-  ThermalProblem(std::span<const HeatSession> sessions, const ThermalOptions& options) : sessions_(sessions), nodes_(options.order == thermal::Order::first ? 1 : 2), rested_(options.rested) {
+  ThermalProblem(std::span<const HeatSession> sessions, const ThermalOptions& options)
+      : sessions_(sessions), nodes_(options.order == thermal::Order::first ? 1 : 2), rested_(options.rested) {
     std::map<std::size_t, Index> files;
     for (const auto& s : sessions) {
       file_.push_back(files.try_emplace(s.file, static_cast<Index>(files.size())).first->second);
@@ -73,7 +75,9 @@ class ThermalProblem {
         const auto n = static_cast<Index>(r.power.size());
         c.col(node).segment(row, n) = Eigen::Map<const VectorXd>(r.power.data(), n);
         c.col(nodes_ + file_[s]).segment(row, n).setOnes();
-        if (!rested_) c.col(nodes_ + files_ + static_cast<Index>(s) * nodes_ + node).segment(row, n) = Eigen::Map<const VectorXd>(r.start.data(), n);
+        if (!rested_)
+          c.col(nodes_ + files_ + static_cast<Index>(s) * nodes_ + node).segment(row, n) =
+              Eigen::Map<const VectorXd>(r.start.data(), n);
         row += n;
       }
     }
@@ -99,7 +103,7 @@ class ThermalProblem {
       best.residual = residual;
       best.linear = VectorXd::Zero(best.columns.cols());
       best.linear(kept) = x;
-      if (closed == 0) break;   // nothing was negative
+      if (closed == 0) break;  // nothing was negative
     }
     return best;
   }
@@ -131,12 +135,12 @@ class ThermalProblem {
   std::span<const HeatSession> sessions_;
   Index nodes_, files_ = 0, samples_ = 0;
   bool rested_;
-  std::vector<Index> file_;     ///< per session, from 0
+  std::vector<Index> file_;  ///< per session, from 0
   VectorXd measured_;
 };
 
-/// The residual over the time constants alone, with Kaufman's derivatives: those at fixed linear unknowns, less what these could
-/// make up for.
+/// The residual over the time constants alone, with Kaufman's derivatives: those at fixed linear unknowns, less what
+/// these could make up for.
 class ProjectedResidual final : public ceres::CostFunction {
  public:
   explicit ProjectedResidual(const ThermalProblem& problem) : problem_(problem) {
@@ -151,7 +155,7 @@ class ProjectedResidual final : public ceres::CostFunction {
     const MatrixXd slopes = problem_.slopes(log_t, at.linear);
     MatrixXd free = at.columns;
     for (Index node = 0; node < problem_.nodes(); ++node)
-      if (at.linear(node) == 0) free.col(node).setZero();   // a gain that is held makes up for nothing
+      if (at.linear(node) == 0) free.col(node).setZero();  // a gain that is held makes up for nothing
     const MatrixXd projected = slopes - free * free.colPivHouseholderQr().solve(slopes);
     for (Index i = 0; i < problem_.samples(); ++i)
       for (Index k = 0; k < problem_.nodes(); ++k) jacobians[0][i * problem_.nodes() + k] = projected(i, k);
@@ -173,7 +177,8 @@ VectorXd global_search(const ThermalProblem& problem) {
   };
   for (int i = 0; i < grid_points; ++i) {
     log_t(0) = at(i);
-    if (problem.nodes() == 1) attempt();
+    if (problem.nodes() == 1)
+      attempt();
     else
       for (int k = i + 1; k < grid_points; ++k) log_t(1) = at(k), attempt();
   }
@@ -186,32 +191,46 @@ void descend(const ThermalProblem& problem, VectorXd& log_t) {
   ceres::Solver::Options options;
   options.max_num_iterations = 50;
   options.function_tolerance = 1e-9;
-  least_squares(residual, log_t, VectorXd::Constant(log_t.size(), low), VectorXd::Constant(log_t.size(), high), options);
+  least_squares(residual, log_t, VectorXd::Constant(log_t.size(), low), VectorXd::Constant(log_t.size(), high),
+                options);
 }
 
 }  // namespace
 
-tl::expected<ThermalFit, std::string> fit_thermal(std::span<const HeatSession> sessions, const ThermalOptions& options) {
-  if (std::ranges::any_of(sessions, [](const HeatSession& s) { return s.temperature_degC.empty(); })) return tl::unexpected(std::string("has no temperatures"));
+tl::expected<ThermalFit, std::string> fit_thermal(std::span<const HeatSession> sessions,
+                                                  const ThermalOptions& options) {
+  if (std::ranges::any_of(sessions, [](const HeatSession& s) { return s.temperature_degC.empty(); }))
+    return tl::unexpected(std::string("has no temperatures"));
   const ThermalProblem problem(sessions, options);
-  if (options.rested && static_cast<std::size_t>(problem.files()) < sessions.size()) return tl::unexpected(std::string("a file with gaps of hours does not begin at ambient temperature after each of them"));
+  if (options.rested && static_cast<std::size_t>(problem.files()) < sessions.size())
+    return tl::unexpected(
+        std::string("a file with gaps of hours does not begin at ambient temperature after each of them"));
   const Index nodes = problem.nodes();
-  if (problem.samples() <= problem.unknowns() + nodes) return tl::unexpected(fmt::format("{} samples for {} unknowns", problem.samples(), problem.unknowns() + nodes));
+  if (problem.samples() <= problem.unknowns() + nodes)
+    return tl::unexpected(fmt::format("{} samples for {} unknowns", problem.samples(), problem.unknowns() + nodes));
   VectorXd log_t = global_search(problem);
-  if (log_t.size() == 0) return tl::unexpected(std::string("no thermal model has a finite error; is there a value in the data that no joint has?"));
+  if (log_t.size() == 0)
+    return tl::unexpected(
+        std::string("no thermal model has a finite error; is there a value in the data that no joint has?"));
   descend(problem, log_t);
   std::sort(log_t.data(), log_t.data() + nodes);
   const Projection at = problem.project(log_t);
-  if (!std::isfinite(at.cost())) return tl::unexpected(std::string("the fit has no finite error; is there a value in the data that no joint has?"));
+  if (!std::isfinite(at.cost()))
+    return tl::unexpected(std::string("the fit has no finite error; is there a value in the data that no joint has?"));
 
-  ThermalFit fit{.rms_K = std::sqrt(at.cost() / static_cast<double>(problem.samples())), .correlation = samples_per_independent({at.residual.data(), static_cast<std::size_t>(at.residual.size())}, 0), .samples = static_cast<std::size_t>(problem.samples())};
+  ThermalFit fit{
+      .rms_K = std::sqrt(at.cost() / static_cast<double>(problem.samples())),
+      .correlation = samples_per_independent({at.residual.data(), static_cast<std::size_t>(at.residual.size())}, 0),
+      .samples = static_cast<std::size_t>(problem.samples())};
   // Information of all unknowns: what a gain that is held could have been is doubt about the time constants too.
   MatrixXd jacobian(problem.samples(), nodes + problem.unknowns());
   jacobian.leftCols(nodes) = problem.slopes(log_t, at.linear);
   jacobian.rightCols(problem.unknowns()) = at.columns;
-  const double independent = static_cast<double>(problem.samples()) / fit.correlation - static_cast<double>(jacobian.cols());
+  const double independent =
+      static_cast<double>(problem.samples()) / fit.correlation - static_cast<double>(jacobian.cols());
   const double quantile = interval_sigmas(independent);
-  const MatrixXd covariance = covariance_of(jacobian) * (at.cost() / static_cast<double>(problem.samples()) * fit.correlation);
+  const MatrixXd covariance =
+      covariance_of(jacobian) * (at.cost() / static_cast<double>(problem.samples()) * fit.correlation);
 
   const auto [low, high] = problem.range();
   const auto parameters = thermal::parameters(options.order);
@@ -226,11 +245,14 @@ tl::expected<ThermalFit, std::string> fit_thermal(std::span<const HeatSession> s
     } else {
       const Index k = nodes + i;
       double relative = covariance(k, k) / (R * R);
-      if (options.order == thermal::Order::second) relative += covariance(i, i) - 2 * covariance(i, k) / R;   // c = R / t
-      gains.push_back(estimate(std::string(gain_name.name), std::string(gain_name.unit), gain, relative * gain * gain, quantile));
+      if (options.order == thermal::Order::second)
+        relative += covariance(i, i) - 2 * covariance(i, k) / R;  // c = R / t
+      gains.push_back(
+          estimate(std::string(gain_name.name), std::string(gain_name.unit), gain, relative * gain * gain, quantile));
     }
     const bool bounded = log_t(i) < low + 1e-6 || log_t(i) > high - 1e-6;
-    times.push_back(bounded ? without_sigma(std::string(time_name.name), "s", t_s, Status::at_bound) : estimate(std::string(time_name.name), "s", t_s, covariance(i, i) * t_s * t_s, quantile));
+    times.push_back(bounded ? without_sigma(std::string(time_name.name), "s", t_s, Status::at_bound)
+                            : estimate(std::string(time_name.name), "s", t_s, covariance(i, i) * t_s * t_s, quantile));
   }
   fit.parameters = gains;
   fit.parameters.insert(fit.parameters.end(), times.begin(), times.end());
@@ -244,7 +266,8 @@ tl::expected<ThermalFit, std::string> fit_thermal(std::span<const HeatSession> s
   for (const auto& e : fit.parameters)
     if (merged || std::isnan(e.sigma) || e.high - e.low > e.value) fit.unidentifiable.push_back(e.name);
   std::vector<double> values;
-  for (std::size_t k = 0; k < parameters.size(); ++k) values.push_back(std::max(fit.parameters[k].value, parameters[k].minimum));   // a gain of 0 included
+  for (std::size_t k = 0; k < parameters.size(); ++k)
+    values.push_back(std::max(fit.parameters[k].value, parameters[k].minimum));  // a gain of 0 included
   fit.model = thermal::make_model(options.order, mean_ambient, values);
   return fit;
 }

@@ -1,5 +1,3 @@
-#include <tribotwin/twin/identification/thermal/thermal_recording.hpp>
-
 #include <algorithm>
 #include <cmath>
 #include <optional>
@@ -8,6 +6,7 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
+#include <tribotwin/twin/identification/thermal/thermal_recording.hpp>
 #include <tribotwin/twin/identification/time_series.hpp>
 #include <tribotwin/twin/io/table.hpp>
 
@@ -32,7 +31,8 @@ std::optional<Source> source_of(const std::vector<std::string>& names, const std
   if (!s.power.empty()) return s;
   s.torque = first_of({fmt::format("torque_{}_nm", joint), fmt::format("torque_{}_n", joint)});
   s.speed = first_of({fmt::format("velocity_{}_rad_s", joint), fmt::format("velocity_{}_m_s", joint)});
-  if (s.speed.empty()) s.position = first_of({fmt::format("position_{}_rad", joint), fmt::format("position_{}_m", joint)});
+  if (s.speed.empty())
+    s.position = first_of({fmt::format("position_{}_rad", joint), fmt::format("position_{}_m", joint)});
   if (s.torque.empty() || (s.speed.empty() && s.position.empty())) return std::nullopt;
   return s;
 }
@@ -44,19 +44,23 @@ std::vector<double> mean_power(const std::vector<double>& time, const Numbers& n
     const auto at = std::ranges::find(numbers.names, name);
     return at == numbers.names.end() ? none : numbers.columns[static_cast<std::size_t>(at - numbers.names.begin())];
   };
-  const auto &power = column(source.power), &torque = column(source.torque), &speed = column(source.speed), &position = column(source.position);
+  const auto &power = column(source.power), &torque = column(source.torque), &speed = column(source.speed),
+             &position = column(source.position);
   std::vector<double> mean(time.size(), 0.0);
   for (std::size_t i = 1; i < time.size(); ++i) {
-    if (!power.empty()) mean[i] = (power[i - 1] + power[i]) / 2;
-    else if (!speed.empty()) mean[i] = (torque[i - 1] * speed[i - 1] + torque[i] * speed[i]) / 2;
-    else mean[i] = (torque[i - 1] + torque[i]) / 2 * (position[i] - position[i - 1]) / (time[i] - time[i - 1]);
+    if (!power.empty())
+      mean[i] = (power[i - 1] + power[i]) / 2;
+    else if (!speed.empty())
+      mean[i] = (torque[i - 1] * speed[i - 1] + torque[i] * speed[i]) / 2;
+    else
+      mean[i] = (torque[i - 1] + torque[i]) / 2 * (position[i] - position[i - 1]) / (time[i] - time[i - 1]);
   }
   return mean;
 }
 
 /// Across gaps: the mean of the stretches before and after.
 void bridge_gaps(std::vector<double>& power, const std::vector<double>& time, const std::vector<std::size_t>& gaps) {
-  const auto stretch_mean = [&](std::size_t first, std::size_t last) {   // first sample, past the last one
+  const auto stretch_mean = [&](std::size_t first, std::size_t last) {  // first sample, past the last one
     double work = 0;
     for (std::size_t i = first + 1; i < last; ++i) work += power[i] * (time[i] - time[i - 1]);
     return last - first > 1 ? work / (time[last - 1] - time[first]) : power[std::max<std::size_t>(first, 1)];
@@ -72,8 +76,10 @@ void bridge_gaps(std::vector<double>& power, const std::vector<double>& time, co
 /// A curve through samples, straight between them, and its integral.
 class Curve {
  public:
-  Curve(std::span<const double> time, std::vector<double> value) : time_(time), value_(std::move(value)), integral_(time.size(), 0.0) {
-    for (std::size_t i = 1; i < time.size(); ++i) integral_[i] = integral_[i - 1] + (value_[i - 1] + value_[i]) / 2 * (time[i] - time[i - 1]);
+  Curve(std::span<const double> time, std::vector<double> value)
+      : time_(time), value_(std::move(value)), integral_(time.size(), 0.0) {
+    for (std::size_t i = 1; i < time.size(); ++i)
+      integral_[i] = integral_[i - 1] + (value_[i - 1] + value_[i]) / 2 * (time[i] - time[i - 1]);
   }
   double at(double t) const { return value_[before(t)] + slope(t) * (t - time_[before(t)]); }
   double mean(double from, double to) const { return (integral(to) - integral(from)) / (to - from); }
@@ -97,22 +103,30 @@ class Curve {
   std::vector<double> value_, integral_;
 };
 
-/// One session, averaged over windows of exactly `width_s`, the first in each stretch beginning with it: a sample more or less
-/// of what gravity borrows within a cycle would count as heat. The power between two windows' middles is the work in between.
-/// Samples as they are where windows are no longer than a step.
-HeatSession averaged(std::size_t file, std::span<const double> time, std::span<const double> power, std::span<const double> temperature, double step_s, double width_s, bool cycles) {
+/// One session, averaged over windows of exactly `width_s`, the first in each stretch beginning with it: a sample more
+/// or less of what gravity borrows within a cycle would count as heat. The power between two windows' middles is the
+/// work in between. Samples as they are where windows are no longer than a step.
+HeatSession averaged(std::size_t file, std::span<const double> time, std::span<const double> power,
+                     std::span<const double> temperature, double step_s, double width_s, bool cycles) {
   if (!cycles && width_s <= step_s) {
-    HeatSession out{.file = file, .time_s = {time.begin(), time.end()}, .power_w = {power.begin(), power.end()}, .temperature_degC = {temperature.begin(), temperature.end()}};
+    HeatSession out{.file = file,
+                    .time_s = {time.begin(), time.end()},
+                    .power_w = {power.begin(), power.end()},
+                    .temperature_degC = {temperature.begin(), temperature.end()}};
     out.power_w.front() = 0;
     return out;
   }
   HeatSession out{.file = file, .cycle_s = cycles ? width_s : 0};
-  std::vector<double> done(time.size(), 0.0);   // work since the first sample
+  std::vector<double> done(time.size(), 0.0);  // work since the first sample
   for (std::size_t i = 1; i < time.size(); ++i) done[i] = done[i - 1] + power[i] * (time[i] - time[i - 1]);
-  const Curve work(time, std::move(done)), warmth(time, temperature.empty() ? std::vector<double>(time.size(), 0.0) : std::vector<double>(temperature.begin(), temperature.end()));
+  const Curve work(time, std::move(done)),
+      warmth(time, temperature.empty() ? std::vector<double>(time.size(), 0.0)
+                                       : std::vector<double>(temperature.begin(), temperature.end()));
   double last_work = 0;
-  for (std::size_t begin = 0, past = 0; begin < time.size(); begin = past) {   // stretches; where there are no cycles a gap is of no matter
-    for (past = begin + 1; past < time.size() && (!cycles || time[past] - time[past - 1] <= gap_steps * step_s);) ++past;
+  for (std::size_t begin = 0, past = 0; begin < time.size();
+       begin = past) {  // stretches; where there are no cycles a gap is of no matter
+    for (past = begin + 1; past < time.size() && (!cycles || time[past] - time[past - 1] <= gap_steps * step_s);)
+      ++past;
     // The last sample of a cycle is a step before the next one's first.
     const double end = time[past - 1] + 1.001 * step_s;
     for (std::size_t k = 0;; ++k) {
@@ -132,41 +146,62 @@ HeatSession averaged(std::size_t file, std::span<const double> time, std::span<c
 /// Joints of the columns temperature_JOINT_degC, or, where there is none, power_w_JOINT and torque_JOINT_nm.
 std::vector<std::string> joints_of(const std::vector<std::string>& header, bool with_temperature) {
   std::vector<std::string> joints;
-  const std::vector<std::pair<std::string_view, std::string_view>> patterns = with_temperature ? std::vector<std::pair<std::string_view, std::string_view>>{{"temperature_", "_degC"}} : std::vector<std::pair<std::string_view, std::string_view>>{{"power_w_", ""}, {"torque_", "_nm"}, {"torque_", "_n"}};
+  const std::vector<std::pair<std::string_view, std::string_view>> patterns =
+      with_temperature ? std::vector<std::pair<std::string_view, std::string_view>>{{"temperature_", "_degC"}}
+                       : std::vector<std::pair<std::string_view, std::string_view>>{
+                             {"power_w_", ""}, {"torque_", "_nm"}, {"torque_", "_n"}};
   for (const auto& name : header)
     for (const auto& [prefix, suffix] : patterns)
       if (name.starts_with(prefix) && name.ends_with(suffix) && name.size() > prefix.size() + suffix.size())
-        if (auto joint = name.substr(prefix.size(), name.size() - prefix.size() - suffix.size()); std::ranges::find(joints, joint) == joints.end()) joints.push_back(std::move(joint));
+        if (auto joint = name.substr(prefix.size(), name.size() - prefix.size() - suffix.size());
+            std::ranges::find(joints, joint) == joints.end())
+          joints.push_back(std::move(joint));
   return joints;
 }
 
 }  // namespace
 
-tl::expected<ThermalRecording, std::string> read_thermal_recording(const std::filesystem::path& file, std::size_t index, double cycle_s) {
+tl::expected<ThermalRecording, std::string> read_thermal_recording(const std::filesystem::path& file, std::size_t index,
+                                                                   double cycle_s) {
   const auto header = read_numbers(file, {"time_s"});
   if (!header) return tl::unexpected(header.error());
-  if (header->columns[0].empty()) return tl::unexpected(fmt::format("{}:1: no column 'time_s' with numbers; its header names: {}", file.string(), fmt::join(header->names, ", ")));
+  if (header->columns[0].empty())
+    return tl::unexpected(fmt::format("{}:1: no column 'time_s' with numbers; its header names: {}", file.string(),
+                                      fmt::join(header->names, ", ")));
   ThermalRecording out{.file = file};
   std::vector<Source> sources;
   std::vector<std::string> wanted{"time_s"};
   const auto temperature_of = [](const std::string& joint) { return fmt::format("temperature_{}_degC", joint); };
   const auto with_temperature = joints_of(header->names, true), all = joints_of(header->names, false);
   if (with_temperature.empty() && (cycle_s == 0 || all.empty()))
-    return tl::unexpected(fmt::format("{}:1: no column temperature_JOINT_degC; torque alone tells how a joint warms up only over working cycles (--cycle, with power_w_JOINT, or torque_JOINT_nm and velocity_JOINT_rad_s or position_JOINT_rad); its header names: {}", file.string(), fmt::join(header->names, ", ")));
+    return tl::unexpected(
+        fmt::format("{}:1: no column temperature_JOINT_degC; torque alone tells how a joint warms up only over working "
+                    "cycles (--cycle, with power_w_JOINT, or torque_JOINT_nm and velocity_JOINT_rad_s or "
+                    "position_JOINT_rad); its header names: {}",
+                    file.string(), fmt::join(header->names, ", ")));
   for (const auto& joint : with_temperature.empty() ? all : with_temperature) {
     const auto source = source_of(header->names, joint);
-    if (!source) return tl::unexpected(fmt::format("{0}:1: joint {1} needs power_w_{1}, or torque_{1}_nm with velocity_{1}_rad_s or position_{1}_rad; its header names: {2}", file.string(), joint, fmt::join(header->names, ", ")));
+    if (!source)
+      return tl::unexpected(
+          fmt::format("{0}:1: joint {1} needs power_w_{1}, or torque_{1}_nm with velocity_{1}_rad_s or "
+                      "position_{1}_rad; its header names: {2}",
+                      file.string(), joint, fmt::join(header->names, ", ")));
     out.joints.push_back({.name = joint});
     sources.push_back(*source);
-    for (const auto& column : {with_temperature.empty() ? std::string() : temperature_of(joint), source->power, source->torque, source->speed, source->position})
+    for (const auto& column : {with_temperature.empty() ? std::string() : temperature_of(joint), source->power,
+                               source->torque, source->speed, source->position})
       if (!column.empty()) wanted.push_back(column);
   }
   auto numbers = read_numbers(file, wanted);
   if (!numbers) return tl::unexpected(numbers.error());
-  numbers->names = wanted;   // one name per column that was kept
+  numbers->names = wanted;  // one name per column that was kept
   const auto& time = numbers->columns[0];
-  if (time.size() < fewest_samples) return tl::unexpected(fmt::format("{}: {} rows of finite numbers; at least {} are needed", file.string(), time.size(), fewest_samples));
-  if (numbers->left_out) out.notes.push_back(fmt::format("{}: {} rows with empty, NaN or infinite cells are gaps, the first in line {}", file.string(), numbers->left_out, numbers->first_left_out));
+  if (time.size() < fewest_samples)
+    return tl::unexpected(fmt::format("{}: {} rows of finite numbers; at least {} are needed", file.string(),
+                                      time.size(), fewest_samples));
+  if (numbers->left_out)
+    out.notes.push_back(fmt::format("{}: {} rows with empty, NaN or infinite cells are gaps, the first in line {}",
+                                    file.string(), numbers->left_out, numbers->first_left_out));
   if (auto problem = not_increasing(*numbers, time)) return tl::unexpected(*std::move(problem));
   std::vector<double> steps;
   for (std::size_t i = 1; i < time.size(); ++i) steps.push_back(time[i] - time[i - 1]);
@@ -182,7 +217,8 @@ tl::expected<ThermalRecording, std::string> read_thermal_recording(const std::fi
     if (step <= session_gap_s) continue;
     starts.push_back(i);
     recorded_s -= step;
-    out.notes.push_back(fmt::format("{}: {:.2g} h without samples before {:.6g} s; what follows begins anew", file.string(), step / 3600, time[i]));
+    out.notes.push_back(fmt::format("{}: {:.2g} h without samples before {:.6g} s; what follows begins anew",
+                                    file.string(), step / 3600, time[i]));
   }
   starts.push_back(time.size());
   for (std::size_t j = 0; j < out.joints.size(); ++j) {
@@ -192,18 +228,26 @@ tl::expected<ThermalRecording, std::string> read_thermal_recording(const std::fi
       temperature = numbers->columns[static_cast<std::size_t>(std::ranges::find(wanted, column) - wanted.begin())];
       if (auto problem = implausible_temperature(file, column, temperature)) return tl::unexpected(std::move(*problem));
       const auto [low, high] = std::ranges::minmax(temperature);
-      if (!(high > low)) return tl::unexpected(fmt::format("{}: {} is always {:.4g}; a thermal model is told by warming or cooling", file.string(), column, low));
+      if (!(high > low))
+        return tl::unexpected(fmt::format("{}: {} is always {:.4g}; a thermal model is told by warming or cooling",
+                                          file.string(), column, low));
     }
     auto power = mean_power(time, *numbers, sources[j]);
     bridge_gaps(power, time, gaps);
-    const double width = cycle_s > 0 ? cycle_s * std::ceil(recorded_s / most_samples / cycle_s) : recorded_s / most_samples;
+    const double width =
+        cycle_s > 0 ? cycle_s * std::ceil(recorded_s / most_samples / cycle_s) : recorded_s / most_samples;
     for (std::size_t s = 0; s + 1 < starts.size(); ++s) {
       const std::size_t first = starts[s], count = starts[s + 1] - first;
       if (count < fewest_samples) continue;
-      auto session = averaged(index, {&time[first], count}, {&power[first], count}, temperature.empty() ? temperature : temperature.subspan(first, count), typical, width, cycle_s > 0);
+      auto session =
+          averaged(index, {&time[first], count}, {&power[first], count},
+                   temperature.empty() ? temperature : temperature.subspan(first, count), typical, width, cycle_s > 0);
       if (session.time_s.size() >= 2) out.joints[j].sessions.push_back(std::move(session));
     }
-    if (out.joints[j].sessions.empty()) return tl::unexpected(cycle_s > 0 ? fmt::format("{}: no two whole cycles of {:g} s", file.string(), cycle_s) : fmt::format("{}: no {} rows without an hour's gap", file.string(), fewest_samples));
+    if (out.joints[j].sessions.empty())
+      return tl::unexpected(cycle_s > 0
+                                ? fmt::format("{}: no two whole cycles of {:g} s", file.string(), cycle_s)
+                                : fmt::format("{}: no {} rows without an hour's gap", file.string(), fewest_samples));
   }
   return out;
 }

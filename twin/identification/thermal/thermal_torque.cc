@@ -1,5 +1,3 @@
-#include <tribotwin/twin/identification/thermal/thermal_torque.hpp>
-
 #include <algorithm>
 #include <cmath>
 #include <complex>
@@ -10,6 +8,7 @@
 #include <fmt/format.h>
 
 #include <tribotwin/twin/identification/linearised.hpp>
+#include <tribotwin/twin/identification/thermal/thermal_torque.hpp>
 #include <tribotwin/twin/numerics/cma_es.hpp>
 #include <tribotwin/twin/numerics/correlation.hpp>
 #include <tribotwin/twin/numerics/least_squares.hpp>
@@ -19,8 +18,8 @@ namespace {
 
 using Eigen::Index, Eigen::MatrixXd, Eigen::VectorXd;
 
-/// Unknowns x: log t_i; s_i = alpha c_i t_i W, what node i would do to friction in the end at the mean power W of all cycles; P_0 of
-/// each session over its mean power.
+/// Unknowns x: log t_i; s_i = alpha c_i t_i W, what node i would do to friction in the end at the mean power W of all
+/// cycles; P_0 of each session over its mean power.
 class TorqueProblem {
  public:
   TorqueProblem(std::span<const HeatSession> sessions, Index nodes) : sessions_(sessions), nodes_(nodes) {
@@ -32,7 +31,8 @@ class TorqueProblem {
       longest = std::max(longest, s.time_s.back() - s.time_s.front());
       shortest_cycle = std::min(shortest_cycle, s.cycle_s);
     }
-    typical_power_w_ = std::accumulate(mean_power_w_.begin(), mean_power_w_.end(), 0.0) / static_cast<double>(mean_power_w_.size());
+    typical_power_w_ =
+        std::accumulate(mean_power_w_.begin(), mean_power_w_.end(), 0.0) / static_cast<double>(mean_power_w_.size());
     low_ = std::log(shortest_cycle), high_ = std::log(10 * longest);
   }
 
@@ -41,7 +41,9 @@ class TorqueProblem {
   Index unknowns() const { return 2 * nodes_ + static_cast<Index>(sessions_.size()); }
   double typical_power_w() const { return typical_power_w_; }
   double mean_power_w(std::size_t session) const { return mean_power_w_[session]; }
-  double rest_power_w(const VectorXd& x, std::size_t session) const { return x(2 * nodes_ + static_cast<Index>(session)) * mean_power_w_[session]; }
+  double rest_power_w(const VectorXd& x, std::size_t session) const {
+    return x(2 * nodes_ + static_cast<Index>(session)) * mean_power_w_[session];
+  }
   /// Range of log time constants: from a cycle to ten times the longest session.
   double low() const { return low_; }
   double high() const { return high_; }
@@ -54,7 +56,8 @@ class TorqueProblem {
   /// With gains alpha c_i in place of c_i.
   thermal::Model model(const VectorXd& x) const {
     thermal::Model m{.order = nodes_ == 1 ? thermal::Order::first : thermal::Order::second};
-    for (Index i = 0; i < nodes_; ++i) m.t_s[i] = std::exp(x(i)), m.gain_K_J[i] = x(nodes_ + i) / (typical_power_w_ * m.t_s[i]);
+    for (Index i = 0; i < nodes_; ++i)
+      m.t_s[i] = std::exp(x(i)), m.gain_K_J[i] = x(nodes_ + i) / (typical_power_w_ * m.t_s[i]);
     return m;
   }
 
@@ -66,7 +69,8 @@ class TorqueProblem {
     for (std::size_t f = 0; f < sessions_.size(); ++f) {
       const auto& s = sessions_[f];
       const double rest = rest_power_w(x, f);
-      for (std::size_t k = 0; k < s.time_s.size(); ++k) r(row++) = (rest * friction_share(m, 1, rest, since_start(s, k)) - s.cycle_power_w[k]) / mean_power_w_[f];
+      for (std::size_t k = 0; k < s.time_s.size(); ++k)
+        r(row++) = (rest * friction_share(m, 1, rest, since_start(s, k)) - s.cycle_power_w[k]) / mean_power_w_[f];
     }
     return r;
   }
@@ -83,7 +87,9 @@ class TorqueProblem {
   }
 
   /// The first sample is the middle of the first cycle.
-  static double since_start(const HeatSession& s, std::size_t k) { return s.time_s[k] - s.time_s.front() + s.cycle_s / 2; }
+  static double since_start(const HeatSession& s, std::size_t k) {
+    return s.time_s[k] - s.time_s.front() + s.cycle_s / 2;
+  }
 
  private:
   std::span<const HeatSession> sessions_;
@@ -95,20 +101,25 @@ class TorqueProblem {
 VectorXd global_search(const TorqueProblem& problem) {
   const Index nodes = problem.nodes();
   VectorXd start = VectorXd::Ones(problem.unknowns());
-  for (Index i = 0; i < nodes; ++i) start(i) = problem.low() + (problem.high() - problem.low()) * static_cast<double>(i + 1) / static_cast<double>(nodes + 1), start(nodes + i) = -0.2;
+  for (Index i = 0; i < nodes; ++i)
+    start(i) =
+        problem.low() + (problem.high() - problem.low()) * static_cast<double>(i + 1) / static_cast<double>(nodes + 1),
+    start(nodes + i) = -0.2;
   Gaussian gaussian(1);
   const auto cost = [&](const VectorXd& x) {
     // Beyond the range the cost is that of its edge and what is beyond: the search finds back.
     const VectorXd inside = problem.clamped(x);
     return (problem.residual(inside).squaredNorm() + 1e-12) * (1 + (x - inside).squaredNorm());
   };
-  return problem.clamped(cma_es(cost, start, {.population = 12, .first_step = 0.5, .last_step = 1e-3, .evaluations = 4000}, gaussian).z);
+  return problem.clamped(
+      cma_es(cost, start, {.population = 12, .first_step = 0.5, .last_step = 1e-3, .evaluations = 4000}, gaussian).z);
 }
 
 void descend(const TorqueProblem& problem, VectorXd& x) {
   VectorXd low = VectorXd::Constant(x.size(), std::numeric_limits<double>::lowest()), high = -low;
   low.head(problem.nodes()).setConstant(problem.low()), high.head(problem.nodes()).setConstant(problem.high());
-  const auto residual = by_differences<ceres::CENTRAL>([&problem](const VectorXd& at) { return problem.residual(at); }, x.size(), problem.samples());
+  const auto residual = by_differences<ceres::CENTRAL>([&problem](const VectorXd& at) { return problem.residual(at); },
+                                                       x.size(), problem.samples());
   ceres::Solver::Options options;
   options.max_num_iterations = 100;
   options.function_tolerance = 1e-10;
@@ -118,7 +129,8 @@ void descend(const TorqueProblem& problem, VectorXd& x) {
 }  // namespace
 
 double friction_share(const thermal::Model& model, double alpha, double rest_power_w, double time_s) {
-  // y_i' = g_i z - y_i / t_i, z = 1 + sum y_i: z is its end and two exponentials, of which z = 1 and z' = sum g_i at the start.
+  // y_i' = g_i z - y_i / t_i, z = 1 + sum y_i: z is its end and two exponentials, of which z = 1 and z' = sum g_i at
+  // the start.
   const double g1 = alpha * model.gain_K_J[0] * rest_power_w, a1 = 1 / model.t_s[0] - g1;
   if (model.order == thermal::Order::first) {
     const double end = 1 / (model.t_s[0] * a1);
@@ -126,29 +138,45 @@ double friction_share(const thermal::Model& model, double alpha, double rest_pow
   }
   const double g2 = alpha * model.gain_K_J[1] * rest_power_w, a2 = 1 / model.t_s[1] - g2;
   const double end = 1 / (1 - g1 * model.t_s[0] - g2 * model.t_s[1]);
-  const std::complex<double> apart = std::sqrt(std::complex<double>((a1 - a2) * (a1 - a2) / 4 + g1 * g2)), fast = -(a1 + a2) / 2 - apart, slow = -(a1 + a2) / 2 + apart;
-  if (std::abs(apart) * time_s < 1e-9) return end + (1 - end + (g1 + g2 - slow.real() * (1 - end)) * time_s) * std::exp(slow.real() * time_s);
+  const std::complex<double> apart = std::sqrt(std::complex<double>((a1 - a2) * (a1 - a2) / 4 + g1 * g2)),
+                             fast = -(a1 + a2) / 2 - apart, slow = -(a1 + a2) / 2 + apart;
+  if (std::abs(apart) * time_s < 1e-9)
+    return end + (1 - end + (g1 + g2 - slow.real() * (1 - end)) * time_s) * std::exp(slow.real() * time_s);
   const std::complex<double> of_fast = (g1 + g2 - slow * (1 - end)) / (fast - slow);
   return (end + of_fast * std::exp(fast * time_s) + (1 - end - of_fast) * std::exp(slow * time_s)).real();
 }
 
-tl::expected<TorqueThermalFit, std::string> fit_thermal_torque(std::span<const HeatSession> sessions, thermal::Order order) {
+tl::expected<TorqueThermalFit, std::string> fit_thermal_torque(std::span<const HeatSession> sessions,
+                                                               thermal::Order order) {
   const Index nodes = order == thermal::Order::first ? 1 : 2;
-  if (std::ranges::adjacent_find(sessions, {}, &HeatSession::file) != sessions.end()) return tl::unexpected(std::string("a file with gaps of hours does not begin at rest temperature after each of them"));
+  if (std::ranges::adjacent_find(sessions, {}, &HeatSession::file) != sessions.end())
+    return tl::unexpected(
+        std::string("a file with gaps of hours does not begin at rest temperature after each of them"));
   const TorqueProblem problem(sessions, nodes);
-  if (problem.samples() <= problem.unknowns()) return tl::unexpected(fmt::format("{} cycles for {} unknowns", problem.samples(), problem.unknowns()));
+  if (problem.samples() <= problem.unknowns())
+    return tl::unexpected(fmt::format("{} cycles for {} unknowns", problem.samples(), problem.unknowns()));
   for (std::size_t f = 0; f < sessions.size(); ++f)
     if (!(problem.mean_power_w(f) > 0))
-      return tl::unexpected(fmt::format("the cycles take {:.3g} W in the mean, where friction takes more than 0; is the torque or the motion of the other sign, or --cycle no period of it?", problem.mean_power_w(f)));
+      return tl::unexpected(
+          fmt::format("the cycles take {:.3g} W in the mean, where friction takes more than 0; is the torque or the "
+                      "motion of the other sign, or --cycle no period of it?",
+                      problem.mean_power_w(f)));
   VectorXd x = global_search(problem);
   descend(problem, x);
   if (nodes == 2 && x(0) > x(1)) std::swap(x(0), x(1)), std::swap(x(2), x(3));
 
   const VectorXd residual = problem.residual(x);
-  if (!x.allFinite() || !residual.allFinite()) return tl::unexpected(std::string("the fit has no finite error; is there a value in the data that no joint has?"));
-  TorqueThermalFit fit{.order = order, .rms = std::sqrt(residual.squaredNorm() / static_cast<double>(problem.samples())), .correlation = samples_per_independent({residual.data(), static_cast<std::size_t>(residual.size())}, 0), .samples = static_cast<std::size_t>(problem.samples())};
-  const MatrixXd covariance = covariance_of(problem.jacobian(x)) * (residual.squaredNorm() / static_cast<double>(problem.samples()) * fit.correlation);
-  const double quantile = interval_sigmas(static_cast<double>(problem.samples()) / fit.correlation - static_cast<double>(problem.unknowns()));
+  if (!x.allFinite() || !residual.allFinite())
+    return tl::unexpected(std::string("the fit has no finite error; is there a value in the data that no joint has?"));
+  TorqueThermalFit fit{
+      .order = order,
+      .rms = std::sqrt(residual.squaredNorm() / static_cast<double>(problem.samples())),
+      .correlation = samples_per_independent({residual.data(), static_cast<std::size_t>(residual.size())}, 0),
+      .samples = static_cast<std::size_t>(problem.samples())};
+  const MatrixXd covariance = covariance_of(problem.jacobian(x)) *
+                              (residual.squaredNorm() / static_cast<double>(problem.samples()) * fit.correlation);
+  const double quantile = interval_sigmas(static_cast<double>(problem.samples()) / fit.correlation -
+                                          static_cast<double>(problem.unknowns()));
 
   const auto info = thermal::parameters(order);
   std::vector<Estimate> gains, times;
@@ -156,11 +184,17 @@ tl::expected<TorqueThermalFit, std::string> fit_thermal_torque(std::span<const H
     const double t_s = std::exp(x(i)), s = x(nodes + i), per_power = 1 / problem.typical_power_w();
     const Index k = nodes + i;
     // alpha c = s / (t W), alpha R_th = s / W.
-    const double by_s = order == thermal::Order::first ? per_power : per_power / t_s, by_log_t = order == thermal::Order::first ? 0 : -s * per_power / t_s;
-    gains.push_back(estimate(fmt::format("alpha_{}", info[static_cast<std::size_t>(i)].name), order == thermal::Order::first ? "1/W" : "1/J", s * by_s, by_s * by_s * covariance(k, k) + 2 * by_s * by_log_t * covariance(i, k) + by_log_t * by_log_t * covariance(i, i), quantile));
+    const double by_s = order == thermal::Order::first ? per_power : per_power / t_s,
+                 by_log_t = order == thermal::Order::first ? 0 : -s * per_power / t_s;
+    gains.push_back(estimate(fmt::format("alpha_{}", info[static_cast<std::size_t>(i)].name),
+                             order == thermal::Order::first ? "1/W" : "1/J", s * by_s,
+                             by_s * by_s * covariance(k, k) + 2 * by_s * by_log_t * covariance(i, k) +
+                                 by_log_t * by_log_t * covariance(i, i),
+                             quantile));
     const std::string name(info[static_cast<std::size_t>(nodes + i)].name);
     const bool bounded = x(i) < problem.low() + 1e-6 || x(i) > problem.high() - 1e-6;
-    times.push_back(bounded ? without_sigma(name, "s", t_s, Status::at_bound) : estimate(name, "s", t_s, covariance(i, i) * t_s * t_s, quantile));
+    times.push_back(bounded ? without_sigma(name, "s", t_s, Status::at_bound)
+                            : estimate(name, "s", t_s, covariance(i, i) * t_s * t_s, quantile));
   }
   fit.parameters = gains;
   fit.parameters.insert(fit.parameters.end(), times.begin(), times.end());
@@ -168,7 +202,9 @@ tl::expected<TorqueThermalFit, std::string> fit_thermal_torque(std::span<const H
     const Index k = 2 * nodes + static_cast<Index>(f);
     const double rest = problem.rest_power_w(x, f), mean = problem.mean_power_w(f);
     fit.power_w.push_back(estimate("P_0", "W", rest, covariance(k, k) * mean * mean, quantile));
-    fit.final_to_cold = std::min(fit.final_to_cold, friction_share(problem.model(x), 1, rest, TorqueProblem::since_start(sessions[f], sessions[f].time_s.size() - 1)));
+    fit.final_to_cold = std::min(
+        fit.final_to_cold, friction_share(problem.model(x), 1, rest,
+                                          TorqueProblem::since_start(sessions[f], sessions[f].time_s.size() - 1)));
   }
   const bool merged = nodes == 2 && times[1].value < closest_ratio * times[0].value;
   for (const auto& e : fit.parameters)
@@ -184,7 +220,7 @@ Estimate fit_alpha(std::span<const HeatSession> sessions, double rest_degC) {
   VectorXd x = VectorXd::Ones(unknowns), residual(samples);
   x(0) = 0;
   MatrixXd J = MatrixXd::Zero(samples, unknowns);
-  constexpr int steps = 20;   // bilinear: a handful is enough
+  constexpr int steps = 20;  // bilinear: a handful is enough
   for (int step = 0; step <= steps; ++step) {
     Index row = 0;
     for (Index f = 0; f + 1 < unknowns; ++f) {
@@ -201,12 +237,20 @@ Estimate fit_alpha(std::span<const HeatSession> sessions, double rest_degC) {
   }
   const double correlation = samples_per_independent({residual.data(), static_cast<std::size_t>(samples)}, 0);
   const double quantile = interval_sigmas(static_cast<double>(samples) / correlation - static_cast<double>(unknowns));
-  return estimate("alpha", "1/K", x(0), covariance_of(J)(0, 0) * residual.squaredNorm() / static_cast<double>(samples) * correlation, quantile);
+  return estimate("alpha", "1/K", x(0),
+                  covariance_of(J)(0, 0) * residual.squaredNorm() / static_cast<double>(samples) * correlation,
+                  quantile);
 }
 
 ThermalFit with_alpha(const TorqueThermalFit& fit, double alpha, bool alpha_known, double rest_degC) {
   constexpr std::string_view prefix = "alpha_";
-  ThermalFit out{.parameters = fit.parameters, .ambient = {}, .model = {}, .rms_K = fit.rms / std::abs(alpha), .correlation = fit.correlation, .samples = fit.samples, .unidentifiable = fit.unidentifiable};
+  ThermalFit out{.parameters = fit.parameters,
+                 .ambient = {},
+                 .model = {},
+                 .rms_K = fit.rms / std::abs(alpha),
+                 .correlation = fit.correlation,
+                 .samples = fit.samples,
+                 .unidentifiable = fit.unidentifiable};
   for (auto& name : out.unidentifiable)
     if (name.starts_with(prefix)) name.erase(0, prefix.size());
   std::vector<double> values;
@@ -217,7 +261,8 @@ ThermalFit with_alpha(const TorqueThermalFit& fit, double alpha, bool alpha_know
       e.name = info[k].name, e.unit = info[k].unit;
       e.value /= alpha, e.sigma /= std::abs(alpha), e.low /= alpha, e.high /= alpha;
       if (e.low > e.high) std::swap(e.low, e.high);
-      if (!alpha_known && std::ranges::find(out.unidentifiable, e.name) == out.unidentifiable.end()) out.unidentifiable.push_back(e.name);
+      if (!alpha_known && std::ranges::find(out.unidentifiable, e.name) == out.unidentifiable.end())
+        out.unidentifiable.push_back(e.name);
     }
     values.push_back(std::max(e.value, info[k].minimum));
   }

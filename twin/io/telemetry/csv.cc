@@ -9,7 +9,7 @@ using namespace hdf5;
 
 namespace {
 
-constexpr std::size_t block = 4096;   // rows in memory
+constexpr std::size_t block = 4096;  // rows in memory
 
 std::string quoted(const std::string& text) {
   if (text.find_first_of(",\"\r\n") == std::string::npos) return text;
@@ -32,7 +32,7 @@ Status write_csv(NewFile& out, const Reader& r, const Columns& columns, const st
     for (const Channel& channel : channels) fmt::format_to(add, ",{}", quoted(joint + "." + channel.name));
   text.push_back('\n');
   const std::size_t width = 1 + r.head.joints.size() * channels.size();
-  std::vector<double> values(width * block);   // column by column
+  std::vector<double> values(width * block);  // column by column
   for (hsize_t from = 0; from < columns.rows; from += block) {
     const std::size_t rows = std::min<hsize_t>(block, columns.rows - from);
     {
@@ -43,7 +43,8 @@ Status write_csv(NewFile& out, const Reader& r, const Columns& columns, const st
         for (const Id& dataset : joint) read_rows(r, dataset, from, std::span(values).subspan(block * ++at, rows));
     }
     for (std::size_t i = 0; i < rows; ++i)
-      for (std::size_t c = 0; c < width; ++c) fmt::format_to(add, "{}{}", values[block * c + i], c + 1 < width ? ',' : '\n');
+      for (std::size_t c = 0; c < width; ++c)
+        fmt::format_to(add, "{}{}", values[block * c + i], c + 1 < width ? ',' : '\n');
     if (auto ok = put(); !ok) return ok;
     if (progress) progress(static_cast<double>(from + rows) / static_cast<double>(columns.rows));
   }
@@ -51,8 +52,9 @@ Status write_csv(NewFile& out, const Reader& r, const Columns& columns, const st
 }
 
 /// The whole CSV, not yet under its name.
-tl::expected<NewFile, std::string> make_csv(const fs::path& file, Existing existing, const Reader& r, const Columns& columns,
-                                            const std::vector<Channel>& channels, const std::function<void(double)>& progress) {
+tl::expected<NewFile, std::string> make_csv(const fs::path& file, Existing existing, const Reader& r,
+                                            const Columns& columns, const std::vector<Channel>& channels,
+                                            const std::function<void(double)>& progress) {
   if (auto ok = check_output(file, existing); !ok) return tl::unexpected(ok.error());
   auto out = NewFile::create(file, existing);
   if (!out) return out;
@@ -64,7 +66,8 @@ tl::expected<NewFile, std::string> make_csv(const fs::path& file, Existing exist
 
 }  // namespace
 
-tl::expected<std::vector<fs::path>, std::string> export_csv(const fs::path& run_dir, Existing existing, const std::function<void(double)>& progress) {
+tl::expected<std::vector<fs::path>, std::string> export_csv(const fs::path& run_dir, Existing existing,
+                                                            const std::function<void(double)>& progress) {
   const fs::path path = run_dir / "telemetry.h5";
   if (auto ok = probe(path); !ok) return tl::unexpected(ok.error());
   const auto r = guarded(path, no_record, [&] {
@@ -83,7 +86,8 @@ tl::expected<std::vector<fs::path>, std::string> export_csv(const fs::path& run_
   if (auto ok = make(r->samples, r->head.channels, progress); !ok) return tl::unexpected(ok.error());
   if (r->cycles.rows > 0) {
     files.push_back(run_dir / "cycles.csv");
-    if (auto ok = make(r->cycles, r->head.cycle_channels, std::function<void(double)>{}); !ok) return tl::unexpected(ok.error());
+    if (auto ok = make(r->cycles, r->head.cycle_channels, std::function<void(double)>{}); !ok)
+      return tl::unexpected(ok.error());
   }
   for (NewFile& file : made)
     if (auto ok = file.publish(); !ok) return tl::unexpected(ok.error());

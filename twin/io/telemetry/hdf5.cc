@@ -1,5 +1,3 @@
-#include <tribotwin/twin/io/telemetry/hdf5.hpp>
-
 #include <algorithm>
 #include <array>
 #include <csignal>
@@ -10,13 +8,14 @@
 #include <unistd.h>
 
 #include <tribotwin/twin/io/interrupt.hpp>
+#include <tribotwin/twin/io/telemetry/hdf5.hpp>
 
 namespace tribotwin::twin::hdf5 {
 
 namespace {
 
 std::recursive_mutex mutex;
-bool alone = false;   // in the child of survives(): its parent held the lock for it
+bool alone = false;  // in the child of survives(): its parent held the lock for it
 
 }  // namespace
 
@@ -33,14 +32,14 @@ Hdf5::Hdf5() : lock_(alone ? std::unique_lock<std::recursive_mutex>() : std::uni
 Hdf5::~Hdf5() { H5Eset_auto2(H5E_DEFAULT, print_, data_); }
 
 bool survives(const std::function<void()>& work) {
-  const std::lock_guard whole(mutex);   // so that no other thread is inside HDF5 when the child is made
+  const std::lock_guard whole(mutex);  // so that no other thread is inside HDF5 when the child is made
   const pid_t child = ::fork();
   if (child < 0) throw Failure(system_reason(errno));
   if (child == 0) {
     alone = true;
     try {
       work();
-    } catch (...) {   // the caller finds the same by itself
+    } catch (...) {  // the caller finds the same by itself
     }
     ::_exit(0);
   }
@@ -57,12 +56,13 @@ bool survives(const std::function<void()>& work) {
 
 std::string hdf5_reason() {
   std::array<char, 1024> text{};
-  H5Ewalk2(H5E_DEFAULT, H5E_WALK_UPWARD,
-           [](unsigned n, const H5E_error2_t* error, void* out) -> herr_t {
-             if (n == 0 && error->desc) std::snprintf(static_cast<char*>(out), 1024, "%s", error->desc);
-             return 0;
-           },
-           text.data());
+  H5Ewalk2(
+      H5E_DEFAULT, H5E_WALK_UPWARD,
+      [](unsigned n, const H5E_error2_t* error, void* out) -> herr_t {
+        if (n == 0 && error->desc) std::snprintf(static_cast<char*>(out), 1024, "%s", error->desc);
+        return 0;
+      },
+      text.data());
   std::string reason = text.data();
   if (const auto at = reason.find("error message = '"); at != std::string::npos) {
     reason.erase(0, at + 17);
@@ -77,7 +77,8 @@ void write_attribute(hid_t object, const std::string& name, hid_t type, const vo
   check(H5Awrite(attribute, type, value));
 }
 void write_attribute(hid_t object, const std::string& name, const std::string& value) {
-  // Of fixed length, so it lies under the checksum of its object: HDF5 1.10 crashes on damaged strings of variable length.
+  // Of fixed length, so it lies under the checksum of its object: HDF5 1.10 crashes on damaged strings of variable
+  // length.
   const Id type(H5Tcopy(H5T_C_S1), H5Tclose);
   check(H5Tset_size(type, value.size() + 1));
   check(H5Tset_cset(type, H5T_CSET_UTF8));
@@ -105,7 +106,9 @@ std::pair<std::vector<std::pair<std::string, std::string>>, NumericAttributes> r
   H5O_info_t info;
   check(H5Oget_info2(object, &info, H5O_INFO_NUM_ATTRS));
   // Above eight attributes HDF5 forgets the order unless it is tracked, which create_record asks for.
-  const auto order = [&](H5_index_t index, hsize_t n) { return H5Aopen_by_idx(object, ".", index, H5_ITER_INC, n, H5P_DEFAULT, H5P_DEFAULT); };
+  const auto order = [&](H5_index_t index, hsize_t n) {
+    return H5Aopen_by_idx(object, ".", index, H5_ITER_INC, n, H5P_DEFAULT, H5P_DEFAULT);
+  };
   for (hsize_t n = 0; n < info.num_attrs; ++n) {
     hid_t id = order(H5_INDEX_CRT_ORDER, n);
     if (id < 0) id = order(H5_INDEX_NAME, n);

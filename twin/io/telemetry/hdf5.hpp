@@ -18,7 +18,8 @@
 
 #include <tribotwin/twin/io/telemetry/telemetry.hpp>
 
-/// HDF5 for this folder: one thread at a time, failures as exceptions that do not leave the folder, ids that close themselves.
+/// HDF5 for this folder: one thread at a time, failures as exceptions that do not leave the folder, ids that close
+/// themselves.
 namespace tribotwin::twin::hdf5 {
 
 namespace fs = std::filesystem;
@@ -36,7 +37,8 @@ std::string system_reason(int error);
 
 /// Result of `work`, or the message "FILE: PHRASE (reason)" for whatever it throws.
 template <class Work>
-auto guarded(const fs::path& path, std::string_view phrase, Work&& work) -> tl::expected<decltype(work()), std::string> {
+auto guarded(const fs::path& path, std::string_view phrase, Work&& work)
+    -> tl::expected<decltype(work()), std::string> {
   try {
     if constexpr (std::is_void_v<decltype(work())>) {
       work();
@@ -64,8 +66,8 @@ class Hdf5 {
   void* data_ = nullptr;
 };
 
-/// What `work` does in a child process, which inherits the lock on HDF5: false where the child was ended by a signal, as
-/// HDF5 1.10 is by some damaged files. The child's result is otherwise ignored.
+/// What `work` does in a child process, which inherits the lock on HDF5: false where the child was ended by a signal,
+/// as HDF5 1.10 is by some damaged files. The child's result is otherwise ignored.
 bool survives(const std::function<void()>& work);
 
 /// HDF5's innermost reason for the last failure. The next HDF5 call, closing an id included, forgets it.

@@ -1,9 +1,9 @@
-#include <tribotwin/twin/io/telemetry/reader.hpp>
-
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
 #include <tuple>
+
+#include <tribotwin/twin/io/telemetry/reader.hpp>
 
 namespace tribotwin::twin {
 
@@ -27,7 +27,8 @@ std::vector<std::string> link_names(hid_t group) {
   std::vector<std::string> names;
   const auto get = [&](hsize_t n, char* text, std::size_t size) {
     const ssize_t length = H5Lget_name_by_idx(group, ".", H5_INDEX_CRT_ORDER, H5_ITER_INC, n, text, size, H5P_DEFAULT);
-    return check(length >= 0 ? length : H5Lget_name_by_idx(group, ".", H5_INDEX_NAME, H5_ITER_INC, n, text, size, H5P_DEFAULT));
+    return check(length >= 0 ? length
+                             : H5Lget_name_by_idx(group, ".", H5_INDEX_NAME, H5_ITER_INC, n, text, size, H5P_DEFAULT));
   };
   for (hsize_t n = 0; n < info.nlinks; ++n) {
     names.emplace_back(get(n, nullptr, 0), '\0');
@@ -41,14 +42,16 @@ std::vector<std::string> link_names(hid_t group) {
 
 /// A dataset and its length, which is checked against the file's size before anybody allocates that much.
 std::pair<Id, hsize_t> open_column(hid_t parent, const std::string& name, std::uintmax_t file_bytes) {
-  constexpr std::uintmax_t best_compression = 1100;   // of deflate, should somebody have repacked the file
+  constexpr std::uintmax_t best_compression = 1100;  // of deflate, should somebody have repacked the file
   try {
     Id dataset(H5Dopen2(parent, name.c_str(), H5P_DEFAULT), H5Dclose);
     const Id space(H5Dget_space(dataset), H5Sclose), properties(H5Dget_create_plist(dataset), H5Pclose);
-    if (H5Pget_external_count(properties) != 0 || H5Pget_layout(properties) == H5D_VIRTUAL) throw Failure("is stored in other files");
+    if (H5Pget_external_count(properties) != 0 || H5Pget_layout(properties) == H5D_VIRTUAL)
+      throw Failure("is stored in other files");
     if (H5Sget_simple_extent_ndims(space) != 1) throw Failure("has not one dimension");
     const hssize_t rows = check(H5Sget_simple_extent_npoints(space));
-    if (static_cast<std::uintmax_t>(rows) / best_compression > file_bytes / sizeof(double)) throw Failure("is longer than the file");
+    if (static_cast<std::uintmax_t>(rows) / best_compression > file_bytes / sizeof(double))
+      throw Failure("is longer than the file");
     return {std::move(dataset), rows};
   } catch (const Failure& e) {
     throw Failure(fmt::format("'{}': {}", name, e.what()));
@@ -66,7 +69,9 @@ bool chunk_is_there(const Reader& reader, hid_t dataset, hsize_t row) {
 
 void require_stored(const Reader& reader, hid_t dataset, hsize_t from, hsize_t count) {
   const Id properties(H5Dget_create_plist(dataset), H5Pclose);
-  const auto cut = [&](hsize_t row) { return Failure(fmt::format("the record is damaged: rows from {} on are not in the file", row)); };
+  const auto cut = [&](hsize_t row) {
+    return Failure(fmt::format("the record is damaged: rows from {} on are not in the file", row));
+  };
   switch (H5Pget_layout(properties)) {
     case H5D_CHUNKED: {
       hsize_t rows = 0;
@@ -80,7 +85,8 @@ void require_stored(const Reader& reader, hid_t dataset, hsize_t from, hsize_t c
       if (address == HADDR_UNDEF || address + H5Dget_storage_size(dataset) > fs::file_size(reader.path)) throw cut(0);
       break;
     }
-    default: break;   // compact: in the object's header, under its checksum
+    default:
+      break;  // compact: in the object's header, under its checksum
   }
 }
 
@@ -91,10 +97,9 @@ void read_everything(const fs::path& path) {
   for (const Columns* columns : {&r.samples, &r.cycles}) {
     const auto column = [&](const Id& dataset) {
       values.resize(65536);
-      for (hsize_t at = 0; at < columns->rows; at += values.size())
-        try {
+      for (hsize_t at = 0; at < columns->rows; at += values.size()) try {
           read_rows(r, dataset, at, std::span(values).first(std::min<hsize_t>(values.size(), columns->rows - at)));
-        } catch (const Failure&) {   // the next rows may crash all the same
+        } catch (const Failure&) {  // the next rows may crash all the same
         }
     };
     if (columns->time) column(columns->time);
@@ -112,7 +117,7 @@ Reader open_record(const fs::path& path) {
   // these do within 0.1 s.
   const Id access(H5Pcreate(H5P_FILE_ACCESS), H5Pclose);
   check(H5Pset_metadata_read_attempts(access, 25));
-  check(H5PLset_loading_state(0));   // no filter of a file may load code
+  check(H5PLset_loading_state(0));  // no filter of a file may load code
   const hid_t plain = H5Fopen(path.c_str(), H5F_ACC_RDONLY, H5P_DEFAULT);
   r.plain = plain >= 0;
   r.file = Id(r.plain ? plain : H5Fopen(path.c_str(), H5F_ACC_RDONLY | H5F_ACC_SWMR_READ, access), H5Fclose);
@@ -120,14 +125,16 @@ Reader open_record(const fs::path& path) {
   {
     const Id complete(H5Dopen2(r.file, "complete", H5P_DEFAULT), H5Dclose);
     unsigned char value = 0;
-    if (H5Sget_simple_extent_npoints(Id(H5Dget_space(complete), H5Sclose)) != 1) throw Failure("'complete' is not one number");
+    if (H5Sget_simple_extent_npoints(Id(H5Dget_space(complete), H5Sclose)) != 1)
+      throw Failure("'complete' is not one number");
     check(H5Dread(complete, H5T_NATIVE_UINT8, H5S_ALL, H5S_ALL, H5P_DEFAULT, &value));
     r.head.complete = value != 0;
   }
   r.head.attributes = read_attributes(r.file).first;
   const auto links = link_names(r.file);
   for (Columns* columns : {&r.samples, &r.cycles})
-    if (const char* name = columns == &r.samples ? "time_s" : "cycle_time_s"; columns == &r.samples || std::ranges::count(links, name) > 0)
+    if (const char* name = columns == &r.samples ? "time_s" : "cycle_time_s";
+        columns == &r.samples || std::ranges::count(links, name) > 0)
       std::tie(columns->time, columns->rows) = open_column(r.file, name, bytes);
   for (const auto& link : links) {
     if (link == "complete" || link == "time_s" || link == "cycle_time_s") continue;
@@ -138,14 +145,17 @@ Reader open_record(const fs::path& path) {
     for (const auto& name : link_names(group)) {
       auto [dataset, rows] = open_column(group, name, bytes);
       const std::string time = read_text(dataset, "time");
-      const bool cycle = time.empty() ? name.starts_with("cycle_") : time == "cycle_time_s";   // not every record has it
+      const bool cycle = time.empty() ? name.starts_with("cycle_") : time == "cycle_time_s";  // not every record has it
       Columns& columns = cycle ? r.cycles : r.samples;
       columns.rows = std::min(columns.rows, rows);
-      (cycle ? cycle_channels : channels).push_back({name, read_text(dataset, "unit"), read_text(dataset, "description")});
+      (cycle ? cycle_channels : channels)
+          .push_back({name, read_text(dataset, "unit"), read_text(dataset, "description")});
       columns.joints.back().push_back(std::move(dataset));
     }
     if (r.head.joints.empty()) std::tie(r.head.channels, r.head.cycle_channels) = std::tie(channels, cycle_channels);
-    const auto differ = [](const auto& a, const auto& b) { return !std::ranges::equal(a, b, {}, &Channel::name, &Channel::name); };
+    const auto differ = [](const auto& a, const auto& b) {
+      return !std::ranges::equal(a, b, {}, &Channel::name, &Channel::name);
+    };
     if (differ(channels, r.head.channels) || differ(cycle_channels, r.head.cycle_channels))
       throw Failure(fmt::format("'{}' has other channels than the joints before it", link));
     r.head.joints.push_back(read_text(group, "name"));
@@ -166,9 +176,12 @@ void read_rows(const Reader& reader, hid_t dataset, hsize_t from, std::span<doub
 
 Status probe(const fs::path& path) {
   std::error_code error;
-  if (!fs::exists(path, error)) return tl::unexpected(fmt::format("{}: {}", path.string(), error ? "cannot be read (" + error.message() + ")" : "does not exist"));
+  if (!fs::exists(path, error))
+    return tl::unexpected(
+        fmt::format("{}: {}", path.string(), error ? "cannot be read (" + error.message() + ")" : "does not exist"));
   return guarded(path, no_record, [&] {
-    if (!survives([&] { read_everything(path); })) throw Failure("the file is damaged so that the HDF5 library crashes on it");
+    if (!survives([&] { read_everything(path); }))
+      throw Failure("the file is damaged so that the HDF5 library crashes on it");
   });
 }
 
@@ -181,8 +194,9 @@ hdf5::Status increasing(const std::filesystem::path& path, const std::vector<dou
   constexpr double shortest_step_s = 1e-9, largest_s = 1e10;
   for (std::size_t i = 0; i < time_s.size(); ++i)
     if (!(std::abs(time_s[i]) <= largest_s && (i == 0 || time_s[i] - time_s[i - 1] >= shortest_step_s)))
-      return tl::unexpected(fmt::format("{}: {} is {} at sample {}{}; it must increase from sample to sample, within {:g} .. {:g} s", path.string(), name, time_s[i], i,
-                                        i ? fmt::format(", after {}", time_s[i - 1]) : "", -largest_s, largest_s));
+      return tl::unexpected(fmt::format(
+          "{}: {} is {} at sample {}{}; it must increase from sample to sample, within {:g} .. {:g} s", path.string(),
+          name, time_s[i], i, i ? fmt::format(", after {}", time_s[i - 1]) : "", -largest_s, largest_s));
   return {};
 }
 
@@ -211,7 +225,8 @@ tl::expected<Recording, std::string> read_telemetry(const std::filesystem::path&
     return std::move(r.head);
   });
   if (!recording) return recording;
-  for (const auto& [name, time_s] : {std::pair{"time_s", &recording->time_s}, {"cycle_time_s", &recording->cycle_time_s}})
+  for (const auto& [name, time_s] :
+       {std::pair{"time_s", &recording->time_s}, {"cycle_time_s", &recording->cycle_time_s}})
     if (auto ok = increasing(path, *time_s, name); !ok) return tl::unexpected(ok.error());
   return recording;
 }

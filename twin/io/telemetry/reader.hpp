@@ -18,7 +18,7 @@ struct Columns {
 struct Reader {
   fs::path path;
   Id file;
-  bool plain = true;       ///< opens without SWMR: it was closed by whoever wrote it
+  bool plain = true;  ///< opens without SWMR: it was closed by whoever wrote it
   Recording head;
   Columns samples, cycles;
 };
@@ -26,12 +26,12 @@ struct Reader {
 /// Throws Failure. Does not follow links to other files, nor storage in other files.
 Reader open_record(const fs::path& path);
 
-/// Throws Failure where a part of these rows is missing from the file or has another checksum: HDF5 itself reads what lies
-/// beyond the end of a file as zeros.
+/// Throws Failure where a part of these rows is missing from the file or has another checksum: HDF5 itself reads what
+/// lies beyond the end of a file as zeros.
 void read_rows(const Reader& reader, hid_t dataset, hsize_t from, std::span<double> values);
 
-/// All of a record is read once in a child process, because some damaged files crash HDF5 1.10. Fails where it does, where
-/// the file does not exist, and where it is in use by nobody but cannot be read.
+/// All of a record is read once in a child process, because some damaged files crash HDF5 1.10. Fails where it does,
+/// where the file does not exist, and where it is in use by nobody but cannot be read.
 Status probe(const fs::path& path);
 
 }  // namespace tribotwin::twin::hdf5

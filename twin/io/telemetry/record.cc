@@ -1,11 +1,11 @@
-#include <tribotwin/twin/io/telemetry/record.hpp>
-
 #include <set>
 
 #include <fcntl.h>
 #include <sys/resource.h>
 #include <sys/stat.h>
 #include <unistd.h>
+
+#include <tribotwin/twin/io/telemetry/record.hpp>
 
 namespace tribotwin::twin::hdf5 {
 
@@ -19,13 +19,15 @@ Descriptor::~Descriptor() {
 
 namespace {
 
-constexpr hsize_t index_bytes = 4096;   // of the file, for the index entry of a chunk, generously
+constexpr hsize_t index_bytes = 4096;  // of the file, for the index entry of a chunk, generously
 
 // A writer holds a shared lock of its own: HDF5 gives up its lock when SWMR starts, and an exclusive one could shut out
 // readers on file systems where both kinds of lock are one.
 void mark_in_use(const Descriptor& file) {
-  struct flock lock{.l_type = F_RDLCK, .l_whence = SEEK_SET};
-  (void)::fcntl(file, F_OFD_SETLK, &lock);   // a file system without locks: no protection, but a record
+  struct flock lock {
+    .l_type = F_RDLCK, .l_whence = SEEK_SET
+  };
+  (void)::fcntl(file, F_OFD_SETLK, &lock);  // a file system without locks: no protection, but a record
 }
 
 std::string group_name(const std::string& joint) {
@@ -34,8 +36,10 @@ std::string group_name(const std::string& joint) {
   std::string name;
   for (const char c : joint) {
     if (c == '\0') throw Failure("the name of a joint has a NUL in it");
-    if (c == '/' || c == '%' || (name.empty() && taken.contains(joint))) name += fmt::format("%{:02X}", c);
-    else name += c;
+    if (c == '/' || c == '%' || (name.empty() && taken.contains(joint)))
+      name += fmt::format("%{:02X}", c);
+    else
+      name += c;
   }
   return name;
 }
@@ -46,7 +50,8 @@ Id create_column(hid_t parent, const Channel& channel, const char* time) {
   // Uncompressed: each flush of a part of a chunk would leave its previous, smaller copy behind as waste.
   check(H5Pset_chunk(properties, 1, &chunk));
   check(H5Pset_fletcher32(properties));
-  Id dataset(H5Dcreate2(parent, channel.name.c_str(), H5T_NATIVE_DOUBLE, space, H5P_DEFAULT, properties, H5P_DEFAULT), H5Dclose);
+  Id dataset(H5Dcreate2(parent, channel.name.c_str(), H5T_NATIVE_DOUBLE, space, H5P_DEFAULT, properties, H5P_DEFAULT),
+             H5Dclose);
   write_attribute(dataset, "unit", channel.unit);
   write_attribute(dataset, "description", channel.description);
   if (time) write_attribute(dataset, "time", time);
@@ -58,14 +63,17 @@ Id create_column(hid_t parent, const Channel& channel, const char* time) {
 void refuse_if_in_use(const fs::path& path) {
   std::error_code error;
   if (!fs::is_regular_file(path, error)) return;
-  struct flock lock{.l_type = F_WRLCK, .l_whence = SEEK_SET};
+  struct flock lock {
+    .l_type = F_WRLCK, .l_whence = SEEK_SET
+  };
   const Descriptor file(path, O_RDONLY);
   if (::fcntl(file, F_OFD_GETLK, &lock) == 0 && lock.l_type != F_UNLCK) throw Failure("a run is still writing it");
 }
 
 hsize_t Table::growth(hsize_t rows) const {
   const auto chunks = [](hsize_t n) { return (n + chunk_rows - 1) / chunk_rows; };
-  return (chunks(written + rows) - chunks(written)) * (columns.size() + 1) * (chunk_rows * sizeof(double) + index_bytes);
+  return (chunks(written + rows) - chunks(written)) * (columns.size() + 1) *
+         (chunk_rows * sizeof(double) + index_bytes);
 }
 
 void Table::write() {
@@ -89,7 +97,11 @@ void Record::reserve(hsize_t bytes) {
   rlimit limit{};
   if (::getrlimit(RLIMIT_FSIZE, &limit) == 0 && end > limit.rlim_cur) throw Failure(system_reason(EFBIG));
   int error = 0;
-  do error = ::fallocate(descriptor, FALLOC_FL_KEEP_SIZE, static_cast<off_t>(reserved), static_cast<off_t>(end - reserved)) == 0 ? 0 : errno;
+  do
+    error = ::fallocate(descriptor, FALLOC_FL_KEEP_SIZE, static_cast<off_t>(reserved),
+                        static_cast<off_t>(end - reserved)) == 0
+                ? 0
+                : errno;
   while (error == EINTR);
   if (error != 0 && error != EOPNOTSUPP && error != ENOSYS) throw Failure(system_reason(error));
   reserved = end;
@@ -98,7 +110,7 @@ void Record::reserve(hsize_t bytes) {
 void Record::close() {
   samples = {};
   cycles = {};
-  (void)complete.close();   // its data went out with the last flush
+  (void)complete.close();  // its data went out with the last flush
   check(file.close());
   // To its own length: gives back what was claimed beyond.
   struct stat now {};
@@ -139,13 +151,15 @@ Record create_record(const fs::path& path, const TelemetryOptions& o) {
   r.reserve(65536 + 4096 * (1 + o.joints.size()) * (1 + o.channels.size() + o.cycle_channels.size()));
   for (const auto& [name, value] : o.attributes) write_attribute(r.file, name, value);
   const Id scalar(H5Screate(H5S_SCALAR), H5Sclose);
-  r.complete = Id(H5Dcreate2(r.file, "complete", H5T_NATIVE_UINT8, scalar, H5P_DEFAULT, H5P_DEFAULT, H5P_DEFAULT), H5Dclose);
+  r.complete =
+      Id(H5Dcreate2(r.file, "complete", H5T_NATIVE_UINT8, scalar, H5P_DEFAULT, H5P_DEFAULT, H5P_DEFAULT), H5Dclose);
   write_attribute(r.complete, "description", "1 when the run ended by itself, 0 while it runs and after a kill");
   r.mark_complete(0);
 
   r.samples.time.dataset = create_column(r.file, {"time_s", "s", "simulated time"}, nullptr);
   if (!o.cycle_channels.empty())
-    r.cycles.time.dataset = create_column(r.file, {"cycle_time_s", "s", "simulated time at the end of each work cycle, skipped ones included"}, nullptr);
+    r.cycles.time.dataset = create_column(
+        r.file, {"cycle_time_s", "s", "simulated time at the end of each work cycle, skipped ones included"}, nullptr);
   const Id group_properties(H5Pcreate(H5P_GROUP_CREATE), H5Pclose), utf8(H5Pcreate(H5P_LINK_CREATE), H5Pclose);
   check(H5Pset_link_creation_order(group_properties, ordered));
   check(H5Pset_attr_creation_order(group_properties, ordered));

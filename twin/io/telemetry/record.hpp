@@ -8,8 +8,8 @@
 /// A record being written.
 namespace tribotwin::twin::hdf5 {
 
-constexpr std::size_t block = 4096;        // samples per write
-constexpr std::size_t chunk_rows = 1024;   // of a dataset: a chunk that is damaged takes so many with it
+constexpr std::size_t block = 4096;       // samples per write
+constexpr std::size_t chunk_rows = 1024;  // of a dataset: a chunk that is damaged takes so many with it
 
 class Descriptor {
  public:
@@ -60,11 +60,13 @@ struct Record {
 
   /// Claims the disk space of what comes next: a write that fails half way leaves HDF5 with a file nobody can open.
   void reserve(hsize_t bytes);
-  void mark_complete(unsigned char value) { check(H5Dwrite(complete, H5T_NATIVE_UINT8, H5S_ALL, H5S_ALL, H5P_DEFAULT, &value)); }
+  void mark_complete(unsigned char value) {
+    check(H5Dwrite(complete, H5T_NATIVE_UINT8, H5S_ALL, H5S_ALL, H5P_DEFAULT, &value));
+  }
   void close();
-  void close_on_disk();   ///< ... and forces it to disk
-  /// Writes nothing more, as if the process had been killed: what SWMR readers see stays whole, where closing the file after
-  /// a failed write would mix old and new parts of its index.
+  void close_on_disk();  ///< ... and forces it to disk
+  /// Writes nothing more, as if the process had been killed: what SWMR readers see stays whole, where closing the file
+  /// after a failed write would mix old and new parts of its index.
   void abandon();
 };
 

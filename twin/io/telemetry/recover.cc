@@ -25,7 +25,8 @@ class Rows {
   /// False where a part of them is damaged.
   bool read(hsize_t from, std::size_t count) {
     try {
-      for (std::size_t c = 0; c < datasets_.size(); ++c) read_rows(reader_, datasets_[c], from, std::span(values_).subspan(c * chunk_rows, count));
+      for (std::size_t c = 0; c < datasets_.size(); ++c)
+        read_rows(reader_, datasets_[c], from, std::span(values_).subspan(c * chunk_rows, count));
       return true;
     } catch (const Failure&) {
       return false;
@@ -59,7 +60,9 @@ Copied copy_rows(const Reader& reader, const Columns& from, Record& record, Tabl
     const bool whole = rows.read(at, count);
     for (std::size_t i = 0; whole && i < count; ++i) {
       rows.get(i, values);
-      if (!std::isfinite(rows.time_s(i)) || !(rows.time_s(i) > result.last_time_s) || std::ranges::any_of(values, infinite)) continue;
+      if (!std::isfinite(rows.time_s(i)) || !(rows.time_s(i) > result.last_time_s) ||
+          std::ranges::any_of(values, infinite))
+        continue;
       result.last_time_s = rows.time_s(i);
       ++result.kept;
       to.push(rows.time_s(i), values);
@@ -73,15 +76,23 @@ Copied copy_rows(const Reader& reader, const Columns& from, Record& record, Tabl
 
 Recovered copy_record(const Reader& reader, const fs::path& to) {
   const Recording& head = reader.head;
-  Record record = create_record(to, {.attributes = head.attributes, .joints = head.joints, .joint_attributes = head.joint_attributes,
-                                     .channels = head.channels, .cycle_channels = head.cycle_channels});
+  Record record = create_record(to, {.attributes = head.attributes,
+                                     .joints = head.joints,
+                                     .joint_attributes = head.joint_attributes,
+                                     .channels = head.channels,
+                                     .cycle_channels = head.cycle_channels});
   const int recovered = 1;
   write_attribute(record.file, "recovered", H5T_NATIVE_INT, &recovered);
   record.mark_complete(head.complete);
   const Copied samples = copy_rows(reader, reader.samples, record, record.samples);
   const Copied cycles = reader.cycles.time ? copy_rows(reader, reader.cycles, record, record.cycles) : Copied{};
   record.close_on_disk();
-  return {.samples = samples.kept, .cycles = cycles.kept, .lost_samples = samples.lost, .lost_cycles = cycles.lost, .last_time_s = samples.last_time_s, .was_plain = false};
+  return {.samples = samples.kept,
+          .cycles = cycles.kept,
+          .lost_samples = samples.lost,
+          .lost_cycles = cycles.lost,
+          .last_time_s = samples.last_time_s,
+          .was_plain = false};
 }
 
 /// Whether every chunk can be read.
@@ -95,7 +106,12 @@ bool undamaged(const Reader& reader) {
 }
 
 Recovered as_it_is(const Reader& reader) {
-  Recovered result{.samples = reader.samples.rows, .cycles = reader.cycles.rows, .lost_samples = 0, .lost_cycles = 0, .last_time_s = 0, .was_plain = true};
+  Recovered result{.samples = reader.samples.rows,
+                   .cycles = reader.cycles.rows,
+                   .lost_samples = 0,
+                   .lost_cycles = 0,
+                   .last_time_s = 0,
+                   .was_plain = true};
   if (result.samples > 0) read_rows(reader, reader.samples.time, result.samples - 1, std::span(&result.last_time_s, 1));
   return result;
 }
@@ -109,19 +125,25 @@ tl::expected<Recovered, std::string> recover(const fs::path& run_dir) {
   const Hdf5 hdf5;
   const auto reader = guarded(path, no_record, [&] { return open_record(path); });
   if (!reader) return tl::unexpected(reader.error());
-  if (const auto good = guarded(path, no_record, [&] { return reader->plain && undamaged(*reader); }); !good) return tl::unexpected(good.error());
-  else if (*good) return guarded(path, no_record, [&] { return as_it_is(*reader); });
+  if (const auto good = guarded(path, no_record, [&] { return reader->plain && undamaged(*reader); }); !good)
+    return tl::unexpected(good.error());
+  else if (*good)
+    return guarded(path, no_record, [&] { return as_it_is(*reader); });
   std::error_code error;
-  const bool linked = fs::equivalent(path, original, error);   // by a recovery that was killed before its last step
+  const bool linked = fs::equivalent(path, original, error);  // by a recovery that was killed before its last step
   if (auto ok = check_output(original, Existing::refuse); !ok && !linked)
-    return tl::unexpected(fmt::format("{}: is the original of an earlier recovery; move it away first", original.string()));
+    return tl::unexpected(
+        fmt::format("{}: is the original of an earlier recovery; move it away first", original.string()));
   auto fresh = NewFile::create(path, Existing::replace);
   if (!fresh) return tl::unexpected(fresh.error());
   const auto result = guarded(path, not_written, [&] { return copy_record(*reader, fresh->partial()); });
   if (!result) return result;
-  if (result->samples == 0 && result->lost_samples > 0) return tl::unexpected(fmt::format("{}: of its {} samples none can be proven; nothing is changed", path.string(), reader->samples.rows));
+  if (result->samples == 0 && result->lost_samples > 0)
+    return tl::unexpected(fmt::format("{}: of its {} samples none can be proven; nothing is changed", path.string(),
+                                      reader->samples.rows));
   // The original gets its second name before it loses the first: there is no moment without it.
-  if (!linked && ::link(path.c_str(), original.c_str()) != 0) return tl::unexpected(fmt::format("{}: {} ({})", original.string(), not_written, system_reason(errno)));
+  if (!linked && ::link(path.c_str(), original.c_str()) != 0)
+    return tl::unexpected(fmt::format("{}: {} ({})", original.string(), not_written, system_reason(errno)));
   if (auto ok = fresh->publish(); !ok) {
     ::unlink(original.c_str());
     return tl::unexpected(ok.error());

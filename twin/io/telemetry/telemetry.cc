@@ -1,9 +1,8 @@
-#include <tribotwin/twin/io/telemetry/telemetry.hpp>
-
 #include <cassert>
 #include <chrono>
 
 #include <tribotwin/twin/io/telemetry/record.hpp>
+#include <tribotwin/twin/io/telemetry/telemetry.hpp>
 
 namespace tribotwin::twin {
 
@@ -21,7 +20,7 @@ struct Telemetry::Impl {
   fs::path path;
   TelemetryOptions options;
   Record record;
-  std::string error;   // of the first failure, or of use after finish()
+  std::string error;  // of the first failure, or of use after finish()
   double flushed_s = 0;
 
   Status write_out() {
@@ -44,7 +43,8 @@ struct Telemetry::Impl {
   Status append(Table& table, double time_s, std::span<const double> values) {
     if (!error.empty()) return tl::unexpected(error);
     if (!table.time.dataset || values.size() != table.columns.size())
-      return tl::unexpected(fmt::format("{}: {} values given where a row has {}", path.string(), values.size(), table.columns.size()));
+      return tl::unexpected(
+          fmt::format("{}: {} values given where a row has {}", path.string(), values.size(), table.columns.size()));
     table.push(time_s, values);
     if (table.pending() == block || options.wall_clock_s() - flushed_s >= options.flush_interval_s) return write_out();
     return {};
@@ -60,7 +60,8 @@ Telemetry::Telemetry(Telemetry&&) noexcept = default;
 Telemetry& Telemetry::operator=(Telemetry&&) noexcept = default;
 Telemetry::~Telemetry() = default;
 
-tl::expected<Telemetry, std::string> Telemetry::create(const fs::path& path, TelemetryOptions options, Existing existing) {
+tl::expected<Telemetry, std::string> Telemetry::create(const fs::path& path, TelemetryOptions options,
+                                                       Existing existing) {
   if (auto ok = guarded(path, not_written, [&] { refuse_if_in_use(path); }); !ok) return tl::unexpected(ok.error());
   auto fresh = NewFile::create(path, existing);
   if (!fresh) return tl::unexpected(fresh.error());
@@ -104,8 +105,10 @@ Status Telemetry::finish(bool complete) {
     impl_->record.close_on_disk();
     impl_->record = {};
   });
-  if (ok) impl_->error = fmt::format("{}: the recording is finished", impl_->path.string());
-  else impl_->fail(ok.error());
+  if (ok)
+    impl_->error = fmt::format("{}: the recording is finished", impl_->path.string());
+  else
+    impl_->fail(ok.error());
   return ok;
 }
 

@@ -31,28 +31,28 @@ struct Channel {
 using NumericAttributes = std::vector<std::pair<std::string, double>>;
 
 struct TelemetryOptions {
-  std::vector<std::pair<std::string, std::string>> attributes;   ///< of the root: engine, seed, ...
+  std::vector<std::pair<std::string, std::string>> attributes;  ///< of the root: engine, seed, ...
   std::vector<std::string> joints;
-  std::vector<NumericAttributes> joint_attributes;   ///< of each joint's group: gear_ratio, ...; none if empty
-  std::vector<Channel> channels;         ///< per joint and sample
-  std::vector<Channel> cycle_channels;   ///< per joint and work cycle; none if empty
-  double flush_interval_s = 0.5;         ///< wall clock
-  std::function<double()> wall_clock_s;  ///< monotonic; the system's if empty
+  std::vector<NumericAttributes> joint_attributes;  ///< of each joint's group: gear_ratio, ...; none if empty
+  std::vector<Channel> channels;                    ///< per joint and sample
+  std::vector<Channel> cycle_channels;              ///< per joint and work cycle; none if empty
+  double flush_interval_s = 0.5;                    ///< wall clock
+  std::function<double()> wall_clock_s;             ///< monotonic; the system's if empty
 };
 
 /// Different objects may be used in different threads, one object in one thread at a time.
 class Telemetry {
  public:
-  /// Creates `file`, which appears with its channels and no samples. Fails with a message that names it and the reason, and
-  /// leaves what was there as it was. A record that is still being written is never replaced.
+  /// Creates `file`, which appears with its channels and no samples. Fails with a message that names it and the reason,
+  /// and leaves what was there as it was. A record that is still being written is never replaced.
   static tl::expected<Telemetry, std::string> create(const std::filesystem::path& file, TelemetryOptions options,
                                                      Existing existing = Existing::refuse);
   Telemetry(Telemetry&&) noexcept;
   Telemetry& operator=(Telemetry&&) noexcept;
-  ~Telemetry();   ///< without finish(): keeps what is there, marked incomplete
+  ~Telemetry();  ///< without finish(): keeps what is there, marked incomplete
 
-  /// One sample: joints x channels values, joint by joint. Allocates nothing and writes once per block and flush interval.
-  /// After a failed write (full disk) every further call fails alike; what was flushed before stays readable.
+  /// One sample: joints x channels values, joint by joint. Allocates nothing and writes once per block and flush
+  /// interval. After a failed write (full disk) every further call fails alike; what was flushed before stays readable.
   tl::expected<void, std::string> append(double time_s, std::span<const double> values);
   tl::expected<void, std::string> append_cycle(double time_s, std::span<const double> values);
   /// Closes the record, which is then a plain HDF5 file on disk, and marks it complete unless the run was cut short.
@@ -68,8 +68,8 @@ class Telemetry {
 struct Recording {
   bool complete = false;
   std::vector<std::pair<std::string, std::string>> attributes;
-  std::vector<std::string> joints;                     ///< in the order of their creation
-  std::vector<NumericAttributes> joint_attributes;   ///< of each joint
+  std::vector<std::string> joints;                  ///< in the order of their creation
+  std::vector<NumericAttributes> joint_attributes;  ///< of each joint
   std::vector<Channel> channels, cycle_channels;
   std::vector<double> time_s, cycle_time_s;
   /// values[joint][channel][sample]
@@ -79,25 +79,26 @@ struct Recording {
   std::span<const double> channel(std::string_view joint, std::string_view name) const;
 };
 
-/// Reads a finished, unfinished or growing record; all channels are cut to the shortest. Fails where a part of it is damaged:
-/// cut off, changed (checksum) or of another shape; and where it refers to other files, which are not read.
+/// Reads a finished, unfinished or growing record; all channels are cut to the shortest. Fails where a part of it is
+/// damaged: cut off, changed (checksum) or of another shape; and where it refers to other files, which are not read.
 tl::expected<Recording, std::string> read_telemetry(const std::filesystem::path& file);
 
 struct Recovered {
-  std::size_t samples, cycles;           ///< kept
-  std::size_t lost_samples, lost_cycles; ///< known to the file, but damaged
-  double last_time_s;                    ///< of the samples kept
-  bool was_plain;                        ///< a plain HDF5 file without damage: nothing was written
+  std::size_t samples, cycles;            ///< kept
+  std::size_t lost_samples, lost_cycles;  ///< known to the file, but damaged
+  double last_time_s;                     ///< of the samples kept
+  bool was_plain;                         ///< a plain HDF5 file without damage: nothing was written
 };
-/// Turns RUNDIR/telemetry.h5 of a killed or damaged run into a plain file, with the attribute `recovered` = 1 and `complete`
-/// as it was. A row is kept only if all of it is proven: its chunks lie within the file, have their checksums, no value is
-/// infinite, and its time is later than that of the row before. The original stays as telemetry.h5.original. Fails while the
-/// run is still writing and where no sample can be proven; nothing is changed then.
+/// Turns RUNDIR/telemetry.h5 of a killed or damaged run into a plain file, with the attribute `recovered` = 1 and
+/// `complete` as it was. A row is kept only if all of it is proven: its chunks lie within the file, have their
+/// checksums, no value is infinite, and its time is later than that of the row before. The original stays as
+/// telemetry.h5.original. Fails while the run is still writing and where no sample can be proven; nothing is changed
+/// then.
 tl::expected<Recovered, std::string> recover(const std::filesystem::path& run_dir);
 
-/// Writes RUNDIR/telemetry.csv and, where there are work cycles, RUNDIR/cycles.csv: `time_s`, then `JOINT.CHANNEL`, numbers
-/// in their shortest exact form. Returns the files written. `progress` gets 0..1.
-tl::expected<std::vector<std::filesystem::path>, std::string> export_csv(const std::filesystem::path& run_dir, Existing existing,
-                                                                         const std::function<void(double)>& progress = {});
+/// Writes RUNDIR/telemetry.csv and, where there are work cycles, RUNDIR/cycles.csv: `time_s`, then `JOINT.CHANNEL`,
+/// numbers in their shortest exact form. Returns the files written. `progress` gets 0..1.
+tl::expected<std::vector<std::filesystem::path>, std::string> export_csv(
+    const std::filesystem::path& run_dir, Existing existing, const std::function<void(double)>& progress = {});
 
 }  // namespace tribotwin::twin

@@ -1,9 +1,8 @@
-#include <gmock/gmock.h>
-
 #include <algorithm>
 #include <cstdlib>
 #include <fstream>
 
+#include <gmock/gmock.h>
 #include <nlohmann/json.hpp>
 
 #include <tribotwin/plugins/drive/fault.hpp>
@@ -31,7 +30,8 @@ YAML::Node tables_and(const std::vector<std::string>& more) {
   YAML::Node tree = campaign_tree(shipped, {"diagnosis.draws=0"}), series, check;
   const auto wanted = [&](const YAML::Node& node, const char* key) {
     const auto name = node[key].Scalar();
-    return name.starts_with("healthy") || name.starts_with("load") || name == "evolution" || name == "second_day" || std::ranges::count(more, name);
+    return name.starts_with("healthy") || name.starts_with("load") || name == "evolution" || name == "second_day" ||
+           std::ranges::count(more, name);
   };
   for (const auto& s : tree["series"])
     if (wanted(s, "name")) series.push_back(s);
@@ -46,7 +46,10 @@ TEST(Study, TablesTwoAndThreeHaveThePapersStructure) {
   const Folder folder;
   const Study study = load_study(shipped, tables_and({}));
   ASSERT_EQ(study.joints.size(), 2u);
-  for (const Joint& joint : study.joints) EXPECT_EQ(std::ranges::count_if(joint.campaign.curves, [&](const Curve& c) { return std::ranges::count(study.learn, c.series); }), 20);
+  for (const Joint& joint : study.joints)
+    EXPECT_EQ(std::ranges::count_if(joint.campaign.curves,
+                                    [&](const Curve& c) { return std::ranges::count(study.learn, c.series); }),
+              20);
   const auto summary = run_study(study, {.directory = folder.path});
   ASSERT_TRUE(summary) << summary.error();
   std::ifstream file(folder.path / "diagnosis.json");
@@ -61,7 +64,7 @@ TEST(Study, TablesTwoAndThreeHaveThePapersStructure) {
       double& largest = kg == 0 ? healthy : loaded;
       largest = std::max<double>(largest, o["region1"]["distance"]);
     }
-    EXPECT_LT(healthy, 4) << joint;   // paper 2's own threshold: a temperature is no anomaly
+    EXPECT_LT(healthy, 4) << joint;  // paper 2's own threshold: a temperature is no anomaly
     EXPECT_GT(loaded, 5 * healthy) << joint;
   }
   // Errors of one joint are not those of the other.
@@ -70,7 +73,9 @@ TEST(Study, TablesTwoAndThreeHaveThePapersStructure) {
 
 TEST(Study, FaultsOfTwiceTheirDetectionLimitAreNamed) {
   const Folder folder;
-  YAML::Node tree = tables_and({"wear", "thickening", "pitted_bearing", "torque_constant", "backlash", "lubricant_loss", "preload_loss"}), check, series, joints;
+  YAML::Node tree = tables_and({"wear", "thickening", "pitted_bearing", "torque_constant", "backlash", "lubricant_loss",
+                                "preload_loss"}),
+             check, series, joints;
   for (const auto& c : tree["diagnosis"]["check"])
     if (c["series"].Scalar() == c["state"].Scalar()) check.push_back(c);
   for (const auto& s : tree["series"]) {
@@ -100,16 +105,19 @@ TEST(Study, FaultsOfTwiceTheirDetectionLimitAreNamed) {
     EXPECT_GE(p["named_at_twice_the_limit"].value(fault, 0.0), 0.8) << p;
     EXPECT_LT(p["detection_limit"], p["unit"] == "rad" ? 2e-4 : 0.3) << p;
     for (const auto& point : p["roc"])
-      if (point["severity"] > 1.4 * p["detection_limit"].get<double>()) EXPECT_GE(point["detected"], 0.9) << fault << point;
+      if (point["severity"] > 1.4 * p["detection_limit"].get<double>())
+        EXPECT_GE(point["detected"], 0.9) << fault << point;
   }
 }
 
 TEST(Study, WrongOnesAreRefusedWithFileAndKey) {
   const Folder folder;
   const fs::path file = folder.path / "study.yaml";
-  std::ofstream(file) << "model: " << TRIBOTWIN_SOURCE_DIR << "/mjcf/br609.xml\nprocedure: test_cycle\njoints: {joint3: {}, joint5: {}}\n"
-                         "diagnosis: {learn: [evolution], check: [{series: evolution, state: cold}]}\n"
-                         "series: [{name: evolution, load: {by: payload, mass_kg: 0}, temperature: {prescribed_degC: 40}}]\n";
+  std::ofstream(file)
+      << "model: " << TRIBOTWIN_SOURCE_DIR
+      << "/mjcf/br609.xml\nprocedure: test_cycle\njoints: {joint3: {}, joint5: {}}\n"
+         "diagnosis: {learn: [evolution], check: [{series: evolution, state: cold}]}\n"
+         "series: [{name: evolution, load: {by: payload, mass_kg: 0}, temperature: {prescribed_degC: 40}}]\n";
   const auto error = [&](const std::vector<std::string>& settings) -> std::string {
     try {
       load_study(file, campaign_tree(file, settings));
@@ -119,7 +127,8 @@ TEST(Study, WrongOnesAreRefusedWithFileAndKey) {
     return "accepted";
   };
   EXPECT_EQ(error({}), "accepted");
-  EXPECT_THAT(error({"diagnosis.learn=[evolutoin]"}), testing::AllOf(HasSubstr("study.yaml"), HasSubstr("'evolutoin' is no series")));
+  EXPECT_THAT(error({"diagnosis.learn=[evolutoin]"}),
+              testing::AllOf(HasSubstr("study.yaml"), HasSubstr("'evolutoin' is no series")));
   EXPECT_THAT(error({"diagnosis.learn=evolution"}), HasSubstr("must be a list of series"));
   EXPECT_THAT(error({"diagnosis.check.0.state=[]"}), HasSubstr("state"));
   EXPECT_THAT(error({"diagnosis.chekc=1"}), HasSubstr("chekc"));

@@ -21,7 +21,11 @@ def run(*arguments, which=program):
 
 def refused(name, says, *arguments, which=program, code=2):
     r = run(*arguments, which=which)
-    check(name, r.returncode == code and r.stdout == "" and len(r.stderr.strip().splitlines()) == 1 and says in r.stderr, (r.returncode, r.stdout, r.stderr))
+    check(
+        name,
+        r.returncode == code and r.stdout == "" and len(r.stderr.strip().splitlines()) == 1 and says in r.stderr,
+        (r.returncode, r.stdout, r.stderr),
+    )
 
 
 def table(name):
@@ -45,21 +49,51 @@ open(f"{work}/days.yaml", "w").write(CAMPAIGN)
 
 r = run("lab", "days.yaml", "-o", "days")
 check("exits 0", r.returncode == 0, r.stderr)
-check("says what it did", "2 tests, 0 of them were there" in r.stdout and "change: robot 1, test 2, cycle 2" in r.stdout and "joint3" in r.stdout, r.stdout)
+check(
+    "says what it did",
+    "2 tests, 0 of them were there" in r.stdout
+    and "change: robot 1, test 2, cycle 2" in r.stdout
+    and "joint3" in r.stdout,
+    r.stdout,
+)
 check("a day too short for time constants says so", "*: not identifiable from this record" in r.stdout, r.stdout)
-first = {name: open(f"{work}/days/{name}.csv", "rb").read() for name in ("time_constants", "inertial", "friction", "changes")}
+first = {
+    name: open(f"{work}/days/{name}.csv", "rb").read() for name in ("time_constants", "inertial", "friction", "changes")
+}
 
 changes = table("changes")
-check("the broken joint is the change, from the cycle in which it broke", {(c["test"], c["joint"], c["cycle"]) for c in changes} == {("2", "joint3", "2")}, changes)
+check(
+    "the broken joint is the change, from the cycle in which it broke",
+    {(c["test"], c["joint"], c["cycle"]) for c in changes} == {("2", "joint3", "2")},
+    changes,
+)
 f1 = {(f["test"], f["cycle"], f["joint"]): float(f["f1"]) for f in table("friction") if f["f1"]}
-check("it shows as a jump of f1", f1["2", "2", "joint3"] > 1.2 * f1["2", "1", "joint3"] and f1["1", "2", "joint3"] < 1.1 * f1["1", "1", "joint3"], f1)
+check(
+    "it shows as a jump of f1",
+    f1["2", "2", "joint3"] > 1.2 * f1["2", "1", "joint3"] and f1["1", "2", "joint3"] < 1.1 * f1["1", "1", "joint3"],
+    f1,
+)
 times = table("time_constants")
-check("each test and all merged, per joint", {t["test"] for t in times} == {"1", "2", "mix"} and len({t["joint"] for t in times}) == 6)
+check(
+    "each test and all merged, per joint",
+    {t["test"] for t in times} == {"1", "2", "mix"} and len({t["joint"] for t in times}) == 6,
+)
 told = [t for t in times if t["identifiable"] == "yes" and t["test"] == "mix"]
-check("merged time constants that are told are as far off as their sigmas say, or 10 %", all(abs(float(t["value_s"]) - float(t["of_robot_s"])) < max(4 * float(t["sigma_s"]), 0.1 * float(t["of_robot_s"])) for t in told), told)
+check(
+    "merged time constants that are told are as far off as their sigmas say, or 10 %",
+    all(
+        abs(float(t["value_s"]) - float(t["of_robot_s"])) < max(4 * float(t["sigma_s"]), 0.1 * float(t["of_robot_s"]))
+        for t in told
+    ),
+    told,
+)
 inertial = [i for i in table("inertial") if i["test"] == "1" and i["sigma"]]
 z = np.array([(float(i["value"]) - float(i["of_robot"])) / float(i["sigma"]) for i in inertial])
-check("inertial parameters of each cycle and of the day are as far off as their sigmas say", len(z) == 3 * 40 and np.abs(z).max() < 4.5 and 0.6 < np.sqrt(np.mean(z**2)) < 1.4, (np.abs(z).max(), np.sqrt(np.mean(z**2))))
+check(
+    "inertial parameters of each cycle and of the day are as far off as their sigmas say",
+    len(z) == 3 * 40 and np.abs(z).max() < 4.5 and 0.6 < np.sqrt(np.mean(z**2)) < 1.4,
+    (np.abs(z).max(), np.sqrt(np.mean(z**2))),
+)
 names = {i["of_robot"] for i in inertial if i["parameter"] == "joint6.Ia"}
 check("the robot is no other robot's copy", len(names) == 1 and abs(float(names.pop()) / 0.02 - 1) > 1e-4)
 
@@ -71,21 +105,49 @@ check("goes on", r.returncode == 0 and "2 tests, 1 of them were there" in r.stdo
 check("the same bytes", all(open(f"{work}/days/{name}.csv", "rb").read() == text for name, text in first.items()))
 
 refused("another campaign in the folder", "another campaign", "lab", "days.yaml", "-o", "days", "--set", "seed=2")
-for name, setting, says in (("no such joint", "faults.0.joint=joint7", "did you mean"), ("no such parameter", "faults.0.factors={f9: 2}", "no parameter of law 'polynomial'"), ("a day that is not", "faults.0.day=3", "faults[0].day"),
-                            ("an unknown key", "roboters=3", "robots"), ("half a robot", "robots=1.5", "whole number"), ("a model with another law", f"model={source}/mjcf/irb6620.xml", "polynomial"), ("kelvins", "ambient.mean_degC=293", "mean_degC")):
+for name, setting, says in (
+    ("no such joint", "faults.0.joint=joint7", "did you mean"),
+    ("no such parameter", "faults.0.factors={f9: 2}", "no parameter of law 'polynomial'"),
+    ("a day that is not", "faults.0.day=3", "faults[0].day"),
+    ("an unknown key", "roboters=3", "robots"),
+    ("half a robot", "robots=1.5", "whole number"),
+    ("a model with another law", f"model={source}/mjcf/irb6620.xml", "polynomial"),
+    ("kelvins", "ambient.mean_degC=293", "mean_degC"),
+):
     refused(name, says, "lab", "days.yaml", "-o", "other", "--set", setting)
-refused("shorter than a cycle", "one cycle of the motion", "lab", "days.yaml", "-o", "other", "--set", "duration_s=90", "--set", "faults=[]")
+refused(
+    "shorter than a cycle",
+    "one cycle of the motion",
+    "lab",
+    "days.yaml",
+    "-o",
+    "other",
+    "--set",
+    "duration_s=90",
+    "--set",
+    "faults=[]",
+)
 check("nothing half-written", not os.path.exists(f"{work}/other"))
 
 if report:
     r = run("days", "days", which=report)
     check("page", r.returncode == 0 and r.stdout.strip() == "days/report.html", (r.stdout, r.stderr))
     page = open(f"{work}/days/report.html").read()
-    for what in ("friction of joint3 changed", "Time constants", "not identifiable from this record", "Friction over the day", "Torque, cold and hot", "Inertial parameters over the tests", "Base parameters"):
+    for what in (
+        "friction of joint3 changed",
+        "Time constants",
+        "not identifiable from this record",
+        "Friction over the day",
+        "Torque, cold and hot",
+        "Inertial parameters over the tests",
+        "Base parameters",
+    ):
         check("page: " + what, what in page)
     check("page: figures", page.count("<svg") == 6 + 6 + 2 + 6, page.count("<svg"))
     os.remove(f"{work}/days/tests/robot1_day1.json")
-    refused("page of an unfinished campaign", "robot1_day1.json: is missing", "days", "days", "-o", "x.html", which=report)
+    refused(
+        "page of an unfinished campaign", "robot1_day1.json: is missing", "days", "days", "-o", "x.html", which=report
+    )
     refused("page of no campaign", "campaign.yaml", "days", ".", "-o", "x.html", which=report)
     check("nothing half-written by the page", not os.path.exists(f"{work}/x.html"))
 

@@ -1,5 +1,3 @@
-#include <tribotwin/twin/identification/curves/fit.hpp>
-
 #include <cmath>
 #include <map>
 #include <random>
@@ -8,6 +6,7 @@
 #include <gmock/gmock.h>
 
 #include <tribotwin/twin/identification/curves/basis.hpp>
+#include <tribotwin/twin/identification/curves/fit.hpp>
 #include <tribotwin/twin/identification/curves/separable.hpp>
 #include <tribotwin/twin/numerics/least_squares.hpp>
 #include <tribotwin/twin/numerics/solver_guard.hpp>
@@ -40,7 +39,6 @@ Samples campaign(const friction::Law& law, std::size_t curves, double noise, std
 const friction::LawInfo& extended() { return *friction::find_law("extended"); }
 friction::Law published() { return *friction::published_law("extended"); }
 
-
 std::vector<double> flat(const Fit& f) {
   std::vector<double> v;
   for (const auto& e : f.parameters) v.push_back(e.value);
@@ -68,13 +66,15 @@ TEST(Identification, SigmasAreTheScatterAndNothingIsBiased) {
     covered += inside[i] / seeds / 12;
     EXPECT_GT(inside[i] / seeds, 0.93) << extended().parameters[i].name;
     EXPECT_LT(inside[i] / seeds, 0.97) << extended().parameters[i].name;
-    fmt::print("{:6} bias {:6.3f} sigma, covered {:5.1f} %\n", extended().parameters[i].name, sum[i] / seeds, 100 * inside[i] / seeds);
+    fmt::print("{:6} bias {:6.3f} sigma, covered {:5.1f} %\n", extended().parameters[i].name, sum[i] / seeds,
+               100 * inside[i] / seeds);
   }
   EXPECT_GT(covered, 0.94);
   EXPECT_LT(covered, 0.96);
 }
 
-/// Paper 4's range: 24 speeds up to 150 rad/s at each of some temperatures, read with 0.1 K of scatter; RH380-N of mjcf/.
+/// Paper 4's range: 24 speeds up to 150 rad/s at each of some temperatures, read with 0.1 K of scatter; RH380-N of
+/// mjcf/.
 Samples heated(const friction::Law& law, std::initializer_list<double> temperatures, double noise, std::uint64_t seed) {
   std::mt19937_64 random(seed);
   std::normal_distribution<double> error(0, noise), reading(0, 0.1);
@@ -92,7 +92,8 @@ Samples heated(const friction::Law& law, std::initializer_list<double> temperatu
 friction::Law rh380n() {
   const auto& law = *friction::find_law("stribeck_T");
   friction::Law truth{.info = &law, .range = law.identified, .validity = friction::Validity::extrapolate};
-  return friction::with_parameters(truth, std::vector<double>{1.6, 0.02, 0, 2.4, 0.025, 1e-4, 6, 0.05, -2e-4, 1.4, 0.034, -8e-4, 6e-6});
+  return friction::with_parameters(
+      truth, std::vector<double>{1.6, 0.02, 0, 2.4, 0.025, 1e-4, 6, 0.05, -2e-4, 1.4, 0.034, -8e-4, 6e-6});
 }
 
 TEST(Identification, TemperaturePolynomialsOfTheCycloidalDrive) {
@@ -100,7 +101,8 @@ TEST(Identification, TemperaturePolynomialsOfTheCycloidalDrive) {
   constexpr int seeds = 300;
   std::vector<double> inside(13, 0);
   for (int seed = 1; seed <= seeds; ++seed) {
-    const auto f = fit(*truth.info, heated(truth, {20, 25, 30, 35, 40, 45, 50}, 0.02, static_cast<std::uint64_t>(seed)));
+    const auto f =
+        fit(*truth.info, heated(truth, {20, 25, 30, 35, 40, 45, 50}, 0.02, static_cast<std::uint64_t>(seed)));
     ASSERT_TRUE(f) << f.error();
     for (std::size_t i = 0; i < 13; ++i) {
       const auto& e = f->parameters[i];
@@ -136,12 +138,14 @@ TEST(Identification, FindsEveryLawFromNoiselessData) {
     Samples s = campaign(truth, 60, 0, 3);
     if (law.side == friction::Side::arm) {
       for (double& v : s.speed) v /= 160;
-      for (std::size_t i = 0; i < s.size(); ++i) s.friction[i] = friction::torque(truth, s.speed[i], s.load[i], s.temperature_degC[i]);
+      for (std::size_t i = 0; i < s.size(); ++i)
+        s.friction[i] = friction::torque(truth, s.speed[i], s.load[i], s.temperature_degC[i]);
     }
     const auto f = fit(law, s);
     ASSERT_TRUE(f) << law.name << ": " << f.error();
     for (std::size_t i = 0; i < law.parameters.size(); ++i)
-      EXPECT_NEAR(f->parameters[i].value, truth.parameters[i], 2e-4 * std::abs(truth.parameters[i]) + 1e-9) << law.name << " " << law.parameters[i].name;
+      EXPECT_NEAR(f->parameters[i].value, truth.parameters[i], 2e-4 * std::abs(truth.parameters[i]) + 1e-9)
+          << law.name << " " << law.parameters[i].name;
     EXPECT_GT(f->r_squared, 1 - 1e-9) << law.name;
   }
 }
@@ -153,26 +157,41 @@ TEST(Identification, DerivativesAreThoseOfTheLaw) {
     std::mt19937_64 random(5);
     std::uniform_real_distribution<double> unit(0.5, 1.5);
     std::vector<double> theta;
-    for (const auto& p : law.parameters) theta.push_back((p.name.starts_with("vs0") ? 30 : p.name == "vsTT" ? 2e-3 : p.name.starts_with("vs") && p.name.size() == 3 && p.name[2] == 'T' ? 0.2 : p.name.starts_with("v") || p.name.starts_with("V") ? 9 : p.name == "TV0" ? 20 : p.name.ends_with("T") ? 1e-2 : p.name == "a" ? 3e-3 : p.name == "T0" ? 25 : 0.8) * unit(random));
+    for (const auto& p : law.parameters)
+      theta.push_back((p.name.starts_with("vs0")                                            ? 30
+                       : p.name == "vsTT"                                                   ? 2e-3
+                       : p.name.starts_with("vs") && p.name.size() == 3 && p.name[2] == 'T' ? 0.2
+                       : p.name.starts_with("v") || p.name.starts_with("V")                 ? 9
+                       : p.name == "TV0"                                                    ? 20
+                       : p.name.ends_with("T")                                              ? 1e-2
+                       : p.name == "a"                                                      ? 3e-3
+                       : p.name == "T0"                                                     ? 25
+                                                                                            : 0.8) *
+                      unit(random));
     const friction::Family family = law.family(theta);
     Samples one;
     one.speed = {13}, one.load = {0.4}, one.temperature_degC = {47}, one.friction = {3};
     Eigen::VectorXd eta(static_cast<Eigen::Index>(place.linear_used.size()));
-    for (std::size_t k = 0; k < place.linear_used.size(); ++k) eta(static_cast<Eigen::Index>(k)) = family.*linear_fields[place.linear_used[k]];
+    for (std::size_t k = 0; k < place.linear_used.size(); ++k)
+      eta(static_cast<Eigen::Index>(k)) = family.*linear_fields[place.linear_used[k]];
     const auto moments = accumulate(one, {}, place, family, 1);
     const auto at = moments.at(eta);
     const auto residual = [&](const friction::Family& f) { return residuals(one, place, f, 1)[0]; };
     EXPECT_NEAR(at.rr, std::pow(residual(family), 2), 1e-9 * moments.yy) << law.name;
     for (std::size_t n = 0; n < place.nonlinear_used.size(); ++n) {
       const auto field = nonlinear_fields[place.nonlinear_used[n]];
-      if (field == &friction::Family::s_T0) continue;   // a convention, never sought
+      if (field == &friction::Family::s_T0) continue;  // a convention, never sought
       const double x = family.*field, h = 1e-5 * std::max(1e-3, std::abs(x));
       friction::Family up = family, down = family;
       up.*field = x + h;
       down.*field = x - h;
       const double slope = -(residual(up) - residual(down)) / (2 * h);
-      EXPECT_NEAR(at.Dr(static_cast<Eigen::Index>(n)), slope * residual(family), 1e-5 * std::abs(slope * residual(family)) + 1e-7) << law.name << " nonlinear " << n;
-      EXPECT_NEAR(at.DD(static_cast<Eigen::Index>(n), static_cast<Eigen::Index>(n)), slope * slope, 1e-5 * slope * slope + 1e-9) << law.name << " nonlinear " << n;
+      EXPECT_NEAR(at.Dr(static_cast<Eigen::Index>(n)), slope * residual(family),
+                  1e-5 * std::abs(slope * residual(family)) + 1e-7)
+          << law.name << " nonlinear " << n;
+      EXPECT_NEAR(at.DD(static_cast<Eigen::Index>(n), static_cast<Eigen::Index>(n)), slope * slope,
+                  1e-5 * slope * slope + 1e-9)
+          << law.name << " nonlinear " << n;
     }
   }
 }
@@ -181,16 +200,20 @@ TEST(Identification, DerivativesAreThoseOfTheLaw) {
 TEST(Identification, CostsAreFiniteWhereverTheSearchMayGo) {
   for (const auto& law : friction::laws()) {
     Samples s;
-    for (int i = 0; i < 40; ++i) s.speed.push_back(2 + 7 * i), s.load.push_back(0.02 * i), s.temperature_degC.push_back(25 + i % 7 * 8), s.friction.push_back(1 + 0.1 * (i % 5));
+    for (int i = 0; i < 40; ++i)
+      s.speed.push_back(2 + 7 * i), s.load.push_back(0.02 * i), s.temperature_degC.push_back(25 + i % 7 * 8),
+          s.friction.push_back(1 + 0.1 * (i % 5));
     const Separable problem(law, s, {}, 1);
     std::mt19937_64 random(6);
     std::uniform_real_distribution<double> decade(-9, 6);
     for (int draw = 0; draw < 20000; ++draw) {
       Eigen::VectorXd at(static_cast<Eigen::Index>(law.parameters.size()));
-      for (std::size_t i = 0; i < law.parameters.size(); ++i) at(static_cast<Eigen::Index>(i)) = (random() % 2 ? 1 : -1) * std::pow(10, decade(random));
+      for (std::size_t i = 0; i < law.parameters.size(); ++i)
+        at(static_cast<Eigen::Index>(i)) = (random() % 2 ? 1 : -1) * std::pow(10, decade(random));
       const Point point = problem.at(at);
       ASSERT_GT(point.cost, 0) << law.name << ": " << at.transpose();
-      ASSERT_LE(point.cost, (1 + 1e-9) * point.moments.yy) << law.name << ": " << at.transpose() << " / " << point.values.transpose();
+      ASSERT_LE(point.cost, (1 + 1e-9) * point.moments.yy)
+          << law.name << ": " << at.transpose() << " / " << point.values.transpose();
     }
   }
 }
@@ -198,7 +221,7 @@ TEST(Identification, CostsAreFiniteWhereverTheSearchMayGo) {
 TEST(Identification, AllLinearAllNonlinearOrAllParametersMayBeFixed) {
   const auto s = campaign(published(), 40, 1e-3, 4);
   const auto& law = *friction::find_law("stribeck");
-  for (const std::string_view known : {"F", "va", "Fva"}) {   // first letters
+  for (const std::string_view known : {"F", "va", "Fva"}) {  // first letters
     const auto fixed = [&](std::string_view name) { return known.find(name.front()) != known.npos; };
     FitOptions options;
     for (const auto& [name, value] : {std::pair{"Fc", 0.03}, {"Fs", 0.05}, {"Fv", 4e-4}, {"vs", 11.0}, {"alpha", 1.4}})
@@ -206,7 +229,8 @@ TEST(Identification, AllLinearAllNonlinearOrAllParametersMayBeFixed) {
     const auto f = fit(law, s, options);
     ASSERT_TRUE(f) << f.error();
     EXPECT_EQ(f->estimated, law.parameters.size() - options.fixed.size());
-    for (std::size_t i = 0; i < law.parameters.size(); ++i) EXPECT_EQ(f->parameters[i].status == Status::fixed, fixed(law.parameters[i].name));
+    for (std::size_t i = 0; i < law.parameters.size(); ++i)
+      EXPECT_EQ(f->parameters[i].status == Status::fixed, fixed(law.parameters[i].name));
   }
 }
 
@@ -245,7 +269,7 @@ TEST(Identification, CoverageOfFixedParametersAndCorrelations) {
     if (i != 8) {
       EXPECT_NEAR(f->correlation(i, i), 1, 1e-12);
     }
-  EXPECT_LT(f->correlation(5, 6), -0.8);   // intercept and slope
+  EXPECT_LT(f->correlation(5, 6), -0.8);  // intercept and slope
   EXPECT_GT(f->condition_number, 3);
 }
 
@@ -270,10 +294,12 @@ TEST(Identification, StagesGiveTheLoadTermsFromOneTemperature) {
   EXPECT_EQ(f->estimated, 11);
   for (std::size_t i = 0; i < 12; ++i)
     if (i != 8) {
-      EXPECT_LT(std::abs(f->parameters[i].value - truth.parameters[i]), 3.5 * f->parameters[i].sigma) << f->parameters[i].name;
+      EXPECT_LT(std::abs(f->parameters[i].value - truth.parameters[i]), 3.5 * f->parameters[i].sigma)
+          << f->parameters[i].name;
     }
   EXPECT_THAT(f->notes.front(), HasSubstr("600 samples at 40.0 degC and 50 loads"));
-  EXPECT_THAT(fit_staged(*friction::find_law("stribeck"), s).error(), HasSubstr("does not depend on both load and temperature"));
+  EXPECT_THAT(fit_staged(*friction::find_law("stribeck"), s).error(),
+              HasSubstr("does not depend on both load and temperature"));
   const auto one_load = campaign(truth, 1, 0, 1);
   EXPECT_THAT(fit_staged(extended(), one_load).error(), HasSubstr("three loads"));
 }
@@ -284,7 +310,8 @@ TEST(Identification, SharedExponentOfUnloadedCurves) {
   std::ranges::fill(s.load, 0.0);
   std::mt19937_64 random(3);
   std::normal_distribution<double> error(0, 2e-3);
-  for (std::size_t i = 0; i < s.size(); ++i) s.friction[i] = friction::torque(truth, s.speed[i], 0, s.temperature_degC[i]) + error(random);
+  for (std::size_t i = 0; i < s.size(); ++i)
+    s.friction[i] = friction::torque(truth, s.speed[i], 0, s.temperature_degC[i]) + error(random);
   const auto shared = fit_shared(*friction::find_law("stribeck"), s, "alpha");
   ASSERT_TRUE(shared) << shared.error();
   EXPECT_EQ(shared->curves, 488);
@@ -298,7 +325,8 @@ TEST(Identification, SharedExponentOfUnloadedCurves) {
 TEST(Degenerate, OneLoad) {
   Samples s = campaign(published(), 60, 0, 3);
   std::ranges::fill(s.load, 0.0);
-  for (std::size_t i = 0; i < s.size(); ++i) s.friction[i] = friction::torque(published(), s.speed[i], 0, s.temperature_degC[i]);
+  for (std::size_t i = 0; i < s.size(); ++i)
+    s.friction[i] = friction::torque(published(), s.speed[i], 0, s.temperature_degC[i]);
   const auto f = fit(extended(), s);
   ASSERT_TRUE(f) << f.error();
   EXPECT_THAT(f->unidentifiable, UnorderedElementsAre("Fcl", "Fsl", "vsl"));
@@ -308,7 +336,8 @@ TEST(Degenerate, OneLoad) {
 }
 TEST(Degenerate, OneTemperature) {
   Samples s = campaign(published(), 60, 1e-4, 3);
-  for (std::size_t i = 0; i < s.size(); ++i) s.temperature_degC[i] = 50, s.friction[i] = friction::torque(published(), s.speed[i], s.load[i], 50);
+  for (std::size_t i = 0; i < s.size(); ++i)
+    s.temperature_degC[i] = 50, s.friction[i] = friction::torque(published(), s.speed[i], s.load[i], 50);
   const auto f = fit(extended(), s);
   ASSERT_TRUE(f) << f.error();
   EXPECT_THAT(f->unidentifiable, UnorderedElementsAre("FsT", "vsT", "FvT", "TV0"));
@@ -317,7 +346,8 @@ TEST(Degenerate, OneTemperature) {
 }
 TEST(Degenerate, OneTemperatureAndTwoOfPolynomials) {
   const friction::Law truth = rh380n();
-  const auto one = fit(*truth.info, heated(truth, {30}, 1e-3, 2)), two = fit(*truth.info, heated(truth, {20, 50}, 1e-3, 2));
+  const auto one = fit(*truth.info, heated(truth, {30}, 1e-3, 2)),
+             two = fit(*truth.info, heated(truth, {20, 50}, 1e-3, 2));
   ASSERT_TRUE(one) << one.error();
   EXPECT_THAT(one->unidentifiable, UnorderedElementsAre("FcT", "FcTT", "FsT", "FsTT", "vsT", "vsTT", "FvT", "FvTT"));
   EXPECT_NEAR(one->parameters[0].value, 1.6 + 0.02 * 30, 4 * one->parameters[0].sigma) << "Fc at 30 degC";
@@ -345,7 +375,8 @@ TEST(Degenerate, NoFrictionAndTooFew) {
   std::ranges::fill(s.friction, 0.0);
   EXPECT_THAT(fit(extended(), s).error(), HasSubstr("friction is 0 in every sample"));
   Samples few = campaign(published(), 1, 0, 3);
-  EXPECT_THAT(fit(extended(), few.subset(std::vector<std::size_t>{0, 1, 2})).error(), HasSubstr("3 samples cannot tell"));
+  EXPECT_THAT(fit(extended(), few.subset(std::vector<std::size_t>{0, 1, 2})).error(),
+              HasSubstr("3 samples cannot tell"));
   EXPECT_THAT(fit(extended(), Samples{}).error(), HasSubstr("no samples"));
 }
 TEST(Degenerate, OutliersAreSaidAndARobustLossForgetsThem) {
@@ -359,8 +390,10 @@ TEST(Degenerate, OutliersAreSaidAndARobustLossForgetsThem) {
   ASSERT_TRUE(plain && robust);
   EXPECT_THAT(plain->notes, Contains(HasSubstr("outliers pull")));
   for (std::size_t i = 0; i < 12; ++i)
-    EXPECT_LT(std::abs(robust->parameters[i].value - truth.parameters[i]), 5 * robust->parameters[i].sigma) << robust->parameters[i].name;
-  EXPECT_GT(std::abs(plain->parameters[0].value - truth.parameters[0]), 5 * robust->parameters[0].sigma) << "or this test shows nothing";
+    EXPECT_LT(std::abs(robust->parameters[i].value - truth.parameters[i]), 5 * robust->parameters[i].sigma)
+        << robust->parameters[i].name;
+  EXPECT_GT(std::abs(plain->parameters[0].value - truth.parameters[0]), 5 * robust->parameters[0].sigma)
+      << "or this test shows nothing";
 }
 TEST(Degenerate, ALawThatDoesNotFollowTheDataSaysSo) {
   const auto f = fit(*friction::find_law("stribeck"), campaign(published(), 100, 1e-4, 3));
@@ -395,7 +428,8 @@ TEST(Degenerate, TheSolverIsNotBegunWhereItWouldAbort) {
     EXPECT_EQ(least_squares(*residual, x, one * 0, one * 2, {}), std::numeric_limits<double>::infinity());
   }
   Eigen::VectorXd x = one;
-  const auto never = by_differences<ceres::CENTRAL>([](const Eigen::VectorXd& at) { return Eigen::VectorXd(at * std::nan("")); }, 1, 1);
+  const auto never = by_differences<ceres::CENTRAL>(
+      [](const Eigen::VectorXd& at) { return Eigen::VectorXd(at * std::nan("")); }, 1, 1);
   EXPECT_EQ(least_squares(*never, x, one * 0, one * 2, {}), std::numeric_limits<double>::infinity());
 }
 

@@ -15,18 +15,24 @@ using testing::Contains, testing::HasSubstr, testing::IsEmpty, testing::Unordere
 constexpr double pi = std::numbers::pi;
 
 /// The gear of mjcf/rh380n_bench.xml.
-const transmission::Hysteresis gear{.k = {{1.9e6, 6e3, -20}, {8e7, 2e5, 0}, {2e12, 0, 0}}, .w = 0.65, .beta = 1500, .gamma = 300, .n = 1.2, .torsion_max_rad = 0.003};
+const transmission::Hysteresis gear{.k = {{1.9e6, 6e3, -20}, {8e7, 2e5, 0}, {2e12, 0, 0}},
+                                    .w = 0.65,
+                                    .beta = 1500,
+                                    .gamma = 300,
+                                    .n = 1.2,
+                                    .torsion_max_rad = 0.003};
 const double gear_numbers[] = {1.9e6, 6e3, -20, 8e7, 2e5, 0, 2e12, 0, 0, 0.65, 1500, 300, 1.2};
 
-/// 8 s at 250 Hz under about 3 kNm, loops within loops; the torque sensor is noisy, and so is the torsion: on the arm side a
-/// motor encoder of 13 bit has 1.2 urad.
+/// 8 s at 250 Hz under about 3 kNm, loops within loops; the torque sensor is noisy, and so is the torsion: on the arm
+/// side a motor encoder of 13 bit has 1.2 urad.
 LoopRecording loops(double temperature, double torque_noise, double torsion_noise, std::uint64_t seed) {
   std::mt19937_64 random(seed);
   std::normal_distribution<double> normal;
   LoopRecording r;
   double x = 0, before = 0;
   for (int i = 0; i < 2000; ++i) {
-    const double t = i / 250.0, phi = 1.1e-3 * std::sin(2 * pi * 0.25 * t) + 0.25e-3 * std::sin(2 * pi * 1.1 * t + 0.4) - 0.25e-3 * std::sin(0.4);
+    const double t = i / 250.0, phi = 1.1e-3 * std::sin(2 * pi * 0.25 * t) +
+                                      0.25e-3 * std::sin(2 * pi * 1.1 * t + 0.4) - 0.25e-3 * std::sin(0.4);
     x = transmission::advanced(gear, x, phi - before);
     before = phi;
     r.torsion_rad.push_back(phi + torsion_noise * normal(random));
@@ -37,7 +43,8 @@ LoopRecording loops(double temperature, double torque_noise, double torsion_nois
 }
 
 std::vector<LoopRecording> bench(double torque_noise, double torsion_noise, std::uint64_t seed) {
-  return {loops(20, torque_noise, torsion_noise, 3 * seed), loops(35, torque_noise, torsion_noise, 3 * seed + 1), loops(50, torque_noise, torsion_noise, 3 * seed + 2)};
+  return {loops(20, torque_noise, torsion_noise, 3 * seed), loops(35, torque_noise, torsion_noise, 3 * seed + 1),
+          loops(50, torque_noise, torsion_noise, 3 * seed + 2)};
 }
 
 TEST(BoucWen, FindsTheGearAndSigmasAreTheScatter) {
@@ -50,13 +57,16 @@ TEST(BoucWen, FindsTheGearAndSigmasAreTheScatter) {
     for (std::size_t i = 0; i < 13; ++i) {
       const auto& e = f->parameters[i];
       const double off = std::abs(e.value - gear_numbers[i]) / e.sigma;
-      if (seed == 1) fmt::print("{:6} {:12.5g} +- {:10.3g} truth {:10.4g}  {:.2f}\n", e.name, e.value, e.sigma, gear_numbers[i], off);
+      if (seed == 1)
+        fmt::print("{:6} {:12.5g} +- {:10.3g} truth {:10.4g}  {:.2f}\n", e.name, e.value, e.sigma, gear_numbers[i],
+                   off);
       worst = std::max(worst, off);
       inside += off < 1.96;
     }
     error = std::max(error, f->normalised_mse);
   }
-  fmt::print("covered {:.1f} %, largest error {:.2f} sigma, normalised MSE up to {:.2g}\n", 100 * inside / seeds / 13, worst, error);
+  fmt::print("covered {:.1f} %, largest error {:.2f} sigma, normalised MSE up to {:.2g}\n", 100 * inside / seeds / 13,
+             worst, error);
   EXPECT_GT(inside / seeds / 13, 0.88);
   EXPECT_LT(worst, 4);
   EXPECT_LT(error, 1e-4);
@@ -85,8 +95,10 @@ TEST(BoucWen, SaysWhatTheDataCannotTell) {
     small.torque_nm[i] = transmission::torque_nm(gear, small.torsion_rad[i], x, 35) + noise(random);
   }
   const auto thin = fit_hysteresis(std::vector{small});
-  if (thin) EXPECT_THAT(thin->unidentifiable, Contains("beta"));
-  else EXPECT_THAT(thin.error(), HasSubstr("no hysteresis"));
+  if (thin)
+    EXPECT_THAT(thin->unidentifiable, Contains("beta"));
+  else
+    EXPECT_THAT(thin.error(), HasSubstr("no hysteresis"));
 }
 
 TEST(BoucWen, RefusesWhatTeachesNothing) {
@@ -102,12 +114,15 @@ TEST(BoucWen, RefusesWhatTeachesNothing) {
   EXPECT_THAT(error([](auto& r) {
                 for (auto* column : {&r.torsion_rad, &r.torque_nm, &r.temperature_degC}) column->resize(60);
                 for (std::size_t i = 0; i < 60; ++i) r.torsion_rad[i] = 1e-3 * std::sin(0.3 * static_cast<double>(i));
-              }), HasSubstr("60 samples cannot tell"));
+              }),
+              HasSubstr("60 samples cannot tell"));
   std::mt19937_64 random(3);
   std::normal_distribution<double> noise(0, 5);
   EXPECT_THAT(error([&](auto& r) {
-                for (std::size_t i = 0; i < r.torque_nm.size(); ++i) r.torque_nm[i] = 2e6 * r.torsion_rad[i] + noise(random);
-              }), HasSubstr("no hysteresis"));
+                for (std::size_t i = 0; i < r.torque_nm.size(); ++i)
+                  r.torque_nm[i] = 2e6 * r.torsion_rad[i] + noise(random);
+              }),
+              HasSubstr("no hysteresis"));
 }
 
 TEST(BoucWen, NoiseOfTheTorsionIsNoMotion) {
@@ -131,8 +146,8 @@ TEST(BoucWen, NoiseOfTheTorsionIsNoMotion) {
   EXPECT_NEAR(way(course), way(clean), 0.02 * way(clean));
 }
 
-/// The motor side of the same bench, and 10 s at 500 Hz: pre-sliding to and fro, then reversals faster and faster. Bristles
-/// integrated by Runge-Kutta in steps of 20 us, with the equations written down once more.
+/// The motor side of the same bench, and 10 s at 500 Hz: pre-sliding to and fro, then reversals faster and faster.
+/// Bristles integrated by Runge-Kutta in steps of 20 us, with the equations written down once more.
 drive::Drive motor() {
   const auto numbers = {1.6, 0.02, 0.0, 2.4, 0.025, 1e-4, 6.0, 0.05, -2e-4, 1.4, 0.034, -8e-4, 6e-6};
   friction::Law law{.info = friction::find_law("stribeck_T"), .range = friction::find_law("stribeck_T")->identified};
@@ -144,9 +159,14 @@ SlidingRecording reversals(double T, double torque_noise, double velocity_noise,
   std::mt19937_64 random(seed);
   std::normal_distribution<double> normal;
   const auto [sigma0, sigma1, vd] = bristle_numbers;
-  const double Fc = 1.6 + 0.02 * T, Fs = 2.4 + 0.025 * T + 1e-4 * T * T, vs = 6 + 0.05 * T - 2e-4 * T * T, Fv = 0.034 - 8e-4 * T + 6e-6 * T * T;
-  const auto speed = [](double t) { return 0.08 * std::sin(2 * pi * 1.3 * t) + std::exp(0.45 * t - 3) * std::sin(2 * pi * 0.7 * t); };
-  const auto rate = [&](double w, double z) { return w - sigma0 * std::abs(w) * z / (Fc + (Fs - Fc) * std::exp(-std::pow(std::abs(w) / vs, 1.4))); };
+  const double Fc = 1.6 + 0.02 * T, Fs = 2.4 + 0.025 * T + 1e-4 * T * T, vs = 6 + 0.05 * T - 2e-4 * T * T,
+               Fv = 0.034 - 8e-4 * T + 6e-6 * T * T;
+  const auto speed = [](double t) {
+    return 0.08 * std::sin(2 * pi * 1.3 * t) + std::exp(0.45 * t - 3) * std::sin(2 * pi * 0.7 * t);
+  };
+  const auto rate = [&](double w, double z) {
+    return w - sigma0 * std::abs(w) * z / (Fc + (Fs - Fc) * std::exp(-std::pow(std::abs(w) / vs, 1.4)));
+  };
   SlidingRecording r;
   double z = 0;
   constexpr int samples = 5000, pieces = 100;
@@ -155,10 +175,12 @@ SlidingRecording reversals(double T, double torque_noise, double velocity_noise,
     const double t = i * dt, w = speed(t);
     r.time_s.push_back(t);
     r.velocity_rad_s.push_back(w + velocity_noise * normal(random));
-    r.torque_nm.push_back(sigma0 * z + sigma1 * std::exp(-std::pow(w / vd, 2)) * rate(w, z) + Fv * w + torque_noise * normal(random));
+    r.torque_nm.push_back(sigma0 * z + sigma1 * std::exp(-std::pow(w / vd, 2)) * rate(w, z) + Fv * w +
+                          torque_noise * normal(random));
     r.temperature_degC.push_back(T);
     for (int k = 0; k < pieces; ++k) {
-      const double s = t + k * h, a = rate(speed(s), z), b = rate(speed(s + h / 2), z + h / 2 * a), c = rate(speed(s + h / 2), z + h / 2 * b), d = rate(speed(s + h), z + h * c);
+      const double s = t + k * h, a = rate(speed(s), z), b = rate(speed(s + h / 2), z + h / 2 * a),
+                   c = rate(speed(s + h / 2), z + h / 2 * b), d = rate(speed(s + h), z + h * c);
       z += h / 6 * (a + 2 * b + 2 * c + d);
     }
   }
@@ -176,13 +198,15 @@ TEST(LuGre, FindsTheBristlesAndSigmasAreTheScatter) {
     for (std::size_t i = 0; i < 3; ++i) {
       const auto& e = f->parameters[i];
       const double off = std::abs(e.value - bristle_numbers[i]) / e.sigma;
-      if (seed == 1) fmt::print("{:6} {:8.4g} +- {:8.2g} truth {:4g}  {:.2f}\n", e.name, e.value, e.sigma, bristle_numbers[i], off);
+      if (seed == 1)
+        fmt::print("{:6} {:8.4g} +- {:8.2g} truth {:4g}  {:.2f}\n", e.name, e.value, e.sigma, bristle_numbers[i], off);
       worst = std::max(worst, off);
       inside[i] += off < 1.96;
     }
     error = std::max(error, f->normalised_mse);
   }
-  fmt::print("covered {:.0f} {:.0f} {:.0f} of {}, largest error {:.2f} sigma, normalised MSE up to {:.2g}\n", inside[0], inside[1], inside[2], seeds, worst, error);
+  fmt::print("covered {:.0f} {:.0f} {:.0f} of {}, largest error {:.2f} sigma, normalised MSE up to {:.2g}\n", inside[0],
+             inside[1], inside[2], seeds, worst, error);
   for (const double count : inside) EXPECT_GE(count, 7);
   EXPECT_LT(worst, 4);
   EXPECT_LT(error, 1e-3);
@@ -209,8 +233,11 @@ TEST(LuGre, SaysWhatTheDataCannotTell) {
   double z = 0;
   for (std::size_t i = 0; i < slow.time_s.size(); ++i) {
     slow.time_s[i] *= 1e4, slow.velocity_rad_s[i] *= 1e-4;
-    const double w = slow.velocity_rad_s[i], g = friction::level(drive.law, friction::at_temperature(drive.law, 30), w, 0).weakening;
-    if (i) z = drive::advanced({.sigma0 = 60}, z, 0.5 * (w + slow.velocity_rad_s[i - 1]), g, slow.time_s[i] - slow.time_s[i - 1]);
+    const double w = slow.velocity_rad_s[i],
+                 g = friction::level(drive.law, friction::at_temperature(drive.law, 30), w, 0).weakening;
+    if (i)
+      z = drive::advanced({.sigma0 = 60}, z, 0.5 * (w + slow.velocity_rad_s[i - 1]), g,
+                          slow.time_s[i] - slow.time_s[i - 1]);
     slow.torque_nm[i] = 60 * z + noise(random);
   }
   const auto f = fit_bristles(drive, std::vector{slow});

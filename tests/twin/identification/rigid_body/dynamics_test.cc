@@ -1,10 +1,9 @@
-#include <gmock/gmock.h>
-
 #include <cmath>
 #include <filesystem>
 #include <random>
 
 #include <fmt/format.h>
+#include <gmock/gmock.h>
 
 #include <tribotwin/plugins/mujoco/loader.hpp>
 #include <tribotwin/twin/identification/rigid_body/consistency.hpp>
@@ -24,7 +23,7 @@ using Eigen::Index, Eigen::MatrixXd, Eigen::VectorXd;
 double worst_difference(const mjModel* given, int states) {
   mujoco::ModelPtr m(mj_copyModel(nullptr, given));
   mujoco::DataPtr d(mj_makeData(m.get()));
-  m->opt.disableflags |= mjDSBL_CONSTRAINT | mjDSBL_ACTUATION;   // which drives would not have been made with
+  m->opt.disableflags |= mjDSBL_CONSTRAINT | mjDSBL_ACTUATION;  // which drives would not have been made with
   auto regressor = Regressor::create(m.get());
   EXPECT_TRUE(regressor) << regressor.error();
   const VectorXd phi = regressor->model_parameters();
@@ -33,10 +32,13 @@ double worst_difference(const mjModel* given, int states) {
   VectorXd q(m->nv), qd(m->nv), qdd(m->nv);
   double worst = 0;
   for (int s = 0; s < states; ++s) {
-    for (int j = 0; j < m->nv; ++j) d->qpos[j] = q(j) = 2 * normal(random), d->qvel[j] = qd(j) = 3 * normal(random), d->qacc[j] = qdd(j) = 10 * normal(random);
+    for (int j = 0; j < m->nv; ++j)
+      d->qpos[j] = q(j) = 2 * normal(random), d->qvel[j] = qd(j) = 3 * normal(random),
+      d->qacc[j] = qdd(j) = 10 * normal(random);
     mj_inverse(m.get(), d.get());
     // Springs and dampers are taken back: what switches them off has other names in every engine.
-    const VectorXd tau = Eigen::Map<const VectorXd>(d->qfrc_inverse, m->nv) + Eigen::Map<const VectorXd>(d->qfrc_passive, m->nv);
+    const VectorXd tau =
+        Eigen::Map<const VectorXd>(d->qfrc_inverse, m->nv) + Eigen::Map<const VectorXd>(d->qfrc_passive, m->nv);
     worst = std::max(worst, (regressor->at(q, qd, qdd) * phi - tau).cwiseAbs().maxCoeff() / tau.cwiseAbs().maxCoeff());
   }
   return worst;
@@ -56,7 +58,8 @@ void expect_base_is_the_rank(const mjModel* m) {
   // By singular values of the regressor at states of its own.
   std::mt19937_64 random(11);
   std::normal_distribution<double> normal;
-  const Index n = regressor->joints(), columns = static_cast<Index>(regressor->columns().size()), states = 20 + 3 * columns / n;
+  const Index n = regressor->joints(), columns = static_cast<Index>(regressor->columns().size()),
+              states = 20 + 3 * columns / n;
   MatrixXd W(states * n, columns);
   VectorXd q(n), qd(n), qdd(n);
   for (Index s = 0; s < states; ++s) {
@@ -112,16 +115,21 @@ TEST(Regressor, IsInverseDynamicsOfModelsOfOtherPeople) {
   fmt::print("{} models:", models.size());
   for (const auto& m : models) fmt::print(" {}", m);
   fmt::print("\n");
-  if (mj_version() < 300) EXPECT_GE(models.size(), 5u);   // later engines read only part of what came with 2.2.2
+  if (mj_version() < 300) EXPECT_GE(models.size(), 5u);  // later engines read only part of what came with 2.2.2
 }
 
 // Several joints in a body, anchors off the origin, slides that turn, a reference angle, rotors, a bystander welded on.
 TEST(Regressor, IsInverseDynamicsOfATreeOfEverything) {
   const auto model = mujoco::load_string(R"(<mujoco><compiler angle="radian"/><option gravity="1 -2 -9"/><worldbody>
-    <body pos=".1 .2 .3" euler=".3 -.2 .5"><joint type="hinge" axis="1 2 -1" pos=".1 0 .2" armature=".3"/><joint type="slide" axis="0 1 1" pos=".2 .1 0" armature="2"/><joint type="hinge" axis="0 -1 .3" pos="0 .2 .1" ref=".4"/>
+    <body pos=".1 .2 .3" euler=".3 -.2 .5"><joint type="hinge" axis="1 2 -1" pos=".1 0 .2" armature=".3"/>
+       <joint type="slide" axis="0 1 1" pos=".2 .1 0" armature="2"/>
+       <joint type="hinge" axis="0 -1 .3" pos="0 .2 .1" ref=".4"/>
       <geom type="box" size=".1 .2 .3" pos=".05 .02 .1" euler=".2 .3 .1"/>
-      <body pos="0 .3 0"><geom size=".1"/><body pos=".3 0 0" euler="0 1 0"><joint type="slide" axis="1 0 .2" ref=".1"/><joint type="hinge" axis="0 0 1" pos="-.1 0 0"/><geom type="capsule" size=".05 .2" pos="0 .1 .2"/></body></body>
-      <body pos="0 0 .4"><joint type="hinge" axis="1 0 0"/><geom type="ellipsoid" size=".1 .05 .2" pos="0 0 .2"/></body></body>
+      <body pos="0 .3 0"><geom size=".1"/><body pos=".3 0 0" euler="0 1 0"><joint type="slide" axis="1 0 .2" ref=".1"/>
+       <joint type="hinge" axis="0 0 1" pos="-.1 0 0"/>
+       <geom type="capsule" size=".05 .2" pos="0 .1 .2"/></body></body>
+      <body pos="0 0 .4"><joint type="hinge" axis="1 0 0"/>
+       <geom type="ellipsoid" size=".1 .05 .2" pos="0 0 .2"/></body></body>
     </worldbody></mujoco>)");
   ASSERT_TRUE(model) << model.error();
   EXPECT_LT(worst_difference((*model)->get(), 1000), 1e-10);
@@ -129,20 +137,26 @@ TEST(Regressor, IsInverseDynamicsOfATreeOfEverything) {
 }
 
 TEST(Regressor, RefusesOtherJoints) {
-  const auto model = mujoco::load_string("<mujoco><worldbody><body><freejoint name='loose'/><geom size='.1'/></body></worldbody></mujoco>");
+  const auto model = mujoco::load_string(
+      "<mujoco><worldbody><body><freejoint name='loose'/><geom size='.1'/></body></worldbody></mujoco>");
   const auto regressor = Regressor::create((*model)->get());
   ASSERT_FALSE(regressor);
   EXPECT_THAT(regressor.error(), testing::HasSubstr("'loose' is a free joint"));
 }
 
-// A double pendulum in the plane, by hand: two inertias with what they carry, two moments; m1 and my's that never act are in none.
+// A double pendulum in the plane, by hand: two inertias with what they carry, two moments; m1 and my's that never act
+// are in none.
 TEST(BaseParameters, OfADoublePendulumAreThoseOfTextbooks) {
-  const auto model = mujoco::load_string(R"(<mujoco><worldbody><body name="a"><joint name="j1" axis="0 1 0" armature=".1"/><geom type="capsule" size=".02" fromto="0 0 0 .5 0 0"/>
-    <body name="b" pos=".5 0 0"><joint name="j2" axis="0 1 0" armature=".2"/><geom type="capsule" size=".02" fromto="0 0 0 .4 0 0"/></body></body></worldbody></mujoco>)");
+  const auto model = mujoco::load_string(
+      R"(<mujoco><worldbody><body name="a"><joint name="j1" axis="0 1 0" armature=".1"/>
+     <geom type="capsule" size=".02" fromto="0 0 0 .5 0 0"/>
+    <body name="b" pos=".5 0 0"><joint name="j2" axis="0 1 0" armature=".2"/>
+     <geom type="capsule" size=".02" fromto="0 0 0 .4 0 0"/></body></body></worldbody></mujoco>)");
   const BaseParameters base = base_parameters(*Regressor::create((*model)->get()));
   std::vector<std::string> groups;
   for (const auto& p : base.parameters) groups.push_back(p.group);
-  EXPECT_THAT(groups, testing::ElementsAre("a.Iyy + 0.25 b.m + j1.Ia", "a.mx + 0.5 b.m", "a.mz", "b.Iyy", "b.mx", "b.mz", "j2.Ia"));
+  EXPECT_THAT(groups, testing::ElementsAre("a.Iyy + 0.25 b.m + j1.Ia", "a.mx + 0.5 b.m", "a.mz", "b.Iyy", "b.mx",
+                                           "b.mz", "j2.Ia"));
 }
 
 TEST(TriangularFactor, IsThatOfTheWholeMatrixHoweverItComes) {
@@ -161,9 +175,11 @@ TEST(Filter, IsAButterworthWithoutPhase) {
   for (int i = 0; i < 4000; ++i) sine.push_back(std::sin(2 * M_PI * 15 * i / 1000.0)), line.push_back(3 + 0.01 * i);
   const auto y = identification::low_passed(sine, 1000, 20);
   const double gain = 1 / (1 + std::pow(std::tan(M_PI * 0.015) / std::tan(M_PI * 0.02), 8));
-  for (int i = 1000; i < 3000; ++i) ASSERT_NEAR(y[static_cast<std::size_t>(i)], gain * sine[static_cast<std::size_t>(i)], 1e-6);
+  for (int i = 1000; i < 3000; ++i)
+    ASSERT_NEAR(y[static_cast<std::size_t>(i)], gain * sine[static_cast<std::size_t>(i)], 1e-6);
   const auto straight = identification::low_passed(line, 1000, 20);
-  for (std::size_t i = 0; i < line.size(); ++i) ASSERT_NEAR(straight[i], line[i], i < 300 || i >= 3700 ? 1e-4 : 1e-9);   // a hundredth of a step at the ends
+  for (std::size_t i = 0; i < line.size(); ++i)
+    ASSERT_NEAR(straight[i], line[i], i < 300 || i >= 3700 ? 1e-4 : 1e-9);  // a hundredth of a step at the ends
 }
 
 TEST(JointFriction, HasTheLawsValuesAndItsDerivatives) {
@@ -180,7 +196,9 @@ TEST(JointFriction, HasTheLawsValuesAndItsDerivatives) {
         const double h = 1e-6 * std::max(1e-3, std::abs(p[k]));
         auto up = p, down = p;
         up[k] += h, down[k] -= h;
-        EXPECT_NEAR(by[k], (joint.torque(up, v, 20, 50) - joint.torque(down, v, 20, 50)) / (2 * h), 1e-5 * (std::abs(by[k]) + std::abs(value))) << info.parameters[k].name;
+        EXPECT_NEAR(by[k], (joint.torque(up, v, 20, 50) - joint.torque(down, v, 20, 50)) / (2 * h),
+                    1e-5 * (std::abs(by[k]) + std::abs(value)))
+            << info.parameters[k].name;
       }
     }
   }
@@ -194,11 +212,12 @@ TEST(Consistency, ABodysOwnParametersArePossibleAndANegativeMassIsNot) {
   const MatrixXd information = 1e6 * MatrixXd::Identity(beta.size(), beta.size());
   EXPECT_LT(identification::nearest_consistent(regressor, base, beta, information).distance_sigma, 0.1);
   VectorXd impossible = beta;
-  const auto rotor = std::ranges::find(base.parameters, "joint4.Ia", &BaseParameters::Parameter::name) - base.parameters.begin();
+  const auto rotor =
+      std::ranges::find(base.parameters, "joint4.Ia", &BaseParameters::Parameter::name) - base.parameters.begin();
   impossible(rotor) = -0.02;
   const auto nearest = identification::nearest_consistent(regressor, base, impossible, information);
   EXPECT_FALSE(nearest.possible);
-  EXPECT_GT(nearest.base(rotor), -1e-3);   // other parameters may give way a little, the rotor's sign may not stay
+  EXPECT_GT(nearest.base(rotor), -1e-3);  // other parameters may give way a little, the rotor's sign may not stay
   EXPECT_GE(nearest.parameters.tail(6).minCoeff(), 0);
 }
 

@@ -1,9 +1,3 @@
-#include <gmock/gmock.h>
-
-#include <sys/resource.h>
-#include <sys/wait.h>
-#include <unistd.h>
-
 #include <algorithm>
 #include <chrono>
 #include <cmath>
@@ -17,6 +11,10 @@
 #include <thread>
 
 #include <fmt/format.h>
+#include <gmock/gmock.h>
+#include <sys/resource.h>
+#include <sys/wait.h>
+#include <unistd.h>
 
 #include <tribotwin/twin/io/telemetry/hdf5.hpp>
 #include <tribotwin/twin/io/telemetry/telemetry.hpp>
@@ -73,8 +71,11 @@ class TelemetryTest : public testing::Test {
   void TearDown() override { fs::remove_all(folder); }
   double clock_s = 0;
   TelemetryOptions options(std::vector<std::string> joints) {
-    return {.attributes = {{"engine", "test"}}, .joints = std::move(joints), .channels = {{"a", "rad", "an angle"}, {"b", "Nm", "a torque"}},
-            .cycle_channels = {{"cycle_a", "degC", "per cycle"}}, .wall_clock_s = [this] { return clock_s; }};
+    return {.attributes = {{"engine", "test"}},
+            .joints = std::move(joints),
+            .channels = {{"a", "rad", "an angle"}, {"b", "Nm", "a torque"}},
+            .cycle_channels = {{"cycle_a", "degC", "per cycle"}},
+            .wall_clock_s = [this] { return clock_s; }};
   }
 };
 
@@ -92,7 +93,8 @@ TEST_F(TelemetryTest, ReadsBackWhatWasWritten) {
   EXPECT_TRUE(r->complete);
   EXPECT_THAT(r->attributes, ElementsAre(Pair("seed", ""), Pair("engine", "test")));
   EXPECT_THAT(r->joints, ElementsAre("two", "one"));
-  EXPECT_THAT(r->joint_attributes, ElementsAre(ElementsAre(Pair("torque_max_nm", 3.5), Pair("gear_ratio", 178)), ElementsAre(Pair("gear_ratio", 100))));
+  EXPECT_THAT(r->joint_attributes, ElementsAre(ElementsAre(Pair("torque_max_nm", 3.5), Pair("gear_ratio", 178)),
+                                               ElementsAre(Pair("gear_ratio", 100))));
   ASSERT_EQ(r->time_s.size(), 10000u);
   EXPECT_EQ(r->channel("one", "a")[4321], 4321.3);
   EXPECT_THAT(r->channel("one", "cycle_a"), ElementsAre(2));
@@ -102,7 +104,8 @@ TEST_F(TelemetryTest, ReadsBackWhatWasWritten) {
 }
 
 TEST_F(TelemetryTest, OddJointNamesSurviveAndDoublesAreRefused) {
-  const std::vector<std::string> names{"a/b", "", ".", "\u00fc \"x\",y", "complete", "time_s", "%", "a%2Fb", "..", "_", "a\u2215b"};
+  const std::vector<std::string> names{"a/b",   "",   ".", "\u00fc \"x\",y", "complete", "time_s", "%",
+                                       "a%2Fb", "..", "_", "a\u2215b"};
   auto t = Telemetry::create(file, options(names));
   ASSERT_TRUE(t) << t.error();
   ASSERT_TRUE(t->append(0, Values(2 * names.size(), 1.5)));
@@ -271,7 +274,8 @@ TEST_F(TelemetryTest, FullDiskKeepsWhatWasWritten) {
   {
     const SmallDisk disk(300'000);
     EXPECT_THAT(recover(folder).error(), HasSubstr("telemetry.h5: cannot be written (File too large)"));
-    EXPECT_THAT(export_csv(folder, Existing::refuse).error(), HasSubstr("telemetry.csv: cannot be written (File too large)"));
+    EXPECT_THAT(export_csv(folder, Existing::refuse).error(),
+                HasSubstr("telemetry.csv: cannot be written (File too large)"));
   }
   EXPECT_EQ(text_of(file), bytes);
   EXPECT_THAT(std::distance(fs::directory_iterator(folder), {}), 1);
@@ -288,8 +292,10 @@ TEST_F(TelemetryTest, FullDiskKeepsWhatWasWritten) {
 }
 
 TEST_F(TelemetryTest, FailuresNameTheFileAndTheReason) {
-  EXPECT_THAT(Telemetry::create("/nonexistent/x.h5", options({"a"})).error(), "/nonexistent/x.h5: cannot be written (No such file or directory)");
-  EXPECT_THAT(Telemetry::create(folder, options({"a"})).error(), folder.string() + ": cannot be written (Is a directory)");
+  EXPECT_THAT(Telemetry::create("/nonexistent/x.h5", options({"a"})).error(),
+              "/nonexistent/x.h5: cannot be written (No such file or directory)");
+  EXPECT_THAT(Telemetry::create(folder, options({"a"})).error(),
+              folder.string() + ": cannot be written (Is a directory)");
   EXPECT_THAT(read_telemetry(file).error(), file.string() + ": does not exist");
   std::ofstream(file) << "junk";
   EXPECT_THAT(read_telemetry(file).error(), HasSubstr("telemetry.h5: is no readable HDF5"));
@@ -317,7 +323,8 @@ TEST_F(TelemetryTest, ARecordThatRefersToOtherFilesIsRefused) {
       {"f['one'].create_dataset('b', shape=(10,), dtype='f8', external=[(secret, 0, 80)])", "is stored in other files"},
       {"f['one']['b'] = h5py.ExternalLink(folder + '/other.h5', '/one/b')", "is a link to elsewhere"},
       {"f['one']['b'] = h5py.SoftLink('/one/a')", "is a link to elsewhere"},
-      {"layout = h5py.VirtualLayout(shape=(10,), dtype='f8'); layout[:] = h5py.VirtualSource(folder + '/other.h5', 'one/b', shape=(10,)); f['one'].create_virtual_dataset('b', layout)",
+      {"layout = h5py.VirtualLayout(shape=(10,), dtype='f8'); layout[:] = h5py.VirtualSource(folder + '/other.h5', "
+       "'one/b', shape=(10,)); f['one'].create_virtual_dataset('b', layout)",
        "is stored in other files"},
       {"f['joint'] = h5py.ExternalLink(folder + '/other.h5', '/one')", "is a link to elsewhere"}};
   for (const fs::path& each : {file, folder / "other.h5"}) {
@@ -329,7 +336,9 @@ TEST_F(TelemetryTest, ARecordThatRefersToOtherFilesIsRefused) {
   fs::copy_file(file, good);
   for (const auto& [change, says] : cases) {
     fs::copy_file(good, file, fs::copy_options::overwrite_existing);
-    const std::string script = fmt::format("import h5py\nfolder, secret = '{}', '{}'\nf = h5py.File('{}', 'r+')\ndel f['one']['b']\n{}\nf.close()\n", folder.string(), secret, file.string(), change);
+    const std::string script = fmt::format(
+        "import h5py\nfolder, secret = '{}', '{}'\nf = h5py.File('{}', 'r+')\ndel f['one']['b']\n{}\nf.close()\n",
+        folder.string(), secret, file.string(), change);
     std::ofstream(folder / "change.py") << script;
     ASSERT_EQ(std::system(fmt::format("/usr/bin/python3 '{}'", (folder / "change.py").string()).c_str()), 0);
     EXPECT_THAT(read_telemetry(file).error(), HasSubstr(says)) << change;
@@ -375,7 +384,9 @@ TEST_F(TelemetryTest, AChangedByteNeverChangesAValue) {
 TEST_F(TelemetryTest, CsvHasEveryDigit) {
   auto t = Telemetry::create(file, options({"one"}));
   const Values odd{0.1, -1e-300, 1.0 / 3, std::numeric_limits<double>::max(), 5e-324, -0.0, 123456789.123456789};
-  for (std::size_t i = 0; i < 5000; ++i) ASSERT_TRUE(t->append(static_cast<double>(i) * 1e-3, Values{odd[i % odd.size()], std::sin(static_cast<double>(i))}));
+  for (std::size_t i = 0; i < 5000; ++i)
+    ASSERT_TRUE(
+        t->append(static_cast<double>(i) * 1e-3, Values{odd[i % odd.size()], std::sin(static_cast<double>(i))}));
   ASSERT_TRUE(t->append_cycle(7, Values{1.5}));
   ASSERT_TRUE(t->finish());
   double progress = 0;
@@ -394,7 +405,8 @@ TEST_F(TelemetryTest, CsvHasEveryDigit) {
   for (std::size_t i = 0; i < 5000; ++i) {
     std::getline(csv, line);
     char* at = line.data();
-    for (const double expected : {static_cast<double>(i) * 1e-3, odd[i % odd.size()], std::sin(static_cast<double>(i))}) {
+    for (const double expected :
+         {static_cast<double>(i) * 1e-3, odd[i % odd.size()], std::sin(static_cast<double>(i))}) {
       ASSERT_EQ(std::strtod(at, &at), expected) << line;
       if (*at == ',') ++at;
     }
@@ -428,7 +440,9 @@ TEST_F(TelemetryTest, ThreadsWriteTheirOwnRecords) {
 // Debian's python, which has h5py where pip's may not; without h5py this fails.
 TEST_F(TelemetryTest, H5pyReadsItFinishedAndRunning) {
   const auto python = [&](const char* state) {
-    return std::system(fmt::format("/usr/bin/python3 '{}/tests/twin/io/telemetry/telemetry_h5py_test.py' '{}' {} 3000", TRIBOTWIN_SOURCE_DIR, file.string(), state).c_str());
+    return std::system(fmt::format("/usr/bin/python3 '{}/tests/twin/io/telemetry/telemetry_h5py_test.py' '{}' {} 3000",
+                                   TRIBOTWIN_SOURCE_DIR, file.string(), state)
+                           .c_str());
   };
   auto o = options({"one", "/\u00fc"});
   o.joint_attributes = {{{"gear_ratio", 100}}, {{"gear_ratio", 178}}};
