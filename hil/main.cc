@@ -196,7 +196,7 @@ int run_drives(const DriveArguments& a) {
        .status = live ? status_line : std::function<void(const hil::SessionStatus&)>{},
        .note = [&](const std::string& what) { tell(fmt::format("{}note: {}\n", live ? "\r\033[K" : "", what)); }});
   if (live) tell("\n");
-  return ended ? done : complain(program, failed, ended.error());
+  return ended ? done : complain(program, failed, ended.error().message);
 }
 
 struct ReplayArguments : Common {
@@ -233,7 +233,7 @@ int replay(const ReplayArguments& a) {
                                    .output = a.output,
                                    .existing = twin::replace_if(a.force),
                                    .stop = stop});
-  if (!result) return complain(program, failed, result.error());
+  if (!result) return complain(program, failed, result.error().message);
   twin::print("{} frames, {} from the drives: {} differ, {} missing, {} added\n", result->frames, result->compared,
               result->differing, result->missing, result->added);
   if (result->interrupted)
@@ -282,8 +282,7 @@ struct ShadowArguments : Common {
 
 /// Frames of a live bus, until a signal or the end of `duration_s` by the clock: a bus may fall silent.
 hil::NextFrame frames_of(hil::Transport& bus, std::optional<double> duration_s) {
-  return [&bus, duration_s, heard = false,
-          begin_ns = hil::clock_ns()](hil::Frame& frame) mutable -> tl::expected<bool, std::string> {
+  return [&bus, duration_s, heard = false, begin_ns = hil::clock_ns()](hil::Frame& frame) mutable -> Result<bool> {
     while (!stop()) {
       const std::int64_t now_ns = hil::clock_ns();
       const bool received = bus.receive(frame);
@@ -325,7 +324,7 @@ int run_shadow(const ShadowArguments& a) {
   std::optional<hil::LogReader> log;
   if (!a.log().empty()) {
     auto reader = hil::LogReader::open(a.log(), stop);
-    if (!reader) throw InputError(reader.error());
+    if (!reader) throw InputError(reader.error().message);
     log.emplace(std::move(*reader));
     next = [&](hil::Frame& frame) { return log->next(frame); };
   } else {
@@ -347,7 +346,7 @@ int run_shadow(const ShadowArguments& a) {
                                    .stop = stop,
                                    .endless = !log && !a.duration,
                                    .note = [&](const std::string& what) { tell(what + "\n"); }});
-  if (!result) return complain(program, failed, result.error());
+  if (!result) return complain(program, failed, result.error().message);
   twin::print_text(result->table());
   return judge(a, *result);
 }

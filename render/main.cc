@@ -32,8 +32,8 @@ using twin::complain, twin::done, twin::failed, twin::wrong_input, twin::InputEr
 constexpr const char* program = "tribotwin-report";
 
 template <class T>
-T or_fail(tl::expected<T, std::string> value) {
-  if (!value) throw std::runtime_error(value.error());
+T or_fail(Result<T> value) {
+  if (!value) throw std::runtime_error(value.error().message);
   if constexpr (!std::is_void_v<T>) return std::move(*value);
 }
 
@@ -132,10 +132,10 @@ std::unique_ptr<render::RunData> run_with_model(const std::string& directory) {
 
 /// Messages about cameras and sizes are the user's to mend; all else is not.
 template <class T>
-T drawn(tl::expected<T, std::string> value) {
-  if (!value && (value.error().starts_with("camera '") || value.error().starts_with("a picture of") ||
-                 value.error().starts_with("a contact sheet of")))
-    throw InputError(value.error());
+T drawn(Result<T> value) {
+  if (!value && (value.error().message.starts_with("camera '") || value.error().message.starts_with("a picture of") ||
+                 value.error().message.starts_with("a contact sheet of")))
+    throw InputError(value.error().message);
   return or_fail(std::move(value));
 }
 
@@ -194,7 +194,7 @@ int pose(const PoseArguments& a) {
   for (const auto& given : a.temperature) {
     const auto [name, value] = assignment("--temperature", given);
     const auto index = twin::find_drive(*model, name);
-    if (!index) throw InputError(fmt::format("--temperature {}: {}", given, index.error()));
+    if (!index) throw InputError(fmt::format("--temperature {}: {}", given, index.error().message));
     state.joints[*index].temperature_degC = value;
   }
   render::PoseOptions options;
@@ -287,7 +287,7 @@ int curve(const CurveArguments& a) {
       throw InputError("--tau-max, --gear-ratio: are for PARAMS.yaml; a model has its own");
     const auto model = or_wrong_input(mujoco::load_file(a.model));
     const auto index = twin::find_drive(*model, a.joint);
-    if (!index) throw InputError(fmt::format("{}: --joint {}", a.model, index.error()));
+    if (!index) throw InputError(fmt::format("{}: --joint {}", a.model, index.error().message));
     drive = model->drives()[*index].drive;
     read = {.torque_max_nm = drive.torque_max_nm, .gear_ratio = drive.gear_ratio};
   }
@@ -382,7 +382,7 @@ class PageFile {
 
   /// What `report` makes of the options, as files.
   int make(const std::string& command,
-           const std::function<tl::expected<render::Report, std::string>(const render::ReportOptions&)>& report) const {
+           const std::function<Result<render::Report>(const render::ReportOptions&)>& report) const {
     const render::Report made = [&] {
       Progress progress(quiet_, "report");
       return or_fail(

@@ -19,7 +19,7 @@
 namespace tribotwin::hil {
 namespace {
 
-using Problem = tl::unexpected<std::string>;
+using Problem = tl::unexpected<Error>;
 
 constexpr std::size_t longest_line = 4096;  // an FD frame needs 200; a file without line ends is not a log
 constexpr std::size_t read_size = 64 * 1024;
@@ -49,7 +49,7 @@ std::optional<Number> number(std::string_view digits, int base) {
   return value;
 }
 
-tl::expected<std::int64_t, std::string> parse_time(std::string_view word) {
+Result<std::int64_t> parse_time(std::string_view word) {
   const auto bad = [&] {
     return problem("the time is '{}', not '(seconds.decimals)' with up to 9 decimals", shown(word));
   };
@@ -71,7 +71,7 @@ tl::expected<std::int64_t, std::string> parse_time(std::string_view word) {
   return static_cast<std::int64_t>(*seconds * 1'000'000'000 + ns);
 }
 
-tl::expected<void, std::string> parse_identifier(std::string_view digits, Frame& frame) {
+Result<void> parse_identifier(std::string_view digits, Frame& frame) {
   const auto id = number<std::uint32_t>(digits, 16);
   if (!id || (digits.size() != 3 && digits.size() != 8))
     return problem("the identifier is '{}', not 3 or 8 hexadecimal digits", shown(digits));
@@ -84,7 +84,7 @@ tl::expected<void, std::string> parse_identifier(std::string_view digits, Frame&
   return {};
 }
 
-tl::expected<void, std::string> parse_data(std::string_view digits, Frame& frame) {
+Result<void> parse_data(std::string_view digits, Frame& frame) {
   const std::size_t size = digits.size() / 2;
   if (digits.size() % 2 != 0) return problem("the data '{}' has an odd number of digits", shown(digits));
   if (size > frame.data.size() || !valid_size(frame.fd, static_cast<std::uint8_t>(size)))
@@ -99,7 +99,7 @@ tl::expected<void, std::string> parse_data(std::string_view digits, Frame& frame
   return {};
 }
 
-tl::expected<void, std::string> parse_remote(std::string_view digits, Frame& frame) {
+Result<void> parse_remote(std::string_view digits, Frame& frame) {
   const auto size = number<std::uint8_t>(digits.empty() ? "0" : digits, 16);
   if (!size || digits.size() > 1 || *size > 8)
     return problem("a remote frame ends in R or R0..R8, not 'R{}'", shown(digits));
@@ -109,7 +109,7 @@ tl::expected<void, std::string> parse_remote(std::string_view digits, Frame& fra
   return {};
 }
 
-tl::expected<void, std::string> parse_frame(std::string_view word, Frame& frame) {
+Result<void> parse_frame(std::string_view word, Frame& frame) {
   const auto mark = word.find('#');
   if (mark == word.npos) return problem("the frame '{}' has no '#' between identifier and data", shown(word));
   if (auto good = parse_identifier(word.substr(0, mark), frame); !good) return good;
@@ -132,7 +132,7 @@ std::string why(int error) { return error ? fmt::format(" ({})", std::strerror(e
 
 }  // namespace
 
-tl::expected<Frame, std::string> parse_log_line(std::string_view line, std::string& bus) {
+Result<Frame> parse_log_line(std::string_view line, std::string& bus) {
   const auto parts = words(line);
   if (parts.size() < 3 || parts.size() > 4) return problem("'{}' is not '(time) bus frame'", shown(line));
   const bool marked = parts.size() == 4;
@@ -149,7 +149,7 @@ tl::expected<Frame, std::string> parse_log_line(std::string_view line, std::stri
   return frame;
 }
 
-tl::expected<LogReader, std::string> LogReader::open(const std::filesystem::path& file, std::function<bool()> stop) {
+Result<LogReader> LogReader::open(const std::filesystem::path& file, std::function<bool()> stop) {
   std::error_code error;
   if (std::filesystem::is_directory(file, error)) return problem("{}: is a folder, not a candump log", file.string());
   LogReader reader;
@@ -161,7 +161,7 @@ tl::expected<LogReader, std::string> LogReader::open(const std::filesystem::path
   return reader;
 }
 
-tl::expected<bool, std::string> LogReader::fill() {
+Result<bool> LogReader::fill() {
   buffer_.erase(0, std::exchange(begin_, 0));
   const std::size_t before = buffer_.size();
   while (!(stop_ && stop_())) {
@@ -178,7 +178,7 @@ tl::expected<bool, std::string> LogReader::fill() {
   return false;
 }
 
-tl::expected<bool, std::string> LogReader::skip_line() {
+Result<bool> LogReader::skip_line() {
   for (;;) {
     const auto end = buffer_.find('\n', begin_);
     skipping_ = end == buffer_.npos;
@@ -188,7 +188,7 @@ tl::expected<bool, std::string> LogReader::skip_line() {
   }
 }
 
-tl::expected<bool, std::string> LogReader::next_line(std::string_view& line) {
+Result<bool> LogReader::next_line(std::string_view& line) {
   if (skipping_)
     if (auto more = skip_line(); !more || !*more) return more;
   std::size_t searched = 0;  // from begin_
@@ -216,20 +216,19 @@ tl::expected<bool, std::string> LogReader::next_line(std::string_view& line) {
   }
 }
 
-tl::expected<bool, std::string> LogReader::next(Frame& frame) {
+Result<bool> LogReader::next(Frame& frame) {
   for (;;) {
     std::string_view line;
     if (auto more = next_line(line); !more || !*more) return more;
     if (words(line).empty()) continue;
     const auto parsed = parse_log_line(line, bus_);
-    if (!parsed) return problem("{}:{}: {}", file_.string(), line_, parsed.error());
+    if (!parsed) return problem("{}:{}: {}", file_.string(), line_, parsed.error().message);
     frame = *parsed;
     return true;
   }
 }
 
-tl::expected<LogWriter, std::string> LogWriter::create(const std::filesystem::path& file, std::string bus,
-                                                       RecordOptions options) {
+Result<LogWriter> LogWriter::create(const std::filesystem::path& file, std::string bus, RecordOptions options) {
   if (words(bus) != std::vector<std::string_view>{bus})
     return problem("{}: a log needs the name of a bus, one word; '{}' is none", file.string(), shown(bus));
   auto out = RecordFile::create(file, std::move(options));
@@ -237,7 +236,7 @@ tl::expected<LogWriter, std::string> LogWriter::create(const std::filesystem::pa
   return LogWriter(file, std::move(bus), std::move(*out));
 }
 
-tl::expected<void, std::string> LogWriter::write(const Frame& frame) {
+Result<void> LogWriter::write(const Frame& frame) {
   if (frame.time_ns < 0 || !valid_size(frame.fd, frame.size))
     return problem("{}: a frame of {} bytes at {} ns has no line in a candump log", file_.string(), frame.size,
                    frame.time_ns);

@@ -5,11 +5,10 @@
 #include <string>
 #include <string_view>
 
-#include <tl/expected.hpp>
-
 #include <tribotwin/hil/can/descriptor.hpp>
 #include <tribotwin/hil/can/frame.hpp>
 #include <tribotwin/hil/can/record_file.hpp>
+#include <tribotwin/plugins/friction/error.hpp>
 
 /// candump's log format: "(1700000000.123456) vcan0 601#4041600000000000", one frame per line; FD frames
 /// "ID##<flags><data>".
@@ -20,20 +19,20 @@ class LogReader {
  public:
   /// `stop` is asked at least every 0.1 s, also while a pipe has nothing to read or no writer; then `next` says: the
   /// end.
-  static tl::expected<LogReader, std::string> open(const std::filesystem::path& file, std::function<bool()> stop = {});
+  static Result<LogReader> open(const std::filesystem::path& file, std::function<bool()> stop = {});
   /// The next frame: true. The end: false. A line that is no frame: an error with file and line; reading may go on.
-  tl::expected<bool, std::string> next(Frame& frame);
+  Result<bool> next(Frame& frame);
   /// Bus named in the line last read.
   const std::string& bus() const { return bus_; }
   std::size_t line() const { return line_; }
 
  private:
   /// More of the file into the buffer: false at the end, or where `stop` says so.
-  tl::expected<bool, std::string> fill();
+  Result<bool> fill();
   /// Past the end of a line that is too long; false at the end.
-  tl::expected<bool, std::string> skip_line();
+  Result<bool> skip_line();
   /// The next line without its end; false at the end.
-  tl::expected<bool, std::string> next_line(std::string_view& line);
+  Result<bool> next_line(std::string_view& line);
 
   std::filesystem::path file_;
   std::function<bool()> stop_;
@@ -45,17 +44,16 @@ class LogReader {
 };
 
 /// Parses one line. Fails with what is wrong in it.
-tl::expected<Frame, std::string> parse_log_line(std::string_view line, std::string& bus);
+Result<Frame> parse_log_line(std::string_view line, std::string& bus);
 
 /// Writes what candump -L writes, with the 6 decimals of a second that all its readers understand.
 class LogWriter {
  public:
-  static tl::expected<LogWriter, std::string> create(const std::filesystem::path& file, std::string bus,
-                                                     RecordOptions options = {});
+  static Result<LogWriter> create(const std::filesystem::path& file, std::string bus, RecordOptions options = {});
   /// Fails once the file cannot take more (full disk); the message names it.
-  tl::expected<void, std::string> write(const Frame& frame);
-  tl::expected<void, std::string> flush() { return out_.flush(); }
-  tl::expected<void, std::string> finish() { return out_.finish(); }
+  Result<void> write(const Frame& frame);
+  Result<void> flush() { return out_.flush(); }
+  Result<void> finish() { return out_.finish(); }
 
  private:
   LogWriter(std::filesystem::path file, std::string bus, RecordFile out)

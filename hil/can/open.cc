@@ -9,7 +9,7 @@
 namespace tribotwin::hil {
 namespace {
 
-using Opened = tl::expected<std::unique_ptr<Transport>, OpenError>;
+using Opened = Result<std::unique_ptr<Transport>>;
 
 constexpr std::string_view forms =
     "can0 or socketcan:NAME (SocketCAN), socketcand://127.0.0.1:29536/NAME (served over TCP), memory:NAME (in this "
@@ -40,9 +40,7 @@ std::optional<Server> server(const std::string& where) {
 }  // namespace
 
 Opened open_bus(const std::string& address, const OpenOptions& options) {
-  const auto fail = [&](std::string_view why) {
-    return tl::unexpected(OpenError{fmt::format("'{}' {}", address, why)});
-  };
+  const auto fail = [&](std::string_view why) { return tl::unexpected(Error(fmt::format("'{}' {}", address, why))); };
   if (after("log:", address)) return fail("is a log, not a bus: replay reads logs, --record writes them");
   if (const auto rest = after("socketcand://", address)) {
     const auto where = server(*rest);

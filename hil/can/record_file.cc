@@ -14,7 +14,7 @@
 namespace tribotwin::hil {
 namespace {
 
-using Status = tl::expected<void, std::string>;
+using Status = Result<void>;
 
 constexpr std::size_t most_waiting = 64 * 1024;
 constexpr std::int64_t flush_interval_ns = 250'000'000;
@@ -39,7 +39,7 @@ RecordFile::RecordFile(std::filesystem::path file, RecordOptions options, Descri
       created_(created),
       flushed_ns_(clock_ns()) {}
 
-tl::expected<RecordFile, std::string> RecordFile::create(const std::filesystem::path& file, RecordOptions options) {
+Result<RecordFile> RecordFile::create(const std::filesystem::path& file, RecordOptions options) {
   constexpr int flags =
       O_WRONLY | O_CLOEXEC | O_NONBLOCK;  // O_NONBLOCK: a pipe without reader must not hold the drives
   Descriptor fd(::open(file.c_str(), flags | O_CREAT | O_EXCL, 0666));

@@ -6,9 +6,8 @@
 #include <string>
 #include <string_view>
 
-#include <tl/expected.hpp>
-
 #include <tribotwin/hil/can/descriptor.hpp>
+#include <tribotwin/plugins/friction/error.hpp>
 
 /// A text file that grows during a session: a candump log, a CSV.
 namespace tribotwin::hil {
@@ -26,25 +25,25 @@ struct RecordOptions {
 /// `replace`, and one that another session writes never is.
 class RecordFile {
  public:
-  static tl::expected<RecordFile, std::string> create(const std::filesystem::path& file, RecordOptions options = {});
+  static Result<RecordFile> create(const std::filesystem::path& file, RecordOptions options = {});
   RecordFile(RecordFile&&) noexcept = default;
   RecordFile& operator=(RecordFile&&) noexcept = default;
   ~RecordFile();  ///< without finish(): flushes; a new file without a line is removed
 
   /// Whole lines. They reach the file 0.25 s later at most, if lines go on coming. After a failure (full disk) every
   /// further call fails alike; the message names the file.
-  tl::expected<void, std::string> append(std::string_view lines);
-  tl::expected<void, std::string> flush();
+  Result<void> append(std::string_view lines);
+  Result<void> flush();
   /// Flushes, waits until the disk has it, closes.
-  tl::expected<void, std::string> finish();
+  Result<void> finish();
 
  private:
   RecordFile(std::filesystem::path file, RecordOptions options, Descriptor fd, bool created);
-  tl::expected<void, std::string> fail(int error);
-  tl::expected<void, std::string> begin();
+  Result<void> fail(int error);
+  Result<void> begin();
   bool reader_takes_more();
 
-  tl::expected<void, std::string> set_aside();
+  Result<void> set_aside();
 
   std::filesystem::path file_, replaced_;
   RecordOptions options_;

@@ -278,9 +278,8 @@ class SocketCan final : public Transport {
 
 }  // namespace
 
-tl::expected<std::unique_ptr<Transport>, OpenError> open_socketcan(const std::string& interface,
-                                                                   const OpenOptions& options) {
-  const auto fail = [&](std::string message) { return tl::unexpected(OpenError{std::move(message)}); };
+Result<std::unique_ptr<Transport>> open_socketcan(const std::string& interface, const OpenOptions& options) {
+  const auto fail = [&](std::string message) { return tl::unexpected(Error(std::move(message))); };
 
   Descriptor socket(::socket(PF_CAN, SOCK_RAW | SOCK_NONBLOCK | SOCK_CLOEXEC, CAN_RAW));
   if (socket < 0) {

@@ -365,12 +365,11 @@ int port_of(int socket) {
 
 }  // namespace
 
-tl::expected<std::unique_ptr<Transport>, OpenError> open_socketcand(const std::string& host, int port,
-                                                                    const std::string& bus,
-                                                                    const OpenOptions& options) {
+Result<std::unique_ptr<Transport>> open_socketcand(const std::string& host, int port, const std::string& bus,
+                                                   const OpenOptions& options) {
   const std::string shown_host = host.find(':') == host.npos ? host : '[' + host + ']';
   const auto fail = [&](const std::string& why) {
-    return tl::unexpected(OpenError{fmt::format("socketcand://{}:{}/{}: {}", shown_host, port, bus, why)});
+    return tl::unexpected(Error(fmt::format("socketcand://{}:{}/{}: {}", shown_host, port, bus, why)));
   };
   if (words(bus) != std::vector<std::string_view>{bus} || bus.find_first_of("<>") != bus.npos)
     return fail("the name of the bus must be one word without < and >");

@@ -9,6 +9,7 @@
 #include <tl/expected.hpp>
 
 #include <tribotwin/hil/can/frame.hpp>
+#include <tribotwin/plugins/friction/error.hpp>
 
 /// A way to a CAN bus. An address chooses it:
 ///   can0, vcan0, socketcan:NAME            SocketCAN, classic and FD
@@ -65,18 +66,13 @@ struct OpenOptions {
   std::vector<std::uint32_t> identifiers;
 };
 
-/// Why a bus could not be opened; the message says what is wrong and what would help, in one line.
-struct OpenError {
-  std::string message;
-};
-tl::expected<std::unique_ptr<Transport>, OpenError> open_bus(const std::string& address,
-                                                             const OpenOptions& options = {});
+/// Fails with what is wrong and what would help, in one line.
+Result<std::unique_ptr<Transport>> open_bus(const std::string& address, const OpenOptions& options = {});
 
 /// The transports behind open_bus.
-tl::expected<std::unique_ptr<Transport>, OpenError> open_socketcan(const std::string& interface,
-                                                                   const OpenOptions& options);
-tl::expected<std::unique_ptr<Transport>, OpenError> open_socketcand(const std::string& host, int port,
-                                                                    const std::string& bus, const OpenOptions& options);
+Result<std::unique_ptr<Transport>> open_socketcan(const std::string& interface, const OpenOptions& options);
+Result<std::unique_ptr<Transport>> open_socketcand(const std::string& host, int port, const std::string& bus,
+                                                   const OpenOptions& options);
 /// Ends of one bus in this process: what one sends, all others receive. Ends may live in different threads.
 std::unique_ptr<Transport> open_memory(const std::string& bus, const OpenOptions& options);
 

@@ -36,7 +36,7 @@ void Bench::start(std::int64_t now_ns) {
   for (const auto& drive : drives_) drive->start(now_ns);
 }
 
-tl::expected<void, std::string> Bench::receive(const Frame& frame, std::int64_t now_ns) {
+Result<void> Bench::receive(const Frame& frame, std::int64_t now_ns) {
   ++counters_.frames_in;
   if (!frame.error) {
     const Bits bits = classic_bits(std::min<int>(frame.size, 8));
@@ -55,7 +55,7 @@ tl::expected<void, std::string> Bench::receive(const Frame& frame, std::int64_t 
   last_sync_ns_ = now_ns;
   // All drives answer with where they were at this SYNC; then they move on to the next.
   for (const auto& drive : drives_) drive->sync(now_ns);
-  return options_.lockstep ? plant_.advance(drives_, cycle_us, options_.stop) : tl::expected<void, std::string>{};
+  return options_.lockstep ? plant_.advance(drives_, cycle_us, options_.stop) : Result<void>{};
 }
 
 void Bench::tick(std::int64_t now_ns) {

@@ -2,6 +2,7 @@
 
 #include <tribotwin/hil/canopen/node.hpp>
 #include <tribotwin/hil/session/plant.hpp>
+#include <tribotwin/plugins/friction/error.hpp>
 
 /// Drives and robot on one bus, the same for live sessions and replays: frames and times in, frames out.
 namespace tribotwin::hil {
@@ -32,7 +33,7 @@ class Bench {
 
   void start(std::int64_t now_ns);
   /// Fails when the simulation does.
-  tl::expected<void, std::string> receive(const Frame& frame, std::int64_t now_ns);
+  Result<void> receive(const Frame& frame, std::int64_t now_ns);
   void tick(std::int64_t now_ns);
   /// The bus is back after it was gone.
   void recovered(std::int64_t now_ns);

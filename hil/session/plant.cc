@@ -30,7 +30,7 @@ std::vector<DriveParameters> drive_parameters(const twin::Scenario& scenario, in
   return all;
 }
 
-tl::expected<void, std::string> Plant::record(const std::filesystem::path& directory, twin::Existing existing) {
+Result<void> Plant::record(const std::filesystem::path& directory, twin::Existing existing) {
   auto recorder = twin::Recorder::create(directory, scenario_, false, existing);
   if (!recorder) return tl::unexpected(recorder.error());
   recorder_ = std::move(*recorder);
@@ -62,7 +62,7 @@ void Plant::show(std::span<const std::unique_ptr<BusDrive>> drives) {
   for (std::size_t i = 0; i < drives.size(); ++i) drives[i]->feedback(feedback(i), 0);
 }
 
-tl::expected<void, std::string> Plant::step(std::span<const std::unique_ptr<BusDrive>> drives) {
+Result<void> Plant::step(std::span<const std::unique_ptr<BusDrive>> drives) {
   const double dt = twin_.model()->opt.timestep;
   for (std::size_t i = 0; i < drives.size(); ++i) {
     twin_.commands()[i] = drives[i]->command(dt);
@@ -75,15 +75,15 @@ tl::expected<void, std::string> Plant::step(std::span<const std::unique_ptr<BusD
   if (auto ok = twin_.step(); !ok) return ok;
   if (recorder_)
     if (auto ok = recorder_->sample(twin_, k); !ok) {
-      record_failure_ = ok.error();
+      record_failure_ = ok.error().message;
       recorder_.reset();
     }
   for (std::size_t i = 0; i < drives.size(); ++i) drives[i]->feedback(feedback(i), dt);
   return {};
 }
 
-tl::expected<void, std::string> Plant::advance(std::span<const std::unique_ptr<BusDrive>> drives, std::int64_t us,
-                                               const std::function<bool()>& stop) {
+Result<void> Plant::advance(std::span<const std::unique_ptr<BusDrive>> drives, std::int64_t us,
+                            const std::function<bool()>& stop) {
   const auto step_us = static_cast<std::int64_t>(std::llround(1e6 * twin_.model()->opt.timestep));
   constexpr int ask_stop_steps = 256;  // usual cycles are done whole, so that a replay of the session ends where it did
   left_us_ += us;
@@ -94,7 +94,7 @@ tl::expected<void, std::string> Plant::advance(std::span<const std::unique_ptr<B
   return {};
 }
 
-tl::expected<void, std::string> Plant::finish(double wall_s, bool interrupted) {
+Result<void> Plant::finish(double wall_s, bool interrupted) {
   if (!record_failure_.empty()) return tl::unexpected(record_failure_);
   if (!recorder_) return {};
   twin::Summary summary = twin::summarize(twin_, scenario_, wall_s);

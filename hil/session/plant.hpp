@@ -6,10 +6,9 @@
 #include <string>
 #include <vector>
 
-#include <tl/expected.hpp>
-
 #include <tribotwin/hil/canopen/dictionary.hpp>
 #include <tribotwin/hil/drives/bus_drive.hpp>
+#include <tribotwin/plugins/friction/error.hpp>
 #include <tribotwin/twin/simulation/recorder.hpp>
 
 /// The robot behind the drives: a commanded twin, stepped between the bus and the telemetry.
@@ -23,20 +22,20 @@ class Plant {
   explicit Plant(const twin::Scenario& scenario) : scenario_(scenario), twin_(scenario, twin::Twin::commanded) {}
   /// Also writes telemetry.h5 and scenario.yaml, and summary.json at `finish`. Throws InputError where the folder holds
   /// a record that may not be replaced.
-  tl::expected<void, std::string> record(const std::filesystem::path& directory, twin::Existing existing);
+  Result<void> record(const std::filesystem::path& directory, twin::Existing existing);
   /// Why the record ended before the robot did (full disk): the robot goes on. Empty while nothing is lost.
   const std::string& record_failure() const { return record_failure_; }
 
   /// Tells the drives where their joints are.
   void show(std::span<const std::unique_ptr<BusDrive>> drives);
   /// One simulation step: set points from the drives, feedback to them.
-  tl::expected<void, std::string> step(std::span<const std::unique_ptr<BusDrive>> drives);
+  Result<void> step(std::span<const std::unique_ptr<BusDrive>> drives);
   /// As many steps as `us` microseconds have, unless `stop` (may be empty) ends a long cycle: 1006h may ask for an
   /// hour. Parts of steps are kept for the next call.
-  tl::expected<void, std::string> advance(std::span<const std::unique_ptr<BusDrive>> drives, std::int64_t us,
-                                          const std::function<bool()>& stop = {});
+  Result<void> advance(std::span<const std::unique_ptr<BusDrive>> drives, std::int64_t us,
+                       const std::function<bool()>& stop = {});
   /// Closes the record, complete or interrupted.
-  tl::expected<void, std::string> finish(double wall_s, bool interrupted = false);
+  Result<void> finish(double wall_s, bool interrupted = false);
 
   twin::Twin& twin() { return twin_; }
   const twin::Twin& twin() const { return twin_; }

@@ -21,7 +21,7 @@
 namespace tribotwin::hil {
 namespace {
 
-using Status = tl::expected<void, std::string>;
+using Status = Result<void>;
 
 constexpr std::int64_t s_ns = 1'000'000'000, longest_wait_ns = 20'000'000;
 
@@ -113,7 +113,7 @@ class Session {
   void keep_log(const Status& written) {
     if (written) return;
     log_.reset();
-    lose(written.error());
+    lose(written.error().message);
   }
   void lose(const std::string& what) {
     lost_.push_back(fmt::format("{}; recorded up to {:.3f} s", what, time_s()));
@@ -184,7 +184,7 @@ class Session {
   Status close(const Status& ran) {
     std::vector<std::string> problems;
     const auto check = [&](const Status& status) {
-      if (!status) problems.push_back(status.error());
+      if (!status) problems.push_back(status.error().message);
     };
     check(ran);
     const bool cut_short = ran && o_.duration_s && !over();
@@ -252,7 +252,7 @@ class Replay {
                }),
         compared_(bench_.drives().size()) {}
 
-  tl::expected<ReplayResult, std::string> run() {
+  Result<ReplayResult> run() {
     auto log = LogReader::open(file_, o_.stop);
     if (!log) return tl::unexpected(log.error());
     Frame frame;
@@ -341,12 +341,12 @@ class Replay {
 
 }  // namespace
 
-tl::expected<void, std::string> drive(const twin::Scenario& scenario, Transport& bus, const DriveOptions& options) {
+Result<void> drive(const twin::Scenario& scenario, Transport& bus, const DriveOptions& options) {
   return Session(scenario, bus, options).run();
 }
 
-tl::expected<ReplayResult, std::string> replay(const twin::Scenario& scenario, const std::filesystem::path& log,
-                                               const ReplayOptions& options) {
+Result<ReplayResult> replay(const twin::Scenario& scenario, const std::filesystem::path& log,
+                            const ReplayOptions& options) {
   return Replay(scenario, log, options).run();
 }
 

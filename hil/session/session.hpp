@@ -8,6 +8,7 @@
 #include <tribotwin/hil/can/transport.hpp>
 #include <tribotwin/hil/session/bench.hpp>
 #include <tribotwin/hil/session/faults.hpp>
+#include <tribotwin/plugins/friction/error.hpp>
 #include <tribotwin/twin/io/file.hpp>
 
 namespace tribotwin::hil {
@@ -37,7 +38,7 @@ struct DriveOptions {
 
 /// Drives on a bus until the end. A record that cannot be written any more (full disk) is noted and given up; the
 /// drives go on. Fails at the end with one line: what was lost, or that `stop` came before `duration_s` was over.
-tl::expected<void, std::string> drive(const twin::Scenario& scenario, Transport& bus, const DriveOptions& options);
+Result<void> drive(const twin::Scenario& scenario, Transport& bus, const DriveOptions& options);
 
 struct ReplayResult {
   std::uint64_t frames = 0;    ///< in the log
@@ -59,7 +60,7 @@ struct ReplayOptions {
   std::function<bool()> stop;
 };
 /// A recorded session through the same code: what the drives answered then is compared with what they answer now.
-tl::expected<ReplayResult, std::string> replay(const twin::Scenario& scenario, const std::filesystem::path& log,
-                                               const ReplayOptions& options);
+Result<ReplayResult> replay(const twin::Scenario& scenario, const std::filesystem::path& log,
+                            const ReplayOptions& options);
 
 }  // namespace tribotwin::hil

@@ -224,10 +224,10 @@ class Shadow {
     series_.resize(listeners_.size());
   }
 
-  tl::expected<ShadowResult, std::string> run(const NextFrame& next) {
+  Result<ShadowResult> run(const NextFrame& next) {
     if (auto ok = open_csv(); !ok) return tl::unexpected(ok.error());
     Frame frame;
-    tl::expected<bool, std::string> more = true;
+    Result<bool> more = true;
     while (!stopped()) {
       more = next(frame);
       if (!more || !*more || over(frame)) break;
@@ -332,7 +332,7 @@ class Shadow {
     if (o_.note) o_.note(what);
   }
 
-  tl::expected<void, std::string> open_csv() {
+  Result<void> open_csv() {
     if (o_.csv.empty()) return {};
     auto csv = RecordFile::create(o_.csv, {.replace = o_.existing == twin::Existing::replace, .give_up = o_.stop});
     if (!csv) return tl::unexpected(csv.error());
@@ -357,9 +357,9 @@ class Shadow {
     csv_.reset();  // without a row: no file
   }
   /// A full disk must not end the watch over a robot.
-  void keep_csv(const tl::expected<void, std::string>& written) {
+  void keep_csv(const Result<void>& written) {
     if (written) return;
-    result_.csv_failure = fmt::format("{}; written up to {:.3f} s", written.error(), result_.seconds);
+    result_.csv_failure = fmt::format("{}; written up to {:.3f} s", written.error().message, result_.seconds);
     csv_.reset();
     note(result_.csv_failure + "; the shadow goes on");
   }
@@ -425,8 +425,7 @@ class Shadow {
 
 }  // namespace
 
-tl::expected<ShadowResult, std::string> shadow(const twin::Scenario& scenario, const NextFrame& next,
-                                               const ShadowOptions& options) {
+Result<ShadowResult> shadow(const twin::Scenario& scenario, const NextFrame& next, const ShadowOptions& options) {
   return Shadow(scenario, options).run(next);
 }
 

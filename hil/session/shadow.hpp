@@ -7,6 +7,7 @@
 #include <vector>
 
 #include <tribotwin/hil/session/bench.hpp>
+#include <tribotwin/plugins/friction/error.hpp>
 #include <tribotwin/twin/io/file.hpp>
 
 /// Beside a real robot: listens to its positions and torques, and says what torque and temperature it should have.
@@ -48,11 +49,10 @@ struct ShadowResult {
 };
 
 /// Where frames come from: a bus, or a log. Returns false at the end.
-using NextFrame = std::function<tl::expected<bool, std::string>(Frame&)>;
+using NextFrame = std::function<Result<bool>(Frame&)>;
 
 /// Fails when the simulation does. Throws twin::InputError for a joint in `limit_joints` that there is not, and where
 /// nothing could be predicted: no position of some drive was heard, or too few of all.
-tl::expected<ShadowResult, std::string> shadow(const twin::Scenario& scenario, const NextFrame& next,
-                                               const ShadowOptions& options);
+Result<ShadowResult> shadow(const twin::Scenario& scenario, const NextFrame& next, const ShadowOptions& options);
 
 }  // namespace tribotwin::hil

@@ -85,8 +85,8 @@ constexpr std::pair<const char*, friction::Validity> validities[] = {
     {"error", friction::Validity::error},
 };
 
-tl::expected<double, std::string> number(std::string_view key, const std::string& text, std::string_view unit,
-                                         double minimum, double maximum) {
+Result<double> number(std::string_view key, const std::string& text, std::string_view unit, double minimum,
+                      double maximum) {
   const char* first = text.data() + (text.starts_with('+') ? 1 : 0);
   const char* last = text.data() + text.size();
   double value = 0;
@@ -148,7 +148,7 @@ std::span<const char* const> all_keys() {
   return pointers;
 }
 
-tl::expected<Drive, std::string> make_drive(std::string name, const Configuration& configuration) {
+Result<Drive> make_drive(std::string name, const Configuration& configuration) {
   std::map<std::string, std::string, std::less<>> left;
   for (const auto& [key, value] : configuration)
     if (!value.empty() && !left.emplace(key, value).second)
@@ -160,7 +160,7 @@ tl::expected<Drive, std::string> make_drive(std::string name, const Configuratio
     left.erase(found);
     return value;
   };
-  const auto take_number = [&](const auto& key, bool required) -> tl::expected<std::optional<double>, std::string> {
+  const auto take_number = [&](const auto& key, bool required) -> Result<std::optional<double>> {
     const auto text = take(key.name);
     if (!text) {
       if (required) return tl::unexpected(fmt::format("key '{}' is missing: {} [{}]", key.name, key.meaning, key.unit));
@@ -178,7 +178,7 @@ tl::expected<Drive, std::string> make_drive(std::string name, const Configuratio
   for (const auto& info : friction::laws()) law_names.push_back(info.name);
   if (!law_name) return tl::unexpected(fmt::format("key 'law' is missing: one of {}", fmt::join(law_names, ", ")));
   const friction::LawInfo* info = friction::find_law(*law_name);
-  if (!info) return tl::unexpected(friction::make_law(*law_name, {}).error());
+  if (!info) return tl::unexpected(friction::make_law(*law_name, {}).error().message);
 
   const auto thermal_name = take("thermal").value_or("prescribed");
   const auto orders = thermal::orders();
@@ -204,7 +204,7 @@ tl::expected<Drive, std::string> make_drive(std::string name, const Configuratio
   for (const auto& p : info->parameters)
     if (auto text = take(p.name)) {
       const auto value = number(p.name, *text, p.unit, p.minimum, p.maximum);
-      if (!value) return tl::unexpected(fmt::format("law '{}': {}", info->name, value.error()));
+      if (!value) return tl::unexpected(fmt::format("law '{}': {}", info->name, value.error().message));
       law_values.emplace_back(p.name, *value);
     }
   auto law = friction::make_law(*law_name, law_values);
@@ -234,7 +234,7 @@ tl::expected<Drive, std::string> make_drive(std::string name, const Configuratio
   const auto dynamics_target = dynamics_values(drive);
   for (std::size_t i = 0; i < dynamics->keys.size(); ++i) {
     const auto value = take_number(dynamics->keys[i], true);
-    if (!value) return tl::unexpected(fmt::format("friction '{}': {}", dynamics_name, value.error()));
+    if (!value) return tl::unexpected(fmt::format("friction '{}': {}", dynamics_name, value.error().message));
     *dynamics_target[i] = **value;
   }
 
@@ -269,7 +269,7 @@ tl::expected<Drive, std::string> make_drive(std::string name, const Configuratio
   std::vector<double> thermal_values;
   for (const auto& p : thermal::parameters(*order)) {
     const auto value = take_number(p, true);
-    if (!value) return tl::unexpected(fmt::format("thermal '{}': {}", thermal_name, value.error()));
+    if (!value) return tl::unexpected(fmt::format("thermal '{}': {}", thermal_name, value.error().message));
     thermal_values.push_back(**value);
   }
   drive.thermal = thermal::make_model(*order, numbers["T_amb"].value_or(25), thermal_values);

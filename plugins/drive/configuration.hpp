@@ -5,9 +5,8 @@
 #include <utility>
 #include <vector>
 
-#include <tl/expected.hpp>
-
 #include <tribotwin/plugins/drive/drive.hpp>
+#include <tribotwin/plugins/friction/error.hpp>
 
 /// The MJCF vocabulary of a drive: the keys of `<config key= value=/>`, in one table together with the law's and the
 /// thermal model's parameters, whose tables are theirs.
@@ -20,7 +19,7 @@ std::span<const char* const> all_keys();
 
 /// A drive from its configuration. Fails with a sentence that names key, value and what would be right; the caller
 /// knows the element and says where.
-tl::expected<Drive, std::string> make_drive(std::string name, const Configuration& configuration);
+Result<Drive> make_drive(std::string name, const Configuration& configuration);
 
 /// The configuration that `make_drive` would read back to the same drive.
 Configuration configuration_of(const Drive& drive);

@@ -336,8 +336,7 @@ std::string_view nearest(std::string_view wrong, std::span<const std::string_vie
   return *std::ranges::min_element(accepted, {}, [&](std::string_view name) { return edit_distance(wrong, name); });
 }
 
-tl::expected<Law, std::string> make_law(std::string_view name,
-                                        std::span<const std::pair<std::string, double>> parameters) {
+Result<Law> make_law(std::string_view name, std::span<const std::pair<std::string, double>> parameters) {
   Law law{.info = find_law(name)};
   if (!law.info) {
     std::vector<std::string_view> names;
@@ -390,7 +389,7 @@ Law scaled(const Law& law, double weakening, double stribeck_velocity, double st
   return result;
 }
 
-tl::expected<Law, std::string> published_law(std::string_view name) {
+Result<Law> published_law(std::string_view name) {
   std::vector<std::pair<std::string, double>> values;
   if (const LawInfo* info = find_law(name))
     for (const Parameter& p : info->parameters) {

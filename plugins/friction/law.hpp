@@ -11,7 +11,7 @@
 #include <utility>
 #include <vector>
 
-#include <tl/expected.hpp>
+#include <tribotwin/plugins/friction/error.hpp>
 
 /// Static friction laws of a robot joint: values in, value out.
 ///
@@ -112,11 +112,10 @@ struct Law {
 
 /// A law from named values, each parameter exactly once.
 /// Fails with a sentence that names the parameter, the value and what would be accepted.
-tl::expected<Law, std::string> make_law(std::string_view name,
-                                        std::span<const std::pair<std::string, double>> parameters);
+Result<Law> make_law(std::string_view name, std::span<const std::pair<std::string, double>> parameters);
 
 /// The law with the numbers of its source. Fails where the source publishes none.
-tl::expected<Law, std::string> published_law(std::string_view name);
+Result<Law> published_law(std::string_view name);
 
 /// The same law with other numbers, within the accepted ranges or not (wear may leave them).
 Law with_parameters(const Law& law, std::span<const double> parameters);

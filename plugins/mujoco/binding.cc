@@ -118,7 +118,7 @@ std::string actdim_message(const drive::Drive& drive) {
 double needed_tolerance(int solver) { return solver == mjSOL_CG ? 1e-12 : 1e-8; }
 int needed_iterations(int solver) { return solver == mjSOL_NEWTON ? 20 : 100; }
 
-tl::expected<Binding, std::string> bind(const mjModel* m, drive::Drive drive, int actuator) {
+Result<Binding> bind(const mjModel* m, drive::Drive drive, int actuator) {
   const auto fail = [&](std::string_view where, std::string_view what) {
     return tl::unexpected(fmt::format("drive '{}', {}: {}", drive.name, where, what));
   };

@@ -4,10 +4,10 @@
 #include <vector>
 
 #include <mujoco/mujoco.h>
-#include <tl/expected.hpp>
 
 #include <tribotwin/plugins/drive/configuration.hpp>
 #include <tribotwin/plugins/drive/drive.hpp>
+#include <tribotwin/plugins/friction/error.hpp>
 
 /// A drive tied to one joint of an engine model, and the two half steps on mjData that both engine versions share.
 namespace tribotwin::mujoco {
@@ -41,7 +41,7 @@ int needed_iterations(int solver);
 
 /// Ties a drive to actuator `actuator`. Fails when the actuator does not drive a hinge or slide joint, or the joint,
 /// the solver or the time step could not carry friction faithfully: the message names the element and the remedy.
-tl::expected<Binding, std::string> bind(const mjModel* m, drive::Drive drive, int actuator);
+Result<Binding> bind(const mjModel* m, drive::Drive drive, int actuator);
 
 /// State of a drive in d; of a drive with bristles the memory is a drive::BristleMemory. Changing it between steps is
 /// allowed; see drive.hpp for what is input.

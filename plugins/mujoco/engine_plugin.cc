@@ -42,33 +42,33 @@ drive::Configuration configuration(const mjModel* m, int instance, const Keys& k
 }
 
 /// The instance's drive tied to its actuator, or why not. Nothing for an instance that no actuator uses.
-tl::expected<std::unique_ptr<Binding>, std::string> connect(const mjModel* m, int instance) {
+Result<std::unique_ptr<Binding>> connect(const mjModel* m, int instance) {
   const std::string name = instance_name(m, instance);
   const auto fail = [&](const std::string& why) {
     return tl::unexpected(std::string(plugin_name) + ", instance '" + name + "': " + why);
   };
   auto drive = drive::make_drive(name, configuration(m, instance, drive::all_keys()));
-  if (!drive) return fail(drive.error());
+  if (!drive) return fail(drive.error().message);
   const int actuator = actuator_of(m, instance);
   if (actuator == -2) return fail("serves two actuators; each drive needs its own");
   if (actuator < 0) return nullptr;
   if (m->actuator_actnum[actuator] != static_cast<int>(drive::memory_size(*drive)))
     return fail("its actuator needs " + actdim_message(*drive));
   auto binding = bind(m, std::move(*drive), actuator);
-  if (!binding) return tl::unexpected(std::string(plugin_name) + ": " + binding.error());
+  if (!binding) return tl::unexpected(std::string(plugin_name) + ": " + binding.error().message);
   binding->memory_address = m->actuator_actadr[actuator];
   binding->scratch_address = m->plugin_stateadr[instance];
   return std::make_unique<Binding>(std::move(*binding));
 }
 
 /// The same for a transmission.
-tl::expected<std::unique_ptr<Spring>, std::string> connect_spring(const mjModel* m, int instance) {
+Result<std::unique_ptr<Spring>> connect_spring(const mjModel* m, int instance) {
   const std::string name = instance_name(m, instance);
   const auto fail = [&](const std::string& why) {
     return tl::unexpected(std::string(spring_plugin_name) + ", instance '" + name + "': " + why);
   };
   auto hysteresis = transmission::make_hysteresis(name, configuration(m, instance, transmission::all_keys()));
-  if (!hysteresis) return fail(hysteresis.error());
+  if (!hysteresis) return fail(hysteresis.error().message);
   const int actuator = actuator_of(m, instance);
   if (actuator == -2) return fail("serves two actuators; each transmission needs its own");
   if (actuator < 0) return nullptr;
@@ -80,10 +80,10 @@ tl::expected<std::unique_ptr<Spring>, std::string> connect_spring(const mjModel*
   if (drive_instance < 0 || m->plugin[drive_instance] != slot)
     return fail("key 'drive' is '" + hysteresis->drive + "', which is no instance of " + plugin_name);
   auto drive = connect(m, drive_instance);
-  if (!drive) return fail(drive.error());
+  if (!drive) return fail(drive.error().message);
   if (!*drive) return fail("key 'drive' is '" + hysteresis->drive + "', which no actuator uses");
   auto spring = bind_spring(m, std::move(*hysteresis), std::move(**drive), actuator);
-  if (!spring) return tl::unexpected(std::string(spring_plugin_name) + ": " + spring.error());
+  if (!spring) return tl::unexpected(std::string(spring_plugin_name) + ": " + spring.error().message);
   spring->memory_address = m->actuator_actadr[actuator];
   spring->scratch_address = m->plugin_stateadr[instance];
   return std::make_unique<Spring>(std::move(*spring));
@@ -99,7 +99,7 @@ int init(const mjModel* m, mjData* d, int instance) {
     if (binding)
       d->plugin_data[instance] = reinterpret_cast<uintptr_t>(binding->release());
     else
-      std::strncpy(message, binding.error().c_str(), sizeof message - 1);
+      std::strncpy(message, binding.error().message.c_str(), sizeof message - 1);
   }
   if (message[0]) mju_error("%s", message);
   return 0;

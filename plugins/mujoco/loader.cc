@@ -14,7 +14,7 @@
 namespace tribotwin::mujoco {
 namespace {
 
-using Result = tl::expected<std::shared_ptr<const Model>, std::string>;
+using Loaded = Result<std::shared_ptr<const Model>>;
 
 struct DriveElement {
   std::string where;
@@ -23,7 +23,7 @@ struct DriveElement {
 };
 
 /// Reads every drive of the model, in the order of their actuators, and checks what only the text shows.
-tl::expected<std::vector<DriveElement>, std::string> read_drives(const std::vector<Source>& sources) {
+Result<std::vector<DriveElement>> read_drives(const std::vector<Source>& sources) {
   std::map<std::string, std::pair<const Source*, pugi::xml_node>> instances;
   std::vector<std::pair<const Source*, pugi::xml_node>> actuators;
   for (const Source& source : sources) {
@@ -64,7 +64,8 @@ tl::expected<std::vector<DriveElement>, std::string> read_drives(const std::vect
       configuration.emplace_back(config.attribute("key").value(), config.attribute("value").value());
     }
     auto drive = drive::make_drive(instance, configuration);
-    if (!drive) return tl::unexpected(fmt::format("{}: {}", at(*instance_source, instance_element), drive.error()));
+    if (!drive)
+      return tl::unexpected(fmt::format("{}: {}", at(*instance_source, instance_element), drive.error().message));
     if (element.attribute("actdim").as_int(-1) != static_cast<int>(drive::memory_size(*drive)))
       return tl::unexpected(fmt::format("{}: needs {}", where, actdim_message(*drive)));
     drives.push_back({where, name, std::move(*drive)});
@@ -79,8 +80,8 @@ struct SpringElement {
 };
 
 /// Reads every elastic transmission of the model.
-tl::expected<std::vector<SpringElement>, std::string> read_springs(const std::vector<Source>& sources,
-                                                                   const std::vector<DriveElement>& drives) {
+Result<std::vector<SpringElement>> read_springs(const std::vector<Source>& sources,
+                                                const std::vector<DriveElement>& drives) {
   std::vector<SpringElement> springs;
   for (const Source& source : sources)
     for (const auto& match : source.document->select_nodes("//actuator/plugin[@plugin='tribotwin.hysteresis']")) {
@@ -115,7 +116,8 @@ tl::expected<std::vector<SpringElement>, std::string> read_springs(const std::ve
       }
       auto hysteresis = transmission::make_hysteresis(instance, configuration);
       if (!hysteresis)
-        return tl::unexpected(fmt::format("{}: {}", at(*instance_source, instance_element), hysteresis.error()));
+        return tl::unexpected(
+            fmt::format("{}: {}", at(*instance_source, instance_element), hysteresis.error().message));
       if (std::ranges::none_of(drives, [&](const DriveElement& d) { return d.drive.name == hysteresis->drive; }))
         return tl::unexpected(fmt::format("{}: key 'drive' is '{}', which is no instance of {} that an actuator uses",
                                           at(*instance_source, instance_element), hysteresis->drive, plugin_name));
@@ -190,7 +192,7 @@ std::string lower(const std::vector<Source>& sources, const std::filesystem::pat
   return saved(main, origins);
 }
 
-tl::expected<ModelPtr, std::string> compile(const std::string& mjcf, const std::string&, const std::filesystem::path&) {
+Result<ModelPtr> compile(const std::string& mjcf, const std::string&, const std::filesystem::path&) {
   const auto vfs = std::make_unique<mjVFS>();
   mj_defaultVFS(vfs.get());
   const char* name = "tribotwin_lowered.xml";
@@ -204,8 +206,7 @@ tl::expected<ModelPtr, std::string> compile(const std::string& mjcf, const std::
   return model;
 }
 #else
-tl::expected<ModelPtr, std::string> compile(const std::string& text, const std::string& file,
-                                            const std::filesystem::path& folder) {
+Result<ModelPtr> compile(const std::string& text, const std::string& file, const std::filesystem::path& folder) {
   char error[1000] = "";
   if (!file.empty()) {
     ModelPtr model(mj_loadXML(file.c_str(), nullptr, error, sizeof error));
@@ -230,12 +231,12 @@ std::string located(const std::string& error, const std::vector<Source>& sources
   Origins merged(sources);
   merge_includes(sources, folder, merged);
   const auto again = compile(saved(*sources.front().document, merged), "", folder);
-  const bool same = !again && without_position(again.error()) == without_position(error);
-  return same ? merged.located(again.error(), name) : as_written.located(error, name);
+  const bool same = !again && without_position(again.error().message) == without_position(error);
+  return same ? merged.located(again.error().message, name) : as_written.located(error, name);
 }
 #endif
 
-tl::expected<void, std::string> apply(const Options& options, mjModel* m) {
+Result<void> apply(const Options& options, mjModel* m) {
   if (options.timestep_s) {
     if (!(*options.timestep_s >= shortest_timestep_s && *options.timestep_s <= longest_timestep_s))
       return tl::unexpected(fmt::format("time step {} s must be within {:g} .. {:g} s", *options.timestep_s,
@@ -282,10 +283,10 @@ tl::expected<void, std::string> apply(const Options& options, mjModel* m) {
 }
 
 /// The engine lets NaN pass into a model; a simulation must not start from it.
-tl::expected<void, std::string> require_finite(const mjModel* m) {
-  const auto check = [m](int type, int count, const char* what,
-                         std::initializer_list<std::pair<const char*, std::span<const mjtNum>>> fields)
-      -> tl::expected<void, std::string> {
+Result<void> require_finite(const mjModel* m) {
+  const auto check =
+      [m](int type, int count, const char* what,
+          std::initializer_list<std::pair<const char*, std::span<const mjtNum>>> fields) -> Result<void> {
     for (int i = 0; i < count; ++i)
       for (const auto& [field, values] : fields) {
         const std::size_t width = values.size() / static_cast<std::size_t>(count);
@@ -339,7 +340,7 @@ tl::expected<void, std::string> require_finite(const mjModel* m) {
                 {"tolerance", span(&m->opt.tolerance, 1)}});
 }
 
-Result load(const std::string& name, const std::string& text, const std::string& file,
+Loaded load(const std::string& name, const std::string& text, const std::string& file,
             const std::filesystem::path& folder, const Options& options) {
   auto sources = read_sources(name, text, folder);
   if (!sources) return tl::unexpected(sources.error());
@@ -350,22 +351,22 @@ Result load(const std::string& name, const std::string& text, const std::string&
   if (!springs) return tl::unexpected(springs.error());
 #if TRIBOTWIN_ENGINE_PLUGINS
   auto compiled = compile(text, file, folder);
-  if (!compiled) return tl::unexpected(located(compiled.error(), *sources, name, folder));
+  if (!compiled) return tl::unexpected(located(compiled.error().message, *sources, name, folder));
 #else
   Origins origins(*sources);
   auto compiled = compile(lower(*sources, folder, user_size(*drives, *springs), origins), file, folder);
-  if (!compiled) return tl::unexpected(origins.located(compiled.error(), name));
+  if (!compiled) return tl::unexpected(origins.located(compiled.error().message, name));
 #endif
   mjModel* m = compiled->get();
-  if (auto ok = require_finite(m); !ok) return tl::unexpected(fmt::format("{}: {}", name, ok.error()));
-  if (auto ok = apply(options, m); !ok) return tl::unexpected(fmt::format("{}: {}", name, ok.error()));
+  if (auto ok = require_finite(m); !ok) return tl::unexpected(fmt::format("{}: {}", name, ok.error().message));
+  if (auto ok = apply(options, m); !ok) return tl::unexpected(fmt::format("{}: {}", name, ok.error().message));
 
   std::vector<Binding> bindings;
   [[maybe_unused]] int address = static_cast<int>(m->nuserdata) - user_size(*drives, *springs);
   for (DriveElement& element : *drives) {
     const int actuator = mj_name2id(m, mjOBJ_ACTUATOR, element.actuator.c_str());
     auto binding = bind(m, std::move(element.drive), actuator);
-    if (!binding) return tl::unexpected(fmt::format("{}: {}", element.where, binding.error()));
+    if (!binding) return tl::unexpected(fmt::format("{}: {}", element.where, binding.error().message));
 #if TRIBOTWIN_ENGINE_PLUGINS
     binding->memory_address = m->actuator_actadr[actuator];
     binding->scratch_address = m->plugin_stateadr[m->actuator_plugin[actuator]];
@@ -384,7 +385,7 @@ Result load(const std::string& name, const std::string& text, const std::string&
     const Binding drive =
         *std::ranges::find(bindings, element.hysteresis.drive, [](const Binding& b) { return b.drive.name; });
     auto spring = bind_spring(m, std::move(element.hysteresis), drive, actuator);
-    if (!spring) return tl::unexpected(fmt::format("{}: {}", element.where, spring.error()));
+    if (!spring) return tl::unexpected(fmt::format("{}: {}", element.where, spring.error().message));
 #if TRIBOTWIN_ENGINE_PLUGINS
     spring->memory_address = m->actuator_actadr[actuator];
     spring->scratch_address = m->plugin_stateadr[m->actuator_plugin[actuator]];
@@ -408,17 +409,17 @@ Model::Model(ModelPtr model, std::vector<Binding> drives, std::vector<Spring> sp
 
 DataPtr Model::make_data() const { return DataPtr(mj_makeData(model_.get())); }
 
-Result load_file(const std::filesystem::path& file, const Options& options) {
+Loaded load_file(const std::filesystem::path& file, const Options& options) {
   const auto text = read_text(file);
   if (!text) return tl::unexpected(text.error());
   return load(file.string(), *text, file.string(), file.has_parent_path() ? file.parent_path() : ".", options);
 }
 
-Result load_string(std::string_view mjcf, const Options& options, const std::filesystem::path& folder) {
+Loaded load_string(std::string_view mjcf, const Options& options, const std::filesystem::path& folder) {
   return load("model", std::string(mjcf), "", folder, options);
 }
 
-Result variant(const Model& model, const std::function<void(mjModel*)>& change) {
+Loaded variant(const Model& model, const std::function<void(mjModel*)>& change) {
   ModelPtr copy(mj_copyModel(nullptr, model.get()));
   change(copy.get());
   const DataPtr scratch_data(mj_makeData(copy.get()));

@@ -10,8 +10,8 @@
 #include <vector>
 
 #include <mujoco/mujoco.h>
-#include <tl/expected.hpp>
 
+#include <tribotwin/plugins/friction/error.hpp>
 #include <tribotwin/plugins/mujoco/binding.hpp>
 #include <tribotwin/plugins/mujoco/callbacks.hpp>
 
@@ -61,15 +61,13 @@ struct Options {
 
 /// Loads MJCF that uses the plugin vocabulary (plugins/README.md), on every engine. On 2.2.2, whose schema knows no
 /// plugins, drives are lowered to torque actuators in memory. Fails with one message that names file, line and element.
-tl::expected<std::shared_ptr<const Model>, std::string> load_file(const std::filesystem::path& file,
-                                                                  const Options& = {});
+Result<std::shared_ptr<const Model>> load_file(const std::filesystem::path& file, const Options& = {});
 
 /// The same from text; `<include>` and assets are looked up in `folder`.
-tl::expected<std::shared_ptr<const Model>, std::string> load_string(std::string_view mjcf, const Options& = {},
-                                                                    const std::filesystem::path& folder = ".");
+Result<std::shared_ptr<const Model>> load_string(std::string_view mjcf, const Options& = {},
+                                                 const std::filesystem::path& folder = ".");
 
 /// A copy of `model` changed by `change`, with the same drives checked against it (an arm with another payload).
-tl::expected<std::shared_ptr<const Model>, std::string> variant(const Model& model,
-                                                                const std::function<void(mjModel*)>& change);
+Result<std::shared_ptr<const Model>> variant(const Model& model, const std::function<void(mjModel*)>& change);
 
 }  // namespace tribotwin::mujoco

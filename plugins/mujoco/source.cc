@@ -73,7 +73,7 @@ Problem out_of_range(const Source& source) {
   return {};
 }
 
-tl::expected<Source, std::string> parse(std::string name, std::string text) {
+Result<Source> parse(std::string name, std::string text) {
   Source source{std::move(name), std::move(text)};
   const pugi::xml_parse_result result = source.document->load_buffer(source.text.data(), source.text.size());
   if (!result)
@@ -158,7 +158,7 @@ std::string at(const Source& source, pugi::xml_node element) {
                      name ? fmt::format(" name=\"{}\"", name) : "");
 }
 
-tl::expected<std::string, std::string> read_text(const std::filesystem::path& file) {
+Result<std::string> read_text(const std::filesystem::path& file) {
   std::error_code error;
   if (std::filesystem::is_directory(file, error))
     return tl::unexpected(fmt::format("{}: is a folder, not an MJCF file", file.string()));
@@ -169,8 +169,7 @@ tl::expected<std::string, std::string> read_text(const std::filesystem::path& fi
   return text.str();
 }
 
-tl::expected<std::vector<Source>, std::string> read_sources(std::string name, std::string text,
-                                                            const std::filesystem::path& folder) {
+Result<std::vector<Source>> read_sources(std::string name, std::string text, const std::filesystem::path& folder) {
   std::vector<Source> sources;
   auto main = parse(std::filesystem::path(name).lexically_normal().string(), std::move(text));
   if (!main) return tl::unexpected(main.error());
@@ -185,7 +184,7 @@ tl::expected<std::vector<Source>, std::string> read_sources(std::string name, st
       if (std::ranges::any_of(sources, [&](const Source& s) { return s.name == path; }))
         return tl::unexpected(where + ": this file is included twice");
       const auto included = read_text(path);
-      if (!included) return tl::unexpected(where + ": " + included.error());
+      if (!included) return tl::unexpected(where + ": " + included.error().message);
       auto source = parse(path, *included);
       if (!source) return tl::unexpected(source.error());
       sources.push_back(std::move(*source));
@@ -193,7 +192,7 @@ tl::expected<std::vector<Source>, std::string> read_sources(std::string name, st
   return sources;
 }
 
-tl::expected<void, std::string> check_extensions(const std::vector<Source>& sources) {
+Result<void> check_extensions(const std::vector<Source>& sources) {
   for (const Source& source : sources) {
     for (const auto& match : source.document->select_nodes("//extension"))
       if (const Problem p = unknown_in(source, match.node())) return tl::unexpected(*p);

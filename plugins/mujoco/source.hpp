@@ -10,7 +10,8 @@
 #include <vector>
 
 #include <pugixml.hpp>
-#include <tl/expected.hpp>
+
+#include <tribotwin/plugins/friction/error.hpp>
 
 /// The text of a model: its files as the user wrote them, so that every message can say file and line.
 namespace tribotwin::mujoco {
@@ -27,14 +28,13 @@ struct Source {
 /// FILE:LINE: <ELEMENT name="...">
 std::string at(const Source& source, pugi::xml_node element);
 
-tl::expected<std::string, std::string> read_text(const std::filesystem::path& file);
+Result<std::string> read_text(const std::filesystem::path& file);
 
 /// The files of a model, main file first. Fails on what is no XML, nested too deep, or a number that no engine checks.
-tl::expected<std::vector<Source>, std::string> read_sources(std::string name, std::string text,
-                                                            const std::filesystem::path& folder);
+Result<std::vector<Source>> read_sources(std::string name, std::string text, const std::filesystem::path& folder);
 
 /// Fails on elements, attributes and text in <extension> that nobody reads: engine 2.2.2 sees none of them.
-tl::expected<void, std::string> check_extensions(const std::vector<Source>& sources);
+Result<void> check_extensions(const std::vector<Source>& sources);
 
 /// A message of the engine without line and column.
 std::string without_position(const std::string& message);

@@ -7,8 +7,7 @@
 
 namespace tribotwin::mujoco {
 
-tl::expected<Spring, std::string> bind_spring(const mjModel* m, transmission::Hysteresis hysteresis, Binding drive,
-                                              int actuator) {
+Result<Spring> bind_spring(const mjModel* m, transmission::Hysteresis hysteresis, Binding drive, int actuator) {
   const auto fail = [&](std::string_view what) {
     return tl::unexpected(fmt::format("transmission '{}': {}", hysteresis.name, what));
   };

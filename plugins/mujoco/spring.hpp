@@ -4,6 +4,7 @@
 #include <string>
 #include <vector>
 
+#include <tribotwin/plugins/friction/error.hpp>
 #include <tribotwin/plugins/mujoco/binding.hpp>
 #include <tribotwin/plugins/transmission/hysteresis.hpp>
 
@@ -46,8 +47,7 @@ struct Spring {
 
 /// Ties a transmission to actuator `actuator`. Fails when the actuator does not act on a fixed tendon, or the time step
 /// is too long for the stiffness: the message names the element and the remedy. Addresses in mjData are the caller's.
-tl::expected<Spring, std::string> bind_spring(const mjModel* m, transmission::Hysteresis hysteresis, Binding drive,
-                                              int actuator);
+Result<Spring> bind_spring(const mjModel* m, transmission::Hysteresis hysteresis, Binding drive, int actuator);
 
 double& hysteretic_rad(mjData* d, const Spring& spring);  ///< x
 double hysteretic_rad(const mjData* d, const Spring& spring);

@@ -117,7 +117,7 @@ std::span<const char* const> all_keys() {
   return all;
 }
 
-tl::expected<Hysteresis, std::string> make_hysteresis(std::string name, const Configuration& configuration) {
+Result<Hysteresis> make_hysteresis(std::string name, const Configuration& configuration) {
   std::map<std::string, std::string, std::less<>> left;
   for (const auto& [key, value] : configuration)
     if (!value.empty() && !left.emplace(key, value).second)

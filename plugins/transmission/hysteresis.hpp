@@ -5,7 +5,7 @@
 #include <utility>
 #include <vector>
 
-#include <tl/expected.hpp>
+#include <tribotwin/plugins/friction/error.hpp>
 
 /// The elastic, hysteretic transmission of a gear, between its torsion phi = theta / u - q and its torque (P4 (2),
 /// (3)):
@@ -54,7 +54,7 @@ using Configuration = std::vector<std::pair<std::string, std::string>>;
 /// Every key of the plugin, for engines that want them declared. Storage is static.
 std::span<const char* const> all_keys();
 /// Fails with a sentence that names key, value and what would be right.
-tl::expected<Hysteresis, std::string> make_hysteresis(std::string name, const Configuration& configuration);
+Result<Hysteresis> make_hysteresis(std::string name, const Configuration& configuration);
 /// The configuration that `make_hysteresis` would read back to the same spring.
 Configuration configuration_of(const Hysteresis& hysteresis);
 /// The table of keys as Markdown.

@@ -15,7 +15,7 @@
 namespace tribotwin::render {
 namespace {
 
-using Check = tl::expected<void, std::string>;
+using Check = Result<void>;
 
 // gnuplot's language, which all text of others goes through.
 
@@ -301,20 +301,20 @@ std::string curves(const Figure& f, FigureSize size) {
 
 }  // namespace
 
-tl::expected<Format, std::string> format_of(std::string_view file) {
+Result<Format> format_of(std::string_view file) {
   for (const auto& [ending, format] : {std::pair{".svg", Format::svg}, {".png", Format::png}, {".pdf", Format::pdf}})
     if (file.ends_with(ending)) return format;
   return tl::unexpected(fmt::format("{}: the name of a figure must end in .svg, .png or .pdf", file));
 }
 
-tl::expected<std::string, std::string> draw(const Figure& figure, Format format, FigureSize size) {
+Result<std::string> draw(const Figure& figure, Format format, FigureSize size) {
   if (auto good = checked(figure); !good) return tl::unexpected(good.error());
   const std::string script = terminal(format, size) + frame(figure, size) +
                              (figure.surface  ? surface(figure)
                               : figure.matrix ? matrix(figure)
                                               : curves(figure, size));
   auto drawn = run({{"gnuplot", "-d"}, "gnuplot-nox"}, script);
-  if (!drawn) return tl::unexpected(fmt::format("figure '{}': {}", figure.title, drawn.error()));
+  if (!drawn) return tl::unexpected(fmt::format("figure '{}': {}", figure.title, drawn.error().message));
   return drawn;
 }
 

@@ -5,7 +5,7 @@
 #include <string_view>
 #include <vector>
 
-#include <tl/expected.hpp>
+#include <tribotwin/plugins/friction/error.hpp>
 
 /// A figure as values: what is drawn, not how. Texts may hold anything and are shown as they are, long titles
 /// and labels with their middle left out; only Axis::symbol is markup of ours (gnuplot's enhanced text).
@@ -65,7 +65,7 @@ struct Figure {
 
 enum class Format { svg, png, pdf };
 /// By a file's ending. Fails with the endings there are.
-tl::expected<Format, std::string> format_of(std::string_view file);
+Result<Format> format_of(std::string_view file);
 
 struct FigureSize {
   int width = 640, height = 430;
@@ -73,6 +73,6 @@ struct FigureSize {
 
 /// The file's bytes, drawn by gnuplot. Fails on series without a finite value, of unequal lengths or with infinities
 /// (the message names figure and series), and where gnuplot is missing or fails.
-tl::expected<std::string, std::string> draw(const Figure& figure, Format format, FigureSize size = {});
+Result<std::string> draw(const Figure& figure, Format format, FigureSize size = {});
 
 }  // namespace tribotwin::render

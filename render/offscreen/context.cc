@@ -8,7 +8,7 @@ namespace tribotwin::render {
 
 void Context::Destroy::operator()(osmesa_context* context) const { OSMesaDestroyContext(context); }
 
-tl::expected<Context, std::string> Context::create() {
+Result<Context> Context::create() {
   // With this extension MuJoCo 3.x biases its shadow map by so little that Mesa's rasteriser speckles the lit floor;
   // without it the bias is the one of old. 2.2.2 does not look at it.
   setenv("MESA_EXTENSION_OVERRIDE", "-GL_ARB_clip_control", 0);

@@ -3,7 +3,7 @@
 #include <memory>
 #include <string>
 
-#include <tl/expected.hpp>
+#include <tribotwin/plugins/friction/error.hpp>
 
 struct osmesa_context;
 
@@ -13,7 +13,7 @@ namespace tribotwin::render {
 /// display, no GPU, no EGL. MuJoCo draws into framebuffers of its own in it.
 class Context {
  public:
-  static tl::expected<Context, std::string> create();
+  static Result<Context> create();
   /// Longest side of a framebuffer [pixels].
   int side_max() const { return side_max_; }
 

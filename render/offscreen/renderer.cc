@@ -15,7 +15,7 @@ constexpr int tile_side = 4096;
 // usual scene, the colour is that of the legend.
 constexpr float glowing = 0.7F, lit = 0.35F;
 
-tl::expected<mjvCamera, std::string> camera_of(const mjModel* m, const View& view) {
+Result<mjvCamera> camera_of(const mjModel* m, const View& view) {
   mjvCamera camera;
   mjv_defaultFreeCamera(m, &camera);
   const bool free = view.azimuth_deg || view.elevation_deg || view.distance_m || view.look_at_m;
@@ -103,7 +103,7 @@ Renderer::Renderer(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
 Renderer::Renderer(Renderer&&) noexcept = default;
 Renderer::~Renderer() = default;
 
-tl::expected<Renderer, std::string> Renderer::create(const mjModel* model, Size size, Quality quality) {
+Result<Renderer> Renderer::create(const mjModel* model, Size size, Quality quality) {
   for (const int side : {size.width, size.height})
     if (side < side_min || side > side_most)
       return tl::unexpected(fmt::format("a picture of {} x {} pixels: each side must be {} to {}", size.width,
@@ -139,7 +139,7 @@ tl::expected<Renderer, std::string> Renderer::create(const mjModel* model, Size 
   return Renderer(std::move(impl));
 }
 
-tl::expected<Image, std::string> Renderer::draw(mjData* d, const View& view, std::span<const Paint> paints) {
+Result<Image> Renderer::draw(mjData* d, const View& view, std::span<const Paint> paints) {
   Impl& r = *impl_;
   auto camera = camera_of(r.model.get(), view);
   if (!camera) return tl::unexpected(camera.error());

@@ -7,8 +7,7 @@
 #include <string>
 #include <vector>
 
-#include <tl/expected.hpp>
-
+#include <tribotwin/plugins/friction/error.hpp>
 #include <tribotwin/plugins/mujoco/loader.hpp>
 #include <tribotwin/render/offscreen/context.hpp>
 #include <tribotwin/render/offscreen/image.hpp>
@@ -46,13 +45,13 @@ struct Paint {
 class Renderer {
  public:
   /// Fails on sizes out of range and where the context gives no such framebuffer; the message has the figures.
-  static tl::expected<Renderer, std::string> create(const mjModel* model, Size size, Quality quality = {});
+  static Result<Renderer> create(const mjModel* model, Size size, Quality quality = {});
   Renderer(Renderer&&) noexcept;
   ~Renderer();
 
   /// d belongs to the model and has kinematics, cameras and lights of its pose (mj_forward or pose_kinematics).
   /// Fails on a camera the model does not have.
-  tl::expected<Image, std::string> draw(mjData* d, const View& view, std::span<const Paint> paints = {});
+  Result<Image> draw(mjData* d, const View& view, std::span<const Paint> paints = {});
 
  private:
   struct Impl;

@@ -24,8 +24,8 @@ void IllustratedPage::keep(const std::string& name, std::string bytes, const cha
   files_.push_back({std::move(file), std::move(bytes)});
 }
 
-tl::expected<void, std::string> IllustratedPage::show(pugi::xml_node to, const Figure& figure, const std::string& name,
-                                                      const std::string& caption, bool wide) {
+Result<void> IllustratedPage::show(pugi::xml_node to, const Figure& figure, const std::string& name,
+                                   const std::string& caption, bool wide) {
   const FigureSize size = size_of(figure);
   auto svg = draw(figure, Format::svg, size);
   if (!svg) return tl::unexpected(svg.error());

@@ -4,8 +4,7 @@
 #include <string>
 #include <vector>
 
-#include <tl/expected.hpp>
-
+#include <tribotwin/plugins/friction/error.hpp>
 #include <tribotwin/render/figure/figure.hpp>
 #include <tribotwin/render/offscreen/image.hpp>
 #include <tribotwin/render/page/page.hpp>
@@ -36,8 +35,8 @@ class IllustratedPage : public Page {
       : Page(title), formats_(std::move(figure_files)) {}
 
   /// Draws a figure; `name` is that of its files. Fails where it cannot be drawn.
-  tl::expected<void, std::string> show(pugi::xml_node to, const Figure& figure, const std::string& name,
-                                       const std::string& caption, bool wide = false);
+  Result<void> show(pugi::xml_node to, const Figure& figure, const std::string& name, const std::string& caption,
+                    bool wide = false);
   void show(pugi::xml_node to, const Image& image, const std::string& name, const std::string& caption,
             bool wide = false);
   /// One figure of the page's head: a number with what it is, and more about it. `kind` is "good" or "bad".

@@ -115,14 +115,13 @@ Scale scale_of(const mujoco::Model& model, const PoseState& state, ColourBy by) 
 PosePainter::PosePainter(std::shared_ptr<const mujoco::Model> model, Size size, Renderer renderer)
     : model_(std::move(model)), size_(size), renderer_(std::move(renderer)), data_(model_->make_data()) {}
 
-tl::expected<PosePainter, std::string> PosePainter::create(std::shared_ptr<const mujoco::Model> model, Size size,
-                                                           Quality quality) {
+Result<PosePainter> PosePainter::create(std::shared_ptr<const mujoco::Model> model, Size size, Quality quality) {
   auto renderer = Renderer::create(model->get(), size, quality);
   if (!renderer) return tl::unexpected(renderer.error());
   return PosePainter(std::move(model), size, std::move(*renderer));
 }
 
-tl::expected<Image, std::string> PosePainter::draw(const PoseState& state, const PoseOptions& options) {
+Result<Image> PosePainter::draw(const PoseState& state, const PoseOptions& options) {
   const mjModel* m = model_->get();
   if (state.qpos.size() != static_cast<std::size_t>(m->nq))
     return tl::unexpected(fmt::format("a pose of {} coordinates: the model has {}", state.qpos.size(), m->nq));
@@ -164,10 +163,9 @@ std::vector<std::size_t> evenly_in_time(std::span<const double> time_s, std::siz
   return indices;
 }
 
-tl::expected<Image, std::string> contact_sheet(std::shared_ptr<const mujoco::Model> model,
-                                               const twin::Recording& record, std::span<const std::size_t> indices,
-                                               const PoseOptions& options, Size each,
-                                               const std::function<void(double)>& progress) {
+Result<Image> contact_sheet(std::shared_ptr<const mujoco::Model> model, const twin::Recording& record,
+                            std::span<const std::size_t> indices, const PoseOptions& options, Size each,
+                            const std::function<void(double)>& progress) {
   if (indices.empty()) return tl::unexpected(std::string("a contact sheet needs at least one sample"));
   auto painter = PosePainter::create(model, each);
   if (!painter) return tl::unexpected(painter.error());

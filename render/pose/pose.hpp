@@ -7,6 +7,7 @@
 #include <string>
 #include <vector>
 
+#include <tribotwin/plugins/friction/error.hpp>
 #include <tribotwin/render/offscreen/renderer.hpp>
 #include <tribotwin/twin/io/telemetry/telemetry.hpp>
 
@@ -55,9 +56,8 @@ struct PoseOptions {
 /// Draws poses of one model in one size.
 class PosePainter {
  public:
-  static tl::expected<PosePainter, std::string> create(std::shared_ptr<const mujoco::Model> model, Size size,
-                                                       Quality quality = {});
-  tl::expected<Image, std::string> draw(const PoseState& state, const PoseOptions& options);
+  static Result<PosePainter> create(std::shared_ptr<const mujoco::Model> model, Size size, Quality quality = {});
+  Result<Image> draw(const PoseState& state, const PoseOptions& options);
   Size size() const { return size_; }
 
  private:
@@ -69,10 +69,9 @@ class PosePainter {
 };
 
 /// `indices` of a record beside each other in one picture of about 16:10, under one colour bar.
-tl::expected<Image, std::string> contact_sheet(std::shared_ptr<const mujoco::Model> model,
-                                               const twin::Recording& record, std::span<const std::size_t> indices,
-                                               const PoseOptions& options, Size each,
-                                               const std::function<void(double)>& progress = {});
+Result<Image> contact_sheet(std::shared_ptr<const mujoco::Model> model, const twin::Recording& record,
+                            std::span<const std::size_t> indices, const PoseOptions& options, Size each,
+                            const std::function<void(double)>& progress = {});
 /// `count` samples, evenly in time from first to last, without repetition.
 std::vector<std::size_t> evenly_in_time(std::span<const double> time_s, std::size_t count);
 

@@ -12,7 +12,7 @@ namespace tribotwin::render {
 namespace {
 
 /// Whether the file is an MP4 from its first box to its last: ffmpeg may end with exit code 0 over a full disk.
-tl::expected<void, std::string> check_film(const std::filesystem::path& file) {
+Result<void> check_film(const std::filesystem::path& file) {
   std::ifstream in(file, std::ios::binary);
   const std::uint64_t size = std::filesystem::file_size(file);
   std::uint64_t at = 0;
@@ -37,10 +37,10 @@ tl::expected<void, std::string> check_film(const std::filesystem::path& file) {
 
 }  // namespace
 
-tl::expected<void, std::string> write_video(const std::filesystem::path& file, twin::Existing existing,
-                                            std::shared_ptr<const mujoco::Model> model, const twin::Recording& record,
-                                            const PoseOptions& pose, const VideoOptions& options,
-                                            const std::function<void(double)>& progress) {
+Result<void> write_video(const std::filesystem::path& file, twin::Existing existing,
+                         std::shared_ptr<const mujoco::Model> model, const twin::Recording& record,
+                         const PoseOptions& pose, const VideoOptions& options,
+                         const std::function<void(double)>& progress) {
   namespace fs = std::filesystem;
   const double wanted = options.length_s * options.frames_per_s;
   if (options.frames_per_s < 1 || options.frames_per_s > 240)
@@ -93,15 +93,15 @@ tl::expected<void, std::string> write_video(const std::filesystem::path& file, t
                                         (frames > 1 ? static_cast<double>(i) / static_cast<double>(frames - 1) : 1.0);
     while (index + 1 < span.size() && span[index + 1] <= t) ++index;
     const auto image = painter->draw(recorded(*model, record, index), pose);
-    if (!image) return fail(image.error());
+    if (!image) return fail(image.error().message);
     if (auto fed = ffmpeg->write({reinterpret_cast<const char*>(image->rgb.data()), image->rgb.size()}); !fed)
-      return fail(fed.error());
+      return fail(fed.error().message);
     if (progress) progress(static_cast<double>(i + 1) / static_cast<double>(frames));
   }
   const auto said = ffmpeg->finish();
-  if (!said) return fail(said.error());
+  if (!said) return fail(said.error().message);
   if (!said->empty()) return fail("ffmpeg: " + *said);
-  if (auto whole = check_film(film->partial()); !whole) return fail(whole.error());
+  if (auto whole = check_film(film->partial()); !whole) return fail(whole.error().message);
   return film->publish();
 }
 

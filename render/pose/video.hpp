@@ -2,6 +2,7 @@
 
 #include <filesystem>
 
+#include <tribotwin/plugins/friction/error.hpp>
 #include <tribotwin/render/pose/pose.hpp>
 #include <tribotwin/twin/io/file.hpp>
 
@@ -15,9 +16,9 @@ struct VideoOptions {
 };
 
 /// A run as a film (H.264 in MP4), frames piped to `ffmpeg`. The file is there whole or not at all.
-tl::expected<void, std::string> write_video(const std::filesystem::path& file, twin::Existing existing,
-                                            std::shared_ptr<const mujoco::Model> model, const twin::Recording& record,
-                                            const PoseOptions& pose, const VideoOptions& options,
-                                            const std::function<void(double)>& progress = {});
+Result<void> write_video(const std::filesystem::path& file, twin::Existing existing,
+                         std::shared_ptr<const mujoco::Model> model, const twin::Recording& record,
+                         const PoseOptions& pose, const VideoOptions& options,
+                         const std::function<void(double)>& progress = {});
 
 }  // namespace tribotwin::render

@@ -45,7 +45,7 @@ int file_in_memory(std::string_view input) {
 }
 
 /// `stdin_file` becomes the program's standard input and is closed here; -1: as `flags` say.
-tl::expected<GSubprocess*, std::string> spawn(const Program& program, int flags, int stdin_file = -1) {
+Result<GSubprocess*> spawn(const Program& program, int flags, int stdin_file = -1) {
   std::signal(SIGPIPE, SIG_IGN);  // a program that stops listening is an error message
   std::vector<const char*> argv;
   for (const auto& argument : program.arguments) argv.push_back(argument.c_str());
@@ -64,7 +64,7 @@ tl::expected<GSubprocess*, std::string> spawn(const Program& program, int flags,
   return tl::unexpected(fmt::format("{} cannot be started: {}", program.arguments[0], why));
 }
 
-tl::expected<void, std::string> verdict(const std::string& name, GSubprocess* process, const std::string& said) {
+Result<void> verdict(const std::string& name, GSubprocess* process, const std::string& said) {
   if (g_subprocess_get_if_exited(process) && g_subprocess_get_exit_status(process) == 0) return {};
   const std::string ending = g_subprocess_get_if_exited(process)
                                  ? fmt::format("ended with exit code {}", g_subprocess_get_exit_status(process))
@@ -74,7 +74,7 @@ tl::expected<void, std::string> verdict(const std::string& name, GSubprocess* pr
 
 }  // namespace
 
-tl::expected<std::string, std::string> run(const Program& program, std::string_view input) {
+Result<std::string> run(const Program& program, std::string_view input) {
   const int script = file_in_memory(input);
   if (script < 0)
     return tl::unexpected(fmt::format("{}: no memory for its input of {} bytes: {}", program.arguments[0], input.size(),
@@ -94,7 +94,7 @@ tl::expected<std::string, std::string> run(const Program& program, std::string_v
 
 void Child::Unref::operator()(GSubprocess* process) const { g_object_unref(process); }
 
-tl::expected<Child, std::string> Child::start(const Program& program) {
+Result<Child> Child::start(const Program& program) {
   auto process = spawn(program, G_SUBPROCESS_FLAGS_STDIN_PIPE | G_SUBPROCESS_FLAGS_STDERR_PIPE);
   if (!process) return tl::unexpected(process.error());
   return Child(program.arguments[0], *process);
@@ -106,7 +106,7 @@ Child::~Child() {
   g_subprocess_wait(process_.get(), nullptr, nullptr);
 }
 
-tl::expected<void, std::string> Child::write(std::string_view bytes) {
+Result<void> Child::write(std::string_view bytes) {
   GError* error = nullptr;
   gsize written = 0;
   if (g_output_stream_write_all(g_subprocess_get_stdin_pipe(process_.get()), bytes.data(), bytes.size(), &written,
@@ -114,10 +114,10 @@ tl::expected<void, std::string> Child::write(std::string_view bytes) {
     return {};
   const std::string why = message(error);
   auto ended = finish();
-  return tl::unexpected(ended ? fmt::format("{}: {}", name_, why) : ended.error());
+  return tl::unexpected(ended ? fmt::format("{}: {}", name_, why) : ended.error().message);
 }
 
-tl::expected<std::string, std::string> Child::finish() {
+Result<std::string> Child::finish() {
   g_output_stream_close(g_subprocess_get_stdin_pipe(process_.get()), nullptr, nullptr);
   std::string said;
   char buffer[4096];

@@ -5,7 +5,7 @@
 #include <string_view>
 #include <vector>
 
-#include <tl/expected.hpp>
+#include <tribotwin/plugins/friction/error.hpp>
 
 typedef struct _GSubprocess GSubprocess;
 
@@ -20,19 +20,19 @@ struct Program {
 
 /// Runs a program to its end and returns its stdout. Fails when it is not installed or ends with an error: the
 /// message has what it wrote to stderr.
-tl::expected<std::string, std::string> run(const Program& program, std::string_view input);
+Result<std::string> run(const Program& program, std::string_view input);
 
 /// A program that is fed while it works. Its stdout is ours. Killed when abandoned.
 class Child {
  public:
-  static tl::expected<Child, std::string> start(const Program& program);
+  static Result<Child> start(const Program& program);
   Child(Child&&) noexcept = default;
   Child& operator=(Child&&) = delete;
   ~Child();
   /// Fails once the program does not take input any more.
-  tl::expected<void, std::string> write(std::string_view bytes);
+  Result<void> write(std::string_view bytes);
   /// Ends the input and waits. Returns what the program wrote to stderr.
-  tl::expected<std::string, std::string> finish();
+  Result<std::string> finish();
 
  private:
   struct Unref {

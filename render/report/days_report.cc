@@ -12,7 +12,7 @@
 namespace tribotwin::render {
 namespace {
 
-using Outcome = tl::expected<void, std::string>;
+using Outcome = Result<void>;
 using namespace twin::repeatability;
 
 constexpr std::size_t curve_points = 400, shown_parameters = 6;
@@ -28,7 +28,7 @@ class Writer {
         regressor_(*twin::Regressor::create(c_.model->get())),
         base_(twin::base_parameters(regressor_)) {}
 
-  tl::expected<Report, std::string> write() {
+  Result<Report> write() {
     head();
     changes_table();
     time_constants();
@@ -330,7 +330,7 @@ class Writer {
 
 }  // namespace
 
-tl::expected<DaysData, std::string> load_days(const std::filesystem::path& directory) {
+Result<DaysData> load_days(const std::filesystem::path& directory) {
   const auto file = directory / "campaign.yaml";
   const YAML::Node root = twin::load_yaml(file);
   if (!is_repeatability(root)) return tl::unexpected(fmt::format("{}: is no campaign of working days", file.string()));
@@ -341,7 +341,7 @@ tl::expected<DaysData, std::string> load_days(const std::filesystem::path& direc
   return data;
 }
 
-tl::expected<Report, std::string> make_days_report(const DaysData& data, const ReportOptions& options) {
+Result<Report> make_days_report(const DaysData& data, const ReportOptions& options) {
   return Writer(data, options).write();
 }
 

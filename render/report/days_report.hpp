@@ -2,6 +2,7 @@
 
 #include <filesystem>
 
+#include <tribotwin/plugins/friction/error.hpp>
 #include <tribotwin/render/page/illustrated.hpp>
 #include <tribotwin/twin/experiments/working_days/results.hpp>
 
@@ -15,10 +16,10 @@ struct DaysData {
 };
 
 /// Reads the folder of `tribotwin lab`. Throws InputError; fails where a test is missing or damaged, with its file.
-tl::expected<DaysData, std::string> load_days(const std::filesystem::path& directory);
+Result<DaysData> load_days(const std::filesystem::path& directory);
 
 /// One self-contained page: verdict, changes, time constants, friction over the day, torques cold and hot, parameters
 /// over the tests, base parameters. Fails where figures cannot be drawn at all (no gnuplot).
-tl::expected<Report, std::string> make_days_report(const DaysData& data, const ReportOptions& options);
+Result<Report> make_days_report(const DaysData& data, const ReportOptions& options);
 
 }  // namespace tribotwin::render

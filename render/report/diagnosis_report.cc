@@ -13,19 +13,19 @@ namespace tribotwin::render {
 namespace {
 
 using namespace twin::diagnosis;
-using Outcome = tl::expected<void, std::string>;
+using Outcome = Result<void>;
 
 /// Those that the state was learned from, as far as they are all there.
 void load_learned(DiagnosisData& d, const ObservationOptions& read) {
   for (const auto& name : d.healthy.data) {
     const auto file = named_file(name, d.file);
-    auto seen = file ? read_observations(*file, read)
-                     : tl::expected<ObservationFile, std::string>(
-                           tl::unexpect, fmt::format("{} is neither in the working directory nor beside {}", name,
-                                                     d.file.filename().string()));
+    auto seen =
+        file ? read_observations(*file, read)
+             : Result<ObservationFile>(tl::unexpect, fmt::format("{} is neither in the working directory nor beside {}",
+                                                                 name, d.file.filename().string()));
     if (!seen) {
       d.missing.push_back(
-          fmt::format("The curves that the healthy state was learned from are not shown: {}.", seen.error()));
+          fmt::format("The curves that the healthy state was learned from are not shown: {}.", seen.error().message));
       d.learned.clear();
       return;
     }
@@ -38,7 +38,7 @@ class Writer {
   Writer(const DiagnosisData& d, const ReportOptions& options)
       : d_(d), h_(d.healthy), options_(options), page_(title(), options.figure_files) {}
 
-  tl::expected<Report, std::string> write() {
+  Result<Report> write() {
     head();
     table();
     double share = 0;
@@ -199,9 +199,9 @@ class Writer {
 
 }  // namespace
 
-tl::expected<DiagnosisData, std::string> load_diagnosis(const std::filesystem::path& healthy,
-                                                        const std::vector<std::filesystem::path>& data,
-                                                        ObservationOptions read, const DiagnosisOptions& options) try {
+Result<DiagnosisData> load_diagnosis(const std::filesystem::path& healthy,
+                                     const std::vector<std::filesystem::path>& data, ObservationOptions read,
+                                     const DiagnosisOptions& options) try {
   DiagnosisData d{.file = healthy, .healthy = read_healthy(healthy), .options = options};
   std::ifstream in(healthy, std::ios::binary);
   d.text.assign(std::istreambuf_iterator<char>(in), {});
@@ -222,7 +222,7 @@ tl::expected<DiagnosisData, std::string> load_diagnosis(const std::filesystem::p
   return tl::unexpected(std::string(e.what()));
 }
 
-tl::expected<Report, std::string> make_diagnosis_report(const DiagnosisData& data, const ReportOptions& options) {
+Result<Report> make_diagnosis_report(const DiagnosisData& data, const ReportOptions& options) {
   return Writer(data, options).write();
 }
 

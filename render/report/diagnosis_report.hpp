@@ -4,8 +4,7 @@
 #include <string>
 #include <vector>
 
-#include <tl/expected.hpp>
-
+#include <tribotwin/plugins/friction/error.hpp>
 #include <tribotwin/render/page/illustrated.hpp>
 #include <tribotwin/twin/diagnosis/sequence.hpp>
 
@@ -30,13 +29,12 @@ struct DiagnosisData {
 };
 
 /// Fails, naming the file, where tribotwin diagnose check would refuse.
-tl::expected<DiagnosisData, std::string> load_diagnosis(const std::filesystem::path& healthy,
-                                                        const std::vector<std::filesystem::path>& data,
-                                                        twin::diagnosis::ObservationOptions read,
-                                                        const DiagnosisOptions& options);
+Result<DiagnosisData> load_diagnosis(const std::filesystem::path& healthy,
+                                     const std::vector<std::filesystem::path>& data,
+                                     twin::diagnosis::ObservationOptions read, const DiagnosisOptions& options);
 
 /// One self-contained page: verdicts as sentences, distances as in paper 2's Tables II and III, regions as in its
 /// Figures 14 and 15, the CUSUM and the margin left. Fails where figures cannot be drawn at all (no gnuplot).
-tl::expected<Report, std::string> make_diagnosis_report(const DiagnosisData& data, const ReportOptions& options);
+Result<Report> make_diagnosis_report(const DiagnosisData& data, const ReportOptions& options);
 
 }  // namespace tribotwin::render

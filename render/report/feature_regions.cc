@@ -30,8 +30,7 @@ Axis feature_axis(Eigen::Index feature) {
           .unit = feature_units[i] == "1" ? "-" : std::string(feature_units[i])};
 }
 
-tl::expected<void, std::string> show_regions(IllustratedPage& page, pugi::xml_node to, const FeatureRegions& r,
-                                             const std::string& of) {
+Result<void> show_regions(IllustratedPage& page, pugi::xml_node to, const FeatureRegions& r, const std::string& of) {
   page.add(to, "p",
            "The ellipsoid of region 1 seen along each of its axes, and the ellipse of region 2: filled within 2 "
            "standard deviations, dashed at 6. Dots: learned; circles: as learned; crosses: anomalous in this region.",

@@ -4,6 +4,7 @@
 #include <string>
 #include <vector>
 
+#include <tribotwin/plugins/friction/error.hpp>
 #include <tribotwin/render/page/illustrated.hpp>
 #include <tribotwin/twin/diagnosis/healthy.hpp>
 
@@ -24,8 +25,8 @@ struct FeatureRegions {
 
 /// Paper 2's Figures 14 and 15 as four drawings: region 1 along each of its axes, region 2. `of` comes before the
 /// titles and in the names of files; may be empty. Fails where they cannot be drawn.
-tl::expected<void, std::string> show_regions(IllustratedPage& page, pugi::xml_node to, const FeatureRegions& regions,
-                                             const std::string& of = {});
+Result<void> show_regions(IllustratedPage& page, pugi::xml_node to, const FeatureRegions& regions,
+                          const std::string& of = {});
 
 /// Label and unit of a feature.
 Axis feature_axis(Eigen::Index feature);

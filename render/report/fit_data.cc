@@ -67,8 +67,7 @@ std::optional<fs::path> named_file(const std::string& name, const fs::path& by) 
   return std::nullopt;
 }
 
-tl::expected<ParameterFile, std::string> read_parameter_file(const fs::path& path,
-                                                             const twin::identification::ReadOptions& given) {
+Result<ParameterFile> read_parameter_file(const fs::path& path, const twin::identification::ReadOptions& given) {
   try {
     auto file = twin::identification::read_parameters(path);
     if (given.torque_max_nm > 0) file.torque_max_nm = given.torque_max_nm;
@@ -98,8 +97,7 @@ std::vector<FrictionPoint> friction_points(const drive::Drive& drive, const twin
   return points;
 }
 
-tl::expected<FitData, std::string> load_fit(const fs::path& path, std::vector<fs::path> data,
-                                            twin::identification::ReadOptions read) {
+Result<FitData> load_fit(const fs::path& path, std::vector<fs::path> data, twin::identification::ReadOptions read) {
   auto parameters = read_parameter_file(path, read);
   if (!parameters) return tl::unexpected(parameters.error());
   FitData fit{.file = path, .parameters = std::move(*parameters)};

@@ -5,8 +5,7 @@
 #include <string>
 #include <vector>
 
-#include <tl/expected.hpp>
-
+#include <tribotwin/plugins/friction/error.hpp>
 #include <tribotwin/render/figure/figures.hpp>
 #include <tribotwin/twin/identification/curves/samples.hpp>
 #include <tribotwin/twin/identification/dynamic_friction/parameters.hpp>
@@ -31,8 +30,8 @@ struct FitData {
 
 /// As twin::identification::read_parameters, with every failure as a sentence that names the file. torque_max_nm and
 /// gear_ratio are those of `given` where it has them.
-tl::expected<twin::identification::ParameterFile, std::string> read_parameter_file(
-    const std::filesystem::path& file, const twin::identification::ReadOptions& given);
+Result<twin::identification::ParameterFile> read_parameter_file(const std::filesystem::path& file,
+                                                                const twin::identification::ReadOptions& given);
 
 /// A file that another one names: as it is called from the working directory, or beside the naming one.
 std::optional<std::filesystem::path> named_file(const std::string& name, const std::filesystem::path& by);
@@ -49,8 +48,7 @@ std::vector<FrictionPoint> friction_points(const drive::Drive& drive, const twin
 /// its own folder. Where that is not there, or no measured friction, there are no samples and `missing` says so. Fails
 /// on a parameter file that cannot be read, on data that were asked for and are not there, and on data that are no
 /// measurement for this law.
-tl::expected<FitData, std::string> load_fit(const std::filesystem::path& parameters,
-                                            std::vector<std::filesystem::path> data,
-                                            twin::identification::ReadOptions read);
+Result<FitData> load_fit(const std::filesystem::path& parameters, std::vector<std::filesystem::path> data,
+                         twin::identification::ReadOptions read);
 
 }  // namespace tribotwin::render

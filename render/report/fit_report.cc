@@ -11,7 +11,7 @@
 namespace tribotwin::render {
 namespace {
 
-using Outcome = tl::expected<void, std::string>;
+using Outcome = Result<void>;
 using twin::identification::ParameterFile, twin::identification::Status;
 
 constexpr std::size_t curve_points = 300;
@@ -94,7 +94,7 @@ class Writer {
       if (!std::isnan(p_.found.parameters[i].sigma)) known_.push_back(i);
   }
 
-  tl::expected<Report, std::string> write() {
+  Result<Report> write() {
     head();
     parameters();
     double share = 0;
@@ -414,7 +414,7 @@ class Writer {
 
 }  // namespace
 
-tl::expected<Report, std::string> make_fit_report(const FitData& fit, const ReportOptions& options) {
+Result<Report> make_fit_report(const FitData& fit, const ReportOptions& options) {
   return Writer(fit, options).write();
 }
 

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <tribotwin/plugins/friction/error.hpp>
 #include <tribotwin/render/page/illustrated.hpp>
 #include <tribotwin/render/report/fit_data.hpp>
 
@@ -7,6 +8,6 @@ namespace tribotwin::render {
 
 /// One self-contained page about an identified law: verdict, parameters, curves over points, residuals, correlation,
 /// origin. Fails where figures cannot be drawn at all (no gnuplot).
-tl::expected<Report, std::string> make_fit_report(const FitData& fit, const ReportOptions& options);
+Result<Report> make_fit_report(const FitData& fit, const ReportOptions& options);
 
 }  // namespace tribotwin::render

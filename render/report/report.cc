@@ -16,7 +16,7 @@
 namespace tribotwin::render {
 namespace {
 
-using Status = tl::expected<void, std::string>;
+using Status = Result<void>;
 using nlohmann::json;
 
 constexpr double unknown = std::numeric_limits<double>::quiet_NaN();
@@ -220,7 +220,7 @@ class Writer {
   Writer(std::span<const std::unique_ptr<RunData>> runs, const ReportOptions& options)
       : runs_(runs), options_(options), page_(title(), options.figure_files) {}
 
-  tl::expected<Report, std::string> write() {
+  Result<Report> write() {
     page_.add(page_.body(), "h1", title());
     if (runs_.size() > 1) {
       page_.add(page_.body(), "p", "Several runs side by side, then each by itself.", "soft");
@@ -327,11 +327,11 @@ class Writer {
     };
     const auto model = run.scenario->model;
     auto painter = PosePainter::create(model, {1440, 960});
-    if (!painter) return failed(painter.error());
+    if (!painter) return failed(painter.error().message);
     const std::size_t end = run.record.time_s.size() - 1;
     for (const std::size_t index : {std::size_t{0}, end}) {
       const auto image = painter->draw(recorded(*model, run.record, index), look);
-      if (!image) return failed(image.error());
+      if (!image) return failed(image.error().message);
       page_.show(grid, *image, index == end ? "pose_end" : "pose_start",
                  fmt::format("{}, at {}. Each joint's housing has the colour of its temperature.",
                              index == end ? "The end" : "The beginning", duration(run.record.time_s[index])));
@@ -339,7 +339,7 @@ class Writer {
       if (end == 0) break;
     }
     const auto sheet = contact_sheet(model, run.record, evenly_in_time(run.record.time_s, 6), look, {480, 360});
-    if (!sheet) return failed(sheet.error());
+    if (!sheet) return failed(sheet.error().message);
     advance(0.5);
     page_.show(grid, *sheet, "poses", "Poses over the run, evenly in time.", true);
     return {};
@@ -757,8 +757,7 @@ class Writer {
 
 }  // namespace
 
-tl::expected<Report, std::string> make_report(std::span<const std::unique_ptr<RunData>> runs,
-                                              const ReportOptions& options) {
+Result<Report> make_report(std::span<const std::unique_ptr<RunData>> runs, const ReportOptions& options) {
   return Writer(runs, options).write();
 }
 

@@ -5,6 +5,7 @@
 #include <string>
 #include <vector>
 
+#include <tribotwin/plugins/friction/error.hpp>
 #include <tribotwin/render/page/illustrated.hpp>
 #include <tribotwin/render/report/run_data.hpp>
 
@@ -12,7 +13,6 @@ namespace tribotwin::render {
 
 /// One self-contained page about one run, or about several with a comparison. Fails where figures cannot be drawn at
 /// all (no gnuplot).
-tl::expected<Report, std::string> make_report(std::span<const std::unique_ptr<RunData>> runs,
-                                              const ReportOptions& options);
+Result<Report> make_report(std::span<const std::unique_ptr<RunData>> runs, const ReportOptions& options);
 
 }  // namespace tribotwin::render

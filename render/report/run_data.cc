@@ -61,7 +61,7 @@ std::string RunData::attribute(std::string_view key) const {
   return {};
 }
 
-tl::expected<std::unique_ptr<RunData>, std::string> load_run(const fs::path& directory) {
+Result<std::unique_ptr<RunData>> load_run(const fs::path& directory) {
   if (!fs::is_directory(directory))
     return tl::unexpected(fmt::format("{}: is no folder of a run (it must hold telemetry.h5)", directory.string()));
   auto run = std::make_unique<RunData>();
@@ -74,7 +74,7 @@ tl::expected<std::unique_ptr<RunData>, std::string> load_run(const fs::path& dir
   if (!fs::exists(telemetry))
     no_record = fmt::format("{}: does not exist", telemetry.string());
   else if (auto record = twin::read_telemetry(telemetry); !record)
-    no_record = record.error();
+    no_record = record.error().message;
   else if (record->time_s.empty())
     no_record = fmt::format("{}: holds no samples yet", telemetry.string());
   else
@@ -116,7 +116,7 @@ tl::expected<std::unique_ptr<RunData>, std::string> load_run(const fs::path& dir
   return run;
 }
 
-tl::expected<std::vector<std::unique_ptr<RunData>>, std::string> load_runs(const fs::path& directory) {
+Result<std::vector<std::unique_ptr<RunData>>> load_runs(const fs::path& directory) {
   const fs::path file = directory / "summary.json";
   const auto summary = nlohmann::json::parse(text_of(file).value_or(""), nullptr, false);
   std::vector<std::unique_ptr<RunData>> runs;

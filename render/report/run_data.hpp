@@ -8,8 +8,8 @@
 #include <vector>
 
 #include <nlohmann/json.hpp>
-#include <tl/expected.hpp>
 
+#include <tribotwin/plugins/friction/error.hpp>
 #include <tribotwin/twin/io/telemetry/telemetry.hpp>
 #include <tribotwin/twin/simulation/scenario.hpp>
 
@@ -43,9 +43,9 @@ struct RunData {
 };
 
 /// Fails when the folder has neither telemetry nor a summary that can be read.
-tl::expected<std::unique_ptr<RunData>, std::string> load_run(const std::filesystem::path& directory);
+Result<std::unique_ptr<RunData>> load_run(const std::filesystem::path& directory);
 /// The run in a folder or, where a scenario that varies left several there, those that its summary.json names, each
 /// called by its folder's name. Fails like load_run, and on an entry that names no folder.
-tl::expected<std::vector<std::unique_ptr<RunData>>, std::string> load_runs(const std::filesystem::path& directory);
+Result<std::vector<std::unique_ptr<RunData>>> load_runs(const std::filesystem::path& directory);
 
 }  // namespace tribotwin::render

@@ -61,7 +61,7 @@ twin::study::Power power_of(const JsonInput& in) {
 
 std::map<std::size_t, StudyCurve> curves_of(const fs::path& file) {
   const auto wanted = [](auto value) {
-    if (!value) throw InputError(value.error());
+    if (!value) throw InputError(value.error().message);
     return *std::move(value);
   };
   const twin::Table table = wanted(twin::read_table(file));

@@ -13,7 +13,7 @@
 namespace tribotwin::render {
 namespace {
 
-using Outcome = tl::expected<void, std::string>;
+using Outcome = Result<void>;
 using namespace twin::diagnosis;
 
 constexpr double slow_share =
@@ -29,7 +29,7 @@ class Writer {
     head(directory);
   }
 
-  tl::expected<Report, std::string> write() {
+  Result<Report> write() {
     double done = 0;
     for (const StudyJoint& joint : joints_) {
       page_.add(page_.body(), "h2", joint.name);
@@ -327,9 +327,8 @@ class Writer {
 
 }  // namespace
 
-tl::expected<Report, std::string> make_study_report(const std::filesystem::path& directory,
-                                                    const std::vector<StudyJoint>& joints,
-                                                    const ReportOptions& options) {
+Result<Report> make_study_report(const std::filesystem::path& directory, const std::vector<StudyJoint>& joints,
+                                 const ReportOptions& options) {
   return Writer(directory, joints, options).write();
 }
 

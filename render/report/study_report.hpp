@@ -2,6 +2,7 @@
 
 #include <filesystem>
 
+#include <tribotwin/plugins/friction/error.hpp>
 #include <tribotwin/render/page/illustrated.hpp>
 #include <tribotwin/render/report/study_data.hpp>
 
@@ -10,8 +11,7 @@ namespace tribotwin::render {
 /// One self-contained page: paper 2's Figures 9 to 15 and Tables II and III for each joint, then what faults do:
 /// verdicts on simulated ones, ROC curves over severity, confusion. `directory` is named in it. Fails where figures
 /// cannot be drawn at all (no gnuplot).
-tl::expected<Report, std::string> make_study_report(const std::filesystem::path& directory,
-                                                    const std::vector<StudyJoint>& joints,
-                                                    const ReportOptions& options);
+Result<Report> make_study_report(const std::filesystem::path& directory, const std::vector<StudyJoint>& joints,
+                                 const ReportOptions& options);
 
 }  // namespace tribotwin::render

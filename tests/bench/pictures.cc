@@ -27,9 +27,9 @@ double seconds(auto&& work) {
 }
 
 template <class T>
-T must(tl::expected<T, std::string> value) {
+T must(Result<T> value) {
   if (value) return std::move(*value);
-  fmt::print(stderr, "{}\n", value.error());
+  fmt::print(stderr, "{}\n", value.error().message);
   std::exit(1);
 }
 

@@ -28,8 +28,8 @@ void check(std::string_view line) {
   std::string bus;
   const auto frame = parse_log_line(line, bus);
   if (!frame) {
-    require(!frame.error().empty() && frame.error().size() < 300, "the message is empty or long", line);
-    for (const char c : frame.error()) require(c >= 0x20 && c <= 0x7E, "the message is not printable", line);
+    require(!frame.error().message.empty() && frame.error().message.size() < 300, "the message is empty or long", line);
+    for (const char c : frame.error().message) require(c >= 0x20 && c <= 0x7E, "the message is not printable", line);
     return;
   }
   ++parsed_lines;

@@ -120,7 +120,7 @@ std::vector<Recording> recordings_of(Mapping in, const fs::path& folder, const f
   std::vector<Recording> recordings;
   for (const auto& file : matching(in, "files", folder)) {
     auto points = read_set_points(file);
-    if (!points) throw InputError(points.error());
+    if (!points) throw InputError(points.error().message);
     if (points->measured_rad.empty())
       in.fail("files", fmt::format("{} has no measured positions; what is needed is JSON with entries of timestamp, "
                                    "goal_position and position",
@@ -319,7 +319,7 @@ Campaign read_campaign(const fs::path& file, std::optional<std::uint64_t> seed) 
     v.done();
     const auto opened = VariantTwins::open(variant);
     if (!opened) {
-      const std::string& why = opened.error();
+      const std::string& why = opened.error().message;
       throw InputError(why.starts_with("model: ")
                            ? fmt::format("{}: {}", file.string(), why)
                            : fmt::format("{}: variant '{}': {}", file.string(), variant.label, why));
@@ -601,8 +601,7 @@ std::string table_of(const Results& r) {
 }
 
 /// VARIANT.params.yaml (the law), VARIANT.xml (the model) and VARIANT.yaml (a scenario that runs them).
-tl::expected<void, std::string> write_found(const Results& r, const SimulationFit& f, const fs::path& directory,
-                                            Existing existing) {
+Result<void> write_found(const Results& r, const SimulationFit& f, const fs::path& directory, Existing existing) {
   const Variant& variant = r.campaign.plan.variants[f.variant];
   const auto opened = VariantTwins::open(variant);
   if (!opened) return tl::unexpected(opened.error());
@@ -701,7 +700,7 @@ int execute(const Arguments& a) {
   fs::create_directories(directory, error);
   if (error) return complain(failed, fmt::format("{}: cannot be made ({})", directory.string(), error.message()));
   FolderLock lock;
-  if (auto ok = lock.take(directory); !ok) return complain(failed, ok.error());
+  if (auto ok = lock.take(directory); !ok) return complain(failed, ok.error().message);
   Results results{campaign, fits_of(campaign, file)};
   if (!results.fits.empty() && !a.quiet)
     note("goes on from {}, where {} of {} fits are done", file.string(), results.fits.size(), results.wanted());
@@ -711,7 +710,7 @@ int execute(const Arguments& a) {
   const auto save = [&] {
     if (const auto ok = write_file(file, with_checksum(json_of(results)).dump(1) + "\n", Existing::replace);
         !ok && write_error.empty()) {
-      write_error = ok.error();
+      write_error = ok.error().message;
       interrupted() = true;  // no use going on
     }
   };
@@ -736,7 +735,7 @@ int execute(const Arguments& a) {
              }});
   }();
   if (!write_error.empty()) return complain(failed, write_error);
-  if (!outcome) return complain(failed, outcome.error());
+  if (!outcome) return complain(failed, outcome.error().message);
   if (!results.complete())
     return complain(failed,
                     results.fits.empty()
@@ -746,7 +745,7 @@ int execute(const Arguments& a) {
   for (std::size_t v = 0; v < campaign.plan.variants.size(); ++v)
     if (const auto ok = write_found(results, *results.find(v, SimulationFit::all, 0), directory, replace_if(a.force));
         !ok)
-      return complain(failed, ok.error());
+      return complain(failed, ok.error().message);
   return deliver(a.json ? json_of(results).dump(1) + "\n" : table_of(results));
 }
 

@@ -83,9 +83,9 @@ int execute(const Arguments& a) {
   if (a.model.ends_with(".yaml")) return of_parameters(a, speeds);
   if (a.joint.empty()) throw InputError("--joint is needed: a model has several");
   const auto model = mujoco::load_file(a.model);
-  if (!model) throw InputError(model.error());
+  if (!model) throw InputError(model.error().message);
   const auto found = find_drive(**model, a.joint);
-  if (!found) throw InputError(fmt::format("{}: --joint {}", a.model, found.error()));
+  if (!found) throw InputError(fmt::format("{}: --joint {}", a.model, found.error().message));
   const std::size_t index = *found;
   const auto& drive = (*model)->drives()[index].drive;
   std::vector<CurvePoint> points;
@@ -101,8 +101,8 @@ int execute(const Arguments& a) {
                                    .seed = a.seed,
                                    .progress = [&](double share) { progress(share); }});
     if (!measured)
-      return complain(a.load_by == "pose" && measured.error().starts_with("no pose") ? wrong_input : failed,
-                      measured.error());
+      return complain(a.load_by == "pose" && measured.error().message.starts_with("no pose") ? wrong_input : failed,
+                      measured.error().message);
     points = std::move(*measured);
   } else {
     points = law_curve(drive, speeds, a.load, a.temperature);

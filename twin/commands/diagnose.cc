@@ -37,7 +37,7 @@ std::vector<ObservationFile> read(const std::vector<std::string>& files, const O
   std::vector<ObservationFile> all;
   for (const auto& file : files) {
     auto one = read_observations(file, options);
-    if (!one) throw InputError(one.error());
+    if (!one) throw InputError(one.error().message);
     if (!quiet)
       for (const auto& text : one->notes) note("{}", text);
     all.push_back(*std::move(one));
@@ -48,7 +48,7 @@ std::vector<ObservationFile> read(const std::vector<std::string>& files, const O
 int learn_state(const Arguments& a) {
   const auto healthy = read(a.data, a.read, a.quiet), loaded = read(a.loaded, a.read, a.quiet);
   auto state = learn(healthy, loaded, a.read.load_sensitivity, a.learn);
-  if (!state) throw InputError(state.error());
+  if (!state) throw InputError(state.error().message);
   if (state->joint.empty()) state->joint = a.read.joint;
   if (!(state->torque_max_nm > 0)) state->torque_max_nm = a.read.torque_max_nm;
   if (const int code = deliver(to_yaml(*state), a.output)) return code;
@@ -125,7 +125,7 @@ int check_curves(const Arguments& a) {
   bool anomalous = false;
   for (const auto& file : read(a.data, options_of(a, state), a.quiet)) {
     const auto verdicts = check(state, file, a.check);
-    if (!verdicts) throw InputError(verdicts.error());
+    if (!verdicts) throw InputError(verdicts.error().message);
     for (std::size_t i = 0; i < verdicts->size(); ++i) {
       const Observation& o = file.observations[i];
       const Verdict& v = (*verdicts)[i];
@@ -163,7 +163,7 @@ int watch_curves(const Arguments& a) {
   const HealthyState state = read_healthy(a.healthy);
   std::vector<Observation> all;
   for (const auto& file : read(a.data, options_of(a, state), a.quiet)) {
-    if (const auto fit = check(state, file); !fit) throw InputError(fit.error());
+    if (const auto fit = check(state, file); !fit) throw InputError(fit.error().message);
     all.insert(all.end(), file.observations.begin(), file.observations.end());
   }
   const Watch w = watch(state, all, a.false_alarm);
@@ -196,7 +196,7 @@ int watch_curves(const Arguments& a) {
 
 int watch_shadow(const Arguments& a) {
   const auto w = watch_residuals(a.data.front(), a.residuals);
-  if (!w) throw InputError(w.error());
+  if (!w) throw InputError(w.error().message);
   // Beyond 2 / sqrt(n) it is hardly chance.
   if (!a.quiet && w->correlation > 2 / std::sqrt(static_cast<double>(a.residuals.learn)))
     note(

@@ -116,7 +116,7 @@ int execute(const Arguments& a) {
   const auto& law = dynamics_law(a.friction, "--friction");
   const Robot robot = load_robot(a.model);
   const auto friction = robot_friction(*robot.model, robot.regressor, law);
-  if (!friction) throw InputError(fmt::format("{}: {}", a.model, friction.error()));
+  if (!friction) throw InputError(fmt::format("{}: {}", a.model, friction.error().message));
   if (!a.thermal.empty() && !law.temperature_dependent)
     throw InputError(
         fmt::format("--thermal: friction '{}' does not depend on temperature; --friction polynomial does", law.name));
@@ -133,7 +133,7 @@ int execute(const Arguments& a) {
   const auto fit = models.empty() || motion.has_temperature
                        ? fit_dynamics(robot.regressor, robot.base, *friction, motion, options)
                        : fit_warming_dynamics(robot.regressor, robot.base, *friction, models, motion, options);
-  if (!fit) throw InputError(fmt::format("{}: {}", a.data.front(), fit.error()));
+  if (!fit) throw InputError(fmt::format("{}: {}", a.data.front(), fit.error().message));
   doubt(a, robot, *fit);
   const Consistency consistency =
       nearest_consistent(robot.regressor, robot.base, fit->parameters.base, fit->information);

@@ -39,7 +39,7 @@ int execute(Arguments& a) {
     };
     return excite(*robot.model, robot.regressor, robot.base, o);
   }();
-  if (!found) return complain(failed, fmt::format("{}: {}", a.model, found.error()));
+  if (!found) return complain(failed, fmt::format("{}: {}", a.model, found.error().message));
   if (!a.quiet)
     for (const auto& text : found->notes) note("{}", text);
   if (a.output.named())

@@ -164,7 +164,7 @@ void print_notes(const Arguments& a, const std::vector<std::string>& notes) {
 /// PARAMS.yaml, and JSON or the table.
 int deliver_dynamics(const Arguments& a, const Estimates& fit, double normalised_mse, std::string_view equation,
                      const std::string& yaml) {
-  if (const auto ok = usable(fit); !ok) return complain(failed, fmt::format("{}: {}", a.law, ok.error()));
+  if (const auto ok = usable(fit); !ok) return complain(failed, fmt::format("{}: {}", a.law, ok.error().message));
   print_notes(a, fit.notes);
   if (a.output.named())
     if (const int code = deliver(yaml, a.output)) return code;
@@ -178,10 +178,10 @@ int deliver_dynamics(const Arguments& a, const Estimates& fit, double normalised
 
 int identify_bouc_wen(const Arguments& a) {
   const auto loops = read_loops(std::vector<std::filesystem::path>(a.data.begin(), a.data.end()));
-  if (!loops) throw InputError(loops.error());
+  if (!loops) throw InputError(loops.error().message);
   print_notes(a, loops->notes);
   const auto found = fit_hysteresis(loops->recordings, a.threads);
-  if (!found) return complain(failed, fmt::format("bouc_wen: {}", found.error()));
+  if (!found) return complain(failed, fmt::format("bouc_wen: {}", found.error().message));
   return deliver_dynamics(a, *found, found->normalised_mse, bouc_wen_equation, to_yaml(*found, a.data));
 }
 
@@ -193,19 +193,19 @@ int identify_lugre(const Arguments& a) {
   if (a.torque_max_nm > 0) known.torque_max_nm = a.torque_max_nm;
   if (a.gear_ratio > 0) known.gear_ratio = a.gear_ratio;
   const auto drive = drive_of(known, "joint");
-  if (!drive) throw InputError(fmt::format("{}: {}", a.known_law, drive.error()));
+  if (!drive) throw InputError(fmt::format("{}: {}", a.known_law, drive.error().message));
   const auto sliding = read_sliding(std::vector<std::filesystem::path>(a.data.begin(), a.data.end()), *drive);
-  if (!sliding) throw InputError(sliding.error());
+  if (!sliding) throw InputError(sliding.error().message);
   print_notes(a, sliding->notes);
   const auto found = fit_bristles(*drive, sliding->recordings, a.threads);
-  if (!found) return complain(failed, fmt::format("lugre: {}", found.error()));
+  if (!found) return complain(failed, fmt::format("lugre: {}", found.error().message));
   return deliver_dynamics(a, *found, found->normalised_mse, lugre_equation, to_yaml(known, *found, a.data));
 }
 
 int identify_shared(const Arguments& a, const friction::LawInfo& law, const Samples& samples,
                     const FitOptions& options) {
   const auto shared = fit_shared(law, samples, a.shared, options);
-  if (!shared) return complain(failed, shared.error());
+  if (!shared) return complain(failed, shared.error().message);
   if (!std::isfinite(shared->value))
     return complain(
         failed, fmt::format("the fit gives no finite number for {}; what is in the data that no joint has?", a.shared));
@@ -248,8 +248,8 @@ int identify_each(const Arguments& a, const friction::LawInfo& law, const Sample
     const auto found = fit(law, one, options);
     const auto ok = found ? usable(*found) : tl::unexpected(found.error());
     if (!ok)
-      return complain(failed,
-                      fmt::format("curve {} (load {:.3g}, {:.4g} degC): {}", curve + 1, load, temperature, ok.error()));
+      return complain(failed, fmt::format("curve {} (load {:.3g}, {:.4g} degC): {}", curve + 1, load, temperature,
+                                          ok.error().message));
     Json j = json_of(*found, one, -1);
     j["curve"] = curve + 1, j["load_norm"] = load, j["temperature_degC"] = temperature;
     all.push_back(std::move(j));
@@ -270,7 +270,7 @@ int evaluate(const Arguments& a) {
                                     {.torque_max_nm = a.torque_max_nm > 0 ? a.torque_max_nm : known.torque_max_nm,
                                      .gear_ratio = a.gear_ratio > 0 ? a.gear_ratio : known.gear_ratio,
                                      .joint = a.joint});
-  if (!samples) throw InputError(samples.error());
+  if (!samples) throw InputError(samples.error().message);
   print_notes(a, samples->notes);
   double mean = 0, squares = 0, most = 0;
   std::size_t outside = 0;
@@ -331,7 +331,7 @@ int execute(const Arguments& a) {
   for (const auto* law : laws) {
     const auto samples =
         read_samples(files, *law, {.torque_max_nm = a.torque_max_nm, .gear_ratio = a.gear_ratio, .joint = a.joint});
-    if (!samples) throw InputError(samples.error());
+    if (!samples) throw InputError(samples.error().message);
     for (const auto& [name, value] : options.fixed)
       if (std::ranges::find(law->parameters, name, &friction::Parameter::name) == law->parameters.end()) {
         std::vector<std::string_view> names;
@@ -345,11 +345,11 @@ int execute(const Arguments& a) {
     auto found = a.staged ? fit_staged(*law, *samples, options) : fit(*law, *samples, options);
     // The law's own rules matter to what is read again, not to what is compared.
     const auto ok = found ? usable(*found, !a.output.named() ? nullptr : law) : tl::unexpected(found.error());
-    if (!ok) return complain(failed, fmt::format("law '{}': {}", law->name, ok.error()));
+    if (!ok) return complain(failed, fmt::format("law '{}': {}", law->name, ok.error().message));
     double error = -1;
     if (a.folds > 1) {
       const auto checked = cross_validate(*law, *samples, options, a.folds);
-      if (!checked) return complain(failed, checked.error());
+      if (!checked) return complain(failed, checked.error().message);
       error = *checked;
     }
     if (!a.quiet)

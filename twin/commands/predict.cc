@@ -101,7 +101,7 @@ int execute(const Arguments& a) {
   const Robot robot = load_robot(a.model);
   const auto file = read_dynamics(a.parameters, robot.regressor, robot.base);
   const auto friction = robot_friction(*robot.model, robot.regressor, *file.law);
-  if (!friction) throw InputError(fmt::format("{}: {}", a.model, friction.error()));
+  if (!friction) throw InputError(fmt::format("{}: {}", a.model, friction.error().message));
   JointMotion motion = read_motion(robot, a.data, a.preparation, a.quiet);
   const bool unknown = file.law->temperature_dependent && !motion.has_temperature,
              estimated = unknown && !file.thermal.empty();
@@ -122,7 +122,7 @@ int execute(const Arguments& a) {
   std::string wrench_csv;
   if (!a.wrench.empty()) {
     const auto wrench = external_wrench(*robot.model, a.site, motion, predicted);
-    if (!wrench) throw InputError(fmt::format("--site: {} {}", a.model, wrench.error()));
+    if (!wrench) throw InputError(fmt::format("--site: {} {}", a.model, wrench.error().message));
     wrench_csv = wrench_csv_of(motion, *wrench);
   }
   Json j{{"joints", Json::object()}};

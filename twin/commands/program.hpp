@@ -5,6 +5,7 @@
 
 #include <CLI/CLI.hpp>
 
+#include <tribotwin/plugins/friction/error.hpp>
 #include <tribotwin/twin/io/destination.hpp>
 #include <tribotwin/twin/io/input.hpp>
 #include <tribotwin/twin/io/output.hpp>
@@ -42,8 +43,8 @@ inline std::vector<std::filesystem::path> paths(const std::vector<std::string>& 
 
 /// The value, or its message thrown: exit code 1.
 template <class T>
-T or_fail(tl::expected<T, std::string> value) {
-  if (!value) throw std::runtime_error(value.error());
+T or_fail(Result<T> value) {
+  if (!value) throw std::runtime_error(value.error().message);
   if constexpr (!std::is_void_v<T>) return std::move(*value);
 }
 

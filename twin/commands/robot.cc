@@ -10,12 +10,12 @@ using namespace identification;
 
 Robot load_robot(const std::string& file) {
   const auto model = mujoco::load_file(file);
-  if (!model) throw InputError(model.error());
+  if (!model) throw InputError(model.error().message);
   if (!(*model)->springs().empty())
     throw InputError(
         fmt::format("{}: has an elastic transmission; rigid dynamics cannot tell what happens behind it", file));
   const auto regressor = Regressor::create((*model)->get());
-  if (!regressor) throw InputError(fmt::format("{}: {}", file, regressor.error()));
+  if (!regressor) throw InputError(fmt::format("{}: {}", file, regressor.error().message));
   return {*model, *regressor, base_parameters(*regressor)};
 }
 
@@ -36,11 +36,11 @@ JointMotion read_motion(const Robot& robot, const std::vector<std::string>& file
   std::vector<RobotRecording> recordings;
   for (const auto& file : files) {
     auto recording = read_robot_recording(file, robot.regressor);
-    if (!recording) throw InputError(recording.error());
+    if (!recording) throw InputError(recording.error().message);
     recordings.push_back(std::move(*recording));
   }
   auto motion = prepare(recordings, robot.regressor, preparation);
-  if (!motion) throw InputError(motion.error());
+  if (!motion) throw InputError(motion.error().message);
   if (!quiet)
     for (const auto& text : motion->notes) note("{}", text);
   return std::move(*motion);

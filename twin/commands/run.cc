@@ -165,14 +165,14 @@ int vary(const Arguments& a, const fs::path& file, const std::vector<Variation>&
                            progress(whole, left + static_cast<double>(all.size() - i - 1) *
                                                       (share > 0 ? left / (1 - std::min(share, 0.999)) : 0));
                          }});
-      if (!summary) return complain(failed, fmt::format("{}: {}", all[i].folder, summary.error()));
+      if (!summary) return complain(failed, fmt::format("{}: {}", all[i].folder, summary.error().message));
       if (summary->interrupted)
         return complain(failed, fmt::format("{}: interrupted; {} of {} runs are whole", all[i].folder, i, all.size()));
       runs.push_back({all[i].folder, all[i].settings, *summary});
     }
   }
   if (const auto ok = write_file(output / "summary.json", varied_json(runs), Existing::refuse); !ok)
-    return complain(failed, ok.error());
+    return complain(failed, ok.error().message);
   folder.commit();
   if (a.json)
     print("{}", varied_json(runs));
@@ -201,7 +201,7 @@ int execute(const Arguments& a) {
                               .stop = &interrupted(),
                               .progress = [&](double share, double left) { progress(share, left); }});
   }();
-  if (!summary) return complain(failed, summary.error());
+  if (!summary) return complain(failed, summary.error().message);
   if (a.json)
     print("{}", summary_json(*summary));
   else if (!a.quiet)

@@ -40,7 +40,7 @@ std::vector<JointHeat> read(const Arguments& a) {
   for (std::size_t f = 0; f < a.data.size(); ++f) {
     auto recording =
         read_thermal_recording(a.data[f], f, a.cycle_s.empty() ? 0 : a.cycle_s[a.cycle_s.size() == 1 ? 0 : f]);
-    if (!recording) throw InputError(recording.error());
+    if (!recording) throw InputError(recording.error().message);
     if (!a.quiet)
       for (const auto& text : recording->notes) note("{}", text);
     for (auto& joint : recording->joints) {
@@ -70,7 +70,7 @@ auto of_order(int order, const Fitted& with) {
 ThermalFit fitted(const Arguments& a, const std::string& joint, std::span<const HeatSession> sessions) {
   return of_order(a.order, [&](thermal::Order order) {
     auto fit = fit_thermal(sessions, {.order = order, .rested = a.rested});
-    if (!fit) throw InputError(fmt::format("{}: {}: {}", a.data[sessions.front().file], joint, fit.error()));
+    if (!fit) throw InputError(fmt::format("{}: {}: {}", a.data[sessions.front().file], joint, fit.error().message));
     return *std::move(fit);
   });
 }
@@ -78,7 +78,7 @@ ThermalFit fitted(const Arguments& a, const std::string& joint, std::span<const 
 TorqueThermalFit fitted_to_torque(const Arguments& a, const std::string& joint, std::span<const HeatSession> sessions) {
   return of_order(a.order, [&](thermal::Order order) {
     auto fit = fit_thermal_torque(sessions, order);
-    if (!fit) throw InputError(fmt::format("{}: {}: {}", a.data[sessions.front().file], joint, fit.error()));
+    if (!fit) throw InputError(fmt::format("{}: {}: {}", a.data[sessions.front().file], joint, fit.error().message));
     return *std::move(fit);
   });
 }
@@ -218,7 +218,7 @@ int identify_chain(const Arguments& a) {
       throw InputError(
           fmt::format("{}: --chain takes the temperatures of all joints; {} has none", a.data.front(), joint.name));
   const auto fit = fit_thermal_chain(joints);
-  if (!fit) throw InputError(fmt::format("{}: {}", a.data.front(), fit.error()));
+  if (!fit) throw InputError(fmt::format("{}: {}", a.data.front(), fit.error().message));
   Json j{{"exchange_1_s", {{"value", fit->exchange.value}, {"sigma", fit->exchange.sigma}}},
          {"rms_K", fit->rms_K},
          {"correlated_samples", fit->correlation},

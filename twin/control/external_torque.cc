@@ -17,8 +17,7 @@ ExternalTorque::ExternalTorque(std::shared_ptr<const mujoco::Model> model, doubl
   slides_.resize(observers_.size());
 }
 
-tl::expected<ExternalTorque, std::string> ExternalTorque::make(std::shared_ptr<const mujoco::Model> model,
-                                                               double gain_1_s) {
+Result<ExternalTorque> ExternalTorque::make(std::shared_ptr<const mujoco::Model> model, double gain_1_s) {
   for (int dof = 0; dof < (*model)->nv; ++dof)
     if (std::ranges::none_of(model->drives(), [dof](const auto& drive) { return drive.dof == dof; }))
       return tl::unexpected(fmt::format("joint '{}' has no tribotwin.drive: what moves it is not known",

@@ -5,6 +5,7 @@
 #include <span>
 #include <vector>
 
+#include <tribotwin/plugins/friction/error.hpp>
 #include <tribotwin/plugins/mujoco/loader.hpp>
 #include <tribotwin/twin/control/momentum_observer.hpp>
 
@@ -17,7 +18,7 @@ class ExternalTorque {
  public:
   /// `gain_1_s`: 1 / time constant of the estimate. Every dof of the model must have a drive.
   /// Fails with the name of the joint that has none.
-  static tl::expected<ExternalTorque, std::string> make(std::shared_ptr<const mujoco::Model> model, double gain_1_s);
+  static Result<ExternalTorque> make(std::shared_ptr<const mujoco::Model> model, double gain_1_s);
 
   /// One control period; spans per drive, arm side: position [rad], speed [rad/s], motor torque since the last call
   /// [Nm], lubricant temperature [degC].

@@ -158,8 +158,8 @@ EquivalentLoad equivalent_load(const HealthyState& h, const Observation& o) {
   return l;
 }
 
-tl::expected<std::vector<Verdict>, std::string> check(const HealthyState& healthy, const ObservationFile& file,
-                                                      const CheckOptions& options) {
+Result<std::vector<Verdict>> check(const HealthyState& healthy, const ObservationFile& file,
+                                   const CheckOptions& options) {
   std::vector<Verdict> all;
   for (const auto& o : file.observations) {
     if (auto problem = unfit(healthy, file, o)) return tl::unexpected(*problem);

@@ -7,8 +7,7 @@
 #include <string_view>
 #include <vector>
 
-#include <tl/expected.hpp>
-
+#include <tribotwin/plugins/friction/error.hpp>
 #include <tribotwin/twin/diagnosis/patterns.hpp>
 
 /// Is this observation that of a healthy joint, and if not, what is it?
@@ -58,7 +57,7 @@ EquivalentLoad equivalent_load(const HealthyState& healthy, const Observation& o
 
 /// Fails on observations that this healthy state cannot judge: another joint, another unit, no temperature, features
 /// that the curve does not tell. The sentence says what to record.
-tl::expected<std::vector<Verdict>, std::string> check(const HealthyState& healthy, const ObservationFile& file,
-                                                      const CheckOptions& options = {});
+Result<std::vector<Verdict>> check(const HealthyState& healthy, const ObservationFile& file,
+                                   const CheckOptions& options = {});
 
 }  // namespace tribotwin::twin::diagnosis

@@ -268,9 +268,8 @@ double HealthyState::wear_load() const {
   return per_load > 0 ? std::sqrt(wear_distance) / per_load : 0;
 }
 
-tl::expected<HealthyState, std::string> learn(std::span<const ObservationFile> healthy,
-                                              std::span<const ObservationFile> loaded, double load_sensitivity,
-                                              const LearnOptions& options) {
+Result<HealthyState> learn(std::span<const ObservationFile> healthy, std::span<const ObservationFile> loaded,
+                           double load_sensitivity, const LearnOptions& options) {
   HealthyState h{.load_sensitivity = load_sensitivity, .lever_m = options.lever_m};
   std::vector<const Observation*> all;
   for (const auto& file : healthy) {

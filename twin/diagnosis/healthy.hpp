@@ -8,8 +8,8 @@
 #include <vector>
 
 #include <Eigen/Dense>
-#include <tl/expected.hpp>
 
+#include <tribotwin/plugins/friction/error.hpp>
 #include <tribotwin/twin/diagnosis/observation.hpp>
 
 /// What is normal for one joint, learned from unloaded curves cold to hot. Two descriptions stand side by side:
@@ -107,9 +107,8 @@ struct LearnOptions {
 /// Fails with a sentence that says what to record next: too few observations, all of them alike or in one line,
 /// features that a curve does not tell, loaded curves among them, more than one joint or unit. `loaded`: curves of the
 /// same joint with load, from which its effect is learned; may be empty.
-tl::expected<HealthyState, std::string> learn(std::span<const ObservationFile> healthy,
-                                              std::span<const ObservationFile> loaded, double load_sensitivity,
-                                              const LearnOptions& options = {});
+Result<HealthyState> learn(std::span<const ObservationFile> healthy, std::span<const ObservationFile> loaded,
+                           double load_sensitivity, const LearnOptions& options = {});
 
 std::string to_yaml(const HealthyState& state);
 /// Throws InputError with file, key and what would be right.

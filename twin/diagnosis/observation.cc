@@ -24,12 +24,12 @@ double mean_of(const std::vector<double>& x) {
   return std::accumulate(x.begin(), x.end(), 0.0) / static_cast<double>(x.size());
 }
 
-tl::expected<identification::Fit, std::string> fitted(const Samples& curve) {
+Result<identification::Fit> fitted(const Samples& curve) {
   return identification::fit(*friction::find_law(law_name), curve, {.fixed = {{"alpha", alpha}}, .threads = 1});
 }
 
 /// The levels as they would be at the mean load of the curve: boundary friction is proportional to 1 + k load.
-tl::expected<identification::Fit, std::string> fitted_at_mean_load(Samples curve, double k) {
+Result<identification::Fit> fitted_at_mean_load(Samples curve, double k) {
   auto fit = fitted(curve);
   const double mean = mean_of(curve.load);
   if (k == 0 || std::ranges::all_of(curve.load, [&](double l) { return std::abs(l - mean) < 1e-6; })) return fit;
@@ -109,7 +109,7 @@ std::string Observation::name() const {
                      temperature_degC ? fmt::format(" ({:.1f} degC)", *temperature_degC) : "");
 }
 
-tl::expected<Observation, std::string> observe(const Samples& curve, double load_sensitivity) {
+Result<Observation> observe(const Samples& curve, double load_sensitivity) {
   const auto fit = fitted_at_mean_load(curve, load_sensitivity);
   if (!fit) return tl::unexpected(fit.error());
   Observation o{.residual_nm = fit->residual.std};
@@ -135,8 +135,7 @@ tl::expected<Observation, std::string> observe(const Samples& curve, double load
   return o;
 }
 
-tl::expected<ObservationFile, std::string> read_observations(const fs::path& file,
-                                                             const ObservationOptions& options) try {
+Result<ObservationFile> read_observations(const fs::path& file, const ObservationOptions& options) try {
   ObservationFile out{.joint = joint_beside(file)};
   Numbers table;
   if (file.extension() != ".h5") {
@@ -173,7 +172,7 @@ tl::expected<ObservationFile, std::string> read_observations(const fs::path& fil
     if (!seen)
       return tl::unexpected(
           fmt::format("{}, curve {}: {}; one row per level, and a column 'curve' or rising speeds tell curves apart",
-                      file.string(), number, seen.error()));
+                      file.string(), number, seen.error().message));
     seen->file = file.string();
     seen->curve = number;
     if (recording ? mean_of(one.temperature_degC) != 0 : !table.columns[6].empty())

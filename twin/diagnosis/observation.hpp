@@ -9,7 +9,8 @@
 #include <vector>
 
 #include <Eigen/Dense>
-#include <tl/expected.hpp>
+
+#include <tribotwin/plugins/friction/error.hpp>
 
 /// What one friction curve tells of a joint's state (paper 2, section 5): the parameters of law `steady_state` with
 /// alpha fixed, and indicators beside them.
@@ -80,12 +81,11 @@ struct ObservationOptions {
 };
 
 /// Features of one curve, without indicators. Fails where the fit does.
-tl::expected<Observation, std::string> observe(const identification::Samples& curve, double load_sensitivity);
+Result<Observation> observe(const identification::Samples& curve, double load_sensitivity);
 
 /// Every curve of a file that identification::read_samples reads, with its optional columns ripple_nm and
 /// lost_motion_rad. Fails, naming file and curve, on cells that are not finite and on curves too short for the law;
 /// features that a curve does not tell are named in `weak`.
-tl::expected<ObservationFile, std::string> read_observations(const std::filesystem::path& file,
-                                                             const ObservationOptions& options);
+Result<ObservationFile> read_observations(const std::filesystem::path& file, const ObservationOptions& options);
 
 }  // namespace tribotwin::twin::diagnosis

@@ -119,7 +119,7 @@ Watch watch(const HealthyState& h, std::span<const Observation> observations, do
   return w;
 }
 
-tl::expected<ResidualWatch, std::string> watch_residuals(const std::filesystem::path& file, const ResidualOptions& o) {
+Result<ResidualWatch> watch_residuals(const std::filesystem::path& file, const ResidualOptions& o) {
   constexpr std::string_view ending = ".residual_nm";
   const auto header = read_numbers(file, {});
   if (!header) return tl::unexpected(header.error());

@@ -7,8 +7,8 @@
 #include <vector>
 
 #include <Eigen/Dense>
-#include <tl/expected.hpp>
 
+#include <tribotwin/plugins/friction/error.hpp>
 #include <tribotwin/twin/diagnosis/check.hpp>
 
 /// Small changes that only a series of observations shows. Each observation is held against what was learned and all
@@ -88,7 +88,6 @@ struct ResidualWatch {
   std::optional<std::size_t> first_alarm;
 };
 /// Fails on files that shadow did not write, and on too few windows.
-tl::expected<ResidualWatch, std::string> watch_residuals(const std::filesystem::path& file,
-                                                         const ResidualOptions& options);
+Result<ResidualWatch> watch_residuals(const std::filesystem::path& file, const ResidualOptions& options);
 
 }  // namespace tribotwin::twin::diagnosis

@@ -22,7 +22,7 @@ namespace tribotwin::twin {
 namespace {
 
 namespace fs = std::filesystem;
-using Status = tl::expected<void, std::string>;
+using Status = Result<void>;
 
 std::optional<std::string> text_of(const fs::path& file) {
   std::ifstream stream(file, std::ios::binary);
@@ -98,8 +98,7 @@ std::string resolved_yaml(const mujoco::Model& model, const YAML::Node& campaign
   return fmt::format("# MuJoCo {}, model {:016x}\n{}", mj_versionString(), fingerprint(model), to_text(campaign));
 }
 
-tl::expected<Completed, std::string> complete(const std::string& resolved_yaml, const Parts& parts,
-                                              const LabOptions& options) {
+Result<Completed> complete(const std::string& resolved_yaml, const Parts& parts, const LabOptions& options) {
   const auto started = std::chrono::steady_clock::now();
   require_free(resolved_yaml, parts.folder, options.directory);
   const auto lock = std::make_shared<FolderLock>();
@@ -133,7 +132,7 @@ tl::expected<Completed, std::string> complete(const std::string& resolved_yaml, 
       if (kept) kept = sums.add(parts.files[i], *made);
       if (!kept) {
         stop = true;
-        if (i < error_at) error_at = i, error = kept.error();
+        if (i < error_at) error_at = i, error = kept.error().message;
         return;
       }
       out.texts[i] = std::move(*made);

@@ -7,9 +7,9 @@
 #include <string>
 #include <vector>
 
-#include <tl/expected.hpp>
 #include <yaml-cpp/yaml.h>
 
+#include <tribotwin/plugins/friction/error.hpp>
 #include <tribotwin/plugins/mujoco/loader.hpp>
 #include <tribotwin/twin/io/file.hpp>
 
@@ -29,7 +29,7 @@ struct Parts {
   std::vector<std::string> files;  ///< name of each part in it
   std::function<bool(std::size_t part, const std::string& text)>
       whole;  ///< whether a file that is there is a whole part
-  std::function<tl::expected<std::string, std::string>(std::size_t part)>
+  std::function<Result<std::string>(std::size_t part)>
       make;  ///< from several threads; a function of campaign and part alone
 };
 
@@ -46,7 +46,6 @@ std::string resolved_yaml(const mujoco::Model& model, const YAML::Node& campaign
 /// `checksums`: a part that does not have its own there is made again. Throws InputError where the directory holds
 /// another campaign or something else. Fails with the first part that cannot be made, when another process works in the
 /// directory, or when a file cannot be written.
-tl::expected<Completed, std::string> complete(const std::string& resolved_yaml, const Parts& parts,
-                                              const LabOptions& options);
+Result<Completed> complete(const std::string& resolved_yaml, const Parts& parts, const LabOptions& options);
 
 }  // namespace tribotwin::twin

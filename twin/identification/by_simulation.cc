@@ -54,7 +54,7 @@ bool is_law_parameter(std::string_view key) {
   });
 }
 
-tl::expected<std::string, std::string> read_text(const fs::path& file) {
+Result<std::string> read_text(const fs::path& file) {
   std::ifstream stream(file, std::ios::binary);
   std::error_code error;
   if (!stream || fs::is_directory(file, error))
@@ -72,7 +72,7 @@ std::string text_of(const pugi::xml_document& document) {
 }
 
 /// Puts included files in the place of <include>. The loader has accepted the model: every file is there, once.
-tl::expected<void, std::string> merge_includes(pugi::xml_document& document, const fs::path& folder) {
+Result<void> merge_includes(pugi::xml_document& document, const fs::path& folder) {
   while (const pugi::xml_node include = document.select_node("//include").node()) {
     const auto text = read_text(folder / include.attribute("file").value());
     if (!text) return tl::unexpected(text.error());
@@ -211,34 +211,35 @@ std::string VariantTwins::edited(const std::string& text, std::span<const double
   return text_of(document);
 }
 
-tl::expected<std::shared_ptr<const mujoco::Model>, std::string> VariantTwins::load(
-    const std::string& text, std::span<const double> values) const {
+Result<std::shared_ptr<const mujoco::Model>> VariantTwins::load(const std::string& text,
+                                                                std::span<const double> values) const {
   const std::string mjcf = edited(text, values);
   const std::lock_guard lock(compiler);
   return mujoco::load_string(mjcf, {.timestep_s = variant_->timestep_s});
 }
 
-tl::expected<VariantTwins, std::string> VariantTwins::open(const Variant& variant) {
+Result<VariantTwins> VariantTwins::open(const Variant& variant) {
   VariantTwins twins;
   twins.variant_ = std::make_shared<const Variant>(variant);
   const auto given = mujoco::load_file(variant.model);
-  if (!given) return tl::unexpected("model: " + given.error());
+  if (!given) return tl::unexpected("model: " + given.error().message);
   if ((*given)->drives().size() != 1)
     return tl::unexpected(fmt::format("model: {} has {} drives, but a recording of one joint needs exactly 1",
                                       variant.model.string(), (*given)->drives().size()));
   const auto text = read_text(variant.model);
-  if (!text) return tl::unexpected("model: " + text.error());
+  if (!text) return tl::unexpected("model: " + text.error().message);
   pugi::xml_document document;
   document.load_string(text->c_str());
   const fs::path folder = variant.model.has_parent_path() ? variant.model.parent_path() : fs::path(".");
-  if (const auto merged = merge_includes(document, folder); !merged) return tl::unexpected("model: " + merged.error());
+  if (const auto merged = merge_includes(document, folder); !merged)
+    return tl::unexpected("model: " + merged.error().message);
   absolute_folders(document.document_element(), folder);
   twins.text_ = text_of(document);
 
   std::vector<double> values;
   for (const auto& q : variant.quantities) values.push_back(q.start);
   auto reference = twins.load(twins.text_, values);
-  if (!reference) return tl::unexpected("with the start values: " + reference.error());
+  if (!reference) return tl::unexpected("with the start values: " + reference.error().message);
   twins.reference_ = *reference;
   twins.try_without_scenery();
   for (std::size_t i = 0; i < values.size(); ++i) {
@@ -248,7 +249,7 @@ tl::expected<VariantTwins, std::string> VariantTwins::open(const Variant& varian
       auto edge = values;
       edge[i] = bound;
       if (const auto model = twins.load(twins.lean_, edge); !model)
-        return tl::unexpected(fmt::format("{}: its bound {:g} is refused: {}", q.path(), bound, model.error()));
+        return tl::unexpected(fmt::format("{}: its bound {:g} is refused: {}", q.path(), bound, model.error().message));
     }
   }
   return twins;
@@ -299,7 +300,7 @@ void VariantTwins::try_without_scenery() {
 
 std::string VariantTwins::mjcf(std::span<const double> values) const { return edited(text_, values); }
 
-tl::expected<VariantTwins::Candidate, std::string> VariantTwins::candidate(std::vector<double> values) const {
+Result<VariantTwins::Candidate> VariantTwins::candidate(std::vector<double> values) const {
   auto model = load(lean_, values);
   if (!model) return tl::unexpected(model.error());
   return Candidate{std::move(*model), std::move(values)};
@@ -322,8 +323,7 @@ double VariantTwins::delay_s(std::span<const double> values) const {
   return 0;
 }
 
-tl::expected<std::vector<double>, std::string> VariantTwins::positions(const Candidate& candidate,
-                                                                       const Recording& recording) const {
+Result<std::vector<double>> VariantTwins::positions(const Candidate& candidate, const Recording& recording) const {
   const SetPoints& r = recording.points;
   Scenario scenario;
   scenario.model = candidate.model;
@@ -439,9 +439,7 @@ class Posterior {
       }
       return sum / static_cast<double>(learn_.size());
     }();
-    std::vector<std::pair<tl::expected<VariantTwins::Candidate, std::string>,
-                          tl::expected<VariantTwins::Candidate, std::string>>>
-        moved;
+    std::vector<std::pair<Result<VariantTwins::Candidate>, Result<VariantTwins::Candidate>>> moved;
     for (Index j = 0; j < size(); ++j) {
       VectorXd up = z, down = z;
       up(j) += step, down(j) -= step;
@@ -528,8 +526,7 @@ void judge(const Posterior& posterior, const VectorXd& z, const std::vector<std:
 
 }  // namespace
 
-tl::expected<void, std::string> calibrate(const Plan& plan, const std::vector<SimulationFit>& have,
-                                          const Watch& watch) {
+Result<void> calibrate(const Plan& plan, const std::vector<SimulationFit>& have, const Watch& watch) {
   struct Job {
     SimulationFit fit;
     std::vector<std::size_t> learn;
@@ -539,7 +536,7 @@ tl::expected<void, std::string> calibrate(const Plan& plan, const std::vector<Si
   std::vector<VariantTwins> twins;
   for (const auto& variant : plan.variants) {
     auto opened = VariantTwins::open(variant);
-    if (!opened) return tl::unexpected(fmt::format("variant '{}': {}", variant.label, opened.error()));
+    if (!opened) return tl::unexpected(fmt::format("variant '{}': {}", variant.label, opened.error().message));
     twins.push_back(std::move(*opened));
   }
   std::vector<Job> jobs;
@@ -588,10 +585,10 @@ tl::expected<void, std::string> calibrate(const Plan& plan, const std::vector<Si
     const auto sought = t.sought();
     for (const std::size_t i : sought) fit.knowledge[i] = Knowledge::estimated;
     const auto candidate = t.candidate(fit.values);
-    if (!candidate) fail(candidate.error());
+    if (!candidate) fail(candidate.error().message);
     for (const auto& recording : plan.recordings) {
       const auto positions = t.positions(*candidate, recording);
-      if (!positions) fail(fmt::format("{}: {}", recording.file.filename().string(), positions.error()));
+      if (!positions) fail(fmt::format("{}: {}", recording.file.filename().string(), positions.error().message));
       fit.mae_mrad.push_back(mae_mrad(recording, *positions));
     }
     if (fit.split == SimulationFit::all) judge(posterior, best.z, sought, fit);

@@ -13,8 +13,8 @@
 #include <vector>
 
 #include <Eigen/Dense>
-#include <tl/expected.hpp>
 
+#include <tribotwin/plugins/friction/error.hpp>
 #include <tribotwin/twin/robot/recording.hpp>
 #include <tribotwin/twin/simulation/twin.hpp>
 
@@ -83,18 +83,17 @@ class VariantTwins {
  public:
   /// Fails where the model cannot be read, has not exactly one drive, or is refused with the start values or with one
   /// quantity at one of its bounds: "KEY: why".
-  static tl::expected<VariantTwins, std::string> open(const Variant& variant);
+  static Result<VariantTwins> open(const Variant& variant);
 
   /// One value per quantity of the variant.
   struct Candidate {
     std::shared_ptr<const mujoco::Model> model;
     std::vector<double> values;
   };
-  tl::expected<Candidate, std::string> candidate(std::vector<double> values) const;
+  Result<Candidate> candidate(std::vector<double> values) const;
 
   /// Position [rad] at each recorded instant, NaN where the simulation ended before. Fails when it diverges.
-  tl::expected<std::vector<double>, std::string> positions(const Candidate& candidate,
-                                                           const Recording& recording) const;
+  Result<std::vector<double>> positions(const Candidate& candidate, const Recording& recording) const;
 
   const Variant& variant() const { return *variant_; }
   std::vector<std::size_t> sought() const;
@@ -107,8 +106,7 @@ class VariantTwins {
 
  private:
   std::string edited(const std::string& text, std::span<const double> values) const;
-  tl::expected<std::shared_ptr<const mujoco::Model>, std::string> load(const std::string& text,
-                                                                       std::span<const double> values) const;
+  Result<std::shared_ptr<const mujoco::Model>> load(const std::string& text, std::span<const double> values) const;
   void try_without_scenery();
 
   std::shared_ptr<const Variant> variant_;
@@ -177,6 +175,6 @@ struct Watch {
 /// Fits every variant on all recordings and on those of every fold, fits in `have` excepted. Fits and starts are spread
 /// over the threads; each is a chain of its own, so that their number changes nothing. Fails when a variant is refused
 /// or a found twin diverges; a stop is no failure, the fits that were reached have been handed out.
-tl::expected<void, std::string> calibrate(const Plan& plan, const std::vector<SimulationFit>& have, const Watch& watch);
+Result<void> calibrate(const Plan& plan, const std::vector<SimulationFit>& have, const Watch& watch);
 
 }  // namespace tribotwin::twin::identification

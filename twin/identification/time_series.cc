@@ -7,10 +7,8 @@
 
 namespace tribotwin::twin::identification {
 
-tl::expected<Numbers, std::string> read_time_series(const std::filesystem::path& file,
-                                                    const std::vector<std::string>& needed,
-                                                    const std::vector<std::string>& optional,
-                                                    std::vector<std::string>& notes) {
+Result<Numbers> read_time_series(const std::filesystem::path& file, const std::vector<std::string>& needed,
+                                 const std::vector<std::string>& optional, std::vector<std::string>& notes) {
   std::vector<std::string> wanted = needed;
   wanted.insert(wanted.end(), optional.begin(), optional.end());
   auto table = read_numbers(file, wanted);

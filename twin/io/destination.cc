@@ -3,8 +3,8 @@
 
 namespace tribotwin::twin {
 
-tl::expected<void, std::string> Destination::check(const std::vector<std::filesystem::path>& inputs) const {
-  return named() ? check_output(file, existing(), inputs) : tl::expected<void, std::string>{};
+Result<void> Destination::check(const std::vector<std::filesystem::path>& inputs) const {
+  return named() ? check_output(file, existing(), inputs) : Result<void>{};
 }
 
 int Destination::deliver(std::string_view program, std::string_view text) const {
@@ -13,7 +13,7 @@ int Destination::deliver(std::string_view program, std::string_view text) const 
     return done;
   }
   const auto written = write_file(file, text, existing());
-  return written ? done : complain(program, failed, written.error());
+  return written ? done : complain(program, failed, written.error().message);
 }
 
 }  // namespace tribotwin::twin

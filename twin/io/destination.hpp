@@ -5,8 +5,7 @@
 #include <string_view>
 #include <vector>
 
-#include <tl/expected.hpp>
-
+#include <tribotwin/plugins/friction/error.hpp>
 #include <tribotwin/twin/io/file.hpp>
 
 namespace tribotwin::twin {
@@ -27,7 +26,7 @@ struct Destination {
   Existing existing() const { return replace_if(force); }
 
   /// Before any work: whether the file can become an output of a command that reads `inputs`.
-  tl::expected<void, std::string> check(const std::vector<std::filesystem::path>& inputs) const;
+  Result<void> check(const std::vector<std::filesystem::path>& inputs) const;
   /// Exit code.
   int deliver(std::string_view program, std::string_view text) const;
 };

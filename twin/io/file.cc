@@ -21,14 +21,15 @@ namespace tribotwin::twin {
 namespace {
 
 namespace fs = std::filesystem;
-using Status = tl::expected<void, std::string>;
+using Status = Result<void>;
 
-tl::unexpected<std::string> not_written(const fs::path& file, int error) {
-  return tl::unexpected(fmt::format("{}: cannot be written ({})", file.string(), std::strerror(error)));
+tl::unexpected<Error> not_written(const fs::path& file, int error) {
+  return tl::unexpected<Error>(fmt::format("{}: cannot be written ({})", file.string(), std::strerror(error)));
 }
 
-tl::unexpected<std::string> exists_already(const fs::path& file) {
-  return tl::unexpected(fmt::format("{}: exists; choose another name, or replace it with --force", file.string()));
+tl::unexpected<Error> exists_already(const fs::path& file) {
+  return tl::unexpected<Error>(
+      fmt::format("{}: exists; choose another name, or replace it with --force", file.string()));
 }
 
 std::optional<struct stat> look(const fs::path& file) {
@@ -165,7 +166,7 @@ NewFile::~NewFile() {
   if (!partial_.empty()) ::unlink(partial_.c_str());
 }
 
-tl::expected<NewFile, std::string> NewFile::create(const fs::path& file, Existing existing) {
+Result<NewFile> NewFile::create(const fs::path& file, Existing existing) {
   const auto there = look(file);
   if (there) {
     if (S_ISDIR(there->st_mode)) return not_written(file, EISDIR);

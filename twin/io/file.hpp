@@ -5,7 +5,7 @@
 #include <string>
 #include <string_view>
 
-#include <tl/expected.hpp>
+#include <tribotwin/plugins/friction/error.hpp>
 
 /// The one way in which a file comes into being: the new content is written beside the old under an unpredictable name,
 /// forced to disk and renamed, so that after a crash, a kill or a full disk the file is the old one or the whole new
@@ -20,36 +20,34 @@ constexpr Existing replace_if(bool force) { return force ? Existing::replace : E
 /// Whether `file` may become an output: for the start of a command, before its work. Refuses a folder, a name in a
 /// folder that does not exist, what exists (unless it may be replaced) and, always, one of `inputs`, by whatever name;
 /// these are the other files that the command reads or writes.
-tl::expected<void, std::string> check_output(const std::filesystem::path& file, Existing existing,
-                                             std::span<const std::filesystem::path> inputs = {});
+Result<void> check_output(const std::filesystem::path& file, Existing existing,
+                          std::span<const std::filesystem::path> inputs = {});
 
-tl::expected<void, std::string> write_file(const std::filesystem::path& file, std::string_view bytes,
-                                           Existing existing);
+Result<void> write_file(const std::filesystem::path& file, std::string_view bytes, Existing existing);
 
 /// Writes what follows from other files. An equal file is left alone; one that somebody changed is an existing file.
-tl::expected<void, std::string> write_derived(const std::filesystem::path& file, std::string_view bytes,
-                                              Existing existing);
+Result<void> write_derived(const std::filesystem::path& file, std::string_view bytes, Existing existing);
 
 /// A regular file in the making, for content that comes in pieces or from a library that wants a name.
 class NewFile {
  public:
   /// Creates an empty file beside `file`, with the permissions that `file` has or will have.
-  static tl::expected<NewFile, std::string> create(const std::filesystem::path& file, Existing existing);
+  static Result<NewFile> create(const std::filesystem::path& file, Existing existing);
   NewFile(NewFile&& other) noexcept;
   NewFile& operator=(NewFile&& other) noexcept;
   ~NewFile();  ///< without publish(): nothing is left
 
   /// Its name while it is in the making: ".NAME.partial-XXXXXXXX" in the same folder.
   const std::filesystem::path& partial() const { return partial_; }
-  tl::expected<void, std::string> write(std::string_view bytes);
+  Result<void> write(std::string_view bytes);
   /// Gives it its name: with the data on disk and never in place of a file that is not to be replaced.
-  tl::expected<void, std::string> publish();
+  Result<void> publish();
   /// Gives it its name but goes on writing: a record that others read while it grows. Data are not forced to disk.
-  tl::expected<void, std::string> publish_growing();
+  Result<void> publish_growing();
 
  private:
   NewFile() = default;
-  tl::expected<void, std::string> rename_to_final();
+  Result<void> rename_to_final();
 
   std::filesystem::path file_, partial_;
   Existing existing_ = Existing::refuse;
@@ -57,6 +55,6 @@ class NewFile {
 };
 
 /// Forces a folder's entries to disk, where the file system can do that for folders.
-tl::expected<void, std::string> sync_folder(const std::filesystem::path& folder);
+Result<void> sync_folder(const std::filesystem::path& folder);
 
 }  // namespace tribotwin::twin

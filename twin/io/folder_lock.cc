@@ -20,7 +20,7 @@ void FolderLock::release() {
   ::close(std::exchange(file_, -1));
 }
 
-tl::expected<void, std::string> FolderLock::take(const std::filesystem::path& directory) {
+Result<void> FolderLock::take(const std::filesystem::path& directory) {
   path_ = directory / "run.lock";
   for (;;) {
     file_ = ::open(path_.c_str(), O_CREAT | O_RDWR | O_NOFOLLOW | O_CLOEXEC, 0666);

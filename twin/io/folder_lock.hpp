@@ -3,7 +3,7 @@
 #include <filesystem>
 #include <string>
 
-#include <tl/expected.hpp>
+#include <tribotwin/plugins/friction/error.hpp>
 
 namespace tribotwin::twin {
 
@@ -16,7 +16,7 @@ class FolderLock {
   FolderLock& operator=(const FolderLock&) = delete;
   ~FolderLock();
   /// Fails when another process holds it, or the folder cannot be written: the message names the folder.
-  tl::expected<void, std::string> take(const std::filesystem::path& directory);
+  Result<void> take(const std::filesystem::path& directory);
   void release();
 
  private:

@@ -11,8 +11,9 @@
 #include <utility>
 #include <vector>
 
-#include <tl/expected.hpp>
 #include <yaml-cpp/yaml.h>
+
+#include <tribotwin/plugins/friction/error.hpp>
 
 /// Strict reading of YAML: every key must be known, every value of its type and range, every message says where.
 namespace tribotwin::twin {
@@ -24,8 +25,8 @@ struct InputError : std::runtime_error {
 
 /// The value, or its message thrown as InputError.
 template <class T>
-T or_wrong_input(tl::expected<T, std::string> value) {
-  if (!value) throw InputError(value.error());
+T or_wrong_input(Result<T> value) {
+  if (!value) throw InputError(value.error().message);
   if constexpr (!std::is_void_v<T>) return std::move(*value);
 }
 

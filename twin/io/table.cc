@@ -43,7 +43,7 @@ bool Table::has(std::string_view name) const { return std::ranges::find(names, n
 
 std::string Table::where(std::size_t row) const { return fmt::format("{}:{}: ", file.string(), lines[row]); }
 
-tl::expected<std::vector<double>, std::string> Table::numbers(std::string_view name) const {
+Result<std::vector<double>> Table::numbers(std::string_view name) const {
   const auto at = std::ranges::find(names, name);
   if (at == names.end())
     return tl::unexpected(
@@ -66,7 +66,7 @@ tl::expected<std::vector<double>, std::string> Table::numbers(std::string_view n
 
 namespace {
 
-tl::expected<std::ifstream, std::string> opened(const std::filesystem::path& file) {
+Result<std::ifstream> opened(const std::filesystem::path& file) {
   std::error_code error;
   if (std::filesystem::is_directory(file, error))
     return tl::unexpected(fmt::format("{}: is a folder, not a CSV file", file.string()));
@@ -82,8 +82,7 @@ std::string_view trimmed(std::string_view cell) {
 
 }  // namespace
 
-tl::expected<Numbers, std::string> read_numbers(const std::filesystem::path& file,
-                                                const std::vector<std::string>& wanted) {
+Result<Numbers> read_numbers(const std::filesystem::path& file, const std::vector<std::string>& wanted) {
   auto stream = opened(file);
   if (!stream) return tl::unexpected(stream.error());
   Numbers numbers{.file = file, .names = {}, .columns = std::vector<std::vector<double>>(wanted.size()), .lines = {}};
@@ -153,7 +152,7 @@ std::optional<std::string> not_increasing(const Numbers& numbers, const std::vec
   return std::nullopt;
 }
 
-tl::expected<Table, std::string> read_table(const std::filesystem::path& file) {
+Result<Table> read_table(const std::filesystem::path& file) {
   auto opening = opened(file);
   if (!opening) return tl::unexpected(opening.error());
   std::ifstream& stream = *opening;

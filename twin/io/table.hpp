@@ -6,7 +6,7 @@
 #include <string_view>
 #include <vector>
 
-#include <tl/expected.hpp>
+#include <tribotwin/plugins/friction/error.hpp>
 
 namespace tribotwin::twin {
 
@@ -32,13 +32,13 @@ struct Table {
   bool has(std::string_view name) const;
   /// A column of numbers that its quantity can have. Fails with file, line, column and the cell that is none, or with
   /// the columns there are.
-  tl::expected<std::vector<double>, std::string> numbers(std::string_view name) const;
+  Result<std::vector<double>> numbers(std::string_view name) const;
   /// "FILE:LINE: " of a row
   std::string where(std::size_t row) const;
 };
 
 /// Fails with file and line; a table without samples is an error.
-tl::expected<Table, std::string> read_table(const std::filesystem::path& file);
+Result<Table> read_table(const std::filesystem::path& file);
 
 /// Columns of numbers from a file too long to be kept as text.
 struct Numbers {
@@ -52,8 +52,7 @@ struct Numbers {
 
 /// Reads the columns `wanted` of a CSV file in one pass. Fails with file and line, also where a cell is no number at
 /// all or one that its quantity cannot have.
-tl::expected<Numbers, std::string> read_numbers(const std::filesystem::path& file,
-                                                const std::vector<std::string>& wanted);
+Result<Numbers> read_numbers(const std::filesystem::path& file, const std::vector<std::string>& wanted);
 
 /// The first row of `time_s` that does not come after the row before, by a nanosecond at least, with file and line.
 std::optional<std::string> not_increasing(const Numbers& numbers, const std::vector<double>& time_s);

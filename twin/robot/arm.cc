@@ -14,7 +14,7 @@ std::string joint_name(const mjModel* m, const mujoco::Binding& drive) {
   return name ? name : fmt::format("joint_{}", drive.joint);
 }
 
-tl::expected<std::size_t, std::string> find_drive(const mujoco::Model& model, std::string_view joint) {
+Result<std::size_t> find_drive(const mujoco::Model& model, std::string_view joint) {
   std::vector<std::string> names;
   for (const auto& drive : model.drives()) names.push_back(joint_name(model.get(), drive));
   const auto found = std::ranges::find(names, joint);
@@ -54,8 +54,7 @@ double inertia_kg_m2(const mjModel* m, const mjData* d, int dof) {
   return column[dof];
 }
 
-tl::expected<std::shared_ptr<const mujoco::Model>, std::string> with_payload(const mujoco::Model& arm,
-                                                                             const Payload& payload) {
+Result<std::shared_ptr<const mujoco::Model>> with_payload(const mujoco::Model& arm, const Payload& payload) {
   if (!(payload.mass_kg >= 0) || !std::isfinite(payload.mass_kg))
     return tl::unexpected(fmt::format("payload mass {} kg must be 0 or more", payload.mass_kg));
   if (arm.drives().empty()) return tl::unexpected(std::string("the model has no drive, so nothing to carry a payload"));

@@ -5,8 +5,7 @@
 #include <string>
 #include <string_view>
 
-#include <tl/expected.hpp>
-
+#include <tribotwin/plugins/friction/error.hpp>
 #include <tribotwin/plugins/mujoco/loader.hpp>
 
 /// What a twin needs to know of an arm beyond its drives: joint names, gravity, payload.
@@ -14,7 +13,7 @@ namespace tribotwin::twin {
 
 std::string joint_name(const mjModel* m, const mujoco::Binding& drive);
 /// The drive of a joint. Fails with the name, the nearest that exists and all there are.
-tl::expected<std::size_t, std::string> find_drive(const mujoco::Model& model, std::string_view joint);
+Result<std::size_t> find_drive(const mujoco::Model& model, std::string_view joint);
 /// The drive that works through a spring, and how often its joint turns per turn of the arm.
 std::size_t drive_of(const mujoco::Model& model, const mujoco::Spring& spring);
 double ratio_of(const mujoco::Spring& spring);
@@ -35,7 +34,6 @@ struct Payload {
 };
 
 /// The arm with a payload (in place of none). Fails where the changed model could not carry its drives.
-tl::expected<std::shared_ptr<const mujoco::Model>, std::string> with_payload(const mujoco::Model& arm,
-                                                                             const Payload& payload);
+Result<std::shared_ptr<const mujoco::Model>> with_payload(const mujoco::Model& arm, const Payload& payload);
 
 }  // namespace tribotwin::twin

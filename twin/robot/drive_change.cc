@@ -46,13 +46,13 @@ drive::Configuration changed(drive::Configuration configuration, const drive::Co
 
 }  // namespace
 
-tl::expected<std::shared_ptr<const mujoco::Model>, std::string> load_with_drive(const std::filesystem::path& file,
-                                                                                const std::string& joint,
-                                                                                const drive::Configuration& keys) {
+Result<std::shared_ptr<const mujoco::Model>> load_with_drive(const std::filesystem::path& file,
+                                                             const std::string& joint,
+                                                             const drive::Configuration& keys) {
   auto model = mujoco::load_file(file);
   if (!model || keys.empty()) return model;
   const auto index = find_drive(**model, joint);
-  if (!index) return tl::unexpected(fmt::format("{}: {}", file.string(), index.error()));
+  if (!index) return tl::unexpected(fmt::format("{}: {}", file.string(), index.error().message));
   const std::string instance = (*model)->drives()[*index].drive.name;
 
   const std::filesystem::path folder = file.has_parent_path() ? file.parent_path() : ".";

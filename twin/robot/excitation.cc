@@ -322,8 +322,8 @@ std::string to_csv(const Excitation& e, const Regressor& regressor, double rate_
   return s;
 }
 
-tl::expected<Excitation, std::string> excite(const mujoco::Model& model, const Regressor& regressor,
-                                             const BaseParameters& base, const ExcitationOptions& o) {
+Result<Excitation> excite(const mujoco::Model& model, const Regressor& regressor, const BaseParameters& base,
+                          const ExcitationOptions& o) {
   const MotionLimits limits = motion_limits(model, regressor, o.share);
   Judge judge(model, regressor, base, limits);
   const Index n = regressor.joints(), size = 2 * n * o.harmonics + 2 * n;
@@ -369,7 +369,7 @@ tl::expected<Excitation, std::string> excite(const mujoco::Model& model, const R
   // Trapezoids that take too much torque accelerate less; travels that collide are shortened.
   VectorXd acceleration = limits.acceleration;
   const VectorXd approach = 0.3 * limits.speed;
-  const auto settled = [&](const auto& make, const std::string& what) -> tl::expected<Motion, std::string> {
+  const auto settled = [&](const auto& make, const std::string& what) -> Result<Motion> {
     double travel = 1;
     std::string why;
     for (int k = 0; k < 12; ++k) {

@@ -6,8 +6,8 @@
 #include <vector>
 
 #include <Eigen/Dense>
-#include <tl/expected.hpp>
 
+#include <tribotwin/plugins/friction/error.hpp>
 #include <tribotwin/plugins/mujoco/loader.hpp>
 #include <tribotwin/twin/robot/base_parameters.hpp>
 #include <tribotwin/twin/robot/fourier.hpp>
@@ -67,7 +67,7 @@ struct Excitation {
 std::string to_csv(const Excitation& excitation, const Regressor& regressor, double rate_hz);
 
 /// Fails where no motion within the limits was found.
-tl::expected<Excitation, std::string> excite(const mujoco::Model& model, const Regressor& regressor,
-                                             const BaseParameters& base, const ExcitationOptions& options = {});
+Result<Excitation> excite(const mujoco::Model& model, const Regressor& regressor, const BaseParameters& base,
+                          const ExcitationOptions& options = {});
 
 }  // namespace tribotwin::twin

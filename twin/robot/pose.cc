@@ -78,7 +78,7 @@ Pose Gravity::with_width(std::vector<double> pose_rad) const {
   return {std::move(pose_rad), 2 * half};
 }
 
-tl::expected<Pose, std::string> Gravity::pose_for(double load_nm) const {
+Result<Pose> Gravity::pose_for(double load_nm) const {
   struct Crossing {
     double q, outer, slope;
   };

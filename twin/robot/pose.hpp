@@ -4,8 +4,7 @@
 #include <string>
 #include <vector>
 
-#include <tl/expected.hpp>
-
+#include <tribotwin/plugins/friction/error.hpp>
 #include <tribotwin/plugins/mujoco/loader.hpp>
 
 /// Arm configurations that load a joint as wanted (paper 1, 3.1.1).
@@ -25,7 +24,7 @@ class Gravity {
 
   /// The pose that gives `load_nm`; of all the one in which the load changes least while the joint moves.
   /// Fails with the loads that can be had.
-  tl::expected<Pose, std::string> pose_for(double load_nm) const;
+  Result<Pose> pose_for(double load_nm) const;
   /// Load [Nm] with the joint at q [rad], the others as in `pose_rad`.
   double load_nm(std::span<const double> pose_rad, double q_rad) const;
   /// The start itself as a pose.

@@ -11,9 +11,9 @@
 namespace tribotwin::twin {
 namespace {
 
-using Result = tl::expected<SetPoints, std::string>;
+using Read = Result<SetPoints>;
 
-Result read_json(const std::filesystem::path& file, std::istream& stream) {
+Read read_json(const std::filesystem::path& file, std::istream& stream) {
   const auto fail = [&](const std::string& why) { return tl::unexpected(fmt::format("{}: {}", file.string(), why)); };
   const auto json = nlohmann::json::parse(stream, nullptr, false);
   if (json.is_discarded()) return fail("is not well-formed JSON");
@@ -55,7 +55,7 @@ Result read_json(const std::filesystem::path& file, std::istream& stream) {
   return points;
 }
 
-Result read_csv(const std::filesystem::path& file) {
+Read read_csv(const std::filesystem::path& file) {
   const auto table = read_table(file);
   if (!table) return tl::unexpected(table.error());
   auto time = table->numbers("time_s");
@@ -89,7 +89,7 @@ Result read_csv(const std::filesystem::path& file) {
 
 }  // namespace
 
-Result read_set_points(const std::filesystem::path& file) {
+Read read_set_points(const std::filesystem::path& file) {
   if (file.extension() != ".json") return read_csv(file);
   std::error_code error;
   if (std::filesystem::is_directory(file, error))

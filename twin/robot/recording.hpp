@@ -4,7 +4,7 @@
 #include <string>
 #include <vector>
 
-#include <tl/expected.hpp>
+#include <tribotwin/plugins/friction/error.hpp>
 
 namespace tribotwin::twin {
 
@@ -25,6 +25,6 @@ struct SetPoints {
 };
 
 /// Fails with a message that names file and line (CSV) or entry (JSON).
-tl::expected<SetPoints, std::string> read_set_points(const std::filesystem::path& file);
+Result<SetPoints> read_set_points(const std::filesystem::path& file);
 
 }  // namespace tribotwin::twin

@@ -38,7 +38,7 @@ std::string name_of(const mjModel* m, int type, int id, const char* kind) {
 
 }  // namespace
 
-tl::expected<Regressor, std::string> Regressor::create(const mjModel* m) {
+Result<Regressor> Regressor::create(const mjModel* m) {
   for (int j = 0; j < m->njnt; ++j)
     if (m->jnt_type[j] != mjJNT_HINGE && m->jnt_type[j] != mjJNT_SLIDE)
       return tl::unexpected(

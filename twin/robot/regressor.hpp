@@ -5,7 +5,8 @@
 
 #include <Eigen/Dense>
 #include <mujoco/mujoco.h>
-#include <tl/expected.hpp>
+
+#include <tribotwin/plugins/friction/error.hpp>
 
 /// Rigid-body dynamics as a linear function of what there is to identify: tau = Y(q, qd, qdd) phi.
 ///
@@ -32,7 +33,7 @@ class Regressor {
   };
 
   /// `model` must outlive the regressor. Fails where a joint is neither hinge nor slide, or none is.
-  static tl::expected<Regressor, std::string> create(const mjModel* model);
+  static Result<Regressor> create(const mjModel* model);
 
   Eigen::Index joints() const { return model_->nv; }
   const std::vector<Column>& columns() const { return columns_; }

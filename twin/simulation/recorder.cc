@@ -14,7 +14,7 @@ namespace tribotwin::twin {
 namespace {
 
 namespace fs = std::filesystem;
-using Status = tl::expected<void, std::string>;
+using Status = Result<void>;
 
 const std::vector<Channel> channels = {
     {"position_rad", "rad", "joint angle, arm side, at time_s"},
@@ -58,9 +58,8 @@ struct Recorder::Impl {
 Recorder::Recorder(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
 Recorder::~Recorder() = default;
 
-tl::expected<std::unique_ptr<Recorder>, std::string> Recorder::create(const fs::path& directory,
-                                                                      const Scenario& scenario, bool cycles,
-                                                                      Existing existing) {
+Result<std::unique_ptr<Recorder>> Recorder::create(const fs::path& directory, const Scenario& scenario, bool cycles,
+                                                   Existing existing) {
   auto impl = std::make_unique<Impl>();
   impl->timestep_s = scenario.model->get()->opt.timestep;
   impl->every = std::max<std::int64_t>(1, std::llround(1 / (scenario.telemetry_rate_hz * impl->timestep_s)));

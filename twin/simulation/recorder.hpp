@@ -8,8 +8,7 @@
 #include <string>
 #include <vector>
 
-#include <tl/expected.hpp>
-
+#include <tribotwin/plugins/friction/error.hpp>
 #include <tribotwin/twin/io/file.hpp>
 #include <tribotwin/twin/simulation/twin.hpp>
 
@@ -82,16 +81,15 @@ std::string varied_json(std::span<const VariedRun> runs);
 class Recorder {
  public:
   /// `cycles`: with channels per work cycle. Throws InputError where the folder holds a run that may not be replaced.
-  static tl::expected<std::unique_ptr<Recorder>, std::string> create(const std::filesystem::path& directory,
-                                                                     const Scenario& scenario, bool cycles,
-                                                                     Existing existing = Existing::refuse);
+  static Result<std::unique_ptr<Recorder>> create(const std::filesystem::path& directory, const Scenario& scenario,
+                                                  bool cycles, Existing existing = Existing::refuse);
   ~Recorder();
   /// After step number `step` of the twin: records the state at its start, where the scenario's telemetry rate says so.
-  tl::expected<void, std::string> sample(const Twin& twin, std::int64_t step);
+  Result<void> sample(const Twin& twin, std::int64_t step);
   /// Per drive: lubricant temperature [degC], mean friction power [W].
-  tl::expected<void, std::string> append_cycle(double time_s, std::span<const double> values);
+  Result<void> append_cycle(double time_s, std::span<const double> values);
   /// Closes the record and writes summary.json. A run that was replaced is removed now if this one is whole.
-  tl::expected<void, std::string> finish(const Summary& summary);
+  Result<void> finish(const Summary& summary);
   /// Where a run that this one replaces is until then; empty if there is none.
   const std::filesystem::path& replaced() const;
 

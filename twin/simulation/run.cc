@@ -13,7 +13,7 @@
 namespace tribotwin::twin {
 namespace {
 
-using Status = tl::expected<void, std::string>;
+using Status = Result<void>;
 using Clock = std::chrono::steady_clock;
 
 double seconds_since(Clock::time_point start) { return std::chrono::duration<double>(Clock::now() - start).count(); }
@@ -92,7 +92,7 @@ class Runner {
   }
   Status with_replaced(Status status) const {
     if (status || !recorder_ || recorder_->replaced().empty()) return status;
-    return tl::unexpected(fmt::format("{}; {}", status.error(), kept_in(recorder_->replaced())));
+    return tl::unexpected(fmt::format("{}; {}", status.error().message, kept_in(recorder_->replaced())));
   }
 
   Status run_steps(std::int64_t until) {
@@ -153,7 +153,7 @@ class Runner {
                     scenario_.model->drives()[drive].drive.thermal.t_s[node]);
   }
 
-  tl::expected<CycleMap, std::string> compute_cycle() {
+  Result<CycleMap> compute_cycle() {
     CycleMap map;
     std::vector<thermal::Rise> before(drives_);
     std::vector<double> heat(drives_);
@@ -337,7 +337,7 @@ class Runner {
 
 }  // namespace
 
-tl::expected<Summary, std::string> run(const Scenario& scenario, const RunOptions& options) {
+Result<Summary> run(const Scenario& scenario, const RunOptions& options) {
   Runner runner(scenario, options);
   if (auto ok = runner.open(); !ok) return tl::unexpected(ok.error());
   if (auto ok = runner.run(); !ok) return tl::unexpected(ok.error());

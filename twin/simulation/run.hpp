@@ -6,8 +6,7 @@
 #include <string>
 #include <vector>
 
-#include <tl/expected.hpp>
-
+#include <tribotwin/plugins/friction/error.hpp>
 #include <tribotwin/twin/simulation/recorder.hpp>
 
 namespace tribotwin::twin {
@@ -22,6 +21,6 @@ struct RunOptions {
 
 /// Runs a scenario to its end. With a directory: telemetry.h5 grows while it runs, summary.json is written last and
 /// says whether the run was interrupted. Throws InputError where the directory holds a run that may not be replaced.
-tl::expected<Summary, std::string> run(const Scenario& scenario, const RunOptions& options);
+Result<Summary> run(const Scenario& scenario, const RunOptions& options);
 
 }  // namespace tribotwin::twin

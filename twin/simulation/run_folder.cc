@@ -10,7 +10,7 @@ namespace tribotwin::twin {
 namespace {
 
 namespace fs = std::filesystem;
-using Status = tl::expected<void, std::string>;
+using Status = Result<void>;
 
 /// What a run consists of, and what is made from its record.
 constexpr std::array names{"telemetry.h5",  "summary.json", "scenario.yaml",

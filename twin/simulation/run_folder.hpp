@@ -3,8 +3,7 @@
 #include <filesystem>
 #include <string>
 
-#include <tl/expected.hpp>
-
+#include <tribotwin/plugins/friction/error.hpp>
 #include <tribotwin/twin/io/file.hpp>
 #include <tribotwin/twin/io/folder_lock.hpp>
 
@@ -23,7 +22,7 @@ class RunFolder {
 
   /// Throws InputError where the folder holds a run that may not be replaced. Fails where another process writes into
   /// it.
-  tl::expected<void, std::string> open(const std::filesystem::path& directory, Existing existing);
+  Result<void> open(const std::filesystem::path& directory, Existing existing);
   /// The new run has its record: from now on a failure leaves both, the old one in `replaced`.
   void keep_both() { restore_ = false; }
   /// The new run is whole: removes what it replaces.
@@ -32,7 +31,7 @@ class RunFolder {
   const std::filesystem::path& aside() const { return aside_; }
 
  private:
-  tl::expected<void, std::string> set_aside();
+  Result<void> set_aside();
 
   FolderLock lock_;
   std::filesystem::path directory_, aside_;

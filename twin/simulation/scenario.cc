@@ -53,8 +53,8 @@ fs::path absolute(const fs::path& folder, Mapping& mapping, YAML::Node node, con
   return path;
 }
 
-std::shared_ptr<const mujoco::Model> checked(tl::expected<std::shared_ptr<const mujoco::Model>, std::string> model) {
-  if (!model) throw InputError(model.error());
+std::shared_ptr<const mujoco::Model> checked(Result<std::shared_ptr<const mujoco::Model>> model) {
+  if (!model) throw InputError(model.error().message);
   return *model;
 }
 
@@ -145,7 +145,7 @@ Motion motion_of(Mapping in, Scenario& s, const fs::path& folder, YAML::Node nod
   if (type == "recording") {
     const fs::path path = absolute(folder, in, node, "file");
     auto points = read_set_points(path);
-    if (!points) throw InputError(points.error());
+    if (!points) throw InputError(points.error().message);
     const double delay = in.number_or("delay_s", 0, {0, 10});
     in.done();
     std::vector<std::size_t> drives;
@@ -274,7 +274,7 @@ Wear read_wear(Mapping& in, const mujoco::Model& model) {
 std::size_t drive_index(const mujoco::Model& model, const Mapping& mapping, const std::string& key,
                         const std::string& joint) {
   const auto found = find_drive(model, joint);
-  if (!found) mapping.fail(key, found.error());
+  if (!found) mapping.fail(key, found.error().message);
   return *found;
 }
 
@@ -293,7 +293,7 @@ FaultSetting fault_of(Mapping& in, const std::string& type_key, const mujoco::Mo
   drive::Drive faulty = binding.drive;
   faulty.law = drive::with_faults(faulty.law, faults);
   if (auto carried = mujoco::bind(model.get(), faulty, binding.actuator); !carried)
-    in.fail("severity", fmt::format("of {:.4g} is more than can be simulated: {}", most, carried.error()));
+    in.fail("severity", fmt::format("of {:.4g} is more than can be simulated: {}", most, carried.error().message));
   return {type, severity};
 }
 

@@ -176,7 +176,7 @@ std::string Twin::diagnosis() const {
   return text;
 }
 
-tl::expected<void, std::string> Twin::step() {
+Result<void> Twin::step() {
   while (next_event_ < scenario_.events.size() && scenario_.events[next_event_].time_s <= time_s() + 0.5 * timestep_s_)
     apply(scenario_.events[next_event_++]);
   const bool growing = std::ranges::any_of(faults_, [](const ActiveFault& a) { return a.fault->growth_per_h > 0; });

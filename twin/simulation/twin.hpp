@@ -5,8 +5,7 @@
 #include <string>
 #include <vector>
 
-#include <tl/expected.hpp>
-
+#include <tribotwin/plugins/friction/error.hpp>
 #include <tribotwin/twin/simulation/scenario.hpp>
 
 namespace tribotwin::twin {
@@ -33,7 +32,7 @@ class Twin {
 
   /// Advances one time step; applies due events first. Fails when the simulation diverges or a drive of validity
   /// `error` leaves its range: the message names step, joint and state.
-  tl::expected<void, std::string> step();
+  Result<void> step();
 
   double time_s() const { return static_cast<double>(steps_) * timestep_s_; }
   std::int64_t steps() const { return steps_; }  ///< of simulated time, skipped ones included

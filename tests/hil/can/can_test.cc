@@ -138,7 +138,7 @@ TEST_F(Log, EveryKindOfLineParses) {
        }) {
     std::string bus;
     const auto frame = parse_log_line(line, bus);
-    ASSERT_TRUE(frame) << line << ": " << frame.error();
+    ASSERT_TRUE(frame) << line << ": " << frame.error().message;
     EXPECT_EQ(text(*frame), expected) << line;
     EXPECT_EQ(frame->time_ns, time_ns) << line;
     EXPECT_EQ(bus, std::string_view(line).find("vcan") == std::string_view::npos ? "can0" : "vcan0");
@@ -155,7 +155,7 @@ TEST_F(Log, TextAndLinesAreInverse) {
   for (const auto& frame : frames) {
     std::string bus;
     const auto again = parse_log_line("(1.0) can0 " + text(frame), bus);
-    ASSERT_TRUE(again) << again.error();
+    ASSERT_TRUE(again) << again.error().message;
     EXPECT_EQ(*again, frame) << text(frame);
   }
 }
@@ -200,7 +200,7 @@ TEST_F(Log, WhatIsNoFrameIsRefusedWithTheReason) {
     std::string bus;
     const auto frame = parse_log_line(line, bus);
     ASSERT_FALSE(frame) << line;
-    EXPECT_THAT(frame.error(), HasSubstr(reason)) << line;
+    EXPECT_THAT(frame.error().message, HasSubstr(reason)) << line;
   }
 }
 
@@ -213,8 +213,9 @@ TEST_F(Log, ReaderNamesFileAndLineAndGoesOn) {
   EXPECT_EQ(frame, frame_of(0x123, {1}));
   EXPECT_EQ(log->bus(), "can0");
   EXPECT_EQ(log->line(), 1u);
-  EXPECT_EQ(log->next(frame).error(), (folder_ / "a.log").string() + ":4: 'nonsense' is not '(time) bus frame'");
-  EXPECT_EQ(log->next(frame).error(),
+  EXPECT_EQ(log->next(frame).error().message,
+            (folder_ / "a.log").string() + ":4: 'nonsense' is not '(time) bus frame'");
+  EXPECT_EQ(log->next(frame).error().message,
             (folder_ / "a.log").string() + ":5: longer than 4095 characters, not a line of a candump log");
   ASSERT_EQ(log->next(frame), true);
   EXPECT_TRUE(frame.error);
@@ -227,8 +228,9 @@ TEST_F(Log, ReaderNamesFileAndLineAndGoesOn) {
 }
 
 TEST_F(Log, ReaderSaysWhyAFileCannotBeRead) {
-  EXPECT_THAT(LogReader::open(folder_).error(), HasSubstr("is a folder"));
-  EXPECT_EQ(LogReader::open("/no/such.log").error(), "/no/such.log: cannot be read (No such file or directory)");
+  EXPECT_THAT(LogReader::open(folder_).error().message, HasSubstr("is a folder"));
+  EXPECT_EQ(LogReader::open("/no/such.log").error().message,
+            "/no/such.log: cannot be read (No such file or directory)");
   auto empty = LogReader::open(file(""));
   Frame frame;
   EXPECT_EQ(empty->next(frame), false);
@@ -246,7 +248,7 @@ TEST_F(Log, WriterWritesWhatCandumpWrites) {
     frame.time_ns = 1999;
     ASSERT_TRUE(log->write(frame));
     frame.time_ns = -1;
-    EXPECT_THAT(log->write(frame).error(), HasSubstr("has no line in a candump log"));
+    EXPECT_THAT(log->write(frame).error().message, HasSubstr("has no line in a candump log"));
     ASSERT_TRUE(log->flush());
     auto moved = std::move(*log);
     ASSERT_TRUE(moved.write(frame_of(0x80)));
@@ -258,20 +260,20 @@ TEST_F(Log, WriterWritesWhatCandumpWrites) {
 }
 
 TEST_F(Log, WriterNamesTheFileThatCannotBeWritten) {
-  EXPECT_EQ(LogWriter::create("/no/such/folder/a.log", "can0").error(),
+  EXPECT_EQ(LogWriter::create("/no/such/folder/a.log", "can0").error().message,
             "/no/such/folder/a.log: cannot be written (No such file or directory)");
   for (const char* bus : {"", "two words", " can0", "can0\n"})
-    EXPECT_THAT(LogWriter::create(folder_ / "b.log", bus).error(), HasSubstr("one word")) << bus;
+    EXPECT_THAT(LogWriter::create(folder_ / "b.log", bus).error().message, HasSubstr("one word")) << bus;
   if (!std::filesystem::exists("/dev/full")) GTEST_SKIP() << "no /dev/full";
   auto full = LogWriter::create("/dev/full", "can0");
   ASSERT_TRUE(full);
   ASSERT_TRUE(full->write(frame_of(1)));
-  EXPECT_EQ(full->flush().error(), "/dev/full: cannot be written (No space left on device)");
-  EXPECT_THAT(full->write(frame_of(1)).error(), HasSubstr("/dev/full: cannot be written"));
+  EXPECT_EQ(full->flush().error().message, "/dev/full: cannot be written (No space left on device)");
+  EXPECT_THAT(full->write(frame_of(1)).error().message, HasSubstr("/dev/full: cannot be written"));
   auto buffered = LogWriter::create("/dev/full", "can0");
-  tl::expected<void, std::string> good;
+  Result<void> good;
   for (int i = 0; good && i < 100'000; ++i) good = buffered->write(frame_of(1));
-  EXPECT_EQ(good.error(), "/dev/full: cannot be written (No space left on device)");
+  EXPECT_EQ(good.error().message, "/dev/full: cannot be written (No space left on device)");
 }
 
 // Files that grow during a session
@@ -283,13 +285,14 @@ std::string content_of(const std::filesystem::path& path) {
 
 TEST_F(Log, ARecordIsNeverReplacedUnasked) {
   const auto path = file("somebody's\n");
-  EXPECT_EQ(RecordFile::create(path).error(),
+  EXPECT_EQ(RecordFile::create(path).error().message,
             path.string() + ": exists already; give another name, or --force to replace it");
   EXPECT_EQ(content_of(path), "somebody's\n");
   {
     auto replacing = RecordFile::create(path, {.replace = true});
     ASSERT_TRUE(replacing);
-    EXPECT_THAT(RecordFile::create(path, {.replace = true}).error(), HasSubstr("another session is writing it"));
+    EXPECT_THAT(RecordFile::create(path, {.replace = true}).error().message,
+                HasSubstr("another session is writing it"));
   }
   EXPECT_EQ(content_of(path), "somebody's\n") << "nothing was written, so nothing is replaced";
   auto replacing = RecordFile::create(path, {.replace = true});
@@ -299,8 +302,8 @@ TEST_F(Log, ARecordIsNeverReplacedUnasked) {
   ASSERT_TRUE(RecordFile::create(path, {.replace = true})->finish());
   EXPECT_EQ(content_of(path), "") << "an empty record is a record too";
   auto empty = RecordFile::create(path);
-  ASSERT_TRUE(empty) << empty.error();
-  EXPECT_THAT(RecordFile::create(path).error(), HasSubstr("another session is writing it"));
+  ASSERT_TRUE(empty) << empty.error().message;
+  EXPECT_THAT(RecordFile::create(path).error().message, HasSubstr("another session is writing it"));
   ASSERT_TRUE(RecordFile::create(folder_ / "unused"));
   EXPECT_FALSE(std::filesystem::exists(folder_ / "unused"));
 }
@@ -317,17 +320,17 @@ TEST_F(Log, AFullDiskLeavesWholeLines) {
   ::setrlimit(RLIMIT_FSIZE, &small);
   const auto written = record->flush();
   ::setrlimit(RLIMIT_FSIZE, &before);
-  EXPECT_EQ(written.error(), (folder_ / "full.log").string() + ": cannot be written (File too large)");
+  EXPECT_EQ(written.error().message, (folder_ / "full.log").string() + ": cannot be written (File too large)");
   EXPECT_EQ(content_of(folder_ / "full.log").size(), 99U);
-  EXPECT_EQ(record->append("more\n").error(), written.error()) << "a record has no gaps";
-  EXPECT_EQ(record->finish().error(), written.error());
+  EXPECT_EQ(record->append("more\n").error().message, written.error().message) << "a record has no gaps";
+  EXPECT_EQ(record->finish().error().message, written.error().message);
   EXPECT_EQ(content_of(folder_ / "full.log").size(), 99U);
 }
 
 TEST_F(Log, APipeHoldsNobody) {
   const auto pipe = folder_ / "pipe";
   ASSERT_EQ(::mkfifo(pipe.c_str(), 0600), 0);
-  EXPECT_THAT(RecordFile::create(pipe).error(), HasSubstr("nobody has the other end"));
+  EXPECT_THAT(RecordFile::create(pipe).error().message, HasSubstr("nobody has the other end"));
   bool stopped = false;
   auto reader = LogReader::open(pipe, [&] { return std::exchange(stopped, true); });
   ASSERT_TRUE(reader);
@@ -335,9 +338,9 @@ TEST_F(Log, APipeHoldsNobody) {
   EXPECT_EQ(reader->next(frame), false) << "stopped while there was no writer";
   auto record = RecordFile::create(pipe);
   ASSERT_TRUE(record);
-  tl::expected<void, std::string> written;
+  Result<void> written;
   for (int i = 0; written && i < 100; ++i) written = record->append(std::string(9999, 'x') + "\n");
-  EXPECT_THAT(written.error(), HasSubstr("nobody reads the other end of this pipe fast enough"));
+  EXPECT_THAT(written.error().message, HasSubstr("nobody reads the other end of this pipe fast enough"));
 }
 
 TEST_F(Log, ReaderTakesLinesInPieces) {
@@ -363,7 +366,7 @@ TEST_F(Log, ReaderTakesLinesInPieces) {
 TEST_F(Log, AFileWithoutLineEndsIsNoLog) {
   auto log = LogReader::open("/dev/zero");
   Frame frame;
-  EXPECT_THAT(log->next(frame).error(), HasSubstr("/dev/zero:1: longer than 4095 characters"));
+  EXPECT_THAT(log->next(frame).error().message, HasSubstr("/dev/zero:1: longer than 4095 characters"));
 }
 
 // The bus within a process

@@ -22,9 +22,9 @@ Configuration extended() {
 
 TEST(Configuration, SurvivesTheRoundTrip) {
   const auto drive = make_drive("j2", extended());
-  ASSERT_TRUE(drive) << drive.error();
+  ASSERT_TRUE(drive) << drive.error().message;
   const auto again = make_drive("j2", configuration_of(*drive));
-  ASSERT_TRUE(again) << again.error();
+  ASSERT_TRUE(again) << again.error().message;
   EXPECT_EQ(configuration_of(*again), configuration_of(*drive));
   EXPECT_EQ(again->law.parameters, drive->law.parameters);
 }
@@ -35,7 +35,7 @@ TEST(Configuration, MistakesAreNamedWithTheRemedy) {
     std::erase_if(c, [&](const auto& entry) { return entry.first == key; });
     if (value) c.emplace_back(key, value);
     const auto drive = make_drive("j2", c);
-    return drive ? std::string("accepted") : drive.error();
+    return drive ? std::string("accepted") : drive.error().message;
   };
   EXPECT_THAT(error("Fc00", "1"), HasSubstr("did you mean 'Fc0'"));
   EXPECT_THAT(error("torque_max_nm", nullptr), HasSubstr("'torque_max_nm' is missing"));
@@ -69,7 +69,7 @@ TEST(Configuration, SelfLockingCountsTorqueOfFrictionPerTorqueOfLoad) {
                                          {"betaT", "0"},
                                          {"torque_max_nm", "50"},
                                          {"gear_ratio", "100"}});
-    return drive ? std::string("accepted") : drive.error();
+    return drive ? std::string("accepted") : drive.error().message;
   };
   EXPECT_EQ(error("40"), "accepted");
   EXPECT_THAT(error("60"), testing::AllOf(HasSubstr("1.2 Nm per Nm"), HasSubstr("lock itself")));
@@ -241,7 +241,7 @@ Configuration with_table() {
 
 TEST(LoadTable, IsBilinearHeldAtItsEdgesAndKnowsDriverFromDriven) {
   const auto made = make_drive("j", with_table());
-  ASSERT_TRUE(made) << made.error();
+  ASSERT_TRUE(made) << made.error().message;
   const LoadTable& t = made->load_table;
   EXPECT_DOUBLE_EQ(t(10, 0.4), 0.03);
   EXPECT_DOUBLE_EQ(t(5, 0.2), 0.0125);
@@ -268,7 +268,7 @@ TEST(LoadTable, MistakesAreNamed) {
     std::erase_if(c, [&](const auto& entry) { return entry.first == key; });
     if (value) c.emplace_back(key, value);
     const auto drive = make_drive("j2", c);
-    return drive ? std::string("accepted") : drive.error();
+    return drive ? std::string("accepted") : drive.error().message;
   };
   EXPECT_THAT(error("load_table_loads", nullptr), HasSubstr("a load table needs"));
   EXPECT_THAT(error("load_table_loads", "0 0 1 2"), HasSubstr("ascending"));
@@ -285,7 +285,7 @@ TEST(GearLoss, FollowsItsEquationAndTheSignOfTheLoad) {
                   {"torque_max_nm", "100"}, {"gear_ratio", "50"}, {"friction", "gear_loss"},
                   {"mu_avg", "0.08"},       {"mu_dif", "0.03"},   {"h", "0.2"}};
   const auto made = make_drive("j", c);
-  ASSERT_TRUE(made) << made.error();
+  ASSERT_TRUE(made) << made.error().message;
   EXPECT_EQ(configuration_of(*make_drive("j", configuration_of(*made))), configuration_of(*made));
   const auto decay = thermal::decay(made->thermal, 1e-3);
   BristleMemory memory;
@@ -305,7 +305,7 @@ TEST(GearLoss, FollowsItsEquationAndTheSignOfTheLoad) {
   }
   const auto error = [&](const char* mu_dif) {
     c[9 + 1].second = mu_dif;
-    return make_drive("j", c).error();
+    return make_drive("j", c).error().message;
   };
   EXPECT_THAT(error("0.09"), HasSubstr("|mu_dif| <= mu_avg"));
 }

@@ -39,7 +39,7 @@ struct Slide {
   std::string more;
   std::string actdim = "4";
 
-  tl::expected<std::shared_ptr<const Model>, std::string> load() const {
+  Result<std::shared_ptr<const Model>> load() const {
     return load_string(fmt::format(R"(<mujoco><option {} gravity="0 0 0" tolerance="1e-10"/>
   <extension><plugin plugin="tribotwin.drive"><instance name="j">{}</instance></plugin></extension>
   <worldbody><body><joint name="rail" type="slide" axis="1 0 0" frictionloss="1"
@@ -51,7 +51,7 @@ struct Slide {
   }
   std::string error() const {
     const auto model = load();
-    return model ? "loaded" : model.error();
+    return model ? "loaded" : model.error().message;
   }
 };
 
@@ -110,7 +110,7 @@ TEST(Lugre, StickSlipOfADraggedMassEqualsTheReference) {
     Slide slide;
     slide.option = fmt::format(R"(timestep="{}")", dt);
     const auto model = slide.load();
-    if (!model) throw std::runtime_error(model.error());
+    if (!model) throw std::runtime_error(model.error().message);
     const DataPtr d = (*model)->make_data();
     const auto drag = [](void*, const mjModel*, mjData* at) { at->ctrl[0] = 2 * (0.1 * at->time - at->qpos[0]); };
     double largest = 0;
@@ -130,7 +130,7 @@ TEST(Lugre, BreakawayFallsWithTheRateOfTheLoadAsInTheReference) {
   Slide slide;
   slide.option = R"(timestep="0.00005")";
   const auto model = slide.load();
-  ASSERT_TRUE(model) << model.error();
+  ASSERT_TRUE(model) << model.error().message;
   double before = 2;
   for (const auto& row : reference("breakaway")) {
     const DataPtr d = (*model)->make_data();
@@ -169,7 +169,7 @@ TEST(Lugre, SteadyStateIsTheStaticLaw) {
                  {"vd", "0.01"}});
   for (const auto& configuration : all) {
     const auto drive = drive::make_drive("j", configuration);
-    ASSERT_TRUE(drive) << drive.error();
+    ASSERT_TRUE(drive) << drive.error().message;
     for (const double speed : {1e-4, 1e-3, 0.01, 0.1, 1.0})
       for (const double sign : {1.0, -1.0}) {
         const double qd = sign * speed, dt = 1e-3;
@@ -223,7 +223,7 @@ TEST(Lugre, BristleStaysWithinItsLimitAndNeverCreatesEnergy) {
     Slide slide;
     slide.option = fmt::format(R"(timestep="0.001" integrator="{}")", integrator);
     const auto model = slide.load();
-    ASSERT_TRUE(model) << model.error();
+    ASSERT_TRUE(model) << model.error().message;
     const Binding& drive = (*model)->drives()[0];
     for (int k = 0; k < 50; ++k) {
       const DataPtr d = (*model)->make_data();
@@ -249,7 +249,7 @@ TEST(Lugre, StateIsResetCopiedAndRestoredWithTheData) {
   Slide slide;
   slide.more = TRIBOTWIN_ENGINE_PLUGINS ? R"(<keyframe><key name="held" qpos="0" act="0 0 0 5e-6"/></keyframe>)" : "";
   const auto loaded = slide.load();
-  ASSERT_TRUE(loaded) << loaded.error();
+  ASSERT_TRUE(loaded) << loaded.error().message;
   const Model& model = **loaded;
   const Binding& drive = model.drives()[0];
   const auto z = [&](const mjData* d) { return static_cast<const drive::BristleMemory&>(memory(d, drive)).z; };
@@ -324,7 +324,7 @@ class Shipped : public testing::TestWithParam<const char*> {};
 TEST_P(Shipped, HoldsStillAndMovesWithBristlesAtOneMillisecond) {
   const std::string path = std::string(TRIBOTWIN_SOURCE_DIR) + "/mjcf/" + GetParam() + ".xml";
   const auto plain = load_file(path);
-  ASSERT_TRUE(plain) << plain.error();
+  ASSERT_TRUE(plain) << plain.error().message;
   std::ifstream stream(path);
   std::string text(std::istreambuf_iterator<char>(stream), {});
   text = std::regex_replace(text, std::regex("actdim=\"3\""), "actdim=\"4\"");
@@ -339,7 +339,7 @@ TEST_P(Shipped, HoldsStillAndMovesWithBristlesAtOneMillisecond) {
                                      sigma0, sigma1, 2 * g / sigma1));
   }
   const auto model = load_string(text, {}, std::string(TRIBOTWIN_SOURCE_DIR) + "/mjcf");
-  ASSERT_TRUE(model) << model.error();
+  ASSERT_TRUE(model) << model.error().message;
   const DataPtr d = (*model)->make_data();
   // Moves, then is let go to a torque that gravity alone does not need: everything comes to rest on its bristles.
   for (int i = 0; i < 10000; ++i) {

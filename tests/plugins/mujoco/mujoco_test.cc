@@ -34,10 +34,10 @@ struct Arm {
   <actuator>{}</actuator></mujoco>)",
                        option, gravity, config, joint, actuator);
   }
-  tl::expected<std::shared_ptr<const Model>, std::string> load() const { return load_string(text()); }
+  Result<std::shared_ptr<const Model>> load() const { return load_string(text()); }
   std::string error() const {
     const auto model = load();
-    return model ? "loaded" : model.error();
+    return model ? "loaded" : model.error().message;
   }
 };
 
@@ -85,13 +85,13 @@ TEST(Loader, NamesTheElementAndTheRemedy) {
                     R"(</worldbody><actuator>)";
               }),
               HasSubstr("negative"));
-  EXPECT_THAT(load_file("/nonexistent/x.xml").error(), HasSubstr("cannot be read"));
-  EXPECT_THAT(load_file("/").error(), HasSubstr("folder"));
+  EXPECT_THAT(load_file("/nonexistent/x.xml").error().message, HasSubstr("cannot be read"));
+  EXPECT_THAT(load_file("/").error().message, HasSubstr("folder"));
 }
 
 TEST(Br609, CurvesMoveAsPaperTwoDescribes) {
   const auto model = load_file(std::string(TRIBOTWIN_SOURCE_DIR) + "/mjcf/br609.xml");
-  ASSERT_TRUE(model) << model.error();
+  ASSERT_TRUE(model) << model.error().message;
   ASSERT_EQ((*model)->drives().size(), 6u);
   constexpr double deg = std::numbers::pi / 180;
   // Paper 2: joint 1 at 5 deg/s, +15.077 / -14.988 Nm.
@@ -127,12 +127,12 @@ TEST(Drive, ConstantCoulombFrictionMovesExactlyLikeTheNativeElement) {
         <config key="Fv" value="0"/><config key="vs" value="10"/><config key="alpha" value="1"/>
         <config key="torque_max_nm" value="100"/><config key="gear_ratio" value="1"/>)";
       const auto ours = arm.load();
-      ASSERT_TRUE(ours) << ours.error();
+      ASSERT_TRUE(ours) << ours.error().message;
       Arm plain = arm;
       plain.joint = R"(armature="2" frictionloss="5" solreffriction=".001 1" solimpfriction=".9999 .9999 .001 .5 2")";
       plain.actuator = R"(<motor name="drive" joint="hinge"/>)";
       const auto native = plain.load();
-      ASSERT_TRUE(native) << native.error();
+      ASSERT_TRUE(native) << native.error().message;
       const DataPtr a = (*ours)->make_data(), b = (*native)->make_data();
       for (int i = 0; i < 5000; ++i) {
         a->ctrl[0] = b->ctrl[0] = 30 * std::sin(i * 2e-3);
@@ -147,7 +147,7 @@ TEST(Drive, ConstantCoulombFrictionMovesExactlyLikeTheNativeElement) {
 TEST(Drive, ViscousFrictionNeverReversesTheMotionHoweverLongTheStep) {
   Arm arm;
   const auto model = arm.load();
-  ASSERT_TRUE(model) << model.error();
+  ASSERT_TRUE(model) << model.error().message;
   // Past the check at load, on purpose: 1000 times the viscosity.
   Binding binding = (*model)->drives()[0];
   auto parameters = binding.drive.law.parameters;
@@ -177,7 +177,7 @@ TEST(Faults, AWeakMotorGivesLessThanItsCurrentTells) {
     Arm arm;
     arm.option = fmt::format(R"(timestep="0.001" tolerance="1e-10" integrator="{}")", integrator);
     const auto model = arm.load();
-    ASSERT_TRUE(model) << model.error();
+    ASSERT_TRUE(model) << model.error().message;
     const Binding& binding = (*model)->drives()[0];
     const DataPtr weak = (*model)->make_data(), strong = (*model)->make_data();
     drive::set_faults(scratch(weak.get(), binding), {.torque_loss = 0.25});
@@ -199,7 +199,7 @@ TEST(Faults, TeethThatAreApartHoldNoJoint) {
   Arm arm;
   arm.gravity = "0 0 0";
   const auto model = arm.load();
-  ASSERT_TRUE(model) << model.error();
+  ASSERT_TRUE(model) << model.error().message;
   const Binding& binding = (*model)->drives()[0];
   const DataPtr d = (*model)->make_data();
   drive::set_faults(scratch(d.get(), binding), {.play_rad = 0.02});
@@ -220,7 +220,7 @@ TEST(Faults, TeethThatAreApartHoldNoJoint) {
 
 TEST(Drive, ResetCopyAndConcurrentSimulationsShareNothing) {
   const auto loaded = load_file(irb6620);
-  ASSERT_TRUE(loaded) << loaded.error();
+  ASSERT_TRUE(loaded) << loaded.error().message;
   const Model& model = **loaded;
   const auto run = [&](mjData* d, int steps) {
     for (int i = 0; i < steps; ++i) {
@@ -268,7 +268,7 @@ class Irb6620 : public testing::TestWithParam<Case> {
     auto loaded = load_file(
         irb6620,
         {.timestep_s = GetParam().timestep_s, .integrator = GetParam().integrator, .solver = GetParam().solver});
-    if (!loaded) throw std::runtime_error(loaded.error());
+    if (!loaded) throw std::runtime_error(loaded.error().message);
     return *loaded;
   }();
   DataPtr d = model->make_data();

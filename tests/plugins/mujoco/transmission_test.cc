@@ -66,7 +66,7 @@ TEST(Hysteresis, MistakesAreNamed) {
     std::erase_if(c, [&](const auto& entry) { return entry.first == key; });
     if (value) c.emplace_back(key, value);
     const auto h = transmission::make_hysteresis("h", c);
-    return h ? std::string("accepted") : h.error();
+    return h ? std::string("accepted") : h.error().message;
   };
   EXPECT_THAT(error("w", nullptr), HasSubstr("'w' is missing"));
   EXPECT_THAT(error("w", "1.1"), HasSubstr("within 0 .. 1"));
@@ -79,7 +79,7 @@ TEST(Hysteresis, MistakesAreNamed) {
 
 std::shared_ptr<const Model> load(const Options& options = {}) {
   auto model = load_file(bench, options);
-  if (!model) throw std::runtime_error(model.error());
+  if (!model) throw std::runtime_error(model.error().message);
   return *model;
 }
 
@@ -206,7 +206,7 @@ TEST(Bench, MistakesNameTheElementAndTheRemedy) {
   const auto with = [&](const char* what, const char* instead) {
     const auto model = load_string(std::regex_replace(text, std::regex(what), instead), {},
                                    std::string(TRIBOTWIN_SOURCE_DIR) + "/mjcf");
-    return model ? std::string("loaded") : model.error();
+    return model ? std::string("loaded") : model.error().message;
   };
   EXPECT_EQ(with("nothing at all", ""), "loaded");
   EXPECT_THAT(with("instance=\"gear\" actdim=\"1\"", "instance=\"gear\" actdim=\"2\""),

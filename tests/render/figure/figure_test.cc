@@ -108,13 +108,13 @@ struct Drawing {
 
 Drawing drawing(const Figure& figure) {
   auto svg = draw(figure, Format::svg);
-  if (!svg) throw std::runtime_error(svg.error());
+  if (!svg) throw std::runtime_error(svg.error().message);
   return Drawing(*svg);
 }
 
 std::string refusal(const Figure& figure) {
   auto svg = draw(figure, Format::svg);
-  return svg ? "" : svg.error();
+  return svg ? "" : svg.error().message;
 }
 
 const Axis plain_x{.quantity = "speed", .symbol = "{/:Italic v}", .unit = "rad/s"},
@@ -221,7 +221,7 @@ TEST(Figure, EveryFormat) {
   EXPECT_TRUE(draw(f, Format::png)->starts_with("\x89PNG"));
   EXPECT_TRUE(draw(f, Format::pdf)->starts_with("%PDF"));
   EXPECT_EQ(format_of("a.b.pdf"), Format::pdf);
-  EXPECT_NE(format_of("x.gif").error().find(".svg, .png or .pdf"), std::string::npos);
+  EXPECT_NE(format_of("x.gif").error().message.find(".svg, .png or .pdf"), std::string::npos);
 }
 
 TEST(Figure, SameValuesSameBytes) {

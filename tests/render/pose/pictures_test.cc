@@ -16,7 +16,7 @@ const std::string source = TRIBOTWIN_SOURCE_DIR;
 
 std::shared_ptr<const mujoco::Model> robot(const std::string& name = "irb6620") {
   auto model = mujoco::load_file(source + "/mjcf/" + name + ".xml");
-  if (!model) throw std::runtime_error(model.error());
+  if (!model) throw std::runtime_error(model.error().message);
   return *model;
 }
 
@@ -26,9 +26,9 @@ Image drawn(const mjModel* m, const View& view = {}, std::span<const Paint> pain
   mj_resetDataKeyframe(m, d.get(), 0);
   pose_kinematics(m, d.get());
   auto renderer = Renderer::create(m, size, quality);
-  if (!renderer) throw std::runtime_error(renderer.error());
+  if (!renderer) throw std::runtime_error(renderer.error().message);
   auto image = renderer->draw(d.get(), view, paints);
-  if (!image) throw std::runtime_error(image.error());
+  if (!image) throw std::runtime_error(image.error().message);
   return *image;
 }
 
@@ -133,9 +133,9 @@ TEST(Pictures, TilesHaveNoSeams) {
     const mujoco::DataPtr d(mj_makeData(m));
     pose_kinematics(m, d.get());
     auto renderer = Renderer::create(m, size, {.samples = 0, .supersampling = 1});
-    if (!renderer) throw std::runtime_error(renderer.error());
+    if (!renderer) throw std::runtime_error(renderer.error().message);
     auto image = renderer->draw(d.get(), {});
-    if (!image) throw std::runtime_error(image.error());
+    if (!image) throw std::runtime_error(image.error().message);
     return *image;
   };
   const Image large = plain({4800, 600}), small = plain({2400, 300});
@@ -158,7 +158,8 @@ TEST(Pictures, RefusesWhatItCannotDraw) {
   for (const Size size : {Size{8, 600}, Size{600, 9000}, Size{-1, 600}}) {
     const auto renderer = Renderer::create(model->get(), size);
     ASSERT_FALSE(renderer);
-    EXPECT_NE(renderer.error().find("each side must be 16 to 8192"), std::string::npos) << renderer.error();
+    EXPECT_NE(renderer.error().message.find("each side must be 16 to 8192"), std::string::npos)
+        << renderer.error().message;
   }
   auto renderer = Renderer::create(model->get(), {64, 64});
   ASSERT_TRUE(renderer);
@@ -166,7 +167,7 @@ TEST(Pictures, RefusesWhatItCannotDraw) {
   pose_kinematics(model->get(), d.get());
   const auto image = renderer->draw(d.get(), {.camera = "side"});
   ASSERT_FALSE(image);
-  EXPECT_NE(image.error().find("overview"), std::string::npos) << image.error();
+  EXPECT_NE(image.error().message.find("overview"), std::string::npos) << image.error().message;
   EXPECT_FALSE(renderer->draw(d.get(), {.camera = "overview", .azimuth_deg = 10}));
   EXPECT_TRUE(renderer->draw(d.get(), {.azimuth_deg = 10, .look_at_m = std::array{0.0, 0.0, 1.0}}));
 }

@@ -20,7 +20,7 @@ namespace {
 
 std::shared_ptr<const mujoco::Model> bench() {
   const auto model = mujoco::load_file(std::string(TRIBOTWIN_SOURCE_DIR) + "/mjcf/rh380n_bench.xml");
-  EXPECT_TRUE(model.has_value()) << model.error();
+  EXPECT_TRUE(model.has_value()) << model.error().message;
   return *model;
 }
 
@@ -95,7 +95,7 @@ Tracked tracked(double temperature, std::span<const int> seeds) {
                         {fmt::format("temperature_degC={}", temperature),
                          fmt::format("control.compensation={}", compensation), fmt::format("seed={}", seed)});
       const auto summary = run(scenario, {});
-      EXPECT_TRUE(summary.has_value()) << summary.error();
+      EXPECT_TRUE(summary.has_value()) << summary.error().message;
       return summary->tracking.at(0);
     });
   };
@@ -182,7 +182,7 @@ Felt felt(double real_degC, double believed_degC, std::optional<std::array<doubl
   mj_forward(model->get(), d.get());
   DriveServo servo(*model, d.get(), {});
   auto sensor = ExternalTorque::make(model, 60);
-  EXPECT_TRUE(sensor.has_value()) << sensor.error();
+  EXPECT_TRUE(sensor.has_value()) << sensor.error().message;
   const double dt = (*model)->opt.timestep;
   std::vector<DriveCommand> commands(drives.size());
   std::vector<double> q(drives.size()), qd(drives.size()), torque(drives.size()),

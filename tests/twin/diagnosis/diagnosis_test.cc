@@ -64,7 +64,7 @@ class Bench {
     out.close();
     auto read = read_observations(file, {});
     std::filesystem::remove(file);
-    if (!read) throw std::runtime_error(read.error());
+    if (!read) throw std::runtime_error(read.error().message);
     return *std::move(read);
   }
 
@@ -314,7 +314,7 @@ TEST_F(Bank, WatchedJointsSoundAsOftenAsAskedForAndWearIsFound) {
 }
 
 TEST_F(Bank, WhatCannotBeJudgedIsRefusedWithWhatToRecord) {
-  const auto refusal = [](const auto& result) { return result ? "accepted" : result.error(); };
+  const auto refusal = [](const auto& result) { return result ? "accepted" : result.error().message; };
   const auto why = [&](const ObservationFile& file) { return refusal(learn(std::array{file}, {}, 0.6)); };
   const ObservationFile good = drawn(*bank, shuffled(), 0, 20);
   EXPECT_THAT(why(drawn(*bank, shuffled(), 0, 7)), HasSubstr("needs 8 or more"));

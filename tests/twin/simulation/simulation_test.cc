@@ -32,7 +32,7 @@ TEST_P(Shipped, BalancesItsEnergy) {
     GTEST_SKIP() << "the recordings of ../shared/data are not beside this checkout";
   const Scenario scenario = load_scenario(scenarios / (GetParam() + ".yaml"));
   const auto s = run(scenario, {});
-  ASSERT_TRUE(s) << s.error();
+  ASSERT_TRUE(s) << s.error().message;
   EXPECT_GT(s->friction_work_J, 0);
   EXPECT_NEAR(s->heat_J, s->friction_work_J, 1e-9 * s->friction_work_J);
   EXPECT_LT(std::abs(s->energy_balance_J), 1e-3 * std::max(std::abs(s->motor_work_J), s->friction_work_J));
@@ -109,11 +109,11 @@ TEST(Determinism, ParallelTwinsAndARerunOfTheResolvedScenarioRepeatEveryValue) {
     threads.emplace_back([&resolved, path] { EXPECT_TRUE(run(resolved, {.directory = path})); });
   for (auto& thread : threads) thread.join();
   const auto expected = read_telemetry(first.path / "telemetry.h5");
-  ASSERT_TRUE(expected) << expected.error();
+  ASSERT_TRUE(expected) << expected.error().message;
   EXPECT_EQ(expected->time_s.size(), 400u);
   for (const auto& path : paths) {
     const auto got = read_telemetry(path / "telemetry.h5");
-    ASSERT_TRUE(got) << got.error();
+    ASSERT_TRUE(got) << got.error().message;
     EXPECT_TRUE(got->complete);
     EXPECT_EQ(got->time_s, expected->time_s);
     EXPECT_EQ(got->values, expected->values);
@@ -226,7 +226,7 @@ TEST(Divergence, StopsWithStepJointAndState) {
   twin.data()->qvel[2] = std::nan("");
   const auto stopped = twin.step();
   ASSERT_FALSE(stopped);
-  EXPECT_THAT(stopped.error(),
+  EXPECT_THAT(stopped.error().message,
               testing::AllOf(HasSubstr("diverged at step 1"), HasSubstr("joint3"), HasSubstr("State before the step")));
   EXPECT_TRUE(s);
 }

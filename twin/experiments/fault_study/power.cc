@@ -31,8 +31,7 @@ class Joint {
         travel_rad_(test_cycle_travel_rad()) {}
 
   /// `number` tells draws apart; the same number is the same luck at every severity.
-  tl::expected<Observation, std::string> draw(const drive::FaultInfo& fault, double severity,
-                                              std::uint32_t number) const {
+  Result<Observation> draw(const drive::FaultInfo& fault, double severity, std::uint32_t number) const {
     std::seed_seq seed{static_cast<std::uint32_t>(campaign_.seed), number, 4u};
     std::mt19937_64 random(seed);
     std::normal_distribution<double> normal;
@@ -108,14 +107,14 @@ double share_of(const std::vector<std::optional<Verdict>>& verdicts, auto&& what
          static_cast<double>(verdicts.size());
 }
 
-tl::expected<Power, std::string> power_of_one(const Joint& joint, const HealthyState& healthy,
-                                              const drive::FaultInfo& fault, std::size_t draws, double false_alarm) {
+Result<Power> power_of_one(const Joint& joint, const HealthyState& healthy, const drive::FaultInfo& fault,
+                           std::size_t draws, double false_alarm) {
   Power power{.fault = &fault, .detection_limit = fault.maximum};
-  const auto drawn = [&](double severity) -> tl::expected<std::vector<Observation>, std::string> {
+  const auto drawn = [&](double severity) -> Result<std::vector<Observation>> {
     std::vector<Observation> curves;
     for (std::uint32_t n = 0; n < draws; ++n) {
       auto one = joint.draw(fault, severity, n);
-      if (!one) return tl::unexpected(fmt::format("{} of {:.4g}: {}", fault.name, severity, one.error()));
+      if (!one) return tl::unexpected(fmt::format("{} of {:.4g}: {}", fault.name, severity, one.error().message));
       curves.push_back(*std::move(one));
     }
     return curves;
@@ -147,12 +146,12 @@ tl::expected<Power, std::string> power_of_one(const Joint& joint, const HealthyS
 
 }  // namespace
 
-tl::expected<std::vector<Power>, std::string> power_of(const Campaign& campaign, const LevelStatistics& levels,
-                                                       const HealthyState& healthy, std::size_t draws,
-                                                       double false_alarm, unsigned threads) {
+Result<std::vector<Power>> power_of(const Campaign& campaign, const LevelStatistics& levels,
+                                    const HealthyState& healthy, std::size_t draws, double false_alarm,
+                                    unsigned threads) {
   const Joint joint(campaign, levels, healthy);
   const auto faults = drive::faults();
-  std::vector<tl::expected<Power, std::string>> found(faults.size());
+  std::vector<Result<Power>> found(faults.size());
   std::atomic<std::size_t> next = 0;
   const auto work = [&] {
     for (std::size_t i; (i = next++) < faults.size();)

@@ -5,9 +5,8 @@
 #include <string>
 #include <vector>
 
-#include <tl/expected.hpp>
-
 #include <tribotwin/plugins/drive/fault.hpp>
+#include <tribotwin/plugins/friction/error.hpp>
 #include <tribotwin/twin/diagnosis/check.hpp>
 #include <tribotwin/twin/experiments/friction/campaign.hpp>
 
@@ -34,8 +33,8 @@ struct Power {
 
 /// Every fault, at temperatures drawn between the coldest and the hottest that were learned. `draws` curves for each
 /// severity. Fails where a curve cannot be fitted.
-tl::expected<std::vector<Power>, std::string> power_of(const Campaign& campaign, const LevelStatistics& levels,
-                                                       const diagnosis::HealthyState& healthy, std::size_t draws,
-                                                       double false_alarm, unsigned threads);
+Result<std::vector<Power>> power_of(const Campaign& campaign, const LevelStatistics& levels,
+                                    const diagnosis::HealthyState& healthy, std::size_t draws, double false_alarm,
+                                    unsigned threads);
 
 }  // namespace tribotwin::twin::study

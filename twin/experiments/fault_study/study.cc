@@ -20,7 +20,7 @@ using Json = nlohmann::ordered_json;
 using diagnosis::Observation, diagnosis::ObservationFile, diagnosis::HealthyState, diagnosis::Verdict;
 
 /// The curves of a campaign as observations, one for one.
-tl::expected<ObservationFile, std::string> observed(const Joint& joint, const fs::path& directory) {
+Result<ObservationFile> observed(const Joint& joint, const fs::path& directory) {
   auto file = diagnosis::read_observations(directory / "curves.csv", {});
   if (file && file->observations.size() != joint.campaign.curves.size())
     return tl::unexpected(fmt::format("{}: has {} curves where the campaign has {}",
@@ -101,14 +101,13 @@ Json json_of(const Power& power) {
   return j;
 }
 
-tl::expected<Json, std::string> verdicts(const Study& study, const Joint& joint, const fs::path& directory,
-                                         unsigned threads) {
+Result<Json> verdicts(const Study& study, const Joint& joint, const fs::path& directory, unsigned threads) {
   const auto all = observed(joint, directory);
   if (!all) return tl::unexpected(all.error());
   std::vector<ObservationFile> healthy;
   for (const auto& series : study.learn) healthy.push_back(of_series(*all, joint.campaign, series));
   const auto state = diagnosis::learn(healthy, {}, diagnosis::ObservationOptions{}.load_sensitivity);
-  if (!state) return tl::unexpected(fmt::format("{}: {}", joint.name, state.error()));
+  if (!state) return tl::unexpected(fmt::format("{}: {}", joint.name, state.error().message));
 
   Json j{{"observations", Json::array()}, {"learned", Json::array()}};
   for (const auto& file : healthy)
@@ -116,7 +115,7 @@ tl::expected<Json, std::string> verdicts(const Study& study, const Joint& joint,
   for (const auto& [series, name] : study.check) {
     const ObservationFile some = of_series(*all, joint.campaign, series);
     const auto judged = diagnosis::check(*state, some, {.false_alarm = study.false_alarm});
-    if (!judged) return tl::unexpected(fmt::format("{}: {}", joint.name, judged.error()));
+    if (!judged) return tl::unexpected(fmt::format("{}: {}", joint.name, judged.error().message));
     for (std::size_t i = 0; i < judged->size(); ++i) {
       const Observation& o = some.observations[i];
       Json row{{"load_kg", joint.campaign.curves[o.curve - 1].payload_kg}, {"state", name}, {"series", series}};
@@ -128,7 +127,7 @@ tl::expected<Json, std::string> verdicts(const Study& study, const Joint& joint,
   if (study.draws > 0) {
     const auto power = power_of(joint.campaign, statistics_of(study, joint, directory), *state, study.draws,
                                 study.false_alarm, threads);
-    if (!power) return tl::unexpected(fmt::format("{}: {}", joint.name, power.error()));
+    if (!power) return tl::unexpected(fmt::format("{}: {}", joint.name, power.error().message));
     for (const Power& one : *power) j["power"].push_back(json_of(one));
   }
   return j;
@@ -193,7 +192,7 @@ Study load_study(const fs::path& file, const YAML::Node& tree) {
   return study;
 }
 
-tl::expected<LabSummary, std::string> run_study(const Study& study, const LabOptions& options) {
+Result<LabSummary> run_study(const Study& study, const LabOptions& options) {
   const auto started = std::chrono::steady_clock::now();
   for (const Joint& joint : study.joints) require_learnable(study, joint);
   LabSummary sum;
@@ -209,7 +208,7 @@ tl::expected<LabSummary, std::string> run_study(const Study& study, const LabOpt
                          share > 0 ? left * (joints - static_cast<double>(i)) : -1);
       };
     const auto summary = run_campaign(joint.campaign, own);
-    if (!summary) return tl::unexpected(fmt::format("{}: {}", joint.name, summary.error()));
+    if (!summary) return tl::unexpected(fmt::format("{}: {}", joint.name, summary.error().message));
     sum.curves += summary->curves, sum.present += summary->present, sum.levels += summary->levels,
         sum.outside += summary->outside;
     auto judged = verdicts(study, joint, own.directory, options.threads);

@@ -4,8 +4,7 @@
 #include <string>
 #include <vector>
 
-#include <tl/expected.hpp>
-
+#include <tribotwin/plugins/friction/error.hpp>
 #include <tribotwin/twin/diagnosis/check.hpp>
 #include <tribotwin/twin/experiments/friction/results.hpp>
 
@@ -40,6 +39,6 @@ Study load_study(const std::filesystem::path& file, const YAML::Node& campaign_t
 /// {"observations":
 /// [{"load_kg", "state", "region1": {"distance", "anomalous", ...}, "region2", ...}], "learned", ...}}. Fails where a
 /// curve cannot be measured or judged. Counts of the summary are those of all joints.
-tl::expected<LabSummary, std::string> run_study(const Study& study, const LabOptions& options);
+Result<LabSummary> run_study(const Study& study, const LabOptions& options);
 
 }  // namespace tribotwin::twin::study

@@ -271,7 +271,7 @@ class Series {
     if (gravity && payload.mass_kg > 0) {
       if (!arm_ || arm_mass_kg_ != payload.mass_kg) {
         auto carrying = with_payload(*campaign_.model, payload);
-        if (!carrying) in_.fail("load", carrying.error());
+        if (!carrying) in_.fail("load", carrying.error().message);
         arm_ = *carrying;
         arm_mass_kg_ = payload.mass_kg;
         gravity_.reset();
@@ -289,7 +289,7 @@ class Series {
         break;
       case LoadBy::pose: {
         const auto pose = gravity_->pose_for(load * drive_.torque_max_nm);
-        if (!pose) in_.fail("load", pose.error());
+        if (!pose) in_.fail("load", pose.error().message);
         l.measurement.start_rad = pose->position_rad;
         l.measurement.width_rad = pose->width_rad;
         l.text = fmt::format("load {:.4g} by pose", load);
@@ -304,7 +304,7 @@ class Series {
       if (campaign_.benches.size() >= most_benches)
         in_.fail("load", fmt::format("the campaign has more than {} different payloads", most_benches));
       auto bench = bench_of(*l.arm, gravity, basis_.sensors.sampling_hz);
-      if (!bench) in_.fail("load", bench.error());
+      if (!bench) in_.fail("load", bench.error().message);
       campaign_.benches.push_back(*bench);
       bench_arm_ = l.arm;
     }
@@ -343,7 +343,7 @@ class Series {
     me.heat = heat;
     if (campaign_.procedure == Procedure::test_cycle) return test_cycle_of(bench, campaign_.drive, me.start_rad);
     auto found = plus_minus(bench, campaign_.drive, me);
-    if (!found) in_.fail("load", fmt::format("{}: {}", load.text, found.error()));
+    if (!found) in_.fail("load", fmt::format("{}: {}", load.text, found.error().message));
     return *found;
   }
 
@@ -442,10 +442,10 @@ Campaign campaign_of(const fs::path& file, YAML::Node root) {
   root["model"] = model.string();
   const std::string joint = in.text("joint");
   const auto plain = mujoco::load_file(model);
-  if (!plain) throw InputError(plain.error());
+  if (!plain) throw InputError(plain.error().message);
   c.drive = drive_index(**plain, in, "joint", joint);
   auto loaded = load_with_drive(model, joint, keys);
-  if (!loaded) in.fail("drive", loaded.error());
+  if (!loaded) in.fail("drive", loaded.error().message);
   c.model = *loaded;
   const drive::Drive& drive = c.model->drives()[c.drive].drive;
 
@@ -499,7 +499,7 @@ Campaign campaign_of(const fs::path& file, YAML::Node root) {
   return c;
 }
 
-tl::expected<std::string, std::string> measured_rows(const Campaign& campaign, const Curve& curve) {
+Result<std::string> measured_rows(const Campaign& campaign, const Curve& curve) {
   const mujoco::Model& bench = *campaign.benches[curve.bench];
   const drive::Drive& drive = campaign.model->drives()[campaign.drive].drive;
   const Measurement& me = curve.measurement;
@@ -509,13 +509,13 @@ tl::expected<std::string, std::string> measured_rows(const Campaign& campaign, c
   };
   const auto motion = campaign.procedure == Procedure::test_cycle ? test_cycle_of(bench, campaign.drive, me.start_rad)
                                                                   : plus_minus(bench, campaign.drive, me);
-  if (!motion) return fail(motion.error());
+  if (!motion) return fail(motion.error().message);
   const auto recording = record(bench, campaign.drive, *motion, me);
-  if (!recording) return fail(recording.error());
+  if (!recording) return fail(recording.error().message);
   const auto found = levels_of(
       *recording,
       {.speeds_rad_s = me.speeds_rad_s, .centre_rad = me.start_rad[campaign.drive], .width_rad = me.width_rad});
-  if (!found) return fail(found.error());
+  if (!found) return fail(found.error().message);
   std::mt19937_64 random = random_for(campaign.seed, curve.number, for_levels);
   std::normal_distribution<double> noise;
   std::string rows;

@@ -6,9 +6,9 @@
 #include <string>
 #include <vector>
 
-#include <tl/expected.hpp>
 #include <yaml-cpp/yaml.h>
 
+#include <tribotwin/plugins/friction/error.hpp>
 #include <tribotwin/twin/experiments/friction/experiment.hpp>
 
 /// Many friction curves of one joint over load and temperature: a YAML file, read strictly. The keys are documented in
@@ -57,6 +57,6 @@ inline constexpr char curve_columns[] =
 
 /// Measures one curve: its rows of curves.csv. A function of campaign and curve alone, whatever thread it runs on.
 /// Fails with the curve's number, series and conditions.
-tl::expected<std::string, std::string> measured_rows(const Campaign& campaign, const Curve& curve);
+Result<std::string> measured_rows(const Campaign& campaign, const Curve& curve);
 
 }  // namespace tribotwin::twin

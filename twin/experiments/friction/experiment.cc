@@ -60,8 +60,7 @@ struct Loop {
 
 }  // namespace
 
-tl::expected<std::shared_ptr<const mujoco::Model>, std::string> bench_of(const mujoco::Model& arm, bool gravity,
-                                                                         double sampling_hz) {
+Result<std::shared_ptr<const mujoco::Model>> bench_of(const mujoco::Model& arm, bool gravity, double sampling_hz) {
   // Stiction or friction of some joint may need a shorter step. Asked of a copy, for engine plugins do not refuse but
   // end the process.
   const mujoco::ModelPtr trial(mj_copyModel(nullptr, arm.get()));
@@ -82,7 +81,7 @@ tl::expected<std::shared_ptr<const mujoco::Model>, std::string> bench_of(const m
   });
 }
 
-tl::expected<Motion, std::string> plus_minus(const mujoco::Model& bench, std::size_t drive, const Measurement& me) {
+Result<Motion> plus_minus(const mujoco::Model& bench, std::size_t drive, const Measurement& me) {
   const auto& binding = bench.drives()[drive];
   const auto d = prepared(bench, drive, me.start_rad, me);
   const double load = std::abs(mujoco::memory(d.get(), binding).load_nm) / binding.drive.torque_max_nm;
@@ -149,8 +148,8 @@ Motion test_cycle_of(const mujoco::Model& bench, std::size_t drive, std::span<co
   return motion;
 }
 
-tl::expected<JointRecording, std::string> record(const mujoco::Model& bench, std::size_t drive, const Motion& motion,
-                                                 const Measurement& me, const std::function<void(double)>& progress) {
+Result<JointRecording> record(const mujoco::Model& bench, std::size_t drive, const Motion& motion,
+                              const Measurement& me, const std::function<void(double)>& progress) {
   const mjModel* m = bench.get();
   const auto d = prepared(bench, drive, motion.start_rad(), me);
   const auto& binding = bench.drives()[drive];
@@ -208,9 +207,8 @@ std::vector<CurvePoint> law_curve(const drive::Drive& drive, std::span<const dou
   return points;
 }
 
-tl::expected<std::vector<CurvePoint>, std::string> measure_curve(const mujoco::Model& model, std::size_t drive_index,
-                                                                 std::span<const double> speeds,
-                                                                 const ExperimentOptions& options) {
+Result<std::vector<CurvePoint>> measure_curve(const mujoco::Model& model, std::size_t drive_index,
+                                              std::span<const double> speeds, const ExperimentOptions& options) {
   const drive::Drive& drive = model.drives()[drive_index].drive;
   const bool gravity = options.load_by != LoadBy::torque;
   Measurement me{.speeds_rad_s = {},

@@ -7,8 +7,7 @@
 #include <string>
 #include <vector>
 
-#include <tl/expected.hpp>
-
+#include <tribotwin/plugins/friction/error.hpp>
 #include <tribotwin/twin/control/servo.hpp>
 #include <tribotwin/twin/identification/curves/levels.hpp>
 #include <tribotwin/twin/identification/curves/recording.hpp>
@@ -46,13 +45,11 @@ struct Measurement {
 
 /// A copy of the arm without end stops (the run-up at full speed needs room), contacts and current limits, with gravity
 /// or without, at a time step that sampling is a multiple of. Fails where the drives cannot be carried so.
-tl::expected<std::shared_ptr<const mujoco::Model>, std::string> bench_of(const mujoco::Model& arm, bool gravity,
-                                                                         double sampling_hz);
+Result<std::shared_ptr<const mujoco::Model>> bench_of(const mujoco::Model& arm, bool gravity, double sampling_hz);
 
 /// Paper 1, section 2.1: each speed forward and back through the joint's start, with room to settle. Fails for speeds
 /// at which the servo cannot move the joint steadily.
-tl::expected<Motion, std::string> plus_minus(const mujoco::Model& bench, std::size_t drive,
-                                             const Measurement& measurement);
+Result<Motion> plus_minus(const mujoco::Model& bench, std::size_t drive, const Measurement& measurement);
 
 /// Paper 2, Table 1: speeds [rad/s] of its 15 levels.
 std::vector<double> test_cycle_speeds_rad_s();
@@ -63,9 +60,8 @@ std::vector<double> test_cycle_travel_rad();
 Motion test_cycle_of(const mujoco::Model& bench, std::size_t drive, std::span<const double> start_rad);
 
 /// What the controller records while the joint follows `motion`. Fails when the simulation diverges.
-tl::expected<JointRecording, std::string> record(const mujoco::Model& bench, std::size_t drive, const Motion& motion,
-                                                 const Measurement& measurement,
-                                                 const std::function<void(double share)>& progress = {});
+Result<JointRecording> record(const mujoco::Model& bench, std::size_t drive, const Motion& motion,
+                              const Measurement& measurement, const std::function<void(double share)>& progress = {});
 
 /// One level of a friction curve. Motor-side speed; torques over torque_max_nm unless _nm.
 struct CurvePoint {
@@ -88,8 +84,7 @@ struct ExperimentOptions {
 /// The curve measured in simulation by paper 1's procedure, at prescribed temperature. `load_norm` of a point is the
 /// mean measured load. Fails when no pose gives the load (says which loads can be had), or the servo finds no steady
 /// speed.
-tl::expected<std::vector<CurvePoint>, std::string> measure_curve(const mujoco::Model& model, std::size_t drive,
-                                                                 std::span<const double> speeds_rad_s,
-                                                                 const ExperimentOptions& options);
+Result<std::vector<CurvePoint>> measure_curve(const mujoco::Model& model, std::size_t drive,
+                                              std::span<const double> speeds_rad_s, const ExperimentOptions& options);
 
 }  // namespace tribotwin::twin

@@ -10,7 +10,7 @@
 
 namespace tribotwin::twin {
 
-tl::expected<LabSummary, std::string> run_campaign(const Campaign& campaign, const LabOptions& options) {
+Result<LabSummary> run_campaign(const Campaign& campaign, const LabOptions& options) {
   const auto started = std::chrono::steady_clock::now();
   Parts parts{.folder = "curves",
               .files = {},

@@ -3,8 +3,7 @@
 #include <cstddef>
 #include <string>
 
-#include <tl/expected.hpp>
-
+#include <tribotwin/plugins/friction/error.hpp>
 #include <tribotwin/twin/experiments/friction/campaign.hpp>
 #include <tribotwin/twin/experiments/parts.hpp>
 
@@ -18,6 +17,6 @@ struct LabSummary {
 
 /// Measures what a campaign's folder lacks and writes curves.csv, rows in the order of the campaign. The folder holds
 /// campaign.yaml (resolved) and every curve in curves/ (parts.hpp, also for what it throws and how it fails).
-tl::expected<LabSummary, std::string> run_campaign(const Campaign& campaign, const LabOptions& options);
+Result<LabSummary> run_campaign(const Campaign& campaign, const LabOptions& options);
 
 }  // namespace tribotwin::twin

@@ -43,7 +43,7 @@ Campaign load_campaign(const std::filesystem::path& file, YAML::Node root) {
   const auto path = in.file("model", std::filesystem::absolute(file).parent_path());
   root["model"] = path.string();
   const auto model = mujoco::load_file(path);
-  if (!model) throw InputError(model.error());
+  if (!model) throw InputError(model.error().message);
   c.model = *model;
   if (static_cast<std::size_t>((*c.model)->nv) != c.model->drives().size())
     in.fail("model", "has joints without a tribotwin.drive");
@@ -93,7 +93,7 @@ std::uint64_t seed_for(const Campaign& campaign, std::uint64_t purpose, std::uin
   return std::mt19937_64(sequence)();
 }
 
-tl::expected<Individual, std::string> individual(const Campaign& campaign, std::size_t robot) {
+Result<Individual> individual(const Campaign& campaign, std::size_t robot) {
   Individual out;
   std::mt19937_64 random(seed_for(campaign, of_friction, robot));
   // Three standard deviations at most: nothing turns negative.

@@ -8,6 +8,7 @@
 
 #include <yaml-cpp/yaml.h>
 
+#include <tribotwin/plugins/friction/error.hpp>
 #include <tribotwin/twin/robot/excitation.hpp>
 #include <tribotwin/twin/simulation/scenario.hpp>
 
@@ -56,7 +57,7 @@ struct Individual {
   std::vector<double> friction;                ///< per drive: factor of every torque of its law
 };
 /// Fails where the changed model could not carry its drives.
-tl::expected<Individual, std::string> individual(const Campaign& campaign, std::size_t robot);
+Result<Individual> individual(const Campaign& campaign, std::size_t robot);
 
 /// Where a test is kept, below the campaign's folder.
 std::filesystem::path file_of(const Campaign& campaign, std::size_t test);

@@ -29,7 +29,7 @@ bool tells_times(const ThermalFit& fit) {
 /// Second order where both time constants are told, else first. Its time constant is not told where it may stand for
 /// two: the day ends before it is over, or the second order follows the data better than chance would (likelihood
 /// ratio, 1 %).
-tl::expected<ThermalFit, std::string> fitted(const std::vector<HeatSession>& sessions) {
+Result<ThermalFit> fitted(const std::vector<HeatSession>& sessions) {
   auto second = fit_thermal(sessions, {.order = thermal::Order::second, .rested = true});
   if (!second || tells_times(*second)) return second;
   auto first = fit_thermal(sessions, {.order = thermal::Order::first, .rested = true});
@@ -106,7 +106,7 @@ std::vector<TimeConstant> times_of(const ThermalFit& fit) {
   return out;
 }
 
-tl::expected<Findings, std::string> find(const Campaign& c, const std::vector<WorkingDay>& days) {
+Result<Findings> find(const Campaign& c, const std::vector<WorkingDay>& days) {
   Findings out;
   for (const auto& day : days)
     out.comparisons +=
@@ -135,12 +135,13 @@ tl::expected<Findings, std::string> find(const Campaign& c, const std::vector<Wo
         const HeatSession session = as_heat(days[robot * c.days + d].warming[j], d, rising);
         auto fit = fitted({session});
         if (!fit)
-          return tl::unexpected(fmt::format("robot {}, day {}, {}: {}", robot + 1, d + 1, names[j], fit.error()));
+          return tl::unexpected(
+              fmt::format("robot {}, day {}, {}: {}", robot + 1, d + 1, names[j], fit.error().message));
         t.days.push_back(std::move(*fit));
         if (std::ranges::find(healthy_days, d) != healthy_days.end()) all.push_back(session);
       }
       auto fit = fitted(all);
-      if (!fit) return tl::unexpected(fmt::format("robot {}, {}: {}", robot + 1, names[j], fit.error()));
+      if (!fit) return tl::unexpected(fmt::format("robot {}, {}: {}", robot + 1, names[j], fit.error().message));
       t.merged = std::move(*fit);
       joints.push_back(std::move(t));
     }

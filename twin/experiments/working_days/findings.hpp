@@ -4,6 +4,7 @@
 #include <string>
 #include <vector>
 
+#include <tribotwin/plugins/friction/error.hpp>
 #include <tribotwin/twin/experiments/working_days/working_day.hpp>
 #include <tribotwin/twin/identification/thermal/thermal_fit.hpp>
 
@@ -33,7 +34,7 @@ struct Findings {
 };
 
 /// `days` in the order of the tests. Fails with robot and joint whose friction tells no thermal model at all.
-tl::expected<Findings, std::string> find(const Campaign& campaign, const std::vector<WorkingDay>& days);
+Result<Findings> find(const Campaign& campaign, const std::vector<WorkingDay>& days);
 
 /// A time constant as paper 3 names them: that of a first-order model is the slow one, t2.
 struct TimeConstant {

@@ -11,7 +11,7 @@
 namespace tribotwin::twin::repeatability {
 namespace {
 
-tl::expected<Results, std::string> found(const Campaign& campaign, std::vector<WorkingDay> days) {
+Result<Results> found(const Campaign& campaign, std::vector<WorkingDay> days) {
   auto findings = find(campaign, days);
   if (!findings) return tl::unexpected(findings.error());
   return Results{.days = std::move(days), .findings = *std::move(findings)};
@@ -24,9 +24,9 @@ Shape shape_of(const Regressor& regressor) {
 
 }  // namespace
 
-tl::expected<Results, std::string> run_campaign(const Campaign& campaign, const LabOptions& options) {
+Result<Results> run_campaign(const Campaign& campaign, const LabOptions& options) {
   const auto regressor = Regressor::create(campaign.model->get());
-  if (!regressor) throw InputError(fmt::format("{}: {}", campaign.file.string(), regressor.error()));
+  if (!regressor) throw InputError(fmt::format("{}: {}", campaign.file.string(), regressor.error().message));
   const auto excitation = excite(*campaign.model, *regressor, base_parameters(*regressor), campaign.excitation);
   if (!excitation) return tl::unexpected(excitation.error());
   if (campaign.duration_s < excitation->duration_s())
@@ -45,7 +45,8 @@ tl::expected<Results, std::string> run_campaign(const Campaign& campaign, const 
   for (std::size_t test = 0; test < campaign.tests(); ++test) {
     auto day = from_text(completed->texts[test], shape);
     if (!day)
-      return tl::unexpected(fmt::format("{}: {}", (options.directory / file_of(campaign, test)).string(), day.error()));
+      return tl::unexpected(
+          fmt::format("{}: {}", (options.directory / file_of(campaign, test)).string(), day.error().message));
     days.push_back(*std::move(day));
   }
   auto out = found(campaign, std::move(days));
@@ -60,9 +61,9 @@ tl::expected<Results, std::string> run_campaign(const Campaign& campaign, const 
   return out;
 }
 
-tl::expected<Results, std::string> read_results(const Campaign& campaign, const std::filesystem::path& directory) {
+Result<Results> read_results(const Campaign& campaign, const std::filesystem::path& directory) {
   const auto regressor = Regressor::create(campaign.model->get());
-  if (!regressor) return tl::unexpected(fmt::format("{}: {}", campaign.file.string(), regressor.error()));
+  if (!regressor) return tl::unexpected(fmt::format("{}: {}", campaign.file.string(), regressor.error().message));
   const Shape shape = shape_of(*regressor);
   std::vector<WorkingDay> days;
   for (std::size_t test = 0; test < campaign.tests(); ++test) {
@@ -72,7 +73,7 @@ tl::expected<Results, std::string> read_results(const Campaign& campaign, const 
       return tl::unexpected(
           fmt::format("{}: is missing; 'tribotwin lab' goes on where it was interrupted", file.string()));
     auto day = from_text(std::string(std::istreambuf_iterator<char>(stream), {}), shape);
-    if (!day) return tl::unexpected(fmt::format("{}: {}", file.string(), day.error()));
+    if (!day) return tl::unexpected(fmt::format("{}: {}", file.string(), day.error().message));
     days.push_back(*std::move(day));
   }
   return found(campaign, std::move(days));

@@ -4,8 +4,7 @@
 #include <filesystem>
 #include <vector>
 
-#include <tl/expected.hpp>
-
+#include <tribotwin/plugins/friction/error.hpp>
 #include <tribotwin/twin/experiments/parts.hpp>
 #include <tribotwin/twin/experiments/working_days/findings.hpp>
 
@@ -22,9 +21,9 @@ struct Results {
 /// Makes the tests that a campaign's folder lacks, each a file in tests/ (experiments/parts.hpp, also for what it
 /// throws and how it fails), and writes its tables and motion.csv. Throws InputError also where a day is shorter than a
 /// cycle of the motion.
-tl::expected<Results, std::string> run_campaign(const Campaign& campaign, const LabOptions& options);
+Result<Results> run_campaign(const Campaign& campaign, const LabOptions& options);
 
 /// Of a finished campaign's folder. Fails where a test is missing or damaged, with its file.
-tl::expected<Results, std::string> read_results(const Campaign& campaign, const std::filesystem::path& directory);
+Result<Results> read_results(const Campaign& campaign, const std::filesystem::path& directory);
 
 }  // namespace tribotwin::twin::repeatability

@@ -80,9 +80,8 @@ RobotRecording part_of(const std::vector<JointRecording>& joints, std::size_t fi
   return r;
 }
 
-tl::expected<std::vector<Recorded>, std::string> simulated(const Campaign& c, const Excitation& e, std::size_t test,
-                                                           const Individual& robot, double ambient,
-                                                           const Regressor& regressor) {
+Result<std::vector<Recorded>> simulated(const Campaign& c, const Excitation& e, std::size_t test,
+                                        const Individual& robot, double ambient, const Regressor& regressor) {
   Scenario s;
   s.model = robot.model;
   s.ambient_degC = ambient;
@@ -256,14 +255,14 @@ struct Sections {
 
 /// Gives the recordings the temperatures of each joint's thermal model, in units of share_per_K: those of paper 5's
 /// Algorithm 1, sample by sample, for a joint that warms up within seconds is not as warm at both ends of a window.
-tl::expected<void, std::string> take_temperature(std::vector<Recorded>& recorded, const std::vector<Sections>& sections,
-                                                 const std::vector<Warming>& warming, const RobotFriction& law,
-                                                 const RobotParameters& reference) {
+Result<void> take_temperature(std::vector<Recorded>& recorded, const std::vector<Sections>& sections,
+                              const std::vector<Warming>& warming, const RobotFriction& law,
+                              const RobotParameters& reference) {
   for (auto& r : recorded) r.measuring.temperature_degC.resizeLike(r.measuring.position);
   for (std::size_t j = 0; j < warming.size(); ++j) {
     const HeatSession session = as_heat(warming[j], 0, rises(warming[j]));
     const auto fit = fit_thermal({&session, 1}, {.rested = true});
-    if (!fit) return tl::unexpected(fmt::format("joint {}: {}", j + 1, fit.error()));
+    if (!fit) return tl::unexpected(fmt::format("joint {}: {}", j + 1, fit.error().message));
     // In its units T_amb is, as_heat's sign included, the friction at the start of the day.
     thermal::Model model = fit->model;
     for (double& gain : model.gain_K_J) gain /= -share_per_K * model.T_amb_degC;
@@ -329,23 +328,23 @@ HeatSession as_heat(const Warming& w, std::size_t file, bool rising) {
   return out;
 }
 
-tl::expected<WorkingDay, std::string> working_day(const Campaign& c, const Excitation& e, std::size_t test) {
+Result<WorkingDay> working_day(const Campaign& c, const Excitation& e, std::size_t test) {
   const auto fail = [&](const std::string& why) {
     return tl::unexpected(fmt::format("{}: {}", name_of(c, test), why));
   };
   const auto robot = individual(c, c.robot_of(test));
-  if (!robot) return fail(robot.error());
+  if (!robot) return fail(robot.error().message);
   // The owner knows the type: its geometry, not the masses of this robot.
   const auto regressor = Regressor::create(c.model->get()), own = Regressor::create(robot->model->get());
-  if (!regressor || !own) return fail(regressor ? own.error() : regressor.error());
+  if (!regressor || !own) return fail(regressor ? own.error().message : regressor.error().message);
   const BaseParameters base = base_parameters(*regressor);
   const auto law = robot_friction(*c.model, *regressor, *friction::find_law("polynomial"));
-  if (!law) return fail(law.error());
+  if (!law) return fail(law.error().message);
   const auto joints = static_cast<std::size_t>(regressor->joints());
 
   WorkingDay day{.ambient_degC = ambient_degC(c, c.day_of(test))};
   auto recorded = simulated(c, e, test, *robot, day.ambient_degC, *regressor);
-  if (!recorded) return fail(recorded.error());
+  if (!recorded) return fail(recorded.error().message);
   const Preparation preparation{.decimation =
                                     static_cast<unsigned>(std::max(1.0, std::round(c.sampling_hz / kept_hz)))};
   const auto prepared = [&](const RobotRecording& r) { return prepare({&r, 1}, *regressor, preparation); };
@@ -359,9 +358,9 @@ tl::expected<WorkingDay, std::string> working_day(const Campaign& c, const Excit
   std::vector<Sections> sections;
   for (const auto& r : *recorded) {
     auto during = prepared(r.measuring), after = prepared(r.heating);
-    if (!during || !after) return fail(during ? after.error() : during.error());
+    if (!during || !after) return fail(during ? after.error().message : during.error().message);
     const auto fit = fit_dynamics(*regressor, base, *law, *during, {.threads = 1});
-    if (!fit) return fail(fit.error());
+    if (!fit) return fail(fit.error().message);
     day.cycles.push_back({.start_s = r.measuring.time_s.front(),
                           .base = measured(fit->base),
                           .friction = torques_of(fit->friction),
@@ -377,7 +376,7 @@ tl::expected<WorkingDay, std::string> working_day(const Campaign& c, const Excit
 
   // 2 and 3, in turn: friction curves of single cycles, in which a joint warms up from slow passes to fast ones, have
   // the wrong shape.
-  tl::expected<DynamicsFit, std::string> fit;
+  Result<DynamicsFit> fit;
   std::vector<RobotRecording> measuring;
   for (int round = 0;; ++round) {
     Friction friction(*regressor, base, *law, reference, level_share * motion_limits(*c.model, *regressor, 1).speed);
@@ -387,13 +386,14 @@ tl::expected<WorkingDay, std::string> working_day(const Campaign& c, const Excit
     }
     day.warming = friction.warming();
     if (round == rounds) break;
-    if (auto ok = take_temperature(*recorded, sections, day.warming, *law, reference); !ok) return fail(ok.error());
+    if (auto ok = take_temperature(*recorded, sections, day.warming, *law, reference); !ok)
+      return fail(ok.error().message);
     measuring.clear();
     for (const auto& r : *recorded) measuring.push_back(r.measuring);
     const auto motion = prepare(measuring, *regressor, preparation);
-    if (!motion) return fail(motion.error());
+    if (!motion) return fail(motion.error().message);
     fit = fit_dynamics(*regressor, base, *law, *motion, {.threads = 1});
-    if (!fit) return fail(fit.error());
+    if (!fit) return fail(fit.error().message);
     reference = fit->parameters;
     for (auto& joint : reference.friction) joint[torques] = 0;  // the curve at the start of the day
   }
@@ -411,7 +411,7 @@ tl::expected<WorkingDay, std::string> working_day(const Campaign& c, const Excit
   }
   for (const auto& [part, out] : {std::pair{&measuring.front(), &day.cold}, {&measuring.back(), &day.hot}}) {
     const auto shown = prepared(*part);
-    if (!shown) return fail(shown.error());
+    if (!shown) return fail(shown.error().message);
     *out =
         stretch_of(*shown, predicted_torque(*regressor, base, *law, fit->parameters, *shown, 1), c.excitation.period_s);
   }
@@ -515,7 +515,7 @@ WorkingDay day_of(const JsonInput& in, const Shape& shape) {
 
 }  // namespace
 
-tl::expected<WorkingDay, std::string> from_text(const std::string& text, const Shape& shape) {
+Result<WorkingDay> from_text(const std::string& text, const Shape& shape) {
   const Json root = Json::parse(text, nullptr, false);
   if (root.is_discarded()) return tl::unexpected(std::string("is no well-formed JSON"));
   try {

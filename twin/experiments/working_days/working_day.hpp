@@ -3,8 +3,7 @@
 #include <string>
 #include <vector>
 
-#include <tl/expected.hpp>
-
+#include <tribotwin/plugins/friction/error.hpp>
 #include <tribotwin/twin/experiments/working_days/campaign.hpp>
 #include <tribotwin/twin/identification/thermal/thermal_recording.hpp>
 
@@ -62,8 +61,7 @@ struct WorkingDay {
 inline constexpr double level_share = 0.6;
 
 /// Simulates and identifies a test. A function of its arguments alone. Fails with the test and what went wrong.
-tl::expected<WorkingDay, std::string> working_day(const Campaign& campaign, const Excitation& excitation,
-                                                  std::size_t test);
+Result<WorkingDay> working_day(const Campaign& campaign, const Excitation& excitation, std::size_t test);
 
 std::string to_text(const WorkingDay& day);
 /// How many of each a day of a robot has.
@@ -72,7 +70,7 @@ struct Shape {
 };
 /// Fails on text that is no day of such a robot, with the key and what it must be; every number is finite and of its
 /// range.
-tl::expected<WorkingDay, std::string> from_text(const std::string& text, const Shape& shape);
+Result<WorkingDay> from_text(const std::string& text, const Shape& shape);
 
 /// Friction as a temperature, for fit_thermal: higher where heat made friction lower (or, `rising`, higher). In Nm in
 /// place of K.

@@ -257,7 +257,7 @@ double Estimates::correlation(std::size_t i, std::size_t j) const {
   return covariance(a, b) / std::sqrt(covariance(a, a) * covariance(b, b));
 }
 
-tl::expected<Fit, std::string> fit(const friction::LawInfo& law, const Samples& samples, const FitOptions& options) {
+Result<Fit> fit(const friction::LawInfo& law, const Samples& samples, const FitOptions& options) {
   Fit result;
   result.samples = samples.size();
   if (samples.size() == 0) return tl::unexpected(std::string("there are no samples"));
@@ -424,7 +424,7 @@ tl::expected<Fit, std::string> fit(const friction::LawInfo& law, const Samples& 
   for (std::size_t i = 0; i < numbers.size(); ++i) named.emplace_back(law.parameters[i].name, numbers[i]);
   auto made = friction::make_law(law.name, named);
   if (!made) {
-    result.notes.push_back(made.error());
+    result.notes.push_back(made.error().message);
     friction::Law bare;
     bare.info = &law;
     made = friction::with_parameters(bare, numbers);
@@ -470,8 +470,7 @@ tl::expected<Fit, std::string> fit(const friction::LawInfo& law, const Samples& 
   return result;
 }
 
-tl::expected<Fit, std::string> fit_staged(const friction::LawInfo& law, const Samples& samples,
-                                          const FitOptions& options) {
+Result<Fit> fit_staged(const friction::LawInfo& law, const Samples& samples, const FitOptions& options) {
   if (!law.load_dependent || !law.temperature_dependent)
     return tl::unexpected(fmt::format(
         "law '{}' does not depend on both load and temperature: there are no stages to identify it in", law.name));
@@ -495,7 +494,7 @@ tl::expected<Fit, std::string> fit_staged(const friction::LawInfo& law, const Sa
                       static_cast<double>(still.size());
   std::ranges::fill(still.temperature_degC, mean);
   const auto first = fit(law, still, options);
-  if (!first) return tl::unexpected("load terms: " + first.error());
+  if (!first) return tl::unexpected("load terms: " + first.error().message);
   const Placement place(law);
   FitOptions rest = options;
   std::vector<std::size_t> load_terms;
@@ -521,8 +520,8 @@ tl::expected<Fit, std::string> fit_staged(const friction::LawInfo& law, const Sa
   return result;
 }
 
-tl::expected<double, std::string> cross_validate(const friction::LawInfo& law, const Samples& samples,
-                                                 const FitOptions& options, unsigned folds) {
+Result<double> cross_validate(const friction::LawInfo& law, const Samples& samples, const FitOptions& options,
+                              unsigned folds) {
   const bool by_curve = samples.curves() >= folds;
   double squares = 0;
   for (unsigned fold = 0; fold < folds; ++fold) {
@@ -533,14 +532,14 @@ tl::expected<double, std::string> cross_validate(const friction::LawInfo& law, c
       return tl::unexpected(fmt::format("{} samples are too few for {} folds", samples.size(), folds));
     const Samples learned = samples.subset(learn), tested = samples.subset(test);
     const auto found = fit(law, learned, options);
-    if (!found) return tl::unexpected(fmt::format("without fold {}: {}", fold + 1, found.error()));
+    if (!found) return tl::unexpected(fmt::format("without fold {}: {}", fold + 1, found.error().message));
     for (const double r : residuals(tested, Placement(law), found->law.family, options.threads)) squares += r * r;
   }
   return std::sqrt(squares / static_cast<double>(samples.size()));
 }
 
-tl::expected<Shared, std::string> fit_shared(const friction::LawInfo& law, const Samples& samples,
-                                             const std::string& parameter, const FitOptions& options) {
+Result<Shared> fit_shared(const friction::LawInfo& law, const Samples& samples, const std::string& parameter,
+                          const FitOptions& options) {
   const auto found = std::ranges::find(law.parameters, parameter, &friction::Parameter::name);
   if (found == law.parameters.end())
     return tl::unexpected(fmt::format("law '{}' has no parameter '{}'", law.name, parameter));

@@ -5,8 +5,7 @@
 #include <utility>
 #include <vector>
 
-#include <tl/expected.hpp>
-
+#include <tribotwin/plugins/friction/error.hpp>
 #include <tribotwin/plugins/friction/law.hpp>
 #include <tribotwin/twin/identification/curves/samples.hpp>
 #include <tribotwin/twin/identification/estimates.hpp>
@@ -36,18 +35,16 @@ struct Fit : Estimates {  ///< in the law's order
 };
 
 /// Fails with a sentence on what the data lack.
-tl::expected<Fit, std::string> fit(const friction::LawInfo& law, const Samples& samples,
-                                   const FitOptions& options = {});
+Result<Fit> fit(const friction::LawInfo& law, const Samples& samples, const FitOptions& options = {});
 
 /// Paper 1's order: the load terms from the samples of the temperature at which most loads were measured, then, these
 /// fixed, the rest from all. Only for laws that depend on both; fails where no temperature has three loads.
-tl::expected<Fit, std::string> fit_staged(const friction::LawInfo& law, const Samples& samples,
-                                          const FitOptions& options = {});
+Result<Fit> fit_staged(const friction::LawInfo& law, const Samples& samples, const FitOptions& options = {});
 
 /// Root mean square error of samples that were held out: `folds` parts of whole curves where there are as many, else of
 /// samples in turn.
-tl::expected<double, std::string> cross_validate(const friction::LawInfo& law, const Samples& samples,
-                                                 const FitOptions& options, unsigned folds);
+Result<double> cross_validate(const friction::LawInfo& law, const Samples& samples, const FitOptions& options,
+                              unsigned folds);
 
 /// One parameter common to all curves, the others free at each (paper 1, Fig. 5: alpha*).
 struct Shared {
@@ -56,7 +53,7 @@ struct Shared {
   std::size_t curves = 0, samples = 0;
   std::vector<std::string> notes;
 };
-tl::expected<Shared, std::string> fit_shared(const friction::LawInfo& law, const Samples& samples,
-                                             const std::string& parameter, const FitOptions& options = {});
+Result<Shared> fit_shared(const friction::LawInfo& law, const Samples& samples, const std::string& parameter,
+                          const FitOptions& options = {});
 
 }  // namespace tribotwin::twin::identification

@@ -565,7 +565,7 @@ Level measured(const JointRecording& r, const Pair& pair, const Profile& profile
 
 }  // namespace
 
-tl::expected<Levels, std::string> levels_of(const JointRecording& r, const LevelOptions& options) {
+Result<Levels> levels_of(const JointRecording& r, const LevelOptions& options) {
   if (auto ok = check(r); !ok) return tl::unexpected(ok.error());
   Levels result;
   auto passes = Segmentation(r, result.left_out).passes();

@@ -6,8 +6,7 @@
 #include <string>
 #include <vector>
 
-#include <tl/expected.hpp>
-
+#include <tribotwin/plugins/friction/error.hpp>
 #include <tribotwin/twin/identification/curves/recording.hpp>
 
 /// Friction levels from a recording, of the twin or of anybody's robot: stretches of constant speed, each forward one
@@ -67,6 +66,6 @@ struct Levels {
 };
 
 /// Fails with what is missing: "no reverse pass at 0.42 rad/s ...".
-tl::expected<Levels, std::string> levels_of(const JointRecording& recording, const LevelOptions& options = {});
+Result<Levels> levels_of(const JointRecording& recording, const LevelOptions& options = {});
 
 }  // namespace tribotwin::twin

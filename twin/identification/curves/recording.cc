@@ -9,7 +9,7 @@
 
 namespace tribotwin::twin {
 
-tl::expected<void, std::string> check(const JointRecording& r) {
+Result<void> check(const JointRecording& r) {
   const struct {
     const char* name;
     const std::vector<double>& values;

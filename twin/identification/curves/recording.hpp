@@ -4,7 +4,7 @@
 #include <string>
 #include <vector>
 
-#include <tl/expected.hpp>
+#include <tribotwin/plugins/friction/error.hpp>
 
 namespace tribotwin::twin {
 
@@ -21,7 +21,7 @@ struct JointRecording {
 };
 
 /// Whether the columns are equally long, finite and in order of time. Fails with column and row (from 0).
-tl::expected<void, std::string> check(const JointRecording& recording);
+Result<void> check(const JointRecording& recording);
 
 /// A signal at a time, linear between samples, the nearest one before and after them. `time_s` as of a recording,
 /// `values` of its length.

@@ -25,7 +25,7 @@ struct Units {
   double speed_from_motor = 1, friction_from_norm = 1, friction_from_nm = 1;
 };
 
-tl::expected<Units, std::string> units_of(const friction::LawInfo& law, const ReadOptions& o, bool friction_is_norm) {
+Result<Units> units_of(const friction::LawInfo& law, const ReadOptions& o, bool friction_is_norm) {
   Units u;
   if (law.side == friction::Side::arm) {
     if (!(o.gear_ratio > 0))
@@ -151,7 +151,7 @@ Problem read_curves(Samples& samples, const Numbers& table, const friction::LawI
   const auto& friction = norm ? c[1] : c[2];
   if (const Problem p = implausible(table.file, c[0], c[3], c[4], friction, norm)) return p;
   const auto units = units_of(law, options, norm);
-  if (!units) return fmt::format("{}: {}", file, units.error());
+  if (!units) return fmt::format("{}: {}", file, units.error().message);
   return append(samples, table.file,
                 {.speed = c[0],
                  .friction = friction,
@@ -201,7 +201,7 @@ Problem append_levels(Samples& samples, const fs::path& file, const JointRecordi
               : "; one of them is not what its name says");
   }
   const auto levels = levels_of(recording);
-  if (!levels) return fmt::format("{}: {}", file.string(), levels.error());
+  if (!levels) return fmt::format("{}: {}", file.string(), levels.error().message);
   if (!levels->left_out.empty())
     samples.notes.push_back(fmt::format("{}: {} stretches of constant speed are no levels, the first: {}",
                                         file.string(), levels->left_out.size(), levels->left_out.front()));
@@ -216,7 +216,7 @@ Problem append_levels(Samples& samples, const fs::path& file, const JointRecordi
   }
   if (const Problem p = implausible(file, c.speed, c.load, c.temperature, c.friction, false)) return p;
   const auto units = units_of(law, o, false);
-  if (!units) return fmt::format("{}: {}", file.string(), units.error());
+  if (!units) return fmt::format("{}: {}", file.string(), units.error().message);
   return append(samples, file, c, *units, false);
 }
 
@@ -241,7 +241,7 @@ Problem read_series(Samples& samples, const Numbers& table, const friction::LawI
 
 Problem read_record(Samples& samples, const fs::path& file, const friction::LawInfo& law, ReadOptions options) {
   const auto record = read_telemetry(file);
-  if (!record) return record.error();
+  if (!record) return record.error().message;
   std::size_t joint = 0;
   if (options.joint.empty()) {
     if (record->joints.size() != 1)
@@ -293,8 +293,8 @@ Samples Samples::subset(std::span<const std::size_t> rows) const {
   return some;
 }
 
-tl::expected<Samples, std::string> read_samples(std::span<const fs::path> files, const friction::LawInfo& law,
-                                                const ReadOptions& options) {
+Result<Samples> read_samples(std::span<const fs::path> files, const friction::LawInfo& law,
+                             const ReadOptions& options) {
   Samples samples;
   for (const fs::path& file : files) {
     if (file.extension() == ".h5") {

@@ -7,8 +7,7 @@
 #include <string>
 #include <vector>
 
-#include <tl/expected.hpp>
-
+#include <tribotwin/plugins/friction/error.hpp>
 #include <tribotwin/plugins/friction/law.hpp>
 
 /// Friction that was measured, whatever the measurement: what a law is fitted to.
@@ -39,7 +38,7 @@ struct ReadOptions {
 /// and load_nm) or telemetry.h5, in the units of `law`. Rows with a cell that is no finite number are left out and
 /// counted. Fails with file, line or column and what would be right: also where the numbers cannot be what their header
 /// says (degrees for radians, swapped columns).
-tl::expected<Samples, std::string> read_samples(std::span<const std::filesystem::path> files,
-                                                const friction::LawInfo& law, const ReadOptions& options);
+Result<Samples> read_samples(std::span<const std::filesystem::path> files, const friction::LawInfo& law,
+                             const ReadOptions& options);
 
 }  // namespace tribotwin::twin::identification

@@ -100,7 +100,7 @@ std::vector<double> smoothed(std::span<const double> x, double noise) {
 
 }  // namespace
 
-tl::expected<LoopRecordings, std::string> read_loops(std::span<const std::filesystem::path> files) {
+Result<LoopRecordings> read_loops(std::span<const std::filesystem::path> files) {
   LoopRecordings all;
   for (const auto& file : files) {
     const auto table = read_time_series(file, {"time_s", "torsion_rad", "torque_nm"}, {"temperature_degC"}, all.notes);
@@ -182,7 +182,7 @@ std::vector<double> monotone_course(std::span<const double> torsion, std::vector
   return course;
 }
 
-tl::expected<HysteresisFit, std::string> fit_hysteresis(std::span<const LoopRecording> recordings, unsigned threads) {
+Result<HysteresisFit> fit_hysteresis(std::span<const LoopRecording> recordings, unsigned threads) {
   HysteresisFit result;
   std::vector<Course> courses;
   std::size_t samples = 0, reversals = 0;
@@ -305,7 +305,7 @@ tl::expected<HysteresisFit, std::string> fit_hysteresis(std::span<const LoopReco
   result.normalised_mse = 1 - result.r_squared;
   h.drive = "motor";
   if (const auto loaded = transmission::make_hysteresis("", transmission::configuration_of(h)); !loaded)
-    result.notes.push_back(fmt::format("a model would not load this spring: {}", loaded.error()));
+    result.notes.push_back(fmt::format("a model would not load this spring: {}", loaded.error().message));
   return result;
 }
 

@@ -6,8 +6,7 @@
 #include <string_view>
 #include <vector>
 
-#include <tl/expected.hpp>
-
+#include <tribotwin/plugins/friction/error.hpp>
 #include <tribotwin/plugins/transmission/hysteresis.hpp>
 #include <tribotwin/twin/identification/estimates.hpp>
 
@@ -34,7 +33,7 @@ struct LoopRecordings {
 };
 /// Reads CSV `time_s, torsion_rad, torque_nm[, temperature_degC]`, a recording per file. Fails with file and what would
 /// be right, also where the numbers cannot be what their header says.
-tl::expected<LoopRecordings, std::string> read_loops(std::span<const std::filesystem::path> files);
+Result<LoopRecordings> read_loops(std::span<const std::filesystem::path> files);
 
 struct HysteresisFit : Estimates {      ///< parameters: k00 .. k22, w, beta, gamma, n
   transmission::Hysteresis hysteresis;  ///< its ranges are those of the data
@@ -42,8 +41,7 @@ struct HysteresisFit : Estimates {      ///< parameters: k00 .. k22, w, beta, ga
 };
 
 /// Fails with a sentence on what the data lack.
-tl::expected<HysteresisFit, std::string> fit_hysteresis(std::span<const LoopRecording> recordings,
-                                                        unsigned threads = 2);
+Result<HysteresisFit> fit_hysteresis(std::span<const LoopRecording> recordings, unsigned threads = 2);
 
 /// The torsion without the noise that would count as motion to and fro, |phi'| being what turns x round: smoothed as
 /// far as only noise is lost (its size follows from third differences), then between the reversals that stand out of it

@@ -64,8 +64,7 @@ Prediction predict(const drive::Drive& of_law, std::span<const SlidingRecording>
 
 }  // namespace
 
-tl::expected<SlidingRecordings, std::string> read_sliding(std::span<const std::filesystem::path> files,
-                                                          const drive::Drive& drive) {
+Result<SlidingRecordings> read_sliding(std::span<const std::filesystem::path> files, const drive::Drive& drive) {
   SlidingRecordings all;
   const friction::LawInfo& law = *drive.law.info;
   for (const auto& file : files) {
@@ -97,8 +96,8 @@ tl::expected<SlidingRecordings, std::string> read_sliding(std::span<const std::f
   return all;
 }
 
-tl::expected<BristleFit, std::string> fit_bristles(const drive::Drive& drive,
-                                                   std::span<const SlidingRecording> recordings, unsigned threads) {
+Result<BristleFit> fit_bristles(const drive::Drive& drive, std::span<const SlidingRecording> recordings,
+                                unsigned threads) {
   BristleFit result;
   std::vector<double> torque;
   double fastest = 0, travel = 0, breakaway = 0;

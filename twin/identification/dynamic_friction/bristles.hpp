@@ -6,9 +6,8 @@
 #include <string_view>
 #include <vector>
 
-#include <tl/expected.hpp>
-
 #include <tribotwin/plugins/drive/drive.hpp>
+#include <tribotwin/plugins/friction/error.hpp>
 #include <tribotwin/twin/identification/estimates.hpp>
 
 /// Bristles (LuGre, plugins/drive/drive.hpp) over a static law that is known, from recordings of pre-sliding and
@@ -34,8 +33,7 @@ struct SlidingRecordings {
 };
 /// Reads CSV `time_s, velocity_rad_s, torque_nm[, temperature_degC, load_nm]`, a recording per file, with what the law
 /// of `drive` depends on. Fails with file and what would be right.
-tl::expected<SlidingRecordings, std::string> read_sliding(std::span<const std::filesystem::path> files,
-                                                          const drive::Drive& drive);
+Result<SlidingRecordings> read_sliding(std::span<const std::filesystem::path> files, const drive::Drive& drive);
 
 struct BristleFit : Estimates {  ///< parameters: sigma0, sigma1, vd
   drive::Bristles bristles;
@@ -43,7 +41,7 @@ struct BristleFit : Estimates {  ///< parameters: sigma0, sigma1, vd
 };
 
 /// Bristles over the law, the load table and the gear of `drive`. Fails with a sentence on what the data lack.
-tl::expected<BristleFit, std::string> fit_bristles(const drive::Drive& drive,
-                                                   std::span<const SlidingRecording> recordings, unsigned threads = 2);
+Result<BristleFit> fit_bristles(const drive::Drive& drive, std::span<const SlidingRecording> recordings,
+                                unsigned threads = 2);
 
 }  // namespace tribotwin::twin::identification

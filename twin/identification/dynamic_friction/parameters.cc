@@ -104,7 +104,7 @@ std::string to_yaml(const ParameterFile& of_law, const BristleFit& fit, const st
   return s;
 }
 
-tl::expected<void, std::string> usable(const Estimates& found, const friction::LawInfo* law) {
+Result<void> usable(const Estimates& found, const friction::LawInfo* law) {
   std::vector<std::pair<std::string, double>> values;
   for (const auto& e : found.parameters) {
     if (!std::isfinite(e.value))
@@ -118,7 +118,7 @@ tl::expected<void, std::string> usable(const Estimates& found, const friction::L
         std::string("the residuals of the fit are not finite; what is in the data that no joint has?"));
   if (!law) return {};
   if (const auto made = friction::make_law(law->name, values); !made)
-    return tl::unexpected(fmt::format("what these data give is no law that can be used: {}", made.error()));
+    return tl::unexpected(fmt::format("what these data give is no law that can be used: {}", made.error().message));
   return {};
 }
 
@@ -142,7 +142,7 @@ ParameterFile read_parameters(const std::filesystem::path& path) {
   std::vector<std::pair<std::string, double>> values;
   for (const auto& name : parameters->names()) values.emplace_back(name, parameters->number(name));
   auto made = friction::make_law(law, values);
-  if (!made) throw InputError(fmt::format("{}: {}", path.string(), made.error()));
+  if (!made) throw InputError(fmt::format("{}: {}", path.string(), made.error().message));
   f.law = *made;
   auto status = m.mapping("status"), sigma = m.mapping("sigma"), interval = m.mapping("confidence_95"),
        correlation = m.mapping("correlation");
@@ -221,8 +221,8 @@ ParameterFile read_parameters(const std::filesystem::path& path) {
   return f;
 }
 
-tl::expected<transmission::Hysteresis, std::string> hysteresis_of(const std::filesystem::path& path, std::string name,
-                                                                  const std::string& drive) {
+Result<transmission::Hysteresis> hysteresis_of(const std::filesystem::path& path, std::string name,
+                                               const std::string& drive) {
   Mapping m(path.string(), "", load_yaml(path));
   transmission::Configuration keys{{"drive", drive}};
   for (const char* part : {"parameters", "range"}) {
@@ -233,7 +233,7 @@ tl::expected<transmission::Hysteresis, std::string> hysteresis_of(const std::fil
   return transmission::make_hysteresis(std::move(name), keys);
 }
 
-tl::expected<drive::Drive, std::string> drive_of(const ParameterFile& f, std::string name) {
+Result<drive::Drive> drive_of(const ParameterFile& f, std::string name) {
   if (!(f.torque_max_nm > 0))
     return tl::unexpected(std::string("the file holds no torque_max_nm; give it by --tau-max"));
   if (!(f.gear_ratio > 0)) return tl::unexpected(std::string("the file holds no gear_ratio; give it by --gear-ratio"));

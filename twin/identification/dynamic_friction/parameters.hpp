@@ -6,6 +6,7 @@
 #include <vector>
 
 #include <tribotwin/plugins/drive/drive.hpp>
+#include <tribotwin/plugins/friction/error.hpp>
 #include <tribotwin/twin/identification/curves/fit.hpp>
 #include <tribotwin/twin/identification/dynamic_friction/bouc_wen.hpp>
 #include <tribotwin/twin/identification/dynamic_friction/bristles.hpp>
@@ -30,17 +31,17 @@ std::string to_yaml(const HysteresisFit& fit, const std::vector<std::string>& da
 
 /// Fails where a number is not finite or, with a law, where the law itself refuses its parameters: a PARAMS.yaml of it
 /// could not be read.
-tl::expected<void, std::string> usable(const Estimates& found, const friction::LawInfo* law = nullptr);
+Result<void> usable(const Estimates& found, const friction::LawInfo* law = nullptr);
 
 /// Throws InputError with file, key and what would be right.
 ParameterFile read_parameters(const std::filesystem::path& file);
 
 /// The spring of a PARAMS.yaml with `law: bouc_wen`, on the drive instance `drive`. Fails where a model could not load
 /// it.
-tl::expected<transmission::Hysteresis, std::string> hysteresis_of(const std::filesystem::path& file, std::string name,
-                                                                  const std::string& drive);
+Result<transmission::Hysteresis> hysteresis_of(const std::filesystem::path& file, std::string name,
+                                               const std::string& drive);
 
 /// A drive with this law, bristles included. Fails where torque_max_nm or gear_ratio are not known.
-tl::expected<drive::Drive, std::string> drive_of(const ParameterFile& file, std::string name);
+Result<drive::Drive> drive_of(const ParameterFile& file, std::string name);
 
 }  // namespace tribotwin::twin::identification

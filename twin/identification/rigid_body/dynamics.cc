@@ -224,10 +224,10 @@ MatrixXd covariance(const MatrixXd& R) {
 
 /// Parameters of a law that is not linear, fitted joint by joint to what rigid dynamics leave. Returns those that are
 /// not estimated: these data cannot tell them, or they are at a bound.
-tl::expected<std::vector<Index>, std::string> start_friction(const Problem& problem, const Regressor& regressor,
-                                                             const RobotFriction& friction, const JointMotion& motion,
-                                                             const MatrixXd& rigid, RobotParameters& parameters,
-                                                             unsigned threads, std::vector<std::string>& notes) {
+Result<std::vector<Index>> start_friction(const Problem& problem, const Regressor& regressor,
+                                          const RobotFriction& friction, const JointMotion& motion,
+                                          const MatrixXd& rigid, RobotParameters& parameters, unsigned threads,
+                                          std::vector<std::string>& notes) {
   constexpr Index enough = 20000;
   std::vector<Index> held;
   notes.clear();
@@ -250,7 +250,8 @@ tl::expected<std::vector<Index>, std::string> start_friction(const Problem& prob
     for (const auto& p : f.law().parameters)
       if (p.name == "T0") options.fixed.emplace_back("T0", 20);  // a convention: another one gives the same friction
     const auto found = fit(f.law(), samples, options);
-    if (!found) return tl::unexpected(fmt::format("friction of joint {}: {}", regressor.joint_name(j), found.error()));
+    if (!found)
+      return tl::unexpected(fmt::format("friction of joint {}: {}", regressor.joint_name(j), found.error().message));
     if (!found->unidentifiable.empty())
       notes.push_back(fmt::format("friction of joint {}: {} cannot be told from these data and are held",
                                   regressor.joint_name(j), fmt::join(found->unidentifiable, ", ")));
@@ -265,8 +266,8 @@ tl::expected<std::vector<Index>, std::string> start_friction(const Problem& prob
 
 }  // namespace
 
-tl::expected<RobotFriction, std::string> robot_friction(const mujoco::Model& model, const Regressor& regressor,
-                                                        const friction::LawInfo& law) {
+Result<RobotFriction> robot_friction(const mujoco::Model& model, const Regressor& regressor,
+                                     const friction::LawInfo& law) {
   RobotFriction out;
   for (Index j = 0; j < regressor.joints(); ++j) {
     JointFriction::Scales scales;
@@ -316,9 +317,8 @@ MatrixXd predicted_torque(const Regressor& regressor, const BaseParameters& base
   return torque;
 }
 
-tl::expected<DynamicsFit, std::string> fit_dynamics(const Regressor& regressor, const BaseParameters& base,
-                                                    const RobotFriction& friction, const JointMotion& motion,
-                                                    const DynamicsOptions& options) {
+Result<DynamicsFit> fit_dynamics(const Regressor& regressor, const BaseParameters& base, const RobotFriction& friction,
+                                 const JointMotion& motion, const DynamicsOptions& options) {
   const Index joints = regressor.joints();
   Problem problem(regressor, base, friction, motion, options.threads);
   DynamicsFit out;

@@ -5,8 +5,8 @@
 #include <vector>
 
 #include <Eigen/Dense>
-#include <tl/expected.hpp>
 
+#include <tribotwin/plugins/friction/error.hpp>
 #include <tribotwin/plugins/mujoco/loader.hpp>
 #include <tribotwin/twin/identification/curves/fit.hpp>
 #include <tribotwin/twin/identification/rigid_body/joint_friction.hpp>
@@ -42,8 +42,8 @@ using RobotFriction = std::vector<JointFriction>;
 
 /// The same law in every joint. Laws that take the motor's speed, loads or normalised torque need the joints' drives.
 /// Fails with the joint and what it lacks.
-tl::expected<RobotFriction, std::string> robot_friction(const mujoco::Model& model, const Regressor& regressor,
-                                                        const friction::LawInfo& law);
+Result<RobotFriction> robot_friction(const mujoco::Model& model, const Regressor& regressor,
+                                     const friction::LawInfo& law);
 
 /// The parameters of a robot's dynamics: what predicts its torques.
 struct RobotParameters {
@@ -81,8 +81,7 @@ struct DynamicsFit {
 };
 
 /// Fails with a sentence on what the data lack or cannot be.
-tl::expected<DynamicsFit, std::string> fit_dynamics(const Regressor& regressor, const BaseParameters& base,
-                                                    const RobotFriction& friction, const JointMotion& motion,
-                                                    const DynamicsOptions& options = {});
+Result<DynamicsFit> fit_dynamics(const Regressor& regressor, const BaseParameters& base, const RobotFriction& friction,
+                                 const JointMotion& motion, const DynamicsOptions& options = {});
 
 }  // namespace tribotwin::twin::identification

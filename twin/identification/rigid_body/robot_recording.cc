@@ -114,7 +114,7 @@ std::vector<double> equidistant(const RobotRecording& rec, const MatrixXd& value
 
 }  // namespace
 
-tl::expected<RobotRecording, std::string> read_robot_recording(const std::filesystem::path& file, const Regressor& r) {
+Result<RobotRecording> read_robot_recording(const std::filesystem::path& file, const Regressor& r) {
   const auto n = static_cast<std::size_t>(r.joints());
   std::vector<std::string> wanted{"time_s"};
   enum { position, torque, velocity, temperature, kinds };
@@ -184,8 +184,8 @@ tl::expected<RobotRecording, std::string> read_robot_recording(const std::filesy
   return rec;
 }
 
-tl::expected<JointMotion, std::string> prepare(std::span<const RobotRecording> recordings, const Regressor& r,
-                                               const Preparation& preparation) {
+Result<JointMotion> prepare(std::span<const RobotRecording> recordings, const Regressor& r,
+                            const Preparation& preparation) {
   JointMotion out;
   struct Part {
     MatrixXd q, qd, qdd, torque, temperature;

@@ -6,8 +6,8 @@
 #include <vector>
 
 #include <Eigen/Dense>
-#include <tl/expected.hpp>
 
+#include <tribotwin/plugins/friction/error.hpp>
 #include <tribotwin/twin/robot/regressor.hpp>
 
 /// What a robot's controller recorded of all joints, made ready for the dynamics.
@@ -27,8 +27,7 @@ struct RobotRecording {
 /// every joint of the model. Fails with file, column and what would be right; also where the numbers cannot be what
 /// their header says: beyond the joint's range or faster than any robot (degrees, swapped columns), a velocity that is
 /// not the slope of the position, time that does not increase, a robot that stands.
-tl::expected<RobotRecording, std::string> read_robot_recording(const std::filesystem::path& file,
-                                                               const Regressor& regressor);
+Result<RobotRecording> read_robot_recording(const std::filesystem::path& file, const Regressor& regressor);
 
 struct Preparation {
   double cutoff_hz = 0;  ///< of the zero-phase low-pass on positions and torques; 0: 20 Hz, or a fifth of the sampling
@@ -55,7 +54,7 @@ struct JointMotion {
 
 /// Stretches of regular sampling are filtered (filter.hpp), differentiated by central differences and decimated; jitter
 /// is taken out by cubic interpolation. Fails where no stretch of a second is left or a joint stands in all recordings.
-tl::expected<JointMotion, std::string> prepare(std::span<const RobotRecording> recordings, const Regressor& regressor,
-                                               const Preparation& preparation = {});
+Result<JointMotion> prepare(std::span<const RobotRecording> recordings, const Regressor& regressor,
+                            const Preparation& preparation = {});
 
 }  // namespace tribotwin::twin::identification

@@ -84,10 +84,9 @@ void estimate_temperatures(const Regressor& regressor, const BaseParameters& bas
   }
 }
 
-tl::expected<DynamicsFit, std::string> fit_warming_dynamics(const Regressor& regressor, const BaseParameters& base,
-                                                            const RobotFriction& friction,
-                                                            std::span<const thermal::Model> models, JointMotion& motion,
-                                                            const DynamicsOptions& options) {
+Result<DynamicsFit> fit_warming_dynamics(const Regressor& regressor, const BaseParameters& base,
+                                         const RobotFriction& friction, std::span<const thermal::Model> models,
+                                         JointMotion& motion, const DynamicsOptions& options) {
   constexpr int most_rounds = 10;
   constexpr double agree_K = 0.1;
   std::vector<double> start_degC;

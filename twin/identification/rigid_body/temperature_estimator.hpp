@@ -3,6 +3,7 @@
 #include <span>
 #include <vector>
 
+#include <tribotwin/plugins/friction/error.hpp>
 #include <tribotwin/plugins/thermal/thermal.hpp>
 #include <tribotwin/twin/identification/rigid_body/dynamics.hpp>
 
@@ -47,9 +48,8 @@ void estimate_temperatures(const Regressor& regressor, const BaseParameters& bas
 /// fit_dynamics of a motion whose temperatures nobody recorded: friction makes temperatures, and these the friction,
 /// until they agree. Each file begins at the models' T_amb. Leaves the temperatures in `motion`. `friction` depends on
 /// temperature.
-tl::expected<DynamicsFit, std::string> fit_warming_dynamics(const Regressor& regressor, const BaseParameters& base,
-                                                            const RobotFriction& friction,
-                                                            std::span<const thermal::Model> models, JointMotion& motion,
-                                                            const DynamicsOptions& options = {});
+Result<DynamicsFit> fit_warming_dynamics(const Regressor& regressor, const BaseParameters& base,
+                                         const RobotFriction& friction, std::span<const thermal::Model> models,
+                                         JointMotion& motion, const DynamicsOptions& options = {});
 
 }  // namespace tribotwin::twin::identification

@@ -10,8 +10,8 @@ namespace tribotwin::twin::identification {
 
 using Eigen::Index, Eigen::MatrixXd, Eigen::VectorXd;
 
-tl::expected<MatrixXd, std::string> external_wrench(const mujoco::Model& model, const std::string& site,
-                                                    const JointMotion& motion, const MatrixXd& predicted) {
+Result<MatrixXd> external_wrench(const mujoco::Model& model, const std::string& site, const JointMotion& motion,
+                                 const MatrixXd& predicted) {
   /// Directions that joints feel less than this share of the strongest are open: the arm is nearly singular.
   constexpr double weakest = 0.01;
   const mjModel* m = model.get();

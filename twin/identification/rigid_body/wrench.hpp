@@ -3,8 +3,8 @@
 #include <string>
 
 #include <Eigen/Dense>
-#include <tl/expected.hpp>
 
+#include <tribotwin/plugins/friction/error.hpp>
 #include <tribotwin/plugins/mujoco/loader.hpp>
 #include <tribotwin/twin/identification/rigid_body/robot_recording.hpp>
 
@@ -15,7 +15,7 @@ namespace tribotwin::twin::identification {
 /// (joints x samples), J^T F = predicted - measured. Torques of joints that rest tell nothing, as friction holds them:
 /// NaN where the others leave a part of the six open. With the bandwidth of the recording's filter, for recordings;
 /// control/external_torque.hpp is for control loops. Fails where the model has no such site.
-tl::expected<Eigen::MatrixXd, std::string> external_wrench(const mujoco::Model& model, const std::string& site,
-                                                           const JointMotion& motion, const Eigen::MatrixXd& predicted);
+Result<Eigen::MatrixXd> external_wrench(const mujoco::Model& model, const std::string& site, const JointMotion& motion,
+                                        const Eigen::MatrixXd& predicted);
 
 }  // namespace tribotwin::twin::identification

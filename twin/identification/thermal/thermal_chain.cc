@@ -176,7 +176,7 @@ double descend(const ChainProblem& problem, VectorXd& z) {
 
 }  // namespace
 
-tl::expected<ThermalChainFit, std::string> fit_thermal_chain(std::span<const JointHeat> joints) {
+Result<ThermalChainFit> fit_thermal_chain(std::span<const JointHeat> joints) {
   if (joints.size() < 2) return tl::unexpected(fmt::format("{} joint with a temperature is no chain", joints.size()));
   for (const auto& joint : joints) {
     const auto same = [](const HeatSession& a, const HeatSession& b) {

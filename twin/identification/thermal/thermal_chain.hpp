@@ -5,8 +5,7 @@
 #include <string>
 #include <vector>
 
-#include <tl/expected.hpp>
-
+#include <tribotwin/plugins/friction/error.hpp>
 #include <tribotwin/twin/identification/estimates.hpp>
 #include <tribotwin/twin/identification/thermal/thermal_recording.hpp>
 
@@ -39,7 +38,7 @@ struct ThermalChainFit {
 
 /// Joints in the order of the arm, all recorded at the same times. t_j and k by Ceres from several starts, all else is
 /// linear, gains not negative. A_j are the same in all sessions. Fails with what the data lack.
-tl::expected<ThermalChainFit, std::string> fit_thermal_chain(std::span<const JointHeat> joints);
+Result<ThermalChainFit> fit_thermal_chain(std::span<const JointHeat> joints);
 
 /// Temperatures [degC] of session `session` of these joints, joints x samples, from the first ones.
 Eigen::MatrixXd predicted_temperatures(const ThermalChain& chain, std::span<const JointHeat> joints,

@@ -197,8 +197,7 @@ void descend(const ThermalProblem& problem, VectorXd& log_t) {
 
 }  // namespace
 
-tl::expected<ThermalFit, std::string> fit_thermal(std::span<const HeatSession> sessions,
-                                                  const ThermalOptions& options) {
+Result<ThermalFit> fit_thermal(std::span<const HeatSession> sessions, const ThermalOptions& options) {
   if (std::ranges::any_of(sessions, [](const HeatSession& s) { return s.temperature_degC.empty(); }))
     return tl::unexpected(std::string("has no temperatures"));
   const ThermalProblem problem(sessions, options);

@@ -4,8 +4,7 @@
 #include <string>
 #include <vector>
 
-#include <tl/expected.hpp>
-
+#include <tribotwin/plugins/friction/error.hpp>
 #include <tribotwin/plugins/thermal/thermal.hpp>
 #include <tribotwin/twin/identification/curves/fit.hpp>
 #include <tribotwin/twin/identification/thermal/thermal_recording.hpp>
@@ -43,8 +42,7 @@ struct ThermalFit {
 };
 
 /// Fails with what the data lack; every session has temperatures. Files are those that the sessions name.
-tl::expected<ThermalFit, std::string> fit_thermal(std::span<const HeatSession> sessions,
-                                                  const ThermalOptions& options = {});
+Result<ThermalFit> fit_thermal(std::span<const HeatSession> sessions, const ThermalOptions& options = {});
 
 /// Temperatures [degC] of a session from its first one, which is taken to be on the nodes as a long warm-up would leave
 /// it.

@@ -161,8 +161,7 @@ std::vector<std::string> joints_of(const std::vector<std::string>& header, bool 
 
 }  // namespace
 
-tl::expected<ThermalRecording, std::string> read_thermal_recording(const std::filesystem::path& file, std::size_t index,
-                                                                   double cycle_s) {
+Result<ThermalRecording> read_thermal_recording(const std::filesystem::path& file, std::size_t index, double cycle_s) {
   const auto header = read_numbers(file, {"time_s"});
   if (!header) return tl::unexpected(header.error());
   if (header->columns[0].empty())

@@ -5,7 +5,7 @@
 #include <string>
 #include <vector>
 
-#include <tl/expected.hpp>
+#include <tribotwin/plugins/friction/error.hpp>
 
 /// What a controller or a bench recorded of the heat in joints and of their temperature.
 namespace tribotwin::twin::identification {
@@ -40,7 +40,7 @@ struct ThermalRecording {
 /// further until at most 5,000 are left; across a gap (2.5 typical steps) the power is the mean of the stretches on
 /// both sides. Only with cycles may a file have no temperature. Fails with file, column and what would be right: also
 /// where a temperature never changes or cannot be one of a gearbox.
-tl::expected<ThermalRecording, std::string> read_thermal_recording(const std::filesystem::path& file, std::size_t index,
-                                                                   double cycle_s = 0);
+Result<ThermalRecording> read_thermal_recording(const std::filesystem::path& file, std::size_t index,
+                                                double cycle_s = 0);
 
 }  // namespace tribotwin::twin::identification

@@ -146,8 +146,7 @@ double friction_share(const thermal::Model& model, double alpha, double rest_pow
   return (end + of_fast * std::exp(fast * time_s) + (1 - end - of_fast) * std::exp(slow * time_s)).real();
 }
 
-tl::expected<TorqueThermalFit, std::string> fit_thermal_torque(std::span<const HeatSession> sessions,
-                                                               thermal::Order order) {
+Result<TorqueThermalFit> fit_thermal_torque(std::span<const HeatSession> sessions, thermal::Order order) {
   const Index nodes = order == thermal::Order::first ? 1 : 2;
   if (std::ranges::adjacent_find(sessions, {}, &HeatSession::file) != sessions.end())
     return tl::unexpected(

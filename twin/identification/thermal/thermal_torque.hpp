@@ -4,8 +4,7 @@
 #include <string>
 #include <vector>
 
-#include <tl/expected.hpp>
-
+#include <tribotwin/plugins/friction/error.hpp>
 #include <tribotwin/plugins/thermal/thermal.hpp>
 #include <tribotwin/twin/identification/thermal/thermal_fit.hpp>
 
@@ -37,8 +36,7 @@ struct TorqueThermalFit {
 
 /// Sessions have cycles, one kind in each that never pauses, and begin at rest temperature, as after a night: without
 /// that a cold joint and a cycle that takes little work are the same. Fails with what the data lack.
-tl::expected<TorqueThermalFit, std::string> fit_thermal_torque(std::span<const HeatSession> sessions,
-                                                               thermal::Order order);
+Result<TorqueThermalFit> fit_thermal_torque(std::span<const HeatSession> sessions, thermal::Order order);
 
 /// alpha [1/K] of P5 (5) where the temperature was recorded: P_k = P_0 (1 + alpha (T_k - rest_degC)), a straight line
 /// per session with one alpha for all. Sessions have cycles and temperatures.

@@ -52,9 +52,8 @@ Status write_csv(NewFile& out, const Reader& r, const Columns& columns, const st
 }
 
 /// The whole CSV, not yet under its name.
-tl::expected<NewFile, std::string> make_csv(const fs::path& file, Existing existing, const Reader& r,
-                                            const Columns& columns, const std::vector<Channel>& channels,
-                                            const std::function<void(double)>& progress) {
+Result<NewFile> make_csv(const fs::path& file, Existing existing, const Reader& r, const Columns& columns,
+                         const std::vector<Channel>& channels, const std::function<void(double)>& progress) {
   if (auto ok = check_output(file, existing); !ok) return tl::unexpected(ok.error());
   auto out = NewFile::create(file, existing);
   if (!out) return out;
@@ -66,8 +65,8 @@ tl::expected<NewFile, std::string> make_csv(const fs::path& file, Existing exist
 
 }  // namespace
 
-tl::expected<std::vector<fs::path>, std::string> export_csv(const fs::path& run_dir, Existing existing,
-                                                            const std::function<void(double)>& progress) {
+Result<std::vector<fs::path>> export_csv(const fs::path& run_dir, Existing existing,
+                                         const std::function<void(double)>& progress) {
   const fs::path path = run_dir / "telemetry.h5";
   if (auto ok = probe(path); !ok) return tl::unexpected(ok.error());
   const auto r = guarded(path, no_record, [&] {

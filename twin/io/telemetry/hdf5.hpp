@@ -14,8 +14,8 @@
 
 #include <fmt/format.h>
 #include <hdf5.h>
-#include <tl/expected.hpp>
 
+#include <tribotwin/plugins/friction/error.hpp>
 #include <tribotwin/twin/io/telemetry/telemetry.hpp>
 
 /// HDF5 for this folder: one thread at a time, failures as exceptions that do not leave the folder, ids that close
@@ -23,7 +23,7 @@
 namespace tribotwin::twin::hdf5 {
 
 namespace fs = std::filesystem;
-using Status = tl::expected<void, std::string>;
+using Status = Result<void>;
 
 constexpr char no_record[] = "is no readable HDF5 record";
 constexpr char not_written[] = "cannot be written";
@@ -37,8 +37,7 @@ std::string system_reason(int error);
 
 /// Result of `work`, or the message "FILE: PHRASE (reason)" for whatever it throws.
 template <class Work>
-auto guarded(const fs::path& path, std::string_view phrase, Work&& work)
-    -> tl::expected<decltype(work()), std::string> {
+auto guarded(const fs::path& path, std::string_view phrase, Work&& work) -> Result<decltype(work())> {
   try {
     if constexpr (std::is_void_v<decltype(work())>) {
       work();

@@ -202,7 +202,7 @@ hdf5::Status increasing(const std::filesystem::path& path, const std::vector<dou
 
 }  // namespace
 
-tl::expected<Recording, std::string> read_telemetry(const std::filesystem::path& path) {
+Result<Recording> read_telemetry(const std::filesystem::path& path) {
   using namespace hdf5;
   if (auto ok = probe(path); !ok) return tl::unexpected(ok.error());
   auto recording = guarded(path, no_record, [&]() -> Recording {

@@ -118,7 +118,7 @@ Recovered as_it_is(const Reader& reader) {
 
 }  // namespace
 
-tl::expected<Recovered, std::string> recover(const fs::path& run_dir) {
+Result<Recovered> recover(const fs::path& run_dir) {
   const fs::path path = run_dir / "telemetry.h5", original = run_dir / "telemetry.h5.original";
   if (auto ok = guarded(path, not_written, [&] { refuse_if_in_use(path); }); !ok) return tl::unexpected(ok.error());
   if (auto ok = probe(path); !ok) return tl::unexpected(ok.error());

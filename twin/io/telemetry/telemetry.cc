@@ -33,7 +33,7 @@ struct Telemetry::Impl {
       }
       flushed_s = options.wall_clock_s();
     });
-    if (!ok) fail(ok.error());
+    if (!ok) fail(ok.error().message);
     return ok;
   }
   void fail(const std::string& why) {
@@ -60,8 +60,7 @@ Telemetry::Telemetry(Telemetry&&) noexcept = default;
 Telemetry& Telemetry::operator=(Telemetry&&) noexcept = default;
 Telemetry::~Telemetry() = default;
 
-tl::expected<Telemetry, std::string> Telemetry::create(const fs::path& path, TelemetryOptions options,
-                                                       Existing existing) {
+Result<Telemetry> Telemetry::create(const fs::path& path, TelemetryOptions options, Existing existing) {
   if (auto ok = guarded(path, not_written, [&] { refuse_if_in_use(path); }); !ok) return tl::unexpected(ok.error());
   auto fresh = NewFile::create(path, existing);
   if (!fresh) return tl::unexpected(fresh.error());
@@ -108,7 +107,7 @@ Status Telemetry::finish(bool complete) {
   if (ok)
     impl_->error = fmt::format("{}: the recording is finished", impl_->path.string());
   else
-    impl_->fail(ok.error());
+    impl_->fail(ok.error().message);
   return ok;
 }
 

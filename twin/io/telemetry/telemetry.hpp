@@ -10,8 +10,7 @@
 #include <utility>
 #include <vector>
 
-#include <tl/expected.hpp>
-
+#include <tribotwin/plugins/friction/error.hpp>
 #include <tribotwin/twin/io/file.hpp>
 
 /// The record of a run, telemetry.h5. At the root: time_s [s], with work cycles cycle_time_s [s], `complete` (uint8, 1
@@ -45,18 +44,18 @@ class Telemetry {
  public:
   /// Creates `file`, which appears with its channels and no samples. Fails with a message that names it and the reason,
   /// and leaves what was there as it was. A record that is still being written is never replaced.
-  static tl::expected<Telemetry, std::string> create(const std::filesystem::path& file, TelemetryOptions options,
-                                                     Existing existing = Existing::refuse);
+  static Result<Telemetry> create(const std::filesystem::path& file, TelemetryOptions options,
+                                  Existing existing = Existing::refuse);
   Telemetry(Telemetry&&) noexcept;
   Telemetry& operator=(Telemetry&&) noexcept;
   ~Telemetry();  ///< without finish(): keeps what is there, marked incomplete
 
   /// One sample: joints x channels values, joint by joint. Allocates nothing and writes once per block and flush
   /// interval. After a failed write (full disk) every further call fails alike; what was flushed before stays readable.
-  tl::expected<void, std::string> append(double time_s, std::span<const double> values);
-  tl::expected<void, std::string> append_cycle(double time_s, std::span<const double> values);
+  Result<void> append(double time_s, std::span<const double> values);
+  Result<void> append_cycle(double time_s, std::span<const double> values);
   /// Closes the record, which is then a plain HDF5 file on disk, and marks it complete unless the run was cut short.
-  tl::expected<void, std::string> finish(bool complete = true);
+  Result<void> finish(bool complete = true);
 
  private:
   struct Impl;
@@ -81,7 +80,7 @@ struct Recording {
 
 /// Reads a finished, unfinished or growing record; all channels are cut to the shortest. Fails where a part of it is
 /// damaged: cut off, changed (checksum) or of another shape; and where it refers to other files, which are not read.
-tl::expected<Recording, std::string> read_telemetry(const std::filesystem::path& file);
+Result<Recording> read_telemetry(const std::filesystem::path& file);
 
 struct Recovered {
   std::size_t samples, cycles;            ///< kept
@@ -94,11 +93,11 @@ struct Recovered {
 /// checksums, no value is infinite, and its time is later than that of the row before. The original stays as
 /// telemetry.h5.original. Fails while the run is still writing and where no sample can be proven; nothing is changed
 /// then.
-tl::expected<Recovered, std::string> recover(const std::filesystem::path& run_dir);
+Result<Recovered> recover(const std::filesystem::path& run_dir);
 
 /// Writes RUNDIR/telemetry.csv and, where there are work cycles, RUNDIR/cycles.csv: `time_s`, then `JOINT.CHANNEL`,
 /// numbers in their shortest exact form. Returns the files written. `progress` gets 0..1.
-tl::expected<std::vector<std::filesystem::path>, std::string> export_csv(
-    const std::filesystem::path& run_dir, Existing existing, const std::function<void(double)>& progress = {});
+Result<std::vector<std::filesystem::path>> export_csv(const std::filesystem::path& run_dir, Existing existing,
+                                                      const std::function<void(double)>& progress = {});
 
 }  // namespace tribotwin::twin

@@ -51,7 +51,7 @@ TEST(Study, TablesTwoAndThreeHaveThePapersStructure) {
                                     [&](const Curve& c) { return std::ranges::count(study.learn, c.series); }),
               20);
   const auto summary = run_study(study, {.directory = folder.path});
-  ASSERT_TRUE(summary) << summary.error();
+  ASSERT_TRUE(summary) << summary.error().message;
   std::ifstream file(folder.path / "diagnosis.json");
   const auto json = nlohmann::json::parse(file);
   for (const auto& [joint, flagged_from_kg] : {std::pair{"joint3", 2.0}, {"joint5", 5.0}}) {
@@ -93,7 +93,7 @@ TEST(Study, FaultsOfTwiceTheirDetectionLimitAreNamed) {
   tree["diagnosis"]["learn"] = YAML::Load("[evolution]");
   tree["diagnosis"]["draws"] = 20;
   const auto summary = run_study(load_study(shipped, tree), {.directory = folder.path});
-  ASSERT_TRUE(summary) << summary.error();
+  ASSERT_TRUE(summary) << summary.error().message;
   std::ifstream file(folder.path / "diagnosis.json");
   const auto json = nlohmann::json::parse(file);
   int named = 0;

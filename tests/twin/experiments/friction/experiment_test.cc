@@ -16,7 +16,7 @@ TEST_F(Experiment, MeasuresTheLawWithTheLoadHeldByATorque) {
   for (const double T : {40.0, 60.0, 80.0})
     for (const double load : {0.0, 0.3, 0.7}) {
       const auto measured = measure_curve(*model, 1, speeds, {.load_norm = load, .temperature_degC = T});
-      ASSERT_TRUE(measured) << measured.error();
+      ASSERT_TRUE(measured) << measured.error().message;
       const auto law = law_curve(drive, speeds, load, T);
       for (std::size_t i = 0; i < speeds.size(); ++i)
         EXPECT_NEAR((*measured)[i].friction_nm, law[i].friction_nm, 1e-3 * law[i].friction_nm)
@@ -29,7 +29,7 @@ TEST_F(Experiment, MeasuresTheLawWithTheLoadHeldByAPose) {
     for (const double load : {-0.5, -0.1, 0.3}) {
       const auto measured =
           measure_curve(*model, 1, speeds, {.load_norm = load, .temperature_degC = T, .load_by = LoadBy::pose});
-      ASSERT_TRUE(measured) << measured.error();
+      ASSERT_TRUE(measured) << measured.error().message;
       for (std::size_t i = 0; i < speeds.size(); ++i) {
         const double law = law_curve(drive, {&speeds[i], 1}, (*measured)[i].load_norm, T)[0].friction_nm;
         EXPECT_NEAR((*measured)[i].friction_nm, law, 5e-3 * law)
@@ -51,7 +51,7 @@ TEST_F(Experiment, NoiseShowsInTheStandardErrorAndRepeatsWithTheSeed) {
 }
 
 TEST_F(Experiment, SaysWhichLoadsAPoseCanGive) {
-  EXPECT_THAT(measure_curve(*model, 1, speeds, {.load_norm = 0.72, .load_by = LoadBy::pose}).error(),
+  EXPECT_THAT(measure_curve(*model, 1, speeds, {.load_norm = 0.72, .load_by = LoadBy::pose}).error().message,
               testing::HasSubstr("-0.583 .. 0.541"));
 }
 

@@ -41,7 +41,7 @@ std::map<std::string, std::vector<double>> curve(const std::string& fault, doubl
                   (fault.empty() ? "" : ", fault: " + fault) + "}\n");
   const Campaign campaign = load_campaign(file.path);
   const auto rows = measured_rows(campaign, campaign.curves.at(0));
-  EXPECT_TRUE(rows) << rows.error();
+  EXPECT_TRUE(rows) << rows.error().message;
   std::map<std::string, std::vector<double>> columns;
   std::vector<std::string> names;
   std::istringstream header{std::string(curve_columns)}, table(*rows);
@@ -144,7 +144,7 @@ const std::string cycle = "model: " + model +
 Summary ran(const std::string& text) {
   const File file(text);
   auto summary = run(load_scenario(file.path), {});
-  EXPECT_TRUE(summary) << summary.error();
+  EXPECT_TRUE(summary) << summary.error().message;
   return *summary;
 }
 

@@ -82,7 +82,7 @@ struct Synthetic {
 TEST(Levels, FindsFrictionUnderGravity) {
   const Synthetic robot;
   const auto found = levels_of(robot.recording());
-  ASSERT_TRUE(found) << found.error();
+  ASSERT_TRUE(found) << found.error().message;
   ASSERT_EQ(found->levels.size(), robot.speeds.size());
   for (std::size_t i = 0; i < robot.speeds.size(); ++i) {
     const Level& level = found->levels[i];
@@ -100,7 +100,7 @@ TEST(Levels, TakesOutTheLagOfTheTorque) {
   for (const double lag : {0.004, 0.013, 0.05}) {
     Synthetic robot{.noise_nm = 5, .sensors = {.sampling_hz = 250, .lag_s = lag}};
     const auto found = levels_of(robot.recording());
-    ASSERT_TRUE(found) << found.error();
+    ASSERT_TRUE(found) << found.error().message;
     EXPECT_NEAR(found->lag_s, lag, 0.004);
     EXPECT_GT(found->lag_stderr_s, 0);
     for (const Level& level : found->levels)
@@ -117,7 +117,7 @@ TEST(Levels, TakesOutTheLagOfTheTorque) {
 TEST(Levels, TellsTheDirectionsApartWhereTheLoadIsKnown) {
   Synthetic robot{.forward_nm = 120, .backward_nm = 90, .load = true};
   const auto found = levels_of(robot.recording());
-  ASSERT_TRUE(found) << found.error();
+  ASSERT_TRUE(found) << found.error().message;
   for (const Level& level : found->levels) {
     EXPECT_NEAR(level.forward->friction_nm, robot.friction(level.speed_rad_s), 0.3);
     EXPECT_NEAR(level.backward->friction_nm, robot.friction(-level.speed_rad_s), 0.3);
@@ -129,13 +129,13 @@ TEST(Levels, MeasuresWhereItIsTold) {
   Synthetic robot{.least_travel_rad = 1.5, .load = true};
   robot.speeds = {0.2, 0.5, 1};
   const auto found = levels_of(robot.recording(), {.speeds_rad_s = {1, 0.2}, .centre_rad = 0.2, .width_rad = 0.1});
-  ASSERT_TRUE(found) << found.error();
+  ASSERT_TRUE(found) << found.error().message;
   ASSERT_EQ(found->levels.size(), 2);  // in the order asked for
   for (const Level& level : found->levels) {
     EXPECT_NEAR(level.load_nm, robot.gravity(0.2), 1.5);
     EXPECT_NEAR(level.friction_nm, robot.friction(level.speed_rad_s), 0.3);
   }
-  EXPECT_THAT(levels_of(robot.recording(), {.speeds_rad_s = {1}, .centre_rad = 2, .width_rad = 0.1}).error(),
+  EXPECT_THAT(levels_of(robot.recording(), {.speeds_rad_s = {1}, .centre_rad = 2, .width_rad = 0.1}).error().message,
               HasSubstr("of 2 +- 0.05 rad"));
 }
 
@@ -149,7 +149,7 @@ class HardLevels : public testing::TestWithParam<Hard> {};
 TEST_P(HardLevels, AreFound) {
   const Synthetic& robot = GetParam().robot;
   const auto found = levels_of(robot.recording(), {.speeds_rad_s = robot.speeds});
-  ASSERT_TRUE(found) << found.error();
+  ASSERT_TRUE(found) << found.error().message;
   for (const Level& level : found->levels) {
     EXPECT_NEAR(level.friction_nm, robot.friction(level.speed_rad_s), 4 * level.stderr_nm + 2e-3 * level.friction_nm)
         << level.speed_rad_s << " rad/s, stderr " << level.stderr_nm << ", " << level.samples;
@@ -194,7 +194,7 @@ double spread_of_scores(double correlation, double lag_s) {
                           .seed = seed};
     const auto found = levels_of(robot.recording(), {.speeds_rad_s = robot.speeds});
     if (!found) {
-      ADD_FAILURE() << found.error();
+      ADD_FAILURE() << found.error().message;
       return 0;
     }
     for (const Level& level : found->levels) {
@@ -220,7 +220,7 @@ TEST(Levels, RepeatedCyclesStayApart) {
   Synthetic robot{.least_travel_rad = 0};
   robot.speeds = {0.5, 1, 0.5, 1, 0.5, 1};
   const auto found = levels_of(robot.recording());
-  ASSERT_TRUE(found) << found.error();
+  ASSERT_TRUE(found) << found.error().message;
   ASSERT_EQ(found->levels.size(), 6);
   for (std::size_t i = 0; i < 6; ++i) {
     EXPECT_NEAR(found->levels[i].speed_rad_s, robot.speeds[i], 1e-3);
@@ -242,7 +242,7 @@ TEST(Levels, OffsetIsPaperTwos) {
   };
   go(1, 1), go(0, 0.2), go(-2, 0.05), go(0, 0.2), go(-1, 1);
   const auto found = levels_of(r);
-  ASSERT_TRUE(found) << found.error();
+  ASSERT_TRUE(found) << found.error().message;
   EXPECT_NEAR(found->levels.at(0).offset_s, 0.1, 0.02);
   EXPECT_NEAR(found->levels.at(0).friction_nm, 30, 1e-6);
 }
@@ -250,25 +250,26 @@ TEST(Levels, OffsetIsPaperTwos) {
 TEST(Levels, SayWhatIsMissing) {
   Synthetic robot{.reverse = false};
   robot.speeds = {0.42};
-  EXPECT_THAT(levels_of(robot.recording()).error(), HasSubstr("no reverse pass at 0.42 rad/s"));
-  EXPECT_THAT(levels_of(robot.recording(), {.speeds_rad_s = {0.42}}).error(),
+  EXPECT_THAT(levels_of(robot.recording()).error().message, HasSubstr("no reverse pass at 0.42 rad/s"));
+  EXPECT_THAT(levels_of(robot.recording(), {.speeds_rad_s = {0.42}}).error().message,
               HasSubstr("no reverse pass at 0.42 rad/s"));
   robot.reverse = true;
-  EXPECT_THAT(levels_of(robot.recording(), {.speeds_rad_s = {0.42, 0.9}}).error(), HasSubstr("no pass at 0.9 rad/s"));
-  EXPECT_THAT(levels_of({}).error(), HasSubstr("empty"));
+  EXPECT_THAT(levels_of(robot.recording(), {.speeds_rad_s = {0.42, 0.9}}).error().message,
+              HasSubstr("no pass at 0.9 rad/s"));
+  EXPECT_THAT(levels_of({}).error().message, HasSubstr("empty"));
 
   JointRecording r = robot.recording();
   r.torque_nm.pop_back();
-  EXPECT_THAT(levels_of(r).error(), HasSubstr("torque_nm has"));
+  EXPECT_THAT(levels_of(r).error().message, HasSubstr("torque_nm has"));
   r = robot.recording();
   r.position_rad[7] = std::nan("");
-  EXPECT_THAT(levels_of(r).error(), HasSubstr("position_rad is not finite at sample 7"));
+  EXPECT_THAT(levels_of(r).error().message, HasSubstr("position_rad is not finite at sample 7"));
   r = robot.recording();
   std::swap(r.time_s[10], r.time_s[11]);
-  EXPECT_THAT(levels_of(r).error(), HasSubstr("at sample 11 does not come after"));
+  EXPECT_THAT(levels_of(r).error().message, HasSubstr("at sample 11 does not come after"));
   r = robot.recording();
   for (double& v : r.velocity_rad_s) v *= 180 / std::numbers::pi;
-  EXPECT_THAT(levels_of(r).error(), HasSubstr("57.3 times as fast"));
+  EXPECT_THAT(levels_of(r).error().message, HasSubstr("57.3 times as fast"));
 }
 
 TEST(Levels, AreNotFoundInAnExcitationTrajectory) {
@@ -326,17 +327,17 @@ double law_nm(const drive::Drive& drive, double speed_rad_s, double load_nm, dou
 TEST(TestCycle, MeasuresTheLawInUnderThreeMinutes) {
   const auto arm = with_payload(*mujoco::load_file(source + "/mjcf/br609.xml").value(), {.mass_kg = 2}).value();
   const auto bench = bench_of(*arm, true, 250);
-  ASSERT_TRUE(bench) << bench.error();
+  ASSERT_TRUE(bench) << bench.error().message;
   const drive::Drive& drive = arm->drives()[2].drive;
   Measurement me{.speeds_rad_s = test_cycle_speeds_rad_s(), .start_rad = std::vector<double>(6, 0.0)};
   me.heat = {.rise = thermal::settled(drive.thermal, 20), .held = false};
   const Motion motion = test_cycle_of(**bench, 2, me.start_rad);
   EXPECT_LT(motion.duration_s(), 180);
   const auto recording = record(**bench, 2, motion, me);
-  ASSERT_TRUE(recording) << recording.error();
+  ASSERT_TRUE(recording) << recording.error().message;
   EXPECT_NEAR(recording->time_s[1], 1 / 250.0, 1e-9);
   const auto found = levels_of(*recording, {.speeds_rad_s = me.speeds_rad_s});
-  ASSERT_TRUE(found) << found.error();
+  ASSERT_TRUE(found) << found.error().message;
   ASSERT_EQ(found->levels.size(), 15);
   for (const Level& level : found->levels) {
     const double law = law_nm(drive, level.speed_rad_s, level.load_nm, level.temperature_degC);
@@ -362,7 +363,7 @@ TEST(TestCycle, FindsTheLagOfTheTorqueWithinASample) {
         .start_rad = std::vector<double>(6, 0.0),
         .sensors = {.encoder_increments_per_turn = 409600, .torque_noise_nm = 0.3, .sampling_hz = 250, .lag_s = lag}};
     const auto found = levels_of(*record(*bench, 2, test_cycle_of(*bench, 2, me.start_rad), me));
-    ASSERT_TRUE(found) << found.error();
+    ASSERT_TRUE(found) << found.error().message;
     EXPECT_NEAR(found->lag_s, lag, 0.004);
   }
 }
@@ -404,7 +405,7 @@ TEST(Gravity, FindsPosesAndTellsWhatThereIs) {
   const mujoco::DataPtr d = arm->make_data();
   for (const double load : {-0.73, -0.4, -0.02, 0.44}) {
     const auto pose = gravity.pose_for(load * 7500);
-    ASSERT_TRUE(pose) << pose.error();
+    ASSERT_TRUE(pose) << pose.error().message;
     for (std::size_t i = 0; i < 6; ++i) {
       const auto& other = arm->drives()[i];
       d->qpos[position_address(arm->get(), other)] = pose->position_rad[i];
@@ -417,7 +418,7 @@ TEST(Gravity, FindsPosesAndTellsWhatThereIs) {
       EXPECT_NEAR(gravity.load_nm(pose->position_rad, pose->position_rad[1] + side * pose->width_rad), load * 7500,
                   0.0105 * 7500);
   }
-  EXPECT_THAT(gravity.pose_for(0.9 * 7500).error(), HasSubstr("gravity gives -0.78"));
+  EXPECT_THAT(gravity.pose_for(0.9 * 7500).error().message, HasSubstr("gravity gives -0.78"));
 }
 
 class CampaignFiles : public testing::Test {
@@ -501,7 +502,7 @@ TEST_F(CampaignFiles, KeysOfTheDriveAreReplaced) {
                                        "procedure: plus_minus\nspeeds_rad_s: [10]\ndrive: {law: stribeck, Fc: 0.03, "
                                        "Fs: 0.05, Fv: 3.0e-4, vs: 10, alpha: 1.3}\n"));
   const auto rows = measured_rows(other, other.curves[0]);
-  ASSERT_TRUE(rows) << rows.error();
+  ASSERT_TRUE(rows) << rows.error().message;
   std::istringstream cells(*rows);
   std::string cell;
   for (int i = 0; i < 6; ++i) std::getline(cells, cell, ',');
@@ -582,7 +583,7 @@ TEST_F(CampaignFiles, TheWholeChainIsExactWithoutNoiseAndCalibratedWithIt) {
        {"", "sensors: {encoder_increments_per_turn: 729088, torque_noise_nm: 20, sampling_hz: 250, lag_s: 0.006}\n"}) {
     const Campaign c = campaign(text(series, head + sensors));
     const auto done = run_campaign(c, {.directory = folder / (sensors.empty() ? "exact" : "noisy")});
-    ASSERT_TRUE(done) << done.error();
+    ASSERT_TRUE(done) << done.error().message;
     EXPECT_EQ(done->levels, 24 * 9);
     const Table table = read_table(folder / (sensors.empty() ? "exact" : "noisy") / "curves.csv").value();
     const auto column = [&](const char* name) { return table.numbers(name).value(); };
@@ -630,7 +631,7 @@ TEST_F(CampaignFiles, ParallelRunsGiveTheSameBytes) {
       simple, "procedure: plus_minus\nspeeds_rad_s: [50, 200]\nlevel_noise_nm: 3\nsensors: {torque_noise_nm: 20}\n"));
   const auto bytes = [&](const char* name, unsigned threads) {
     const auto done = run_campaign(c, {.directory = folder / name, .threads = threads});
-    EXPECT_TRUE(done) << done.error();
+    EXPECT_TRUE(done) << done.error().message;
     std::ifstream stream(folder / name / "curves.csv");
     return std::string(std::istreambuf_iterator<char>(stream), {});
   };
@@ -648,7 +649,7 @@ TEST_F(CampaignFiles, FailuresNameTheCurve) {
   c.curves[3].measurement.start_rad[1] = 0;
   const auto done = run_campaign(c, {.directory = folder / "out", .threads = 2});
   ASSERT_FALSE(done);
-  EXPECT_THAT(done.error(), HasSubstr("curve 4 of series 'a' (load 0.3 by torque, 40 degC): no steady motion"));
+  EXPECT_THAT(done.error().message, HasSubstr("curve 4 of series 'a' (load 0.3 by torque, 40 degC): no steady motion"));
   EXPECT_FALSE(fs::exists(folder / "out" / "curves.csv"));
 }
 

@@ -52,7 +52,7 @@ TEST(BoucWen, FindsTheGearAndSigmasAreTheScatter) {
   double inside = 0, worst = 0, error = 0;
   for (int seed = 1; seed <= seeds; ++seed) {
     const auto f = fit_hysteresis(bench(5, 1.2e-6, static_cast<std::uint64_t>(seed)));
-    ASSERT_TRUE(f) << f.error();
+    ASSERT_TRUE(f) << f.error().message;
     ASSERT_THAT(f->unidentifiable, IsEmpty());
     for (std::size_t i = 0; i < 13; ++i) {
       const auto& e = f->parameters[i];
@@ -74,13 +74,13 @@ TEST(BoucWen, FindsTheGearAndSigmasAreTheScatter) {
 
 TEST(BoucWen, SaysWhatTheDataCannotTell) {
   const auto one = fit_hysteresis(std::vector{loops(35, 5, 0, 1)});
-  ASSERT_TRUE(one) << one.error();
+  ASSERT_TRUE(one) << one.error().message;
   EXPECT_THAT(one->unidentifiable, UnorderedElementsAre("k01", "k02", "k11", "k12", "k21", "k22"));
   EXPECT_THAT(one->notes, Contains(HasSubstr("all samples are at 35 degC")));
   EXPECT_NEAR(one->parameters[0].value, 1.9e6 + 6e3 * 35 - 20 * 35 * 35, 4 * one->parameters[0].sigma);
   EXPECT_EQ(one->parameters[1].status, Status::held);
   const auto two = fit_hysteresis(std::vector{loops(20, 5, 0, 1), loops(50, 5, 0, 2)});
-  ASSERT_TRUE(two) << two.error();
+  ASSERT_TRUE(two) << two.error().message;
   EXPECT_THAT(two->unidentifiable, UnorderedElementsAre("k02", "k12", "k22"));
   EXPECT_THAT(two->notes, Contains(HasSubstr("near 20 or 50 degC")));
 
@@ -98,7 +98,7 @@ TEST(BoucWen, SaysWhatTheDataCannotTell) {
   if (thin)
     EXPECT_THAT(thin->unidentifiable, Contains("beta"));
   else
-    EXPECT_THAT(thin.error(), HasSubstr("no hysteresis"));
+    EXPECT_THAT(thin.error().message, HasSubstr("no hysteresis"));
 }
 
 TEST(BoucWen, RefusesWhatTeachesNothing) {
@@ -107,7 +107,7 @@ TEST(BoucWen, RefusesWhatTeachesNothing) {
     LoopRecording r = full;
     change(r);
     const auto f = fit_hysteresis(std::vector{r});
-    return f ? std::string("fitted") : f.error();
+    return f ? std::string("fitted") : f.error().message;
   };
   EXPECT_THAT(error([](auto& r) { std::ranges::fill(r.torsion_rad, 1e-3); }), HasSubstr("never changes"));
   EXPECT_THAT(error([](auto& r) { std::ranges::sort(r.torsion_rad); }), HasSubstr("reverses 0 times"));
@@ -193,7 +193,7 @@ TEST(LuGre, FindsTheBristlesAndSigmasAreTheScatter) {
   double inside[3] = {};
   for (int seed = 1; seed <= seeds; ++seed) {
     const auto f = fit_bristles(motor(), std::vector{reversals(30, 0.05, 1e-3, static_cast<std::uint64_t>(seed))});
-    ASSERT_TRUE(f) << f.error();
+    ASSERT_TRUE(f) << f.error().message;
     ASSERT_THAT(f->unidentifiable, IsEmpty());
     for (std::size_t i = 0; i < 3; ++i) {
       const auto& e = f->parameters[i];
@@ -222,12 +222,12 @@ TEST(LuGre, SaysWhatTheDataCannotTell) {
     sliding.velocity_rad_s[i] = 20 + 10 * std::sin(0.5 * sliding.time_s[i]);
     sliding.torque_nm[i] = friction::torque(drive.law, sliding.velocity_rad_s[i], 0, 30) + noise(random);
   }
-  EXPECT_THAT(fit_bristles(drive, std::vector{sliding}).error(), HasSubstr("no pre-sliding"));
+  EXPECT_THAT(fit_bristles(drive, std::vector{sliding}).error().message, HasSubstr("no pre-sliding"));
   std::ranges::fill(sliding.velocity_rad_s, 0.0);
-  EXPECT_THAT(fit_bristles(drive, std::vector{sliding}).error(), HasSubstr("speed is 0 in every sample"));
+  EXPECT_THAT(fit_bristles(drive, std::vector{sliding}).error().message, HasSubstr("speed is 0 in every sample"));
   SlidingRecording few = reversals(30, 0.02, 0, 1);
   few.time_s.resize(20), few.velocity_rad_s.resize(20), few.torque_nm.resize(20), few.temperature_degC.resize(20);
-  EXPECT_THAT(fit_bristles(drive, std::vector{few}).error(), HasSubstr("20 samples cannot tell"));
+  EXPECT_THAT(fit_bristles(drive, std::vector{few}).error().message, HasSubstr("20 samples cannot tell"));
   // So slow that nothing is damped: stiffness alone.
   SlidingRecording slow = reversals(30, 0.02, 0, 1);
   double z = 0;
@@ -241,7 +241,7 @@ TEST(LuGre, SaysWhatTheDataCannotTell) {
     slow.torque_nm[i] = 60 * z + noise(random);
   }
   const auto f = fit_bristles(drive, std::vector{slow});
-  ASSERT_TRUE(f) << f.error();
+  ASSERT_TRUE(f) << f.error().message;
   EXPECT_NEAR(f->bristles.sigma0, 60, 4 * f->parameters[0].sigma);
   EXPECT_THAT(f->unidentifiable, UnorderedElementsAre("sigma1", "vd"));
 }

@@ -84,12 +84,12 @@ TEST_F(TelemetryTest, ReadsBackWhatWasWritten) {
   o.attributes.insert(o.attributes.begin(), {"seed", ""});
   o.joint_attributes = {{{"torque_max_nm", 3.5}, {"gear_ratio", 178}}, {{"gear_ratio", 100}}};
   auto t = Telemetry::create(file, o);
-  ASSERT_TRUE(t) << t.error();
+  ASSERT_TRUE(t) << t.error().message;
   for (int i = 0; i < 10000; ++i) ASSERT_TRUE(t->append(i, Values{i + .1, i + .2, i + .3, i + .4}));
   ASSERT_TRUE(t->append_cycle(7, Values{1, 2}));
   ASSERT_TRUE(t->finish());
   const auto r = read_telemetry(file);
-  ASSERT_TRUE(r) << r.error();
+  ASSERT_TRUE(r) << r.error().message;
   EXPECT_TRUE(r->complete);
   EXPECT_THAT(r->attributes, ElementsAre(Pair("seed", ""), Pair("engine", "test")));
   EXPECT_THAT(r->joints, ElementsAre("two", "one"));
@@ -107,14 +107,15 @@ TEST_F(TelemetryTest, OddJointNamesSurviveAndDoublesAreRefused) {
   const std::vector<std::string> names{"a/b",   "",   ".", "\u00fc \"x\",y", "complete", "time_s", "%",
                                        "a%2Fb", "..", "_", "a\u2215b"};
   auto t = Telemetry::create(file, options(names));
-  ASSERT_TRUE(t) << t.error();
+  ASSERT_TRUE(t) << t.error().message;
   ASSERT_TRUE(t->append(0, Values(2 * names.size(), 1.5)));
   ASSERT_TRUE(t->finish());
   EXPECT_THAT(read_telemetry(file)->joints, ElementsAreArray(names));
   ASSERT_TRUE(export_csv(folder, Existing::refuse));
   EXPECT_THAT(text_of(folder / "telemetry.csv"), HasSubstr(",\"\u00fc \"\"x\"\",y.a\","));
-  EXPECT_THAT(Telemetry::create(folder / "d.h5", options({"x", "x"})).error(), HasSubstr("two joints are called 'x'"));
-  EXPECT_THAT(Telemetry::create(folder / "d.h5", options({std::string("x\0y", 3)})).error(), HasSubstr("NUL"));
+  EXPECT_THAT(Telemetry::create(folder / "d.h5", options({"x", "x"})).error().message,
+              HasSubstr("two joints are called 'x'"));
+  EXPECT_THAT(Telemetry::create(folder / "d.h5", options({std::string("x\0y", 3)})).error().message, HasSubstr("NUL"));
   EXPECT_FALSE(fs::exists(folder / "d.h5"));
 }
 
@@ -139,7 +140,7 @@ TEST_F(TelemetryTest, FlushesByTheClockAndStaysMarkedUntilFinished) {
     clock_s = 0.6;
     ASSERT_TRUE(t->append(1, Values{1, 2}));
     const auto seen = read_telemetry(file);
-    ASSERT_TRUE(seen) << seen.error();
+    ASSERT_TRUE(seen) << seen.error().message;
     EXPECT_EQ(seen->time_s.size(), 2u);
     EXPECT_FALSE(seen->complete);
     ASSERT_TRUE(t->append(2, Values{1, 2}));
@@ -161,15 +162,15 @@ TEST_F(TelemetryTest, AppendingAllocatesNothing) {
 
 TEST_F(TelemetryTest, WrongUseIsRefused) {
   auto t = Telemetry::create(file, options({"one"}));
-  EXPECT_THAT(t->append(0, Values{1}).error(), HasSubstr("1 values given where a row has 2"));
+  EXPECT_THAT(t->append(0, Values{1}).error().message, HasSubstr("1 values given where a row has 2"));
   EXPECT_TRUE(t->append(0, Values{1, 2}));
-  EXPECT_THAT(recover(folder).error(), HasSubstr("a run is still writing it"));
-  EXPECT_THAT(Telemetry::create(file, options({"one"})).error(), HasSubstr("a run is still writing it"));
+  EXPECT_THAT(recover(folder).error().message, HasSubstr("a run is still writing it"));
+  EXPECT_THAT(Telemetry::create(file, options({"one"})).error().message, HasSubstr("a run is still writing it"));
   EXPECT_TRUE(t->finish());
-  EXPECT_THAT(t->append(1, Values{1, 2}).error(), HasSubstr("is finished"));
-  EXPECT_THAT(t->finish().error(), HasSubstr("is finished"));
+  EXPECT_THAT(t->append(1, Values{1, 2}).error().message, HasSubstr("is finished"));
+  EXPECT_THAT(t->finish().error().message, HasSubstr("is finished"));
   EXPECT_EQ(read_telemetry(file)->time_s.size(), 1u);
-  EXPECT_THAT(Telemetry::create(file, options({"one"})).error(), HasSubstr("exists"));
+  EXPECT_THAT(Telemetry::create(file, options({"one"})).error().message, HasSubstr("exists"));
   EXPECT_TRUE(Telemetry::create(file, options({"one"}), Existing::replace));
 }
 
@@ -198,15 +199,15 @@ TEST_F(TelemetryTest, KilledRunLosesAtMostItsLastSecond) {
     ASSERT_TRUE(WIFSIGNALED(state));
 
     const auto before = read_telemetry(file);
-    ASSERT_TRUE(before) << before.error();
+    ASSERT_TRUE(before) << before.error().message;
     const auto recovered = recover(folder);
-    ASSERT_TRUE(recovered) << recovered.error();
+    ASSERT_TRUE(recovered) << recovered.error().message;
     EXPECT_GT(recovered->last_time_s, killed_s - 1);
     EXPECT_FALSE(recovered->was_plain);
     EXPECT_EQ(recovered->lost_samples, 0u);
     EXPECT_TRUE(fs::remove(folder / "telemetry.h5.original"));
     const auto r = read_telemetry(file);
-    ASSERT_TRUE(r) << r.error();
+    ASSERT_TRUE(r) << r.error().message;
     EXPECT_FALSE(r->complete);
     EXPECT_EQ(r->time_s.size(), recovered->samples);
     EXPECT_TRUE(r->time_s == before->time_s);
@@ -225,7 +226,7 @@ TEST_F(TelemetryTest, FinishedRecordNeedsNoRecovery) {
   ASSERT_TRUE(t->finish());
   const std::string bytes = text_of(file);
   const auto r = recover(folder);
-  ASSERT_TRUE(r) << r.error();
+  ASSERT_TRUE(r) << r.error().message;
   EXPECT_TRUE(r->was_plain);
   EXPECT_EQ(r->samples, 1u);
   EXPECT_EQ(r->last_time_s, 3);
@@ -243,16 +244,16 @@ TEST_F(TelemetryTest, FullDiskKeepsWhatWasWritten) {
       const SmallDisk disk(1'200'000);
       std::string error;
       auto t = Telemetry::create(file, options({"one", "two"}));
-      EXPECT_TRUE(t) << t.error();
+      EXPECT_TRUE(t) << t.error().message;
       for (; appended < 1'000'000; ++appended)
         if (auto ok = t->append(static_cast<double>(appended), Values(4, static_cast<double>(appended))); !ok) {
-          error = ok.error();
+          error = ok.error().message;
           break;
         }
       EXPECT_EQ(error, file.string() + ": recording stopped (File too large)");
-      EXPECT_EQ(t->append(0, Values(4)).error(), error);
-      EXPECT_EQ(t->append_cycle(0, Values(2)).error(), error);
-      EXPECT_EQ(t->finish().error(), error);
+      EXPECT_EQ(t->append(0, Values(4)).error().message, error);
+      EXPECT_EQ(t->append_cycle(0, Values(2)).error().message, error);
+      EXPECT_EQ(t->finish().error().message, error);
     }
     if (write(counts[1], &appended, sizeof appended) != sizeof appended) _exit(2);
     _exit(HasFailure() ? 1 : 0);
@@ -263,7 +264,7 @@ TEST_F(TelemetryTest, FullDiskKeepsWhatWasWritten) {
   waitpid(child, &state, 0);
   ASSERT_TRUE(WIFEXITED(state) && WEXITSTATUS(state) == 0);
   const auto r = read_telemetry(file);
-  ASSERT_TRUE(r) << r.error();
+  ASSERT_TRUE(r) << r.error().message;
   EXPECT_FALSE(r->complete);
   EXPECT_GT(r->time_s.size() + 4097, appended);
   EXPECT_EQ(r->time_s.back(), static_cast<double>(r->time_s.size() - 1));
@@ -273,34 +274,34 @@ TEST_F(TelemetryTest, FullDiskKeepsWhatWasWritten) {
   std::ofstream(file, std::ios::binary) << bytes;
   {
     const SmallDisk disk(300'000);
-    EXPECT_THAT(recover(folder).error(), HasSubstr("telemetry.h5: cannot be written (File too large)"));
-    EXPECT_THAT(export_csv(folder, Existing::refuse).error(),
+    EXPECT_THAT(recover(folder).error().message, HasSubstr("telemetry.h5: cannot be written (File too large)"));
+    EXPECT_THAT(export_csv(folder, Existing::refuse).error().message,
                 HasSubstr("telemetry.csv: cannot be written (File too large)"));
   }
   EXPECT_EQ(text_of(file), bytes);
   EXPECT_THAT(std::distance(fs::directory_iterator(folder), {}), 1);
   const auto recovered = recover(folder);
-  ASSERT_TRUE(recovered) << recovered.error();
+  ASSERT_TRUE(recovered) << recovered.error().message;
   EXPECT_EQ(recovered->samples + recovered->lost_samples, r->time_s.size());
   EXPECT_EQ(recovered->lost_samples, 1024u);
   EXPECT_EQ(text_of(folder / "telemetry.h5.original"), bytes);
   const auto kept = read_telemetry(file);
-  ASSERT_TRUE(kept) << kept.error();
+  ASSERT_TRUE(kept) << kept.error().message;
   EXPECT_TRUE(std::ranges::includes(r->time_s, kept->time_s));
   EXPECT_TRUE(std::ranges::equal(kept->channel("two", "b"), kept->time_s));
   EXPECT_FALSE(fs::exists(folder / "telemetry.csv"));
 }
 
 TEST_F(TelemetryTest, FailuresNameTheFileAndTheReason) {
-  EXPECT_THAT(Telemetry::create("/nonexistent/x.h5", options({"a"})).error(),
+  EXPECT_THAT(Telemetry::create("/nonexistent/x.h5", options({"a"})).error().message,
               "/nonexistent/x.h5: cannot be written (No such file or directory)");
-  EXPECT_THAT(Telemetry::create(folder, options({"a"})).error(),
+  EXPECT_THAT(Telemetry::create(folder, options({"a"})).error().message,
               folder.string() + ": cannot be written (Is a directory)");
-  EXPECT_THAT(read_telemetry(file).error(), file.string() + ": does not exist");
+  EXPECT_THAT(read_telemetry(file).error().message, file.string() + ": does not exist");
   std::ofstream(file) << "junk";
-  EXPECT_THAT(read_telemetry(file).error(), HasSubstr("telemetry.h5: is no readable HDF5"));
-  EXPECT_THAT(recover(folder).error(), HasSubstr("telemetry.h5: is no readable HDF5"));
-  EXPECT_THAT(export_csv(folder, Existing::refuse).error(), HasSubstr("telemetry.h5: is no readable HDF5"));
+  EXPECT_THAT(read_telemetry(file).error().message, HasSubstr("telemetry.h5: is no readable HDF5"));
+  EXPECT_THAT(recover(folder).error().message, HasSubstr("telemetry.h5: is no readable HDF5"));
+  EXPECT_THAT(export_csv(folder, Existing::refuse).error().message, HasSubstr("telemetry.h5: is no readable HDF5"));
   EXPECT_FALSE(fs::exists(folder / "telemetry.csv"));
 }
 
@@ -310,7 +311,7 @@ TEST_F(TelemetryTest, TruncatedRecordIsAnErrorAtEveryLength) {
   ASSERT_TRUE(t->finish());
   for (std::uintmax_t size = fs::file_size(file); size > 0; size = size * 9 / 10) {
     fs::resize_file(file, size - 1);
-    EXPECT_THAT(read_telemetry(file).error(), HasSubstr("telemetry.h5: is no readable HDF5")) << size;
+    EXPECT_THAT(read_telemetry(file).error().message, HasSubstr("telemetry.h5: is no readable HDF5")) << size;
     EXPECT_FALSE(recover(folder));
   }
 }
@@ -341,9 +342,9 @@ TEST_F(TelemetryTest, ARecordThatRefersToOtherFilesIsRefused) {
         folder.string(), secret, file.string(), change);
     std::ofstream(folder / "change.py") << script;
     ASSERT_EQ(std::system(fmt::format("/usr/bin/python3 '{}'", (folder / "change.py").string()).c_str()), 0);
-    EXPECT_THAT(read_telemetry(file).error(), HasSubstr(says)) << change;
-    EXPECT_THAT(export_csv(folder, Existing::refuse).error(), HasSubstr(says)) << change;
-    EXPECT_THAT(recover(folder).error(), HasSubstr(says)) << change;
+    EXPECT_THAT(read_telemetry(file).error().message, HasSubstr(says)) << change;
+    EXPECT_THAT(export_csv(folder, Existing::refuse).error().message, HasSubstr(says)) << change;
+    EXPECT_THAT(recover(folder).error().message, HasSubstr(says)) << change;
     EXPECT_FALSE(fs::exists(folder / "telemetry.csv"));
   }
 }
@@ -394,7 +395,7 @@ TEST_F(TelemetryTest, CsvHasEveryDigit) {
     EXPECT_GE(share, progress);
     progress = share;
   });
-  ASSERT_TRUE(files) << files.error();
+  ASSERT_TRUE(files) << files.error().message;
   EXPECT_THAT(*files, ElementsAre(folder / "telemetry.csv", folder / "cycles.csv"));
   EXPECT_EQ(progress, 1);
   EXPECT_EQ(text_of(folder / "cycles.csv"), "time_s,one.cycle_a\n7,1.5\n");
@@ -420,7 +421,7 @@ TEST_F(TelemetryTest, ThreadsWriteTheirOwnRecords) {
     o.wall_clock_s = nullptr;
     o.flush_interval_s = 0.01;
     auto t = Telemetry::create(folder / fmt::format("{}.h5", id), o);
-    ASSERT_TRUE(t) << t.error();
+    ASSERT_TRUE(t) << t.error().message;
     for (int i = 0; i < 20000; ++i) ASSERT_TRUE(t->append(i, Values{id + .0, id + .25, id + .5, id * 1e5 + i}));
     ASSERT_TRUE(t->finish());
   };
@@ -430,7 +431,7 @@ TEST_F(TelemetryTest, ThreadsWriteTheirOwnRecords) {
   }
   for (int id = 0; id < 4; ++id) {
     const auto r = read_telemetry(folder / fmt::format("{}.h5", id));
-    ASSERT_TRUE(r) << r.error();
+    ASSERT_TRUE(r) << r.error().message;
     ASSERT_EQ(r->time_s.size(), 20000u);
     for (int i = 0; i < 20000; ++i) ASSERT_EQ(r->channel("two", "b")[i], id * 1e5 + i);
     EXPECT_EQ(r->channel("one", "a")[19999], id);
@@ -447,7 +448,7 @@ TEST_F(TelemetryTest, H5pyReadsItFinishedAndRunning) {
   auto o = options({"one", "/\u00fc"});
   o.joint_attributes = {{{"gear_ratio", 100}}, {{"gear_ratio", 178}}};
   auto t = Telemetry::create(file, o);
-  ASSERT_TRUE(t) << t.error();
+  ASSERT_TRUE(t) << t.error().message;
   ASSERT_TRUE(t->append_cycle(1, Values{1, 2}));
   for (int i = 0; i < 3000; ++i) {
     if (i == 2999) clock_s = 1;
