@@ -196,7 +196,7 @@ int run_drives(const DriveArguments& a) {
        .status = live ? status_line : std::function<void(const hil::SessionStatus&)>{},
        .note = [&](const std::string& what) { tell(fmt::format("{}note: {}\n", live ? "\r\033[K" : "", what)); }});
   if (live) tell("\n");
-  return ended ? done : complain(program, failed, ended.error().message);
+  return ended ? done : report_error(program, failed, ended.error().message);
 }
 
 struct ReplayArguments : Common {
@@ -233,22 +233,23 @@ int replay(const ReplayArguments& a) {
                                    .output = a.output,
                                    .existing = twin::replace_if(a.force),
                                    .stop = stop});
-  if (!result) return complain(program, failed, result.error().message);
+  if (!result) return report_error(program, failed, result.error().message);
   twin::print("{} frames, {} from the drives: {} differ, {} missing, {} added\n", result->frames, result->compared,
               result->differing, result->missing, result->added);
   if (result->interrupted)
-    return complain(program, failed,
-                    fmt::format("interrupted after {} frames; {}", result->frames,
-                                result->first_difference.empty() ? "no difference so far" : result->first_difference));
+    return report_error(
+        program, failed,
+        fmt::format("interrupted after {} frames; {}", result->frames,
+                    result->first_difference.empty() ? "no difference so far" : result->first_difference));
   if (result->frames == 0)
-    return complain(program, wrong_input, fmt::format("{}: holds no frame; nothing was compared", a.log));
+    return report_error(program, wrong_input, fmt::format("{}: holds no frame; nothing was compared", a.log));
   if (!result->silent.empty())
-    return complain(program, wrong_input,
-                    fmt::format("{}: no frame from the drive of {}; nothing was compared there: is --first-node {} "
-                                "right, and --profile {}?",
-                                a.log, fmt::join(result->silent, ", "), a.first_node, a.profile));
+    return report_error(program, wrong_input,
+                        fmt::format("{}: no frame from the drive of {}; nothing was compared there: is --first-node {} "
+                                    "right, and --profile {}?",
+                                    a.log, fmt::join(result->silent, ", "), a.first_node, a.profile));
   if (result->first_difference.empty()) return done;
-  return complain(program, failed, result->first_difference);
+  return report_error(program, failed, result->first_difference);
 }
 
 struct ShadowArguments : Common {
@@ -299,7 +300,7 @@ hil::NextFrame frames_of(hil::Transport& bus, std::optional<double> duration_s) 
 int judge(const ShadowArguments& a, const hil::ShadowResult& result) {
   int code = done;
   const auto report = [&](twin::Exit grave, const std::string& what) {
-    complain(program, grave, what);
+    report_error(program, grave, what);
     if (code == done) code = grave;
   };
   if (result.exceeded()) code = twin::limit_exceeded;  // said when it happened
@@ -346,7 +347,7 @@ int run_shadow(const ShadowArguments& a) {
                                    .stop = stop,
                                    .endless = !log && !a.duration,
                                    .note = [&](const std::string& what) { tell(what + "\n"); }});
-  if (!result) return complain(program, failed, result.error().message);
+  if (!result) return report_error(program, failed, result.error().message);
   twin::print_text(result->table());
   return judge(a, *result);
 }
@@ -367,8 +368,8 @@ int run_budget(const BudgetArguments& a) {
   const hil::Budget budget = a.budget(scenario, a.bit_rate);
   twin::print("{}\n", budget.line());
   if (budget.most > 1)
-    return complain(program, wrong_input,
-                    "more than the bus can carry; choose a longer cycle or fewer drives on one bus");
+    return report_error(program, wrong_input,
+                        "more than the bus can carry; choose a longer cycle or fewer drives on one bus");
   if (budget.most > 0.8) twin::note("more than 80 % at worst; other traffic will not fit");
   return done;
 }
@@ -459,9 +460,9 @@ int main(int argc, char** argv) {
     twin::print_text(out.str());
     twin::report_text(why.str());
   } catch (const InputError& error) {
-    code = complain(program, wrong_input, error.what());
+    code = report_error(program, wrong_input, error.what());
   } catch (const std::exception& error) {
-    code = complain(program, failed, error.what());
+    code = report_error(program, failed, error.what());
   }
   return twin::finish(program, code);
 }

@@ -627,9 +627,9 @@ int main(int argc, char** argv) {
       twin::report_text(error.str());
       return code == 0 ? done : wrong_input;
     } catch (const InputError& e) {
-      return complain(program, wrong_input, e.what());
+      return report_error(program, wrong_input, e.what());
     } catch (const std::exception& e) {
-      return complain(program, failed, e.what());
+      return report_error(program, failed, e.what());
     }
   }());
 }

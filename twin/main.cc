@@ -30,9 +30,9 @@ int main(int argc, char** argv) {
     twin::print_text(out.str());
     twin::report_text(error.str());
   } catch (const twin::InputError& e) {
-    code = twin::program::complain(twin::wrong_input, e.what());
+    code = twin::program::report_error(twin::wrong_input, e.what());
   } catch (const std::exception& e) {
-    code = twin::program::complain(twin::failed, e.what());
+    code = twin::program::report_error(twin::failed, e.what());
   }
   return twin::finish("tribotwin", code);
 }

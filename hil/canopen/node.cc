@@ -111,7 +111,7 @@ void Node::written(const Object& o) {
       return refresh_status();
     case 0x607A:
       fresh_[0] = true;
-      return aim();
+      return set_target();
     case 0x60FF:
       fresh_[1] = true;
       return;
@@ -265,7 +265,7 @@ void Node::receive(const Frame& frame, std::int64_t now_ns) {
     if (static_cast<int>(bytes.size()) < pdo.size) {
       ++counters_.pdo_short;
       const std::uint8_t extra[] = {static_cast<std::uint8_t>(bytes.size()), static_cast<std::uint8_t>(pdo.size)};
-      pass_by(0x8210, extra);
+      forward(0x8210, extra);
       continue;
     }
     ++counters_.pdo_received;
@@ -376,7 +376,7 @@ void Node::tick(std::int64_t now_ns) {
 
 void Node::recovered(std::int64_t now_ns) {
   now_ns_ = now_ns;
-  pass_by(0x8140);
+  forward(0x8140);
 }
 
 std::int64_t Node::next_ns() const {
@@ -413,7 +413,7 @@ void Node::emergency(std::uint16_t code, std::uint8_t register_bits, std::span<c
   changed_ = true;
 }
 
-void Node::pass_by(std::uint16_t code, std::span<const std::uint8_t> extra) {
+void Node::forward(std::uint16_t code, std::span<const std::uint8_t> extra) {
   const std::uint8_t before = register_;
   emergency(code, communication, extra);
   register_ = before;
@@ -439,7 +439,7 @@ void Node::fail(std::uint16_t code, std::uint8_t register_bits, bool ramp, std::
 
 void Node::lose_commands(std::uint16_t code, std::int64_t now_ns) {
   if (!machine_.powered()) {
-    if (code != 0x8100) pass_by(code);  // leaving operational without power is no error
+    if (code != 0x8100) forward(code);  // leaving operational without power is no error
     return;
   }
   const auto option = dictionary_.get(0x6007);
@@ -458,7 +458,7 @@ void Node::apply_controlword() {
   refresh_status();
 }
 
-void Node::aim() {
+void Node::set_target() {
   if (!machine_.follows() || mode_shown_->value != 8) return;
   const auto target = std::clamp(target_position_->value, dictionary_.get(0x607D, 1), dictionary_.get(0x607D, 2));
   const double fastest = static_cast<double>(dictionary_.get(0x6080)) * 1e3 * milli_rpm_rad_s_;

@@ -83,11 +83,11 @@ class Node final : public BusDrive {
   bool send(std::uint32_t id, std::span<const std::uint8_t> bytes);
   void emergency(std::uint16_t code, std::uint8_t register_bits, std::span<const std::uint8_t> extra = {});
   /// An error of the moment: reported, and gone.
-  void pass_by(std::uint16_t code, std::span<const std::uint8_t> extra = {});
+  void forward(std::uint16_t code, std::span<const std::uint8_t> extra = {});
   void lose_commands(std::uint16_t code, std::int64_t now_ns);
   void refresh_status();
   void apply_controlword();
-  void aim();
+  void set_target();
   StopOptions stop_options() const;
   double joint_rad(std::int64_t increments) const { return static_cast<double>(increments) * increment_rad_; }
 

@@ -45,7 +45,7 @@ Feedback Plant::feedback(std::size_t i) const {
              .velocity_rad_s = d->qvel[binding.dof],
              .torque_nm = s.torque_nm,
              .friction_nm = s.friction_nm,
-             .load_nm = twin_.memory(i).load_nm,
+             .load_nm = twin_.state(i).load_nm,
              .temperature_degC = twin_.temperature_degC(i),
              .limited = twin_.limited(i)};
   f.temperature_degC = override_degC_[i].value_or(f.temperature_degC);

@@ -16,28 +16,29 @@ constexpr double smallest_limit_nm = 1e-12;
 /// With bristles: from this share of the breakaway level on they slip.
 constexpr double slipping = 0.999;
 
-struct Parts {
+struct ResumableJobs {
   double g, h;
 };
 /// The law's two parts, both >= 0.
-Parts parts(const friction::Level& level) {
-  return level.strengthening >= 0 ? Parts{level.weakening, level.strengthening} : Parts{level.total(), 0};
+ResumableJobs parts(const friction::Level& level) {
+  return level.strengthening >= 0 ? ResumableJobs{level.weakening, level.strengthening}
+                                  : ResumableJobs{level.total(), 0};
 }
 
 /// What a pit makes of g at the angle where the step began.
-double ripple(const Drive& drive, const Scratch& s) {
+double ripple(const Drive& drive, const Workspace& s) {
   return s.faults.ripple == 0 ? 1 : 1 + s.faults.ripple * std::cos(drive.gear_ratio * s.q_begin_rad);
 }
 
 /// The most that sigma0 z may be at this load and temperature, g being the level at the present speed.
-double breakaway(const Drive& drive, const Scratch& s, double g) {
+double breakaway(const Drive& drive, const Workspace& s, double g) {
   return std::max(
       g, level(drive.law, {s.cache, false}, 0, s.load_used_nm / drive.torque_max_nm).weakening * ripple(drive, s));
 }
 
 }  // namespace
 
-double advanced(const Bristles& b, double z0, double w, double g, double dt) {
+double advance(const Bristles& b, double z0, double w, double g, double dt) {
   if (!(g > 0)) return w == 0 ? z0 : 0;
   const double end = g / b.sigma0;
   return z0 - (std::copysign(end, w) - z0) * std::expm1(-std::abs(w) * dt / end);
@@ -76,45 +77,45 @@ friction::Level level(const Drive& drive, const friction::AtTemperature& at, dou
   return level;
 }
 
-double temperature_degC(const Drive& drive, const Memory& memory) {
-  return drive.thermal.T_amb_degC + memory.rise.total_K();
+double temperature_degC(const Drive& drive, const State& state) {
+  return drive.thermal.T_amb_degC + state.rise.total_K();
 }
 
-void set_temperature(const Drive& drive, Memory& memory, double temperature_degC) {
-  memory.rise = thermal::settled(drive.thermal, temperature_degC - drive.thermal.T_amb_degC);
+void set_temperature(const Drive& drive, State& state, double temperature_degC) {
+  state.rise = thermal::settled(drive.thermal, temperature_degC - drive.thermal.T_amb_degC);
 }
 
-void set_wear(Scratch& scratch, std::size_t index, double factor) {
-  scratch.change[index] = factor - 1;
-  scratch.worn = std::ranges::any_of(scratch.change, [](double change) { return change != 0; });
-  scratch.cache_valid = 0;
+void set_wear(Workspace& workspace, std::size_t index, double factor) {
+  workspace.change[index] = factor - 1;
+  workspace.worn = std::ranges::any_of(workspace.change, [](double change) { return change != 0; });
+  workspace.cache_valid = 0;
 }
 
-void set_faults(Scratch& scratch, const Faults& faults) {
-  scratch.faults = faults;
-  scratch.cache_valid = 0;
+void set_faults(Workspace& workspace, const Faults& faults) {
+  workspace.faults = faults;
+  workspace.cache_valid = 0;
 }
 
 friction::Law with_faults(const friction::Law& law, const Faults& faults) {
   return friction::scaled(law, 1 + faults.boundary, 1 + faults.stribeck_velocity, 1 + faults.viscous);
 }
 
-friction::Law current_law(const Drive& drive, const Scratch& scratch) {
-  if (scratch.worn == 0) return with_faults(drive.law, scratch.faults);
+friction::Law current_law(const Drive& drive, const Workspace& workspace) {
+  if (workspace.worn == 0) return with_faults(drive.law, workspace.faults);
   auto worn = drive.law.parameters;
-  for (std::size_t i = 0; i < worn.size(); ++i) worn[i] *= 1 + scratch.change[i];
+  for (std::size_t i = 0; i < worn.size(); ++i) worn[i] *= 1 + workspace.change[i];
   return with_faults(friction::with_parameters(drive.law, {worn.data(), drive.law.info->parameters.size()}),
-                     scratch.faults);
+                     workspace.faults);
 }
 
-double begin_step(const Drive& drive, const Memory& memory, Scratch& s, double time_s, double qd_rad_s, double q_rad) {
+double begin_step(const Drive& drive, const State& state, Workspace& s, double time_s, double qd_rad_s, double q_rad) {
   s.step_open = 1;
   s.step_time_s = time_s;
   s.qd_begin_rad_s = qd_rad_s;
   s.q_begin_rad = q_rad;
 
   const double temperature =
-      std::round(temperature_degC(drive, memory) * temperature_steps_per_K) / temperature_steps_per_K;
+      std::round(temperature_degC(drive, state) * temperature_steps_per_K) / temperature_steps_per_K;
   if (s.cache_valid == 0 || temperature != s.temperature_degC) {
     const friction::AtTemperature at = friction::at_temperature(current_law(drive, s), temperature);
     s.cache = at.coefficients;
@@ -122,9 +123,9 @@ double begin_step(const Drive& drive, const Memory& memory, Scratch& s, double t
     s.cache_valid = 1;
     s.temperature_degC = temperature;
   }
-  s.load_used_nm = memory.load_nm;
+  s.load_used_nm = state.load_nm;
   friction::Level at = level(drive, {s.cache, s.cache_outside != 0}, qd_rad_s * drive.speed_scale(),
-                             memory.load_nm / drive.torque_max_nm);
+                             state.load_nm / drive.torque_max_nm);
   at.weakening *= ripple(drive, s);
   s.outside = at.outside;
   double limit = at.total();
@@ -133,15 +134,15 @@ double begin_step(const Drive& drive, const Memory& memory, Scratch& s, double t
     const Bristles& b = drive.bristles;
     const auto [g, h] = parts(at);
     const double w = qd_rad_s * drive.speed_scale(), most = breakaway(drive, s, g) / b.sigma0;
-    const double z = std::clamp(static_cast<const BristleMemory&>(memory).z, -most, most);
+    const double z = std::clamp(static_cast<const BristleState&>(state).z, -most, most);
     const double rate = g > 0 ? w - std::abs(w) * z * b.sigma0 / g : 0;
     s.applied_nm = (b.sigma0 * z + b.sigma1 * std::exp(-(w / b.vd) * (w / b.vd)) * rate) * drive.torque_scale_nm();
     limit = h;
   } else if (drive.dynamics == Dynamics::gear_loss) {
     const auto [g, h] = parts(at);
-    const double z = std::clamp(static_cast<const BristleMemory&>(memory).z, -1.0, 1.0);
-    s.applied_nm = (g * drive.torque_scale_nm() + drive.gear_loss.mu_avg * std::abs(memory.load_nm)) * z +
-                   drive.gear_loss.mu_dif * memory.load_nm * z * z;
+    const double z = std::clamp(static_cast<const BristleState&>(state).z, -1.0, 1.0);
+    s.applied_nm = (g * drive.torque_scale_nm() + drive.gear_loss.mu_avg * std::abs(state.load_nm)) * z +
+                   drive.gear_loss.mu_dif * state.load_nm * z * z;
     limit = h;
   }
   if (s.faults.play_rad > 0 && std::abs(s.teeth) < 1) s.applied_nm = limit = 0;
@@ -150,8 +151,8 @@ double begin_step(const Drive& drive, const Memory& memory, Scratch& s, double t
   return s.limit_nm;
 }
 
-void end_step(const Drive& drive, const thermal::Decay& decay, const Transmitted& t, double dt_s, Memory& memory,
-              Scratch& s) {
+void end_step(const Drive& drive, const thermal::Decay& decay, const Transmitted& t, double dt_s, State& state,
+              Workspace& s) {
   s.step_open = 0;
   // Mean speed times torque is what friction took out of the kinetic energy, to rounding; in a step that reverses the
   // motion, and while bristles spring back, it may be negative and must stay so for the balance to close.
@@ -163,12 +164,12 @@ void end_step(const Drive& drive, const thermal::Decay& decay, const Transmitted
   const double power_W = s.friction_nm * mean_speed + added_W;
   s.friction_work_J += s.friction_nm * mean_speed * dt_s;
 
-  if (s.temperature_held == 0) thermal::step(drive.thermal, decay, power_W, s.ambient_offset_K, memory.rise);
+  if (s.temperature_held == 0) thermal::step(drive.thermal, decay, power_W, s.ambient_offset_K, state.rise);
   s.heat_J += power_W * dt_s;
 
   const double acceleration = (t.qd_end_rad_s - s.qd_begin_rad_s) / dt_s;
   const double load = delivered_nm(s) - (s.applied_nm + t.friction_nm) - t.rotor_inertia_kg_m2 * acceleration;
-  memory.load_nm += (load - memory.load_nm) * (drive.load_filter_s > 0 ? -std::expm1(-dt_s / drive.load_filter_s) : 1);
+  state.load_nm += (load - state.load_nm) * (drive.load_filter_s > 0 ? -std::expm1(-dt_s / drive.load_filter_s) : 1);
 
   // The step that leaves a flank still had its friction: a stuck joint creeps the way it is pushed, and that is when
   // teeth part.
@@ -177,20 +178,20 @@ void end_step(const Drive& drive, const thermal::Decay& decay, const Transmitted
 
   s.steps_outside += s.outside;
   if (drive.dynamics == Dynamics::lugre) {
-    double& z = static_cast<BristleMemory&>(memory).z;
+    double& z = static_cast<BristleState&>(state).z;
     const double w = (t.q_end_rad - s.q_begin_rad) / dt_s * drive.speed_scale();
     // g as it was between the ends of the step; load and temperature are those of its begin.
     const double g =
         parts(level(drive, {s.cache, false}, w, s.load_used_nm / drive.torque_max_nm)).g * ripple(drive, s);
     const double most = breakaway(drive, s, g) / drive.bristles.sigma0;
-    z = std::clamp(advanced(drive.bristles, std::clamp(z, -most, most), w, g, dt_s), -most, most);
+    z = std::clamp(advance(drive.bristles, std::clamp(z, -most, most), w, g, dt_s), -most, most);
     if (drive.bristles.sigma0 * std::abs(z) < slipping * g) s.stuck_s += dt_s;
     return;
   }
   if (drive.dynamics == Dynamics::gear_loss) {
-    double& z = static_cast<BristleMemory&>(memory).z;
+    double& z = static_cast<BristleState&>(state).z;
     const double w = (t.q_end_rad - s.q_begin_rad) / dt_s * drive.speed_scale();
-    z = advanced({.sigma0 = 1}, std::clamp(z, -1.0, 1.0), w / drive.gear_loss.length_rad, 1, dt_s);
+    z = advance({.sigma0 = 1}, std::clamp(z, -1.0, 1.0), w / drive.gear_loss.length_rad, 1, dt_s);
     if (std::abs(z) < slipping) s.stuck_s += dt_s;
     return;
   }

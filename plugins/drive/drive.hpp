@@ -61,7 +61,7 @@ struct LoadTable {
 };
 
 /// z after dt [s] at constant w, from z0: relaxes towards (g / sigma0) sgn w with the rate sigma0 |w| / g. g >= 0.
-double advanced(const Bristles& bristles, double z0_rad, double w_rad_s, double g, double dt_s);
+double advance(const Bristles& bristles, double z0_rad, double w_rad_s, double g, double dt_s);
 
 /// Parameters: immutable, shared by all simulations and threads.
 struct Drive {
@@ -85,13 +85,13 @@ struct Drive {
 
 /// What a drive must remember for its future: in mjData's activations on 3.x, so that resets, copies and keyframes
 /// carry it. All zero is a drive at ambient temperature without load.
-struct Memory {
+struct State {
   thermal::Rise rise;  ///< lubricant above T_amb [K]
   double load_nm = 0;  ///< gear torque of the last step, arm side, signed
 };
 
-/// The memory of a drive with bristles. Such a drive needs one wherever the functions below take a Memory.
-struct BristleMemory : Memory {
+/// The state of a drive with bristles. Such a drive needs one wherever the functions below take a State.
+struct BristleState : State {
   double z = 0;  ///< lugre: bristle deflection [rad, side of the law]; gear_loss: z [-]
 };
 
@@ -112,9 +112,9 @@ struct Faults {
   double play_rad;
 };
 
-/// Inputs, cache and outputs of a drive, beside Memory in mjData. All zero is a healthy drive with its brake released.
+/// Inputs, cache and outputs of a drive, beside State in mjData. All zero is a healthy drive with its brake released.
 /// Doubles only: it lives in an array of mjtNum.
-struct Scratch {
+struct Workspace {
   // inputs, set from outside between steps
   double ambient_offset_K;                  ///< ambient temperature above T_amb
   double temperature_held;                  ///< not 0: the thermal model rests, the temperature is what was set
@@ -152,10 +152,10 @@ struct Scratch {
   double steps_outside;
   double stuck_s;  ///< time in which friction held the joint
 };
-inline constexpr std::size_t scratch_size = sizeof(Scratch) / sizeof(double);
+inline constexpr std::size_t scratch_size = sizeof(Workspace) / sizeof(double);
 /// actdim of the MJCF vocabulary: 3, with bristles 4.
 inline std::size_t memory_size(const Drive& drive) {
-  static_assert(sizeof(Memory) == 3 * sizeof(double) && sizeof(BristleMemory) == 4 * sizeof(double));
+  static_assert(sizeof(State) == 3 * sizeof(double) && sizeof(BristleState) == 4 * sizeof(double));
   return drive.dynamics == Dynamics::none ? 3 : 4;
 }
 
@@ -164,35 +164,35 @@ inline std::size_t memory_size(const Drive& drive) {
 friction::Level level(const Drive& drive, const friction::AtTemperature& at, double w_rad_s, double load_norm);
 
 /// Lubricant temperature [degC].
-double temperature_degC(const Drive& drive, const Memory& memory);
+double temperature_degC(const Drive& drive, const State& state);
 
-/// Sets the lubricant temperature; the thermal model goes on from there unless `scratch.temperature_held`.
-void set_temperature(const Drive& drive, Memory& memory, double temperature_degC);
+/// Sets the lubricant temperature; the thermal model goes on from there unless `workspace.temperature_held`.
+void set_temperature(const Drive& drive, State& state, double temperature_degC);
 
 /// Multiplies law parameter `index` by `factor` (>= 0; 1 restores it).
-void set_wear(Scratch& scratch, std::size_t index, double factor);
+void set_wear(Workspace& workspace, std::size_t index, double factor);
 
 /// Replaces the faults of this simulation.
-void set_faults(Scratch& scratch, const Faults& faults);
+void set_faults(Workspace& workspace, const Faults& faults);
 
 /// Motor torque that really acted in the last finished step [Nm, arm side].
-inline double delivered_nm(const Scratch& s) { return (1 - s.faults.torque_loss) * s.torque_nm; }
+inline double delivered_nm(const Workspace& s) { return (1 - s.faults.torque_loss) * s.torque_nm; }
 
 /// A law with what faults do to it everywhere: all but ripple and play.
 friction::Law with_faults(const friction::Law& law, const Faults& faults);
 
 /// The law as worn and faulty in this simulation.
-friction::Law current_law(const Drive& drive, const Scratch& scratch);
+friction::Law current_law(const Drive& drive, const Workspace& workspace);
 
 /// Starts a step at engine time time_s from joint angle q [rad] and speed qd [rad/s] and returns the limit of the
-/// joint-friction constraint [Nm], > 0. With bristles, `scratch.applied_nm` is to be applied against the joint besides.
-/// Calling it again before `end_step` restarts the step.
-double begin_step(const Drive& drive, const Memory& memory, Scratch& scratch, double time_s, double qd_rad_s,
+/// joint-friction constraint [Nm], > 0. With bristles, `workspace.applied_nm` is to be applied against the joint
+/// besides. Calling it again before `end_step` restarts the step.
+double begin_step(const Drive& drive, const State& state, Workspace& workspace, double time_s, double qd_rad_s,
                   double q_rad = 0);
 
 /// Whether time_s is a later stage of the step under way (Runge-Kutta). The limit of the step's start then stands:
 /// friction is a zero-order hold over the step, so that the torque booked as heat is the torque that acted.
-inline bool within_step(const Scratch& s, double time_s, double dt_s) {
+inline bool within_step(const Workspace& s, double time_s, double dt_s) {
   return s.step_open != 0 && time_s > s.step_time_s && time_s <= s.step_time_s + dt_s * (1 + 1e-9);
 }
 
@@ -204,6 +204,6 @@ struct Transmitted {
   double rotor_inertia_kg_m2;  ///< arm side (armature)
 };
 void end_step(const Drive& drive, const thermal::Decay& decay, const Transmitted& transmitted, double dt_s,
-              Memory& memory, Scratch& scratch);
+              State& state, Workspace& workspace);
 
 }  // namespace tribotwin::drive

@@ -16,7 +16,7 @@ Eigen::ArrayXd torque(const Law& law, const Eigen::Ref<const Eigen::ArrayXd>& sp
                       const Eigen::Ref<const Eigen::ArrayXd>& load_norm,
                       const Eigen::Ref<const Eigen::ArrayXd>& temperature_degC, VectorWidth width) {
   assert(speed_rad_s.size() == load_norm.size() && speed_rad_s.size() == temperature_degC.size());
-  const Family& f = law.family;
+  const GeneralLaw& f = law.family;
   const Range held = held_range(law);
   // Without a load term vl is a mere default; its power would send exp down libmvec's slow path for tiny results.
   const double vl_pow = f.C_l == 0 ? 0 : std::pow(f.vl, -f.alpha);

@@ -23,7 +23,7 @@ constexpr Parameter stribeck_parameters[] = {
     {"vs", "rad/s", 1e-9, 1e6, 10.68, 1.08, "Stribeck velocity"},
     {"alpha", "1", 0.01, 10, 1.93, 0.60, "exponent of the Stribeck term"},
 };
-Family stribeck_family(std::span<const double> p) {
+GeneralLaw stribeck_family(std::span<const double> p) {
   return {.A = p[0], .B = p[1], .vs = p[3], .alpha = p[4], .F1 = p[2]};
 }
 
@@ -36,7 +36,7 @@ constexpr Parameter non_newtonian_parameters[] = {
     {"Fmu", "(s/rad)^beta", -10, 10, none, none, "non-Newtonian coefficient"},
     {"beta", "1", exponent_min, exponent_max, none, none, "non-Newtonian exponent"},
 };
-Family non_newtonian_family(std::span<const double> p) {
+GeneralLaw non_newtonian_family(std::span<const double> p) {
   return {.A = p[0], .B = p[1], .vs = p[3], .alpha = p[4], .F1 = p[2], .Fb = p[5], .beta = p[6]};
 }
 
@@ -49,7 +49,7 @@ constexpr Parameter load_parameters[] = {
     {"alpha", "1", 0.01, 10, 1.36, 0.011, "exponent of the Stribeck term"},
     {"Fv", "s/rad", 0, 1, none, none, "viscous slope"},
 };
-Family load_family(std::span<const double> p) {
+GeneralLaw load_family(std::span<const double> p) {
   return {.A = p[0], .A_l = p[1], .B = p[2], .B_l = p[3], .vs = p[4], .alpha = p[5], .F1 = p[6]};
 }
 
@@ -67,7 +67,7 @@ constexpr Parameter extended_parameters[] = {
     {"FvT", "s/rad", 0, 1, 1.32e-3, 0.076e-3, "viscous slope that heat removes"},
     {"TV0", "K", 1, 1000, 20.71, 0.91, "temperature scale of the viscosity"},
 };
-Family extended_family(std::span<const double> p) {
+GeneralLaw extended_family(std::span<const double> p) {
   return {.A = p[0],
           .A_l = p[1],
           .B = p[2],
@@ -90,7 +90,7 @@ constexpr Parameter steady_state_parameters[] = {
     {"Fv", "Nm (s/rad)^beta", 0, 1e6, none, none, "viscous coefficient"},
     {"beta", "1", exponent_min, exponent_max, none, none, "viscous exponent"},
 };
-Family steady_state_family(std::span<const double> p) {
+GeneralLaw steady_state_family(std::span<const double> p) {
   return {.A = p[0], .B = p[1] - p[0], .vs = p[2], .alpha = p[3], .Fb = p[4], .beta = p[5]};
 }
 const char* steady_state_conflict(std::span<const double> p) {
@@ -111,7 +111,7 @@ constexpr Parameter steady_state_extended_parameters[] = {
     {"beta0", "1", exponent_min, exponent_max, none, none, "viscous exponent at 0 degC"},
     {"betaT", "1/K", -1, 1, none, none, "viscous exponent per degC"},
 };
-Family steady_state_extended_family(std::span<const double> p) {
+GeneralLaw steady_state_extended_family(std::span<const double> p) {
   return {.A = p[0],
           .A_T = p[1],
           .A_l = p[2],
@@ -156,7 +156,7 @@ constexpr Parameter polynomial_parameters[] = {
     {"a", "1/K", -1, 1, none, none, "relative change per degree"},
     {"T0", "degC", -100, 300, none, none, "temperature of f1 to f4"},
 };
-Family polynomial_family(std::span<const double> p) {
+GeneralLaw polynomial_family(std::span<const double> p) {
   return {.A = p[0], .F1 = p[1], .F2 = p[2], .F3 = p[3], .s_T = p[4], .s_T0 = p[5]};
 }
 
@@ -175,7 +175,7 @@ constexpr Parameter stribeck_T_parameters[] = {
     {"FvT", "Nm s/rad/K", -1e4, 1e4, none, none, "viscous slope per degC"},
     {"FvTT", "Nm s/rad/K^2", -1e3, 1e3, none, none, "viscous slope per degC squared"},
 };
-Family stribeck_T_family(std::span<const double> p) {
+GeneralLaw stribeck_T_family(std::span<const double> p) {
   return {.A = p[0],
           .A_T = p[1],
           .A_TT = p[2],
@@ -382,7 +382,7 @@ Law with_parameters(const Law& law, std::span<const double> parameters) {
 
 Law scaled(const Law& law, double weakening, double stribeck_velocity, double strengthening) {
   Law result = law;
-  Family& f = result.family;
+  GeneralLaw& f = result.family;
   for (double* x : {&f.A, &f.A_T, &f.A_TT, &f.A_l, &f.B, &f.B_T, &f.B_TT, &f.B_l, &f.C_l}) *x *= weakening;
   for (double* x : {&f.vs, &f.vs_T, &f.vs_TT, &f.vl}) *x *= stribeck_velocity;
   for (double* x : {&f.F1, &f.F1_t, &f.F1_tt, &f.F1_T, &f.F2, &f.F3, &f.Fb, &f.Fb_T}) *x *= strengthening;
@@ -419,7 +419,7 @@ AtTemperature at_temperature(const Law& law, double temperature_degC) {
                                                             temperature_degC <= law.range.temperature_max_degC);
   const Range held = held_range(law);
   temperature_degC = confined(temperature_degC, held.temperature_min_degC, held.temperature_max_degC);
-  const Family& f = law.family;
+  const GeneralLaw& f = law.family;
   const double T = temperature_degC;
   // Past its zero the linear factor would turn friction into a motor; it stays at the zero.
   const double s = f.s_T == 0 ? 1 : std::max(0.0, 1 + f.s_T * (T - f.s_T0));

@@ -62,7 +62,7 @@ struct Range {
 };
 
 /// The numbers of the family above. Torques in the unit of the law, speeds on its side, T in degC.
-struct Family {
+struct GeneralLaw {
   double A = 0, A_T = 0, A_TT = 0, A_l = 0;
   double B = 0, B_T = 0, B_TT = 0, B_l = 0, vs = 1, vs_T = 0, vs_TT = 0;
   double C_l = 0, vl = 1;
@@ -89,7 +89,7 @@ struct LawInfo {
   std::span<const Parameter> parameters;
   /// Places the parameters in the family. Every field is affine in the parameters, family(a) + family(b) - family(0) ==
   /// family(a + b): identification takes its exact derivatives from that.
-  Family (*family)(std::span<const double> parameters);
+  GeneralLaw (*family)(std::span<const double> parameters);
   /// Conditions between parameters (Fs >= Fc, ...); nullptr or an explanation.
   const char* (*conflict)(std::span<const double> parameters);
 };
@@ -104,7 +104,7 @@ struct Law {
   std::array<double, max_parameters> parameters{};
   Range range;
   Validity validity = Validity::clamp;
-  Family family;  ///< follows from the parameters, `with_parameters` keeps it so; `scaled` departs from them
+  GeneralLaw family;  ///< follows from the parameters, `with_parameters` keeps it so; `scaled` departs from them
 
   std::span<const double> values() const& { return {parameters.data(), info->parameters.size()}; }
   void values() const&& = delete;  ///< of a law that is gone

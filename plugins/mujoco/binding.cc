@@ -110,7 +110,7 @@ double friction_nm(const drive::Drive& drive, double qd_rad_s, double load_norm,
 
 std::string actdim_message(const drive::Drive& drive) {
   const bool bristles = drive.dynamics != drive::Dynamics::none;
-  return fmt::format("actdim=\"{}\", the size of a drive's memory {}", drive::memory_size(drive),
+  return fmt::format("actdim=\"{}\", the size of a drive's state {}", drive::memory_size(drive),
                      bristles ? "with friction=\"lugre\" or \"gear_loss\" (3 without)"
                               : "(4 with friction=\"lugre\" or \"gear_loss\")");
 }
@@ -170,17 +170,17 @@ Result<Binding> bind(const mjModel* m, drive::Drive drive, int actuator) {
   return b;
 }
 
-drive::Memory& memory(mjData* d, const Binding& b) {
-  return *reinterpret_cast<drive::Memory*>(engine::memory(d) + b.memory_address);
+drive::State& state(mjData* d, const Binding& b) {
+  return *reinterpret_cast<drive::State*>(engine::state(d) + b.memory_address);
 }
-drive::Scratch& scratch(mjData* d, const Binding& b) {
-  return *reinterpret_cast<drive::Scratch*>(engine::scratch(d) + b.scratch_address);
+drive::Workspace& workspace(mjData* d, const Binding& b) {
+  return *reinterpret_cast<drive::Workspace*>(engine::workspace(d) + b.scratch_address);
 }
-const drive::Memory& memory(const mjData* d, const Binding& b) {
-  return *reinterpret_cast<const drive::Memory*>(engine::memory(d) + b.memory_address);
+const drive::State& state(const mjData* d, const Binding& b) {
+  return *reinterpret_cast<const drive::State*>(engine::state(d) + b.memory_address);
 }
-const drive::Scratch& scratch(const mjData* d, const Binding& b) {
-  return *reinterpret_cast<const drive::Scratch*>(engine::scratch(d) + b.scratch_address);
+const drive::Workspace& workspace(const mjData* d, const Binding& b) {
+  return *reinterpret_cast<const drive::Workspace*>(engine::workspace(d) + b.scratch_address);
 }
 
 double commanded_force(const mjModel* m, const mjData* d, const Binding& b) {
@@ -193,10 +193,10 @@ double commanded_force(const mjModel* m, const mjData* d, const Binding& b) {
 }
 
 void limit_friction(const mjModel* m, mjData* d, const Binding& b) {
-  drive::Scratch& s = scratch(d, b);
+  drive::Workspace& s = workspace(d, b);
   const bool later_stage = m->opt.integrator == mjINT_RK4 && drive::within_step(s, d->time, m->opt.timestep);
   const double limit =
-      later_stage ? s.limit_nm : drive::begin_step(b.drive, memory(d, b), s, d->time, b.speed(d), b.angle(d));
+      later_stage ? s.limit_nm : drive::begin_step(b.drive, state(d, b), s, d->time, b.speed(d), b.angle(d));
   if (const int row = engine::friction_row(d, b.dof, b.row_hint); row >= 0) engine::set_friction_limit(d, row, limit);
   // The engine computes qfrc_passive afresh ahead of every call of this, and sums it after.
   if (b.drive.dynamics != drive::Dynamics::none) d->qfrc_passive[b.dof] -= s.applied_nm;
@@ -212,7 +212,7 @@ void book_friction(const mjModel* m, mjData* d, const Binding& b) {
                                        .rotor_inertia_kg_m2 = m->dof_armature[b.dof]};
   const double dt = m->opt.timestep;
   drive::end_step(b.drive, dt == b.decay.dt_s ? b.decay : thermal::decay(b.drive.thermal, dt), transmitted, dt,
-                  memory(d, b), scratch(d, b));
+                  state(d, b), workspace(d, b));
 }
 
 }  // namespace tribotwin::mujoco

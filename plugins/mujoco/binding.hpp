@@ -43,12 +43,12 @@ int needed_iterations(int solver);
 /// the solver or the time step could not carry friction faithfully: the message names the element and the remedy.
 Result<Binding> bind(const mjModel* m, drive::Drive drive, int actuator);
 
-/// State of a drive in d; of a drive with bristles the memory is a drive::BristleMemory. Changing it between steps is
+/// State of a drive in d; of a drive with bristles the state is a drive::BristleState. Changing it between steps is
 /// allowed; see drive.hpp for what is input.
-drive::Memory& memory(mjData* d, const Binding& binding);
-drive::Scratch& scratch(mjData* d, const Binding& binding);
-const drive::Memory& memory(const mjData* d, const Binding& binding);
-const drive::Scratch& scratch(const mjData* d, const Binding& binding);
+drive::State& state(mjData* d, const Binding& binding);
+drive::Workspace& workspace(mjData* d, const Binding& binding);
+const drive::State& state(const mjData* d, const Binding& binding);
+const drive::Workspace& workspace(const mjData* d, const Binding& binding);
 
 /// What the control asks of the motor, within its range: actuator force as the current tells it.
 double commanded_force(const mjModel* m, const mjData* d, const Binding& binding);

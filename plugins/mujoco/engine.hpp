@@ -40,11 +40,11 @@ inline int actuator_count(const mjModel* m) {
 
 /// Where elements keep what a restart needs, and what it does not.
 #if TRIBOTWIN_ENGINE_PLUGINS
-inline mjtNum* memory(const mjData* d) { return d->act; }
-inline mjtNum* scratch(const mjData* d) { return d->plugin_state; }
+inline mjtNum* state(const mjData* d) { return d->act; }
+inline mjtNum* workspace(const mjData* d) { return d->plugin_state; }
 #else
-inline mjtNum* memory(const mjData* d) { return d->userdata; }
-inline mjtNum* scratch(const mjData* d) { return d->userdata; }
+inline mjtNum* state(const mjData* d) { return d->userdata; }
+inline mjtNum* workspace(const mjData* d) { return d->userdata; }
 #endif
 
 /// Row of a dof's friction constraint, or -1. `hint` is where it is as long as no equality constraint comes or goes

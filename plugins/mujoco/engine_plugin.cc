@@ -1,4 +1,4 @@
-// tribotwin.drive and tribotwin.hysteresis as engine plugins of MuJoCo 3.x. Configuration comes from the keys, memory
+// tribotwin.drive and tribotwin.hysteresis as engine plugins of MuJoCo 3.x. Configuration comes from the keys, state
 // lives in the actuator's activations, everything else in plugin_state.
 #include <cstring>
 #include <memory>
@@ -137,7 +137,7 @@ void register_spring() {
   plugin.destroy = destroy<Spring>;
   plugin.copy = copy<Spring>;
   plugin.reset = [](const mjModel*, mjtNum* plugin_state, void*, int) {
-    std::memset(plugin_state, 0, sizeof(SpringScratch));
+    std::memset(plugin_state, 0, sizeof(SpringWorkspace));
   };
   plugin.compute = [](const mjModel* m, mjData* d, int instance, int) {
     if (const Spring* s = bound<Spring>(d, instance)) d->actuator_force[s->force] = -spring_torque(m, d, *s);
@@ -160,10 +160,10 @@ __attribute__((constructor)) void register_plugins() {
   plugin.destroy = destroy<Binding>;
   plugin.copy = copy<Binding>;
   plugin.reset = [](const mjModel*, mjtNum* plugin_state, void*, int) {
-    std::memset(plugin_state, 0, sizeof(drive::Scratch));
+    std::memset(plugin_state, 0, sizeof(drive::Workspace));
   };
   plugin.compute = compute;
-  // The memory moves once per step, in `advance`, not with the integrator's act_dot, which the engine zeroes.
+  // The state moves once per step, in `advance`, not with the integrator's act_dot, which the engine zeroes.
   plugin.advance = [](const mjModel* m, mjData* d, int instance) {
     if (const Binding* b = binding_of(d, instance)) book_friction(m, d, *b);
   };

@@ -38,42 +38,42 @@ Result<Spring> bind_spring(const mjModel* m, transmission::Hysteresis hysteresis
   return s;
 }
 
-double& hysteretic_rad(mjData* d, const Spring& s) { return engine::memory(d)[s.memory_address]; }
-double hysteretic_rad(const mjData* d, const Spring& s) { return engine::memory(d)[s.memory_address]; }
-SpringScratch& scratch(mjData* d, const Spring& s) {
-  return *reinterpret_cast<SpringScratch*>(engine::scratch(d) + s.scratch_address);
+double& hysteretic_rad(mjData* d, const Spring& s) { return engine::state(d)[s.memory_address]; }
+double hysteretic_rad(const mjData* d, const Spring& s) { return engine::state(d)[s.memory_address]; }
+SpringWorkspace& workspace(mjData* d, const Spring& s) {
+  return *reinterpret_cast<SpringWorkspace*>(engine::workspace(d) + s.scratch_address);
 }
-const SpringScratch& scratch(const mjData* d, const Spring& s) {
-  return *reinterpret_cast<const SpringScratch*>(engine::scratch(d) + s.scratch_address);
+const SpringWorkspace& workspace(const mjData* d, const Spring& s) {
+  return *reinterpret_cast<const SpringWorkspace*>(engine::workspace(d) + s.scratch_address);
 }
 
 double spring_torque(const mjModel* m, mjData* d, const Spring& spring) {
-  SpringScratch& s = scratch(d, spring);
+  SpringWorkspace& s = workspace(d, spring);
   s.torsion_rad = spring.torsion_rad(d);
   double x = hysteretic_rad(d, spring);
   const bool later_stage = m->opt.integrator == mjINT_RK4 && s.step_open != 0 && d->time > s.step_time_s &&
                            d->time <= s.step_time_s + m->opt.timestep * (1 + 1e-9);
   if (later_stage) {
-    x = transmission::advanced(spring.hysteresis, x, s.torsion_rad - s.torsion_begin_rad);
+    x = transmission::advance(spring.hysteresis, x, s.torsion_rad - s.torsion_begin_rad);
   } else {
     s.step_open = 1;
     s.step_time_s = d->time;
     s.torsion_begin_rad = s.torsion_rad;
   }
   s.torque_nm = transmission::torque_nm(spring.hysteresis, s.torsion_rad, x,
-                                        drive::temperature_degC(spring.drive.drive, memory(d, spring.drive)));
+                                        drive::temperature_degC(spring.drive.drive, state(d, spring.drive)));
   return s.torque_nm;
 }
 
 void book_spring(mjData* d, const Spring& spring) {
-  SpringScratch& s = scratch(d, spring);
+  SpringWorkspace& s = workspace(d, spring);
   s.step_open = 0;
   double& x = hysteretic_rad(d, spring);
   const auto after = transmission::advance(spring.hysteresis, x, s.torsion_begin_rad, spring.torsion_rad(d),
-                                           drive::temperature_degC(spring.drive.drive, memory(d, spring.drive)));
+                                           drive::temperature_degC(spring.drive.drive, state(d, spring.drive)));
   x = after.x_rad;
   s.heat_J += after.heat_J;
-  drive::Scratch& gear = scratch(d, spring.drive);
+  drive::Workspace& gear = workspace(d, spring.drive);
   gear.added_heat_J += after.heat_J;
 }
 

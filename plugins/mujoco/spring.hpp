@@ -18,12 +18,12 @@ inline constexpr char spring_plugin_name[] = "tribotwin.hysteresis";
 inline constexpr std::size_t spring_memory_size = 1;
 
 /// Beside x in mjData; doubles only. All zero is a fresh transmission.
-struct SpringScratch {
+struct SpringWorkspace {
   double step_open, step_time_s, torsion_begin_rad;
   double torsion_rad, torque_nm;  ///< of the last force, tau_g [arm side]
   double heat_J;                  ///< since reset
 };
-inline constexpr std::size_t spring_scratch_size = sizeof(SpringScratch) / sizeof(double);
+inline constexpr std::size_t spring_scratch_size = sizeof(SpringWorkspace) / sizeof(double);
 
 /// Where a transmission is in a model. Immutable; shared by all mjData of the model.
 struct Spring {
@@ -51,8 +51,8 @@ Result<Spring> bind_spring(const mjModel* m, transmission::Hysteresis hysteresis
 
 double& hysteretic_rad(mjData* d, const Spring& spring);  ///< x
 double hysteretic_rad(const mjData* d, const Spring& spring);
-SpringScratch& scratch(mjData* d, const Spring& spring);
-const SpringScratch& scratch(const mjData* d, const Spring& spring);
+SpringWorkspace& workspace(mjData* d, const Spring& spring);
+const SpringWorkspace& workspace(const mjData* d, const Spring& spring);
 
 /// tau_g [Nm, arm side] now; during later stages of Runge-Kutta along the way from the step's start.
 double spring_torque(const mjModel* m, mjData* d, const Spring& spring);

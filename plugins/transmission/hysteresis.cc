@@ -81,7 +81,7 @@ double Hysteresis::stiffest() const {
   return most;
 }
 
-double advanced(const Hysteresis& h, double x0, double increment) {
+double advance(const Hysteresis& h, double x0, double increment) {
   if (increment == 0) return x0;
   const double limit = h.limit_rad(), length = limit / h.n;  // distance on which x settles
   const double way = std::min(std::abs(increment), 60 * length);
@@ -100,8 +100,8 @@ double torque_nm(const Hysteresis& h, double torsion, double x, double T) {
 }
 
 Advance advance(const Hysteresis& h, double x, double from, double to, double T) {
-  const double middle = 0.5 * (from + to), x_middle = advanced(h, x, middle - from),
-               x_end = advanced(h, x_middle, to - middle);
+  const double middle = 0.5 * (from + to), x_middle = advance(h, x, middle - from),
+               x_end = advance(h, x_middle, to - middle);
   const double k0 = h.stiffness(from, T), k1 = h.stiffness(middle, T), k2 = h.stiffness(to, T);
   const double work = (to - from) / 6 * (k0 * x + 4 * k1 * x_middle + k2 * x_end);
   const double stored = 0.5 * (k2 * x_end * x_end - k0 * x * x);

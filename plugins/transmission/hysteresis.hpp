@@ -38,7 +38,7 @@ struct Hysteresis {
 
 /// x after the torsion went by `increment_rad`, from x0. Classical Runge-Kutta over phi, in pieces short against the
 /// distance on which x settles; the result stays within `limit_rad`.
-double advanced(const Hysteresis& h, double x0_rad, double increment_rad);
+double advance(const Hysteresis& h, double x0_rad, double increment_rad);
 
 /// tau_g [Nm, arm side].
 double torque_nm(const Hysteresis& h, double torsion_rad, double x_rad, double temperature_degC);

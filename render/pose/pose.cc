@@ -55,7 +55,7 @@ PoseState rest(const mujoco::Model& model) {
   PoseState state{{d->qpos, d->qpos + m->nq}, std::nullopt, {}};
   for (const auto& drive : model.drives())
     state.joints.push_back(
-        {twin::joint_name(m, drive), drive::temperature_degC(drive.drive, mujoco::memory(d.get(), drive)), unknown});
+        {twin::joint_name(m, drive), drive::temperature_degC(drive.drive, mujoco::state(d.get(), drive)), unknown});
   return state;
 }
 

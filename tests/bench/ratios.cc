@@ -69,7 +69,7 @@ void step(benchmark::State& state, const char* integrator, bool damping, bool lu
                            0.2 * b.drive.torque_max_nm * std::sin(0.004 * i);
   };
   for (const auto& b : model->drives()) {
-    drive::set_temperature(b.drive, mujoco::memory(ours.get(), b), 50);
+    drive::set_temperature(b.drive, mujoco::state(ours.get(), b), 50);
   }
   int i = 0, j = 0;
   report_ratio(

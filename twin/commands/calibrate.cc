@@ -499,9 +499,9 @@ SimulationFit fit_of(const Campaign& campaign, const JsonInput& in, SimulationFi
     const JsonInput p = parameters[q.path()];
     f.values.push_back(p["value"].number({-1e300, 1e300}));
     f.sigma.push_back(p.has("sigma") ? p["sigma"].number_or_null({0, 1e300}) : std::nan(""));
-    f.knowledge.push_back(q.sought ? Knowledge::estimated : Knowledge::known);
+    f.knowledge.push_back(q.sought ? ParameterStatus::estimated : ParameterStatus::known);
     const std::string status = p.has("status") ? p["status"].text() : "";
-    for (const auto k : {Knowledge::prior, Knowledge::at_bound})
+    for (const auto k : {ParameterStatus::prior, ParameterStatus::at_bound})
       if (status == name(k)) f.knowledge.back() = k;
   }
   const auto n = std::ssize(quantities);
@@ -625,13 +625,13 @@ Result<void> write_found(const Results& r, const SimulationFit& f, const fs::pat
                .status = identification::Status::fixed};
     if (const auto at = static_cast<std::size_t>(quantity(p.name)); at < variant.quantities.size()) {
       using enum identification::Status;
-      const Knowledge k = f.knowledge[at];
-      e.status = k == Knowledge::estimated  ? estimated
-                 : k == Knowledge::prior    ? held
-                 : k == Knowledge::at_bound ? at_bound
-                                            : fixed;
-      if (k == Knowledge::prior) file.found.unidentifiable.emplace_back(p.name);
-      if (k == Knowledge::estimated)
+      const ParameterStatus k = f.knowledge[at];
+      e.status = k == ParameterStatus::estimated  ? estimated
+                 : k == ParameterStatus::prior    ? held
+                 : k == ParameterStatus::at_bound ? at_bound
+                                                  : fixed;
+      if (k == ParameterStatus::prior) file.found.unidentifiable.emplace_back(p.name);
+      if (k == ParameterStatus::estimated)
         e.sigma = f.sigma[at], e.low = e.value - 1.96 * e.sigma, e.high = e.value + 1.96 * e.sigma;
     }
     file.found.parameters.push_back(std::move(e));
@@ -698,9 +698,9 @@ int execute(const Arguments& a) {
                  file = directory / "calibration.json";
   std::error_code error;
   fs::create_directories(directory, error);
-  if (error) return complain(failed, fmt::format("{}: cannot be made ({})", directory.string(), error.message()));
+  if (error) return report_error(failed, fmt::format("{}: cannot be made ({})", directory.string(), error.message()));
   FolderLock lock;
-  if (auto ok = lock.take(directory); !ok) return complain(failed, ok.error().message);
+  if (auto ok = lock.take(directory); !ok) return report_error(failed, ok.error().message);
   Results results{campaign, fits_of(campaign, file)};
   if (!results.fits.empty() && !a.quiet)
     note("goes on from {}, where {} of {} fits are done", file.string(), results.fits.size(), results.wanted());
@@ -734,18 +734,18 @@ int execute(const Arguments& a) {
                save();
              }});
   }();
-  if (!write_error.empty()) return complain(failed, write_error);
-  if (!outcome) return complain(failed, outcome.error().message);
+  if (!write_error.empty()) return report_error(failed, write_error);
+  if (!outcome) return report_error(failed, outcome.error().message);
   if (!results.complete())
-    return complain(failed,
-                    results.fits.empty()
-                        ? "interrupted before the first fit was done; nothing is written"
-                        : fmt::format("interrupted; {} of {} fits are kept in {}, the same command goes on from there",
-                                      results.fits.size(), results.wanted(), file.string()));
+    return report_error(
+        failed, results.fits.empty()
+                    ? "interrupted before the first fit was done; nothing is written"
+                    : fmt::format("interrupted; {} of {} fits are kept in {}, the same command goes on from there",
+                                  results.fits.size(), results.wanted(), file.string()));
   for (std::size_t v = 0; v < campaign.plan.variants.size(); ++v)
     if (const auto ok = write_found(results, *results.find(v, SimulationFit::all, 0), directory, replace_if(a.force));
         !ok)
-      return complain(failed, ok.error().message);
+      return report_error(failed, ok.error().message);
   return deliver(a.json ? json_of(results).dump(1) + "\n" : table_of(results));
 }
 

@@ -101,8 +101,8 @@ int execute(const Arguments& a) {
                                    .seed = a.seed,
                                    .progress = [&](double share) { progress(share); }});
     if (!measured)
-      return complain(a.load_by == "pose" && measured.error().message.starts_with("no pose") ? wrong_input : failed,
-                      measured.error().message);
+      return report_error(a.load_by == "pose" && measured.error().message.starts_with("no pose") ? wrong_input : failed,
+                          measured.error().message);
     points = std::move(*measured);
   } else {
     points = law_curve(drive, speeds, a.load, a.temperature);

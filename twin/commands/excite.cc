@@ -39,7 +39,7 @@ int execute(Arguments& a) {
     };
     return excite(*robot.model, robot.regressor, robot.base, o);
   }();
-  if (!found) return complain(failed, fmt::format("{}: {}", a.model, found.error().message));
+  if (!found) return report_error(failed, fmt::format("{}: {}", a.model, found.error().message));
   if (!a.quiet)
     for (const auto& text : found->notes) note("{}", text);
   if (a.output.named())
@@ -62,8 +62,8 @@ int execute(Arguments& a) {
     text += fmt::format("\nsection 3, heating: .. {:.1f} s\n", found->duration_s());
   }
   if (const int code = deliver(a.json ? j.dump(2) + "\n" : text)) return code;
-  return found->interrupted ? complain(failed, fmt::format("interrupted; the best motion until then is whole{}",
-                                                           a.output.named() ? " in " + a.output.file : ""))
+  return found->interrupted ? report_error(failed, fmt::format("interrupted; the best motion until then is whole{}",
+                                                               a.output.named() ? " in " + a.output.file : ""))
                             : done;
 }
 

@@ -164,7 +164,7 @@ void print_notes(const Arguments& a, const std::vector<std::string>& notes) {
 /// PARAMS.yaml, and JSON or the table.
 int deliver_dynamics(const Arguments& a, const Estimates& fit, double normalised_mse, std::string_view equation,
                      const std::string& yaml) {
-  if (const auto ok = usable(fit); !ok) return complain(failed, fmt::format("{}: {}", a.law, ok.error().message));
+  if (const auto ok = usable(fit); !ok) return report_error(failed, fmt::format("{}: {}", a.law, ok.error().message));
   print_notes(a, fit.notes);
   if (a.output.named())
     if (const int code = deliver(yaml, a.output)) return code;
@@ -181,7 +181,7 @@ int identify_bouc_wen(const Arguments& a) {
   if (!loops) throw InputError(loops.error().message);
   print_notes(a, loops->notes);
   const auto found = fit_hysteresis(loops->recordings, a.threads);
-  if (!found) return complain(failed, fmt::format("bouc_wen: {}", found.error().message));
+  if (!found) return report_error(failed, fmt::format("bouc_wen: {}", found.error().message));
   return deliver_dynamics(a, *found, found->normalised_mse, bouc_wen_equation, to_yaml(*found, a.data));
 }
 
@@ -198,16 +198,16 @@ int identify_lugre(const Arguments& a) {
   if (!sliding) throw InputError(sliding.error().message);
   print_notes(a, sliding->notes);
   const auto found = fit_bristles(*drive, sliding->recordings, a.threads);
-  if (!found) return complain(failed, fmt::format("lugre: {}", found.error().message));
+  if (!found) return report_error(failed, fmt::format("lugre: {}", found.error().message));
   return deliver_dynamics(a, *found, found->normalised_mse, lugre_equation, to_yaml(known, *found, a.data));
 }
 
 int identify_shared(const Arguments& a, const friction::LawInfo& law, const Samples& samples,
                     const FitOptions& options) {
   const auto shared = fit_shared(law, samples, a.shared, options);
-  if (!shared) return complain(failed, shared.error().message);
+  if (!shared) return report_error(failed, shared.error().message);
   if (!std::isfinite(shared->value))
-    return complain(
+    return report_error(
         failed, fmt::format("the fit gives no finite number for {}; what is in the data that no joint has?", a.shared));
   print_notes(a, shared->notes);
   Json j{{"law", law.name},
@@ -248,8 +248,8 @@ int identify_each(const Arguments& a, const friction::LawInfo& law, const Sample
     const auto found = fit(law, one, options);
     const auto ok = found ? usable(*found) : tl::unexpected(found.error());
     if (!ok)
-      return complain(failed, fmt::format("curve {} (load {:.3g}, {:.4g} degC): {}", curve + 1, load, temperature,
-                                          ok.error().message));
+      return report_error(failed, fmt::format("curve {} (load {:.3g}, {:.4g} degC): {}", curve + 1, load, temperature,
+                                              ok.error().message));
     Json j = json_of(*found, one, -1);
     j["curve"] = curve + 1, j["load_norm"] = load, j["temperature_degC"] = temperature;
     all.push_back(std::move(j));
@@ -345,11 +345,11 @@ int execute(const Arguments& a) {
     auto found = a.staged ? fit_staged(*law, *samples, options) : fit(*law, *samples, options);
     // The law's own rules matter to what is read again, not to what is compared.
     const auto ok = found ? usable(*found, !a.output.named() ? nullptr : law) : tl::unexpected(found.error());
-    if (!ok) return complain(failed, fmt::format("law '{}': {}", law->name, ok.error().message));
+    if (!ok) return report_error(failed, fmt::format("law '{}': {}", law->name, ok.error().message));
     double error = -1;
     if (a.folds > 1) {
       const auto checked = cross_validate(*law, *samples, options, a.folds);
-      if (!checked) return complain(failed, checked.error().message);
+      if (!checked) return report_error(failed, checked.error().message);
       error = *checked;
     }
     if (!a.quiet)

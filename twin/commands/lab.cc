@@ -31,7 +31,7 @@ int compare_days(const Arguments& a, const repeatability::Campaign& campaign) {
   const auto results = with_progress(a, fmt::format("{} tests", campaign.tests()), [&](const LabOptions& options) {
     return repeatability::run_campaign(campaign, options);
   });
-  if (!results) return complain(failed, results.error().message);
+  if (!results) return report_error(failed, results.error().message);
   if (a.quiet) return done;
   print("{} tests, {} of them were there\n\n{}written:", campaign.tests(), results->present,
         repeatability::summary(campaign, results->days, results->findings));
@@ -42,7 +42,7 @@ int compare_days(const Arguments& a, const repeatability::Campaign& campaign) {
 
 int report(const Arguments& a, const Result<LabSummary>& summary, const Campaign& campaign,
            const std::string& written) {
-  if (!summary) return complain(failed, summary.error().message);
+  if (!summary) return report_error(failed, summary.error().message);
   if (a.quiet) return done;
   print("{} curves, {} of them were there, {} levels, {:.1f} s\n", summary->curves, summary->present, summary->levels,
         summary->wall_s);

@@ -28,7 +28,9 @@ void add_excite(CLI::App& app, int& code);
 void add_thermal(CLI::App& app, int& code);
 
 /// "tribotwin: MESSAGE" on stderr; returns the exit code.
-inline int complain(Exit code, const std::string& message) { return twin::complain("tribotwin", code, message); }
+inline int report_error(Exit code, const std::string& message) {
+  return twin::report_error("tribotwin", code, message);
+}
 
 /// The file of a campaign or scenario as given, or the shipped one of that name.
 std::filesystem::path scenario_file(const std::string& given);

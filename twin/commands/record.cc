@@ -28,7 +28,7 @@ int recover_record(const std::string& directory) {
   FolderLock lock;
   or_fail(lock.take(directory));
   const auto result = recover(directory);
-  if (!result) return complain(failed, result.error().message);
+  if (!result) return report_error(failed, result.error().message);
   if (result->was_plain) {
     print("{}/telemetry.h5 is a complete HDF5 file without damage; there was nothing to recover\n", directory);
     return done;
@@ -49,7 +49,7 @@ int export_record(const std::string& directory, Existing existing) {
   or_fail(lock.take(directory));
   Progress progress(false);
   const auto files = export_csv(directory, existing, [&](double share) { progress(share); });
-  if (!files) return complain(failed, files.error().message);
+  if (!files) return report_error(failed, files.error().message);
   for (const auto& file : *files) print("{}\n", file.string());
   return done;
 }
@@ -83,7 +83,7 @@ int export_recording(const std::string& directory, Sensors sensors, double torqu
   const auto record = read_telemetry(std::filesystem::path(directory) / "telemetry.h5");
   if (!record) throw InputError(record.error().message);
   if (record->time_s.size() < 2)
-    return complain(failed, fmt::format("{}/telemetry.h5: holds {} samples", directory, record->time_s.size()));
+    return report_error(failed, fmt::format("{}/telemetry.h5: holds {} samples", directory, record->time_s.size()));
   const auto& time = record->time_s;
   // Skipped work cycles are gaps in the recording, too.
   const double step_s = typical_step(time), rate = 1 / step_s;
@@ -154,7 +154,7 @@ int export_instance(const std::string& file, const std::string& name, const std:
                     double gear_ratio, const Destination& output) {
   if (const auto law = load_yaml(file)["law"]; law && law.IsScalar() && law.Scalar() == "bouc_wen") {
     const auto spring = identification::hysteresis_of(file, name, on_drive);
-    if (!spring) return complain(failed, fmt::format("{}: {}", file, spring.error().message));
+    if (!spring) return report_error(failed, fmt::format("{}: {}", file, spring.error().message));
     return deliver_instance(name, transmission::configuration_of(*spring), output);
   }
   auto parameters = identification::read_parameters(file);
@@ -165,7 +165,7 @@ int export_instance(const std::string& file, const std::string& name, const std:
   // What a model could not load is refused here, with the reason the model would give.
   const auto keys = drive::configuration_of(*drive);
   if (const auto loaded = drive::make_drive(name, keys); !loaded)
-    return complain(failed, fmt::format("{}: {}", file, loaded.error().message));
+    return report_error(failed, fmt::format("{}: {}", file, loaded.error().message));
   return deliver_instance(name, keys, output);
 }
 

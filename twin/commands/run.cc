@@ -26,7 +26,7 @@ fs::path scenario_folder() {
 int list_scenarios() {
   std::vector<fs::path> files;
   const fs::path folder = scenario_folder();
-  if (folder.empty()) return complain(failed, "the shipped scenarios are not where they were built or installed");
+  if (folder.empty()) return report_error(failed, "the shipped scenarios are not where they were built or installed");
   for (const auto& entry : fs::directory_iterator(folder))
     if (entry.path().extension() == ".yaml") files.push_back(entry.path());
   std::ranges::sort(files);
@@ -134,7 +134,7 @@ void require_other_folder(const fs::path& output, const fs::path& scenario) {
 
 int strict_code(const Arguments& a, bool balanced) {
   if (balanced || !a.strict) return done;
-  return complain(limit_exceeded, "--strict: the energy balance does not hold");
+  return report_error(limit_exceeded, "--strict: the energy balance does not hold");
 }
 
 /// Runs all variations, each in a folder of its own, and one summary over them.
@@ -165,14 +165,15 @@ int vary(const Arguments& a, const fs::path& file, const std::vector<Variation>&
                            progress(whole, left + static_cast<double>(all.size() - i - 1) *
                                                       (share > 0 ? left / (1 - std::min(share, 0.999)) : 0));
                          }});
-      if (!summary) return complain(failed, fmt::format("{}: {}", all[i].folder, summary.error().message));
+      if (!summary) return report_error(failed, fmt::format("{}: {}", all[i].folder, summary.error().message));
       if (summary->interrupted)
-        return complain(failed, fmt::format("{}: interrupted; {} of {} runs are whole", all[i].folder, i, all.size()));
+        return report_error(failed,
+                            fmt::format("{}: interrupted; {} of {} runs are whole", all[i].folder, i, all.size()));
       runs.push_back({all[i].folder, all[i].settings, *summary});
     }
   }
   if (const auto ok = write_file(output / "summary.json", varied_json(runs), Existing::refuse); !ok)
-    return complain(failed, ok.error().message);
+    return report_error(failed, ok.error().message);
   folder.commit();
   if (a.json)
     print("{}", varied_json(runs));
@@ -185,7 +186,7 @@ int execute(const Arguments& a) {
   if (a.list) return list_scenarios();
   catch_interrupts();
   if (a.scenario.empty())
-    return complain(wrong_input, "run needs a scenario; 'tribotwin run --list' names those that ship");
+    return report_error(wrong_input, "run needs a scenario; 'tribotwin run --list' names those that ship");
   std::vector<std::string> settings = a.settings;
   if (a.seed) settings.push_back(fmt::format("seed={}", *a.seed));
   const fs::path file = scenario_file(a.scenario);
@@ -201,14 +202,14 @@ int execute(const Arguments& a) {
                               .stop = &interrupted(),
                               .progress = [&](double share, double left) { progress(share, left); }});
   }();
-  if (!summary) return complain(failed, summary.error().message);
+  if (!summary) return report_error(failed, summary.error().message);
   if (a.json)
     print("{}", summary_json(*summary));
   else if (!a.quiet)
     print_summary(*summary, output);
   if (summary->interrupted)
-    return complain(failed, fmt::format("interrupted at {:.6g} of {:.6g} s; the record in {} is whole until then",
-                                        summary->simulated_s, loaded.duration_s, output.string()));
+    return report_error(failed, fmt::format("interrupted at {:.6g} of {:.6g} s; the record in {} is whole until then",
+                                            summary->simulated_s, loaded.duration_s, output.string()));
   return strict_code(a, summary->balanced);
 }
 

@@ -35,7 +35,7 @@ class Compensated final : public Servo {
                                     .speed_rad_s = encoder.speed_rad_s(),
                                     .resolution_rad = encoder.resolution_rad(),
                                     .acceleration_rad_s2 = (speed - joint.speed_before_rad_s) / m->opt.timestep,
-                                    .temperature_degC = drive::temperature_degC(drive.drive, mujoco::memory(d, drive))},
+                                    .temperature_degC = drive::temperature_degC(drive.drive, mujoco::state(d, drive))},
                                    d->time, m->opt.timestep);
       joint.speed_before_rad_s = speed;
       commands_[joint.drive].position_rad += joint.ratio * torsion;

@@ -32,7 +32,7 @@ JointModel JointModel::misjudged(double relative, std::uint64_t seed) const {
 
 double HysteresisInverse::update(double torque, double temperature) {
   const auto hysteretic = [&](double torsion) {
-    return transmission::advanced(h_, hysteretic_rad_, torsion - torsion_rad_);
+    return transmission::advance(h_, hysteretic_rad_, torsion - torsion_rad_);
   };
   const auto excess = [&](double torsion) {
     return transmission::torque_nm(h_, torsion, hysteretic(torsion), temperature) - torque;

@@ -119,7 +119,7 @@ std::string_view name(Place place) {
   return names[static_cast<std::size_t>(place)];
 }
 
-std::string_view name(Knowledge knowledge) {
+std::string_view name(ParameterStatus knowledge) {
   static constexpr std::string_view names[] = {"known", "estimated", "prior", "at_bound"};
   return names[static_cast<std::size_t>(knowledge)];
 }
@@ -506,7 +506,7 @@ void judge(const Posterior& posterior, const VectorXd& z, const std::vector<std:
     if (z(i) > q.coordinate(q.low) + 1e-6 && z(i) < q.coordinate(q.high) - 1e-6)
       open.push_back(i);
     else
-      fit.knowledge[sought[static_cast<std::size_t>(i)]] = Knowledge::at_bound;
+      fit.knowledge[sought[static_cast<std::size_t>(i)]] = ParameterStatus::at_bound;
     if (q.sigma > 0) H(i, i) += 1;
   }
   const MatrixXd covariance = MatrixXd(H(open, open)).completeOrthogonalDecomposition().pseudoInverse();
@@ -514,7 +514,7 @@ void judge(const Posterior& posterior, const VectorXd& z, const std::vector<std:
     const Quantity& q = posterior.quantity(open[k]);
     const std::size_t at = sought[static_cast<std::size_t>(open[k])];
     const double deviation = std::sqrt(std::max(0.0, covariance(static_cast<Index>(k), static_cast<Index>(k))));
-    fit.knowledge[at] = q.sigma > 0 && deviation > 0.8 ? Knowledge::prior : Knowledge::estimated;
+    fit.knowledge[at] = q.sigma > 0 && deviation > 0.8 ? ParameterStatus::prior : ParameterStatus::estimated;
     fit.sigma[at] = deviation * q.scale() * (q.logarithmic ? fit.values[at] : 1);
     for (std::size_t l = 0; l < open.size(); ++l) {
       const auto a = static_cast<Index>(k), b = static_cast<Index>(l);
@@ -580,10 +580,10 @@ Result<void> calibrate(const Plan& plan, const std::vector<SimulationFit>& have,
     fit.objective = best.objective;
     for (const Minimum& m : job.minima) fit.minima.push_back(m.objective);
     fit.sigma.assign(fit.values.size(), unknown);
-    fit.knowledge.assign(fit.values.size(), Knowledge::known);
+    fit.knowledge.assign(fit.values.size(), ParameterStatus::known);
     fit.correlation = MatrixXd::Constant(std::ssize(fit.values), std::ssize(fit.values), unknown);
     const auto sought = t.sought();
-    for (const std::size_t i : sought) fit.knowledge[i] = Knowledge::estimated;
+    for (const std::size_t i : sought) fit.knowledge[i] = ParameterStatus::estimated;
     const auto candidate = t.candidate(fit.values);
     if (!candidate) fail(candidate.error().message);
     for (const auto& recording : plan.recordings) {

@@ -144,25 +144,25 @@ struct Plan {
 };
 
 /// What one sought number turned out to be worth.
-enum class Knowledge {
+enum class ParameterStatus {
   known,  ///< it was not sought
   estimated,
   prior,  ///< the recordings say little beyond what was known beforehand
   at_bound
 };
-std::string_view name(Knowledge knowledge);
+std::string_view name(ParameterStatus knowledge);
 
 /// One variant fitted on all recordings but those of a fold.
 struct SimulationFit {
   static constexpr std::size_t all = static_cast<std::size_t>(-1);
   std::size_t variant = 0, split = all, fold = 0;
-  std::vector<double> values;        ///< per quantity
-  std::vector<double> sigma;         ///< per quantity, NaN unless estimated or prior; of fits on all recordings
-  std::vector<Knowledge> knowledge;  ///< alike
-  Eigen::MatrixXd correlation;       ///< alike, quantities by quantities
-  std::vector<double> mae_mrad;      ///< per recording of the plan, learnt from or not
-  double objective = 0;              ///< the minimum found
-  std::vector<double> minima;        ///< that each start found
+  std::vector<double> values;              ///< per quantity
+  std::vector<double> sigma;               ///< per quantity, NaN unless estimated or prior; of fits on all recordings
+  std::vector<ParameterStatus> knowledge;  ///< alike
+  Eigen::MatrixXd correlation;             ///< alike, quantities by quantities
+  std::vector<double> mae_mrad;            ///< per recording of the plan, learnt from or not
+  double objective = 0;                    ///< the minimum found
+  std::vector<double> minima;              ///< that each start found
 };
 
 struct Watch {

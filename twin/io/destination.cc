@@ -13,7 +13,7 @@ int Destination::deliver(std::string_view program, std::string_view text) const 
     return done;
   }
   const auto written = write_file(file, text, existing());
-  return written ? done : complain(program, failed, written.error().message);
+  return written ? done : report_error(program, failed, written.error().message);
 }
 
 }  // namespace tribotwin::twin

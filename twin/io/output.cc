@@ -26,15 +26,15 @@ void print_text(std::string_view text) {
 
 void report_text(std::string_view text) { (void)write_all(STDERR_FILENO, text); }
 
-int complain(std::string_view program, Exit code, std::string_view message) {
+int report_error(std::string_view program, Exit code, std::string_view message) {
   report_text(fmt::format("{}: {}\n", program, message));
   return code;
 }
 
 int finish(std::string_view program, int code) {
   if (stdout_error == 0) return code;
-  return complain(program, failed,
-                  fmt::format("stdout did not take the whole result ({})", std::strerror(stdout_error)));
+  return report_error(program, failed,
+                      fmt::format("stdout did not take the whole result ({})", std::strerror(stdout_error)));
 }
 
 Progress::Progress(bool quiet, std::string what) : what_(std::move(what)), on_(!quiet && ::isatty(STDERR_FILENO)) {

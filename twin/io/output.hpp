@@ -33,7 +33,7 @@ void note(fmt::format_string<Arguments...> format, Arguments&&... arguments) {
 }
 
 /// Prints "PROGRAM: MESSAGE" to stderr and returns the code.
-int complain(std::string_view program, Exit code, std::string_view message);
+int report_error(std::string_view program, Exit code, std::string_view message);
 
 /// The exit code of a program that ends with `code`: 1, with a message, if stdout did not take the whole result.
 int finish(std::string_view program, int code);

@@ -11,8 +11,8 @@ namespace {
 const char* name_of_program = "";
 
 [[noreturn]] void give_up() {
-  complain(name_of_program, failed,
-           "the solver met numbers that it cannot work with; is there a value in the data that no joint has?");
+  report_error(name_of_program, failed,
+               "the solver met numbers that it cannot work with; is there a value in the data that no joint has?");
   std::_Exit(failed);
 }
 

@@ -158,7 +158,7 @@ class Runner {
     std::vector<thermal::Rise> before(drives_);
     std::vector<double> heat(drives_);
     for (std::size_t i = 0; i < drives_; ++i) {
-      before[i] = twin_.memory(i).rise;
+      before[i] = twin_.state(i).rise;
       heat[i] = twin_.drive(i).heat_J;
     }
     if (auto ok = run_steps(std::min(total_, twin_.steps() + cycle_)); !ok) return tl::unexpected(ok.error());
@@ -166,7 +166,7 @@ class Runner {
       map.heat_J.push_back(twin_.drive(i).heat_J - heat[i]);
       auto& input = map.input.emplace_back();
       for (int n = 0; n < 2; ++n)
-        input[static_cast<std::size_t>(n)] = twin_.memory(i).rise.node_K[n] - keep(i, n) * before[i].node_K[n];
+        input[static_cast<std::size_t>(n)] = twin_.state(i).rise.node_K[n] - keep(i, n) * before[i].node_K[n];
     }
     return map;
   }
@@ -205,7 +205,7 @@ class Runner {
       std::int64_t allowed = 0;
       bool inside = true;
       // Temperatures of one map are monotone but for a short start; the walk stops at the first cycle outside.
-      ahead(i, twin_.memory(i).rise, map, map, count, 1, [&](std::int64_t c, const thermal::Rise& rise) {
+      ahead(i, twin_.state(i).rise, map, map, count, 1, [&](std::int64_t c, const thermal::Rise& rise) {
         const double t = base + rise.total_K();
         inside = inside && t >= low && t <= high;
         if (inside) allowed = c;
@@ -231,7 +231,7 @@ class Runner {
       std::vector<thermal::Rise> start(drives_), predicted(drives_);
       std::vector<double> heat(drives_);
       for (std::size_t i = 0; i < drives_; ++i) {
-        start[i] = twin_.memory(i).rise;
+        start[i] = twin_.state(i).rise;
         predicted[i] = ahead(i, start[i], *map, *map, count, 1, [](auto, const auto&) {});
         heat[i] = 0;  // booked below, when the heat at the far end is known
       }
@@ -247,7 +247,7 @@ class Runner {
         const thermal::Rise end =
             ahead(i, start[i], *map, *next, count, count + 1,
                   [&](std::int64_t c, const thermal::Rise& rise) { path[i][static_cast<std::size_t>(c - 1)] = rise; });
-        corrected[i] = twin_.memory(i).rise;
+        corrected[i] = twin_.state(i).rise;
         double correction = 0;
         for (int n = 0; n < 2; ++n) {
           const double shift = end.node_K[n] - predicted[i].node_K[n];

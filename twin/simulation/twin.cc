@@ -27,13 +27,13 @@ Twin::Twin(const Scenario& scenario, Commanded) : Twin(scenario) {
 }
 
 void Twin::set_brake(std::size_t i, bool engaged) {
-  mujoco::scratch(data_.get(), model_->drives()[i]).brake_engaged = engaged;
+  mujoco::workspace(data_.get(), model_->drives()[i]).brake_engaged = engaged;
 }
 
 void Twin::set_measured_temperature(std::size_t i, std::optional<double> temperature_degC) {
   const auto& binding = model_->drives()[i];
-  mujoco::scratch(data_.get(), binding).temperature_held = temperature_degC.has_value();
-  if (temperature_degC) drive::set_temperature(binding.drive, mujoco::memory(data_.get(), binding), *temperature_degC);
+  mujoco::workspace(data_.get(), binding).temperature_held = temperature_degC.has_value();
+  if (temperature_degC) drive::set_temperature(binding.drive, mujoco::state(data_.get(), binding), *temperature_degC);
 }
 
 Twin::Twin(const Scenario& scenario)
@@ -45,16 +45,16 @@ Twin::Twin(const Scenario& scenario)
   figures_.resize(drives.size());
   for (std::size_t i = 0; i < drives.size(); ++i) {
     data_->qpos[position_address(model_->get(), drives[i])] = scenario.start_rad[i];
-    drive::set_temperature(drives[i].drive, mujoco::memory(data_.get(), drives[i]), scenario.temperature_degC[i]);
+    drive::set_temperature(drives[i].drive, mujoco::state(data_.get(), drives[i]), scenario.temperature_degC[i]);
     if (scenario.ambient_degC)
-      mujoco::scratch(data_.get(), drives[i]).ambient_offset_K =
+      mujoco::workspace(data_.get(), drives[i]).ambient_offset_K =
           *scenario.ambient_degC - drives[i].drive.thermal.T_amb_degC;
   }
   mj_forward(model_->get(), data_.get());
   // The gear of an arm at rest carries gravity; friction of the first step knows it.
   for (const auto& drive : drives)
-    mujoco::memory(data_.get(), drive).load_nm = gravity_torque_nm(model_->get(), data_.get(), drive.dof);
-  for (const auto& drive : drives) mujoco::scratch(data_.get(), drive).step_open = 0;
+    mujoco::state(data_.get(), drive).load_nm = gravity_torque_nm(model_->get(), data_.get(), drive.dof);
+  for (const auto& drive : drives) mujoco::workspace(data_.get(), drive).step_open = 0;
 
   std::visit(Overloaded{[&](const CascadedOptions& o) { servo_ = make_cascaded(*model_, data_.get(), o); },
                         [&](const CompensatedOptions& o) { servo_ = make_compensated(*model_, data_.get(), o); },
@@ -87,7 +87,7 @@ double Twin::balance_J() const {
 
 Twin::Transmission Twin::transmission(const mujoco::Spring& spring) const {
   const std::size_t i = drive_of(*model_, spring);
-  const auto& s = mujoco::scratch(data_.get(), spring);
+  const auto& s = mujoco::workspace(data_.get(), spring);
   const double ratio = ratio_of(spring);
   return {i,
           s.torsion_begin_rad,
@@ -106,7 +106,7 @@ void Twin::apply(const Event& event) {
   std::visit(Overloaded{[&](const PayloadChange& change) { model_ = change.model; },
                         [&](const AmbientChange& change) {
                           for (const auto& d : model_->drives())
-                            mujoco::scratch(data_.get(), d).ambient_offset_K =
+                            mujoco::workspace(data_.get(), d).ambient_offset_K =
                                 change.temperature_degC - d.drive.thermal.T_amb_degC;
                         },
                         [&](const Wear& wear) {
@@ -116,7 +116,7 @@ void Twin::apply(const Event& event) {
                             for (std::size_t p = 0; p < parameters.size(); ++p)
                               if (const auto found = wear.factors.find(std::string(parameters[p].name));
                                   found != wear.factors.end())
-                                drive::set_wear(mujoco::scratch(data_.get(), d), p, found->second);
+                                drive::set_wear(mujoco::workspace(data_.get(), d), p, found->second);
                           }
                         },
                         [&](const FaultChange& fault) {
@@ -136,7 +136,7 @@ void Twin::set_faults() {
     for (const auto& [fault, since_s] : faults_)
       if (fault->drive == one.fault->drive)
         fault->type->add(all, fault->severity + fault->growth_per_h * (time_s() - since_s) / 3600);
-    drive::set_faults(mujoco::scratch(data_.get(), model_->drives()[one.fault->drive]), all);
+    drive::set_faults(mujoco::workspace(data_.get(), model_->drives()[one.fault->drive]), all);
   }
 }
 
@@ -208,7 +208,7 @@ Result<void> Twin::step() {
                                       mju_warningText(w, static_cast<std::size_t>(which)), diagnosis()));
   }
   for (std::size_t i = 0; i < drives.size(); ++i) {
-    const drive::Scratch& s = drive(i);
+    const drive::Workspace& s = drive(i);
     const double work = drive::delivered_nm(s) * 0.5 * (qd_begin_[i] + d->qvel[drives[i].dof]) * timestep_s_;
     motor_work_J_ += work;
     if (!qvel_begin_.empty()) other_work_J_ -= work;
@@ -231,8 +231,8 @@ Result<void> Twin::step() {
 void Twin::skip(std::int64_t steps, std::span<const thermal::Rise> rise, std::span<const double> heat_J) {
   const auto drives = model_->drives();
   for (std::size_t i = 0; i < drives.size(); ++i) {
-    mujoco::memory(data_.get(), drives[i]).rise = rise[i];
-    drive::Scratch& s = mujoco::scratch(data_.get(), drives[i]);
+    mujoco::state(data_.get(), drives[i]).rise = rise[i];
+    drive::Workspace& s = mujoco::workspace(data_.get(), drives[i]);
     s.heat_J += heat_J[i];
     s.friction_work_J += heat_J[i];
     motor_work_J_ += heat_J[i];  // a cycle that returns to its start takes from the motor what friction eats

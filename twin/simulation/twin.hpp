@@ -40,9 +40,9 @@ class Twin {
   const mujoco::Model& model() const { return *model_; }
   mjData* data() { return data_.get(); }
   const mjData* data() const { return data_.get(); }
-  const drive::Scratch& drive(std::size_t i) const { return mujoco::scratch(data_.get(), model_->drives()[i]); }
-  const drive::Memory& memory(std::size_t i) const { return mujoco::memory(data_.get(), model_->drives()[i]); }
-  double temperature_degC(std::size_t i) const { return drive::temperature_degC(model_->drives()[i].drive, memory(i)); }
+  const drive::Workspace& drive(std::size_t i) const { return mujoco::workspace(data_.get(), model_->drives()[i]); }
+  const drive::State& state(std::size_t i) const { return mujoco::state(data_.get(), model_->drives()[i]); }
+  double temperature_degC(std::size_t i) const { return drive::temperature_degC(model_->drives()[i].drive, state(i)); }
   const JointFigures& figures(std::size_t i) const { return figures_[i]; }
 
   /// Of a commanded twin: read at every step.

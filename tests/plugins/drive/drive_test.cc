@@ -77,13 +77,13 @@ TEST(Configuration, SelfLockingCountsTorqueOfFrictionPerTorqueOfLoad) {
 
 TEST(Drive, WearScalesTheChosenParameterOnly) {
   const Drive drive = *make_drive("j2", extended());
-  Scratch scratch{};
-  EXPECT_EQ(current_law(drive, scratch).parameters, drive.law.parameters);
-  set_wear(scratch, 0, 1.5);
-  EXPECT_DOUBLE_EQ(current_law(drive, scratch).parameters[0], 1.5 * drive.law.parameters[0]);
-  EXPECT_EQ(current_law(drive, scratch).parameters[1], drive.law.parameters[1]);
-  set_wear(scratch, 0, 1);
-  EXPECT_EQ(scratch.worn, 0);
+  Workspace workspace{};
+  EXPECT_EQ(current_law(drive, workspace).parameters, drive.law.parameters);
+  set_wear(workspace, 0, 1.5);
+  EXPECT_DOUBLE_EQ(current_law(drive, workspace).parameters[0], 1.5 * drive.law.parameters[0]);
+  EXPECT_EQ(current_law(drive, workspace).parameters[1], drive.law.parameters[1]);
+  set_wear(workspace, 0, 1);
+  EXPECT_EQ(workspace.worn, 0);
 }
 
 TEST(Drive, WearReachesEveryParameterOfTheLaw) {
@@ -97,10 +97,10 @@ TEST(Drive, WearReachesEveryParameterOfTheLaw) {
                                          {"torque_max_nm", "130"},
                                          {"gear_ratio", "100"}});
   for (std::size_t i = 0; i < drive.law.values().size(); ++i) {
-    Scratch scratch{};
-    set_wear(scratch, i, 1.2);
-    const double limit = begin_step(drive, {}, scratch, 0, 0.04),
-                 worn = friction::torque(current_law(drive, scratch), 4, 0, 25);
+    Workspace workspace{};
+    set_wear(workspace, i, 1.2);
+    const double limit = begin_step(drive, {}, workspace, 0, 0.04),
+                 worn = friction::torque(current_law(drive, workspace), 4, 0, 25);
     EXPECT_DOUBLE_EQ(limit, worn) << drive.law.info->parameters[i].name;
     EXPECT_GT(std::abs(limit - friction::torque(drive.law, 4, 0, 25)), 0.01) << drive.law.info->parameters[i].name;
   }
@@ -131,7 +131,7 @@ TEST(Fault, LeavesItsFootprintOnTheLaw) {
     Faults faults{};
     find_fault(name)->add(faults, 0.2);
     for (const double qd : {0.0, 0.001, 0.02, 0.1, 1.5}) {
-      Scratch faulty{}, plain{};
+      Workspace faulty{}, plain{};
       set_faults(faulty, faults);
       EXPECT_NEAR(begin_step(healthy, {}, faulty, 0, qd), begin_step(drive, {}, plain, 0, qd), 1e-9)
           << name << " at " << qd;
@@ -153,12 +153,12 @@ TEST(Fault, RippleFollowsTheMotorsAngleAndNeverPushes) {
   find_fault("pitted_bearing")->add(faults, 1);
   double mean = 0, least = 1e9, most = 0;
   for (int i = 0; i < 100; ++i) {
-    Scratch scratch{};
-    set_faults(scratch, faults);
-    const double limit = begin_step(drive, {}, scratch, 0, 0.1, 0.02 * std::numbers::pi * i / 100);
+    Workspace workspace{};
+    set_faults(workspace, faults);
+    const double limit = begin_step(drive, {}, workspace, 0, 0.1, 0.02 * std::numbers::pi * i / 100);
     mean += limit / 100, least = std::min(least, limit), most = std::max(most, limit);
   }
-  Scratch plain{};
+  Workspace plain{};
   const double level = begin_step(drive, {}, plain, 0, 0.1), h = std::pow(10.0, 0.6), g = level - h;
   EXPECT_NEAR(mean, level, 1e-9);
   EXPECT_NEAR(most, 2 * g + h, 1e-9);
@@ -176,26 +176,26 @@ TEST(Fault, TeethTransmitNothingWhileTheyCrossTheGap) {
                                          {"beta", "0.6"},
                                          {"torque_max_nm", "130"},
                                          {"gear_ratio", "100"}});
-  Scratch scratch{};
-  set_faults(scratch, {.play_rad = 0.01});
-  Memory memory;
+  Workspace workspace{};
+  set_faults(workspace, {.play_rad = 0.01});
+  State state;
   const auto decay = thermal::decay(drive.thermal, 1e-3);
   double q = 0;
   const auto go = [&](double qd) {  // travel until the teeth touch
     const double from = q;
     for (int i = 0; i < 100000; ++i) {
-      const double limit = begin_step(drive, memory, scratch, 0, qd, q);
+      const double limit = begin_step(drive, state, workspace, 0, qd, q);
       if (limit > 1) return std::abs(q - from);
       EXPECT_LT(limit, 1e-9);
       q += qd * 1e-3;
-      end_step(drive, decay, {.qd_end_rad_s = qd, .q_end_rad = q}, 1e-3, memory, scratch);
+      end_step(drive, decay, {.qd_end_rad_s = qd, .q_end_rad = q}, 1e-3, state, workspace);
     }
     return -1.0;
   };
   const auto touch = [&](double qd) {  // one step on the flank
-    begin_step(drive, memory, scratch, 0, qd, q);
+    begin_step(drive, state, workspace, 0, qd, q);
     q += qd * 1e-3;
-    end_step(drive, decay, {.qd_end_rad_s = qd, .q_end_rad = q}, 1e-3, memory, scratch);
+    end_step(drive, decay, {.qd_end_rad_s = qd, .q_end_rad = q}, 1e-3, state, workspace);
   };
   EXPECT_NEAR(go(0.1), 0.005, 2e-4);  // from the middle
   touch(0.1);
@@ -208,21 +208,21 @@ TEST(Fault, TeethTransmitNothingWhileTheyCrossTheGap) {
 
 TEST(Drive, HeatEqualsFrictionWorkAndReachesTheOil) {
   const Drive drive = *make_drive("j2", extended());
-  Memory memory;
-  Scratch scratch{};
+  State state;
+  Workspace workspace{};
   const double dt = 1e-3;
   const auto decay = thermal::decay(drive.thermal, dt);
   double out_J = 0;
   for (int i = 0; i < 100000; ++i) {
     const double qd = std::sin(i * 1e-3);
-    const double limit = begin_step(drive, memory, scratch, i * dt, qd);
-    out_J += memory.rise.total_K() / 0.15 * dt;
-    end_step(drive, decay, {std::copysign(limit, qd), 0, std::sin((i + 1) * 1e-3), 0}, dt, memory, scratch);
+    const double limit = begin_step(drive, state, workspace, i * dt, qd);
+    out_J += state.rise.total_K() / 0.15 * dt;
+    end_step(drive, decay, {std::copysign(limit, qd), 0, std::sin((i + 1) * 1e-3), 0}, dt, state, workspace);
   }
-  EXPECT_GT(scratch.heat_J, 1000);
-  EXPECT_NEAR(scratch.heat_J, scratch.friction_work_J, 1e-9 * scratch.heat_J);
+  EXPECT_GT(workspace.heat_J, 1000);
+  EXPECT_NEAR(workspace.heat_J, workspace.friction_work_J, 1e-9 * workspace.heat_J);
   // What the oil holds plus what it gave away is what it got (rectangle rule over 1e5 steps).
-  EXPECT_NEAR(memory.rise.total_K() * 10944 / 0.15 + out_J, scratch.heat_J, 1e-6 * scratch.heat_J);
+  EXPECT_NEAR(state.rise.total_K() * 10944 / 0.15 + out_J, workspace.heat_J, 1e-6 * workspace.heat_J);
 }
 
 Configuration with_table() {
@@ -253,13 +253,13 @@ TEST(LoadTable, IsBilinearHeldAtItsEdgesAndKnowsDriverFromDriven) {
   EXPECT_DOUBLE_EQ(t(0, 0.4), 0.02);  // at standstill the larger of 0.02 (driven) and 0.01667 (driving)
   EXPECT_EQ(configuration_of(*make_drive("j", configuration_of(*made))), configuration_of(*made));
   // It reaches the limit of the step, on the arm side.
-  Scratch scratch{};
-  Memory memory;
-  memory.load_nm = 40;
+  Workspace workspace{};
+  State state;
+  state.load_nm = 40;
   const double law = friction::torque(made->law, 10, 0.4, 25);
-  EXPECT_DOUBLE_EQ(begin_step(*made, memory, scratch, 0, 0.2), 100 * (law + 0.03));
-  memory.load_nm = -40;
-  EXPECT_DOUBLE_EQ(begin_step(*made, memory, scratch, 0, 0.2), 100 * (law + 0.012 + (0.04 - 0.012) / 3));
+  EXPECT_DOUBLE_EQ(begin_step(*made, state, workspace, 0, 0.2), 100 * (law + 0.03));
+  state.load_nm = -40;
+  EXPECT_DOUBLE_EQ(begin_step(*made, state, workspace, 0, 0.2), 100 * (law + 0.012 + (0.04 - 0.012) / 3));
 }
 
 TEST(LoadTable, MistakesAreNamed) {
@@ -288,20 +288,20 @@ TEST(GearLoss, FollowsItsEquationAndTheSignOfTheLoad) {
   ASSERT_TRUE(made) << made.error().message;
   EXPECT_EQ(configuration_of(*make_drive("j", configuration_of(*made))), configuration_of(*made));
   const auto decay = thermal::decay(made->thermal, 1e-3);
-  BristleMemory memory;
-  Scratch scratch{};
+  BristleState state;
+  Workspace workspace{};
   double x = 0, z = 0;
   for (int i = 0; i < 3000; ++i) {
     const double qd = i < 1500 ? 0.02 : -0.01, w = 50 * qd, tau = i % 2 ? 30 : -30;
-    memory.load_nm = tau;
-    begin_step(*made, memory, scratch, i * 1e-3, qd, x);
-    ASSERT_NEAR(scratch.applied_nm, 0.08 * 30 * z + 0.03 * tau * z * z, 1e-12);
-    ASSERT_NEAR(scratch.gear_limit_nm, 100 * 4e-4 * std::abs(w), 1e-12);
+    state.load_nm = tau;
+    begin_step(*made, state, workspace, i * 1e-3, qd, x);
+    ASSERT_NEAR(workspace.applied_nm, 0.08 * 30 * z + 0.03 * tau * z * z, 1e-12);
+    ASSERT_NEAR(workspace.gear_limit_nm, 100 * 4e-4 * std::abs(w), 1e-12);
     x += qd * 1e-3;
-    end_step(*made, decay, {std::copysign(scratch.gear_limit_nm, qd), 0, qd, x, 0}, 1e-3, memory, scratch);
+    end_step(*made, decay, {std::copysign(workspace.gear_limit_nm, qd), 0, qd, x, 0}, 1e-3, state, workspace);
     const double sign = qd > 0 ? 1 : -1;
     z = sign + (z - sign) * std::exp(-std::abs(w) * 1e-3 / 0.2);
-    ASSERT_NEAR(memory.z, z, 1e-9);
+    ASSERT_NEAR(state.z, z, 1e-9);
   }
   const auto error = [&](const char* mu_dif) {
     c[9 + 1].second = mu_dif;

@@ -156,7 +156,7 @@ TEST(Laws, AreOddFiniteAndDissipativeForAnyInputUnderEveryPolicy) {
 }
 
 TEST(Laws, PlaceTheirParametersInTheFamilyAffinely) {
-  using Fields = std::array<double, sizeof(Family) / sizeof(double)>;
+  using Fields = std::array<double, sizeof(GeneralLaw) / sizeof(double)>;
   std::mt19937_64 random(4);
   std::uniform_real_distribution<> value(-10, 10);
   for (const LawInfo& law : laws())

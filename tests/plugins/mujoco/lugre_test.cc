@@ -61,17 +61,17 @@ double deviation(const std::vector<std::vector<double>>& rows, const std::functi
   const drive::Drive drive = *drive::make_drive("j", textbook());
   const double dt = (rows[1][0] - rows[0][0]) / steps_per_row;
   const auto decay = thermal::decay(drive.thermal, dt);
-  drive::BristleMemory memory;
-  drive::Scratch scratch{};
+  drive::BristleState state;
+  drive::Workspace workspace{};
   double largest = 0;
   for (std::size_t k = 0; k < rows.size(); ++k)
     for (int n = 0; n < steps_per_row; ++n) {
       const double t = rows[k][0] + n * dt;
-      drive::begin_step(drive, memory, scratch, t, v(t), x(t));
+      drive::begin_step(drive, state, workspace, t, v(t), x(t));
       if (n == 0)
-        largest =
-            std::max(largest, std::abs(scratch.applied_nm + std::copysign(scratch.gear_limit_nm, v(t)) - rows[k][1]));
-      drive::end_step(drive, decay, {0, 0, v(t + dt), x(t + dt), 0}, dt, memory, scratch);
+        largest = std::max(largest,
+                           std::abs(workspace.applied_nm + std::copysign(workspace.gear_limit_nm, v(t)) - rows[k][1]));
+      drive::end_step(drive, decay, {0, 0, v(t + dt), x(t + dt), 0}, dt, state, workspace);
     }
   return largest;
 }
@@ -173,8 +173,8 @@ TEST(Lugre, SteadyStateIsTheStaticLaw) {
     for (const double speed : {1e-4, 1e-3, 0.01, 0.1, 1.0})
       for (const double sign : {1.0, -1.0}) {
         const double qd = sign * speed, dt = 1e-3;
-        drive::BristleMemory memory;
-        drive::Scratch scratch{};
+        drive::BristleState state;
+        drive::Workspace workspace{};
         const auto decay = thermal::decay(drive->thermal, dt);
         // Where z settles: some 30 relaxation lengths.
         const int steps =
@@ -182,13 +182,13 @@ TEST(Lugre, SteadyStateIsTheStaticLaw) {
                                                         (drive->bristles.sigma0 * drive->torque_scale_nm() *
                                                          drive->speed_scale() * speed * dt)));
         for (int i = 0; i < steps; ++i) {
-          memory.load_nm = 0;
-          drive::begin_step(*drive, memory, scratch, i * dt, qd, i * qd * dt);
-          drive::end_step(*drive, decay, {std::copysign(scratch.gear_limit_nm, qd), 0, qd, (i + 1) * qd * dt, 0}, dt,
-                          memory, scratch);
+          state.load_nm = 0;
+          drive::begin_step(*drive, state, workspace, i * dt, qd, i * qd * dt);
+          drive::end_step(*drive, decay, {std::copysign(workspace.gear_limit_nm, qd), 0, qd, (i + 1) * qd * dt, 0}, dt,
+                          state, workspace);
         }
         const double expected = sign * friction_nm(*drive, qd, 0, drive->thermal.T_amb_degC);
-        EXPECT_NEAR(scratch.friction_nm, expected, 1e-6 * std::abs(expected)) << drive->law.info->name << " " << qd;
+        EXPECT_NEAR(workspace.friction_nm, expected, 1e-6 * std::abs(expected)) << drive->law.info->name << " " << qd;
       }
   }
 }
@@ -210,13 +210,13 @@ TEST(Lugre, BristleStaysWithinItsLimitAndNeverCreatesEnergy) {
   for (int i = 0; i < 200000; ++i) {
     const double z0 = sign(random) * 1e-4, w = std::copysign(std::pow(10, exponent(random)), sign(random)),
                  g = std::pow(10, exponent(random) / 4), dt = std::pow(10, exponent(random) / 2 - 3);
-    const double z = drive::advanced(b, z0, w, g, dt);
+    const double z = drive::advance(b, z0, w, g, dt);
     ASSERT_LE(std::abs(b.sigma0 * z), std::max(g, std::abs(b.sigma0 * z0)) * (1 + 1e-12));
     // Two halves make the whole: the solution is exact.
-    ASSERT_NEAR(drive::advanced(b, drive::advanced(b, z0, w, g, dt / 2), w, g, dt / 2), z,
+    ASSERT_NEAR(drive::advance(b, drive::advance(b, z0, w, g, dt / 2), w, g, dt / 2), z,
                 1e-12 * std::max(g / b.sigma0, std::abs(z0)));
   }
-  EXPECT_EQ(drive::advanced(b, 1, 1, 0, 1), 0);
+  EXPECT_EQ(drive::advance(b, 1, 1, 0, 1), 0);
 
   // A mass that nobody drives: what it and its bristles hold only ever falls, from random speeds, 1 ms steps.
   for (const char* integrator : {"Euler", "implicit", "RK4"}) {
@@ -231,14 +231,14 @@ TEST(Lugre, BristleStaysWithinItsLimitAndNeverCreatesEnergy) {
       const double start = 0.5 * d->qvel[0] * d->qvel[0];
       for (int i = 0; i < 3000; ++i) {
         (*model)->step(d.get());
-        const double z = static_cast<const drive::BristleMemory&>(memory(d.get(), drive)).z;
+        const double z = static_cast<const drive::BristleState&>(state(d.get(), drive)).z;
         ASSERT_LE(0.5 * d->qvel[0] * d->qvel[0] + 0.5e5 * z * z, start * 1.05) << integrator << " step " << i;
         // What left the motion is the friction work, is the heat. (Of the viscous part, RK4 shows the last stage's
         // force alone.)
-        ASSERT_NEAR(scratch(d.get(), drive).friction_work_J, start - 0.5 * d->qvel[0] * d->qvel[0],
+        ASSERT_NEAR(workspace(d.get(), drive).friction_work_J, start - 0.5 * d->qvel[0] * d->qvel[0],
                     (integrator == std::string("RK4") ? 1e-3 : 1e-9) * start)
             << integrator;
-        ASSERT_NEAR(scratch(d.get(), drive).heat_J, scratch(d.get(), drive).friction_work_J, 1e-12 * start);
+        ASSERT_NEAR(workspace(d.get(), drive).heat_J, workspace(d.get(), drive).friction_work_J, 1e-12 * start);
       }
       EXPECT_LT(std::abs(d->qvel[0]), 1e-3 + 0.7 * std::sqrt(2 * start)) << integrator;
     }
@@ -252,7 +252,7 @@ TEST(Lugre, StateIsResetCopiedAndRestoredWithTheData) {
   ASSERT_TRUE(loaded) << loaded.error().message;
   const Model& model = **loaded;
   const Binding& drive = model.drives()[0];
-  const auto z = [&](const mjData* d) { return static_cast<const drive::BristleMemory&>(memory(d, drive)).z; };
+  const auto z = [&](const mjData* d) { return static_cast<const drive::BristleState&>(state(d, drive)).z; };
   const auto run = [&](mjData* d) {
     for (int i = 0; i < 3000; ++i) {
       d->ctrl[0] = 1.4 * std::sin(20 * d->time);
@@ -355,7 +355,7 @@ TEST_P(Shipped, HoldsStillAndMovesWithBristlesAtOneMillisecond) {
   }
   for (const Binding& b : (*model)->drives()) {
     EXPECT_LT(std::abs(b.speed(d.get())), 1e-5) << b.drive.name;
-    const auto& s = scratch(d.get(), b);
+    const auto& s = workspace(d.get(), b);
     EXPECT_GT(s.heat_J, 0);
     EXPECT_NEAR(s.heat_J, s.friction_work_J, 1e-12 * s.heat_J);
   }

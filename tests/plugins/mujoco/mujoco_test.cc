@@ -180,7 +180,7 @@ TEST(Faults, AWeakMotorGivesLessThanItsCurrentTells) {
     ASSERT_TRUE(model) << model.error().message;
     const Binding& binding = (*model)->drives()[0];
     const DataPtr weak = (*model)->make_data(), strong = (*model)->make_data();
-    drive::set_faults(scratch(weak.get(), binding), {.torque_loss = 0.25});
+    drive::set_faults(workspace(weak.get(), binding), {.torque_loss = 0.25});
     for (int i = 0; i < 2000; ++i) {
       weak->ctrl[0] = 40 * std::sin(i * 3e-3);
       strong->ctrl[0] = 0.75 * weak->ctrl[0];
@@ -189,9 +189,9 @@ TEST(Faults, AWeakMotorGivesLessThanItsCurrentTells) {
     }
     EXPECT_GT(std::abs(strong->qpos[0]), 0.01);
     EXPECT_NEAR(weak->qpos[0], strong->qpos[0], 1e-9) << integrator;
-    EXPECT_DOUBLE_EQ(scratch(weak.get(), binding).torque_nm, weak->ctrl[0]);
-    EXPECT_DOUBLE_EQ(drive::delivered_nm(scratch(weak.get(), binding)), strong->ctrl[0]);
-    EXPECT_NEAR(memory(weak.get(), binding).load_nm, memory(strong.get(), binding).load_nm, 1e-6);
+    EXPECT_DOUBLE_EQ(workspace(weak.get(), binding).torque_nm, weak->ctrl[0]);
+    EXPECT_DOUBLE_EQ(drive::delivered_nm(workspace(weak.get(), binding)), strong->ctrl[0]);
+    EXPECT_NEAR(state(weak.get(), binding).load_nm, state(strong.get(), binding).load_nm, 1e-6);
   }
 }
 
@@ -202,7 +202,7 @@ TEST(Faults, TeethThatAreApartHoldNoJoint) {
   ASSERT_TRUE(model) << model.error().message;
   const Binding& binding = (*model)->drives()[0];
   const DataPtr d = (*model)->make_data();
-  drive::set_faults(scratch(d.get(), binding), {.play_rad = 0.02});
+  drive::set_faults(workspace(d.get(), binding), {.play_rad = 0.02});
   const auto pushed = [&](double torque_nm, int steps) {
     const double from = d->qpos[0];
     d->ctrl[0] = torque_nm;
@@ -215,7 +215,7 @@ TEST(Faults, TeethThatAreApartHoldNoJoint) {
   EXPECT_NEAR(pushed(0.05, 1000), 0, 1e-6);
   EXPECT_NEAR(pushed(-0.05, 3000), -0.02, 6e-4);
   EXPECT_NEAR(pushed(0.05, 3000), 0.02, 6e-4);
-  EXPECT_GE(scratch(d.get(), binding).heat_J, 0);
+  EXPECT_GE(workspace(d.get(), binding).heat_J, 0);
 }
 
 TEST(Drive, ResetCopyAndConcurrentSimulationsShareNothing) {
@@ -235,13 +235,13 @@ TEST(Drive, ResetCopyAndConcurrentSimulationsShareNothing) {
   run(b.get(), 300);
   for (int i = 0; i < model->nq; ++i) EXPECT_EQ(a->qpos[i], b->qpos[i]);
   for (const Binding& drive : model.drives()) {
-    EXPECT_EQ(scratch(a.get(), drive).heat_J, scratch(b.get(), drive).heat_J);
-    EXPECT_GT(scratch(a.get(), drive).heat_J, 0);
+    EXPECT_EQ(workspace(a.get(), drive).heat_J, workspace(b.get(), drive).heat_J);
+    EXPECT_GT(workspace(a.get(), drive).heat_J, 0);
   }
   mj_resetData(model.get(), b.get());
   for (const Binding& drive : model.drives()) {
-    EXPECT_EQ(scratch(b.get(), drive).heat_J, 0);
-    EXPECT_EQ(memory(b.get(), drive).rise.total_K(), 0);
+    EXPECT_EQ(workspace(b.get(), drive).heat_J, 0);
+    EXPECT_EQ(state(b.get(), drive).rise.total_K(), 0);
   }
   run(b.get(), 600);
   for (int i = 0; i < model->nq; ++i) EXPECT_EQ(a->qpos[i], b->qpos[i]);
@@ -275,8 +275,8 @@ class Irb6620 : public testing::TestWithParam<Case> {
 
   void temperature(double T) {
     for (const Binding& b : model->drives()) {
-      drive::set_temperature(b.drive, memory(d.get(), b), T);
-      scratch(d.get(), b).temperature_held = 1;
+      drive::set_temperature(b.drive, state(d.get(), b), T);
+      workspace(d.get(), b).temperature_held = 1;
     }
   }
   /// Torque that holds each joint against gravity, and the breakaway level under that load.
@@ -325,14 +325,14 @@ TEST_P(Irb6620, SlidesWithTheFrictionOfTheLaw) {
     std::vector<double> speed, load;
     for (const Binding& b : model->drives()) {
       speed.push_back(b.speed(d.get()));
-      load.push_back(memory(d.get(), b).load_nm / b.drive.torque_max_nm);
+      load.push_back(state(d.get(), b).load_nm / b.drive.torque_max_nm);
     }
     model->step(d.get());
     for (std::size_t k = 0; k < gravity.size(); ++k) {
       const Binding& b = model->drives()[k];
       if (std::abs(speed[k]) < 0.01 || b.speed(d.get()) * speed[k] < 0) continue;
       const double law = friction_nm(b.drive, speed[k], load[k], 60);
-      ASSERT_NEAR(std::abs(scratch(d.get(), b).friction_nm), law, 1e-6 * law) << "joint " << k + 1 << " step " << i;
+      ASSERT_NEAR(std::abs(workspace(d.get(), b).friction_nm), law, 1e-6 * law) << "joint " << k + 1 << " step " << i;
       ++compared;
     }
   }

@@ -52,9 +52,9 @@ TEST(Hysteresis, IsStableAndBoundedForAnyIncrement) {
   for (const double way : {1e-9, 1e-5, 1e-3, 1.0, 1e6})
     for (const double x0 : {-h.limit_rad(), -1e-4, 0.0, 2e-3, h.limit_rad()})
       for (const double sign : {1.0, -1.0}) {
-        const double x = transmission::advanced(h, x0, sign * way);
+        const double x = transmission::advance(h, x0, sign * way);
         ASSERT_LE(std::abs(x), h.limit_rad());
-        ASSERT_NEAR(transmission::advanced(h, transmission::advanced(h, x0, sign * way / 2), sign * way / 2), x,
+        ASSERT_NEAR(transmission::advance(h, transmission::advance(h, x0, sign * way / 2), sign * way / 2), x,
                     1e-5 * h.limit_rad());
         if (way >= 1) ASSERT_NEAR(x, sign * h.limit_rad(), 1e-12);
       }
@@ -93,13 +93,13 @@ Loop loop(double frequency, double T) {
   const Spring& s = model->springs()[0];
   const Binding& drive = model->drives()[0];
   const double period = 1 / frequency, dt = model->get()->opt.timestep;
-  drive::set_temperature(drive.drive, memory(d.get(), drive), T);
-  scratch(d.get(), drive).temperature_held = 1;
+  drive::set_temperature(drive.drive, state(d.get(), drive), T);
+  workspace(d.get(), drive).temperature_held = 1;
   Loop result;
   double torsion = 0, torque = 0, heat = 0;
   const auto cycle = [&] {
     result = {};
-    heat = scratch(d.get(), s).heat_J;
+    heat = workspace(d.get(), s).heat_J;
     const int steps = static_cast<int>(std::lround(period / dt));
     for (int i = 0; i < steps; ++i) {
       const double t = i * dt;
@@ -107,14 +107,14 @@ Loop loop(double frequency, double T) {
       const double amplitude = 3000 * (1 - 25 * std::pow(2 * pi * frequency, 2) / 2e6);
       d->ctrl[1] = amplitude * std::sin(2 * pi * frequency * t) -
                    4000 * d->qvel[model->get()->jnt_dofadr[1]];  // damped: no ringing
-      d->ctrl[0] = std::clamp(-400 * d->qpos[0] - 4 * d->qvel[0] + scratch(d.get(), s).torque_nm / 185, -50.0, 50.0);
+      d->ctrl[0] = std::clamp(-400 * d->qpos[0] - 4 * d->qvel[0] + workspace(d.get(), s).torque_nm / 185, -50.0, 50.0);
       model->step(d.get());
-      const auto& now = scratch(d.get(), s);
+      const auto& now = workspace(d.get(), s);
       result.area_J += 0.5 * (now.torque_nm + torque) * (now.torsion_rad - torsion);
       torsion = now.torsion_rad;
       torque = now.torque_nm;
     }
-    result.heat_J = scratch(d.get(), s).heat_J - heat;
+    result.heat_J = workspace(d.get(), s).heat_J - heat;
   };
   cycle();
   cycle();
@@ -151,11 +151,11 @@ TEST(Bench, ReactionsBalanceAndHeatReachesTheDrive) {
       ASSERT_NEAR(on_arm, tau, 1e-9 * std::abs(tau) + 1e-9) << integrator;
       ASSERT_NEAR(on_motor * 185 + on_arm, 0, 1e-9 * std::abs(tau) + 1e-9) << integrator;
     }
-    const auto& gear = scratch(d.get(), drive);
-    const double hysteretic = scratch(d.get(), s).heat_J;
+    const auto& gear = workspace(d.get(), drive);
+    const double hysteretic = workspace(d.get(), s).heat_J;
     EXPECT_GT(hysteretic, 0);
     EXPECT_NEAR(gear.heat_J + gear.added_heat_J, gear.friction_work_J + hysteretic, 1e-9 * gear.heat_J);
-    EXPECT_GT(memory(d.get(), drive).rise.total_K(), 0);
+    EXPECT_GT(state(d.get(), drive).rise.total_K(), 0);
   }
 }
 
@@ -171,8 +171,8 @@ TEST(Bench, WarmsAsPaperFourSaysAndKeepsItsStateWithTheData) {
   // 20 to 50 degC in about 30 min at 150 rad/s, without load: the friction power along the way, by the heat model.
   const auto model = load();
   const auto& drive = model->drives()[0].drive;
-  drive::BristleMemory m;
-  drive::Scratch s{};
+  drive::BristleState m;
+  drive::Workspace s{};
   double minutes = 0;
   for (const auto decay = thermal::decay(drive.thermal, 1); drive::temperature_degC(drive, m) < 50 && minutes < 90;
        minutes += 1.0 / 60) {

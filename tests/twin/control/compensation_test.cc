@@ -32,7 +32,7 @@ TEST(HysteresisInverse, GivesBackTheTorsionOfAnyWay) {
     double x = 0, last = 0;
     for (int i = 1; i <= 4000; ++i) {
       const double t = 0.004 * i, torsion = 1.4e-3 * std::sin(t) + 4e-4 * std::sin(7.3 * t);
-      x = transmission::advanced(h, x, torsion - last);
+      x = transmission::advance(h, x, torsion - last);
       last = torsion;
       ASSERT_NEAR(inverse.update(transmission::torque_nm(h, torsion, x, temperature), temperature), torsion, 1e-9) << i;
     }
@@ -178,7 +178,7 @@ Felt felt(double real_degC, double believed_degC, std::optional<std::array<doubl
   const auto model = *loaded;
   const auto drives = model->drives();
   const auto d = model->make_data();
-  for (const auto& drive : drives) drive::set_temperature(drive.drive, mujoco::memory(d.get(), drive), real_degC);
+  for (const auto& drive : drives) drive::set_temperature(drive.drive, mujoco::state(d.get(), drive), real_degC);
   mj_forward(model->get(), d.get());
   DriveServo servo(*model, d.get(), {});
   auto sensor = ExternalTorque::make(model, 60);
@@ -209,7 +209,7 @@ Felt felt(double real_degC, double believed_degC, std::optional<std::array<doubl
     for (std::size_t k = 0; k < drives.size(); ++k) {
       q[k] = d->qpos[drives[k].position];
       qd[k] = d->qvel[drives[k].dof];
-      torque[k] = mujoco::scratch(d.get(), drives[k]).torque_nm;
+      torque[k] = mujoco::workspace(d.get(), drives[k]).torque_nm;
     }
     sensor->update(q, qd, torque, temperature, dt);
     felt = {sensor->torque_nm()[joint], sensor->wrench(flange)};

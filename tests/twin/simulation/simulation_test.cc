@@ -86,7 +86,7 @@ TEST(Load, LagErrorHalvesWithTheTimeStep) {
       EXPECT_TRUE(twin.step());
       // Away from reversals, where friction and with it the load jump whatever the step.
       if (std::abs(twin.velocity_rad_s(1)) < 0.1 || twin.time_s() < 1) continue;
-      const double error = twin.memory(1).load_nm - twin.drive(1).load_used_nm;
+      const double error = twin.state(1).load_nm - twin.drive(1).load_used_nm;
       sum += error * error;
       ++count;
     }

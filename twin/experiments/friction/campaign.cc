@@ -12,7 +12,7 @@
 
 #include <tribotwin/twin/experiments/friction/campaign.hpp>
 #include <tribotwin/twin/experiments/friction/warmup.hpp>
-#include <tribotwin/twin/experiments/parts.hpp>
+#include <tribotwin/twin/experiments/resumable_jobs.hpp>
 #include <tribotwin/twin/io/input.hpp>
 #include <tribotwin/twin/robot/drive_change.hpp>
 #include <tribotwin/twin/simulation/scenario.hpp>

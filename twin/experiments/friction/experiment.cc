@@ -31,18 +31,18 @@ mujoco::DataPtr prepared(const mujoco::Model& bench, std::size_t drive, std::spa
   mj_forward(m, d.get());
   for (std::size_t i = 0; i < drives.size(); ++i) {
     const bool own = i == drive;
-    drive::Scratch& s = mujoco::scratch(d.get(), drives[i]);
-    drive::Memory& memory = mujoco::memory(d.get(), drives[i]);
+    drive::Workspace& s = mujoco::workspace(d.get(), drives[i]);
+    drive::State& state = mujoco::state(d.get(), drives[i]);
     s = {};
     s.temperature_held = own ? me.heat.held : 1;
     if (own) {
-      memory.rise = me.heat.rise;
+      state.rise = me.heat.rise;
       s.ambient_offset_K = me.heat.ambient_offset_K;
       drive::set_faults(s, me.faults);
     } else {
       s.brake_engaged = 1e6;  // the others stand
     }
-    memory.load_nm = gravity_torque_nm(m, d.get(), drives[i].dof) + (own ? me.external_nm : 0);
+    state.load_nm = gravity_torque_nm(m, d.get(), drives[i].dof) + (own ? me.external_nm : 0);
   }
   d->qfrc_applied[drives[drive].dof] = -me.external_nm;
   return d;
@@ -84,9 +84,9 @@ Result<std::shared_ptr<const mujoco::Model>> bench_of(const mujoco::Model& arm, 
 Result<Motion> plus_minus(const mujoco::Model& bench, std::size_t drive, const Measurement& me) {
   const auto& binding = bench.drives()[drive];
   const auto d = prepared(bench, drive, me.start_rad, me);
-  const double load = std::abs(mujoco::memory(d.get(), binding).load_nm) / binding.drive.torque_max_nm;
-  const double breakaway = mujoco::friction_nm(
-      binding.drive, 0, load, drive::temperature_degC(binding.drive, mujoco::memory(d.get(), binding)));
+  const double load = std::abs(mujoco::state(d.get(), binding).load_nm) / binding.drive.torque_max_nm;
+  const double breakaway = mujoco::friction_nm(binding.drive, 0, load,
+                                               drive::temperature_degC(binding.drive, mujoco::state(d.get(), binding)));
   const double gain = me.servo.speed_bandwidth_rad_s * inertia_kg_m2(bench.get(), d.get(), binding.dof);
 
   const std::size_t joints = bench.drives().size();
@@ -183,7 +183,7 @@ Result<JointRecording> record(const mujoco::Model& bench, std::size_t drive, con
       if (d->warning[w].number)
         return tl::unexpected(fmt::format("the simulation diverged: {}",
                                           mju_warningText(w, static_cast<std::size_t>(d->warning[w].lastinfo))));
-    const drive::Scratch& s = mujoco::scratch(d.get(), binding);
+    const drive::Workspace& s = mujoco::workspace(d.get(), binding);
     signals.torque_nm.push_back(s.torque_nm);
     // Of this step; the drive itself knows the load one step late, and only filtered where that is asked for. A
     // controller knows it by its current, as it knows the torque.

@@ -12,20 +12,20 @@ namespace tribotwin::twin {
 
 Result<LabSummary> run_campaign(const Campaign& campaign, const LabOptions& options) {
   const auto started = std::chrono::steady_clock::now();
-  Parts parts{.folder = "curves",
-              .files = {},
-              .whole =
-                  [&](std::size_t i, const std::string& text) {
-                    return text.starts_with(curve_columns) && text.ends_with('\n') &&
-                           static_cast<std::size_t>(std::ranges::count(text, '\n')) ==
-                               1 + campaign.curves[i].measurement.speeds_rad_s.size();
-                  },
-              .make =
-                  [&](std::size_t i) {
-                    return measured_rows(campaign, campaign.curves[i]).map([](const std::string& rows) {
-                      return curve_columns + rows;
-                    });
-                  }};
+  ResumableJobs parts{.folder = "curves",
+                      .files = {},
+                      .whole =
+                          [&](std::size_t i, const std::string& text) {
+                            return text.starts_with(curve_columns) && text.ends_with('\n') &&
+                                   static_cast<std::size_t>(std::ranges::count(text, '\n')) ==
+                                       1 + campaign.curves[i].measurement.speeds_rad_s.size();
+                          },
+                      .make =
+                          [&](std::size_t i) {
+                            return measured_rows(campaign, campaign.curves[i]).map([](const std::string& rows) {
+                              return curve_columns + rows;
+                            });
+                          }};
   const std::size_t width = std::max<std::size_t>(3, fmt::formatted_size("{}", campaign.curves.size()));
   for (const Curve& curve : campaign.curves) parts.files.push_back(fmt::format("{:0{}}.csv", curve.number, width));
   const auto completed = complete(campaign.resolved_yaml, parts, options);

@@ -5,7 +5,7 @@
 
 #include <tribotwin/plugins/friction/error.hpp>
 #include <tribotwin/twin/experiments/friction/campaign.hpp>
-#include <tribotwin/twin/experiments/parts.hpp>
+#include <tribotwin/twin/experiments/resumable_jobs.hpp>
 
 namespace tribotwin::twin {
 
@@ -16,7 +16,7 @@ struct LabSummary {
 };
 
 /// Measures what a campaign's folder lacks and writes curves.csv, rows in the order of the campaign. The folder holds
-/// campaign.yaml (resolved) and every curve in curves/ (parts.hpp, also for what it throws and how it fails).
+/// campaign.yaml (resolved) and every curve in curves/ (resumable_jobs.hpp, also for what it throws and how it fails).
 Result<LabSummary> run_campaign(const Campaign& campaign, const LabOptions& options);
 
 }  // namespace tribotwin::twin

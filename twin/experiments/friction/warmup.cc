@@ -15,8 +15,8 @@ double power_W(const drive::Drive& drive, double speed_rad_s, double load_norm, 
 }
 
 /// One step with the power at its middle.
-thermal::Rise advanced(const drive::Drive& drive, const thermal::Decay& decay, const thermal::Rise& rise,
-                       double ambient_offset_K, double speed_rad_s, double load_norm) {
+thermal::Rise advance(const drive::Drive& drive, const thermal::Decay& decay, const thermal::Rise& rise,
+                      double ambient_offset_K, double speed_rad_s, double load_norm) {
   thermal::Rise guess = rise, result = rise;
   thermal::step(drive.thermal, decay, power_W(drive, speed_rad_s, load_norm, rise.total_K()), ambient_offset_K, guess);
   thermal::step(drive.thermal, decay, power_W(drive, speed_rad_s, load_norm, 0.5 * (rise.total_K() + guess.total_K())),
@@ -33,7 +33,7 @@ thermal::Rise after_steady_work(const drive::Drive& drive, thermal::Rise rise, d
                                : drive.thermal.t_s[0];
   const double steps = std::clamp(std::ceil(duration_s / (0.01 * fastest_s)), 1.0, 1e5);
   const thermal::Decay decay = thermal::decay(drive.thermal, duration_s / steps);
-  for (double k = 0; k < steps; ++k) rise = advanced(drive, decay, rise, ambient_offset_K, speed_rad_s, load_norm);
+  for (double k = 0; k < steps; ++k) rise = advance(drive, decay, rise, ambient_offset_K, speed_rad_s, load_norm);
   return rise;
 }
 
@@ -45,8 +45,8 @@ thermal::Rise after_motion(const drive::Drive& drive, thermal::Rise rise, double
   std::vector<SetPoint> at(motion.joints());
   for (double k = 0; k < steps; ++k) {
     motion.at((k + 0.5) * dt, at);
-    rise = advanced(drive, decay, rise, ambient_offset_K, at[joint].velocity_rad_s,
-                    load_nm(at[joint].position_rad) / drive.torque_max_nm);
+    rise = advance(drive, decay, rise, ambient_offset_K, at[joint].velocity_rad_s,
+                   load_nm(at[joint].position_rad) / drive.torque_max_nm);
   }
   return rise;
 }

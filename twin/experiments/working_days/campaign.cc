@@ -3,7 +3,7 @@
 
 #include <fmt/format.h>
 
-#include <tribotwin/twin/experiments/parts.hpp>
+#include <tribotwin/twin/experiments/resumable_jobs.hpp>
 #include <tribotwin/twin/experiments/working_days/campaign.hpp>
 
 namespace tribotwin::twin::repeatability {

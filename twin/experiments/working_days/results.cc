@@ -33,10 +33,10 @@ Result<Results> run_campaign(const Campaign& campaign, const LabOptions& options
     throw InputError(fmt::format("{}: duration_s: is {:g}, but one cycle of the motion takes {:.0f} s",
                                  campaign.file.string(), campaign.duration_s, excitation->duration_s()));
   const Shape shape = shape_of(*regressor);
-  Parts parts{.folder = file_of(campaign, 0).parent_path().string(),
-              .files = {},
-              .whole = [&](std::size_t, const std::string& text) { return from_text(text, shape).has_value(); },
-              .make = [&](std::size_t test) { return working_day(campaign, *excitation, test).map(to_text); }};
+  ResumableJobs parts{.folder = file_of(campaign, 0).parent_path().string(),
+                      .files = {},
+                      .whole = [&](std::size_t, const std::string& text) { return from_text(text, shape).has_value(); },
+                      .make = [&](std::size_t test) { return working_day(campaign, *excitation, test).map(to_text); }};
   for (std::size_t test = 0; test < campaign.tests(); ++test)
     parts.files.push_back(file_of(campaign, test).filename().string());
   const auto completed = complete(campaign.resolved_yaml, parts, options);

@@ -5,7 +5,7 @@
 #include <vector>
 
 #include <tribotwin/plugins/friction/error.hpp>
-#include <tribotwin/twin/experiments/parts.hpp>
+#include <tribotwin/twin/experiments/resumable_jobs.hpp>
 #include <tribotwin/twin/experiments/working_days/findings.hpp>
 
 namespace tribotwin::twin::repeatability {
@@ -18,9 +18,9 @@ struct Results {
   std::vector<std::filesystem::path> files;  ///< written by this run, beside the tests
 };
 
-/// Makes the tests that a campaign's folder lacks, each a file in tests/ (experiments/parts.hpp, also for what it
-/// throws and how it fails), and writes its tables and motion.csv. Throws InputError also where a day is shorter than a
-/// cycle of the motion.
+/// Makes the tests that a campaign's folder lacks, each a file in tests/ (experiments/resumable_jobs.hpp, also for what
+/// it throws and how it fails), and writes its tables and motion.csv. Throws InputError also where a day is shorter
+/// than a cycle of the motion.
 Result<Results> run_campaign(const Campaign& campaign, const LabOptions& options);
 
 /// Of a finished campaign's folder. Fails where a test is missing or damaged, with its file.

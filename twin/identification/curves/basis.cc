@@ -7,7 +7,7 @@
 namespace tribotwin::twin::identification {
 namespace {
 
-using F = friction::Family;
+using F = friction::GeneralLaw;
 using Eigen::Index, Eigen::MatrixXd, Eigen::VectorXd;
 enum Linear { A, A_T, A_TT, A_l, B, B_T, B_TT, B_l, C_l, F1, F1_t, F1_tt, F1_T, F2, F3, Fb, Fb_T };
 enum Nonlinear { vs, vs_T, vs_TT, vl, alpha, T_V, beta, beta_T, s_T, s_T0 };
@@ -111,7 +111,7 @@ F Placement::family(const VectorXd& linear_numbers, const VectorXd& nonlinear_nu
 }
 
 Moments accumulate(const Samples& samples, std::span<const double> weights, const Placement& place,
-                   const friction::Family& family, unsigned threads, bool derivatives) {
+                   const friction::GeneralLaw& family, unsigned threads, bool derivatives) {
   const auto fields = static_cast<Index>(place.linear_used.size());
   std::vector<int> used = place.columns;
   if (!derivatives) used.erase(used.begin() + fields, used.end() - 1);
@@ -152,7 +152,7 @@ Moments::At Moments::at(const VectorXd& eta) const {
   return result;
 }
 
-std::vector<double> residuals(const Samples& samples, const Placement& place, const friction::Family& family,
+std::vector<double> residuals(const Samples& samples, const Placement& place, const friction::GeneralLaw& family,
                               unsigned threads) {
   std::vector<double> r(samples.size());
   std::vector<int> used(place.linear_used.begin(), place.linear_used.end());

@@ -16,8 +16,8 @@
 namespace tribotwin::twin::identification {
 
 inline constexpr std::size_t linear_count = 17, nonlinear_count = 10;
-using LinearFields = std::array<double friction::Family::*, linear_count>;
-using NonlinearFields = std::array<double friction::Family::*, nonlinear_count>;
+using LinearFields = std::array<double friction::GeneralLaw::*, linear_count>;
+using NonlinearFields = std::array<double friction::GeneralLaw::*, nonlinear_count>;
 extern const LinearFields linear_fields;
 extern const NonlinearFields nonlinear_fields;
 
@@ -25,7 +25,7 @@ extern const NonlinearFields nonlinear_fields;
 /// use").
 struct Placement {
   explicit Placement(const friction::LawInfo& law);
-  friction::Family origin;                               ///< of parameters that are all 0
+  friction::GeneralLaw origin;                           ///< of parameters that are all 0
   std::vector<std::size_t> linear_used, nonlinear_used;  ///< fields in use, ascending
   Eigen::VectorXd linear_offset, nonlinear_offset;
   Eigen::MatrixXd linear, nonlinear;  ///< fields in use x parameters: field = offset + place * parameters
@@ -37,7 +37,7 @@ struct Placement {
   std::vector<Derivative> derivatives;  ///< the law's, but for its reference temperature s_T0, a convention
   std::vector<int> columns;             ///< those in use, ascending: first the linear fields, last y
 
-  friction::Family family(const Eigen::VectorXd& linear_numbers, const Eigen::VectorXd& nonlinear_numbers) const;
+  friction::GeneralLaw family(const Eigen::VectorXd& linear_numbers, const Eigen::VectorXd& nonlinear_numbers) const;
 
   bool is_linear(std::size_t parameter) const { return nonlinear.col(static_cast<Eigen::Index>(parameter)).isZero(0); }
 };
@@ -64,7 +64,7 @@ struct Moments {
   }  // NaN stays NaN
 
  private:
-  friend Moments accumulate(const Samples&, std::span<const double>, const Placement&, const friction::Family&,
+  friend Moments accumulate(const Samples&, std::span<const double>, const Placement&, const friction::GeneralLaw&,
                             unsigned, bool);
   Eigen::MatrixXd all_;  ///< products of the columns in use
   const Placement* place_ = nullptr;
@@ -73,10 +73,10 @@ struct Moments {
 /// One pass over the samples (at least one). The order of summation does not depend on the number of threads. `place`
 /// must outlive the result.
 Moments accumulate(const Samples& samples, std::span<const double> weights, const Placement& place,
-                   const friction::Family& family, unsigned threads, bool derivatives = true);
+                   const friction::GeneralLaw& family, unsigned threads, bool derivatives = true);
 
 /// y - f of every sample.
-std::vector<double> residuals(const Samples& samples, const Placement& place, const friction::Family& family,
+std::vector<double> residuals(const Samples& samples, const Placement& place, const friction::GeneralLaw& family,
                               unsigned threads);
 
 }  // namespace tribotwin::twin::identification

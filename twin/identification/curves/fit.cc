@@ -18,7 +18,7 @@ namespace tribotwin::twin::identification {
 namespace {
 
 using Eigen::Index, Eigen::MatrixXd, Eigen::VectorXd;
-using F = friction::Family;
+using F = friction::GeneralLaw;
 constexpr double unknown = std::numeric_limits<double>::quiet_NaN();
 
 std::vector<double> weights_of(const Samples& samples, const FitOptions& options) {

@@ -9,7 +9,7 @@ namespace tribotwin::twin::identification {
 namespace {
 
 using Eigen::Index, Eigen::MatrixXd, Eigen::VectorXd;
-using F = friction::Family;
+using F = friction::GeneralLaw;
 
 constexpr std::size_t grid_samples = 128, start_samples = 1024;
 /// How near to its minimum a search ends, in sigmas of the samples it is made on.

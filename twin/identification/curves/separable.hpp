@@ -13,7 +13,7 @@ namespace tribotwin::twin::identification {
 /// A minimum, or a point on the way there.
 struct Point {
   Eigen::VectorXd values;  ///< all coordinates
-  friction::Family family;
+  friction::GeneralLaw family;
   Moments moments;             ///< at the family's nonlinear numbers
   Eigen::VectorXd linear;      ///< its linear ones
   std::vector<bool> at_bound;  ///< coordinates that a bound holds
@@ -33,7 +33,7 @@ class Separable {
   double held_value(std::size_t parameter) const { return values_(static_cast<Eigen::Index>(parameter)); }
   void set_weights(std::vector<double> weights) { weights_ = std::move(weights); }
   const Placement& place() const { return place_; }
-  std::size_t parameter_of(double friction::Family::*nonlinear_field) const;  ///< npos if the law has no such
+  std::size_t parameter_of(double friction::GeneralLaw::*nonlinear_field) const;  ///< npos if the law has no such
 
   /// The minimum over all free coordinates: grid on a part of the samples, the best starts refined there, then all.
   Point minimise() const;

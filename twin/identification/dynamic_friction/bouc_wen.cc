@@ -60,7 +60,7 @@ class Loops {
     for (std::size_t r = 0; r < ends_.size(); ++r) {
       double x = at(first_start + static_cast<Index>(r)) * h.limit_rad();
       for (const std::size_t begin = i; i < ends_[r]; ++i) {
-        if (i > begin) x = transmission::advanced(h, x, torsion_[i] - torsion_[i - 1]);
+        if (i > begin) x = transmission::advance(h, x, torsion_[i] - torsion_[i - 1]);
         const double stretch = h.w * torsion_[i] + (1 - h.w) * x, size = std::abs(torsion_[i]), T = temperature_[i];
         const double by_torsion[] = {stretch, stretch * size, stretch * size * size * size},
                      by_temperature[] = {1, T, T * T};
@@ -263,7 +263,7 @@ Result<HysteresisFit> fit_hysteresis(std::span<const LoopRecording> recordings, 
                     "with it to {:.3g} Nm",
                     std::sqrt(elastic / n), std::sqrt(found.cost / n)));
 
-  const Worth is_worth = worth(all, found);
+  const Uncertainty is_worth = uncertainty(all, found);
   // From the coordinates of the search to the parameters of the plugin, with beta + gamma = limit^-n.
   transmission::Hysteresis& h = result.hysteresis = spring_of(found.nonlinear);
   for (Index k = 0; k < linear_count; ++k) h.k[stiffnesses[k].first][stiffnesses[k].second] = found.linear(k);

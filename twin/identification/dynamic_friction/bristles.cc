@@ -37,26 +37,26 @@ Prediction predict(const drive::Drive& of_law, std::span<const SlidingRecording>
   Index row = 0;
   for (std::size_t k = 0; k < recordings.size(); ++k) {
     const SlidingRecording& r = recordings[k];
-    drive::BristleMemory memory;
-    drive::Scratch scratch{.temperature_held = 1};
+    drive::BristleState state;
+    drive::Workspace workspace{.temperature_held = 1};
     const auto begins = [&](const drive::Drive& drive, std::size_t i) {
-      drive::set_temperature(drive, memory, temperature_of(r, i));
-      memory.load_nm = load_of(r, i);
-      drive::begin_step(drive, memory, scratch, r.time_s[i], r.velocity_rad_s[i]);
-      return scratch.applied_nm;
+      drive::set_temperature(drive, state, temperature_of(r, i));
+      state.load_nm = load_of(r, i);
+      drive::begin_step(drive, state, workspace, r.time_s[i], r.velocity_rad_s[i]);
+      return workspace.applied_nm;
     };
     begins(without, 0);
     const double breakaway =
-        drive::level(without, {scratch.cache, false}, 0, load_of(r, 0) / without.torque_max_nm).weakening;
-    memory.z = at(first_start + static_cast<Index>(k)) * breakaway / without.bristles.sigma0;
+        drive::level(without, {workspace.cache, false}, 0, load_of(r, 0) / without.torque_max_nm).weakening;
+    state.z = at(first_start + static_cast<Index>(k)) * breakaway / without.bristles.sigma0;
     for (std::size_t i = 0; i < r.time_s.size(); ++i, ++row) {
       const double v = r.velocity_rad_s[i], damped = begins(with, i), elastic = begins(without, i);
-      p.known(row) = elastic + (v == 0 ? 0 : std::copysign(scratch.limit_nm, v));
+      p.known(row) = elastic + (v == 0 ? 0 : std::copysign(workspace.limit_nm, v));
       p.basis(row, 0) = std::abs(damped - elastic) < 1e-100 ? 0 : damped - elastic;  // its square would underflow
       if (i + 1 == r.time_s.size()) continue;
       // The way between two samples, by the trapezoidal rule.
       const double dt = r.time_s[i + 1] - r.time_s[i], next = r.velocity_rad_s[i + 1];
-      drive::end_step(without, {}, {.qd_end_rad_s = next, .q_end_rad = 0.5 * (v + next) * dt}, dt, memory, scratch);
+      drive::end_step(without, {}, {.qd_end_rad_s = next, .q_end_rad = 0.5 * (v + next) * dt}, dt, state, workspace);
     }
   }
   return p;
@@ -162,7 +162,7 @@ Result<BristleFit> fit_bristles(const drive::Drive& drive, std::span<const Slidi
                     "with bristles it does to {:.3g} Nm; record slow reversals, many samples to each",
                     std::sqrt(of_law / n), std::sqrt(found.cost / n)));
 
-  const Worth is_worth = worth(model, found);
+  const Uncertainty is_worth = uncertainty(model, found);
   result.bristles = {.sigma0 = std::exp(found.nonlinear(log_sigma0)),
                      .sigma1 = found.linear(0),
                      .vd = std::exp(found.nonlinear(log_vd))};

@@ -138,7 +138,7 @@ Simulation search(const Simulated& few, const Simulated& all, const std::vector<
   return descend(all, best.nonlinear, 1e-5 / static_cast<double>(all.measured.size()));  // some thousandths of a sigma
 }
 
-Worth worth(const Simulated& model, const Simulation& minimum) {
+Uncertainty uncertainty(const Simulated& model, const Simulation& minimum) {
   const Index linear = minimum.linear.size(), count = linear + minimum.nonlinear.size();
   const auto rows = static_cast<double>(model.measured.size());
   MatrixXd S = MatrixXd::Zero(model.measured.size(), count);
@@ -148,9 +148,9 @@ Worth worth(const Simulated& model, const Simulation& minimum) {
   for (std::size_t k = 0; k < open.size(); ++k) S.col(linear + open[k]) = D.col(static_cast<Index>(k));
   const MatrixXd H = S.transpose() * S;
 
-  Worth result{.covariance = MatrixXd::Constant(count, count, std::nan("")),
-               .status = std::vector<Status>(static_cast<std::size_t>(count), Status::held),
-               .effect = {}};
+  Uncertainty result{.covariance = MatrixXd::Constant(count, count, std::nan("")),
+                     .status = std::vector<Status>(static_cast<std::size_t>(count), Status::held),
+                     .effect = {}};
   for (Index i = 0; i < count; ++i) result.effect.push_back(std::sqrt(H(i, i) / rows));
   // Cholesky, first come, first served: a pivot that vanishes belongs to a column in the span of those before it.
   std::vector<Index> kept;
@@ -185,7 +185,7 @@ Worth worth(const Simulated& model, const Simulation& minimum) {
   return result;
 }
 
-void conclude(const Simulated& model, const Simulation& minimum, const Worth& worth, const MatrixXd& to,
+void conclude(const Simulated& model, const Simulation& minimum, const Uncertainty& worth, const MatrixXd& to,
               std::span<const double> widest, Estimates& result) {
   constexpr double quantile = 1.959964,
                    nan = std::numeric_limits<double>::quiet_NaN();  // time series are long: Student's is normal

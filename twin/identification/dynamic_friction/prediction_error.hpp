@@ -44,7 +44,7 @@ Simulation simulate(const Simulated& model, const Eigen::VectorXd& nonlinear);
 Simulation search(const Simulated& few, const Simulated& all, const std::vector<Eigen::VectorXd>& starts);
 
 /// What a minimum is worth. Numbers: the linear ones, then the nonlinear ones.
-struct Worth {
+struct Uncertainty {
   Eigen::MatrixXd covariance;  ///< NaN where held, at a bound or dependent
   std::vector<Status> status;  ///< estimated, at_bound, or held: by the caller, or for the others can stand in for it
   double condition_number = 0;
@@ -52,12 +52,12 @@ struct Worth {
   std::vector<double> effect;  ///< root mean square of what one unit of the number does to the prediction
 };
 /// Variance of the residuals, times how many samples are worth one that is independent, times [sum psi psi^T]^-1.
-Worth worth(const Simulated& model, const Simulation& minimum);
+Uncertainty uncertainty(const Simulated& model, const Simulation& minimum);
 
 /// Completes `result`, whose parameters have values and statuses: their covariance is `to` times that of `worth`. A
 /// number with a sigma above its place in `widest` is called unidentifiable. Statistics of the residuals and what they
 /// say are added.
-void conclude(const Simulated& model, const Simulation& minimum, const Worth& worth, const Eigen::MatrixXd& to,
+void conclude(const Simulated& model, const Simulation& minimum, const Uncertainty& worth, const Eigen::MatrixXd& to,
               std::span<const double> widest, Estimates& result);
 
 }  // namespace tribotwin::twin::identification

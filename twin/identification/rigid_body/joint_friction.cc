@@ -24,14 +24,14 @@ constexpr friction::LawInfo coulomb_viscous_law{
     .load_dependent = false,
     .identified = {},
     .parameters = coulomb_viscous_parameters,
-    .family = [](std::span<const double> p) { return friction::Family{.A = p[0], .F1 = p[1]}; },
+    .family = [](std::span<const double> p) { return friction::GeneralLaw{.A = p[0], .F1 = p[1]}; },
     .conflict = nullptr};
 
 using Gradient = Eigen::Matrix<double, linear_count + nonlinear_count, 1>;
 
 /// The family's friction at v > 0 and its derivatives by the fields, in the order of linear_fields and
 /// nonlinear_fields.
-double family(const friction::Family& f, double v, double l, double T, Gradient& by) {
+double family(const friction::GeneralLaw& f, double v, double l, double T, Gradient& by) {
   const double s = std::max(0.0, 1 + f.s_T * (T - f.s_T0)), log_v = std::log(v);
   const double vs = f.vs + (f.vs_T + f.vs_TT * T) * T, u = std::abs(vs) < 1e-9 ? 1e-9 : vs,
                log_1 = log_v - std::log(std::abs(u)), log_2 = log_v - std::log(f.vl);

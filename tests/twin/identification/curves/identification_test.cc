@@ -168,7 +168,7 @@ TEST(Identification, DerivativesAreThoseOfTheLaw) {
                        : p.name == "T0"                                                     ? 25
                                                                                             : 0.8) *
                       unit(random));
-    const friction::Family family = law.family(theta);
+    const friction::GeneralLaw family = law.family(theta);
     Samples one;
     one.speed = {13}, one.load = {0.4}, one.temperature_degC = {47}, one.friction = {3};
     Eigen::VectorXd eta(static_cast<Eigen::Index>(place.linear_used.size()));
@@ -176,13 +176,13 @@ TEST(Identification, DerivativesAreThoseOfTheLaw) {
       eta(static_cast<Eigen::Index>(k)) = family.*linear_fields[place.linear_used[k]];
     const auto moments = accumulate(one, {}, place, family, 1);
     const auto at = moments.at(eta);
-    const auto residual = [&](const friction::Family& f) { return residuals(one, place, f, 1)[0]; };
+    const auto residual = [&](const friction::GeneralLaw& f) { return residuals(one, place, f, 1)[0]; };
     EXPECT_NEAR(at.rr, std::pow(residual(family), 2), 1e-9 * moments.yy) << law.name;
     for (std::size_t n = 0; n < place.nonlinear_used.size(); ++n) {
       const auto field = nonlinear_fields[place.nonlinear_used[n]];
-      if (field == &friction::Family::s_T0) continue;  // a convention, never sought
+      if (field == &friction::GeneralLaw::s_T0) continue;  // a convention, never sought
       const double x = family.*field, h = 1e-5 * std::max(1e-3, std::abs(x));
-      friction::Family up = family, down = family;
+      friction::GeneralLaw up = family, down = family;
       up.*field = x + h;
       down.*field = x - h;
       const double slope = -(residual(up) - residual(down)) / (2 * h);

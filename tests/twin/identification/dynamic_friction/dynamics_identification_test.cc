@@ -33,7 +33,7 @@ LoopRecording loops(double temperature, double torque_noise, double torsion_nois
   for (int i = 0; i < 2000; ++i) {
     const double t = i / 250.0, phi = 1.1e-3 * std::sin(2 * pi * 0.25 * t) +
                                       0.25e-3 * std::sin(2 * pi * 1.1 * t + 0.4) - 0.25e-3 * std::sin(0.4);
-    x = transmission::advanced(gear, x, phi - before);
+    x = transmission::advance(gear, x, phi - before);
     before = phi;
     r.torsion_rad.push_back(phi + torsion_noise * normal(random));
     r.torque_nm.push_back(transmission::torque_nm(gear, phi, x, temperature) + torque_noise * normal(random));
@@ -91,7 +91,7 @@ TEST(BoucWen, SaysWhatTheDataCannotTell) {
   double x = 0;
   for (std::size_t i = 0; i < small.torsion_rad.size(); ++i) {
     small.torsion_rad[i] *= 0.05;
-    if (i) x = transmission::advanced(gear, x, small.torsion_rad[i] - small.torsion_rad[i - 1]);
+    if (i) x = transmission::advance(gear, x, small.torsion_rad[i] - small.torsion_rad[i - 1]);
     small.torque_nm[i] = transmission::torque_nm(gear, small.torsion_rad[i], x, 35) + noise(random);
   }
   const auto thin = fit_hysteresis(std::vector{small});
@@ -236,8 +236,8 @@ TEST(LuGre, SaysWhatTheDataCannotTell) {
     const double w = slow.velocity_rad_s[i],
                  g = friction::level(drive.law, friction::at_temperature(drive.law, 30), w, 0).weakening;
     if (i)
-      z = drive::advanced({.sigma0 = 60}, z, 0.5 * (w + slow.velocity_rad_s[i - 1]), g,
-                          slow.time_s[i] - slow.time_s[i - 1]);
+      z = drive::advance({.sigma0 = 60}, z, 0.5 * (w + slow.velocity_rad_s[i - 1]), g,
+                         slow.time_s[i] - slow.time_s[i - 1]);
     slow.torque_nm[i] = 60 * z + noise(random);
   }
   const auto f = fit_bristles(drive, std::vector{slow});

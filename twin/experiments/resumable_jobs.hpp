@@ -24,7 +24,7 @@ struct LabOptions {
   std::function<void(double share, double seconds_left)> progress;  ///< from one thread at a time
 };
 
-struct Parts {
+struct ResumableJobs {
   std::string folder;              ///< of the parts, below the directory
   std::vector<std::string> files;  ///< name of each part in it
   std::function<bool(std::size_t part, const std::string& text)>
@@ -46,6 +46,6 @@ std::string resolved_yaml(const mujoco::Model& model, const YAML::Node& campaign
 /// `checksums`: a part that does not have its own there is made again. Throws InputError where the directory holds
 /// another campaign or something else. Fails with the first part that cannot be made, when another process works in the
 /// directory, or when a file cannot be written.
-Result<Completed> complete(const std::string& resolved_yaml, const Parts& parts, const LabOptions& options);
+Result<Completed> complete(const std::string& resolved_yaml, const ResumableJobs& parts, const LabOptions& options);
 
 }  // namespace tribotwin::twin

@@ -12,7 +12,7 @@
 
 #include <fmt/format.h>
 
-#include <tribotwin/twin/experiments/parts.hpp>
+#include <tribotwin/twin/experiments/resumable_jobs.hpp>
 #include <tribotwin/twin/io/checksum.hpp>
 #include <tribotwin/twin/io/folder_lock.hpp>
 #include <tribotwin/twin/io/input.hpp>
@@ -98,7 +98,7 @@ std::string resolved_yaml(const mujoco::Model& model, const YAML::Node& campaign
   return fmt::format("# MuJoCo {}, model {:016x}\n{}", mj_versionString(), fingerprint(model), to_text(campaign));
 }
 
-Result<Completed> complete(const std::string& resolved_yaml, const Parts& parts, const LabOptions& options) {
+Result<Completed> complete(const std::string& resolved_yaml, const ResumableJobs& parts, const LabOptions& options) {
   const auto started = std::chrono::steady_clock::now();
   require_free(resolved_yaml, parts.folder, options.directory);
   const auto lock = std::make_shared<FolderLock>();
