@@ -25,7 +25,7 @@ namespace {
 
 using namespace tribotwin;
 namespace fs = std::filesystem;
-using twin::complain, twin::done, twin::failed, twin::wrong_input, twin::InputError;
+using twin::report_error, twin::done, twin::failed, twin::wrong_input, twin::InputError;
 
 constexpr const char* program = "tribotwin-hil";
 bool stop() { return twin::interrupted(); }

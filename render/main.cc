@@ -26,7 +26,7 @@ namespace {
 
 using namespace tribotwin;
 namespace fs = std::filesystem;
-using twin::complain, twin::done, twin::failed, twin::wrong_input, twin::InputError, twin::Progress, twin::note,
+using twin::report_error, twin::done, twin::failed, twin::wrong_input, twin::InputError, twin::Progress, twin::note,
     twin::print, twin::or_wrong_input;
 
 constexpr const char* program = "tribotwin-report";
