@@ -145,12 +145,12 @@ int vary(const Arguments& a, const fs::path& file, const std::vector<Variation>&
   for (const Variation& one : all) {
     std::vector<std::string> both = one.settings;
     both.insert(both.end(), settings.begin(), settings.end());
-    scenarios.push_back(load_scenario(file, both));
+    scenarios.push_back(or_throw(load_scenario(file, both)));
   }
   const fs::path output = a.directory.empty() ? fs::path("runs") / scenarios[0].name : fs::path(a.directory);
   require_other_folder(output, file);
   RunFolder folder;
-  or_fail(folder.open(output, replace_if(a.force)));
+  or_throw(folder.open(output, replace_if(a.force)));
   std::vector<VariedRun> runs;
   {
     Progress progress(a.quiet);
@@ -165,7 +165,9 @@ int vary(const Arguments& a, const fs::path& file, const std::vector<Variation>&
                            progress(whole, left + static_cast<double>(all.size() - i - 1) *
                                                       (share > 0 ? left / (1 - std::min(share, 0.999)) : 0));
                          }});
-      if (!summary) return report_error(failed, fmt::format("{}: {}", all[i].folder, summary.error().message));
+      if (!summary && summary.error().kind == ErrorKind::work)
+        return report_error(failed, fmt::format("{}: {}", all[i].folder, summary.error().message));
+      or_throw(summary);
       if (summary->interrupted)
         return report_error(failed,
                             fmt::format("{}: interrupted; {} of {} runs are whole", all[i].folder, i, all.size()));
@@ -191,7 +193,7 @@ int execute(const Arguments& a) {
   if (a.seed) settings.push_back(fmt::format("seed={}", *a.seed));
   const fs::path file = scenario_file(a.scenario);
   if (const auto all = variations(file); !all.empty()) return vary(a, file, all, settings);
-  const Scenario loaded = load_scenario(file, settings);
+  const Scenario loaded = or_throw(load_scenario(file, settings));
   const fs::path output = a.directory.empty() ? fs::path("runs") / loaded.name : fs::path(a.directory);
   require_other_folder(output, file);
   const auto summary = [&] {
@@ -202,7 +204,7 @@ int execute(const Arguments& a) {
                               .stop = &interrupted(),
                               .progress = [&](double share, double left) { progress(share, left); }});
   }();
-  if (!summary) return report_error(failed, summary.error().message);
+  or_throw(summary);
   if (a.json)
     print("{}", summary_json(*summary));
   else if (!a.quiet)

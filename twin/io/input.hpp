@@ -1,5 +1,6 @@
 #pragma once
 
+#include <algorithm>
 #include <cstddef>
 #include <filesystem>
 #include <optional>
@@ -94,8 +95,22 @@ class Mapping {
   std::set<std::string> known_;
 };
 
+/// The value of the row whose name stands at `key`. The rows of `table` are pairs of name and value.
+template <class Table>
+auto choice_of(Mapping& in, const std::string& key, const Table& table) {
+  std::vector<std::string_view> names;
+  for (const auto& [name, value] : table) names.push_back(name);
+  const std::string chosen = in.choice(key, names);
+  return std::ranges::find_if(table, [&](const auto& row) { return row.first == chosen; })->second;
+}
+
 /// Reads a YAML file; the root must be a mapping.
 YAML::Node load_yaml(const std::filesystem::path& file);
+
+/// Applies one `--set key=value` to the tree of a YAML file. Dotted keys descend into mappings and, by numbers, into
+/// lists; missing mappings are created. `examples` completes the message "must be key=value, for example ...". Throws
+/// InputError.
+void apply_setting(YAML::Node root, const std::string& setting, std::string_view examples);
 
 /// `text` as a YAML scalar of one line, whatever is in it.
 std::string quoted(const std::string& text);

@@ -1,0 +1,38 @@
+// The parameters of a law from measured friction. The measurements are made up here from known parameters, so that the
+// result can be judged; read_samples() reads them from files.
+#include <cstdio>
+#include <random>
+
+#include <tribotwin/twin/identification/curves/fit.hpp>
+
+int main() {
+  using namespace tribotwin;
+  namespace identification = twin::identification;
+
+  const auto truth = friction::published_law("extended");
+  std::mt19937_64 random(1);
+  std::normal_distribution<double> noise(0, 5e-4);  // of the maximum torque
+  identification::Samples samples;
+  std::uint32_t curve = 0;
+  for (const double degC : {40.0, 55.0, 70.0})
+    for (const double load : {0.1, 0.4, 0.7}) {
+      for (double speed_rad_s = 2; speed_rad_s < 280; speed_rad_s *= 1.2) {
+        samples.speed.push_back(speed_rad_s);
+        samples.load.push_back(load);
+        samples.temperature_degC.push_back(degC);
+        samples.friction.push_back(friction::torque(*truth, speed_rad_s, load, degC) + noise(random));
+        samples.curve.push_back(curve);
+      }
+      ++curve;
+    }
+
+  const auto fit = identification::fit(*truth->info, samples, {.fixed = {{"alpha", 1.36}}});
+  if (!fit) return std::fprintf(stderr, "%s\n", fit.error().message.c_str()), 1;
+  int within = 0;
+  for (std::size_t i = 0; i < fit->parameters.size(); ++i) {
+    const auto& p = fit->parameters[i];
+    std::printf("%-6s %9.3g +- %7.1g   true %9.3g\n", p.name.c_str(), p.value, p.sigma, truth->parameters[i]);
+    within += std::abs(p.value - truth->parameters[i]) <= 3 * p.sigma;
+  }
+  std::printf("%d within 3 sigma\n", within);
+}
