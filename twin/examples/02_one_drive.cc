@@ -30,3 +30,10 @@ int main() {
                   workspace.temperature_degC);
   }
 }
+
+// Prints:
+//     0 s: friction  642.2 Nm at 35.00 degC
+//   900 s: friction  599.7 Nm at 41.66 degC
+//  1800 s: friction  548.7 Nm at 47.12 degC
+//  2700 s: friction  515.5 Nm at 51.66 degC
+//  3600 s: friction  492.4 Nm at 55.51 degC

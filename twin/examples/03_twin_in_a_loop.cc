@@ -1,5 +1,7 @@
 // A twin of a whole robot in a loop of your own. Argument: a scenario file, such as
 // twin/scenarios/irb6620_warmup.yaml.
+#include <algorithm>
+#include <cmath>
 #include <cstdio>
 
 #include <tribotwin/twin/simulation/twin.hpp>
@@ -19,5 +21,9 @@ int main(int argc, char** argv) {
   if (!twin.status()) return std::fprintf(stderr, "%s\n", twin.status().error().message.c_str()), 1;
 
   std::printf("%.0f s in %lld steps\n", twin.time_s(), static_cast<long long>(twin.steps()));
-  std::printf("joint2: max. friction %.0f Nm, %.2f degC\n", friction_max_nm, twin.temperature_degC(joint2));
+  std::printf("joint2: max. friction %.1f kNm, %.1f degC\n", 1e-3 * friction_max_nm, twin.temperature_degC(joint2));
 }
+
+// Prints:
+// 20 s in 20000 steps
+// joint2: max. friction 1.3 kNm, 30.2 degC

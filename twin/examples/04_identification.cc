@@ -1,5 +1,6 @@
 // The parameters of a law from measured friction. The measurements are made up here from known parameters, so that the
 // result can be judged; read_samples() reads them from files.
+#include <cmath>
 #include <cstdio>
 #include <random>
 
@@ -28,11 +29,29 @@ int main() {
 
   const auto fit = identification::fit(*truth->info, samples, {.fixed = {{"alpha", 1.36}}});
   if (!fit) return std::fprintf(stderr, "%s\n", fit.error().message.c_str()), 1;
-  int within = 0;
   for (std::size_t i = 0; i < fit->parameters.size(); ++i) {
     const auto& p = fit->parameters[i];
-    std::printf("%-6s %9.3g +- %7.1g   true %9.3g\n", p.name.c_str(), p.value, p.sigma, truth->parameters[i]);
-    within += std::abs(p.value - truth->parameters[i]) <= 3 * p.sigma;
+    const bool fixed = p.status == identification::Status::fixed;
+    std::printf("%-6s %9.3g, %s, true %9.3g\n", p.name.c_str(), p.value,
+                fixed                                                    ? "fixed          "
+                : std::abs(p.value - truth->parameters[i]) < 3 * p.sigma ? "within 3 sigma "
+                                                                         : "off by 3 sigma ",
+                truth->parameters[i]);
   }
-  std::printf("%d within 3 sigma\n", within);
+  std::printf("R^2 %.4f\n", fit->r_squared);
 }
+
+// Prints:
+// Fc0       0.0309, within 3 sigma , true    0.0311
+// Fcl       0.0236, within 3 sigma , true    0.0234
+// Fs0      -0.0245, within 3 sigma , true    -0.025
+// FsT       0.0016, within 3 sigma , true    0.0016
+// Fsl        0.126, within 3 sigma , true     0.126
+// vs0        -24.5, within 3 sigma , true     -24.8
+// vsT        0.972, within 3 sigma , true      0.98
+// vsl         9.26, within 3 sigma , true      9.22
+// alpha       1.36, fixed          , true      1.36
+// Fv0     0.000134, within 3 sigma , true   0.00013
+// FvT      0.00141, within 3 sigma , true   0.00132
+// TV0         19.9, within 3 sigma , true      20.7
+// R^2 0.9998
