@@ -68,7 +68,7 @@ struct Common {
   bool mirror() const { return profile == "mirror"; }
   hil::Profile speaks() const { return mirror() ? hil::Profile::mirror : hil::Profile::cia402; }
   twin::Scenario load() const {
-    twin::Scenario s = twin::load_scenario(scenario, settings);
+    twin::Scenario s = twin::or_wrong_input(twin::load_scenario(scenario, settings));
     if (first_node + s.model->drives().size() - 1 > 127)
       throw InputError(fmt::format("--first-node {}: {} drives need node numbers up to {}; at most 127", first_node,
                                    s.model->drives().size(), first_node + s.model->drives().size() - 1));

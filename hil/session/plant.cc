@@ -32,6 +32,7 @@ std::vector<DriveParameters> drive_parameters(const twin::Scenario& scenario, in
 
 Result<void> Plant::record(const std::filesystem::path& directory, twin::Existing existing) {
   auto recorder = twin::Recorder::create(directory, scenario_, false, existing);
+  if (!recorder && recorder.error().kind == ErrorKind::input) throw twin::InputError(recorder.error().message);
   if (!recorder) return tl::unexpected(recorder.error());
   recorder_ = std::move(*recorder);
   return {};
@@ -72,7 +73,7 @@ Result<void> Plant::step(std::span<const std::unique_ptr<BusDrive>> drives) {
     held_[i] = measured.has_value();
   }
   const std::int64_t k = twin_.steps();
-  if (auto ok = twin_.step(); !ok) return ok;
+  if (auto ok = twin_.step(); !ok) return tl::unexpected(ok.error());
   if (recorder_)
     if (auto ok = recorder_->sample(twin_, k); !ok) {
       record_failure_ = ok.error().message;
@@ -97,7 +98,7 @@ Result<void> Plant::advance(std::span<const std::unique_ptr<BusDrive>> drives, s
 Result<void> Plant::finish(double wall_s, bool interrupted) {
   if (!record_failure_.empty()) return tl::unexpected(record_failure_);
   if (!recorder_) return {};
-  twin::Summary summary = twin::summarize(twin_, scenario_, wall_s);
+  twin::Summary summary = twin::summarize(twin_, wall_s);
   summary.interrupted = interrupted;
   if (interrupted && !recorder_->replaced().empty())
     summary.warnings.push_back(

@@ -101,11 +101,10 @@ Result<std::unique_ptr<RunData>> load_run(const fs::path& directory) {
 
   if (const auto text = text_of(scenario)) {
     run->scenario_text = *text;
-    try {
-      run->scenario = twin::load_scenario(scenario);
-    } catch (const std::exception& e) {
-      miss(fmt::format("{} Poses and the law's curves are missing.", e.what()));
-    }
+    if (auto loaded = twin::load_scenario(scenario))
+      run->scenario = std::move(*loaded);
+    else
+      miss(fmt::format("{} Poses and the law's curves are missing.", loaded.error().message));
   } else {
     miss(fmt::format("{}: does not exist; poses and the law's curves are missing.", scenario.string()));
   }

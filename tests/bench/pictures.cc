@@ -90,7 +90,8 @@ int main() {
              ratios.back());
 
   const fs::path run = folder / "warmup";
-  must(twin::run(twin::load_scenario(TRIBOTWIN_SOURCE_DIR "/twin/scenarios/irb6620_warmup.yaml"), {.directory = run}));
+  must(twin::run(twin::load_scenario(TRIBOTWIN_SOURCE_DIR "/twin/scenarios/irb6620_warmup.yaml").value(),
+                 {.directory = run}));
   const auto cpu = [] {
     rusage used{};
     getrusage(RUSAGE_CHILDREN, &used);

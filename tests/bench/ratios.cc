@@ -123,9 +123,10 @@ BENCHMARK_CAPTURE(batch, x86_64_baseline, friction::VectorWidth::baseline)->UseM
 
 /// Simulated time / wall time of the warm-up on one core, telemetry included.
 void warmup(benchmark::State& state, bool multirate) {
-  const auto scenario = twin::load_scenario(
-      TRIBOTWIN_SOURCE_DIR "/twin/scenarios/irb6620_warmup.yaml",
-      {multirate ? "multirate.enabled=true" : "multirate.enabled=false", multirate ? "seed=1" : "duration_s=600"});
+  const auto scenario = twin::load_scenario(TRIBOTWIN_SOURCE_DIR "/twin/scenarios/irb6620_warmup.yaml",
+                                            {multirate ? "multirate.enabled=true" : "multirate.enabled=false",
+                                             multirate ? "seed=1" : "duration_s=600"})
+                            .value();
   const auto folder = std::filesystem::temp_directory_path() / "tribotwin_bench";
   double factor = 0;
   for (auto _ : state) {

@@ -33,6 +33,7 @@ ORDER = {
         "experiments/friction",
         "experiments/fault_study",
         "experiments/working_days",
+        "examples",
         "commands",
         "scenarios",
         "",

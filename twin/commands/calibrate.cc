@@ -692,15 +692,15 @@ struct Arguments {
   bool json = false, quiet = false, force = false;
 };
 
-int execute(const Arguments& a) {
+Result<Exit> execute(const Arguments& a) {
   const Campaign campaign = read_campaign(scenario_file(a.fit), a.seed);
   const fs::path directory = a.directory.empty() ? fs::path("runs") / campaign.file.stem() : fs::path(a.directory),
                  file = directory / "calibration.json";
   std::error_code error;
   fs::create_directories(directory, error);
-  if (error) return report_error(failed, fmt::format("{}: cannot be made ({})", directory.string(), error.message()));
+  if (error) return work_failed(fmt::format("{}: cannot be made ({})", directory.string(), error.message()));
   FolderLock lock;
-  if (auto ok = lock.take(directory); !ok) return report_error(failed, ok.error().message);
+  if (auto ok = lock.take(directory); !ok) return work_failed(ok.error().message);
   Results results{campaign, fits_of(campaign, file)};
   if (!results.fits.empty() && !a.quiet)
     note("goes on from {}, where {} of {} fits are done", file.string(), results.fits.size(), results.wanted());
@@ -734,18 +734,18 @@ int execute(const Arguments& a) {
                save();
              }});
   }();
-  if (!write_error.empty()) return report_error(failed, write_error);
-  if (!outcome) return report_error(failed, outcome.error().message);
+  if (!write_error.empty()) return work_failed(write_error);
+  if (!outcome) return work_failed(outcome.error().message);
   if (!results.complete())
-    return report_error(
-        failed, results.fits.empty()
-                    ? "interrupted before the first fit was done; nothing is written"
-                    : fmt::format("interrupted; {} of {} fits are kept in {}, the same command goes on from there",
-                                  results.fits.size(), results.wanted(), file.string()));
+    return work_failed(
+        results.fits.empty()
+            ? "interrupted before the first fit was done; nothing is written"
+            : fmt::format("interrupted; {} of {} fits are kept in {}, the same command goes on from there",
+                          results.fits.size(), results.wanted(), file.string()));
   for (std::size_t v = 0; v < campaign.plan.variants.size(); ++v)
     if (const auto ok = write_found(results, *results.find(v, SimulationFit::all, 0), directory, replace_if(a.force));
         !ok)
-      return report_error(failed, ok.error().message);
+      return work_failed(ok.error().message);
   return deliver(a.json ? json_of(results).dump(1) + "\n" : table_of(results));
 }
 
@@ -765,7 +765,7 @@ void add_calibrate(CLI::App& app, int& code) {
   c->add_flag("--quiet", a->quiet, "No progress, no notes");
   c->add_flag("--force", a->force, "Replace twins that were changed since they were found");
   c->footer("Example:\n  tribotwin calibrate xl330_fit -o runs/xl330_fit");
-  c->callback([a, &code] { code = execute(*a); });
+  c->callback([a, &code] { code = or_throw(execute(*a)); });
 }
 
 }  // namespace tribotwin::twin::program

@@ -43,7 +43,7 @@ struct Arguments {
   bool experiment = false, quiet = false;
 };
 
-int deliver_points(const Arguments& a, const drive::Drive& drive, const std::vector<CurvePoint>& points) {
+Result<Exit> deliver_points(const Arguments& a, const drive::Drive& drive, const std::vector<CurvePoint>& points) {
   int outside = 0;
   for (const auto& p : points)
     outside += friction::level(drive.law, friction::at_temperature(drive.law, p.temperature_degC),
@@ -61,7 +61,7 @@ int deliver_points(const Arguments& a, const drive::Drive& drive, const std::vec
 
 /// The curve of an identified law. Where the file does not say the largest torque or the gear, normalised torque stays
 /// so.
-int of_parameters(const Arguments& a, const std::vector<double>& speeds) {
+Result<Exit> of_parameters(const Arguments& a, const std::vector<double>& speeds) {
   if (a.experiment || !a.joint.empty())
     throw InputError(fmt::format("{}: an identified law has no joint to experiment with; give a model", a.model));
   const auto file = identification::read_parameters(a.model);
@@ -75,7 +75,7 @@ int of_parameters(const Arguments& a, const std::vector<double>& speeds) {
   return deliver_points(a, drive, law_curve(drive, speeds, a.load, a.temperature));
 }
 
-int execute(const Arguments& a) {
+Result<Exit> execute(const Arguments& a) {
   const auto speeds = speeds_of(a.speeds);
   for (const auto& [option, value] :
        {std::pair{"--temperature", a.temperature}, {"--load", a.load}, {"--noise", a.noise}})
@@ -100,10 +100,7 @@ int execute(const Arguments& a) {
                                    .noise_nm = a.noise,
                                    .seed = a.seed,
                                    .progress = [&](double share) { progress(share); }});
-    if (!measured)
-      return report_error(a.load_by == "pose" && measured.error().message.starts_with("no pose") ? wrong_input : failed,
-                          measured.error().message);
-    points = std::move(*measured);
+    points = or_throw(std::move(measured));
   } else {
     points = law_curve(drive, speeds, a.load, a.temperature);
   }
@@ -140,7 +137,7 @@ void add_curve(CLI::App& app, int& code) {
       "--experiment");
   command->callback([a, &code] {
     check(a->csv, {a->model});
-    code = execute(*a);
+    code = or_throw(execute(*a));
   });
 }
 

@@ -45,13 +45,13 @@ std::vector<ObservationFile> read(const std::vector<std::string>& files, const O
   return all;
 }
 
-int learn_state(const Arguments& a) {
+Result<Exit> learn_state(const Arguments& a) {
   const auto healthy = read(a.data, a.read, a.quiet), loaded = read(a.loaded, a.read, a.quiet);
   auto state = learn(healthy, loaded, a.read.load_sensitivity, a.learn);
   if (!state) throw InputError(state.error().message);
   if (state->joint.empty()) state->joint = a.read.joint;
   if (!(state->torque_max_nm > 0)) state->torque_max_nm = a.read.torque_max_nm;
-  if (const int code = deliver(to_yaml(*state), a.output)) return code;
+  if (auto ok = deliver(to_yaml(*state), a.output); !ok) return ok;
   if (!a.output.named() || a.quiet) return done;
   report_text(fmt::format("healthy state of {} curves{}{}{}\n", state->observations,
                           state->left_out ? fmt::format(" ({} left out)", state->left_out) : "",
@@ -112,7 +112,7 @@ ObservationOptions options_of(const Arguments& a, const HealthyState& state) {
   return options;
 }
 
-int check_curves(const Arguments& a) {
+Result<Exit> check_curves(const Arguments& a) {
   const HealthyState state = read_healthy(a.healthy);
   Json j{{"healthy", a.healthy},
          {"joint", state.joint},
@@ -140,7 +140,7 @@ int check_curves(const Arguments& a) {
       sentences += v.sentence + "\n";
     }
   }
-  if (const int code = deliver(a.json ? j.dump(2) + "\n" : table + "\n" + sentences)) return code;
+  if (auto ok = deliver(a.json ? j.dump(2) + "\n" : table + "\n" + sentences); !ok) return ok;
   return anomalous ? limit_exceeded : done;
 }
 
@@ -159,7 +159,7 @@ std::string text_of(const Margin& m) {
                          m.earliest.value_or(0), m.latest ? fmt::format("{:.0f}", *m.latest) : "never");
 }
 
-int watch_curves(const Arguments& a) {
+Result<Exit> watch_curves(const Arguments& a) {
   const HealthyState state = read_healthy(a.healthy);
   std::vector<Observation> all;
   for (const auto& file : read(a.data, options_of(a, state), a.quiet)) {
@@ -190,11 +190,11 @@ int watch_curves(const Arguments& a) {
       fmt::format("threshold {:.3f}, {}\n", w.threshold,
                   w.first_alarm ? fmt::format("first exceeded by observation {}", *w.first_alarm + 1) : "not exceeded");
   if (w.margin) table += text_of(*w.margin);
-  if (const int code = deliver(a.json ? j.dump(2) + "\n" : table)) return code;
+  if (auto ok = deliver(a.json ? j.dump(2) + "\n" : table); !ok) return ok;
   return w.first_alarm ? limit_exceeded : done;
 }
 
-int watch_shadow(const Arguments& a) {
+Result<Exit> watch_shadow(const Arguments& a) {
   const auto w = watch_residuals(a.data.front(), a.residuals);
   if (!w) throw InputError(w.error().message);
   // Beyond 2 / sqrt(n) it is hardly chance.
@@ -222,7 +222,7 @@ int watch_shadow(const Arguments& a) {
   table += fmt::format(
       "threshold {:.3f}, {}\n", w->threshold,
       w->first_alarm ? fmt::format("first exceeded at {:.1f} s", w->windows[*w->first_alarm].time_s) : "not exceeded");
-  if (const int code = deliver(a.json ? j.dump(2) + "\n" : table)) return code;
+  if (auto ok = deliver(a.json ? j.dump(2) + "\n" : table); !ok) return ok;
   return w->first_alarm ? limit_exceeded : done;
 }
 
@@ -266,7 +266,7 @@ void add_diagnose(CLI::App& app, int& code) {
     auto inputs = paths(a->data);
     inputs.insert(inputs.end(), a->loaded.begin(), a->loaded.end());
     check(a->output, inputs);
-    code = learn_state(*a);
+    code = or_throw(learn_state(*a));
   });
 
   auto* k = c->add_subcommand("check", "Verdicts on friction curves; exit code 3 where one is not healthy");
@@ -280,7 +280,7 @@ void add_diagnose(CLI::App& app, int& code) {
   k->add_flag("--json", a->json, "Print JSON instead of the table");
   add_units(*k, *a);
   k->footer("Example:\n  tribotwin diagnose check healthy.yaml lab/br609/curves/013.csv --json");
-  k->callback([a, &code] { code = check_curves(*a); });
+  k->callback([a, &code] { code = or_throw(check_curves(*a)); });
 
   auto* w = c->add_subcommand(
       "watch", "Small changes over many observations (CUSUM), and the margin left; exit code 3 at an alarm");
@@ -292,7 +292,7 @@ void add_diagnose(CLI::App& app, int& code) {
   w->add_flag("--json", a->json, "Print JSON instead of the table");
   add_units(*w, *a);
   w->footer("Example:\n  tribotwin diagnose watch healthy.yaml lab/br609/curves/0??.csv");
-  w->callback([a, &code] { code = watch_curves(*a); });
+  w->callback([a, &code] { code = or_throw(watch_curves(*a)); });
 
   auto* s = c->add_subcommand("residuals", "The same over the residuals of a shadow; exit code 3 at an alarm");
   s->add_option("CSV", a->data, "File of tribotwin-hil shadow --csv")->required()->expected(1);
@@ -309,7 +309,7 @@ void add_diagnose(CLI::App& app, int& code) {
   s->add_flag("--json", a->json, "Print JSON instead of the table");
   s->add_flag("--quiet", a->quiet, "No notes on stderr");
   s->footer("Example:\n  tribotwin diagnose residuals shadow.csv --joint joint2");
-  s->callback([a, &code] { code = watch_shadow(*a); });
+  s->callback([a, &code] { code = or_throw(watch_shadow(*a)); });
 }
 
 }  // namespace tribotwin::twin::program

@@ -112,7 +112,7 @@ void doubt(const Arguments& a, const Robot& robot, const DynamicsFit& fit) {
   }
 }
 
-int execute(const Arguments& a) {
+Result<Exit> execute(const Arguments& a) {
   const auto& law = dynamics_law(a.friction, "--friction");
   const Robot robot = load_robot(a.model);
   const auto friction = robot_friction(*robot.model, robot.regressor, law);
@@ -140,9 +140,10 @@ int execute(const Arguments& a) {
   if (!a.quiet)
     for (const auto& text : fit->notes) note("{}", text);
   if (a.output.named())
-    if (const int code =
-            deliver(to_yaml(*fit, robot.base, law, robot.regressor, consistency, a.data, a.model, models), a.output))
-      return code;
+    if (auto ok =
+            deliver(to_yaml(*fit, robot.base, law, robot.regressor, consistency, a.data, a.model, models), a.output);
+        !ok)
+      return ok;
   return deliver(a.json ? json_of(robot, *fit, consistency).dump(2) + "\n" : table_of(robot, *fit, consistency));
 }
 
@@ -178,7 +179,7 @@ void add_dynamics(CLI::App& app, int& code) {
     auto inputs = paths(a->data);
     inputs.insert(inputs.end(), {a->model, a->thermal});
     check(a->output, inputs);
-    code = execute(*a);
+    code = or_throw(execute(*a));
   });
 }
 

@@ -23,7 +23,7 @@ struct Arguments {
   bool json = false, quiet = false, inertia_only = false;
 };
 
-int execute(Arguments& a) {
+Result<Exit> execute(Arguments& a) {
   const Robot robot = load_robot(a.model);
   ExcitationOptions& o = a.options;
   o.heating_s = a.inertia_only ? 0 : 60 * a.heating_min;
@@ -39,11 +39,11 @@ int execute(Arguments& a) {
     };
     return excite(*robot.model, robot.regressor, robot.base, o);
   }();
-  if (!found) return report_error(failed, fmt::format("{}: {}", a.model, found.error().message));
+  if (!found) return work_failed(fmt::format("{}: {}", a.model, found.error().message));
   if (!a.quiet)
     for (const auto& text : found->notes) note("{}", text);
   if (a.output.named())
-    if (const int code = deliver(to_csv(*found, robot.regressor, a.rate_hz), a.output)) return code;
+    if (auto ok = deliver(to_csv(*found, robot.regressor, a.rate_hz), a.output); !ok) return ok;
   Json j{{"condition_number", found->condition_number},
          {"first_condition_number", found->first_condition_number},
          {"base_parameters", robot.base.size()},
@@ -61,10 +61,10 @@ int execute(Arguments& a) {
     }
     text += fmt::format("\nsection 3, heating: .. {:.1f} s\n", found->duration_s());
   }
-  if (const int code = deliver(a.json ? j.dump(2) + "\n" : text)) return code;
-  return found->interrupted ? report_error(failed, fmt::format("interrupted; the best motion until then is whole{}",
-                                                               a.output.named() ? " in " + a.output.file : ""))
-                            : done;
+  if (auto ok = deliver(a.json ? j.dump(2) + "\n" : text); !ok) return ok;
+  if (!found->interrupted) return done;
+  return work_failed(fmt::format("interrupted; the best motion until then is whole{}",
+                                 a.output.named() ? " in " + a.output.file : ""));
 }
 
 }  // namespace
@@ -101,7 +101,7 @@ void add_excite(CLI::App& app, int& code) {
   c->footer("Example:\n  tribotwin excite mjcf/er3a_c60.xml -o motion.csv");
   c->callback([a, &code] {
     check(a->output, {a->model});
-    code = execute(*a);
+    code = or_throw(execute(*a));
   });
 }
 

@@ -27,11 +27,11 @@ struct Arguments {
   bool json = false, staged = false, unweighted = false, each = false, quiet = false;
 };
 
-int identify_bouc_wen(const Arguments& a);
-int identify_lugre(const Arguments& a);
+Result<Exit> identify_bouc_wen(const Arguments& a);
+Result<Exit> identify_lugre(const Arguments& a);
 /// What has a memory, and is identified from recordings sample by sample.
-constexpr std::pair<std::string_view, int (*)(const Arguments&)> from_time_series[] = {{"bouc_wen", identify_bouc_wen},
-                                                                                       {"lugre", identify_lugre}};
+constexpr std::pair<std::string_view, Result<Exit> (*)(const Arguments&)> from_time_series[] = {
+    {"bouc_wen", identify_bouc_wen}, {"lugre", identify_lugre}};
 
 std::vector<const friction::LawInfo*> laws_of(const std::string& text) {
   std::vector<const friction::LawInfo*> laws;
@@ -162,12 +162,12 @@ void print_notes(const Arguments& a, const std::vector<std::string>& notes) {
 }
 
 /// PARAMS.yaml, and JSON or the table.
-int deliver_dynamics(const Arguments& a, const Estimates& fit, double normalised_mse, std::string_view equation,
-                     const std::string& yaml) {
-  if (const auto ok = usable(fit); !ok) return report_error(failed, fmt::format("{}: {}", a.law, ok.error().message));
+Result<Exit> deliver_dynamics(const Arguments& a, const Estimates& fit, double normalised_mse,
+                              std::string_view equation, const std::string& yaml) {
+  if (const auto ok = usable(fit); !ok) return work_failed(fmt::format("{}: {}", a.law, ok.error().message));
   print_notes(a, fit.notes);
   if (a.output.named())
-    if (const int code = deliver(yaml, a.output)) return code;
+    if (auto ok = deliver(yaml, a.output); !ok) return ok;
   if (!a.json)
     return deliver(table_of(fit, a.law, equation, "Nm") +
                    fmt::format("normalised MSE {}\n", or_dash(normalised_mse, ".3g")));
@@ -176,16 +176,16 @@ int deliver_dynamics(const Arguments& a, const Estimates& fit, double normalised
   return deliver(j.dump(2) + "\n");
 }
 
-int identify_bouc_wen(const Arguments& a) {
+Result<Exit> identify_bouc_wen(const Arguments& a) {
   const auto loops = read_loops(std::vector<std::filesystem::path>(a.data.begin(), a.data.end()));
   if (!loops) throw InputError(loops.error().message);
   print_notes(a, loops->notes);
   const auto found = fit_hysteresis(loops->recordings, a.threads);
-  if (!found) return report_error(failed, fmt::format("bouc_wen: {}", found.error().message));
+  if (!found) return work_failed(fmt::format("bouc_wen: {}", found.error().message));
   return deliver_dynamics(a, *found, found->normalised_mse, bouc_wen_equation, to_yaml(*found, a.data));
 }
 
-int identify_lugre(const Arguments& a) {
+Result<Exit> identify_lugre(const Arguments& a) {
   if (a.known_law.empty())
     throw InputError(
         "--law lugre: bristles stand over a static law: --static PARAMS.yaml, of an identification before, is needed");
@@ -198,17 +198,17 @@ int identify_lugre(const Arguments& a) {
   if (!sliding) throw InputError(sliding.error().message);
   print_notes(a, sliding->notes);
   const auto found = fit_bristles(*drive, sliding->recordings, a.threads);
-  if (!found) return report_error(failed, fmt::format("lugre: {}", found.error().message));
+  if (!found) return work_failed(fmt::format("lugre: {}", found.error().message));
   return deliver_dynamics(a, *found, found->normalised_mse, lugre_equation, to_yaml(known, *found, a.data));
 }
 
-int identify_shared(const Arguments& a, const friction::LawInfo& law, const Samples& samples,
-                    const FitOptions& options) {
+Result<Exit> identify_shared(const Arguments& a, const friction::LawInfo& law, const Samples& samples,
+                             const FitOptions& options) {
   const auto shared = fit_shared(law, samples, a.shared, options);
-  if (!shared) return report_error(failed, shared.error().message);
+  if (!shared) return work_failed(shared.error().message);
   if (!std::isfinite(shared->value))
-    return report_error(
-        failed, fmt::format("the fit gives no finite number for {}; what is in the data that no joint has?", a.shared));
+    return work_failed(
+        fmt::format("the fit gives no finite number for {}; what is in the data that no joint has?", a.shared));
   print_notes(a, shared->notes);
   Json j{{"law", law.name},
          {"shared", a.shared},
@@ -221,7 +221,7 @@ int identify_shared(const Arguments& a, const friction::LawInfo& law, const Samp
   for (const auto& [value, cost] : shared->profile)
     j["profile"].push_back({{"value", value}, {"relative_cost_increase", cost}});
   if (a.output.named())
-    if (const int code = deliver(j.dump(2) + "\n", a.output)) return code;
+    if (auto ok = deliver(j.dump(2) + "\n", a.output); !ok) return ok;
   if (a.json) return deliver(j.dump(2) + "\n");
   std::string s = fmt::format(
       "{} common to {} curves ({} samples), all else of law {} free at each: {:.4f} +- {:.4f}\n\n{:>10} {:>18}\n",
@@ -231,7 +231,8 @@ int identify_shared(const Arguments& a, const friction::LawInfo& law, const Samp
 }
 
 /// One fit per curve: how the parameters move with what the curves were measured at.
-int identify_each(const Arguments& a, const friction::LawInfo& law, const Samples& samples, const FitOptions& options) {
+Result<Exit> identify_each(const Arguments& a, const friction::LawInfo& law, const Samples& samples,
+                           const FitOptions& options) {
   Json all = Json::array();
   std::string s = fmt::format("{:>6} {:>8} {:>8}", "curve", "load", "degC");
   for (const auto& p : law.parameters) s += fmt::format(" {:>11} {:>9}", p.name, "sigma");
@@ -248,8 +249,8 @@ int identify_each(const Arguments& a, const friction::LawInfo& law, const Sample
     const auto found = fit(law, one, options);
     const auto ok = found ? usable(*found) : tl::unexpected(found.error());
     if (!ok)
-      return report_error(failed, fmt::format("curve {} (load {:.3g}, {:.4g} degC): {}", curve + 1, load, temperature,
-                                              ok.error().message));
+      return work_failed(
+          fmt::format("curve {} (load {:.3g}, {:.4g} degC): {}", curve + 1, load, temperature, ok.error().message));
     Json j = json_of(*found, one, -1);
     j["curve"] = curve + 1, j["load_norm"] = load, j["temperature_degC"] = temperature;
     all.push_back(std::move(j));
@@ -262,7 +263,7 @@ int identify_each(const Arguments& a, const friction::LawInfo& law, const Sample
 }
 
 /// How well a law that was identified before predicts these data.
-int evaluate(const Arguments& a) {
+Result<Exit> evaluate(const Arguments& a) {
   const auto known = read_parameters(a.evaluate);
   const auto& law = *known.law.info;
   std::vector<std::filesystem::path> files(a.data.begin(), a.data.end());
@@ -299,7 +300,7 @@ int evaluate(const Arguments& a) {
                   samples->size(), outside));
 }
 
-int execute(const Arguments& a) {
+Result<Exit> execute(const Arguments& a) {
   if (!a.evaluate.empty()) return evaluate(a);
   if (const auto dynamic = std::ranges::find(from_time_series, a.law, [](const auto& entry) { return entry.first; });
       dynamic != std::end(from_time_series)) {
@@ -345,11 +346,11 @@ int execute(const Arguments& a) {
     auto found = a.staged ? fit_staged(*law, *samples, options) : fit(*law, *samples, options);
     // The law's own rules matter to what is read again, not to what is compared.
     const auto ok = found ? usable(*found, !a.output.named() ? nullptr : law) : tl::unexpected(found.error());
-    if (!ok) return report_error(failed, fmt::format("law '{}': {}", law->name, ok.error().message));
+    if (!ok) return work_failed(fmt::format("law '{}': {}", law->name, ok.error().message));
     double error = -1;
     if (a.folds > 1) {
       const auto checked = cross_validate(*law, *samples, options, a.folds);
-      if (!checked) return report_error(failed, checked.error().message);
+      if (!checked) return work_failed(checked.error().message);
       error = *checked;
     }
     if (!a.quiet)
@@ -359,9 +360,8 @@ int execute(const Arguments& a) {
     held_out.push_back(error);
   }
   if (a.output.named())
-    if (const int code =
-            deliver(to_yaml(parameter_file(fits.front(), a.data, a.torque_max_nm, a.gear_ratio)), a.output))
-      return code;
+    if (auto ok = deliver(to_yaml(parameter_file(fits.front(), a.data, a.torque_max_nm, a.gear_ratio)), a.output); !ok)
+      return ok;
   if (a.json) return deliver((laws.size() > 1 ? Json{{"laws", all}} : all.front()).dump(2) + "\n");
   if (laws.size() == 1) return deliver(table_of(fits.front(), held_out.front()));
   std::string s = fmt::format("{:<24} {:>4} {:>12} {:>12} {:>10} {:>12} {:>14}\n", "law", "p", "residual std",
@@ -419,7 +419,7 @@ void add_identify(CLI::App& app, int& code) {
     auto inputs = paths(a->data);
     inputs.insert(inputs.end(), {a->known_law, a->evaluate});
     check(a->output, inputs);
-    code = execute(*a);
+    code = or_throw(execute(*a));
   });
 }
 

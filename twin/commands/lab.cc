@@ -27,11 +27,11 @@ auto with_progress(const Arguments& a, const std::string& work, const auto& run)
 }
 
 /// Robots over working days.
-int compare_days(const Arguments& a, const repeatability::Campaign& campaign) {
+Result<Exit> compare_days(const Arguments& a, const repeatability::Campaign& campaign) {
   const auto results = with_progress(a, fmt::format("{} tests", campaign.tests()), [&](const LabOptions& options) {
     return repeatability::run_campaign(campaign, options);
   });
-  if (!results) return report_error(failed, results.error().message);
+  if (!results) return work_failed(results.error().message);
   if (a.quiet) return done;
   print("{} tests, {} of them were there\n\n{}written:", campaign.tests(), results->present,
         repeatability::summary(campaign, results->days, results->findings));
@@ -40,9 +40,9 @@ int compare_days(const Arguments& a, const repeatability::Campaign& campaign) {
   return done;
 }
 
-int report(const Arguments& a, const Result<LabSummary>& summary, const Campaign& campaign,
-           const std::string& written) {
-  if (!summary) return report_error(failed, summary.error().message);
+Result<Exit> report(const Arguments& a, const Result<LabSummary>& summary, const Campaign& campaign,
+                    const std::string& written) {
+  if (!summary) return work_failed(summary.error().message);
   if (a.quiet) return done;
   print("{} curves, {} of them were there, {} levels, {:.1f} s\n", summary->curves, summary->present, summary->levels,
         summary->wall_s);
@@ -53,7 +53,7 @@ int report(const Arguments& a, const Result<LabSummary>& summary, const Campaign
   return done;
 }
 
-int execute(const Arguments& a) {
+Result<Exit> execute(const Arguments& a) {
   const std::filesystem::path file = scenario_file(a.campaign);
   const YAML::Node tree = campaign_tree(file, a.settings);
   if (repeatability::is_repeatability(tree)) return compare_days(a, repeatability::load_campaign(file, tree));
@@ -88,7 +88,7 @@ void add_lab(CLI::App& app, int& code) {
   command->add_flag("--quiet", a->quiet, "No progress, no summary");
   command->add_flag("--force", a->force, "Replace tables and parts that were changed since they were made");
   command->footer("Example:\n  tribotwin lab irb6620_load_campaign -o lab/load --set seed=7");
-  command->callback([a, &code] { code = execute(*a); });
+  command->callback([a, &code] { code = or_throw(execute(*a)); });
 }
 
 }  // namespace tribotwin::twin::program

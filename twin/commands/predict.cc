@@ -97,7 +97,7 @@ std::string wrench_csv_of(const JointMotion& motion, const Eigen::MatrixXd& wren
   return s;
 }
 
-int execute(const Arguments& a) {
+Result<Exit> execute(const Arguments& a) {
   const Robot robot = load_robot(a.model);
   const auto file = read_dynamics(a.parameters, robot.regressor, robot.base);
   const auto friction = robot_friction(*robot.model, robot.regressor, *file.law);
@@ -145,9 +145,9 @@ int execute(const Arguments& a) {
   }
   j["worst_relative_to_range"] = worst;
   if (a.output.named())
-    if (const int code = deliver(csv_of(robot, motion, predicted), a.output)) return code;
+    if (auto ok = deliver(csv_of(robot, motion, predicted), a.output); !ok) return ok;
   if (!a.wrench.empty())
-    if (const int code = deliver(wrench_csv, {a.wrench, a.output.force})) return code;
+    if (auto ok = deliver(wrench_csv, {a.wrench, a.output.force}); !ok) return ok;
   return deliver(a.json ? j.dump(2) + "\n" : table);
 }
 
@@ -188,7 +188,7 @@ void add_predict(CLI::App& app, int& code) {
     check(a->output, inputs);
     inputs.push_back(a->output.file);
     check({a->wrench, a->output.force}, inputs);
-    code = execute(*a);
+    code = or_throw(execute(*a));
   });
 }
 

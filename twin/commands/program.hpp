@@ -6,30 +6,19 @@
 #include <CLI/CLI.hpp>
 
 #include <tribotwin/plugins/friction/error.hpp>
+#include <tribotwin/twin/commands/table.hpp>
 #include <tribotwin/twin/io/destination.hpp>
 #include <tribotwin/twin/io/input.hpp>
 #include <tribotwin/twin/io/output.hpp>
 
-/// The commands of the program `tribotwin`, one file each. A command registers itself with its options; when it was
-/// asked for, its callback does the work and leaves its exit code in `code`. Wrong input is thrown as InputError.
+/// What the commands of the program `tribotwin` share. A command is one file and one row of table.hpp. Its work returns
+/// an exit code or an error; the callback throws the error (or_throw), and parse.hpp maps it to an exit code.
 namespace tribotwin::twin::program {
 
-void add_run(CLI::App& app, int& code);
-void add_curve(CLI::App& app, int& code);
-void add_lab(CLI::App& app, int& code);
-void add_identify(CLI::App& app, int& code);
-void add_recover(CLI::App& app, int& code);
-void add_export(CLI::App& app, int& code);
-void add_calibrate(CLI::App& app, int& code);
-void add_diagnose(CLI::App& app, int& code);
-void add_dynamics(CLI::App& app, int& code);
-void add_predict(CLI::App& app, int& code);
-void add_excite(CLI::App& app, int& code);
-void add_thermal(CLI::App& app, int& code);
-
-/// "tribotwin: MESSAGE" on stderr; returns the exit code.
-inline int report_error(Exit code, const std::string& message) {
-  return twin::report_error("tribotwin", code, message);
+/// "tribotwin: MESSAGE" on stderr; returns the exit code. For limits; errors are returned.
+inline Exit report_error(Exit code, const std::string& message) {
+  twin::report_error("tribotwin", code, message);
+  return code;
 }
 
 /// The file of a campaign or scenario as given, or the shipped one of that name.
@@ -43,16 +32,14 @@ inline std::vector<std::filesystem::path> paths(const std::vector<std::string>& 
   return {files.begin(), files.end()};
 }
 
-/// The value, or its message thrown: exit code 1.
-template <class T>
-T or_fail(Result<T> value) {
-  if (!value) throw std::runtime_error(value.error().message);
-  if constexpr (!std::is_void_v<T>) return std::move(*value);
-}
-
-/// Writes the result to where it goes; returns the exit code.
-inline int deliver(const std::string& text, const Destination& output = {}) {
-  return output.deliver("tribotwin", text);
+/// Writes the result to the file of -o, or to stdout without one.
+inline Result<Exit> deliver(const std::string& text, const Destination& output = {}) {
+  if (!output.named()) {
+    print_text(text);
+    return done;
+  }
+  if (auto ok = write_file(output.file, text, output.existing()); !ok) return work_failed(ok.error().message);
+  return done;
 }
 
 }  // namespace tribotwin::twin::program

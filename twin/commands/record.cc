@@ -23,12 +23,12 @@ void require_record(const std::string& directory) {
     throw InputError(fmt::format("{}/telemetry.h5: does not exist", directory));
 }
 
-int recover_record(const std::string& directory) {
+Result<Exit> recover_record(const std::string& directory) {
   require_record(directory);
   FolderLock lock;
   or_fail(lock.take(directory));
   const auto result = recover(directory);
-  if (!result) return report_error(failed, result.error().message);
+  if (!result) return work_failed(result.error().message);
   if (result->was_plain) {
     print("{}/telemetry.h5 is a complete HDF5 file without damage; there was nothing to recover\n", directory);
     return done;
@@ -41,7 +41,7 @@ int recover_record(const std::string& directory) {
   return done;
 }
 
-int export_record(const std::string& directory, Existing existing) {
+Result<Exit> export_record(const std::string& directory, Existing existing) {
   require_record(directory);
   for (const char* name : {"telemetry.csv", "cycles.csv"})
     or_wrong_input(check_output(std::filesystem::path(directory) / name, existing));
@@ -49,7 +49,7 @@ int export_record(const std::string& directory, Existing existing) {
   or_fail(lock.take(directory));
   Progress progress(false);
   const auto files = export_csv(directory, existing, [&](double share) { progress(share); });
-  if (!files) return report_error(failed, files.error().message);
+  if (!files) return work_failed(files.error().message);
   for (const auto& file : *files) print("{}\n", file.string());
   return done;
 }
@@ -77,13 +77,13 @@ std::span<const double> whole_channel(const Recording& record, const std::string
 
 /// What the robot's controller would have recorded of a run: the columns of tribotwin dynamics. The noise of the torque
 /// is given as a share of torque_max_nm.
-int export_recording(const std::string& directory, Sensors sensors, double torque_noise_share, std::uint64_t seed,
-                     const Destination& output) {
+Result<Exit> export_recording(const std::string& directory, Sensors sensors, double torque_noise_share,
+                              std::uint64_t seed, const Destination& output) {
   require_record(directory);
   const auto record = read_telemetry(std::filesystem::path(directory) / "telemetry.h5");
   if (!record) throw InputError(record.error().message);
   if (record->time_s.size() < 2)
-    return report_error(failed, fmt::format("{}/telemetry.h5: holds {} samples", directory, record->time_s.size()));
+    return work_failed(fmt::format("{}/telemetry.h5: holds {} samples", directory, record->time_s.size()));
   const auto& time = record->time_s;
   // Skipped work cycles are gaps in the recording, too.
   const double step_s = typical_step(time), rate = 1 / step_s;
@@ -136,7 +136,7 @@ int export_recording(const std::string& directory, Sensors sensors, double torqu
 }
 
 template <class Keys>
-int deliver_instance(const std::string& name, const Keys& keys, const Destination& output) {
+Result<Exit> deliver_instance(const std::string& name, const Keys& keys, const Destination& output) {
   pugi::xml_document document;
   auto instance = document.append_child("instance");
   instance.append_attribute("name") = name.c_str();
@@ -150,11 +150,11 @@ int deliver_instance(const std::string& name, const Keys& keys, const Destinatio
   return deliver(text.str(), output);
 }
 
-int export_instance(const std::string& file, const std::string& name, const std::string& on_drive, double torque_max_nm,
-                    double gear_ratio, const Destination& output) {
+Result<Exit> export_instance(const std::string& file, const std::string& name, const std::string& on_drive,
+                             double torque_max_nm, double gear_ratio, const Destination& output) {
   if (const auto law = load_yaml(file)["law"]; law && law.IsScalar() && law.Scalar() == "bouc_wen") {
     const auto spring = identification::hysteresis_of(file, name, on_drive);
-    if (!spring) return report_error(failed, fmt::format("{}: {}", file, spring.error().message));
+    if (!spring) return work_failed(fmt::format("{}: {}", file, spring.error().message));
     return deliver_instance(name, transmission::configuration_of(*spring), output);
   }
   auto parameters = identification::read_parameters(file);
@@ -165,7 +165,7 @@ int export_instance(const std::string& file, const std::string& name, const std:
   // What a model could not load is refused here, with the reason the model would give.
   const auto keys = drive::configuration_of(*drive);
   if (const auto loaded = drive::make_drive(name, keys); !loaded)
-    return report_error(failed, fmt::format("{}: {}", file, loaded.error().message));
+    return work_failed(fmt::format("{}: {}", file, loaded.error().message));
   return deliver_instance(name, keys, output);
 }
 
@@ -176,7 +176,7 @@ void add_recover(CLI::App& app, int& code) {
   auto* command = app.add_subcommand("recover", "Turn the record of a killed run into a plain HDF5 file");
   command->add_option("RUNDIR", *directory, "Folder of the run")->required();
   command->footer("Example:\n  tribotwin recover runs/warmup");
-  command->callback([directory, &code] { code = recover_record(*directory); });
+  command->callback([directory, &code] { code = or_throw(recover_record(*directory)); });
 }
 
 void add_export(CLI::App& app, int& code) {
@@ -232,9 +232,10 @@ void add_export(CLI::App& app, int& code) {
     if (a->csv + a->mjcf + a->recording != 1)
       throw InputError("export needs --csv or --recording (of a run) or --mjcf (of PARAMS.yaml)");
     check(a->output, {a->from, std::filesystem::path(a->from) / "telemetry.h5"});
-    code = a->recording ? export_recording(a->from, a->sensors, a->torque_noise_share, a->seed, a->output)
-           : a->csv     ? export_record(a->from, a->output.existing())
-                        : export_instance(a->from, a->name, a->on_drive, a->torque_max_nm, a->gear_ratio, a->output);
+    code =
+        or_throw(a->recording ? export_recording(a->from, a->sensors, a->torque_noise_share, a->seed, a->output)
+                 : a->csv     ? export_record(a->from, a->output.existing())
+                          : export_instance(a->from, a->name, a->on_drive, a->torque_max_nm, a->gear_ratio, a->output));
   });
 }
 

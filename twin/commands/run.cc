@@ -23,10 +23,10 @@ fs::path scenario_folder() {
   return {};
 }
 
-int list_scenarios() {
+Result<Exit> list_scenarios() {
   std::vector<fs::path> files;
   const fs::path folder = scenario_folder();
-  if (folder.empty()) return report_error(failed, "the shipped scenarios are not where they were built or installed");
+  if (folder.empty()) return work_failed("the shipped scenarios are not where they were built or installed");
   for (const auto& entry : fs::directory_iterator(folder))
     if (entry.path().extension() == ".yaml") files.push_back(entry.path());
   std::ranges::sort(files);
@@ -132,25 +132,25 @@ void require_other_folder(const fs::path& output, const fs::path& scenario) {
         fmt::format("-o {}: the scenario that is read lies in it; choose another folder", output.string()));
 }
 
-int strict_code(const Arguments& a, bool balanced) {
+Result<Exit> strict_code(const Arguments& a, bool balanced) {
   if (balanced || !a.strict) return done;
   return report_error(limit_exceeded, "--strict: the energy balance does not hold");
 }
 
 /// Runs all variations, each in a folder of its own, and one summary over them.
-int vary(const Arguments& a, const fs::path& file, const std::vector<Variation>& all,
-         const std::vector<std::string>& settings) {
+Result<Exit> vary(const Arguments& a, const fs::path& file, const std::vector<Variation>& all,
+                  const std::vector<std::string>& settings) {
   // All are read before the first runs: what is wrong with the last is said at once.
   std::vector<Scenario> scenarios;
   for (const Variation& one : all) {
     std::vector<std::string> both = one.settings;
     both.insert(both.end(), settings.begin(), settings.end());
-    scenarios.push_back(load_scenario(file, both));
+    scenarios.push_back(or_throw(load_scenario(file, both)));
   }
   const fs::path output = a.directory.empty() ? fs::path("runs") / scenarios[0].name : fs::path(a.directory);
   require_other_folder(output, file);
   RunFolder folder;
-  or_fail(folder.open(output, replace_if(a.force)));
+  or_throw(folder.open(output, replace_if(a.force)));
   std::vector<VariedRun> runs;
   {
     Progress progress(a.quiet);
@@ -165,15 +165,16 @@ int vary(const Arguments& a, const fs::path& file, const std::vector<Variation>&
                            progress(whole, left + static_cast<double>(all.size() - i - 1) *
                                                       (share > 0 ? left / (1 - std::min(share, 0.999)) : 0));
                          }});
-      if (!summary) return report_error(failed, fmt::format("{}: {}", all[i].folder, summary.error().message));
+      if (!summary && summary.error().kind == ErrorKind::work)
+        return work_failed(fmt::format("{}: {}", all[i].folder, summary.error().message));
+      or_throw(summary);
       if (summary->interrupted)
-        return report_error(failed,
-                            fmt::format("{}: interrupted; {} of {} runs are whole", all[i].folder, i, all.size()));
+        return work_failed(fmt::format("{}: interrupted; {} of {} runs are whole", all[i].folder, i, all.size()));
       runs.push_back({all[i].folder, all[i].settings, *summary});
     }
   }
   if (const auto ok = write_file(output / "summary.json", varied_json(runs), Existing::refuse); !ok)
-    return report_error(failed, ok.error().message);
+    return work_failed(ok.error().message);
   folder.commit();
   if (a.json)
     print("{}", varied_json(runs));
@@ -182,16 +183,15 @@ int vary(const Arguments& a, const fs::path& file, const std::vector<Variation>&
   return strict_code(a, std::ranges::all_of(runs, [](const VariedRun& run) { return run.summary.balanced; }));
 }
 
-int execute(const Arguments& a) {
+Result<Exit> execute(const Arguments& a) {
   if (a.list) return list_scenarios();
   catch_interrupts();
-  if (a.scenario.empty())
-    return report_error(wrong_input, "run needs a scenario; 'tribotwin run --list' names those that ship");
+  if (a.scenario.empty()) return tl::unexpected(Error("run needs a scenario; 'tribotwin run --list' names those that ship"));
   std::vector<std::string> settings = a.settings;
   if (a.seed) settings.push_back(fmt::format("seed={}", *a.seed));
   const fs::path file = scenario_file(a.scenario);
   if (const auto all = variations(file); !all.empty()) return vary(a, file, all, settings);
-  const Scenario loaded = load_scenario(file, settings);
+  const Scenario loaded = or_throw(load_scenario(file, settings));
   const fs::path output = a.directory.empty() ? fs::path("runs") / loaded.name : fs::path(a.directory);
   require_other_folder(output, file);
   const auto summary = [&] {
@@ -202,14 +202,14 @@ int execute(const Arguments& a) {
                               .stop = &interrupted(),
                               .progress = [&](double share, double left) { progress(share, left); }});
   }();
-  if (!summary) return report_error(failed, summary.error().message);
+  or_throw(summary);
   if (a.json)
     print("{}", summary_json(*summary));
   else if (!a.quiet)
     print_summary(*summary, output);
   if (summary->interrupted)
-    return report_error(failed, fmt::format("interrupted at {:.6g} of {:.6g} s; the record in {} is whole until then",
-                                            summary->simulated_s, loaded.duration_s, output.string()));
+    return work_failed(fmt::format("interrupted at {:.6g} of {:.6g} s; the record in {} is whole until then",
+                                   summary->simulated_s, loaded.duration_s, output.string()));
   return strict_code(a, summary->balanced);
 }
 
@@ -238,7 +238,7 @@ void add_run(CLI::App& app, int& code) {
   run->add_flag("--json", a->json, "Print summary.json instead of the table");
   run->add_flag("--list", a->list, "List the shipped scenarios");
   run->footer("Example:\n  tribotwin run irb6620_warmup -o runs/warmup --set duration_s=3600");
-  run->callback([a, &code] { code = execute(*a); });
+  run->callback([a, &code] { code = or_throw(execute(*a)); });
 }
 
 }  // namespace tribotwin::twin::program

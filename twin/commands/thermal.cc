@@ -163,7 +163,7 @@ auto fit_files(const Arguments& a, const JointHeat& joint, const Fitted& fitted,
   return all;
 }
 
-int identify(const Arguments& a) {
+Result<Exit> identify(const Arguments& a) {
   const auto joints = read(a);
   std::vector<NamedThermalFit> fits;
   Json j{{"joints", Json::object()}};
@@ -207,11 +207,11 @@ int identify(const Arguments& a) {
     note("torque tells alpha c, not alpha and c one by one; for that give --alpha, or temperatures.{}",
          a.output.named() ? fmt::format(" {} is in units in which alpha is {} 1/K", a.output.file, guessed_alpha) : "");
   if (a.output.named())
-    if (const int code = deliver(to_yaml(fits, a.data), a.output)) return code;
+    if (auto ok = deliver(to_yaml(fits, a.data), a.output); !ok) return ok;
   return deliver(a.json ? j.dump(2) + "\n" : table);
 }
 
-int identify_chain(const Arguments& a) {
+Result<Exit> identify_chain(const Arguments& a) {
   const auto joints = read(a);
   for (const auto& joint : joints)
     if (!std::ranges::all_of(joint.sessions, has_temperature))
@@ -240,7 +240,7 @@ int identify_chain(const Arguments& a) {
   table += fmt::format("residual {:.3g} K rms, {} samples, {:.0f} worth one independent\n", fit->rms_K, fit->samples,
                        fit->correlation);
   if (a.output.named())
-    if (const int code = deliver(to_yaml(*fit, a.data), a.output)) return code;
+    if (auto ok = deliver(to_yaml(*fit, a.data), a.output); !ok) return ok;
   return deliver(a.json ? j.dump(2) + "\n" : table);
 }
 
@@ -278,7 +278,7 @@ std::vector<std::vector<std::vector<double>>> predictions(const Arguments& a, co
   return out;
 }
 
-int evaluate(const Arguments& a) {
+Result<Exit> evaluate(const Arguments& a) {
   const auto joints = read(a);
   const auto all = predictions(a, joints);
   Json j{{"joints", Json::object()}};
@@ -355,7 +355,7 @@ void add_thermal(CLI::App& app, int& code) {
   c->footer("Example:\n  tribotwin thermal monday.csv tuesday.csv -o thermal.yaml");
   c->callback([a, &code] {
     check(a->output, paths(a->data));
-    code = !a->evaluate.empty() ? evaluate(*a) : a->chain ? identify_chain(*a) : identify(*a);
+    code = or_throw(!a->evaluate.empty() ? evaluate(*a) : a->chain ? identify_chain(*a) : identify(*a));
   });
 }
 

@@ -339,12 +339,11 @@ Result<std::vector<double>> VariantTwins::positions(const Candidate& candidate, 
     scenario.motion->hold_at(r.time_s[i] - r.time_s[0] + delay, {r.position_rad[0][i]});
   scenario.recording = SetPoints{.time_s = r.time_s, .torque_on = r.torque_on};
 
-  Twin twin(scenario);
+  Twin twin(std::move(scenario));
   const int address = position_address(twin.model().get(), twin.model().drives()[0]);
-  const std::int64_t steps = std::llround(std::ceil(scenario.duration_s / twin.model()->opt.timestep - 1e-6));
   std::vector<double> positions(r.time_s.size(), unknown);
   std::size_t next = 0;
-  while (twin.steps() < steps) {
+  while (twin.steps() < twin.steps_total()) {
     for (; next < r.time_s.size() && r.time_s[next] - r.time_s[0] <= twin.time_s() + 1e-12; ++next)
       positions[next] = twin.data()->qpos[address];
     if (const auto ok = twin.step(); !ok) return tl::unexpected(ok.error());

@@ -1,14 +1,13 @@
 #include <algorithm>
-#include <charconv>
 #include <cmath>
-#include <cstring>
-#include <fstream>
 
 #include <fmt/format.h>
 
 #include <tribotwin/plugins/friction/law.hpp>
+#include <tribotwin/plugins/friction/number.hpp>
 #include <tribotwin/twin/io/input.hpp>
 #include <tribotwin/twin/io/name.hpp>
+#include <tribotwin/twin/io/text.hpp>
 
 namespace tribotwin::twin {
 namespace {
@@ -64,16 +63,13 @@ YAML::Node Mapping::raw(const std::string& key) { return take(key); }
 double Mapping::to_number(const std::string& key, const YAML::Node& node, Bounds bounds) const {
   if (!node.IsScalar()) fail(key, fmt::format("is {} but must be a number", kind(node)));
   const std::string& text = node.Scalar();
-  const char* first = text.data() + (text.starts_with('+') ? 1 : 0);
-  double value = 0;
-  const auto [end, error] = std::from_chars(first, text.data() + text.size(), value);
-  if (error != std::errc{} || end != text.data() + text.size() || !std::isfinite(value))
-    fail(key, fmt::format("is '{}' but must be a finite number", text));
-  if (value < bounds.minimum || value > bounds.maximum)
+  const auto value = tribotwin::to_number(std::string_view(text).substr(text.starts_with('+') ? 1 : 0));
+  if (!value || !std::isfinite(*value)) fail(key, fmt::format("is '{}' but must be a finite number", text));
+  if (*value < bounds.minimum || *value > bounds.maximum)
     fail(key, bounds.maximum >= 1e300
-                  ? fmt::format("is {} but must be at least {:g}", value, bounds.minimum)
-                  : fmt::format("is {} but must be within {:g} .. {:g}", value, bounds.minimum, bounds.maximum));
-  return value;
+                  ? fmt::format("is {} but must be at least {:g}", *value, bounds.minimum)
+                  : fmt::format("is {} but must be within {:g} .. {:g}", *value, bounds.minimum, bounds.maximum));
+  return *value;
 }
 
 double Mapping::number(const std::string& key, Bounds bounds) {
@@ -178,11 +174,7 @@ void Mapping::accept(const std::vector<std::string_view>& accepted) const {
 void Mapping::done() const { accept({known_.begin(), known_.end()}); }
 
 YAML::Node load_yaml(const std::filesystem::path& file) {
-  std::error_code error;
-  if (std::filesystem::is_directory(file, error))
-    throw InputError(fmt::format("{}: is a folder, not a YAML file", file.string()));
-  std::ifstream stream(file);
-  if (!stream) throw InputError(fmt::format("{}: cannot be read ({})", file.string(), std::strerror(errno)));
+  auto stream = or_wrong_input(open_text(file, "a YAML file"));
   try {
     YAML::Node node = YAML::Load(stream);
     if (!node.IsMap())
@@ -190,6 +182,45 @@ YAML::Node load_yaml(const std::filesystem::path& file) {
     return node;
   } catch (const YAML::Exception& e) {
     throw InputError(fmt::format("{}:{}: not well-formed YAML ({})", file.string(), e.mark.line + 1, e.msg));
+  }
+}
+
+namespace {
+
+/// The node below `node` that `key` names. `parent` is the path of keys so far, for messages.
+YAML::Node below(YAML::Node node, const std::string& key, const std::string& parent, const std::string& setting) {
+  if (node.IsDefined() && node.IsSequence()) {
+    const auto index = to_integer<std::size_t>(key);
+    if (!index || *index >= node.size())
+      throw InputError(fmt::format("--set {}: '{}' must be a number from 0 to {}, an entry of the list", setting, key,
+                                   node.size() - 1));
+    return node[*index];
+  }
+  if (node.IsDefined() && !node.IsNull() && !node.IsMap())
+    throw InputError(fmt::format("--set {}: '{}' is no mapping, so it has no key '{}'", setting, parent, key));
+  return node[key];
+}
+
+}  // namespace
+
+void apply_setting(YAML::Node root, const std::string& setting, std::string_view examples) {
+  const auto equals = setting.find('=');
+  if (equals == std::string::npos || equals == 0)
+    throw InputError(fmt::format("--set {}: must be key=value, for example {}", setting, examples));
+  YAML::Node node;
+  node.reset(root);
+  const std::string path = setting.substr(0, equals);
+  for (std::size_t begin = 0; begin <= path.size();) {
+    const std::size_t dot = std::min(path.find('.', begin), path.size());
+    const std::string key = path.substr(begin, dot - begin);
+    if (key.empty()) throw InputError(fmt::format("--set {}: an empty key", setting));
+    node.reset(below(node, key, path.substr(0, begin ? begin - 1 : 0), setting));
+    begin = dot + 1;
+  }
+  try {
+    node = YAML::Load(setting.substr(equals + 1));
+  } catch (const YAML::Exception& e) {
+    throw InputError(fmt::format("--set {}: {}", setting, e.msg));
   }
 }
 

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <algorithm>
 #include <cstddef>
 #include <filesystem>
 #include <optional>
@@ -23,11 +24,26 @@ struct InputError : std::runtime_error {
   using std::runtime_error::runtime_error;
 };
 
-/// The value, or its message thrown as InputError.
+/// The value, or its message thrown as InputError: exit code 2.
 template <class T>
 T or_wrong_input(Result<T> value) {
   if (!value) throw InputError(value.error().message);
   if constexpr (!std::is_void_v<T>) return std::move(*value);
+}
+
+/// The value, or its message thrown as std::runtime_error: exit code 1.
+template <class T>
+T or_fail(Result<T> value) {
+  if (!value) throw std::runtime_error(value.error().message);
+  if constexpr (!std::is_void_v<T>) return std::move(*value);
+}
+
+/// The value, or its message thrown as its kind demands: ErrorKind::input as InputError, ErrorKind::work as
+/// std::runtime_error.
+template <class T>
+T or_throw(Result<T> value) {
+  if (!value && value.error().kind == ErrorKind::input) throw InputError(value.error().message);
+  return or_fail(std::move(value));
 }
 
 struct Bounds {
@@ -79,8 +95,22 @@ class Mapping {
   std::set<std::string> known_;
 };
 
+/// The value of the row whose name stands at `key`. The rows of `table` are pairs of name and value.
+template <class Table>
+auto choice_of(Mapping& in, const std::string& key, const Table& table) {
+  std::vector<std::string_view> names;
+  for (const auto& [name, value] : table) names.push_back(name);
+  const std::string chosen = in.choice(key, names);
+  return std::ranges::find_if(table, [&](const auto& row) { return row.first == chosen; })->second;
+}
+
 /// Reads a YAML file; the root must be a mapping.
 YAML::Node load_yaml(const std::filesystem::path& file);
+
+/// Applies one `--set key=value` to the tree of a YAML file. Dotted keys descend into mappings and, by numbers, into
+/// lists; missing mappings are created. `examples` completes the message "must be key=value, for example ...". Throws
+/// InputError.
+void apply_setting(YAML::Node root, const std::string& setting, std::string_view examples);
 
 /// `text` as a YAML scalar of one line, whatever is in it.
 std::string quoted(const std::string& text);

@@ -1,22 +1,21 @@
 #include <algorithm>
-#include <charconv>
 #include <cmath>
-#include <cstring>
-#include <fstream>
 #include <limits>
 #include <sstream>
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
+#include <tribotwin/plugins/friction/number.hpp>
 #include <tribotwin/twin/io/table.hpp>
+#include <tribotwin/twin/io/text.hpp>
 
 namespace tribotwin::twin {
 
 namespace {
 
-/// The first whose ending a name has. Wide: what is merely unlikely (degrees, kelvins) is told by those who know the
-/// joint.
+/// The first entry whose ending a column's name has applies. The ranges are wide: those who know the joint judge what
+/// is merely unlikely (degrees for kelvins).
 constexpr struct {
   std::string_view ending;
   Quantity quantity;
@@ -52,93 +51,136 @@ Result<std::vector<double>> Table::numbers(std::string_view name) const {
   std::vector<double> values;
   for (std::size_t row = 0; row < rows.size(); ++row) {
     const std::string& cell = rows[row][column];
-    double x = 0;
-    const auto [end, error] = std::from_chars(cell.data(), cell.data() + cell.size(), x);
-    if (error != std::errc{} || end != cell.data() + cell.size() || !std::isfinite(x))
+    const auto x = to_number(cell);
+    if (!x || !std::isfinite(*x))
       return tl::unexpected(fmt::format("{}column '{}' is '{}', not a finite number", where(row), name, cell));
-    if (!quantity_of(name).contains(x))
+    if (!quantity_of(name).contains(*x))
       return tl::unexpected(
           fmt::format("{}column '{}' is {} but {}", where(row), name, cell, quantity_of(name).requirement()));
-    values.push_back(x);
+    values.push_back(*x);
   }
   return values;
 }
 
 namespace {
 
-Result<std::ifstream> opened(const std::filesystem::path& file) {
-  std::error_code error;
-  if (std::filesystem::is_directory(file, error))
-    return tl::unexpected(fmt::format("{}: is a folder, not a CSV file", file.string()));
-  std::ifstream stream(file);
-  if (!stream) return tl::unexpected(fmt::format("{}: cannot be read ({})", file.string(), std::strerror(errno)));
-  return stream;
-}
-
 std::string_view trimmed(std::string_view cell) {
   const auto first = cell.find_first_not_of(" \t\r"), last = cell.find_last_not_of(" \t\r");
   return first == cell.npos ? std::string_view{} : cell.substr(first, last - first + 1);
 }
 
+Error at_line(const std::filesystem::path& file, std::size_t line, const std::string& what) {
+  return fmt::format("{}:{}: {}", file.string(), line, what);
+}
+
+constexpr std::size_t unwanted = static_cast<std::size_t>(-1);
+
+/// Calls `each` with the number and the text of every cell until it returns false; returns how many it was called for.
+template <class Each>
+std::size_t for_each_cell(std::string_view line, const Each& each) {
+  for (std::size_t column = 0; true; ++column) {
+    const auto comma = line.find(',');
+    if (!each(column, trimmed(line.substr(0, comma))) || comma == line.npos) return column + 1;
+    line.remove_prefix(comma + 1);
+  }
+}
+
+/// Reads the rows below the header into `numbers`, one line at a time.
+class RowReader {
+ public:
+  RowReader(Numbers& numbers, const std::vector<std::string>& wanted) : numbers_(numbers), row_(wanted.size()) {
+    for (const auto& name : wanted) quantities_.push_back(quantity_of(name));
+    for (const auto& name : numbers.names) {
+      const auto found = std::ranges::find(wanted, name);
+      place_.push_back(found == wanted.end() ? unwanted : static_cast<std::size_t>(found - wanted.begin()));
+    }
+  }
+
+  Result<void> add(std::string_view line, std::size_t number) {
+    if (trimmed(line).empty()) return {};
+    bool finite = true;
+    Result<void> read;
+    const std::size_t cells = for_each_cell(line, [&](std::size_t column, std::string_view cell) {
+      if (column >= place_.size() || place_[column] == unwanted) return true;
+      const auto x = value(column, cell, number);
+      if (!x) return read = tl::unexpected(x.error()), false;
+      row_[place_[column]] = *x;
+      finite &= std::isfinite(*x);
+      return true;
+    });
+    if (!read) return read;
+    if (cells != place_.size())
+      return tl::unexpected(
+          at_line(numbers_.file, number, fmt::format("{} cells but {} columns", cells, place_.size())));
+    keep(number, finite);
+    return {};
+  }
+
+ private:
+  Result<double> value(std::size_t column, std::string_view cell, std::size_t number) const {
+    if (cell.starts_with('+')) cell.remove_prefix(1);
+    if (cell.empty()) return std::numeric_limits<double>::quiet_NaN();
+    const auto x = to_number(cell);
+    const auto fail = [&](const std::string& what) {
+      return tl::unexpected(
+          at_line(numbers_.file, number, fmt::format("column '{}' is {}", numbers_.names[column], what)));
+    };
+    if (!x) return fail(fmt::format("'{}', not a number", cell));
+    const Quantity& quantity = quantities_[place_[column]];
+    if (std::isfinite(*x) && !quantity.contains(*x))
+      return fail(fmt::format("{} but {}", cell, quantity.requirement()));
+    return *x;
+  }
+
+  void keep(std::size_t number, bool finite) {
+    if (!finite) {
+      if (numbers_.left_out++ == 0) numbers_.first_left_out = number;
+      return;
+    }
+    numbers_.lines.push_back(number);
+    for (const std::size_t k : place_)
+      if (k != unwanted) numbers_.columns[k].push_back(row_[k]);
+  }
+
+  Numbers& numbers_;
+  std::vector<Quantity> quantities_;  // of the wanted columns
+  std::vector<std::size_t> place_;    // among the wanted, per column of the file
+  std::vector<double> row_;
+};
+
+std::vector<std::string> cells_of(std::string line) {
+  if (!line.empty() && line.back() == '\r') line.pop_back();
+  std::vector<std::string> cells;
+  std::istringstream in(line);
+  for (std::string cell; std::getline(in, cell, ',');) {
+    const auto first = cell.find_first_not_of(" \t"), last = cell.find_last_not_of(" \t");
+    cells.push_back(first == std::string::npos ? "" : cell.substr(first, last - first + 1));
+  }
+  return cells;
+}
+
+Error no_header(const std::filesystem::path& file) {
+  return fmt::format("{}: is empty; its first line should name the columns", file.string());
+}
+
 }  // namespace
 
 Result<Numbers> read_numbers(const std::filesystem::path& file, const std::vector<std::string>& wanted) {
-  auto stream = opened(file);
+  auto stream = open_text(file, "a CSV file");
   if (!stream) return tl::unexpected(stream.error());
   Numbers numbers{.file = file, .names = {}, .columns = std::vector<std::vector<double>>(wanted.size()), .lines = {}};
-  std::vector<Quantity> quantity;
-  for (const auto& name : wanted) quantity.push_back(quantity_of(name));
   std::string line;
-  if (!std::getline(*stream, line))
-    return tl::unexpected(fmt::format("{}: is empty; its first line should name the columns", file.string()));
-  constexpr std::size_t none = static_cast<std::size_t>(-1);
-  std::vector<std::size_t> wanted_at;  // per column of the file
-  for (std::string_view rest = line; true;) {
-    const auto comma = rest.find(',');
-    const std::string name(trimmed(rest.substr(0, comma)));
-    const auto found = std::ranges::find(wanted, name);
-    if (std::ranges::find(numbers.names, name) != numbers.names.end())
-      return tl::unexpected(fmt::format("{}:1: column '{}' twice", file.string(), name));
-    numbers.names.push_back(name);
-    wanted_at.push_back(found == wanted.end() ? none : static_cast<std::size_t>(found - wanted.begin()));
-    if (comma == rest.npos) break;
-    rest.remove_prefix(comma + 1);
-  }
-  std::vector<double> row(wanted.size());
-  for (std::size_t number = 2; std::getline(*stream, line); ++number) {
-    if (trimmed(line).empty()) continue;
-    std::size_t column = 0;
-    bool finite = true;
-    for (std::string_view rest = line; true; ++column) {
-      const auto comma = rest.find(',');
-      if (column < wanted_at.size() && wanted_at[column] != none) {
-        std::string_view cell = trimmed(rest.substr(0, comma));
-        if (cell.starts_with('+')) cell.remove_prefix(1);
-        double x = std::numeric_limits<double>::quiet_NaN();
-        const auto [end, error] = std::from_chars(cell.data(), cell.data() + cell.size(), x);
-        if (!cell.empty() && (error != std::errc{} || end != cell.data() + cell.size()))
-          return tl::unexpected(fmt::format("{}:{}: column '{}' is '{}', not a number", file.string(), number,
-                                            numbers.names[column], cell));
-        if (std::isfinite(x) && !quantity[wanted_at[column]].contains(x))
-          return tl::unexpected(fmt::format("{}:{}: column '{}' is {} but {}", file.string(), number,
-                                            numbers.names[column], cell, quantity[wanted_at[column]].requirement()));
-        row[wanted_at[column]] = x;
-        finite &= std::isfinite(x);
-      }
-      if (comma == rest.npos) break;
-      rest.remove_prefix(comma + 1);
-    }
-    if (column + 1 != wanted_at.size())
-      return tl::unexpected(
-          fmt::format("{}:{}: {} cells but {} columns", file.string(), number, column + 1, wanted_at.size()));
-    if (!finite) {
-      if (numbers.left_out++ == 0) numbers.first_left_out = number;
-      continue;
-    }
-    numbers.lines.push_back(number);
-    for (const std::size_t k : wanted_at)
-      if (k != none) numbers.columns[k].push_back(row[k]);
-  }
+  if (!std::getline(*stream, line)) return tl::unexpected(no_header(file));
+  std::optional<std::string> twice;
+  for_each_cell(line, [&](std::size_t, std::string_view name) {
+    if (std::ranges::find(numbers.names, name) != numbers.names.end()) twice = name;
+    numbers.names.emplace_back(name);
+    return !twice;
+  });
+  if (twice) return tl::unexpected(at_line(file, 1, fmt::format("column '{}' twice", *twice)));
+  RowReader reader(numbers, wanted);
+  for (std::size_t number = 2; std::getline(*stream, line); ++number)
+    if (auto ok = reader.add(line, number); !ok) return tl::unexpected(ok.error());
   return numbers;
 }
 
@@ -153,30 +195,18 @@ std::optional<std::string> not_increasing(const Numbers& numbers, const std::vec
 }
 
 Result<Table> read_table(const std::filesystem::path& file) {
-  auto opening = opened(file);
-  if (!opening) return tl::unexpected(opening.error());
-  std::ifstream& stream = *opening;
-  const auto cells_of = [](std::string line) {
-    if (!line.empty() && line.back() == '\r') line.pop_back();
-    std::vector<std::string> cells;
-    std::istringstream in(line);
-    for (std::string cell; std::getline(in, cell, ',');) {
-      const auto first = cell.find_first_not_of(" \t"), last = cell.find_last_not_of(" \t");
-      cells.push_back(first == std::string::npos ? "" : cell.substr(first, last - first + 1));
-    }
-    return cells;
-  };
+  auto stream = open_text(file, "a CSV file");
+  if (!stream) return tl::unexpected(stream.error());
   Table table{.file = file, .names = {}, .rows = {}, .lines = {}};
   std::string line;
-  if (!std::getline(stream, line))
-    return tl::unexpected(fmt::format("{}: is empty; its first line should name the columns", file.string()));
+  if (!std::getline(*stream, line)) return tl::unexpected(no_header(file));
   table.names = cells_of(line);
-  for (std::size_t number = 2; std::getline(stream, line); ++number) {
+  for (std::size_t number = 2; std::getline(*stream, line); ++number) {
     auto cells = cells_of(line);
     if (cells.empty()) continue;
     if (cells.size() != table.names.size())
       return tl::unexpected(
-          fmt::format("{}:{}: {} cells but {} columns", file.string(), number, cells.size(), table.names.size()));
+          at_line(file, number, fmt::format("{} cells but {} columns", cells.size(), table.names.size())));
     table.rows.push_back(std::move(cells));
     table.lines.push_back(number);
   }

@@ -1,11 +1,10 @@
 #include <cmath>
-#include <cstring>
-#include <fstream>
 
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
 #include <tribotwin/twin/io/table.hpp>
+#include <tribotwin/twin/io/text.hpp>
 #include <tribotwin/twin/robot/recording.hpp>
 
 namespace tribotwin::twin {
@@ -13,9 +12,9 @@ namespace {
 
 using Read = Result<SetPoints>;
 
-Read read_json(const std::filesystem::path& file, std::istream& stream) {
+Read read_json(const std::filesystem::path& file, const std::string& text) {
   const auto fail = [&](const std::string& why) { return tl::unexpected(fmt::format("{}: {}", file.string(), why)); };
-  const auto json = nlohmann::json::parse(stream, nullptr, false);
+  const auto json = nlohmann::json::parse(text, nullptr, false);
   if (json.is_discarded()) return fail("is not well-formed JSON");
   if (!json.is_object() || !json.contains("entries") || !json["entries"].is_array())
     return fail("has no array 'entries'");
@@ -91,12 +90,8 @@ Read read_csv(const std::filesystem::path& file) {
 
 Read read_set_points(const std::filesystem::path& file) {
   if (file.extension() != ".json") return read_csv(file);
-  std::error_code error;
-  if (std::filesystem::is_directory(file, error))
-    return tl::unexpected(fmt::format("{}: is a folder, not a recording", file.string()));
-  std::ifstream stream(file);
-  if (!stream) return tl::unexpected(fmt::format("{}: cannot be read ({})", file.string(), std::strerror(errno)));
-  return read_json(file, stream);
+  const auto text = read_text(file, "a recording");
+  return text ? read_json(file, *text) : tl::unexpected(text.error());
 }
 
 }  // namespace tribotwin::twin

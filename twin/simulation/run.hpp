@@ -15,12 +15,13 @@ struct RunOptions {
   std::filesystem::path directory;          ///< empty: nothing is written
   Existing existing = Existing::refuse;     ///< what happens to a run that the directory holds
   bool realtime = false;                    ///< not faster than the clock
-  const std::atomic<bool>* stop = nullptr;  ///< ends the run after the current step: it is interrupted
+  const std::atomic<bool>* stop = nullptr;  ///< when true, ends the run after the current step
   std::function<void(double share, double seconds_left)> progress;
 };
 
-/// Runs a scenario to its end. With a directory: telemetry.h5 grows while it runs, summary.json is written last and
-/// says whether the run was interrupted. Throws InputError where the directory holds a run that may not be replaced.
+/// Runs a scenario to its end. With a directory: telemetry.h5 grows during the run; summary.json is written last and
+/// says whether the run was interrupted. Fails with ErrorKind::input only where the directory holds a run that may not
+/// be replaced.
 Result<Summary> run(const Scenario& scenario, const RunOptions& options);
 
 }  // namespace tribotwin::twin

@@ -3,7 +3,6 @@
 
 #include <fmt/format.h>
 
-#include <tribotwin/twin/io/input.hpp>
 #include <tribotwin/twin/simulation/run_folder.hpp>
 
 namespace tribotwin::twin {
@@ -33,13 +32,13 @@ fs::path free_name(const fs::path& directory) {
 Status RunFolder::open(const fs::path& directory, Existing existing) {
   std::error_code error;
   created_ = fs::create_directories(directory, error);
-  if (error) return tl::unexpected(fmt::format("{}: cannot be created ({})", directory.string(), error.message()));
+  if (error) return work_failed(fmt::format("{}: cannot be created ({})", directory.string(), error.message()));
   directory_ = directory;
-  if (auto ok = lock_.take(directory); !ok) return ok;
+  if (auto ok = lock_.take(directory); !ok) return work_failed(ok.error().message);
   const auto found = std::ranges::find_if(names, [&](const char* name) { return present(directory / name); });
   if (found == names.end()) return {};
   if (existing == Existing::refuse)
-    throw InputError(
+    return tl::unexpected(
         fmt::format("{}: holds a run already ({}); choose another folder with -o, or replace it with --force",
                     directory.string(), *found));
   return set_aside();
@@ -49,16 +48,17 @@ Status RunFolder::set_aside() {
   const fs::path aside = free_name(directory_);
   std::error_code error;
   fs::create_directory(aside, error);
-  if (error) return tl::unexpected(fmt::format("{}: cannot be created ({})", aside.string(), error.message()));
+  if (error) return work_failed(fmt::format("{}: cannot be created ({})", aside.string(), error.message()));
   aside_ = aside;
   for (const char* name : names) {
     if (!present(directory_ / name)) continue;
     fs::rename(directory_ / name, aside_ / name, error);
     if (error)
-      return tl::unexpected(fmt::format("{}: cannot be set aside ({})", (directory_ / name).string(), error.message()));
+      return work_failed(fmt::format("{}: cannot be set aside ({})", (directory_ / name).string(), error.message()));
   }
-  if (auto ok = sync_folder(aside_); !ok) return ok;
-  return sync_folder(directory_);
+  for (const fs::path& folder : {aside_, directory_})
+    if (auto ok = sync_folder(folder); !ok) return work_failed(ok.error().message);
+  return {};
 }
 
 void RunFolder::commit() {

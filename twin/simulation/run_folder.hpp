@@ -20,8 +20,8 @@ class RunFolder {
   /// Without commit(): brings back what was set aside where nothing new has taken its place.
   ~RunFolder();
 
-  /// Throws InputError where the folder holds a run that may not be replaced. Fails where another process writes into
-  /// it.
+  /// Fails where the folder holds a run that may not be replaced (ErrorKind::input), and where another process writes
+  /// into it (ErrorKind::work).
   Result<void> open(const std::filesystem::path& directory, Existing existing);
   /// The new run has its record: from now on a failure leaves both, the old one in `replaced`.
   void keep_both() { restore_ = false; }

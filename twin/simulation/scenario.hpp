@@ -2,50 +2,25 @@
 
 #include <cstdint>
 #include <filesystem>
-#include <map>
 #include <memory>
 #include <optional>
 #include <string>
 #include <variant>
 #include <vector>
 
-#include <tribotwin/plugins/drive/fault.hpp>
 #include <tribotwin/twin/control/compensated_servo.hpp>
-#include <tribotwin/twin/io/input.hpp>
-#include <tribotwin/twin/robot/arm.hpp>
 #include <tribotwin/twin/robot/recording.hpp>
+#include <tribotwin/twin/simulation/event.hpp>
 
-/// What happens in a run: a YAML file, read strictly. The keys are documented in twin/README.md.
+/// What happens in a run, read from a YAML file. The keys are documented in twin/README.md.
 namespace tribotwin::twin {
-
-/// A change on the scenario's time line.
-struct PayloadChange {
-  std::shared_ptr<const mujoco::Model> model;
-};  ///< the arm with it
-struct AmbientChange {
-  double temperature_degC;
-};
-struct Wear {
-  std::string joint;
-  std::map<std::string, double> factors;
-};
-/// A fault of a joint, in place of an earlier one of the same type. Grows with the hours since the event.
-struct FaultChange {
-  std::size_t drive;
-  const drive::FaultInfo* type;
-  double severity, growth_per_h;
-};
-struct Event {
-  double time_s = 0;
-  std::variant<PayloadChange, AmbientChange, Wear, FaultChange> what;
-};
 
 struct MultiRate {
   bool enabled = false;
-  double tolerance_K = 2;  ///< largest temperature change over cycles that are not stepped
+  double tolerance_K = 2;  ///< max. temperature change over skipped cycles
 };
 
-/// What drives an actuator that is no tribotwin.drive: offset + amplitude sin(2 pi frequency t + phase), in the
+/// Control of an actuator that is no tribotwin.drive: offset + amplitude sin(2 pi frequency t + phase), in the
 /// actuator's unit.
 struct Wave {
   int control;  ///< in mjData.ctrl
@@ -66,9 +41,9 @@ struct Scenario {
   std::vector<double> temperature_degC;  ///< per drive, at the start
   std::variant<CascadedOptions, CompensatedOptions, DcPositionOptions, std::vector<double>> control;
   std::optional<Motion> motion;
-  std::optional<SetPoints> recording;  ///< of which the motion was made
+  std::optional<SetPoints> recording;  ///< source of the motion, if it is a recorded one
   bool follow_recorded_temperature = false;
-  std::shared_ptr<const mujoco::Model> baseline;  ///< the same mechanism with native friction, to compare with
+  std::shared_ptr<const mujoco::Model> baseline;  ///< the same mechanism with MuJoCo's native friction, for comparison
   DcPositionOptions baseline_control;
   double baseline_delay_s = 0;
   std::vector<Wave> waves;
@@ -77,23 +52,8 @@ struct Scenario {
   MultiRate multirate;
 };
 
-/// Reads and checks a scenario. `overrides` are key=value with dotted keys. Throws InputError.
-Scenario load_scenario(const std::filesystem::path& file, const std::vector<std::string>& overrides = {});
-
-struct FaultSetting {
-  const drive::FaultInfo* type;
-  double severity;
-};
-/// A fault's type and severity from the keys `type_key` and `severity`, `growth` coming to the severity during the run.
-/// Throws InputError through `in` where the drive cannot have it.
-FaultSetting fault_of(Mapping& in, const std::string& type_key, const mujoco::Model& model, std::size_t drive,
-                      double growth = 0);
-
-/// A drive's index by joint name; throws InputError through `mapping` with the nearest name.
-std::size_t drive_index(const mujoco::Model& model, const Mapping& mapping, const std::string& key,
-                        const std::string& joint);
-
-/// Keys `joint` and `factors`, the latter by name of the law's parameters; throws InputError.
-Wear read_wear(Mapping& in, const mujoco::Model& model);
+/// Reads and checks a scenario. `settings` are key=value with dotted keys, applied over the file. An error names file,
+/// line, key and the accepted range.
+Result<Scenario> load_scenario(const std::filesystem::path& file, const std::vector<std::string>& settings = {});
 
 }  // namespace tribotwin::twin

@@ -1,6 +1,7 @@
 #include <algorithm>
 #include <cmath>
-#include <stdexcept>
+#include <limits>
+#include <utility>
 
 #include <fmt/format.h>
 
@@ -14,16 +15,17 @@ struct Overloaded : F... {
   using F::operator()...;
 };
 
-/// Faults grow in steps this long: a growth is slow, and friction's coefficients stay cached in between.
+/// Period at which growing faults are updated: growth is slow, and friction's coefficients stay cached in between.
 constexpr double growth_step_s = 1;
 
 }  // namespace
 
-Twin::Twin(const Scenario& scenario, Commanded) : Twin(scenario) {
+Twin::Twin(Scenario scenario, Commanded) : Twin(std::move(scenario)) {
   servo_.reset();
-  const auto* gains = std::get_if<CascadedOptions>(&scenario.control);
+  const auto* gains = std::get_if<CascadedOptions>(&scenario_.control);
   drive_servo_ = std::make_unique<DriveServo>(*model_, data_.get(), gains ? *gains : CascadedOptions{});
   commands_.resize(model_->drives().size());
+  total_ = std::numeric_limits<std::int64_t>::max();
 }
 
 void Twin::set_brake(std::size_t i, bool engaged) {
@@ -36,34 +38,42 @@ void Twin::set_measured_temperature(std::size_t i, std::optional<double> tempera
   if (temperature_degC) drive::set_temperature(binding.drive, mujoco::state(data_.get(), binding), *temperature_degC);
 }
 
-Twin::Twin(const Scenario& scenario)
-    : scenario_(scenario), model_(scenario.model), data_(model_->make_data()), timestep_s_((*model_)->opt.timestep) {
+Twin::Twin(Scenario scenario)
+    : scenario_(std::move(scenario)),
+      model_(scenario_.model),
+      data_(model_->make_data()),
+      timestep_s_((*model_)->opt.timestep),
+      total_(std::llround(std::ceil(scenario_.duration_s / timestep_s_ - 1e-6))) {
   const auto drives = model_->drives();
   set_points_.resize(drives.size());
   q_begin_.resize(drives.size());
   qd_begin_.resize(drives.size());
   figures_.resize(drives.size());
-  for (std::size_t i = 0; i < drives.size(); ++i) {
-    data_->qpos[position_address(model_->get(), drives[i])] = scenario.start_rad[i];
-    drive::set_temperature(drives[i].drive, mujoco::state(data_.get(), drives[i]), scenario.temperature_degC[i]);
-    if (scenario.ambient_degC)
-      mujoco::workspace(data_.get(), drives[i]).ambient_offset_K =
-          *scenario.ambient_degC - drives[i].drive.thermal.T_amb_degC;
-  }
-  mj_forward(model_->get(), data_.get());
-  // The gear of an arm at rest carries gravity; friction of the first step knows it.
-  for (const auto& drive : drives)
-    mujoco::state(data_.get(), drive).load_nm = gravity_torque_nm(model_->get(), data_.get(), drive.dof);
-  for (const auto& drive : drives) mujoco::workspace(data_.get(), drive).step_open = 0;
-
+  set_start_state();
   std::visit(Overloaded{[&](const CascadedOptions& o) { servo_ = make_cascaded(*model_, data_.get(), o); },
                         [&](const CompensatedOptions& o) { servo_ = make_compensated(*model_, data_.get(), o); },
                         [&](const DcPositionOptions& o) { servo_ = make_dc_position(*model_, o); },
                         [&](const std::vector<double>& torque) { servo_ = make_torque(*model_, torque); }},
-             scenario.control);
+             scenario_.control);
   if (static_cast<std::size_t>((*model_)->nu) > drives.size())
     qvel_begin_.resize(static_cast<std::size_t>((*model_)->nv));
   energy_start_J_ = mechanical_energy_J();
+}
+
+void Twin::set_start_state() {
+  const auto drives = model_->drives();
+  for (std::size_t i = 0; i < drives.size(); ++i) {
+    data_->qpos[position_address(model_->get(), drives[i])] = scenario_.start_rad[i];
+    drive::set_temperature(drives[i].drive, mujoco::state(data_.get(), drives[i]), scenario_.temperature_degC[i]);
+    if (scenario_.ambient_degC)
+      mujoco::workspace(data_.get(), drives[i]).ambient_offset_K =
+          *scenario_.ambient_degC - drives[i].drive.thermal.T_amb_degC;
+  }
+  mj_forward(model_->get(), data_.get());
+  // The gear of an arm at rest carries gravity: friction of the first step depends on it.
+  for (const auto& drive : drives)
+    mujoco::state(data_.get(), drive).load_nm = gravity_torque_nm(model_->get(), data_.get(), drive.dof);
+  for (const auto& drive : drives) mujoco::workspace(data_.get(), drive).step_open = 0;
 }
 
 double Twin::mechanical_energy_J() const {
@@ -101,6 +111,16 @@ double Twin::next_event_s() const {
   return next_event_ < scenario_.events.size() ? scenario_.events[next_event_].time_s : friction::unlimited;
 }
 
+void Twin::apply(const Wear& wear) {
+  for (const auto& d : model_->drives()) {
+    if (joint_name(model_->get(), d) != wear.joint) continue;
+    const auto& parameters = d.drive.law.info->parameters;
+    for (std::size_t p = 0; p < parameters.size(); ++p)
+      if (const auto found = wear.factors.find(std::string(parameters[p].name)); found != wear.factors.end())
+        drive::set_wear(mujoco::workspace(data_.get(), d), p, found->second);
+  }
+}
+
 void Twin::apply(const Event& event) {
   const double energy = mechanical_energy_J();
   std::visit(Overloaded{[&](const PayloadChange& change) { model_ = change.model; },
@@ -109,16 +129,7 @@ void Twin::apply(const Event& event) {
                             mujoco::workspace(data_.get(), d).ambient_offset_K =
                                 change.temperature_degC - d.drive.thermal.T_amb_degC;
                         },
-                        [&](const Wear& wear) {
-                          for (const auto& d : model_->drives()) {
-                            if (joint_name(model_->get(), d) != wear.joint) continue;
-                            const auto& parameters = d.drive.law.info->parameters;
-                            for (std::size_t p = 0; p < parameters.size(); ++p)
-                              if (const auto found = wear.factors.find(std::string(parameters[p].name));
-                                  found != wear.factors.end())
-                                drive::set_wear(mujoco::workspace(data_.get(), d), p, found->second);
-                          }
-                        },
+                        [&](const Wear& wear) { apply(wear); },
                         [&](const FaultChange& fault) {
                           std::erase_if(faults_, [&](const ActiveFault& a) {
                             return a.fault->drive == fault.drive && a.fault->type == fault.type;
@@ -147,26 +158,25 @@ double Twin::growth_horizon_s() const {
   return growth_per_h > 0 ? 0.05 * 3600 / growth_per_h : friction::unlimited;
 }
 
+bool Twin::recorded_torque_off() {
+  if (!scenario_.recording || scenario_.recording->torque_on.empty()) return false;
+  const SetPoints& r = *scenario_.recording;
+  while (recording_index_ + 1 < r.time_s.size() && r.time_s[recording_index_ + 1] - r.time_s[0] <= time_s())
+    ++recording_index_;
+  return !r.torque_on[recording_index_];
+}
+
 void Twin::control(void* self, const mjModel* m, mjData* d) {
   Twin& twin = *static_cast<Twin*>(self);
   if (std::exchange(twin.controlled_, true)) return;  // later stages of an integrator keep the torque
   for (const Wave& wave : twin.scenario_.waves) d->ctrl[wave.control] = wave(twin.time_s());
   if (twin.drive_servo_) return twin.drive_servo_->control(m, d, twin.commands_);
   if (twin.scenario_.motion) twin.scenario_.motion->at(twin.time_s(), twin.set_points_);
-  if (twin.scenario_.recording && !twin.scenario_.recording->torque_on.empty()) {
-    const SetPoints& r = *twin.scenario_.recording;
-    while (twin.recording_index_ + 1 < r.time_s.size() &&
-           r.time_s[twin.recording_index_ + 1] - r.time_s[0] <= twin.time_s())
-      ++twin.recording_index_;
-    if (!r.torque_on[twin.recording_index_]) {
-      for (const auto& drive : twin.model_->drives()) d->ctrl[drive.control] = 0;
-      return;
-    }
-  }
-  twin.servo_->control(m, d, twin.set_points_);
+  if (!twin.recorded_torque_off()) return twin.servo_->control(m, d, twin.set_points_);
+  for (const auto& drive : twin.model_->drives()) d->ctrl[drive.control] = 0;
 }
 
-std::string Twin::diagnosis() const {
+std::string Twin::state_text() const {
   std::string text;
   const auto drives = model_->drives();
   for (std::size_t i = 0; i < drives.size(); ++i)
@@ -176,56 +186,74 @@ std::string Twin::diagnosis() const {
   return text;
 }
 
-Result<void> Twin::step() {
-  while (next_event_ < scenario_.events.size() && scenario_.events[next_event_].time_s <= time_s() + 0.5 * timestep_s_)
-    apply(scenario_.events[next_event_++]);
+void Twin::apply_due_events() {
+  while (next_event_s() <= time_s() + 0.5 * timestep_s_) apply(scenario_.events[next_event_++]);
   const bool growing = std::ranges::any_of(faults_, [](const ActiveFault& a) { return a.fault->growth_per_h > 0; });
   if (growing && steps_ % std::max<std::int64_t>(1, std::llround(growth_step_s / timestep_s_)) == 0) set_faults();
+}
 
+void Twin::begin_step() {
   const auto drives = model_->drives();
-  mjData* d = data_.get();
+  const mjData* d = data_.get();
   for (std::size_t i = 0; i < drives.size(); ++i) {
     q_begin_[i] = d->qpos[position_address(model_->get(), drives[i])];
     qd_begin_[i] = d->qvel[drives[i].dof];
   }
   std::copy_n(d->qvel, qvel_begin_.size(), qvel_begin_.begin());
   controlled_ = false;
-  model_->step(d, {control, this});
-  ++computed_;
+}
 
+Result<void> Twin::check_engine() const {
+  const auto drives = model_->drives();
   for (int w = 0; w < mjNWARNING; ++w) {
-    if (d->warning[w].number == 0) continue;
-    const int which = d->warning[w].lastinfo;
+    if (data_->warning[w].number == 0) continue;
+    const int which = data_->warning[w].lastinfo;
     std::string joint;
-    if (w == mjWARN_BADQVEL || w == mjWARN_BADQACC)
-      for (const auto& drive : drives)
-        if (drive.dof == which) joint = joint_name(model_->get(), drive);
-    if (w == mjWARN_BADQPOS)
-      for (const auto& drive : drives)
-        if (position_address(model_->get(), drive) == which) joint = joint_name(model_->get(), drive);
-    return tl::unexpected(fmt::format("the simulation diverged at step {} ({} s){}: {} State before the step: {}",
-                                      steps_, time_s(), joint.empty() ? "" : ", joint " + joint,
-                                      mju_warningText(w, static_cast<std::size_t>(which)), diagnosis()));
+    for (const auto& drive : drives)
+      if (((w == mjWARN_BADQVEL || w == mjWARN_BADQACC) && drive.dof == which) ||
+          (w == mjWARN_BADQPOS && position_address(model_->get(), drive) == which))
+        joint = ", joint " + joint_name(model_->get(), drive);
+    return work_failed(fmt::format("the simulation diverged at step {} ({} s){}: {} State before the step: {}", steps_,
+                                   time_s(), joint, mju_warningText(w, static_cast<std::size_t>(which)), state_text()));
   }
-  for (std::size_t i = 0; i < drives.size(); ++i) {
-    const drive::Workspace& s = drive(i);
-    const double work = drive::delivered_nm(s) * 0.5 * (qd_begin_[i] + d->qvel[drives[i].dof]) * timestep_s_;
-    motor_work_J_ += work;
-    if (!qvel_begin_.empty()) other_work_J_ -= work;
-    JointFigures& f = figures_[i];
-    f.temperature_max_degC = std::max(f.temperature_max_degC, s.temperature_degC);
-    f.friction_squared_sum += s.friction_nm * s.friction_nm;
-    f.friction_max_nm = std::max(f.friction_max_nm, std::abs(s.friction_nm));
-    f.load_max_norm = std::max(f.load_max_norm, std::abs(s.load_used_nm) / drives[i].drive.torque_max_nm);
-    if (s.outside != 0 && drives[i].drive.law.validity == friction::Validity::error)
-      return tl::unexpected(fmt::format(
-          "joint {} left the range of its law '{}' at step {} ({} s), and its validity is 'error'. State: {}",
-          joint_name(model_->get(), drives[i]), drives[i].drive.law.info->name, steps_, time_s(), diagnosis()));
-  }
-  for (std::size_t dof = 0; dof < qvel_begin_.size(); ++dof)
-    other_work_J_ += d->qfrc_actuator[dof] * 0.5 * (qvel_begin_[dof] + d->qvel[dof]) * timestep_s_;
-  ++steps_;
   return {};
+}
+
+Result<void> Twin::account(std::size_t i) {
+  const auto& binding = model_->drives()[i];
+  const drive::Workspace& s = drive(i);
+  const double work = drive::delivered_nm(s) * 0.5 * (qd_begin_[i] + data_->qvel[binding.dof]) * timestep_s_;
+  motor_work_J_ += work;
+  if (!qvel_begin_.empty()) other_work_J_ -= work;
+  JointFigures& f = figures_[i];
+  f.temperature_max_degC = std::max(f.temperature_max_degC, s.temperature_degC);
+  f.friction_squared_sum += s.friction_nm * s.friction_nm;
+  f.friction_max_nm = std::max(f.friction_max_nm, std::abs(s.friction_nm));
+  f.load_max_norm = std::max(f.load_max_norm, std::abs(s.load_used_nm) / binding.drive.torque_max_nm);
+  if (s.outside == 0 || binding.drive.law.validity != friction::Validity::error) return {};
+  return work_failed(
+      fmt::format("joint {} left the range of its law '{}' at step {} ({} s), and its validity is 'error'. State: {}",
+                  joint_name(model_->get(), binding), binding.drive.law.info->name, steps_, time_s(), state_text()));
+}
+
+Result<Status> Twin::advance() {
+  if (steps_ >= total_) return Status::finished;
+  apply_due_events();
+  begin_step();
+  model_->step(data_.get(), {control, this});
+  ++computed_;
+  if (auto ok = check_engine(); !ok) return tl::unexpected(ok.error());
+  for (std::size_t i = 0; i < figures_.size(); ++i)
+    if (auto ok = account(i); !ok) return tl::unexpected(ok.error());
+  for (std::size_t dof = 0; dof < qvel_begin_.size(); ++dof)
+    other_work_J_ += data_->qfrc_actuator[dof] * 0.5 * (qvel_begin_[dof] + data_->qvel[dof]) * timestep_s_;
+  ++steps_;
+  return Status::running;
+}
+
+Result<Status> Twin::step() {
+  if (status_) status_ = advance();
+  return status_;
 }
 
 void Twin::skip(std::int64_t steps, std::span<const thermal::Rise> rise, std::span<const double> heat_J) {

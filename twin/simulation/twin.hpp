@@ -10,33 +10,49 @@
 
 namespace tribotwin::twin {
 
-/// Running figures of one joint.
+/// What a step of a twin came to; an error is the third outcome.
+enum class Status {
+  running,   ///< one time step was computed
+  finished,  ///< the scenario's duration is over: nothing was computed
+};
+
+/// Statistics of one joint since the start of the run.
 struct JointFigures {
   double temperature_max_degC = -1e9;
   double friction_squared_sum = 0, friction_max_nm = 0;
   double load_max_norm = 0;
 };
 
-/// One simulation of a scenario: `while (twin.step()) ...`. Several twins of one scenario run in parallel threads; they
-/// share the model and nothing else.
+/// One simulation of a scenario:
+///
+///     Twin twin(std::move(*scenario));
+///     while (twin.step() == Status::running) use(twin.temperature_degC(0));
+///     if (!twin.status()) report(twin.status().error().message);
+///
+/// A twin owns its scenario. The model is shared and immutable, so twins of one scenario may run in parallel threads.
 class Twin {
  public:
-  explicit Twin(const Scenario& scenario);
-  /// A twin whose drives do what `commands` says, in place of the scenario's motion and control: for controllers
-  /// outside. The loops' gains are those of the scenario's servo.
+  explicit Twin(Scenario scenario);
+  /// A twin whose drives follow `commands` instead of the scenario's motion and control, for external controllers. The
+  /// loops have the gains of the scenario's servo. Such a twin never finishes.
   static constexpr struct Commanded {
   } commanded{};
-  Twin(const Scenario& scenario, Commanded);
+  Twin(Scenario scenario, Commanded);
   Twin(const Twin&) = delete;
   Twin& operator=(const Twin&) = delete;
 
-  /// Advances one time step; applies due events first. Fails when the simulation diverges or a drive of validity
-  /// `error` leaves its range: the message names step, joint and state.
-  Result<void> step();
+  /// Applies due events, then advances one time step. Fails when the simulation diverges or a drive of validity `error`
+  /// leaves its range: the message names step, joint and state. A failed twin stays failed.
+  Result<Status> step();
+  /// The result of the last step.
+  const Result<Status>& status() const { return status_; }
 
+  const Scenario& scenario() const { return scenario_; }
   double time_s() const { return static_cast<double>(steps_) * timestep_s_; }
   std::int64_t steps() const { return steps_; }  ///< of simulated time, skipped ones included
   std::int64_t steps_computed() const { return computed_; }
+  /// Steps until the scenario's end.
+  std::int64_t steps_total() const { return total_; }
   const mujoco::Model& model() const { return *model_; }
   mjData* data() { return data_.get(); }
   const mjData* data() const { return data_.get(); }
@@ -45,46 +61,54 @@ class Twin {
   double temperature_degC(std::size_t i) const { return drive::temperature_degC(model_->drives()[i].drive, state(i)); }
   const JointFigures& figures(std::size_t i) const { return figures_[i]; }
 
-  /// Of a commanded twin: read at every step.
+  /// Commands of a commanded twin, per drive. Each step reads them.
   std::span<DriveCommand> commands() { return commands_; }
-  /// Whether a commanded drive's torque was cut to a limit in the last step.
+  /// Whether a limit cut a commanded drive's torque in the last step.
   bool limited(std::size_t i) const { return drive_servo_->limited(i); }
   void set_brake(std::size_t i, bool engaged);
-  /// Holds a drive's temperature at what a bench measured [degC]; without a value the thermal model goes on from there.
+  /// Holds a drive's temperature at a measured value [degC]. Without a value the thermal model continues from there.
   void set_measured_temperature(std::size_t i, std::optional<double> temperature_degC);
 
-  /// State at the start of the last step, per drive.
+  /// State of a drive at the start of the last step.
   double position_rad(std::size_t i) const { return q_begin_[i]; }
   double velocity_rad_s(std::size_t i) const { return qd_begin_[i]; }
 
-  /// A transmission at the start of the last step. Torsion and set point are those of the arm.
+  /// State of a transmission at the start of the last step. Torsion and set point are on the arm side.
   struct Transmission {
     std::size_t drive;
     double torsion_rad, torque_nm, arm_rad, arm_set_point_rad, arm_set_speed_rad_s;
   };
   Transmission transmission(const mujoco::Spring& spring) const;
 
-  /// Mechanical energy balance since the start [J]: work of motors and of all other actuators - change of kinetic and
-  /// potential energy (payload changes excluded) - friction work; 0 up to the integrator's error.
+  /// Residual of the mechanical energy balance since the start [J]: work of all actuators - change of kinetic and
+  /// potential energy (payload changes excluded) - friction work. 0 up to the integrator's error.
   double balance_J() const;
   double motor_work_J() const { return motor_work_J_; }
 
-  /// Time in which no growing fault's friction changes by more than 5 % [s], infinite when none grows.
+  /// Time in which no growing fault changes friction by more than 5 % [s]; infinite when none grows.
   double growth_horizon_s() const;
-  /// Time of the next event, infinite when there is none.
+  /// Time of the next event [s]; infinite when there is none.
   double next_event_s() const;
-  /// Lets simulated time pass without stepping: `steps` steps in which the drives got the given heat [J] and reached
-  /// the given rise. For motions that repeat; the mechanical state stays.
+  /// Advances simulated time by `steps` time steps without computing them. The drives receive the given heat [J] and
+  /// reach the given temperature rise; the mechanical state stays. For motions that repeat.
   void skip(std::int64_t steps, std::span<const thermal::Rise> rise, std::span<const double> heat_J);
 
  private:
+  void set_start_state();
+  Result<Status> advance();
+  void begin_step();
+  Result<void> check_engine() const;
+  Result<void> account(std::size_t drive);
   static void control(void* self, const mjModel* m, mjData* d);
+  bool recorded_torque_off();
   void apply(const Event& event);
+  void apply(const Wear& wear);
+  void apply_due_events();
   void set_faults();
   double mechanical_energy_J() const;
-  std::string diagnosis() const;
+  std::string state_text() const;
 
-  const Scenario& scenario_;
+  const Scenario scenario_;
   std::shared_ptr<const mujoco::Model> model_;
   mujoco::DataPtr data_;
   std::unique_ptr<Servo> servo_;
@@ -94,7 +118,8 @@ class Twin {
   std::vector<double> q_begin_, qd_begin_;
   std::vector<JointFigures> figures_;
   double timestep_s_;
-  std::int64_t steps_ = 0, computed_ = 0;
+  std::int64_t steps_ = 0, computed_ = 0, total_;
+  Result<Status> status_ = Status::running;
   std::size_t next_event_ = 0;
   struct ActiveFault {
     const FaultChange* fault;
@@ -102,8 +127,8 @@ class Twin {
   };
   std::vector<ActiveFault> faults_;
   std::size_t recording_index_ = 0;
-  bool controlled_ = false;
-  std::vector<double> qvel_begin_;  ///< of all joints, where actuators beside the drives work on them
+  bool controlled_ = false;         ///< in this step
+  std::vector<double> qvel_begin_;  ///< of all joints; empty without actuators beside the drives
   double motor_work_J_ = 0, other_work_J_ = 0, energy_start_J_ = 0, energy_jumps_J_ = 0;
 };
 

@@ -15,7 +15,7 @@ constexpr std::int64_t ms = 1'000'000;
 class OneBench : public testing::Test {
  protected:
   twin::Scenario scenario =
-      twin::load_scenario(std::string(TRIBOTWIN_SOURCE_DIR) + "/twin/scenarios/irb6620_hold.yaml");
+      twin::load_scenario(std::string(TRIBOTWIN_SOURCE_DIR) + "/twin/scenarios/irb6620_hold.yaml").value();
   std::vector<Frame> bus;
   std::int64_t now = 0;
   Send send = [this](const Frame& f) {

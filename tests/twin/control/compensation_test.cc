@@ -93,7 +93,8 @@ Tracked tracked(double temperature, std::span<const int> seeds) {
       const Scenario scenario =
           load_scenario(std::string(TRIBOTWIN_SOURCE_DIR) + "/twin/scenarios/rh380n_tracking.yaml",
                         {fmt::format("temperature_degC={}", temperature),
-                         fmt::format("control.compensation={}", compensation), fmt::format("seed={}", seed)});
+                         fmt::format("control.compensation={}", compensation), fmt::format("seed={}", seed)})
+              .value();
       const auto summary = run(scenario, {});
       EXPECT_TRUE(summary.has_value()) << summary.error().message;
       return summary->tracking.at(0);

@@ -1,6 +1,5 @@
 #include <algorithm>
 #include <array>
-#include <charconv>
 #include <cmath>
 #include <numbers>
 #include <numeric>
@@ -23,42 +22,6 @@ namespace {
 namespace fs = std::filesystem;
 constexpr Bounds positions{-1e4, 1e4};                           // of joints: rad, or m of a sliding one
 constexpr std::size_t most_curves = 100000, most_benches = 900;  // the engine's callbacks serve 1024 models
-
-/// Applies key=value to the tree; dotted keys descend into mappings and, by numbers, into lists. Missing mappings are
-/// made.
-void apply_setting(YAML::Node root, const std::string& assignment) {
-  const auto equals = assignment.find('=');
-  if (equals == std::string::npos || equals == 0)
-    throw InputError(fmt::format(
-        "--set {}: must be key=value, for example --set seed=7 or --set series.0.load.norm=0.3", assignment));
-  YAML::Node node;
-  node.reset(root);
-  const std::string path = assignment.substr(0, equals);
-  for (std::size_t begin = 0; begin <= path.size();) {
-    const std::size_t dot = std::min(path.find('.', begin), path.size());
-    const std::string key = path.substr(begin, dot - begin);
-    if (key.empty()) throw InputError(fmt::format("--set {}: an empty key", assignment));
-    if (node.IsDefined() && node.IsSequence()) {
-      std::size_t index = 0;
-      const auto [end, error] = std::from_chars(key.data(), key.data() + key.size(), index);
-      if (error != std::errc{} || end != key.data() + key.size() || index >= node.size())
-        throw InputError(fmt::format("--set {}: '{}' must be a number from 0 to {}, an entry of the list", assignment,
-                                     key, node.size() - 1));
-      node.reset(node[index]);
-    } else if (node.IsDefined() && !node.IsNull() && !node.IsMap()) {
-      throw InputError(fmt::format("--set {}: '{}' is no mapping, so it has no key '{}'", assignment,
-                                   path.substr(0, begin - 1), key));
-    } else {
-      node.reset(node[key]);
-    }
-    begin = dot + 1;
-  }
-  try {
-    node = YAML::Load(assignment.substr(equals + 1));
-  } catch (const YAML::Exception& e) {
-    throw InputError(fmt::format("--set {}: {}", assignment, e.msg));
-  }
-}
 
 /// A reproducible stream for one purpose of one curve.
 std::mt19937_64 random_for(std::uint64_t seed, std::uint64_t number, std::uint64_t purpose) {
@@ -413,7 +376,8 @@ std::vector<double> start_of(Mapping& in, const mujoco::Model& model) {
 
 YAML::Node campaign_tree(const fs::path& file, const std::vector<std::string>& overrides) {
   YAML::Node root = load_yaml(file);
-  for (const auto& assignment : overrides) apply_setting(root, assignment);
+  for (const auto& assignment : overrides)
+    apply_setting(root, assignment, "--set seed=7 or --set series.0.load.norm=0.3");
   return root;
 }
 

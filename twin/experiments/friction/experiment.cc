@@ -226,16 +226,16 @@ Result<std::vector<CurvePoint>> measure_curve(const mujoco::Model& model, std::s
     me.external_nm = options.load_norm * drive.torque_max_nm;
   }
   const auto bench = bench_of(model, gravity, me.sensors.sampling_hz);
-  if (!bench) return tl::unexpected(bench.error());
+  if (!bench) return work_failed(bench.error().message);
   const auto motion = plus_minus(**bench, drive_index, me);
-  if (!motion) return tl::unexpected(motion.error());
+  if (!motion) return work_failed(motion.error().message);
   const auto recording = record(**bench, drive_index, *motion, me, options.progress);
-  if (!recording) return tl::unexpected(recording.error());
+  if (!recording) return work_failed(recording.error().message);
   const auto levels = levels_of(*recording, {.speeds_rad_s = me.speeds_rad_s,
                                              .centre_rad = me.start_rad[drive_index],
                                              .width_rad = me.width_rad,
                                              .lag_s = 0});
-  if (!levels) return tl::unexpected(levels.error());
+  if (!levels) return work_failed(levels.error().message);
   std::vector<CurvePoint> points;
   for (std::size_t i = 0; i < speeds.size(); ++i) {
     const Level& level = levels->levels[i];

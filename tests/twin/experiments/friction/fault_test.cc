@@ -120,12 +120,8 @@ TEST(Faults, AreRefusedWithPlaceAndRemedy) {
   const auto error = [](const std::string& event) -> std::string {
     const File file("model: " + model + "\nduration_s: 3600\nmotion: {type: hold}\nevents: [{time_s: 0, type: fault, " +
                     event + "}]\n");
-    try {
-      load_scenario(file.path);
-    } catch (const InputError& e) {
-      return e.what();
-    }
-    return "accepted";
+    const auto scenario = load_scenario(file.path);
+    return scenario ? "accepted" : scenario.error().message;
   };
   EXPECT_EQ(error("joint: joint3, fault: wear, severity: 0.1, growth_per_h: 0.1"), "accepted");
   EXPECT_THAT(error("joint: joint3, fault: waer, severity: 0.1"), HasSubstr("did you mean 'wear'"));
@@ -143,7 +139,7 @@ const std::string cycle = "model: " + model +
 
 Summary ran(const std::string& text) {
   const File file(text);
-  auto summary = run(load_scenario(file.path), {});
+  auto summary = run(load_scenario(file.path).value(), {});
   EXPECT_TRUE(summary) << summary.error().message;
   return *summary;
 }

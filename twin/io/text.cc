@@ -1,0 +1,26 @@
+#include <cerrno>
+#include <cstring>
+#include <iterator>
+
+#include <fmt/format.h>
+
+#include <tribotwin/twin/io/text.hpp>
+
+namespace tribotwin::twin {
+
+Result<std::ifstream> open_text(const std::filesystem::path& file, std::string_view kind) {
+  std::error_code error;
+  if (std::filesystem::is_directory(file, error))
+    return tl::unexpected(fmt::format("{}: is a folder, not {}", file.string(), kind));
+  std::ifstream stream(file, std::ios::binary);
+  if (!stream) return tl::unexpected(fmt::format("{}: cannot be read ({})", file.string(), std::strerror(errno)));
+  return stream;
+}
+
+Result<std::string> read_text(const std::filesystem::path& file, std::string_view kind) {
+  auto stream = open_text(file, kind);
+  if (!stream) return tl::unexpected(stream.error());
+  return std::string(std::istreambuf_iterator<char>(*stream), {});
+}
+
+}  // namespace tribotwin::twin

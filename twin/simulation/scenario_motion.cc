@@ -1,0 +1,157 @@
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+
+#include <fmt/format.h>
+
+#include <tribotwin/twin/simulation/scenario_input.hpp>
+
+namespace tribotwin::twin {
+namespace {
+
+namespace fs = std::filesystem;
+
+struct MotionInput {
+  Mapping& in;
+  Scenario& scenario;
+  const fs::path& folder;
+  YAML::Node node;
+
+  const mujoco::Model& model() const { return *scenario.model; }
+  std::size_t drives() const { return model().drives().size(); }
+  double dwell_s() const { return in.number_or("dwell_s", 0.2, {0, 1e6}); }
+};
+
+Motion read_hold(const MotionInput& input) {
+  input.in.done();
+  return Motion(input.scenario.start_rad);
+}
+
+/// The drive of each joint of a recording.
+std::vector<std::size_t> drives_of(const MotionInput& input, const SetPoints& points) {
+  std::vector<std::size_t> drives;
+  for (const auto& joint : points.joints) drives.push_back(drive_index(input.model(), input.in, "file", joint));
+  if (!points.joints.empty()) return drives;
+  if (input.drives() != 1)
+    input.in.fail("file", fmt::format("is a recording of one joint, but the model has {} drives", input.drives()));
+  return {0};
+}
+
+Motion follow(const SetPoints& points, const std::vector<std::size_t>& drives, std::vector<double> start_rad,
+              double delay_s) {
+  Motion motion(start_rad);
+  std::vector<double> position = std::move(start_rad), velocity(position.size(), 0.0);
+  for (std::size_t i = 0; i < points.time_s.size(); ++i) {
+    for (std::size_t k = 0; k < drives.size(); ++k) position[drives[k]] = points.position_rad[k][i];
+    const double time = points.time_s[i] - points.time_s[0] + delay_s;
+    if (points.velocity_rad_s.empty()) {
+      motion.hold_at(time, position);
+      continue;
+    }
+    for (std::size_t k = 0; k < drives.size(); ++k) velocity[drives[k]] = points.velocity_rad_s[k][i];
+    motion.pass_through(time, position, velocity);
+  }
+  return motion;
+}
+
+Motion read_recording(const MotionInput& input) {
+  Scenario& s = input.scenario;
+  auto points = or_wrong_input(read_set_points(resolve_file(input.folder, input.in, input.node, "file")));
+  const double delay_s = input.in.number_or("delay_s", 0, {0, 10});
+  input.in.done();
+  const auto drives = drives_of(input, points);
+  for (std::size_t k = 0; k < drives.size(); ++k)
+    s.start_rad[drives[k]] = points.measured_rad.empty() || !std::isfinite(points.measured_rad[0])
+                                 ? points.position_rad[k][0]
+                                 : points.measured_rad[0];
+  Motion motion = follow(points, drives, s.start_rad, delay_s);
+  if (s.duration_s == 0) s.duration_s = points.time_s.back() - points.time_s[0];
+  if (s.duration_s == 0)
+    input.in.fail("file", "is a recording of a single instant, which lasts no time; give duration_s");
+  s.recording = std::move(points);
+  return motion;
+}
+
+/// One number per drive from the model's <custom><numeric>; 1 where it has none.
+std::vector<double> model_numbers(const MotionInput& input, const char* numeric) {
+  const mjModel* m = input.model().get();
+  const int id = mj_name2id(m, mjOBJ_NUMERIC, numeric);
+  if (id < 0 || static_cast<std::size_t>(m->numeric_size[id]) != input.drives())
+    return std::vector<double>(input.drives(), 1);
+  const mjtNum* data = m->numeric_data + m->numeric_adr[id];
+  return {data, data + input.drives()};
+}
+
+Motion read_cycle(const MotionInput& input) {
+  Mapping& in = input.in;
+  Scenario& s = input.scenario;
+  const double dwell_s = input.dwell_s(), share = in.number_or("speed_share", 0.8, {1e-6, 1});
+  std::vector<double> speed = model_numbers(input, "joint_speed_max_rad_s");
+  for (double& v : speed) v *= share;
+  speed = per_drive(in, "speed_rad_s", input.model(), speed, {1e-9, 1e6});
+  std::vector<double> acceleration(speed.size());
+  for (std::size_t j = 0; j < speed.size(); ++j) acceleration[j] = speed[j] / in.number_or("ramp_s", 0.4, {1e-3, 1e3});
+  const auto points = in.mappings("waypoints");
+  const bool repeat = in.flag_or("repeat", true);
+  in.done();
+  if (points.size() < 2) in.fail("waypoints", "needs at least two poses, each a mapping with position_rad");
+  std::vector<std::vector<double>> poses;
+  for (Mapping point : points) {
+    poses.push_back(
+        per_drive(point, "position_rad", input.model(), poses.empty() ? s.start_rad : poses.back(), positions));
+    point.done();
+  }
+  s.start_rad = poses.front();
+  Motion motion(poses.front());
+  for (std::size_t i = 1; i < poses.size(); ++i) motion.move_to(poses[i], speed, acceleration).dwell(dwell_s);
+  if (repeat) motion.move_to(poses.front(), speed, acceleration).dwell(dwell_s).repeat(input.model()->opt.timestep);
+  return motion;
+}
+
+Motion read_back_and_forth(const MotionInput& input) {
+  Mapping& in = input.in;
+  Scenario& s = input.scenario;
+  const double dwell_s = input.dwell_s();
+  const std::size_t joint = drive_index(input.model(), in, "joint", in.text("joint"));
+  const double travel = in.number("travel_rad", {1e-9, 1e4}), speed = in.number("speed_rad_s", {1e-9, 1e4});
+  const double acceleration = in.number_or("acceleration_rad_s2", 10, {1e-6, 1e6});
+  const bool repeat = in.flag_or("repeat", true);
+  in.done();
+  Motion motion = back_and_forth(s.start_rad, joint, travel, speed, acceleration, dwell_s);
+  s.start_rad.assign(motion.start_rad().begin(), motion.start_rad().end());
+  if (repeat) motion.repeat(input.model()->opt.timestep);
+  return motion;
+}
+
+Motion read_test_cycle(const MotionInput& input) {
+  Mapping& in = input.in;
+  Scenario& s = input.scenario;
+  const double dwell_s = input.dwell_s();
+  std::vector<std::size_t> joints;
+  const YAML::Node list = in.raw("joints");
+  if (!list || !list.IsSequence() || list.size() == 0) in.fail("joints", "must be a list of joint names");
+  for (const auto& name : list) joints.push_back(drive_index(input.model(), in, "joints", name.Scalar()));
+  const double acceleration = in.number_or("acceleration_rad_s2", 400 * (std::numbers::pi / 180), {1e-6, 1e6});
+  in.done();
+  Motion motion = test_cycle(s.start_rad, joints, acceleration, dwell_s);
+  if (s.duration_s == 0) s.duration_s = motion.duration_s();
+  return motion;
+}
+
+/// One row per type of motion.
+constexpr std::pair<std::string_view, Motion (*)(const MotionInput&)> types[] = {
+    {"hold", read_hold},
+    {"cycle", read_cycle},
+    {"back_and_forth", read_back_and_forth},
+    {"test_cycle", read_test_cycle},
+    {"recording", read_recording},
+};
+
+}  // namespace
+
+void read_motion(Mapping in, Scenario& scenario, const fs::path& folder, YAML::Node node) {
+  const auto read = choice_of(in, "type", types);
+  scenario.motion = read({in, scenario, folder, node});
+}
+
+}  // namespace tribotwin::twin

@@ -1,0 +1,77 @@
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
+
+#include <tribotwin/twin/simulation/twin.hpp>
+
+/// The results of a run in figures, and summary.json.
+namespace tribotwin::twin {
+
+struct JointSummary {
+  std::string name;
+  struct {
+    double start, end, max;
+  } temperature_degC;
+  struct {
+    double rms, max;
+  } friction_nm;
+  double load_max_norm;
+  std::int64_t clamped_samples;
+  double stuck_s;
+};
+
+struct Comparison {
+  double mae_mrad, baseline_mae_mrad;
+};
+
+/// How well the arm behind a transmission followed its set point (TrackingError).
+struct TrackingSummary {
+  double temperature_degC;   ///< at the start
+  std::string compensation;  ///< none, static, proposed
+  double l1_mrad, standstill_pp_mrad;
+};
+
+/// The last whole period of a transmission's torque under a periodic load.
+struct LoopSummary {
+  double frequency_hz, temperature_degC;
+  double area_J;            ///< of torque over torsion
+  double torque_nm;         ///< max |torque|
+  double stiffness_nm_rad;  ///< slope between the extreme torsions of the loop
+};
+
+/// Accepted residual of the energy balance: share of the friction work, and absolute.
+constexpr double balance_share = 0.01, balance_floor_J = 1e-3;
+
+struct Summary {
+  double simulated_s, wall_s;
+  std::int64_t steps, steps_computed;
+  std::uint64_t seed;
+  double friction_work_J, heat_J, motor_work_J;
+  double energy_balance_J;  ///< residual of the mechanical balance (Twin::balance_J)
+  bool balanced = true;     ///< residual within balance_share of the friction work, or balance_floor_J
+  std::vector<JointSummary> joints;
+  std::vector<std::string> warnings;
+  std::optional<Comparison> comparison;
+  std::vector<TrackingSummary> tracking;
+  std::vector<LoopSummary> loops;
+  bool interrupted = false;  ///< the run ended before the scenario did
+};
+
+/// The figures of a twin so far.
+Summary summarize(const Twin& twin, double wall_s);
+/// summary.json of a run.
+std::string summary_json(const Summary& summary);
+/// One of several runs of a scenario.
+struct VariedRun {
+  std::string folder;
+  std::vector<std::string> settings;  ///< key=value
+  Summary summary;
+};
+/// The summary.json over them: `runs` with folder and settings; tracking, loops and warnings of all.
+std::string varied_json(std::span<const VariedRun> runs);
+
+}  // namespace tribotwin::twin
