@@ -26,16 +26,10 @@ namespace {
 
 using namespace tribotwin;
 namespace fs = std::filesystem;
-using twin::complain, twin::done, twin::failed, twin::wrong_input, twin::InputError, twin::Progress, twin::note,
-    twin::print, twin::or_wrong_input;
+using twin::done, twin::failed, twin::wrong_input, twin::InputError, twin::Progress, twin::note, twin::print,
+    twin::or_wrong_input, twin::or_fail;
 
 constexpr const char* program = "tribotwin-report";
-
-template <class T>
-T or_fail(Result<T> value) {
-  if (!value) throw std::runtime_error(value.error().message);
-  if constexpr (!std::is_void_v<T>) return std::move(*value);
-}
 
 void write(const twin::Destination& output, std::string_view bytes) {
   or_fail(twin::write_file(output.file, bytes, output.existing()));
