@@ -2,7 +2,7 @@
 #include <iterator>
 
 #include <tribotwin/render/commands/page.hpp>
-#include <tribotwin/render/report/report.hpp>
+#include <tribotwin/render/report/run/run_report.hpp>
 
 namespace tribotwin::render::program {
 namespace {

@@ -9,7 +9,7 @@
 #include <tribotwin/render/figure/figures.hpp>
 #include <tribotwin/render/pose/pose.hpp>
 #include <tribotwin/render/process/child.hpp>
-#include <tribotwin/render/report/report.hpp>
+#include <tribotwin/render/report/run/run_report.hpp>
 #include <tribotwin/render/theme/theme.hpp>
 #include <tribotwin/twin/robot/arm.hpp>
 
