@@ -82,7 +82,7 @@ std::string range(const char* name, const Axis& axis, Range r) {
 
 Check checked(const Figure& f) {
   const auto wrong = [&](const std::string& what) {
-    return tl::unexpected(fmt::format("figure '{}': {}", f.title, what));
+    return work_failed(fmt::format("figure '{}': {}", f.title, what));
   };
   if (f.colour && !(f.colour->from && f.colour->to && *f.colour->from < *f.colour->to))
     return wrong("its colour axis needs limits");
@@ -314,7 +314,7 @@ Result<std::string> draw(const Figure& figure, Format format, FigureSize size) {
                               : figure.matrix ? matrix(figure)
                                               : curves(figure, size));
   auto drawn = run({{"gnuplot", "-d"}, "gnuplot-nox"}, script);
-  if (!drawn) return tl::unexpected(fmt::format("figure '{}': {}", figure.title, drawn.error().message));
+  if (!drawn) return work_failed(fmt::format("figure '{}': {}", figure.title, drawn.error().message));
   return drawn;
 }
 

@@ -19,7 +19,7 @@ struct Image {
   bool operator==(const Image&) const = default;
 };
 
-/// The picture as a PNG file's bytes; the same picture gives the same bytes.
+/// A picture of at least one pixel as a PNG file's bytes. The same picture gives the same bytes.
 std::string png(const Image& image);
 
 /// Copies `part` into `whole` with its top left corner at (x, y); what lies outside is cut.

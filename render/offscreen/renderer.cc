@@ -133,7 +133,7 @@ Result<Renderer> Renderer::create(const mjModel* model, Size size, Quality quali
   mjr_setBuffer(mjFB_OFFSCREEN, &impl->context);
   if (impl->context.currentBuffer != mjFB_OFFSCREEN || impl->context.offWidth < width ||
       impl->context.offHeight < height)
-    return tl::unexpected(
+    return work_failed(
         fmt::format("no offscreen framebuffer of {} x {} pixels with {} samples", width, height, quality.samples));
   mjv_defaultOption(&impl->option);
   return Renderer(std::move(impl));

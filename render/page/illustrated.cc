@@ -1,5 +1,3 @@
-#include <stdexcept>
-
 #include <fmt/format.h>
 
 #include <tribotwin/render/page/illustrated.hpp>
@@ -17,11 +15,12 @@ FigureSize size_of(const Figure& figure) {
 
 }  // namespace
 
-void IllustratedPage::keep(const std::string& name, std::string bytes, const char* ending) {
+Result<void> IllustratedPage::keep(const std::string& name, std::string bytes, const char* ending) {
   std::string file = fmt::format("{:02}_{}.{}", shown_, name, ending);
   if (const auto why = twin::unfit_file_name(file))
-    throw std::runtime_error(fmt::format("the file of figure {}: {}; give the joint another name", shown_, *why));
+    return work_failed(fmt::format("the file of figure {}: {}; give the joint another name", shown_, *why));
   files_.push_back({std::move(file), std::move(bytes)});
+  return {};
 }
 
 Result<void> IllustratedPage::show(pugi::xml_node to, const Figure& figure, const std::string& name,
@@ -33,18 +32,19 @@ Result<void> IllustratedPage::show(pugi::xml_node to, const Figure& figure, cons
   for (const Format format : formats_) {
     auto file = draw(figure, format, size);
     if (!file) return tl::unexpected(file.error());
-    keep(name, std::move(*file), format == Format::pdf ? "pdf" : format == Format::png ? "png" : "svg");
+    const char* ending = format == Format::pdf ? "pdf" : format == Format::png ? "png" : "svg";
+    if (auto kept = keep(name, std::move(*file), ending); !kept) return kept;
   }
   add_svg(to, *svg, caption, figure.title + ". " + caption, wide);
   return {};
 }
 
-void IllustratedPage::show(pugi::xml_node to, const Image& image, const std::string& name, const std::string& caption,
-                           bool wide) {
+Result<void> IllustratedPage::show(pugi::xml_node to, const Image& image, const std::string& name,
+                                   const std::string& caption, bool wide) {
   std::string bytes = png(image);
   add_png(to, bytes, caption, caption, wide);
   ++shown_;
-  if (!formats_.empty()) keep(name, std::move(bytes), "png");
+  return formats_.empty() ? Result<void>() : keep(name, std::move(bytes), "png");
 }
 
 void IllustratedPage::tile(pugi::xml_node tiles, const std::string& name, const std::string& value,

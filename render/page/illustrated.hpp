@@ -37,8 +37,8 @@ class IllustratedPage : public Page {
   /// Draws a figure; `name` is that of its files. Fails where it cannot be drawn.
   Result<void> show(pugi::xml_node to, const Figure& figure, const std::string& name, const std::string& caption,
                     bool wide = false);
-  void show(pugi::xml_node to, const Image& image, const std::string& name, const std::string& caption,
-            bool wide = false);
+  Result<void> show(pugi::xml_node to, const Image& image, const std::string& name, const std::string& caption,
+                    bool wide = false);
   /// One figure of the page's head: a number with what it is, and more about it. `kind` is "good" or "bad".
   static void tile(pugi::xml_node tiles, const std::string& name, const std::string& value, const std::string& more,
                    const char* kind = nullptr);
@@ -48,7 +48,7 @@ class IllustratedPage : public Page {
   Report report(std::vector<std::string> notes) { return {html(), std::move(files_), std::move(notes)}; }
 
  private:
-  void keep(const std::string& name, std::string bytes, const char* ending);
+  Result<void> keep(const std::string& name, std::string bytes, const char* ending);
 
   std::vector<Format> formats_;
   std::vector<File> files_;

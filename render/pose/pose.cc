@@ -166,7 +166,7 @@ std::vector<std::size_t> evenly_in_time(std::span<const double> time_s, std::siz
 Result<Image> contact_sheet(std::shared_ptr<const mujoco::Model> model, const twin::Recording& record,
                             std::span<const std::size_t> indices, const PoseOptions& options, Size each,
                             const std::function<void(double)>& progress) {
-  if (indices.empty()) return tl::unexpected(std::string("a contact sheet needs at least one sample"));
+  if (indices.empty()) return tl::unexpected(Error("a contact sheet needs at least one sample"));
   auto painter = PosePainter::create(model, each);
   if (!painter) return tl::unexpected(painter.error());
   const int n = static_cast<int>(indices.size());

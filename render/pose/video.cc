@@ -32,7 +32,7 @@ Result<void> check_film(const std::filesystem::path& file) {
     at += length;
   }
   if (at == size && index) return {};
-  return tl::unexpected(std::string("ffmpeg made a film that is not whole; is the disk full?"));
+  return work_failed("ffmpeg made a film that is not whole; is the disk full?");
 }
 
 }  // namespace
@@ -49,11 +49,11 @@ Result<void> write_video(const std::filesystem::path& file, twin::Existing exist
     return tl::unexpected(fmt::format("a film of {} s at {} frames per second: must have 1 to 1000000 frames",
                                       options.length_s, options.frames_per_s));
   const auto span = record.time_s.empty() ? std::span<const double>() : std::span<const double>(record.time_s);
-  if (span.empty()) return tl::unexpected(std::string("the record has no samples"));
+  if (span.empty()) return tl::unexpected(Error("the record has no samples"));
   auto painter = PosePainter::create(model, options.size, options.quality);
   if (!painter) return tl::unexpected(painter.error());
   auto film = twin::NewFile::create(file, existing);
-  if (!film) return tl::unexpected(film.error());
+  if (!film) return work_failed(film.error().message);
   const std::string side = fmt::format("{}x{}", options.size.width, options.size.height);
   auto ffmpeg = Child::start({{"ffmpeg",
                                "-loglevel",
@@ -85,7 +85,9 @@ Result<void> write_video(const std::filesystem::path& file, twin::Existing exist
                                fs::absolute(film->partial()).string()},
                               "ffmpeg"});
   if (!ffmpeg) return tl::unexpected(ffmpeg.error());
-  const auto fail = [&](const std::string& why) { return tl::unexpected(fmt::format("{}: {}", file.string(), why)); };
+  const auto fail = [&](const Error& e) {
+    return tl::unexpected(Error(fmt::format("{}: {}", file.string(), e.message), e.kind));
+  };
   const auto frames = static_cast<long>(std::llround(wanted));
   std::size_t index = 0;
   for (long i = 0; i < frames; ++i) {
@@ -93,16 +95,17 @@ Result<void> write_video(const std::filesystem::path& file, twin::Existing exist
                                         (frames > 1 ? static_cast<double>(i) / static_cast<double>(frames - 1) : 1.0);
     while (index + 1 < span.size() && span[index + 1] <= t) ++index;
     const auto image = painter->draw(recorded(*model, record, index), pose);
-    if (!image) return fail(image.error().message);
+    if (!image) return fail(image.error());
     if (auto fed = ffmpeg->write({reinterpret_cast<const char*>(image->rgb.data()), image->rgb.size()}); !fed)
-      return fail(fed.error().message);
+      return fail(fed.error());
     if (progress) progress(static_cast<double>(i + 1) / static_cast<double>(frames));
   }
   const auto said = ffmpeg->finish();
-  if (!said) return fail(said.error().message);
-  if (!said->empty()) return fail("ffmpeg: " + *said);
-  if (auto whole = check_film(film->partial()); !whole) return fail(whole.error().message);
-  return film->publish();
+  if (!said) return fail(said.error());
+  if (!said->empty()) return fail({"ffmpeg: " + *said, ErrorKind::work});
+  if (auto whole = check_film(film->partial()); !whole) return fail(whole.error());
+  if (auto published = film->publish(); !published) return work_failed(published.error().message);
+  return {};
 }
 
 }  // namespace tribotwin::render

@@ -59,9 +59,9 @@ Result<GSubprocess*> spawn(const Program& program, int flags, int stdin_file = -
   const bool missing = g_error_matches(error, G_SPAWN_ERROR, G_SPAWN_ERROR_NOENT);
   const std::string why = message(error);
   if (missing)
-    return tl::unexpected(
+    return work_failed(
         fmt::format("{} is not installed; on Debian: apt-get install {}", program.arguments[0], program.package));
-  return tl::unexpected(fmt::format("{} cannot be started: {}", program.arguments[0], why));
+  return work_failed(fmt::format("{} cannot be started: {}", program.arguments[0], why));
 }
 
 Result<void> verdict(const std::string& name, GSubprocess* process, const std::string& said) {
@@ -69,7 +69,7 @@ Result<void> verdict(const std::string& name, GSubprocess* process, const std::s
   const std::string ending = g_subprocess_get_if_exited(process)
                                  ? fmt::format("ended with exit code {}", g_subprocess_get_exit_status(process))
                                  : fmt::format("was ended by signal {}", g_subprocess_get_term_sig(process));
-  return tl::unexpected(fmt::format("{} {}{}{}", name, ending, said.empty() ? "" : ": ", said));
+  return work_failed(fmt::format("{} {}{}{}", name, ending, said.empty() ? "" : ": ", said));
 }
 
 }  // namespace
@@ -77,15 +77,15 @@ Result<void> verdict(const std::string& name, GSubprocess* process, const std::s
 Result<std::string> run(const Program& program, std::string_view input) {
   const int script = file_in_memory(input);
   if (script < 0)
-    return tl::unexpected(fmt::format("{}: no memory for its input of {} bytes: {}", program.arguments[0], input.size(),
-                                      std::strerror(errno)));
+    return work_failed(fmt::format("{}: no memory for its input of {} bytes: {}", program.arguments[0], input.size(),
+                                   std::strerror(errno)));
   auto process = spawn(program, G_SUBPROCESS_FLAGS_STDOUT_PIPE | G_SUBPROCESS_FLAGS_STDERR_PIPE, script);
   if (!process) return tl::unexpected(process.error());
   const std::unique_ptr<GSubprocess, decltype(&g_object_unref)> owner(*process, g_object_unref);
   GBytes *out = nullptr, *err = nullptr;
   GError* error = nullptr;
   if (!g_subprocess_communicate(*process, nullptr, nullptr, &out, &err, &error))
-    return tl::unexpected(fmt::format("{}: {}", program.arguments[0], message(error)));
+    return work_failed(fmt::format("{}: {}", program.arguments[0], message(error)));
   const Bytes out_owner(out), err_owner(err);
   if (auto good = verdict(program.arguments[0], *process, one_line(text(err))); !good)
     return tl::unexpected(good.error());
@@ -114,7 +114,7 @@ Result<void> Child::write(std::string_view bytes) {
     return {};
   const std::string why = message(error);
   auto ended = finish();
-  return tl::unexpected(ended ? fmt::format("{}: {}", name_, why) : ended.error().message);
+  return work_failed(ended ? fmt::format("{}: {}", name_, why) : ended.error().message);
 }
 
 Result<std::string> Child::finish() {

@@ -330,7 +330,7 @@ class Writer {
 
 }  // namespace
 
-Result<DaysData> load_days(const std::filesystem::path& directory) {
+Result<DaysData> load_days(const std::filesystem::path& directory) try {
   const auto file = directory / "campaign.yaml";
   const YAML::Node root = twin::load_yaml(file);
   if (!is_repeatability(root)) return tl::unexpected(fmt::format("{}: is no campaign of working days", file.string()));
@@ -339,6 +339,8 @@ Result<DaysData> load_days(const std::filesystem::path& directory) {
   if (!results) return tl::unexpected(results.error());
   data.results = *std::move(results);
   return data;
+} catch (const twin::InputError& e) {
+  return tl::unexpected(e.what());
 }
 
 Result<Report> make_days_report(const DaysData& data, const ReportOptions& options) {

@@ -15,7 +15,8 @@ struct DaysData {
   twin::repeatability::Results results;
 };
 
-/// Reads the folder of `tribotwin lab`. Throws InputError; fails where a test is missing or damaged, with its file.
+/// Reads the folder of `tribotwin lab`. Fails where the campaign is wrong, and where a test is missing or damaged, with
+/// its file.
 Result<DaysData> load_days(const std::filesystem::path& directory);
 
 /// One self-contained page: verdict, changes, time constants, friction over the day, torques cold and hot, parameters

@@ -5,6 +5,7 @@
 #include <nlohmann/json.hpp>
 
 #include <tribotwin/render/report/study_data.hpp>
+#include <tribotwin/twin/io/input.hpp>
 #include <tribotwin/twin/io/json_input.hpp>
 #include <tribotwin/twin/io/name.hpp>
 #include <tribotwin/twin/io/table.hpp>
@@ -14,7 +15,7 @@ namespace {
 
 namespace fs = std::filesystem;
 using nlohmann::json;
-using twin::InputError, twin::JsonInput;
+using twin::InputError, twin::JsonInput, twin::or_wrong_input;
 using namespace twin::diagnosis;
 
 void read(StudyObservation& o, const JsonInput& in, const StudyJoint& joint) {
@@ -60,14 +61,10 @@ twin::study::Power power_of(const JsonInput& in) {
 }
 
 std::map<std::size_t, StudyCurve> curves_of(const fs::path& file) {
-  const auto wanted = [](auto value) {
-    if (!value) throw InputError(value.error().message);
-    return *std::move(value);
-  };
-  const twin::Table table = wanted(twin::read_table(file));
+  const twin::Table table = or_wrong_input(twin::read_table(file));
   const auto series = std::ranges::find(table.names, "series") - table.names.begin();
-  const auto numbers = wanted(table.numbers("curve")), speed = wanted(table.numbers("speed_rad_s")),
-             friction = wanted(table.numbers("friction_nm"));
+  const auto numbers = or_wrong_input(table.numbers("curve")), speed = or_wrong_input(table.numbers("speed_rad_s")),
+             friction = or_wrong_input(table.numbers("friction_nm"));
   if (!table.has("series")) throw InputError(fmt::format("{}: has no column 'series'", file.string()));
   std::map<std::size_t, StudyCurve> curves;
   for (std::size_t i = 0; i < table.rows.size(); ++i) {
@@ -87,15 +84,15 @@ bool StudyVerdict::has_fault() const { return drive::find_fault(state) != nullpt
 
 std::string StudyVerdict::name() const { return fmt::format("{:g} kg, {}", load_kg, state); }
 
-std::vector<StudyJoint> load_study_folder(const fs::path& directory) {
+Result<std::vector<StudyJoint>> load_study_folder(const fs::path& directory) try {
   const fs::path file = directory / "diagnosis.json";
   std::ifstream stream(file, std::ios::binary);
   if (!stream)
-    throw InputError(fmt::format(
+    return tl::unexpected(fmt::format(
         "{}: cannot be read; 'tribotwin lab' writes it at the end of a study, such as br609_diagnosis", file.string()));
   const json root = json::parse(stream, nullptr, false);
   if (root.is_discarded())
-    throw InputError(fmt::format("{}: is no JSON; 'tribotwin lab' writes it again", file.string()));
+    return tl::unexpected(fmt::format("{}: is no JSON; 'tribotwin lab' writes it again", file.string()));
   std::vector<StudyJoint> joints;
   for (const auto& [name, in] : JsonInput(root, file.string()).entries()) {
     if (const auto why = twin::unfit_file_name(name)) in.fail(*why);  // the folder of its curves
@@ -108,6 +105,8 @@ std::vector<StudyJoint> load_study_folder(const fs::path& directory) {
     joints.push_back(std::move(joint));
   }
   return joints;
+} catch (const InputError& e) {
+  return tl::unexpected(e.what());
 }
 
 }  // namespace tribotwin::render

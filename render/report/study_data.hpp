@@ -6,6 +6,7 @@
 #include <string>
 #include <vector>
 
+#include <tribotwin/plugins/friction/error.hpp>
 #include <tribotwin/twin/diagnosis/check.hpp>
 #include <tribotwin/twin/experiments/fault_study/power.hpp>
 
@@ -43,8 +44,8 @@ struct StudyJoint {
   std::vector<twin::study::Power> power;     ///< empty where no curves were drawn
 };
 
-/// Reads the folder of `tribotwin lab` for a study: DIR/diagnosis.json, DIR/JOINT/curves.csv. Throws InputError with
+/// Reads the folder of `tribotwin lab` for a study: DIR/diagnosis.json, DIR/JOINT/curves.csv. Fails with
 /// file, key and what would be right.
-std::vector<StudyJoint> load_study_folder(const std::filesystem::path& directory);
+Result<std::vector<StudyJoint>> load_study_folder(const std::filesystem::path& directory);
 
 }  // namespace tribotwin::render

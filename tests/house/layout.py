@@ -39,7 +39,7 @@ ORDER = {
         "",
     ],
     "hil": ["can", "drives", "canopen", "mirror", "session", ""],
-    "render": ["theme", "process", "offscreen", "pose", "figure", "page", "report", ""],
+    "render": ["theme", "process", "offscreen", "pose", "figure", "page", "report", "report/run", "commands", ""],
 }
 KNOWN_EXCEPTIONS = set()  # (file, included file)
 MAX_FILES = 25  # sources in one folder

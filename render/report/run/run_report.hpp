@@ -7,7 +7,7 @@
 
 #include <tribotwin/plugins/friction/error.hpp>
 #include <tribotwin/render/page/illustrated.hpp>
-#include <tribotwin/render/report/run_data.hpp>
+#include <tribotwin/render/report/run/run_data.hpp>
 
 namespace tribotwin::render {
 

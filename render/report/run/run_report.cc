@@ -9,7 +9,7 @@
 #include <tribotwin/render/figure/figures.hpp>
 #include <tribotwin/render/pose/pose.hpp>
 #include <tribotwin/render/process/child.hpp>
-#include <tribotwin/render/report/report.hpp>
+#include <tribotwin/render/report/run/run_report.hpp>
 #include <tribotwin/render/theme/theme.hpp>
 #include <tribotwin/twin/robot/arm.hpp>
 
@@ -332,17 +332,19 @@ class Writer {
     for (const std::size_t index : {std::size_t{0}, end}) {
       const auto image = painter->draw(recorded(*model, run.record, index), look);
       if (!image) return failed(image.error().message);
-      page_.show(grid, *image, index == end ? "pose_end" : "pose_start",
-                 fmt::format("{}, at {}. Each joint's housing has the colour of its temperature.",
-                             index == end ? "The end" : "The beginning", duration(run.record.time_s[index])));
+      if (auto ok =
+              page_.show(grid, *image, index == end ? "pose_end" : "pose_start",
+                         fmt::format("{}, at {}. Each joint's housing has the colour of its temperature.",
+                                     index == end ? "The end" : "The beginning", duration(run.record.time_s[index])));
+          !ok)
+        return ok;
       advance(index == end ? 0.35 : 0.2);
       if (end == 0) break;
     }
     const auto sheet = contact_sheet(model, run.record, evenly_in_time(run.record.time_s, 6), look, {480, 360});
     if (!sheet) return failed(sheet.error().message);
     advance(0.5);
-    page_.show(grid, *sheet, "poses", "Poses over the run, evenly in time.", true);
-    return {};
+    return page_.show(grid, *sheet, "poses", "Poses over the run, evenly in time.", true);
   }
 
   Status histories(pugi::xml_node to, const RunData& run) {

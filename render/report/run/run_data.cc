@@ -6,7 +6,7 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
-#include <tribotwin/render/report/run_data.hpp>
+#include <tribotwin/render/report/run/run_data.hpp>
 #include <tribotwin/render/theme/theme.hpp>
 #include <tribotwin/twin/io/input.hpp>
 #include <tribotwin/twin/io/name.hpp>

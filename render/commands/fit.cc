@@ -1,0 +1,36 @@
+#include <tribotwin/render/commands/page.hpp>
+#include <tribotwin/render/report/fit_report.hpp>
+
+namespace tribotwin::render::program {
+namespace {
+
+struct Arguments : PageOptions {
+  std::string parameters;
+  std::vector<std::string> data;
+  twin::identification::ReadOptions read;
+};
+
+int execute(const Arguments& a, const std::string& command_line) {
+  const PageFile page(a, "fit.html", inputs(a.data, a.parameters));
+  const auto data = twin::or_wrong_input(load_fit(a.parameters, {a.data.begin(), a.data.end()}, a.read));
+  return page.make(command_line, [&](const ReportOptions& options) { return make_fit_report(data, options); });
+}
+
+}  // namespace
+
+void add_fit(CLI::App& app, Call& call) {
+  auto a = std::make_shared<Arguments>();
+  auto* command =
+      app.add_subcommand("fit", "An identified law as a page: parameters, curves over points, residuals, correlation");
+  command->add_option("PARAMS", a->parameters, "PARAMS.yaml of tribotwin identify or calibrate")->required();
+  command->add_option(
+      "DATA", a->data,
+      "Friction curves, recordings or telemetry.h5 to show the law with (default: those that PARAMS.yaml names)");
+  a->add_to(*command, "The page (default: fit.html)");
+  add_units(*command, a->read);
+  command->add_option("--joint", a->read.joint, "Joint of a telemetry.h5");
+  command->footer("Example:\n  tribotwin-report fit params.yaml -o fit.html");
+  command->callback([a, &call] { call.code = execute(*a, call.command_line); });
+}
+
+}  // namespace tribotwin::render::program

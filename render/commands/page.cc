@@ -1,0 +1,59 @@
+#include <fmt/format.h>
+
+#include <tribotwin/render/commands/page.hpp>
+
+namespace tribotwin::render::program {
+
+namespace fs = std::filesystem;
+
+void PageOptions::add_to(CLI::App& command, const char* output_help) {
+  output.add_to(command, output_help);
+  command.add_flag("--png", png, "Also every figure as PNG, in a folder beside the page");
+  command.add_flag("--pdf", pdf, "Also every figure as PDF, in a folder beside the page");
+  command.add_flag("--quiet", quiet, "No progress");
+}
+
+void FolderOptions::add_to(CLI::App& command, const char* directory_help) {
+  command.add_option("DIR", directory, directory_help)->required();
+  PageOptions::add_to(command, "The page (default: DIR/report.html)");
+}
+
+PageFile::PageFile(const PageOptions& options, const fs::path& otherwise, const std::vector<fs::path>& inputs)
+    : output_(options.output), quiet_(options.quiet) {
+  if (!output_.named()) output_.file = otherwise.string();
+  twin::or_wrong_input(output_.check(inputs));
+  if (options.png) formats_.push_back(Format::png);
+  if (options.pdf) formats_.push_back(Format::pdf);
+  figures_ = output_.file;
+  figures_.replace_extension();
+  figures_ += "_figures";
+  if (!formats_.empty() && !output_.force && fs::exists(figures_))
+    throw twin::InputError(fmt::format("{}: exists; choose another name with -o, or replace what is in it with --force",
+                                       figures_.string()));
+}
+
+int PageFile::make(const std::string& command_line,
+                   const std::function<Result<Report>(const ReportOptions&)>& report) const {
+  const Report made = [&] {
+    twin::Progress progress(quiet_, "report");
+    return twin::or_throw(report(
+        {.figure_files = formats_, .command = command_line, .progress = [&](double share) { progress(share); }}));
+  }();
+  write_all(made);
+  return twin::done;
+}
+
+void PageFile::write_all(const Report& made) const {
+  for (const auto& text : made.notes) twin::note("{}", text);
+  if (!made.figures.empty()) {
+    std::error_code error;
+    fs::create_directory(figures_, error);
+    if (error) throw std::runtime_error(fmt::format("{}: cannot be created ({})", figures_.string(), error.message()));
+    for (const auto& file : made.figures)
+      twin::or_fail(twin::write_file(figures_ / file.name, file.bytes, output_.existing()));
+    twin::print("{}/ ({} figures)\n", figures_.string(), made.figures.size());
+  }
+  write(output_, made.html);
+}
+
+}  // namespace tribotwin::render::program

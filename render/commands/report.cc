@@ -1,0 +1,40 @@
+#include <algorithm>
+#include <iterator>
+
+#include <tribotwin/render/commands/page.hpp>
+#include <tribotwin/render/report/run/run_report.hpp>
+
+namespace tribotwin::render::program {
+namespace {
+
+struct Arguments : PageOptions {
+  std::vector<std::string> runs;
+};
+
+int execute(const Arguments& a, const std::string& command_line) {
+  if (a.runs.empty())
+    throw twin::InputError("names no folder of a run; 'tribotwin-report --help' shows how it is used");
+  std::vector<std::unique_ptr<RunData>> runs;
+  std::vector<std::filesystem::path> read;
+  for (const auto& directory : a.runs) {
+    std::ranges::move(twin::or_wrong_input(load_runs(directory)), std::back_inserter(runs));
+    std::ranges::move(run_files(directory), std::back_inserter(read));
+  }
+  const std::filesystem::path folder = a.runs.size() == 1 ? a.runs[0] : "";
+  const PageFile page(a, folder / "report.html", read);
+  return page.make(command_line, [&](const ReportOptions& options) { return make_report(runs, options); });
+}
+
+}  // namespace
+
+void add_report(CLI::App& app, Call& call) {
+  auto a = std::make_shared<Arguments>();
+  app.add_option("RUNDIR", a->runs, "Folders of runs, or of a scenario that varies; several runs are compared");
+  a->add_to(app, "The page (default: RUNDIR/report.html; report.html for several)");
+  app.footer("Example:\n  tribotwin-report runs/irb6620_warmup -o report.html");
+  app.callback([a, &app, &call] {
+    if (app.get_subcommands().empty()) call.code = execute(*a, call.command_line);
+  });
+}
+
+}  // namespace tribotwin::render::program

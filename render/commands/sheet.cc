@@ -1,0 +1,35 @@
+#include <tribotwin/render/commands/picture.hpp>
+
+namespace tribotwin::render::program {
+namespace {
+
+struct Arguments : PictureOptions {
+  std::size_t count = 6;
+};
+
+int execute(const Arguments& a) {
+  a.check_output("a contact sheet", ".png");
+  const Size size = a.pixels();
+  const auto run = run_with_model(a.target);
+  const PoseOptions options = run_options(a, *run);
+  twin::Progress progress(a.quiet, "poses");
+  auto sheet = contact_sheet(run->scenario->model, run->record, evenly_in_time(run->record.time_s, a.count), options,
+                             size, [&](double share) { progress(share); });
+  write(a.output, png(twin::or_throw(std::move(sheet))));
+  return twin::done;
+}
+
+}  // namespace
+
+void add_sheet(CLI::App& app, Call& call) {
+  auto a = std::make_shared<Arguments>();
+  auto* command = app.add_subcommand("sheet", "Poses over a run in one picture");
+  a->add_to(*command, "Folder of a run", "640x480", "sheet.png");
+  command->add_option("--count", a->count, "How many, evenly in time")
+      ->check(CLI::Range(1, 100))
+      ->capture_default_str();
+  command->footer("Example:\n  tribotwin-report sheet runs/irb6620_warmup --count 9 -o sheet.png");
+  command->callback([a, &call] { call.code = execute(*a); });
+}
+
+}  // namespace tribotwin::render::program
