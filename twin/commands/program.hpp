@@ -43,13 +43,6 @@ inline std::vector<std::filesystem::path> paths(const std::vector<std::string>& 
   return {files.begin(), files.end()};
 }
 
-/// The value, or its message thrown: exit code 1.
-template <class T>
-T or_fail(Result<T> value) {
-  if (!value) throw std::runtime_error(value.error().message);
-  if constexpr (!std::is_void_v<T>) return std::move(*value);
-}
-
 /// Writes the result to where it goes; returns the exit code.
 inline int deliver(const std::string& text, const Destination& output = {}) {
   return output.deliver("tribotwin", text);

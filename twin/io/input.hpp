@@ -23,11 +23,26 @@ struct InputError : std::runtime_error {
   using std::runtime_error::runtime_error;
 };
 
-/// The value, or its message thrown as InputError.
+/// The value, or its message thrown as InputError: exit code 2.
 template <class T>
 T or_wrong_input(Result<T> value) {
   if (!value) throw InputError(value.error().message);
   if constexpr (!std::is_void_v<T>) return std::move(*value);
+}
+
+/// The value, or its message thrown as std::runtime_error: exit code 1.
+template <class T>
+T or_fail(Result<T> value) {
+  if (!value) throw std::runtime_error(value.error().message);
+  if constexpr (!std::is_void_v<T>) return std::move(*value);
+}
+
+/// The value, or its message thrown as its kind demands: ErrorKind::input as InputError, ErrorKind::work as
+/// std::runtime_error.
+template <class T>
+T or_throw(Result<T> value) {
+  if (!value && value.error().kind == ErrorKind::input) throw InputError(value.error().message);
+  return or_fail(std::move(value));
 }
 
 struct Bounds {
