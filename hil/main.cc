@@ -12,6 +12,9 @@
 #include <tribotwin/hil/can/clock.hpp>
 #include <tribotwin/hil/can/log.hpp>
 #include <tribotwin/hil/canopen/budget.hpp>
+#include <tribotwin/hil/canopen/dbc.hpp>
+#include <tribotwin/hil/canopen/eds.hpp>
+#include <tribotwin/hil/cia402/drive_objects.hpp>
 #include <tribotwin/hil/mirror/mirror.hpp>
 #include <tribotwin/hil/session/files.hpp>
 #include <tribotwin/hil/session/session.hpp>
@@ -85,7 +88,7 @@ class Drives {
  public:
   Drives(const twin::Scenario& scenario, const Common& c)
       : parameters_(hil::drive_parameters(scenario, c.first_node, c.cycle_us())) {
-    for (const auto& p : parameters_) dictionaries_.emplace_back(p);
+    for (const auto& p : parameters_) dictionaries_.push_back(hil::drive_dictionary(p));
     for (std::size_t i = 0; i < parameters_.size(); ++i) described_.push_back({&dictionaries_[i], &parameters_[i]});
   }
   std::span<const hil::DescribedDrive> all() const { return described_; }

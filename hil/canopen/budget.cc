@@ -2,35 +2,54 @@
 
 #include <tribotwin/hil/can/frame.hpp>
 #include <tribotwin/hil/canopen/budget.hpp>
+#include <tribotwin/hil/canopen/communication_objects.hpp>
 
 namespace tribotwin::hil {
+namespace {
+
+constexpr double usable_load = 0.8;
+constexpr int last_synchronous = 240;  // transmission type
+
+/// Adds up the bits of the frames of one cycle.
+struct Cycle {
+  double least = 0, most = 0;
+  int frames = 0;
+
+  void add(int bytes, double per_cycle = 1) {
+    const Bits b = classic_bits(bytes);
+    least += per_cycle * b.least;
+    most += per_cycle * b.most;
+    ++frames;
+  }
+  Budget over(double cycle_s, double bit_rate) const {
+    return {cycle_s, frames, least / (bit_rate * cycle_s), most / (bit_rate * cycle_s),
+            most / (usable_load * bit_rate)};
+  }
+};
+
+}  // namespace
 
 Budget budget(std::span<const DescribedDrive> drives, double cycle_s, double bit_rate) {
-  double least = classic_bits(0).least, most = classic_bits(0).most;
-  int frames = 1;
+  Cycle cycle;
+  cycle.add(0);  // SYNC
   for (const auto& d : drives)
-    for (const int base : {0x1400, 0x1800})
+    for (const bool transmit : {false, true})
       for (int i = 0; i < pdo_count; ++i) {
-        const auto at = static_cast<std::uint16_t>(base + i), map = static_cast<std::uint16_t>(at + 0x200);
-        const auto type = d.dictionary->get(at, 2);
-        if (d.dictionary->get(at, 1) & 0x80000000 || type > 240) continue;
+        const auto pdo = pdo_parameters(*d.dictionary, transmit, i);
+        if (!pdo.exists || pdo.type > last_synchronous) continue;
         int bits = 0;
-        for (std::uint8_t k = 1; k <= d.dictionary->get(map, 0); ++k)
-          bits += static_cast<int>(d.dictionary->get(map, k) & 0xff);
-        // Sent by the master every cycle; by the drive every type-th, and type 0 at most every.
-        const double per_cycle = base == 0x1800 && type > 1 ? 1.0 / static_cast<double>(type) : 1;
-        const Bits b = classic_bits(bits / 8);
-        least += per_cycle * b.least;
-        most += per_cycle * b.most;
-        ++frames;
+        for (const MappingEntry& entry : pdo.map) bits += entry.bits;
+        // The master sends every cycle; the drive every type-th, and type 0 at most every cycle.
+        cycle.add(bits / 8, transmit && pdo.type > 1 ? 1.0 / pdo.type : 1);
       }
-  return {cycle_s, frames, least / (bit_rate * cycle_s), most / (bit_rate * cycle_s), most / (0.8 * bit_rate)};
+  return cycle.over(cycle_s, bit_rate);
 }
 
 Budget budget_of_frames(int drives, double cycle_s, double bit_rate) {
-  const double least = classic_bits(0).least + 2.0 * drives * classic_bits(8).least,
-               most = classic_bits(0).most + 2.0 * drives * classic_bits(8).most;
-  return {cycle_s, 1 + 2 * drives, least / (bit_rate * cycle_s), most / (bit_rate * cycle_s), most / (0.8 * bit_rate)};
+  Cycle cycle;
+  cycle.add(0);  // SYNC
+  for (int i = 0; i < 2 * drives; ++i) cycle.add(8);
+  return cycle.over(cycle_s, bit_rate);
 }
 
 std::string Budget::line() const {

@@ -3,22 +3,22 @@
 #include <string>
 #include <vector>
 
-#include <tribotwin/hil/canopen/description.hpp>
+#include <tribotwin/hil/canopen/dbc.hpp>
 
 namespace tribotwin::hil {
 
-/// What a configuration asks of one classic bus, before anything runs.
+/// Load of one classic bus by a configuration, before anything runs.
 struct Budget {
   double cycle_s;
   int frames;               ///< per cycle
-  double least, most;       ///< share of the bus, without and with the most stuffing
+  double least, most;       ///< share of the bus, without and with the maximum of stuff bits
   double shortest_cycle_s;  ///< at 80 % of the worst load
   std::string line() const;
 };
 
-/// SYNC, and of every drive the PDOs that go with each SYNC (by their transmission types).
+/// Of SYNC and all synchronous PDOs, by their transmission types. bit_rate [bit/s].
 Budget budget(std::span<const DescribedDrive> drives, double cycle_s, double bit_rate);
-/// SYNC, and of every drive 8 bytes each way.
+/// Of SYNC and, for every drive, a frame of 8 bytes in each direction.
 Budget budget_of_frames(int drives, double cycle_s, double bit_rate);
 
 }  // namespace tribotwin::hil

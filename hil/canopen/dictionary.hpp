@@ -9,8 +9,8 @@
 
 #include <tl/expected.hpp>
 
-/// The object dictionary of a drive: one table, from which the SDO server, the PDO mapping, EDS and DBC files and the
-/// documentation are made. Sources: CiA 301 (communication), CiA 402 (drive).
+/// The object dictionary of a node (CiA 301, 7.4): one table, from which the SDO server, the PDO mapping, the EDS and
+/// DBC files and the reference in hil/README.md are made.
 namespace tribotwin::hil {
 
 enum class Type : std::uint8_t { u8, u16, u32, i8, i16, i32, text };
@@ -20,7 +20,7 @@ enum class Access : std::uint8_t { read_only, read_write, constant };
 int size_of(Type type);
 bool is_signed(Type type);
 
-/// SDO abort codes (CiA 301, 7.2.4.3.17).
+/// SDO abort codes (CiA 301, 7.2.4.3.17, table 22).
 enum class Abort : std::uint32_t {
   toggle = 0x05030000,
   timed_out = 0x05040000,
@@ -48,57 +48,75 @@ struct Object {
   Access access;
   bool mappable = false;
   std::int64_t value = 0;          ///< now; the default in a fresh dictionary
-  std::int64_t low = 0, high = 0;  ///< accepted; low == high: what the type holds
-  std::string text{};              ///< of a text object
-  double scale = 1;                ///< what one count is, in `unit`
+  std::int64_t low = 0, high = 0;  ///< accepted range; low == high: the range of the type
+  std::string text{};              ///< value of a text object
+  double scale = 1;                ///< size of one count in `unit`
   std::string unit{};              ///< "" for codes
-  std::string meaning{};           ///< one line for the documentation
+  std::string meaning{};           ///< one line for the reference
 };
 
-/// What makes one drive different from the next. Motor side.
-struct DriveParameters {
-  std::uint8_t node = 1;                               ///< 1..127
-  std::string name;                                    ///< of the joint
-  double gear_ratio = 1;                               ///< motor turns per joint turn
-  double rated_torque_nm = 1;                          ///< 6076h, motor side; torque_max_nm / gear_ratio
-  double speed_max_rad_s = 1000;                       ///< 6080h, motor side
-  std::uint32_t cycle_us = 2000;                       ///< 1006h
-  bool limited = false;                                ///< has position limits:
-  double position_low_rad = 0, position_high_rad = 0;  ///< joint side
-  double start_degC = 25;
+/// Members that most objects leave at their defaults.
+struct Extra {
+  std::string text{};
+  double scale = 1;
+  std::string unit{}, meaning{};
 };
-
-inline constexpr int increments_per_turn = 65536;  ///< 608Fh, motor side
-inline constexpr int pdo_count = 5;                ///< each way
+void add(std::vector<Object>& objects, Object object, Extra extra = {});
 
 class Dictionary {
  public:
-  explicit Dictionary(const DriveParameters& parameters);
+  /// Sorts `objects`; an object without a range gets that of its type.
+  explicit Dictionary(std::vector<Object> objects);
 
   std::span<const Object> objects() const { return objects_; }
-  /// Null when there is none. Stays valid as long as the dictionary.
+  /// Null when there is none. The pointer is valid as long as the dictionary.
   Object* find(std::uint16_t index, std::uint8_t sub);
+  const Object* find(std::uint16_t index, std::uint8_t sub) const;
   bool has_index(std::uint16_t index) const;
-  /// For objects that are known to exist.
+  /// Value of an object that must exist.
   std::int64_t get(std::uint16_t index, std::uint8_t sub = 0) const;
-  void set(std::uint16_t index, std::uint8_t sub, std::int64_t value);  ///< without a check, saturating to the type
+  /// Sets an object that must exist, without a check; the value saturates to the range of the type.
+  void set(std::uint16_t index, std::uint8_t sub, std::int64_t value);
 
-  /// As an SDO client does, with every check.
+  /// Access by the bus (SDO, RPDO), with every check of CiA 301: little-endian bytes.
   tl::expected<std::vector<std::uint8_t>, Abort> read(std::uint16_t index, std::uint8_t sub) const;
   tl::expected<void, Abort> write(std::uint16_t index, std::uint8_t sub, std::span<const std::uint8_t> bytes);
 
-  /// Asked before a write takes effect, with the new value; an Abort refuses it. And told after.
+  /// Called by `write` before the new value takes effect: an Abort refuses it.
   std::function<tl::expected<void, Abort>(const Object&, std::int64_t)> may_write;
+  /// Called by `write` after the new value took effect.
   std::function<void(const Object&)> written;
 
  private:
   std::vector<Object> objects_;  // sorted by index and sub-index
 };
 
+/// Little-endian bytes and back.
 std::int64_t decode(Type type, std::span<const std::uint8_t> bytes);
 void encode(std::int64_t value, std::span<std::uint8_t> bytes);
-/// The nearest value that the type holds.
+/// The nearest value in the range of the type.
 std::int64_t saturated(Type type, std::int64_t value);
+/// Lowest and highest value of a number type.
+struct Limits {
+  std::int64_t low, high;
+};
+Limits limits_of(Type type);
+
+/// An object as a PDO mapping parameter names it (CiA 301, 7.5.2.36): index, sub-index and length in bits.
+struct MappingEntry {
+  std::uint16_t index;
+  std::uint8_t sub;
+  int bits;
+
+  static constexpr MappingEntry of(std::int64_t value) {
+    return {static_cast<std::uint16_t>(value >> 16), static_cast<std::uint8_t>(value >> 8),
+            static_cast<int>(value & 0xff)};
+  }
+  constexpr std::uint32_t value() const {
+    return static_cast<std::uint32_t>(index) << 16 | static_cast<std::uint32_t>(sub) << 8 |
+           static_cast<std::uint32_t>(bits);
+  }
+};
 
 /// The table as Markdown: the reference part of hil/README.md.
 std::string reference_markdown(const Dictionary& dictionary);

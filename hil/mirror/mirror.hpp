@@ -1,7 +1,10 @@
 #pragma once
 
-#include <tribotwin/hil/canopen/dictionary.hpp>
+#include <array>
+#include <span>
+
 #include <tribotwin/hil/drives/bus_drive.hpp>
+#include <tribotwin/hil/drives/drive_parameters.hpp>
 
 /// The profile for benches without CANopen: per drive one command frame and one status frame, 8 bytes, little-endian.
 ///

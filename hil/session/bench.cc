@@ -3,6 +3,8 @@
 
 #include <nlohmann/json.hpp>
 
+#include <tribotwin/hil/canopen/object_index.hpp>
+#include <tribotwin/hil/canopen/sync.hpp>
 #include <tribotwin/hil/mirror/mirror.hpp>
 #include <tribotwin/hil/session/bench.hpp>
 
@@ -42,14 +44,12 @@ Result<void> Bench::receive(const Frame& frame, std::int64_t now_ns) {
     const Bits bits = classic_bits(std::min<int>(frame.size, 8));
     counters_.bits += 0.5 * (bits.least + bits.most);
   }
-  const bool sync =
-      frame.id == 0x80 && !frame.extended && !frame.remote && !frame.error && !frame.fd && frame.size <= 1;
-  if (!sync) {
+  if (!is_sync(frame)) {
     for (const auto& drive : drives_) drive->receive(frame, now_ns);
     return {};
   }
   const std::int64_t cycle_us =
-      std::max<std::int64_t>(1, first_ ? first_->dictionary().get(0x1006) : options_.cycle_us);
+      std::max<std::int64_t>(1, first_ ? first_->dictionary().get(od::communication_cycle_period) : options_.cycle_us);
   ++counters_.syncs;
   if (last_sync_ns_ >= 0 && now_ns - last_sync_ns_ < 500 * cycle_us) ++counters_.sync_fast;
   last_sync_ns_ = now_ns;

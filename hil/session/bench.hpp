@@ -1,6 +1,6 @@
 #pragma once
 
-#include <tribotwin/hil/canopen/node.hpp>
+#include <tribotwin/hil/cia402/node.hpp>
 #include <tribotwin/hil/session/plant.hpp>
 #include <tribotwin/plugins/friction/error.hpp>
 

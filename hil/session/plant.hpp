@@ -6,8 +6,8 @@
 #include <string>
 #include <vector>
 
-#include <tribotwin/hil/canopen/dictionary.hpp>
 #include <tribotwin/hil/drives/bus_drive.hpp>
+#include <tribotwin/hil/drives/drive_parameters.hpp>
 #include <tribotwin/plugins/friction/error.hpp>
 #include <tribotwin/twin/simulation/recorder.hpp>
 

@@ -9,7 +9,9 @@
 #include <fmt/ranges.h>
 
 #include <tribotwin/hil/can/record_file.hpp>
-#include <tribotwin/hil/canopen/node.hpp>
+#include <tribotwin/hil/canopen/cob_id.hpp>
+#include <tribotwin/hil/canopen/object_index.hpp>
+#include <tribotwin/hil/cia402/node.hpp>
 #include <tribotwin/hil/mirror/mirror.hpp>
 #include <tribotwin/hil/session/shadow.hpp>
 #include <tribotwin/twin/io/input.hpp>
@@ -36,22 +38,22 @@ class CanopenListener final : public Listener {
     node_.start(0);
   }
   bool hear(const Frame& frame) override {
-    if (frame.id == 0 || frame.id == 0x600U + node_.id()) node_.receive(frame, frame.time_ns);
+    if (frame.id == cob::nmt || frame.id == cob::sdo_to_server + node_.id()) node_.receive(frame, frame.time_ns);
     Dictionary& d = node_.dictionary();
     bool position = false;
-    for (std::uint16_t i = 0; i < pdo_count; ++i) {
-      const auto cob = d.get(static_cast<std::uint16_t>(0x1800 + i), 1);
-      if (cob & 0x80000000 || (cob & 0x7ff) != frame.id || frame.extended) continue;
+    for (int i = 0; i < pdo_count; ++i) {
+      const std::uint16_t index = pdo_index(true, i), map = od::mapping_of(index);
+      const auto id = d.get(index, 1);
+      if (id & cob::off || (id & cob::id_11_bit) != frame.id || frame.extended) continue;
       std::size_t at = 0;
-      const auto map = static_cast<std::uint16_t>(0x1A00 + i);
       for (std::uint8_t k = 1; k <= d.get(map, 0); ++k) {
-        const auto entry = static_cast<std::uint32_t>(d.get(map, k));
-        const std::size_t size = (entry & 0xff) / 8;
+        const auto entry = MappingEntry::of(d.get(map, k));
+        const auto size = static_cast<std::size_t>(entry.bits / 8);
         if (at + size > frame.size) break;
-        if (const Object* o = d.find(static_cast<std::uint16_t>(entry >> 16), static_cast<std::uint8_t>(entry >> 8))) {
+        if (const Object* o = d.find(entry.index, entry.sub)) {
           const auto value = static_cast<double>(decode(o->type, frame.bytes().subspan(at, size))) * o->scale;
-          if (o->index == 0x6064) position_rad = value / gear_, position = true;
-          if (o->index == 0x6077) torque_nm = value * gear_, torque_heard = true;
+          if (o->index == od::position_actual_value) position_rad = value / gear_, position = true;
+          if (o->index == od::torque_actual_value) torque_nm = value * gear_, torque_heard = true;
         }
         at += size;
       }
@@ -265,7 +267,7 @@ class Shadow {
 
   /// Cycles end with the SYNC, or where there is none with the first drive's position.
   bool ends_cycle(const Frame& frame) {
-    const bool sync = frame.id == 0x80 && !frame.extended && frame.size <= 1;
+    const bool sync = frame.id == cob::sync && !frame.extended && frame.size <= 1;
     synced_ |= sync;
     bool heard_first = false;
     for (std::size_t i = 0; i < listeners_.size(); ++i) heard_first |= listeners_[i]->hear(frame) && i == 0;

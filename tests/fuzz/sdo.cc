@@ -5,7 +5,7 @@
 #include <random>
 #include <vector>
 
-#include <tribotwin/hil/canopen/node.hpp>
+#include <tribotwin/hil/cia402/node.hpp>
 
 using namespace tribotwin::hil;
 

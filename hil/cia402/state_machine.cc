@@ -1,4 +1,4 @@
-#include <tribotwin/hil/canopen/cia402.hpp>
+#include <tribotwin/hil/cia402/state_machine.hpp>
 
 namespace tribotwin::hil {
 

@@ -8,8 +8,9 @@
 #include <gtest/gtest.h>
 
 #include <tribotwin/hil/canopen/budget.hpp>
-#include <tribotwin/hil/canopen/description.hpp>
-#include <tribotwin/hil/canopen/node.hpp>
+#include <tribotwin/hil/canopen/dbc.hpp>
+#include <tribotwin/hil/canopen/eds.hpp>
+#include <tribotwin/hil/cia402/node.hpp>
 
 namespace tribotwin::hil {
 namespace {
@@ -278,6 +279,26 @@ TEST_F(OneNode, ModesCsvAndCst) {
   EXPECT_NEAR(c.torque_limit_nm, 200, 1e-9);
   for (const int profile : {1, 3, 4, 6, 7, 0, -1})
     EXPECT_EQ(write(0x6060, 0, Type::i8, profile), 0x06090030U) << profile;
+}
+
+// The table of modes is the only place that knows them.
+TEST_F(OneNode, EveryModeOfTheTableWorks) {
+  std::vector<std::string> names;
+  for (const ModeOfOperation& mode : modes_of_operation()) {
+    SCOPED_TRACE(mode.name);
+    names.push_back(fmt::format("{} {}", mode.number, mode.name));
+    EXPECT_TRUE(std::ranges::any_of(targets(), [&](const Target& t) { return t.index == mode.target; }));
+    EXPECT_EQ(node.dictionary().find(mode.target, 0)->access, Access::read_write);
+    for (const auto index : mode.needs) EXPECT_TRUE(index == 0 || node.dictionary().has_index(index));
+    EXPECT_NE(node.dictionary().get(0x6502) & (1 << (mode.number - 1)), 0);
+    nmt(0x81);
+    EXPECT_EQ(write(0x6060, 0, Type::i8, mode.number), 0U);
+    enable();
+    EXPECT_EQ(node.dictionary().get(0x6061), mode.number);
+    EXPECT_NE(node.command(1e-3).mode, twin::DriveCommand::Mode::off);
+  }
+  EXPECT_THAT(names, testing::ElementsAre("8 CSP", "9 CSV", "10 CST"));
+  EXPECT_EQ(node.dictionary().get(0x6502), 0x380);
 }
 
 // Lost commands: after one deadline the torque is the reaction's, and it stays so until a fault reset.
@@ -620,10 +641,10 @@ TEST_F(OneNode, RandomAndMutatedFrames) {
 }
 
 TEST(Description, EdsListsEveryObjectOnce) {
-  const Dictionary dictionary(parameters);
+  const Dictionary dictionary = drive_dictionary(parameters);
   const std::string s = eds(dictionary, parameters);
   for (const Object& o : dictionary.objects()) {
-    const bool single = !const_cast<Dictionary&>(dictionary).find(o.index, 1);
+    const bool single = !dictionary.find(o.index, 1);
     const std::string section =
         single ? fmt::format("[{:04X}]\n", o.index) : fmt::format("[{:04X}sub{:X}]\n", o.index, o.sub);
     const auto at = s.find(section);
@@ -643,7 +664,7 @@ TEST(Budget, TableOfTheFacts) {
   std::vector<DescribedDrive> drives;
   for (int i = 0; i < 6; ++i)
     p[static_cast<std::size_t>(i)].node = static_cast<std::uint8_t>(i + 1),
-    d.emplace_back(p[static_cast<std::size_t>(i)]);
+    d.push_back(drive_dictionary(p[static_cast<std::size_t>(i)]));
   for (std::size_t i = 0; i < 6; ++i) drives.push_back({&d[i], &p[i]});
   const Budget b = budget(drives, 0.002, 1e6);
   EXPECT_EQ(b.frames, 13);  // one PDO each way

@@ -1,0 +1,127 @@
+#include <algorithm>
+#include <iterator>
+#include <map>
+
+#include <fmt/format.h>
+
+#include <tribotwin/hil/canopen/communication_objects.hpp>
+#include <tribotwin/hil/canopen/eds.hpp>
+#include <tribotwin/hil/canopen/object_index.hpp>
+
+namespace tribotwin::hil {
+namespace {
+
+/// One line of an INI value, ASCII.
+std::string one_line(std::string text) {
+  for (char& c : text)
+    if (static_cast<unsigned char>(c) < 0x20 || static_cast<unsigned char>(c) > 0x7e) c = '?';
+  return text;
+}
+
+/// Arrays of CiA 301 and 402; what else has sub-indices is a record.
+bool is_array(std::uint16_t index) {
+  constexpr std::uint16_t arrays[] = {od::predefined_error_field,  od::consumer_heartbeat_time,     od::error_behavior,
+                                      od::software_position_limit, od::position_encoder_resolution, od::gear_ratio};
+  return std::ranges::find(arrays, index) != std::end(arrays);
+}
+
+int data_type(Type type) {
+  constexpr int types[] = {0x05, 0x06, 0x07, 0x02, 0x03, 0x04, 0x09};
+  return types[static_cast<int>(type)];
+}
+
+/// Of an array or a record, as CiA 301 and 402 call it; of our own ones, as their first entry is called.
+std::string name_of_all(std::uint16_t index, const std::vector<const Object*>& objects) {
+  static const std::map<std::uint16_t, std::string> standard{
+      {od::predefined_error_field, "pre-defined error field"},
+      {od::consumer_heartbeat_time, "consumer heartbeat time"},
+      {od::identity, "identity object"},
+      {od::error_behavior, "error behavior"},
+      {od::sdo_server_parameter, "SDO server parameter"},
+      {od::software_position_limit, "software position limit"},
+      {od::position_encoder_resolution, "position encoder resolution"},
+      {od::gear_ratio, "gear ratio"},
+      {od::interpolation_time_period, "interpolation time period"}};
+  if (const auto known = standard.find(index); known != standard.end()) return known->second;
+  if (index >= od::rpdo_communication && index < od::after_pdos)
+    return fmt::format("{}PDO{} {} parameter", index < od::tpdo_communication ? 'R' : 'T', (index & 0x1ff) + 1,
+                       (index & 0x200) ? "mapping" : "communication");
+  return objects[objects.size() > 1 ? 1 : 0]->name;
+}
+
+using Indices = std::map<std::uint16_t, std::vector<const Object*>>;
+
+std::string header(const DriveParameters& p) {
+  return fmt::format(
+      "[FileInfo]\nFileName=tribotwin_node{0}.eds\nFileVersion=1\nFileRevision=1\nEDSVersion=4.0\nDescription="
+      "tribotwin drive {1}\n"
+      // Constant times: the same drive gives the same file.
+      "CreationTime=12:00AM\nCreationDate=01-01-2026\nCreatedBy=tribotwin-hil\nModificationTime=12:"
+      "00AM\nModificationDate=01-01-2026\nModifiedBy=tribotwin-hil\n\n"
+      "[DeviceInfo]\nVendorName=tribotwin\nVendorNumber=0x0\nProductName=tribotwin "
+      "drive\nProductNumber=0x7477\nRevisionNumber=0x10000\nOrderCode=\n"
+      "BaudRate_10=0\nBaudRate_20=0\nBaudRate_50=0\nBaudRate_125=1\nBaudRate_250=1\nBaudRate_500=1\nBaudRate_800="
+      "1\nBaudRate_1000=1\n"
+      "SimpleBootUpMaster=0\nSimpleBootUpSlave=1\nGranularity=8\nDynamicChannelsSupported=0\nGroupMessaging="
+      "0\nNrOfRXPDO={2}\nNrOfTXPDO={2}\nLSS_Supported=0\n\n"
+      "[DummyUsage]\nDummy0001=0\nDummy0002=1\nDummy0003=1\nDummy0004=1\nDummy0005=1\nDummy0006=1\nDummy0007=1\n\n["
+      "Comments]\nLines=0\n\n",
+      p.node, one_line(p.name), pdo_count);
+}
+
+/// Which objects there are: mandatory, optional and our own.
+std::string lists(const Indices& by_index) {
+  std::string s;
+  const auto mandatory = [](std::uint16_t i) {
+    return i == od::device_type || i == od::error_register || i == od::identity;
+  };
+  const auto list = [&](const char* title, auto belongs) {
+    std::string lines;
+    int n = 0;
+    for (const auto& [index, objects] : by_index)
+      if (belongs(index)) lines += fmt::format("{}=0x{:04X}\n", ++n, index);
+    s += fmt::format("[{}]\nSupportedObjects={}\n{}\n", title, n, lines);
+  };
+  list("MandatoryObjects", mandatory);
+  list("OptionalObjects", [&](std::uint16_t i) { return !mandatory(i) && !od::is_manufacturer(i); });
+  list("ManufacturerObjects", od::is_manufacturer);
+  return s;
+}
+
+/// The lines of one object.
+std::string entry(const Object& o) {
+  const bool number = o.type != Type::text;
+  std::string s = fmt::format("ParameterName={}\nObjectType=0x7\nDataType=0x{:04X}\nAccessType={}\n", one_line(o.name),
+                              data_type(o.type),
+                              o.access == Access::read_write ? "rw"
+                              : o.access == Access::constant ? "const"
+                                                             : "ro");
+  if (number && o.access == Access::read_write) s += fmt::format("LowLimit={}\nHighLimit={}\n", o.low, o.high);
+  s += fmt::format("DefaultValue={}\nPDOMapping={}\n\n", number ? fmt::to_string(o.value) : one_line(o.text),
+                   o.mappable ? 1 : 0);
+  return s;
+}
+
+std::string sections(const Indices& by_index) {
+  std::string s;
+  for (const auto& [index, objects] : by_index) {
+    if (objects.size() == 1 && objects[0]->sub == 0) {
+      s += fmt::format("[{:04X}]\n", index) + entry(*objects[0]);
+      continue;
+    }
+    s += fmt::format("[{:04X}]\nParameterName={}\nObjectType={}\nSubNumber={}\n\n", index,
+                     one_line(name_of_all(index, objects)), is_array(index) ? "0x8" : "0x9", objects.size());
+    for (const Object* o : objects) s += fmt::format("[{:04X}sub{:X}]\n", index, o->sub) + entry(*o);
+  }
+  return s;
+}
+
+}  // namespace
+
+std::string eds(const Dictionary& dictionary, const DriveParameters& p) {
+  Indices by_index;
+  for (const Object& o : dictionary.objects()) by_index[o.index].push_back(&o);
+  return header(p) + lists(by_index) + sections(by_index);
+}
+
+}  // namespace tribotwin::hil

@@ -1,0 +1,65 @@
+#include <algorithm>
+#include <limits>
+
+#include <tribotwin/hil/canopen/cob_id.hpp>
+#include <tribotwin/hil/canopen/heartbeat.hpp>
+#include <tribotwin/hil/canopen/object_index.hpp>
+
+namespace tribotwin::hil {
+namespace {
+
+constexpr std::int64_t never = std::numeric_limits<std::int64_t>::max();
+
+}  // namespace
+
+HeartbeatProducer::HeartbeatProducer(NodeContext& node)
+    : node_(node), period_(node.dictionary.find(od::producer_heartbeat_time, 0)) {}
+
+void HeartbeatProducer::boot_up(std::int64_t now_ns) {
+  constexpr std::uint8_t boot[] = {0};
+  node_.send(cob::heartbeat + node_.id, boot);
+  last_ns_ = now_ns;
+}
+
+void HeartbeatProducer::tick(std::int64_t now_ns) {
+  const std::int64_t period = period_ns();
+  if (period <= 0 || now_ns - last_ns_ < period) return;
+  last_ns_ = now_ns - last_ns_ > 2 * period ? now_ns : last_ns_ + period;
+  const std::uint8_t state[] = {static_cast<std::uint8_t>(node_.nmt)};
+  node_.send(cob::heartbeat + node_.id, state);
+}
+
+std::int64_t HeartbeatProducer::next_ns() const {
+  const std::int64_t period = period_ns();
+  return period > 0 ? last_ns_ + period : never;
+}
+
+void HeartbeatConsumer::configure(const Object& entry) {
+  Watched& w = watched_[static_cast<std::size_t>(entry.sub - 1)];
+  w = {static_cast<std::uint8_t>(entry.value >> 16), (entry.value & 0xffff) * ns_per_ms, -1};
+  if (w.node == 0) w.period_ns = 0;
+}
+
+void HeartbeatConsumer::hear(std::uint32_t cob_id, std::int64_t now_ns) {
+  for (Watched& w : watched_)
+    if (w.period_ns && cob_id == cob::heartbeat + w.node) w.last_ns = now_ns;
+}
+
+int HeartbeatConsumer::lost(std::int64_t now_ns) {
+  int count = 0;
+  for (Watched& w : watched_)
+    if (w.period_ns && w.last_ns >= 0 && now_ns - w.last_ns > w.period_ns) {
+      w.last_ns = -1;
+      ++count;
+    }
+  return count;
+}
+
+std::int64_t HeartbeatConsumer::next_ns() const {
+  std::int64_t next = never;
+  for (const Watched& w : watched_)
+    if (w.period_ns && w.last_ns >= 0) next = std::min(next, w.last_ns + w.period_ns + 1);
+  return next;
+}
+
+}  // namespace tribotwin::hil

@@ -1,0 +1,47 @@
+#pragma once
+
+#include <array>
+#include <cstdint>
+
+#include <tribotwin/hil/canopen/node_context.hpp>
+
+/// Heartbeats (CiA 301, 7.2.8.3.2): frame 700h + node with one byte, the NMT state; 0 is the boot-up message.
+namespace tribotwin::hil {
+
+/// Sends this node's heartbeat every 1017h.
+class HeartbeatProducer {
+ public:
+  explicit HeartbeatProducer(NodeContext& node);
+  void boot_up(std::int64_t now_ns);
+  void tick(std::int64_t now_ns);
+  /// Time of the next heartbeat; the largest time if there is none.
+  std::int64_t next_ns() const;
+
+ private:
+  std::int64_t period_ns() const { return period_->value * ns_per_ms; }
+
+  NodeContext& node_;
+  const Object* period_;
+  std::int64_t last_ns_ = 0;
+};
+
+/// Watches the heartbeats of other nodes (1016h), each from its first one on.
+class HeartbeatConsumer {
+ public:
+  /// Entry 1016h:SUB was written.
+  void configure(const Object& entry);
+  void hear(std::uint32_t cob_id, std::int64_t now_ns);
+  /// How many heartbeats were lost since the last call. A lost one is watched again from its next arrival on.
+  int lost(std::int64_t now_ns);
+  /// Next time at which a heartbeat is lost.
+  std::int64_t next_ns() const;
+
+ private:
+  struct Watched {
+    std::uint8_t node = 0;
+    std::int64_t period_ns = 0, last_ns = -1;
+  };
+  std::array<Watched, 2> watched_;
+};
+
+}  // namespace tribotwin::hil

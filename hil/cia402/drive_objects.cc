@@ -1,0 +1,235 @@
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+
+#include <tribotwin/hil/canopen/cob_id.hpp>
+#include <tribotwin/hil/canopen/communication_objects.hpp>
+#include <tribotwin/hil/canopen/object_index.hpp>
+#include <tribotwin/hil/cia402/drive_objects.hpp>
+#include <tribotwin/hil/cia402/modes.hpp>
+
+namespace tribotwin::hil {
+namespace {
+
+using T = Type;
+constexpr Access ro = Access::read_only, rw = Access::read_write, constant = Access::constant;
+constexpr std::uint32_t servo_drive = 0x00020192;  ///< device type: profile 402, servo drive
+
+/// PDO 1 to 3 as CiA 402-2 has them; 4 and 5 do not exist until the master switches them on.
+DefaultPdos default_pdos(std::uint8_t node) {
+  const MappingEntry control{od::controlword, 0, 16}, status{od::statusword, 0, 16};
+  const auto rpdo = [&](int n) { return cob::rpdo(n) + node; };
+  const auto tpdo = [&](int n) { return cob::no_rtr | (cob::tpdo(n) + node); };
+  return {.receive = {{{rpdo(0), 255, {control}},
+                       {rpdo(1), 255, {control, {od::modes_of_operation, 0, 8}}},
+                       {rpdo(2), 1, {control, {od::target_position, 0, 32}}},
+                       {cob::off | rpdo(3), 1, {control, {od::target_velocity, 0, 32}}},
+                       {cob::off, 1, {control, {od::target_torque, 0, 16}}}}},
+          .transmit = {{{tpdo(0), 255, {status}},
+                        {tpdo(1), 255, {status, {od::modes_of_operation_display, 0, 8}}},
+                        {tpdo(2), 1, {status, {od::position_actual_value, 0, 32}}},
+                        {cob::off | tpdo(3), 1, {status, {od::velocity_actual_value, 0, 32}}},
+                        {cob::off | cob::no_rtr, 1, {status, {od::torque_actual_value, 0, 16}}}}}};
+}
+
+/// Adds the objects of the drive profile, group by group.
+class Builder {
+ public:
+  Builder(std::vector<Object>& objects, const DriveParameters& parameters) : o_(objects), p_(parameters) {}
+
+  void state() {
+    add(o_, {od::abort_connection_option_code, 0, "abort connection option", T::i16, rw, false, 3, 1, 3},
+        {.meaning = "lost commands: 1 fault reaction (605Eh), 2 no voltage, 3 quick stop (605Ah); then fault"});
+    add(o_, {od::error_code, 0, "error code", T::u16, ro, true});
+    add(o_, {od::controlword, 0, "controlword", T::u16, rw, true});
+    add(o_, {od::statusword, 0, "statusword", T::u16, ro, true, 0x50});
+    add(o_, {od::quick_stop_option_code, 0, "quick stop option", T::i16, rw, false, 2, 0, 6},
+        {.meaning = "0 no voltage; 1, 2 ramp, then switch on disabled; 5, 6 ramp, then hold"});
+    add(o_, {od::shutdown_option_code, 0, "shutdown option", T::i16, rw, false, 0, 0, 1},
+        {.meaning = "0 no voltage, 1 ramp first"});
+    add(o_, {od::disable_operation_option_code, 0, "disable operation option", T::i16, rw, false, 1, 0, 1},
+        {.meaning = "0 no voltage, 1 ramp first"});
+    add(o_, {od::fault_reaction_option_code, 0, "fault reaction option", T::i16, rw, false, 2, 0, 2},
+        {.meaning = "0 no voltage; 1, 2 ramp first"});
+  }
+
+  void modes() {
+    const std::int64_t first = modes_of_operation().front().number;
+    add(o_, {od::modes_of_operation, 0, "mode of operation", T::i8, rw, true, first}, {.meaning = mode_numbers()});
+    add(o_, {od::modes_of_operation_display, 0, "mode of operation display", T::i8, ro, true, first});
+    add(o_, {od::supported_drive_modes, 0, "supported modes", T::u32, constant, false, supported_modes()},
+        {.meaning = mode_names()});
+  }
+
+  void position() {
+    position(od::position_demand_value, 0, "position demand", ro, true, 0);
+    position(od::position_actual_value, 0, "position actual", ro, true, 0, "motor side");
+    add(o_, {od::following_error_window, 0, "following error window", T::u32, rw, false, increments(0.05)},
+        {.scale = increment_rad, .unit = "rad", .meaning = "FFFFFFFFh: not watched"});
+    add(o_, {od::following_error_time_out, 0, "following error time", T::u16, rw, false, 100},
+        {.scale = 1e-3, .unit = "s"});
+    add(o_, {od::following_error_actual_value, 0, "following error", T::i32, ro, true},
+        {.scale = increment_rad, .unit = "rad"});
+    position(od::target_position, 0, "target position", rw, true, 0, modes_with_target(od::target_position));
+    highest_sub_index(od::software_position_limit, 2);
+    const Limits all = limits_of(T::i32);
+    position(od::software_position_limit, 1, "min position limit", rw, false,
+             p_.limited ? increments(p_.position_low_rad) : all.low);
+    position(od::software_position_limit, 2, "max position limit", rw, false,
+             p_.limited ? increments(p_.position_high_rad) : all.high);
+    highest_sub_index(od::interpolation_time_period, 2);
+    add(o_,
+        {od::interpolation_time_period, 1, "interpolation time", T::u8, rw, false,
+         std::max<std::int64_t>(1, std::llround(p_.cycle_us / 1e3)), 1, 255},
+        {.meaning = "CSP: set points are joined by straight lines over this time"});
+    add(o_, {od::interpolation_time_period, 2, "interpolation time exponent", T::i8, rw, false, -3, -6, 0},
+        {.meaning = "of ten, seconds"});
+  }
+
+  void velocity() {
+    velocity(od::velocity_actual_value, "velocity actual", ro, "motor side");
+    velocity(od::velocity_offset, "velocity offset", rw, modes_that_add(od::velocity_offset));
+    velocity(od::target_velocity, "target velocity", rw, modes_with_target(od::target_velocity));
+    add(o_,
+        {od::max_motor_speed, 0, "max motor speed", T::u32, rw, false,
+         std::llround(p_.speed_max_rad_s * 30 / std::numbers::pi), 1, 1000000},
+        {.scale = std::numbers::pi / 30, .unit = "rad/s", .meaning = "rpm"});
+    add(o_,
+        {od::quick_stop_deceleration, 0, "quick stop deceleration", T::u32, rw, false,
+         std::llround(std::min(4.0 * p_.speed_max_rad_s / milli_rpm_rad_s, 4e9)), 1, 0xffffffffLL},
+        {.scale = milli_rpm_rad_s, .unit = "rad/s2"});
+  }
+
+  void torque() {
+    torque(od::target_torque, "target torque", T::i16, rw, 0, modes_with_target(od::target_torque));
+    torque(od::max_torque, "max torque", T::u16, rw, 1000);
+    torque(od::torque_demand, "torque demand", T::i16, ro, 0);
+    add(o_, {od::motor_rated_torque, 0, "motor rated torque", T::u32, ro, false, rated_torque_mnm_},
+        {.scale = 1e-3, .unit = "Nm", .meaning = "torque_max_nm / gear_ratio; 1000 of 6071h, 6072h, 6077h"});
+    torque(od::torque_actual_value, "torque actual", T::i16, ro, 0, "motor side");
+    torque(od::torque_offset, "torque offset", T::i16, rw, 0, modes_that_add(od::torque_offset));
+  }
+
+  void motor_and_gear() {
+    highest_sub_index(od::position_encoder_resolution, 2);
+    add(o_, {od::position_encoder_resolution, 1, "encoder increments", T::u32, constant, false, increments_per_turn});
+    add(o_, {od::position_encoder_resolution, 2, "motor revolutions", T::u32, constant, false, 1});
+    highest_sub_index(od::gear_ratio, 2);
+    add(o_,
+        {od::gear_ratio, 1, "gear: motor revolutions", T::u32, constant, false, std::llround(1000 * p_.gear_ratio)});
+    add(o_, {od::gear_ratio, 2, "gear: joint revolutions", T::u32, constant, false, 1000});
+    add(o_, {od::si_unit_velocity, 0, "velocity unit", T::u32, constant, false, 0xFDB44700},
+        {.meaning = "10^-3 revolutions per minute"});
+    add(o_, {od::single_device_type, 0, "single device type", T::u32, constant, false, servo_drive});
+  }
+
+  void manufacturer() {
+    const auto only = [&](Object object, Extra extra) {
+      highest_sub_index(object.index, 1);
+      add(o_, std::move(object), std::move(extra));
+    };
+    only({od::lubricant_temperature, 1, "lubricant temperature", T::i16, ro, true, std::llround(10 * p_.start_degC)},
+         {.scale = 0.1, .unit = "degC"});
+    only({od::friction_torque, 1, "friction torque", T::i32, ro, true},
+         {.scale = 1e-3, .unit = "Nm", .meaning = "arm side, positive when it opposes positive motion"});
+    only({od::load_torque, 1, "load torque", T::i32, ro, true},
+         {.scale = 1e-3, .unit = "Nm", .meaning = "arm side: what the gear carries"});
+    only({od::measured_temperature, 1, "measured temperature", T::i16, rw, true, limits_of(T::i16).low},
+         {.scale = 0.1, .unit = "degC", .meaning = "of a bench; overrides the thermal model; 8000h: none"});
+    only({od::temperature_limit, 1, "temperature limit", T::i16, rw, false, 1200},
+         {.scale = 0.1, .unit = "degC", .meaning = "above: fault 4310h; a warning 10 K before"});
+    only({od::sync_deadline, 1, "SYNC deadline", T::u16, rw, false, 100, 1, 60000},
+         {.scale = 1e-3, .unit = "s", .meaning = "enabled and without SYNC for so long: abort connection (6007h)"});
+  }
+
+ private:
+  static constexpr double increment_rad = 2 * std::numbers::pi / increments_per_turn,
+                          milli_rpm_rad_s = 2e-3 * std::numbers::pi / 60;
+
+  std::int64_t increments(double joint_rad) const {
+    return saturated(T::i32, std::llround(joint_rad * p_.gear_ratio / increment_rad));
+  }
+  void highest_sub_index(od::Index index, int highest) {
+    add(o_, {index, 0, "highest sub-index", T::u8, constant, false, highest});
+  }
+  void position(od::Index index, std::uint8_t sub, const char* name, Access access, bool mappable, std::int64_t value,
+                std::string meaning = "") {
+    add(o_, {index, sub, name, T::i32, access, mappable, value},
+        {.scale = increment_rad, .unit = "rad", .meaning = std::move(meaning)});
+  }
+  void velocity(od::Index index, const char* name, Access access, std::string meaning) {
+    add(o_, {index, 0, name, T::i32, access, true},
+        {.scale = milli_rpm_rad_s, .unit = "rad/s", .meaning = std::move(meaning)});
+  }
+  void torque(od::Index index, const char* name, Type type, Access access, std::int64_t value,
+              std::string meaning = "") {
+    add(o_, {index, 0, name, type, access, true, value},
+        {.scale = per_mille_nm_, .unit = "Nm", .meaning = std::move(meaning)});
+  }
+
+  std::vector<Object>& o_;
+  const DriveParameters& p_;
+  std::int64_t rated_torque_mnm_ = std::max<std::int64_t>(1, std::llround(1e3 * p_.rated_torque_nm));
+  double per_mille_nm_ = static_cast<double>(rated_torque_mnm_) * 1e-6;
+};
+
+}  // namespace
+
+Dictionary drive_dictionary(const DriveParameters& parameters) {
+  std::vector<Object> objects;
+  add_communication_objects(objects, parameters, servo_drive, default_pdos(parameters.node));
+  Builder drive(objects, parameters);
+  drive.state();
+  drive.modes();
+  drive.position();
+  drive.velocity();
+  drive.torque();
+  drive.motor_and_gear();
+  drive.manufacturer();
+  return Dictionary(std::move(objects));
+}
+
+DriveObjects::DriveObjects(Dictionary& dictionary, double gear_ratio) {
+  increment_rad = 2 * std::numbers::pi / increments_per_turn / gear_ratio;
+  milli_rpm_rad_s = 2e-3 * std::numbers::pi / 60 / gear_ratio;
+  per_mille_nm = static_cast<double>(dictionary.get(od::motor_rated_torque)) * 1e-6 * gear_ratio;
+
+  const auto object = [&](od::Index index, std::uint8_t sub = 0) { return dictionary.find(index, sub); };
+  controlword = object(od::controlword);
+  statusword = object(od::statusword);
+  error_code = object(od::error_code);
+  mode = object(od::modes_of_operation);
+  mode_display = object(od::modes_of_operation_display);
+  target_position = object(od::target_position);
+  target_velocity = object(od::target_velocity);
+  target_torque = object(od::target_torque);
+  position_demand = object(od::position_demand_value);
+  position_actual = object(od::position_actual_value);
+  velocity_actual = object(od::velocity_actual_value);
+  torque_actual = object(od::torque_actual_value);
+  torque_demand = object(od::torque_demand);
+  following_error = object(od::following_error_actual_value);
+  following_error_window = object(od::following_error_window);
+  following_error_time_out = object(od::following_error_time_out);
+  velocity_offset = object(od::velocity_offset);
+  torque_offset = object(od::torque_offset);
+  max_torque = object(od::max_torque);
+  max_motor_speed = object(od::max_motor_speed);
+  quick_stop_deceleration = object(od::quick_stop_deceleration);
+  position_limit_low = object(od::software_position_limit, 1);
+  position_limit_high = object(od::software_position_limit, 2);
+  interpolation_time = object(od::interpolation_time_period, 1);
+  interpolation_exponent = object(od::interpolation_time_period, 2);
+  lubricant_temperature = object(od::lubricant_temperature, 1);
+  friction_torque = object(od::friction_torque, 1);
+  load_torque = object(od::load_torque, 1);
+  measured_temperature = object(od::measured_temperature, 1);
+  temperature_limit = object(od::temperature_limit, 1);
+}
+
+double DriveObjects::interpolation_s() const {
+  return static_cast<double>(interpolation_time->value) *
+         std::pow(10.0, static_cast<double>(interpolation_exponent->value));
+}
+
+}  // namespace tribotwin::hil

@@ -1,0 +1,42 @@
+#pragma once
+
+#include <tribotwin/hil/canopen/dictionary.hpp>
+#include <tribotwin/hil/drives/drive_parameters.hpp>
+
+namespace tribotwin::hil {
+
+inline constexpr int increments_per_turn = 65536;  ///< 608Fh, motor side
+
+/// The object dictionary of a drive after a reset: CiA 301, CiA 402 and our own objects.
+Dictionary drive_dictionary(const DriveParameters& parameters);
+
+/// The objects that a drive reads and writes in each step, found once, and their values on the joint side in SI.
+/// Objects count at the motor: increments [1/65536 turn], 0.001 rpm, 0.001 of the rated torque.
+class DriveObjects {
+ public:
+  DriveObjects(Dictionary& dictionary, double gear_ratio);
+
+  // Size of one count, joint side.
+  double increment_rad, milli_rpm_rad_s, per_mille_nm;
+
+  Object *controlword, *statusword, *error_code;
+  Object *mode, *mode_display;
+  Object *target_position, *target_velocity, *target_torque;
+  Object *position_demand, *position_actual, *velocity_actual, *torque_actual, *torque_demand;
+  Object *following_error, *following_error_window, *following_error_time_out;
+  Object *velocity_offset, *torque_offset, *max_torque, *max_motor_speed, *quick_stop_deceleration;
+  Object *position_limit_low, *position_limit_high;
+  Object *interpolation_time, *interpolation_exponent;
+  Object *lubricant_temperature, *friction_torque, *load_torque, *measured_temperature, *temperature_limit;
+
+  double position_rad(std::int64_t increments) const { return static_cast<double>(increments) * increment_rad; }
+  double position_rad(const Object* object) const { return position_rad(object->value); }
+  double velocity_rad_s(const Object* object) const { return static_cast<double>(object->value) * milli_rpm_rad_s; }
+  double torque_nm(const Object* object) const { return static_cast<double>(object->value) * per_mille_nm; }
+  /// 6080h, which counts in rpm.
+  double speed_max_rad_s() const { return static_cast<double>(max_motor_speed->value) * 1e3 * milli_rpm_rad_s; }
+  /// 60C2h: time from one set point to the next.
+  double interpolation_s() const;
+};
+
+}  // namespace tribotwin::hil

@@ -1,0 +1,216 @@
+#include <algorithm>
+#include <cmath>
+
+#include <tribotwin/hil/canopen/object_index.hpp>
+#include <tribotwin/hil/cia402/drive_profile.hpp>
+
+namespace tribotwin::hil {
+namespace {
+
+constexpr double standing_motor_rad_s = 0.5;     // slower than this, a motor counts as standing
+constexpr double standstill_s = 0.02;            // for so long, at the end of a ramp
+constexpr double warning_K = 10;                 // below the temperature limit
+constexpr std::int64_t window_off = 0xffffffff;  // 6065h: the following error is not watched
+
+/// Bits of the statusword 6041h beside those of the state (CiA 402-2).
+enum Status : std::uint16_t {
+  voltage_enabled = 0x0010,
+  warning = 0x0080,
+  remote = 0x0200,
+  internal_limit_active = 0x0800,
+  follows_command = 0x1000,
+  following_error = 0x2000
+};
+
+/// 6007h: abort connection option.
+enum AbortConnection : std::int64_t { fault_reaction = 1, disable_voltage = 2, quick_stop = 3 };
+
+double tenths_degC(const Object* object) { return 0.1 * static_cast<double>(object->value); }
+
+}  // namespace
+
+DriveProfile::DriveProfile(NodeContext& node, Emcy& emcy, double gear_ratio)
+    : node_(node), emcy_(emcy), objects_(node.dictionary, gear_ratio), gear_ratio_(gear_ratio) {}
+
+std::optional<double> DriveProfile::measured_temperature_degC() const {
+  const Object* measured = objects_.measured_temperature;
+  if (measured->value == measured->low) return std::nullopt;
+  return tenths_degC(measured);
+}
+
+// ---- Objects.
+
+tl::expected<void, Abort> DriveProfile::may_write(const Object& o, std::int64_t value) const {
+  const bool unknown_mode = o.index == od::modes_of_operation && !find_mode(value);
+  const bool unknown_stop = o.index == od::quick_stop_option_code && (value == 3 || value == 4);
+  if (unknown_mode || unknown_stop) return tl::unexpected(Abort::out_of_range);
+  return {};
+}
+
+void DriveProfile::written(const Object& o) {
+  if (o.index == od::controlword) return apply_controlword();
+  if (o.index == od::modes_of_operation) return refresh_status();
+  const auto target = std::ranges::find(targets(), o.index, &Target::index);
+  if (target == targets().end()) return;
+  fresh_[static_cast<std::size_t>(target - targets().begin())] = true;
+  const ModeOfOperation& mode = active_mode();
+  if (mode.target_written && mode.target == o.index && machine_.follows()) mode.target_written(demand_, objects_);
+}
+
+void DriveProfile::reset() {
+  machine_.reset();
+  objects_.error_code->value = 0;
+}
+
+const ModeOfOperation& DriveProfile::active_mode() const { return *find_mode(objects_.mode_display->value); }
+
+StopOptions DriveProfile::stop_options() const {
+  const auto option = [&](od::Index index) { return static_cast<int>(node_.dictionary.get(index)); };
+  return {option(od::quick_stop_option_code), option(od::shutdown_option_code),
+          option(od::disable_operation_option_code), option(od::fault_reaction_option_code)};
+}
+
+// ---- States.
+
+void DriveProfile::apply_controlword() {
+  const DriveState before = machine_.state();
+  machine_.controlword(static_cast<std::uint16_t>(objects_.controlword->value), stop_options());
+  if (before == DriveState::fault && machine_.state() != DriveState::fault) {
+    objects_.error_code->value = 0;
+    emcy_.clear();
+  }
+  refresh_status();
+}
+
+void DriveProfile::fail(std::uint16_t code, std::uint8_t register_bits, bool ramp) {
+  if (machine_.state() == DriveState::fault || machine_.state() == DriveState::fault_reaction_active) return;
+  objects_.error_code->value = code;
+  machine_.fail(ramp);
+  emcy_.raise(code, register_bits);
+  refresh_status();
+}
+
+void DriveProfile::lose_commands(ErrorCode code) {
+  if (!machine_.powered()) {
+    if (code != ErrorCode::left_operational) emcy_.report(code);  // leaving operational without power is no error
+    return;
+  }
+  const auto option = node_.dictionary.get(od::abort_connection_option_code);
+  const StopOptions o = stop_options();
+  const bool ramp = (option == fault_reaction && o.fault_reaction != 0) || (option == quick_stop && o.quick_stop != 0);
+  fail(static_cast<std::uint16_t>(code), communication_error, ramp);
+}
+
+void DriveProfile::refresh_status() {
+  const bool follows = machine_.follows();
+  if ((follows && !followed_) || (follows && objects_.mode_display->value != objects_.mode->value)) take_up_mode();
+  if (!follows) objects_.mode_display->value = objects_.mode->value;
+  if (machine_.ramping() && ramp_rad_s_ == 0) ramp_rad_s_ = feedback_.velocity_rad_s;
+  followed_ = follows;
+
+  const std::uint16_t word = statusword();
+  if (objects_.statusword->value != word) node_.changed = true;
+  objects_.statusword->value = word;
+}
+
+/// A target that was not written for this mode begins at what the drive does now, so that nothing jumps.
+void DriveProfile::take_up_mode() {
+  objects_.mode_display->value = objects_.mode->value;
+  demand_ = {.position_rad = feedback_.position_rad};
+  if (!followed_) fresh_ = {};  // targets of another time
+  for (std::size_t i = 0; i < target_count; ++i) {
+    const Target& target = targets()[i];
+    if (!fresh_[i]) node_.dictionary.set(target.index, 0, target.standing_counts(objects_, feedback_, followed_));
+  }
+  fresh_ = {};
+  following_s_ = 0;
+}
+
+std::uint16_t DriveProfile::statusword() const {
+  int word = machine_.status_bits() | voltage_enabled;
+  const bool follows = machine_.follows();
+  if (feedback_.temperature_degC > tenths_degC(objects_.temperature_limit) - warning_K) word |= warning;
+  if (node_.operational()) word |= remote;
+  if (feedback_.limited) word |= internal_limit_active;
+  if (follows) word |= follows_command;
+  if (follows_demand() && following_s_ > 0) word |= following_error;
+  return static_cast<std::uint16_t>(word);
+}
+
+// ---- Steps.
+
+twin::DriveCommand DriveProfile::command(double dt) {
+  twin::DriveCommand c;
+  if (machine_.follows()) {
+    ramp_rad_s_ = 0;
+    c = active_mode().command(demand_, objects_, feedback_, dt);
+  } else if (machine_.powered()) {
+    c = ramp_down(c, dt);
+  }
+  c.torque_limit_nm = objects_.torque_nm(objects_.max_torque);
+  return c;
+}
+
+twin::DriveCommand DriveProfile::ramp_down(twin::DriveCommand c, double dt) {
+  c.mode = twin::DriveCommand::Mode::velocity;
+  const double step = objects_.velocity_rad_s(objects_.quick_stop_deceleration) * dt;
+  ramp_rad_s_ = std::abs(ramp_rad_s_) <= step ? 0 : ramp_rad_s_ - std::copysign(step, ramp_rad_s_);
+  c.velocity_rad_s = ramp_rad_s_;
+  demand_.position_rad = feedback_.position_rad;
+  return c;
+}
+
+void DriveProfile::feedback(const Feedback& f, double dt) {
+  feedback_ = f;
+  const double lag_rad = follows_demand() ? demand_.position_rad - f.position_rad : 0;
+  show(f);
+  set(objects_.following_error, lag_rad / objects_.increment_rad);
+  watch_following_error(lag_rad, dt);
+  watch_standstill(dt);
+  watch_temperature();
+  refresh_status();
+}
+
+void DriveProfile::show(const Feedback& f) {
+  const DriveObjects& o = objects_;
+  set(o.position_actual, f.position_rad / o.increment_rad);
+  set(o.velocity_actual, f.velocity_rad_s / o.milli_rpm_rad_s);
+  set(o.torque_actual, f.torque_nm / o.per_mille_nm);
+  set(o.torque_demand, f.torque_nm / o.per_mille_nm);
+  set(o.position_demand, demand_.position_rad / o.increment_rad);
+  set(o.lubricant_temperature, 10 * f.temperature_degC);
+  set(o.friction_torque, 1e3 * f.friction_nm);
+  set(o.load_torque, 1e3 * f.load_nm);
+}
+
+void DriveProfile::set(Object* object, double counts) {
+  const std::int64_t value = saturated(object->type, std::llround(counts));
+  if (value != object->value) object->value = value, node_.changed = true;
+}
+
+void DriveProfile::watch_following_error(double lag_rad, double dt) {
+  if (!follows_demand()) return;
+  const auto window = objects_.following_error_window->value;
+  const bool outside = window != window_off && std::abs(lag_rad) > objects_.position_rad(window);
+  following_s_ = outside ? following_s_ + dt : 0;
+  if (following_s_ > 1e-3 * static_cast<double>(objects_.following_error_time_out->value))
+    fail(static_cast<std::uint16_t>(ErrorCode::following_error), profile_error, stop_options().fault_reaction != 0);
+}
+
+void DriveProfile::watch_standstill(double dt) {
+  if (!machine_.ramping()) return;
+  const bool stands = ramp_rad_s_ == 0 && std::abs(feedback_.velocity_rad_s) * gear_ratio_ < standing_motor_rad_s;
+  standing_s_ = stands ? standing_s_ + dt : 0;
+  if (standing_s_ > standstill_s) {
+    machine_.stopped();
+    standing_s_ = 0;
+  }
+}
+
+void DriveProfile::watch_temperature() {
+  if (feedback_.temperature_degC > tenths_degC(objects_.temperature_limit))
+    fail(static_cast<std::uint16_t>(ErrorCode::excess_temperature), temperature_error,
+         stop_options().fault_reaction != 0);
+}
+
+}  // namespace tribotwin::hil

@@ -1,0 +1,74 @@
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <optional>
+
+#include <tribotwin/hil/canopen/emcy.hpp>
+#include <tribotwin/hil/cia402/drive_objects.hpp>
+#include <tribotwin/hil/cia402/modes.hpp>
+#include <tribotwin/hil/cia402/state_machine.hpp>
+
+namespace tribotwin::hil {
+
+/// The drive behind the objects of CiA 402: controlword to state machine, targets to set points, feedback to actual
+/// values, and the reactions to errors.
+class DriveProfile {
+ public:
+  DriveProfile(NodeContext& node, Emcy& emcy, double gear_ratio);
+
+  const StateMachine& machine() const { return machine_; }
+  std::uint16_t error_code() const { return static_cast<std::uint16_t>(objects_.error_code->value); }
+  /// 2110h [degC], when a bench writes one.
+  std::optional<double> measured_temperature_degC() const;
+
+  /// Rules for writes to the drive's objects.
+  tl::expected<void, Abort> may_write(const Object& object, std::int64_t value) const;
+  /// An object was written by the bus.
+  void written(const Object& object);
+  /// As after power-up; what the motor does and the demand stay. `refresh_status` follows.
+  void reset();
+
+  /// A fault: error code and register, EMCY, and the way to the state fault, with a ramp if `ramp`.
+  void fail(std::uint16_t code, std::uint8_t register_bits, bool ramp);
+  /// The master is gone: reaction 6007h while powered, else only an EMCY.
+  void lose_commands(ErrorCode code);
+
+  /// The set point of the next step of dt [s].
+  twin::DriveCommand command(double dt_s);
+  /// What that step did.
+  void feedback(const Feedback& feedback, double dt_s);
+  /// Takes up the mode when the drive begins to follow set points or 6060h changed; updates the statusword.
+  void refresh_status();
+
+ private:
+  const ModeOfOperation& active_mode() const;
+  /// A mode is active that watches the following error.
+  bool follows_demand() const { return machine_.follows() && active_mode().follows_demand; }
+  void apply_controlword();
+  void take_up_mode();
+  std::uint16_t statusword() const;
+  StopOptions stop_options() const;
+  /// A ramp down to standstill, then held there.
+  twin::DriveCommand ramp_down(twin::DriveCommand command, double dt_s);
+  void show(const Feedback& feedback);
+  void set(Object* object, double counts);
+  void watch_following_error(double lag_rad, double dt_s);
+  void watch_standstill(double dt_s);
+  void watch_temperature();
+
+  NodeContext& node_;
+  Emcy& emcy_;
+  DriveObjects objects_;
+  double gear_ratio_;
+  StateMachine machine_;
+  Feedback feedback_;
+  Demand demand_;
+  double ramp_rad_s_ = 0;
+  double following_s_ = 0;                  // for so long the following error has been beyond its window
+  double standing_s_ = 0;                   // for so long the motor has stood at the end of a ramp
+  bool followed_ = false;                   // set points, when refresh_status was last called
+  std::array<bool, target_count> fresh_{};  // targets that were written since the drive last took up a mode
+};
+
+}  // namespace tribotwin::hil

@@ -1,0 +1,56 @@
+#pragma once
+
+#include <array>
+#include <span>
+#include <string>
+
+#include <tribotwin/hil/cia402/drive_objects.hpp>
+#include <tribotwin/hil/drives/bus_drive.hpp>
+
+/// The modes of operation (CiA 402-2, 6060h) as one table. The checks of 6060h, the supported modes 6502h, the meanings
+/// in the dictionary and the EDS, and the set points follow from its rows.
+///
+/// To add a mode: one row in modes.cc with its function, and the expected list in tests/hil/cia402. A set point that no
+/// mode has yet is one more object in drive_objects.cc and one row of `targets`.
+namespace tribotwin::hil {
+
+/// The position set point under way: a straight line from one target to the next. Joint side.
+struct Demand {
+  double position_rad = 0, step_rad_s = 0, left_s = 0;
+};
+
+struct ModeOfOperation {
+  std::int8_t number;                  ///< value of 6060h; bit number - 1 of 6502h
+  const char* name;                    ///< "CSP"
+  std::uint16_t target;                ///< index of its set point, one of `targets()`
+  std::array<std::uint16_t, 6> needs;  ///< indices of the other objects that it reads; 0: none
+  bool follows_demand;                 ///< whether the following error of `Demand` is watched (6065h, 6066h)
+  /// Called when the bus wrote the target while the mode was active; null where `command` reads the target itself.
+  void (*target_written)(Demand&, const DriveObjects&);
+  /// The set point of the next step of dt [s].
+  twin::DriveCommand (*command)(Demand&, const DriveObjects&, const Feedback&, double dt_s);
+};
+
+std::span<const ModeOfOperation> modes_of_operation();
+/// Null for a mode that the drive does not have.
+const ModeOfOperation* find_mode(std::int64_t number);
+
+/// A set point object. `standing_counts`: the value that keeps the drive doing what it does now, when it takes up a
+/// mode or changes to another (`moving`: it followed a mode before).
+struct Target {
+  std::uint16_t index;
+  std::int64_t (*standing_counts)(const DriveObjects&, const Feedback&, bool moving);
+};
+inline constexpr std::size_t target_count = 3;
+const std::array<Target, target_count>& targets();
+
+/// For the dictionary: "8 CSP, 9 CSV, 10 CST", the bits of 6502h, "CSP, CSV, CST".
+std::string mode_numbers();
+std::int64_t supported_modes();
+std::string mode_names();
+/// Names of the modes whose target is this object.
+std::string modes_with_target(std::uint16_t index);
+/// "added in CSP and CSV", "added in every mode": the modes that need this offset.
+std::string modes_that_add(std::uint16_t index);
+
+}  // namespace tribotwin::hil

@@ -1,0 +1,203 @@
+#include <algorithm>
+
+#include <tribotwin/hil/canopen/cob_id.hpp>
+#include <tribotwin/hil/canopen/object_index.hpp>
+#include <tribotwin/hil/cia402/node.hpp>
+
+namespace tribotwin::hil {
+
+Node::Node(const DriveParameters& p, Send send)
+    : parameters_(p),
+      context_{.id = p.node, .send_frame = std::move(send), .dictionary = drive_dictionary(p)},
+      emcy_(context_),
+      sdo_(context_.dictionary),
+      pdos_(context_, emcy_),
+      sync_(context_),
+      heartbeat_(context_),
+      drive_(context_, emcy_, p.gear_ratio) {
+  context_.dictionary.may_write = [this](const Object& o, std::int64_t value) { return may_write(o, value); };
+  context_.dictionary.written = [this](const Object& o) { written(o); };
+  drive_.refresh_status();
+}
+
+// ---- Writes of the bus, handed to the service that owns the object.
+
+tl::expected<void, Abort> Node::may_write(const Object& o, std::int64_t value) const {
+  if (PdoService::owns(o.index)) return pdos_.may_write(o, value);
+  if (o.index == od::predefined_error_field && value != 0) return tl::unexpected(Abort::out_of_range);
+  return drive_.may_write(o, value);
+}
+
+void Node::written(const Object& o) {
+  context_.changed = true;
+  if (PdoService::owns(o.index)) return pdos_.reload();
+  if (o.index == od::predefined_error_field) return emcy_.clear_history();
+  if (o.index == od::consumer_heartbeat_time) return watched_.configure(o);
+  drive_.written(o);
+}
+
+// ---- Network management.
+
+void Node::start(std::int64_t now_ns) {
+  now_ns_ = now_ns;
+  context_.nmt = Nmt::pre_operational;
+  heartbeat_.boot_up(now_ns);
+}
+
+void Node::obey(NmtCommand command, std::int64_t now_ns) {
+  const Nmt before = context_.nmt;
+  switch (command) {
+    case NmtCommand::start:
+      context_.nmt = Nmt::operational;
+      break;
+    case NmtCommand::stop:
+      context_.nmt = Nmt::stopped;
+      break;
+    case NmtCommand::enter_pre_operational:
+      context_.nmt = Nmt::pre_operational;
+      break;
+    case NmtCommand::reset_node:
+    case NmtCommand::reset_communication:
+      return reset(command, now_ns);
+  }
+  if (context_.operational() && before != Nmt::operational) {
+    sync_.reset();
+    pdos_.start();
+    context_.changed = true;
+  }
+  if (before == Nmt::operational && !context_.operational()) drive_.lose_commands(ErrorCode::left_operational);
+  drive_.refresh_status();
+}
+
+/// Objects back to their defaults, by reset communication only those of CiA 301; the physics goes on. The drive is as
+/// after power-up: the brake holds.
+void Node::reset(NmtCommand command, std::int64_t now_ns) {
+  const Dictionary fresh = drive_dictionary(parameters_);
+  for (const Object& o : fresh.objects()) {
+    const bool writable = o.access == Access::read_write || o.index == od::predefined_error_field;
+    if (writable && (command == NmtCommand::reset_node || od::is_communication(o.index)))
+      context_.dictionary.find(o.index, o.sub)->value = o.value;
+  }
+  drive_.reset();
+  sdo_.reset();
+  watched_ = {};
+  emcy_.reset();
+  pdos_.reset();
+  sync_.reset();
+  start(now_ns);
+  drive_.refresh_status();
+}
+
+// ---- Frames.
+
+bool Node::sends(std::uint32_t id) const {
+  return id == cob::heartbeat + context_.id || id == cob::sdo_to_client + context_.id ||
+         id == cob::emcy + context_.id || pdos_.sends(id);
+}
+
+void Node::receive(const Frame& frame, std::int64_t now_ns) {
+  now_ns_ = now_ns;
+  if (frame.extended || frame.remote || frame.error || frame.fd) return;
+  if (frame.id == cob::nmt) {
+    if (const auto command = nmt_command(frame, context_.id)) obey(*command, now_ns);
+    return;
+  }
+  if (frame.id == cob::sdo_to_server + context_.id) return answer_sdo(frame, now_ns);
+  watched_.hear(frame.id, now_ns);
+  if (frame.id == cob::heartbeat + context_.id || frame.id == cob::sdo_to_client + context_.id ||
+      frame.id == cob::emcy + context_.id) {
+    ++context_.counters.foreign;
+    return;
+  }
+  if (!context_.operational()) return;
+  pdos_.receive(frame, now_ns);
+  drive_.refresh_status();
+}
+
+void Node::answer_sdo(const Frame& frame, std::int64_t now_ns) {
+  if (context_.nmt == Nmt::stopped) return;
+  ++context_.counters.sdo_requests;
+  if (const auto answer = sdo_.request(frame.bytes(), now_ns)) {
+    if (SdoServer::is_abort(*answer)) ++context_.counters.sdo_aborts;
+    context_.send(cob::sdo_to_client + context_.id, *answer);
+  }
+  drive_.refresh_status();
+}
+
+void Node::sync(std::int64_t now_ns) {
+  now_ns_ = now_ns;
+  if (!context_.operational()) return;
+  sync_.hear(now_ns);
+  pdos_.sync(now_ns);
+  drive_.refresh_status();
+}
+
+// ---- Timers.
+
+void Node::tick(std::int64_t now_ns) {
+  now_ns_ = now_ns;
+  if (const auto answer = sdo_.tick(now_ns)) context_.send(cob::sdo_to_client + context_.id, *answer);
+  heartbeat_.tick(now_ns);
+  for (int lost = watched_.lost(now_ns); lost > 0; --lost) lose_heartbeat();
+  if (!context_.operational()) return;
+  watch_deadlines(now_ns);
+  pdos_.tick(now_ns);
+}
+
+/// Reaction 6007h, and NMT as 1029h says.
+void Node::lose_heartbeat() {
+  enum ErrorBehavior : std::int64_t { to_pre_operational = 0, no_change = 1, to_stopped = 2 };
+  ++context_.counters.heartbeats_lost;
+  drive_.lose_commands(ErrorCode::heartbeat_lost);
+  const auto behavior = context_.dictionary.get(od::error_behavior, 1);
+  if (behavior == to_pre_operational && context_.operational()) context_.nmt = Nmt::pre_operational;
+  if (behavior == to_stopped) context_.nmt = Nmt::stopped;
+  drive_.refresh_status();
+}
+
+void Node::watch_deadlines(std::int64_t now_ns) {
+  for (int late = pdos_.late(now_ns); late > 0; --late) {
+    ++context_.counters.pdo_late;
+    drive_.lose_commands(ErrorCode::rpdo_timeout);
+  }
+  // Only a drive that gets its set points by SYNC misses it.
+  if (sync_.lost(now_ns) && drive_.machine().powered() && pdos_.any_synchronous_rpdo()) {
+    ++context_.counters.syncs_lost;
+    drive_.lose_commands(ErrorCode::sync_lost);
+  }
+}
+
+std::int64_t Node::next_ns() const {
+  std::int64_t next = std::min(heartbeat_.next_ns(), watched_.next_ns());
+  if (!context_.operational()) return next;
+  next = std::min({next, sync_.next_ns(), pdos_.next_ns()});
+  return context_.changed ? now_ns_ : next;
+}
+
+void Node::recovered(std::int64_t now_ns) {
+  now_ns_ = now_ns;
+  emcy_.report(ErrorCode::bus_recovered);
+}
+
+void Node::fail(std::uint16_t code, std::uint8_t register_bits, bool ramp, std::int64_t now_ns) {
+  now_ns_ = now_ns;
+  drive_.fail(code, register_bits, ramp);
+}
+
+std::vector<std::pair<std::string, std::uint64_t>> Node::counts() const {
+  const NodeCounters& n = context_.counters;
+  return {{"node", id()},
+          {"error_code", error_code()},
+          {"pdo_received", n.pdo_received},
+          {"pdo_sent", n.pdo_sent},
+          {"pdo_short", n.pdo_short},
+          {"pdo_late", n.pdo_late},
+          {"sdo_requests", n.sdo_requests},
+          {"sdo_aborts", n.sdo_aborts},
+          {"emergencies", n.emergencies},
+          {"heartbeats_lost", n.heartbeats_lost},
+          {"syncs_lost", n.syncs_lost},
+          {"foreign", n.foreign}};
+}
+
+}  // namespace tribotwin::hil

@@ -1,0 +1,76 @@
+#pragma once
+
+#include <tribotwin/hil/canopen/emcy.hpp>
+#include <tribotwin/hil/canopen/heartbeat.hpp>
+#include <tribotwin/hil/canopen/nmt.hpp>
+#include <tribotwin/hil/canopen/node_context.hpp>
+#include <tribotwin/hil/canopen/pdo.hpp>
+#include <tribotwin/hil/canopen/sdo.hpp>
+#include <tribotwin/hil/canopen/sync.hpp>
+#include <tribotwin/hil/cia402/drive_profile.hpp>
+#include <tribotwin/hil/drives/bus_drive.hpp>
+
+namespace tribotwin::hil {
+
+/// One drive on the bus: the services of CANopen (CiA 301) wired to the drive profile (CiA 402), free of sockets and
+/// clocks. Frames and the time of the bus come in, frames go out; set points go to the physics step by step, feedback
+/// comes back.
+///
+/// Lost commands (a deadline of a PDO or of the SYNC, a watched heartbeat) and NMT leaving operational start the
+/// reaction 6007h and end in the state fault, until a fault reset: the last torque never stays.
+class Node final : public BusDrive {
+ public:
+  Node(const DriveParameters& parameters, Send send);
+  Node(const Node&) = delete;
+  Node& operator=(const Node&) = delete;
+
+  /// Sends the boot-up message; pre-operational from then on.
+  void start(std::int64_t now_ns) override;
+  void receive(const Frame& frame, std::int64_t now_ns) override;
+  void sync(std::int64_t now_ns) override;
+  void tick(std::int64_t now_ns) override;
+  void recovered(std::int64_t now_ns) override;  ///< sends EMCY 8140h
+  std::int64_t next_ns() const override;
+  bool sends(std::uint32_t id) const override;
+  twin::DriveCommand command(double dt_s) override { return drive_.command(dt_s); }
+  void feedback(const Feedback& feedback, double dt_s) override { drive_.feedback(feedback, dt_s); }
+  bool brake_engaged() const override { return !drive_.machine().powered(); }
+  std::optional<double> measured_temperature_degC() const override { return drive_.measured_temperature_degC(); }
+  std::string state_name() const override { return name_of(state()); }
+  bool enabled() const override { return state() == DriveState::operation_enabled; }
+  bool failed() const override { return state() == DriveState::fault; }
+  std::vector<std::pair<std::string, std::uint64_t>> counts() const override;
+
+  Nmt nmt() const { return context_.nmt; }
+  DriveState state() const { return drive_.machine().state(); }
+  std::uint8_t id() const { return context_.id; }
+  const DriveParameters& parameters() const { return parameters_; }
+  Dictionary& dictionary() { return context_.dictionary; }
+  const NodeCounters& counters() const { return context_.counters; }
+  std::uint16_t error_code() const { return drive_.error_code(); }
+  /// A fault from outside the bus: injected, or of the bench. `register_bits`: of 1001h.
+  void fail(std::uint16_t code, std::uint8_t register_bits, bool ramp, std::int64_t now_ns);
+
+ private:
+  tl::expected<void, Abort> may_write(const Object& object, std::int64_t value) const;
+  void written(const Object& object);
+
+  void obey(NmtCommand command, std::int64_t now_ns);
+  void reset(NmtCommand command, std::int64_t now_ns);
+  void answer_sdo(const Frame& frame, std::int64_t now_ns);
+  void lose_heartbeat();
+  void watch_deadlines(std::int64_t now_ns);
+
+  DriveParameters parameters_;
+  NodeContext context_;
+  Emcy emcy_;
+  SdoServer sdo_;
+  PdoService pdos_;
+  SyncConsumer sync_;
+  HeartbeatProducer heartbeat_;
+  HeartbeatConsumer watched_;
+  DriveProfile drive_;
+  std::int64_t now_ns_ = 0;
+};
+
+}  // namespace tribotwin::hil

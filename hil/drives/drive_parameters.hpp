@@ -1,0 +1,21 @@
+#pragma once
+
+#include <cstdint>
+#include <string>
+
+namespace tribotwin::hil {
+
+/// What makes one drive on the bus different from the next. Motor side unless a line says otherwise.
+struct DriveParameters {
+  std::uint8_t node = 1;                               ///< node number, 1..127
+  std::string name;                                    ///< of the joint
+  double gear_ratio = 1;                               ///< motor turns per joint turn
+  double rated_torque_nm = 1;                          ///< torque_max_nm / gear_ratio
+  double speed_max_rad_s = 1000;                       ///< maximum motor speed
+  std::uint32_t cycle_us = 2000;                       ///< SYNC period [us]
+  bool limited = false;                                ///< whether the joint has the position limits:
+  double position_low_rad = 0, position_high_rad = 0;  ///< joint side
+  double start_degC = 25;                              ///< lubricant temperature at the start
+};
+
+}  // namespace tribotwin::hil
