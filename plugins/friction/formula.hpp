@@ -184,27 +184,36 @@ struct Basics {
   }
 };
 
-/// Per shape: `value` at v > 0 from the coefficients, v^alpha given; and `sample`, the same from the numbers
-/// themselves with its slopes by the quantities of its ShapeInfo, for identification, whose search may go anywhere:
+/// Per shape: `value` at v > 0 from the coefficients, v^alpha given; and, for identification, `sample`: the same from
+/// the numbers themselves, with its slopes by the quantities of its ShapeInfo. Identification may search anywhere:
 /// powers stay finite, and so do the squares of their products. `warm`: the quantities may depend on T.
+/// A sample takes `steps` of one transcendental function each, called in turn with the same three variables: a loop of
+/// one step has independent functions for the processor to overlap.
 template <Shape shape, class Math>
 struct Form {  // a power of v
-  template <bool warm>
-  [[gnu::always_inline]] static void sample(const GeneralLaw&, double v, double, double, double& value, double*) {
+  static constexpr int steps = 1;
+  template <int step, bool warm>
+  [[gnu::always_inline]] static void sample(const GeneralLaw&, double v, double, double, double& value, double&,
+                                            double&) {
     value = Basics<Math>::times_power(1, v, shape_infos[shape].degree);
   }
 };
 
-/// e^-(v/u)^alpha and its slopes by u and alpha. Powers beyond e^6 leave nothing of the term, infinity times 0 of its
-/// slopes, and make the vector functions slow.
-template <class Math>
-[[gnu::always_inline]] inline void stribeck_sample(double u, double alpha, double log_v, double& value,
-                                                   double* slopes) {
-  const double log_ratio = log_v - Math::log(Math::magnitude(u)),
-               x = Math::exp(Basics<Math>::least(alpha * log_ratio, 6));
-  value = Math::exp(-x);
-  slopes[0] = value * x * alpha / u;
-  slopes[1] = -value * x * log_ratio;
+/// A step of e^-x with x = (v/u)^alpha and its slopes by u and alpha. Powers beyond e^6 leave nothing of the term,
+/// infinity times 0 of its slopes, and make the vector functions slow.
+template <class Math, int step>
+[[gnu::always_inline]] inline void stribeck_sample(double u, double alpha, double log_v, double& value, double& by_u,
+                                                   double& by_alpha) {
+  if constexpr (step == 0) {
+    by_alpha = log_v - Math::log(Math::magnitude(u));
+  } else if constexpr (step == 1) {
+    by_u = Math::exp(Basics<Math>::least(alpha * by_alpha, 6));
+  } else {
+    const double x = by_u, log_ratio = by_alpha;
+    value = Math::exp(-x);
+    by_u = value * x * alpha / u;
+    by_alpha = -value * x * log_ratio;
+  }
 }
 
 template <class Math>
@@ -212,11 +221,12 @@ struct Form<stribeck, Math> {
   [[gnu::always_inline]] static double value(const Coefficients& c, double, double v_alpha) {
     return Basics<Math>::fade(v_alpha * c.vs_pow);
   }
-  template <bool warm>
+  static constexpr int steps = 3;
+  template <int step, bool warm>
   [[gnu::always_inline]] static void sample(const GeneralLaw& f, double, double log_v, double T, double& value,
-                                            double* slopes) {
+                                            double& by_vs, double& by_alpha) {
     const double vs = warm ? Basics<Math>::template at<stribeck_velocity>(f, T) : f.vs;
-    stribeck_sample<Math>(Math::magnitude(vs) < 1e-9 ? 1e-9 : vs, f.alpha, log_v, value, slopes);
+    stribeck_sample<Math, step>(Math::magnitude(vs) < 1e-9 ? 1e-9 : vs, f.alpha, log_v, value, by_vs, by_alpha);
   }
 };
 
@@ -225,23 +235,25 @@ struct Form<load_stribeck, Math> {
   [[gnu::always_inline]] static double value(const Coefficients& c, double, double v_alpha) {
     return Basics<Math>::fade(v_alpha * c.vl_pow);
   }
-  template <bool warm>
+  static constexpr int steps = 3;
+  template <int step, bool warm>
   [[gnu::always_inline]] static void sample(const GeneralLaw& f, double, double log_v, double, double& value,
-                                            double* slopes) {
-    stribeck_sample<Math>(f.vl, f.alpha, log_v, value, slopes);
+                                            double& by_vl, double& by_alpha) {
+    stribeck_sample<Math, step>(f.vl, f.alpha, log_v, value, by_vl, by_alpha);
   }
 };
 
 template <class Math>
 struct Form<power, Math> {
   [[gnu::always_inline]] static double value(const Coefficients& c, double v, double) { return Math::power(v, c.beta); }
-  template <bool warm>
+  static constexpr int steps = 1;
+  template <int step, bool warm>
   [[gnu::always_inline]] static void sample(const GeneralLaw& f, double, double log_v, double T, double& value,
-                                            double* slopes) {
+                                            double& by_beta, double&) {
     using B = Basics<Math>;
     const double beta = warm ? B::template at<power_exponent>(f, T) : f.beta;
     value = Math::exp(B::least(B::most(beta * log_v, -700), 150));
-    slopes[0] = value * log_v;
+    by_beta = value * log_v;
   }
 };
 
@@ -455,8 +467,11 @@ double gradient(const GeneralLaw& f, double v, double l, double T, double* by_te
   using B = Basics<Math>;
   const double s = B::scale(f, T), log_v = Math::log(v);
   double value[shape_count], slopes[shape_count][2], heat[3] = {1};
-  each<shape_count>(
-      [&]<int i>() { Form<static_cast<Shape>(i), Math>::template sample<true>(f, v, log_v, T, value[i], slopes[i]); });
+  each<shape_count>([&]<int i>() {
+    using Of = Form<static_cast<Shape>(i), Math>;
+    each<Of::steps>(
+        [&]<int step>() { Of::template sample<step, true>(f, v, log_v, T, value[i], slopes[i][0], slopes[i][1]); });
+  });
   vogel_sample<Math>(f.T_V, T, heat[1], heat[2]);
   const auto at = [&](const Column& c) {
     const double x = (c.slope < 0 ? value[c.shape] : slopes[c.shape][c.slope]) * heat[c.vogel];
