@@ -302,9 +302,7 @@ Result<Drive> make_drive(std::string name, const Configuration& configuration) {
       table_slope = std::max(table_slope, std::abs(load_table.values[i] - load_table.values[i - 1]) /
                                               (load_table.loads[column] - load_table.loads[column - 1]));
   if (info->load_dependent || table_slope > 0) {
-    const auto& f = drive.law.family;
-    const double per_load_nm =
-        drive.torque_scale_nm() * (std::max(std::abs(f.A_l), std::abs(f.A_l + f.B_l + f.C_l)) + table_slope);
+    const double per_load_nm = drive.torque_scale_nm() * (friction::growth_with_load(drive.law) + table_slope);
     const double gain = per_load_nm / drive.torque_max_nm;
     if (gain >= 1)
       return tl::unexpected(

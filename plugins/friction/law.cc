@@ -84,7 +84,7 @@ GeneralLaw extended_family(std::span<const double> p) {
 
 constexpr Parameter steady_state_parameters[] = {
     {"Fc", "Nm", 0, 1e6, none, none, "Coulomb friction"},
-    {"Fs", "Nm", 0, 1e6, none, none, "standstill friction, the level itself (>= Fc)"},
+    {"Fs", "Nm", 0, 1e6, none, none, "standstill friction, the level itself (>= Fc)", "Fc"},
     {"Vs", "rad/s", 1e-9, 1e6, none, none, "Stribeck velocity"},
     {"alpha", "1", 0.01, 10, 1.3, none, "exponent of the Stribeck term"},
     {"Fv", "Nm (s/rad)^beta", 0, 1e6, none, none, "viscous coefficient"},
@@ -318,6 +318,17 @@ std::size_t edit_distance(std::string_view a, std::string_view b) {
   return row.back();
 }
 
+/// The mathematics of one number at a time.
+struct Libm {
+  static constexpr bool branches = true;
+  static double exp(double x) { return std::exp(x); }
+  static double log(double x) { return std::log(x); }
+  static double magnitude(double x) { return std::abs(x); }
+  static double power(double x, double a) { return std::pow(x, a); }
+  static double quotient(double a, double b) { return a / b; }
+};
+using Scalar = formula::Evaluator<Libm>;
+
 /// Brings x into [lowest, highest], NaN to the point nearest 0.
 double confined(double x, double lowest, double highest) {
   return std::clamp(std::isnan(x) ? 0.0 : x, lowest, highest);
@@ -383,9 +394,28 @@ Law with_parameters(const Law& law, std::span<const double> parameters) {
 Law scaled(const Law& law, double weakening, double stribeck_velocity, double strengthening) {
   Law result = law;
   GeneralLaw& f = result.family;
-  for (double* x : {&f.A, &f.A_T, &f.A_TT, &f.A_l, &f.B, &f.B_T, &f.B_TT, &f.B_l, &f.C_l}) *x *= weakening;
-  for (double* x : {&f.vs, &f.vs_T, &f.vs_TT, &f.vl}) *x *= stribeck_velocity;
-  for (double* x : {&f.F1, &f.F1_t, &f.F1_tt, &f.F1_T, &f.F2, &f.F3, &f.Fb, &f.Fb_T}) *x *= strengthening;
+  for (const formula::Term& term : formula::terms)
+    f.*term.number *= formula::shape_infos[term.shape].weakening ? weakening : strengthening;
+  for (const formula::ShapeNumber& row : formula::shape_numbers)
+    if (row.quantity == formula::stribeck_velocity || row.quantity == formula::load_velocity)
+      f.*row.number *= stribeck_velocity;
+  return result;
+}
+
+double growth_with_load(const Law& law) {
+  double above = 0, at_rest = 0;
+  for (const formula::Term& term : formula::terms)
+    if (term.load == 1 && formula::shape_infos[term.shape].weakening) {
+      at_rest += law.family.*term.number;
+      if (term.shape == formula::constant) above += law.family.*term.number;
+    }
+  return std::max(std::abs(above), std::abs(at_rest));
+}
+
+Gradient gradient(const GeneralLaw& law, double speed_rad_s, double load_norm, double temperature_degC) {
+  Gradient result{};
+  result.torque = formula::gradient<Libm>(law, speed_rad_s, load_norm, temperature_degC, result.by_terms.data(),
+                                          result.by_shape_numbers.data());
   return result;
 }
 
@@ -418,30 +448,13 @@ AtTemperature at_temperature(const Law& law, double temperature_degC) {
   const bool outside = law.info->temperature_dependent && !(temperature_degC >= law.range.temperature_min_degC &&
                                                             temperature_degC <= law.range.temperature_max_degC);
   const Range held = held_range(law);
-  temperature_degC = confined(temperature_degC, held.temperature_min_degC, held.temperature_max_degC);
-  const GeneralLaw& f = law.family;
-  const double T = temperature_degC;
-  // Past its zero the linear factor would turn friction into a motor; it stays at the zero.
-  const double s = f.s_T == 0 ? 1 : std::max(0.0, 1 + f.s_T * (T - f.s_T0));
-  const double thinned = f.F1_T == 0 && f.Fb_T == 0 ? 0 : std::exp(-T / f.T_V);
-  return {{.A = s * (f.A + f.A_T * T + f.A_TT * T * T),
-           .A_l = s * f.A_l,
-           .B = s * (f.B + f.B_T * T + f.B_TT * T * T),
-           .B_l = s * f.B_l,
-           .vs_pow = std::pow(std::abs(f.vs + f.vs_T * T + f.vs_TT * T * T), -f.alpha),
-           .C_l = s * f.C_l,
-           .vl_pow = std::pow(f.vl, -f.alpha),
-           .alpha = f.alpha,
-           .F1 = s * (f.F1 + f.F1_t * T + f.F1_tt * T * T + f.F1_T * thinned),
-           .F2 = s * f.F2,
-           .F3 = s * f.F3,
-           .Fb = s * (f.Fb + f.Fb_T * thinned),
-           .beta = std::clamp(f.beta + f.beta_T * T, exponent_min, exponent_max)},
-          outside};
+  AtTemperature at{Scalar::constants(law.family), outside};
+  Scalar::set_temperature(law.family, confined(temperature_degC, held.temperature_min_degC, held.temperature_max_degC),
+                          at.coefficients);
+  return at;
 }
 
 Level level(const Law& law, const AtTemperature& at, double speed_rad_s, double load_norm) {
-  const Coefficients& c = at.coefficients;
   const LawInfo& info = *law.info;
   const Range held = held_range(law);
   double v = std::abs(speed_rad_s), l = info.load_dependent ? std::abs(load_norm) : 0;
@@ -451,25 +464,9 @@ Level level(const Law& law, const AtTemperature& at, double speed_rad_s, double 
     outside |= !(l <= law.range.load_max);
     l = confined(l, 0, held.load_max);
   }
-
-  double g = c.A + c.A_l * l;
-  if (v == 0) {
-    g += c.B + (c.B_l + c.C_l) * l;
-    g = std::max(g, 0.0);
-    return {g, 0, outside};
-  }
-  const double power = std::pow(v, c.alpha);
-  // A Stribeck velocity of 0 leaves nothing of its term above standstill: x = inf, or NaN when v^alpha underflows.
-  const auto fading = [power](double scale) {
-    const double x = power * scale;
-    return x < 750 ? std::exp(-x) : 0.0;
-  };
-  if (c.B != 0 || c.B_l != 0) g += (c.B + c.B_l * l) * fading(c.vs_pow);
-  if (c.C_l != 0) g += c.C_l * l * fading(c.vl_pow);
-  double h = v * (c.F1 + v * (c.F2 + v * c.F3));
-  if (c.Fb != 0) h += c.Fb * std::pow(v, c.beta);
-  const double total = std::max(g + h, 0.0);
-  g = std::max(g, 0.0);
+  if (v == 0) return {std::max(Scalar::breakaway(at.coefficients, l), 0.0), 0, outside};
+  const auto [weakening, strengthening] = Scalar::parts(at.coefficients, v, Libm::power(v, at.coefficients.alpha), l);
+  const double total = std::max(weakening + strengthening, 0.0), g = std::max(weakening, 0.0);
   return {g, total - g, outside};
 }
 

@@ -12,10 +12,11 @@
 #include <vector>
 
 #include <tribotwin/plugins/friction/error.hpp>
+#include <tribotwin/plugins/friction/formula.hpp>
 
 /// Static friction laws of a robot joint: values in, value out.
 ///
-/// Every law of the table is one point of one family,
+/// Every law of the table is a special case of one general law,
 ///
 ///   tau_f(v, l, T) = s(T) [ (A + A_T T + A_TT T^2 + A_l l) + (B + B_T T + B_TT T^2 + B_l l) e^-|v/vs(T)|^alpha
 ///                         + C_l l e^-|v/vl|^alpha                                                                 g
@@ -24,9 +25,9 @@
 ///   vs(T) = vs + vs_T T + vs_TT T^2
 ///   s(T) = max(0, 1 + s_T (T - s_T0)),  beta(T) = beta + beta_T T held within `exponent_min` .. `exponent_max`
 ///
-/// for v >= 0, odd in v, with g the velocity-weakening and h the velocity-strengthening part. A law is therefore a
-/// name, a table of parameters and a function that places them in the family; parsing, validation, help and
-/// documentation read the same table, and there is one scalar and one batch evaluation for all of them.
+/// for v >= 0, odd in v, with g the velocity-weakening and h the velocity-strengthening part; formula.hpp evaluates it.
+/// A law is therefore a name, a table of parameters and a function that gives the numbers of the general law; parsing,
+/// validation, help and documentation read the same table.
 namespace tribotwin::friction {
 
 /// The shaft whose speed a law takes.
@@ -40,8 +41,6 @@ enum class Validity { clamp, extrapolate, error };
 
 inline constexpr std::size_t max_parameters = 13;
 inline constexpr double unlimited = std::numeric_limits<double>::infinity();
-/// Bounds of the viscous exponent beta(T): without them an extrapolated temperature could make v^beta infinite.
-inline constexpr double exponent_min = 0.01, exponent_max = 5;
 
 struct Parameter {
   std::string_view name;    ///< as in MJCF, YAML, JSON, tables and help
@@ -50,6 +49,9 @@ struct Parameter {
   double published;         ///< value in the source; NaN where the source gives none
   double sigma;             ///< one standard deviation in the source; NaN where the source gives none
   std::string_view meaning;
+  /// Another parameter of the law that this one must not be below; empty: none. Identification searches for the excess
+  /// over that one.
+  std::string_view not_below = {};
 };
 
 /// Where a law was identified. Bounds are inclusive, `unlimited` where the law does not depend on the input
@@ -61,24 +63,7 @@ struct Range {
   double temperature_max_degC = unlimited;
 };
 
-/// The numbers of the family above. Torques in the unit of the law, speeds on its side, T in degC.
-struct GeneralLaw {
-  double A = 0, A_T = 0, A_TT = 0, A_l = 0;
-  double B = 0, B_T = 0, B_TT = 0, B_l = 0, vs = 1, vs_T = 0, vs_TT = 0;
-  double C_l = 0, vl = 1;
-  double alpha = 1;
-  double F1 = 0, F1_t = 0, F1_tt = 0, F1_T = 0, T_V = 1, F2 = 0, F3 = 0, Fb = 0, Fb_T = 0, beta = 1, beta_T = 0;
-  double s_T = 0, s_T0 = 0;
-};
-
-/// The family at one temperature: all that `level` needs of the law's numbers.
-struct Coefficients {
-  double A = 0, A_l = 0;
-  double B = 0, B_l = 0, vs_pow = 0;  ///< vs_pow = |vs(T)|^-alpha, infinite for a Stribeck velocity of 0
-  double C_l = 0, vl_pow = 0;         ///< vl_pow = vl^-alpha
-  double alpha = 1;
-  double F1 = 0, F2 = 0, F3 = 0, Fb = 0, beta = 1;
-};
+using formula::Coefficients;
 
 struct LawInfo {
   std::string_view name, equation, source;
@@ -87,7 +72,7 @@ struct LawInfo {
   bool temperature_dependent, load_dependent;
   Range identified;
   std::span<const Parameter> parameters;
-  /// Places the parameters in the family. Every field is affine in the parameters, family(a) + family(b) - family(0) ==
+  /// The numbers of the general law. Every one is affine in the parameters, family(a) + family(b) - family(0) ==
   /// family(a + b): identification takes its exact derivatives from that.
   GeneralLaw (*family)(std::span<const double> parameters);
   /// Conditions between parameters (Fs >= Fc, ...); nullptr or an explanation.
@@ -123,6 +108,19 @@ Law with_parameters(const Law& law, std::span<const double> parameters);
 /// The same law with its parts multiplied at every temperature and load: g, the Stribeck velocities, h. `parameters`
 /// stay.
 Law scaled(const Law& law, double weakening, double stribeck_velocity, double strengthening);
+
+/// The largest growth of the friction level per load [unit of the law], at standstill and just above the Stribeck
+/// velocities, at s(T) = 1.
+double growth_with_load(const Law& law);
+
+struct Gradient {
+  double torque;                                                     ///< at v > 0, not clamped [unit of the law]
+  std::array<double, formula::term_count> by_terms;                  ///< by the numbers of formula::terms
+  std::array<double, formula::shape_number_count> by_shape_numbers;  ///< by those of formula::shape_numbers
+};
+/// The general law and its exact derivatives, for identification: no range applies, nothing is floored.
+/// speed_rad_s > 0, load_norm >= 0.
+Gradient gradient(const GeneralLaw& law, double speed_rad_s, double load_norm, double temperature_degC);
 
 /// The bounds that `level` and `at_temperature` hold inputs to under the law's policy: its own range or, where it
 /// extrapolates or is unlimited, what is physical at all (1e6 rad/s, load 1e3, -273.15 .. 1000 degC).

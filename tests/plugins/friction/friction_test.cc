@@ -190,7 +190,7 @@ TEST(Laws, PublishedChecksOfTheExtendedLaw) {
   law.validity = Validity::extrapolate;
   const auto at = at_temperature(law, 34).coefficients;
   EXPECT_NEAR(std::pow(at.vs_pow, -1 / 1.36), 8.5, 0.02);
-  EXPECT_NEAR(at.F1, 3.86e-4, 1e-6);
+  EXPECT_NEAR(at.amplitude[formula::linear][0], 3.86e-4, 1e-6);
 }
 
 TEST(Laws, ExtendedSteadyStateIsPaperTwosLawWithMovingCoefficients) {

@@ -9,25 +9,9 @@ namespace {
 
 using F = friction::GeneralLaw;
 using Eigen::Index, Eigen::MatrixXd, Eigen::VectorXd;
-enum Linear { A, A_T, A_TT, A_l, B, B_T, B_TT, B_l, C_l, F1, F1_t, F1_tt, F1_T, F2, F3, Fb, Fb_T };
-enum Nonlinear { vs, vs_T, vs_TT, vl, alpha, T_V, beta, beta_T, s_T, s_T0 };
+namespace formula = friction::formula;
 
 constexpr std::size_t chunk = 16384;
-
-/// By fields and kernel columns.
-struct {
-  int linear, nonlinear, column;
-} constexpr all_derivatives[] = {
-    {B, vs, col_u},       {B_T, vs, col_uT},         {B_TT, vs, col_uTT},     {B_l, vs, col_ul},
-    {B, vs_T, col_uT},    {B_T, vs_T, col_uTT},      {B_TT, vs_T, col_uT3},   {B_l, vs_T, col_uTl},
-    {B, vs_TT, col_uTT},  {B_T, vs_TT, col_uT3},     {B_TT, vs_TT, col_uT4},  {B_l, vs_TT, col_uTTl},
-    {B, alpha, col_a},    {B_T, alpha, col_aT},      {B_TT, alpha, col_aTT},  {B_l, alpha, col_al},
-    {C_l, vl, col_vl},    {C_l, alpha, col_al2},     {F1_T, T_V, col_F1_TV},  {Fb_T, T_V, col_Fb_TV},
-    {Fb, beta, col_beta}, {Fb_T, beta, col_beta_eT}, {Fb, beta_T, col_betaT}, {Fb_T, beta_T, col_beta_eTT}};
-
-KernelNumbers numbers(const F& f) {
-  return {f.vs, f.vs_T, f.vs_TT, f.vl, f.alpha, f.T_V, f.beta, f.beta_T, f.s_T, f.s_T0};
-}
 
 KernelSamples part(const Samples& s, std::span<const double> weights, std::size_t i) {
   const std::size_t first = i * chunk;
@@ -57,11 +41,6 @@ const Kernels& kernels() {
 
 }  // namespace
 
-const LinearFields linear_fields{&F::A,  &F::A_T,  &F::A_TT,  &F::A_l,  &F::B,  &F::B_T, &F::B_TT, &F::B_l, &F::C_l,
-                                 &F::F1, &F::F1_t, &F::F1_tt, &F::F1_T, &F::F2, &F::F3,  &F::Fb,   &F::Fb_T};
-const NonlinearFields nonlinear_fields{&F::vs,  &F::vs_T, &F::vs_TT,  &F::vl,  &F::alpha,
-                                       &F::T_V, &F::beta, &F::beta_T, &F::s_T, &F::s_T0};
-
 Placement::Placement(const friction::LawInfo& law) {
   const auto count = static_cast<Index>(law.parameters.size());
   std::vector<double> unit(law.parameters.size(), 0);
@@ -90,9 +69,13 @@ Placement::Placement(const friction::LawInfo& law) {
     const Derivative d{place_in(linear_used, of), place_in(nonlinear_used, by), 0};
     if (d.linear >= 0 && d.nonlinear >= 0) derivatives.push_back(d), column_of.push_back(column);
   };
-  for (const auto& d : all_derivatives)
-    take(static_cast<std::size_t>(d.linear), static_cast<std::size_t>(d.nonlinear), d.column);
-  for (const std::size_t k : linear_used) take(k, s_T, col_scaled + static_cast<int>(k));
+  for (std::size_t n = 0; n < nonlinear_count; ++n)
+    for (const std::size_t k : linear_used) {
+      if (formula::shape_numbers[n].quantity == formula::scale_slope)
+        take(k, n, col_scaled + static_cast<int>(k));
+      else if (const int column = formula::columns.slope[k][n]; column >= 0)
+        take(k, n, column);
+    }
   columns.assign(linear_used.begin(), linear_used.end());
   columns.insert(columns.end(), column_of.begin(), column_of.end());
   std::ranges::sort(columns);
@@ -119,9 +102,8 @@ Moments accumulate(const Samples& samples, std::span<const double> weights, cons
   const std::size_t count = (samples.size() + chunk - 1) / chunk;
   std::vector<double> sums(count * n * n, 0);
   const auto kernel = kernels().moments;
-  const KernelNumbers p = numbers(family);
   in_parallel(count, threads, [&](std::size_t i) {
-    kernel(part(samples, weights, i), p, used.data(), static_cast<int>(n), sums.data() + i * n * n);
+    kernel(part(samples, weights, i), family, used.data(), static_cast<int>(n), sums.data() + i * n * n);
   });
   for (std::size_t i = 1; i < count; ++i)
     for (std::size_t k = 0; k < n * n; ++k) sums[k] += sums[i * n * n + k];
@@ -160,8 +142,7 @@ std::vector<double> residuals(const Samples& samples, const Placement& place, co
   for (std::size_t k = 0; k < linear_count; ++k) linear[k] = family.*linear_fields[k];
   const auto kernel = kernels().residuals;
   in_parallel((samples.size() + chunk - 1) / chunk, threads, [&](std::size_t i) {
-    kernel(part(samples, {}, i), numbers(family), used.data(), static_cast<int>(used.size()), linear,
-           r.data() + i * chunk);
+    kernel(part(samples, {}, i), family, used.data(), static_cast<int>(used.size()), linear, r.data() + i * chunk);
   });
   return r;
 }

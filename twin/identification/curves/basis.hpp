@@ -15,11 +15,21 @@
 /// are those of every law by the chain rule, exactly.
 namespace tribotwin::twin::identification {
 
-inline constexpr std::size_t linear_count = 17, nonlinear_count = 10;
+inline constexpr std::size_t linear_count = friction::formula::term_count,
+                             nonlinear_count = friction::formula::shape_number_count;
 using LinearFields = std::array<double friction::GeneralLaw::*, linear_count>;
 using NonlinearFields = std::array<double friction::GeneralLaw::*, nonlinear_count>;
-extern const LinearFields linear_fields;
-extern const NonlinearFields nonlinear_fields;
+/// The numbers of friction::formula::terms and of friction::formula::shape_numbers.
+inline constexpr LinearFields linear_fields = [] {
+  LinearFields fields{};
+  for (std::size_t k = 0; k < linear_count; ++k) fields[k] = friction::formula::terms[k].number;
+  return fields;
+}();
+inline constexpr NonlinearFields nonlinear_fields = [] {
+  NonlinearFields fields{};
+  for (std::size_t n = 0; n < nonlinear_count; ++n) fields[n] = friction::formula::shape_numbers[n].number;
+  return fields;
+}();
 
 /// A law's parameters in the family. Vectors and matrices below are over the fields that some parameter moves ("in
 /// use").
