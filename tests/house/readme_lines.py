@@ -44,14 +44,14 @@ def blocks(text):
 
 
 def commands(first, lines):
-    """(line number, command) of a bash block: continued lines and here-documents in one piece, comments left out."""
+    """(line number, command) of a bash block: continued lines, loops and here-documents in one piece, comments left out."""
     i = 0
     while i < len(lines):
         start, command = i, lines[i]
         while command.endswith('\\') and i + 1 < len(lines):
             i += 1
             command += '\n' + lines[i]
-        end = re.search(r"<<'?(\w+)'?", command)
+        end = re.search(r"<<'?(\w+)'?", command) or re.match(r'(?:for|while)\b(?!.*\bdone\b)', command) and [0, 'done']
         while end and lines[i].strip() != end[1]:
             i += 1
             command += '\n' + lines[i]
