@@ -38,7 +38,7 @@ ORDER = {
         "scenarios",
         "",
     ],
-    "hil": ["can", "drives", "canopen", "mirror", "session", ""],
+    "hil": ["can", "drives", "canopen", "mirror", "session", "examples", ""],
     "render": ["theme", "process", "offscreen", "pose", "figure", "page", "report", ""],
 }
 KNOWN_EXCEPTIONS = set()  # (file, included file)
