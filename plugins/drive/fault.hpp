@@ -5,11 +5,15 @@
 
 #include <tribotwin/plugins/drive/drive.hpp>
 
-/// Faults by name. A severity is 0 in a healthy drive; what it means and what it leaves on a friction curve is said
-/// beside it.
+/// The faults a drive can have: one table, from which scenarios, campaigns, diagnosis and reports take them. A severity
+/// is 0 in a healthy drive.
 namespace tribotwin::drive {
 
+/// In the order of the table and of the documentation.
+enum class Fault { wear, thickening, lubricant_loss, preload_loss, backlash, pitted_bearing, torque_constant };
+
 struct FaultInfo {
+  Fault fault;
   std::string_view name;                         ///< as in YAML, JSON and tables
   std::string_view unit;                         ///< of the severity: "1" relative, "rad" arm side
   double maximum;                                ///< largest severity
@@ -17,8 +21,10 @@ struct FaultInfo {
   void (*add)(Faults& faults, double severity);  ///< to others that are there
 };
 
-/// All faults, in the order of the documentation.
+/// All faults.
 std::span<const FaultInfo> faults();
+const FaultInfo& info(Fault fault);
+/// Null where no fault has this name.
 const FaultInfo* find_fault(std::string_view name);
 
 }  // namespace tribotwin::drive

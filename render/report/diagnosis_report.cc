@@ -202,7 +202,7 @@ class Writer {
 Result<DiagnosisData> load_diagnosis(const std::filesystem::path& healthy,
                                      const std::vector<std::filesystem::path>& data, ObservationOptions read,
                                      const DiagnosisOptions& options) try {
-  DiagnosisData d{.file = healthy, .healthy = read_healthy(healthy), .options = options};
+  DiagnosisData d{.file = healthy, .healthy = twin::or_wrong_input(read_healthy(healthy)), .options = options};
   std::ifstream in(healthy, std::ios::binary);
   d.text.assign(std::istreambuf_iterator<char>(in), {});
   read.load_sensitivity = d.healthy.load_sensitivity;

@@ -98,7 +98,8 @@ Result<std::vector<StudyJoint>> load_study_folder(const fs::path& directory) try
     if (const auto why = twin::unfit_file_name(name)) in.fail(*why);  // the folder of its curves
     StudyJoint joint{
         .name = name, .curves = curves_of(directory / name / "curves.csv"), .learned = {}, .checked = {}, .power = {}};
-    for (const JsonInput& one : in["learned"].list(observations_least)) read(joint.learned.emplace_back(), one, joint);
+    for (const JsonInput& one : in["learned"].list(observations_minimum))
+      read(joint.learned.emplace_back(), one, joint);
     for (const JsonInput& one : in["observations"].list(1)) joint.checked.push_back(verdict_of(one, joint));
     if (in.has("power"))
       for (const JsonInput& one : in["power"].list(1)) joint.power.push_back(power_of(one));

@@ -39,7 +39,7 @@ struct StudyVerdict : StudyObservation {
 struct StudyJoint {
   std::string name;
   std::map<std::size_t, StudyCurve> curves;  ///< by number
-  std::vector<StudyObservation> learned;     ///< at least observations_least, in the order of time
+  std::vector<StudyObservation> learned;     ///< at least observations_minimum, in the order of time
   std::vector<StudyVerdict> checked;         ///< at least one
   std::vector<twin::study::Power> power;     ///< empty where no curves were drawn
 };

@@ -113,7 +113,7 @@ ObservationOptions options_of(const Arguments& a, const HealthyState& state) {
 }
 
 Result<Exit> check_curves(const Arguments& a) {
-  const HealthyState state = read_healthy(a.healthy);
+  const HealthyState state = or_wrong_input(read_healthy(a.healthy));
   Json j{{"healthy", a.healthy},
          {"joint", state.joint},
          {"false_alarm", a.check.false_alarm},
@@ -160,7 +160,7 @@ std::string text_of(const Margin& m) {
 }
 
 Result<Exit> watch_curves(const Arguments& a) {
-  const HealthyState state = read_healthy(a.healthy);
+  const HealthyState state = or_wrong_input(read_healthy(a.healthy));
   std::vector<Observation> all;
   for (const auto& file : read(a.data, options_of(a, state), a.quiet)) {
     if (const auto fit = check(state, file); !fit) throw InputError(fit.error().message);

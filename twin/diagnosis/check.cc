@@ -13,7 +13,7 @@ namespace {
 using Problem = std::optional<std::string>;
 constexpr double gravity = 9.81;
 constexpr double prior_healthy = 0.9;   ///< most joints that are checked are healthy
-constexpr double unknown_below = 1e-3;  ///< chance of the misfit that the best pattern leaves
+constexpr double unknown_below = 1e-3;  ///< probability of the misfit that the best pattern leaves
 
 Problem unfit(const HealthyState& h, const ObservationFile& file, const Observation& o) {
   if (!h.joint.empty() && !file.joint.empty() && h.joint != file.joint)
@@ -28,12 +28,12 @@ Problem unfit(const HealthyState& h, const ObservationFile& file, const Observat
     return fmt::format(
         "{}: has no column temperature_degC, with which the healthy state was learned: record it, or learn without it",
         o.name());
-  // Standstill friction that a bound holds at Coulomb's is a finding; a curve without slow or fast levels is none.
+  // Standstill friction at its bound, Coulomb friction, is a result; a curve without slow or fast levels has none.
   for (const Eigen::Index i : {1, 2, 3})
     if (std::ranges::count(o.weak, feature_names[static_cast<std::size_t>(i)]) &&
         !(o.features(i) > 0 && o.shape.isZero() && o.features(0) == o.features(1)))
       return fmt::format(
-          "{}: {} cannot be told from its levels: record the speeds of the healthy curves, from well below the "
+          "{}: {}: not identifiable from its levels; record the speeds of the healthy curves, from well below the "
           "Stribeck velocity ({:.2g} rad/s, motor side) to well into viscous friction",
           o.name(), fmt::join(o.weak, ", "), h.mean(2));
   for (const Eigen::Index i : {1, 2})
@@ -44,7 +44,7 @@ Problem unfit(const HealthyState& h, const ObservationFile& file, const Observat
   return {};
 }
 
-/// A load in the largest unit that is known: "2.3 kg at the flange".
+/// A load in the most concrete unit that is known: "2.3 kg at the flange".
 std::string load_text(const HealthyState& h, double load_norm) {
   const double nm = load_norm * h.torque_max_nm;
   if (nm > 0 && h.lever_m > 0) return fmt::format("{:.2g} kg at the flange", nm / (gravity * h.lever_m));
@@ -69,13 +69,12 @@ std::string sentence_of(const HealthyState& h, const Observation& o, const Verdi
       what.push_back(
           fmt::format("{} ({:.3g}, limit {:.3g})", indicators[k].name, v.indicators[k]->value, v.indicators[k]->limit));
   s += fmt::format("not as learned: {}. ", fmt::join(what, ", "));
-  if (v.pattern == "unknown")
+  if (!v.cause)
     s += "No known cause moves friction like this; repeat the test, then inspect the joint.";
-  else {
-    const Pattern& p = *v.candidates.front().pattern;
-    s += fmt::format("It looks like {} (confidence {:.0f} %), severity {:.2g} {}; {}.", p.meaning, 100 * v.confidence,
-                     v.severity, p.unit == "1" ? "(relative)" : p.unit, p.advice);
-  }
+  else
+    s += fmt::format("It looks like {} (confidence {:.0f} %), severity {:.2g} {}; {}.", v.cause->meaning,
+                     100 * v.confidence, v.severity, v.cause->unit == "1" ? "(relative)" : v.cause->unit,
+                     v.cause->advice);
   if (v.region[0].anomalous && v.load.load_norm > 2 * v.load.sigma)
     s += fmt::format(" Its friction is that of an additional load of {}; the wear threshold, {}, is {}.",
                      load_text(h, v.load.load_norm), load_text(h, v.load.threshold),
@@ -83,14 +82,10 @@ std::string sentence_of(const HealthyState& h, const Observation& o, const Verdi
   return s + where;
 }
 
-Verdict verdict_of(const HealthyState& h, const Observation& o, const CheckOptions& options) {
-  Verdict v;
-  for (std::size_t r = 0; r < regions.size(); ++r) {
-    v.region[r] = judge(h, o, r, options.false_alarm);
-    v.anomalous |= v.region[r].anomalous;
-  }
+/// One-sided prediction limits of ripple and lost motion.
+void judge_indicators(const HealthyState& h, const Observation& o, double false_alarm, Verdict& v) {
   const double n = static_cast<double>(h.observations);
-  const double t = boost::math::quantile(boost::math::complement(boost::math::students_t(n - 1), options.false_alarm)) *
+  const double t = boost::math::quantile(boost::math::complement(boost::math::students_t(n - 1), false_alarm)) *
                    std::sqrt(1 + 1 / n);
   for (const std::size_t k : {ripple, lost_motion})
     if (h.indicators[k] && o.indicators[k]) {
@@ -99,29 +94,42 @@ Verdict verdict_of(const HealthyState& h, const Observation& o, const CheckOptio
       v.indicators[k]->anomalous = v.indicators[k]->value > v.indicators[k]->limit;
       v.anomalous |= v.indicators[k]->anomalous;
     }
+}
+
+/// The cause of an anomaly. A test that the user has set excludes `healthy`: the causes share its probability.
+void find_cause(const HealthyState& h, double probability_healthy, Verdict& v) {
+  std::erase_if(v.candidates, [](const Candidate& c) { return !c.pattern; });
+  double sum = 0;
+  for (const auto& c : v.candidates) sum += c.probability;
+  for (auto& c : v.candidates) c.probability /= sum > 0 ? sum : 1 - probability_healthy;
+  const Candidate& best = v.candidates.front();
+  const Baseline both_regions{
+      .coefficients = {}, .covariance = h.together, .inverse_gram = {}, .freedom = h.degrees_of_freedom()};
+  if (const double chance = both_regions.exceeded_by_chance(best.misfit); chance < unknown_below) {
+    v.pattern = "unknown";
+    v.confidence = 1 - chance;
+    return;
+  }
+  v.cause = best.pattern;
+  v.pattern = best.pattern->name;
+  v.severity = best.severity;
+  v.confidence = best.probability;
+}
+
+Verdict verdict_of(const HealthyState& h, const Observation& o, const CheckOptions& options) {
+  Verdict v;
+  for (std::size_t r = 0; r < regions.size(); ++r) {
+    v.region[r] = judge(h, o, r, options.false_alarm);
+    v.anomalous |= v.region[r].anomalous;
+  }
+  judge_indicators(h, o, options.false_alarm, v);
   v.load = equivalent_load(h, o);
   v.candidates = candidates(h, o, prior_healthy);
-  if (!v.anomalous) {
-    v.confidence = std::ranges::find(v.candidates, nullptr, &Candidate::pattern)->probability;
-  } else {
-    // It is not healthy, by a test that the user has set: what is left is shared among the causes.
-    const double healthy = std::ranges::find(v.candidates, nullptr, &Candidate::pattern)->probability;
-    std::erase_if(v.candidates, [](const Candidate& c) { return !c.pattern; });
-    double sum = 0;
-    for (const auto& c : v.candidates) sum += c.probability;
-    for (auto& c : v.candidates) c.probability /= sum > 0 ? sum : 1 - healthy;
-    const Candidate& best = v.candidates.front();
-    const Baseline whole{
-        .coefficients = {}, .covariance = h.together, .inverse_gram = {}, .freedom = h.degrees_of_freedom()};
-    if (const double chance = whole.exceeded_by_chance(best.misfit); chance < unknown_below) {
-      v.pattern = "unknown";
-      v.confidence = 1 - chance;
-    } else {
-      v.pattern = best.pattern->name;
-      v.severity = best.severity;
-      v.confidence = best.probability;
-    }
-  }
+  const double probability_healthy = std::ranges::find(v.candidates, nullptr, &Candidate::pattern)->probability;
+  if (v.anomalous)
+    find_cause(h, probability_healthy, v);
+  else
+    v.confidence = probability_healthy;
   v.sentence = sentence_of(h, o, v);
   return v;
 }

@@ -12,24 +12,24 @@
 #include <tribotwin/plugins/friction/error.hpp>
 #include <tribotwin/twin/diagnosis/observation.hpp>
 
-/// What is normal for one joint, learned from unloaded curves cold to hot. Two descriptions stand side by side:
+/// The normal friction of one joint, learned from unloaded curves cold to hot, in two descriptions.
 ///
-/// Paper 2's: mean mu and covariance Sigma of Fc, Fs, Vs (region 1) and Fv, beta (region 2) over all temperatures,
+/// Zhou 2024's: mean mu and covariance Sigma of Fc, Fs, Vs (region 1) and Fv, beta (region 2) over all temperatures,
 /// squared distance (y - mu)' Sigma^-1 (y - mu) (15) against N^2 (chi-square), ellipsoid radii N sqrt(lambda) (14).
 ///
-/// The baseline that anomalies are judged by: logarithmic features y = B'x + e, x = (1, T - T_reference), e normal with
-/// covariance v S, v the scatter that each fit claims for itself (Observation::shape). For a new healthy observation
-/// T^2 = (y - B'x)' S^-1 (y - B'x) / (v + x' (X'WX)^-1 x) is p nu / (nu - p + 1) times an F(p, nu - p + 1) variate,
-/// nu = n - q (Anderson, Introduction to Multivariate Statistical Analysis, 8.4): Hotelling's prediction limit
-/// p (n^2 - 1) / (n (n - p)) F for x = 1. So the false-alarm rate is that asked for at every temperature, however few
-/// observations were learned; paper 2's distance at the coldest and hottest observations is mostly temperature.
+/// The baseline, by which anomalies are judged: logarithmic features y = B'x + e, x = (1, T - T_reference), e normal
+/// with covariance v S, v the scatter that each fit claims for itself (Observation::shape). For a new healthy
+/// observation T^2 = (y - B'x)' S^-1 (y - B'x) / (v + x' (X'WX)^-1 x) is p nu / (nu - p + 1) times an F(p, nu - p + 1)
+/// variate, nu = n - q (Anderson 2003, 8.4); for x = 1 this is Hotelling's prediction limit p (n^2 - 1) / (n (n - p))
+/// F. So the false-alarm rate is the requested one at every temperature and for any number of learned observations.
+/// Zhou 2024's distance of the coldest and hottest observations is mostly an effect of temperature.
 namespace tribotwin::twin::diagnosis {
 
-/// Share of a normal distribution beyond 2 standard deviations: the rate at which healthy joints are called anomalous
-/// in each region unless another is asked for. Paper 2's N^2 = 4 has 26 % in region 1 and 13.5 % in region 2.
+/// Probability of a normal variate beyond 2 standard deviations: the default rate at which healthy joints are called
+/// anomalous, per region. Zhou 2024's N^2 = 4 has 26 % in region 1 and 13.5 % in region 2.
 constexpr double two_sigma_false_alarm = 0.0455;
-constexpr std::size_t observations_least = 8, observations_usual = 20;
-constexpr double temperature_span_K = 5;  ///< below, a temperature term would be told by noise alone
+constexpr std::size_t observations_minimum = 8, observations_usual = 20;
+constexpr double temperature_span_K = 5;  ///< in a smaller range the temperature term would follow noise
 
 /// Multivariate regression of p numbers on q = 1 or 2 regressors.
 struct Baseline {
@@ -41,77 +41,76 @@ struct Baseline {
   Eigen::VectorXd predicted(const Eigen::VectorXd& x) const { return coefficients.transpose() * x; }
   /// Variance factor of observed - predicted, for an observation of this scatter.
   double variance(const Eigen::VectorXd& x, double scatter) const { return scatter + x.dot(inverse_gram * x); }
-  /// T^2 that a healthy observation exceeds with this probability, and the probability that it exceeds a T^2.
+  /// T^2 that a healthy observation exceeds with this probability, and its inverse.
   double limit(double false_alarm) const;
   double exceeded_by_chance(double statistic) const;
 };
 
-/// Weighted least squares of the rows of y (n x p) on those of x (n x q), which weigh 1 / scatter.
+/// Least squares of y (n x p) on x (n x q), rows weighted by 1 / scatter; n > q.
 Baseline regression(const Eigen::MatrixXd& x, const Eigen::MatrixXd& y, const Eigen::VectorXd& scatter);
 
 struct HealthyState {
-  std::string joint;         ///< or empty
+  std::string joint;         ///< empty: not known
   double torque_max_nm = 0;  ///< 0: not known
   std::size_t observations = 0;
-  std::size_t left_out = 0;  ///< by a robust estimate
+  std::size_t left_out = 0;  ///< by the robust estimate
   double temperature_low_degC = 0, temperature_high_degC = 0;
   bool knows_temperature = false;  ///< whether the baseline has a temperature term
-  double load_sensitivity = 0;     ///< as of ObservationOptions
+  double load_sensitivity = 0;     ///< as in ObservationOptions
 
-  double anomalous_distance = 4, wear_distance = 36;  ///< N^2 of paper 2, 2 and 6 sigma
-  Features mean = Features::Zero();                   ///< paper 2, in feature_units
+  double anomalous_distance = 4, wear_distance = 36;  ///< N^2 of Zhou 2024, 2 and 6 sigma
+  Features mean = Features::Zero();                   ///< Zhou 2024, in feature_units
   FeatureMatrix covariance = FeatureMatrix::Zero();
 
   std::array<Baseline, 2> region;                      ///< of the logarithmic features
-  std::array<double, 2> scatter{1, 1};                 ///< that of a typical fit, which counts as 1
+  std::array<double, 2> scatter{1, 1};                 ///< of a typical fit: the unit of scatter_of
   FeatureMatrix together = FeatureMatrix::Identity();  ///< covariance of both regions for observations of scatter 1,
-                                                       ///< shrunk towards that which the fits claim
-  double shrinkage = 0;                                ///< 0: the sample's, 1: the target
+                                                       ///< shrunk towards the one that the fits claim
+  double shrinkage = 0;                                ///< 0: the sample covariance, 1: the target
 
   struct IndicatorState {
     double mean = 0, deviation = 0;
   };
   std::array<std::optional<IndicatorState>, indicator_count> indicators;
 
-  /// Change of ln Fc, ln Fs, ln Vs, ln Fv, beta per load_term, and whether it was measured with loaded curves or is
-  /// load_sensitivity.
-  Features load_effect = Features::Zero();
-  bool load_measured = false;
-  double lever_m = 0;  ///< of the payload about the joint, for loads in kg; 0: not known
-  std::vector<std::string> data;
+  Features load_effect = Features::Zero();  ///< change of ln Fc, ln Fs, ln Vs, ln Fv, beta per load_term
+  bool load_measured = false;               ///< with loaded curves; otherwise load_effect follows from load_sensitivity
+  double lever_m = 0;                       ///< of the payload about the joint, for loads in kg; 0: not known
+  std::vector<std::string> data;            ///< files
 
   Eigen::VectorXd regressors(std::optional<double> temperature_degC) const;
   double temperature_reference_degC() const { return (temperature_low_degC + temperature_high_degC) / 2; }
   double degrees_of_freedom() const { return region[0].freedom; }
   /// Scatter of an observation in a region, 1 for a typical one.
   double scatter_of(const Observation& o, std::size_t which) const;
-  /// Logarithmic features less those of a healthy joint at this temperature.
+  /// Logarithmic features minus those of a healthy joint at this temperature.
   Features deviation(const Observation& o) const;
-  /// Paper 2 (15), squared, and the radii of (14) for N = 1, ascending.
+  /// Zhou 2024 (15), squared, and the radii of (14) for N = 1, ascending.
   double distance(const Features& features, std::size_t which) const;
   Eigen::VectorXd radii(std::size_t which) const;
-  /// load_sensitivity, relative to friction at the healthy load.
+  /// load_sensitivity relative to the friction at the healthy load.
   double sensitivity_at_mean_load() const;
-  /// Extra load (load_norm) as it counts in logarithmic features, ln(1 + k extra) / k, and back.
+  /// ln(1 + k extra) / k, in which logarithmic features are linear (extra: load_norm beyond the healthy one), and its
+  /// inverse.
   double load_term(double extra) const;
   double load_of_term(double term) const;
-  /// Extra load (load_norm) at which paper 2's distance in region 1 reaches the wear threshold.
+  /// Extra load (load_norm) at which Zhou 2024's distance in region 1 reaches the wear threshold.
   double wear_load() const;
 };
 
 struct LearnOptions {
-  bool robust = false;  ///< leave out what lies far off the rest (minimum covariance determinant, reweighted)
-  double lever_m = 0;
+  bool robust = false;  ///< leave outliers out (minimum covariance determinant, reweighted)
+  double lever_m = 0;   ///< as in HealthyState
 };
 
-/// Fails with a sentence that says what to record next: too few observations, all of them alike or in one line,
-/// features that a curve does not tell, loaded curves among them, more than one joint or unit. `loaded`: curves of the
-/// same joint with load, from which its effect is learned; may be empty.
+/// `loaded`: curves of the same joint with load, from which its effect is learned; may be empty. ErrorKind::input, with
+/// what to record next: too few observations, all of them equal or collinear, features that are not identifiable from a
+/// curve, loaded curves among `healthy`, more than one joint or unit.
 Result<HealthyState> learn(std::span<const ObservationFile> healthy, std::span<const ObservationFile> loaded,
                            double load_sensitivity, const LearnOptions& options = {});
 
 std::string to_yaml(const HealthyState& state);
-/// Throws InputError with file, key and what would be right.
-HealthyState read_healthy(const std::filesystem::path& file);
+/// A file of to_yaml. ErrorKind::input with file, key and what would be right.
+Result<HealthyState> read_healthy(const std::filesystem::path& file);
 
 }  // namespace tribotwin::twin::diagnosis

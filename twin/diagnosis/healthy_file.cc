@@ -80,7 +80,7 @@ Baseline read_baseline(Mapping m, Index regressors, Index size) {
 
 std::string to_yaml(const HealthyState& h) {
   std::string s =
-      fmt::format("# Healthy state of a joint, of tribotwin diagnose learn: friction law {} with alpha {}, paper 2\n",
+      fmt::format("# Healthy state of a joint, of tribotwin diagnose learn: friction law {} with alpha {}, Zhou 2024\n",
                   law_name, alpha);
   if (!h.joint.empty()) s += fmt::format("joint: {}\n", quoted(h.joint));
   if (h.torque_max_nm > 0) s += fmt::format("torque_max_nm: {}\n", h.torque_max_nm);
@@ -89,12 +89,13 @@ std::string to_yaml(const HealthyState& h) {
                    h.temperature_high_degC, h.knows_temperature);
   s += fmt::format("features: [{}]\nunits: ['{}']\n", fmt::join(feature_names, ", "), fmt::join(feature_units, "', '"));
   s += fmt::format("mean: {}\ncovariance: {}\n", list(h.mean), rows(h.covariance));
-  s += fmt::format("thresholds:   # squared distances, N^2 of paper 2 (2 and 6 sigma)\n  anomalous: {}\n  wear: {}\n",
+  s += fmt::format("thresholds:   # squared distances, N^2 of Zhou 2024 (2 and 6 sigma)\n  anomalous: {}\n  wear: {}\n",
                    h.anomalous_distance, h.wear_distance);
-  s += "radii:   # N sqrt(lambda) for N = 1, paper 2 (14)\n";
+  s += "radii:   # N sqrt(lambda) for N = 1, Zhou 2024 (14)\n";
   for (std::size_t r = 0; r < regions.size(); ++r) s += fmt::format("  {}: {}\n", regions[r].name, list(h.radii(r)));
-  s += "# What anomalies are judged by: ln Fc, ln Fs, ln Vs, ln Fv, beta on 1 and, where known, temperature - "
-       "middle\nbaseline:\n";
+  s +=
+      "# Baseline by which anomalies are judged: ln Fc, ln Fs, ln Vs, ln Fv, beta on 1 and, where known, temperature - "
+      "middle\nbaseline:\n";
   for (std::size_t r = 0; r < regions.size(); ++r)
     s += fmt::format("  {}: {}\n", regions[r].name, baseline(h.region[r]));
   s += fmt::format("  together: {}\n  scatter: [{}]\n  shrinkage: {}\n", rows(h.together), fmt::join(h.scatter, ", "),
@@ -114,14 +115,14 @@ std::string to_yaml(const HealthyState& h) {
   return s + fmt::format("data: [{}]\n", fmt::join(data, ", "));
 }
 
-HealthyState read_healthy(const std::filesystem::path& file) {
+Result<HealthyState> read_healthy(const std::filesystem::path& file) try {
   Mapping m(file.string(), "", load_yaml(file));
   m.accept({"joint", "torque_max_nm", "law", "alpha", "observations", "left_out", "temperature", "features", "units",
             "mean", "covariance", "thresholds", "radii", "baseline", "indicators", "load", "data"});
   HealthyState h{.joint = m.text_or("joint", ""), .torque_max_nm = m.number_or("torque_max_nm", 0, {1e-9, 1e9})};
   m.choice("law", {law_name});
   m.number("alpha", {alpha, alpha});
-  h.observations = m.whole("observations", {static_cast<double>(observations_least), 1e6});
+  h.observations = m.whole("observations", {static_cast<double>(observations_minimum), 1e6});
   h.left_out = m.whole("left_out", {0, 1e6});
   auto temperature = required(m, "temperature");
   h.temperature_low_degC = temperature.number("low_degC", {-273.15, 1000});
@@ -170,6 +171,8 @@ HealthyState read_healthy(const std::filesystem::path& file) {
   h.data = m.texts("data");
   m.done();
   return h;
+} catch (const InputError& e) {
+  return tl::unexpected(Error(e.what()));
 }
 
 }  // namespace tribotwin::twin::diagnosis

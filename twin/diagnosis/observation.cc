@@ -18,7 +18,7 @@ namespace fs = std::filesystem;
 using Eigen::Index;
 using identification::Samples, identification::Status;
 
-constexpr std::array<std::size_t, feature_count> place_in_law{0, 1, 2, 4, 5};  // of the features; 3 is alpha
+constexpr std::array<std::size_t, feature_count> place_in_law{0, 1, 2, 4, 5};  // of the features; 3: alpha
 
 double mean_of(const std::vector<double>& x) {
   return std::accumulate(x.begin(), x.end(), 0.0) / static_cast<double>(x.size());
@@ -34,7 +34,7 @@ Result<identification::Fit> fitted_at_mean_load(Samples curve, double k) {
   const double mean = mean_of(curve.load);
   if (k == 0 || std::ranges::all_of(curve.load, [&](double l) { return std::abs(l - mean) < 1e-6; })) return fit;
   const std::vector<double> measured = curve.friction;
-  for (int round = 0; round < 2 && fit; ++round) {  // what is left after two is below 1e-3 of the correction
+  for (int round = 0; round < 2 && fit; ++round) {  // after two the error is below 1e-3 of the correction
     const auto& p = fit->law.parameters;
     for (std::size_t i = 0; i < curve.size(); ++i) {
       const double boundary = p[0] + (p[1] - p[0]) * std::exp(-std::pow(curve.speed[i] / p[2], alpha));
@@ -45,7 +45,7 @@ Result<identification::Fit> fitted_at_mean_load(Samples curve, double k) {
   return fit;
 }
 
-/// Of the campaign that a file of tribotwin lab belongs to.
+/// Joint of the campaign that a file of tribotwin lab belongs to, or empty.
 std::string joint_beside(const fs::path& file) {
   const fs::path folder = fs::absolute(file).parent_path();
   for (const fs::path& campaign : {folder / "campaign.yaml", folder.parent_path() / "campaign.yaml"}) {
@@ -57,7 +57,7 @@ std::string joint_beside(const fs::path& file) {
   return "";
 }
 
-/// torque_max_nm from rows that say friction in both units.
+/// torque_max_nm from rows that have friction in both units; 0: not known.
 double torque_max_of(const Numbers& table, const fs::path& file) {
   const auto &norm = table.columns[1], &nm = table.columns[2];
   double largest = 0, ratio = 0;
@@ -68,7 +68,7 @@ double torque_max_of(const Numbers& table, const fs::path& file) {
   return ratio;
 }
 
-/// Of the levels that can tell.
+/// Median over the levels that measured one.
 double lost_motion_of(std::vector<double> levels) {
   std::erase(levels, 0.0);
   return levels.empty() ? 0 : identification::median_of(std::move(levels));
@@ -86,14 +86,47 @@ void take_indicators(const Numbers& table, ObservationFile& out) {
     }
     if (by_curve.size() != out.observations.size()) {
       out.notes.push_back(
-          fmt::format("{} is left out: without a column 'curve' it cannot be told which curve it belongs to",
-                      indicators[which].column));
+          fmt::format("{} is left out: a column 'curve' is needed to assign it to curves", indicators[which].column));
       continue;
     }
     for (std::size_t c = 0; c < by_curve.size(); ++c)
       out.observations[c].indicators[which] =
           which == ripple ? std::ranges::max(by_curve[c]) : lost_motion_of(std::move(by_curve[c]));
   }
+}
+
+/// The columns that read_samples does not give; none of a telemetry.h5.
+struct Columns {
+  Numbers table;
+  bool present = false;
+
+  const std::vector<double>& load() const { return table.columns[5]; }
+  const std::vector<double>& temperature() const { return table.columns[6]; }
+};
+
+Columns read_columns(const fs::path& file) {
+  if (file.extension() == ".h5") return {};
+  Numbers table = or_wrong_input(
+      read_numbers(file, {"curve", "friction_norm", "friction_nm", std::string(indicators[ripple].column),
+                          std::string(indicators[lost_motion].column), "load_norm", "temperature_degC"}));
+  if (table.left_out)
+    throw InputError(
+        fmt::format("{}:{}: a cell is empty, NaN or infinite, {} row(s) in all: measure these levels again, or take "
+                    "their whole curve out",
+                    file.string(), table.first_left_out, table.left_out));
+  return {std::move(table), true};
+}
+
+/// The samples of each curve.
+std::vector<Samples> curves_of(const Samples& samples) {
+  std::vector<Samples> curves;
+  for (std::size_t begin = 0; begin < samples.size();) {
+    std::vector<std::size_t> rows;
+    for (const auto curve = samples.curve[begin]; begin < samples.size() && samples.curve[begin] == curve; ++begin)
+      rows.push_back(begin);
+    curves.push_back(samples.subset(rows));
+  }
+  return curves;
 }
 
 }  // namespace
@@ -111,7 +144,7 @@ std::string Observation::name() const {
 
 Result<Observation> observe(const Samples& curve, double load_sensitivity) {
   const auto fit = fitted_at_mean_load(curve, load_sensitivity);
-  if (!fit) return tl::unexpected(fit.error());
+  if (!fit) return tl::unexpected(Error(fit.error().message));
   Observation o{.residual_nm = fit->residual.std};
   const double variance = fit->cost / std::max(1.0, static_cast<double>(fit->samples - fit->estimated));
   Features slope = Features::Ones();
@@ -128,7 +161,7 @@ Result<Observation> observe(const Samples& curve, double load_sensitivity) {
                                       static_cast<Index>(place_in_law[static_cast<std::size_t>(k)])) *
                       slope(i) * slope(k) / variance;
   if (!o.shape.allFinite() || !(variance > 0)) o.shape.setZero();
-  // Standstill and Coulomb friction are apart only where the curve has levels on both sides of the Stribeck velocity.
+  // Standstill and Coulomb friction differ only where the curve has levels on both sides of the Stribeck velocity.
   const auto [slowest, fastest] = std::ranges::minmax(curve.speed);
   if (const double Vs = o.features(2); slowest > Vs || fastest < 5 * Vs)
     o.weak.emplace_back(slowest > Vs ? "Fs" : "Fv");
@@ -137,53 +170,38 @@ Result<Observation> observe(const Samples& curve, double load_sensitivity) {
 
 Result<ObservationFile> read_observations(const fs::path& file, const ObservationOptions& options) try {
   ObservationFile out{.joint = joint_beside(file)};
-  Numbers table;
-  if (file.extension() != ".h5") {
-    auto read = read_numbers(file, {"curve", "friction_norm", "friction_nm", std::string(indicators[ripple].column),
-                                    std::string(indicators[lost_motion].column), "load_norm", "temperature_degC"});
-    if (!read) return tl::unexpected(read.error());
-    table = *std::move(read);
-    if (table.left_out)
-      return tl::unexpected(
-          fmt::format("{}:{}: a cell is empty, NaN or infinite, {} row(s) in all: measure these levels again, or take "
-                      "their whole curve out",
-                      file.string(), table.first_left_out, table.left_out));
-    out.torque_max_nm = torque_max_of(table, file);
-  }
-  const auto samples = identification::read_samples(
+  const Columns columns = read_columns(file);
+  if (columns.present) out.torque_max_nm = torque_max_of(columns.table, file);
+  const Samples samples = or_wrong_input(identification::read_samples(
       std::array{file}, *friction::find_law(law_name),
-      {.torque_max_nm = options.torque_max_nm, .gear_ratio = options.gear_ratio, .joint = options.joint});
-  if (!samples) return tl::unexpected(samples.error());
-  if (samples->left_out)
-    return tl::unexpected(
+      {.torque_max_nm = options.torque_max_nm, .gear_ratio = options.gear_ratio, .joint = options.joint}));
+  if (samples.left_out)
+    throw InputError(
         fmt::format("{}: {} row(s) have cells that are empty, NaN or infinite: measure these levels again, or take "
                     "their whole curve out",
-                    file.string(), samples->left_out));
-  out.notes = samples->notes;
+                    file.string(), samples.left_out));
+  out.notes = samples.notes;
   const bool recording =
-      file.extension() == ".h5" || std::ranges::find(table.names, "position_rad") != table.names.end();
-  for (std::size_t begin = 0; begin < samples->size();) {
-    std::vector<std::size_t> rows;
-    for (const auto curve = samples->curve[begin]; begin < samples->size() && samples->curve[begin] == curve; ++begin)
-      rows.push_back(begin);
-    const Samples one = samples->subset(rows);
+      !columns.present || std::ranges::find(columns.table.names, "position_rad") != columns.table.names.end();
+  for (const Samples& one : curves_of(samples)) {
     auto seen = observe(one, options.load_sensitivity);
     const std::size_t number = out.observations.size() + 1;
     if (!seen)
-      return tl::unexpected(
-          fmt::format("{}, curve {}: {}; one row per level, and a column 'curve' or rising speeds tell curves apart",
+      throw InputError(
+          fmt::format("{}, curve {}: {}; one row per level, and a column 'curve' or rising speeds separate curves",
                       file.string(), number, seen.error().message));
     seen->file = file.string();
     seen->curve = number;
-    if (recording ? mean_of(one.temperature_degC) != 0 : !table.columns[6].empty())
+    // A recording without such a column reads as 0.
+    if (recording ? mean_of(one.temperature_degC) != 0 : !columns.temperature().empty())
       seen->temperature_degC = mean_of(one.temperature_degC);
-    if (recording ? mean_of(one.load) != 0 : !table.columns[5].empty()) seen->indicators[load] = mean_of(one.load);
+    if (recording ? mean_of(one.load) != 0 : !columns.load().empty()) seen->indicators[load] = mean_of(one.load);
     out.observations.push_back(*std::move(seen));
   }
-  take_indicators(table, out);
+  if (columns.present) take_indicators(columns.table, out);
   return out;
 } catch (const InputError& e) {
-  return tl::unexpected(std::string(e.what()));
+  return tl::unexpected(Error(e.what()));
 }
 
 }  // namespace tribotwin::twin::diagnosis

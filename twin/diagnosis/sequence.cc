@@ -13,18 +13,19 @@ namespace tribotwin::twin::diagnosis {
 namespace {
 
 using Eigen::Index, Eigen::MatrixXd, Eigen::VectorXd;
-constexpr double score_most = 8;  ///< a normal score beyond which probabilities underflow
+constexpr double score_maximum = 8;  ///< normal scores are limited to this: beyond, probabilities underflow
 
 double cumulative(double z) { return boost::math::cdf(boost::math::normal(), z); }
 
-/// When a straight line plus `side` times its standard error first reaches a level, from now on; none within a thousand
-/// times what was observed.
+/// A straight line with the covariance of its coefficients.
 struct Line {
   Eigen::Vector2d coefficients;
   Eigen::Matrix2d covariance;
   double at(double t) const { return coefficients(0) + coefficients(1) * t; }
   double error(double t) const { return std::sqrt(Eigen::Vector2d(1, t).dot(covariance * Eigen::Vector2d(1, t))); }
 
+  /// When the line plus `side` times its standard error first reaches a level, from now on; none within a thousand
+  /// times the observed range.
   std::optional<double> reaches(double level, double side, double now) const {
     const auto missing = [&](double t) { return at(t) + side * error(t) - level; };
     if (missing(now) >= 0) return 0;
@@ -61,11 +62,86 @@ std::optional<Margin> margin_of(const HealthyState& h, std::span<const Observati
                 .latest = line.reaches(threshold, -t, now)};
 }
 
+/// The columns of one joint. Residuals and times are not empty; temperatures are, where the file has none.
+struct Residuals {
+  std::string joint;
+  std::vector<double> time_s, residual_nm, temperature_degC;
+};
+
+Result<Residuals> read_residuals(const std::filesystem::path& file, std::string joint) {
+  constexpr std::string_view ending = ".residual_nm";
+  const auto header = read_numbers(file, {});
+  if (!header) return tl::unexpected(header.error());
+  std::vector<std::string> joints;
+  for (const auto& name : header->names)
+    if (name.ends_with(ending)) joints.push_back(name.substr(0, name.size() - ending.size()));
+  if (joints.empty())
+    return tl::unexpected(
+        fmt::format("{}:1: no column JOINT{}, as tribotwin-hil shadow --csv writes them; the header names {}",
+                    file.string(), ending, fmt::join(header->names, ", ")));
+  if (joint.empty() && joints.size() == 1) joint = joints.front();
+  if (std::ranges::find(joints, joint) == joints.end())
+    return tl::unexpected(
+        fmt::format("{}: --joint '{}': its joints are {}", file.string(), joint, fmt::join(joints, ", ")));
+  auto table = read_numbers(file, {"time_s", joint + std::string(ending), joint + ".temperature_degC"});
+  if (!table) return tl::unexpected(table.error());
+  if (const auto problem = not_increasing(*table, table->columns[0])) return tl::unexpected(*problem);
+  if (table->columns[0].empty() || table->columns[1].empty())
+    return tl::unexpected(fmt::format("{}: no row with time_s and {}{}", file.string(), joint, ending));
+  return Residuals{.joint = std::move(joint),
+                   .time_s = std::move(table->columns[0]),
+                   .residual_nm = std::move(table->columns[1]),
+                   .temperature_degC = std::move(table->columns[2])};
+}
+
+/// Per window with samples.
+struct Windows {
+  std::vector<double> end_s, rms_nm, temperature_degC;  ///< temperature: mean, 0 where none was recorded
+};
+
+Windows windows_of(const Residuals& r, double window_s) {
+  Windows out;
+  double squares = 0, degrees = 0, end = r.time_s.front() + window_s;
+  std::size_t count = 0;
+  for (std::size_t i = 0; i < r.time_s.size(); ++i) {
+    if (r.time_s[i] >= end) {
+      if (count && squares > 0) {
+        out.end_s.push_back(end);
+        out.rms_nm.push_back(std::sqrt(squares / static_cast<double>(count)));
+        out.temperature_degC.push_back(degrees / static_cast<double>(count));
+      }
+      end += window_s * (std::floor((r.time_s[i] - end) / window_s) + 1);  // one step across a gap of any length
+      squares = degrees = 0, count = 0;
+    }
+    squares += r.residual_nm[i] * r.residual_nm[i], ++count;
+    if (!r.temperature_degC.empty()) degrees += r.temperature_degC[i];
+  }
+  return out;
+}
+
+/// Regressors of windows: 1 and, where the learned ones differ by temperature_span_K, temperature - middle.
+struct WindowRegressors {
+  bool warms;
+  double middle_degC;
+
+  WindowRegressors(const std::vector<double>& temperature_degC, std::size_t learned) {
+    const auto [low, high] =
+        std::minmax_element(temperature_degC.begin(), temperature_degC.begin() + static_cast<std::ptrdiff_t>(learned));
+    warms = *high - *low >= temperature_span_K;
+    middle_degC = (*low + *high) / 2;
+  }
+  VectorXd operator()(double temperature_degC) const {
+    VectorXd x = VectorXd::Ones(warms ? 2 : 1);
+    if (warms) x(1) = temperature_degC - middle_degC;
+    return x;
+  }
+};
+
 }  // namespace
 
 double average_run_length(double h) {
   constexpr Index n = 100;
-  const double width = 2 * h / (2 * n - 1);  // state i holds sums around i width, state 0 all that end at 0
+  const double width = 2 * h / (2 * n - 1);  // state i: sums around i width; state 0: a sum of 0
   MatrixXd stay(n, n);
   for (Index i = 0; i < n; ++i)
     for (Index k = 0; k < n; ++k) {
@@ -88,11 +164,11 @@ Cusum::Step Cusum::take(const VectorXd& y, const VectorXd& x, double scatter, do
   const double chance = b.exceeded_by_chance(e.dot(b.covariance.ldlt().solve(e)) / variance);
   const double score = chance > 0
                            ? std::clamp(-boost::math::quantile(boost::math::normal(), std::min(chance, 1 - 1e-15)),
-                                        -score_most, score_most)
-                           : score_most;
+                                        -score_maximum, score_maximum)
+                           : score_maximum;
   sum_ = std::max(0.0, sum_ + score - cusum_allowance);
-  sounded_ |= sum_ > threshold;
-  if (!sounded_) {  // recursive least squares
+  alarmed_ |= sum_ > threshold;
+  if (!alarmed_) {  // recursive least squares
     const VectorXd gain = b.inverse_gram * x / variance;
     b.coefficients += gain * e.transpose();
     b.inverse_gram -= gain * gain.transpose() * variance;
@@ -120,74 +196,40 @@ Watch watch(const HealthyState& h, std::span<const Observation> observations, do
 }
 
 Result<ResidualWatch> watch_residuals(const std::filesystem::path& file, const ResidualOptions& o) {
-  constexpr std::string_view ending = ".residual_nm";
-  const auto header = read_numbers(file, {});
-  if (!header) return tl::unexpected(header.error());
-  std::vector<std::string> joints;
-  for (const auto& name : header->names)
-    if (name.ends_with(ending)) joints.push_back(name.substr(0, name.size() - ending.size()));
-  if (joints.empty())
-    return tl::unexpected(
-        fmt::format("{}:1: no column JOINT{}, as tribotwin-hil shadow --csv writes them; the header names {}",
-                    file.string(), ending, fmt::join(header->names, ", ")));
-  ResidualWatch w{.joint = o.joint};
-  if (w.joint.empty() && joints.size() == 1) w.joint = joints.front();
-  if (std::ranges::find(joints, w.joint) == joints.end())
-    return tl::unexpected(
-        fmt::format("{}: --joint '{}': its joints are {}", file.string(), w.joint, fmt::join(joints, ", ")));
-  const auto table = read_numbers(file, {"time_s", w.joint + std::string(ending), w.joint + ".temperature_degC"});
-  if (!table) return tl::unexpected(table.error());
-  const auto &time = table->columns[0], &residual = table->columns[1], &temperature = table->columns[2];
-  if (const auto problem = not_increasing(*table, time)) return tl::unexpected(*problem);
-  if (time.empty() || residual.empty())
-    return tl::unexpected(fmt::format("{}: no row with time_s and {}{}", file.string(), w.joint, ending));
-
-  std::vector<double> level, warmth;  // of the windows: ln rms, mean temperature
-  double squares = 0, degrees = 0, end = time.front() + o.window_s;
-  std::size_t count = 0;
-  for (std::size_t i = 0; i < time.size(); ++i) {
-    if (time[i] >= end) {
-      if (count && squares > 0) {
-        w.windows.push_back({.time_s = end, .rms_nm = std::sqrt(squares / static_cast<double>(count))});
-        level.push_back(std::log(w.windows.back().rms_nm));
-        warmth.push_back(degrees / static_cast<double>(count));
-      }
-      end += o.window_s * (std::floor((time[i] - end) / o.window_s) + 1);  // across a gap of any length at once
-      squares = degrees = 0, count = 0;
-    }
-    squares += residual[i] * residual[i], ++count;
-    if (!temperature.empty()) degrees += temperature[i];
-  }
-  const std::size_t learn = std::max(o.learn, observations_least);
-  if (level.size() <= learn)
+  const auto residuals = read_residuals(file, o.joint);
+  if (!residuals) return tl::unexpected(residuals.error());
+  const Windows windows = windows_of(*residuals, o.window_s);
+  const std::size_t count = windows.rms_nm.size(), learn = std::max(o.learn, observations_minimum);
+  if (count <= learn)
     return tl::unexpected(fmt::format(
         "{}: {} whole windows of {:g} s, of which {} are learned from: record {:g} s or more, or shorten --window",
-        file.string(), level.size(), o.window_s, learn, static_cast<double>(learn + 2) * o.window_s));
+        file.string(), count, o.window_s, learn, static_cast<double>(learn + 2) * o.window_s));
 
+  VectorXd level(static_cast<Index>(count));  // ln rms
+  for (std::size_t i = 0; i < count; ++i) level(static_cast<Index>(i)) = std::log(windows.rms_nm[i]);
+  const WindowRegressors regressors(windows.temperature_degC, learn);
   const auto n = static_cast<Index>(learn);
-  const auto [low, high] = std::minmax_element(warmth.begin(), warmth.begin() + n);
-  const bool warms = *high - *low >= temperature_span_K;
-  const double middle = (*low + *high) / 2;
-  const auto regressors = [&](std::size_t i) {
-    VectorXd x = VectorXd::Ones(warms ? 2 : 1);
-    if (warms) x(1) = warmth[i] - middle;
-    return x;
-  };
-  MatrixXd x(n, warms ? 2 : 1);
-  for (Index i = 0; i < n; ++i) x.row(i) = regressors(static_cast<std::size_t>(i));
-  const VectorXd y = Eigen::Map<const VectorXd>(level.data(), n);
+  MatrixXd x(n, regressors.warms ? 2 : 1);
+  for (Index i = 0; i < n; ++i) x.row(i) = regressors(windows.temperature_degC[static_cast<std::size_t>(i)]);
+  const VectorXd y = level.head(n);
   const Baseline baseline = regression(x, y, VectorXd::Ones(n));
   const VectorXd e = y - x * baseline.coefficients;
-  w.correlation = e.head(n - 1).dot(e.tail(n - 1)) / std::max(e.squaredNorm(), 1e-300);
   if (!(baseline.covariance(0, 0) > 0))
-    return tl::unexpected(fmt::format("{}: the residuals of the first {} windows are all alike; this is no measurement",
+    return tl::unexpected(fmt::format("{}: the residuals of the first {} windows are all equal; this is no measurement",
                                       file.string(), learn));
-  w.threshold = cusum_threshold(o.false_alarm);
+
+  ResidualWatch w{.joint = residuals->joint,
+                  .threshold = cusum_threshold(o.false_alarm),
+                  .correlation = e.head(n - 1).dot(e.tail(n - 1)) / std::max(e.squaredNorm(), 1e-300)};
   Cusum chart(baseline);
-  for (std::size_t i = learn; i < level.size(); ++i) {
-    w.windows[i].cusum = chart.take(VectorXd::Constant(1, level[i]), regressors(i), 1, w.threshold);
-    w.windows[i].alarm = w.windows[i].cusum.sum > w.threshold;
-    if (w.windows[i].alarm && !w.first_alarm) w.first_alarm = i;
+  for (std::size_t i = 0; i < count; ++i) {
+    auto& window = w.windows.emplace_back(
+        ResidualWatch::Window{.time_s = windows.end_s[i], .rms_nm = windows.rms_nm[i], .cusum = {}});
+    if (i < learn) continue;
+    window.cusum = chart.take(VectorXd::Constant(1, level(static_cast<Index>(i))),
+                              regressors(windows.temperature_degC[i]), 1, w.threshold);
+    window.alarm = window.cusum.sum > w.threshold;
+    if (window.alarm && !w.first_alarm) w.first_alarm = i;
   }
   return w;
 }

@@ -193,6 +193,13 @@ TEST_F(Bank, WearOfTenPercentIsFoundAtAnyTemperature) {
   }
 }
 
+TEST(Patterns, ThereIsOnePerFault) {
+  for (const auto& fault : drive::faults()) {
+    EXPECT_EQ(std::ranges::count(patterns(), fault.fault, &Pattern::fault), 1) << fault.name;
+    EXPECT_EQ(std::ranges::count(patterns(), fault.name, &Pattern::name), 1) << fault.name;
+  }
+}
+
 TEST_F(Bank, CausesAreNamed) {
   const std::pair<const char*, Condition> causes[] = {
       {"load", {.extra_load = 0.1}},
@@ -253,7 +260,7 @@ TEST_F(Bank, AFileOfItIsTheState) {
   h.lever_m = 0.4;
   const auto file = std::filesystem::temp_directory_path() / fmt::format("tribotwin_healthy_{}.yaml", ::getpid());
   std::ofstream(file) << to_yaml(h);
-  const HealthyState read = read_healthy(file);
+  const HealthyState read = *read_healthy(file);
   std::filesystem::remove(file);
   EXPECT_EQ(to_yaml(read), to_yaml(h));
   const auto& o = bank->observations.front();

@@ -137,9 +137,9 @@ Result<Json> verdicts(const Study& study, const Joint& joint, const fs::path& di
 void require_learnable(const Study& study, const Joint& joint) {
   const auto learned = static_cast<std::size_t>(std::ranges::count_if(
       joint.campaign.curves, [&](const Curve& c) { return std::ranges::count(study.learn, c.series) > 0; }));
-  if (learned < diagnosis::observations_least)
+  if (learned < diagnosis::observations_minimum)
     throw InputError(fmt::format("{}: diagnosis.learn: has {} curves of {}, but a healthy state needs {} or more",
-                                 joint.campaign.file.string(), learned, joint.name, diagnosis::observations_least));
+                                 joint.campaign.file.string(), learned, joint.name, diagnosis::observations_minimum));
 }
 
 }  // namespace
