@@ -68,15 +68,11 @@ std::optional<fs::path> named_file(const std::string& name, const fs::path& by) 
 }
 
 Result<ParameterFile> read_parameter_file(const fs::path& path, const twin::identification::ReadOptions& given) {
-  try {
-    auto file = twin::identification::read_parameters(path);
-    if (given.torque_max_nm > 0) file.torque_max_nm = given.torque_max_nm;
-    if (given.gear_ratio > 0) file.gear_ratio = given.gear_ratio;
-    return file;
-  } catch (const std::exception& e) {
-    const std::string why = e.what();
-    return tl::unexpected(why.starts_with(path.string()) ? why : fmt::format("{}: {}", path.string(), why));
-  }
+  auto file = twin::identification::read_parameters(path);
+  if (!file) return file;
+  if (given.torque_max_nm > 0) file->torque_max_nm = given.torque_max_nm;
+  if (given.gear_ratio > 0) file->gear_ratio = given.gear_ratio;
+  return file;
 }
 
 drive::Drive drawn_drive(const ParameterFile& file) {

@@ -12,7 +12,7 @@
 #include <nlohmann/json.hpp>
 
 #include <tribotwin/twin/commands/program.hpp>
-#include <tribotwin/twin/identification/by_simulation.hpp>
+#include <tribotwin/twin/identification/calibration.hpp>
 #include <tribotwin/twin/identification/dynamic_friction/parameters.hpp>
 #include <tribotwin/twin/io/checksum.hpp>
 #include <tribotwin/twin/io/folder_lock.hpp>

@@ -64,7 +64,7 @@ Result<Exit> deliver_points(const Arguments& a, const drive::Drive& drive, const
 Result<Exit> of_parameters(const Arguments& a, const std::vector<double>& speeds) {
   if (a.experiment || !a.joint.empty())
     throw InputError(fmt::format("{}: an identified law has no joint to experiment with; give a model", a.model));
-  const auto file = identification::read_parameters(a.model);
+  const auto file = or_wrong_input(identification::read_parameters(a.model));
   drive::Drive drive;
   drive.law = file.law;
   drive.torque_max_nm = file.torque_max_nm > 0 ? file.torque_max_nm : 1;

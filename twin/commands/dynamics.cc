@@ -29,7 +29,7 @@ struct Arguments {
 };
 
 std::vector<thermal::Model> thermal_models(const std::string& file, const Regressor& regressor) {
-  const auto named = read_thermal(file);
+  const auto named = or_wrong_input(read_thermal(file));
   std::vector<thermal::Model> models;
   for (Index j = 0; j < regressor.joints(); ++j) {
     const auto found = std::ranges::find(named, regressor.joint_name(j), [](const auto& m) { return m.first; });
@@ -113,7 +113,7 @@ void doubt(const Arguments& a, const Robot& robot, const DynamicsFit& fit) {
 }
 
 Result<Exit> execute(const Arguments& a) {
-  const auto& law = dynamics_law(a.friction, "--friction");
+  const friction::LawInfo& law = *or_wrong_input(dynamics_law(a.friction, "--friction"));
   const Robot robot = load_robot(a.model);
   const auto friction = robot_friction(*robot.model, robot.regressor, law);
   if (!friction) throw InputError(fmt::format("{}: {}", a.model, friction.error().message));

@@ -189,7 +189,7 @@ Result<Exit> identify_lugre(const Arguments& a) {
   if (a.known_law.empty())
     throw InputError(
         "--law lugre: bristles stand over a static law: --static PARAMS.yaml, of an identification before, is needed");
-  auto known = read_parameters(a.known_law);
+  auto known = or_wrong_input(read_parameters(a.known_law));
   if (a.torque_max_nm > 0) known.torque_max_nm = a.torque_max_nm;
   if (a.gear_ratio > 0) known.gear_ratio = a.gear_ratio;
   const auto drive = drive_of(known, "joint");
@@ -264,7 +264,7 @@ Result<Exit> identify_each(const Arguments& a, const friction::LawInfo& law, con
 
 /// How well a law that was identified before predicts these data.
 Result<Exit> evaluate(const Arguments& a) {
-  const auto known = read_parameters(a.evaluate);
+  const auto known = or_wrong_input(read_parameters(a.evaluate));
   const auto& law = *known.law.info;
   std::vector<std::filesystem::path> files(a.data.begin(), a.data.end());
   const auto samples = read_samples(files, law,

@@ -154,10 +154,11 @@ Result<Exit> export_instance(const std::string& file, const std::string& name, c
                              double torque_max_nm, double gear_ratio, const Destination& output) {
   if (const auto law = load_yaml(file)["law"]; law && law.IsScalar() && law.Scalar() == "bouc_wen") {
     const auto spring = identification::hysteresis_of(file, name, on_drive);
+    if (!spring && spring.error().kind == ErrorKind::input) return tl::unexpected(spring.error());
     if (!spring) return work_failed(fmt::format("{}: {}", file, spring.error().message));
     return deliver_instance(name, transmission::configuration_of(*spring), output);
   }
-  auto parameters = identification::read_parameters(file);
+  auto parameters = or_wrong_input(identification::read_parameters(file));
   if (torque_max_nm > 0) parameters.torque_max_nm = torque_max_nm;
   if (gear_ratio > 0) parameters.gear_ratio = gear_ratio;
   const auto drive = identification::drive_of(parameters, name);

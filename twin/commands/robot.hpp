@@ -7,7 +7,7 @@
 #include <CLI/CLI.hpp>
 
 #include <tribotwin/plugins/mujoco/loader.hpp>
-#include <tribotwin/twin/identification/rigid_body/robot_recording.hpp>
+#include <tribotwin/twin/identification/rigid_body/joint_motion.hpp>
 #include <tribotwin/twin/robot/base_parameters.hpp>
 
 /// What the commands about a whole robot's dynamics begin with.

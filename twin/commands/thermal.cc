@@ -7,7 +7,7 @@
 #include <nlohmann/json.hpp>
 
 #include <tribotwin/twin/commands/program.hpp>
-#include <tribotwin/twin/identification/thermal/thermal_chain.hpp>
+#include <tribotwin/twin/identification/thermal/thermal_chain_file.hpp>
 #include <tribotwin/twin/identification/thermal/thermal_file.hpp>
 #include <tribotwin/twin/identification/thermal/thermal_torque.hpp>
 #include <tribotwin/twin/io/input.hpp>
@@ -252,8 +252,8 @@ std::vector<std::vector<std::vector<double>>> predictions(const Arguments& a, co
       if (!has_temperature(session))
         throw InputError(
             fmt::format("{}: has no column temperature_{}_degC to compare with", a.data[session.file], joint.name));
-  if (is_thermal_chain(a.evaluate)) {
-    const auto chain = read_thermal_chain(a.evaluate);
+  if (or_wrong_input(is_thermal_chain(a.evaluate))) {
+    const auto chain = or_wrong_input(read_thermal_chain(a.evaluate));
     if (!std::ranges::equal(joints, chain.joints, {}, &JointHeat::name))
       throw InputError(fmt::format("{}: chain: its joints are {}, those of {} are not, in this order", a.evaluate,
                                    fmt::join(chain.joints, ", "), a.data.front()));
@@ -266,7 +266,7 @@ std::vector<std::vector<std::vector<double>>> predictions(const Arguments& a, co
     }
     return out;
   }
-  const auto models = read_thermal(a.evaluate);
+  const auto models = or_wrong_input(read_thermal(a.evaluate));
   for (std::size_t k = 0; k < joints.size(); ++k) {
     const auto& joint = joints[k];
     const auto model = std::ranges::find(models, joint.name, [](const auto& m) { return m.first; });

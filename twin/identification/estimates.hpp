@@ -10,8 +10,8 @@ namespace tribotwin::twin::identification {
 enum class Status {
   estimated,
   fixed,    ///< by the user
-  held,     ///< the data cannot tell it: its term is 0, or it has no effect
-  at_bound  ///< of the accepted range; has no sigma
+  held,     ///< not identifiable from the data: its term is 0, or it has no effect
+  at_bound  ///< of the accepted range; without a sigma
 };
 
 struct Estimate {
@@ -22,7 +22,7 @@ struct Estimate {
   Status status = Status::estimated;
 };
 
-/// What is known of numbers that were identified, whatever they belong to.
+/// Identified numbers with their uncertainty.
 struct Estimates {
   std::vector<Estimate> parameters;
   Eigen::MatrixXd covariance;   ///< of the parameters; NaN rows where not estimated
@@ -33,8 +33,8 @@ struct Estimates {
   double cost = 0;  ///< weighted sum of squares
   double r_squared = 0, aicc = 0;
   std::size_t samples = 0, estimated = 0;
-  std::vector<std::string> unidentifiable;  ///< parameters that these data cannot tell
-  std::vector<std::string> notes;           ///< what the reader must know before using it
+  std::vector<std::string> unidentifiable;  ///< names of parameters that are not identifiable from these data
+  std::vector<std::string> notes;           ///< limits of the result, for its user
 
   double correlation(std::size_t i, std::size_t j) const;
 };

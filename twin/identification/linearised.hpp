@@ -11,10 +11,10 @@
 
 #include <tribotwin/twin/identification/estimates.hpp>
 
-/// Estimates of a fit that is nonlinear, from its derivatives at the minimum.
+/// Internal to identification/, not installed: estimates of a nonlinear fit from its derivatives at the minimum.
 namespace tribotwin::twin::identification {
 
-/// Inverse of the information J^T J; directions the data are blind to get a variance beyond any value.
+/// Inverse of the information J^T J; directions without information get the variance 1e30.
 inline Eigen::MatrixXd covariance_of(const Eigen::MatrixXd& jacobian) {
   const Eigen::VectorXd scale = jacobian.colwise().norm().cwiseMax(1e-300).cwiseInverse();
   const Eigen::MatrixXd unit = jacobian * scale.asDiagonal();
@@ -25,12 +25,12 @@ inline Eigen::MatrixXd covariance_of(const Eigen::MatrixXd& jacobian) {
          scale.asDiagonal();
 }
 
-/// Half the width of a 95 % interval, in sigmas that `freedom` degrees of freedom tell; fewer than 1 count as 1.
+/// Half the width of a 95 % interval in sigmas, for `freedom` degrees of freedom; fewer than 1 count as 1.
 inline double interval_sigmas(double freedom) {
   return boost::math::quantile(boost::math::students_t(std::max(1.0, freedom)), 0.975);
 }
 
-/// `quantile` is that of the 95 % interval, in sigmas.
+/// With a 95 % interval of `quantile` sigmas to either side.
 inline Estimate estimate(std::string name, std::string unit, double value, double variance, double quantile) {
   const double sigma = std::sqrt(variance);
   return {.name = std::move(name),

@@ -25,7 +25,7 @@ Result<Numbers> read_time_series(const std::filesystem::path& file, const std::v
                               : fmt::format("{}: is empty: a header but no samples", file.string()));
   if (const auto problem = not_increasing(*table, time)) return tl::unexpected(*problem);
   if (3 * table->left_out > time.size() + table->left_out)
-    return tl::unexpected(fmt::format("{}: {} of {} rows hold no finite numbers; what is left is no recording",
+    return tl::unexpected(fmt::format("{}: {} of {} rows hold no finite numbers; too few are left for a recording",
                                       file.string(), table->left_out, time.size() + table->left_out));
   if (table->left_out)
     notes.push_back(fmt::format("{}: {} rows with empty, NaN or infinite cells are left out, the first in line {}",
@@ -35,14 +35,14 @@ Result<Numbers> read_time_series(const std::filesystem::path& file, const std::v
 
 std::optional<std::string> implausible_temperature(const std::filesystem::path& file, std::string_view column,
                                                    std::span<const double> degC) {
-  constexpr double least = -60, most = 250;
+  constexpr double minimum = -60, maximum = 250;
   if (degC.empty()) return {};
   const auto [low, high] = std::ranges::minmax(degC);
-  if (low >= least && high <= most) return {};
+  if (low >= minimum && high <= maximum) return {};
   return fmt::format(
       "{}: {} goes from {:.4g} to {:.4g}, where a gearbox is between {:g} and {:g}; are these kelvins, or is it "
       "another column?",
-      file.string(), column, low, high, least, most);
+      file.string(), column, low, high, minimum, maximum);
 }
 
 }  // namespace tribotwin::twin::identification

@@ -10,16 +10,16 @@
 #include <tribotwin/plugins/friction/error.hpp>
 #include <tribotwin/twin/io/table.hpp>
 
-/// Recordings sample by sample, for what has a memory.
+/// Recordings sample by sample, for models with a state.
 namespace tribotwin::twin::identification {
 
-/// The columns `needed`, of which the first is time_s, then those of `optional` that the file has (else empty). Time
-/// must increase from row to row; rows without a number are left out, which `notes` tells. Fails with file and what
-/// would be right.
+/// The columns `needed`, of which the first is time_s, then those of `optional` (empty where the file has none). Time
+/// must increase from row to row. Rows with a cell that is no finite number are left out, with a note. ErrorKind::input
+/// with file and what would be right.
 Result<Numbers> read_time_series(const std::filesystem::path& file, const std::vector<std::string>& needed,
                                  const std::vector<std::string>& optional, std::vector<std::string>& notes);
 
-/// Why this column cannot be degrees Celsius of a gearbox.
+/// Why a column is implausible as the temperature of a gearbox: outside -60 .. 250 degC.
 std::optional<std::string> implausible_temperature(const std::filesystem::path& file, std::string_view column,
                                                    std::span<const double> degC);
 

@@ -10,14 +10,13 @@
 #include <tribotwin/plugins/friction/error.hpp>
 #include <tribotwin/twin/identification/estimates.hpp>
 
-/// Bristles (LuGre, plugins/drive/drive.hpp) over a static law that is known, from recordings of pre-sliding and
-/// reversals: the drive's own step is simulated along the recorded speed, its error of torque is what is made small.
-/// sigma1 is linear given the deflection; ln sigma0 and ln vd are searched, and the deflection at the start of each
-/// recording with them.
+/// Bristles (LuGre, plugins/drive/drive.hpp) over a known static law, from recordings of pre-sliding and reversals. The
+/// drive's own step is simulated along the recorded speed; the squared error of the torque is minimised. sigma1 is
+/// linear given the deflection; ln sigma0, ln vd and the deflection at the start of each recording are searched.
 namespace tribotwin::twin::identification {
 
 inline constexpr std::string_view lugre_equation =
-    "z' = w - sigma0 |w| z / g, friction = sigma0 z + sigma1 e^-(w/vd)^2 z' + h over the law g + h; P4 (5)";
+    "z' = w - sigma0 |w| z / g, friction = sigma0 z + sigma1 e^-(w/vd)^2 z' + h over the law g + h; RH380-N study (5)";
 
 /// One recording, arm side.
 struct SlidingRecording {
@@ -31,8 +30,8 @@ struct SlidingRecordings {
   std::vector<SlidingRecording> recordings;
   std::vector<std::string> notes;
 };
-/// Reads CSV `time_s, velocity_rad_s, torque_nm[, temperature_degC, load_nm]`, a recording per file, with what the law
-/// of `drive` depends on. Fails with file and what would be right.
+/// Reads CSV `time_s, velocity_rad_s, torque_nm[, temperature_degC, load_nm]`, a recording per file. The columns that
+/// the law of `drive` depends on are required. ErrorKind::input with file and what would be right.
 Result<SlidingRecordings> read_sliding(std::span<const std::filesystem::path> files, const drive::Drive& drive);
 
 struct BristleFit : Estimates {  ///< parameters: sigma0, sigma1, vd
@@ -40,7 +39,8 @@ struct BristleFit : Estimates {  ///< parameters: sigma0, sigma1, vd
   double normalised_mse = 0;  ///< mean squared error / variance of the torque
 };
 
-/// Bristles over the law, the load table and the gear of `drive`. Fails with a sentence on what the data lack.
+/// Bristles over the law, the load table and the gear of `drive`. sigma0 [1/rad of a normalised law, Nm/rad], sigma1
+/// [s/rad; Nm s/rad], vd [rad/s]. ErrorKind::work with what the data lack: motion, samples, pre-sliding.
 Result<BristleFit> fit_bristles(const drive::Drive& drive, std::span<const SlidingRecording> recordings,
                                 unsigned threads = 2);
 

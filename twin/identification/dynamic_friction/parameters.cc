@@ -1,4 +1,6 @@
+#include <algorithm>
 #include <cmath>
+#include <limits>
 #include <sstream>
 
 #include <fmt/format.h>
@@ -13,6 +15,8 @@ namespace {
 constexpr std::pair<Status, std::string_view> statuses[] = {
     {Status::estimated, "estimated"}, {Status::fixed, "fixed"}, {Status::held, "held"}, {Status::at_bound, "at_bound"}};
 
+constexpr double unknown = std::numeric_limits<double>::quiet_NaN();
+
 std::string_view name_of(Status status) {
   for (const auto& [s, name] : statuses)
     if (s == status) return name;
@@ -25,13 +29,13 @@ std::string list(const std::vector<std::string>& items) {
   return fmt::format("[{}]", fmt::join(q, ", "));
 }
 
-/// A mapping in block style. One without entries would read as nothing at all.
+/// A mapping in block style; {} where it is empty, which would otherwise read as null.
 std::string block(const std::string& head, const std::string& entries) {
   const auto comment = head.find(" ");
   return entries.empty() ? head.substr(0, comment) + " {}\n" : head + "\n" + entries;
 }
 
-/// What was found and how sure it is; `range` is the inside of a flow mapping, or empty.
+/// Estimates and their uncertainty; `range` is the inside of a flow mapping, or empty.
 std::string results(const Estimates& found, const std::string& range, const std::vector<std::string>& data) {
   std::string s = "parameters:\n";
   for (const auto& e : found.parameters) s += fmt::format("  {}: {}   # {}\n", e.name, e.value, e.unit);
@@ -52,17 +56,125 @@ std::string results(const Estimates& found, const std::string& range, const std:
                                                                                    : 0.0));
     correlations += fmt::format("  {}: [{}]\n", e.name, fmt::join(row, ", "));
   }
-  s += block("sigma:   # one standard deviation of those that were estimated", sigmas) +
+  s += block("sigma:   # one standard deviation, of estimated parameters", sigmas) +
        block("confidence_95:", intervals) + block("correlation:   # in the order of sigma", correlations);
   if (!range.empty()) s += fmt::format("range: {{{}}}\n", range);
   s += fmt::format("residual: {{mean: {}, std: {}, max_abs: {}}}\nsamples: {}\n", found.residual.mean,
                    found.residual.std, found.residual.max_abs, found.samples);
-  // Neither exists where nothing is estimated, or friction never changes.
+  // Not defined where nothing is estimated or friction never changes.
   for (const auto& [key, value] :
        {std::pair{"condition_number", found.condition_number}, {"r_squared", found.r_squared}})
     if (std::isfinite(value)) s += fmt::format("{}: {}\n", key, value);
   return s + fmt::format("unidentifiable: {}\ndata: {}\nnotes: {}\n", list(found.unidentifiable), list(data),
                          list(found.notes));
+}
+
+friction::Law read_law(Mapping& m, const std::filesystem::path& path) {
+  const std::string law = m.text("law");
+  if (!friction::find_law(law)) {
+    std::vector<std::string_view> names;
+    for (const auto& l : friction::laws()) names.push_back(l.name);
+    m.fail("law", fmt::format("is '{}'; the laws are {}", law, fmt::join(names, ", ")));
+  }
+  auto parameters = m.mapping("parameters");
+  if (!parameters) m.fail("parameters", "is missing");
+  std::vector<std::pair<std::string, double>> values;
+  for (const auto& name : parameters->names()) values.emplace_back(name, parameters->number(name));
+  auto made = friction::make_law(law, values);
+  if (!made) throw InputError(fmt::format("{}: {}", path.string(), made.error().message));
+  parameters->done();
+  return *made;
+}
+
+/// Value, status, sigma and interval of a law's parameters.
+std::vector<Estimate> read_estimates(Mapping& m, const friction::Law& law) {
+  auto status = m.mapping("status"), sigma = m.mapping("sigma"), interval = m.mapping("confidence_95");
+  std::vector<std::string_view> accepted;
+  for (const auto& [s, text] : statuses) accepted.push_back(text);
+  std::vector<Estimate> all;
+  for (std::size_t i = 0; i < law.info->parameters.size(); ++i) {
+    const auto& p = law.info->parameters[i];
+    const std::string name(p.name);
+    Estimate e{.name = name,
+               .unit = std::string(p.unit),
+               .value = law.parameters[i],
+               .sigma = unknown,
+               .low = unknown,
+               .high = unknown,
+               .status = Status::fixed};
+    if (status && status->has(name))
+      e.status =
+          std::ranges::find(statuses, status->choice(name, accepted), [](const auto& s) { return s.second; })->first;
+    if (sigma && sigma->has(name)) e.sigma = sigma->number(name, {0, 1e300});
+    if (interval && interval->has(name)) {
+      const auto ends = interval->numbers(name);
+      if (ends.size() != 2) interval->fail(name, "must hold two numbers, [low, high]");
+      e.low = ends[0], e.high = ends[1];
+    }
+    all.push_back(std::move(e));
+  }
+  for (auto* part : {&status, &sigma, &interval})
+    if (*part) (*part)->done();
+  return all;
+}
+
+/// From the correlations of the parameters with a sigma; NaN for the others.
+Eigen::MatrixXd read_covariance(Mapping& m, const std::vector<Estimate>& estimates) {
+  const auto n = static_cast<Eigen::Index>(estimates.size());
+  Eigen::MatrixXd covariance = Eigen::MatrixXd::Constant(n, n, unknown);
+  auto correlation = m.mapping("correlation");
+  if (!correlation) return covariance;
+  std::vector<std::size_t> estimated;
+  for (std::size_t i = 0; i < estimates.size(); ++i)
+    if (!std::isnan(estimates[i].sigma)) estimated.push_back(i);
+  for (const std::size_t i : estimated) {
+    const auto row = correlation->numbers(estimates[i].name, {-1.000001, 1.000001});
+    if (row.size() != estimated.size())
+      correlation->fail(estimates[i].name,
+                        fmt::format("must hold {} numbers, one per parameter with a sigma", estimated.size()));
+    for (std::size_t k = 0; k < row.size(); ++k)
+      covariance(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(estimated[k])) =
+          row[k] * estimates[i].sigma * estimates[estimated[k]].sigma;
+  }
+  correlation->done();
+  return covariance;
+}
+
+void read_range(Mapping& m, friction::Range& r) {
+  auto range = m.mapping("range");
+  if (!range) return;
+  range->accept({"speed_max_rad_s", "load_max", "temperature_min_degC", "temperature_max_degC"});
+  r.speed_max_rad_s = range->number_or("speed_max_rad_s", r.speed_max_rad_s, {0, 1e6});
+  r.load_max = range->number_or("load_max", r.load_max, {0, 1000});
+  r.temperature_min_degC = range->number_or("temperature_min_degC", r.temperature_min_degC, {-273.15, 1000});
+  r.temperature_max_degC = range->number_or("temperature_max_degC", r.temperature_max_degC, {-273.15, 1000});
+  range->done();
+}
+
+void read_statistics(Mapping& m, Estimates& found) {
+  if (auto residual = m.mapping("residual")) {
+    found.residual.mean = residual->number_or("mean", 0);
+    found.residual.std = residual->number_or("std", 0);
+    found.residual.max_abs = residual->number_or("max_abs", 0);
+    residual->done();
+  }
+  found.samples = m.whole_or("samples", 0, {0, 1e12});
+  found.condition_number = m.number_or("condition_number", 0);
+  found.r_squared = m.number_or("r_squared", 0);
+  found.unidentifiable = m.texts("unidentifiable");
+  found.notes = m.texts("notes");
+}
+
+std::optional<drive::Bristles> read_bristles(Mapping& m) {
+  auto lugre = m.mapping("lugre");
+  if (!lugre) return {};
+  auto values = lugre->mapping("parameters");
+  if (!values) lugre->fail("parameters", "is missing");
+  const drive::Bristles bristles{.sigma0 = values->number("sigma0", {1e-12, 1e15}),
+                                 .sigma1 = values->number("sigma1", {0, 1e15}),
+                                 .vd = values->number("vd", {1e-9, 1e9})};
+  values->done();
+  return bristles;
 }
 
 }  // namespace
@@ -108,121 +220,42 @@ Result<void> usable(const Estimates& found, const friction::LawInfo* law) {
   std::vector<std::pair<std::string, double>> values;
   for (const auto& e : found.parameters) {
     if (!std::isfinite(e.value))
-      return tl::unexpected(
+      return work_failed(
           fmt::format("the fit gives no finite number for {}; what is in the data that no joint has?", e.name));
     values.emplace_back(e.name, e.value);
   }
   const auto& r = found.residual;
   if (!std::isfinite(r.mean) || !std::isfinite(r.std) || !std::isfinite(r.max_abs))
-    return tl::unexpected(
-        std::string("the residuals of the fit are not finite; what is in the data that no joint has?"));
+    return work_failed("the residuals of the fit are not finite; what is in the data that no joint has?");
   if (!law) return {};
   if (const auto made = friction::make_law(law->name, values); !made)
-    return tl::unexpected(fmt::format("what these data give is no law that can be used: {}", made.error().message));
+    return work_failed(fmt::format("the law of these data cannot be used: {}", made.error().message));
   return {};
 }
 
-ParameterFile read_parameters(const std::filesystem::path& path) {
+Result<ParameterFile> read_parameters(const std::filesystem::path& path) try {
   Mapping m(path.string(), "", load_yaml(path));
   m.accept({"law", "torque_max_nm", "gear_ratio", "parameters", "status", "sigma", "confidence_95", "correlation",
             "range", "residual", "samples", "condition_number", "r_squared", "unidentifiable", "data", "notes",
             "lugre"});
   ParameterFile f;
-  const std::string law = m.text("law");
-  const friction::LawInfo* info = friction::find_law(law);
-  if (!info) {
-    std::vector<std::string_view> names;
-    for (const auto& l : friction::laws()) names.push_back(l.name);
-    m.fail("law", fmt::format("is '{}'; the laws are {}", law, fmt::join(names, ", ")));
-  }
+  f.law = read_law(m, path);
   f.torque_max_nm = m.number_or("torque_max_nm", 0, {0, 1e9});
   f.gear_ratio = m.number_or("gear_ratio", 0, {0, 1e6});
-  auto parameters = m.mapping("parameters");
-  if (!parameters) m.fail("parameters", "is missing");
-  std::vector<std::pair<std::string, double>> values;
-  for (const auto& name : parameters->names()) values.emplace_back(name, parameters->number(name));
-  auto made = friction::make_law(law, values);
-  if (!made) throw InputError(fmt::format("{}: {}", path.string(), made.error().message));
-  f.law = *made;
-  auto status = m.mapping("status"), sigma = m.mapping("sigma"), interval = m.mapping("confidence_95"),
-       correlation = m.mapping("correlation");
-  const double unknown = std::numeric_limits<double>::quiet_NaN();
-  const auto n = static_cast<Eigen::Index>(info->parameters.size());
-  f.found.covariance = Eigen::MatrixXd::Constant(n, n, unknown);
-  std::vector<Eigen::Index> estimated;
-  for (std::size_t i = 0; i < info->parameters.size(); ++i) {
-    const auto& p = info->parameters[i];
-    const std::string name(p.name);
-    Estimate e{.name = name,
-               .unit = std::string(p.unit),
-               .value = f.law.parameters[i],
-               .sigma = unknown,
-               .low = unknown,
-               .high = unknown,
-               .status = Status::fixed};
-    if (status && status->has(name)) {
-      const std::string given = status->choice(name, {"estimated", "fixed", "held", "at_bound"});
-      for (const auto& [s, text] : statuses)
-        if (text == given) e.status = s;
-    }
-    if (sigma && sigma->has(name)) {
-      e.sigma = sigma->number(name, {0, 1e300});
-      estimated.push_back(static_cast<Eigen::Index>(i));
-    }
-    if (interval && interval->has(name)) {
-      const auto ends = interval->numbers(name);
-      if (ends.size() != 2) interval->fail(name, "must hold two numbers, [low, high]");
-      e.low = ends[0], e.high = ends[1];
-    }
-    f.found.parameters.push_back(std::move(e));
-  }
-  if (correlation)
-    for (const Eigen::Index i : estimated) {
-      const std::string& name = f.found.parameters[static_cast<std::size_t>(i)].name;
-      const auto row = correlation->numbers(name, {-1.000001, 1.000001});
-      if (row.size() != estimated.size())
-        correlation->fail(name, fmt::format("must hold {} numbers, one per parameter with a sigma", estimated.size()));
-      for (std::size_t k = 0; k < row.size(); ++k)
-        f.found.covariance(i, estimated[k]) = row[k] * f.found.parameters[static_cast<std::size_t>(i)].sigma *
-                                              f.found.parameters[static_cast<std::size_t>(estimated[k])].sigma;
-    }
-  for (auto* part : {&status, &sigma, &interval, &correlation, &parameters})
-    if (*part) (*part)->done();
-  if (auto range = m.mapping("range")) {
-    range->accept({"speed_max_rad_s", "load_max", "temperature_min_degC", "temperature_max_degC"});
-    auto& r = f.law.range;
-    r.speed_max_rad_s = range->number_or("speed_max_rad_s", r.speed_max_rad_s, {0, 1e6});
-    r.load_max = range->number_or("load_max", r.load_max, {0, 1000});
-    r.temperature_min_degC = range->number_or("temperature_min_degC", r.temperature_min_degC, {-273.15, 1000});
-    r.temperature_max_degC = range->number_or("temperature_max_degC", r.temperature_max_degC, {-273.15, 1000});
-    range->done();
-  }
-  if (auto residual = m.mapping("residual")) {
-    f.found.residual.mean = residual->number_or("mean", 0);
-    f.found.residual.std = residual->number_or("std", 0);
-    f.found.residual.max_abs = residual->number_or("max_abs", 0);
-    residual->done();
-  }
-  f.found.samples = m.whole_or("samples", 0, {0, 1e12});
-  f.found.condition_number = m.number_or("condition_number", 0);
-  f.found.r_squared = m.number_or("r_squared", 0);
-  f.found.unidentifiable = m.texts("unidentifiable");
+  f.found.parameters = read_estimates(m, f.law);
+  f.found.covariance = read_covariance(m, f.found.parameters);
+  read_range(m, f.law.range);
+  read_statistics(m, f.found);
   f.data = m.texts("data");
-  f.found.notes = m.texts("notes");
-  if (const auto lugre = m.mapping("lugre")) {
-    auto values_of = Mapping(*lugre).mapping("parameters");
-    if (!values_of) lugre->fail("parameters", "is missing");
-    f.bristles = drive::Bristles{.sigma0 = values_of->number("sigma0", {1e-12, 1e15}),
-                                 .sigma1 = values_of->number("sigma1", {0, 1e15}),
-                                 .vd = values_of->number("vd", {1e-9, 1e9})};
-    values_of->done();
-  }
+  f.bristles = read_bristles(m);
   m.done();
   return f;
+} catch (const InputError& e) {
+  return tl::unexpected(Error(e.what()));
 }
 
 Result<transmission::Hysteresis> hysteresis_of(const std::filesystem::path& path, std::string name,
-                                               const std::string& drive) {
+                                               const std::string& drive) try {
   Mapping m(path.string(), "", load_yaml(path));
   transmission::Configuration keys{{"drive", drive}};
   for (const char* part : {"parameters", "range"}) {
@@ -230,13 +263,16 @@ Result<transmission::Hysteresis> hysteresis_of(const std::filesystem::path& path
     if (!numbers) m.fail(part, "is missing");
     for (const auto& key : numbers->names()) keys.emplace_back(key, fmt::format("{}", numbers->number(key)));
   }
-  return transmission::make_hysteresis(std::move(name), keys);
+  auto made = transmission::make_hysteresis(std::move(name), keys);
+  if (!made) return work_failed(made.error().message);
+  return made;
+} catch (const InputError& e) {
+  return tl::unexpected(Error(e.what()));
 }
 
 Result<drive::Drive> drive_of(const ParameterFile& f, std::string name) {
-  if (!(f.torque_max_nm > 0))
-    return tl::unexpected(std::string("the file holds no torque_max_nm; give it by --tau-max"));
-  if (!(f.gear_ratio > 0)) return tl::unexpected(std::string("the file holds no gear_ratio; give it by --gear-ratio"));
+  if (!(f.torque_max_nm > 0)) return tl::unexpected(Error("the file holds no torque_max_nm; give it by --tau-max"));
+  if (!(f.gear_ratio > 0)) return tl::unexpected(Error("the file holds no gear_ratio; give it by --gear-ratio"));
   drive::Drive d;
   d.name = std::move(name);
   d.law = f.law;

@@ -25,23 +25,23 @@ struct ParameterFile {
 
 ParameterFile parameter_file(const Fit& fit, std::vector<std::string> data, double torque_max_nm, double gear_ratio);
 std::string to_yaml(const ParameterFile& file);
-/// The same with the bristles over this law, as section `lugre`.
+/// `of_law` with section `lugre`: the bristles over this law.
 std::string to_yaml(const ParameterFile& of_law, const BristleFit& fit, const std::vector<std::string>& data);
 std::string to_yaml(const HysteresisFit& fit, const std::vector<std::string>& data);
 
-/// Fails where a number is not finite or, with a law, where the law itself refuses its parameters: a PARAMS.yaml of it
-/// could not be read.
+/// ErrorKind::work where a PARAMS.yaml of these estimates could not be read: a number is not finite or, with a law, the
+/// law refuses its parameters.
 Result<void> usable(const Estimates& found, const friction::LawInfo* law = nullptr);
 
-/// Throws InputError with file, key and what would be right.
-ParameterFile read_parameters(const std::filesystem::path& file);
+/// A file of to_yaml(ParameterFile). ErrorKind::input with file, key and what would be right.
+Result<ParameterFile> read_parameters(const std::filesystem::path& file);
 
-/// The spring of a PARAMS.yaml with `law: bouc_wen`, on the drive instance `drive`. Fails where a model could not load
-/// it.
+/// The spring of a PARAMS.yaml with `law: bouc_wen`, on the drive instance `drive`. ErrorKind::input where the file is
+/// wrong, ErrorKind::work where a model could not load the spring.
 Result<transmission::Hysteresis> hysteresis_of(const std::filesystem::path& file, std::string name,
                                                const std::string& drive);
 
-/// A drive with this law, bristles included. Fails where torque_max_nm or gear_ratio are not known.
+/// A drive with this law, bristles included. ErrorKind::input where torque_max_nm or gear_ratio are not known.
 Result<drive::Drive> drive_of(const ParameterFile& file, std::string name);
 
 }  // namespace tribotwin::twin::identification

@@ -14,7 +14,7 @@ namespace {
 
 using Eigen::Index, Eigen::MatrixXd, Eigen::VectorXd;
 
-/// Wide enough that pieces into which a simulation cuts its way, and change in number, do not show.
+/// Wide enough that the number of substeps of a simulation, which may change, has no visible effect.
 constexpr double difference = 1e-4;
 
 MatrixXd open_basis(const Simulated& model, const MatrixXd& basis) {
@@ -24,16 +24,16 @@ MatrixXd open_basis(const Simulated& model, const MatrixXd& basis) {
   return basis(Eigen::all, open);
 }
 
-std::vector<Index> sought(const Simulated& model) {
+std::vector<Index> free_numbers(const Simulated& model) {
   std::vector<Index> open;
   for (Index i = 0; i < model.low.size(); ++i)
     if (model.low(i) < model.high(i)) open.push_back(i);
   return open;
 }
 
-/// d prediction / d nonlinear at fixed linear numbers, the sought ones; differences stay within the bounds.
+/// d prediction / d nonlinear of the free numbers, at fixed linear ones; differences stay within the bounds.
 MatrixXd by_nonlinear(const Simulated& model, const VectorXd& at, const VectorXd& linear) {
-  const std::vector<Index> open = sought(model);
+  const std::vector<Index> open = free_numbers(model);
   MatrixXd D(model.measured.size(), static_cast<Index>(open.size()));
   in_parallel(open.size(), model.threads, [&](std::size_t k) {
     const Index i = open[k];
@@ -49,7 +49,7 @@ MatrixXd by_nonlinear(const Simulated& model, const VectorXd& at, const VectorXd
 class Residual final : public ceres::CostFunction {
  public:
   Residual(const Simulated& model, VectorXd start, double scale)
-      : model_(model), start_(std::move(start)), open_(sought(model)), scale_(scale) {
+      : model_(model), start_(std::move(start)), open_(free_numbers(model)), scale_(scale) {
     mutable_parameter_block_sizes()->push_back(static_cast<int>(open_.size()));
     set_num_residuals(static_cast<int>(model.measured.size()));
   }
@@ -65,7 +65,7 @@ class Residual final : public ceres::CostFunction {
     Eigen::Map<VectorXd>(residuals, now.residual.size()) = now.residual * scale_;
     if (!jacobians || !jacobians[0]) return true;
     MatrixXd D = by_nonlinear(model_, at, now.linear);
-    // A linear number at its bound does not give way.
+    // A linear number at its bound stays there.
     const MatrixXd B = open_basis(model_, model_.predict(at).basis);
     if (now.linear.size() != 1 || now.linear(0) > model_.linear_low)
       D -= B * (pseudo_inverse(B.transpose() * B) * (B.transpose() * D));
@@ -99,7 +99,7 @@ namespace {
 
 /// From a start nearby, until a step gains less than `tolerance` of the cost.
 Simulation descend(const Simulated& model, const VectorXd& start, double tolerance) {
-  const std::vector<Index> open = sought(model);
+  const std::vector<Index> open = free_numbers(model);
   const Simulation first = simulate(model, start);
   const double size = static_cast<double>(model.measured.size());
   if (open.empty() || first.cost <= 1e-26 * model.measured.squaredNorm()) return first;
@@ -135,39 +135,62 @@ Simulation search(const Simulated& few, const Simulated& all, const std::vector<
   for (std::size_t i = 0; i < std::min(followed, tried.size()); ++i)
     if (Simulation found = descend(few, starts[tried[i].second], rough); found.cost < best.cost)
       best = std::move(found);
-  return descend(all, best.nonlinear, 1e-5 / static_cast<double>(all.measured.size()));  // some thousandths of a sigma
+  return descend(all, best.nonlinear, 1e-5 / static_cast<double>(all.measured.size()));  // a few thousandths of a sigma
 }
 
-Uncertainty uncertainty(const Simulated& model, const Simulation& minimum) {
-  const Index linear = minimum.linear.size(), count = linear + minimum.nonlinear.size();
-  const auto rows = static_cast<double>(model.measured.size());
-  MatrixXd S = MatrixXd::Zero(model.measured.size(), count);
+namespace {
+
+/// Derivatives of the prediction by all numbers; 0 for fixed ones.
+MatrixXd sensitivity(const Simulated& model, const Simulation& minimum) {
+  const Index linear = minimum.linear.size();
+  MatrixXd S = MatrixXd::Zero(model.measured.size(), linear + minimum.nonlinear.size());
   S.leftCols(linear) = model.predict(minimum.nonlinear).basis;
   const MatrixXd D = by_nonlinear(model, minimum.nonlinear, minimum.linear);
-  const std::vector<Index> open = sought(model);
+  const std::vector<Index> open = free_numbers(model);
   for (std::size_t k = 0; k < open.size(); ++k) S.col(linear + open[k]) = D.col(static_cast<Index>(k));
-  const MatrixXd H = S.transpose() * S;
+  return S;
+}
 
-  Uncertainty result{.covariance = MatrixXd::Constant(count, count, std::nan("")),
-                     .status = std::vector<Status>(static_cast<std::size_t>(count), Status::held),
-                     .effect = {}};
+/// Status of number i, dependence aside.
+Status status_of(const Simulated& model, const Simulation& minimum, Index i) {
+  const Index linear = minimum.linear.size();
+  if (i < linear) {
+    if (!model.linear_free[static_cast<std::size_t>(i)]) return Status::held;
+    return minimum.linear(i) <= model.linear_low ? Status::at_bound : Status::estimated;
+  }
+  const double low = model.low(i - linear), high = model.high(i - linear), value = minimum.nonlinear(i - linear);
+  if (low == high) return Status::held;
+  return value <= low || value >= high ? Status::at_bound : Status::estimated;
+}
+
+double condition_number(const MatrixXd& H) {
+  const VectorXd unit = H.diagonal().cwiseSqrt().cwiseInverse();
+  const VectorXd eigenvalues =
+      Eigen::SelfAdjointEigenSolver<MatrixXd>(unit.asDiagonal() * H * unit.asDiagonal(), Eigen::EigenvaluesOnly)
+          .eigenvalues();
+  return std::sqrt(eigenvalues.maxCoeff() / std::max(eigenvalues.minCoeff(), 1e-300));
+}
+
+}  // namespace
+
+Uncertainty uncertainty(const Simulated& model, const Simulation& minimum) {
+  const MatrixXd S = sensitivity(model, minimum);
+  const MatrixXd H = S.transpose() * S;
+  const Index count = H.rows();
+  const auto rows = static_cast<double>(model.measured.size());
+  Uncertainty result{.covariance = MatrixXd::Constant(count, count, std::nan("")), .status = {}, .effect = {}};
   for (Index i = 0; i < count; ++i) result.effect.push_back(std::sqrt(H(i, i) / rows));
-  // Cholesky, first come, first served: a pivot that vanishes belongs to a column in the span of those before it.
+  // Cholesky in the given order: a vanishing pivot belongs to a column in the span of those before it.
   std::vector<Index> kept;
   for (Index i = 0; i < count; ++i) {
-    Status& status = result.status[static_cast<std::size_t>(i)];
-    if (i < linear ? !model.linear_free[static_cast<std::size_t>(i)] : model.low(i - linear) == model.high(i - linear))
-      continue;
-    const double value = i < linear ? minimum.linear(i) : minimum.nonlinear(i - linear);
-    if (i < linear ? value <= model.linear_low : value <= model.low(i - linear) || value >= model.high(i - linear)) {
-      status = Status::at_bound;
-      continue;
-    }
+    Status& status = result.status.emplace_back(status_of(model, minimum, i));
+    if (status != Status::estimated) continue;
     const MatrixXd among = H(kept, kept);
     const VectorXd with = H(kept, i);
-    if (!(H(i, i) - (kept.empty() ? 0 : with.dot(pseudo_inverse(among) * with)) > 1e-10 * H(i, i))) continue;
-    status = Status::estimated;
-    kept.push_back(i);
+    if (H(i, i) - (kept.empty() ? 0 : with.dot(pseudo_inverse(among) * with)) > 1e-10 * H(i, i))
+      kept.push_back(i);
+    else
+      status = Status::held;
   }
   const MatrixXd open_H = H(kept, kept);
   const std::vector<double> r(minimum.residual.begin(), minimum.residual.end());
@@ -175,22 +198,15 @@ Uncertainty uncertainty(const Simulated& model, const Simulation& minimum) {
   result.correlated = samples_per_independent(r);
   const MatrixXd inverse = pseudo_inverse(open_H) * (minimum.cost / freedom * result.correlated);
   result.covariance(kept, kept) = inverse;
-  if (!kept.empty()) {
-    const VectorXd unit = open_H.diagonal().cwiseSqrt().cwiseInverse();
-    const VectorXd eigenvalues =
-        Eigen::SelfAdjointEigenSolver<MatrixXd>(unit.asDiagonal() * open_H * unit.asDiagonal(), Eigen::EigenvaluesOnly)
-            .eigenvalues();
-    result.condition_number = std::sqrt(eigenvalues.maxCoeff() / std::max(eigenvalues.minCoeff(), 1e-300));
-  }
+  if (!kept.empty()) result.condition_number = condition_number(open_H);
   return result;
 }
 
-void conclude(const Simulated& model, const Simulation& minimum, const Uncertainty& worth, const MatrixXd& to,
-              std::span<const double> widest, Estimates& result) {
-  constexpr double quantile = 1.959964,
-                   nan = std::numeric_limits<double>::quiet_NaN();  // time series are long: Student's is normal
-  result.condition_number = worth.condition_number;
-  result.covariance = to * worth.covariance.unaryExpr([](double c) { return std::isnan(c) ? 0 : c; }) * to.transpose();
+namespace {
+
+/// Sigmas, intervals and what is unidentifiable, from the covariance.
+void conclude_parameters(std::span<const double> widest, Estimates& result) {
+  constexpr double quantile = 1.959964, nan = std::numeric_limits<double>::quiet_NaN();  // long series: normal
   for (std::size_t i = 0; i < result.parameters.size(); ++i) {
     Estimate& e = result.parameters[i];
     const auto k = static_cast<Index>(i);
@@ -201,7 +217,7 @@ void conclude(const Simulated& model, const Simulation& minimum, const Uncertain
         result.unidentifiable.push_back(e.name);
       else
         result.notes.push_back(fmt::format(
-            "{} = {:.6g} is at the edge of its range; the sigmas of the others hold only if it belongs there", e.name,
+            "{} = {:.6g} is at the edge of its range; the sigmas of the others hold only if that is its value", e.name,
             e.value));
       continue;
     }
@@ -211,8 +227,18 @@ void conclude(const Simulated& model, const Simulation& minimum, const Uncertain
     e.high = e.value + quantile * e.sigma;
     if (e.sigma > widest[i]) result.unidentifiable.push_back(e.name);
   }
+}
+
+}  // namespace
+
+void conclude(const Simulated& model, const Simulation& minimum, const Uncertainty& uncertainty, const MatrixXd& to,
+              std::span<const double> widest, Estimates& result) {
+  result.condition_number = uncertainty.condition_number;
+  result.covariance =
+      to * uncertainty.covariance.unaryExpr([](double c) { return std::isnan(c) ? 0 : c; }) * to.transpose();
+  conclude_parameters(widest, result);
   const VectorXd& r = minimum.residual;
-  const auto n = static_cast<double>(r.size()), p = static_cast<double>(result.estimated) + 1;  // the variance is one
+  const auto n = static_cast<double>(r.size()), p = static_cast<double>(result.estimated) + 1;  // with the variance
   result.samples = static_cast<std::size_t>(r.size());
   result.cost = minimum.cost;
   result.residual.mean = r.mean();
@@ -220,17 +246,17 @@ void conclude(const Simulated& model, const Simulation& minimum, const Uncertain
   result.residual.max_abs = r.cwiseAbs().maxCoeff();
   result.r_squared = 1 - minimum.cost / (model.measured.array() - model.measured.mean()).square().sum();
   result.aicc = n * std::log(std::max(minimum.cost, 1e-300) / n) + 2 * p + 2 * p * (p + 1) / std::max(1.0, n - p - 1);
-  if (worth.correlated > 3)
+  if (uncertainty.correlated > 3)
     result.notes.push_back(
-        fmt::format("errors are alike for some {:.0f} samples on end, which the sigmas allow for: the model does not "
-                    "follow these data, or the torque was filtered",
-                    worth.correlated));
+        fmt::format("errors are correlated over some {:.0f} successive samples, which the sigmas include: the model "
+                    "does not follow these data, or the torque was filtered",
+                    uncertainty.correlated));
   if (std::abs(result.residual.mean) > 0.2 * result.residual.std)
     result.notes.push_back(
         fmt::format("the mean error is {:.3g} Nm: a sensor may have an offset", result.residual.mean));
-  if (1 - result.r_squared > 1e-3 && worth.correlated > 3)
+  if (1 - result.r_squared > 1e-3 && uncertainty.correlated > 3)
     result.notes.push_back(
-        fmt::format("normalised MSE {:.2g}: the model is no good description of these data", 1 - result.r_squared));
+        fmt::format("normalised MSE {:.2g}: the model does not describe these data well", 1 - result.r_squared));
 }
 
 }  // namespace tribotwin::twin::identification

@@ -9,11 +9,13 @@
 
 #include <tribotwin/twin/identification/estimates.hpp>
 
-/// Prediction error identification of what has a state of its own: the model is simulated along the recorded input, and
-/// what it predicts is linear in some numbers, in others not. As in separable.hpp the linear ones follow from the
-/// others (variable projection); those are searched on a grid over a thinned recording, the best starts descended there
-/// by Ceres' trust region (derivatives of Kaufman 1975, from central differences of simulations), the deepest on all
-/// samples.
+/// Internal to this folder, not installed.
+///
+/// Prediction error identification of models with a state: the model is simulated along the recorded input; its
+/// prediction is linear in some numbers and nonlinear in others. As in separable.hpp the linear numbers follow from the
+/// nonlinear ones (variable projection). The nonlinear ones are searched on a grid over a thinned recording; the best
+/// starts are descended there by Ceres' trust region (derivatives of Kaufman 1975, from central differences of
+/// simulations), the deepest one on all samples.
 namespace tribotwin::twin::identification {
 
 /// prediction = known + basis * linear.
@@ -26,9 +28,9 @@ struct Simulated {
   Eigen::VectorXd measured;
   /// Called from several threads.
   std::function<Prediction(const Eigen::VectorXd& nonlinear)> predict;
-  Eigen::VectorXd low, high;      ///< of the nonlinear numbers, which should be of the order of 1; equal: held
+  Eigen::VectorXd low, high;      ///< bounds of the nonlinear numbers, which should be of the order of 1; equal: fixed
   std::vector<bool> linear_free;  ///< the others are 0
-  double linear_low = -std::numeric_limits<double>::infinity();  ///< of a linear number that is the only one
+  double linear_low = -std::numeric_limits<double>::infinity();  ///< bound of a linear number that is the only one
   unsigned threads = 1;
 };
 
@@ -43,21 +45,22 @@ Simulation simulate(const Simulated& model, const Eigen::VectorXd& nonlinear);
 /// The minimum on `all`. `few` is the same model on fewer samples.
 Simulation search(const Simulated& few, const Simulated& all, const std::vector<Eigen::VectorXd>& starts);
 
-/// What a minimum is worth. Numbers: the linear ones, then the nonlinear ones.
+/// Uncertainty at a minimum. Numbers: the linear ones, then the nonlinear ones.
 struct Uncertainty {
-  Eigen::MatrixXd covariance;  ///< NaN where held, at a bound or dependent
-  std::vector<Status> status;  ///< estimated, at_bound, or held: by the caller, or for the others can stand in for it
+  Eigen::MatrixXd covariance;  ///< NaN where fixed, at a bound or dependent
+  std::vector<Status>
+      status;  ///< estimated, at_bound, or held: fixed by the caller or linearly dependent on the others
   double condition_number = 0;
-  double correlated = 1;       ///< samples that are worth one independent
-  std::vector<double> effect;  ///< root mean square of what one unit of the number does to the prediction
+  double correlated = 1;       ///< number of correlated samples per independent one
+  std::vector<double> effect;  ///< root mean square change of the prediction per unit of the number
 };
-/// Variance of the residuals, times how many samples are worth one that is independent, times [sum psi psi^T]^-1.
+/// Covariance: variance of the residuals, times the correlated samples per independent one, times [sum psi psi^T]^-1.
 Uncertainty uncertainty(const Simulated& model, const Simulation& minimum);
 
-/// Completes `result`, whose parameters have values and statuses: their covariance is `to` times that of `worth`. A
-/// number with a sigma above its place in `widest` is called unidentifiable. Statistics of the residuals and what they
-/// say are added.
-void conclude(const Simulated& model, const Simulation& minimum, const Uncertainty& worth, const Eigen::MatrixXd& to,
-              std::span<const double> widest, Estimates& result);
+/// Completes `result`, whose parameters have values and statuses: their covariance is `to` times that of `uncertainty`
+/// times its transpose. A number with a sigma above its place in `widest` is called unidentifiable. Adds the statistics
+/// of the residuals and notes about them.
+void conclude(const Simulated& model, const Simulation& minimum, const Uncertainty& uncertainty,
+              const Eigen::MatrixXd& to, std::span<const double> widest, Estimates& result);
 
 }  // namespace tribotwin::twin::identification

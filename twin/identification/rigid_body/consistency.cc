@@ -98,7 +98,7 @@ Consistency nearest_consistent(const Regressor& regressor, const BaseParameters&
   VectorXd x(count), weak(count);
   for (Index b = 0; b < bodies; ++b) {
     Ten p = model.segment<per_body>(per_body * b);
-    // Bodies without mass are given a grain, from which L can grow.
+    // Bodies without mass get a small one, as L could not change from 0.
     Matrix4d J = pseudo_inertia(p);
     J += 1e-6 * (1e-3 + J.trace()) * Matrix4d::Identity();
     const Matrix4d L = J.llt().matrixL();

@@ -5,7 +5,7 @@
 
 #include <tribotwin/twin/identification/estimates_file.hpp>
 #include <tribotwin/twin/identification/rigid_body/dynamics_file.hpp>
-#include <tribotwin/twin/identification/thermal/thermal_file.hpp>
+#include <tribotwin/twin/identification/thermal/model_keys.hpp>
 #include <tribotwin/twin/io/input.hpp>
 
 namespace tribotwin::twin::identification {
@@ -53,23 +53,23 @@ std::string to_yaml(const DynamicsFit& fit, const BaseParameters& base, const fr
          std::string(out.c_str()) + "\n";
 }
 
-const friction::LawInfo& dynamics_law(const std::string& name, const std::string& where) {
-  if (name == coulomb_viscous().name) return coulomb_viscous();
-  std::vector<std::string_view> names{coulomb_viscous().name};
-  for (const auto& law : friction::laws()) {
-    if (law.name == name) return law;
-    names.push_back(law.name);
-  }
-  throw InputError(fmt::format("{} '{}': no such friction; did you mean '{}'? There are {}", where, name,
-                               friction::nearest(name, names), fmt::join(names, ", ")));
+Result<const friction::LawInfo*> dynamics_law(const std::string& name, const std::string& where) {
+  std::vector<const friction::LawInfo*> laws{&coulomb_viscous()};
+  for (const auto& law : friction::laws()) laws.push_back(&law);
+  if (const auto law = std::ranges::find(laws, name, &friction::LawInfo::name); law != laws.end()) return *law;
+  std::vector<std::string_view> names;
+  for (const auto* law : laws) names.push_back(law->name);
+  return tl::unexpected(Error(fmt::format("{} '{}': no such friction; did you mean '{}'? There are {}", where, name,
+                                          friction::nearest(name, names), fmt::join(names, ", "))));
 }
 
-DynamicsFile read_dynamics(const std::filesystem::path& file, const Regressor& regressor, const BaseParameters& base) {
+Result<DynamicsFile> read_dynamics(const std::filesystem::path& file, const Regressor& regressor,
+                                   const BaseParameters& base) try {
   Mapping in(file.string(), "", load_yaml(file));
   in.accept({"model", "data", "friction_law", "relative_error", "condition_number", "base_parameters", "friction",
              "thermal", "noise", "physically_possible", "distance_sigma", "nearest_consistent"});
   DynamicsFile out;
-  out.law = &dynamics_law(in.text("friction_law"), file.string() + ": friction_law");
+  out.law = or_wrong_input(dynamics_law(in.text("friction_law"), file.string() + ": friction_law"));
   auto parameters = in.mapping("base_parameters");
   if (!parameters) in.fail("base_parameters", "is missing: this is no file of tribotwin dynamics");
   out.parameters.base.resize(base.size());
@@ -98,6 +98,8 @@ DynamicsFile read_dynamics(const std::filesystem::path& file, const Regressor& r
     thermal->done();
   }
   return out;
+} catch (const InputError& e) {
+  return tl::unexpected(Error(e.what()));
 }
 
 }  // namespace tribotwin::twin::identification

@@ -12,7 +12,7 @@
 /// PARAMS.yaml of a whole robot: its base parameters and the friction of its joints, with their uncertainties.
 namespace tribotwin::twin::identification {
 
-/// `thermal`: per joint, or none.
+/// `thermal`: one per joint, or none.
 std::string to_yaml(const DynamicsFit& fit, const BaseParameters& base, const friction::LawInfo& law,
                     const Regressor& regressor, const Consistency& consistency, const std::vector<std::string>& data,
                     const std::string& model, std::span<const thermal::Model> thermal = {});
@@ -23,10 +23,11 @@ struct DynamicsFile {
   std::vector<thermal::Model> thermal;  ///< per joint; empty: not known
 };
 
-/// Throws InputError with file, key and what would be right: also where the file is one of another robot.
-DynamicsFile read_dynamics(const std::filesystem::path& file, const Regressor& regressor, const BaseParameters& base);
+/// A file of to_yaml. ErrorKind::input with file, key and what would be right, also where it describes another robot.
+Result<DynamicsFile> read_dynamics(const std::filesystem::path& file, const Regressor& regressor,
+                                   const BaseParameters& base);
 
-/// coulomb_viscous or a law of the table. Throws InputError, `where` before it.
-const friction::LawInfo& dynamics_law(const std::string& name, const std::string& where);
+/// coulomb_viscous or a law of friction::laws(). ErrorKind::input: "WHERE 'NAME': ..." with the names there are.
+Result<const friction::LawInfo*> dynamics_law(const std::string& name, const std::string& where);
 
 }  // namespace tribotwin::twin::identification

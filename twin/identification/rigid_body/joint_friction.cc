@@ -1,4 +1,5 @@
 #include <cmath>
+#include <limits>
 
 #include <tribotwin/twin/identification/rigid_body/joint_friction.hpp>
 
@@ -17,7 +18,7 @@ constexpr friction::Parameter coulomb_viscous_parameters[] = {
 constexpr friction::LawInfo coulomb_viscous_law{
     .name = "coulomb_viscous",
     .equation = "Fc sgn v + Fv v + offset",
-    .source = "paper 3",
+    .source = "Hao 2021",
     .side = friction::Side::arm,
     .normalised = false,
     .temperature_dependent = false,
@@ -32,6 +33,16 @@ constexpr friction::LawInfo coulomb_viscous_law{
 const friction::LawInfo& coulomb_viscous() { return coulomb_viscous_law; }
 
 JointFriction::JointFriction(const friction::LawInfo& law, Scales scales) : law_(&law), scales_(scales), place_(law) {}
+
+std::vector<std::string_view> JointFriction::reference_temperatures() const {
+  std::vector<std::string_view> names;
+  for (std::size_t field = 0; field < place_.nonlinear_used.size(); ++field)
+    if (nonlinear_fields[place_.nonlinear_used[field]] == &friction::GeneralLaw::s_T0)
+      for (Eigen::Index p = 0; p < size(); ++p)
+        if (place_.nonlinear(static_cast<Eigen::Index>(field), p) != 0)
+          names.push_back(law_->parameters[static_cast<std::size_t>(p)].name);
+  return names;
+}
 
 double JointFriction::torque(std::span<const double> p, double speed, double load_nm, double temperature_degC,
                              double* derivatives) const {

@@ -12,8 +12,8 @@
 /// Friction of one joint as a term of the robot's dynamics: value and exact derivatives by its parameters.
 namespace tribotwin::twin::identification {
 
-/// Coulomb and viscous friction with an offset of the torque, Fc sgn(v) + Fv v + offset [Nm; N], v of the joint: the
-/// law whose parameters are all linear. It is no law of a drive: a sensor's offset is none of the gear's.
+/// Coulomb and viscous friction with an offset of the torque, Fc sgn(v) + Fv v + offset [Nm; N], v of the joint: linear
+/// in all parameters. Not a law of drives, as the offset is one of the sensor.
 const friction::LawInfo& coulomb_viscous();
 
 class JointFriction {
@@ -29,8 +29,11 @@ class JointFriction {
   const Scales& scales() const { return scales_; }
   Eigen::Index size() const { return static_cast<Eigen::Index>(law_->parameters.size()); }
 
-  /// Torque [Nm; N] at joint speed, load |tau_m| [Nm] and temperature [degC], and its derivatives by the parameters
-  /// where `derivatives` is not null. For speeds other than 0.
+  /// Parameters that are a reference temperature of the law, which is a convention and not identifiable.
+  std::vector<std::string_view> reference_temperatures() const;
+
+  /// Torque [Nm; N] at a joint speed other than 0, load |tau_m| [Nm] and temperature [degC]; writes its size()
+  /// derivatives by the parameters where `derivatives` is not null.
   double torque(std::span<const double> parameters, double speed, double load_nm, double temperature_degC,
                 double* derivatives = nullptr) const;
 

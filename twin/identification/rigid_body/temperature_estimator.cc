@@ -10,16 +10,15 @@ namespace {
 
 using Eigen::Index, Eigen::MatrixXd;
 
-/// One segment of motion of one joint, as heat: where the filter took the ends, its first and last sample go on.
+/// One segment of motion with the ends that the filter took, where the first and last sample hold on.
 struct Stretch {
   Index first, last;  ///< past the last sample
   double begin_s, end_s;
 };
 
-/// Goes on for `duration_s` with the mean power of a stretch; that this depends on the temperature is taken to first
-/// order.
-void go_on(TemperatureEstimator& joint, const Stretch& stretch, const JointMotion& motion, Index j,
-           const MatrixXd& load, double duration_s) {
+/// Advances by `duration_s` at the mean power of a stretch, linearised in the temperature.
+void bridge(TemperatureEstimator& joint, const Stretch& stretch, const JointMotion& motion, Index j,
+            const MatrixXd& load, double duration_s) {
   const auto mean_power = [&](double temperature) {
     double work = 0;
     for (Index i = stretch.first; i < stretch.last; ++i) {
@@ -73,7 +72,7 @@ void estimate_temperatures(const Regressor& regressor, const BaseParameters& bas
       if (s == 0 || motion.file[s] != motion.file[s - 1])
         joint = cold;
       else if (const Stretch before = stretch_of(s - 1); now.begin_s > before.end_s)
-        go_on(joint, before, motion, j, load, now.begin_s - before.end_s);
+        bridge(joint, before, motion, j, load, now.begin_s - before.end_s);
       joint.update(motion.qd(j, now.first), load(j, now.first), motion.edge_s[s]);
       for (Index i = now.first; i < now.last; ++i) {
         motion.temperature_degC(j, i) = joint.temperature_degC();
@@ -87,7 +86,7 @@ void estimate_temperatures(const Regressor& regressor, const BaseParameters& bas
 Result<DynamicsFit> fit_warming_dynamics(const Regressor& regressor, const BaseParameters& base,
                                          const RobotFriction& friction, std::span<const thermal::Model> models,
                                          JointMotion& motion, const DynamicsOptions& options) {
-  constexpr int most_rounds = 10;
+  constexpr int max_rounds = 10;
   constexpr double agree_K = 0.1;
   std::vector<double> start_degC;
   for (const auto& m : models) start_degC.push_back(m.T_amb_degC);
@@ -100,8 +99,8 @@ Result<DynamicsFit> fit_warming_dynamics(const Regressor& regressor, const BaseP
     estimate_temperatures(regressor, base, friction, fit->parameters, models, start_degC, motion, options.threads);
     const double change = (motion.temperature_degC - before).cwiseAbs().maxCoeff();
     if (change < agree_K) return fit;
-    if (round == most_rounds) {
-      fit->notes.push_back(fmt::format("temperatures still move by {:.2g} K after {} rounds", change, most_rounds));
+    if (round == max_rounds) {
+      fit->notes.push_back(fmt::format("temperatures still move by {:.2g} K after {} rounds", change, max_rounds));
       return fit;
     }
   }

@@ -9,21 +9,20 @@
 
 namespace tribotwin::twin::identification {
 
-/// Lubricant temperature and friction of a joint that has no thermometer, P5 Algorithm 1: friction at the temperature
-/// so far makes the heat that the thermal model, P5 (3), turns into the next temperature. The model's step is the exact
-/// one for a heat that is constant over it (plugins/thermal). control/temperature_observer.hpp corrects such a
-/// temperature by measured torque.
+/// Lubricant temperature and friction of a joint without a temperature sensor, Pagani Algorithm 1: the thermal model,
+/// Pagani (3), integrates the heat of the friction at the current temperature. The step is exact for constant heat
+/// (plugins/thermal). control/temperature_observer.hpp also corrects by measured torque.
 class TemperatureEstimator {
  public:
-  /// A law that depends on temperature with its parameters, a thermal model of first or second order, and the
-  /// temperature at the beginning, on the nodes as a long warm-up would leave it.
+  /// A temperature-dependent law with its parameters, a thermal model of first or second order, and the start
+  /// temperature, distributed over the nodes as after a long warm-up.
   TemperatureEstimator(JointFriction friction, std::vector<double> parameters, const thermal::Model& model,
                        double start_degC);
 
-  /// Friction [Nm; N], arm side, at the temperature of now; 0 at rest. Speed of the joint [rad/s; m/s], load of the
+  /// Friction [Nm; N], arm side, at the current temperature; 0 at rest. Speed of the joint [rad/s; m/s], load of the
   /// gear [Nm; N].
   double friction(double speed, double load) const { return friction_at(speed, load, temperature_degC()); }
-  /// Keeps that speed and load for dt_s >= 0.
+  /// Advances by dt_s >= 0 at constant speed and load, or at constant heat [W].
   void update(double speed, double load, double dt_s) { heat(friction(speed, load) * speed, dt_s); }
   void heat(double power_w, double dt_s);
 
@@ -39,15 +38,15 @@ class TemperatureEstimator {
   thermal::Rise rise_;
 };
 
-/// Sets the motion's temperatures by TemperatureEstimator; `models` per joint. Each file begins at `start_degC`, per
-/// joint; in a gap between its samples the robot is taken to go on as in the stretch before.
+/// Sets the motion's temperatures by TemperatureEstimator; `models` and `start_degC` per joint. Each file begins at
+/// `start_degC`; in a gap between samples the robot is assumed to move on as before the gap.
 void estimate_temperatures(const Regressor& regressor, const BaseParameters& base, const RobotFriction& friction,
                            const RobotParameters& parameters, std::span<const thermal::Model> models,
                            std::span<const double> start_degC, JointMotion& motion, unsigned threads);
 
-/// fit_dynamics of a motion whose temperatures nobody recorded: friction makes temperatures, and these the friction,
-/// until they agree. Each file begins at the models' T_amb. Leaves the temperatures in `motion`. `friction` depends on
-/// temperature.
+/// fit_dynamics of a motion without recorded temperatures, by fixed-point iteration: friction determines temperatures,
+/// temperatures determine friction. Each file begins at the models' T_amb. Leaves the temperatures in `motion`.
+/// `friction` depends on temperature. Errors as in fit_dynamics.
 Result<DynamicsFit> fit_warming_dynamics(const Regressor& regressor, const BaseParameters& base,
                                          const RobotFriction& friction, std::span<const thermal::Model> models,
                                          JointMotion& motion, const DynamicsOptions& options = {});

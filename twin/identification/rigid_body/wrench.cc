@@ -12,8 +12,7 @@ using Eigen::Index, Eigen::MatrixXd, Eigen::VectorXd;
 
 Result<MatrixXd> external_wrench(const mujoco::Model& model, const std::string& site, const JointMotion& motion,
                                  const MatrixXd& predicted) {
-  /// Directions that joints feel less than this share of the strongest are open: the arm is nearly singular.
-  constexpr double weakest = 0.01;
+  constexpr double nearly_singular = 0.01;  // smallest singular value over the largest
   const mjModel* m = model.get();
   const int id = mj_name2id(m, mjOBJ_SITE, site.c_str());
   if (id < 0) {
@@ -38,7 +37,7 @@ Result<MatrixXd> external_wrench(const mujoco::Model& model, const std::string& 
     if (moving.size() < 6) continue;
     const MatrixXd Jt = J(Eigen::all, moving).transpose();
     const Eigen::JacobiSVD<MatrixXd> svd(Jt, Eigen::ComputeThinU | Eigen::ComputeThinV);
-    if (svd.singularValues()(5) < weakest * svd.singularValues()(0)) continue;
+    if (svd.singularValues()(5) < nearly_singular * svd.singularValues()(0)) continue;
     const VectorXd beyond = predicted.col(i) - motion.torque.col(i);
     out.col(i) = svd.solve(beyond(moving));
   }

@@ -5,10 +5,8 @@
 #include <Eigen/Dense>
 #include <fmt/format.h>
 
-#include <tribotwin/twin/identification/estimates_file.hpp>
 #include <tribotwin/twin/identification/linearised.hpp>
 #include <tribotwin/twin/identification/thermal/thermal_chain.hpp>
-#include <tribotwin/twin/io/input.hpp>
 #include <tribotwin/twin/numerics/correlation.hpp>
 #include <tribotwin/twin/numerics/least_squares.hpp>
 
@@ -17,7 +15,7 @@ namespace {
 
 using Eigen::Index, Eigen::MatrixXd, Eigen::VectorXd;
 
-constexpr std::size_t most_samples = 300;  // per session: bodies of many minutes
+constexpr std::size_t max_samples = 300;  // per session: bodies of many minutes
 
 /// A session of all joints: joints x samples.
 struct Session {
@@ -25,10 +23,10 @@ struct Session {
   MatrixXd power_w, temperature_degC;  ///< power: mean since the sample before
 };
 
-/// Means of groups of as many samples, with the mean power between their mean times.
-Session averaged(std::span<const JointHeat> joints, std::size_t session, std::size_t most) {
+/// At most `limit` samples: means over groups of equal size, with the mean power between their mean times.
+Session averaged(std::span<const JointHeat> joints, std::size_t session, std::size_t limit) {
   const auto& time = joints.front().sessions[session].time_s;
-  const std::size_t group = (time.size() + most - 1) / most, count = time.size() / group;
+  const std::size_t group = (time.size() + limit - 1) / limit, count = time.size() / group;
   const auto n = static_cast<Index>(joints.size());
   Session out{.time_s = std::vector<double>(count, 0.0),
               .power_w = MatrixXd::Zero(n, static_cast<Index>(count)),
@@ -52,7 +50,7 @@ Session averaged(std::span<const JointHeat> joints, std::size_t session, std::si
   return out;
 }
 
-/// The chain's matrix is symmetric: its modes relax on their own, each exactly.
+/// The chain's matrix is symmetric: its modes relax independently, each exactly.
 struct Modes {
   MatrixXd shape;  ///< columns
   VectorXd rate_1_s;
@@ -127,7 +125,7 @@ class ChainProblem {
     return c;
   }
 
-  /// Gains that would be negative are 0.
+  /// Gains that would be negative are fixed at 0.
   VectorXd linear(MatrixXd columns) const {
     while (true) {
       const VectorXd x = columns.colPivHouseholderQr().solve(measured_);  // 0 where a column is
@@ -174,48 +172,67 @@ double descend(const ChainProblem& problem, VectorXd& z) {
   return least_squares(*residual, z, low, high, options);
 }
 
-}  // namespace
-
-Result<ThermalChainFit> fit_thermal_chain(std::span<const JointHeat> joints) {
-  if (joints.size() < 2) return tl::unexpected(fmt::format("{} joint with a temperature is no chain", joints.size()));
+/// Why these joints are no chain.
+Result<void> require_chain(std::span<const JointHeat> joints) {
+  if (joints.size() < 2)
+    return tl::unexpected(Error(fmt::format("{} joint with a temperature is no chain", joints.size())));
   for (const auto& joint : joints) {
     const auto same = [](const HeatSession& a, const HeatSession& b) {
       return a.file == b.file && a.time_s == b.time_s;
     };
     if (!std::ranges::equal(joint.sessions, joints.front().sessions, same))
-      return tl::unexpected(fmt::format("{} is not recorded at the times of {}; every file needs all joints",
-                                        joint.name, joints.front().name));
+      return tl::unexpected(Error(fmt::format("{} is not recorded at the times of {}; every file needs all joints",
+                                              joint.name, joints.front().name)));
   }
-  std::vector<Session> sessions;
-  for (std::size_t s = 0; s < joints.front().sessions.size(); ++s)
-    sessions.push_back(averaged(joints, s, most_samples));
-  const ChainProblem problem(std::move(sessions));
+  return {};
+}
+
+/// The best of several starts; empty where none has a finite cost.
+VectorXd global_search(const ChainProblem& problem) {
   const Index n = problem.joints();
-  if (problem.samples() <= problem.unknowns() + n + 1)
-    return tl::unexpected(fmt::format("{} samples for {} unknowns", problem.samples(), problem.unknowns() + n + 1));
   VectorXd z;
-  double least = std::numeric_limits<double>::infinity();
+  double lowest = std::numeric_limits<double>::infinity();
   for (const double exchange_s : {300.0, 1500.0, 8000.0}) {
     VectorXd start = VectorXd::Constant(n + 1, std::log(1500.0));
     start(n) = -std::log(exchange_s);
-    if (const double cost = descend(problem, start); cost < least) least = cost, z = start;
+    if (const double cost = descend(problem, start); cost < lowest) lowest = cost, z = start;
   }
+  return z;
+}
+
+/// Largest number of correlated samples per independent one, along the time of each joint.
+double correlation_of(const VectorXd& residual, Index joints) {
+  double correlation = 1;
+  for (Index j = 0; j < joints; ++j) {
+    const VectorXd own = residual(Eigen::seq(j, Eigen::last, joints));
+    correlation = std::max(correlation, samples_per_independent({own.data(), static_cast<std::size_t>(own.size())}, 0));
+  }
+  return correlation;
+}
+
+}  // namespace
+
+Result<ThermalChainFit> fit_thermal_chain(std::span<const JointHeat> joints) {
+  if (auto ok = require_chain(joints); !ok) return tl::unexpected(ok.error());
+  std::vector<Session> sessions;
+  for (std::size_t s = 0; s < joints.front().sessions.size(); ++s) sessions.push_back(averaged(joints, s, max_samples));
+  const ChainProblem problem(std::move(sessions));
+  const Index n = problem.joints();
+  if (problem.samples() <= problem.unknowns() + n + 1)
+    return tl::unexpected(
+        Error(fmt::format("{} samples for {} unknowns", problem.samples(), problem.unknowns() + n + 1)));
+  const VectorXd z = global_search(problem);
   if (z.size() == 0)
-    return tl::unexpected(std::string("no chain has a finite error; is there a value in the data that no joint has?"));
+    return tl::unexpected(Error("no chain has a finite error; is there a value in the data that no joint has?"));
 
   const VectorXd residual = problem.residual(z), x = problem.linear(problem.columns(z));
   ThermalChainFit fit{.chain = {},
                       .parameters = {},
                       .exchange = {},
                       .rms_K = std::sqrt(residual.squaredNorm() / static_cast<double>(residual.size())),
-                      .correlation = 1,
+                      .correlation = correlation_of(residual, n),
                       .samples = static_cast<std::size_t>(problem.samples()),
                       .unidentifiable = {}};
-  for (Index j = 0; j < n; ++j) {  // along the time of each joint
-    const VectorXd own = residual(Eigen::seq(j, Eigen::last, n));
-    fit.correlation =
-        std::max(fit.correlation, samples_per_independent({own.data(), static_cast<std::size_t>(own.size())}, 0));
-  }
   const MatrixXd covariance = covariance_of(problem.jacobian(z)) *
                               (residual.squaredNorm() / static_cast<double>(residual.size()) * fit.correlation);
   const double freedom =
@@ -253,42 +270,6 @@ MatrixXd predicted_temperatures(const ThermalChain& chain, std::span<const Joint
   return modes.shape * modes.amplitudes(s.time_s, modes.shape.transpose() * s.temperature_degC.col(0), [&](Index k) {
     return VectorXd(modes.shape.transpose() * (vector(chain.gain_K_J).cwiseProduct(s.power_w.col(k)) + surroundings));
   });
-}
-
-std::string to_yaml(const ThermalChainFit& fit, const std::vector<std::string>& data) {
-  YAML::Emitter out;
-  out.SetDoublePrecision(17);
-  out << YAML::BeginMap << YAML::Key << "data" << YAML::Value << YAML::Flow << data << YAML::Key << "rms_K"
-      << YAML::Value << fit.rms_K;
-  out << YAML::Key << "unidentifiable" << YAML::Value << YAML::Flow << fit.unidentifiable;
-  write(out, fit.exchange);
-  out << YAML::Key << "chain" << YAML::Value << YAML::BeginMap;
-  for (std::size_t j = 0; j < fit.parameters.size(); ++j) {
-    out << YAML::Key << fit.chain.joints[j] << YAML::Value << YAML::BeginMap;
-    for (const auto& e : fit.parameters[j]) write(out, e);
-    out << YAML::EndMap;
-  }
-  out << YAML::EndMap << YAML::EndMap;
-  return "# A chain of joints that warm each other, by tribotwin thermal --chain\n" + std::string(out.c_str()) + "\n";
-}
-
-bool is_thermal_chain(const std::filesystem::path& file) { return static_cast<bool>(load_yaml(file)["chain"]); }
-
-ThermalChain read_thermal_chain(const std::filesystem::path& file) {
-  Mapping in(file.string(), "", load_yaml(file));
-  in.accept({"data", "rms_K", "unidentifiable", "exchange", "chain"});
-  ThermalChain chain{.exchange_1_s = read_estimate(in, "exchange", {0, 1})};
-  auto joints = in.mapping("chain");
-  if (!joints) in.fail("chain", "is missing: this is no file of tribotwin thermal --chain");
-  for (const auto& name : joints->names()) {
-    auto joint = joints->mapping(name);
-    joint->accept({"gain", "t", "T_amb"});
-    chain.joints.push_back(name);
-    chain.gain_K_J.push_back(read_estimate(*joint, "gain", {0, 1e9}));
-    chain.t_s.push_back(read_estimate(*joint, "t", {1e-3, 1e9}));
-    chain.ambient_degC.push_back(read_estimate(*joint, "T_amb", {-1000, 1000}));
-  }
-  return chain;
 }
 
 }  // namespace tribotwin::twin::identification

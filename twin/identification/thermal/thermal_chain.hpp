@@ -1,6 +1,5 @@
 #pragma once
 
-#include <filesystem>
 #include <span>
 #include <string>
 #include <vector>
@@ -14,9 +13,9 @@
 ///
 ///   dT_j/dt = g_j P_j + (A_j - T_j) / t_j + k (T_j-1 - T_j) + k (T_j+1 - T_j).
 ///
-/// The slow poles that a single joint's record is too short to tell are those of the chain, and neighbours'
-/// temperatures tell them. Every state is measured: a prediction needs no more than the first temperatures. A_j has the
-/// heat of what is always on in it.
+/// The slow poles, for which a record of a single joint is too short, are those of the chain and identifiable from the
+/// temperatures of its neighbours. Every state is measured: a prediction needs only the first temperatures. A_j
+/// includes the heat of electronics that are always on.
 namespace tribotwin::twin::identification {
 
 struct ThermalChain {
@@ -30,26 +29,18 @@ struct ThermalChainFit {
   std::vector<std::vector<Estimate>> parameters;  ///< per joint: gain, t, T_amb
   Estimate exchange;
   double rms_K = 0;        ///< of all residuals
-  double correlation = 1;  ///< how many correlated samples are worth one
+  double correlation = 1;  ///< number of correlated samples per independent one
   std::size_t samples = 0;
   std::vector<std::string>
       unidentifiable;  ///< JOINT.parameter: without a sigma or with a 95 % interval wider than the value
 };
 
-/// Joints in the order of the arm, all recorded at the same times. t_j and k by Ceres from several starts, all else is
-/// linear, gains not negative. A_j are the same in all sessions. Fails with what the data lack.
+/// Joints in the order of the arm, all recorded at the same times. t_j and k by Ceres from several starts; the others
+/// are linear, gains >= 0. A_j are the same in all sessions. ErrorKind::input with what the data lack.
 Result<ThermalChainFit> fit_thermal_chain(std::span<const JointHeat> joints);
 
-/// Temperatures [degC] of session `session` of these joints, joints x samples, from the first ones.
+/// Temperatures [degC] of session `session`, joints x samples, from the first ones.
 Eigen::MatrixXd predicted_temperatures(const ThermalChain& chain, std::span<const JointHeat> joints,
                                        std::size_t session);
-
-std::string to_yaml(const ThermalChainFit& fit, const std::vector<std::string>& data);
-
-/// Whether a file is one of to_yaml(ThermalChainFit). Throws InputError where it is no YAML.
-bool is_thermal_chain(const std::filesystem::path& file);
-
-/// Throws InputError with file, key and what would be right.
-ThermalChain read_thermal_chain(const std::filesystem::path& file);
 
 }  // namespace tribotwin::twin::identification

@@ -1,7 +1,6 @@
 #include <cmath>
 
-#include <fmt/format.h>
-
+#include <tribotwin/twin/identification/thermal/model_keys.hpp>
 #include <tribotwin/twin/identification/thermal/thermal_file.hpp>
 
 namespace tribotwin::twin::identification {
@@ -28,8 +27,8 @@ thermal::Model read_model(Mapping& in, std::vector<std::string_view> beside) {
   in.accept(beside);
   std::vector<double> values;
   for (const auto& p : thermal::parameters(order))
-    values.push_back(
-        std::max(p.minimum, in.number(std::string(p.name), {0, p.maximum})));  // a gain of 0: the power had no effect
+    values.push_back(std::max(
+        p.minimum, in.number(std::string(p.name), {0, p.maximum})));  // the gain is 0 where the power had no effect
   return thermal::make_model(order, in.number("T_amb", {-100, 300}), values);
 }
 
@@ -52,17 +51,19 @@ std::string to_yaml(const std::vector<NamedThermalFit>& joints, const std::vecto
          "\n";
 }
 
-std::vector<std::pair<std::string, thermal::Model>> read_thermal(const std::filesystem::path& file) {
+Result<std::vector<NamedThermalModel>> read_thermal(const std::filesystem::path& file) try {
   Mapping in(file.string(), "", load_yaml(file));
   in.accept({"data", "joints"});
   auto joints = in.mapping("joints");
   if (!joints) in.fail("joints", "is missing: this is no file of tribotwin thermal");
-  std::vector<std::pair<std::string, thermal::Model>> out;
+  std::vector<NamedThermalModel> out;
   for (const auto& name : joints->names()) {
     auto joint = joints->mapping(name);
     out.emplace_back(name, read_model(*joint, {"sigma", "unidentifiable", "rms_K"}));
   }
   return out;
+} catch (const InputError& e) {
+  return tl::unexpected(Error(e.what()));
 }
 
 }  // namespace tribotwin::twin::identification

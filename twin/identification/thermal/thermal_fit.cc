@@ -37,7 +37,7 @@ Response response(const HeatSession& session, double t_s) {
   return r;
 }
 
-/// The least-squares solution of the linear unknowns at some time constants: gains c_i t_i (0 where they would be
+/// The least-squares solution of the linear unknowns at given time constants: gains c_i t_i (0 where they would be
 /// negative), then A per file, then x_i0.
 struct Projection {
   MatrixXd columns;
@@ -86,13 +86,13 @@ class ThermalProblem {
 
   Projection project(const VectorXd& log_t) const {
     Projection best{.columns = columns(log_t)};
-    // Every set of gains that may be 0; the best of those without a negative one.
+    // Every choice of gains fixed at 0; the best of those without a negative gain.
     for (unsigned closed = 0; closed < 1u << nodes_; ++closed) {
       std::vector<Index> kept;
       for (Index k = 0; k < best.columns.cols(); ++k)
         if (k >= nodes_ || !(closed >> k & 1u)) kept.push_back(k);
       const MatrixXd part = best.columns(Eigen::all, kept);
-      // Columns that the others can stand in for (a gain where the power never changes) are 0: rounding is no evidence.
+      // Linearly dependent columns (a gain where the power never changes) get 0.
       Eigen::ColPivHouseholderQR<MatrixXd> qr;
       qr.setThreshold(1e-9);
       const VectorXd x = qr.compute(part).solve(measured_);
@@ -139,8 +139,8 @@ class ThermalProblem {
   VectorXd measured_;
 };
 
-/// The residual over the time constants alone, with Kaufman's derivatives: those at fixed linear unknowns, less what
-/// these could make up for.
+/// The residual as a function of the time constants alone, with Kaufman's derivatives: those at fixed linear unknowns,
+/// projected onto the complement of the linear columns.
 class ProjectedResidual final : public ceres::CostFunction {
  public:
   explicit ProjectedResidual(const ThermalProblem& problem) : problem_(problem) {
@@ -155,7 +155,7 @@ class ProjectedResidual final : public ceres::CostFunction {
     const MatrixXd slopes = problem_.slopes(log_t, at.linear);
     MatrixXd free = at.columns;
     for (Index node = 0; node < problem_.nodes(); ++node)
-      if (at.linear(node) == 0) free.col(node).setZero();  // a gain that is held makes up for nothing
+      if (at.linear(node) == 0) free.col(node).setZero();  // a gain fixed at 0
     const MatrixXd projected = slopes - free * free.colPivHouseholderQr().solve(slopes);
     for (Index i = 0; i < problem_.samples(); ++i)
       for (Index k = 0; k < problem_.nodes(); ++k) jacobians[0][i * problem_.nodes() + k] = projected(i, k);
@@ -170,10 +170,10 @@ VectorXd global_search(const ThermalProblem& problem) {
   const auto [low, high] = problem.range();
   const auto at = [&, low = low, high = high](int i) { return low + (high - low) * i / (grid_points - 1); };
   VectorXd best, log_t(problem.nodes());
-  double least = std::numeric_limits<double>::infinity();
+  double lowest = std::numeric_limits<double>::infinity();
   const auto attempt = [&] {
     const double cost = problem.project(log_t).cost();
-    if (cost < least) least = cost, best = log_t;
+    if (cost < lowest) lowest = cost, best = log_t;
   };
   for (int i = 0; i < grid_points; ++i) {
     log_t(0) = at(i);
@@ -195,65 +195,71 @@ void descend(const ThermalProblem& problem, VectorXd& log_t) {
                 options);
 }
 
+/// Derivatives of the temperatures by the log time constants, then by the linear unknowns. A gain that is 0 counts as
+/// free: it adds to the uncertainty of the time constants.
+MatrixXd jacobian_of(const ThermalProblem& problem, const VectorXd& log_t, const Projection& at) {
+  MatrixXd jacobian(problem.samples(), problem.nodes() + problem.unknowns());
+  jacobian.leftCols(problem.nodes()) = problem.slopes(log_t, at.linear);
+  jacobian.rightCols(problem.unknowns()) = at.columns;
+  return jacobian;
+}
+
+/// Of a gain c_i t_i = `resistance` (0: held), first the resistance itself or, of second order, c_i.
+Estimate gain_of(const thermal::Parameter& info, thermal::Order order, Index node, double resistance, double t_s,
+                 const MatrixXd& covariance, Index nodes, double quantile) {
+  if (resistance == 0) return without_sigma(std::string(info.name), std::string(info.unit), 0, Status::held);
+  const Index k = nodes + node;
+  const double gain = order == thermal::Order::first ? resistance : resistance / t_s;
+  double relative = covariance(k, k) / (resistance * resistance);
+  if (order == thermal::Order::second)
+    relative += covariance(node, node) - 2 * covariance(node, k) / resistance;  // c = R / t
+  return estimate(std::string(info.name), std::string(info.unit), gain, relative * gain * gain, quantile);
+}
+
 }  // namespace
 
 Result<ThermalFit> fit_thermal(std::span<const HeatSession> sessions, const ThermalOptions& options) {
   if (std::ranges::any_of(sessions, [](const HeatSession& s) { return s.temperature_degC.empty(); }))
-    return tl::unexpected(std::string("has no temperatures"));
+    return tl::unexpected(Error("has no temperatures"));
   const ThermalProblem problem(sessions, options);
   if (options.rested && static_cast<std::size_t>(problem.files()) < sessions.size())
-    return tl::unexpected(
-        std::string("a file with gaps of hours does not begin at ambient temperature after each of them"));
+    return tl::unexpected(Error("a file with gaps of hours does not begin at ambient temperature after each of them"));
   const Index nodes = problem.nodes();
   if (problem.samples() <= problem.unknowns() + nodes)
-    return tl::unexpected(fmt::format("{} samples for {} unknowns", problem.samples(), problem.unknowns() + nodes));
+    return tl::unexpected(
+        Error(fmt::format("{} samples for {} unknowns", problem.samples(), problem.unknowns() + nodes)));
   VectorXd log_t = global_search(problem);
   if (log_t.size() == 0)
     return tl::unexpected(
-        std::string("no thermal model has a finite error; is there a value in the data that no joint has?"));
+        Error("no thermal model has a finite error; is there a value in the data that no joint has?"));
   descend(problem, log_t);
   std::sort(log_t.data(), log_t.data() + nodes);
   const Projection at = problem.project(log_t);
   if (!std::isfinite(at.cost()))
-    return tl::unexpected(std::string("the fit has no finite error; is there a value in the data that no joint has?"));
+    return tl::unexpected(Error("the fit has no finite error; is there a value in the data that no joint has?"));
 
   ThermalFit fit{
       .rms_K = std::sqrt(at.cost() / static_cast<double>(problem.samples())),
       .correlation = samples_per_independent({at.residual.data(), static_cast<std::size_t>(at.residual.size())}, 0),
       .samples = static_cast<std::size_t>(problem.samples())};
-  // Information of all unknowns: what a gain that is held could have been is doubt about the time constants too.
-  MatrixXd jacobian(problem.samples(), nodes + problem.unknowns());
-  jacobian.leftCols(nodes) = problem.slopes(log_t, at.linear);
-  jacobian.rightCols(problem.unknowns()) = at.columns;
-  const double independent =
-      static_cast<double>(problem.samples()) / fit.correlation - static_cast<double>(jacobian.cols());
-  const double quantile = interval_sigmas(independent);
+  const MatrixXd jacobian = jacobian_of(problem, log_t, at);
+  const double quantile =
+      interval_sigmas(static_cast<double>(problem.samples()) / fit.correlation - static_cast<double>(jacobian.cols()));
   const MatrixXd covariance =
       covariance_of(jacobian) * (at.cost() / static_cast<double>(problem.samples()) * fit.correlation);
 
   const auto [low, high] = problem.range();
-  const auto parameters = thermal::parameters(options.order);
-  std::vector<Estimate> gains, times;
+  const auto info = thermal::parameters(options.order);
+  std::vector<Estimate> times;
   for (Index i = 0; i < nodes; ++i) {
-    const auto& gain_name = parameters[static_cast<std::size_t>(i)];
-    const auto& time_name = parameters[static_cast<std::size_t>(nodes + i)];
-    const double t_s = std::exp(log_t(i)), R = at.linear(i);
-    const double gain = options.order == thermal::Order::first ? R : R / t_s;
-    if (R == 0) {
-      gains.push_back(without_sigma(std::string(gain_name.name), std::string(gain_name.unit), 0, Status::held));
-    } else {
-      const Index k = nodes + i;
-      double relative = covariance(k, k) / (R * R);
-      if (options.order == thermal::Order::second)
-        relative += covariance(i, i) - 2 * covariance(i, k) / R;  // c = R / t
-      gains.push_back(
-          estimate(std::string(gain_name.name), std::string(gain_name.unit), gain, relative * gain * gain, quantile));
-    }
+    const std::string name(info[static_cast<std::size_t>(nodes + i)].name);
+    const double t_s = std::exp(log_t(i));
+    fit.parameters.push_back(
+        gain_of(info[static_cast<std::size_t>(i)], options.order, i, at.linear(i), t_s, covariance, nodes, quantile));
     const bool bounded = log_t(i) < low + 1e-6 || log_t(i) > high - 1e-6;
-    times.push_back(bounded ? without_sigma(std::string(time_name.name), "s", t_s, Status::at_bound)
-                            : estimate(std::string(time_name.name), "s", t_s, covariance(i, i) * t_s * t_s, quantile));
+    times.push_back(bounded ? without_sigma(name, "s", t_s, Status::at_bound)
+                            : estimate(name, "s", t_s, covariance(i, i) * t_s * t_s, quantile));
   }
-  fit.parameters = gains;
   fit.parameters.insert(fit.parameters.end(), times.begin(), times.end());
   double mean_ambient = 0;
   for (Index f = 0; f < problem.files(); ++f) {
@@ -261,14 +267,25 @@ Result<ThermalFit> fit_thermal(std::span<const HeatSession> sessions, const Ther
     fit.ambient.push_back(estimate("T_amb", "degC", at.linear(nodes + f), covariance(k, k), quantile));
     mean_ambient += at.linear(nodes + f) / static_cast<double>(problem.files());
   }
-  const bool merged = nodes == 2 && times[1].value < closest_ratio * times[0].value;
-  for (const auto& e : fit.parameters)
-    if (merged || std::isnan(e.sigma) || e.high - e.low > e.value) fit.unidentifiable.push_back(e.name);
+  fit.unidentifiable = unidentifiable(fit.parameters, options.order);
   std::vector<double> values;
-  for (std::size_t k = 0; k < parameters.size(); ++k)
-    values.push_back(std::max(fit.parameters[k].value, parameters[k].minimum));  // a gain of 0 included
+  for (std::size_t k = 0; k < info.size(); ++k)
+    values.push_back(std::max(fit.parameters[k].value, info[k].minimum));  // also where a gain is 0
   fit.model = thermal::make_model(options.order, mean_ambient, values);
   return fit;
+}
+
+std::span<const Estimate> time_constants(const ThermalFit& fit) {
+  return std::span(fit.parameters).last(fit.parameters.size() / 2);
+}
+
+std::vector<std::string> unidentifiable(std::span<const Estimate> parameters, thermal::Order order) {
+  const auto times = parameters.last(parameters.size() / 2);
+  const bool merged = order == thermal::Order::second && times[1].value < closest_ratio * times[0].value;
+  std::vector<std::string> names;
+  for (const auto& e : parameters)
+    if (merged || std::isnan(e.sigma) || e.high - e.low > std::abs(e.value)) names.push_back(e.name);
+  return names;
 }
 
 std::vector<double> predicted_temperature(const thermal::Model& model, const HeatSession& session) {

@@ -14,9 +14,9 @@ namespace tribotwin::twin::identification {
 namespace {
 
 constexpr double session_gap_s = 3600, gap_steps = 2.5;
-constexpr std::size_t most_samples = 5000, fewest_samples = 20;
+constexpr std::size_t max_samples = 5000, min_samples = 20;
 
-/// Column of a joint's power, or of the two that make it: torque and speed, or torque and position.
+/// Column of a joint's power, or the two whose product it is: torque and speed, or torque and position.
 struct Source {
   std::string power, torque, speed, position;
 };
@@ -37,7 +37,7 @@ std::optional<Source> source_of(const std::vector<std::string>& names, const std
   return s;
 }
 
-/// Work of each interval over its length, [0] unused.
+/// Mean power of the interval before each sample; [0] is unused.
 std::vector<double> mean_power(const std::vector<double>& time, const Numbers& numbers, const Source& source) {
   const auto column = [&](const std::string& name) -> const std::vector<double>& {
     static const std::vector<double> none;
@@ -58,7 +58,7 @@ std::vector<double> mean_power(const std::vector<double>& time, const Numbers& n
   return mean;
 }
 
-/// Across gaps: the mean of the stretches before and after.
+/// Power across gaps: the mean of the stretches before and after.
 void bridge_gaps(std::vector<double>& power, const std::vector<double>& time, const std::vector<std::size_t>& gaps) {
   const auto stretch_mean = [&](std::size_t first, std::size_t last) {  // first sample, past the last one
     double work = 0;
@@ -73,7 +73,7 @@ void bridge_gaps(std::vector<double>& power, const std::vector<double>& time, co
   for (std::size_t g = 0; g < gaps.size(); ++g) power[gaps[g]] = bridged[g];
 }
 
-/// A curve through samples, straight between them, and its integral.
+/// A piecewise linear curve through samples, and its integral.
 class Curve {
  public:
   Curve(std::span<const double> time, std::vector<double> value)
@@ -85,7 +85,7 @@ class Curve {
   double mean(double from, double to) const { return (integral(to) - integral(from)) / (to - from); }
 
  private:
-  /// First sample of the straight piece that t is on; the outermost ones go on.
+  /// First sample of the piece that t is in; the outermost pieces are extrapolated.
   std::size_t before(double t) const {
     const auto after = static_cast<std::size_t>(std::ranges::upper_bound(time_, t) - time_.begin());
     return std::clamp<std::size_t>(after, 1, time_.size() - 1) - 1;
@@ -103,9 +103,9 @@ class Curve {
   std::vector<double> value_, integral_;
 };
 
-/// One session, averaged over windows of exactly `width_s`, the first in each stretch beginning with it: a sample more
-/// or less of what gravity borrows within a cycle would count as heat. The power between two windows' middles is the
-/// work in between. Samples as they are where windows are no longer than a step.
+/// One session, averaged over windows of exactly `width_s` that begin with each stretch: a sample more or less of the
+/// work that gravity stores within a cycle would count as heat. The power between the middles of two windows is the
+/// work between them. Unchanged where windows are not longer than a step.
 HeatSession averaged(std::size_t file, std::span<const double> time, std::span<const double> power,
                      std::span<const double> temperature, double step_s, double width_s, bool cycles) {
   if (!cycles && width_s <= step_s) {
@@ -124,7 +124,7 @@ HeatSession averaged(std::size_t file, std::span<const double> time, std::span<c
                                        : std::vector<double>(temperature.begin(), temperature.end()));
   double last_work = 0;
   for (std::size_t begin = 0, past = 0; begin < time.size();
-       begin = past) {  // stretches; where there are no cycles a gap is of no matter
+       begin = past) {  // stretches; gaps do not matter where there are no cycles
     for (past = begin + 1; past < time.size() && (!cycles || time[past] - time[past - 1] <= gap_steps * step_s);)
       ++past;
     // The last sample of a cycle is a step before the next one's first.
@@ -159,94 +159,136 @@ std::vector<std::string> joints_of(const std::vector<std::string>& header, bool 
   return joints;
 }
 
-}  // namespace
+std::string temperature_column(const std::string& joint) { return fmt::format("temperature_{}_degC", joint); }
 
-Result<ThermalRecording> read_thermal_recording(const std::filesystem::path& file, std::size_t index, double cycle_s) {
+/// The joints of a file, and the columns that are read.
+struct Layout {
+  std::vector<std::string> joints, columns{"time_s"};
+  std::vector<Source> sources;  ///< per joint
+  bool with_temperature = false;
+};
+
+Result<Layout> layout_of(const std::filesystem::path& file, bool cycles) {
   const auto header = read_numbers(file, {"time_s"});
   if (!header) return tl::unexpected(header.error());
   if (header->columns[0].empty())
-    return tl::unexpected(fmt::format("{}:1: no column 'time_s' with numbers; its header names: {}", file.string(),
-                                      fmt::join(header->names, ", ")));
-  ThermalRecording out{.file = file};
-  std::vector<Source> sources;
-  std::vector<std::string> wanted{"time_s"};
-  const auto temperature_of = [](const std::string& joint) { return fmt::format("temperature_{}_degC", joint); };
-  const auto with_temperature = joints_of(header->names, true), all = joints_of(header->names, false);
-  if (with_temperature.empty() && (cycle_s == 0 || all.empty()))
-    return tl::unexpected(
-        fmt::format("{}:1: no column temperature_JOINT_degC; torque alone tells how a joint warms up only over working "
-                    "cycles (--cycle, with power_w_JOINT, or torque_JOINT_nm and velocity_JOINT_rad_s or "
-                    "position_JOINT_rad); its header names: {}",
-                    file.string(), fmt::join(header->names, ", ")));
-  for (const auto& joint : with_temperature.empty() ? all : with_temperature) {
+    return tl::unexpected(Error(fmt::format("{}:1: no column 'time_s' with numbers; its header names: {}",
+                                            file.string(), fmt::join(header->names, ", "))));
+  Layout out{.joints = joints_of(header->names, true)};
+  out.with_temperature = !out.joints.empty();
+  if (!out.with_temperature) out.joints = joints_of(header->names, false);
+  if (!out.with_temperature && (!cycles || out.joints.empty()))
+    return tl::unexpected(Error(fmt::format(
+        "{}:1: no column temperature_JOINT_degC; without temperatures a thermal model is identified from working "
+        "cycles only (--cycle, with power_w_JOINT, or torque_JOINT_nm and velocity_JOINT_rad_s or "
+        "position_JOINT_rad); its header names: {}",
+        file.string(), fmt::join(header->names, ", "))));
+  for (const auto& joint : out.joints) {
     const auto source = source_of(header->names, joint);
     if (!source)
       return tl::unexpected(
-          fmt::format("{0}:1: joint {1} needs power_w_{1}, or torque_{1}_nm with velocity_{1}_rad_s or "
-                      "position_{1}_rad; its header names: {2}",
-                      file.string(), joint, fmt::join(header->names, ", ")));
-    out.joints.push_back({.name = joint});
-    sources.push_back(*source);
-    for (const auto& column : {with_temperature.empty() ? std::string() : temperature_of(joint), source->power,
+          Error(fmt::format("{0}:1: joint {1} needs power_w_{1}, or torque_{1}_nm with velocity_{1}_rad_s or "
+                            "position_{1}_rad; its header names: {2}",
+                            file.string(), joint, fmt::join(header->names, ", "))));
+    out.sources.push_back(*source);
+    for (const auto& column : {out.with_temperature ? temperature_column(joint) : std::string(), source->power,
                                source->torque, source->speed, source->position})
-      if (!column.empty()) wanted.push_back(column);
+      if (!column.empty()) out.columns.push_back(column);
   }
-  auto numbers = read_numbers(file, wanted);
-  if (!numbers) return tl::unexpected(numbers.error());
-  numbers->names = wanted;  // one name per column that was kept
-  const auto& time = numbers->columns[0];
-  if (time.size() < fewest_samples)
-    return tl::unexpected(fmt::format("{}: {} rows of finite numbers; at least {} are needed", file.string(),
-                                      time.size(), fewest_samples));
-  if (numbers->left_out)
-    out.notes.push_back(fmt::format("{}: {} rows with empty, NaN or infinite cells are gaps, the first in line {}",
-                                    file.string(), numbers->left_out, numbers->first_left_out));
-  if (auto problem = not_increasing(*numbers, time)) return tl::unexpected(*std::move(problem));
+  return out;
+}
+
+/// The time line: its typical step, gaps, and the sessions between gaps longer than an hour.
+struct Timeline {
+  double typical_s = 0, recorded_s = 0;        ///< recorded: without those gaps
+  std::vector<std::size_t> gaps, sessions{0};  ///< first sample after a gap; first of each session, then the end
+};
+
+Timeline timeline_of(const std::vector<double>& time, const std::filesystem::path& file,
+                     std::vector<std::string>& notes) {
   std::vector<double> steps;
   for (std::size_t i = 1; i < time.size(); ++i) steps.push_back(time[i] - time[i - 1]);
   const auto middle = steps.begin() + static_cast<std::ptrdiff_t>(steps.size() / 2);
   std::nth_element(steps.begin(), middle, steps.end());
-  const double typical = *middle;
-  std::vector<std::size_t> gaps, starts{0};
-  double recorded_s = time.back() - time.front();
+  Timeline out{.typical_s = *middle, .recorded_s = time.back() - time.front(), .gaps = {}};
   for (std::size_t i = 1; i < time.size(); ++i) {
     const double step = time[i] - time[i - 1];
-    if (step <= gap_steps * typical) continue;
-    gaps.push_back(i);
+    if (step <= gap_steps * out.typical_s) continue;
+    out.gaps.push_back(i);
     if (step <= session_gap_s) continue;
-    starts.push_back(i);
-    recorded_s -= step;
-    out.notes.push_back(fmt::format("{}: {:.2g} h without samples before {:.6g} s; what follows begins anew",
-                                    file.string(), step / 3600, time[i]));
+    out.sessions.push_back(i);
+    out.recorded_s -= step;
+    notes.push_back(fmt::format("{}: {:.2g} h without samples before {:.6g} s; a new session begins there",
+                                file.string(), step / 3600, time[i]));
   }
-  starts.push_back(time.size());
-  for (std::size_t j = 0; j < out.joints.size(); ++j) {
-    std::span<const double> temperature;
-    if (!with_temperature.empty()) {
-      const std::string column = temperature_of(out.joints[j].name);
-      temperature = numbers->columns[static_cast<std::size_t>(std::ranges::find(wanted, column) - wanted.begin())];
-      if (auto problem = implausible_temperature(file, column, temperature)) return tl::unexpected(std::move(*problem));
-      const auto [low, high] = std::ranges::minmax(temperature);
-      if (!(high > low))
-        return tl::unexpected(fmt::format("{}: {} is always {:.4g}; a thermal model is told by warming or cooling",
-                                          file.string(), column, low));
-    }
-    auto power = mean_power(time, *numbers, sources[j]);
-    bridge_gaps(power, time, gaps);
-    const double width =
-        cycle_s > 0 ? cycle_s * std::ceil(recorded_s / most_samples / cycle_s) : recorded_s / most_samples;
-    for (std::size_t s = 0; s + 1 < starts.size(); ++s) {
-      const std::size_t first = starts[s], count = starts[s + 1] - first;
-      if (count < fewest_samples) continue;
-      auto session =
-          averaged(index, {&time[first], count}, {&power[first], count},
-                   temperature.empty() ? temperature : temperature.subspan(first, count), typical, width, cycle_s > 0);
-      if (session.time_s.size() >= 2) out.joints[j].sessions.push_back(std::move(session));
-    }
-    if (out.joints[j].sessions.empty())
-      return tl::unexpected(cycle_s > 0
-                                ? fmt::format("{}: no two whole cycles of {:g} s", file.string(), cycle_s)
-                                : fmt::format("{}: no {} rows without an hour's gap", file.string(), fewest_samples));
+  out.sessions.push_back(time.size());
+  return out;
+}
+
+/// A joint's temperatures, or why they cannot be used; empty without such a column.
+Result<std::span<const double>> temperature_of(const Numbers& numbers, const Layout& layout, const std::string& joint) {
+  if (!layout.with_temperature) return {};
+  const std::string column = temperature_column(joint);
+  const std::span<const double> temperature =
+      numbers.columns[static_cast<std::size_t>(std::ranges::find(layout.columns, column) - layout.columns.begin())];
+  if (auto problem = implausible_temperature(numbers.file, column, temperature))
+    return tl::unexpected(Error(std::move(*problem)));
+  const auto [low, high] = std::ranges::minmax(temperature);
+  if (!(high > low))
+    return tl::unexpected(
+        Error(fmt::format("{}: {} is always {:.4g}; a thermal model is identified from warming or cooling",
+                          numbers.file.string(), column, low)));
+  return temperature;
+}
+
+/// The sessions of a joint that are long enough.
+std::vector<HeatSession> sessions_of(std::size_t file, const std::vector<double>& time,
+                                     const std::vector<double>& power, std::span<const double> temperature,
+                                     const Timeline& line, double cycle_s) {
+  const double width =
+      cycle_s > 0 ? cycle_s * std::ceil(line.recorded_s / max_samples / cycle_s) : line.recorded_s / max_samples;
+  std::vector<HeatSession> out;
+  for (std::size_t s = 0; s + 1 < line.sessions.size(); ++s) {
+    const std::size_t first = line.sessions[s], count = line.sessions[s + 1] - first;
+    if (count < min_samples) continue;
+    auto session = averaged(file, {&time[first], count}, {&power[first], count},
+                            temperature.empty() ? temperature : temperature.subspan(first, count), line.typical_s,
+                            width, cycle_s > 0);
+    if (session.time_s.size() >= 2) out.push_back(std::move(session));
+  }
+  return out;
+}
+
+}  // namespace
+
+Result<ThermalRecording> read_thermal_recording(const std::filesystem::path& file, std::size_t index, double cycle_s) {
+  const auto layout = layout_of(file, cycle_s > 0);
+  if (!layout) return tl::unexpected(layout.error());
+  auto numbers = read_numbers(file, layout->columns);
+  if (!numbers) return tl::unexpected(numbers.error());
+  numbers->file = file;
+  numbers->names = layout->columns;  // one name per column that was read
+  const auto& time = numbers->columns[0];
+  if (time.size() < min_samples)
+    return tl::unexpected(Error(
+        fmt::format("{}: {} rows of finite numbers; at least {} are needed", file.string(), time.size(), min_samples)));
+  ThermalRecording out{.file = file};
+  if (numbers->left_out)
+    out.notes.push_back(fmt::format("{}: {} rows with empty, NaN or infinite cells are gaps, the first in line {}",
+                                    file.string(), numbers->left_out, numbers->first_left_out));
+  if (auto problem = not_increasing(*numbers, time)) return tl::unexpected(Error(*std::move(problem)));
+  const Timeline line = timeline_of(time, file, out.notes);
+  for (std::size_t j = 0; j < layout->joints.size(); ++j) {
+    const std::string& joint = layout->joints[j];
+    const auto temperature = temperature_of(*numbers, *layout, joint);
+    if (!temperature) return tl::unexpected(temperature.error());
+    auto power = mean_power(time, *numbers, layout->sources[j]);
+    bridge_gaps(power, time, line.gaps);
+    out.joints.push_back({.name = joint, .sessions = sessions_of(index, time, power, *temperature, line, cycle_s)});
+    if (out.joints.back().sessions.empty())
+      return tl::unexpected(
+          Error(cycle_s > 0 ? fmt::format("{}: no two whole cycles of {:g} s", file.string(), cycle_s)
+                            : fmt::format("{}: no {} rows without an hour's gap", file.string(), min_samples)));
   }
   return out;
 }

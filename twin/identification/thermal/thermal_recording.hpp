@@ -7,19 +7,18 @@
 
 #include <tribotwin/plugins/friction/error.hpp>
 
-/// What a controller or a bench recorded of the heat in joints and of their temperature.
+/// Recordings of the heat in joints and of their temperature.
 namespace tribotwin::twin::identification {
 
-/// Samples without a gap longer than an hour. All of one length.
+/// Samples without a gap longer than an hour; columns of equal length.
 struct HeatSession {
-  std::size_t file = 0;        ///< index of the recording it is from
-  std::vector<double> time_s;  ///< strictly increasing; the middle of a cycle where there are cycles
-  std::vector<double>
-      power_w;  ///< mean between the sample before and this one; the first is 0, or the mean since start_s
-  std::vector<double> temperature_degC;  ///< none where the recording has none
+  std::size_t file = 0;                  ///< index of the recording it is from
+  std::vector<double> time_s;            ///< strictly increasing; the middle of a cycle where there are cycles
+  std::vector<double> power_w;           ///< mean since the sample before; the first is 0, or the mean since start_s
+  std::vector<double> temperature_degC;  ///< empty where the recording has none
   double cycle_s = 0;                    ///< length of the working cycle; 0: no cycles
-  std::vector<double> cycle_power_w;     ///< mean over the cycle around the sample; none without cycles
-  std::optional<double> start_s;         ///< when power began, where that is before the first sample
+  std::vector<double> cycle_power_w;     ///< mean over the cycle around the sample; empty without cycles
+  std::optional<double> start_s;         ///< start of the power, where that is before the first sample
 };
 
 struct JointHeat {
@@ -34,12 +33,12 @@ struct ThermalRecording {
 };
 
 /// Reads `time_s, temperature_JOINT_degC` and for each such joint `power_w_JOINT`, or `torque_JOINT_nm|_n` with
-/// `velocity_JOINT_rad_s|_m_s` or `position_JOINT_rad|_m`. Of torque and speed the net work is taken: what gravity and
-/// inertia borrow on the way there they give back on the way back, so that averaged over exactly `cycle_s` (0: not) it
-/// is the friction heat; cycles are counted from the first sample after a gap. Samples are averaged over that, or
+/// `velocity_JOINT_rad_s|_m_s` or `position_JOINT_rad|_m`. The power of torque and speed is the net work: what gravity
+/// and inertia store on the way out they return on the way back, so that its average over exactly `cycle_s` (0: none)
+/// is the friction heat; cycles are counted from the first sample after a gap. Samples are averaged over cycles, and
 /// further until at most 5,000 are left; across a gap (2.5 typical steps) the power is the mean of the stretches on
-/// both sides. Only with cycles may a file have no temperature. Fails with file, column and what would be right: also
-/// where a temperature never changes or cannot be one of a gearbox.
+/// both sides. Only with cycles may a file have no temperature. `index`: HeatSession::file. ErrorKind::input with file,
+/// column and what would be right: also where a temperature never changes or is implausible for a gearbox.
 Result<ThermalRecording> read_thermal_recording(const std::filesystem::path& file, std::size_t index,
                                                 double cycle_s = 0);
 

@@ -18,8 +18,8 @@ namespace {
 
 using Eigen::Index, Eigen::MatrixXd, Eigen::VectorXd;
 
-/// Unknowns x: log t_i; s_i = alpha c_i t_i W, what node i would do to friction in the end at the mean power W of all
-/// cycles; P_0 of each session over its mean power.
+/// Unknowns x: log t_i; s_i = alpha c_i t_i W, the final relative change of friction by node i at the mean power W of
+/// all cycles; P_0 of each session over its mean power.
 class TorqueProblem {
  public:
   TorqueProblem(std::span<const HeatSession> sessions, Index nodes) : sessions_(sessions), nodes_(nodes) {
@@ -61,7 +61,7 @@ class TorqueProblem {
     return m;
   }
 
-  /// Model less measured power, over the mean power of the session.
+  /// (Model - measured power) / mean power of the session.
   VectorXd residual(const VectorXd& x) const {
     VectorXd r(samples_);
     const thermal::Model m = model(x);
@@ -107,7 +107,7 @@ VectorXd global_search(const TorqueProblem& problem) {
     start(nodes + i) = -0.2;
   Gaussian gaussian(1);
   const auto cost = [&](const VectorXd& x) {
-    // Beyond the range the cost is that of its edge and what is beyond: the search finds back.
+    // Outside the range the cost is that of the nearest edge plus a penalty that leads back.
     const VectorXd inside = problem.clamped(x);
     return (problem.residual(inside).squaredNorm() + 1e-12) * (1 + (x - inside).squaredNorm());
   };
@@ -126,11 +126,52 @@ void descend(const TorqueProblem& problem, VectorXd& x) {
   least_squares(*residual, x, low, high, options);
 }
 
+/// Why these cycles cannot identify a thermal model.
+Result<void> require_cycles(std::span<const HeatSession> sessions, const TorqueProblem& problem) {
+  if (std::ranges::adjacent_find(sessions, {}, &HeatSession::file) != sessions.end())
+    return tl::unexpected(Error("a file with gaps of hours does not begin at rest temperature after each of them"));
+  if (problem.samples() <= problem.unknowns())
+    return tl::unexpected(Error(fmt::format("{} cycles for {} unknowns", problem.samples(), problem.unknowns())));
+  for (std::size_t f = 0; f < sessions.size(); ++f)
+    if (!(problem.mean_power_w(f) > 0))
+      return tl::unexpected(Error(
+          fmt::format("the mean power of the cycles is {:.3g} W, where that of friction is above 0; is the torque "
+                      "or the motion of the other sign, or --cycle no period of it?",
+                      problem.mean_power_w(f))));
+  return {};
+}
+
+/// alpha c_i or, of first order, alpha R_th; then the time constants.
+std::vector<Estimate> parameters_of(const TorqueProblem& problem, thermal::Order order, const VectorXd& x,
+                                    const MatrixXd& covariance, double quantile) {
+  const bool first_order = order == thermal::Order::first;
+  const Index nodes = problem.nodes();
+  const auto info = thermal::parameters(order);
+  std::vector<Estimate> gains, times;
+  for (Index i = 0; i < nodes; ++i) {
+    const double t_s = std::exp(x(i)), s = x(nodes + i), per_power = 1 / problem.typical_power_w();
+    const Index k = nodes + i;
+    // alpha c = s / (t W), alpha R_th = s / W.
+    const double by_s = first_order ? per_power : per_power / t_s, by_log_t = first_order ? 0 : -s * per_power / t_s;
+    gains.push_back(estimate(fmt::format("alpha_{}", info[static_cast<std::size_t>(i)].name),
+                             first_order ? "1/W" : "1/J", s * by_s,
+                             by_s * by_s * covariance(k, k) + 2 * by_s * by_log_t * covariance(i, k) +
+                                 by_log_t * by_log_t * covariance(i, i),
+                             quantile));
+    const std::string name(info[static_cast<std::size_t>(nodes + i)].name);
+    const bool bounded = x(i) < problem.low() + 1e-6 || x(i) > problem.high() - 1e-6;
+    times.push_back(bounded ? without_sigma(name, "s", t_s, Status::at_bound)
+                            : estimate(name, "s", t_s, covariance(i, i) * t_s * t_s, quantile));
+  }
+  gains.insert(gains.end(), times.begin(), times.end());
+  return gains;
+}
+
 }  // namespace
 
 double friction_share(const thermal::Model& model, double alpha, double rest_power_w, double time_s) {
-  // y_i' = g_i z - y_i / t_i, z = 1 + sum y_i: z is its end and two exponentials, of which z = 1 and z' = sum g_i at
-  // the start.
+  // y_i' = g_i z - y_i / t_i, z = 1 + sum y_i: z is its final value plus two exponentials; at the start z = 1 and
+  // z' = sum g_i.
   const double g1 = alpha * model.gain_K_J[0] * rest_power_w, a1 = 1 / model.t_s[0] - g1;
   if (model.order == thermal::Order::first) {
     const double end = 1 / (model.t_s[0] * a1);
@@ -148,25 +189,15 @@ double friction_share(const thermal::Model& model, double alpha, double rest_pow
 
 Result<TorqueThermalFit> fit_thermal_torque(std::span<const HeatSession> sessions, thermal::Order order) {
   const Index nodes = order == thermal::Order::first ? 1 : 2;
-  if (std::ranges::adjacent_find(sessions, {}, &HeatSession::file) != sessions.end())
-    return tl::unexpected(
-        std::string("a file with gaps of hours does not begin at rest temperature after each of them"));
   const TorqueProblem problem(sessions, nodes);
-  if (problem.samples() <= problem.unknowns())
-    return tl::unexpected(fmt::format("{} cycles for {} unknowns", problem.samples(), problem.unknowns()));
-  for (std::size_t f = 0; f < sessions.size(); ++f)
-    if (!(problem.mean_power_w(f) > 0))
-      return tl::unexpected(
-          fmt::format("the cycles take {:.3g} W in the mean, where friction takes more than 0; is the torque or the "
-                      "motion of the other sign, or --cycle no period of it?",
-                      problem.mean_power_w(f)));
+  if (auto ok = require_cycles(sessions, problem); !ok) return tl::unexpected(ok.error());
   VectorXd x = global_search(problem);
   descend(problem, x);
   if (nodes == 2 && x(0) > x(1)) std::swap(x(0), x(1)), std::swap(x(2), x(3));
 
   const VectorXd residual = problem.residual(x);
   if (!x.allFinite() || !residual.allFinite())
-    return tl::unexpected(std::string("the fit has no finite error; is there a value in the data that no joint has?"));
+    return tl::unexpected(Error("the fit has no finite error; is there a value in the data that no joint has?"));
   TorqueThermalFit fit{
       .order = order,
       .rms = std::sqrt(residual.squaredNorm() / static_cast<double>(problem.samples())),
@@ -176,27 +207,7 @@ Result<TorqueThermalFit> fit_thermal_torque(std::span<const HeatSession> session
                               (residual.squaredNorm() / static_cast<double>(problem.samples()) * fit.correlation);
   const double quantile = interval_sigmas(static_cast<double>(problem.samples()) / fit.correlation -
                                           static_cast<double>(problem.unknowns()));
-
-  const auto info = thermal::parameters(order);
-  std::vector<Estimate> gains, times;
-  for (Index i = 0; i < nodes; ++i) {
-    const double t_s = std::exp(x(i)), s = x(nodes + i), per_power = 1 / problem.typical_power_w();
-    const Index k = nodes + i;
-    // alpha c = s / (t W), alpha R_th = s / W.
-    const double by_s = order == thermal::Order::first ? per_power : per_power / t_s,
-                 by_log_t = order == thermal::Order::first ? 0 : -s * per_power / t_s;
-    gains.push_back(estimate(fmt::format("alpha_{}", info[static_cast<std::size_t>(i)].name),
-                             order == thermal::Order::first ? "1/W" : "1/J", s * by_s,
-                             by_s * by_s * covariance(k, k) + 2 * by_s * by_log_t * covariance(i, k) +
-                                 by_log_t * by_log_t * covariance(i, i),
-                             quantile));
-    const std::string name(info[static_cast<std::size_t>(nodes + i)].name);
-    const bool bounded = x(i) < problem.low() + 1e-6 || x(i) > problem.high() - 1e-6;
-    times.push_back(bounded ? without_sigma(name, "s", t_s, Status::at_bound)
-                            : estimate(name, "s", t_s, covariance(i, i) * t_s * t_s, quantile));
-  }
-  fit.parameters = gains;
-  fit.parameters.insert(fit.parameters.end(), times.begin(), times.end());
+  fit.parameters = parameters_of(problem, order, x, covariance, quantile);
   for (std::size_t f = 0; f < sessions.size(); ++f) {
     const Index k = 2 * nodes + static_cast<Index>(f);
     const double rest = problem.rest_power_w(x, f), mean = problem.mean_power_w(f);
@@ -205,9 +216,7 @@ Result<TorqueThermalFit> fit_thermal_torque(std::span<const HeatSession> session
         fit.final_to_cold, friction_share(problem.model(x), 1, rest,
                                           TorqueProblem::since_start(sessions[f], sessions[f].time_s.size() - 1)));
   }
-  const bool merged = nodes == 2 && times[1].value < closest_ratio * times[0].value;
-  for (const auto& e : fit.parameters)
-    if (merged || std::isnan(e.sigma) || e.high - e.low > std::abs(e.value)) fit.unidentifiable.push_back(e.name);
+  fit.unidentifiable = unidentifiable(fit.parameters, order);
   return fit;
 }
 
@@ -219,7 +228,7 @@ Estimate fit_alpha(std::span<const HeatSession> sessions, double rest_degC) {
   VectorXd x = VectorXd::Ones(unknowns), residual(samples);
   x(0) = 0;
   MatrixXd J = MatrixXd::Zero(samples, unknowns);
-  constexpr int steps = 20;  // bilinear: a handful is enough
+  constexpr int steps = 20;  // bilinear: a few would do
   for (int step = 0; step <= steps; ++step) {
     Index row = 0;
     for (Index f = 0; f + 1 < unknowns; ++f) {
@@ -242,7 +251,7 @@ Estimate fit_alpha(std::span<const HeatSession> sessions, double rest_degC) {
 }
 
 ThermalFit with_alpha(const TorqueThermalFit& fit, double alpha, bool alpha_known, double rest_degC) {
-  constexpr std::string_view prefix = "alpha_";
+  constexpr std::string_view prefix = "alpha_";  // of the gains
   ThermalFit out{.parameters = fit.parameters,
                  .ambient = {},
                  .model = {},

@@ -19,7 +19,7 @@ TemperatureEstimator estimator(double a, double start_degC = 20) {
   return {JointFriction(*friction::find_law("polynomial"), {}), p, joint3, start_degC};
 }
 
-double rise_K(double power_w, double t_s) {  // P5 (4)
+double rise_K(double power_w, double t_s) {  // Pagani (4)
   double rise = 0;
   for (int i : {0, 1}) rise += joint3.gain_K_J[i] * joint3.t_s[i] * -std::expm1(-t_s / joint3.t_s[i]) * power_w;
   return rise;

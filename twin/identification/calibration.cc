@@ -1,0 +1,214 @@
+#include <algorithm>
+#include <cmath>
+#include <mutex>
+#include <thread>
+
+#include <fmt/format.h>
+
+#include <tribotwin/twin/identification/calibration.hpp>
+#include <tribotwin/twin/identification/posterior.hpp>
+#include <tribotwin/twin/numerics/cma_es.hpp>
+
+namespace tribotwin::twin::identification {
+namespace {
+
+using Eigen::Index, Eigen::MatrixXd, Eigen::VectorXd;
+constexpr double unknown = std::numeric_limits<double>::quiet_NaN();
+
+Minimum descend(const Posterior& posterior, int start, const SearchOptions& options, Counter& counter,
+                double simulations_each) {
+  const Index n = posterior.size();
+  Gaussian gaussian(options.seed * 1000003 + static_cast<std::uint64_t>(start));
+  const VectorXd mean = start == 0 ? VectorXd(VectorXd::Zero(n)) : VectorXd(0.5 * gaussian(n));
+  const Minimum best =
+      cma_es([&](const VectorXd& z) { return posterior(z); }, mean, {.evaluations = options.evaluations}, gaussian);
+  if (n > 0) counter.add((options.evaluations - best.evaluations) * simulations_each);
+  return best;
+}
+
+/// Sigmas and correlations from the curvature at the minimum: likelihood by Gauss-Newton plus prior.
+void judge(const Posterior& posterior, const VectorXd& z, const std::vector<std::size_t>& sought, SimulationFit& fit) {
+  constexpr double step = 0.1;
+  MatrixXd H = posterior.information(z, step);
+  std::vector<Index> free;
+  for (Index i = 0; i < posterior.size(); ++i) {
+    const Quantity& q = posterior.quantity(i);
+    if (z(i) > q.coordinate(q.low) + 1e-6 && z(i) < q.coordinate(q.high) - 1e-6)
+      free.push_back(i);
+    else
+      fit.knowledge[sought[static_cast<std::size_t>(i)]] = ParameterStatus::at_bound;
+    if (q.sigma > 0) H(i, i) += 1;
+  }
+  const MatrixXd covariance = MatrixXd(H(free, free)).completeOrthogonalDecomposition().pseudoInverse();
+  for (std::size_t k = 0; k < free.size(); ++k) {
+    const Quantity& q = posterior.quantity(free[k]);
+    const std::size_t at = sought[static_cast<std::size_t>(free[k])];
+    const double deviation = std::sqrt(std::max(0.0, covariance(static_cast<Index>(k), static_cast<Index>(k))));
+    fit.knowledge[at] = q.sigma > 0 && deviation > 0.8 ? ParameterStatus::prior : ParameterStatus::estimated;
+    fit.sigma[at] = deviation * q.scale() * (q.logarithmic ? fit.values[at] : 1);
+    for (std::size_t l = 0; l < free.size(); ++l) {
+      const auto a = static_cast<Index>(k), b = static_cast<Index>(l);
+      fit.correlation(static_cast<Index>(at), static_cast<Index>(sought[static_cast<std::size_t>(free[l])])) =
+          covariance(a, b) / std::sqrt(covariance(a, a) * covariance(b, b));
+    }
+  }
+}
+
+/// The fits of a plan that are missing, and the threads that make them.
+class Calibration {
+ public:
+  static Result<void> run(const Plan& plan, const std::vector<SimulationFit>& have, const Watch& watch) {
+    std::vector<VariantTwins> twins;
+    for (const auto& variant : plan.variants) {
+      auto opened = VariantTwins::open(variant);
+      if (!opened) return work_failed(fmt::format("variant '{}': {}", variant.label, opened.error().message));
+      twins.push_back(std::move(*opened));
+    }
+    return Calibration(plan, have, watch, std::move(twins)).run();
+  }
+
+ private:
+  struct Job {
+    SimulationFit fit;
+    std::vector<std::size_t> training;
+    std::vector<Minimum> minima;
+    int open = 0;  ///< starts that are not finished
+  };
+
+  Calibration(const Plan& plan, const std::vector<SimulationFit>& have, const Watch& watch,
+              std::vector<VariantTwins> twins)
+      : plan_(plan),
+        watch_(watch),
+        twins_(std::move(twins)),
+        jobs_(jobs_of(plan, have)),
+        counter_(watch, simulations()) {}
+
+  static std::vector<Job> jobs_of(const Plan& plan, const std::vector<SimulationFit>& have) {
+    std::vector<Job> jobs;
+    const auto add = [&](std::size_t variant, std::size_t split, std::size_t fold,
+                         const std::vector<std::size_t>& held_out) {
+      if (std::ranges::any_of(
+              have, [&](const SimulationFit& f) { return f.variant == variant && f.split == split && f.fold == fold; }))
+        return;
+      Job& job = jobs.emplace_back();
+      job.fit.variant = variant, job.fit.split = split, job.fit.fold = fold;
+      for (std::size_t i = 0; i < plan.recordings.size(); ++i)
+        if (std::ranges::find(held_out, i) == held_out.end()) job.training.push_back(i);
+      job.minima.resize(static_cast<std::size_t>(plan.search.starts));
+      job.open = plan.search.starts;
+    };
+    for (std::size_t v = 0; v < plan.variants.size(); ++v) {
+      add(v, SimulationFit::all, 0, {});
+      for (std::size_t s = 0; s < plan.splits.size(); ++s)
+        for (std::size_t f = 0; f < plan.splits[s].folds.size(); ++f) add(v, s, f, plan.splits[s].folds[f].held_out);
+    }
+    return jobs;
+  }
+
+  /// For the progress line.
+  double simulations() const {
+    double total = 0;
+    for (const Job& job : jobs_) {
+      total += static_cast<double>(job.training.size()) * plan_.search.evaluations * plan_.search.starts;
+      if (job.fit.split == SimulationFit::all)
+        total += 2 * static_cast<double>(job.training.size() * twins_[job.fit.variant].sought().size());
+    }
+    return total;
+  }
+
+  Result<void> run() {
+    {
+      std::vector<std::jthread> workers;
+      for (unsigned i = 1; i < watch_.threads; ++i) workers.emplace_back([this] { work(); });
+      work();
+    }
+    if (!failure_.empty()) return work_failed(failure_);
+    return {};
+  }
+
+  void work() {
+    try {
+      const std::size_t tasks = jobs_.size() * static_cast<std::size_t>(plan_.search.starts);
+      for (std::size_t task; (task = next_++) < tasks && !stopped_;) {
+        if (const auto ok = perform(task); !ok) fail(ok.error().message);
+      }
+    } catch (const Interrupted&) {
+      stopped_ = true;
+    } catch (const std::exception& e) {  // of a thread: memory
+      fail(e.what());
+    }
+  }
+
+  void fail(const std::string& why) {
+    stopped_ = true;
+    const std::lock_guard lock(mutex_);
+    if (failure_.empty()) failure_ = why;
+  }
+
+  /// One start of one job; the last one also finishes the job.
+  Result<void> perform(std::size_t task) {
+    const auto starts = static_cast<std::size_t>(plan_.search.starts);
+    Job& job = jobs_[task / starts];
+    const Posterior posterior(twins_[job.fit.variant], plan_.recordings, job.training, plan_.search, counter_);
+    job.minima[task % starts] = descend(posterior, static_cast<int>(task % starts), plan_.search, counter_,
+                                        static_cast<double>(job.training.size()));
+    const bool last = [&] {
+      const std::lock_guard lock(mutex_);
+      return --job.open == 0;
+    }();
+    if (!last) return {};
+    if (const auto ok = finish(job, posterior); !ok)
+      return work_failed(fmt::format("variant '{}': {}", plan_.variants[job.fit.variant].label, ok.error().message));
+    const std::lock_guard lock(mutex_);
+    if (watch_.done) watch_.done(job.fit);
+    return {};
+  }
+
+  Result<void> finish(Job& job, const Posterior& posterior) const {
+    const VariantTwins& twins = twins_[job.fit.variant];
+    const Minimum& best = *std::ranges::min_element(job.minima, {}, &Minimum::objective);
+    if (!std::isfinite(best.objective)) return work_failed("every twin tried was refused or diverged");
+    SimulationFit& fit = job.fit;
+    fit.values = posterior.values(best.z);
+    fit.objective = best.objective;
+    for (const Minimum& m : job.minima) fit.minima.push_back(m.objective);
+    fit.sigma.assign(fit.values.size(), unknown);
+    fit.knowledge.assign(fit.values.size(), ParameterStatus::known);
+    fit.correlation = MatrixXd::Constant(std::ssize(fit.values), std::ssize(fit.values), unknown);
+    const auto sought = twins.sought();
+    for (const std::size_t i : sought) fit.knowledge[i] = ParameterStatus::estimated;
+    const auto candidate = twins.candidate(fit.values);
+    if (!candidate) return tl::unexpected(candidate.error());
+    for (const auto& recording : plan_.recordings) {
+      const auto positions = twins.positions(*candidate, recording);
+      if (!positions)
+        return work_failed(fmt::format("{}: {}", recording.file.filename().string(), positions.error().message));
+      fit.mae_mrad.push_back(mae_mrad(recording, *positions));
+    }
+    if (fit.split == SimulationFit::all) judge(posterior, best.z, sought, fit);
+    return {};
+  }
+
+  const Plan& plan_;
+  const Watch& watch_;
+  const std::vector<VariantTwins> twins_;
+  std::vector<Job> jobs_;
+  Counter counter_;
+  std::atomic<std::size_t> next_ = 0;
+  std::atomic<bool> stopped_ = false;
+  std::mutex mutex_;  ///< guards Job::open, the calls of watch_.done and failure_
+  std::string failure_;
+};
+
+}  // namespace
+
+std::string_view name(ParameterStatus knowledge) {
+  static constexpr std::string_view names[] = {"known", "estimated", "prior", "at_bound"};
+  return names[static_cast<std::size_t>(knowledge)];
+}
+
+Result<void> calibrate(const Plan& plan, const std::vector<SimulationFit>& have, const Watch& watch) {
+  return Calibration::run(plan, have, watch);
+}
+
+}  // namespace tribotwin::twin::identification

@@ -1,0 +1,92 @@
+#pragma once
+
+#include <atomic>
+#include <cstdint>
+#include <functional>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include <Eigen/Dense>
+
+#include <tribotwin/plugins/friction/error.hpp>
+#include <tribotwin/twin/identification/variant_twins.hpp>
+
+/// Identification by simulation, for recordings that are not friction curves: the whole twin (controller, motor, gear,
+/// arm) follows recorded goal positions as in `tribotwin run`; its error of position is minimised.
+///
+/// The objective is the negative logarithm of the posterior,
+///
+///   n ln(error) + 1/2 sum z^2,   n = recorded time / correlation time,
+///
+/// error: the root mean square or mean absolute error of position, every recording with the same weight; z: the
+/// distance of each sought quantity from its start in units of its prior standard deviation. The scale of the error is
+/// unknown; its likelihood is maximised over it, hence the logarithm. Samples are milliseconds apart but errors last
+/// for a swing: a recording counts as many measurements as it has correlation times.
+///
+/// The objective is discontinuous where the joint starts or stops sticking. It is minimised by a covariance matrix
+/// adaptation evolution strategy (Hansen 2016, arXiv:1604.00772, without restarts of growing size); at equal numbers of
+/// simulations on the XL-330 recordings its minimum was lower than that of Ceres' trust region with numeric derivatives
+/// from the best of many starts.
+namespace tribotwin::twin::identification {
+
+struct SearchOptions {
+  Norm norm = Norm::squared;
+  double correlation_s = 3;  ///< errors of position this far apart count as independent
+  int starts = 2;            ///< the first at the start values, the others drawn around them
+  int evaluations = 400;     ///< per start; an evaluation simulates every training recording
+  std::uint64_t seed = 1;
+};
+
+struct Split {
+  struct Fold {
+    std::string label;
+    std::vector<std::size_t> held_out;
+  };
+  std::string name;
+  std::vector<Fold> folds;
+};
+
+struct Plan {
+  std::vector<Variant> variants;
+  std::vector<Recording> recordings;
+  std::vector<Split> splits;
+  SearchOptions search;
+};
+
+/// Result of one quantity.
+enum class ParameterStatus {
+  known,  ///< not sought
+  estimated,
+  prior,  ///< the recordings add little information to the prior
+  at_bound
+};
+std::string_view name(ParameterStatus knowledge);
+
+/// One variant fitted on all recordings but those of a fold.
+struct SimulationFit {
+  static constexpr std::size_t all = static_cast<std::size_t>(-1);
+  std::size_t variant = 0, split = all, fold = 0;
+  std::vector<double> values;              ///< per quantity
+  std::vector<double> sigma;               ///< per quantity, NaN unless estimated or prior; of fits on all recordings
+  std::vector<ParameterStatus> knowledge;  ///< alike
+  Eigen::MatrixXd correlation;             ///< alike, quantities by quantities
+  std::vector<double> mae_mrad;            ///< per recording of the plan, training or not
+  double objective = 0;                    ///< the minimum found
+  std::vector<double> minima;              ///< found by each start
+};
+
+struct Watch {
+  unsigned threads = 1;
+  const std::atomic<bool>* stop = nullptr;
+  std::function<void(double share)> progress;      ///< one call at a time
+  std::function<void(const SimulationFit&)> done;  ///< one call at a time, in any order
+};
+
+/// Fits every variant on all recordings and, for every fold, on those that are not held out; fits in `have` are
+/// skipped. Fits and starts are distributed over the threads; the results do not depend on their number.
+/// ErrorKind::work when a variant is refused or an identified twin diverges. After a stop the finished fits have been
+/// passed to `done`; that is no failure.
+Result<void> calibrate(const Plan& plan, const std::vector<SimulationFit>& have, const Watch& watch);
+
+}  // namespace tribotwin::twin::identification

@@ -1,0 +1,25 @@
+#pragma once
+
+#include <string_view>
+
+#include <tribotwin/twin/control/servo.hpp>
+#include <tribotwin/twin/identification/quantity.hpp>
+
+/// Internal to this folder, not installed.
+namespace tribotwin::twin::identification {
+
+/// A key of joint, controller or motion.
+struct Key {
+  Place place;
+  std::string_view name;
+  double minimum, maximum;
+  double DcPositionOptions::*option = nullptr;  ///< of keys of the controller
+};
+
+/// Null where there is no such key, also for keys of a drive.
+const Key* find_key(Place place, std::string_view name);
+
+/// Whether some law has this parameter.
+bool is_law_parameter(std::string_view key);
+
+}  // namespace tribotwin::twin::identification

@@ -1,0 +1,167 @@
+#include <algorithm>
+#include <limits>
+#include <numeric>
+
+#include <tribotwin/twin/identification/rigid_body/dynamics_problem.hpp>
+#include <tribotwin/twin/numerics/parallel.hpp>
+#include <tribotwin/twin/numerics/triangular_factor.hpp>
+
+namespace tribotwin::twin::identification {
+
+using Eigen::Index, Eigen::MatrixXd, Eigen::VectorXd;
+
+DynamicsProblem::DynamicsProblem(const Regressor& regressor, const BaseParameters& base, const RobotFriction& friction,
+                                 const JointMotion& motion, unsigned threads)
+    : regressor_(regressor), base_(base), friction_(friction), motion_(motion), threads_(threads) {
+  armature_ = regressor.model_parameters().tail(joints());
+  for (Index j = 0; j < joints(); ++j) {
+    auto& columns = columns_.emplace_back();
+    for (Index k = 0; k < base.size(); ++k)
+      for (Index c = 0; c < base.from_all.cols(); ++c)
+        if (base.from_all(k, c) != 0 && regressor.acts(static_cast<std::size_t>(c), j)) {
+          columns.push_back(k);
+          break;
+        }
+    base_columns_.push_back(static_cast<Index>(columns.size()));
+    first_friction_.push_back(unknowns_);
+    for (Index p = 0; p < friction[static_cast<std::size_t>(j)].size(); ++p)
+      columns.push_back(base.size() + unknowns_++);
+  }
+  unknowns_ += base.size();
+  free_.assign(static_cast<std::size_t>(unknowns_), true);
+}
+
+std::pair<std::size_t, std::size_t> DynamicsProblem::place_of(Index unknown) const {
+  std::size_t j = friction_.size() - 1;
+  while (unknown < friction_at(static_cast<Index>(j), 0)) --j;
+  return {j, static_cast<std::size_t>(unknown - friction_at(static_cast<Index>(j), 0))};
+}
+
+/// One thread's part of a pass.
+class DynamicsProblem::Accumulator {
+ public:
+  Accumulator(const DynamicsProblem& problem, const RobotParameters& parameters, const Weight* weight)
+      : problem_(problem),
+        parameters_(parameters),
+        weight_(weight),
+        regressor_(problem.regressor_),
+        by_(friction::max_parameters),
+        Yb_(problem.joints(), problem.base_size()) {
+    if (weight)
+      for (const auto& c : problem.columns_) R_.emplace_back(static_cast<Index>(c.size()) + 1);
+  }
+
+  /// Adds sample i of the motion; writes its column of residuals.
+  void add(Index i, MatrixXd& residuals) {
+    const JointMotion& motion = problem_.motion_;
+    if (!motion.moving.col(i).any()) return;
+    const MatrixXd& Y = regressor_.at(motion.q.col(i), motion.qd.col(i), motion.qdd.col(i));
+    for (Index k = 0; k < problem_.base_size(); ++k)
+      Yb_.col(k) = Y.col(problem_.base_.independent[static_cast<std::size_t>(k)]);
+    for (Index j = 0; j < problem_.joints(); ++j) {
+      if (!motion.moving(j, i)) continue;
+      const auto at = static_cast<std::size_t>(j);
+      const double rigid = Yb_.row(j) * parameters_.base;
+      const double sliding =
+          problem_.friction_[at].torque(parameters_.friction[at], motion.qd(j, i), problem_.load(j, i, rigid),
+                                        motion.temperature_degC(j, i), by_.data());
+      const double residual = motion.torque(j, i) - rigid - sliding;
+      residuals(j, i) = residual;
+      if (weight_) add_row(j, residual);
+    }
+  }
+  std::vector<TriangularFactor> factors() && { return std::move(R_); }
+
+ private:
+  void add_row(Index j, double residual) {
+    const auto at = static_cast<std::size_t>(j);
+    const double w = (*weight_)(j, residual);
+    auto row = R_[at].row();
+    const Index own_base = problem_.base_columns_[at];
+    for (Index c = 0; c < own_base; ++c) row(c) = w * Yb_(j, problem_.columns_[at][static_cast<std::size_t>(c)]);
+    for (Index p = 0; p < problem_.friction_[at].size(); ++p) row(own_base + p) = w * by_[static_cast<std::size_t>(p)];
+    row(row.size() - 1) = w * residual;
+  }
+
+  const DynamicsProblem& problem_;
+  const RobotParameters& parameters_;
+  const Weight* weight_;
+  Regressor regressor_;
+  std::vector<double> by_;  ///< derivatives of the friction
+  MatrixXd Yb_;
+  std::vector<TriangularFactor> R_;
+};
+
+DynamicsProblem::Pass DynamicsProblem::pass(const RobotParameters& parameters, const Weight* weight) const {
+  constexpr Index chunk = 4096;
+  Pass out{.R = {}, .residual = MatrixXd::Constant(joints(), motion_.size(), std::numeric_limits<double>::quiet_NaN())};
+  const auto chunks = static_cast<std::size_t>((motion_.size() + chunk - 1) / chunk);
+  std::vector<std::vector<TriangularFactor>> partial(chunks);
+  in_parallel(chunks, threads_, [&](std::size_t part) {
+    Accumulator own(*this, parameters, weight);
+    const Index first = static_cast<Index>(part) * chunk;
+    for (Index i = first; i < std::min(first + chunk, motion_.size()); ++i) own.add(i, out.residual);
+    partial[part] = std::move(own).factors();
+  });
+  for (std::size_t j = 0; weight && j < columns_.size(); ++j) {
+    TriangularFactor all(static_cast<Index>(columns_[j].size()) + 1);
+    for (const auto& p : partial) all.add(p[j]);
+    out.R.push_back(all.R());
+  }
+  return out;
+}
+
+MatrixXd DynamicsProblem::combined(const Pass& pass, const VectorXd& joint_weight, std::vector<Index>& order) const {
+  order.clear();
+  std::vector<Index> place(static_cast<std::size_t>(unknowns_), -1);
+  for (Index u = 0; u < unknowns_; ++u)
+    if (is_free(u)) place[static_cast<std::size_t>(u)] = static_cast<Index>(order.size()), order.push_back(u);
+  const auto width = static_cast<Index>(order.size()) + 1;
+  TriangularFactor all(width);
+  for (std::size_t j = 0; j < columns_.size(); ++j) {
+    const MatrixXd& R = pass.R[j];
+    for (Index r = 0; r < R.rows(); ++r) {
+      auto row = all.row();
+      for (Index c = 0; c + 1 < R.cols(); ++c)
+        if (const Index at = place[static_cast<std::size_t>(columns_[j][static_cast<std::size_t>(c)])]; at >= 0)
+          row(at) = joint_weight(static_cast<Index>(j)) * R(r, c);
+      row(width - 1) = joint_weight(static_cast<Index>(j)) * R(r, R.cols() - 1);
+    }
+  }
+  return all.R();
+}
+
+std::vector<Index> dependent(const MatrixXd& R, const std::vector<Index>& order, Index base_size) {
+  std::vector<Index> sequence(order.size());
+  std::iota(sequence.begin(), sequence.end(), 0);
+  std::ranges::stable_partition(sequence, [&](Index c) { return order[static_cast<std::size_t>(c)] >= base_size; });
+  MatrixXd Q(R.rows(), R.cols());
+  Index found = 0;
+  std::vector<Index> out;
+  for (const Index c : sequence) {
+    const double length = R.col(c).norm();
+    VectorXd rest = length > 0 ? VectorXd(R.col(c) / length) : VectorXd::Zero(R.rows());
+    for (int pass = 0; pass < 2; ++pass) rest -= Q.leftCols(found) * (Q.leftCols(found).transpose() * rest);
+    if (rest.norm() < 1e-6)
+      out.push_back(order[static_cast<std::size_t>(c)]);
+    else
+      Q.col(found++) = rest.normalized();
+  }
+  return out;
+}
+
+VectorXd solved(const MatrixXd& R) {
+  const Index n = R.cols() - 1;
+  VectorXd x = R.col(n).head(n);
+  R.topLeftCorner(n, n).triangularView<Eigen::Upper>().solveInPlace(x);
+  return x;
+}
+
+MatrixXd unit_covariance(const MatrixXd& R) {
+  const Index n = R.cols() - 1;
+  MatrixXd inverse = MatrixXd::Identity(n, n);
+  R.topLeftCorner(n, n).triangularView<Eigen::Upper>().solveInPlace(inverse);
+  return inverse * inverse.transpose();
+}
+
+}  // namespace tribotwin::twin::identification

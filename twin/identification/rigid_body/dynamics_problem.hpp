@@ -1,0 +1,77 @@
+#pragma once
+
+#include <functional>
+#include <utility>
+#include <vector>
+
+#include <Eigen/Dense>
+
+#include <tribotwin/twin/identification/rigid_body/robot_torque.hpp>
+
+/// Internal to this folder, not installed: the least-squares problem of a robot's dynamics. Unknowns: the base
+/// parameters, then the friction parameters joint by joint.
+namespace tribotwin::twin::identification {
+
+class DynamicsProblem {
+ public:
+  /// The arguments must outlive it.
+  DynamicsProblem(const Regressor& regressor, const BaseParameters& base, const RobotFriction& friction,
+                  const JointMotion& motion, unsigned threads);
+
+  Eigen::Index joints() const { return regressor_.joints(); }
+  Eigen::Index unknowns() const { return unknowns_; }
+  Eigen::Index base_size() const { return base_.size(); }
+  /// The unknown of a friction parameter, and the joint and parameter of an unknown >= base_size().
+  Eigen::Index friction_at(Eigen::Index joint, Eigen::Index parameter) const {
+    return base_.size() + first_friction_[static_cast<std::size_t>(joint)] + parameter;
+  }
+  std::pair<std::size_t, std::size_t> place_of(Eigen::Index unknown) const;
+
+  /// Unknowns are free until they are fixed.
+  void fix(Eigen::Index u) { free_[static_cast<std::size_t>(u)] = false; }
+  bool is_free(Eigen::Index u) const { return free_[static_cast<std::size_t>(u)]; }
+
+  struct Pass {
+    std::vector<Eigen::MatrixXd> R;  ///< per joint, of [columns, residual]; empty where not requested
+    Eigen::MatrixXd residual;        ///< joints x samples; NaN at rest
+  };
+  /// Multiplies the row of a joint with this residual.
+  using Weight = std::function<double(Eigen::Index joint, double residual)>;
+  /// Residuals at `parameters` and the triangular factor of each joint's weighted rows.
+  Pass pass(const RobotParameters& parameters, const Weight& weight) const { return pass(parameters, &weight); }
+  /// Residuals alone.
+  Pass residuals(const RobotParameters& parameters) const { return pass(parameters, nullptr); }
+
+  /// R of [all free unknowns, residual], each joint with its weight; `order` receives the unknown of each column.
+  Eigen::MatrixXd combined(const Pass& pass, const Eigen::VectorXd& joint_weight,
+                           std::vector<Eigen::Index>& order) const;
+
+  /// Torque that the gear transmits to the links: without the inertia of the rotor.
+  double load(Eigen::Index joint, Eigen::Index sample, double rigid) const {
+    return rigid - armature_(joint) * motion_.qdd(joint, sample);
+  }
+
+ private:
+  class Accumulator;
+  Pass pass(const RobotParameters& parameters, const Weight* weight) const;
+
+  const Regressor& regressor_;
+  const BaseParameters& base_;
+  const RobotFriction& friction_;
+  const JointMotion& motion_;
+  unsigned threads_;
+  Eigen::VectorXd armature_;
+  std::vector<std::vector<Eigen::Index>> columns_;  ///< per joint, unknowns that act on it: base first
+  std::vector<Eigen::Index> base_columns_, first_friction_;
+  Eigen::Index unknowns_ = 0;
+  std::vector<bool> free_;
+};
+
+/// Unknowns of R's columns (`order`) that depend linearly on those before them, friction first: not identifiable.
+std::vector<Eigen::Index> dependent(const Eigen::MatrixXd& R, const std::vector<Eigen::Index>& order,
+                                    Eigen::Index base_size);
+/// The least-squares solution of R = [columns, right-hand side], and its covariance for unit noise.
+Eigen::VectorXd solved(const Eigen::MatrixXd& R);
+Eigen::MatrixXd unit_covariance(const Eigen::MatrixXd& R);
+
+}  // namespace tribotwin::twin::identification

@@ -1,0 +1,230 @@
+#include <algorithm>
+#include <cmath>
+
+#include <fmt/format.h>
+
+#include <tribotwin/twin/identification/rigid_body/joint_motion.hpp>
+#include <tribotwin/twin/numerics/filter.hpp>
+#include <tribotwin/twin/numerics/median.hpp>
+
+namespace tribotwin::twin::identification {
+namespace {
+
+using Eigen::Index, Eigen::MatrixXd, Eigen::VectorXd;
+
+/// Below this share of its largest speed a joint may stick: no sliding friction.
+constexpr double slow = 0.01;
+/// Periods of the cut-off for which the filtered step of Coulomb friction rings after a reversal, to a thousandth of
+/// it.
+constexpr double ringing = 2;
+
+struct Stretch {
+  std::size_t first, last;  ///< inclusive
+};
+
+/// Cubic through the four samples around a time: linear interpolation would add steps to the accelerations.
+double interpolated(const std::vector<double>& time, const MatrixXd& values, Index joint, const Stretch& s, double t) {
+  const auto after = static_cast<std::size_t>(std::upper_bound(time.begin() + static_cast<std::ptrdiff_t>(s.first),
+                                                               time.begin() + static_cast<std::ptrdiff_t>(s.last), t) -
+                                              time.begin());
+  const std::size_t first = std::clamp(after < 2 ? 0 : after - 2, s.first, s.last - 3);
+  double sum = 0;
+  for (std::size_t a = first; a < first + 4; ++a) {
+    double basis = values(joint, static_cast<Index>(a));
+    for (std::size_t b = first; b < first + 4; ++b)
+      if (b != a) basis *= (t - time[b]) / (time[a] - time[b]);
+    sum += basis;
+  }
+  return sum;
+}
+
+std::vector<double> equidistant(const RobotRecording& rec, const MatrixXd& values, Index joint, const Stretch& s,
+                                double period, bool regular) {
+  std::vector<double> out;
+  if (regular) {
+    out.reserve(s.last - s.first + 1);
+    for (std::size_t i = s.first; i <= s.last; ++i) out.push_back(values(joint, static_cast<Index>(i)));
+    return out;
+  }
+  const auto count = static_cast<std::size_t>((rec.time_s[s.last] - rec.time_s[s.first]) / period + 1e-6) + 1;
+  for (std::size_t k = 0; k < count; ++k)
+    out.push_back(interpolated(rec.time_s, values, joint, s, rec.time_s[s.first] + static_cast<double>(k) * period));
+  return out;
+}
+
+/// The sampling of a recording: stretches without a gap, and whether their steps are equal.
+struct Sampling {
+  double typical_s = 0;
+  std::vector<Stretch> stretches{{0, 0}};
+  std::size_t gaps = 0, uneven = 0;
+  bool regular() const { return uneven == 0; }
+};
+
+Sampling sampling_of(const RobotRecording& rec, std::vector<std::string>& notes) {
+  const auto& time = rec.time_s;
+  std::vector<double> steps;
+  for (std::size_t i = 1; i < time.size(); ++i) steps.push_back(time[i] - time[i - 1]);
+  Sampling s{.typical_s = median_of(steps)};
+  for (std::size_t i = 1; i < time.size(); ++i) {
+    if (steps[i - 1] > 2.5 * s.typical_s) {
+      s.stretches.push_back({i, i});
+      ++s.gaps;
+    } else {
+      s.stretches.back().last = i;
+      s.uneven += std::abs(steps[i - 1] - s.typical_s) > 0.02 * s.typical_s;
+    }
+  }
+  if (s.gaps)
+    notes.push_back(fmt::format("{}: {} gaps in time_s; the stretches between them are used one by one",
+                                rec.file.string(), s.gaps));
+  if (!s.regular())
+    notes.push_back(
+        fmt::format("{}: time_s is not equidistant ({} of {} steps differ from {:.4g} s); resampled at that period",
+                    rec.file.string(), s.uneven, steps.size(), s.typical_s));
+  return s;
+}
+
+/// How a stretch is filtered and decimated.
+struct Filtering {
+  double period_s, rate_hz, cutoff_hz;
+  Index every;  ///< samples per kept one
+  Index edge;   ///< samples left out at either end: filter transients and the ends of central differences
+};
+
+Result<Filtering> filtering_of(const RobotRecording& rec, const Stretch& s, const Sampling& sampling,
+                               const Preparation& preparation) {
+  const double length = rec.time_s[s.last] - rec.time_s[s.first];
+  const double period = sampling.regular() ? length / static_cast<double>(s.last - s.first) : sampling.typical_s,
+               rate = 1 / period;
+  const double cutoff = preparation.cutoff_hz > 0 ? preparation.cutoff_hz : std::min(20.0, rate / 5);
+  if (cutoff > 0.45 * rate)
+    return tl::unexpected(
+        Error(fmt::format("{}: is sampled at {:.4g} Hz; the cut-off must be below {:.4g} Hz, it is {:g}",
+                          rec.file.string(), rate, 0.45 * rate, cutoff)));
+  const Index every = preparation.decimation
+                          ? preparation.decimation
+                          : std::max<Index>(1, static_cast<Index>(std::floor(rate / (5 * cutoff) + 1e-6)));
+  return Filtering{period, rate, cutoff, every, static_cast<Index>(std::ceil(0.5 * rate / cutoff)) + 1};
+}
+
+/// A prepared stretch.
+struct Part {
+  MatrixXd q, qd, qdd, torque, temperature;
+  std::vector<double> time;
+  std::size_t file;
+  double edge_s;
+  Index guard;  ///< kept samples for which a reversal rings
+};
+
+/// Without samples where the stretch is shorter than its edges.
+Part part_of(const RobotRecording& rec, std::size_t file, const Stretch& s, const Filtering& f, bool regular,
+             bool thermal) {
+  const Index n = rec.position.rows();
+  Part part{.file = file,
+            .edge_s = static_cast<double>(f.edge) * f.period_s,
+            .guard = static_cast<Index>(std::ceil(ringing * f.rate_hz / f.cutoff_hz / static_cast<double>(f.every)))};
+  Index count = 0;
+  for (Index j = 0; j < n; ++j) {
+    const auto q = low_passed(equidistant(rec, rec.position, j, s, f.period_s, regular), f.rate_hz, f.cutoff_hz);
+    const auto torque = low_passed(equidistant(rec, rec.torque, j, s, f.period_s, regular), f.rate_hz, f.cutoff_hz);
+    const auto temperature = thermal ? equidistant(rec, rec.temperature_degC, j, s, f.period_s, regular)
+                                     : std::vector<double>(q.size(), 20.0);
+    if (j == 0) {
+      count = (static_cast<Index>(q.size()) - 2 * f.edge + f.every - 1) / f.every;
+      if (count < 1) return part;
+      for (auto* m : {&part.q, &part.qd, &part.qdd, &part.torque, &part.temperature}) m->resize(n, count);
+      for (Index k = 0; k < count; ++k)
+        part.time.push_back(rec.time_s[s.first] + static_cast<double>(f.edge + k * f.every) * f.period_s);
+    }
+    for (Index k = 0; k < count; ++k) {
+      const auto i = static_cast<std::size_t>(f.edge + k * f.every);
+      part.q(j, k) = q[i];
+      part.qd(j, k) = (q[i + 1] - q[i - 1]) * f.rate_hz / 2;
+      part.qdd(j, k) = (q[i + 1] - 2 * q[i] + q[i - 1]) * f.rate_hz * f.rate_hz;
+      part.torque(j, k) = torque[i];
+      part.temperature(j, k) = temperature[i];
+    }
+  }
+  return part;
+}
+
+/// Adds the stretches of a recording; cutoff_hz and period_s are those of the first one.
+Result<void> add_parts(const RobotRecording& rec, std::size_t file, const Preparation& preparation, JointMotion& out,
+                       std::vector<Part>& parts) {
+  out.notes.insert(out.notes.end(), rec.notes.begin(), rec.notes.end());
+  const Sampling sampling = sampling_of(rec, out.notes);
+  bool used = false;
+  for (const Stretch& s : sampling.stretches) {
+    if (rec.time_s[s.last] - rec.time_s[s.first] < 1 || s.last - s.first < 20) continue;
+    used = true;
+    const auto filtering = filtering_of(rec, s, sampling, preparation);
+    if (!filtering) return tl::unexpected(filtering.error());
+    if (out.period_s == 0)
+      out.period_s = filtering->period_s * static_cast<double>(filtering->every), out.cutoff_hz = filtering->cutoff_hz;
+    Part part = part_of(rec, file, s, *filtering, sampling.regular(), out.has_temperature);
+    if (part.q.cols() >= 1) parts.push_back(std::move(part));
+  }
+  if (used) return {};
+  return tl::unexpected(
+      Error(fmt::format("{}: no stretch of a second with regular time_s (typical step {:.4g} s, {} gaps)",
+                        rec.file.string(), sampling.typical_s, sampling.gaps)));
+}
+
+/// More than `guard` samples after a slow one and before the next; none is assumed before the first and after the last.
+void mark_moving(const Part& p, Index j, double slow_speed, Index at, JointMotion& out) {
+  const Index count = p.q.cols();
+  const auto slow_at = [&](Index k) { return std::abs(p.qd(j, k)) < slow_speed; };
+  Index since = p.guard;
+  for (Index k = 0; k < count; ++k) {
+    since = slow_at(k) ? 0 : since + 1;
+    out.moving(j, at + k) = since > p.guard;
+  }
+  since = p.guard;
+  for (Index k = count; k-- > 0;) {
+    since = slow_at(k) ? 0 : since + 1;
+    out.moving(j, at + k) = out.moving(j, at + k) && since > p.guard;
+  }
+}
+
+void join(const std::vector<Part>& parts, const VectorXd& fastest, JointMotion& out) {
+  Index total = 0;
+  for (const Part& p : parts) total += p.q.cols();
+  for (auto* m : {&out.q, &out.qd, &out.qdd, &out.torque, &out.temperature_degC}) m->resize(fastest.size(), total);
+  out.moving.setConstant(fastest.size(), total, false);
+  Index at = 0;
+  for (const Part& p : parts) {
+    const Index count = p.q.cols();
+    out.segments.emplace_back(at, at + count);
+    out.file.push_back(p.file);
+    out.edge_s.push_back(p.edge_s);
+    out.time_s.insert(out.time_s.end(), p.time.begin(), p.time.end());
+    out.q.middleCols(at, count) = p.q, out.qd.middleCols(at, count) = p.qd, out.qdd.middleCols(at, count) = p.qdd;
+    out.torque.middleCols(at, count) = p.torque, out.temperature_degC.middleCols(at, count) = p.temperature;
+    for (Index j = 0; j < fastest.size(); ++j) mark_moving(p, j, slow * fastest(j), at, out);
+    at += count;
+  }
+}
+
+}  // namespace
+
+Result<JointMotion> prepare(std::span<const RobotRecording> recordings, const Regressor& r,
+                            const Preparation& preparation) {
+  JointMotion out;
+  out.has_temperature =
+      std::ranges::all_of(recordings, [](const RobotRecording& rec) { return rec.temperature_degC.size() > 0; });
+  std::vector<Part> parts;
+  for (std::size_t f = 0; f < recordings.size(); ++f)
+    if (auto ok = add_parts(recordings[f], f, preparation, out, parts); !ok) return tl::unexpected(ok.error());
+  VectorXd fastest = VectorXd::Zero(r.joints());
+  for (const Part& p : parts) fastest = fastest.cwiseMax(p.qd.cwiseAbs().rowwise().maxCoeff());
+  for (Index j = 0; j < r.joints(); ++j)
+    if (fastest(j) < 1e-2)
+      return tl::unexpected(
+          Error(fmt::format("joint {} stands still in all recordings (it never exceeds {:.2g} {}/s); move every joint, "
+                            "or weld it in the model",
+                            r.joint_name(j), fastest(j), r.is_slide(j) ? "m" : "rad")));
+  join(parts, fastest, out);
+  return out;
+}
+
+}  // namespace tribotwin::twin::identification

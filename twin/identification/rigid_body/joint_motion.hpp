@@ -1,0 +1,46 @@
+#pragma once
+
+#include <cstddef>
+#include <span>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include <Eigen/Dense>
+
+#include <tribotwin/plugins/friction/error.hpp>
+#include <tribotwin/twin/identification/rigid_body/robot_recording.hpp>
+
+/// Recordings, prepared for the identification of the dynamics.
+namespace tribotwin::twin::identification {
+
+struct Preparation {
+  double cutoff_hz = 0;     ///< of the zero-phase low-pass on positions and torques; 0: 20 Hz, at most a fifth of the
+                            ///< sampling rate
+  unsigned decimation = 0;  ///< keeps every n-th sample; 0: five per period of the cut-off
+};
+
+/// Equidistant, filtered samples of motion; joints x samples.
+struct JointMotion {
+  Eigen::MatrixXd q, qd, qdd, torque, temperature_degC;  ///< temperature: 20 where none was recorded
+  Eigen::Matrix<bool, Eigen::Dynamic, Eigen::Dynamic>
+      moving;  ///< fast enough, and long enough after a reversal, for sliding friction; false at rest
+  std::vector<std::pair<Eigen::Index, Eigen::Index>>
+      segments;  ///< first sample, and one past the last, of stretches without a gap
+  std::vector<double> time_s;
+  std::vector<std::size_t> file;       ///< per segment, index of its recording
+  std::vector<double> edge_s;          ///< per segment, length of its stretch that was left out at either end
+  double cutoff_hz = 0, period_s = 0;  ///< of the first recording
+  bool has_temperature = false;
+  std::vector<std::string> notes;
+
+  Eigen::Index size() const { return q.cols(); }
+};
+
+/// Filters stretches of regular sampling (filter.hpp), differentiates by central differences and decimates; jitter is
+/// removed by cubic interpolation. ErrorKind::input where no stretch of a second is left or a joint rests in all
+/// recordings.
+Result<JointMotion> prepare(std::span<const RobotRecording> recordings, const Regressor& regressor,
+                            const Preparation& preparation = {});
+
+}  // namespace tribotwin::twin::identification

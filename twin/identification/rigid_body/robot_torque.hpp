@@ -1,0 +1,38 @@
+#pragma once
+
+#include <vector>
+
+#include <Eigen/Dense>
+
+#include <tribotwin/plugins/friction/error.hpp>
+#include <tribotwin/plugins/mujoco/loader.hpp>
+#include <tribotwin/twin/identification/rigid_body/joint_friction.hpp>
+#include <tribotwin/twin/identification/rigid_body/joint_motion.hpp>
+#include <tribotwin/twin/robot/base_parameters.hpp>
+
+/// The torques of a robot's motion, tau_j = Y_j(q, qd, qdd) beta + f_j(qd_j, load_j, T_j), from its parameters.
+namespace tribotwin::twin::identification {
+
+/// The friction of every joint, in the order of the regressor's joints.
+using RobotFriction = std::vector<JointFriction>;
+
+/// The same law in every joint. Laws of motor speed, load or normalised torque take gear ratio and torque_max from the
+/// joints' drives. ErrorKind::input with the joint that has no drive.
+Result<RobotFriction> robot_friction(const mujoco::Model& model, const Regressor& regressor,
+                                     const friction::LawInfo& law);
+
+struct RobotParameters {
+  Eigen::VectorXd base;                       ///< in the order of BaseParameters
+  std::vector<std::vector<double>> friction;  ///< per joint, in the law's order
+};
+
+/// Torques [Nm; N] of the motors, arm side, joints x samples. At rest friction is 0.
+Eigen::MatrixXd predicted_torque(const Regressor& regressor, const BaseParameters& base, const RobotFriction& friction,
+                                 const RobotParameters& parameters, const JointMotion& motion, unsigned threads);
+
+/// Torques [Nm; N] that the gears transmit to the links, joints x samples: rigid dynamics without the inertia of the
+/// model's rotors.
+Eigen::MatrixXd gear_load(const Regressor& regressor, const BaseParameters& base, const Eigen::VectorXd& parameters,
+                          const JointMotion& motion, unsigned threads);
+
+}  // namespace tribotwin::twin::identification

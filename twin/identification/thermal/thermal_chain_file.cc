@@ -1,0 +1,49 @@
+#include <tribotwin/twin/identification/estimates_file.hpp>
+#include <tribotwin/twin/identification/thermal/thermal_chain_file.hpp>
+#include <tribotwin/twin/io/input.hpp>
+
+namespace tribotwin::twin::identification {
+
+std::string to_yaml(const ThermalChainFit& fit, const std::vector<std::string>& data) {
+  YAML::Emitter out;
+  out.SetDoublePrecision(17);
+  out << YAML::BeginMap << YAML::Key << "data" << YAML::Value << YAML::Flow << data << YAML::Key << "rms_K"
+      << YAML::Value << fit.rms_K;
+  out << YAML::Key << "unidentifiable" << YAML::Value << YAML::Flow << fit.unidentifiable;
+  write(out, fit.exchange);
+  out << YAML::Key << "chain" << YAML::Value << YAML::BeginMap;
+  for (std::size_t j = 0; j < fit.parameters.size(); ++j) {
+    out << YAML::Key << fit.chain.joints[j] << YAML::Value << YAML::BeginMap;
+    for (const auto& e : fit.parameters[j]) write(out, e);
+    out << YAML::EndMap;
+  }
+  out << YAML::EndMap << YAML::EndMap;
+  return "# A chain of joints that warm each other, by tribotwin thermal --chain\n" + std::string(out.c_str()) + "\n";
+}
+
+Result<bool> is_thermal_chain(const std::filesystem::path& file) try {
+  return static_cast<bool>(load_yaml(file)["chain"]);
+} catch (const InputError& e) {
+  return tl::unexpected(Error(e.what()));
+}
+
+Result<ThermalChain> read_thermal_chain(const std::filesystem::path& file) try {
+  Mapping in(file.string(), "", load_yaml(file));
+  in.accept({"data", "rms_K", "unidentifiable", "exchange", "chain"});
+  ThermalChain chain{.exchange_1_s = read_estimate(in, "exchange", {0, 1})};
+  auto joints = in.mapping("chain");
+  if (!joints) in.fail("chain", "is missing: this is no file of tribotwin thermal --chain");
+  for (const auto& name : joints->names()) {
+    auto joint = joints->mapping(name);
+    joint->accept({"gain", "t", "T_amb"});
+    chain.joints.push_back(name);
+    chain.gain_K_J.push_back(read_estimate(*joint, "gain", {0, 1e9}));
+    chain.t_s.push_back(read_estimate(*joint, "t", {1e-3, 1e9}));
+    chain.ambient_degC.push_back(read_estimate(*joint, "T_amb", {-1000, 1000}));
+  }
+  return chain;
+} catch (const InputError& e) {
+  return tl::unexpected(Error(e.what()));
+}
+
+}  // namespace tribotwin::twin::identification

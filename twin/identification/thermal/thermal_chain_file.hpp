@@ -1,0 +1,21 @@
+#pragma once
+
+#include <filesystem>
+#include <string>
+#include <vector>
+
+#include <tribotwin/plugins/friction/error.hpp>
+#include <tribotwin/twin/identification/thermal/thermal_chain.hpp>
+
+/// PARAMS.yaml of `tribotwin thermal --chain`.
+namespace tribotwin::twin::identification {
+
+std::string to_yaml(const ThermalChainFit& fit, const std::vector<std::string>& data);
+
+/// Whether a YAML file has the key `chain`. ErrorKind::input where it is no YAML.
+Result<bool> is_thermal_chain(const std::filesystem::path& file);
+
+/// A file of to_yaml. ErrorKind::input with file, key and what would be right.
+Result<ThermalChain> read_thermal_chain(const std::filesystem::path& file);
+
+}  // namespace tribotwin::twin::identification
