@@ -97,11 +97,12 @@ class Writer {
         if (s.over_a_day) drift = std::max(drift.value_or(0), *s.over_a_day);
         if (s.over_a_day && s.over_days) over_days = std::max(over_days.value_or(0), *s.over_days);
       }
-    page_.tile(grid, "inertia over a day", share(drift),
-               fmt::format("at most, of what a cycle tells within {:.0f} %", 100 * told_within),
-               !drift          ? nullptr
-               : *drift < 0.05 ? "good"
-                               : "bad");
+    page_.tile(
+        grid, "inertia over a day", share(drift),
+        fmt::format("at most, of parameters with a sigma below {:.0f} % in every cycle", 100 * identified_within),
+        !drift          ? nullptr
+        : *drift < 0.05 ? "good"
+                        : "bad");
     page_.tile(grid, "inertia over days", share(over_days), "standard deviation, at most, of the same");
   }
 
@@ -147,7 +148,7 @@ class Writer {
             const auto& t = f_.thermal[robot][j];
             row.push_back("*");
             for (const auto& time : times_of(d < c_.days ? t.days[d] : t.merged))
-              if (time.told && time.name == std::string(name))
+              if (time.identified && time.name == std::string(name))
                 row.back() = fmt::format("{:.3f} ± {:.2g}", time.value_s / 60, time.sigma_s / 60);
           }
         }
@@ -312,9 +313,9 @@ class Writer {
     page_.add_table(to, head, rows);
     page_.add(to, "p",
               fmt::format("Of all tests without a change. Over days: standard deviation of the tests. Over a day: from "
-                          "the first to the last third of it, at most. –: not told within {:.0f} % by a cycle. Torques "
+                          "the first to the last third of it, at most. –: no sigma below {:.0f} % in a cycle. Torques "
                           "tell some of them only together with others:",
-                          100 * told_within),
+                          100 * identified_within),
               "soft");
     page_.add_table(to, {"parameter", "stands for"}, groups);
   }
@@ -334,7 +335,9 @@ Result<DaysData> load_days(const std::filesystem::path& directory) try {
   const auto file = directory / "campaign.yaml";
   const YAML::Node root = twin::load_yaml(file);
   if (!is_repeatability(root)) return tl::unexpected(fmt::format("{}: is no campaign of working days", file.string()));
-  DaysData data{.directory = directory, .campaign = load_campaign(file, root)};
+  auto campaign = load_campaign(file, root);
+  if (!campaign) return tl::unexpected(campaign.error());
+  DaysData data{.directory = directory, .campaign = *std::move(campaign)};
   auto results = read_results(data.campaign, directory);
   if (!results) return tl::unexpected(results.error());
   data.results = *std::move(results);

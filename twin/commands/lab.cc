@@ -31,7 +31,7 @@ Result<Exit> compare_days(const Arguments& a, const repeatability::Campaign& cam
   const auto results = with_progress(a, fmt::format("{} tests", campaign.tests()), [&](const LabOptions& options) {
     return repeatability::run_campaign(campaign, options);
   });
-  if (!results) return work_failed(results.error().message);
+  if (!results) return tl::unexpected(results.error());
   if (a.quiet) return done;
   print("{} tests, {} of them were there\n\n{}written:", campaign.tests(), results->present,
         repeatability::summary(campaign, results->days, results->findings));
@@ -42,7 +42,7 @@ Result<Exit> compare_days(const Arguments& a, const repeatability::Campaign& cam
 
 Result<Exit> report(const Arguments& a, const Result<LabSummary>& summary, const Campaign& campaign,
                     const std::string& written) {
-  if (!summary) return work_failed(summary.error().message);
+  if (!summary) return tl::unexpected(summary.error());
   if (a.quiet) return done;
   print("{} curves, {} of them were there, {} levels, {:.1f} s\n", summary->curves, summary->present, summary->levels,
         summary->wall_s);
@@ -55,17 +55,18 @@ Result<Exit> report(const Arguments& a, const Result<LabSummary>& summary, const
 
 Result<Exit> execute(const Arguments& a) {
   const std::filesystem::path file = scenario_file(a.campaign);
-  const YAML::Node tree = campaign_tree(file, a.settings);
-  if (repeatability::is_repeatability(tree)) return compare_days(a, repeatability::load_campaign(file, tree));
+  const YAML::Node tree = or_wrong_input(campaign_tree(file, a.settings));
+  if (repeatability::is_repeatability(tree))
+    return compare_days(a, or_wrong_input(repeatability::load_campaign(file, tree)));
   if (study::is_study(tree)) {
-    const study::Study study = study::load_study(file, tree);
+    const study::Study study = or_wrong_input(study::load_study(file, tree));
     const Campaign& first = study.joints.front().campaign;
     const auto curves = fmt::format("{} curves", study.joints.size() * first.curves.size());
     return report(a,
                   with_progress(a, curves, [&](const LabOptions& options) { return study::run_study(study, options); }),
                   first, fmt::format("{0}/diagnosis.json, {0}/JOINT/curves.csv", a.directory));
   }
-  const Campaign campaign = campaign_of(file, tree);
+  const Campaign campaign = or_wrong_input(campaign_of(file, tree));
   return report(a,
                 with_progress(a, fmt::format("{} curves", campaign.curves.size()),
                               [&](const LabOptions& options) { return run_campaign(campaign, options); }),

@@ -30,21 +30,23 @@ std::optional<std::string> text_of(const fs::path& file) {
   return std::string(std::istreambuf_iterator<char>(stream), {});
 }
 
-/// Throws InputError where a campaign has no business.
-void require_free(const std::string& resolved_yaml, const std::string& folder, const fs::path& directory) {
+/// Whether the directory may be used for this campaign.
+Status require_free(const std::string& resolved_yaml, const std::string& folder, const fs::path& directory) {
+  const auto refused = [&](const std::string& why) {
+    return tl::unexpected(Error(fmt::format("{}: {}", directory.string(), why)));
+  };
   std::error_code error;
-  if (!fs::exists(directory, error)) return;
-  if (!fs::is_directory(directory, error))
-    throw InputError(fmt::format("{}: is a file, not a folder", directory.string()));
+  if (!fs::exists(directory, error)) return {};
+  if (!fs::is_directory(directory, error)) return refused("is a file, not a folder");
   if (const auto text = text_of(directory / "campaign.yaml")) {
-    if (*text == resolved_yaml) return;
+    if (*text == resolved_yaml) return {};
     const auto first_line = [](const std::string& t) { return t.substr(0, t.find('\n')); };
     const bool same_text =
         text->substr(std::min(text->size(), text->find('\n'))) == resolved_yaml.substr(resolved_yaml.find('\n'));
-    throw InputError(fmt::format("{}: holds {}; choose another folder with -o, or remove this one", directory.string(),
-                                 same_text ? fmt::format("this campaign with another engine or model ('{}', now '{}')",
-                                                         first_line(*text), first_line(resolved_yaml))
-                                           : "another campaign (its campaign.yaml differs)"));
+    return refused(fmt::format("holds {}; choose another folder with -o, or remove this one",
+                               same_text ? fmt::format("this campaign with another engine or model ('{}', now '{}')",
+                                                       first_line(*text), first_line(resolved_yaml))
+                                         : "another campaign (its campaign.yaml differs)"));
   }
   // A run that was killed at its very start leaves these.
   for (const auto& entry : fs::directory_iterator(directory, error)) {
@@ -52,20 +54,21 @@ void require_free(const std::string& resolved_yaml, const std::string& folder, c
     if (name == "run.lock" || name.starts_with(".campaign.yaml.partial-") ||
         (name == folder && fs::is_empty(entry.path(), error)))
       continue;
-    throw InputError(
-        fmt::format("{}: holds {} and no campaign; choose another folder with -o", directory.string(), name));
+    return refused(fmt::format("holds {} and no campaign; choose another folder with -o", name));
   }
+  return {};
 }
 
 Status open(const fs::path& directory, const std::string& folder, const std::string& resolved_yaml, FolderLock& lock) {
   std::error_code error;
   fs::create_directories(directory / folder, error);
   if (error)
-    return tl::unexpected(fmt::format("{}: cannot be created ({})", (directory / folder).string(), error.message()));
-  if (auto ok = lock.take(directory); !ok) return ok;
+    return work_failed(fmt::format("{}: cannot be created ({})", (directory / folder).string(), error.message()));
+  if (auto ok = lock.take(directory); !ok) return work_failed(ok.error().message);
   const fs::path file = directory / "campaign.yaml";
   if (text_of(file) == resolved_yaml) return {};
-  return write_file(file, resolved_yaml, Existing::refuse);
+  if (auto ok = write_file(file, resolved_yaml, Existing::refuse); !ok) return work_failed(ok.error().message);
+  return {};
 }
 
 /// The checksums of the parts, one line each: eight hexadecimal digits, a space, the name of the part.
@@ -92,6 +95,66 @@ class Checksums {
   std::map<std::string, std::string> sums_;
 };
 
+/// The missing parts, made by several threads.
+class Workers {
+ public:
+  Workers(const ResumableJobs& parts, const LabOptions& options, const std::vector<std::size_t>& missing,
+          Checksums& sums, Completed& out)
+      : parts_(parts), options_(options), missing_(missing), sums_(sums), out_(out) {}
+
+  Status run() {
+    const unsigned wanted = options_.threads ? options_.threads : std::max(1u, std::thread::hardware_concurrency());
+    {
+      std::vector<std::jthread> threads;
+      for (unsigned t = 1; t < std::min<std::size_t>(wanted, missing_.size()); ++t)
+        threads.emplace_back([this] { work(); });
+      work();
+    }
+    if (error_at_ < parts_.files.size()) return work_failed(error_);
+    return {};
+  }
+
+ private:
+  void work() {
+    for (std::size_t k; !stop_ && (k = next_++) < missing_.size();) {
+      const std::size_t i = missing_[k];
+      auto made = parts_.make(i);
+      Status kept = made ? write_file(options_.directory / parts_.folder / parts_.files[i], *made, Existing::replace)
+                         : Status(tl::unexpected(made.error()));
+      const std::lock_guard guard(mutex_);
+      if (kept) kept = sums_.add(parts_.files[i], *made);
+      if (!kept) {
+        stop_ = true;
+        if (i < error_at_) error_at_ = i, error_ = kept.error().message;
+        return;
+      }
+      out_.texts[i] = std::move(*made);
+      ++finished_;
+      report();
+    }
+  }
+
+  void report() const {
+    if (!options_.progress) return;
+    const std::chrono::duration<double> spent = std::chrono::steady_clock::now() - started_;
+    options_.progress(
+        static_cast<double>(out_.present + finished_) / static_cast<double>(parts_.files.size()),
+        spent.count() / static_cast<double>(finished_) * static_cast<double>(missing_.size() - finished_));
+  }
+
+  const ResumableJobs& parts_;
+  const LabOptions& options_;
+  const std::vector<std::size_t>& missing_;
+  const std::chrono::steady_clock::time_point started_ = std::chrono::steady_clock::now();
+  std::atomic<std::size_t> next_ = 0;
+  std::atomic<bool> stop_ = false;
+  std::mutex mutex_;  ///< guards all below
+  Checksums& sums_;
+  Completed& out_;
+  std::string error_;
+  std::size_t error_at_ = parts_.files.size(), finished_ = 0;  ///< the error of the first part
+};
+
 }  // namespace
 
 std::string resolved_yaml(const mujoco::Model& model, const YAML::Node& campaign) {
@@ -99,56 +162,21 @@ std::string resolved_yaml(const mujoco::Model& model, const YAML::Node& campaign
 }
 
 Result<Completed> complete(const std::string& resolved_yaml, const ResumableJobs& parts, const LabOptions& options) {
-  const auto started = std::chrono::steady_clock::now();
-  require_free(resolved_yaml, parts.folder, options.directory);
+  if (auto ok = require_free(resolved_yaml, parts.folder, options.directory); !ok) return tl::unexpected(ok.error());
   const auto lock = std::make_shared<FolderLock>();
   if (auto ok = open(options.directory, parts.folder, resolved_yaml, *lock); !ok) return tl::unexpected(ok.error());
-  const auto file = [&](std::size_t i) { return options.directory / parts.folder / parts.files[i]; };
-
   Checksums sums(options.directory / "checksums");
   Completed out{.texts = std::vector<std::string>(parts.files.size()), .lock = lock};
   std::vector<std::size_t> missing;
   for (std::size_t i = 0; i < parts.files.size(); ++i) {
-    auto present = text_of(file(i));
-    if (present && sums.match(parts.files[i], *present) && parts.whole(i, *present)) {
+    auto present = text_of(options.directory / parts.folder / parts.files[i]);
+    if (present && sums.match(parts.files[i], *present) && parts.whole(i, *present))
       out.texts[i] = std::move(*present);
-      continue;
-    }
-    missing.push_back(i);
+    else
+      missing.push_back(i);
   }
   out.present = parts.files.size() - missing.size();
-
-  std::atomic<std::size_t> next = 0;
-  std::atomic<bool> stop = false;
-  std::mutex mutex;  // guards what follows
-  std::string error;
-  std::size_t error_at = parts.files.size(), finished = 0;
-  const auto work = [&] {
-    for (std::size_t k; !stop && (k = next++) < missing.size();) {
-      const std::size_t i = missing[k];
-      auto made = parts.make(i);
-      Status kept = made ? write_file(file(i), *made, Existing::replace) : Status(tl::unexpected(made.error()));
-      const std::lock_guard guard(mutex);
-      if (kept) kept = sums.add(parts.files[i], *made);
-      if (!kept) {
-        stop = true;
-        if (i < error_at) error_at = i, error = kept.error().message;
-        return;
-      }
-      out.texts[i] = std::move(*made);
-      ++finished;
-      if (options.progress)
-        options.progress(static_cast<double>(out.present + finished) / static_cast<double>(parts.files.size()),
-                         std::chrono::duration<double>(std::chrono::steady_clock::now() - started).count() /
-                             static_cast<double>(finished) * static_cast<double>(missing.size() - finished));
-    }
-  };
-  const unsigned wanted = options.threads ? options.threads : std::max(1u, std::thread::hardware_concurrency());
-  std::vector<std::thread> threads;
-  for (unsigned t = 1; t < std::min<std::size_t>(wanted, missing.size()); ++t) threads.emplace_back(work);
-  work();
-  for (std::thread& thread : threads) thread.join();
-  if (error_at < parts.files.size()) return tl::unexpected(error);
+  if (auto ok = Workers(parts, options, missing, sums, out).run(); !ok) return tl::unexpected(ok.error());
   return out;
 }
 

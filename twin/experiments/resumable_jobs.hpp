@@ -13,39 +13,39 @@
 #include <tribotwin/plugins/mujoco/loader.hpp>
 #include <tribotwin/twin/io/file.hpp>
 
-/// Long work in parts that do not depend on each other, each kept as a file from the moment it is done: however a run
-/// ends, the next one goes on, and the results are the same byte by byte, whatever the number of threads.
+/// Long work in independent parts, each written to a file when it is done: after an interruption the next run
+/// continues, and the results are the same byte by byte, for any number of threads.
 namespace tribotwin::twin {
 
 struct LabOptions {
   std::filesystem::path directory;
   unsigned threads = 0;                  ///< 0: all cores
-  Existing existing = Existing::refuse;  ///< what happens to results that were changed since they were made
+  Existing existing = Existing::refuse;  ///< for results that were changed after they were made
   std::function<void(double share, double seconds_left)> progress;  ///< from one thread at a time
 };
 
 struct ResumableJobs {
-  std::string folder;              ///< of the parts, below the directory
+  std::string folder;              ///< of the parts, relative to the directory
   std::vector<std::string> files;  ///< name of each part in it
   std::function<bool(std::size_t part, const std::string& text)>
-      whole;  ///< whether a file that is there is a whole part
+      whole;  ///< whether the text of an existing file is a complete part
   std::function<Result<std::string>(std::size_t part)>
-      make;  ///< from several threads; a function of campaign and part alone
+      make;  ///< called from several threads; a function of campaign and part alone
 };
 
 struct Completed {
   std::vector<std::string> texts;  ///< per part
-  std::size_t present = 0;         ///< of them made by an earlier run
+  std::size_t present = 0;         ///< number of parts made by an earlier run
   std::shared_ptr<void> lock;      ///< keeps other processes out of the directory
 };
 
-/// A campaign as `complete` wants it: engine and model in the first line, for another of either gives other numbers.
+/// A campaign for `complete`: engine and model in the first line, as the results depend on both.
 std::string resolved_yaml(const mujoco::Model& model, const YAML::Node& campaign);
 
-/// Makes the parts that the directory lacks. It holds campaign.yaml with `resolved_yaml`, which says whose it is, and
-/// `checksums`: a part that does not have its own there is made again. Throws InputError where the directory holds
-/// another campaign or something else. Fails with the first part that cannot be made, when another process works in the
-/// directory, or when a file cannot be written.
+/// Makes the parts that the directory lacks. The directory contains campaign.yaml with `resolved_yaml`, which
+/// identifies the campaign, and `checksums`: a part without its checksum there is made again. ErrorKind::input where
+/// the directory contains another campaign or other files. ErrorKind::work with the first part that cannot be made,
+/// when another process works in the directory, or when a file cannot be written.
 Result<Completed> complete(const std::string& resolved_yaml, const ResumableJobs& parts, const LabOptions& options);
 
 }  // namespace tribotwin::twin

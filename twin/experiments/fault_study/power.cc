@@ -20,7 +20,7 @@ constexpr double wanted_power = 0.95;
 constexpr double false_alarms[] = {0.01, diagnosis::two_sigma_false_alarm, 0.1, 0.2};
 constexpr double roc_severities[] = {0, 0.25, 0.5, 0.75, 1, 1.5, 2};  ///< of the detection limit
 
-/// Curves of one joint out of its law.
+/// Curves of one joint, drawn from its law.
 class Joint {
  public:
   Joint(const Campaign& campaign, const LevelStatistics& levels, const HealthyState& healthy)
@@ -30,7 +30,7 @@ class Joint {
         healthy_(healthy),
         travel_rad_(test_cycle_travel_rad()) {}
 
-  /// `number` tells draws apart; the same number is the same luck at every severity.
+  /// `number`: of the draw; the same random numbers at every severity.
   Result<Observation> draw(const drive::FaultInfo& fault, double severity, std::uint32_t number) const {
     std::seed_seq seed{static_cast<std::uint32_t>(campaign_.seed), number, 4u};
     std::mt19937_64 random(seed);
@@ -46,8 +46,8 @@ class Joint {
     for (std::size_t i = 0; i < levels_.speed_rad_s.size(); ++i) {
       const double v = levels_.speed_rad_s[i], load = levels_.load_norm[i], seen = 1 / (1 - faults.torque_loss);
       friction::Level level = friction::level(law, at, v / drive_.gear_ratio * drive_.speed_scale(), load);
-      // A pass that has no three periods of the ripple sees its mean over the travel, of which levels_of takes what the
-      // ripple of longer ones foretells; those measure its amplitude.
+      // A travel shorter than three periods of the ripple measures the mean of the ripple over it, which levels_of
+      // corrects by the ripple of longer travels; those measure the amplitude.
       const double half_travel = 0.5 * travel_rad_[i] * drive_.gear_ratio,
                    start = campaign_.curves.front().measurement.start_rad[campaign_.drive];
       const double g_nm = level.weakening * drive_.torque_scale_nm();
@@ -90,7 +90,7 @@ class Joint {
   std::vector<double> travel_rad_;
 };
 
-/// Verdicts on curves with a fault; of curves that no verdict can be had on, none.
+/// Verdicts on curves with a fault; none where check refuses a curve.
 std::vector<std::optional<Verdict>> judged(const HealthyState& healthy, const std::vector<Observation>& curves,
                                            double false_alarm) {
   std::vector<std::optional<Verdict>> all;
@@ -114,7 +114,7 @@ Result<Power> power_of_one(const Joint& joint, const HealthyState& healthy, cons
     std::vector<Observation> curves;
     for (std::uint32_t n = 0; n < draws; ++n) {
       auto one = joint.draw(fault, severity, n);
-      if (!one) return tl::unexpected(fmt::format("{} of {:.4g}: {}", fault.name, severity, one.error().message));
+      if (!one) return work_failed(fmt::format("{} of {:.4g}: {}", fault.name, severity, one.error().message));
       curves.push_back(*std::move(one));
     }
     return curves;

@@ -10,29 +10,28 @@
 #include <tribotwin/twin/diagnosis/check.hpp>
 #include <tribotwin/twin/experiments/friction/campaign.hpp>
 
-/// How small a fault can be and still be found, and whether it gets its right name: Monte Carlo over curves of the law
-/// with the scatter of the campaign, thousands of times faster than the simulation of a test cycle.
+/// The smallest fault that is detected, and whether it is named correctly: Monte Carlo over curves of the law with the
+/// scatter of the campaign, thousands of times faster than the simulation of a test cycle.
 namespace tribotwin::twin::study {
 
-/// Levels of the campaign's healthy curves: what a drawn curve is made like.
+/// Levels of the campaign's healthy curves, from which curves are drawn.
 struct LevelStatistics {
   std::vector<double> speed_rad_s, load_norm,
-      stderr_nm;  ///< motor side; |load|; means over curves, level noise included
+      stderr_nm;  ///< motor side; |load|; arm side, with level noise; means over curves
 };
 
 struct Power {
   const drive::FaultInfo* fault;
-  double detection_limit = 0;  ///< severity at which 95 % of curves are anomalous
-  std::map<std::string, double>
-      named;  ///< at twice the limit: share of curves by verdict, `healthy` where none was raised
+  double detection_limit = 0;           ///< severity at which 95 % of curves are anomalous
+  std::map<std::string, double> named;  ///< at twice the limit: share of curves per verdict
   struct Point {
     double severity, false_alarm, detected;  ///< share of curves; severity 0: of healthy ones
   };
   std::vector<Point> roc;
 };
 
-/// Every fault, at temperatures drawn between the coldest and the hottest that were learned. `draws` curves for each
-/// severity. Fails where a curve cannot be fitted.
+/// Every fault, at temperatures drawn from the learned range, `draws` curves per severity. `threads`: 0: all cores.
+/// ErrorKind::work where a curve cannot be fitted.
 Result<std::vector<Power>> power_of(const Campaign& campaign, const LevelStatistics& levels,
                                     const diagnosis::HealthyState& healthy, std::size_t draws, double false_alarm,
                                     unsigned threads);

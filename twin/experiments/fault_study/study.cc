@@ -133,25 +133,20 @@ Result<Json> verdicts(const Study& study, const Joint& joint, const fs::path& di
   return j;
 }
 
-/// What the verdicts would find missing after an hour of measuring.
-void require_learnable(const Study& study, const Joint& joint) {
+/// Checked before the measurements rather than by the verdicts.
+Result<void> require_learnable(const Study& study, const Joint& joint) {
   const auto learned = static_cast<std::size_t>(std::ranges::count_if(
       joint.campaign.curves, [&](const Curve& c) { return std::ranges::count(study.learn, c.series) > 0; }));
   if (learned < diagnosis::observations_minimum)
-    throw InputError(fmt::format("{}: diagnosis.learn: has {} curves of {}, but a healthy state needs {} or more",
-                                 joint.campaign.file.string(), learned, joint.name, diagnosis::observations_minimum));
+    return tl::unexpected(
+        Error(fmt::format("{}: diagnosis.learn: has {} curves of {}, but a healthy state needs {} or more",
+                          joint.campaign.file.string(), learned, joint.name, diagnosis::observations_minimum)));
+  return {};
 }
 
-}  // namespace
-
-bool is_study(const YAML::Node& tree) { return static_cast<bool>(tree["joints"]); }
-
-Study load_study(const fs::path& file, const YAML::Node& tree) {
-  Study study;
-  Mapping in(file.string(), "", tree);
+/// Every joint's campaign: the common keys, then its own; a seed of its own.
+void read_joints(Mapping& in, const fs::path& file, const YAML::Node& tree, Study& study) {
   auto joints = in.mapping("joints");
-  auto diagnosis = in.mapping("diagnosis");
-  if (!diagnosis) in.fail("diagnosis", "is missing: {learn: [SERIES, ...], check: [{series, state}, ...]}");
   const auto seed = in.whole_or("seed", 1, {0, 9007199254740992.0});
   for (const auto& name : joints->names()) {
     if (const auto why = unfit_file_name(name)) joints->fail(name, *why);  // its folder has this name
@@ -162,39 +157,56 @@ Study load_study(const fs::path& file, const YAML::Node& tree) {
     root["seed"] = seed + study.joints.size();  // each joint has errors of its own
     auto own = joints->mapping(name);
     for (const auto& key : own->names()) root[key] = YAML::Clone(own->raw(key));
-    study.joints.push_back({name, campaign_of(file, root)});
+    study.joints.push_back({name, or_wrong_input(campaign_of(file, root))});
   }
   if (study.joints.empty())
     in.fail("joints", "is empty: a mapping from joints to keys of the campaign that they have of their own");
+}
 
+void read_diagnosis(Mapping& in, Study& study) {
   const auto series_of = [&](const std::string& key, const std::string& series) {
     for (const Joint& joint : study.joints)
       if (std::ranges::none_of(joint.campaign.curves, [&](const Curve& c) { return c.series == series; }))
-        diagnosis->fail(key, fmt::format("'{}' is no series of this campaign", series));
+        in.fail(key, fmt::format("'{}' is no series of this campaign", series));
     return series;
   };
-  if (const YAML::Node learn = diagnosis->raw("learn"); !learn || !learn.IsSequence())
-    diagnosis->fail("learn", "must be a list of series");
-  for (const auto& series : diagnosis->texts("learn")) study.learn.push_back(series_of("learn", series));
-  if (study.learn.empty()) diagnosis->fail("learn", "must be a list of series");
-  for (Mapping one : diagnosis->mappings("check")) {
+  if (const YAML::Node learn = in.raw("learn"); !learn || !learn.IsSequence())
+    in.fail("learn", "must be a list of series");
+  for (const auto& series : in.texts("learn")) study.learn.push_back(series_of("learn", series));
+  if (study.learn.empty()) in.fail("learn", "must be a list of series");
+  for (Mapping one : in.mappings("check")) {
     one.accept({"series", "state"});
     study.check.push_back({series_of("check", one.text("series")), one.text("state")});
     one.done();
   }
-  study.false_alarm = diagnosis->number_or("false_alarm", study.false_alarm, {1e-9, 0.5});
-  study.draws = diagnosis->whole_or("draws", 0, {0, 1e5});
+  study.false_alarm = in.number_or("false_alarm", study.false_alarm, {1e-9, 0.5});
+  study.draws = in.whole_or("draws", 0, {0, 1e5});
   if (study.draws > 0 &&
       std::ranges::any_of(study.joints, [](const Joint& j) { return j.campaign.procedure != Procedure::test_cycle; }))
-    diagnosis->fail("draws",
-                    "is for procedure: test_cycle, whose travels tell what a ripple does to slow levels; leave it out");
-  diagnosis->done();
+    in.fail("draws", "needs procedure: test_cycle, from whose travels the ripple of slow levels follows; leave it out");
+  in.done();
+}
+
+}  // namespace
+
+bool is_study(const YAML::Node& tree) { return static_cast<bool>(tree["joints"]); }
+
+Result<Study> load_study(const fs::path& file, const YAML::Node& tree) try {
+  Study study;
+  Mapping in(file.string(), "", tree);
+  auto diagnosis = in.mapping("diagnosis");
+  if (!diagnosis) in.fail("diagnosis", "is missing: {learn: [SERIES, ...], check: [{series, state}, ...]}");
+  read_joints(in, file, tree, study);
+  read_diagnosis(*diagnosis, study);
   return study;
+} catch (const InputError& e) {
+  return tl::unexpected(Error(e.what()));
 }
 
 Result<LabSummary> run_study(const Study& study, const LabOptions& options) {
   const auto started = std::chrono::steady_clock::now();
-  for (const Joint& joint : study.joints) require_learnable(study, joint);
+  for (const Joint& joint : study.joints)
+    if (auto ok = require_learnable(study, joint); !ok) return tl::unexpected(ok.error());
   LabSummary sum;
   Json all;
   const double joints = static_cast<double>(study.joints.size());
@@ -208,15 +220,16 @@ Result<LabSummary> run_study(const Study& study, const LabOptions& options) {
                          share > 0 ? left * (joints - static_cast<double>(i)) : -1);
       };
     const auto summary = run_campaign(joint.campaign, own);
-    if (!summary) return tl::unexpected(fmt::format("{}: {}", joint.name, summary.error().message));
+    if (!summary)
+      return tl::unexpected(Error(fmt::format("{}: {}", joint.name, summary.error().message), summary.error().kind));
     sum.curves += summary->curves, sum.present += summary->present, sum.levels += summary->levels,
         sum.outside += summary->outside;
     auto judged = verdicts(study, joint, own.directory, options.threads);
-    if (!judged) return tl::unexpected(judged.error());
+    if (!judged) return work_failed(judged.error().message);
     all[joint.name] = *std::move(judged);
   }
   if (auto ok = write_derived(options.directory / "diagnosis.json", all.dump(2) + "\n", options.existing); !ok)
-    return tl::unexpected(ok.error());
+    return work_failed(ok.error().message);
   sum.wall_s = std::chrono::duration<double>(std::chrono::steady_clock::now() - started).count();
   return sum;
 }

@@ -8,12 +8,11 @@
 #include <tribotwin/twin/diagnosis/check.hpp>
 #include <tribotwin/twin/experiments/friction/results.hpp>
 
-/// Paper 2's whole experiment: the same campaign on several joints, a healthy state learned from some of its series,
-/// verdicts on others. A campaign file with `joints` in place of `joint`, and `diagnosis`; the keys are documented in
-/// twin/README.md.
+/// Zhou 2024's experiment: the same campaign on several joints, a healthy state learned from some of its series,
+/// verdicts on others. A campaign file with `joints` in place of `joint`, and `diagnosis`.
 namespace tribotwin::twin::study {
 
-/// A series whose curves get a verdict, and what its author calls the joint's state: "cold".
+/// A series whose curves get a verdict, and the author's name of the joint's state: "cold".
 struct Checked {
   std::string series, state;
 };
@@ -32,13 +31,13 @@ struct Study {
 };
 
 bool is_study(const YAML::Node& campaign_tree);
-/// Throws InputError.
-Study load_study(const std::filesystem::path& file, const YAML::Node& campaign_tree);
+/// ErrorKind::input with file, key and what would be right.
+Result<Study> load_study(const std::filesystem::path& file, const YAML::Node& campaign_tree);
 
 /// Measures every joint in a folder of its own (results.hpp), then writes DIRECTORY/diagnosis.json: {JOINT:
-/// {"observations":
-/// [{"load_kg", "state", "region1": {"distance", "anomalous", ...}, "region2", ...}], "learned", ...}}. Fails where a
-/// curve cannot be measured or judged. Counts of the summary are those of all joints.
+/// {"observations": [{"load_kg", "state", "region1": {"distance", "anomalous", ...}, "region2", ...}], "learned",
+/// ...}}. ErrorKind::input where a joint has too few curves to learn from, otherwise as in results.hpp; ErrorKind::work
+/// where a curve cannot be judged. Counts of the summary are sums over the joints.
 Result<LabSummary> run_study(const Study& study, const LabOptions& options);
 
 }  // namespace tribotwin::twin::study

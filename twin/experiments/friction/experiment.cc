@@ -9,19 +9,19 @@
 namespace tribotwin::twin {
 namespace {
 
-// Of the servo below after a ramp, the decay of its slowest pole (14.5 rad/s) over `settle_s` leaves 0.07 %; levels_of
-// cuts off more where the position shows it.
+// After a ramp the slowest pole of the servo (14.5 rad/s) decays over `settle_s` to 0.07 %; levels_of removes more
+// where the position shows it.
 constexpr double ramp_s = 0.2, settle_s = 0.5, measure_s = 0.5, dwell_s = 0.05;
 constexpr double longest_step_s = 0.004;
 constexpr double deg = std::numbers::pi / 180;
 
-/// Paper 2, Table 1 [deg/s, deg].
+/// Zhou 2024, Table 1 [deg/s, deg].
 constexpr struct {
   double speed, displacement;
 } cycle[] = {{0.1, 2},  {0.5, 6},  {1, 15},   {1.5, 15}, {2, 30},   {3, 30},   {5, 60},   {8, 120},
              {10, 120}, {15, 180}, {30, 240}, {45, 360}, {60, 360}, {80, 360}, {100, 360}};
 
-/// Data with the arm at a pose, load and temperature as they are before the joint moves.
+/// Data with the arm at a pose, with load and temperature from before the motion.
 mujoco::DataPtr prepared(const mujoco::Model& bench, std::size_t drive, std::span<const double> pose_rad,
                          const Measurement& me) {
   const mjModel* m = bench.get();
@@ -40,7 +40,7 @@ mujoco::DataPtr prepared(const mujoco::Model& bench, std::size_t drive, std::spa
       s.ambient_offset_K = me.heat.ambient_offset_K;
       drive::set_faults(s, me.faults);
     } else {
-      s.brake_engaged = 1e6;  // the others stand
+      s.brake_engaged = 1e6;  // the others are braked
     }
     state.load_nm = gravity_torque_nm(m, d.get(), drives[i].dof) + (own ? me.external_nm : 0);
   }
@@ -58,11 +58,20 @@ struct Loop {
   }
 };
 
+/// How long the joint sticks at a reversal at speed v: until the torque has changed by gain v (1 + (Kp + 1/Ti) t +
+/// Kp/(2 Ti) t^2) from friction in one direction to friction in the other.
+double stuck_s(const CascadedOptions& servo, double breakaway_nm, double gain, double v) {
+  const double per_s = servo.integral_time_s > 0 ? 1 / servo.integral_time_s : 0;
+  const double a = 0.5 * servo.position_gain_1_s * per_s, b = servo.position_gain_1_s + per_s,
+               c = 1 - 2 * breakaway_nm / (gain * v);
+  return c >= 0 ? 0 : a > 0 ? (-b + std::sqrt(b * b - 4 * a * c)) / (2 * a) : b > 0 ? -c / b : 1e300;
+}
+
 }  // namespace
 
 Result<std::shared_ptr<const mujoco::Model>> bench_of(const mujoco::Model& arm, bool gravity, double sampling_hz) {
-  // Stiction or friction of some joint may need a shorter step. Asked of a copy, for engine plugins do not refuse but
-  // end the process.
+  // Stiction or friction of a joint may need a shorter step. Tried on a copy: engine plugins terminate the process
+  // instead of refusing a model.
   const mujoco::ModelPtr trial(mj_copyModel(nullptr, arm.get()));
   double parts = std::ceil(1 / sampling_hz / std::max(longest_step_s, arm->opt.timestep) - 1e-9);
   const auto carries = [&] {
@@ -95,19 +104,14 @@ Result<Motion> plus_minus(const mujoco::Model& bench, std::size_t drive, const M
   std::vector<double> low = me.start_rad, high = me.start_rad;
   std::optional<Motion> motion;
   for (const double v : me.speeds_rad_s) {
-    // While the joint sticks at its turn, the torque grows as gain v (1 + (Kp + 1/Ti) t + Kp/(2 Ti) t^2), from friction
-    // in one direction to friction in the other.
-    const double per_s = me.servo.integral_time_s > 0 ? 1 / me.servo.integral_time_s : 0;
-    const double a = 0.5 * me.servo.position_gain_1_s * per_s, b = me.servo.position_gain_1_s + per_s,
-                 c = 1 - 2 * breakaway / (gain * v);
-    const double stuck_s = c >= 0 ? 0 : a > 0 ? (-b + std::sqrt(b * b - 4 * a * c)) / (2 * a) : b > 0 ? -c / b : 1e300;
-    if (v < 1e-4 || stuck_s > 20)
-      return tl::unexpected(fmt::format(
+    const double stuck = stuck_s(me.servo, breakaway, gain, v);
+    if (v < 1e-4 || stuck > 20)
+      return work_failed(fmt::format(
           "no steady motion at {:g} motor rad/s ({}); such low speeds stick and slip, measure at higher ones",
           v * binding.drive.gear_ratio,
           v < 1e-4 ? "below 1e-4 rad/s of the joint"
-                   : fmt::format("the servo would need {:.0f} s to break the joint away", stuck_s)));
-    const double reach = 0.5 * std::min(v * measure_s, me.width_rad) + v * (0.5 * ramp_s + settle_s + 3 * stuck_s);
+                   : fmt::format("the servo would need {:.0f} s to break the joint away", stuck)));
+    const double reach = 0.5 * std::min(v * measure_s, me.width_rad) + v * (0.5 * ramp_s + settle_s + 3 * stuck);
     low[drive] = me.start_rad[drive] - reach;
     high[drive] = me.start_rad[drive] + reach;
     const std::vector<double> speed(joints, v), acceleration(joints, v / ramp_s);
@@ -181,12 +185,12 @@ Result<JointRecording> record(const mujoco::Model& bench, std::size_t drive, con
     bench.step(d.get(), {Loop::control, &loop});
     for (int w = 0; w < mjNWARNING; ++w)
       if (d->warning[w].number)
-        return tl::unexpected(fmt::format("the simulation diverged: {}",
-                                          mju_warningText(w, static_cast<std::size_t>(d->warning[w].lastinfo))));
+        return work_failed(fmt::format("the simulation diverged: {}",
+                                       mju_warningText(w, static_cast<std::size_t>(d->warning[w].lastinfo))));
     const drive::Workspace& s = mujoco::workspace(d.get(), binding);
     signals.torque_nm.push_back(s.torque_nm);
-    // Of this step; the drive itself knows the load one step late, and only filtered where that is asked for. A
-    // controller knows it by its current, as it knows the torque.
+    // Load of this step; that of the drive is one step late and filtered where configured. A controller measures it by
+    // the motor current, like the torque.
     const double load = drive::delivered_nm(s) - s.friction_nm -
                         m->dof_armature[binding.dof] * (d->qvel[binding.dof] - signals.velocity_rad_s.back()) / dt;
     signals.load_nm.push_back(load / (1 - me.faults.torque_loss));
@@ -219,7 +223,7 @@ Result<std::vector<CurvePoint>> measure_curve(const mujoco::Model& model, std::s
   me.heat.rise = thermal::settled(drive.thermal, options.temperature_degC - drive.thermal.T_amb_degC);
   if (gravity) {
     const auto pose = Gravity(model, drive_index, me.start_rad).pose_for(options.load_norm * drive.torque_max_nm);
-    if (!pose) return tl::unexpected(pose.error());
+    if (!pose) return tl::unexpected(Error(pose.error().message));
     me.start_rad = pose->position_rad;
     me.width_rad = pose->width_rad;
   } else {

@@ -4,6 +4,7 @@
 
 #include <fmt/format.h>
 
+#include <tribotwin/twin/experiments/friction/curve_rows.hpp>
 #include <tribotwin/twin/experiments/friction/results.hpp>
 #include <tribotwin/twin/io/file.hpp>
 #include <tribotwin/twin/io/table.hpp>
@@ -35,18 +36,18 @@ Result<LabSummary> run_campaign(const Campaign& campaign, const LabOptions& opti
   std::string all = curve_columns;
   for (const std::string& text : completed->texts) all += text.substr(std::strlen(curve_columns));
   const std::filesystem::path file = options.directory / "curves.csv";
-  if (auto ok = write_derived(file, all, options.existing); !ok) return tl::unexpected(ok.error());
+  if (auto ok = write_derived(file, all, options.existing); !ok) return work_failed(ok.error().message);
 
   const auto table = read_table(file);
-  if (!table) return tl::unexpected(table.error());
+  if (!table) return work_failed(table.error().message);
   const auto speed = table->numbers("speed_rad_s"), load = table->numbers("load_norm"),
              temperature = table->numbers("temperature_degC");
   for (const auto* column : {&speed, &load, &temperature})
-    if (!*column) return tl::unexpected(column->error());
+    if (!*column) return work_failed(column->error().message);
   const drive::Drive& drive = campaign.model->drives()[campaign.drive].drive;
   summary.levels = speed->size();
   for (std::size_t i = 0; i < speed->size(); ++i) {
-    // What was set at the edge of the range was measured a rounding beside it.
+    // A condition at the edge of the range is measured within rounding of it.
     bool outside = true;
     for (const double side : {-1e-3, 1e-3})
       outside = outside && friction::level(drive.law, friction::at_temperature(drive.law, (*temperature)[i] + side),

@@ -10,13 +10,13 @@
 namespace tribotwin::twin {
 
 struct LabSummary {
-  std::size_t curves = 0, present = 0;  ///< in all; measured by an earlier run
+  std::size_t curves = 0, present = 0;  ///< all; those measured by an earlier run
   std::size_t levels = 0, outside = 0;  ///< rows of curves.csv; those outside the range of the law
   double wall_s = 0;
 };
 
-/// Measures what a campaign's folder lacks and writes curves.csv, rows in the order of the campaign. The folder holds
-/// campaign.yaml (resolved) and every curve in curves/ (resumable_jobs.hpp, also for what it throws and how it fails).
+/// Measures the curves that the campaign's folder lacks and writes curves.csv, in the order of the campaign. The folder
+/// contains campaign.yaml (resolved) and every curve in curves/. Errors as in resumable_jobs.hpp.
 Result<LabSummary> run_campaign(const Campaign& campaign, const LabOptions& options);
 
 }  // namespace tribotwin::twin

@@ -23,23 +23,8 @@ Fault read_fault(Mapping in, const Campaign& c) {
   return f;
 }
 
-}  // namespace
-
-bool is_repeatability(const YAML::Node& root) {
-  return root.IsMap() && root["procedure"] && root["procedure"].IsScalar() && root["procedure"].Scalar() == procedure;
-}
-
-Campaign load_campaign(const std::filesystem::path& file, YAML::Node root) {
-  Campaign c;
-  c.file = file;
-  Mapping in(file.string(), "", root);
-  in.accept({"name", "description", "procedure", "model", "robots", "days", "duration_s", "ambient", "scatter",
-             "sensors", "excitation", "faults", "seed"});
-  in.choice("procedure", {procedure});
-  c.name = in.file_name_or("name", file.stem().string());
-  root["name"] = c.name;
-  c.description = in.text_or("description", "");
-  c.seed = in.whole_or("seed", 1, {0, 9007199254740992.0});
+/// The model; resolves its path in `root`.
+void read_model(Mapping& in, const std::filesystem::path& file, YAML::Node root, Campaign& c) {
   const auto path = in.file("model", std::filesystem::absolute(file).parent_path());
   root["model"] = path.string();
   const auto model = mujoco::load_file(path);
@@ -48,15 +33,16 @@ Campaign load_campaign(const std::filesystem::path& file, YAML::Node root) {
   if (static_cast<std::size_t>((*c.model)->nv) != c.model->drives().size())
     in.fail("model", "has joints without a tribotwin.drive");
   for (const auto& binding : c.model->drives()) {
-    if (binding.drive.law.info->name != "polynomial")
-      in.fail("model", fmt::format("has the law '{}' in {}; working days are for 'polynomial', paper 5's",
-                                   binding.drive.law.info->name, joint_name(c.model->get(), binding)));
+    if (binding.drive.law.info != &law_of_days())
+      in.fail("model",
+              fmt::format("has the law '{}' in {}; working days need '{}', Pagani's", binding.drive.law.info->name,
+                          joint_name(c.model->get(), binding), law_of_days().name));
     if (binding.drive.thermal.order == thermal::Order::prescribed)
       in.fail("model", fmt::format("has no thermal model in {}", joint_name(c.model->get(), binding)));
   }
-  c.robots = in.whole_or("robots", 2, {1, 20});
-  c.days = in.whole_or("days", 4, {1, 50});
-  c.duration_s = in.number_or("duration_s", c.duration_s, {60, 1e5});
+}
+
+void read_scatter(Mapping& in, Campaign& c) {
   if (auto ambient = in.mapping("ambient")) {
     ambient->accept({"mean_degC", "std_K"});
     c.ambient_degC = ambient->number_or("mean_degC", c.ambient_degC, {-40, 60});
@@ -73,18 +59,53 @@ Campaign load_campaign(const std::filesystem::path& file, YAML::Node root) {
     c.torque_noise_share = sensors->number_or("torque_noise_share", 0, {0, 1});
     c.sampling_hz = sensors->number_or("sampling_hz", c.sampling_hz, {50, 1000});
   }
+}
+
+void read_excitation(Mapping& in, Campaign& c) {
   c.excitation.seed = c.seed;
-  if (auto excitation = in.mapping("excitation")) {
-    excitation->accept({"share", "evaluations", "heating_s"});
-    c.excitation.share = excitation->number_or("share", c.excitation.share, {0.01, 1});
-    c.excitation.evaluations = static_cast<int>(
-        excitation->whole_or("evaluations", static_cast<std::size_t>(c.excitation.evaluations), {10, 1e7}));
-    c.excitation.heating_s = excitation->number_or("heating_s", c.excitation.heating_s, {10, 3600});
-  }
+  auto excitation = in.mapping("excitation");
+  if (!excitation) return;
+  excitation->accept({"share", "evaluations", "heating_s"});
+  c.excitation.share = excitation->number_or("share", c.excitation.share, {0.01, 1});
+  c.excitation.evaluations = static_cast<int>(
+      excitation->whole_or("evaluations", static_cast<std::size_t>(c.excitation.evaluations), {10, 1e7}));
+  c.excitation.heating_s = excitation->number_or("heating_s", c.excitation.heating_s, {10, 3600});
+}
+
+}  // namespace
+
+bool is_repeatability(const YAML::Node& root) {
+  return root.IsMap() && root["procedure"] && root["procedure"].IsScalar() && root["procedure"].Scalar() == procedure;
+}
+
+const friction::LawInfo& law_of_days() {
+  static const friction::LawInfo& law = *friction::find_law("polynomial");
+  return law;
+}
+
+Result<Campaign> load_campaign(const std::filesystem::path& file, YAML::Node root) try {
+  Campaign c;
+  c.file = file;
+  Mapping in(file.string(), "", root);
+  in.accept({"name", "description", "procedure", "model", "robots", "days", "duration_s", "ambient", "scatter",
+             "sensors", "excitation", "faults", "seed"});
+  in.choice("procedure", {procedure});
+  c.name = in.file_name_or("name", file.stem().string());
+  root["name"] = c.name;
+  c.description = in.text_or("description", "");
+  c.seed = in.whole_or("seed", 1, {0, 9007199254740992.0});
+  read_model(in, file, root, c);
+  c.robots = in.whole_or("robots", 2, {1, 20});
+  c.days = in.whole_or("days", 4, {1, 50});
+  c.duration_s = in.number_or("duration_s", c.duration_s, {60, 1e5});
+  read_scatter(in, c);
+  read_excitation(in, c);
   for (Mapping fault : in.mappings("faults")) c.faults.push_back(read_fault(std::move(fault), c));
   in.done();
   c.resolved_yaml = resolved_yaml(*c.model, root);
   return c;
+} catch (const InputError& e) {
+  return tl::unexpected(Error(e.what()));
 }
 
 std::uint64_t seed_for(const Campaign& campaign, std::uint64_t purpose, std::uint64_t number) {
@@ -96,7 +117,7 @@ std::uint64_t seed_for(const Campaign& campaign, std::uint64_t purpose, std::uin
 Result<Individual> individual(const Campaign& campaign, std::size_t robot) {
   Individual out;
   std::mt19937_64 random(seed_for(campaign, of_friction, robot));
-  // Three standard deviations at most: nothing turns negative.
+  // At most three standard deviations: factors stay positive.
   const auto factor = [&](double scatter) {
     return 1 + scatter * std::clamp(std::normal_distribution<double>()(random), -3.0, 3.0);
   };

@@ -12,11 +12,11 @@
 #include <tribotwin/twin/robot/excitation.hpp>
 #include <tribotwin/twin/simulation/scenario.hpp>
 
-/// Paper 3's comparison: the same motion on several robots of one type, over working days that begin cold. A YAML file,
-/// read strictly. The keys are documented in twin/README.md.
+/// Hao 2021's comparison: the same motion on several robots of one type, over working days that begin cold, from a YAML
+/// file.
 namespace tribotwin::twin::repeatability {
 
-/// Something breaks: from then on law parameters of a joint are multiplied.
+/// From `time_s` on, law parameters of a joint are multiplied.
 struct Fault {
   std::size_t robot = 0, day = 0;  ///< from 0
   double time_s = 0;               ///< of the day
@@ -26,7 +26,7 @@ struct Fault {
 struct Campaign {
   std::filesystem::path file;
   std::string name, description;
-  std::string resolved_yaml;  ///< the same campaign with its model's path absolute and every --set applied
+  std::string resolved_yaml;  ///< the campaign with every --set applied and an absolute path of the model
   std::uint64_t seed = 1;
   std::shared_ptr<const mujoco::Model> model;
   std::size_t robots = 2, days = 4;
@@ -45,21 +45,26 @@ struct Campaign {
   std::size_t day_of(std::size_t test) const { return test % days; }
 };
 
-/// Whether a campaign's file is one of these: `procedure: working_days`.
+/// The law of the joints of these robots, `polynomial`. Its first parameters f1 .. f4 are torques; a and T0 follow.
+const friction::LawInfo& law_of_days();
+inline constexpr std::size_t torque_parameters = 4;
+
+/// Whether a tree is such a campaign: `procedure: working_days`.
 bool is_repeatability(const YAML::Node& root);
 
-/// Reads and checks a campaign; `root` is the file's, --set applied. Throws InputError.
-Campaign load_campaign(const std::filesystem::path& file, YAML::Node root);
+/// Reads and checks the campaign of a tree, with every --set applied, from `file`. ErrorKind::input with file, key and
+/// what would be right.
+Result<Campaign> load_campaign(const std::filesystem::path& file, YAML::Node root);
 
 /// One robot of the type, drawn by the campaign's seed.
 struct Individual {
   std::shared_ptr<const mujoco::Model> model;  ///< with its masses and inertias
   std::vector<double> friction;                ///< per drive: factor of every torque of its law
 };
-/// Fails where the changed model could not carry its drives.
+/// ErrorKind::input where the drives do not allow the changed model.
 Result<Individual> individual(const Campaign& campaign, std::size_t robot);
 
-/// Where a test is kept, below the campaign's folder.
+/// The file of a test, relative to the campaign's folder.
 std::filesystem::path file_of(const Campaign& campaign, std::size_t test);
 
 /// Ambient temperature of a day [degC].

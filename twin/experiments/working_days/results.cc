@@ -5,6 +5,8 @@
 #include <fmt/format.h>
 
 #include <tribotwin/twin/experiments/working_days/results.hpp>
+#include <tribotwin/twin/experiments/working_days/tables.hpp>
+#include <tribotwin/twin/experiments/working_days/working_day_file.hpp>
 #include <tribotwin/twin/io/file.hpp>
 #include <tribotwin/twin/io/input.hpp>
 
@@ -26,12 +28,13 @@ Shape shape_of(const Regressor& regressor) {
 
 Result<Results> run_campaign(const Campaign& campaign, const LabOptions& options) {
   const auto regressor = Regressor::create(campaign.model->get());
-  if (!regressor) throw InputError(fmt::format("{}: {}", campaign.file.string(), regressor.error().message));
+  if (!regressor)
+    return tl::unexpected(Error(fmt::format("{}: {}", campaign.file.string(), regressor.error().message)));
   const auto excitation = excite(*campaign.model, *regressor, base_parameters(*regressor), campaign.excitation);
-  if (!excitation) return tl::unexpected(excitation.error());
+  if (!excitation) return work_failed(excitation.error().message);
   if (campaign.duration_s < excitation->duration_s())
-    throw InputError(fmt::format("{}: duration_s: is {:g}, but one cycle of the motion takes {:.0f} s",
-                                 campaign.file.string(), campaign.duration_s, excitation->duration_s()));
+    return tl::unexpected(Error(fmt::format("{}: duration_s: is {:g}, but one cycle of the motion takes {:.0f} s",
+                                            campaign.file.string(), campaign.duration_s, excitation->duration_s())));
   const Shape shape = shape_of(*regressor);
   ResumableJobs parts{.folder = file_of(campaign, 0).parent_path().string(),
                       .files = {},
@@ -45,7 +48,7 @@ Result<Results> run_campaign(const Campaign& campaign, const LabOptions& options
   for (std::size_t test = 0; test < campaign.tests(); ++test) {
     auto day = from_text(completed->texts[test], shape);
     if (!day)
-      return tl::unexpected(
+      return work_failed(
           fmt::format("{}: {}", (options.directory / file_of(campaign, test)).string(), day.error().message));
     days.push_back(*std::move(day));
   }
@@ -56,7 +59,7 @@ Result<Results> run_campaign(const Campaign& campaign, const LabOptions& options
   tables.push_back({"motion.csv", to_csv(*excitation, *regressor, 250)});
   for (const auto& [name, text] : tables) {
     out->files.push_back(options.directory / name);
-    if (auto ok = write_derived(out->files.back(), text, options.existing); !ok) return tl::unexpected(ok.error());
+    if (auto ok = write_derived(out->files.back(), text, options.existing); !ok) return work_failed(ok.error().message);
   }
   return out;
 }
@@ -71,7 +74,7 @@ Result<Results> read_results(const Campaign& campaign, const std::filesystem::pa
     std::ifstream stream(file, std::ios::binary);
     if (!stream)
       return tl::unexpected(
-          fmt::format("{}: is missing; 'tribotwin lab' goes on where it was interrupted", file.string()));
+          fmt::format("{}: is missing; 'tribotwin lab' continues an interrupted campaign", file.string()));
     auto day = from_text(std::string(std::istreambuf_iterator<char>(stream), {}), shape);
     if (!day) return tl::unexpected(fmt::format("{}: {}", file.string(), day.error().message));
     days.push_back(*std::move(day));

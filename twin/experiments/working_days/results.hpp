@@ -18,12 +18,12 @@ struct Results {
   std::vector<std::filesystem::path> files;  ///< written by this run, beside the tests
 };
 
-/// Makes the tests that a campaign's folder lacks, each a file in tests/ (experiments/resumable_jobs.hpp, also for what
-/// it throws and how it fails), and writes its tables and motion.csv. Throws InputError also where a day is shorter
-/// than a cycle of the motion.
+/// Makes the tests that the campaign's folder lacks, each a file in tests/, and writes its tables and motion.csv.
+/// Errors as in experiments/resumable_jobs.hpp; ErrorKind::input also where a day is shorter than a cycle of the
+/// motion.
 Result<Results> run_campaign(const Campaign& campaign, const LabOptions& options);
 
-/// Of a finished campaign's folder. Fails where a test is missing or damaged, with its file.
+/// Results of a finished campaign's folder. ErrorKind::input with the file where a test is missing or damaged.
 Result<Results> read_results(const Campaign& campaign, const std::filesystem::path& directory);
 
 }  // namespace tribotwin::twin::repeatability

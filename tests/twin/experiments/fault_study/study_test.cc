@@ -27,7 +27,7 @@ struct Folder {
 
 /// The shipped study with the series of Tables II and III, and beyond them those named.
 YAML::Node tables_and(const std::vector<std::string>& more) {
-  YAML::Node tree = campaign_tree(shipped, {"diagnosis.draws=0"}), series, check;
+  YAML::Node tree = *campaign_tree(shipped, {"diagnosis.draws=0"}), series, check;
   const auto wanted = [&](const YAML::Node& node, const char* key) {
     const auto name = node[key].Scalar();
     return name.starts_with("healthy") || name.starts_with("load") || name == "evolution" || name == "second_day" ||
@@ -44,7 +44,7 @@ YAML::Node tables_and(const std::vector<std::string>& more) {
 
 TEST(Study, TablesTwoAndThreeHaveThePapersStructure) {
   const Folder folder;
-  const Study study = load_study(shipped, tables_and({}));
+  const Study study = load_study(shipped, tables_and({})).value();
   ASSERT_EQ(study.joints.size(), 2u);
   for (const Joint& joint : study.joints)
     EXPECT_EQ(std::ranges::count_if(joint.campaign.curves,
@@ -64,7 +64,7 @@ TEST(Study, TablesTwoAndThreeHaveThePapersStructure) {
       double& largest = kg == 0 ? healthy : loaded;
       largest = std::max<double>(largest, o["region1"]["distance"]);
     }
-    EXPECT_LT(healthy, 4) << joint;  // paper 2's own threshold: a temperature is no anomaly
+    EXPECT_LT(healthy, 4) << joint;  // Zhou 2024's own threshold: a temperature is no anomaly
     EXPECT_GT(loaded, 5 * healthy) << joint;
   }
   // Errors of one joint are not those of the other.
@@ -92,7 +92,7 @@ TEST(Study, FaultsOfTwiceTheirDetectionLimitAreNamed) {
   tree["diagnosis"]["check"] = check;
   tree["diagnosis"]["learn"] = YAML::Load("[evolution]");
   tree["diagnosis"]["draws"] = 20;
-  const auto summary = run_study(load_study(shipped, tree), {.directory = folder.path});
+  const auto summary = run_study(load_study(shipped, tree).value(), {.directory = folder.path});
   ASSERT_TRUE(summary) << summary.error().message;
   std::ifstream file(folder.path / "diagnosis.json");
   const auto json = nlohmann::json::parse(file);
@@ -119,12 +119,8 @@ TEST(Study, WrongOnesAreRefusedWithFileAndKey) {
          "diagnosis: {learn: [evolution], check: [{series: evolution, state: cold}]}\n"
          "series: [{name: evolution, load: {by: payload, mass_kg: 0}, temperature: {prescribed_degC: 40}}]\n";
   const auto error = [&](const std::vector<std::string>& settings) -> std::string {
-    try {
-      load_study(file, campaign_tree(file, settings));
-    } catch (const InputError& e) {
-      return e.what();
-    }
-    return "accepted";
+    const auto study = load_study(file, campaign_tree(file, settings).value());
+    return study ? "accepted" : study.error().message;
   };
   EXPECT_EQ(error({}), "accepted");
   EXPECT_THAT(error({"diagnosis.learn=[evolutoin]"}),

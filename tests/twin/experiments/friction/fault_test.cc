@@ -9,7 +9,7 @@
 #include <gmock/gmock.h>
 
 #include <tribotwin/plugins/drive/fault.hpp>
-#include <tribotwin/twin/experiments/friction/campaign.hpp>
+#include <tribotwin/twin/experiments/friction/curve_rows.hpp>
 #include <tribotwin/twin/simulation/run.hpp>
 
 namespace tribotwin::twin {
@@ -39,7 +39,7 @@ std::map<std::string, std::vector<double>> curve(const std::string& fault, doubl
                   ", lag_s: 0.02}\n"
                   "series:\n  - {name: a, load: {by: payload, mass_kg: 0}, temperature: {prescribed_degC: 40}" +
                   (fault.empty() ? "" : ", fault: " + fault) + "}\n");
-  const Campaign campaign = load_campaign(file.path);
+  const Campaign campaign = load_campaign(file.path).value();
   const auto rows = measured_rows(campaign, campaign.curves.at(0));
   EXPECT_TRUE(rows) << rows.error().message;
   std::map<std::string, std::vector<double>> columns;

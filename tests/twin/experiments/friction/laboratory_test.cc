@@ -10,6 +10,7 @@
 #include <fmt/format.h>
 #include <gmock/gmock.h>
 
+#include <tribotwin/twin/experiments/friction/curve_rows.hpp>
 #include <tribotwin/twin/experiments/friction/results.hpp>
 #include <tribotwin/twin/experiments/friction/warmup.hpp>
 #include <tribotwin/twin/identification/curves/levels.hpp>
@@ -357,7 +358,7 @@ TEST(TestCycle, MeasuresTheLawInUnderThreeMinutes) {
 TEST(TestCycle, FindsTheLagOfTheTorqueWithinASample) {
   const auto arm = mujoco::load_file(source + "/mjcf/br609.xml").value();
   const auto bench = bench_of(*arm, true, 250).value();
-  for (const double lag : {0.0, 0.01, 0.04}) {  // the last is paper 2's 4 deg at 100 deg/s
+  for (const double lag : {0.0, 0.01, 0.04}) {  // the last is Zhou 2024's 4 deg at 100 deg/s
     Measurement me{
         .speeds_rad_s = test_cycle_speeds_rad_s(),
         .start_rad = std::vector<double>(6, 0.0),
@@ -438,15 +439,12 @@ class CampaignFiles : public testing::Test {
       "3}}}\n";
   Campaign campaign(const std::string& yaml, const std::vector<std::string>& settings = {}) {
     std::ofstream(folder / "c.yaml") << yaml;
-    return load_campaign(folder / "c.yaml", settings);
+    return load_campaign(folder / "c.yaml", settings).value();
   }
   std::string refusal(const std::string& yaml, const std::vector<std::string>& settings = {}) {
-    try {
-      campaign(yaml, settings);
-      return "accepted";
-    } catch (const InputError& e) {
-      return e.what();
-    }
+    std::ofstream(folder / "c.yaml") << yaml;
+    const auto read = load_campaign(folder / "c.yaml", settings);
+    return read ? "accepted" : read.error().message;
   }
 };
 
@@ -519,7 +517,7 @@ TEST_F(CampaignFiles, WrongOnesAreRefusedWithFileAndKey) {
       {text(simple, "procedure: plus\nspeeds_rad_s: [1]\n"),
        "procedure: 'plus' is not known; did you mean 'plus_minus'"},
       {text(simple, "procedure: plus_minus\n"), "speeds_rad_s: is missing"},
-      {text(simple, "procedure: plus_minus\nspeeds_rad_s: [10, 10.2]\n"), "too near to be told apart"},
+      {text(simple, "procedure: plus_minus\nspeeds_rad_s: [10, 10.2]\n"), "too close to be separated"},
       {text(simple, "procedure: plus_minus\nspeeds_rad_s: [-3]\n"), "speeds_rad_s: is -3 but must be within"},
       {text(simple, "procedure: plus_minus\nspeeds_rad_s: {from: 1, to: 5}\n"), "speeds_rad_s.count: is missing"},
       {text(simple, "procedure: plus_minus\nspeeds_rad_s: {from: 0, to: 5, count: 3, spacing: logarithmic}\n"),
@@ -555,7 +553,7 @@ TEST_F(CampaignFiles, WrongOnesAreRefusedWithFileAndKey) {
        "leaves the range of law 'extended'"},
       {text("  - {name: a, load: {by: pose, norm: 0}, " + temperature + "}\n",
             "procedure: test_cycle\nstart_rad: {joint2: 0.5}\n"),
-       "pose has no meaning for the test cycle"},
+       "pose is not possible with the test cycle"},
   };
   for (const auto& [yaml, says] : cases) {
     const std::string refused = refusal(yaml);
@@ -663,7 +661,7 @@ TEST(ShippedCampaigns, AreWhatTheyClaim) {
                  {"irb6620_all", 488, 5856},
                  {"br609", 15, 225}};
   for (const auto& s : shipped) {
-    const Campaign c = load_campaign(source + "/twin/scenarios/" + s.name + "_campaign.yaml");
+    const Campaign c = load_campaign(source + "/twin/scenarios/" + s.name + "_campaign.yaml").value();
     std::size_t levels = 0;
     for (const Curve& curve : c.curves) levels += curve.measurement.speeds_rad_s.size();
     EXPECT_EQ(c.curves.size(), s.curves) << s.name;
