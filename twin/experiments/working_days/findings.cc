@@ -129,12 +129,13 @@ Result<Thermal> thermal_of(const Campaign& c, const std::vector<WorkingDay>& day
 }
 
 std::vector<TimeConstant> times_of(const ThermalFit& fit) {
-  static constexpr const char* names[] = {"t1", "t2"};
   const auto times = time_constants(fit);
   std::vector<TimeConstant> out;
-  for (std::size_t i = 0; i < times.size(); ++i)  // the last: the slow one
-    out.push_back(
-        {names[std::size(names) - times.size() + i], times[i].value, times[i].sigma, identified(fit, times[i].name)});
+  for (std::size_t i = 0; i < times.size(); ++i) {
+    const Pole pole = i + 1 == times.size() ? Pole::slow : Pole::fast;
+    out.push_back({pole, pole_names[static_cast<std::size_t>(pole)], times[i].value, times[i].sigma,
+                   identified(fit, times[i].name)});
+  }
   return out;
 }
 

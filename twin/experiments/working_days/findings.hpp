@@ -44,7 +44,10 @@ std::vector<std::string> joint_names(const Campaign& campaign);
 bool is_changed(const Findings& findings, std::size_t robot, std::size_t day);
 
 /// A time constant with Hao 2021's name: that of a first-order model is the slow one, t2.
+enum class Pole { fast, slow };
+inline constexpr const char* pole_names[] = {"t1", "t2"};
 struct TimeConstant {
+  Pole pole;
   const char* name;
   double value_s, sigma_s;
   bool identified;

@@ -12,12 +12,12 @@ namespace {
 std::string number(double x) { return std::isfinite(x) ? fmt::format("{:.9g}", x) : std::string(); }
 
 /// The time constant [s] of the simulated robot; 0 where its thermal model has none.
-double true_time_s(const Campaign& c, std::size_t joint, std::string_view name) {
+double true_time_s(const Campaign& c, std::size_t joint, Pole pole) {
   const auto& model =
       std::ranges::find(c.model->drives(), static_cast<int>(joint), &mujoco::Binding::dof)->drive.thermal;
-  if (model.order == thermal::Order::first) return name == "t2" ? model.t_s[0] : 0;
+  if (model.order == thermal::Order::first) return pole == Pole::slow ? model.t_s[0] : 0;
   const auto [fast, slow] = std::minmax(model.t_s[0], model.t_s[1]);
-  return name == "t1" ? fast : slow;
+  return pole == Pole::fast ? fast : slow;
 }
 
 std::string time_constants_csv(const Campaign& c, const Findings& f, const std::vector<std::string>& names) {
@@ -28,7 +28,7 @@ std::string time_constants_csv(const Campaign& c, const Findings& f, const std::
         for (const auto& t : times_of(d < c.days ? f.thermal[robot][j].days[d] : f.thermal[robot][j].merged))
           times += fmt::format("{},{},{},{},{},{},{},{}\n", robot + 1, d < c.days ? fmt::format("{}", d + 1) : "mix",
                                names[j], t.name, number(t.value_s), number(t.sigma_s), t.identified ? "yes" : "no",
-                               number(true_time_s(c, j, t.name)));
+                               number(true_time_s(c, j, t.pole)));
   return times;
 }
 
@@ -83,8 +83,9 @@ std::string changes_csv(const Campaign& c, const std::vector<WorkingDay>& days, 
 
 /// One time constant of one robot: a row per test, a column per joint. Sets `blind` where one is not identifiable.
 std::string times_table(const Campaign& c, const Findings& f, const std::vector<std::string>& names, std::size_t robot,
-                        std::string_view time, bool& blind) {
-  std::string s = fmt::format("{:<28}", fmt::format("robot {}, {} [min]", robot + 1, time));
+                        Pole pole, bool& blind) {
+  std::string s =
+      fmt::format("{:<28}", fmt::format("robot {}, {} [min]", robot + 1, pole_names[static_cast<std::size_t>(pole)]));
   for (const auto& joint : names) s += fmt::format(" {:>17}", joint);
   s += '\n';
   for (std::size_t d = 0; d <= c.days; ++d) {
@@ -95,7 +96,7 @@ std::string times_table(const Campaign& c, const Findings& f, const std::vector<
     for (std::size_t j = 0; j < names.size(); ++j) {
       std::string cell = "*";
       for (const auto& t : times_of(merged ? f.thermal[robot][j].merged : f.thermal[robot][j].days[d]))
-        if (t.name == time && t.identified) cell = fmt::format("{:.3f} +- {:.2g}", t.value_s / 60, t.sigma_s / 60);
+        if (t.pole == pole && t.identified) cell = fmt::format("{:.3f} +- {:.2g}", t.value_s / 60, t.sigma_s / 60);
       blind |= cell == "*";
       s += fmt::format(" {:>17}", cell);
     }
@@ -143,7 +144,7 @@ std::string summary(const Campaign& c, const std::vector<WorkingDay>& days, cons
   std::string s;
   bool blind = false;
   for (std::size_t robot = 0; robot < c.robots; ++robot)
-    for (const char* time : {"t1", "t2"}) s += times_table(c, f, names, robot, time, blind);
+    for (const Pole pole : {Pole::fast, Pole::slow}) s += times_table(c, f, names, robot, pole, blind);
   if (blind) s += "*: not identifiable from this record\n\n";
   s += inertia_table(c, days, f);
   for (const auto& x : f.changes)
