@@ -229,7 +229,7 @@ Result<void> usable(const Estimates& found, const friction::LawInfo* law) {
     return work_failed("the residuals of the fit are not finite; what is in the data that no joint has?");
   if (!law) return {};
   if (const auto made = friction::make_law(law->name, values); !made)
-    return work_failed(fmt::format("the law of these data cannot be used: {}", made.error().message));
+    return work_failed(fmt::format("these data give no law that can be used: {}", made.error().message));
   return {};
 }
 
