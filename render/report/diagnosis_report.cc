@@ -7,6 +7,7 @@
 #include <tribotwin/render/report/diagnosis_report.hpp>
 #include <tribotwin/render/report/feature_regions.hpp>
 #include <tribotwin/render/report/fit_data.hpp>
+#include <tribotwin/twin/diagnosis/healthy_file.hpp>
 #include <tribotwin/twin/io/input.hpp>
 
 namespace tribotwin::render {

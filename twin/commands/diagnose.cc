@@ -6,6 +6,8 @@
 #include <nlohmann/json.hpp>
 
 #include <tribotwin/twin/commands/program.hpp>
+#include <tribotwin/twin/diagnosis/healthy_file.hpp>
+#include <tribotwin/twin/diagnosis/learn.hpp>
 #include <tribotwin/twin/diagnosis/sequence.hpp>
 #include <tribotwin/twin/io/input.hpp>
 

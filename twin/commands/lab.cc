@@ -6,6 +6,7 @@
 #include <tribotwin/twin/experiments/fault_study/study.hpp>
 #include <tribotwin/twin/experiments/friction/results.hpp>
 #include <tribotwin/twin/experiments/working_days/results.hpp>
+#include <tribotwin/twin/experiments/working_days/tables.hpp>
 
 namespace tribotwin::twin::program {
 namespace {

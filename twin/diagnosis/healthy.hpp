@@ -1,15 +1,12 @@
 #pragma once
 
 #include <array>
-#include <filesystem>
 #include <optional>
-#include <span>
 #include <string>
 #include <vector>
 
 #include <Eigen/Dense>
 
-#include <tribotwin/plugins/friction/error.hpp>
 #include <tribotwin/twin/diagnosis/observation.hpp>
 
 /// The normal friction of one joint, learned from unloaded curves cold to hot, in two descriptions.
@@ -48,6 +45,9 @@ struct Baseline {
 
 /// Least squares of y (n x p) on x (n x q), rows weighted by 1 / scatter; n > q.
 Baseline regression(const Eigen::MatrixXd& x, const Eigen::MatrixXd& y, const Eigen::VectorXd& scatter);
+
+/// Scatter of a fit in a region from the covariance that it claims (Observation::shape); 0 where it claims none.
+double shape_scatter(const FeatureMatrix& shape, const RegionFeatures& region);
 
 struct HealthyState {
   std::string joint;         ///< empty: not known
@@ -97,20 +97,5 @@ struct HealthyState {
   /// Extra load (load_norm) at which Zhou 2024's distance in region 1 reaches the wear threshold.
   double wear_load() const;
 };
-
-struct LearnOptions {
-  bool robust = false;  ///< leave outliers out (minimum covariance determinant, reweighted)
-  double lever_m = 0;   ///< as in HealthyState
-};
-
-/// `loaded`: curves of the same joint with load, from which its effect is learned; may be empty. ErrorKind::input, with
-/// what to record next: too few observations, all of them equal or collinear, features that are not identifiable from a
-/// curve, loaded curves among `healthy`, more than one joint or unit.
-Result<HealthyState> learn(std::span<const ObservationFile> healthy, std::span<const ObservationFile> loaded,
-                           double load_sensitivity, const LearnOptions& options = {});
-
-std::string to_yaml(const HealthyState& state);
-/// A file of to_yaml. ErrorKind::input with file, key and what would be right.
-Result<HealthyState> read_healthy(const std::filesystem::path& file);
 
 }  // namespace tribotwin::twin::diagnosis

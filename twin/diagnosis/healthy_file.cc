@@ -4,7 +4,7 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
-#include <tribotwin/twin/diagnosis/healthy.hpp>
+#include <tribotwin/twin/diagnosis/healthy_file.hpp>
 #include <tribotwin/twin/io/input.hpp>
 
 namespace tribotwin::twin::diagnosis {

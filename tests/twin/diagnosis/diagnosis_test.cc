@@ -11,6 +11,8 @@
 #include <unistd.h>
 
 #include <tribotwin/plugins/mujoco/loader.hpp>
+#include <tribotwin/twin/diagnosis/healthy_file.hpp>
+#include <tribotwin/twin/diagnosis/learn.hpp>
 #include <tribotwin/twin/diagnosis/sequence.hpp>
 #include <tribotwin/twin/io/input.hpp>
 

@@ -5,6 +5,7 @@
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
+#include <tribotwin/twin/diagnosis/learn.hpp>
 #include <tribotwin/twin/experiments/fault_study/power.hpp>
 #include <tribotwin/twin/experiments/fault_study/study.hpp>
 #include <tribotwin/twin/io/file.hpp>
