@@ -1,5 +1,4 @@
 #include <algorithm>
-#include <atomic>
 #include <cmath>
 #include <numbers>
 #include <optional>
@@ -10,6 +9,7 @@
 
 #include <tribotwin/twin/experiments/fault_study/power.hpp>
 #include <tribotwin/twin/identification/curves/samples.hpp>
+#include <tribotwin/twin/numerics/parallel.hpp>
 
 namespace tribotwin::twin::study {
 namespace {
@@ -152,16 +152,9 @@ Result<std::vector<Power>> power_of(const Campaign& campaign, const LevelStatist
   const Joint joint(campaign, levels, healthy);
   const auto faults = drive::faults();
   std::vector<Result<Power>> found(faults.size());
-  std::atomic<std::size_t> next = 0;
-  const auto work = [&] {
-    for (std::size_t i; (i = next++) < faults.size();)
-      found[i] = power_of_one(joint, healthy, faults[i], draws, false_alarm);
-  };
-  std::vector<std::thread> others;
-  for (unsigned t = 1; t < (threads ? threads : std::max(1u, std::thread::hardware_concurrency())); ++t)
-    others.emplace_back(work);
-  work();
-  for (std::thread& thread : others) thread.join();
+  identification::in_parallel(
+      faults.size(), threads ? threads : std::thread::hardware_concurrency(),
+      [&](std::size_t i) { found[i] = power_of_one(joint, healthy, faults[i], draws, false_alarm); });
   std::vector<Power> all;
   for (auto& one : found) {
     if (!one) return tl::unexpected(one.error());
