@@ -186,7 +186,8 @@ Result<Exit> vary(const Arguments& a, const fs::path& file, const std::vector<Va
 Result<Exit> execute(const Arguments& a) {
   if (a.list) return list_scenarios();
   catch_interrupts();
-  if (a.scenario.empty()) return tl::unexpected(Error("run needs a scenario; 'tribotwin run --list' names those that ship"));
+  if (a.scenario.empty())
+    return tl::unexpected(Error("run needs a scenario; 'tribotwin run --list' names those that ship"));
   std::vector<std::string> settings = a.settings;
   if (a.seed) settings.push_back(fmt::format("seed={}", *a.seed));
   const fs::path file = scenario_file(a.scenario);
