@@ -76,9 +76,10 @@ Result<Exit> execute(const Arguments& a) {
 
 void add_calibrate(CLI::App& app, int& code) {
   auto a = std::make_shared<Arguments>();
-  auto* c =
-      app.add_subcommand("calibrate", "Parameters of whole twins from recorded motions, tested on those held out");
-  c->add_option("FIT", a->fit, "What is sought from which recordings (twin/README.md), or the name of a shipped one")
+  auto* c = app.add_subcommand(
+      "calibrate", "Identify parameters of whole twins from recorded motions and test them on held-out recordings");
+  c->add_option("FIT", a->fit,
+                "FIT.yaml: free parameters and recordings (twin/README.md), or the name of a shipped one")
       ->required();
   c->add_option("-o,--output", a->directory, "Folder for calibration.json and the twins found (default: runs/NAME)");
   c->add_option("--seed", a->seed, "Seed of the search");

@@ -123,7 +123,8 @@ void add_curve(CLI::App& app, int& code) {
       ->capture_default_str()
       ->check(CLI::Range(-1000.0, 1000.0));
   command->add_option("--speeds", a->speeds, "FROM:TO:COUNT, motor side [rad/s]")->capture_default_str();
-  command->add_flag("--experiment", a->experiment, "Measure in simulation by paper 1's +-v procedure");
+  command->add_flag("--experiment", a->experiment,
+                    "Measure in simulation by the plus-minus procedure of Bittencourt 2012");
   command->add_option("--load-by", a->load_by, "What holds the load in the experiment")
       ->check(CLI::IsMember({"torque", "pose"}))
       ->capture_default_str();

@@ -63,7 +63,7 @@ Result<Exit> learn_state(const Arguments& a) {
                               : ""));
   if (!state->knows_temperature)
     note(
-        "the curves span less than 5 K or have no temperature_degC: what temperature does is not told apart from "
+        "the curves span less than 5 K or have no temperature_degC: effects of temperature cannot be separated from "
         "faults");
   return done;
 }
@@ -320,8 +320,7 @@ void add_residuals(CLI::App& app, const std::shared_ptr<Arguments>& a, int& code
 
 void add_diagnose(CLI::App& app, int& code) {
   auto a = std::make_shared<Arguments>();
-  auto* c =
-      app.add_subcommand("diagnose", "Whether a joint is healthy, from its friction at any temperature (paper 2)");
+  auto* c = app.add_subcommand("diagnose", "Diagnose a joint from its friction at any temperature (Zhou 2024)");
   c->require_subcommand(1);
   add_learn(*c, a, code);
   add_check(*c, a, code);

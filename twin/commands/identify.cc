@@ -142,8 +142,8 @@ std::string table_of(const Estimates& fit, std::string_view law, std::string_vie
       fit.residual.mean, fit.residual.std, fit.residual.max_abs, unit, fit.samples, or_dash(fit.r_squared, ".5f"),
       or_dash(fit.condition_number, ".3g"), or_dash(fit.aicc, ".1f"));
   s += fit.unidentifiable.empty()
-           ? "every parameter can be told from these data\n"
-           : fmt::format("cannot be told from these data: {}\n", fmt::join(fit.unidentifiable, ", "));
+           ? "every parameter is identifiable from these data\n"
+           : fmt::format("not identifiable from these data: {}\n", fmt::join(fit.unidentifiable, ", "));
   return s;
 }
 
@@ -400,8 +400,8 @@ Result<Exit> execute(const Arguments& a) {
 
 void add_identify(CLI::App& app, int& code) {
   auto a = std::make_shared<Arguments>();
-  auto* c =
-      app.add_subcommand("identify", "A friction law's parameters from measured friction, with honest uncertainties");
+  auto* c = app.add_subcommand("identify",
+                               "Identify a friction law's parameters, with uncertainties, from measured friction");
   c->add_option("DATA", a->data,
                 "Friction curves (CSV), recordings of a joint (CSV) or telemetry.h5; of bouc_wen and lugre recordings "
                 "sample by sample (CSV)")
@@ -417,7 +417,7 @@ void add_identify(CLI::App& app, int& code) {
   c->add_option("--gear-ratio", a->gear_ratio, "Motor turns per joint turn, for recordings and laws of the joint side")
       ->check(CLI::Range(1e-6, 1e6));
   c->add_option("--joint", a->joint, "Joint of a telemetry.h5");
-  c->add_flag("--staged", a->staged, "Load terms first, from one temperature, then the rest (paper 1)");
+  c->add_flag("--staged", a->staged, "Load terms first, from one temperature, then the rest (Bittencourt 2012)");
   c->add_option("--robust", a->loss, "Loss for data with outliers")
       ->check(CLI::IsMember({"squares", "huber", "cauchy"}))
       ->capture_default_str();
@@ -425,7 +425,7 @@ void add_identify(CLI::App& app, int& code) {
   c->add_option("--cross-validate", a->folds, "Also the error on held-out curves, in this many folds")
       ->check(CLI::Range(2, 100));
   c->add_option("--shared", a->shared,
-                "A parameter common to all curves while the others are free at each (paper 1's alpha*)");
+                "A parameter common to all curves while the others are free at each (alpha* of Bittencourt 2012)");
   c->add_flag("--each", a->each, "One fit per curve");
   c->add_option("--static", a->known_law, "Of --law lugre: PARAMS.yaml of the law that the bristles stand over");
   c->add_option("--evaluate", a->evaluate, "Nothing is identified: how well this PARAMS.yaml predicts the data");

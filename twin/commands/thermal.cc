@@ -320,9 +320,9 @@ void add_thermal(CLI::App& app, int& code) {
                 "CSV: time_s, power_w_JOINT or torque_JOINT_nm with velocity_JOINT_rad_s or position_JOINT_rad, and "
                 "temperature_JOINT_degC; without that --cycle and --rested")
       ->required();
-  auto* order =
-      c->add_option("--order", a->order, "Of the model (default: 2 where both time constants can be told, else 1)")
-          ->check(CLI::IsMember({1, 2}));
+  auto* order = c->add_option("--order", a->order,
+                              "Order of the model (default: 2 where both time constants are identifiable, else 1)")
+                    ->check(CLI::IsMember({1, 2}));
   c->add_option("--cycle", a->cycle_s,
                 "Length of the working cycle [s], for heat from torque and motion: one, or one for each file as A,B")
       ->delimiter(',')

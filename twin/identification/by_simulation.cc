@@ -1,7 +1,5 @@
 #include <algorithm>
 #include <cmath>
-#include <cstring>
-#include <fstream>
 #include <mutex>
 #include <sstream>
 #include <thread>
@@ -12,6 +10,7 @@
 #include <pugixml.hpp>
 
 #include <tribotwin/plugins/drive/configuration.hpp>
+#include <tribotwin/plugins/mujoco/source.hpp>
 #include <tribotwin/twin/identification/by_simulation.hpp>
 #include <tribotwin/twin/numerics/cma_es.hpp>
 
@@ -54,34 +53,10 @@ bool is_law_parameter(std::string_view key) {
   });
 }
 
-Result<std::string> read_text(const fs::path& file) {
-  std::ifstream stream(file, std::ios::binary);
-  std::error_code error;
-  if (!stream || fs::is_directory(file, error))
-    return tl::unexpected(
-        fmt::format("{}: cannot be read ({})", file.string(), stream ? "a folder" : std::strerror(errno)));
-  std::ostringstream text;
-  text << stream.rdbuf();
-  return text.str();
-}
-
 std::string text_of(const pugi::xml_document& document) {
   std::ostringstream text;
   document.save(text, "  ");
   return text.str();
-}
-
-/// Puts included files in the place of <include>. The loader has accepted the model: every file is there, once.
-Result<void> merge_includes(pugi::xml_document& document, const fs::path& folder) {
-  while (const pugi::xml_node include = document.select_node("//include").node()) {
-    const auto text = read_text(folder / include.attribute("file").value());
-    if (!text) return tl::unexpected(text.error());
-    pugi::xml_document included;
-    included.load_string(text->c_str());
-    for (const pugi::xml_node child : included.document_element()) include.parent().insert_copy_before(child, include);
-    include.parent().remove_child(include);
-  }
-  return {};
 }
 
 void absolute_folders(pugi::xml_node root, const fs::path& folder) {
@@ -226,15 +201,11 @@ Result<VariantTwins> VariantTwins::open(const Variant& variant) {
   if ((*given)->drives().size() != 1)
     return tl::unexpected(fmt::format("model: {} has {} drives, but a recording of one joint needs exactly 1",
                                       variant.model.string(), (*given)->drives().size()));
-  const auto text = read_text(variant.model);
-  if (!text) return tl::unexpected("model: " + text.error().message);
-  pugi::xml_document document;
-  document.load_string(text->c_str());
+  const auto document = mujoco::load_merged(variant.model);
+  if (!document) return tl::unexpected("model: " + document.error().message);
   const fs::path folder = variant.model.has_parent_path() ? variant.model.parent_path() : fs::path(".");
-  if (const auto merged = merge_includes(document, folder); !merged)
-    return tl::unexpected("model: " + merged.error().message);
-  absolute_folders(document.document_element(), folder);
-  twins.text_ = text_of(document);
+  absolute_folders((*document)->document_element(), folder);
+  twins.text_ = text_of(**document);
 
   std::vector<double> values;
   for (const auto& q : variant.quantities) values.push_back(q.start);

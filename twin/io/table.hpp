@@ -10,7 +10,7 @@
 
 namespace tribotwin::twin {
 
-/// What a number can be. Beyond that it is no measurement of a joint, whatever else the column may hold.
+/// Unit and plausible range of a measured number. A number outside is no measurement of a joint.
 struct Quantity {
   std::string_view unit;
   double minimum, maximum;
@@ -30,8 +30,8 @@ struct Table {
   std::vector<std::size_t> lines;              ///< of the file, from 1, per row
 
   bool has(std::string_view name) const;
-  /// A column of numbers that its quantity can have. Fails with file, line, column and the cell that is none, or with
-  /// the columns there are.
+  /// A column of numbers within the range of its quantity. Fails with file, line, column and the wrong cell, or with
+  /// the names of the columns.
   Result<std::vector<double>> numbers(std::string_view name) const;
   /// "FILE:LINE: " of a row
   std::string where(std::size_t row) const;

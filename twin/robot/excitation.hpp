@@ -13,9 +13,9 @@
 #include <tribotwin/twin/robot/fourier.hpp>
 #include <tribotwin/twin/robot/motion.hpp>
 
-/// Motion that tells a robot's dynamics: paper 3's cycle of three sections. Inertia: Fourier series of all joints whose
-/// coefficients make the condition number of the base regressor small. Friction: joint by joint, several speeds both
-/// ways, the others in a stated pose. Heating: fast point-to-point moves of all joints.
+/// Motion from which a robot's dynamics are identified: the cycle of three sections of Hao 2021. Inertia: Fourier
+/// series of all joints whose coefficients make the condition number of the base regressor small. Friction: joint by
+/// joint, several speeds both ways, the others in a stated pose. Heating: fast point-to-point moves of all joints.
 namespace tribotwin::twin {
 
 /// What the motion keeps to, per joint of the regressor.
