@@ -8,8 +8,8 @@
 #include <tribotwin/twin/commands/program.hpp>
 #include <tribotwin/twin/io/interrupt.hpp>
 #include <tribotwin/twin/io/name.hpp>
+#include <tribotwin/twin/io/telemetry/run_folder.hpp>
 #include <tribotwin/twin/simulation/run.hpp>
-#include <tribotwin/twin/simulation/run_folder.hpp>
 
 namespace tribotwin::twin::program {
 namespace {
