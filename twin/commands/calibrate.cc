@@ -83,11 +83,10 @@ void add_calibrate(CLI::App& app, int& code) {
       ->required();
   c->add_option("-o,--output", a->directory, "Folder for calibration.json and the twins found (default: runs/NAME)");
   c->add_option("--seed", a->seed, "Seed of the search");
-  c->add_option("--threads", a->threads, "Processors to use; they change nothing but the time")
-      ->check(CLI::Range(1, 256));
+  c->add_option("--threads", a->threads, "Threads; they do not change the result")->check(CLI::Range(1, 256));
   c->add_flag("--json", a->json, "Print calibration.json instead of the table");
   c->add_flag("--quiet", a->quiet, "No progress, no notes");
-  c->add_flag("--force", a->force, "Replace twins that were changed since they were found");
+  c->add_flag("--force", a->force, "Replace twin files that were changed since they were written");
   c->footer("Example:\n  tribotwin calibrate xl330_fit -o runs/xl330_fit");
   c->callback([a, &code] { code = or_throw(execute(*a)); });
 }

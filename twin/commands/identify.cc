@@ -430,7 +430,7 @@ void add_identify(CLI::App& app, int& code) {
   c->add_option("--static", a->known_law, "Of --law lugre: PARAMS.yaml of the law that the bristles stand over");
   c->add_option("--evaluate", a->evaluate, "Nothing is identified: how well this PARAMS.yaml predicts the data");
   a->output.add_to(*c, "PARAMS.yaml to write: read by curve, export --mjcf and tribotwin-report fit");
-  c->add_option("--threads", a->threads, "Processors to use")->check(CLI::Range(1, 256));
+  c->add_option("--threads", a->threads, "Threads")->check(CLI::Range(1, 256));
   c->add_flag("--json", a->json, "Print JSON instead of the table");
   c->add_flag("--quiet", a->quiet, "No notes on stderr");
   c->footer(

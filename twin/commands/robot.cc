@@ -27,7 +27,7 @@ void add_preparation(CLI::App& command, Preparation& preparation) {
       ->check(CLI::Range(1e-3, 1e6));
   command
       .add_option("--decimate", preparation.decimation,
-                  "Every how many samples one is used (default: five per period of the cut-off)")
+                  "Use one of so many samples (default: five per period of the cut-off)")
       ->check(CLI::Range(1u, 1000000u));
 }
 

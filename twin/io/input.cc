@@ -38,7 +38,7 @@ YAML::Node checked(const std::string& file, const std::string& where, const YAML
   std::set<std::string> seen;
   for (const auto& entry : node) {
     const YAML::Mark mark = entry.first.Mark();
-    // yaml-cpp finds no entry by such a key: it would be there and not be there.
+    // yaml-cpp cannot look up such a key.
     if (!entry.first.IsScalar() || entry.first.Scalar().empty())
       throw InputError(fmt::format("{}: {}{}a key is {} but must be a name", place(file, mark), where,
                                    where.empty() ? "" : ": ", kind(entry.first)));

@@ -19,7 +19,7 @@ struct Quantity {
   /// "must be within MINIMUM .. MAXIMUM UNIT"
   std::string requirement() const;
 };
-/// From the unit in a column's name: "time_s", "torque_joint2_nm", "power_w_joint2".
+/// The quantity by the unit in a column's name: "time_s", "torque_joint2_nm", "power_w_joint2".
 const Quantity& quantity_of(std::string_view column);
 
 /// A CSV file whose first line names its columns. Cells are separated by commas and not quoted.
@@ -40,7 +40,7 @@ struct Table {
 /// Fails with file and line; a table without samples is an error.
 Result<Table> read_table(const std::filesystem::path& file);
 
-/// Columns of numbers from a file too long to be kept as text.
+/// Columns of numbers from a file too long to keep as text.
 struct Numbers {
   std::filesystem::path file;
   std::vector<std::string> names;            ///< all columns of the header
@@ -50,8 +50,8 @@ struct Numbers {
   std::size_t first_left_out = 0;            ///< its line, from 1
 };
 
-/// Reads the columns `wanted` of a CSV file in one pass. Fails with file and line, also where a cell is no number at
-/// all or one that its quantity cannot have.
+/// Reads the columns `wanted` of a CSV file in one pass. Fails with file and line, also where a cell is no number or
+/// outside the range of its quantity.
 Result<Numbers> read_numbers(const std::filesystem::path& file, const std::vector<std::string>& wanted);
 
 /// The first row of `time_s` that does not come after the row before, by a nanosecond at least, with file and line.

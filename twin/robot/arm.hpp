@@ -8,7 +8,7 @@
 #include <tribotwin/plugins/friction/error.hpp>
 #include <tribotwin/plugins/mujoco/loader.hpp>
 
-/// What a twin needs to know of an arm beyond its drives: joint names, gravity, payload.
+/// Properties of an arm beside its drives: joint names, gravity, payload.
 namespace tribotwin::twin {
 
 std::string joint_name(const mjModel* m, const mujoco::Binding& drive);
@@ -20,8 +20,8 @@ double ratio_of(const mujoco::Spring& spring);
 /// Place of the drive's joint in mjData.qpos.
 int position_address(const mjModel* m, const mujoco::Binding& drive);
 
-/// Torque (force for a slide) that gravity asks of a dof at d's pose [Nm], exact for trees of hinges and slides.
-/// Needs the centres of mass of the step under way (mj_comPos), no second pass of the dynamics.
+/// Torque (force for a slide) that holds a dof against gravity at d's pose [Nm]; exact for trees of hinges and slides.
+/// Needs the centres of mass of the current step (mj_comPos), no second pass of the dynamics.
 double gravity_torque_nm(const mjModel* m, const mjData* d, int dof);
 
 /// Inertia that a dof sees with all others at rest [kg m^2], rotors included, at d's pose (after mj_forward).

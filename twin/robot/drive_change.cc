@@ -51,7 +51,7 @@ Result<std::shared_ptr<const mujoco::Model>> load_with_drive(const std::filesyst
   for (const auto& match : (*document)->select_nodes("//extension/plugin[@plugin='tribotwin.drive']/instance")) {
     pugi::xml_node element = match.node();
     if (element.attribute("name").value() != instance) continue;
-    // Words first: with a law or a thermal model their own parameters go, and those given here come after.
+    // Words first: a new law or thermal model removes the old parameters; those given here follow.
     drive::Configuration ordered = keys, present;
     std::ranges::stable_partition(ordered,
                                   [](const auto& entry) { return entry.first == "law" || entry.first == "thermal"; });
