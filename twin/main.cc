@@ -1,5 +1,5 @@
-// tribotwin: runs, measures, identifies and exports; a command each in commands/. stdout carries results only;
-// everything else goes to stderr.
+// Program tribotwin: runs, measures, identifies, exports. Each command is a file in commands/. stdout carries results
+// only; everything else goes to stderr.
 #include <string>
 
 #include <tribotwin/plugins/mujoco/loader.hpp>

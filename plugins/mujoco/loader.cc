@@ -133,18 +133,6 @@ Result<std::vector<SpringElement>> read_springs(const std::vector<Source>& sourc
   return static_cast<int>(size);
 }
 
-/// Puts the content of every included file in place of its <include>.
-void merge_includes(const std::vector<Source>& sources, const std::filesystem::path& folder, Origins& origins) {
-  const pugi::xml_document& main = *sources.front().document;
-  while (const pugi::xml_node include = main.select_node("//include").node()) {
-    const std::string path = (folder / include.attribute("file").value()).lexically_normal().string();
-    const Source& source = *std::ranges::find(sources, path, &Source::name);
-    for (const pugi::xml_node child : source.document->document_element())
-      origins.add_copy(source, child, include.parent().insert_copy_before(child, include));
-    include.parent().remove_child(include);
-  }
-}
-
 /// The text of a model, one element per line.
 std::string saved(const pugi::xml_document& document, Origins& origins) {
   std::ostringstream text;
@@ -157,7 +145,7 @@ std::string saved(const pugi::xml_document& document, Origins& origins) {
 /// Merges includes and turns every drive into what 2.2.2 knows: a torque actuator and room in userdata.
 std::string lower(const std::vector<Source>& sources, const std::filesystem::path& folder, int user_size,
                   Origins& origins) {
-  merge_includes(sources, folder, origins);
+  merge_includes(sources, folder, &origins);
   pugi::xml_document& main = *sources.front().document;
   for (const auto& match :
        main.select_nodes("//extension/plugin[@plugin='tribotwin.drive' or @plugin='tribotwin.hysteresis']"))
@@ -229,7 +217,7 @@ std::string located(const std::string& error, const std::vector<Source>& sources
                     const std::filesystem::path& folder) {
   const Origins as_written(sources);
   Origins merged(sources);
-  merge_includes(sources, folder, merged);
+  merge_includes(sources, folder, &merged);
   const auto again = compile(saved(*sources.front().document, merged), "", folder);
   const bool same = !again && without_position(again.error().message) == without_position(error);
   return same ? merged.located(again.error().message, name) : as_written.located(error, name);

@@ -267,4 +267,26 @@ std::string Origins::located(std::string message, const std::string& name) const
   return fmt::format("{}: {}", where, std::regex_replace(message, breaks, "; "));
 }
 
+void merge_includes(const std::vector<Source>& sources, const std::filesystem::path& folder, Origins* origins) {
+  const pugi::xml_document& main = *sources.front().document;
+  while (const pugi::xml_node include = main.select_node("//include").node()) {
+    const std::string path = (folder / include.attribute("file").value()).lexically_normal().string();
+    const Source& source = *std::ranges::find(sources, path, &Source::name);
+    for (const pugi::xml_node child : source.document->document_element()) {
+      const pugi::xml_node copy = include.parent().insert_copy_before(child, include);
+      if (origins) origins->add_copy(source, child, copy);
+    }
+    include.parent().remove_child(include);
+  }
+}
+
+Result<std::unique_ptr<pugi::xml_document>> load_merged(const std::filesystem::path& file) {
+  const auto text = read_text(file);
+  if (!text) return tl::unexpected(text.error());
+  auto sources = read_sources(file.string(), *text, file.parent_path());
+  if (!sources) return tl::unexpected(sources.error());
+  merge_includes(*sources, file.parent_path());
+  return std::move(sources->front().document);
+}
+
 }  // namespace tribotwin::mujoco

@@ -66,4 +66,11 @@ class Origins {
   std::vector<Line> lines_;
 };
 
+/// Replaces every <include> in the main file by the content of its file. `origins` learns where the copies come from.
+void merge_includes(const std::vector<Source>& sources, const std::filesystem::path& folder,
+                    Origins* origins = nullptr);
+
+/// The text of a model's main file with its includes merged.
+Result<std::unique_ptr<pugi::xml_document>> load_merged(const std::filesystem::path& file);
+
 }  // namespace tribotwin::mujoco

@@ -1,10 +1,10 @@
-#include <charconv>
 #include <cmath>
 #include <cstdint>
 #include <memory>
 
 #include <fmt/format.h>
 
+#include <tribotwin/plugins/friction/number.hpp>
 #include <tribotwin/twin/commands/program.hpp>
 #include <tribotwin/twin/experiments/friction/experiment.hpp>
 #include <tribotwin/twin/identification/dynamic_friction/parameters.hpp>
@@ -17,13 +17,15 @@ namespace {
 /// FROM:TO:COUNT, evenly spaced.
 std::vector<double> speeds_of(const std::string& text) {
   double parts[3];
-  const char* at = text.data();
-  const char* end = text.data() + text.size();
-  for (int i = 0; i < 3; ++i) {
-    const auto [next, error] = std::from_chars(at, end, parts[i]);
-    if (error != std::errc{} || (i < 2 ? next == end || *next != ':' : next != end))
+  std::string_view rest = text;
+  for (double& part : parts) {
+    const bool last = &part == parts + 2;
+    const auto colon = rest.find(':');
+    const auto value = to_number(rest.substr(0, colon));
+    if (!value || last != (colon == rest.npos))
       throw InputError(fmt::format("--speeds {}: must be FROM:TO:COUNT in motor rad/s, for example 1:280:50", text));
-    at = next + 1;
+    part = *value;
+    if (!last) rest.remove_prefix(colon + 1);
   }
   const double count = parts[2];
   if (!(std::isfinite(parts[0]) && std::isfinite(parts[1])) || count < 1 || count > 1e6 || count != std::floor(count))
@@ -121,7 +123,8 @@ void add_curve(CLI::App& app, int& code) {
       ->capture_default_str()
       ->check(CLI::Range(-1000.0, 1000.0));
   command->add_option("--speeds", a->speeds, "FROM:TO:COUNT, motor side [rad/s]")->capture_default_str();
-  command->add_flag("--experiment", a->experiment, "Measure in simulation by paper 1's +-v procedure");
+  command->add_flag("--experiment", a->experiment,
+                    "Measure in simulation by the plus-minus procedure of Bittencourt 2012");
   command->add_option("--load-by", a->load_by, "What holds the load in the experiment")
       ->check(CLI::IsMember({"torque", "pose"}))
       ->capture_default_str();

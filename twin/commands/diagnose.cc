@@ -65,7 +65,7 @@ Result<Exit> learn_state(const Arguments& a) {
                               : ""));
   if (!state->knows_temperature)
     note(
-        "the curves span less than 5 K or have no temperature_degC: what temperature does is not told apart from "
+        "the curves span less than 5 K or have no temperature_degC: effects of temperature cannot be separated from "
         "faults");
   return done;
 }
@@ -238,80 +238,96 @@ void add_units(CLI::App& c, Arguments& a) {
   c.add_flag("--quiet", a.quiet, "No notes on stderr");
 }
 
-}  // namespace
-
-void add_diagnose(CLI::App& app, int& code) {
-  auto a = std::make_shared<Arguments>();
-  auto* c =
-      app.add_subcommand("diagnose", "Whether a joint is healthy, from its friction at any temperature (paper 2)");
-  c->require_subcommand(1);
-
-  auto* l = c->add_subcommand("learn", "The healthy state of a joint, from unloaded friction curves cold to hot");
-  l->add_option("CURVES", a->data, "Friction curves (CSV), as of tribotwin lab; recordings or telemetry.h5")
+void add_learn(CLI::App& app, const std::shared_ptr<Arguments>& a, int& code) {
+  auto* command =
+      app.add_subcommand("learn", "The healthy state of a joint, from unloaded friction curves cold to hot");
+  command->add_option("CURVES", a->data, "Friction curves (CSV), as of tribotwin lab; recordings or telemetry.h5")
       ->required();
-  l->add_option("--loaded", a->loaded,
-                "Curves of the same joint with a payload, to learn what load does; may be repeated")
+  command
+      ->add_option("--loaded", a->loaded,
+                   "Curves of the same joint with a payload, to learn what load does; may be repeated")
       ->allow_extra_args(false);
-  l->add_option("--load-sensitivity", a->read.load_sensitivity, "Relative rise of Fc and Fs per load_norm")
+  command->add_option("--load-sensitivity", a->read.load_sensitivity, "Relative rise of Fc and Fs per load_norm")
       ->check(CLI::Range(0.0, 100.0))
       ->capture_default_str();
-  l->add_option("--lever", a->learn.lever_m,
-                "Distance of a payload from the joint's axis [m], for equivalent loads in kg")
+  command
+      ->add_option("--lever", a->learn.lever_m,
+                   "Distance of a payload from the joint's axis [m], for equivalent loads in kg")
       ->check(CLI::Range(1e-6, 1e3));
-  l->add_flag("--robust", a->learn.robust, "Leave out curves far off the rest");
-  a->output.add_to(*l, "healthy.yaml to write (default: stdout)");
-  add_units(*l, *a);
-  l->footer(
+  command->add_flag("--robust", a->learn.robust, "Leave out curves far off the rest");
+  a->output.add_to(*command, "healthy.yaml to write (default: stdout)");
+  add_units(*command, *a);
+  command->footer(
       "Example:\n  tribotwin lab br609_campaign -o lab/br609\n  tribotwin diagnose learn lab/br609/curves/00?.csv "
       "lab/br609/curves/01[012].csv -o healthy.yaml");
-  l->callback([a, &code] {
+  command->callback([a, &code] {
     auto inputs = paths(a->data);
     inputs.insert(inputs.end(), a->loaded.begin(), a->loaded.end());
     check(a->output, inputs);
     code = or_throw(learn_state(*a));
   });
+}
 
-  auto* k = c->add_subcommand("check", "Verdicts on friction curves; exit code 3 where one is not healthy");
-  k->add_option("HEALTHY", a->healthy, "healthy.yaml of tribotwin diagnose learn")->required();
-  k->add_option("CURVES", a->data, "Friction curves (CSV), as of tribotwin lab; recordings or telemetry.h5")
+void add_check(CLI::App& app, const std::shared_ptr<Arguments>& a, int& code) {
+  auto* command = app.add_subcommand("check", "Verdicts on friction curves; exit code 3 where one is not healthy");
+  command->add_option("HEALTHY", a->healthy, "healthy.yaml of tribotwin diagnose learn")->required();
+  command->add_option("CURVES", a->data, "Friction curves (CSV), as of tribotwin lab; recordings or telemetry.h5")
       ->required();
-  k->add_option("--false-alarm", a->check.false_alarm,
-                "Share of healthy observations that may be called anomalous, per region and indicator")
+  command
+      ->add_option("--false-alarm", a->check.false_alarm,
+                   "Share of healthy observations that may be called anomalous, per region and indicator")
       ->check(CLI::Range(1e-9, 0.5))
       ->capture_default_str();
-  k->add_flag("--json", a->json, "Print JSON instead of the table");
-  add_units(*k, *a);
-  k->footer("Example:\n  tribotwin diagnose check healthy.yaml lab/br609/curves/013.csv --json");
-  k->callback([a, &code] { code = or_throw(check_curves(*a)); });
+  command->add_flag("--json", a->json, "Print JSON instead of the table");
+  add_units(*command, *a);
+  command->footer("Example:\n  tribotwin diagnose check healthy.yaml lab/br609/curves/013.csv --json");
+  command->callback([a, &code] { code = or_throw(check_curves(*a)); });
+}
 
-  auto* w = c->add_subcommand(
+void add_watch(CLI::App& app, const std::shared_ptr<Arguments>& a, int& code) {
+  auto* command = app.add_subcommand(
       "watch", "Small changes over many observations (CUSUM), and the margin left; exit code 3 at an alarm");
-  w->add_option("HEALTHY", a->healthy, "healthy.yaml of tribotwin diagnose learn")->required();
-  w->add_option("CURVES", a->data, "Friction curves in the order of time")->required();
-  w->add_option("--false-alarm", a->false_alarm, "False alarms per observation of a healthy joint, on average")
+  command->add_option("HEALTHY", a->healthy, "healthy.yaml of tribotwin diagnose learn")->required();
+  command->add_option("CURVES", a->data, "Friction curves in the order of time")->required();
+  command->add_option("--false-alarm", a->false_alarm, "False alarms per observation of a healthy joint, on average")
       ->check(CLI::Range(1e-7, 0.3))
       ->capture_default_str();
-  w->add_flag("--json", a->json, "Print JSON instead of the table");
-  add_units(*w, *a);
-  w->footer("Example:\n  tribotwin diagnose watch healthy.yaml lab/br609/curves/0??.csv");
-  w->callback([a, &code] { code = or_throw(watch_curves(*a)); });
+  command->add_flag("--json", a->json, "Print JSON instead of the table");
+  add_units(*command, *a);
+  command->footer("Example:\n  tribotwin diagnose watch healthy.yaml lab/br609/curves/0??.csv");
+  command->callback([a, &code] { code = or_throw(watch_curves(*a)); });
+}
 
-  auto* s = c->add_subcommand("residuals", "The same over the residuals of a shadow; exit code 3 at an alarm");
-  s->add_option("CSV", a->data, "File of tribotwin-hil shadow --csv")->required()->expected(1);
-  s->add_option("--joint", a->residuals.joint, "Joint, where there are several");
-  s->add_option("--window", a->residuals.window_s, "Length of a window [s]; whole work cycles")
+void add_residuals(CLI::App& app, const std::shared_ptr<Arguments>& a, int& code) {
+  auto* command = app.add_subcommand("residuals", "The same over the residuals of a shadow; exit code 3 at an alarm");
+  command->add_option("CSV", a->data, "File of tribotwin-hil shadow --csv")->required()->expected(1);
+  command->add_option("--joint", a->residuals.joint, "Joint, where there are several");
+  command->add_option("--window", a->residuals.window_s, "Length of a window [s]; whole work cycles")
       ->check(CLI::Range(1e-3, 1e7))
       ->capture_default_str();
-  s->add_option("--learn", a->residuals.learn, "Windows at the beginning that are healthy")
+  command->add_option("--learn", a->residuals.learn, "Windows at the beginning that are healthy")
       ->check(CLI::Range(8, 1000000))
       ->capture_default_str();
-  s->add_option("--false-alarm", a->residuals.false_alarm, "False alarms per window of a healthy joint, on average")
+  command
+      ->add_option("--false-alarm", a->residuals.false_alarm, "False alarms per window of a healthy joint, on average")
       ->check(CLI::Range(1e-7, 0.3))
       ->capture_default_str();
-  s->add_flag("--json", a->json, "Print JSON instead of the table");
-  s->add_flag("--quiet", a->quiet, "No notes on stderr");
-  s->footer("Example:\n  tribotwin diagnose residuals shadow.csv --joint joint2");
-  s->callback([a, &code] { code = or_throw(watch_shadow(*a)); });
+  command->add_flag("--json", a->json, "Print JSON instead of the table");
+  command->add_flag("--quiet", a->quiet, "No notes on stderr");
+  command->footer("Example:\n  tribotwin diagnose residuals shadow.csv --joint joint2");
+  command->callback([a, &code] { code = or_throw(watch_shadow(*a)); });
+}
+
+}  // namespace
+
+void add_diagnose(CLI::App& app, int& code) {
+  auto a = std::make_shared<Arguments>();
+  auto* c = app.add_subcommand("diagnose", "Diagnose a joint from its friction at any temperature (Zhou 2024)");
+  c->require_subcommand(1);
+  add_learn(*c, a, code);
+  add_check(*c, a, code);
+  add_watch(*c, a, code);
+  add_residuals(*c, a, code);
 }
 
 }  // namespace tribotwin::twin::program

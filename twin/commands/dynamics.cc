@@ -93,7 +93,7 @@ std::string table_of(const Robot& robot, const DynamicsFit& fit, const Consisten
   return s;
 }
 
-/// What the numbers say against the columns being what their names are.
+/// Refuses fits that contradict the names of the columns.
 void doubt(const Arguments& a, const Robot& robot, const DynamicsFit& fit) {
   const auto where = fmt::format("{}{}", a.data.front(), a.data.size() > 1 ? " and others" : "");
   for (std::size_t j = 0; j < fit.joints.size(); ++j) {
@@ -151,10 +151,9 @@ Result<Exit> execute(const Arguments& a) {
 
 void add_dynamics(CLI::App& app, int& code) {
   auto a = std::make_shared<Arguments>();
-  auto* c =
-      app.add_subcommand("dynamics", "A robot's inertial parameters and friction from its recorded motion and torques");
-  c->add_option("MODEL", a->model, "MJCF model: where joints are and which way they turn; masses are found")
-      ->required();
+  auto* c = app.add_subcommand("dynamics",
+                               "Identify a robot's inertial parameters and friction from recorded motion and torques");
+  c->add_option("MODEL", a->model, "MJCF model: positions and axes of the joints; masses are identified")->required();
   c->add_option("DATA", a->data,
                 "CSV: time_s, position_JOINT_rad (_m), torque_JOINT_nm (_n), optionally velocity_JOINT_rad_s, "
                 "temperature_JOINT_degC")
@@ -163,15 +162,15 @@ void add_dynamics(CLI::App& app, int& code) {
   c->add_option("--robust", a->robust, "Loss for data with outliers")
       ->check(CLI::IsMember({"none", "huber", "tukey"}))
       ->capture_default_str();
-  c->add_flag("--unweighted", a->unweighted, "Do not weigh joints by their noise");
-  c->add_flag("--essential", a->essential, "Base parameters that do not better the fit are 0");
-  c->add_option("--thermal", a->thermal,
-                "THERMAL.yaml of tribotwin thermal, every joint: kept for predict, and without temperature columns "
-                "friction is fitted at the temperatures it makes; every file begins at rest temperature");
+  c->add_flag("--unweighted", a->unweighted, "Give all joints the same weight");
+  c->add_flag("--essential", a->essential, "Set base parameters that do not improve the fit to 0");
+  c->add_option(
+      "--thermal", a->thermal,
+      "THERMAL.yaml of tribotwin thermal with every joint; stored for predict. Without temperature columns friction "
+      "is fitted at the temperatures that it causes; every file starts at rest temperature");
   add_preparation(*c, a->preparation);
   a->output.add_to(*c, "PARAMS.yaml to write: read by predict");
-  c->add_option("--threads", a->threads, "Processors to use; they change nothing but the time")
-      ->check(CLI::Range(1, 256));
+  c->add_option("--threads", a->threads, "Threads; they do not change the result")->check(CLI::Range(1, 256));
   c->add_flag("--json", a->json, "Print JSON instead of the table");
   c->add_flag("--quiet", a->quiet, "No progress, no notes");
   c->footer("Example:\n  tribotwin dynamics mjcf/er3a_c60.xml recording.csv --friction polynomial -o robot.yaml");

@@ -71,27 +71,27 @@ Result<Exit> execute(Arguments& a) {
 
 void add_excite(CLI::App& app, int& code) {
   auto a = std::make_shared<Arguments>();
-  auto* c =
-      app.add_subcommand("excite", "A motion that tells a robot's dynamics: inertia, friction joint by joint, heating");
+  auto* c = app.add_subcommand(
+      "excite", "Design a motion that identifies a robot's dynamics: inertia, friction joint by joint, heating");
   c->add_option("MODEL", a->model, "MJCF model")->required();
   a->output.add_to(*c, "CSV of set points to write: time_s, section, position_JOINT_rad, velocity_JOINT_rad_s");
-  c->add_option("--share", a->options.share, "Of the speeds and torques that the model allows")
+  c->add_option("--share", a->options.share, "Share of the speeds and torques that the model allows")
       ->check(CLI::Range(0.01, 1.0))
       ->capture_default_str();
-  c->add_option("--period", a->options.period_s, "Of the Fourier series [s]")
+  c->add_option("--period", a->options.period_s, "Period of the Fourier series [s]")
       ->check(CLI::Range(1.0, 1000.0))
       ->capture_default_str();
-  c->add_option("--harmonics", a->options.harmonics, "Of the Fourier series")
+  c->add_option("--harmonics", a->options.harmonics, "Harmonics of the Fourier series")
       ->check(CLI::Range(2, 20))
       ->capture_default_str();
-  c->add_option("--periods", a->options.periods, "How often the series is run")
+  c->add_option("--periods", a->options.periods, "Repetitions of the series")
       ->check(CLI::Range(1, 1000))
       ->capture_default_str();
   c->add_option("--heating", a->heating_min, "Length of the third section [min]")
       ->check(CLI::Range(0.0, 600.0))
       ->capture_default_str();
-  c->add_flag("--inertia-only", a->inertia_only, "The first section alone");
-  c->add_option("--evaluations", a->options.evaluations, "Motions to try")
+  c->add_flag("--inertia-only", a->inertia_only, "Only the first section");
+  c->add_option("--evaluations", a->options.evaluations, "Number of motions to evaluate")
       ->check(CLI::Range(10, 10000000))
       ->capture_default_str();
   c->add_option("--seed", a->options.seed, "Seed of the search")->capture_default_str();

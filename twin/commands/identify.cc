@@ -1,4 +1,3 @@
-#include <charconv>
 #include <cmath>
 #include <memory>
 #include <thread>
@@ -7,6 +6,7 @@
 #include <fmt/ranges.h>
 #include <nlohmann/json.hpp>
 
+#include <tribotwin/plugins/friction/number.hpp>
 #include <tribotwin/twin/commands/program.hpp>
 #include <tribotwin/twin/identification/curves/fit.hpp>
 #include <tribotwin/twin/identification/dynamic_friction/parameters.hpp>
@@ -59,14 +59,12 @@ std::vector<std::pair<std::string, double>> fixed_of(const std::vector<std::stri
   std::vector<std::pair<std::string, double>> fixed;
   for (const auto& text : texts) {
     const auto sign = text.find('=');
-    double value = 0;
-    const char* end = text.data() + text.size();
     if (sign == text.npos || sign == 0)
       throw InputError(fmt::format("--fix {}: must be NAME=VALUE, for example --fix alpha=1.36", text));
-    const auto [stop, error] = std::from_chars(text.data() + sign + 1, end, value);
-    if (error != std::errc{} || stop != end || !std::isfinite(value))
+    const auto value = to_number(std::string_view(text).substr(sign + 1));
+    if (!value || !std::isfinite(*value))
       throw InputError(fmt::format("--fix {}: '{}' is not a finite number", text, text.substr(sign + 1)));
-    fixed.emplace_back(text.substr(0, sign), value);
+    fixed.emplace_back(text.substr(0, sign), *value);
   }
   return fixed;
 }
@@ -144,8 +142,8 @@ std::string table_of(const Estimates& fit, std::string_view law, std::string_vie
       fit.residual.mean, fit.residual.std, fit.residual.max_abs, unit, fit.samples, or_dash(fit.r_squared, ".5f"),
       or_dash(fit.condition_number, ".3g"), or_dash(fit.aicc, ".1f"));
   s += fit.unidentifiable.empty()
-           ? "every parameter can be told from these data\n"
-           : fmt::format("cannot be told from these data: {}\n", fmt::join(fit.unidentifiable, ", "));
+           ? "every parameter is identifiable from these data\n"
+           : fmt::format("not identifiable from these data: {}\n", fmt::join(fit.unidentifiable, ", "));
   return s;
 }
 
@@ -300,86 +298,110 @@ Result<Exit> evaluate(const Arguments& a) {
                   samples->size(), outside));
 }
 
-Result<Exit> execute(const Arguments& a) {
-  if (!a.evaluate.empty()) return evaluate(a);
-  if (const auto dynamic = std::ranges::find(from_time_series, a.law, [](const auto& entry) { return entry.first; });
-      dynamic != std::end(from_time_series)) {
-    for (const auto& [option, given] : {std::pair{"--fix", !a.fix.empty()},
-                                        {"--staged", a.staged},
-                                        {"--robust", a.loss != "squares"},
-                                        {"--unweighted", a.unweighted},
-                                        {"--cross-validate", a.folds > 1},
-                                        {"--shared", !a.shared.empty()},
-                                        {"--each", a.each},
-                                        {"--joint", !a.joint.empty()}})
-      if (given) throw InputError(fmt::format("{}: belongs to friction curves, not to --law {}", option, a.law));
-    return dynamic->second(a);
-  }
-  if (!a.known_law.empty()) throw InputError("--static: belongs to --law lugre");
+/// Options of friction curves have no meaning for laws that are identified sample by sample.
+void refuse_options_of_curves(const Arguments& a) {
+  for (const auto& [option, given] : {std::pair{"--fix", !a.fix.empty()},
+                                      {"--staged", a.staged},
+                                      {"--robust", a.loss != "squares"},
+                                      {"--unweighted", a.unweighted},
+                                      {"--cross-validate", a.folds > 1},
+                                      {"--shared", !a.shared.empty()},
+                                      {"--each", a.each},
+                                      {"--joint", !a.joint.empty()}})
+    if (given) throw InputError(fmt::format("{}: belongs to friction curves, not to --law {}", option, a.law));
+}
+
+void check_fixed(const friction::LawInfo& law, const FitOptions& options) {
+  std::vector<std::string_view> names;
+  for (const auto& p : law.parameters) names.push_back(p.name);
+  for (const auto& [name, value] : options.fixed)
+    if (std::ranges::find(names, name) == names.end())
+      throw InputError(fmt::format("--fix {}={}: law '{}' has no such parameter; did you mean '{}'?", name, value,
+                                   law.name, friction::nearest(name, names)));
+}
+
+/// A fitted law and its error on held-out curves, below 0 without cross-validation.
+struct Candidate {
+  Fit fit;
+  double held_out;
+};
+
+Result<Candidate> fit_law(const Arguments& a, const friction::LawInfo& law, const Samples& samples,
+                          const FitOptions& options) {
+  auto found = a.staged ? fit_staged(law, samples, options) : fit(law, samples, options);
+  // The law's own rules matter to a law that is written and read again, not to one that is only compared.
+  const auto ok = found ? usable(*found, !a.output.named() ? nullptr : &law) : tl::unexpected(found.error());
+  if (!ok) return work_failed(fmt::format("law '{}': {}", law.name, ok.error().message));
+  if (a.folds <= 1) return Candidate{std::move(*found), -1};
+  const auto held_out = cross_validate(law, samples, options, a.folds);
+  if (!held_out) return work_failed(held_out.error().message);
+  return Candidate{std::move(*found), *held_out};
+}
+
+std::string comparison_of(const std::vector<Candidate>& candidates, bool cross_validated) {
+  std::string s = fmt::format("{:<24} {:>4} {:>12} {:>12} {:>10} {:>12} {:>14}\n", "law", "p", "residual std",
+                              "largest", "R^2", "AICc", cross_validated ? "held-out RMS" : "");
+  for (const auto& [fit, held_out] : candidates)
+    s += fmt::format("{:<24} {:>4} {:>12.4g} {:>12.4g} {:>10} {:>12} {:>14}\n", fit.law.info->name, fit.estimated,
+                     fit.residual.std, fit.residual.max_abs, or_dash(fit.r_squared, ".5f"), or_dash(fit.aicc, ".1f"),
+                     held_out >= 0 ? fmt::format("{:.4g}", held_out) : "");
+  return s;
+}
+
+Result<Exit> identify_curves(const Arguments& a) {
   const auto laws = laws_of(a.law);
-  FitOptions options{.fixed = fixed_of(a.fix),
-                     .loss = a.loss == "huber"    ? Loss::huber
-                             : a.loss == "cauchy" ? Loss::cauchy
-                                                  : Loss::squares,
-                     .weigh = !a.unweighted,
-                     .threads = a.threads};
+  const FitOptions options{.fixed = fixed_of(a.fix),
+                           .loss = a.loss == "huber"    ? Loss::huber
+                                   : a.loss == "cauchy" ? Loss::cauchy
+                                                        : Loss::squares,
+                           .weigh = !a.unweighted,
+                           .threads = a.threads};
   if (laws.size() > 1 && (a.output.named() || !a.shared.empty() || !a.fix.empty() || a.each))
     throw InputError("-o, --fix, --shared and --each need a single law");
   std::vector<std::filesystem::path> files(a.data.begin(), a.data.end());
-  std::vector<Fit> fits;
-  std::vector<double> held_out;
+  std::vector<Candidate> candidates;
   Json all = Json::array();
   for (const auto* law : laws) {
     const auto samples =
         read_samples(files, *law, {.torque_max_nm = a.torque_max_nm, .gear_ratio = a.gear_ratio, .joint = a.joint});
     if (!samples) throw InputError(samples.error().message);
-    for (const auto& [name, value] : options.fixed)
-      if (std::ranges::find(law->parameters, name, &friction::Parameter::name) == law->parameters.end()) {
-        std::vector<std::string_view> names;
-        for (const auto& p : law->parameters) names.push_back(p.name);
-        throw InputError(fmt::format("--fix {}={}: law '{}' has no such parameter; did you mean '{}'?", name, value,
-                                     law->name, friction::nearest(name, names)));
-      }
+    check_fixed(*law, options);
     if (law == laws.front()) print_notes(a, samples->notes);
     if (!a.shared.empty()) return identify_shared(a, *law, *samples, options);
     if (a.each) return identify_each(a, *law, *samples, options);
-    auto found = a.staged ? fit_staged(*law, *samples, options) : fit(*law, *samples, options);
-    // The law's own rules matter to what is read again, not to what is compared.
-    const auto ok = found ? usable(*found, !a.output.named() ? nullptr : law) : tl::unexpected(found.error());
-    if (!ok) return work_failed(fmt::format("law '{}': {}", law->name, ok.error().message));
-    double error = -1;
-    if (a.folds > 1) {
-      const auto checked = cross_validate(*law, *samples, options, a.folds);
-      if (!checked) return work_failed(checked.error().message);
-      error = *checked;
-    }
+    auto candidate = fit_law(a, *law, *samples, options);
+    if (!candidate) return tl::unexpected(candidate.error());
     if (!a.quiet)
-      for (const auto& text : found->notes) note("{}{}", laws.size() > 1 ? fmt::format("{}: ", law->name) : "", text);
-    all.push_back(json_of(*found, *samples, error));
-    fits.push_back(std::move(*found));
-    held_out.push_back(error);
+      for (const auto& text : candidate->fit.notes)
+        note("{}{}", laws.size() > 1 ? fmt::format("{}: ", law->name) : "", text);
+    all.push_back(json_of(candidate->fit, *samples, candidate->held_out));
+    candidates.push_back(std::move(*candidate));
   }
+  const auto& [fit, held_out] = candidates.front();
   if (a.output.named())
-    if (auto ok = deliver(to_yaml(parameter_file(fits.front(), a.data, a.torque_max_nm, a.gear_ratio)), a.output); !ok)
+    if (auto ok = deliver(to_yaml(parameter_file(fit, a.data, a.torque_max_nm, a.gear_ratio)), a.output); !ok)
       return ok;
   if (a.json) return deliver((laws.size() > 1 ? Json{{"laws", all}} : all.front()).dump(2) + "\n");
-  if (laws.size() == 1) return deliver(table_of(fits.front(), held_out.front()));
-  std::string s = fmt::format("{:<24} {:>4} {:>12} {:>12} {:>10} {:>12} {:>14}\n", "law", "p", "residual std",
-                              "largest", "R^2", "AICc", a.folds > 1 ? "held-out RMS" : "");
-  for (std::size_t i = 0; i < fits.size(); ++i)
-    s += fmt::format("{:<24} {:>4} {:>12.4g} {:>12.4g} {:>10} {:>12} {:>14}\n", fits[i].law.info->name,
-                     fits[i].estimated, fits[i].residual.std, fits[i].residual.max_abs,
-                     or_dash(fits[i].r_squared, ".5f"), or_dash(fits[i].aicc, ".1f"),
-                     held_out[i] >= 0 ? fmt::format("{:.4g}", held_out[i]) : "");
-  return deliver(s);
+  return deliver(laws.size() > 1 ? comparison_of(candidates, a.folds > 1) : table_of(fit, held_out));
+}
+
+Result<Exit> execute(const Arguments& a) {
+  if (!a.evaluate.empty()) return evaluate(a);
+  if (const auto dynamic = std::ranges::find(from_time_series, a.law, [](const auto& entry) { return entry.first; });
+      dynamic != std::end(from_time_series)) {
+    refuse_options_of_curves(a);
+    return dynamic->second(a);
+  }
+  if (!a.known_law.empty()) throw InputError("--static: belongs to --law lugre");
+  return identify_curves(a);
 }
 
 }  // namespace
 
 void add_identify(CLI::App& app, int& code) {
   auto a = std::make_shared<Arguments>();
-  auto* c =
-      app.add_subcommand("identify", "A friction law's parameters from measured friction, with honest uncertainties");
+  auto* c = app.add_subcommand("identify",
+                               "Identify a friction law's parameters, with uncertainties, from measured friction");
   c->add_option("DATA", a->data,
                 "Friction curves (CSV), recordings of a joint (CSV) or telemetry.h5; of bouc_wen and lugre recordings "
                 "sample by sample (CSV)")
@@ -395,7 +417,7 @@ void add_identify(CLI::App& app, int& code) {
   c->add_option("--gear-ratio", a->gear_ratio, "Motor turns per joint turn, for recordings and laws of the joint side")
       ->check(CLI::Range(1e-6, 1e6));
   c->add_option("--joint", a->joint, "Joint of a telemetry.h5");
-  c->add_flag("--staged", a->staged, "Load terms first, from one temperature, then the rest (paper 1)");
+  c->add_flag("--staged", a->staged, "Load terms first, from one temperature, then the rest (Bittencourt 2012)");
   c->add_option("--robust", a->loss, "Loss for data with outliers")
       ->check(CLI::IsMember({"squares", "huber", "cauchy"}))
       ->capture_default_str();
@@ -403,12 +425,12 @@ void add_identify(CLI::App& app, int& code) {
   c->add_option("--cross-validate", a->folds, "Also the error on held-out curves, in this many folds")
       ->check(CLI::Range(2, 100));
   c->add_option("--shared", a->shared,
-                "A parameter common to all curves while the others are free at each (paper 1's alpha*)");
+                "A parameter common to all curves while the others are free at each (alpha* of Bittencourt 2012)");
   c->add_flag("--each", a->each, "One fit per curve");
   c->add_option("--static", a->known_law, "Of --law lugre: PARAMS.yaml of the law that the bristles stand over");
   c->add_option("--evaluate", a->evaluate, "Nothing is identified: how well this PARAMS.yaml predicts the data");
   a->output.add_to(*c, "PARAMS.yaml to write: read by curve, export --mjcf and tribotwin-report fit");
-  c->add_option("--threads", a->threads, "Processors to use")->check(CLI::Range(1, 256));
+  c->add_option("--threads", a->threads, "Threads")->check(CLI::Range(1, 256));
   c->add_flag("--json", a->json, "Print JSON instead of the table");
   c->add_flag("--quiet", a->quiet, "No notes on stderr");
   c->footer(

@@ -81,12 +81,13 @@ void add_lab(CLI::App& app, int& code) {
   auto* command = app.add_subcommand(
       "lab", "Measure friction curves over load and temperature in simulation, or compare robots over working days");
   command->add_option("CAMPAIGN", a->campaign, "Campaign file, or the name of a shipped one")->required();
-  command->add_option("-o,--output", a->directory, "Folder for the results; a run that was interrupted there goes on")
+  command
+      ->add_option("-o,--output", a->directory,
+                   "Folder for the results; continues a campaign that was interrupted there")
       ->required();
   command->add_option("--threads", a->threads, "Curves measured at once (default: one per core)")
       ->check(CLI::Range(1, 1024));
-  command->add_option("--set", a->settings, "key=value, dotted keys, in place of what the file says")
-      ->allow_extra_args(false);
+  command->add_option("--set", a->settings, "key=value with dotted keys; overrides the file")->allow_extra_args(false);
   command->add_flag("--quiet", a->quiet, "No progress, no summary");
   command->add_flag("--force", a->force, "Replace tables and parts that were changed since they were made");
   command->footer("Example:\n  tribotwin lab irb6620_load_campaign -o lab/load --set seed=7");

@@ -12,7 +12,7 @@
 namespace tribotwin::twin::program {
 
 /// Parses the arguments of a program and runs the callback of the command that they name, which leaves its exit code in
-/// `code`. The one place where what went wrong becomes a message on stderr and an exit code. Returns the exit code of
+/// `code`. The one place where errors become messages on stderr and exit codes. Returns the exit code of
 /// the program.
 inline int parse(std::string_view program, CLI::App& app, int argc, const char* const* argv, int& code) {
   try {

@@ -33,7 +33,7 @@ struct Arguments {
   bool json = false, quiet = false;
 };
 
-/// Over the samples in which the joint moves; at rest friction is whatever holds it.
+/// Over the samples in which the joint moves; at rest friction is not determined by the motion.
 struct Error {
   double rms = 0, range = 0, largest = 0;
   Index samples = 0;
@@ -74,7 +74,7 @@ std::string csv_of(const Robot& robot, const JointMotion& motion, const Eigen::M
   return s;
 }
 
-/// Temperatures that files begin at, per joint.
+/// Start temperatures of the files, per joint.
 std::vector<double> start_of(const Arguments& a, const Robot& robot, const std::vector<thermal::Model>& models) {
   std::vector<double> start;
   for (const auto& m : models) start.push_back(m.T_amb_degC);
@@ -155,7 +155,8 @@ Result<Exit> execute(const Arguments& a) {
 
 void add_predict(CLI::App& app, int& code) {
   auto a = std::make_shared<Arguments>();
-  auto* c = app.add_subcommand("predict", "The torques of a recorded motion from identified dynamics, and their error");
+  auto* c = app.add_subcommand("predict",
+                               "Predict the torques of a recorded motion from identified dynamics, and their error");
   c->add_option("MODEL", a->model, "MJCF model")->required();
   c->add_option("PARAMS", a->parameters, "PARAMS.yaml of tribotwin dynamics")->required();
   c->add_option("DATA", a->data, "CSV as for tribotwin dynamics")->required();
@@ -164,9 +165,8 @@ void add_predict(CLI::App& app, int& code) {
                 "(default: that of rest)")
       ->delimiter(',')
       ->check(CLI::Range(-60.0, 250.0));
-  c->add_option(
-       "--window", a->window_s,
-       "First and last time_s whose errors count, as A,B: the end of a day whose beginning only warms the robot up")
+  c->add_option("--window", a->window_s,
+                "First and last time_s whose errors count, as A,B; for records that start with a warm-up")
       ->delimiter(',')
       ->expected(2);
   add_preparation(*c, a->preparation);
@@ -174,11 +174,12 @@ void add_predict(CLI::App& app, int& code) {
                    "CSV to write: time_s, torque_JOINT_nm (filtered as for the fit), predicted_JOINT_nm, "
                    "temperature_JOINT_degC (recorded, estimated, or 20)");
   auto* wrench = c->add_option("--wrench", a->wrench,
-                               "CSV to write: force and torque from outside at the tool, world axes; empty where "
+                               "CSV to write: external force and torque at the tool, world axes; empty where "
                                "joints rest or the arm is singular");
-  c->add_option("--site", a->site, "Site of the model at which they act")->needs(wrench)->capture_default_str();
-  c->add_option("--threads", a->threads, "Processors to use; they change nothing but the time")
-      ->check(CLI::Range(1, 256));
+  c->add_option("--site", a->site, "Site of the model at which force and torque act")
+      ->needs(wrench)
+      ->capture_default_str();
+  c->add_option("--threads", a->threads, "Threads; they do not change the result")->check(CLI::Range(1, 256));
   c->add_flag("--json", a->json, "Print JSON instead of the table");
   c->add_flag("--quiet", a->quiet, "No notes");
   c->footer("Example:\n  tribotwin predict mjcf/er3a_c60.xml robot.yaml other.csv -o predicted.csv");

@@ -75,8 +75,8 @@ std::span<const double> whole_channel(const Recording& record, const std::string
   return values;
 }
 
-/// What the robot's controller would have recorded of a run: the columns of tribotwin dynamics. The noise of the torque
-/// is given as a share of torque_max_nm.
+/// A run as the robot's controller would have recorded it: the columns of tribotwin dynamics. `torque_noise_share` is a
+/// share of torque_max_nm.
 Result<Exit> export_recording(const std::string& directory, Sensors sensors, double torque_noise_share,
                               std::uint64_t seed, const Destination& output) {
   require_record(directory);
@@ -163,7 +163,7 @@ Result<Exit> export_instance(const std::string& file, const std::string& name, c
   if (gear_ratio > 0) parameters.gear_ratio = gear_ratio;
   const auto drive = identification::drive_of(parameters, name);
   if (!drive) throw InputError(fmt::format("{}: {}", file, drive.error().message));
-  // What a model could not load is refused here, with the reason the model would give.
+  // Parameters that a model would refuse are refused here, with the same reason.
   const auto keys = drive::configuration_of(*drive);
   if (const auto loaded = drive::make_drive(name, keys); !loaded)
     return work_failed(fmt::format("{}: {}", file, loaded.error().message));
@@ -192,7 +192,7 @@ void add_export(CLI::App& app, int& code) {
   auto a = std::make_shared<Arguments>();
   auto* command = app.add_subcommand(
       "export",
-      "The record of a run as CSV, whole or as a controller records, or identified parameters as a MuJoCo element");
+      "Export the record of a run as CSV, complete or as a controller records it, or parameters as a MuJoCo element");
   command->add_option("FROM", a->from, "Folder of a run, or PARAMS.yaml")->required();
   auto* csv = command->add_flag("--csv", a->csv, "telemetry.csv and, where there are work cycles, cycles.csv");
   auto* mjcf = command
@@ -204,7 +204,9 @@ void add_export(CLI::App& app, int& code) {
       command->add_flag("--recording", a->recording, "CSV as the robot's controller records it, for tribotwin dynamics")
           ->excludes(csv)
           ->excludes(mjcf);
-  command->add_option("--sampling", a->sensors.sampling_hz, "Of the recording [Hz] (default: that of the run)")
+  command
+      ->add_option("--sampling", a->sensors.sampling_hz,
+                   "Sampling rate of the recording [Hz] (default: that of the run)")
       ->check(CLI::Range(1e-3, 1e6))
       ->needs(recording);
   command
@@ -221,7 +223,7 @@ void add_export(CLI::App& app, int& code) {
   command->add_option("--name", a->name, "Name of the instance")->capture_default_str();
   command
       ->add_option("--drive", a->on_drive,
-                   "Of a bouc_wen: name of the tribotwin.drive instance that has its temperature and gets its heat")
+                   "For bouc_wen: the tribotwin.drive instance whose temperature it has and which gets its heat")
       ->capture_default_str();
   command->add_option("--tau-max", a->torque_max_nm, "torque_max_nm [Nm], where the file holds none")
       ->check(CLI::Range(1e-9, 1e9));

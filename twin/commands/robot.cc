@@ -13,7 +13,7 @@ Robot load_robot(const std::string& file) {
   if (!model) throw InputError(model.error().message);
   if (!(*model)->springs().empty())
     throw InputError(
-        fmt::format("{}: has an elastic transmission; rigid dynamics cannot tell what happens behind it", file));
+        fmt::format("{}: has an elastic transmission; rigid dynamics do not describe what is behind it", file));
   const auto regressor = Regressor::create((*model)->get());
   if (!regressor) throw InputError(fmt::format("{}: {}", file, regressor.error().message));
   return {*model, *regressor, base_parameters(*regressor)};
@@ -27,7 +27,7 @@ void add_preparation(CLI::App& command, Preparation& preparation) {
       ->check(CLI::Range(1e-3, 1e6));
   command
       .add_option("--decimate", preparation.decimation,
-                  "Every how many samples one is used (default: five per period of the cut-off)")
+                  "Use one of so many samples (default: five per period of the cut-off)")
       ->check(CLI::Range(1u, 1000000u));
 }
 

@@ -10,7 +10,7 @@
 #include <tribotwin/twin/identification/rigid_body/joint_motion.hpp>
 #include <tribotwin/twin/robot/base_parameters.hpp>
 
-/// What the commands about a whole robot's dynamics begin with.
+/// The part that the commands on a whole robot's dynamics share.
 namespace tribotwin::twin::program {
 
 struct Robot {
@@ -25,7 +25,7 @@ Robot load_robot(const std::string& file);
 /// Options of how recordings are prepared.
 void add_preparation(CLI::App& command, identification::Preparation& preparation);
 
-/// Reads and prepares recordings. Throws InputError; prints what is to be known of them unless `quiet`.
+/// Reads and prepares recordings; prints notes on them unless `quiet`. Throws InputError.
 identification::JointMotion read_motion(const Robot& robot, const std::vector<std::string>& files,
                                         const identification::Preparation& preparation, bool quiet);
 

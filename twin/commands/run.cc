@@ -8,8 +8,8 @@
 #include <tribotwin/twin/commands/program.hpp>
 #include <tribotwin/twin/io/interrupt.hpp>
 #include <tribotwin/twin/io/name.hpp>
+#include <tribotwin/twin/io/telemetry/run_folder.hpp>
 #include <tribotwin/twin/simulation/run.hpp>
-#include <tribotwin/twin/simulation/run_folder.hpp>
 
 namespace tribotwin::twin::program {
 namespace {
@@ -60,7 +60,7 @@ void print_varied(const std::vector<VariedRun>& runs, const fs::path& directory)
   for (const auto& run : runs) {
     print("{:<24} simulated {:.1f} s in {:.2f} s", run.folder, run.summary.simulated_s, run.summary.wall_s);
     for (const auto& t : run.summary.tracking)
-      print("; error {:.3f} mrad, at standstill {:.4f} mrad to and fro", t.l1_mrad, t.standstill_pp_mrad);
+      print("; error {:.3f} mrad, at standstill {:.4f} mrad peak to peak", t.l1_mrad, t.standstill_pp_mrad);
     for (const auto& l : run.summary.loops) print("; loop {:.4g} J, {:.4g} Nm/rad", l.area_J, l.stiffness_nm_rad);
     print("\n");
     for (const auto& warning : run.summary.warnings) note("{}: {}", run.folder, warning);
@@ -186,7 +186,8 @@ Result<Exit> vary(const Arguments& a, const fs::path& file, const std::vector<Va
 Result<Exit> execute(const Arguments& a) {
   if (a.list) return list_scenarios();
   catch_interrupts();
-  if (a.scenario.empty()) return tl::unexpected(Error("run needs a scenario; 'tribotwin run --list' names those that ship"));
+  if (a.scenario.empty())
+    return tl::unexpected(Error("run needs a scenario; 'tribotwin run --list' names those that ship"));
   std::vector<std::string> settings = a.settings;
   if (a.seed) settings.push_back(fmt::format("seed={}", *a.seed));
   const fs::path file = scenario_file(a.scenario);
@@ -227,13 +228,12 @@ void add_run(CLI::App& app, int& code) {
   auto* run = app.add_subcommand("run", "Run a scenario: telemetry.h5, summary.json, scenario.yaml");
   run->add_option("SCENARIO", a->scenario, "Scenario file, or the name of a shipped one");
   run->add_option("-o,--output", a->directory, "Folder for the results (default: runs/NAME)");
-  run->add_option("--seed", a->seed, "Seed of everything random");
-  run->add_option("--set", a->settings, "key=value, dotted keys, in place of what the file says")
-      ->allow_extra_args(false);
+  run->add_option("--seed", a->seed, "Seed of all random numbers");
+  run->add_option("--set", a->settings, "key=value with dotted keys; overrides the file")->allow_extra_args(false);
   run->add_flag("--force", a->force, "Replace a run that the folder holds, once the new one is whole");
   run->add_flag("--strict", a->strict,
                 "Exit code 3 if the energy balance is off by more than 1 % of the friction work");
-  run->add_flag("--realtime", a->realtime, "Not faster than the clock");
+  run->add_flag("--realtime", a->realtime, "Run no faster than real time");
   run->add_flag("--quiet", a->quiet, "No progress, no summary");
   run->add_flag("--json", a->json, "Print summary.json instead of the table");
   run->add_flag("--list", a->list, "List the shipped scenarios");

@@ -18,7 +18,7 @@ namespace {
 using namespace identification;
 using Json = nlohmann::ordered_json;
 
-/// Of friction [1/K] where nobody knows it: torque does not depend on it.
+/// Assumed alpha [1/K] where it is unknown; the predicted torque does not depend on it.
 constexpr double guessed_alpha = -0.01;
 
 struct Arguments {
@@ -31,7 +31,7 @@ struct Arguments {
   bool rested = false, chain = false, json = false, quiet = false;
 };
 
-/// The joints of all files, each with the sessions of those that have it.
+/// All joints of all files; each joint has the sessions of the files that contain it.
 std::vector<JointHeat> read(const Arguments& a) {
   if (a.cycle_s.size() > 1 && a.cycle_s.size() != a.data.size())
     throw InputError(
@@ -59,7 +59,7 @@ bool tells_times(const Fit& fit) {
 
 bool has_temperature(const HeatSession& session) { return !session.temperature_degC.empty(); }
 
-/// Of the order asked for; without one, of the second where these data tell both time constants, else of the first.
+/// A fit of the requested order. Default: second order where both time constants are identifiable, else first.
 template <class Fitted>
 auto of_order(int order, const Fitted& with) {
   if (order == 1) return with(thermal::Order::first);
@@ -83,8 +83,7 @@ TorqueThermalFit fitted_to_torque(const Arguments& a, const std::string& joint, 
   });
 }
 
-/// What has no sigma is NaN, which JSON shows as null.
-/// What both fits say.
+/// The part that both fits share. A missing sigma is NaN, which JSON shows as null.
 Json json_of(const auto& fit, thermal::Order order) {
   Json j{{"order", order == thermal::Order::first ? 1 : 2}};
   for (const auto& e : fit.parameters)
@@ -145,7 +144,7 @@ std::string rows_of(const std::string& joint, const std::string& from, const The
   return s;
 }
 
-/// Adds a joint's fit to all its sessions and, where there are several files, file by file: how far the days agree.
+/// Fits a joint to all its sessions and, where there are several files, to each file: it shows how far days agree.
 template <class Fitted>
 auto fit_files(const Arguments& a, const JointHeat& joint, const Fitted& fitted, Json& j, std::string& table) {
   const auto& sessions = joint.sessions;
@@ -244,7 +243,7 @@ Result<Exit> identify_chain(const Arguments& a) {
   return deliver(a.json ? j.dump(2) + "\n" : table);
 }
 
-/// Temperatures of every session of every joint from the first ones alone.
+/// Predicted temperatures of every session of every joint from the first temperatures alone.
 std::vector<std::vector<std::vector<double>>> predictions(const Arguments& a, const std::vector<JointHeat>& joints) {
   std::vector<std::vector<std::vector<double>>> out(joints.size());
   for (const auto& joint : joints)
@@ -315,22 +314,22 @@ Result<Exit> evaluate(const Arguments& a) {
 void add_thermal(CLI::App& app, int& code) {
   auto a = std::make_shared<Arguments>();
   auto* c = app.add_subcommand(
-      "thermal", "How joints warm up: thermal models from recorded heat and temperature, or from torque alone");
+      "thermal", "Identify thermal models of joints from recorded heat and temperature, or from torque alone");
   c->add_option("DATA", a->data,
                 "CSV: time_s, power_w_JOINT or torque_JOINT_nm with velocity_JOINT_rad_s or position_JOINT_rad, and "
-                "temperature_JOINT_degC; without that --cycle and --rested")
+                "temperature_JOINT_degC; without temperatures --cycle and --rested")
       ->required();
-  auto* order =
-      c->add_option("--order", a->order, "Of the model (default: 2 where both time constants can be told, else 1)")
-          ->check(CLI::IsMember({1, 2}));
+  auto* order = c->add_option("--order", a->order,
+                              "Order of the model (default: 2 where both time constants are identifiable, else 1)")
+                    ->check(CLI::IsMember({1, 2}));
   c->add_option("--cycle", a->cycle_s,
                 "Length of the working cycle [s], for heat from torque and motion: one, or one for each file as A,B")
       ->delimiter(',')
       ->check(CLI::Range(1e-3, 3600.0));
-  auto* rested = c->add_flag("--rested", a->rested, "Every file begins at ambient temperature, as after a night");
+  auto* rested = c->add_flag("--rested", a->rested, "Every file starts at ambient temperature, as after a night");
   auto* chain = c->add_flag("--chain", a->chain,
-                            "Joints warm their neighbours, in the order of the columns, at one rate; for records too "
-                            "short to tell slow poles joint by joint")
+                            "Joints heat their neighbours, in the order of the columns, at one rate; for records too "
+                            "short to identify slow poles joint by joint")
                     ->excludes(order)
                     ->excludes(rested);
   auto* alpha =
@@ -338,12 +337,12 @@ void add_thermal(CLI::App& app, int& code) {
            "--alpha", a->alpha,
            "Without temperatures: change of friction per K over friction at rest temperature, where it is known [1/K]")
           ->check(CLI::Range(-1.0, 1.0));
-  auto* rest = c->add_option("--rest", a->rest_degC, "Temperature at rest [degC], which alpha refers to")
+  auto* rest = c->add_option("--rest", a->rest_degC, "Temperature at rest [degC], the reference of alpha")
                    ->check(CLI::Range(-60.0, 250.0))
                    ->capture_default_str();
   auto* output = a->output.add_to(*c, "PARAMS.yaml to write");
   c->add_option("--evaluate", a->evaluate,
-                "PARAMS.yaml of an earlier call: how well it predicts these data from their first temperatures")
+                "PARAMS.yaml of an earlier call: evaluate its prediction of these data from their first temperatures")
       ->excludes(order)
       ->excludes(rested)
       ->excludes(output)

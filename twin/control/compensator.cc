@@ -72,7 +72,7 @@ double Compensator::static_friction_nm(double speed) const {
 
 void Compensator::observe_friction(const Input& in, double time_s, double dt_s) {
   drive::Drive& drive = model_.drive;
-  // Bristles driven by a count that goes to and fro would lose their deflection: the angle follows with the play of one
+  // Bristles driven by a count that toggles would lose their deflection: the angle follows with a hysteresis of one
   // count.
   angle_rad_ = fresh_ ? in.angle_rad
                       : std::clamp(angle_rad_, in.angle_rad - in.resolution_rad, in.angle_rad + in.resolution_rad);

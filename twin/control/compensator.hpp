@@ -8,21 +8,21 @@
 #include <tribotwin/plugins/transmission/hysteresis.hpp>
 #include <tribotwin/twin/control/momentum_observer.hpp>
 
-/// Feed-forward of the torsion of an elastic, hysteretic gear from what the motor side knows (P4 section 5.2). No
+/// Feed-forward of the torsion of an elastic, hysteretic gear from motor-side signals (RH380-N study, section 5.2). No
 /// sensor behind the gear is used: motor torque, less friction, less what accelerates the rotor, is the gear's torque;
 /// the inverted hysteresis makes a torsion of it, and the set point gets that torsion on top.
 namespace tribotwin::twin {
 
-/// Where the friction of the momentum observer comes from.
+/// The source of the momentum observer's friction.
 enum class Compensation {
   none,      ///< the set point stays as it is
-  static_,   ///< the rival of P4 ([8]): the static friction curve of one temperature without load; no dead zone
+  static_,   ///< the study's reference method [8]: static friction curve of one temperature, no load, no dead zone
   proposed,  ///< LuGre observer with load and temperature, dead zone
 };
-/// "none", "static", "proposed".
+/// The names "none", "static" and "proposed".
 std::string_view name_of(Compensation compensation);
 
-/// What a controller believes of its drive and gear.
+/// A controller's model of its drive and gear.
 struct JointModel {
   drive::Drive drive;
   transmission::Hysteresis transmission;

@@ -4,8 +4,9 @@
 
 namespace tribotwin::twin {
 
-/// Generalised-momentum observer (P4 (7)-(10)): sees, through the gain [1/s] of a first-order lag, the torque that
-/// slows a rotor beside what is known to act on it, without its acceleration: r' = K (known torque - r - p').
+/// Generalised-momentum observer (RH380-N study, equations 7 to 10): sees, through the gain [1/s] of a first-order lag,
+/// the torque that slows a rotor beside what is known to act on it, without its acceleration: r' = K (known torque - r
+/// - p').
 class MomentumObserver {
  public:
   explicit MomentumObserver(double gain_1_s) : gain_1_s_(gain_1_s) {}

@@ -29,7 +29,7 @@ struct CascadedOptions {
   double speed_filter_rad_s = 300;    ///< bandwidth of the tracking loop behind the encoder
 };
 
-/// What one drive is told for a time step. Arm side.
+/// The command of one drive for a time step. Arm side.
 struct DriveCommand {
   enum class Mode { off, torque, velocity, position };
   Mode mode = Mode::off;
@@ -39,7 +39,7 @@ struct DriveCommand {
   double torque_limit_nm = friction::unlimited;
 };
 
-/// The loops of industrial drives, each in a mode of its own. Its torque limit also is the actuator's ctrlrange.
+/// The loops of industrial drives; each drive has its own mode. The actuator's ctrlrange limits the torque, too.
 class DriveServo {
  public:
   DriveServo(const mujoco::Model& model, const mjData* start, const CascadedOptions& options);

@@ -20,7 +20,7 @@ struct TemperatureObserverOptions {
 /// Lubricant temperature of a joint without a sensor: the thermal model of its drive, corrected by what measured
 /// friction differs from the law (an extended Kalman filter over the model's nodes and the factor of its heat). Where
 /// the law does not depend on temperature, as beyond the edge of its range, only the model speaks, and sigma says so.
-/// P4 names such an observer as future work.
+/// The RH380-N study names such an observer as future work.
 class TemperatureObserver {
  public:
   /// The drive's thermal model must be of first or second order.

@@ -1,7 +1,5 @@
 #include <algorithm>
 #include <cmath>
-#include <cstring>
-#include <fstream>
 #include <limits>
 #include <mutex>
 #include <sstream>
@@ -10,6 +8,7 @@
 #include <fmt/ranges.h>
 #include <pugixml.hpp>
 
+#include <tribotwin/plugins/mujoco/source.hpp>
 #include <tribotwin/twin/identification/quantity_keys.hpp>
 #include <tribotwin/twin/identification/variant_twins.hpp>
 
@@ -18,34 +17,10 @@ namespace {
 
 namespace fs = std::filesystem;
 
-Result<std::string> read_text(const fs::path& file) {
-  std::ifstream stream(file, std::ios::binary);
-  std::error_code error;
-  if (!stream || fs::is_directory(file, error))
-    return tl::unexpected(
-        fmt::format("{}: cannot be read ({})", file.string(), stream ? "a folder" : std::strerror(errno)));
-  std::ostringstream text;
-  text << stream.rdbuf();
-  return text.str();
-}
-
 std::string text_of(const pugi::xml_document& document) {
   std::ostringstream text;
   document.save(text, "  ");
   return text.str();
-}
-
-/// Replaces <include> by the files. The loader has accepted the model: every file exists and is included once.
-Result<void> merge_includes(pugi::xml_document& document, const fs::path& folder) {
-  while (const pugi::xml_node include = document.select_node("//include").node()) {
-    const auto text = read_text(folder / include.attribute("file").value());
-    if (!text) return tl::unexpected(text.error());
-    pugi::xml_document included;
-    included.load_string(text->c_str());
-    for (const pugi::xml_node child : included.document_element()) include.parent().insert_copy_before(child, include);
-    include.parent().remove_child(include);
-  }
-  return {};
 }
 
 void absolute_folders(pugi::xml_node root, const fs::path& folder) {
@@ -190,15 +165,11 @@ Result<VariantTwins> VariantTwins::open(const Variant& variant) {
   if ((*given)->drives().size() != 1)
     return tl::unexpected(fmt::format("model: {} has {} drives, but a recording of one joint needs exactly 1",
                                       variant.model.string(), (*given)->drives().size()));
-  const auto text = read_text(variant.model);
-  if (!text) return tl::unexpected(Error("model: " + text.error().message));
-  pugi::xml_document document;
-  document.load_string(text->c_str());
+  const auto document = mujoco::load_merged(variant.model);
+  if (!document) return tl::unexpected(Error("model: " + document.error().message));
   const fs::path folder = variant.model.has_parent_path() ? variant.model.parent_path() : fs::path(".");
-  if (const auto merged = merge_includes(document, folder); !merged)
-    return tl::unexpected(Error("model: " + merged.error().message));
-  absolute_folders(document.document_element(), folder);
-  twins.text_ = text_of(document);
+  absolute_folders((*document)->document_element(), folder);
+  twins.text_ = text_of(**document);
 
   std::vector<double> values;
   for (const auto& q : variant.quantities) values.push_back(q.start);

@@ -24,11 +24,10 @@ Result<void> FolderLock::take(const std::filesystem::path& directory) {
   path_ = directory / "run.lock";
   for (;;) {
     file_ = ::open(path_.c_str(), O_CREAT | O_RDWR | O_NOFOLLOW | O_CLOEXEC, 0666);
-    if (file_ < 0)
-      return tl::unexpected(fmt::format("{}: cannot be written ({})", path_.string(), std::strerror(errno)));
+    if (file_ < 0) return work_failed(fmt::format("{}: cannot be written ({})", path_.string(), std::strerror(errno)));
     if (::flock(file_, LOCK_EX | LOCK_NB) != 0) {
       ::close(std::exchange(file_, -1));
-      return tl::unexpected(
+      return work_failed(
           fmt::format("{}: another run is writing into this folder; choose another with -o", directory.string()));
     }
     struct stat mine {

@@ -25,26 +25,35 @@ const char* kind(const YAML::Node& node) {
   }
 }
 
+std::string place(const std::string& file, const YAML::Mark& mark) {
+  return mark.line < 0 ? file : fmt::format("{}:{}", file, mark.line + 1);
+}
+
+/// A mapping whose keys are names, each given once.
+YAML::Node checked(const std::string& file, const std::string& where, const YAML::Node& node) {
+  if (!node.IsMap())
+    throw InputError(
+        fmt::format("{}: '{}' is {} but must be a mapping of keys", place(file, node.Mark()), where, kind(node)));
+  const std::string below = where.empty() ? "" : where + ".";
+  std::set<std::string> seen;
+  for (const auto& entry : node) {
+    const YAML::Mark mark = entry.first.Mark();
+    // yaml-cpp cannot look up such a key.
+    if (!entry.first.IsScalar() || entry.first.Scalar().empty())
+      throw InputError(fmt::format("{}: {}{}a key is {} but must be a name", place(file, mark), where,
+                                   where.empty() ? "" : ": ", kind(entry.first)));
+    if (const std::string& key = entry.first.Scalar(); !seen.insert(key).second)
+      throw InputError(fmt::format("{}: {}{}: is given twice", place(file, mark), below, key));
+  }
+  return node;
+}
+
 }  // namespace
 
 Mapping::Mapping(std::string file, std::string where, YAML::Node node)
-    : file_(std::move(file)), where_(std::move(where)), node_(node) {
-  if (!node_.IsMap())
-    throw InputError(
-        fmt::format("{}: '{}' is {} but must be a mapping of keys", at(node_.Mark()), where_, kind(node_)));
-  std::set<std::string> seen;
-  for (const auto& entry : node_) {
-    // yaml-cpp finds no entry by such a key: it would be there and not be there.
-    if (!entry.first.IsScalar() || entry.first.Scalar().empty())
-      throw InputError(fmt::format("{}: {}{}a key is {} but must be a name", at(entry.first.Mark()), where_,
-                                   where_.empty() ? "" : ": ", kind(entry.first)));
-    if (!seen.insert(entry.first.Scalar()).second) fail(entry.first.Scalar(), "is given twice");
-  }
-}
+    : file_(std::move(file)), where_(std::move(where)), node_(checked(file_, where_, node)) {}
 
-std::string Mapping::at(const YAML::Mark& mark) const {
-  return mark.line < 0 ? file_ : fmt::format("{}:{}", file_, mark.line + 1);
-}
+std::string Mapping::at(const YAML::Mark& mark) const { return place(file_, mark); }
 
 void Mapping::fail(const std::string& key, const std::string& why) const {
   YAML::Mark mark = node_.Mark();

@@ -50,7 +50,7 @@ struct Bounds {
   double minimum = -1e300, maximum = 1e300;
 };
 
-/// One mapping of a YAML file. Take every known key, then call done().
+/// One mapping of a YAML file. Read every known key, then call done().
 class Mapping {
  public:
   /// `where` is the path of keys from the root, "" for the root.
@@ -82,7 +82,7 @@ class Mapping {
   std::vector<std::string> names() const;
   YAML::Node raw(const std::string& key);
 
-  /// Fails on keys that nobody took, with the nearest that exists.
+  /// Fails on keys that were not read, with the nearest known key.
   void done() const;
   [[noreturn]] void fail(const std::string& key, const std::string& why) const;
 

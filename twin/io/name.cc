@@ -7,12 +7,12 @@
 namespace tribotwin::twin {
 namespace {
 
-/// File systems end at 255; the rest is for endings such as ".telemetry.h5.partial".
+/// File systems allow 255; the rest is for endings such as ".telemetry.h5.partial".
 constexpr std::size_t most_bytes = 200;
 
 bool is_control(char c) { return static_cast<unsigned char>(c) < 0x20 || c == 0x7f; }
 
-/// On one line and not too long to read.
+/// The name on one line, shortened.
 std::string shown(std::string_view name) {
   std::string out;
   for (const char c : name.substr(0, 60))

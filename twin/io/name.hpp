@@ -6,9 +6,8 @@
 
 namespace tribotwin::twin {
 
-/// Why `name` cannot be the name of a file or folder that is made: one component of a path, of 1 to 200 bytes, neither
-/// "." nor
-/// "..", without control characters. Nothing where it can. Whatever a user's file names and becomes a file goes through
+/// Why `name` cannot name a new file or folder; nothing where it can. A name is one component of a path, of 1 to 200
+/// bytes, neither "." nor "..", without control characters. Every name that a user's file gives to a file is checked
 /// here.
 std::optional<std::string> unfit_file_name(std::string_view name);
 

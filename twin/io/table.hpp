@@ -10,7 +10,7 @@
 
 namespace tribotwin::twin {
 
-/// What a number can be. Beyond that it is no measurement of a joint, whatever else the column may hold.
+/// Unit and plausible range of a measured number. A number outside is no measurement of a joint.
 struct Quantity {
   std::string_view unit;
   double minimum, maximum;
@@ -19,7 +19,7 @@ struct Quantity {
   /// "must be within MINIMUM .. MAXIMUM UNIT"
   std::string requirement() const;
 };
-/// From the unit in a column's name: "time_s", "torque_joint2_nm", "power_w_joint2".
+/// The quantity by the unit in a column's name: "time_s", "torque_joint2_nm", "power_w_joint2".
 const Quantity& quantity_of(std::string_view column);
 
 /// A CSV file whose first line names its columns. Cells are separated by commas and not quoted.
@@ -30,8 +30,8 @@ struct Table {
   std::vector<std::size_t> lines;              ///< of the file, from 1, per row
 
   bool has(std::string_view name) const;
-  /// A column of numbers that its quantity can have. Fails with file, line, column and the cell that is none, or with
-  /// the columns there are.
+  /// A column of numbers within the range of its quantity. Fails with file, line, column and the wrong cell, or with
+  /// the names of the columns.
   Result<std::vector<double>> numbers(std::string_view name) const;
   /// "FILE:LINE: " of a row
   std::string where(std::size_t row) const;
@@ -40,7 +40,7 @@ struct Table {
 /// Fails with file and line; a table without samples is an error.
 Result<Table> read_table(const std::filesystem::path& file);
 
-/// Columns of numbers from a file too long to be kept as text.
+/// Columns of numbers from a file too long to keep as text.
 struct Numbers {
   std::filesystem::path file;
   std::vector<std::string> names;            ///< all columns of the header
@@ -50,8 +50,8 @@ struct Numbers {
   std::size_t first_left_out = 0;            ///< its line, from 1
 };
 
-/// Reads the columns `wanted` of a CSV file in one pass. Fails with file and line, also where a cell is no number at
-/// all or one that its quantity cannot have.
+/// Reads the columns `wanted` of a CSV file in one pass. Fails with file and line, also where a cell is no number or
+/// outside the range of its quantity.
 Result<Numbers> read_numbers(const std::filesystem::path& file, const std::vector<std::string>& wanted);
 
 /// The first row of `time_s` that does not come after the row before, by a nanosecond at least, with file and line.

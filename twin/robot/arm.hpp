@@ -8,20 +8,20 @@
 #include <tribotwin/plugins/friction/error.hpp>
 #include <tribotwin/plugins/mujoco/loader.hpp>
 
-/// What a twin needs to know of an arm beyond its drives: joint names, gravity, payload.
+/// Properties of an arm beside its drives: joint names, gravity, payload.
 namespace tribotwin::twin {
 
 std::string joint_name(const mjModel* m, const mujoco::Binding& drive);
-/// The drive of a joint. Fails with the name, the nearest that exists and all there are.
+/// The drive of a joint. Fails with the name, the nearest name that exists, and all names.
 Result<std::size_t> find_drive(const mujoco::Model& model, std::string_view joint);
-/// The drive that works through a spring, and how often its joint turns per turn of the arm.
+/// The drive behind a transmission, and its joint turns per turn of the arm.
 std::size_t drive_of(const mujoco::Model& model, const mujoco::Spring& spring);
 double ratio_of(const mujoco::Spring& spring);
 /// Place of the drive's joint in mjData.qpos.
 int position_address(const mjModel* m, const mujoco::Binding& drive);
 
-/// Torque (force for a slide) that gravity asks of a dof at d's pose [Nm], exact for trees of hinges and slides.
-/// Needs the centres of mass of the step under way (mj_comPos), no second pass of the dynamics.
+/// Torque (force for a slide) that holds a dof against gravity at d's pose [Nm]; exact for trees of hinges and slides.
+/// Needs the centres of mass of the current step (mj_comPos), no second pass of the dynamics.
 double gravity_torque_nm(const mjModel* m, const mjData* d, int dof);
 
 /// Inertia that a dof sees with all others at rest [kg m^2], rotors included, at d's pose (after mj_forward).
@@ -33,7 +33,7 @@ struct Payload {
   std::array<double, 3> com_m{};  ///< from the site "flange", or from the frame of the last driven body without one
 };
 
-/// The arm with a payload (in place of none). Fails where the changed model could not carry its drives.
+/// The arm with a payload. Fails where the changed model cannot carry its drives.
 Result<std::shared_ptr<const mujoco::Model>> with_payload(const mujoco::Model& arm, const Payload& payload);
 
 }  // namespace tribotwin::twin

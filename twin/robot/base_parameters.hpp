@@ -9,9 +9,9 @@
 
 namespace tribotwin::twin {
 
-/// The combinations of inertial parameters that torques can tell: beta = phi(independent) + groups phi(dependent), so
-/// that Y phi = Y(:, independent) beta in every state (Gautier 1991). Columns are taken from the base outwards: what a
-/// link and its successor move alike is counted to the one nearer to the base, rotors to links where they move alike.
+/// The identifiable combinations of inertial parameters: beta = phi(independent) + groups phi(dependent), so
+/// that Y phi = Y(:, independent) beta in every state (Gautier 1991). Columns are chosen from the base
+/// outwards: what a link and its successor share belongs to the one nearer to the base, and rotors to links.
 struct BaseParameters {
   struct Parameter {
     std::string name;   ///< of its leading parameter, "link2.Izz"

@@ -4,22 +4,12 @@
 #include <fmt/format.h>
 #include <pugixml.hpp>
 
+#include <tribotwin/plugins/mujoco/source.hpp>
 #include <tribotwin/twin/robot/arm.hpp>
 #include <tribotwin/twin/robot/drive_change.hpp>
 
 namespace tribotwin::twin {
 namespace {
-
-/// Puts what `<include>`s name in their place. The model was loaded before, so all files are there.
-void include_all(pugi::xml_document& document, const std::filesystem::path& folder) {
-  while (const pugi::xml_node include = document.select_node("//include").node()) {
-    pugi::xml_document part;
-    part.load_file((folder / include.attribute("file").value()).c_str());
-    for (const pugi::xml_node child : part.document_element().children())
-      include.parent().insert_copy_before(child, include);
-    include.parent().remove_child(include);
-  }
-}
 
 drive::Configuration changed(drive::Configuration configuration, const drive::Configuration& keys) {
   const auto drop = [&](const auto& parameters) {
@@ -56,13 +46,12 @@ Result<std::shared_ptr<const mujoco::Model>> load_with_drive(const std::filesyst
   const std::string instance = (*model)->drives()[*index].drive.name;
 
   const std::filesystem::path folder = file.has_parent_path() ? file.parent_path() : ".";
-  pugi::xml_document document;
-  document.load_file(file.c_str());
-  include_all(document, folder);
-  for (const auto& match : document.select_nodes("//extension/plugin[@plugin='tribotwin.drive']/instance")) {
+  const auto document = mujoco::load_merged(file);
+  if (!document) return tl::unexpected(document.error());
+  for (const auto& match : (*document)->select_nodes("//extension/plugin[@plugin='tribotwin.drive']/instance")) {
     pugi::xml_node element = match.node();
     if (element.attribute("name").value() != instance) continue;
-    // Words first: with a law or a thermal model their own parameters go, and those given here come after.
+    // Words first: a new law or thermal model removes the old parameters; those given here follow.
     drive::Configuration ordered = keys, present;
     std::ranges::stable_partition(ordered,
                                   [](const auto& entry) { return entry.first == "law" || entry.first == "thermal"; });
@@ -79,7 +68,7 @@ Result<std::shared_ptr<const mujoco::Model>> load_with_drive(const std::filesyst
     }
   }
   std::ostringstream text;
-  document.save(text);
+  (*document)->save(text);
   return mujoco::load_string(text.str(), {}, folder);
 }
 

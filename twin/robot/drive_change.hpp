@@ -10,8 +10,8 @@
 namespace tribotwin::twin {
 
 /// A model from a file with some keys of one joint's drive replaced (plugins/README.md names them). With another `law`
-/// or `thermal` the parameters of the old one go. Works on the text of the model, for engine plugins read nothing else.
-/// Fails with what is wrong with file, joint, key or value.
+/// or `thermal` the parameters of the old one are removed. Works on the text of the model, which is all that engine
+/// plugins read. An error names file, joint, key or value.
 Result<std::shared_ptr<const mujoco::Model>> load_with_drive(const std::filesystem::path& file,
                                                              const std::string& joint,
                                                              const drive::Configuration& keys);

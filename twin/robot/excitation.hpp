@@ -13,17 +13,17 @@
 #include <tribotwin/twin/robot/fourier.hpp>
 #include <tribotwin/twin/robot/motion.hpp>
 
-/// Motion that tells a robot's dynamics: paper 3's cycle of three sections. Inertia: Fourier series of all joints whose
-/// coefficients make the condition number of the base regressor small. Friction: joint by joint, several speeds both
-/// ways, the others in a stated pose. Heating: fast point-to-point moves of all joints.
+/// Motion from which a robot's dynamics are identified: the cycle of three sections of Hao 2021. Inertia: Fourier
+/// series of all joints whose coefficients make the condition number of the base regressor small. Friction: joint by
+/// joint, several speeds both ways, the others in a stated pose. Heating: fast point-to-point moves of all joints.
 namespace tribotwin::twin {
 
-/// What the motion keeps to, per joint of the regressor.
+/// The limits of the motion, per joint of the regressor.
 struct MotionLimits {
   Eigen::VectorXd low, high;  ///< positions [rad; m]
   Eigen::VectorXd speed, acceleration;
   Eigen::VectorXd torque;          ///< of the motor, arm side; infinite where the model names none
-  std::vector<std::string> notes;  ///< what had to be assumed
+  std::vector<std::string> notes;  ///< assumptions
 };
 
 /// Range of the joints less 2 % of it at each end; the model's numeric `joint_speed_max_rad_s` (per drive; else 2
@@ -39,7 +39,7 @@ struct ExcitationOptions {
   bool friction = true;
   int evaluations = 4000;
   std::uint64_t seed = 1;
-  const std::atomic<bool>* stop = nullptr;  ///< what was found until then is the result
+  const std::atomic<bool>* stop = nullptr;  ///< ends the search; the best motion so far is the result
   std::function<void(double share, double condition_number)> progress;
 };
 

@@ -4,7 +4,7 @@
 
 namespace tribotwin::twin {
 
-/// A periodic motion of all joints, a Fourier series each (paper 3's first section; Swevers et al. 1997):
+/// A periodic motion of all joints, a Fourier series each (first section of the cycle of Hao 2021; Swevers 1997):
 ///
 ///   qd(t) = sum_k a_k cos(k w t) + b_k sin(k w t),   w = 2 pi / period,
 ///

@@ -5,7 +5,7 @@
 #include <utility>
 #include <vector>
 
-/// What the arm is asked to do, as a pure function of time: a list of straight joint moves with trapezoidal speed,
+/// The set points of an arm as a pure function of time: a list of straight joint moves with trapezoidal speed,
 /// held samples of a recording, or cubics through samples of position and speed. Angles [rad] (slides [m]), speeds
 /// [rad/s], one entry per driven joint.
 namespace tribotwin::twin {
@@ -22,14 +22,14 @@ class Motion {
   /// needs longest sets the pace and runs at exactly its speed on the plateau, if there is one.
   Motion& move_to(std::vector<double> target_rad, std::span<const double> speed, std::span<const double> acceleration);
   Motion& dwell(double duration_s);
-  /// Appends a jump held until the next move: recorded set points.
+  /// Appends a recorded set point: a jump, held until the next move.
   Motion& hold_at(double time_s, std::vector<double> position_rad);
   /// Appends the cubic from the end of the last such piece to a position and velocity at a time; without one before,
   /// from the start at time 0, at rest.
   Motion& pass_through(double time_s, std::vector<double> position_rad, std::vector<double> velocity_rad_s);
   /// Appends another motion, which begins where this one ends and does not repeat.
   Motion& then(const Motion& other);
-  /// Repeats from the start for ever; the last dwell is stretched to a whole number of time steps. The motion must end
+  /// Repeats the motion without end; the last dwell is extended to a whole number of time steps. The motion must end
   /// where it began.
   Motion& repeat(double timestep_s);
 
@@ -58,7 +58,8 @@ class Motion {
 Motion back_and_forth(std::vector<double> centre_rad, std::size_t joint, double travel_rad, double speed_rad_s,
                       double acceleration_rad_s2, double dwell_s);
 
-/// Paper 2, Table 1: 15 speed levels, each forward and back over its travel, on the chosen joints one after the other.
+/// Zhou 2024, Table 1: 15 speed levels, each forward and back over its travel, on the chosen joints one after the
+/// other.
 Motion test_cycle(std::vector<double> centre_rad, std::span<const std::size_t> joints, double acceleration_rad_s2,
                   double dwell_s);
 

@@ -7,7 +7,7 @@
 #include <tribotwin/plugins/friction/error.hpp>
 #include <tribotwin/plugins/mujoco/loader.hpp>
 
-/// Arm configurations that load a joint as wanted (paper 1, 3.1.1).
+/// Arm poses that give a joint a wanted load (Bittencourt 2012, section 3.1.1).
 namespace tribotwin::twin {
 
 struct Pose {
@@ -22,8 +22,8 @@ class Gravity {
   /// `start_rad` per drive: what the other joints do.
   Gravity(const mujoco::Model& arm, std::size_t drive, std::vector<double> start_rad);
 
-  /// The pose that gives `load_nm`; of all the one in which the load changes least while the joint moves.
-  /// Fails with the loads that can be had.
+  /// A pose that gives `load_nm`: the one in which the load changes least while the joint moves.
+  /// Fails with the range of possible loads.
   Result<Pose> pose_for(double load_nm) const;
   /// Load [Nm] with the joint at q [rad], the others as in `pose_rad`.
   double load_nm(std::span<const double> pose_rad, double q_rad) const;

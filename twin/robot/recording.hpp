@@ -8,7 +8,7 @@
 
 namespace tribotwin::twin {
 
-/// Set points somebody recorded, and what was measured beside them where the file has it.
+/// Recorded set points, with measurements where the file has them.
 /// CSV: columns `time_s`, `position_JOINT_rad` (`_m` for a slide; one per driven joint, others are ignored) and, for
 /// all of them or none, `velocity_JOINT_rad_s` (`_m_s`). JSON: {"entries": [{"timestamp", "goal_position", "position",
 /// "temp", ...}], ...numbers}, one joint, as recorded by Rhoban's BAM test bench; top-level numbers (kp, mass, vin,

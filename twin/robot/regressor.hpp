@@ -8,7 +8,7 @@
 
 #include <tribotwin/plugins/friction/error.hpp>
 
-/// Rigid-body dynamics as a linear function of what there is to identify: tau = Y(q, qd, qdd) phi.
+/// Rigid-body dynamics, linear in the parameters to identify: tau = Y(q, qd, qdd) phi.
 ///
 /// phi holds ten numbers per moving body, about the origin of the body's frame and in its axes: the inertia tensor's
 /// elements Ixx Ixy Ixz Iyy Iyz Izz [kg m^2], the first moments mx my mz [kg m], the mass m [kg]; then one rotor
@@ -24,7 +24,7 @@ namespace tribotwin::twin {
 
 class Regressor {
  public:
-  /// What a column multiplies.
+  /// The parameter that a column multiplies.
   struct Column {
     std::string name;  ///< "link2.Ixx", "joint2.Ia"
     std::string unit;
@@ -52,7 +52,7 @@ class Regressor {
   /// Y of the last call of `at`.
   const Eigen::MatrixXd& last() const { return Y_; }
 
-  /// phi as the model has it.
+  /// The phi of the model.
   Eigen::VectorXd model_parameters() const;
 
  private:

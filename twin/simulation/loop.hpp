@@ -13,7 +13,7 @@ class HysteresisLoop {
   bool whole() const { return count_ >= points_.size(); }
   double area_J() const;
   double torque_max_nm() const;
-  /// From the least to the largest torsion.
+  /// Slope from the min. to the max. torsion.
   double chord_nm_rad() const;
 
  private:

@@ -5,9 +5,9 @@
 #include <fmt/format.h>
 
 #include <tribotwin/twin/io/file.hpp>
+#include <tribotwin/twin/io/telemetry/run_folder.hpp>
 #include <tribotwin/twin/io/telemetry/telemetry.hpp>
 #include <tribotwin/twin/simulation/recorder.hpp>
-#include <tribotwin/twin/simulation/run_folder.hpp>
 
 namespace tribotwin::twin {
 namespace {

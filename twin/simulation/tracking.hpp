@@ -4,16 +4,16 @@
 
 namespace tribotwin::twin {
 
-/// How well an arm follows its set point; figures of P4 section 5.3.
+/// How well an arm follows its set point; the figures of the RH380-N study, section 5.3.
 class TrackingError {
  public:
   /// One sample per time step: arm's set point and position [rad], and whether the set point rests.
   void add(double set_point_rad, double position_rad, bool rests, double dt_s);
   /// Mean of |set point - position| over all samples [mrad]: the L1 norm over the duration.
   double l1_mrad() const { return samples_ ? 1e3 * sum_rad_ / static_cast<double>(samples_) : 0; }
-  /// Largest peak-to-peak oscillation of the arm in any half second at rest, the first `settling_s` of a rest left out
-  /// [mrad]: of what a parabola over that time leaves, so that the slow way of the load does not count. 0 without such
-  /// a time.
+  /// Max. peak-to-peak oscillation of the arm [mrad] in any half second at rest, without the first `settling_s` of a
+  /// rest. A parabola over that time is subtracted, so that slow motion of the load does not count. 0 without such a
+  /// time.
   double standstill_pp_mrad() const { return 1e3 * oscillation_rad_; }
   static constexpr double settling_s = 1, window_s = 0.5;
 

@@ -179,7 +179,7 @@ check(
     read("interrupted/calibration.json")["complete"] is False and not os.path.exists(path("interrupted/load.xml")),
 )
 r = run("calibrate", "short.yaml", "-o", "interrupted")
-check("it goes on from there", r.returncode == 0 and "goes on" in r.stderr, r.stderr)
+check("it goes on from there", r.returncode == 0 and "continues" in r.stderr, r.stderr)
 check("and ends as without interruption", read("interrupted/calibration.json") == read("one/calibration.json"))
 
 # A folder keeps what it holds.

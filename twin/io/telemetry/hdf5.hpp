@@ -35,9 +35,11 @@ struct Failure : std::runtime_error {
 
 std::string system_reason(int error);
 
-/// Result of `work`, or the message "FILE: PHRASE (reason)" for whatever it throws.
+/// Result of `work`, or the message "FILE: PHRASE (reason)" for whatever it throws: a record that cannot be read is
+/// wrong input, one that cannot be written is failed work.
 template <class Work>
 auto guarded(const fs::path& path, std::string_view phrase, Work&& work) -> Result<decltype(work())> {
+  const ErrorKind kind = phrase == no_record ? ErrorKind::input : ErrorKind::work;
   try {
     if constexpr (std::is_void_v<decltype(work())>) {
       work();
@@ -46,9 +48,9 @@ auto guarded(const fs::path& path, std::string_view phrase, Work&& work) -> Resu
       return work();
     }
   } catch (const std::exception& e) {
-    return tl::unexpected(fmt::format("{}: {} ({})", path.string(), phrase, e.what()));
+    return tl::unexpected(Error(fmt::format("{}: {} ({})", path.string(), phrase, e.what()), kind));
   } catch (...) {
-    return tl::unexpected(fmt::format("{}: {} (unknown reason)", path.string(), phrase));
+    return tl::unexpected(Error(fmt::format("{}: {} (unknown reason)", path.string(), phrase), kind));
   }
 }
 

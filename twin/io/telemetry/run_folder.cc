@@ -3,7 +3,7 @@
 
 #include <fmt/format.h>
 
-#include <tribotwin/twin/simulation/run_folder.hpp>
+#include <tribotwin/twin/io/telemetry/run_folder.hpp>
 
 namespace tribotwin::twin {
 namespace {

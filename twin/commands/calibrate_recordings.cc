@@ -1,0 +1,191 @@
+#include <algorithm>
+#include <cmath>
+#include <map>
+
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+#include <fnmatch.h>
+#include <glob.h>
+#include <nlohmann/json.hpp>
+
+#include <tribotwin/twin/commands/calibrate_campaign.hpp>
+#include <tribotwin/twin/io/text.hpp>
+
+namespace tribotwin::twin::program {
+namespace {
+
+namespace fs = std::filesystem;
+using namespace identification;
+
+std::vector<fs::path> files_of_pattern(const std::string& pattern) {
+  std::vector<fs::path> files;
+  ::glob_t found{};
+  if (::glob(pattern.c_str(), GLOB_ERR, nullptr, &found) == 0)
+    files.assign(found.gl_pathv, found.gl_pathv + found.gl_pathc);
+  ::globfree(&found);
+  return files;
+}
+
+std::vector<fs::path> matching(Mapping& in, const std::string& key, const fs::path& folder) {
+  const YAML::Node node = in.raw(key);
+  if (!node) in.fail(key, "is missing: a file, a pattern such as runs/*.json, or a list of them");
+  std::vector<std::string> patterns;
+  if (node.IsScalar())
+    patterns.push_back(in.text(key));
+  else if (node.IsSequence())
+    patterns = in.texts(key);
+  std::vector<fs::path> files;
+  for (const auto& pattern : patterns) {
+    const std::string full = (folder / pattern).lexically_normal().string();
+    const auto found = files_of_pattern(full);
+    if (found.empty()) in.fail(key, fmt::format("'{}' matches no file", full));
+    for (const auto& file : found)
+      if (std::ranges::find(files, file) == files.end()) files.push_back(file);
+  }
+  if (files.empty()) in.fail(key, "names no file");
+  return files;
+}
+
+bool matches(const std::string& pattern, const fs::path& file) {
+  return ::fnmatch(pattern.c_str(), file.filename().c_str(), 0) == 0;
+}
+
+/// The texts and numbers at the top level of a recording.
+std::map<std::string, std::string> labels_of(const fs::path& file) {
+  std::map<std::string, std::string> labels;
+  const auto json = nlohmann::json::parse(or_wrong_input(read_text(file, "a recording")), nullptr, false);
+  if (!json.is_object()) return labels;
+  for (const auto& [key, value] : json.items()) {
+    if (value.is_string()) labels[key] = value.get<std::string>();
+    if (value.is_number()) labels[key] = fmt::format("{:g}", value.get<double>());
+  }
+  return labels;
+}
+
+Recording read_recording(const fs::path& file, const Mapping& in) {
+  auto points = or_wrong_input(read_set_points(file));
+  if (points.measured_rad.empty())
+    in.fail("files", fmt::format("{} has no measured positions; needed is JSON with entries of timestamp, "
+                                 "goal_position and position",
+                                 file.string()));
+  const auto measured = std::ranges::count_if(points.measured_rad, [](double q) { return std::isfinite(q); });
+  if (measured < 10 || !std::isfinite(points.measured_rad[0]))
+    in.fail("files", fmt::format("{} has {} measured positions; at least 10 are needed, among them that of the first "
+                                 "entry",
+                                 file.string(), measured));
+  return {.file = file, .points = std::move(points), .labels = labels_of(file)};
+}
+
+/// One entry of `settings`: what holds for the recordings that its pattern matches.
+void read_settings(Mapping in, std::vector<Recording>& recordings, const friction::LawInfo& law) {
+  auto accepted = keys_of(Place::control, law);
+  for (const char* key : {"files", "temperature_degC", "labels"}) accepted.emplace_back(key);
+  in.accept(accepted);
+  const std::string pattern = in.text("files");
+  std::vector<Recording*> meant;
+  for (auto& r : recordings)
+    if (matches(pattern, r.file)) meant.push_back(&r);
+  if (meant.empty())
+    in.fail("files", fmt::format("'{}' matches none of the recordings, of which the first is {}", pattern,
+                                 recordings[0].file.filename().string()));
+  for (const auto key : keys_of(Place::control, law)) {
+    const std::string text(key);
+    if (!in.has(text)) continue;
+    const auto [minimum, maximum] = accepted_range(Place::control, law, key);
+    const double value = in.number(text, {minimum, maximum});
+    for (Recording* r : meant) r->control.emplace_back(text, value);
+  }
+  if (in.has("temperature_degC"))
+    for (Recording* r : meant) r->temperature_degC = in.number("temperature_degC", {-100, 300});
+  if (auto labels = in.mapping("labels"))
+    for (const auto& label : labels->names())
+      for (Recording* r : meant) r->labels[label] = labels->text(label);
+  in.done();
+}
+
+/// `by LABEL`: one fold per value of the label, in the order of the recordings.
+Split split_by_label(Mapping& in, const std::vector<Recording>& recordings) {
+  const std::string text = in.text("folds"), prefix = "by ";
+  if (!text.starts_with(prefix))
+    in.fail("folds", fmt::format("is '{}' but must be 'by LABEL', such as by trajectory or by gain, or a list of lists "
+                                 "of files",
+                                 text));
+  const std::string label = text.substr(prefix.size());
+  Split split;
+  for (std::size_t i = 0; i < recordings.size(); ++i) {
+    const auto& labels = recordings[i].labels;
+    const auto found = labels.find(label);
+    if (found == labels.end()) {
+      std::vector<std::string> known;
+      for (const auto& [name, value] : labels) known.push_back(name);
+      in.fail("folds",
+              fmt::format("'{}': {} has no label '{}'; it has {}", text, recordings[i].file.filename().string(), label,
+                          known.empty() ? "none" : fmt::format("{}", fmt::join(known, ", "))));
+    }
+    auto fold = std::ranges::find(split.folds, found->second, &Split::Fold::label);
+    if (fold == split.folds.end()) fold = split.folds.insert(fold, {found->second, {}});
+    fold->held_out.push_back(i);
+  }
+  split.name = in.text_or("name", label);
+  return split;
+}
+
+void hold_out(Split::Fold& fold, const std::string& pattern, Mapping& in, const std::vector<Recording>& recordings) {
+  bool any = false;
+  for (std::size_t i = 0; i < recordings.size(); ++i) {
+    if (!matches(pattern, recordings[i].file)) continue;
+    any = true;
+    if (std::ranges::find(fold.held_out, i) == fold.held_out.end()) fold.held_out.push_back(i);
+  }
+  if (!any)
+    in.fail("folds", fmt::format("'{}' matches none of the recordings, of which the first is {}", pattern,
+                                 recordings[0].file.filename().string()));
+}
+
+/// A list of folds, each a pattern or a list of patterns.
+Split split_by_files(Mapping& in, const YAML::Node& folds, const std::vector<Recording>& recordings) {
+  Split split;
+  for (const auto& fold : folds) {
+    auto& made = split.folds.emplace_back();
+    made.label = fmt::format("{}", split.folds.size());
+    std::vector<std::string> patterns;
+    if (fold.IsScalar()) patterns.push_back(fold.Scalar());
+    for (const auto& item : fold) patterns.push_back(item.IsScalar() ? item.Scalar() : "");
+    if (patterns.empty()) in.fail("folds", fmt::format("fold {} names no file", made.label));
+    for (const auto& pattern : patterns) hold_out(made, pattern, in, recordings);
+  }
+  split.name = in.text_or("name", "files");
+  return split;
+}
+
+}  // namespace
+
+std::vector<Recording> read_recordings(Mapping in, const fs::path& folder, const friction::LawInfo& law) {
+  in.accept({"files", "settings"});
+  std::vector<Recording> recordings;
+  for (const auto& file : matching(in, "files", folder)) recordings.push_back(read_recording(file, in));
+  for (const Mapping& settings : in.mappings("settings")) read_settings(settings, recordings, law);
+  for (auto& r : recordings) {
+    for (const auto& [key, value] : r.control)
+      if (key == "kp") r.labels["kp"] = fmt::format("{:g}", value);
+    if (r.labels.contains("kp")) r.labels["gain"] = r.labels["kp"];
+  }
+  in.done();
+  return recordings;
+}
+
+Split read_split(Mapping in, const std::vector<Recording>& recordings) {
+  in.accept({"name", "folds"});
+  const YAML::Node folds = in.raw("folds");
+  if (!folds || !(folds.IsScalar() || folds.IsSequence()))
+    in.fail("folds", "must be 'by LABEL', such as by trajectory or by gain, or a list of lists of files");
+  Split split = folds.IsScalar() ? split_by_label(in, recordings) : split_by_files(in, folds, recordings);
+  for (const auto& fold : split.folds)
+    if (fold.held_out.size() == recordings.size())
+      in.fail("folds", fmt::format("fold '{}' holds out all {} recordings and leaves none to learn from", fold.label,
+                                   recordings.size()));
+  in.done();
+  return split;
+}
+
+}  // namespace tribotwin::twin::program

@@ -1,0 +1,119 @@
+#include <algorithm>
+#include <cmath>
+
+#include <fmt/format.h>
+
+#include <tribotwin/twin/commands/calibrate_results.hpp>
+#include <tribotwin/twin/identification/dynamic_friction/parameters.hpp>
+
+namespace tribotwin::twin::program {
+namespace {
+
+namespace fs = std::filesystem;
+using namespace identification;
+using Results = CalibrationResults;
+
+/// Index of the quantity of a law parameter; the number of quantities where the parameter is none.
+std::ptrdiff_t quantity_of(const Variant& variant, std::string_view parameter) {
+  return std::ranges::find(variant.quantities, fmt::format("drive.{}", parameter), &Quantity::path) -
+         variant.quantities.begin();
+}
+
+/// The law's parameters with what the fit knows of them.
+void add_estimates(ParameterFile& file, const Variant& variant, const SimulationFit& f) {
+  const auto& parameters = file.law.info->parameters;
+  for (std::size_t i = 0; i < parameters.size(); ++i) {
+    const auto& p = parameters[i];
+    Estimate e{.name = std::string(p.name),
+               .unit = std::string(p.unit),
+               .value = file.law.parameters[i],
+               .sigma = std::nan(""),
+               .low = std::nan(""),
+               .high = std::nan(""),
+               .status = identification::Status::fixed};
+    if (const auto at = static_cast<std::size_t>(quantity_of(variant, p.name)); at < variant.quantities.size()) {
+      using enum identification::Status;
+      const ParameterStatus k = f.knowledge[at];
+      e.status = k == ParameterStatus::estimated  ? estimated
+                 : k == ParameterStatus::prior    ? held
+                 : k == ParameterStatus::at_bound ? at_bound
+                                                  : fixed;
+      if (k == ParameterStatus::prior) file.found.unidentifiable.emplace_back(p.name);
+      if (k == ParameterStatus::estimated)
+        e.sigma = f.sigma[at], e.low = e.value - 1.96 * e.sigma, e.high = e.value + 1.96 * e.sigma;
+    }
+    file.found.parameters.push_back(std::move(e));
+  }
+  file.found.covariance = Eigen::MatrixXd::Constant(std::ssize(parameters), std::ssize(parameters), std::nan(""));
+  for (std::size_t i = 0; i < parameters.size(); ++i)
+    for (std::size_t k = 0; k < parameters.size(); ++k)
+      if (const auto a = quantity_of(variant, parameters[i].name), b = quantity_of(variant, parameters[k].name);
+          std::max(a, b) < std::ssize(variant.quantities))
+        file.found.covariance(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(k)) =
+            f.correlation(a, b) * file.found.parameters[i].sigma * file.found.parameters[k].sigma;
+}
+
+ParameterFile parameter_file(const Results& r, const SimulationFit& f, const drive::Drive& drive) {
+  const Variant& variant = r.campaign.plan.variants[f.variant];
+  ParameterFile file{.law = drive.law, .torque_max_nm = drive.torque_max_nm, .gear_ratio = drive.gear_ratio};
+  add_estimates(file, variant, f);
+  for (const auto& recording : r.campaign.plan.recordings) {
+    file.data.push_back(recording.file.string());
+    file.found.samples += recording.points.time_s.size();
+  }
+  file.found.notes.push_back(
+      fmt::format("found by simulation (tribotwin calibrate {}): mean absolute error of position {:.1f} mrad; of "
+                  "friction itself nothing was measured, so its residual is not known",
+                  r.campaign.file.string(), r.mae(f, false)));
+  for (std::size_t q = 0; q < variant.quantities.size(); ++q)
+    if (variant.quantities[q].place != Place::drive && variant.quantities[q].sought)
+      file.found.notes.push_back(fmt::format("{} = {:.6g}{} ({})", variant.quantities[q].path(), f.values[q],
+                                             std::isfinite(f.sigma[q]) ? fmt::format(" +- {:.2g}", f.sigma[q]) : "",
+                                             name(f.knowledge[q])));
+  return file;
+}
+
+/// A scenario in which the twin follows the first recording.
+std::string scenario_of(const Results& r, const SimulationFit& f, const VariantTwins& twins) {
+  const Variant& variant = r.campaign.plan.variants[f.variant];
+  const Recording& shown = r.campaign.plan.recordings[0];
+  YAML::Emitter out;
+  out.SetDoublePrecision(17);
+  out << YAML::BeginMap << YAML::Key << "description" << YAML::Value
+      << fmt::format("{}: found by tribotwin calibrate {}", variant.label, r.campaign.file.filename().string());
+  out << YAML::Key << "model" << YAML::Value << variant.label + ".xml" << YAML::Key << "motion" << YAML::Value
+      << YAML::Flow << YAML::BeginMap;
+  out << YAML::Key << "type" << YAML::Value << "recording" << YAML::Key << "file" << YAML::Value
+      << fs::absolute(shown.file).string();
+  out << YAML::Key << "delay_s" << YAML::Value << twins.delay_s(f.values) << YAML::EndMap << YAML::Key << "control"
+      << YAML::Value << YAML::Flow << YAML::BeginMap;
+  out << YAML::Key << "type" << YAML::Value << "dc_position";
+  for (std::size_t q = 0; q < variant.quantities.size(); ++q)
+    if (variant.quantities[q].place == Place::control &&
+        std::ranges::find(shown.control, variant.quantities[q].key, [](const auto& c) { return c.first; }) ==
+            shown.control.end())
+      out << YAML::Key << variant.quantities[q].key << YAML::Value << f.values[q];
+  for (const auto& [key, value] : shown.control) out << YAML::Key << key << YAML::Value << value;
+  out << YAML::EndMap;
+  if (shown.temperature_degC) out << YAML::Key << "temperature_degC" << YAML::Value << *shown.temperature_degC;
+  if (variant.timestep_s) out << YAML::Key << "timestep_s" << YAML::Value << *variant.timestep_s;
+  out << YAML::Key << "telemetry_rate_hz" << YAML::Value << 250 << YAML::EndMap;
+  return std::string(out.c_str()) + "\n";
+}
+
+}  // namespace
+
+Result<void> write_twin(const Results& r, const SimulationFit& f, const fs::path& directory, Existing existing) {
+  const Variant& variant = r.campaign.plan.variants[f.variant];
+  const auto opened = VariantTwins::open(variant);
+  if (!opened) return tl::unexpected(opened.error());
+  const auto made = opened->candidate(f.values);
+  if (!made) return tl::unexpected(made.error());
+  for (const auto& [ending, text] : {std::pair<std::string, std::string>{".xml", opened->mjcf(f.values)},
+                                     {".yaml", scenario_of(r, f, *opened)},
+                                     {".params.yaml", to_yaml(parameter_file(r, f, made->model->drives()[0].drive))}})
+    if (const auto ok = write_derived(directory / (variant.label + ending), text, existing); !ok) return ok;
+  return {};
+}
+
+}  // namespace tribotwin::twin::program
