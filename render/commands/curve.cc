@@ -62,12 +62,6 @@ struct Conditions {
 
 double limit(double given, double otherwise) { return std::abs(given) < friction::unlimited ? given : otherwise; }
 
-std::vector<double> spread(double from, double to, int count) {
-  std::vector<double> v;
-  for (int i = 0; i < count; ++i) v.push_back(from + (to - from) * i / (count - 1));
-  return from < to ? v : std::vector{from};
-}
-
 /// What was asked for; otherwise up to the fastest point, or over the law's own range where that has an end.
 Conditions conditions_of(const Arguments& a, const drive::Drive& drive, const twin::identification::Samples& measured) {
   const friction::Range& range = drive.law.range;
@@ -81,8 +75,8 @@ Conditions conditions_of(const Arguments& a, const drive::Drive& drive, const tw
   const double t_low = limit(range.temperature_min_degC, 20), t_high = limit(range.temperature_max_degC, 80),
                load_high = limit(range.load_max, 0.8);
   const bool over_load = a.over == "load";
-  if (c.temperatures.empty()) c.temperatures = over_load ? std::vector{(t_low + t_high) / 2} : spread(t_low, t_high, 8);
-  if (c.loads.empty()) c.loads = over_load ? spread(0, load_high, 6) : std::vector{0.0};
+  if (c.temperatures.empty()) c.temperatures = over_load ? std::vector{(t_low + t_high) / 2} : evenly(t_low, t_high, 8);
+  if (c.loads.empty()) c.loads = over_load ? evenly(0, load_high, 6) : std::vector{0.0};
   if (over_load && c.temperatures.size() != 1)
     throw InputError("--temperature: curves over load are drawn at one temperature");
   if (!over_load && c.loads.size() != 1) throw InputError("--load: curves over temperature are drawn at one load");

@@ -22,7 +22,7 @@ int execute(const Arguments& a, const std::string& command_line) {
   }
   const std::filesystem::path folder = a.runs.size() == 1 ? a.runs[0] : "";
   const PageFile page(a, folder / "report.html", read);
-  return page.make(command_line, [&](const ReportOptions& options) { return make_report(runs, options); });
+  return page.make(command_line, [&](const ReportOptions& options) { return make_run_report(runs, options); });
 }
 
 }  // namespace

@@ -210,6 +210,14 @@ Figure residual_histogram(const std::string& title, const Axis& residual, std::s
   return f;
 }
 
+std::vector<double> evenly(double from, double to, int count) {
+  if (count < 2) return {(from + to) / 2};
+  if (!(from < to)) return {from};
+  std::vector<double> v;
+  for (int i = 0; i < count; ++i) v.push_back(from + (to - from) * i / (count - 1));
+  return v;
+}
+
 std::vector<std::size_t> thinned(std::size_t count, std::size_t most) {
   std::vector<std::size_t> rows;
   std::mt19937_64 random(1);  // whose numbers the standard fixes

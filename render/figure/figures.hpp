@@ -52,6 +52,9 @@ Figure tracking_error(const std::string& title, std::span<const Trace> errors_ra
 /// How often residuals occur, with the normal distribution of their mean and deviation. NaN are left out.
 Figure residual_histogram(const std::string& title, const Axis& residual, std::span<const double> residuals);
 
+/// `count` values from first to last; one where they are equal, their mean where one is asked for.
+std::vector<double> evenly(double from, double to, int count);
+
 /// At most `most` of `count` indices, ascending: one of each of as many equal stretches, which one by a fixed seed, so
 /// that no rhythm of the data is met.
 std::vector<std::size_t> thinned(std::size_t count, std::size_t most);

@@ -47,12 +47,6 @@ double quantile(std::vector<double> v, double share) {
   return *at;
 }
 
-std::vector<double> evenly(double from, double to, int count) {
-  std::vector<double> v;
-  for (int i = 0; i < count; ++i) v.push_back(from + (to - from) * i / (count - 1));
-  return from < to ? v : std::vector{from};
-}
-
 /// Load or temperature, as far as the data go in it (or the law, where there are none).
 struct Input {
   double low, high, window;    ///< a sample within `window` of a level is shown with the curves of that level

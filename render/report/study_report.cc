@@ -7,6 +7,7 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
+#include <tribotwin/render/page/figure_table.hpp>
 #include <tribotwin/render/report/feature_regions.hpp>
 #include <tribotwin/render/report/study_report.hpp>
 
@@ -16,8 +17,92 @@ namespace {
 using Outcome = Result<void>;
 using namespace twin::diagnosis;
 
-constexpr double slow_share =
-    0.6;  ///< of the levels, from the slowest: those of a test cycle up to a tenth of its speed
+/// Of the levels, from the slowest: those of a test cycle up to a tenth of its speed.
+constexpr double slow_share = 0.6;
+
+/// Verdicts of the tables, or those on faults.
+std::vector<const StudyVerdict*> verdicts(const StudyJoint& joint, bool on_faults) {
+  std::vector<const StudyVerdict*> some;
+  for (const auto& v : joint.checked)
+    if (v.has_fault() == on_faults) some.push_back(&v);
+  return some;
+}
+
+const StudyCurve& curve(const StudyJoint& joint, const StudyObservation& o) { return joint.curves.at(o.curve); }
+Axis speed() { return {.quantity = "motor speed", .unit = "rad/s", .from = 0}; }
+Axis torque() { return {.quantity = "friction", .unit = "Nm"}; }
+
+/// The learned observations from the coldest to the hottest.
+std::vector<const StudyObservation*> by_temperature(const StudyJoint& joint) {
+  std::vector<const StudyObservation*> sorted;
+  for (const auto& o : joint.learned) sorted.push_back(&o);
+  std::ranges::stable_sort(sorted, {}, &StudyObservation::temperature_degC);
+  return sorted;
+}
+
+std::optional<Drawing> cold_to_hot(const StudyJoint& joint) {
+  const auto warming = by_temperature(joint);
+  const double cold = warming.front()->temperature_degC, hot = warming.back()->temperature_degC;
+  const StudyObservation* medium = *std::ranges::min_element(
+      warming, {}, [&](const auto* o) { return std::abs(o->temperature_degC - (cold + hot) / 2); });
+  Figure f{.x = speed(),
+           .y = torque(),
+           .colour = Axis{.quantity = "temperature", .unit = "°C", .from = cold, .to = std::max(hot, cold + 1)}};
+  for (const auto* o : warming)
+    f.series.push_back(
+        {.x = curve(joint, *o).speed_rad_s, .y = curve(joint, *o).friction_nm, .shade = {o->temperature_degC}});
+  for (const auto& [name, o, shape] : {std::tuple{"cold", warming.front(), Shape::circle},
+                                       {"medium", medium, Shape::dot},
+                                       {"hot", warming.back(), Shape::cross}})
+    f.series.push_back({.mark = Mark::points,
+                        .label = fmt::format("{}, {:.0f} °C", name, o->temperature_degC),
+                        .x = curve(joint, *o).speed_rad_s,
+                        .y = curve(joint, *o).friction_nm,
+                        .shape = shape,
+                        .stroke = 0});
+  return Drawing{std::move(f), "The curves that were learned; paper 2's Figures 9 and 10. Hotter is lighter."};
+}
+
+std::optional<Drawing> cold_over_hot(const StudyJoint& joint) {
+  const auto warming = by_temperature(joint);
+  const StudyCurve &cold = curve(joint, *warming.front()), &hot = curve(joint, *warming.back());
+  if (cold.speed_rad_s.size() != hot.speed_rad_s.size()) return std::nullopt;
+  Series ratio{.x = cold.speed_rad_s};
+  for (std::size_t i = 0; i < ratio.x.size(); ++i)
+    ratio.y.push_back(hot.friction_nm[i] != 0 ? cold.friction_nm[i] / hot.friction_nm[i] : std::nan(""));
+  return Drawing{{.x = speed(), .y = {.quantity = "friction cold / friction hot"}, .series = {std::move(ratio)}},
+                 "Coldest over hottest learned curve, level by level: the ratio of paper 2's Figure 11."};
+}
+
+/// The curves that were not learned; of each the first `share` of its levels.
+std::optional<Drawing> under_load(const StudyJoint& joint, double share, std::string caption) {
+  const auto loads = verdicts(joint, false);
+  if (loads.empty()) return std::nullopt;
+  Figure f{.x = speed(), .y = torque()};
+  for (const auto* v : loads) {
+    const StudyCurve& c = curve(joint, *v);
+    const auto count = static_cast<std::ptrdiff_t>(std::ceil(share * static_cast<double>(c.speed_rad_s.size())));
+    f.series.push_back({.label = fmt::format("{}, {:.0f} °C", v->name(), v->temperature_degC),
+                        .x = {c.speed_rad_s.begin(), c.speed_rad_s.begin() + count},
+                        .y = {c.friction_nm.begin(), c.friction_nm.begin() + count}});
+  }
+  return Drawing{std::move(f), std::move(caption)};
+}
+
+std::optional<Drawing> loads(const StudyJoint& joint) {
+  return under_load(joint, 1, "Curves that were not learned; paper 2's Figure 13.");
+}
+
+std::optional<Drawing> loads_slow(const StudyJoint& joint) {
+  return under_load(joint, slow_share, "The slower levels of the same curves, where contact surfaces carry the load.");
+}
+
+constexpr FigureRow<StudyJoint> friction_figures[] = {
+    {"cold_to_hot", "friction, cold to hot", cold_to_hot},
+    {"cold_over_hot", "cold over hot", cold_over_hot},
+    {"loads", "friction under load", loads},
+    {"loads_slow", "friction under load, slow", loads_slow},
+};
 
 class Writer {
  public:
@@ -48,14 +133,6 @@ class Writer {
     std::vector<std::string> all;
     for (const auto& joint : joints) all.push_back(joint.name);
     return all;
-  }
-
-  /// Verdicts of the tables, or those on faults.
-  static std::vector<const StudyVerdict*> verdicts(const StudyJoint& joint, bool on_faults) {
-    std::vector<const StudyVerdict*> some;
-    for (const auto& v : joint.checked)
-      if (v.has_fault() == on_faults) some.push_back(&v);
-    return some;
   }
 
   void head(const std::filesystem::path& directory) {
@@ -94,80 +171,10 @@ class Writer {
                  5 * named < 4 * faults ? "bad" : "good");
   }
 
-  static const StudyCurve& curve(const StudyJoint& joint, const StudyObservation& o) {
-    return joint.curves.at(o.curve);
-  }
-  static Axis speed() { return {.quantity = "motor speed", .unit = "rad/s", .from = 0}; }
-  static Axis torque() { return {.quantity = "friction", .unit = "Nm"}; }
-
   Outcome friction(const StudyJoint& joint) {
     page_.add(page_.body(), "h3", "Friction, cold to hot and under load");
-    auto grid = page_.add(page_.body(), "div", {}, "figures");
-    std::vector<const StudyObservation*> warming;
-    for (const auto& o : joint.learned) warming.push_back(&o);
-    std::ranges::stable_sort(warming, {}, &StudyObservation::temperature_degC);
-    const double cold = warming.front()->temperature_degC, hot = warming.back()->temperature_degC;
-    const StudyObservation* medium = *std::ranges::min_element(
-        warming, {}, [&](const auto* o) { return std::abs(o->temperature_degC - (cold + hot) / 2); });
-    Figure f{.title = joint.name + ": friction, cold to hot",
-             .x = speed(),
-             .y = torque(),
-             .colour = Axis{.quantity = "temperature", .unit = "°C", .from = cold, .to = std::max(hot, cold + 1)}};
-    for (const auto* o : warming)
-      f.series.push_back(
-          {.x = curve(joint, *o).speed_rad_s, .y = curve(joint, *o).friction_nm, .shade = {o->temperature_degC}});
-    for (const auto& [name, o, shape] : {std::tuple{"cold", warming.front(), Shape::circle},
-                                         {"medium", medium, Shape::dot},
-                                         {"hot", warming.back(), Shape::cross}})
-      f.series.push_back({.mark = Mark::points,
-                          .label = fmt::format("{}, {:.0f} °C", name, o->temperature_degC),
-                          .x = curve(joint, *o).speed_rad_s,
-                          .y = curve(joint, *o).friction_nm,
-                          .shape = shape,
-                          .stroke = 0});
-    if (auto ok = page_.show(grid, f, joint.name + "_cold_to_hot",
-                             "The curves that were learned; paper 2's Figures 9 and 10. Hotter is lighter.");
-        !ok)
-      return ok;
-
-    if (const auto ratio = cold_over_hot(curve(joint, *warming.front()), curve(joint, *warming.back()))) {
-      Figure g{.title = joint.name + ": cold over hot",
-               .x = speed(),
-               .y = {.quantity = "friction cold / friction hot"},
-               .series = {*ratio}};
-      if (auto ok = page_.show(grid, g, joint.name + "_cold_over_hot",
-                               "Coldest over hottest learned curve, level by level: the ratio of paper 2's Figure 11.");
-          !ok)
-        return ok;
-    }
-
-    const auto loads = verdicts(joint, false);
-    if (loads.empty()) return {};
-    const auto under_load = [&](const std::string& title, double share) {
-      Figure g{.title = fmt::format("{}: {}", joint.name, title), .x = speed(), .y = torque()};
-      for (const auto* v : loads) {
-        const StudyCurve& c = curve(joint, *v);
-        const auto count = static_cast<std::ptrdiff_t>(std::ceil(share * static_cast<double>(c.speed_rad_s.size())));
-        g.series.push_back({.label = fmt::format("{}, {:.0f} °C", v->name(), v->temperature_degC),
-                            .x = {c.speed_rad_s.begin(), c.speed_rad_s.begin() + count},
-                            .y = {c.friction_nm.begin(), c.friction_nm.begin() + count}});
-      }
-      return g;
-    };
-    if (auto ok = page_.show(grid, under_load("friction under load", 1), joint.name + "_loads",
-                             "Curves that were not learned; paper 2's Figure 13.");
-        !ok)
-      return ok;
-    return page_.show(grid, under_load("friction under load, slow", slow_share), joint.name + "_loads_slow",
-                      "The slower levels of the same curves, where contact surfaces carry the load.");
-  }
-
-  static std::optional<Series> cold_over_hot(const StudyCurve& cold, const StudyCurve& hot) {
-    if (cold.speed_rad_s.size() != hot.speed_rad_s.size()) return std::nullopt;
-    Series s{.x = cold.speed_rad_s};
-    for (std::size_t i = 0; i < s.x.size(); ++i)
-      s.y.push_back(hot.friction_nm[i] != 0 ? cold.friction_nm[i] / hot.friction_nm[i] : std::nan(""));
-    return s;
+    return show_table(page_, page_.add(page_.body(), "div", {}, "figures"), friction_figures,
+                      {.name = joint.name + "_", .title = joint.name + ": "}, joint);
   }
 
   /// One line for each series of the campaign that was learned.
