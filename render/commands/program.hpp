@@ -1,8 +1,10 @@
 #pragma once
 
 #include <filesystem>
+#include <optional>
 #include <string>
 #include <string_view>
+#include <utility>
 #include <vector>
 
 #include <CLI/CLI.hpp>
@@ -41,6 +43,9 @@ std::vector<std::filesystem::path> run_files(const std::filesystem::path& direct
 
 /// `files` and `file` as paths.
 std::vector<std::filesystem::path> inputs(const std::vector<std::string>& files, const std::string& file);
+
+/// "640x480" as its two numbers; nothing where it is written otherwise.
+std::optional<std::pair<int, int>> width_and_height(std::string_view size);
 
 /// The options --tau-max and --gear-ratio, which override those of PARAMS.yaml.
 void add_units(CLI::App& command, twin::identification::ReadOptions& read);
