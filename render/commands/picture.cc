@@ -15,7 +15,7 @@ void PictureOptions::add_to(CLI::App& command, const char* target_help, const ch
   output.file = default_output;
   command.add_option("TARGET", target, target_help)->required();
   output.add_to(command, "File to write")->capture_default_str();
-  command.add_option("--size", size, fmt::format("WIDTHxHEIGHT in pixels, {} to {} a side", side_min, side_most))
+  command.add_option("--size", size, fmt::format("WIDTHxHEIGHT in pixels, {} to {} a side", side_min, side_max))
       ->capture_default_str();
   command
       .add_option("--text-scale", text_scale,
@@ -25,9 +25,9 @@ void PictureOptions::add_to(CLI::App& command, const char* target_help, const ch
   command.add_option("--colour-by", colour_by, "What the joint housings show")
       ->check(CLI::IsMember({"temperature", "friction", "nothing"}));
   command.add_option("--camera", camera, "A camera of the model (default: overview, where there is one)");
-  command.add_option("--azimuth", azimuth, "Free camera: about the vertical [deg]");
-  command.add_option("--elevation", elevation, "Free camera: up from the horizontal [deg], negative looks down");
-  command.add_option("--distance", distance, "Free camera: from what it looks at [m]");
+  command.add_option("--azimuth", azimuth, "Free camera: angle about the vertical [deg]");
+  command.add_option("--elevation", elevation, "Free camera: angle above the horizontal [deg]; negative looks down");
+  command.add_option("--distance", distance, "Free camera: distance from the point it looks at [m]");
   command.add_option("--look-at", look_at, "Free camera: X Y Z [m]")->expected(3);
   command.add_flag("--quiet", quiet, "No progress");
 }

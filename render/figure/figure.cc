@@ -15,8 +15,6 @@
 namespace tribotwin::render {
 namespace {
 
-// gnuplot's language, which all text of others goes through.
-
 /// A literal of gnuplot. All ASCII but letters, digits and spaces is written as octal codes, so that nothing in it ends
 /// the literal or is substituted (backquotes are, in double quotes; doubled single quotes do not always work).
 std::string quoted(const std::string& text) {
@@ -33,16 +31,16 @@ std::string quoted(const std::string& text) {
   return out + "\"";
 }
 
-/// What fits into `width` pixels at 13 px, its middle left out where it is longer.
+/// The text, or as much of its beginning and end as fits into `width` pixels at 13 px.
 std::string fitting(const std::string& text, int width) {
   const std::string whole = printable(text);
-  const auto length = g_utf8_strlen(whole.c_str(), -1), most = std::max<glong>(16, width / 8);
-  if (length <= most) return whole;
+  const auto length = g_utf8_strlen(whole.c_str(), -1), length_max = std::max<glong>(16, width / 8);
+  if (length <= length_max) return whole;
   const auto part = [&](glong from, glong to) {
     const std::unique_ptr<char, decltype(&g_free)> cut(g_utf8_substring(whole.c_str(), from, to), g_free);
     return std::string(cut.get());
   };
-  return part(0, most / 2) + "…" + part(length - (most - most / 2) + 1, length);
+  return part(0, length_max / 2) + "…" + part(length - (length_max - length_max / 2) + 1, length);
 }
 
 /// Plain text where enhanced text is expected.
@@ -67,7 +65,7 @@ struct Range {
   }
 };
 
-/// gnuplot widens a range to its tics; one without extent it complains about.
+/// gnuplot widens a range to its tics, and warns about one without extent.
 std::string range(const char* name, const Axis& axis, Range r) {
   if (!axis.from && !axis.to && r.low < r.high) return "";
   double from = axis.from.value_or(r.low), to = axis.to.value_or(r.high);
@@ -310,7 +308,7 @@ std::string curves(const Figure& f, FigureSize size) {
     s += fmt::format("set cblabel {} textcolor '{}'\nset rmargin at screen {}\n", label(*f.colour), hex(theme::ink),
                      1 - 108.0 / size.width) +
          range("cb", *f.colour, {});
-    plot += ", NaN with lines linecolor palette notitle";  // what makes gnuplot draw the colour bar
+    plot += ", NaN with lines linecolor palette notitle";  // gnuplot draws the colour bar for this curve
   }
   return s + range("x", f.x, ranges.x) + range("y", f.y, ranges.y) + plot + "\n";
 }

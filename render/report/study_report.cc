@@ -60,7 +60,7 @@ std::optional<Drawing> cold_to_hot(const StudyJoint& joint) {
                         .y = curve(joint, *o).friction_nm,
                         .shape = shape,
                         .stroke = 0});
-  return Drawing{std::move(f), "The curves that were learned; paper 2's Figures 9 and 10. Hotter is lighter."};
+  return Drawing{std::move(f), "The learned curves, as Figures 9 and 10 of Zhou 2024. Hotter is lighter."};
 }
 
 std::optional<Drawing> cold_over_hot(const StudyJoint& joint) {
@@ -71,7 +71,7 @@ std::optional<Drawing> cold_over_hot(const StudyJoint& joint) {
   for (std::size_t i = 0; i < ratio.x.size(); ++i)
     ratio.y.push_back(hot.friction_nm[i] != 0 ? cold.friction_nm[i] / hot.friction_nm[i] : std::nan(""));
   return Drawing{{.x = speed(), .y = {.quantity = "friction cold / friction hot"}, .series = {std::move(ratio)}},
-                 "Coldest over hottest learned curve, level by level: the ratio of paper 2's Figure 11."};
+                 "Coldest over hottest learned curve, level by level, as Figure 11 of Zhou 2024."};
 }
 
 /// The curves that were not learned; of each the first `share` of its levels.
@@ -90,7 +90,7 @@ std::optional<Drawing> under_load(const StudyJoint& joint, double share, std::st
 }
 
 std::optional<Drawing> loads(const StudyJoint& joint) {
-  return under_load(joint, 1, "Curves that were not learned; paper 2's Figure 13.");
+  return under_load(joint, 1, "Curves that were not learned, as Figure 13 of Zhou 2024.");
 }
 
 std::optional<Drawing> loads_slow(const StudyJoint& joint) {
@@ -138,11 +138,12 @@ class Writer {
   void head(const std::filesystem::path& directory) {
     auto to = page_.body();
     page_.add(to, "h1", title_);
-    page_.add(to, "p",
-              fmt::format("{}: paper 2's experiment, healthy states learned from unloaded curves cold to hot, and "
-                          "verdicts on curves that were not learned.",
-                          directory.string()),
-              "soft");
+    page_.add(
+        to, "p",
+        fmt::format("{}: the experiment of Zhou 2024, healthy states learned from unloaded curves cold to hot, and "
+                    "verdicts on curves that were not learned.",
+                    directory.string()),
+        "soft");
     std::size_t unloaded = 0, false_alarms = 0, loaded = 0, flagged = 0, faults = 0, named = 0;
     for (const StudyJoint& joint : joints_) {
       std::string said;
@@ -197,7 +198,7 @@ class Writer {
         !ok)
       return ok;
     for (Eigen::Index k = 0; k < feature_count; ++k)
-      if (auto ok = show(feature_axis(k), "Fitted to each learned curve; paper 2's Figure 12.",
+      if (auto ok = show(feature_axis(k), "Fitted to each learned curve, as Figure 12 of Zhou 2024.",
                          [k](const auto& o) { return o.features(k); });
           !ok)
         return ok;
@@ -205,12 +206,12 @@ class Writer {
   }
 
   Outcome regions_shown(const StudyJoint& joint) {
-    const HealthyState paper;  // for its thresholds
+    const HealthyState published;  // for its thresholds
     const auto n = static_cast<double>(joint.learned.size());
     FeatureRegions shown{.mean = Features::Zero(),
                          .covariance = FeatureMatrix::Zero(),
-                         .anomalous_distance = paper.anomalous_distance,
-                         .wear_distance = paper.wear_distance,
+                         .anomalous_distance = published.anomalous_distance,
+                         .wear_distance = published.wear_distance,
                          .learned = {},
                          .checked = {}};
     for (const auto& o : joint.learned) shown.learned.push_back(o.features), shown.mean += o.features / n;
@@ -241,13 +242,13 @@ class Writer {
                      "anomalous 2", "pattern"},
                     rows);
     const auto& first = some.front()->region;
-    page_.add(
-        page_.body(), "p",
-        fmt::format("As paper 2's Tables II and III. Distance: squared, paper 2 (15), over all temperatures; the paper "
-                    "calls beyond {:g} anomalous. Anomalous here: T², against a healthy joint at the same temperature, "
-                    "beyond {:.2f} in region 1, {:.2f} in region 2.",
-                    HealthyState{}.anomalous_distance, first[0].limit, first[1].limit),
-        "soft");
+    page_.add(page_.body(), "p",
+              fmt::format("As Tables II and III of Zhou 2024. Distance: squared, eq. (15), over all temperatures; Zhou "
+                          "calls distances beyond {:g} anomalous. Anomalous here: T², against a healthy joint at the "
+                          "same temperature, "
+                          "beyond {:.2f} in region 1, {:.2f} in region 2.",
+                          HealthyState{}.anomalous_distance, first[0].limit, first[1].limit),
+              "soft");
     return {};
   }
 
@@ -261,7 +262,7 @@ class Writer {
         if (counted.empty() || counted.back().fault != v->state) counted.push_back({.fault = v->state});
         ++counted.back().verdicts[v->pattern];
       }
-      page_.add(page_.body(), "p", "Verdicts on simulated curves with a fault: how many got which name.");
+      page_.add(page_.body(), "p", "Verdicts on simulated curves with a fault: how often each fault got which name.");
       confusion(counted, [](double count) { return fmt::format("{:g}", count); });
     }
     if (joint.power.empty()) return {};
@@ -271,8 +272,8 @@ class Writer {
                                    power.fault->unit == "1" ? "" : fmt::format(" {}", power.fault->unit)),
                        power.named});
     page_.add(page_.body(), "p",
-              "Curves drawn from law and scatter, each fault at twice its detection limit (the severity that 95 % of "
-              "curves betray): shares by verdict.");
+              "Curves drawn from law and scatter, each fault at twice its detection limit (the severity that is "
+              "detected in 95 % of the curves): shares by verdict.");
     confusion(drawn, [](double share) { return fmt::format("{:.3g} %", 100 * share); });
     page_.add(page_.body(), "p",
               "Share of curves with a fault that are found over the share of false alarms that each region and "

@@ -30,11 +30,11 @@ void add_table(IllustratedPage& page, const Runs& runs) {
   std::vector<std::string> head{"run",
                                 "simulated [s]",
                                 "warmest joint",
-                                "highest temperature [°C]",
+                                "maximum temperature [°C]",
                                 "friction work [kJ]",
                                 "motor work [kJ]",
-                                "largest friction [Nm]",
-                                "largest load [-]",
+                                "maximum friction [Nm]",
+                                "maximum load [-]",
                                 "error against recording [mrad]",
                                 "engine",
                                 "seed"};
@@ -79,7 +79,7 @@ std::optional<Drawing> temperature(const Runs& runs) {
 
 std::optional<Drawing> friction(const Runs& runs) {
   return of_warmest(runs, {.quantity = "friction torque, RMS", .symbol = "{/:Italic τ}_f", .unit = "Nm"},
-                    "The same joints: friction torque, root mean square over a two hundredth of the run.",
+                    "The same joints: friction torque, root mean square over 1/200 of the run.",
                     [](std::string label, const RunData& run, const JointHistory& j) -> std::optional<Trace> {
                       const auto& time = run.record.time_s;
                       const double window_s = (time.back() - time.front()) / 200;

@@ -69,7 +69,7 @@ class Section {
       page_.tile(grid, "warmest joint", fmt::format("{:.1f} °C", hot->max_degC),
                  fmt::format("{}, from {:.1f} °C", hot->name, hot->start_degC));
     if (const double work = number(run_.summary, {"friction_work_J"}); std::isfinite(work))
-      page_.tile(grid, "lost to friction", energy(work),
+      page_.tile(grid, "friction loss", energy(work),
                  fmt::format("of {} motor work", energy(number(run_.summary, {"motor_work_J"}))));
     load_tiles(grid);
     if (const double mae = number(run_.summary, {"comparison", "mae_mrad"}); std::isfinite(mae))
@@ -77,7 +77,7 @@ class Section {
                  fmt::format("native friction: {} mrad",
                              shown(number(run_.summary, {"comparison", "baseline_mae_mrad"}), "{:.1f}")));
     if (const double left = number(run_.summary, {"energy_balance_J"}); std::isfinite(left))
-      page_.tile(grid, "energy balance", fmt::format("{:.2g} J", left), "what the mechanical balance leaves over");
+      page_.tile(grid, "energy balance", fmt::format("{:.2g} J", left), "residual of the mechanical energy");
   }
 
   /// The largest load, and how often a joint was outside the range of its law.
@@ -90,7 +90,7 @@ class Section {
       if (moved && j.clamped_samples > 0 && (!outside || j.clamped_samples > outside->clamped_samples)) outside = &j;
     }
     if (loaded)
-      page_.tile(grid, "largest load", fmt::format("{:.0f} %", 100 * loaded->load_max),
+      page_.tile(grid, "maximum load", fmt::format("{:.0f} %", 100 * loaded->load_max),
                  fmt::format("of the maximum torque, {}", loaded->name));
     const double steps = number(run_.summary, {"steps_computed"});
     if (!(steps > 0)) return;
@@ -167,7 +167,7 @@ class Section {
       const auto visited = visited_law(run_, j);
       if (!visited) continue;
       if (!grid) {
-        page_.add(to_, "h3", "Friction laws and what the run visited of them");
+        page_.add(to_, "h3", "Friction laws and the samples of the run");
         grid = page_.add(to_, "div", {}, "figures");
       }
       const FigurePrefix prefix{.name = fmt::format("joint{}_", visited->number), .title = j.name + ": "};
@@ -187,7 +187,7 @@ class Section {
                       shown(j.load_max, "{:.3f}"), shown(100 * j.clamped_samples / steps, "{:.3g}"),
                       shown(j.stuck_s, "{:.1f}")});
     page_.add_table(to_,
-                    {"joint", "start [°C]", "end [°C]", "highest [°C]", "friction RMS [Nm]", "friction max [Nm]",
+                    {"joint", "start [°C]", "end [°C]", "maximum [°C]", "friction RMS [Nm]", "friction max [Nm]",
                      "load max [-]", "outside [% of steps]", "stuck [s]"},
                     rows);
     std::string still;

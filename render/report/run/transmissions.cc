@@ -94,12 +94,12 @@ void add_transmission_tables(IllustratedPage& page, pugi::xml_node to, std::span
   }
   if (!tracking.empty())
     page.add_table(
-        to, {"tracking of", "start [°C]", "compensation", "mean |error| [mrad]", "to and fro at standstill [mrad]"},
+        to, {"tracking of", "start [°C]", "compensation", "mean |error| [mrad]", "peak to peak at standstill [mrad]"},
         tracking);
   if (!loops.empty())
     page.add_table(
         to,
-        {"loop of", "start [°C]", "load [Hz]", "area [J]", "largest torque [Nm]", "stiffness, end to end [MNm/rad]"},
+        {"loop of", "start [°C]", "load [Hz]", "area [J]", "maximum torque [Nm]", "stiffness, end to end [MNm/rad]"},
         loops);
 }
 

@@ -30,10 +30,11 @@ Drawing over_temperature(const VisitedLaw& v, int curves) {
   return {friction_against_temperature(v.drive, "", v.speed_max_rad_s, v.load_median,
                                        evenly(v.temperature_min_degC, v.temperature_max_degC, curves),
                                        law.load_dependent ? some(v.points, at_load) : some(v.points, any)),
-          law.load_dependent ? fmt::format("Law '{}' at a load of {:.3f} of the maximum torque. Points: samples of the "
-                                           "run with a load within {:.3f} of that.",
-                                           law.name, v.load_median, v.load_window())
-                             : fmt::format("Law '{}', which knows no load. Points: samples of the run.", law.name)};
+          law.load_dependent
+              ? fmt::format("Law '{}' at a load of {:.3f} of the maximum torque. Points: samples of the "
+                            "run with a load within {:.3f} of that.",
+                            law.name, v.load_median, v.load_window())
+              : fmt::format("Law '{}', which does not depend on load. Points: samples of the run.", law.name)};
 }
 
 std::optional<Drawing> at_temperatures(const VisitedLaw& v) {
@@ -59,7 +60,7 @@ std::optional<Drawing> at_loads(const VisitedLaw& v) {
       law.temperature_dependent
           ? fmt::format("Law '{}' at {:.1f} °C. Points: samples of the run within {:.2g} K of that.", law.name,
                         v.temperature_median_degC, v.temperature_window_K())
-          : fmt::format("Law '{}', which knows no temperature. Points: samples of the run.", law.name)};
+          : fmt::format("Law '{}', which does not depend on temperature. Points: samples of the run.", law.name)};
 }
 
 std::optional<Drawing> surface(const VisitedLaw& v) {

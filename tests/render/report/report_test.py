@@ -111,7 +111,7 @@ if m:
         "the comparison names both",
         "irb6620_warmup (warmup)" in m["text"]
         and "irb6620_warmup (warmup35)" in m["text"]
-        and "highest temperature" in m["text"],
+        and "maximum temperature" in m["text"],
     )
 
 
@@ -326,7 +326,7 @@ r = subprocess.run(
 )
 check("the film has its frames", r.stdout.strip() == "160,122,10", (r.stdout, r.stderr))
 
-# Names as bad as they get: of joint, folder, file and scenario. A file "pwned" would show that one was executed.
+# Hostile names of joint, folder, file and scenario. A file "pwned" would show that one was executed.
 name = "j'1\" `touch pwned` $(touch pwned) <script>document.title='pwned'</script> &amp; ü関\nF_{x}^2\\"
 escaped = html.escape(name).replace("\n", "&#10;")
 folder = "odd 'name' \"`touch pwned`\" <b>;ü"
@@ -394,7 +394,7 @@ check("a curve with odd names", r.returncode == 0 and "<script" not in content("
 check("nothing was executed", not glob.glob(work + "/**/pwned", recursive=True) and not os.path.exists("pwned"))
 
 # Nonsense.
-refused("no run", 2, says=["names no folder of a run"])
+refused("no run", 2, says=["the folder of a run is missing"])
 refused("no such folder", 2, "nowhere", says=["nowhere: is no folder of a run"])
 os.mkdir(path("empty"))
 refused("empty folder", 2, "empty", says=["empty/telemetry.h5: does not exist"])
@@ -485,7 +485,7 @@ for tool, arguments in (
 check("nothing is left of what failed", not glob.glob(work + "/x.*"), glob.glob(work + "/x.*"))
 
 
-# Runs that are not whole.
+# Incomplete runs.
 def partial(name, *, says, code=0):
     r = run(report, name, "-o", name + ".html")
     text = content(name + ".html") if r.returncode == 0 else ""
