@@ -3,8 +3,9 @@
 #include <sstream>
 
 #include <tribotwin/plugins/mujoco/loader.hpp>
-#include <tribotwin/render/commands/program.hpp>
+#include <tribotwin/render/commands/table.hpp>
 #include <tribotwin/render/process/child.hpp>
+#include <tribotwin/twin/io/input.hpp>
 #include <tribotwin/twin/numerics/solver_guard.hpp>
 
 int main(int argc, char** argv) {
@@ -20,10 +21,7 @@ int main(int argc, char** argv) {
   app.require_subcommand(0, 1);
   render::program::Call call{.command_line = program};
   for (int i = 1; i < argc; ++i) call.command_line += " " + render::shell_word(argv[i]);
-  for (const auto add : {render::program::add_report, render::program::add_pose, render::program::add_curve,
-                         render::program::add_fit, render::program::add_diagnosis, render::program::add_days,
-                         render::program::add_study, render::program::add_sheet, render::program::add_video})
-    add(app, call);
+  for (const auto add : render::program::commands) add(app, call);
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& e) {

@@ -19,13 +19,20 @@ using twin::InputError, twin::identification::ReadOptions;
 constexpr std::size_t points_max = 5000;
 
 struct Arguments {
-  std::string model, joint, over = "temperature";
+  std::string model, joint, over = "temperature", size = "640x430";
   twin::Destination output{.file = "curve.svg"};
   std::vector<std::string> points;
   ReadOptions read;
   std::vector<double> temperatures, loads;
   std::optional<double> speed_max;
 };
+
+FigureSize size_of(const std::string& given) {
+  const auto sides = width_and_height(given);
+  if (sides && std::min(sides->first, sides->second) >= 200 && std::max(sides->first, sides->second) <= 4000)
+    return {sides->first, sides->second};
+  throw InputError(fmt::format("--size {}: must be WIDTHxHEIGHT, 200 to 4000 a side, for example 640x430", given));
+}
 
 /// The drive whose law is drawn.
 struct Subject {
@@ -62,12 +69,6 @@ struct Conditions {
 
 double limit(double given, double otherwise) { return std::abs(given) < friction::unlimited ? given : otherwise; }
 
-std::vector<double> spread(double from, double to, int count) {
-  std::vector<double> v;
-  for (int i = 0; i < count; ++i) v.push_back(from + (to - from) * i / (count - 1));
-  return from < to ? v : std::vector{from};
-}
-
 /// What was asked for; otherwise up to the fastest point, or over the law's own range where that has an end.
 Conditions conditions_of(const Arguments& a, const drive::Drive& drive, const twin::identification::Samples& measured) {
   const friction::Range& range = drive.law.range;
@@ -81,8 +82,8 @@ Conditions conditions_of(const Arguments& a, const drive::Drive& drive, const tw
   const double t_low = limit(range.temperature_min_degC, 20), t_high = limit(range.temperature_max_degC, 80),
                load_high = limit(range.load_max, 0.8);
   const bool over_load = a.over == "load";
-  if (c.temperatures.empty()) c.temperatures = over_load ? std::vector{(t_low + t_high) / 2} : spread(t_low, t_high, 8);
-  if (c.loads.empty()) c.loads = over_load ? spread(0, load_high, 6) : std::vector{0.0};
+  if (c.temperatures.empty()) c.temperatures = over_load ? std::vector{(t_low + t_high) / 2} : evenly(t_low, t_high, 8);
+  if (c.loads.empty()) c.loads = over_load ? evenly(0, load_high, 6) : std::vector{0.0};
   if (over_load && c.temperatures.size() != 1)
     throw InputError("--temperature: curves over load are drawn at one temperature");
   if (!over_load && c.loads.size() != 1) throw InputError("--load: curves over temperature are drawn at one load");
@@ -112,6 +113,7 @@ Figure figure_of(const std::string& over, const Subject& subject, const Conditio
 int execute(const Arguments& a) {
   const Format format = twin::or_throw(format_of(a.output.file));
   twin::or_wrong_input(a.output.check(inputs(a.points, a.model)));
+  const FigureSize size = size_of(a.size);
   const Subject subject = a.model.ends_with(".yaml") ? identified_law(a) : joint_of_model(a);
   const auto measured = twin::or_wrong_input(twin::identification::read_samples(
       std::vector<std::filesystem::path>(a.points.begin(), a.points.end()), *subject.drive.law.info, subject.read));
@@ -119,7 +121,7 @@ int execute(const Arguments& a) {
     twin::note("{} of the {} points are drawn, chosen evenly", points_max, measured.size());
   const auto points = friction_points(subject.drive, measured, thinned(measured.size(), points_max));
   const Conditions conditions = conditions_of(a, subject.drive, measured);
-  write(a.output, twin::or_throw(draw(figure_of(a.over, subject, conditions, points), format)));
+  write(a.output, twin::or_throw(draw(figure_of(a.over, subject, conditions, points), format, size)));
   return twin::done;
 }
 
@@ -146,6 +148,7 @@ void add_curve(CLI::App& app, Call& call) {
           "Measured friction, with error bars where the file has them, as for tribotwin identify; may be repeated")
       ->allow_extra_args(false);
   a->output.add_to(*command, "File to write: .svg, .png or .pdf")->capture_default_str();
+  command->add_option("--size", a->size, "WIDTHxHEIGHT [1/96 inch]; a PNG has twice the pixels")->capture_default_str();
   add_units(*command, a->read);
   command->footer("Example:\n  tribotwin-report curve mjcf/irb6620.xml --joint joint2 -o curve.svg");
   command->callback([a, &call] { call.code = execute(*a); });

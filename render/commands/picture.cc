@@ -15,14 +15,19 @@ void PictureOptions::add_to(CLI::App& command, const char* target_help, const ch
   output.file = default_output;
   command.add_option("TARGET", target, target_help)->required();
   output.add_to(command, "File to write")->capture_default_str();
-  command.add_option("--size", size, fmt::format("WIDTHxHEIGHT in pixels, {} to {} a side", side_min, side_most))
+  command.add_option("--size", size, fmt::format("WIDTHxHEIGHT in pixels, {} to {} a side", side_min, side_max))
+      ->capture_default_str();
+  command
+      .add_option("--text-scale", text_scale,
+                  "Size of the text; above 1 for a picture that is shown smaller than it is")
+      ->check(CLI::Range(0.2, 5.0))
       ->capture_default_str();
   command.add_option("--colour-by", colour_by, "What the joint housings show")
       ->check(CLI::IsMember({"temperature", "friction", "nothing"}));
   command.add_option("--camera", camera, "A camera of the model (default: overview, where there is one)");
-  command.add_option("--azimuth", azimuth, "Free camera: about the vertical [deg]");
-  command.add_option("--elevation", elevation, "Free camera: up from the horizontal [deg], negative looks down");
-  command.add_option("--distance", distance, "Free camera: from what it looks at [m]");
+  command.add_option("--azimuth", azimuth, "Free camera: angle about the vertical [deg]");
+  command.add_option("--elevation", elevation, "Free camera: angle above the horizontal [deg]; negative looks down");
+  command.add_option("--distance", distance, "Free camera: distance from the point it looks at [m]");
   command.add_option("--look-at", look_at, "Free camera: X Y Z [m]")->expected(3);
   command.add_flag("--quiet", quiet, "No progress");
 }
@@ -36,13 +41,7 @@ void PictureOptions::check_output(const char* what, const char* extension) const
 }
 
 Size PictureOptions::pixels() const {
-  Size parsed;
-  const char *at = size.data(), *end = at + size.size();
-  const auto first = std::from_chars(at, end, parsed.width);
-  if (first.ec == std::errc{} && first.ptr != end && *first.ptr == 'x') {
-    const auto second = std::from_chars(first.ptr + 1, end, parsed.height);
-    if (second.ec == std::errc{} && second.ptr == end) return parsed;
-  }
+  if (const auto sides = width_and_height(size)) return {sides->first, sides->second};
   throw InputError(fmt::format("--size {}: must be WIDTHxHEIGHT in pixels, for example 1280x960", size));
 }
 
@@ -85,6 +84,7 @@ std::unique_ptr<RunData> run_with_model(const std::string& directory) {
 PoseOptions run_options(const PictureOptions& options, const RunData& run) {
   PoseOptions pose;
   pose.view = options.view();
+  pose.text_scale = options.text_scale;
   pose.colour_by = options.colours(ColourBy::temperature);
   pose.scale = scale_of(*run.model(), run.record, pose.colour_by);
   return pose;

@@ -19,6 +19,7 @@ struct PictureOptions {
   twin::Destination output;
   std::optional<double> azimuth, elevation, distance;
   std::vector<double> look_at;
+  double text_scale = 1;
   bool quiet = false;
 
   void add_to(CLI::App& command, const char* target_help, const char* default_size, const char* default_output);

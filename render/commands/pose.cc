@@ -83,6 +83,7 @@ void set_temperature(PoseState& state, const mujoco::Model& model, const std::st
 PoseOptions options_of(const Arguments& a, const Subject& subject) {
   PoseOptions options;
   options.view = a.view();
+  options.text_scale = a.text_scale;
   const bool known = subject.run || !a.temperature.empty() || !a.colour_by.empty();
   options.colour_by = a.colours(known ? ColourBy::temperature : ColourBy::nothing);
   options.panel = known && options.colour_by != ColourBy::nothing;

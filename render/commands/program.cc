@@ -1,3 +1,5 @@
+#include <charconv>
+
 #include <tribotwin/render/commands/program.hpp>
 
 namespace tribotwin::render::program {
@@ -17,6 +19,16 @@ std::vector<fs::path> inputs(const std::vector<std::string>& files, const std::s
   std::vector<fs::path> all(files.begin(), files.end());
   all.emplace_back(file);
   return all;
+}
+
+std::optional<std::pair<int, int>> width_and_height(std::string_view size) {
+  std::pair<int, int> sides;
+  const char *at = size.data(), *end = at + size.size();
+  const auto first = std::from_chars(at, end, sides.first);
+  if (first.ec != std::errc{} || first.ptr == end || *first.ptr != 'x') return std::nullopt;
+  const auto second = std::from_chars(first.ptr + 1, end, sides.second);
+  if (second.ec != std::errc{} || second.ptr != end) return std::nullopt;
+  return sides;
 }
 
 void add_units(CLI::App& command, twin::identification::ReadOptions& read) {

@@ -12,8 +12,7 @@ struct Arguments : PageOptions {
 };
 
 int execute(const Arguments& a, const std::string& command_line) {
-  if (a.runs.empty())
-    throw twin::InputError("names no folder of a run; 'tribotwin-report --help' shows how it is used");
+  if (a.runs.empty()) throw twin::InputError("the folder of a run is missing; see 'tribotwin-report --help'");
   std::vector<std::unique_ptr<RunData>> runs;
   std::vector<std::filesystem::path> read;
   for (const auto& directory : a.runs) {
@@ -22,7 +21,7 @@ int execute(const Arguments& a, const std::string& command_line) {
   }
   const std::filesystem::path folder = a.runs.size() == 1 ? a.runs[0] : "";
   const PageFile page(a, folder / "report.html", read);
-  return page.make(command_line, [&](const ReportOptions& options) { return make_report(runs, options); });
+  return page.make(command_line, [&](const ReportOptions& options) { return make_run_report(runs, options); });
 }
 
 }  // namespace

@@ -16,7 +16,7 @@ int execute(const FolderOptions& a, const std::string& command_line) {
 void add_study(CLI::App& app, Call& call) {
   auto a = std::make_shared<FolderOptions>();
   auto* command = app.add_subcommand("study",
-                                     "Paper 2's study as a page: friction cold to hot and under load, features, "
+                                     "The study of Zhou 2024 as a page: friction cold to hot and under load, features, "
                                      "regions, distances, faults, ROC curves");
   a->add_to(*command, "Folder of tribotwin lab for a study of joints");
   command->footer("Example:\n  tribotwin-report study lab/diagnosis -o study.html");

@@ -15,10 +15,6 @@
 namespace tribotwin::render {
 namespace {
 
-using Check = Result<void>;
-
-// gnuplot's language, which all text of others goes through.
-
 /// A literal of gnuplot. All ASCII but letters, digits and spaces is written as octal codes, so that nothing in it ends
 /// the literal or is substituted (backquotes are, in double quotes; doubled single quotes do not always work).
 std::string quoted(const std::string& text) {
@@ -35,16 +31,16 @@ std::string quoted(const std::string& text) {
   return out + "\"";
 }
 
-/// What fits into `width` pixels at 13 px, its middle left out where it is longer.
+/// The text, or as much of its beginning and end as fits into `width` pixels at 13 px.
 std::string fitting(const std::string& text, int width) {
   const std::string whole = printable(text);
-  const auto length = g_utf8_strlen(whole.c_str(), -1), most = std::max<glong>(16, width / 8);
-  if (length <= most) return whole;
+  const auto length = g_utf8_strlen(whole.c_str(), -1), length_max = std::max<glong>(16, width / 8);
+  if (length <= length_max) return whole;
   const auto part = [&](glong from, glong to) {
     const std::unique_ptr<char, decltype(&g_free)> cut(g_utf8_substring(whole.c_str(), from, to), g_free);
     return std::string(cut.get());
   };
-  return part(0, most / 2) + "…" + part(length - (most - most / 2) + 1, length);
+  return part(0, length_max / 2) + "…" + part(length - (length_max - length_max / 2) + 1, length);
 }
 
 /// Plain text where enhanced text is expected.
@@ -69,7 +65,7 @@ struct Range {
   }
 };
 
-/// gnuplot widens a range to its tics; one without extent it complains about.
+/// gnuplot widens a range to its tics, and warns about one without extent.
 std::string range(const char* name, const Axis& axis, Range r) {
   if (!axis.from && !axis.to && r.low < r.high) return "";
   double from = axis.from.value_or(r.low), to = axis.to.value_or(r.high);
@@ -80,56 +76,59 @@ std::string range(const char* name, const Axis& axis, Range r) {
   return fmt::format("set {}range [{}:{}]\n", name, from, to);
 }
 
-Check checked(const Figure& f) {
-  const auto wrong = [&](const std::string& what) {
-    return work_failed(fmt::format("figure '{}': {}", f.title, what));
-  };
-  if (f.colour && !(f.colour->from && f.colour->to && *f.colour->from < *f.colour->to))
-    return wrong("its colour axis needs limits");
-  if (f.surface) {
-    const Surface& s = *f.surface;
-    if (s.x.size() < 2 || s.y.size() < 2 || s.z.size() != s.y.size() ||
-        std::ranges::any_of(s.z, [&](const auto& row) { return row.size() != s.x.size(); }))
-      return wrong(fmt::format("its surface of {} x {} points has {} rows", s.x.size(), s.y.size(), s.z.size()));
-    if (!f.z) return wrong("its surface needs a z axis");
-    bool any = false;
-    for (const auto& row : s.z)
-      for (const double v : row) {
-        if (std::isinf(v)) return wrong("its surface has an infinite value");
-        any |= std::isfinite(v);
-      }
-    return any ? Check{} : wrong("its surface has no finite value");
-  }
-  if (f.matrix) {
-    const Matrix& m = *f.matrix;
-    const auto n = m.names.size();
-    if (n < 2 || m.values.size() != n ||
-        std::ranges::any_of(m.values, [&](const auto& row) { return row.size() != n; }))
-      return wrong(fmt::format("its matrix has {} names and {} rows", n, m.values.size()));
-    for (const auto& row : m.values)
-      for (const double v : row)
-        if (std::abs(v) > 1 + 1e-6) return wrong(fmt::format("its matrix has the value {}, beyond -1 .. 1", v));
-    return {};
-  }
-  if (f.series.empty()) return wrong("has nothing to show");
-  for (std::size_t i = 0; i < f.series.size(); ++i) {
-    const Series& s = f.series[i];
-    const std::string name = s.label.empty() ? fmt::format("series {}", i + 1) : fmt::format("series '{}'", s.label);
-    const bool bars = s.mark == Mark::error_bars;
-    if (s.y.size() != s.x.size() || (bars && s.error.size() != s.x.size()) ||
-        (s.shade.size() > 1 && s.shade.size() != s.x.size()))
-      return wrong(fmt::format("{} has {} x, {} y, {} errors and {} shades", name, s.x.size(), s.y.size(),
-                               s.error.size(), s.shade.size()));
-    if (!s.shade.empty() && !f.colour) return wrong(fmt::format("{} has shades but the figure no colour axis", name));
-    bool any = false;
-    for (std::size_t k = 0; k < s.x.size(); ++k) {
-      if (std::isinf(s.x[k]) || std::isinf(s.y[k]) || (bars && std::isinf(s.error[k])))
-        return wrong(fmt::format("{} has an infinite value at point {}", name, k + 1));
-      any |= std::isfinite(s.x[k]) && std::isfinite(s.y[k]);
+/// What is wrong with a surface, a matrix or a series; empty where nothing is.
+std::string wrong_surface(const Figure& f) {
+  const Surface& s = *f.surface;
+  if (s.x.size() < 2 || s.y.size() < 2 || s.z.size() != s.y.size() ||
+      std::ranges::any_of(s.z, [&](const auto& row) { return row.size() != s.x.size(); }))
+    return fmt::format("its surface of {} x {} points has {} rows", s.x.size(), s.y.size(), s.z.size());
+  if (!f.z) return "its surface needs a z axis";
+  bool any = false;
+  for (const auto& row : s.z)
+    for (const double v : row) {
+      if (std::isinf(v)) return "its surface has an infinite value";
+      any |= std::isfinite(v);
     }
-    if (!any) return wrong(fmt::format("{} has no finite value", name));
+  return any ? "" : "its surface has no finite value";
+}
+
+std::string wrong_matrix(const Matrix& m) {
+  const auto n = m.names.size();
+  if (n < 2 || m.values.size() != n || std::ranges::any_of(m.values, [&](const auto& row) { return row.size() != n; }))
+    return fmt::format("its matrix has {} names and {} rows", n, m.values.size());
+  for (const auto& row : m.values)
+    for (const double v : row)
+      if (std::abs(v) > 1 + 1e-6) return fmt::format("its matrix has the value {}, beyond -1 .. 1", v);
+  return "";
+}
+
+std::string wrong_series(const Figure& f, std::size_t index) {
+  const Series& s = f.series[index];
+  const std::string name = s.label.empty() ? fmt::format("series {}", index + 1) : fmt::format("series '{}'", s.label);
+  const bool bars = s.mark == Mark::error_bars;
+  if (s.y.size() != s.x.size() || (bars && s.error.size() != s.x.size()) ||
+      (s.shade.size() > 1 && s.shade.size() != s.x.size()))
+    return fmt::format("{} has {} x, {} y, {} errors and {} shades", name, s.x.size(), s.y.size(), s.error.size(),
+                       s.shade.size());
+  if (!s.shade.empty() && !f.colour) return fmt::format("{} has shades but the figure no colour axis", name);
+  bool any = false;
+  for (std::size_t k = 0; k < s.x.size(); ++k) {
+    if (std::isinf(s.x[k]) || std::isinf(s.y[k]) || (bars && std::isinf(s.error[k])))
+      return fmt::format("{} has an infinite value at point {}", name, k + 1);
+    any |= std::isfinite(s.x[k]) && std::isfinite(s.y[k]);
   }
-  return {};
+  return any ? "" : fmt::format("{} has no finite value", name);
+}
+
+std::string wrong(const Figure& f) {
+  if (f.colour && !(f.colour->from && f.colour->to && *f.colour->from < *f.colour->to))
+    return "its colour axis needs limits";
+  if (f.surface) return wrong_surface(f);
+  if (f.matrix) return wrong_matrix(*f.matrix);
+  if (f.series.empty()) return "has nothing to show";
+  for (std::size_t i = 0; i < f.series.size(); ++i)
+    if (std::string why = wrong_series(f, i); !why.empty()) return why;
+  return "";
 }
 
 std::string terminal(Format format, FigureSize size) {
@@ -226,66 +225,81 @@ std::string matrix(const Figure& f) {
   return s + "plot NaN with lines linecolor palette notitle\n";
 }
 
+struct Ranges {
+  Range x, y;
+};
+
+/// The colour of a series or, where it has several shades, of its point k.
+Colour colour_of(const Figure& f, const Series& c, const theme::Stroke& stroke, std::size_t k) {
+  if (c.shade.empty()) return stroke.colour;
+  return viridis((c.shade[c.shade.size() > 1 ? k : 0] - *f.colour->from) / (*f.colour->to - *f.colour->from));
+}
+
+/// Points so many that they are drawn small and translucent.
+bool many(const Series& c) { return c.mark == Mark::points && c.x.size() > 1000; }
+
+/// A data block with a row "x y error rgb" for each point; widens the ranges.
+std::string data(const Figure& f, const Series& c, const theme::Stroke& stroke, Ranges& ranges) {
+  std::string s;
+  for (std::size_t k = 0; k < c.x.size(); ++k) {
+    if (!(std::isfinite(c.x[k]) && std::isfinite(c.y[k]))) {
+      s += "NaN NaN 0 0\n";
+      continue;
+    }
+    const Colour rgb = colour_of(f, c, stroke, k);
+    const double spread = c.mark == Mark::error_bars && std::isfinite(c.error[k]) ? c.error[k] : 0;
+    ranges.x.add(c.x[k]), ranges.y.add(c.y[k] - spread), ranges.y.add(c.y[k] + spread);
+    s += fmt::format("{} {} {} {}\n", c.x[k], c.y[k], spread,
+                     (many(c) ? 0xa0000000U : 0U) | static_cast<unsigned>(rgb.r << 16 | rgb.g << 8 | rgb.b));
+  }
+  return s;
+}
+
+double bar_width(const Series& c) { return c.x.size() > 1 ? std::abs(c.x[1] - c.x[0]) : 1; }
+
+/// Columns of the data block and how they are drawn.
+std::string look(const Figure& f, const Series& c, const theme::Stroke& stroke) {
+  const std::string colour = fmt::format("'{}'", hex(colour_of(f, c, stroke, 0)));
+  switch (c.mark) {
+    case Mark::line:
+      return fmt::format("1:2 with lines linewidth 1.8 linecolor rgb {} dashtype {}", colour,
+                         c.shade.empty() ? stroke.dashes : "solid");
+    case Mark::reference:
+      return fmt::format("1:2 with lines linewidth 1.2 linecolor rgb {} dashtype (6,5)", colour);
+    case Mark::points: {
+      static constexpr int types[] = {7, 6, 2};  // gnuplot's, in the order of Shape
+      return fmt::format("1:2:4 with points pointtype {} pointsize {} linewidth 1.6 linecolor rgb variable",
+                         types[static_cast<int>(c.shape)],
+                         many(c)                 ? 0.28
+                         : c.shape == Shape::dot ? 0.4
+                                                 : 0.9);
+    }
+    case Mark::error_bars:
+      return "1:2:3:4 with yerrorbars pointtype 7 pointsize 0.45 linewidth 1.2 linecolor rgb variable";
+    case Mark::bars:
+      return fmt::format("1:2:({}) with boxes fillstyle solid 0.75 noborder linecolor rgb {}", 0.92 * bar_width(c),
+                         colour);
+    case Mark::area:
+      return fmt::format(
+          "1:2 with filledcurves closed fillstyle transparent solid 0.12 border linewidth 1.6 linecolor rgb {}",
+          colour);
+  }
+  return "";
+}
+
 std::string curves(const Figure& f, FigureSize size) {
   std::string s, plot;
-  Range x, y;
+  Ranges ranges;
   std::size_t strokes = 0;
   for (std::size_t i = 0; i < f.series.size(); ++i) {
     const Series& c = f.series[i];
-    const bool error = c.mark == Mark::error_bars,
-               many = c.mark == Mark::points && c.x.size() > 1000;  // which are small and translucent
     const theme::Stroke stroke = theme::stroke(c.stroke ? *c.stroke : c.label.empty() ? strokes : strokes++);
-    const auto shade = [&](std::size_t k) {
-      return viridis((c.shade[c.shade.size() > 1 ? k : 0] - *f.colour->from) / (*f.colour->to - *f.colour->from));
-    };
-    s += fmt::format("$s{} << END\n", i);
-    for (std::size_t k = 0; k < c.x.size(); ++k) {
-      const Colour rgb = c.shade.empty() ? stroke.colour : shade(k);
-      const bool gap = !(std::isfinite(c.x[k]) && std::isfinite(c.y[k]));
-      const double spread = error && std::isfinite(c.error[k]) ? c.error[k] : 0;
-      if (!gap) x.add(c.x[k]), y.add(c.y[k] - spread), y.add(c.y[k] + spread);
-      if (gap)
-        s += "NaN NaN 0 0\n";
-      else
-        s += fmt::format("{} {} {} {}\n", c.x[k], c.y[k], spread,
-                         (many ? 0xa0000000U : 0U) | static_cast<unsigned>(rgb.r << 16 | rgb.g << 8 | rgb.b));
+    s += fmt::format("$s{} << END\n{}END\n", i, data(f, c, stroke, ranges));
+    if (c.mark == Mark::bars) {
+      ranges.y.add(0);
+      ranges.x.add(c.x.front() - bar_width(c) / 2), ranges.x.add(c.x.back() + bar_width(c) / 2);
     }
-    s += "END\n";
-    const std::string colour = fmt::format("'{}'", hex(c.shade.empty() ? stroke.colour : shade(0)));
-    plot += fmt::format("{} $s{} using ", i ? "," : "plot", i);
-    switch (c.mark) {
-      case Mark::line:
-        plot += fmt::format("1:2 with lines linewidth 1.8 linecolor rgb {} dashtype {}", colour,
-                            c.shade.empty() ? stroke.dashes : "solid");
-        break;
-      case Mark::reference:
-        plot += fmt::format("1:2 with lines linewidth 1.2 linecolor rgb {} dashtype (6,5)", colour);
-        break;
-      case Mark::points: {
-        static constexpr int types[] = {7, 6, 2};  // gnuplot's, in the order of Shape
-        plot += fmt::format("1:2:4 with points pointtype {} pointsize {} linewidth 1.6 linecolor rgb variable",
-                            types[static_cast<int>(c.shape)],
-                            many                    ? 0.28
-                            : c.shape == Shape::dot ? 0.4
-                                                    : 0.9);
-        break;
-      }
-      case Mark::error_bars:
-        plot += "1:2:3:4 with yerrorbars pointtype 7 pointsize 0.45 linewidth 1.2 linecolor rgb variable";
-        break;
-      case Mark::bars: {
-        const double width = c.x.size() > 1 ? std::abs(c.x[1] - c.x[0]) : 1;
-        y.add(0);
-        x.add(c.x.front() - width / 2), x.add(c.x.back() + width / 2);
-        plot += fmt::format("1:2:({}) with boxes fillstyle solid 0.75 noborder linecolor rgb {}", 0.92 * width, colour);
-        break;
-      }
-      case Mark::area:
-        plot += fmt::format(
-            "1:2 with filledcurves closed fillstyle transparent solid 0.12 border linewidth 1.6 linecolor rgb {}",
-            colour);
-        break;
-    }
+    plot += fmt::format("{} $s{} using {}", i ? "," : "plot", i, look(f, c, stroke));
     plot +=
         c.label.empty() ? " notitle" : fmt::format(" title {} noenhanced", quoted(fitting(c.label, size.width - 130)));
   }
@@ -294,9 +308,9 @@ std::string curves(const Figure& f, FigureSize size) {
     s += fmt::format("set cblabel {} textcolor '{}'\nset rmargin at screen {}\n", label(*f.colour), hex(theme::ink),
                      1 - 108.0 / size.width) +
          range("cb", *f.colour, {});
-    plot += ", NaN with lines linecolor palette notitle";  // what makes gnuplot draw the colour bar
+    plot += ", NaN with lines linecolor palette notitle";  // gnuplot draws the colour bar for this curve
   }
-  return s + range("x", f.x, x) + range("y", f.y, y) + plot + "\n";
+  return s + range("x", f.x, ranges.x) + range("y", f.y, ranges.y) + plot + "\n";
 }
 
 }  // namespace
@@ -308,7 +322,8 @@ Result<Format> format_of(std::string_view file) {
 }
 
 Result<std::string> draw(const Figure& figure, Format format, FigureSize size) {
-  if (auto good = checked(figure); !good) return tl::unexpected(good.error());
+  if (const std::string why = wrong(figure); !why.empty())
+    return work_failed(fmt::format("figure '{}': {}", figure.title, why));
   const std::string script = terminal(format, size) + frame(figure, size) +
                              (figure.surface  ? surface(figure)
                               : figure.matrix ? matrix(figure)

@@ -26,7 +26,7 @@ enum class Mark {
   area         ///< closed outline, lightly filled
 };
 
-/// Of Mark::points; those but the dot are drawn larger, to be told apart without colour.
+/// Of Mark::points; circle and cross are larger, so that shapes differ without colour.
 enum class Shape { dot, circle, cross };
 
 /// x, y (and error) of equal length. NaN leaves a gap; a series needs at least one finite point.
@@ -64,15 +64,15 @@ struct Figure {
 };
 
 enum class Format { svg, png, pdf };
-/// By a file's ending. Fails with the endings there are.
+/// By a file's ending. Fails on another ending and names these.
 Result<Format> format_of(std::string_view file);
 
 struct FigureSize {
   int width = 640, height = 430;
 };  ///< [1/96 inch]; PNGs have twice the pixels
 
-/// The file's bytes, drawn by gnuplot. Fails on series without a finite value, of unequal lengths or with infinities
-/// (the message names figure and series), and where gnuplot is missing or fails.
+/// The file's bytes, drawn by gnuplot. Fails (ErrorKind::work) on series without a finite value, of unequal lengths or
+/// with infinities, naming figure and series, and where gnuplot is missing or fails.
 Result<std::string> draw(const Figure& figure, Format format, FigureSize size = {});
 
 }  // namespace tribotwin::render

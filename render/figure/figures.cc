@@ -25,8 +25,8 @@ Series law_series(const drive::Drive& drive, const LawAxes& axes, double speed_m
   return s;
 }
 
-/// One series of plain points and one with error bars; either may be missing. Without `shade` they have no colour of
-/// their own.
+/// Adds one series of plain points and one with error bars, where there are such points. `shade` gives their place on
+/// the colour axis.
 void add_points(Figure& figure, const LawAxes& axes, std::span<const FrictionPoint> points,
                 double FrictionPoint::*shade) {
   Series plain{.mark = Mark::points}, measured{.mark = Mark::error_bars};
@@ -41,10 +41,10 @@ void add_points(Figure& figure, const LawAxes& axes, std::span<const FrictionPoi
     if (!s->x.empty()) figure.series.push_back(std::move(*s));
 }
 
-/// Limits of a colour axis that holds all of these and is at least `least` long.
-void set_limits(Axis& axis, std::span<const double> values, double least) {
+/// Limits of a colour axis around all values, at least `span_min` apart.
+void set_limits(Axis& axis, std::span<const double> values, double span_min) {
   const auto [low, high] = std::ranges::minmax(values);
-  const double pad = std::max(0.0, (least - (high - low)) / 2);
+  const double pad = std::max(0.0, (span_min - (high - low)) / 2);
   axis.from = low - pad;
   axis.to = high + pad;
 }
@@ -181,7 +181,7 @@ Figure residual_histogram(const std::string& title, const Axis& residual, std::s
   std::ranges::copy_if(residuals, std::back_inserter(r), [](double v) { return std::isfinite(v); });
   Figure f{.title = title, .x = residual, .y = {.quantity = "count", .unit = "-", .from = {}, .to = {}}};
   if (r.empty()) {
-    f.series.push_back({.mark = Mark::bars, .x = {0}, .y = {std::nan("")}});  // which draw() refuses by name
+    f.series.push_back({.mark = Mark::bars, .x = {0}, .y = {std::nan("")}});  // draw() refuses it and names the figure
     return f;
   }
   const double n = static_cast<double>(r.size()), mean = std::accumulate(r.begin(), r.end(), 0.0) / n;
@@ -210,24 +210,32 @@ Figure residual_histogram(const std::string& title, const Axis& residual, std::s
   return f;
 }
 
-std::vector<std::size_t> thinned(std::size_t count, std::size_t most) {
+std::vector<double> evenly(double from, double to, int count) {
+  if (count < 2) return {(from + to) / 2};
+  if (!(from < to)) return {from};
+  std::vector<double> v;
+  for (int i = 0; i < count; ++i) v.push_back(from + (to - from) * i / (count - 1));
+  return v;
+}
+
+std::vector<std::size_t> thinned(std::size_t count, std::size_t maximum) {
   std::vector<std::size_t> rows;
   std::mt19937_64 random(1);  // whose numbers the standard fixes
-  for (std::size_t k = 0; k < std::min(count, most); ++k) {
-    const std::size_t begin = k * count / std::min(count, most), end = (k + 1) * count / std::min(count, most);
+  for (std::size_t k = 0; k < std::min(count, maximum); ++k) {
+    const std::size_t begin = k * count / std::min(count, maximum), end = (k + 1) * count / std::min(count, maximum);
     rows.push_back(begin + random() % (end - begin));
   }
   return rows;
 }
 
 Figure scatter(const std::string& title, const Axis& x, const Axis& y, std::span<const double> xs,
-               std::span<const double> ys, std::size_t most) {
+               std::span<const double> ys, std::size_t points_max) {
   std::vector<std::size_t> rows;
   for (std::size_t i = 0; i < std::min(xs.size(), ys.size()); ++i)
     if (std::isfinite(xs[i]) && std::isfinite(ys[i])) rows.push_back(i);
   Figure f{.title = title, .x = x, .y = y};
   Series points{.mark = Mark::points, .stroke = 0};
-  for (const std::size_t k : thinned(rows.size(), most))
+  for (const std::size_t k : thinned(rows.size(), points_max))
     points.x.push_back(xs[rows[k]]), points.y.push_back(ys[rows[k]]);
   f.series.push_back(std::move(points));
   std::ranges::stable_sort(rows, {}, [&](std::size_t i) { return xs[i]; });
@@ -292,7 +300,7 @@ Figure healthy_region(const std::string& title, const Axis& x, const Axis& y, co
   f.series = {std::move(inner), std::move(outer)};
   for (const auto& [label, points, shape, stroke] : {std::tuple{"learned", &scatter.learned, Shape::dot, 5},
                                                      {"healthy", &scatter.healthy, Shape::circle, 0},
-                                                     {"not as learned", &scatter.anomalous, Shape::cross, 1}}) {
+                                                     {"anomalous", &scatter.anomalous, Shape::cross, 1}}) {
     if (points->empty()) continue;
     Series s{.mark = Mark::points, .label = label, .shape = shape, .stroke = static_cast<std::size_t>(stroke)};
     for (const auto& p : *points) s.x.push_back(p[0]), s.y.push_back(p[1]);

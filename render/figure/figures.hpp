@@ -7,10 +7,10 @@
 #include <tribotwin/plugins/drive/drive.hpp>
 #include <tribotwin/render/figure/figure.hpp>
 
-/// The figures that reports, measurements and identifications need, from their values.
+/// The figures of reports, measurements and identifications, from their values.
 namespace tribotwin::render {
 
-/// Friction seen at a joint. Speed and friction are magnitudes.
+/// Friction measured at a joint. Speed and friction are magnitudes.
 struct FrictionPoint {
   double speed_rad_s;  ///< joint side
   double load_norm, temperature_degC;
@@ -33,7 +33,7 @@ Figure friction_against_temperature(const drive::Drive& drive, const std::string
 Figure friction_against_load(const drive::Drive& drive, const std::string& title, double speed_max_rad_s,
                              double temperature_degC, std::span<const double> loads_norm,
                              std::span<const FrictionPoint> points = {});
-/// The law over speed at one load, where it knows no temperature; that of the points is not shown.
+/// The law over speed at one load, for laws that do not depend on temperature.
 Figure friction_against_speed(const drive::Drive& drive, const std::string& title, double speed_max_rad_s,
                               double load_norm, std::span<const FrictionPoint> points = {});
 /// The law over speed and temperature.
@@ -52,17 +52,20 @@ Figure tracking_error(const std::string& title, std::span<const Trace> errors_ra
 /// How often residuals occur, with the normal distribution of their mean and deviation. NaN are left out.
 Figure residual_histogram(const std::string& title, const Axis& residual, std::span<const double> residuals);
 
-/// At most `most` of `count` indices, ascending: one of each of as many equal stretches, which one by a fixed seed, so
-/// that no rhythm of the data is met.
-std::vector<std::size_t> thinned(std::size_t count, std::size_t most);
+/// `count` values from first to last; one where they are equal, their mean where one is asked for.
+std::vector<double> evenly(double from, double to, int count);
+
+/// At most `maximum` of `count` indices, ascending: one of each of as many equal stretches, which one by a fixed seed,
+/// so that no period of the data is hit.
+std::vector<std::size_t> thinned(std::size_t count, std::size_t maximum);
 
 constexpr std::size_t scatter_points = 2000;
-/// One quantity against another: at most `most` points and, of all points, mean and mean +- standard deviation in
+/// One quantity against another: at most `points_max` points and, of all points, mean and mean +- standard deviation in
 /// classes of x that hold as many each. NaN are left out.
 Figure scatter(const std::string& title, const Axis& x, const Axis& y, std::span<const double> xs,
-               std::span<const double> ys, std::size_t most = scatter_points);
+               std::span<const double> ys, std::size_t points_max = scatter_points);
 
-/// How estimates move together: names and a symmetric matrix of correlations.
+/// A symmetric matrix of correlations of the named estimates.
 Figure correlation_matrix(const std::string& title, Matrix correlation);
 
 /// Two estimated parameters with their covariance, and what it was estimated from.
@@ -77,11 +80,11 @@ struct Estimate {
 /// 95 % and 99 % confidence regions of normally distributed estimates: chi-squared or, with few degrees of freedom, F.
 Figure confidence_ellipses(const std::string& title, const Axis& x, const Axis& y, std::span<const Estimate> estimates);
 
-/// Two features of a joint: what is normal, and observations that are held against it.
+/// Two features of a joint: their healthy distribution, and observations to compare with it.
 struct HealthyScatter {
   std::array<double, 2> mean;
   std::array<std::array<double, 2>, 2> covariance;
-  std::vector<std::array<double, 2>> learned, healthy, anomalous;  ///< any may be empty; told apart by their shape
+  std::vector<std::array<double, 2>> learned, healthy, anomalous;  ///< any may be empty; each has a shape of its own
   double inner_sigma = 2, outer_sigma = 6;                         ///< radii of the ellipses, in standard deviations
 };
 Figure healthy_region(const std::string& title, const Axis& x, const Axis& y, const HealthyScatter& scatter);

@@ -16,7 +16,7 @@ Result<Context> Context::create() {
   c.screen_ = std::make_unique<unsigned char[]>(4);
   c.context_.reset(OSMesaCreateContextExt(OSMESA_RGBA, 24, 8, 0, nullptr));
   if (!c.context_ || !OSMesaMakeCurrent(c.context_.get(), c.screen_.get(), GL_UNSIGNED_BYTE, 1, 1))
-    return work_failed("no OpenGL context: is libosmesa6 whole?");
+    return work_failed("no OpenGL context: is libosmesa6 installed completely?");
   // Asked for by name: linking a gl function would bring in libGL.
   using GetInteger = void (*)(GLenum, GLint*);
   if (const auto get = reinterpret_cast<GetInteger>(OSMesaGetProcAddress("glGetIntegerv")))

@@ -105,9 +105,9 @@ Renderer::~Renderer() = default;
 
 Result<Renderer> Renderer::create(const mjModel* model, Size size, Quality quality) {
   for (const int side : {size.width, size.height})
-    if (side < side_min || side > side_most)
+    if (side < side_min || side > side_max)
       return tl::unexpected(fmt::format("a picture of {} x {} pixels: each side must be {} to {}", size.width,
-                                        size.height, side_min, side_most));
+                                        size.height, side_min, side_max));
   if (quality.supersampling < 1 || quality.supersampling > 4)
     return tl::unexpected(fmt::format("supersampling {}: must be 1 to 4", quality.supersampling));
   auto gl = Context::create();

@@ -20,7 +20,7 @@ struct Size {
   bool operator==(const Size&) const = default;
 };
 /// 16..8192 a side.
-inline constexpr int side_min = 16, side_most = 8192;
+inline constexpr int side_min = 16, side_max = 8192;
 
 struct Quality {
   int samples = 4;        ///< multisampling

@@ -6,8 +6,7 @@
 
 #include <pugixml.hpp>
 
-/// A page that needs nothing but itself: style inside, pictures as data, no script. Text is put in as text, so that
-/// nothing in it becomes markup.
+/// A self-contained page: style inside, pictures as data, no script. Text is inserted as text and never becomes markup.
 namespace tribotwin::render {
 
 class Page {

@@ -70,7 +70,7 @@ class Canvas {
 /// One line of text, set but not yet drawn.
 class Text {
  public:
-  Text(Canvas& canvas, const std::string& text, double pixels, bool bold = false, double width_most = 0)
+  Text(Canvas& canvas, const std::string& text, double pixels, bool bold = false, double width_max = 0)
       : layout_(pango_cairo_create_layout(*canvas), g_object_unref) {
     const std::unique_ptr<PangoFontDescription, decltype(&pango_font_description_free)> font(
         pango_font_description_from_string(std::string(theme::picture_font).c_str()), pango_font_description_free);
@@ -81,8 +81,8 @@ class Text {
     pango_layout_set_single_paragraph_mode(layout_.get(), TRUE);
     pango_layout_set_text(layout_.get(), shown.c_str(), static_cast<int>(shown.size()));
     pango_layout_get_pixel_size(layout_.get(), &width_, &height_);
-    if (width_most > 0 && width_ > width_most) {
-      pango_layout_set_width(layout_.get(), static_cast<int>(width_most * PANGO_SCALE));
+    if (width_max > 0 && width_ > width_max) {
+      pango_layout_set_width(layout_.get(), static_cast<int>(width_max * PANGO_SCALE));
       pango_layout_set_ellipsize(layout_.get(), PANGO_ELLIPSIZE_MIDDLE);
       pango_layout_get_pixel_size(layout_.get(), &width_, &height_);
     }
@@ -106,7 +106,7 @@ constexpr double text_size = 18;
 void draw_panel(Image& image, const std::string& title, std::span<const PanelRow> rows, double unit) {
   Canvas canvas(image);
   const double size = text_size * unit, pad = 14 * unit, margin = 20 * unit, gap = 18 * unit, chip = 16 * unit;
-  const double line = 1.5 * size, name_most = std::max(0.25 * image.width, 4 * size);
+  const double line = 1.5 * size, name_max = std::max(0.25 * image.width, 4 * size);
   const bool chips = std::ranges::any_of(rows, &PanelRow::has_chip);
   const Text heading(canvas, title, 1.1 * size, true, image.width - 2 * margin - 2 * pad);
   struct Set {
@@ -115,8 +115,8 @@ void draw_panel(Image& image, const std::string& title, std::span<const PanelRow
   std::vector<Set> set;
   double widest[3] = {};
   for (const auto& row : rows) {
-    set.push_back({Text(canvas, row.name, size, false, name_most), Text(canvas, row.first, size),
-                   Text(canvas, row.second, size)});
+    set.push_back(
+        {Text(canvas, row.name, size, false, name_max), Text(canvas, row.first, size), Text(canvas, row.second, size)});
     const double widths[] = {static_cast<double>(set.back().name.width()),
                              static_cast<double>(set.back().first.width()),
                              static_cast<double>(set.back().second.width())};

@@ -179,10 +179,10 @@ Result<Image> contact_sheet(std::shared_ptr<const mujoco::Model> model, const tw
     ++columns;
   const int rows = (n + columns - 1) / columns;
   Image sheet(gap + columns * (each.width + gap) + strip, gap + rows * (each.height + caption + gap));
-  if (std::max(sheet.width, sheet.height) > 2 * side_most)
+  if (std::max(sheet.width, sheet.height) > 2 * side_max)
     return tl::unexpected(
         fmt::format("a contact sheet of {} x {} pixels: at most {} a side; choose fewer or smaller poses", sheet.width,
-                    sheet.height, 2 * side_most));
+                    sheet.height, 2 * side_max));
   for (std::size_t i = 0; i < sheet.rgb.size(); i += 3) {
     sheet.rgb[i] = theme::page.r;
     sheet.rgb[i + 1] = theme::page.g;
@@ -207,7 +207,7 @@ Result<Image> contact_sheet(std::shared_ptr<const mujoco::Model> model, const tw
       if (std::isfinite(value(top)))
         text += options.colour_by == ColourBy::temperature
                     ? fmt::format(" · warmest: {}, {:.1f} °C", top.name, value(top))
-                    : fmt::format(" · most: {}, {:.1f} %", top.name, value(top));
+                    : fmt::format(" · maximum: {}, {:.1f} %", top.name, value(top));
     }
     draw_text(sheet, text, x + 2 * unit, y + each.height + 5 * unit, unit);
     if (progress) progress((i + 1.0) / n);

@@ -11,7 +11,7 @@
 #include <tribotwin/render/offscreen/renderer.hpp>
 #include <tribotwin/twin/io/telemetry/telemetry.hpp>
 
-/// Pictures of a robot whose joint housings show how warm they are, or how much friction they have: the geom
+/// Pictures of a robot whose joint housings have the colour of their temperature or friction. The housing is the geom
 /// "housing_JOINT" where the model has one, else all geoms of the joint's body.
 namespace tribotwin::render {
 
@@ -34,7 +34,7 @@ PoseState recorded(const mujoco::Model& model, const twin::Recording& record, st
 
 enum class ColourBy { temperature, friction, nothing };
 
-/// What the ends of the colour bar mean: degC, or percent of torque_max_nm.
+/// The ends of the colour bar: degC, or percent of torque_max_nm.
 struct Scale {
   double from = 20, to = 80;
 };

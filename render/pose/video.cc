@@ -11,7 +11,7 @@
 namespace tribotwin::render {
 namespace {
 
-/// Whether the file is an MP4 from its first box to its last: ffmpeg may end with exit code 0 over a full disk.
+/// Whether the file is a complete MP4: ffmpeg may end with exit code 0 on a full disk.
 Result<void> check_film(const std::filesystem::path& file) {
   std::ifstream in(file, std::ios::binary);
   const std::uint64_t size = std::filesystem::file_size(file);
@@ -32,7 +32,7 @@ Result<void> check_film(const std::filesystem::path& file) {
     at += length;
   }
   if (at == size && index) return {};
-  return work_failed("ffmpeg made a film that is not whole; is the disk full?");
+  return work_failed("ffmpeg wrote an incomplete film; is the disk full?");
 }
 
 }  // namespace

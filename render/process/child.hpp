@@ -9,7 +9,7 @@
 
 typedef struct _GSubprocess GSubprocess;
 
-/// Programs we draw with. Arguments go to them as they are, input through a pipe; there is never a shell.
+/// External programs. Arguments are passed as they are and input through a pipe, never through a shell.
 namespace tribotwin::render {
 
 /// A program to start, and how to get it.
@@ -22,14 +22,14 @@ struct Program {
 /// message has what it wrote to stderr.
 Result<std::string> run(const Program& program, std::string_view input);
 
-/// A program that is fed while it works. Its stdout is ours. Killed when abandoned.
+/// A program that reads input while it works. Its stdout is that of this process. Killed by the destructor.
 class Child {
  public:
   static Result<Child> start(const Program& program);
   Child(Child&&) noexcept = default;
   Child& operator=(Child&&) = delete;
   ~Child();
-  /// Fails once the program does not take input any more.
+  /// Fails when the program no longer reads its input.
   Result<void> write(std::string_view bytes);
   /// Ends the input and waits. Returns what the program wrote to stderr.
   Result<std::string> finish();

@@ -52,8 +52,8 @@ class Writer {
   }
   static std::string share(const std::optional<double>& x) { return x ? fmt::format("{:.2f} %", 100 * *x) : "–"; }
 
-  /// The parameters that the tests of the first robot tell best.
-  std::vector<std::size_t> best_told() const {
+  /// The parameters that the tests of the first robot identify best.
+  std::vector<std::size_t> best_identified() const {
     std::vector<std::size_t> order(base_.parameters.size());
     std::iota(order.begin(), order.end(), 0);
     const auto precision = [&](std::size_t p) { return std::abs(day(0, 0).base[p].value) / day(0, 0).base[p].sigma; };
@@ -79,8 +79,8 @@ class Writer {
             "earlier days had {:+.1f} % ({:.0f} sigma). ",
             x.robot + 1, x.day + 1, joint(x.joint), minutes(x), 100 * x.found, 100 * x.expected, std::abs(x.z));
     if (verdict.empty())
-      verdict = f_.comparisons ? "Friction of no joint changed by more than from one day to the next."
-                               : "There are no earlier days to tell a change from.";
+      verdict = f_.comparisons ? "No joint's friction changed by more than it does from one day to the next."
+                               : "There are no earlier days to compare with.";
     page_.add(to, "p", verdict, "verdict");
     auto grid = page_.add(to, "div", {}, "tiles");
     page_.tile(grid, "tests", fmt::format("{}", data_.results.days.size()),
@@ -97,13 +97,12 @@ class Writer {
         if (s.over_a_day) drift = std::max(drift.value_or(0), *s.over_a_day);
         if (s.over_a_day && s.over_days) over_days = std::max(over_days.value_or(0), *s.over_days);
       }
-    page_.tile(
-        grid, "inertia over a day", share(drift),
-        fmt::format("at most, of parameters with a sigma below {:.0f} % in every cycle", 100 * identified_within),
-        !drift          ? nullptr
-        : *drift < 0.05 ? "good"
-                        : "bad");
-    page_.tile(grid, "inertia over days", share(over_days), "standard deviation, at most, of the same");
+    page_.tile(grid, "inertia over a day", share(drift),
+               fmt::format("maximum of the parameters that one cycle identifies within {:.0f} %", 100 * identified_within),
+               !drift          ? nullptr
+               : *drift < 0.05 ? "good"
+                               : "bad");
+    page_.tile(grid, "inertia over days", share(over_days), "maximum standard deviation of the same parameters");
   }
 
   double minutes(const Change& x) const { return day(x.robot, x.day).cycles[x.cycle].start_s / 60; }
@@ -125,7 +124,7 @@ class Writer {
               fmt::format(
                   "A change is a step of friction from one cycle to the next that differs from the same step on "
                   "earlier days of this robot by more than {:.2f} standard deviations: of campaigns without a change, "
-                  "1 % report any. Tests with a change are not merged, and later tests are not held against them.",
+                  "1 % report any. Tests with a change are not merged, and later tests are not compared with them.",
                   f_.threshold),
               "soft");
   }
@@ -148,16 +147,17 @@ class Writer {
             const auto& t = f_.thermal[robot][j];
             row.push_back("*");
             for (const auto& time : times_of(d < c_.days ? t.days[d] : t.merged))
-              if (time.identified && time.name == std::string(name))
+              if (time.told && time.name == std::string(name))
                 row.back() = fmt::format("{:.3f} ± {:.2g}", time.value_s / 60, time.sigma_s / 60);
           }
         }
       page_.add_table(to, head, rows);
     }
-    page_.add(to, "p",
-              "Paper 3's table: of each test, and of all tests without a change merged (Mix). Friction is the "
-              "thermometer; no temperature was measured. * not identifiable from this record.",
-              "soft");
+    page_.add(
+        to, "p",
+        "As the table of time constants in Hao 2021: of each test, and of all tests without a change merged (Mix). "
+        "Estimated from friction; no temperature was measured. * not identifiable from this record.",
+        "soft");
   }
 
   /// Friction of one joint over the days of a robot, thinned.
@@ -186,7 +186,7 @@ class Writer {
         if (auto ok = page_.show(
                 grid, history(fmt::format("{}, robot {}", joint(j), robot + 1), friction_axis(j), traces(robot, j)),
                 fmt::format("friction_{}_robot{}", joint(j), robot + 1),
-                fmt::format("At {:.0f} % of the largest speed: motor torque less rigid dynamics, in windows of motion.",
+                fmt::format("At {:.0f} % of the maximum speed: motor torque less rigid dynamics, in windows of motion.",
                             100 * level_share));
             !ok)
           return ok;
@@ -267,7 +267,7 @@ class Writer {
   Outcome inertia() {
     page_.add(page_.body(), "h2", "Inertial parameters over the tests");
     auto grid = page_.add(page_.body(), "div", {}, "figures");
-    for (const std::size_t p : best_told()) {
+    for (const std::size_t p : best_identified()) {
       const auto& parameter = base_.parameters[p];
       Figure figure{
           .title = parameter.name, .x = over_tests(), .y = {.quantity = parameter.name, .unit = parameter.unit}};
@@ -311,12 +311,13 @@ class Writer {
         groups.push_back({base_.parameters[p].name, base_.parameters[p].group});
     }
     page_.add_table(to, head, rows);
-    page_.add(to, "p",
-              fmt::format("Of all tests without a change. Over days: standard deviation of the tests. Over a day: from "
-                          "the first to the last third of it, at most. –: no sigma below {:.0f} % in a cycle. Torques "
-                          "tell some of them only together with others:",
-                          100 * identified_within),
-              "soft");
+    page_.add(
+        to, "p",
+        fmt::format("Of all tests without a change. Over days: standard deviation of the tests. Over a day: maximum "
+                    "change from its first to its last third. –: one cycle does not identify it within {:.0f} %. "
+                    "Some are identifiable only as combinations:",
+                    100 * identified_within),
+        "soft");
     page_.add_table(to, {"parameter", "stands for"}, groups);
   }
 
@@ -335,9 +336,7 @@ Result<DaysData> load_days(const std::filesystem::path& directory) try {
   const auto file = directory / "campaign.yaml";
   const YAML::Node root = twin::load_yaml(file);
   if (!is_repeatability(root)) return tl::unexpected(fmt::format("{}: is no campaign of working days", file.string()));
-  auto campaign = load_campaign(file, root);
-  if (!campaign) return tl::unexpected(campaign.error());
-  DaysData data{.directory = directory, .campaign = *std::move(campaign)};
+  DaysData data{.directory = directory, .campaign = load_campaign(file, root)};
   auto results = read_results(data.campaign, directory);
   if (!results) return tl::unexpected(results.error());
   data.results = *std::move(results);

@@ -16,7 +16,7 @@ namespace {
 using namespace twin::diagnosis;
 using Outcome = Result<void>;
 
-/// Those that the state was learned from, as far as they are all there.
+/// Reads the curves that the state was learned from; none where one of the files is missing.
 void load_learned(DiagnosisData& d, const ObservationOptions& read) {
   for (const auto& name : d.healthy.data) {
     const auto file = named_file(name, d.file);
@@ -64,7 +64,7 @@ class Writer {
     auto to = page_.body();
     page_.add(to, "h1", title());
     page_.add(to, "p",
-              fmt::format("Held against a healthy state of {} unloaded curves{}; {:.3g} % of healthy observations may "
+              fmt::format("Compared with a healthy state of {} unloaded curves{}; {:.3g} % of healthy observations may "
                           "be called anomalous in each region.",
                           h_.observations,
                           h_.knows_temperature
@@ -82,7 +82,7 @@ class Writer {
       for (const auto& what : d_.missing) page_.add(box, "p", what);
     }
     auto tiles = page_.add(to, "div", {}, "tiles");
-    page_.tile(tiles, "not as learned", fmt::format("{} of {}", anomalous(), d_.verdicts.size()), "observations",
+    page_.tile(tiles, "anomalous", fmt::format("{} of {}", anomalous(), d_.verdicts.size()), "observations",
                anomalous() ? "bad" : "good");
     const auto& last = d_.verdicts.back();
     page_.tile(tiles, "latest", std::string(last.pattern), fmt::format("confidence {:.0f} %", 100 * last.confidence),
@@ -95,7 +95,7 @@ class Writer {
       if (d_.verdicts[i].anomalous) page_.add(to, "p", fmt::format("{}. {}", i + 1, d_.verdicts[i].sentence));
     if (anomalous() < d_.verdicts.size())
       page_.add(to, "p",
-                fmt::format("{} observation(s): contact surfaces and lubricant are as learned.",
+                fmt::format("{} observation(s): contact surfaces and lubricant are healthy.",
                             d_.verdicts.size() - anomalous()),
                 "soft");
   }
@@ -124,7 +124,8 @@ class Writer {
     page_.add(
         to, "p",
         fmt::format(
-            "Region 1: contact surfaces (Fc, Fs, Vs); region 2: lubricant (Fv, beta). Distance: squared, paper 2 (15), "
+            "Region 1: contact surfaces (Fc, Fs, Vs); region 2: lubricant (Fv, beta). Distance: squared, Zhou 2024 "
+            "(15), "
             "over all temperatures; its thresholds are {:g} and, for wear, {:g}. T²: of the logarithms of the features "
             "against those of a healthy joint at this temperature; an observation is anomalous beyond {:.2f} in region "
             "1, {:.2f} in region 2.",

@@ -15,17 +15,17 @@ struct DiagnosisOptions {
   double watch_false_alarm = twin::diagnosis::once_a_year;
 };
 
-/// Observations of a joint and what its healthy state says of them.
+/// Observations of a joint and the verdicts on them.
 struct DiagnosisData {
   std::filesystem::path file;  ///< of the healthy state
   std::string text;            ///< of the file, as it is
   twin::diagnosis::HealthyState healthy;
-  std::vector<twin::diagnosis::Observation> learned;  ///< none where the files that the state names are gone
+  std::vector<twin::diagnosis::Observation> learned;  ///< empty where the files that the state names are missing
   std::vector<twin::diagnosis::Observation> checked;
   std::vector<twin::diagnosis::Verdict> verdicts;  ///< as many as checked
   twin::diagnosis::Watch watch;
   DiagnosisOptions options;
-  std::vector<std::string> missing;  ///< what a reader must know is not there: sentences
+  std::vector<std::string> missing;  ///< what is not there: sentences for the reader
 };
 
 /// Fails, naming the file, where tribotwin diagnose check would refuse.
@@ -33,7 +33,7 @@ Result<DiagnosisData> load_diagnosis(const std::filesystem::path& healthy,
                                      const std::vector<std::filesystem::path>& data,
                                      twin::diagnosis::ObservationOptions read, const DiagnosisOptions& options);
 
-/// One self-contained page: verdicts as sentences, distances as in paper 2's Tables II and III, regions as in its
+/// One self-contained page: verdicts as sentences, distances as in Tables II and III of Zhou 2024, regions as in its
 /// Figures 14 and 15, the CUSUM and the margin left. Fails where figures cannot be drawn at all (no gnuplot).
 Result<Report> make_diagnosis_report(const DiagnosisData& data, const ReportOptions& options);
 

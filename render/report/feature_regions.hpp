@@ -10,7 +10,7 @@
 
 namespace tribotwin::render {
 
-/// Paper 2's confidence regions (14) of one joint, and observations that are held against them.
+/// The confidence regions (Zhou 2024, eq. 14) of one joint, and observations that are compared with them.
 struct FeatureRegions {
   twin::diagnosis::Features mean;
   twin::diagnosis::FeatureMatrix covariance;
@@ -23,7 +23,7 @@ struct FeatureRegions {
   std::vector<Checked> checked;
 };
 
-/// Paper 2's Figures 14 and 15 as four drawings: region 1 along each of its axes, region 2. `of` comes before the
+/// Figures 14 and 15 of Zhou 2024 as four drawings: region 1 along each of its axes, region 2. `of` comes before the
 /// titles and in the names of files; may be empty. Fails where they cannot be drawn.
 Result<void> show_regions(IllustratedPage& page, pugi::xml_node to, const FeatureRegions& regions,
                           const std::string& of = {});

@@ -42,7 +42,7 @@ std::vector<fs::path> named_data(FitData& fit) {
   return found;
 }
 
-void hold_against_law(FitData& fit) {
+void compute_residuals(FitData& fit) {
   const auto& s = fit.samples;
   const friction::Law& law = fit.parameters.law;
   double last_degC = std::nan("");
@@ -109,7 +109,7 @@ Result<FitData> load_fit(const fs::path& path, std::vector<fs::path> data, twin:
   auto samples = twin::identification::read_samples(data, *p.law.info, read);
   if (!samples) return tl::unexpected(samples.error());
   fit.samples = std::move(*samples);
-  hold_against_law(fit);
+  compute_residuals(fit);
   fit.own_data = p.found.samples == fit.samples.size() &&
                  std::abs(fit.deviation - p.found.residual.std) <=
                      1e-3 * p.found.residual.std + 1e-12 * std::ranges::max(fit.samples.friction);

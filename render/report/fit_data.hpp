@@ -12,7 +12,7 @@
 
 namespace tribotwin::render {
 
-/// An identified law and what it was identified from, or is held against.
+/// An identified law, and the data that it was identified from or is compared with.
 struct FitData {
   std::filesystem::path file;
   std::string text;  ///< of the file, as it is
@@ -22,7 +22,7 @@ struct FitData {
   std::vector<double> residuals;          ///< measured - law [unit of the law], as the twin evaluates it
   double deviation = 0;                   ///< their standard deviation
   bool own_data = true;                   ///< the samples are those that the law was identified from
-  std::vector<std::string> missing;       ///< what a reader must know is not there, and why: sentences
+  std::vector<std::string> missing;       ///< what is not there, and why: sentences for the reader
 
   /// Whether the file says how well the law follows measured friction; after 'tribotwin calibrate' it does not.
   bool has_residual() const { return parameters.found.residual.std > 0 || parameters.found.condition_number > 0; }
@@ -44,7 +44,7 @@ drive::Drive drawn_drive(const twin::identification::ParameterFile& file);
 std::vector<FrictionPoint> friction_points(const drive::Drive& drive, const twin::identification::Samples& samples,
                                            std::span<const std::size_t> rows);
 
-/// `data`: what to hold the law against; else what the parameter file names, relative to the working directory or to
+/// `data`: what the law is compared with; else what the parameter file names, relative to the working directory or to
 /// its own folder. Where that is not there, or no measured friction, there are no samples and `missing` says so. Fails
 /// on a parameter file that cannot be read, on data that were asked for and are not there, and on data that are no
 /// measurement for this law.

@@ -47,12 +47,6 @@ double quantile(std::vector<double> v, double share) {
   return *at;
 }
 
-std::vector<double> evenly(double from, double to, int count) {
-  std::vector<double> v;
-  for (int i = 0; i < count; ++i) v.push_back(from + (to - from) * i / (count - 1));
-  return from < to ? v : std::vector{from};
-}
-
 /// Load or temperature, as far as the data go in it (or the law, where there are none).
 struct Input {
   double low, high, window;    ///< a sample within `window` of a level is shown with the curves of that level
@@ -122,15 +116,15 @@ class Writer {
       if (e.status == status) names.push_back(e.name);
     return names;
   }
-  bool told(const std::string& name) const {
+  bool identifiable(const std::string& name) const {
     return std::ranges::find(p_.found.unidentifiable, name) == p_.found.unidentifiable.end();
   }
   std::size_t identified() const {
     return static_cast<std::size_t>(std::ranges::count_if(
-        p_.found.parameters, [&](const auto& e) { return e.status == Status::estimated && told(e.name); }));
+        p_.found.parameters, [&](const auto& e) { return e.status == Status::estimated && identifiable(e.name); }));
   }
 
-  /// What was identified, from what, how well, and what could not be told.
+  /// What was identified, from what and how well, and what is not identifiable.
   std::string verdict() const {
     if (p_.found.samples == 0)
       return fmt::format("Law '{}' with given parameters: the file does not say how they were found.", law_.name);
@@ -140,14 +134,15 @@ class Writer {
     std::string s = fmt::format("{} of the {} parameters of law '{}' were identified from {} samples{}.", identified(),
                                 p_.found.parameters.size(), law_.name, p_.found.samples, source);
     if (fit_.has_residual())
-      s += fmt::format(" The law leaves a standard deviation of {} and explains {:.2f} % of how friction varies.",
-                       torque(p_.found.residual.std), 100 * p_.found.r_squared);
+      s += fmt::format(
+          " The residuals have a standard deviation of {}; the law explains {:.2f} % of the variance of friction.",
+          torque(p_.found.residual.std), 100 * p_.found.r_squared);
     const auto say = [&](const std::vector<std::string>& names, const char* what) {
       if (!names.empty()) s += fmt::format(" {}: {}.", what, fmt::join(names, ", "));
     };
-    say(p_.found.unidentifiable, "Not told by these data");
-    say(with_status(Status::fixed), "Known beforehand");
-    say(with_status(Status::at_bound), "At the edge of what is accepted");
+    say(p_.found.unidentifiable, "Not identifiable from these data");
+    say(with_status(Status::fixed), "Given, not estimated");
+    say(with_status(Status::at_bound), "At a bound of the accepted range");
     return s;
   }
 
@@ -169,10 +164,10 @@ class Writer {
     page_.add(to, "p", verdict(), "verdict");
     notes_ = fit_.missing;
     if (has_samples() && !fit_.own_data)
-      notes_.push_back(
-          fmt::format("The data shown here are not those of the identification: {} samples, of which the law leaves a "
-                      "standard deviation of {}.",
-                      s_.size(), torque(fit_.deviation)));
+      notes_.push_back(fmt::format(
+          "The data shown here are not those of the identification: {} samples, whose residuals have a standard "
+          "deviation of {}.",
+          s_.size(), torque(fit_.deviation)));
     if (!notes_.empty()) {
       auto box = page_.add(to, "div", {}, "notice");
       for (const auto& what : notes_) page_.add(box, "p", what);
@@ -192,27 +187,28 @@ class Writer {
     const char* unit = law_.normalised ? "of the maximum torque" : "Nm";
     if (fit_.has_residual()) {
       page_.tile(grid, "residual, std", significant(p_.found.residual.std), unit);
-      page_.tile(grid, "largest residual", significant(p_.found.residual.max_abs), unit);
-      page_.tile(grid, "explained", fmt::format("{:.2f} %", 100 * p_.found.r_squared), "of how friction varies");
+      page_.tile(grid, "maximum residual", significant(p_.found.residual.max_abs), unit);
+      page_.tile(grid, "explained", fmt::format("{:.2f} %", 100 * p_.found.r_squared), "of the variance of friction");
       page_.tile(grid, "condition number", significant(p_.found.condition_number), "of the scaled Jacobian");
     }
     const std::size_t known = identified() + with_status(Status::fixed).size();
     page_.tile(grid, "parameters known", fmt::format("{} of {}", known, p_.found.parameters.size()), "",
                known == p_.found.parameters.size() ? "good" : "bad");
-    if (const auto pairs = closest_pairs(); !pairs.empty())
-      page_.tile(grid, "closest pair", pair_name(pairs[0]), "correlation " + correlation(correlation_of(pairs[0])));
+    if (const auto pairs = most_correlated(); !pairs.empty())
+      page_.tile(grid, "strongest correlation", pair_name(pairs[0]),
+                 "correlation " + correlation(correlation_of(pairs[0])));
   }
 
   const char* status_of(const twin::identification::Estimate& e) const {
     switch (e.status) {
       case Status::estimated:
-        return told(e.name) ? "estimated" : "estimated, but not told by the data";
+        return identifiable(e.name) ? "estimated" : "estimated, but not identifiable";
       case Status::fixed:
-        return p_.found.samples ? "known beforehand" : "given";
+        return p_.found.samples ? "given, not estimated" : "given";
       case Status::held:
-        return "held: not told by the data";
+        return "fixed: not identifiable";
       case Status::at_bound:
-        return "at the edge of its range";
+        return "at a bound of its range";
     }
     return "";
   }
@@ -245,7 +241,7 @@ class Writer {
               "soft");
   }
 
-  /// Shows a figure that `draw` makes of the samples that are `near`, at most `curve_points`.
+  /// Shows the figure that `draw` makes of at most `curve_points` of the samples that are `near`.
   Outcome show_curves(pugi::xml_node to, const char* name, const std::string& where, auto near, auto draw) {
     std::vector<std::size_t> rows;
     for (std::size_t i = 0; i < s_.size(); ++i)
@@ -269,7 +265,7 @@ class Writer {
           [&](const std::string& title, const auto& points) {
             return friction_against_speed(fit_.drive, title, speed_max_, 0, points);
           });
-    // Curves that differ in what did not vary would say the same as the others.
+    // Where load or temperature did not vary, curves over it would repeat the others.
     if (thermal && (temperature_.varies() || !loaded || !load_.varies()))
       for (const double load : loaded ? load_.levels : std::vector{0.0})
         if (auto ok = show_curves(
@@ -299,8 +295,8 @@ class Writer {
     if (!has_samples()) return {};
     page_.add(page_.body(), "h2", "Residuals");
     page_.add(page_.body(), "p",
-              "Measured minus law. Where the law follows the data, residuals scatter about 0 alike at every speed, "
-              "temperature and load; a mean that wanders off tells what the law does not know.",
+              "Measured minus law. Where the law fits, residuals scatter about 0 alike at every speed, temperature and "
+              "load; where their mean leaves 0, the law lacks an effect.",
               "soft");
     auto grid = page_.add(page_.body(), "div", {}, "figures");
     const int power = fit_.deviation > 0 ? 3 * static_cast<int>(std::floor(std::log10(fit_.deviation) / 3)) : 0;
@@ -310,8 +306,8 @@ class Writer {
                         .unit = fmt::format("{}{}", power ? power_of_ten(power) + (law_.normalised ? " of " : " ") : "",
                                             law_.normalised ? "τmax" : "Nm")};
     if (auto ok = page_.show(grid, residual_histogram("Residuals", residual, scaled), "residuals",
-                             fmt::format("How often each residual occurs, all {} samples, with the normal distribution "
-                                         "of their mean and deviation.",
+                             fmt::format("Histogram of the residuals of all {} samples, and the normal distribution of "
+                                         "the same mean and standard deviation.",
                                          s_.size()));
         !ok)
       return ok;
@@ -338,7 +334,7 @@ class Writer {
   }
 
   /// Pairs of estimated parameters by the magnitude of their correlation.
-  std::vector<Pair> closest_pairs() const {
+  std::vector<Pair> most_correlated() const {
     std::vector<Pair> pairs;
     for (const std::size_t a : known_)
       for (const std::size_t b : known_)
@@ -350,9 +346,9 @@ class Writer {
   }
 
   Outcome correlations() {
-    auto pairs = closest_pairs();
+    auto pairs = most_correlated();
     if (pairs.empty()) return {};
-    page_.add(page_.body(), "h2", "How well parameters can be told apart");
+    page_.add(page_.body(), "h2", "Correlation of the parameters");
     Matrix m;
     for (const std::size_t i : known_) {
       m.names.push_back(p_.found.parameters[i].name);
@@ -361,10 +357,11 @@ class Writer {
     }
     const bool wide = known_.size() > 6;
     auto grid = page_.add(page_.body(), "div", {}, "figures");
-    if (auto ok = page_.show(grid, correlation_matrix("Correlation of the estimates", std::move(m)), "correlation",
-                             "Correlation of the estimated parameters: the darker, the stronger. Orange pairs rise and "
-                             "fall together; blue pairs, with a minus, make up for each other. Bold from 0.9.",
-                             wide);
+    if (auto ok =
+            page_.show(grid, correlation_matrix("Correlation of the estimates", std::move(m)), "correlation",
+                       "Correlation of the estimated parameters: the darker, the stronger. Errors of orange pairs have "
+                       "the same sign, errors of blue pairs (minus) opposite signs. Bold from 0.9.",
+                       wide);
         !ok)
       return ok;
     if (wide) grid = page_.add(page_.body(), "div", {}, "figures");
@@ -378,14 +375,12 @@ class Writer {
                        .samples = {{a.value, b.value}},
                        .degrees_of_freedom =
                            std::max(1.0, static_cast<double>(p_.found.samples) - static_cast<double>(known_.size()))};
-      if (auto ok =
-              page_.show(grid,
-                         confidence_ellipses(
-                             fmt::format("{}: correlation {}", pair_name(pair), correlation(correlation_of(pair))),
-                             {.quantity = a.name, .unit = a.unit}, {.quantity = b.name, .unit = b.unit}, std::array{e}),
-                         "ellipse",
-                         "Where both parameters are: with 95 % confidence (filled) and with 99 % (dashed). The point "
-                         "is the estimate.");
+      if (auto ok = page_.show(
+              grid,
+              confidence_ellipses(fmt::format("{}: correlation {}", pair_name(pair), correlation(correlation_of(pair))),
+                                  {.quantity = a.name, .unit = a.unit}, {.quantity = b.name, .unit = b.unit},
+                                  std::array{e}),
+              "ellipse", "Confidence regions of both parameters: 95 % (filled), 99 % (dashed). Point: the estimate.");
           !ok)
         return ok;
     }

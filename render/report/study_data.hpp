@@ -18,7 +18,7 @@ struct StudyCurve {
   std::vector<double> speed_rad_s, friction_nm;  ///< motor side; arm side
 };
 
-/// What a curve says of its joint.
+/// The features of a curve.
 struct StudyObservation {
   std::size_t curve = 0;  ///< key of StudyJoint::curves
   double temperature_degC = 0;

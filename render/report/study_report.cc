@@ -7,6 +7,7 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
+#include <tribotwin/render/page/figure_table.hpp>
 #include <tribotwin/render/report/feature_regions.hpp>
 #include <tribotwin/render/report/study_report.hpp>
 
@@ -16,8 +17,92 @@ namespace {
 using Outcome = Result<void>;
 using namespace twin::diagnosis;
 
-constexpr double slow_share =
-    0.6;  ///< of the levels, from the slowest: those of a test cycle up to a tenth of its speed
+/// Of the levels, from the slowest: those of a test cycle up to a tenth of its speed.
+constexpr double slow_share = 0.6;
+
+/// Verdicts of the tables, or those on faults.
+std::vector<const StudyVerdict*> verdicts(const StudyJoint& joint, bool on_faults) {
+  std::vector<const StudyVerdict*> some;
+  for (const auto& v : joint.checked)
+    if (v.has_fault() == on_faults) some.push_back(&v);
+  return some;
+}
+
+const StudyCurve& curve(const StudyJoint& joint, const StudyObservation& o) { return joint.curves.at(o.curve); }
+Axis speed() { return {.quantity = "motor speed", .unit = "rad/s", .from = 0}; }
+Axis torque() { return {.quantity = "friction", .unit = "Nm"}; }
+
+/// The learned observations from the coldest to the hottest.
+std::vector<const StudyObservation*> by_temperature(const StudyJoint& joint) {
+  std::vector<const StudyObservation*> sorted;
+  for (const auto& o : joint.learned) sorted.push_back(&o);
+  std::ranges::stable_sort(sorted, {}, &StudyObservation::temperature_degC);
+  return sorted;
+}
+
+std::optional<Drawing> cold_to_hot(const StudyJoint& joint) {
+  const auto warming = by_temperature(joint);
+  const double cold = warming.front()->temperature_degC, hot = warming.back()->temperature_degC;
+  const StudyObservation* medium = *std::ranges::min_element(
+      warming, {}, [&](const auto* o) { return std::abs(o->temperature_degC - (cold + hot) / 2); });
+  Figure f{.x = speed(),
+           .y = torque(),
+           .colour = Axis{.quantity = "temperature", .unit = "°C", .from = cold, .to = std::max(hot, cold + 1)}};
+  for (const auto* o : warming)
+    f.series.push_back(
+        {.x = curve(joint, *o).speed_rad_s, .y = curve(joint, *o).friction_nm, .shade = {o->temperature_degC}});
+  for (const auto& [name, o, shape] : {std::tuple{"cold", warming.front(), Shape::circle},
+                                       {"medium", medium, Shape::dot},
+                                       {"hot", warming.back(), Shape::cross}})
+    f.series.push_back({.mark = Mark::points,
+                        .label = fmt::format("{}, {:.0f} °C", name, o->temperature_degC),
+                        .x = curve(joint, *o).speed_rad_s,
+                        .y = curve(joint, *o).friction_nm,
+                        .shape = shape,
+                        .stroke = 0});
+  return Drawing{std::move(f), "The learned curves, as Figures 9 and 10 of Zhou 2024. Hotter is lighter."};
+}
+
+std::optional<Drawing> cold_over_hot(const StudyJoint& joint) {
+  const auto warming = by_temperature(joint);
+  const StudyCurve &cold = curve(joint, *warming.front()), &hot = curve(joint, *warming.back());
+  if (cold.speed_rad_s.size() != hot.speed_rad_s.size()) return std::nullopt;
+  Series ratio{.x = cold.speed_rad_s};
+  for (std::size_t i = 0; i < ratio.x.size(); ++i)
+    ratio.y.push_back(hot.friction_nm[i] != 0 ? cold.friction_nm[i] / hot.friction_nm[i] : std::nan(""));
+  return Drawing{{.x = speed(), .y = {.quantity = "friction cold / friction hot"}, .series = {std::move(ratio)}},
+                 "Coldest over hottest learned curve, level by level, as Figure 11 of Zhou 2024."};
+}
+
+/// The curves that were not learned; of each the first `share` of its levels.
+std::optional<Drawing> under_load(const StudyJoint& joint, double share, std::string caption) {
+  const auto loads = verdicts(joint, false);
+  if (loads.empty()) return std::nullopt;
+  Figure f{.x = speed(), .y = torque()};
+  for (const auto* v : loads) {
+    const StudyCurve& c = curve(joint, *v);
+    const auto count = static_cast<std::ptrdiff_t>(std::ceil(share * static_cast<double>(c.speed_rad_s.size())));
+    f.series.push_back({.label = fmt::format("{}, {:.0f} °C", v->name(), v->temperature_degC),
+                        .x = {c.speed_rad_s.begin(), c.speed_rad_s.begin() + count},
+                        .y = {c.friction_nm.begin(), c.friction_nm.begin() + count}});
+  }
+  return Drawing{std::move(f), std::move(caption)};
+}
+
+std::optional<Drawing> loads(const StudyJoint& joint) {
+  return under_load(joint, 1, "Curves that were not learned, as Figure 13 of Zhou 2024.");
+}
+
+std::optional<Drawing> loads_slow(const StudyJoint& joint) {
+  return under_load(joint, slow_share, "The slower levels of the same curves, where contact surfaces carry the load.");
+}
+
+constexpr FigureRow<StudyJoint> friction_figures[] = {
+    {"cold_to_hot", "friction, cold to hot", cold_to_hot},
+    {"cold_over_hot", "cold over hot", cold_over_hot},
+    {"loads", "friction under load", loads},
+    {"loads_slow", "friction under load, slow", loads_slow},
+};
 
 class Writer {
  public:
@@ -50,22 +135,15 @@ class Writer {
     return all;
   }
 
-  /// Verdicts of the tables, or those on faults.
-  static std::vector<const StudyVerdict*> verdicts(const StudyJoint& joint, bool on_faults) {
-    std::vector<const StudyVerdict*> some;
-    for (const auto& v : joint.checked)
-      if (v.has_fault() == on_faults) some.push_back(&v);
-    return some;
-  }
-
   void head(const std::filesystem::path& directory) {
     auto to = page_.body();
     page_.add(to, "h1", title_);
-    page_.add(to, "p",
-              fmt::format("{}: paper 2's experiment, healthy states learned from unloaded curves cold to hot, and "
-                          "verdicts on curves that were not learned.",
-                          directory.string()),
-              "soft");
+    page_.add(
+        to, "p",
+        fmt::format("{}: the experiment of Zhou 2024, healthy states learned from unloaded curves cold to hot, and "
+                    "verdicts on curves that were not learned.",
+                    directory.string()),
+        "soft");
     std::size_t unloaded = 0, false_alarms = 0, loaded = 0, flagged = 0, faults = 0, named = 0;
     for (const StudyJoint& joint : joints_) {
       std::string said;
@@ -94,80 +172,10 @@ class Writer {
                  5 * named < 4 * faults ? "bad" : "good");
   }
 
-  static const StudyCurve& curve(const StudyJoint& joint, const StudyObservation& o) {
-    return joint.curves.at(o.curve);
-  }
-  static Axis speed() { return {.quantity = "motor speed", .unit = "rad/s", .from = 0}; }
-  static Axis torque() { return {.quantity = "friction", .unit = "Nm"}; }
-
   Outcome friction(const StudyJoint& joint) {
     page_.add(page_.body(), "h3", "Friction, cold to hot and under load");
-    auto grid = page_.add(page_.body(), "div", {}, "figures");
-    std::vector<const StudyObservation*> warming;
-    for (const auto& o : joint.learned) warming.push_back(&o);
-    std::ranges::stable_sort(warming, {}, &StudyObservation::temperature_degC);
-    const double cold = warming.front()->temperature_degC, hot = warming.back()->temperature_degC;
-    const StudyObservation* medium = *std::ranges::min_element(
-        warming, {}, [&](const auto* o) { return std::abs(o->temperature_degC - (cold + hot) / 2); });
-    Figure f{.title = joint.name + ": friction, cold to hot",
-             .x = speed(),
-             .y = torque(),
-             .colour = Axis{.quantity = "temperature", .unit = "°C", .from = cold, .to = std::max(hot, cold + 1)}};
-    for (const auto* o : warming)
-      f.series.push_back(
-          {.x = curve(joint, *o).speed_rad_s, .y = curve(joint, *o).friction_nm, .shade = {o->temperature_degC}});
-    for (const auto& [name, o, shape] : {std::tuple{"cold", warming.front(), Shape::circle},
-                                         {"medium", medium, Shape::dot},
-                                         {"hot", warming.back(), Shape::cross}})
-      f.series.push_back({.mark = Mark::points,
-                          .label = fmt::format("{}, {:.0f} °C", name, o->temperature_degC),
-                          .x = curve(joint, *o).speed_rad_s,
-                          .y = curve(joint, *o).friction_nm,
-                          .shape = shape,
-                          .stroke = 0});
-    if (auto ok = page_.show(grid, f, joint.name + "_cold_to_hot",
-                             "The curves that were learned; paper 2's Figures 9 and 10. Hotter is lighter.");
-        !ok)
-      return ok;
-
-    if (const auto ratio = cold_over_hot(curve(joint, *warming.front()), curve(joint, *warming.back()))) {
-      Figure g{.title = joint.name + ": cold over hot",
-               .x = speed(),
-               .y = {.quantity = "friction cold / friction hot"},
-               .series = {*ratio}};
-      if (auto ok = page_.show(grid, g, joint.name + "_cold_over_hot",
-                               "Coldest over hottest learned curve, level by level: the ratio of paper 2's Figure 11.");
-          !ok)
-        return ok;
-    }
-
-    const auto loads = verdicts(joint, false);
-    if (loads.empty()) return {};
-    const auto under_load = [&](const std::string& title, double share) {
-      Figure g{.title = fmt::format("{}: {}", joint.name, title), .x = speed(), .y = torque()};
-      for (const auto* v : loads) {
-        const StudyCurve& c = curve(joint, *v);
-        const auto count = static_cast<std::ptrdiff_t>(std::ceil(share * static_cast<double>(c.speed_rad_s.size())));
-        g.series.push_back({.label = fmt::format("{}, {:.0f} °C", v->name(), v->temperature_degC),
-                            .x = {c.speed_rad_s.begin(), c.speed_rad_s.begin() + count},
-                            .y = {c.friction_nm.begin(), c.friction_nm.begin() + count}});
-      }
-      return g;
-    };
-    if (auto ok = page_.show(grid, under_load("friction under load", 1), joint.name + "_loads",
-                             "Curves that were not learned; paper 2's Figure 13.");
-        !ok)
-      return ok;
-    return page_.show(grid, under_load("friction under load, slow", slow_share), joint.name + "_loads_slow",
-                      "The slower levels of the same curves, where contact surfaces carry the load.");
-  }
-
-  static std::optional<Series> cold_over_hot(const StudyCurve& cold, const StudyCurve& hot) {
-    if (cold.speed_rad_s.size() != hot.speed_rad_s.size()) return std::nullopt;
-    Series s{.x = cold.speed_rad_s};
-    for (std::size_t i = 0; i < s.x.size(); ++i)
-      s.y.push_back(hot.friction_nm[i] != 0 ? cold.friction_nm[i] / hot.friction_nm[i] : std::nan(""));
-    return s;
+    return show_table(page_, page_.add(page_.body(), "div", {}, "figures"), friction_figures,
+                      {.name = joint.name + "_", .title = joint.name + ": "}, joint);
   }
 
   /// One line for each series of the campaign that was learned.
@@ -190,7 +198,7 @@ class Writer {
         !ok)
       return ok;
     for (Eigen::Index k = 0; k < feature_count; ++k)
-      if (auto ok = show(feature_axis(k), "Fitted to each learned curve; paper 2's Figure 12.",
+      if (auto ok = show(feature_axis(k), "Fitted to each learned curve, as Figure 12 of Zhou 2024.",
                          [k](const auto& o) { return o.features(k); });
           !ok)
         return ok;
@@ -198,12 +206,12 @@ class Writer {
   }
 
   Outcome regions_shown(const StudyJoint& joint) {
-    const HealthyState paper;  // for its thresholds
+    const HealthyState published;  // for its thresholds
     const auto n = static_cast<double>(joint.learned.size());
     FeatureRegions shown{.mean = Features::Zero(),
                          .covariance = FeatureMatrix::Zero(),
-                         .anomalous_distance = paper.anomalous_distance,
-                         .wear_distance = paper.wear_distance,
+                         .anomalous_distance = published.anomalous_distance,
+                         .wear_distance = published.wear_distance,
                          .learned = {},
                          .checked = {}};
     for (const auto& o : joint.learned) shown.learned.push_back(o.features), shown.mean += o.features / n;
@@ -234,13 +242,13 @@ class Writer {
                      "anomalous 2", "pattern"},
                     rows);
     const auto& first = some.front()->region;
-    page_.add(
-        page_.body(), "p",
-        fmt::format("As paper 2's Tables II and III. Distance: squared, paper 2 (15), over all temperatures; the paper "
-                    "calls beyond {:g} anomalous. Anomalous here: T², against a healthy joint at the same temperature, "
-                    "beyond {:.2f} in region 1, {:.2f} in region 2.",
-                    HealthyState{}.anomalous_distance, first[0].limit, first[1].limit),
-        "soft");
+    page_.add(page_.body(), "p",
+              fmt::format("As Tables II and III of Zhou 2024. Distance: squared, eq. (15), over all temperatures; Zhou "
+                          "calls distances beyond {:g} anomalous. Anomalous here: T², against a healthy joint at the "
+                          "same temperature, "
+                          "beyond {:.2f} in region 1, {:.2f} in region 2.",
+                          HealthyState{}.anomalous_distance, first[0].limit, first[1].limit),
+              "soft");
     return {};
   }
 
@@ -254,7 +262,7 @@ class Writer {
         if (counted.empty() || counted.back().fault != v->state) counted.push_back({.fault = v->state});
         ++counted.back().verdicts[v->pattern];
       }
-      page_.add(page_.body(), "p", "Verdicts on simulated curves with a fault: how many got which name.");
+      page_.add(page_.body(), "p", "Verdicts on simulated curves with a fault: how often each fault got which name.");
       confusion(counted, [](double count) { return fmt::format("{:g}", count); });
     }
     if (joint.power.empty()) return {};
@@ -264,8 +272,8 @@ class Writer {
                                    power.fault->unit == "1" ? "" : fmt::format(" {}", power.fault->unit)),
                        power.named});
     page_.add(page_.body(), "p",
-              "Curves drawn from law and scatter, each fault at twice its detection limit (the severity that 95 % of "
-              "curves betray): shares by verdict.");
+              "Curves drawn from law and scatter, each fault at twice its detection limit (the severity that is "
+              "detected in 95 % of the curves): shares by verdict.");
     confusion(drawn, [](double share) { return fmt::format("{:.3g} %", 100 * share); });
     page_.add(page_.body(), "p",
               "Share of curves with a fault that are found over the share of false alarms that each region and "

@@ -6,7 +6,7 @@
 #include <string_view>
 #include <vector>
 
-/// How everything of ours looks: one set of colours, type and number formats for figures, poses and pages.
+/// The look of figures, poses and pages: one set of colours, fonts and number formats.
 namespace tribotwin::render {
 
 struct Colour {
@@ -32,8 +32,8 @@ inline constexpr std::string_view page_font = "Inter, 'Segoe UI', Roboto, 'Helve
 /// For pictures drawn here.
 inline constexpr std::string_view picture_font = "DejaVu Sans";
 
-/// Line `index` of a figure without colour bar. Its lightness and its dashes differ from its neighbours', so that it
-/// can be told in greyscale; repeats after eight.
+/// Line `index` of a figure without colour bar. Its lightness and its dashes differ from its neighbours', so that
+/// it is recognised in greyscale; repeats after eight.
 struct Stroke {
   Colour colour;
   std::string_view dashes;
@@ -41,7 +41,8 @@ struct Stroke {
 Stroke stroke(std::size_t index);
 }  // namespace theme
 
-/// viridis (van der Walt and Smith 2015, CC0), perceptually uniform and monotone in lightness; share is held to 0..1.
+/// viridis (van der Walt and Smith 2015, CC0), perceptually uniform and monotone in lightness; share is clamped to
+/// 0..1.
 Colour viridis(double share);
 
 /// From blue at -1 over paper at 0 to orange at 1: as dark on both sides, so that in greyscale the tone is the
@@ -55,7 +56,7 @@ std::string printable(std::string_view text, bool keep_breaks = false);
 /// Round tick marks within from..to: about `count`.
 std::vector<double> ticks(double from, double to, int count);
 
-/// "−0.93", near 1 with as many digits as tell it from 1: "0.9987"
+/// "−0.93", near 1 with enough digits to differ from 1: "0.9987"
 std::string correlation(double r);
 
 /// "12.30 s", "1 h 23 min 05 s"

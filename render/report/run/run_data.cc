@@ -84,8 +84,7 @@ Result<std::unique_ptr<RunData>> load_run(const fs::path& directory) {
     run->summary = nlohmann::json::parse(*text, nullptr, false);
     if (!run->summary.is_object()) {
       run->summary = nullptr;
-      miss(fmt::format("{}: is damaged (not JSON); the figures that only the run itself knows are missing.",
-                       summary.string()));
+      miss(fmt::format("{}: is damaged (not JSON); what only the run itself computes is missing.", summary.string()));
     }
   }
   if (!no_record.empty()) {
@@ -96,7 +95,7 @@ Result<std::unique_ptr<RunData>> load_run(const fs::path& directory) {
         "This run has not finished: it is still being written or was ended early. What follows shows its first {}.",
         duration(run->record.time_s.back())));
   } else if (run->summary.is_null() && !fs::exists(summary)) {
-    miss(fmt::format("{}: does not exist; the figures that only the run itself knows are missing.", summary.string()));
+    miss(fmt::format("{}: does not exist; what only the run itself computes is missing.", summary.string()));
   }
 
   if (const auto text = text_of(scenario)) {

@@ -35,7 +35,7 @@ struct RunData {
   nlohmann::json summary;  ///< null when there is none
   std::string scenario_text;
   std::optional<twin::Scenario> scenario;  ///< with the model
-  std::vector<std::string> missing;        ///< what a reader must know is not there, and why: sentences
+  std::vector<std::string> missing;        ///< what is not there, and why: sentences for the reader
   std::vector<JointHistory> joints;        ///< points into `record`
 
   std::string attribute(std::string_view name) const;

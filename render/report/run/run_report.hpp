@@ -2,8 +2,6 @@
 
 #include <memory>
 #include <span>
-#include <string>
-#include <vector>
 
 #include <tribotwin/plugins/friction/error.hpp>
 #include <tribotwin/render/page/illustrated.hpp>
@@ -11,8 +9,8 @@
 
 namespace tribotwin::render {
 
-/// One self-contained page about one run, or about several with a comparison. Fails where figures cannot be drawn at
+/// One self-contained page about at least one run, with a comparison of several. Fails where figures cannot be drawn at
 /// all (no gnuplot).
-Result<Report> make_report(std::span<const std::unique_ptr<RunData>> runs, const ReportOptions& options);
+Result<Report> make_run_report(std::span<const std::unique_ptr<RunData>> runs, const ReportOptions& options);
 
 }  // namespace tribotwin::render

@@ -222,6 +222,8 @@ TEST(Figure, EveryFormat) {
   EXPECT_TRUE(draw(f, Format::pdf)->starts_with("%PDF"));
   EXPECT_EQ(format_of("a.b.pdf"), Format::pdf);
   EXPECT_NE(format_of("x.gif").error().message.find(".svg, .png or .pdf"), std::string::npos);
+  EXPECT_EQ(format_of("x.gif").error().kind, ErrorKind::input);
+  EXPECT_EQ(draw(Figure{.title = "empty"}, Format::svg).error().kind, ErrorKind::work);
 }
 
 TEST(Figure, SameValuesSameBytes) {

@@ -168,6 +168,7 @@ TEST(Pictures, RefusesWhatItCannotDraw) {
   const auto image = renderer->draw(d.get(), {.camera = "side"});
   ASSERT_FALSE(image);
   EXPECT_NE(image.error().message.find("overview"), std::string::npos) << image.error().message;
+  EXPECT_EQ(image.error().kind, ErrorKind::input);
   EXPECT_FALSE(renderer->draw(d.get(), {.camera = "overview", .azimuth_deg = 10}));
   EXPECT_TRUE(renderer->draw(d.get(), {.azimuth_deg = 10, .look_at_m = std::array{0.0, 0.0, 1.0}}));
 }

@@ -85,8 +85,8 @@ check(
 with open(os.path.join(work, "page.html")) as f:
     drawing = re.search(r'<svg[^>]*aria-label="Region 1: Fc and Fs.*?</svg>', f.read(), re.S)
 marks = set(re.findall(r'xlink:href="#[^"]*?(gpPt\d+)" transform="translate', drawing.group(0))) if drawing else set()
-check("points are told apart by shape", len(marks) >= 3, marks)
-check("outlines are told apart by dashes", drawing and "stroke-dasharray" in drawing.group(0))
+check("points differ in shape", len(marks) >= 3, marks)
+check("outlines differ in dashes", drawing and "stroke-dasharray" in drawing.group(0))
 
 os.rename(os.path.join(work, "healthy.csv"), os.path.join(work, "gone.csv"))
 r = run(report, "diagnosis", "healthy.yaml", "checked.csv", "-o", "alone.html", "--quiet")
@@ -107,7 +107,7 @@ for name, says, arguments in (
     )
 
 
-# A study folder of numbers that are told apart: two joints, loads, one simulated fault, one that was drawn.
+# A study folder of numbers that are all different: two joints, loads, one simulated fault, one that was drawn.
 def curve_rows(number, series, T, load):
     friction = (6 + 0.016 * T) * (1 + 0.1 * load) + 3.4 * np.exp(-T / 32) * v**0.6
     return "".join(f"{series},{number},{speed:.6g},{x:.9g}\n" for speed, x in zip(v, friction))
@@ -220,7 +220,7 @@ dashes = (
     set(re.findall(r"stroke-dasharray='[^']*'|stroke-dasharray=\"[^\"]*\"", drawing.group(0))) if drawing else set()
 )
 check(
-    "study: severities are told apart by dashes",
+    "study: severities differ in dashes",
     len(dashes) >= 2 and all(s in drawing.group(0) for s in ("no fault", "0.05", "0.1")),
     dashes,
 )

@@ -134,7 +134,7 @@ if m:
     flat = re.sub(r"\s+", " ", m["text"])
     for what in (
         "12 of the 12 parameters of law 'extended' were identified from 5808 samples of curves.csv",
-        "% of how friction varies",
+        "% of the variance of friction",
         "12 of 12",
         "standstill friction at 0 degC, excess over Coulomb",
         "tribotwin-report fit params.yaml --png --pdf",
@@ -144,7 +144,7 @@ if m:
     ):
         check(f"the page says {what[:50]!r}", what in flat, flat[:600])
     residual = float(re.search(r"std: ([^,]*)", content("params.yaml")).group(1))
-    said = re.search(r"standard deviation of (\S+) of the maximum torque and explains ([\d.]+) %", flat)
+    said = re.search(r"standard deviation of (\S+) of the maximum torque; the law explains ([\d.]+) %", flat)
     check(
         "the verdict's numbers are the file's",
         said
@@ -182,7 +182,11 @@ equal = [
 check("the correlation figure's numbers are the file's", len(equal) == 78 and all(equal), shown)
 check("it names every parameter on both sides", all(shown.count(n) == 2 for n in names), shown)
 pairs = sorted(((abs(matrix[a][k]), a, names[k]) for i, a in enumerate(names) for k in range(i)), reverse=True)[:2]
-check("ellipses of the two closest pairs", all(drawing(page, f"{b} and {a}: correlation") for _, a, b in pairs), pairs)
+check(
+    "ellipses of the two most correlated pairs",
+    all(drawing(page, f"{b} and {a}: correlation") for _, a, b in pairs),
+    pairs,
+)
 check("histogram over all", any(t.endswith("n = 5808") for t in drawing(page, "Residuals")), drawing(page, "Residuals"))
 for label in (
     "Friction at a load of",
@@ -253,16 +257,16 @@ put("changed.yaml", content("params.yaml").replace("curves.csv", "changed.csv"))
 r = run(report, "fit", "changed.yaml", "-o", "changed.html")
 check("data that have changed since", r.returncode == 0 and "5809 samples" in r.stderr, r.stderr)
 
-# ---- What the data cannot tell, fixed parameters, other laws, many samples.
+# ---- Parameters that are not identifiable, fixed parameters, other laws, many samples.
 curves("one_load.csv", 40, loads=[0.3])
 identify("one_load.csv", "one_load.yaml")
 r = run(report, "fit", "one_load.yaml", "-o", "one_load.html")
 text = html.unescape(re.sub("<[^>]*>", " ", content("one_load.html")))
 check(
-    "what cannot be told is said",
+    "what is not identifiable is listed",
     "9 of the 12 parameters" in text
-    and "Not told by these data: Fcl, Fsl, vsl" in text
-    and "held: not told by the data" in text
+    and "Not identifiable from these data: Fcl, Fsl, vsl" in text
+    and "fixed: not identifiable" in text
     and "all samples are at load 0.3" in text,
     text[:3000],
 )
@@ -277,14 +281,14 @@ identify("lab.csv", "lab.yaml", "--fix", "alpha=1.36", "--tau-max", 7500, "--gea
 r = run(report, "fit", "lab.yaml", "-o", "lab.html")
 text = html.unescape(re.sub("<[^>]*>", " ", content("lab.html")))
 check(
-    "what was fixed is said",
-    "11 of the 12 parameters" in text and "Known beforehand: alpha" in text and "torque_max_nm: 7500" in text,
+    "what was given is listed",
+    "11 of the 12 parameters" in text and "Given, not estimated: alpha" in text and "torque_max_nm: 7500" in text,
     text[:3000],
 )
 identify("curves.csv", "stribeck.yaml", "--law", "stribeck")
 r = run(report, "fit", "stribeck.yaml", "-o", "stribeck.html")
 check(
-    "a law that knows no temperature",
+    "a law that does not depend on temperature",
     r.returncode == 0 and "the law does not follow these data" in content("stribeck.html"),
     r.stderr,
 )
@@ -440,7 +444,7 @@ check(
 )
 put("nm7500.csv", "speed_rad_s,load_norm,temperature_degC,friction_nm,stderr_nm\n10,0,50,600,30\n100,0,50,450,30\n")
 r = run(report, "curve", "lab.yaml", "--points", "nm7500.csv", "-o", "lab.svg")
-check("points in Nm with error bars, where the largest torque is known", r.returncode == 0, r.stderr)
+check("points in Nm with error bars, where the maximum torque is known", r.returncode == 0, r.stderr)
 check(
     "or given",
     run(report, "curve", "params.yaml", "--tau-max", "7500", "--points", "nm7500.csv", "-o", "given.svg").returncode
@@ -468,7 +472,7 @@ refused("no YAML", "fit", "binary.yaml", says="binary.yaml")
 refused("data that are named and missing", "fit", "params.yaml", "gone.csv", says="gone.csv")
 refused("data that do not fit the law", "fit", "params.yaml", "nm.csv", says="load_norm is needed")
 refused("data that are no table", "fit", "params.yaml", source + "/mjcf/irb6620.xml", says="irb6620.xml")
-refused("Nm without the largest torque", "fit", "stribeck.yaml", "nm.csv", says="--tau-max")
+refused("Nm without the maximum torque", "fit", "stribeck.yaml", "nm.csv", says="--tau-max")
 refused("no folder for the page", "fit", "params.yaml", "-o", "no/where.html", says="there is no folder no")
 refused(
     "unwritable page", "fit", "params.yaml", "-o", "/proc/fit.html", says="/proc/fit.html: cannot be written", code=1
@@ -477,7 +481,7 @@ refused("curve: no such file", "curve", "nowhere.yaml", says="nowhere.yaml")
 refused("curve: a joint of an identified law", "curve", "params.yaml", "--joint", "joint2", says="has no joint")
 refused("curve: a model without a joint", "curve", source + "/mjcf/irb6620.xml", says="--joint is needed")
 refused(
-    "curve: points in Nm without the largest torque",
+    "curve: points in Nm without the maximum torque",
     "curve",
     "stribeck.yaml",
     "--points",
@@ -485,7 +489,7 @@ refused(
     says="--tau-max (largest manipulation torque [Nm]) is needed",
 )
 refused(
-    "curve: the largest torque of a model",
+    "curve: the maximum torque of a model",
     "curve",
     source + "/mjcf/irb6620.xml",
     "--joint",

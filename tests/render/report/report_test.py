@@ -111,7 +111,7 @@ if m:
         "the comparison names both",
         "irb6620_warmup (warmup)" in m["text"]
         and "irb6620_warmup (warmup35)" in m["text"]
-        and "highest temperature" in m["text"],
+        and "maximum temperature" in m["text"],
     )
 
 
@@ -295,6 +295,16 @@ run(
 )
 r = run(report, "curve", model, "--joint", "joint2", "--points", "points.csv", "-o", "points.pdf")
 check("curve with measured points", r.returncode == 0 and content("points.pdf", "rb").startswith(b"%PDF"), r.stderr)
+r = run(report, "curve", model, "--joint", "joint2", "--size", "300x200", "-o", "small.png")
+check(
+    "size of a figure: a PNG has twice the pixels",
+    r.returncode == 0 and content("small.png", "rb")[16:24] == bytes([0, 0, 2, 88, 0, 0, 1, 144]),
+    r.stderr,
+)
+r = run(
+    report, "pose", model, "--colour-by", "temperature", "--size", "320x240", "--text-scale", "2", "-o", "large.png"
+)
+check("size of the text", r.returncode == 0 and content("large.png", "rb") != content("pose.png", "rb"), r.stderr)
 r = run(report, "sheet", "warmup", "--count", "4", "--size", "160x120", "-o", "sheet.png")
 check("contact sheet", r.returncode == 0 and content("sheet.png", "rb").startswith(b"\x89PNG"), r.stderr)
 r = run(report, "video", "warmup", "--seconds", "0.4", "--size", "160x121", "-o", "film.mp4")
@@ -316,7 +326,7 @@ r = subprocess.run(
 )
 check("the film has its frames", r.stdout.strip() == "160,122,10", (r.stdout, r.stderr))
 
-# Names as bad as they get: of joint, folder, file and scenario. A file "pwned" would show that one was executed.
+# Hostile names of joint, folder, file and scenario. A file "pwned" would show that one was executed.
 name = "j'1\" `touch pwned` $(touch pwned) <script>document.title='pwned'</script> &amp; ü関\nF_{x}^2\\"
 escaped = html.escape(name).replace("\n", "&#10;")
 folder = "odd 'name' \"`touch pwned`\" <b>;ü"
@@ -384,7 +394,7 @@ check("a curve with odd names", r.returncode == 0 and "<script" not in content("
 check("nothing was executed", not glob.glob(work + "/**/pwned", recursive=True) and not os.path.exists("pwned"))
 
 # Nonsense.
-refused("no run", 2, says=["names no folder of a run"])
+refused("no run", 2, says=["the folder of a run is missing"])
 refused("no such folder", 2, "nowhere", says=["nowhere: is no folder of a run"])
 os.mkdir(path("empty"))
 refused("empty folder", 2, "empty", says=["empty/telemetry.h5: does not exist"])
@@ -403,7 +413,10 @@ refused(
 )
 refused("size too large", 2, "pose", model, "--size", "9000x100", says=["each side must be 16 to 8192"])
 refused("size nonsense", 2, "pose", model, "--size", "large", says=["WIDTHxHEIGHT"])
+refused("size of a figure too small", 2, "curve", model, "--joint", "joint2", "--size", "9x9", says=["200 to 4000"])
 refused("no such camera", 2, "pose", model, "--camera", "side", says=["overview"])
+refused("no such camera in a film", 2, "video", "warmup", "--camera", "side", says=["overview"])
+refused("a film of no frame", 2, "video", "warmup", "--seconds", "0.1", "--fps", "1", says=["1 to 1000000 frames"])
 refused("two cameras", 2, "pose", model, "--camera", "overview", "--azimuth", "3", says=["free camera"])
 refused("no such joint", 2, "pose", model, "--pose", "joint9=1", says=["joint1, joint2"])
 refused("no number", 2, "pose", model, "--pose", "joint2=left", says=["must be JOINT=NUMBER"])
@@ -472,7 +485,7 @@ for tool, arguments in (
 check("nothing is left of what failed", not glob.glob(work + "/x.*"), glob.glob(work + "/x.*"))
 
 
-# Runs that are not whole.
+# Incomplete runs.
 def partial(name, *, says, code=0):
     r = run(report, name, "-o", name + ".html")
     text = content(name + ".html") if r.returncode == 0 else ""

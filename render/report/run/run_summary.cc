@@ -1,0 +1,85 @@
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <span>
+
+#include <fmt/format.h>
+
+#include <tribotwin/render/report/run/run_summary.hpp>
+
+namespace tribotwin::render {
+namespace {
+
+using nlohmann::json;
+
+constexpr double unknown = std::numeric_limits<double>::quiet_NaN();
+
+JointSummary from_samples(const RunData& run, const JointHistory& j) {
+  JointSummary f{j.name, unknown, unknown, unknown, unknown, unknown, unknown, unknown, unknown};
+  double squares = 0;
+  std::size_t n = 0;
+  for (std::size_t i = 0; i < run.record.time_s.size(); ++i) {
+    const auto at = [&](std::span<const double> v) { return i < v.size() ? v[i] : unknown; };
+    if (const double t = at(j.temperature_degC); std::isfinite(t)) {
+      if (!std::isfinite(f.start_degC)) f.start_degC = t;
+      f.end_degC = t;
+      f.max_degC = std::fmax(f.max_degC, t);
+    }
+    if (const double nm = at(j.friction_nm); std::isfinite(nm))
+      squares += nm * nm, ++n, f.friction_max_nm = std::fmax(f.friction_max_nm, std::abs(nm));
+    if (const double nm = at(j.load_nm); std::isfinite(nm))
+      f.load_max = std::fmax(f.load_max, std::abs(nm) / j.torque_max_nm);
+  }
+  if (n) f.friction_rms_nm = std::sqrt(squares / static_cast<double>(n));
+  return f;
+}
+
+}  // namespace
+
+double number(const json& j, std::initializer_list<const char*> path) {
+  const json* at = &j;
+  for (const char* key : path) {
+    if (!at->is_object() || !at->contains(key)) return unknown;
+    at = &(*at)[key];
+  }
+  return at->is_number() ? at->get<double>() : unknown;
+}
+
+std::string text(const json& j, const char* key) {
+  return j.is_object() && j.contains(key) && j[key].is_string() ? j[key].get<std::string>() : "";
+}
+
+const json& entries(const RunData& run, const char* key) {
+  static const json none = json::array();
+  return run.summary.is_object() && run.summary.contains(key) && run.summary[key].is_array() ? run.summary[key] : none;
+}
+
+std::string shown(double v, const char* format) {
+  return std::isfinite(v) ? fmt::format(fmt::runtime(format), v) : "–";
+}
+
+std::vector<JointSummary> joint_summaries(const RunData& run) {
+  std::vector<JointSummary> all;
+  for (const auto& j : entries(run, "joints"))
+    all.push_back({text(j, "name"), number(j, {"temperature_degC", "start"}), number(j, {"temperature_degC", "end"}),
+                   number(j, {"temperature_degC", "max"}), number(j, {"friction_nm", "rms"}),
+                   number(j, {"friction_nm", "max"}), number(j, {"load_norm", "max"}), number(j, {"clamped_samples"}),
+                   number(j, {"stuck_s"})});
+  if (all.empty())
+    for (const auto& j : run.joints) all.push_back(from_samples(run, j));
+  return all;
+}
+
+const JointSummary* warmest(const std::vector<JointSummary>& joints) {
+  const JointSummary* best = nullptr;
+  for (const auto& j : joints)
+    if (std::isfinite(j.max_degC) && (!best || j.max_degC > best->max_degC)) best = &j;
+  return best;
+}
+
+double simulated_s(const RunData& run) {
+  const double s = number(run.summary, {"simulated_s"});
+  return std::isfinite(s) || run.record.time_s.empty() ? s : run.record.time_s.back();
+}
+
+}  // namespace tribotwin::render

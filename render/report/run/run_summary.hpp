@@ -1,0 +1,33 @@
+#pragma once
+
+#include <initializer_list>
+#include <string>
+#include <vector>
+
+#include <tribotwin/render/report/run/run_data.hpp>
+
+/// What a run's summary.json says, read without trust: NaN, empty text or an empty list where it says nothing.
+namespace tribotwin::render {
+
+double number(const nlohmann::json& json, std::initializer_list<const char*> path);
+std::string text(const nlohmann::json& json, const char* key);
+/// The list of this name.
+const nlohmann::json& entries(const RunData& run, const char* key);
+
+/// "–" for NaN.
+std::string shown(double value, const char* format);
+
+/// A joint over a run; NaN where it is not known. Friction is the magnitude, arm side.
+struct JointSummary {
+  std::string name;
+  double start_degC, end_degC, max_degC, friction_rms_nm, friction_max_nm, load_max, clamped_samples, stuck_s;
+};
+
+/// From the summary or, where it has none, from the samples.
+std::vector<JointSummary> joint_summaries(const RunData& run);
+/// nullptr where no temperature is known.
+const JointSummary* warmest(const std::vector<JointSummary>& joints);
+/// NaN where neither the summary nor the samples say so.
+double simulated_s(const RunData& run);
+
+}  // namespace tribotwin::render
