@@ -2,7 +2,6 @@
 #include <sys/stat.h>
 
 #include <tribotwin/hil/session/files.hpp>
-#include <tribotwin/twin/io/input.hpp>
 
 namespace tribotwin::hil {
 namespace {
@@ -47,28 +46,29 @@ std::vector<NamedFile> files_in(const fs::path& directory) {
   return files;
 }
 
-void refuse_shared(const std::vector<NamedFile>& inputs, const std::vector<NamedFile>& outputs) {
+Result<void> refuse_shared(const std::vector<NamedFile>& inputs, const std::vector<NamedFile>& outputs) {
   for (std::size_t i = 0; i < outputs.size(); ++i) {
     const NamedFile& output = outputs[i];
     if (output.path.empty()) continue;
     for (const NamedFile& input : inputs)
       if (!input.path.empty() && same(input.path, output.path))
-        throw twin::InputError(
+        return tl::unexpected(
             fmt::format("{} would overwrite what {} reads: they are one file; give the output another name",
                         output.name, input.name));
     for (std::size_t k = 0; k < i; ++k)
       if (!outputs[k].path.empty() && same(outputs[k].path, output.path))
-        throw twin::InputError(
-            fmt::format("{} and {} are one file; give them two names", outputs[k].name, output.name));
+        return tl::unexpected(fmt::format("{} and {} are one file; give them two names", outputs[k].name, output.name));
   }
+  return {};
 }
 
-void refuse_recorded(const std::vector<NamedFile>& outputs) {
+Result<void> refuse_recorded(const std::vector<NamedFile>& outputs) {
   std::error_code none;
   for (const NamedFile& output : outputs)
     if (!output.path.empty() && fs::is_regular_file(output.path, none) && fs::file_size(output.path, none) > 0)
-      throw twin::InputError(fmt::format("{}: holds a session already; give another name, or --force to replace it",
-                                         output.path.string()));
+      return tl::unexpected(fmt::format("{}: holds a session already; give another name, or --force to replace it",
+                                        output.path.string()));
+  return {};
 }
 
 }  // namespace tribotwin::hil
