@@ -99,9 +99,7 @@ class Session {
       if (!writer) return work_failed(writer.error().message);
       log_.emplace(std::move(*writer));
     }
-    if (o_.output.empty()) return {};
-    if (auto ok = bench_.plant().record(o_.output, o_.existing); !ok) return work_failed(ok.error().message);
-    return {};
+    return o_.output.empty() ? Status{} : bench_.plant().record(o_.output, o_.existing);
   }
 
   void record(Frame frame) {

@@ -46,7 +46,7 @@ class Replay {
     Frame frame;
     auto more = log->next(frame);
     if (more && *more && !o_.output.empty())  // an empty log leaves no record
-      if (auto ok = bench_.plant().record(o_.output, o_.existing); !ok) return work_failed(ok.error().message);
+      if (auto ok = bench_.plant().record(o_.output, o_.existing); !ok) return tl::unexpected(ok.error());
     for (; more && *more && !stopped(); more = log->next(frame))
       if (auto ok = take(frame, log->line()); !ok) return work_failed(ok.error().message);
     if (!more) return work_failed(more.error().message);
