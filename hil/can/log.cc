@@ -19,6 +19,8 @@
 namespace tribotwin::hil {
 namespace {
 
+using twin::Descriptor;
+
 using Problem = tl::unexpected<Error>;
 
 constexpr std::size_t longest_line = 4096;  // an FD frame needs 200; a file without line ends is not a log

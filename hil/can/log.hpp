@@ -5,10 +5,10 @@
 #include <string>
 #include <string_view>
 
-#include <tribotwin/hil/can/descriptor.hpp>
 #include <tribotwin/hil/can/frame.hpp>
 #include <tribotwin/hil/can/record_file.hpp>
 #include <tribotwin/plugins/friction/error.hpp>
+#include <tribotwin/twin/io/descriptor.hpp>
 
 /// candump's log format: "(1700000000.123456) vcan0 601#4041600000000000", one frame per line; FD frames
 /// "ID##<flags><data>".
@@ -36,7 +36,7 @@ class LogReader {
 
   std::filesystem::path file_;
   std::function<bool()> stop_;
-  Descriptor fd_;
+  twin::Descriptor fd_;
   std::string buffer_, bus_;
   std::size_t begin_ = 0;  ///< of what is left in the buffer
   std::size_t line_ = 0;

@@ -10,9 +10,12 @@
 
 #include <tribotwin/hil/can/clock.hpp>
 #include <tribotwin/hil/can/record_file.hpp>
+#include <tribotwin/twin/io/file.hpp>
 
 namespace tribotwin::hil {
 namespace {
+
+using twin::Descriptor;
 
 using Status = Result<void>;
 
@@ -49,13 +52,10 @@ Result<RecordFile> RecordFile::create(const std::filesystem::path& file, RecordO
   RecordFile record(file, std::move(options), std::move(fd), created);
   struct stat found {};
   if (::fstat(record.fd_.get(), &found) != 0) return tl::unexpected(not_written(file, reason(errno)));
-  // /dev/stdout opened anew would begin at the start of a redirected file, under what is printed later.
-  for (const int stream : {STDOUT_FILENO, STDERR_FILENO})
-    if (struct stat standard{};
-        ::fstat(stream, &standard) == 0 && standard.st_dev == found.st_dev && standard.st_ino == found.st_ino) {
-      record.fd_ = Descriptor(::fcntl(stream, F_DUPFD_CLOEXEC, 0));
-      return record;
-    }
+  if (const auto stream = twin::standard_stream(found)) {
+    record.fd_ = Descriptor(::fcntl(*stream, F_DUPFD_CLOEXEC, 0));
+    return record;
+  }
   record.regular_ = S_ISREG(found.st_mode);
   if (!record.regular_) return record;
   // Whoever comes second is refused, even if both found no file, an empty one, or may replace it.
@@ -97,14 +97,15 @@ Status RecordFile::set_aside() {
   std::error_code error;
   const std::filesystem::path file = std::filesystem::canonical(file_, error);
   if (error) return fail(error.value());
-  // A session that was killed has left its own.
-  std::filesystem::path aside = file.string() + ".replaced";
-  for (int n = 2; ::renameat2(AT_FDCWD, file.c_str(), AT_FDCWD, aside.c_str(), RENAME_NOREPLACE) != 0; ++n) {
-    if (errno == EEXIST) {
-      aside = fmt::format("{}.replaced-{}", file.string(), n);
-      continue;
-    }
-    error_ = not_written(aside, reason(errno));
+  // Older ones may be there, of sessions that were killed; another may appear at any time.
+  std::filesystem::path aside;
+  int taken = EEXIST;
+  while (taken == EEXIST) {
+    aside = twin::free_name(file.string() + ".replaced");
+    taken = twin::rename_to_free_name(file, aside);
+  }
+  if (taken != 0) {
+    error_ = not_written(aside, reason(taken));
     waiting_.clear();
     return tl::unexpected(error_);
   }

@@ -6,8 +6,8 @@
 #include <string>
 #include <string_view>
 
-#include <tribotwin/hil/can/descriptor.hpp>
 #include <tribotwin/plugins/friction/error.hpp>
+#include <tribotwin/twin/io/descriptor.hpp>
 
 /// A text file that grows during a session: a candump log, a CSV.
 namespace tribotwin::hil {
@@ -38,7 +38,7 @@ class RecordFile {
   Result<void> finish();
 
  private:
-  RecordFile(std::filesystem::path file, RecordOptions options, Descriptor fd, bool created);
+  RecordFile(std::filesystem::path file, RecordOptions options, twin::Descriptor fd, bool created);
   Result<void> fail(int error);
   Result<void> begin();
   bool reader_takes_more();
@@ -47,7 +47,7 @@ class RecordFile {
 
   std::filesystem::path file_, replaced_;
   RecordOptions options_;
-  Descriptor fd_;
+  twin::Descriptor fd_;
   bool created_ = false, regular_ = false, written_ = false;
   std::string waiting_, error_;
   std::int64_t size_ = 0;  ///< of the file up to its last whole line

@@ -19,11 +19,13 @@
 #include <unistd.h>
 
 #include <tribotwin/hil/can/clock.hpp>
-#include <tribotwin/hil/can/descriptor.hpp>
 #include <tribotwin/hil/can/transport.hpp>
+#include <tribotwin/twin/io/descriptor.hpp>
 
 namespace tribotwin::hil {
 namespace {
+
+using twin::Descriptor;
 
 constexpr int receive_buffer_bytes = 4 << 20;  // the kernel doubles it: about 11,000 frames, 1 s of a full 1 Mbit/s bus
 constexpr std::int64_t second_ns = 1'000'000'000;

@@ -18,14 +18,16 @@
 #include <unistd.h>
 
 #include <tribotwin/hil/can/clock.hpp>
-#include <tribotwin/hil/can/descriptor.hpp>
 #include <tribotwin/hil/can/transport.hpp>
 #include <tribotwin/hil/can/words.hpp>
+#include <tribotwin/twin/io/descriptor.hpp>
 
 /// The server's side of socketcand's protocol: https://github.com/linux-can/socketcand/blob/master/doc/protocol.md.
 /// Of its modes we serve the raw one, which every client library uses; of the others only `send` and `echo`.
 namespace tribotwin::hil {
 namespace {
+
+using twin::Descriptor;
 
 constexpr std::size_t most_clients = 16;
 constexpr std::size_t longest_command = 256;   // "< send 1FFFFFFF 8 ... >" needs 50

@@ -127,7 +127,10 @@ std::string modes_with_target(std::uint16_t index) {
 
 std::string modes_that_add(std::uint16_t index) {
   const auto some = names([&](const auto& mode) { return std::ranges::find(mode.needs, index) != mode.needs.end(); });
-  return some.size() == std::size(modes) ? "added in every mode" : fmt::format("added in {}", fmt::join(some, " and "));
+  if (some.size() == std::size(modes)) return "added in every mode";
+  const std::span all_but_last(some.begin(), some.empty() ? some.end() : some.end() - 1);
+  return all_but_last.empty() ? fmt::format("added in {}", fmt::join(some, ""))
+                              : fmt::format("added in {} and {}", fmt::join(all_but_last, ", "), some.back());
 }
 
 }  // namespace tribotwin::hil

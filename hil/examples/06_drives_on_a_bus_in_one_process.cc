@@ -9,7 +9,7 @@
 #include <vector>
 
 #include <tribotwin/hil/can/clock.hpp>
-#include <tribotwin/hil/session/session.hpp>
+#include <tribotwin/hil/session/drive.hpp>
 
 using namespace tribotwin;
 

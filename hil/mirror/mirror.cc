@@ -56,6 +56,8 @@ std::uint8_t crc8_j1850(std::span<const std::uint8_t> bytes, std::uint8_t crc) {
   return crc;
 }
 
+std::uint32_t mirror_status_id(int node) { return status_id + static_cast<std::uint32_t>(node); }
+
 Frame encode(const MirrorCommand& c, int node) {
   std::array<std::uint8_t, 8> data{};
   put(data, 0, 4, c.counter & 15);
@@ -71,7 +73,7 @@ Frame encode(const MirrorStatus& s, int node) {
   put(data, 8, 24, held(s.position_rad / position_rad, 24, true));
   put(data, 32, 12, held(s.torque_norm / torque_share, 12, true));
   put(data, 44, 12, held((s.temperature_degC - temperature_from_degC) / temperature_K, 12, false));
-  return sealed(status_id + static_cast<std::uint32_t>(node), data);
+  return sealed(mirror_status_id(node), data);
 }
 
 std::optional<MirrorCommand> decode_command(const Frame& frame) {
@@ -104,7 +106,7 @@ MirrorDrive::MirrorDrive(const DriveParameters& p, Send send)
 
 void MirrorDrive::start(std::int64_t now_ns) { send_status(now_ns); }
 
-bool MirrorDrive::sends(std::uint32_t id) const { return id == status_id + parameters_.node; }
+bool MirrorDrive::sends(std::uint32_t id) const { return id == mirror_status_id(parameters_.node); }
 
 void MirrorDrive::receive(const Frame& frame, std::int64_t now_ns) {
   if (frame.id != command_id + parameters_.node || frame.extended) return;

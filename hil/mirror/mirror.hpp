@@ -43,7 +43,9 @@ struct MirrorStatus {
 
 Frame encode(const MirrorCommand& command, int node);
 Frame encode(const MirrorStatus& status, int node);
-/// Nothing where the CRC or the length is wrong.
+/// Identifier of a drive's status frame.
+std::uint32_t mirror_status_id(int node);
+/// None where the CRC or the length is wrong.
 std::optional<MirrorCommand> decode_command(const Frame& frame);
 std::optional<MirrorStatus> decode_status(const Frame& frame);
 

@@ -1,9 +1,9 @@
 #include <algorithm>
-#include <cmath>
+#include <iterator>
+#include <string_view>
 
 #include <fmt/format.h>
 
-#include <tribotwin/hil/can/clock.hpp>
 #include <tribotwin/hil/session/faults.hpp>
 #include <tribotwin/twin/io/input.hpp>
 
@@ -11,153 +11,56 @@ namespace tribotwin::hil {
 namespace {
 
 using K = FaultKind;
-constexpr std::pair<std::string_view, K> kinds[] = {{"drop", K::drop},
-                                                    {"delay", K::delay},
-                                                    {"corrupt", K::corrupt},
-                                                    {"duplicate", K::duplicate},
-                                                    {"silence", K::silence},
-                                                    {"bus_off", K::bus_off},
-                                                    {"link_down", K::link_down},
-                                                    {"over_temperature", K::over_temperature},
-                                                    {"encoder_freeze", K::encoder_freeze}};
+using T = FaultTarget;
+
+struct Row {
+  K kind;
+  std::string_view name;  ///< value of the key `kind`
+  T target;
+  bool needs_node;
+};
+constexpr Row rows[] = {{K::drop, "drop", T::frames, false},
+                        {K::delay, "delay", T::frames, false},
+                        {K::corrupt, "corrupt", T::frames, false},
+                        {K::duplicate, "duplicate", T::frames, false},
+                        {K::silence, "silence", T::frames, true},
+                        {K::bus_off, "bus_off", T::link, false},
+                        {K::link_down, "link_down", T::link, false},
+                        {K::over_temperature, "over_temperature", T::drive, true},
+                        {K::encoder_freeze, "encoder_freeze", T::drive, true}};
+
+Fault read(twin::Mapping& m, int first_node, int drives) {
+  m.accept({"kind", "time_s", "duration_s", "node", "probability", "delay_s", "temperature_degC"});
+  std::vector<std::string_view> names;
+  for (const Row& row : rows) names.push_back(row.name);
+  const Row& row = *std::ranges::find(rows, m.choice("kind", names), &Row::name);
+  Fault f{.kind = row.kind};
+  f.from_s = m.number("time_s", {0, 1e9});
+  f.to_s = f.from_s + m.number("duration_s", {1e-6, 1e9});
+  f.node = static_cast<int>(m.whole_or("node", 0, {0, 127}));
+  if (f.node != 0 && (f.node < first_node || f.node >= first_node + drives))
+    m.fail("node", fmt::format("{}: the drives are nodes {} to {}", f.node, first_node, first_node + drives - 1));
+  if (row.needs_node && f.node == 0) m.fail("node", "is needed: which drive?");
+  f.probability = m.number_or("probability", 1, {0, 1});
+  f.delay_s = m.number_or("delay_s", 0.01, {0, 10});
+  f.temperature_degC = m.number_or("temperature_degC", 150, {-100, 1000});
+  m.done();
+  return f;
+}
 
 }  // namespace
 
-std::vector<Fault> load_faults(const std::filesystem::path& file, int first_node, int drives) {
+FaultTarget target_of(FaultKind kind) { return std::ranges::find(rows, kind, &Row::kind)->target; }
+
+Result<std::vector<Fault>> load_faults(const std::filesystem::path& file, int first_node, int drives) try {
   twin::Mapping root(file.string(), "", twin::load_yaml(file));
   root.accept({"faults"});
-  std::vector<std::string_view> names;
-  for (const auto& [name, kind] : kinds) names.push_back(name);
   std::vector<Fault> all;
-  for (auto& m : root.mappings("faults")) {
-    m.accept({"kind", "time_s", "duration_s", "node", "probability", "delay_s", "temperature_degC"});
-    Fault f{.kind = std::ranges::find(kinds, m.choice("kind", names), &std::pair<std::string_view, K>::first)->second};
-    f.from_s = m.number("time_s", {0, 1e9});
-    f.to_s = f.from_s + m.number("duration_s", {1e-6, 1e9});
-    f.node = static_cast<int>(m.whole_or("node", 0, {0, 127}));
-    if (f.node != 0 && (f.node < first_node || f.node >= first_node + drives))
-      m.fail("node", fmt::format("{}: the drives are nodes {} to {}", f.node, first_node, first_node + drives - 1));
-    if ((f.kind == K::silence || f.kind == K::encoder_freeze || f.kind == K::over_temperature) && f.node == 0)
-      m.fail("node", "is needed: which drive?");
-    f.probability = m.number_or("probability", 1, {0, 1});
-    f.delay_s = m.number_or("delay_s", 0.01, {0, 10});
-    f.temperature_degC = m.number_or("temperature_degC", 150, {-100, 1000});
-    m.done();
-    all.push_back(f);
-  }
+  for (auto& m : root.mappings("faults")) all.push_back(read(m, first_node, drives));
   root.done();
   return all;
-}
-
-FaultyBus::FaultyBus(Transport& bus, std::vector<Fault> faults, std::uint64_t seed, std::function<double()> time_s)
-    : Transport(bus.name()),
-      bus_(bus),
-      faults_(std::move(faults)),
-      random_(seed),
-      time_s_(std::move(time_s)),
-      applied_(faults_.size()) {}
-
-double FaultyBus::now_s() const {
-  const double simulated_s = time_s_();
-  const std::int64_t ns = clock_ns();
-  line_s_ += was_cut_ ? std::max(simulated_s - simulated_s_, 1e-9 * static_cast<double>(ns - asked_ns_))
-                      : simulated_s - simulated_s_;
-  simulated_s_ = simulated_s;
-  asked_ns_ = ns;
-  was_cut_ = std::ranges::any_of(
-      faults_, [&](const Fault& f) { return (f.kind == K::bus_off || f.kind == K::link_down) && due(f); });
-  return line_s_;
-}
-
-bool FaultyBus::due(const Fault& f) const { return line_s_ >= f.from_s && line_s_ < f.to_s; }
-
-bool FaultyBus::active(const Fault& f, const Frame* frame) const {
-  now_s();
-  if (!due(f)) return false;
-  // Node numbers are the low seven bits of every identifier that has one.
-  if (frame && f.node != 0 && (frame->id < 0x81 || static_cast<int>(frame->id & 0x7f) != f.node)) return false;
-  return !frame || f.kind == K::silence || std::uniform_real_distribution<double>()(random_) < f.probability;
-}
-
-bool FaultyBus::cut() const {
-  now_s();
-  return was_cut_;
-}
-
-void FaultyBus::pass(const Frame& given, std::deque<Frame>& out) {
-  Frame frame = given;
-  int copies = 1;
-  for (const Fault& f : faults_) {
-    if (f.kind > K::silence || !active(f, &frame)) continue;
-    if (f.kind == K::drop || f.kind == K::silence) return;
-    if (f.kind == K::delay)
-      return later_.push_back({clock_ns() + std::llround(1e9 * f.delay_s), frame, &out != &ready_});
-    if (f.kind == K::duplicate) ++copies;
-    if (f.kind == K::corrupt && frame.size > 0)
-      frame.data[random_() % frame.size] ^= static_cast<std::uint8_t>(1U << random_() % 8);
-  }
-  for (int i = 0; i < copies; ++i) out.push_back(frame);
-}
-
-Sent FaultyBus::send(const Frame& frame) {
-  if (faults_.empty()) return bus_.send(frame);
-  if (cut()) return Sent::down;
-  std::deque<Frame> out;
-  pass(frame, out);
-  Sent sent = Sent::done;  // what is lost on the way was sent
-  for (const Frame& f : out) sent = bus_.send(f);
-  return sent;
-}
-
-bool FaultyBus::receive(Frame& frame) {
-  if (faults_.empty()) return bus_.receive(frame);
-  const std::int64_t now = clock_ns();
-  for (auto it = later_.begin(); it != later_.end();) {
-    if (it->at_ns > now) {
-      ++it;
-      continue;
-    }
-    if (it->outgoing)
-      bus_.send(it->frame);
-    else
-      ready_.push_back(it->frame);
-    it = later_.erase(it);
-  }
-  while (ready_.empty()) {
-    Frame next;
-    if (!bus_.receive(next)) return false;
-    if (!cut()) pass(next, ready_);
-  }
-  frame = ready_.front();
-  ready_.pop_front();
-  return true;
-}
-
-void FaultyBus::wait(std::int64_t deadline_ns) {
-  if (!ready_.empty()) return;
-  for (const Later& l : later_) deadline_ns = std::min(deadline_ns, l.at_ns);
-  bus_.wait(deadline_ns);
-}
-
-bool FaultyBus::up() const { return bus_.up() && (faults_.empty() || !cut()); }
-
-std::string FaultyBus::state() const {
-  return !faults_.empty() && cut() ? name_ + ": cut by a fault of the list" : bus_.state();
-}
-
-void FaultyBus::apply(Plant& plant, int first_node) {
-  for (std::size_t i = 0; i < faults_.size(); ++i) {
-    const Fault& f = faults_[i];
-    if (f.kind != K::over_temperature && f.kind != K::encoder_freeze) continue;
-    const bool on = active(f, nullptr);
-    if (on == applied_[i]) continue;
-    applied_[i] = on;
-    const auto drive = static_cast<std::size_t>(f.node - first_node);
-    if (f.kind == K::encoder_freeze)
-      plant.freeze_encoder(drive, on);
-    else
-      plant.override_temperature(drive, on ? std::optional(f.temperature_degC) : std::nullopt);
-  }
+} catch (const twin::InputError& error) {
+  return tl::unexpected(Error(error.what()));
 }
 
 }  // namespace tribotwin::hil

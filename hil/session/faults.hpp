@@ -1,70 +1,34 @@
 #pragma once
 
-#include <deque>
 #include <filesystem>
-#include <functional>
-#include <random>
 #include <vector>
 
-#include <tribotwin/hil/session/bench.hpp>
+#include <tribotwin/plugins/friction/error.hpp>
 
-/// Faults on purpose, for those who test their controllers: a list on the time line of the simulation.
+/// Injected faults of bus and bench, for tests of controllers: a list on the time line of the simulation. Faults inside
+/// a joint (wear, backlash, ...) are those of plugins/drive/fault.hpp; a scenario's events set them.
 namespace tribotwin::hil {
 
 enum class FaultKind { drop, delay, corrupt, duplicate, silence, bus_off, link_down, over_temperature, encoder_freeze };
 
+/// What a fault acts on.
+enum class FaultTarget {
+  frames,  ///< frames of one node or of all
+  link,    ///< the bus as a whole
+  drive    ///< one drive of the robot
+};
+FaultTarget target_of(FaultKind kind);
+
 struct Fault {
   FaultKind kind;
-  double from_s = 0, to_s = 0;  ///< simulated time
-  int node = 0;                 ///< 0: all frames, all drives
-  double probability = 1;       ///< of each frame: drop, delay, corrupt, duplicate
-  double delay_s = 0.01;        ///< wall clock
-  double temperature_degC = 150;
+  double from_s = 0, to_s = 0;    ///< simulated time [s]
+  int node = 0;                   ///< 0: all frames, all drives
+  double probability = 1;         ///< of each frame: drop, delay, corrupt, duplicate
+  double delay_s = 0.01;          ///< wall clock [s]
+  double temperature_degC = 150;  ///< over_temperature
 };
 
-/// A YAML file with the key `faults`, a list of mappings; throws twin::InputError with file and key.
-std::vector<Fault> load_faults(const std::filesystem::path& file, int first_node, int drives);
-
-/// A bus with the faults of a list between it and its user. The same seed and frames give the same faults.
-class FaultyBus final : public Transport {
- public:
-  /// `time_s`: simulated time.
-  FaultyBus(Transport& bus, std::vector<Fault> faults, std::uint64_t seed, std::function<double()> time_s);
-  Sent send(const Frame& frame) override;
-  bool receive(Frame& frame) override;
-  void wait(std::int64_t deadline_ns) override;
-  bool up() const override;
-  std::string state() const override;
-  const BusCounters& counters() const override { return bus_.counters(); }
-
-  /// Faults of the robot itself that are due: call when simulated time has moved.
-  void apply(Plant& plant, int first_node);
-
- private:
-  /// Time on the faults' line: simulated; while the bus is cut, and no SYNC can move the simulation on, the wall
-  /// clock's.
-  double now_s() const;
-  bool due(const Fault& fault) const;
-  bool active(const Fault& fault, const Frame* frame) const;
-  /// What becomes of a frame: none, one or two now; delayed ones later.
-  void pass(const Frame& frame, std::deque<Frame>& out);
-  bool cut() const;
-  struct Later {
-    std::int64_t at_ns;
-    Frame frame;
-    bool outgoing;
-  };
-
-  Transport& bus_;
-  std::vector<Fault> faults_;
-  mutable std::mt19937_64 random_;
-  std::function<double()> time_s_;
-  mutable double line_s_ = 0, simulated_s_ = 0;
-  mutable std::int64_t asked_ns_ = 0;
-  mutable bool was_cut_ = false;
-  std::deque<Frame> ready_;
-  std::deque<Later> later_;
-  std::vector<bool> applied_;
-};
+/// Reads a YAML file with the key `faults`, a list of mappings. Fails with file and key.
+Result<std::vector<Fault>> load_faults(const std::filesystem::path& file, int first_node, int drives);
 
 }  // namespace tribotwin::hil

@@ -1,24 +1,12 @@
 #include <fmt/format.h>
-#include <sys/stat.h>
 
 #include <tribotwin/hil/session/files.hpp>
-#include <tribotwin/twin/io/input.hpp>
+#include <tribotwin/twin/io/file.hpp>
 
 namespace tribotwin::hil {
 namespace {
 
 namespace fs = std::filesystem;
-
-bool same(const fs::path& a, const fs::path& b) {
-  struct stat found_a {
-  }, found_b{};
-  const bool there_a = ::stat(a.c_str(), &found_a) == 0, there_b = ::stat(b.c_str(), &found_b) == 0;
-  if (there_a && there_b)
-    return found_a.st_dev == found_b.st_dev && found_a.st_ino == found_b.st_ino && !S_ISCHR(found_a.st_mode);
-  std::error_code none;
-  return !there_a && !there_b &&
-         fs::weakly_canonical(fs::absolute(a, none), none) == fs::weakly_canonical(fs::absolute(b, none), none);
-}
 
 /// Every value of a resolved scenario that is the absolute path of a file.
 void add_paths(const YAML::Node& node, const std::string& of, std::vector<NamedFile>& files) {
@@ -47,28 +35,29 @@ std::vector<NamedFile> files_in(const fs::path& directory) {
   return files;
 }
 
-void refuse_shared(const std::vector<NamedFile>& inputs, const std::vector<NamedFile>& outputs) {
+Result<void> refuse_shared(const std::vector<NamedFile>& inputs, const std::vector<NamedFile>& outputs) {
   for (std::size_t i = 0; i < outputs.size(); ++i) {
     const NamedFile& output = outputs[i];
     if (output.path.empty()) continue;
     for (const NamedFile& input : inputs)
-      if (!input.path.empty() && same(input.path, output.path))
-        throw twin::InputError(
+      if (!input.path.empty() && twin::is_same_file(input.path, output.path))
+        return tl::unexpected(
             fmt::format("{} would overwrite what {} reads: they are one file; give the output another name",
                         output.name, input.name));
     for (std::size_t k = 0; k < i; ++k)
-      if (!outputs[k].path.empty() && same(outputs[k].path, output.path))
-        throw twin::InputError(
-            fmt::format("{} and {} are one file; give them two names", outputs[k].name, output.name));
+      if (!outputs[k].path.empty() && twin::is_same_file(outputs[k].path, output.path))
+        return tl::unexpected(fmt::format("{} and {} are one file; give them two names", outputs[k].name, output.name));
   }
+  return {};
 }
 
-void refuse_recorded(const std::vector<NamedFile>& outputs) {
+Result<void> refuse_recorded(const std::vector<NamedFile>& outputs) {
   std::error_code none;
   for (const NamedFile& output : outputs)
     if (!output.path.empty() && fs::is_regular_file(output.path, none) && fs::file_size(output.path, none) > 0)
-      throw twin::InputError(fmt::format("{}: holds a session already; give another name, or --force to replace it",
-                                         output.path.string()));
+      return tl::unexpected(fmt::format("{}: holds a session already; give another name, or --force to replace it",
+                                        output.path.string()));
+  return {};
 }
 
 }  // namespace tribotwin::hil

@@ -4,6 +4,7 @@
 #include <string>
 #include <vector>
 
+#include <tribotwin/plugins/friction/error.hpp>
 #include <tribotwin/twin/simulation/scenario.hpp>
 
 /// What a command may write to: nothing that it reads, nothing twice, nothing that holds a session already.
@@ -20,11 +21,11 @@ std::vector<NamedFile> files_of(const twin::Scenario& scenario);
 /// What a session leaves in the folder of -o, and the folder.
 std::vector<NamedFile> files_in(const std::filesystem::path& directory);
 
-/// Throws twin::InputError where an output is an input or another output: one file by device and inode, so also through
-/// links; files that are not there yet by their place. Devices (/dev/null) may be both.
-void refuse_shared(const std::vector<NamedFile>& inputs, const std::vector<NamedFile>& outputs);
+/// Fails where an output is an input or another output: one file by device and inode, so also through links; files that
+/// do not exist yet by their place. Devices (/dev/null) may be both.
+Result<void> refuse_shared(const std::vector<NamedFile>& inputs, const std::vector<NamedFile>& outputs);
 
-/// Throws twin::InputError where an output holds something already. Whoever was on a bus will not say it again.
-void refuse_recorded(const std::vector<NamedFile>& outputs);
+/// Fails where an output holds something already: a session on a bus cannot be repeated.
+Result<void> refuse_recorded(const std::vector<NamedFile>& outputs);
 
 }  // namespace tribotwin::hil

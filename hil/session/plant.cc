@@ -32,7 +32,6 @@ std::vector<DriveParameters> drive_parameters(const twin::Scenario& scenario, in
 
 Result<void> Plant::record(const std::filesystem::path& directory, twin::Existing existing) {
   auto recorder = twin::Recorder::create(directory, scenario_, false, existing);
-  if (!recorder && recorder.error().kind == ErrorKind::input) throw twin::InputError(recorder.error().message);
   if (!recorder) return tl::unexpected(recorder.error());
   recorder_ = std::move(*recorder);
   return {};

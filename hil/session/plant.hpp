@@ -20,8 +20,8 @@ std::vector<DriveParameters> drive_parameters(const twin::Scenario& scenario, in
 class Plant {
  public:
   explicit Plant(const twin::Scenario& scenario) : scenario_(scenario), twin_(scenario, twin::Twin::commanded) {}
-  /// Also writes telemetry.h5 and scenario.yaml, and summary.json at `finish`. Throws InputError where the folder holds
-  /// a record that may not be replaced.
+  /// Also writes telemetry.h5 and scenario.yaml, and summary.json at `finish`. Fails where the folder holds a record
+  /// that may not be replaced (ErrorKind::input) or cannot be written (ErrorKind::work).
   Result<void> record(const std::filesystem::path& directory, twin::Existing existing);
   /// Why the record ended before the robot did (full disk): the robot goes on. Empty while nothing is lost.
   const std::string& record_failure() const { return record_failure_; }

@@ -1,5 +1,4 @@
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <deque>
 #include <optional>
@@ -10,178 +9,27 @@
 
 #include <tribotwin/hil/can/record_file.hpp>
 #include <tribotwin/hil/canopen/cob_id.hpp>
-#include <tribotwin/hil/canopen/object_index.hpp>
-#include <tribotwin/hil/cia402/node.hpp>
-#include <tribotwin/hil/mirror/mirror.hpp>
+#include <tribotwin/hil/session/expectation.hpp>
+#include <tribotwin/hil/session/listener.hpp>
 #include <tribotwin/hil/session/shadow.hpp>
-#include <tribotwin/twin/io/input.hpp>
-#include <tribotwin/twin/robot/arm.hpp>
 
 namespace tribotwin::hil {
 namespace {
 
-/// What a listener understands of one drive.
-class Listener {
- public:
-  virtual ~Listener() = default;
-  /// Whether the frame held a position of this drive.
-  virtual bool hear(const Frame& frame) = 0;
-  std::optional<double> position_rad, torque_nm;  // arm side
-  bool torque_heard = false;                      // since somebody set it to false
-};
-
-/// Follows the master's SDO writes too, so that it knows a mapping that was changed while it listened.
-class CanopenListener final : public Listener {
- public:
-  explicit CanopenListener(const DriveParameters& p)
-      : gear_(p.gear_ratio), node_(p, [](const Frame&) { return Sent::done; }) {
-    node_.start(0);
-  }
-  bool hear(const Frame& frame) override {
-    if (frame.id == cob::nmt || frame.id == cob::sdo_to_server + node_.id()) node_.receive(frame, frame.time_ns);
-    Dictionary& d = node_.dictionary();
-    bool position = false;
-    for (int i = 0; i < pdo_count; ++i) {
-      const std::uint16_t index = pdo_index(true, i), map = od::mapping_of(index);
-      const auto id = d.get(index, 1);
-      if (id & cob::off || (id & cob::id_11_bit) != frame.id || frame.extended) continue;
-      std::size_t at = 0;
-      for (std::uint8_t k = 1; k <= d.get(map, 0); ++k) {
-        const auto entry = MappingEntry::of(d.get(map, k));
-        const auto size = static_cast<std::size_t>(entry.bits / 8);
-        if (at + size > frame.size) break;
-        if (const Object* o = d.find(entry.index, entry.sub)) {
-          const auto value = static_cast<double>(decode(o->type, frame.bytes().subspan(at, size))) * o->scale;
-          if (o->index == od::position_actual_value) position_rad = value / gear_, position = true;
-          if (o->index == od::torque_actual_value) torque_nm = value * gear_, torque_heard = true;
-        }
-        at += size;
-      }
-    }
-    return position;
-  }
-
- private:
-  double gear_;
-  Node node_;
-};
-
-class MirrorListener final : public Listener {
- public:
-  explicit MirrorListener(const DriveParameters& p)
-      : id_(0x180U + p.node), torque_max_nm_(p.rated_torque_nm * p.gear_ratio) {}
-  bool hear(const Frame& frame) override {
-    if (frame.id != id_) return false;
-    const auto status = decode_status(frame);
-    if (!status) return false;
-    position_rad = status->position_rad;
-    torque_nm = status->torque_norm * torque_max_nm_;
-    torque_heard = true;
-    return true;
-  }
-
- private:
-  std::uint32_t id_;
-  double torque_max_nm_;
-};
-
-/// What the drives must do for a motion that was measured: rigid-body dynamics for the gear torques, the law for
-/// friction, its heat for the temperature. Speeds and accelerations are those of a parabola through the last samples,
-/// so that what is said holds for the middle one, `delay` samples ago.
-class Expectation {
- public:
-  static constexpr int half = 5, window = 2 * half + 1;
-
-  Expectation(const twin::Scenario& scenario, double cycle_s)
-      : model_(*scenario.model), data_(model_.make_data()), cycle_s_(cycle_s), drives_(model_.drives().size()) {
-    for (std::size_t i = 0; i < drives_.size(); ++i) {
-      const auto& thermal = model_.drives()[i].drive.thermal;
-      drives_[i].decay = thermal::decay(thermal, cycle_s);
-      drives_[i].rise = thermal::settled(thermal, scenario.temperature_degC[i] - thermal.T_amb_degC);
-      drives_[i].ambient_offset_K = scenario.ambient_degC ? *scenario.ambient_degC - thermal.T_amb_degC : 0;
-    }
-  }
-
-  /// Takes the next positions; false while there are too few for a statement.
-  bool take(std::span<const double> position_rad) {
-    const mjModel* m = model_.get();
-    mjData* d = data_.get();
-    ++samples_;
-    for (std::size_t i = 0; i < drives_.size(); ++i) {
-      auto& q = drives_[i].q;
-      std::rotate(q.begin(), q.begin() + 1, q.end());
-      q.back() = position_rad[i];
-    }
-    if (samples_ < window) return false;
-    constexpr double n = window, s2 = 110, s4 = 1958, det = n * s4 - s2 * s2;  // sums of k^2 and k^4 over -5..5
-    for (std::size_t i = 0; i < drives_.size(); ++i) {
-      double sum = 0, first = 0, second = 0;
-      for (int k = -half; k <= half; ++k) {
-        const double q = drives_[i].q[static_cast<std::size_t>(k + half)];
-        sum += q, first += k * q, second += k * k * q;
-      }
-      const auto& b = model_.drives()[i];
-      d->qpos[twin::position_address(m, b)] = (s4 * sum - s2 * second) / det;
-      d->qvel[b.dof] = first / s2 / cycle_s_;
-      d->qacc[b.dof] = 2 * (n * second - s2 * sum) / det / (cycle_s_ * cycle_s_);
-    }
-    mj_kinematics(m, d);
-    mj_comPos(m, d);
-    mj_comVel(m, d);
-    gear_nm_.resize(static_cast<std::size_t>(m->nv));
-    mj_rne(m, d, 1, gear_nm_.data());  // without the rotors: what the gears carry
-    for (std::size_t i = 0; i < drives_.size(); ++i) {
-      const auto& b = model_.drives()[i];
-      One& one = drives_[i];
-      const double load = gear_nm_[static_cast<std::size_t>(b.dof)], speed = d->qvel[b.dof],
-                   rotor = m->dof_armature[b.dof] * d->qacc[b.dof];
-      const bool slides = std::abs(speed) * b.drive.gear_ratio > standing_motor_rad_s;
-      const double friction =
-          mujoco::friction_nm(b.drive, slides ? speed : 0, load / b.drive.torque_max_nm, temperature_degC(i));
-      one.low_nm = load + rotor + (slides && speed > 0 ? friction : -friction);
-      one.high_nm = load + rotor + (slides && speed < 0 ? -friction : friction);
-      thermal::step(b.drive.thermal, one.decay, slides ? friction * std::abs(speed) : 0, one.ambient_offset_K,
-                    one.rise);
-    }
-    return true;
-  }
-  /// The expected torque [Nm, arm side]: one value while the joint slides; while it stands, all that stiction can hold.
-  double low_nm(std::size_t i) const { return drives_[i].low_nm; }
-  double high_nm(std::size_t i) const { return drives_[i].high_nm; }
-  double temperature_degC(std::size_t i) const {
-    return model_.drives()[i].drive.thermal.T_amb_degC + drives_[i].rise.total_K();
-  }
-
- private:
-  static constexpr double standing_motor_rad_s = 0.5;  // slower motors count as standing
-  struct One {
-    std::array<double, window> q{};
-    thermal::Decay decay;
-    thermal::Rise rise;
-    double ambient_offset_K = 0, low_nm = 0, high_nm = 0;
-  };
-  const mujoco::Model& model_;
-  mujoco::DataPtr data_;
-  double cycle_s_;
-  int samples_ = 0;
-  std::vector<One> drives_;
-  std::vector<double> gear_nm_;
-};
-
-/// By how many samples `b` follows `a`: the place of the largest cross-correlation within +-most.
-int lag(const std::vector<double>& a, const std::vector<double>& b, int most) {
+/// By how many samples `b` follows `a`: the maximum of their cross-correlation within +-limit.
+int lag(const std::vector<double>& a, const std::vector<double>& b, int limit) {
   const auto n = static_cast<int>(std::min(a.size(), b.size()));
-  if (n < 4 * most) return 0;
+  if (n < 4 * limit) return 0;
   double mean_a = 0, mean_b = 0;
   for (int i = 0; i < n; ++i)
     mean_a += a[static_cast<std::size_t>(i)] / n, mean_b += b[static_cast<std::size_t>(i)] / n;
   int best = 0;
-  double most_alike = -1;
-  for (int shift = -most; shift <= most; ++shift) {
+  double maximum = -1;
+  for (int shift = -limit; shift <= limit; ++shift) {
     double sum = 0;
-    for (int i = most; i < n - most; ++i)
+    for (int i = limit; i < n - limit; ++i)
       sum += (a[static_cast<std::size_t>(i)] - mean_a) * (b[static_cast<std::size_t>(i + shift)] - mean_b);
-    if (sum > most_alike * (1 + 1e-12)) most_alike = sum, best = shift;
+    if (sum > maximum * (1 + 1e-12)) maximum = sum, best = shift;
   }
   return best;
 }
@@ -207,27 +55,21 @@ std::string ShadowResult::table() const {
 
 namespace {
 
-/// The listeners of all drives, cycle by cycle against what is expected of them.
+/// Compares what the listeners of all drives hear with the expectation, cycle by cycle.
 class Shadow {
  public:
   Shadow(const twin::Scenario& scenario, const ShadowOptions& o)
       : o_(o), cycle_s_(1e-6 * o.cycle_us), expectation_(scenario, cycle_s_) {
     for (const auto& p : drive_parameters(scenario, o.first_node, o.cycle_us)) {
-      if (o.profile == Profile::mirror)
-        listeners_.push_back(std::make_unique<MirrorListener>(p));
-      else
-        listeners_.push_back(std::make_unique<CanopenListener>(p));
+      listeners_.push_back(make_listener(o.profile, p));
       result_.joints.push_back({.name = p.name});
     }
-    for (const auto& name : o.limit_joints)
-      if (std::ranges::find(result_.joints, name, &ShadowJoint::name) == result_.joints.end())
-        throw twin::InputError(fmt::format("no joint '{}' that a limit could hold for; there are {}", name,
-                                           names([](std::size_t) { return true; })));
     series_.resize(listeners_.size());
   }
 
   Result<ShadowResult> run(const NextFrame& next) {
-    if (auto ok = open_csv(); !ok) return tl::unexpected(ok.error());
+    if (auto ok = check_joints(); !ok) return tl::unexpected(ok.error());
+    if (auto ok = open_csv(); !ok) return work_failed(ok.error().message);
     Frame frame;
     Result<bool> more = true;
     while (!stopped()) {
@@ -237,8 +79,9 @@ class Shadow {
     }
     result_.interrupted = stopped() && !o_.endless;
     close_csv();
-    if (!more) return tl::unexpected(more.error());
-    if (!result_.interrupted) require_predictions();
+    if (!more) return work_failed(more.error().message);
+    if (!result_.interrupted)
+      if (auto ok = require_predictions(); !ok) return tl::unexpected(ok.error());
     check_limit();
     return finished();
   }
@@ -282,7 +125,7 @@ class Shadow {
     for (std::size_t i = 0; i < listeners_.size(); ++i)
       position.push_back(*listeners_[i]->position_rad), torque.push_back(measured_nm(i));
     torques_.push_back(std::move(torque));
-    if (!expectation_.take(position)) return;
+    if (!expectation_.add(position)) return;
     while (torques_.size() > Expectation::half + 1) torques_.pop_front();
     result_.seconds += cycle_s_;
     row_ = fmt::format("{:.6f}", result_.seconds);
@@ -334,6 +177,14 @@ class Shadow {
     if (o_.note) o_.note(what);
   }
 
+  Result<void> check_joints() const {
+    for (const auto& name : o_.limit_joints)
+      if (std::ranges::find(result_.joints, name, &ShadowJoint::name) == result_.joints.end())
+        return tl::unexpected(
+            fmt::format("no joint '{}' for --joint; there are {}", name, names([](std::size_t) { return true; })));
+    return {};
+  }
+
   Result<void> open_csv() {
     if (o_.csv.empty()) return {};
     auto csv = RecordFile::create(o_.csv, {.replace = o_.existing == twin::Existing::replace, .give_up = o_.stop});
@@ -366,18 +217,19 @@ class Shadow {
     note(result_.csv_failure + "; the shadow goes on");
   }
 
-  void require_predictions() const {
+  Result<void> require_predictions() const {
     if (positions_ == 0) {
       const auto silent = names([&](std::size_t i) { return !listeners_[i]->position_rad; });
-      throw twin::InputError(
+      return tl::unexpected(
           silent.empty()
               ? "no cycle was heard: there was one position of every drive, and nothing after it"
               : fmt::format("no position was heard of {}: is --first-node right, and is a PDO with 6064h on the bus?",
                             silent));
     }
     if (result_.seconds == 0)
-      throw twin::InputError(fmt::format("positions of {} cycles were heard; a prediction takes {}: listen for longer",
-                                         positions_, static_cast<int>(Expectation::window)));
+      return tl::unexpected(fmt::format("positions of {} cycles were heard; a prediction takes {}: listen for longer",
+                                        positions_, static_cast<int>(Expectation::window)));
+    return {};
   }
 
   /// A limit that was not checked must not look like one that was kept.

@@ -51,8 +51,8 @@ struct ShadowResult {
 /// Where frames come from: a bus, or a log. Returns false at the end.
 using NextFrame = std::function<Result<bool>(Frame&)>;
 
-/// Fails when the simulation does. Throws twin::InputError for a joint in `limit_joints` that there is not, and where
-/// nothing could be predicted: no position of some drive was heard, or too few of all.
+/// Fails when the simulation does (ErrorKind::work), for a name in `limit_joints` that is no joint, and where nothing
+/// could be predicted: no position of some drive was heard, or too few of all (ErrorKind::input).
 Result<ShadowResult> shadow(const twin::Scenario& scenario, const NextFrame& next, const ShadowOptions& options);
 
 }  // namespace tribotwin::hil

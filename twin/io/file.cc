@@ -39,14 +39,6 @@ std::optional<struct stat> look(const fs::path& file) {
 
 bool same(const struct stat& a, const struct stat& b) { return a.st_dev == b.st_dev && a.st_ino == b.st_ino; }
 
-/// The standard stream that `there` is, as /dev/stdout is: opening it anew would begin at the start of a redirected
-/// file.
-std::optional<int> standard_stream(const struct stat& there) {
-  for (const int stream : {STDOUT_FILENO, STDERR_FILENO})
-    if (struct stat s{}; ::fstat(stream, &s) == 0 && same(s, there)) return stream;
-  return std::nullopt;
-}
-
 bool is_stream(const struct stat& there) {
   return S_ISFIFO(there.st_mode) || S_ISCHR(there.st_mode) || standard_stream(there);
 }
@@ -73,11 +65,15 @@ Status check_folder(const fs::path& file) {
 }
 
 Status write_stream(const fs::path& file, const struct stat& there, std::string_view bytes) {
-  const auto standard = standard_stream(there);
-  const int descriptor = standard ? *standard : ::open(file.c_str(), O_WRONLY | O_CLOEXEC | O_NOCTTY);
-  if (descriptor < 0) return not_written(file, errno);
-  int error = write_all(descriptor, bytes);
-  if (!standard && ::close(descriptor) != 0 && error == 0) error = errno;
+  int error = 0;
+  if (const auto standard = standard_stream(there)) {
+    error = write_all(*standard, bytes);
+  } else {
+    Descriptor stream(::open(file.c_str(), O_WRONLY | O_CLOEXEC | O_NOCTTY));
+    if (stream < 0) return not_written(file, errno);
+    error = write_all(stream, bytes);
+    if (!stream.close() && error == 0) error = errno;
+  }
   if (error != 0) return not_written(file, error);
   return {};
 }
@@ -91,22 +87,30 @@ fs::path partial_of(const fs::path& file) {
   return folder_of(file) / ("." + file.filename().string().substr(0, longest_name - 1 - ending.size()) + ending);
 }
 
-/// Whether both names lead, or would lead, to one file.
-bool is_same_file(const fs::path& file, const std::optional<struct stat>& there, const fs::path& other) {
-  if (other.empty()) return false;
-  const auto its = look(other);
-  if (there || its) return there && its && same(*there, *its);
-  std::error_code error;
-  const auto a = fs::weakly_canonical(file, error), b = fs::weakly_canonical(other, error);
-  return !error && a == b;
-}
-
 /// Where a link leads, the link stays.
 fs::path behind_links(const fs::path& file) {
   std::error_code error;
   if (!fs::is_symlink(file, error)) return file;
   const fs::path target = fs::canonical(file, error);
   return error ? file : target;
+}
+
+}  // namespace
+
+bool is_same_file(const fs::path& a, const fs::path& b) {
+  if (a.empty() || b.empty()) return false;
+  const auto there_a = look(a), there_b = look(b);
+  if (there_a || there_b) return there_a && there_b && same(*there_a, *there_b) && !S_ISCHR(there_a->st_mode);
+  std::error_code error_a, error_b;
+  const fs::path place_a = fs::weakly_canonical(fs::absolute(a, error_a), error_a),
+                 place_b = fs::weakly_canonical(fs::absolute(b, error_b), error_b);
+  return !error_a && !error_b && place_a == place_b;
+}
+
+std::optional<int> standard_stream(const struct stat& file) {
+  for (const int stream : {STDOUT_FILENO, STDERR_FILENO})
+    if (struct stat s{}; ::fstat(stream, &s) == 0 && same(s, file)) return stream;
+  return std::nullopt;
 }
 
 int rename_to_free_name(const fs::path& from, const fs::path& to) {
@@ -117,14 +121,20 @@ int rename_to_free_name(const fs::path& from, const fs::path& to) {
   return ::unlink(from.c_str()) == 0 ? 0 : errno;
 }
 
-}  // namespace
+fs::path free_name(const fs::path& name) {
+  std::error_code error;
+  fs::path free = name;
+  for (int n = 2; fs::symlink_status(free, error).type() != fs::file_type::not_found; ++n)
+    free = fmt::format("{}-{}", name.string(), n);
+  return free;
+}
 
 Status check_output(const fs::path& file, Existing existing, std::span<const fs::path> inputs) {
   if (file.empty()) return tl::unexpected(std::string("the name of an output file is empty"));
   const auto there = look(file);
   if (there && is_stream(*there)) return {};
   for (const fs::path& input : inputs)
-    if (is_same_file(file, there, input))
+    if (is_same_file(file, input))
       return tl::unexpected(
           fmt::format("{}: is also read or written by this command as {}; choose another name with -o", file.string(),
                       input.string()));
@@ -162,7 +172,6 @@ NewFile& NewFile::operator=(NewFile&& other) noexcept {
 }
 
 NewFile::~NewFile() {
-  if (descriptor_ >= 0) ::close(descriptor_);
   if (!partial_.empty()) ::unlink(partial_.c_str());
 }
 
@@ -177,7 +186,7 @@ Result<NewFile> NewFile::create(const fs::path& file, Existing existing) {
   fresh.file_ = behind_links(file);
   fresh.existing_ = existing;
   const fs::path partial = partial_of(fresh.file_);
-  fresh.descriptor_ = ::open(partial.c_str(), O_CREAT | O_EXCL | O_RDWR | O_NOFOLLOW | O_CLOEXEC, 0666);
+  fresh.descriptor_ = Descriptor(::open(partial.c_str(), O_CREAT | O_EXCL | O_RDWR | O_NOFOLLOW | O_CLOEXEC, 0666));
   if (fresh.descriptor_ < 0) return not_written(file, errno);
   fresh.partial_ = partial;
   if (there && ::fchmod(fresh.descriptor_, there->st_mode & 07777) != 0) return not_written(file, errno);
@@ -201,17 +210,16 @@ Status NewFile::rename_to_final() {
 
 Status NewFile::publish() {
   if (::fsync(descriptor_) != 0 && errno != EINVAL && errno != EROFS) return not_written(file_, errno);
-  if (::close(std::exchange(descriptor_, -1)) != 0) return not_written(file_, errno);
+  if (!descriptor_.close()) return not_written(file_, errno);
   return rename_to_final();
 }
 
 Status NewFile::publish_growing() { return rename_to_final(); }
 
 Status sync_folder(const fs::path& folder) {
-  const int descriptor = ::open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
-  if (descriptor < 0) return {};  // a folder that may be written but not read
-  const int error = ::fsync(descriptor) == 0 ? 0 : errno;
-  ::close(descriptor);
+  const Descriptor entries(::open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC));
+  if (entries < 0) return {};  // a folder that may be written but not read
+  const int error = ::fsync(entries) == 0 ? 0 : errno;
   if (error == 0 || error == EINVAL || error == EROFS || error == ENOTSUP) return {};
   return tl::unexpected(fmt::format("{}: cannot be forced to disk ({})", folder.string(), std::strerror(error)));
 }

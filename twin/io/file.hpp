@@ -1,11 +1,15 @@
 #pragma once
 
 #include <filesystem>
+#include <optional>
 #include <span>
 #include <string>
 #include <string_view>
 
 #include <tribotwin/plugins/friction/error.hpp>
+#include <tribotwin/twin/io/descriptor.hpp>
+
+struct stat;
 
 /// The one way in which a file comes into being: the new content is written beside the old under an unpredictable name,
 /// forced to disk and renamed, so that after a crash, a kill or a full disk the file is the old one or the whole new
@@ -51,8 +55,22 @@ class NewFile {
 
   std::filesystem::path file_, partial_;
   Existing existing_ = Existing::refuse;
-  int descriptor_ = -1;
+  Descriptor descriptor_;
 };
+
+/// Whether both names lead, or would lead, to one file: by device and inode, so also through links; files that do not
+/// exist yet by their place. Character devices (/dev/null) count as two files.
+bool is_same_file(const std::filesystem::path& a, const std::filesystem::path& b);
+
+/// The standard stream, stdout or stderr, that an open file is, as /dev/stdout is: opening it anew would begin at the
+/// start of a redirected file.
+std::optional<int> standard_stream(const struct stat& file);
+
+/// Renames, but never onto a file that exists: EEXIST then. Returns 0 or errno.
+int rename_to_free_name(const std::filesystem::path& from, const std::filesystem::path& to);
+
+/// The first of NAME, NAME-2, NAME-3, ... that does not exist; a dangling link exists.
+std::filesystem::path free_name(const std::filesystem::path& name);
 
 /// Forces a folder's entries to disk, where the file system can do that for folders.
 Result<void> sync_folder(const std::filesystem::path& folder);

@@ -9,15 +9,13 @@
 
 namespace tribotwin::twin::hdf5 {
 
-Descriptor::Descriptor(const fs::path& path, int flags) : fd_(::open(path.c_str(), flags | O_CLOEXEC)) {
-  if (fd_ < 0) throw Failure(system_reason(errno));
-}
-
-Descriptor::~Descriptor() {
-  if (fd_ >= 0) ::close(fd_);
-}
-
 namespace {
+
+Descriptor open_file(const fs::path& path, int flags) {
+  Descriptor file(::open(path.c_str(), flags | O_CLOEXEC));
+  if (file < 0) throw Failure(system_reason(errno));
+  return file;
+}
 
 constexpr hsize_t index_bytes = 4096;  // of the file, for the index entry of a chunk, generously
 
@@ -66,7 +64,7 @@ void refuse_if_in_use(const fs::path& path) {
   struct flock lock {
     .l_type = F_WRLCK, .l_whence = SEEK_SET
   };
-  const Descriptor file(path, O_RDONLY);
+  const Descriptor file = open_file(path, O_RDONLY);
   if (::fcntl(file, F_OFD_GETLK, &lock) == 0 && lock.l_type != F_UNLCK) throw Failure("a run is still writing it");
 }
 
@@ -146,7 +144,7 @@ Record create_record(const fs::path& path, const TelemetryOptions& o) {
   check(H5Pset_attr_creation_order(file_properties, ordered));
   Record r;
   r.file = Id(H5Fcreate(path.c_str(), H5F_ACC_TRUNC, file_properties, access), H5Fclose);
-  r.descriptor = Descriptor(path, O_RDWR);
+  r.descriptor = open_file(path, O_RDWR);
   mark_in_use(r.descriptor);
   r.reserve(65536 + 4096 * (1 + o.joints.size()) * (1 + o.channels.size() + o.cycle_channels.size()));
   for (const auto& [name, value] : o.attributes) write_attribute(r.file, name, value);

@@ -3,6 +3,7 @@
 #include <span>
 #include <vector>
 
+#include <tribotwin/twin/io/descriptor.hpp>
 #include <tribotwin/twin/io/telemetry/hdf5.hpp>
 
 /// A record being written.
@@ -10,22 +11,6 @@ namespace tribotwin::twin::hdf5 {
 
 constexpr std::size_t block = 4096;       // samples per write
 constexpr std::size_t chunk_rows = 1024;  // of a dataset: a chunk that is damaged takes so many with it
-
-class Descriptor {
- public:
-  Descriptor() = default;
-  Descriptor(const fs::path& path, int flags);
-  Descriptor(Descriptor&& other) noexcept : fd_(std::exchange(other.fd_, -1)) {}
-  Descriptor& operator=(Descriptor&& other) noexcept {
-    std::swap(fd_, other.fd_);
-    return *this;
-  }
-  ~Descriptor();
-  operator int() const { return fd_; }
-
- private:
-  int fd_ = -1;
-};
 
 /// Fails while a run is writing the file.
 void refuse_if_in_use(const fs::path& path);

@@ -20,13 +20,6 @@ bool present(const fs::path& file) {
   return fs::symlink_status(file, error).type() != fs::file_type::not_found;
 }
 
-/// DIRECTORY/replaced, or with a number where that is taken.
-fs::path free_name(const fs::path& directory) {
-  fs::path name = directory / "replaced";
-  for (int n = 2; present(name); ++n) name = directory / fmt::format("replaced-{}", n);
-  return name;
-}
-
 }  // namespace
 
 Status RunFolder::open(const fs::path& directory, Existing existing) {
@@ -45,7 +38,7 @@ Status RunFolder::open(const fs::path& directory, Existing existing) {
 }
 
 Status RunFolder::set_aside() {
-  const fs::path aside = free_name(directory_);
+  const fs::path aside = free_name(directory_ / "replaced");
   std::error_code error;
   fs::create_directory(aside, error);
   if (error) return work_failed(fmt::format("{}: cannot be created ({})", aside.string(), error.message()));

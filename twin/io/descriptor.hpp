@@ -4,12 +4,13 @@
 
 #include <unistd.h>
 
-namespace tribotwin::hil {
+namespace tribotwin::twin {
 
-/// Owns a file descriptor; -1 is none.
+/// Owns a file descriptor (a file, a socket); -1 is none.
 class Descriptor {
  public:
-  explicit Descriptor(int fd = -1) : fd_(fd) {}
+  Descriptor() = default;
+  explicit Descriptor(int fd) : fd_(fd) {}
   Descriptor(Descriptor&& other) noexcept : fd_(std::exchange(other.fd_, -1)) {}
   Descriptor& operator=(Descriptor&& other) noexcept {
     std::swap(fd_, other.fd_);
@@ -20,11 +21,11 @@ class Descriptor {
   }
   operator int() const { return fd_; }
   int get() const { return fd_; }
-  /// Closes it now; fails with errno.
+  /// Closes it now. False with errno where that failed: the last write may be lost.
   bool close() { return ::close(std::exchange(fd_, -1)) == 0; }
 
  private:
-  int fd_;
+  int fd_ = -1;
 };
 
-}  // namespace tribotwin::hil
+}  // namespace tribotwin::twin

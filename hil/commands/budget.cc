@@ -1,0 +1,36 @@
+#include <tribotwin/hil/commands/program.hpp>
+
+namespace tribotwin::hil::program {
+namespace {
+
+struct Arguments : RobotOptions {
+  double bit_rate = 1e6;
+
+  void add_to(CLI::App& command) {
+    RobotOptions::add_to(command);
+    add_profile(command);
+    command.add_option("--bit-rate", bit_rate, "[bit/s]")->check(CLI::Range(1e4, 1e6))->capture_default_str();
+    command.footer("Example:\n  tribotwin-hil budget twin/scenarios/irb6620_hold.yaml --cycle 2");
+  }
+};
+
+int run(const Arguments& a) {
+  const Budget load = a.budget(a.load(), a.bit_rate);
+  twin::print("{}\n", load.line());
+  if (load.most > 1)
+    return report_error(twin::wrong_input,
+                        "more than the bus can carry; choose a longer cycle or fewer drives on one bus");
+  if (load.most > 0.8) twin::note("more than 80 % at worst; other traffic will not fit");
+  return twin::done;
+}
+
+}  // namespace
+
+void add_budget(CLI::App& app, int& code) {
+  auto a = std::make_shared<Arguments>();
+  auto* command = app.add_subcommand("budget", "The load of the bus, before anything runs");
+  a->add_to(*command);
+  command->callback([a, &code] { code = run(*a); });
+}
+
+}  // namespace tribotwin::hil::program

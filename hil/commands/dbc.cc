@@ -1,0 +1,38 @@
+#include <tribotwin/hil/canopen/dbc.hpp>
+#include <tribotwin/hil/commands/program.hpp>
+#include <tribotwin/hil/mirror/mirror.hpp>
+
+namespace tribotwin::hil::program {
+namespace {
+
+struct Arguments : RobotOptions {
+  twin::Destination destination;
+
+  void add_to(CLI::App& command) {
+    RobotOptions::add_to(command);
+    add_profile(command);
+    destination.add_to(command, "File to write (default: stdout)");
+    command.footer("Example:\n  tribotwin-hil dbc twin/scenarios/irb6620_hold.yaml -o drives.dbc");
+  }
+};
+
+int run(const Arguments& a) {
+  const twin::Scenario scenario = a.load();
+  const Drives drives(scenario, a);
+  if (!a.mirror()) return deliver(scenario, a.destination, hil::dbc(drives.all()));
+  std::vector<DescribedMirror> all;
+  for (const auto& d : drives.all())
+    all.push_back({d.parameters->node, d.parameters->name, d.parameters->rated_torque_nm * d.parameters->gear_ratio});
+  return deliver(scenario, a.destination, mirror_dbc(all));
+}
+
+}  // namespace
+
+void add_dbc(CLI::App& app, int& code) {
+  auto a = std::make_shared<Arguments>();
+  auto* command = app.add_subcommand("dbc", "All cyclic frames of all drives as a DBC");
+  a->add_to(*command);
+  command->callback([a, &code] { code = run(*a); });
+}
+
+}  // namespace tribotwin::hil::program

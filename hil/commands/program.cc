@@ -1,0 +1,80 @@
+#include <cmath>
+
+#include <fmt/format.h>
+#include <poll.h>
+#include <unistd.h>
+
+#include <tribotwin/hil/cia402/drive_objects.hpp>
+#include <tribotwin/hil/commands/program.hpp>
+#include <tribotwin/twin/io/interrupt.hpp>
+
+namespace tribotwin::hil::program {
+
+using twin::InputError;
+
+void tell(const std::string& text) {
+  pollfd reader{STDERR_FILENO, POLLOUT, 0};
+  if (::poll(&reader, 1, 0) > 0) twin::report_text(text);
+}
+
+bool stop() { return twin::interrupted(); }
+
+void RobotOptions::add_to(CLI::App& command) {
+  command
+      .add_option("SCENARIO", scenario,
+                  "Scenario file: model, start, surroundings and events; the master commands the motion")
+      ->required();
+  command.add_option("--set", settings, "key=value, dotted keys; replaces the value in the file")
+      ->allow_extra_args(false);
+  command.add_option("--first-node", first_node, "Node number of the first drive; the others count up")
+      ->check(CLI::Range(1, 127))
+      ->capture_default_str();
+  command.add_option("--cycle", cycle_ms, "SYNC period [ms] (1006h)")
+      ->check(CLI::Range(0.1, 1000.0))
+      ->capture_default_str();
+}
+
+void RobotOptions::add_profile(CLI::App& command) {
+  command.add_option("--profile", profile, "Protocol: CANopen with CiA 402, or two plain frames per drive (see dbc)")
+      ->check(CLI::IsMember({"cia402", "mirror"}))
+      ->capture_default_str();
+}
+
+twin::Scenario RobotOptions::load() const {
+  twin::Scenario s = twin::or_wrong_input(twin::load_scenario(scenario, settings));
+  const std::size_t drives = s.model->drives().size();
+  if (const std::size_t last = first_node + drives - 1; last > 127)
+    throw InputError(
+        fmt::format("--first-node {}: {} drives need node numbers up to {}; at most 127", first_node, drives, last));
+  if (const double step_s = s.model->get()->opt.timestep; !(step_s >= 1e-6))
+    throw InputError(fmt::format("{}: the model's timestep is {} s; a bus needs at least 1e-6", scenario, step_s));
+  return s;
+}
+
+std::uint32_t RobotOptions::cycle_us() const { return static_cast<std::uint32_t>(std::lround(1e3 * cycle_ms)); }
+
+Budget RobotOptions::budget(const twin::Scenario& scenario, double bit_rate) const {
+  if (mirror()) return budget_of_frames(static_cast<int>(scenario.model->drives().size()), 1e-3 * cycle_ms, bit_rate);
+  return hil::budget(Drives(scenario, *this).all(), 1e-3 * cycle_ms, bit_rate);
+}
+
+void add_force(CLI::App& command, bool& force) { command.add_flag("--force", force, "Replace files that exist"); }
+
+void check_outputs(const std::vector<NamedFile>& inputs, const std::vector<NamedFile>& outputs, bool force) {
+  twin::or_wrong_input(refuse_shared(inputs, outputs));
+  if (!force) twin::or_wrong_input(refuse_recorded(outputs));
+}
+
+Drives::Drives(const twin::Scenario& scenario, const RobotOptions& options)
+    : parameters_(drive_parameters(scenario, options.first_node, options.cycle_us())) {
+  for (const auto& p : parameters_) dictionaries_.push_back(drive_dictionary(p));
+  for (std::size_t i = 0; i < parameters_.size(); ++i) described_.push_back({&dictionaries_[i], &parameters_[i]});
+}
+
+int deliver(const twin::Scenario& scenario, const twin::Destination& destination, std::string_view text) {
+  twin::or_wrong_input(refuse_shared(files_of(scenario), {{"-o " + destination.file, destination.file}}));
+  twin::or_wrong_input(destination.check({}));
+  return destination.deliver("tribotwin-hil", text);
+}
+
+}  // namespace tribotwin::hil::program

@@ -1,0 +1,74 @@
+#pragma once
+
+#include <deque>
+#include <span>
+#include <string>
+#include <vector>
+
+#include <CLI/CLI.hpp>
+
+#include <tribotwin/hil/canopen/budget.hpp>
+#include <tribotwin/hil/commands/table.hpp>
+#include <tribotwin/hil/session/bench.hpp>
+#include <tribotwin/hil/session/files.hpp>
+#include <tribotwin/twin/io/destination.hpp>
+#include <tribotwin/twin/io/input.hpp>
+#include <tribotwin/twin/io/output.hpp>
+
+/// What the commands of the program `tribotwin-hil` share. A command is one file and one row of table.hpp. It throws
+/// errors (or_throw, InputError); parse.hpp of the program `tribotwin` maps them to exit codes.
+namespace tribotwin::hil::program {
+
+/// "tribotwin-hil: MESSAGE" on stderr; returns the exit code.
+inline int report_error(twin::Exit code, const std::string& message) {
+  return twin::report_error("tribotwin-hil", code, message);
+}
+
+/// Text to stderr during a session. It is lost when nobody reads it now: a bus does not wait for a terminal that is
+/// held.
+void tell(const std::string& text);
+
+/// Whether a signal has asked the command to end.
+bool stop();
+
+/// Options of all commands: the scenario and its drives on the bus.
+struct RobotOptions {
+  std::string scenario;
+  std::vector<std::string> settings;
+  int first_node = 1;
+  double cycle_ms = 2;
+  std::string profile = "cia402";
+
+  void add_to(CLI::App& command);
+  void add_profile(CLI::App& command);
+
+  /// Throws InputError where the scenario is wrong or does not fit on a bus.
+  twin::Scenario load() const;
+  bool mirror() const { return profile == "mirror"; }
+  Profile bench_profile() const { return mirror() ? Profile::mirror : Profile::cia402; }
+  std::uint32_t cycle_us() const;
+  Budget budget(const twin::Scenario& scenario, double bit_rate) const;
+};
+
+/// --force of the commands that write.
+void add_force(CLI::App& command, bool& force);
+
+/// Before any work: throws InputError where a command may not write these files.
+void check_outputs(const std::vector<NamedFile>& inputs, const std::vector<NamedFile>& outputs, bool force);
+
+/// The drives of a scenario as the bus sees them before a master changes anything.
+class Drives {
+ public:
+  Drives(const twin::Scenario& scenario, const RobotOptions& options);
+  std::span<const DescribedDrive> all() const { return described_; }
+
+ private:
+  std::vector<DriveParameters> parameters_;
+  std::deque<Dictionary> dictionaries_;
+  std::vector<DescribedDrive> described_;
+};
+
+/// Writes a description of the drives to `destination`; returns the exit code.
+int deliver(const twin::Scenario& scenario, const twin::Destination& destination, std::string_view text);
+
+}  // namespace tribotwin::hil::program

@@ -1,0 +1,79 @@
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+
+#include <tribotwin/hil/commands/program.hpp>
+#include <tribotwin/hil/session/replay.hpp>
+#include <tribotwin/twin/io/interrupt.hpp>
+
+namespace tribotwin::hil::program {
+namespace {
+
+using twin::failed, twin::wrong_input;
+
+struct Arguments : RobotOptions {
+  std::string log, output;
+  double rate = 1;
+  bool fast = false, force = false;
+
+  void add_to(CLI::App& command) {
+    RobotOptions::add_to(command);
+    add_profile(command);
+    command.add_option("LOG", log, "candump log, as --record writes it")->required();
+    auto* speed = command.add_option("--rate", rate, "Speed: 1 is the original")
+                      ->check(CLI::PositiveNumber)
+                      ->capture_default_str();
+    command.add_flag("--fast", fast, "As fast as possible")->excludes(speed);
+    command.add_option("-o,--output", output, "Folder for telemetry.h5, scenario.yaml, summary.json");
+    add_force(command, force);
+    command.footer("Example:\n  tribotwin-hil replay twin/scenarios/irb6620_hold.yaml session.log --fast");
+  }
+};
+
+/// The exit code of a replay that came to an end; says why it is not 0.
+int judge(const Arguments& a, const ReplayResult& result) {
+  if (result.interrupted)
+    return report_error(
+        failed, fmt::format("interrupted after {} frames; {}", result.frames,
+                            result.first_difference.empty() ? "no difference so far" : result.first_difference));
+  if (result.frames == 0)
+    return report_error(wrong_input, fmt::format("{}: holds no frame; nothing was compared", a.log));
+  if (!result.silent.empty())
+    return report_error(wrong_input,
+                        fmt::format("{}: no frame from the drive of {}; nothing was compared there: is --first-node {} "
+                                    "right, and --profile {}?",
+                                    a.log, fmt::join(result.silent, ", "), a.first_node, a.profile));
+  if (result.first_difference.empty()) return twin::done;
+  return report_error(failed, result.first_difference);
+}
+
+int run(const Arguments& a) {
+  const twin::Scenario scenario = a.load();
+  if (!std::filesystem::exists(a.log)) throw twin::InputError(fmt::format("{}: does not exist", a.log));
+  auto inputs = files_of(scenario);
+  inputs.push_back({"LOG " + a.log, a.log});
+  check_outputs(inputs, files_in(a.output), a.force);
+  twin::catch_interrupts();
+  const auto result = twin::or_throw(hil::replay(scenario, a.log,
+                                                 {.profile = a.bench_profile(),
+                                                  .first_node = a.first_node,
+                                                  .cycle_us = a.cycle_us(),
+                                                  .rate = a.fast ? 0 : a.rate,
+                                                  .output = a.output,
+                                                  .existing = twin::replace_if(a.force),
+                                                  .stop = stop}));
+  twin::print("{} frames, {} from the drives: {} differ, {} missing, {} added\n", result.frames, result.compared,
+              result.differing, result.missing, result.added);
+  return judge(a, result);
+}
+
+}  // namespace
+
+void add_replay(CLI::App& app, int& code) {
+  auto a = std::make_shared<Arguments>();
+  auto* command =
+      app.add_subcommand("replay", "A recorded session through the same drives, compared with what they said then");
+  a->add_to(*command);
+  command->callback([a, &code] { code = run(*a); });
+}
+
+}  // namespace tribotwin::hil::program

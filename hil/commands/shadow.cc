@@ -1,0 +1,131 @@
+#include <utility>
+
+#include <fmt/format.h>
+
+#include <tribotwin/hil/can/clock.hpp>
+#include <tribotwin/hil/can/log.hpp>
+#include <tribotwin/hil/can/transport.hpp>
+#include <tribotwin/hil/commands/program.hpp>
+#include <tribotwin/hil/session/shadow.hpp>
+#include <tribotwin/twin/io/interrupt.hpp>
+
+namespace tribotwin::hil::program {
+namespace {
+
+using twin::failed, twin::wrong_input;
+
+struct Arguments : RobotOptions {
+  std::string can, csv;
+  std::optional<double> limit, duration;
+  double limit_time = 0.5;
+  std::vector<std::string> joints;
+  bool force = false;
+
+  void add_to(CLI::App& command) {
+    RobotOptions::add_to(command);
+    add_profile(command);
+    command.add_option("--can", can, "Bus: vcan0, can0, or log:FILE for a candump log")->required();
+    auto* limited =
+        command.add_option("--limit", limit, "Largest residual torque, arm side [Nm]; beyond it: exit code 3")
+            ->check(CLI::PositiveNumber);
+    command.add_option("--limit-time", limit_time, "... for so long [s]")
+        ->check(CLI::NonNegativeNumber)
+        ->capture_default_str();
+    command.add_option("--joint", joints, "A joint that --limit holds for, by name; again for more (default: all)")
+        ->allow_extra_args(false)
+        ->needs(limited);
+    command.add_option("--duration", duration, "End after so much time on the bus [s]")->check(CLI::PositiveNumber);
+    command.add_option("--csv", csv, "Measured, predicted, residual and temperature of every cycle");
+    add_force(command, force);
+    command.footer(
+        "Example:\n  tribotwin-hil shadow twin/scenarios/irb6620_hold.yaml --can log:session.log --limit 200");
+  }
+
+  /// The file behind log:FILE; empty for a bus.
+  std::string log() const { return can.starts_with("log:") ? can.substr(4) : ""; }
+};
+
+/// Frames of a live bus, until a signal or the end of `duration_s` by the clock: a bus may fall silent.
+NextFrame frames_of(Transport& bus, std::optional<double> duration_s) {
+  return [&bus, duration_s, heard = false, begin_ns = clock_ns()](Frame& frame) mutable -> Result<bool> {
+    while (!stop()) {
+      const std::int64_t now_ns = clock_ns();
+      const bool received = bus.receive(frame);
+      if (received && !std::exchange(heard, true)) begin_ns = now_ns;
+      if (received) return true;
+      if (duration_s && 1e-9 * static_cast<double>(now_ns - begin_ns) > *duration_s) return false;
+      bus.wait(now_ns + 100'000'000);
+    }
+    return false;
+  };
+}
+
+/// A log or a bus, and its frames.
+struct Source {
+  std::optional<LogReader> log;
+  std::unique_ptr<Transport> bus;
+
+  explicit Source(const Arguments& a) {
+    if (!a.log().empty())
+      log.emplace(twin::or_wrong_input(LogReader::open(a.log(), stop)));
+    else
+      bus = twin::or_wrong_input(open_bus(a.can, {.listen_only = true}));
+  }
+  NextFrame frames(std::optional<double> duration_s) {
+    if (bus) return frames_of(*bus, duration_s);
+    return [this](Frame& frame) { return log->next(frame); };
+  }
+};
+
+/// The exit code of a session that came to an end: that of the first reason below; says all of them.
+int judge(const Arguments& a, const ShadowResult& result) {
+  int code = twin::done;
+  const auto report = [&](twin::Exit reason, const std::string& what) {
+    report_error(reason, what);
+    if (code == twin::done) code = reason;
+  };
+  if (result.exceeded()) code = twin::limit_exceeded;  // reported when it happened
+  if (!result.csv_failure.empty()) report(failed, result.csv_failure);
+  if (result.interrupted)
+    report(failed, fmt::format("interrupted at {:.3f} s{}", result.seconds,
+                               a.duration ? fmt::format(" of {} s", *a.duration) : ", before the end of the log"));
+  for (const auto& reason : result.unchecked)
+    report(wrong_input, fmt::format("--limit {} was not checked: {}", *a.limit, reason));
+  return code;
+}
+
+int run(const Arguments& a) {
+  const twin::Scenario scenario = a.load();
+  auto inputs = files_of(scenario);
+  inputs.push_back({"--can " + a.can, a.log()});
+  check_outputs(inputs, {{"--csv " + a.csv, a.csv}}, a.force);
+  if (!a.csv.empty()) twin::or_wrong_input(twin::check_output(a.csv, twin::Existing::replace));
+  twin::catch_interrupts();
+  Source source(a);
+  const auto result = twin::or_throw(hil::shadow(scenario, source.frames(a.duration),
+                                                 {.profile = a.bench_profile(),
+                                                  .first_node = a.first_node,
+                                                  .cycle_us = a.cycle_us(),
+                                                  .limit_nm = a.limit,
+                                                  .limit_time_s = a.limit_time,
+                                                  .limit_joints = a.joints,
+                                                  .duration_s = a.duration,
+                                                  .csv = a.csv,
+                                                  .existing = twin::replace_if(a.force),
+                                                  .stop = stop,
+                                                  .endless = source.bus && !a.duration,
+                                                  .note = [&](const std::string& what) { tell(what + "\n"); }}));
+  twin::print_text(result.table());
+  return judge(a, result);
+}
+
+}  // namespace
+
+void add_shadow(CLI::App& app, int& code) {
+  auto a = std::make_shared<Arguments>();
+  auto* command = app.add_subcommand("shadow", "Listen beside a robot: what torque and temperature it should have");
+  a->add_to(*command);
+  command->callback([a, &code] { code = run(*a); });
+}
+
+}  // namespace tribotwin::hil::program

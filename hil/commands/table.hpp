@@ -1,0 +1,17 @@
+#pragma once
+
+#include <CLI/CLI.hpp>
+
+/// The commands of the program `tribotwin-hil`.
+namespace tribotwin::hil::program {
+
+/// Declares a command with its options on `app`. When the command was asked for, its callback does the work and leaves
+/// the exit code in `code`; it throws what went wrong (or_throw).
+using AddCommand = void(CLI::App& app, int& code);
+
+AddCommand add_drive, add_replay, add_shadow, add_budget, add_eds, add_dbc;
+
+/// In the order of the help.
+constexpr AddCommand* commands[] = {add_drive, add_replay, add_shadow, add_budget, add_eds, add_dbc};
+
+}  // namespace tribotwin::hil::program

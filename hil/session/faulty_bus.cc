@@ -1,0 +1,122 @@
+#include <algorithm>
+#include <cmath>
+
+#include <tribotwin/hil/can/clock.hpp>
+#include <tribotwin/hil/session/faulty_bus.hpp>
+
+namespace tribotwin::hil {
+
+using K = FaultKind;
+
+FaultyBus::FaultyBus(Transport& bus, std::vector<Fault> faults, std::uint64_t seed, std::function<double()> time_s)
+    : Transport(bus.name()),
+      bus_(bus),
+      faults_(std::move(faults)),
+      random_(seed),
+      time_s_(std::move(time_s)),
+      applied_(faults_.size()) {}
+
+double FaultyBus::now_s() const {
+  const double simulated_s = time_s_();
+  const std::int64_t ns = clock_ns();
+  line_s_ += was_cut_ ? std::max(simulated_s - simulated_s_, 1e-9 * static_cast<double>(ns - asked_ns_))
+                      : simulated_s - simulated_s_;
+  simulated_s_ = simulated_s;
+  asked_ns_ = ns;
+  was_cut_ =
+      std::ranges::any_of(faults_, [&](const Fault& f) { return target_of(f.kind) == FaultTarget::link && due(f); });
+  return line_s_;
+}
+
+bool FaultyBus::due(const Fault& f) const { return line_s_ >= f.from_s && line_s_ < f.to_s; }
+
+bool FaultyBus::active(const Fault& f, const Frame* frame) const {
+  now_s();
+  if (!due(f)) return false;
+  // Node numbers are the low seven bits of every identifier that has one.
+  if (frame && f.node != 0 && (frame->id < 0x81 || static_cast<int>(frame->id & 0x7f) != f.node)) return false;
+  return !frame || f.kind == K::silence || std::uniform_real_distribution<double>()(random_) < f.probability;
+}
+
+bool FaultyBus::cut() const {
+  now_s();
+  return was_cut_;
+}
+
+void FaultyBus::pass(const Frame& given, std::deque<Frame>& out) {
+  Frame frame = given;
+  int copies = 1;
+  for (const Fault& f : faults_) {
+    if (target_of(f.kind) != FaultTarget::frames || !active(f, &frame)) continue;
+    if (f.kind == K::drop || f.kind == K::silence) return;
+    if (f.kind == K::delay)
+      return later_.push_back({clock_ns() + std::llround(1e9 * f.delay_s), frame, &out != &ready_});
+    if (f.kind == K::duplicate) ++copies;
+    if (f.kind == K::corrupt && frame.size > 0)
+      frame.data[random_() % frame.size] ^= static_cast<std::uint8_t>(1U << random_() % 8);
+  }
+  for (int i = 0; i < copies; ++i) out.push_back(frame);
+}
+
+Sent FaultyBus::send(const Frame& frame) {
+  if (faults_.empty()) return bus_.send(frame);
+  if (cut()) return Sent::down;
+  std::deque<Frame> out;
+  pass(frame, out);
+  Sent sent = Sent::done;  // what is lost on the way was sent
+  for (const Frame& f : out) sent = bus_.send(f);
+  return sent;
+}
+
+bool FaultyBus::receive(Frame& frame) {
+  if (faults_.empty()) return bus_.receive(frame);
+  const std::int64_t now = clock_ns();
+  for (auto it = later_.begin(); it != later_.end();) {
+    if (it->at_ns > now) {
+      ++it;
+      continue;
+    }
+    if (it->outgoing)
+      bus_.send(it->frame);
+    else
+      ready_.push_back(it->frame);
+    it = later_.erase(it);
+  }
+  while (ready_.empty()) {
+    Frame next;
+    if (!bus_.receive(next)) return false;
+    if (!cut()) pass(next, ready_);
+  }
+  frame = ready_.front();
+  ready_.pop_front();
+  return true;
+}
+
+void FaultyBus::wait(std::int64_t deadline_ns) {
+  if (!ready_.empty()) return;
+  for (const Later& l : later_) deadline_ns = std::min(deadline_ns, l.at_ns);
+  bus_.wait(deadline_ns);
+}
+
+bool FaultyBus::up() const { return bus_.up() && (faults_.empty() || !cut()); }
+
+std::string FaultyBus::state() const {
+  return !faults_.empty() && cut() ? name_ + ": cut by a fault of the list" : bus_.state();
+}
+
+void FaultyBus::apply(Plant& plant, int first_node) {
+  for (std::size_t i = 0; i < faults_.size(); ++i) {
+    const Fault& f = faults_[i];
+    if (target_of(f.kind) != FaultTarget::drive) continue;
+    const bool on = active(f, nullptr);
+    if (on == applied_[i]) continue;
+    applied_[i] = on;
+    const auto drive = static_cast<std::size_t>(f.node - first_node);
+    if (f.kind == K::encoder_freeze)
+      plant.freeze_encoder(drive, on);
+    else
+      plant.override_temperature(drive, on ? std::optional(f.temperature_degC) : std::nullopt);
+  }
+}
+
+}  // namespace tribotwin::hil

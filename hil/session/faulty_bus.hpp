@@ -1,0 +1,56 @@
+#pragma once
+
+#include <deque>
+#include <functional>
+#include <random>
+#include <vector>
+
+#include <tribotwin/hil/can/transport.hpp>
+#include <tribotwin/hil/session/faults.hpp>
+#include <tribotwin/hil/session/plant.hpp>
+
+namespace tribotwin::hil {
+
+/// A bus with the faults of a list between it and its user. The same seed and frames give the same faults.
+class FaultyBus final : public Transport {
+ public:
+  /// `time_s`: simulated time.
+  FaultyBus(Transport& bus, std::vector<Fault> faults, std::uint64_t seed, std::function<double()> time_s);
+  Sent send(const Frame& frame) override;
+  bool receive(Frame& frame) override;
+  void wait(std::int64_t deadline_ns) override;
+  bool up() const override;
+  std::string state() const override;
+  const BusCounters& counters() const override { return bus_.counters(); }
+
+  /// Faults of the robot itself that are due: call when simulated time has moved.
+  void apply(Plant& plant, int first_node);
+
+ private:
+  /// Time on the faults' line: simulated; while the bus is cut, and no SYNC can move the simulation on, the wall
+  /// clock's.
+  double now_s() const;
+  bool due(const Fault& fault) const;
+  bool active(const Fault& fault, const Frame* frame) const;
+  /// What becomes of a frame: none, one or two now; delayed ones later.
+  void pass(const Frame& frame, std::deque<Frame>& out);
+  bool cut() const;
+  struct Later {
+    std::int64_t at_ns;
+    Frame frame;
+    bool outgoing;
+  };
+
+  Transport& bus_;
+  std::vector<Fault> faults_;
+  mutable std::mt19937_64 random_;
+  std::function<double()> time_s_;
+  mutable double line_s_ = 0, simulated_s_ = 0;
+  mutable std::int64_t asked_ns_ = 0;
+  mutable bool was_cut_ = false;
+  std::deque<Frame> ready_;
+  std::deque<Later> later_;
+  std::vector<bool> applied_;
+};
+
+}  // namespace tribotwin::hil

@@ -1,0 +1,38 @@
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <functional>
+#include <string>
+#include <vector>
+
+#include <tribotwin/hil/session/bench.hpp>
+#include <tribotwin/plugins/friction/error.hpp>
+#include <tribotwin/twin/io/file.hpp>
+
+namespace tribotwin::hil {
+
+struct ReplayResult {
+  std::uint64_t frames = 0;    ///< in the log
+  std::uint64_t compared = 0;  ///< of them, from the drives
+  std::uint64_t differing = 0;
+  std::uint64_t missing = 0;  ///< in the log, not said now
+  std::uint64_t added = 0;    ///< said now, not in the log; not counted for `silent` drives and interrupted replays
+  std::vector<std::string> silent;  ///< joints whose drives say nothing in the log: nothing was compared
+  bool interrupted = false;
+  std::string first_difference;  ///< one line; empty if all is the same
+};
+struct ReplayOptions {
+  Profile profile = Profile::cia402;
+  int first_node = 1;
+  std::uint32_t cycle_us = 2000;
+  double rate = 0;  ///< of the original speed; 0: as fast as possible
+  std::filesystem::path output;
+  twin::Existing existing = twin::Existing::refuse;  ///< what happens to an older record in it
+  std::function<bool()> stop;
+};
+/// A recorded session through the same code: what the drives answered then is compared with what they answer now.
+Result<ReplayResult> replay(const twin::Scenario& scenario, const std::filesystem::path& log,
+                            const ReplayOptions& options);
+
+}  // namespace tribotwin::hil
