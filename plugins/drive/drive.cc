@@ -16,13 +16,12 @@ constexpr double smallest_limit_nm = 1e-12;
 /// With bristles: from this share of the breakaway level on they slip.
 constexpr double slipping = 0.999;
 
-struct ResumableJobs {
+struct Parts {
   double g, h;
 };
 /// The law's two parts, both >= 0.
-ResumableJobs parts(const friction::Level& level) {
-  return level.strengthening >= 0 ? ResumableJobs{level.weakening, level.strengthening}
-                                  : ResumableJobs{level.total(), 0};
+Parts parts(const friction::Level& level) {
+  return level.strengthening >= 0 ? Parts{level.weakening, level.strengthening} : Parts{level.total(), 0};
 }
 
 /// What a pit makes of g at the angle where the step began.

@@ -128,12 +128,21 @@ Separable::Separable(const friction::LawInfo& law, const Samples& samples, std::
   high_.resize(count);
   for (Index i = 0; i < count; ++i) low_(i) = law.parameters[i].minimum, high_(i) = law.parameters[i].maximum;
   free_.assign(law.parameters.size(), true);
-  if (law.name == "steady_state") {  // Fs = Fc + excess
-    to_parameters_(1, 0) = 1;
-    low_(1) = 0;
+  for (Index i = 0; i < count; ++i)
+    if (const std::size_t base = base_of(static_cast<std::size_t>(i)); base != npos) {
+      to_parameters_(i, static_cast<Index>(base)) = 1;
+      low_(i) = 0;
+    }
+  if (!to_parameters_.isIdentity(0)) {
     place_.linear = place_.linear * to_parameters_;
     place_.nonlinear = place_.nonlinear * to_parameters_;
   }
+}
+
+std::size_t Separable::base_of(std::size_t parameter) const {
+  const auto& all = law_->parameters;
+  const auto base = std::ranges::find(all, all[parameter].not_below, &friction::Parameter::name);
+  return base == all.end() ? npos : static_cast<std::size_t>(base - all.begin());
 }
 
 void Separable::hold(std::size_t parameter, double value) {
@@ -390,15 +399,19 @@ std::vector<VectorXd> Separable::grid() const {
         }
     points = std::move(more);
   };
-  const double speeds[] = {decade(0.15), decade(0.42), decade(0.7)};
-  // One value where the trust region finds the rest from it.
-  const double exponents[] = {1.4}, scales[] = {20}, viscous[] = {0.45, 0.7, 1.4}, slopes[] = {-0.01, -0.003, 0.003};
-  branch_line(&F::vs, &F::vs_T, speeds);
-  branch(parameter_of(&F::vl), std::span(speeds).first(2));
-  branch(parameter_of(&F::alpha), exponents);
-  branch(parameter_of(&F::T_V), scales);
-  branch_line(&F::beta, &F::beta_T, viscous);
-  branch(parameter_of(&F::s_T), slopes);
+  for (const auto& row : friction::formula::shape_numbers) {
+    if (row.starts.count == 0) continue;
+    std::vector<double> choices(row.starts.values, row.starts.values + row.starts.count);
+    if (row.starts.of_speeds)
+      for (double& x : choices) x = decade(x);
+    const auto slope = std::ranges::find_if(friction::formula::shape_numbers, [&](const auto& other) {
+      return other.quantity == row.quantity && other.degree == 1;
+    });
+    if (slope == std::end(friction::formula::shape_numbers))
+      branch(parameter_of(row.number), choices);
+    else
+      branch_line(row.number, slope->number, choices);
+  }
   return points;
 }
 

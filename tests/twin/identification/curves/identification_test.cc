@@ -353,7 +353,7 @@ TEST(Degenerate, OneTemperatureAndTwoOfPolynomials) {
   EXPECT_NEAR(one->parameters[0].value, 1.6 + 0.02 * 30, 4 * one->parameters[0].sigma) << "Fc at 30 degC";
   ASSERT_TRUE(two) << two.error().message;
   EXPECT_THAT(two->unidentifiable, UnorderedElementsAre("FcTT", "FsTT", "vsTT", "FvTT"));
-  EXPECT_THAT(two->notes, Contains(HasSubstr("a third temperature would tell")));
+  EXPECT_THAT(two->notes, Contains(HasSubstr("record a third temperature")));
   EXPECT_NEAR(two->parameters[1].value, 0.02, 4 * two->parameters[1].sigma) << "the chord of Fc, which is a line";
 }
 TEST(Degenerate, OneSpeed) {
@@ -376,7 +376,7 @@ TEST(Degenerate, NoFrictionAndTooFew) {
   EXPECT_THAT(fit(extended(), s).error().message, HasSubstr("friction is 0 in every sample"));
   Samples few = campaign(published(), 1, 0, 3);
   EXPECT_THAT(fit(extended(), few.subset(std::vector<std::size_t>{0, 1, 2})).error().message,
-              HasSubstr("3 samples cannot tell"));
+              HasSubstr("3 samples cannot determine"));
   EXPECT_THAT(fit(extended(), Samples{}).error().message, HasSubstr("no samples"));
 }
 TEST(Degenerate, OutliersAreSaidAndARobustLossForgetsThem) {
