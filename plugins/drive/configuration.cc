@@ -29,7 +29,7 @@ Result<double> number(std::string_view key, const std::string& text, std::string
 }
 
 /// LuGre is passive while sigma1 e^-(w/vd)^2 |w| <= 4 g; beyond, damped bristles can drive the joint (Olsson 1996, with
-/// the fading damping of P4). The left side is largest at w = vd / sqrt 2.
+/// the fading damping of the RH380-N study). The left side is largest at w = vd / sqrt 2.
 std::optional<std::string> bristles_that_push(const Drive& drive) {
   constexpr double largest = 0.42888194248035340;  // e^-1/2 / sqrt 2
   const auto& range = drive.law.range;

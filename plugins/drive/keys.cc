@@ -11,7 +11,7 @@ namespace {
 constexpr double large = 1e9;
 constexpr Key numbers[] = {
     {"torque_max_nm", "Nm", "", 1e-9, large,
-     "largest manipulation torque at low speed (P1), arm side: unit of load and of normalised laws"},
+     "largest manipulation torque at low speed (Bittencourt 2012), arm side: unit of load and of normalised laws"},
     {"gear_ratio", "1", "", 1e-6, 1e6, "motor turns per joint turn"},
     {"T_amb", "degC", "25", -100, 300, "ambient temperature; the temperature at reset"},
     {"brake_torque_nm", "Nm", "0", 0, large, "holding brake, arm side"},
@@ -30,7 +30,7 @@ constexpr Key words[] = {
      "4)"},
     {"validity", "", "clamp", 0, 0, "outside the law's range: clamp, extrapolate or error"},
 };
-/// Of friction="lugre": P4 (5).
+/// Of friction="lugre": RH380-N study (5).
 constexpr Key lugre_keys[] = {
     {"sigma0", "law/rad", "", 1e-12, 1e15, "bristle stiffness: unit of the law per rad on its side"},
     {"sigma1", "law s/rad", "", 0, 1e15, "bristle damping at standstill: unit of the law per rad/s on its side"},
@@ -50,7 +50,8 @@ constexpr Key lists[] = {
     {"load_table_loads", "-", "", -1e3, 1e3,
      "load table: loads / torque_max_nm, ascending; above 0 the gear drives the load, below 0 the load drives"},
     {"load_table_values", "law", "", -1e9, 1e9,
-     "load table: friction added to the law's weakening part, a row of loads per speed, unit of the law (P4 (4))"},
+     "load table: friction added to the law's weakening part, a row of loads per speed, unit of the law (RH380-N study "
+     "(4))"},
 };
 constexpr ValidityInfo validity_table[] = {
     {"clamp", friction::Validity::clamp},

@@ -29,7 +29,7 @@ std::string dynamics_reference() {
   std::string out =
       "\n### Dynamic friction\n\nOver any law, with g its weakening and h its strengthening part, w the speed on its "
       "side.\n\n"
-      "- `lugre` (P4 (5)): `z' = w - sigma0 |w| z / g`, `tau_f = sigma0 z + sigma1 e^-(w/vd)^2 z' + h`\n"
+      "- `lugre` (RH380-N study (5)): `z' = w - sigma0 |w| z / g`, `tau_f = sigma0 z + sigma1 e^-(w/vd)^2 z' + h`\n"
       "- `gear_loss` (google-deepmind/mujoco issue 3528): `z' = (w - |w| z) / h`, `tau_f = (g + mu_avg |tau|) z + "
       "mu_dif tau z^2 +` the h of the law\n\n"
       "| `friction` | key | unit | range | meaning |\n|---|---|---|---|---|\n";

@@ -8,13 +8,13 @@ namespace {
 
 constexpr Parameter first_order[] = {
     {"R_th", "K/W", 1e-9, 1e9, "steady temperature rise per watt of friction heat", "choice per robot"},
-    {"kappa", "s", 1e-3, 1e9, "thermal decay constant (P1: 3.04 h = 10944 s)", "P1 3.1.2"},
+    {"kappa", "s", 1e-3, 1e9, "thermal decay constant (Bittencourt 2012: 3.04 h = 10944 s)", "Bittencourt 2012 3.1.2"},
 };
 constexpr Parameter second_order[] = {
-    {"c1", "K/J", 1e-15, 1e9, "heat gain of the first pole", "P5 (3)"},
-    {"c2", "K/J", 1e-15, 1e9, "heat gain of the second pole", "P5 (3)"},
-    {"t1", "s", 1e-3, 1e9, "time constant of the first pole", "P5 (3), P3 table"},
-    {"t2", "s", 1e-3, 1e9, "time constant of the second pole", "P5 (3), P3 table"},
+    {"c1", "K/J", 1e-15, 1e9, "heat gain of the first pole", "Pagani (3)"},
+    {"c2", "K/J", 1e-15, 1e9, "heat gain of the second pole", "Pagani (3)"},
+    {"t1", "s", 1e-3, 1e9, "time constant of the first pole", "Pagani (3), Hao 2021 table"},
+    {"t2", "s", 1e-3, 1e9, "time constant of the second pole", "Pagani (3), Hao 2021 table"},
 };
 
 constexpr ModelInfo table[] = {

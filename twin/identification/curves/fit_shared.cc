@@ -58,7 +58,7 @@ Result<Shared> fit_shared(const friction::LawInfo& law, const Samples& samples, 
   const double low = std::max(found->minimum, 0.3), high = std::min(found->maximum, 4.0);
   const auto [best, least] = boost::math::tools::brent_find_minima(cost, low, high, 14);
   result.value = best;
-  // Curvature from a parabola as wide as costs tell values apart.
+  // Curvature from a parabola wide enough for costs to differ clearly.
   const double h = 0.05 * best, curvature = (cost(best + h) - 2 * least + cost(best - h)) / (h * h);
   const double freedom = static_cast<double>(result.samples) -
                          static_cast<double>(curves.size() * (law.parameters.size() - 1 - options.fixed.size())) - 1;

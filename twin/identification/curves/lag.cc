@@ -187,7 +187,7 @@ class Regression {
     prepare();
   }
 
-  /// Lag with the least squares; nothing where it lies at an end of those that are looked for.
+  /// Lag with the least squares; nothing where it lies at an end of the range searched.
   std::optional<double> best_lag_s() {
     const double step = std::max(m_.period_s, 0.002);
     double best = 0, least = 1e300;

@@ -11,8 +11,8 @@ namespace {
 
 constexpr double standstill_rad_s = 5e-5;  // a stuck joint may creep below this
 constexpr double steady = 0.02;            // relative, between parts of a pass
-// Unsteadiness this small moves no torque worth speaking of: late by 10 us while settling at 15 rad/s is a speed off by
-// 0.015 %.
+// Unsteadiness this small changes the torque by nothing that matters: 10 us late while approaching 15 rad/s is a speed
+// off by 0.015 %.
 constexpr double finest_s = 1e-5, finest_rad = 1e-6;
 
 struct Line {
@@ -106,7 +106,7 @@ class Segmentation {
     return square <= late * late + 9 * error_ * error_;
   }
 
-  /// Cuts a chunk to where the joint has settled on its speed, and keeps it if that makes a pass.
+  /// Cuts a chunk to where the joint has reached its speed, and keeps it if that makes a pass.
   void keep(std::size_t begin, std::size_t end) {
     for (int round = 0; round < 3; ++round) {
       const std::size_t n = end - begin, block = std::max<std::size_t>(3, n / 40), quarter = n / 4;
@@ -171,7 +171,7 @@ double position_error_rad(const std::vector<double>& q) {
   }
   if (steps.empty()) return error;
   std::ranges::sort(steps);
-  // An increment is what nearly all steps are multiples of; the least one may be a stray.
+  // An increment is what nearly all steps are multiples of; the smallest one may be a stray.
   for (const double share : {0.0, 0.01, 0.05}) {
     const double increment = steps[static_cast<std::size_t>(share * static_cast<double>(steps.size() - 1))];
     const auto multiples = std::ranges::count_if(steps, [&](double s) {

@@ -42,7 +42,7 @@ class Profile {
   double common_nm(double x) const { return evaluate(x).first; }
   double common_slope_nm_rad(double x) const { return evaluate(x).second / half_; }
 
-  /// (u+ - u-) / 2 at equal positions (paper 2 (6)): at the forward samples, the reverse ones interpolated. Taken
+  /// (u+ - u-) / 2 at equal positions (Zhou 2024 (6)): at the forward samples, the reverse ones interpolated. Taken
   /// beyond the common part, which cancels.
   struct Difference {
     std::vector<double> x, friction_nm;

@@ -10,7 +10,7 @@ namespace tribotwin::twin::curves {
 /// A part of the friction that is periodic in the joint's angle.
 struct Ripple {
   double per_turn = 0, cosine_nm = 0, sine_nm = 0;
-  double resolution = 0;   ///< of per_turn, half of what the travel can tell apart
+  double resolution = 0;   ///< of per_turn, half of what the travel can resolve
   double friction_nm = 0;  ///< of the level that it was found in
   double amplitude_nm() const { return std::hypot(cosine_nm, sine_nm); }
   double operator()(double q_rad) const {

@@ -26,7 +26,7 @@ class Separable {
   /// so that the condition is a bound.
   Separable(const friction::LawInfo& law, const Samples& samples, std::vector<double> weights, unsigned threads);
 
-  /// A coordinate that is not sought.
+  /// Fixes a coordinate.
   void hold(std::size_t parameter, double value);
   /// The parameter that this one's coordinate is the excess over; npos if it is the parameter itself.
   std::size_t base_of(std::size_t parameter) const;
@@ -46,7 +46,7 @@ class Separable {
   /// A point as it is, with the present weights.
   Point again(const Point& point) const;
 
-  /// Free linear parameters that those before them in `order` can stand in for, wherever the nonlinear ones are.
+  /// Free linear parameters that are linear combinations of those before them in `order`, whatever the nonlinear ones.
   std::vector<std::size_t> dependent_linear(const std::vector<std::size_t>& order) const;
 
   /// sum psi psi^T of the free coordinates that no bound holds, and which those are.
