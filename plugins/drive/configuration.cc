@@ -1,5 +1,4 @@
 #include <algorithm>
-#include <charconv>
 #include <cmath>
 #include <functional>
 #include <map>
@@ -10,22 +9,20 @@
 
 #include <tribotwin/plugins/drive/configuration.hpp>
 #include <tribotwin/plugins/drive/keys.hpp>
+#include <tribotwin/plugins/friction/number.hpp>
 
 namespace tribotwin::drive {
 namespace {
 
 Result<double> number(std::string_view key, const std::string& text, std::string_view unit, double minimum,
                       double maximum) {
-  const char* first = text.data() + (text.starts_with('+') ? 1 : 0);
-  const char* last = text.data() + text.size();
-  double value = 0;
-  const auto [end, error] = std::from_chars(first, last, value);
-  if (error != std::errc{} || end != last || !std::isfinite(value))
+  const auto parsed = to_number(std::string_view(text).substr(text.starts_with('+')));
+  if (!parsed || !std::isfinite(*parsed))
     return tl::unexpected(fmt::format("key '{}' is '{}' but must be a finite number [{}]", key, text, unit));
-  if (value < minimum || value > maximum)
+  if (*parsed < minimum || *parsed > maximum)
     return tl::unexpected(
-        fmt::format("key '{}' is {} but must be within {} .. {} [{}]", key, value, minimum, maximum, unit));
-  return value;
+        fmt::format("key '{}' is {} but must be within {} .. {} [{}]", key, *parsed, minimum, maximum, unit));
+  return *parsed;
 }
 
 /// LuGre is passive while sigma1 e^-(w/vd)^2 |w| <= 4 g; beyond, damped bristles can drive the joint (Olsson 1996, with

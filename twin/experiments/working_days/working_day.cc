@@ -13,6 +13,7 @@
 #include <tribotwin/twin/identification/thermal/thermal_fit.hpp>
 #include <tribotwin/twin/io/json_input.hpp>
 #include <tribotwin/twin/numerics/correlation.hpp>
+#include <tribotwin/twin/numerics/interpolation.hpp>
 #include <tribotwin/twin/simulation/twin.hpp>
 
 namespace tribotwin::twin::repeatability {
