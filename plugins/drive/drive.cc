@@ -16,21 +16,20 @@ constexpr double smallest_limit_nm = 1e-12;
 /// With bristles: from this share of the breakaway level on they slip.
 constexpr double slipping = 0.999;
 
-struct ResumableJobs {
+struct Parts {
   double g, h;
 };
 /// The law's two parts, both >= 0.
-ResumableJobs parts(const friction::Level& level) {
-  return level.strengthening >= 0 ? ResumableJobs{level.weakening, level.strengthening}
-                                  : ResumableJobs{level.total(), 0};
+Parts parts(const friction::Level& level) {
+  return level.strengthening >= 0 ? Parts{level.weakening, level.strengthening} : Parts{level.total(), 0};
 }
 
-/// What a pit makes of g at the angle where the step began.
+/// Factor of a pitted bearing on g, at the angle where the step began.
 double ripple(const Drive& drive, const Workspace& s) {
   return s.faults.ripple == 0 ? 1 : 1 + s.faults.ripple * std::cos(drive.gear_ratio * s.q_begin_rad);
 }
 
-/// The most that sigma0 z may be at this load and temperature, g being the level at the present speed.
+/// Maximum of sigma0 z at this load and temperature; g is the level at the present speed.
 double breakaway(const Drive& drive, const Workspace& s, double g) {
   return std::max(
       g, level(drive.law, {s.cache, false}, 0, s.load_used_nm / drive.torque_max_nm).weakening * ripple(drive, s));

@@ -24,7 +24,8 @@ enum class Dynamics {
 
 /// LuGre over any static law of the table, with g its weakening and h its strengthening part (friction::level):
 ///
-///   z' = w - sigma0 |w| z / g(w, l, T),   tau_f = sigma0 z + sigma1 e^-(w/vd)^2 z' + h(w, T)        P4 (5), (6)
+///   z' = w - sigma0 |w| z / g(w, l, T),   tau_f = sigma0 z + sigma1 e^-(w/vd)^2 z' + h(w, T)        RH380-N study (5),
+///   (6)
 ///
 /// w [rad/s] and z [rad] on the side of the law, torques in its unit. A falling h (h < 0) counts with g, so that
 /// neither part ever pushes. z is advanced with the exact solution for constant w over the step, w being the way the
@@ -48,10 +49,10 @@ struct GearLoss {
   double length_rad = 1;          ///< key `h`
 };
 
-/// Friction that depends on the load and its sign: tau_f,l of P4 (4), added to the weakening part g of the law (so that
-/// it holds at standstill; choice). Bilinear, held at its edges; empty = none. The sign is relative to the motion:
-/// loads above 0 are driven, below 0 they drive. At standstill, where both may come, the larger value of the two
-/// counts.
+/// Friction that depends on the load and its sign: tau_f,l of the RH380-N study (4), added to the weakening part g of
+/// the law (so that it holds at standstill; choice). Bilinear, held at its edges; empty = none. The sign is relative to
+/// the motion: loads above 0 are driven, below 0 they drive. At standstill, where both may come, the larger value of
+/// the two counts.
 struct LoadTable {
   std::vector<double> speeds_rad_s;  ///< |w| on the law's side, ascending, >= 0
   std::vector<double> loads;         ///< load / torque_max_nm, ascending
@@ -67,7 +68,7 @@ double advance(const Bristles& bristles, double z0_rad, double w_rad_s, double g
 struct Drive {
   std::string name;
   friction::Law law;
-  double torque_max_nm = 1;  ///< P1's tau_max, arm side: unit of load and of normalised laws
+  double torque_max_nm = 1;  ///< Bittencourt 2012's tau_max, arm side: unit of load and of normalised laws
   double gear_ratio = 1;     ///< motor turns per joint turn
   thermal::Model thermal;
   double brake_torque_nm = 0;  ///< holding brake, arm side
@@ -101,14 +102,14 @@ struct Faults {
   double boundary;           ///< relative change of g, the friction of surfaces in contact (Fc, Fs)
   double stribeck_velocity;  ///< relative change of the Stribeck velocities
   double viscous;            ///< relative change of h, the lubricant's friction
-  /// A pit on the ring that turns with the motor: g (1 + ripple cos(gear_ratio q)); 0..1, so that friction never
-  /// pushes.
+  /// Pitted bearing, on the ring that turns with the motor: g (1 + ripple cos(gear_ratio q)); 0..1, so that friction
+  /// never pushes.
   double ripple;
   /// Share of the torque that the current promises and the motor does not give.
   double torque_loss;
-  /// Gap between the teeth [rad, arm side]: after a reversal the gear transmits no friction until it is crossed. Rotor
-  /// and arm being one body here, the arm's weight and inertia cross the gap without a knock, and no load holds the
-  /// teeth together.
+  /// Backlash, the gap between the teeth [rad, arm side]: after a reversal the gear transmits no friction until it is
+  /// crossed. Rotor and arm being one body here, the arm's weight and inertia cross the gap without a knock, and no
+  /// load holds the teeth together.
   double play_rad;
 };
 
@@ -123,7 +124,7 @@ struct Workspace {
   double change[friction::max_parameters];  ///< relative change of each law parameter; wear factor - 1
 
   Faults faults;  ///< `set_faults` writes them
-  double teeth;   ///< where the teeth are in the gap, -1..1; at its ends they touch
+  double teeth;   ///< position within the backlash, -1..1; the teeth touch at both ends
 
   double added_heat_J;  ///< heat from elsewhere in the gear; the next end_step takes it in
 
@@ -144,8 +145,8 @@ struct Workspace {
   double temperature_degC;  ///< at which friction was evaluated, a multiple of 2^-14 K
   double load_used_nm;      ///< load at which friction was evaluated, arm side, signed
   double friction_nm;       ///< transmitted gear friction, arm side, positive with motion
-  double torque_nm;         ///< motor torque, arm side, as the motor's current tells it: what a controller believes
-  double outside;           ///< not 0: an input lay outside the law's range
+  double torque_nm;  ///< motor torque, arm side, as computed from the motor's current: what a controller believes
+  double outside;    ///< not 0: an input lay outside the law's range
 
   // totals since reset
   double friction_work_J, heat_J;  ///< heat = friction work + what `added_heat_J` brought
@@ -178,7 +179,7 @@ void set_faults(Workspace& workspace, const Faults& faults);
 /// Motor torque that really acted in the last finished step [Nm, arm side].
 inline double delivered_nm(const Workspace& s) { return (1 - s.faults.torque_loss) * s.torque_nm; }
 
-/// A law with what faults do to it everywhere: all but ripple and play.
+/// A law with what faults do to it everywhere: all but ripple and backlash.
 friction::Law with_faults(const friction::Law& law, const Faults& faults);
 
 /// The law as worn and faulty in this simulation.
@@ -199,7 +200,7 @@ inline bool within_step(const Workspace& s, double time_s, double dt_s) {
 /// What a finished step did.
 struct Transmitted {
   double friction_nm;  ///< of the constraint, arm side, positive when it opposes positive motion
-  double torque_nm;    ///< motor torque, arm side, as its current tells it
+  double torque_nm;    ///< motor torque, arm side, as computed from its current
   double qd_end_rad_s, q_end_rad;
   double rotor_inertia_kg_m2;  ///< arm side (armature)
 };

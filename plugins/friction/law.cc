@@ -14,7 +14,7 @@ constexpr double none = std::numeric_limits<double>::quiet_NaN();
 constexpr Range physical = {
     .speed_max_rad_s = 1e6, .load_max = 1e3, .temperature_min_degC = -273.15, .temperature_max_degC = 1000};
 
-// Bittencourt and Gunnarsson 2012 = P1; Huashu BR609 = P2; Pagani et al. = P5.
+// Sources by author and year: the bibliography is in plugins/README.md.
 
 constexpr Parameter stribeck_parameters[] = {
     {"Fc", "-", 0, 10, 3.4e-2, 0.176e-2, "Coulomb friction"},
@@ -128,7 +128,7 @@ GeneralLaw steady_state_extended_family(std::span<const double> p) {
 }
 constexpr Range steady_state_extended_range = {
     .speed_max_rad_s = 174.6, .load_max = 1, .temperature_min_degC = 20, .temperature_max_degC = 60};
-/// P2 (12) and its like, affine in T and l: what holds at the corners of the range holds within.
+/// Zhou 2024 (12) and its like, affine in T and l: what holds at the corners of the range holds within.
 const char* steady_state_extended_conflict(std::span<const double> p) {
   const Range& r = steady_state_extended_range;
   for (const double T : {r.temperature_min_degC, r.temperature_max_degC}) {
@@ -214,7 +214,7 @@ const char* stribeck_T_conflict(std::span<const double> p) {
 constexpr LawInfo table[] = {
     {.name = "stribeck",
      .equation = "Fc + Fs e^-|v/vs|^alpha + Fv v",
-     .source = "P1 (M0), Table 1",
+     .source = "Bittencourt 2012 (M0), Table 1",
      .side = Side::motor,
      .normalised = true,
      .temperature_dependent = false,
@@ -225,7 +225,7 @@ constexpr LawInfo table[] = {
      .conflict = nullptr},
     {.name = "stribeck_non_newtonian",
      .equation = "Fc + Fs e^-|v/vs|^alpha + Fv v + Fmu v^beta",
-     .source = "P1 (M0+)",
+     .source = "Bittencourt 2012 (M0+)",
      .side = Side::motor,
      .normalised = true,
      .temperature_dependent = false,
@@ -236,7 +236,7 @@ constexpr LawInfo table[] = {
      .conflict = nullptr},
     {.name = "load",
      .equation = "(Fc0 + Fcl l) + (Fs0 + Fsl l) e^-|v/vs|^alpha + Fv v",
-     .source = "P1 (M1), Table 2",
+     .source = "Bittencourt 2012 (M1), Table 2",
      .side = Side::motor,
      .normalised = true,
      .temperature_dependent = false,
@@ -248,7 +248,7 @@ constexpr LawInfo table[] = {
     {.name = "extended",
      .equation = "(Fc0 + Fcl l) + Fsl l e^-|v/vsl|^alpha + (Fs0 + FsT T) e^-|v/(vs0 + vsT T)|^alpha"
                  " + (Fv0 + FvT e^(-T/TV0)) v",
-     .source = "P1 (M*), Tables 2 and 3",
+     .source = "Bittencourt 2012 (M*), Tables 2 and 3",
      .side = Side::motor,
      .normalised = true,
      .temperature_dependent = true,
@@ -259,7 +259,7 @@ constexpr LawInfo table[] = {
      .conflict = nullptr},
     {.name = "steady_state",
      .equation = "Fc + (Fs - Fc) e^-|v/Vs|^alpha + Fv v^beta",
-     .source = "P2 (11), (12)",
+     .source = "Zhou 2024 (11), (12)",
      .side = Side::motor,
      .normalised = false,
      .temperature_dependent = false,
@@ -271,7 +271,7 @@ constexpr LawInfo table[] = {
     {.name = "steady_state_extended",
      .equation = "Fc + (Fs - Fc) e^-|v/Vs|^alpha + FvT e^(-T/TV0) v^(beta0 + betaT T) with Fc = Fc0 + FcT T + Fcl l,"
                  " Fs = Fs0 + Fsl l, Vs = Vs0 + VsT T",
-     .source = "P2 (11) with coefficients that move as its Table IV and text say; choice",
+     .source = "Zhou 2024 (11) with coefficients that move as its Table IV and text say; choice",
      .side = Side::motor,
      .normalised = false,
      .temperature_dependent = true,
@@ -282,7 +282,7 @@ constexpr LawInfo table[] = {
      .conflict = steady_state_extended_conflict},
     {.name = "polynomial",
      .equation = "(f1 + f2 v + f3 v^2 + f4 v^3) (1 + a (T - T0))",
-     .source = "P5 (2), (5)",
+     .source = "Pagani (2), (5)",
      .side = Side::arm,
      .normalised = false,
      .temperature_dependent = true,
@@ -293,7 +293,7 @@ constexpr LawInfo table[] = {
      .conflict = nullptr},
     {.name = "stribeck_T",
      .equation = "Fc + (Fs - Fc) e^-|v/vs|^delta + Fv v with Fc = Fc0 + FcT T + FcTT T^2, and Fs, vs, Fv alike",
-     .source = "P4 (6), whose motor-side torque times u this is; range as measured there",
+     .source = "RH380-N study (6), whose motor-side torque times u this is; range as measured there",
      .side = Side::motor,
      .normalised = false,
      .temperature_dependent = true,

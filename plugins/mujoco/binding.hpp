@@ -50,7 +50,7 @@ drive::Workspace& workspace(mjData* d, const Binding& binding);
 const drive::State& state(const mjData* d, const Binding& binding);
 const drive::Workspace& workspace(const mjData* d, const Binding& binding);
 
-/// What the control asks of the motor, within its range: actuator force as the current tells it.
+/// What the control asks of the motor, within its range: the actuator force that its current shows.
 double commanded_force(const mjModel* m, const mjData* d, const Binding& binding);
 
 /// Before the solver runs: writes the friction limit into the joint's constraint row, and into qfrc_passive what

@@ -1,3 +1,4 @@
+#include <algorithm>
 #include <cmath>
 
 #include <tribotwin/plugins/thermal/thermal.hpp>
@@ -5,66 +6,84 @@
 namespace tribotwin::thermal {
 namespace {
 
-constexpr Order all_orders[] = {Order::prescribed, Order::first, Order::second};
-
 constexpr Parameter first_order[] = {
     {"R_th", "K/W", 1e-9, 1e9, "steady temperature rise per watt of friction heat", "choice per robot"},
-    {"kappa", "s", 1e-3, 1e9, "thermal decay constant (P1: 3.04 h = 10944 s)", "P1 3.1.2"},
+    {"kappa", "s", 1e-3, 1e9, "thermal decay constant (Bittencourt 2012: 3.04 h = 10944 s)", "Bittencourt 2012 3.1.2"},
 };
 constexpr Parameter second_order[] = {
-    {"c1", "K/J", 1e-15, 1e9, "heat gain of the first pole", "P5 (3)"},
-    {"c2", "K/J", 1e-15, 1e9, "heat gain of the second pole", "P5 (3)"},
-    {"t1", "s", 1e-3, 1e9, "time constant of the first pole", "P5 (3), P3 table"},
-    {"t2", "s", 1e-3, 1e9, "time constant of the second pole", "P5 (3), P3 table"},
+    {"c1", "K/J", 1e-15, 1e9, "heat gain of the first pole", "Pagani (3)"},
+    {"c2", "K/J", 1e-15, 1e9, "heat gain of the second pole", "Pagani (3)"},
+    {"t1", "s", 1e-3, 1e9, "time constant of the first pole", "Pagani (3), Hao 2021 table"},
+    {"t2", "s", 1e-3, 1e9, "time constant of the second pole", "Pagani (3), Hao 2021 table"},
 };
+
+constexpr ModelInfo table[] = {
+    {.order = Order::prescribed,
+     .name = "prescribed",
+     .meaning = "the temperature is set from outside, T_amb until then",
+     .nodes = 0,
+     .parameters = {},
+     .place = [](std::span<const double>, Model&) {},
+     .values = [](const Model&) { return std::vector<double>{}; }},
+    {.order = Order::first,
+     .name = "first_order",
+     .meaning = "",
+     .nodes = 1,
+     .parameters = first_order,
+     .place = [](std::span<const double> v, Model& m) { m.t_s[0] = v[1], m.gain_K_J[0] = v[0] / v[1]; },
+     .values =
+         [](const Model& m) {
+           return std::vector{m.resistance_K_W(), m.t_s[0]};
+         }},
+    {.order = Order::second,
+     .name = "second_order",
+     .meaning = "",
+     .nodes = 2,
+     .parameters = second_order,
+     .place =
+         [](std::span<const double> v, Model& m) {
+           for (int i = 0; i < 2; ++i) m.gain_K_J[i] = v[i], m.t_s[i] = v[2 + i];
+         },
+     .values =
+         [](const Model& m) {
+           return std::vector{m.gain_K_J[0], m.gain_K_J[1], m.t_s[0], m.t_s[1]};
+         }},
+};
+static_assert(std::ranges::all_of(table, [](const ModelInfo& row) { return &row - table == int(row.order); }));
 
 }  // namespace
 
-std::string_view name(Order order) {
-  switch (order) {
-    case Order::prescribed:
-      return "prescribed";
-    case Order::first:
-      return "first_order";
-    case Order::second:
-      return "second_order";
-  }
-  return {};
+std::span<const ModelInfo> models() { return table; }
+
+const ModelInfo& info(Order order) { return table[static_cast<std::size_t>(order)]; }
+
+const ModelInfo* find_model(std::string_view name) {
+  const auto found = std::ranges::find(table, name, &ModelInfo::name);
+  return found == std::end(table) ? nullptr : found;
 }
 
-std::span<const Order> orders() { return all_orders; }
-
-std::span<const Parameter> parameters(Order order) {
-  switch (order) {
-    case Order::prescribed:
-      return {};
-    case Order::first:
-      return first_order;
-    case Order::second:
-      return second_order;
+std::string model_names() {
+  std::string names;
+  for (const ModelInfo& row : table) {
+    if (&row != table) names += &row == std::end(table) - 1 ? " or " : ", ";
+    names += row.name;
   }
-  return {};
+  return names;
 }
 
-Model make_model(Order order, double T_amb_degC, std::span<const double> v) {
+std::string_view name(Order order) { return info(order).name; }
+std::span<const Parameter> parameters(Order order) { return info(order).parameters; }
+
+double Model::fastest_s() const { return info(order).nodes < 2 ? t_s[0] : std::min(t_s[0], t_s[1]); }
+double Model::slowest_s() const { return info(order).nodes < 2 ? t_s[0] : std::max(t_s[0], t_s[1]); }
+
+Model make_model(Order order, double T_amb_degC, std::span<const double> values) {
   Model model{.order = order, .T_amb_degC = T_amb_degC};
-  if (order == Order::first) {
-    model.t_s[0] = v[1];
-    model.gain_K_J[0] = v[0] / v[1];
-  } else if (order == Order::second) {
-    for (int i = 0; i < 2; ++i) {
-      model.gain_K_J[i] = v[i];
-      model.t_s[i] = v[2 + i];
-    }
-  }
+  info(order).place(values, model);
   return model;
 }
 
-std::vector<double> values(const Model& model) {
-  if (model.order == Order::first) return {model.resistance_K_W(), model.t_s[0]};
-  if (model.order == Order::second) return {model.gain_K_J[0], model.gain_K_J[1], model.t_s[0], model.t_s[1]};
-  return {};
-}
+std::vector<double> values(const Model& model) { return info(model.order).values(model); }
 
 Decay decay(const Model& model, double dt_s) {
   return {dt_s, {-std::expm1(-dt_s / model.t_s[0]), -std::expm1(-dt_s / model.t_s[1])}};

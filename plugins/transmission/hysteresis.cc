@@ -33,8 +33,8 @@ constexpr Key keys[] = {
     {"gamma", "rad^-n", "", -1e30, 1e30, "shape, |gamma| <= beta"},
     {"n", "1", "", 1, 10, "shape"},
     {"torsion_max_rad", "rad", "", 1e-9, 10, "end of the range of k; beyond it k is that of the end"},
-    {"temperature_min_degC", "degC", "20", -273.15, 1000, "start of the range of k (P4: 20)"},
-    {"temperature_max_degC", "degC", "50", -273.15, 1000, "end of the range of k (P4: 50)"},
+    {"temperature_min_degC", "degC", "20", -273.15, 1000, "start of the range of k (RH380-N study: 20)"},
+    {"temperature_max_degC", "degC", "50", -273.15, 1000, "end of the range of k (RH380-N study: 50)"},
 };
 
 std::vector<double*> places(Hysteresis& h) {
@@ -182,7 +182,8 @@ std::string reference_markdown() {
   std::string out =
       "\n### Elastic transmission: `tribotwin.hysteresis`\n\n"
       "`tau_g = w k phi + (1 - w) k x`, `x' = phi' - beta |phi'| |x|^(n-1) x - gamma phi' |x|^n`, "
-      "`k = k0(T) + k1(T) |phi| + k2(T) |phi|^3`, `ki(T) = ki0 + ki1 T + ki2 T^2` (P4 (2), (3)); torsion phi is the "
+      "`k = k0(T) + k1(T) |phi| + k2(T) |phi|^3`, `ki(T) = ki0 + ki1 T + ki2 T^2` (RH380-N study (2), (3)); torsion "
+      "phi is the "
       "length of the tendon.\n\n"
       "| key | unit | default | range | meaning |\n|---|---|---|---|---|\n"
       "| `drive` | | required | | instance of the tribotwin.drive that has the temperature and gets the heat |\n";

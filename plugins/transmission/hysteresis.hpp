@@ -7,8 +7,8 @@
 
 #include <tribotwin/plugins/friction/error.hpp>
 
-/// The elastic, hysteretic transmission of a gear, between its torsion phi = theta / u - q and its torque (P4 (2),
-/// (3)):
+/// The elastic, hysteretic transmission of a gear, between its torsion phi = theta / u - q and its torque (RH380-N
+/// study (2), (3)):
 ///
 ///   tau_g = w k phi + (1 - w) k x,   x' = phi' - beta |phi'| |x|^(n-1) x - gamma phi' |x|^n
 ///   k = k0(T) + k1(T) |phi| + k2(T) |phi|^3,   each k_i = k_i0 + k_i1 T + k_i2 T^2

@@ -41,10 +41,9 @@ void TemperatureObserver::update(const Input& in, double dt_s) {
   ambient *= in.ambient_degC - model.T_amb_degC;
   // The factor drifts by its own size within the longest time constant: ambient, cooling and grease do not stay as they
   // were.
-  const double longest_s = model.order == thermal::Order::second ? std::max(model.t_s[0], model.t_s[1]) : model.t_s[0];
   state_ = (ahead * state_ + ambient).eval();
   covariance_ = (ahead * covariance_ * ahead.transpose()).eval();
-  covariance_(2, 2) += options_.model_error * options_.model_error * dt_s / longest_s;
+  covariance_(2, 2) += options_.model_error * options_.model_error * dt_s / model.slowest_s();
 
   if (!(std::abs(in.speed_rad_s) >= options_.speed_min_rad_s)) return;
   constexpr double step_K = 0.5;

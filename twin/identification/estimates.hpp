@@ -1,5 +1,6 @@
 #pragma once
 
+#include <cmath>
 #include <string>
 #include <vector>
 
@@ -36,7 +37,11 @@ struct Estimates {
   std::vector<std::string> unidentifiable;  ///< names of parameters that are not identifiable from these data
   std::vector<std::string> notes;           ///< limits of the result, for its user
 
-  double correlation(std::size_t i, std::size_t j) const;
+  /// Between two estimated parameters, -1 .. 1.
+  double correlation(std::size_t i, std::size_t j) const {
+    const auto a = static_cast<Eigen::Index>(i), b = static_cast<Eigen::Index>(j);
+    return covariance(a, b) / std::sqrt(covariance(a, a) * covariance(b, b));
+  }
 };
 
 }  // namespace tribotwin::twin::identification

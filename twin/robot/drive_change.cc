@@ -28,8 +28,7 @@ drive::Configuration changed(drive::Configuration configuration, const drive::Co
     if (key == "law")
       if (const auto* law = friction::find_law(before)) drop(law->parameters);
     if (key == "thermal")
-      for (const thermal::Order order : thermal::orders())
-        if (thermal::name(order) == before) drop(thermal::parameters(order));
+      if (const auto* model = thermal::find_model(before)) drop(model->parameters);
   }
   return configuration;
 }

@@ -1,11 +1,11 @@
 #!/usr/bin/python3
-"""Reference numbers for lugre_test and transmission_test: the equations of P4, written down a second time and integrated by
+"""Reference numbers for lugre_test and transmission_test: the equations of the RH380-N study, written down a second time and integrated by
 scipy to 1e-10. Prints one row of numbers per sample: `dynamics_reference.py CASE`."""
 import sys
 import numpy as np
 from scipy.integrate import solve_ivp
 
-# Canudas de Wit et al. 1995, Table I, with P4's fading damping.
+# Canudas de Wit et al. 1995, Table I, with the fading damping of the RH380-N study.
 SIGMA0, SIGMA1, VD, FC, FS, VS, FV = 1e5, 316.0, 0.02, 1.0, 1.5, 0.001, 0.4
 
 

@@ -94,7 +94,7 @@ TEST(Br609, CurvesMoveAsPaperTwoDescribes) {
   ASSERT_TRUE(model) << model.error().message;
   ASSERT_EQ((*model)->drives().size(), 6u);
   constexpr double deg = std::numbers::pi / 180;
-  // Paper 2: joint 1 at 5 deg/s, +15.077 / -14.988 Nm.
+  // Zhou 2024: joint 1 at 5 deg/s, +15.077 / -14.988 Nm.
   EXPECT_NEAR(friction_nm((*model)->drives()[0].drive, 5 * deg, 0, 40), 15.03, 0.05);
   // Its levels, and joint 1's curve of 40 degC without load, which the other joints scale (Fv to four digits).
   const auto joint_1 = [](double v) { return 9 + 4 * std::exp(-std::pow(v / 3, 1.3)) + 1.623 * std::pow(v, 0.6); };

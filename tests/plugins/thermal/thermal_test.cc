@@ -9,7 +9,7 @@ namespace tribotwin::thermal {
 namespace {
 
 TEST(Thermal, StepResponseEqualsTheClosedFormForAnyTimeStep) {
-  // P5 (4); P1 with kappa = 3.04 h and P3's joint 1, minutes to seconds.
+  // Pagani (4); Bittencourt 2012 with kappa = 3.04 h and Hao 2021's joint 1, minutes to seconds.
   struct Case {
     Model model;
     std::vector<std::pair<double, double>> poles;

@@ -241,7 +241,7 @@ refused(
     "x.yaml",
 )
 write("short.csv", [c[::4] for c in healthy])
-refused("too few levels", ["short.csv, curve 1", "samples cannot tell"], "learn", "short.csv", "-o", "x.yaml")
+refused("too few levels", ["short.csv, curve 1", "samples cannot determine"], "learn", "short.csv", "-o", "x.yaml")
 other = [c * [1, 1, 1, 2, 1, 1] for c in healthy]
 write("other.csv", other)
 refused(

@@ -190,7 +190,7 @@ check(
     set(identify("--law", "stribeck", write("v.csv", HEADER, zero(v) + 20, l, T, law(P, 20, l, T)))["unidentifiable"])
     == {"Fs", "Fv", "vs", "alpha"},
 )
-refused("three points", write("three.csv", HEADER, v[:3], l[:3], T[:3], y[:3]), says="3 samples cannot tell", code=1)
+refused("three points", write("three.csv", HEADER, v[:3], l[:3], T[:3], y[:3]), says="3 samples cannot determine", code=1)
 refused("all zero", write("zero.csv", HEADER, v, l, T, zero(v)), says="friction is 0 in every sample", code=1)
 dirty = y + np.where(random.uniform(size=v.size) < 0.2, 0.3 * random.uniform(size=v.size), 0)
 outliers = write("outliers.csv", HEADER, v, l, T, dirty)

@@ -28,9 +28,7 @@ thermal::Rise advance(const drive::Drive& drive, const thermal::Decay& decay, co
 
 thermal::Rise after_steady_work(const drive::Drive& drive, thermal::Rise rise, double ambient_offset_K,
                                 double speed_rad_s, double load_norm, double duration_s) {
-  const double fastest_s = drive.thermal.order == thermal::Order::second
-                               ? std::min(drive.thermal.t_s[0], drive.thermal.t_s[1])
-                               : drive.thermal.t_s[0];
+  const double fastest_s = drive.thermal.fastest_s();
   const double steps = std::clamp(std::ceil(duration_s / (0.01 * fastest_s)), 1.0, 1e5);
   const thermal::Decay decay = thermal::decay(drive.thermal, duration_s / steps);
   for (double k = 0; k < steps; ++k) rise = advance(drive, decay, rise, ambient_offset_K, speed_rad_s, load_norm);

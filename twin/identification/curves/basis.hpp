@@ -10,9 +10,9 @@
 #include <tribotwin/plugins/friction/law.hpp>
 #include <tribotwin/twin/identification/curves/samples.hpp>
 
-/// The family of laws (plugins/friction/law.hpp) as paper 1 (5) writes a model: linear in `linear` numbers eta,
-/// nonlinear in `nonlinear` numbers rho. Every law places its parameters affinely in the family, so these derivatives
-/// are those of every law by the chain rule, exactly.
+/// The general law (plugins/friction/formula.hpp) as Bittencourt 2012 (5) writes a model: linear in `linear` numbers
+/// eta, nonlinear in `nonlinear` numbers rho. Every law places its parameters affinely in the family, so these
+/// derivatives are those of every law by the chain rule, exactly.
 namespace tribotwin::twin::identification {
 
 inline constexpr std::size_t linear_count = friction::formula::term_count,

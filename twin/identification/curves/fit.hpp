@@ -10,11 +10,12 @@
 #include <tribotwin/twin/identification/curves/samples.hpp>
 #include <tribotwin/twin/identification/estimates.hpp>
 
-/// Finding a law's parameters from measured friction, as paper 1 section 2.2: the sum of squared errors is minimised
-/// over the nonlinear parameters alone, the linear ones being the least-squares solution at each of them (separable
-/// least squares, paper 1 (9), (10)): a coarse grid, then Ceres' trust region on the projected residual with the exact
-/// derivatives of Golub and Pereyra. Covariance: lambda [sum psi psi^T]^-1 (paper 1 (11)), lambda = sum of squares / (N
-/// - p). Accepted ranges of parameters are bounds, Fs >= Fc of `steady_state` (paper 2 (12)) included.
+/// Finding a law's parameters from measured friction, as Bittencourt 2012 section 2.2: the sum of squared errors is
+/// minimised over the nonlinear parameters alone, the linear ones being the least-squares solution at each of them
+/// (separable least squares, Bittencourt 2012 (9), (10)): a coarse grid, then Ceres' trust region on the projected
+/// residual with the exact derivatives of Golub and Pereyra. Covariance: lambda [sum psi psi^T]^-1 (Bittencourt 2012
+/// (11)), lambda = sum of squares / (N
+/// - p). Accepted ranges of parameters are bounds, Fs >= Fc of `steady_state` (Zhou 2024 (12)) included.
 namespace tribotwin::twin::identification {
 
 enum class Loss {
@@ -37,8 +38,8 @@ struct Fit : Estimates {  ///< in the law's order
 /// Fails with a sentence on what the data lack.
 Result<Fit> fit(const friction::LawInfo& law, const Samples& samples, const FitOptions& options = {});
 
-/// Paper 1's order: the load terms from the samples of the temperature at which most loads were measured, then, these
-/// fixed, the rest from all. Only for laws that depend on both; fails where no temperature has three loads.
+/// Bittencourt 2012's order: the load terms from the samples of the temperature at which most loads were measured,
+/// then, these fixed, the rest from all. Only for laws that depend on both; fails where no temperature has three loads.
 Result<Fit> fit_staged(const friction::LawInfo& law, const Samples& samples, const FitOptions& options = {});
 
 /// Root mean square error of samples that were held out: `folds` parts of whole curves where there are as many, else of
@@ -46,10 +47,10 @@ Result<Fit> fit_staged(const friction::LawInfo& law, const Samples& samples, con
 Result<double> cross_validate(const friction::LawInfo& law, const Samples& samples, const FitOptions& options,
                               unsigned folds);
 
-/// One parameter common to all curves, the others free at each (paper 1, Fig. 5: alpha*).
+/// One parameter common to all curves, the others free at each (Bittencourt 2012, Fig. 5: alpha*).
 struct Shared {
   double value = 0, sigma = 0;
-  std::vector<std::pair<double, double>> profile;  ///< value, cost relative to the least
+  std::vector<std::pair<double, double>> profile;  ///< value, cost / minimum - 1
   std::size_t curves = 0, samples = 0;
   std::vector<std::string> notes;
 };

@@ -61,58 +61,69 @@ struct Sample {
   Eigen::Matrix<double, columns, 1> explains = Eigen::Matrix<double, columns, 1>::Zero();
 };
 
-}  // namespace
+/// All tracks after one filter, and how fast and how steeply the joint moves in them.
+struct FilteredMotion {
+  std::vector<Track> tracks;
+  std::vector<std::vector<double>> acceleration;  ///< per track
+  double period_s = 0, width_s = 0;               ///< width of the filter
+  double fastest = 0, steepest = 0;               ///< largest speed; 99.5 % quantile of the acceleration
+};
 
-std::optional<Lag> lag_of_torque(const JointRecording& r, double position_error_rad) {
-  if (r.size() < 200) return std::nullopt;
+double median_period_s(const JointRecording& r) {
   std::vector<double> periods;
   for (std::size_t i = 1; i < r.size(); ++i) periods.push_back(r.time_s[i] - r.time_s[i - 1]);
   std::ranges::nth_element(periods, periods.begin() + static_cast<std::ptrdiff_t>(periods.size() / 2));
-  const double period = periods[periods.size() / 2];
-  if (period > 0.02) return std::nullopt;
-  const std::vector<Track> raw = tracks_of(r, period);
+  return periods[periods.size() / 2];
+}
 
-  // The narrowest filter that leaves the acceleration above its noise.
-  std::vector<Track> tracks;
-  std::vector<std::vector<double>> acceleration;
-  double width_s = std::max(0.01, 2 * period), fastest = 0, steepest = 0;
-  for (;; width_s *= 1.5) {
-    std::vector<double> kernel;
-    for (double t = 0; t <= 3 * width_s; t += period) kernel.push_back(std::exp(-0.5 * t * t / (width_s * width_s)));
-    tracks.clear();
-    acceleration.clear();
-    std::vector<double> magnitudes;
-    fastest = 0;
-    for (const Track& track : raw) {
-      tracks.push_back({filtered(track.q, kernel), filtered(track.torque, kernel)});
-      const auto& q = tracks.back().q;
-      auto& a = acceleration.emplace_back(q.size());
-      for (std::size_t i = 1; i + 1 < q.size(); ++i) {
-        a[i] = (q[i + 1] - 2 * q[i] + q[i - 1]) / (period * period);
-        magnitudes.push_back(std::abs(a[i]));
-        fastest = std::max(fastest, std::abs(q[i + 1] - q[i - 1]) / (2 * period));
-      }
+/// Nothing where the joint hardly moves.
+std::optional<FilteredMotion> filtered_motion(const std::vector<Track>& raw, double period, double width_s) {
+  FilteredMotion m{.period_s = period, .width_s = width_s};
+  std::vector<double> kernel, magnitudes;
+  for (double t = 0; t <= 3 * width_s; t += period) kernel.push_back(std::exp(-0.5 * t * t / (width_s * width_s)));
+  for (const Track& track : raw) {
+    m.tracks.push_back({filtered(track.q, kernel), filtered(track.torque, kernel)});
+    const auto& q = m.tracks.back().q;
+    auto& a = m.acceleration.emplace_back(q.size());
+    for (std::size_t i = 1; i + 1 < q.size(); ++i) {
+      a[i] = (q[i + 1] - 2 * q[i] + q[i - 1]) / (period * period);
+      magnitudes.push_back(std::abs(a[i]));
+      m.fastest = std::max(m.fastest, std::abs(q[i + 1] - q[i - 1]) / (2 * period));
     }
-    if (magnitudes.empty() || fastest < 1e-4) return std::nullopt;
-    const auto high = magnitudes.begin() + static_cast<std::ptrdiff_t>(0.995 * static_cast<double>(magnitudes.size()));
-    std::ranges::nth_element(magnitudes, high);
-    steepest = *high;
+  }
+  if (magnitudes.empty() || m.fastest < 1e-4) return std::nullopt;
+  const auto high = magnitudes.begin() + static_cast<std::ptrdiff_t>(0.995 * static_cast<double>(magnitudes.size()));
+  std::ranges::nth_element(magnitudes, high);
+  m.steepest = *high;
+  return m;
+}
+
+/// The motion under the narrowest filter that leaves the acceleration above its noise; nothing where none does.
+std::optional<FilteredMotion> motion_of(const JointRecording& r, double period, double position_error_rad) {
+  const std::vector<Track> raw = tracks_of(r, period);
+  for (double width_s = std::max(0.01, 2 * period);; width_s *= 1.5) {
+    auto motion = filtered_motion(raw, period, width_s);
+    if (!motion) return std::nullopt;
     const double noise = position_error_rad * std::sqrt(0.212 * period / width_s) /
                          (width_s * width_s);  // of a Gaussian's second derivative
-    if (noise < 0.02 * steepest) break;
+    if (noise < 0.02 * motion->steepest) return motion;
     if (width_s > 0.05) return std::nullopt;
   }
+}
 
-  const auto margin = static_cast<std::size_t>(std::ceil(3 * width_s / period)),
-             late = static_cast<std::size_t>(std::ceil(longest_s / period)) + 2;
+/// The samples at which the joint has long been moving in one direction, with room for every lag that is looked for.
+std::vector<Sample> moving_samples(const FilteredMotion& m, double position_error_rad) {
+  const auto margin = static_cast<std::size_t>(std::ceil(3 * m.width_s / m.period_s)),
+             late = static_cast<std::size_t>(std::ceil(longest_s / m.period_s)) + 2;
   std::vector<Sample> samples;
-  for (std::size_t k = 0; k < tracks.size(); ++k) {
-    const auto& q = tracks[k].q;
+  for (std::size_t k = 0; k < m.tracks.size(); ++k) {
+    const auto& q = m.tracks[k].q;
     if (q.size() < 2 * (margin + late)) continue;
     std::vector<double> v(q.size());
-    for (std::size_t i = 1; i + 1 < q.size(); ++i) v[i] = (q[i + 1] - q[i - 1]) / (2 * period);
+    for (std::size_t i = 1; i + 1 < q.size(); ++i) v[i] = (q[i + 1] - q[i - 1]) / (2 * m.period_s);
     // Friction is no function of speed at standstill, nor within the filter's reach of it.
-    const double slow = std::max(2e-4 * fastest, 3 * position_error_rad * std::sqrt(period / width_s) / width_s);
+    const double slow =
+        std::max(2e-4 * m.fastest, 3 * position_error_rad * std::sqrt(m.period_s / m.width_s) / m.width_s);
     std::size_t since = 0;
     std::vector<bool> moves(q.size());
     for (std::size_t i = 1; i + 1 < q.size(); ++i) {
@@ -122,95 +133,145 @@ std::optional<Lag> lag_of_torque(const JointRecording& r, double position_error_
     for (std::size_t i = margin + late; i + margin + late < q.size(); ++i)
       if (moves[i]) samples.push_back({.track = k, .at = i});
   }
-  // Hours tell no more than minutes: runs of 1000 samples out of a long recording.
+  // Hours add nothing to minutes: runs of 1000 samples out of a long recording.
   if (const std::size_t stride = 1 + samples.size() / most_samples; stride > 1) {
     std::size_t k = 0;
     std::erase_if(samples, [&](const Sample&) { return (k++ / 1000) % stride != 0; });
   }
+  return samples;
+}
+
+/// Sets what explains the torque: acceleration, gravity as harmonics of the position, friction as functions of speed.
+void explain(const FilteredMotion& m, std::vector<Sample>& samples) {
   for (Sample& sample : samples) {
-    const auto& q = tracks[sample.track].q;
+    const auto& q = m.tracks[sample.track].q;
     const std::size_t i = sample.at;
-    const double v = (q[i + 1] - q[i - 1]) / (2 * period), s = v > 0 ? 1 : -1, speed = std::abs(v) / fastest,
-                 a = acceleration[sample.track][i];
+    const double v = (q[i + 1] - q[i - 1]) / (2 * m.period_s), s = v > 0 ? 1 : -1, speed = std::abs(v) / m.fastest,
+                 a = m.acceleration[sample.track][i];
     sample.explains << a, s * a, 1, std::sin(q[i]), std::cos(q[i]), std::sin(2 * q[i]), std::cos(2 * q[i]), s,
         s * speed, s * speed * speed, s * std::exp(-speed / 0.01), s * std::exp(-speed / 0.04),
         s * std::exp(-speed / 0.15), s * std::exp(-speed / 0.5), 0, 0;
   }
-  if (static_cast<double>(samples.size()) * period < 1) return std::nullopt;
+}
 
-  using Vector = Eigen::Matrix<double, columns, 1>;
-  using Square = Eigen::Matrix<double, columns, columns>;
-  const auto torque = [&](const Sample& s, double lag_s) {
-    const double shift = lag_s / period, whole = std::floor(shift), w = shift - whole;
-    const auto& u = tracks[s.track].torque;
-    const auto i = static_cast<std::size_t>(static_cast<double>(s.at) + whole);
-    return (1 - w) * u[i] + w * u[i + 1];
-  };
-  Vector scale, solution;
-  Eigen::CompleteOrthogonalDecomposition<Square> solver;
-  const auto prepare = [&] {
-    Square gram = Square::Zero();
-    for (const Sample& s : samples) gram.selfadjointView<Eigen::Lower>().rankUpdate(s.explains);
-    gram = Square(gram.selfadjointView<Eigen::Lower>());
-    scale = gram.diagonal().cwiseMax(1e-300).cwiseSqrt();
-    solver.compute(scale.cwiseInverse().asDiagonal() * gram * scale.cwiseInverse().asDiagonal());
-  };
-  const auto fit = [&](double lag_s) {  // sum of squares that is left
+/// Least squares of the torque at a lag over all samples.
+class Regression {
+ public:
+  Regression(const FilteredMotion& motion, std::vector<Sample> samples) : m_(motion), samples_(std::move(samples)) {
+    explain(m_, samples_);
+    prepare();
+  }
+
+  /// Sum of squares that is left at a lag. Keeps the coefficients.
+  double left(double lag_s) {
     Vector right = Vector::Zero();
     double square = 0;
-    for (const Sample& s : samples) {
+    for (const Sample& s : samples_) {
       const double u = torque(s, lag_s);
       right += u * s.explains;
       square += u * u;
     }
-    solution = Vector(solver.solve(right.cwiseQuotient(scale))).cwiseQuotient(scale);
-    return square - right.dot(solution);
-  };
-  prepare();
-  const double step = std::max(period, 0.002);
-  double best = 0, least = 1e300;
-  for (double lag = earliest_s; lag <= longest_s; lag += step)
-    if (const double left = fit(lag); left < least) least = left, best = lag;
-  if (best - step < earliest_s || best + step > longest_s) return std::nullopt;
-  for (int round = 0; round < 2; ++round) {
-    for (double h = step; h > 0.02 * period; h /= 2) {  // least squares are a parabola near their least
-      const double before = fit(best - h), here = fit(best), after = fit(best + h), bend = before - 2 * here + after;
-      if (bend > 0) best += std::clamp(0.5 * h * (before - after) / bend, -h, h);
-    }
-    fit(best);
-    if (round) break;
-    // Friction grows with |load|, most so at low speed, and the load is known by now: all that does not change sign
-    // with the direction.
-    for (Sample& s : samples) {
+    coefficients_ = Vector(solver_.solve(right.cwiseQuotient(scale_))).cwiseQuotient(scale_);
+    return square - right.dot(coefficients_);
+  }
+
+  /// Lets friction grow with |load|, most at low speed: the load, all that does not change sign with the direction, is
+  /// known from the last coefficients.
+  void add_load_terms() {
+    for (Sample& s : samples_) {
       double load = 0;
-      for (const Eigen::Index c : load_columns) load += s.explains[c] * solution[c];
+      for (const Eigen::Index c : load_columns) load += s.explains[c] * coefficients_[c];
       s.explains[by_load] = s.explains[7] * std::abs(load);
       s.explains[by_load + 1] = s.explains[by_load] * std::exp(-std::abs(s.explains[8]) / 0.04);
     }
     prepare();
   }
 
-  // Without ramps there is only gravity, which friction's growth with the load can pass for.
-  if (solution[0] * steepest < 5 * std::sqrt(std::max(0.0, fit(best)) / static_cast<double>(samples.size())))
-    return std::nullopt;
-
-  // Scatter: how far each part of the recording alone would move the lag.
-  constexpr std::size_t parts = 12;
-  std::array<double, parts> square{}, product{};
-  const auto modelled = [&](std::size_t k) { return samples[k].explains.dot(solution); };
-  for (std::size_t k = 1; k + 1 < samples.size(); ++k) {
-    if (samples[k + 1].at != samples[k - 1].at + 2 || samples[k + 1].track != samples[k - 1].track) continue;
-    const double slope = (modelled(k + 1) - modelled(k - 1)) / (2 * period);
-    const std::size_t part = k * parts / samples.size();
-    square[part] += slope * slope;
-    product[part] += slope * (torque(samples[k], best) - modelled(k));
+  /// Lag with the least squares; nothing where it lies at an end of the range searched.
+  std::optional<double> best_lag_s() {
+    const double step = std::max(m_.period_s, 0.002);
+    double best = 0, least = 1e300;
+    for (double lag = earliest_s; lag <= longest_s; lag += step)
+      if (const double rest = left(lag); rest < least) least = rest, best = lag;
+    if (best - step < earliest_s || best + step > longest_s) return std::nullopt;
+    for (int round = 0; round < 2; ++round) {
+      for (double h = step; h > 0.02 * m_.period_s; h /= 2) {  // the squares are a parabola near their minimum
+        const double before = left(best - h), here = left(best), after = left(best + h),
+                     bend = before - 2 * here + after;
+        if (bend > 0) best += std::clamp(0.5 * h * (before - after) / bend, -h, h);
+      }
+      left(best);
+      if (round == 0) add_load_terms();
+    }
+    return best;
   }
-  double total = 0, scatter = 0;
-  for (std::size_t p = 0; p < parts; ++p) total += square[p], scatter += product[p] * product[p];
-  if (!(total > 0)) return std::nullopt;
-  const double error = std::sqrt(scatter * parts / (parts - 1.0)) / total;
-  return Lag{best,
-             std::max(error, 0.1 * period)};  // nobody says when within its period a controller reads which column
+
+  /// Whether ramps explain the torque beyond its noise. Without ramps there is only gravity, which friction's growth
+  /// with the load can pass for.
+  bool has_ramps(double lag_s) {
+    const double rest = std::max(0.0, left(lag_s)) / static_cast<double>(samples_.size());
+    return coefficients_[0] * m_.steepest >= 5 * std::sqrt(rest);
+  }
+
+  /// Standard error of the lag from how far each part of the recording alone would move it; nothing where none can.
+  std::optional<double> stderr_s(double lag_s) const {
+    constexpr std::size_t parts = 12;
+    std::array<double, parts> square{}, product{};
+    const auto modelled = [&](std::size_t k) { return samples_[k].explains.dot(coefficients_); };
+    for (std::size_t k = 1; k + 1 < samples_.size(); ++k) {
+      if (samples_[k + 1].at != samples_[k - 1].at + 2 || samples_[k + 1].track != samples_[k - 1].track) continue;
+      const double slope = (modelled(k + 1) - modelled(k - 1)) / (2 * m_.period_s);
+      const std::size_t part = k * parts / samples_.size();
+      square[part] += slope * slope;
+      product[part] += slope * (torque(samples_[k], lag_s) - modelled(k));
+    }
+    double total = 0, scatter = 0;
+    for (std::size_t p = 0; p < parts; ++p) total += square[p], scatter += product[p] * product[p];
+    if (!(total > 0)) return std::nullopt;
+    const double error = std::sqrt(scatter * parts / (parts - 1.0)) / total;
+    return std::max(error, 0.1 * m_.period_s);  // when within its period a controller reads which column is unknown
+  }
+
+ private:
+  using Vector = Eigen::Matrix<double, columns, 1>;
+  using Square = Eigen::Matrix<double, columns, columns>;
+
+  double torque(const Sample& s, double lag_s) const {
+    const double shift = lag_s / m_.period_s, whole = std::floor(shift), w = shift - whole;
+    const auto& u = m_.tracks[s.track].torque;
+    const auto i = static_cast<std::size_t>(static_cast<double>(s.at) + whole);
+    return (1 - w) * u[i] + w * u[i + 1];
+  }
+  void prepare() {
+    Square gram = Square::Zero();
+    for (const Sample& s : samples_) gram.selfadjointView<Eigen::Lower>().rankUpdate(s.explains);
+    gram = Square(gram.selfadjointView<Eigen::Lower>());
+    scale_ = gram.diagonal().cwiseMax(1e-300).cwiseSqrt();
+    solver_.compute(scale_.cwiseInverse().asDiagonal() * gram * scale_.cwiseInverse().asDiagonal());
+  }
+
+  const FilteredMotion& m_;
+  std::vector<Sample> samples_;
+  Vector scale_, coefficients_;
+  Eigen::CompleteOrthogonalDecomposition<Square> solver_;
+};
+
+}  // namespace
+
+std::optional<Lag> lag_of_torque(const JointRecording& r, double position_error_rad) {
+  if (r.size() < 200) return std::nullopt;
+  const double period = median_period_s(r);
+  if (period > 0.02) return std::nullopt;
+  const auto motion = motion_of(r, period, position_error_rad);
+  if (!motion) return std::nullopt;
+  std::vector<Sample> samples = moving_samples(*motion, position_error_rad);
+  if (static_cast<double>(samples.size()) * period < 1) return std::nullopt;
+  Regression regression(*motion, std::move(samples));
+  const auto lag_s = regression.best_lag_s();
+  if (!lag_s || !regression.has_ramps(*lag_s)) return std::nullopt;
+  const auto stderr_s = regression.stderr_s(*lag_s);
+  if (!stderr_s) return std::nullopt;
+  return Lag{*lag_s, *stderr_s};
 }
 
 }  // namespace tribotwin::twin

@@ -12,11 +12,12 @@
 /// Friction levels from a recording, of the twin or of anybody's robot: stretches of constant speed, each forward one
 /// with the reverse one of the same speed over the same positions.
 ///
-/// Motor torque at constant speed is u(q) = G(q) +- F (paper 1 (3)). Both directions of a level are fitted together, G
-/// as a polynomial in the position where they overlap and F as what changes sign with the direction: paper 1 (4), (u+ -
-/// u-)/2, at equal positions. A torque column that is late by a time L shows G shifted by speed L forwards and
-/// backwards, so the two directions differ by 2 speed L in position (paper 2 (13)). L is told by the ramps (lag.hpp)
-/// or, in a recording without any, by what all levels have in common, and taken out.
+/// Motor torque at constant speed is u(q) = G(q) +- F (Bittencourt 2012 (3)). Both directions of a level are fitted
+/// together, G as a polynomial in the position where they overlap and F as what changes sign with the direction:
+/// Bittencourt 2012 (4), (u+ - u-)/2, at equal positions. A torque column that is late by a time L shows G shifted by
+/// speed L forwards and backwards, so the two directions differ by 2 speed L in position (Zhou 2024 (13)). L is
+/// identified from the ramps (lag.hpp) or, in a recording without any, by what all levels have in common, and taken
+/// out.
 namespace tribotwin::twin {
 
 struct LevelOptions {
@@ -27,7 +28,7 @@ struct LevelOptions {
   std::optional<double> lag_s;  ///< of the torque column where it is known; otherwise estimated
 };
 
-/// One direction, paper 1 (3): what the motor does beyond the load, positive.
+/// One direction, Bittencourt 2012 (3): what the motor does beyond the load, positive.
 struct OneWay {
   double friction_nm, stderr_nm;
 };
@@ -37,15 +38,15 @@ struct OneWay {
 /// the lag where it matters.
 struct Level {
   double speed_rad_s;                       ///< > 0, slope of the position
-  double friction_nm, stderr_nm;            ///< direction-independent, paper 1 (4)
+  double friction_nm, stderr_nm;            ///< direction-independent, Bittencourt 2012 (4)
   std::optional<OneWay> forward, backward;  ///< where the recording has load_nm
   /// Mean of |load|, with the sign of its mean. Without load_nm: of (u+ + u-)/2, which is the load if friction is the
   /// same both ways.
   double load_nm;
   double temperature_degC;  ///< mean; NaN where the recording has none
   std::size_t samples;      ///< of both directions
-  /// Paper 2 (13): how far the constant stretches of both directions were apart before they were cut to their overlap,
-  /// over speed.
+  /// Zhou 2024 (13): how far the constant stretches of both directions were apart before they were cut to their
+  /// overlap, over speed.
   double offset_s;
   double begin_s, end_s;  ///< of the two passes
   /// Amplitude of what in the friction is periodic in the joint's angle, at the strongest harmonic of a turn that
@@ -53,7 +54,7 @@ struct Level {
   /// than three periods. Slower levels that are too short for it have it taken out of their friction.
   double ripple_nm = 0;
   /// Travel after the reversal between the passes until the torque has changed by 3/2 of the friction: 0 in a stiff
-  /// gear, the width of the gap in one with backlash. 0 as well where the joint turns too fast to tell, its inertia
+  /// gear, the width of the gap in one with backlash. 0 as well where the joint turns too fast, its inertia
   /// hiding the change.
   double lost_motion_rad = 0;
 };
@@ -61,7 +62,7 @@ struct Level {
 struct Levels {
   std::vector<Level> levels;          ///< in the order of LevelOptions::speeds_rad_s, else of time
   double lag_s = 0;                   ///< of the torque column, as taken out
-  double lag_stderr_s = 0;            ///< 0 where it was given, 0.02 where nothing can be told
+  double lag_stderr_s = 0;            ///< 0 where it was given, 0.02 where it is not identifiable
   std::vector<std::string> left_out;  ///< why other stretches of constant speed are no levels
 };
 

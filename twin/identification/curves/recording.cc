@@ -6,6 +6,7 @@
 #include <fmt/format.h>
 
 #include <tribotwin/twin/identification/curves/recording.hpp>
+#include <tribotwin/twin/numerics/interpolation.hpp>
 
 namespace tribotwin::twin {
 
@@ -33,14 +34,6 @@ Result<void> check(const JointRecording& r) {
       return tl::unexpected(
           fmt::format("time_s {} at sample {} does not come after {}", r.time_s[i], i, r.time_s[i - 1]));
   return {};
-}
-
-double between_samples(const std::vector<double>& time_s, const std::vector<double>& values, double at_s) {
-  const auto after = static_cast<std::size_t>(std::ranges::upper_bound(time_s, at_s) - time_s.begin());
-  if (after == 0) return values.front();
-  if (after == time_s.size()) return values.back();
-  const double w = (at_s - time_s[after - 1]) / (time_s[after] - time_s[after - 1]);
-  return (1 - w) * values[after - 1] + w * values[after];
 }
 
 JointRecording sensed(const JointRecording& s, const Sensors& sensors, std::uint64_t seed) {

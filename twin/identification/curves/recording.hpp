@@ -23,10 +23,6 @@ struct JointRecording {
 /// Whether the columns are equally long, finite and in order of time. Fails with column and row (from 0).
 Result<void> check(const JointRecording& recording);
 
-/// A signal at a time, linear between samples, the nearest one before and after them. `time_s` as of a recording,
-/// `values` of its length.
-double between_samples(const std::vector<double>& time_s, const std::vector<double>& values, double at_s);
-
 /// How a controller sees a joint.
 struct Sensors {
   double encoder_increments_per_turn = 0;  ///< per turn of the joint; 0: ideal, velocity included

@@ -1,5 +1,6 @@
 #include <algorithm>
 #include <cmath>
+#include <numeric>
 #include <optional>
 
 #include <fmt/format.h>
@@ -291,6 +292,15 @@ Samples Samples::subset(std::span<const std::size_t> rows) const {
     some.curve.push_back(next);
   }
   return some;
+}
+
+std::vector<double> weights_of(const Samples& samples) {
+  std::vector<double> w;
+  for (const double e : samples.standard_error) w.push_back(1 / (e * e));
+  // Only their ratios matter; around 1 they keep the sums well scaled.
+  const double mean = std::accumulate(w.begin(), w.end(), 0.0) / static_cast<double>(w.size());
+  for (double& x : w) x /= mean;
+  return w;
 }
 
 Result<Samples> read_samples(std::span<const fs::path> files, const friction::LawInfo& law,

@@ -14,8 +14,8 @@
 namespace tribotwin::twin::identification {
 
 /// Columns of equal length. Speed on the law's side [rad/s], friction in the law's unit; both >= 0 after folding
-/// (friction opposes motion, laws are odd). Load over torque_max, magnitude. `stderr` is empty or the standard error of
-/// each level.
+/// (friction opposes motion, laws are odd). Load over torque_max, magnitude. `standard_error` is empty or
+/// that of each level.
 struct Samples {
   std::vector<double> speed, load, temperature_degC, friction, standard_error;
   std::vector<std::uint32_t> curve;  ///< which curve a sample belongs to, from 0, ascending
@@ -26,6 +26,9 @@ struct Samples {
   std::uint32_t curves() const { return curve.empty() ? 0 : curve.back() + 1; }
   Samples subset(std::span<const std::size_t> rows) const;
 };
+
+/// 1 / standard error^2 of each sample, over their mean; empty without standard errors.
+std::vector<double> weights_of(const Samples& samples);
 
 struct ReadOptions {
   double torque_max_nm = 0;  ///< to turn Nm into normalised torque and back; 0: not known

@@ -15,7 +15,7 @@ constexpr std::size_t grid_samples = 128, start_samples = 1024;
 /// How near to its minimum a search ends, in sigmas of the samples it is made on.
 constexpr double exact = 1e-4, near = 0.03;
 
-/// Evenly spread samples; enough to tell which valley is the deepest.
+/// Evenly spread samples, enough to find the deepest valley.
 Samples thinned(const Samples& all, std::size_t count) {
   if (all.size() <= count) return all;
   std::vector<std::size_t> rows(count);
@@ -51,8 +51,8 @@ VectorXd solution(const MatrixXd& A, const VectorXd& c) {
   return pseudo_inverse(A) * c;
 }
 
-/// min x^T N x / 2 - b^T x within bounds; `held` tells which bound holds. Active sets as of Stark and Parker, Comput.
-/// Stat. 10 (1995) 129: every step stays within the bounds and goes down.
+/// min x^T N x / 2 - b^T x within bounds; `held` says which bounds are active. Active sets as of Stark and Parker,
+/// Comput. Stat. 10 (1995) 129: every step stays within the bounds and goes down.
 VectorXd bounded_solution(const MatrixXd& N, const VectorXd& b, const VectorXd& low, const VectorXd& high,
                           std::vector<bool>& held) {
   const Index n = b.size();
@@ -128,12 +128,21 @@ Separable::Separable(const friction::LawInfo& law, const Samples& samples, std::
   high_.resize(count);
   for (Index i = 0; i < count; ++i) low_(i) = law.parameters[i].minimum, high_(i) = law.parameters[i].maximum;
   free_.assign(law.parameters.size(), true);
-  if (law.name == "steady_state") {  // Fs = Fc + excess
-    to_parameters_(1, 0) = 1;
-    low_(1) = 0;
+  for (Index i = 0; i < count; ++i)
+    if (const std::size_t base = base_of(static_cast<std::size_t>(i)); base != npos) {
+      to_parameters_(i, static_cast<Index>(base)) = 1;
+      low_(i) = 0;
+    }
+  if (!to_parameters_.isIdentity(0)) {
     place_.linear = place_.linear * to_parameters_;
     place_.nonlinear = place_.nonlinear * to_parameters_;
   }
+}
+
+std::size_t Separable::base_of(std::size_t parameter) const {
+  const auto& all = law_->parameters;
+  const auto base = std::ranges::find(all, all[parameter].not_below, &friction::Parameter::name);
+  return base == all.end() ? npos : static_cast<std::size_t>(base - all.begin());
 }
 
 void Separable::hold(std::size_t parameter, double value) {
@@ -157,14 +166,14 @@ Point Separable::at(const VectorXd& start, bool derivatives) const {
               .at_bound = std::vector<bool>(free_.size(), false),
               .cost = 0};
   VectorXd& u = point.values;
-  std::vector<Index> sought;
-  sought.reserve(free_.size());
+  std::vector<Index> searched;
+  searched.reserve(free_.size());
   for (std::size_t j = 0; j < free_.size(); ++j) {
     const auto i = static_cast<Index>(j);
     if (!free_[j])
       u(i) = values_(i);
     else if (place_.is_linear(j))
-      u(i) = 0, sought.push_back(i);
+      u(i) = 0, searched.push_back(i);
     else
       u(i) = std::clamp(u(i), low_(i), high_(i));
   }
@@ -173,12 +182,12 @@ Point Separable::at(const VectorXd& start, bool derivatives) const {
   point.family = place_.family(known, nonlinear);
   point.moments = accumulate(*samples_, weights_, place_, point.family, threads_, derivatives);
   const Moments& basis = point.moments;
-  const MatrixXd Q = place_.linear(Eigen::all, sought), N = product(Q, basis.FF, Q);
-  const VectorXd b = Q.transpose() * (basis.Fy - basis.FF * known), low = low_(sought), high = high_(sought);
+  const MatrixXd Q = place_.linear(Eigen::all, searched), N = product(Q, basis.FF, Q);
+  const VectorXd b = Q.transpose() * (basis.Fy - basis.FF * known), low = low_(searched), high = high_(searched);
   std::vector<bool> held;
   const VectorXd eta = bounded_solution(N, b, low, high, held);
-  for (std::size_t i = 0; i < sought.size(); ++i)
-    u(sought[i]) = eta(static_cast<Index>(i)), point.at_bound[sought[i]] = held[i];
+  for (std::size_t i = 0; i < searched.size(); ++i)
+    u(searched[i]) = eta(static_cast<Index>(i)), point.at_bound[searched[i]] = held[i];
   const VectorXd linear = known + Q * eta;
   point.family = place_.family(linear, nonlinear);
   point.cost = basis.cost(linear);
@@ -199,25 +208,25 @@ class ProjectedResidual final : public ceres::CostFunction {
  public:
   mutable Point best_;  ///< of all that were tried
 
-  ProjectedResidual(const Separable& problem, const Point& first, const VectorXd& first_x, std::vector<Index> sought,
+  ProjectedResidual(const Separable& problem, const Point& first, const VectorXd& first_x, std::vector<Index> searched,
                     double scale)
       : best_(first),
         problem_(problem),
         start_(first.values),
-        sought_(std::move(sought)),
+        searched_(std::move(searched)),
         scale_(scale),
         last_(first),
         last_x_(first_x) {
-    mutable_parameter_block_sizes()->push_back(static_cast<int>(sought_.size()));
-    set_num_residuals(static_cast<int>(sought_.size()) + 1);
+    mutable_parameter_block_sizes()->push_back(static_cast<int>(searched_.size()));
+    set_num_residuals(static_cast<int>(searched_.size()) + 1);
   }
   bool Evaluate(double const* const* parameters, double* residuals, double** jacobians) const override {
-    const auto n = static_cast<Index>(sought_.size());
+    const auto n = static_cast<Index>(searched_.size());
     const Eigen::Map<const VectorXd> x(parameters[0], n);
     // Ceres asks for the cost of a step and, once it takes it, for the derivatives there: the same passes serve both.
     if (last_x_ != x) {
       VectorXd values = start_;
-      for (Index i = 0; i < n; ++i) values(sought_[i]) = x(i);
+      for (Index i = 0; i < n; ++i) values(searched_[i]) = x(i);
       last_ = problem_.at(values);
       last_x_ = x;
       if (last_.cost < best_.cost) best_ = last_;
@@ -232,7 +241,7 @@ class ProjectedResidual final : public ceres::CostFunction {
     std::vector<Index> open;
     for (std::size_t j = 0; j < problem_.free_.size(); ++j)
       if (problem_.free_[j] && place.is_linear(j) && !last_.at_bound[j]) open.push_back(static_cast<Index>(j));
-    const MatrixXd Q = place.linear(Eigen::all, open), R = place.nonlinear(Eigen::all, sought_);
+    const MatrixXd Q = place.linear(Eigen::all, open), R = place.nonlinear(Eigen::all, searched_);
     const MatrixXd inverse = pseudo_inverse(product(Q, last_.moments.FF, Q)), FD = product(Q, sums.FD, R),
                    S = product(Q, sums.Fr_by, R);
     MatrixXd products(n + 1, n + 1);
@@ -242,7 +251,7 @@ class ProjectedResidual final : public ceres::CostFunction {
     products.bottomLeftCorner(1, n) = products.topRightCorner(n, 1).transpose();
     products(n, n) = last_.cost;
     products *= scale_;
-    // Of a derivative that the linear terms can stand in for, rounding is all that is left.
+    // Of a derivative within the span of the linear terms only rounding is left.
     for (Index i = 0; i < n; ++i)
       if (products(i, i) < 1e-13 * scale_ * DD(i, i)) products.row(i).setZero(), products.col(i).setZero();
     const VectorXd unit = products.diagonal().cwiseMax(1e-300).cwiseSqrt();
@@ -271,14 +280,14 @@ class ProjectedResidual final : public ceres::CostFunction {
  private:
   const Separable& problem_;
   const VectorXd start_;
-  const std::vector<Index> sought_;
+  const std::vector<Index> searched_;
   const double scale_;
   mutable Point last_;
   mutable VectorXd last_x_;
   mutable double offset_ = std::numeric_limits<double>::infinity();
 };
 
-/// Ends a search whose next step could not move the parameters by what their noise lets tell.
+/// Ends a search whose next step would move the parameters by less than their noise.
 struct Converged final : ceres::IterationCallback {
   const ProjectedResidual& residual;
   double offset;
@@ -289,18 +298,18 @@ struct Converged final : ceres::IterationCallback {
 };
 
 Point Separable::descend(const VectorXd& start, int iterations, double sigmas) const {
-  std::vector<Index> sought;
+  std::vector<Index> searched;
   for (std::size_t j = 0; j < free_.size(); ++j)
-    if (free_[j] && !place_.is_linear(j)) sought.push_back(static_cast<Index>(j));
-  if (sought.empty()) return at(start);
-  const auto n = static_cast<Index>(sought.size());
+    if (free_[j] && !place_.is_linear(j)) searched.push_back(static_cast<Index>(j));
+  if (searched.empty()) return at(start);
+  const auto n = static_cast<Index>(searched.size());
   VectorXd x(n);
-  for (Index i = 0; i < n; ++i) x(i) = std::clamp(start(sought[i]), low_(sought[i]), high_(sought[i]));
+  for (Index i = 0; i < n; ++i) x(i) = std::clamp(start(searched[i]), low_(searched[i]), high_(searched[i]));
   // Costs in units of the noise, so that Ceres' absolute tolerances mean something.
   Point first = at(start);
   if (first.cost <= 1e-26 * first.moments.yy) return first;  // nothing is left but rounding
   const double scale = static_cast<double>(samples_->size()) / first.cost;
-  ProjectedResidual residual(*this, first, x, sought, scale);
+  ProjectedResidual residual(*this, first, x, searched, scale);
   ceres::Solver::Options options;
   options.max_num_iterations = iterations;
   options.function_tolerance =
@@ -310,7 +319,7 @@ Point Separable::descend(const VectorXd& start, int iterations, double sigmas) c
   options.max_num_line_search_step_size_iterations = 0;  // bounds are kept without it
   Converged converged(residual, sigmas * sigmas / static_cast<double>(samples_->size()));
   options.callbacks.push_back(&converged);
-  least_squares(residual, x, low_(sought), high_(sought), options);
+  least_squares(residual, x, low_(searched), high_(searched), options);
   return std::move(residual.best_);
 }
 
@@ -327,7 +336,7 @@ std::vector<std::size_t> Separable::dependent_linear(const std::vector<std::size
     const Samples few = thinned(*samples_, grid_samples);
     if (part(few, thinned_weights(weights_, grid_samples)).dependent_linear(order).empty()) return {};
   }
-  // Whatever the nonlinear numbers: a term that the others can stand in for everywhere on the grid.
+  // A term is dependent if it is within the span of the others everywhere on the grid.
   const std::vector<VectorXd> points = grid();
   std::vector<std::size_t> dependent;
   for (const std::size_t g : {std::size_t{0}, points.size() - 1}) {  // its two ends
@@ -341,9 +350,10 @@ std::vector<std::size_t> Separable::dependent_linear(const std::vector<std::size
       MatrixXd N = product(Q, FF, Q);
       const VectorXd unit = N.diagonal().cwiseMax(1e-300).cwiseSqrt().cwiseInverse();
       N = unit.asDiagonal() * N * unit.asDiagonal();
-      const bool told = N(N.rows() - 1, N.rows() - 1) > 0.5 &&
-                        Eigen::SelfAdjointEigenSolver<MatrixXd>(N, Eigen::EigenvaluesOnly).eigenvalues()(0) > 1e-12;
-      (told ? kept : spare).push_back(j);
+      const bool independent =
+          N(N.rows() - 1, N.rows() - 1) > 0.5 &&
+          Eigen::SelfAdjointEigenSolver<MatrixXd>(N, Eigen::EigenvaluesOnly).eigenvalues()(0) > 1e-12;
+      (independent ? kept : spare).push_back(j);
     }
     if (g == 0)
       dependent = spare;
@@ -353,7 +363,7 @@ std::vector<std::size_t> Separable::dependent_linear(const std::vector<std::size
   return dependent;
 }
 
-/// Values of the nonlinear coordinates worth a try.
+/// Start values of the nonlinear coordinates.
 std::vector<VectorXd> Separable::grid() const {
   const auto [t_low, t_high] = std::ranges::minmax(samples_->temperature_degC);
   // Speeds spread over the decades that were measured.
@@ -390,15 +400,19 @@ std::vector<VectorXd> Separable::grid() const {
         }
     points = std::move(more);
   };
-  const double speeds[] = {decade(0.15), decade(0.42), decade(0.7)};
-  // One value where the trust region finds the rest from it.
-  const double exponents[] = {1.4}, scales[] = {20}, viscous[] = {0.45, 0.7, 1.4}, slopes[] = {-0.01, -0.003, 0.003};
-  branch_line(&F::vs, &F::vs_T, speeds);
-  branch(parameter_of(&F::vl), std::span(speeds).first(2));
-  branch(parameter_of(&F::alpha), exponents);
-  branch(parameter_of(&F::T_V), scales);
-  branch_line(&F::beta, &F::beta_T, viscous);
-  branch(parameter_of(&F::s_T), slopes);
+  for (const auto& row : friction::formula::shape_numbers) {
+    if (row.starts.count == 0) continue;
+    std::vector<double> choices(row.starts.values, row.starts.values + row.starts.count);
+    if (row.starts.of_speeds)
+      for (double& x : choices) x = decade(x);
+    const auto slope = std::ranges::find_if(friction::formula::shape_numbers, [&](const auto& other) {
+      return other.quantity == row.quantity && other.degree == 1;
+    });
+    if (slope == std::end(friction::formula::shape_numbers))
+      branch(parameter_of(row.number), choices);
+    else
+      branch_line(row.number, slope->number, choices);
+  }
   return points;
 }
 

@@ -22,12 +22,14 @@ struct Point {
 
 class Separable {
  public:
-  /// Coordinates are the law's parameters, except that Fs of `steady_state` is counted from Fc, so that Fs >= Fc is a
-  /// bound.
+  /// Coordinates are the law's parameters, except that one with `not_below` is searched as its excess over that one,
+  /// so that the condition is a bound.
   Separable(const friction::LawInfo& law, const Samples& samples, std::vector<double> weights, unsigned threads);
 
-  /// A coordinate that is not sought.
+  /// Fixes a coordinate.
   void hold(std::size_t parameter, double value);
+  /// The parameter that this one's coordinate is the excess over; npos if it is the parameter itself.
+  std::size_t base_of(std::size_t parameter) const;
   bool is_free(std::size_t parameter) const { return free_[parameter]; }
   bool is_linear(std::size_t parameter) const { return place_.is_linear(parameter); }
   double held_value(std::size_t parameter) const { return values_(static_cast<Eigen::Index>(parameter)); }
@@ -44,7 +46,7 @@ class Separable {
   /// A point as it is, with the present weights.
   Point again(const Point& point) const;
 
-  /// Free linear parameters that those before them in `order` can stand in for, wherever the nonlinear ones are.
+  /// Free linear parameters that are linear combinations of those before them in `order`, whatever the nonlinear ones.
   std::vector<std::size_t> dependent_linear(const std::vector<std::size_t>& order) const;
 
   /// sum psi psi^T of the free coordinates that no bound holds, and which those are.

@@ -30,8 +30,7 @@ void bridge(TemperatureEstimator& joint, const Stretch& stretch, const JointMoti
   };
   const double T = joint.temperature_degC(), power = mean_power(T), slope = mean_power(T + 1) - power;
   const thermal::Model& model = joint.model();
-  const double fastest_s = model.order == thermal::Order::first ? model.t_s[0] : std::min(model.t_s[0], model.t_s[1]);
-  const double steps = std::ceil(4 * duration_s / fastest_s);
+  const double steps = std::ceil(4 * duration_s / model.fastest_s());
   for (double k = 0; k < steps; ++k)
     joint.heat(std::max(0.0, power + slope * (joint.temperature_degC() - T)), duration_s / steps);
 }

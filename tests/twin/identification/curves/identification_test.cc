@@ -16,7 +16,8 @@ namespace {
 
 using testing::Contains, testing::HasSubstr, testing::UnorderedElementsAre;
 
-/// Paper 1's ranges: 12 speeds up to 280 rad/s, loads to 0.73, 38 .. 81.2 degC; friction of `law` with Gaussian noise.
+/// Bittencourt 2012's ranges: 12 speeds up to 280 rad/s, loads to 0.73, 38 .. 81.2 degC; friction of `law` with
+/// Gaussian noise.
 Samples campaign(const friction::Law& law, std::size_t curves, double noise, std::uint64_t seed) {
   std::mt19937_64 random(seed);
   std::uniform_real_distribution<double> load(0, 0.73), temperature(38, 81.2);
@@ -45,7 +46,8 @@ std::vector<double> flat(const Fit& f) {
   return v;
 }
 
-// Paper 1's ranges and noise, 5,808 samples. A mean over 1,000 seeds is known to 0.03 sigma, over 100 to 0.1 only.
+// Bittencourt 2012's ranges and noise, 5,808 samples. A mean over 1,000 seeds is known to 0.03 sigma, over 100 to 0.1
+// only.
 TEST(Identification, SigmasAreTheScatterAndNothingIsBiased) {
   const friction::Law truth = published();
   constexpr int seeds = 1000;
@@ -73,8 +75,8 @@ TEST(Identification, SigmasAreTheScatterAndNothingIsBiased) {
   EXPECT_LT(covered, 0.96);
 }
 
-/// Paper 4's range: 24 speeds up to 150 rad/s at each of some temperatures, read with 0.1 K of scatter; RH380-N of
-/// mjcf/.
+/// The RH380-N study's range: 24 speeds up to 150 rad/s at each of some temperatures, read with 0.1 K of scatter;
+/// RH380-N of mjcf/.
 Samples heated(const friction::Law& law, std::initializer_list<double> temperatures, double noise, std::uint64_t seed) {
   std::mt19937_64 random(seed);
   std::normal_distribution<double> error(0, noise), reading(0, 0.1);
@@ -353,7 +355,7 @@ TEST(Degenerate, OneTemperatureAndTwoOfPolynomials) {
   EXPECT_NEAR(one->parameters[0].value, 1.6 + 0.02 * 30, 4 * one->parameters[0].sigma) << "Fc at 30 degC";
   ASSERT_TRUE(two) << two.error().message;
   EXPECT_THAT(two->unidentifiable, UnorderedElementsAre("FcTT", "FsTT", "vsTT", "FvTT"));
-  EXPECT_THAT(two->notes, Contains(HasSubstr("a third temperature would tell")));
+  EXPECT_THAT(two->notes, Contains(HasSubstr("record a third temperature")));
   EXPECT_NEAR(two->parameters[1].value, 0.02, 4 * two->parameters[1].sigma) << "the chord of Fc, which is a line";
 }
 TEST(Degenerate, OneSpeed) {
@@ -376,7 +378,7 @@ TEST(Degenerate, NoFrictionAndTooFew) {
   EXPECT_THAT(fit(extended(), s).error().message, HasSubstr("friction is 0 in every sample"));
   Samples few = campaign(published(), 1, 0, 3);
   EXPECT_THAT(fit(extended(), few.subset(std::vector<std::size_t>{0, 1, 2})).error().message,
-              HasSubstr("3 samples cannot tell"));
+              HasSubstr("3 samples cannot determine"));
   EXPECT_THAT(fit(extended(), Samples{}).error().message, HasSubstr("no samples"));
 }
 TEST(Degenerate, OutliersAreSaidAndARobustLossForgetsThem) {

@@ -1,0 +1,43 @@
+#pragma once
+
+#include <array>
+#include <span>
+#include <string_view>
+
+#include <tribotwin/plugins/drive/drive.hpp>
+
+/// Private to this folder: the tables of a drive's keys, from which reading, messages and documentation follow. The
+/// parameters of laws and thermal models are in the tables of those.
+namespace tribotwin::drive {
+
+struct Key {
+  const char* name;
+  const char* unit;
+  const char* fallback;  ///< "" = required
+  double minimum, maximum;
+  const char* meaning;
+};
+
+std::span<const Key> word_keys();
+std::span<const Key> number_keys();
+/// Lists of numbers, separated by spaces.
+std::span<const Key> list_keys();
+
+struct DynamicsInfo {
+  const char* name;
+  Dynamics dynamics;
+  std::span<const Key> keys;
+};
+/// The values of the key `friction`.
+std::span<const DynamicsInfo> dynamics_table();
+/// Where the keys of a drive's dynamics go, in their order.
+std::array<double*, 3> dynamics_values(Drive& drive);
+
+struct ValidityInfo {
+  const char* name;
+  friction::Validity validity;
+};
+/// The values of the key `validity`.
+std::span<const ValidityInfo> validities();
+
+}  // namespace tribotwin::drive
