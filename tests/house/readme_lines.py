@@ -44,7 +44,7 @@ def blocks(text):
 
 
 def commands(first, lines):
-    """(line number, command) of a bash block: continued lines, loops and here-documents in one piece, comments left out."""
+    """(line number, command) of a bash block; continued lines, loops and here-documents are one command."""
     i = 0
     while i < len(lines):
         start, command = i, lines[i]
