@@ -13,7 +13,7 @@ order printed:
     ```python           run by python3 where numpy and h5py are installed
     ```cpp              the lines must stand, in this order, in a file of an examples/ folder, which the build compiles
 
-Other fences and indented text are not run. Relative links of a README must lead to something that exists.
+Other fences and indented text are not run. Relative links, and files named in the first column of a table, must exist.
 """
 import argparse
 import pathlib
@@ -115,6 +115,10 @@ def static_problems(source, readme):
     for target in re.findall(r'\]\(([^)#\s]+)(?:#[^)]*)?\)', prose):
         if not re.match(r'\w+:', target) and not (path.parent / target).exists():
             problems.append(f'{readme}: link to {target}, which does not exist')
+    for row in re.findall(r'^\| *(`[^|]*?) *\|', prose, re.MULTILINE):
+        for name in re.findall(r'`([\w/]+\.(?:hpp|cc|c|py|sh))`', row):
+            if not (path.parent / name).exists() and not (source / name).exists():
+                problems.append(f'{readme}: names {name}, which does not exist')
     for language, _, first, lines in blocks(text):
         if language == 'cpp' and not_in_an_example(source, lines):
             problems.append(f'{readme}:{first}: these lines stand in no file of an examples/ folder')
