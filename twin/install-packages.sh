@@ -11,7 +11,7 @@ packages=(
   gnuplot-nox fonts-dejavu-core                              # run by tribotwin-report
 )
 if [ "${1:-}" = --tests ]; then
-  packages+=(libgtest-dev libgmock-dev libbenchmark-dev libmujoco-samples python3 python3-h5py python3-numpy python3-scipy python3-yaml chromium ffmpeg
+  packages+=(libgtest-dev libgmock-dev libbenchmark-dev libmujoco-samples doxygen python3 python3-h5py python3-numpy python3-scipy python3-yaml chromium ffmpeg
              user-mode-linux gcc libc6-dev kmod iproute2 can-utils busybox-static util-linux   # the CAN VM
              python3-can python3-canmatrix tshark)
 fi
