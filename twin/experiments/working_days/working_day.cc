@@ -12,6 +12,7 @@
 #include <tribotwin/twin/identification/rigid_body/dynamics.hpp>
 #include <tribotwin/twin/identification/rigid_body/temperature_estimator.hpp>
 #include <tribotwin/twin/identification/thermal/thermal_fit.hpp>
+#include <tribotwin/twin/numerics/interpolation.hpp>
 
 namespace tribotwin::twin::repeatability {
 namespace {
