@@ -1,6 +1,6 @@
-"""Six axes, 10^6 samples: tribotwin dynamics against numpy.linalg.lstsq on the same regressor and torques, paired in one run.
-Argument: the benchmark program dynamics_fit (build/release/tests). numpy needs the regressor whole, 2.8 GB at 10^6 samples and more
-inside: the ratio is taken at a tenth of them."""
+"""Six axes, 10^6 samples: tribotwin dynamics against numpy.linalg.lstsq on the same regressor and torques, paired in
+one run. Argument: the benchmark program dynamics_fit (build/release/tests). numpy needs the whole regressor, 2.8 GB
+at 10^6 samples and more inside: the ratio is taken at a tenth of them."""
 import json, subprocess, sys, tempfile, time
 
 import numpy as np

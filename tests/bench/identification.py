@@ -1,6 +1,7 @@
-"""The identification of paper 1's law against scipy.optimize.least_squares, paired in one run: the same samples, the same law, no
-knowledge of the answer. scipy starts at the middle of the ranges that identify searches; its best of 2-point and exact derivatives counts.
-Arguments: the benchmark program identification_fit (build/release/tests)."""
+"""The identification of M* (Bittencourt 2012) against scipy.optimize.least_squares, paired in one run: the same
+samples, the same law, no knowledge of the answer. scipy starts at the middle of the ranges that identify searches;
+its best of 2-point and exact derivatives counts. Arguments: the benchmark program identification_fit
+(build/release/tests)."""
 import json, subprocess, sys, tempfile, time
 
 import numpy as np

@@ -113,7 +113,7 @@ Tracked tracked(double temperature, std::span<const int> seeds) {
   return mean;
 }
 
-// P4 section 5.3. The controller's model is wrong by 1 % in every number, another way with every seed.
+// RH380-N study section 5.3. The controller's model is wrong by 1 % in every number, another way with every seed.
 TEST(Compensation, CutsTheTrackingErrorAsInPaper4) {
   constexpr int seeds[] = {1, 2, 3};
   const Tracked cold = tracked(20, seeds), warm = tracked(35, seeds);

@@ -63,7 +63,7 @@ TEST(Motion, TestCycleRunsPaperTwosLevels) {
     for (int i = 0; i < 15; ++i)
       if (std::abs(at[0].velocity_rad_s - levels[i] * deg) < 1e-9) time[static_cast<std::size_t>(i)] += 1e-3;
   }
-  // Paper 2, Table 1: sampling times 20 12 15 10 15 10 12 15 12 12 8 8 6 4.5 3.6 s are travel over speed.
+  // Zhou 2024, Table 1: sampling times 20 12 15 10 15 10 12 15 12 12 8 8 6 4.5 3.6 s are travel over speed.
   const double expected[] = {20, 12, 15, 10, 15, 10, 12, 15, 12, 12, 8, 8, 6, 4.5, 3.6};
   for (std::size_t i = 0; i < 15; ++i)
     if (levels[i] != 60) EXPECT_NEAR(time[i], expected[i], 0.3) << levels[i];  // 60 deg/s is the approach speed too
