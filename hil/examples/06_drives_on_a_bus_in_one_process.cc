@@ -4,6 +4,7 @@
 #include <atomic>
 #include <cmath>
 #include <cstdio>
+#include <initializer_list>
 #include <numbers>
 #include <thread>
 #include <vector>
@@ -37,7 +38,8 @@ void send(hil::Transport& bus, std::uint32_t id, const std::vector<std::uint8_t>
 bool move(hil::Transport& bus, hil::Frame& said) {
   if (!wait_for(bus, 0x700 + 6, said)) return false;  // the last of six nodes has booted
   send(bus, 0x000, {0x01, node});                     // NMT: operational
-  for (const std::uint8_t controlword : {0x06, 0x07, 0x0F}) send(bus, 0x200 + node, {controlword, 0});
+  for (const std::uint8_t controlword : std::initializer_list<std::uint8_t>{0x06, 0x07, 0x0F})
+    send(bus, 0x200 + node, {controlword, 0});
   for (int cycle = 0; cycle < 500; ++cycle) {
     const double angle_rad = 0.1 * (1 - std::cos(std::numbers::pi * cycle / 500));
     const auto target = static_cast<std::uint32_t>(std::lround(angle_rad * counts_per_rad));
@@ -60,7 +62,9 @@ int main(int argc, char** argv) {
   const auto master = hil::open_bus("memory:cell"), robot = hil::open_bus("memory:cell");
   std::atomic<bool> stop = false;
   Result<void> ended;
-  std::thread drives([&] { ended = hil::drive(*scenario, **robot, {.stop = [&] { return stop.load(); }}); });
+  hil::DriveOptions options;
+  options.stop = [&] { return stop.load(); };
+  std::thread drives([&] { ended = hil::drive(*scenario, **robot, options); });
   hil::Frame said;
   const bool moved = move(**master, said);
   stop = true;
