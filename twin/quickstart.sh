@@ -1,10 +1,12 @@
 #!/usr/bin/env bash
-# Installs what is needed, builds, runs the IRB 6620 warm-up and writes a report of it. Works as root or with sudo, from any folder, twice in a row.
+# Installs what is needed, builds, runs the IRB 6620 warm-up and writes a report of it. Works as root or with sudo, from
+# any folder, twice in a row.
 set -euo pipefail
 root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
 bash "$root/twin/install-packages.sh"
-cmake -S "$root" -B "$root/build/release" -G Ninja -DCMAKE_BUILD_TYPE=Release -DTRIBOTWIN_BUILD_TESTS=OFF > /dev/null
-cmake --build "$root/build/release"
+cmake -S "$root" -B "$root/build/release" -G Ninja -DCMAKE_BUILD_TYPE=Release -DTRIBOTWIN_UNITY_BUILD=ON \
+  -DTRIBOTWIN_BUILD_TESTS=OFF > /dev/null
+cmake --build "$root/build/release" --target tribotwin tribotwin-report
 "$root/build/release/bin/tribotwin" run irb6620_warmup -o "$root/runs/quickstart" --force
 "$root/build/release/bin/tribotwin-report" "$root/runs/quickstart" --force > /dev/null
 echo

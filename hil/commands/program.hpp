@@ -5,7 +5,7 @@
 #include <string>
 #include <vector>
 
-#include <CLI/CLI.hpp>
+#include <tribotwin/twin/io/command_line.hpp>
 
 #include <tribotwin/hil/canopen/budget.hpp>
 #include <tribotwin/hil/commands/table.hpp>

@@ -2,7 +2,7 @@
 
 #include <string>
 
-#include <CLI/CLI.hpp>
+#include <tribotwin/twin/io/command_line.hpp>
 
 #include <tribotwin/twin/io/output.hpp>
 

@@ -2,10 +2,12 @@
 EDS reader and the rules of CiA 306 of the EDS; and what bus and telemetry say of each other. Arguments: tribotwin-hil, source tree."""
 import atexit, collections, configparser, ctypes, logging, math, os, re, struct, subprocess, sys, time
 
+from harness import check, finish, work
+from session import hold_scenario
+
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 logging.disable(logging.WARNING)  # python-can of reads that end inside a frame, canmatrix of formats it cannot write
 import can, canmatrix.formats, h5py, numpy as np
-from harness import check, finish, hold_scenario, work
 from master import Master, SdoAbort, is_state
 
 hil, source = sys.argv[1:3]

@@ -1,10 +1,12 @@
 """Six IRB 6620 drives from boot-up through operation and faults, by a master in plain python-can (master.py).
 Arguments: tribotwin-hil, source tree, address of the bus for the drives, then python-can's interface and channel (for
 socketcand: port is taken from the address)."""
-import json, math, os, struct, subprocess, sys, time
+import json, math, os, subprocess, sys, time
+
+from harness import check, finish, work
+from session import connect, hold_scenario, said, start
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
-from harness import check, connect, finish, hold_scenario, said, start, work
 from master import Master, SdoAbort, is_state
 
 hil, source, address, interface, channel = sys.argv[1:6]

@@ -2,8 +2,10 @@
 Arguments as of drive_test.py."""
 import os, struct, subprocess, sys, time
 
+from harness import check, finish, work
+from session import connect, hold_scenario, said, start
+
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
-from harness import check, connect, finish, hold_scenario, said, start, work
 from master import Master, is_state
 
 hil, source, address, interface, channel = sys.argv[1:6]

@@ -2,9 +2,12 @@
 malformed frames. Only inside tests/can_vm/run.sh. Arguments: tribotwin-hil, source tree."""
 import atexit, json, os, random, socket, struct, subprocess, sys, time
 
+import harness
+from harness import check, check_refused, finish, work
+from session import hold_scenario, said, start
+
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 import can
-from harness import check, finish, hold_scenario, said, start, work
 from master import Master, is_state
 
 if "CAN_VM" not in os.environ:
@@ -19,12 +22,7 @@ def sh(command):
 
 
 def refused(name, *arguments, says):
-    r = subprocess.run([hil, *arguments], capture_output=True, text=True)
-    check(
-        name,
-        r.returncode == 2 and says in r.stderr and len(r.stderr.strip().splitlines()) == 1,
-        (r.returncode, r.stderr),
-    )
+    check_refused(name, harness.run(hil, *arguments), says)
 
 
 def stats():

@@ -2,10 +2,12 @@
 Arguments as of drive_test.py."""
 import json, math, os, struct, subprocess, sys, time
 
+from harness import check, finish, work
+from session import connect, hold_scenario, said, start
+
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 import can
 import canmatrix.formats
-from harness import check, connect, finish, hold_scenario, said, start, work
 
 hil, source, address, interface, channel = sys.argv[1:6]
 scenario = hold_scenario(source)

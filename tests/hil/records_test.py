@@ -2,9 +2,12 @@
 compared, how it ends on a signal, on a full disk and without a reader of what it says. Arguments: tribotwin-hil, source tree."""
 import atexit, hashlib, json, os, pty, re, resource, shutil, signal, subprocess, sys, time
 
+import harness
+from harness import check, finish, path, work
+from session import connect, hold_scenario
+
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 import h5py
-from harness import check, connect, finish, hold_scenario, work
 from master import Master
 
 hil, source = sys.argv[1:3]
@@ -16,7 +19,7 @@ os.chdir(work)
 
 
 def run(*arguments, **more):
-    return subprocess.run([hil, *arguments], capture_output=True, text=True, timeout=60, **more)
+    return harness.run(hil, *arguments, timeout=60, **{"cwd": None, **more})
 
 
 def answers(name, code, *arguments, says=(), out="", **more):

@@ -1,9 +1,12 @@
 """Wrong usage of tribotwin-hil: one line that says what would be right, exit code 2; and the examples of --help.
 Arguments: tribotwin-hil, source tree."""
-import os, socket, subprocess, sys
+import os, socket, sys
+
+import harness
+from harness import check, finish, work
+from session import hold_scenario
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
-from harness import check, finish, hold_scenario, work
 
 hil, source = sys.argv[1:3]
 scenario = hold_scenario(source)
@@ -12,7 +15,7 @@ for folder in ("twin", "mjcf"):
 
 
 def run(*arguments):
-    return subprocess.run([hil, *arguments], capture_output=True, text=True, timeout=60, cwd=work)
+    return harness.run(hil, *arguments, timeout=60)
 
 
 def refused(name, *arguments, says, code=2):

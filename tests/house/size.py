@@ -7,7 +7,9 @@ import subprocess
 import sys
 
 LINE, SHORT, LONG = 120, 60, 100
-NOT_A_FUNCTION = re.compile(r'^\s*(namespace|struct|class|enum|union|extern "C"|(inline |static )*const\w* .*[=\]]\s*\{$)')
+NOT_A_FUNCTION = re.compile(
+    r'^\s*(namespace|struct|class|enum|union|extern "C"|(inline |static )*const\w* .*[=\]]\s*\{$)'
+)
 
 
 def cpp_functions(lines):

@@ -1,7 +1,7 @@
 """Full disks and kill -9, for every command that writes: what was there stays, what is new is absent or whole, and the exit code
 says which. Three ways: the N-th change of the disk fails or kills (faulty_disk.c), a disk that is really full (a small tmpfs),
 kill -9 at random instants. Options: programs.py."""
-import os, random, shlex, subprocess
+import os, random, subprocess
 
 from programs import *
 

@@ -3,10 +3,12 @@ them in a folder of its own, and the judgement of what it left there.
 
 Options: --tribotwin, --hil, --report (may be left out where it is not built), --source, --shim; --all for the long form,
 --only WORD for the commands whose name holds it, --keep to leave the folder."""
-import argparse, atexit, collections, concurrent.futures, dataclasses, json, logging, os, re, shutil, signal, socket, subprocess, sys, tempfile, threading, time
+import argparse, collections, concurrent.futures, dataclasses, json, logging, os, re, shutil, signal, socket, subprocess, sys, threading, time
 
 import h5py
 import numpy as np
+
+from harness import check, failures, finish, work
 
 parser = argparse.ArgumentParser()
 for option in ("--tribotwin", "--hil", "--report", "--source", "--shim", "--only"):
@@ -20,29 +22,11 @@ programs = {
 }
 seed = 20261122
 
-work = os.path.realpath(tempfile.mkdtemp(prefix="tribotwin_programs_"))
 inputs = os.path.join(work, "inputs")
-if not options.keep:
-    atexit.register(shutil.rmtree, work, True)
-
-failures = []
+if options.keep:
+    os.environ["TRIBOTWIN_KEEP"] = "1"
 _lock = threading.Lock()
 _folders = 0
-
-
-def check(name, condition, detail="", note=""):
-    with _lock:
-        print("ok  " if condition else "FAIL", name, note, "" if condition else detail, flush=True)
-        if not condition:
-            failures.append(name)
-    return bool(condition)
-
-
-def finish():
-    print(f"{len(failures)} failed:" if failures else "all passed")
-    for name in failures:
-        print("    " + name)
-    sys.exit(bool(failures))
 
 
 def in_parallel(function, items):

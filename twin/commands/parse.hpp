@@ -4,7 +4,7 @@
 #include <sstream>
 #include <string_view>
 
-#include <CLI/CLI.hpp>
+#include <tribotwin/twin/io/command_line.hpp>
 
 #include <tribotwin/twin/io/input.hpp>
 #include <tribotwin/twin/io/output.hpp>

@@ -3,7 +3,7 @@
 #include <filesystem>
 #include <string>
 
-#include <CLI/CLI.hpp>
+#include <tribotwin/twin/io/command_line.hpp>
 
 #include <tribotwin/plugins/friction/error.hpp>
 #include <tribotwin/twin/commands/table.hpp>

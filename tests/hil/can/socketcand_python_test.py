@@ -3,14 +3,9 @@ import logging, random, re, subprocess, sys, threading, time
 
 import can
 
+from harness import check, finish
+
 logging.getLogger("can").setLevel(logging.ERROR)  # it warns of every read that ends inside a frame
-failures = []
-
-
-def check(name, condition, detail=""):
-    print("ok  " if condition else "FAIL", name, "" if condition else detail)
-    if not condition:
-        failures.append(name)
 
 
 def serve(frames):
@@ -98,4 +93,4 @@ except can.CanError:
 busy.shutdown()
 server.kill()
 server.wait()
-sys.exit(1 if failures else 0)
+finish()

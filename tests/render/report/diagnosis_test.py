@@ -1,31 +1,22 @@
 """tribotwin-report diagnosis and study: the pages in a real browser, its numbers against those of tribotwin diagnose, figures that can be read
 without colour, wrong input. Arguments: tribotwin, tribotwin-report, source tree."""
-import json, os, re, subprocess, sys, tempfile
+import json, os, re, sys
 
 import numpy as np
 
-sys.dont_write_bytecode = True
 from browser import Browser
+import harness
+from harness import check, finish, path, work
 
 twin, report, source = sys.argv[1:4]
-work = tempfile.mkdtemp(prefix="tribotwin_diagnosis_")
-failures = []
 random = np.random.default_rng(5)
 v = np.array([0.17, 0.87, 1.75, 2.62, 3.49, 5.24, 8.73, 13.96, 17.45, 26.18, 52.36, 78.54, 104.7, 139.6, 174.5])
-
-
-def check(name, condition, detail=""):
-    print("ok  " if condition else "FAIL", name, "" if condition else detail, flush=True)
-    if not condition:
-        failures.append(name)
 
 
 def run(program, *arguments):
     # A report is made again and again here; that nothing is replaced unasked is tested in tests/programs.
     again = ["--force"] if program == report and "--help" not in arguments else []
-    return subprocess.run(
-        [program, *map(str, arguments), *again], capture_output=True, text=True, timeout=300, cwd=work
-    )
+    return harness.run(program, *arguments, *again)
 
 
 def write(name, conditions):
@@ -283,5 +274,4 @@ for name, folder, says in (
         (r.returncode, r.stderr),
     )
 
-print(f"{len(failures)} failed: {failures}" if failures else "all passed")
-sys.exit(bool(failures))
+finish()

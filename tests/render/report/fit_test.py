@@ -1,15 +1,14 @@
 """tribotwin-report fit and curve of identified laws: the page in a real browser, its numbers against those of PARAMS.yaml, other laws,
 data that are elsewhere, changed or gone, wrong input. Arguments: tribotwin, tribotwin-report, source tree."""
-import glob, hashlib, html, os, re, shutil, subprocess, sys, tempfile
+import glob, hashlib, html, os, re, shutil, sys
 
 import numpy as np
 
-sys.dont_write_bytecode = True
 from browser import Browser
+import harness
+from harness import check, check_refused, content, finish, path, work
 
 twin, report, source = sys.argv[1:4]
-work = tempfile.mkdtemp(prefix="tribotwin_fit_")
-failures = []
 P = np.array([3.11e-2, 2.34e-2, -2.5e-2, 1.6e-3, 0.126, -24.81, 0.98, 9.22, 1.36, 1.3e-4, 1.32e-3, 20.71])
 HEADER = "speed_rad_s,load_norm,temperature_degC,friction_norm"
 random = np.random.default_rng(11)
@@ -18,35 +17,13 @@ random = np.random.default_rng(11)
 def run(program, *arguments, **options):
     # A report is made again and again here; that nothing is replaced unasked is tested in tests/programs.
     again = ["--force"] if program == report and "--help" not in arguments else []
-    return subprocess.run(
-        [program, *map(str, arguments), *again], capture_output=True, text=True, timeout=300, **{"cwd": work, **options}
-    )
-
-
-def check(name, condition, detail=""):
-    print("ok  " if condition else "FAIL", name, "" if condition else detail, flush=True)
-    if not condition:
-        failures.append(name)
+    return harness.run(program, *arguments, *again, **options)
 
 
 def refused(name, *arguments, says, code=2):
     before = sorted(os.listdir(work))
-    r = run(report, *arguments)
-    check(
-        name,
-        r.returncode == code and says in r.stderr and r.stdout == "" and len(r.stderr.strip().splitlines()) == 1,
-        (r.returncode, r.stdout, r.stderr),
-    )
+    check_refused(name, run(report, *arguments), says, code)
     check(name + ": nothing is written", sorted(os.listdir(work)) == before, sorted(os.listdir(work)))
-
-
-def path(name):
-    return os.path.join(work, name)
-
-
-def content(name, mode="r"):
-    with open(path(name), mode) as f:
-        return f.read()
 
 
 def put(name, text):
@@ -517,6 +494,4 @@ check(
     (r.stdout, r.stderr),
 )
 
-shutil.rmtree(work)
-print(f"{len(failures)} failed" if failures else "all passed")
-sys.exit(bool(failures))
+finish()

@@ -1,54 +1,25 @@
 """tribotwin-report as its user meets it: pages in a real browser, pictures, odd names, missing helpers, damaged runs.
 Arguments: tribotwin, tribotwin-report, source tree."""
-import glob, hashlib, html, json, os, re, shutil, signal, subprocess, sys, tempfile, time
+import glob, hashlib, html, json, os, re, shutil, signal, subprocess, sys, time
 
 import h5py
 import numpy as np
 
-sys.dont_write_bytecode = True
 from browser import Browser
+import harness
+from harness import check, check_refused, content, finish, path, work
 
 twin, report, source = sys.argv[1:4]
-work = tempfile.mkdtemp(prefix="tribotwin_report_")
-failures = []
 
 
 def run(program, *arguments, **options):
     # A report is made again and again here; that nothing is replaced unasked is tested in tests/programs.
     again = ["--force"] if program == report and "--help" not in arguments else []
-    return subprocess.run(
-        [program, *arguments, *again],
-        capture_output=True,
-        text=True,
-        errors="replace",
-        timeout=300,
-        cwd=work,
-        **options,
-    )
-
-
-def check(name, condition, detail=""):
-    print("ok  " if condition else "FAIL", name, "" if condition else detail)
-    if not condition:
-        failures.append(name)
+    return harness.run(program, *arguments, *again, errors="replace", **options)
 
 
 def refused(name, code, *arguments, says=(), **options):
-    r = run(report, *arguments, **options)
-    check(
-        name,
-        r.returncode == code and all(s in r.stderr for s in says) and r.stdout == "",
-        (r.returncode, r.stdout, r.stderr),
-    )
-
-
-def path(name):
-    return os.path.join(work, name)
-
-
-def content(name, mode="r"):
-    with open(path(name), mode) as f:
-        return f.read()
+    check_refused(name, run(report, *arguments, **options), says, code, lines=None)
 
 
 check_page = Browser(work, check).check_page
@@ -577,6 +548,4 @@ check(
     linked,
 )
 
-shutil.rmtree(work)
-print(f"{len(failures)} failed" if failures else "all passed")
-sys.exit(bool(failures))
+finish()

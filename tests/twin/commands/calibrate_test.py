@@ -1,26 +1,17 @@
 """tribotwin calibrate: finds what simulated recordings were made with, keeps its word on real ones, refuses wrong files.
 Arguments: program, source tree."""
-import json, os, resource, shutil, signal, subprocess, sys, tempfile, time
+import json, os, resource, signal, subprocess, sys, time
 
 import numpy as np
 
+import harness
+from harness import check, content, finish, path, work
+
 program, source = sys.argv[1], sys.argv[2]
-work = tempfile.mkdtemp(prefix="tribotwin_calibrate_")
-failures = []
-
-
-def path(*parts):
-    return os.path.join(work, *parts)
 
 
 def run(*arguments):
-    return subprocess.run([program, *arguments], capture_output=True, text=True, timeout=500, cwd=work)
-
-
-def check(name, condition, detail=""):
-    print("ok  " if condition else "FAIL", name, "" if condition else detail, flush=True)
-    if not condition:
-        failures.append(name)
+    return harness.run(program, *arguments, timeout=500)
 
 
 def write(name, content):
@@ -319,6 +310,4 @@ else:
         "SKIPPED: the recordings of ../shared/data are not beside this checkout; the claim on real recordings was NOT tested"
     )
 
-shutil.rmtree(work)
-print("%d failed" % len(failures))
-sys.exit(bool(failures))
+finish()

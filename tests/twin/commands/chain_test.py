@@ -1,11 +1,12 @@
 """From a campaign in MuJoCo with noise to parameters: papers 1 and 2, whole. Arguments: tribotwin, source tree."""
-import json, os, shutil, subprocess, sys, tempfile
+import json, sys
 
 import numpy as np
 
+import harness
+from harness import check, finish
+
 program, source = sys.argv[1:3]
-work = tempfile.mkdtemp(prefix="tribotwin_chain_")
-failures = []
 # Paper 1, Tables 2 and 3: value, one standard deviation.
 PAPER = {
     "Fc0": (3.11e-2, 0.028e-2),
@@ -22,14 +23,8 @@ PAPER = {
 }
 
 
-def check(name, condition, detail=""):
-    print("ok  " if condition else "FAIL", name, "" if condition else detail, flush=True)
-    if not condition:
-        failures.append(name)
-
-
 def run(*arguments):
-    r = subprocess.run([program, *map(str, arguments)], capture_output=True, text=True, cwd=work)
+    r = harness.run(program, *arguments, timeout=None)
     if r.returncode:
         sys.exit(f"{arguments}: {r.stderr}")
     return r.stdout
@@ -110,6 +105,4 @@ check(
     law,
 )
 
-shutil.rmtree(work)
-print(f"{len(failures)} failed" if failures else "all passed")
-sys.exit(bool(failures))
+finish()

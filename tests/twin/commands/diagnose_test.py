@@ -1,13 +1,14 @@
 """tribotwin diagnose against numpy and scipy: features, distances, limits; refusals, exit codes, files. Arguments: tribotwin, source tree."""
-import json, os, re, subprocess, sys, tempfile
+import json, os, re, sys
 
 import numpy as np
 from scipy import stats
 from scipy.optimize import least_squares
 
+import harness
+from harness import check, check_refused, finish, work
+
 program, source = sys.argv[1:3]
-work = tempfile.mkdtemp(prefix="tribotwin_diagnose_")
-failures = []
 random = np.random.default_rng(8)
 v = np.array([0.17, 0.87, 1.75, 2.62, 3.49, 5.24, 8.73, 13.96, 17.45, 26.18, 52.36, 78.54, 104.7, 139.6, 174.5])
 load = np.array([0.39, 0.39, 0.39, 0.39, 0.39, 0.39, 0.39, 0.38, 0.38, 0.36, 0.35, 0.30, 0.32, 0.34, 0.36])
@@ -15,16 +16,8 @@ HEADER = "curve,speed_rad_s,load_norm,temperature_degC,friction_norm,friction_nm
 tau_max, k = 130.0, 0.6
 
 
-def check(name, condition, detail=""):
-    print("ok  " if condition else "FAIL", name, "" if condition else detail, flush=True)
-    if not condition:
-        failures.append(name)
-
-
 def run(*arguments, code=0):
-    r = subprocess.run(
-        [program, "diagnose", *map(str, arguments)], capture_output=True, text=True, cwd=work, timeout=120
-    )
+    r = harness.run(program, "diagnose", *arguments, timeout=120)
     check(
         f"exit code {code}: {' '.join(map(str, arguments))[:80]}",
         r.returncode == code,
@@ -35,10 +28,7 @@ def run(*arguments, code=0):
 
 def refused(name, says, *arguments):
     before = sorted(os.listdir(work))
-    r = run(*arguments, code=2)
-    check(
-        name, r.stdout == "" and len(r.stderr.strip().splitlines()) == 1 and all(s in r.stderr for s in says), r.stderr
-    )
+    check_refused(name, run(*arguments, code=2), says)
     check(name + ": nothing is written", sorted(os.listdir(work)) == before)
 
 
@@ -277,5 +267,4 @@ refused("no residuals", ["residual_nm"], "residuals", "healthy.csv")
 refused("another joint's residuals", ["joint9", "joint2"], "residuals", "shadow.csv", "--joint", "joint9")
 refused("a short shadow", ["windows", "record"], "residuals", "shadow.csv", "--window", "1000")
 
-print(f"{len(failures)} failed: {failures}" if failures else "all passed")
-sys.exit(bool(failures))
+finish()

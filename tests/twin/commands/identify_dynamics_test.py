@@ -1,21 +1,16 @@
 """tribotwin identify on recordings sample by sample: bouc_wen and lugre, as their users meet them. scipy integrates the plant
 and judges values and sigmas. Arguments: tribotwin, source tree."""
-import json, os, re, shutil, subprocess, sys, tempfile
+import json, os, re, shutil, subprocess, sys
 
 import numpy as np
 from scipy.integrate import solve_ivp
 from scipy.optimize import least_squares
 
+import harness
+from harness import check, check_refused, finish, work
+
 program, source = sys.argv[1:3]
-work = tempfile.mkdtemp(prefix="tribotwin_identify_")
-failures = []
 random = np.random.default_rng(5)
-
-
-def check(name, condition, detail=""):
-    print("ok  " if condition else "FAIL", name, "" if condition else detail, flush=True)
-    if not condition:
-        failures.append(name)
 
 
 def write(name, header, *columns):
@@ -26,7 +21,7 @@ def write(name, header, *columns):
 
 
 def run(*arguments):
-    return subprocess.run([program, *map(str, arguments)], capture_output=True, text=True, cwd=work, timeout=300)
+    return harness.run(program, *arguments)
 
 
 def identify(*arguments):
@@ -35,12 +30,7 @@ def identify(*arguments):
 
 
 def refused(name, *arguments, says, code=2):
-    r = run("identify", *arguments)
-    check(
-        name,
-        r.returncode == code and says in r.stderr and r.stdout == "" and len(r.stderr.strip().splitlines()) == 1,
-        (r.returncode, r.stdout[:200], r.stderr),
-    )
+    check_refused(name, run("identify", *arguments), says, code)
 
 
 def within(found, truth, sigmas=3):
@@ -294,6 +284,4 @@ refused(
 )
 refused("several at once", "--law", "stribeck,lugre", "curves.csv", says="by itself")
 
-shutil.rmtree(work)
-print(f"{len(failures)} failed" if failures else "all passed")
-sys.exit(bool(failures))
+finish()

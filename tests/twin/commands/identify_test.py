@@ -1,23 +1,18 @@
 """tribotwin identify as its users meet it: curves, recordings, records; what the data cannot tell; what is no data at all.
 scipy is the judge of values and sigmas. Arguments: tribotwin, source tree."""
-import json, os, shutil, subprocess, sys, tempfile
+import json, os, shutil, subprocess, sys
 
 import numpy as np
 from scipy.optimize import least_squares
 
+import harness
+from harness import check, check_refused, finish, path, work
+
 program, source = sys.argv[1:3]
-work = tempfile.mkdtemp(prefix="tribotwin_identify_")
-failures = []
 P = np.array([3.11e-2, 2.34e-2, -2.5e-2, 1.6e-3, 0.126, -24.81, 0.98, 9.22, 1.36, 1.3e-4, 1.32e-3, 20.71])
 NAMES = "Fc0 Fcl Fs0 FsT Fsl vs0 vsT vsl alpha Fv0 FvT TV0".split()
 random = np.random.default_rng(11)
 zero = np.zeros_like
-
-
-def check(name, condition, detail=""):
-    print("ok  " if condition else "FAIL", name, "" if condition else detail, flush=True)
-    if not condition:
-        failures.append(name)
 
 
 def law(p, v, l, T):
@@ -37,7 +32,7 @@ def write(name, header, *columns, fmt="%.12g"):
 
 
 def run(*arguments):
-    return subprocess.run([program, *map(str, arguments)], capture_output=True, text=True, cwd=work, timeout=300)
+    return harness.run(program, *arguments)
 
 
 def identify(*arguments):
@@ -46,12 +41,7 @@ def identify(*arguments):
 
 
 def refused(name, *arguments, says, code=2):
-    r = run("identify", *arguments)
-    check(
-        name,
-        r.returncode == code and says in r.stderr and r.stdout == "" and len(r.stderr.strip().splitlines()) == 1,
-        (r.returncode, r.stdout[:200], r.stderr),
-    )
+    check_refused(name, run("identify", *arguments), says, code)
 
 
 HEADER = "speed_rad_s,load_norm,temperature_degC,friction_norm"
@@ -296,6 +286,4 @@ check(
 )
 refused("which joint?", "--law", "steady_state", "cycle/telemetry.h5", says="joint1, joint2")
 
-shutil.rmtree(work)
-print(f"{len(failures)} failed" if failures else "all passed")
-sys.exit(bool(failures))
+finish()

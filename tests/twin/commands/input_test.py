@@ -1,19 +1,14 @@
 """Wrong input of every kind is refused where it is read: exit 2, one line that names file, line and key, nothing written.
 Each case was seen to pass, to hang or to crash. Arguments: tribotwin, source tree, tribotwin-hil."""
-import json, os, re, resource, shutil, subprocess, sys, tempfile
+import json, os, re, resource, shutil, subprocess, sys
 
 import h5py
 import numpy as np
 
+import harness
+from harness import check, check_refused, content, finish, work
+
 program, source, hil = map(os.path.abspath, sys.argv[1:4])
-work = tempfile.mkdtemp(prefix="tribotwin_input_")
-failures = []
-
-
-def check(name, condition, detail=""):
-    print("ok  " if condition else "FAIL", name, "" if condition else detail, flush=True)
-    if not condition:
-        failures.append(name)
 
 
 def limited():
@@ -23,9 +18,7 @@ def limited():
 
 def run(*arguments, which=program, cwd=work):
     try:
-        return subprocess.run(
-            [which, *map(str, arguments)], capture_output=True, text=True, cwd=cwd, timeout=30, preexec_fn=limited
-        )
+        return harness.run(which, *arguments, cwd=cwd, timeout=30, preexec_fn=limited)
     except subprocess.TimeoutExpired:
         return subprocess.CompletedProcess(arguments, -1, "", "does not end")
 
@@ -36,13 +29,7 @@ def tree():
 
 def refused(name, says, *arguments, which=program, cwd=work, code=2):
     before = tree()
-    r = run(*arguments, which=which, cwd=cwd)
-    lines = r.stderr.strip().splitlines()
-    check(
-        name,
-        r.returncode == code and r.stdout == "" and len(lines) == 1 and all(s in r.stderr for s in says),
-        (r.returncode, r.stdout[:300], r.stderr[-600:]),
-    )
+    check_refused(name, run(*arguments, which=which, cwd=cwd), says, code)
     check(name + ": nothing is written", tree() == before, sorted(set(tree()) - set(before)))
 
 
@@ -50,10 +37,6 @@ def write(name, text):
     os.makedirs(os.path.dirname(os.path.join(work, name)), exist_ok=True)
     open(os.path.join(work, name), "w").write(text)
     return name
-
-
-def content(name):
-    return open(os.path.join(work, name)).read()
 
 
 # ---- A model's time step.
@@ -431,9 +414,4 @@ refused(
     *load(pendulum[:body] + pendulum[body:].replace("</mujoco>", '<size nuserdata="2147483647"/></mujoco>')),
 )
 
-if failures:
-    print("kept:", work)
-else:
-    shutil.rmtree(work)
-print("failed:", failures)
-sys.exit(bool(failures))
+finish()

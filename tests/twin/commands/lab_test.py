@@ -1,32 +1,20 @@
 """tribotwin lab as its user meets it: results, resumption, refusals. Arguments: program, source tree."""
-import os, resource, signal, subprocess, sys, tempfile, time
+import os, resource, signal, subprocess, sys, time
 
 import numpy as np
 
+import harness
+from harness import check, check_refused, finish, work
+
 program, source = sys.argv[1], sys.argv[2]
-work = tempfile.mkdtemp(prefix="tribotwin_lab_")
-failures = []
 
 
 def run(*arguments, **options):
-    return subprocess.run(
-        [program, "lab", *arguments], capture_output=True, text=True, timeout=300, cwd=work, **options
-    )
-
-
-def check(name, condition, detail=""):
-    print("ok  " if condition else "FAIL", name, "" if condition else detail)
-    if not condition:
-        failures.append(name)
+    return harness.run(program, "lab", *arguments, **options)
 
 
 def refused(name, code, *arguments, says=(), **options):
-    r = run(*arguments, **options)
-    check(
-        name,
-        r.returncode == code and all(s in r.stderr for s in says) and r.stdout == "",
-        (r.returncode, r.stdout, r.stderr),
-    )
+    check_refused(name, run(*arguments, **options), says, code, lines=None)
 
 
 def bytes_of(folder):
@@ -233,6 +221,4 @@ check("viscous friction falls", d["friction_nm"][29] < 0.9 * d["friction_nm"][14
 r = run("--help")
 check("help", r.returncode == 0 and "Example" in r.stdout and "irb6620_load_campaign" in r.stdout)
 
-subprocess.run(["rm", "-rf", work])
-print("%d failed" % len(failures))
-sys.exit(bool(failures))
+finish()

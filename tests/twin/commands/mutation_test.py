@@ -7,10 +7,12 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import yaml
 
+import harness
+from harness import check, content, failures, finish, path, work
+
 program, source, hil, *report = map(os.path.abspath, sys.argv[1:])
-work = tempfile.mkdtemp(prefix="tribotwin_mutation_")
 each = int(os.environ.get("TRIBOTWIN_MUTATIONS", "7"))  # of a file
-failures, counts = [], {}
+counts = {}
 NULL = object()  # a key, written as ~
 
 
@@ -22,15 +24,7 @@ def limited():
 
 def run(arguments, cwd):
     try:
-        return subprocess.run(
-            [str(a) for a in arguments],
-            capture_output=True,
-            text=True,
-            errors="replace",
-            cwd=cwd,
-            timeout=60,
-            preexec_fn=limited,
-        )
+        return harness.run(*arguments, errors="replace", cwd=cwd, timeout=60, preexec_fn=limited)
     except subprocess.TimeoutExpired:
         return None
 
@@ -394,9 +388,6 @@ with ThreadPoolExecutor(os.cpu_count()) as pool:
 for name, outcomes in counts.items():
     print(f"{name}: {outcomes}")
     if not outcomes.get(2) and name != "summary":  # of which a page shows what there is
-        failures.append(f"{name}: nothing is refused")
-        print("FAIL", failures[-1])
+        check(f"{name}: something is refused", False)
 
-shutil.rmtree(work)
-print("%d failed" % len(failures))
-sys.exit(bool(failures))
+finish()

@@ -1,22 +1,17 @@
 """The program as its user meets it: exit codes, messages, kill -9, full disk. Arguments: program, source tree."""
-import json, os, re, resource, signal, subprocess, sys, tempfile, time
+import json, os, re, resource, signal, subprocess, sys, time
 
 import h5py
 import numpy as np
 
+import harness
+from harness import check, finish, work
+
 program, source = sys.argv[1], sys.argv[2]
-work = tempfile.mkdtemp(prefix="tribotwin_program_")
-failures = []
 
 
 def run(*arguments, **options):
-    return subprocess.run([program, *arguments], capture_output=True, text=True, timeout=120, cwd=work, **options)
-
-
-def check(name, condition, detail=""):
-    print("ok  " if condition else "FAIL", name, "" if condition else detail)
-    if not condition:
-        failures.append(name)
+    return harness.run(program, *arguments, timeout=120, **options)
 
 
 def refused(name, code, *arguments, says=()):
@@ -243,6 +238,4 @@ check(
     r.stdout,
 )
 
-subprocess.run(["rm", "-rf", work])
-print("%d failed" % len(failures))
-sys.exit(bool(failures))
+finish()

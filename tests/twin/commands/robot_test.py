@@ -1,35 +1,24 @@
 """A whole robot from excitation to prediction, as its owner meets it. Arguments: tribotwin, source tree."""
-import json, os, re, signal, subprocess, sys, tempfile, time
+import json, os, re, signal, subprocess, sys, time
 
 import numpy as np
 
+import harness
+from harness import check, check_refused, finish, work
+
 program, source = sys.argv[1:3]
-work = tempfile.mkdtemp(prefix="tribotwin_robot_")
 model = f"{source}/mjcf/er3a_c60.xml"
-failures = []
-
-
-def check(name, condition, detail=""):
-    print("ok  " if condition else "FAIL", name, "" if condition else detail, flush=True)
-    if not condition:
-        failures.append(name)
 
 
 def run(*arguments, code=0, **options):
-    r = subprocess.run(
-        [program, *map(str, arguments)], capture_output=True, text=True, cwd=work, timeout=300, **options
-    )
+    r = harness.run(program, *arguments, **options)
     if r.returncode != code:
-        failures.append(arguments)
-        print("FAIL", arguments, r.returncode, r.stdout[-2000:], r.stderr, flush=True)
+        check(arguments, False, (r.returncode, r.stdout[-2000:], r.stderr))
     return r
 
 
 def refused(name, says, *arguments):
-    r = run(*arguments, code=2)
-    check(
-        name, r.stdout == "" and len(r.stderr.strip().splitlines()) == 1 and all(s in r.stderr for s in says), r.stderr
-    )
+    check_refused(name, run(*arguments, code=2), says)
 
 
 def write(file, names, columns):
@@ -377,5 +366,4 @@ plain, robust = (
 )
 check("outliers: tukey is ten times nearer", abs(robust - 3.5) < 0.1 * abs(plain - 3.5), (plain, robust))
 
-print("failed:", failures)
-sys.exit(bool(failures))
+finish()

@@ -1,29 +1,21 @@
 """Thermal models from recordings, against simulation and least squares of scipy. Arguments: tribotwin, source tree."""
-import csv, datetime, json, os, re, subprocess, sys, tempfile
+import csv, datetime, json, os, re, subprocess, sys
 
 import h5py
 import numpy as np
 from scipy.optimize import least_squares
 from scipy.signal import lsim
 
+import harness
+from harness import check, check_refused, failures, finish, work
+
 program, source = sys.argv[1:3]
-work = tempfile.mkdtemp(prefix="tribotwin_thermal_")
-failures = []
-
-
-def check(name, condition, detail=""):
-    print("ok  " if condition else "FAIL", name, "" if condition else detail, flush=True)
-    if not condition:
-        failures.append(name)
 
 
 def run(*arguments, code=0):
-    r = subprocess.run(
-        [program, "thermal", *map(str, arguments)], capture_output=True, text=True, cwd=work, timeout=300
-    )
+    r = harness.run(program, "thermal", *arguments)
     if r.returncode != code:
-        failures.append(arguments)
-        print("FAIL", arguments, r.returncode, r.stdout[-2000:], r.stderr, flush=True)
+        check(arguments, False, (r.returncode, r.stdout[-2000:], r.stderr))
     return r
 
 
@@ -32,10 +24,7 @@ def fit(*arguments):
 
 
 def refused(name, says, *arguments):
-    r = run(*arguments, code=2)
-    check(
-        name, r.stdout == "" and len(r.stderr.strip().splitlines()) == 1 and all(s in r.stderr for s in says), r.stderr
-    )
+    check_refused(name, run(*arguments, code=2), says)
 
 
 def write(file, columns):
@@ -637,4 +626,4 @@ refused("a mistyped key", ["bad.yaml", "t3"], "--evaluate", "bad.yaml", "monday.
 open(f"{work}/bad.yaml", "w").write(open(f"{work}/arm.yaml").read().replace("arm:", "leg:", 1))
 refused("another robot's file", ["bad.yaml", "'arm'"], "--evaluate", "bad.yaml", "monday.csv")
 
-sys.exit(len(failures) > 0)
+finish()

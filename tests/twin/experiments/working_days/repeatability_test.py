@@ -1,31 +1,21 @@
 """tribotwin lab for robots over working days, short ones, and its page. Arguments: tribotwin, source tree[, tribotwin-report]."""
-import csv, os, re, shutil, subprocess, sys, tempfile
+import csv, os, sys
 
 import numpy as np
 
+import harness
+from harness import check, check_refused, finish, work
+
 program, source = sys.argv[1:3]
 report = sys.argv[3] if len(sys.argv) > 3 else None
-work = tempfile.mkdtemp(prefix="tribotwin_days_")
-failures = []
-
-
-def check(name, condition, detail=""):
-    print("ok  " if condition else "FAIL", name, "" if condition else detail, flush=True)
-    if not condition:
-        failures.append(name)
 
 
 def run(*arguments, which=program):
-    return subprocess.run([which, *map(str, arguments)], capture_output=True, text=True, cwd=work, timeout=500)
+    return harness.run(which, *arguments, timeout=500)
 
 
 def refused(name, says, *arguments, which=program, code=2):
-    r = run(*arguments, which=which)
-    check(
-        name,
-        r.returncode == code and r.stdout == "" and len(r.stderr.strip().splitlines()) == 1 and says in r.stderr,
-        (r.returncode, r.stdout, r.stderr),
-    )
+    check_refused(name, run(*arguments, which=which), says, code)
 
 
 def table(name):
@@ -151,9 +141,4 @@ if report:
     refused("page of no campaign", "campaign.yaml", "days", ".", "-o", "x.html", which=report)
     check("nothing half-written by the page", not os.path.exists(f"{work}/x.html"))
 
-if failures:
-    print("kept:", work)
-else:
-    shutil.rmtree(work)
-print("failed:", failures)
-sys.exit(bool(failures))
+finish()

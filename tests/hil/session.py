@@ -1,22 +1,9 @@
-"""What the bench's tests share: checks, a folder, drives to start, a bus to them."""
-import atexit, os, re, shutil, subprocess, sys, tempfile, time
+"""What the tests of tribotwin-hil share: drives to start and a bus to them."""
+import atexit, os, re, subprocess, time
 
 import can
 
-work = tempfile.mkdtemp(prefix="tribotwin_hil_")
-atexit.register(shutil.rmtree, work, True)
-failures = []
-
-
-def check(name, condition, detail=""):
-    print("ok  " if condition else "FAIL", name, "" if condition else detail, flush=True)
-    if not condition:
-        failures.append(name)
-
-
-def finish():
-    print(f"{len(failures)} failed" if failures else "all passed")
-    sys.exit(bool(failures))
+from harness import work
 
 
 def hold_scenario(source):

@@ -1,0 +1,63 @@
+"""What the Python tests share: a folder to work in, checks, programs to run, and the exit code at the end.
+
+tests/ is in PYTHONPATH (tests/CMakeLists.txt). TRIBOTWIN_KEEP=1 leaves the folder."""
+import atexit, os, shutil, subprocess, sys, tempfile, threading
+
+sys.dont_write_bytecode = True
+work = os.path.realpath(tempfile.mkdtemp(prefix="tribotwin_test_"))
+failures = []
+_lock = threading.Lock()
+
+
+@atexit.register
+def _leave():
+    if os.environ.get("TRIBOTWIN_KEEP"):
+        print("kept:", work)
+    else:
+        shutil.rmtree(work, True)
+
+
+def check(name, condition, detail="", note=""):
+    """Prints the outcome of one check, with the detail of a failure; returns it. Threads may check at once."""
+    with _lock:
+        print("ok  " if condition else "FAIL", name, note, "" if condition else detail, flush=True)
+        if not condition:
+            failures.append(name)
+    return bool(condition)
+
+
+def finish():
+    """Ends the test: exit code 1 where a check failed."""
+    print(f"{len(failures)} failed:" if failures else "all passed")
+    for name in failures:
+        print("   ", name)
+    sys.exit(bool(failures))
+
+
+def path(*parts):
+    return os.path.join(work, *parts)
+
+
+def content(name, mode="r"):
+    with open(path(name), mode) as f:
+        return f.read()
+
+
+def run(program, *arguments, timeout=300, **options):
+    """The finished process, with stdout and stderr as text; it runs in the folder unless `cwd` says otherwise."""
+    return subprocess.run(
+        [program, *map(str, arguments)], capture_output=True, text=True, timeout=timeout, **{"cwd": work, **options}
+    )
+
+
+def check_refused(name, process, says=(), code=2, lines=1):
+    """The exit code; every text of `says` on stderr, on that many lines (None: any); nothing on stdout."""
+    says = [says] if isinstance(says, str) else says
+    check(
+        name,
+        process.returncode == code
+        and process.stdout == ""
+        and (lines is None or len(process.stderr.strip().splitlines()) == lines)
+        and all(s in process.stderr for s in says),
+        (process.returncode, process.stdout[-500:], process.stderr),
+    )
