@@ -3,11 +3,13 @@
 #include <cstring>
 #include <map>
 #include <sstream>
+#include <tuple>
 
 #include <fmt/format.h>
 #include <pugixml.hpp>
 
 #include <tribotwin/plugins/mujoco/engine.hpp>
+#include <tribotwin/plugins/mujoco/includes.hpp>
 #include <tribotwin/plugins/mujoco/loader.hpp>
 #include <tribotwin/plugins/mujoco/source.hpp>
 
@@ -133,16 +135,17 @@ Result<std::vector<SpringElement>> read_springs(const std::vector<Source>& sourc
   return static_cast<int>(size);
 }
 
-/// Puts the content of every included file in place of its <include>.
-void merge_includes(const std::vector<Source>& sources, const std::filesystem::path& folder, Origins& origins) {
-  const pugi::xml_document& main = *sources.front().document;
-  while (const pugi::xml_node include = main.select_node("//include").node()) {
-    const std::string path = (folder / include.attribute("file").value()).lexically_normal().string();
-    const Source& source = *std::ranges::find(sources, path, &Source::name);
-    for (const pugi::xml_node child : source.document->document_element())
-      origins.add_copy(source, child, include.parent().insert_copy_before(child, include));
-    include.parent().remove_child(include);
-  }
+/// Merges the includes of a model that was read and keeps where every element came from.
+void merge_sources(const std::vector<Source>& sources, const std::filesystem::path& folder, Origins& origins) {
+  const auto source = [&](const std::filesystem::path& file) -> const Source& {
+    return *std::ranges::find(sources, file.lexically_normal().string(), &Source::name);
+  };
+  std::ignore = merge_includes(
+      *sources.front().document, folder,
+      [&](const auto& file) -> Result<const pugi::xml_document*> { return source(file).document.get(); },
+      [&](const auto& file, pugi::xml_node original, pugi::xml_node copy) {
+        origins.add_copy(source(file), original, copy);
+      });
 }
 
 /// The text of a model, one element per line.
@@ -157,7 +160,7 @@ std::string saved(const pugi::xml_document& document, Origins& origins) {
 /// Merges includes and turns every drive into what 2.2.2 knows: a torque actuator and room in userdata.
 std::string lower(const std::vector<Source>& sources, const std::filesystem::path& folder, int user_size,
                   Origins& origins) {
-  merge_includes(sources, folder, origins);
+  merge_sources(sources, folder, origins);
   pugi::xml_document& main = *sources.front().document;
   for (const auto& match :
        main.select_nodes("//extension/plugin[@plugin='tribotwin.drive' or @plugin='tribotwin.hysteresis']"))
@@ -229,7 +232,7 @@ std::string located(const std::string& error, const std::vector<Source>& sources
                     const std::filesystem::path& folder) {
   const Origins as_written(sources);
   Origins merged(sources);
-  merge_includes(sources, folder, merged);
+  merge_sources(sources, folder, merged);
   const auto again = compile(saved(*sources.front().document, merged), "", folder);
   const bool same = !again && without_position(again.error().message) == without_position(error);
   return same ? merged.located(again.error().message, name) : as_written.located(error, name);

@@ -4,22 +4,12 @@
 #include <fmt/format.h>
 #include <pugixml.hpp>
 
+#include <tribotwin/plugins/mujoco/includes.hpp>
 #include <tribotwin/twin/robot/arm.hpp>
 #include <tribotwin/twin/robot/drive_change.hpp>
 
 namespace tribotwin::twin {
 namespace {
-
-/// Puts what `<include>`s name in their place. The model was loaded before, so all files are there.
-void include_all(pugi::xml_document& document, const std::filesystem::path& folder) {
-  while (const pugi::xml_node include = document.select_node("//include").node()) {
-    pugi::xml_document part;
-    part.load_file((folder / include.attribute("file").value()).c_str());
-    for (const pugi::xml_node child : part.document_element().children())
-      include.parent().insert_copy_before(child, include);
-    include.parent().remove_child(include);
-  }
-}
 
 drive::Configuration changed(drive::Configuration configuration, const drive::Configuration& keys) {
   const auto drop = [&](const auto& parameters) {
@@ -57,7 +47,7 @@ Result<std::shared_ptr<const mujoco::Model>> load_with_drive(const std::filesyst
   const std::filesystem::path folder = file.has_parent_path() ? file.parent_path() : ".";
   pugi::xml_document document;
   document.load_file(file.c_str());
-  include_all(document, folder);
+  if (auto ok = mujoco::merge_includes(document, folder); !ok) return tl::unexpected(ok.error());
   for (const auto& match : document.select_nodes("//extension/plugin[@plugin='tribotwin.drive']/instance")) {
     pugi::xml_node element = match.node();
     if (element.attribute("name").value() != instance) continue;
