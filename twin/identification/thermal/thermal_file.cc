@@ -4,12 +4,6 @@
 #include <tribotwin/twin/identification/thermal/thermal_file.hpp>
 
 namespace tribotwin::twin::identification {
-namespace {
-
-const std::vector<std::string_view> order_names{thermal::name(thermal::Order::first),
-                                                thermal::name(thermal::Order::second)};
-
-}  // namespace
 
 void write(YAML::Emitter& out, const thermal::Model& model) {
   out << YAML::Key << "thermal" << YAML::Value << std::string(thermal::name(model.order)) << YAML::Key << "T_amb"
@@ -20,8 +14,10 @@ void write(YAML::Emitter& out, const thermal::Model& model) {
 }
 
 thermal::Model read_model(Mapping& in, std::vector<std::string_view> beside) {
-  const auto order =
-      in.choice("thermal", order_names) == order_names[0] ? thermal::Order::first : thermal::Order::second;
+  std::vector<std::string_view> names;  // of models that warm up
+  for (const auto& m : thermal::models())
+    if (m.nodes > 0) names.push_back(m.name);
+  const auto order = thermal::find_model(in.choice("thermal", names))->order;
   beside.insert(beside.end(), {"thermal", "T_amb"});
   for (const auto& p : thermal::parameters(order)) beside.push_back(p.name);
   in.accept(beside);

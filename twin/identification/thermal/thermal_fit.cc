@@ -48,7 +48,7 @@ struct Projection {
 class ThermalProblem {
  public:
   ThermalProblem(std::span<const HeatSession> sessions, const ThermalOptions& options)
-      : sessions_(sessions), nodes_(options.order == thermal::Order::first ? 1 : 2), rested_(options.rested) {
+      : sessions_(sessions), nodes_(thermal::info(options.order).nodes), rested_(options.rested) {
     std::map<std::size_t, Index> files;
     for (const auto& s : sessions) {
       file_.push_back(files.try_emplace(s.file, static_cast<Index>(files.size())).first->second);

@@ -188,7 +188,7 @@ double friction_share(const thermal::Model& model, double alpha, double rest_pow
 }
 
 Result<TorqueThermalFit> fit_thermal_torque(std::span<const HeatSession> sessions, thermal::Order order) {
-  const Index nodes = order == thermal::Order::first ? 1 : 2;
+  const Index nodes = thermal::info(order).nodes;
   const TorqueProblem problem(sessions, nodes);
   if (auto ok = require_cycles(sessions, problem); !ok) return tl::unexpected(ok.error());
   VectorXd x = global_search(problem);
