@@ -1,5 +1,4 @@
 #include <algorithm>
-#include <charconv>
 #include <cstring>
 #include <fstream>
 #include <optional>
@@ -10,6 +9,7 @@
 #include <fmt/format.h>
 
 #include <tribotwin/plugins/friction/law.hpp>
+#include <tribotwin/plugins/friction/number.hpp>
 #include <tribotwin/plugins/mujoco/engine.hpp>
 #include <tribotwin/plugins/mujoco/loader.hpp>
 #include <tribotwin/plugins/mujoco/source.hpp>
@@ -62,11 +62,10 @@ Problem out_of_range(const Source& source) {
   for (const auto& n : numbers)
     for (const auto& match : source.document->select_nodes(fmt::format("//{}[@{}]", n.element, n.attribute).c_str())) {
       const std::string text = match.node().attribute(n.attribute).value();
-      const auto first = text.find_first_not_of(" \t\r\n+"), last = text.find_last_not_of(" \t\r\n");
-      double value = 0;
-      const char* end = text.data() + (last == text.npos ? 0 : last + 1);
-      const auto [stop, error] = std::from_chars(text.data() + std::min(first, text.size()), end, value);
-      if (error != std::errc{} || stop != end || !(value >= n.minimum && value <= n.maximum))
+      const auto first = std::min(text.find_first_not_of(" \t\r\n+"), text.size()),
+                 end = text.find_last_not_of(" \t\r\n") + 1;  // npos + 1 is 0
+      const auto value = to_number(std::string_view(text).substr(first, end > first ? end - first : 0));
+      if (!value || !(*value >= n.minimum && *value <= n.maximum))
         return fmt::format("{}: {} is '{}' but must be within {:g} .. {:g}{}", at(source, match.node()), n.attribute,
                            text, n.minimum, n.maximum, n.unit);
     }

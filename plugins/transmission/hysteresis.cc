@@ -1,10 +1,10 @@
 #include <algorithm>
-#include <charconv>
 #include <cmath>
 #include <map>
 
 #include <fmt/format.h>
 
+#include <tribotwin/plugins/friction/number.hpp>
 #include <tribotwin/plugins/transmission/hysteresis.hpp>
 
 namespace tribotwin::transmission {
@@ -137,15 +137,13 @@ Result<Hysteresis> make_hysteresis(std::string name, const Configuration& config
       return tl::unexpected(fmt::format("key '{}' is missing: {} [{}]", key.name, key.meaning, key.unit));
     const std::string text = found == left.end() ? key.fallback : found->second;
     if (found != left.end()) left.erase(found);
-    double value = 0;
-    const char* first = text.data() + (text.starts_with('+') ? 1 : 0);
-    const auto [end, error] = std::from_chars(first, text.data() + text.size(), value);
-    if (error != std::errc{} || end != text.data() + text.size() || !std::isfinite(value))
+    const auto value = to_number(std::string_view(text).substr(text.starts_with('+') ? 1 : 0));
+    if (!value || !std::isfinite(*value))
       return tl::unexpected(fmt::format("key '{}' is '{}' but must be a finite number [{}]", key.name, text, key.unit));
-    if (value < key.minimum || value > key.maximum)
-      return tl::unexpected(fmt::format("key '{}' is {} but must be within {} .. {} [{}]", key.name, value, key.minimum,
-                                        key.maximum, key.unit));
-    *values[i] = value;
+    if (*value < key.minimum || *value > key.maximum)
+      return tl::unexpected(fmt::format("key '{}' is {} but must be within {} .. {} [{}]", key.name, *value,
+                                        key.minimum, key.maximum, key.unit));
+    *values[i] = *value;
   }
   if (!left.empty())
     return tl::unexpected(

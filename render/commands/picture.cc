@@ -1,8 +1,8 @@
-#include <charconv>
 #include <cmath>
 
 #include <fmt/format.h>
 
+#include <tribotwin/plugins/friction/number.hpp>
 #include <tribotwin/render/commands/picture.hpp>
 
 namespace tribotwin::render::program {
@@ -64,12 +64,9 @@ ColourBy PictureOptions::colours(ColourBy otherwise) const {
 
 std::pair<std::string, double> assignment(const char* option, const std::string& given) {
   const auto equals = given.rfind('=');
-  double value = 0;
-  if (equals != std::string::npos && equals > 0) {
-    const char* end = given.data() + given.size();
-    const auto [at, error] = std::from_chars(given.data() + equals + 1, end, value);
-    if (error == std::errc{} && at == end && std::isfinite(value)) return {given.substr(0, equals), value};
-  }
+  if (equals != std::string::npos && equals > 0)
+    if (const auto value = to_number(std::string_view(given).substr(equals + 1)); value && std::isfinite(*value))
+      return {given.substr(0, equals), *value};
   throw InputError(fmt::format("{} {}: must be JOINT=NUMBER, for example joint2=0.5", option, given));
 }
 

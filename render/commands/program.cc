@@ -1,5 +1,5 @@
-#include <charconv>
 
+#include <tribotwin/plugins/friction/number.hpp>
 #include <tribotwin/render/commands/program.hpp>
 
 namespace tribotwin::render::program {
@@ -22,13 +22,11 @@ std::vector<fs::path> inputs(const std::vector<std::string>& files, const std::s
 }
 
 std::optional<std::pair<int, int>> width_and_height(std::string_view size) {
-  std::pair<int, int> sides;
-  const char *at = size.data(), *end = at + size.size();
-  const auto first = std::from_chars(at, end, sides.first);
-  if (first.ec != std::errc{} || first.ptr == end || *first.ptr != 'x') return std::nullopt;
-  const auto second = std::from_chars(first.ptr + 1, end, sides.second);
-  if (second.ec != std::errc{} || second.ptr != end) return std::nullopt;
-  return sides;
+  const auto cross = size.find('x');
+  if (cross == size.npos) return std::nullopt;
+  const auto width = to_integer<int>(size.substr(0, cross)), height = to_integer<int>(size.substr(cross + 1));
+  if (!width || !height) return std::nullopt;
+  return std::pair{*width, *height};
 }
 
 void add_units(CLI::App& command, twin::identification::ReadOptions& read) {

@@ -1,5 +1,4 @@
 #include <algorithm>
-#include <fstream>
 #include <iterator>
 
 #include <fmt/format.h>
@@ -9,6 +8,7 @@
 #include <tribotwin/render/report/fit_data.hpp>
 #include <tribotwin/twin/diagnosis/healthy_file.hpp>
 #include <tribotwin/twin/io/input.hpp>
+#include <tribotwin/twin/io/text.hpp>
 
 namespace tribotwin::render {
 namespace {
@@ -205,8 +205,7 @@ Result<DiagnosisData> load_diagnosis(const std::filesystem::path& healthy,
                                      const std::vector<std::filesystem::path>& data, ObservationOptions read,
                                      const DiagnosisOptions& options) try {
   DiagnosisData d{.file = healthy, .healthy = twin::or_wrong_input(read_healthy(healthy)), .options = options};
-  std::ifstream in(healthy, std::ios::binary);
-  d.text.assign(std::istreambuf_iterator<char>(in), {});
+  d.text = twin::or_wrong_input(twin::read_text(healthy, "a file"));
   read.load_sensitivity = d.healthy.load_sensitivity;
   if (!(read.torque_max_nm > 0)) read.torque_max_nm = d.healthy.torque_max_nm;
   for (const auto& file : data) {

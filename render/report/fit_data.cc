@@ -1,11 +1,11 @@
 #include <algorithm>
 #include <cmath>
-#include <fstream>
 #include <iterator>
 
 #include <fmt/format.h>
 
 #include <tribotwin/render/report/fit_data.hpp>
+#include <tribotwin/twin/io/text.hpp>
 
 namespace tribotwin::render {
 namespace {
@@ -97,8 +97,7 @@ Result<FitData> load_fit(const fs::path& path, std::vector<fs::path> data, twin:
   auto parameters = read_parameter_file(path, read);
   if (!parameters) return tl::unexpected(parameters.error());
   FitData fit{.file = path, .parameters = std::move(*parameters)};
-  std::ifstream in(path, std::ios::binary);
-  fit.text.assign(std::istreambuf_iterator<char>(in), {});
+  fit.text = twin::read_text(path, "a file").value_or("");
   const ParameterFile& p = fit.parameters;
   read.torque_max_nm = p.torque_max_nm;
   read.gear_ratio = p.gear_ratio;

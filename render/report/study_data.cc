@@ -1,5 +1,4 @@
 #include <algorithm>
-#include <fstream>
 
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
@@ -9,6 +8,7 @@
 #include <tribotwin/twin/io/json_input.hpp>
 #include <tribotwin/twin/io/name.hpp>
 #include <tribotwin/twin/io/table.hpp>
+#include <tribotwin/twin/io/text.hpp>
 
 namespace tribotwin::render {
 namespace {
@@ -86,11 +86,11 @@ std::string StudyVerdict::name() const { return fmt::format("{:g} kg, {}", load_
 
 Result<std::vector<StudyJoint>> load_study_folder(const fs::path& directory) try {
   const fs::path file = directory / "diagnosis.json";
-  std::ifstream stream(file, std::ios::binary);
-  if (!stream)
+  const auto text = twin::read_text(file, "a file");
+  if (!text)
     return tl::unexpected(fmt::format(
         "{}: cannot be read; 'tribotwin lab' writes it at the end of a study, such as br609_diagnosis", file.string()));
-  const json root = json::parse(stream, nullptr, false);
+  const json root = json::parse(*text, nullptr, false);
   if (root.is_discarded())
     return tl::unexpected(fmt::format("{}: is no JSON; 'tribotwin lab' writes it again", file.string()));
   std::vector<StudyJoint> joints;

@@ -170,6 +170,33 @@ Result<Exit> export_instance(const std::string& file, const std::string& name, c
   return deliver_instance(name, keys, output);
 }
 
+struct ExportArguments {
+  std::string from, name = "joint", on_drive = "motor";
+  Destination output;
+  double torque_max_nm = 0, gear_ratio = 0, torque_noise_share = 0;
+  Sensors sensors{.sampling_hz = 0};
+  std::uint64_t seed = 1;
+  bool csv = false, mjcf = false, recording = false;
+};
+
+/// What the controller of --recording measures with.
+void add_sensors(CLI::App& command, CLI::Option* recording, ExportArguments& a) {
+  command
+      .add_option("--sampling", a.sensors.sampling_hz, "Sampling rate of the recording [Hz] (default: that of the run)")
+      ->check(CLI::Range(1e-3, 1e6))
+      ->needs(recording);
+  command
+      .add_option("--encoder", a.sensors.encoder_increments_per_turn,
+                  "Encoder increments per turn of the joint (default: ideal)")
+      ->check(CLI::Range(1.0, 1e12))
+      ->needs(recording);
+  command
+      .add_option("--torque-noise", a.torque_noise_share, "Standard deviation of the torque, a share of torque_max_nm")
+      ->check(CLI::Range(0.0, 10.0))
+      ->needs(recording);
+  command.add_option("--seed", a.seed, "Seed of the noise")->needs(recording);
+}
+
 }  // namespace
 
 void add_recover(CLI::App& app, int& code) {
@@ -181,15 +208,7 @@ void add_recover(CLI::App& app, int& code) {
 }
 
 void add_export(CLI::App& app, int& code) {
-  struct Arguments {
-    std::string from, name = "joint", on_drive = "motor";
-    Destination output;
-    double torque_max_nm = 0, gear_ratio = 0, torque_noise_share = 0;
-    Sensors sensors{.sampling_hz = 0};
-    std::uint64_t seed = 1;
-    bool csv = false, mjcf = false, recording = false;
-  };
-  auto a = std::make_shared<Arguments>();
+  auto a = std::make_shared<ExportArguments>();
   auto* command = app.add_subcommand(
       "export",
       "Export the record of a run as CSV, complete or as a controller records it, or parameters as a MuJoCo element");
@@ -204,22 +223,7 @@ void add_export(CLI::App& app, int& code) {
       command->add_flag("--recording", a->recording, "CSV as the robot's controller records it, for tribotwin dynamics")
           ->excludes(csv)
           ->excludes(mjcf);
-  command
-      ->add_option("--sampling", a->sensors.sampling_hz,
-                   "Sampling rate of the recording [Hz] (default: that of the run)")
-      ->check(CLI::Range(1e-3, 1e6))
-      ->needs(recording);
-  command
-      ->add_option("--encoder", a->sensors.encoder_increments_per_turn,
-                   "Encoder increments per turn of the joint (default: ideal)")
-      ->check(CLI::Range(1.0, 1e12))
-      ->needs(recording);
-  command
-      ->add_option("--torque-noise", a->torque_noise_share,
-                   "Standard deviation of the torque, a share of torque_max_nm")
-      ->check(CLI::Range(0.0, 10.0))
-      ->needs(recording);
-  command->add_option("--seed", a->seed, "Seed of the noise")->needs(recording);
+  add_sensors(*command, recording, *a);
   command->add_option("--name", a->name, "Name of the instance")->capture_default_str();
   command
       ->add_option("--drive", a->on_drive,

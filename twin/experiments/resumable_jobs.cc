@@ -1,7 +1,6 @@
 #include <algorithm>
 #include <atomic>
 #include <chrono>
-#include <fstream>
 #include <iterator>
 #include <map>
 #include <mutex>
@@ -16,6 +15,7 @@
 #include <tribotwin/twin/io/checksum.hpp>
 #include <tribotwin/twin/io/folder_lock.hpp>
 #include <tribotwin/twin/io/input.hpp>
+#include <tribotwin/twin/io/text.hpp>
 #include <tribotwin/twin/robot/fingerprint.hpp>
 
 namespace tribotwin::twin {
@@ -25,9 +25,8 @@ namespace fs = std::filesystem;
 using Status = Result<void>;
 
 std::optional<std::string> text_of(const fs::path& file) {
-  std::ifstream stream(file, std::ios::binary);
-  if (!stream) return std::nullopt;
-  return std::string(std::istreambuf_iterator<char>(stream), {});
+  auto text = read_text(file, "a file");
+  return text ? std::optional(std::move(*text)) : std::nullopt;
 }
 
 /// Whether the directory may be used for this campaign.

@@ -23,8 +23,9 @@ namespace {
 namespace fs = std::filesystem;
 using Status = Result<void>;
 
-tl::unexpected<Error> not_written(const fs::path& file, int error) {
-  return tl::unexpected<Error>(fmt::format("{}: cannot be written ({})", file.string(), std::strerror(error)));
+tl::unexpected<Error> not_written(const fs::path& file, int error, ErrorKind kind = ErrorKind::work) {
+  return tl::make_unexpected(
+      Error(fmt::format("{}: cannot be written ({})", file.string(), std::strerror(error)), kind));
 }
 
 tl::unexpected<Error> exists_already(const fs::path& file) {
@@ -60,7 +61,7 @@ Status check_folder(const fs::path& file) {
   if (!there) return tl::unexpected(fmt::format("{}: there is no folder {}", file.string(), folder.string()));
   if (!S_ISDIR(there->st_mode))
     return tl::unexpected(fmt::format("{}: {} is no folder", file.string(), folder.string()));
-  if (::access(folder.c_str(), W_OK | X_OK) != 0) return not_written(file, errno);
+  if (::access(folder.c_str(), W_OK | X_OK) != 0) return not_written(file, errno, ErrorKind::input);
   return {};
 }
 
@@ -178,7 +179,7 @@ NewFile::~NewFile() {
 Result<NewFile> NewFile::create(const fs::path& file, Existing existing) {
   const auto there = look(file);
   if (there) {
-    if (S_ISDIR(there->st_mode)) return not_written(file, EISDIR);
+    if (S_ISDIR(there->st_mode)) return not_written(file, EISDIR, ErrorKind::input);
     if (!S_ISREG(there->st_mode)) return tl::unexpected(fmt::format("{}: must be a regular file", file.string()));
     if (existing == Existing::refuse) return exists_already(file);
   }
@@ -221,7 +222,7 @@ Status sync_folder(const fs::path& folder) {
   if (entries < 0) return {};  // a folder that may be written but not read
   const int error = ::fsync(entries) == 0 ? 0 : errno;
   if (error == 0 || error == EINVAL || error == EROFS || error == ENOTSUP) return {};
-  return tl::unexpected(fmt::format("{}: cannot be forced to disk ({})", folder.string(), std::strerror(error)));
+  return work_failed(fmt::format("{}: cannot be forced to disk ({})", folder.string(), std::strerror(error)));
 }
 
 }  // namespace tribotwin::twin

@@ -1,6 +1,5 @@
 #include <algorithm>
 #include <cmath>
-#include <fstream>
 #include <iterator>
 
 #include <fmt/format.h>
@@ -10,6 +9,7 @@
 #include <tribotwin/render/theme/theme.hpp>
 #include <tribotwin/twin/io/input.hpp>
 #include <tribotwin/twin/io/name.hpp>
+#include <tribotwin/twin/io/text.hpp>
 #include <tribotwin/twin/robot/arm.hpp>
 
 namespace tribotwin::render {
@@ -18,9 +18,8 @@ namespace {
 namespace fs = std::filesystem;
 
 std::optional<std::string> text_of(const fs::path& file) {
-  std::ifstream in(file, std::ios::binary);
-  if (!in) return std::nullopt;
-  return std::string(std::istreambuf_iterator<char>(in), {});
+  auto text = twin::read_text(file, "a file");
+  return text ? std::optional(std::move(*text)) : std::nullopt;
 }
 
 void add_joints(RunData& run) {

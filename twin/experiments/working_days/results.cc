@@ -1,4 +1,3 @@
-#include <fstream>
 #include <iterator>
 #include <utility>
 
@@ -9,6 +8,7 @@
 #include <tribotwin/twin/experiments/working_days/working_day_file.hpp>
 #include <tribotwin/twin/io/file.hpp>
 #include <tribotwin/twin/io/input.hpp>
+#include <tribotwin/twin/io/text.hpp>
 
 namespace tribotwin::twin::repeatability {
 namespace {
@@ -71,11 +71,11 @@ Result<Results> read_results(const Campaign& campaign, const std::filesystem::pa
   std::vector<WorkingDay> days;
   for (std::size_t test = 0; test < campaign.tests(); ++test) {
     const auto file = directory / file_of(campaign, test);
-    std::ifstream stream(file, std::ios::binary);
-    if (!stream)
+    const auto text = read_text(file, "a file");
+    if (!text)
       return tl::unexpected(
           fmt::format("{}: is missing; 'tribotwin lab' continues an interrupted campaign", file.string()));
-    auto day = from_text(std::string(std::istreambuf_iterator<char>(stream), {}), shape);
+    auto day = from_text(*text, shape);
     if (!day) return tl::unexpected(fmt::format("{}: {}", file.string(), day.error().message));
     days.push_back(*std::move(day));
   }
