@@ -1,11 +1,12 @@
 // tribotwin-report: pages and pictures of runs, laws and poses; a command each in commands/. stdout carries the names
 // of the files written; everything else goes to stderr.
-#include <sstream>
+#include <string>
 
 #include <tribotwin/plugins/mujoco/loader.hpp>
 #include <tribotwin/render/commands/table.hpp>
 #include <tribotwin/render/process/child.hpp>
-#include <tribotwin/twin/io/input.hpp>
+#include <tribotwin/twin/commands/parse.hpp>
+#include <tribotwin/twin/io/output.hpp>
 #include <tribotwin/twin/numerics/solver_guard.hpp>
 
 int main(int argc, char** argv) {
@@ -22,17 +23,5 @@ int main(int argc, char** argv) {
   render::program::Call call{.command_line = program};
   for (int i = 1; i < argc; ++i) call.command_line += " " + render::shell_word(argv[i]);
   for (const auto add : render::program::commands) add(app, call);
-  try {
-    app.parse(argc, argv);
-  } catch (const CLI::ParseError& e) {
-    std::ostringstream out, error;
-    call.code = app.exit(e, out, error) == 0 ? twin::done : twin::wrong_input;
-    twin::print_text(out.str());
-    twin::report_text(error.str());
-  } catch (const twin::InputError& e) {
-    call.code = twin::report_error(program, twin::wrong_input, e.what());
-  } catch (const std::exception& e) {
-    call.code = twin::report_error(program, twin::failed, e.what());
-  }
-  return twin::finish(program, call.code);
+  return twin::program::parse(program, app, argc, argv, call.code);
 }

@@ -220,7 +220,7 @@ std::vector<double> evenly(double from, double to, int count) {
 
 std::vector<std::size_t> thinned(std::size_t count, std::size_t maximum) {
   std::vector<std::size_t> rows;
-  std::mt19937_64 random(1);  // whose numbers the standard fixes
+  std::mt19937_64 random(1);  // its numbers are fixed by the standard
   for (std::size_t k = 0; k < std::min(count, maximum); ++k) {
     const std::size_t begin = k * count / std::min(count, maximum), end = (k + 1) * count / std::min(count, maximum);
     rows.push_back(begin + random() % (end - begin));
@@ -246,7 +246,7 @@ Figure scatter(const std::string& title, const Axis& x, const Axis& y, std::span
   for (std::size_t begin = 0; begin < n;) {
     std::size_t end = std::min(n, begin + usual);
     if (n - end < usual / 2) end = n;
-    while (end < n && xs[rows[end]] == xs[rows[end - 1]]) ++end;  // what is equal stays together
+    while (end < n && xs[rows[end]] == xs[rows[end - 1]]) ++end;  // equal values stay in one class
     const double count = static_cast<double>(end - begin);
     double at = 0, level = 0, squares = 0;
     for (std::size_t k = begin; k < end; ++k) at += xs[rows[k]], level += ys[rows[k]];

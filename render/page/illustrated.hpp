@@ -13,7 +13,7 @@ namespace tribotwin::render {
 
 struct ReportOptions {
   std::vector<Format> figure_files;  ///< also every figure as a file of each of these formats (poses are PNG always)
-  std::string command;               ///< how this report was asked for; shown in it
+  std::string command;               ///< the command line that makes this report; shown in it
   std::function<void(double)> progress;
 };
 
@@ -39,7 +39,7 @@ class IllustratedPage : public Page {
                     bool wide = false);
   Result<void> show(pugi::xml_node to, const Image& image, const std::string& name, const std::string& caption,
                     bool wide = false);
-  /// One figure of the page's head: a number with what it is, and more about it. `kind` is "good" or "bad".
+  /// A number in the page's head, with its name and a remark. `kind` is "good" or "bad".
   static void tile(pugi::xml_node tiles, const std::string& name, const std::string& value, const std::string& more,
                    const char* kind = nullptr);
 

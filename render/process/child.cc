@@ -31,7 +31,7 @@ std::string one_line(std::string said) {
 }
 
 /// A file in memory that holds `input`, at its beginning; -1 and errno when there is none. A program that ends before
-/// it has read its input breaks a pipe, sometimes, and then its own words are lost; a file it never breaks.
+/// it has read its input may break a pipe, and its error message would be lost; a file avoids that.
 int file_in_memory(std::string_view input) {
   const int file = memfd_create("input", MFD_CLOEXEC);
   while (file >= 0 && !input.empty()) {
@@ -46,7 +46,7 @@ int file_in_memory(std::string_view input) {
 
 /// `stdin_file` becomes the program's standard input and is closed here; -1: as `flags` say.
 Result<GSubprocess*> spawn(const Program& program, int flags, int stdin_file = -1) {
-  std::signal(SIGPIPE, SIG_IGN);  // a program that stops listening is an error message
+  std::signal(SIGPIPE, SIG_IGN);  // a program that stops reading is reported as an error
   std::vector<const char*> argv;
   for (const auto& argument : program.arguments) argv.push_back(argument.c_str());
   argv.push_back(nullptr);

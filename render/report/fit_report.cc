@@ -23,7 +23,7 @@ std::string power_of_ten(int power) {
   return out;
 }
 
-/// What fmt writes, with its power of ten as readers know it: "1.30e-05" is "1.30·10⁻⁵".
+/// A number as fmt writes it, with its power of ten typeset: "1.30e-05" is "1.30·10⁻⁵".
 std::string typeset(std::string number) {
   const auto e = number.find('e');
   const std::string power = e == std::string::npos ? "" : "·" + power_of_ten(std::stoi(number.substr(e + 1)));
@@ -47,7 +47,7 @@ double quantile(std::vector<double> v, double share) {
   return *at;
 }
 
-/// Load or temperature, as far as the data go in it (or the law, where there are none).
+/// The range of load or temperature in the data (of the law, where there are none).
 struct Input {
   double low, high, window;    ///< a sample within `window` of a level is shown with the curves of that level
   std::vector<double> levels;  ///< at which the curves over the other input are drawn

@@ -25,10 +25,10 @@ struct StudyObservation {
   twin::diagnosis::Features features;  ///< in feature_units
 };
 
-/// One with a verdict.
+/// An observation with its verdict.
 struct StudyVerdict : StudyObservation {
   double load_kg = 0;
-  std::string state, pattern;                            ///< the author's word; the verdict's
+  std::string state, pattern;                            ///< given by the campaign; found by the verdict
   std::array<twin::diagnosis::RegionVerdict, 2> region;  ///< distance, statistic, limit, anomalous
   bool anomalous = false;
 

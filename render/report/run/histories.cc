@@ -25,7 +25,7 @@ std::span<const double> cycle_channel(const RunData& run, std::size_t joint, std
   return {};
 }
 
-/// One curve for each joint that `trace` has a curve with values for.
+/// The curves that `trace` makes of the joints, without those that have no finite value.
 std::vector<Trace> of_joints(const RunData& run, auto trace) {
   std::vector<Trace> traces;
   for (std::size_t i = 0; i < run.joints.size(); ++i)
@@ -70,7 +70,7 @@ std::optional<Drawing> friction_torque(const RunData& run) {
       fmt::format("Friction torque, root mean square over {}, for the joints that moved.", duration(window_s)));
 }
 
-using Stretch = std::pair<std::size_t, std::size_t>;  // first sample, and the one behind the last
+using Stretch = std::pair<std::size_t, std::size_t>;  // first sample, and the one after the last
 
 /// Spans of samples without a gap in time: the work cycles that a multi-rate run computed.
 std::vector<Stretch> stretches(std::span<const double> time) {

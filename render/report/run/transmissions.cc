@@ -49,7 +49,7 @@ Loop last_loop(std::string label, const RunData& run, const JointHistory& j) {
   const auto& time = run.record.time_s;
   double period_s = std::numeric_limits<double>::infinity();
   for (const auto& loop : entries(run, "loops")) period_s = 1 / number(loop, {"frequency_hz"});
-  // With the sample that the period began at, whatever its time was rounded to: the loop closes there.
+  // Includes the sample at which the period began, whatever its time was rounded to, so that the loop closes.
   const auto first = static_cast<std::size_t>(
       std::ranges::find_if(time, [&](double t) { return !(t < time.back() - period_s * (1 + 1e-9)); }) - time.begin());
   Trace t = envelope(std::move(label), j.torsion_rad.subspan(first), j.transmission_torque_nm.subspan(first));

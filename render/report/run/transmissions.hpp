@@ -25,7 +25,7 @@ std::optional<Trace> arm_error(std::string label, const RunData& run, const Join
 /// Of a joint that has a transmission.
 std::span<const FigureRow<RunData, JointHistory>> transmission_figures();
 
-/// What the summaries of these runs say about their transmissions; `label` names a run.
+/// Adds the results of the runs' transmissions from their summaries; `label` names a run.
 void add_transmission_tables(IllustratedPage& page, pugi::xml_node to, std::span<const std::unique_ptr<RunData>> runs,
                              const std::function<std::string(const RunData&)>& label);
 
