@@ -81,13 +81,13 @@ TEST(Frame, TextIsCandumps) {
 
 TEST(Frame, BitsOnTheWireAreThoseOfTheBusLoadTable) {
   for (int n = 0; n <= 8; ++n) {
-    EXPECT_EQ(classic_bits(n).least, 47 + 8 * n);
-    EXPECT_EQ(classic_bits(n).most, 47 + 8 * n + (34 + 8 * n - 1) / 4);
+    EXPECT_EQ(classic_bits(n).min, 47 + 8 * n);
+    EXPECT_EQ(classic_bits(n).max, 47 + 8 * n + (34 + 8 * n - 1) / 4);
   }
   // Cycles of six drives; the table's second row is right for a SYNC with its counter byte.
   const auto cycle = [](int sync, int four, int eight) {
-    return std::pair(classic_bits(sync).least + four * classic_bits(4).least + eight * classic_bits(8).least,
-                     classic_bits(sync).most + four * classic_bits(4).most + eight * classic_bits(8).most);
+    return std::pair(classic_bits(sync).min + four * classic_bits(4).min + eight * classic_bits(8).min,
+                     classic_bits(sync).max + four * classic_bits(4).max + eight * classic_bits(8).max);
   };
   EXPECT_EQ(cycle(0, 0, 12), std::pair(1379, 1675));
   EXPECT_EQ(cycle(1, 6, 6), std::pair(1195, 1445));
