@@ -1,5 +1,6 @@
-"""What others say of a session with six drives: Wireshark's CANopen dissector of the bus, canmatrix of the DBC, Wireshark's
-EDS reader and the rules of CiA 306 of the EDS; and what bus and telemetry say of each other. Arguments: tribotwin-hil, source tree."""
+"""A session with six drives, checked by others: the bus by Wireshark's CANopen dissector, the DBC by canmatrix, the EDS
+by Wireshark's EDS reader and the rules of CiA 306; and bus and telemetry against each other. Arguments: tribotwin-hil,
+source tree."""
 import atexit, collections, configparser, ctypes, logging, math, os, re, struct, subprocess, sys, time
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
@@ -32,9 +33,12 @@ TYPES = {
     9: ("s", 0, 0),
 }
 KEYS = {
-    "FileInfo": "FileName FileVersion FileRevision EDSVersion Description CreationTime CreationDate CreatedBy ModificationTime ModificationDate ModifiedBy",
-    "DeviceInfo": "VendorName VendorNumber ProductName ProductNumber RevisionNumber OrderCode BaudRate_10 BaudRate_20 BaudRate_50 BaudRate_125 BaudRate_250 BaudRate_500 BaudRate_800 BaudRate_1000 "
-    "SimpleBootUpMaster SimpleBootUpSlave Granularity DynamicChannelsSupported GroupMessaging NrOfRXPDO NrOfTXPDO LSS_Supported",
+    "FileInfo": "FileName FileVersion FileRevision EDSVersion Description CreationTime CreationDate CreatedBy "
+    "ModificationTime ModificationDate ModifiedBy",
+    "DeviceInfo": "VendorName VendorNumber ProductName ProductNumber RevisionNumber OrderCode "
+    "BaudRate_10 BaudRate_20 BaudRate_50 BaudRate_125 BaudRate_250 BaudRate_500 BaudRate_800 BaudRate_1000 "
+    "SimpleBootUpMaster SimpleBootUpSlave Granularity DynamicChannelsSupported GroupMessaging "
+    "NrOfRXPDO NrOfTXPDO LSS_Supported",
 }
 # Data types of CiA 301 and 402; of arrays and records: of the sub-indices from 1 on. A: array, R: record.
 STANDARD = {
@@ -219,7 +223,7 @@ class Eds:
 
 
 def parse_eds(node):
-    """Of the EDS: {(index, sub): (type, default, access, mappable, name)}, data types that fill gaps in an RPDO, what is wrong."""
+    """{(index, sub): (type, default, access, mappable, name)}, data types that fill gaps in an RPDO, what is wrong."""
     eds = Eds(node)
     return eds.entries, eds.gap_types(), eds.wrong
 
@@ -228,7 +232,7 @@ for n in reversed(nodes):
     entries, dummies, wrong = parse_eds(n)
     check(f"EDS of node {n}: {len(entries)} entries as CiA 306, 301 and 402 want them", not wrong, wrong)
 
-# ---- The EDS, read by Wireshark: its POWERLINK dissector knows the objects of a node by name and type from a CANopen EDS.
+# ---- The EDS, read by Wireshark: its POWERLINK dissector takes names and types of objects from a CANopen EDS.
 RANGE = {kind: (low, high) for kind, low, high in TYPES.values()}
 extremes = {
     at: RANGE[kind][0] or RANGE[kind][1] for at, (kind, _, _, _, _) in sorted(entries.items()) if kind != "s"
@@ -457,7 +461,11 @@ tshark = lambda *more: subprocess.run(
     text=True,
     check=True,
 ).stdout
-FIELDS = "canopen.cob_id _ws.expert.message _ws.malformed _ws.col.Info canopen.nmt_ctrl.cd canopen.nmt_ctrl.node_id canopen.em.err_code canopen.em.err_reg canopen.pdo.data.bytes canopen.sdo.cmd canopen.sdo.abort_code canopen.sdo.main_idx canopen.sdo.sub_idx canopen.nmt_guard.state".split()
+FIELDS = (
+    "canopen.cob_id _ws.expert.message _ws.malformed _ws.col.Info canopen.nmt_ctrl.cd canopen.nmt_ctrl.node_id "
+    "canopen.em.err_code canopen.em.err_reg canopen.pdo.data.bytes canopen.sdo.cmd canopen.sdo.abort_code "
+    "canopen.sdo.main_idx canopen.sdo.sub_idx canopen.nmt_guard.state"
+).split()
 seen = []
 for row in tshark("-T", "fields", *(x for f in FIELDS for x in ("-e", f))).splitlines():
     cob, expert, malformed, info, command, node, code, register, pdo, sdo, abort, index, sub, state = (
