@@ -28,8 +28,8 @@ std::string not_written(const std::filesystem::path& file, std::string_view why)
 }
 
 std::string reason(int error) {
-  if (error == EAGAIN) return "nobody reads the other end of this pipe fast enough";
-  if (error == ENXIO) return "nobody has the other end of this pipe open";
+  if (error == EAGAIN) return "the reader of this pipe is too slow";
+  if (error == ENXIO) return "this pipe has no reader";
   return std::strerror(error);
 }
 
