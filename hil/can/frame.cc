@@ -46,8 +46,8 @@ std::string text(const Frame& frame) {
 Bits classic_bits(int size) {
   // 44 bits from start of frame to end of frame and 3 between frames; only the first 34 and the data can be stuffed,
   // with at most one bit after the first five equal ones and then one after every four.
-  const int least = 44 + 8 * size + 3;
-  return {.least = least, .most = least + (33 + 8 * size) / 4};
+  const int min = 44 + 8 * size + 3;
+  return {.min = min, .max = min + (33 + 8 * size) / 4};
 }
 
 }  // namespace tribotwin::hil

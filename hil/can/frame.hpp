@@ -29,10 +29,10 @@ bool valid_size(bool fd, std::uint8_t size);
 /// As candump writes it: "601#4041600000000000", "123##1AABB" (FD flags), "12345678#R8", "20000088#..." (error frame).
 std::string text(const Frame& frame);
 
-/// Bits on the wire of a classic frame with an 11-bit identifier, inter-frame space included: without and with the most
-/// stuff bits it can have.
+/// Bits on the wire of a classic frame of `size` data bytes with an 11-bit identifier, inter-frame space included: with
+/// the minimum and the maximum of stuff bits (ISO 11898-1).
 struct Bits {
-  int least, most;
+  int min, max;
 };
 Bits classic_bits(int size);
 

@@ -23,18 +23,18 @@ using twin::Descriptor;
 
 using Problem = tl::unexpected<Error>;
 
-constexpr std::size_t longest_line = 4096;  // an FD frame needs 200; a file without line ends is not a log
+constexpr std::size_t max_line = 4096;  // an FD frame needs 200; a file without line ends is not a log
 constexpr std::size_t read_size = 64 * 1024;
 constexpr int ask_stop_ms = 100;
 constexpr std::uint32_t error_flag = 0x20000000;
 
-/// Part of a file in a message: whatever is in there, the message stays one short, printable line.
+/// Part of a file for a message: short and printable, whatever the file holds.
 std::string shown(std::string_view part) {
-  constexpr std::size_t longest = 40;
-  std::string out(part.substr(0, longest));
+  constexpr std::size_t max_shown = 40;
+  std::string out(part.substr(0, max_shown));
   for (char& c : out)
     if (c < 0x20 || c > 0x7E) c = '?';
-  return part.size() > longest ? out + "..." : out;
+  return part.size() > max_shown ? out + "..." : out;
 }
 
 template <typename... Arguments>
@@ -42,7 +42,7 @@ Problem problem(fmt::format_string<Arguments...> format, Arguments&&... argument
   return Problem(fmt::format(format, std::forward<Arguments>(arguments)...));
 }
 
-/// All of `digits` as an unsigned number; nothing if any of them is no digit or the number is too big.
+/// All of `digits` as an unsigned number; none where a character is no digit or the number overflows.
 template <typename Number>
 std::optional<Number> number(std::string_view digits, int base) {
   Number value = 0;
@@ -118,7 +118,7 @@ Result<void> parse_frame(std::string_view word, Frame& frame) {
   std::string_view rest = word.substr(mark + 1);
   if (rest.starts_with('R') || rest.starts_with('r')) return parse_remote(rest.substr(1), frame);
   if (rest.starts_with('#')) {
-    // Bit 0 BRS, bit 1 ESI; bit 2 (FDF) says again that it is an FD frame, as newer programs write it.
+    // Bit 0 BRS, bit 1 ESI; bit 2 (FDF) repeats that it is an FD frame, in logs of newer programs.
     const auto flags = number<std::uint8_t>(rest.substr(1, 1), 16);
     if (!flags || *flags > 7) return problem("the FD flags are '{}', not a digit 0..7", shown(rest.substr(1, 1)));
     if (frame.error) return problem("an error frame cannot be an FD frame");
@@ -175,7 +175,7 @@ Result<bool> LogReader::fill() {
     buffer_.resize(before + static_cast<std::size_t>(std::max<ssize_t>(n, 0)));
     if (n >= 0) return n > 0;
     if (error != EAGAIN && error != EINTR)
-      return problem("{}: cannot be read after line {}{}", file_.string(), line_, why(error));
+      return work_failed(fmt::format("{}: cannot be read after line {}{}", file_.string(), line_, why(error)));
   }
   return false;
 }
@@ -197,11 +197,11 @@ Result<bool> LogReader::next_line(std::string_view& line) {
   for (;;) {
     auto end = buffer_.find('\n', begin_ + searched);
     const std::size_t length = std::min(end, buffer_.size()) - begin_;
-    if (length >= longest_line) {
+    if (length >= max_line) {
       ++line_;
-      skipping_ = true;  // so that reading can go on
+      skipping_ = true;  // the next call continues after it
       return problem("{}:{}: longer than {} characters, not a line of a candump log", file_.string(), line_,
-                     longest_line - 1);
+                     max_line - 1);
     }
     if (end == buffer_.npos) {
       searched = length;

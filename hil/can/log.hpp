@@ -17,33 +17,32 @@ namespace tribotwin::hil {
 /// Reads frame by frame. Blank lines are skipped; a direction mark (T, R) after the frame is accepted.
 class LogReader {
  public:
-  /// `stop` is asked at least every 0.1 s, also while a pipe has nothing to read or no writer; then `next` says: the
-  /// end.
+  /// `stop` is polled at least every 0.1 s, also while a pipe is empty or has no writer; true ends the log.
   static Result<LogReader> open(const std::filesystem::path& file, std::function<bool()> stop = {});
-  /// The next frame: true. The end: false. A line that is no frame: an error with file and line; reading may go on.
+  /// Reads the next frame; false at the end. Fails with file and line where a line is no frame; reading may continue.
   Result<bool> next(Frame& frame);
   /// Bus named in the line last read.
   const std::string& bus() const { return bus_; }
   std::size_t line() const { return line_; }
 
  private:
-  /// More of the file into the buffer: false at the end, or where `stop` says so.
+  /// Reads more of the file into the buffer; false at the end and after `stop`.
   Result<bool> fill();
-  /// Past the end of a line that is too long; false at the end.
+  /// Skips the rest of a line that is too long; false at the end of the file.
   Result<bool> skip_line();
-  /// The next line without its end; false at the end.
+  /// The next line without its newline; false at the end of the file.
   Result<bool> next_line(std::string_view& line);
 
   std::filesystem::path file_;
   std::function<bool()> stop_;
   twin::Descriptor fd_;
   std::string buffer_, bus_;
-  std::size_t begin_ = 0;  ///< of what is left in the buffer
+  std::size_t begin_ = 0;  ///< of the unread part of the buffer
   std::size_t line_ = 0;
   bool skipping_ = false;  ///< the buffer begins in a line that is too long
 };
 
-/// Parses one line. Fails with what is wrong in it.
+/// Parses one line. The error says what is wrong in it.
 Result<Frame> parse_log_line(std::string_view line, std::string& bus);
 
 /// Writes what candump -L writes, with the 6 decimals of a second that all its readers understand.

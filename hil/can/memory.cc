@@ -16,7 +16,7 @@ namespace {
 using namespace std::chrono_literals;
 using Clock = std::chrono::steady_clock;  // CLOCK_MONOTONIC
 
-/// What one end has not read yet. Guarded by the mutex of its bus.
+/// Frames that one end has not read yet. Guarded by the mutex of its bus.
 struct Inbox {
   OpenOptions options;
   std::deque<Frame> frames;
@@ -36,7 +36,7 @@ struct Bus {
   std::vector<Inbox*> ends;
 };
 
-/// The bus of that name, which lives as long as it has ends.
+/// The bus of that name; it exists as long as it has ends.
 std::shared_ptr<Bus> bus_named(const std::string& name) {
   static std::mutex mutex;
   static std::map<std::string, std::weak_ptr<Bus>> buses;
@@ -75,12 +75,12 @@ class MemoryEnd final : public Transport {
       return Sent::refused;
     }
     {
-      const std::lock_guard lock(bus_->mutex);  // held while all ends get it: that makes one order for all
+      const std::lock_guard lock(bus_->mutex);  // held until all ends have it, so that all see one order
       Frame stamped = frame;
       stamped.time_ns = std::chrono::nanoseconds(std::chrono::system_clock::now().time_since_epoch()).count();
       for (Inbox* end : bus_->ends) {
         if (end == &inbox_ || !end->wants(stamped)) continue;
-        if (end->frames.size() < longest_queue)
+        if (end->frames.size() < max_queue)
           end->frames.push_back(stamped);
         else
           ++end->lost;
@@ -104,8 +104,8 @@ class MemoryEnd final : public Transport {
 
   void wait(std::int64_t deadline_ns) override {
     const Clock::time_point deadline{std::chrono::nanoseconds(deadline_ns)};
-    // A condition variable sleeps on when a signal arrives. Returning early is allowed, so the caller is shown the
-    // signal's work every 20 ms.
+    // A signal does not wake a condition variable. Returning early is allowed, so that the caller sees the effect of a
+    // signal within 20 ms.
     const auto until = std::min(deadline, Clock::now() + 20ms);
     std::unique_lock lock(bus_->mutex);
     bus_->filled.wait_until(lock, until, [&] { return !inbox_.frames.empty(); });
@@ -115,7 +115,7 @@ class MemoryEnd final : public Transport {
   std::string state() const override { return fmt::format("bus {} in this process", name_); }
 
  private:
-  static constexpr std::size_t longest_queue = 1 << 16;  // 7 MB, for an end that nobody reads
+  static constexpr std::size_t max_queue = 1 << 16;  // frames of an end that nobody reads: 7 MB
 
   std::shared_ptr<Bus> bus_;
   Inbox inbox_;

@@ -19,7 +19,7 @@ using twin::Descriptor;
 
 using Status = Result<void>;
 
-constexpr std::size_t most_waiting = 64 * 1024;
+constexpr std::size_t max_waiting = 64 * 1024;
 constexpr std::int64_t flush_interval_ns = 250'000'000;
 constexpr int pipe_wait_ms = 100;
 
@@ -28,8 +28,8 @@ std::string not_written(const std::filesystem::path& file, std::string_view why)
 }
 
 std::string reason(int error) {
-  if (error == EAGAIN) return "nobody reads the other end of this pipe fast enough";
-  if (error == ENXIO) return "nobody has the other end of this pipe open";
+  if (error == EAGAIN) return "the reader of this pipe is too slow";
+  if (error == ENXIO) return "this pipe has no reader";
   return std::strerror(error);
 }
 
@@ -48,17 +48,17 @@ Result<RecordFile> RecordFile::create(const std::filesystem::path& file, RecordO
   Descriptor fd(::open(file.c_str(), flags | O_CREAT | O_EXCL, 0666));
   const bool created = fd.get() >= 0;
   if (!created && errno == EEXIST) fd = Descriptor(::open(file.c_str(), flags));
-  if (fd.get() < 0) return tl::unexpected(not_written(file, reason(errno)));
+  if (fd.get() < 0) return work_failed(not_written(file, reason(errno)));
   RecordFile record(file, std::move(options), std::move(fd), created);
   struct stat found {};
-  if (::fstat(record.fd_.get(), &found) != 0) return tl::unexpected(not_written(file, reason(errno)));
+  if (::fstat(record.fd_.get(), &found) != 0) return work_failed(not_written(file, reason(errno)));
   if (const auto stream = twin::standard_stream(found)) {
     record.fd_ = Descriptor(::fcntl(*stream, F_DUPFD_CLOEXEC, 0));
     return record;
   }
   record.regular_ = S_ISREG(found.st_mode);
   if (!record.regular_) return record;
-  // Whoever comes second is refused, even if both found no file, an empty one, or may replace it.
+  // The second session is refused, even if both found no file, an empty one, or one to replace.
   if (::flock(record.fd_.get(), LOCK_EX | LOCK_NB) != 0 && errno == EWOULDBLOCK)
     return tl::unexpected(fmt::format("{}: another session is writing it; give another name", file.string()));
   if (::fstat(record.fd_.get(), &found) == 0 && found.st_size > 0 && !record.options_.replace)
@@ -76,15 +76,15 @@ RecordFile::~RecordFile() {
 Status RecordFile::fail(int error) {
   error_ = not_written(file_, reason(error));
   if (!replaced_.empty()) error_ += fmt::format("; what it was to replace is kept in {}", replaced_.string());
-  if (regular_) (void)!::ftruncate(fd_.get(), size_);  // half a line is no line
+  if (regular_) (void)!::ftruncate(fd_.get(), size_);  // drop the incomplete line
   waiting_.clear();
-  return tl::unexpected(error_);
+  return work_failed(error_);
 }
 
 Status RecordFile::append(std::string_view lines) {
-  if (!error_.empty()) return tl::unexpected(error_);
+  if (!error_.empty()) return work_failed(error_);
   waiting_ += lines;
-  return waiting_.size() >= most_waiting || clock_ns() - flushed_ns_ >= flush_interval_ns ? flush() : Status{};
+  return waiting_.size() >= max_waiting || clock_ns() - flushed_ns_ >= flush_interval_ns ? flush() : Status{};
 }
 
 Status RecordFile::begin() {
@@ -107,7 +107,7 @@ Status RecordFile::set_aside() {
   if (taken != 0) {
     error_ = not_written(aside, reason(taken));
     waiting_.clear();
-    return tl::unexpected(error_);
+    return work_failed(error_);
   }
   replaced_ = aside;
   fd_ = Descriptor(::open(file.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666));
@@ -117,7 +117,7 @@ Status RecordFile::set_aside() {
 }
 
 Status RecordFile::flush() {
-  if (!error_.empty()) return tl::unexpected(error_);
+  if (!error_.empty()) return work_failed(error_);
   flushed_ns_ = clock_ns();
   if (waiting_.empty()) return {};
   if (auto ok = begin(); !ok) return ok;
@@ -137,7 +137,7 @@ Status RecordFile::flush() {
   return {};
 }
 
-/// Of a full pipe.
+/// Waits for the reader of a full pipe; false where the session gives up.
 bool RecordFile::reader_takes_more() {
   pollfd pipe{fd_.get(), POLLOUT, 0};
   return ::poll(&pipe, 1, pipe_wait_ms) != 0 || (options_.give_up && !options_.give_up());
@@ -152,7 +152,7 @@ Status RecordFile::finish() {
     return {};
   }
   error_ = not_written(file_, reason(errno));
-  return tl::unexpected(error_);
+  return work_failed(error_);
 }
 
 }  // namespace tribotwin::hil

@@ -13,16 +13,16 @@
 namespace tribotwin::hil {
 
 struct RecordOptions {
-  /// Also where the file holds something already. That stays until the first line is written, and from then on as
-  /// FILE.replaced (or -2, -3, ...), until the new content is whole.
+  /// Replace a file that has content. The old one stays until the first line is written, and then as FILE.replaced (or
+  /// -2, -3, ...) until the new one is complete.
   bool replace = false;
-  /// Asked every 0.1 s while the reader of a pipe does not read: give up? Empty: yes, because a session cannot wait for
-  /// it.
+  /// Polled every 0.1 s while the reader of a pipe does not read; true gives up. Empty: give up at once, because a
+  /// session cannot wait.
   std::function<bool()> give_up;
 };
 
-/// Only whole lines reach the file, also when the disk is full. A file that holds something is not touched without
-/// `replace`, and one that another session writes never is.
+/// Only whole lines reach the file, also when the disk is full. A file with content is not touched without `replace`,
+/// and a file that another session writes never is.
 class RecordFile {
  public:
   static Result<RecordFile> create(const std::filesystem::path& file, RecordOptions options = {});
@@ -30,11 +30,11 @@ class RecordFile {
   RecordFile& operator=(RecordFile&&) noexcept = default;
   ~RecordFile();  ///< without finish(): flushes; a new file without a line is removed
 
-  /// Whole lines. They reach the file 0.25 s later at most, if lines go on coming. After a failure (full disk) every
-  /// further call fails alike; the message names the file.
+  /// Appends whole lines. They reach the file within 0.25 s while lines keep coming. After a failure (full disk) every
+  /// further call fails with the same message, which names the file.
   Result<void> append(std::string_view lines);
   Result<void> flush();
-  /// Flushes, waits until the disk has it, closes.
+  /// Flushes, forces the file to disk and closes it.
   Result<void> finish();
 
  private:

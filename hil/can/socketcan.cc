@@ -45,7 +45,7 @@ struct Interface {
   Link link = Link::gone;
 };
 
-/// What the kernel says about an interface. `socket`: any.
+/// State of an interface, from the kernel. `socket`: any.
 Interface look_up(int socket, const std::string& name) {
   if (name.empty() || name.size() >= IFNAMSIZ) return {};
   Interface found;
@@ -56,7 +56,7 @@ Interface look_up(int socket, const std::string& name) {
   if (ioctl(socket, SIOCGIFHWADDR, &request) != 0) return {};
   found.can = request.ifr_hwaddr.sa_family == ARPHRD_CAN;
   if (ioctl(socket, SIOCGIFFLAGS, &request) != 0) return {};
-  // Without carrier (bus-off) the kernel takes frames and loses them, so that is not "up".
+  // Without carrier (bus-off) the kernel accepts frames and drops them, so that is not "up".
   found.link = !(request.ifr_flags & IFF_UP)        ? Link::down
                : !(request.ifr_flags & IFF_RUNNING) ? Link::no_carrier
                                                     : Link::up;
@@ -78,7 +78,7 @@ std::string can_interfaces(int socket) {
   return fmt::format("CAN interfaces here: {}", fmt::join(names, ", "));
 }
 
-/// The kernel's form of a frame, for which a socket has two sizes: CAN_MTU and CANFD_MTU. None if no bus can carry it.
+/// The kernel's form of a frame; a socket sends CAN_MTU or CANFD_MTU bytes of it. None if no bus can carry it.
 std::optional<canfd_frame> to_kernel(const Frame& frame) {
   if (frame.error || frame.id > (frame.extended ? CAN_EFF_MASK : CAN_SFF_MASK)) return std::nullopt;
   if (!valid_size(frame.fd, frame.size) || (frame.fd && frame.remote)) return std::nullopt;
@@ -105,9 +105,9 @@ Frame from_kernel(const canfd_frame& raw, bool fd) {
   return frame;
 }
 
-/// A raw socket on one interface. Any change of a link makes `watch_` readable; what changed is then asked for, not
-/// parsed. ENETDOWN and ENODEV prove no state: a socket keeps one for its next call, even if the link is up again by
-/// then.
+/// A raw socket on one interface. A change of any link makes `watch_` readable; the state is then queried, not parsed
+/// from the message. ENETDOWN and ENODEV do not prove a state: the socket keeps such an error for its next call, even
+/// if the link is up again by then.
 class SocketCan final : public Transport {
  public:
   SocketCan(std::string name, const OpenOptions& options, Descriptor socket, Descriptor watch)
@@ -132,12 +132,12 @@ class SocketCan final : public Transport {
            ::bind(socket_, reinterpret_cast<const sockaddr*>(&address), sizeof address) == 0;
   }
 
-  /// Takes the state of the link up. `lost`: a call has failed because of the link.
+  /// Queries the state of the link. `lost`: a call has failed because of the link.
   void follow_link(bool lost = false) {
     int error = 0;
     socklen_t size = sizeof error;
     getsockopt(socket_, SOL_SOCKET, SO_ERROR, &error,
-               &size);  // and forgets it; before the look, or a loss could slip between
+               &size);  // reading clears it; done before look_up, or a loss in between would be missed
     lost = lost || error == ENETDOWN || error == ENODEV;
     const Interface now = look_up(socket_, name_);
     const bool bound = now.index != 0 && (now.index == bound_index() || bind(now.index));
@@ -207,7 +207,7 @@ class SocketCan final : public Transport {
   void wait(std::int64_t deadline_ns) override {
     const std::int64_t now_ns = clock_ns();
     const std::int64_t left_ns =
-        deadline_ns > now_ns ? deadline_ns - now_ns : 0;  // any deadline, the least there is too
+        deadline_ns > now_ns ? deadline_ns - now_ns : 0;  // no overflow for the minimum deadline
     const timespec timeout{left_ns / second_ns, left_ns % second_ns};
     pollfd events[] = {{socket_, POLLIN, 0}, {watch_, POLLIN, 0}};
     if (ppoll(events, 2, &timeout, nullptr) <= 0) return;
@@ -215,7 +215,7 @@ class SocketCan final : public Transport {
     if (changed || events[0].revents & POLLERR) follow_link();
   }
 
-  /// As the last send, receive or wait found it.
+  /// As of the last send, receive or wait.
   bool up() const override { return link_ == Link::up; }
 
   std::string state() const override {
@@ -242,13 +242,13 @@ class SocketCan final : public Transport {
   /// Whether any link of this machine changed since the last call.
   bool link_changed() {
     bool changed = false;
-    char message;  // its first byte; its content does not matter
+    char message;  // its first byte; the content is not used
     while (recv(watch_, &message, 1, MSG_DONTWAIT) >= 0 || errno == ENOBUFS)
-      changed = true;  // ENOBUFS: more than it could hold
+      changed = true;  // ENOBUFS: more changes than the socket could hold
     return changed;
   }
 
-  /// Time of reception, CLOCK_REALTIME; counts lost frames, which the kernel tells with the first frame after them.
+  /// Time of reception, CLOCK_REALTIME; counts lost frames, which the kernel reports with the first frame after them.
   std::int64_t take_control(msghdr& message) {
     std::int64_t time_ns = 0;
     for (auto* part = CMSG_FIRSTHDR(&message); part; part = CMSG_NXTHDR(&message, part)) {
@@ -258,7 +258,7 @@ class SocketCan final : public Transport {
         std::memcpy(&time, CMSG_DATA(part), sizeof time);
         time_ns = time.tv_sec * second_ns + time.tv_nsec;
       } else if (part->cmsg_type == SO_RXQ_OVFL) {
-        std::uint32_t lost;  // since the socket was made, modulo 2^32
+        std::uint32_t lost;  // since the socket was opened, modulo 2^32
         std::memcpy(&lost, CMSG_DATA(part), sizeof lost);
         counters_.receive_lost += lost - std::exchange(lost_, lost);
       }

@@ -23,20 +23,20 @@
 #include <tribotwin/twin/io/descriptor.hpp>
 
 /// The server's side of socketcand's protocol: https://github.com/linux-can/socketcand/blob/master/doc/protocol.md.
-/// Of its modes we serve the raw one, which every client library uses; of the others only `send` and `echo`.
+/// Served are its raw mode, which every client library uses, and of the others only `send` and `echo`.
 namespace tribotwin::hil {
 namespace {
 
 using twin::Descriptor;
 
-constexpr std::size_t most_clients = 16;
-constexpr std::size_t longest_command = 256;   // "< send 1FFFFFFF 8 ... >" needs 50
-constexpr std::size_t longest_queue = 65'536;  // bytes for a client that does not read: about 1400 frames
-constexpr int most_dropped = 1000;             // frames that such a client misses before it is closed
-constexpr int kernel_queue = 64 * 1024;        // the default grows to megabytes: seconds of stale frames
+constexpr std::size_t max_clients = 16;
+constexpr std::size_t max_command = 256;   // "< send 1FFFFFFF 8 ... >" needs 50
+constexpr std::size_t max_queue = 65'536;  // bytes for a client that does not read: about 1400 frames
+constexpr int max_dropped = 1000;          // frames that such a client misses before it is closed
+constexpr int kernel_queue = 64 * 1024;    // the default grows to megabytes: seconds of stale frames
 constexpr std::int64_t ms = 1'000'000;
-/// python-can 4.1.0 gives up when a frame arrives in the same read as the `< ok >` to `< rawmode >`. So a new client's
-/// frames are kept until it says something else or has had this time to read its `< ok >`.
+/// python-can 4.1.0 gives up when a frame arrives in the same read as the `< ok >` to `< rawmode >`. So the frames of
+/// a new client are kept until it sends another command or this time has passed.
 constexpr std::int64_t first_frames_after_ns = 50 * ms;
 constexpr std::int64_t accept_pause_ns = 100 * ms;  // when the process is out of file descriptors
 
@@ -44,7 +44,7 @@ struct Client {
   Descriptor socket;
   std::string in = {}, out = {};
   bool open = false, raw = false;
-  bool gone = false;                 ///< to be forgotten at the end of the round
+  bool gone = false;                 ///< removed at the end of the round
   std::int64_t silent_until_ns = 0;  ///< nothing is sent before, see first_frames_after_ns
   int dropped = 0;                   ///< frames in a row
 };
@@ -115,8 +115,7 @@ class Server final : public Transport {
 
   bool receive(Frame& frame) override {
     if (next_ == inbox_.size()) {
-      // Says "none" once before it looks for more: a client that floods the bus cannot hold a loop over receive() for
-      // ever.
+      // Returns false once between batches, so that a client that floods the bus cannot hold a loop over receive().
       const bool batch_done = !inbox_.empty();
       inbox_.clear();
       next_ = 0;
@@ -189,10 +188,10 @@ class Server final : public Transport {
       ::setsockopt(socket.get(), IPPROTO_TCP, TCP_NODELAY, &on, sizeof on);
       ::setsockopt(socket.get(), SOL_SOCKET, SO_SNDBUF, &kernel_queue, sizeof kernel_queue);
       clients_.push_back({.socket = std::move(socket)});
-      if (clients_.size() <= most_clients) {
+      if (clients_.size() <= max_clients) {
         reply(clients_.back(), "< hi >");
       } else {
-        reply(clients_.back(), fmt::format("< error {} clients are connected already >", most_clients));
+        reply(clients_.back(), fmt::format("< error {} clients are connected already >", max_clients));
         clients_.pop_back();
       }
     }
@@ -216,13 +215,13 @@ class Server final : public Transport {
     while (!client.gone) {
       const auto begin = client.in.find('<', used), end = client.in.find('>', std::min(begin, client.in.size()));
       if (end == client.in.npos) break;
-      // Who does not begin with a command is no client; it may be a browser that a foreign page made talk to us.
+      // A peer that does not begin with a command is no client; it may be a browser that a foreign web page directs.
       if (!client.open && !words(std::string_view(client.in).substr(used, begin - used)).empty()) return reject(client);
       obey(client, std::string_view(client.in).substr(begin + 1, end - begin - 1));
       used = end + 1;
     }
     client.in.erase(0, used);
-    if (client.in.size() > longest_command) reject(client);
+    if (client.in.size() > max_command) reject(client);
   }
 
   void reject(Client& client) {
@@ -235,7 +234,7 @@ class Server final : public Transport {
   void obey(Client& client, std::string_view command) {
     const auto parts = words(command);
     const std::string_view verb = parts.empty() ? "" : parts[0];
-    client.silent_until_ns = 0;  // whoever goes on talking has read our last answer
+    client.silent_until_ns = 0;  // a client that sends again has read the last answer
     if (verb == "echo" && parts.size() == 1) {
       reply(client, "< echo >");
     } else if (verb == "open" && parts.size() == 2) {
@@ -268,7 +267,7 @@ class Server final : public Transport {
     }
   }
 
-  /// A client's frame is on the bus: for us and for the other clients.
+  /// A frame of a client goes to our inbox and to the other clients.
   void take(const Frame& frame, const Client& from) {
     const auto& wanted = options_.identifiers;
     if (wanted.empty() || (!frame.extended && std::ranges::find(wanted, frame.id) != wanted.end()))
@@ -296,12 +295,12 @@ class Server final : public Transport {
 
   void reply(Client& client, std::string_view command) { queue(client, command); }
 
-  /// Whole commands only, or the client could not find the next one.
+  /// Queues whole commands only: after a part of one a client would not find the next.
   bool queue(Client& client, std::string_view command) {
-    if (client.out.size() + command.size() > longest_queue) flush(client);
-    if (client.out.size() + command.size() > longest_queue) {
+    if (client.out.size() + command.size() > max_queue) flush(client);
+    if (client.out.size() + command.size() > max_queue) {
       const bool its_fault = clock_ns() >= client.silent_until_ns;
-      if (its_fault && ++client.dropped >= most_dropped) client.gone = true;
+      if (its_fault && ++client.dropped >= max_dropped) client.gone = true;
       return false;
     }
     client.dropped = 0;
@@ -336,7 +335,7 @@ struct Address {
   socklen_t size = 0;
 };
 
-/// Numeric addresses and "localhost" only: nothing that a name server says decides who can reach us.
+/// Numeric addresses and "localhost" only: a name server must not decide who can reach this server.
 std::optional<Address> loopback(const std::string& host, int port) {
   Address address;
   auto* v4 = reinterpret_cast<sockaddr_in*>(&address.storage);
@@ -385,10 +384,10 @@ Result<std::unique_ptr<Transport>> open_socketcand(const std::string& host, int 
 
   Descriptor listener(::socket(address->storage.ss_family, SOCK_STREAM | SOCK_NONBLOCK | SOCK_CLOEXEC, 0));
   if (listener.get() < 0) return fail(fmt::format("no TCP here ({})", std::strerror(errno)));
-  const int on = 1;  // connections of a server that has just ended do not keep the port; one that listens still does
+  const int on = 1;  // the port is free again after a server has ended, but not while another one listens
   ::setsockopt(listener.get(), SOL_SOCKET, SO_REUSEADDR, &on, sizeof on);
   if (::bind(listener.get(), reinterpret_cast<const sockaddr*>(&address->storage), address->size) != 0 ||
-      ::listen(listener.get(), most_clients) != 0) {
+      ::listen(listener.get(), max_clients) != 0) {
     if (errno == EADDRINUSE)
       return fail(fmt::format("port {} is taken by another program; end it or choose another port", port));
     return fail(fmt::format("cannot listen ({})", std::strerror(errno)));

@@ -11,9 +11,9 @@
 #include <tribotwin/hil/can/frame.hpp>
 #include <tribotwin/plugins/friction/error.hpp>
 
-/// A way to a CAN bus. An address chooses it:
+/// Transports of CAN frames, chosen by an address:
 ///   can0, vcan0, socketcan:NAME            SocketCAN, classic and FD
-///   socketcand://127.0.0.1:29536/NAME      we serve that bus over TCP; classic frames only
+///   socketcand://127.0.0.1:29536/NAME      serves that bus over TCP; classic frames only
 ///   log:FILE                               a candump log: read by replay, written by --record
 ///   memory:NAME                            in this process
 namespace tribotwin::hil {
@@ -28,7 +28,7 @@ struct BusCounters {
   std::uint64_t error_frames = 0;  ///< from the controller
   std::uint64_t bus_off = 0;
   std::uint64_t link_losses = 0;  ///< times that the link went down or the device vanished
-  std::uint64_t malformed = 0;    ///< read, but no frame
+  std::uint64_t malformed = 0;    ///< received, but not a frame
 };
 
 enum class Sent { done, busy, down, refused };
@@ -42,10 +42,9 @@ class Transport {
   virtual Sent send(const Frame& frame) = 0;
   /// The next frame that others sent, in the order of the bus; false if there is none now.
   virtual bool receive(Frame& frame) = 0;
-  /// Returns when a frame may be there, or at CLOCK_MONOTONIC `deadline_ns`, or when a signal arrives.
+  /// Returns when a frame may have arrived, or at CLOCK_MONOTONIC `deadline_ns`, or when a signal arrives.
   virtual void wait(std::int64_t deadline_ns) = 0;
-  /// Whether frames can be sent now. A link that comes back, and a device that is made again, are taken up by
-  /// themselves.
+  /// Whether frames can be sent now. The transport follows a link that comes back and a device that is created again.
   virtual bool up() const = 0;
   /// "interface vcan0 is down", ...; for status lines.
   virtual std::string state() const = 0;

@@ -12,18 +12,17 @@ constexpr int last_synchronous = 240;  // transmission type
 
 /// Adds up the bits of the frames of one cycle.
 struct Cycle {
-  double least = 0, most = 0;
+  double min = 0, max = 0;
   int frames = 0;
 
   void add(int bytes, double per_cycle = 1) {
     const Bits b = classic_bits(bytes);
-    least += per_cycle * b.least;
-    most += per_cycle * b.most;
+    min += per_cycle * b.min;
+    max += per_cycle * b.max;
     ++frames;
   }
   Budget over(double cycle_s, double bit_rate) const {
-    return {cycle_s, frames, least / (bit_rate * cycle_s), most / (bit_rate * cycle_s),
-            most / (usable_load * bit_rate)};
+    return {cycle_s, frames, min / (bit_rate * cycle_s), max / (bit_rate * cycle_s), max / (usable_load * bit_rate)};
   }
 };
 
@@ -56,7 +55,7 @@ std::string Budget::line() const {
   return fmt::format(
       "{} frames per cycle of {:.3g} ms: {:.0f} to {:.0f} % of the bus; shortest cycle at 80 % of the worst load: "
       "{:.2f} ms",
-      frames, 1e3 * cycle_s, 100 * least, 100 * most, 1e3 * shortest_cycle_s);
+      frames, 1e3 * cycle_s, 100 * min, 100 * max, 1e3 * shortest_cycle_s);
 }
 
 }  // namespace tribotwin::hil

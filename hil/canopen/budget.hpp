@@ -11,7 +11,7 @@ namespace tribotwin::hil {
 struct Budget {
   double cycle_s;
   int frames;               ///< per cycle
-  double least, most;       ///< share of the bus, without and with the maximum of stuff bits
+  double min, max;          ///< share of the bus, with the minimum and the maximum of stuff bits
   double shortest_cycle_s;  ///< at 80 % of the worst load
   std::string line() const;
 };

@@ -189,7 +189,7 @@ Dictionary drive_dictionary(const DriveParameters& parameters) {
   return Dictionary(std::move(objects));
 }
 
-DriveObjects::DriveObjects(Dictionary& dictionary, double gear_ratio) {
+DriveObjects::DriveObjects(Dictionary& dictionary, double gear_ratio) : dictionary_(dictionary) {
   increment_rad = 2 * std::numbers::pi / increments_per_turn / gear_ratio;
   milli_rpm_rad_s = 2e-3 * std::numbers::pi / 60 / gear_ratio;
   per_mille_nm = static_cast<double>(dictionary.get(od::motor_rated_torque)) * 1e-6 * gear_ratio;

@@ -29,6 +29,9 @@ class DriveObjects {
   Object *interpolation_time, *interpolation_exponent;
   Object *lubricant_temperature, *friction_torque, *load_torque, *measured_temperature, *temperature_limit;
 
+  /// Any other object that must exist.
+  const Object* object(std::uint16_t index, std::uint8_t sub = 0) const { return dictionary_.find(index, sub); }
+
   double position_rad(std::int64_t increments) const { return static_cast<double>(increments) * increment_rad; }
   double position_rad(const Object* object) const { return position_rad(object->value); }
   double velocity_rad_s(const Object* object) const { return static_cast<double>(object->value) * milli_rpm_rad_s; }
@@ -37,6 +40,9 @@ class DriveObjects {
   double speed_max_rad_s() const { return static_cast<double>(max_motor_speed->value) * 1e3 * milli_rpm_rad_s; }
   /// 60C2h: time from one set point to the next.
   double interpolation_s() const;
+
+ private:
+  const Dictionary& dictionary_;
 };
 
 }  // namespace tribotwin::hil

@@ -117,12 +117,12 @@ void DriveProfile::refresh_status() {
 void DriveProfile::take_up_mode() {
   objects_.mode_display->value = objects_.mode->value;
   demand_ = {.position_rad = feedback_.position_rad};
-  if (!followed_) fresh_ = {};  // targets of another time
-  for (std::size_t i = 0; i < target_count; ++i) {
+  if (!followed_) fresh_.assign(fresh_.size(), false);  // targets of another time
+  for (std::size_t i = 0; i < fresh_.size(); ++i) {
     const Target& target = targets()[i];
     if (!fresh_[i]) node_.dictionary.set(target.index, 0, target.standing_counts(objects_, feedback_, followed_));
   }
-  fresh_ = {};
+  fresh_.assign(fresh_.size(), false);
   following_s_ = 0;
 }
 

@@ -1,8 +1,8 @@
 #pragma once
 
-#include <array>
 #include <cstdint>
 #include <optional>
+#include <vector>
 
 #include <tribotwin/hil/canopen/emcy.hpp>
 #include <tribotwin/hil/cia402/drive_objects.hpp>
@@ -65,10 +65,11 @@ class DriveProfile {
   Feedback feedback_;
   Demand demand_;
   double ramp_rad_s_ = 0;
-  double following_s_ = 0;                  // for so long the following error has been beyond its window
-  double standing_s_ = 0;                   // for so long the motor has stood at the end of a ramp
-  bool followed_ = false;                   // set points, when refresh_status was last called
-  std::array<bool, target_count> fresh_{};  // targets that were written since the drive last took up a mode
+  double following_s_ = 0;  // for so long the following error has been beyond its window
+  double standing_s_ = 0;   // for so long the motor has stood at the end of a ramp
+  bool followed_ = false;   // set points, when refresh_status was last called
+  std::vector<bool> fresh_ =
+      std::vector<bool>(targets().size());  // targets that were written since the drive last took up a mode
 };
 
 }  // namespace tribotwin::hil

@@ -80,6 +80,11 @@ std::int64_t standing_torque(const DriveObjects& o, const Feedback& f, bool) {
   return std::llround(f.torque_nm / o.per_mille_nm);
 }
 
+// index, standing_counts
+constexpr Target all_targets[] = {{od::target_position, standing_position},
+                                  {od::target_velocity, standing_velocity},
+                                  {od::target_torque, standing_torque}};
+
 /// Names of the modes for which `chosen` holds.
 template <class Predicate>
 std::vector<std::string> names(Predicate chosen) {
@@ -98,12 +103,7 @@ const ModeOfOperation* find_mode(std::int64_t number) {
   return found == std::end(modes) ? nullptr : found;
 }
 
-const std::array<Target, target_count>& targets() {
-  static constexpr std::array<Target, target_count> all{{{od::target_position, standing_position},
-                                                         {od::target_velocity, standing_velocity},
-                                                         {od::target_torque, standing_torque}}};
-  return all;
-}
+std::span<const Target> targets() { return all_targets; }
 
 std::string mode_numbers() {
   std::vector<std::string> all;

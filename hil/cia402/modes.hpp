@@ -11,7 +11,7 @@
 /// in the dictionary and the EDS, and the set points follow from its rows.
 ///
 /// To add a mode: one row in modes.cc with its function, and the expected list in tests/hil/cia402. A set point that no
-/// mode has yet is one more object in drive_objects.cc and one row of `targets`.
+/// mode has yet is one more object (object_index.hpp, drive_objects.cc) and one row of the targets in modes.cc.
 namespace tribotwin::hil {
 
 /// The position set point under way: a straight line from one target to the next. Joint side.
@@ -41,8 +41,7 @@ struct Target {
   std::uint16_t index;
   std::int64_t (*standing_counts)(const DriveObjects&, const Feedback&, bool moving);
 };
-inline constexpr std::size_t target_count = 3;
-const std::array<Target, target_count>& targets();
+std::span<const Target> targets();
 
 /// For the dictionary: "8 CSP, 9 CSV, 10 CST", the bits of 6502h, "CSP, CSV, CST".
 std::string mode_numbers();

@@ -69,7 +69,7 @@ void Node::obey(NmtCommand command, std::int64_t now_ns) {
   drive_.refresh_status();
 }
 
-/// Objects back to their defaults, by reset communication only those of CiA 301; the physics goes on. The drive is as
+/// Objects back to their defaults, by reset communication only those of CiA 301; the physics continues. The drive is as
 /// after power-up: the brake holds.
 void Node::reset(NmtCommand command, std::int64_t now_ns) {
   const Dictionary fresh = drive_dictionary(parameters_);

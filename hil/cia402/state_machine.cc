@@ -57,7 +57,7 @@ void StateMachine::controlword(std::uint16_t word, const StopOptions& o) {
         next_ = S::switch_on_disabled;
         return;
       }
-      if (ramping_) return;  // on the way out: only a stronger command counts
+      if (ramping_) return;  // a ramp leads out of the state: only quick stop and disable voltage count
       if (command == Command::shutdown) leave(S::ready_to_switch_on, o.shutdown == 1);
       if (command == Command::switch_on) leave(S::switched_on, o.disable_operation == 1);
       return;

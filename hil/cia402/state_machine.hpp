@@ -16,7 +16,7 @@ enum class DriveState : std::uint8_t {
 };
 const char* name_of(DriveState state);
 
-/// 605Ah, 605Bh, 605Ch, 605Eh; see the dictionary for their values.
+/// Option codes 605Ah, 605Bh, 605Ch and 605Eh; their values are in the reference of hil/README.md.
 struct StopOptions {
   int quick_stop = 2, shutdown = 0, disable_operation = 1, fault_reaction = 2;
 };
@@ -31,15 +31,15 @@ class StateMachine {
     return state_ == DriveState::operation_enabled || state_ == DriveState::quick_stop_active ||
            state_ == DriveState::fault_reaction_active;
   }
-  /// The drive brakes along a ramp; `stopped` ends it.
+  /// The drive decelerates along a ramp; `stopped` ends it.
   bool ramping() const { return ramping_; }
-  /// Set points count: enabled and not on the way out.
+  /// The drive follows set points: enabled, and no ramp leads out of the state.
   bool follows() const { return state_ == DriveState::operation_enabled && !ramping_; }
 
   void controlword(std::uint16_t word, const StopOptions& options);
-  /// A fault: with a ramp if `ramp` and the drive is powered, else at once.
+  /// A fault: after a ramp if `ramp` and the drive is powered, else at once.
   void fail(bool ramp);
-  /// The motor stands.
+  /// Call when the motor stands: ends a ramp.
   void stopped();
   /// As after power-up.
   void reset() { *this = {}; }

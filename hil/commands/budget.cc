@@ -17,10 +17,10 @@ struct Arguments : RobotOptions {
 int run(const Arguments& a) {
   const Budget load = a.budget(a.load(), a.bit_rate);
   twin::print("{}\n", load.line());
-  if (load.most > 1)
+  if (load.max > 1)
     return report_error(twin::wrong_input,
                         "more than the bus can carry; choose a longer cycle or fewer drives on one bus");
-  if (load.most > 0.8) twin::note("more than 80 % at worst; other traffic will not fit");
+  if (load.max > 0.8) twin::note("more than 80 % at worst; other traffic will not fit");
   return twin::done;
 }
 

@@ -51,10 +51,10 @@ struct Arguments : RobotOptions {
   /// Throws InputError where the bus cannot carry the drives.
   void check_bus_load(const twin::Scenario& scenario) const {
     const Budget load = budget(scenario, 1e6);
-    if (load.most > 1)
+    if (load.max > 1)
       throw InputError(
           fmt::format("--cycle {}: {}; choose a longer cycle or fewer drives on one bus", cycle_ms, load.line()));
-    if (load.most > 0.8) twin::note("{}", load.line());
+    if (load.max > 0.8) twin::note("{}", load.line());
   }
 };
 

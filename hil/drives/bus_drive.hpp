@@ -13,7 +13,7 @@
 
 namespace tribotwin::hil {
 
-/// A drive as its physics has it. Arm side; SI.
+/// State of a drive in the simulation. Arm side; SI.
 struct Feedback {
   double position_rad = 0, velocity_rad_s = 0, torque_nm = 0;
   double friction_nm = 0, load_nm = 0, temperature_degC = 25;
@@ -22,31 +22,30 @@ struct Feedback {
 
 using Send = std::function<Sent(const Frame&)>;
 
-/// One drive between a bus and a robot, whatever it speaks; free of sockets and clocks. `now_ns`: wall clock,
-/// monotonic.
+/// One drive between a bus and a robot, for any protocol; free of sockets and clocks. `now_ns`: CLOCK_MONOTONIC.
 class BusDrive {
  public:
   virtual ~BusDrive() = default;
 
   virtual void start(std::int64_t now_ns) = 0;
   virtual void receive(const Frame& frame, std::int64_t now_ns) = 0;
-  /// The SYNC: sends what is due with the feedback there is, then takes the set points that came before it.
+  /// The SYNC: sends what is due with the last feedback, then applies the set points that came before it.
   virtual void sync(std::int64_t now_ns) = 0;
   /// Timers. Call at least every few milliseconds of wall time.
   virtual void tick(std::int64_t now_ns) = 0;
-  /// The bus is back after it was gone.
+  /// The bus is back after a link loss.
   virtual void recovered(std::int64_t now_ns) { (void)now_ns; }
   /// Next time at which `tick` has something to do.
   virtual std::int64_t next_ns() const = 0;
-  /// Whether `id` is one under which this drive sends.
+  /// Whether this drive sends frames with the identifier `id`.
   virtual bool sends(std::uint32_t id) const = 0;
 
   /// The set point for the next simulation step of dt [s].
   virtual twin::DriveCommand command(double dt_s) = 0;
-  /// What that step did.
+  /// The state after that step.
   virtual void feedback(const Feedback& feedback, double dt_s) = 0;
   virtual bool brake_engaged() const = 0;
-  /// What a bench measured, in place of the thermal model.
+  /// A temperature [degC] that a bench measured; it replaces the thermal model.
   virtual std::optional<double> measured_temperature_degC() const { return std::nullopt; }
 
   /// For status lines and statistics.

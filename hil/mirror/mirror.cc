@@ -117,7 +117,7 @@ void MirrorDrive::receive(const Frame& frame, std::int64_t now_ns) {
   }
   if (last_) {
     const int ahead = (c->counter - last_->counter) & 15;
-    if (ahead == 0) {  // the same frame again keeps nothing alive
+    if (ahead == 0) {  // a repeated frame does not reset the deadline
       ++counters_.repeated;
       return;
     }

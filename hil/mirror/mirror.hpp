@@ -15,7 +15,8 @@
 ///                           44..55 temperature u12 [0.1 degC from -50 degC], 56..63 CRC
 ///
 /// The CRC is SAE J1850 (polynomial 1Dh, start and final XOR FFh) over the identifier's two bytes, low first, and bytes
-/// 0..6: a frame of another drive is not taken for this one's. The counter goes up by one with every frame.
+/// 0..6, so that a frame of another drive is not mistaken for one of this drive. The counter goes up by one with every
+/// frame.
 namespace tribotwin::hil {
 
 std::uint8_t crc8_j1850(std::span<const std::uint8_t> bytes, std::uint8_t crc = 0xFF);
@@ -54,7 +55,7 @@ struct MirrorCounters {
 };
 
 /// A drive with this profile. Its status goes out with every SYNC, or every cycle where there is no SYNC. A command
-/// that is older than three cycles (at least 20 ms) stops the drive: ramp, brake, fault; it stays until mode 15.
+/// that is older than three cycles (at least 20 ms) stops the drive: ramp, brake, fault until mode 15.
 class MirrorDrive final : public BusDrive {
  public:
   MirrorDrive(const DriveParameters& parameters, Send send);

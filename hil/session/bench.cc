@@ -16,7 +16,7 @@ Bench::Bench(const twin::Scenario& scenario, const BenchOptions& options, Send s
     const Sent sent = send(frame);
     if (sent == Sent::done) {
       const Bits bits = classic_bits(frame.size);
-      counters_.bits += 0.5 * (bits.least + bits.most);
+      counters_.bits += 0.5 * (bits.min + bits.max);
       ++counters_.frames_out;
     }
     return sent;
@@ -42,7 +42,7 @@ Result<void> Bench::receive(const Frame& frame, std::int64_t now_ns) {
   ++counters_.frames_in;
   if (!frame.error) {
     const Bits bits = classic_bits(std::min<int>(frame.size, 8));
-    counters_.bits += 0.5 * (bits.least + bits.most);
+    counters_.bits += 0.5 * (bits.min + bits.max);
   }
   if (!is_sync(frame)) {
     for (const auto& drive : drives_) drive->receive(frame, now_ns);
@@ -53,7 +53,7 @@ Result<void> Bench::receive(const Frame& frame, std::int64_t now_ns) {
   ++counters_.syncs;
   if (last_sync_ns_ >= 0 && now_ns - last_sync_ns_ < 500 * cycle_us) ++counters_.sync_fast;
   last_sync_ns_ = now_ns;
-  // All drives answer with where they were at this SYNC; then they move on to the next.
+  // All drives answer with their state at this SYNC; then the robot moves on to the next.
   for (const auto& drive : drives_) drive->sync(now_ns);
   return options_.lockstep ? plant_.advance(drives_, cycle_us, options_.stop) : Result<void>{};
 }

@@ -7,13 +7,13 @@
 /// Drives and robot on one bus, the same for live sessions and replays: frames and times in, frames out.
 namespace tribotwin::hil {
 
-/// Counts of a session; times in lockstep are of the wall clock.
+/// Counts of a session.
 struct BenchCounters {
   std::uint64_t syncs = 0;
   std::uint64_t sync_fast =
-      0;  ///< came sooner than half the period after the last one: a second master, or a wrong rate
+      0;  ///< less than half a period after the last one, by the wall clock: a second master, or a wrong rate
   std::uint64_t frames_in = 0, frames_out = 0;
-  double bits = 0;  ///< on a classic bus, mean of the least and the most stuffing
+  double bits = 0;  ///< on a classic bus, mean of minimum and maximum stuffing
 };
 
 enum class Profile { cia402, mirror };
@@ -23,7 +23,7 @@ struct BenchOptions {
   int first_node = 1;
   std::uint32_t cycle_us = 2000;
   bool lockstep = true;        ///< each SYNC advances the robot by the cycle (1006h); else the owner steps the plant
-  std::function<bool()> stop;  ///< asked now and then in a cycle of many steps: end it here?
+  std::function<bool()> stop;  ///< polled in a cycle of many steps: true ends it
 };
 
 class Bench {
@@ -35,7 +35,7 @@ class Bench {
   /// Fails when the simulation does.
   Result<void> receive(const Frame& frame, std::int64_t now_ns);
   void tick(std::int64_t now_ns);
-  /// The bus is back after it was gone.
+  /// The bus is back after a link loss.
   void recovered(std::int64_t now_ns);
   std::int64_t next_ns() const;
   /// Which drive sends frames with this identifier, if any does.
@@ -52,7 +52,7 @@ class Bench {
   BenchOptions options_;
   std::vector<std::unique_ptr<BusDrive>> drives_;
   std::vector<std::string> joints_;
-  Node* first_ = nullptr;  // of a CANopen bench: it says how long a cycle is
+  Node* first_ = nullptr;  // of a CANopen bench: its 1006h is the length of a cycle
   BenchCounters counters_;
   std::int64_t last_sync_ns_ = -1;
 };

@@ -23,15 +23,15 @@ using Status = Result<void>;
 
 constexpr std::int64_t s_ns = 1'000'000'000, longest_wait_ns = 20'000'000;
 
-/// Whole microseconds: what a log can hold, so that a replay sees the same times.
+/// Whole microseconds, the resolution of a log, so that a replay sees the same times.
 std::int64_t now_us_ns() { return clock_ns() / 1000 * 1000; }
 
-/// Lateness of a periodic task [us]: powers of two.
+/// Histogram of the lateness of a periodic task [us], in powers of two.
 struct Lateness {
   std::array<std::uint64_t, 20> count{};
-  std::int64_t most_ns = 0;
+  std::int64_t max_ns = 0;
   void add(std::int64_t ns) {
-    most_ns = std::max(most_ns, ns);
+    max_ns = std::max(max_ns, ns);
     std::size_t bin = 0;
     for (std::int64_t us = ns / 1000; us > 0 && bin + 1 < count.size(); us /= 2) ++bin;
     ++count[bin];
@@ -107,7 +107,7 @@ class Session {
     frame.time_ns = now_ns_ + to_realtime_ns_;
     keep_log(log_->write(frame));
   }
-  /// The robot must not fall because a disk is full: the log ends, the drives do not.
+  /// The robot must not fall because a disk is full: the log ends, the drives continue.
   void keep_log(const Status& written) {
     if (written) return;
     log_.reset();
@@ -115,15 +115,15 @@ class Session {
   }
   void lose(const std::string& what) {
     lost_.push_back(fmt::format("{}; recorded up to {:.3f} s", what, time_s()));
-    note(lost_.back() + "; the drives go on");
+    note(lost_.back() + "; the drives continue");
   }
 
-  /// One wait, and what it brought.
+  /// Waits once and handles all that arrived.
   Status turn() {
     const std::int64_t due_ns = o_.realtime ? deadline_ns_ : std::numeric_limits<std::int64_t>::max();
     bus_.wait(std::min({now_ns_ + longest_wait_ns, std::max<std::int64_t>(bench_.next_ns(), now_ns_), due_ns}));
-    // One time for all that waited here: asking the clock for each would cost more than the answer. No two turns share
-    // a time, so that a replay can tell them apart and lets the timers run as often.
+    // One time for all frames of a turn: a clock call per frame would cost more than the answer. Each turn has a time
+    // of its own, so that a replay runs the timers as often.
     now_ns_ = std::max(now_ns_ + 1000, now_us_ns());
     bench_.tick(now_ns_);
     if (auto ok = take_frames(); !ok) return ok;
@@ -153,7 +153,7 @@ class Session {
     if (late_ns >= 0) {
       lateness_.add(late_ns);
       if (late_ns > step_ns_) ++overruns_;
-      // A machine that was away for long goes on from now; the robot does not jump ahead.
+      // After a long pause of the machine the robot continues from now; it does not catch up.
       if (late_ns > 200 * step_ns_) deadline_ns_ += late_ns;
       for (; deadline_ns_ <= clock_ns() && !finished(); deadline_ns_ += step_ns_)
         if (auto ok = bench_.plant().step(bench_.drives()); !ok) return ok;
@@ -178,7 +178,7 @@ class Session {
     if (o_.status) o_.status({time_s(), wall_s(), load, &bench_, &bus_});
   }
 
-  /// All that was written is closed, however the session ended.
+  /// Closes all that was written, however the session ended.
   Status close(const Status& ran) {
     std::vector<std::string> problems;
     const auto check = [&](const Status& status) {
@@ -204,7 +204,7 @@ class Session {
     if (o_.realtime) {
       more = {{"overruns", static_cast<double>(overruns_)},
               {"lateness_median_us", static_cast<double>(lateness_.median_us())},
-              {"lateness_max_us", 1e-3 * static_cast<double>(lateness_.most_ns)}};
+              {"lateness_max_us", 1e-3 * static_cast<double>(lateness_.max_ns)}};
       for (std::size_t i = 0; i < lateness_.count.size(); ++i)
         if (lateness_.count[i])
           more.emplace_back(fmt::format("lateness_below_{}_us", 1LL << i), static_cast<double>(lateness_.count[i]));
@@ -216,7 +216,7 @@ class Session {
   const std::int64_t start_ns_ = now_us_ns(), to_realtime_ns_ = clock_ns(CLOCK_REALTIME) / 1000 * 1000 - start_ns_,
                      step_ns_;
   std::int64_t now_ns_ = start_ns_, deadline_ns_ = start_ns_ + step_ns_, status_ns_ = 0;
-  bool running_ = false;  // there is a bench to ask for its time
+  bool running_ = false;  // the bench exists and has a time
   std::optional<LogWriter> log_;
   FaultyBus bus_;
   Bench bench_;

@@ -13,7 +13,7 @@
 
 namespace tribotwin::hil {
 
-/// A drive session as its status line shows it.
+/// State of a session for its status line.
 struct SessionStatus {
   double simulated_s, wall_s, bus_load;  ///< load: share of 1 Mbit/s in the last second
   const Bench* bench;
@@ -25,19 +25,20 @@ struct DriveOptions {
   int first_node = 1;
   std::uint32_t cycle_us = 2000;
   bool realtime = false;                             ///< physics on the clock instead of on SYNC
-  std::optional<double> duration_s;                  ///< of simulated time; for ever without
+  std::optional<double> duration_s;                  ///< of simulated time [s]; unlimited without
   std::filesystem::path record;                      ///< a candump log of everything on the bus
   std::filesystem::path statistics;                  ///< JSON
   std::filesystem::path output;                      ///< folder for telemetry
   twin::Existing existing = twin::Existing::refuse;  ///< what happens to older records and statistics
-  std::vector<Fault> faults;                         ///< on purpose, by simulated time
-  std::function<bool()> stop;                        ///< asked often: end now?
+  std::vector<Fault> faults;                         ///< injected, by simulated time
+  std::function<bool()> stop;                        ///< polled often; true ends the session
   std::function<void(const SessionStatus&)> status;  ///< a few times a second
-  std::function<void(const std::string&)> note;      ///< what the user should know, one line
+  std::function<void(const std::string&)> note;      ///< called with messages of one line for the user
 };
 
-/// Drives on a bus until the end. A record that cannot be written any more (full disk) is noted and given up; the
-/// drives go on. Fails at the end with one line: what was lost, or that `stop` came before `duration_s` was over.
+/// Runs the drives of a scenario on a bus until `duration_s` or `stop`. When a record cannot be written any more (full
+/// disk), a note says so and the drives continue without it. Fails at the end with one line: what was lost, or that
+/// `stop` came before `duration_s` was over.
 Result<void> drive(const twin::Scenario& scenario, Transport& bus, const DriveOptions& options);
 
 }  // namespace tribotwin::hil

@@ -63,7 +63,7 @@ Sent FaultyBus::send(const Frame& frame) {
   if (cut()) return Sent::down;
   std::deque<Frame> out;
   pass(frame, out);
-  Sent sent = Sent::done;  // what is lost on the way was sent
+  Sent sent = Sent::done;  // a frame that is lost on the way counts as sent
   for (const Frame& f : out) sent = bus_.send(f);
   return sent;
 }

@@ -11,7 +11,7 @@
 
 namespace tribotwin::hil {
 
-/// A bus with the faults of a list between it and its user. The same seed and frames give the same faults.
+/// A bus with injected faults. The same seed and frames give the same faults.
 class FaultyBus final : public Transport {
  public:
   /// `time_s`: simulated time.
@@ -23,16 +23,15 @@ class FaultyBus final : public Transport {
   std::string state() const override;
   const BusCounters& counters() const override { return bus_.counters(); }
 
-  /// Faults of the robot itself that are due: call when simulated time has moved.
+  /// Applies the faults of the drives that are due; call when simulated time has advanced.
   void apply(Plant& plant, int first_node);
 
  private:
-  /// Time on the faults' line: simulated; while the bus is cut, and no SYNC can move the simulation on, the wall
-  /// clock's.
+  /// Time of the faults: simulated; while the bus is cut, and no SYNC can advance the simulation, the wall clock's.
   double now_s() const;
   bool due(const Fault& fault) const;
   bool active(const Fault& fault, const Frame* frame) const;
-  /// What becomes of a frame: none, one or two now; delayed ones later.
+  /// Applies the faults to a frame: none, one or two frames now; a delayed one later.
   void pass(const Frame& frame, std::deque<Frame>& out);
   bool cut() const;
   struct Later {

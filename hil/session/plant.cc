@@ -22,7 +22,7 @@ std::vector<DriveParameters> drive_parameters(const twin::Scenario& scenario, in
                       .position_low_rad = m->jnt_range[2 * binding.joint],
                       .position_high_rad = m->jnt_range[2 * binding.joint + 1],
                       .start_degC = scenario.temperature_degC[all.size()]};
-    // The fastest that the law was identified at, where it says so: motor side.
+    // The maximum speed of the identification, where the law states one: motor side.
     if (const double speed = drive.law.range.speed_max_rad_s; std::isfinite(speed))
       p.speed_max_rad_s = speed / drive.speed_scale() * drive.gear_ratio;
     all.push_back(std::move(p));
@@ -85,7 +85,7 @@ Result<void> Plant::step(std::span<const std::unique_ptr<BusDrive>> drives) {
 Result<void> Plant::advance(std::span<const std::unique_ptr<BusDrive>> drives, std::int64_t us,
                             const std::function<bool()>& stop) {
   const auto step_us = static_cast<std::int64_t>(std::llround(1e6 * twin_.model()->opt.timestep));
-  constexpr int ask_stop_steps = 256;  // usual cycles are done whole, so that a replay of the session ends where it did
+  constexpr int ask_stop_steps = 256;  // usual cycles are never cut, so that a replay ends where the session did
   left_us_ += us;
   for (int k = 1; left_us_ >= step_us; left_us_ -= step_us, ++k) {
     if (auto ok = step(drives); !ok) return ok;
@@ -95,7 +95,7 @@ Result<void> Plant::advance(std::span<const std::unique_ptr<BusDrive>> drives, s
 }
 
 Result<void> Plant::finish(double wall_s, bool interrupted) {
-  if (!record_failure_.empty()) return tl::unexpected(record_failure_);
+  if (!record_failure_.empty()) return work_failed(record_failure_);
   if (!recorder_) return {};
   twin::Summary summary = twin::summarize(twin_, wall_s);
   summary.interrupted = interrupted;

@@ -14,7 +14,7 @@
 /// The robot behind the drives: a commanded twin, stepped between the bus and the telemetry.
 namespace tribotwin::hil {
 
-/// What the bus needs to know of each drive of a scenario; node numbers count up from `first_node`.
+/// The drives of a scenario as a bus needs them; node numbers count up from `first_node`.
 std::vector<DriveParameters> drive_parameters(const twin::Scenario& scenario, int first_node, std::uint32_t cycle_us);
 
 class Plant {
@@ -23,10 +23,10 @@ class Plant {
   /// Also writes telemetry.h5 and scenario.yaml, and summary.json at `finish`. Fails where the folder holds a record
   /// that may not be replaced (ErrorKind::input) or cannot be written (ErrorKind::work).
   Result<void> record(const std::filesystem::path& directory, twin::Existing existing);
-  /// Why the record ended before the robot did (full disk): the robot goes on. Empty while nothing is lost.
+  /// Why the record ended early (full disk); the robot continues. Empty while nothing is lost.
   const std::string& record_failure() const { return record_failure_; }
 
-  /// Tells the drives where their joints are.
+  /// Passes the state of the joints to the drives.
   void show(std::span<const std::unique_ptr<BusDrive>> drives);
   /// One simulation step: set points from the drives, feedback to them.
   Result<void> step(std::span<const std::unique_ptr<BusDrive>> drives);
@@ -40,9 +40,9 @@ class Plant {
   twin::Twin& twin() { return twin_; }
   const twin::Twin& twin() const { return twin_; }
   const twin::Scenario& scenario() const { return scenario_; }
-  /// A fault of the bench: the encoder of a drive shows what it last showed.
+  /// Injected fault: the encoder of a drive keeps its last value.
   void freeze_encoder(std::size_t drive, bool frozen);
-  /// Another: the drive reports this temperature [degC], whatever it has.
+  /// Injected fault: the drive reports this temperature [degC].
   void override_temperature(std::size_t drive, std::optional<double> temperature_degC) {
     override_degC_[drive] = temperature_degC;
   }

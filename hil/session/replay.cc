@@ -27,7 +27,7 @@ void sleep_until(std::int64_t at_ns, const std::function<bool()>& stop) {
   }
 }
 
-/// A log through the drives of a bench, which say into a queue what the log should say next.
+/// Sends a log through the drives of a bench. Their frames go into queues and are compared with those of the log.
 class Replay {
  public:
   Replay(const twin::Scenario& scenario, const std::filesystem::path& file, const ReplayOptions& o)
@@ -97,7 +97,7 @@ class Replay {
     queue.pop_front();
   }
 
-  /// What the drives say and the log does not have.
+  /// Counts what the drives said and the log does not have.
   void judge_the_end() {
     for (std::size_t i = 0; i < compared_.size(); ++i)
       if (compared_[i] == 0) result_.silent.push_back(bench_.joints()[i]);
@@ -118,7 +118,7 @@ class Replay {
 
   const std::filesystem::path& file_;
   const ReplayOptions& o_;
-  /// What the drives say now, per identifier, until the log has said it too.
+  /// Frames of the drives, per identifier, that the log has not reached yet.
   std::map<std::uint32_t, std::deque<Frame>> said_;
   Bench bench_;
   std::vector<std::uint64_t> compared_;  // per drive

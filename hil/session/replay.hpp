@@ -20,7 +20,7 @@ struct ReplayResult {
   std::uint64_t added = 0;    ///< said now, not in the log; not counted for `silent` drives and interrupted replays
   std::vector<std::string> silent;  ///< joints whose drives say nothing in the log: nothing was compared
   bool interrupted = false;
-  std::string first_difference;  ///< one line; empty if all is the same
+  std::string first_difference;  ///< one line; empty without a difference
 };
 struct ReplayOptions {
   Profile profile = Profile::cia402;
@@ -31,7 +31,8 @@ struct ReplayOptions {
   twin::Existing existing = twin::Existing::refuse;  ///< what happens to an older record in it
   std::function<bool()> stop;
 };
-/// A recorded session through the same code: what the drives answered then is compared with what they answer now.
+/// Runs a recorded session through the same code and compares the frames of the drives with the recorded ones. Fails
+/// when the log cannot be read or the simulation fails (ErrorKind::work), and where `output` may not be written.
 Result<ReplayResult> replay(const twin::Scenario& scenario, const std::filesystem::path& log,
                             const ReplayOptions& options);
 

@@ -100,7 +100,7 @@ class Shadow {
     if (first_ns_ < 0) first_ns_ = frame.time_ns;
     return o_.duration_s && 1e-9 * static_cast<double>(frame.time_ns - first_ns_) >= *o_.duration_s;
   }
-  /// "joint1, joint2": those that `which` holds for.
+  /// "joint1, joint2": the joints for which `which` is true.
   std::string names(const std::function<bool(std::size_t)>& which) const {
     std::vector<std::string> chosen;
     for (std::size_t i = 0; i < result_.joints.size(); ++i)
@@ -108,7 +108,7 @@ class Shadow {
     return fmt::format("{}", fmt::join(chosen, ", "));
   }
 
-  /// Cycles end with the SYNC, or where there is none with the first drive's position.
+  /// A cycle ends with the SYNC; without a SYNC, with the position of the first drive.
   bool ends_cycle(const Frame& frame) {
     const bool sync = frame.id == cob::sync && !frame.extended && frame.size <= 1;
     synced_ |= sync;
@@ -117,7 +117,7 @@ class Shadow {
     return synced_ ? sync : heard_first;
   }
 
-  /// What was heard in a cycle is where the robot was at its beginning.
+  /// Positions of a cycle are those at its beginning.
   void take_cycle() {
     if (std::ranges::any_of(listeners_, [](const auto& l) { return !l->position_rad; })) return;
     ++positions_;
@@ -133,7 +133,7 @@ class Shadow {
     write_row();
   }
 
-  /// NaN while none is heard: the last one of a drive that fell silent is not compared for ever.
+  /// NaN while no torque is heard: the last one of a drive that fell silent must not be compared.
   double measured_nm(std::size_t i) {
     Listener& l = *listeners_[i];
     Series& s = series_[i];
@@ -209,12 +209,12 @@ class Shadow {
     if (headed_) keep_csv(csv_->finish());
     csv_.reset();  // without a row: no file
   }
-  /// A full disk must not end the watch over a robot.
+  /// A full disk must not end the monitoring of a robot.
   void keep_csv(const Result<void>& written) {
     if (written) return;
     result_.csv_failure = fmt::format("{}; written up to {:.3f} s", written.error().message, result_.seconds);
     csv_.reset();
-    note(result_.csv_failure + "; the shadow goes on");
+    note(result_.csv_failure + "; the shadow continues");
   }
 
   Result<void> require_predictions() const {
@@ -232,7 +232,7 @@ class Shadow {
     return {};
   }
 
-  /// A limit that was not checked must not look like one that was kept.
+  /// A limit that was not checked must not pass for one that was kept.
   void check_limit() {
     const auto no_torque =
         names([&](std::size_t i) { return result_.joints[i].samples == 0 && (!o_.limit_nm || limited(i)); });
@@ -268,7 +268,7 @@ class Shadow {
   Expectation expectation_;
   std::vector<std::unique_ptr<Listener>> listeners_;
   std::vector<Series> series_;
-  std::deque<std::vector<double>> torques_;  // measured, waiting for what is expected of them
+  std::deque<std::vector<double>> torques_;  // measured, waiting for their prediction
   std::uint64_t positions_ = 0;              // cycles with positions of all drives
   bool synced_ = false, headed_ = false;
   std::int64_t first_ns_ = -1;

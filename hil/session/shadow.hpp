@@ -10,7 +10,7 @@
 #include <tribotwin/plugins/friction/error.hpp>
 #include <tribotwin/twin/io/file.hpp>
 
-/// Beside a real robot: listens to its positions and torques, and says what torque and temperature it should have.
+/// Listens to the positions and torques of a real robot and predicts its torque and temperature.
 namespace tribotwin::hil {
 
 struct ShadowOptions {
@@ -18,8 +18,8 @@ struct ShadowOptions {
   int first_node = 1;
   std::uint32_t cycle_us = 2000;          ///< between two SYNCs, or status frames where there are none
   std::optional<double> limit_nm;         ///< of the residual, arm side
-  double limit_time_s = 0.5;              ///< for so long it must be exceeded
-  std::vector<std::string> limit_joints;  ///< that the limit holds for; all if empty
+  double limit_time_s = 0.5;              ///< time [s] for which it must be exceeded
+  std::vector<std::string> limit_joints;  ///< joints to check; all if empty
   std::optional<double> duration_s;       ///< of time on the bus
   std::filesystem::path csv;  ///< every cycle: time_s, then measured, predicted, residual, temperature per joint
   twin::Existing existing = twin::Existing::refuse;  ///< what happens to an older CSV
@@ -34,7 +34,7 @@ struct ShadowJoint {
   std::string name;
   std::uint64_t samples = 0;  ///< cycles that had a measured torque; without any, the residuals are 0
   double residual_mean_nm = 0, residual_rms_nm = 0, residual_max_nm = 0;
-  double lag_s = 0;             ///< by which the measured torque follows the predicted one (cross-correlation)
+  double lag_s = 0;             ///< delay of the measured torque behind the predicted one (cross-correlation)
   double temperature_degC = 0;  ///< estimated, at the end
   bool exceeded = false;
 };

@@ -1,5 +1,6 @@
-"""What others say of a session with six drives: Wireshark's CANopen dissector of the bus, canmatrix of the DBC, Wireshark's
-EDS reader and the rules of CiA 306 of the EDS; and what bus and telemetry say of each other. Arguments: tribotwin-hil, source tree."""
+"""A session with six drives, checked by others: the bus by Wireshark's CANopen dissector, the DBC by canmatrix, the EDS
+by Wireshark's EDS reader and the rules of CiA 306; and bus and telemetry against each other. Arguments: tribotwin-hil,
+source tree."""
 import atexit, collections, configparser, ctypes, logging, math, os, re, struct, subprocess, sys, time
 
 from harness import check, finish, work
@@ -34,9 +35,12 @@ TYPES = {
     9: ("s", 0, 0),
 }
 KEYS = {
-    "FileInfo": "FileName FileVersion FileRevision EDSVersion Description CreationTime CreationDate CreatedBy ModificationTime ModificationDate ModifiedBy",
-    "DeviceInfo": "VendorName VendorNumber ProductName ProductNumber RevisionNumber OrderCode BaudRate_10 BaudRate_20 BaudRate_50 BaudRate_125 BaudRate_250 BaudRate_500 BaudRate_800 BaudRate_1000 "
-    "SimpleBootUpMaster SimpleBootUpSlave Granularity DynamicChannelsSupported GroupMessaging NrOfRXPDO NrOfTXPDO LSS_Supported",
+    "FileInfo": "FileName FileVersion FileRevision EDSVersion Description CreationTime CreationDate CreatedBy "
+    "ModificationTime ModificationDate ModifiedBy",
+    "DeviceInfo": "VendorName VendorNumber ProductName ProductNumber RevisionNumber OrderCode "
+    "BaudRate_10 BaudRate_20 BaudRate_50 BaudRate_125 BaudRate_250 BaudRate_500 BaudRate_800 BaudRate_1000 "
+    "SimpleBootUpMaster SimpleBootUpSlave Granularity DynamicChannelsSupported GroupMessaging "
+    "NrOfRXPDO NrOfTXPDO LSS_Supported",
 }
 # Data types of CiA 301 and 402; of arrays and records: of the sub-indices from 1 on. A: array, R: record.
 STANDARD = {
@@ -96,115 +100,141 @@ STANDARD |= {
 }
 
 
-def parse_eds(node):
-    """Of the EDS: {(index, sub): (type, default, access, mappable, name)}, data types that fill gaps in an RPDO, what is wrong."""
-    wrong = []
-    subprocess.run([hil, "eds", scenario, "--node", str(node), "-o", work + "/drive.eds", "--force"], check=True)
-    eds = configparser.ConfigParser(
-        strict=True, interpolation=None, delimiters="=", comment_prefixes=";", empty_lines_in_values=False
-    )
-    eds.read_string(open(work + "/drive.eds", encoding="ascii").read())
-    number = lambda text: sum(node if t.upper() == "$NODEID" else int(t, 0) for t in text.split("+"))
-    need = lambda good, *what: good or wrong.append(" ".join(map(str, what)))
-    for section, keys in KEYS.items():
-        need(
-            not [k for k in keys.split() if k not in eds[section]],
-            section,
-            "has no",
-            *(k for k in keys.split() if k not in eds[section]),
+class Eds:
+    """The EDS of a node as CiA 306 wants it; `wrong` collects what is not so."""
+
+    MANDATORY = {0x1000, 0x1001, 0x1018}
+
+    def __init__(self, node):
+        self.node, self.wrong, self.listed, self.entries = node, [], {}, {}
+        subprocess.run([hil, "eds", scenario, "--node", str(node), "-o", work + "/drive.eds", "--force"], check=True)
+        self.eds = configparser.ConfigParser(
+            strict=True, interpolation=None, delimiters="=", comment_prefixes=";", empty_lines_in_values=False
         )
-    for when in ("Creation", "Modification"):
-        need(
-            re.fullmatch(
-                r"(0?[1-9]|1[0-2]):[0-5]\d(AM|PM) [01]\d-[0-3]\d-\d{4}",
-                " ".join(eds["FileInfo"].get(when + k, d) for k, d in (("Time", "1:00AM"), ("Date", "01-01-2000"))),
-            ),
-            when,
-            "is no time",
+        self.eds.read_string(open(work + "/drive.eds", encoding="ascii").read())
+        self.check_sections()
+        self.check_lists()
+        for index in self.listed:
+            self.check_object(index)
+        for way, base, may in (("RX", 0x1600, ("rw", "rww", "wo")), ("TX", 0x1A00, ("rw", "rwr", "ro", "const"))):
+            self.check_mappings(way, base, may)
+        self.need(
+            [self.number(self.eds["DeviceInfo"][k]) for k in ("VendorNumber", "ProductNumber", "RevisionNumber")]
+            == [self.entries[0x1018, k][1] for k in (1, 2, 3)],
+            "identities differ",
         )
-    listed = {}
-    for section, mine in (
-        ("MandatoryObjects", lambda i: i in (0x1000, 0x1001, 0x1018)),
-        ("OptionalObjects", lambda i: i < 0x2000 or i >= 0x6000),
-        ("ManufacturerObjects", lambda i: 0x2000 <= i < 0x6000),
-    ):
-        count = int(eds[section]["SupportedObjects"])
-        need(
-            set(eds[section]) == {"supportedobjects"} | {str(k + 1) for k in range(count)},
-            section,
-            "is not numbered 1 to",
-            count,
-        )
-        for k in range(count):
-            index = number(eds[section][str(k + 1)])
-            need(mine(index) and index not in listed, "%04X" % index, "does not belong in", section)
-            listed[index] = section
-    need({0x1000, 0x1001, 0x1018} <= set(listed), "a mandatory object is missing")
-    need(
-        {"%04X" % i for i in listed} == {s for s in eds.sections() if re.fullmatch("[0-9A-Fa-f]{4}", s)},
-        "lists and sections differ",
-    )
-    entries = {}
-    for index in listed:
-        head = eds["%04X" % index]
-        subs = {int(s[7:], 16): eds[s] for s in eds.sections() if s.startswith("%04Xsub" % index)}
-        if number(head["ObjectType"]) != 7:
-            need(number(head["SubNumber"]) == len(subs) and 0 in subs, "%04X" % index, "has", len(subs), "sub-indices")
-            if index != 0x1003 and not 0x1600 <= index < 0x1C00 or 0x1800 <= index < 0x1A00:
-                need(number(subs[0]["DefaultValue"]) == max(subs), "%04X:0 is not the highest sub-index" % index)
-        shape = {7: "", 8: "A", 9: "R"}[number(head["ObjectType"])] + "".join(
-            TYPES[number(s["DataType"])][0] for k, s in sorted(subs.items() or [(1, head)]) if k
-        )
-        need(
-            index in STANDARD and shape == STANDARD[index] or 0x2000 <= index < 0x6000,
-            "%04X is %s, not %s" % (index, shape, STANDARD.get(index)),
-        )
-        for sub, e in (subs or {0: head}).items():
-            at, (kind, low, high), default = "%04X:%X" % (index, sub), TYPES[number(e["DataType"])], e["DefaultValue"]
-            need(
-                number(e["ObjectType"]) == 7
-                and e["AccessType"] in ("ro", "wo", "rw", "rwr", "rww", "const")
-                and e["PDOMapping"] in "01"
-                and 0 < len(e["ParameterName"]) <= 241,
-                at,
+
+    def number(self, text):
+        return sum(self.node if t.upper() == "$NODEID" else int(t, 0) for t in text.split("+"))
+
+    def need(self, good, *what):
+        good or self.wrong.append(" ".join(map(str, what)))
+
+    def check_sections(self):
+        for section, keys in KEYS.items():
+            missing = [k for k in keys.split() if k not in self.eds[section]]
+            self.need(not missing, section, "has no", *missing)
+        info = self.eds["FileInfo"]
+        for when in ("Creation", "Modification"):
+            self.need(
+                re.fullmatch(
+                    r"(0?[1-9]|1[0-2]):[0-5]\d(AM|PM) [01]\d-[0-3]\d-\d{4}",
+                    " ".join(info.get(when + k, d) for k, d in (("Time", "1:00AM"), ("Date", "01-01-2000"))),
+                ),
+                when,
+                "is no time",
             )
-            if kind != "s":
-                default = number(default)
-                need(
-                    low
-                    <= number(e.get("LowLimit") or str(low))
-                    <= default
-                    <= number(e.get("HighLimit") or str(high))
-                    <= high,
-                    at,
-                    "is beyond its limits",
-                )
-            entries[index, sub] = kind, default, e["AccessType"], e["PDOMapping"] == "1", e["ParameterName"]
-    for way, base, may in (("RX", 0x1600, ("rw", "rww", "wo")), ("TX", 0x1A00, ("rw", "rwr", "ro", "const"))):
-        maps = [i for i in listed if base <= i < base + 0x200]
-        need(
-            number(eds["DeviceInfo"][f"NrOf{way}PDO"]) == len(maps) == sum(base - 0x200 <= i < base for i in listed),
+
+    def check_lists(self):
+        for section, mine in (
+            ("MandatoryObjects", lambda i: i in self.MANDATORY),
+            ("OptionalObjects", lambda i: i < 0x2000 or i >= 0x6000),
+            ("ManufacturerObjects", lambda i: 0x2000 <= i < 0x6000),
+        ):
+            count = int(self.eds[section]["SupportedObjects"])
+            self.need(
+                set(self.eds[section]) == {"supportedobjects"} | {str(k + 1) for k in range(count)},
+                section,
+                "is not numbered 1 to",
+                count,
+            )
+            for k in range(count):
+                index = self.number(self.eds[section][str(k + 1)])
+                self.need(mine(index) and index not in self.listed, "%04X" % index, "does not belong in", section)
+                self.listed[index] = section
+        self.need(self.MANDATORY <= set(self.listed), "a mandatory object is missing")
+        self.need(
+            {"%04X" % i for i in self.listed} == {s for s in self.eds.sections() if re.fullmatch("[0-9A-Fa-f]{4}", s)},
+            "lists and sections differ",
+        )
+
+    def check_object(self, index):
+        name = "%04X" % index
+        head = self.eds[name]
+        subs = {int(s[7:], 16): self.eds[s] for s in self.eds.sections() if s.startswith(name + "sub")}
+        kind = self.number(head["ObjectType"])
+        if kind != 7:
+            self.need(self.number(head["SubNumber"]) == len(subs) and 0 in subs, name, "has", len(subs), "sub-indices")
+            if index != 0x1003 and not 0x1600 <= index < 0x1C00 or 0x1800 <= index < 0x1A00:
+                self.need(self.number(subs[0]["DefaultValue"]) == max(subs), name + ":0 is not the highest sub-index")
+        shape = {7: "", 8: "A", 9: "R"}[kind] + "".join(
+            TYPES[self.number(s["DataType"])][0] for k, s in sorted(subs.items() or [(1, head)]) if k
+        )
+        self.need(
+            index in STANDARD and shape == STANDARD[index] or 0x2000 <= index < 0x6000,
+            "%s is %s, not %s" % (name, shape, STANDARD.get(index)),
+        )
+        for sub, entry in (subs or {0: head}).items():
+            self.check_entry(index, sub, entry)
+
+    def check_entry(self, index, sub, e):
+        at, (kind, low, high) = "%04X:%X" % (index, sub), TYPES[self.number(e["DataType"])]
+        default = e["DefaultValue"]
+        self.need(
+            self.number(e["ObjectType"]) == 7
+            and e["AccessType"] in ("ro", "wo", "rw", "rwr", "rww", "const")
+            and e["PDOMapping"] in "01"
+            and 0 < len(e["ParameterName"]) <= 241,
+            at,
+        )
+        if kind != "s":
+            default = self.number(default)
+            lowest, highest = self.number(e.get("LowLimit") or str(low)), self.number(e.get("HighLimit") or str(high))
+            self.need(low <= lowest <= default <= highest <= high, at, "is beyond its limits")
+        self.entries[index, sub] = kind, default, e["AccessType"], e["PDOMapping"] == "1", e["ParameterName"]
+
+    def check_mappings(self, way, base, may):
+        maps = [i for i in self.listed if base <= i < base + 0x200]
+        self.need(
+            self.number(self.eds["DeviceInfo"][f"NrOf{way}PDO"])
+            == len(maps)
+            == sum(base - 0x200 <= i < base for i in self.listed),
             f"NrOf{way}PDO",
         )
         for i in maps:
-            mapped = [entries[i, k + 1][1] for k in range(entries[i, 0][1])]
-            need(sum(m & 0xFF for m in mapped) <= 64, "%04X" % i, "is too long")
+            mapped = [self.entries[i, k + 1][1] for k in range(self.entries[i, 0][1])]
+            self.need(sum(m & 0xFF for m in mapped) <= 64, "%04X" % i, "is too long")
             for m in mapped:
-                kind, _, access, mappable, _ = entries.get((m >> 16, m >> 8 & 0xFF), ("s", 0, "", False, ""))
-                need(mappable and access in may and 8 * struct.calcsize(kind) == m & 0xFF, "%04X maps %08X" % (i, m))
-    need(
-        [number(eds["DeviceInfo"][k]) for k in ("VendorNumber", "ProductNumber", "RevisionNumber")]
-        == [entries[0x1018, k][1] for k in (1, 2, 3)],
-        "identities differ",
-    )
-    return entries, {k for k in range(1, 8) if eds["DummyUsage"].get(f"Dummy{k:04}", "0") == "1"}, wrong
+                kind, _, access, mappable, _ = self.entries.get((m >> 16, m >> 8 & 0xFF), ("s", 0, "", False, ""))
+                self.need(
+                    mappable and access in may and 8 * struct.calcsize(kind) == m & 0xFF, "%04X maps %08X" % (i, m)
+                )
+
+    def gap_types(self):
+        return {k for k in range(1, 8) if self.eds["DummyUsage"].get(f"Dummy{k:04}", "0") == "1"}
+
+
+def parse_eds(node):
+    """{(index, sub): (type, default, access, mappable, name)}, data types that fill gaps in an RPDO, what is wrong."""
+    eds = Eds(node)
+    return eds.entries, eds.gap_types(), eds.wrong
 
 
 for n in reversed(nodes):
     entries, dummies, wrong = parse_eds(n)
     check(f"EDS of node {n}: {len(entries)} entries as CiA 306, 301 and 402 want them", not wrong, wrong)
 
-# ---- The EDS, read by Wireshark: its POWERLINK dissector knows the objects of a node by name and type from a CANopen EDS.
+# ---- The EDS, read by Wireshark: its POWERLINK dissector takes names and types of objects from a CANopen EDS.
 RANGE = {kind: (low, high) for kind, low, high in TYPES.values()}
 extremes = {
     at: RANGE[kind][0] or RANGE[kind][1] for at, (kind, _, _, _, _) in sorted(entries.items()) if kind != "s"
@@ -433,7 +463,11 @@ tshark = lambda *more: subprocess.run(
     text=True,
     check=True,
 ).stdout
-FIELDS = "canopen.cob_id _ws.expert.message _ws.malformed _ws.col.Info canopen.nmt_ctrl.cd canopen.nmt_ctrl.node_id canopen.em.err_code canopen.em.err_reg canopen.pdo.data.bytes canopen.sdo.cmd canopen.sdo.abort_code canopen.sdo.main_idx canopen.sdo.sub_idx canopen.nmt_guard.state".split()
+FIELDS = (
+    "canopen.cob_id _ws.expert.message _ws.malformed _ws.col.Info canopen.nmt_ctrl.cd canopen.nmt_ctrl.node_id "
+    "canopen.em.err_code canopen.em.err_reg canopen.pdo.data.bytes canopen.sdo.cmd canopen.sdo.abort_code "
+    "canopen.sdo.main_idx canopen.sdo.sub_idx canopen.nmt_guard.state"
+).split()
 seen = []
 for row in tshark("-T", "fields", *(x for f in FIELDS for x in ("-e", f))).splitlines():
     cob, expert, malformed, info, command, node, code, register, pdo, sdo, abort, index, sub, state = (

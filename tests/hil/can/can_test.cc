@@ -81,13 +81,13 @@ TEST(Frame, TextIsCandumps) {
 
 TEST(Frame, BitsOnTheWireAreThoseOfTheBusLoadTable) {
   for (int n = 0; n <= 8; ++n) {
-    EXPECT_EQ(classic_bits(n).least, 47 + 8 * n);
-    EXPECT_EQ(classic_bits(n).most, 47 + 8 * n + (34 + 8 * n - 1) / 4);
+    EXPECT_EQ(classic_bits(n).min, 47 + 8 * n);
+    EXPECT_EQ(classic_bits(n).max, 47 + 8 * n + (34 + 8 * n - 1) / 4);
   }
   // Cycles of six drives; the table's second row is right for a SYNC with its counter byte.
   const auto cycle = [](int sync, int four, int eight) {
-    return std::pair(classic_bits(sync).least + four * classic_bits(4).least + eight * classic_bits(8).least,
-                     classic_bits(sync).most + four * classic_bits(4).most + eight * classic_bits(8).most);
+    return std::pair(classic_bits(sync).min + four * classic_bits(4).min + eight * classic_bits(8).min,
+                     classic_bits(sync).max + four * classic_bits(4).max + eight * classic_bits(8).max);
   };
   EXPECT_EQ(cycle(0, 0, 12), std::pair(1379, 1675));
   EXPECT_EQ(cycle(1, 6, 6), std::pair(1195, 1445));
@@ -330,7 +330,7 @@ TEST_F(Log, AFullDiskLeavesWholeLines) {
 TEST_F(Log, APipeHoldsNobody) {
   const auto pipe = folder_ / "pipe";
   ASSERT_EQ(::mkfifo(pipe.c_str(), 0600), 0);
-  EXPECT_THAT(RecordFile::create(pipe).error().message, HasSubstr("nobody has the other end"));
+  EXPECT_THAT(RecordFile::create(pipe).error().message, HasSubstr("this pipe has no reader"));
   bool stopped = false;
   auto reader = LogReader::open(pipe, [&] { return std::exchange(stopped, true); });
   ASSERT_TRUE(reader);
@@ -340,7 +340,7 @@ TEST_F(Log, APipeHoldsNobody) {
   ASSERT_TRUE(record);
   Result<void> written;
   for (int i = 0; written && i < 100; ++i) written = record->append(std::string(9999, 'x') + "\n");
-  EXPECT_THAT(written.error().message, HasSubstr("nobody reads the other end of this pipe fast enough"));
+  EXPECT_THAT(written.error().message, HasSubstr("the reader of this pipe is too slow"));
 }
 
 TEST_F(Log, ReaderTakesLinesInPieces) {

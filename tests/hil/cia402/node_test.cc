@@ -117,23 +117,25 @@ TEST_F(OneNode, BootsAndBeats) {
   EXPECT_EQ(text(on(0x705).back()), "705#05");
 }
 
+using S = DriveState;
+
+StateMachine in(S state) {
+  StateMachine m;
+  const StopOptions at_once{.quick_stop = 6, .disable_operation = 0};
+  if (state == S::ready_to_switch_on || state == S::switched_on || state == S::operation_enabled ||
+      state == S::quick_stop_active)
+    m.controlword(0x06, at_once);
+  if (state == S::switched_on || state == S::operation_enabled || state == S::quick_stop_active)
+    m.controlword(0x07, at_once);
+  if (state == S::operation_enabled || state == S::quick_stop_active) m.controlword(0x0F, at_once);
+  if (state == S::quick_stop_active) m.controlword(0x02, at_once);
+  if (state == S::fault) m.fail(false);
+  EXPECT_EQ(m.state(), state);
+  return m;
+}
+
 // CiA 402, every transition that has a command, and that no other command moves the drive.
 TEST(StateMachine, ToTheLetter) {
-  using S = DriveState;
-  const auto in = [](S state) {
-    StateMachine m;
-    const StopOptions at_once{.quick_stop = 6, .disable_operation = 0};
-    if (state == S::ready_to_switch_on || state == S::switched_on || state == S::operation_enabled ||
-        state == S::quick_stop_active)
-      m.controlword(0x06, at_once);
-    if (state == S::switched_on || state == S::operation_enabled || state == S::quick_stop_active)
-      m.controlword(0x07, at_once);
-    if (state == S::operation_enabled || state == S::quick_stop_active) m.controlword(0x0F, at_once);
-    if (state == S::quick_stop_active) m.controlword(0x02, at_once);
-    if (state == S::fault) m.fail(false);
-    EXPECT_EQ(m.state(), state);
-    return m;
-  };
   struct Row {
     S from;
     std::uint16_t word;
@@ -169,7 +171,9 @@ TEST(StateMachine, ToTheLetter) {
     m.controlword(row.word, {.quick_stop = 6, .disable_operation = 0});
     EXPECT_EQ(m.state(), row.to) << name_of(row.from) << fmt::format(" {:02X}", row.word);
   }
-  // Fault reset is an edge, not a level.
+}
+
+TEST(StateMachine, FaultResetIsAnEdgeNotALevel) {
   StateMachine m = in(S::ready_to_switch_on);
   m.controlword(0x87, {});
   m.fail(false);
@@ -178,8 +182,11 @@ TEST(StateMachine, ToTheLetter) {
   m.controlword(0x00, {});
   m.controlword(0x80, {});
   EXPECT_EQ(m.state(), S::switch_on_disabled);
-  // Ramps: disable operation stays enabled until the motor stands; quick stop option 2 goes on by itself.
-  m = in(S::operation_enabled);
+}
+
+// Disable operation stays enabled until the motor stands; quick stop option 2 goes on by itself.
+TEST(StateMachine, RampsEndWhenTheMotorStands) {
+  StateMachine m = in(S::operation_enabled);
   m.controlword(0x07, {.disable_operation = 1});
   EXPECT_EQ(m.state(), S::operation_enabled);
   EXPECT_FALSE(m.follows());
@@ -657,8 +664,8 @@ TEST(Description, EdsListsEveryObjectOnce) {
 TEST(Budget, TableOfTheFacts) {
   Frame eight;
   eight.size = 8;
-  EXPECT_EQ(classic_bits(0).least + 12 * classic_bits(8).least, 1379);
-  EXPECT_EQ(classic_bits(0).most + 12 * classic_bits(8).most, 1675);
+  EXPECT_EQ(classic_bits(0).min + 12 * classic_bits(8).min, 1379);
+  EXPECT_EQ(classic_bits(0).max + 12 * classic_bits(8).max, 1675);
   std::vector<DriveParameters> p(6, parameters);
   std::vector<Dictionary> d;
   std::vector<DescribedDrive> drives;
@@ -668,8 +675,8 @@ TEST(Budget, TableOfTheFacts) {
   for (std::size_t i = 0; i < 6; ++i) drives.push_back({&d[i], &p[i]});
   const Budget b = budget(drives, 0.002, 1e6);
   EXPECT_EQ(b.frames, 13);  // one PDO each way
-  EXPECT_LT(b.most, 0.8);
-  EXPECT_GT(budget(drives, 0.001, 1e6).most, 1);
+  EXPECT_LT(b.max, 0.8);
+  EXPECT_GT(budget(drives, 0.001, 1e6).max, 1);
 }
 
 }  // namespace
