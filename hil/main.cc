@@ -4,7 +4,7 @@
 
 #include <tribotwin/hil/commands/table.hpp>
 #include <tribotwin/plugins/mujoco/loader.hpp>
-#include <tribotwin/twin/commands/parse.hpp>
+#include <tribotwin/twin/io/command_line/parse.hpp>
 #include <tribotwin/twin/io/output.hpp>
 
 int main(int argc, char** argv) {

@@ -5,7 +5,7 @@
 #include <tribotwin/plugins/mujoco/loader.hpp>
 #include <tribotwin/render/commands/table.hpp>
 #include <tribotwin/render/process/child.hpp>
-#include <tribotwin/twin/commands/parse.hpp>
+#include <tribotwin/twin/io/command_line/parse.hpp>
 #include <tribotwin/twin/io/output.hpp>
 #include <tribotwin/twin/numerics/solver_guard.hpp>
 

@@ -3,8 +3,8 @@
 #include <string>
 
 #include <tribotwin/plugins/mujoco/loader.hpp>
-#include <tribotwin/twin/commands/parse.hpp>
 #include <tribotwin/twin/commands/table.hpp>
+#include <tribotwin/twin/io/command_line/parse.hpp>
 #include <tribotwin/twin/io/output.hpp>
 #include <tribotwin/twin/numerics/solver_guard.hpp>
 

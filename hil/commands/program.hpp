@@ -5,12 +5,11 @@
 #include <string>
 #include <vector>
 
-#include <tribotwin/twin/io/command_line.hpp>
-
 #include <tribotwin/hil/canopen/budget.hpp>
 #include <tribotwin/hil/commands/table.hpp>
 #include <tribotwin/hil/session/bench.hpp>
 #include <tribotwin/hil/session/files.hpp>
+#include <tribotwin/twin/io/command_line/command_line.hpp>
 #include <tribotwin/twin/io/destination.hpp>
 #include <tribotwin/twin/io/input.hpp>
 #include <tribotwin/twin/io/output.hpp>

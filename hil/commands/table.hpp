@@ -1,6 +1,6 @@
 #pragma once
 
-#include <tribotwin/twin/io/command_line.hpp>
+#include <tribotwin/twin/io/command_line/command_line.hpp>
 
 /// The commands of the program `tribotwin-hil`.
 namespace tribotwin::hil::program {

@@ -14,10 +14,10 @@ enum class Fault { wear, thickening, lubricant_loss, preload_loss, backlash, pit
 
 struct FaultInfo {
   Fault fault;
-  std::string_view name;                         ///< as in YAML, JSON and tables
-  std::string_view unit;                         ///< of the severity: "1" relative, "rad" arm side
-  double maximum;                                ///< largest severity
-  std::string_view footprint;                    ///< on the parameters of Zhou 2024 (11) and on ripple, lost motion and load
+  std::string_view name;       ///< as in YAML, JSON and tables
+  std::string_view unit;       ///< of the severity: "1" relative, "rad" arm side
+  double maximum;              ///< largest severity
+  std::string_view footprint;  ///< on the parameters of Zhou 2024 (11) and on ripple, lost motion and load
   void (*add)(Faults& faults, double severity);  ///< to others that are there
 };
 

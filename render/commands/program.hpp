@@ -7,11 +7,10 @@
 #include <utility>
 #include <vector>
 
-#include <tribotwin/twin/io/command_line.hpp>
-
 #include <tribotwin/plugins/friction/error.hpp>
 #include <tribotwin/render/commands/table.hpp>
-#include <tribotwin/twin/identification/curves/samples.hpp>
+#include <tribotwin/twin/identification/samples/samples.hpp>
+#include <tribotwin/twin/io/command_line/command_line.hpp>
 #include <tribotwin/twin/io/destination.hpp>
 #include <tribotwin/twin/io/input.hpp>
 #include <tribotwin/twin/io/output.hpp>

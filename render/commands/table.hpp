@@ -2,8 +2,7 @@
 
 #include <string>
 
-#include <tribotwin/twin/io/command_line.hpp>
-
+#include <tribotwin/twin/io/command_line/command_line.hpp>
 #include <tribotwin/twin/io/output.hpp>
 
 /// The commands of the program `tribotwin-report`.

@@ -7,8 +7,8 @@
 
 #include <tribotwin/plugins/friction/error.hpp>
 #include <tribotwin/render/figure/figures.hpp>
-#include <tribotwin/twin/identification/curves/samples.hpp>
 #include <tribotwin/twin/identification/dynamic_friction/parameters.hpp>
+#include <tribotwin/twin/identification/samples/samples.hpp>
 
 namespace tribotwin::render {
 

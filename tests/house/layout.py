@@ -18,12 +18,14 @@ FORBIDDEN = [
 ORDER = {
     "twin": [
         "io",
+        "io/command_line",
         "io/telemetry",
         "numerics",
         "robot",
         "control",
         "simulation",
         "identification",
+        "identification/samples",
         "identification/curves",
         "identification/dynamic_friction",
         "identification/thermal",

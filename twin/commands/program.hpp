@@ -3,10 +3,9 @@
 #include <filesystem>
 #include <string>
 
-#include <tribotwin/twin/io/command_line.hpp>
-
 #include <tribotwin/plugins/friction/error.hpp>
 #include <tribotwin/twin/commands/table.hpp>
+#include <tribotwin/twin/io/command_line/command_line.hpp>
 #include <tribotwin/twin/io/destination.hpp>
 #include <tribotwin/twin/io/input.hpp>
 #include <tribotwin/twin/io/output.hpp>

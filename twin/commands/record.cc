@@ -9,8 +9,8 @@
 
 #include <tribotwin/plugins/drive/configuration.hpp>
 #include <tribotwin/twin/commands/program.hpp>
-#include <tribotwin/twin/identification/curves/recording.hpp>
 #include <tribotwin/twin/identification/dynamic_friction/parameters.hpp>
+#include <tribotwin/twin/identification/samples/recording.hpp>
 #include <tribotwin/twin/io/folder_lock.hpp>
 #include <tribotwin/twin/io/input.hpp>
 #include <tribotwin/twin/io/telemetry/telemetry.hpp>

@@ -4,10 +4,9 @@
 #include <string>
 #include <vector>
 
-#include <tribotwin/twin/io/command_line.hpp>
-
 #include <tribotwin/plugins/mujoco/loader.hpp>
 #include <tribotwin/twin/identification/rigid_body/joint_motion.hpp>
+#include <tribotwin/twin/io/command_line/command_line.hpp>
 #include <tribotwin/twin/robot/base_parameters.hpp>
 
 /// The part that the commands on a whole robot's dynamics share.

@@ -8,7 +8,7 @@
 #include <fmt/format.h>
 
 #include <tribotwin/twin/experiments/fault_study/power.hpp>
-#include <tribotwin/twin/identification/curves/samples.hpp>
+#include <tribotwin/twin/identification/samples/samples.hpp>
 #include <tribotwin/twin/numerics/parallel.hpp>
 
 namespace tribotwin::twin::study {

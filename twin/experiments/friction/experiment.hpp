@@ -9,8 +9,8 @@
 
 #include <tribotwin/plugins/friction/error.hpp>
 #include <tribotwin/twin/control/servo.hpp>
-#include <tribotwin/twin/identification/curves/levels.hpp>
-#include <tribotwin/twin/identification/curves/recording.hpp>
+#include <tribotwin/twin/identification/samples/levels.hpp>
+#include <tribotwin/twin/identification/samples/recording.hpp>
 #include <tribotwin/twin/robot/pose.hpp>
 
 /// Measuring friction in the twin as on the robot. One joint is moved by its servo, the others are braked; the

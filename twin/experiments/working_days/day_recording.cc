@@ -5,7 +5,7 @@
 
 #include <tribotwin/twin/experiments/working_days/day_recording.hpp>
 #include <tribotwin/twin/experiments/working_days/working_day.hpp>
-#include <tribotwin/twin/identification/curves/recording.hpp>
+#include <tribotwin/twin/identification/samples/recording.hpp>
 #include <tribotwin/twin/simulation/twin.hpp>
 
 namespace tribotwin::twin::repeatability {

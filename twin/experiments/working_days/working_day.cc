@@ -8,9 +8,9 @@
 #include <tribotwin/twin/experiments/working_days/day_friction.hpp>
 #include <tribotwin/twin/experiments/working_days/day_recording.hpp>
 #include <tribotwin/twin/experiments/working_days/working_day.hpp>
-#include <tribotwin/twin/identification/curves/recording.hpp>
 #include <tribotwin/twin/identification/rigid_body/dynamics.hpp>
 #include <tribotwin/twin/identification/rigid_body/temperature_estimator.hpp>
+#include <tribotwin/twin/identification/samples/recording.hpp>
 #include <tribotwin/twin/identification/thermal/thermal_fit.hpp>
 #include <tribotwin/twin/numerics/interpolation.hpp>
 

@@ -8,7 +8,7 @@
 #include <Eigen/Dense>
 
 #include <tribotwin/plugins/friction/law.hpp>
-#include <tribotwin/twin/identification/curves/samples.hpp>
+#include <tribotwin/twin/identification/samples/samples.hpp>
 
 /// The general law (plugins/friction/formula.hpp) as Bittencourt 2012 (5) writes a model: linear in `linear` numbers
 /// eta, nonlinear in `nonlinear` numbers rho. Every law places its parameters affinely in the family, so these

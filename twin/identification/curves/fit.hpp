@@ -7,8 +7,8 @@
 
 #include <tribotwin/plugins/friction/error.hpp>
 #include <tribotwin/plugins/friction/law.hpp>
-#include <tribotwin/twin/identification/curves/samples.hpp>
 #include <tribotwin/twin/identification/estimates.hpp>
+#include <tribotwin/twin/identification/samples/samples.hpp>
 
 /// Finding a law's parameters from measured friction, as Bittencourt 2012 section 2.2: the sum of squared errors is
 /// minimised over the nonlinear parameters alone, the linear ones being the least-squares solution at each of them

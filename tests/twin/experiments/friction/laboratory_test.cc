@@ -13,7 +13,7 @@
 #include <tribotwin/twin/experiments/friction/curve_rows.hpp>
 #include <tribotwin/twin/experiments/friction/results.hpp>
 #include <tribotwin/twin/experiments/friction/warmup.hpp>
-#include <tribotwin/twin/identification/curves/levels.hpp>
+#include <tribotwin/twin/identification/samples/levels.hpp>
 #include <tribotwin/twin/io/input.hpp>
 #include <tribotwin/twin/io/table.hpp>
 

@@ -2,7 +2,7 @@
 
 #include <optional>
 
-#include <tribotwin/twin/identification/curves/recording.hpp>
+#include <tribotwin/twin/identification/samples/recording.hpp>
 
 namespace tribotwin::twin {
 

@@ -6,8 +6,8 @@
 
 #include <Eigen/Dense>
 
-#include <tribotwin/twin/identification/curves/passes.hpp>
-#include <tribotwin/twin/identification/curves/recording.hpp>
+#include <tribotwin/twin/identification/samples/passes.hpp>
+#include <tribotwin/twin/identification/samples/recording.hpp>
 
 /// Private to levels.cc: the torque of one level over the position.
 namespace tribotwin::twin::curves {

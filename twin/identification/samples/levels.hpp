@@ -7,7 +7,7 @@
 #include <vector>
 
 #include <tribotwin/plugins/friction/error.hpp>
-#include <tribotwin/twin/identification/curves/recording.hpp>
+#include <tribotwin/twin/identification/samples/recording.hpp>
 
 /// Friction levels from a recording, of the twin or of anybody's robot: stretches of constant speed, each forward one
 /// with the reverse one of the same speed over the same positions.

@@ -4,8 +4,7 @@
 #include <sstream>
 #include <string_view>
 
-#include <tribotwin/twin/io/command_line.hpp>
-
+#include <tribotwin/twin/io/command_line/command_line.hpp>
 #include <tribotwin/twin/io/input.hpp>
 #include <tribotwin/twin/io/output.hpp>
 

@@ -4,7 +4,7 @@
 
 #include <fmt/format.h>
 
-#include <tribotwin/twin/identification/curves/passes.hpp>
+#include <tribotwin/twin/identification/samples/passes.hpp>
 
 namespace tribotwin::twin::curves {
 namespace {

@@ -8,9 +8,9 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
-#include <tribotwin/twin/identification/curves/lag.hpp>
-#include <tribotwin/twin/identification/curves/levels.hpp>
-#include <tribotwin/twin/identification/curves/ripple.hpp>
+#include <tribotwin/twin/identification/samples/lag.hpp>
+#include <tribotwin/twin/identification/samples/levels.hpp>
+#include <tribotwin/twin/identification/samples/ripple.hpp>
 
 namespace tribotwin::twin {
 namespace {

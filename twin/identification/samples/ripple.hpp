@@ -2,7 +2,7 @@
 
 #include <cmath>
 
-#include <tribotwin/twin/identification/curves/profile.hpp>
+#include <tribotwin/twin/identification/samples/profile.hpp>
 
 /// Private to levels.cc.
 namespace tribotwin::twin::curves {

@@ -6,7 +6,7 @@
 #include <string>
 #include <vector>
 
-#include <tribotwin/twin/identification/curves/recording.hpp>
+#include <tribotwin/twin/identification/samples/recording.hpp>
 
 /// Private to levels.cc: the stretches of constant speed in a recording, and which two of them make a level.
 namespace tribotwin::twin::curves {

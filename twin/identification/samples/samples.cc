@@ -6,8 +6,8 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
-#include <tribotwin/twin/identification/curves/levels.hpp>
-#include <tribotwin/twin/identification/curves/samples.hpp>
+#include <tribotwin/twin/identification/samples/levels.hpp>
+#include <tribotwin/twin/identification/samples/samples.hpp>
 #include <tribotwin/twin/identification/time_series.hpp>
 #include <tribotwin/twin/io/table.hpp>
 #include <tribotwin/twin/io/telemetry/telemetry.hpp>

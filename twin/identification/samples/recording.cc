@@ -5,7 +5,7 @@
 
 #include <fmt/format.h>
 
-#include <tribotwin/twin/identification/curves/recording.hpp>
+#include <tribotwin/twin/identification/samples/recording.hpp>
 #include <tribotwin/twin/numerics/interpolation.hpp>
 
 namespace tribotwin::twin {

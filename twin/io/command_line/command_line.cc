@@ -4,7 +4,7 @@
 
 #include <CLI/CLI.hpp>
 
-#include <tribotwin/twin/io/command_line.hpp>
+#include <tribotwin/twin/io/command_line/command_line.hpp>
 
 namespace tribotwin::CLI {
 

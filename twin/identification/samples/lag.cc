@@ -5,7 +5,7 @@
 
 #include <Eigen/Dense>
 
-#include <tribotwin/twin/identification/curves/lag.hpp>
+#include <tribotwin/twin/identification/samples/lag.hpp>
 
 namespace tribotwin::twin {
 namespace {

@@ -7,7 +7,7 @@
 
 #include <Eigen/Dense>
 
-#include <tribotwin/twin/identification/curves/ripple.hpp>
+#include <tribotwin/twin/identification/samples/ripple.hpp>
 
 namespace tribotwin::twin::curves {
 

@@ -1,7 +1,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include <tribotwin/twin/identification/curves/profile.hpp>
+#include <tribotwin/twin/identification/samples/profile.hpp>
 #include <tribotwin/twin/numerics/correlation.hpp>
 
 namespace tribotwin::twin::curves {
