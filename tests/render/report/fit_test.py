@@ -92,7 +92,7 @@ def marks(name):
 
 check_page = Browser(work, check).check_page
 
-# ---- The page of paper 1's law.
+# ---- The page of Bittencourt 2012's law.
 curves("curves.csv", 484)
 identify("curves.csv", "params.yaml", "--law", "extended")
 r = run(report, "fit", "params.yaml", "--png", "--pdf")

@@ -1,4 +1,4 @@
-"""From a campaign in MuJoCo with noise to parameters: papers 1 and 2, whole. Arguments: tribotwin, source tree."""
+"""From a campaign in MuJoCo with noise to parameters: Bittencourt 2012 and Zhou 2024, whole. Arguments: tribotwin, source tree."""
 import json, sys
 
 import numpy as np
@@ -7,7 +7,7 @@ import harness
 from harness import check, finish
 
 program, source = sys.argv[1:3]
-# Paper 1, Tables 2 and 3: value, one standard deviation.
+# Bittencourt 2012, Tables 2 and 3: value, one standard deviation.
 PAPER = {
     "Fc0": (3.11e-2, 0.028e-2),
     "Fcl": (2.34e-2, 0.071e-2),
@@ -39,7 +39,7 @@ def identify(*arguments):
     return json.loads(run("identify", "--json", "--quiet", *arguments))
 
 
-# ---- Paper 1: load campaign, temperature campaign, stages, validation.
+# ---- Bittencourt 2012: load campaign, temperature campaign, stages, validation.
 load, temperature, validation = map(
     measure, ("irb6620_load_campaign", "irb6620_temperature_campaign", "irb6620_validation_campaign")
 )
@@ -65,7 +65,7 @@ for rival in (single, strongest):
         (rival, best),
     )
 
-# ---- Paper 2: the six-parameter law, cold -> hot -> cold, then loaded.
+# ---- Zhou 2024: the six-parameter law, cold -> hot -> cold, then loaded.
 br609 = measure("br609_campaign")
 fits = identify("--law", "steady_state", "--fix", "alpha=1.3", "--each", br609)["curves"]
 p = {n: np.array([f["parameters"][n]["value"] for f in fits]) for n in ("Fc", "Fs", "Vs", "Fv", "beta")}
@@ -92,7 +92,7 @@ check(
 )
 check("Fs scarcely moves with temperature", abs(p["Fs"][hot] / p["Fs"][0] - 1) < 0.03, p["Fs"])
 
-# ---- Paper 1, Fig. 5: one exponent for at least 488 curves, all else free at each.
+# ---- Bittencourt 2012, Fig. 5: one exponent for at least 488 curves, all else free at each.
 everything = measure("irb6620_all_campaign")
 law = identify("--law", "extended", everything)["parameters"]["alpha"]
 shared = identify("--law", "stribeck", "--shared", "alpha", everything)

@@ -71,7 +71,7 @@ law = (
 )
 z = (d["friction_norm"] - law) / d["stderr_norm"]
 check(
-    "paper 1's law within the standard errors",
+    "Bittencourt 2012's law within the standard errors",
     np.max(np.abs(z)) < 4 and 0.7 < np.std(z) < 1.3,
     (np.max(np.abs(z)), np.std(z)),
 )
@@ -196,7 +196,7 @@ check(
     run("small.yaml", "-o", "full", "--quiet").returncode == 0 and bytes_of("full") == bytes_of("one"),
 )
 
-# Paper 2's cycle, shipped, found by name: one observation of it.
+# Zhou 2024's cycle, shipped, found by name: one observation of it.
 r = run(
     "br609_campaign",
     "-o",

@@ -170,7 +170,7 @@ law = (
     + (-0.025 + 0.0016 * T) * np.exp(-((v / (-24.81 + 0.98 * T)) ** 1.36))
     + (1.3e-4 + 1.32e-3 * np.exp(-T / 20.71)) * v
 )
-check("curve equals paper 1", abs(float(r.stdout.splitlines()[-1].split(",")[3]) / law - 1) < 1e-12)
+check("curve equals Bittencourt 2012", abs(float(r.stdout.splitlines()[-1].split(",")[3]) / law - 1) < 1e-12)
 
 # A model named without a folder.
 r = subprocess.run(

@@ -38,7 +38,7 @@ def write(file, columns):
     )
 
 
-# ---- A joint of paper 3's table (the ER3A's third) over days of changing power, integrated by scipy.
+# ---- A joint of Hao 2021's table (the ER3A's third) over days of changing power, integrated by scipy.
 truth = {"c1": 0.07548, "c2": 0.00681, "t1": 55.032, "t2": 1423.12}
 
 
@@ -105,7 +105,7 @@ check(
     (mine, sigma, monday["correlated_samples"]),
 )
 
-# ---- P5 (4): the closed form of a constant power from rest.
+# ---- Pagani (4): the closed form of a constant power from rest.
 seconds = np.arange(0, 7200, 10.0)
 steps = sum(truth[f"c{i}"] * truth[f"t{i}"] * -np.expm1(-seconds / truth[f"t{i}"]) for i in (1, 2))
 write(
