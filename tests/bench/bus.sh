@@ -1,6 +1,8 @@
 #!/usr/bin/env bash
-# What the bench costs on the bus, in turns with a bare program: tests/can_vm/run.sh -t 900 tests/bench/bus.sh BUILD [MINUTES].
-# Round trip SYNC -> TPDO of six drives against a frame that can_echo answers; cycles per second in lockstep; then MINUTES at
+# What the bench costs on the bus, in turns with a bare program: tests/can_vm/run.sh -t 900 tests/bench/bus.sh BUILD
+# [MINUTES].
+# Round trip SYNC -> TPDO of six drives against a frame that can_echo answers; cycles per second in lockstep; then
+# MINUTES at
 # 500 Hz without a lost PDO.
 set -euo pipefail
 build=$1 minutes=${2:-0} source=$(cd "$(dirname "${BASH_SOURCE[0]}")/../.." && pwd)

@@ -1,5 +1,6 @@
 #!/bin/busybox sh
-# First process of the VM: its root is the host's, read-only. Puts a layer in memory over it and the writable folders in.
+# First process of the VM: its root is the host's, read-only. Puts a layer in memory over it and the writable folders
+# in.
 b=/bin/busybox
 $b mount -t proc proc /proc
 $b mount -t tmpfs tmpfs /mnt

@@ -1,5 +1,6 @@
 #!/usr/bin/env bash
-# Brings vcan0 and vcan1 up, CAN FD included, in the network namespace or VM it runs in; fails where the kernel has no CAN.
+# Brings vcan0 and vcan1 up, CAN FD included, in the network namespace or VM it runs in; fails where the kernel has no
+# CAN.
 set -euo pipefail
 ip link set dev lo up
 for bus in vcan0 vcan1; do

@@ -1,5 +1,6 @@
 #!/usr/bin/env bash
-# run.sh [-w DIR]... [-t SECONDS] [--] CMD ARG...: runs CMD where vcan0 and vcan1 are up and nobody else uses them. See README.md.
+# run.sh [-w DIR]... [-t SECONDS] [--] CMD ARG...: runs CMD where vcan0 and vcan1 are up and nobody else uses them. See
+# README.md.
 set -euo pipefail
 here=$(cd "$(dirname "${BASH_SOURCE[0]}")" && pwd)
 say() { echo "can_vm: $*" >&2; }

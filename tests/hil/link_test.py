@@ -168,7 +168,8 @@ check(
 )
 m.bus.shutdown()
 
-# A million frames of random identifiers, lengths and data, as fast as the bus takes them: commands, NMT and SYNC among them.
+# A million frames of random identifiers, lengths and data, as fast as the bus takes them: commands, NMT and SYNC among
+# them.
 sh("cangen vcan0 -g 0 -n 1000000 -I r -L r -D r -i")
 check("a million random frames: the drives are still there", process.poll() is None, said())
 m = Master(can.Bus(interface="socketcan", channel="vcan0"), nodes)

@@ -1,5 +1,5 @@
-"""The mirror profile in real time, by a bench in plain python-can with its own CRC; frames decoded through the generated DBC.
-Arguments as of drive_test.py."""
+"""The mirror profile in real time, by a bench in plain python-can with its own CRC; frames decoded through the
+generated DBC. Arguments as of drive_test.py."""
 import json, math, os, struct, subprocess, sys, time
 
 from harness import check, finish, work

@@ -1,5 +1,6 @@
-"""Nothing recorded is lost, and exit 0 means done: what tribotwin-hil refuses to overwrite, what it says where nothing was
-compared, how it ends on a signal, on a full disk and without a reader of what it says. Arguments: tribotwin-hil, source tree."""
+"""Nothing recorded is lost, and exit 0 means done: what tribotwin-hil refuses to overwrite, what it says where nothing
+was compared, how it ends on a signal, on a full disk and without a reader of what it says. Arguments: tribotwin-hil,
+source tree."""
 import atexit, hashlib, json, os, pty, re, resource, shutil, signal, subprocess, sys, time
 
 import harness
@@ -89,7 +90,8 @@ def is_complete(folder):
 
 
 def record_a_session():
-    """session.log and live/: 900 cycles of which the last 890 have torques; the first are those of the default mapping."""
+    """session.log and live/: 900 cycles of which the last 890 have torques; the first are those of the default
+    mapping."""
     p = begin("drive", scenario, "--can", address, "--record", "session.log", "--stats", "stats.json", "-o", "live")
     time.sleep(1)
     master = Master(connect(address, "socketcand", "can0"), nodes)

@@ -1,6 +1,6 @@
-"""Full disks and kill -9, for every command that writes: what was there stays, what is new is absent or whole, and the exit code
-says which. Three ways: the N-th change of the disk fails or kills (faulty_disk.c), a disk that is really full (a small tmpfs),
-kill -9 at random instants. Options: programs.py."""
+"""Full disks and kill -9, for every command that writes: what was there stays, what is new is absent or whole, and the
+exit code says which. Three ways: the N-th change of the disk fails or kills (faulty_disk.c), a disk that is really full
+(a small tmpfs), kill -9 at random instants. Options: programs.py."""
 import os, random, subprocess
 
 from programs import *
@@ -108,7 +108,8 @@ def full_disk(variant, truth, calls):
             complaints.insert(0, f"exit code {r.code}")
         if REASON not in r.stderr:
             complaints.append(f"the reason is not said: {r.stderr[-200:]!r}")
-        # What is left of a short write may have its place on the disk already: then a later change is the first that fails.
+        # What is left of a short write may have its place on the disk already: then a later change is the first that
+        # fails.
         elif not any(
             names_the_file(r.stderr, call) for call in (r.calls[n - 1 :] if how == "short" and reached else [failed_at])
         ):
@@ -122,7 +123,8 @@ def full_disk(variant, truth, calls):
     tally.report(f"{tally.runs} runs, {len(chosen(len(calls)))} of {len(calls)} changes of the disk")
 
 
-# A disk of `size` bytes is mounted over the case's folder, out of everybody else's sight; what was left on it is carried out.
+# A disk of `size` bytes is mounted over the case's folder, out of everybody else's sight; what was left on it is
+# carried out.
 REALLY_FULL = """mount -t tmpfs -o size=$1 full "$2" && mkdir "$2/case" && cp -a "$3/." "$2/case/" && cd "$2/case" && head -c 4096 /dev/zero > ../one_page || exit 99
 result=$4; shift 4; "$@"
 code=$?; cp -a . "$result/"; exit $code"""
@@ -132,7 +134,8 @@ may_mount = (
 
 
 def really_full(variant, truth):
-    """A tmpfs with room for nothing, half, or all but the last page of the result: also what stdio buffers and children write."""
+    """A tmpfs with room for nothing, half, or all but the last page of the result: also what stdio buffers and children
+    write."""
     command, over_old = variant
     page = 4096
     pages = lambda files: sum(-(-len(data) // page) for data in files.values())

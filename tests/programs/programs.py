@@ -1,8 +1,8 @@
-"""What the tests of whole programs share: checks, inputs made once, a table of all commands that write, one way to run any of
-them in a folder of its own, and the judgement of what it left there.
+"""What the tests of whole programs share: checks, inputs made once, a table of all commands that write, one way to run
+any of them in a folder of its own, and the judgement of what it left there.
 
-Options: --tribotwin, --hil, --report (may be left out where it is not built), --source, --shim; --all for the long form,
---only WORD for the commands whose name holds it, --keep to leave the folder."""
+Options: --tribotwin, --hil, --report (may be left out where it is not built), --source, --shim; --all for the long
+form, --only WORD for the commands whose name holds it, --keep to leave the folder."""
 import argparse, collections, concurrent.futures, dataclasses, json, logging, os, re, shutil, signal, socket, subprocess, sys, threading, time
 
 import h5py
@@ -456,7 +456,8 @@ def recovered(data):
 
 
 def wrong_rows(found, truth, all_of_them=False):
-    """What is wrong with a record's rows, beside those of the undisturbed one; nothing where they are its first ones."""
+    """What is wrong with a record's rows, beside those of the undisturbed one; nothing where they are its first
+    ones."""
     if found is None:
         return "is no readable HDF5"
     if set(found) != set(truth):

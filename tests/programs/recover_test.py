@@ -1,5 +1,6 @@
-"""Records that something cut short: interrupted runs, killed runs, files cut at any byte. Whatever tribotwin recover makes of them
-are rows of the undisturbed run, bit by bit, and what it cannot read it leaves alone. Options: programs.py."""
+"""Records that something cut short: interrupted runs, killed runs, files cut at any byte. Whatever tribotwin recover
+makes of them are rows of the undisturbed run, bit by bit, and what it cannot read it leaves alone. Options:
+programs.py."""
 import random
 
 from programs import *
@@ -23,7 +24,8 @@ def last(found):
 
 
 def wrong(found):
-    """What a recovered record says that the undisturbed one does not; beside first rows also whole rows from within are right."""
+    """What a recovered record says that the undisturbed one does not; beside first rows also whole rows from within are
+    right."""
     why = wrong_rows(found, truth)
     if not why or found is None:
         return why

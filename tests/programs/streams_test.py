@@ -1,5 +1,5 @@
-"""stdout, stderr and -o that are no plain files, for every command: full, closed, slow and broken streams, devices, pipes; an
-output that is an input; two writers of one output; an old result without --force. Options: programs.py."""
+"""stdout, stderr and -o that are no plain files, for every command: full, closed, slow and broken streams, devices,
+pipes; an output that is an input; two writers of one output; an old result without --force. Options: programs.py."""
 import errno, stat
 
 from programs import *

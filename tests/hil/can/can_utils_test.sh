@@ -1,5 +1,6 @@
 #!/usr/bin/env bash
-# can_utils_test.sh SOCKETCAN_TEST, by tests/can_vm/run.sh: what cansend and cangen send comes to us, what we send back comes
+# can_utils_test.sh SOCKETCAN_TEST, by tests/can_vm/run.sh: what cansend and cangen send comes to us, what we send back
+# comes
 # to candump, and candump writes both alike.
 set -euo pipefail
 program=$1 work=$(mktemp -d)

@@ -1,6 +1,6 @@
 #!/usr/bin/python3
-"""Reference numbers for lugre_test and transmission_test: the equations of the RH380-N study, written down a second time and integrated by
-scipy to 1e-10. Prints one row of numbers per sample: `dynamics_reference.py CASE`."""
+"""Reference numbers for lugre_test and transmission_test: the equations of the RH380-N study, written down a second
+time and integrated by scipy to 1e-10. Prints one row of numbers per sample: `dynamics_reference.py CASE`."""
 import sys
 import numpy as np
 from scipy.integrate import solve_ivp

@@ -1,5 +1,5 @@
-"""tribotwin-report diagnosis and study: the pages in a real browser, its numbers against those of tribotwin diagnose, figures that can be read
-without colour, wrong input. Arguments: tribotwin, tribotwin-report, source tree."""
+"""tribotwin-report diagnosis and study: the pages in a real browser, its numbers against those of tribotwin diagnose,
+figures that can be read without colour, wrong input. Arguments: tribotwin, tribotwin-report, source tree."""
 import json, os, re, sys
 
 import numpy as np

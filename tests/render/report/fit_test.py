@@ -1,5 +1,6 @@
-"""tribotwin-report fit and curve of identified laws: the page in a real browser, its numbers against those of PARAMS.yaml, other laws,
-data that are elsewhere, changed or gone, wrong input. Arguments: tribotwin, tribotwin-report, source tree."""
+"""tribotwin-report fit and curve of identified laws: the page in a real browser, its numbers against those of
+PARAMS.yaml, other laws, data that are elsewhere, changed or gone, wrong input. Arguments: tribotwin, tribotwin-report,
+source tree."""
 import glob, hashlib, html, os, re, shutil, sys
 
 import numpy as np

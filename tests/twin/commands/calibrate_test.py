@@ -1,5 +1,5 @@
-"""tribotwin calibrate: finds what simulated recordings were made with, keeps its word on real ones, refuses wrong files.
-Arguments: program, source tree."""
+"""tribotwin calibrate: finds what simulated recordings were made with, keeps its word on real ones, refuses wrong
+files. Arguments: program, source tree."""
 import json, os, resource, signal, subprocess, sys, time
 
 import numpy as np

@@ -1,4 +1,5 @@
-"""tribotwin diagnose against numpy and scipy: features, distances, limits; refusals, exit codes, files. Arguments: tribotwin, source tree."""
+"""tribotwin diagnose against numpy and scipy: features, distances, limits; refusals, exit codes, files. Arguments:
+tribotwin, source tree."""
 import json, os, re, sys
 
 import numpy as np
@@ -157,7 +158,8 @@ check(
     > seen[0]["region1"]["limit"],
 )
 
-# ---- Without temperature the limit is Hotelling's prediction limit, p (n^2 - 1) / (n (n - p)) F, of a statistic without 1 + 1/n.
+# ---- Without temperature the limit is Hotelling's prediction limit, p (n^2 - 1) / (n (n - p)) F, of a statistic
+# without 1 + 1/n.
 no_temperature = lambda column: column != "temperature_degC"
 write("cold.csv", [curve(25) for _ in range(14)], no_temperature)
 write("once.csv", [curve(25)], no_temperature)

@@ -1,5 +1,5 @@
-"""tribotwin identify on recordings sample by sample: bouc_wen and lugre, as their users meet them. scipy integrates the plant
-and judges values and sigmas. Arguments: tribotwin, source tree."""
+"""tribotwin identify on recordings sample by sample: bouc_wen and lugre, as their users meet them. scipy integrates the
+plant and judges values and sigmas. Arguments: tribotwin, source tree."""
 import json, os, re, shutil, subprocess, sys
 
 import numpy as np

@@ -1,5 +1,5 @@
-"""tribotwin identify as its users meet it: curves, recordings, records; what the data cannot tell; what is no data at all.
-scipy is the judge of values and sigmas. Arguments: tribotwin, source tree."""
+"""tribotwin identify as its users meet it: curves, recordings, records; what the data cannot tell; what is no data at
+all. scipy is the judge of values and sigmas. Arguments: tribotwin, source tree."""
 import json, os, shutil, subprocess, sys
 
 import numpy as np
@@ -180,7 +180,9 @@ check(
     set(identify("--law", "stribeck", write("v.csv", HEADER, zero(v) + 20, l, T, law(P, 20, l, T)))["unidentifiable"])
     == {"Fs", "Fv", "vs", "alpha"},
 )
-refused("three points", write("three.csv", HEADER, v[:3], l[:3], T[:3], y[:3]), says="3 samples cannot determine", code=1)
+refused(
+    "three points", write("three.csv", HEADER, v[:3], l[:3], T[:3], y[:3]), says="3 samples cannot determine", code=1
+)
 refused("all zero", write("zero.csv", HEADER, v, l, T, zero(v)), says="friction is 0 in every sample", code=1)
 dirty = y + np.where(random.uniform(size=v.size) < 0.2, 0.3 * random.uniform(size=v.size), 0)
 outliers = write("outliers.csv", HEADER, v, l, T, dirty)

@@ -1,5 +1,5 @@
-"""Wrong input of every kind is refused where it is read: exit 2, one line that names file, line and key, nothing written.
-Each case was seen to pass, to hang or to crash. Arguments: tribotwin, source tree, tribotwin-hil."""
+"""Wrong input of every kind is refused where it is read: exit 2, one line that names file, line and key, nothing
+written. Each case was seen to pass, to hang or to crash. Arguments: tribotwin, source tree, tribotwin-hil."""
 import json, os, re, resource, shutil, subprocess, sys
 
 import h5py
@@ -276,7 +276,8 @@ for law in re.search("can are (.*)", listed)[1].split(", "):
             r.stdout,
         )
     else:
-        # One temperature does not tell these laws' levels apart; where they come out the wrong way round they are no such law.
+        # One temperature does not tell these laws' levels apart; where they come out the wrong way round they are no
+        # such law.
         check(
             f"{law}: is not written",
             law in ("steady_state_extended", "stribeck_T")

@@ -1,6 +1,7 @@
-"""Every YAML and JSON file that the programs read, with one thing in it changed: null keys, other shapes, numbers that are none,
-missing and doubled keys. Never a signal; exit code 0, 1, 2 or 3; a refusal is one line that names the file; what is done holds no
-number that is none. Fixed seed. Arguments: tribotwin, source tree, tribotwin-hil[, tribotwin-report]."""
+"""Every YAML and JSON file that the programs read, with one thing in it changed: null keys, other shapes, numbers that
+are none, missing and doubled keys. Never a signal; exit code 0, 1, 2 or 3; a refusal is one line that names the file;
+what is done holds no number that is none. Fixed seed. Arguments: tribotwin, source tree, tribotwin-hil[,
+tribotwin-report]."""
 import json, os, random, resource, shutil, subprocess, sys, tempfile
 from concurrent.futures import ThreadPoolExecutor
 

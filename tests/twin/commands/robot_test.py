@@ -33,7 +33,8 @@ def read(file):
 
 
 def record(name, motion, seed, **keys):
-    """A run of the ER3A twin and what its controller records: 10^6 increments per turn, torque noise 1 % of torque_max."""
+    """A run of the ER3A twin and what its controller records: 10^6 increments per turn, torque noise 1 % of
+    torque_max."""
     json.dump(
         {"model": model, "ambient_degC": 20, "telemetry_rate_hz": 500, "motion": motion, **keys},
         open(f"{work}/{name}.yaml", "w"),

@@ -185,7 +185,8 @@ for joint, block in zip(sorted(joints := fit("fast.csv", "slow.csv")), blocks):
     }
 check("ER3A: time constants of two days merged within 10 %", len(off) == 12 and max(map(abs, off.values())) < 0.1, off)
 
-# ---- The same from what a controller has: position and torque of working days, no thermometer; then the torques of another day.
+# ---- The same from what a controller has: position and torque of working days, no thermometer; then the torques of
+# another day.
 model = f"{source}/mjcf/er3a_c60.xml"
 law = {
     f"joint{j}": {n: float(v) for n, v in re.findall(r'key="(t\d|c\d|a)" value="(\S+?)"', block)}
@@ -207,7 +208,8 @@ def rows(file):
 
 
 def worked(name, seed, motion):
-    """A day of two and a half hours as the controller records it: 10^6 increments per turn, torque noise 1 % of torque_max; skipped cycles are gaps."""
+    """A day of two and a half hours as the controller records it: 10^6 increments per turn, torque noise 1 % of
+    torque_max; skipped cycles are gaps."""
     json.dump(
         {
             "model": model,

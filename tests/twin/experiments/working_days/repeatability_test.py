@@ -1,4 +1,5 @@
-"""tribotwin lab for robots over working days, short ones, and its page. Arguments: tribotwin, source tree[, tribotwin-report]."""
+"""tribotwin lab for robots over working days, short ones, and its page. Arguments: tribotwin, source tree[,
+tribotwin-report]."""
 import csv, os, sys
 
 import numpy as np
