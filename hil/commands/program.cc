@@ -74,7 +74,8 @@ Drives::Drives(const twin::Scenario& scenario, const RobotOptions& options)
 int deliver(const twin::Scenario& scenario, const twin::Destination& destination, std::string_view text) {
   twin::or_wrong_input(refuse_shared(files_of(scenario), {{"-o " + destination.file, destination.file}}));
   twin::or_wrong_input(destination.check({}));
-  return destination.deliver("tribotwin-hil", text);
+  twin::or_throw(destination.deliver(text));
+  return twin::done;
 }
 
 }  // namespace tribotwin::hil::program

@@ -33,11 +33,7 @@ inline std::vector<std::filesystem::path> paths(const std::vector<std::string>& 
 
 /// Writes the result to the file of -o, or to stdout without one.
 inline Result<Exit> deliver(const std::string& text, const Destination& output = {}) {
-  if (!output.named()) {
-    print_text(text);
-    return done;
-  }
-  if (auto ok = write_file(output.file, text, output.existing()); !ok) return work_failed(ok.error().message);
+  if (auto ok = output.deliver(text); !ok) return tl::unexpected(ok.error());
   return done;
 }
 

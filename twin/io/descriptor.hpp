@@ -1,5 +1,6 @@
 #pragma once
 
+#include <string_view>
 #include <utility>
 
 #include <unistd.h>
@@ -27,5 +28,9 @@ class Descriptor {
  private:
   int fd_ = -1;
 };
+
+/// Writes all of `bytes`, waiting where a pipe is slow. Returns 0, or errno of the write that failed. A signal that
+/// sets interrupted() ends the wait (EINTR).
+int write_all(int descriptor, std::string_view bytes);
 
 }  // namespace tribotwin::twin

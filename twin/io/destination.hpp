@@ -7,6 +7,7 @@
 
 #include <tribotwin/plugins/friction/error.hpp>
 #include <tribotwin/twin/io/file.hpp>
+#include <tribotwin/twin/io/output.hpp>
 
 namespace tribotwin::twin {
 
@@ -26,9 +27,15 @@ struct Destination {
   Existing existing() const { return replace_if(force); }
 
   /// Before any work: whether the file can become an output of a command that reads `inputs`.
-  Result<void> check(const std::vector<std::filesystem::path>& inputs) const;
-  /// Exit code.
-  int deliver(std::string_view program, std::string_view text) const;
+  Result<void> check(const std::vector<std::filesystem::path>& inputs) const {
+    return named() ? check_output(file, existing(), inputs) : Result<void>{};
+  }
+  /// Writes the result. What fails now is failed work: check() has refused wrong input.
+  Result<void> deliver(std::string_view text) const {
+    if (!named()) return print_text(text), Result<void>{};
+    const auto written = write_file(file, text, existing());
+    return written ? written : work_failed(written.error().message);
+  }
 };
 
 }  // namespace tribotwin::twin

@@ -14,8 +14,8 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include <tribotwin/twin/io/descriptor.hpp>
 #include <tribotwin/twin/io/file.hpp>
-#include <tribotwin/twin/io/stream.hpp>
 
 namespace tribotwin::twin {
 namespace {

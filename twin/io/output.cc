@@ -4,8 +4,8 @@
 #include <fcntl.h>
 #include <unistd.h>
 
+#include <tribotwin/twin/io/descriptor.hpp>
 #include <tribotwin/twin/io/output.hpp>
-#include <tribotwin/twin/io/stream.hpp>
 
 namespace tribotwin::twin {
 namespace {

@@ -4,7 +4,7 @@
 #include <unistd.h>
 
 #include <tribotwin/twin/io/interrupt.hpp>
-#include <tribotwin/twin/io/stream.hpp>
+#include <tribotwin/twin/io/descriptor.hpp>
 
 namespace tribotwin::twin {
 
