@@ -148,7 +148,7 @@ class Writer {
             const auto& t = f_.thermal[robot][j];
             row.push_back("*");
             for (const auto& time : times_of(d < c_.days ? t.days[d] : t.merged))
-              if (time.told && time.name == std::string(name))
+              if (time.identified && time.name == std::string(name))
                 row.back() = fmt::format("{:.3f} ± {:.2g}", time.value_s / 60, time.sigma_s / 60);
           }
         }
@@ -337,7 +337,9 @@ Result<DaysData> load_days(const std::filesystem::path& directory) try {
   const auto file = directory / "campaign.yaml";
   const YAML::Node root = twin::load_yaml(file);
   if (!is_repeatability(root)) return tl::unexpected(fmt::format("{}: is no campaign of working days", file.string()));
-  DaysData data{.directory = directory, .campaign = load_campaign(file, root)};
+  auto campaign = load_campaign(file, root);
+  if (!campaign) return tl::unexpected(campaign.error());
+  DaysData data{.directory = directory, .campaign = *std::move(campaign)};
   auto results = read_results(data.campaign, directory);
   if (!results) return tl::unexpected(results.error());
   data.results = *std::move(results);
