@@ -11,9 +11,13 @@ packages=(
   gnuplot-nox fonts-dejavu-core                              # run by tribotwin-report
 )
 if [ "${1:-}" = --tests ]; then
-  packages+=(libgtest-dev libgmock-dev libbenchmark-dev libmujoco-samples doxygen python3 python3-h5py python3-numpy python3-scipy python3-yaml chromium ffmpeg
-             user-mode-linux gcc libc6-dev kmod iproute2 can-utils busybox-static util-linux   # the CAN VM
-             python3-can python3-canmatrix tshark)
+  packages+=(
+    libgtest-dev libgmock-dev libbenchmark-dev libmujoco-samples
+    clang-format clang-tidy black doxygen   # format, static analysis, API reference
+    python3 python3-h5py python3-numpy python3-scipy python3-yaml chromium ffmpeg
+    user-mode-linux gcc libc6-dev kmod iproute2 can-utils busybox-static util-linux   # the CAN VM
+    python3-can python3-canmatrix tshark
+  )
 fi
 missing=()
 for package in "${packages[@]}"; do
@@ -22,7 +26,8 @@ done
 [ ${#missing[@]} -eq 0 ] && exit 0
 as_root=()
 if [ "$(id -u)" -ne 0 ]; then
-  command -v sudo >/dev/null || { echo "These packages are missing and need root to install: ${missing[*]}" >&2; exit 1; }
+  command -v sudo >/dev/null ||
+    { echo "These packages are missing and need root to install: ${missing[*]}" >&2; exit 1; }
   as_root=(sudo)
 fi
 echo "Installing: ${missing[*]}"
