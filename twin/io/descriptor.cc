@@ -3,8 +3,8 @@
 #include <poll.h>
 #include <unistd.h>
 
-#include <tribotwin/twin/io/interrupt.hpp>
 #include <tribotwin/twin/io/descriptor.hpp>
+#include <tribotwin/twin/io/interrupt.hpp>
 
 namespace tribotwin::twin {
 
