@@ -115,7 +115,7 @@ class Session {
   }
   void lose(const std::string& what) {
     lost_.push_back(fmt::format("{}; recorded up to {:.3f} s", what, time_s()));
-    note(lost_.back() + "; the drives continue");
+    note(lost_.back() + "; the drives go on");
   }
 
   /// Waits once and handles all that arrived.

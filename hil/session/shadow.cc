@@ -214,7 +214,7 @@ class Shadow {
     if (written) return;
     result_.csv_failure = fmt::format("{}; written up to {:.3f} s", written.error().message, result_.seconds);
     csv_.reset();
-    note(result_.csv_failure + "; the shadow continues");
+    note(result_.csv_failure + "; the shadow goes on");
   }
 
   Result<void> require_predictions() const {
