@@ -1,5 +1,6 @@
 #!/usr/bin/python3
-"""Draws the picture of the project's README: a warm robot beside the friction of one of its joints, by tribotwin-report.
+"""Draws the picture of the project's README: a warm robot beside the friction of one of its joints, by
+tribotwin-report.
 Usage: render/readme_picture.py build/release/bin/tribotwin-report [PICTURE.png]   (default: render/readme.png)"""
 import pathlib
 import struct

@@ -24,7 +24,8 @@ for i in 1 2 3 4 5; do
   wait $echo
   read -r twin twin99 _ lost <<< "$($trip vcan0 080 381 1000 2000)"
   ratios+=("$(awk "BEGIN {printf \"%.2f\", $twin / $bare}")")
-  echo "round trip, median (99 %) [us]: bare program $bare ($bare99), six drives $twin ($twin99); unanswered $missing, $lost; ratio ${ratios[-1]}"
+  echo "round trip, median (99 %) [us]: bare program $bare ($bare99),"\
+" six drives $twin ($twin99); unanswered $missing, $lost; ratio ${ratios[-1]}"
 done
 echo "median ratio: $(printf '%s\n' "${ratios[@]}" | sort -n | sed -n 3p)"
 read -r _ _ rate lost <<< "$($trip vcan0 080 386 3000 0)"

@@ -22,5 +22,9 @@ for samples in (100_000, 1_000_000):
             begin = time.perf_counter()
             x, *_ = np.linalg.lstsq(A[:, :-1], A[:, -1], rcond=None)
             numpy_s = time.perf_counter() - begin
-            text += f"; numpy.linalg.lstsq {numpy_s:.1f} s without making the regressor: {numpy_s / ours['seconds']:.1f} x; largest difference of parameters {np.abs(x - ours['parameters']).max():.1e}"
+            text += (
+                f"; numpy.linalg.lstsq {numpy_s:.1f} s without making the regressor: "
+                f"{numpy_s / ours['seconds']:.1f} x; "
+                f"largest difference of parameters {np.abs(x - ours['parameters']).max():.1e}"
+            )
         print(text)

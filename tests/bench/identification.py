@@ -68,5 +68,6 @@ for curves, repeats in ((484, 9), (83334, 3)):
             ratios.append((best[0] / ours["seconds"], best[0], ours["seconds"], ours["cost"] / best[1] - 1))
     ratio, scipy_s, our_s, excess = sorted(ratios)[len(ratios) // 2]
     print(
-        f"{v.size} samples: scipy {scipy_s:.4f} s, identify {our_s:.4f} s: {ratio:.1f} x; cost relative to scipy's {excess:+.1e}"
+        f"{v.size} samples: scipy {scipy_s:.4f} s, identify {our_s:.4f} s: {ratio:.1f} x; "
+        f"cost relative to scipy's {excess:+.1e}"
     )

@@ -35,7 +35,7 @@ T must(Result<T> value) {
 
 }  // namespace
 
-int main() {
+int main() {  // long: both sides share the model, the size and the file
   const fs::path folder = fs::temp_directory_path() / fmt::format("tribotwin_pictures_{}", getpid());
   fs::create_directories(folder);
   constexpr render::Size size{1280, 960};

@@ -47,8 +47,8 @@ std::shared_ptr<const mujoco::Model> robot(const char* integrator, bool lugre) {
     text = std::regex_replace(text, std::regex("actdim=\"3\""), "actdim=\"4\"");
     text = std::regex_replace(
         text, std::regex("<instance name=\"[^\"]*\">"),
-        R"($& <config key="friction" value="lugre"/> <config key="sigma0" value="0.1"/> <config key="sigma1" value="0.002"/>)"
-        R"( <config key="vd" value="2"/>)");
+        R"($& <config key="friction" value="lugre"/> <config key="sigma0" value="0.1"/> <config key="sigma1")"
+        R"( value="0.002"/> <config key="vd" value="2"/>)");
   }
   return mujoco::load_string(text, {.integrator = integrator}, folder).value();
 }

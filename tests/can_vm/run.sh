@@ -32,7 +32,8 @@ need() { command -v "$1" >/dev/null || [ -e "$1" ] || missing+=("$2"); }   # nee
 need linux.uml user-mode-linux; need gcc gcc; need /usr/include/stdio.h libc6-dev; need modprobe kmod
 need ip iproute2; need cansend can-utils; need busybox busybox-static; need taskset util-linux
 if [ ${#missing[@]} -gt 0 ]; then
-  say "this kernel has no CAN, and the VM that has lacks packages: apt-get install -y --no-install-recommends ${missing[*]}"
+  say "this kernel has no CAN, and the VM that has lacks packages:" \
+    "apt-get install -y --no-install-recommends ${missing[*]}"
   exit 125
 fi
 
@@ -54,7 +55,8 @@ export CAN_VM=vm
 
 memory_mb=1024   # a sparse file: in /dev/shm if it fits, because /tmp may be a disk
 files=/dev/shm
-{ [ -w $files ] && [ "$(df -Pm $files | awk 'NR == 2 { print $4 }')" -gt $((memory_mb + 256)) ]; } || files=${TMPDIR:-/tmp}
+{ [ -w $files ] && [ "$(df -Pm $files | awk 'NR == 2 { print $4 }')" -gt $((memory_mb + 256)) ]; } ||
+  files=${TMPDIR:-/tmp}
 cpu=$(taskset -pc $$ | sed 's/.*[ ,-]//')   # the VM's kernel and its processes on one core: half the latency
 LD_PRELOAD=$job/xstate_shim.so TMPDIR=$files taskset -c "$cpu" timeout -k 3 "$seconds" \
   linux.uml mem=${memory_mb}M root=/dev/root rootfstype=hostfs rootflags=/ ro init="$job/boot.sh" JOB="$job" panic=1 \

@@ -10,13 +10,15 @@ headers=$work/prefix/include/tribotwin
 
 for internal in twin/numerics/least_squares twin/identification/linearised twin/identification/curves/moments_kernel \
   twin/identification/dynamic_friction/prediction_error twin/io/command_line/command_line; do
-  [ -e "$source/$internal.hpp" ] || { echo "$internal.hpp: is no longer in the tree; remove it from this test"; exit 1; }
+  [ -e "$source/$internal.hpp" ] ||
+    { echo "$internal.hpp: is no longer in the tree; remove it from this test"; exit 1; }
   [ ! -e "$headers/$internal.hpp" ] || { echo "$internal.hpp: is internal, but installed"; exit 1; }
 done
 # What is installed includes only what is installed.
 (cd "$work/prefix/include" && grep -rhoE '#include <tribotwin/[^>]+>' tribotwin) | sort -u | sed 's/.*<\(.*\)>/\1/' |
   while read -r header; do
-    [ -e "$work/prefix/include/$header" ] || { echo "$header: is included by an installed header, but not installed"; exit 1; }
+    [ -e "$work/prefix/include/$header" ] ||
+      { echo "$header: is included by an installed header, but not installed"; exit 1; }
   done
 
 configure() { cmake -G Ninja -DCMAKE_BUILD_TYPE=Release -DCMAKE_PREFIX_PATH="$work/prefix" "$@" > /dev/null; }

@@ -1,13 +1,45 @@
-// Prints the generated part of a README: `readme_reference plugins` or `readme_reference hil`.
+// Prints the generated part of a README, prose in lines of at most 120 columns: `readme_reference plugins` or
+// `readme_reference hil`.
 #include <cstdio>
 #include <cstring>
+#include <sstream>
+#include <string>
 
 #include <tribotwin/hil/cia402/drive_objects.hpp>
 #include <tribotwin/plugins/drive/configuration.hpp>
+
+namespace {
+
+/// Columns of UTF-8 text.
+std::size_t columns(const std::string& text) {
+  std::size_t count = 0;
+  for (const char c : text) count += (static_cast<unsigned char>(c) & 0xC0) != 0x80;
+  return count;
+}
+
+/// Rows of tables stay whole: Markdown cannot break them. The lines of a list's entry are indented.
+void print_wrapped(const std::string& line) {
+  const std::string indent(line.starts_with("- ") ? 2 : 0, ' ');
+  std::istringstream words(line);
+  std::string out, word;
+  while (!line.starts_with('|') && columns(line) > 120 && words >> word) {
+    if (!out.empty() && columns(out) + 1 + columns(word) > 120) {
+      std::printf("%s\n", out.c_str());
+      out = indent + word;
+    } else {
+      out += (out.empty() ? "" : " ") + word;
+    }
+  }
+  std::printf("%s\n", out.empty() ? line.c_str() : out.c_str());
+}
+
+}  // namespace
+
 int main(int, char** argv) {
   const bool hil = std::strcmp(argv[1], "hil") == 0;
   const auto dictionary =
       tribotwin::hil::drive_dictionary({.node = 1, .name = "joint1", .gear_ratio = 100, .rated_torque_nm = 10});
-  std::fputs((hil ? tribotwin::hil::reference_markdown(dictionary) : tribotwin::drive::reference_markdown()).c_str(),
-             stdout);
+  std::istringstream text(hil ? tribotwin::hil::reference_markdown(dictionary)
+                              : tribotwin::drive::reference_markdown());
+  for (std::string line; std::getline(text, line);) print_wrapped(line);
 }

@@ -6,4 +6,5 @@ mark='<!-- From here on generated from the tables in the code. -->'
 if [ -n "${README_RENEW:-}" ]; then
   { sed "/$mark/q" "$readme"; echo; "$program" "$part"; } > "$readme.new" && mv "$readme.new" "$readme"
 fi
-diff <(sed "1,/$mark/d" "$readme" | tail -n +2) <("$program" "$part") || { echo "$readme is behind the code; renew it with README_RENEW=1"; exit 1; }
+diff <(sed "1,/$mark/d" "$readme" | tail -n +2) <("$program" "$part") ||
+  { echo "$readme is behind the code; renew it with README_RENEW=1"; exit 1; }

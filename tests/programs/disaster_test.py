@@ -125,7 +125,8 @@ def full_disk(variant, truth, calls):
 
 # A disk of `size` bytes is mounted over the case's folder, out of everybody else's sight; what was left on it is
 # carried out.
-REALLY_FULL = """mount -t tmpfs -o size=$1 full "$2" && mkdir "$2/case" && cp -a "$3/." "$2/case/" && cd "$2/case" && head -c 4096 /dev/zero > ../one_page || exit 99
+REALLY_FULL = """mount -t tmpfs -o size=$1 full "$2" && mkdir "$2/case" && cp -a "$3/." "$2/case/" && cd "$2/case" &&
+head -c 4096 /dev/zero > ../one_page || exit 99
 result=$4; shift 4; "$@"
 code=$?; cp -a . "$result/"; exit $code"""
 may_mount = (
@@ -250,7 +251,8 @@ def killed_at_random(variant, truth, seconds):
 
 if not may_mount:
     print(
-        "SKIPPED: no tmpfs can be mounted here (needs root or user namespaces): a disk that is really full was NOT tested"
+        "SKIPPED: no tmpfs can be mounted here (needs root or user namespaces): "
+        "a disk that is really full was NOT tested"
     )
 total = at_random = 0
 for variant in variants:

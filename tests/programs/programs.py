@@ -3,7 +3,8 @@ any of them in a folder of its own, and the judgement of what it left there.
 
 Options: --tribotwin, --hil, --report (may be left out where it is not built), --source, --shim; --all for the long
 form, --only WORD for the commands whose name holds it, --keep to leave the folder."""
-import argparse, collections, concurrent.futures, dataclasses, json, logging, os, re, shutil, signal, socket, subprocess, sys, threading, time
+import argparse, collections, concurrent.futures, dataclasses, json, logging, os, re, shutil, signal, socket
+import subprocess, sys, threading, time
 
 import h5py
 import numpy as np
@@ -601,14 +602,18 @@ def judge(command, outcome, truth, killed=False):
 # ---- Inputs.
 PENDULUM = """<mujoco model="pendulum">
   <extension><plugin plugin="tribotwin.drive"><instance name="servo">
-    <config key="law" value="load"/> <config key="Fc0" value="0.03"/> <config key="Fcl" value="0.3"/> <config key="Fs0" value="0"/>
-    <config key="Fsl" value="0.1"/> <config key="vs" value="100"/> <config key="alpha" value="1.4"/> <config key="Fv" value="3e-5"/>
-    <config key="torque_max_nm" value="0.52"/> <config key="gear_ratio" value="288.35"/> <config key="load_max" value="1.2"/>
+    <config key="law" value="load"/> <config key="Fc0" value="0.03"/> <config key="Fcl" value="0.3"/>
+    <config key="Fs0" value="0"/>
+    <config key="Fsl" value="0.1"/> <config key="vs" value="100"/> <config key="alpha" value="1.4"/>
+    <config key="Fv" value="3e-5"/>
+    <config key="torque_max_nm" value="0.52"/> <config key="gear_ratio" value="288.35"/>
+    <config key="load_max" value="1.2"/>
     <config key="speed_max_rad_s" value="6000"/>
   </instance></plugin></extension>
   <worldbody><body name="pendulum" pos="0 0 0.2">
     <inertial pos="0 0 -0.1" mass="0.49" diaginertia="1e-6 1e-6 1e-6"/>
-    <joint name="hinge" axis="0 1 0" armature="0.0014" frictionloss="0.01" solreffriction=".001 1" solimpfriction=".9999 .9999 .001 .5 2"/>
+    <joint name="hinge" axis="0 1 0" armature="0.0014" frictionloss="0.01" solreffriction=".001 1"
+      solimpfriction=".9999 .9999 .001 .5 2"/>
     <geom type="sphere" size=".02" pos="0 0 -.1" mass="0"/>
   </body></worldbody>
   <actuator><plugin name="servo" joint="hinge" plugin="tribotwin.drive" instance="servo" actdim="3"/></actuator>
@@ -628,13 +633,15 @@ series:
 FIT = """recordings: {files: made_*.json}
 hold_out: {folds: by kp}
 search: {starts: 1, evaluations: 12}
-control: {error_gain: 0.0028774, supply_V: 7.4, resistance_ohm: 3.4, kt_nm_A: {start: 0.3, low: 0.2, high: 0.6, sigma: 0.3, scale: logarithmic}}
+control: {error_gain: 0.0028774, supply_V: 7.4, resistance_ohm: 3.4,
+  kt_nm_A: {start: 0.3, low: 0.2, high: 0.6, sigma: 0.3, scale: logarithmic}}
 joint: {armature: 0.0014}
 variants:
   - label: load
     model: pendulum.xml
     law: load
-    drive: {Fc0: {start: 0.02, low: 0.002, high: 0.06, sigma: 1, scale: logarithmic}, Fcl: 0.3, Fs0: 0, Fsl: 0.1, vs: 100, alpha: 1.4, Fv: 3e-5}
+    drive: {Fc0: {start: 0.02, low: 0.002, high: 0.06, sigma: 1, scale: logarithmic},
+            Fcl: 0.3, Fs0: 0, Fsl: 0.1, vs: 100, alpha: 1.4, Fv: 3e-5}
 """
 
 
@@ -682,7 +689,15 @@ def kill_while_running(folder, seconds, *settings):
 
 def make_inputs():
     os.makedirs(inputs)
-    random = np.random.default_rng(seed)
+    write_models()
+    write_measurements(np.random.default_rng(seed))
+    make_results()
+    kill_while_running("killed", 2)
+    if programs["hil"]:
+        record_a_session()
+
+
+def write_models():
     write("pendulum.xml", PENDULUM)
     write("scenario.yaml", "model: pendulum.xml\nduration_s: 3\ntelemetry_rate_hz: 100\n" + MOTION)
     write("long.yaml", "model: pendulum.xml\nduration_s: 600\ntelemetry_rate_hz: 200\n" + MOTION)
@@ -710,6 +725,8 @@ def make_inputs():
             ),
         )
 
+
+def write_measurements(random):
     # Friction curves of one joint, cold to hot: Stribeck's law with a little noise.
     speeds, temperatures = np.array([0.2, 0.9, 1.7, 2.6, 3.5, 5, 9, 14, 17, 26, 52, 79, 105, 140, 175]), np.linspace(
         25, 58, 10
@@ -745,6 +762,8 @@ def make_inputs():
         warm[k] += x.sum()
     write_table("thermal.csv", "time_s,power_w_arm,temperature_arm_degC", time_s, power, warm)
 
+
+def make_results():
     made("tribotwin", "run", "scenario.yaml", "-o", "run", "--quiet")
     made(
         "tribotwin",
@@ -779,26 +798,27 @@ def make_inputs():
     made("tribotwin", "run", "excited.yaml", "-o", "excited", "--quiet")
     made("tribotwin", "export", "excited", "--recording", "--torque-noise", "0.01", "-o", "recorded.csv")
     made("tribotwin", "dynamics", "pendulum.xml", "recorded.csv", "-o", "robot.yaml", "--quiet")
-    kill_while_running("killed", 2)
-    if programs["hil"]:
-        process, thread = start(
-            [
-                programs["hil"],
-                "drive",
-                "scenario.yaml",
-                "--can",
-                "socketcand://127.0.0.1:{port}/can0",
-                "--duration",
-                "0.1",
-                "--record",
-                "session.log",
-            ],
-            inputs,
-            stderr=subprocess.DEVNULL,
-        )
-        thread.join()
-        if process.wait(10):
-            sys.exit("an input cannot be made: no session was recorded")
+
+
+def record_a_session():
+    process, thread = start(
+        [
+            programs["hil"],
+            "drive",
+            "scenario.yaml",
+            "--can",
+            "socketcand://127.0.0.1:{port}/can0",
+            "--duration",
+            "0.1",
+            "--record",
+            "session.log",
+        ],
+        inputs,
+        stderr=subprocess.DEVNULL,
+    )
+    thread.join()
+    if process.wait(10):
+        sys.exit("an input cannot be made: no session was recorded")
 
 
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "hil"))

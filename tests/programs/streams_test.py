@@ -194,11 +194,15 @@ def slow_readers():
 
 
 # ---- -o that is a device, a pipe or a FIFO. As root the devices are copies, out of everybody else's sight.
-OWN_DEVICES = """d=$(mktemp -d) && mount -t tmpfs devices $d && cp -a /dev/null /dev/zero /dev/full /dev/random /dev/urandom $d &&
-ln -s /proc/self/fd $d/fd && ln -s /proc/self/fd/0 $d/stdin && ln -s /proc/self/fd/1 $d/stdout && ln -s /proc/self/fd/2 $d/stderr && mount --move $d /dev && rmdir $d || exit 99
+OWN_DEVICES = """d=$(mktemp -d) && mount -t tmpfs devices $d && cp -a /dev/null /dev/zero /dev/full /dev/random \
+/dev/urandom $d &&
+ln -s /proc/self/fd $d/fd && ln -s /proc/self/fd/0 $d/stdin && ln -s /proc/self/fd/1 $d/stdout &&
+ln -s /proc/self/fd/2 $d/stderr &&
+mount --move $d /dev && rmdir $d || exit 99
 "$@"
 code=$?
-test -c /dev/null && test -c /dev/full && test -L /dev/stdout && test "$(ls /dev | wc -l)" = 9 || { echo "devices were replaced: $(ls -l /dev)" >&2; exit 98; }
+test -c /dev/null && test -c /dev/full && test -L /dev/stdout && test "$(ls /dev | wc -l)" = 9 ||
+{ echo "devices were replaced: $(ls -l /dev)" >&2; exit 98; }
 exit $code"""
 own_devices = ["unshare", "-m", "sh", "-c", OWN_DEVICES, "sh"] if os.geteuid() == 0 else []
 safe_devices = not own_devices or subprocess.run([*own_devices, "true"], capture_output=True).returncode == 0
@@ -452,7 +456,8 @@ def varied(command, *more):
 
 if not safe_devices:
     print(
-        "SKIPPED: devices could not be copied (mount namespaces); -o DEVICE was NOT tested, because as root it could replace the real ones"
+        "SKIPPED: devices could not be copied (mount namespaces); -o DEVICE was NOT tested, "
+        "because as root it could replace the real ones"
     )
 with open(inputs + "/healthy.csv") as f:
     header, *rows = f.read().splitlines()

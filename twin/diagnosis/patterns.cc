@@ -59,7 +59,7 @@ bool outside_learned_temperatures(const HealthyState& h, const Observation& o) {
 }
 
 /// Filled at the first call, as the names come from another file's table.
-const auto& table() {
+const auto& table() {  // long: a table
   static const std::array all{
       Pattern{.name = "temperature",
               .fault = {},

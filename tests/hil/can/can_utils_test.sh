@@ -14,7 +14,8 @@ await() {   # await PATTERN COUNT: until candump wrote COUNT lines with it
     [ "$(grep -cE "$1" "$work/log" || true)" -ge "$2" ] && return
     sleep 0.05
   done
-  echo "candump saw $(grep -cE "$1" "$work/log") of $2 frames $1; the last of $(wc -l <"$work/log"):" && tail -n 3 "$work/log" && exit 1
+  echo "candump saw $(grep -cE "$1" "$work/log") of $2 frames $1; the last of $(wc -l <"$work/log"):" &&
+    tail -n 3 "$work/log" && exit 1
 }
 
 candump -L -r 4000000 vcan0 >"$work/log" &
@@ -35,7 +36,8 @@ await . $((1 + 2 * (${#frames[@]} + random)))
 # Kernels differ in whether the flags of FD frames say that it is one (4): without.
 sed -E '/ 7F(D#|F#000000)$/d; s/.* //; s/##4/##0/; s/##5/##1/; s/##6/##2/; s/##7/##3/' "$work/log" >"$work/frames"
 for frame in "${frames[@]}"; do
-  [ "$(grep -cFx -- "$frame" "$work/frames")" -ge 2 ] || { echo "$frame did not come back the same:"; head -n 40 "$work/frames"; exit 1; }
+  [ "$(grep -cFx -- "$frame" "$work/frames")" -ge 2 ] ||
+    { echo "$frame did not come back the same:"; head -n 40 "$work/frames"; exit 1; }
 done
 odd=$(sort "$work/frames" | uniq -c | awk '$1 % 2')
 [ -z "$odd" ] || { echo "not sent back as they came:"; echo "$odd"; exit 1; }

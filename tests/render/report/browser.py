@@ -5,7 +5,9 @@ import html, json, os, re, subprocess
 MEASURE = """<script>addEventListener('load', () => {
   const channel = c => { c /= 255; return c <= .03928 ? c / 12.92 : ((c + .055) / 1.055) ** 2.4; };
   const light = c => .2126 * channel(c[0]) + .7152 * channel(c[1]) + .0722 * channel(c[2]);
-  const colour = text => { const n = (text.match(/[\\d.]+/g) || []).map(Number); return n.length == 4 && n[3] == 0 ? null : n.length >= 3 ? n : null; };
+  const colour = text => { const n = (text.match(/[\\d.]+/g) || []).map(Number); 
+    return n.length == 4 && n[3] == 0 ? null :
+    n.length >= 3 ? n : null; };
   let worst = 99, where = '', texts = 0;
   for (const e of document.querySelectorAll('body *')) {
     if (![...e.childNodes].some(n => n.nodeType == 3 && n.data.trim())) continue;
@@ -17,19 +19,28 @@ MEASURE = """<script>addEventListener('load', () => {
     ++texts;
     if (ratio < worst) { worst = ratio; where = e.tagName + ': ' + e.textContent.slice(0, 40); }
   }
-  const images = [...document.images], wide = [...document.querySelectorAll('main *')].filter(e => !e.closest('.scroll') && !e.closest('svg') && e.getBoundingClientRect().right > innerWidth + 1);
+  const images = [...document.images], wide = [...document.querySelectorAll('main *')].filter(e =>
+    !e.closest('.scroll') && !e.closest('svg') && e.getBoundingClientRect().right > innerWidth + 1);
   // Labels of drawings: within their drawing, and not over each other.
   let cut = [], over = [];
   for (const svg of document.querySelectorAll('main svg')) {
-    const frame = svg.getBoundingClientRect(), boxes = [...svg.querySelectorAll('text')].filter(t => t.textContent.trim()).map(t => [t.textContent, t.getBoundingClientRect()]);
-    for (const [text, b] of boxes) if (b.left < frame.left - 1 || b.right > frame.right + 1 || b.top < frame.top - 1 || b.bottom > frame.bottom + 1) cut.push(text);
+    const frame = svg.getBoundingClientRect();
+    const boxes = [...svg.querySelectorAll('text')].filter(t => t.textContent.trim()).map(t =>
+      [t.textContent, t.getBoundingClientRect()]);
+    for (const [text, b] of boxes)
+      if (b.left < frame.left - 1 || b.right > frame.right + 1 || b.top < frame.top - 1 || b.bottom > frame.bottom + 1)
+        cut.push(text);
     boxes.forEach(([text, a], i) => boxes.slice(i + 1).forEach(([other, b]) => {
-      if (Math.min(a.right, b.right) - Math.max(a.left, b.left) > 2 && Math.min(a.bottom, b.bottom) - Math.max(a.top, b.top) > 4) over.push(text + ' / ' + other);
+      if (Math.min(a.right, b.right) - Math.max(a.left, b.left) > 2 &&
+          Math.min(a.bottom, b.bottom) - Math.max(a.top, b.top) > 4) over.push(text + ' / ' + other);
     }));
   }
   const ids = [...document.querySelectorAll('[id]')].map(e => e.id);
-  parent.postMessage({width: innerWidth, images: images.length, broken: images.filter(i => !i.complete || !i.naturalWidth).length, drawings: document.querySelectorAll('main svg').length,
-    overflow: document.documentElement.scrollWidth - innerWidth, wide: wide.map(e => e.tagName + '.' + e.className), contrast: worst, where, texts, cut, over, ids: ids.length - new Set(ids).size,
+  parent.postMessage({width: innerWidth, images: images.length,
+    broken: images.filter(i => !i.complete || !i.naturalWidth).length,
+    drawings: document.querySelectorAll('main svg').length,
+    overflow: document.documentElement.scrollWidth - innerWidth, wide: wide.map(e => e.tagName + '.' + e.className),
+    contrast: worst, where, texts, cut, over, ids: ids.length - new Set(ids).size,
     scripts: document.scripts.length, title: document.title, text: document.body.innerText}, '*');
 });</script>"""
 
@@ -73,7 +84,8 @@ class Browser:
             f.write(probe)
         with open(self.path("frame.html"), "w") as f:
             f.write(
-                "<pre id=result></pre><script>addEventListener('message', e => document.getElementById('result').textContent = JSON.stringify(e.data));</script>"
+                "<pre id=result></pre><script>addEventListener('message', e => "
+                "document.getElementById('result').textContent = JSON.stringify(e.data));</script>"
                 "<iframe src=probe.html style='width:%dpx;height:900px;border:0'></iframe>" % width
             )
         r = subprocess.run(

@@ -133,7 +133,8 @@ if m:
     )
 check("nothing is fetched", not re.search(r'(src|href)="(?!data:|#)', page) and "@import" not in page)
 rows = re.findall(
-    r"<tr><th scope=\"row\">(\w+)</th><td[^>]*>([^<]*)</td><td[^>]*>([^<]*)</td><td[^>]*>([^<]*)</td><td[^>]*>([^<]*)</td><td[^>]*>estimated</td>",
+    r"<tr><th scope=\"row\">(\w+)</th><td[^>]*>([^<]*)</td><td[^>]*>([^<]*)</td><td[^>]*>([^<]*)</td>"
+    r"<td[^>]*>([^<]*)</td><td[^>]*>estimated</td>",
     page,
 )
 check("the table has every parameter", [row[0] for row in rows] == list(values), rows)

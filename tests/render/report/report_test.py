@@ -169,7 +169,8 @@ if m:
         m["title"],
     )
     for of, e in zip(summary["runs"], summary["tracking"]):
-        row = f"{of['folder']}\t{e['temperature_degC']:.1f}\t{e['compensation']}\t{e['l1_mrad']:.4f}\t{e['standstill_pp_mrad']:.4f}"
+        row = f"{of['folder']}\t{e['temperature_degC']:.1f}\t{e['compensation']}"
+        row += f"\t{e['l1_mrad']:.4f}\t{e['standstill_pp_mrad']:.4f}"
         check("varied: the table has " + row.replace("\t", " "), row in m["text"], m["text"][:3000])
 page = content("tracking/report.html")
 cold = drawn(page, "Tracking error from 20.0 °C")

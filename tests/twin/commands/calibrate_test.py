@@ -34,9 +34,12 @@ write(
     """<mujoco model="pendulum">
   <include file="scene.xml"/>
   <extension><plugin plugin="tribotwin.drive"><instance name="servo">
-    <config key="law" value="load"/> <config key="Fc0" value="0.03"/> <config key="Fcl" value="0.3"/> <config key="Fs0" value="0"/>
-    <config key="Fsl" value="0.1"/> <config key="vs" value="100"/> <config key="alpha" value="1.4"/> <config key="Fv" value="3e-5"/>
-    <config key="torque_max_nm" value="0.52"/> <config key="gear_ratio" value="288.35"/> <config key="load_max" value="1.2"/>
+    <config key="law" value="load"/> <config key="Fc0" value="0.03"/> <config key="Fcl" value="0.3"/>
+    <config key="Fs0" value="0"/>
+    <config key="Fsl" value="0.1"/> <config key="vs" value="100"/> <config key="alpha" value="1.4"/>
+    <config key="Fv" value="3e-5"/>
+    <config key="torque_max_nm" value="0.52"/> <config key="gear_ratio" value="288.35"/>
+    <config key="load_max" value="1.2"/>
     <config key="speed_max_rad_s" value="6000"/>
   </instance></plugin></extension>
   <worldbody><body name="pendulum" pos="0 0 0.2">
@@ -307,7 +310,8 @@ if os.path.isdir(real):
     )
 else:
     print(
-        "SKIPPED: the recordings of ../shared/data are not beside this checkout; the claim on real recordings was NOT tested"
+        "SKIPPED: the recordings of ../shared/data are not beside this checkout; "
+        "the claim on real recordings was NOT tested"
     )
 
 finish()

@@ -1,4 +1,6 @@
-"""From a campaign in MuJoCo with noise to parameters: Bittencourt 2012 and Zhou 2024, whole. Arguments: tribotwin, source tree."""
+"""From a campaign in MuJoCo with noise to parameters: Bittencourt 2012 and Zhou 2024, whole.
+
+Arguments: tribotwin, source tree."""
 import json, sys
 
 import numpy as np
@@ -49,7 +51,8 @@ staged = identify("--law", "extended", "--fix", "alpha=1.36", "--staged", load, 
 for name, (truth, paper_sigma) in PAPER.items():
     value, sigma = staged[name]["value"], staged[name]["sigma"]
     print(
-        f"    {name:4} {value:11.5g} +- {sigma:8.2g}   truth {truth:9.4g}: {(value - truth) / sigma:5.2f} sigma; sigma / paper's {sigma / paper_sigma:.2f}"
+        f"    {name:4} {value:11.5g} +- {sigma:8.2g}   truth {truth:9.4g}: "
+        f"{(value - truth) / sigma:5.2f} sigma; sigma / paper's {sigma / paper_sigma:.2f}"
     )
     check(f"{name} within 3 of its sigmas", abs(value - truth) < 3 * sigma, (value, sigma))
     check(f"{name}: sigma at most twice the paper's", sigma < 2 * paper_sigma, sigma / paper_sigma)
@@ -97,7 +100,8 @@ everything = measure("irb6620_all_campaign")
 law = identify("--law", "extended", everything)["parameters"]["alpha"]
 shared = identify("--law", "stribeck", "--shared", "alpha", everything)
 print(
-    f"    alpha from {shared['curves']} curves: of M* {law['value']:.3f} +- {law['sigma']:.3f}; of one M0 per curve {shared['value']:.3f} +- {shared['sigma']:.3f}"
+    f"    alpha from {shared['curves']} curves: of M* {law['value']:.3f} +- {law['sigma']:.3f}; "
+    f"of one M0 per curve {shared['value']:.3f} +- {shared['sigma']:.3f}"
 )
 check(
     "alpha* = 1.36 +- 0.02 from at least 488 curves",

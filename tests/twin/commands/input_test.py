@@ -46,7 +46,8 @@ pendulum = """<mujoco model="pendulum">
   <extension>
     <plugin plugin="tribotwin.drive">
       <instance name="servo">
-        <config key="law" value="stribeck"/> <config key="Fc" value="0.05"/> <config key="Fs" value="0.01"/> <config key="Fv" value="1e-5"/>
+        <config key="law" value="stribeck"/> <config key="Fc" value="0.05"/> <config key="Fs" value="0.01"/>
+        <config key="Fv" value="1e-5"/>
         <config key="vs" value="10"/> <config key="alpha" value="1"/>
         <config key="torque_max_nm" value="1"/>
         <config key="gear_ratio" value="100"/>
@@ -56,7 +57,8 @@ pendulum = """<mujoco model="pendulum">
   <worldbody>
     <body name="pendulum">
       <inertial pos="0 0 -0.1" mass="0.5" diaginertia="1e-3 1e-3 1e-3"/>
-      <joint name="joint" axis="0 1 0" armature="0.002" damping="0" frictionloss="1" solreffriction=".003 1" solimpfriction=".9999 .9999 .001 .5 2"/>
+      <joint name="joint" axis="0 1 0" armature="0.002" damping="0" frictionloss="1" solreffriction=".003 1"
+        solimpfriction=".9999 .9999 .001 .5 2"/>
     </body>
   </worldbody>
   <actuator>
@@ -145,7 +147,8 @@ for name, text in (
     ("far", arm + "duration_s: 1\nmotion: {type: cycle, waypoints: [{position_rad: 0}, {position_rad: 1e299}]}\n"),
     (
         "slow",
-        "model: pendulum.xml\nduration_s: 1\nmotion: {type: back_and_forth, joint: joint, travel_rad: 1000, speed_rad_s: 1e-9}\n",
+        "model: pendulum.xml\nduration_s: 1\n"
+        "motion: {type: back_and_forth, joint: joint, travel_rad: 1000, speed_rad_s: 1e-9}\n",
     ),
 ):
     refused(f"a cycle that is too {name}", ["long.yaml:"], "run", write("long.yaml", text), "-o", "out")

@@ -198,7 +198,8 @@ put(
     "heat.csv",
     "time_s,power_w_arm,temperature_arm_degC,power_w_hand,temperature_hand_degC\n"
     + "".join(
-        f"{t},{1 + np.sin(t / 300)},{20 + 5 * (1 - np.exp(-t / 900)) + 0.3 * np.cos(t / 300)},{1 + np.cos(t / 400)},{21 + 3 * (1 - np.exp(-t / 700))}\n"
+        f"{t},{1 + np.sin(t / 300)},{20 + 5 * (1 - np.exp(-t / 900)) + 0.3 * np.cos(t / 300)},"
+        f"{1 + np.cos(t / 400)},{21 + 3 * (1 - np.exp(-t / 700))}\n"
         for t in time
     ),
 )

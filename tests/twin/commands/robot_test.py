@@ -321,7 +321,8 @@ check("no motion is written then", not os.path.exists(f"{work}/o.csv"))
 
 # ---- A slide: a mass on a rail with known friction, from numpy.
 open(f"{work}/slide.xml", "w").write(
-    "<mujoco><worldbody><body name='cart'><joint name='x' type='slide' axis='1 0 0' armature='0.5'/><geom size='.1' mass='3'/></body></worldbody></mujoco>"
+    "<mujoco><worldbody><body name='cart'><joint name='x' type='slide' axis='1 0 0' armature='0.5'/>"
+    "<geom size='.1' mass='3'/></body></worldbody></mujoco>"
 )
 t = np.arange(0, 20, 0.002)
 x, v, a = (
