@@ -36,8 +36,8 @@ struct Arguments : RobotOptions {
         "--duration 10");
   }
 
-  void check_files(const twin::Scenario& scenario) const {
-    auto inputs = files_of(scenario);
+  void check_files(const twin::Scenario& robot) const {
+    auto inputs = files_of(robot);
     inputs.push_back({"--faults " + faults, faults});
     auto outputs = files_in(output);
     outputs.push_back({"--record " + record, record});
@@ -49,8 +49,8 @@ struct Arguments : RobotOptions {
   }
 
   /// Throws InputError where the bus cannot carry the drives.
-  void check_bus_load(const twin::Scenario& scenario) const {
-    const Budget load = budget(scenario, 1e6);
+  void check_bus_load(const twin::Scenario& robot) const {
+    const Budget load = budget(robot, 1e6);
     if (load.max > 1)
       throw InputError(
           fmt::format("--cycle {}: {}; choose a longer cycle or fewer drives on one bus", cycle_ms, load.line()));

@@ -53,9 +53,9 @@ twin::Scenario RobotOptions::load() const {
 
 std::uint32_t RobotOptions::cycle_us() const { return static_cast<std::uint32_t>(std::lround(1e3 * cycle_ms)); }
 
-Budget RobotOptions::budget(const twin::Scenario& scenario, double bit_rate) const {
-  if (mirror()) return budget_of_frames(static_cast<int>(scenario.model->drives().size()), 1e-3 * cycle_ms, bit_rate);
-  return hil::budget(Drives(scenario, *this).all(), 1e-3 * cycle_ms, bit_rate);
+Budget RobotOptions::budget(const twin::Scenario& robot, double bit_rate) const {
+  if (mirror()) return budget_of_frames(static_cast<int>(robot.model->drives().size()), 1e-3 * cycle_ms, bit_rate);
+  return hil::budget(Drives(robot, *this).all(), 1e-3 * cycle_ms, bit_rate);
 }
 
 void add_force(CLI::App& command, bool& force) { command.add_flag("--force", force, "Replace files that exist"); }

@@ -46,7 +46,7 @@ struct RobotOptions {
   bool mirror() const { return profile == "mirror"; }
   Profile bench_profile() const { return mirror() ? Profile::mirror : Profile::cia402; }
   std::uint32_t cycle_us() const;
-  Budget budget(const twin::Scenario& scenario, double bit_rate) const;
+  Budget budget(const twin::Scenario& robot, double bit_rate) const;
 };
 
 /// --force of the commands that write.
