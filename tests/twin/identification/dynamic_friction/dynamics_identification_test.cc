@@ -115,7 +115,7 @@ TEST(BoucWen, RefusesWhatTeachesNothing) {
                 for (auto* column : {&r.torsion_rad, &r.torque_nm, &r.temperature_degC}) column->resize(60);
                 for (std::size_t i = 0; i < 60; ++i) r.torsion_rad[i] = 1e-3 * std::sin(0.3 * static_cast<double>(i));
               }),
-              HasSubstr("60 samples cannot tell"));
+              HasSubstr("60 samples are too few"));
   std::mt19937_64 random(3);
   std::normal_distribution<double> noise(0, 5);
   EXPECT_THAT(error([&](auto& r) {
