@@ -227,7 +227,7 @@ TEST(LuGre, SaysWhatTheDataCannotTell) {
   EXPECT_THAT(fit_bristles(drive, std::vector{sliding}).error().message, HasSubstr("speed is 0 in every sample"));
   SlidingRecording few = reversals(30, 0.02, 0, 1);
   few.time_s.resize(20), few.velocity_rad_s.resize(20), few.torque_nm.resize(20), few.temperature_degC.resize(20);
-  EXPECT_THAT(fit_bristles(drive, std::vector{few}).error().message, HasSubstr("20 samples cannot tell"));
+  EXPECT_THAT(fit_bristles(drive, std::vector{few}).error().message, HasSubstr("20 samples are too few"));
   // So slow that nothing is damped: stiffness alone.
   SlidingRecording slow = reversals(30, 0.02, 0, 1);
   double z = 0;
