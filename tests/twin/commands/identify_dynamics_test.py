@@ -117,7 +117,7 @@ refused(
     "--law",
     "bouc_wen",
     write("sign.csv", "time_s,torsion_rad,torque_nm", t, -phi, tau),
-    says="sign opposite",
+    says="opposite sign of torsion_rad",
 )
 refused(
     "kelvins",
