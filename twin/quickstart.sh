@@ -6,7 +6,7 @@ root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
 bash "$root/twin/install-packages.sh"
 cmake -S "$root" -B "$root/build/release" -G Ninja -DCMAKE_BUILD_TYPE=Release -DTRIBOTWIN_UNITY_BUILD=ON \
   -DTRIBOTWIN_BUILD_TESTS=OFF > /dev/null
-cmake --build "$root/build/release" --target tribotwin tribotwin-report
+cmake --build "$root/build/release" --target tribotwin tribotwin-report tribotwin-hil
 "$root/build/release/bin/tribotwin" run irb6620_warmup -o "$root/runs/quickstart" --force
 "$root/build/release/bin/tribotwin-report" "$root/runs/quickstart" --force > /dev/null
 echo
