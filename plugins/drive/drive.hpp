@@ -140,6 +140,8 @@ struct Workspace {
   double gear_limit_nm, limit_nm;  ///< friction limit without and with brake, arm side; with bristles that of h alone
   double q_begin_rad;
   double applied_nm;  ///< torque of the bristles, arm side, positive with motion; 0 without bristles
+  double deflection;  ///< of the bristles when the step began
+  double passive_nm;  ///< what this drive has in qfrc_passive on engines without plugins
 
   // outputs of the last finished step
   double temperature_degC;  ///< at which friction was evaluated, a multiple of 2^-14 K
@@ -190,6 +192,10 @@ friction::Law current_law(const Drive& drive, const Workspace& workspace);
 /// besides. Calling it again before `end_step` restarts the step.
 double begin_step(const Drive& drive, const State& state, Workspace& workspace, double time_s, double qd_rad_s,
                   double q_rad = 0);
+
+/// Whether begin_step with these arguments would change nothing: it was the last call and no input has changed.
+bool begun(const Drive& drive, const State& state, const Workspace& workspace, double time_s, double qd_rad_s,
+           double q_rad);
 
 /// Whether time_s is a later stage of the step under way (Runge-Kutta). The limit of the step's start then stands:
 /// friction is a zero-order hold over the step, so that the torque booked as heat is the torque that acted.

@@ -192,15 +192,20 @@ double commanded_force(const mjModel* m, const mjData* d, const Binding& b) {
   return control;
 }
 
-void limit_friction(const mjModel* m, mjData* d, const Binding& b) {
+void limit_friction(const mjModel* m, mjData* d, const Binding& b, Stage stage, double& passive_nm) {
   drive::Workspace& s = workspace(d, b);
   const bool later_stage = m->opt.integrator == mjINT_RK4 && drive::within_step(s, d->time, m->opt.timestep);
-  const double limit =
-      later_stage ? s.limit_nm : drive::begin_step(b.drive, state(d, b), s, d->time, b.speed(d), b.angle(d));
-  if (const int row = engine::friction_row(d, b.dof, b.row_hint); row >= 0) engine::set_friction_limit(d, row, limit);
-  // The engine computes qfrc_passive afresh ahead of every call of this, and sums it after.
-  if (b.drive.dynamics != drive::Dynamics::none) d->qfrc_passive[b.dof] -= s.applied_nm;
-  if (s.faults.torque_loss != 0) d->qfrc_passive[b.dof] -= s.faults.torque_loss * commanded_force(m, d, b) * b.gear;
+  if (!later_stage && !drive::begun(b.drive, state(d, b), s, d->time, b.speed(d), b.angle(d)))
+    drive::begin_step(b.drive, state(d, b), s, d->time, b.speed(d), b.angle(d));
+  if (const int row = engine::friction_row(d, b.dof, b.row_hint); row >= 0)
+    engine::set_friction_limit(d, row, s.limit_nm);
+
+  double applied_nm = b.drive.dynamics == drive::Dynamics::none ? 0 : -s.applied_nm;
+  if (s.faults.torque_loss != 0) applied_nm -= s.faults.torque_loss * commanded_force(m, d, b) * b.gear;
+  double& passive = d->qfrc_passive[b.dof];
+  if (stage == Stage::passive || (!engine::calls_passive(m) && passive == 0)) passive_nm = 0;
+  if (applied_nm != passive_nm) passive += applied_nm - passive_nm;
+  passive_nm = applied_nm;
 }
 
 void book_friction(const mjModel* m, mjData* d, const Binding& b) {

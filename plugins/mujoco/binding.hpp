@@ -53,9 +53,17 @@ const drive::Workspace& workspace(const mjData* d, const Binding& binding);
 /// What the control asks of the motor, within its range: the actuator force that its current shows.
 double commanded_force(const mjModel* m, const mjData* d, const Binding& binding);
 
+/// Where in mj_forward or mj_inverse the engine asks for friction.
+enum class Stage {
+  passive,    ///< at the end of mj_passive, which has just computed qfrc_passive afresh
+  actuation,  ///< in mj_fwdActuation; mj_forwardSkip and the engine's finite differences repeat it alone
+};
+
 /// Before the solver runs: writes the friction limit into the joint's constraint row, and into qfrc_passive what
-/// bristles hold and what a weak motor does not give. Once per stage of the integrator.
-void limit_friction(const mjModel* m, mjData* d, const Binding& binding);
+/// bristles hold and what a weak motor does not give. Both hosts call it at both stages, so that inverse dynamics sees
+/// the law, and a change of activation or control between the stages counts. Any number of calls gives what one gives.
+/// `passive_nm` remembers, beside qfrc_passive, what of it is this drive's.
+void limit_friction(const mjModel* m, mjData* d, const Binding& binding, Stage stage, double& passive_nm);
 
 /// After the step: heat, temperature, load. Once per mj_step.
 void book_friction(const mjModel* m, mjData* d, const Binding& binding);

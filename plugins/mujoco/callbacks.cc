@@ -13,7 +13,7 @@ namespace {
 
 std::mutex mutex;  // guards installation, never taken in a step
 int registered = 0;
-std::atomic<mjfGeneric> previous{nullptr};
+std::atomic<mjfGeneric> previous{nullptr}, previous_passive{nullptr};
 
 std::array<std::atomic<const Registration*>, 1024> slots{};
 std::atomic<std::size_t> slots_used{0};  // high-water mark
@@ -31,12 +31,21 @@ const Registration* find(const mjModel* m) {
   return nullptr;
 }
 
+void limit_friction_of(const Registration& r, mjData* d, Stage stage) {
+  for (const Binding& b : r.drives()) limit_friction(r.model(), d, b, stage, workspace(d, b).passive_nm);
+}
+
+void passive(const mjModel* m, mjData* d) {
+  if (const mjfGeneric earlier = previous_passive.load(std::memory_order_acquire)) earlier(m, d);
+  if (const Registration* r = find(m)) limit_friction_of(*r, d, Stage::passive);
+}
+
 void control(const mjModel* m, mjData* d) {
   if (const mjfGeneric earlier = previous.load(std::memory_order_acquire)) earlier(m, d);
   if (under_way.data == d && under_way.controller.call) under_way.controller.call(under_way.controller.context, m, d);
   if constexpr (!TRIBOTWIN_ENGINE_PLUGINS)
     if (const Registration* r = find(m)) {
-      for (const Binding& binding : r->drives()) limit_friction(m, d, binding);
+      limit_friction_of(*r, d, Stage::actuation);
       for (const Spring& spring : r->springs()) d->ctrl[spring.control] = -spring_torque(m, d, spring);
     }
 }
@@ -54,6 +63,10 @@ Registration::Registration(const mjModel* model, std::span<const Binding> drives
   if (registered++ == 0 && mjcb_control != control) {
     previous = mjcb_control;
     mjcb_control = control;
+    if constexpr (!TRIBOTWIN_ENGINE_PLUGINS) {
+      previous_passive = mjcb_passive;
+      mjcb_passive = passive;
+    }
   }
 }
 
@@ -64,6 +77,10 @@ Registration::~Registration() {
   if (--registered == 0 && mjcb_control == control) {
     mjcb_control = previous;
     previous = nullptr;
+    if (mjcb_passive == passive) {
+      mjcb_passive = previous_passive;
+      previous_passive = nullptr;
+    }
   }
 }
 

@@ -47,6 +47,16 @@ inline mjtNum* state(const mjData* d) { return d->userdata; }
 inline mjtNum* workspace(const mjData* d) { return d->userdata; }
 #endif
 
+/// Whether mj_passive calls callbacks and plugins: it returns early where all passive forces are disabled.
+inline bool calls_passive(const mjModel* m) {
+#if mjVERSION_HEADER >= 336
+  constexpr int all = mjDSBL_SPRING | mjDSBL_DAMPER;
+#else
+  constexpr int all = mjDSBL_PASSIVE;
+#endif
+  return (m->opt.disableflags & all) != all;
+}
+
 /// Row of a dof's friction constraint, or -1. `hint` is where it is as long as no equality constraint comes or goes
 /// ahead of it: its place among the dofs with friction.
 inline int friction_row(const mjData* d, int dof, int hint) {

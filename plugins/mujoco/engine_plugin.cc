@@ -18,7 +18,11 @@ template <class Bound>
 Bound* bound(const mjData* d, int instance) {
   return reinterpret_cast<Bound*>(d->plugin_data[instance]);
 }
-Binding* binding_of(const mjData* d, int instance) { return bound<Binding>(d, instance); }
+
+/// A drive of one mjData.
+struct BoundDrive : Binding {
+  double passive_nm = 0;  ///< not in plugin_state: mj_setState restores that and leaves qfrc_passive as it is
+};
 
 std::string instance_name(const mjModel* m, int instance) {
   const char* given = mj_id2name(m, mjOBJ_PLUGIN, instance);
@@ -42,7 +46,7 @@ drive::Configuration configuration(const mjModel* m, int instance, const Keys& k
 }
 
 /// The instance's drive tied to its actuator, or why not. Nothing for an instance that no actuator uses.
-Result<std::unique_ptr<Binding>> connect(const mjModel* m, int instance) {
+Result<std::unique_ptr<BoundDrive>> connect(const mjModel* m, int instance) {
   const std::string name = instance_name(m, instance);
   const auto fail = [&](const std::string& why) {
     return tl::unexpected(std::string(plugin_name) + ", instance '" + name + "': " + why);
@@ -58,7 +62,7 @@ Result<std::unique_ptr<Binding>> connect(const mjModel* m, int instance) {
   if (!binding) return tl::unexpected(std::string(plugin_name) + ": " + binding.error().message);
   binding->memory_address = m->actuator_actadr[actuator];
   binding->scratch_address = m->plugin_stateadr[instance];
-  return std::make_unique<Binding>(std::move(*binding));
+  return std::make_unique<BoundDrive>(BoundDrive{std::move(*binding)});
 }
 
 /// The same for a transmission.
@@ -105,11 +109,11 @@ int init(const mjModel* m, mjData* d, int instance) {
   return 0;
 }
 
-void compute(const mjModel* m, mjData* d, int instance, int) {
-  if (!binding_of(d, instance)) return;
-  const Binding& b = *binding_of(d, instance);
-  d->actuator_force[b.force] = commanded_force(m, d, b);
-  limit_friction(m, d, b);
+void compute(const mjModel* m, mjData* d, int instance, int capability) {
+  BoundDrive* b = bound<BoundDrive>(d, instance);
+  if (!b) return;
+  if (capability == mjPLUGIN_ACTUATOR) d->actuator_force[b->force] = commanded_force(m, d, *b);
+  limit_friction(m, d, *b, capability == mjPLUGIN_PASSIVE ? Stage::passive : Stage::actuation, b->passive_nm);
 }
 
 template <class Bound>
@@ -152,20 +156,21 @@ __attribute__((constructor)) void register_plugins() {
   mjpPlugin plugin;
   mjp_defaultPlugin(&plugin);
   plugin.name = plugin_name;
-  plugin.capabilityflags = mjPLUGIN_ACTUATOR;
+  plugin.capabilityflags = mjPLUGIN_ACTUATOR | mjPLUGIN_PASSIVE;
   plugin.nattribute = static_cast<int>(drive::all_keys().size());
   plugin.attributes = drive::all_keys().data();
   plugin.nstate = [](const mjModel*, int) { return static_cast<int>(drive::scratch_size); };
   plugin.init = init<connect>;
-  plugin.destroy = destroy<Binding>;
-  plugin.copy = copy<Binding>;
-  plugin.reset = [](const mjModel*, mjtNum* plugin_state, void*, int) {
+  plugin.destroy = destroy<BoundDrive>;
+  plugin.copy = copy<BoundDrive>;
+  plugin.reset = [](const mjModel*, mjtNum* plugin_state, void* data, int) {
     std::memset(plugin_state, 0, sizeof(drive::Workspace));
+    if (data) static_cast<BoundDrive*>(data)->passive_nm = 0;
   };
   plugin.compute = compute;
   // The state moves once per step, in `advance`, not with the integrator's act_dot, which the engine zeroes.
   plugin.advance = [](const mjModel* m, mjData* d, int instance) {
-    if (const Binding* b = binding_of(d, instance)) book_friction(m, d, *b);
+    if (const Binding* b = bound<BoundDrive>(d, instance)) book_friction(m, d, *b);
   };
   mjp_registerPlugin(&plugin);
   register_spring();
