@@ -17,6 +17,17 @@ std::string joint_name(const mjModel* m, int joint) {
   return name ? fmt::format("joint '{}'", name) : fmt::format("joint {}", joint);
 }
 
+/// An actuator besides `own` that acts on the joint, or nothing.
+std::string other_actuator(const mjModel* m, int joint, int own) {
+  for (int i = 0; i < engine::actuator_count(m); ++i) {
+    const bool on_joints = m->actuator_trntype[i] == mjTRN_JOINT || m->actuator_trntype[i] == mjTRN_JOINTINPARENT;
+    if (i == own || !on_joints || m->actuator_trnid[2 * i] != joint) continue;
+    const char* name = mj_id2name(m, mjOBJ_ACTUATOR, i);
+    return name ? fmt::format("actuator '{}'", name) : fmt::format("actuator {}", i);
+  }
+  return {};
+}
+
 /// Temperatures at which a law is extreme within its range.
 std::vector<double> extreme_temperatures(const drive::Drive& drive) {
   std::vector<double> temperatures{drive.thermal.T_amb_degC};
@@ -101,6 +112,10 @@ std::string bristle_fault(const mjModel* m, const drive::Drive& drive, int dof) 
   return {};
 }
 
+tl::unexpected<Error> refused(const drive::Drive& drive, std::string_view where, std::string_view what) {
+  return tl::unexpected<Error>(fmt::format("drive '{}', {}: {}", drive.name, where, what));
+}
+
 }  // namespace
 
 double friction_nm(const drive::Drive& drive, double qd_rad_s, double load_norm, double temperature_degC) {
@@ -119,9 +134,7 @@ double needed_tolerance(int solver) { return solver == mjSOL_CG ? 1e-12 : 1e-8; 
 int needed_iterations(int solver) { return solver == mjSOL_NEWTON ? 20 : 100; }
 
 Result<Binding> bind(const mjModel* m, drive::Drive drive, int actuator) {
-  const auto fail = [&](std::string_view where, std::string_view what) {
-    return tl::unexpected(fmt::format("drive '{}', {}: {}", drive.name, where, what));
-  };
+  const auto fail = [&](std::string_view where, std::string_view what) { return refused(drive, where, what); };
   if (m->actuator_trntype[actuator] != mjTRN_JOINT) return fail("actuator", "must act on a joint (joint=\"...\")");
   Binding b;
   b.actuator = actuator;
@@ -137,10 +150,24 @@ Result<Binding> bind(const mjModel* m, drive::Drive drive, int actuator) {
   b.row_hint =
       static_cast<int>(std::count_if(m->dof_frictionloss, m->dof_frictionloss + b.dof, [](mjtNum x) { return x > 0; }));
 
+  if (const auto other = other_actuator(m, b.joint, actuator); !other.empty())
+    return fail(joint, other + " acts on it, too, and the load of the gear would not be known; remove one of the two");
+  if (engine::compensates_gravity(m, b.joint))
+    return fail(joint, "actuatorgravcomp=\"true\" hands torque to the drive that it cannot see; remove it");
   if (!(m->dof_frictionloss[b.dof] > 0))
     return fail(joint,
                 "has no frictionloss, so the solver has no friction row for it; give the joint frictionloss=\"1\" "
                 "(any positive value: the drive replaces it every step)");
+  b.decay = thermal::decay(drive.thermal, m->opt.timestep);
+  b.drive = std::move(drive);
+  if (const auto carried = check_options(m, b); !carried) return tl::unexpected(carried.error());
+  return b;
+}
+
+Result<void> check_options(const mjModel* m, const Binding& b) {
+  const drive::Drive& drive = b.drive;
+  const std::string joint = joint_name(m, b.joint);
+  const auto fail = [&](std::string_view where, std::string_view what) { return refused(drive, where, what); };
   if (m->opt.disableflags & (mjDSBL_FRICTIONLOSS | mjDSBL_CONSTRAINT | mjDSBL_ACTUATION))
     return fail("<option><flag>", "frictionloss, constraint and actuation must stay enabled");
   const double needed = needed_tolerance(m->opt.solver);
@@ -158,16 +185,13 @@ Result<Binding> bind(const mjModel* m, drive::Drive drive, int actuator) {
                             "{:.2g} rad/s (limit {:g}); give the joint solreffriction=\".001 1\" "
                             "solimpfriction=\".9999 .9999 .001 .5 2\", or shorten the time step",
                             creep, creep_limit_rad_s));
-  if (const double longest = longest_time_step_s(m, drive, b.dof); m->opt.timestep > longest) {
+  if (const double longest = longest_time_step_s(m, drive, b.dof); m->opt.timestep > longest)
     return fail(joint,
                 fmt::format("time step {:g} s is too long for its viscous friction, which would ring; {:g} s works",
                             m->opt.timestep, rounded_down(longest)));
-  }
   if (drive.dynamics != drive::Dynamics::none)
     if (const auto wrong = bristle_fault(m, drive, b.dof); !wrong.empty()) return fail(joint, wrong);
-  b.decay = thermal::decay(drive.thermal, m->opt.timestep);
-  b.drive = std::move(drive);
-  return b;
+  return {};
 }
 
 drive::State& state(mjData* d, const Binding& b) {
@@ -184,12 +208,13 @@ const drive::Workspace& workspace(const mjData* d, const Binding& b) {
 }
 
 double commanded_force(const mjModel* m, const mjData* d, const Binding& b) {
-  mjtNum control = d->ctrl[b.control];
+  if (engine::is_disabled(m, b.actuator)) return 0;
+  mjtNum control = engine::control(m, d, b.actuator, b.control);
   if (m->actuator_ctrllimited[b.control] && !(m->opt.disableflags & mjDSBL_CLAMPCTRL)) {
     const mjtNum* range = m->actuator_ctrlrange + 2 * b.control;
     control = mju_clip(control, range[0], range[1]);
   }
-  return control;
+  return mju_isBad(control) ? 0 : control;  // the engine warns, and takes 0 itself
 }
 
 void limit_friction(const mjModel* m, mjData* d, const Binding& b, Stage stage, double& passive_nm) {
@@ -210,11 +235,12 @@ void limit_friction(const mjModel* m, mjData* d, const Binding& b, Stage stage, 
 
 void book_friction(const mjModel* m, mjData* d, const Binding& b) {
   const int row = engine::friction_row(d, b.dof, b.row_hint);
-  const drive::Transmitted transmitted{.friction_nm = row >= 0 ? -d->efc_force[row] : 0,
-                                       .torque_nm = d->actuator_force[b.force] * b.gear,
-                                       .qd_end_rad_s = b.speed(d),
-                                       .q_end_rad = b.angle(d),
-                                       .rotor_inertia_kg_m2 = m->dof_armature[b.dof]};
+  const drive::Transmitted transmitted{
+      .friction_nm = row >= 0 ? -d->efc_force[row] : 0,
+      .torque_nm = engine::within_joint_range(m, b.joint, d->actuator_force[b.force] * b.gear),
+      .qd_end_rad_s = b.speed(d),
+      .q_end_rad = b.angle(d),
+      .rotor_inertia_kg_m2 = engine::rotor_inertia(m, b.dof, b.actuator, b.gear)};
   const double dt = m->opt.timestep;
   drive::end_step(b.drive, dt == b.decay.dt_s ? b.decay : thermal::decay(b.drive.thermal, dt), transmitted, dt,
                   state(d, b), workspace(d, b));

@@ -43,6 +43,10 @@ int needed_iterations(int solver);
 /// the solver or the time step could not carry friction faithfully: the message names the element and the remedy.
 Result<Binding> bind(const mjModel* m, drive::Drive drive, int actuator);
 
+/// Whether the model's options (solver, time step, integrator, flags) carry the friction of a bound drive faithfully.
+/// Part of `bind`; to be asked again where options may have changed since.
+Result<void> check_options(const mjModel* m, const Binding& binding);
+
 /// State of a drive in d; of a drive with bristles the state is a drive::BristleState. Changing it between steps is
 /// allowed; see drive.hpp for what is input.
 drive::State& state(mjData* d, const Binding& binding);

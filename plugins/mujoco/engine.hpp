@@ -47,6 +47,57 @@ inline mjtNum* state(const mjData* d) { return d->userdata; }
 inline mjtNum* workspace(const mjData* d) { return d->userdata; }
 #endif
 
+/// The control of an actuator, of a while ago where it has a delay.
+inline double control(const mjModel* m, const mjData* d, int actuator, int address) {
+#if mjVERSION_HEADER >= 3005000
+  if (m->actuator_delay[actuator] > 0)
+    return mj_readCtrl(m, d, actuator, d->time, m->actuator_history[2 * actuator + 1]);
+#endif
+  (void)m, (void)actuator;
+  return d->ctrl[address];
+}
+
+/// Whether <option actuatorgroupdisable="..."/> switches the actuator off.
+inline bool is_disabled(const mjModel* m, int actuator) {
+#if TRIBOTWIN_ENGINE_PLUGINS
+  const int group = m->actuator_group[actuator];
+  return group >= 0 && group <= 30 && (m->opt.disableactuator & (1 << group)) != 0;
+#else
+  (void)m, (void)actuator;
+  return false;
+#endif
+}
+
+/// What a joint's inertia gets from the rotor: <joint armature> and <actuator armature>, at a gear ratio of `gear`.
+inline double rotor_inertia(const mjModel* m, int dof, int actuator, double gear) {
+#if mjVERSION_HEADER >= 3007000
+  return m->dof_armature[dof] + m->actuator_armature[actuator] * gear * gear;
+#else
+  (void)actuator, (void)gear;
+  return m->dof_armature[dof];
+#endif
+}
+
+/// A joint torque within <joint actuatorfrcrange>.
+inline double within_joint_range(const mjModel* m, int joint, double torque_nm) {
+#if TRIBOTWIN_ENGINE_PLUGINS
+  if (m->jnt_actfrclimited[joint])
+    return mju_clip(torque_nm, m->jnt_actfrcrange[2 * joint], m->jnt_actfrcrange[2 * joint + 1]);
+#endif
+  (void)m, (void)joint;
+  return torque_nm;
+}
+
+/// Whether the engine hands the joint's gravity compensation to its actuators.
+inline bool compensates_gravity(const mjModel* m, int joint) {
+#if TRIBOTWIN_ENGINE_PLUGINS
+  return m->jnt_actgravcomp[joint] != 0;
+#else
+  (void)m, (void)joint;
+  return false;
+#endif
+}
+
 /// Whether mj_passive calls callbacks and plugins: it returns early where all passive forces are disabled.
 inline bool calls_passive(const mjModel* m) {
 #if mjVERSION_HEADER >= 336

@@ -19,8 +19,19 @@ Bound* bound(const mjData* d, int instance) {
   return reinterpret_cast<Bound*>(d->plugin_data[instance]);
 }
 
+/// The options that a drive depends on. On these engines anybody may change them between steps.
+struct Checked {
+  double timestep, tolerance;
+  int integrator, solver, iterations, disableflags;
+  bool operator==(const Checked&) const = default;
+};
+Checked options_of(const mjModel* m) {
+  return {m->opt.timestep, m->opt.tolerance, m->opt.integrator, m->opt.solver, m->opt.iterations, m->opt.disableflags};
+}
+
 /// A drive of one mjData.
 struct BoundDrive : Binding {
+  Checked checked;
   double passive_nm = 0;  ///< not in plugin_state: mj_setState restores that and leaves qfrc_passive as it is
 };
 
@@ -62,7 +73,7 @@ Result<std::unique_ptr<BoundDrive>> connect(const mjModel* m, int instance) {
   if (!binding) return tl::unexpected(std::string(plugin_name) + ": " + binding.error().message);
   binding->memory_address = m->actuator_actadr[actuator];
   binding->scratch_address = m->plugin_stateadr[instance];
-  return std::make_unique<BoundDrive>(BoundDrive{std::move(*binding)});
+  return std::make_unique<BoundDrive>(BoundDrive{std::move(*binding), options_of(m)});
 }
 
 /// The same for a transmission.
@@ -109,9 +120,22 @@ int init(const mjModel* m, mjData* d, int instance) {
   return 0;
 }
 
+/// Ends in the engine's error handler where the options have become such that friction would be wrong.
+void check_again(const mjModel* m, BoundDrive& b) {
+  if (b.checked == options_of(m)) return;
+  static thread_local char message[1000];
+  message[0] = '\0';
+  if (const auto ok = check_options(m, b); !ok)
+    std::strncpy(message, ok.error().message.c_str(), sizeof message - 1);
+  else
+    b.checked = options_of(m);
+  if (message[0]) mju_error("%s: the options were changed after loading. %s", plugin_name, message);
+}
+
 void compute(const mjModel* m, mjData* d, int instance, int capability) {
   BoundDrive* b = bound<BoundDrive>(d, instance);
   if (!b) return;
+  check_again(m, *b);
   if (capability == mjPLUGIN_ACTUATOR) d->actuator_force[b->force] = commanded_force(m, d, *b);
   limit_friction(m, d, *b, capability == mjPLUGIN_PASSIVE ? Stage::passive : Stage::actuation, b->passive_nm);
 }

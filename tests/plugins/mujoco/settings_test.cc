@@ -1,0 +1,163 @@
+// Settings of the engine that change what a drive's motor gives or carries: each counts, or is refused by name.
+#include <cmath>
+
+#include <fmt/format.h>
+#include <gmock/gmock.h>
+
+#include <tribotwin/plugins/mujoco/engine.hpp>
+#include <tribotwin/plugins/mujoco/loader.hpp>
+
+namespace tribotwin::mujoco {
+namespace {
+
+using testing::HasSubstr;
+
+constexpr double mass_kg = 4, arm_m = 0.5, radius_m = 0.1;
+
+/// A sphere on a hinge, driven, in a slow fall.
+struct Arm {
+  std::string option, joint, drive, actuators;
+
+  Result<std::shared_ptr<const Model>> load() const {
+    return load_string(fmt::format(
+        R"(<mujoco><option timestep="0.001" tolerance="1e-14" iterations="100" {}/>
+  <extension><plugin plugin="tribotwin.drive"><instance name="j"><config key="law" value="stribeck"/>
+    <config key="Fc" value="0.03"/><config key="Fs" value="0.05"/><config key="vs" value="10"/>
+    <config key="alpha" value="1.3"/><config key="Fv" value="0.0005"/><config key="torque_max_nm" value="100"/>
+    <config key="gear_ratio" value="50"/></instance></plugin></extension>
+  <worldbody><body><joint name="hinge" axis="0 1 0" armature="0.7" frictionloss="1" solreffriction=".001 1"
+    solimpfriction=".9999 .9999 .001 .5 2" {}/><geom type="sphere" size="{}" pos="{} 0 0" mass="{}"/></body></worldbody>
+  <actuator>{}<plugin name="d" joint="hinge" plugin="tribotwin.drive" instance="j" actdim="3" {}/></actuator>
+  </mujoco>)",
+        option, joint, radius_m, arm_m, mass_kg, actuators, drive));
+  }
+  std::string error() const {
+    const auto model = load();
+    return model ? "loaded" : model.error().message;
+  }
+};
+
+/// Torque between gear and arm: what moves the sphere, computed from its motion.
+double link_torque_nm(double q_rad, double acceleration) {
+  const double inertia = mass_kg * (arm_m * arm_m + 0.4 * radius_m * radius_m);
+  return inertia * acceleration - mass_kg * 9.81 * arm_m * std::cos(q_rad);
+}
+
+/// Largest error of the load over 100 steps, relative to the largest load.
+void expect_true_load(const Arm& arm, double control = 12) {
+  const auto model = arm.load();
+  ASSERT_TRUE(model) << model.error().message;
+  const DataPtr d = (*model)->make_data();
+  const Binding& b = (*model)->drives()[0];
+  double largest = 0, error = 0;
+  for (int i = 0; i < 100; ++i) {
+    d->ctrl[b.control] = control;
+    const double q = d->qpos[0], before = d->qvel[0];
+    (*model)->step(d.get());
+    const double truth = link_torque_nm(q, (d->qvel[0] - before) / (*model)->get()->opt.timestep);
+    largest = std::max(largest, std::abs(truth));
+    error = std::max(error, std::abs(state(d.get(), b).load_nm - truth));
+  }
+  EXPECT_GT(largest, 1);
+  EXPECT_LT(error, 1e-6 * largest);
+}
+
+TEST(Settings, TheLoadIsWhatMovesTheArm) {
+  expect_true_load({});
+  expect_true_load({.drive = R"(ctrllimited="true" ctrlrange="-8 8")"});
+}
+
+TEST(Settings, ANotANumberInTheControlIsNoTorque) {
+  const auto model = Arm{}.load();
+  ASSERT_TRUE(model) << model.error().message;
+  const DataPtr d = (*model)->make_data();
+  for (int i = 0; i < 10; ++i) {
+    d->ctrl[0] = std::nan("");
+    (*model)->step(d.get());
+  }
+  EXPECT_NEAR(d->time, 0.01, 1e-12) << "the engine reset the simulation";
+  EXPECT_EQ(d->actuator_force[0], 0);
+  EXPECT_GT(d->warning[mjWARN_BADCTRL].number, 0);
+}
+
+TEST(Settings, ASecondActuatorOnTheJointIsRefusedByName) {
+  EXPECT_THAT(Arm{.actuators = R"(<position name="servo" joint="hinge" kp="100"/>)"}.error(),
+              testing::AllOf(HasSubstr("joint 'hinge'"), HasSubstr("actuator 'servo'"), HasSubstr("remove")));
+}
+
+#if TRIBOTWIN_ENGINE_PLUGINS
+TEST(Settings, OfTodaysEnginesCountInTheLoad) {
+  expect_true_load({.joint = R"(actuatorfrclimited="true" actuatorfrcrange="-8 8")"});
+  expect_true_load({.drive = R"(forcelimited="true" forcerange="-8 8")"});
+#if mjVERSION_HEADER >= 3007000
+  expect_true_load({.drive = R"(armature="0.4")"});
+  expect_true_load({.drive = R"(armature="0.4" gear="3")"});
+#endif
+#if mjVERSION_HEADER >= 3005000
+  expect_true_load({.drive = R"(nsample="20" delay="0.01")"});
+#endif
+  expect_true_load({.option = R"(actuatorgroupdisable="2")", .drive = R"(group="2")"});
+}
+
+TEST(Settings, ADisabledGroupGivesNoTorqueAndKeepsItsFriction) {
+  const auto model = Arm{.option = R"(actuatorgroupdisable="2")", .drive = R"(group="2")"}.load();
+  ASSERT_TRUE(model) << model.error().message;
+  const DataPtr d = (*model)->make_data();
+  for (int i = 0; i < 100; ++i) {
+    d->ctrl[0] = 12;
+    (*model)->step(d.get());
+  }
+  EXPECT_EQ(d->actuator_force[0], 0);
+  EXPECT_GT(workspace(d.get(), (*model)->drives()[0]).friction_nm, 1);
+}
+
+#if mjVERSION_HEADER >= 3005000
+TEST(Settings, ADelayedControlComesLate) {
+  const auto model = Arm{.drive = R"(nsample="20" delay="0.01")"}.load();
+  ASSERT_TRUE(model) << model.error().message;
+  const DataPtr d = (*model)->make_data();
+  for (int i = 0; i < 5; ++i) {
+    d->ctrl[0] = 12;
+    (*model)->step(d.get());
+  }
+  EXPECT_EQ(d->actuator_force[0], 0);
+  for (int i = 0; i < 20; ++i) (*model)->step(d.get());
+  EXPECT_EQ(d->actuator_force[0], 12);
+}
+#endif
+
+TEST(Settings, OptionsChangedAtRunTimeAreCheckedAgain) {
+  const auto loaded = Arm{}.load();
+  ASSERT_TRUE(loaded) << loaded.error().message;
+  const ModelPtr m(mj_copyModel(nullptr, (*loaded)->get()));
+  const DataPtr d(mj_makeData(m.get()));
+  mj_step(m.get(), d.get());
+  m->opt.timestep = 0.0005;
+  m->opt.integrator = mjINT_RK4;
+  mj_step(m.get(), d.get());
+  EXPECT_NEAR(d->time, 0.0015, 1e-12);
+  mju_user_error = [](const char* text) { throw std::runtime_error(text); };
+  const auto said = [&] {
+    try {
+      mj_step(m.get(), d.get());
+    } catch (const std::runtime_error& e) {
+      return std::string(e.what());
+    }
+    return std::string("nothing");
+  };
+  m->opt.disableflags |= mjDSBL_FRICTIONLOSS;
+  EXPECT_THAT(said(), testing::AllOf(HasSubstr("drive 'j'"), HasSubstr("frictionloss"), HasSubstr("stay enabled")));
+  m->opt.disableflags = 0;
+  m->opt.tolerance = 1e-3;
+  EXPECT_THAT(said(), testing::AllOf(HasSubstr("drive 'j'"), HasSubstr("tolerance")));
+  mju_user_error = nullptr;
+}
+
+TEST(Settings, GravityCompensationByTheActuatorIsRefused) {
+  EXPECT_THAT(Arm{.joint = R"(actuatorgravcomp="true")"}.error(),
+              testing::AllOf(HasSubstr("joint 'hinge'"), HasSubstr("actuatorgravcomp")));
+}
+#endif
+
+}  // namespace
+}  // namespace tribotwin::mujoco
