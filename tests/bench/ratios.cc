@@ -1,12 +1,10 @@
 // The project's speed, as ratios within one run: A and B alternate, and the median of the pairwise ratios counts.
 #include <algorithm>
 #include <chrono>
-#include <cmath>
-#include <fstream>
 #include <functional>
 #include <random>
-#include <regex>
 
+#include "robots.hpp"
 #include <benchmark/benchmark.h>
 
 #include <tribotwin/plugins/friction/batch.hpp>
@@ -38,63 +36,33 @@ void report_ratio(benchmark::State& state, const std::function<void()>& a, const
   state.counters["high"] = ratios[ratios.size() * 9 / 10];
 }
 
-/// The IRB 6620, with bristles in every drive if asked.
-std::shared_ptr<const mujoco::Model> robot(const char* integrator, bool lugre) {
-  const std::filesystem::path folder = TRIBOTWIN_SOURCE_DIR "/mjcf";
-  std::ifstream file(folder / "irb6620.xml");
-  std::string text{std::istreambuf_iterator<char>(file), {}};
-  if (lugre) {
-    text = std::regex_replace(text, std::regex("actdim=\"3\""), "actdim=\"4\"");
-    text = std::regex_replace(
-        text, std::regex("<instance name=\"[^\"]*\">"),
-        R"($& <config key="friction" value="lugre"/> <config key="sigma0" value="0.1"/> <config key="sigma1")"
-        R"( value="0.002"/> <config key="vd" value="2"/>)");
-  }
-  return mujoco::load_string(text, {.integrator = integrator}, folder).value();
-}
-
-/// Six `extended` drives with heat against the same robot with frictionloss and, if asked, damping.
-void step(benchmark::State& state, const char* integrator, bool damping, bool lugre = false) {
-  const auto model = robot(integrator, lugre);
-  mujoco::ModelPtr native(mj_copyModel(nullptr, model->get()));
-  for (const auto& b : model->drives()) {
-    native->dof_frictionloss[b.dof] = mujoco::friction_nm(b.drive, 0.5, 0.1, 50);
-    if (damping) native->dof_damping[b.dof] = 20;
-  }
-  const mujoco::DataPtr ours = model->make_data(), theirs(mj_makeData(native.get()));
-  // Both arms work around the same pose: gravity of the step before, and a swing of a fifth of the rated torque.
-  const auto torque = [&](mjData* d, int i) {
-    for (const auto& b : model->drives())
-      d->ctrl[b.control] = d->qfrc_bias[b.dof] - 0.5 * b.drive.torque_max_nm * d->qpos[b.dof] +
-                           0.2 * b.drive.torque_max_nm * std::sin(0.004 * i);
-  };
-  for (const auto& b : model->drives()) {
-    drive::set_temperature(b.drive, mujoco::state(ours.get(), b), 50);
-  }
-  int i = 0, j = 0;
+/// Drives of the law `extended` with heat against the same robot in an engine without plugins.
+void step(benchmark::State& state, bench::RobotOptions options) {
+  const auto rivals = bench::rivals(options);
+  bench::Swing swing(rivals);
+  const int steps = 2000 / options.count;
   report_ratio(
-      state,
-      [&] {
-        for (int n = 0; n < 2000; ++n) {
-          torque(ours.get(), i++);
-          model->step(ours.get());
-        }
-      },
-      [&] {
-        for (int n = 0; n < 2000; ++n) {
-          torque(theirs.get(), j++);
-          mj_step(native.get(), theirs.get());
-        }
-      });
+      state, [&] { swing.step_ours(steps); }, [&] { swing.step_native(steps); });
 }
-BENCHMARK_CAPTURE(step, Euler, "Euler", false)->UseManualTime()->Iterations(60);
-BENCHMARK_CAPTURE(step, Euler_damping, "Euler", true)->UseManualTime()->Iterations(60);
-BENCHMARK_CAPTURE(step, implicit, "implicit", false)->UseManualTime()->Iterations(60);
-BENCHMARK_CAPTURE(step, implicit_damping, "implicit", true)->UseManualTime()->Iterations(60);
-BENCHMARK_CAPTURE(step, Euler_lugre, "Euler", false, true)->UseManualTime()->Iterations(60);
-BENCHMARK_CAPTURE(step, implicit_lugre, "implicit", false, true)->UseManualTime()->Iterations(60);
-BENCHMARK_CAPTURE(step, RK4, "RK4", false)->UseManualTime()->Iterations(30);
-BENCHMARK_CAPTURE(step, RK4_damping, "RK4", true)->UseManualTime()->Iterations(30);
+BENCHMARK_CAPTURE(step, Euler, bench::RobotOptions{.integrator = "Euler"})->UseManualTime()->Iterations(60);
+BENCHMARK_CAPTURE(step, Euler_damping, bench::RobotOptions{.integrator = "Euler", .damping = true})
+    ->UseManualTime()
+    ->Iterations(60);
+BENCHMARK_CAPTURE(step, implicit, bench::RobotOptions{.integrator = "implicit"})->UseManualTime()->Iterations(60);
+BENCHMARK_CAPTURE(step, implicit_damping, bench::RobotOptions{.integrator = "implicit", .damping = true})
+    ->UseManualTime()
+    ->Iterations(60);
+BENCHMARK_CAPTURE(step, Euler_lugre, bench::RobotOptions{.integrator = "Euler", .lugre = true})
+    ->UseManualTime()
+    ->Iterations(60);
+BENCHMARK_CAPTURE(step, implicit_lugre, bench::RobotOptions{.integrator = "implicit", .lugre = true})
+    ->UseManualTime()
+    ->Iterations(60);
+BENCHMARK_CAPTURE(step, ten_robots, bench::RobotOptions{.count = 10})->UseManualTime()->Iterations(40);
+BENCHMARK_CAPTURE(step, RK4, bench::RobotOptions{.integrator = "RK4"})->UseManualTime()->Iterations(30);
+BENCHMARK_CAPTURE(step, RK4_damping, bench::RobotOptions{.integrator = "RK4", .damping = true})
+    ->UseManualTime()
+    ->Iterations(30);
 
 /// A plain loop over std::exp and std::pow against the batch; the ratio is the speed-up.
 void batch(benchmark::State& state, friction::VectorWidth width) {
