@@ -9,9 +9,6 @@ namespace {
 // Friction is evaluated at temperatures rounded to 61 uK, so that its coefficients stay cached for many steps and yet
 // depend on nothing but the state: a restart from saved state repeats every bit.
 constexpr double temperature_steps_per_K = 16384;
-double rounded(double temperature_degC) {
-  return std::round(temperature_degC * temperature_steps_per_K) / temperature_steps_per_K;
-}
 
 // The engine's constraint vanishes at a limit of 0; friction this small is none.
 constexpr double smallest_limit_nm = 1e-12;
@@ -112,8 +109,7 @@ friction::Law current_law(const Drive& drive, const Workspace& workspace) {
 
 bool begun(const Drive& drive, const State& state, const Workspace& s, double time_s, double qd_rad_s, double q_rad) {
   return s.step_open != 0 && s.cache_valid != 0 && s.step_time_s == time_s && s.qd_begin_rad_s == qd_rad_s &&
-         s.q_begin_rad == q_rad && s.load_used_nm == state.load_nm &&
-         s.temperature_degC == rounded(temperature_degC(drive, state)) &&
+         s.q_begin_rad == q_rad && s.load_used_nm == state.load_nm && s.rise_K == state.rise.total_K() &&
          s.limit_nm == s.gear_limit_nm + s.brake_engaged * drive.brake_torque_nm &&
          (drive.dynamics == Dynamics::none || s.deflection == static_cast<const BristleState&>(state).z);
 }
@@ -125,7 +121,9 @@ double begin_step(const Drive& drive, const State& state, Workspace& s, double t
   s.q_begin_rad = q_rad;
 
   if (drive.dynamics != Dynamics::none) s.deflection = static_cast<const BristleState&>(state).z;
-  const double temperature = rounded(temperature_degC(drive, state));
+  s.rise_K = state.rise.total_K();
+  const double temperature =
+      std::round(temperature_degC(drive, state) * temperature_steps_per_K) / temperature_steps_per_K;
   if (s.cache_valid == 0 || temperature != s.temperature_degC) {
     const friction::AtTemperature at = friction::at_temperature(current_law(drive, s), temperature);
     s.cache = at.coefficients;
