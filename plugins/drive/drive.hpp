@@ -140,7 +140,7 @@ struct Workspace {
   double gear_limit_nm, limit_nm;  ///< friction limit without and with brake, arm side; with bristles that of h alone
   double q_begin_rad;
   double applied_nm;  ///< torque of the bristles, arm side, positive with motion; 0 without bristles
-  double rise_K;         ///< when the step began
+  double rise_K;      ///< when the step began
   double deflection;  ///< of the bristles when the step began
   double passive_nm;  ///< what this drive has in qfrc_passive on engines without plugins
 
