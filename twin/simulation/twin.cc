@@ -14,6 +14,8 @@ template <class... F>
 struct Overloaded : F... {
   using F::operator()...;
 };
+template <class... F>
+Overloaded(F...) -> Overloaded<F...>;  // clang 14 deduces none for aggregates
 
 /// Period at which growing faults are updated: growth is slow, and friction's coefficients stay cached in between.
 constexpr double growth_step_s = 1;
