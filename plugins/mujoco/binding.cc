@@ -220,12 +220,10 @@ double commanded_force(const mjModel* m, const mjData* d, const Binding& b) {
 void limit_friction(const mjModel* m, mjData* d, const Binding& b, Stage stage, double& passive_nm) {
   drive::Workspace& s = workspace(d, b);
   const bool later_stage = m->opt.integrator == mjINT_RK4 && drive::within_step(s, d->time, m->opt.timestep);
-  if (later_stage || drive::begun(b.drive, state(d, b), s, d->time, b.speed(d), b.angle(d))) {
-    // What the passive stage wrote holds, unless it reduced the motor torque of another control.
-    if (stage == Stage::actuation && engine::calls_passive(m) && s.faults.torque_loss == 0) return;
-  } else {
+  if (!later_stage && !drive::begun(b.drive, state(d, b), s, d->time, b.speed(d), b.angle(d)))
     drive::begin_step(b.drive, state(d, b), s, d->time, b.speed(d), b.angle(d));
-  }
+  // Written also where the step was begun already: mj_setState restores the workspace, but neither the constraint row
+  // nor qfrc_passive, which may still hold another state's values.
   if (const int row = engine::friction_row(d, b.dof, b.row_hint); row >= 0)
     engine::set_friction_limit(d, row, s.limit_nm);
 

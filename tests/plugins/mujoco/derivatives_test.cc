@@ -153,6 +153,17 @@ TEST_P(Derivatives, TransitionMatricesAreThoseOfWholeSteps) {
   EXPECT_EQ(after_step(m(), d(), [](mjData*) {}), before) << "the state was touched";
 }
 
+/// The engine restores a state in which a step is open already, and the next difference starts from it.
+TEST_P(Derivatives, TransitionMatricesDoNotDependOnAForwardBefore) {
+  const int n = m()->nq + m()->nv + m()->na;
+  Matrix A(n, n), B(n, m()->nu), a(n, n), b(n, m()->nu);
+  mjd_transitionFD(m(), d(), 1e-5, 0, A.data(), B.data(), nullptr, nullptr);
+  mj_forward(m(), d());
+  mjd_transitionFD(m(), d(), 1e-5, 0, a.data(), b.data(), nullptr, nullptr);
+  EXPECT_LE((a - A).norm(), 1e-5 * A.norm()) << "was\n" << A << "\nis\n" << a;
+  EXPECT_LE((b - B).norm(), 1e-5 * B.norm()) << "was\n" << B << "\nis\n" << b;
+}
+
 INSTANTIATE_TEST_SUITE_P(Everywhere, Derivatives,
                          testing::Combine(testing::ValuesIn(frictions), testing::Values("Euler", "implicit")),
                          [](const auto& info) {
