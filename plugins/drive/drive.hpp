@@ -11,8 +11,8 @@
 ///
 /// A step has two halves. `begin_step` turns speed, load and temperature into the friction limit that the engine's
 /// joint-friction constraint gets (with bristles: into a torque); `end_step` takes the torque that constraint really
-/// transmitted, turns it into heat and temperature, and keeps the gear torque as the load of the next step (physics.md
-/// section 6: one step late).
+/// transmitted, turns it into heat and temperature, and keeps the gear torque as the load of the next step, which
+/// is one step late.
 namespace tribotwin::drive {
 
 /// How friction answers a change of speed.

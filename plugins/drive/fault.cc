@@ -8,7 +8,7 @@ namespace {
 /// One relative change after another.
 void change(double& total, double by) { total += (1 + total) * by; }
 
-// Signs after Zhou 2024's Table IV, whose rows for the lubricant lost their names (physics.md); sizes are choices.
+// Signs after Zhou 2024's Table IV, whose rows for the lubricant lost their names; sizes are choices.
 constexpr FaultInfo table[] = {
     {Fault::wear, "wear", "1", 10, "Fc, Fs, Vs x (1 + s)",
      [](Faults& f, double s) { change(f.boundary, s), change(f.stribeck_velocity, s); }},

@@ -41,7 +41,7 @@ struct Stroke {
 Stroke stroke(std::size_t index);
 }  // namespace theme
 
-/// viridis (van der Walt and Smith 2015, CC0), perceptually uniform and monotone in lightness; share is clamped to
+/// viridis (van der Walt 2015, CC0), perceptually uniform and monotone in lightness; share is clamped to
 /// 0..1.
 Colour viridis(double share);
 

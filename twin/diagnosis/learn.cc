@@ -25,7 +25,7 @@ bool singular(const MatrixXd& covariance) {
                                       .eigenvalues()(0) < 1e-7;
 }
 
-/// Oracle approximating shrinkage (Chen, Wiesel, Eldar, Hero 2010) of a covariance towards its mean variance times the
+/// Oracle approximating shrinkage (Chen 2010) of a covariance towards its mean variance times the
 /// identity, in coordinates in which the target is the identity.
 double shrink(FeatureMatrix& covariance, const FeatureMatrix& target, double n) {
   const FeatureMatrix L = target.llt().matrixL();

@@ -71,7 +71,7 @@ std::vector<Law> instances(Validity validity) {
   return all;
 }
 
-/// The formulas of physics.md section 2, written out a second time.
+/// The formulas of the laws (plugins/friction/README.md), written out a second time.
 double formula(const Law& law, double v, double l, double T) {
   const auto p = [&](const char* name) {
     for (std::size_t i = 0; i < law.info->parameters.size(); ++i)

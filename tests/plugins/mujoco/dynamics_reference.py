@@ -5,7 +5,7 @@ import sys
 import numpy as np
 from scipy.integrate import solve_ivp
 
-# Canudas de Wit et al. 1995, Table I, with the fading damping of the RH380-N study.
+# Canudas de Wit 1995, Table I, with the fading damping of the RH380-N study.
 SIGMA0, SIGMA1, VD, FC, FS, VS, FV = 1e5, 316.0, 0.02, 1.0, 1.5, 0.001, 0.4
 
 

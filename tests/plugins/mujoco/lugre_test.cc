@@ -18,7 +18,7 @@ namespace {
 using testing::HasSubstr;
 constexpr double pi = std::numbers::pi;
 
-/// Canudas de Wit et al. 1995, Table I, with the fading damping of the RH380-N study, as a drive of gear ratio 1.
+/// Canudas de Wit 1995, Table I, with the fading damping of the RH380-N study, as a drive of gear ratio 1.
 drive::Configuration textbook() {
   return {{"law", "steady_state"}, {"Fc", "1"},           {"Fs", "1.5"},     {"Vs", "0.001"},
           {"alpha", "2"},          {"Fv", "0.4"},         {"beta", "1"},     {"torque_max_nm", "1"},

@@ -257,7 +257,7 @@ class LawFigures : public testing::Test {
   const drive::Drive& drive = model->drives()[1].drive;
 };
 
-// The curve in the picture is the law of physics.md: at 0 load and 50 degC, evaluated here by friction::level itself.
+// The curve in the picture is the law: at 0 load and 50 degC, evaluated here by friction::level itself.
 TEST_F(LawFigures, CurvesAreTheLaw) {
   const double speed = 280 / drive.gear_ratio;
   const std::vector<FrictionPoint> measured = {

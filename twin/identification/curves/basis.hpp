@@ -65,7 +65,7 @@ struct Moments {
     Eigen::MatrixXd FD, DD;
     Eigen::VectorXd Dr;
     double rr = 0;
-    Eigen::MatrixXd Fr_by;  ///< sum of r d(basis_k)/d(nonlinear_n): the second term of Golub and Pereyra
+    Eigen::MatrixXd Fr_by;  ///< sum of r d(basis_k)/d(nonlinear_n): the second term of Golub 1973
   };
   At at(const Eigen::VectorXd& eta) const;  ///< of moments with derivatives only
   /// At::rr alone.

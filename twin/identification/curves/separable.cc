@@ -51,8 +51,8 @@ VectorXd solution(const MatrixXd& A, const VectorXd& c) {
   return pseudo_inverse(A) * c;
 }
 
-/// min x^T N x / 2 - b^T x within bounds; `held` says which bounds are active. Active sets as of Stark and Parker,
-/// Comput. Stat. 10 (1995) 129: every step stays within the bounds and goes down.
+/// min x^T N x / 2 - b^T x within bounds; `held` says which bounds are active. Active sets (Stark 1995): every step
+/// stays within the bounds and goes down.
 VectorXd bounded_solution(const MatrixXd& N, const VectorXd& b, const VectorXd& low, const VectorXd& high,
                           std::vector<bool>& held) {
   const Index n = b.size();
@@ -274,7 +274,7 @@ class ProjectedResidual final : public ceres::CostFunction {
     return true;
   }
   /// What a step is expected to take off the cost where derivatives were last asked for, in parts of what no step
-  /// takes: the square of the relative offset of Bates and Watts, Technometrics 23 (1981) 179.
+  /// takes: the square of the relative offset of Bates 1981.
   double offset() const { return offset_; }
 
  private:

@@ -139,8 +139,8 @@ class ThermalProblem {
   VectorXd measured_;
 };
 
-/// The residual as a function of the time constants alone, with Kaufman's derivatives: those at fixed linear unknowns,
-/// projected onto the complement of the linear columns.
+/// The residual as a function of the time constants alone, with the derivatives of Kaufman 1975: those at fixed linear
+/// unknowns, projected onto the complement of the linear columns.
 class ProjectedResidual final : public ceres::CostFunction {
  public:
   explicit ProjectedResidual(const ThermalProblem& problem) : problem_(problem) {
