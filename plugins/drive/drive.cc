@@ -159,13 +159,22 @@ double begin_step(const Drive& drive, const State& state, Workspace& s, double t
   return s.limit_nm;
 }
 
+bool holds(const Drive& drive, const State& state, const Workspace& s, double row_nm) {
+  if (drive.dynamics == Dynamics::none) return std::abs(row_nm) < s.limit_nm * (1 - 1e-9);
+  const double z = std::abs(static_cast<const BristleState&>(state).z);
+  if (drive.dynamics == Dynamics::gear_loss) return z < slipping;
+  const auto at =
+      level(drive, {s.cache, false}, s.qd_begin_rad_s * drive.speed_scale(), s.load_used_nm / drive.torque_max_nm);
+  return drive.bristles.sigma0 * z < slipping * parts(at).g * ripple(drive, s);
+}
+
 void end_step(const Drive& drive, const thermal::Decay& decay, const Transmitted& t, double dt_s, State& state,
               Workspace& s) {
   s.step_open = 0;
   // Mean speed times torque is what friction took out of the kinetic energy, to rounding; in a step that reverses the
   // motion, and while bristles spring back, it may be negative and must stay so for the balance to close.
   const double mean_speed = 0.5 * (s.qd_begin_rad_s + t.qd_end_rad_s);
-  s.friction_nm = s.applied_nm + t.friction_nm * (s.gear_limit_nm / s.limit_nm);
+  s.friction_nm = gear_friction_nm(s, t.friction_nm);
   s.torque_nm = t.torque_nm;
   const double added_W = s.added_heat_J / dt_s;
   s.added_heat_J = 0;
@@ -200,10 +209,10 @@ void end_step(const Drive& drive, const thermal::Decay& decay, const Transmitted
     double& z = static_cast<BristleState&>(state).z;
     const double w = (t.q_end_rad - s.q_begin_rad) / dt_s * drive.speed_scale();
     z = advance({.sigma0 = 1}, std::clamp(z, -1.0, 1.0), w / drive.gear_loss.length_rad, 1, dt_s);
-    if (std::abs(z) < slipping) s.stuck_s += dt_s;
+    if (holds(drive, state, s, t.friction_nm)) s.stuck_s += dt_s;
     return;
   }
-  if (std::abs(t.friction_nm) < s.limit_nm * (1 - 1e-9)) s.stuck_s += dt_s;
+  if (holds(drive, state, s, t.friction_nm)) s.stuck_s += dt_s;
 }
 
 }  // namespace tribotwin::drive

@@ -204,6 +204,14 @@ inline bool within_step(const Workspace& s, double time_s, double dt_s) {
   return s.step_open != 0 && time_s > s.step_time_s && time_s <= s.step_time_s + dt_s * (1 + 1e-9);
 }
 
+/// Friction of the gear without the brake [Nm, arm side, positive with motion], while the constraint transmits row_nm.
+inline double gear_friction_nm(const Workspace& s, double row_nm) {
+  return s.applied_nm + (s.limit_nm > 0 ? row_nm * (s.gear_limit_nm / s.limit_nm) : 0);
+}
+
+/// Whether friction or the brake holds the joint in the step under way, in which the constraint transmits row_nm.
+bool holds(const Drive& drive, const State& state, const Workspace& workspace, double row_nm);
+
 /// What a finished step did.
 struct Transmitted {
   double friction_nm;  ///< of the constraint, arm side, positive when it opposes positive motion

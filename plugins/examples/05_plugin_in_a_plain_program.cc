@@ -1,7 +1,7 @@
 // The friction of a drive in a MuJoCo program of your own: load, set motor torques, step, read. MuJoCo 3.2 and newer
 // loads the plugin by itself and nothing of this project is linked; MuJoCo 2.2.2 has no plugins, so the program links
 // tribotwin::plugins_mujoco. Arguments: a model with drives, such as mjcf/xl330_pendulum.xml, and on 3.x the plugin
-// libtribotwin_drive.so.
+// libtribotwin_drive-VERSION.so.
 #include <cmath>
 #include <cstdio>
 #include <cstdlib>

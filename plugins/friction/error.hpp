@@ -28,7 +28,7 @@ using Result = tl::expected<T, Error>;
 
 /// Returned by a function whose input was right and whose work failed.
 inline tl::unexpected<Error> work_failed(std::string message) {
-  return tl::make_unexpected(Error(std::move(message), ErrorKind::work));
+  return tl::unexpected<Error>(Error(std::move(message), ErrorKind::work));
 }
 
 }  // namespace tribotwin

@@ -14,6 +14,7 @@ namespace {
 std::mutex mutex;  // guards installation, never taken in a step
 int registered = 0;
 std::atomic<mjfGeneric> previous{nullptr}, previous_passive{nullptr};
+std::atomic<mjfSensor> previous_sensor{nullptr};
 
 std::array<std::atomic<const Registration*>, 1024> slots{};
 std::atomic<std::size_t> slots_used{0};  // high-water mark
@@ -50,10 +51,18 @@ void control(const mjModel* m, mjData* d) {
     }
 }
 
+void sensor(const mjModel* m, mjData* d, int stage) {
+  if (const mjfSensor earlier = previous_sensor.load(std::memory_order_acquire)) earlier(m, d, stage);
+  if (stage != mjSTAGE_ACC) return;
+  if (const Registration* r = find(m))
+    for (const Sensor& s : r->sensors()) measure(m, d, r->drives()[static_cast<std::size_t>(s.drive)], s);
+}
+
 }  // namespace
 
-Registration::Registration(const mjModel* model, std::span<const Binding> drives, std::span<const Spring> springs)
-    : model_(model), drives_(drives), springs_(springs) {
+Registration::Registration(const mjModel* model, std::span<const Binding> drives, std::span<const Spring> springs,
+                           std::span<const Sensor> sensors)
+    : model_(model), drives_(drives), springs_(springs), sensors_(sensors) {
   const std::lock_guard lock(mutex);
   std::size_t i = 0;
   while (i < slots.size() && slots[i].load()) ++i;
@@ -66,6 +75,8 @@ Registration::Registration(const mjModel* model, std::span<const Binding> drives
     if constexpr (!TRIBOTWIN_ENGINE_PLUGINS) {
       previous_passive = mjcb_passive;
       mjcb_passive = passive;
+      previous_sensor = mjcb_sensor;
+      mjcb_sensor = sensor;
     }
   }
 }
@@ -80,6 +91,10 @@ Registration::~Registration() {
     if (mjcb_passive == passive) {
       mjcb_passive = previous_passive;
       previous_passive = nullptr;
+    }
+    if (mjcb_sensor == sensor) {
+      mjcb_sensor = previous_sensor;
+      previous_sensor = nullptr;
     }
   }
 }

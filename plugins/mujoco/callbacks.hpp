@@ -3,6 +3,7 @@
 #include <mujoco/mujoco.h>
 
 #include <tribotwin/plugins/mujoco/binding.hpp>
+#include <tribotwin/plugins/mujoco/sensor.hpp>
 #include <tribotwin/plugins/mujoco/spring.hpp>
 
 /// The one place that touches MuJoCo's process-global callbacks. A callback that was there before is called first.
@@ -12,7 +13,8 @@ namespace tribotwin::mujoco {
 /// Models that are not registered are left alone. Registering is thread-safe; stepping takes no lock.
 class Registration {
  public:
-  Registration(const mjModel* model, std::span<const Binding> drives, std::span<const Spring> springs = {});
+  Registration(const mjModel* model, std::span<const Binding> drives, std::span<const Spring> springs = {},
+               std::span<const Sensor> sensors = {});
   ~Registration();
   Registration(const Registration&) = delete;
   Registration& operator=(const Registration&) = delete;
@@ -20,11 +22,13 @@ class Registration {
   const mjModel* model() const { return model_; }
   std::span<const Binding> drives() const { return drives_; }
   std::span<const Spring> springs() const { return springs_; }
+  std::span<const Sensor> sensors() const { return sensors_; }
 
  private:
   const mjModel* model_;
   std::span<const Binding> drives_;
   std::span<const Spring> springs_;
+  std::span<const Sensor> sensors_;
 };
 
 /// Sees positions, velocities and gravity of the step under way and writes d->ctrl: feedback that is not one step late.

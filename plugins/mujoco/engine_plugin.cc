@@ -1,15 +1,24 @@
 // tribotwin.drive and tribotwin.hysteresis as engine plugins of MuJoCo 3.x. Configuration comes from the keys, state
 // lives in the actuator's activations, everything else in plugin_state.
+#include <cstdio>
 #include <cstring>
 #include <memory>
 #include <string>
+#include <vector>
 
+#include <fmt/format.h>
+#include <link.h>
 #include <mujoco/mjplugin.h>
 #include <mujoco/mujoco.h>
 
 #include <tribotwin/plugins/mujoco/binding.hpp>
 #include <tribotwin/plugins/mujoco/engine.hpp>
+#include <tribotwin/plugins/mujoco/sensor.hpp>
 #include <tribotwin/plugins/mujoco/spring.hpp>
+
+#if mjVERSION_HEADER == 4000000
+#error "MuJoCo 4.0.0 can factor a sparse Newton Hessian wrongly; use 4.0.1 or newer"
+#endif
 
 namespace tribotwin::mujoco {
 namespace {
@@ -46,6 +55,14 @@ int actuator_of(const mjModel* m, int instance) {
   for (int i = 0; i < engine::actuator_count(m); ++i)
     if (m->actuator_plugin[i] == instance) actuator = actuator == -1 ? i : -2;
   return actuator;
+}
+
+/// Whether an actuator is one of ours.
+bool has_drive(const mjModel* m, int actuator) {
+  int slot = -1;
+  mjp_getPlugin(plugin_name, &slot);
+  const int instance = m->actuator_plugin[actuator];
+  return instance >= 0 && m->plugin[instance] == slot;
 }
 
 template <class Keys>
@@ -89,14 +106,20 @@ Result<std::unique_ptr<Spring>> connect_spring(const mjModel* m, int instance) {
   if (actuator < 0) return nullptr;
   if (m->actuator_actnum[actuator] != static_cast<int>(spring_memory_size))
     return fail("its actuator needs actdim=\"" + std::to_string(spring_memory_size) + "\"");
-  const int drive_instance = mj_name2id(m, mjOBJ_PLUGIN, hysteresis->drive.c_str());
-  int slot = -1;
-  mjp_getPlugin(plugin_name, &slot);
-  if (drive_instance < 0 || m->plugin[drive_instance] != slot)
-    return fail("key 'drive' is '" + hysteresis->drive + "', which is no instance of " + plugin_name);
-  auto drive = connect(m, drive_instance);
+  std::vector<std::string> names;
+  std::vector<int> joints, instances;
+  for (int i = 0; i < engine::actuator_count(m); ++i)
+    if (has_drive(m, i)) {
+      instances.push_back(m->actuator_plugin[i]);
+      names.push_back(instance_name(m, instances.back()));
+      joints.push_back(m->actuator_trnid[2 * i]);
+    }
+  std::vector<NamedDrive> drives;
+  for (std::size_t i = 0; i < names.size(); ++i) drives.push_back({names[i], joints[i]});
+  const auto chosen = drive_of(m, *hysteresis, actuator, drives);
+  if (!chosen) return tl::unexpected(std::string(spring_plugin_name) + ": " + chosen.error().message);
+  auto drive = connect(m, instances[*chosen]);
   if (!drive) return fail(drive.error().message);
-  if (!*drive) return fail("key 'drive' is '" + hysteresis->drive + "', which no actuator uses");
   auto spring = bind_spring(m, std::move(*hysteresis), std::move(**drive), actuator);
   if (!spring) return tl::unexpected(std::string(spring_plugin_name) + ": " + spring.error().message);
   spring->memory_address = m->actuator_actadr[actuator];
@@ -104,32 +127,58 @@ Result<std::unique_ptr<Spring>> connect_spring(const mjModel* m, int instance) {
   return std::make_unique<Spring>(std::move(*spring));
 }
 
-template <auto connect_instance>
-int init(const mjModel* m, mjData* d, int instance) {
-  // mju_error does not return; nothing with a destructor may be alive then.
+/// The sensors of an instance, of mjData's drives by their instances.
+Result<std::unique_ptr<std::vector<Sensor>>> connect_sensors(const mjModel* m, int instance) {
+  auto sensors = std::make_unique<std::vector<Sensor>>();
+  for (int i = 0; i < m->nsensor; ++i) {
+    if (m->sensor_type[i] != mjSENS_PLUGIN || m->sensor_plugin[i] != instance) continue;
+    const char* name = mj_id2name(m, mjOBJ_SENSOR, i);
+    const auto fail = [&](const std::string& why) {
+      return tl::unexpected(fmt::format("{}, sensor '{}': {}", sensor_plugin_name, name ? name : "unnamed", why));
+    };
+    const char* quantity = mj_getPluginConfig(m, instance, "quantity");
+    auto sensor = make_sensor(quantity ? quantity : "");
+    if (!sensor) return fail(sensor.error().message);
+    if (m->sensor_objtype[i] != mjOBJ_ACTUATOR || !has_drive(m, m->sensor_objid[i]))
+      return fail(fmt::format("needs objtype=\"actuator\" and in objname an actuator with plugin=\"{}\"", plugin_name));
+    sensor->address = m->sensor_adr[i];
+    sensor->drive = m->actuator_plugin[m->sensor_objid[i]];
+    sensors->push_back(*sensor);
+  }
+  return sensors;
+}
+
+/// Does `work` and ends in the engine's error handler where it fails. mju_error does not return: nothing with a
+/// destructor may be alive then.
+template <class Work>
+void or_engine_error(const Work& work) {
   static thread_local char message[1000];
   message[0] = '\0';
-  {
-    auto binding = connect_instance(m, instance);
-    if (binding)
-      d->plugin_data[instance] = reinterpret_cast<uintptr_t>(binding->release());
-    else
-      std::strncpy(message, binding.error().message.c_str(), sizeof message - 1);
-  }
+  if (const Result<void> done = work(); !done) std::strncpy(message, done.error().message.c_str(), sizeof message - 1);
   if (message[0]) mju_error("%s", message);
+}
+
+template <auto connect_instance>
+int init(const mjModel* m, mjData* d, int instance) {
+  or_engine_error([&]() -> Result<void> {
+    auto binding = connect_instance(m, instance);
+    if (!binding) return tl::unexpected(binding.error());
+    d->plugin_data[instance] = reinterpret_cast<uintptr_t>(binding->release());
+    return {};
+  });
   return 0;
 }
 
-/// Ends in the engine's error handler where the options have become such that friction would be wrong.
+/// Fails where the options have become such that friction would be wrong.
 void check_again(const mjModel* m, BoundDrive& b) {
   if (b.checked == options_of(m)) return;
-  static thread_local char message[1000];
-  message[0] = '\0';
-  if (const auto ok = check_options(m, b); !ok)
-    std::strncpy(message, ok.error().message.c_str(), sizeof message - 1);
-  else
+  or_engine_error([&]() -> Result<void> {
+    if (const auto ok = check_options(m, b); !ok)
+      return tl::unexpected(
+          fmt::format("{}: the options were changed after loading. {}", plugin_name, ok.error().message));
     b.checked = options_of(m);
-  if (message[0]) mju_error("%s: the options were changed after loading. %s", plugin_name, message);
+    return {};
+  });
 }
 
 void compute(const mjModel* m, mjData* d, int instance, int capability) {
@@ -151,6 +200,71 @@ void copy(mjData* to, const mjModel*, const mjData* from, int instance) {
   delete bound<Bound>(to, instance);
   const Bound* original = bound<Bound>(from, instance);
   to->plugin_data[instance] = reinterpret_cast<uintptr_t>(original ? new Bound(*original) : nullptr);
+}
+
+void register_sensor() {
+  static const char* const attributes[] = {"quantity"};
+  using Sensors = std::vector<Sensor>;
+  mjpPlugin plugin;
+  mjp_defaultPlugin(&plugin);
+  plugin.name = sensor_plugin_name;
+  plugin.capabilityflags = mjPLUGIN_SENSOR;
+  plugin.needstage = mjSTAGE_ACC;
+  plugin.nattribute = 1;
+  plugin.attributes = attributes;
+  plugin.nstate = [](const mjModel*, int) { return 0; };
+  plugin.nsensordata = [](const mjModel* m, int instance, int) {
+    const char* quantity = mj_getPluginConfig(m, instance, "quantity");
+    const auto sensor = make_sensor(quantity ? quantity : "");
+    return sensor ? static_cast<int>(sensor->count) : 1;  // `init` says what is wrong
+  };
+  plugin.init = init<connect_sensors>;
+  plugin.destroy = destroy<Sensors>;
+  plugin.copy = copy<Sensors>;
+  plugin.compute = [](const mjModel* m, mjData* d, int instance, int) {
+    if (const Sensors* sensors = bound<Sensors>(d, instance))
+      for (const Sensor& s : *sensors)
+        if (const BoundDrive* b = bound<BoundDrive>(d, s.drive)) measure(m, d, *b, s);
+  };
+  mjp_registerPlugin(&plugin);
+}
+
+/// As people write it: 3.12.0 for 3012000, 3.3.7 for 337.
+std::string version_name(int version) {
+  const int base = version >= 1000000 ? 1000 : 10;
+  return fmt::format("{}.{}.{}", version / base / base, version / base % base, version % base);
+}
+
+/// The engines that are loaded in this process, by their files.
+std::vector<std::string> loaded_engines() {
+  std::vector<std::string> files;
+  dl_iterate_phdr(
+      [](dl_phdr_info* object, std::size_t, void* out) {
+        const std::string file = object->dlpi_name;
+        if (file.substr(file.rfind('/') + 1).starts_with("libmujoco."))
+          static_cast<std::vector<std::string>*>(out)->push_back(file);
+        return 0;
+      },
+      &files);
+  return files;
+}
+
+/// Whether this library may serve the engine that it has found; says why not. Structures differ between versions, so
+/// nothing of the engine but its version is touched before.
+bool fits_the_engine() {
+  if (const int version = mj_version(); version != mjVERSION_HEADER) {
+    std::fprintf(stderr,
+                 "%s: this library is built for MuJoCo %s and does not serve %s; load the library of that one\n",
+                 plugin_name, version_name(mjVERSION_HEADER).c_str(), version_name(version).c_str());
+    return false;
+  }
+  if (const auto engines = loaded_engines(); engines.size() > 1)
+    std::fprintf(stderr,
+                 "%s: %zu engines are loaded in this process (%s); if the plugin is not found, this library, which is "
+                 "built for MuJoCo %s, has registered with another one than the program's\n",
+                 plugin_name, engines.size(), fmt::format("{}", fmt::join(engines, ", ")).c_str(),
+                 version_name(mjVERSION_HEADER).c_str());
+  return true;
 }
 
 void register_spring() {
@@ -177,6 +291,7 @@ void register_spring() {
 }
 
 __attribute__((constructor)) void register_plugins() {
+  if (!fits_the_engine()) return;
   mjpPlugin plugin;
   mjp_defaultPlugin(&plugin);
   plugin.name = plugin_name;
@@ -198,6 +313,7 @@ __attribute__((constructor)) void register_plugins() {
   };
   mjp_registerPlugin(&plugin);
   register_spring();
+  register_sensor();
 }
 
 }  // namespace

@@ -118,12 +118,64 @@ Result<std::vector<SpringElement>> read_springs(const std::vector<Source>& sourc
       if (!hysteresis)
         return tl::unexpected(
             fmt::format("{}: {}", at(*instance_source, instance_element), hysteresis.error().message));
-      if (std::ranges::none_of(drives, [&](const DriveElement& d) { return d.drive.name == hysteresis->drive; }))
+      if (!hysteresis->drive.empty() &&
+          std::ranges::none_of(drives, [&](const DriveElement& d) { return d.drive.name == hysteresis->drive; }))
         return tl::unexpected(fmt::format("{}: key 'drive' is '{}', which is no instance of {} that an actuator uses",
                                           at(*instance_source, instance_element), hysteresis->drive, plugin_name));
       springs.push_back({where, name, std::move(*hysteresis)});
     }
   return springs;
+}
+
+struct SensorElement {
+  std::string where;
+  std::string name, actuator;
+  Sensor sensor;
+};
+
+/// The value of the key `quantity`, which stands in the sensor or in the instance that it names.
+Result<std::string> quantity_of(const std::vector<Source>& sources, const Source& source, pugi::xml_node sensor) {
+  pugi::xml_node holder = sensor;
+  const Source* from = &source;
+  if (const std::string instance = sensor.attribute("instance").value(); !instance.empty()) {
+    holder = {};
+    for (const Source& s : sources)
+      for (const auto& found : s.document->select_nodes("//extension/plugin[@plugin='tribotwin.sensor']/instance"))
+        if (found.node().attribute("name").value() == instance) holder = found.node(), from = &s;
+    if (!holder)
+      return tl::unexpected(fmt::format("{}: no <instance name=\"{}\"> under <extension><plugin plugin=\"{}\">",
+                                        at(source, sensor), instance, sensor_plugin_name));
+  }
+  std::string quantity;
+  for (const pugi::xml_node config : holder.children("config")) {
+    if (std::string_view(config.attribute("key").value()) != "quantity")
+      return tl::unexpected(fmt::format("{}: key '{}' is not known; the only key is 'quantity'", at(*from, config),
+                                        config.attribute("key").value()));
+    quantity = config.attribute("value").value();
+  }
+  return quantity;
+}
+
+/// Reads every sensor of a drive.
+Result<std::vector<SensorElement>> read_sensors(const std::vector<Source>& sources,
+                                                const std::vector<DriveElement>& drives) {
+  std::vector<SensorElement> sensors;
+  for (const Source& source : sources)
+    for (const auto& match : source.document->select_nodes("//sensor/plugin[@plugin='tribotwin.sensor']")) {
+      const pugi::xml_node element = match.node();
+      const std::string where = at(source, element), name = element.attribute("name").value(),
+                        actuator = element.attribute("objname").value();
+      if (name.empty() || std::string_view(element.attribute("objtype").value()) != "actuator" || actuator.empty())
+        return tl::unexpected(fmt::format("{}: needs name, objtype=\"actuator\" and objname", where));
+      if (std::ranges::find(drives, actuator, &DriveElement::actuator) == drives.end())
+        return tl::unexpected(fmt::format("{}: '{}' is no actuator with plugin=\"{}\"", where, actuator, plugin_name));
+      const auto quantity = quantity_of(sources, source, element);
+      if (!quantity) return tl::unexpected(quantity.error());
+      const auto sensor = make_sensor(*quantity);
+      if (!sensor) return tl::unexpected(fmt::format("{}: {}", where, sensor.error().message));
+      sensors.push_back({where, name, actuator, *sensor});
+    }
+  return sensors;
 }
 
 /// Room of drives and transmissions in userdata.
@@ -142,13 +194,13 @@ std::string saved(const pugi::xml_document& document, Origins& origins) {
 }
 
 #if !TRIBOTWIN_ENGINE_PLUGINS
-/// Merges includes and turns every drive into what 2.2.2 knows: a torque actuator and room in userdata.
+/// Merges includes and turns drives into what 2.2.2 knows, torque actuators and room in userdata, and their sensors
+/// into user sensors.
 std::string lower(const std::vector<Source>& sources, const std::filesystem::path& folder, int user_size,
-                  Origins& origins) {
+                  const std::vector<SensorElement>& sensors, Origins& origins) {
   merge_includes(sources, folder, &origins);
   pugi::xml_document& main = *sources.front().document;
-  for (const auto& match :
-       main.select_nodes("//extension/plugin[@plugin='tribotwin.drive' or @plugin='tribotwin.hysteresis']"))
+  for (const auto& match : main.select_nodes("//extension/plugin[starts-with(@plugin, 'tribotwin.')]"))
     match.node().parent().remove_child(match.node());
   for (const auto& match : main.select_nodes("//extension[not(plugin)]"))
     match.node().parent().remove_child(match.node());
@@ -157,6 +209,17 @@ std::string lower(const std::vector<Source>& sources, const std::filesystem::pat
     pugi::xml_node actuator = match.node();
     actuator.set_name("motor");
     for (const char* attribute : {"plugin", "instance", "actdim"}) actuator.remove_attribute(attribute);
+  }
+
+  for (const auto& match : main.select_nodes("//sensor/plugin[@plugin='tribotwin.sensor']")) {
+    pugi::xml_node sensor = match.node();
+    const auto read = std::ranges::find(sensors, std::string(sensor.attribute("name").value()), &SensorElement::name);
+    sensor.set_name("user");
+    for (const char* attribute : {"plugin", "instance"}) sensor.remove_attribute(attribute);
+    sensor.remove_children();
+    sensor.append_attribute("dim") = static_cast<unsigned>(read->sensor.count);
+    sensor.append_attribute("datatype") = "real";
+    sensor.append_attribute("needstage") = "acc";
   }
 
   pugi::xml_node root = main.document_element();
@@ -337,12 +400,14 @@ Loaded load(const std::string& name, const std::string& text, const std::string&
   if (!drives) return tl::unexpected(drives.error());
   auto springs = read_springs(*sources, *drives);
   if (!springs) return tl::unexpected(springs.error());
+  auto sensors = read_sensors(*sources, *drives);
+  if (!sensors) return tl::unexpected(sensors.error());
 #if TRIBOTWIN_ENGINE_PLUGINS
   auto compiled = compile(text, file, folder);
   if (!compiled) return tl::unexpected(located(compiled.error().message, *sources, name, folder));
 #else
   Origins origins(*sources);
-  auto compiled = compile(lower(*sources, folder, user_size(*drives, *springs), origins), file, folder);
+  auto compiled = compile(lower(*sources, folder, user_size(*drives, *springs), *sensors, origins), file, folder);
   if (!compiled) return tl::unexpected(origins.located(compiled.error().message, name));
 #endif
   mjModel* m = compiled->get();
@@ -367,12 +432,14 @@ Loaded load(const std::string& name, const std::string& text, const std::string&
   }
   std::ranges::sort(bindings, {}, &Binding::actuator);
 
+  std::vector<NamedDrive> named;
+  for (const Binding& b : bindings) named.push_back({b.drive.name, b.joint});
   std::vector<Spring> bound_springs;
   for (SpringElement& element : *springs) {
     const int actuator = mj_name2id(m, mjOBJ_ACTUATOR, element.actuator.c_str());
-    const Binding drive =
-        *std::ranges::find(bindings, element.hysteresis.drive, [](const Binding& b) { return b.drive.name; });
-    auto spring = bind_spring(m, std::move(element.hysteresis), drive, actuator);
+    const auto drive = drive_of(m, element.hysteresis, actuator, named);
+    if (!drive) return tl::unexpected(fmt::format("{}: {}", element.where, drive.error().message));
+    auto spring = bind_spring(m, std::move(element.hysteresis), bindings[*drive], actuator);
     if (!spring) return tl::unexpected(fmt::format("{}: {}", element.where, spring.error().message));
 #if TRIBOTWIN_ENGINE_PLUGINS
     spring->memory_address = m->actuator_actadr[actuator];
@@ -384,16 +451,26 @@ Loaded load(const std::string& name, const std::string& text, const std::string&
 #endif
     bound_springs.push_back(std::move(*spring));
   }
-  return std::make_shared<const Model>(std::move(*compiled), std::move(bindings), std::move(bound_springs));
+  std::vector<Sensor> bound_sensors;
+  for (const SensorElement& element : *sensors) {
+    Sensor sensor = element.sensor;
+    sensor.address = m->sensor_adr[mj_name2id(m, mjOBJ_SENSOR, element.name.c_str())];
+    const int actuator = mj_name2id(m, mjOBJ_ACTUATOR, element.actuator.c_str());
+    sensor.drive = static_cast<int>(std::ranges::find(bindings, actuator, &Binding::actuator) - bindings.begin());
+    bound_sensors.push_back(sensor);
+  }
+  return std::make_shared<const Model>(std::move(*compiled), std::move(bindings), std::move(bound_springs),
+                                       std::move(bound_sensors));
 }
 
 }  // namespace
 
-Model::Model(ModelPtr model, std::vector<Binding> drives, std::vector<Spring> springs)
+Model::Model(ModelPtr model, std::vector<Binding> drives, std::vector<Spring> springs, std::vector<Sensor> sensors)
     : model_(std::move(model)),
       drives_(std::move(drives)),
       springs_(std::move(springs)),
-      registration_(model_.get(), drives_, springs_) {}
+      sensors_(std::move(sensors)),
+      registration_(model_.get(), drives_, springs_, sensors_) {}
 
 DataPtr Model::make_data() const { return DataPtr(mj_makeData(model_.get())); }
 
@@ -429,7 +506,8 @@ Loaded variant(const Model& model, const std::function<void(mjModel*)>& change) 
     spring->scratch_address = original.scratch_address;
     springs.push_back(std::move(*spring));
   }
-  return std::make_shared<const Model>(std::move(copy), std::move(bindings), std::move(springs));
+  return std::make_shared<const Model>(std::move(copy), std::move(bindings), std::move(springs),
+                                       std::vector(model.sensors().begin(), model.sensors().end()));
 }
 
 }  // namespace tribotwin::mujoco

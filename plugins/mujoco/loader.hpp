@@ -29,7 +29,8 @@ using DataPtr = std::unique_ptr<mjData, DataDeleter>;
 /// An engine model with its drives, ready to step. Immutable; shared by any number of mjData and threads.
 class Model {
  public:
-  Model(ModelPtr model, std::vector<Binding> drives, std::vector<Spring> springs = {});
+  Model(ModelPtr model, std::vector<Binding> drives, std::vector<Spring> springs = {},
+        std::vector<Sensor> sensors = {});
   Model(const Model&) = delete;
   Model& operator=(const Model&) = delete;
 
@@ -38,6 +39,8 @@ class Model {
   /// In the order of the actuators.
   std::span<const Binding> drives() const { return drives_; }
   std::span<const Spring> springs() const { return springs_; }
+  /// Their `drive` is an index of drives().
+  std::span<const Sensor> sensors() const { return sensors_; }
 
   DataPtr make_data() const;
   void step(mjData* d, Controller controller = {}) const { mujoco::step(registration_, d, controller); }
@@ -46,6 +49,7 @@ class Model {
   ModelPtr model_;
   std::vector<Binding> drives_;
   std::vector<Spring> springs_;
+  std::vector<Sensor> sensors_;
   Registration registration_;
 };
 

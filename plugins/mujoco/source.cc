@@ -131,7 +131,7 @@ Problem unknown_in(const Source& source, pugi::xml_node element) {
 
 /// A plugin of <extension> or <actuator> that neither we nor the engine have.
 Problem unknown_plugin(const Source& source, pugi::xml_node element) {
-  const std::vector<std::string_view> ours{plugin_name, spring_plugin_name};
+  const std::vector<std::string_view> ours{plugin_name, spring_plugin_name, sensor_plugin_name};
   const std::string_view name = element.attribute("plugin").value();
   if (std::ranges::find(ours, name) != ours.end() || (TRIBOTWIN_ENGINE_PLUGINS && !name.starts_with("tribotwin.")))
     return {};
@@ -195,7 +195,8 @@ Result<void> check_extensions(const std::vector<Source>& sources) {
   for (const Source& source : sources) {
     for (const auto& match : source.document->select_nodes("//extension"))
       if (const Problem p = unknown_in(source, match.node())) return tl::unexpected(*p);
-    for (const auto& match : source.document->select_nodes("//extension/plugin | //actuator/plugin")) {
+    for (const auto& match :
+         source.document->select_nodes("//extension/plugin | //actuator/plugin | //sensor/plugin")) {
       if (const Problem p = unknown_plugin(source, match.node())) return tl::unexpected(*p);
       const bool of_actuator = std::string_view(match.node().parent().name()) == "actuator";
       if (const pugi::xml_node child = match.node().first_child();

@@ -38,6 +38,30 @@ Result<Spring> bind_spring(const mjModel* m, transmission::Hysteresis hysteresis
   return s;
 }
 
+Result<std::size_t> drive_of(const mjModel* m, const transmission::Hysteresis& hysteresis, int actuator,
+                             std::span<const NamedDrive> drives) {
+  const int tendon = m->actuator_trnid[2 * actuator];
+  const auto on_tendon = [&](const NamedDrive& drive) {
+    if (m->actuator_trntype[actuator] != mjTRN_TENDON) return false;
+    for (int i = m->tendon_adr[tendon]; i < m->tendon_adr[tendon] + m->tendon_num[tendon]; ++i)
+      if (m->wrap_type[i] == mjWRAP_JOINT && m->wrap_objid[i] == drive.joint) return true;
+    return false;
+  };
+  std::vector<std::size_t> found;
+  for (std::size_t i = 0; i < drives.size(); ++i)
+    if (on_tendon(drives[i]) && drives[i].instance.ends_with(hysteresis.drive)) found.push_back(i);
+  if (found.size() == 1) return found.front();
+  for (std::size_t i = 0; i < drives.size(); ++i)
+    if (drives[i].instance == hysteresis.drive) return i;
+  if (hysteresis.drive.empty())
+    return tl::unexpected<Error>(fmt::format(
+        "transmission '{}': {} on joints of its tendon; name one instance of tribotwin.drive in the key 'drive'",
+        hysteresis.name, found.empty() ? "no drive acts" : "several drives act"));
+  return tl::unexpected<Error>(
+      fmt::format("transmission '{}': key 'drive' is '{}', which is no instance of {} that an actuator uses",
+                  hysteresis.name, hysteresis.drive, plugin_name));
+}
+
 double& hysteretic_rad(mjData* d, const Spring& s) { return engine::state(d)[s.memory_address]; }
 double hysteretic_rad(const mjData* d, const Spring& s) { return engine::state(d)[s.memory_address]; }
 SpringWorkspace& workspace(mjData* d, const Spring& s) {

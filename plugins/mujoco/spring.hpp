@@ -45,6 +45,17 @@ struct Spring {
   }
 };
 
+/// A drive of a model, for `drive_of`.
+struct NamedDrive {
+  std::string_view instance;
+  int joint;
+};
+/// Which drive has the temperature of the transmission at `actuator` and gets its heat: that on a joint of the tendon
+/// whose instance has the name of the key `drive`, with or without a prefix, which attaching a model to another puts
+/// before; without the key, any on the tendon; else that of the name anywhere. Fails where there is none or several.
+Result<std::size_t> drive_of(const mjModel* m, const transmission::Hysteresis& hysteresis, int actuator,
+                             std::span<const NamedDrive> drives);
+
 /// Ties a transmission to actuator `actuator`. Fails when the actuator does not act on a fixed tendon, or the time step
 /// is too long for the stiffness: the message names the element and the remedy. Addresses in mjData are the caller's.
 Result<Spring> bind_spring(const mjModel* m, transmission::Hysteresis hysteresis, Binding drive, int actuator);

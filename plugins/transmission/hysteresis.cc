@@ -123,12 +123,10 @@ Result<Hysteresis> make_hysteresis(std::string name, const Configuration& config
     if (!value.empty() && !left.emplace(key, value).second)
       return tl::unexpected(fmt::format("key '{}' is given twice", key));
   Hysteresis h{.name = std::move(name)};
-  const auto drive = left.find("drive");
-  if (drive == left.end())
-    return tl::unexpected(std::string(
-        "key 'drive' is missing: the instance of the tribotwin.drive that has the temperature and gets the heat"));
-  h.drive = drive->second;
-  left.erase(drive);
+  if (const auto drive = left.find("drive"); drive != left.end()) {
+    h.drive = drive->second;
+    left.erase(drive);
+  }
   const auto values = places(h);
   for (std::size_t i = 0; i < std::size(keys); ++i) {
     const Key& key = keys[i];
@@ -171,7 +169,8 @@ Result<Hysteresis> make_hysteresis(std::string name, const Configuration& config
 Configuration configuration_of(const Hysteresis& hysteresis) {
   Hysteresis copy = hysteresis;
   const auto values = places(copy);
-  Configuration c{{"drive", hysteresis.drive}};
+  Configuration c;
+  if (!hysteresis.drive.empty()) c.emplace_back("drive", hysteresis.drive);
   for (std::size_t i = 0; i < std::size(keys); ++i) c.emplace_back(keys[i].name, fmt::format("{}", *values[i]));
   return c;
 }
@@ -184,7 +183,9 @@ std::string reference_markdown() {
       "phi is the "
       "length of the tendon.\n\n"
       "| key | unit | default | range | meaning |\n|---|---|---|---|---|\n"
-      "| `drive` | | required | | instance of the tribotwin.drive that has the temperature and gets the heat |\n";
+      "| `drive` | | the one on the tendon | | instance of the tribotwin.drive that has the temperature and gets the "
+      "heat; "
+      "needed where several act on joints of the tendon |\n";
   for (const Key& key : keys)
     out += fmt::format("| `{}` | {} | {} | {:g} .. {:g} | {} |\n", key.name, key.unit,
                        key.fallback[0] ? key.fallback : "required", key.minimum, key.maximum, key.meaning);

@@ -7,6 +7,7 @@
 
 #include <tribotwin/hil/cia402/drive_objects.hpp>
 #include <tribotwin/plugins/drive/configuration.hpp>
+#include <tribotwin/plugins/mujoco/sensor.hpp>
 
 namespace {
 
@@ -40,6 +41,7 @@ int main(int, char** argv) {
   const auto dictionary =
       tribotwin::hil::drive_dictionary({.node = 1, .name = "joint1", .gear_ratio = 100, .rated_torque_nm = 10});
   std::istringstream text(hil ? tribotwin::hil::reference_markdown(dictionary)
-                              : tribotwin::drive::reference_markdown());
+                              : tribotwin::drive::reference_markdown() +
+                                    tribotwin::mujoco::sensor_reference_markdown());
   for (std::string line; std::getline(text, line);) print_wrapped(line);
 }

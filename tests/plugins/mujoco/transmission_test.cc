@@ -73,7 +73,6 @@ TEST(Hysteresis, MistakesAreNamed) {
   EXPECT_THAT(error("gamma", "1501"), HasSubstr("deliver energy"));
   EXPECT_THAT(error("k10", "-4e9"), HasSubstr("must be above 0 in the whole range"));
   EXPECT_THAT(error("k30", "1"), HasSubstr("not known"));
-  EXPECT_THAT(error("drive", nullptr), HasSubstr("'drive' is missing"));
   EXPECT_THAT(error("n", "x"), HasSubstr("finite number"));
 }
 
