@@ -6,7 +6,6 @@ import harness
 from harness import check, finish, work
 from session import hold_scenario
 
-
 hil, source = sys.argv[1:3]
 scenario = hold_scenario(source)
 for folder in ("twin", "mjcf"):
