@@ -1,9 +1,7 @@
 #include <algorithm>
 #include <cerrno>
-#include <charconv>
 #include <cstring>
 #include <limits>
-#include <optional>
 #include <string_view>
 #include <utility>
 #include <vector>
@@ -15,6 +13,7 @@
 
 #include <tribotwin/hil/can/log.hpp>
 #include <tribotwin/hil/can/words.hpp>
+#include <tribotwin/plugins/friction/number.hpp>
 
 namespace tribotwin::hil {
 namespace {
@@ -42,15 +41,6 @@ Problem problem(fmt::format_string<Arguments...> format, Arguments&&... argument
   return Problem(fmt::format(format, std::forward<Arguments>(arguments)...));
 }
 
-/// All of `digits` as an unsigned number; none where a character is no digit or the number overflows.
-template <typename Number>
-std::optional<Number> number(std::string_view digits, int base) {
-  Number value = 0;
-  const auto [end, error] = std::from_chars(digits.data(), digits.data() + digits.size(), value, base);
-  if (error != std::errc{} || end != digits.data() + digits.size()) return std::nullopt;
-  return value;
-}
-
 Result<std::int64_t> parse_time(std::string_view word) {
   const auto bad = [&] {
     return problem("the time is '{}', not '(seconds.decimals)' with up to 9 decimals", shown(word));
@@ -58,12 +48,12 @@ Result<std::int64_t> parse_time(std::string_view word) {
   if (word.size() < 3 || word.front() != '(' || word.back() != ')') return bad();
   const auto digits = word.substr(1, word.size() - 2);
   const auto dot = digits.find('.');
-  const auto seconds = number<std::uint64_t>(digits.substr(0, dot), 10);
+  const auto seconds = to_integer<std::uint64_t>(digits.substr(0, dot));
   if (!seconds) return bad();
   std::uint64_t ns = 0;
   if (dot != digits.npos) {
     const auto decimals = digits.substr(dot + 1);
-    const auto value = number<std::uint64_t>(decimals, 10);
+    const auto value = to_integer<std::uint64_t>(decimals);
     if (!value || decimals.size() > 9) return bad();
     ns = *value;
     for (auto i = decimals.size(); i < 9; ++i) ns *= 10;
@@ -74,7 +64,7 @@ Result<std::int64_t> parse_time(std::string_view word) {
 }
 
 Result<void> parse_identifier(std::string_view digits, Frame& frame) {
-  const auto id = number<std::uint32_t>(digits, 16);
+  const auto id = to_integer<std::uint32_t>(digits, 16);
   if (!id || (digits.size() != 3 && digits.size() != 8))
     return problem("the identifier is '{}', not 3 or 8 hexadecimal digits", shown(digits));
   if (digits.size() == 3 && *id > 0x7FF)
@@ -93,7 +83,7 @@ Result<void> parse_data(std::string_view digits, Frame& frame) {
     return problem("{} data bytes; {}", size,
                    frame.fd ? "an FD frame has 0..8, 12, 16, 20, 24, 32, 48 or 64" : "a classic frame has 0..8");
   for (std::size_t i = 0; i < size; ++i) {
-    const auto byte = number<std::uint8_t>(digits.substr(2 * i, 2), 16);
+    const auto byte = to_integer<std::uint8_t>(digits.substr(2 * i, 2), 16);
     if (!byte) return problem("the data '{}' is not hexadecimal", shown(digits));
     frame.data[i] = *byte;
   }
@@ -102,7 +92,7 @@ Result<void> parse_data(std::string_view digits, Frame& frame) {
 }
 
 Result<void> parse_remote(std::string_view digits, Frame& frame) {
-  const auto size = number<std::uint8_t>(digits.empty() ? "0" : digits, 16);
+  const auto size = to_integer<std::uint8_t>(digits.empty() ? "0" : digits, 16);
   if (!size || digits.size() > 1 || *size > 8)
     return problem("a remote frame ends in R or R0..R8, not 'R{}'", shown(digits));
   if (frame.error) return problem("an error frame cannot be a remote frame");
@@ -119,7 +109,7 @@ Result<void> parse_frame(std::string_view word, Frame& frame) {
   if (rest.starts_with('R') || rest.starts_with('r')) return parse_remote(rest.substr(1), frame);
   if (rest.starts_with('#')) {
     // Bit 0 BRS, bit 1 ESI; bit 2 (FDF) repeats that it is an FD frame, in logs of newer programs.
-    const auto flags = number<std::uint8_t>(rest.substr(1, 1), 16);
+    const auto flags = to_integer<std::uint8_t>(rest.substr(1, 1), 16);
     if (!flags || *flags > 7) return problem("the FD flags are '{}', not a digit 0..7", shown(rest.substr(1, 1)));
     if (frame.error) return problem("an error frame cannot be an FD frame");
     frame.fd = true;

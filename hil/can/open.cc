@@ -1,10 +1,10 @@
-#include <charconv>
 #include <optional>
 #include <string_view>
 
 #include <fmt/format.h>
 
 #include <tribotwin/hil/can/transport.hpp>
+#include <tribotwin/plugins/friction/number.hpp>
 
 namespace tribotwin::hil {
 namespace {
@@ -29,10 +29,10 @@ std::optional<Server> server(const std::string& where) {
   const auto slash = where.find('/');
   const auto colon = where.rfind(':', slash);
   if (slash == where.npos || colon == where.npos) return std::nullopt;
-  Server out{.host = where.substr(0, colon), .bus = where.substr(slash + 1)};
-  const char *begin = where.data() + colon + 1, *end = where.data() + slash;
-  const auto [last, error] = std::from_chars(begin, end, out.port);
-  if (error != std::errc{} || last != end || out.host.empty() || out.bus.empty()) return std::nullopt;
+  const auto port = to_integer<int>(where.substr(colon + 1, slash - colon - 1));
+  if (!port) return std::nullopt;
+  Server out{.host = where.substr(0, colon), .bus = where.substr(slash + 1), .port = *port};
+  if (out.host.empty() || out.bus.empty()) return std::nullopt;
   if (out.host.front() == '[' && out.host.back() == ']') out.host = out.host.substr(1, out.host.size() - 2);  // IPv6
   return out;
 }

@@ -1,7 +1,6 @@
 #include <algorithm>
 #include <array>
 #include <cerrno>
-#include <charconv>
 #include <cstring>
 #include <iterator>
 #include <optional>
@@ -20,6 +19,7 @@
 #include <tribotwin/hil/can/clock.hpp>
 #include <tribotwin/hil/can/transport.hpp>
 #include <tribotwin/hil/can/words.hpp>
+#include <tribotwin/plugins/friction/number.hpp>
 #include <tribotwin/twin/io/descriptor.hpp>
 
 /// The server's side of socketcand's protocol: https://github.com/linux-can/socketcand/blob/master/doc/protocol.md.
@@ -49,19 +49,11 @@ struct Client {
   int dropped = 0;                   ///< frames in a row
 };
 
-template <typename Number>
-std::optional<Number> hexadecimal(std::string_view digits) {
-  Number value = 0;
-  const auto [end, error] = std::from_chars(digits.data(), digits.data() + digits.size(), value, 16);
-  if (error != std::errc{} || end != digits.data() + digits.size()) return std::nullopt;
-  return value;
-}
-
 /// send ID dlc b b ...
 std::optional<Frame> parse_send(const std::vector<std::string_view>& parts) {
   if (parts.size() < 3 || parts[1].size() > 8) return std::nullopt;
-  const auto id = hexadecimal<std::uint32_t>(parts[1]);
-  const auto size = hexadecimal<std::uint8_t>(parts[2]);
+  const auto id = to_integer<std::uint32_t>(parts[1], 16);
+  const auto size = to_integer<std::uint8_t>(parts[2], 16);
   if (!id || *id > 0x1FFFFFFF || !size || *size > 8 || parts.size() != 3u + *size) return std::nullopt;
   Frame frame;
   frame.id = *id;
@@ -69,7 +61,7 @@ std::optional<Frame> parse_send(const std::vector<std::string_view>& parts) {
   frame.extended = parts[1].size() == 8 || *id > 0x7FF;
   frame.size = *size;
   for (std::size_t i = 0; i < *size; ++i) {
-    const auto byte = hexadecimal<std::uint8_t>(parts[3 + i]);
+    const auto byte = to_integer<std::uint8_t>(parts[3 + i], 16);
     if (!byte) return std::nullopt;
     frame.data[i] = *byte;
   }

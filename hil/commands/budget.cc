@@ -27,10 +27,7 @@ int run(const Arguments& a) {
 }  // namespace
 
 void add_budget(CLI::App& app, int& code) {
-  auto a = std::make_shared<Arguments>();
-  auto* command = app.add_subcommand("budget", "The load of the bus, before anything runs");
-  a->add_to(*command);
-  command->callback([a, &code] { code = run(*a); });
+  declare(app, code, "budget", "The load of the bus, before anything runs", run);
 }
 
 }  // namespace tribotwin::hil::program

@@ -28,11 +28,6 @@ int run(const Arguments& a) {
 
 }  // namespace
 
-void add_dbc(CLI::App& app, int& code) {
-  auto a = std::make_shared<Arguments>();
-  auto* command = app.add_subcommand("dbc", "All cyclic frames of all drives as a DBC");
-  a->add_to(*command);
-  command->callback([a, &code] { code = run(*a); });
-}
+void add_dbc(CLI::App& app, int& code) { declare(app, code, "dbc", "All cyclic frames of all drives as a DBC", run); }
 
 }  // namespace tribotwin::hil::program

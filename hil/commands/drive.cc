@@ -110,10 +110,7 @@ int run(const Arguments& a) {
 }  // namespace
 
 void add_drive(CLI::App& app, int& code) {
-  auto a = std::make_shared<Arguments>();
-  auto* command = app.add_subcommand("drive", "Be the drives of a robot, one per joint");
-  a->add_to(*command);
-  command->callback([a, &code] { code = run(*a); });
+  declare(app, code, "drive", "Be the drives of a robot, one per joint", run);
 }
 
 }  // namespace tribotwin::hil::program

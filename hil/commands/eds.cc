@@ -30,11 +30,6 @@ int run(const Arguments& a) {
 
 }  // namespace
 
-void add_eds(CLI::App& app, int& code) {
-  auto a = std::make_shared<Arguments>();
-  auto* command = app.add_subcommand("eds", "The electronic data sheet of a drive");
-  a->add_to(*command);
-  command->callback([a, &code] { code = run(*a); });
-}
+void add_eds(CLI::App& app, int& code) { declare(app, code, "eds", "The electronic data sheet of a drive", run); }
 
 }  // namespace tribotwin::hil::program

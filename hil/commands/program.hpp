@@ -1,6 +1,7 @@
 #pragma once
 
 #include <deque>
+#include <memory>
 #include <span>
 #include <string>
 #include <vector>
@@ -17,6 +18,15 @@
 /// What the commands of the program `tribotwin-hil` share. A command is one file and one row of table.hpp. It throws
 /// errors (or_throw, InputError); parse.hpp of the program `tribotwin` maps them to exit codes.
 namespace tribotwin::hil::program {
+
+/// Declares a command: Arguments::add_to adds its options, `run` does the work and returns the exit code.
+template <typename Arguments>
+void declare(CLI::App& app, int& code, const char* name, const char* description, int (*run)(const Arguments&)) {
+  const auto arguments = std::make_shared<Arguments>();
+  auto* command = app.add_subcommand(name, description);
+  arguments->add_to(*command);
+  command->callback([arguments, run, &code] { code = run(*arguments); });
+}
 
 /// "tribotwin-hil: MESSAGE" on stderr; returns the exit code.
 inline int report_error(twin::Exit code, const std::string& message) {

@@ -69,11 +69,7 @@ int run(const Arguments& a) {
 }  // namespace
 
 void add_replay(CLI::App& app, int& code) {
-  auto a = std::make_shared<Arguments>();
-  auto* command =
-      app.add_subcommand("replay", "A recorded session through the same drives, compared with what they said then");
-  a->add_to(*command);
-  command->callback([a, &code] { code = run(*a); });
+  declare(app, code, "replay", "A recorded session through the same drives, compared with what they said then", run);
 }
 
 }  // namespace tribotwin::hil::program

@@ -122,10 +122,7 @@ int run(const Arguments& a) {
 }  // namespace
 
 void add_shadow(CLI::App& app, int& code) {
-  auto a = std::make_shared<Arguments>();
-  auto* command = app.add_subcommand("shadow", "Listen beside a robot: what torque and temperature it should have");
-  a->add_to(*command);
-  command->callback([a, &code] { code = run(*a); });
+  declare(app, code, "shadow", "Listen beside a robot: what torque and temperature it should have", run);
 }
 
 }  // namespace tribotwin::hil::program

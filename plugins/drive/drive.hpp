@@ -200,7 +200,9 @@ bool begun(const Drive& drive, const State& state, const Workspace& workspace, d
 
 /// Whether time_s is a later stage of the step under way (Runge-Kutta). The limit of the step's start then stands:
 /// friction is a zero-order hold over the step, so that the torque booked as heat is the torque that acted.
-inline bool within_step(const Workspace& s, double time_s, double dt_s) {
+/// `AnyWorkspace`: Workspace, or that of another element, with its step_open and step_time_s.
+template <typename AnyWorkspace>
+bool within_step(const AnyWorkspace& s, double time_s, double dt_s) {
   return s.step_open != 0 && time_s > s.step_time_s && time_s <= s.step_time_s + dt_s * (1 + 1e-9);
 }
 

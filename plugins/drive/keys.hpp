@@ -5,18 +5,11 @@
 #include <string_view>
 
 #include <tribotwin/plugins/drive/drive.hpp>
+#include <tribotwin/plugins/friction/key.hpp>
 
 /// Private to this folder: the tables of a drive's keys, from which reading, messages and documentation follow. The
 /// parameters of laws and thermal models are in the tables of those.
 namespace tribotwin::drive {
-
-struct Key {
-  const char* name;
-  const char* unit;
-  const char* fallback;  ///< "" = required
-  double minimum, maximum;
-  const char* meaning;
-};
 
 std::span<const Key> word_keys();
 std::span<const Key> number_keys();

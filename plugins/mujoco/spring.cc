@@ -75,8 +75,7 @@ double spring_torque(const mjModel* m, mjData* d, const Spring& spring) {
   SpringWorkspace& s = workspace(d, spring);
   s.torsion_rad = spring.torsion_rad(d);
   double x = hysteretic_rad(d, spring);
-  const bool later_stage = m->opt.integrator == mjINT_RK4 && s.step_open != 0 && d->time > s.step_time_s &&
-                           d->time <= s.step_time_s + m->opt.timestep * (1 + 1e-9);
+  const bool later_stage = m->opt.integrator == mjINT_RK4 && drive::within_step(s, d->time, m->opt.timestep);
   if (later_stage) {
     x = transmission::advance(spring.hysteresis, x, s.torsion_rad - s.torsion_begin_rad);
   } else {

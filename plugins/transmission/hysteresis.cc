@@ -4,19 +4,13 @@
 
 #include <fmt/format.h>
 
+#include <tribotwin/plugins/friction/key.hpp>
 #include <tribotwin/plugins/friction/number.hpp>
 #include <tribotwin/plugins/transmission/hysteresis.hpp>
 
 namespace tribotwin::transmission {
 namespace {
 
-struct Key {
-  const char* name;
-  const char* unit;
-  const char* fallback;  ///< "" = required
-  double minimum, maximum;
-  const char* meaning;
-};
 constexpr double large = 1e15;
 constexpr Key keys[] = {
     {"k00", "Nm/rad", "", -large, large, "stiffness k0 at 0 degC"},

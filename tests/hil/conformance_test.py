@@ -1,15 +1,14 @@
 """A session with six drives, checked by others: the bus by Wireshark's CANopen dissector, the DBC by canmatrix, the EDS
 by Wireshark's EDS reader and the rules of CiA 306; and bus and telemetry against each other. Arguments: tribotwin-hil,
 source tree."""
-import atexit, collections, configparser, ctypes, logging, math, os, re, struct, subprocess, sys, time
+import atexit, collections, configparser, ctypes, logging, math, re, struct, subprocess, sys, time
 
-from harness import check, finish, work
-from session import hold_scenario
-
-sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 logging.disable(logging.WARNING)  # python-can of reads that end inside a frame, canmatrix of formats it cannot write
 import can, canmatrix.formats, h5py, numpy as np
+
+from harness import check, finish, work
 from master import Master, SdoAbort, is_state
+from session import hold_scenario
 
 hil, source = sys.argv[1:3]
 scenario = hold_scenario(source)
@@ -394,14 +393,7 @@ check(
     master.status,
 )
 check("enabled again", enable(list(nodes)), master.status)
-master.write(2, 0x6065, 0, "I", 10)
-master.write(2, 0x6066, 0, "H", 4)
-target = dict(master.position)
-for k in range(400):
-    target[2] += 200
-    master.cycle(target)
-    if is_state(master.status[2], "fault"):
-        break
+master.fail_to_follow(2)
 check(
     "following error: fault and EMCY",
     is_state(master.status[2], "fault") and master.emergencies == [(2, (0x8611, 0x21))],

@@ -1,17 +1,17 @@
 """Six IRB 6620 drives from boot-up through operation and faults, by a master in plain python-can (master.py).
 Arguments: tribotwin-hil, source tree, address of the bus for the drives, then python-can's interface and channel (for
 socketcand: port is taken from the address)."""
-import json, math, os, subprocess, sys, time
+import json, math, sys, time
 
+import harness
 from harness import check, finish, work
-from session import connect, hold_scenario, said, start
-
-sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 from master import Master, SdoAbort, is_state
+from session import connect, hold_scenario, said, start
 
 hil, source, address, interface, channel = sys.argv[1:6]
 scenario = hold_scenario(source)
 nodes = range(1, 7)
+to_operation = (("ready to switch on", 0x06), ("switched on", 0x07), ("operation enabled", 0x0F))
 
 
 def aborts(code, call):
@@ -68,17 +68,13 @@ master.write(n, 0x1802, 1, "I", 0x380 + n)
 
 # Torque too, with every SYNC.
 for n in nodes:
-    master.write(n, 0x1A03, 0, "B", 0)
-    master.write(n, 0x1A03, 1, "I", 0x60770010)
-    master.write(n, 0x1A03, 0, "B", 1)
-    master.write(n, 0x1803, 2, "B", 1)
-    master.write(n, 0x1803, 1, "I", 0x480 + n)
+    master.send_torque(n)
 
 # To operation enabled.
 master.nmt(0x01)
 master.cycle()
 check("operational", all(master.status[n] & 0x200 for n in nodes), master.status)
-for name, word in (("ready to switch on", 0x06), ("switched on", 0x07), ("operation enabled", 0x0F)):
+for name, word in to_operation:
     check(name, master.reach(name, word, cycles=20), {n: hex(s) for n, s in master.status.items()})
 
 # CSP: a sine on all joints, 500 Hz, 10 s.
@@ -163,19 +159,12 @@ check(
     all(abs(master.position[n] - before[n]) / per_rad[n] < 1e-4 for n in nodes),
     (before, master.position),
 )
-for name, word in (("ready to switch on", 0x06), ("switched on", 0x07), ("operation enabled", 0x0F)):
+for name, word in to_operation:
     check("again " + name, master.reach(name, word, cycles=20), master.status)
 
-# A fault by following error: a window of nothing and a command that cannot be followed.
+# A fault by following error.
 master.emergencies.clear()
-master.write(2, 0x6065, 0, "I", 10)
-master.write(2, 0x6066, 0, "H", 4)
-target = dict(master.position)
-for k in range(400):
-    target[2] += 200
-    master.cycle(target)
-    if is_state(master.status[2], "fault"):
-        break
+master.fail_to_follow(2)
 check(
     "following error: fault, EMCY 8611h",
     is_state(master.status[2], "fault") and (2, (0x8611, 0x21)) in master.emergencies,
@@ -195,7 +184,7 @@ check(
     hex(master.status[2]),
 )
 check("EMCY: no error", (2, (0, 0)) in master.emergencies, master.emergencies)
-for name, word in (("ready to switch on", 0x06), ("switched on", 0x07), ("operation enabled", 0x0F)):
+for name, word in to_operation:
     master.reach(name, word, [2], cycles=20)
 check("all enabled", all(is_state(master.status[n], "operation enabled") for n in nodes))
 
@@ -217,7 +206,7 @@ master.control(0x80)
 master.cycle()
 
 # NMT while enabled: power goes.
-for name, word in (("ready to switch on", 0x06), ("switched on", 0x07), ("operation enabled", 0x0F)):
+for name, word in to_operation:
     master.reach(name, word, cycles=20)
 check("enabled once more", all(is_state(master.status[n], "operation enabled") for n in nodes), master.status)
 master.nmt(0x80)
@@ -235,11 +224,7 @@ stats = json.load(open(work + "/stats.json"))
 check("statistics", stats["syncs"] > 5000 and len(stats["drives"]) == 6 and stats["bus"]["receive_lost"] == 0, stats)
 
 # The recorded session again: the same answers, the same telemetry, bit for bit.
-r = subprocess.run(
-    [hil, "replay", scenario, work + "/session.log", "--fast", "-o", work + "/again", "--set", "telemetry_rate_hz=500"],
-    capture_output=True,
-    text=True,
-)
+r = harness.run(hil, "replay", scenario, "session.log", "--fast", "-o", "again", "--set", "telemetry_rate_hz=500")
 check("replay answers the same", r.returncode == 0 and ": 0 differ, 0 missing" in r.stdout, (r.stdout, r.stderr))
 import h5py, numpy as np
 
@@ -251,22 +236,13 @@ with h5py.File(work + "/live/telemetry.h5") as a, h5py.File(work + "/again/telem
         (a["time_s"].shape, b["time_s"].shape),
     )
 
+
 # A listener beside the same session: what it expects is what the drives had.
-r = subprocess.run(
-    [
-        hil,
-        "shadow",
-        scenario,
-        "--can",
-        "log:" + work + "/session.log",
-        "--duration",
-        "11",
-        "--csv",
-        work + "/shadow.csv",
-    ],
-    capture_output=True,
-    text=True,
-)
+def shadow(*more):
+    return harness.run(hil, "shadow", scenario, "--can", "log:session.log", "--duration", 11, *more)
+
+
+r = shadow("--csv", "shadow.csv")
 print(r.stdout)
 rows = {line.split()[0]: [float(x) for x in line.split()[1:6]] for line in r.stdout.splitlines()[2:]}
 check("shadow: every joint", r.returncode == 0 and sorted(rows) == ["joint%d" % n for n in nodes], (r.stdout, r.stderr))
@@ -277,29 +253,9 @@ for n in nodes:
         abs(rows["joint%d" % n][1]) < limit and rows["joint%d" % n][2] < limit,
         (rows["joint%d" % n], limit),
     )
-r = subprocess.run(
-    [hil, "shadow", scenario, "--can", "log:" + work + "/session.log", "--duration", "11", "--limit", "50"],
-    capture_output=True,
-    text=True,
-)
+r = shadow("--limit", 50)
 check("shadow: within the limit", r.returncode == 0, (r.returncode, r.stderr))
-r = subprocess.run(
-    [
-        hil,
-        "shadow",
-        scenario,
-        "--can",
-        "log:" + work + "/session.log",
-        "--duration",
-        "11",
-        "--limit",
-        "50",
-        "--set",
-        "temperature_degC=80",
-    ],
-    capture_output=True,
-    text=True,
-)
+r = shadow("--limit", 50, "--set", "temperature_degC=80")
 check(
     "shadow: another temperature than the robot's is noticed, exit code 3",
     r.returncode == 3 and "joint2: residual" in r.stderr,

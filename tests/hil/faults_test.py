@@ -1,12 +1,10 @@
 """Faults on purpose, as a controller's developer scripts them: what the drives do, and that they come back.
 Arguments as of drive_test.py."""
-import os, struct, subprocess, sys, time
+import struct, subprocess, sys, time
 
 from harness import check, finish, work
-from session import connect, hold_scenario, said, start
-
-sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 from master import Master, is_state
+from session import connect, hold_scenario, said, start
 
 hil, source, address, interface, channel = sys.argv[1:6]
 scenario = hold_scenario(source)

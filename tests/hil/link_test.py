@@ -2,13 +2,12 @@
 malformed frames. Only inside tests/can_vm/run.sh. Arguments: tribotwin-hil, source tree."""
 import atexit, json, os, random, socket, struct, subprocess, sys, time
 
+import can
+
 import harness
 from harness import check, check_refused, finish, work
-from session import hold_scenario, said, start
-
-sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
-import can
 from master import Master, is_state
+from session import hold_scenario, said, start
 
 if "CAN_VM" not in os.environ:
     sys.exit("run me by tests/can_vm/run.sh: I take buses down")
@@ -148,12 +147,7 @@ listener = subprocess.Popen(
 atexit.register(listener.kill)
 time.sleep(1)
 for n in nodes:
-    m.write(n, 0x1A03, 0, "B", 0)
-    m.write(n, 0x1A03, 1, "I", 0x60770010)
-    m.write(n, 0x1A03, 0, "B", 1)
-for n in nodes:
-    m.write(n, 0x1803, 2, "B", 1)
-    m.write(n, 0x1803, 1, "I", 0x480 + n)
+    m.send_torque(n)
 target = dict(m.position)
 for k in range(1300):
     target = {n: target[n] + (2000 if k % 400 < 200 else -2000) for n in nodes}

@@ -116,6 +116,17 @@ class Master:
         self.sync()
         return self.until(lambda: all(self.tpdo3[n] > before[n] for n in self.nodes), 2) if wait else True
 
+    def send_torque(self, node):
+        """Has the drive send its torque with every SYNC, in TPDO4."""
+        for index, sub, kind, value in (
+            (0x1A03, 0, "B", 0),
+            (0x1A03, 1, "I", 0x60770010),
+            (0x1A03, 0, "B", 1),
+            (0x1803, 2, "B", 1),
+            (0x1803, 1, "I", 0x480 + node),
+        ):
+            self.write(node, index, sub, kind, value)
+
     def control(self, word, nodes=None):
         for node in nodes or self.nodes:
             self.send(0x200 + node, struct.pack("<H", word))
@@ -129,3 +140,14 @@ class Master:
             if all(is_state(self.status[n], name) for n in nodes):
                 return True
         return False
+
+    def fail_to_follow(self, node):
+        """A following error: a window of almost nothing and a command that the drive cannot follow."""
+        self.write(node, 0x6065, 0, "I", 10)
+        self.write(node, 0x6066, 0, "H", 4)
+        target = dict(self.position)
+        for _ in range(400):
+            target[node] += 200
+            self.cycle(target)
+            if is_state(self.status[node], "fault"):
+                break

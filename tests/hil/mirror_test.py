@@ -1,13 +1,12 @@
 """The mirror profile in real time, by a bench in plain python-can with its own CRC; frames decoded through the
 generated DBC. Arguments as of drive_test.py."""
-import json, math, os, struct, subprocess, sys, time
+import json, math, struct, subprocess, sys, time
+
+import can
+import canmatrix.formats
 
 from harness import check, finish, work
 from session import connect, hold_scenario, said, start
-
-sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
-import can
-import canmatrix.formats
 
 hil, source, address, interface, channel = sys.argv[1:6]
 scenario = hold_scenario(source)

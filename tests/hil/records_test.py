@@ -3,13 +3,12 @@ was compared, how it ends on a signal, on a full disk and without a reader of wh
 source tree."""
 import atexit, hashlib, json, os, pty, re, resource, shutil, signal, subprocess, sys, time
 
+import h5py
+
 import harness
 from harness import check, finish, path, work
-from session import connect, hold_scenario
-
-sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
-import h5py
 from master import Master
+from session import connect, hold_scenario
 
 hil, source = sys.argv[1:3]
 scenario = hold_scenario(source)
@@ -36,6 +35,10 @@ def answers(name, code, *arguments, says=(), out="", **more):
         (r.returncode, r.stdout, r.stderr),
     )
     return r
+
+
+def shadow_of(log):
+    return "shadow", scenario, "--can", "log:" + log
 
 
 def contents(*paths):
@@ -98,14 +101,7 @@ def record_a_session():
     master.nmt(1)
     check("drives answer", all(master.cycle() for _ in range(10)))
     for n in nodes:
-        for index, sub, kind, value in (
-            (0x1A03, 0, "B", 0),
-            (0x1A03, 1, "I", 0x60770010),
-            (0x1A03, 0, "B", 1),
-            (0x1803, 2, "B", 1),
-            (0x1803, 1, "I", 0x480 + n),
-        ):
-            master.write(n, index, sub, kind, value)
+        master.send_torque(n)
     for _ in range(890):
         master.cycle()
     master.bus.shutdown()
@@ -169,15 +165,7 @@ answers(
     says=["stats.json", "already", "--force"],
 )
 answers(
-    "shadow onto a CSV",
-    2,
-    "shadow",
-    scenario,
-    "--can",
-    "log:session.log",
-    "--csv",
-    "stats.json",
-    says=["stats.json", "already", "--force"],
+    "shadow onto a CSV", 2, *shadow_of("session.log"), "--csv", "stats.json", says=["stats.json", "already", "--force"]
 )
 answers("eds onto a file", 2, "eds", scenario, "-o", "stats.json", says=["stats.json: exists", "--force"])
 answers("dbc onto a file", 2, "dbc", scenario, "-o", "stats.json", says=["stats.json: exists", "--force"])
@@ -301,26 +289,13 @@ check(
     "all stays as it was",
     contents("session.log", "own.yaml", "arm.xml", "faults.yaml", "folder") == before and not os.path.exists("new"),
 )
-answers(
-    "a device may be both",
-    2,
-    "shadow",
-    scenario,
-    "--can",
-    "log:/dev/null",
-    "--csv",
-    "/dev/null",
-    says=["no position was heard"],
-)
+answers("a device may be both", 2, *shadow_of("/dev/null"), "--csv", "/dev/null", says=["no position was heard"])
 
 # 3. What was not compared is not well.
 answers(
     "a limit without any torque",
     2,
-    "shadow",
-    scenario,
-    "--can",
-    "log:default.log",
+    *shadow_of("default.log"),
     "--limit",
     "1",
     says=["--limit 1", "joint1, joint2, joint3, joint4, joint5, joint6", "6077h", "TPDO"],
@@ -329,49 +304,29 @@ answers(
 answers(
     "a limit without some torques",
     2,
-    "shadow",
-    scenario,
-    "--can",
-    "log:some.log",
+    *shadow_of("some.log"),
     "--limit",
     "1e6",
     says=["of joint3, joint4, joint5, joint6:", "6077h", "--joint"],
 )
 answers(
-    "only joints that have some",
-    0,
-    "shadow",
-    scenario,
-    "--can",
-    "log:some.log",
-    "--limit",
-    "1e6",
-    "--joint",
-    "joint1",
-    "--joint",
-    "joint2",
+    "only joints that have some", 0, *shadow_of("some.log"), "--limit", "1e6", "--joint", "joint1", "--joint", "joint2"
 )
 answers(
     "a joint that there is not",
     2,
-    "shadow",
-    scenario,
-    "--can",
-    "log:some.log",
+    *shadow_of("some.log"),
     "--limit",
     "1e6",
     "--joint",
     "joint9",
     says=["joint9", "joint1, joint2"],
 )
-answers("a limit that is kept", 0, "shadow", scenario, "--can", "log:session.log", "--limit", "1e6")
+answers("a limit that is kept", 0, *shadow_of("session.log"), "--limit", "1e6")
 answers(
     "a limit over less than its time",
     2,
-    "shadow",
-    scenario,
-    "--can",
-    "log:session.log",
+    *shadow_of("session.log"),
     "--limit",
     "1e6",
     "--limit-time",
@@ -381,20 +336,14 @@ answers(
 answers(
     "a shadow without torques predicts, and says that it compares nothing",
     0,
-    "shadow",
-    scenario,
-    "--can",
-    "log:default.log",
+    *shadow_of("default.log"),
     says=["no torque was heard of joint1", "nothing was compared"],
     out="joint1              0              -",
 )
 r = answers(
     "a torque that is heard no more",
     0,
-    "shadow",
-    scenario,
-    "--can",
-    "log:silent.log",
+    *shadow_of("silent.log"),
     "--limit",
     "1e6",
     says=["joint3: no torque for 0.5 s"],
@@ -402,15 +351,7 @@ r = answers(
 samples = [int(line.split()[1]) for line in r.stdout.splitlines()[2:]]
 check("is compared no more", samples[2] < samples[1] - 100 and samples[1] == samples[3], samples)
 answers(
-    "too few cycles for a prediction",
-    2,
-    "shadow",
-    scenario,
-    "--can",
-    "log:short.log",
-    "--csv",
-    "short.csv",
-    says=["prediction takes 11"],
+    "too few cycles for a prediction", 2, *shadow_of("short.log"), "--csv", "short.csv", says=["prediction takes 11"]
 )
 check("and no CSV without rows", not os.path.exists("short.csv"))
 answers("replay: all the same", 0, "replay", scenario, "session.log", "--fast", out=" 0 differ, 0 missing, 0 added")
@@ -460,13 +401,13 @@ answers("replay of a log with gaps", 1, "replay", scenario, "gap.log", "--fast",
 
 # 4. A signal ends everything, and what was written is whole.
 os.mkfifo("fifo")
-p = begin("shadow", scenario, "--can", "log:fifo")
+p = begin(*shadow_of("fifo"))
 time.sleep(0.5)
 ends("shadow of a pipe without writer", p, 1, says="interrupted")
 p = begin("replay", scenario, "fifo", "--fast")
 time.sleep(0.5)
 ends("replay of a pipe without writer", p, 1, says="interrupted")
-p = begin("shadow", scenario, "--can", "log:fifo", "--csv", "part.csv")
+p = begin(*shadow_of("fifo"), "--csv", "part.csv")
 with open("fifo", "w") as f:
     f.write("".join(open("session.log").readlines()[:-1]) + "(17")  # and no end
     f.flush()
@@ -478,7 +419,7 @@ check(
     rows.endswith("\n") and len({line.count(",") for line in rows.splitlines()}) == 1 and rows.count("\n") > 300,
     rows[-200:],
 )
-answers("shadow of /dev/zero", 1, "shadow", scenario, "--can", "log:/dev/zero", says=["/dev/zero:1: longer than"])
+answers("shadow of /dev/zero", 1, *shadow_of("/dev/zero"), says=["/dev/zero:1: longer than"])
 shutil.copytree("live", "slow")
 p = begin("replay", scenario, "session.log", "--rate", "0.001", "-o", "slow", "--force")
 check("a slow replay runs", until(lambda: os.path.exists("slow/replaced") and size("slow/telemetry.h5") > 0))
@@ -601,7 +542,7 @@ for name, more in (("closed", {"preexec_fn": lambda: os.close(1)}), ("full", {"s
         ("eds", scenario),
         ("dbc", scenario),
         ("replay", scenario, "session.log", "--fast"),
-        ("shadow", scenario, "--can", "log:session.log"),
+        shadow_of("session.log"),
     ):
         r = subprocess.run([hil, *arguments], stderr=subprocess.PIPE, text=True, timeout=60, **more)
         check(
@@ -610,7 +551,7 @@ for name, more in (("closed", {"preexec_fn": lambda: os.close(1)}), ("full", {"s
             (r.returncode, r.stderr),
         )
 subprocess.run(
-    [hil, "shadow", scenario, "--can", "log:session.log", "--csv", "closed.csv"],
+    [hil, *shadow_of("session.log"), "--csv", "closed.csv"],
     stderr=subprocess.DEVNULL,
     timeout=60,
     preexec_fn=lambda: os.close(1),
@@ -621,7 +562,7 @@ check(
 )
 
 with open("both.txt", "w") as f:
-    subprocess.run([hil, "shadow", scenario, "--can", "log:session.log", "--csv", "/dev/stdout"], stdout=f, timeout=60)
+    subprocess.run([hil, *shadow_of("session.log"), "--csv", "/dev/stdout"], stdout=f, timeout=60)
 both = open("both.txt").read()
 check(
     "a CSV on stdout comes before the table",
@@ -658,7 +599,7 @@ check(
     size("full.log"),
 )
 check("no summary without telemetry", not os.path.exists("full/summary.json"))
-r = run("shadow", scenario, "--can", "log:session.log", "--csv", "full.csv", preexec_fn=limit(20_000))
+r = run(*shadow_of("session.log"), "--csv", "full.csv", preexec_fn=limit(20_000))
 lines = r.stderr.splitlines()
 check(
     "a CSV on a full disk: exit 1, and the table all the same",

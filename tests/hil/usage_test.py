@@ -6,8 +6,6 @@ import harness
 from harness import check, finish, work
 from session import hold_scenario
 
-sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
-
 hil, source = sys.argv[1:3]
 scenario = hold_scenario(source)
 for folder in ("twin", "mjcf"):

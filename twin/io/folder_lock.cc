@@ -1,6 +1,5 @@
 #include <cerrno>
 #include <cstring>
-#include <utility>
 
 #include <fcntl.h>
 #include <fmt/format.h>
@@ -17,23 +16,23 @@ FolderLock::~FolderLock() { release(); }
 void FolderLock::release() {
   if (file_ < 0) return;
   ::unlink(path_.c_str());
-  ::close(std::exchange(file_, -1));
+  file_.close();
 }
 
 Result<void> FolderLock::take(const std::filesystem::path& directory) {
   path_ = directory / "run.lock";
   for (;;) {
-    file_ = ::open(path_.c_str(), O_CREAT | O_RDWR | O_NOFOLLOW | O_CLOEXEC, 0666);
+    file_ = Descriptor(::open(path_.c_str(), O_CREAT | O_RDWR | O_NOFOLLOW | O_CLOEXEC, 0666));
     if (file_ < 0) return work_failed(fmt::format("{}: cannot be written ({})", path_.string(), std::strerror(errno)));
     if (::flock(file_, LOCK_EX | LOCK_NB) != 0) {
-      ::close(std::exchange(file_, -1));
+      file_.close();
       return work_failed(
           fmt::format("{}: another run is writing into this folder; choose another with -o", directory.string()));
     }
     struct stat mine {
     }, there{};
     if (::fstat(file_, &mine) == 0 && ::stat(path_.c_str(), &there) == 0 && mine.st_ino == there.st_ino) return {};
-    ::close(std::exchange(file_, -1));  // its holder took the file away in between
+    file_.close();  // its holder took the file away in between
   }
 }
 

@@ -4,6 +4,7 @@
 #include <string>
 
 #include <tribotwin/plugins/friction/error.hpp>
+#include <tribotwin/twin/io/descriptor.hpp>
 
 namespace tribotwin::twin {
 
@@ -21,7 +22,7 @@ class FolderLock {
 
  private:
   std::filesystem::path path_;
-  int file_ = -1;
+  Descriptor file_;
 };
 
 }  // namespace tribotwin::twin

@@ -11,11 +11,11 @@
 #include <tribotwin/hil/canopen/dbc.hpp>
 #include <tribotwin/hil/canopen/eds.hpp>
 #include <tribotwin/hil/cia402/node.hpp>
+#include <tribotwin/tests/hil/one_drive.hpp>
 
 namespace tribotwin::hil {
 namespace {
 
-constexpr std::int64_t ms = 1'000'000;
 const DriveParameters parameters{.node = 5,
                                  .name = "joint5",
                                  .gear_ratio = 100,
@@ -52,20 +52,9 @@ class OneNode : public testing::Test {
       node.tick(now);
     }
   }
-  /// Simulated time, with a robot that does what it is told.
+  /// Simulated time [ms].
   void run(int steps) {
-    for (int i = 0; i < steps; ++i) {
-      const auto c = node.command(1e-3);
-      using Mode = twin::DriveCommand::Mode;
-      if (c.mode == Mode::position)
-        robot.position_rad = c.position_rad, robot.velocity_rad_s = c.velocity_rad_s;
-      else if (c.mode == Mode::velocity)
-        robot.velocity_rad_s = c.velocity_rad_s, robot.position_rad += 1e-3 * c.velocity_rad_s;
-      else
-        robot.velocity_rad_s = 0;
-      robot.torque_nm = c.mode == Mode::torque ? c.torque_nm : 0;
-      node.feedback(robot, 1e-3);
-    }
+    for (int i = 0; i < steps; ++i) obey(node, robot);
   }
   void enable() {
     nmt(1);
@@ -103,10 +92,7 @@ class OneNode : public testing::Test {
 };
 
 TEST_F(OneNode, BootsAndBeats) {
-  Node fresh(parameters, [this](const Frame& f) {
-    bus.push_back(f);
-    return Sent::done;
-  });
+  Node fresh(parameters, record_in(bus));
   fresh.start(0);
   ASSERT_EQ(bus.size(), 1U);
   EXPECT_EQ(text(bus[0]), "705#00");

@@ -6,11 +6,11 @@
 #include <gtest/gtest.h>
 
 #include <tribotwin/hil/mirror/mirror.hpp>
+#include <tribotwin/tests/hil/one_drive.hpp>
 
 namespace tribotwin::hil {
 namespace {
 
-constexpr std::int64_t ms = 1'000'000;
 const DriveParameters parameters{
     .node = 3, .name = "joint3", .gear_ratio = 100, .rated_torque_nm = 2, .speed_max_rad_s = 300};
 
@@ -66,10 +66,7 @@ TEST(MirrorFrames, DamageIsFound) {
 class Mirror : public testing::Test {
  protected:
   std::vector<Frame> bus;
-  MirrorDrive drive{parameters, [this](const Frame& f) {
-                      bus.push_back(f);
-                      return Sent::done;
-                    }};
+  MirrorDrive drive{parameters, record_in(bus)};
   std::int64_t now = 0;
   std::uint8_t counter = 0;
   Feedback robot;
@@ -81,15 +78,7 @@ class Mirror : public testing::Test {
     for (int i = 0; i < steps; ++i) {
       now += ms;
       drive.tick(now);
-      const auto c = drive.command(1e-3);
-      using Mode = twin::DriveCommand::Mode;
-      if (c.mode == Mode::position)
-        robot.position_rad = c.position_rad, robot.velocity_rad_s = c.velocity_rad_s;
-      else if (c.mode == Mode::velocity)
-        robot.velocity_rad_s = c.velocity_rad_s, robot.position_rad += 1e-3 * c.velocity_rad_s;
-      else
-        robot.velocity_rad_s = 0;
-      drive.feedback(robot, 1e-3);
+      obey(drive, robot);
     }
   }
 };

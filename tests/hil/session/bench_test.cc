@@ -6,11 +6,10 @@
 
 #include <tribotwin/hil/mirror/mirror.hpp>
 #include <tribotwin/hil/session/bench.hpp>
+#include <tribotwin/tests/hil/one_drive.hpp>
 
 namespace tribotwin::hil {
 namespace {
-
-constexpr std::int64_t ms = 1'000'000;
 
 class OneBench : public testing::Test {
  protected:
@@ -18,10 +17,7 @@ class OneBench : public testing::Test {
       twin::load_scenario(std::string(TRIBOTWIN_SOURCE_DIR) + "/twin/scenarios/irb6620_hold.yaml").value();
   std::vector<Frame> bus;
   std::int64_t now = 0;
-  Send send = [this](const Frame& f) {
-    bus.push_back(f);
-    return Sent::done;
-  };
+  Send send = record_in(bus);
 
   void give(Bench& bench, std::uint32_t id, std::vector<std::uint8_t> bytes = {}) {
     ASSERT_TRUE(bench.receive(classic(id, bytes), now));

@@ -20,6 +20,27 @@ Configuration extended() {
   return c;
 }
 
+/// A drive with a law in Nm that depends on speed alone.
+Drive steady_state_drive(double Fc = 5, double Fs = 8, double Vs = 3, double Fv = 1) {
+  return *make_drive("j3", {{"law", "steady_state"},
+                            {"Fc", std::to_string(Fc)},
+                            {"Fs", std::to_string(Fs)},
+                            {"Vs", std::to_string(Vs)},
+                            {"alpha", "1.3"},
+                            {"Fv", std::to_string(Fv)},
+                            {"beta", "0.6"},
+                            {"torque_max_nm", "130"},
+                            {"gear_ratio", "100"}});
+}
+
+/// What make_drive says to this configuration with another value of the key, nullptr: without it.
+std::string error_with(Configuration c, const char* key, const char* value) {
+  std::erase_if(c, [&](const auto& entry) { return entry.first == key; });
+  if (value) c.emplace_back(key, value);
+  const auto drive = make_drive("j2", c);
+  return drive ? "accepted" : drive.error().message;
+}
+
 TEST(Configuration, SurvivesTheRoundTrip) {
   const auto drive = make_drive("j2", extended());
   ASSERT_TRUE(drive) << drive.error().message;
@@ -30,13 +51,7 @@ TEST(Configuration, SurvivesTheRoundTrip) {
 }
 
 TEST(Configuration, MistakesAreNamedWithTheRemedy) {
-  const auto error = [](const char* key, const char* value) {
-    Configuration c = extended();
-    std::erase_if(c, [&](const auto& entry) { return entry.first == key; });
-    if (value) c.emplace_back(key, value);
-    const auto drive = make_drive("j2", c);
-    return drive ? std::string("accepted") : drive.error().message;
-  };
+  const auto error = [](const char* key, const char* value) { return error_with(extended(), key, value); };
   EXPECT_THAT(error("Fc00", "1"), HasSubstr("did you mean 'Fc0'"));
   EXPECT_THAT(error("torque_max_nm", nullptr), HasSubstr("'torque_max_nm' is missing"));
   EXPECT_THAT(error("torque_max_nm", "-1"), HasSubstr("must be within"));
@@ -87,15 +102,7 @@ TEST(Drive, WearScalesTheChosenParameterOnly) {
 }
 
 TEST(Drive, WearReachesEveryParameterOfTheLaw) {
-  const Drive drive = *make_drive("j3", {{"law", "steady_state"},
-                                         {"Fc", "5"},
-                                         {"Fs", "8"},
-                                         {"Vs", "3"},
-                                         {"alpha", "1.3"},
-                                         {"Fv", "1"},
-                                         {"beta", "0.6"},
-                                         {"torque_max_nm", "130"},
-                                         {"gear_ratio", "100"}});
+  const Drive drive = steady_state_drive();
   for (std::size_t i = 0; i < drive.law.values().size(); ++i) {
     Workspace workspace{};
     set_wear(workspace, i, 1.2);
@@ -108,25 +115,14 @@ TEST(Drive, WearReachesEveryParameterOfTheLaw) {
 
 /// Friction with a fault against that of the law with the parameters that the footprint says.
 TEST(Fault, LeavesItsFootprintOnTheLaw) {
-  const auto drive_with = [](double Fc, double Fs, double Vs, double Fv) {
-    return *make_drive("j3", {{"law", "steady_state"},
-                              {"Fc", std::to_string(Fc)},
-                              {"Fs", std::to_string(Fs)},
-                              {"Vs", std::to_string(Vs)},
-                              {"alpha", "1.3"},
-                              {"Fv", std::to_string(Fv)},
-                              {"beta", "0.6"},
-                              {"torque_max_nm", "130"},
-                              {"gear_ratio", "100"}});
-  };
-  const Drive healthy = drive_with(5, 8, 3, 1);
+  const Drive healthy = steady_state_drive();
   const struct {
     const char* name;
     Drive drive;
-  } expected[] = {{"wear", drive_with(6, 9.6, 3.6, 1)},
-                  {"thickening", drive_with(5, 8, 3.2, 1.2)},
-                  {"lubricant_loss", drive_with(5, 8, 3.6, 0.8)},
-                  {"preload_loss", drive_with(4, 6.4, 3, 1)}};
+  } expected[] = {{"wear", steady_state_drive(6, 9.6, 3.6, 1)},
+                  {"thickening", steady_state_drive(5, 8, 3.2, 1.2)},
+                  {"lubricant_loss", steady_state_drive(5, 8, 3.6, 0.8)},
+                  {"preload_loss", steady_state_drive(4, 6.4, 3, 1)}};
   for (const auto& [name, drive] : expected) {
     Faults faults{};
     find_fault(name)->add(faults, 0.2);
@@ -140,15 +136,7 @@ TEST(Fault, LeavesItsFootprintOnTheLaw) {
 }
 
 TEST(Fault, RippleFollowsTheMotorsAngleAndNeverPushes) {
-  const Drive drive = *make_drive("j3", {{"law", "steady_state"},
-                                         {"Fc", "5"},
-                                         {"Fs", "8"},
-                                         {"Vs", "3"},
-                                         {"alpha", "1.3"},
-                                         {"Fv", "1"},
-                                         {"beta", "0.6"},
-                                         {"torque_max_nm", "130"},
-                                         {"gear_ratio", "100"}});
+  const Drive drive = steady_state_drive();
   Faults faults{};
   find_fault("pitted_bearing")->add(faults, 1);
   double mean = 0, least = 1e9, most = 0;
@@ -167,15 +155,7 @@ TEST(Fault, RippleFollowsTheMotorsAngleAndNeverPushes) {
 }
 
 TEST(Fault, TeethTransmitNothingWhileTheyCrossTheGap) {
-  const Drive drive = *make_drive("j3", {{"law", "steady_state"},
-                                         {"Fc", "5"},
-                                         {"Fs", "8"},
-                                         {"Vs", "3"},
-                                         {"alpha", "1.3"},
-                                         {"Fv", "1"},
-                                         {"beta", "0.6"},
-                                         {"torque_max_nm", "130"},
-                                         {"gear_ratio", "100"}});
+  const Drive drive = steady_state_drive();
   Workspace workspace{};
   set_faults(workspace, {.play_rad = 0.01});
   State state;
@@ -263,13 +243,7 @@ TEST(LoadTable, IsBilinearHeldAtItsEdgesAndKnowsDriverFromDriven) {
 }
 
 TEST(LoadTable, MistakesAreNamed) {
-  const auto error = [](const char* key, const char* value) {
-    Configuration c = with_table();
-    std::erase_if(c, [&](const auto& entry) { return entry.first == key; });
-    if (value) c.emplace_back(key, value);
-    const auto drive = make_drive("j2", c);
-    return drive ? std::string("accepted") : drive.error().message;
-  };
+  const auto error = [](const char* key, const char* value) { return error_with(with_table(), key, value); };
   EXPECT_THAT(error("load_table_loads", nullptr), HasSubstr("a load table needs"));
   EXPECT_THAT(error("load_table_loads", "0 0 1 2"), HasSubstr("ascending"));
   EXPECT_THAT(error("load_table_loads", "-1 0 1"), HasSubstr("has 12 numbers but must have 9"));

@@ -8,9 +8,9 @@ import numpy as np
 from browser import Browser
 import harness
 from harness import check, check_refused, content, finish, path, work
+from reference_law import M_STAR, law
 
 twin, report, source = sys.argv[1:4]
-P = np.array([3.11e-2, 2.34e-2, -2.5e-2, 1.6e-3, 0.126, -24.81, 0.98, 9.22, 1.36, 1.3e-4, 1.32e-3, 20.71])
 HEADER = "speed_rad_s,load_norm,temperature_degC,friction_norm"
 random = np.random.default_rng(11)
 
@@ -32,23 +32,12 @@ def put(name, text):
         f.write(text)
 
 
-def law(v, l, T):
-    p = P
-    return (
-        p[0]
-        + p[1] * l
-        + p[4] * l * np.exp(-np.abs(v / p[7]) ** p[8])
-        + (p[2] + p[3] * T) * np.exp(-np.abs(v / (p[5] + p[6] * T)) ** p[8])
-        + (p[9] + p[10] * np.exp(-T / p[11])) * v
-    )
-
-
 def curves(name, count, loads=None, noise=4.23e-3):
     v, T = np.tile(1.5 * (280 / 1.5) ** (np.arange(12) / 11), count), random.uniform(38, 81.2, count).repeat(12)
     l = (random.uniform(0, 0.73, count) if loads is None else random.choice(loads, count)).repeat(12)
     np.savetxt(
         path(name),
-        np.column_stack([v, l, T, law(v, l, T) + random.normal(0, noise, v.size)]),
+        np.column_stack([v, l, T, law(M_STAR, v, l, T) + random.normal(0, noise, v.size)]),
         delimiter=",",
         header=HEADER,
         comments="",

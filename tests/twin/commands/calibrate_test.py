@@ -6,6 +6,7 @@ import numpy as np
 
 import harness
 from harness import check, content, finish, path, work
+from pendulum import PENDULUM
 
 program, source = sys.argv[1], sys.argv[2]
 
@@ -29,28 +30,7 @@ truth = {"drive.Fc0": 0.03, "drive.Fcl": 0.3, "joint.armature": 0.0014, "control
 known = "control: {error_gain: 0.0028774, supply_V: 7.4, resistance_ohm: 3.4"
 with open(os.path.join(source, "mjcf", "scene.xml")) as f:
     write("scene.xml", f.read())
-write(
-    "pendulum.xml",
-    """<mujoco model="pendulum">
-  <include file="scene.xml"/>
-  <extension><plugin plugin="tribotwin.drive"><instance name="servo">
-    <config key="law" value="load"/> <config key="Fc0" value="0.03"/> <config key="Fcl" value="0.3"/>
-    <config key="Fs0" value="0"/>
-    <config key="Fsl" value="0.1"/> <config key="vs" value="100"/> <config key="alpha" value="1.4"/>
-    <config key="Fv" value="3e-5"/>
-    <config key="torque_max_nm" value="0.52"/> <config key="gear_ratio" value="288.35"/>
-    <config key="load_max" value="1.2"/>
-    <config key="speed_max_rad_s" value="6000"/>
-  </instance></plugin></extension>
-  <worldbody><body name="pendulum" pos="0 0 0.2">
-    <inertial pos="0 0 -0.1" mass="0.49" diaginertia="1e-6 1e-6 1e-6"/>
-    <joint name="hinge" class="drive" limited="false" axis="0 1 0" armature="0.0014"/>
-    <geom class="part" type="sphere" size=".02" pos="0 0 -.1" mass="0"/>
-  </body></worldbody>
-  <actuator><plugin name="servo" joint="hinge" plugin="tribotwin.drive" instance="servo" actdim="3"/></actuator>
-</mujoco>
-""",
-)
+write("pendulum.xml", PENDULUM.replace(">\n", '>\n  <include file="scene.xml"/>\n', 1))
 t = np.arange(0, 3, 0.004)
 motions = {
     "sine": 0.9 * np.sin(2 * t),

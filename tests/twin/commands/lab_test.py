@@ -5,6 +5,7 @@ import numpy as np
 
 import harness
 from harness import check, check_refused, finish, work
+from reference_law import M_STAR, law
 
 program, source = sys.argv[1], sys.argv[2]
 
@@ -62,14 +63,7 @@ check(
     and d["series"][24] == "drawn",
 )
 v, l, T = d["speed_rad_s"], np.abs(d["load_norm"]), d["temperature_degC"]
-law = (
-    0.0311
-    + 0.0234 * l
-    + 0.126 * l * np.exp(-((v / 9.22) ** 1.36))
-    + (-0.025 + 0.0016 * T) * np.exp(-((v / (-24.81 + 0.98 * T)) ** 1.36))
-    + (1.3e-4 + 1.32e-3 * np.exp(-T / 20.71)) * v
-)
-z = (d["friction_norm"] - law) / d["stderr_norm"]
+z = (d["friction_norm"] - law(M_STAR, v, l, T)) / d["stderr_norm"]
 check(
     "Bittencourt 2012's law within the standard errors",
     np.max(np.abs(z)) < 4 and 0.7 < np.std(z) < 1.3,

@@ -6,6 +6,7 @@ import numpy as np
 
 import harness
 from harness import check, finish, work
+from reference_law import M_STAR, law
 
 program, source = sys.argv[1], sys.argv[2]
 
@@ -162,15 +163,8 @@ check(
     r.stdout.splitlines()[0] == "speed_rad_s,load_norm,temperature_degC,friction_norm,friction_nm,stderr_nm"
     and len(r.stdout.splitlines()) == 6,
 )
-v, l, T = 280, 0.3, 50
-law = (
-    0.0311
-    + 0.0234 * l
-    + 0.126 * l * np.exp(-((v / 9.22) ** 1.36))
-    + (-0.025 + 0.0016 * T) * np.exp(-((v / (-24.81 + 0.98 * T)) ** 1.36))
-    + (1.3e-4 + 1.32e-3 * np.exp(-T / 20.71)) * v
-)
-check("curve equals Bittencourt 2012", abs(float(r.stdout.splitlines()[-1].split(",")[3]) / law - 1) < 1e-12)
+expected = law(M_STAR, 280, 0.3, 50)
+check("curve equals Bittencourt 2012", abs(float(r.stdout.splitlines()[-1].split(",")[3]) / expected - 1) < 1e-12)
 
 # A model named without a folder.
 r = subprocess.run(

@@ -1,0 +1,21 @@
+"""The smallest model with a drive, in numbers near mjcf/xl330_pendulum.xml: its friction depends on load. Found as
+harness.py is."""
+PENDULUM = """<mujoco model="pendulum">
+  <extension><plugin plugin="tribotwin.drive"><instance name="servo">
+    <config key="law" value="load"/> <config key="Fc0" value="0.03"/> <config key="Fcl" value="0.3"/>
+    <config key="Fs0" value="0"/>
+    <config key="Fsl" value="0.1"/> <config key="vs" value="100"/> <config key="alpha" value="1.4"/>
+    <config key="Fv" value="3e-5"/>
+    <config key="torque_max_nm" value="0.52"/> <config key="gear_ratio" value="288.35"/>
+    <config key="load_max" value="1.2"/>
+    <config key="speed_max_rad_s" value="6000"/>
+  </instance></plugin></extension>
+  <worldbody><body name="pendulum" pos="0 0 0.2">
+    <inertial pos="0 0 -0.1" mass="0.49" diaginertia="1e-6 1e-6 1e-6"/>
+    <joint name="hinge" axis="0 1 0" armature="0.0014" frictionloss="0.01" solreffriction=".001 1"
+      solimpfriction=".9999 .9999 .001 .5 2"/>
+    <geom type="sphere" size=".02" pos="0 0 -.1" mass="0" contype="0" conaffinity="0"/>
+  </body></worldbody>
+  <actuator><plugin name="servo" joint="hinge" plugin="tribotwin.drive" instance="servo" actdim="3"/></actuator>
+</mujoco>
+"""
