@@ -38,13 +38,13 @@ std::optional<std::string> bristles_that_push(const Drive& drive) {
       g = std::min(g, level.weakening + std::min(level.strengthening, 0.0));
     }
   }
-  const double most = 4 * g / (largest * drive.bristles.vd);
-  if (drive.bristles.sigma1 <= most) return std::nullopt;
+  const double max_sigma1 = 4 * g / (largest * drive.bristles.vd);
+  if (drive.bristles.sigma1 <= max_sigma1) return std::nullopt;
   return fmt::format(
       "friction 'lugre': sigma1 {} with vd {} would let the bristles drive the joint; at this vd sigma1 must not be "
       "above {:.3g}, "
       "or shorten vd",
-      drive.bristles.sigma1, drive.bristles.vd, most);
+      drive.bristles.sigma1, drive.bristles.vd, max_sigma1);
 }
 
 /// Friction follows the load of the step before; the loop friction -> load -> friction must contract. What is wrong, or

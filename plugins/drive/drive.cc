@@ -141,8 +141,8 @@ double begin_step(const Drive& drive, const State& state, Workspace& s, double t
   if (drive.dynamics == Dynamics::lugre) {
     const Bristles& b = drive.bristles;
     const auto [g, h] = parts(at);
-    const double w = qd_rad_s * drive.speed_scale(), most = breakaway(drive, s, g) / b.sigma0;
-    const double z = std::clamp(static_cast<const BristleState&>(state).z, -most, most);
+    const double w = qd_rad_s * drive.speed_scale(), max_z = breakaway(drive, s, g) / b.sigma0;
+    const double z = std::clamp(static_cast<const BristleState&>(state).z, -max_z, max_z);
     const double rate = g > 0 ? w - std::abs(w) * z * b.sigma0 / g : 0;
     s.applied_nm = (b.sigma0 * z + b.sigma1 * std::exp(-(w / b.vd) * (w / b.vd)) * rate) * drive.torque_scale_nm();
     limit = h;
@@ -191,8 +191,8 @@ void end_step(const Drive& drive, const thermal::Decay& decay, const Transmitted
     // g as it was between the ends of the step; load and temperature are those of its begin.
     const double g =
         parts(level(drive, {s.cache, false}, w, s.load_used_nm / drive.torque_max_nm)).g * ripple(drive, s);
-    const double most = breakaway(drive, s, g) / drive.bristles.sigma0;
-    z = std::clamp(advance(drive.bristles, std::clamp(z, -most, most), w, g, dt_s), -most, most);
+    const double max_z = breakaway(drive, s, g) / drive.bristles.sigma0;
+    z = std::clamp(advance(drive.bristles, std::clamp(z, -max_z, max_z), w, g, dt_s), -max_z, max_z);
     if (drive.bristles.sigma0 * std::abs(z) < slipping * g) s.stuck_s += dt_s;
     return;
   }

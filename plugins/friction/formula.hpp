@@ -145,8 +145,8 @@ template <int count, int from = 0, class F>
 
 template <class Math>
 struct Basics {
-  static constexpr double least(double a, double b) { return a < b ? a : b; }
-  static constexpr double most(double a, double b) { return a > b ? a : b; }
+  static constexpr double minimum(double a, double b) { return a < b ? a : b; }
+  static constexpr double maximum(double a, double b) { return a > b ? a : b; }
 
   /// e^-x for x >= 0. A Stribeck velocity of 0 leaves nothing of its term above standstill: x is infinite then, or NaN
   /// where v^alpha underflows.
@@ -154,7 +154,7 @@ struct Basics {
     if constexpr (Math::branches)
       return x < 750 ? Math::exp(-x) : 0.0;
     else
-      return x < 750 ? Math::exp(-least(x, 750)) : 0.0;
+      return x < 750 ? Math::exp(-minimum(x, 750)) : 0.0;
   }
 
   [[gnu::always_inline]] static double times_power(double x, double T, int degree) {
@@ -180,7 +180,7 @@ struct Basics {
 
   /// The factor of all terms. Past its zero it would turn friction into a motor; it stays at the zero.
   [[gnu::always_inline]] static double scale(const GeneralLaw& f, double T) {
-    return most(1 + f.s_T * (T - f.s_T0), 0);
+    return maximum(1 + f.s_T * (T - f.s_T0), 0);
   }
 };
 
@@ -207,7 +207,7 @@ template <class Math, int step>
   if constexpr (step == 0) {
     by_alpha = log_v - Math::log(Math::magnitude(u));
   } else if constexpr (step == 1) {
-    by_u = Math::exp(Basics<Math>::least(alpha * by_alpha, 6));
+    by_u = Math::exp(Basics<Math>::minimum(alpha * by_alpha, 6));
   } else {
     const double x = by_u, log_ratio = by_alpha;
     value = Math::exp(-x);
@@ -252,7 +252,7 @@ struct Form<power, Math> {
                                             double& by_beta, double&) {
     using B = Basics<Math>;
     const double beta = warm ? B::template at<power_exponent>(f, T) : f.beta;
-    value = Math::exp(B::least(B::most(beta * log_v, -700), 150));
+    value = Math::exp(B::minimum(B::maximum(beta * log_v, -700), 150));
     by_beta = value * log_v;
   }
 };
@@ -261,7 +261,7 @@ struct Form<power, Math> {
 template <class Math>
 [[gnu::always_inline]] inline void vogel_sample(double T_V, double T, double& value, double& slope) {
   const double per_K = 1 / T_V;
-  value = Math::exp(Basics<Math>::least(Basics<Math>::most(-T * per_K, -700), 150));
+  value = Math::exp(Basics<Math>::minimum(Basics<Math>::maximum(-T * per_K, -700), 150));
   slope = value * T * (per_K * per_K);
 }
 
@@ -307,7 +307,8 @@ struct Evaluator {
         c.amplitude[shape][load] = Math::branches ? s * sum : sum;
       }
     });
-    if constexpr (all) c.beta = B::least(B::most(B::template at<power_exponent>(f, T), exponent_min), exponent_max);
+    if constexpr (all)
+      c.beta = B::minimum(B::maximum(B::template at<power_exponent>(f, T), exponent_min), exponent_max);
     return Math::branches ? 1 : s;
   }
 

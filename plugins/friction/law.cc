@@ -192,21 +192,21 @@ GeneralLaw stribeck_T_family(std::span<const double> p) {
 }
 constexpr Range stribeck_T_range = {.speed_max_rad_s = 150, .temperature_min_degC = 20, .temperature_max_degC = 50};
 const char* stribeck_T_conflict(std::span<const double> p) {
-  // The least of c0 + c1 T + c2 T^2 in the range: at its ends or at its vertex.
-  const auto least = [](double c0, double c1, double c2) {
+  // The minimum of c0 + c1 T + c2 T^2 in the range: at its ends or at its vertex.
+  const auto minimum = [](double c0, double c1, double c2) {
     const double low = stribeck_T_range.temperature_min_degC, high = stribeck_T_range.temperature_max_degC;
     const double vertex = c2 == 0 ? low : std::clamp(-c1 / (2 * c2), low, high);
     const auto at = [&](double T) { return c0 + (c1 + c2 * T) * T; };
     return std::min({at(low), at(high), at(vertex)});
   };
-  if (!(least(p[0], p[1], p[2]) >= 0))
+  if (!(minimum(p[0], p[1], p[2]) >= 0))
     return "Fc0 + FcT T + FcTT T^2 is Coulomb friction and must not be below 0 at 20 .. 50 degC";
-  if (!(least(p[3] - p[0], p[4] - p[1], p[5] - p[2]) >= 0))
+  if (!(minimum(p[3] - p[0], p[4] - p[1], p[5] - p[2]) >= 0))
     return "Fs0 + FsT T + FsTT T^2 is the standstill level and must not be below Fc0 + FcT T + FcTT T^2 at 20 .. 50 "
            "degC";
-  if (!(least(p[6], p[7], p[8]) > 0))
+  if (!(minimum(p[6], p[7], p[8]) > 0))
     return "vs0 + vsT T + vsTT T^2 is the Stribeck velocity and must be above 0 at 20 .. 50 degC";
-  if (!(least(p[10], p[11], p[12]) >= 0))
+  if (!(minimum(p[10], p[11], p[12]) >= 0))
     return "Fv0 + FvT T + FvTT T^2 is the viscous slope and must not be below 0 at 20 .. 50 degC";
   return nullptr;
 }

@@ -87,10 +87,10 @@ std::string bristle_fault(const mjModel* m, const drive::Drive& drive, int dof) 
   if (!lugre) {
     const double load = std::isfinite(drive.law.range.load_max) ? drive.law.range.load_max : 1;
     double held_nm = (drive.gear_loss.mu_avg + std::abs(drive.gear_loss.mu_dif)) * load * drive.torque_max_nm,
-           most_nm = 0;
+           max_nm = 0;
     for (const double T : extreme_temperatures(drive))
-      for (const double l : {load, -load}) most_nm = std::max(most_nm, friction_nm(drive, 0, l, T));
-    held_nm += most_nm;
+      for (const double l : {load, -load}) max_nm = std::max(max_nm, friction_nm(drive, 0, l, T));
+    held_nm += max_nm;
     stiffness = held_nm / drive.torque_scale_nm() / drive.gear_loss.length_rad;
   }
   const double omega = std::sqrt(stiffness * drive.speed_scale() * to_joint),

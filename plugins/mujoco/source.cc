@@ -21,7 +21,7 @@ using Problem = std::optional<std::string>;
 
 /// The engine reads elements recursively, and gives up at this depth, too.
 constexpr int deepest = 500;
-constexpr double most_user_data = 1e6;
+constexpr double max_user_data = 1e6;
 
 /// The element after `node` in the order of the text, or none; `depth` follows.
 pugi::xml_node next_element(pugi::xml_node node, int& depth) {
@@ -58,7 +58,7 @@ Problem out_of_range(const Source& source) {
     const char *element, *attribute, *unit;
     double minimum, maximum;
   } numbers[] = {{"option", "timestep", " s", shortest_timestep_s, longest_timestep_s},
-                 {"size", "nuserdata", "", 0, most_user_data}};
+                 {"size", "nuserdata", "", 0, max_user_data}};
   for (const auto& n : numbers)
     for (const auto& match : source.document->select_nodes(fmt::format("//{}[@{}]", n.element, n.attribute).c_str())) {
       const std::string text = match.node().attribute(n.attribute).value();

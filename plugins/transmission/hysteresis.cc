@@ -66,7 +66,7 @@ double Hysteresis::stiffness(double torsion, double T) const {
 double Hysteresis::limit_rad() const { return std::pow(beta + gamma, -1 / n); }
 
 double Hysteresis::stiffest() const {
-  double most = 0;
+  double maximum = 0;
   for (int i = 0; i <= grid; ++i) {
     const double T = temperature_min_degC + (temperature_max_degC - temperature_min_degC) * i / grid;
     const auto at = [&](int c) { return k[c][0] + (k[c][1] + k[c][2] * T) * T; };
@@ -74,11 +74,11 @@ double Hysteresis::stiffest() const {
       // x grows fastest against phi just after a reversal.
       const double p = torsion_max_rad * j / grid, growth = std::abs(at(1) + 3 * at(2) * p * p);
       const double fastest = 1 + std::max(0.0, (beta - gamma) / (beta + gamma));
-      most = std::max(
-          most, stiffness(p, T) * (w + (1 - w) * fastest) + growth * (w * p + (1 - w) * std::min(p, limit_rad())));
+      maximum = std::max(
+          maximum, stiffness(p, T) * (w + (1 - w) * fastest) + growth * (w * p + (1 - w) * std::min(p, limit_rad())));
     }
   }
-  return most;
+  return maximum;
 }
 
 double advance(const Hysteresis& h, double x0, double increment) {

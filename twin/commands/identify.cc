@@ -271,7 +271,7 @@ Result<Exit> evaluate(const Arguments& a) {
                                      .joint = a.joint});
   if (!samples) throw InputError(samples.error().message);
   print_notes(a, samples->notes);
-  double mean = 0, squares = 0, most = 0;
+  double mean = 0, squares = 0, max_error = 0;
   std::size_t outside = 0;
   const auto n = static_cast<double>(samples->size());
   std::vector<double> errors;
@@ -281,12 +281,12 @@ Result<Exit> evaluate(const Arguments& a) {
     outside += level.outside;
     errors.push_back(samples->friction[i] - level.total());
     mean += errors.back() / n;
-    most = std::max(most, std::abs(errors.back()));
+    max_error = std::max(max_error, std::abs(errors.back()));
   }
   for (const double e : errors) squares += (e - mean) * (e - mean) / n;
   if (a.json)
     return deliver(Json{{"law", law.name},
-                        {"residual", {{"mean", mean}, {"std", std::sqrt(squares)}, {"max_abs", most}}},
+                        {"residual", {{"mean", mean}, {"std", std::sqrt(squares)}, {"max_abs", max_error}}},
                         {"samples", samples->size()},
                         {"outside_range", outside}}
                        .dump(2) +
@@ -294,7 +294,7 @@ Result<Exit> evaluate(const Arguments& a) {
   return deliver(
       fmt::format("law {} of {}: measured - predicted: mean {:.4g}, std {:.4g}, largest {:.4g} {}; {} samples, {} of "
                   "them outside the range it was identified in\n",
-                  law.name, a.evaluate, mean, std::sqrt(squares), most, law.normalised ? "of torque_max" : "Nm",
+                  law.name, a.evaluate, mean, std::sqrt(squares), max_error, law.normalised ? "of torque_max" : "Nm",
                   samples->size(), outside));
 }
 

@@ -55,15 +55,15 @@ TEST(MomentumObserver, SeesAnUnknownTorqueThroughItsLag) {
 TEST(Encoder, TracksSpeedOfWholeCounts) {
   const double resolution = 2 * std::numbers::pi / 8192, dt = 5e-4;
   Encoder moving(8192, 1, 220), resting(8192, 1, 220);
-  double most = 0;
+  double max_rad_s = 0;
   for (int i = 0; i < 4000; ++i) {
     moving.read(5.0 * i * dt, 5.0, dt);
     resting.read(i < 100 ? 0 : resolution, 0, dt);
     ASSERT_LT(std::abs(std::remainder(moving.angle_rad(), resolution)), 1e-12);
-    most = std::max(most, resting.speed_rad_s());
+    max_rad_s = std::max(max_rad_s, resting.speed_rad_s());
   }
   EXPECT_NEAR(moving.speed_rad_s(), 5.0, 0.05);
-  EXPECT_LE(most, 0.74 * 220 * resolution);
+  EXPECT_LE(max_rad_s, 0.74 * 220 * resolution);
   EXPECT_NEAR(resting.speed_rad_s(), 0, 1e-9);
 }
 

@@ -112,8 +112,9 @@ MatrixXd pseudo_inverse(const MatrixXd& matrix, double tolerance) {
       factor.info() == Eigen::Success && factor.matrixLLT().diagonal().minCoeff() > 1e-4)
     return scale.asDiagonal() * factor.solve(MatrixXd(scale.asDiagonal()));
   const Eigen::SelfAdjointEigenSolver<MatrixXd> eigen(scaled);
-  const double least = tolerance * eigen.eigenvalues().cwiseAbs().maxCoeff();
-  const VectorXd inverse = eigen.eigenvalues().unaryExpr([least](double e) { return e > least ? 1 / e : 0; });
+  const double min_eigenvalue = tolerance * eigen.eigenvalues().cwiseAbs().maxCoeff();
+  const VectorXd inverse =
+      eigen.eigenvalues().unaryExpr([min_eigenvalue](double e) { return e > min_eigenvalue ? 1 / e : 0; });
   return scale.asDiagonal() * eigen.eigenvectors() * inverse.asDiagonal() * eigen.eigenvectors().transpose() *
          scale.asDiagonal();
 }

@@ -110,7 +110,7 @@ class Segmentation {
   void keep(std::size_t begin, std::size_t end) {
     for (int round = 0; round < 3; ++round) {
       const std::size_t n = end - begin, block = std::max<std::size_t>(3, n / 40), quarter = n / 4;
-      if (n < 2 * least_samples) break;
+      if (n < 2 * min_samples) break;
       const std::size_t first = begin + quarter, last = end - quarter;
       const Line middle = line(r_, first, last);
       const auto off = [&](std::size_t i) {  // mean distance of a block from the line through the middle
@@ -130,7 +130,7 @@ class Segmentation {
       if (from == begin && to == end) break;
       begin = from, end = to;
     }
-    if (end - begin < least_samples) return;
+    if (end - begin < min_samples) return;
     const Line whole = line(r_, begin, end);
     const double speed = std::abs(whole.slope), duration = r_.time_s[end - 1] - r_.time_s[begin],
                  travel = speed * duration;

@@ -12,7 +12,7 @@
 namespace tribotwin::twin::curves {
 
 /// A pass or one direction of a level with fewer samples is none.
-inline constexpr std::size_t least_samples = 12;
+inline constexpr std::size_t min_samples = 12;
 
 /// A stretch of constant speed. q = at + speed (t - time of begin).
 struct Pass {

@@ -30,7 +30,7 @@ class Profile {
     double x, sign;  ///< sign of the speed
   };
   std::span<const Row> rows() const { return rows_; }
-  bool too_short() const { return forward_ < least_samples || rows_.size() - forward_ < least_samples; }
+  bool too_short() const { return forward_ < min_samples || rows_.size() - forward_ < min_samples; }
   double position(double x) const { return centre_ + half_ * x; }
   double scaled(double q) const { return (q - centre_) / half_; }
 
