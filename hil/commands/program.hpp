@@ -25,7 +25,7 @@ inline int report_error(twin::Exit code, const std::string& message) {
 
 /// Text to stderr during a session. It is lost when nobody reads it now: a bus does not wait for a terminal that is
 /// held.
-void tell(const std::string& text);
+void report_nonblocking(const std::string& text);
 
 /// Whether a signal has asked the command to end.
 bool stop();

@@ -102,19 +102,20 @@ int run(const Arguments& a) {
   if (!a.csv.empty()) twin::or_wrong_input(twin::check_output(a.csv, twin::Existing::replace));
   twin::catch_interrupts();
   Source source(a);
-  const auto result = twin::or_throw(hil::shadow(scenario, source.frames(a.duration),
-                                                 {.profile = a.bench_profile(),
-                                                  .first_node = a.first_node,
-                                                  .cycle_us = a.cycle_us(),
-                                                  .limit_nm = a.limit,
-                                                  .limit_time_s = a.limit_time,
-                                                  .limit_joints = a.joints,
-                                                  .duration_s = a.duration,
-                                                  .csv = a.csv,
-                                                  .existing = twin::replace_if(a.force),
-                                                  .stop = stop,
-                                                  .endless = source.bus && !a.duration,
-                                                  .note = [&](const std::string& what) { tell(what + "\n"); }}));
+  const auto result =
+      twin::or_throw(hil::shadow(scenario, source.frames(a.duration),
+                                 {.profile = a.bench_profile(),
+                                  .first_node = a.first_node,
+                                  .cycle_us = a.cycle_us(),
+                                  .limit_nm = a.limit,
+                                  .limit_time_s = a.limit_time,
+                                  .limit_joints = a.joints,
+                                  .duration_s = a.duration,
+                                  .csv = a.csv,
+                                  .existing = twin::replace_if(a.force),
+                                  .stop = stop,
+                                  .endless = source.bus && !a.duration,
+                                  .note = [&](const std::string& what) { report_nonblocking(what + "\n"); }}));
   twin::print_text(result.table());
   return judge(a, result);
 }

@@ -16,7 +16,7 @@ Expectation::Expectation(const twin::Scenario& scenario, double cycle_s)
   for (std::size_t i = 0; i < drives_.size(); ++i) {
     const auto& thermal = model_.drives()[i].drive.thermal;
     drives_[i].decay = thermal::decay(thermal, cycle_s);
-    drives_[i].rise = thermal::settled(thermal, scenario.temperature_degC[i] - thermal.T_amb_degC);
+    drives_[i].rise = thermal::steady_rise(thermal, scenario.temperature_degC[i] - thermal.T_amb_degC);
     drives_[i].ambient_offset_K = scenario.ambient_degC ? *scenario.ambient_degC - thermal.T_amb_degC : 0;
   }
 }

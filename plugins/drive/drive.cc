@@ -81,7 +81,7 @@ double temperature_degC(const Drive& drive, const State& state) {
 }
 
 void set_temperature(const Drive& drive, State& state, double temperature_degC) {
-  state.rise = thermal::settled(drive.thermal, temperature_degC - drive.thermal.T_amb_degC);
+  state.rise = thermal::steady_rise(drive.thermal, temperature_degC - drive.thermal.T_amb_degC);
 }
 
 void set_wear(Workspace& workspace, std::size_t index, double factor) {

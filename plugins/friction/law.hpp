@@ -72,9 +72,9 @@ struct LawInfo {
   bool temperature_dependent, load_dependent;
   Range identified;
   std::span<const Parameter> parameters;
-  /// The numbers of the general law. Every one is affine in the parameters, family(a) + family(b) - family(0) ==
-  /// family(a + b): identification takes its exact derivatives from that.
-  GeneralLaw (*family)(std::span<const double> parameters);
+  /// The numbers of the general law. Every one is affine in the parameters, general_law(a) + general_law(b) -
+  /// general_law(0) == general_law(a + b): identification takes its exact derivatives from that.
+  GeneralLaw (*general_law)(std::span<const double> parameters);
   /// Conditions between parameters (Fs >= Fc, ...); nullptr or an explanation.
   const char* (*conflict)(std::span<const double> parameters);
 };
@@ -89,7 +89,7 @@ struct Law {
   std::array<double, max_parameters> parameters{};
   Range range;
   Validity validity = Validity::clamp;
-  GeneralLaw family;  ///< follows from the parameters, `with_parameters` keeps it so; `scaled` departs from them
+  GeneralLaw general_law;  ///< follows from the parameters, `with_parameters` keeps it so; `scaled` departs from them
 
   std::span<const double> values() const& { return {parameters.data(), info->parameters.size()}; }
   void values() const&& = delete;  ///< of a law that is gone

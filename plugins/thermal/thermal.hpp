@@ -95,6 +95,6 @@ inline void step(const Model& model, const Decay& decay, double power_W, double 
 }
 
 /// Places a total rise [K] on the nodes as a long warm-up would have.
-Rise settled(const Model& model, double total_K);
+Rise steady_rise(const Model& model, double total_K);
 
 }  // namespace tribotwin::thermal

@@ -53,7 +53,7 @@ std::vector<JointHeat> read(const Arguments& a) {
 }
 
 template <class Fit>
-bool tells_times(const Fit& fit) {
+bool times_identifiable(const Fit& fit) {
   return std::ranges::none_of(fit.unidentifiable, [](const std::string& name) { return name.starts_with("t"); });
 }
 
@@ -64,7 +64,7 @@ template <class Fitted>
 auto of_order(int order, const Fitted& with) {
   if (order == 1) return with(thermal::Order::first);
   auto second = with(thermal::Order::second);
-  return order == 2 || tells_times(second) ? second : with(thermal::Order::first);
+  return order == 2 || times_identifiable(second) ? second : with(thermal::Order::first);
 }
 
 ThermalFit fitted(const Arguments& a, const std::string& joint, std::span<const HeatSession> sessions) {

@@ -7,7 +7,7 @@ namespace tribotwin::twin {
 
 TemperatureObserver::TemperatureObserver(drive::Drive drive, const TemperatureObserverOptions& options)
     : drive_(std::move(drive)), options_(options) {
-  const thermal::Rise start = thermal::settled(drive_.thermal, options.start_degC - drive_.thermal.T_amb_degC);
+  const thermal::Rise start = thermal::steady_rise(drive_.thermal, options.start_degC - drive_.thermal.T_amb_degC);
   state_ = {start.node_K[0], start.node_K[1], 1};
   // A wrong start is wrong in all nodes alike.
   const Eigen::Vector3d nodes(drive_.thermal.share(0), drive_.thermal.share(1), 0);

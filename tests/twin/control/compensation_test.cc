@@ -140,7 +140,7 @@ double error_after_one_time_constant(double start_error_K, double heat_factor, d
                                           .start_sigma_K = 15,
                                           .friction_sigma_nm = 0.02 * believed.torque_max_nm * 0.1,
                                           .correlation_s = 1});
-  thermal::Rise rise = thermal::settled(real, start - real.T_amb_degC);
+  thermal::Rise rise = thermal::steady_rise(real, start - real.T_amb_degC);
   const thermal::Decay decay = thermal::decay(real, dt);
   std::mt19937_64 random(7);
   std::normal_distribution<double> noise(0, 0.02 * believed.torque_max_nm * 0.1);

@@ -161,7 +161,7 @@ std::size_t Separable::parameter_of(double F::*field) const {
 
 Point Separable::at(const VectorXd& start, bool derivatives) const {
   Point point{.values = start,
-              .family = {},
+              .general_law = {},
               .moments = {},
               .linear = {},
               .at_bound = std::vector<bool>(free_.size(), false),
@@ -180,8 +180,8 @@ Point Separable::at(const VectorXd& start, bool derivatives) const {
   }
   const VectorXd nonlinear = place_.nonlinear_offset + place_.nonlinear * u,
                  known = place_.linear_offset + place_.linear * u;
-  point.family = place_.family(known, nonlinear);
-  point.moments = accumulate(*samples_, weights_, place_, point.family, threads_, derivatives);
+  point.general_law = place_.general_law(known, nonlinear);
+  point.moments = accumulate(*samples_, weights_, place_, point.general_law, threads_, derivatives);
   const Moments& basis = point.moments;
   const MatrixXd Q = place_.linear(Eigen::all, searched), N = product(Q, basis.FF, Q);
   const VectorXd b = Q.transpose() * (basis.Fy - basis.FF * known), low = low_(searched), high = high_(searched);
@@ -190,7 +190,7 @@ Point Separable::at(const VectorXd& start, bool derivatives) const {
   for (std::size_t i = 0; i < searched.size(); ++i)
     u(searched[i]) = eta(static_cast<Index>(i)), point.at_bound[searched[i]] = held[i];
   const VectorXd linear = known + Q * eta;
-  point.family = place_.family(linear, nonlinear);
+  point.general_law = place_.general_law(linear, nonlinear);
   point.cost = basis.cost(linear);
   point.linear = linear;
   return point;
@@ -198,7 +198,7 @@ Point Separable::at(const VectorXd& start, bool derivatives) const {
 
 Point Separable::again(const Point& point) const {
   Point now = point;
-  now.moments = accumulate(*samples_, weights_, place_, point.family, threads_);
+  now.moments = accumulate(*samples_, weights_, place_, point.general_law, threads_);
   now.cost = now.moments.cost(now.linear);
   return now;
 }

@@ -13,8 +13,8 @@ namespace tribotwin::twin::identification {
 /// A minimum, or a point on the way there.
 struct Point {
   Eigen::VectorXd values;  ///< all coordinates
-  friction::GeneralLaw family;
-  Moments moments;             ///< at the family's nonlinear numbers
+  friction::GeneralLaw general_law;
+  Moments moments;             ///< at the nonlinear numbers of `general_law`
   Eigen::VectorXd linear;      ///< its linear ones
   std::vector<bool> at_bound;  ///< coordinates that a bound holds
   double cost = 0;

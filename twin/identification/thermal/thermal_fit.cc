@@ -289,7 +289,7 @@ std::vector<std::string> unidentifiable(std::span<const Estimate> parameters, th
 }
 
 std::vector<double> predicted_temperature(const thermal::Model& model, const HeatSession& session) {
-  thermal::Rise rise = thermal::settled(model, session.temperature_degC.front() - model.T_amb_degC);
+  thermal::Rise rise = thermal::steady_rise(model, session.temperature_degC.front() - model.T_amb_degC);
   std::vector<double> temperature{session.temperature_degC.front()};
   for (std::size_t i = 1; i < session.time_s.size(); ++i) {
     thermal::step(model, thermal::decay(model, session.time_s[i] - session.time_s[i - 1]), session.power_w[i], 0, rise);

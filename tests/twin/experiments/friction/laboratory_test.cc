@@ -331,7 +331,7 @@ TEST(TestCycle, MeasuresTheLawInUnderThreeMinutes) {
   ASSERT_TRUE(bench) << bench.error().message;
   const drive::Drive& drive = arm->drives()[2].drive;
   Measurement me{.speeds_rad_s = test_cycle_speeds_rad_s(), .start_rad = std::vector<double>(6, 0.0)};
-  me.heat = {.rise = thermal::settled(drive.thermal, 20), .held = false};
+  me.heat = {.rise = thermal::steady_rise(drive.thermal, 20), .held = false};
   const Motion motion = test_cycle_of(**bench, 2, me.start_rad);
   EXPECT_LT(motion.duration_s(), 180);
   const auto recording = record(**bench, 2, motion, me);
@@ -393,7 +393,7 @@ TEST(Warmup, LongStepsAreEnoughWhereFrictionFallsWithTemperature) {
   const auto model = mujoco::load_file(source + "/mjcf/irb6620.xml").value();
   const drive::Drive& drive = model->drives()[1].drive;
   thermal::Rise rise, fine;
-  rise = fine = thermal::settled(drive.thermal, 15);
+  rise = fine = thermal::steady_rise(drive.thermal, 15);
   rise = after_steady_work(drive, rise, 0, 1.2, 0.3, 7200);
   for (int k = 0; k < 7200; ++k) fine = after_steady_work(drive, fine, 0, 1.2, 0.3, 1);
   EXPECT_NEAR(rise.total_K(), fine.total_K(), 1e-3);
