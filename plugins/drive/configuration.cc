@@ -47,8 +47,8 @@ std::optional<std::string> bristles_that_push(const Drive& drive) {
       drive.bristles.sigma1, drive.bristles.vd, max_sigma1);
 }
 
-/// Friction follows the load of the step before; the loop friction -> load -> friction must contract. What is wrong, or
-/// nothing.
+/// Why friction would lock the drive by itself, or nothing. Friction follows the load of the step before, so the loop
+/// friction -> load -> friction must contract.
 std::optional<std::string> self_locking(const Drive& drive) {
   const LoadTable& table = drive.load_table;
   double table_slope = 0;  // law per load
@@ -66,7 +66,7 @@ std::optional<std::string> self_locking(const Drive& drive) {
       drive.law.info->name, gain);
 }
 
-/// Reads one configuration; every stage takes its keys out of those that are left.
+/// Reads one configuration. Each stage removes the keys that it reads.
 class Reader {
  public:
   explicit Reader(std::string name) : drive_{.name = std::move(name)} {}
@@ -116,7 +116,7 @@ Result<std::optional<double>> Reader::take_number(const K& key, bool required) {
   return *value;
 }
 
-/// The words: which law, thermal model, dynamics and policy.
+/// Reads the keys whose values are words: law, thermal model, dynamics and validity policy.
 Result<void> Reader::choose_kinds() {
   const auto law_name = take("law");
   std::vector<std::string_view> law_names;

@@ -10,7 +10,7 @@ namespace {
 
 constexpr double none = std::numeric_limits<double>::quiet_NaN();
 
-// Beyond these no input is physical, whatever the policy; they keep every formula finite.
+// Physical bounds of the inputs under every policy. They keep every formula finite.
 constexpr Range physical = {
     .speed_max_rad_s = 1e6, .load_max = 1e3, .temperature_min_degC = -273.15, .temperature_max_degC = 1000};
 
@@ -64,7 +64,7 @@ constexpr Parameter extended_parameters[] = {
     {"vsl", "rad/s", 1e-9, 1e6, 9.22, 0.12, "Stribeck velocity of the load term"},
     {"alpha", "1", 0.01, 10, 1.36, 0.011, "exponent of both Stribeck terms"},
     {"Fv0", "s/rad", 0, 1, 1.30e-4, 0.056e-4, "viscous slope of hot lubricant"},
-    {"FvT", "s/rad", 0, 1, 1.32e-3, 0.076e-3, "viscous slope that heat removes"},
+    {"FvT", "s/rad", 0, 1, 1.32e-3, 0.076e-3, "viscous slope that decays with temperature"},
     {"TV0", "K", 1, 1000, 20.71, 0.91, "temperature scale of the viscosity"},
 };
 GeneralLaw extended_general_law(std::span<const double> p) {
@@ -128,7 +128,8 @@ GeneralLaw steady_state_extended_general_law(std::span<const double> p) {
 }
 constexpr Range steady_state_extended_range = {
     .speed_max_rad_s = 174.6, .load_max = 1, .temperature_min_degC = 20, .temperature_max_degC = 60};
-/// Zhou 2024 (12) and its like, affine in T and l: what holds at the corners of the range holds within.
+/// Zhou 2024 (12) and similar conditions. They are affine in T and l, so a condition that holds at the corners of the
+/// range holds within it.
 const char* steady_state_extended_conflict(std::span<const double> p) {
   const Range& r = steady_state_extended_range;
   for (const double T : {r.temperature_min_degC, r.temperature_max_degC}) {
@@ -318,7 +319,7 @@ std::size_t edit_distance(std::string_view a, std::string_view b) {
   return row.back();
 }
 
-/// The mathematics of one number at a time.
+/// Math of formula.hpp for one number at a time.
 struct Libm {
   static constexpr bool branches = true;
   static double exp(double x) { return std::exp(x); }

@@ -79,7 +79,7 @@ double rounded_down(double x) {
 /// What is wrong with the bristles on this joint at this time step, or nothing. They act as a torque held over the
 /// step: with omega the frequency of the joint on its bristles and zeta its damping ratio, that is faithful for omega
 /// dt up to 1/2 and 2 zeta omega dt up to 1. Runge-Kutta moves the joint by the mean of the speeds, not by the last
-/// one, so the spring gains (omega dt)^2 / 2 per step that zeta must take out.
+/// one, so the spring gains (omega dt)^2 / 2 per step, which zeta must dissipate.
 std::string bristle_fault(const mjModel* m, const drive::Drive& drive, int dof) {
   const bool lugre = drive.dynamics == drive::Dynamics::lugre;
   const double to_joint = drive.torque_scale_nm() * drive.speed_scale() * m->dof_invweight0[dof];
@@ -214,7 +214,7 @@ double commanded_force(const mjModel* m, const mjData* d, const Binding& b) {
     const mjtNum* range = m->actuator_ctrlrange + 2 * b.control;
     control = mju_clip(control, range[0], range[1]);
   }
-  return mju_isBad(control) ? 0 : control;  // the engine warns, and takes 0 itself
+  return mju_isBad(control) ? 0 : control;  // the engine warns and uses 0 itself
 }
 
 void limit_friction(const mjModel* m, mjData* d, const Binding& b, Stage stage, double& passive_nm) {

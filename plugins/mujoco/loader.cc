@@ -38,7 +38,7 @@ Result<std::vector<DriveElement>> read_drives(const std::vector<Source>& sources
   }
 
   std::vector<DriveElement> drives;
-  std::map<std::string, std::string> joints;  // joint -> where it got its drive
+  std::map<std::string, std::string> joints;  // joint -> place of its drive in the file
   for (const auto& [source, element] : actuators) {
     const std::string where = at(*source, element);
     const std::string instance = element.attribute("instance").value();
@@ -92,7 +92,7 @@ Result<std::vector<SpringElement>> read_springs(const std::vector<Source>& sourc
         return tl::unexpected(fmt::format("{}: needs name, tendon and instance", where));
       if (element.attribute("actdim").as_int(-1) != static_cast<int>(spring_memory_size))
         return tl::unexpected(
-            fmt::format("{}: needs actdim=\"{}\", the memory of the hysteresis", where, spring_memory_size));
+            fmt::format("{}: needs actdim=\"{}\", the state of the hysteresis", where, spring_memory_size));
       if (std::ranges::any_of(springs, [&](const SpringElement& s) { return s.hysteresis.name == instance; }))
         return tl::unexpected(fmt::format(
             "{}: instance '{}' serves another actuator already; each transmission needs its own", where, instance));
@@ -142,7 +142,7 @@ std::string saved(const pugi::xml_document& document, Origins& origins) {
 }
 
 #if !TRIBOTWIN_ENGINE_PLUGINS
-/// Merges includes and turns every drive into what 2.2.2 knows: a torque actuator and room in userdata.
+/// Merges includes and turns every drive into elements of 2.2.2: a torque actuator and room in userdata.
 std::string lower(const std::vector<Source>& sources, const std::filesystem::path& folder, int user_size,
                   Origins& origins) {
   merge_includes(sources, folder, &origins);
@@ -211,8 +211,8 @@ Result<ModelPtr> compile(const std::string& text, const std::string& file, const
   return model;
 }
 
-/// An error of the engine at the user's line. The engine says line 0 for what is included, and a line may hold several
-/// elements, so the line is asked for again where includes are merged and every element has its own. Changes `sources`.
+/// An error of the engine with the user's line. The engine says line 0 for included files, and a line may hold several
+/// elements. The model is therefore compiled again with includes merged and one element per line. Changes `sources`.
 std::string located(const std::string& error, const std::vector<Source>& sources, const std::string& name,
                     const std::filesystem::path& folder) {
   const Origins as_written(sources);
@@ -270,7 +270,7 @@ Result<void> apply(const Options& options, mjModel* m) {
   return {};
 }
 
-/// The engine lets NaN pass into a model; a simulation must not start from it.
+/// The engine accepts NaN in a model; a simulation must not start from it.
 Result<void> require_finite(const mjModel* m) {
   const auto check =
       [m](int type, int count, const char* what,

@@ -125,8 +125,9 @@ Result<Hysteresis> make_hysteresis(std::string name, const Configuration& config
   Hysteresis h{.name = std::move(name)};
   const auto drive = left.find("drive");
   if (drive == left.end())
-    return tl::unexpected(std::string(
-        "key 'drive' is missing: the instance of the tribotwin.drive that has the temperature and gets the heat"));
+    return tl::unexpected(
+        std::string("key 'drive' is missing: the instance of the tribotwin.drive that supplies the temperature and "
+                    "receives the heat"));
   h.drive = drive->second;
   left.erase(drive);
   const auto values = places(h);
@@ -184,7 +185,8 @@ std::string reference_markdown() {
       "phi is the "
       "length of the tendon.\n\n"
       "| key | unit | default | range | meaning |\n|---|---|---|---|---|\n"
-      "| `drive` | | required | | instance of the tribotwin.drive that has the temperature and gets the heat |\n";
+      "| `drive` | | required | | instance of the tribotwin.drive that supplies the temperature and receives the heat "
+      "|\n";
   for (const Key& key : keys)
     out += fmt::format("| `{}` | {} | {} | {:g} .. {:g} | {} |\n", key.name, key.unit,
                        key.fallback[0] ? key.fallback : "required", key.minimum, key.maximum, key.meaning);
