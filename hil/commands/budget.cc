@@ -28,7 +28,7 @@ int run(const Arguments& a) {
 
 void add_budget(CLI::App& app, int& code) {
   auto a = std::make_shared<Arguments>();
-  auto* command = app.add_subcommand("budget", "The load of the bus, before anything runs");
+  auto* command = app.add_subcommand("budget", "The bus load of a scenario, without running it");
   a->add_to(*command);
   command->callback([a, &code] { code = run(*a); });
 }

@@ -22,9 +22,10 @@ struct Arguments : RobotOptions {
     add_profile(command);
     command.add_option("--can", can, "Bus: vcan0, can0, socketcand://127.0.0.1:29536/NAME")->required();
     auto* clock = command.add_flag("--realtime", realtime, "The robot moves with the clock");
-    command.add_flag("--sync-lockstep", lockstep, "Every SYNC moves the robot on by one cycle (default)")
+    command.add_flag("--sync-lockstep", lockstep, "Every SYNC advances the robot by one cycle (default)")
         ->excludes(clock);
-    command.add_option("--duration", duration, "End after so much simulated time [s]")->check(CLI::PositiveNumber);
+    command.add_option("--duration", duration, "Simulated time after which the session ends [s]")
+        ->check(CLI::PositiveNumber);
     command.add_option("--record", record, "Everything on the bus as a candump log");
     command.add_option("--stats", stats, "Counters of the session as JSON");
     command.add_option("--faults", faults, "Injected faults: a YAML list (hil/README.md)");
@@ -86,7 +87,7 @@ int run(const Arguments& a) {
   if (!a.quiet)
     report_nonblocking(fmt::format(
         "{} drives, nodes {} to {}, on {}; {}\n", drives, a.first_node, a.first_node + drives - 1, bus->name(),
-        a.realtime ? "the robot moves with the clock" : "every SYNC moves the robot on by one cycle"));
+        a.realtime ? "the robot moves with the clock" : "every SYNC advances the robot by one cycle"));
   const auto ended = hil::drive(scenario, *bus,
                                 {.profile = a.bench_profile(),
                                  .first_node = a.first_node,
@@ -112,7 +113,7 @@ int run(const Arguments& a) {
 
 void add_drive(CLI::App& app, int& code) {
   auto a = std::make_shared<Arguments>();
-  auto* command = app.add_subcommand("drive", "Be the drives of a robot, one per joint");
+  auto* command = app.add_subcommand("drive", "Simulate the drives of a robot, one per joint");
   a->add_to(*command);
   command->callback([a, &code] { code = run(*a); });
 }

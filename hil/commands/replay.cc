@@ -71,7 +71,7 @@ int run(const Arguments& a) {
 void add_replay(CLI::App& app, int& code) {
   auto a = std::make_shared<Arguments>();
   auto* command =
-      app.add_subcommand("replay", "A recorded session through the same drives, compared with what they said then");
+      app.add_subcommand("replay", "Replay a recorded session through the same drives and compare their frames");
   a->add_to(*command);
   command->callback([a, &code] { code = run(*a); });
 }

@@ -28,13 +28,13 @@ struct Arguments : RobotOptions {
     auto* limited =
         command.add_option("--limit", limit, "Largest residual torque, arm side [Nm]; beyond it: exit code 3")
             ->check(CLI::PositiveNumber);
-    command.add_option("--limit-time", limit_time, "... for so long [s]")
+    command.add_option("--limit-time", limit_time, "Time for which the residual must exceed --limit [s]")
         ->check(CLI::NonNegativeNumber)
         ->capture_default_str();
     command.add_option("--joint", joints, "A joint that --limit holds for, by name; again for more (default: all)")
         ->allow_extra_args(false)
         ->needs(limited);
-    command.add_option("--duration", duration, "End after so much time on the bus [s]")->check(CLI::PositiveNumber);
+    command.add_option("--duration", duration, "Bus time after which the session ends [s]")->check(CLI::PositiveNumber);
     command.add_option("--csv", csv, "Measured, predicted, residual and temperature of every cycle");
     add_force(command, force);
     command.footer(
@@ -124,7 +124,7 @@ int run(const Arguments& a) {
 
 void add_shadow(CLI::App& app, int& code) {
   auto a = std::make_shared<Arguments>();
-  auto* command = app.add_subcommand("shadow", "Listen beside a robot: what torque and temperature it should have");
+  auto* command = app.add_subcommand("shadow", "Listen to a robot and predict its torque and temperature");
   a->add_to(*command);
   command->callback([a, &code] { code = run(*a); });
 }

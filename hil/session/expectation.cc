@@ -40,7 +40,7 @@ bool Expectation::add(std::span<const double> position_rad) {
   mj_comPos(m, d);
   mj_comVel(m, d);
   gear_nm_.resize(static_cast<std::size_t>(m->nv));
-  mj_rne(m, d, 1, gear_nm_.data());  // without the rotors: what the gears carry
+  mj_rne(m, d, 1, gear_nm_.data());  // without the rotors: the torques of the gears
   for (std::size_t i = 0; i < drives_.size(); ++i) expect(i);
   return true;
 }

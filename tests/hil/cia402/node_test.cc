@@ -52,7 +52,7 @@ class OneNode : public testing::Test {
       node.tick(now);
     }
   }
-  /// Simulated time, with a robot that does what it is told.
+  /// Simulated time, with a robot that follows its commands.
   void run(int steps) {
     for (int i = 0; i < steps; ++i) {
       const auto c = node.command(1e-3);
