@@ -141,7 +141,7 @@ SimulationFit fit_of(const Campaign& campaign, const JsonInput& in, SimulationFi
   return f;
 }
 
-/// The fits of calibration.json, where they stand.
+/// The list of fits in calibration.json.
 std::vector<SimulationFit> fits_of(const Campaign& campaign, const nlohmann::json& j) {
   std::vector<SimulationFit> fits;
   const auto take = [&](const JsonInput& in, std::size_t variant, std::size_t split, std::size_t fold) {

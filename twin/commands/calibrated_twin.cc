@@ -13,13 +13,13 @@ namespace fs = std::filesystem;
 using namespace identification;
 using Results = CalibrationResults;
 
-/// Index of the quantity of a law parameter; the number of quantities where the parameter is none.
+/// Index of the quantity of a law parameter; the number of quantities where no quantity belongs to it.
 std::ptrdiff_t quantity_of(const Variant& variant, std::string_view parameter) {
   return std::ranges::find(variant.quantities, fmt::format("drive.{}", parameter), &Quantity::path) -
          variant.quantities.begin();
 }
 
-/// The law's parameters with what the fit knows of them.
+/// The law's parameters with their status and sigma in the fit.
 void add_estimates(ParameterFile& file, const Variant& variant, const SimulationFit& f) {
   const auto& parameters = file.law.info->parameters;
   for (std::size_t i = 0; i < parameters.size(); ++i) {

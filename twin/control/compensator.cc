@@ -106,7 +106,7 @@ double Compensator::update(const Input& in, double time_s, double dt_s) {
   const double temperature =
       options_.compensation == Compensation::static_ ? options_.reference_temperature_degC : in.temperature_degC;
   const double torsion = inverse_.update(gear_torque_nm(), temperature);
-  // The dead zone: what is applied follows what is estimated at the distance of its noise.
+  // The dead zone: the applied torsion follows the estimated one at the distance of its noise.
   const double zone = options_.compensation == Compensation::proposed ? options_.dead_zone_rad : 0;
   return applied_rad_ = std::clamp(applied_rad_, torsion - zone, torsion + zone);
 }

@@ -12,8 +12,8 @@
 
 namespace tribotwin::twin {
 
-/// A value of a JSON file that knows where it stands: strict reading, as Mapping's of YAML. Everything throws
-/// InputError with "WHERE: KEY: what is wrong". The value must outlive it.
+/// A value of a JSON file with its place in the file: strict reading, as Mapping for YAML. Everything throws InputError
+/// with "WHERE: KEY: what is wrong". The value must outlive it.
 class JsonInput {
  public:
   /// `where` is the file, or empty where the caller adds it.

@@ -181,7 +181,7 @@ TEST(Fault, TeethTransmitNothingWhileTheyCrossTheGap) {
   State state;
   const auto decay = thermal::decay(drive.thermal, 1e-3);
   double q = 0;
-  const auto go = [&](double qd) {  // travel until the teeth touch
+  const auto go = [&](double qd) {  // travel until the flanks touch
     const double from = q;
     for (int i = 0; i < 100000; ++i) {
       const double limit = begin_step(drive, state, workspace, 0, qd, q);

@@ -54,7 +54,7 @@ struct Placement {
 };
 
 /// Products of all columns that the fit needs, weighted and summed over the samples, at one set of nonlinear numbers:
-/// with them cost, gradient and every derivative follow for whatever linear numbers.
+/// cost, gradient and every derivative at any linear numbers follow from them.
 struct Moments {
   Eigen::MatrixXd FF;  ///< basis^T basis, linear fields in use
   Eigen::VectorXd Fy;  ///< basis^T y

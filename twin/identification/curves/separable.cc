@@ -84,7 +84,7 @@ VectorXd bounded_solution(const MatrixXd& N, const VectorXd& b, const VectorXd& 
       held[stopped] = true;
       continue;
     }
-    // A bound that the cost would rather leave.
+    // Releases a bound from which the cost falls towards the inside.
     const VectorXd gradient = N * x - b;
     Index leave = -1;
     double gain = 1e-9;
@@ -107,7 +107,7 @@ MatrixXd pseudo_inverse(const MatrixXd& matrix, double tolerance) {
   const VectorXd scale =
       matrix.diagonal().cwiseMax(0).cwiseSqrt().unaryExpr([](double x) { return x > 1e-100 ? 1 / x : 0; });
   const MatrixXd scaled = scale.asDiagonal() * matrix * scale.asDiagonal();
-  // Far from singular there is no null space, and no need of the slower eigenvalues.
+  // A matrix far from singular has no null space, and the slower eigenvalues are not needed.
   if (const Eigen::LLT<MatrixXd> factor(scaled);
       factor.info() == Eigen::Success && factor.matrixLLT().diagonal().minCoeff() > 1e-4)
     return scale.asDiagonal() * factor.solve(MatrixXd(scale.asDiagonal()));
@@ -224,7 +224,7 @@ class ProjectedResidual final : public ceres::CostFunction {
   bool Evaluate(double const* const* parameters, double* residuals, double** jacobians) const override {
     const auto n = static_cast<Index>(searched_.size());
     const Eigen::Map<const VectorXd> x(parameters[0], n);
-    // Ceres asks for the cost of a step and, once it takes it, for the derivatives there: the same passes serve both.
+    // Ceres asks for the cost of a step and, once it takes it, for the derivatives there: the same passes give both.
     if (last_x_ != x) {
       VectorXd values = start_;
       for (Index i = 0; i < n; ++i) values(searched_[i]) = x(i);

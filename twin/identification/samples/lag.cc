@@ -133,7 +133,7 @@ std::vector<Sample> moving_samples(const FilteredMotion& m, double position_erro
     for (std::size_t i = margin + late; i + margin + late < q.size(); ++i)
       if (moves[i]) samples.push_back({.track = k, .at = i});
   }
-  // Hours add nothing to minutes: runs of 1000 samples out of a long recording.
+  // Minutes of data are enough: runs of 1000 samples out of a long recording.
   if (const std::size_t stride = 1 + samples.size() / max_samples; stride > 1) {
     std::size_t k = 0;
     std::erase_if(samples, [&](const Sample&) { return (k++ / 1000) % stride != 0; });

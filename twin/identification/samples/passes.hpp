@@ -11,7 +11,7 @@
 /// Private to levels.cc: the stretches of constant speed in a recording, and which two of them make a level.
 namespace tribotwin::twin::curves {
 
-/// A pass or one direction of a level with fewer samples is none.
+/// Minimum number of samples of a pass, and of one direction of a level.
 inline constexpr std::size_t min_samples = 12;
 
 /// A stretch of constant speed. q = at + speed (t - time of begin).

@@ -126,7 +126,7 @@ Problem append(Samples& s, const fs::path& file, const CurveColumns& c, const Un
   }
   if (standing)
     s.notes.push_back(
-        fmt::format("{}: {} rows at speed 0 are left out: friction at rest is whatever the load is, up to breakaway",
+        fmt::format("{}: {} rows at speed 0 are left out: friction at rest equals the load, up to breakaway",
                     file.string(), standing));
   if (against)
     s.notes.push_back(fmt::format("{}: friction drives the motion in {} rows; noise may do that, a wrong sign too",
@@ -172,7 +172,7 @@ const std::vector<std::string> series_columns{"time_s",    "position_rad",     "
 Problem append_levels(Samples& samples, const fs::path& file, const JointRecording& recording,
                       const friction::LawInfo& law, const ReadOptions& o) {
   if (!(o.gear_ratio > 0))
-    return fmt::format("{}: a recording has joint speeds, friction is a matter of the motor's: --gear-ratio is needed",
+    return fmt::format("{}: a recording has joint speeds, the law takes motor speeds: --gear-ratio is needed",
                        file.string());
   if (law.load_dependent && recording.load_nm.empty())
     samples.notes.push_back(

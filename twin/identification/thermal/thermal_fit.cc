@@ -231,12 +231,12 @@ Result<ThermalFit> fit_thermal(std::span<const HeatSession> sessions, const Ther
   VectorXd log_t = global_search(problem);
   if (log_t.size() == 0)
     return tl::unexpected(
-        Error("no thermal model has a finite error; is there a value in the data that no joint has?"));
+        Error("no thermal model has a finite error; check the data for values that no joint can have"));
   descend(problem, log_t);
   std::sort(log_t.data(), log_t.data() + nodes);
   const Projection at = problem.project(log_t);
   if (!std::isfinite(at.cost()))
-    return tl::unexpected(Error("the fit has no finite error; is there a value in the data that no joint has?"));
+    return tl::unexpected(Error("the fit has no finite error; check the data for values that no joint can have"));
 
   ThermalFit fit{
       .rms_K = std::sqrt(at.cost() / static_cast<double>(problem.samples())),

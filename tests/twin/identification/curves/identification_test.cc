@@ -244,7 +244,7 @@ TEST(Identification, ThreadsDoNotChangeABit) {
 }
 
 TEST(Identification, WeightsAreThoseOfTheStandardErrors) {
-  // Half of the samples ten times as noisy: weighing makes sigmas smaller, and they still tell the truth.
+  // Half of the samples ten times as noisy: weighing makes sigmas smaller, and they are still right.
   const friction::Law truth = published();
   Samples s = campaign(truth, 300, 1e-3, 8);
   std::mt19937_64 random(4);
@@ -323,7 +323,7 @@ TEST(Identification, SharedExponentOfUnloadedCurves) {
   EXPECT_TRUE(std::ranges::all_of(shared->profile, [](const auto& p) { return p.second >= -1e-9; }));
 }
 
-// What the data cannot tell is said, and the rest is right.
+// What is not identifiable is reported, and the rest is right.
 TEST(Degenerate, OneLoad) {
   Samples s = campaign(published(), 60, 0, 3);
   std::ranges::fill(s.load, 0.0);

@@ -174,7 +174,7 @@ TEST_F(TelemetryTest, WrongUseIsRefused) {
   EXPECT_TRUE(Telemetry::create(file, options({"one"}), Existing::replace));
 }
 
-// The times are wall times, so the last one recovered tells what was lost.
+// The times are wall times, so the last one recovered shows what was lost.
 TEST_F(TelemetryTest, KilledRunLosesAtMostItsLastSecond) {
   for (const double pause_s : {1e-5, 1e-2}) {
     const pid_t child = fork();
