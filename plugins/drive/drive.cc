@@ -153,7 +153,7 @@ double begin_step(const Drive& drive, const State& state, Workspace& s, double t
                    drive.gear_loss.mu_dif * state.load_nm * z * z;
     limit = h;
   }
-  if (s.faults.play_rad > 0 && std::abs(s.teeth) < 1) s.applied_nm = limit = 0;
+  if (s.faults.backlash_rad > 0 && std::abs(s.backlash_position) < 1) s.applied_nm = limit = 0;
   s.gear_limit_nm = std::max(limit * drive.torque_scale_nm(), smallest_limit_nm);
   s.limit_nm = s.gear_limit_nm + s.brake_engaged * drive.brake_torque_nm;
   return s.limit_nm;
@@ -179,10 +179,11 @@ void end_step(const Drive& drive, const thermal::Decay& decay, const Transmitted
   const double load = delivered_nm(s) - (s.applied_nm + t.friction_nm) - t.rotor_inertia_kg_m2 * acceleration;
   state.load_nm += (load - state.load_nm) * (drive.load_filter_s > 0 ? -std::expm1(-dt_s / drive.load_filter_s) : 1);
 
-  // The step in which the teeth separate still has friction: a stuck joint creeps in the direction of the load, and the
-  // teeth separate during that creep.
-  if (s.faults.play_rad > 0)
-    s.teeth = std::clamp(s.teeth + 2 * (t.q_end_rad - s.q_begin_rad) / s.faults.play_rad, -1.0, 1.0);
+  // The step in which the flanks separate still has friction: a stuck joint creeps in the direction of the load, and
+  // the flanks separate during that creep.
+  if (s.faults.backlash_rad > 0)
+    s.backlash_position =
+        std::clamp(s.backlash_position + 2 * (t.q_end_rad - s.q_begin_rad) / s.faults.backlash_rad, -1.0, 1.0);
 
   s.steps_outside += s.outside;
   if (drive.dynamics == Dynamics::lugre) {

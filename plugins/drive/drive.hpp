@@ -109,7 +109,7 @@ struct Faults {
   double torque_loss;
   /// Backlash [rad, arm side]: after a reversal the gear transmits no friction until the gap is crossed. Rotor and arm
   /// are one body here: the arm crosses the gap without an impact, and no load keeps the flanks in contact.
-  double play_rad;
+  double backlash_rad;
 };
 
 /// Inputs, cache and outputs of a drive, stored beside State in mjData. All zero: a healthy drive with its brake
@@ -122,8 +122,8 @@ struct Workspace {
   double worn;                              ///< not 0: `change` applies
   double change[friction::max_parameters];  ///< relative change of each law parameter; wear factor - 1
 
-  Faults faults;  ///< `set_faults` writes them
-  double teeth;   ///< position within the backlash, -1..1; the flanks touch at both ends
+  Faults faults;             ///< `set_faults` writes them
+  double backlash_position;  ///< position within the backlash, -1..1; the flanks touch at both ends
 
   double added_heat_J;  ///< heat from other parts of the gear; the next end_step adds it
 
@@ -155,9 +155,9 @@ struct Workspace {
   double steps_outside;
   double stuck_s;  ///< time in which friction held the joint
 };
-inline constexpr std::size_t scratch_size = sizeof(Workspace) / sizeof(double);
+inline constexpr std::size_t workspace_size = sizeof(Workspace) / sizeof(double);
 /// actdim of the MJCF vocabulary: 3, with bristles 4.
-inline std::size_t memory_size(const Drive& drive) {
+inline std::size_t state_size(const Drive& drive) {
   static_assert(sizeof(State) == 3 * sizeof(double) && sizeof(BristleState) == 4 * sizeof(double));
   return drive.dynamics == Dynamics::none ? 3 : 4;
 }

@@ -18,7 +18,7 @@ constexpr FaultInfo table[] = {
      [](Faults& f, double s) { change(f.viscous, -s), change(f.stribeck_velocity, s); }},
     {Fault::preload_loss, "preload_loss", "1", 0.95, "Fc, Fs x (1 - s)",
      [](Faults& f, double s) { change(f.boundary, -s); }},
-    {Fault::backlash, "backlash", "rad", 0.1, "lost motion s", [](Faults& f, double s) { f.play_rad += s; }},
+    {Fault::backlash, "backlash", "rad", 0.1, "lost motion s", [](Faults& f, double s) { f.backlash_rad += s; }},
     {Fault::pitted_bearing, "pitted_bearing", "1", 1, "ripple s Fc once per motor turn",
      [](Faults& f, double s) { f.ripple = std::min(f.ripple + s, 1.0); }},
     {Fault::torque_constant, "torque_constant", "1", 0.9,

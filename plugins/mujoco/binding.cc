@@ -125,7 +125,7 @@ double friction_nm(const drive::Drive& drive, double qd_rad_s, double load_norm,
 
 std::string actdim_message(const drive::Drive& drive) {
   const bool bristles = drive.dynamics != drive::Dynamics::none;
-  return fmt::format("actdim=\"{}\", the size of a drive's state {}", drive::memory_size(drive),
+  return fmt::format("actdim=\"{}\", the size of a drive's state {}", drive::state_size(drive),
                      bristles ? "with friction=\"lugre\" or \"gear_loss\" (3 without)"
                               : "(4 with friction=\"lugre\" or \"gear_loss\")");
 }
@@ -195,16 +195,16 @@ Result<void> check_options(const mjModel* m, const Binding& b) {
 }
 
 drive::State& state(mjData* d, const Binding& b) {
-  return *reinterpret_cast<drive::State*>(engine::state(d) + b.memory_address);
+  return *reinterpret_cast<drive::State*>(engine::state(d) + b.state_address);
 }
 drive::Workspace& workspace(mjData* d, const Binding& b) {
-  return *reinterpret_cast<drive::Workspace*>(engine::workspace(d) + b.scratch_address);
+  return *reinterpret_cast<drive::Workspace*>(engine::workspace(d) + b.workspace_address);
 }
 const drive::State& state(const mjData* d, const Binding& b) {
-  return *reinterpret_cast<const drive::State*>(engine::state(d) + b.memory_address);
+  return *reinterpret_cast<const drive::State*>(engine::state(d) + b.state_address);
 }
 const drive::Workspace& workspace(const mjData* d, const Binding& b) {
-  return *reinterpret_cast<const drive::Workspace*>(engine::workspace(d) + b.scratch_address);
+  return *reinterpret_cast<const drive::Workspace*>(engine::workspace(d) + b.workspace_address);
 }
 
 double commanded_force(const mjModel* m, const mjData* d, const Binding& b) {

@@ -23,8 +23,8 @@ struct Binding {
   int control = -1, force = -1;                            ///< addresses in mjData.ctrl and mjData.actuator_force
   int row_hint = 0;                                        ///< among the friction rows
   double gear = 1;                                         ///< joint torque per actuator force
-  int memory_address = -1;                                 ///< in mjData.act (3.x) or mjData.userdata (2.2.2)
-  int scratch_address = -1;                                ///< in mjData.plugin_state (3.x) or mjData.userdata (2.2.2)
+  int state_address = -1;                                  ///< in mjData.act (3.x) or mjData.userdata (2.2.2)
+  int workspace_address = -1;                              ///< in mjData.plugin_state (3.x) or mjData.userdata (2.2.2)
 
   /// Joint speed [rad/s; m/s for a slide].
   double speed(const mjData* d) const { return d->qvel[dof]; }

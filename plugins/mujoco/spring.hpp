@@ -15,7 +15,7 @@ namespace tribotwin::mujoco {
 /// Name of the plugin in MJCF.
 inline constexpr char spring_plugin_name[] = "tribotwin.hysteresis";
 /// actdim of the MJCF vocabulary: x.
-inline constexpr std::size_t spring_memory_size = 1;
+inline constexpr std::size_t spring_state_size = 1;
 
 /// Beside x in mjData; doubles only. All zero is a fresh transmission.
 struct SpringWorkspace {
@@ -23,15 +23,15 @@ struct SpringWorkspace {
   double torsion_rad, torque_nm;  ///< of the last force, tau_g [arm side]
   double heat_J;                  ///< since reset
 };
-inline constexpr std::size_t spring_scratch_size = sizeof(SpringWorkspace) / sizeof(double);
+inline constexpr std::size_t spring_workspace_size = sizeof(SpringWorkspace) / sizeof(double);
 
 /// Where a transmission is in a model. Immutable; shared by all mjData of the model.
 struct Spring {
   transmission::Hysteresis hysteresis;
   Binding drive;  ///< supplies the temperature and receives the heat
   int actuator = -1, tendon = -1;
-  int control = -1, force = -1;                   ///< addresses in mjData.ctrl and mjData.actuator_force
-  int memory_address = -1, scratch_address = -1;  ///< as those of Binding
+  int control = -1, force = -1;                    ///< addresses in mjData.ctrl and mjData.actuator_force
+  int state_address = -1, workspace_address = -1;  ///< as those of Binding
   struct Part {
     int position;  ///< in mjData.qpos
     double coefficient;

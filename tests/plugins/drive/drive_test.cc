@@ -177,7 +177,7 @@ TEST(Fault, TeethTransmitNothingWhileTheyCrossTheGap) {
                                          {"torque_max_nm", "130"},
                                          {"gear_ratio", "100"}});
   Workspace workspace{};
-  set_faults(workspace, {.play_rad = 0.01});
+  set_faults(workspace, {.backlash_rad = 0.01});
   State state;
   const auto decay = thermal::decay(drive.thermal, 1e-3);
   double q = 0;
