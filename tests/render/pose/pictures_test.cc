@@ -97,7 +97,7 @@ TEST(Pictures, LooksLikeTheGoldenImage) {
   EXPECT_LT(difference(now, golden()), tolerance);
 }
 
-// The tolerance is no excuse: each of these is seen.
+// Each of these changes exceeds the tolerance.
 TEST(Pictures, GoldenImageSeesASwappedColour) {
   const auto model = robot();
   const int geom = mj_name2id(model->get(), mjOBJ_GEOM, "housing_joint2");

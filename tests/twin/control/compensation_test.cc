@@ -113,7 +113,7 @@ Tracked tracked(double temperature, std::span<const int> seeds) {
   return mean;
 }
 
-// RH380-N study section 5.3. The controller's model is wrong by 1 % in every number, another way with every seed.
+// RH380-N study section 5.3. The controller's model has an error of 1 % in every number, different for every seed.
 TEST(Compensation, CutsTheTrackingErrorAsInPaper4) {
   constexpr int seeds[] = {1, 2, 3};
   const Tracked cold = tracked(20, seeds), warm = tracked(35, seeds);
@@ -128,7 +128,7 @@ TEST(Compensation, CutsTheTrackingErrorAsInPaper4) {
       std::max(cold.oscillation, warm.oscillation));
 }
 
-/// A joint that warms up by its own friction, its heat and steady rise 10 % other than the observer believes.
+/// A joint that warms up by its own friction; its heat and steady rise differ by 10 % from the observer's model.
 double error_after_one_time_constant(double start_error_K, double heat_factor, double time_factor) {
   const auto model = mujoco::load_file(std::string(TRIBOTWIN_SOURCE_DIR) + "/mjcf/irb6620.xml");
   const drive::Drive believed = (*model)->drives()[1].drive;
@@ -173,7 +173,7 @@ struct Felt {
 };
 
 /// The estimate 0.1 s after 5 Nm were put on joint 3, or `push` (force and torque, world axes) on the flange, of a
-/// moving ER3A, its gears at `real` degC, believed at `believed`.
+/// moving ER3A, with its gears at `real` degC and estimated with `believed` degC.
 Felt felt(double real_degC, double believed_degC, std::optional<std::array<double, 6>> push = {}) {
   const auto loaded = mujoco::load_file(std::string(TRIBOTWIN_SOURCE_DIR) + "/mjcf/er3a_c60.xml");
   const auto model = *loaded;

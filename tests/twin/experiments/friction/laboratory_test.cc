@@ -290,7 +290,7 @@ TEST(Levels, SurviveAnyNumbers) {
     Synthetic robot{.travel_s = 0.5, .noise_nm = 5};
     robot.speeds = {0.3, 1};
     JointRecording r = robot.recording();
-    // Cut, thin out, spike and shift: an answer or a sentence, never a crash or a number that is none.
+    // Cut, thin out, spike and shift: a result or an error message, never a crash or a number that is not finite.
     for (int k = 0; k < 5; ++k) {
       const std::size_t i = random() % r.size();
       switch (random() % 4) {

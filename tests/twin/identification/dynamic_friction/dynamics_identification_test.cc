@@ -228,7 +228,7 @@ TEST(LuGre, SaysWhatTheDataCannotTell) {
   SlidingRecording few = reversals(30, 0.02, 0, 1);
   few.time_s.resize(20), few.velocity_rad_s.resize(20), few.torque_nm.resize(20), few.temperature_degC.resize(20);
   EXPECT_THAT(fit_bristles(drive, std::vector{few}).error().message, HasSubstr("20 samples are too few"));
-  // So slow that nothing is damped: stiffness alone.
+  // So slow that damping has no effect: stiffness alone.
   SlidingRecording slow = reversals(30, 0.02, 0, 1);
   double z = 0;
   for (std::size_t i = 0; i < slow.time_s.size(); ++i) {
