@@ -14,7 +14,7 @@ int main(int argc, char** argv) {
   mujoco::install_message_handlers();
   twin::identification::exit_on_solver_failure("tribotwin");
 
-  CLI::App app{"tribotwin: a digital twin of robot joints whose friction knows load and temperature"};
+  CLI::App app{"tribotwin: a digital twin of robot joints whose friction depends on load and temperature"};
   app.require_subcommand(1);
   app.set_version_flag("--version", std::string("tribotwin " TRIBOTWIN_VERSION ", MuJoCo ") + mj_versionString());
   int code = twin::done;

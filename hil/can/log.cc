@@ -27,7 +27,7 @@ constexpr std::size_t read_size = 64 * 1024;
 constexpr int ask_stop_ms = 100;
 constexpr std::uint32_t error_flag = 0x20000000;
 
-/// Part of a file for a message: short and printable, whatever the file holds.
+/// Part of a file for a message, short and printable for any content of the file.
 std::string shown(std::string_view part) {
   constexpr std::size_t max_shown = 40;
   std::string out(part.substr(0, max_shown));

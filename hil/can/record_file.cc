@@ -112,7 +112,7 @@ Status RecordFile::set_aside() {
   replaced_ = aside;
   fd_ = Descriptor(::open(file.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666));
   if (fd_.get() < 0) return fail(errno);
-  (void)::flock(fd_.get(), LOCK_EX | LOCK_NB);  // nobody else can have this new file
+  (void)::flock(fd_.get(), LOCK_EX | LOCK_NB);  // no other process can have this new file open
   return {};
 }
 

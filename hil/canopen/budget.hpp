@@ -7,7 +7,7 @@
 
 namespace tribotwin::hil {
 
-/// Load of one classic bus by a configuration, before anything runs.
+/// Load of one classic bus by a configuration, without a simulation.
 struct Budget {
   double cycle_s;
   int frames;               ///< per cycle

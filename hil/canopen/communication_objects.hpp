@@ -8,7 +8,7 @@
 namespace tribotwin::hil {
 
 inline constexpr int pdo_count = 5;          ///< in each direction
-inline constexpr std::size_t pdo_bytes = 8;  ///< a classic frame; also the most objects of one PDO
+inline constexpr std::size_t pdo_bytes = 8;  ///< a classic frame; also the maximum number of objects in one PDO
 
 /// A PDO as it is after a reset.
 struct DefaultPdo {

@@ -8,7 +8,7 @@
 
 namespace tribotwin::hil {
 
-/// A drive for the files and figures that are made before anything runs.
+/// A drive as EDS, DBC and the bus load describe it, without a simulation.
 struct DescribedDrive {
   const Dictionary* dictionary;
   const DriveParameters* parameters;

@@ -43,7 +43,7 @@ std::optional<SdoServer::Answer> SdoServer::request(Request bytes, std::int64_t 
       transfer_ = {};
       return std::nullopt;
     default:
-      return abort(Abort::unknown_command);  // block transfers and what CiA 301 does not know
+      return abort(Abort::unknown_command);  // block transfers and commands that CiA 301 does not define
   }
 }
 

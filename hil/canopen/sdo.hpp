@@ -17,7 +17,7 @@ class SdoServer {
   using Answer = std::array<std::uint8_t, 8>;
 
   explicit SdoServer(Dictionary& dictionary) : dictionary_(dictionary) {}
-  /// The answer to a request of 8 bytes; none where CiA 301 wants silence.
+  /// The answer to a request of 8 bytes; none where CiA 301 requires none.
   std::optional<Answer> request(std::span<const std::uint8_t> bytes, std::int64_t now_ns);
   /// Aborts a segmented transfer that has been silent for a second.
   std::optional<Answer> tick(std::int64_t now_ns);

@@ -8,7 +8,7 @@ namespace tribotwin::hil {
 namespace {
 
 constexpr double standing_motor_rad_s = 0.5;     // slower than this, a motor counts as standing
-constexpr double standstill_s = 0.02;            // for so long, at the end of a ramp
+constexpr double standstill_s = 0.02;            // duration at the end of a ramp
 constexpr double warning_K = 10;                 // below the temperature limit
 constexpr std::int64_t window_off = 0xffffffff;  // 6065h: the following error is not watched
 

@@ -38,7 +38,7 @@ class DriveProfile {
   twin::DriveCommand command(double dt_s);
   /// What that step did.
   void feedback(const Feedback& feedback, double dt_s);
-  /// Takes up the mode when the drive begins to follow set points or 6060h changed; updates the statusword.
+  /// Enters the mode when the drive begins to follow set points or 6060h changed; updates the statusword.
   void refresh_status();
 
  private:
@@ -65,11 +65,11 @@ class DriveProfile {
   Feedback feedback_;
   Demand demand_;
   double ramp_rad_s_ = 0;
-  double following_s_ = 0;  // for so long the following error has been beyond its window
-  double standing_s_ = 0;   // for so long the motor has stood at the end of a ramp
+  double following_s_ = 0;  // time for which the following error has been beyond its window
+  double standing_s_ = 0;   // time for which the motor has stood at the end of a ramp
   bool followed_ = false;   // set points, when refresh_status was last called
   std::vector<bool> fresh_ =
-      std::vector<bool>(targets().size());  // targets that were written since the drive last took up a mode
+      std::vector<bool>(targets().size());  // targets written since the drive last entered a mode
 };
 
 }  // namespace tribotwin::hil

@@ -35,8 +35,8 @@ std::span<const ModeOfOperation> modes_of_operation();
 /// Null for a mode that the drive does not have.
 const ModeOfOperation* find_mode(std::int64_t number);
 
-/// A set point object. `standing_counts`: the value that keeps the drive doing what it does now, when it takes up a
-/// mode or changes to another (`moving`: it followed a mode before).
+/// A set point object. `standing_counts`: the value that keeps the present motion when the drive enters a mode or
+/// changes to another (`moving`: it followed a mode before).
 struct Target {
   std::uint16_t index;
   std::int64_t (*standing_counts)(const DriveObjects&, const Feedback&, bool moving);

@@ -27,7 +27,7 @@ int run(const Arguments& a) {
 }  // namespace
 
 void add_budget(CLI::App& app, int& code) {
-  declare(app, code, "budget", "The load of the bus, before anything runs", run);
+  declare(app, code, "budget", "The bus load of a scenario, without running it", run);
 }
 
 }  // namespace tribotwin::hil::program

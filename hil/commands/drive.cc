@@ -22,9 +22,10 @@ struct Arguments : RobotOptions {
     add_profile(command);
     command.add_option("--can", can, "Bus: vcan0, can0, socketcand://127.0.0.1:29536/NAME")->required();
     auto* clock = command.add_flag("--realtime", realtime, "The robot moves with the clock");
-    command.add_flag("--sync-lockstep", lockstep, "Every SYNC moves the robot on by one cycle (default)")
+    command.add_flag("--sync-lockstep", lockstep, "Every SYNC advances the robot by one cycle (default)")
         ->excludes(clock);
-    command.add_option("--duration", duration, "End after so much simulated time [s]")->check(CLI::PositiveNumber);
+    command.add_option("--duration", duration, "Simulated time after which the session ends [s]")
+        ->check(CLI::PositiveNumber);
     command.add_option("--record", record, "Everything on the bus as a candump log");
     command.add_option("--stats", stats, "Counters of the session as JSON");
     command.add_option("--faults", faults, "Injected faults: a YAML list (hil/README.md)");
@@ -67,7 +68,7 @@ void status_line(const SessionStatus& s) {
     hottest_degC = std::max(hottest_degC, s.bench->plant().twin().temperature_degC(i));
   }
   const BusCounters& bus = s.bus->counters();
-  tell(fmt::format(
+  report_nonblocking(fmt::format(
       "\r\033[K{:.1f} s, {} syncs, bus {:.0f} %, drives {} (E enabled, F fault), hottest {:.1f} degC, lost {}, {}",
       s.simulated_s, s.bench->counters().syncs, 100 * s.bus_load, drives, hottest_degC,
       bus.receive_lost + bus.send_busy + bus.send_down, s.bus->state()));
@@ -84,25 +85,26 @@ int run(const Arguments& a) {
   const auto bus = twin::or_wrong_input(open_bus(a.can));
   const bool live = !a.quiet && isatty(STDERR_FILENO);
   if (!a.quiet)
-    tell(fmt::format("{} drives, nodes {} to {}, on {}; {}\n", drives, a.first_node, a.first_node + drives - 1,
-                     bus->name(),
-                     a.realtime ? "the robot moves with the clock" : "every SYNC moves the robot on by one cycle"));
-  const auto ended = hil::drive(
-      scenario, *bus,
-      {.profile = a.bench_profile(),
-       .first_node = a.first_node,
-       .cycle_us = a.cycle_us(),
-       .realtime = a.realtime,
-       .duration_s = a.duration,
-       .record = a.record,
-       .statistics = a.stats,
-       .output = a.output,
-       .existing = twin::replace_if(a.force),
-       .faults = faults,
-       .stop = stop,
-       .status = live ? status_line : std::function<void(const SessionStatus&)>{},
-       .note = [&](const std::string& what) { tell(fmt::format("{}note: {}\n", live ? "\r\033[K" : "", what)); }});
-  if (live) tell("\n");
+    report_nonblocking(fmt::format(
+        "{} drives, nodes {} to {}, on {}; {}\n", drives, a.first_node, a.first_node + drives - 1, bus->name(),
+        a.realtime ? "the robot moves with the clock" : "every SYNC advances the robot by one cycle"));
+  const auto ended = hil::drive(scenario, *bus,
+                                {.profile = a.bench_profile(),
+                                 .first_node = a.first_node,
+                                 .cycle_us = a.cycle_us(),
+                                 .realtime = a.realtime,
+                                 .duration_s = a.duration,
+                                 .record = a.record,
+                                 .statistics = a.stats,
+                                 .output = a.output,
+                                 .existing = twin::replace_if(a.force),
+                                 .faults = faults,
+                                 .stop = stop,
+                                 .status = live ? status_line : std::function<void(const SessionStatus&)>{},
+                                 .note = [&](const std::string& what) {
+                                   report_nonblocking(fmt::format("{}note: {}\n", live ? "\r\033[K" : "", what));
+                                 }});
+  if (live) report_nonblocking("\n");
   twin::or_throw(ended);
   return twin::done;
 }
@@ -110,7 +112,7 @@ int run(const Arguments& a) {
 }  // namespace
 
 void add_drive(CLI::App& app, int& code) {
-  declare(app, code, "drive", "Be the drives of a robot, one per joint", run);
+  declare(app, code, "drive", "Simulate the drives of a robot, one per joint", run);
 }
 
 }  // namespace tribotwin::hil::program

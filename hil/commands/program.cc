@@ -12,7 +12,7 @@ namespace tribotwin::hil::program {
 
 using twin::InputError;
 
-void tell(const std::string& text) {
+void report_nonblocking(const std::string& text) {
   pollfd reader{STDERR_FILENO, POLLOUT, 0};
   if (::poll(&reader, 1, 0) > 0) twin::report_text(text);
 }

@@ -33,9 +33,9 @@ inline int report_error(twin::Exit code, const std::string& message) {
   return twin::report_error("tribotwin-hil", code, message);
 }
 
-/// Text to stderr during a session. It is lost when nobody reads it now: a bus does not wait for a terminal that is
-/// held.
-void tell(const std::string& text);
+/// Text to stderr during a session. It is dropped when the reader is not ready, because the bus must not wait for a
+/// stopped terminal.
+void report_nonblocking(const std::string& text);
 
 /// Whether a signal has asked the command to end.
 bool stop();

@@ -69,7 +69,7 @@ int run(const Arguments& a) {
 }  // namespace
 
 void add_replay(CLI::App& app, int& code) {
-  declare(app, code, "replay", "A recorded session through the same drives, compared with what they said then", run);
+  declare(app, code, "replay", "Replay a recorded session through the same drives and compare their frames", run);
 }
 
 }  // namespace tribotwin::hil::program

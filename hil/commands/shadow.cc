@@ -28,13 +28,13 @@ struct Arguments : RobotOptions {
     auto* limited =
         command.add_option("--limit", limit, "Largest residual torque, arm side [Nm]; beyond it: exit code 3")
             ->check(CLI::PositiveNumber);
-    command.add_option("--limit-time", limit_time, "... for so long [s]")
+    command.add_option("--limit-time", limit_time, "Time for which the residual must exceed --limit [s]")
         ->check(CLI::NonNegativeNumber)
         ->capture_default_str();
     command.add_option("--joint", joints, "A joint that --limit holds for, by name; again for more (default: all)")
         ->allow_extra_args(false)
         ->needs(limited);
-    command.add_option("--duration", duration, "End after so much time on the bus [s]")->check(CLI::PositiveNumber);
+    command.add_option("--duration", duration, "Bus time after which the session ends [s]")->check(CLI::PositiveNumber);
     command.add_option("--csv", csv, "Measured, predicted, residual and temperature of every cycle");
     add_force(command, force);
     command.footer(
@@ -102,19 +102,20 @@ int run(const Arguments& a) {
   if (!a.csv.empty()) twin::or_wrong_input(twin::check_output(a.csv, twin::Existing::replace));
   twin::catch_interrupts();
   Source source(a);
-  const auto result = twin::or_throw(hil::shadow(scenario, source.frames(a.duration),
-                                                 {.profile = a.bench_profile(),
-                                                  .first_node = a.first_node,
-                                                  .cycle_us = a.cycle_us(),
-                                                  .limit_nm = a.limit,
-                                                  .limit_time_s = a.limit_time,
-                                                  .limit_joints = a.joints,
-                                                  .duration_s = a.duration,
-                                                  .csv = a.csv,
-                                                  .existing = twin::replace_if(a.force),
-                                                  .stop = stop,
-                                                  .endless = source.bus && !a.duration,
-                                                  .note = [&](const std::string& what) { tell(what + "\n"); }}));
+  const auto result =
+      twin::or_throw(hil::shadow(scenario, source.frames(a.duration),
+                                 {.profile = a.bench_profile(),
+                                  .first_node = a.first_node,
+                                  .cycle_us = a.cycle_us(),
+                                  .limit_nm = a.limit,
+                                  .limit_time_s = a.limit_time,
+                                  .limit_joints = a.joints,
+                                  .duration_s = a.duration,
+                                  .csv = a.csv,
+                                  .existing = twin::replace_if(a.force),
+                                  .stop = stop,
+                                  .endless = source.bus && !a.duration,
+                                  .note = [&](const std::string& what) { report_nonblocking(what + "\n"); }}));
   twin::print_text(result.table());
   return judge(a, result);
 }
@@ -122,7 +123,7 @@ int run(const Arguments& a) {
 }  // namespace
 
 void add_shadow(CLI::App& app, int& code) {
-  declare(app, code, "shadow", "Listen beside a robot: what torque and temperature it should have", run);
+  declare(app, code, "shadow", "Listen to a robot and predict its torque and temperature", run);
 }
 
 }  // namespace tribotwin::hil::program

@@ -5,7 +5,7 @@
 
 namespace tribotwin::hil {
 
-/// What makes one drive on the bus different from the next. Motor side unless a line says otherwise.
+/// Parameters in which the drives on a bus differ. Motor side unless a line says otherwise.
 struct DriveParameters {
   std::uint8_t node = 1;                               ///< node number, 1..127
   std::string name;                                    ///< of the joint

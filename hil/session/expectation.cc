@@ -16,7 +16,7 @@ Expectation::Expectation(const twin::Scenario& scenario, double cycle_s)
   for (std::size_t i = 0; i < drives_.size(); ++i) {
     const auto& thermal = model_.drives()[i].drive.thermal;
     drives_[i].decay = thermal::decay(thermal, cycle_s);
-    drives_[i].rise = thermal::settled(thermal, scenario.temperature_degC[i] - thermal.T_amb_degC);
+    drives_[i].rise = thermal::steady_rise(thermal, scenario.temperature_degC[i] - thermal.T_amb_degC);
     drives_[i].ambient_offset_K = scenario.ambient_degC ? *scenario.ambient_degC - thermal.T_amb_degC : 0;
   }
 }
@@ -40,7 +40,7 @@ bool Expectation::add(std::span<const double> position_rad) {
   mj_comPos(m, d);
   mj_comVel(m, d);
   gear_nm_.resize(static_cast<std::size_t>(m->nv));
-  mj_rne(m, d, 1, gear_nm_.data());  // without the rotors: what the gears carry
+  mj_rne(m, d, 1, gear_nm_.data());  // without the rotors: the torques of the gears
   for (std::size_t i = 0; i < drives_.size(); ++i) expect(i);
   return true;
 }

@@ -107,7 +107,7 @@ class Replay {
       if (sender && compared_[*sender] == 0) continue;
       result_.added += queue.size();
       differs(
-          fmt::format("{}: {} frames {:03X} are said now that were not recorded, {} the last of them; was the log cut?",
+          fmt::format("{}: {} frames {:03X} are sent now that were not recorded, {} the last of them; was the log cut?",
                       file_.string(), queue.size(), id, text(queue.back())));
     }
   }

@@ -38,17 +38,17 @@ std::optional<std::string> bristles_that_push(const Drive& drive) {
       g = std::min(g, level.weakening + std::min(level.strengthening, 0.0));
     }
   }
-  const double most = 4 * g / (largest * drive.bristles.vd);
-  if (drive.bristles.sigma1 <= most) return std::nullopt;
+  const double max_sigma1 = 4 * g / (largest * drive.bristles.vd);
+  if (drive.bristles.sigma1 <= max_sigma1) return std::nullopt;
   return fmt::format(
       "friction 'lugre': sigma1 {} with vd {} would let the bristles drive the joint; at this vd sigma1 must not be "
       "above {:.3g}, "
       "or shorten vd",
-      drive.bristles.sigma1, drive.bristles.vd, most);
+      drive.bristles.sigma1, drive.bristles.vd, max_sigma1);
 }
 
-/// Friction follows the load of the step before; the loop friction -> load -> friction must contract. What is wrong, or
-/// nothing.
+/// Why friction would lock the drive by itself, or nothing. Friction follows the load of the step before, so the loop
+/// friction -> load -> friction must contract.
 std::optional<std::string> self_locking(const Drive& drive) {
   const LoadTable& table = drive.load_table;
   double table_slope = 0;  // law per load
@@ -66,7 +66,7 @@ std::optional<std::string> self_locking(const Drive& drive) {
       drive.law.info->name, gain);
 }
 
-/// Reads one configuration; every stage takes its keys out of those that are left.
+/// Reads one configuration. Each stage removes the keys that it reads.
 class Reader {
  public:
   explicit Reader(std::string name) : drive_{.name = std::move(name)} {}
@@ -116,7 +116,7 @@ Result<std::optional<double>> Reader::take_number(const K& key, bool required) {
   return *value;
 }
 
-/// The words: which law, thermal model, dynamics and policy.
+/// Reads the keys whose values are words: law, thermal model, dynamics and validity policy.
 Result<void> Reader::choose_kinds() {
   const auto law_name = take("law");
   std::vector<std::string_view> law_names;

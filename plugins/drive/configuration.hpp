@@ -8,8 +8,8 @@
 #include <tribotwin/plugins/drive/drive.hpp>
 #include <tribotwin/plugins/friction/error.hpp>
 
-/// The MJCF vocabulary of a drive: the keys of `<config key= value=/>`, in one table together with the law's and the
-/// thermal model's parameters, whose tables are theirs.
+/// The MJCF vocabulary of a drive: the keys of `<config key= value=/>`. The drive's own keys are one table; the
+/// parameters of laws and thermal models have their own tables.
 namespace tribotwin::drive {
 
 using Configuration = std::vector<std::pair<std::string, std::string>>;
@@ -17,8 +17,8 @@ using Configuration = std::vector<std::pair<std::string, std::string>>;
 /// Every key that some drive may have, for engines that want them declared. Storage is static.
 std::span<const char* const> all_keys();
 
-/// A drive from its configuration. Fails with a sentence that names key, value and what would be right; the caller
-/// knows the element and says where.
+/// A drive from its configuration. Fails with a sentence that names key, value and what would be right; the caller adds
+/// the element.
 Result<Drive> make_drive(std::string name, const Configuration& configuration);
 
 /// The configuration that `make_drive` would read back to the same drive.

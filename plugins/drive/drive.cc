@@ -10,10 +10,10 @@ namespace {
 // depend on nothing but the state: a restart from saved state repeats every bit.
 constexpr double temperature_steps_per_K = 16384;
 
-// The engine's constraint vanishes at a limit of 0; friction this small is none.
+// At a limit of 0 the engine drops the constraint. This limit keeps it and is negligible as friction.
 constexpr double smallest_limit_nm = 1e-12;
 
-/// With bristles: from this share of the breakaway level on they slip.
+/// Bristles count as slipping from this share of the breakaway level on.
 constexpr double slipping = 0.999;
 
 struct Parts {
@@ -81,7 +81,7 @@ double temperature_degC(const Drive& drive, const State& state) {
 }
 
 void set_temperature(const Drive& drive, State& state, double temperature_degC) {
-  state.rise = thermal::settled(drive.thermal, temperature_degC - drive.thermal.T_amb_degC);
+  state.rise = thermal::steady_rise(drive.thermal, temperature_degC - drive.thermal.T_amb_degC);
 }
 
 void set_wear(Workspace& workspace, std::size_t index, double factor) {
@@ -141,8 +141,8 @@ double begin_step(const Drive& drive, const State& state, Workspace& s, double t
   if (drive.dynamics == Dynamics::lugre) {
     const Bristles& b = drive.bristles;
     const auto [g, h] = parts(at);
-    const double w = qd_rad_s * drive.speed_scale(), most = breakaway(drive, s, g) / b.sigma0;
-    const double z = std::clamp(static_cast<const BristleState&>(state).z, -most, most);
+    const double w = qd_rad_s * drive.speed_scale(), max_z = breakaway(drive, s, g) / b.sigma0;
+    const double z = std::clamp(static_cast<const BristleState&>(state).z, -max_z, max_z);
     const double rate = g > 0 ? w - std::abs(w) * z * b.sigma0 / g : 0;
     s.applied_nm = (b.sigma0 * z + b.sigma1 * std::exp(-(w / b.vd) * (w / b.vd)) * rate) * drive.torque_scale_nm();
     limit = h;
@@ -153,7 +153,7 @@ double begin_step(const Drive& drive, const State& state, Workspace& s, double t
                    drive.gear_loss.mu_dif * state.load_nm * z * z;
     limit = h;
   }
-  if (s.faults.play_rad > 0 && std::abs(s.teeth) < 1) s.applied_nm = limit = 0;
+  if (s.faults.backlash_rad > 0 && std::abs(s.backlash_position) < 1) s.applied_nm = limit = 0;
   s.gear_limit_nm = std::max(limit * drive.torque_scale_nm(), smallest_limit_nm);
   s.limit_nm = s.gear_limit_nm + s.brake_engaged * drive.brake_torque_nm;
   return s.limit_nm;
@@ -171,8 +171,8 @@ bool holds(const Drive& drive, const State& state, const Workspace& s, double ro
 void end_step(const Drive& drive, const thermal::Decay& decay, const Transmitted& t, double dt_s, State& state,
               Workspace& s) {
   s.step_open = 0;
-  // Mean speed times torque is what friction took out of the kinetic energy, to rounding; in a step that reverses the
-  // motion, and while bristles spring back, it may be negative and must stay so for the balance to close.
+  // Mean speed times torque is the kinetic energy that friction removed, up to rounding. It may be negative in a step
+  // that reverses the motion and while bristles spring back; it is not clamped, so that the energy balance closes.
   const double mean_speed = 0.5 * (s.qd_begin_rad_s + t.qd_end_rad_s);
   s.friction_nm = gear_friction_nm(s, t.friction_nm);
   s.torque_nm = t.torque_nm;
@@ -188,20 +188,21 @@ void end_step(const Drive& drive, const thermal::Decay& decay, const Transmitted
   const double load = delivered_nm(s) - (s.applied_nm + t.friction_nm) - t.rotor_inertia_kg_m2 * acceleration;
   state.load_nm += (load - state.load_nm) * (drive.load_filter_s > 0 ? -std::expm1(-dt_s / drive.load_filter_s) : 1);
 
-  // The step that leaves a flank still had its friction: a stuck joint creeps the way it is pushed, and that is when
-  // teeth part.
-  if (s.faults.play_rad > 0)
-    s.teeth = std::clamp(s.teeth + 2 * (t.q_end_rad - s.q_begin_rad) / s.faults.play_rad, -1.0, 1.0);
+  // The step in which the flanks separate still has friction: a stuck joint creeps in the direction of the load, and
+  // the flanks separate during that creep.
+  if (s.faults.backlash_rad > 0)
+    s.backlash_position =
+        std::clamp(s.backlash_position + 2 * (t.q_end_rad - s.q_begin_rad) / s.faults.backlash_rad, -1.0, 1.0);
 
   s.steps_outside += s.outside;
   if (drive.dynamics == Dynamics::lugre) {
     double& z = static_cast<BristleState&>(state).z;
     const double w = (t.q_end_rad - s.q_begin_rad) / dt_s * drive.speed_scale();
-    // g as it was between the ends of the step; load and temperature are those of its begin.
+    // g at the mean speed of the step, at the load and temperature of its start.
     const double g =
         parts(level(drive, {s.cache, false}, w, s.load_used_nm / drive.torque_max_nm)).g * ripple(drive, s);
-    const double most = breakaway(drive, s, g) / drive.bristles.sigma0;
-    z = std::clamp(advance(drive.bristles, std::clamp(z, -most, most), w, g, dt_s), -most, most);
+    const double max_z = breakaway(drive, s, g) / drive.bristles.sigma0;
+    z = std::clamp(advance(drive.bristles, std::clamp(z, -max_z, max_z), w, g, dt_s), -max_z, max_z);
     if (drive.bristles.sigma0 * std::abs(z) < slipping * g) s.stuck_s += dt_s;
     return;
   }

@@ -10,9 +10,9 @@
 /// One joint drive: motor, gear, friction, heat. Engine-free; plugins/mujoco connects it to a simulation.
 ///
 /// A step has two halves. `begin_step` turns speed, load and temperature into the friction limit that the engine's
-/// joint-friction constraint gets (with bristles: into a torque); `end_step` takes the torque that constraint really
-/// transmitted, turns it into heat and temperature, and keeps the gear torque as the load of the next step, which
-/// is one step late.
+/// joint-friction constraint gets (with bristles: into a torque); `end_step` takes the torque that the constraint
+/// transmitted, turns it into heat and temperature, and stores the gear torque as the load of the next step. The load
+/// is therefore one step late.
 namespace tribotwin::drive {
 
 /// How friction answers a change of speed.
@@ -27,32 +27,33 @@ enum class Dynamics {
 ///   z' = w - sigma0 |w| z / g(w, l, T),   tau_f = sigma0 z + sigma1 e^-(w/vd)^2 z' + h(w, T)        RH380-N study (5),
 ///   (6)
 ///
-/// w [rad/s] and z [rad] on the side of the law, torques in its unit. A falling h (h < 0) counts with g, so that
-/// neither part ever pushes. z is advanced with the exact solution for constant w over the step, w being the way the
-/// joint really went over dt: while friction sticks, z is the displacement, to rounding, and nothing creeps. sigma0 z
-/// stays within the breakaway level of the present load and temperature, where the equation keeps it while these rest.
+/// w [rad/s] and z [rad] on the side of the law, torques in its unit. A negative h is added to g, so that neither part
+/// drives the joint. z advances by the exact solution for constant w, the joint's displacement over the step divided by
+/// dt. While friction sticks, z therefore equals the displacement up to rounding, and nothing creeps. sigma0 z is
+/// limited to the breakaway level at the current load and temperature; the equation alone keeps this limit only while
+/// both are constant.
 struct Bristles {
   double sigma0 = 0;  ///< stiffness [unit of the law / rad]
   double sigma1 = 0;  ///< damping at w = 0 [unit of the law s / rad]
   double vd = 1;      ///< speed over which the damping fades [rad/s]
 };
 
-/// Gear losses that follow the load tau [Nm, arm side], with or without a law's friction g, h beside them:
+/// Gear losses proportional to the load tau [Nm, arm side], added to the friction g, h of a law if there is one:
 ///
 ///   z' = (w - |w| z) / length,   tau_f = (g + mu_avg |tau|) z + mu_dif tau z^2 + h        google-deepmind/mujoco issue
 ///   3528
 ///
-/// z [-] goes from -1 to 1 over some `length` of motion [rad, the law's side]. |mu_dif| <= mu_avg, so that friction
+/// z [-] changes from -1 to 1 over about `length` of motion [rad, the law's side]. |mu_dif| <= mu_avg, so that friction
 /// opposes.
 struct GearLoss {
-  double mu_avg = 0, mu_dif = 0;  ///< mean loss per load, and its half difference between driving and being driven
+  double mu_avg = 0, mu_dif = 0;  ///< mean loss per load; half the difference, driving minus driven
   double length_rad = 1;          ///< key `h`
 };
 
 /// Friction that depends on the load and its sign: tau_f,l of the RH380-N study (4), added to the weakening part g of
-/// the law (so that it holds at standstill; choice). Bilinear, held at its edges; empty = none. The sign is relative to
-/// the motion: loads above 0 are driven, below 0 they drive. At standstill, where both may come, the larger value of
-/// the two counts.
+/// the law, so that it also acts at standstill (our choice). Bilinear interpolation, constant beyond the edges; empty:
+/// none. The sign of the load is relative to the motion: a load above 0 is driven, one below 0 drives. At standstill
+/// both signs are possible, and the larger value counts.
 struct LoadTable {
   std::vector<double> speeds_rad_s;  ///< |w| on the law's side, ascending, >= 0
   std::vector<double> loads;         ///< load / torque_max_nm, ascending
@@ -84,20 +85,19 @@ struct Drive {
   double speed_scale() const { return law.info->side == friction::Side::motor ? gear_ratio : 1; }
 };
 
-/// What a drive must remember for its future: in mjData's activations on 3.x, so that resets, copies and keyframes
-/// carry it. All zero is a drive at ambient temperature without load.
+/// The state that determines a drive's future. On 3.x it lies in mjData's activations, so that resets, copies and
+/// keyframes include it. All zero: ambient temperature, no load.
 struct State {
   thermal::Rise rise;  ///< lubricant above T_amb [K]
   double load_nm = 0;  ///< gear torque of the last step, arm side, signed
 };
 
-/// The state of a drive with bristles. Such a drive needs one wherever the functions below take a State.
+/// The state of a drive with bristles. For such a drive, pass one wherever the functions below take a State.
 struct BristleState : State {
   double z = 0;  ///< lugre: bristle deflection [rad, side of the law]; gear_loss: z [-]
 };
 
-/// What is wrong with a drive, as the mechanisms that act in a step; all zero is a healthy one. fault.hpp has the
-/// faults by name.
+/// Faults of a drive as mechanisms that act in a step; all zero: a healthy drive. Named faults: fault.hpp.
 struct Faults {
   double boundary;           ///< relative change of g, the friction of surfaces in contact (Fc, Fs)
   double stribeck_velocity;  ///< relative change of the Stribeck velocities
@@ -105,30 +105,29 @@ struct Faults {
   /// Pitted bearing, on the ring that turns with the motor: g (1 + ripple cos(gear_ratio q)); 0..1, so that friction
   /// never pushes.
   double ripple;
-  /// Share of the torque that the current promises and the motor does not give.
+  /// Share of the torque computed from the current that the motor does not deliver.
   double torque_loss;
-  /// Backlash, the gap between the teeth [rad, arm side]: after a reversal the gear transmits no friction until it is
-  /// crossed. Rotor and arm being one body here, the arm's weight and inertia cross the gap without a knock, and no
-  /// load holds the teeth together.
-  double play_rad;
+  /// Backlash [rad, arm side]: after a reversal the gear transmits no friction until the gap is crossed. Rotor and arm
+  /// are one body here: the arm crosses the gap without an impact, and no load keeps the flanks in contact.
+  double backlash_rad;
 };
 
-/// Inputs, cache and outputs of a drive, beside State in mjData. All zero is a healthy drive with its brake released.
-/// Doubles only: it lives in an array of mjtNum.
+/// Inputs, cache and outputs of a drive, stored beside State in mjData. All zero: a healthy drive with its brake
+/// released. Doubles only, because it is stored in an array of mjtNum.
 struct Workspace {
   // inputs, set from outside between steps
   double ambient_offset_K;                  ///< ambient temperature above T_amb
-  double temperature_held;                  ///< not 0: the thermal model rests, the temperature is what was set
+  double temperature_held;                  ///< not 0: the thermal model is off and the temperature stays as set
   double brake_engaged;                     ///< 0..1 of brake_torque_nm
   double worn;                              ///< not 0: `change` applies
   double change[friction::max_parameters];  ///< relative change of each law parameter; wear factor - 1
 
-  Faults faults;  ///< `set_faults` writes them
-  double teeth;   ///< position within the backlash, -1..1; the teeth touch at both ends
+  Faults faults;             ///< `set_faults` writes them
+  double backlash_position;  ///< position within the backlash, -1..1; the flanks touch at both ends
 
-  double added_heat_J;  ///< heat from elsewhere in the gear; the next end_step takes it in
+  double added_heat_J;  ///< heat from other parts of the gear; the next end_step adds it
 
-  // cache of the law at one temperature, a pure function of it, of `change` and `faults`
+  // cache of the law at one temperature: a pure function of that temperature, `change` and `faults`
   double cache_valid;
   double cache_outside;
   friction::Coefficients cache;
@@ -142,13 +141,13 @@ struct Workspace {
   double applied_nm;  ///< torque of the bristles, arm side, positive with motion; 0 without bristles
   double rise_K;      ///< when the step began
   double deflection;  ///< of the bristles when the step began
-  double passive_nm;  ///< what this drive has in qfrc_passive on engines without plugins
+  double passive_nm;  ///< this drive's share of qfrc_passive on engines without plugins
 
   // outputs of the last finished step
   double temperature_degC;  ///< at which friction was evaluated, a multiple of 2^-14 K
   double load_used_nm;      ///< load at which friction was evaluated, arm side, signed
   double friction_nm;       ///< transmitted gear friction, arm side, positive with motion
-  double torque_nm;  ///< motor torque, arm side, as computed from the motor's current: what a controller believes
+  double torque_nm;  ///< motor torque, arm side, as computed from the current: the value that a controller assumes
   double outside;    ///< not 0: an input lay outside the law's range
 
   // totals since reset
@@ -156,9 +155,9 @@ struct Workspace {
   double steps_outside;
   double stuck_s;  ///< time in which friction held the joint
 };
-inline constexpr std::size_t scratch_size = sizeof(Workspace) / sizeof(double);
+inline constexpr std::size_t workspace_size = sizeof(Workspace) / sizeof(double);
 /// actdim of the MJCF vocabulary: 3, with bristles 4.
-inline std::size_t memory_size(const Drive& drive) {
+inline std::size_t state_size(const Drive& drive) {
   static_assert(sizeof(State) == 3 * sizeof(double) && sizeof(BristleState) == 4 * sizeof(double));
   return drive.dynamics == Dynamics::none ? 3 : 4;
 }
@@ -170,7 +169,7 @@ friction::Level level(const Drive& drive, const friction::AtTemperature& at, dou
 /// Lubricant temperature [degC].
 double temperature_degC(const Drive& drive, const State& state);
 
-/// Sets the lubricant temperature; the thermal model goes on from there unless `workspace.temperature_held`.
+/// Sets the lubricant temperature; the thermal model continues from there unless `workspace.temperature_held`.
 void set_temperature(const Drive& drive, State& state, double temperature_degC);
 
 /// Multiplies law parameter `index` by `factor` (>= 0; 1 restores it).
@@ -179,28 +178,28 @@ void set_wear(Workspace& workspace, std::size_t index, double factor);
 /// Replaces the faults of this simulation.
 void set_faults(Workspace& workspace, const Faults& faults);
 
-/// Motor torque that really acted in the last finished step [Nm, arm side].
+/// Motor torque that acted in the last finished step [Nm, arm side].
 inline double delivered_nm(const Workspace& s) { return (1 - s.faults.torque_loss) * s.torque_nm; }
 
-/// A law with what faults do to it everywhere: all but ripple and backlash.
+/// A law with the faults that act at every angle: all but ripple and backlash.
 friction::Law with_faults(const friction::Law& law, const Faults& faults);
 
 /// The law as worn and faulty in this simulation.
 friction::Law current_law(const Drive& drive, const Workspace& workspace);
 
 /// Starts a step at engine time time_s from joint angle q [rad] and speed qd [rad/s] and returns the limit of the
-/// joint-friction constraint [Nm], > 0. With bristles, `workspace.applied_nm` is to be applied against the joint
-/// besides. Calling it again before `end_step` restarts the step.
+/// joint-friction constraint [Nm], > 0. With bristles, the caller also applies `workspace.applied_nm` against the
+/// joint. Calling it again before `end_step` restarts the step.
 double begin_step(const Drive& drive, const State& state, Workspace& workspace, double time_s, double qd_rad_s,
                   double q_rad = 0);
 
-/// Whether begin_step with these arguments would change nothing: it was the last call and no input has changed.
+/// Whether begin_step with these arguments would change nothing, because it was the last call and no input has changed.
 bool begun(const Drive& drive, const State& state, const Workspace& workspace, double time_s, double qd_rad_s,
            double q_rad);
 
-/// Whether time_s is a later stage of the step under way (Runge-Kutta). The limit of the step's start then stands:
-/// friction is a zero-order hold over the step, so that the torque booked as heat is the torque that acted.
-/// `AnyWorkspace`: Workspace, or that of another element, with its step_open and step_time_s.
+/// Whether time_s is a later stage of the step under way (Runge-Kutta). The limit from the step's start then stays
+/// valid: friction is held over the step (zero-order hold), so that the torque counted as heat is the torque that
+/// acted. `AnyWorkspace`: Workspace, or that of another element, with its step_open and step_time_s.
 template <typename AnyWorkspace>
 bool within_step(const AnyWorkspace& s, double time_s, double dt_s) {
   return s.step_open != 0 && time_s > s.step_time_s && time_s <= s.step_time_s + dt_s * (1 + 1e-9);

@@ -5,10 +5,10 @@
 namespace tribotwin::drive {
 namespace {
 
-/// One relative change after another.
+/// Combines the relative changes `total` and `by` as factors.
 void change(double& total, double by) { total += (1 + total) * by; }
 
-// Signs after Zhou 2024's Table IV, whose rows for the lubricant lost their names; sizes are choices.
+// Signs as in Zhou 2024, Table IV, whose rows for the lubricant have lost their names; the magnitudes are our choice.
 constexpr FaultInfo table[] = {
     {Fault::wear, "wear", "1", 10, "Fc, Fs, Vs x (1 + s)",
      [](Faults& f, double s) { change(f.boundary, s), change(f.stribeck_velocity, s); }},
@@ -18,11 +18,11 @@ constexpr FaultInfo table[] = {
      [](Faults& f, double s) { change(f.viscous, -s), change(f.stribeck_velocity, s); }},
     {Fault::preload_loss, "preload_loss", "1", 0.95, "Fc, Fs x (1 - s)",
      [](Faults& f, double s) { change(f.boundary, -s); }},
-    {Fault::backlash, "backlash", "rad", 0.1, "lost motion s", [](Faults& f, double s) { f.play_rad += s; }},
+    {Fault::backlash, "backlash", "rad", 0.1, "lost motion s", [](Faults& f, double s) { f.backlash_rad += s; }},
     {Fault::pitted_bearing, "pitted_bearing", "1", 1, "ripple s Fc once per motor turn",
      [](Faults& f, double s) { f.ripple = std::min(f.ripple + s, 1.0); }},
     {Fault::torque_constant, "torque_constant", "1", 0.9,
-     "Fc, Fs, Fv and load x 1 / (1 - s), as the current tells them",
+     "Fc, Fs, Fv and load x 1 / (1 - s), as computed from the current",
      [](Faults& f, double s) { f.torque_loss = 1 - (1 - f.torque_loss) * (1 - s); }},
 };
 

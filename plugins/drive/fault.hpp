@@ -18,7 +18,7 @@ struct FaultInfo {
   std::string_view unit;       ///< of the severity: "1" relative, "rad" arm side
   double maximum;              ///< largest severity
   std::string_view footprint;  ///< on the parameters of Zhou 2024 (11) and on ripple, lost motion and load
-  void (*add)(Faults& faults, double severity);  ///< to others that are there
+  void (*add)(Faults& faults, double severity);  ///< to the faults already present
 };
 
 /// All faults.

@@ -40,7 +40,7 @@ constexpr Key lugre_keys[] = {
 constexpr Key gear_loss_keys[] = {
     {"mu_avg", "1", "", 0, 1, "friction per load torque, mean of both directions"},
     {"mu_dif", "1", "", -1, 1, "half the difference, driving minus driven; |mu_dif| <= mu_avg, mu_avg + |mu_dif| < 1"},
-    {"h", "rad", "", 1e-12, 1e9, "length of motion over which friction turns round, on the law's side"},
+    {"h", "rad", "", 1e-12, 1e9, "length of motion over which friction reverses, on the law's side"},
 };
 constexpr DynamicsInfo dynamics[] = {{"static", Dynamics::none, {}},
                                      {"lugre", Dynamics::lugre, lugre_keys},

@@ -8,7 +8,7 @@
 #include <tribotwin/plugins/friction/key.hpp>
 
 /// Private to this folder: the tables of a drive's keys, from which reading, messages and documentation follow. The
-/// parameters of laws and thermal models are in the tables of those.
+/// parameters of laws and thermal models have their own tables.
 namespace tribotwin::drive {
 
 std::span<const Key> word_keys();
@@ -23,7 +23,7 @@ struct DynamicsInfo {
 };
 /// The values of the key `friction`.
 std::span<const DynamicsInfo> dynamics_table();
-/// Where the keys of a drive's dynamics go, in their order.
+/// The numbers that the keys of a drive's dynamics set, in the order of the keys.
 std::array<double*, 3> dynamics_values(Drive& drive);
 
 struct ValidityInfo {

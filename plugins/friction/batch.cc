@@ -19,12 +19,12 @@ Eigen::ArrayXd torque(const Law& law, const Eigen::Ref<const Eigen::ArrayXd>& sp
   assert(speed_rad_s.size() == load_norm.size() && speed_rad_s.size() == temperature_degC.size());
   const Range held = held_range(law);
   const bool rare_term = std::ranges::any_of(
-      formula::terms, [&](const formula::Term& term) { return term.rare && law.family.*term.number != 0; });
+      formula::terms, [&](const formula::Term& term) { return term.rare && law.general_law.*term.number != 0; });
   // The exponent beta alone has no effect without its term.
   const bool rare_number = std::ranges::any_of(formula::shape_numbers, [&](const formula::ShapeNumber& row) {
-    return row.rare && row.quantity != formula::power_exponent && law.family.*row.number != 0;
+    return row.rare && row.quantity != formula::power_exponent && law.general_law.*row.number != 0;
   });
-  const KernelLaw kernel{.numbers = law.family,
+  const KernelLaw kernel{.numbers = law.general_law,
                          .coefficients = at_temperature(law, 0).coefficients,
                          .speed_max = held.speed_max_rad_s,
                          .load_max = held.load_max,

@@ -2,12 +2,12 @@
 
 #include "formula.hpp"
 
-/// Private to batch.cc: what the kernels are given. No other headers; see formula.hpp.
+/// Private to batch.cc: the input of the kernels. Includes no other headers; formula.hpp says why.
 namespace tribotwin::friction {
 
 struct KernelLaw {
   GeneralLaw numbers;
-  formula::Coefficients coefficients;  ///< those that no temperature changes or, where none does, all
+  formula::Coefficients coefficients;  ///< those independent of temperature; all where the law is
   double speed_max, load_max, temperature_min, temperature_max;
   bool load_dependent, temperature_dependent, all_terms;
 };

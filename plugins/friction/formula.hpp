@@ -6,8 +6,8 @@
 /// `Heat`; a number that a law is not linear in is one row of `shape_numbers`.
 ///
 /// This header includes nothing, and its functions are templates over a `Math` that each translation unit defines for
-/// itself in an unnamed namespace: the kernels are compiled for several instruction sets, and an inline function that
-/// is shared between translation units could be linked in its AVX version for everybody. Math has
+/// itself in an unnamed namespace: the kernels are compiled for several instruction sets, and the linker could keep the
+/// AVX version of a shared inline function for all callers. Math has
 ///   exp(x), log(x), magnitude(x)
 ///   power(x, a)                    x^a for x >= 0
 ///   quotient(a, b)                 a / b; a loop may multiply by the reciprocal
@@ -109,7 +109,7 @@ inline constexpr ShapeNumber shape_numbers[] = {
 };
 inline constexpr int shape_number_count = sizeof(shape_numbers) / sizeof(*shape_numbers);
 
-/// What is known of a shape without a speed; `Form` below evaluates it.
+/// Properties of a shape that do not depend on the speed; `Form` below evaluates the shape.
 struct ShapeInfo {
   bool weakening;       ///< part of g, else of h
   int degree = 0;       ///< of v, where the shape is a power of v
@@ -127,7 +127,7 @@ inline constexpr ShapeInfo shape_infos[shape_count] = {
     {.weakening = false, .slope_count = 1, .slopes = {power_exponent}},
 };
 
-/// The law at one temperature: all that a speed and a load still need.
+/// The law at one temperature, to be evaluated at a speed and a load.
 struct Coefficients {
   double amplitude[shape_count][2] = {};  ///< of each shape, without load and per load
   double vs_pow = 0, vl_pow = 0;          ///< |vs(T)|^-alpha, infinite for a Stribeck velocity of 0; vl^-alpha
@@ -145,16 +145,16 @@ template <int count, int from = 0, class F>
 
 template <class Math>
 struct Basics {
-  static constexpr double least(double a, double b) { return a < b ? a : b; }
-  static constexpr double most(double a, double b) { return a > b ? a : b; }
+  static constexpr double minimum(double a, double b) { return a < b ? a : b; }
+  static constexpr double maximum(double a, double b) { return a > b ? a : b; }
 
-  /// e^-x for x >= 0. A Stribeck velocity of 0 leaves nothing of its term above standstill: x is infinite then, or NaN
-  /// where v^alpha underflows.
+  /// e^-x for x >= 0. With a Stribeck velocity of 0 the term is 0 above standstill: x is then infinite, or NaN where
+  /// v^alpha underflows.
   [[gnu::always_inline]] static double fade(double x) {
     if constexpr (Math::branches)
       return x < 750 ? Math::exp(-x) : 0.0;
     else
-      return x < 750 ? Math::exp(-least(x, 750)) : 0.0;
+      return x < 750 ? Math::exp(-minimum(x, 750)) : 0.0;
   }
 
   [[gnu::always_inline]] static double times_power(double x, double T, int degree) {
@@ -178,17 +178,17 @@ struct Basics {
     return sum;
   }
 
-  /// The factor of all terms. Past its zero it would turn friction into a motor; it stays at the zero.
+  /// The factor of all terms, floored at 0: a negative factor would make friction drive the joint.
   [[gnu::always_inline]] static double scale(const GeneralLaw& f, double T) {
-    return most(1 + f.s_T * (T - f.s_T0), 0);
+    return maximum(1 + f.s_T * (T - f.s_T0), 0);
   }
 };
 
 /// Per shape: `value` at v > 0 from the coefficients, v^alpha given; and, for identification, `sample`: the same from
-/// the numbers themselves, with its slopes by the quantities of its ShapeInfo. Identification may search anywhere:
-/// powers stay finite, and so do the squares of their products. `warm`: the quantities may depend on T.
-/// A sample takes `steps` of one transcendental function each, called in turn with the same three variables: a loop of
-/// one step has independent functions for the processor to overlap.
+/// the numbers themselves, with its slopes by the quantities of its ShapeInfo. Identification may search anywhere, so
+/// powers and the squares of their products stay finite. `warm`: the quantities may depend on T. A sample takes `steps`
+/// steps of one transcendental function each, called in turn with the same three variables. In a loop over samples that
+/// does one step, the processor can overlap these functions.
 template <Shape shape, class Math>
 struct Form {  // a power of v
   static constexpr int steps = 1;
@@ -199,15 +199,15 @@ struct Form {  // a power of v
   }
 };
 
-/// A step of e^-x with x = (v/u)^alpha and its slopes by u and alpha. Powers beyond e^6 leave nothing of the term,
-/// infinity times 0 of its slopes, and make the vector functions slow.
+/// A step of e^-x with x = (v/u)^alpha and its slopes by u and alpha. Powers are limited to e^6: beyond it the term is
+/// 0, its slopes are infinity times 0, and the vector functions are slow.
 template <class Math, int step>
 [[gnu::always_inline]] inline void stribeck_sample(double u, double alpha, double log_v, double& value, double& by_u,
                                                    double& by_alpha) {
   if constexpr (step == 0) {
     by_alpha = log_v - Math::log(Math::magnitude(u));
   } else if constexpr (step == 1) {
-    by_u = Math::exp(Basics<Math>::least(alpha * by_alpha, 6));
+    by_u = Math::exp(Basics<Math>::minimum(alpha * by_alpha, 6));
   } else {
     const double x = by_u, log_ratio = by_alpha;
     value = Math::exp(-x);
@@ -252,7 +252,7 @@ struct Form<power, Math> {
                                             double& by_beta, double&) {
     using B = Basics<Math>;
     const double beta = warm ? B::template at<power_exponent>(f, T) : f.beta;
-    value = Math::exp(B::least(B::most(beta * log_v, -700), 150));
+    value = Math::exp(B::minimum(B::maximum(beta * log_v, -700), 150));
     by_beta = value * log_v;
   }
 };
@@ -261,7 +261,7 @@ struct Form<power, Math> {
 template <class Math>
 [[gnu::always_inline]] inline void vogel_sample(double T_V, double T, double& value, double& slope) {
   const double per_K = 1 / T_V;
-  value = Math::exp(Basics<Math>::least(Basics<Math>::most(-T * per_K, -700), 150));
+  value = Math::exp(Basics<Math>::minimum(Basics<Math>::maximum(-T * per_K, -700), 150));
   slope = value * T * (per_K * per_K);
 }
 
@@ -276,14 +276,14 @@ template <class Math, bool loaded = true, bool all = true>
 struct Evaluator {
   using B = Basics<Math>;
 
-  /// Coefficients that no temperature changes. Without a load term vl is a mere default; its power would send exp down
-  /// the vector library's slow path for tiny results.
+  /// Coefficients that no temperature changes. Without a load term vl is only a default, and its power would make the
+  /// vector library's exp take the slow path for tiny results.
   static Coefficients constants(const GeneralLaw& f) {
     return {.vl_pow = f.C_l == 0 ? 0 : Math::power(f.vl, -f.alpha), .alpha = f.alpha};
   }
 
-  /// All other coefficients at T [degC]. Returns the factor that both parts still lack: 1 or, in a vectorised loop,
-  /// where one product at the end costs less than one per amplitude, s(T).
+  /// All other coefficients at T [degC]. Returns the factor that the caller applies to both parts: s(T) in a vectorised
+  /// loop, where one product at the end costs less than one per amplitude, else 1.
   [[gnu::always_inline]] static double set_temperature(const GeneralLaw& f, double T, Coefficients& c) {
     c.vs_pow = Math::power(Math::magnitude(B::template at<stribeck_velocity, all>(f, T)), -f.alpha);
     double thinned = 0;
@@ -307,15 +307,16 @@ struct Evaluator {
         c.amplitude[shape][load] = Math::branches ? s * sum : sum;
       }
     });
-    if constexpr (all) c.beta = B::least(B::most(B::template at<power_exponent>(f, T), exponent_min), exponent_max);
+    if constexpr (all)
+      c.beta = B::minimum(B::maximum(B::template at<power_exponent>(f, T), exponent_min), exponent_max);
     return Math::branches ? 1 : s;
   }
 
   struct Parts {
     double weakening, strengthening;
   };
-  /// Both parts at v > 0 and l >= 0, neither floored. `v_alpha` is v^alpha, which needs no temperature: computed early
-  /// it leaves a processor more to do at once.
+  /// Both parts at v > 0 and l >= 0, neither floored. `v_alpha` is v^alpha. It does not depend on temperature; the
+  /// caller computes it early, so that the processor can overlap more work.
   [[gnu::always_inline]] static Parts parts(const Coefficients& c, double v, double v_alpha, double l) {
     Parts sum{amplitude<constant>(c, l), polynomial<1>(c, v, l)};
     each<shape_count>([&]<int i>() __attribute__((always_inline)) {
@@ -361,7 +362,7 @@ struct Evaluator {
     else
       return 0;
   }
-  /// The shapes that are powers of v, from v^degree on, over v^(degree - 1).
+  /// The sum of the shapes that are powers of v, from v^degree on, divided by v^(degree - 1).
   template <int degree>
   [[gnu::always_inline]] static double polynomial(const Coefficients& c, double v, double l) {
     constexpr int here = [] {
@@ -406,7 +407,7 @@ struct Columns {
   /// First the terms, in their order; then the slopes of terms by shape numbers, each once.
   Column column[term_count + term_count * 4] = {};
   int count = term_count;
-  /// Slope of a term by a shape number, the number of the column; -1 where it has none. The scale s(T) aside.
+  /// Column of the slope of a term by a shape number, without the scale s(T); -1 where there is none.
   int slope[term_count][shape_number_count] = {};
 };
 

@@ -10,7 +10,7 @@ namespace {
 
 constexpr double none = std::numeric_limits<double>::quiet_NaN();
 
-// Beyond these no input is physical, whatever the policy; they keep every formula finite.
+// Physical bounds of the inputs under every policy. They keep every formula finite.
 constexpr Range physical = {
     .speed_max_rad_s = 1e6, .load_max = 1e3, .temperature_min_degC = -273.15, .temperature_max_degC = 1000};
 
@@ -23,7 +23,7 @@ constexpr Parameter stribeck_parameters[] = {
     {"vs", "rad/s", 1e-9, 1e6, 10.68, 1.08, "Stribeck velocity"},
     {"alpha", "1", 0.01, 10, 1.93, 0.60, "exponent of the Stribeck term"},
 };
-GeneralLaw stribeck_family(std::span<const double> p) {
+GeneralLaw stribeck_general_law(std::span<const double> p) {
   return {.A = p[0], .B = p[1], .vs = p[3], .alpha = p[4], .F1 = p[2]};
 }
 
@@ -36,7 +36,7 @@ constexpr Parameter non_newtonian_parameters[] = {
     {"Fmu", "(s/rad)^beta", -10, 10, none, none, "non-Newtonian coefficient"},
     {"beta", "1", exponent_min, exponent_max, none, none, "non-Newtonian exponent"},
 };
-GeneralLaw non_newtonian_family(std::span<const double> p) {
+GeneralLaw non_newtonian_general_law(std::span<const double> p) {
   return {.A = p[0], .B = p[1], .vs = p[3], .alpha = p[4], .F1 = p[2], .Fb = p[5], .beta = p[6]};
 }
 
@@ -49,7 +49,7 @@ constexpr Parameter load_parameters[] = {
     {"alpha", "1", 0.01, 10, 1.36, 0.011, "exponent of the Stribeck term"},
     {"Fv", "s/rad", 0, 1, none, none, "viscous slope"},
 };
-GeneralLaw load_family(std::span<const double> p) {
+GeneralLaw load_general_law(std::span<const double> p) {
   return {.A = p[0], .A_l = p[1], .B = p[2], .B_l = p[3], .vs = p[4], .alpha = p[5], .F1 = p[6]};
 }
 
@@ -64,10 +64,10 @@ constexpr Parameter extended_parameters[] = {
     {"vsl", "rad/s", 1e-9, 1e6, 9.22, 0.12, "Stribeck velocity of the load term"},
     {"alpha", "1", 0.01, 10, 1.36, 0.011, "exponent of both Stribeck terms"},
     {"Fv0", "s/rad", 0, 1, 1.30e-4, 0.056e-4, "viscous slope of hot lubricant"},
-    {"FvT", "s/rad", 0, 1, 1.32e-3, 0.076e-3, "viscous slope that heat removes"},
+    {"FvT", "s/rad", 0, 1, 1.32e-3, 0.076e-3, "viscous slope that decays with temperature"},
     {"TV0", "K", 1, 1000, 20.71, 0.91, "temperature scale of the viscosity"},
 };
-GeneralLaw extended_family(std::span<const double> p) {
+GeneralLaw extended_general_law(std::span<const double> p) {
   return {.A = p[0],
           .A_l = p[1],
           .B = p[2],
@@ -90,7 +90,7 @@ constexpr Parameter steady_state_parameters[] = {
     {"Fv", "Nm (s/rad)^beta", 0, 1e6, none, none, "viscous coefficient"},
     {"beta", "1", exponent_min, exponent_max, none, none, "viscous exponent"},
 };
-GeneralLaw steady_state_family(std::span<const double> p) {
+GeneralLaw steady_state_general_law(std::span<const double> p) {
   return {.A = p[0], .B = p[1] - p[0], .vs = p[2], .alpha = p[3], .Fb = p[4], .beta = p[5]};
 }
 const char* steady_state_conflict(std::span<const double> p) {
@@ -111,7 +111,7 @@ constexpr Parameter steady_state_extended_parameters[] = {
     {"beta0", "1", exponent_min, exponent_max, none, none, "viscous exponent at 0 degC"},
     {"betaT", "1/K", -1, 1, none, none, "viscous exponent per degC"},
 };
-GeneralLaw steady_state_extended_family(std::span<const double> p) {
+GeneralLaw steady_state_extended_general_law(std::span<const double> p) {
   return {.A = p[0],
           .A_T = p[1],
           .A_l = p[2],
@@ -128,7 +128,8 @@ GeneralLaw steady_state_extended_family(std::span<const double> p) {
 }
 constexpr Range steady_state_extended_range = {
     .speed_max_rad_s = 174.6, .load_max = 1, .temperature_min_degC = 20, .temperature_max_degC = 60};
-/// Zhou 2024 (12) and its like, affine in T and l: what holds at the corners of the range holds within.
+/// Zhou 2024 (12) and similar conditions. They are affine in T and l, so a condition that holds at the corners of the
+/// range holds within it.
 const char* steady_state_extended_conflict(std::span<const double> p) {
   const Range& r = steady_state_extended_range;
   for (const double T : {r.temperature_min_degC, r.temperature_max_degC}) {
@@ -156,7 +157,7 @@ constexpr Parameter polynomial_parameters[] = {
     {"a", "1/K", -1, 1, none, none, "relative change per degree"},
     {"T0", "degC", -100, 300, none, none, "temperature of f1 to f4"},
 };
-GeneralLaw polynomial_family(std::span<const double> p) {
+GeneralLaw polynomial_general_law(std::span<const double> p) {
   return {.A = p[0], .F1 = p[1], .F2 = p[2], .F3 = p[3], .s_T = p[4], .s_T0 = p[5]};
 }
 
@@ -175,7 +176,7 @@ constexpr Parameter stribeck_T_parameters[] = {
     {"FvT", "Nm s/rad/K", -1e4, 1e4, none, none, "viscous slope per degC"},
     {"FvTT", "Nm s/rad/K^2", -1e3, 1e3, none, none, "viscous slope per degC squared"},
 };
-GeneralLaw stribeck_T_family(std::span<const double> p) {
+GeneralLaw stribeck_T_general_law(std::span<const double> p) {
   return {.A = p[0],
           .A_T = p[1],
           .A_TT = p[2],
@@ -192,21 +193,21 @@ GeneralLaw stribeck_T_family(std::span<const double> p) {
 }
 constexpr Range stribeck_T_range = {.speed_max_rad_s = 150, .temperature_min_degC = 20, .temperature_max_degC = 50};
 const char* stribeck_T_conflict(std::span<const double> p) {
-  // The least of c0 + c1 T + c2 T^2 in the range: at its ends or at its vertex.
-  const auto least = [](double c0, double c1, double c2) {
+  // The minimum of c0 + c1 T + c2 T^2 in the range: at its ends or at its vertex.
+  const auto minimum = [](double c0, double c1, double c2) {
     const double low = stribeck_T_range.temperature_min_degC, high = stribeck_T_range.temperature_max_degC;
     const double vertex = c2 == 0 ? low : std::clamp(-c1 / (2 * c2), low, high);
     const auto at = [&](double T) { return c0 + (c1 + c2 * T) * T; };
     return std::min({at(low), at(high), at(vertex)});
   };
-  if (!(least(p[0], p[1], p[2]) >= 0))
+  if (!(minimum(p[0], p[1], p[2]) >= 0))
     return "Fc0 + FcT T + FcTT T^2 is Coulomb friction and must not be below 0 at 20 .. 50 degC";
-  if (!(least(p[3] - p[0], p[4] - p[1], p[5] - p[2]) >= 0))
+  if (!(minimum(p[3] - p[0], p[4] - p[1], p[5] - p[2]) >= 0))
     return "Fs0 + FsT T + FsTT T^2 is the standstill level and must not be below Fc0 + FcT T + FcTT T^2 at 20 .. 50 "
            "degC";
-  if (!(least(p[6], p[7], p[8]) > 0))
+  if (!(minimum(p[6], p[7], p[8]) > 0))
     return "vs0 + vsT T + vsTT T^2 is the Stribeck velocity and must be above 0 at 20 .. 50 degC";
-  if (!(least(p[10], p[11], p[12]) >= 0))
+  if (!(minimum(p[10], p[11], p[12]) >= 0))
     return "Fv0 + FvT T + FvTT T^2 is the viscous slope and must not be below 0 at 20 .. 50 degC";
   return nullptr;
 }
@@ -221,7 +222,7 @@ constexpr LawInfo table[] = {
      .load_dependent = false,
      .identified = {.speed_max_rad_s = 280},
      .parameters = stribeck_parameters,
-     .family = stribeck_family,
+     .general_law = stribeck_general_law,
      .conflict = nullptr},
     {.name = "stribeck_non_newtonian",
      .equation = "Fc + Fs e^-|v/vs|^alpha + Fv v + Fmu v^beta",
@@ -232,7 +233,7 @@ constexpr LawInfo table[] = {
      .load_dependent = false,
      .identified = {.speed_max_rad_s = 280},
      .parameters = non_newtonian_parameters,
-     .family = non_newtonian_family,
+     .general_law = non_newtonian_general_law,
      .conflict = nullptr},
     {.name = "load",
      .equation = "(Fc0 + Fcl l) + (Fs0 + Fsl l) e^-|v/vs|^alpha + Fv v",
@@ -243,7 +244,7 @@ constexpr LawInfo table[] = {
      .load_dependent = true,
      .identified = {.speed_max_rad_s = 280, .load_max = 0.73},
      .parameters = load_parameters,
-     .family = load_family,
+     .general_law = load_general_law,
      .conflict = nullptr},
     {.name = "extended",
      .equation = "(Fc0 + Fcl l) + Fsl l e^-|v/vsl|^alpha + (Fs0 + FsT T) e^-|v/(vs0 + vsT T)|^alpha"
@@ -255,7 +256,7 @@ constexpr LawInfo table[] = {
      .load_dependent = true,
      .identified = {.speed_max_rad_s = 280, .load_max = 0.73, .temperature_min_degC = 38, .temperature_max_degC = 81.2},
      .parameters = extended_parameters,
-     .family = extended_family,
+     .general_law = extended_general_law,
      .conflict = nullptr},
     {.name = "steady_state",
      .equation = "Fc + (Fs - Fc) e^-|v/Vs|^alpha + Fv v^beta",
@@ -266,7 +267,7 @@ constexpr LawInfo table[] = {
      .load_dependent = false,
      .identified = {.speed_max_rad_s = 174.6},
      .parameters = steady_state_parameters,
-     .family = steady_state_family,
+     .general_law = steady_state_general_law,
      .conflict = steady_state_conflict},
     {.name = "steady_state_extended",
      .equation = "Fc + (Fs - Fc) e^-|v/Vs|^alpha + FvT e^(-T/TV0) v^(beta0 + betaT T) with Fc = Fc0 + FcT T + Fcl l,"
@@ -278,7 +279,7 @@ constexpr LawInfo table[] = {
      .load_dependent = true,
      .identified = steady_state_extended_range,
      .parameters = steady_state_extended_parameters,
-     .family = steady_state_extended_family,
+     .general_law = steady_state_extended_general_law,
      .conflict = steady_state_extended_conflict},
     {.name = "polynomial",
      .equation = "(f1 + f2 v + f3 v^2 + f4 v^3) (1 + a (T - T0))",
@@ -289,7 +290,7 @@ constexpr LawInfo table[] = {
      .load_dependent = false,
      .identified = {},
      .parameters = polynomial_parameters,
-     .family = polynomial_family,
+     .general_law = polynomial_general_law,
      .conflict = nullptr},
     {.name = "stribeck_T",
      .equation = "Fc + (Fs - Fc) e^-|v/vs|^delta + Fv v with Fc = Fc0 + FcT T + FcTT T^2, and Fs, vs, Fv alike",
@@ -300,7 +301,7 @@ constexpr LawInfo table[] = {
      .load_dependent = false,
      .identified = stribeck_T_range,
      .parameters = stribeck_T_parameters,
-     .family = stribeck_T_family,
+     .general_law = stribeck_T_general_law,
      .conflict = stribeck_T_conflict},
 };
 
@@ -318,7 +319,7 @@ std::size_t edit_distance(std::string_view a, std::string_view b) {
   return row.back();
 }
 
-/// The mathematics of one number at a time.
+/// Math of formula.hpp for one number at a time.
 struct Libm {
   static constexpr bool branches = true;
   static double exp(double x) { return std::exp(x); }
@@ -380,20 +381,20 @@ Result<Law> make_law(std::string_view name, std::span<const std::pair<std::strin
                                         accepted[i].meaning, accepted[i].unit));
   if (const char* conflict = law.info->conflict ? law.info->conflict(law.values()) : nullptr)
     return tl::unexpected(fmt::format("law '{}': {}", name, conflict));
-  law.family = law.info->family(law.values());
+  law.general_law = law.info->general_law(law.values());
   return law;
 }
 
 Law with_parameters(const Law& law, std::span<const double> parameters) {
   Law changed = law;
   std::ranges::copy(parameters, changed.parameters.begin());
-  changed.family = law.info->family(changed.values());
+  changed.general_law = law.info->general_law(changed.values());
   return changed;
 }
 
 Law scaled(const Law& law, double weakening, double stribeck_velocity, double strengthening) {
   Law result = law;
-  GeneralLaw& f = result.family;
+  GeneralLaw& f = result.general_law;
   for (const formula::Term& term : formula::terms)
     f.*term.number *= formula::shape_infos[term.shape].weakening ? weakening : strengthening;
   for (const formula::ShapeNumber& row : formula::shape_numbers)
@@ -406,8 +407,8 @@ double growth_with_load(const Law& law) {
   double above = 0, at_rest = 0;
   for (const formula::Term& term : formula::terms)
     if (term.load == 1 && formula::shape_infos[term.shape].weakening) {
-      at_rest += law.family.*term.number;
-      if (term.shape == formula::constant) above += law.family.*term.number;
+      at_rest += law.general_law.*term.number;
+      if (term.shape == formula::constant) above += law.general_law.*term.number;
     }
   return std::max(std::abs(above), std::abs(at_rest));
 }
@@ -448,8 +449,9 @@ AtTemperature at_temperature(const Law& law, double temperature_degC) {
   const bool outside = law.info->temperature_dependent && !(temperature_degC >= law.range.temperature_min_degC &&
                                                             temperature_degC <= law.range.temperature_max_degC);
   const Range held = held_range(law);
-  AtTemperature at{Scalar::constants(law.family), outside};
-  Scalar::set_temperature(law.family, confined(temperature_degC, held.temperature_min_degC, held.temperature_max_degC),
+  AtTemperature at{Scalar::constants(law.general_law), outside};
+  Scalar::set_temperature(law.general_law,
+                          confined(temperature_degC, held.temperature_min_degC, held.temperature_max_degC),
                           at.coefficients);
   return at;
 }

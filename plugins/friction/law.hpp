@@ -33,10 +33,10 @@ namespace tribotwin::friction {
 /// The shaft whose speed a law takes.
 enum class Side { motor, arm };
 
-/// What a law does with an input outside the range it was identified in.
-/// `clamp` holds the input at the edge; `extrapolate` evaluates the formula as it stands, floored at 0 and, where the
-/// result is not finite, clamped; `error` evaluates like `clamp` and leaves it to the caller to stop.
-/// Under every policy the result is finite, >= 0 for v > 0, odd in v, and says whether the input lay outside.
+/// What a law does with an input outside the range it was identified in. `clamp` holds the input at the edge;
+/// `extrapolate` evaluates the formula as it stands, floored at 0 and, where the result is not finite, clamped; `error`
+/// evaluates like `clamp`, and the caller stops. Under every policy the result is finite, >= 0 for v > 0, odd in v, and
+/// says whether the input lay outside.
 enum class Validity { clamp, extrapolate, error };
 
 inline constexpr std::size_t max_parameters = 13;
@@ -49,8 +49,8 @@ struct Parameter {
   double published;         ///< value in the source; NaN where the source gives none
   double sigma;             ///< one standard deviation in the source; NaN where the source gives none
   std::string_view meaning;
-  /// Another parameter of the law that this one must not be below; empty: none. Identification searches for the excess
-  /// over that one.
+  /// The parameter of the law that is a lower bound of this one; empty: none. Identification searches for the
+  /// difference.
   std::string_view not_below = {};
 };
 
@@ -72,9 +72,9 @@ struct LawInfo {
   bool temperature_dependent, load_dependent;
   Range identified;
   std::span<const Parameter> parameters;
-  /// The numbers of the general law. Every one is affine in the parameters, family(a) + family(b) - family(0) ==
-  /// family(a + b): identification takes its exact derivatives from that.
-  GeneralLaw (*family)(std::span<const double> parameters);
+  /// The numbers of the general law. Every one is affine in the parameters, general_law(a) + general_law(b) -
+  /// general_law(0) == general_law(a + b): identification takes its exact derivatives from that.
+  GeneralLaw (*general_law)(std::span<const double> parameters);
   /// Conditions between parameters (Fs >= Fc, ...); nullptr or an explanation.
   const char* (*conflict)(std::span<const double> parameters);
 };
@@ -89,10 +89,10 @@ struct Law {
   std::array<double, max_parameters> parameters{};
   Range range;
   Validity validity = Validity::clamp;
-  GeneralLaw family;  ///< follows from the parameters, `with_parameters` keeps it so; `scaled` departs from them
+  GeneralLaw general_law;  ///< follows from the parameters, except after `scaled`
 
   std::span<const double> values() const& { return {parameters.data(), info->parameters.size()}; }
-  void values() const&& = delete;  ///< of a law that is gone
+  void values() const&& = delete;  ///< a temporary law would not outlive the result
 };
 
 /// A law from named values, each parameter exactly once.
@@ -102,11 +102,11 @@ Result<Law> make_law(std::string_view name, std::span<const std::pair<std::strin
 /// The law with the numbers of its source. Fails where the source publishes none.
 Result<Law> published_law(std::string_view name);
 
-/// The same law with other numbers, within the accepted ranges or not (wear may leave them).
+/// The same law with other numbers. Accepted ranges are not checked, because wear may leave them.
 Law with_parameters(const Law& law, std::span<const double> parameters);
 
-/// The same law with its parts multiplied at every temperature and load: g, the Stribeck velocities, h. `parameters`
-/// stay.
+/// The same law with g, the Stribeck velocities and h multiplied by factors at every temperature and load. `parameters`
+/// do not change.
 Law scaled(const Law& law, double weakening, double stribeck_velocity, double strengthening);
 
 /// The largest growth of the friction level per load [unit of the law], at standstill and just above the Stribeck
@@ -123,7 +123,7 @@ struct Gradient {
 Gradient gradient(const GeneralLaw& law, double speed_rad_s, double load_norm, double temperature_degC);
 
 /// The bounds that `level` and `at_temperature` hold inputs to under the law's policy: its own range or, where it
-/// extrapolates or is unlimited, what is physical at all (1e6 rad/s, load 1e3, -273.15 .. 1000 degC).
+/// extrapolates or is unlimited, the physical bounds (1e6 rad/s, load 1e3, -273.15 .. 1000 degC).
 Range held_range(const Law& law);
 
 struct AtTemperature {
@@ -142,8 +142,8 @@ struct Level {
   double total() const { return weakening + strengthening; }
 };
 
-/// Friction level at |speed| [rad/s, the law's side] and |load| [-]; speed 0 gives the breakaway level.
-/// Never NaN or infinite for any input, NaN included (which counts as outside, and as 0).
+/// Friction level at |speed| [rad/s, the law's side] and |load| [-]; speed 0 gives the breakaway level. The result is
+/// finite for every input; NaN counts as 0 and as outside.
 Level level(const Law& law, const AtTemperature& at, double speed_rad_s, double load_norm);
 
 /// Friction torque in the direction of motion, odd in speed; 0 at standstill. Unit of the law.

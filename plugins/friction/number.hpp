@@ -8,8 +8,8 @@
 
 namespace tribotwin {
 
-/// The number that is the whole of `text`: decimal point, no sign '+', no spaces, whatever the locale. Nothing where
-/// the text is no such number. "nan" and "inf" are numbers here; callers decide.
+/// Parses the whole of `text` as a number: decimal point, no sign '+', no spaces, independent of the locale. Nothing
+/// where the text is no such number. "nan" and "inf" are numbers here; callers decide.
 inline std::optional<double> to_number(std::string_view text) {
   double value = 0;
   const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
@@ -17,7 +17,7 @@ inline std::optional<double> to_number(std::string_view text) {
   return value;
 }
 
-/// The whole number that is the whole of `text`, in digits of `base`. Nothing where the type cannot hold it.
+/// Parses the whole of `text` as an integer in digits of `base`. Nothing where the type cannot hold it.
 template <std::integral Integer>
 std::optional<Integer> to_integer(std::string_view text, int base = 10) {
   Integer value = 0;

@@ -79,7 +79,7 @@ double rounded_down(double x) {
 /// What is wrong with the bristles on this joint at this time step, or nothing. They act as a torque held over the
 /// step: with omega the frequency of the joint on its bristles and zeta its damping ratio, that is faithful for omega
 /// dt up to 1/2 and 2 zeta omega dt up to 1. Runge-Kutta moves the joint by the mean of the speeds, not by the last
-/// one, so the spring gains (omega dt)^2 / 2 per step that zeta must take out.
+/// one, so the spring gains (omega dt)^2 / 2 per step, which zeta must dissipate.
 std::string bristle_fault(const mjModel* m, const drive::Drive& drive, int dof) {
   const bool lugre = drive.dynamics == drive::Dynamics::lugre;
   const double to_joint = drive.torque_scale_nm() * drive.speed_scale() * m->dof_invweight0[dof];
@@ -87,10 +87,10 @@ std::string bristle_fault(const mjModel* m, const drive::Drive& drive, int dof) 
   if (!lugre) {
     const double load = std::isfinite(drive.law.range.load_max) ? drive.law.range.load_max : 1;
     double held_nm = (drive.gear_loss.mu_avg + std::abs(drive.gear_loss.mu_dif)) * load * drive.torque_max_nm,
-           most_nm = 0;
+           max_nm = 0;
     for (const double T : extreme_temperatures(drive))
-      for (const double l : {load, -load}) most_nm = std::max(most_nm, friction_nm(drive, 0, l, T));
-    held_nm += most_nm;
+      for (const double l : {load, -load}) max_nm = std::max(max_nm, friction_nm(drive, 0, l, T));
+    held_nm += max_nm;
     stiffness = held_nm / drive.torque_scale_nm() / drive.gear_loss.length_rad;
   }
   const double omega = std::sqrt(stiffness * drive.speed_scale() * to_joint),
@@ -125,7 +125,7 @@ double friction_nm(const drive::Drive& drive, double qd_rad_s, double load_norm,
 
 std::string actdim_message(const drive::Drive& drive) {
   const bool bristles = drive.dynamics != drive::Dynamics::none;
-  return fmt::format("actdim=\"{}\", the size of a drive's state {}", drive::memory_size(drive),
+  return fmt::format("actdim=\"{}\", the size of a drive's state {}", drive::state_size(drive),
                      bristles ? "with friction=\"lugre\" or \"gear_loss\" (3 without)"
                               : "(4 with friction=\"lugre\" or \"gear_loss\")");
 }
@@ -195,16 +195,16 @@ Result<void> check_options(const mjModel* m, const Binding& b) {
 }
 
 drive::State& state(mjData* d, const Binding& b) {
-  return *reinterpret_cast<drive::State*>(engine::state(d) + b.memory_address);
+  return *reinterpret_cast<drive::State*>(engine::state(d) + b.state_address);
 }
 drive::Workspace& workspace(mjData* d, const Binding& b) {
-  return *reinterpret_cast<drive::Workspace*>(engine::workspace(d) + b.scratch_address);
+  return *reinterpret_cast<drive::Workspace*>(engine::workspace(d) + b.workspace_address);
 }
 const drive::State& state(const mjData* d, const Binding& b) {
-  return *reinterpret_cast<const drive::State*>(engine::state(d) + b.memory_address);
+  return *reinterpret_cast<const drive::State*>(engine::state(d) + b.state_address);
 }
 const drive::Workspace& workspace(const mjData* d, const Binding& b) {
-  return *reinterpret_cast<const drive::Workspace*>(engine::workspace(d) + b.scratch_address);
+  return *reinterpret_cast<const drive::Workspace*>(engine::workspace(d) + b.workspace_address);
 }
 
 double commanded_force(const mjModel* m, const mjData* d, const Binding& b) {
@@ -214,7 +214,7 @@ double commanded_force(const mjModel* m, const mjData* d, const Binding& b) {
     const mjtNum* range = m->actuator_ctrlrange + 2 * b.control;
     control = mju_clip(control, range[0], range[1]);
   }
-  return mju_isBad(control) ? 0 : control;  // the engine warns, and takes 0 itself
+  return mju_isBad(control) ? 0 : control;  // the engine warns and uses 0 itself
 }
 
 void limit_friction(const mjModel* m, mjData* d, const Binding& b, Stage stage, double& passive_nm) {

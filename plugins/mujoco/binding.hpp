@@ -23,8 +23,8 @@ struct Binding {
   int control = -1, force = -1;                            ///< addresses in mjData.ctrl and mjData.actuator_force
   int row_hint = 0;                                        ///< among the friction rows
   double gear = 1;                                         ///< joint torque per actuator force
-  int memory_address = -1;                                 ///< in mjData.act (3.x) or mjData.userdata (2.2.2)
-  int scratch_address = -1;                                ///< in mjData.plugin_state (3.x) or mjData.userdata (2.2.2)
+  int state_address = -1;                                  ///< in mjData.act (3.x) or mjData.userdata (2.2.2)
+  int workspace_address = -1;                              ///< in mjData.plugin_state (3.x) or mjData.userdata (2.2.2)
 
   /// Joint speed [rad/s; m/s for a slide].
   double speed(const mjData* d) const { return d->qvel[dof]; }
@@ -44,7 +44,7 @@ int needed_iterations(int solver);
 Result<Binding> bind(const mjModel* m, drive::Drive drive, int actuator);
 
 /// Whether the model's options (solver, time step, integrator, flags) carry the friction of a bound drive faithfully.
-/// Part of `bind`; to be asked again where options may have changed since.
+/// `bind` calls it; call it again where options may have changed since.
 Result<void> check_options(const mjModel* m, const Binding& binding);
 
 /// State of a drive in d; of a drive with bristles the state is a drive::BristleState. Changing it between steps is
@@ -54,7 +54,7 @@ drive::Workspace& workspace(mjData* d, const Binding& binding);
 const drive::State& state(const mjData* d, const Binding& binding);
 const drive::Workspace& workspace(const mjData* d, const Binding& binding);
 
-/// What the control asks of the motor, within its range: the actuator force that its current shows.
+/// The actuator force that the control commands, within its range, as computed from the motor's current.
 double commanded_force(const mjModel* m, const mjData* d, const Binding& binding);
 
 /// Where in mj_forward or mj_inverse the engine asks for friction.
@@ -63,10 +63,10 @@ enum class Stage {
   actuation,  ///< in mj_fwdActuation; mj_forwardSkip and the engine's finite differences repeat it alone
 };
 
-/// Before the solver runs: writes the friction limit into the joint's constraint row, and into qfrc_passive what
-/// bristles hold and what a weak motor does not give. Both hosts call it at both stages, so that inverse dynamics sees
-/// the law, and a change of activation or control between the stages counts. Any number of calls gives what one gives.
-/// `passive_nm` remembers, beside qfrc_passive, what of it is this drive's.
+/// Before the solver runs: writes the friction limit into the joint's constraint row, and the torque of the bristles
+/// and the missing torque of a weak motor into qfrc_passive. Both hosts call it at both stages, so that inverse
+/// dynamics includes the law and a change of activation or control between the stages counts. Repeated calls have the
+/// effect of one. `passive_nm` stores this drive's share of qfrc_passive.
 void limit_friction(const mjModel* m, mjData* d, const Binding& binding, Stage stage, double& passive_nm);
 
 /// After the step: heat, temperature, load. Once per mj_step.

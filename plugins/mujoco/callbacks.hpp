@@ -38,7 +38,8 @@ struct Controller {
   void* context = nullptr;
 };
 
-/// mj_step with friction booked, on every engine. The controller, if any, is this call's alone.
+/// mj_step, and the friction of the step in the drives' totals, on every engine. The controller, if any, acts in this
+/// call only.
 void step(const Registration& registration, mjData* d, Controller controller = {});
 
 /// Engine warnings and errors become lines on stderr instead of a log file and a wait for a key; a fatal engine error

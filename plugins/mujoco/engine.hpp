@@ -38,7 +38,7 @@ inline int actuator_count(const mjModel* m) {
 #endif
 }
 
-/// Where elements keep what a restart needs, and what it does not.
+/// Where elements store their state, which a restart needs, and their workspace, which it does not.
 #if TRIBOTWIN_ENGINE_PLUGINS
 inline mjtNum* state(const mjData* d) { return d->act; }
 inline mjtNum* workspace(const mjData* d) { return d->plugin_state; }
@@ -47,7 +47,7 @@ inline mjtNum* state(const mjData* d) { return d->userdata; }
 inline mjtNum* workspace(const mjData* d) { return d->userdata; }
 #endif
 
-/// The control of an actuator, of a while ago where it has a delay.
+/// The control of an actuator, with its delay if it has one.
 inline double control(const mjModel* m, const mjData* d, int actuator, int address) {
 #if mjVERSION_HEADER >= 3005000
   if (m->actuator_delay[actuator] > 0)
@@ -68,7 +68,7 @@ inline bool is_disabled(const mjModel* m, int actuator) {
 #endif
 }
 
-/// What a joint's inertia gets from the rotor: <joint armature> and <actuator armature>, at a gear ratio of `gear`.
+/// The rotor's share of a joint's inertia: <joint armature> and <actuator armature>, at a gear ratio of `gear`.
 inline double rotor_inertia(const mjModel* m, int dof, int actuator, double gear) {
 #if mjVERSION_HEADER >= 3007000
   return m->dof_armature[dof] + m->actuator_armature[actuator] * gear * gear;
@@ -108,8 +108,8 @@ inline bool calls_passive(const mjModel* m) {
   return (m->opt.disableflags & all) != all;
 }
 
-/// Row of a dof's friction constraint, or -1. `hint` is where it is as long as no equality constraint comes or goes
-/// ahead of it: its place among the dofs with friction.
+/// Row of a dof's friction constraint, or -1. `hint` is its place among the dofs with friction, where the row is found
+/// without a search.
 inline int friction_row(const mjData* d, int dof, int hint) {
   const auto is = [&](int row) { return d->efc_type[row] == mjCNSTR_FRICTION_DOF && d->efc_id[row] == dof; };
   if (hint < d->nf && is(d->ne + hint)) return d->ne + hint;

@@ -84,12 +84,12 @@ Result<std::unique_ptr<BoundDrive>> connect(const mjModel* m, int instance) {
   const int actuator = actuator_of(m, instance);
   if (actuator == -2) return fail("serves two actuators; each drive needs its own");
   if (actuator < 0) return nullptr;
-  if (m->actuator_actnum[actuator] != static_cast<int>(drive::memory_size(*drive)))
+  if (m->actuator_actnum[actuator] != static_cast<int>(drive::state_size(*drive)))
     return fail("its actuator needs " + actdim_message(*drive));
   auto binding = bind(m, std::move(*drive), actuator);
   if (!binding) return tl::unexpected(std::string(plugin_name) + ": " + binding.error().message);
-  binding->memory_address = m->actuator_actadr[actuator];
-  binding->scratch_address = m->plugin_stateadr[instance];
+  binding->state_address = m->actuator_actadr[actuator];
+  binding->workspace_address = m->plugin_stateadr[instance];
   return std::make_unique<BoundDrive>(BoundDrive{std::move(*binding), options_of(m)});
 }
 
@@ -104,8 +104,8 @@ Result<std::unique_ptr<Spring>> connect_spring(const mjModel* m, int instance) {
   const int actuator = actuator_of(m, instance);
   if (actuator == -2) return fail("serves two actuators; each transmission needs its own");
   if (actuator < 0) return nullptr;
-  if (m->actuator_actnum[actuator] != static_cast<int>(spring_memory_size))
-    return fail("its actuator needs actdim=\"" + std::to_string(spring_memory_size) + "\"");
+  if (m->actuator_actnum[actuator] != static_cast<int>(spring_state_size))
+    return fail("its actuator needs actdim=\"" + std::to_string(spring_state_size) + "\"");
   std::vector<std::string> names;
   std::vector<int> joints, instances;
   for (int i = 0; i < engine::actuator_count(m); ++i)
@@ -122,8 +122,8 @@ Result<std::unique_ptr<Spring>> connect_spring(const mjModel* m, int instance) {
   if (!drive) return fail(drive.error().message);
   auto spring = bind_spring(m, std::move(*hysteresis), std::move(**drive), actuator);
   if (!spring) return tl::unexpected(std::string(spring_plugin_name) + ": " + spring.error().message);
-  spring->memory_address = m->actuator_actadr[actuator];
-  spring->scratch_address = m->plugin_stateadr[instance];
+  spring->state_address = m->actuator_actadr[actuator];
+  spring->workspace_address = m->plugin_stateadr[instance];
   return std::make_unique<Spring>(std::move(*spring));
 }
 
@@ -274,7 +274,7 @@ void register_spring() {
   plugin.capabilityflags = mjPLUGIN_ACTUATOR;
   plugin.nattribute = static_cast<int>(transmission::all_keys().size());
   plugin.attributes = transmission::all_keys().data();
-  plugin.nstate = [](const mjModel*, int) { return static_cast<int>(spring_scratch_size); };
+  plugin.nstate = [](const mjModel*, int) { return static_cast<int>(spring_workspace_size); };
   plugin.init = init<connect_spring>;
   plugin.destroy = destroy<Spring>;
   plugin.copy = copy<Spring>;
@@ -298,7 +298,7 @@ __attribute__((constructor)) void register_plugins() {
   plugin.capabilityflags = mjPLUGIN_ACTUATOR | mjPLUGIN_PASSIVE;
   plugin.nattribute = static_cast<int>(drive::all_keys().size());
   plugin.attributes = drive::all_keys().data();
-  plugin.nstate = [](const mjModel*, int) { return static_cast<int>(drive::scratch_size); };
+  plugin.nstate = [](const mjModel*, int) { return static_cast<int>(drive::workspace_size); };
   plugin.init = init<connect>;
   plugin.destroy = destroy<BoundDrive>;
   plugin.copy = copy<BoundDrive>;

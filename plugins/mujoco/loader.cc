@@ -38,7 +38,7 @@ Result<std::vector<DriveElement>> read_drives(const std::vector<Source>& sources
   }
 
   std::vector<DriveElement> drives;
-  std::map<std::string, std::string> joints;  // joint -> where it got its drive
+  std::map<std::string, std::string> joints;  // joint -> place of its drive in the file
   for (const auto& [source, element] : actuators) {
     const std::string where = at(*source, element);
     const std::string instance = element.attribute("instance").value();
@@ -66,7 +66,7 @@ Result<std::vector<DriveElement>> read_drives(const std::vector<Source>& sources
     auto drive = drive::make_drive(instance, configuration);
     if (!drive)
       return tl::unexpected(fmt::format("{}: {}", at(*instance_source, instance_element), drive.error().message));
-    if (element.attribute("actdim").as_int(-1) != static_cast<int>(drive::memory_size(*drive)))
+    if (element.attribute("actdim").as_int(-1) != static_cast<int>(drive::state_size(*drive)))
       return tl::unexpected(fmt::format("{}: needs {}", where, actdim_message(*drive)));
     drives.push_back({where, name, std::move(*drive)});
   }
@@ -90,9 +90,9 @@ Result<std::vector<SpringElement>> read_springs(const std::vector<Source>& sourc
                         instance = element.attribute("instance").value();
       if (name.empty() || !element.attribute("tendon") || instance.empty())
         return tl::unexpected(fmt::format("{}: needs name, tendon and instance", where));
-      if (element.attribute("actdim").as_int(-1) != static_cast<int>(spring_memory_size))
+      if (element.attribute("actdim").as_int(-1) != static_cast<int>(spring_state_size))
         return tl::unexpected(
-            fmt::format("{}: needs actdim=\"{}\", the memory of the hysteresis", where, spring_memory_size));
+            fmt::format("{}: needs actdim=\"{}\", the state of the hysteresis", where, spring_state_size));
       if (std::ranges::any_of(springs, [&](const SpringElement& s) { return s.hysteresis.name == instance; }))
         return tl::unexpected(fmt::format(
             "{}: instance '{}' serves another actuator already; each transmission needs its own", where, instance));
@@ -180,8 +180,8 @@ Result<std::vector<SensorElement>> read_sensors(const std::vector<Source>& sourc
 
 /// Room of drives and transmissions in userdata.
 [[maybe_unused]] int user_size(const std::vector<DriveElement>& drives, const std::vector<SpringElement>& springs) {
-  std::size_t size = springs.size() * (spring_memory_size + spring_scratch_size);
-  for (const DriveElement& d : drives) size += drive::memory_size(d.drive) + drive::scratch_size;
+  std::size_t size = springs.size() * (spring_state_size + spring_workspace_size);
+  for (const DriveElement& d : drives) size += drive::state_size(d.drive) + drive::workspace_size;
   return static_cast<int>(size);
 }
 
@@ -274,8 +274,8 @@ Result<ModelPtr> compile(const std::string& text, const std::string& file, const
   return model;
 }
 
-/// An error of the engine at the user's line. The engine says line 0 for what is included, and a line may hold several
-/// elements, so the line is asked for again where includes are merged and every element has its own. Changes `sources`.
+/// An error of the engine with the user's line. The engine says line 0 for included files, and a line may hold several
+/// elements. The model is therefore compiled again with includes merged and one element per line. Changes `sources`.
 std::string located(const std::string& error, const std::vector<Source>& sources, const std::string& name,
                     const std::filesystem::path& folder) {
   const Origins as_written(sources);
@@ -333,7 +333,7 @@ Result<void> apply(const Options& options, mjModel* m) {
   return {};
 }
 
-/// The engine lets NaN pass into a model; a simulation must not start from it.
+/// The engine accepts NaN in a model; a simulation must not start from it.
 Result<void> require_finite(const mjModel* m) {
   const auto check =
       [m](int type, int count, const char* what,
@@ -421,12 +421,12 @@ Loaded load(const std::string& name, const std::string& text, const std::string&
     auto binding = bind(m, std::move(element.drive), actuator);
     if (!binding) return tl::unexpected(fmt::format("{}: {}", element.where, binding.error().message));
 #if TRIBOTWIN_ENGINE_PLUGINS
-    binding->memory_address = m->actuator_actadr[actuator];
-    binding->scratch_address = m->plugin_stateadr[m->actuator_plugin[actuator]];
+    binding->state_address = m->actuator_actadr[actuator];
+    binding->workspace_address = m->plugin_stateadr[m->actuator_plugin[actuator]];
 #else
-    binding->memory_address = address;
-    binding->scratch_address = address + static_cast<int>(drive::memory_size(binding->drive));
-    address = binding->scratch_address + static_cast<int>(drive::scratch_size);
+    binding->state_address = address;
+    binding->workspace_address = address + static_cast<int>(drive::state_size(binding->drive));
+    address = binding->workspace_address + static_cast<int>(drive::workspace_size);
 #endif
     bindings.push_back(std::move(*binding));
   }
@@ -442,12 +442,12 @@ Loaded load(const std::string& name, const std::string& text, const std::string&
     auto spring = bind_spring(m, std::move(element.hysteresis), bindings[*drive], actuator);
     if (!spring) return tl::unexpected(fmt::format("{}: {}", element.where, spring.error().message));
 #if TRIBOTWIN_ENGINE_PLUGINS
-    spring->memory_address = m->actuator_actadr[actuator];
-    spring->scratch_address = m->plugin_stateadr[m->actuator_plugin[actuator]];
+    spring->state_address = m->actuator_actadr[actuator];
+    spring->workspace_address = m->plugin_stateadr[m->actuator_plugin[actuator]];
 #else
-    spring->memory_address = address;
-    spring->scratch_address = address + static_cast<int>(spring_memory_size);
-    address = spring->scratch_address + static_cast<int>(spring_scratch_size);
+    spring->state_address = address;
+    spring->workspace_address = address + static_cast<int>(spring_state_size);
+    address = spring->workspace_address + static_cast<int>(spring_workspace_size);
 #endif
     bound_springs.push_back(std::move(*spring));
   }
@@ -493,8 +493,8 @@ Loaded variant(const Model& model, const std::function<void(mjModel*)>& change) 
   for (const Binding& original : model.drives()) {
     auto binding = bind(copy.get(), original.drive, original.actuator);
     if (!binding) return tl::unexpected(binding.error());
-    binding->memory_address = original.memory_address;
-    binding->scratch_address = original.scratch_address;
+    binding->state_address = original.state_address;
+    binding->workspace_address = original.workspace_address;
     bindings.push_back(std::move(*binding));
   }
   std::vector<Spring> springs;
@@ -502,8 +502,8 @@ Loaded variant(const Model& model, const std::function<void(mjModel*)>& change) 
     const Binding drive = *std::ranges::find(bindings, original.drive.actuator, &Binding::actuator);
     auto spring = bind_spring(copy.get(), original.hysteresis, drive, original.actuator);
     if (!spring) return tl::unexpected(spring.error());
-    spring->memory_address = original.memory_address;
-    spring->scratch_address = original.scratch_address;
+    spring->state_address = original.state_address;
+    spring->workspace_address = original.workspace_address;
     springs.push_back(std::move(*spring));
   }
   return std::make_shared<const Model>(std::move(copy), std::move(bindings), std::move(springs),

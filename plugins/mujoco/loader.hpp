@@ -56,15 +56,15 @@ class Model {
 /// The time steps that are accepted, of a file and of options. Shorter ones would not advance the clock of a long run.
 inline constexpr double shortest_timestep_s = 1e-6, longest_timestep_s = 1;
 
-/// What a user of a model may decide anew; checked together with the drives.
+/// Settings that override those of the model; checked together with the drives.
 struct Options {
   std::optional<double> timestep_s{};
   std::optional<std::string> integrator;  ///< Euler, implicit, RK4 (implicitfast on 3.x)
   std::optional<std::string> solver;      ///< Newton, CG, PGS
 };
 
-/// Loads MJCF that uses the plugin vocabulary (plugins/README.md), on every engine. On 2.2.2, whose schema knows no
-/// plugins, drives are lowered to torque actuators in memory. Fails with one message that names file, line and element.
+/// Loads MJCF that uses the plugin vocabulary (plugins/README.md), on every engine. On 2.2.2, whose schema has no
+/// plugins, drives become torque actuators in memory. Fails with one message that names file, line and element.
 Result<std::shared_ptr<const Model>> load_file(const std::filesystem::path& file, const Options& = {});
 
 /// The same from text; `<include>` and assets are looked up in `folder`.

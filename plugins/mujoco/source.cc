@@ -19,9 +19,9 @@ namespace {
 
 using Problem = std::optional<std::string>;
 
-/// The engine reads elements recursively, and gives up at this depth, too.
+/// The engine reads elements recursively and also stops at this depth.
 constexpr int deepest = 500;
-constexpr double most_user_data = 1e6;
+constexpr double max_user_data = 1e6;
 
 /// The element after `node` in the order of the text, or none; `depth` follows.
 pugi::xml_node next_element(pugi::xml_node node, int& depth) {
@@ -35,7 +35,7 @@ pugi::xml_node next_element(pugi::xml_node node, int& depth) {
   return {};
 }
 
-/// Calls `visit(element, depth)` for every element in the order of the text, until it says no.
+/// Calls `visit(element, depth)` for every element in the order of the text, until it returns false.
 void for_each_element(pugi::xml_node root, const std::function<bool(pugi::xml_node, int)>& visit) {
   int depth = 1;
   for (pugi::xml_node node = root; node && visit(node, depth) && depth > 0; node = next_element(node, depth)) continue;
@@ -52,13 +52,13 @@ Problem too_deep(const Source& source) {
   return problem;
 }
 
-/// Numbers that the engine takes as they are, and that no run could be made with.
+/// Numbers that the engine accepts without a check but that make a run impossible.
 Problem out_of_range(const Source& source) {
   const struct {
     const char *element, *attribute, *unit;
     double minimum, maximum;
   } numbers[] = {{"option", "timestep", " s", shortest_timestep_s, longest_timestep_s},
-                 {"size", "nuserdata", "", 0, most_user_data}};
+                 {"size", "nuserdata", "", 0, max_user_data}};
   for (const auto& n : numbers)
     for (const auto& match : source.document->select_nodes(fmt::format("//{}[@{}]", n.element, n.attribute).c_str())) {
       const std::string text = match.node().attribute(n.attribute).value();
@@ -84,7 +84,7 @@ Result<Source> parse(std::string name, std::string text) {
   return source;
 }
 
-/// What may stand in an element of <extension>: MuJoCo's own vocabulary, less what the loader does not merge.
+/// What an element of <extension> may contain: MuJoCo's own vocabulary, except what the loader does not merge.
 struct Vocabulary {
   std::string_view element;
   std::span<const std::string_view> attributes, children;
@@ -139,7 +139,7 @@ Problem unknown_plugin(const Source& source, pugi::xml_node element) {
                      friction::nearest(name, ours));
 }
 
-/// Where an error of the engine is, as the engine says it: ", line 3", ", line = 3, column = 1".
+/// The position in an error message of the engine: ", line 3", ", line = 3, column = 1".
 const std::regex& position() {
   static const std::regex pattern(R"(,\s*line\s*=?\s*(-?\d+)(,\s*column\s*=?\s*-?\d+)?)");
   return pattern;

@@ -30,10 +30,11 @@ std::string at(const Source& source, pugi::xml_node element);
 
 Result<std::string> read_text(const std::filesystem::path& file);
 
-/// The files of a model, main file first. Fails on what is no XML, nested too deep, or a number that no engine checks.
+/// The files of a model, main file first. Fails on text that is no XML, on elements nested too deep and on impossible
+/// numbers that no engine checks.
 Result<std::vector<Source>> read_sources(std::string name, std::string text, const std::filesystem::path& folder);
 
-/// Fails on elements, attributes and text in <extension> that nobody reads: engine 2.2.2 sees none of them.
+/// Fails on unknown elements, attributes and text in <extension>, because engine 2.2.2 sees none of them.
 Result<void> check_extensions(const std::vector<Source>& sources);
 
 /// A message of the engine without line and column.
@@ -42,11 +43,11 @@ std::string without_position(const std::string& message);
 /// Where the elements of a text that the engine reads come from.
 class Origins {
  public:
-  /// Of a text that is the user's own.
+  /// For a text that is the user's own.
   explicit Origins(const std::vector<Source>& sources);
   /// `copy` of an element, its children included, was made from `original` of `source`.
   void add_copy(const Source& source, pugi::xml_node original, pugi::xml_node copy);
-  /// From now on lines are those of `text`, which `document` was saved as.
+  /// From now on lines refer to `text`, the saved form of `document`.
   void saved_as(const std::string& text, const pugi::xml_document& document);
   /// A message of the engine on one line, with the user's file and line in place of the engine's; else with `name`.
   std::string located(std::string message, const std::string& name) const;

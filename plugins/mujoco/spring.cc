@@ -62,13 +62,13 @@ Result<std::size_t> drive_of(const mjModel* m, const transmission::Hysteresis& h
                   hysteresis.name, hysteresis.drive, plugin_name));
 }
 
-double& hysteretic_rad(mjData* d, const Spring& s) { return engine::state(d)[s.memory_address]; }
-double hysteretic_rad(const mjData* d, const Spring& s) { return engine::state(d)[s.memory_address]; }
+double& hysteretic_rad(mjData* d, const Spring& s) { return engine::state(d)[s.state_address]; }
+double hysteretic_rad(const mjData* d, const Spring& s) { return engine::state(d)[s.state_address]; }
 SpringWorkspace& workspace(mjData* d, const Spring& s) {
-  return *reinterpret_cast<SpringWorkspace*>(engine::workspace(d) + s.scratch_address);
+  return *reinterpret_cast<SpringWorkspace*>(engine::workspace(d) + s.workspace_address);
 }
 const SpringWorkspace& workspace(const mjData* d, const Spring& s) {
-  return *reinterpret_cast<const SpringWorkspace*>(engine::workspace(d) + s.scratch_address);
+  return *reinterpret_cast<const SpringWorkspace*>(engine::workspace(d) + s.workspace_address);
 }
 
 double spring_torque(const mjModel* m, mjData* d, const Spring& spring) {

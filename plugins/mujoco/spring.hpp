@@ -9,13 +9,13 @@
 #include <tribotwin/plugins/transmission/hysteresis.hpp>
 
 /// An elastic transmission tied to a fixed tendon, whose length is the torsion theta / u - q: coefficient 1/u on the
-/// motor's joint, -1 on the arm's. As the force of an actuator on that tendon, -tau_g reacts on both.
+/// motor's joint, -1 on the arm's. An actuator applies -tau_g to that tendon, which acts on both joints.
 namespace tribotwin::mujoco {
 
 /// Name of the plugin in MJCF.
 inline constexpr char spring_plugin_name[] = "tribotwin.hysteresis";
 /// actdim of the MJCF vocabulary: x.
-inline constexpr std::size_t spring_memory_size = 1;
+inline constexpr std::size_t spring_state_size = 1;
 
 /// Beside x in mjData; doubles only. All zero is a fresh transmission.
 struct SpringWorkspace {
@@ -23,15 +23,15 @@ struct SpringWorkspace {
   double torsion_rad, torque_nm;  ///< of the last force, tau_g [arm side]
   double heat_J;                  ///< since reset
 };
-inline constexpr std::size_t spring_scratch_size = sizeof(SpringWorkspace) / sizeof(double);
+inline constexpr std::size_t spring_workspace_size = sizeof(SpringWorkspace) / sizeof(double);
 
 /// Where a transmission is in a model. Immutable; shared by all mjData of the model.
 struct Spring {
   transmission::Hysteresis hysteresis;
-  Binding drive;  ///< which has the temperature and gets the heat
+  Binding drive;  ///< supplies the temperature and receives the heat
   int actuator = -1, tendon = -1;
-  int control = -1, force = -1;                   ///< addresses in mjData.ctrl and mjData.actuator_force
-  int memory_address = -1, scratch_address = -1;  ///< as those of Binding
+  int control = -1, force = -1;                    ///< addresses in mjData.ctrl and mjData.actuator_force
+  int state_address = -1, workspace_address = -1;  ///< as those of Binding
   struct Part {
     int position;  ///< in mjData.qpos
     double coefficient;
@@ -68,7 +68,7 @@ const SpringWorkspace& workspace(const mjData* d, const Spring& spring);
 /// tau_g [Nm, arm side] now; during later stages of Runge-Kutta along the way from the step's start.
 double spring_torque(const mjModel* m, mjData* d, const Spring& spring);
 
-/// After the step: x, and the heat into the drive. Once per mj_step.
+/// After the step: updates x and adds the heat to the drive. Once per mj_step.
 void book_spring(mjData* d, const Spring& spring);
 
 }  // namespace tribotwin::mujoco

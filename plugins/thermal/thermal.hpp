@@ -12,7 +12,7 @@
 ///   dx_i/dt = g_i P - x_i / t_i + w_i dT_amb / t_i,     T = T_amb + x_1 + x_2
 ///
 /// first order (Bittencourt 2012): one node, t = kappa, g = R_th / kappa; second order (Pagani (3)): g_i = c_i, t_i;
-/// prescribed: no node moves by itself and T is what somebody sets. A later change dT_amb of the ambient temperature
+/// prescribed: no node changes by itself, and T is set from outside. A later change dT_amb of the ambient temperature
 /// enters through the nodes, each with its share w_i of the total gain, so the oil never jumps. Steps use the exact
 /// zero-order-hold solution and are stable for any dt.
 namespace tribotwin::thermal {
@@ -94,7 +94,7 @@ inline void step(const Model& model, const Decay& decay, double power_W, double 
   }
 }
 
-/// Places a total rise [K] on the nodes as a long warm-up would have.
-Rise settled(const Model& model, double total_K);
+/// Distributes a total rise [K] over the nodes as in steady state.
+Rise steady_rise(const Model& model, double total_K);
 
 }  // namespace tribotwin::thermal

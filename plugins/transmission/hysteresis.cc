@@ -60,7 +60,7 @@ double Hysteresis::stiffness(double torsion, double T) const {
 double Hysteresis::limit_rad() const { return std::pow(beta + gamma, -1 / n); }
 
 double Hysteresis::stiffest() const {
-  double most = 0;
+  double maximum = 0;
   for (int i = 0; i <= grid; ++i) {
     const double T = temperature_min_degC + (temperature_max_degC - temperature_min_degC) * i / grid;
     const auto at = [&](int c) { return k[c][0] + (k[c][1] + k[c][2] * T) * T; };
@@ -68,11 +68,11 @@ double Hysteresis::stiffest() const {
       // x grows fastest against phi just after a reversal.
       const double p = torsion_max_rad * j / grid, growth = std::abs(at(1) + 3 * at(2) * p * p);
       const double fastest = 1 + std::max(0.0, (beta - gamma) / (beta + gamma));
-      most = std::max(
-          most, stiffness(p, T) * (w + (1 - w) * fastest) + growth * (w * p + (1 - w) * std::min(p, limit_rad())));
+      maximum = std::max(
+          maximum, stiffness(p, T) * (w + (1 - w) * fastest) + growth * (w * p + (1 - w) * std::min(p, limit_rad())));
     }
   }
-  return most;
+  return maximum;
 }
 
 double advance(const Hysteresis& h, double x0, double increment) {
@@ -177,9 +177,8 @@ std::string reference_markdown() {
       "phi is the "
       "length of the tendon.\n\n"
       "| key | unit | default | range | meaning |\n|---|---|---|---|---|\n"
-      "| `drive` | | the one on the tendon | | instance of the tribotwin.drive that has the temperature and gets the "
-      "heat; "
-      "needed where several act on joints of the tendon |\n";
+      "| `drive` | | the one on the tendon | | instance of the tribotwin.drive that supplies the temperature and "
+      "receives the heat; needed where several act on joints of the tendon |\n";
   for (const Key& key : keys)
     out += fmt::format("| `{}` | {} | {} | {:g} .. {:g} | {} |\n", key.name, key.unit,
                        key.fallback[0] ? key.fallback : "required", key.minimum, key.maximum, key.meaning);

@@ -13,31 +13,30 @@
 ///   tau_g = w k phi + (1 - w) k x,   x' = phi' - beta |phi'| |x|^(n-1) x - gamma phi' |x|^n
 ///   k = k0(T) + k1(T) |phi| + k2(T) |phi|^3,   each k_i = k_i0 + k_i1 T + k_i2 T^2
 ///
-/// Time does not occur but through phi: x is advanced over the increment of phi, not over dt, so loops are the same at
-/// every rate. Of the work of a step, the part (1 - w) k x^2 / 2 may hold is stored, and the rest of the hysteretic
-/// work is heat; over a closed loop heat is its area. Where k rises with |phi| the heat of a step can be below 0, of a
-/// loop it cannot.
+/// Time enters only through phi: x advances over the increment of phi, not over dt, so loops are the same at every
+/// rate. Of the hysteretic work, (1 - w) k x^2 / 2 is stored at most and the rest is heat; the heat of a closed loop is
+/// its area. Where k rises with |phi| the heat of a step can be negative, that of a loop cannot.
 namespace tribotwin::transmission {
 
 struct Hysteresis {
   std::string name;
-  std::string drive;                  ///< instance of the tribotwin.drive that has the temperature and gets the heat
-  double k[3][3] = {};                ///< [i][j]: coefficient of T^j in k_i; Nm/rad, Nm/rad^2, Nm/rad^4 per K^j
-  double w = 0.5;                     ///< elastic share, 0..1
-  double beta = 1, gamma = 0, n = 1;  ///< [rad^-n], -beta < gamma <= beta; n >= 1
-  double torsion_max_rad = 1;         ///< stiffness is that of this torsion beyond it
+  std::string drive;    ///< instance of the tribotwin.drive that supplies the temperature and receives the heat
+  double k[3][3] = {};  ///< [i][j]: coefficient of T^j in k_i; Nm/rad, Nm/rad^2, Nm/rad^4 per K^j
+  double w = 0.5;       ///< elastic share, 0..1
+  double beta = 1, gamma = 0, n = 1;                            ///< [rad^-n], -beta < gamma <= beta; n >= 1
+  double torsion_max_rad = 1;                                   ///< beyond it the stiffness stays the same
   double temperature_min_degC = 20, temperature_max_degC = 50;  ///< held to this range
 
   /// k [Nm/rad] at a torsion and a temperature, held to the ranges above.
   double stiffness(double torsion_rad, double temperature_degC) const;
-  /// The |x| that motion without end in one direction approaches [rad].
+  /// Limit of |x| under continued motion in one direction [rad].
   double limit_rad() const;
   /// Largest d tau_g / d phi within the ranges [Nm/rad].
   double stiffest() const;
 };
 
-/// x after the torsion went by `increment_rad`, from x0. Classical Runge-Kutta over phi, in pieces short against the
-/// distance on which x settles; the result stays within `limit_rad`.
+/// x after the torsion changed by `increment_rad`, from x0. Classical Runge-Kutta over phi, in pieces that are short
+/// compared with the distance over which x approaches its limit; the result stays within `limit_rad`.
 double advance(const Hysteresis& h, double x0_rad, double increment_rad);
 
 /// tau_g [Nm, arm side].
@@ -47,7 +46,7 @@ struct Advance {
   double x_rad;
   double heat_J;  ///< hysteretic work - stored
 };
-/// x and heat after the torsion went from `from_rad` to `to_rad`.
+/// x and heat after the torsion changed from `from_rad` to `to_rad`.
 Advance advance(const Hysteresis& h, double x_rad, double from_rad, double to_rad, double temperature_degC);
 
 using Configuration = std::vector<std::pair<std::string, std::string>>;

@@ -14,8 +14,8 @@ struct Call {
   int code = twin::done;
 };
 
-/// Declares a command with its options on `app`. When the command was asked for, its callback does the work and leaves
-/// the exit code in `call`; wrong input is thrown as InputError, other failures as std::runtime_error (or_throw).
+/// Declares a command with its options on `app`. If the command is given, its callback does the work and leaves the
+/// exit code in `call`; wrong input is thrown as InputError, other failures as std::runtime_error (or_throw).
 using AddCommand = void(CLI::App& app, Call& call);
 
 /// add_report is the program without a command: the page of runs.

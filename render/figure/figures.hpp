@@ -84,7 +84,7 @@ Figure confidence_ellipses(const std::string& title, const Axis& x, const Axis& 
 struct HealthyScatter {
   std::array<double, 2> mean;
   std::array<std::array<double, 2>, 2> covariance;
-  std::vector<std::array<double, 2>> learned, healthy, anomalous;  ///< any may be empty; each has a shape of its own
+  std::vector<std::array<double, 2>> learned, healthy, anomalous;  ///< any may be empty; each has its own shape
   double inner_sigma = 2, outer_sigma = 6;                         ///< radii of the ellipses, in standard deviations
 };
 Figure healthy_region(const std::string& title, const Axis& x, const Axis& y, const HealthyScatter& scatter);

@@ -22,7 +22,7 @@ class Context {
     void operator()(osmesa_context* context) const;
   };
   Context() = default;
-  std::unique_ptr<unsigned char[]> screen_;  // the 1x1 buffer that OSMesa insists on
+  std::unique_ptr<unsigned char[]> screen_;  // the 1x1 buffer that OSMesa requires
   std::unique_ptr<osmesa_context, Destroy> context_;
   int side_max_ = 0;
 };

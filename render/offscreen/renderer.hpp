@@ -28,14 +28,14 @@ struct Quality {
 };
 
 /// Where the eye is: a camera of the model by name, or free. Without a name: the camera "overview" if there is one and
-/// nothing free is given, else free, what is not given as MuJoCo frames the model.
+/// no value of a free view is given; else free, where values that are not given are chosen as MuJoCo frames the model.
 struct View {
   std::string camera;
   std::optional<double> azimuth_deg, elevation_deg, distance_m;
   std::optional<std::array<double, 3>> look_at_m;
 };
 
-/// A geom of the model drawn in another colour, unshaded enough that it can be read off a legend.
+/// A geom of the model drawn in another colour, with little shading, so that the colour matches that of a legend.
 struct Paint {
   int geom;
   Colour colour;

@@ -12,7 +12,7 @@ struct VideoOptions {
   Size size{960, 720};
   Quality quality{.samples = 4, .supersampling = 1};
   int frames_per_s = 25;  ///< 1..240
-  double length_s = 20;   ///< of the film, whatever the run took
+  double length_s = 20;   ///< of the film, independent of the run's duration
 };
 
 /// A run as a film (H.264 in MP4), frames piped to `ffmpeg`. The file is there whole or not at all.

@@ -19,11 +19,11 @@ int main(int, char** argv) {
   }
   // Everything a user gets: grid, minimum, sigmas, residuals, verdict.
   const auto& law = *tribotwin::friction::find_law("extended");
-  double least_s = 1e300, cost = 0;
+  double min_s = 1e300, cost = 0;
   for (int i = 0; i < 6; ++i) {  // as many as scipy has tries
     const auto begin = std::chrono::steady_clock::now();
     cost = fit(law, s)->cost;
-    least_s = std::min(least_s, std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count());
+    min_s = std::min(min_s, std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count());
   }
-  std::printf("{\"seconds\": %.9g, \"cost\": %.17g}\n", least_s, cost);
+  std::printf("{\"seconds\": %.9g, \"cost\": %.17g}\n", min_s, cost);
 }

@@ -1,6 +1,6 @@
 // Frames per second against MuJoCo's own sample `record` (package libmujoco-samples): same model, camera and size, both
-// writing raw frames to a file, in turns. It needs a display: xvfb-run build/release/tests/pictures. Start-up is taken
-// off both by the difference between many and few frames. Then the CPU time of the warm-up's report.
+// writing raw frames to a file, in turns. It needs a display: xvfb-run build/release/tests/pictures. Start-up is
+// removed from both by the difference between many and few frames. Then the CPU time of the warm-up's report.
 #include <algorithm>
 #include <chrono>
 #include <cstdio>

@@ -4,13 +4,13 @@
 
 #include <tribotwin/plugins/mujoco/loader.hpp>
 
-/// Robots for benchmarks: IRB 6620s with drives, and their rival in an engine that has never heard of drives.
+/// Robots for benchmarks: IRB 6620s with drives, and the same robots in an engine without plugins for comparison.
 namespace tribotwin::bench {
 
 struct RobotOptions {
   const char* integrator = "Euler";  ///< as in MJCF
   bool lugre = false;                ///< bristles in every drive
-  bool damping = false;              ///< the rival has joint damping besides frictionloss
+  bool damping = false;              ///< the robot without plugins has joint damping besides frictionloss
   int count = 1;                     ///< robots in one model
 };
 

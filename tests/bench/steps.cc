@@ -1,4 +1,5 @@
-// steps ours|native INTEGRATOR static|lugre ROBOTS STEPS: steps one of two rivals, for a counter of instructions.
+// steps ours|native INTEGRATOR static|lugre ROBOTS STEPS: steps one of the two robots of robots.hpp, for a counter of
+// instructions.
 #include <cstdio>
 #include <cstdlib>
 #include <string>

@@ -1,4 +1,4 @@
-// The SDO server and the dictionary behind it, fed with anything. For libFuzzer, and by itself: fuzz_sdo RUNS SEED.
+// The SDO server and its dictionary with random input. For libFuzzer, and as a program: fuzz_sdo RUNS SEED.
 #include <cstdint>
 #include <cstdio>
 #include <cstdlib>
@@ -25,7 +25,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
     if (answers > before + 1) std::abort();                           // one answer at most
     if ((data[at] >> 5) != 4 && answers != before + 1) std::abort();  // and one for all but a client's abort
   }
-  // What was written is within the object's limits, whatever was sent.
+  // Written values are within the object's limits, for any input.
   for (const Object& o : node.dictionary().objects())
     if (o.type != Type::text && o.access == Access::read_write && (o.value < o.low || o.value > o.high)) std::abort();
   return 0;

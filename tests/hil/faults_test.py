@@ -54,7 +54,7 @@ master.nmt(1)
 seconds, due = 0.0, 0.0
 
 
-def cycle(targets=None, silent=(), seconds_most=0.5):
+def cycle(targets=None, silent=(), max_seconds=0.5):
     """One SYNC, and the answers of all drives but the silent ones."""
     global seconds, due
     due = max(due + 0.002, time.monotonic())
@@ -65,7 +65,7 @@ def cycle(targets=None, silent=(), seconds_most=0.5):
             master.send(0x400 + n, struct.pack("<Hi", 0x0F, targets[n]))
     master.sync()
     seconds += 0.002
-    master.until(lambda: all(master.tpdo3[n] > before[n] for n in nodes if n not in silent), seconds_most)
+    master.until(lambda: all(master.tpdo3[n] > before[n] for n in nodes if n not in silent), max_seconds)
 
 
 def enable(which):
@@ -137,7 +137,7 @@ master.emergencies.clear()
 run_until(3.02)
 end = time.monotonic() + 1
 while time.monotonic() < end:  # the master goes on; nothing gets through for 0.3 s
-    cycle(target, seconds_most=0.01)
+    cycle(target, max_seconds=0.01)
 check(
     "a link that was down: EMCY 8140h after it, SYNC lost before",
     all((n, 0x8140) in [(m, code) for m, (code, _) in master.emergencies] for n in nodes),

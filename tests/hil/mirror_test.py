@@ -102,7 +102,7 @@ for k in range(500):
         command(n, 2, start[n] + (0.1 * (1 - math.cos(math.pi * min(1, k / 400))) if n == 4 else 0))
     listen(begin + 0.004 * (k + 1))
 look()
-check("joint 4 went where it was told", abs(float(last[4]["position"]) - start[4] - 0.2) < 0.01, (start[4], last[4]))
+check("joint 4 went to its target", abs(float(last[4]["position"]) - start[4] - 0.2) < 0.01, (start[4], last[4]))
 check(
     "the others held", all(abs(float(last[n]["position"]) - start[n]) < 0.005 for n in nodes if n != 4), (start, last)
 )

@@ -22,7 +22,7 @@ Quantity quantity_of(Mapping& in, Place place, const friction::LawInfo& law, con
     q.start = in.number(key, {minimum, maximum});
     return q;
   }
-  q.sought = true;
+  q.free = true;
   auto m = in.mapping(key);
   m->accept({"start", "low", "high", "sigma", "scale"});
   q.low = m->number("low", {minimum, maximum});
@@ -102,9 +102,9 @@ const Quantity* find(const Variant& variant, std::string_view path) {
 void check_control(const Mapping& in, const Variant& variant, const std::vector<Recording>& recordings) {
   for (const auto& r : recordings)
     for (const auto& [key, value] : r.control)
-      if (const Quantity* q = find(variant, "control." + key); q && q->sought)
+      if (const Quantity* q = find(variant, "control." + key); q && q->free)
         in.fail("label",
-                fmt::format("control.{} is sought, but the settings of {} fix it", key, r.file.filename().string()));
+                fmt::format("control.{} is free, but the settings of {} fix it", key, r.file.filename().string()));
   for (const char* needed : {"control.error_gain", "control.supply_V", "control.resistance_ohm", "control.kt_nm_A"})
     if (!find(variant, needed))
       in.fail("label", fmt::format("the controller of '{}' is not complete: {} is missing, here or for all variants",
@@ -119,7 +119,7 @@ void check_control(const Mapping& in, const Variant& variant, const std::vector<
   }
   const Quantity *supply = find(variant, "control.supply_resistance_ohm"),
                  *winding = find(variant, "control.resistance_ohm");
-  if (supply && (supply->sought ? supply->high : supply->start) > (winding->sought ? winding->low : winding->start))
+  if (supply && (supply->free ? supply->high : supply->start) > (winding->free ? winding->low : winding->start))
     in.fail("label",
             "control.supply_resistance_ohm may exceed control.resistance_ohm within these bounds; a supply loses less "
             "than the whole voltage");

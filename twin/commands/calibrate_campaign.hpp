@@ -23,7 +23,8 @@ struct CalibrationCampaign {
 /// `seed` replaces that of the file.
 CalibrationCampaign read_calibration(const std::filesystem::path& file, std::optional<std::uint64_t> seed);
 
-/// The section `recordings`: files and their settings. `law` is any law: the keys of a controller are those of all.
+/// The section `recordings`: files and their settings. `law` may be any law, because the keys of a controller do not
+/// depend on it.
 std::vector<identification::Recording> read_recordings(Mapping in, const std::filesystem::path& folder,
                                                        const friction::LawInfo& law);
 

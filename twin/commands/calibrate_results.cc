@@ -38,7 +38,7 @@ Json json_of(const Results& r, const SimulationFit* f) {
     Json q{{"value", f->values[i]}};
     if (f->split == SimulationFit::all) {
       q["sigma"] = number(f->sigma[i]);
-      q["status"] = name(f->knowledge[i]);
+      q["status"] = name(f->status[i]);
     }
     j["parameters"][v.quantities[i].path()] = std::move(q);
   }
@@ -73,7 +73,7 @@ Json json_of_variant(const Results& r, std::size_t v) {
   const Variant& variant = r.campaign.plan.variants[v];
   Json j{{"label", variant.label},
          {"law", variant.law->name},
-         {"sought", std::ranges::count_if(variant.quantities, &Quantity::sought)},
+         {"sought", std::ranges::count_if(variant.quantities, &Quantity::free)},
          {"held_out_mae_mrad", number(r.held_out_mae(v))},
          {"ratio", number(r.held_out_mae(v) / r.held_out_mae(r.campaign.reference))},
          {"all", json_of(r, r.find(v, SimulationFit::all, 0))},
@@ -122,10 +122,10 @@ SimulationFit fit_of(const Campaign& campaign, const JsonInput& in, SimulationFi
     const JsonInput p = parameters[q.path()];
     f.values.push_back(p["value"].number({-1e300, 1e300}));
     f.sigma.push_back(p.has("sigma") ? p["sigma"].number_or_null({0, 1e300}) : std::nan(""));
-    f.knowledge.push_back(q.sought ? ParameterStatus::estimated : ParameterStatus::known);
+    f.status.push_back(q.free ? ParameterStatus::estimated : ParameterStatus::known);
     const std::string status = p.has("status") ? p["status"].text() : "";
     for (const auto k : {ParameterStatus::prior, ParameterStatus::at_bound})
-      if (status == name(k)) f.knowledge.back() = k;
+      if (status == name(k)) f.status.back() = k;
   }
   const auto n = std::ssize(quantities);
   f.correlation = Eigen::MatrixXd::Constant(n, n, std::nan(""));
@@ -141,7 +141,7 @@ SimulationFit fit_of(const Campaign& campaign, const JsonInput& in, SimulationFi
   return f;
 }
 
-/// The fits of calibration.json, where they stand.
+/// The list of fits in calibration.json.
 std::vector<SimulationFit> fits_of(const Campaign& campaign, const nlohmann::json& j) {
   std::vector<SimulationFit> fits;
   const auto take = [&](const JsonInput& in, std::size_t variant, std::size_t split, std::size_t fold) {
@@ -180,7 +180,7 @@ std::string table_of_variants(const Results& r) {
   for (std::size_t v = 0; v < plan.variants.size(); ++v) {
     const SimulationFit* all = r.find(v, SimulationFit::all, 0);
     s += fmt::format("{:<17}{:>7}{:>9}", plan.variants[v].label,
-                     std::ranges::count_if(plan.variants[v].quantities, &Quantity::sought),
+                     std::ranges::count_if(plan.variants[v].quantities, &Quantity::free),
                      all ? cell(r.mae(*all, false)) : "-");
     for (std::size_t k = 0; k < plan.splits.size(); ++k)
       s += fmt::format(" | {:>8} {:>9} {:>6}", cell(r.mae(v, k, false)), cell(r.mae(v, k, true)),

@@ -68,8 +68,8 @@ std::string calibration_file(const CalibrationResults& results);
 std::string json_text(const CalibrationResults& results);
 std::string table_of(const CalibrationResults& results);
 
-/// The fits that `file` already holds; none where it does not exist. Throws InputError where it holds no calibration or
-/// another one.
+/// The fits that `file` already holds; none where it does not exist. Throws InputError where it is no calibration or
+/// that of another campaign.
 std::vector<identification::SimulationFit> read_fits(const CalibrationCampaign& campaign,
                                                      const std::filesystem::path& file);
 

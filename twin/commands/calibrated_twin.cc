@@ -13,13 +13,13 @@ namespace fs = std::filesystem;
 using namespace identification;
 using Results = CalibrationResults;
 
-/// Index of the quantity of a law parameter; the number of quantities where the parameter is none.
+/// Index of the quantity of a law parameter; the number of quantities where no quantity belongs to it.
 std::ptrdiff_t quantity_of(const Variant& variant, std::string_view parameter) {
   return std::ranges::find(variant.quantities, fmt::format("drive.{}", parameter), &Quantity::path) -
          variant.quantities.begin();
 }
 
-/// The law's parameters with what the fit knows of them.
+/// The law's parameters with their status and sigma in the fit.
 void add_estimates(ParameterFile& file, const Variant& variant, const SimulationFit& f) {
   const auto& parameters = file.law.info->parameters;
   for (std::size_t i = 0; i < parameters.size(); ++i) {
@@ -33,7 +33,7 @@ void add_estimates(ParameterFile& file, const Variant& variant, const Simulation
                .status = identification::Status::fixed};
     if (const auto at = static_cast<std::size_t>(quantity_of(variant, p.name)); at < variant.quantities.size()) {
       using enum identification::Status;
-      const ParameterStatus k = f.knowledge[at];
+      const ParameterStatus k = f.status[at];
       e.status = k == ParameterStatus::estimated  ? estimated
                  : k == ParameterStatus::prior    ? held
                  : k == ParameterStatus::at_bound ? at_bound
@@ -66,10 +66,10 @@ ParameterFile parameter_file(const Results& r, const SimulationFit& f, const dri
                   "friction itself nothing was measured, so its residual is not known",
                   r.campaign.file.string(), r.mae(f, false)));
   for (std::size_t q = 0; q < variant.quantities.size(); ++q)
-    if (variant.quantities[q].place != Place::drive && variant.quantities[q].sought)
+    if (variant.quantities[q].place != Place::drive && variant.quantities[q].free)
       file.found.notes.push_back(fmt::format("{} = {:.6g}{} ({})", variant.quantities[q].path(), f.values[q],
                                              std::isfinite(f.sigma[q]) ? fmt::format(" +- {:.2g}", f.sigma[q]) : "",
-                                             name(f.knowledge[q])));
+                                             name(f.status[q])));
   return file;
 }
 

@@ -202,7 +202,7 @@ Result<Exit> watch_shadow(const Arguments& a) {
   // Beyond 2 / sqrt(n) it is hardly chance.
   if (!a.quiet && w->correlation > 2 / std::sqrt(static_cast<double>(a.residuals.learn)))
     note(
-        "neighbouring windows are correlated ({:.2f}): there will be more false alarms than asked for; lengthen "
+        "neighbouring windows are correlated ({:.2f}): there will be more false alarms than requested; lengthen "
         "--window",
         w->correlation);
   Json j{{"joint", w->joint},
@@ -245,7 +245,7 @@ void add_learn(CLI::App& app, const std::shared_ptr<Arguments>& a, int& code) {
       ->required();
   command
       ->add_option("--loaded", a->loaded,
-                   "Curves of the same joint with a payload, to learn what load does; may be repeated")
+                   "Curves of the same joint with a payload, to learn the effect of load; may be repeated")
       ->allow_extra_args(false);
   command->add_option("--load-sensitivity", a->read.load_sensitivity, "Relative rise of Fc and Fs per load_norm")
       ->check(CLI::Range(0.0, 100.0))
@@ -254,7 +254,7 @@ void add_learn(CLI::App& app, const std::shared_ptr<Arguments>& a, int& code) {
       ->add_option("--lever", a->learn.lever_m,
                    "Distance of a payload from the joint's axis [m], for equivalent loads in kg")
       ->check(CLI::Range(1e-6, 1e3));
-  command->add_flag("--robust", a->learn.robust, "Leave out curves far off the rest");
+  command->add_flag("--robust", a->learn.robust, "Leave out outliers among the curves");
   a->output.add_to(*command, "healthy.yaml to write (default: stdout)");
   add_units(*command, *a);
   command->footer(

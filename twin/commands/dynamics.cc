@@ -82,7 +82,7 @@ std::string table_of(const Robot& robot, const DynamicsFit& fit, const Consisten
   for (std::size_t j = 0; j < fit.joints.size(); ++j)
     for (const Estimate& e : fit.friction[j]) s += row_of(e, fit.joints[j].name + "." + e.name);
   s += fmt::format("\n{:<14} {:>14} {:>12} {:>10} {:>22}\n", "joint", "relative error", "residual std", "samples",
-                   "worth one independent");
+                   "per independent one");
   for (const auto& j : fit.joints)
     s += fmt::format("{:<14} {:>12.2f} % {:>12.4g} {:>10} {:>22.1f}\n", j.name, 100 * j.relative_error, j.noise,
                      j.samples, j.correlation);

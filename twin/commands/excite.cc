@@ -63,8 +63,8 @@ Result<Exit> execute(Arguments& a) {
   }
   if (auto ok = deliver(a.json ? j.dump(2) + "\n" : text); !ok) return ok;
   if (!found->interrupted) return done;
-  return work_failed(fmt::format("interrupted; the best motion until then is whole{}",
-                                 a.output.named() ? " in " + a.output.file : ""));
+  return work_failed(
+      fmt::format("interrupted; the best motion so far is complete{}", a.output.named() ? " in " + a.output.file : ""));
 }
 
 }  // namespace

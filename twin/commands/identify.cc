@@ -29,7 +29,7 @@ struct Arguments {
 
 Result<Exit> identify_bouc_wen(const Arguments& a);
 Result<Exit> identify_lugre(const Arguments& a);
-/// What has a memory, and is identified from recordings sample by sample.
+/// Models with a state, which are identified from recordings sample by sample.
 constexpr std::pair<std::string_view, Result<Exit> (*)(const Arguments&)> from_time_series[] = {
     {"bouc_wen", identify_bouc_wen}, {"lugre", identify_lugre}};
 
@@ -185,8 +185,7 @@ Result<Exit> identify_bouc_wen(const Arguments& a) {
 
 Result<Exit> identify_lugre(const Arguments& a) {
   if (a.known_law.empty())
-    throw InputError(
-        "--law lugre: bristles stand over a static law: --static PARAMS.yaml, of an identification before, is needed");
+    throw InputError("--law lugre: needs --static PARAMS.yaml, the static law of an earlier identification");
   auto known = or_wrong_input(read_parameters(a.known_law));
   if (a.torque_max_nm > 0) known.torque_max_nm = a.torque_max_nm;
   if (a.gear_ratio > 0) known.gear_ratio = a.gear_ratio;
@@ -205,8 +204,8 @@ Result<Exit> identify_shared(const Arguments& a, const friction::LawInfo& law, c
   const auto shared = fit_shared(law, samples, a.shared, options);
   if (!shared) return work_failed(shared.error().message);
   if (!std::isfinite(shared->value))
-    return work_failed(
-        fmt::format("the fit gives no finite number for {}; what is in the data that no joint has?", a.shared));
+    return work_failed(fmt::format(
+        "the fit gives no finite number for {}; check the data for values that no joint can have", a.shared));
   print_notes(a, shared->notes);
   Json j{{"law", law.name},
          {"shared", a.shared},
@@ -271,7 +270,7 @@ Result<Exit> evaluate(const Arguments& a) {
                                      .joint = a.joint});
   if (!samples) throw InputError(samples.error().message);
   print_notes(a, samples->notes);
-  double mean = 0, squares = 0, most = 0;
+  double mean = 0, squares = 0, max_error = 0;
   std::size_t outside = 0;
   const auto n = static_cast<double>(samples->size());
   std::vector<double> errors;
@@ -281,12 +280,12 @@ Result<Exit> evaluate(const Arguments& a) {
     outside += level.outside;
     errors.push_back(samples->friction[i] - level.total());
     mean += errors.back() / n;
-    most = std::max(most, std::abs(errors.back()));
+    max_error = std::max(max_error, std::abs(errors.back()));
   }
   for (const double e : errors) squares += (e - mean) * (e - mean) / n;
   if (a.json)
     return deliver(Json{{"law", law.name},
-                        {"residual", {{"mean", mean}, {"std", std::sqrt(squares)}, {"max_abs", most}}},
+                        {"residual", {{"mean", mean}, {"std", std::sqrt(squares)}, {"max_abs", max_error}}},
                         {"samples", samples->size()},
                         {"outside_range", outside}}
                        .dump(2) +
@@ -294,7 +293,7 @@ Result<Exit> evaluate(const Arguments& a) {
   return deliver(
       fmt::format("law {} of {}: measured - predicted: mean {:.4g}, std {:.4g}, largest {:.4g} {}; {} samples, {} of "
                   "them outside the range it was identified in\n",
-                  law.name, a.evaluate, mean, std::sqrt(squares), most, law.normalised ? "of torque_max" : "Nm",
+                  law.name, a.evaluate, mean, std::sqrt(squares), max_error, law.normalised ? "of torque_max" : "Nm",
                   samples->size(), outside));
 }
 
@@ -329,7 +328,7 @@ struct Candidate {
 Result<Candidate> fit_law(const Arguments& a, const friction::LawInfo& law, const Samples& samples,
                           const FitOptions& options) {
   auto found = a.staged ? fit_staged(law, samples, options) : fit(law, samples, options);
-  // The law's own rules matter to a law that is written and read again, not to one that is only compared.
+  // The law's own conditions must hold for a law that is written and read again, not for one that is only compared.
   const auto ok = found ? usable(*found, !a.output.named() ? nullptr : &law) : tl::unexpected(found.error());
   if (!ok) return work_failed(fmt::format("law '{}': {}", law.name, ok.error().message));
   if (a.folds <= 1) return Candidate{std::move(*found), -1};
@@ -427,8 +426,8 @@ void add_identify(CLI::App& app, int& code) {
   c->add_option("--shared", a->shared,
                 "A parameter common to all curves while the others are free at each (alpha* of Bittencourt 2012)");
   c->add_flag("--each", a->each, "One fit per curve");
-  c->add_option("--static", a->known_law, "Of --law lugre: PARAMS.yaml of the law that the bristles stand over");
-  c->add_option("--evaluate", a->evaluate, "Nothing is identified: how well this PARAMS.yaml predicts the data");
+  c->add_option("--static", a->known_law, "For --law lugre: PARAMS.yaml of the static law under the bristles");
+  c->add_option("--evaluate", a->evaluate, "Identify nothing; evaluate how well this PARAMS.yaml predicts the data");
   a->output.add_to(*c, "PARAMS.yaml to write: read by curve, export --mjcf and tribotwin-report fit");
   c->add_option("--threads", a->threads, "Threads")->check(CLI::Range(1, 256));
   c->add_flag("--json", a->json, "Print JSON instead of the table");

@@ -34,7 +34,7 @@ Result<Exit> compare_days(const Arguments& a, const repeatability::Campaign& cam
   });
   if (!results) return tl::unexpected(results.error());
   if (a.quiet) return done;
-  print("{} tests, {} of them were there\n\n{}written:", campaign.tests(), results->present,
+  print("{} tests, {} of them from earlier runs\n\n{}written:", campaign.tests(), results->present,
         repeatability::summary(campaign, results->days, results->findings));
   for (const auto& file : results->files) print(" {}", file.string());
   print("\n");
@@ -45,8 +45,8 @@ Result<Exit> report(const Arguments& a, const Result<LabSummary>& summary, const
                     const std::string& written) {
   if (!summary) return tl::unexpected(summary.error());
   if (a.quiet) return done;
-  print("{} curves, {} of them were there, {} levels, {:.1f} s\n", summary->curves, summary->present, summary->levels,
-        summary->wall_s);
+  print("{} curves, {} of them from earlier runs, {} levels, {:.1f} s\n", summary->curves, summary->present,
+        summary->levels, summary->wall_s);
   print("written: {}\n", written);
   if (summary->outside)
     note("{} of {} levels lie outside the range in which law '{}' was identified; its validity policy applies",

@@ -227,7 +227,7 @@ void add_export(CLI::App& app, int& code) {
   command->add_option("--name", a->name, "Name of the instance")->capture_default_str();
   command
       ->add_option("--drive", a->on_drive,
-                   "For bouc_wen: the tribotwin.drive instance whose temperature it has and which gets its heat")
+                   "For bouc_wen: the tribotwin.drive instance that supplies its temperature and receives its heat")
       ->capture_default_str();
   command->add_option("--tau-max", a->torque_max_nm, "torque_max_nm [Nm], where the file holds none")
       ->check(CLI::Range(1e-9, 1e9));

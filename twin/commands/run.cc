@@ -169,7 +169,7 @@ Result<Exit> vary(const Arguments& a, const fs::path& file, const std::vector<Va
         return work_failed(fmt::format("{}: {}", all[i].folder, summary.error().message));
       or_throw(summary);
       if (summary->interrupted)
-        return work_failed(fmt::format("{}: interrupted; {} of {} runs are whole", all[i].folder, i, all.size()));
+        return work_failed(fmt::format("{}: interrupted; {} of {} runs are complete", all[i].folder, i, all.size()));
       runs.push_back({all[i].folder, all[i].settings, *summary});
     }
   }
@@ -209,7 +209,7 @@ Result<Exit> execute(const Arguments& a) {
   else if (!a.quiet)
     print_summary(*summary, output);
   if (summary->interrupted)
-    return work_failed(fmt::format("interrupted at {:.6g} of {:.6g} s; the record in {} is whole until then",
+    return work_failed(fmt::format("interrupted at {:.6g} of {:.6g} s; the record in {} is complete until then",
                                    summary->simulated_s, loaded.duration_s, output.string()));
   return strict_code(a, summary->balanced);
 }
@@ -230,7 +230,7 @@ void add_run(CLI::App& app, int& code) {
   run->add_option("-o,--output", a->directory, "Folder for the results (default: runs/NAME)");
   run->add_option("--seed", a->seed, "Seed of all random numbers");
   run->add_option("--set", a->settings, "key=value with dotted keys; overrides the file")->allow_extra_args(false);
-  run->add_flag("--force", a->force, "Replace a run that the folder holds, once the new one is whole");
+  run->add_flag("--force", a->force, "Replace a run that the folder holds, once the new one is complete");
   run->add_flag("--strict", a->strict,
                 "Exit code 3 if the energy balance is off by more than 1 % of the friction work");
   run->add_flag("--realtime", a->realtime, "Run no faster than real time");

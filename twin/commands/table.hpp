@@ -5,8 +5,8 @@
 /// The commands of the program `tribotwin`.
 namespace tribotwin::twin::program {
 
-/// Declares a command with its options on `app`. When the command was asked for, its callback does the work and leaves
-/// the exit code in `code`; it throws what went wrong (or_throw).
+/// Declares a command with its options on `app`. If the command is given, its callback does the work and leaves the
+/// exit code in `code`; it throws errors (or_throw).
 using AddCommand = void(CLI::App& app, int& code);
 
 AddCommand add_run, add_curve, add_lab, add_identify, add_calibrate, add_dynamics, add_predict, add_excite, add_thermal,

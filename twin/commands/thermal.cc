@@ -53,7 +53,7 @@ std::vector<JointHeat> read(const Arguments& a) {
 }
 
 template <class Fit>
-bool tells_times(const Fit& fit) {
+bool times_identifiable(const Fit& fit) {
   return std::ranges::none_of(fit.unidentifiable, [](const std::string& name) { return name.starts_with("t"); });
 }
 
@@ -64,7 +64,7 @@ template <class Fitted>
 auto of_order(int order, const Fitted& with) {
   if (order == 1) return with(thermal::Order::first);
   auto second = with(thermal::Order::second);
-  return order == 2 || tells_times(second) ? second : with(thermal::Order::first);
+  return order == 2 || times_identifiable(second) ? second : with(thermal::Order::first);
 }
 
 ThermalFit fitted(const Arguments& a, const std::string& joint, std::span<const HeatSession> sessions) {
@@ -132,14 +132,14 @@ std::string estimates_of(const std::string& joint, const std::string& from, cons
 std::string rows_of(const std::string& joint, const std::string& from, const TorqueThermalFit& fit) {
   return estimates_of(joint, from, fit, fit.power_w) + fmt::format(
                                                            "{:<14} friction falls to {:.3g} of the cold one; residual "
-                                                           "{:.2g} % rms, {} cycles, {:.0f} worth one independent\n",
+                                                           "{:.2g} % rms, {} cycles, {:.0f} per independent one\n",
                                                            joint, fit.final_to_cold, 100 * fit.rms, fit.samples,
                                                            fit.correlation);
 }
 
 std::string rows_of(const std::string& joint, const std::string& from, const ThermalFit& fit) {
   std::string s = estimates_of(joint, from, fit, fit.ambient);
-  s += fmt::format("{:<14} residual {:.3g} K rms, {} samples, {:.0f} worth one independent\n", joint, fit.rms_K,
+  s += fmt::format("{:<14} residual {:.3g} K rms, {} samples, {:.0f} per independent one\n", joint, fit.rms_K,
                    fit.samples, fit.correlation);
   return s;
 }
@@ -180,8 +180,8 @@ Result<Exit> identify(const Arguments& a) {
                       a.data[without->file], joint.name));
     if (torque_only && !a.rested)
       throw InputError(
-          fmt::format("{}: has no temperatures; torque alone tells how far a joint is from rest, so that records must "
-                      "begin there, as after a night: say so with --rested",
+          fmt::format("{}: has no temperatures; torque alone shows the change from rest temperature, so every "
+                      "recording must begin there, as after a night: confirm it with --rested",
                       a.data[without->file]));
     if (torque_only) {
       const auto fit = fit_files(a, joint, fitted_to_torque, j, table);
@@ -203,7 +203,7 @@ Result<Exit> identify(const Arguments& a) {
     progress(static_cast<double>(fits.size()) / static_cast<double>(joints.size()));
   }
   if (from_torque && !a.quiet && a.alpha == 0)
-    note("torque tells alpha c, not alpha and c one by one; for that give --alpha, or temperatures.{}",
+    note("torque identifies alpha c, not alpha and c separately; for that give --alpha, or temperatures.{}",
          a.output.named() ? fmt::format(" {} is in units in which alpha is {} 1/K", a.output.file, guessed_alpha) : "");
   if (a.output.named())
     if (auto ok = deliver(to_yaml(fits, a.data), a.output); !ok) return ok;
@@ -236,7 +236,7 @@ Result<Exit> identify_chain(const Arguments& a) {
       row(joint, e, joint + "." + e.name);
       j["joints"][joint][e.name] = {{"value", e.value}, {"sigma", e.sigma}, {"unit", e.unit}};
     }
-  table += fmt::format("residual {:.3g} K rms, {} samples, {:.0f} worth one independent\n", fit->rms_K, fit->samples,
+  table += fmt::format("residual {:.3g} K rms, {} samples, {:.0f} per independent one\n", fit->rms_K, fit->samples,
                        fit->correlation);
   if (a.output.named())
     if (auto ok = deliver(to_yaml(*fit, a.data), a.output); !ok) return ok;

@@ -59,7 +59,7 @@ Compensator::Compensator(JointModel model, const CompensatorOptions& options)
       observer_(options.observer_gain_1_s),
       inverse_(model_.transmission),
       reference_(friction::at_temperature(model_.drive.law, options.reference_temperature_degC)) {
-  scratch_.temperature_held = 1;
+  workspace_.temperature_held = 1;
 }
 
 double Compensator::gear_torque_nm() const { return observer_.residual_nm() * model_.ratio; }
@@ -76,7 +76,7 @@ void Compensator::observe_friction(const Input& in, double time_s, double dt_s) 
   // count.
   angle_rad_ = fresh_ ? in.angle_rad
                       : std::clamp(angle_rad_, in.angle_rad - in.resolution_rad, in.angle_rad + in.resolution_rad);
-  const double strengthening = std::copysign(scratch_.gear_limit_nm, in.speed_rad_s);
+  const double strengthening = std::copysign(workspace_.gear_limit_nm, in.speed_rad_s);
   if (!fresh_) {
     drive::end_step(drive, decay_,
                     {.friction_nm = strengthening,
@@ -84,15 +84,14 @@ void Compensator::observe_friction(const Input& in, double time_s, double dt_s) 
                      .qd_end_rad_s = in.speed_rad_s,
                      .q_end_rad = angle_rad_,
                      .rotor_inertia_kg_m2 = model_.inertia_kg_m2},
-                    dt_s, memory_, scratch_);
-    memory_.z +=
-        options_.friction_gain_rad_nm_s * dt_s *
-        (in.torque_nm - model_.inertia_kg_m2 * in.acceleration_rad_s2 - observer_.residual_nm() - friction_nm_);
+                    dt_s, state_, workspace_);
+    state_.z += options_.friction_gain_rad_nm_s * dt_s *
+                (in.torque_nm - model_.inertia_kg_m2 * in.acceleration_rad_s2 - observer_.residual_nm() - friction_nm_);
   }
-  memory_.load_nm = observer_.residual_nm();
-  drive::set_temperature(drive, memory_, in.temperature_degC);
-  drive::begin_step(drive, memory_, scratch_, time_s, in.speed_rad_s, angle_rad_);
-  friction_nm_ = scratch_.applied_nm + std::copysign(scratch_.gear_limit_nm, in.speed_rad_s);
+  state_.load_nm = observer_.residual_nm();
+  drive::set_temperature(drive, state_, in.temperature_degC);
+  drive::begin_step(drive, state_, workspace_, time_s, in.speed_rad_s, angle_rad_);
+  friction_nm_ = workspace_.applied_nm + std::copysign(workspace_.gear_limit_nm, in.speed_rad_s);
 }
 
 double Compensator::update(const Input& in, double time_s, double dt_s) {
@@ -106,7 +105,7 @@ double Compensator::update(const Input& in, double time_s, double dt_s) {
   const double temperature =
       options_.compensation == Compensation::static_ ? options_.reference_temperature_degC : in.temperature_degC;
   const double torsion = inverse_.update(gear_torque_nm(), temperature);
-  // The dead zone: what is applied follows what is estimated at the distance of its noise.
+  // The dead zone: the applied torsion follows the estimated one at the distance of its noise.
   const double zone = options_.compensation == Compensation::proposed ? options_.dead_zone_rad : 0;
   return applied_rad_ = std::clamp(applied_rad_, torsion - zone, torsion + zone);
 }

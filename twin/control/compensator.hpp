@@ -29,17 +29,17 @@ struct JointModel {
   double inertia_kg_m2 = 0;  ///< of the rotor, on the side of the drive's joint
   double ratio = 1;          ///< joint turns of the drive per turn of the arm
 
-  /// Every number of law, bristles, table, stiffness, shape and inertia times 1 + `relative` N(0, 1): what
-  /// identification leaves unknown, so that no plant compensates itself. w stays below 1 and n at or above 1; friction
-  /// stays a valid law.
+  /// Every number of law, bristles, table, stiffness, shape and inertia times 1 + `relative` N(0, 1): the error of an
+  /// identification, so that the controller does not know the exact plant. w stays below 1 and n at or above 1;
+  /// friction stays a valid law.
   JointModel misjudged(double relative, std::uint64_t seed) const;
 };
 
-/// The torsion that a torque belongs to: a transmission the other way round, step by step as it is integrated itself.
+/// The inverse of a transmission: torsion from torque, integrated step by step like the transmission itself.
 class HysteresisInverse {
  public:
   explicit HysteresisInverse(transmission::Hysteresis hysteresis) : h_(std::move(hysteresis)) {}
-  /// Torsion [rad] at which the transmission, coming from its last torsion, bears this torque [Nm, arm side].
+  /// Torsion [rad] at which the transmission, coming from its last torsion, has this torque [Nm, arm side].
   double update(double torque_nm, double temperature_degC);
   double torsion_rad() const { return torsion_rad_; }
 
@@ -84,8 +84,8 @@ class Compensator {
   MomentumObserver observer_;
   HysteresisInverse inverse_;
   thermal::Decay decay_{};
-  drive::BristleState memory_{};
-  drive::Workspace scratch_{};
+  drive::BristleState state_{};
+  drive::Workspace workspace_{};
   friction::AtTemperature reference_;
   double friction_nm_ = 0, applied_rad_ = 0, angle_rad_ = 0;
   bool fresh_ = true;

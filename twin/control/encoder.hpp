@@ -6,17 +6,18 @@
 
 namespace tribotwin::twin {
 
-/// A motor encoder of whole counts and the tracking loop of second order by which a drive makes a speed of them:
-/// critically damped, so that a step of one count shows as a speed of at most 0.74 bandwidth counts. Angles are the
-/// joint's: with a gear between, `gear_ratio` motor turns to one of the joint's.
+/// A motor encoder with whole counts, and the second-order tracking loop from which a drive gets the speed: critically
+/// damped, so that a step of one count appears as a speed of at most 0.74 bandwidth counts. Angles are those of the
+/// joint, with `gear_ratio` motor turns per joint turn.
 class Encoder {
  public:
-  /// No encoder: angle and speed are what they are.
+  /// No encoder: angle and speed are exact.
   Encoder() = default;
   Encoder(double counts_per_turn, double gear_ratio, double bandwidth_rad_s)
       : resolution_rad_(2 * std::numbers::pi / counts_per_turn / gear_ratio), bandwidth_(bandwidth_rad_s) {}
 
-  /// Reads after dt [s] the angle [rad] and speed [rad/s] of now; to be called once per time step, first with any dt.
+  /// Reads the angle [rad] and speed [rad/s], dt [s] after the last call. Call it once per time step, the first time
+  /// with any dt.
   void read(double angle_rad, double speed_rad_s, double dt_s) {
     if (resolution_rad_ == 0) return void((angle_ = angle_rad, speed_ = speed_rad_s));
     angle_ = resolution_rad_ * std::floor(angle_rad / resolution_rad_ + 0.5);

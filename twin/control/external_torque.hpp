@@ -11,9 +11,9 @@
 
 namespace tribotwin::twin {
 
-/// A force sensor without a sensor: what acts on each joint of an arm from outside, from motor torques, motion and the
-/// temperature of each gear. A generalised-momentum observer per joint over the engine's rigid-body model, with the
-/// friction of the drives' laws at the present speed, load and temperature.
+/// The external torque on each joint of an arm without a force sensor, from motor torques, motion and the temperature
+/// of each gear. A generalised-momentum observer per joint over the engine's rigid-body model, with the friction of the
+/// drives' laws at the present speed, load and temperature.
 class ExternalTorque {
  public:
   /// `gain_1_s`: 1 / time constant of the estimate. Every dof of the model must have a drive.
@@ -27,8 +27,8 @@ class ExternalTorque {
 
   /// Per drive [Nm], positive in the direction of the joint.
   std::span<const double> torque_nm() const { return external_nm_; }
-  /// Whether the joint slides: at standstill its friction is whatever holds it, and the estimate is worth no more than
-  /// +- the breakaway torque.
+  /// Whether the joint slides. At standstill friction balances any torque up to breakaway, and the estimate is
+  /// uncertain by +- the breakaway torque.
   bool slides(std::size_t drive) const { return slides_[drive]; }
   /// Force [N] and torque [Nm] at a site, world axes, that explain the joints' torques best in the least-squares sense.
   std::array<double, 6> wrench(int site);

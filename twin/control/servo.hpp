@@ -51,7 +51,7 @@ class DriveServo {
   /// Reads the encoders.
   void measure(const mjModel* m, const mjData* d);
   const Encoder& encoder(std::size_t drive) const { return loops_[drive].encoder; }
-  /// Torques of drives that are off are 0; their integrals rest at 0.
+  /// Drives that are off have torque 0 and integral 0.
   void actuate(const mjModel* m, mjData* d, std::span<const DriveCommand> commands);
   /// Whether a drive's torque was cut to a limit in the last step.
   bool limited(std::size_t drive) const { return loops_[drive].limited; }

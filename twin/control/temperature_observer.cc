@@ -7,9 +7,9 @@ namespace tribotwin::twin {
 
 TemperatureObserver::TemperatureObserver(drive::Drive drive, const TemperatureObserverOptions& options)
     : drive_(std::move(drive)), options_(options) {
-  const thermal::Rise start = thermal::settled(drive_.thermal, options.start_degC - drive_.thermal.T_amb_degC);
+  const thermal::Rise start = thermal::steady_rise(drive_.thermal, options.start_degC - drive_.thermal.T_amb_degC);
   state_ = {start.node_K[0], start.node_K[1], 1};
-  // A wrong start is wrong in all nodes alike.
+  // An error of the start is the same in all nodes.
   const Eigen::Vector3d nodes(drive_.thermal.share(0), drive_.thermal.share(1), 0);
   covariance_ = options.start_sigma_K * options.start_sigma_K * nodes * nodes.transpose();
   covariance_(2, 2) = options.model_error * options.model_error;
@@ -28,7 +28,7 @@ double TemperatureObserver::friction_nm(const Input& in, double temperature) con
 }
 
 void TemperatureObserver::update(const Input& in, double dt_s) {
-  // Ahead: nodes relax, heat enters with its factor.
+  // Prediction: nodes relax, heat enters with its factor.
   const thermal::Model& model = drive_.thermal;
   const thermal::Decay decay = thermal::decay(model, dt_s);
   const double power_W = in.friction_nm * in.speed_rad_s;
@@ -39,8 +39,7 @@ void TemperatureObserver::update(const Input& in, double dt_s) {
   }
   Eigen::Vector3d ambient(model.share(0) * decay.one_minus_keep[0], model.share(1) * decay.one_minus_keep[1], 0);
   ambient *= in.ambient_degC - model.T_amb_degC;
-  // The factor drifts by its own size within the longest time constant: ambient, cooling and grease do not stay as they
-  // were.
+  // The factor drifts by model_error within the longest time constant, because ambient, cooling and grease change.
   state_ = (ahead * state_ + ambient).eval();
   covariance_ = (ahead * covariance_ * ahead.transpose()).eval();
   covariance_(2, 2) += options_.model_error * options_.model_error * dt_s / model.slowest_s();
@@ -51,7 +50,7 @@ void TemperatureObserver::update(const Input& in, double dt_s) {
                slope = (friction_nm(in, T + step_K) - friction_nm(in, T - step_K)) / (2 * step_K);
   if (slope == 0) return;
   const Eigen::RowVector3d seen(slope, slope, 0);
-  // Errors that stay correlated longer than a step tell less.
+  // Errors that stay correlated for longer than a step carry less information.
   const double variance =
       options_.friction_sigma_nm * options_.friction_sigma_nm * std::max(1.0, options_.correlation_s / dt_s);
   const Eigen::Vector3d gain = covariance_ * seen.transpose() / (seen * covariance_ * seen.transpose() + variance);

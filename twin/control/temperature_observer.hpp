@@ -9,18 +9,17 @@ namespace tribotwin::twin {
 struct TemperatureObserverOptions {
   double start_degC = 25;
   double start_sigma_K = 10;
-  /// What the thermal model gets wrong: the heat, and with it the steady rise, of a relative error of this size, 1
-  /// sigma.
+  /// Relative error, 1 sigma, of the thermal model's heat and thus of its steady rise.
   double model_error = 0.1;
   double friction_sigma_nm = 1;   ///< error of a measured friction torque, arm side, 1 sigma
   double correlation_s = 1;       ///< errors this far apart count as independent
-  double speed_min_rad_s = 0.01;  ///< of the joint; below it friction says nothing
+  double speed_min_rad_s = 0.01;  ///< of the joint; friction at lower speeds is not used
 };
 
-/// Lubricant temperature of a joint without a sensor: the thermal model of its drive, corrected by what measured
-/// friction differs from the law (an extended Kalman filter over the model's nodes and the factor of its heat). Where
-/// the law does not depend on temperature, as beyond the edge of its range, only the model speaks, and sigma says so.
-/// The RH380-N study names such an observer as future work.
+/// Lubricant temperature of a joint without a sensor: the thermal model of its drive, corrected by the difference
+/// between measured friction and the law (an extended Kalman filter over the model's nodes and the factor of its heat).
+/// Where the law does not depend on temperature, as beyond the edge of its range, the estimate is that of the model
+/// alone, and sigma grows accordingly. The RH380-N study names such an observer as future work.
 class TemperatureObserver {
  public:
   /// The drive's thermal model must be of first or second order.

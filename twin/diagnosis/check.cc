@@ -96,7 +96,7 @@ void judge_indicators(const HealthyState& h, const Observation& o, double false_
     }
 }
 
-/// The cause of an anomaly. A test that the user has set excludes `healthy`: the causes share its probability.
+/// The cause of an anomaly. An exceeded limit excludes `healthy`: the causes share its probability.
 void find_cause(const HealthyState& h, double probability_healthy, Verdict& v) {
   std::erase_if(v.candidates, [](const Candidate& c) { return !c.pattern; });
   double sum = 0;

@@ -212,7 +212,7 @@ Problem learn_load(std::span<const ObservationFile> loaded, HealthyState& h) {
 
 using Observations = std::vector<const Observation*>;
 
-/// Why a state cannot be learned from these curves, whatever their temperatures.
+/// Why a state cannot be learned from these curves, apart from their temperatures.
 Problem unlearnable(const Observations& all) {
   for (const auto* o : all)
     if (!o->weak.empty())
@@ -307,7 +307,7 @@ Problem learn_regions(const Rows& rows, HealthyState& h) {
     if (singular(h.region[which].covariance) || singular(h.covariance.block(r.first, r.first, r.count, r.count)))
       return fmt::format(
           "the {} curves do not scatter in all of {}: they are copies of each other or lie in one line (collinear), "
-          "and say nothing of what is normal; {}",
+          "and do not show the normal scatter; {}",
           h.observations, fmt::join(feature_names.begin() + r.first, feature_names.begin() + r.first + r.count, ", "),
           record_cold_to_hot);
   }

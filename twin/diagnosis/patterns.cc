@@ -8,7 +8,7 @@
 namespace tribotwin::twin::diagnosis {
 namespace {
 
-constexpr int severities = 400;  // the features may be known to 1 % together, which needs as fine steps
+constexpr int severities = 400;  // features may be identified to 1 % together, which needs equally fine steps
 constexpr double outside_K = 2;  ///< beyond the learned temperatures: from there temperature is a possible cause
 constexpr double load_ratio_minimum = 0.02, load_ratio_maximum = 1.5;  ///< of ln load_norm, with a payload
 

@@ -16,7 +16,7 @@ int main() {
   const auto drive = drive::make_drive("j2", keys);
   if (!drive) return std::fprintf(stderr, "%s\n", drive.error().message.c_str()), 1;
 
-  drive::State state;            // what the drive remembers
+  drive::State state;            // the drive's state
   drive::Workspace workspace{};  // inputs, cache and outputs
   drive::set_temperature(*drive, state, 35);
   const double dt_s = 0.1, speed_rad_s = 1;

@@ -27,28 +27,28 @@ Minimum descend(const Posterior& posterior, int start, const SearchOptions& opti
 }
 
 /// Sigmas and correlations from the curvature at the minimum: likelihood by Gauss-Newton plus prior.
-void judge(const Posterior& posterior, const VectorXd& z, const std::vector<std::size_t>& sought, SimulationFit& fit) {
+void judge(const Posterior& posterior, const VectorXd& z, const std::vector<std::size_t>& free, SimulationFit& fit) {
   constexpr double step = 0.1;
   MatrixXd H = posterior.information(z, step);
-  std::vector<Index> free;
+  std::vector<Index> inner;
   for (Index i = 0; i < posterior.size(); ++i) {
     const Quantity& q = posterior.quantity(i);
     if (z(i) > q.coordinate(q.low) + 1e-6 && z(i) < q.coordinate(q.high) - 1e-6)
-      free.push_back(i);
+      inner.push_back(i);
     else
-      fit.knowledge[sought[static_cast<std::size_t>(i)]] = ParameterStatus::at_bound;
+      fit.status[free[static_cast<std::size_t>(i)]] = ParameterStatus::at_bound;
     if (q.sigma > 0) H(i, i) += 1;
   }
-  const MatrixXd covariance = MatrixXd(H(free, free)).completeOrthogonalDecomposition().pseudoInverse();
-  for (std::size_t k = 0; k < free.size(); ++k) {
-    const Quantity& q = posterior.quantity(free[k]);
-    const std::size_t at = sought[static_cast<std::size_t>(free[k])];
+  const MatrixXd covariance = MatrixXd(H(inner, inner)).completeOrthogonalDecomposition().pseudoInverse();
+  for (std::size_t k = 0; k < inner.size(); ++k) {
+    const Quantity& q = posterior.quantity(inner[k]);
+    const std::size_t at = free[static_cast<std::size_t>(inner[k])];
     const double deviation = std::sqrt(std::max(0.0, covariance(static_cast<Index>(k), static_cast<Index>(k))));
-    fit.knowledge[at] = q.sigma > 0 && deviation > 0.8 ? ParameterStatus::prior : ParameterStatus::estimated;
+    fit.status[at] = q.sigma > 0 && deviation > 0.8 ? ParameterStatus::prior : ParameterStatus::estimated;
     fit.sigma[at] = deviation * q.scale() * (q.logarithmic ? fit.values[at] : 1);
-    for (std::size_t l = 0; l < free.size(); ++l) {
+    for (std::size_t l = 0; l < inner.size(); ++l) {
       const auto a = static_cast<Index>(k), b = static_cast<Index>(l);
-      fit.correlation(static_cast<Index>(at), static_cast<Index>(sought[static_cast<std::size_t>(free[l])])) =
+      fit.correlation(static_cast<Index>(at), static_cast<Index>(free[static_cast<std::size_t>(inner[l])])) =
           covariance(a, b) / std::sqrt(covariance(a, a) * covariance(b, b));
     }
   }
@@ -111,7 +111,7 @@ class Calibration {
     for (const Job& job : jobs_) {
       total += static_cast<double>(job.training.size()) * plan_.search.evaluations * plan_.search.starts;
       if (job.fit.split == SimulationFit::all)
-        total += 2 * static_cast<double>(job.training.size() * twins_[job.fit.variant].sought().size());
+        total += 2 * static_cast<double>(job.training.size() * twins_[job.fit.variant].free_quantities().size());
     }
     return total;
   }
@@ -173,10 +173,10 @@ class Calibration {
     fit.objective = best.objective;
     for (const Minimum& m : job.minima) fit.minima.push_back(m.objective);
     fit.sigma.assign(fit.values.size(), unknown);
-    fit.knowledge.assign(fit.values.size(), ParameterStatus::known);
+    fit.status.assign(fit.values.size(), ParameterStatus::known);
     fit.correlation = MatrixXd::Constant(std::ssize(fit.values), std::ssize(fit.values), unknown);
-    const auto sought = twins.sought();
-    for (const std::size_t i : sought) fit.knowledge[i] = ParameterStatus::estimated;
+    const auto free = twins.free_quantities();
+    for (const std::size_t i : free) fit.status[i] = ParameterStatus::estimated;
     const auto candidate = twins.candidate(fit.values);
     if (!candidate) return tl::unexpected(candidate.error());
     for (const auto& recording : plan_.recordings) {
@@ -185,7 +185,7 @@ class Calibration {
         return work_failed(fmt::format("{}: {}", recording.file.filename().string(), positions.error().message));
       fit.mae_mrad.push_back(mae_mrad(recording, *positions));
     }
-    if (fit.split == SimulationFit::all) judge(posterior, best.z, sought, fit);
+    if (fit.split == SimulationFit::all) judge(posterior, best.z, free, fit);
     return {};
   }
 
@@ -202,9 +202,9 @@ class Calibration {
 
 }  // namespace
 
-std::string_view name(ParameterStatus knowledge) {
+std::string_view name(ParameterStatus status) {
   static constexpr std::string_view names[] = {"known", "estimated", "prior", "at_bound"};
-  return names[static_cast<std::size_t>(knowledge)];
+  return names[static_cast<std::size_t>(status)];
 }
 
 Result<void> calibrate(const Plan& plan, const std::vector<SimulationFit>& have, const Watch& watch) {

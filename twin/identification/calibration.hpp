@@ -20,7 +20,7 @@
 ///   n ln(error) + 1/2 sum z^2,   n = recorded time / correlation time,
 ///
 /// error: the root mean square or mean absolute error of position, every recording with the same weight; z: the
-/// distance of each sought quantity from its start in units of its prior standard deviation. The scale of the error is
+/// distance of each free quantity from its start in units of its prior standard deviation. The scale of the error is
 /// unknown; its likelihood is maximised over it, hence the logarithm. Samples are milliseconds apart but errors last
 /// for a swing: a recording counts as many measurements as it has correlation times.
 ///
@@ -56,24 +56,24 @@ struct Plan {
 
 /// Result of one quantity.
 enum class ParameterStatus {
-  known,  ///< not sought
+  known,  ///< not free
   estimated,
   prior,  ///< the recordings add little information to the prior
   at_bound
 };
-std::string_view name(ParameterStatus knowledge);
+std::string_view name(ParameterStatus status);
 
 /// One variant fitted on all recordings but those of a fold.
 struct SimulationFit {
   static constexpr std::size_t all = static_cast<std::size_t>(-1);
   std::size_t variant = 0, split = all, fold = 0;
-  std::vector<double> values;              ///< per quantity
-  std::vector<double> sigma;               ///< per quantity, NaN unless estimated or prior; of fits on all recordings
-  std::vector<ParameterStatus> knowledge;  ///< alike
-  Eigen::MatrixXd correlation;             ///< alike, quantities by quantities
-  std::vector<double> mae_mrad;            ///< per recording of the plan, training or not
-  double objective = 0;                    ///< the minimum found
-  std::vector<double> minima;              ///< found by each start
+  std::vector<double> values;           ///< per quantity
+  std::vector<double> sigma;            ///< per quantity, NaN unless estimated or prior; of fits on all recordings
+  std::vector<ParameterStatus> status;  ///< alike
+  Eigen::MatrixXd correlation;          ///< alike, quantities by quantities
+  std::vector<double> mae_mrad;         ///< per recording of the plan, training or not
+  double objective = 0;                 ///< the minimum found
+  std::vector<double> minima;           ///< found by each start
 };
 
 struct Watch {

@@ -25,7 +25,7 @@ inline Eigen::MatrixXd covariance_of(const Eigen::MatrixXd& jacobian) {
          scale.asDiagonal();
 }
 
-/// Half the width of a 95 % interval in sigmas, for `freedom` degrees of freedom; fewer than 1 count as 1.
+/// Half width of a 95 % interval in sigmas, for `freedom` degrees of freedom; fewer than 1 count as 1.
 inline double interval_sigmas(double freedom) {
   return boost::math::quantile(boost::math::students_t(std::max(1.0, freedom)), 0.975);
 }

@@ -38,7 +38,7 @@ class Counter {
   std::mutex mutex_;
 };
 
-/// n ln(error) + 1/2 sum z^2 over the sought quantities, after the training recordings; infinite where the twin is
+/// n ln(error) + 1/2 sum z^2 over the free quantities, after the training recordings; infinite where the twin is
 /// refused or diverges.
 class Posterior {
  public:
@@ -49,21 +49,21 @@ class Posterior {
         training_(std::move(training)),
         options_(options),
         counter_(counter),
-        sought_(twins.sought()) {
+        free_(twins.free_quantities()) {
     for (const std::size_t i : training_)
       independent_ += std::max(1.0, recordings_[i].duration_s() / options.correlation_s);
   }
 
-  Eigen::Index size() const { return static_cast<Eigen::Index>(sought_.size()); }
+  Eigen::Index size() const { return static_cast<Eigen::Index>(free_.size()); }
   double independent() const { return independent_; }
   const Quantity& quantity(Eigen::Index i) const {
-    return twins_.variant().quantities[sought_[static_cast<std::size_t>(i)]];
+    return twins_.variant().quantities[free_[static_cast<std::size_t>(i)]];
   }
 
   std::vector<double> values(const Eigen::VectorXd& z) const {
     std::vector<double> all;
     for (const auto& q : twins_.variant().quantities) all.push_back(q.start);
-    for (Eigen::Index i = 0; i < size(); ++i) all[sought_[static_cast<std::size_t>(i)]] = quantity(i).value(z(i));
+    for (Eigen::Index i = 0; i < size(); ++i) all[free_[static_cast<std::size_t>(i)]] = quantity(i).value(z(i));
     return all;
   }
 
@@ -153,7 +153,7 @@ class Posterior {
   const std::vector<std::size_t> training_;
   const SearchOptions& options_;
   Counter& counter_;
-  const std::vector<std::size_t> sought_;
+  const std::vector<std::size_t> free_;
   double independent_ = 0;
 };
 

@@ -70,7 +70,7 @@ double Quantity::scale() const {
 }
 
 double Quantity::value(double z) const {
-  if (!sought) return start;
+  if (!free) return start;
   return std::clamp(logarithmic ? start * std::exp(scale() * z) : start + scale() * z, low, high);
 }
 

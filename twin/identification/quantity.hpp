@@ -19,12 +19,12 @@ std::vector<std::string_view> keys_of(Place place, const friction::LawInfo& law)
 /// The accepted range of a key. Unlimited for keys of a drive that are no law parameter: the loader checks them.
 std::pair<double, double> accepted_range(Place place, const friction::LawInfo& law, std::string_view key);
 
-/// A number of the twin, known or to be identified (`sought`).
+/// A number of the twin, known or to be identified (`free`).
 struct Quantity {
   Place place = Place::drive;
   std::string key;
-  double start = 0;  ///< the value where it is known, the prior mean where it is sought
-  bool sought = false;
+  double start = 0;  ///< the value where it is known, the prior mean where it is free
+  bool free = false;
   double low = 0, high = 0;  ///< bounds, start within them
   double sigma = 0;          ///< prior standard deviation, of ln(value) if logarithmic; 0: no prior
   bool logarithmic = false;  ///< needs low > 0

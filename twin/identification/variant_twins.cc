@@ -119,10 +119,10 @@ double mean_error(Norm norm, const Recording& recording, std::span<const double>
   return sum / static_cast<double>(count);
 }
 
-std::vector<std::size_t> VariantTwins::sought() const {
+std::vector<std::size_t> VariantTwins::free_quantities() const {
   std::vector<std::size_t> all;
   for (std::size_t i = 0; i < variant_->quantities.size(); ++i)
-    if (variant_->quantities[i].sought) all.push_back(i);
+    if (variant_->quantities[i].free) all.push_back(i);
   return all;
 }
 
@@ -179,7 +179,7 @@ Result<VariantTwins> VariantTwins::open(const Variant& variant) {
   twins.try_without_scenery();
   for (std::size_t i = 0; i < values.size(); ++i) {
     const Quantity& q = variant.quantities[i];
-    if (!q.sought || (q.place != Place::drive && q.place != Place::joint)) continue;
+    if (!q.free || (q.place != Place::drive && q.place != Place::joint)) continue;
     for (const double bound : {q.low, q.high}) {
       auto edge = values;
       edge[i] = bound;

@@ -55,7 +55,7 @@ class VariantTwins {
   Result<std::vector<double>> positions(const Candidate& candidate, const Recording& recording) const;
 
   const Variant& variant() const { return *variant_; }
-  std::vector<std::size_t> sought() const;  ///< indices of quantities
+  std::vector<std::size_t> free_quantities() const;  ///< indices of quantities
   /// The controller of a candidate for a recording.
   DcPositionOptions control(std::span<const double> values, const Recording& recording) const;
   double delay_s(std::span<const double> values) const;

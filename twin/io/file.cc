@@ -79,7 +79,7 @@ Status write_stream(const fs::path& file, const struct stat& there, std::string_
   return {};
 }
 
-/// A name that nobody can know before: what is created under it is ours.
+/// An unpredictable name, so that a file created under it is ours.
 fs::path partial_of(const fs::path& file) {
   constexpr std::size_t longest_name = 255;
   std::uint64_t random = 0;
@@ -88,7 +88,7 @@ fs::path partial_of(const fs::path& file) {
   return folder_of(file) / ("." + file.filename().string().substr(0, longest_name - 1 - ending.size()) + ending);
 }
 
-/// Where a link leads, the link stays.
+/// The target of a link, so that the link itself stays.
 fs::path behind_links(const fs::path& file) {
   std::error_code error;
   if (!fs::is_symlink(file, error)) return file;
@@ -117,7 +117,7 @@ std::optional<int> standard_stream(const struct stat& file) {
 int rename_to_free_name(const fs::path& from, const fs::path& to) {
   if (::renameat2(AT_FDCWD, from.c_str(), AT_FDCWD, to.c_str(), RENAME_NOREPLACE) == 0) return 0;
   if (errno != EINVAL && errno != ENOSYS) return errno;
-  // A file system that cannot: a hard link fails where the name is taken.
+  // For file systems without this call: a hard link fails where the name is taken.
   if (::link(from.c_str(), to.c_str()) != 0) return errno;
   return ::unlink(from.c_str()) == 0 ? 0 : errno;
 }

@@ -11,9 +11,9 @@
 
 struct stat;
 
-/// The one way in which a file comes into being: the new content is written beside the old under an unpredictable name,
-/// forced to disk and renamed, so that after a crash, a kill or a full disk the file is the old one or the whole new
-/// one. Devices and FIFOs stay what they are: they are written as streams. All messages name the file and the reason.
+/// All files are created here: the new content is written beside the old file under an unpredictable name, forced to
+/// disk and renamed. After a crash, a kill or a full disk the file is the old one or the whole new one. Devices and
+/// FIFOs stay what they are: they are written as streams. All messages name the file and the reason.
 namespace tribotwin::twin {
 
 /// What happens to a file of that name.
@@ -22,17 +22,17 @@ enum class Existing { refuse, replace };
 constexpr Existing replace_if(bool force) { return force ? Existing::replace : Existing::refuse; }
 
 /// Whether `file` may become an output: for the start of a command, before its work. Refuses a folder, a name in a
-/// folder that does not exist, what exists (unless it may be replaced) and, always, one of `inputs`, by whatever name;
-/// these are the other files that the command reads or writes.
+/// folder that does not exist, what exists (unless it may be replaced) and, always, one of `inputs`, also under another
+/// name; these are the other files that the command reads or writes.
 Result<void> check_output(const std::filesystem::path& file, Existing existing,
                           std::span<const std::filesystem::path> inputs = {});
 
 Result<void> write_file(const std::filesystem::path& file, std::string_view bytes, Existing existing);
 
-/// Writes what follows from other files. An equal file is left alone; one that somebody changed is an existing file.
+/// Writes a file derived from other files. An identical file is left alone; a different one counts as an existing file.
 Result<void> write_derived(const std::filesystem::path& file, std::string_view bytes, Existing existing);
 
-/// A regular file in the making, for content that comes in pieces or from a library that wants a name.
+/// A regular file that is not yet published, for content that comes in pieces or from a library that needs a file name.
 class NewFile {
  public:
   /// Creates an empty file beside `file`, with the permissions that `file` has or will have.
@@ -41,12 +41,13 @@ class NewFile {
   NewFile& operator=(NewFile&& other) noexcept;
   ~NewFile();  ///< without publish(): nothing is left
 
-  /// Its name while it is in the making: ".NAME.partial-XXXXXXXX" in the same folder.
+  /// Its name until it is published: ".NAME.partial-XXXXXXXX" in the same folder.
   const std::filesystem::path& partial() const { return partial_; }
   Result<void> write(std::string_view bytes);
-  /// Gives it its name: with the data on disk and never in place of a file that is not to be replaced.
+  /// Forces the data to disk and renames the file to its name. Never replaces a file that must stay.
   Result<void> publish();
-  /// Gives it its name but goes on writing: a record that others read while it grows. Data are not forced to disk.
+  /// Renames the file to its name while writing continues: a record that others read while it grows. Data are not
+  /// forced to disk.
   Result<void> publish_growing();
 
  private:
@@ -62,7 +63,7 @@ class NewFile {
 /// exist yet by their place. Character devices (/dev/null) count as two files.
 bool is_same_file(const std::filesystem::path& a, const std::filesystem::path& b);
 
-/// The standard stream, stdout or stderr, that an open file is, as /dev/stdout is: opening it anew would begin at the
+/// The standard stream (stdout or stderr) that a file is, such as /dev/stdout. Opening it again would begin at the
 /// start of a redirected file.
 std::optional<int> standard_stream(const struct stat& file);
 

@@ -235,7 +235,7 @@ void apply_setting(YAML::Node root, const std::string& setting, std::string_view
 
 std::string quoted(const std::string& text) {
   const auto is_control = [](char c) { return static_cast<unsigned char>(c) < 0x20 || c == 0x7f; };
-  const bool escaped = std::ranges::any_of(text, is_control);  // only double quotes know escapes
+  const bool escaped = std::ranges::any_of(text, is_control);  // only double quotes allow escapes
   std::string out;
   for (const char c : text) {
     if (is_control(c))

@@ -112,7 +112,7 @@ YAML::Node load_yaml(const std::filesystem::path& file);
 /// InputError.
 void apply_setting(YAML::Node root, const std::string& setting, std::string_view examples);
 
-/// `text` as a YAML scalar of one line, whatever is in it.
+/// `text` as a YAML scalar of one line, for any text.
 std::string quoted(const std::string& text);
 
 /// Ends with a line break; every number reads back as the same double.

@@ -8,7 +8,7 @@ namespace tribotwin::twin {
 /// program. Blocking system calls return EINTR. Before this call they terminate the program.
 void catch_interrupts();
 
-/// Whether the user wants the program to end. Work whose result is no longer needed sets it too.
+/// Whether the user wants the program to end. Also set when the result is no longer needed.
 std::atomic<bool>& interrupted();
 
 }  // namespace tribotwin::twin

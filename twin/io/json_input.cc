@@ -39,19 +39,19 @@ std::string JsonInput::text() const {
   return value_.get<std::string>();
 }
 
-std::vector<JsonInput> JsonInput::list(std::size_t least, std::size_t most) const {
+std::vector<JsonInput> JsonInput::list(std::size_t min_count, std::size_t max_count) const {
   if (!value_.is_array()) fail("must be a list");
-  if (value_.size() < least || value_.size() > most)
-    fail(least == most ? fmt::format("has {} entries but must have {}", value_.size(), least)
-                       : fmt::format("must be a list of at least {}", least));
+  if (value_.size() < min_count || value_.size() > max_count)
+    fail(min_count == max_count ? fmt::format("has {} entries but must have {}", value_.size(), min_count)
+                                : fmt::format("must be a list of at least {}", min_count));
   std::vector<JsonInput> all;
   for (const nlohmann::json& one : value_) all.emplace_back(one, fmt::format("{} {}", where_, all.size() + 1));
   return all;
 }
 
-std::vector<double> JsonInput::numbers(std::size_t least, std::size_t most, Bounds bounds) const {
+std::vector<double> JsonInput::numbers(std::size_t min_count, std::size_t max_count, Bounds bounds) const {
   std::vector<double> all;
-  for (const JsonInput& one : list(least, most)) all.push_back(one.number(bounds));
+  for (const JsonInput& one : list(min_count, max_count)) all.push_back(one.number(bounds));
   return all;
 }
 

@@ -12,8 +12,8 @@
 
 namespace tribotwin::twin {
 
-/// A value of a JSON file that knows where it stands: strict reading, as Mapping's of YAML. Everything throws
-/// InputError with "WHERE: KEY: what is wrong". The value must outlive it.
+/// A value of a JSON file with its place in the file: strict reading, as Mapping for YAML. Everything throws InputError
+/// with "WHERE: KEY: what is wrong". The value must outlive it.
 class JsonInput {
  public:
   /// `where` is the file, or empty where the caller adds it.
@@ -28,8 +28,8 @@ class JsonInput {
   bool truth() const;
   std::string text() const;
   /// Entries of a list, counted from 1 in messages.
-  std::vector<JsonInput> list(std::size_t least, std::size_t most = static_cast<std::size_t>(-1)) const;
-  std::vector<double> numbers(std::size_t least, std::size_t most = static_cast<std::size_t>(-1),
+  std::vector<JsonInput> list(std::size_t min_count, std::size_t max_count = static_cast<std::size_t>(-1)) const;
+  std::vector<double> numbers(std::size_t min_count, std::size_t max_count = static_cast<std::size_t>(-1),
                               Bounds bounds = {-1e12, 1e12}) const;
   /// Those of a mapping, at least one.
   std::vector<std::pair<std::string, JsonInput>> entries() const;

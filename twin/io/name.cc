@@ -8,7 +8,7 @@ namespace tribotwin::twin {
 namespace {
 
 /// File systems allow 255; the rest is for endings such as ".telemetry.h5.partial".
-constexpr std::size_t most_bytes = 200;
+constexpr std::size_t max_bytes = 200;
 
 bool is_control(char c) { return static_cast<unsigned char>(c) < 0x20 || c == 0x7f; }
 
@@ -32,13 +32,13 @@ std::optional<std::string> unfit_file_name(std::string_view name) {
     wrong = "contains '/'";
   else if (std::ranges::any_of(name, is_control))
     wrong = "contains a control character";
-  else if (name.size() > most_bytes)
+  else if (name.size() > max_bytes)
     wrong = fmt::format("has {} bytes", name.size());
   else
     return std::nullopt;
   return fmt::format(
       "'{}' {} but must be a file name: 1 to {} bytes without '/' and control characters, not '.' or '..'", shown(name),
-      wrong, most_bytes);
+      wrong, max_bytes);
 }
 
 }  // namespace tribotwin::twin

@@ -6,8 +6,8 @@
 
 #include <fmt/format.h>
 
-/// What all programs of the project share towards their user: exit codes, messages, progress. Nothing here throws when
-/// a stream is closed, full or slow: a lost result is reported by `finish`, a lost message is lost.
+/// The user interface that all programs share: exit codes, messages, progress. Nothing here throws when a stream is
+/// closed, full or slow: `finish` reports a lost result, and lost messages are ignored.
 namespace tribotwin::twin {
 
 enum Exit { done = 0, failed = 1, wrong_input = 2, limit_exceeded = 3 };

@@ -7,8 +7,7 @@
 
 #include <tribotwin/plugins/friction/error.hpp>
 
-/// The one way in which text files are opened. `kind` completes "FILE: is a folder, not ...", for example "a YAML
-/// file".
+/// All text files are opened here. `kind` completes "FILE: is a folder, not ...", for example "a YAML file".
 namespace tribotwin::twin {
 
 Result<std::ifstream> open_text(const std::filesystem::path& file, std::string_view kind);

@@ -6,12 +6,12 @@
 #include <Eigen/Dense>
 #include <ceres/ceres.h>
 
-/// A nonlinear least-squares problem of one block of bounded parameters, as Ceres wants it.
+/// A nonlinear least-squares problem of one block of bounded parameters, for Ceres.
 namespace tribotwin::twin::identification {
 
-/// Leaves in x the minimum of |residual|^2 that is found from there, within the bounds; returns half of it. `options`
-/// says when to end. Where the solver cannot begin - no unknowns, no start or residual that is finite - it returns
-/// infinity: Ceres would abort.
+/// Sets x to the minimum of |residual|^2 within the bounds that is found from the start x; returns half of that
+/// minimum. `options` says when to end. Returns infinity where the solver cannot begin (no unknowns, a start or
+/// residual that is not finite), because Ceres would abort.
 inline double least_squares(ceres::CostFunction& residual, Eigen::VectorXd& x, const Eigen::VectorXd& low,
                             const Eigen::VectorXd& high, ceres::Solver::Options options) {
   constexpr double infinity = std::numeric_limits<double>::infinity();
@@ -31,7 +31,7 @@ inline double least_squares(ceres::CostFunction& residual, Eigen::VectorXd& x, c
   return summary.IsSolutionUsable() && x.allFinite() ? summary.final_cost : infinity;
 }
 
-/// Of residual(x), a vector of `count`; derivatives by differences.
+/// The problem of residual(x), a vector of `count`; derivatives by differences.
 template <ceres::NumericDiffMethodType differences, class Residual>
 std::unique_ptr<ceres::CostFunction> by_differences(Residual residual, Eigen::Index unknowns, Eigen::Index count) {
   const auto evaluate = [=](double const* const* parameters, double* out) {

@@ -7,7 +7,7 @@
 
 namespace tribotwin::twin::identification {
 
-/// work(i) for i < count, every worker on a part of its own.
+/// Calls work(i) for every i < count; each worker has its own part of the range.
 template <class Work>
 void in_parallel(std::size_t count, unsigned threads, const Work& work) {
   const std::size_t workers = std::min<std::size_t>(std::max(1u, threads), count);

@@ -12,7 +12,7 @@ const char* name_of_program = "";
 
 [[noreturn]] void give_up() {
   report_error(name_of_program, failed,
-               "the solver met numbers that it cannot work with; is there a value in the data that no joint has?");
+               "the solver met numbers that it cannot use; check the data for values that no joint can have");
   std::_Exit(failed);
 }
 

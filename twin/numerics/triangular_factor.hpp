@@ -24,7 +24,7 @@ class TriangularFactor {
   void fold() const;
 
   Eigen::Index columns_, block_;
-  // Row-major, because rows are written; folding is delayed and changes nothing that can be seen.
+  // Row-major, because rows are written. Mutable: delayed folding does not change the result.
   mutable Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor> buffer_;  ///< R on top, then rows
   mutable Eigen::Index used_;
 };

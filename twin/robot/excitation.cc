@@ -172,20 +172,20 @@ FourierSeries series_of(const VectorXd& z, const MotionLimits& limits, const Exc
                   .b = z.segment(n * H, n * H).reshaped(n, H)};
   s.start_at_rest();
   const int grid = 24 * o.harmonics;
-  VectorXd q(n), qd(n), qdd(n), least = VectorXd::Constant(n, 1e300), most = -least, speed = VectorXd::Zero(n),
+  VectorXd q(n), qd(n), qdd(n), min_q = VectorXd::Constant(n, 1e300), max_q = -min_q, speed = VectorXd::Zero(n),
                                 acceleration = VectorXd::Zero(n);
   for (int i = 0; i < grid; ++i) {
     s.at(i * o.period_s / grid, q, qd, qdd);
-    least = least.cwiseMin(q), most = most.cwiseMax(q), speed = speed.cwiseMax(qd.cwiseAbs()),
+    min_q = min_q.cwiseMin(q), max_q = max_q.cwiseMax(q), speed = speed.cwiseMax(qd.cwiseAbs()),
     acceleration = acceleration.cwiseMax(qdd.cwiseAbs());
   }
   for (Index j = 0; j < n; ++j) {
     // The grid misses the peaks by less than 1 %.
     const double allowed = 0.99 * std::min({limits.speed(j) / speed(j), limits.acceleration(j) / acceleration(j),
-                                            (limits.high(j) - limits.low(j)) / (most(j) - least(j))});
+                                            (limits.high(j) - limits.low(j)) / (max_q(j) - min_q(j))});
     const double scale = allowed * (0.1 + 0.9 * share_of(2 + z(2 * n * H + j)));
     s.a.row(j) *= scale, s.b.row(j) *= scale;
-    const double first = limits.low(j) - scale * least(j), last = limits.high(j) - scale * most(j);
+    const double first = limits.low(j) - scale * min_q(j), last = limits.high(j) - scale * max_q(j);
     s.centre(j) = first + share_of(z(2 * n * H + n + j)) * (last - first);
   }
   return s;
@@ -369,7 +369,7 @@ Result<Excitation> excite(const mujoco::Model& model, const Regressor& regressor
   // Trapezoids that take too much torque accelerate less; travels that collide are shortened.
   VectorXd acceleration = limits.acceleration;
   const VectorXd approach = 0.3 * limits.speed;
-  const auto settled = [&](const auto& make, const std::string& what) -> Result<Motion> {
+  const auto feasible = [&](const auto& make, const std::string& what) -> Result<Motion> {
     double travel = 1;
     std::string why;
     for (int k = 0; k < 12; ++k) {
@@ -392,7 +392,7 @@ Result<Excitation> excite(const mujoco::Model& model, const Regressor& regressor
     out.notes.push_back(fmt::format("on the way from the first section to the pose: {}",
                                     why == "torque" ? "more torque than the limit is needed" : why + " touch"));
   for (Index j = 0; j < n && o.friction; ++j) {
-    const auto part = settled(
+    const auto part = feasible(
         [&](double travel) {
           return friction_of(j, out.pose, travel * std::min(0.45 * (limits.high(j) - limits.low(j)), 1.2), limits,
                              acceleration);
@@ -403,7 +403,7 @@ Result<Excitation> excite(const mujoco::Model& model, const Regressor& regressor
   }
   out.friction_s = out.inertia_s + out.rest.duration_s();
   if (o.heating_s > 0) {
-    const auto part = settled(
+    const auto part = feasible(
         [&](double travel) {
           const VectorXd half = travel * 0.3 * (limits.high - limits.low),
                          from = (out.pose - half).cwiseMax(limits.low), to = (out.pose + half).cwiseMin(limits.high);

@@ -6,7 +6,7 @@
 
 #include <tribotwin/plugins/mujoco/loader.hpp>
 
-/// Detects whether kept results still belong to the present inputs. Not for security.
+/// Detects whether stored results still match the current inputs. Not for security.
 namespace tribotwin::twin {
 
 /// FNV-1a over everything added (64 bit, http://www.isthe.com/chongo/tech/comp/fnv).

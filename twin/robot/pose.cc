@@ -50,9 +50,9 @@ Gravity::Gravity(const mujoco::Model& arm, std::size_t drive, std::vector<double
     if (outer_ >= 0) pose[static_cast<std::size_t>(outer_)] = o;
     for (const double q : inner_grid_) load_.push_back(load_nm(pose, q));
   }
-  const auto [least, most] = std::ranges::minmax(load_);
-  least_nm_ = least;
-  most_nm_ = most;
+  const auto [minimum, maximum] = std::ranges::minmax(load_);
+  min_nm_ = minimum;
+  max_nm_ = maximum;
 }
 
 double Gravity::load_nm(std::span<const double> pose_rad, double q_rad) const {
@@ -98,7 +98,7 @@ Result<Pose> Gravity::pose_for(double load_nm) const {
   if (!best)
     return tl::unexpected(fmt::format(
         "no pose of this joint and the next one outward gives the load {:.3g}; gravity gives {:.3g} .. {:.3g}",
-        load_nm / torque_max, least_nm_ / torque_max, most_nm_ / torque_max));
+        load_nm / torque_max, min_nm_ / torque_max, max_nm_ / torque_max));
   std::vector<double> pose = start_;
   if (outer_ >= 0) pose[static_cast<std::size_t>(outer_)] = best->outer;
   const double cell = inner_grid_[1] - inner_grid_[0];

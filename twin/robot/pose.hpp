@@ -29,8 +29,8 @@ class Gravity {
   double load_nm(std::span<const double> pose_rad, double q_rad) const;
   /// The start itself as a pose.
   Pose start() const { return with_width(start_); }
-  double least_nm() const { return least_nm_; }
-  double most_nm() const { return most_nm_; }
+  double min_nm() const { return min_nm_; }
+  double max_nm() const { return max_nm_; }
 
  private:
   Pose with_width(std::vector<double> pose_rad) const;
@@ -40,7 +40,7 @@ class Gravity {
   int outer_ = -1;  ///< drive of the next joint outward
   mujoco::DataPtr data_;
   std::vector<double> inner_grid_, outer_grid_, load_;  ///< load by inner, then outer
-  double least_nm_, most_nm_;
+  double min_nm_, max_nm_;
 };
 
 }  // namespace tribotwin::twin

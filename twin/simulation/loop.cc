@@ -11,7 +11,7 @@ double HysteresisLoop::area_J() const {
     const Point &a = points_[i], &b = points_[(i + 1) % points_.size()];
     twice += (a.torque_nm + b.torque_nm) * (b.torsion_rad - a.torsion_rad);
   }
-  return 0.5 * std::abs(twice);  // the ring may begin anywhere: the sum does not care
+  return 0.5 * std::abs(twice);  // the sum does not depend on where the ring begins
 }
 
 double HysteresisLoop::torque_max_nm() const {

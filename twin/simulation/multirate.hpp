@@ -10,7 +10,7 @@
 /// Multi-rate simulation. One work cycle, computed in full, is an affine map of each thermal node: rise' = keep rise +
 /// input, where `input` depends on the temperature only slowly. Cycles ahead follow from that map in closed form until
 /// they would leave the tolerance. Then the next cycle is computed in full, and the skipped cycles between are
-/// corrected with the interpolated input (trapezoid). The heat of a skipped cycle is interpolated and booked likewise.
+/// corrected with the interpolated input (trapezoid). The heat of a skipped cycle is interpolated and added likewise.
 namespace tribotwin::twin {
 
 struct CycleMap {

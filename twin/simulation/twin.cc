@@ -265,7 +265,7 @@ void Twin::skip(std::int64_t steps, std::span<const thermal::Rise> rise, std::sp
     drive::Workspace& s = mujoco::workspace(data_.get(), drives[i]);
     s.heat_J += heat_J[i];
     s.friction_work_J += heat_J[i];
-    motor_work_J_ += heat_J[i];  // a cycle that returns to its start takes from the motor what friction eats
+    motor_work_J_ += heat_J[i];  // over a cycle that returns to its start, motor work equals friction work
     figures_[i].temperature_max_degC = std::max(figures_[i].temperature_max_degC, temperature_degC(i));
   }
   steps_ += steps;

@@ -10,7 +10,7 @@
 
 namespace tribotwin::twin {
 
-/// What a step of a twin came to; an error is the third outcome.
+/// Outcome of a step of a twin; the third one is an error.
 enum class Status {
   running,   ///< one time step was computed
   finished,  ///< the scenario's duration is over: nothing was computed

@@ -6,7 +6,7 @@
 
 #include <tribotwin/render/report/run/run_data.hpp>
 
-/// What a run's summary.json says, read without trust: NaN, empty text or an empty list where it says nothing.
+/// The values of a run's summary.json, which may be damaged: NaN, empty text or an empty list where a value is missing.
 namespace tribotwin::render {
 
 double number(const nlohmann::json& json, std::initializer_list<const char*> path);

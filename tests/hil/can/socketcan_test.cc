@@ -214,7 +214,7 @@ TEST_F(SocketCan, LinkDownWakesAndUpRecovers) {
   EXPECT_EQ(bus->counters().send_down, 3);
   const auto start = now_ns();
   while (now_ns() < start + 30 * ms)
-    bus->wait(start + 30 * ms);  // must not spin on POLLERR, which nobody sees but a profiler
+    bus->wait(start + 30 * ms);  // must not spin on POLLERR, which only a profiler shows
   EXPECT_FALSE(bus->up());
 
   shell("ip link set dev vcan0 up");

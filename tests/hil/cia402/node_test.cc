@@ -1,4 +1,4 @@
-// One drive on an imaginary bus: frames in, frames out, the clock in our hands.
+// One drive on a simulated bus: frames in, frames out, and a clock that the test sets.
 #include <cmath>
 #include <numbers>
 #include <random>
@@ -274,7 +274,7 @@ TEST_F(OneNode, ModesCsvAndCst) {
     EXPECT_EQ(write(0x6060, 0, Type::i8, profile), 0x06090030U) << profile;
 }
 
-// The table of modes is the only place that knows them.
+// The modes are defined in one table only.
 TEST_F(OneNode, EveryModeOfTheTableWorks) {
   std::vector<std::string> names;
   for (const ModeOfOperation& mode : modes_of_operation()) {

@@ -36,7 +36,7 @@ TEST_F(OneBench, EverySyncIsOneCycle) {
   for (int i = 0; i < 100; ++i) now += i % 2 ? 2 * ms - 1000 : 1000, give(bench, 0x80);
   EXPECT_NEAR(bench.plant().twin().time_s(), 0.3, 1e-9);
   EXPECT_EQ(bench.counters().sync_fast, 50U);
-  // What only looks like a SYNC.
+  // Frames that resemble a SYNC.
   Frame remote = classic(0x80, {});
   remote.remote = true;
   ASSERT_TRUE(bench.receive(remote, now));
@@ -97,7 +97,7 @@ TEST_F(OneBench, MirrorDrivesFollow) {
   const auto status = decode_status(bus.back());
   ASSERT_TRUE(status);
   EXPECT_EQ(status->state, MirrorMode::position);
-  // Commands stop: none keeps its torque.
+  // Commands stop: no drive keeps its torque.
   for (int k = 0; k < 1000; ++k) {
     now += ms;
     bench.tick(now);

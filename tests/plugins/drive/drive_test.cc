@@ -139,29 +139,29 @@ TEST(Fault, RippleFollowsTheMotorsAngleAndNeverPushes) {
   const Drive drive = steady_state_drive();
   Faults faults{};
   find_fault("pitted_bearing")->add(faults, 1);
-  double mean = 0, least = 1e9, most = 0;
+  double mean = 0, minimum = 1e9, maximum = 0;
   for (int i = 0; i < 100; ++i) {
     Workspace workspace{};
     set_faults(workspace, faults);
     const double limit = begin_step(drive, {}, workspace, 0, 0.1, 0.02 * std::numbers::pi * i / 100);
-    mean += limit / 100, least = std::min(least, limit), most = std::max(most, limit);
+    mean += limit / 100, minimum = std::min(minimum, limit), maximum = std::max(maximum, limit);
   }
   Workspace plain{};
   const double level = begin_step(drive, {}, plain, 0, 0.1), h = std::pow(10.0, 0.6), g = level - h;
   EXPECT_NEAR(mean, level, 1e-9);
-  EXPECT_NEAR(most, 2 * g + h, 1e-9);
-  EXPECT_NEAR(least, h, 1e-9);
-  EXPECT_GT(least, 0);
+  EXPECT_NEAR(maximum, 2 * g + h, 1e-9);
+  EXPECT_NEAR(minimum, h, 1e-9);
+  EXPECT_GT(minimum, 0);
 }
 
 TEST(Fault, TeethTransmitNothingWhileTheyCrossTheGap) {
   const Drive drive = steady_state_drive();
   Workspace workspace{};
-  set_faults(workspace, {.play_rad = 0.01});
+  set_faults(workspace, {.backlash_rad = 0.01});
   State state;
   const auto decay = thermal::decay(drive.thermal, 1e-3);
   double q = 0;
-  const auto go = [&](double qd) {  // travel until the teeth touch
+  const auto go = [&](double qd) {  // travel until the flanks touch
     const double from = q;
     for (int i = 0; i < 100000; ++i) {
       const double limit = begin_step(drive, state, workspace, 0, qd, q);

@@ -165,7 +165,7 @@ TEST(Laws, PlaceTheirParametersInTheFamilyAffinely) {
       for (std::size_t i = 0; i < law.parameters.size(); ++i)
         a[i] = value(random), b[i] = value(random), sum[i] = a[i] + b[i];
       const auto at = [&](const auto& p) {
-        return std::bit_cast<Fields>(law.family({p.data(), law.parameters.size()}));
+        return std::bit_cast<Fields>(law.general_law({p.data(), law.parameters.size()}));
       };
       const Fields of_a = at(a), of_b = at(b), of_0 = at(decltype(a){}), of_sum = at(sum);
       for (std::size_t i = 0; i < of_a.size(); ++i)

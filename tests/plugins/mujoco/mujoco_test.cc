@@ -202,7 +202,7 @@ TEST(Faults, TeethThatAreApartHoldNoJoint) {
   ASSERT_TRUE(model) << model.error().message;
   const Binding& binding = (*model)->drives()[0];
   const DataPtr d = (*model)->make_data();
-  drive::set_faults(workspace(d.get(), binding), {.play_rad = 0.02});
+  drive::set_faults(workspace(d.get(), binding), {.backlash_rad = 0.02});
   const auto pushed = [&](double torque_nm, int steps) {
     const double from = d->qpos[0];
     d->ctrl[0] = torque_nm;

@@ -42,14 +42,14 @@ TEST(Thermal, AmbientChangeArrivesThroughTheNodesAndWhole) {
 
 TEST(Thermal, PrescribedTemperatureRests) {
   const Model model = make_model(Order::prescribed, 20, {});
-  Rise rise = settled(model, 30);
+  Rise rise = steady_rise(model, 30);
   step(model, decay(model, 10), 1e6, 5, rise);
   EXPECT_EQ(rise.total_K(), 30);
 }
 
-TEST(Thermal, SettledRiseIsTheSteadyState) {
+TEST(Thermal, SteadyRiseStays) {
   const Model model = make_model(Order::second, 20, std::vector{1e-4, 2e-5, 100.0, 2000.0});
-  Rise rise = settled(model, 500 * model.resistance_K_W());
+  Rise rise = steady_rise(model, 500 * model.resistance_K_W());
   const Rise before = rise;
   step(model, decay(model, 33), 500, 0, rise);
   for (int i : {0, 1}) EXPECT_NEAR(rise.node_K[i], before.node_K[i], 1e-12);

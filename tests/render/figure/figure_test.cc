@@ -240,7 +240,7 @@ TEST(Figure, MissingGnuplotIsNamed) {
   EXPECT_NE(why.find("gnuplot is not installed; on Debian: apt-get install gnuplot-nox"), std::string::npos) << why;
 }
 
-// Lightness and dashes tell neighbours apart without colour.
+// Lightness and dashes distinguish neighbours without colour.
 TEST(Figure, StrokesDifferInGreyscale) {
   for (std::size_t i = 0; i < 8; ++i)
     for (std::size_t k = i + 1; k < 8; ++k) {
@@ -397,7 +397,7 @@ TEST(Figures, MatrixShowsItsLowerHalf) {
   EXPECT_EQ(refusal(correlation_matrix("C", {{"a", "b"}, {{1, nan}, {nan, 1}}})), "");
 }
 
-// In greyscale the tone is the magnitude, whatever the sign, and text on it stays readable.
+// In greyscale the tone is the magnitude for both signs, and text on it stays readable.
 TEST(Figures, DivergingTonesReadInGreyscale) {
   const auto linear = [](double c) {
     return c <= 0.03928 * 255 ? c / 255 / 12.92 : std::pow((c / 255 + 0.055) / 1.055, 2.4);

@@ -61,7 +61,7 @@ for name, goal in motions.items():
         recording["entries"] = recording["entries"][:-2]  # beyond the last telemetry row nothing is known
         write("made/%s_%d.json" % (name, kp), recording)
 
-sought = """    drive:
+free_numbers = """    drive:
       Fc0: {start: 0.02, low: 0.002, high: 0.2, sigma: 1, scale: logarithmic}
       Fcl: {start: 0.2, low: 0, high: 0.6, sigma: 0.2}
       Fs0: 0
@@ -81,7 +81,7 @@ variants:
     law: load
 %s""" % (
     known,
-    sought,
+    free_numbers,
 )
 write("fit.yaml", fit)
 r = run("calibrate", "fit.yaml", "-o", "found", "--threads", "2")
@@ -218,7 +218,7 @@ refused("unknown parameter", "Fcl:", "Fc1:", "Fc1", "did you mean 'Fc")
 refused("parameter of another law", "Fv: 3e-5", "Fv: 3e-5\n      FsT: 0", "FsT")
 refused(
     "missing parameter",
-    "law: load\n" + sought,
+    "law: load\n" + free_numbers,
     "law: stribeck\n    drive: {Fc: 0.03, Fs: 0.01, vs: 100, alpha: 1}\n",
     "Fv",
 )

@@ -174,7 +174,7 @@ for region, p in (("region1", 3), ("region2", 2)):
         (r[region], hotelling),
     )
 
-# ---- Loaded curves tell what load does.
+# ---- Loaded curves show the effect of load.
 write("loaded.csv", [curve(T, extra=0.1) for T in (25, 40, 58)])
 run("learn", "healthy.csv", "--loaded", "loaded.csv", "--lever", "0.5", "-o", "loaded.yaml", "--quiet")
 o = judged("loaded.yaml", "checked.csv", code=3)[4]

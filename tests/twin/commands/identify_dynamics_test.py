@@ -80,7 +80,7 @@ check(
     (gear["normalised_mse"], gear["residual"]),
 )
 check(
-    "Bouc-Wen: everything was told",
+    "Bouc-Wen: everything is identifiable",
     gear["unidentifiable"] == [] and gear["samples"] == 3 * t.size,
     gear["unidentifiable"],
 )

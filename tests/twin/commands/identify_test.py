@@ -1,4 +1,4 @@
-"""tribotwin identify as its users meet it: curves, recordings, records; what the data cannot tell; what is no data at
+"""tribotwin identify as its users meet it: curves, recordings, records; what is not identifiable; what is no data at
 all. scipy is the judge of values and sigmas. Arguments: tribotwin, source tree."""
 import json, os, shutil, subprocess, sys
 
@@ -154,7 +154,7 @@ s = identify(
 )
 check("one exponent for all unloaded curves", abs(s["value"] - 1.36) < 0.02 and s["curves"] == curves, s)
 
-# ---- What the data cannot tell, and dirty data.
+# ---- What is not identifiable, and dirty data.
 check(
     "one load",
     set(identify(write("l.csv", HEADER, v, zero(l) + 0.3, T, law(M_STAR, v, 0.3, T)))["unidentifiable"])

@@ -279,7 +279,7 @@ for law in re.search("can are (.*)", listed)[1].split(", "):
             r.stdout,
         )
     else:
-        # One temperature does not tell these laws' levels apart; where they come out the wrong way round they are no
+        # One temperature does not separate these laws' levels; where they come out the wrong way round they are no
         # such law.
         check(
             f"{law}: is not written",

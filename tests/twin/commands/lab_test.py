@@ -46,7 +46,7 @@ series:
 # A whole run.
 r = run("small.yaml", "-o", "one", "--threads", "1")
 check("exits 0", r.returncode == 0, r.stderr)
-check("says what it did", "14 curves, 0 of them were there, 56 levels" in r.stdout, r.stdout)
+check("says what it did", "14 curves, 0 of them from earlier runs, 56 levels" in r.stdout, r.stdout)
 check("no terminal, no progress", "\r" not in r.stderr)
 check(
     "header",
@@ -90,7 +90,7 @@ check(
     run("small.yaml", "-o", "two", "--threads", "2", "--quiet").returncode == 0 and bytes_of("two") == bytes_of("one"),
 )
 r = run("small.yaml", "-o", "one")
-check("nothing left to do", r.returncode == 0 and "14 of them were there" in r.stdout, (r.stdout, r.stderr))
+check("nothing left to do", r.returncode == 0 and "14 of them from earlier runs" in r.stdout, (r.stdout, r.stderr))
 check(
     "the resolved campaign repeats it",
     run("one/campaign.yaml", "-o", "again", "--quiet").returncode == 0 and bytes_of("again") == bytes_of("one"),
@@ -124,7 +124,7 @@ open(work + "/kill/curves/005.csv", "w").write("series,curve\nhalf a")
 r = run("small.yaml", "-o", "kill")
 check(
     "curves that are lost or cut are measured again",
-    r.returncode == 0 and "12 of them were there" in r.stdout and bytes_of("kill") == bytes_of("one"),
+    r.returncode == 0 and "12 of them from earlier runs" in r.stdout and bytes_of("kill") == bytes_of("one"),
     (r.stdout, r.stderr),
 )
 
@@ -200,7 +200,9 @@ r = run(
     "--set",
     "series.1.temperature.heating.steps=[{speed_rad_s: 100, duration_s: 3600}]",
 )
-check("br609", r.returncode == 0 and "3 curves, 0 of them were there, 45 levels" in r.stdout, (r.stdout, r.stderr))
+check(
+    "br609", r.returncode == 0 and "3 curves, 0 of them from earlier runs, 45 levels" in r.stdout, (r.stdout, r.stderr)
+)
 d = np.genfromtxt(work + "/br609/curves.csv", delimiter=",", names=True, dtype=None, encoding=None)
 check(
     "15 levels",

@@ -118,7 +118,7 @@ check(
 )
 for name, value in {"joint3.Ia": 0.20, "joint4.Ia": 0.045, "joint5.Ia": 0.045, "joint6.Ia": 0.020}.items():
     check(name + " of the MJCF", abs(fit["base_parameters"][name]["of_model"] - value) < 1e-12)
-# ---- A force without a sensor: 2 kg that nobody told of, cold and hot.
+# ---- A force without a sensor: an unknown mass of 2 kg, cold and hot.
 for name, temperature, seed in (("laden_cold", 20, 4), ("laden_hot", 45, 5)):
     record(
         name,

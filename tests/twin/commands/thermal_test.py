@@ -59,7 +59,7 @@ def day(file, seed, ambient, powers, hours=3.0, start=(0, 0)):
 time, power, temperature = day("monday.csv", 1, 20, [1.5, 0.5, 2.5])
 day("tuesday.csv", 2, 22, [2.5, 0.0, 1.0], start=(1.0, 4.0))
 both = fit("monday.csv", "tuesday.csv", "-o", "arm.yaml")["arm"]
-check("the second order is told", both["order"] == 2 and both["unidentifiable"] == [], both)
+check("the second order is identifiable", both["order"] == 2 and both["unidentifiable"] == [], both)
 off = {n: (p["value"] - truth[n]) / p["sigma"] for n, p in both["parameters"].items()}
 check(
     "parameters within 3 of their sigmas, time constants within 2 %",
@@ -114,7 +114,7 @@ write(
 )
 constant = fit("constant.csv", "--rested")["arm"]
 check(
-    "a step of known start tells all, exactly",
+    "a step of known start identifies all, exactly",
     all(abs(p["value"] / truth[n] - 1) < 1e-4 for n, p in constant["parameters"].items()),
     constant,
 )
@@ -268,7 +268,7 @@ print(
     max(map(abs, off.values()), default=np.inf),
 )
 check(
-    "torque alone tells alpha c and t of six joints within 3.5 sigmas, which are the scatter",
+    "torque alone identifies alpha c and t of six joints within 3.5 sigmas, which are the scatter",
     len(off) == 24
     and max(map(abs, off.values())) < 3.5
     and 0.6 < np.sqrt(np.mean(np.square(list(off.values())))) < 1.5,
@@ -293,7 +293,7 @@ check("and steady after 1.5 h, to 3 %", max(left.values()) < 0.03, left)
 names, values = rows("warm6.csv")
 write("minutes.csv", {n: values[values[:, 0] < 240, k] for k, n in enumerate(names)})
 short = fit("minutes.csv", "--cycle", periods.split(",")[0], "--rested", "--order", 2)
-check("four minutes do not tell t2", all("t2" in j["unidentifiable"] for j in short.values()), short)
+check("four minutes do not identify t2", all("t2" in j["unidentifiable"] for j in short.values()), short)
 refused("torque alone, not rested", ["warm6.csv", "--rested"], "warm6.csv", "--cycle", 3)
 known = fit(
     "warm6.csv", "--cycle", periods.split(",")[0], "--rested", "--order", 2, "--alpha", -0.0128, "-o", "kelvin.yaml"
@@ -501,7 +501,7 @@ if os.path.exists(recording):
             },
         )
     joints = fit("first.csv", "-o", "ur3.yaml")
-    check("49 minutes tell one time constant", all(j["order"] == 1 for j in joints.values()), joints)
+    check("49 minutes identify one time constant", all(j["order"] == 1 for j in joints.values()), joints)
     check(
         "the last joint's current has no effect, and that is said",
         joints["joint5"]["unidentifiable"] == ["R_th"],

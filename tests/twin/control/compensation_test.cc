@@ -55,15 +55,15 @@ TEST(MomentumObserver, SeesAnUnknownTorqueThroughItsLag) {
 TEST(Encoder, TracksSpeedOfWholeCounts) {
   const double resolution = 2 * std::numbers::pi / 8192, dt = 5e-4;
   Encoder moving(8192, 1, 220), resting(8192, 1, 220);
-  double most = 0;
+  double max_rad_s = 0;
   for (int i = 0; i < 4000; ++i) {
     moving.read(5.0 * i * dt, 5.0, dt);
     resting.read(i < 100 ? 0 : resolution, 0, dt);
     ASSERT_LT(std::abs(std::remainder(moving.angle_rad(), resolution)), 1e-12);
-    most = std::max(most, resting.speed_rad_s());
+    max_rad_s = std::max(max_rad_s, resting.speed_rad_s());
   }
   EXPECT_NEAR(moving.speed_rad_s(), 5.0, 0.05);
-  EXPECT_LE(most, 0.74 * 220 * resolution);
+  EXPECT_LE(max_rad_s, 0.74 * 220 * resolution);
   EXPECT_NEAR(resting.speed_rad_s(), 0, 1e-9);
 }
 
@@ -113,7 +113,7 @@ Tracked tracked(double temperature, std::span<const int> seeds) {
   return mean;
 }
 
-// RH380-N study section 5.3. The controller's model is wrong by 1 % in every number, another way with every seed.
+// RH380-N study section 5.3. The controller's model has an error of 1 % in every number, different for every seed.
 TEST(Compensation, CutsTheTrackingErrorAsInPaper4) {
   constexpr int seeds[] = {1, 2, 3};
   const Tracked cold = tracked(20, seeds), warm = tracked(35, seeds);
@@ -128,7 +128,7 @@ TEST(Compensation, CutsTheTrackingErrorAsInPaper4) {
       std::max(cold.oscillation, warm.oscillation));
 }
 
-/// A joint that warms up by its own friction, its heat and steady rise 10 % other than the observer believes.
+/// A joint that warms up by its own friction; its heat and steady rise differ by 10 % from the observer's model.
 double error_after_one_time_constant(double start_error_K, double heat_factor, double time_factor) {
   const auto model = mujoco::load_file(std::string(TRIBOTWIN_SOURCE_DIR) + "/mjcf/irb6620.xml");
   const drive::Drive believed = (*model)->drives()[1].drive;
@@ -140,7 +140,7 @@ double error_after_one_time_constant(double start_error_K, double heat_factor, d
                                           .start_sigma_K = 15,
                                           .friction_sigma_nm = 0.02 * believed.torque_max_nm * 0.1,
                                           .correlation_s = 1});
-  thermal::Rise rise = thermal::settled(real, start - real.T_amb_degC);
+  thermal::Rise rise = thermal::steady_rise(real, start - real.T_amb_degC);
   const thermal::Decay decay = thermal::decay(real, dt);
   std::mt19937_64 random(7);
   std::normal_distribution<double> noise(0, 0.02 * believed.torque_max_nm * 0.1);
@@ -173,7 +173,7 @@ struct Felt {
 };
 
 /// The estimate 0.1 s after 5 Nm were put on joint 3, or `push` (force and torque, world axes) on the flange, of a
-/// moving ER3A, its gears at `real` degC, believed at `believed`.
+/// moving ER3A, with its gears at `real` degC and estimated with `believed` degC.
 Felt felt(double real_degC, double believed_degC, std::optional<std::array<double, 6>> push = {}) {
   const auto loaded = mujoco::load_file(std::string(TRIBOTWIN_SOURCE_DIR) + "/mjcf/er3a_c60.xml");
   const auto model = *loaded;

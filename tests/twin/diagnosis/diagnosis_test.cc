@@ -103,7 +103,7 @@ class Bank : public testing::Test {
  protected:
   static void SetUpTestSuite() {
     bench = new Bench;
-    bank = new ObservationFile(bench->healthy(4000));  // so many that a rate of 4.55 % is told to 0.3 %
+    bank = new ObservationFile(bench->healthy(4000));  // so many that a rate of 4.55 % is known to 0.3 %
   }
   static void TearDownTestSuite() {
     delete bank;

@@ -74,7 +74,7 @@ class Joint {
     o->indicators[diagnosis::load] = load_sum / static_cast<double>(levels_.speed_rad_s.size());
     o->indicators[diagnosis::ripple] = ripple;
     o->indicators[diagnosis::lost_motion] =
-        std::max(0.0, faults.play_rad + (faults.play_rad > 0 ? lost_motion_error_rad * normal(random) : 0));
+        std::max(0.0, faults.backlash_rad + (faults.backlash_rad > 0 ? lost_motion_error_rad * normal(random) : 0));
     return o;
   }
 

@@ -220,7 +220,7 @@ Result<std::vector<CurvePoint>> measure_curve(const mujoco::Model& model, std::s
                  .sensors = {.torque_noise_nm = options.noise_nm},
                  .seed = options.seed};
   for (const double speed : speeds) me.speeds_rad_s.push_back(std::abs(speed) / drive.gear_ratio);
-  me.heat.rise = thermal::settled(drive.thermal, options.temperature_degC - drive.thermal.T_amb_degC);
+  me.heat.rise = thermal::steady_rise(drive.thermal, options.temperature_degC - drive.thermal.T_amb_degC);
   if (gravity) {
     const auto pose = Gravity(model, drive_index, me.start_rad).pose_for(options.load_norm * drive.torque_max_nm);
     if (!pose) return tl::unexpected(Error(pose.error().message));

@@ -13,8 +13,8 @@
 #include <tribotwin/twin/identification/samples/recording.hpp>
 #include <tribotwin/twin/robot/pose.hpp>
 
-/// Measuring friction in the twin as on the robot. One joint is moved by its servo, the others are braked; the
-/// recording of the controller is evaluated by `levels_of`.
+/// Measures friction in the twin as on the robot. The servo moves one joint, the others are braked, and `levels_of`
+/// evaluates the recording of the controller.
 namespace tribotwin::twin {
 
 enum class LoadBy {

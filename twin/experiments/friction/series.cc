@@ -153,7 +153,7 @@ class Series {
                         "first_order, R_th: ..., kappa: ...}");
     ambient_offset_K_ =
         heating->number_or("ambient_degC", drive_.thermal.T_amb_degC, {-100, 300}) - drive_.thermal.T_amb_degC;
-    start_ = thermal::settled(
+    start_ = thermal::steady_rise(
         drive_.thermal, heating->number_or("start_degC", drive_.thermal.T_amb_degC + ambient_offset_K_, {-100, 300}) -
                             drive_.thermal.T_amb_degC);
     travel_rad_ = heating->number_or("travel_rad", 1, {0, 100});
@@ -233,7 +233,7 @@ class Series {
   }
 
   void prescribed(const Loaded& load, double temperature_degC) {
-    add_curve(load, {.rise = thermal::settled(drive_.thermal, temperature_degC - drive_.thermal.T_amb_degC)},
+    add_curve(load, {.rise = thermal::steady_rise(drive_.thermal, temperature_degC - drive_.thermal.T_amb_degC)},
               fmt::format("{:.4g} degC", temperature_degC));
   }
 

@@ -44,9 +44,9 @@ const Kernels& kernels() {
 Placement::Placement(const friction::LawInfo& law) {
   const auto count = static_cast<Index>(law.parameters.size());
   std::vector<double> unit(law.parameters.size(), 0);
-  origin = law.family(unit);
+  origin = law.general_law(unit);
   std::vector<F> moved;  // each parameter by 1
-  for (double& x : unit) x = 1, moved.push_back(law.family(unit)), x = 0;
+  for (double& x : unit) x = 1, moved.push_back(law.general_law(unit)), x = 0;
   const auto fill = [&](auto& fields, std::vector<std::size_t>& used, VectorXd& offset, MatrixXd& place) {
     for (std::size_t k = 0; k < fields.size(); ++k)
       if (std::ranges::any_of(moved, [&](const F& f) { return f.*fields[k] != origin.*fields[k]; })) used.push_back(k);
@@ -84,7 +84,7 @@ Placement::Placement(const friction::LawInfo& law) {
   for (std::size_t i = 0; i < derivatives.size(); ++i) derivatives[i].column = place_in(columns, column_of[i]);
 }
 
-F Placement::family(const VectorXd& linear_numbers, const VectorXd& nonlinear_numbers) const {
+F Placement::general_law(const VectorXd& linear_numbers, const VectorXd& nonlinear_numbers) const {
   F f = origin;
   for (std::size_t k = 0; k < linear_used.size(); ++k)
     f.*linear_fields[linear_used[k]] = linear_numbers(static_cast<Index>(k));
@@ -94,7 +94,7 @@ F Placement::family(const VectorXd& linear_numbers, const VectorXd& nonlinear_nu
 }
 
 Moments accumulate(const Samples& samples, std::span<const double> weights, const Placement& place,
-                   const friction::GeneralLaw& family, unsigned threads, bool derivatives) {
+                   const friction::GeneralLaw& general_law, unsigned threads, bool derivatives) {
   const auto fields = static_cast<Index>(place.linear_used.size());
   std::vector<int> used = place.columns;
   if (!derivatives) used.erase(used.begin() + fields, used.end() - 1);
@@ -103,7 +103,7 @@ Moments accumulate(const Samples& samples, std::span<const double> weights, cons
   std::vector<double> sums(count * n * n, 0);
   const auto kernel = kernels().moments;
   in_parallel(count, threads, [&](std::size_t i) {
-    kernel(part(samples, weights, i), family, used.data(), static_cast<int>(n), sums.data() + i * n * n);
+    kernel(part(samples, weights, i), general_law, used.data(), static_cast<int>(n), sums.data() + i * n * n);
   });
   for (std::size_t i = 1; i < count; ++i)
     for (std::size_t k = 0; k < n * n; ++k) sums[k] += sums[i * n * n + k];
@@ -134,15 +134,15 @@ Moments::At Moments::at(const VectorXd& eta) const {
   return result;
 }
 
-std::vector<double> residuals(const Samples& samples, const Placement& place, const friction::GeneralLaw& family,
+std::vector<double> residuals(const Samples& samples, const Placement& place, const friction::GeneralLaw& general_law,
                               unsigned threads) {
   std::vector<double> r(samples.size());
   std::vector<int> used(place.linear_used.begin(), place.linear_used.end());
   double linear[linear_count];
-  for (std::size_t k = 0; k < linear_count; ++k) linear[k] = family.*linear_fields[k];
+  for (std::size_t k = 0; k < linear_count; ++k) linear[k] = general_law.*linear_fields[k];
   const auto kernel = kernels().residuals;
   in_parallel((samples.size() + chunk - 1) / chunk, threads, [&](std::size_t i) {
-    kernel(part(samples, {}, i), family, used.data(), static_cast<int>(used.size()), linear, r.data() + i * chunk);
+    kernel(part(samples, {}, i), general_law, used.data(), static_cast<int>(used.size()), linear, r.data() + i * chunk);
   });
   return r;
 }

@@ -11,7 +11,7 @@
 #include <tribotwin/twin/identification/samples/samples.hpp>
 
 /// The general law (plugins/friction/formula.hpp) as Bittencourt 2012 (5) writes a model: linear in `linear` numbers
-/// eta, nonlinear in `nonlinear` numbers rho. Every law places its parameters affinely in the family, so these
+/// eta, nonlinear in `nonlinear` numbers rho. Every law places its parameters affinely in the general law, so these
 /// derivatives are those of every law by the chain rule, exactly.
 namespace tribotwin::twin::identification {
 
@@ -31,7 +31,7 @@ inline constexpr NonlinearFields nonlinear_fields = [] {
   return fields;
 }();
 
-/// A law's parameters in the family. Vectors and matrices below are over the fields that some parameter moves ("in
+/// A law's parameters in the general law. Vectors and matrices below are over the fields that some parameter moves ("in
 /// use").
 struct Placement {
   explicit Placement(const friction::LawInfo& law);
@@ -47,13 +47,14 @@ struct Placement {
   std::vector<Derivative> derivatives;  ///< the law's, but for its reference temperature s_T0, a convention
   std::vector<int> columns;             ///< those in use, ascending: first the linear fields, last y
 
-  friction::GeneralLaw family(const Eigen::VectorXd& linear_numbers, const Eigen::VectorXd& nonlinear_numbers) const;
+  friction::GeneralLaw general_law(const Eigen::VectorXd& linear_numbers,
+                                   const Eigen::VectorXd& nonlinear_numbers) const;
 
   bool is_linear(std::size_t parameter) const { return nonlinear.col(static_cast<Eigen::Index>(parameter)).isZero(0); }
 };
 
 /// Products of all columns that the fit needs, weighted and summed over the samples, at one set of nonlinear numbers:
-/// with them cost, gradient and every derivative follow for whatever linear numbers.
+/// cost, gradient and every derivative at any linear numbers follow from them.
 struct Moments {
   Eigen::MatrixXd FF;  ///< basis^T basis, linear fields in use
   Eigen::VectorXd Fy;  ///< basis^T y
@@ -83,10 +84,10 @@ struct Moments {
 /// One pass over the samples (at least one). The order of summation does not depend on the number of threads. `place`
 /// must outlive the result.
 Moments accumulate(const Samples& samples, std::span<const double> weights, const Placement& place,
-                   const friction::GeneralLaw& family, unsigned threads, bool derivatives = true);
+                   const friction::GeneralLaw& general_law, unsigned threads, bool derivatives = true);
 
 /// y - f of every sample.
-std::vector<double> residuals(const Samples& samples, const Placement& place, const friction::GeneralLaw& family,
+std::vector<double> residuals(const Samples& samples, const Placement& place, const friction::GeneralLaw& general_law,
                               unsigned threads);
 
 }  // namespace tribotwin::twin::identification

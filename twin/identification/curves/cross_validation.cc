@@ -20,7 +20,7 @@ Result<double> cross_validate(const friction::LawInfo& law, const Samples& sampl
     const Samples learned = samples.subset(learn), tested = samples.subset(test);
     const auto found = fit(law, learned, options);
     if (!found) return tl::unexpected(fmt::format("without fold {}: {}", fold + 1, found.error().message));
-    for (const double r : residuals(tested, Placement(law), found->law.family, options.threads)) squares += r * r;
+    for (const double r : residuals(tested, Placement(law), found->law.general_law, options.threads)) squares += r * r;
   }
   return std::sqrt(squares / static_cast<double>(samples.size()));
 }

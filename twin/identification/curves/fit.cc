@@ -134,7 +134,7 @@ void Identification::minimise() {
         fmt::join(dependent_, ", "), dependent_.size() > 1 ? "are" : "is"));
   if (options_.loss != Loss::squares)
     point_ = robust_minimum(samples_, weights_, options_.loss, problem_, std::move(point_), options_.threads);
-  residuals_ = residuals(samples_, problem_.place(), point_.family, options_.threads);
+  residuals_ = residuals(samples_, problem_.place(), point_.general_law, options_.threads);
 }
 
 Result<void> Identification::estimate_covariance() {

@@ -10,18 +10,18 @@
 #include <tribotwin/twin/identification/estimates.hpp>
 #include <tribotwin/twin/identification/samples/samples.hpp>
 
-/// Finding a law's parameters from measured friction, as Bittencourt 2012 section 2.2: the sum of squared errors is
+/// Identifies a law's parameters from measured friction, as Bittencourt 2012 section 2.2: the sum of squared errors is
 /// minimised over the nonlinear parameters alone, the linear ones being the least-squares solution at each of them
 /// (separable least squares, Bittencourt 2012 (9), (10)): a coarse grid, then Ceres' trust region on the projected
-/// residual with the exact derivatives of Golub 1973. Covariance: lambda [sum psi psi^T]^-1 (Bittencourt 2012
-/// (11)), lambda = sum of squares / (N
-/// - p). Accepted ranges of parameters are bounds, Fs >= Fc of `steady_state` (Zhou 2024 (12)) included.
+/// residual with the exact derivatives of Golub 1973. Covariance: lambda [sum psi psi^T]^-1 (Bittencourt 2012 (11)),
+/// lambda = sum of squares / (N - p). Accepted ranges of parameters are bounds, Fs >= Fc of `steady_state` (Zhou 2024
+/// (12)) included.
 namespace tribotwin::twin::identification {
 
 enum class Loss {
   squares,
   huber,  ///< linear beyond 1.345 sigma: 95 % efficient on clean data
-  cauchy  ///< forgets gross outliers beyond a few 2.385 sigma
+  cauchy  ///< outliers far beyond 2.385 sigma lose their effect
 };
 
 struct FitOptions {

@@ -56,16 +56,16 @@ Result<Shared> fit_shared(const friction::LawInfo& law, const Samples& samples, 
     return sum;
   };
   const double low = std::max(found->minimum, 0.3), high = std::min(found->maximum, 4.0);
-  const auto [best, least] = boost::math::tools::brent_find_minima(cost, low, high, 14);
+  const auto [best, min_cost] = boost::math::tools::brent_find_minima(cost, low, high, 14);
   result.value = best;
   // Curvature from a parabola wide enough for costs to differ clearly.
-  const double h = 0.05 * best, curvature = (cost(best + h) - 2 * least + cost(best - h)) / (h * h);
+  const double h = 0.05 * best, curvature = (cost(best + h) - 2 * min_cost + cost(best - h)) / (h * h);
   const double freedom = static_cast<double>(result.samples) -
                          static_cast<double>(curves.size() * (law.parameters.size() - 1 - options.fixed.size())) - 1;
-  result.sigma = std::sqrt(2 * least / std::max(1.0, freedom) / curvature);
+  result.sigma = std::sqrt(2 * min_cost / std::max(1.0, freedom) / curvature);
   for (int i = -8; i <= 8; ++i)
     if (const double v = best * (1 + 0.05 * i); v > low && v < high)
-      result.profile.emplace_back(v, cost(v) / least - 1);
+      result.profile.emplace_back(v, cost(v) / min_cost - 1);
   if (best < low * 1.01 || best > high * 0.99)
     result.notes.push_back(
         fmt::format("{} = {:.3g} is at the end of the searched range {} .. {}", parameter, best, low, high));

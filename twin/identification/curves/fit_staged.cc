@@ -25,15 +25,15 @@ Isothermal most_loads(const Samples& samples) {
   std::map<long, std::vector<std::size_t>> by_temperature;
   for (std::size_t i = 0; i < samples.size(); ++i)
     by_temperature[std::lround(5 * samples.temperature_degC[i])].push_back(i);
-  const std::vector<std::size_t>* most = nullptr;
+  const std::vector<std::size_t>* best = nullptr;
   std::size_t loads = 0;
   for (const auto& [T, rows] : by_temperature) {
     std::set<long> levels;
     for (const std::size_t i : rows) levels.insert(std::lround(samples.load[i] * 1000));
-    if (levels.size() > loads) loads = levels.size(), most = &rows;
+    if (levels.size() > loads) loads = levels.size(), best = &rows;
   }
-  if (!most) return {};
-  Samples still = samples.subset(*most);
+  if (!best) return {};
+  Samples still = samples.subset(*best);
   const double mean = std::accumulate(still.temperature_degC.begin(), still.temperature_degC.end(), 0.0) /
                       static_cast<double>(still.size());
   std::ranges::fill(still.temperature_degC, mean);

@@ -164,7 +164,7 @@ std::vector<std::size_t> by_rank(const Placement& place) {
       rank[i] = std::min(rank[i], row.rank);
       return false;
     };
-    // A parameter that moves a shape number has the rank of that, whatever terms it moves besides.
+    // A parameter that moves a shape number has the rank of that number, even if it also moves terms.
     if (place.is_linear(i))
       moves_term(place, i, lower);
     else

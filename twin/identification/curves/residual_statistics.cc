@@ -22,10 +22,10 @@ void note_outliers(const std::vector<double>& r, const std::vector<double>& base
   if (scale > 1e-9 * result.residual.max_abs && static_cast<double>(far) > 0.005 * n + 1)
     result.notes.push_back(
         loss == Loss::squares
-            ? fmt::format("{:.1f} % of the samples lie more than 5 sigma off the curve: outliers pull at this fit; a "
-                          "robust loss (--robust cauchy) would not let them",
+            ? fmt::format("{:.1f} % of the samples lie more than 5 sigma off the curve: outliers distort this fit; a "
+                          "robust loss (--robust cauchy) reduces their effect",
                           100 * static_cast<double>(far) / n)
-            : fmt::format("{:.1f} % of the samples lie more than 5 sigma off the curve and hardly counted",
+            : fmt::format("{:.1f} % of the samples lie more than 5 sigma off the curve and have almost no weight",
                           100 * static_cast<double>(far) / n));
 }
 

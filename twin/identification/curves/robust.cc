@@ -30,7 +30,7 @@ Point robust_minimum(const Samples& samples, const std::vector<double>& base, Lo
                      Point point, unsigned threads) {
   for (const Loss now : loss == Loss::cauchy ? std::vector{Loss::huber, Loss::cauchy} : std::vector{loss})
     for (int round = 0; round < 40; ++round) {
-      const auto r = residuals(samples, problem.place(), point.family, threads);
+      const auto r = residuals(samples, problem.place(), point.general_law, threads);
       const double scale = robust_scale(r, base);
       if (!(scale > 0)) return point;  // more than half of the samples are on the curve
       std::vector<double> w(r.size());

@@ -84,7 +84,7 @@ VectorXd bounded_solution(const MatrixXd& N, const VectorXd& b, const VectorXd& 
       held[stopped] = true;
       continue;
     }
-    // A bound that the cost would rather leave.
+    // Releases a bound from which the cost falls towards the inside.
     const VectorXd gradient = N * x - b;
     Index leave = -1;
     double gain = 1e-9;
@@ -107,13 +107,14 @@ MatrixXd pseudo_inverse(const MatrixXd& matrix, double tolerance) {
   const VectorXd scale =
       matrix.diagonal().cwiseMax(0).cwiseSqrt().unaryExpr([](double x) { return x > 1e-100 ? 1 / x : 0; });
   const MatrixXd scaled = scale.asDiagonal() * matrix * scale.asDiagonal();
-  // Far from singular there is no null space, and no need of the slower eigenvalues.
+  // A matrix far from singular has no null space, and the slower eigenvalues are not needed.
   if (const Eigen::LLT<MatrixXd> factor(scaled);
       factor.info() == Eigen::Success && factor.matrixLLT().diagonal().minCoeff() > 1e-4)
     return scale.asDiagonal() * factor.solve(MatrixXd(scale.asDiagonal()));
   const Eigen::SelfAdjointEigenSolver<MatrixXd> eigen(scaled);
-  const double least = tolerance * eigen.eigenvalues().cwiseAbs().maxCoeff();
-  const VectorXd inverse = eigen.eigenvalues().unaryExpr([least](double e) { return e > least ? 1 / e : 0; });
+  const double min_eigenvalue = tolerance * eigen.eigenvalues().cwiseAbs().maxCoeff();
+  const VectorXd inverse =
+      eigen.eigenvalues().unaryExpr([min_eigenvalue](double e) { return e > min_eigenvalue ? 1 / e : 0; });
   return scale.asDiagonal() * eigen.eigenvectors() * inverse.asDiagonal() * eigen.eigenvectors().transpose() *
          scale.asDiagonal();
 }
@@ -160,7 +161,7 @@ std::size_t Separable::parameter_of(double F::*field) const {
 
 Point Separable::at(const VectorXd& start, bool derivatives) const {
   Point point{.values = start,
-              .family = {},
+              .general_law = {},
               .moments = {},
               .linear = {},
               .at_bound = std::vector<bool>(free_.size(), false),
@@ -179,8 +180,8 @@ Point Separable::at(const VectorXd& start, bool derivatives) const {
   }
   const VectorXd nonlinear = place_.nonlinear_offset + place_.nonlinear * u,
                  known = place_.linear_offset + place_.linear * u;
-  point.family = place_.family(known, nonlinear);
-  point.moments = accumulate(*samples_, weights_, place_, point.family, threads_, derivatives);
+  point.general_law = place_.general_law(known, nonlinear);
+  point.moments = accumulate(*samples_, weights_, place_, point.general_law, threads_, derivatives);
   const Moments& basis = point.moments;
   const MatrixXd Q = place_.linear(Eigen::all, searched), N = product(Q, basis.FF, Q);
   const VectorXd b = Q.transpose() * (basis.Fy - basis.FF * known), low = low_(searched), high = high_(searched);
@@ -189,7 +190,7 @@ Point Separable::at(const VectorXd& start, bool derivatives) const {
   for (std::size_t i = 0; i < searched.size(); ++i)
     u(searched[i]) = eta(static_cast<Index>(i)), point.at_bound[searched[i]] = held[i];
   const VectorXd linear = known + Q * eta;
-  point.family = place_.family(linear, nonlinear);
+  point.general_law = place_.general_law(linear, nonlinear);
   point.cost = basis.cost(linear);
   point.linear = linear;
   return point;
@@ -197,7 +198,7 @@ Point Separable::at(const VectorXd& start, bool derivatives) const {
 
 Point Separable::again(const Point& point) const {
   Point now = point;
-  now.moments = accumulate(*samples_, weights_, place_, point.family, threads_);
+  now.moments = accumulate(*samples_, weights_, place_, point.general_law, threads_);
   now.cost = now.moments.cost(now.linear);
   return now;
 }
@@ -223,7 +224,7 @@ class ProjectedResidual final : public ceres::CostFunction {
   bool Evaluate(double const* const* parameters, double* residuals, double** jacobians) const override {
     const auto n = static_cast<Index>(searched_.size());
     const Eigen::Map<const VectorXd> x(parameters[0], n);
-    // Ceres asks for the cost of a step and, once it takes it, for the derivatives there: the same passes serve both.
+    // Ceres asks for the cost of a step and, once it takes it, for the derivatives there: the same passes give both.
     if (last_x_ != x) {
       VectorXd values = start_;
       for (Index i = 0; i < n; ++i) values(searched_[i]) = x(i);

@@ -7,14 +7,14 @@
 
 #include <tribotwin/twin/identification/curves/basis.hpp>
 
-/// Separable least squares over one law's parameters: what fit.hpp's functions are made of.
+/// Separable least squares over one law's parameters, the basis of the functions in fit.hpp.
 namespace tribotwin::twin::identification {
 
 /// A minimum, or a point on the way there.
 struct Point {
   Eigen::VectorXd values;  ///< all coordinates
-  friction::GeneralLaw family;
-  Moments moments;             ///< at the family's nonlinear numbers
+  friction::GeneralLaw general_law;
+  Moments moments;             ///< at the nonlinear numbers of `general_law`
   Eigen::VectorXd linear;      ///< its linear ones
   std::vector<bool> at_bound;  ///< coordinates that a bound holds
   double cost = 0;
@@ -41,12 +41,12 @@ class Separable {
   Point minimise() const;
   /// From a start nearby.
   Point refine(const Eigen::VectorXd& start) const;
-  /// The best linear coordinates for these nonlinear ones. Without `derivatives` its moments serve nothing further.
+  /// The best linear coordinates for these nonlinear ones. Without `derivatives` its moments have none.
   Point at(const Eigen::VectorXd& nonlinear_from, bool derivatives = true) const;
-  /// A point as it is, with the present weights.
+  /// The same point with the current weights.
   Point again(const Point& point) const;
 
-  /// Free linear parameters that are linear combinations of those before them in `order`, whatever the nonlinear ones.
+  /// Free linear parameters that are linear combinations of those before them in `order`, at any nonlinear ones.
   std::vector<std::size_t> dependent_linear(const std::vector<std::size_t>& order) const;
 
   /// sum psi psi^T of the free coordinates that no bound holds, and which those are.

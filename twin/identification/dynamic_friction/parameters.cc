@@ -220,13 +220,13 @@ Result<void> usable(const Estimates& found, const friction::LawInfo* law) {
   std::vector<std::pair<std::string, double>> values;
   for (const auto& e : found.parameters) {
     if (!std::isfinite(e.value))
-      return work_failed(
-          fmt::format("the fit gives no finite number for {}; what is in the data that no joint has?", e.name));
+      return work_failed(fmt::format(
+          "the fit gives no finite number for {}; check the data for values that no joint can have", e.name));
     values.emplace_back(e.name, e.value);
   }
   const auto& r = found.residual;
   if (!std::isfinite(r.mean) || !std::isfinite(r.std) || !std::isfinite(r.max_abs))
-    return work_failed("the residuals of the fit are not finite; what is in the data that no joint has?");
+    return work_failed("the residuals of the fit are not finite; check the data for values that no joint can have");
   if (!law) return {};
   if (const auto made = friction::make_law(law->name, values); !made)
     return work_failed(fmt::format("these data give no law that can be used: {}", made.error().message));

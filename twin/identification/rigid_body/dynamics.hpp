@@ -55,7 +55,7 @@ struct DynamicsFit {
   std::vector<std::string> notes;
 };
 
-/// ErrorKind::input with what the data lack, or what cannot be right about them.
+/// ErrorKind::input with what is missing from the data or wrong in them.
 Result<DynamicsFit> fit_dynamics(const Regressor& regressor, const BaseParameters& base, const RobotFriction& friction,
                                  const JointMotion& motion, const DynamicsOptions& options = {});
 

@@ -25,7 +25,7 @@ constexpr friction::LawInfo coulomb_viscous_law{
     .load_dependent = false,
     .identified = {},
     .parameters = coulomb_viscous_parameters,
-    .family = [](std::span<const double> p) { return friction::GeneralLaw{.A = p[0], .F1 = p[1]}; },
+    .general_law = [](std::span<const double> p) { return friction::GeneralLaw{.A = p[0], .F1 = p[1]}; },
     .conflict = nullptr};
 
 }  // namespace
@@ -47,7 +47,7 @@ std::vector<std::string_view> JointFriction::reference_temperatures() const {
 double JointFriction::torque(std::span<const double> p, double speed, double load_nm, double temperature_degC,
                              double* derivatives) const {
   const double sign = std::copysign(scales_.torque, speed);
-  const friction::Gradient at = friction::gradient(law_->family(p), std::abs(speed) * scales_.speed,
+  const friction::Gradient at = friction::gradient(law_->general_law(p), std::abs(speed) * scales_.speed,
                                                    std::abs(load_nm) / scales_.torque_max_nm, temperature_degC);
   const double value = sign * at.torque;
   const bool has_offset = law_ == &coulomb_viscous_law;

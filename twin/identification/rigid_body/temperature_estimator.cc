@@ -42,7 +42,7 @@ TemperatureEstimator::TemperatureEstimator(JointFriction friction, std::vector<d
     : friction_(std::move(friction)),
       parameters_(std::move(parameters)),
       model_(model),
-      rise_(thermal::settled(model, start_degC - model.T_amb_degC)) {}
+      rise_(thermal::steady_rise(model, start_degC - model.T_amb_degC)) {}
 
 double TemperatureEstimator::friction_at(double speed, double load, double temperature_degC) const {
   return speed == 0 ? 0 : friction_.torque(parameters_, speed, load, temperature_degC);

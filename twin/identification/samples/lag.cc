@@ -11,7 +11,7 @@ namespace tribotwin::twin {
 namespace {
 
 constexpr double longest_s = 0.1, earliest_s = -0.02;  // lags that are looked for
-constexpr std::size_t most_samples = 100000;
+constexpr std::size_t max_samples = 100000;
 constexpr Eigen::Index columns = 16;
 constexpr Eigen::Index load_columns[] = {0, 2, 3, 4, 5, 6}, by_load = columns - 2;  // of Sample::explains
 
@@ -133,8 +133,8 @@ std::vector<Sample> moving_samples(const FilteredMotion& m, double position_erro
     for (std::size_t i = margin + late; i + margin + late < q.size(); ++i)
       if (moves[i]) samples.push_back({.track = k, .at = i});
   }
-  // Hours add nothing to minutes: runs of 1000 samples out of a long recording.
-  if (const std::size_t stride = 1 + samples.size() / most_samples; stride > 1) {
+  // Minutes of data are enough: runs of 1000 samples out of a long recording.
+  if (const std::size_t stride = 1 + samples.size() / max_samples; stride > 1) {
     std::size_t k = 0;
     std::erase_if(samples, [&](const Sample&) { return (k++ / 1000) % stride != 0; });
   }
@@ -190,9 +190,9 @@ class Regression {
   /// Lag with the least squares; nothing where it lies at an end of the range searched.
   std::optional<double> best_lag_s() {
     const double step = std::max(m_.period_s, 0.002);
-    double best = 0, least = 1e300;
+    double best = 0, min_rest = 1e300;
     for (double lag = earliest_s; lag <= longest_s; lag += step)
-      if (const double rest = left(lag); rest < least) least = rest, best = lag;
+      if (const double rest = left(lag); rest < min_rest) min_rest = rest, best = lag;
     if (best - step < earliest_s || best + step > longest_s) return std::nullopt;
     for (int round = 0; round < 2; ++round) {
       for (double h = step; h > 0.02 * m_.period_s; h /= 2) {  // the squares are a parabola near their minimum

@@ -95,8 +95,8 @@ double offset_s(const JointRecording& r, const Pair& pair) {
   return sum;
 }
 
-/// The level of a pair. Sets `ripple` to what is found in it; `known` is a ripple that other levels show, which a pass
-/// too short to show it is freed of.
+/// The level of a pair. Sets `ripple` to the ripple found in it. `known` is a ripple that other levels show; it is
+/// removed from a pass too short to show it.
 Level measured(const JointRecording& r, const Pair& pair, const Profile& profile, const LevelOptions& options,
                double lag_s, double lag_stderr_s, Ripple& ripple, const Ripple& known = {}) {
   const Window window = window_of(r, profile, options, lag_s);
@@ -248,8 +248,8 @@ bool same_harmonic(const Ripple& a, const Ripple& b) {
   return a.per_turn > 0 && std::abs(a.per_turn - b.per_turn) <= a.resolution + b.resolution;
 }
 
-/// Keeps a ripple where a level of another speed shows it too: what is periodic in the angle is so at every speed; what
-/// is seen at one speed alone may be periodic in time.
+/// Keeps a ripple only where a level of another speed shows it too: a ripple over the angle appears at every speed, one
+/// at a single speed may be periodic in time.
 void confirm_ripples(std::vector<Level>& levels, std::vector<Ripple>& ripples) {
   const auto confirmed = [&](std::size_t k) {
     for (std::size_t j = 0; j < levels.size(); ++j)

@@ -9,26 +9,24 @@
 #include <tribotwin/plugins/friction/error.hpp>
 #include <tribotwin/twin/identification/samples/recording.hpp>
 
-/// Friction levels from a recording, of the twin or of anybody's robot: stretches of constant speed, each forward one
-/// with the reverse one of the same speed over the same positions.
+/// Friction levels from a recording of the twin or of a real robot: stretches of constant speed, each forward one
+/// paired with the reverse one of the same speed over the same positions.
 ///
 /// Motor torque at constant speed is u(q) = G(q) +- F (Bittencourt 2012 (3)). Both directions of a level are fitted
 /// together, G as a polynomial in the position where they overlap and F as what changes sign with the direction:
 /// Bittencourt 2012 (4), (u+ - u-)/2, at equal positions. A torque column that is late by a time L shows G shifted by
 /// speed L forwards and backwards, so the two directions differ by 2 speed L in position (Zhou 2024 (13)). L is
-/// identified from the ramps (lag.hpp) or, in a recording without any, by what all levels have in common, and taken
-/// out.
+/// identified from the ramps (lag.hpp) or, in a recording without any, by what all levels have in common, and removed.
 namespace tribotwin::twin {
 
 struct LevelOptions {
-  std::vector<double>
-      speeds_rad_s;  ///< levels that must be there, > 0, arm side; others are left out. Empty: all there are
+  std::vector<double> speeds_rad_s;  ///< required levels, > 0, arm side; others are left out. Empty: all levels found
   double centre_rad = 0,
          width_rad = std::numeric_limits<double>::infinity();  ///< measure where |q - centre| <= width / 2
   std::optional<double> lag_s;  ///< of the torque column where it is known; otherwise estimated
 };
 
-/// One direction, Bittencourt 2012 (3): what the motor does beyond the load, positive.
+/// One direction, Bittencourt 2012 (3): motor torque minus load, positive.
 struct OneWay {
   double friction_nm, stderr_nm;
 };
@@ -51,7 +49,7 @@ struct Level {
   double begin_s, end_s;  ///< of the two passes
   /// Amplitude of what in the friction is periodic in the joint's angle, at the strongest harmonic of a turn that
   /// stands out of the noise (false alarm 1e-4) here and at another speed; 0 where none does or the travel is shorter
-  /// than three periods. Slower levels that are too short for it have it taken out of their friction.
+  /// than three periods. It is removed from the friction of slower levels that are too short to show it.
   double ripple_nm = 0;
   /// Travel after the reversal between the passes until the torque has changed by 3/2 of the friction: 0 in a stiff
   /// gear, the width of the gap in one with backlash. 0 as well where the joint turns too fast, its inertia

@@ -11,8 +11,8 @@ namespace {
 
 constexpr double standstill_rad_s = 5e-5;  // a stuck joint may creep below this
 constexpr double steady = 0.02;            // relative, between parts of a pass
-// Unsteadiness this small changes the torque by nothing that matters: 10 us late while approaching 15 rad/s is a speed
-// off by 0.015 %.
+// Unsteadiness this small has no visible effect on the torque: 10 us late while approaching 15 rad/s is a speed error
+// of 0.015 %.
 constexpr double finest_s = 1e-5, finest_rad = 1e-6;
 
 struct Line {
@@ -51,7 +51,7 @@ class Segmentation {
         stretch(begin, i);
         begin = i;
       }
-    // Ramps are unsteady as they should be; what is as long as a pass was meant to be one.
+    // Ramps are unsteady by design; an unsteady stretch as long as a pass was meant to be a pass.
     double shortest_s = 0;
     const auto duration = [&](const Pass& p) { return r_.time_s[p.end - 1] - r_.time_s[p.begin]; };
     for (const Pass& p : passes_) shortest_s = shortest_s == 0 ? duration(p) : std::min(shortest_s, duration(p));
@@ -110,7 +110,7 @@ class Segmentation {
   void keep(std::size_t begin, std::size_t end) {
     for (int round = 0; round < 3; ++round) {
       const std::size_t n = end - begin, block = std::max<std::size_t>(3, n / 40), quarter = n / 4;
-      if (n < 2 * least_samples) break;
+      if (n < 2 * min_samples) break;
       const std::size_t first = begin + quarter, last = end - quarter;
       const Line middle = line(r_, first, last);
       const auto off = [&](std::size_t i) {  // mean distance of a block from the line through the middle
@@ -130,7 +130,7 @@ class Segmentation {
       if (from == begin && to == end) break;
       begin = from, end = to;
     }
-    if (end - begin < least_samples) return;
+    if (end - begin < min_samples) return;
     const Line whole = line(r_, begin, end);
     const double speed = std::abs(whole.slope), duration = r_.time_s[end - 1] - r_.time_s[begin],
                  travel = speed * duration;
@@ -171,7 +171,7 @@ double position_error_rad(const std::vector<double>& q) {
   }
   if (steps.empty()) return error;
   std::ranges::sort(steps);
-  // An increment is what nearly all steps are multiples of; the smallest one may be a stray.
+  // Nearly all steps are multiples of the increment; the smallest step may be an outlier.
   for (const double share : {0.0, 0.01, 0.05}) {
     const double increment = steps[static_cast<std::size_t>(share * static_cast<double>(steps.size() - 1))];
     const auto multiples = std::ranges::count_if(steps, [&](double s) {

@@ -11,8 +11,8 @@
 /// Private to levels.cc: the stretches of constant speed in a recording, and which two of them make a level.
 namespace tribotwin::twin::curves {
 
-/// A pass or one direction of a level with fewer samples is none.
-inline constexpr std::size_t least_samples = 12;
+/// Minimum number of samples of a pass, and of one direction of a level.
+inline constexpr std::size_t min_samples = 12;
 
 /// A stretch of constant speed. q = at + speed (t - time of begin).
 struct Pass {

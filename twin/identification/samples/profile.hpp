@@ -30,7 +30,7 @@ class Profile {
     double x, sign;  ///< sign of the speed
   };
   std::span<const Row> rows() const { return rows_; }
-  bool too_short() const { return forward_ < least_samples || rows_.size() - forward_ < least_samples; }
+  bool too_short() const { return forward_ < min_samples || rows_.size() - forward_ < min_samples; }
   double position(double x) const { return centre_ + half_ * x; }
   double scaled(double q) const { return (q - centre_) / half_; }
 
@@ -42,8 +42,8 @@ class Profile {
   double common_nm(double x) const { return evaluate(x).first; }
   double common_slope_nm_rad(double x) const { return evaluate(x).second / half_; }
 
-  /// (u+ - u-) / 2 at equal positions (Zhou 2024 (6)): at the forward samples, the reverse ones interpolated. Taken
-  /// beyond the common part, which cancels.
+  /// (u+ - u-) / 2 at equal positions (Zhou 2024 (6)): at the forward samples, the reverse ones interpolated. Computed
+  /// from the torques minus the common part, which cancels.
   struct Difference {
     std::vector<double> x, friction_nm;
   };
@@ -53,7 +53,7 @@ class Profile {
   /// derivative by the lag. All 0 where the common part does not rise above the noise.
   struct Information {
     double square = 0, product = 0;
-    double variance = 0, count = 0;  ///< of the noise, per sample as a mean sees it, correlation included
+    double variance = 0, count = 0;  ///< of the noise, per sample of a mean, correlation included
   };
   Information information(double lag_s) const;
 

@@ -8,7 +8,7 @@
 
 namespace tribotwin::twin {
 
-/// What a controller records of one joint, arm side, one entry per sample: of the twin or of somebody's robot.
+/// What a controller records of one joint, arm side, one entry per sample: of the twin or of a real robot.
 struct JointRecording {
   std::vector<double> time_s;  ///< strictly increasing; gaps are allowed
   std::vector<double> position_rad;
@@ -23,7 +23,7 @@ struct JointRecording {
 /// Whether the columns are equally long, finite and in order of time. Fails with column and row (from 0).
 Result<void> check(const JointRecording& recording);
 
-/// How a controller sees a joint.
+/// How a controller measures a joint.
 struct Sensors {
   double encoder_increments_per_turn = 0;  ///< per turn of the joint; 0: ideal, velocity included
   double torque_noise_nm = 0;              ///< standard deviation, white, arm side
@@ -31,8 +31,8 @@ struct Sensors {
   double lag_s = 0;  ///< the torque column is late by this
 };
 
-/// The recording a controller makes of signals that are given at every step of a simulation: sampled, position
-/// quantised, velocity differentiated from it, torque late and noisy. Load and temperature are taken as they are.
+/// The recording that a controller makes from signals at every step of a simulation: sampled, position quantised,
+/// velocity differentiated from it, torque late and noisy. Load and temperature are taken as they are.
 JointRecording sensed(const JointRecording& signals, const Sensors& sensors, std::uint64_t seed);
 
 }  // namespace tribotwin::twin

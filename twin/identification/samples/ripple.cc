@@ -12,12 +12,12 @@
 namespace tribotwin::twin::curves {
 
 Ripple ripple_of(const Profile& profile, const Profile::Difference& both) {
-  constexpr double false_alarm = 1e-4, least_periods = 3, least_samples_per_period = 5, most_per_turn = 1000;
+  constexpr double false_alarm = 1e-4, min_periods = 3, min_samples_per_period = 5, max_per_turn = 1000;
   const auto n = static_cast<Eigen::Index>(both.x.size());
   const double travel = std::abs(profile.position(both.x.back()) - profile.position(both.x.front()));
-  const double lowest = std::ceil(2 * std::numbers::pi * least_periods / travel);
+  const double lowest = std::ceil(2 * std::numbers::pi * min_periods / travel);
   const double highest =
-      std::min(most_per_turn, 2 * std::numbers::pi * static_cast<double>(n) / travel / least_samples_per_period);
+      std::min(max_per_turn, 2 * std::numbers::pi * static_cast<double>(n) / travel / min_samples_per_period);
   const double step = std::max(1.0, std::floor(std::numbers::pi / travel));
   if (!(highest > lowest + 10 * step)) return {};
 
@@ -44,9 +44,9 @@ Ripple ripple_of(const Profile& profile, const Profile::Difference& both) {
   // Squared amplitudes of noise are exponentially distributed, with a median of ln 2 times their mean; that of the
   // neighbours, for noise need not be white.
   const double count = static_cast<double>(squares.size());
-  constexpr std::size_t most_neighbours = 60;
+  constexpr std::size_t max_neighbours = 60;
   const auto place = static_cast<std::size_t>(std::lround((strongest.per_turn - lowest) / step)),
-             wide = std::min(squares.size(), most_neighbours);
+             wide = std::min(squares.size(), max_neighbours);
   const std::size_t from = std::min(place - std::min(place, wide / 2), squares.size() - wide);
   const std::span<double> neighbours(squares.data() + from, wide);
   std::ranges::nth_element(neighbours, neighbours.begin() + static_cast<std::ptrdiff_t>(wide / 2));

@@ -19,7 +19,7 @@ namespace fs = std::filesystem;
 using Problem = std::optional<std::string>;
 
 /// Beyond these, numbers cannot be what their column says.
-constexpr double motor_speed_most = 1500, arm_speed_most = 60, load_most = 3, friction_norm_most = 2;
+constexpr double max_motor_speed = 1500, max_arm_speed = 60, max_load = 3, max_friction_norm = 2;
 
 /// Factors from what a file holds to what the law takes; a sentence where a number is missing for that.
 struct Units {
@@ -48,22 +48,22 @@ Result<Units> units_of(const friction::LawInfo& law, const ReadOptions& o, bool 
 /// Refuses what cannot be true. Speeds on the motor side.
 Problem implausible(const fs::path& file, std::span<const double> speed, std::span<const double> load,
                     std::span<const double> temperature, std::span<const double> friction, bool friction_is_norm) {
-  const auto most = [](std::span<const double> x) {
+  const auto largest = [](std::span<const double> x) {
     return x.empty() ? 0.0 : std::ranges::max(x, {}, [](double v) { return std::abs(v); });
   };
-  const auto magnitude = [&](std::span<const double> x) { return std::abs(most(x)); };
-  if (magnitude(speed) > motor_speed_most)
+  const auto magnitude = [&](std::span<const double> x) { return std::abs(largest(x)); };
+  if (magnitude(speed) > max_motor_speed)
     return fmt::format(
         "{}: speed_rad_s reaches {:.4g} rad/s, {:.0f} rpm at the motor, where {:g} is beyond any; are these degrees "
         "per second, or is it another column?",
-        file.string(), magnitude(speed), magnitude(speed) * 60 / 6.283185307, motor_speed_most);
-  if (magnitude(load) > load_most)
+        file.string(), magnitude(speed), magnitude(speed) * 60 / 6.283185307, max_motor_speed);
+  if (magnitude(load) > max_load)
     return fmt::format(
         "{}: load_norm reaches {:.4g}, where a joint carries up to 1 (load torque / torque_max); are these Nm, or is "
         "it another column?",
         file.string(), magnitude(load));
   if (const Problem p = implausible_temperature(file, "temperature_degC", temperature)) return p;
-  if (friction_is_norm && magnitude(friction) > friction_norm_most)
+  if (friction_is_norm && magnitude(friction) > max_friction_norm)
     return fmt::format(
         "{}: friction_norm reaches {:.4g}, where friction is a part of torque_max; are these Nm (friction_nm), or is "
         "it another column?",
@@ -126,7 +126,7 @@ Problem append(Samples& s, const fs::path& file, const CurveColumns& c, const Un
   }
   if (standing)
     s.notes.push_back(
-        fmt::format("{}: {} rows at speed 0 are left out: friction at rest is whatever the load is, up to breakaway",
+        fmt::format("{}: {} rows at speed 0 are left out: friction at rest equals the load, up to breakaway",
                     file.string(), standing));
   if (against)
     s.notes.push_back(fmt::format("{}: friction drives the motion in {} rows; noise may do that, a wrong sign too",
@@ -172,7 +172,7 @@ const std::vector<std::string> series_columns{"time_s",    "position_rad",     "
 Problem append_levels(Samples& samples, const fs::path& file, const JointRecording& recording,
                       const friction::LawInfo& law, const ReadOptions& o) {
   if (!(o.gear_ratio > 0))
-    return fmt::format("{}: a recording has joint speeds, friction is a matter of the motor's: --gear-ratio is needed",
+    return fmt::format("{}: a recording has joint speeds, the law takes motor speeds: --gear-ratio is needed",
                        file.string());
   if (law.load_dependent && recording.load_nm.empty())
     samples.notes.push_back(

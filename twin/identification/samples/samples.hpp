@@ -10,7 +10,7 @@
 #include <tribotwin/plugins/friction/error.hpp>
 #include <tribotwin/plugins/friction/law.hpp>
 
-/// Friction that was measured, whatever the measurement: what a law is fitted to.
+/// Measured friction of any origin: the input of a fit.
 namespace tribotwin::twin::identification {
 
 /// Columns of equal length. Speed on the law's side [rad/s], friction in the law's unit; both >= 0 after folding

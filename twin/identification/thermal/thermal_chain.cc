@@ -223,7 +223,7 @@ Result<ThermalChainFit> fit_thermal_chain(std::span<const JointHeat> joints) {
         Error(fmt::format("{} samples for {} unknowns", problem.samples(), problem.unknowns() + n + 1)));
   const VectorXd z = global_search(problem);
   if (z.size() == 0)
-    return tl::unexpected(Error("no chain has a finite error; is there a value in the data that no joint has?"));
+    return tl::unexpected(Error("no chain has a finite error; check the data for values that no joint can have"));
 
   const VectorXd residual = problem.residual(z), x = problem.linear(problem.columns(z));
   ThermalChainFit fit{.chain = {},

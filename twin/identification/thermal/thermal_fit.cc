@@ -231,12 +231,12 @@ Result<ThermalFit> fit_thermal(std::span<const HeatSession> sessions, const Ther
   VectorXd log_t = global_search(problem);
   if (log_t.size() == 0)
     return tl::unexpected(
-        Error("no thermal model has a finite error; is there a value in the data that no joint has?"));
+        Error("no thermal model has a finite error; check the data for values that no joint can have"));
   descend(problem, log_t);
   std::sort(log_t.data(), log_t.data() + nodes);
   const Projection at = problem.project(log_t);
   if (!std::isfinite(at.cost()))
-    return tl::unexpected(Error("the fit has no finite error; is there a value in the data that no joint has?"));
+    return tl::unexpected(Error("the fit has no finite error; check the data for values that no joint can have"));
 
   ThermalFit fit{
       .rms_K = std::sqrt(at.cost() / static_cast<double>(problem.samples())),
@@ -289,7 +289,7 @@ std::vector<std::string> unidentifiable(std::span<const Estimate> parameters, th
 }
 
 std::vector<double> predicted_temperature(const thermal::Model& model, const HeatSession& session) {
-  thermal::Rise rise = thermal::settled(model, session.temperature_degC.front() - model.T_amb_degC);
+  thermal::Rise rise = thermal::steady_rise(model, session.temperature_degC.front() - model.T_amb_degC);
   std::vector<double> temperature{session.temperature_degC.front()};
   for (std::size_t i = 1; i < session.time_s.size(); ++i) {
     thermal::step(model, thermal::decay(model, session.time_s[i] - session.time_s[i - 1]), session.power_w[i], 0, rise);

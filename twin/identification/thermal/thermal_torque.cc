@@ -197,7 +197,7 @@ Result<TorqueThermalFit> fit_thermal_torque(std::span<const HeatSession> session
 
   const VectorXd residual = problem.residual(x);
   if (!x.allFinite() || !residual.allFinite())
-    return tl::unexpected(Error("the fit has no finite error; is there a value in the data that no joint has?"));
+    return tl::unexpected(Error("the fit has no finite error; check the data for values that no joint can have"));
   TorqueThermalFit fit{
       .order = order,
       .rms = std::sqrt(residual.squaredNorm() / static_cast<double>(problem.samples())),

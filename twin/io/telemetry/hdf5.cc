@@ -39,7 +39,7 @@ bool survives(const std::function<void()>& work) {
     alone = true;
     try {
       work();
-    } catch (...) {  // the caller finds the same by itself
+    } catch (...) {  // the caller meets the same failure
     }
     ::_exit(0);
   }
@@ -105,7 +105,7 @@ std::pair<std::vector<std::pair<std::string, std::string>>, NumericAttributes> r
   std::pair<std::vector<std::pair<std::string, std::string>>, NumericAttributes> all;
   H5O_info_t info;
   check(H5Oget_info2(object, &info, H5O_INFO_NUM_ATTRS));
-  // Above eight attributes HDF5 forgets the order unless it is tracked, which create_record asks for.
+  // Above eight attributes HDF5 loses the order unless it is tracked, which create_record requests.
   const auto order = [&](H5_index_t index, hsize_t n) {
     return H5Aopen_by_idx(object, ".", index, H5_ITER_INC, n, H5P_DEFAULT, H5P_DEFAULT);
   };

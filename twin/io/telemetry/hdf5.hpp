@@ -35,8 +35,8 @@ struct Failure : std::runtime_error {
 
 std::string system_reason(int error);
 
-/// Result of `work`, or the message "FILE: PHRASE (reason)" for whatever it throws: a record that cannot be read is
-/// wrong input, one that cannot be written is failed work.
+/// Result of `work`, or the message "FILE: PHRASE (reason)" for any exception: a record that cannot be read is wrong
+/// input, one that cannot be written is failed work.
 template <class Work>
 auto guarded(const fs::path& path, std::string_view phrase, Work&& work) -> Result<decltype(work())> {
   const ErrorKind kind = phrase == no_record ? ErrorKind::input : ErrorKind::work;
@@ -71,7 +71,7 @@ class Hdf5 {
 /// as HDF5 1.10 is by some damaged files. The child's result is otherwise ignored.
 bool survives(const std::function<void()>& work);
 
-/// HDF5's innermost reason for the last failure. The next HDF5 call, closing an id included, forgets it.
+/// HDF5's innermost reason for the last failure. The next HDF5 call, closing an id included, clears it.
 std::string hdf5_reason();
 
 template <class Result>
@@ -97,7 +97,7 @@ class Id {
     const Hdf5 hdf5;
     return close_(std::exchange(id_, -1));
   }
-  /// Never closes it.
+  /// Gives the id up without closing it.
   void abandon() { id_ = -1; }
   operator hid_t() const { return id_; }
   explicit operator bool() const { return id_ >= 0; }

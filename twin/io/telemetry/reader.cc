@@ -40,9 +40,9 @@ std::vector<std::string> link_names(hid_t group) {
   return names;
 }
 
-/// A dataset and its length, which is checked against the file's size before anybody allocates that much.
+/// A dataset and its length, which is checked against the file's size before memory of that size is allocated.
 std::pair<Id, hsize_t> open_column(hid_t parent, const std::string& name, std::uintmax_t file_bytes) {
-  constexpr std::uintmax_t best_compression = 1100;  // of deflate, should somebody have repacked the file
+  constexpr std::uintmax_t best_compression = 1100;  // of deflate, in case the file was repacked
   try {
     Id dataset(H5Dopen2(parent, name.c_str(), H5P_DEFAULT), H5Dclose);
     const Id space(H5Dget_space(dataset), H5Sclose), properties(H5Dget_create_plist(dataset), H5Pclose);
@@ -189,7 +189,7 @@ Status probe(const fs::path& path) {
 
 namespace {
 
-/// All who read a record divide by its steps.
+/// Checks that time increases, because readers of a record divide by its steps.
 hdf5::Status increasing(const std::filesystem::path& path, const std::vector<double>& time_s, const char* name) {
   constexpr double shortest_step_s = 1e-9, largest_s = 1e10;
   for (std::size_t i = 0; i < time_s.size(); ++i)

@@ -18,7 +18,7 @@ struct Columns {
 struct Reader {
   fs::path path;
   Id file;
-  bool plain = true;  ///< opens without SWMR: it was closed by whoever wrote it
+  bool plain = true;  ///< opens without SWMR, because its writer closed it
   Recording head;
   Columns samples, cycles;
 };
@@ -30,8 +30,8 @@ Reader open_record(const fs::path& path);
 /// lies beyond the end of a file as zeros.
 void read_rows(const Reader& reader, hid_t dataset, hsize_t from, std::span<double> values);
 
-/// All of a record is read once in a child process, because some damaged files crash HDF5 1.10. Fails where it does,
-/// where the file does not exist, and where it is in use by nobody but cannot be read.
+/// Reads all of a record once in a child process, because some damaged files crash HDF5 1.10. Fails where the child
+/// crashes, where the file does not exist, and where the file cannot be read although nobody writes it.
 Status probe(const fs::path& path);
 
 }  // namespace tribotwin::twin::hdf5

@@ -43,8 +43,8 @@ std::string group_name(const std::string& joint) {
 }
 
 Id create_column(hid_t parent, const Channel& channel, const char* time) {
-  const hsize_t size = 0, most = H5S_UNLIMITED, chunk = chunk_rows;
-  const Id space(H5Screate_simple(1, &size, &most), H5Sclose), properties(H5Pcreate(H5P_DATASET_CREATE), H5Pclose);
+  const hsize_t size = 0, max_size = H5S_UNLIMITED, chunk = chunk_rows;
+  const Id space(H5Screate_simple(1, &size, &max_size), H5Sclose), properties(H5Pcreate(H5P_DATASET_CREATE), H5Pclose);
   // Uncompressed: each flush of a part of a chunk would leave its previous, smaller copy behind as waste.
   check(H5Pset_chunk(properties, 1, &chunk));
   check(H5Pset_fletcher32(properties));

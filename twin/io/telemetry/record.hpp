@@ -10,7 +10,7 @@
 namespace tribotwin::twin::hdf5 {
 
 constexpr std::size_t block = 4096;       // samples per write
-constexpr std::size_t chunk_rows = 1024;  // of a dataset: a chunk that is damaged takes so many with it
+constexpr std::size_t chunk_rows = 1024;  // rows that a damaged chunk of a dataset loses
 
 /// Fails while a run is writing the file.
 void refuse_if_in_use(const fs::path& path);
@@ -43,7 +43,8 @@ struct Record {
   Table samples, cycles;
   hsize_t reserved = 0;
 
-  /// Claims the disk space of what comes next: a write that fails half way leaves HDF5 with a file nobody can open.
+  /// Reserves the disk space of the next write, because a write that fails half way leaves a file that HDF5 cannot
+  /// open.
   void reserve(hsize_t bytes);
   void mark_complete(unsigned char value) {
     check(H5Dwrite(complete, H5T_NATIVE_UINT8, H5S_ALL, H5S_ALL, H5P_DEFAULT, &value));

@@ -17,10 +17,10 @@
 /// once the run ended by itself) and one group per joint. In a joint's group: one dataset of doubles per channel with
 /// the string attributes `unit`, `description` and `time` (the time column its rows belong to). Written in HDF5's SWMR
 /// mode: other programs read it while it grows (h5py: swmr=True), and a killed run loses at most what came after the
-/// last flush. A full disk is noticed before it damages what is there. Every chunk has a checksum (Fletcher32).
-/// A joint's group is its percent-encoded name: '/' is %2F, '%' is %25; the first letter of ".", "time_s",
-/// "cycle_time_s" and "complete" is encoded too, and the empty name is a lone '%'. Attribute `name` has the true one.
-/// All of HDF5 in this process must go through here, or through no other thread: the serial library is not thread-safe.
+/// last flush. A full disk is detected before it damages the record. Every chunk has a checksum (Fletcher32). A joint's
+/// group is its percent-encoded name: '/' is %2F, '%' is %25; the first letter of ".", "time_s", "cycle_time_s" and
+/// "complete" is encoded too, and the empty name is a lone '%'. Attribute `name` has the true one. All of HDF5 in this
+/// process must go through here, or through no other thread: the serial library is not thread-safe.
 namespace tribotwin::twin {
 
 struct Channel {

@@ -92,10 +92,10 @@ TEST_F(FaultyCurve, BacklashShowsAsLostMotionOfItsWidth) {
   for (const double width : {3e-4, 2e-3}) {
     const auto loose = curve("{type: backlash, severity: " + std::to_string(width) + "}");
     expect_ratio(loose, "friction_nm", 1, 0.005);
-    std::vector<double> told = loose.at("lost_motion_rad");
-    std::erase(told, 0.0);
-    ASSERT_GE(told.size(), 2u);
-    EXPECT_THAT(told, testing::Each(testing::DoubleNear(width, 0.1 * width + 5e-5)));
+    std::vector<double> measured = loose.at("lost_motion_rad");
+    std::erase(measured, 0.0);
+    ASSERT_GE(measured.size(), 2u);
+    EXPECT_THAT(measured, testing::Each(testing::DoubleNear(width, 0.1 * width + 5e-5)));
     EXPECT_THAT(loose.at("ripple_nm"), testing::Each(0));
   }
 }

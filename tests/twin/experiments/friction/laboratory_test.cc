@@ -25,7 +25,7 @@ using testing::HasSubstr;
 /// A robot joint that is no twin: trapezoids that settle, friction of a formula, gravity of a pendulum.
 struct Synthetic {
   std::vector<double> speeds{0.01, 0.05, 0.2, 0.5, 1, 1.5};
-  double start_rad = -0.8, travel_s = 2, least_travel_rad = 0, turn_s = 0.3;
+  double start_rad = -0.8, travel_s = 2, min_travel_rad = 0, turn_s = 0.3;
   double gravity_nm = 400, offset_nm = 50, inertia_kg_m2 = 30;
   double forward_nm = 100, backward_nm = 100, viscous = 40, stribeck = 30;
   double ripple = 0;  ///< of the speed, relative, at 6 Hz
@@ -60,7 +60,7 @@ struct Synthetic {
     };
     go(0, 0.5);
     for (const double s : speeds) {
-      const double seconds = std::max(travel_s, least_travel_rad / s);
+      const double seconds = std::max(travel_s, min_travel_rad / s);
       go(s, seconds);
       go(0, turn_s);
       if (reverse) go(-s, seconds), go(0, turn_s);
@@ -127,7 +127,7 @@ TEST(Levels, TellsTheDirectionsApartWhereTheLoadIsKnown) {
 }
 
 TEST(Levels, MeasuresWhereItIsTold) {
-  Synthetic robot{.least_travel_rad = 1.5, .load = true};
+  Synthetic robot{.min_travel_rad = 1.5, .load = true};
   robot.speeds = {0.2, 0.5, 1};
   const auto found = levels_of(robot.recording(), {.speeds_rad_s = {1, 0.2}, .centre_rad = 0.2, .width_rad = 0.1});
   ASSERT_TRUE(found) << found.error().message;
@@ -162,7 +162,7 @@ INSTANTIATE_TEST_SUITE_P(
     testing::Values(
         Hard{"fine_encoder", {.noise_nm = 5, .sensors = {.encoder_increments_per_turn = 729088, .sampling_hz = 250}}},
         Hard{"coarse_encoder",
-             {.least_travel_rad = 0.15,
+             {.min_travel_rad = 0.15,
               .noise_nm = 5,
               .sensors = {.encoder_increments_per_turn = 4096, .sampling_hz = 250}}},
         Hard{"fast_sampling",
@@ -173,7 +173,7 @@ INSTANTIATE_TEST_SUITE_P(
         Hard{"short_passes", {.travel_s = 0.9, .turn_s = 0.05, .noise_nm = 5}},
         Hard{"no_turns", {.turn_s = 0, .noise_nm = 5}},
         Hard{"all_at_once",
-             {.least_travel_rad = 0.1,
+             {.min_travel_rad = 0.1,
               .ripple = 0.005,
               .noise_nm = 20,
               .sensors = {.encoder_increments_per_turn = 65536, .sampling_hz = 250, .lag_s = 0.02}}},
@@ -218,7 +218,7 @@ TEST(Levels, StandardErrorsAreCalibrated) {
 }
 
 TEST(Levels, RepeatedCyclesStayApart) {
-  Synthetic robot{.least_travel_rad = 0};
+  Synthetic robot{.min_travel_rad = 0};
   robot.speeds = {0.5, 1, 0.5, 1, 0.5, 1};
   const auto found = levels_of(robot.recording());
   ASSERT_TRUE(found) << found.error().message;
@@ -290,7 +290,7 @@ TEST(Levels, SurviveAnyNumbers) {
     Synthetic robot{.travel_s = 0.5, .noise_nm = 5};
     robot.speeds = {0.3, 1};
     JointRecording r = robot.recording();
-    // Cut, thin out, spike and shift: an answer or a sentence, never a crash or a number that is none.
+    // Cut, thin out, spike and shift: a result or an error message, never a crash or a number that is not finite.
     for (int k = 0; k < 5; ++k) {
       const std::size_t i = random() % r.size();
       switch (random() % 4) {
@@ -331,7 +331,7 @@ TEST(TestCycle, MeasuresTheLawInUnderThreeMinutes) {
   ASSERT_TRUE(bench) << bench.error().message;
   const drive::Drive& drive = arm->drives()[2].drive;
   Measurement me{.speeds_rad_s = test_cycle_speeds_rad_s(), .start_rad = std::vector<double>(6, 0.0)};
-  me.heat = {.rise = thermal::settled(drive.thermal, 20), .held = false};
+  me.heat = {.rise = thermal::steady_rise(drive.thermal, 20), .held = false};
   const Motion motion = test_cycle_of(**bench, 2, me.start_rad);
   EXPECT_LT(motion.duration_s(), 180);
   const auto recording = record(**bench, 2, motion, me);
@@ -393,7 +393,7 @@ TEST(Warmup, LongStepsAreEnoughWhereFrictionFallsWithTemperature) {
   const auto model = mujoco::load_file(source + "/mjcf/irb6620.xml").value();
   const drive::Drive& drive = model->drives()[1].drive;
   thermal::Rise rise, fine;
-  rise = fine = thermal::settled(drive.thermal, 15);
+  rise = fine = thermal::steady_rise(drive.thermal, 15);
   rise = after_steady_work(drive, rise, 0, 1.2, 0.3, 7200);
   for (int k = 0; k < 7200; ++k) fine = after_steady_work(drive, fine, 0, 1.2, 0.3, 1);
   EXPECT_NEAR(rise.total_K(), fine.total_K(), 1e-3);

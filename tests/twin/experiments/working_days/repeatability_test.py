@@ -42,7 +42,7 @@ r = run("lab", "days.yaml", "-o", "days")
 check("exits 0", r.returncode == 0, r.stderr)
 check(
     "says what it did",
-    "2 tests, 0 of them were there" in r.stdout
+    "2 tests, 0 of them from earlier runs" in r.stdout
     and "change: robot 1, test 2, cycle 2" in r.stdout
     and "joint3" in r.stdout,
     r.stdout,
@@ -69,14 +69,14 @@ check(
     "each test and all merged, per joint",
     {t["test"] for t in times} == {"1", "2", "mix"} and len({t["joint"] for t in times}) == 6,
 )
-told = [t for t in times if t["identifiable"] == "yes" and t["test"] == "mix"]
+identifiable = [t for t in times if t["identifiable"] == "yes" and t["test"] == "mix"]
 check(
-    "merged time constants that are told are as far off as their sigmas say, or 10 %",
+    "merged time constants that are identifiable are as far off as their sigmas say, or 10 %",
     all(
         abs(float(t["value_s"]) - float(t["of_robot_s"])) < max(4 * float(t["sigma_s"]), 0.1 * float(t["of_robot_s"]))
-        for t in told
+        for t in identifiable
     ),
-    told,
+    identifiable,
 )
 inertial = [i for i in table("inertial") if i["test"] == "1" and i["sigma"]]
 z = np.array([(float(i["value"]) - float(i["of_robot"])) / float(i["sigma"]) for i in inertial])
@@ -92,7 +92,7 @@ check("the robot is no other robot's copy", len(names) == 1 and abs(float(names.
 open(f"{work}/days/tests/robot1_day2.json", "w").write('{"ambient_degC": 20, "cyc')
 os.remove(f"{work}/days/changes.csv")
 r = run("lab", "days.yaml", "-o", "days", "--threads", 2)
-check("goes on", r.returncode == 0 and "2 tests, 1 of them were there" in r.stdout, (r.stdout, r.stderr))
+check("goes on", r.returncode == 0 and "2 tests, 1 of them from earlier runs" in r.stdout, (r.stdout, r.stderr))
 check("the same bytes", all(open(f"{work}/days/{name}.csv", "rb").read() == text for name, text in first.items()))
 
 refused("another campaign in the folder", "another campaign", "lab", "days.yaml", "-o", "days", "--set", "seed=2")

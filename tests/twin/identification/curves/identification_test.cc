@@ -170,26 +170,26 @@ TEST(Identification, DerivativesAreThoseOfTheLaw) {
                        : p.name == "T0"                                                     ? 25
                                                                                             : 0.8) *
                       unit(random));
-    const friction::GeneralLaw family = law.family(theta);
+    const friction::GeneralLaw general_law = law.general_law(theta);
     Samples one;
     one.speed = {13}, one.load = {0.4}, one.temperature_degC = {47}, one.friction = {3};
     Eigen::VectorXd eta(static_cast<Eigen::Index>(place.linear_used.size()));
     for (std::size_t k = 0; k < place.linear_used.size(); ++k)
-      eta(static_cast<Eigen::Index>(k)) = family.*linear_fields[place.linear_used[k]];
-    const auto moments = accumulate(one, {}, place, family, 1);
+      eta(static_cast<Eigen::Index>(k)) = general_law.*linear_fields[place.linear_used[k]];
+    const auto moments = accumulate(one, {}, place, general_law, 1);
     const auto at = moments.at(eta);
     const auto residual = [&](const friction::GeneralLaw& f) { return residuals(one, place, f, 1)[0]; };
-    EXPECT_NEAR(at.rr, std::pow(residual(family), 2), 1e-9 * moments.yy) << law.name;
+    EXPECT_NEAR(at.rr, std::pow(residual(general_law), 2), 1e-9 * moments.yy) << law.name;
     for (std::size_t n = 0; n < place.nonlinear_used.size(); ++n) {
       const auto field = nonlinear_fields[place.nonlinear_used[n]];
-      if (field == &friction::GeneralLaw::s_T0) continue;  // a convention, never sought
-      const double x = family.*field, h = 1e-5 * std::max(1e-3, std::abs(x));
-      friction::GeneralLaw up = family, down = family;
+      if (field == &friction::GeneralLaw::s_T0) continue;  // a convention, never free
+      const double x = general_law.*field, h = 1e-5 * std::max(1e-3, std::abs(x));
+      friction::GeneralLaw up = general_law, down = general_law;
       up.*field = x + h;
       down.*field = x - h;
       const double slope = -(residual(up) - residual(down)) / (2 * h);
-      EXPECT_NEAR(at.Dr(static_cast<Eigen::Index>(n)), slope * residual(family),
-                  1e-5 * std::abs(slope * residual(family)) + 1e-7)
+      EXPECT_NEAR(at.Dr(static_cast<Eigen::Index>(n)), slope * residual(general_law),
+                  1e-5 * std::abs(slope * residual(general_law)) + 1e-7)
           << law.name << " nonlinear " << n;
       EXPECT_NEAR(at.DD(static_cast<Eigen::Index>(n), static_cast<Eigen::Index>(n)), slope * slope,
                   1e-5 * slope * slope + 1e-9)
@@ -244,7 +244,7 @@ TEST(Identification, ThreadsDoNotChangeABit) {
 }
 
 TEST(Identification, WeightsAreThoseOfTheStandardErrors) {
-  // Half of the samples ten times as noisy: weighing makes sigmas smaller, and they still tell the truth.
+  // Half of the samples ten times as noisy: weighing makes sigmas smaller, and they are still right.
   const friction::Law truth = published();
   Samples s = campaign(truth, 300, 1e-3, 8);
   std::mt19937_64 random(4);
@@ -323,7 +323,7 @@ TEST(Identification, SharedExponentOfUnloadedCurves) {
   EXPECT_TRUE(std::ranges::all_of(shared->profile, [](const auto& p) { return p.second >= -1e-9; }));
 }
 
-// What the data cannot tell is said, and the rest is right.
+// What is not identifiable is reported, and the rest is right.
 TEST(Degenerate, OneLoad) {
   Samples s = campaign(published(), 60, 0, 3);
   std::ranges::fill(s.load, 0.0);

@@ -146,7 +146,7 @@ TEST(BoucWen, NoiseOfTheTorsionIsNoMotion) {
   EXPECT_NEAR(way(course), way(clean), 0.02 * way(clean));
 }
 
-/// The motor side of the same bench, and 10 s at 500 Hz: pre-sliding to and fro, then reversals faster and faster.
+/// The motor side of the same bench, and 10 s at 500 Hz: pre-sliding back and forth, then reversals faster and faster.
 /// Bristles integrated by Runge-Kutta in steps of 20 us, with the equations written down once more.
 drive::Drive motor() {
   const auto numbers = {1.6, 0.02, 0.0, 2.4, 0.025, 1e-4, 6.0, 0.05, -2e-4, 1.4, 0.034, -8e-4, 6e-6};
@@ -228,7 +228,7 @@ TEST(LuGre, SaysWhatTheDataCannotTell) {
   SlidingRecording few = reversals(30, 0.02, 0, 1);
   few.time_s.resize(20), few.velocity_rad_s.resize(20), few.torque_nm.resize(20), few.temperature_degC.resize(20);
   EXPECT_THAT(fit_bristles(drive, std::vector{few}).error().message, HasSubstr("20 samples are too few"));
-  // So slow that nothing is damped: stiffness alone.
+  // So slow that damping has no effect: stiffness alone.
   SlidingRecording slow = reversals(30, 0.02, 0, 1);
   double z = 0;
   for (std::size_t i = 0; i < slow.time_s.size(); ++i) {

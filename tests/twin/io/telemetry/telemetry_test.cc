@@ -174,7 +174,7 @@ TEST_F(TelemetryTest, WrongUseIsRefused) {
   EXPECT_TRUE(Telemetry::create(file, options({"one"}), Existing::replace));
 }
 
-// The times are wall times, so the last one recovered tells what was lost.
+// The times are wall times, so the last one recovered shows what was lost.
 TEST_F(TelemetryTest, KilledRunLosesAtMostItsLastSecond) {
   for (const double pause_s : {1e-5, 1e-2}) {
     const pid_t child = fork();
@@ -316,7 +316,7 @@ TEST_F(TelemetryTest, TruncatedRecordIsAnErrorAtEveryLength) {
   }
 }
 
-// Somebody else's record must not show what other files of this machine hold.
+// A foreign record must not reveal the content of other files of this machine.
 TEST_F(TelemetryTest, ARecordThatRefersToOtherFilesIsRefused) {
   const std::string secret = (folder / "secret.bin").string();
   std::ofstream(secret, std::ios::binary) << std::string(80, 'x');
@@ -356,7 +356,7 @@ TEST_F(TelemetryTest, ACrashInTheLibraryIsFoundByAChild) {
   EXPECT_FALSE(hdf5::survives([] { raise(SIGKILL); }));
 }
 
-// Whatever byte is changed: an error, or the same values. Where HDF5 itself crashes, the child does.
+// For any changed byte: an error, or the same values. Where HDF5 itself crashes, the child does.
 TEST_F(TelemetryTest, AChangedByteNeverChangesAValue) {
   {
     auto t = Telemetry::create(file, options({"one", "two"}));
