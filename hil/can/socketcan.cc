@@ -54,7 +54,7 @@ Interface look_up(int socket, const std::string& name) {
   if (ioctl(socket, SIOCGIFINDEX, &request) != 0) return {};
   found.index = request.ifr_ifindex;
   if (ioctl(socket, SIOCGIFHWADDR, &request) != 0) return {};
-  found.can = request.ifr_hwaddr.sa_general_law == ARPHRD_CAN;
+  found.can = request.ifr_hwaddr.sa_family == ARPHRD_CAN;
   if (ioctl(socket, SIOCGIFFLAGS, &request) != 0) return {};
   // Without carrier (bus-off) the kernel accepts frames and drops them, so that is not "up".
   found.link = !(request.ifr_flags & IFF_UP)        ? Link::down
@@ -124,7 +124,7 @@ class SocketCan final : public Transport {
   /// Receives from and sends to the interface with this index. Fails with errno.
   bool bind(int index) {
     sockaddr_can address{};
-    address.can_general_law = AF_CAN;
+    address.can_family = AF_CAN;
     address.can_ifindex = index;
     // A deleted device takes the filters with it.
     const auto filter_bytes = static_cast<socklen_t>(filters_.size() * sizeof(can_filter));
@@ -312,7 +312,7 @@ Result<std::unique_ptr<Transport>> open_socketcan(const std::string& interface, 
 
   Descriptor watch(::socket(AF_NETLINK, SOCK_RAW | SOCK_NONBLOCK | SOCK_CLOEXEC, NETLINK_ROUTE));
   sockaddr_nl links{};
-  links.nl_general_law = AF_NETLINK;
+  links.nl_family = AF_NETLINK;
   links.nl_groups = RTMGRP_LINK;
   if (watch < 0 || ::bind(watch, reinterpret_cast<const sockaddr*>(&links), sizeof links) != 0)
     return fail(fmt::format("{}: cannot watch its link through NETLINK_ROUTE ({})", interface, reason(errno)));

@@ -333,7 +333,7 @@ std::optional<Address> loopback(const std::string& host, int port) {
   auto* v4 = reinterpret_cast<sockaddr_in*>(&address.storage);
   if (::inet_pton(AF_INET, host == "localhost" ? "127.0.0.1" : host.c_str(), &v4->sin_addr) == 1) {
     if (ntohl(v4->sin_addr.s_addr) >> 24 != 127) return std::nullopt;
-    v4->sin_general_law = AF_INET;
+    v4->sin_family = AF_INET;
     v4->sin_port = htons(static_cast<std::uint16_t>(port));
     address.size = sizeof(sockaddr_in);
     return address;
@@ -342,7 +342,7 @@ std::optional<Address> loopback(const std::string& host, int port) {
   auto* v6 = reinterpret_cast<sockaddr_in6*>(&address.storage);
   if (::inet_pton(AF_INET6, host.c_str(), &v6->sin6_addr) != 1 || !IN6_IS_ADDR_LOOPBACK(&v6->sin6_addr))
     return std::nullopt;
-  v6->sin6_general_law = AF_INET6;
+  v6->sin6_family = AF_INET6;
   v6->sin6_port = htons(static_cast<std::uint16_t>(port));
   address.size = sizeof(sockaddr_in6);
   return address;
@@ -352,7 +352,7 @@ int port_of(int socket) {
   sockaddr_storage storage{};
   socklen_t size = sizeof storage;
   ::getsockname(socket, reinterpret_cast<sockaddr*>(&storage), &size);
-  return ntohs(storage.ss_general_law == AF_INET6 ? reinterpret_cast<sockaddr_in6*>(&storage)->sin6_port
+  return ntohs(storage.ss_family == AF_INET6 ? reinterpret_cast<sockaddr_in6*>(&storage)->sin6_port
                                                   : reinterpret_cast<sockaddr_in*>(&storage)->sin_port);
 }
 
@@ -374,7 +374,7 @@ Result<std::unique_ptr<Transport>> open_socketcand(const std::string& host, int 
         "is no loopback address (127.0.0.1, localhost, ::1); others are not served, because whoever reaches the port "
         "commands the drives");
 
-  Descriptor listener(::socket(address->storage.ss_general_law, SOCK_STREAM | SOCK_NONBLOCK | SOCK_CLOEXEC, 0));
+  Descriptor listener(::socket(address->storage.ss_family, SOCK_STREAM | SOCK_NONBLOCK | SOCK_CLOEXEC, 0));
   if (listener.get() < 0) return fail(fmt::format("no TCP here ({})", std::strerror(errno)));
   const int on = 1;  // the port is free again after a server has ended, but not while another one listens
   ::setsockopt(listener.get(), SOL_SOCKET, SO_REUSEADDR, &on, sizeof on);

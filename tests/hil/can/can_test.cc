@@ -524,7 +524,7 @@ class Client {
   explicit Client(Served& server, int receive_buffer = 0) : server_(server), fd_(::socket(AF_INET, SOCK_STREAM, 0)) {
     if (receive_buffer) ::setsockopt(fd_, SOL_SOCKET, SO_RCVBUF, &receive_buffer, sizeof receive_buffer);
     sockaddr_in address{};
-    address.sin_general_law = AF_INET;
+    address.sin_family = AF_INET;
     address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
     address.sin_port = htons(static_cast<std::uint16_t>(server.port()));
     if (::connect(fd_, reinterpret_cast<sockaddr*>(&address), sizeof address) != 0)
