@@ -137,6 +137,12 @@ Result<void> Reader::choose_kinds() {
   dynamics_ = &*dynamics;
   drive_.dynamics = dynamics_->dynamics;
 
+  const auto control_name = take("control").value_or("torque");
+  const auto control = std::ranges::find(controls(), std::string_view(control_name), &ControlInfo::name);
+  if (control == controls().end())
+    return tl::unexpected(fmt::format("key 'control' is '{}' but must be torque or position", control_name));
+  drive_.control = control->control;
+
   const auto validity_name = take("validity").value_or("clamp");
   const auto validity = std::ranges::find(validities(), std::string_view(validity_name), &ValidityInfo::name);
   if (validity == validities().end())
@@ -171,6 +177,13 @@ Result<void> Reader::read_numbers() {
   drive_.gear_ratio = *numbers["gear_ratio"];
   drive_.brake_torque_nm = numbers["brake_torque_nm"].value_or(0);
   drive_.load_filter_s = numbers["load_filter_s"].value_or(0);
+  drive_.kp_nm_rad = numbers["kp"].value_or(0);
+  drive_.kv_nm_s_rad = numbers["kv"].value_or(0);
+  const bool servo = drive_.control == Control::position;
+  if (servo && drive_.kp_nm_rad == 0)
+    return tl::unexpected(std::string("key 'kp' must be above 0 [Nm/rad] with control 'position'"));
+  if (!servo && (drive_.kp_nm_rad > 0 || drive_.kv_nm_s_rad > 0))
+    return tl::unexpected(std::string("keys 'kp' and 'kv' belong to control 'position', but control is 'torque'"));
   T_amb_degC_ = numbers["T_amb"].value_or(T_amb_degC_);
   friction::Range& range = drive_.law.range;
   range.speed_max_rad_s = numbers["speed_max_rad_s"].value_or(range.speed_max_rad_s);
@@ -317,6 +330,11 @@ Configuration configuration_of(const Drive& drive) {
   for (std::size_t i = 0; i < values.size(); ++i) add(model.parameters[i].name, values[i]);
   add("brake_torque_nm", drive.brake_torque_nm);
   add("load_filter_s", drive.load_filter_s);
+  if (drive.control == Control::position) {
+    c.emplace_back("control", "position");
+    add("kp", drive.kp_nm_rad);
+    add("kv", drive.kv_nm_s_rad);
+  }
   return c;
 }
 

@@ -65,6 +65,12 @@ struct LoadTable {
 /// z after dt [s] at constant w, from z0: relaxes towards (g / sigma0) sgn w with the rate sigma0 |w| / g. g >= 0.
 double advance(const Bristles& bristles, double z0_rad, double w_rad_s, double g, double dt_s);
 
+/// What the actuator's control is.
+enum class Control {
+  torque,    ///< motor torque [Nm, arm side]
+  position,  ///< joint angle [rad] of a servo like MuJoCo's <position kp kv>
+};
+
 /// Parameters: immutable, shared by all simulations and threads.
 struct Drive {
   std::string name;
@@ -78,6 +84,8 @@ struct Drive {
   Bristles bristles;   ///< of Dynamics::lugre
   GearLoss gear_loss;  ///< of Dynamics::gear_loss
   LoadTable load_table;
+  Control control = Control::torque;
+  double kp_nm_rad = 0, kv_nm_s_rad = 0;  ///< of Control::position
 
   /// Law units to arm-side Nm.
   double torque_scale_nm() const { return law.info->normalised ? torque_max_nm : 1; }

@@ -17,6 +17,8 @@ constexpr Key numbers[] = {
     {"brake_torque_nm", "Nm", "0", 0, large, "holding brake, arm side"},
     {"load_filter_s", "s", "0", 0, 100,
      "time constant of the load that friction sees; 0 = the load of the step before"},
+    {"kp", "Nm/rad", "0", 0, large, "of control=\"position\": torque per angle; above 0"},
+    {"kv", "Nm s/rad", "0", 0, large, "of control=\"position\": torque against speed"},
     {"speed_max_rad_s", "rad/s", "of the law", 0, 1e6, "end of the law's range, on the law's side"},
     {"load_max", "-", "of the law", 0, 1e3, "end of the law's range, load / torque_max_nm"},
     {"temperature_min_degC", "degC", "of the law", -273.15, 1000, "start of the law's range"},
@@ -28,6 +30,8 @@ constexpr Key words[] = {
     {"friction", "", "static", 0, 0,
      "static (the law limits a constraint), lugre or gear_loss (bristles over the law; the actuator then has actdim "
      "4)"},
+    {"control", "", "torque", 0, 0,
+     "torque: the control is the motor torque; position: it is a joint angle, as of MuJoCo's position actuator"},
     {"validity", "", "clamp", 0, 0, "outside the law's range: clamp, extrapolate or error"},
 };
 /// Of friction="lugre": RH380-N study (5).
@@ -53,6 +57,7 @@ constexpr Key lists[] = {
      "load table: friction added to the law's weakening part, a row of loads per speed, unit of the law (RH380-N study "
      "(4))"},
 };
+constexpr ControlInfo control_table[] = {{"torque", Control::torque}, {"position", Control::position}};
 constexpr ValidityInfo validity_table[] = {
     {"clamp", friction::Validity::clamp},
     {"extrapolate", friction::Validity::extrapolate},
@@ -65,6 +70,7 @@ std::span<const Key> word_keys() { return words; }
 std::span<const Key> number_keys() { return numbers; }
 std::span<const Key> list_keys() { return lists; }
 std::span<const DynamicsInfo> dynamics_table() { return dynamics; }
+std::span<const ControlInfo> controls() { return control_table; }
 std::span<const ValidityInfo> validities() { return validity_table; }
 
 std::array<double*, 3> dynamics_values(Drive& d) {

@@ -26,6 +26,13 @@ std::span<const DynamicsInfo> dynamics_table();
 /// The numbers that the keys of a drive's dynamics set, in the order of the keys.
 std::array<double*, 3> dynamics_values(Drive& drive);
 
+struct ControlInfo {
+  const char* name;
+  Control control;
+};
+/// The values of the key `control`.
+std::span<const ControlInfo> controls();
+
 struct ValidityInfo {
   const char* name;
   friction::Validity validity;

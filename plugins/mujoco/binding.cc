@@ -214,7 +214,13 @@ double commanded_force(const mjModel* m, const mjData* d, const Binding& b) {
     const mjtNum* range = m->actuator_ctrlrange + 2 * b.control;
     control = mju_clip(control, range[0], range[1]);
   }
-  return mju_isBad(control) ? 0 : control;  // the engine warns and uses 0 itself
+  if (mju_isBad(control)) control = 0;  // the engine warns and uses 0 itself
+  double force = control;
+  if (b.drive.control == drive::Control::position)
+    force = b.drive.kp_nm_rad * (control - b.gear * b.angle(d)) - b.drive.kv_nm_s_rad * b.gear * b.speed(d);
+  if (!m->actuator_forcelimited[b.actuator]) return force;
+  const mjtNum* range = m->actuator_forcerange + 2 * b.actuator;
+  return mju_clip(force, range[0], range[1]);
 }
 
 void limit_friction(const mjModel* m, mjData* d, const Binding& b, Stage stage, double& passive_nm) {

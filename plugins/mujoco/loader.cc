@@ -197,20 +197,16 @@ std::string saved(const pugi::xml_document& document, Origins& origins) {
 /// Merges includes and turns drives into what 2.2.2 knows, torque actuators and room in userdata, and their sensors
 /// into user sensors.
 std::string lower(const std::vector<Source>& sources, const std::filesystem::path& folder, int user_size,
-                  const std::vector<SensorElement>& sensors, Origins& origins) {
+                  const std::vector<DriveElement>& drives, const std::vector<SensorElement>& sensors,
+                  Origins& origins) {
   merge_includes(sources, folder, &origins);
   pugi::xml_document& main = *sources.front().document;
-  for (const auto& match : main.select_nodes("//extension/plugin[starts-with(@plugin, 'tribotwin.')]"))
-    match.node().parent().remove_child(match.node());
-  for (const auto& match : main.select_nodes("//extension[not(plugin)]"))
-    match.node().parent().remove_child(match.node());
-  for (const auto& match :
-       main.select_nodes("//actuator/plugin[@plugin='tribotwin.drive' or @plugin='tribotwin.hysteresis']")) {
-    pugi::xml_node actuator = match.node();
-    actuator.set_name("motor");
-    for (const char* attribute : {"plugin", "instance", "actdim"}) actuator.remove_attribute(attribute);
+  remove_extensions(main);
+  for (const auto& match : main.select_nodes("//actuator/plugin[starts-with(@plugin, 'tribotwin.')]")) {
+    const std::string name = match.node().attribute("name").value();
+    const auto read = std::ranges::find(drives, name, &DriveElement::actuator);
+    make_native(match.node(), read != drives.end() ? read->drive : drive::Drive{});
   }
-
   for (const auto& match : main.select_nodes("//sensor/plugin[@plugin='tribotwin.sensor']")) {
     pugi::xml_node sensor = match.node();
     const auto read = std::ranges::find(sensors, std::string(sensor.attribute("name").value()), &SensorElement::name);
@@ -230,16 +226,7 @@ std::string lower(const std::vector<Source>& sources, const std::filesystem::pat
   }
   root.append_child("size").append_attribute("nuserdata") = user + user_size;
 
-  // Read from memory, the text no longer has a folder of its own: asset folders become absolute.
-  const std::filesystem::path base = std::filesystem::absolute(folder);
-  for (const char* attribute : {"meshdir", "texturedir"}) {
-    std::string given;
-    for (pugi::xml_node compiler : root.children("compiler")) {
-      if (compiler.attribute(attribute)) given = compiler.attribute(attribute).value();
-      compiler.remove_attribute(attribute);
-    }
-    root.append_child("compiler").append_attribute(attribute) = (base / given).lexically_normal().c_str();
-  }
+  make_asset_folders_absolute(main, folder);  // the text is read from memory
   return saved(main, origins);
 }
 
@@ -407,7 +394,8 @@ Loaded load(const std::string& name, const std::string& text, const std::string&
   if (!compiled) return tl::unexpected(located(compiled.error().message, *sources, name, folder));
 #else
   Origins origins(*sources);
-  auto compiled = compile(lower(*sources, folder, user_size(*drives, *springs), *sensors, origins), file, folder);
+  auto compiled =
+      compile(lower(*sources, folder, user_size(*drives, *springs), *drives, *sensors, origins), file, folder);
   if (!compiled) return tl::unexpected(origins.located(compiled.error().message, name));
 #endif
   mjModel* m = compiled->get();

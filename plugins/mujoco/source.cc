@@ -280,6 +280,38 @@ void merge_includes(const std::vector<Source>& sources, const std::filesystem::p
   }
 }
 
+void remove_extensions(pugi::xml_document& document) {
+  for (const auto& match : document.select_nodes("//extension/plugin[starts-with(@plugin, 'tribotwin.')]"))
+    match.node().parent().remove_child(match.node());
+  for (const auto& match : document.select_nodes("//extension[not(plugin)]"))
+    match.node().parent().remove_child(match.node());
+}
+
+void make_native(pugi::xml_node actuator, const drive::Drive& drive) {
+  for (const char* attribute : {"plugin", "instance", "actdim", "dyntype"}) actuator.remove_attribute(attribute);
+  if (drive.control == drive::Control::torque) {
+    actuator.set_name("motor");
+    return;
+  }
+  actuator.set_name("general");
+  actuator.append_attribute("gainprm") = fmt::format("{}", drive.kp_nm_rad).c_str();
+  actuator.append_attribute("biastype") = "affine";
+  actuator.append_attribute("biasprm") = fmt::format("0 {} {}", -drive.kp_nm_rad, -drive.kv_nm_s_rad).c_str();
+}
+
+void make_asset_folders_absolute(pugi::xml_document& document, const std::filesystem::path& folder) {
+  const std::filesystem::path base = std::filesystem::absolute(folder);
+  pugi::xml_node root = document.document_element();
+  for (const char* attribute : {"meshdir", "texturedir"}) {
+    std::string given;
+    for (pugi::xml_node compiler : root.children("compiler")) {
+      if (compiler.attribute(attribute)) given = compiler.attribute(attribute).value();
+      compiler.remove_attribute(attribute);
+    }
+    root.append_child("compiler").append_attribute(attribute) = (base / given).lexically_normal().c_str();
+  }
+}
+
 Result<std::unique_ptr<pugi::xml_document>> load_merged(const std::filesystem::path& file) {
   const auto text = read_text(file);
   if (!text) return tl::unexpected(text.error());

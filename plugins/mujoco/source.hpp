@@ -11,6 +11,7 @@
 
 #include <pugixml.hpp>
 
+#include <tribotwin/plugins/drive/drive.hpp>
 #include <tribotwin/plugins/friction/error.hpp>
 
 /// The text of a model: its files as the user wrote them, so that every message can say file and line.
@@ -70,6 +71,15 @@ class Origins {
 /// Replaces every <include> in the main file by the content of its file. `origins` learns where the copies come from.
 void merge_includes(const std::vector<Source>& sources, const std::filesystem::path& folder,
                     Origins* origins = nullptr);
+
+/// Removes the declarations of our plugins.
+void remove_extensions(pugi::xml_document& document);
+
+/// Turns the actuator of a drive into the engine's own: a motor, or for a position control a servo.
+void make_native(pugi::xml_node actuator, const drive::Drive& drive);
+
+/// Folders of meshes and textures become absolute, for a text that no longer lies in `folder`.
+void make_asset_folders_absolute(pugi::xml_document& document, const std::filesystem::path& folder);
 
 /// The text of a model's main file with its includes merged.
 Result<std::unique_ptr<pugi::xml_document>> load_merged(const std::filesystem::path& file);

@@ -70,7 +70,7 @@ Rivals rivals(const RobotOptions& options) {
 
   std::string plain = text;
   remove(plain, "extension");
-  plain = replaced(plain, R"re( plugin="tribotwin.drive" instance="[^"]*" actdim="[^"]*")re", "");
+  plain = replaced(plain, R"re( plugin="tribotwin.drive" instance="[^"]*" actdim="[^"]*" dyntype="[^"]*")re", "");
   plain = replaced(plain, R"(<plugin (name="drive))", "<motor $1");
   const auto native = mujoco::load_string(plain, {.integrator = options.integrator}, folder).value();
   if (!native->drives().empty()) throw std::logic_error("the rival has drives");

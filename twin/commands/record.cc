@@ -14,6 +14,7 @@
 #include <tribotwin/twin/io/folder_lock.hpp>
 #include <tribotwin/twin/io/input.hpp>
 #include <tribotwin/twin/io/telemetry/telemetry.hpp>
+#include <tribotwin/twin/robot/native_model.hpp>
 
 namespace tribotwin::twin::program {
 namespace {
@@ -150,6 +151,13 @@ Result<Exit> deliver_instance(const std::string& name, const Keys& keys, const D
   return deliver(text.str(), output);
 }
 
+Result<Exit> export_native(const std::string& file, std::optional<double> temperature_degC,
+                           std::optional<double> speed_max_rad_s, const Destination& output) {
+  const auto native = native_model(file, temperature_degC, speed_max_rad_s);
+  if (!native) return tl::unexpected(native.error());
+  return deliver(native->xml, output);
+}
+
 Result<Exit> export_instance(const std::string& file, const std::string& name, const std::string& on_drive,
                              double torque_max_nm, double gear_ratio, const Destination& output) {
   if (const auto law = load_yaml(file)["law"]; law && law.IsScalar() && law.Scalar() == "bouc_wen") {
@@ -176,7 +184,8 @@ struct ExportArguments {
   double torque_max_nm = 0, gear_ratio = 0, torque_noise_share = 0;
   Sensors sensors{.sampling_hz = 0};
   std::uint64_t seed = 1;
-  bool csv = false, mjcf = false, recording = false;
+  std::optional<double> temperature_degC, speed_max_rad_s;
+  bool csv = false, mjcf = false, recording = false, native = false;
 };
 
 /// What the controller of --recording measures with.
@@ -211,8 +220,9 @@ void add_export(CLI::App& app, int& code) {
   auto a = std::make_shared<ExportArguments>();
   auto* command = app.add_subcommand(
       "export",
-      "Export the record of a run as CSV, complete or as a controller records it, or parameters as a MuJoCo element");
-  command->add_option("FROM", a->from, "Folder of a run, or PARAMS.yaml")->required();
+      "Export the record of a run as CSV, complete or as a controller records it, parameters as a MuJoCo element, or a "
+      "model without plugins");
+  command->add_option("FROM", a->from, "Folder of a run, PARAMS.yaml, or MODEL.xml")->required();
   auto* csv = command->add_flag("--csv", a->csv, "telemetry.csv and, where there are work cycles, cycles.csv");
   auto* mjcf = command
                    ->add_flag("--mjcf", a->mjcf,
@@ -223,6 +233,23 @@ void add_export(CLI::App& app, int& code) {
       command->add_flag("--recording", a->recording, "CSV as the robot's controller records it, for tribotwin dynamics")
           ->excludes(csv)
           ->excludes(mjcf);
+  auto* native = command
+                     ->add_flag("--native", a->native,
+                                "MODEL.xml without plugins, for MJX, Warp and WASM: friction of each drive as "
+                                "frictionloss and damping, the error of the fit in a comment")
+                     ->excludes(csv)
+                     ->excludes(mjcf)
+                     ->excludes(recording);
+  command
+      ->add_option("--temperature", a->temperature_degC,
+                   "Temperature of that friction [degC] (default: T_amb, within the range of the law)")
+      ->check(CLI::Range(-273.15, 1000.0))
+      ->needs(native);
+  command
+      ->add_option("--speed", a->speed_max_rad_s,
+                   "Fastest joint speed of the fit [rad/s] (default: the end of the law's range)")
+      ->check(CLI::Range(1e-9, 1e6))
+      ->needs(native);
   add_sensors(*command, recording, *a);
   command->add_option("--name", a->name, "Name of the instance")->capture_default_str();
   command
@@ -236,13 +263,15 @@ void add_export(CLI::App& app, int& code) {
   a->output.add_to(*command, "File for the block or the recording (default: stdout)");
   command->footer("Example:\n  tribotwin export params.yaml --mjcf --tau-max 7500 --gear-ratio 178");
   command->callback([a, &code] {
-    if (a->csv + a->mjcf + a->recording != 1)
-      throw InputError("export needs --csv or --recording (of a run) or --mjcf (of PARAMS.yaml)");
+    if (a->csv + a->mjcf + a->recording + a->native != 1)
+      throw InputError(
+          "export needs --csv or --recording (of a run), --mjcf (of PARAMS.yaml) or --native (of MODEL.xml)");
     check(a->output, {a->from, std::filesystem::path(a->from) / "telemetry.h5"});
-    code =
-        or_throw(a->recording ? export_recording(a->from, a->sensors, a->torque_noise_share, a->seed, a->output)
-                 : a->csv     ? export_record(a->from, a->output.existing())
-                          : export_instance(a->from, a->name, a->on_drive, a->torque_max_nm, a->gear_ratio, a->output));
+    code = or_throw(a->recording ? export_recording(a->from, a->sensors, a->torque_noise_share, a->seed, a->output)
+                    : a->csv     ? export_record(a->from, a->output.existing())
+                    : a->native
+                        ? export_native(a->from, a->temperature_degC, a->speed_max_rad_s, a->output)
+                        : export_instance(a->from, a->name, a->on_drive, a->torque_max_nm, a->gear_ratio, a->output));
   });
 }
 

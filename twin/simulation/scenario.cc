@@ -182,6 +182,11 @@ Scenario read_scenario(const fs::path& file, const std::vector<std::string>& set
   const mujoco::Options options = engine_options(in);
   s.model = or_wrong_input(mujoco::load_file(resolve_file(folder, in, root, "model"), options));
   if (s.model->drives().empty()) in.fail("model", "has no tribotwin.drive");
+  for (const mujoco::Binding& b : s.model->drives())
+    if (b.drive.control != drive::Control::torque)
+      in.fail("model", fmt::format("drive '{}' has control=\"position\", but the controller of a scenario commands "
+                                   "motor torques; use control=\"torque\"",
+                                   b.drive.name));
   s.duration_s = in.number_or("duration_s", 0, {mujoco::shortest_timestep_s, longest_s});
   s.telemetry_rate_hz = in.number_or("telemetry_rate_hz", 100, {1e-6, 1e6});
 

@@ -85,6 +85,62 @@ TEST(Settings, ASecondActuatorOnTheJointIsRefusedByName) {
               testing::AllOf(HasSubstr("joint 'hinge'"), HasSubstr("actuator 'servo'"), HasSubstr("remove")));
 }
 
+/// A pendulum on a servo, MuJoCo's own or that of a drive without friction; 2 s of a moving set point.
+std::vector<double> servo(std::string_view extension, std::string_view actuator) {
+  const auto model = load_string(fmt::format(
+      R"(<mujoco><option timestep="0.001" tolerance="1e-14" iterations="100"/>{}
+  <worldbody><body><joint name="hinge" axis="0 1 0" armature="0.7" frictionloss="1e-12" solreffriction=".001 1"
+    solimpfriction=".9999 .9999 .001 .5 2"/><geom type="sphere" size="0.1" pos="0.5 0 0" mass="4"/></body></worldbody>
+  <actuator>{}</actuator></mujoco>)",
+      extension, actuator));
+  if (!model) return ADD_FAILURE() << model.error().message, std::vector<double>{};
+  const DataPtr d = (*model)->make_data();
+  std::vector<double> out;
+  for (int i = 0; i < 2000; ++i) {
+    d->ctrl[0] = 2 * std::sin(0.004 * i);
+    (*model)->step(d.get());
+    out.insert(out.end(), {d->qpos[0], d->actuator_force[0]});
+  }
+  return out;
+}
+
+TEST(Settings, APositionControlIsThatOfTheEngine) {
+  constexpr char extension[] =
+      R"(<extension><plugin plugin="tribotwin.drive"><instance name="j"><config key="law" value="stribeck"/>
+         <config key="Fc" value="0"/><config key="Fs" value="0"/><config key="vs" value="10"/>
+         <config key="alpha" value="1"/><config key="Fv" value="0"/><config key="torque_max_nm" value="100"/>
+         <config key="gear_ratio" value="50"/><config key="control" value="position"/><config key="kp" value="300"/>
+         <config key="kv" value="20"/></instance></plugin></extension>)";
+  for (const char* given :
+       {"", R"(gear="2")", R"(ctrllimited="true" ctrlrange="-1 1.2")", R"(forcelimited="true" forcerange="-60 80")"}) {
+    const auto ours = servo(
+        extension,
+        fmt::format(R"(<plugin name="d" joint="hinge" plugin="tribotwin.drive" instance="j" actdim="3" {}/>)", given));
+    const auto engine = servo(
+        "", fmt::format(R"(<general name="d" joint="hinge" gainprm="300" biastype="affine" biasprm="0 -300 -20" {}/>)",
+                        given));
+    ASSERT_EQ(ours.size(), engine.size());
+    double largest = 0;
+    for (std::size_t i = 0; i < ours.size(); ++i) largest = std::max(largest, std::abs(ours[i] - engine[i]));
+    EXPECT_LT(largest, 1e-7) << given;
+  }
+}
+
+TEST(Settings, KeysOfAPositionControlGoTogether) {
+  const auto error = [](drive::Configuration keys) {
+    drive::Configuration all{
+        {"law", "stribeck"},    {"Fc", "1"},        {"Fs", "1"}, {"vs", "1"}, {"alpha", "1"}, {"Fv", "0"},
+        {"torque_max_nm", "1"}, {"gear_ratio", "1"}};
+    all.insert(all.end(), keys.begin(), keys.end());
+    const auto drive = drive::make_drive("j", all);
+    return drive ? "accepted" : drive.error().message;
+  };
+  EXPECT_EQ(error({{"control", "position"}, {"kp", "3"}}), "accepted");
+  EXPECT_THAT(error({{"control", "position"}}), HasSubstr("key 'kp' must be above 0"));
+  EXPECT_THAT(error({{"kp", "3"}}), HasSubstr("belong to control 'position'"));
+  EXPECT_THAT(error({{"control", "speed"}}), HasSubstr("must be torque or position"));
+}
+
 #if TRIBOTWIN_ENGINE_PLUGINS
 TEST(Settings, OfTodaysEnginesCountInTheLoad) {
   expect_true_load({.joint = R"(actuatorfrclimited="true" actuatorfrcrange="-8 8")"});

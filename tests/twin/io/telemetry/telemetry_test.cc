@@ -293,8 +293,9 @@ TEST_F(TelemetryTest, FullDiskKeepsWhatWasWritten) {
 }
 
 TEST_F(TelemetryTest, FailuresNameTheFileAndTheReason) {
-  EXPECT_THAT(Telemetry::create("/nonexistent/x.h5", options({"a"})).error().message,
-              "/nonexistent/x.h5: cannot be written (No such file or directory)");
+  const fs::path nowhere = folder / "nowhere" / "x.h5";
+  EXPECT_THAT(Telemetry::create(nowhere, options({"a"})).error().message,
+              nowhere.string() + ": cannot be written (No such file or directory)");
   EXPECT_THAT(Telemetry::create(folder, options({"a"})).error().message,
               folder.string() + ": cannot be written (Is a directory)");
   EXPECT_THAT(read_telemetry(file).error().message, file.string() + ": does not exist");
