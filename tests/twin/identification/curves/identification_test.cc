@@ -390,7 +390,7 @@ TEST(Degenerate, OutliersAreSaidAndARobustLossForgetsThem) {
     if (anywhere(random) < 0.2) s.friction[i] += 0.3 * anywhere(random);
   const auto plain = fit(extended(), s), robust = fit(extended(), s, {.loss = Loss::cauchy});
   ASSERT_TRUE(plain && robust);
-  EXPECT_THAT(plain->notes, Contains(HasSubstr("outliers pull")));
+  EXPECT_THAT(plain->notes, Contains(HasSubstr("outliers distort")));
   for (std::size_t i = 0; i < 12; ++i)
     EXPECT_LT(std::abs(robust->parameters[i].value - truth.parameters[i]), 5 * robust->parameters[i].sigma)
         << robust->parameters[i].name;
@@ -420,7 +420,7 @@ TEST(Degenerate, AFailedCheckOfTheSolverEndsTheProgramWithALine) {
     exit_on_solver_failure("program");
     ceres::Problem().AddParameterBlock(nullptr, 2);
   };
-  EXPECT_EXIT(fail(), testing::ExitedWithCode(1), "^program: the solver met numbers that it cannot work with[^\n]*\n$");
+  EXPECT_EXIT(fail(), testing::ExitedWithCode(1), "^program: the solver met numbers that it cannot use[^\n]*\n$");
 }
 TEST(Degenerate, TheSolverIsNotBegunWhereItWouldAbort) {
   const Eigen::VectorXd none, one = Eigen::VectorXd::Ones(1), bad = one * std::nan("");
