@@ -1,6 +1,7 @@
 #include <algorithm>
 #include <cmath>
 #include <functional>
+#include <iterator>
 #include <map>
 #include <optional>
 #include <sstream>
@@ -296,6 +297,23 @@ Result<Drive> Reader::read(const Configuration& configuration) {
 
 Result<Drive> make_drive(std::string name, const Configuration& configuration) {
   return Reader(std::move(name)).read(configuration);
+}
+
+Result<Drive> make_shared_drive(const std::string& instance, const std::string& joint,
+                                const Configuration& configuration, std::size_t index, std::size_t count) {
+  if (count == 1) return make_drive(instance, configuration);
+  Configuration own;
+  for (const auto& [key, value] : configuration) {
+    std::istringstream words(value);
+    const std::vector<std::string> values{std::istream_iterator<std::string>(words), {}};
+    const bool for_all =
+        values.size() == 1 || std::ranges::find(list_keys(), std::string_view(key), &Key::name) != list_keys().end();
+    if (!for_all && !value.empty() && values.size() != count)
+      return tl::unexpected(fmt::format("key '{}' has {} values but must have 1 for all or {}, one per actuator", key,
+                                        values.size(), count));
+    own.emplace_back(key, for_all || value.empty() ? value : values[index]);
+  }
+  return make_drive(instance + "/" + joint, own);
 }
 
 Configuration configuration_of(const Drive& drive) {

@@ -21,6 +21,12 @@ std::span<const char* const> all_keys();
 /// the element.
 Result<Drive> make_drive(std::string name, const Configuration& configuration);
 
+/// The drive of actuator `index` of the `count` that share an instance: a value stands for all of them, or there is one
+/// for each, separated by spaces (lists of load tables stand for all). Its name is INSTANCE/JOINT. With a count of 1 it
+/// is that of make_drive.
+Result<Drive> make_shared_drive(const std::string& instance, const std::string& joint,
+                                const Configuration& configuration, std::size_t index, std::size_t count);
+
 /// The configuration that `make_drive` would read back to the same drive.
 Configuration configuration_of(const Drive& drive);
 

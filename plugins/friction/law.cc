@@ -335,6 +335,16 @@ double confined(double x, double lowest, double highest) {
   return std::clamp(std::isnan(x) ? 0.0 : x, lowest, highest);
 }
 
+/// Where the inputs of a law are held.
+double held_speed(const Law& law) {
+  if (law.validity == Validity::extrapolate) return physical.speed_max_rad_s;
+  return std::min(law.range.speed_max_rad_s, physical.speed_max_rad_s);
+}
+double held_load(const Law& law) {
+  if (law.validity == Validity::extrapolate || !law.info->load_dependent) return physical.load_max;
+  return std::min(law.range.load_max, physical.load_max);
+}
+
 }  // namespace
 
 std::span<const LawInfo> laws() { return table; }
@@ -435,8 +445,8 @@ Result<Law> published_law(std::string_view name) {
 Range held_range(const Law& law) {
   const LawInfo& info = *law.info;
   if (law.validity == Validity::extrapolate) return physical;
-  return {.speed_max_rad_s = std::min(law.range.speed_max_rad_s, physical.speed_max_rad_s),
-          .load_max = info.load_dependent ? std::min(law.range.load_max, physical.load_max) : physical.load_max,
+  return {.speed_max_rad_s = held_speed(law),
+          .load_max = held_load(law),
           .temperature_min_degC = info.temperature_dependent
                                       ? std::max(law.range.temperature_min_degC, physical.temperature_min_degC)
                                       : physical.temperature_min_degC,
@@ -458,13 +468,12 @@ AtTemperature at_temperature(const Law& law, double temperature_degC) {
 
 Level level(const Law& law, const AtTemperature& at, double speed_rad_s, double load_norm) {
   const LawInfo& info = *law.info;
-  const Range held = held_range(law);
   double v = std::abs(speed_rad_s), l = info.load_dependent ? std::abs(load_norm) : 0;
   bool outside = at.outside || !(v <= law.range.speed_max_rad_s);
-  v = confined(v, 0, held.speed_max_rad_s);
+  v = confined(v, 0, held_speed(law));
   if (info.load_dependent) {
     outside |= !(l <= law.range.load_max);
-    l = confined(l, 0, held.load_max);
+    l = confined(l, 0, held_load(law));
   }
   if (v == 0) return {std::max(Scalar::breakaway(at.coefficients, l), 0.0), 0, outside};
   const auto [weakening, strengthening] = Scalar::parts(at.coefficients, v, Libm::power(v, at.coefficients.alpha), l);

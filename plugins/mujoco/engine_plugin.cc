@@ -1,5 +1,6 @@
 // tribotwin.drive and tribotwin.hysteresis as engine plugins of MuJoCo 3.x. Configuration comes from the keys, state
 // lives in the actuator's activations, everything else in plugin_state.
+#include <algorithm>
 #include <cstdio>
 #include <cstring>
 #include <memory>
@@ -40,8 +41,13 @@ Checked options_of(const mjModel* m) {
 
 /// A drive of one mjData.
 struct BoundDrive : Binding {
-  Checked checked;
   double passive_nm = 0;  ///< not in plugin_state: mj_setState restores that and leaves qfrc_passive as it is
+};
+
+/// The drives of an instance in one mjData.
+struct BoundDrives {
+  std::vector<BoundDrive> drives;  ///< in the order of their actuators
+  Checked checked;
 };
 
 std::string instance_name(const mjModel* m, int instance) {
@@ -49,12 +55,11 @@ std::string instance_name(const mjModel* m, int instance) {
   return given ? given : "unnamed";
 }
 
-/// The one actuator of an instance, -1 for none, -2 for several.
-int actuator_of(const mjModel* m, int instance) {
-  int actuator = -1;
+std::vector<int> actuators_of(const mjModel* m, int instance) {
+  std::vector<int> actuators;
   for (int i = 0; i < engine::actuator_count(m); ++i)
-    if (m->actuator_plugin[i] == instance) actuator = actuator == -1 ? i : -2;
-  return actuator;
+    if (m->actuator_plugin[i] == instance) actuators.push_back(i);
+  return actuators;
 }
 
 /// Whether an actuator is one of ours.
@@ -73,24 +78,33 @@ drive::Configuration configuration(const mjModel* m, int instance, const Keys& k
   return all;
 }
 
-/// The instance's drive tied to its actuator, or why not. Nothing for an instance that no actuator uses.
-Result<std::unique_ptr<BoundDrive>> connect(const mjModel* m, int instance) {
+/// The instance's drives tied to their actuators, or why not. Empty for an instance that no actuator uses.
+Result<std::unique_ptr<BoundDrives>> connect(const mjModel* m, int instance) {
   const std::string name = instance_name(m, instance);
   const auto fail = [&](const std::string& why) {
     return tl::unexpected(std::string(plugin_name) + ", instance '" + name + "': " + why);
   };
-  auto drive = drive::make_drive(name, configuration(m, instance, drive::all_keys()));
-  if (!drive) return fail(drive.error().message);
-  const int actuator = actuator_of(m, instance);
-  if (actuator == -2) return fail("serves two actuators; each drive needs its own");
-  if (actuator < 0) return nullptr;
-  if (m->actuator_actnum[actuator] != static_cast<int>(drive::state_size(*drive)))
-    return fail("its actuator needs " + actdim_message(*drive));
-  auto binding = bind(m, std::move(*drive), actuator);
-  if (!binding) return tl::unexpected(std::string(plugin_name) + ": " + binding.error().message);
-  binding->state_address = m->actuator_actadr[actuator];
-  binding->workspace_address = m->plugin_stateadr[instance];
-  return std::make_unique<BoundDrive>(BoundDrive{std::move(*binding), options_of(m)});
+  const auto keys = configuration(m, instance, drive::all_keys());
+  const auto actuators = actuators_of(m, instance);
+  auto bound = std::make_unique<BoundDrives>();
+  if (actuators.empty())
+    if (const auto drive = drive::make_drive(name, keys); !drive) return fail(drive.error().message);
+  for (std::size_t k = 0; k < actuators.size(); ++k) {
+    const int actuator = actuators[k];
+    const char* joint =
+        m->actuator_trntype[actuator] == mjTRN_JOINT ? mj_id2name(m, mjOBJ_JOINT, m->actuator_trnid[2 * actuator]) : "";
+    auto drive = drive::make_shared_drive(name, joint ? joint : "", keys, k, actuators.size());
+    if (!drive) return fail(drive.error().message);
+    if (m->actuator_actnum[actuator] != static_cast<int>(drive::state_size(*drive)))
+      return fail("its actuator needs " + actdim_message(*drive));
+    auto binding = bind(m, std::move(*drive), actuator);
+    if (!binding) return tl::unexpected(std::string(plugin_name) + ": " + binding.error().message);
+    binding->state_address = m->actuator_actadr[actuator];
+    binding->workspace_address = m->plugin_stateadr[instance] + static_cast<int>(k * drive::workspace_size);
+    bound->drives.push_back({std::move(*binding)});
+  }
+  bound->checked = options_of(m);
+  return bound;
 }
 
 /// The same for a transmission.
@@ -101,26 +115,25 @@ Result<std::unique_ptr<Spring>> connect_spring(const mjModel* m, int instance) {
   };
   auto hysteresis = transmission::make_hysteresis(name, configuration(m, instance, transmission::all_keys()));
   if (!hysteresis) return fail(hysteresis.error().message);
-  const int actuator = actuator_of(m, instance);
-  if (actuator == -2) return fail("serves two actuators; each transmission needs its own");
-  if (actuator < 0) return nullptr;
+  const auto actuators = actuators_of(m, instance);
+  if (actuators.size() > 1) return fail("serves two actuators; each transmission needs its own");
+  if (actuators.empty()) return nullptr;
+  const int actuator = actuators.front();
   if (m->actuator_actnum[actuator] != static_cast<int>(spring_state_size))
     return fail("its actuator needs actdim=\"" + std::to_string(spring_state_size) + "\"");
-  std::vector<std::string> names;
-  std::vector<int> joints, instances;
+  std::vector<NamedDrive> drives;
+  std::vector<int> driven;
   for (int i = 0; i < engine::actuator_count(m); ++i)
     if (has_drive(m, i)) {
-      instances.push_back(m->actuator_plugin[i]);
-      names.push_back(instance_name(m, instances.back()));
-      joints.push_back(m->actuator_trnid[2 * i]);
+      driven.push_back(i);
+      drives.push_back({instance_name(m, m->actuator_plugin[i]), m->actuator_trnid[2 * i]});
     }
-  std::vector<NamedDrive> drives;
-  for (std::size_t i = 0; i < names.size(); ++i) drives.push_back({names[i], joints[i]});
   const auto chosen = drive_of(m, *hysteresis, actuator, drives);
   if (!chosen) return tl::unexpected(std::string(spring_plugin_name) + ": " + chosen.error().message);
-  auto drive = connect(m, instances[*chosen]);
-  if (!drive) return fail(drive.error().message);
-  auto spring = bind_spring(m, std::move(*hysteresis), std::move(**drive), actuator);
+  auto bound = connect(m, m->actuator_plugin[driven[*chosen]]);
+  if (!bound) return fail(bound.error().message);
+  auto& drive = *std::ranges::find((*bound)->drives, driven[*chosen], &BoundDrive::actuator);
+  auto spring = bind_spring(m, std::move(*hysteresis), std::move(drive), actuator);
   if (!spring) return tl::unexpected(std::string(spring_plugin_name) + ": " + spring.error().message);
   spring->state_address = m->actuator_actadr[actuator];
   spring->workspace_address = m->plugin_stateadr[instance];
@@ -143,6 +156,8 @@ Result<std::unique_ptr<std::vector<Sensor>>> connect_sensors(const mjModel* m, i
       return fail(fmt::format("needs objtype=\"actuator\" and in objname an actuator with plugin=\"{}\"", plugin_name));
     sensor->address = m->sensor_adr[i];
     sensor->drive = m->actuator_plugin[m->sensor_objid[i]];
+    const auto served = actuators_of(m, sensor->drive);
+    sensor->member = static_cast<std::size_t>(std::ranges::find(served, m->sensor_objid[i]) - served.begin());
     sensors->push_back(*sensor);
   }
   return sensors;
@@ -170,23 +185,27 @@ int init(const mjModel* m, mjData* d, int instance) {
 }
 
 /// Fails where the options have become such that friction would be wrong.
-void check_again(const mjModel* m, BoundDrive& b) {
+void check_again(const mjModel* m, BoundDrives& b) {
   if (b.checked == options_of(m)) return;
   or_engine_error([&]() -> Result<void> {
-    if (const auto ok = check_options(m, b); !ok)
-      return tl::unexpected(
-          fmt::format("{}: the options were changed after loading. {}", plugin_name, ok.error().message));
+    for (const BoundDrive& drive : b.drives)
+      if (const auto ok = check_options(m, drive); !ok)
+        return tl::unexpected(
+            fmt::format("{}: the options were changed after loading. {}", plugin_name, ok.error().message));
     b.checked = options_of(m);
     return {};
   });
 }
 
 void compute(const mjModel* m, mjData* d, int instance, int capability) {
-  BoundDrive* b = bound<BoundDrive>(d, instance);
-  if (!b) return;
-  check_again(m, *b);
-  if (capability == mjPLUGIN_ACTUATOR) d->actuator_force[b->force] = commanded_force(m, d, *b);
-  limit_friction(m, d, *b, capability == mjPLUGIN_PASSIVE ? Stage::passive : Stage::actuation, b->passive_nm);
+  BoundDrives* all = bound<BoundDrives>(d, instance);
+  if (!all) return;
+  check_again(m, *all);
+  const Stage stage = capability == mjPLUGIN_PASSIVE ? Stage::passive : Stage::actuation;
+  for (BoundDrive& b : all->drives) {
+    if (stage == Stage::actuation) d->actuator_force[b.force] = commanded_force(m, d, b);
+    limit_friction(m, d, b, stage, b.passive_nm);
+  }
 }
 
 template <class Bound>
@@ -224,7 +243,7 @@ void register_sensor() {
   plugin.compute = [](const mjModel* m, mjData* d, int instance, int) {
     if (const Sensors* sensors = bound<Sensors>(d, instance))
       for (const Sensor& s : *sensors)
-        if (const BoundDrive* b = bound<BoundDrive>(d, s.drive)) measure(m, d, *b, s);
+        if (const BoundDrives* b = bound<BoundDrives>(d, s.drive)) measure(m, d, b->drives[s.member], s);
   };
   mjp_registerPlugin(&plugin);
 }
@@ -298,18 +317,22 @@ __attribute__((constructor)) void register_plugins() {
   plugin.capabilityflags = mjPLUGIN_ACTUATOR | mjPLUGIN_PASSIVE;
   plugin.nattribute = static_cast<int>(drive::all_keys().size());
   plugin.attributes = drive::all_keys().data();
-  plugin.nstate = [](const mjModel*, int) { return static_cast<int>(drive::workspace_size); };
+  plugin.nstate = [](const mjModel* m, int instance) {
+    return static_cast<int>(actuators_of(m, instance).size() * drive::workspace_size);
+  };
   plugin.init = init<connect>;
-  plugin.destroy = destroy<BoundDrive>;
-  plugin.copy = copy<BoundDrive>;
-  plugin.reset = [](const mjModel*, mjtNum* plugin_state, void* data, int) {
-    std::memset(plugin_state, 0, sizeof(drive::Workspace));
-    if (data) static_cast<BoundDrive*>(data)->passive_nm = 0;
+  plugin.destroy = destroy<BoundDrives>;
+  plugin.copy = copy<BoundDrives>;
+  plugin.reset = [](const mjModel* m, mjtNum* plugin_state, void* data, int instance) {
+    std::fill_n(plugin_state, m->plugin_statenum[instance], 0);
+    if (data)
+      for (BoundDrive& b : static_cast<BoundDrives*>(data)->drives) b.passive_nm = 0;
   };
   plugin.compute = compute;
   // The state moves once per step, in `advance`, not with the integrator's act_dot, which the engine zeroes.
   plugin.advance = [](const mjModel* m, mjData* d, int instance) {
-    if (const Binding* b = bound<BoundDrive>(d, instance)) book_friction(m, d, *b);
+    if (const BoundDrives* all = bound<BoundDrives>(d, instance))
+      for (const BoundDrive& b : all->drives) book_friction(m, d, b);
   };
   mjp_registerPlugin(&plugin);
   register_spring();

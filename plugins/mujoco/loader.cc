@@ -18,58 +18,85 @@ using Loaded = Result<std::shared_ptr<const Model>>;
 
 struct DriveElement {
   std::string where;
-  std::string actuator;
+  std::string actuator, instance;
   drive::Drive drive;
 };
 
-/// Reads every drive of the model, in the order of their actuators, and checks what only the text shows.
-Result<std::vector<DriveElement>> read_drives(const std::vector<Source>& sources) {
-  std::map<std::string, std::pair<const Source*, pugi::xml_node>> instances;
-  std::vector<std::pair<const Source*, pugi::xml_node>> actuators;
-  for (const Source& source : sources) {
+using Element = std::pair<const Source*, pugi::xml_node>;
+
+/// The keys of an <instance>.
+Result<drive::Configuration> keys_of(const Element& instance) {
+  drive::Configuration configuration;
+  for (const pugi::xml_node config : instance.second.children("config")) {
+    if (!config.attribute("key") || !config.attribute("value"))
+      return tl::unexpected(at(*instance.first, config) + ": needs key and value");
+    configuration.emplace_back(config.attribute("key").value(), config.attribute("value").value());
+  }
+  return configuration;
+}
+
+/// The instances of the drives by their names.
+Result<std::map<std::string, Element>> drive_instances(const std::vector<Source>& sources) {
+  std::map<std::string, Element> instances;
+  for (const Source& source : sources)
     for (const auto& match : source.document->select_nodes("//extension/plugin[@plugin='tribotwin.drive']/instance")) {
       const pugi::xml_node element = match.node();
       if (!element.attribute("name")) return tl::unexpected(at(source, element) + ": lacks its name");
-      if (!instances.emplace(element.attribute("name").value(), std::pair{&source, element}).second)
+      if (!instances.emplace(element.attribute("name").value(), Element{&source, element}).second)
         return tl::unexpected(at(source, element) + ": a second instance of this name");
     }
-    for (const auto& match : source.document->select_nodes("//actuator/plugin[@plugin='tribotwin.drive']"))
-      actuators.emplace_back(&source, match.node());
-  }
+  return instances;
+}
 
-  std::vector<DriveElement> drives;
+/// The actuators that are drives, by their instances. Those of one instance stand in one file, whose order is theirs.
+Result<std::map<std::string, std::vector<Element>>> drive_actuators(const std::vector<Source>& sources) {
+  std::map<std::string, std::vector<Element>> of_instance;
   std::map<std::string, std::string> joints;  // joint -> place of its drive in the file
-  for (const auto& [source, element] : actuators) {
-    const std::string where = at(*source, element);
-    const std::string instance = element.attribute("instance").value();
-    const std::string name = element.attribute("name").value();
-    const std::string joint = element.attribute("joint").value();
-    if (name.empty() || joint.empty() || instance.empty())
-      return tl::unexpected(fmt::format("{}: needs name, joint and instance", where));
-    const auto found = instances.find(instance);
-    if (found == instances.end())
-      return tl::unexpected(fmt::format("{}: no <instance name=\"{}\"> under <extension><plugin plugin=\"{}\">", where,
-                                        instance, plugin_name));
-    if (const auto [first, fresh] = joints.emplace(joint, where); !fresh)
-      return tl::unexpected(fmt::format("{}: joint '{}' has a drive already at {}", where, joint, first->second));
-    if (std::ranges::any_of(drives, [&](const DriveElement& d) { return d.drive.name == instance; }))
-      return tl::unexpected(
-          fmt::format("{}: instance '{}' serves another actuator already; each drive needs its own", where, instance));
-
-    const auto& [instance_source, instance_element] = found->second;
-    drive::Configuration configuration;
-    for (const pugi::xml_node config : instance_element.children("config")) {
-      if (!config.attribute("key") || !config.attribute("value"))
-        return tl::unexpected(at(*instance_source, config) + ": needs key and value");
-      configuration.emplace_back(config.attribute("key").value(), config.attribute("value").value());
+  for (const Source& source : sources)
+    for (const auto& match : source.document->select_nodes("//actuator/plugin[@plugin='tribotwin.drive']")) {
+      const pugi::xml_node element = match.node();
+      const std::string where = at(source, element), joint = element.attribute("joint").value(),
+                        instance = element.attribute("instance").value();
+      if (!*element.attribute("name").value() || joint.empty() || instance.empty())
+        return tl::unexpected(fmt::format("{}: needs name, joint and instance", where));
+      if (const auto [first, fresh] = joints.emplace(joint, where); !fresh)
+        return tl::unexpected(fmt::format("{}: joint '{}' has a drive already at {}", where, joint, first->second));
+      auto& actuators = of_instance[instance];
+      if (!actuators.empty() && actuators.front().first != &source)
+        return tl::unexpected(fmt::format(
+            "{}: instance '{}' serves an actuator of another file already ({}); actuators of one instance stand in one "
+            "file",
+            where, instance, at(*actuators.front().first, actuators.front().second)));
+      actuators.emplace_back(&source, element);
     }
-    auto drive = drive::make_drive(instance, configuration);
-    if (!drive)
-      return tl::unexpected(fmt::format("{}: {}", at(*instance_source, instance_element), drive.error().message));
-    if (element.attribute("actdim").as_int(-1) != static_cast<int>(drive::state_size(*drive)))
-      return tl::unexpected(fmt::format("{}: needs {}", where, actdim_message(*drive)));
-    drives.push_back({where, name, std::move(*drive)});
-  }
+  return of_instance;
+}
+
+/// Reads every drive of the model and checks what only the text shows.
+Result<std::vector<DriveElement>> read_drives(const std::vector<Source>& sources) {
+  const auto instances = drive_instances(sources);
+  if (!instances) return tl::unexpected(instances.error());
+  const auto actuators = drive_actuators(sources);
+  if (!actuators) return tl::unexpected(actuators.error());
+  std::vector<DriveElement> drives;
+  for (const auto& [instance, served] : *actuators)
+    for (std::size_t k = 0; k < served.size(); ++k) {
+      const pugi::xml_node element = served[k].second;
+      const std::string where = at(*served[k].first, element);
+      const auto found = instances->find(instance);
+      if (found == instances->end())
+        return tl::unexpected(fmt::format("{}: no <instance name=\"{}\"> under <extension><plugin plugin=\"{}\">",
+                                          where, instance, plugin_name));
+      const auto keys = keys_of(found->second);
+      if (!keys) return tl::unexpected(keys.error());
+      auto drive = drive::make_shared_drive(instance, element.attribute("joint").value(), *keys, k, served.size());
+      if (!drive)
+        return tl::unexpected(
+            fmt::format("{}: {}", at(*found->second.first, found->second.second), drive.error().message));
+      if (element.attribute("actdim").as_int(-1) != static_cast<int>(drive::state_size(*drive)))
+        return tl::unexpected(fmt::format("{}: needs {}", where, actdim_message(*drive)));
+      drives.push_back({where, element.attribute("name").value(), instance, std::move(*drive)});
+    }
   return drives;
 }
 
@@ -108,18 +135,14 @@ Result<std::vector<SpringElement>> read_springs(const std::vector<Source>& sourc
       if (!instance_source)
         return tl::unexpected(fmt::format("{}: no <instance name=\"{}\"> under <extension><plugin plugin=\"{}\">",
                                           where, instance, spring_plugin_name));
-      transmission::Configuration configuration;
-      for (const pugi::xml_node config : instance_element.children("config")) {
-        if (!config.attribute("key") || !config.attribute("value"))
-          return tl::unexpected(at(*instance_source, config) + ": needs key and value");
-        configuration.emplace_back(config.attribute("key").value(), config.attribute("value").value());
-      }
-      auto hysteresis = transmission::make_hysteresis(instance, configuration);
+      const auto keys = keys_of({instance_source, instance_element});
+      if (!keys) return tl::unexpected(keys.error());
+      auto hysteresis = transmission::make_hysteresis(instance, *keys);
       if (!hysteresis)
         return tl::unexpected(
             fmt::format("{}: {}", at(*instance_source, instance_element), hysteresis.error().message));
       if (!hysteresis->drive.empty() &&
-          std::ranges::none_of(drives, [&](const DriveElement& d) { return d.drive.name == hysteresis->drive; }))
+          std::ranges::find(drives, hysteresis->drive, &DriveElement::instance) == drives.end())
         return tl::unexpected(fmt::format("{}: key 'drive' is '{}', which is no instance of {} that an actuator uses",
                                           at(*instance_source, instance_element), hysteresis->drive, plugin_name));
       springs.push_back({where, name, std::move(*hysteresis)});
@@ -403,6 +426,7 @@ Loaded load(const std::string& name, const std::string& text, const std::string&
   if (auto ok = apply(options, m); !ok) return tl::unexpected(fmt::format("{}: {}", name, ok.error().message));
 
   std::vector<Binding> bindings;
+  std::map<int, std::string> instance_of;  // by actuator
   [[maybe_unused]] int address = static_cast<int>(m->nuserdata) - user_size(*drives, *springs);
   for (DriveElement& element : *drives) {
     const int actuator = mj_name2id(m, mjOBJ_ACTUATOR, element.actuator.c_str());
@@ -410,18 +434,21 @@ Loaded load(const std::string& name, const std::string& text, const std::string&
     if (!binding) return tl::unexpected(fmt::format("{}: {}", element.where, binding.error().message));
 #if TRIBOTWIN_ENGINE_PLUGINS
     binding->state_address = m->actuator_actadr[actuator];
-    binding->workspace_address = m->plugin_stateadr[m->actuator_plugin[actuator]];
+    const auto before = std::count(m->actuator_plugin, m->actuator_plugin + actuator, m->actuator_plugin[actuator]);
+    binding->workspace_address = m->plugin_stateadr[m->actuator_plugin[actuator]] +
+                                 static_cast<int>(before) * static_cast<int>(drive::workspace_size);
 #else
     binding->state_address = address;
     binding->workspace_address = address + static_cast<int>(drive::state_size(binding->drive));
     address = binding->workspace_address + static_cast<int>(drive::workspace_size);
 #endif
+    instance_of[actuator] = element.instance;
     bindings.push_back(std::move(*binding));
   }
   std::ranges::sort(bindings, {}, &Binding::actuator);
 
   std::vector<NamedDrive> named;
-  for (const Binding& b : bindings) named.push_back({b.drive.name, b.joint});
+  for (const Binding& b : bindings) named.push_back({instance_of.at(b.actuator), b.joint});
   std::vector<Spring> bound_springs;
   for (SpringElement& element : *springs) {
     const int actuator = mj_name2id(m, mjOBJ_ACTUATOR, element.actuator.c_str());

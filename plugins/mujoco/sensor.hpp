@@ -29,7 +29,8 @@ std::string sensor_reference_markdown();
 /// Where a sensor is in a model.
 struct Sensor {
   int address = -1;                  ///< in mjData.sensordata
-  int drive = -1;                    ///< index in the host's drives
+  int drive = -1;                    ///< index in the host's drives; on 3.x the instance
+  std::size_t member = 0;            ///< on 3.x: which drive of the instance
   std::size_t first = 0, count = 0;  ///< of sensor_quantities()
 };
 

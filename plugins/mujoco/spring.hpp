@@ -47,7 +47,7 @@ struct Spring {
 
 /// A drive of a model, for `drive_of`.
 struct NamedDrive {
-  std::string_view instance;
+  std::string instance;
   int joint;
 };
 /// Which drive has the temperature of the transmission at `actuator` and gets its heat: that on a joint of the tendon

@@ -1,13 +1,16 @@
 #include "robots.hpp"
 
+#include <algorithm>
 #include <cmath>
 #include <fstream>
 #include <functional>
 #include <regex>
+#include <sstream>
 #include <stdexcept>
 #include <string>
 
 #include <fmt/format.h>
+#include <pugixml.hpp>
 
 namespace tribotwin::bench {
 namespace {
@@ -50,6 +53,36 @@ std::string row_of(std::string text, int count) {
   return text;
 }
 
+/// The same drives on one instance, whose keys have a value for each of them.
+std::string on_one_instance(const std::string& text) {
+  pugi::xml_document document;
+  document.load_string(text.c_str());
+  pugi::xml_node plugin = document.select_node("//extension/plugin[@plugin='tribotwin.drive']").node();
+  std::vector<std::pair<std::string, std::string>> keys;
+  while (const pugi::xml_node instance = plugin.child("instance")) {
+    for (const pugi::xml_node config : instance.children("config")) {
+      const std::string key = config.attribute("key").value(), value = config.attribute("value").value();
+      const auto known = std::ranges::find(keys, key, [](const auto& entry) { return entry.first; });
+      if (known == keys.end())
+        keys.emplace_back(key, value);
+      else
+        known->second += " " + value;
+    }
+    plugin.remove_child(instance);
+  }
+  pugi::xml_node instance = plugin.append_child("instance");
+  instance.append_attribute("name") = "arm";
+  for (const auto& [key, value] : keys) {
+    pugi::xml_node config = instance.append_child("config");
+    config.append_attribute("key") = key.c_str();
+    config.append_attribute("value") = value.c_str();
+  }
+  for (const auto& match : document.select_nodes("//actuator/plugin")) match.node().attribute("instance") = "arm";
+  std::ostringstream out;
+  document.save(out);
+  return out.str();
+}
+
 std::string irb6620(const RobotOptions& options) {
   std::ifstream file(folder / "irb6620.xml");
   std::string text{std::istreambuf_iterator<char>(file), {}};
@@ -66,7 +99,10 @@ std::string irb6620(const RobotOptions& options) {
 
 Rivals rivals(const RobotOptions& options) {
   const std::string text = row_of(irb6620(options), options.count);
-  Rivals both{mujoco::load_string(text, {.integrator = options.integrator}, folder).value(), nullptr};
+  Rivals both{mujoco::load_string(options.one_instance ? on_one_instance(text) : text,
+                                  {.integrator = options.integrator}, folder)
+                  .value(),
+              nullptr};
 
   std::string plain = text;
   remove(plain, "extension");

@@ -12,6 +12,7 @@ struct RobotOptions {
   bool lugre = false;                ///< bristles in every drive
   bool damping = false;              ///< the robot without plugins has joint damping besides frictionloss
   int count = 1;                     ///< robots in one model
+  bool one_instance = false;         ///< of the plugin for all drives of the model
 };
 
 struct Rivals {

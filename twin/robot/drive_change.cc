@@ -43,6 +43,9 @@ Result<std::shared_ptr<const mujoco::Model>> load_with_drive(const std::filesyst
   const auto index = find_drive(**model, joint);
   if (!index) return tl::unexpected(fmt::format("{}: {}", file.string(), index.error().message));
   const std::string instance = (*model)->drives()[*index].drive.name;
+  if (instance.ends_with("/" + joint))
+    return tl::unexpected(fmt::format(
+        "{}: joint '{}' shares its instance with others; give it an <instance> of its own", file.string(), joint));
 
   const std::filesystem::path folder = file.has_parent_path() ? file.parent_path() : ".";
   const auto document = mujoco::load_merged(file);

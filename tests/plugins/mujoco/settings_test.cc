@@ -1,4 +1,5 @@
 // Settings of the engine that change what a drive's motor gives or carries: each counts, or is refused by name.
+#include <array>
 #include <cmath>
 
 #include <fmt/format.h>
@@ -83,6 +84,74 @@ TEST(Settings, ANotANumberInTheControlIsNoTorque) {
 TEST(Settings, ASecondActuatorOnTheJointIsRefusedByName) {
   EXPECT_THAT(Arm{.actuators = R"(<position name="servo" joint="hinge" kp="100"/>)"}.error(),
               testing::AllOf(HasSubstr("joint 'hinge'"), HasSubstr("actuator 'servo'"), HasSubstr("remove")));
+}
+
+/// A chain of three joints whose drives have the instances that `actuators` names.
+std::string chain(std::string_view instances, std::array<const char*, 3> of_actuators) {
+  std::string bodies, ends, actuators;
+  for (int j = 0; j < 3; ++j) {
+    bodies += fmt::format(
+        R"(<body pos="0 0 -.5"><joint name="joint{}" axis="0 1 0" armature="1" frictionloss="1"
+           solreffriction=".001 1" solimpfriction=".9999 .9999 .001 .5 2"/>
+           <geom type="capsule" size=".05" fromto="0 0 0 0 0 -.5" mass="4"/>)",
+        j);
+    ends += "</body>";
+    actuators +=
+        fmt::format(R"(<plugin name="drive{0}" joint="joint{0}" plugin="tribotwin.drive" instance="{1}" actdim="3"/>)",
+                    j, of_actuators[static_cast<std::size_t>(j)]);
+  }
+  return fmt::format(
+      R"(<mujoco><option timestep="0.001" tolerance="1e-14" iterations="100"/>
+         <extension><plugin plugin="tribotwin.drive">{}</plugin><plugin plugin="tribotwin.sensor"/></extension>
+         <worldbody>{}{}</worldbody><actuator>{}</actuator>
+         <sensor><plugin name="friction" plugin="tribotwin.sensor" objtype="actuator" objname="drive2">
+           <config key="quantity" value="friction"/></plugin></sensor></mujoco>)",
+      instances, bodies, ends, actuators);
+}
+
+std::string instance(std::string_view name, std::string_view torque_max, std::string_view gear, std::string_view Fc) {
+  return fmt::format(
+      R"(<instance name="{}"><config key="law" value="stribeck"/><config key="Fc" value="{}"/>
+         <config key="Fs" value="0.02"/><config key="vs" value="10"/><config key="alpha" value="1.3"/>
+         <config key="Fv" value="0.0005"/><config key="torque_max_nm" value="{}"/><config key="gear_ratio" value="{}"/>
+         <config key="thermal" value="first_order"/><config key="R_th" value="2"/><config key="kappa" value="600"/>
+         <config key="T_amb" value="20"/></instance>)",
+      name, Fc, torque_max, gear);
+}
+
+TEST(Settings, DrivesOfOneInstanceAreThoseOfSeveral) {
+  const auto several = load_string(
+      chain(instance("a", "100", "50", "0.03") + instance("b", "80", "60", "0.03") + instance("c", "30", "70", "0.05"),
+            {"a", "b", "c"}));
+  const auto one =
+      load_string(chain(instance("arm", "100 80 30", " 50 60  70 ", "0.03 0.03 0.05"), {"arm", "arm", "arm"}));
+  ASSERT_TRUE(several) << several.error().message;
+  ASSERT_TRUE(one) << one.error().message;
+  EXPECT_EQ((*one)->drives()[1].drive.name, "arm/joint1");
+  const DataPtr d = (*several)->make_data(), e = (*one)->make_data();
+  for (int i = 0; i < 1000; ++i) {
+    for (int j = 0; j < 3; ++j) d->ctrl[j] = e->ctrl[j] = 30 * std::sin(0.003 * i + j);
+    (*several)->step(d.get());
+    (*one)->step(e.get());
+  }
+  for (int j = 0; j < 3; ++j) {
+    EXPECT_EQ(d->qpos[j], e->qpos[j]);
+    const std::size_t k = static_cast<std::size_t>(j);
+    EXPECT_EQ(workspace(d.get(), (*several)->drives()[k]).friction_work_J,
+              workspace(e.get(), (*one)->drives()[k]).friction_work_J);
+    EXPECT_GT(workspace(e.get(), (*one)->drives()[k]).friction_work_J, 0.01);
+  }
+  EXPECT_EQ(d->sensordata[0], e->sensordata[0]);
+  EXPECT_EQ(e->sensordata[0], workspace(e.get(), (*one)->drives()[2]).friction_nm);
+
+  mj_resetData((*one)->get(), e.get());
+  for (const Binding& b : (*one)->drives()) EXPECT_EQ(workspace(e.get(), b).friction_work_J, 0);
+
+  const auto wrong = load_string(chain(instance("arm", "100 80", "50", "0.03"), {"arm", "arm", "arm"}));
+  ASSERT_FALSE(wrong);
+  EXPECT_THAT(wrong.error().message,
+              testing::AllOf(HasSubstr("<instance name=\"arm\">"), HasSubstr("key 'torque_max_nm' has 2 values"),
+                             HasSubstr("must have 1 for all or 3")));
 }
 
 /// A pendulum on a servo, MuJoCo's own or that of a drive without friction; 2 s of a moving set point.
