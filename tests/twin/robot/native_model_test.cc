@@ -36,7 +36,7 @@ class Written : public testing::Test {
     <config key="vs" value="10"/><config key="alpha" value="1.3"/><config key="torque_max_nm" value="100"/>
     <config key="gear_ratio" value="50"/>{}</instance></plugin></extension>
   <worldbody><body><joint name="hinge" axis="0 1 0" armature="0.7" frictionloss="1" solreffriction=".001 1"
-    solimpfriction=".9999 .9999 .001 .5 2" {}/><geom type="sphere" size="0.1" pos="0.5 0 0" mass="4"/></body></worldbody>
+    solimpfriction=".9999 .9999 .001 .5 2" {}/><geom size="0.1" pos="0.5 0 0" mass="4"/></body></worldbody>
   <actuator><plugin name="d" joint="hinge" plugin="tribotwin.drive" instance="j" actdim="3" gear="2"/></actuator>
   <keyframe><key name="up" qpos="0.3" {} ctrl="4"/></keyframe></mujoco>)",
         keys, joint, TRIBOTWIN_ENGINE_PLUGINS ? "act=\"1 2 3\"" : "");
