@@ -1,4 +1,5 @@
 #include <algorithm>
+#include <cctype>
 #include <cmath>
 #include <cstring>
 #include <map>
@@ -297,6 +298,26 @@ std::string located(const std::string& error, const std::vector<Source>& sources
 }
 #endif
 
+/// The engine's number of an integrator. The engine is asked, because newer ones have more of them.
+Result<int> integrator_of(const std::string& name) {
+  const bool word = std::ranges::all_of(name, [](unsigned char c) { return std::isalnum(c) != 0; });
+  if (word)
+    if (const auto probe = compile(fmt::format("<mujoco><option integrator=\"{}\"/></mujoco>", name), "", "."))
+      return (*probe)->opt.integrator;
+  return tl::unexpected<Error>(
+      fmt::format("integrator '{}' is not known to MuJoCo {}; Euler, implicit and RK4 are in every version, "
+                  "implicitfast in 3.x, discrete from 3.13 on",
+                  name, mj_versionString()));
+}
+
+Result<int> solver_of(const std::string& name) {
+  constexpr std::pair<std::string_view, int> solvers[] = {
+      {"Newton", mjSOL_NEWTON}, {"CG", mjSOL_CG}, {"PGS", mjSOL_PGS}};
+  for (const auto& [known, solver] : solvers)
+    if (known == name) return solver;
+  return tl::unexpected<Error>(fmt::format("solver '{}' is not known; one of Newton, CG, PGS", name));
+}
+
 Result<void> apply(const Options& options, mjModel* m) {
   if (options.timestep_s) {
     if (!(*options.timestep_s >= shortest_timestep_s && *options.timestep_s <= longest_timestep_s))
@@ -304,37 +325,16 @@ Result<void> apply(const Options& options, mjModel* m) {
                                         shortest_timestep_s, longest_timestep_s));
     m->opt.timestep = *options.timestep_s;
   }
-  const auto choose = [](const std::optional<std::string>& name, std::string_view what,
-                         std::initializer_list<std::pair<std::string_view, int>> values, int& target) -> std::string {
-    if (!name) return {};
-    std::vector<std::string_view> names;
-    for (const auto& [known, value] : values) {
-      if (known == *name) {
-        target = value;
-        return {};
-      }
-      names.push_back(known);
-    }
-    return fmt::format("{} '{}' is not known; one of {}", what, *name, fmt::join(names, ", "));
-  };
-  if (const auto bad = choose(
-          options.integrator, "integrator",
-          {
-            {"Euler", mjINT_EULER}, {"implicit", mjINT_IMPLICIT},
-#if TRIBOTWIN_ENGINE_PLUGINS
-                {"implicitfast", mjINT_IMPLICITFAST},
-#endif
-            {
-              "RK4", mjINT_RK4
-            }
-          },
-          m->opt.integrator);
-      !bad.empty())
-    return tl::unexpected(bad);
-  if (const auto bad = choose(options.solver, "solver",
-                              {{"Newton", mjSOL_NEWTON}, {"CG", mjSOL_CG}, {"PGS", mjSOL_PGS}}, m->opt.solver);
-      !bad.empty())
-    return tl::unexpected(bad);
+  if (options.integrator) {
+    const auto integrator = integrator_of(*options.integrator);
+    if (!integrator) return tl::unexpected(integrator.error());
+    m->opt.integrator = *integrator;
+  }
+  if (options.solver) {
+    const auto solver = solver_of(*options.solver);
+    if (!solver) return tl::unexpected(solver.error());
+    m->opt.solver = *solver;
+  }
   // A solver chosen here brings the accuracy that keeps a stuck joint still; one chosen in the file is checked instead.
   if (options.solver) {
     m->opt.tolerance = std::min(m->opt.tolerance, needed_tolerance(m->opt.solver));

@@ -59,7 +59,7 @@ inline constexpr double shortest_timestep_s = 1e-6, longest_timestep_s = 1;
 /// Settings that override those of the model; checked together with the drives.
 struct Options {
   std::optional<double> timestep_s{};
-  std::optional<std::string> integrator;  ///< Euler, implicit, RK4 (implicitfast on 3.x)
+  std::optional<std::string> integrator;  ///< as in MJCF; what this engine has
   std::optional<std::string> solver;      ///< Newton, CG, PGS
 };
 

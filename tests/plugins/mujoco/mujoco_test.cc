@@ -255,6 +255,18 @@ TEST(Drive, ResetCopyAndConcurrentSimulationsShareNothing) {
     for (int i = 0; i < model->nq; ++i) EXPECT_EQ(a->qpos[i], d->qpos[i]);
 }
 
+TEST(Loader, TakesTheIntegratorsOfTheEngine) {
+  const auto error = [](const char* name) {
+    const auto model = load_file(irb6620, {.integrator = name});
+    return model ? std::string() : model.error().message;
+  };
+  EXPECT_EQ(error("RK4"), "");
+  EXPECT_THAT(error("Eular"), testing::AllOf(HasSubstr("integrator 'Eular'"), HasSubstr("Euler, implicit and RK4")));
+  EXPECT_THAT(error("\"/><x y=\""), HasSubstr("is not known"));
+  EXPECT_EQ(error("discrete").empty(), mj_version() >= 3013000);
+  EXPECT_EQ(error("implicitfast").empty(), TRIBOTWIN_ENGINE_PLUGINS);
+}
+
 /// In a viewer without a controller an arm falls; the controls of its keyframe hold it.
 TEST(Keyframe, HomeHoldsTheArm) {
   for (const char* name : {"br609", "er3a_c60", "irb6620"}) {
