@@ -166,7 +166,7 @@ TEST(Sensors, TransmissionFindsItsDriveByTheTendon) {
   EXPECT_THAT(refused.error().message, HasSubstr("which is no instance of tribotwin.drive that an actuator uses"));
 }
 
-#if TRIBOTWIN_ENGINE_PLUGINS
+#if mjVERSION_HEADER >= 332  // mjs_attach
 
 /// A model with the child attached twice, by prefixes.
 ModelPtr attached_twice(const std::function<mjSpec*(char* error, int size)>& read_child) {
