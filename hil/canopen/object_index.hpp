@@ -49,6 +49,7 @@ constexpr Index load_torque = 0x2102;
 constexpr Index measured_temperature = 0x2110;
 constexpr Index temperature_limit = 0x2111;
 constexpr Index sync_deadline = 0x2120;
+constexpr Index set_point_deadline = 0x2121;
 
 // Drive profile (CiA 402-2).
 constexpr Index abort_connection_option_code = 0x6007;

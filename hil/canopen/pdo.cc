@@ -1,5 +1,6 @@
 #include <algorithm>
 #include <limits>
+#include <utility>
 
 #include <tribotwin/hil/canopen/cob_id.hpp>
 #include <tribotwin/hil/canopen/object_index.hpp>
@@ -141,6 +142,7 @@ void PdoService::receive(const Frame& frame, std::int64_t now_ns) {
 
 void PdoService::accept(Pdo& pdo) {
   pdo.pending = false;
+  pdo.delivered = true;
   std::size_t at = 0;
   for (std::size_t k = 0; k < pdo.map.size(); ++k) {
     const auto size = static_cast<std::size_t>(pdo.sizes[k]);
@@ -220,6 +222,16 @@ std::int64_t PdoService::next_ns() const {
 
 bool PdoService::any_synchronous_rpdo() const {
   return std::ranges::any_of(receive_, [](const Pdo& p) { return p.exists && p.synchronous(); });
+}
+
+PdoDelivery PdoService::delivery(std::uint16_t index) {
+  PdoDelivery found;
+  for (Pdo& pdo : receive_) {
+    const bool brings = std::ranges::any_of(pdo.map, [&](const Object* o) { return o && o->index == index; });
+    if (std::exchange(pdo.delivered, false) && brings)
+      found = {true, pdo.synchronous() ? std::max<int>(1, pdo.type) : 0, pdo.timer_ns != 0};
+  }
+  return found;
 }
 
 }  // namespace tribotwin::hil

@@ -12,6 +12,13 @@
 /// parameters name. Transmission types: 0 with SYNC on change, 1..240 every n-th SYNC, 254 and 255 event.
 namespace tribotwin::hil {
 
+/// How an RPDO brought an object.
+struct PdoDelivery {
+  bool exists = false;
+  int every_syncs = 0;        ///< transmission type in SYNCs, at least 1; 0: event-driven
+  bool own_deadline = false;  ///< the RPDO has one (140xh:05)
+};
+
 class PdoService {
  public:
   PdoService(NodeContext& node, Emcy& emcy);
@@ -40,11 +47,13 @@ class PdoService {
   /// Next time at which `late` or `tick` has something to do.
   std::int64_t next_ns() const;
   bool any_synchronous_rpdo() const;
+  /// Whether an RPDO brought this object since the last call, and how. Forgets all that came.
+  PdoDelivery delivery(std::uint16_t index);
 
  private:
   struct Pdo {
     std::uint32_t cob = 0;
-    bool exists = false, pending = false, sent_once = false;
+    bool exists = false, pending = false, sent_once = false, delivered = false;
     std::uint8_t type = 255, syncs = 0;
     std::int64_t inhibit_ns = 0, timer_ns = 0, last_ns = 0;
     std::vector<Object*> map;  // null: a gap

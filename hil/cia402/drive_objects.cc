@@ -5,6 +5,7 @@
 #include <tribotwin/hil/canopen/cob_id.hpp>
 #include <tribotwin/hil/canopen/communication_objects.hpp>
 #include <tribotwin/hil/canopen/object_index.hpp>
+#include <tribotwin/hil/canopen/sync.hpp>
 #include <tribotwin/hil/cia402/drive_objects.hpp>
 #include <tribotwin/hil/cia402/modes.hpp>
 
@@ -138,8 +139,15 @@ class Builder {
          {.scale = 0.1, .unit = "degC", .meaning = "of a bench; overrides the thermal model; 8000h: none"});
     only({od::temperature_limit, 1, "temperature limit", T::i16, rw, false, 1200},
          {.scale = 0.1, .unit = "degC", .meaning = "above: fault 4310h; a warning 10 K before"});
-    only({od::sync_deadline, 1, "SYNC deadline", T::u16, rw, false, 100, 1, 60000},
-         {.scale = 1e-3, .unit = "s", .meaning = "enabled and without SYNC for so long: abort connection (6007h)"});
+    only({od::sync_deadline, 1, "SYNC deadline", T::u16, rw, false, default_sync_deadline_ms, 0, 60000},
+         {.scale = 1e-3,
+          .unit = "s",
+          .meaning = "enabled, without SYNC for so long and for three cycles (1006h): abort connection (6007h); "
+                     "0: not watched"});
+    only({od::set_point_deadline, 1, "set point deadline", T::u16, rw, false, 20},
+         {.unit = "cycle",
+          .meaning = "enabled, without the mode's set point for so long after an RPDO brought one: "
+                     "abort connection (6007h); 0: not watched"});
   }
 
  private:

@@ -58,6 +58,7 @@ void DriveProfile::written(const Object& o) {
 }
 
 void DriveProfile::reset() {
+  if (machine_.powered()) stops_alone_ = true;  // the brake falls
   machine_.reset();
   objects_.error_code->value = 0;
 }
@@ -75,6 +76,7 @@ StopOptions DriveProfile::stop_options() const {
 void DriveProfile::apply_controlword() {
   const DriveState before = machine_.state();
   machine_.controlword(static_cast<std::uint16_t>(objects_.controlword->value), stop_options());
+  if (machine_.state() == DriveState::operation_enabled) stops_alone_ = false;
   if (before == DriveState::fault && machine_.state() != DriveState::fault) {
     objects_.error_code->value = 0;
     emcy_.clear();
@@ -95,6 +97,7 @@ void DriveProfile::lose_commands(ErrorCode code) {
     if (code != ErrorCode::left_operational) emcy_.report(code);  // leaving operational without power is no error
     return;
   }
+  stops_alone_ = true;
   const auto option = node_.dictionary.get(od::abort_connection_option_code);
   const StopOptions o = stop_options();
   const bool ramp = (option == fault_reaction && o.fault_reaction != 0) || (option == quick_stop && o.quick_stop != 0);
@@ -168,6 +171,7 @@ void DriveProfile::feedback(const Feedback& f, double dt) {
   watch_following_error(lag_rad, dt);
   watch_standstill(dt);
   watch_temperature();
+  watch_rest();
   refresh_status();
 }
 
@@ -197,10 +201,16 @@ void DriveProfile::watch_following_error(double lag_rad, double dt) {
     fail(static_cast<std::uint16_t>(ErrorCode::following_error), profile_error, stop_options().fault_reaction != 0);
 }
 
+bool DriveProfile::stands() const { return std::abs(feedback_.velocity_rad_s) * gear_ratio_ < standing_motor_rad_s; }
+
+/// The end of a reaction to lost commands: brake, standstill, torque 0.
+void DriveProfile::watch_rest() {
+  if (!machine_.powered() && stands() && objects_.torque_actual->value == 0) stops_alone_ = false;
+}
+
 void DriveProfile::watch_standstill(double dt) {
   if (!machine_.ramping()) return;
-  const bool stands = ramp_rad_s_ == 0 && std::abs(feedback_.velocity_rad_s) * gear_ratio_ < standing_motor_rad_s;
-  standing_s_ = stands ? standing_s_ + dt : 0;
+  standing_s_ = ramp_rad_s_ == 0 && stands() ? standing_s_ + dt : 0;
   if (standing_s_ > standstill_s) {
     machine_.stopped();
     standing_s_ = 0;

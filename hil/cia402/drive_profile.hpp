@@ -18,6 +18,10 @@ class DriveProfile {
   DriveProfile(NodeContext& node, Emcy& emcy, double gear_ratio);
 
   const StateMachine& machine() const { return machine_; }
+  /// Index of the set point that the drive follows now; 0: none.
+  std::uint16_t target() const { return machine_.follows() ? active_mode().target : std::uint16_t{0}; }
+  /// Commands were lost, and the motor is not at rest yet.
+  bool stops_alone() const { return stops_alone_; }
   std::uint16_t error_code() const { return static_cast<std::uint16_t>(objects_.error_code->value); }
   /// 2110h [degC], when a bench writes one.
   std::optional<double> measured_temperature_degC() const;
@@ -56,6 +60,8 @@ class DriveProfile {
   void watch_following_error(double lag_rad, double dt_s);
   void watch_standstill(double dt_s);
   void watch_temperature();
+  void watch_rest();
+  bool stands() const;
 
   NodeContext& node_;
   Emcy& emcy_;
@@ -68,6 +74,7 @@ class DriveProfile {
   double following_s_ = 0;  // time for which the following error has been beyond its window
   double standing_s_ = 0;   // time for which the motor has stood at the end of a ramp
   bool followed_ = false;   // set points, when refresh_status was last called
+  bool stops_alone_ = false;
   std::vector<bool> fresh_ =
       std::vector<bool>(targets().size());  // targets written since the drive last entered a mode
 };

@@ -348,11 +348,136 @@ TEST_F(OneNode, ALostHeartbeatTakesThePower) {
 TEST_F(OneNode, AStoppedSyncTakesThePower) {
   enable();
   node.sync(now);
+  wait(2);
+  node.sync(now);
   wait(100);
   EXPECT_EQ(node.state(), DriveState::operation_enabled);
   wait(1);
   EXPECT_EQ(node.state(), DriveState::fault_reaction_active);
   EXPECT_EQ(node.error_code(), 0x8700);
+}
+
+// The deadline of the SYNC is at least three cycles (1006h), whatever 2120h says.
+TEST_F(OneNode, TheSyncDeadlineFollowsTheCycle) {
+  EXPECT_EQ(write(0x1006, 0, Type::u32, 200'000), 0U);
+  enable();
+  for (int k = 0; k < 10; ++k) node.sync(now), wait(200);
+  EXPECT_EQ(node.state(), DriveState::operation_enabled);
+  wait(400);
+  EXPECT_EQ(node.state(), DriveState::operation_enabled);
+  wait(1);
+  EXPECT_EQ(node.error_code(), 0x8700);
+}
+
+TEST_F(OneNode, AStrayIsNotAWatchedSync) {
+  EXPECT_EQ(write(0x6060, 0, Type::i8, 9), 0U);
+  enable();
+  node.sync(now);
+  for (int k = 0; k < 100; ++k) {
+    EXPECT_EQ(write(0x60FF, 0, Type::i32, 1000 + k), 0U);
+    wait(10);
+  }
+  node.sync(now);  // another one, a second later
+  wait(1000);
+  EXPECT_EQ(node.state(), DriveState::operation_enabled);
+  // One SYNC is enough where it takes a set point.
+  EXPECT_EQ(write(0x6060, 0, Type::i8, 8), 0U);
+  send(0x405, {0x0F, 0, 0, 0, 0, 0});
+  node.sync(now);
+  wait(101);
+  EXPECT_EQ(node.error_code(), 0x8700);
+}
+
+TEST_F(OneNode, AZeroSwitchesTheSyncDeadlineOff) {
+  EXPECT_EQ(write(0x2120, 1, Type::u16, 0), 0U);
+  enable();
+  for (int k = 0; k < 10; ++k) node.sync(now), wait(2);
+  wait(5000);
+  EXPECT_EQ(node.state(), DriveState::operation_enabled);
+}
+
+/// A mode's number, its RPDO with identifier and size, and a target that moves the drive.
+struct SetPointRow {
+  int mode, rpdo;
+  std::uint32_t id;
+  std::vector<std::uint8_t> bytes;
+};
+const SetPointRow set_points[] = {{8, 2, 0x405, {0x0F, 0, 0x10, 0, 0, 0}},
+                                  {9, 3, 0x505, {0x0F, 0, 0x40, 0x42, 0x0F, 0}},
+                                  {10, 4, 0x47F, {0x0F, 0, 0x90, 0x01}}};
+
+// While SYNCs go on, the absence of set points ends the operation after 20 of them (2121h), in every mode.
+TEST_F(OneNode, StoppedSetPointsTakeThePower) {
+  for (const auto& row : set_points) {
+    SCOPED_TRACE(row.mode);
+    nmt(0x81);
+    EXPECT_EQ(write(static_cast<std::uint16_t>(0x1400 + row.rpdo), 1, Type::u32, 0x80000000 | row.id), 0U);
+    EXPECT_EQ(write(static_cast<std::uint16_t>(0x1400 + row.rpdo), 1, Type::u32, row.id), 0U);
+    EXPECT_EQ(write(0x6060, 0, Type::i8, row.mode), 0U);
+    enable();
+    for (int k = 0; k < 100; ++k) node.sync(now), wait(2), run(2);  // no set point yet: nothing is watched
+    EXPECT_EQ(node.state(), DriveState::operation_enabled);
+    for (int k = 0; k < 100; ++k) send(row.id, row.bytes), node.sync(now), wait(2), run(2);
+    EXPECT_EQ(node.state(), DriveState::operation_enabled);
+    bus.clear();
+    for (int k = 0; k < 20; ++k) node.sync(now), wait(2), run(2);
+    EXPECT_EQ(node.state(), DriveState::operation_enabled);
+    node.sync(now);
+    EXPECT_EQ(node.state(), DriveState::fault_reaction_active);
+    EXPECT_EQ(text(on(0x085).at(0)).substr(0, 8), "085#5082");
+    EXPECT_EQ(node.command(1e-3).torque_nm, 0);
+    for (int k = 0; k < 300; ++k) node.sync(now), wait(2), run(2);
+    EXPECT_EQ(node.state(), DriveState::fault);
+    EXPECT_TRUE(node.brake_engaged());
+  }
+}
+
+TEST_F(OneNode, TheSetPointDeadlineCountsInCyclesOfThePdo) {
+  const auto stopped_after = [&] {  // set points; then SYNCs until the drive gives up
+    enable();
+    for (int k = 0; k < 3; ++k) send(0x405, {0x0F, 0, 0, 0, 0, 0}), node.sync(now), wait(2);
+    for (int k = 1; k <= 1000; ++k) {
+      node.sync(now);
+      if (node.state() != DriveState::operation_enabled) return k;
+      wait(2);
+    }
+    return -1;
+  };
+  EXPECT_EQ(write(0x2121, 1, Type::u16, 3), 0U);
+  EXPECT_EQ(stopped_after(), 4);
+  nmt(0x81);
+  EXPECT_EQ(write(0x2121, 1, Type::u16, 3), 0U);
+  EXPECT_EQ(write(0x1402, 2, Type::u8, 5), 0U);  // every fifth SYNC
+  EXPECT_EQ(stopped_after(), 16);
+  nmt(0x81);
+  EXPECT_EQ(write(0x2121, 1, Type::u16, 0), 0U);
+  EXPECT_EQ(stopped_after(), -1);
+  nmt(0x81);
+  EXPECT_EQ(write(0x1402, 5, Type::u16, 100), 0U);  // a deadline of its own is the one that counts
+  EXPECT_EQ(stopped_after(), 51);
+}
+
+// Event-driven set points have no SYNC to be counted by: 20 cycles, at least 100 ms, by the clock.
+TEST_F(OneNode, EventDrivenSetPointsAreWatchedByTheClock) {
+  EXPECT_EQ(write(0x1402, 2, Type::u8, 255), 0U);
+  enable();
+  wait(1000);
+  for (int k = 0; k < 10; ++k) send(0x405, {0x0F, 0, 0, 0, 0, 0}), wait(50);
+  EXPECT_EQ(node.state(), DriveState::operation_enabled);
+  wait(50);
+  EXPECT_EQ(node.state(), DriveState::operation_enabled);
+  wait(1);
+  EXPECT_EQ(node.error_code(), 0x8250);
+}
+
+// Set points by SDO are nobody's cycle, nor are those of another mode.
+TEST_F(OneNode, OnlySetPointsOfTheModeByPdoAreWatched) {
+  enable();
+  for (int k = 0; k < 10; ++k) send(0x405, {0x0F, 0, 0, 0, 0, 0}), node.sync(now), wait(2);
+  EXPECT_EQ(write(0x6060, 0, Type::i8, 9), 0U);
+  EXPECT_EQ(write(0x60FF, 0, Type::i32, 1000), 0U);
+  for (int k = 0; k < 200; ++k) node.sync(now), wait(2);
+  EXPECT_EQ(node.state(), DriveState::operation_enabled);
 }
 
 TEST_F(OneNode, NmtTakesThePower) {
