@@ -50,6 +50,8 @@ class Builder {
         {.meaning = "0 no voltage, 1 ramp first"});
     add(o_, {od::disable_operation_option_code, 0, "disable operation option", T::i16, rw, false, 1, 0, 1},
         {.meaning = "0 no voltage, 1 ramp first"});
+    add(o_, {od::halt_option_code, 0, "halt option", T::i16, rw, false, 1, 1, 2},
+        {.meaning = "bit 8 of 6040h, every mode: 1 ramp 6084h, 2 ramp 6085h, then hold, enabled"});
     add(o_, {od::fault_reaction_option_code, 0, "fault reaction option", T::i16, rw, false, 2, 0, 2},
         {.meaning = "0 no voltage; 1, 2 ramp first"});
   }
@@ -95,10 +97,8 @@ class Builder {
         {od::max_motor_speed, 0, "max motor speed", T::u32, rw, false,
          std::llround(p_.speed_max_rad_s * 30 / std::numbers::pi), 1, 1000000},
         {.scale = std::numbers::pi / 30, .unit = "rad/s", .meaning = "rpm"});
-    add(o_,
-        {od::quick_stop_deceleration, 0, "quick stop deceleration", T::u32, rw, false,
-         std::llround(std::min(4.0 * p_.speed_max_rad_s / milli_rpm_rad_s, 4e9)), 1, 0xffffffffLL},
-        {.scale = milli_rpm_rad_s, .unit = "rad/s2"});
+    deceleration(od::profile_deceleration, "profile deceleration", 1, "halt with 605Dh = 1");
+    deceleration(od::quick_stop_deceleration, "quick stop deceleration", 0.25, "every other ramp");
   }
 
   void torque() {
@@ -169,6 +169,13 @@ class Builder {
     add(o_, {index, 0, name, T::i32, access, true},
         {.scale = milli_rpm_rad_s, .unit = "rad/s", .meaning = std::move(meaning)});
   }
+  /// `stop_s`: from the maximum speed to standstill.
+  void deceleration(od::Index index, const char* name, double stop_s, std::string meaning) {
+    add(o_,
+        {index, 0, name, T::u32, rw, false, std::llround(std::min(p_.speed_max_rad_s / stop_s / milli_rpm_rad_s, 4e9)),
+         1, 0xffffffffLL},
+        {.scale = milli_rpm_rad_s, .unit = "rad/s2", .meaning = std::move(meaning)});
+  }
   void torque(od::Index index, const char* name, Type type, Access access, std::int64_t value,
               std::string meaning = "") {
     add(o_, {index, 0, name, type, access, true, value},
@@ -223,6 +230,8 @@ DriveObjects::DriveObjects(Dictionary& dictionary, double gear_ratio) : dictiona
   torque_offset = object(od::torque_offset);
   max_torque = object(od::max_torque);
   max_motor_speed = object(od::max_motor_speed);
+  halt_option = object(od::halt_option_code);
+  profile_deceleration = object(od::profile_deceleration);
   quick_stop_deceleration = object(od::quick_stop_deceleration);
   position_limit_low = object(od::software_position_limit, 1);
   position_limit_high = object(od::software_position_limit, 2);

@@ -18,7 +18,8 @@ class DriveProfile {
   DriveProfile(NodeContext& node, Emcy& emcy, double gear_ratio);
 
   const StateMachine& machine() const { return machine_; }
-  /// Index of the set point that the drive follows now; 0: none.
+  bool halted() const { return halted_; }
+  /// Index of the set point of the mode that the drive is in, halted or not; 0: none.
   std::uint16_t target() const { return machine_.follows() ? active_mode().target : std::uint16_t{0}; }
   /// Commands were lost, and the motor is not at rest yet.
   bool stops_alone() const { return stops_alone_; }
@@ -47,13 +48,18 @@ class DriveProfile {
 
  private:
   const ModeOfOperation& active_mode() const;
+  /// The drive is enabled, but its master halts it (bit 8 of the controlword).
+  bool halts() const;
+  /// The drive follows the set points of its mode.
+  bool follows_target() const { return machine_.follows() && !halts(); }
   /// A mode is active that watches the following error.
-  bool follows_demand() const { return machine_.follows() && active_mode().follows_demand; }
+  bool follows_demand() const { return follows_target() && active_mode().follows_demand; }
   void apply_controlword();
   void take_up_mode();
+  Demand demand_here() const;
   std::uint16_t statusword() const;
   StopOptions stop_options() const;
-  /// A ramp down to standstill, then held there.
+  /// A ramp down to standstill by 6085h or, for a halt with 605Dh = 1, 6084h; then held there.
   twin::DriveCommand ramp_down(twin::DriveCommand command, double dt_s);
   void show(const Feedback& feedback);
   void set(Object* object, double counts);
@@ -71,9 +77,9 @@ class DriveProfile {
   Feedback feedback_;
   Demand demand_;
   double ramp_rad_s_ = 0;
-  double following_s_ = 0;  // time for which the following error has been beyond its window
-  double standing_s_ = 0;   // time for which the motor has stood at the end of a ramp
-  bool followed_ = false;   // set points, when refresh_status was last called
+  double following_s_ = 0;                  // time for which the following error has been beyond its window
+  double standing_s_ = 0;                   // time for which the motor has stood at the end of a ramp
+  bool followed_ = false, halted_ = false;  // set points, when refresh_status was last called
   bool stops_alone_ = false;
   std::vector<bool> fresh_ =
       std::vector<bool>(targets().size());  // targets written since the drive last entered a mode

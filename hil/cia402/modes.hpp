@@ -14,9 +14,11 @@
 /// mode has yet is one more object (object_index.hpp, drive_objects.cc) and one row of the targets in modes.cc.
 namespace tribotwin::hil {
 
-/// The position set point under way: a straight line from one target to the next. Joint side.
+/// The set point under way. Joint side.
 struct Demand {
-  double position_rad = 0, step_rad_s = 0, left_s = 0;
+  double position_rad = 0, step_rad_s = 0, left_s = 0;  ///< CSP: a straight line from one target to the next
+  double speed_rad_s = 0;                               ///< CST: the speed of the last step
+  int limited_way = 0;  ///< CST: direction in which 6080h limits the speed instead of the torque; 0: none
 };
 
 struct ModeOfOperation {

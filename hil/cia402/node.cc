@@ -180,6 +180,7 @@ void Node::watch_set_points(std::int64_t now_ns) {
     set_points_.arrived(delivery, now_ns);
     if (delivery.every_syncs > 0) sync_.took_set_point();
   }
+  if (drive_.halted()) set_points_.restart(now_ns);  // a halted drive needs no set points
   if (!set_points_.lost(now_ns)) return;
   ++context_.counters.pdo_late;
   drive_.lose_commands(ErrorCode::rpdo_timeout);

@@ -506,6 +506,58 @@ TEST_F(OneNode, QuickStopRampsDown) {
   EXPECT_EQ(node.state(), DriveState::switch_on_disabled);
 }
 
+// Bit 8 of the controlword: a ramp down (605Dh: 1 along 6084h, 2 along 6085h), then standstill, still enabled.
+TEST_F(OneNode, HaltStopsEveryMode) {
+  const double ramps_rad_s2[] = {0.1, 0.4};  // of the joint, by options 1 and 2
+  for (const int mode : {8, 9, 10})
+    for (const int option : {1, 2}) {
+      SCOPED_TRACE(fmt::format("mode {}, option {}", mode, option));
+      nmt(0x81);
+      EXPECT_EQ(write(0x605D, 0, Type::i16, option), 0U);
+      EXPECT_EQ(write(0x6084, 0, Type::u32, 95493), 0U);  // 10 rad/s2 at the motor
+      EXPECT_EQ(write(0x6085, 0, Type::u32, 381972), 0U);
+      EXPECT_EQ(write(0x6060, 0, Type::i8, mode), 0U);
+      enable();
+      robot = {.velocity_rad_s = 0.1};
+      node.feedback(robot, 1e-3);
+      control(0x10F);
+      EXPECT_EQ(node.state(), DriveState::operation_enabled);
+      EXPECT_EQ(status() & 0x1400, 0);  // neither follows nor stands
+      EXPECT_EQ(write(0x60FF, 0, Type::i32, 300000), 0U);
+      EXPECT_EQ(write(0x6071, 0, Type::i16, 400), 0U);
+      send(0x405, {0x0F, 1, 0, 0, 0x10, 0});
+      node.sync(now);
+      const double half_s = 0.05 / ramps_rad_s2[option - 1];
+      run(static_cast<int>(1000 * half_s));
+      EXPECT_NEAR(robot.velocity_rad_s, 0.05, 1e-3);
+      run(static_cast<int>(1000 * half_s) + 100);
+      EXPECT_EQ(robot.velocity_rad_s, 0);
+      EXPECT_EQ(node.state(), DriveState::operation_enabled);
+      EXPECT_EQ(status() & 0x1400, 0x0400);  // target reached: it stands
+      EXPECT_EQ(node.command(1e-3).mode, twin::DriveCommand::Mode::velocity);
+      control(0x0F);
+      EXPECT_EQ(status() & 0x1400, 0x1000);
+      const auto c = node.command(1e-3);
+      if (mode == 8) EXPECT_NEAR(c.position_rad, robot.position_rad, 1e-9);  // until the next target
+      if (mode == 9) EXPECT_NEAR(c.velocity_rad_s, 0.1 * std::numbers::pi, 1e-6);
+      if (mode == 10) EXPECT_NEAR(c.torque_nm, 80, 1e-9);
+    }
+  EXPECT_EQ(write(0x605D, 0, Type::i16, 3), 0x06090031U);
+  EXPECT_EQ(write(0x605D, 0, Type::i16, 0), 0x06090032U);
+}
+
+// A halted drive asks for no set points, but goes on asking when it is released.
+TEST_F(OneNode, HaltPausesTheSetPointDeadline) {
+  enable();
+  for (int k = 0; k < 3; ++k) send(0x405, {0x0F, 0, 0, 0, 0, 0}), node.sync(now), wait(2), run(2);
+  control(0x10F);
+  for (int k = 0; k < 100; ++k) node.sync(now), wait(2), run(2);
+  EXPECT_EQ(node.state(), DriveState::operation_enabled);
+  control(0x0F);
+  for (int k = 0; k < 21; ++k) node.sync(now), wait(2), run(2);
+  EXPECT_EQ(node.error_code(), 0x8250);
+}
+
 TEST_F(OneNode, TransmissionTypes) {
   // TPDO1 every third SYNC, TPDO2 on SYNC when changed.
   EXPECT_EQ(write(0x1800, 2, Type::u8, 3), 0U);

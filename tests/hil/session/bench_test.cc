@@ -267,5 +267,68 @@ TEST_F(OneTorque, TheReactionDoesNotDependOnTheTicks) {
   EXPECT_EQ(position_after(bench, often), position_after(other, rarely));
 }
 
+// 6080h limits the speed in torque mode, whoever accelerates: the motor, or gravity against it.
+TEST_F(OneTorque, TheMaxMotorSpeedHolds) {
+  const double limit_rpm = static_cast<double>(value(0x6080));
+  for (const std::int16_t per_mille : {-400, 1000}) {
+    SCOPED_TRACE(per_mille);
+    enable();
+    double fastest_rpm = 0;
+    for (int k = 0; k < 200; ++k) {
+      cycle(per_mille);
+      fastest_rpm = std::max(fastest_rpm, std::abs(1e-3 * static_cast<double>(value(0x606C))));
+    }
+    EXPECT_LT(fastest_rpm, 1.05 * limit_rpm);
+    EXPECT_NEAR(1e-3 * static_cast<double>(value(0x606C)), std::copysign(limit_rpm, per_mille), 0.02 * limit_rpm);
+    EXPECT_TRUE(value(0x6041) & 0x0800);  // internal limit active
+    // Less torque than the speed needs, or the other way: the master has its torque again at once.
+    cycle(0);
+    EXPECT_EQ(value(0x6077), 0);
+    cycle(static_cast<std::int16_t>(-per_mille / 4));
+    EXPECT_EQ(value(0x6077), -per_mille / 4);
+    EXPECT_FALSE(value(0x6041) & 0x0800);
+    for (int k = 0; k < 400; ++k) cycle(0);
+    control(0x06);
+    sync();
+  }
+}
+
+TEST_F(OneBench, TheMaxMotorSpeedHoldsAFallingArm) {
+  scenario.start_rad[1] = 0.8;
+  Bench bench(scenario, {}, send);
+  bench.start(now);
+  auto& arm = dynamic_cast<Node&>(*bench.drives()[1]);
+  const auto set = [&](std::uint16_t index, Type type, std::int64_t value) {
+    std::vector<std::uint8_t> bytes(static_cast<std::size_t>(size_of(type)));
+    encode(value, bytes);
+    ASSERT_TRUE(arm.dictionary().write(index, 0, bytes));
+  };
+  set(0x6080, Type::u32, 200);
+  set(0x6060, Type::i8, 10);
+  give(bench, 0, {1, 0});
+  for (const std::uint8_t word : {0x06, 0x07, 0x0F}) give(bench, 0x202, {word, 0});
+  ASSERT_EQ(arm.state(), DriveState::operation_enabled);
+  set(0x6071, Type::i16, 0);
+  double fastest_rpm = 0;
+  for (int k = 0; k < 250; ++k) {
+    now += 2 * ms;
+    give(bench, 0x80);
+    fastest_rpm = std::max(fastest_rpm, std::abs(1e-3 * static_cast<double>(arm.dictionary().get(0x606C))));
+  }
+  EXPECT_GT(fastest_rpm, 190);
+  EXPECT_LT(fastest_rpm, 210);
+}
+
+// Halt in torque mode: the torque of the master is not held, the arm stands and stays enabled.
+TEST_F(OneTorque, HaltHoldsTheJoint) {
+  enable();
+  for (int k = 0; k < 20; ++k) cycle(400);
+  give(bench, 0x204, {0x0F, 1});
+  for (int k = 0; k < 1000; ++k) sync();
+  EXPECT_EQ(node.state(), DriveState::operation_enabled);
+  EXPECT_NEAR(1e-3 * static_cast<double>(value(0x606C)), 0, 5);
+  EXPECT_EQ(value(0x6041) & 0x1400, 0x0400);
+}
+
 }  // namespace
 }  // namespace tribotwin::hil
