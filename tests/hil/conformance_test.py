@@ -524,10 +524,11 @@ for _, i, d in frames:
             )
             worst["increments"], answers = max(worst["increments"], counts_off), answers + 1
 check("the DBC has every PDO on the bus", not unknown, unknown)
+time_s = telemetry["time_s"][:]
 check(
-    "two rows of telemetry per SYNC",
-    np.allclose(telemetry["time_s"][:], 1e-3 * np.arange(2 * (sync + 1)), atol=1e-9),
-    telemetry["time_s"].shape,
+    "two rows of telemetry per SYNC; NMT ended the operation without SYNC: some more until the drives were at rest",
+    np.allclose(time_s, 1e-3 * np.arange(len(time_s)), atol=1e-9) and 0 < len(time_s) - 2 * (sync + 1) < 500,
+    (time_s.shape, sync),
 )
 check(
     f"{answers} positions, temperatures and frictions on the bus are those of the telemetry, rounded",
