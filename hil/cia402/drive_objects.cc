@@ -58,7 +58,9 @@ class Builder {
 
   void modes() {
     const std::int64_t first = modes_of_operation().front().number;
-    add(o_, {od::modes_of_operation, 0, "mode of operation", T::i8, rw, true, first}, {.meaning = mode_numbers()});
+    const std::int64_t last = std::ranges::max(modes_of_operation(), {}, &ModeOfOperation::number).number;
+    add(o_, {od::modes_of_operation, 0, "mode of operation", T::i8, rw, true, first, no_mode, last},
+        {.meaning = mode_numbers()});
     add(o_, {od::modes_of_operation_display, 0, "mode of operation display", T::i8, ro, true, first});
     add(o_, {od::supported_drive_modes, 0, "supported modes", T::u32, constant, false, supported_modes()},
         {.meaning = mode_names()});

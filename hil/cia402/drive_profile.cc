@@ -47,7 +47,7 @@ std::optional<double> DriveProfile::measured_temperature_degC() const {
 // ---- Objects.
 
 tl::expected<void, Abort> DriveProfile::may_write(const Object& o, std::int64_t value) const {
-  const bool unknown_mode = o.index == od::modes_of_operation && !find_mode(value);
+  const bool unknown_mode = o.index == od::modes_of_operation && value != no_mode && !find_mode(value);
   const bool unknown_stop = o.index == od::quick_stop_option_code && (value == 3 || value == 4);
   if (unknown_mode || unknown_stop) return tl::unexpected(Abort::out_of_range);
   return {};
@@ -59,8 +59,9 @@ void DriveProfile::written(const Object& o) {
   const auto target = std::ranges::find(targets(), o.index, &Target::index);
   if (target == targets().end()) return;
   fresh_[static_cast<std::size_t>(target - targets().begin())] = true;
-  const ModeOfOperation& mode = active_mode();
-  if (mode.target_written && mode.target == o.index && follows_target()) mode.target_written(demand_, objects_);
+  if (!follows_target()) return;
+  const ModeOfOperation& mode = *active_mode();
+  if (mode.target_written && mode.target == o.index) mode.target_written(demand_, objects_);
 }
 
 void DriveProfile::reset() {
@@ -69,9 +70,11 @@ void DriveProfile::reset() {
   objects_.error_code->value = 0;
 }
 
-bool DriveProfile::halts() const { return machine_.follows() && (objects_.controlword->value & halt_bit); }
+bool DriveProfile::halts() const {
+  return machine_.follows() && ((objects_.controlword->value & halt_bit) || !active_mode());
+}
 
-const ModeOfOperation& DriveProfile::active_mode() const { return *find_mode(objects_.mode_display->value); }
+const ModeOfOperation* DriveProfile::active_mode() const { return find_mode(objects_.mode_display->value); }
 
 StopOptions DriveProfile::stop_options() const {
   const auto option = [&](od::Index index) { return static_cast<int>(node_.dictionary.get(index)); };
@@ -165,7 +168,7 @@ twin::DriveCommand DriveProfile::command(double dt) {
   twin::DriveCommand c;
   if (follows_target()) {
     ramp_rad_s_ = 0;
-    c = active_mode().command(demand_, objects_, feedback_, dt);
+    c = active_mode()->command(demand_, objects_, feedback_, dt);
   } else if (machine_.powered()) {
     c = ramp_down(c, dt);
   }

@@ -20,7 +20,10 @@ class DriveProfile {
   const StateMachine& machine() const { return machine_; }
   bool halted() const { return halted_; }
   /// Index of the set point of the mode that the drive is in, halted or not; 0: none.
-  std::uint16_t target() const { return machine_.follows() ? active_mode().target : std::uint16_t{0}; }
+  std::uint16_t target() const {
+    const ModeOfOperation* mode = active_mode();
+    return machine_.follows() && mode ? mode->target : std::uint16_t{0};
+  }
   /// Commands were lost, and the motor is not at rest yet.
   bool stops_alone() const { return stops_alone_; }
   std::uint16_t error_code() const { return static_cast<std::uint16_t>(objects_.error_code->value); }
@@ -47,13 +50,13 @@ class DriveProfile {
   void refresh_status();
 
  private:
-  const ModeOfOperation& active_mode() const;
-  /// The drive is enabled, but its master halts it (bit 8 of the controlword).
+  const ModeOfOperation* active_mode() const;  ///< null: none
+  /// The drive is enabled, but its master halts it (bit 8 of the controlword) or has it in no mode.
   bool halts() const;
   /// The drive follows the set points of its mode.
   bool follows_target() const { return machine_.follows() && !halts(); }
   /// A mode is active that watches the following error.
-  bool follows_demand() const { return follows_target() && active_mode().follows_demand; }
+  bool follows_demand() const { return follows_target() && active_mode()->follows_demand; }
   void apply_controlword();
   void take_up_mode();
   Demand demand_here() const;

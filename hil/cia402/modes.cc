@@ -116,7 +116,7 @@ const ModeOfOperation* find_mode(std::int64_t number) {
 std::span<const Target> targets() { return all_targets; }
 
 std::string mode_numbers() {
-  std::vector<std::string> all;
+  std::vector<std::string> all{fmt::format("{} none", no_mode)};
   for (const auto& mode : modes) all.push_back(fmt::format("{} {}", mode.number, mode.name));
   return fmt::format("{}", fmt::join(all, ", "));
 }

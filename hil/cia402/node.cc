@@ -16,16 +16,24 @@ Node::Node(const DriveParameters& p, Send send)
       heartbeat_(context_),
       set_points_(context_),
       drive_(context_, emcy_, p.gear_ratio) {
+  context_.dictionary.may_read = [this](const Object& o) { return may_read(o); };
   context_.dictionary.may_write = [this](const Object& o, std::int64_t value) { return may_write(o, value); };
   context_.dictionary.written = [this](const Object& o) { written(o); };
   drive_.refresh_status();
 }
 
-// ---- Writes of the bus, handed to the service that owns the object.
+// ---- Access by the bus, handed to the service that owns the object.
+
+/// CiA 301, 7.5.2.4: an entry of the history without an error is no data.
+tl::expected<void, Abort> Node::may_read(const Object& o) const {
+  if (o.index != od::predefined_error_field || o.sub <= context_.dictionary.get(o.index)) return {};
+  return tl::unexpected(Abort::no_data);
+}
 
 tl::expected<void, Abort> Node::may_write(const Object& o, std::int64_t value) const {
   if (PdoService::owns(o.index)) return pdos_.may_write(o, value);
   if (o.index == od::predefined_error_field && value != 0) return tl::unexpected(Abort::out_of_range);
+  if (o.index == od::consumer_heartbeat_time) return watched_.may_configure(o, value);
   return drive_.may_write(o, value);
 }
 

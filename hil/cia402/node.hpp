@@ -54,6 +54,7 @@ class Node final : public BusDrive {
   void fail(std::uint16_t code, std::uint8_t register_bits, bool ramp, std::int64_t now_ns);
 
  private:
+  tl::expected<void, Abort> may_read(const Object& object) const;
   tl::expected<void, Abort> may_write(const Object& object, std::int64_t value) const;
   void written(const Object& object);
 

@@ -270,8 +270,51 @@ TEST_F(OneNode, ModesCsvAndCst) {
   EXPECT_EQ(c.mode, twin::DriveCommand::Mode::torque);
   EXPECT_NEAR(c.torque_nm, -100, 1e-9);
   EXPECT_NEAR(c.torque_limit_nm, 200, 1e-9);
-  for (const int profile : {1, 3, 4, 6, 7, 0, -1})
-    EXPECT_EQ(write(0x6060, 0, Type::i8, profile), 0x06090030U) << profile;
+  for (const int profile : {1, 3, 4, 6, 7}) EXPECT_EQ(write(0x6060, 0, Type::i8, profile), 0x06090030U) << profile;
+  EXPECT_EQ(write(0x6060, 0, Type::i8, -1), 0x06090032U);
+  EXPECT_EQ(write(0x6060, 0, Type::i8, 11), 0x06090031U);
+}
+
+// 6060h = 0, "no mode", as ros2_canopen writes it at shutdown: the drive stands, and takes up the next mode there.
+TEST_F(OneNode, WithoutAModeItStands) {
+  EXPECT_EQ(write(0x6060, 0, Type::i8, 0), 0U);
+  EXPECT_EQ(node.dictionary().get(0x6061), 0);
+  enable();
+  run(10);
+  EXPECT_EQ(robot.velocity_rad_s, 0);
+  EXPECT_EQ(write(0x60FF, 0, Type::i32, 95493), 0U);
+  run(10);
+  EXPECT_EQ(robot.velocity_rad_s, 0);
+  EXPECT_EQ(write(0x6060, 0, Type::i8, 9), 0U);
+  EXPECT_EQ(write(0x60FF, 0, Type::i32, 95493), 0U);
+  run(10);
+  EXPECT_NEAR(robot.velocity_rad_s, 0.1, 1e-4);
+  EXPECT_EQ(write(0x6060, 0, Type::i8, 0), 0U);
+  EXPECT_EQ(node.dictionary().get(0x6061), 0);
+  EXPECT_EQ(status() & 0x1000, 0);
+  run(2000);
+  EXPECT_EQ(robot.velocity_rad_s, 0);
+  EXPECT_EQ(node.state(), DriveState::operation_enabled);
+  node.sync(now);
+  EXPECT_EQ(write(0x6060, 0, Type::i8, 9), 0U);
+  EXPECT_EQ(node.dictionary().get(0x60FF), 0);
+  nmt(0x81);
+  EXPECT_EQ(node.dictionary().get(0x6061), 8);
+}
+
+// A refused value in an RPDO is reported once, not with every frame.
+TEST_F(OneNode, AnUnsupportedModeByPdoIsReported) {
+  enable();
+  for (int k = 0; k < 10; ++k) send(0x305, {0x0F, 0, 3});
+  ASSERT_EQ(on(0x085).size(), 2U);
+  EXPECT_EQ(text(on(0x085)[0]), "085#2063216060000300");  // parameter error; 6060h:00, value 3
+  EXPECT_EQ(text(on(0x085)[1]), "085#0000000000000000");
+  EXPECT_EQ(node.dictionary().get(0x6060), 8);
+  EXPECT_EQ(node.state(), DriveState::operation_enabled);
+  send(0x305, {0x0F, 0, 9});
+  EXPECT_EQ(node.dictionary().get(0x6061), 9);
+  send(0x305, {0x0F, 0, 3});
+  EXPECT_EQ(on(0x085).size(), 4U);
 }
 
 // The modes are defined in one table only.
@@ -576,7 +619,11 @@ TEST_F(OneNode, TransmissionTypes) {
 
 TEST_F(OneNode, EventTimerAndInhibitTime) {
   EXPECT_EQ(write(0x1800, 5, Type::u16, 20), 0U);
+  EXPECT_EQ(write(0x1800, 3, Type::u16, 50), 0x08000022U);  // not while the PDO exists
+  EXPECT_EQ(write(0x1800, 3, Type::u16, 0), 0U);            // unchanged
+  EXPECT_EQ(write(0x1800, 1, Type::u32, 0xC0000185), 0U);
   EXPECT_EQ(write(0x1800, 3, Type::u16, 50), 0U);  // 5 ms
+  EXPECT_EQ(write(0x1800, 1, Type::u32, 0x40000185), 0U);
   nmt(1);
   wait(1);
   bus.clear();
@@ -646,7 +693,35 @@ TEST_F(OneNode, SdoInSegments) {
   EXPECT_EQ(write(0x1000, 0, Type::u32, 4), 0x06010002U);
 }
 
+// CiA 301, table of restricted identifiers; and 080h and 085h, which are this drive's SYNC and EMCY.
+TEST_F(OneNode, IdentifiersOfPdos) {
+  const auto restricted = [](std::uint32_t id) {
+    return id <= 0x07F || (id >= 0x101 && id <= 0x180) || (id >= 0x581 && id <= 0x5FF) ||
+           (id >= 0x601 && id <= 0x67F) || (id >= 0x6E0 && id <= 0x6FF) || id >= 0x701;
+  };
+  for (std::uint32_t id = 0; id <= 0x7FF; ++id)
+    for (const int pdo : {0x1402, 0x1802}) {
+      const auto index = static_cast<std::uint16_t>(pdo);
+      EXPECT_EQ(write(index, 1, Type::u32, 0x80000000 | id), 0U);
+      const std::uint32_t expected = restricted(id) ? 0x06090030U : id == 0x080 || id == 0x085 ? 0x06040043U : 0U;
+      EXPECT_EQ(write(index, 1, Type::u32, id), expected) << text(classic(id, {}));
+    }
+  // A PDO beside the SDOs.
+  for (const auto& [index, id] : {std::pair<std::uint16_t, std::uint32_t>{0x1402, 0x680}, {0x1802, 0x580}}) {
+    EXPECT_EQ(write(index, 1, Type::u32, 0x80000000), 0U);
+    EXPECT_EQ(write(index, 1, Type::u32, id), 0U);
+  }
+  nmt(1);
+  bus.clear();
+  send(0x680, {0x06, 0, 0, 0, 0, 0});
+  node.sync(now);
+  EXPECT_EQ(node.state(), DriveState::ready_to_switch_on);
+  EXPECT_EQ(on(0x580).size(), 1U);
+}
+
 TEST_F(OneNode, RemappingNeedsAPdoThatDoesNotExist) {
+  EXPECT_EQ(write(0x1A02, 0, Type::u8, 0), 0x08000022U);  // pre-operational, too
+  EXPECT_EQ(write(0x1A02, 0, Type::u8, 2), 0U);           // unchanged
   nmt(1);
   EXPECT_EQ(write(0x1A02, 0, Type::u8, 0), 0x08000022U);
   EXPECT_EQ(write(0x1802, 1, Type::u32, 0x80000385), 0U);
@@ -737,6 +812,27 @@ TEST_F(OneNode, EmergencyHistory) {
   EXPECT_EQ(node.dictionary().get(0x1003, 1), 0);
 }
 
+// CiA 301, 7.5.2.4: without an error there is no data.
+TEST_F(OneNode, AnEmptyHistoryHasNoData) {
+  EXPECT_EQ(sdo({0x40, 0x03, 0x10, 0}), 0U);
+  EXPECT_EQ(sdo({0x40, 0x03, 0x10, 1}), 0x08000024U);
+  EXPECT_EQ(sdo({0x40, 0x03, 0x10, 9}), 0x06090011U);
+  node.fail(0x1000, 1, false, now);
+  EXPECT_EQ(sdo({0x40, 0x03, 0x10, 1}), 0U);
+  EXPECT_EQ(sdo({0x40, 0x03, 0x10, 2}), 0x08000024U);
+  EXPECT_EQ(write(0x1003, 0, Type::u8, 0), 0U);
+  EXPECT_EQ(sdo({0x40, 0x03, 0x10, 1}), 0x08000024U);
+}
+
+TEST_F(OneNode, ANodeIsWatchedOnce) {
+  EXPECT_EQ(write(0x1016, 1, Type::u32, 0x7F << 16 | 50), 0U);
+  EXPECT_EQ(write(0x1016, 2, Type::u32, 0x7F << 16 | 100), 0x06040043U);
+  EXPECT_EQ(write(0x1016, 2, Type::u32, 0x7F << 16), 0U);  // no time: not watched
+  EXPECT_EQ(write(0x1016, 2, Type::u32, 0x7E << 16 | 50), 0U);
+  EXPECT_EQ(write(0x1016, 1, Type::u32, 0x7F << 16 | 70), 0U);  // itself, with another time
+  EXPECT_EQ(write(0x1016, 1, Type::u32, 0x7E << 16 | 70), 0x06040043U);
+}
+
 TEST_F(OneNode, HeatIsWarnedOfAndThenAFault) {
   enable();
   robot.temperature_degC = 115;
@@ -821,6 +917,12 @@ TEST(Description, EdsListsEveryObjectOnce) {
     ASSERT_NE(at, std::string::npos) << section;
     EXPECT_EQ(s.find(section, at + 1), std::string::npos) << section;
   }
+}
+
+TEST(Description, EdsHasTheLimitsOfTheModes) {
+  const std::string s = eds(drive_dictionary(parameters), parameters);
+  const auto section = s.substr(s.find("[6060]"), s.find("[6061]") - s.find("[6060]"));
+  EXPECT_THAT(section, testing::HasSubstr("LowLimit=0\nHighLimit=10\n"));
 }
 
 // can-facts.md: SYNC + 6 x 8 B + 6 x 8 B at 1 kHz: 1379 to 1675 bits.
