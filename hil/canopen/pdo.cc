@@ -243,8 +243,8 @@ bool PdoService::any_synchronous_rpdo() const {
 PdoDelivery PdoService::delivery(std::uint16_t index) {
   PdoDelivery found;
   for (Pdo& pdo : receive_) {
-    const bool brings = std::ranges::any_of(pdo.map, [&](const Object* o) { return o && o->index == index; });
-    if (std::exchange(pdo.delivered, false) && brings)
+    if (!std::exchange(pdo.delivered, false)) continue;
+    if (std::ranges::any_of(pdo.map, [&](const Object* o) { return o && o->index == index; }))
       found = {true, pdo.synchronous() ? std::max<int>(1, pdo.type) : 0, pdo.timer_ns != 0};
   }
   return found;

@@ -293,6 +293,16 @@ TEST_F(OneTorque, TheMaxMotorSpeedHolds) {
   }
 }
 
+// A motor that is too fast already is braked, if the master does not brake it.
+TEST_F(OneTorque, ALowerMaxMotorSpeedHolds) {
+  enable();
+  for (int k = 0; k < 30; ++k) cycle(400);
+  ASSERT_GT(1e-3 * static_cast<double>(value(0x606C)), 1000);
+  write(0x6080, 0, Type::u32, 500);
+  for (int k = 0; k < 100; ++k) cycle(90);  // a little less than friction
+  EXPECT_LT(1e-3 * static_cast<double>(value(0x606C)), 510);
+}
+
 TEST_F(OneBench, TheMaxMotorSpeedHoldsAFallingArm) {
   scenario.start_rad[1] = 0.8;
   Bench bench(scenario, {}, send);
