@@ -16,8 +16,12 @@ constexpr std::uint32_t heartbeat = 0x700;      ///< + node
 /// Of the n-th PDO, n = 0..3, + node. The fifth has no identifier of its own.
 constexpr std::uint32_t rpdo(int n) { return 0x200U + 0x100U * static_cast<std::uint32_t>(n); }
 constexpr std::uint32_t tpdo(int n) { return 0x180U + 0x100U * static_cast<std::uint32_t>(n); }
-/// Identifiers that a PDO may have; all others belong to other services (CiA 301, 7.3.5).
-constexpr std::uint32_t pdo_first = 0x181, pdo_last = 0x57F;
+/// Identifiers that no configurable service may have (CiA 301, 7.3.5: restricted CAN-IDs), nor what is longer than 11
+/// bits.
+constexpr bool restricted(std::uint32_t id) {
+  return id <= 0x07F || (id >= 0x101 && id <= 0x180) || (id >= 0x581 && id <= 0x5FF) || (id >= 0x601 && id <= 0x67F) ||
+         (id >= 0x6E0 && id <= 0x6FF) || id >= 0x701;
+}
 
 constexpr std::uint32_t off = 0x80000000;       ///< the service does not exist
 constexpr std::uint32_t no_rtr = 0x40000000;    ///< remote frames are not answered

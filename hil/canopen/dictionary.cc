@@ -105,6 +105,8 @@ void Dictionary::set(std::uint16_t index, std::uint8_t sub, std::int64_t value) 
 tl::expected<std::vector<std::uint8_t>, Abort> Dictionary::read(std::uint16_t index, std::uint8_t sub) const {
   const Object* o = find(index, sub);
   if (!o) return tl::unexpected(has_index(index) ? Abort::no_sub_index : Abort::no_object);
+  if (may_read)
+    if (auto allowed = may_read(*o); !allowed) return tl::unexpected(allowed.error());
   if (o->type == T::text) return std::vector<std::uint8_t>(o->text.begin(), o->text.end());
   std::vector<std::uint8_t> bytes(static_cast<std::size_t>(size_of(o->type)));
   encode(o->value, bytes);

@@ -30,6 +30,7 @@ enum class Abort : std::uint32_t {
   no_object = 0x06020000,
   not_mappable = 0x06040041,
   pdo_too_long = 0x06040042,
+  incompatible = 0x06040043,  ///< with another parameter
   wrong_length = 0x06070010,
   too_long = 0x06070012,
   too_short = 0x06070013,
@@ -38,6 +39,7 @@ enum class Abort : std::uint32_t {
   too_high = 0x06090031,
   too_low = 0x06090032,
   not_now = 0x08000022,
+  no_data = 0x08000024,
 };
 
 struct Object {
@@ -82,6 +84,8 @@ class Dictionary {
   tl::expected<std::vector<std::uint8_t>, Abort> read(std::uint16_t index, std::uint8_t sub) const;
   tl::expected<void, Abort> write(std::uint16_t index, std::uint8_t sub, std::span<const std::uint8_t> bytes);
 
+  /// Called by `read`: an Abort refuses it.
+  std::function<tl::expected<void, Abort>(const Object&)> may_read;
   /// Called by `write` before the new value takes effect: an Abort refuses it.
   std::function<tl::expected<void, Abort>(const Object&, std::int64_t)> may_write;
   /// Called by `write` after the new value took effect.

@@ -22,9 +22,9 @@ void Emcy::raise(std::uint16_t code, std::uint8_t register_bits, std::span<const
   send(code, extra);
 }
 
-void Emcy::report(ErrorCode code, std::span<const std::uint8_t> extra) {
+void Emcy::report(ErrorCode code, std::span<const std::uint8_t> extra, std::uint8_t register_bits) {
   const std::uint8_t before = register_;
-  raise(static_cast<std::uint16_t>(code), communication_error, extra);
+  raise(static_cast<std::uint16_t>(code), register_bits, extra);
   register_ = before;
   register_object_->value = before;
   if (before == 0) send(0, {});

@@ -17,6 +17,7 @@ enum class ErrorCode : std::uint16_t {
   bus_recovered = 0x8140,       ///< recovered from bus off
   pdo_too_short = 0x8210,       ///< PDO not processed because of a length error
   rpdo_timeout = 0x8250,        ///< RPDO deadline
+  parameter_error = 0x6320,     ///< an RPDO with a value that an object refuses
   following_error = 0x8611,
   sync_lost = 0x8700,  ///< sync controller
 };
@@ -36,7 +37,8 @@ class Emcy {
   /// An error that stays until `clear`: into the register and the history 1003h, and onto the bus unless NMT stopped.
   void raise(std::uint16_t code, std::uint8_t register_bits, std::span<const std::uint8_t> extra = {});
   /// An error of the moment: sent and kept in the history, then withdrawn from the register.
-  void report(ErrorCode code, std::span<const std::uint8_t> extra = {});
+  void report(ErrorCode code, std::span<const std::uint8_t> extra = {},
+              std::uint8_t register_bits = communication_error);
   /// All errors are gone: error reset (code 0).
   void clear();
   /// As after power-up, without a message.

@@ -34,10 +34,16 @@ std::int64_t HeartbeatProducer::next_ns() const {
   return period > 0 ? last_ns_ + period : never;
 }
 
+tl::expected<void, Abort> HeartbeatConsumer::may_configure(const Object& entry, std::int64_t value) const {
+  const Watched wanted = Watched::of(value);
+  for (std::size_t i = 0; i < watched_.size(); ++i)
+    if (i + 1 != entry.sub && wanted.period_ns && watched_[i].period_ns && watched_[i].node == wanted.node)
+      return tl::unexpected(Abort::incompatible);
+  return {};
+}
+
 void HeartbeatConsumer::configure(const Object& entry) {
-  Watched& w = watched_[static_cast<std::size_t>(entry.sub - 1)];
-  w = {static_cast<std::uint8_t>(entry.value >> 16), (entry.value & 0xffff) * ns_per_ms, -1};
-  if (w.node == 0) w.period_ns = 0;
+  watched_[static_cast<std::size_t>(entry.sub - 1)] = Watched::of(entry.value);
 }
 
 void HeartbeatConsumer::hear(std::uint32_t cob_id, std::int64_t now_ns) {

@@ -28,6 +28,8 @@ class HeartbeatProducer {
 /// Watches the heartbeats of other nodes (1016h), each from its first one on.
 class HeartbeatConsumer {
  public:
+  /// CiA 301: every node is watched by one entry at most.
+  tl::expected<void, Abort> may_configure(const Object& entry, std::int64_t value) const;
   /// Entry 1016h:SUB was written.
   void configure(const Object& entry);
   void hear(std::uint32_t cob_id, std::int64_t now_ns);
@@ -37,9 +39,15 @@ class HeartbeatConsumer {
   std::int64_t next_ns() const;
 
  private:
+  /// An entry; one without a node or a time watches nothing and has no period.
   struct Watched {
     std::uint8_t node = 0;
     std::int64_t period_ns = 0, last_ns = -1;
+
+    static Watched of(std::int64_t value) {
+      const auto node = static_cast<std::uint8_t>(value >> 16);
+      return {node, node ? (value & 0xffff) * ns_per_ms : 0};
+    }
   };
   std::array<Watched, 2> watched_;
 };

@@ -49,6 +49,7 @@ constexpr Index load_torque = 0x2102;
 constexpr Index measured_temperature = 0x2110;
 constexpr Index temperature_limit = 0x2111;
 constexpr Index sync_deadline = 0x2120;
+constexpr Index set_point_deadline = 0x2121;
 
 // Drive profile (CiA 402-2).
 constexpr Index abort_connection_option_code = 0x6007;
@@ -58,6 +59,7 @@ constexpr Index statusword = 0x6041;
 constexpr Index quick_stop_option_code = 0x605A;
 constexpr Index shutdown_option_code = 0x605B;
 constexpr Index disable_operation_option_code = 0x605C;
+constexpr Index halt_option_code = 0x605D;
 constexpr Index fault_reaction_option_code = 0x605E;
 constexpr Index modes_of_operation = 0x6060;
 constexpr Index modes_of_operation_display = 0x6061;
@@ -74,6 +76,7 @@ constexpr Index torque_actual_value = 0x6077;
 constexpr Index target_position = 0x607A;
 constexpr Index software_position_limit = 0x607D;
 constexpr Index max_motor_speed = 0x6080;
+constexpr Index profile_deceleration = 0x6084;
 constexpr Index quick_stop_deceleration = 0x6085;
 constexpr Index position_encoder_resolution = 0x608F;
 constexpr Index gear_ratio = 0x6091;

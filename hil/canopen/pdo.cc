@@ -1,5 +1,6 @@
 #include <algorithm>
 #include <limits>
+#include <utility>
 
 #include <tribotwin/hil/canopen/cob_id.hpp>
 #include <tribotwin/hil/canopen/object_index.hpp>
@@ -40,6 +41,8 @@ tl::expected<int, Abort> PdoService::mapped_bytes(MappingEntry entry, bool recei
 tl::expected<void, Abort> PdoService::may_write(const Object& o, std::int64_t value) const {
   if (is_mapping(o.index)) return may_map(o, value);
   if (o.sub == 1) return may_set_cob(o, value);
+  const bool inhibit_time = o.index >= od::tpdo_communication && o.sub == 3;
+  if (inhibit_time && value != o.value && !(node_.dictionary.get(o.index, 1) & cob::off)) return refuse(Abort::not_now);
   if (o.sub == 2 && value > last_synchronous && value < first_event) return refuse(Abort::out_of_range);
   return {};
 }
@@ -47,7 +50,7 @@ tl::expected<void, Abort> PdoService::may_write(const Object& o, std::int64_t va
 tl::expected<void, Abort> PdoService::may_map(const Object& o, std::int64_t value) const {
   const od::Index owner = od::communication_of(o.index);
   const bool receive = o.index < od::tpdo_mapping;
-  if (!(node_.dictionary.get(owner, 1) & cob::off) && node_.operational()) return refuse(Abort::not_now);
+  if (value != o.value && !(node_.dictionary.get(owner, 1) & cob::off)) return refuse(Abort::not_now);
   if (o.sub > 0) {
     if (node_.dictionary.get(o.index, 0) != 0) return refuse(Abort::not_now);
     if (auto size = mapped_bytes(MappingEntry::of(value), receive); value != 0 && !size) return refuse(size.error());
@@ -67,7 +70,9 @@ tl::expected<void, Abort> PdoService::may_set_cob(const Object& o, std::int64_t 
   const auto id = static_cast<std::uint32_t>(value) & cob::id_29_bit;
   const bool exists = !(value & cob::off);
   if (value & cob::extended) return refuse(Abort::out_of_range);  // 11-bit identifiers only
-  if (exists && (id < cob::pdo_first || id > cob::pdo_last)) return refuse(Abort::out_of_range);
+  if (exists && cob::restricted(id)) return refuse(Abort::out_of_range);
+  // Allowed by CiA 301, but these two are this node's own.
+  if (exists && (id == cob::sync || id == cob::emcy + node_.id)) return refuse(Abort::incompatible);
   // An existing PDO changes its identifier by way of bit 31.
   if (!(o.value & cob::off) && exists && o.value != value) return refuse(Abort::not_now);
   return {};
@@ -85,6 +90,7 @@ void PdoService::load(Pdo& pdo, bool transmit, int number) {
   pdo.timer_ns = d.get(index, 5) * ns_per_ms;
   pdo.map.clear();
   pdo.sizes.clear();
+  pdo.refused.assign(now.map.size(), std::nullopt);
   pdo.size = 0;
   for (const MappingEntry& entry : now.map) {
     pdo.map.push_back(node_.dictionary.find(entry.index, entry.sub));
@@ -141,13 +147,25 @@ void PdoService::receive(const Frame& frame, std::int64_t now_ns) {
 
 void PdoService::accept(Pdo& pdo) {
   pdo.pending = false;
+  pdo.delivered = true;
   std::size_t at = 0;
   for (std::size_t k = 0; k < pdo.map.size(); ++k) {
     const auto size = static_cast<std::size_t>(pdo.sizes[k]);
-    // A value that the object does not accept stays unwritten, as it would by SDO.
-    if (Object* o = pdo.map[k]) (void)node_.dictionary.write(o->index, o->sub, std::span(pdo.data).subspan(at, size));
+    if (Object* o = pdo.map[k]) {
+      // A value that the object does not accept stays unwritten, as it would by SDO; said once until it changes.
+      const auto bytes = std::span(pdo.data).subspan(at, size);
+      const bool taken = node_.dictionary.write(o->index, o->sub, bytes).has_value();
+      const std::optional<std::int64_t> refused = taken ? std::nullopt : std::optional(decode(o->type, bytes));
+      if (std::exchange(pdo.refused[k], refused) != refused && refused) report_refused(*o, *refused);
+    }
     at += size;
   }
+}
+
+void PdoService::report_refused(const Object& o, std::int64_t value) {
+  std::array<std::uint8_t, 5> where{static_cast<std::uint8_t>(o.index), static_cast<std::uint8_t>(o.index >> 8), o.sub};
+  encode(value, std::span(where).subspan(3));
+  emcy_.report(ErrorCode::parameter_error, where, profile_error);
 }
 
 std::array<std::uint8_t, pdo_bytes> PdoService::gather(const Pdo& pdo) const {
@@ -220,6 +238,16 @@ std::int64_t PdoService::next_ns() const {
 
 bool PdoService::any_synchronous_rpdo() const {
   return std::ranges::any_of(receive_, [](const Pdo& p) { return p.exists && p.synchronous(); });
+}
+
+PdoDelivery PdoService::delivery(std::uint16_t index) {
+  PdoDelivery found;
+  for (Pdo& pdo : receive_) {
+    if (!std::exchange(pdo.delivered, false)) continue;
+    if (std::ranges::any_of(pdo.map, [&](const Object* o) { return o && o->index == index; }))
+      found = {true, pdo.synchronous() ? std::max<int>(1, pdo.type) : 0, pdo.timer_ns != 0};
+  }
+  return found;
 }
 
 }  // namespace tribotwin::hil

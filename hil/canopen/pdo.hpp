@@ -2,6 +2,7 @@
 
 #include <array>
 #include <cstdint>
+#include <optional>
 #include <vector>
 
 #include <tribotwin/hil/canopen/communication_objects.hpp>
@@ -12,13 +13,21 @@
 /// parameters name. Transmission types: 0 with SYNC on change, 1..240 every n-th SYNC, 254 and 255 event.
 namespace tribotwin::hil {
 
+/// How an RPDO brought an object.
+struct PdoDelivery {
+  bool exists = false;
+  int every_syncs = 0;        ///< transmission type in SYNCs, at least 1; 0: event-driven
+  bool own_deadline = false;  ///< the RPDO has one (140xh:05)
+};
+
 class PdoService {
  public:
   PdoService(NodeContext& node, Emcy& emcy);
 
   /// Whether an object is a parameter of a PDO.
   static bool owns(std::uint16_t index);
-  /// Rules for writes to the parameters: a PDO is remapped while it does not exist (bit 31), or outside of operational.
+  /// Rules for writes to the parameters: mapping, identifier and inhibit time change while the PDO does not exist (bit
+  /// 31).
   tl::expected<void, Abort> may_write(const Object& object, std::int64_t value) const;
   /// Reads the parameters again.
   void reload();
@@ -40,15 +49,18 @@ class PdoService {
   /// Next time at which `late` or `tick` has something to do.
   std::int64_t next_ns() const;
   bool any_synchronous_rpdo() const;
+  /// Whether an RPDO brought this object since the last call, and how. Forgets all that came.
+  PdoDelivery delivery(std::uint16_t index);
 
  private:
   struct Pdo {
     std::uint32_t cob = 0;
-    bool exists = false, pending = false, sent_once = false;
+    bool exists = false, pending = false, sent_once = false, delivered = false;
     std::uint8_t type = 255, syncs = 0;
     std::int64_t inhibit_ns = 0, timer_ns = 0, last_ns = 0;
-    std::vector<Object*> map;  // null: a gap
-    std::vector<int> sizes;    // bytes
+    std::vector<Object*> map;                          // null: a gap
+    std::vector<int> sizes;                            // bytes
+    std::vector<std::optional<std::int64_t>> refused;  // the last value, where the object refused it
     int size = 0;
     std::array<std::uint8_t, pdo_bytes> data{};
 
@@ -66,6 +78,7 @@ class PdoService {
   tl::expected<int, Abort> mapped_bytes(MappingEntry entry, bool receive) const;
   void load(Pdo& pdo, bool transmit, int number);
   void accept(Pdo& pdo);
+  void report_refused(const Object& object, std::int64_t value);
   std::array<std::uint8_t, pdo_bytes> gather(const Pdo& pdo) const;
   void send(Pdo& pdo, std::int64_t now_ns);
 

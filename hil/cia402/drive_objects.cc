@@ -5,6 +5,7 @@
 #include <tribotwin/hil/canopen/cob_id.hpp>
 #include <tribotwin/hil/canopen/communication_objects.hpp>
 #include <tribotwin/hil/canopen/object_index.hpp>
+#include <tribotwin/hil/canopen/sync.hpp>
 #include <tribotwin/hil/cia402/drive_objects.hpp>
 #include <tribotwin/hil/cia402/modes.hpp>
 
@@ -49,13 +50,17 @@ class Builder {
         {.meaning = "0 no voltage, 1 ramp first"});
     add(o_, {od::disable_operation_option_code, 0, "disable operation option", T::i16, rw, false, 1, 0, 1},
         {.meaning = "0 no voltage, 1 ramp first"});
+    add(o_, {od::halt_option_code, 0, "halt option", T::i16, rw, false, 1, 1, 2},
+        {.meaning = "bit 8 of 6040h, every mode: 1 ramp 6084h, 2 ramp 6085h, then hold, enabled"});
     add(o_, {od::fault_reaction_option_code, 0, "fault reaction option", T::i16, rw, false, 2, 0, 2},
         {.meaning = "0 no voltage; 1, 2 ramp first"});
   }
 
   void modes() {
     const std::int64_t first = modes_of_operation().front().number;
-    add(o_, {od::modes_of_operation, 0, "mode of operation", T::i8, rw, true, first}, {.meaning = mode_numbers()});
+    const std::int64_t last = std::ranges::max(modes_of_operation(), {}, &ModeOfOperation::number).number;
+    add(o_, {od::modes_of_operation, 0, "mode of operation", T::i8, rw, true, first, no_mode, last},
+        {.meaning = mode_numbers()});
     add(o_, {od::modes_of_operation_display, 0, "mode of operation display", T::i8, ro, true, first});
     add(o_, {od::supported_drive_modes, 0, "supported modes", T::u32, constant, false, supported_modes()},
         {.meaning = mode_names()});
@@ -94,10 +99,8 @@ class Builder {
         {od::max_motor_speed, 0, "max motor speed", T::u32, rw, false,
          std::llround(p_.speed_max_rad_s * 30 / std::numbers::pi), 1, 1000000},
         {.scale = std::numbers::pi / 30, .unit = "rad/s", .meaning = "rpm"});
-    add(o_,
-        {od::quick_stop_deceleration, 0, "quick stop deceleration", T::u32, rw, false,
-         std::llround(std::min(4.0 * p_.speed_max_rad_s / milli_rpm_rad_s, 4e9)), 1, 0xffffffffLL},
-        {.scale = milli_rpm_rad_s, .unit = "rad/s2"});
+    deceleration(od::profile_deceleration, "profile deceleration", 1, "halt with 605Dh = 1");
+    deceleration(od::quick_stop_deceleration, "quick stop deceleration", 0.25, "every other ramp");
   }
 
   void torque() {
@@ -138,8 +141,15 @@ class Builder {
          {.scale = 0.1, .unit = "degC", .meaning = "of a bench; overrides the thermal model; 8000h: none"});
     only({od::temperature_limit, 1, "temperature limit", T::i16, rw, false, 1200},
          {.scale = 0.1, .unit = "degC", .meaning = "above: fault 4310h; a warning 10 K before"});
-    only({od::sync_deadline, 1, "SYNC deadline", T::u16, rw, false, 100, 1, 60000},
-         {.scale = 1e-3, .unit = "s", .meaning = "enabled and without SYNC for so long: abort connection (6007h)"});
+    only({od::sync_deadline, 1, "SYNC deadline", T::u16, rw, false, default_sync_deadline_ms, 0, 60000},
+         {.scale = 1e-3,
+          .unit = "s",
+          .meaning = "enabled, without SYNC for so long and for three cycles (1006h): abort connection (6007h); "
+                     "0: not watched"});
+    only({od::set_point_deadline, 1, "set point deadline", T::u16, rw, false, 20},
+         {.unit = "cycle",
+          .meaning = "enabled, without the mode's set point for so long after an RPDO brought one: "
+                     "abort connection (6007h); 0: not watched"});
   }
 
  private:
@@ -160,6 +170,13 @@ class Builder {
   void velocity(od::Index index, const char* name, Access access, std::string meaning) {
     add(o_, {index, 0, name, T::i32, access, true},
         {.scale = milli_rpm_rad_s, .unit = "rad/s", .meaning = std::move(meaning)});
+  }
+  /// `stop_s`: from the maximum speed to standstill.
+  void deceleration(od::Index index, const char* name, double stop_s, std::string meaning) {
+    add(o_,
+        {index, 0, name, T::u32, rw, false, std::llround(std::min(p_.speed_max_rad_s / stop_s / milli_rpm_rad_s, 4e9)),
+         1, 0xffffffffLL},
+        {.scale = milli_rpm_rad_s, .unit = "rad/s2", .meaning = std::move(meaning)});
   }
   void torque(od::Index index, const char* name, Type type, Access access, std::int64_t value,
               std::string meaning = "") {
@@ -215,6 +232,8 @@ DriveObjects::DriveObjects(Dictionary& dictionary, double gear_ratio) : dictiona
   torque_offset = object(od::torque_offset);
   max_torque = object(od::max_torque);
   max_motor_speed = object(od::max_motor_speed);
+  halt_option = object(od::halt_option_code);
+  profile_deceleration = object(od::profile_deceleration);
   quick_stop_deceleration = object(od::quick_stop_deceleration);
   position_limit_low = object(od::software_position_limit, 1);
   position_limit_high = object(od::software_position_limit, 2);

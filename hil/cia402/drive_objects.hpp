@@ -24,7 +24,8 @@ class DriveObjects {
   Object *target_position, *target_velocity, *target_torque;
   Object *position_demand, *position_actual, *velocity_actual, *torque_actual, *torque_demand;
   Object *following_error, *following_error_window, *following_error_time_out;
-  Object *velocity_offset, *torque_offset, *max_torque, *max_motor_speed, *quick_stop_deceleration;
+  Object *velocity_offset, *torque_offset, *max_torque, *max_motor_speed;
+  Object *halt_option, *profile_deceleration, *quick_stop_deceleration;
   Object *position_limit_low, *position_limit_high;
   Object *interpolation_time, *interpolation_exponent;
   Object *lubricant_temperature, *friction_torque, *load_torque, *measured_temperature, *temperature_limit;

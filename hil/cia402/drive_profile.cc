@@ -17,10 +17,16 @@ enum Status : std::uint16_t {
   voltage_enabled = 0x0010,
   warning = 0x0080,
   remote = 0x0200,
+  target_reached = 0x0400,
   internal_limit_active = 0x0800,
   follows_command = 0x1000,
   following_error = 0x2000
 };
+
+constexpr std::int64_t halt_bit = 0x0100;  // of the controlword 6040h
+
+/// 605Dh: halt option.
+enum HaltOption : std::int64_t { slow_down_ramp = 1, quick_stop_ramp = 2 };
 
 /// 6007h: abort connection option.
 enum AbortConnection : std::int64_t { fault_reaction = 1, disable_voltage = 2, quick_stop = 3 };
@@ -41,7 +47,7 @@ std::optional<double> DriveProfile::measured_temperature_degC() const {
 // ---- Objects.
 
 tl::expected<void, Abort> DriveProfile::may_write(const Object& o, std::int64_t value) const {
-  const bool unknown_mode = o.index == od::modes_of_operation && !find_mode(value);
+  const bool unknown_mode = o.index == od::modes_of_operation && value != no_mode && !find_mode(value);
   const bool unknown_stop = o.index == od::quick_stop_option_code && (value == 3 || value == 4);
   if (unknown_mode || unknown_stop) return tl::unexpected(Abort::out_of_range);
   return {};
@@ -53,16 +59,22 @@ void DriveProfile::written(const Object& o) {
   const auto target = std::ranges::find(targets(), o.index, &Target::index);
   if (target == targets().end()) return;
   fresh_[static_cast<std::size_t>(target - targets().begin())] = true;
-  const ModeOfOperation& mode = active_mode();
-  if (mode.target_written && mode.target == o.index && machine_.follows()) mode.target_written(demand_, objects_);
+  if (!follows_target()) return;
+  const ModeOfOperation& mode = *active_mode();
+  if (mode.target_written && mode.target == o.index) mode.target_written(demand_, objects_);
 }
 
 void DriveProfile::reset() {
+  if (machine_.powered()) stops_alone_ = true;  // the brake falls
   machine_.reset();
   objects_.error_code->value = 0;
 }
 
-const ModeOfOperation& DriveProfile::active_mode() const { return *find_mode(objects_.mode_display->value); }
+bool DriveProfile::halts() const {
+  return machine_.follows() && ((objects_.controlword->value & halt_bit) || !active_mode());
+}
+
+const ModeOfOperation* DriveProfile::active_mode() const { return find_mode(objects_.mode_display->value); }
 
 StopOptions DriveProfile::stop_options() const {
   const auto option = [&](od::Index index) { return static_cast<int>(node_.dictionary.get(index)); };
@@ -75,6 +87,7 @@ StopOptions DriveProfile::stop_options() const {
 void DriveProfile::apply_controlword() {
   const DriveState before = machine_.state();
   machine_.controlword(static_cast<std::uint16_t>(objects_.controlword->value), stop_options());
+  if (machine_.state() == DriveState::operation_enabled) stops_alone_ = false;
   if (before == DriveState::fault && machine_.state() != DriveState::fault) {
     objects_.error_code->value = 0;
     emcy_.clear();
@@ -95,6 +108,7 @@ void DriveProfile::lose_commands(ErrorCode code) {
     if (code != ErrorCode::left_operational) emcy_.report(code);  // leaving operational without power is no error
     return;
   }
+  stops_alone_ = true;
   const auto option = node_.dictionary.get(od::abort_connection_option_code);
   const StopOptions o = stop_options();
   const bool ramp = (option == fault_reaction && o.fault_reaction != 0) || (option == quick_stop && o.quick_stop != 0);
@@ -107,20 +121,31 @@ void DriveProfile::refresh_status() {
   if (!follows) objects_.mode_display->value = objects_.mode->value;
   if (machine_.ramping() && ramp_rad_s_ == 0) ramp_rad_s_ = feedback_.velocity_rad_s;
   followed_ = follows;
+  if (const bool halt = halts(); halt != halted_) {
+    halted_ = halt;
+    ramp_rad_s_ = feedback_.velocity_rad_s;
+    // Released, CSP stands until the next target; the other modes continue with theirs.
+    if (!halt && follows) demand_ = demand_here();
+  }
 
   const std::uint16_t word = statusword();
   if (objects_.statusword->value != word) node_.changed = true;
   objects_.statusword->value = word;
 }
 
+Demand DriveProfile::demand_here() const {
+  return {.position_rad = feedback_.position_rad, .speed_rad_s = feedback_.velocity_rad_s};
+}
+
 /// A target that was not written for this mode begins at what the drive does now, so that nothing jumps.
 void DriveProfile::take_up_mode() {
   objects_.mode_display->value = objects_.mode->value;
-  demand_ = {.position_rad = feedback_.position_rad};
+  demand_ = demand_here();
   if (!followed_) fresh_.assign(fresh_.size(), false);  // targets of another time
   for (std::size_t i = 0; i < fresh_.size(); ++i) {
     const Target& target = targets()[i];
-    if (!fresh_[i]) node_.dictionary.set(target.index, 0, target.standing_counts(objects_, feedback_, followed_));
+    if (!fresh_[i])
+      node_.dictionary.set(target.index, 0, target.standing_counts(objects_, feedback_, followed_ && !halted_));
   }
   fresh_.assign(fresh_.size(), false);
   following_s_ = 0;
@@ -128,11 +153,11 @@ void DriveProfile::take_up_mode() {
 
 std::uint16_t DriveProfile::statusword() const {
   int word = machine_.status_bits() | voltage_enabled;
-  const bool follows = machine_.follows();
   if (feedback_.temperature_degC > tenths_degC(objects_.temperature_limit) - warning_K) word |= warning;
   if (node_.operational()) word |= remote;
-  if (feedback_.limited) word |= internal_limit_active;
-  if (follows) word |= follows_command;
+  if (feedback_.limited || (follows_target() && demand_.limited_way != 0)) word |= internal_limit_active;
+  if (halts() && ramp_rad_s_ == 0 && stands()) word |= target_reached;
+  if (follows_target()) word |= follows_command;
   if (follows_demand() && following_s_ > 0) word |= following_error;
   return static_cast<std::uint16_t>(word);
 }
@@ -141,9 +166,9 @@ std::uint16_t DriveProfile::statusword() const {
 
 twin::DriveCommand DriveProfile::command(double dt) {
   twin::DriveCommand c;
-  if (machine_.follows()) {
+  if (follows_target()) {
     ramp_rad_s_ = 0;
-    c = active_mode().command(demand_, objects_, feedback_, dt);
+    c = active_mode()->command(demand_, objects_, feedback_, dt);
   } else if (machine_.powered()) {
     c = ramp_down(c, dt);
   }
@@ -153,7 +178,9 @@ twin::DriveCommand DriveProfile::command(double dt) {
 
 twin::DriveCommand DriveProfile::ramp_down(twin::DriveCommand c, double dt) {
   c.mode = twin::DriveCommand::Mode::velocity;
-  const double step = objects_.velocity_rad_s(objects_.quick_stop_deceleration) * dt;
+  const bool slow = halts() && objects_.halt_option->value == slow_down_ramp;
+  const double step =
+      objects_.velocity_rad_s(slow ? objects_.profile_deceleration : objects_.quick_stop_deceleration) * dt;
   ramp_rad_s_ = std::abs(ramp_rad_s_) <= step ? 0 : ramp_rad_s_ - std::copysign(step, ramp_rad_s_);
   c.velocity_rad_s = ramp_rad_s_;
   demand_.position_rad = feedback_.position_rad;
@@ -168,6 +195,7 @@ void DriveProfile::feedback(const Feedback& f, double dt) {
   watch_following_error(lag_rad, dt);
   watch_standstill(dt);
   watch_temperature();
+  watch_rest();
   refresh_status();
 }
 
@@ -197,10 +225,16 @@ void DriveProfile::watch_following_error(double lag_rad, double dt) {
     fail(static_cast<std::uint16_t>(ErrorCode::following_error), profile_error, stop_options().fault_reaction != 0);
 }
 
+bool DriveProfile::stands() const { return std::abs(feedback_.velocity_rad_s) * gear_ratio_ < standing_motor_rad_s; }
+
+/// The end of a reaction to lost commands: brake, standstill, torque 0.
+void DriveProfile::watch_rest() {
+  if (!machine_.powered() && stands() && objects_.torque_actual->value == 0) stops_alone_ = false;
+}
+
 void DriveProfile::watch_standstill(double dt) {
   if (!machine_.ramping()) return;
-  const bool stands = ramp_rad_s_ == 0 && std::abs(feedback_.velocity_rad_s) * gear_ratio_ < standing_motor_rad_s;
-  standing_s_ = stands ? standing_s_ + dt : 0;
+  standing_s_ = ramp_rad_s_ == 0 && stands() ? standing_s_ + dt : 0;
   if (standing_s_ > standstill_s) {
     machine_.stopped();
     standing_s_ = 0;

@@ -18,6 +18,14 @@ class DriveProfile {
   DriveProfile(NodeContext& node, Emcy& emcy, double gear_ratio);
 
   const StateMachine& machine() const { return machine_; }
+  bool halted() const { return halted_; }
+  /// Index of the set point of the mode that the drive is in, halted or not; 0: none.
+  std::uint16_t target() const {
+    const ModeOfOperation* mode = active_mode();
+    return machine_.follows() && mode ? mode->target : std::uint16_t{0};
+  }
+  /// Commands were lost, and the motor is not at rest yet.
+  bool stops_alone() const { return stops_alone_; }
   std::uint16_t error_code() const { return static_cast<std::uint16_t>(objects_.error_code->value); }
   /// 2110h [degC], when a bench writes one.
   std::optional<double> measured_temperature_degC() const;
@@ -42,20 +50,27 @@ class DriveProfile {
   void refresh_status();
 
  private:
-  const ModeOfOperation& active_mode() const;
+  const ModeOfOperation* active_mode() const;  ///< null: none
+  /// The drive is enabled, but its master halts it (bit 8 of the controlword) or has it in no mode.
+  bool halts() const;
+  /// The drive follows the set points of its mode.
+  bool follows_target() const { return machine_.follows() && !halts(); }
   /// A mode is active that watches the following error.
-  bool follows_demand() const { return machine_.follows() && active_mode().follows_demand; }
+  bool follows_demand() const { return follows_target() && active_mode()->follows_demand; }
   void apply_controlword();
   void take_up_mode();
+  Demand demand_here() const;
   std::uint16_t statusword() const;
   StopOptions stop_options() const;
-  /// A ramp down to standstill, then held there.
+  /// A ramp down to standstill by 6085h or, for a halt with 605Dh = 1, 6084h; then held there.
   twin::DriveCommand ramp_down(twin::DriveCommand command, double dt_s);
   void show(const Feedback& feedback);
   void set(Object* object, double counts);
   void watch_following_error(double lag_rad, double dt_s);
   void watch_standstill(double dt_s);
   void watch_temperature();
+  void watch_rest();
+  bool stands() const;
 
   NodeContext& node_;
   Emcy& emcy_;
@@ -65,9 +80,10 @@ class DriveProfile {
   Feedback feedback_;
   Demand demand_;
   double ramp_rad_s_ = 0;
-  double following_s_ = 0;  // time for which the following error has been beyond its window
-  double standing_s_ = 0;   // time for which the motor has stood at the end of a ramp
-  bool followed_ = false;   // set points, when refresh_status was last called
+  double following_s_ = 0;                  // time for which the following error has been beyond its window
+  double standing_s_ = 0;                   // time for which the motor has stood at the end of a ramp
+  bool followed_ = false, halted_ = false;  // set points, when refresh_status was last called
+  bool stops_alone_ = false;
   std::vector<bool> fresh_ =
       std::vector<bool>(targets().size());  // targets written since the drive last entered a mode
 };

@@ -45,9 +45,21 @@ DriveCommand csv(Demand&, const DriveObjects& o, const Feedback& feedback, doubl
   return c;
 }
 
-/// Cyclic synchronous torque (CiA 402-2).
-DriveCommand cst(Demand&, const DriveObjects& o, const Feedback&, double) {
-  return {.mode = DriveCommand::Mode::torque, .torque_nm = o.torque_nm(o.target_torque) + o.torque_nm(o.torque_offset)};
+/// Cyclic synchronous torque (CiA 402-2). When the next step would be faster than 6080h and the target does not slow it
+/// down, the speed loop takes over and holds that speed, until the target asks for less torque in this direction than
+/// the loop does.
+DriveCommand cst(Demand& demand, const DriveObjects& o, const Feedback& feedback, double) {
+  const double torque = o.torque_nm(o.target_torque) + o.torque_nm(o.torque_offset);
+  const double speed_max = o.speed_max_rad_s(), speed = feedback.velocity_rad_s;
+  const double next = 2 * speed - demand.speed_rad_s;
+  const bool slows_down = torque * next < 0 && std::abs(next) <= std::abs(speed);
+  demand.speed_rad_s = speed;
+  if (demand.limited_way != 0 && demand.limited_way * (torque - feedback.torque_nm) < 0)
+    demand.limited_way = 0;
+  else if (demand.limited_way == 0 && std::abs(next) > speed_max && !slows_down)
+    demand.limited_way = next > 0 ? 1 : -1;
+  if (demand.limited_way == 0) return {.mode = DriveCommand::Mode::torque, .torque_nm = torque};
+  return {.mode = DriveCommand::Mode::velocity, .velocity_rad_s = demand.limited_way * speed_max};
 }
 
 // number, name, target, needs, follows_demand, target_written, command
@@ -67,7 +79,7 @@ constexpr ModeOfOperation modes[] = {
      false,
      nullptr,
      csv},
-    {10, "CST", od::target_torque, {od::torque_offset}, false, nullptr, cst},
+    {10, "CST", od::target_torque, {od::torque_offset, od::max_motor_speed}, false, nullptr, cst},
 };
 
 std::int64_t standing_position(const DriveObjects& o, const Feedback& f, bool) {
@@ -106,7 +118,7 @@ const ModeOfOperation* find_mode(std::int64_t number) {
 std::span<const Target> targets() { return all_targets; }
 
 std::string mode_numbers() {
-  std::vector<std::string> all;
+  std::vector<std::string> all{fmt::format("{} none", no_mode)};
   for (const auto& mode : modes) all.push_back(fmt::format("{} {}", mode.number, mode.name));
   return fmt::format("{}", fmt::join(all, ", "));
 }

@@ -14,9 +14,11 @@
 /// mode has yet is one more object (object_index.hpp, drive_objects.cc) and one row of the targets in modes.cc.
 namespace tribotwin::hil {
 
-/// The position set point under way: a straight line from one target to the next. Joint side.
+/// The set point under way. Joint side.
 struct Demand {
-  double position_rad = 0, step_rad_s = 0, left_s = 0;
+  double position_rad = 0, step_rad_s = 0, left_s = 0;  ///< CSP: a straight line from one target to the next
+  double speed_rad_s = 0;                               ///< CST: the speed of the last step
+  int limited_way = 0;  ///< CST: direction in which 6080h limits the speed instead of the torque; 0: none
 };
 
 struct ModeOfOperation {
@@ -34,6 +36,7 @@ struct ModeOfOperation {
 std::span<const ModeOfOperation> modes_of_operation();
 /// Null for a mode that the drive does not have.
 const ModeOfOperation* find_mode(std::int64_t number);
+constexpr std::int8_t no_mode = 0;  ///< value of 6060h: the drive follows no set points
 
 /// A set point object. `standing_counts`: the value that keeps the present motion when the drive enters a mode or
 /// changes to another (`moving`: it followed a mode before).
@@ -43,7 +46,7 @@ struct Target {
 };
 std::span<const Target> targets();
 
-/// For the dictionary: "8 CSP, 9 CSV, 10 CST", the bits of 6502h, "CSP, CSV, CST".
+/// For the dictionary: "0 none, 8 CSP, 9 CSV, 10 CST", the bits of 6502h, "CSP, CSV, CST".
 std::string mode_numbers();
 std::int64_t supported_modes();
 std::string mode_names();

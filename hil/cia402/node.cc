@@ -14,17 +14,26 @@ Node::Node(const DriveParameters& p, Send send)
       pdos_(context_, emcy_),
       sync_(context_),
       heartbeat_(context_),
+      set_points_(context_),
       drive_(context_, emcy_, p.gear_ratio) {
+  context_.dictionary.may_read = [this](const Object& o) { return may_read(o); };
   context_.dictionary.may_write = [this](const Object& o, std::int64_t value) { return may_write(o, value); };
   context_.dictionary.written = [this](const Object& o) { written(o); };
   drive_.refresh_status();
 }
 
-// ---- Writes of the bus, handed to the service that owns the object.
+// ---- Access by the bus, handed to the service that owns the object.
+
+/// CiA 301, 7.5.2.4: an entry of the history without an error is no data.
+tl::expected<void, Abort> Node::may_read(const Object& o) const {
+  if (o.index != od::predefined_error_field || o.sub <= context_.dictionary.get(o.index)) return {};
+  return tl::unexpected(Abort::no_data);
+}
 
 tl::expected<void, Abort> Node::may_write(const Object& o, std::int64_t value) const {
   if (PdoService::owns(o.index)) return pdos_.may_write(o, value);
   if (o.index == od::predefined_error_field && value != 0) return tl::unexpected(Abort::out_of_range);
+  if (o.index == od::consumer_heartbeat_time) return watched_.may_configure(o, value);
   return drive_.may_write(o, value);
 }
 
@@ -112,6 +121,7 @@ void Node::receive(const Frame& frame, std::int64_t now_ns) {
   if (!context_.operational()) return;
   pdos_.receive(frame, now_ns);
   drive_.refresh_status();
+  watch_set_points(now_ns);
 }
 
 void Node::answer_sdo(const Frame& frame, std::int64_t now_ns) {
@@ -128,8 +138,10 @@ void Node::sync(std::int64_t now_ns) {
   now_ns_ = now_ns;
   if (!context_.operational()) return;
   sync_.hear(now_ns);
+  set_points_.sync();
   pdos_.sync(now_ns);
   drive_.refresh_status();
+  watch_set_points(now_ns);
 }
 
 // ---- Timers.
@@ -160,6 +172,7 @@ void Node::watch_deadlines(std::int64_t now_ns) {
     ++context_.counters.pdo_late;
     drive_.lose_commands(ErrorCode::rpdo_timeout);
   }
+  watch_set_points(now_ns);
   // Only a drive that gets its set points by SYNC misses it.
   if (sync_.lost(now_ns) && drive_.machine().powered() && pdos_.any_synchronous_rpdo()) {
     ++context_.counters.syncs_lost;
@@ -167,10 +180,24 @@ void Node::watch_deadlines(std::int64_t now_ns) {
   }
 }
 
+/// After RPDOs were taken.
+void Node::watch_set_points(std::int64_t now_ns) {
+  const od::Index target = drive_.target();
+  set_points_.follow(target);
+  if (const PdoDelivery delivery = pdos_.delivery(target); target != 0 && delivery.exists) {
+    set_points_.arrived(delivery, now_ns);
+    if (delivery.every_syncs > 0) sync_.took_set_point();
+  }
+  if (drive_.halted()) set_points_.restart(now_ns);  // a halted drive needs no set points
+  if (!set_points_.lost(now_ns)) return;
+  ++context_.counters.pdo_late;
+  drive_.lose_commands(ErrorCode::rpdo_timeout);
+}
+
 std::int64_t Node::next_ns() const {
   std::int64_t next = std::min(heartbeat_.next_ns(), watched_.next_ns());
   if (!context_.operational()) return next;
-  next = std::min({next, sync_.next_ns(), pdos_.next_ns()});
+  next = std::min({next, sync_.next_ns(), pdos_.next_ns(), set_points_.next_ns()});
   return context_.changed ? now_ns_ : next;
 }
 

@@ -8,6 +8,7 @@
 #include <tribotwin/hil/canopen/sdo.hpp>
 #include <tribotwin/hil/canopen/sync.hpp>
 #include <tribotwin/hil/cia402/drive_profile.hpp>
+#include <tribotwin/hil/cia402/set_point_watch.hpp>
 #include <tribotwin/hil/drives/bus_drive.hpp>
 
 namespace tribotwin::hil {
@@ -16,8 +17,8 @@ namespace tribotwin::hil {
 /// clocks. Frames and the time of the bus come in, frames go out; set points go to the physics step by step, feedback
 /// comes back.
 ///
-/// Lost commands (a deadline of a PDO or of the SYNC, a watched heartbeat) and NMT leaving operational start the
-/// reaction 6007h and end in the state fault, until a fault reset: the last torque never stays.
+/// Lost commands (a deadline of a PDO, of set points or of the SYNC, a watched heartbeat) and NMT leaving operational
+/// start the reaction 6007h and end in the state fault, until a fault reset: the last torque never stays.
 class Node final : public BusDrive {
  public:
   Node(const DriveParameters& parameters, Send send);
@@ -39,6 +40,7 @@ class Node final : public BusDrive {
   std::string state_name() const override { return name_of(state()); }
   bool enabled() const override { return state() == DriveState::operation_enabled; }
   bool failed() const override { return state() == DriveState::fault; }
+  bool stops_alone() const override { return drive_.stops_alone(); }
   std::vector<std::pair<std::string, std::uint64_t>> counts() const override;
 
   Nmt nmt() const { return context_.nmt; }
@@ -52,6 +54,7 @@ class Node final : public BusDrive {
   void fail(std::uint16_t code, std::uint8_t register_bits, bool ramp, std::int64_t now_ns);
 
  private:
+  tl::expected<void, Abort> may_read(const Object& object) const;
   tl::expected<void, Abort> may_write(const Object& object, std::int64_t value) const;
   void written(const Object& object);
 
@@ -60,6 +63,7 @@ class Node final : public BusDrive {
   void answer_sdo(const Frame& frame, std::int64_t now_ns);
   void lose_heartbeat();
   void watch_deadlines(std::int64_t now_ns);
+  void watch_set_points(std::int64_t now_ns);
 
   DriveParameters parameters_;
   NodeContext context_;
@@ -69,6 +73,7 @@ class Node final : public BusDrive {
   SyncConsumer sync_;
   HeartbeatProducer heartbeat_;
   HeartbeatConsumer watched_;
+  SetPointWatch set_points_;
   DriveProfile drive_;
   std::int64_t now_ns_ = 0;
 };

@@ -165,7 +165,7 @@ void MirrorDrive::tick(std::int64_t now_ns) {
   if (enabled() && now_ns - commanded_ns_ > deadline_ns_) {
     ++counters_.late;
     state_ = MirrorMode::stopping;
-    fault_next_ = true;
+    fault_next_ = stops_alone_ = true;
     ramp_rad_s_ = feedback_.velocity_rad_s;
   }
   const bool synced = synced_ns_ >= 0 && now_ns - synced_ns_ < 10 * cycle_ns_;
@@ -216,9 +216,10 @@ twin::DriveCommand MirrorDrive::command(double dt) {
 
 void MirrorDrive::feedback(const Feedback& f, double dt) {
   feedback_ = f;
+  const bool stands = std::abs(f.velocity_rad_s) * parameters_.gear_ratio < 0.5;
+  if (brake_engaged() && stands && std::abs(f.torque_nm) < 0.5 * torque_share * torque_max_nm_) stops_alone_ = false;
   if (state_ != MirrorMode::stopping) return;
-  const bool stands = ramp_rad_s_ == 0 && std::abs(f.velocity_rad_s) * parameters_.gear_ratio < 0.5;
-  standing_s_ = stands ? standing_s_ + dt : 0;
+  standing_s_ = stands && ramp_rad_s_ == 0 ? standing_s_ + dt : 0;
   if (standing_s_ > 0.02) {
     state_ = fault_next_ ? MirrorMode::fault : MirrorMode::off;
     standing_s_ = 0;

@@ -74,6 +74,7 @@ class MirrorDrive final : public BusDrive {
     return state_ == MirrorMode::torque || state_ == MirrorMode::position || state_ == MirrorMode::velocity;
   }
   bool failed() const override { return state_ == MirrorMode::fault; }
+  bool stops_alone() const override { return stops_alone_; }
   std::vector<std::pair<std::string, std::uint64_t>> counts() const override;
   const MirrorCounters& counters() const { return counters_; }
 
@@ -85,7 +86,7 @@ class MirrorDrive final : public BusDrive {
   std::int64_t cycle_ns_, deadline_ns_, commanded_ns_ = -1, sent_ns_ = 0, synced_ns_ = -1;
   std::optional<MirrorCommand> last_;
   MirrorMode state_ = MirrorMode::off;
-  bool fault_next_ = false;
+  bool fault_next_ = false, stops_alone_ = false;
   std::uint8_t counter_ = 0;
   Feedback feedback_;
   double demand_rad_ = 0, step_rad_s_ = 0, left_s_ = 0, ramp_rad_s_ = 0, standing_s_ = 0;

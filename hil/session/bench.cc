@@ -46,20 +46,60 @@ Result<void> Bench::receive(const Frame& frame, std::int64_t now_ns) {
   }
   if (!is_sync(frame)) {
     for (const auto& drive : drives_) drive->receive(frame, now_ns);
+    start_clock(now_ns);
     return {};
   }
-  const std::int64_t cycle_us =
-      std::max<std::int64_t>(1, first_ ? first_->dictionary().get(od::communication_cycle_period) : options_.cycle_us);
+  const std::int64_t cycle = cycle_us();
   ++counters_.syncs;
-  if (last_sync_ns_ >= 0 && now_ns - last_sync_ns_ < 500 * cycle_us) ++counters_.sync_fast;
+  if (last_sync_ns_ >= 0 && now_ns - last_sync_ns_ < 500 * cycle) ++counters_.sync_fast;
   last_sync_ns_ = now_ns;
   // All drives answer with their state at this SYNC; then the robot moves on to the next.
   for (const auto& drive : drives_) drive->sync(now_ns);
-  return options_.lockstep ? plant_.advance(drives_, cycle_us, options_.stop) : Result<void>{};
+  if (!options_.lockstep) return {};
+  moved_to_ns_ = -1;
+  if (auto ok = plant_.advance(drives_, cycle, options_.stop); !ok) return ok;
+  start_clock(now_ns);
+  return {};
 }
 
-void Bench::tick(std::int64_t now_ns) {
+std::int64_t Bench::cycle_us() const {
+  return std::max<std::int64_t>(1,
+                                first_ ? first_->dictionary().get(od::communication_cycle_period) : options_.cycle_us);
+}
+
+Result<void> Bench::tick(std::int64_t now_ns) {
+  // The robot first: what the drives say at a time then depends on that time alone, not on how often this is called. A
+  // replay calls it only at the times of recorded frames.
+  if (auto ok = follow_clock(now_ns); !ok) return ok;
   for (const auto& drive : drives_) drive->tick(now_ns);
+  start_clock(now_ns);
+  return {};
+}
+
+bool Bench::any_stops_alone() const {
+  return std::ranges::any_of(drives_, [](const auto& drive) { return drive->stops_alone(); });
+}
+
+/// Where a drive has to stop alone, the clock begins to move the robot when the SYNC has been silent for its deadline.
+void Bench::start_clock(std::int64_t now_ns) {
+  if (!options_.lockstep) return;
+  if (!any_stops_alone()) {
+    moved_to_ns_ = -1;
+    return;
+  }
+  if (moved_to_ns_ >= 0) return;
+  const std::int64_t patience_ns = sync_patience_ns(default_sync_deadline_ms * ns_per_ms, cycle_us());
+  moved_to_ns_ = last_sync_ns_ < 0 ? now_ns : std::max(now_ns, last_sync_ns_ + patience_ns);
+}
+
+Result<void> Bench::follow_clock(std::int64_t now_ns) {
+  constexpr int ask_stop_steps = 256;
+  for (int k = 1; moved_to_ns_ >= 0 && moved_to_ns_ + plant_.step_ns() <= now_ns; ++k) {
+    if (auto ok = plant_.step(drives_); !ok) return ok;
+    moved_to_ns_ = any_stops_alone() ? moved_to_ns_ + plant_.step_ns() : -1;
+    if (k % ask_stop_steps == 0 && options_.stop && options_.stop()) break;
+  }
+  return {};
 }
 
 void Bench::recovered(std::int64_t now_ns) {
@@ -69,7 +109,7 @@ void Bench::recovered(std::int64_t now_ns) {
 std::int64_t Bench::next_ns() const {
   std::int64_t next = std::numeric_limits<std::int64_t>::max();
   for (const auto& drive : drives_) next = std::min(next, drive->next_ns());
-  return next;
+  return moved_to_ns_ < 0 ? next : std::min(next, moved_to_ns_ + plant_.step_ns());
 }
 
 std::optional<std::size_t> Bench::sender(const Frame& frame) const {

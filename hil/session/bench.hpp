@@ -22,7 +22,9 @@ struct BenchOptions {
   Profile profile = Profile::cia402;
   int first_node = 1;
   std::uint32_t cycle_us = 2000;
-  bool lockstep = true;        ///< each SYNC advances the robot by the cycle (1006h); else the owner steps the plant
+  /// Each SYNC advances the robot by the cycle (1006h), and without a SYNC the clock does while drives stop that lost
+  /// their commands. Else the owner steps the plant.
+  bool lockstep = true;
   std::function<bool()> stop;  ///< polled in a cycle of many steps: true ends it
 };
 
@@ -34,7 +36,8 @@ class Bench {
   void start(std::int64_t now_ns);
   /// Fails when the simulation does.
   Result<void> receive(const Frame& frame, std::int64_t now_ns);
-  void tick(std::int64_t now_ns);
+  /// Timers. Fails when the simulation does.
+  Result<void> tick(std::int64_t now_ns);
   /// The bus is back after a link loss.
   void recovered(std::int64_t now_ns);
   std::int64_t next_ns() const;
@@ -48,6 +51,11 @@ class Bench {
   const BenchCounters& counters() const { return counters_; }
 
  private:
+  std::int64_t cycle_us() const;
+  bool any_stops_alone() const;
+  void start_clock(std::int64_t now_ns);
+  Result<void> follow_clock(std::int64_t now_ns);
+
   Plant plant_;
   BenchOptions options_;
   std::vector<std::unique_ptr<BusDrive>> drives_;
@@ -55,6 +63,7 @@ class Bench {
   Node* first_ = nullptr;  // of a CANopen bench: its 1006h is the length of a cycle
   BenchCounters counters_;
   std::int64_t last_sync_ns_ = -1;
+  std::int64_t moved_to_ns_ = -1;  // to this time the clock has moved the robot; -1: it does not
 };
 
 /// The session's JSON: counters of bus, drives and clock.

@@ -125,7 +125,7 @@ class Session {
     // One time for all frames of a turn: a clock call per frame would cost more than the answer. Each turn has a time
     // of its own, so that a replay runs the timers as often.
     now_ns_ = std::max(now_ns_ + 1000, now_us_ns());
-    bench_.tick(now_ns_);
+    if (auto ok = bench_.tick(now_ns_); !ok) return ok;
     if (auto ok = take_frames(); !ok) return ok;
     if (o_.realtime)
       if (auto ok = follow_clock(); !ok) return ok;

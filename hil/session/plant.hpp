@@ -1,5 +1,6 @@
 #pragma once
 
+#include <cmath>
 #include <functional>
 #include <memory>
 #include <optional>
@@ -28,6 +29,8 @@ class Plant {
 
   /// Passes the state of the joints to the drives.
   void show(std::span<const std::unique_ptr<BusDrive>> drives);
+  /// Length of a simulation step.
+  std::int64_t step_ns() const { return std::llround(1e9 * twin_.model()->opt.timestep); }
   /// One simulation step: set points from the drives, feedback to them.
   Result<void> step(std::span<const std::unique_ptr<BusDrive>> drives);
   /// As many steps as `us` microseconds have, unless `stop` (may be empty) ends a long cycle: 1006h may ask for an

@@ -71,7 +71,8 @@ class Replay {
                                   std::min(static_cast<double>(frame.time_ns - first_ns_) / o_.rate, longest_ns)),
                   o_.stop);
     }
-    if (frame.time_ns > ticked_ns_) bench_.tick(ticked_ns_ = frame.time_ns);
+    if (frame.time_ns > ticked_ns_)
+      if (auto ok = bench_.tick(ticked_ns_ = frame.time_ns); !ok) return ok;
     if (const auto sender = bench_.sender(frame)) {
       ++compared_[*sender];
       compare(frame, line);

@@ -64,6 +64,7 @@ STANDARD = {
     0x605A: "h",
     0x605B: "h",
     0x605C: "h",
+    0x605D: "h",
     0x605E: "h",
     0x6060: "b",
     0x6061: "b",
@@ -80,6 +81,7 @@ STANDARD = {
     0x607A: "i",
     0x607D: "Aii",
     0x6080: "I",
+    0x6084: "I",
     0x6085: "I",
     0x608F: "AII",
     0x6091: "AII",
@@ -302,10 +304,10 @@ differ = []
 for (index, sub), (kind, default, access, _, _) in entries.items():
     try:
         got = master.read(1, index, sub, kind) if access != "wo" else default
+        if index == 0x1003 and sub:
+            got = "no abort"  # CiA 301: an empty error field has no data
     except SdoAbort as a:
-        got = (
-            default if index == 0x1003 and sub and a.code == 0x08000024 else a
-        )  # CiA 301: an empty error field has no data
+        got = default if index == 0x1003 and sub and a.code == 0x08000024 else "abort %08X" % a.code
     if got != default:
         differ.append("%04X:%X is %s, not %s" % (index, sub, got, default))
 check(f"node 1 holds its {len(entries)} defaults", not differ, differ)
@@ -357,6 +359,7 @@ ABORTS = [
     (0x06090031, "Value of parameter written too high", lambda: master.write(5, 0x605E, 0, "h", 3)),
     (0x06090032, "Value of parameter written too low", lambda: master.write(5, 0x6080, 0, "I", 0)),
     (0x06040041, "Object cannot be mapped to the PDO", lambda: master.write(1, 0x1603, 1, "I", 0x10080020)),
+    (0x08000024, "No data available", lambda: master.read(1, 0x1003, 1)),
     (
         0x05030000,
         "Toggle bit not alternated",
@@ -522,10 +525,11 @@ for _, i, d in frames:
             )
             worst["increments"], answers = max(worst["increments"], counts_off), answers + 1
 check("the DBC has every PDO on the bus", not unknown, unknown)
+time_s = telemetry["time_s"][:]
 check(
-    "two rows of telemetry per SYNC",
-    np.allclose(telemetry["time_s"][:], 1e-3 * np.arange(2 * (sync + 1)), atol=1e-9),
-    telemetry["time_s"].shape,
+    "two rows of telemetry per SYNC; NMT ended the operation without SYNC: some more until the drives were at rest",
+    np.allclose(time_s, 1e-3 * np.arange(len(time_s)), atol=1e-9) and 0 < len(time_s) - 2 * (sync + 1) < 500,
+    (time_s.shape, sync),
 )
 check(
     f"{answers} positions, temperatures and frictions on the bus are those of the telemetry, rounded",

@@ -196,11 +196,14 @@ check(
     {n for n, (code, _) in master.emergencies if code == 0x8700} == set(nodes),
     master.emergencies,
 )
-check("the reaction has begun", all(not is_state(master.status[n], "operation enabled") for n in nodes), master.status)
 check(
-    "it ends in fault",
-    master.until(lambda: master.cycle() and all(is_state(master.status[n], "fault") for n in nodes), 5),
+    "the reaction ends in fault without any SYNC",
+    master.until(lambda: all(is_state(master.status[n], "fault") for n in nodes), 5),
     master.status,
+)
+check(
+    "torque 0, at rest",
+    all(master.read(n, 0x6077, 0, "h") == 0 and abs(master.read(n, 0x606C, 0, "i")) < 5000 for n in nodes),
 )
 master.control(0x80)
 master.cycle()
@@ -215,7 +218,11 @@ check(
     master.until(lambda: all(master.heartbeat[n] == 0x7F for n in nodes), 3),
     master.heartbeat,
 )
-check("not enabled any more", all(not is_state(master.read(n, 0x6041, 0, "H"), "operation enabled") for n in nodes))
+check(
+    "fault without any SYNC",
+    master.until(lambda: all(is_state(master.read(n, 0x6041, 0, "H"), "fault") for n in nodes), 3),
+)
+master.until(lambda: all(master.read(n, 0x6077, 0, "h") == 0 for n in nodes), 3)
 
 master.bus.shutdown()
 process.terminate()

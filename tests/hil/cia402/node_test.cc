@@ -270,8 +270,51 @@ TEST_F(OneNode, ModesCsvAndCst) {
   EXPECT_EQ(c.mode, twin::DriveCommand::Mode::torque);
   EXPECT_NEAR(c.torque_nm, -100, 1e-9);
   EXPECT_NEAR(c.torque_limit_nm, 200, 1e-9);
-  for (const int profile : {1, 3, 4, 6, 7, 0, -1})
-    EXPECT_EQ(write(0x6060, 0, Type::i8, profile), 0x06090030U) << profile;
+  for (const int profile : {1, 3, 4, 6, 7}) EXPECT_EQ(write(0x6060, 0, Type::i8, profile), 0x06090030U) << profile;
+  EXPECT_EQ(write(0x6060, 0, Type::i8, -1), 0x06090032U);
+  EXPECT_EQ(write(0x6060, 0, Type::i8, 11), 0x06090031U);
+}
+
+// 6060h = 0, "no mode", as ros2_canopen writes it at shutdown: the drive stands, and takes up the next mode there.
+TEST_F(OneNode, WithoutAModeItStands) {
+  EXPECT_EQ(write(0x6060, 0, Type::i8, 0), 0U);
+  EXPECT_EQ(node.dictionary().get(0x6061), 0);
+  enable();
+  run(10);
+  EXPECT_EQ(robot.velocity_rad_s, 0);
+  EXPECT_EQ(write(0x60FF, 0, Type::i32, 95493), 0U);
+  run(10);
+  EXPECT_EQ(robot.velocity_rad_s, 0);
+  EXPECT_EQ(write(0x6060, 0, Type::i8, 9), 0U);
+  EXPECT_EQ(write(0x60FF, 0, Type::i32, 95493), 0U);
+  run(10);
+  EXPECT_NEAR(robot.velocity_rad_s, 0.1, 1e-4);
+  EXPECT_EQ(write(0x6060, 0, Type::i8, 0), 0U);
+  EXPECT_EQ(node.dictionary().get(0x6061), 0);
+  EXPECT_EQ(status() & 0x1000, 0);
+  run(2000);
+  EXPECT_EQ(robot.velocity_rad_s, 0);
+  EXPECT_EQ(node.state(), DriveState::operation_enabled);
+  node.sync(now);
+  EXPECT_EQ(write(0x6060, 0, Type::i8, 9), 0U);
+  EXPECT_EQ(node.dictionary().get(0x60FF), 0);
+  nmt(0x81);
+  EXPECT_EQ(node.dictionary().get(0x6061), 8);
+}
+
+// A refused value in an RPDO is reported once, not with every frame.
+TEST_F(OneNode, AnUnsupportedModeByPdoIsReported) {
+  enable();
+  for (int k = 0; k < 10; ++k) send(0x305, {0x0F, 0, 3});
+  ASSERT_EQ(on(0x085).size(), 2U);
+  EXPECT_EQ(text(on(0x085)[0]), "085#2063216060000300");  // parameter error; 6060h:00, value 3
+  EXPECT_EQ(text(on(0x085)[1]), "085#0000000000000000");
+  EXPECT_EQ(node.dictionary().get(0x6060), 8);
+  EXPECT_EQ(node.state(), DriveState::operation_enabled);
+  send(0x305, {0x0F, 0, 9});
+  EXPECT_EQ(node.dictionary().get(0x6061), 9);
+  send(0x305, {0x0F, 0, 3});
+  EXPECT_EQ(on(0x085).size(), 4U);
 }
 
 // The modes are defined in one table only.
@@ -348,11 +391,136 @@ TEST_F(OneNode, ALostHeartbeatTakesThePower) {
 TEST_F(OneNode, AStoppedSyncTakesThePower) {
   enable();
   node.sync(now);
+  wait(2);
+  node.sync(now);
   wait(100);
   EXPECT_EQ(node.state(), DriveState::operation_enabled);
   wait(1);
   EXPECT_EQ(node.state(), DriveState::fault_reaction_active);
   EXPECT_EQ(node.error_code(), 0x8700);
+}
+
+// The deadline of the SYNC is at least three cycles (1006h), whatever 2120h says.
+TEST_F(OneNode, TheSyncDeadlineFollowsTheCycle) {
+  EXPECT_EQ(write(0x1006, 0, Type::u32, 200'000), 0U);
+  enable();
+  for (int k = 0; k < 10; ++k) node.sync(now), wait(200);
+  EXPECT_EQ(node.state(), DriveState::operation_enabled);
+  wait(400);
+  EXPECT_EQ(node.state(), DriveState::operation_enabled);
+  wait(1);
+  EXPECT_EQ(node.error_code(), 0x8700);
+}
+
+TEST_F(OneNode, AStrayIsNotAWatchedSync) {
+  EXPECT_EQ(write(0x6060, 0, Type::i8, 9), 0U);
+  enable();
+  node.sync(now);
+  for (int k = 0; k < 100; ++k) {
+    EXPECT_EQ(write(0x60FF, 0, Type::i32, 1000 + k), 0U);
+    wait(10);
+  }
+  node.sync(now);  // another one, a second later
+  wait(1000);
+  EXPECT_EQ(node.state(), DriveState::operation_enabled);
+  // One SYNC is enough where it takes a set point.
+  EXPECT_EQ(write(0x6060, 0, Type::i8, 8), 0U);
+  send(0x405, {0x0F, 0, 0, 0, 0, 0});
+  node.sync(now);
+  wait(101);
+  EXPECT_EQ(node.error_code(), 0x8700);
+}
+
+TEST_F(OneNode, AZeroSwitchesTheSyncDeadlineOff) {
+  EXPECT_EQ(write(0x2120, 1, Type::u16, 0), 0U);
+  enable();
+  for (int k = 0; k < 10; ++k) node.sync(now), wait(2);
+  wait(5000);
+  EXPECT_EQ(node.state(), DriveState::operation_enabled);
+}
+
+/// A mode's number, its RPDO with identifier and size, and a target that moves the drive.
+struct SetPointRow {
+  int mode, rpdo;
+  std::uint32_t id;
+  std::vector<std::uint8_t> bytes;
+};
+const SetPointRow set_points[] = {{8, 2, 0x405, {0x0F, 0, 0x10, 0, 0, 0}},
+                                  {9, 3, 0x505, {0x0F, 0, 0x40, 0x42, 0x0F, 0}},
+                                  {10, 4, 0x47F, {0x0F, 0, 0x90, 0x01}}};
+
+// While SYNCs go on, the absence of set points ends the operation after 20 of them (2121h), in every mode.
+TEST_F(OneNode, StoppedSetPointsTakeThePower) {
+  for (const auto& row : set_points) {
+    SCOPED_TRACE(row.mode);
+    nmt(0x81);
+    EXPECT_EQ(write(static_cast<std::uint16_t>(0x1400 + row.rpdo), 1, Type::u32, 0x80000000 | row.id), 0U);
+    EXPECT_EQ(write(static_cast<std::uint16_t>(0x1400 + row.rpdo), 1, Type::u32, row.id), 0U);
+    EXPECT_EQ(write(0x6060, 0, Type::i8, row.mode), 0U);
+    enable();
+    for (int k = 0; k < 100; ++k) node.sync(now), wait(2), run(2);  // no set point yet: nothing is watched
+    EXPECT_EQ(node.state(), DriveState::operation_enabled);
+    for (int k = 0; k < 100; ++k) send(row.id, row.bytes), node.sync(now), wait(2), run(2);
+    EXPECT_EQ(node.state(), DriveState::operation_enabled);
+    bus.clear();
+    for (int k = 0; k < 20; ++k) node.sync(now), wait(2), run(2);
+    EXPECT_EQ(node.state(), DriveState::operation_enabled);
+    node.sync(now);
+    EXPECT_EQ(node.state(), DriveState::fault_reaction_active);
+    EXPECT_EQ(text(on(0x085).at(0)).substr(0, 8), "085#5082");
+    EXPECT_EQ(node.command(1e-3).torque_nm, 0);
+    for (int k = 0; k < 300; ++k) node.sync(now), wait(2), run(2);
+    EXPECT_EQ(node.state(), DriveState::fault);
+    EXPECT_TRUE(node.brake_engaged());
+  }
+}
+
+TEST_F(OneNode, TheSetPointDeadlineCountsInCyclesOfThePdo) {
+  const auto stopped_after = [&] {  // set points; then SYNCs until the drive gives up
+    enable();
+    for (int k = 0; k < 3; ++k) send(0x405, {0x0F, 0, 0, 0, 0, 0}), node.sync(now), wait(2);
+    for (int k = 1; k <= 1000; ++k) {
+      node.sync(now);
+      if (node.state() != DriveState::operation_enabled) return k;
+      wait(2);
+    }
+    return -1;
+  };
+  EXPECT_EQ(write(0x2121, 1, Type::u16, 3), 0U);
+  EXPECT_EQ(stopped_after(), 4);
+  nmt(0x81);
+  EXPECT_EQ(write(0x2121, 1, Type::u16, 3), 0U);
+  EXPECT_EQ(write(0x1402, 2, Type::u8, 5), 0U);  // every fifth SYNC
+  EXPECT_EQ(stopped_after(), 16);
+  nmt(0x81);
+  EXPECT_EQ(write(0x2121, 1, Type::u16, 0), 0U);
+  EXPECT_EQ(stopped_after(), -1);
+  nmt(0x81);
+  EXPECT_EQ(write(0x1402, 5, Type::u16, 100), 0U);  // a deadline of its own is the one that counts
+  EXPECT_EQ(stopped_after(), 51);
+}
+
+// Event-driven set points have no SYNC to be counted by: 20 cycles, at least 100 ms, by the clock.
+TEST_F(OneNode, EventDrivenSetPointsAreWatchedByTheClock) {
+  EXPECT_EQ(write(0x1402, 2, Type::u8, 255), 0U);
+  enable();
+  wait(1000);
+  for (int k = 0; k < 10; ++k) send(0x405, {0x0F, 0, 0, 0, 0, 0}), wait(50);
+  EXPECT_EQ(node.state(), DriveState::operation_enabled);
+  wait(50);
+  EXPECT_EQ(node.state(), DriveState::operation_enabled);
+  wait(1);
+  EXPECT_EQ(node.error_code(), 0x8250);
+}
+
+// Set points by SDO are nobody's cycle, nor are those of another mode.
+TEST_F(OneNode, OnlySetPointsOfTheModeByPdoAreWatched) {
+  enable();
+  for (int k = 0; k < 10; ++k) send(0x405, {0x0F, 0, 0, 0, 0, 0}), node.sync(now), wait(2);
+  EXPECT_EQ(write(0x6060, 0, Type::i8, 9), 0U);
+  EXPECT_EQ(write(0x60FF, 0, Type::i32, 1000), 0U);
+  for (int k = 0; k < 200; ++k) node.sync(now), wait(2);
+  EXPECT_EQ(node.state(), DriveState::operation_enabled);
 }
 
 TEST_F(OneNode, NmtTakesThePower) {
@@ -381,6 +549,58 @@ TEST_F(OneNode, QuickStopRampsDown) {
   EXPECT_EQ(node.state(), DriveState::switch_on_disabled);
 }
 
+// Bit 8 of the controlword: a ramp down (605Dh: 1 along 6084h, 2 along 6085h), then standstill, still enabled.
+TEST_F(OneNode, HaltStopsEveryMode) {
+  const double ramps_rad_s2[] = {0.1, 0.4};  // of the joint, by options 1 and 2
+  for (const int mode : {8, 9, 10})
+    for (const int option : {1, 2}) {
+      SCOPED_TRACE(fmt::format("mode {}, option {}", mode, option));
+      nmt(0x81);
+      EXPECT_EQ(write(0x605D, 0, Type::i16, option), 0U);
+      EXPECT_EQ(write(0x6084, 0, Type::u32, 95493), 0U);  // 10 rad/s2 at the motor
+      EXPECT_EQ(write(0x6085, 0, Type::u32, 381972), 0U);
+      EXPECT_EQ(write(0x6060, 0, Type::i8, mode), 0U);
+      enable();
+      robot = {.velocity_rad_s = 0.1};
+      node.feedback(robot, 1e-3);
+      control(0x10F);
+      EXPECT_EQ(node.state(), DriveState::operation_enabled);
+      EXPECT_EQ(status() & 0x1400, 0);  // neither follows nor stands
+      EXPECT_EQ(write(0x60FF, 0, Type::i32, 300000), 0U);
+      EXPECT_EQ(write(0x6071, 0, Type::i16, 400), 0U);
+      send(0x405, {0x0F, 1, 0, 0, 0x10, 0});
+      node.sync(now);
+      const double half_s = 0.05 / ramps_rad_s2[option - 1];
+      run(static_cast<int>(1000 * half_s));
+      EXPECT_NEAR(robot.velocity_rad_s, 0.05, 1e-3);
+      run(static_cast<int>(1000 * half_s) + 100);
+      EXPECT_EQ(robot.velocity_rad_s, 0);
+      EXPECT_EQ(node.state(), DriveState::operation_enabled);
+      EXPECT_EQ(status() & 0x1400, 0x0400);  // target reached: it stands
+      EXPECT_EQ(node.command(1e-3).mode, twin::DriveCommand::Mode::velocity);
+      control(0x0F);
+      EXPECT_EQ(status() & 0x1400, 0x1000);
+      const auto c = node.command(1e-3);
+      if (mode == 8) EXPECT_NEAR(c.position_rad, robot.position_rad, 1e-9);  // until the next target
+      if (mode == 9) EXPECT_NEAR(c.velocity_rad_s, 0.1 * std::numbers::pi, 1e-6);
+      if (mode == 10) EXPECT_NEAR(c.torque_nm, 80, 1e-9);
+    }
+  EXPECT_EQ(write(0x605D, 0, Type::i16, 3), 0x06090031U);
+  EXPECT_EQ(write(0x605D, 0, Type::i16, 0), 0x06090032U);
+}
+
+// A halted drive asks for no set points, but goes on asking when it is released.
+TEST_F(OneNode, HaltPausesTheSetPointDeadline) {
+  enable();
+  for (int k = 0; k < 3; ++k) send(0x405, {0x0F, 0, 0, 0, 0, 0}), node.sync(now), wait(2), run(2);
+  control(0x10F);
+  for (int k = 0; k < 100; ++k) node.sync(now), wait(2), run(2);
+  EXPECT_EQ(node.state(), DriveState::operation_enabled);
+  control(0x0F);
+  for (int k = 0; k < 21; ++k) node.sync(now), wait(2), run(2);
+  EXPECT_EQ(node.error_code(), 0x8250);
+}
+
 TEST_F(OneNode, TransmissionTypes) {
   // TPDO1 every third SYNC, TPDO2 on SYNC when changed.
   EXPECT_EQ(write(0x1800, 2, Type::u8, 3), 0U);
@@ -399,7 +619,11 @@ TEST_F(OneNode, TransmissionTypes) {
 
 TEST_F(OneNode, EventTimerAndInhibitTime) {
   EXPECT_EQ(write(0x1800, 5, Type::u16, 20), 0U);
+  EXPECT_EQ(write(0x1800, 3, Type::u16, 50), 0x08000022U);  // not while the PDO exists
+  EXPECT_EQ(write(0x1800, 3, Type::u16, 0), 0U);            // unchanged
+  EXPECT_EQ(write(0x1800, 1, Type::u32, 0xC0000185), 0U);
   EXPECT_EQ(write(0x1800, 3, Type::u16, 50), 0U);  // 5 ms
+  EXPECT_EQ(write(0x1800, 1, Type::u32, 0x40000185), 0U);
   nmt(1);
   wait(1);
   bus.clear();
@@ -469,7 +693,35 @@ TEST_F(OneNode, SdoInSegments) {
   EXPECT_EQ(write(0x1000, 0, Type::u32, 4), 0x06010002U);
 }
 
+// CiA 301, table of restricted identifiers; and 080h and 085h, which are this drive's SYNC and EMCY.
+TEST_F(OneNode, IdentifiersOfPdos) {
+  const auto restricted = [](std::uint32_t id) {
+    return id <= 0x07F || (id >= 0x101 && id <= 0x180) || (id >= 0x581 && id <= 0x5FF) ||
+           (id >= 0x601 && id <= 0x67F) || (id >= 0x6E0 && id <= 0x6FF) || id >= 0x701;
+  };
+  for (std::uint32_t id = 0; id <= 0x7FF; ++id)
+    for (const int pdo : {0x1402, 0x1802}) {
+      const auto index = static_cast<std::uint16_t>(pdo);
+      EXPECT_EQ(write(index, 1, Type::u32, 0x80000000 | id), 0U);
+      const std::uint32_t expected = restricted(id) ? 0x06090030U : id == 0x080 || id == 0x085 ? 0x06040043U : 0U;
+      EXPECT_EQ(write(index, 1, Type::u32, id), expected) << text(classic(id, {}));
+    }
+  // A PDO beside the SDOs.
+  for (const auto& [index, id] : {std::pair<std::uint16_t, std::uint32_t>{0x1402, 0x680}, {0x1802, 0x580}}) {
+    EXPECT_EQ(write(index, 1, Type::u32, 0x80000000), 0U);
+    EXPECT_EQ(write(index, 1, Type::u32, id), 0U);
+  }
+  nmt(1);
+  bus.clear();
+  send(0x680, {0x06, 0, 0, 0, 0, 0});
+  node.sync(now);
+  EXPECT_EQ(node.state(), DriveState::ready_to_switch_on);
+  EXPECT_EQ(on(0x580).size(), 1U);
+}
+
 TEST_F(OneNode, RemappingNeedsAPdoThatDoesNotExist) {
+  EXPECT_EQ(write(0x1A02, 0, Type::u8, 0), 0x08000022U);  // pre-operational, too
+  EXPECT_EQ(write(0x1A02, 0, Type::u8, 2), 0U);           // unchanged
   nmt(1);
   EXPECT_EQ(write(0x1A02, 0, Type::u8, 0), 0x08000022U);
   EXPECT_EQ(write(0x1802, 1, Type::u32, 0x80000385), 0U);
@@ -560,6 +812,27 @@ TEST_F(OneNode, EmergencyHistory) {
   EXPECT_EQ(node.dictionary().get(0x1003, 1), 0);
 }
 
+// CiA 301, 7.5.2.4: without an error there is no data.
+TEST_F(OneNode, AnEmptyHistoryHasNoData) {
+  EXPECT_EQ(sdo({0x40, 0x03, 0x10, 0}), 0U);
+  EXPECT_EQ(sdo({0x40, 0x03, 0x10, 1}), 0x08000024U);
+  EXPECT_EQ(sdo({0x40, 0x03, 0x10, 9}), 0x06090011U);
+  node.fail(0x1000, 1, false, now);
+  EXPECT_EQ(sdo({0x40, 0x03, 0x10, 1}), 0U);
+  EXPECT_EQ(sdo({0x40, 0x03, 0x10, 2}), 0x08000024U);
+  EXPECT_EQ(write(0x1003, 0, Type::u8, 0), 0U);
+  EXPECT_EQ(sdo({0x40, 0x03, 0x10, 1}), 0x08000024U);
+}
+
+TEST_F(OneNode, ANodeIsWatchedOnce) {
+  EXPECT_EQ(write(0x1016, 1, Type::u32, 0x7F << 16 | 50), 0U);
+  EXPECT_EQ(write(0x1016, 2, Type::u32, 0x7F << 16 | 100), 0x06040043U);
+  EXPECT_EQ(write(0x1016, 2, Type::u32, 0x7F << 16), 0U);  // no time: not watched
+  EXPECT_EQ(write(0x1016, 2, Type::u32, 0x7E << 16 | 50), 0U);
+  EXPECT_EQ(write(0x1016, 1, Type::u32, 0x7F << 16 | 70), 0U);  // itself, with another time
+  EXPECT_EQ(write(0x1016, 1, Type::u32, 0x7E << 16 | 70), 0x06040043U);
+}
+
 TEST_F(OneNode, HeatIsWarnedOfAndThenAFault) {
   enable();
   robot.temperature_degC = 115;
@@ -644,6 +917,12 @@ TEST(Description, EdsListsEveryObjectOnce) {
     ASSERT_NE(at, std::string::npos) << section;
     EXPECT_EQ(s.find(section, at + 1), std::string::npos) << section;
   }
+}
+
+TEST(Description, EdsHasTheLimitsOfTheModes) {
+  const std::string s = eds(drive_dictionary(parameters), parameters);
+  const auto section = s.substr(s.find("[6060]"), s.find("[6061]") - s.find("[6060]"));
+  EXPECT_THAT(section, testing::HasSubstr("LowLimit=0\nHighLimit=10\n"));
 }
 
 // can-facts.md: SYNC + 6 x 8 B + 6 x 8 B at 1 kHz: 1379 to 1675 bits.

@@ -22,6 +22,7 @@ class OneBench : public testing::Test {
   void give(Bench& bench, std::uint32_t id, std::vector<std::uint8_t> bytes = {}) {
     ASSERT_TRUE(bench.receive(classic(id, bytes), now));
   }
+  void must_tick(Bench& bench) { ASSERT_TRUE(bench.tick(now)); }
   double position(Bench& bench, std::size_t drive) { return bench.plant().twin().data()->qpos[drive]; }
 };
 
@@ -89,7 +90,7 @@ TEST_F(OneBench, MirrorDrivesFollow) {
       ASSERT_TRUE(bench.receive(encode(MirrorCommand{counter, MirrorMode::position, target}, node), now));
     }
     ++counter;
-    bench.tick(now);
+    must_tick(bench);
     for (int step = 0; step < 2; ++step) ASSERT_TRUE(bench.plant().step(bench.drives()));
   }
   EXPECT_NEAR(position(bench, 3), start + 0.2, 5e-3);
@@ -100,10 +101,243 @@ TEST_F(OneBench, MirrorDrivesFollow) {
   // Commands stop: no drive keeps its torque.
   for (int k = 0; k < 1000; ++k) {
     now += ms;
-    bench.tick(now);
+    must_tick(bench);
     ASSERT_TRUE(bench.plant().step(bench.drives()));
   }
   for (const auto& drive : bench.drives()) EXPECT_TRUE(drive->failed());
+}
+
+// In lockstep too: the last command is not held, whether SYNCs come or not.
+TEST_F(OneBench, MirrorDrivesStopWithoutSync) {
+  Bench bench(scenario, {.profile = Profile::mirror}, send);
+  bench.start(now);
+  for (std::uint8_t counter = 0; counter < 20; ++counter) {
+    now += 2 * ms;
+    ASSERT_TRUE(bench.receive(encode(MirrorCommand{counter, MirrorMode::torque, 50}, 4), now));
+    give(bench, 0x80);
+  }
+  EXPECT_NEAR(bench.plant().twin().drive(3).torque_nm, 50, 1e-9);
+  for (int k = 0; k < 1000; ++k) now += ms, must_tick(bench);
+  EXPECT_TRUE(bench.drives()[3]->failed());
+  EXPECT_EQ(bench.plant().twin().drive(3).torque_nm, 0);
+}
+
+/// A bench whose joint4 accelerates by 400 per mille, sent by RPDO5 before each SYNC.
+class OneTorque : public OneBench {
+ protected:
+  Bench bench{scenario, {}, send};
+  Node& node = dynamic_cast<Node&>(*bench.drives()[3]);
+
+  void write(std::uint16_t index, std::uint8_t sub, Type type, std::int64_t value) {
+    std::vector<std::uint8_t> request{static_cast<std::uint8_t>(0x23 | (4 - size_of(type)) << 2),
+                                      static_cast<std::uint8_t>(index),
+                                      static_cast<std::uint8_t>(index >> 8),
+                                      sub,
+                                      0,
+                                      0,
+                                      0,
+                                      0};
+    encode(value, std::span(request).subspan(4, static_cast<std::size_t>(size_of(type))));
+    give(bench, 0x604, request);
+    for (const Frame& frame : bus)
+      if (frame.id == 0x584) EXPECT_NE(frame.data[0], 0x80) << text(frame);
+    bus.clear();
+  }
+  void control(std::uint8_t word) { give(bench, 0x204, {word, 0}); }
+  void enable() {
+    give(bench, 0, {1, 0});
+    for (const std::uint8_t word : {0x06, 0x07, 0x0F}) control(word);
+    ASSERT_EQ(node.state(), DriveState::operation_enabled);
+  }
+  void cycle(std::int16_t per_mille) {
+    std::vector<std::uint8_t> data{0x0F, 0, 0, 0};
+    encode(per_mille, std::span(data).subspan(2));
+    give(bench, 0x47F, data);
+    sync();
+  }
+  void sync() {
+    now += 2 * ms;
+    must_tick(bench);
+    give(bench, 0x80);
+  }
+  /// The wall clock of a master that says nothing [ms].
+  void wait(int milliseconds) {
+    for (int i = 0; i < milliseconds; ++i) now += ms, must_tick(bench);
+  }
+  std::int64_t value(std::uint16_t index) { return node.dictionary().get(index); }
+
+  void SetUp() override {
+    bench.start(now);
+    write(0x1404, 1, Type::u32, 0x8000047F);
+    write(0x1404, 1, Type::u32, 0x47F);
+    write(0x6060, 0, Type::i8, 10);
+  }
+};
+
+// In lockstep the robot stands still between SYNCs, but a reaction ends: brake, torque 0, fault.
+TEST_F(OneTorque, TheReactionNeedsNoSync) {
+  for (const int option : {1, 2, 3}) {
+    SCOPED_TRACE(option);
+    write(0x6007, 0, Type::i16, option);
+    enable();
+    for (int k = 0; k < 20; ++k) cycle(400);
+    ASSERT_EQ(value(0x6077), 400);
+    const double held_s = bench.plant().twin().time_s();
+    wait(99);
+    EXPECT_EQ(bench.plant().twin().time_s(), held_s);  // nothing is lost yet: lockstep
+    wait(900);
+    EXPECT_EQ(node.state(), DriveState::fault);
+    EXPECT_TRUE(node.brake_engaged());
+    EXPECT_EQ(value(0x6077), 0);
+    EXPECT_NEAR(static_cast<double>(value(0x606C)), 0, 5000);
+    EXPECT_EQ(node.error_code(), 0x8700);
+    EXPECT_LT(bench.plant().twin().time_s(), held_s + 0.8);  // and then it stands still again
+    const double ended_s = bench.plant().twin().time_s();
+    wait(1000);
+    EXPECT_EQ(bench.plant().twin().time_s(), ended_s);
+    control(0x80);
+    EXPECT_EQ(node.state(), DriveState::switch_on_disabled);
+    control(0x00);
+  }
+}
+
+TEST_F(OneTorque, ALostHeartbeatEndsInFaultWithoutAnySync) {
+  write(0x1016, 1, Type::u32, 0x7F << 16 | 50);
+  enable();
+  give(bench, 0x77F, {5});
+  wait(1000);
+  EXPECT_EQ(node.state(), DriveState::fault);
+  EXPECT_EQ(value(0x6077), 0);
+}
+
+TEST_F(OneTorque, LeavingOperationalEndsInFaultWithoutAnySync) {
+  for (const std::uint8_t command : {0x02, 0x80, 0x81}) {
+    SCOPED_TRACE(int(command));
+    write(0x1404, 1, Type::u32, 0x47F);
+    write(0x6060, 0, Type::i8, 10);
+    enable();
+    for (int k = 0; k < 20; ++k) cycle(400);
+    give(bench, 0, {command, 0});
+    wait(1000);
+    EXPECT_EQ(value(0x6077), 0);
+    EXPECT_TRUE(node.brake_engaged());
+    give(bench, 0, {0x81, 0});
+  }
+}
+
+// A master that goes on sending SYNCs stays the clock, whatever a drive does.
+TEST_F(OneTorque, ALivingMasterIsTheClock) {
+  enable();
+  for (int k = 0; k < 20; ++k) cycle(400);
+  const double before_s = bench.plant().twin().time_s();
+  for (int k = 0; k < 200; ++k) sync();  // no set points: their own reaction
+  EXPECT_EQ(node.state(), DriveState::fault);
+  EXPECT_EQ(node.error_code(), 0x8250);
+  EXPECT_NEAR(bench.plant().twin().time_s(), before_s + 0.4, 1e-9);
+  EXPECT_EQ(value(0x6077), 0);
+}
+
+// How often the session looks at the clock does not matter: a replay looks as often as frames were recorded.
+TEST_F(OneTorque, TheReactionDoesNotDependOnTheTicks) {
+  enable();
+  for (int k = 0; k < 20; ++k) cycle(400);
+  const std::int64_t began = now;
+  const auto position_after = [&](Bench& one, const std::vector<int>& ticks_ms) {
+    for (const int t : ticks_ms) now = began + t * ms, must_tick(one);
+    return position(one, 3);
+  };
+  Bench other(scenario, {}, send);
+  now = 0;
+  other.start(now);
+  const auto tell = [&](std::uint32_t id, std::vector<std::uint8_t> bytes) { give(other, id, std::move(bytes)); };
+  tell(0x604, {0x23, 0x04, 0x14, 1, 0x7F, 0x04, 0, 0x80});
+  tell(0x604, {0x23, 0x04, 0x14, 1, 0x7F, 0x04, 0, 0});
+  tell(0x604, {0x2F, 0x60, 0x60, 0, 10, 0, 0, 0});
+  tell(0, {1, 0});
+  for (const std::uint8_t word : {0x06, 0x07, 0x0F}) tell(0x204, {word, 0});
+  for (int k = 0; k < 20; ++k) {
+    tell(0x47F, {0x0F, 0, 0x90, 0x01});
+    now += 2 * ms;
+    must_tick(other);
+    tell(0x80, {});
+  }
+  ASSERT_EQ(position(other, 3), position(bench, 3));
+  std::vector<int> often{101}, rarely{101, 117, 180, 400};
+  for (int t = 102; t <= 400; ++t) often.push_back(t);
+  EXPECT_EQ(position_after(bench, often), position_after(other, rarely));
+}
+
+// 6080h limits the speed in torque mode, whoever accelerates: the motor, or gravity against it.
+TEST_F(OneTorque, TheMaxMotorSpeedHolds) {
+  const double limit_rpm = static_cast<double>(value(0x6080));
+  for (const std::int16_t per_mille : {-400, 1000}) {
+    SCOPED_TRACE(per_mille);
+    enable();
+    double fastest_rpm = 0;
+    for (int k = 0; k < 200; ++k) {
+      cycle(per_mille);
+      fastest_rpm = std::max(fastest_rpm, std::abs(1e-3 * static_cast<double>(value(0x606C))));
+    }
+    EXPECT_LT(fastest_rpm, 1.05 * limit_rpm);
+    EXPECT_NEAR(1e-3 * static_cast<double>(value(0x606C)), std::copysign(limit_rpm, per_mille), 0.02 * limit_rpm);
+    EXPECT_TRUE(value(0x6041) & 0x0800);  // internal limit active
+    // Less torque than the speed needs, or the other way: the master has its torque again at once.
+    cycle(0);
+    EXPECT_EQ(value(0x6077), 0);
+    cycle(static_cast<std::int16_t>(-per_mille / 4));
+    EXPECT_EQ(value(0x6077), -per_mille / 4);
+    EXPECT_FALSE(value(0x6041) & 0x0800);
+    for (int k = 0; k < 400; ++k) cycle(0);
+    control(0x06);
+    sync();
+  }
+}
+
+// A motor that is too fast already is braked, if the master does not brake it.
+TEST_F(OneTorque, ALowerMaxMotorSpeedHolds) {
+  enable();
+  for (int k = 0; k < 30; ++k) cycle(400);
+  ASSERT_GT(1e-3 * static_cast<double>(value(0x606C)), 1000);
+  write(0x6080, 0, Type::u32, 500);
+  for (int k = 0; k < 100; ++k) cycle(90);  // a little less than friction
+  EXPECT_LT(1e-3 * static_cast<double>(value(0x606C)), 510);
+}
+
+TEST_F(OneBench, TheMaxMotorSpeedHoldsAFallingArm) {
+  scenario.start_rad[1] = 0.8;
+  Bench bench(scenario, {}, send);
+  bench.start(now);
+  auto& arm = dynamic_cast<Node&>(*bench.drives()[1]);
+  const auto set = [&](std::uint16_t index, Type type, std::int64_t value) {
+    std::vector<std::uint8_t> bytes(static_cast<std::size_t>(size_of(type)));
+    encode(value, bytes);
+    ASSERT_TRUE(arm.dictionary().write(index, 0, bytes));
+  };
+  set(0x6080, Type::u32, 200);
+  set(0x6060, Type::i8, 10);
+  give(bench, 0, {1, 0});
+  for (const std::uint8_t word : {0x06, 0x07, 0x0F}) give(bench, 0x202, {word, 0});
+  ASSERT_EQ(arm.state(), DriveState::operation_enabled);
+  set(0x6071, Type::i16, 0);
+  double fastest_rpm = 0;
+  for (int k = 0; k < 250; ++k) {
+    now += 2 * ms;
+    give(bench, 0x80);
+    fastest_rpm = std::max(fastest_rpm, std::abs(1e-3 * static_cast<double>(arm.dictionary().get(0x606C))));
+  }
+  EXPECT_GT(fastest_rpm, 190);
+  EXPECT_LT(fastest_rpm, 210);
+}
+
+// Halt in torque mode: the torque of the master is not held, the arm stands and stays enabled.
+TEST_F(OneTorque, HaltHoldsTheJoint) {
+  enable();
+  for (int k = 0; k < 20; ++k) cycle(400);
+  give(bench, 0x204, {0x0F, 1});
+  for (int k = 0; k < 1000; ++k) sync();
+  EXPECT_EQ(node.state(), DriveState::operation_enabled);
+  EXPECT_NEAR(1e-3 * static_cast<double>(value(0x606C)), 0, 5);
+  EXPECT_EQ(value(0x6041) & 0x1400, 0x0400);
 }
 
 }  // namespace

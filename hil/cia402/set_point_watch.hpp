@@ -1,0 +1,70 @@
+#pragma once
+
+#include <algorithm>
+#include <cstdint>
+#include <limits>
+
+#include <tribotwin/hil/canopen/node_context.hpp>
+#include <tribotwin/hil/canopen/object_index.hpp>
+#include <tribotwin/hil/canopen/pdo.hpp>
+
+namespace tribotwin::hil {
+
+/// Watches that the set points of the active mode keep coming, from the first one that an RPDO brings to an enabled
+/// drive (2121h: cycles without one; 0: not watched).
+///
+/// It counts SYNCs, so that a slow master in lockstep is not late. An event-driven RPDO is no part of the SYNC's cycle;
+/// it has at least 100 ms, and is watched by the clock, too. An RPDO with a deadline of its own (140xh:05) is left to
+/// that.
+class SetPointWatch {
+ public:
+  explicit SetPointWatch(NodeContext& node)
+      : deadline_(node.dictionary.find(od::set_point_deadline, 1)),
+        cycle_(node.dictionary.find(od::communication_cycle_period, 0)) {}
+
+  /// The object that holds the set point now; 0: the drive follows none. Another one is not watched yet.
+  void follow(std::uint16_t target) {
+    if (target != target_) delivery_ = {};
+    target_ = target;
+  }
+  void arrived(const PdoDelivery& delivery, std::int64_t now_ns) {
+    delivery_ = delivery;
+    restart(now_ns);
+  }
+  /// Counts from now on.
+  void restart(std::int64_t now_ns) {
+    syncs_ = 0;
+    last_ns_ = now_ns;
+  }
+  void sync() { ++syncs_; }
+
+  /// Whether the deadline has passed; said once, then watched again from the next arrival on.
+  bool lost(std::int64_t now_ns) {
+    if (!watching()) return false;
+    const bool late = syncs_ > syncs_allowed() || (delivery_.every_syncs == 0 && now_ns - last_ns_ > patience_ns());
+    if (late) delivery_ = {};
+    return late;
+  }
+  /// Next time at which `lost` may say so without a SYNC.
+  std::int64_t next_ns() const {
+    if (!watching() || delivery_.every_syncs != 0) return std::numeric_limits<std::int64_t>::max();
+    return last_ns_ + patience_ns() + 1;
+  }
+
+ private:
+  static constexpr std::int64_t shortest_ns = 100 * ns_per_ms;
+
+  bool watching() const { return delivery_.exists && !delivery_.own_deadline && deadline_->value != 0; }
+  std::int64_t cycle_ns() const { return std::max<std::int64_t>(1, cycle_->value) * 1000; }
+  std::int64_t patience_ns() const { return std::max(deadline_->value * cycle_ns(), shortest_ns); }
+  std::int64_t syncs_allowed() const {
+    return delivery_.every_syncs ? deadline_->value * delivery_.every_syncs : patience_ns() / cycle_ns();
+  }
+
+  const Object *deadline_, *cycle_;
+  std::uint16_t target_ = 0;
+  PdoDelivery delivery_;
+  std::int64_t syncs_ = 0, last_ns_ = 0;
+};
+
+}  // namespace tribotwin::hil
