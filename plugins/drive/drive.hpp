@@ -68,7 +68,7 @@ double advance(const Bristles& bristles, double z0_rad, double w_rad_s, double g
 /// What the actuator's control is.
 enum class Control {
   torque,    ///< motor torque [Nm, arm side]
-  position,  ///< joint angle [rad] of a servo like MuJoCo's <position kp kv>
+  position,  ///< joint angle [rad] of a servo, as of MuJoCo's position actuator
 };
 
 /// Parameters: immutable, shared by all simulations and threads.
