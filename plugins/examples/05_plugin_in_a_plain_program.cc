@@ -22,7 +22,7 @@ int main(int argc, char** argv) {
   while (d->time < 10) {
     d->ctrl[0] = 0.3 * std::sin(2 * d->time);  // motor torque, arm side [Nm]
     mj_step(m, d);
-    if (std::fmod(d->time, 2) < 0.5 * m->opt.timestep)
+    if (std::fmod(d->time + 1e-9, 2) < 0.5 * m->opt.timestep)
       std::printf("%4.1f s: joint at %7.4f rad\n", d->time, d->qpos[0]);
   }
   mj_deleteData(d);

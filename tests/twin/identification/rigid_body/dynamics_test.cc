@@ -23,7 +23,7 @@ using Eigen::Index, Eigen::MatrixXd, Eigen::VectorXd;
 double worst_difference(const mjModel* given, int states) {
   mujoco::ModelPtr m(mj_copyModel(nullptr, given));
   mujoco::DataPtr d(mj_makeData(m.get()));
-  m->opt.disableflags |= mjDSBL_CONSTRAINT | mjDSBL_ACTUATION;  // which drives would not have been made with
+  m->opt.disableflags |= mjDSBL_LIMIT | mjDSBL_CONTACT | mjDSBL_EQUALITY;
   auto regressor = Regressor::create(m.get());
   EXPECT_TRUE(regressor) << regressor.error().message;
   const VectorXd phi = regressor->model_parameters();
@@ -36,9 +36,11 @@ double worst_difference(const mjModel* given, int states) {
       d->qpos[j] = q(j) = 2 * normal(random), d->qvel[j] = qd(j) = 3 * normal(random),
       d->qacc[j] = qdd(j) = 10 * normal(random);
     mj_inverse(m.get(), d.get());
-    // Springs and dampers are taken back: what switches them off has other names in every engine.
-    const VectorXd tau =
-        Eigen::Map<const VectorXd>(d->qfrc_inverse, m->nv) + Eigen::Map<const VectorXd>(d->qfrc_passive, m->nv);
+    // Springs, dampers and friction are taken back: drives need the friction rows enabled, and what switches springs
+    // off has other names in every engine.
+    const VectorXd tau = Eigen::Map<const VectorXd>(d->qfrc_inverse, m->nv) +
+                         Eigen::Map<const VectorXd>(d->qfrc_passive, m->nv) +
+                         Eigen::Map<const VectorXd>(d->qfrc_constraint, m->nv);
     worst = std::max(worst, (regressor->at(q, qd, qdd) * phi - tau).cwiseAbs().maxCoeff() / tau.cwiseAbs().maxCoeff());
   }
   return worst;
