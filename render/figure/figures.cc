@@ -4,11 +4,12 @@
 #include <numeric>
 #include <random>
 
-#include <Eigen/Eigenvalues>
+#include <Eigen/Dense>
 #include <fmt/format.h>
 
 #include <tribotwin/plugins/mujoco/binding.hpp>
 #include <tribotwin/render/figure/figures.hpp>
+#include <tribotwin/twin/numerics/linear_algebra.hpp>
 
 namespace tribotwin::render {
 namespace {
@@ -55,8 +56,8 @@ void set_ellipse(Series& s, const std::array<double, 2>& mean, const std::array<
                  double radius) {
   Eigen::Matrix2d c;
   c << covariance[0][0], covariance[0][1], covariance[1][0], covariance[1][1];
-  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix2d> axes(c);
-  const Eigen::Matrix2d half = axes.eigenvectors() * axes.eigenvalues().cwiseMax(0).cwiseSqrt().asDiagonal();
+  const twin::SymmetricEigen axes = twin::symmetric_eigen(c);
+  const Eigen::Matrix2d half = axes.vectors * axes.values.cwiseMax(0).cwiseSqrt().asDiagonal();
   for (int k = 0; k <= 120; ++k) {
     const double angle = 2 * std::numbers::pi * k / 120;
     const Eigen::Vector2d p =

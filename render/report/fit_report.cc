@@ -3,10 +3,10 @@
 #include <cmath>
 
 #include <fmt/format.h>
-#include <fmt/ranges.h>
 
 #include <tribotwin/render/report/fit_report.hpp>
 #include <tribotwin/render/theme/theme.hpp>
+#include <tribotwin/twin/io/text.hpp>
 
 namespace tribotwin::render {
 namespace {
@@ -138,7 +138,7 @@ class Writer {
           " The residuals have a standard deviation of {}; the law explains {:.2f} % of the variance of friction.",
           torque(p_.found.residual.std), 100 * p_.found.r_squared);
     const auto say = [&](const std::vector<std::string>& names, const char* what) {
-      if (!names.empty()) s += fmt::format(" {}: {}.", what, fmt::join(names, ", "));
+      if (!names.empty()) s += fmt::format(" {}: {}.", what, twin::joined(names));
     };
     say(p_.found.unidentifiable, "Not identifiable from these data");
     say(with_status(Status::fixed), "Given, not estimated");

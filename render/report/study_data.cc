@@ -1,10 +1,10 @@
 #include <algorithm>
 
 #include <fmt/format.h>
-#include <nlohmann/json.hpp>
 
 #include <tribotwin/render/report/study_data.hpp>
 #include <tribotwin/twin/io/input.hpp>
+#include <tribotwin/twin/io/json.hpp>
 #include <tribotwin/twin/io/json_input.hpp>
 #include <tribotwin/twin/io/name.hpp>
 #include <tribotwin/twin/io/table.hpp>
@@ -90,7 +90,7 @@ Result<std::vector<StudyJoint>> load_study_folder(const fs::path& directory) try
   if (!text)
     return tl::unexpected(fmt::format(
         "{}: cannot be read; 'tribotwin lab' writes it at the end of a study, such as br609_diagnosis", file.string()));
-  const json root = json::parse(*text, nullptr, false);
+  const json root = twin::parse_json(*text);
   if (root.is_discarded())
     return tl::unexpected(fmt::format("{}: is no JSON; 'tribotwin lab' writes it again", file.string()));
   std::vector<StudyJoint> joints;

@@ -5,11 +5,11 @@
 #include <tuple>
 
 #include <fmt/format.h>
-#include <fmt/ranges.h>
 
 #include <tribotwin/render/page/figure_table.hpp>
 #include <tribotwin/render/report/feature_regions.hpp>
 #include <tribotwin/render/report/study_report.hpp>
+#include <tribotwin/twin/io/text.hpp>
 
 namespace tribotwin::render {
 namespace {
@@ -109,7 +109,7 @@ class Writer {
   Writer(const std::filesystem::path& directory, const std::vector<StudyJoint>& joints, const ReportOptions& options)
       : joints_(joints),
         options_(options),
-        title_(fmt::format("Study of {}", fmt::join(names(joints), " and "))),
+        title_(fmt::format("Study of {}", twin::joined(names(joints), " and "))),
         page_(title_, options.figure_files) {
     head(directory);
   }
@@ -152,7 +152,7 @@ class Writer {
         for (const auto* v : verdicts(joint, false))
           if (v->region[r].anomalous) which.push_back(v->name());
         said += fmt::format(" Region {} ({}) flags {}.", r + 1, regions[r].of,
-                            which.empty() ? "nothing" : fmt::format("{}", fmt::join(which, "; ")));
+                            which.empty() ? "nothing" : twin::joined(which, "; "));
       }
       page_.add(to, "p", joint.name + ":" + said, "verdict");
       for (const StudyVerdict& v : joint.checked) {

@@ -3,12 +3,11 @@
 #include <map>
 
 #include <fmt/format.h>
-#include <fmt/ranges.h>
 #include <fnmatch.h>
 #include <glob.h>
-#include <nlohmann/json.hpp>
 
 #include <tribotwin/twin/commands/calibrate_campaign.hpp>
+#include <tribotwin/twin/io/json.hpp>
 #include <tribotwin/twin/io/text.hpp>
 
 namespace tribotwin::twin::program {
@@ -53,7 +52,7 @@ bool matches(const std::string& pattern, const fs::path& file) {
 /// The texts and numbers at the top level of a recording.
 std::map<std::string, std::string> labels_of(const fs::path& file) {
   std::map<std::string, std::string> labels;
-  const auto json = nlohmann::json::parse(or_wrong_input(read_text(file, "a recording")), nullptr, false);
+  const auto json = parse_json(or_wrong_input(read_text(file, "a recording")));
   if (!json.is_object()) return labels;
   for (const auto& [key, value] : json.items()) {
     if (value.is_string()) labels[key] = value.get<std::string>();
@@ -120,7 +119,7 @@ Split split_by_label(Mapping& in, const std::vector<Recording>& recordings) {
       for (const auto& [name, value] : labels) known.push_back(name);
       in.fail("folds",
               fmt::format("'{}': {} has no label '{}'; it has {}", text, recordings[i].file.filename().string(), label,
-                          known.empty() ? "none" : fmt::format("{}", fmt::join(known, ", "))));
+                          known.empty() ? "none" : joined(known)));
     }
     auto fold = std::ranges::find(split.folds, found->second, &Split::Fold::label);
     if (fold == split.folds.end()) fold = split.folds.insert(fold, {found->second, {}});

@@ -3,7 +3,6 @@
 #include <thread>
 
 #include <fmt/format.h>
-#include <fmt/ranges.h>
 #include <nlohmann/json.hpp>
 
 #include <tribotwin/plugins/friction/number.hpp>
@@ -11,6 +10,7 @@
 #include <tribotwin/twin/identification/curves/fit.hpp>
 #include <tribotwin/twin/identification/dynamic_friction/parameters.hpp>
 #include <tribotwin/twin/io/input.hpp>
+#include <tribotwin/twin/io/text.hpp>
 
 namespace tribotwin::twin::program {
 namespace {
@@ -47,7 +47,7 @@ std::vector<const friction::LawInfo*> laws_of(const std::string& text) {
         throw InputError(fmt::format(
             "--law {}: '{}' is identified from other data than laws of friction curves, and by itself", text, name));
       throw InputError(fmt::format("--law {}: no law '{}' can be identified; did you mean '{}'? Those that can are {}",
-                                   text, name, friction::nearest(name, names), fmt::join(names, ", ")));
+                                   text, name, friction::nearest(name, names), joined(names)));
     }
     laws.push_back(&*law);
     at = comma + 1;
@@ -141,9 +141,8 @@ std::string table_of(const Estimates& fit, std::string_view law, std::string_vie
       "\n\nresiduals: mean {:.3g}, std {:.4g}, largest {:.4g} {}; {} samples; R^2 {}; condition number {}; AICc {}\n",
       fit.residual.mean, fit.residual.std, fit.residual.max_abs, unit, fit.samples, or_dash(fit.r_squared, ".5f"),
       or_dash(fit.condition_number, ".3g"), or_dash(fit.aicc, ".1f"));
-  s += fit.unidentifiable.empty()
-           ? "every parameter is identifiable from these data\n"
-           : fmt::format("not identifiable from these data: {}\n", fmt::join(fit.unidentifiable, ", "));
+  s += fit.unidentifiable.empty() ? "every parameter is identifiable from these data\n"
+                                  : fmt::format("not identifiable from these data: {}\n", joined(fit.unidentifiable));
   return s;
 }
 

@@ -3,7 +3,6 @@
 #include <memory>
 
 #include <fmt/format.h>
-#include <fmt/ranges.h>
 #include <nlohmann/json.hpp>
 
 #include <tribotwin/twin/commands/program.hpp>
@@ -11,6 +10,7 @@
 #include <tribotwin/twin/identification/thermal/thermal_file.hpp>
 #include <tribotwin/twin/identification/thermal/thermal_torque.hpp>
 #include <tribotwin/twin/io/input.hpp>
+#include <tribotwin/twin/io/text.hpp>
 
 namespace tribotwin::twin::program {
 namespace {
@@ -255,7 +255,7 @@ std::vector<std::vector<std::vector<double>>> predictions(const Arguments& a, co
     const auto chain = or_wrong_input(read_thermal_chain(a.evaluate));
     if (!std::ranges::equal(joints, chain.joints, {}, &JointHeat::name))
       throw InputError(fmt::format("{}: chain: its joints are {}, those of {} are not, in this order", a.evaluate,
-                                   fmt::join(chain.joints, ", "), a.data.front()));
+                                   joined(chain.joints), a.data.front()));
     for (std::size_t s = 0; s < joints.front().sessions.size(); ++s) {
       const auto predicted = predicted_temperatures(chain, joints, s);
       for (std::size_t k = 0; k < joints.size(); ++k) {

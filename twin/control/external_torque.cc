@@ -5,6 +5,7 @@
 #include <fmt/format.h>
 
 #include <tribotwin/twin/control/external_torque.hpp>
+#include <tribotwin/twin/numerics/linear_algebra.hpp>
 
 namespace tribotwin::twin {
 
@@ -64,7 +65,7 @@ std::array<double, 6> ExternalTorque::wrench(int site) {
   mj_jacSite(m, data_.get(), jacobian.data(), jacobian.data() + 3 * m->nv, site);
   Eigen::VectorXd torque(m->nv);
   for (std::size_t i = 0; i < external_nm_.size(); ++i) torque[model_->drives()[i].dof] = external_nm_[i];
-  const Eigen::Matrix<double, 6, 1> w = jacobian.transpose().completeOrthogonalDecomposition().solve(torque);
+  const Eigen::VectorXd w = ShortestSolution(jacobian.transpose())(torque);
   std::array<double, 6> out;
   std::copy_n(w.data(), 6, out.begin());
   return out;

@@ -1,11 +1,12 @@
 #include <algorithm>
 #include <cmath>
 
-#include <boost/math/distributions/students_t.hpp>
 #include <fmt/format.h>
-#include <fmt/ranges.h>
 
 #include <tribotwin/twin/diagnosis/check.hpp>
+#include <tribotwin/twin/io/text.hpp>
+#include <tribotwin/twin/numerics/distributions.hpp>
+#include <tribotwin/twin/numerics/linear_algebra.hpp>
 
 namespace tribotwin::twin::diagnosis {
 namespace {
@@ -35,7 +36,7 @@ Problem unfit(const HealthyState& h, const ObservationFile& file, const Observat
       return fmt::format(
           "{}: {}: not identifiable from its levels; record the speeds of the healthy curves, from well below the "
           "Stribeck velocity ({:.2g} rad/s, motor side) to well into viscous friction",
-          o.name(), fmt::join(o.weak, ", "), h.mean(2));
+          o.name(), joined(o.weak), h.mean(2));
   for (const Eigen::Index i : {1, 2})
     if (const double ratio = o.features(i) / h.mean(i); !(ratio < 20 && ratio > 0.05))
       return fmt::format("{}: {} is {:.4g} {} where {:.4g} is healthy: another joint or another unit", o.name(),
@@ -68,7 +69,7 @@ std::string sentence_of(const HealthyState& h, const Observation& o, const Verdi
     if (v.indicators[k] && v.indicators[k]->anomalous)
       what.push_back(
           fmt::format("{} ({:.3g}, limit {:.3g})", indicators[k].name, v.indicators[k]->value, v.indicators[k]->limit));
-  s += fmt::format("not as learned: {}. ", fmt::join(what, ", "));
+  s += fmt::format("not as learned: {}. ", joined(what));
   if (!v.cause)
     s += "No known cause moves friction like this; repeat the test, then inspect the joint.";
   else
@@ -85,8 +86,7 @@ std::string sentence_of(const HealthyState& h, const Observation& o, const Verdi
 /// One-sided prediction limits of ripple and lost motion.
 void judge_indicators(const HealthyState& h, const Observation& o, double false_alarm, Verdict& v) {
   const double n = static_cast<double>(h.observations);
-  const double t = boost::math::quantile(boost::math::complement(boost::math::students_t(n - 1), false_alarm)) *
-                   std::sqrt(1 + 1 / n);
+  const double t = student_t_upper_quantile(n - 1, false_alarm) * std::sqrt(1 + 1 / n);
   for (const std::size_t k : {ripple, lost_motion})
     if (h.indicators[k] && o.indicators[k]) {
       v.indicators[k] =
@@ -143,8 +143,8 @@ RegionVerdict judge(const HealthyState& h, const Observation& o, std::size_t whi
   RegionVerdict v{.distance = h.distance(o.features, which)};
   v.beyond_two_sigma = v.distance > h.anomalous_distance;
   v.beyond_wear = v.distance > h.wear_distance;
-  v.statistic =
-      e.dot(base.covariance.ldlt().solve(e)) / base.variance(h.regressors(o.temperature_degC), h.scatter_of(o, which));
+  v.statistic = e.dot(symmetric_solution(base.covariance, e)) /
+                base.variance(h.regressors(o.temperature_degC), h.scatter_of(o, which));
   v.limit = base.limit(false_alarm);
   v.by_chance = base.exceeded_by_chance(v.statistic);
   v.anomalous = v.statistic > v.limit;
@@ -153,7 +153,7 @@ RegionVerdict judge(const HealthyState& h, const Observation& o, std::size_t whi
 
 EquivalentLoad equivalent_load(const HealthyState& h, const Observation& o) {
   const Baseline& base = h.region[0];
-  const Eigen::Vector3d effect = h.load_effect.head(3), weighted = base.covariance.ldlt().solve(effect);
+  const Eigen::Vector3d effect = h.load_effect.head(3), weighted = symmetric_solution(base.covariance, effect);
   const double information = effect.dot(weighted);
   EquivalentLoad l{.threshold = h.wear_load()};
   if (!(information > 0)) return l;

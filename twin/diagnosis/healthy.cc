@@ -1,24 +1,24 @@
 #include <algorithm>
 #include <cmath>
 
-#include <boost/math/distributions/fisher_f.hpp>
-
 #include <tribotwin/twin/diagnosis/healthy.hpp>
+#include <tribotwin/twin/numerics/distributions.hpp>
+#include <tribotwin/twin/numerics/linear_algebra.hpp>
 
 namespace tribotwin::twin::diagnosis {
 
 using Eigen::Index, Eigen::MatrixXd, Eigen::VectorXd;
 
 double shape_scatter(const FeatureMatrix& shape, const RegionFeatures& r) {
-  const double d = shape.block(r.first, r.first, r.count, r.count).determinant();
+  const double d = determinant(shape.block(r.first, r.first, r.count, r.count));
   return d > 0 ? std::pow(d, 1.0 / static_cast<double>(r.count)) : 0;
 }
 
 Baseline regression(const MatrixXd& x, const MatrixXd& y, const VectorXd& scatter) {
   const VectorXd root = scatter.cwiseSqrt().cwiseInverse();
   const MatrixXd X = root.asDiagonal() * x, Y = root.asDiagonal() * y;
-  Baseline b{.inverse_gram = (X.transpose() * X).inverse(), .freedom = static_cast<double>(x.rows() - x.cols())};
-  b.coefficients = X.colPivHouseholderQr().solve(Y);
+  Baseline b{.inverse_gram = inverse(X.transpose() * X), .freedom = static_cast<double>(x.rows() - x.cols())};
+  b.coefficients = least_squares_solutions(X, Y);
   const MatrixXd R = Y - X * b.coefficients;
   b.covariance = R.transpose() * R / b.freedom;
   return b;
@@ -26,14 +26,12 @@ Baseline regression(const MatrixXd& x, const MatrixXd& y, const VectorXd& scatte
 
 double Baseline::limit(double false_alarm) const {
   const auto p = static_cast<double>(covariance.rows());
-  return p * freedom / (freedom - p + 1) *
-         boost::math::quantile(boost::math::complement(boost::math::fisher_f(p, freedom - p + 1), false_alarm));
+  return p * freedom / (freedom - p + 1) * fisher_f_upper_quantile(p, freedom - p + 1, false_alarm);
 }
 
 double Baseline::exceeded_by_chance(double statistic) const {
   const auto p = static_cast<double>(covariance.rows());
-  return boost::math::cdf(boost::math::complement(boost::math::fisher_f(p, freedom - p + 1),
-                                                  statistic * (freedom - p + 1) / (p * freedom)));
+  return fisher_f_above(p, freedom - p + 1, statistic * (freedom - p + 1) / (p * freedom));
 }
 
 VectorXd HealthyState::regressors(std::optional<double> temperature_degC) const {
@@ -57,16 +55,12 @@ Features HealthyState::deviation(const Observation& o) const {
 double HealthyState::distance(const Features& features, std::size_t which) const {
   const auto& r = regions[which];
   const VectorXd d = (features - mean).segment(r.first, r.count);
-  return d.dot(covariance.block(r.first, r.first, r.count, r.count).ldlt().solve(d));
+  return d.dot(symmetric_solution(covariance.block(r.first, r.first, r.count, r.count), d));
 }
 
 VectorXd HealthyState::radii(std::size_t which) const {
   const auto& r = regions[which];
-  return Eigen::SelfAdjointEigenSolver<MatrixXd>(MatrixXd(covariance.block(r.first, r.first, r.count, r.count)),
-                                                 Eigen::EigenvaluesOnly)
-      .eigenvalues()
-      .cwiseMax(0)
-      .cwiseSqrt();
+  return symmetric_eigenvalues(covariance.block(r.first, r.first, r.count, r.count)).cwiseMax(0).cwiseSqrt();
 }
 
 double HealthyState::sensitivity_at_mean_load() const {

@@ -2,27 +2,27 @@
 #include <cmath>
 
 #include <fmt/format.h>
-#include <fmt/ranges.h>
 
 #include <tribotwin/twin/diagnosis/healthy_file.hpp>
 #include <tribotwin/twin/io/input.hpp>
+#include <tribotwin/twin/io/text.hpp>
+#include <tribotwin/twin/numerics/linear_algebra.hpp>
 
 namespace tribotwin::twin::diagnosis {
 namespace {
 
 using Eigen::Index, Eigen::MatrixXd, Eigen::VectorXd;
 
+std::string list(const VectorXd& v) {
+  return fmt::format("[{}]", joined(std::span(v.data(), static_cast<std::size_t>(v.size()))));
+}
+
 /// A flow sequence of flow sequences, one row each.
 std::string rows(const MatrixXd& m) {
   std::vector<std::string> lines;
-  for (Index i = 0; i < m.rows(); ++i) {
-    const VectorXd row = m.row(i);
-    lines.push_back(fmt::format("[{}]", fmt::join(row, ", ")));
-  }
-  return fmt::format("[{}]", fmt::join(lines, ", "));
+  for (Index i = 0; i < m.rows(); ++i) lines.push_back(list(m.row(i)));
+  return fmt::format("[{}]", joined(lines));
 }
-
-std::string list(const VectorXd& v) { return fmt::format("[{}]", fmt::join(v, ", ")); }
 
 std::string baseline(const Baseline& b) {
   return fmt::format("{{coefficients: {}, covariance: {}, inverse_gram: {}, freedom: {}}}", rows(b.coefficients),
@@ -56,7 +56,7 @@ MatrixXd matrix(Mapping& m, const std::string& key, Index row_count, Index colum
 /// Symmetric and positive definite.
 MatrixXd covariance(Mapping& m, const std::string& key, Index size) {
   const MatrixXd c = matrix(m, key, size, size);
-  if (!c.isApprox(c.transpose(), 1e-9) || c.llt().info() != Eigen::Success)
+  if (!c.isApprox(c.transpose(), 1e-9) || !cholesky_factor(c))
     m.fail(key, "is no covariance: it must be symmetric and positive definite");
   return c;
 }
@@ -87,7 +87,7 @@ std::string to_yaml(const HealthyState& h) {
   s += fmt::format("law: {}\nalpha: {}\nobservations: {}\nleft_out: {}\n", law_name, alpha, h.observations, h.left_out);
   s += fmt::format("temperature: {{low_degC: {}, high_degC: {}, known: {}}}\n", h.temperature_low_degC,
                    h.temperature_high_degC, h.knows_temperature);
-  s += fmt::format("features: [{}]\nunits: ['{}']\n", fmt::join(feature_names, ", "), fmt::join(feature_units, "', '"));
+  s += fmt::format("features: [{}]\nunits: ['{}']\n", joined(feature_names), joined(feature_units, "', '"));
   s += fmt::format("mean: {}\ncovariance: {}\n", list(h.mean), rows(h.covariance));
   s += fmt::format("thresholds:   # squared distances, N^2 of Zhou 2024 (2 and 6 sigma)\n  anomalous: {}\n  wear: {}\n",
                    h.anomalous_distance, h.wear_distance);
@@ -98,7 +98,7 @@ std::string to_yaml(const HealthyState& h) {
       "middle\nbaseline:\n";
   for (std::size_t r = 0; r < regions.size(); ++r)
     s += fmt::format("  {}: {}\n", regions[r].name, baseline(h.region[r]));
-  s += fmt::format("  together: {}\n  scatter: [{}]\n  shrinkage: {}\n", rows(h.together), fmt::join(h.scatter, ", "),
+  s += fmt::format("  together: {}\n  scatter: [{}]\n  shrinkage: {}\n", rows(h.together), joined(h.scatter),
                    h.shrinkage);
   if (std::ranges::any_of(h.indicators, [](const auto& i) { return i.has_value(); })) s += "indicators:\n";
   for (std::size_t k = 0; k < indicator_count; ++k)
@@ -112,7 +112,7 @@ std::string to_yaml(const HealthyState& h) {
   if (h.lever_m > 0) s += fmt::format("  lever_m: {}\n", h.lever_m);
   std::vector<std::string> data;
   for (const auto& file : h.data) data.push_back(quoted(file));
-  return s + fmt::format("data: [{}]\n", fmt::join(data, ", "));
+  return s + fmt::format("data: [{}]\n", joined(data));
 }
 
 Result<HealthyState> read_healthy(const std::filesystem::path& file) try {
@@ -131,7 +131,7 @@ Result<HealthyState> read_healthy(const std::filesystem::path& file) try {
   temperature.done();
   for (const auto& [key, names] : {std::pair{"features", &feature_names}, {"units", &feature_units}})
     if (const auto given = m.texts(key); !std::ranges::equal(given, *names))
-      m.fail(key, fmt::format("are [{}] but must be [{}]", fmt::join(given, ", "), fmt::join(*names, ", ")));
+      m.fail(key, fmt::format("are [{}] but must be [{}]", joined(given), joined(*names)));
   h.mean = numbers(m, "mean", feature_count);
   if (!(h.mean.minCoeff() > 0)) m.fail("mean", "must hold numbers above 0");
   h.covariance = covariance(m, "covariance", feature_count);

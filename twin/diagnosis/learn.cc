@@ -2,11 +2,12 @@
 #include <cmath>
 #include <numeric>
 
-#include <boost/math/distributions/chi_squared.hpp>
 #include <fmt/format.h>
-#include <fmt/ranges.h>
 
 #include <tribotwin/twin/diagnosis/learn.hpp>
+#include <tribotwin/twin/io/text.hpp>
+#include <tribotwin/twin/numerics/distributions.hpp>
+#include <tribotwin/twin/numerics/linear_algebra.hpp>
 #include <tribotwin/twin/numerics/median.hpp>
 
 namespace tribotwin::twin::diagnosis {
@@ -20,9 +21,7 @@ constexpr std::array<double, indicator_count> relative_floor{0.05, 0.05, 0.01}, 
 
 bool singular(const MatrixXd& covariance) {
   const VectorXd unit = covariance.diagonal().cwiseSqrt().cwiseInverse();
-  return !unit.allFinite() || Eigen::SelfAdjointEigenSolver<MatrixXd>(
-                                  unit.asDiagonal() * covariance * unit.asDiagonal(), Eigen::EigenvaluesOnly)
-                                      .eigenvalues()(0) < 1e-7;
+  return !unit.allFinite() || symmetric_eigenvalues(unit.asDiagonal() * covariance * unit.asDiagonal())(0) < 1e-7;
 }
 
 /// Oracle approximating shrinkage (Chen 2010) of a covariance towards its mean variance times the
@@ -63,20 +62,20 @@ class CleanRows {
     }
     const std::vector<double> d = distances(rows);
     // The covariance of the inner rows is too small; the median distance gives the factor.
-    const boost::math::chi_squared chi2(static_cast<double>(y_.cols()));
-    const double factor = identification::median_of(d) / boost::math::median(chi2);
-    return readmitted(rows_with(d, boost::math::quantile(chi2, 0.999) * factor));
+    const auto freedom = static_cast<double>(y_.cols());
+    const double factor = identification::median_of(d) / chi_squared_median(freedom);
+    return readmitted(rows_with(d, chi_squared_quantile(freedom, 0.999) * factor));
   }
 
  private:
   /// Squared distance of every row from the regression through some.
   std::vector<double> distances(const std::vector<std::size_t>& rows) const {
     const Baseline b = regression(x_(rows, Eigen::all), y_(rows, Eigen::all), scatter_(rows));
-    const MatrixXd inverse = b.covariance.inverse();
+    const MatrixXd weight = inverse(b.covariance);
     std::vector<double> d;
     for (Index i = 0; i < x_.rows(); ++i) {
       const VectorXd r = y_.row(i).transpose() - b.predicted(x_.row(i).transpose());
-      d.push_back(r.dot(inverse * r) / scatter_(i));
+      d.push_back(r.dot(weight * r) / scatter_(i));
     }
     return d;
   }
@@ -116,12 +115,12 @@ class CleanRows {
   std::vector<std::size_t> readmitted(const std::vector<std::size_t>& kept) const {
     const Baseline b = regression(x_(kept, Eigen::all), y_(kept, Eigen::all), scatter_(kept));
     const double limit = b.limit(1e-3);
-    const MatrixXd inverse = b.covariance.inverse();
+    const MatrixXd weight = inverse(b.covariance);
     std::vector<std::size_t> rows;
     for (std::size_t i = 0; i < count_; ++i) {
       const auto row = static_cast<Index>(i);
       const VectorXd at = x_.row(row), r = y_.row(row).transpose() - b.predicted(at);
-      if (r.dot(inverse * r) <= limit * b.variance(at, scatter_(row))) rows.push_back(i);
+      if (r.dot(weight * r) <= limit * b.variance(at, scatter_(row))) rows.push_back(i);
     }
     return rows;
   }
@@ -220,7 +219,7 @@ Problem unlearnable(const Observations& all) {
           "{}: {}: not identifiable from its levels; record speeds from well below the Stribeck velocity "
           "(about 1 rad/s, motor side) to well into viscous friction (about 100 rad/s), 10 levels or "
           "more",
-          o->name(), fmt::join(o->weak, ", "));
+          o->name(), joined(o->weak));
   if (all.size() < observations_minimum)
     return fmt::format("{} curve(s): a healthy state needs {} or more, {} for a useful one: {}", all.size(),
                        observations_minimum, observations_usual, record_cold_to_hot);
@@ -308,7 +307,9 @@ Problem learn_regions(const Rows& rows, HealthyState& h) {
       return fmt::format(
           "the {} curves do not scatter in all of {}: they are copies of each other or lie in one line (collinear), "
           "and do not show the normal scatter; {}",
-          h.observations, fmt::join(feature_names.begin() + r.first, feature_names.begin() + r.first + r.count, ", "),
+          h.observations,
+          joined(
+              std::span(feature_names).subspan(static_cast<std::size_t>(r.first), static_cast<std::size_t>(r.count))),
           record_cold_to_hot);
   }
   return {};

@@ -4,6 +4,7 @@
 #include <numbers>
 
 #include <tribotwin/twin/diagnosis/patterns.hpp>
+#include <tribotwin/twin/numerics/linear_algebra.hpp>
 
 namespace tribotwin::twin::diagnosis {
 namespace {
@@ -24,8 +25,8 @@ Footprint temperature(const HealthyState& h, double s) {
     slope << h.region[0].coefficients.row(1).transpose(), h.region[1].coefficients.row(1).transpose();
     return {.features = s * slope};
   }
-  const Eigen::SelfAdjointEigenSolver<FeatureMatrix> axes(h.together);
-  const Features axis = axes.eigenvectors().col(feature_count - 1) * std::sqrt(axes.eigenvalues()(feature_count - 1));
+  const SymmetricEigen axes = symmetric_eigen(h.together);
+  const Features axis = axes.vectors.col(feature_count - 1) * std::sqrt(axes.values(feature_count - 1));
   return {.features = (axis(3) < 0 ? s : -s) / 10 * axis};
 }
 

@@ -1,21 +1,19 @@
 #include <algorithm>
 #include <cmath>
 
-#include <boost/math/distributions/normal.hpp>
-#include <boost/math/distributions/students_t.hpp>
 #include <fmt/format.h>
-#include <fmt/ranges.h>
 
 #include <tribotwin/twin/diagnosis/sequence.hpp>
 #include <tribotwin/twin/io/table.hpp>
+#include <tribotwin/twin/io/text.hpp>
+#include <tribotwin/twin/numerics/distributions.hpp>
+#include <tribotwin/twin/numerics/linear_algebra.hpp>
 
 namespace tribotwin::twin::diagnosis {
 namespace {
 
 using Eigen::Index, Eigen::MatrixXd, Eigen::VectorXd;
 constexpr double score_maximum = 8;  ///< normal scores are limited to this: beyond, probabilities underflow
-
-double cumulative(double z) { return boost::math::cdf(boost::math::normal(), z); }
 
 /// A straight line with the covariance of its coefficients.
 struct Line {
@@ -49,12 +47,11 @@ std::optional<Margin> margin_of(const HealthyState& h, std::span<const Observati
     x.row(i) << 1, static_cast<double>(i);
     y(i) = equivalent_load(h, observations[static_cast<std::size_t>(i)]).load_norm;
   }
-  const Eigen::Matrix2d inverse = (x.transpose() * x).inverse();
-  Line line{.coefficients = inverse * x.transpose() * y};
+  const Eigen::Matrix2d inverse_gram = inverse(x.transpose() * x);
+  Line line{.coefficients = inverse_gram * x.transpose() * y};
   const double freedom = static_cast<double>(n - 2);
-  line.covariance = inverse * (y - x * line.coefficients).squaredNorm() / freedom;
-  const double t = boost::math::quantile(boost::math::students_t(freedom), 0.975), now = static_cast<double>(n - 1),
-               threshold = h.wear_load();
+  line.covariance = inverse_gram * (y - x * line.coefficients).squaredNorm() / freedom;
+  const double t = student_t_quantile(freedom, 0.975), now = static_cast<double>(n - 1), threshold = h.wear_load();
   const double left = threshold - line.at(now), width = t * line.error(now);
   return Margin{.load_norm = {left, left - width, left + width},
                 .observations = line.reaches(threshold, 0, now),
@@ -78,11 +75,10 @@ Result<Residuals> read_residuals(const std::filesystem::path& file, std::string 
   if (joints.empty())
     return tl::unexpected(
         fmt::format("{}:1: no column JOINT{}, as tribotwin-hil shadow --csv writes them; the header names {}",
-                    file.string(), ending, fmt::join(header->names, ", ")));
+                    file.string(), ending, joined(header->names)));
   if (joint.empty() && joints.size() == 1) joint = joints.front();
   if (std::ranges::find(joints, joint) == joints.end())
-    return tl::unexpected(
-        fmt::format("{}: --joint '{}': its joints are {}", file.string(), joint, fmt::join(joints, ", ")));
+    return tl::unexpected(fmt::format("{}: --joint '{}': its joints are {}", file.string(), joint, joined(joints)));
   auto table = read_numbers(file, {"time_s", joint + std::string(ending), joint + ".temperature_degC"});
   if (!table) return tl::unexpected(table.error());
   if (const auto problem = not_increasing(*table, table->columns[0])) return tl::unexpected(*problem);
@@ -146,9 +142,9 @@ double average_run_length(double h) {
   for (Index i = 0; i < n; ++i)
     for (Index k = 0; k < n; ++k) {
       const double step = static_cast<double>(k - i) * width + cusum_allowance;
-      stay(i, k) = cumulative(step + width / 2) - (k == 0 ? 0 : cumulative(step - width / 2));
+      stay(i, k) = normal_below(step + width / 2) - (k == 0 ? 0 : normal_below(step - width / 2));
     }
-  return (MatrixXd::Identity(n, n) - stay).partialPivLu().solve(VectorXd::Ones(n))(0);
+  return square_solution(MatrixXd::Identity(n, n) - stay, VectorXd::Ones(n))(0);
 }
 
 double cusum_threshold(double false_alarm) {
@@ -161,10 +157,9 @@ Cusum::Step Cusum::take(const VectorXd& y, const VectorXd& x, double scatter, do
   Baseline& b = baseline_;
   const VectorXd e = y - b.predicted(x);
   const double variance = b.variance(x, scatter);
-  const double chance = b.exceeded_by_chance(e.dot(b.covariance.ldlt().solve(e)) / variance);
+  const double chance = b.exceeded_by_chance(e.dot(symmetric_solution(b.covariance, e)) / variance);
   const double score = chance > 0
-                           ? std::clamp(-boost::math::quantile(boost::math::normal(), std::min(chance, 1 - 1e-15)),
-                                        -score_maximum, score_maximum)
+                           ? std::clamp(-normal_quantile(std::min(chance, 1 - 1e-15)), -score_maximum, score_maximum)
                            : score_maximum;
   sum_ = std::max(0.0, sum_ + score - cusum_allowance);
   alarmed_ |= sum_ > threshold;

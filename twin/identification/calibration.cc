@@ -8,6 +8,7 @@
 #include <tribotwin/twin/identification/calibration.hpp>
 #include <tribotwin/twin/identification/posterior.hpp>
 #include <tribotwin/twin/numerics/cma_es.hpp>
+#include <tribotwin/twin/numerics/linear_algebra.hpp>
 
 namespace tribotwin::twin::identification {
 namespace {
@@ -39,7 +40,7 @@ void judge(const Posterior& posterior, const VectorXd& z, const std::vector<std:
       fit.status[free[static_cast<std::size_t>(i)]] = ParameterStatus::at_bound;
     if (q.sigma > 0) H(i, i) += 1;
   }
-  const MatrixXd covariance = MatrixXd(H(inner, inner)).completeOrthogonalDecomposition().pseudoInverse();
+  const MatrixXd covariance = ShortestSolution(H(inner, inner)).pseudo_inverse();
   for (std::size_t k = 0; k < inner.size(); ++k) {
     const Quantity& q = posterior.quantity(inner[k]);
     const std::size_t at = free[static_cast<std::size_t>(inner[k])];

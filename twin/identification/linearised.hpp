@@ -7,9 +7,10 @@
 #include <utility>
 
 #include <Eigen/Dense>
-#include <boost/math/distributions/students_t.hpp>
 
 #include <tribotwin/twin/identification/estimates.hpp>
+#include <tribotwin/twin/numerics/distributions.hpp>
+#include <tribotwin/twin/numerics/linear_algebra.hpp>
 
 /// Internal to identification/, not installed: estimates of a nonlinear fit from its derivatives at the minimum.
 namespace tribotwin::twin::identification {
@@ -18,17 +19,14 @@ namespace tribotwin::twin::identification {
 inline Eigen::MatrixXd covariance_of(const Eigen::MatrixXd& jacobian) {
   const Eigen::VectorXd scale = jacobian.colwise().norm().cwiseMax(1e-300).cwiseInverse();
   const Eigen::MatrixXd unit = jacobian * scale.asDiagonal();
-  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> eigen(unit.transpose() * unit);
+  const SymmetricEigen eigen = symmetric_eigen(unit.transpose() * unit);
   const Eigen::VectorXd inverse =
-      eigen.eigenvalues().unaryExpr([](double information) { return information > 1e-12 ? 1 / information : 1e30; });
-  return scale.asDiagonal() * (eigen.eigenvectors() * inverse.asDiagonal() * eigen.eigenvectors().transpose()) *
-         scale.asDiagonal();
+      eigen.values.unaryExpr([](double information) { return information > 1e-12 ? 1 / information : 1e30; });
+  return scale.asDiagonal() * (eigen.vectors * inverse.asDiagonal() * eigen.vectors.transpose()) * scale.asDiagonal();
 }
 
 /// Half width of a 95 % interval in sigmas, for `freedom` degrees of freedom; fewer than 1 count as 1.
-inline double interval_sigmas(double freedom) {
-  return boost::math::quantile(boost::math::students_t(std::max(1.0, freedom)), 0.975);
-}
+inline double interval_sigmas(double freedom) { return student_t_quantile(std::max(1.0, freedom), 0.975); }
 
 /// With a 95 % interval of `quantile` sigmas to either side.
 inline Estimate estimate(std::string name, std::string unit, double value, double variance, double quantile) {

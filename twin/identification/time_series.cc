@@ -1,9 +1,9 @@
 #include <algorithm>
 
 #include <fmt/format.h>
-#include <fmt/ranges.h>
 
 #include <tribotwin/twin/identification/time_series.hpp>
+#include <tribotwin/twin/io/text.hpp>
 
 namespace tribotwin::twin::identification {
 
@@ -16,8 +16,7 @@ Result<Numbers> read_time_series(const std::filesystem::path& file, const std::v
   for (const auto& name : needed)
     if (std::ranges::find(table->names, name) == table->names.end())
       return tl::unexpected(fmt::format("{}:1: no column {}; the columns are {}, and may be {}; the header names {}",
-                                        file.string(), name, fmt::join(needed, ", "), fmt::join(optional, ", "),
-                                        fmt::join(table->names, ", ")));
+                                        file.string(), name, joined(needed), joined(optional), joined(table->names)));
   const auto& time = table->columns[0];
   if (time.empty())
     return tl::unexpected(table->left_out

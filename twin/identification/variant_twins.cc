@@ -5,12 +5,12 @@
 #include <sstream>
 
 #include <fmt/format.h>
-#include <fmt/ranges.h>
 #include <pugixml.hpp>
 
 #include <tribotwin/plugins/mujoco/source.hpp>
 #include <tribotwin/twin/identification/quantity_keys.hpp>
 #include <tribotwin/twin/identification/variant_twins.hpp>
+#include <tribotwin/twin/io/text.hpp>
 
 namespace tribotwin::twin::identification {
 namespace {
@@ -73,7 +73,7 @@ std::string without_scenery(const std::string& text, const mujoco::Model& m) {
     if (body.child("inertial") || m->body_mass[id] == 0) continue;
     pugi::xml_node inertial = body.prepend_child("inertial");
     const auto give = [&](const char* attribute, const mjtNum* first, int count) {
-      inertial.append_attribute(attribute) = fmt::format("{}", fmt::join(first, first + count, " ")).c_str();
+      inertial.append_attribute(attribute) = joined({first, first + count}, " ").c_str();
     };
     give("mass", m->body_mass + id, 1);
     give("pos", m->body_ipos + 3 * id, 3);

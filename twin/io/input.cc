@@ -121,7 +121,7 @@ std::string Mapping::choice(const std::string& key, const std::vector<std::strin
   for (const auto& a : accepted)
     if (a == value) return value;
   fail(key, fmt::format("'{}' is not known; did you mean '{}'? Accepted: {}", value, friction::nearest(value, accepted),
-                        fmt::join(accepted, ", ")));
+                        joined(accepted)));
 }
 std::vector<double> Mapping::numbers(const std::string& key, Bounds bounds) {
   const YAML::Node node = take(key);

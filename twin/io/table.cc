@@ -4,7 +4,6 @@
 #include <sstream>
 
 #include <fmt/format.h>
-#include <fmt/ranges.h>
 
 #include <tribotwin/plugins/friction/number.hpp>
 #include <tribotwin/twin/io/table.hpp>
@@ -46,7 +45,7 @@ Result<std::vector<double>> Table::numbers(std::string_view name) const {
   const auto at = std::ranges::find(names, name);
   if (at == names.end())
     return tl::unexpected(
-        fmt::format("{}:1: no column '{}'; its header names: {}", file.string(), name, fmt::join(names, ", ")));
+        fmt::format("{}:1: no column '{}'; its header names: {}", file.string(), name, joined(names)));
   const auto column = static_cast<std::size_t>(at - names.begin());
   std::vector<double> values;
   for (std::size_t row = 0; row < rows.size(); ++row) {

@@ -3,6 +3,7 @@
 #include <iterator>
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
 #include <tribotwin/twin/io/text.hpp>
 
@@ -21,6 +22,18 @@ Result<std::string> read_text(const std::filesystem::path& file, std::string_vie
   auto stream = open_text(file, kind);
   if (!stream) return tl::unexpected(stream.error());
   return std::string(std::istreambuf_iterator<char>(*stream), {});
+}
+
+std::string joined(std::span<const std::string> texts, std::string_view separator) {
+  return fmt::format("{}", fmt::join(texts, separator));
+}
+
+std::string joined(std::span<const std::string_view> texts, std::string_view separator) {
+  return fmt::format("{}", fmt::join(texts, separator));
+}
+
+std::string joined(std::span<const double> numbers, std::string_view separator) {
+  return fmt::format("{}", fmt::join(numbers, separator));
 }
 
 }  // namespace tribotwin::twin

@@ -2,6 +2,7 @@
 
 #include <filesystem>
 #include <fstream>
+#include <span>
 #include <string>
 #include <string_view>
 
@@ -14,5 +15,11 @@ Result<std::ifstream> open_text(const std::filesystem::path& file, std::string_v
 
 /// The whole content.
 Result<std::string> read_text(const std::filesystem::path& file, std::string_view kind);
+
+/// "a, b, c"; numbers with the digits that identify them. Functions because fmt::join instantiates fmt's formatters, 1
+/// s of compilation in every source.
+std::string joined(std::span<const std::string> texts, std::string_view separator = ", ");
+std::string joined(std::span<const std::string_view> texts, std::string_view separator = ", ");
+std::string joined(std::span<const double> numbers, std::string_view separator = ", ");
 
 }  // namespace tribotwin::twin

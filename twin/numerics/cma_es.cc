@@ -4,6 +4,7 @@
 #include <vector>
 
 #include <tribotwin/twin/numerics/cma_es.hpp>
+#include <tribotwin/twin/numerics/linear_algebra.hpp>
 
 namespace tribotwin::twin {
 
@@ -56,9 +57,9 @@ Minimum cma_es(const std::function<double(const VectorXd&)>& objective, const Ve
     C = (1 - c_one - c_mu) * C + c_one * (path * path.transpose() + (steady ? 0 : c_path * (2 - c_path)) * C) +
         c_mu * spread;
     step *= std::exp(c_step / damping * (step_path.norm() / expected_length - 1));
-    const Eigen::SelfAdjointEigenSolver<MatrixXd> eigen(C);
-    B = eigen.eigenvectors();
-    axes = eigen.eigenvalues().cwiseMax(1e-20).cwiseSqrt();
+    const SymmetricEigen eigen = symmetric_eigen(C);
+    B = eigen.vectors;
+    axes = eigen.values.cwiseMax(1e-20).cwiseSqrt();
   }
   return best;
 }

@@ -1,11 +1,11 @@
 #include <algorithm>
-#include <limits>
 
+#include <tribotwin/twin/numerics/linear_algebra.hpp>
 #include <tribotwin/twin/numerics/triangular_factor.hpp>
 
 namespace tribotwin::twin {
 
-using Eigen::Index, Eigen::MatrixXd, Eigen::VectorXd;
+using Eigen::Index, Eigen::MatrixXd;
 
 TriangularFactor::TriangularFactor(Index columns)
     : columns_(columns),
@@ -29,7 +29,7 @@ void TriangularFactor::add(const TriangularFactor& other) { add(other.R()); }
 void TriangularFactor::fold() const {
   if (used_ == columns_) return;
   MatrixXd rows = buffer_.topRows(used_);
-  const Eigen::HouseholderQR<Eigen::Ref<MatrixXd>> qr(rows);
+  factor_in_place(rows);
   buffer_.topRows(columns_).setZero();
   buffer_.topRows(columns_).triangularView<Eigen::Upper>() = rows.topRows(columns_);
   used_ = columns_;
@@ -38,13 +38,6 @@ void TriangularFactor::fold() const {
 MatrixXd TriangularFactor::R() const {
   fold();
   return buffer_.topRows(columns_);
-}
-
-double scaled_condition_number(const MatrixXd& R) {
-  const VectorXd length = R.colwise().norm();
-  if (R.cols() == 0 || length.minCoeff() == 0) return std::numeric_limits<double>::infinity();
-  const VectorXd s = Eigen::BDCSVD<MatrixXd>(R * length.cwiseInverse().asDiagonal()).singularValues();
-  return s(0) / s(s.size() - 1);
 }
 
 }  // namespace tribotwin::twin

@@ -29,7 +29,4 @@ class TriangularFactor {
   mutable Eigen::Index used_;
 };
 
-/// Ratio of the largest to the smallest singular value of R once its columns have unit length; infinite where one is 0.
-double scaled_condition_number(const Eigen::MatrixXd& R);
-
 }  // namespace tribotwin::twin

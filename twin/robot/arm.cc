@@ -5,6 +5,7 @@
 #include <Eigen/Dense>
 #include <fmt/format.h>
 
+#include <tribotwin/twin/io/text.hpp>
 #include <tribotwin/twin/robot/arm.hpp>
 
 namespace tribotwin::twin {
@@ -22,7 +23,7 @@ Result<std::size_t> find_drive(const mujoco::Model& model, std::string_view join
   if (names.empty()) return tl::unexpected(std::string("the model has no tribotwin.drive"));
   const std::vector<std::string_view> views(names.begin(), names.end());
   return tl::unexpected(fmt::format("'{}': did you mean '{}'? Joints with drives: {}", joint,
-                                    friction::nearest(joint, views), fmt::join(names, ", ")));
+                                    friction::nearest(joint, views), joined(names)));
 }
 
 std::size_t drive_of(const mujoco::Model& model, const mujoco::Spring& spring) {

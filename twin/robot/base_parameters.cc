@@ -3,6 +3,7 @@
 
 #include <fmt/format.h>
 
+#include <tribotwin/twin/numerics/linear_algebra.hpp>
 #include <tribotwin/twin/numerics/triangular_factor.hpp>
 #include <tribotwin/twin/robot/base_parameters.hpp>
 
@@ -57,9 +58,7 @@ BaseParameters base_parameters(Regressor regressor) {
       length(c) = 0, R.col(c).setZero();
 
   BaseParameters base;
-  Eigen::ColPivHouseholderQR<MatrixXd> pivoted(R);
-  pivoted.setThreshold(dependent_below);
-  base.numerical_rank = pivoted.rank();
+  base.numerical_rank = numerical_rank(R, dependent_below);
 
   // Gram-Schmidt in the order of preference, twice for orthogonality to rounding.
   MatrixXd Q(R.rows(), R.cols());
@@ -76,7 +75,7 @@ BaseParameters base_parameters(Regressor regressor) {
     base.independent.push_back(c);
   }
   const auto n = static_cast<Index>(base.independent.size());
-  const MatrixXd groups = R(Eigen::all, base.independent).colPivHouseholderQr().solve(R(Eigen::all, dependent));
+  const MatrixXd groups = least_squares_solutions(R(Eigen::all, base.independent), R(Eigen::all, dependent));
   base.from_all = MatrixXd::Zero(n, R.cols());
   for (Index i = 0; i < n; ++i) {
     base.from_all(i, base.independent[static_cast<std::size_t>(i)]) = 1;

@@ -5,9 +5,10 @@
 #include <set>
 
 #include <fmt/format.h>
-#include <fmt/ranges.h>
 
+#include <tribotwin/twin/io/text.hpp>
 #include <tribotwin/twin/numerics/cma_es.hpp>
+#include <tribotwin/twin/numerics/linear_algebra.hpp>
 #include <tribotwin/twin/robot/excitation.hpp>
 
 namespace tribotwin::twin {
@@ -132,7 +133,7 @@ class Judge {
     gram_.selfadjointView<Eigen::Lower>().rankUpdate(Y.transpose());
   }
   double condition_number() const {
-    const VectorXd eigenvalues = Eigen::SelfAdjointEigenSolver<MatrixXd>(gram_, Eigen::EigenvaluesOnly).eigenvalues();
+    const VectorXd eigenvalues = symmetric_eigenvalues(gram_);
     return std::sqrt(eigenvalues(columns_ - 1) / std::max(eigenvalues(0), 1e-15 * eigenvalues(columns_ - 1)));
   }
 
@@ -281,8 +282,8 @@ MotionLimits motion_limits(const mujoco::Model& model, const Regressor& regresso
     limits.low(j) = low + 0.02 * (high - low), limits.high(j) = high - 0.02 * (high - low);
   }
   if (!unlimited.empty())
-    limits.notes.push_back(fmt::format("the model gives no range for {}: half a turn (0.5 m) to both sides is taken",
-                                       fmt::join(unlimited, ", ")));
+    limits.notes.push_back(
+        fmt::format("the model gives no range for {}: half a turn (0.5 m) to both sides is taken", joined(unlimited)));
   const int numeric = mj_name2id(m, mjOBJ_NUMERIC, "joint_speed_max_rad_s");
   if (numeric >= 0 && static_cast<std::size_t>(m->numeric_size[numeric]) == model.drives().size())
     for (std::size_t d = 0; d < model.drives().size(); ++d)

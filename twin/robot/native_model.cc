@@ -7,18 +7,19 @@
 
 #include <tribotwin/plugins/mujoco/loader.hpp>
 #include <tribotwin/plugins/mujoco/source.hpp>
+#include <tribotwin/twin/numerics/linear_algebra.hpp>
 #include <tribotwin/twin/robot/native_model.hpp>
 
 namespace tribotwin::twin {
 namespace {
 
-constexpr int speeds = 200;
+constexpr int speed_count = 200;
 
 /// frictionloss F and damping D, both >= 0, that come nearest to the friction at these speeds.
 Eigen::Vector2d fitted(const Eigen::ArrayXd& speed, const Eigen::ArrayXd& friction) {
-  Eigen::MatrixX2d basis(speed.size(), 2);
+  Eigen::MatrixXd basis(speed.size(), 2);
   basis << Eigen::VectorXd::Ones(speed.size()), speed.matrix();
-  const Eigen::Vector2d both = basis.colPivHouseholderQr().solve(friction.matrix());
+  const Eigen::Vector2d both = least_squares_solution(basis, friction.matrix());
   if (both[1] < 0) return {friction.mean(), 0};
   if (both[0] < 0) return {0, (speed * friction).sum() / speed.square().sum()};
   return both;
@@ -41,7 +42,8 @@ Result<NativeFriction> fit(const mujoco::Binding& b, const std::string& joint, s
   if (!std::isfinite(n.speed_max_rad_s))
     return tl::unexpected(
         fmt::format("joint '{}': its law has no end of speed; give the fastest joint speed (--speed)", joint));
-  const Eigen::ArrayXd speed = Eigen::ArrayXd::LinSpaced(speeds, n.speed_max_rad_s / speeds, n.speed_max_rad_s);
+  const Eigen::ArrayXd speed =
+      Eigen::ArrayXd::LinSpaced(speed_count, n.speed_max_rad_s / speed_count, n.speed_max_rad_s);
   const Eigen::ArrayXd friction =
       speed.unaryExpr([&](double qd) { return mujoco::friction_nm(b.drive, qd, 0, n.temperature_degC); });
   const Eigen::Vector2d native = fitted(speed, friction);

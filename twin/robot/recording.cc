@@ -1,8 +1,8 @@
 #include <cmath>
 
 #include <fmt/format.h>
-#include <nlohmann/json.hpp>
 
+#include <tribotwin/twin/io/json.hpp>
 #include <tribotwin/twin/io/table.hpp>
 #include <tribotwin/twin/io/text.hpp>
 #include <tribotwin/twin/robot/recording.hpp>
@@ -14,7 +14,7 @@ using Read = Result<SetPoints>;
 
 Read read_json(const std::filesystem::path& file, const std::string& text) {
   const auto fail = [&](const std::string& why) { return tl::unexpected(fmt::format("{}: {}", file.string(), why)); };
-  const auto json = nlohmann::json::parse(text, nullptr, false);
+  const auto json = parse_json(text);
   if (json.is_discarded()) return fail("is not well-formed JSON");
   if (!json.is_object() || !json.contains("entries") || !json["entries"].is_array())
     return fail("has no array 'entries'");

@@ -31,11 +31,13 @@ void read_fault(Mapping& in, const mujoco::Model& model, double duration_s, Even
 }
 
 /// One row per type of event.
-constexpr std::pair<std::string_view, void (*)(Mapping&, const mujoco::Model&, double duration_s, Event&)> types[] = {
-    {"payload", read_payload},
-    {"ambient", read_ambient},
-    {"wear", [](Mapping& in, const mujoco::Model& model, double, Event& event) { event.what = read_wear(in, model); }},
-    {"fault", read_fault},
+constexpr std::pair<std::string_view, void (*)(Mapping&, const mujoco::Model&, double duration_s, Event&)>
+    event_types[] = {
+        {"payload", read_payload},
+        {"ambient", read_ambient},
+        {"wear",
+         [](Mapping& in, const mujoco::Model& model, double, Event& event) { event.what = read_wear(in, model); }},
+        {"fault", read_fault},
 };
 
 }  // namespace
@@ -43,7 +45,7 @@ constexpr std::pair<std::string_view, void (*)(Mapping&, const mujoco::Model&, d
 Event read_event(Mapping in, const mujoco::Model& model, double duration_s) {
   Event event;
   event.time_s = in.number("time_s", {0, duration_s});
-  choice_of(in, "type", types)(in, model, duration_s, event);
+  choice_of(in, "type", event_types)(in, model, duration_s, event);
   in.done();
   return event;
 }

@@ -46,7 +46,7 @@ CompensatedOptions compensated_options(Mapping& in, const mujoco::Model& model, 
 using Control = decltype(Scenario::control);
 
 /// One row per type of control.
-constexpr std::pair<std::string_view, Control (*)(Mapping&, const Scenario&)> types[] = {
+constexpr std::pair<std::string_view, Control (*)(Mapping&, const Scenario&)> control_types[] = {
     {"servo", [](Mapping& in, const Scenario& s) -> Control { return cascaded_options(in, {}, *s.model); }},
     {"compensated",
      [](Mapping& in, const Scenario& s) -> Control { return compensated_options(in, *s.model, s.seed); }},
@@ -83,7 +83,7 @@ void read_control(Mapping& in, Scenario& s) {
     s.control = CascadedOptions{};
     return;
   }
-  s.control = choice_of(*control, "type", types)(*control, s);
+  s.control = choice_of(*control, "type", control_types)(*control, s);
   control->done();
   if (!std::holds_alternative<std::vector<double>>(s.control) && !s.motion)
     in.fail("motion", "is missing: what should the joints do?");

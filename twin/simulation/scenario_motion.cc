@@ -139,7 +139,7 @@ Motion read_test_cycle(const MotionInput& input) {
 }
 
 /// One row per type of motion.
-constexpr std::pair<std::string_view, Motion (*)(const MotionInput&)> types[] = {
+constexpr std::pair<std::string_view, Motion (*)(const MotionInput&)> motion_types[] = {
     {"hold", read_hold},
     {"cycle", read_cycle},
     {"back_and_forth", read_back_and_forth},
@@ -150,7 +150,7 @@ constexpr std::pair<std::string_view, Motion (*)(const MotionInput&)> types[] = 
 }  // namespace
 
 void read_motion(Mapping in, Scenario& scenario, const fs::path& folder, YAML::Node node) {
-  const auto read = choice_of(in, "type", types);
+  const auto read = choice_of(in, "type", motion_types);
   scenario.motion = read({in, scenario, folder, node});
 }
 

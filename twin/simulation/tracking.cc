@@ -3,6 +3,7 @@
 
 #include <Eigen/Dense>
 
+#include <tribotwin/twin/numerics/linear_algebra.hpp>
 #include <tribotwin/twin/simulation/tracking.hpp>
 
 namespace tribotwin::twin {
@@ -14,7 +15,7 @@ double oscillation(const std::vector<double>& x) {
   Eigen::MatrixXd basis(n, 3);
   basis << Eigen::VectorXd::Ones(n), t, t.square();
   const Eigen::Map<const Eigen::VectorXd> y(x.data(), n);
-  const Eigen::VectorXd left = y - basis * basis.colPivHouseholderQr().solve(y);
+  const Eigen::VectorXd left = y - basis * least_squares_solution(basis, y);
   return left.maxCoeff() - left.minCoeff();
 }
 

@@ -3,11 +3,11 @@
 #include <iterator>
 
 #include <fmt/format.h>
-#include <fmt/ranges.h>
 
 #include <tribotwin/render/report/run/run_data.hpp>
 #include <tribotwin/render/theme/theme.hpp>
 #include <tribotwin/twin/io/input.hpp>
+#include <tribotwin/twin/io/json.hpp>
 #include <tribotwin/twin/io/name.hpp>
 #include <tribotwin/twin/io/text.hpp>
 #include <tribotwin/twin/robot/arm.hpp>
@@ -80,7 +80,7 @@ Result<std::unique_ptr<RunData>> load_run(const fs::path& directory) {
     run->record = std::move(*record);
 
   if (const auto text = text_of(summary)) {
-    run->summary = nlohmann::json::parse(*text, nullptr, false);
+    run->summary = twin::parse_json(*text);
     if (!run->summary.is_object()) {
       run->summary = nullptr;
       miss(fmt::format("{}: is damaged (not JSON); what only the run itself computes is missing.", summary.string()));
@@ -115,7 +115,7 @@ Result<std::unique_ptr<RunData>> load_run(const fs::path& directory) {
 
 Result<std::vector<std::unique_ptr<RunData>>> load_runs(const fs::path& directory) {
   const fs::path file = directory / "summary.json";
-  const auto summary = nlohmann::json::parse(text_of(file).value_or(""), nullptr, false);
+  const auto summary = twin::parse_json(text_of(file).value_or(""));
   std::vector<std::unique_ptr<RunData>> runs;
   if (!summary.is_object() || !summary.contains("runs")) {
     auto run = load_run(directory);
@@ -131,7 +131,7 @@ Result<std::vector<std::unique_ptr<RunData>>> load_runs(const fs::path& director
       auto run = load_run(directory / folder);
       if (!run) return tl::unexpected(run.error());
       (*run)->name = folder;
-      (*run)->settings = fmt::format("{}", fmt::join(entry.at("set").get<std::vector<std::string>>(), ", "));
+      (*run)->settings = twin::joined(entry.at("set").get<std::vector<std::string>>());
       runs.push_back(std::move(*run));
     }
   } catch (const nlohmann::json::exception&) {

@@ -3,11 +3,10 @@
 #include <numeric>
 #include <ranges>
 
-#include <boost/math/distributions/chi_squared.hpp>
-#include <boost/math/distributions/normal.hpp>
 #include <fmt/format.h>
 
 #include <tribotwin/twin/experiments/working_days/findings.hpp>
+#include <tribotwin/twin/numerics/distributions.hpp>
 #include <tribotwin/twin/robot/base_parameters.hpp>
 
 namespace tribotwin::twin::repeatability {
@@ -39,8 +38,7 @@ Result<ThermalFit> fitted(const std::vector<HeatSession>& sessions) {
   const double ratio =
       2 * static_cast<double>(second->samples) / second->correlation * std::log(first->rms_K / second->rms_K);
   if (times_identified(*first) &&
-      (longest_s < steady * first->model.t_s[0] ||
-       ratio > boost::math::quantile(boost::math::complement(boost::math::chi_squared(2), 0.01))))
+      (longest_s < steady * first->model.t_s[0] || ratio > chi_squared_upper_quantile(2, 0.01)))
     first->unidentifiable.push_back(time_constants(*first).front().name);
   return first;
 }
@@ -143,9 +141,7 @@ Result<Findings> find(const Campaign& c, const std::vector<WorkingDay>& days) {
   Findings out;
   for (std::size_t test = 0; test < days.size(); ++test)
     if (c.day_of(test) > 0) out.comparisons += (days[test].cycles.size() - 1) * days[test].warming.size();
-  if (out.comparisons)
-    out.threshold = boost::math::quantile(
-        boost::math::complement(boost::math::normal(), false_alarms / 2 / static_cast<double>(out.comparisons)));
+  if (out.comparisons) out.threshold = normal_upper_quantile(false_alarms / 2 / static_cast<double>(out.comparisons));
   const auto names = joint_names(c);
   for (std::size_t robot = 0; robot < c.robots; ++robot) {
     const Days own = days_of(c, days, robot, out.threshold);

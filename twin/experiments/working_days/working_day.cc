@@ -13,6 +13,7 @@
 #include <tribotwin/twin/identification/samples/recording.hpp>
 #include <tribotwin/twin/identification/thermal/thermal_fit.hpp>
 #include <tribotwin/twin/numerics/interpolation.hpp>
+#include <tribotwin/twin/numerics/linear_algebra.hpp>
 
 namespace tribotwin::twin::repeatability {
 namespace {
@@ -181,7 +182,7 @@ class Test {
         for (std::size_t p = 0; p < torque_parameters; ++p)
           reference_.friction[j][p] += fit->parameters.friction[j][p] / static_cast<double>(recorded_.size());
     }
-    reference_.base = information.ldlt().solve(weighted);
+    reference_.base = symmetric_solution(information, weighted);
     return {};
   }
 

@@ -2,9 +2,8 @@
 #include <cmath>
 #include <functional>
 
-#include <nlohmann/json.hpp>
-
 #include <tribotwin/twin/experiments/working_days/working_day_file.hpp>
+#include <tribotwin/twin/io/json.hpp>
 #include <tribotwin/twin/io/json_input.hpp>
 
 namespace tribotwin::twin::repeatability {
@@ -105,7 +104,7 @@ WorkingDay day_of(const JsonInput& in, const Shape& shape) {
 }  // namespace
 
 Result<WorkingDay> from_text(const std::string& text, const Shape& shape) {
-  const Json root = Json::parse(text, nullptr, false);
+  const Json root = parse_json(text);
   if (root.is_discarded()) return tl::unexpected(Error("is no well-formed JSON"));
   try {
     return day_of(JsonInput(root, ""), shape);

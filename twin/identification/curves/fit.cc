@@ -4,13 +4,14 @@
 #include <set>
 
 #include <fmt/format.h>
-#include <fmt/ranges.h>
 
 #include <tribotwin/twin/identification/curves/fit.hpp>
 #include <tribotwin/twin/identification/curves/identifiability.hpp>
 #include <tribotwin/twin/identification/curves/residual_statistics.hpp>
 #include <tribotwin/twin/identification/curves/robust.hpp>
 #include <tribotwin/twin/identification/linearised.hpp>
+#include <tribotwin/twin/io/text.hpp>
+#include <tribotwin/twin/numerics/linear_algebra.hpp>
 
 namespace tribotwin::twin::identification {
 namespace {
@@ -71,8 +72,7 @@ Result<void> Identification::fix_known() {
     if (found == law_.parameters.end()) {
       std::vector<std::string_view> names;
       for (const auto& p : law_.parameters) names.push_back(p.name);
-      return tl::unexpected(
-          fmt::format("law '{}' has no parameter '{}'; it has {}", law_.name, name, fmt::join(names, ", ")));
+      return tl::unexpected(fmt::format("law '{}' has no parameter '{}'; it has {}", law_.name, name, joined(names)));
     }
     if (!(value >= found->minimum && value <= found->maximum))
       return tl::unexpected(
@@ -131,7 +131,7 @@ void Identification::minimise() {
     result_.notes.push_back(fmt::format(
         "{} {} not identifiable beside the other parameters and fixed; record speeds on both sides of the minimum of "
         "friction",
-        fmt::join(dependent_, ", "), dependent_.size() > 1 ? "are" : "is"));
+        joined(dependent_), dependent_.size() > 1 ? "are" : "is"));
   if (options_.loss != Loss::squares)
     point_ = robust_minimum(samples_, weights_, options_.loss, problem_, std::move(point_), options_.threads);
   residuals_ = residuals(samples_, problem_.place(), point_.general_law, options_.threads);
@@ -163,9 +163,7 @@ Result<void> Identification::estimate_covariance() {
   result_.condition_number = 1;
   if (!coordinates_.empty()) {
     const VectorXd unit = information_.diagonal().cwiseSqrt().cwiseInverse();
-    const VectorXd eigenvalues = Eigen::SelfAdjointEigenSolver<MatrixXd>(
-                                     unit.asDiagonal() * information_ * unit.asDiagonal(), Eigen::EigenvaluesOnly)
-                                     .eigenvalues();
+    const VectorXd eigenvalues = symmetric_eigenvalues(unit.asDiagonal() * information_ * unit.asDiagonal());
     result_.condition_number = std::sqrt(eigenvalues.maxCoeff() / std::max(eigenvalues.minCoeff(), 1e-300));
   }
   return {};

@@ -2,9 +2,9 @@
 #include <cmath>
 
 #include <fmt/format.h>
-#include <fmt/ranges.h>
 
 #include <tribotwin/twin/identification/curves/identifiability.hpp>
+#include <tribotwin/twin/io/text.hpp>
 
 namespace tribotwin::twin::identification {
 namespace {
@@ -62,7 +62,7 @@ class Fixing {
   bool any() const { return !values_.empty(); }
   /// "FsT = 0, vsT = 0 are not identifiable ..."
   std::string names() const {
-    return fmt::format("{} {} not identifiable", fmt::join(values_, ", "), values_.size() > 1 ? "are" : "is");
+    return fmt::format("{} {} not identifiable", joined(values_), values_.size() > 1 ? "are" : "is");
   }
 
  private:

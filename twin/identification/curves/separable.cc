@@ -4,6 +4,7 @@
 
 #include <tribotwin/twin/identification/curves/separable.hpp>
 #include <tribotwin/twin/numerics/least_squares.hpp>
+#include <tribotwin/twin/numerics/linear_algebra.hpp>
 
 namespace tribotwin::twin::identification {
 namespace {
@@ -45,9 +46,8 @@ MatrixXd product(const MatrixXd& A, const MatrixXd& B, const MatrixXd& C) {
 /// A x = c for symmetric positive semidefinite A; of many solutions the shortest in units of the columns.
 VectorXd solution(const MatrixXd& A, const VectorXd& c) {
   const VectorXd unit = A.diagonal().cwiseMax(1e-300).cwiseSqrt().cwiseInverse();
-  const Eigen::LDLT<MatrixXd> factor(unit.asDiagonal() * A * unit.asDiagonal());
-  if (factor.info() == Eigen::Success && factor.vectorD().minCoeff() > 1e-12)
-    return unit.asDiagonal() * factor.solve(unit.asDiagonal() * c);
+  if (const auto x = symmetric_solution(unit.asDiagonal() * A * unit.asDiagonal(), unit.asDiagonal() * c, 1e-12))
+    return unit.asDiagonal() * *x;
   return pseudo_inverse(A) * c;
 }
 
@@ -100,24 +100,6 @@ VectorXd bounded_solution(const MatrixXd& N, const VectorXd& b, const VectorXd& 
 }
 
 }  // namespace
-
-MatrixXd pseudo_inverse(const MatrixXd& matrix, double tolerance) {
-  if (matrix.rows() == 0) return matrix;
-  // A column of such a norm is one of terms that underflow: it has no effect.
-  const VectorXd scale =
-      matrix.diagonal().cwiseMax(0).cwiseSqrt().unaryExpr([](double x) { return x > 1e-100 ? 1 / x : 0; });
-  const MatrixXd scaled = scale.asDiagonal() * matrix * scale.asDiagonal();
-  // A matrix far from singular has no null space, and the slower eigenvalues are not needed.
-  if (const Eigen::LLT<MatrixXd> factor(scaled);
-      factor.info() == Eigen::Success && factor.matrixLLT().diagonal().minCoeff() > 1e-4)
-    return scale.asDiagonal() * factor.solve(MatrixXd(scale.asDiagonal()));
-  const Eigen::SelfAdjointEigenSolver<MatrixXd> eigen(scaled);
-  const double min_eigenvalue = tolerance * eigen.eigenvalues().cwiseAbs().maxCoeff();
-  const VectorXd inverse =
-      eigen.eigenvalues().unaryExpr([min_eigenvalue](double e) { return e > min_eigenvalue ? 1 / e : 0; });
-  return scale.asDiagonal() * eigen.eigenvectors() * inverse.asDiagonal() * eigen.eigenvectors().transpose() *
-         scale.asDiagonal();
-}
 
 Separable::Separable(const friction::LawInfo& law, const Samples& samples, std::vector<double> weights,
                      unsigned threads)
@@ -257,16 +239,7 @@ class ProjectedResidual final : public ceres::CostFunction {
       if (products(i, i) < 1e-13 * scale_ * DD(i, i)) products.row(i).setZero(), products.col(i).setZero();
     const VectorXd unit = products.diagonal().cwiseMax(1e-300).cwiseSqrt();
     const MatrixXd normal = unit.cwiseInverse().asDiagonal() * products * unit.cwiseInverse().asDiagonal();
-    MatrixXd root;
-    if (const Eigen::LLT<MatrixXd> factor(normal); factor.info() == Eigen::Success) {
-      root = factor.matrixU();
-    } else {  // rounding took a pivot below zero
-      const Eigen::SelfAdjointEigenSolver<MatrixXd> eigen(normal);
-      root = Eigen::HouseholderQR<MatrixXd>(eigen.eigenvalues().cwiseMax(0).cwiseSqrt().asDiagonal() *
-                                            eigen.eigenvectors().transpose())
-                 .matrixQR()
-                 .triangularView<Eigen::Upper>();
-    }
+    MatrixXd root = triangular_root(normal);
     offset_ = root.col(n).head(n).squaredNorm() / std::max(root(n, n) * root(n, n), 1e-300);
     root = root * unit.asDiagonal();
     Eigen::Map<Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>>(jacobians[0], n + 1, n) =
@@ -351,9 +324,7 @@ std::vector<std::size_t> Separable::dependent_linear(const std::vector<std::size
       MatrixXd N = product(Q, FF, Q);
       const VectorXd unit = N.diagonal().cwiseMax(1e-300).cwiseSqrt().cwiseInverse();
       N = unit.asDiagonal() * N * unit.asDiagonal();
-      const bool independent =
-          N(N.rows() - 1, N.rows() - 1) > 0.5 &&
-          Eigen::SelfAdjointEigenSolver<MatrixXd>(N, Eigen::EigenvaluesOnly).eigenvalues()(0) > 1e-12;
+      const bool independent = N(N.rows() - 1, N.rows() - 1) > 0.5 && symmetric_eigenvalues(N)(0) > 1e-12;
       (independent ? kept : spare).push_back(j);
     }
     if (g == 0)

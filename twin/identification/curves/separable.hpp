@@ -76,7 +76,4 @@ class Separable {
   std::vector<bool> free_;
 };
 
-/// Inverse of a symmetric positive semidefinite matrix with its null space left out, columns scaled first.
-Eigen::MatrixXd pseudo_inverse(const Eigen::MatrixXd& matrix, double tolerance = 1e-13);
-
 }  // namespace tribotwin::twin::identification

@@ -3,11 +3,11 @@
 #include <numeric>
 
 #include <fmt/format.h>
-#include <fmt/ranges.h>
 
 #include <tribotwin/twin/identification/dynamic_friction/bouc_wen.hpp>
 #include <tribotwin/twin/identification/dynamic_friction/prediction_error.hpp>
 #include <tribotwin/twin/identification/time_series.hpp>
+#include <tribotwin/twin/io/text.hpp>
 
 namespace tribotwin::twin::identification {
 namespace {
@@ -200,7 +200,7 @@ void fix_unidentifiable(const Data& d, Simulated& model, std::vector<std::string
   const std::string why = !d.thermal ? std::string("no temperature was recorded")
                           : powers   ? fmt::format("all samples are near {:.4g} or {:.4g} degC", d.coldest, d.hottest)
                                      : fmt::format("all samples are at {:.4g} degC", d.coldest);
-  notes.push_back(fmt::format("{}: {} not identifiable; fixed at 0", why, fmt::join(fixed, ", ")));
+  notes.push_back(fmt::format("{}: {} not identifiable; fixed at 0", why, joined(fixed)));
 }
 
 Simulated model_of(const Data& d, unsigned threads) {

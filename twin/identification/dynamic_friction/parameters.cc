@@ -4,10 +4,10 @@
 #include <sstream>
 
 #include <fmt/format.h>
-#include <fmt/ranges.h>
 
 #include <tribotwin/twin/identification/dynamic_friction/parameters.hpp>
 #include <tribotwin/twin/io/input.hpp>
+#include <tribotwin/twin/io/text.hpp>
 
 namespace tribotwin::twin::identification {
 namespace {
@@ -26,7 +26,7 @@ std::string_view name_of(Status status) {
 std::string list(const std::vector<std::string>& items) {
   std::vector<std::string> q;
   for (const auto& i : items) q.push_back(quoted(i));
-  return fmt::format("[{}]", fmt::join(q, ", "));
+  return fmt::format("[{}]", joined(q));
 }
 
 /// A mapping in block style; {} where it is empty, which would otherwise read as null.
@@ -54,7 +54,7 @@ std::string results(const Estimates& found, const std::string& range, const std:
         row.push_back(fmt::format("{:.6g}", std::isfinite(found.correlation(i, j)) ? found.correlation(i, j)
                                             : i == j                               ? 1.0
                                                                                    : 0.0));
-    correlations += fmt::format("  {}: [{}]\n", e.name, fmt::join(row, ", "));
+    correlations += fmt::format("  {}: [{}]\n", e.name, joined(row));
   }
   s += block("sigma:   # one standard deviation, of estimated parameters", sigmas) +
        block("confidence_95:", intervals) + block("correlation:   # in the order of sigma", correlations);
@@ -74,7 +74,7 @@ friction::Law read_law(Mapping& m, const std::filesystem::path& path) {
   if (!friction::find_law(law)) {
     std::vector<std::string_view> names;
     for (const auto& l : friction::laws()) names.push_back(l.name);
-    m.fail("law", fmt::format("is '{}'; the laws are {}", law, fmt::join(names, ", ")));
+    m.fail("law", fmt::format("is '{}'; the laws are {}", law, joined(names)));
   }
   auto parameters = m.mapping("parameters");
   if (!parameters) m.fail("parameters", "is missing");

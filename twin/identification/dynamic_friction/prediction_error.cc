@@ -7,6 +7,7 @@
 #include <tribotwin/twin/identification/curves/separable.hpp>
 #include <tribotwin/twin/identification/dynamic_friction/prediction_error.hpp>
 #include <tribotwin/twin/numerics/correlation.hpp>
+#include <tribotwin/twin/numerics/linear_algebra.hpp>
 #include <tribotwin/twin/numerics/parallel.hpp>
 
 namespace tribotwin::twin::identification {
@@ -165,9 +166,7 @@ Status status_of(const Simulated& model, const Simulation& minimum, Index i) {
 
 double condition_number(const MatrixXd& H) {
   const VectorXd unit = H.diagonal().cwiseSqrt().cwiseInverse();
-  const VectorXd eigenvalues =
-      Eigen::SelfAdjointEigenSolver<MatrixXd>(unit.asDiagonal() * H * unit.asDiagonal(), Eigen::EigenvaluesOnly)
-          .eigenvalues();
+  const VectorXd eigenvalues = symmetric_eigenvalues(unit.asDiagonal() * H * unit.asDiagonal());
   return std::sqrt(eigenvalues.maxCoeff() / std::max(eigenvalues.minCoeff(), 1e-300));
 }
 

@@ -1,10 +1,11 @@
 #include <algorithm>
 #include <cmath>
 
-#include <boost/math/distributions/chi_squared.hpp>
 #include <ceres/ceres.h>
 
 #include <tribotwin/twin/identification/rigid_body/consistency.hpp>
+#include <tribotwin/twin/numerics/distributions.hpp>
+#include <tribotwin/twin/numerics/linear_algebra.hpp>
 
 namespace tribotwin::twin::identification {
 namespace {
@@ -108,8 +109,8 @@ Consistency nearest_consistent(const Regressor& regressor, const BaseParameters&
   for (Index k = per_body * bodies; k < count; ++k)
     x(k) = std::sqrt(std::max(model(k), 1e-6)), weak(k) = 1e-4 / (1e-3 + model(k));
 
-  const Eigen::SelfAdjointEigenSolver<MatrixXd> eigen(information);
-  const MatrixXd root = eigen.eigenvalues().cwiseMax(0).cwiseSqrt().asDiagonal() * eigen.eigenvectors().transpose();
+  const SymmetricEigen eigen = symmetric_eigen(information);
+  const MatrixXd root = eigen.values.cwiseMax(0).cwiseSqrt().asDiagonal() * eigen.vectors.transpose();
   ceres::Problem problem;
   problem.AddResidualBlock(new Mismatch(root, base, beta, model, weak, bodies), nullptr, x.data());
   ceres::Solver::Options options;
@@ -124,8 +125,7 @@ Consistency nearest_consistent(const Regressor& regressor, const BaseParameters&
   out.parameters = physical(x.data(), count, bodies, nullptr);
   out.base = base.from_all * out.parameters;
   out.distance_sigma = (root * (out.base - beta)).norm();
-  out.possible = out.distance_sigma * out.distance_sigma <
-                 boost::math::quantile(boost::math::chi_squared(static_cast<double>(base.size())), 0.95);
+  out.possible = out.distance_sigma * out.distance_sigma < chi_squared_quantile(static_cast<double>(base.size()), 0.95);
   return out;
 }
 

@@ -4,11 +4,12 @@
 #include <numeric>
 
 #include <fmt/format.h>
-#include <fmt/ranges.h>
 
 #include <tribotwin/twin/identification/linearised.hpp>
 #include <tribotwin/twin/identification/rigid_body/dynamics.hpp>
 #include <tribotwin/twin/identification/rigid_body/dynamics_problem.hpp>
+#include <tribotwin/twin/io/text.hpp>
+#include <tribotwin/twin/numerics/linear_algebra.hpp>
 #include <tribotwin/twin/numerics/triangular_factor.hpp>
 
 namespace tribotwin::twin::identification {
@@ -171,7 +172,7 @@ class Identification {
             Error(fmt::format("friction of joint {}: {}", regressor_.joint_name(j), found.error().message)));
       if (!found->unidentifiable.empty())
         out_.notes.push_back(fmt::format("friction of joint {}: {} not identifiable from these data; fixed",
-                                         regressor_.joint_name(j), fmt::join(found->unidentifiable, ", ")));
+                                         regressor_.joint_name(j), joined(found->unidentifiable)));
       for (Index p = 0; p < f.size(); ++p) {
         const Estimate& e = found->parameters[static_cast<std::size_t>(p)];
         now_.friction[at][static_cast<std::size_t>(p)] = e.value;
@@ -371,7 +372,7 @@ class Identification {
     std::vector<Index> of_base, at;
     for (Index k = 0; k < base_.size(); ++k)
       if (const Index c = place[static_cast<std::size_t>(k)]; c >= 0) of_base.push_back(k), at.push_back(c);
-    const MatrixXd own = C(at, at), own_information = own.ldlt().solve(MatrixXd::Identity(own.rows(), own.cols()));
+    const MatrixXd own_information = symmetric_inverse(C(at, at));
     out_.information(of_base, of_base) = own_information;
     out_.condition_number = scaled_condition_number(R_.topLeftCorner(R_.cols() - 1, R_.cols() - 1));
     out_.parameters = std::move(now_);

@@ -3,11 +3,11 @@
 #include <optional>
 
 #include <fmt/format.h>
-#include <fmt/ranges.h>
 
 #include <tribotwin/twin/identification/rigid_body/robot_recording.hpp>
 #include <tribotwin/twin/identification/time_series.hpp>
 #include <tribotwin/twin/io/table.hpp>
+#include <tribotwin/twin/io/text.hpp>
 
 namespace tribotwin::twin::identification {
 namespace {
@@ -100,7 +100,7 @@ class JointColumns {
           k ? fmt::format("every joint of the model is needed, {} too, as its motion acts on the others; ",
                           r.joint_name(static_cast<Index>((k - 1) / kinds)))
             : "",
-          fmt::join(table.names, ", "));
+          joined(table.names));
     }
     return {};
   }

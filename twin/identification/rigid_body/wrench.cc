@@ -2,9 +2,10 @@
 #include <vector>
 
 #include <fmt/format.h>
-#include <fmt/ranges.h>
 
 #include <tribotwin/twin/identification/rigid_body/wrench.hpp>
+#include <tribotwin/twin/io/text.hpp>
+#include <tribotwin/twin/numerics/linear_algebra.hpp>
 
 namespace tribotwin::twin::identification {
 
@@ -19,9 +20,8 @@ Result<MatrixXd> external_wrench(const mujoco::Model& model, const std::string& 
     std::vector<std::string> names;
     for (int s = 0; s < m->nsite; ++s)
       if (const char* name = mj_id2name(m, mjOBJ_SITE, s)) names.emplace_back(name);
-    return tl::unexpected(
-        fmt::format("has no site '{}'; {}", site,
-                    names.empty() ? "it has none" : fmt::format("its sites: {}", fmt::join(names, ", "))));
+    return tl::unexpected(fmt::format("has no site '{}'; {}", site,
+                                      names.empty() ? "it has none" : fmt::format("its sites: {}", joined(names))));
   }
   const auto d = model.make_data();
   Eigen::Matrix<double, 6, Eigen::Dynamic, Eigen::RowMajor> J(6, m->nv);
@@ -36,10 +36,8 @@ Result<MatrixXd> external_wrench(const mujoco::Model& model, const std::string& 
       if (motion.moving(j, i)) moving.push_back(j);
     if (moving.size() < 6) continue;
     const MatrixXd Jt = J(Eigen::all, moving).transpose();
-    const Eigen::JacobiSVD<MatrixXd> svd(Jt, Eigen::ComputeThinU | Eigen::ComputeThinV);
-    if (svd.singularValues()(5) < nearly_singular * svd.singularValues()(0)) continue;
     const VectorXd beyond = predicted.col(i) - motion.torque.col(i);
-    out.col(i) = svd.solve(beyond(moving));
+    if (const auto wrench = well_conditioned_solution(Jt, beyond(moving), nearly_singular)) out.col(i) = *wrench;
   }
   return out;
 }

@@ -2,10 +2,12 @@
 #include <array>
 #include <cmath>
 #include <numbers>
+#include <optional>
 
 #include <Eigen/Dense>
 
 #include <tribotwin/twin/identification/samples/lag.hpp>
+#include <tribotwin/twin/numerics/linear_algebra.hpp>
 
 namespace tribotwin::twin {
 namespace {
@@ -171,7 +173,7 @@ class Regression {
       right += u * s.explains;
       square += u * u;
     }
-    coefficients_ = Vector(solver_.solve(right.cwiseQuotient(scale_))).cwiseQuotient(scale_);
+    coefficients_ = Vector((*solver_)(right.cwiseQuotient(scale_))).cwiseQuotient(scale_);
     return square - right.dot(coefficients_);
   }
 
@@ -247,13 +249,13 @@ class Regression {
     for (const Sample& s : samples_) gram.selfadjointView<Eigen::Lower>().rankUpdate(s.explains);
     gram = Square(gram.selfadjointView<Eigen::Lower>());
     scale_ = gram.diagonal().cwiseMax(1e-300).cwiseSqrt();
-    solver_.compute(scale_.cwiseInverse().asDiagonal() * gram * scale_.cwiseInverse().asDiagonal());
+    solver_.emplace(scale_.cwiseInverse().asDiagonal() * gram * scale_.cwiseInverse().asDiagonal());
   }
 
   const FilteredMotion& m_;
   std::vector<Sample> samples_;
   Vector scale_, coefficients_;
-  Eigen::CompleteOrthogonalDecomposition<Square> solver_;
+  std::optional<ShortestSolution> solver_;
 };
 
 }  // namespace

@@ -6,11 +6,12 @@
 
 #include <Eigen/Dense>
 #include <fmt/format.h>
-#include <fmt/ranges.h>
 
 #include <tribotwin/twin/identification/samples/lag.hpp>
 #include <tribotwin/twin/identification/samples/levels.hpp>
 #include <tribotwin/twin/identification/samples/ripple.hpp>
+#include <tribotwin/twin/io/text.hpp>
+#include <tribotwin/twin/numerics/linear_algebra.hpp>
 
 namespace tribotwin::twin {
 namespace {
@@ -80,7 +81,7 @@ double scatter_nm(const Profile& profile, const Profile::Difference& both, std::
   for (Eigen::Index i = 0; i < n; ++i)
     trend.row(i) << 1, std::abs(profile.common_nm(both.x[static_cast<std::size_t>(i)]));
   const Eigen::Map<const Eigen::VectorXd> all(both.friction_nm.data(), n);
-  const Eigen::VectorXd noise = all - trend * trend.completeOrthogonalDecomposition().solve(all);
+  const Eigen::VectorXd noise = all - trend * ShortestSolution(trend)(all);
   return mean_of({noise.data(), both.x.size()}, 2).stderr_ *
          std::sqrt(static_cast<double>(n) / static_cast<double>(count));
 }
@@ -162,7 +163,7 @@ std::string missing(double v, const std::vector<Pass>& passes, const std::vector
                                            : "no pair of passes over the same positions";
   std::string why = fmt::format("{} at {:.3g} rad/s", which, v);
   const auto some = static_cast<std::ptrdiff_t>(std::min<std::size_t>(3, left_out.size()));
-  if (some) why += fmt::format(" ({})", fmt::join(left_out.begin(), left_out.begin() + some, "; "));
+  if (some) why += fmt::format(" ({})", joined(std::span(left_out).first(static_cast<std::size_t>(some)), "; "));
   return why;
 }
 

@@ -3,6 +3,7 @@
 
 #include <tribotwin/twin/identification/samples/profile.hpp>
 #include <tribotwin/twin/numerics/correlation.hpp>
+#include <tribotwin/twin/numerics/linear_algebra.hpp>
 
 namespace tribotwin::twin::curves {
 namespace {
@@ -60,7 +61,7 @@ void Profile::fit(double lag_s) {
     gram.selfadjointView<Eigen::Lower>().rankUpdate(basis);
     right += torque(row, lag_s) * basis;
   }
-  const Eigen::VectorXd solution = gram.selfadjointView<Eigen::Lower>().ldlt().solve(right);
+  const Eigen::VectorXd solution = symmetric_solution(gram, right);
   common_ = solution.head(columns - 1);
   friction_ = solution[columns - 1];
 }
@@ -97,9 +98,9 @@ Profile::Information Profile::information(double lag_s) const {
   const double count = static_cast<double>(n), spread = square - sum * sum / count;
   if (spread < 1e-6 * count * friction_ * friction_) return {};
   const Eigen::Map<const Eigen::VectorXd> y(d.friction_nm.data(), n);
-  const auto free = known.leftCols(2).completeOrthogonalDecomposition();
-  const Eigen::VectorXd by_lag = known.col(2) - known.leftCols(2) * free.solve(known.col(2)),
-                        rest = y - known.leftCols(2) * free.solve(y);
+  const ShortestSolution free(known.leftCols(2));
+  const Eigen::VectorXd by_lag = known.col(2) - known.leftCols(2) * free(known.col(2)),
+                        rest = y - known.leftCols(2) * free(y);
   const double length = by_lag.squaredNorm();
   if (!(length > 0)) return {};
   const double change = by_lag.dot(rest) / length;

@@ -8,6 +8,7 @@
 #include <Eigen/Dense>
 
 #include <tribotwin/twin/identification/samples/ripple.hpp>
+#include <tribotwin/twin/numerics/linear_algebra.hpp>
 
 namespace tribotwin::twin::curves {
 
@@ -27,7 +28,7 @@ Ripple ripple_of(const Profile& profile, const Profile::Difference& both) {
     slow.row(i) << 1, x, x * x, x * x * x, std::abs(profile.common_nm(x));
   }
   const Eigen::Map<const Eigen::VectorXd> all(both.friction_nm.data(), n);
-  const Eigen::VectorXd rest = all - slow * slow.completeOrthogonalDecomposition().solve(all);
+  const Eigen::VectorXd rest = all - slow * ShortestSolution(slow)(all);
   Eigen::ArrayXcd turned(n), turn(n);  // e^(i k q), from one k to the next
   for (Eigen::Index i = 0; i < n; ++i) {
     const double q = profile.position(both.x[static_cast<std::size_t>(i)]);

@@ -4,13 +4,13 @@
 #include <optional>
 
 #include <fmt/format.h>
-#include <fmt/ranges.h>
 
 #include <tribotwin/twin/identification/samples/levels.hpp>
 #include <tribotwin/twin/identification/samples/samples.hpp>
 #include <tribotwin/twin/identification/time_series.hpp>
 #include <tribotwin/twin/io/table.hpp>
 #include <tribotwin/twin/io/telemetry/telemetry.hpp>
+#include <tribotwin/twin/io/text.hpp>
 
 namespace tribotwin::twin::identification {
 namespace {
@@ -144,11 +144,11 @@ Problem read_curves(Samples& samples, const Numbers& table, const friction::LawI
   const bool has_load = !c[3].empty(), has_temperature = !c[4].empty();
   if (law.load_dependent && !has_load)
     return fmt::format("{}:1: law '{}' depends on load: a column load_norm is needed; the header names {}", file,
-                       law.name, fmt::join(table.names, ", "));
+                       law.name, joined(table.names));
   if (law.temperature_dependent && !has_temperature)
     return fmt::format(
         "{}:1: law '{}' depends on temperature: a column temperature_degC is needed; the header names {}", file,
-        law.name, fmt::join(table.names, ", "));
+        law.name, joined(table.names));
   const auto& friction = norm ? c[1] : c[2];
   if (const Problem p = implausible(table.file, c[0], c[3], c[4], friction, norm)) return p;
   const auto units = units_of(law, options, norm);
@@ -246,11 +246,11 @@ Problem read_record(Samples& samples, const fs::path& file, const friction::LawI
   std::size_t joint = 0;
   if (options.joint.empty()) {
     if (record->joints.size() != 1)
-      return fmt::format("{}: has the joints {}; --joint says which", file.string(), fmt::join(record->joints, ", "));
+      return fmt::format("{}: has the joints {}; --joint says which", file.string(), joined(record->joints));
   } else {
     joint = static_cast<std::size_t>(std::ranges::find(record->joints, options.joint) - record->joints.begin());
     if (joint == record->joints.size())
-      return fmt::format("{}: no joint '{}'; it has {}", file.string(), options.joint, fmt::join(record->joints, ", "));
+      return fmt::format("{}: no joint '{}'; it has {}", file.string(), options.joint, joined(record->joints));
   }
   if (joint < record->joint_attributes.size())
     for (const auto& [name, value] : record->joint_attributes[joint]) {
@@ -321,7 +321,7 @@ Result<Samples> read_samples(std::span<const fs::path> files, const friction::La
       return tl::unexpected(
           fmt::format("{}:1: neither a friction curve (speed_rad_s; friction_norm or friction_nm) nor a recording "
                       "(time_s, position_rad, torque_nm); the header names {}",
-                      file.string(), fmt::join(table->names, ", ")));
+                      file.string(), joined(table->names)));
     if (series) table = read_numbers(file, series_columns);
     if (!table) return tl::unexpected(table.error());
     if (table->left_out)

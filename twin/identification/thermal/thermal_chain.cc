@@ -9,6 +9,7 @@
 #include <tribotwin/twin/identification/thermal/thermal_chain.hpp>
 #include <tribotwin/twin/numerics/correlation.hpp>
 #include <tribotwin/twin/numerics/least_squares.hpp>
+#include <tribotwin/twin/numerics/linear_algebra.hpp>
 
 namespace tribotwin::twin::identification {
 namespace {
@@ -61,9 +62,9 @@ struct Modes {
     for (Index j = 0; j + 1 < n; ++j)
       m(j, j) += exchange_1_s, m(j + 1, j + 1) += exchange_1_s, m(j, j + 1) -= exchange_1_s,
           m(j + 1, j) -= exchange_1_s;
-    const Eigen::SelfAdjointEigenSolver<MatrixXd> eigen(m);
-    shape = eigen.eigenvectors();
-    rate_1_s = eigen.eigenvalues();
+    const SymmetricEigen eigen = symmetric_eigen(m);
+    shape = eigen.vectors;
+    rate_1_s = eigen.values;
   }
 
   /// Amplitudes of the modes, modes x samples, from those at the start under constant drives [K/s] since the sample
@@ -128,7 +129,7 @@ class ChainProblem {
   /// Gains that would be negative are fixed at 0.
   VectorXd linear(MatrixXd columns) const {
     while (true) {
-      const VectorXd x = columns.colPivHouseholderQr().solve(measured_);  // 0 where a column is
+      const VectorXd x = least_squares_solution(columns, measured_);  // 0 where a column is
       Index worst;
       if (x.head(n_).minCoeff(&worst) >= 0) return x;
       columns.col(worst).setZero();

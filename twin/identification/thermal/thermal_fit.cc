@@ -10,6 +10,7 @@
 #include <tribotwin/twin/identification/thermal/thermal_fit.hpp>
 #include <tribotwin/twin/numerics/correlation.hpp>
 #include <tribotwin/twin/numerics/least_squares.hpp>
+#include <tribotwin/twin/numerics/linear_algebra.hpp>
 
 namespace tribotwin::twin::identification {
 namespace {
@@ -93,9 +94,7 @@ class ThermalProblem {
         if (k >= nodes_ || !(closed >> k & 1u)) kept.push_back(k);
       const MatrixXd part = best.columns(Eigen::all, kept);
       // Linearly dependent columns (a gain where the power never changes) get 0.
-      Eigen::ColPivHouseholderQR<MatrixXd> qr;
-      qr.setThreshold(1e-9);
-      const VectorXd x = qr.compute(part).solve(measured_);
+      const VectorXd x = least_squares_solution(part, measured_, 1e-9);
       const auto open_gains = static_cast<Index>(kept.size()) - (best.columns.cols() - nodes_);
       if (open_gains && x.head(open_gains).minCoeff() < 0) continue;
       const VectorXd residual = part * x - measured_;
@@ -156,7 +155,7 @@ class ProjectedResidual final : public ceres::CostFunction {
     MatrixXd free = at.columns;
     for (Index node = 0; node < problem_.nodes(); ++node)
       if (at.linear(node) == 0) free.col(node).setZero();  // a gain fixed at 0
-    const MatrixXd projected = slopes - free * free.colPivHouseholderQr().solve(slopes);
+    const MatrixXd projected = slopes - free * least_squares_solutions(free, slopes);
     for (Index i = 0; i < problem_.samples(); ++i)
       for (Index k = 0; k < problem_.nodes(); ++k) jacobians[0][i * problem_.nodes() + k] = projected(i, k);
     return true;

@@ -4,11 +4,11 @@
 #include <span>
 
 #include <fmt/format.h>
-#include <fmt/ranges.h>
 
 #include <tribotwin/twin/identification/thermal/thermal_recording.hpp>
 #include <tribotwin/twin/identification/time_series.hpp>
 #include <tribotwin/twin/io/table.hpp>
+#include <tribotwin/twin/io/text.hpp>
 
 namespace tribotwin::twin::identification {
 namespace {
@@ -173,7 +173,7 @@ Result<Layout> layout_of(const std::filesystem::path& file, bool cycles) {
   if (!header) return tl::unexpected(header.error());
   if (header->columns[0].empty())
     return tl::unexpected(Error(fmt::format("{}:1: no column 'time_s' with numbers; its header names: {}",
-                                            file.string(), fmt::join(header->names, ", "))));
+                                            file.string(), joined(header->names))));
   Layout out{.joints = joints_of(header->names, true)};
   out.with_temperature = !out.joints.empty();
   if (!out.with_temperature) out.joints = joints_of(header->names, false);
@@ -182,14 +182,14 @@ Result<Layout> layout_of(const std::filesystem::path& file, bool cycles) {
         "{}:1: no column temperature_JOINT_degC; without temperatures a thermal model is identified from working "
         "cycles only (--cycle, with power_w_JOINT, or torque_JOINT_nm and velocity_JOINT_rad_s or "
         "position_JOINT_rad); its header names: {}",
-        file.string(), fmt::join(header->names, ", "))));
+        file.string(), joined(header->names))));
   for (const auto& joint : out.joints) {
     const auto source = source_of(header->names, joint);
     if (!source)
       return tl::unexpected(
           Error(fmt::format("{0}:1: joint {1} needs power_w_{1}, or torque_{1}_nm with velocity_{1}_rad_s or "
                             "position_{1}_rad; its header names: {2}",
-                            file.string(), joint, fmt::join(header->names, ", "))));
+                            file.string(), joint, joined(header->names))));
     out.sources.push_back(*source);
     for (const auto& column : {out.with_temperature ? temperature_column(joint) : std::string(), source->power,
                                source->torque, source->speed, source->position})

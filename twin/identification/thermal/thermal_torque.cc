@@ -12,6 +12,7 @@
 #include <tribotwin/twin/numerics/cma_es.hpp>
 #include <tribotwin/twin/numerics/correlation.hpp>
 #include <tribotwin/twin/numerics/least_squares.hpp>
+#include <tribotwin/twin/numerics/linear_algebra.hpp>
 
 namespace tribotwin::twin::identification {
 namespace {
@@ -241,7 +242,7 @@ Estimate fit_alpha(std::span<const HeatSession> sessions, double rest_degC) {
       residual.segment(row, n) = power / power.mean() - x(1 + f) * J.col(1 + f).segment(row, n);
       row += n;
     }
-    if (step < steps) x += J.colPivHouseholderQr().solve(residual);
+    if (step < steps) x += least_squares_solution(J, residual);
   }
   const double correlation = samples_per_independent({residual.data(), static_cast<std::size_t>(samples)}, 0);
   const double quantile = interval_sigmas(static_cast<double>(samples) / correlation - static_cast<double>(unknowns));

@@ -9,7 +9,7 @@ using namespace hdf5;
 
 namespace {
 
-constexpr std::size_t block = 4096;  // rows in memory
+constexpr std::size_t rows_at_once = 4096;  // rows in memory
 
 std::string quoted(const std::string& text) {
   if (text.find_first_of(",\"\r\n") == std::string::npos) return text;
@@ -32,19 +32,20 @@ Status write_csv(NewFile& out, const Reader& r, const Columns& columns, const st
     for (const Channel& channel : channels) fmt::format_to(add, ",{}", quoted(joint + "." + channel.name));
   text.push_back('\n');
   const std::size_t width = 1 + r.head.joints.size() * channels.size();
-  std::vector<double> values(width * block);  // column by column
-  for (hsize_t from = 0; from < columns.rows; from += block) {
-    const std::size_t rows = std::min<hsize_t>(block, columns.rows - from);
+  std::vector<double> values(width * rows_at_once);  // column by column
+  for (hsize_t from = 0; from < columns.rows; from += rows_at_once) {
+    const std::size_t rows = std::min<hsize_t>(rows_at_once, columns.rows - from);
     {
       const Hdf5 hdf5;
       read_rows(r, columns.time, from, std::span(values).first(rows));
       std::size_t at = 0;
       for (const auto& joint : columns.joints)
-        for (const Id& dataset : joint) read_rows(r, dataset, from, std::span(values).subspan(block * ++at, rows));
+        for (const Id& dataset : joint)
+          read_rows(r, dataset, from, std::span(values).subspan(rows_at_once * ++at, rows));
     }
     for (std::size_t i = 0; i < rows; ++i)
       for (std::size_t c = 0; c < width; ++c)
-        fmt::format_to(add, "{}{}", values[block * c + i], c + 1 < width ? ',' : '\n');
+        fmt::format_to(add, "{}{}", values[rows_at_once * c + i], c + 1 < width ? ',' : '\n');
     if (auto ok = put(); !ok) return ok;
     if (progress) progress(static_cast<double>(from + rows) / static_cast<double>(columns.rows));
   }

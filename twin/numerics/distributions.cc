@@ -1,0 +1,38 @@
+#include <boost/math/distributions/chi_squared.hpp>
+#include <boost/math/distributions/fisher_f.hpp>
+#include <boost/math/distributions/normal.hpp>
+#include <boost/math/distributions/students_t.hpp>
+
+#include <tribotwin/twin/numerics/distributions.hpp>
+
+namespace tribotwin::twin {
+
+using boost::math::normal, boost::math::students_t, boost::math::chi_squared, boost::math::fisher_f;
+using boost::math::quantile, boost::math::complement, boost::math::cdf;
+
+double normal_quantile(double probability) { return quantile(normal(), probability); }
+double student_t_quantile(double freedom, double probability) { return quantile(students_t(freedom), probability); }
+double chi_squared_quantile(double freedom, double probability) { return quantile(chi_squared(freedom), probability); }
+double chi_squared_median(double freedom) { return boost::math::median(chi_squared(freedom)); }
+
+double normal_upper_quantile(double probability) { return quantile(complement(normal(), probability)); }
+
+double student_t_upper_quantile(double freedom, double probability) {
+  return quantile(complement(students_t(freedom), probability));
+}
+
+double chi_squared_upper_quantile(double freedom, double probability) {
+  return quantile(complement(chi_squared(freedom), probability));
+}
+
+double fisher_f_upper_quantile(double freedom, double freedom_below, double probability) {
+  return quantile(complement(fisher_f(freedom, freedom_below), probability));
+}
+
+double normal_below(double x) { return cdf(normal(), x); }
+
+double fisher_f_above(double freedom, double freedom_below, double x) {
+  return cdf(complement(fisher_f(freedom, freedom_below), x));
+}
+
+}  // namespace tribotwin::twin
