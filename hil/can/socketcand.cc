@@ -353,7 +353,7 @@ int port_of(int socket) {
   socklen_t size = sizeof storage;
   ::getsockname(socket, reinterpret_cast<sockaddr*>(&storage), &size);
   return ntohs(storage.ss_family == AF_INET6 ? reinterpret_cast<sockaddr_in6*>(&storage)->sin6_port
-                                                  : reinterpret_cast<sockaddr_in*>(&storage)->sin_port);
+                                             : reinterpret_cast<sockaddr_in*>(&storage)->sin_port);
 }
 
 }  // namespace

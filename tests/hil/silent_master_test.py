@@ -1,5 +1,5 @@
-"""A master that falls silent in torque mode, in lockstep: the robot comes to rest and the drive ends in fault without any
-SYNC, and a replay says the same. Arguments: tribotwin-hil, source tree."""
+"""A master that falls silent in torque mode, in lockstep: the robot comes to rest and the drive ends in fault without
+any SYNC, and a replay says the same. Arguments: tribotwin-hil, source tree."""
 import re, struct, sys
 
 import harness
