@@ -37,7 +37,13 @@ build/sanitized/tests/fuzz_sdo 10000 1
 
 # Static analysis of the first ten changed sources, which the time limit allows. Its compile commands are of a build
 # without unity and without precompiled headers, which clang cannot read.
-changed() { git diff --name-only --diff-filter=d HEAD^ -- plugins twin hil render | grep '\.cc$' | head -n 10; }
+changed() {
+  git diff --name-only --diff-filter=d HEAD^ -- 'plugins/*.cc' 'twin/*.cc' 'hil/*.cc' 'render/*.cc' |
+    while read -r source; do
+      # Not those of another engine version, which are not compiled here.
+      if grep -qF "/$source\"" build/analysis/compile_commands.json; then echo "$source"; fi
+    done | awk 'NR <= 10'
+}
 if git rev-parse -q --verify HEAD^ > /dev/null 2>&1; then
   cmake -S . -B build/analysis -G Ninja -DTRIBOTWIN_BUILD_TESTS=OFF -DCMAKE_DISABLE_PRECOMPILE_HEADERS=ON > /dev/null
   changed | xargs -r -P "$(nproc)" -n 1 clang-tidy --quiet -p build/analysis
