@@ -1,8 +1,10 @@
 #pragma once
 
 #include <cstdint>
+#include <span>
 #include <vector>
 
+#include <tribotwin/hil/canopen/dictionary.hpp>
 #include <tribotwin/hil/drives/bus_drive.hpp>
 
 /// A bus and a robot for drives without sockets and clocks.
@@ -16,6 +18,20 @@ inline Send record_in(std::vector<Frame>& bus) {
     bus.push_back(frame);
     return Sent::done;
   };
+}
+
+/// The SDO request that writes a value of at most 4 bytes (CiA 301, expedited download).
+inline std::vector<std::uint8_t> download(std::uint16_t index, std::uint8_t sub, Type type, std::int64_t value) {
+  std::vector<std::uint8_t> request{static_cast<std::uint8_t>(0x23 | (4 - size_of(type)) << 2),
+                                    static_cast<std::uint8_t>(index),
+                                    static_cast<std::uint8_t>(index >> 8),
+                                    sub,
+                                    0,
+                                    0,
+                                    0,
+                                    0};
+  encode(value, std::span(request).subspan(4, static_cast<std::size_t>(size_of(type))));
+  return request;
 }
 
 /// For 1 ms the robot does what the drive asks for.

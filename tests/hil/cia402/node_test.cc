@@ -78,16 +78,7 @@ class OneNode : public testing::Test {
     return d[0] == 0x80 ? static_cast<std::uint32_t>(decode(Type::u32, std::span(d).subspan(4, 4))) : 0;
   }
   std::uint32_t write(std::uint16_t index, std::uint8_t sub, Type type, std::int64_t value) {
-    std::vector<std::uint8_t> request{static_cast<std::uint8_t>(0x23 | (4 - size_of(type)) << 2),
-                                      static_cast<std::uint8_t>(index),
-                                      static_cast<std::uint8_t>(index >> 8),
-                                      sub,
-                                      0,
-                                      0,
-                                      0,
-                                      0};
-    encode(value, std::span(request).subspan(4, static_cast<std::size_t>(size_of(type))));
-    return sdo(request);
+    return sdo(download(index, sub, type, value));
   }
 };
 

@@ -129,16 +129,7 @@ class OneTorque : public OneBench {
   Node& node = dynamic_cast<Node&>(*bench.drives()[3]);
 
   void write(std::uint16_t index, std::uint8_t sub, Type type, std::int64_t value) {
-    std::vector<std::uint8_t> request{static_cast<std::uint8_t>(0x23 | (4 - size_of(type)) << 2),
-                                      static_cast<std::uint8_t>(index),
-                                      static_cast<std::uint8_t>(index >> 8),
-                                      sub,
-                                      0,
-                                      0,
-                                      0,
-                                      0};
-    encode(value, std::span(request).subspan(4, static_cast<std::size_t>(size_of(type))));
-    give(bench, 0x604, request);
+    give(bench, 0x604, download(index, sub, type, value));
     for (const Frame& frame : bus)
       if (frame.id == 0x584) EXPECT_NE(frame.data[0], 0x80) << text(frame);
     bus.clear();
