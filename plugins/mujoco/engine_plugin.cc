@@ -17,10 +17,6 @@
 #include <tribotwin/plugins/mujoco/sensor.hpp>
 #include <tribotwin/plugins/mujoco/spring.hpp>
 
-#if mjVERSION_HEADER == 4000000
-#error "MuJoCo 4.0.0 can factor a sparse Newton Hessian wrongly; use 4.0.1 or newer"
-#endif
-
 namespace tribotwin::mujoco {
 namespace {
 
@@ -140,6 +136,12 @@ Result<std::unique_ptr<Spring>> connect_spring(const mjModel* m, int instance) {
   return std::make_unique<Spring>(std::move(*spring));
 }
 
+/// What the sensors of an instance write.
+Result<Sensor> sensor_of(const mjModel* m, int instance) {
+  const char* quantity = mj_getPluginConfig(m, instance, "quantity");
+  return make_sensor(quantity ? quantity : "");
+}
+
 /// The sensors of an instance, of mjData's drives by their instances.
 Result<std::unique_ptr<std::vector<Sensor>>> connect_sensors(const mjModel* m, int instance) {
   auto sensors = std::make_unique<std::vector<Sensor>>();
@@ -149,8 +151,7 @@ Result<std::unique_ptr<std::vector<Sensor>>> connect_sensors(const mjModel* m, i
     const auto fail = [&](const std::string& why) {
       return tl::unexpected(fmt::format("{}, sensor '{}': {}", sensor_plugin_name, name ? name : "unnamed", why));
     };
-    const char* quantity = mj_getPluginConfig(m, instance, "quantity");
-    auto sensor = make_sensor(quantity ? quantity : "");
+    auto sensor = sensor_of(m, instance);
     if (!sensor) return fail(sensor.error().message);
     if (m->sensor_objtype[i] != mjOBJ_ACTUATOR || !has_drive(m, m->sensor_objid[i]))
       return fail(fmt::format("needs objtype=\"actuator\" and in objname an actuator with plugin=\"{}\"", plugin_name));
@@ -233,8 +234,7 @@ void register_sensor() {
   plugin.attributes = attributes;
   plugin.nstate = [](const mjModel*, int) { return 0; };
   plugin.nsensordata = [](const mjModel* m, int instance, int) {
-    const char* quantity = mj_getPluginConfig(m, instance, "quantity");
-    const auto sensor = make_sensor(quantity ? quantity : "");
+    const auto sensor = sensor_of(m, instance);
     return sensor ? static_cast<int>(sensor->count) : 1;  // `init` says what is wrong
   };
   plugin.init = init<connect_sensors>;

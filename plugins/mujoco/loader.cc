@@ -25,6 +25,23 @@ struct DriveElement {
 
 using Element = std::pair<const Source*, pugi::xml_node>;
 
+tl::unexpected<Error> no_instance(const std::string& where, const std::string& name, const char* plugin) {
+  return tl::unexpected<Error>(
+      fmt::format("{}: no <instance name=\"{}\"> under <extension><plugin plugin=\"{}\">", where, name, plugin));
+}
+
+/// The <instance> of a plugin that `where` names, in any file.
+Result<Element> find_instance(const std::vector<Source>& sources, const std::string& where, const std::string& name,
+                              const char* plugin) {
+  Element found{};
+  for (const Source& source : sources)
+    for (const auto& match :
+         source.document->select_nodes(fmt::format("//extension/plugin[@plugin='{}']/instance", plugin).c_str()))
+      if (match.node().attribute("name").value() == name) found = {&source, match.node()};
+  if (!found.first) return no_instance(where, name, plugin);
+  return found;
+}
+
 /// The keys of an <instance>.
 Result<drive::Configuration> keys_of(const Element& instance) {
   drive::Configuration configuration;
@@ -85,9 +102,7 @@ Result<std::vector<DriveElement>> read_drives(const std::vector<Source>& sources
       const pugi::xml_node element = served[k].second;
       const std::string where = at(*served[k].first, element);
       const auto found = instances->find(instance);
-      if (found == instances->end())
-        return tl::unexpected(fmt::format("{}: no <instance name=\"{}\"> under <extension><plugin plugin=\"{}\">",
-                                          where, instance, plugin_name));
+      if (found == instances->end()) return no_instance(where, instance, plugin_name);
       const auto keys = keys_of(found->second);
       if (!keys) return tl::unexpected(keys.error());
       auto drive = drive::make_shared_drive(instance, element.attribute("joint").value(), *keys, k, served.size());
@@ -124,28 +139,17 @@ Result<std::vector<SpringElement>> read_springs(const std::vector<Source>& sourc
       if (std::ranges::any_of(springs, [&](const SpringElement& s) { return s.hysteresis.name == instance; }))
         return tl::unexpected(fmt::format(
             "{}: instance '{}' serves another actuator already; each transmission needs its own", where, instance));
-      const Source* instance_source = nullptr;
-      pugi::xml_node instance_element;
-      for (const Source& s : sources)
-        for (const auto& found :
-             s.document->select_nodes("//extension/plugin[@plugin='tribotwin.hysteresis']/instance"))
-          if (found.node().attribute("name").value() == instance) {
-            instance_source = &s;
-            instance_element = found.node();
-          }
-      if (!instance_source)
-        return tl::unexpected(fmt::format("{}: no <instance name=\"{}\"> under <extension><plugin plugin=\"{}\">",
-                                          where, instance, spring_plugin_name));
-      const auto keys = keys_of({instance_source, instance_element});
+      const auto found = find_instance(sources, where, instance, spring_plugin_name);
+      if (!found) return tl::unexpected(found.error());
+      const std::string where_keys = at(*found->first, found->second);
+      const auto keys = keys_of(*found);
       if (!keys) return tl::unexpected(keys.error());
       auto hysteresis = transmission::make_hysteresis(instance, *keys);
-      if (!hysteresis)
-        return tl::unexpected(
-            fmt::format("{}: {}", at(*instance_source, instance_element), hysteresis.error().message));
+      if (!hysteresis) return tl::unexpected(fmt::format("{}: {}", where_keys, hysteresis.error().message));
       if (!hysteresis->drive.empty() &&
           std::ranges::find(drives, hysteresis->drive, &DriveElement::instance) == drives.end())
         return tl::unexpected(fmt::format("{}: key 'drive' is '{}', which is no instance of {} that an actuator uses",
-                                          at(*instance_source, instance_element), hysteresis->drive, plugin_name));
+                                          where_keys, hysteresis->drive, plugin_name));
       springs.push_back({where, name, std::move(*hysteresis)});
     }
   return springs;
@@ -159,22 +163,17 @@ struct SensorElement {
 
 /// The value of the key `quantity`, which stands in the sensor or in the instance that it names.
 Result<std::string> quantity_of(const std::vector<Source>& sources, const Source& source, pugi::xml_node sensor) {
-  pugi::xml_node holder = sensor;
-  const Source* from = &source;
+  Element holder{&source, sensor};
   if (const std::string instance = sensor.attribute("instance").value(); !instance.empty()) {
-    holder = {};
-    for (const Source& s : sources)
-      for (const auto& found : s.document->select_nodes("//extension/plugin[@plugin='tribotwin.sensor']/instance"))
-        if (found.node().attribute("name").value() == instance) holder = found.node(), from = &s;
-    if (!holder)
-      return tl::unexpected(fmt::format("{}: no <instance name=\"{}\"> under <extension><plugin plugin=\"{}\">",
-                                        at(source, sensor), instance, sensor_plugin_name));
+    const auto found = find_instance(sources, at(source, sensor), instance, sensor_plugin_name);
+    if (!found) return tl::unexpected(found.error());
+    holder = *found;
   }
   std::string quantity;
-  for (const pugi::xml_node config : holder.children("config")) {
+  for (const pugi::xml_node config : holder.second.children("config")) {
     if (std::string_view(config.attribute("key").value()) != "quantity")
-      return tl::unexpected(fmt::format("{}: key '{}' is not known; the only key is 'quantity'", at(*from, config),
-                                        config.attribute("key").value()));
+      return tl::unexpected(fmt::format("{}: key '{}' is not known; the only key is 'quantity'",
+                                        at(*holder.first, config), config.attribute("key").value()));
     quantity = config.attribute("value").value();
   }
   return quantity;
