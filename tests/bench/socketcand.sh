@@ -10,7 +10,7 @@ trip=$build/tests/socketcand_round_trip
 drives=$!
 "$build/tests/echo_server" socketcand://127.0.0.1:29702/can0 7000 > /dev/null &
 echo=$!
-trap 'kill $drives $echo' EXIT
+trap 'kill $drives $echo 2> /dev/null || true' EXIT
 sleep 1
 "$trip" 29701 000#0100 181 1 0 > /dev/null   # NMT start
 for i in {1..7}; do
