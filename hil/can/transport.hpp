@@ -3,6 +3,7 @@
 #include <cstdint>
 #include <functional>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -51,6 +52,8 @@ class Transport {
   virtual std::string state() const = 0;
 
   const std::string& name() const { return name_; }
+  /// Bit rate [bit/s] of a bus that has one; virtual ones and TCP have none.
+  virtual std::optional<double> bit_rate() const { return std::nullopt; }
   virtual const BusCounters& counters() const { return counters_; }
 
  protected:
@@ -64,6 +67,8 @@ struct OpenOptions {
   bool listen_only = false;  ///< `send` refuses
   /// Only data frames with these 11-bit identifiers are received, plus error frames; all if empty.
   std::vector<std::uint32_t> identifiers;
+  /// socketcand: a connection that says nothing for so long before it joined the bus is dropped.
+  std::int64_t handshake_ns = 5'000'000'000;
 };
 
 /// Fails with what is wrong and what would help, in one line.
