@@ -3,6 +3,7 @@
 
 #include <tribotwin/hil/canopen/object_index.hpp>
 #include <tribotwin/hil/cia402/drive_profile.hpp>
+#include <tribotwin/hil/cia402/words.hpp>
 
 namespace tribotwin::hil {
 namespace {
@@ -11,19 +12,6 @@ constexpr double standing_motor_rad_s = 0.5;     // slower than this, a motor co
 constexpr double standstill_s = 0.02;            // duration at the end of a ramp
 constexpr double warning_K = 10;                 // below the temperature limit
 constexpr std::int64_t window_off = 0xffffffff;  // 6065h: the following error is not watched
-
-/// Bits of the statusword 6041h beside those of the state (CiA 402-2).
-enum Status : std::uint16_t {
-  voltage_enabled = 0x0010,
-  warning = 0x0080,
-  remote = 0x0200,
-  target_reached = 0x0400,
-  internal_limit_active = 0x0800,
-  follows_command = 0x1000,
-  following_error = 0x2000
-};
-
-constexpr std::int64_t halt_bit = 0x0100;  // of the controlword 6040h
 
 /// 605Dh: halt option.
 enum HaltOption : std::int64_t { slow_down_ramp = 1, quick_stop_ramp = 2 };
@@ -71,7 +59,7 @@ void DriveProfile::reset() {
 }
 
 bool DriveProfile::halts() const {
-  return machine_.follows() && ((objects_.controlword->value & halt_bit) || !active_mode());
+  return machine_.follows() && ((objects_.controlword->value & halt) || !active_mode());
 }
 
 const ModeOfOperation* DriveProfile::active_mode() const { return find_mode(objects_.mode_display->value); }
@@ -121,12 +109,14 @@ void DriveProfile::refresh_status() {
   if (!follows) objects_.mode_display->value = objects_.mode->value;
   if (machine_.ramping() && ramp_rad_s_ == 0) ramp_rad_s_ = feedback_.velocity_rad_s;
   followed_ = follows;
-  if (const bool halt = halts(); halt != halted_) {
-    halted_ = halt;
+  if (const bool now = halts(); now != halted_) {
+    halted_ = now;
     ramp_rad_s_ = feedback_.velocity_rad_s;
     // Released, CSP stands until the next target; the other modes continue with theirs.
-    if (!halt && follows) demand_ = demand_here();
+    if (!now && follows) demand_ = demand_here();
   }
+  demand_.halted = halted_;
+  demand_.lags = follows_demand() && following_s_ > 0;
 
   const std::uint16_t word = statusword();
   if (objects_.statusword->value != word) node_.changed = true;
@@ -155,10 +145,10 @@ std::uint16_t DriveProfile::statusword() const {
   int word = machine_.status_bits() | voltage_enabled;
   if (feedback_.temperature_degC > tenths_degC(objects_.temperature_limit) - warning_K) word |= warning;
   if (node_.operational()) word |= remote;
-  if (feedback_.limited || (follows_target() && demand_.limited_way != 0)) word |= internal_limit_active;
+  if (feedback_.limited) word |= internal_limit_active;
+  if (machine_.follows() && active_mode()) word |= active_mode()->status(demand_);
+  if (halts()) word &= ~target_reached;
   if (halts() && ramp_rad_s_ == 0 && stands()) word |= target_reached;
-  if (follows_target()) word |= follows_command;
-  if (follows_demand() && following_s_ > 0) word |= following_error;
   return static_cast<std::uint16_t>(word);
 }
 

@@ -14,23 +14,29 @@
 /// mode has yet is one more object (object_index.hpp, drive_objects.cc) and one row of the targets in modes.cc.
 namespace tribotwin::hil {
 
-/// The set point under way. Joint side.
+/// What a mode keeps from step to step; made anew when the drive enters a mode. Joint side.
 struct Demand {
-  double position_rad = 0, step_rad_s = 0, left_s = 0;  ///< CSP: a straight line from one target to the next
-  double speed_rad_s = 0;                               ///< CST: the speed of the last step
-  int limited_way = 0;  ///< CST: direction in which 6080h limits the speed instead of the torque; 0: none
+  double position_rad = 0;
+  double step_rad_s = 0, left_s = 0;  ///< CSP: a straight line from one target to the next
+  double speed_rad_s = 0;             ///< CST: the speed of the last step
+  int limited_way = 0;                ///< CST: direction in which 6080h limits the speed instead of the torque; 0: none
+  bool halted = false;                ///< the master halts the drive (bit 8 of the controlword)
+  bool lags = false;                  ///< the following error is beyond its window
 };
 
+/// The rule of a mode, from the dictionary to set points and status.
 struct ModeOfOperation {
-  std::int8_t number;                  ///< value of 6060h; bit number - 1 of 6502h
-  const char* name;                    ///< "CSP"
-  std::uint16_t target;                ///< index of its set point, one of `targets()`
-  std::array<std::uint16_t, 6> needs;  ///< indices of the other objects that it reads; 0: none
-  bool follows_demand;                 ///< whether the following error of `Demand` is watched (6065h, 6066h)
+  std::int8_t number;                    ///< value of 6060h; bit number - 1 of 6502h
+  const char* name;                      ///< "CSP"
+  std::uint16_t target;                  ///< index of its set point, one of `targets()`
+  std::array<std::uint16_t, 6> needs{};  ///< indices of the other objects that it reads; 0: none
+  bool follows_demand = false;           ///< whether the following error of `Demand` is watched (6065h, 6066h)
   /// Called when the bus wrote the target while the mode was active; null where `command` reads the target itself.
-  void (*target_written)(Demand&, const DriveObjects&);
+  void (*target_written)(Demand&, const DriveObjects&) = nullptr;
   /// The set point of the next step of dt [s].
   twin::DriveCommand (*command)(Demand&, const DriveObjects&, const Feedback&, double dt_s);
+  /// The bits 10 to 13 of the statusword, while the mode is active.
+  int (*status)(const Demand&);
 };
 
 std::span<const ModeOfOperation> modes_of_operation();
