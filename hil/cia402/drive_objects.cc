@@ -57,11 +57,10 @@ class Builder {
   }
 
   void modes() {
-    const std::int64_t first = modes_of_operation().front().number;
     const std::int64_t last = std::ranges::max(modes_of_operation(), {}, &ModeOfOperation::number).number;
-    add(o_, {od::modes_of_operation, 0, "mode of operation", T::i8, rw, true, first, no_mode, last},
+    add(o_, {od::modes_of_operation, 0, "mode of operation", T::i8, rw, true, default_mode, no_mode, last},
         {.meaning = mode_numbers()});
-    add(o_, {od::modes_of_operation_display, 0, "mode of operation display", T::i8, ro, true, first});
+    add(o_, {od::modes_of_operation_display, 0, "mode of operation display", T::i8, ro, true, default_mode});
     add(o_, {od::supported_drive_modes, 0, "supported modes", T::u32, constant, false, supported_modes()},
         {.meaning = mode_names()});
   }
@@ -75,6 +74,11 @@ class Builder {
         {.scale = 1e-3, .unit = "s"});
     add(o_, {od::following_error_actual_value, 0, "following error", T::i32, ro, true},
         {.scale = increment_rad, .unit = "rad"});
+    add(o_, {od::position_window, 0, "position window", T::u32, rw, false, increments(0.001)},
+        {.scale = increment_rad,
+         .unit = "rad",
+         .meaning = "PP: target reached within it for 6068h; FFFFFFFFh: at the end of the ramp"});
+    add(o_, {od::position_window_time, 0, "position window time", T::u16, rw, false, 10}, {.scale = 1e-3, .unit = "s"});
     position(od::target_position, 0, "target position", rw, true, 0, modes_with_target(od::target_position));
     highest_sub_index(od::software_position_limit, 2);
     const Limits all = limits_of(T::i32);
@@ -99,8 +103,23 @@ class Builder {
         {od::max_motor_speed, 0, "max motor speed", T::u32, rw, false,
          std::llround(p_.speed_max_rad_s * 30 / std::numbers::pi), 1, 1000000},
         {.scale = std::numbers::pi / 30, .unit = "rad/s", .meaning = "rpm"});
-    deceleration(od::profile_deceleration, "profile deceleration", 1, "halt with 605Dh = 1");
-    deceleration(od::quick_stop_deceleration, "quick stop deceleration", 0.25, "every other ramp");
+    acceleration(od::profile_deceleration, "profile deceleration", 1, "profile modes, and halt with 605Dh = 1");
+    acceleration(od::quick_stop_deceleration, "quick stop deceleration", 0.25, "every other ramp");
+  }
+
+  void profile() {
+    speed(od::max_profile_velocity, "max profile velocity", p_.speed_max_rad_s, 1, "profile modes");
+    speed(od::profile_velocity, "profile velocity", p_.speed_max_rad_s / 4, 1, "PP");
+    speed(od::end_velocity, "end velocity", 0, 0, "PP: at the target, for the set point that waits; else it stops");
+    acceleration(od::profile_acceleration, "profile acceleration", 1, "profile modes");
+    add(o_, {od::motion_profile_type, 0, "motion profile type", T::i16, rw, false, DriveObjects::linear_ramp, 0, 3},
+        {.meaning = "profile modes: 0 linear ramps, 3 jerk-limited (60A4h)"});
+    add(o_, {od::profile_jerk_use, 0, "profile jerk use", T::u8, constant, false, 1}, {.meaning = "one for all ramps"});
+    highest_sub_index(od::profile_jerk, 1);
+    add(o_, {od::profile_jerk, 1, "profile jerk", T::u32, rw, false, counts(p_.speed_max_rad_s / 0.1), 1, 0xffffffffLL},
+        {.scale = milli_rpm_rad_s, .unit = "rad/s3", .meaning = "6086h = 3"});
+    acceleration(od::max_acceleration, "max acceleration", 0.25, "limits 6083h");
+    acceleration(od::max_deceleration, "max deceleration", 0.25, "limits 6084h in the profile modes");
   }
 
   void torque() {
@@ -171,11 +190,15 @@ class Builder {
     add(o_, {index, 0, name, T::i32, access, true},
         {.scale = milli_rpm_rad_s, .unit = "rad/s", .meaning = std::move(meaning)});
   }
-  /// `stop_s`: from the maximum speed to standstill.
-  void deceleration(od::Index index, const char* name, double stop_s, std::string meaning) {
-    add(o_,
-        {index, 0, name, T::u32, rw, false, std::llround(std::min(p_.speed_max_rad_s / stop_s / milli_rpm_rad_s, 4e9)),
-         1, 0xffffffffLL},
+  /// Counts of a speed, acceleration or jerk of the motor.
+  static std::int64_t counts(double rad_s) { return std::llround(std::min(rad_s / milli_rpm_rad_s, 4e9)); }
+  void speed(od::Index index, const char* name, double rad_s, std::int64_t low, std::string meaning) {
+    add(o_, {index, 0, name, T::u32, rw, true, counts(rad_s), low, 0xffffffffLL},
+        {.scale = milli_rpm_rad_s, .unit = "rad/s", .meaning = std::move(meaning)});
+  }
+  /// `ramp_s`: between standstill and the maximum speed.
+  void acceleration(od::Index index, const char* name, double ramp_s, std::string meaning) {
+    add(o_, {index, 0, name, T::u32, rw, false, counts(p_.speed_max_rad_s / ramp_s), 1, 0xffffffffLL},
         {.scale = milli_rpm_rad_s, .unit = "rad/s2", .meaning = std::move(meaning)});
   }
   void torque(od::Index index, const char* name, Type type, Access access, std::int64_t value,
@@ -200,6 +223,7 @@ Dictionary drive_dictionary(const DriveParameters& parameters) {
   drive.modes();
   drive.position();
   drive.velocity();
+  drive.profile();
   drive.torque();
   drive.motor_and_gear();
   drive.manufacturer();
@@ -228,6 +252,8 @@ DriveObjects::DriveObjects(Dictionary& dictionary, double gear_ratio) : dictiona
   following_error = object(od::following_error_actual_value);
   following_error_window = object(od::following_error_window);
   following_error_time_out = object(od::following_error_time_out);
+  position_window = object(od::position_window);
+  position_window_time = object(od::position_window_time);
   velocity_offset = object(od::velocity_offset);
   torque_offset = object(od::torque_offset);
   max_torque = object(od::max_torque);
@@ -235,6 +261,14 @@ DriveObjects::DriveObjects(Dictionary& dictionary, double gear_ratio) : dictiona
   halt_option = object(od::halt_option_code);
   profile_deceleration = object(od::profile_deceleration);
   quick_stop_deceleration = object(od::quick_stop_deceleration);
+  profile_velocity = object(od::profile_velocity);
+  max_profile_velocity = object(od::max_profile_velocity);
+  end_velocity = object(od::end_velocity);
+  profile_acceleration = object(od::profile_acceleration);
+  motion_profile_type = object(od::motion_profile_type);
+  profile_jerk = object(od::profile_jerk, 1);
+  max_acceleration = object(od::max_acceleration);
+  max_deceleration = object(od::max_deceleration);
   position_limit_low = object(od::software_position_limit, 1);
   position_limit_high = object(od::software_position_limit, 2);
   interpolation_time = object(od::interpolation_time_period, 1);
@@ -244,6 +278,18 @@ DriveObjects::DriveObjects(Dictionary& dictionary, double gear_ratio) : dictiona
   load_torque = object(od::load_torque, 1);
   measured_temperature = object(od::measured_temperature, 1);
   temperature_limit = object(od::temperature_limit, 1);
+}
+
+double DriveObjects::profile_speed_max_rad_s() const {
+  return std::min(velocity_rad_s(max_profile_velocity), speed_max_rad_s());
+}
+
+MotionLimits DriveObjects::profile_limits(double speed_rad_s) const {
+  const bool smooth = motion_profile_type->value == jerk_limited_ramp;
+  return {.speed_rad_s = speed_rad_s,
+          .acceleration_rad_s2 = std::min(velocity_rad_s(profile_acceleration), velocity_rad_s(max_acceleration)),
+          .deceleration_rad_s2 = std::min(velocity_rad_s(profile_deceleration), velocity_rad_s(max_deceleration)),
+          .jerk_rad_s3 = smooth ? velocity_rad_s(profile_jerk) : MotionLimits::unlimited};
 }
 
 double DriveObjects::interpolation_s() const {

@@ -1,5 +1,6 @@
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 #include <tribotwin/hil/canopen/object_index.hpp>
 #include <tribotwin/hil/cia402/drive_profile.hpp>
@@ -8,10 +9,9 @@
 namespace tribotwin::hil {
 namespace {
 
-constexpr double standing_motor_rad_s = 0.5;     // slower than this, a motor counts as standing
-constexpr double standstill_s = 0.02;            // duration at the end of a ramp
-constexpr double warning_K = 10;                 // below the temperature limit
-constexpr std::int64_t window_off = 0xffffffff;  // 6065h: the following error is not watched
+constexpr double standing_motor_rad_s = 0.5;  // slower than this, a motor counts as standing
+constexpr double standstill_s = 0.02;         // duration at the end of a ramp
+constexpr double warning_K = 10;              // below the temperature limit
 
 /// 605Dh: halt option.
 enum HaltOption : std::int64_t { slow_down_ramp = 1, quick_stop_ramp = 2 };
@@ -37,19 +37,20 @@ std::optional<double> DriveProfile::measured_temperature_degC() const {
 tl::expected<void, Abort> DriveProfile::may_write(const Object& o, std::int64_t value) const {
   const bool unknown_mode = o.index == od::modes_of_operation && value != no_mode && !find_mode(value);
   const bool unknown_stop = o.index == od::quick_stop_option_code && (value == 3 || value == 4);
-  if (unknown_mode || unknown_stop) return tl::unexpected(Abort::out_of_range);
+  const bool unknown_ramp = o.index == od::motion_profile_type && (value == 1 || value == 2);
+  if (unknown_mode || unknown_stop || unknown_ramp) return tl::unexpected(Abort::out_of_range);
   return {};
 }
 
 void DriveProfile::written(const Object& o) {
   if (o.index == od::controlword) return apply_controlword();
-  if (o.index == od::modes_of_operation) return refresh_status();
+  if (o.index == od::modes_of_operation) return update_status();
   const auto target = std::ranges::find(targets(), o.index, &Target::index);
   if (target == targets().end()) return;
-  fresh_[static_cast<std::size_t>(target - targets().begin())] = true;
-  if (!follows_target()) return;
-  const ModeOfOperation& mode = *active_mode();
-  if (mode.target_written && mode.target == o.index) mode.target_written(demand_, objects_);
+  const ModeOfOperation* mode = followed_mode();
+  // What is written for one mode does not move the drive in the next.
+  fresh_[static_cast<std::size_t>(target - targets().begin())] = !mode || mode->target != o.index;
+  if (follows_target() && mode->target_written && mode->target == o.index) mode->target_written(demand_, objects_);
 }
 
 void DriveProfile::reset() {
@@ -80,7 +81,7 @@ void DriveProfile::apply_controlword() {
     objects_.error_code->value = 0;
     emcy_.clear();
   }
-  refresh_status();
+  update_status();
 }
 
 void DriveProfile::fail(std::uint16_t code, std::uint8_t register_bits, bool ramp) {
@@ -104,6 +105,16 @@ void DriveProfile::lose_commands(ErrorCode code) {
 }
 
 void DriveProfile::refresh_status() {
+  const std::int64_t word = objects_.controlword->value;
+  const ModeOfOperation* mode = followed_mode();
+  // The word that enables the drive, or that a halt or a ramp outlives, starts nothing: an edge needs a frame before.
+  if (mode && mode->control && controls_ && word != controlword_) mode->control(demand_, objects_, controlword_, word);
+  controls_ = mode != nullptr;
+  controlword_ = word;
+  update_status();
+}
+
+void DriveProfile::update_status() {
   const bool follows = machine_.follows();
   if ((follows && !followed_) || (follows && objects_.mode_display->value != objects_.mode->value)) take_up_mode();
   if (!follows) objects_.mode_display->value = objects_.mode->value;
@@ -113,7 +124,7 @@ void DriveProfile::refresh_status() {
     halted_ = now;
     ramp_rad_s_ = feedback_.velocity_rad_s;
     // Released, CSP stands until the next target; the other modes continue with theirs.
-    if (!now && follows) demand_ = demand_here();
+    if (!now && follows) resume();
   }
   demand_.halted = halted_;
   demand_.lags = follows_demand() && following_s_ > 0;
@@ -124,7 +135,14 @@ void DriveProfile::refresh_status() {
 }
 
 Demand DriveProfile::demand_here() const {
-  return {.position_rad = feedback_.position_rad, .speed_rad_s = feedback_.velocity_rad_s};
+  return {.position_rad = feedback_.position_rad,
+          .speed_rad_s = feedback_.velocity_rad_s,
+          .motion = {feedback_.position_rad, feedback_.velocity_rad_s, 0}};
+}
+
+void DriveProfile::resume() {
+  const Demand before = std::exchange(demand_, demand_here());
+  if (const ModeOfOperation* mode = active_mode(); mode && mode->resume) mode->resume(demand_, before, objects_);
 }
 
 /// A target that was not written for this mode begins at what the drive does now, so that nothing jumps.
@@ -132,13 +150,16 @@ void DriveProfile::take_up_mode() {
   objects_.mode_display->value = objects_.mode->value;
   demand_ = demand_here();
   if (!followed_) fresh_.assign(fresh_.size(), false);  // targets of another time
+  const ModeOfOperation* mode = active_mode();
   for (std::size_t i = 0; i < fresh_.size(); ++i) {
     const Target& target = targets()[i];
-    if (!fresh_[i])
+    const bool asked_first = mode && mode->set_points == SetPoints::on_request && mode->target == target.index;
+    if (!fresh_[i] && !asked_first)
       node_.dictionary.set(target.index, 0, target.standing_counts(objects_, feedback_, followed_ && !halted_));
   }
   fresh_.assign(fresh_.size(), false);
   following_s_ = 0;
+  if (mode && mode->enter) mode->enter(demand_, objects_);
 }
 
 std::uint16_t DriveProfile::statusword() const {
@@ -146,7 +167,7 @@ std::uint16_t DriveProfile::statusword() const {
   if (feedback_.temperature_degC > tenths_degC(objects_.temperature_limit) - warning_K) word |= warning;
   if (node_.operational()) word |= remote;
   if (feedback_.limited) word |= internal_limit_active;
-  if (machine_.follows() && active_mode()) word |= active_mode()->status(demand_);
+  if (const ModeOfOperation* mode = followed_mode()) word |= mode->status(demand_);
   if (halts()) word &= ~target_reached;
   if (halts() && ramp_rad_s_ == 0 && stands()) word |= target_reached;
   return static_cast<std::uint16_t>(word);
@@ -186,7 +207,7 @@ void DriveProfile::feedback(const Feedback& f, double dt) {
   watch_standstill(dt);
   watch_temperature();
   watch_rest();
-  refresh_status();
+  update_status();
 }
 
 void DriveProfile::show(const Feedback& f) {
@@ -209,7 +230,7 @@ void DriveProfile::set(Object* object, double counts) {
 void DriveProfile::watch_following_error(double lag_rad, double dt) {
   if (!follows_demand()) return;
   const auto window = objects_.following_error_window->value;
-  const bool outside = window != window_off && std::abs(lag_rad) > objects_.position_rad(window);
+  const bool outside = window != DriveObjects::window_off && std::abs(lag_rad) > objects_.position_rad(window);
   following_s_ = outside ? following_s_ + dt : 0;
   if (following_s_ > 1e-3 * static_cast<double>(objects_.following_error_time_out->value))
     fail(static_cast<std::uint16_t>(ErrorCode::following_error), profile_error, stop_options().fault_reaction != 0);

@@ -13,6 +13,20 @@ namespace tribotwin::hil {
 namespace {
 
 constexpr ModeOfOperation modes[] = {
+    {.number = 1,
+     .name = "PP",
+     .target = od::target_position,
+     .needs = {od::position_window, od::position_window_time, od::software_position_limit, od::max_profile_velocity,
+               od::max_motor_speed, od::profile_velocity, od::end_velocity, od::profile_acceleration,
+               od::profile_deceleration, od::motion_profile_type, od::profile_jerk, od::max_acceleration,
+               od::max_deceleration},
+     .follows_demand = true,
+     .set_points = SetPoints::on_request,
+     .enter = profile_position::enter,
+     .resume = profile_position::resume,
+     .control = profile_position::control,
+     .command = profile_position::command,
+     .status = profile_position::status},
     {.number = 8,
      .name = "CSP",
      .target = od::target_position,

@@ -5,6 +5,8 @@
 #include <string>
 
 #include <tribotwin/hil/cia402/drive_objects.hpp>
+#include <tribotwin/hil/cia402/motion_profile.hpp>
+#include <tribotwin/hil/cia402/profile_position.hpp>
 #include <tribotwin/hil/drives/bus_drive.hpp>
 
 /// The modes of operation (CiA 402-2, 6060h) as one table. The checks of 6060h, the supported modes 6502h, the meanings
@@ -20,17 +22,32 @@ struct Demand {
   double step_rad_s = 0, left_s = 0;  ///< CSP: a straight line from one target to the next
   double speed_rad_s = 0;             ///< CST: the speed of the last step
   int limited_way = 0;                ///< CST: direction in which 6080h limits the speed instead of the torque; 0: none
+  MotionState motion;                 ///< PP: the set point of the last step
+  PositionMove move;                  ///< PP
   bool halted = false;                ///< the master halts the drive (bit 8 of the controlword)
   bool lags = false;                  ///< the following error is beyond its window
 };
 
+/// How a mode gets its set points.
+enum class SetPoints : std::uint8_t {
+  cyclic,     ///< again and again: their absence is watched (2121h)
+  on_request  ///< once, taken by a bit of the controlword: none is missed, and an old one does not move the drive
+};
+
 /// The rule of a mode, from the dictionary to set points and status.
 struct ModeOfOperation {
-  std::int8_t number;                    ///< value of 6060h; bit number - 1 of 6502h
-  const char* name;                      ///< "CSP"
-  std::uint16_t target;                  ///< index of its set point, one of `targets()`
-  std::array<std::uint16_t, 6> needs{};  ///< indices of the other objects that it reads; 0: none
-  bool follows_demand = false;           ///< whether the following error of `Demand` is watched (6065h, 6066h)
+  std::int8_t number;                     ///< value of 6060h; bit number - 1 of 6502h
+  const char* name;                       ///< "CSP"
+  std::uint16_t target;                   ///< index of its set point, one of `targets()`
+  std::array<std::uint16_t, 16> needs{};  ///< indices of the other objects that it reads; 0: none
+  bool follows_demand = false;            ///< whether the following error of `Demand` is watched (6065h, 6066h)
+  SetPoints set_points = SetPoints::cyclic;
+  /// The drive enters the mode; `Demand` is at the present position and speed. Null: nothing to do.
+  void (*enter)(Demand&, const DriveObjects&) = nullptr;
+  /// A halt ended: `Demand` is at the present position and speed, `before` as the halt found it. Null: nothing to do.
+  void (*resume)(Demand&, const Demand& before, const DriveObjects&) = nullptr;
+  /// A frame changed the controlword while the mode was active; it may have changed other objects, too. Null: no bits.
+  void (*control)(Demand&, const DriveObjects&, std::int64_t before, std::int64_t now) = nullptr;
   /// Called when the bus wrote the target while the mode was active; null where `command` reads the target itself.
   void (*target_written)(Demand&, const DriveObjects&) = nullptr;
   /// The set point of the next step of dt [s].
@@ -42,7 +59,8 @@ struct ModeOfOperation {
 std::span<const ModeOfOperation> modes_of_operation();
 /// Null for a mode that the drive does not have.
 const ModeOfOperation* find_mode(std::int64_t number);
-constexpr std::int8_t no_mode = 0;  ///< value of 6060h: the drive follows no set points
+constexpr std::int8_t default_mode = 8;  ///< value of 6060h after a reset: CSP
+constexpr std::int8_t no_mode = 0;       ///< value of 6060h: the drive follows no set points
 
 /// A set point object. `standing_counts`: the value that keeps the present motion when the drive enters a mode or
 /// changes to another (`moving`: it followed a mode before).

@@ -27,7 +27,8 @@ struct MotionState {
 class MotionProfile {
  public:
   /// Stands at `state`, or goes on with its speed.
-  explicit MotionProfile(const MotionState& state = {}) : end_(state) {}
+  explicit MotionProfile(const MotionState& state) : end_(state) {}
+  MotionProfile() = default;
 
   double duration_s() const { return duration_s_; }
   /// The set point `time_s` >= 0 after the start; after the end the end speed stays.

@@ -11,76 +11,10 @@
 #include <tribotwin/hil/canopen/dbc.hpp>
 #include <tribotwin/hil/canopen/eds.hpp>
 #include <tribotwin/hil/cia402/node.hpp>
-#include <tribotwin/tests/hil/one_drive.hpp>
+#include <tribotwin/tests/hil/cia402/one_node.hpp>
 
 namespace tribotwin::hil {
 namespace {
-
-const DriveParameters parameters{.node = 5,
-                                 .name = "joint5",
-                                 .gear_ratio = 100,
-                                 .rated_torque_nm = 2,
-                                 .speed_max_rad_s = 300,
-                                 .limited = true,
-                                 .position_low_rad = -2,
-                                 .position_high_rad = 2};
-
-class OneNode : public testing::Test {
- protected:
-  std::vector<Frame> bus;
-  bool full = false;
-  Node node{parameters, [this](const Frame& frame) {
-              if (full) return Sent::busy;
-              bus.push_back(frame);
-              return Sent::done;
-            }};
-  std::int64_t now = 0;
-  Feedback robot;
-
-  void SetUp() override {
-    node.start(now);
-    bus.clear();
-  }
-  void send(std::uint32_t id, std::vector<std::uint8_t> bytes) { node.receive(classic(id, bytes), now); }
-  void nmt(std::uint8_t command) { send(0, {command, 5}); }
-  void control(std::uint16_t word) {
-    send(0x205, {static_cast<std::uint8_t>(word), static_cast<std::uint8_t>(word >> 8)});
-  }
-  void wait(std::int64_t milliseconds) {
-    for (std::int64_t i = 0; i < milliseconds; ++i) {
-      now += ms;
-      node.tick(now);
-    }
-  }
-  /// Simulated time [ms].
-  void run(int steps) {
-    for (int i = 0; i < steps; ++i) obey(node, robot);
-  }
-  void enable() {
-    nmt(1);
-    for (const std::uint16_t word : {0x06, 0x07, 0x0F}) control(word);
-    ASSERT_EQ(node.state(), DriveState::operation_enabled);
-    bus.clear();
-  }
-  std::uint16_t status() { return static_cast<std::uint16_t>(node.dictionary().get(0x6041)); }
-  std::vector<Frame> on(std::uint32_t id) {
-    std::vector<Frame> some;
-    std::ranges::copy_if(bus, std::back_inserter(some), [&](const Frame& f) { return f.id == id; });
-    return some;
-  }
-  std::uint32_t sdo(std::vector<std::uint8_t> request) {  // 0, or the abort code
-    request.resize(8);
-    bus.clear();
-    send(0x605, request);
-    const auto answers = on(0x585);
-    if (answers.size() != 1) return 1;
-    const auto& d = answers[0].data;
-    return d[0] == 0x80 ? static_cast<std::uint32_t>(decode(Type::u32, std::span(d).subspan(4, 4))) : 0;
-  }
-  std::uint32_t write(std::uint16_t index, std::uint8_t sub, Type type, std::int64_t value) {
-    return sdo(download(index, sub, type, value));
-  }
-};
 
 TEST_F(OneNode, BootsAndBeats) {
   Node fresh(parameters, record_in(bus));
@@ -261,7 +195,7 @@ TEST_F(OneNode, ModesCsvAndCst) {
   EXPECT_EQ(c.mode, twin::DriveCommand::Mode::torque);
   EXPECT_NEAR(c.torque_nm, -100, 1e-9);
   EXPECT_NEAR(c.torque_limit_nm, 200, 1e-9);
-  for (const int profile : {1, 3, 4, 6, 7}) EXPECT_EQ(write(0x6060, 0, Type::i8, profile), 0x06090030U) << profile;
+  for (const int profile : {2, 3, 4, 5, 6, 7}) EXPECT_EQ(write(0x6060, 0, Type::i8, profile), 0x06090030U) << profile;
   EXPECT_EQ(write(0x6060, 0, Type::i8, -1), 0x06090032U);
   EXPECT_EQ(write(0x6060, 0, Type::i8, 11), 0x06090031U);
 }
@@ -324,8 +258,8 @@ TEST_F(OneNode, EveryModeOfTheTableWorks) {
     EXPECT_EQ(node.dictionary().get(0x6061), mode.number);
     EXPECT_NE(node.command(1e-3).mode, twin::DriveCommand::Mode::off);
   }
-  EXPECT_THAT(names, testing::ElementsAre("8 CSP", "9 CSV", "10 CST"));
-  EXPECT_EQ(node.dictionary().get(0x6502), 0x380);
+  EXPECT_THAT(names, testing::ElementsAre("1 PP", "8 CSP", "9 CSV", "10 CST"));
+  EXPECT_EQ(node.dictionary().get(0x6502), 0x381);
 }
 
 // Lost commands: after one deadline the torque is the reaction's, and it stays so until a fault reset.
@@ -543,7 +477,7 @@ TEST_F(OneNode, QuickStopRampsDown) {
 // Bit 8 of the controlword: a ramp down (605Dh: 1 along 6084h, 2 along 6085h), then standstill, still enabled.
 TEST_F(OneNode, HaltStopsEveryMode) {
   const double ramps_rad_s2[] = {0.1, 0.4};  // of the joint, by options 1 and 2
-  for (const int mode : {8, 9, 10})
+  for (const int mode : {1, 8, 9, 10})
     for (const int option : {1, 2}) {
       SCOPED_TRACE(fmt::format("mode {}, option {}", mode, option));
       nmt(0x81);
@@ -570,9 +504,9 @@ TEST_F(OneNode, HaltStopsEveryMode) {
       EXPECT_EQ(status() & 0x1400, 0x0400);  // target reached: it stands
       EXPECT_EQ(node.command(1e-3).mode, twin::DriveCommand::Mode::velocity);
       control(0x0F);
-      EXPECT_EQ(status() & 0x1400, 0x1000);
+      EXPECT_EQ(status() & 0x1400, mode == 1 ? 0 : 0x1000);
       const auto c = node.command(1e-3);
-      if (mode == 8) EXPECT_NEAR(c.position_rad, robot.position_rad, 1e-9);  // until the next target
+      if (mode == 1 || mode == 8) EXPECT_NEAR(c.position_rad, robot.position_rad, 1e-9);  // until the next target
       if (mode == 9) EXPECT_NEAR(c.velocity_rad_s, 0.1 * std::numbers::pi, 1e-6);
       if (mode == 10) EXPECT_NEAR(c.torque_nm, 80, 1e-9);
     }
