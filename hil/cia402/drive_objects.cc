@@ -99,6 +99,13 @@ class Builder {
     velocity(od::velocity_actual_value, "velocity actual", ro, "motor side");
     velocity(od::velocity_offset, "velocity offset", rw, modes_that_add(od::velocity_offset));
     velocity(od::target_velocity, "target velocity", rw, modes_with_target(od::target_velocity));
+    add(o_, {od::velocity_window, 0, "velocity window", T::u16, rw, false, 10000},
+        {.scale = milli_rpm_rad_s, .unit = "rad/s", .meaning = "PV: target reached within it for 606Eh"});
+    add(o_, {od::velocity_window_time, 0, "velocity window time", T::u16, rw, false, 10}, {.scale = 1e-3, .unit = "s"});
+    add(o_, {od::velocity_threshold, 0, "velocity threshold", T::u16, rw, false, 5000},
+        {.scale = milli_rpm_rad_s, .unit = "rad/s", .meaning = "PV: above it for 6070h, bit 12 of 6041h is 0"});
+    add(o_, {od::velocity_threshold_time, 0, "velocity threshold time", T::u16, rw, false, 10},
+        {.scale = 1e-3, .unit = "s"});
     add(o_,
         {od::max_motor_speed, 0, "max motor speed", T::u32, rw, false,
          std::llround(p_.speed_max_rad_s * 30 / std::numbers::pi), 1, 1000000},
@@ -254,6 +261,10 @@ DriveObjects::DriveObjects(Dictionary& dictionary, double gear_ratio) : dictiona
   following_error_time_out = object(od::following_error_time_out);
   position_window = object(od::position_window);
   position_window_time = object(od::position_window_time);
+  velocity_window = object(od::velocity_window);
+  velocity_window_time = object(od::velocity_window_time);
+  velocity_threshold = object(od::velocity_threshold);
+  velocity_threshold_time = object(od::velocity_threshold_time);
   velocity_offset = object(od::velocity_offset);
   torque_offset = object(od::torque_offset);
   max_torque = object(od::max_torque);

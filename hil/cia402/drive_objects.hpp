@@ -29,6 +29,7 @@ class DriveObjects {
   Object *position_demand, *position_actual, *velocity_actual, *torque_actual, *torque_demand;
   Object *following_error, *following_error_window, *following_error_time_out;
   Object *position_window, *position_window_time;
+  Object *velocity_window, *velocity_window_time, *velocity_threshold, *velocity_threshold_time;
   Object *velocity_offset, *torque_offset, *max_torque, *max_motor_speed;
   Object *halt_option, *profile_deceleration, *quick_stop_deceleration;
   Object *profile_velocity, *max_profile_velocity, *end_velocity, *profile_acceleration;

@@ -7,6 +7,7 @@
 #include <tribotwin/hil/cia402/drive_objects.hpp>
 #include <tribotwin/hil/cia402/motion_profile.hpp>
 #include <tribotwin/hil/cia402/profile_position.hpp>
+#include <tribotwin/hil/cia402/profile_velocity.hpp>
 #include <tribotwin/hil/drives/bus_drive.hpp>
 
 /// The modes of operation (CiA 402-2, 6060h) as one table. The checks of 6060h, the supported modes 6502h, the meanings
@@ -22,8 +23,9 @@ struct Demand {
   double step_rad_s = 0, left_s = 0;  ///< CSP: a straight line from one target to the next
   double speed_rad_s = 0;             ///< CST: the speed of the last step
   int limited_way = 0;                ///< CST: direction in which 6080h limits the speed instead of the torque; 0: none
-  MotionState motion;                 ///< PP: the set point of the last step
+  MotionState motion;                 ///< PP, PV: the set point of the last step
   PositionMove move;                  ///< PP
+  VelocityMove turn;                  ///< PV
   bool halted = false;                ///< the master halts the drive (bit 8 of the controlword)
   bool lags = false;                  ///< the following error is beyond its window
 };
@@ -31,7 +33,8 @@ struct Demand {
 /// How a mode gets its set points.
 enum class SetPoints : std::uint8_t {
   cyclic,     ///< again and again: their absence is watched (2121h)
-  on_request  ///< once, taken by a bit of the controlword: none is missed, and an old one does not move the drive
+  rare,       ///< once: the drive goes on with the last one
+  on_request  ///< once, taken by a bit of the controlword: an old one does not move the drive
 };
 
 /// The rule of a mode, from the dictionary to set points and status.

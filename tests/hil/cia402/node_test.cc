@@ -195,7 +195,7 @@ TEST_F(OneNode, ModesCsvAndCst) {
   EXPECT_EQ(c.mode, twin::DriveCommand::Mode::torque);
   EXPECT_NEAR(c.torque_nm, -100, 1e-9);
   EXPECT_NEAR(c.torque_limit_nm, 200, 1e-9);
-  for (const int profile : {2, 3, 4, 5, 6, 7}) EXPECT_EQ(write(0x6060, 0, Type::i8, profile), 0x06090030U) << profile;
+  for (const int profile : {2, 4, 5, 6, 7}) EXPECT_EQ(write(0x6060, 0, Type::i8, profile), 0x06090030U) << profile;
   EXPECT_EQ(write(0x6060, 0, Type::i8, -1), 0x06090032U);
   EXPECT_EQ(write(0x6060, 0, Type::i8, 11), 0x06090031U);
 }
@@ -230,15 +230,15 @@ TEST_F(OneNode, WithoutAModeItStands) {
 // A refused value in an RPDO is reported once, not with every frame.
 TEST_F(OneNode, AnUnsupportedModeByPdoIsReported) {
   enable();
-  for (int k = 0; k < 10; ++k) send(0x305, {0x0F, 0, 3});
+  for (int k = 0; k < 10; ++k) send(0x305, {0x0F, 0, 4});
   ASSERT_EQ(on(0x085).size(), 2U);
-  EXPECT_EQ(text(on(0x085)[0]), "085#2063216060000300");  // parameter error; 6060h:00, value 3
+  EXPECT_EQ(text(on(0x085)[0]), "085#2063216060000400");  // parameter error; 6060h:00, value 4
   EXPECT_EQ(text(on(0x085)[1]), "085#0000000000000000");
   EXPECT_EQ(node.dictionary().get(0x6060), 8);
   EXPECT_EQ(node.state(), DriveState::operation_enabled);
   send(0x305, {0x0F, 0, 9});
   EXPECT_EQ(node.dictionary().get(0x6061), 9);
-  send(0x305, {0x0F, 0, 3});
+  send(0x305, {0x0F, 0, 4});
   EXPECT_EQ(on(0x085).size(), 4U);
 }
 
@@ -258,8 +258,8 @@ TEST_F(OneNode, EveryModeOfTheTableWorks) {
     EXPECT_EQ(node.dictionary().get(0x6061), mode.number);
     EXPECT_NE(node.command(1e-3).mode, twin::DriveCommand::Mode::off);
   }
-  EXPECT_THAT(names, testing::ElementsAre("1 PP", "8 CSP", "9 CSV", "10 CST"));
-  EXPECT_EQ(node.dictionary().get(0x6502), 0x381);
+  EXPECT_THAT(names, testing::ElementsAre("1 PP", "3 PV", "8 CSP", "9 CSV", "10 CST"));
+  EXPECT_EQ(node.dictionary().get(0x6502), 0x385);
 }
 
 // Lost commands: after one deadline the torque is the reaction's, and it stays so until a fault reset.
@@ -477,7 +477,7 @@ TEST_F(OneNode, QuickStopRampsDown) {
 // Bit 8 of the controlword: a ramp down (605Dh: 1 along 6084h, 2 along 6085h), then standstill, still enabled.
 TEST_F(OneNode, HaltStopsEveryMode) {
   const double ramps_rad_s2[] = {0.1, 0.4};  // of the joint, by options 1 and 2
-  for (const int mode : {1, 8, 9, 10})
+  for (const int mode : {1, 3, 8, 9, 10})
     for (const int option : {1, 2}) {
       SCOPED_TRACE(fmt::format("mode {}, option {}", mode, option));
       nmt(0x81);
@@ -490,7 +490,8 @@ TEST_F(OneNode, HaltStopsEveryMode) {
       node.feedback(robot, 1e-3);
       control(0x10F);
       EXPECT_EQ(node.state(), DriveState::operation_enabled);
-      EXPECT_EQ(status() & 0x1400, 0);  // neither follows nor stands
+      EXPECT_EQ(status() & 0x0400, 0);  // does not stand
+      if (mode != 3) EXPECT_EQ(status() & 0x1000, 0);
       EXPECT_EQ(write(0x60FF, 0, Type::i32, 300000), 0U);
       EXPECT_EQ(write(0x6071, 0, Type::i16, 400), 0U);
       send(0x405, {0x0F, 1, 0, 0, 0x10, 0});
@@ -501,12 +502,13 @@ TEST_F(OneNode, HaltStopsEveryMode) {
       run(static_cast<int>(1000 * half_s) + 100);
       EXPECT_EQ(robot.velocity_rad_s, 0);
       EXPECT_EQ(node.state(), DriveState::operation_enabled);
-      EXPECT_EQ(status() & 0x1400, 0x0400);  // target reached: it stands
+      EXPECT_EQ(status() & 0x1400, mode == 3 ? 0x1400 : 0x0400);  // target reached: it stands
       EXPECT_EQ(node.command(1e-3).mode, twin::DriveCommand::Mode::velocity);
       control(0x0F);
       EXPECT_EQ(status() & 0x1400, mode == 1 ? 0 : 0x1000);
       const auto c = node.command(1e-3);
       if (mode == 1 || mode == 8) EXPECT_NEAR(c.position_rad, robot.position_rad, 1e-9);  // until the next target
+      if (mode == 3) EXPECT_GT(c.velocity_rad_s, 0);
       if (mode == 9) EXPECT_NEAR(c.velocity_rad_s, 0.1 * std::numbers::pi, 1e-6);
       if (mode == 10) EXPECT_NEAR(c.torque_nm, 80, 1e-9);
     }
