@@ -26,7 +26,9 @@ bool is_array(std::uint16_t index) {
                                       od::software_position_limit,
                                       od::position_encoder_resolution,
                                       od::gear_ratio,
-                                      od::profile_jerk};
+                                      od::profile_jerk,
+                                      od::homing_speeds,
+                                      od::supported_homing_methods};
   return std::ranges::find(arrays, index) != std::end(arrays);
 }
 
@@ -47,6 +49,9 @@ std::string name_of_all(std::uint16_t index, const std::vector<const Object*>& o
       {od::position_encoder_resolution, "position encoder resolution"},
       {od::gear_ratio, "gear ratio"},
       {od::profile_jerk, "profile jerk"},
+      {od::homing_speeds, "homing speeds"},
+      {od::supported_homing_methods, "supported homing methods"},
+      {od::simulated_switches, "simulated switches"},
       {od::interpolation_time_period, "interpolation time period"}};
   if (const auto known = standard.find(index); known != standard.end()) return known->second;
   if (index >= od::rpdo_communication && index < od::after_pdos)

@@ -7,6 +7,8 @@
 #include <tribotwin/hil/canopen/object_index.hpp>
 #include <tribotwin/hil/canopen/sync.hpp>
 #include <tribotwin/hil/cia402/drive_objects.hpp>
+#include <tribotwin/hil/cia402/homing.hpp>
+#include <tribotwin/hil/cia402/inputs.hpp>
 #include <tribotwin/hil/cia402/modes.hpp>
 
 namespace tribotwin::hil {
@@ -129,6 +131,23 @@ class Builder {
     acceleration(od::max_deceleration, "max deceleration", 0.25, "limits 6084h in the profile modes");
   }
 
+  void homing() {
+    position(od::home_offset, 0, "home offset", rw, false, 0, "homing puts the home position at minus this");
+    add(o_, {od::homing_method, 0, "homing method", T::i8, rw, false, 0}, {.meaning = homing_method_names()});
+    highest_sub_index(od::homing_speeds, 2);
+    speed(od::homing_speeds, "homing speed to a switch", p_.speed_max_rad_s / 10, 1, "HM", 1);
+    speed(od::homing_speeds, "homing speed to zero", p_.speed_max_rad_s / 100, 1, "HM: off the switch, to the index",
+          2);
+    acceleration(od::homing_acceleration, "homing acceleration", 0.25, "HM");
+    const auto all = methods_of(p_);
+    highest_sub_index(od::supported_homing_methods, static_cast<int>(all.size()));
+    for (std::size_t i = 0; i < all.size(); ++i)
+      add(o_, {od::supported_homing_methods, static_cast<std::uint8_t>(i + 1),
+               "supported homing method " + std::to_string(i + 1), T::i8, constant, false, all[i]->number});
+    add(o_, {od::digital_inputs, 0, "digital inputs", T::u32, ro, true},
+        {.meaning = "bits: 0 negative limit, 1 positive limit, 2 home switch, 16 second probe (2130h)"});
+  }
+
   void torque() {
     torque(od::target_torque, "target torque", T::i16, rw, 0, modes_with_target(od::target_torque));
     torque(od::max_torque, "max torque", T::u16, rw, 1000);
@@ -167,6 +186,10 @@ class Builder {
          {.scale = 0.1, .unit = "degC", .meaning = "of a bench; overrides the thermal model; 8000h: none"});
     only({od::temperature_limit, 1, "temperature limit", T::i16, rw, false, 1200},
          {.scale = 0.1, .unit = "degC", .meaning = "above: fault 4310h; a warning 10 K before"});
+    highest_sub_index(od::simulated_switches, 2);
+    const std::int64_t none = limits_of(T::i32).high;
+    position(od::simulated_switches, 1, "home switch", rw, false, none, "closed from here on; not moved by homing");
+    position(od::simulated_switches, 2, "second probe", rw, false, none, "closed from here on; not moved by homing");
     only({od::sync_deadline, 1, "SYNC deadline", T::u16, rw, false, default_sync_deadline_ms, 0, 60000},
          {.scale = 1e-3,
           .unit = "s",
@@ -199,8 +222,9 @@ class Builder {
   }
   /// Counts of a speed, acceleration or jerk of the motor.
   static std::int64_t counts(double rad_s) { return std::llround(std::min(rad_s / milli_rpm_rad_s, 4e9)); }
-  void speed(od::Index index, const char* name, double rad_s, std::int64_t low, std::string meaning) {
-    add(o_, {index, 0, name, T::u32, rw, true, counts(rad_s), low, 0xffffffffLL},
+  void speed(od::Index index, const char* name, double rad_s, std::int64_t low, std::string meaning,
+             std::uint8_t sub = 0) {
+    add(o_, {index, sub, name, T::u32, rw, sub == 0, counts(rad_s), low, 0xffffffffLL},
         {.scale = milli_rpm_rad_s, .unit = "rad/s", .meaning = std::move(meaning)});
   }
   /// `ramp_s`: between standstill and the maximum speed.
@@ -231,6 +255,7 @@ Dictionary drive_dictionary(const DriveParameters& parameters) {
   drive.position();
   drive.velocity();
   drive.profile();
+  drive.homing();
   drive.torque();
   drive.motor_and_gear();
   drive.manufacturer();
@@ -238,6 +263,7 @@ Dictionary drive_dictionary(const DriveParameters& parameters) {
 }
 
 DriveObjects::DriveObjects(Dictionary& dictionary, double gear_ratio) : dictionary_(dictionary) {
+  // One line per object.
   increment_rad = 2 * std::numbers::pi / increments_per_turn / gear_ratio;
   milli_rpm_rad_s = 2e-3 * std::numbers::pi / 60 / gear_ratio;
   per_mille_nm = static_cast<double>(dictionary.get(od::motor_rated_torque)) * 1e-6 * gear_ratio;
@@ -280,6 +306,14 @@ DriveObjects::DriveObjects(Dictionary& dictionary, double gear_ratio) : dictiona
   profile_jerk = object(od::profile_jerk, 1);
   max_acceleration = object(od::max_acceleration);
   max_deceleration = object(od::max_deceleration);
+  home_offset = object(od::home_offset);
+  homing_method = object(od::homing_method);
+  homing_speed_switch = object(od::homing_speeds, 1);
+  homing_speed_zero = object(od::homing_speeds, 2);
+  homing_acceleration = object(od::homing_acceleration);
+  digital_inputs = object(od::digital_inputs);
+  home_switch = object(od::simulated_switches, 1);
+  probe_2_switch = object(od::simulated_switches, 2);
   position_limit_low = object(od::software_position_limit, 1);
   position_limit_high = object(od::software_position_limit, 2);
   interpolation_time = object(od::interpolation_time_period, 1);

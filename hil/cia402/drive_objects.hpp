@@ -22,6 +22,7 @@ class DriveObjects {
 
   // Size of one count, joint side.
   double increment_rad, milli_rpm_rad_s, per_mille_nm;
+  double zero_rad = 0;  ///< angle of the joint at position 0; homing moves it
 
   Object *controlword, *statusword, *error_code;
   Object *mode, *mode_display;
@@ -34,6 +35,8 @@ class DriveObjects {
   Object *halt_option, *profile_deceleration, *quick_stop_deceleration;
   Object *profile_velocity, *max_profile_velocity, *end_velocity, *profile_acceleration;
   Object *motion_profile_type, *profile_jerk, *max_acceleration, *max_deceleration;
+  Object *home_offset, *homing_method, *homing_speed_switch, *homing_speed_zero, *homing_acceleration;
+  Object *digital_inputs, *home_switch, *probe_2_switch;
   Object *position_limit_low, *position_limit_high;
   Object *interpolation_time, *interpolation_exponent;
   Object *lubricant_temperature, *friction_torque, *load_torque, *measured_temperature, *temperature_limit;

@@ -23,8 +23,12 @@ double tenths_degC(const Object* object) { return 0.1 * static_cast<double>(obje
 
 }  // namespace
 
-DriveProfile::DriveProfile(NodeContext& node, Emcy& emcy, double gear_ratio)
-    : node_(node), emcy_(emcy), objects_(node.dictionary, gear_ratio), gear_ratio_(gear_ratio) {}
+DriveProfile::DriveProfile(NodeContext& node, Emcy& emcy, const DriveParameters& p)
+    : node_(node),
+      emcy_(emcy),
+      objects_(node.dictionary, p.gear_ratio),
+      gear_ratio_(p.gear_ratio),
+      switches_(switches_of(p)) {}
 
 std::optional<double> DriveProfile::measured_temperature_degC() const {
   const Object* measured = objects_.measured_temperature;
@@ -38,8 +42,16 @@ tl::expected<void, Abort> DriveProfile::may_write(const Object& o, std::int64_t 
   const bool unknown_mode = o.index == od::modes_of_operation && value != no_mode && !find_mode(value);
   const bool unknown_stop = o.index == od::quick_stop_option_code && (value == 3 || value == 4);
   const bool unknown_ramp = o.index == od::motion_profile_type && (value == 1 || value == 2);
-  if (unknown_mode || unknown_stop || unknown_ramp) return tl::unexpected(Abort::out_of_range);
+  if (unknown_mode || unknown_stop || unknown_ramp || (o.index == od::homing_method && !has_homing_method(value)))
+    return tl::unexpected(Abort::out_of_range);
   return {};
+}
+
+bool DriveProfile::has_homing_method(std::int64_t number) const {
+  bool has = number == 0;
+  for (std::int64_t sub = node_.dictionary.get(od::supported_homing_methods); sub > 0 && !has; --sub)
+    has = node_.dictionary.get(od::supported_homing_methods, static_cast<std::uint8_t>(sub)) == number;
+  return has;
 }
 
 void DriveProfile::written(const Object& o) {
@@ -137,7 +149,8 @@ void DriveProfile::update_status() {
 Demand DriveProfile::demand_here() const {
   return {.position_rad = feedback_.position_rad,
           .speed_rad_s = feedback_.velocity_rad_s,
-          .motion = {feedback_.position_rad, feedback_.velocity_rad_s, 0}};
+          .motion = {feedback_.position_rad, feedback_.velocity_rad_s, 0},
+          .inputs = &inputs_};
 }
 
 void DriveProfile::resume() {
@@ -180,6 +193,9 @@ twin::DriveCommand DriveProfile::command(double dt) {
   if (follows_target()) {
     ramp_rad_s_ = 0;
     c = active_mode()->command(demand_, objects_, feedback_, dt);
+    c.position_rad += objects_.zero_rad;
+    if (const auto home = std::exchange(demand_.homing.home_rad, {}))
+      move_zero(*home + objects_.position_rad(objects_.home_offset));
   } else if (machine_.powered()) {
     c = ramp_down(c, dt);
   }
@@ -198,8 +214,30 @@ twin::DriveCommand DriveProfile::ramp_down(twin::DriveCommand c, double dt) {
   return c;
 }
 
-void DriveProfile::feedback(const Feedback& f, double dt) {
-  feedback_ = f;
+/// Position 0 is at this angle of the joint from now on; nothing moves.
+void DriveProfile::move_zero(double joint_rad) {
+  const double by = joint_rad - std::exchange(objects_.zero_rad, joint_rad);
+  feedback_.position_rad -= by;
+  demand_.position_rad -= by;
+  demand_.motion.position_rad -= by;
+}
+
+void DriveProfile::read_inputs(double joint_rad) {
+  switches_.home_rad = objects_.position_rad(objects_.home_switch);
+  switches_.probe_2_rad = objects_.position_rad(objects_.probe_2_switch);
+  inputs_.move_to(switches_, joint_rad);
+  constexpr std::pair<Input, int> bits[] = {
+      {Input::negative_limit, 0}, {Input::positive_limit, 1}, {Input::home, 2}, {Input::probe_2, 16}};
+  std::int64_t word = 0;
+  for (const auto& [input, bit] : bits) word |= std::int64_t{inputs_.active(input)} << bit;
+  set(objects_.digital_inputs, static_cast<double>(word));
+}
+
+void DriveProfile::feedback(const Feedback& joint, double dt) {
+  read_inputs(joint.position_rad);
+  feedback_ = joint;
+  feedback_.position_rad -= objects_.zero_rad;
+  const Feedback& f = feedback_;
   const double lag_rad = follows_demand() ? demand_.position_rad - f.position_rad : 0;
   show(f);
   set(objects_.following_error, lag_rad / objects_.increment_rad);

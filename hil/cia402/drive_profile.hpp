@@ -15,7 +15,7 @@ namespace tribotwin::hil {
 /// values, and the reactions to errors.
 class DriveProfile {
  public:
-  DriveProfile(NodeContext& node, Emcy& emcy, double gear_ratio);
+  DriveProfile(NodeContext& node, Emcy& emcy, const DriveParameters& parameters);
 
   const StateMachine& machine() const { return machine_; }
   bool halted() const { return halted_; }
@@ -59,6 +59,7 @@ class DriveProfile {
   bool follows_target() const { return machine_.follows() && !halts(); }
   /// A mode is active that watches the following error.
   bool follows_demand() const { return follows_target() && active_mode()->follows_demand; }
+  bool has_homing_method(std::int64_t number) const;
   void apply_controlword();
   /// Enters the mode when the drive begins to follow set points or 6060h changed; updates the statusword.
   void update_status();
@@ -69,6 +70,8 @@ class DriveProfile {
   StopOptions stop_options() const;
   /// A ramp down to standstill by 6085h or, for a halt with 605Dh = 1, 6084h; then held there.
   twin::DriveCommand ramp_down(twin::DriveCommand command, double dt_s);
+  void move_zero(double joint_rad);
+  void read_inputs(double joint_rad);
   void show(const Feedback& feedback);
   void set(Object* object, double counts);
   void watch_following_error(double lag_rad, double dt_s);
@@ -82,7 +85,9 @@ class DriveProfile {
   DriveObjects objects_;
   double gear_ratio_;
   StateMachine machine_;
-  Feedback feedback_;
+  SwitchPositions switches_;
+  Inputs inputs_;
+  Feedback feedback_;  // positions count from the drive's zero
   Demand demand_;
   double ramp_rad_s_ = 0;
   double following_s_ = 0;                  // time for which the following error has been beyond its window

@@ -5,6 +5,8 @@
 #include <string>
 
 #include <tribotwin/hil/cia402/drive_objects.hpp>
+#include <tribotwin/hil/cia402/homing.hpp>
+#include <tribotwin/hil/cia402/inputs.hpp>
 #include <tribotwin/hil/cia402/motion_profile.hpp>
 #include <tribotwin/hil/cia402/profile_position.hpp>
 #include <tribotwin/hil/cia402/profile_velocity.hpp>
@@ -23,9 +25,11 @@ struct Demand {
   double step_rad_s = 0, left_s = 0;  ///< CSP: a straight line from one target to the next
   double speed_rad_s = 0;             ///< CST: the speed of the last step
   int limited_way = 0;                ///< CST: direction in which 6080h limits the speed instead of the torque; 0: none
-  MotionState motion;                 ///< PP, PV: the set point of the last step
+  MotionState motion;                 ///< PP, PV, HM: the set point of the last step
   PositionMove move;                  ///< PP
   VelocityMove turn;                  ///< PV
+  HomingRun homing;                   ///< HM
+  const Inputs* inputs = nullptr;     ///< HM
   bool halted = false;                ///< the master halts the drive (bit 8 of the controlword)
   bool lags = false;                  ///< the following error is beyond its window
 };
@@ -41,7 +45,7 @@ enum class SetPoints : std::uint8_t {
 struct ModeOfOperation {
   std::int8_t number;                     ///< value of 6060h; bit number - 1 of 6502h
   const char* name;                       ///< "CSP"
-  std::uint16_t target;                   ///< index of its set point, one of `targets()`
+  std::uint16_t target;                   ///< index of its set point, one of `targets()`; 0: none
   std::array<std::uint16_t, 16> needs{};  ///< indices of the other objects that it reads; 0: none
   bool follows_demand = false;            ///< whether the following error of `Demand` is watched (6065h, 6066h)
   SetPoints set_points = SetPoints::cyclic;
