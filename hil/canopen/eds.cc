@@ -28,7 +28,8 @@ bool is_array(std::uint16_t index) {
                                       od::gear_ratio,
                                       od::profile_jerk,
                                       od::homing_speeds,
-                                      od::supported_homing_methods};
+                                      od::supported_homing_methods,
+                                      od::interpolation_data_record};
   return std::ranges::find(arrays, index) != std::end(arrays);
 }
 
@@ -52,6 +53,7 @@ std::string name_of_all(std::uint16_t index, const std::vector<const Object*>& o
       {od::homing_speeds, "homing speeds"},
       {od::supported_homing_methods, "supported homing methods"},
       {od::simulated_switches, "simulated switches"},
+      {od::interpolation_data_record, "interpolation data record"},
       {od::interpolation_time_period, "interpolation time period"}};
   if (const auto known = standard.find(index); known != standard.end()) return known->second;
   if (index >= od::rpdo_communication && index < od::after_pdos)

@@ -88,11 +88,15 @@ class Builder {
              p_.limited ? increments(p_.position_low_rad) : all.low);
     position(od::software_position_limit, 2, "max position limit", rw, false,
              p_.limited ? increments(p_.position_high_rad) : all.high);
+    add(o_, {od::interpolation_submode, 0, "interpolation submode", T::i16, rw, false, 0}, {.meaning = "IP: 0 linear"});
+    highest_sub_index(od::interpolation_data_record, 1);
+    position(od::interpolation_data_record, 1, "interpolated position", rw, true, 0,
+             modes_with_target(od::interpolation_data_record));
     highest_sub_index(od::interpolation_time_period, 2);
     add(o_,
         {od::interpolation_time_period, 1, "interpolation time", T::u8, rw, false,
          std::max<std::int64_t>(1, std::llround(p_.cycle_us / 1e3)), 1, 255},
-        {.meaning = "CSP: set points are joined by straight lines over this time"});
+        {.meaning = "CSP, IP: set points are joined by straight lines over this time"});
     add(o_, {od::interpolation_time_period, 2, "interpolation time exponent", T::i8, rw, false, -3, -6, 0},
         {.meaning = "of ten, seconds"});
   }
@@ -316,6 +320,7 @@ DriveObjects::DriveObjects(Dictionary& dictionary, double gear_ratio) : dictiona
   probe_2_switch = object(od::simulated_switches, 2);
   position_limit_low = object(od::software_position_limit, 1);
   position_limit_high = object(od::software_position_limit, 2);
+  interpolated_position = object(od::interpolation_data_record, 1);
   interpolation_time = object(od::interpolation_time_period, 1);
   interpolation_exponent = object(od::interpolation_time_period, 2);
   lubricant_temperature = object(od::lubricant_temperature, 1);

@@ -38,7 +38,7 @@ class DriveObjects {
   Object *home_offset, *homing_method, *homing_speed_switch, *homing_speed_zero, *homing_acceleration;
   Object *digital_inputs, *home_switch, *probe_2_switch;
   Object *position_limit_low, *position_limit_high;
-  Object *interpolation_time, *interpolation_exponent;
+  Object *interpolated_position, *interpolation_time, *interpolation_exponent;
   Object *lubricant_temperature, *friction_torque, *load_torque, *measured_temperature, *temperature_limit;
 
   /// Any other object that must exist.

@@ -42,7 +42,9 @@ tl::expected<void, Abort> DriveProfile::may_write(const Object& o, std::int64_t 
   const bool unknown_mode = o.index == od::modes_of_operation && value != no_mode && !find_mode(value);
   const bool unknown_stop = o.index == od::quick_stop_option_code && (value == 3 || value == 4);
   const bool unknown_ramp = o.index == od::motion_profile_type && (value == 1 || value == 2);
-  if (unknown_mode || unknown_stop || unknown_ramp || (o.index == od::homing_method && !has_homing_method(value)))
+  const bool unknown_method = o.index == od::homing_method && !has_homing_method(value);
+  const bool unknown_submode = o.index == od::interpolation_submode && value != 0;
+  if (unknown_mode || unknown_stop || unknown_ramp || unknown_method || unknown_submode)
     return tl::unexpected(Abort::out_of_range);
   return {};
 }
@@ -57,7 +59,8 @@ bool DriveProfile::has_homing_method(std::int64_t number) const {
 void DriveProfile::written(const Object& o) {
   if (o.index == od::controlword) return apply_controlword();
   if (o.index == od::modes_of_operation) return update_status();
-  const auto target = std::ranges::find(targets(), o.index, &Target::index);
+  const auto target =
+      std::ranges::find_if(targets(), [&](const Target& t) { return t.index == o.index && t.sub == o.sub; });
   if (target == targets().end()) return;
   const ModeOfOperation* mode = followed_mode();
   // What is written for one mode does not move the drive in the next.
@@ -168,7 +171,8 @@ void DriveProfile::take_up_mode() {
     const Target& target = targets()[i];
     const bool asked_first = mode && mode->set_points == SetPoints::on_request && mode->target == target.index;
     if (!fresh_[i] && !asked_first)
-      node_.dictionary.set(target.index, 0, target.standing_counts(objects_, feedback_, followed_ && !halted_));
+      node_.dictionary.set(target.index, target.sub,
+                           target.standing_counts(objects_, feedback_, followed_ && !halted_));
   }
   fresh_.assign(fresh_.size(), false);
   following_s_ = 0;

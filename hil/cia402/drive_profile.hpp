@@ -22,7 +22,7 @@ class DriveProfile {
   /// Index of the set point that must keep coming in the mode that the drive is in, halted or not; 0: none.
   std::uint16_t target() const {
     const ModeOfOperation* mode = followed_mode();
-    return mode && mode->set_points == SetPoints::cyclic ? mode->target : std::uint16_t{0};
+    return mode && mode->set_points == SetPoints::cyclic && !demand_.idle ? mode->target : std::uint16_t{0};
   }
   /// Commands were lost, and the motor is not at rest yet.
   bool stops_alone() const { return stops_alone_; }

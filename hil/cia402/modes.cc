@@ -48,6 +48,19 @@ constexpr ModeOfOperation modes[] = {
      .control = homing::control,
      .command = homing::command,
      .status = homing::status},
+    {.number = 7,
+     .name = "IP",
+     .target = od::interpolation_data_record,
+     .needs = {od::interpolation_submode, od::interpolation_time_period, od::software_position_limit,
+               od::max_motor_speed, od::profile_deceleration, od::max_deceleration, od::motion_profile_type,
+               od::profile_jerk},
+     .follows_demand = true,
+     .enter = cyclic::ip_enter,
+     .resume = cyclic::ip_resume,
+     .control = cyclic::ip_control,
+     .target_written = cyclic::ip_target,
+     .command = cyclic::ip,
+     .status = cyclic::ip_status},
     {.number = 8,
      .name = "CSP",
      .target = od::target_position,
@@ -81,10 +94,11 @@ std::int64_t standing_torque(const DriveObjects& o, const Feedback& f, bool) {
   return std::llround(f.torque_nm / o.per_mille_nm);
 }
 
-// index, standing_counts
-constexpr Target all_targets[] = {{od::target_position, standing_position},
-                                  {od::target_velocity, standing_velocity},
-                                  {od::target_torque, standing_torque}};
+// index, sub, standing_counts
+constexpr Target all_targets[] = {{od::target_position, 0, standing_position},
+                                  {od::interpolation_data_record, 1, standing_position},
+                                  {od::target_velocity, 0, standing_velocity},
+                                  {od::target_torque, 0, standing_torque}};
 
 /// Names of the modes for which `chosen` holds.
 template <class Predicate>

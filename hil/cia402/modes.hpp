@@ -22,14 +22,15 @@ namespace tribotwin::hil {
 /// What a mode keeps from step to step; made anew when the drive enters a mode. Joint side.
 struct Demand {
   double position_rad = 0;
-  double step_rad_s = 0, left_s = 0;  ///< CSP: a straight line from one target to the next
+  double step_rad_s = 0, left_s = 0;  ///< CSP, IP: a straight line from one target to the next
   double speed_rad_s = 0;             ///< CST: the speed of the last step
   int limited_way = 0;                ///< CST: direction in which 6080h limits the speed instead of the torque; 0: none
-  MotionState motion;                 ///< PP, PV, HM: the set point of the last step
+  MotionState motion;                 ///< PP, PV, HM, IP: the set point of the last step
   PositionMove move;                  ///< PP
   VelocityMove turn;                  ///< PV
   HomingRun homing;                   ///< HM
   const Inputs* inputs = nullptr;     ///< HM
+  bool idle = false;                  ///< IP: switched off, it needs no set points
   bool halted = false;                ///< the master halts the drive (bit 8 of the controlword)
   bool lags = false;                  ///< the following error is beyond its window
 };
@@ -73,6 +74,7 @@ constexpr std::int8_t no_mode = 0;       ///< value of 6060h: the drive follows 
 /// changes to another (`moving`: it followed a mode before).
 struct Target {
   std::uint16_t index;
+  std::uint8_t sub;
   std::int64_t (*standing_counts)(const DriveObjects&, const Feedback&, bool moving);
 };
 std::span<const Target> targets();
