@@ -8,6 +8,7 @@ namespace tribotwin::hil {
 namespace {
 
 using T = Type;
+constexpr std::int64_t user_data_bytes = 4096;
 constexpr Access ro = Access::read_only, rw = Access::read_write, constant = Access::constant;
 
 /// VISIBLE_STRING has ASCII only.
@@ -72,6 +73,8 @@ void add_communication_objects(std::vector<Object>& o, const DriveParameters& p,
   add(o, {od::producer_heartbeat_time, 0, "heartbeat time", T::u16, rw, false, 500},
       {.scale = 1e-3, .unit = "s", .meaning = "0: none"});
   add_identity(o, node);
+  add(o, {od::store_eds, 0, "store EDS", T::domain, ro}, {.meaning = "the EDS of this drive"});
+  add(o, {od::store_format, 0, "store format", T::u16, constant}, {.meaning = "ASCII, not compressed"});
   add(o, {od::error_behavior, 0, "highest sub-index", T::u8, constant, false, 1});
   add(o, {od::error_behavior, 1, "reaction to communication errors", T::u8, rw, false, 0, 0, 2},
       {.meaning = "0: pre-operational, 1: none, 2: stopped"});
@@ -83,6 +86,8 @@ void add_communication_objects(std::vector<Object>& o, const DriveParameters& p,
     add_pdo(o, pdos.receive[static_cast<std::size_t>(i)], false, i);
     add_pdo(o, pdos.transmit[static_cast<std::size_t>(i)], true, i);
   }
+  add(o, {od::user_data, 0, "user data", T::domain, rw, false, 0, 0, user_data_bytes},
+      {.meaning = "memory for the master, at most 4096 bytes"});
 }
 
 std::uint16_t pdo_index(bool transmit, int number) {

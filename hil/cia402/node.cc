@@ -1,6 +1,7 @@
 #include <algorithm>
 
 #include <tribotwin/hil/canopen/cob_id.hpp>
+#include <tribotwin/hil/canopen/eds.hpp>
 #include <tribotwin/hil/canopen/object_index.hpp>
 #include <tribotwin/hil/cia402/node.hpp>
 
@@ -10,7 +11,7 @@ Node::Node(const DriveParameters& p, Send send)
     : parameters_(p),
       context_{.id = p.node, .send_frame = std::move(send), .dictionary = drive_dictionary(p)},
       emcy_(context_),
-      sdo_(context_.dictionary),
+      sdo_(context_.dictionary, [this](const SdoServer::Answer& answer) { return answer_sdo(answer); }),
       pdos_(context_, emcy_),
       sync_(context_),
       heartbeat_(context_),
@@ -25,7 +26,9 @@ Node::Node(const DriveParameters& p, Send send)
 // ---- Access by the bus, handed to the service that owns the object.
 
 /// CiA 301, 7.5.2.4: an entry of the history without an error is no data.
-tl::expected<void, Abort> Node::may_read(const Object& o) const {
+tl::expected<void, Abort> Node::may_read(const Object& o) {
+  if (o.index == od::store_eds && o.text.empty())
+    context_.dictionary.find(o.index, o.sub)->text = eds(drive_dictionary(parameters_), parameters_);
   if (o.index != od::predefined_error_field || o.sub <= context_.dictionary.get(o.index)) return {};
   return tl::unexpected(Abort::no_data);
 }
@@ -61,6 +64,7 @@ void Node::obey(NmtCommand command, std::int64_t now_ns) {
       break;
     case NmtCommand::stop:
       context_.nmt = Nmt::stopped;
+      sdo_.reset();  // CiA 301: there is no SDO while stopped
       break;
     case NmtCommand::enter_pre_operational:
       context_.nmt = Nmt::pre_operational;
@@ -111,7 +115,7 @@ void Node::receive(const Frame& frame, std::int64_t now_ns) {
     if (const auto command = nmt_command(frame, context_.id)) obey(*command, now_ns);
     return;
   }
-  if (frame.id == cob::sdo_to_server + context_.id) return answer_sdo(frame, now_ns);
+  if (frame.id == cob::sdo_to_server + context_.id) return request_sdo(frame, now_ns);
   watched_.hear(frame.id, now_ns);
   if (frame.id == cob::heartbeat + context_.id || frame.id == cob::sdo_to_client + context_.id ||
       frame.id == cob::emcy + context_.id) {
@@ -124,14 +128,16 @@ void Node::receive(const Frame& frame, std::int64_t now_ns) {
   watch_set_points(now_ns);
 }
 
-void Node::answer_sdo(const Frame& frame, std::int64_t now_ns) {
+void Node::request_sdo(const Frame& frame, std::int64_t now_ns) {
   if (context_.nmt == Nmt::stopped) return;
   ++context_.counters.sdo_requests;
-  if (const auto answer = sdo_.request(frame.bytes(), now_ns)) {
-    if (SdoServer::is_abort(*answer)) ++context_.counters.sdo_aborts;
-    context_.send(cob::sdo_to_client + context_.id, *answer);
-  }
+  sdo_.request(frame.bytes(), now_ns);
   drive_.refresh_status();
+}
+
+bool Node::answer_sdo(const SdoServer::Answer& answer) {
+  if (SdoServer::is_abort(answer)) ++context_.counters.sdo_aborts;
+  return context_.send(cob::sdo_to_client + context_.id, answer);
 }
 
 void Node::sync(std::int64_t now_ns) {
@@ -148,7 +154,7 @@ void Node::sync(std::int64_t now_ns) {
 
 void Node::tick(std::int64_t now_ns) {
   now_ns_ = now_ns;
-  if (const auto answer = sdo_.tick(now_ns)) context_.send(cob::sdo_to_client + context_.id, *answer);
+  sdo_.tick(now_ns);
   heartbeat_.tick(now_ns);
   for (int lost = watched_.lost(now_ns); lost > 0; --lost) lose_heartbeat();
   if (!context_.operational()) return;
@@ -195,7 +201,7 @@ void Node::watch_set_points(std::int64_t now_ns) {
 }
 
 std::int64_t Node::next_ns() const {
-  std::int64_t next = std::min(heartbeat_.next_ns(), watched_.next_ns());
+  std::int64_t next = std::min({heartbeat_.next_ns(), watched_.next_ns(), sdo_.next_ns()});
   if (!context_.operational()) return next;
   next = std::min({next, sync_.next_ns(), pdos_.next_ns(), set_points_.next_ns()});
   return context_.changed ? now_ns_ : next;

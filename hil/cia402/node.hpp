@@ -54,13 +54,14 @@ class Node final : public BusDrive {
   void fail(std::uint16_t code, std::uint8_t register_bits, bool ramp, std::int64_t now_ns);
 
  private:
-  tl::expected<void, Abort> may_read(const Object& object) const;
+  tl::expected<void, Abort> may_read(const Object& object);
   tl::expected<void, Abort> may_write(const Object& object, std::int64_t value) const;
   void written(const Object& object);
 
   void obey(NmtCommand command, std::int64_t now_ns);
   void reset(NmtCommand command, std::int64_t now_ns);
-  void answer_sdo(const Frame& frame, std::int64_t now_ns);
+  void request_sdo(const Frame& frame, std::int64_t now_ns);
+  bool answer_sdo(const SdoServer::Answer& answer);
   void lose_heartbeat();
   void watch_deadlines(std::int64_t now_ns);
   void watch_set_points(std::int64_t now_ns);
