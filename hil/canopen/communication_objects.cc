@@ -39,12 +39,12 @@ void add_pdo(std::vector<Object>& o, const DefaultPdo& pdo, bool transmit, int n
         {.meaning = "index, sub-index, bits"});
 }
 
-void add_identity(std::vector<Object>& o, std::uint8_t node) {
+void add_identity(std::vector<Object>& o, std::uint32_t serial_number) {
   add(o, {od::identity, 0, "highest sub-index", T::u8, constant, false, 4});
   add(o, {od::identity, 1, "vendor", T::u32, constant});
   add(o, {od::identity, 2, "product", T::u32, constant, false, 0x7477});
   add(o, {od::identity, 3, "revision", T::u32, constant, false, 0x00010000});
-  add(o, {od::identity, 4, "serial number", T::u32, constant, false, node});
+  add(o, {od::identity, 4, "serial number", T::u32, constant, false, serial_number});
 }
 
 }  // namespace
@@ -72,7 +72,7 @@ void add_communication_objects(std::vector<Object>& o, const DriveParameters& p,
         {.meaning = "65536 x node + time [ms]; 0: none"});
   add(o, {od::producer_heartbeat_time, 0, "heartbeat time", T::u16, rw, false, 500},
       {.scale = 1e-3, .unit = "s", .meaning = "0: none"});
-  add_identity(o, node);
+  add_identity(o, p.serial_number ? p.serial_number : node);
   add(o, {od::store_eds, 0, "store EDS", T::domain, ro}, {.meaning = "the EDS of this drive"});
   add(o, {od::store_format, 0, "store format", T::u16, constant}, {.meaning = "ASCII, not compressed"});
   add(o, {od::error_behavior, 0, "highest sub-index", T::u8, constant, false, 1});

@@ -58,7 +58,7 @@ std::string header(const DriveParameters& p) {
       "BaudRate_10=0\nBaudRate_20=0\nBaudRate_50=0\nBaudRate_125=1\nBaudRate_250=1\nBaudRate_500=1\nBaudRate_800="
       "1\nBaudRate_1000=1\n"
       "SimpleBootUpMaster=0\nSimpleBootUpSlave=1\nGranularity=8\nDynamicChannelsSupported=0\nGroupMessaging="
-      "0\nNrOfRXPDO={2}\nNrOfTXPDO={2}\nLSS_Supported=0\n\n"
+      "0\nNrOfRXPDO={2}\nNrOfTXPDO={2}\nLSS_Supported=1\n\n"
       "[DummyUsage]\nDummy0001=0\nDummy0002=1\nDummy0003=1\nDummy0004=1\nDummy0005=1\nDummy0006=1\nDummy0007=1\n\n["
       "Comments]\nLines=0\n\n",
       p.node, one_line(p.name), pdo_count);

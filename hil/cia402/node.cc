@@ -1,4 +1,5 @@
 #include <algorithm>
+#include <limits>
 
 #include <tribotwin/hil/canopen/cob_id.hpp>
 #include <tribotwin/hil/canopen/eds.hpp>
@@ -7,9 +8,21 @@
 
 namespace tribotwin::hil {
 
-Node::Node(const DriveParameters& p, Send send)
-    : parameters_(p),
-      context_{.id = p.node, .send_frame = std::move(send), .dictionary = drive_dictionary(p)},
+namespace {
+
+/// The serial number must not follow the node number, which LSS may change.
+DriveParameters with_serial_number(DriveParameters p) {
+  if (p.serial_number == 0) p.serial_number = p.node;
+  return p;
+}
+
+}  // namespace
+
+Node::Node(const DriveParameters& p, Send send, NodeSetup setup)
+    : parameters_(with_serial_number(p)),
+      setup_(std::move(setup)),
+      context_{.id = first_number(), .send_frame = std::move(send), .dictionary = drive_dictionary(parameters_)},
+      lss_(context_, {}),
       emcy_(context_),
       sdo_(context_.dictionary, [this](const SdoServer::Answer& answer) { return answer_sdo(answer); }),
       pdos_(context_, emcy_),
@@ -28,7 +41,7 @@ Node::Node(const DriveParameters& p, Send send)
 /// CiA 301, 7.5.2.4: an entry of the history without an error is no data.
 tl::expected<void, Abort> Node::may_read(const Object& o) {
   if (o.index == od::store_eds && o.text.empty())
-    context_.dictionary.find(o.index, o.sub)->text = eds(drive_dictionary(parameters_), parameters_);
+    context_.dictionary.find(o.index, o.sub)->text = eds(drive_dictionary(active_parameters()), active_parameters());
   if (o.index != od::predefined_error_field || o.sub <= context_.dictionary.get(o.index)) return {};
   return tl::unexpected(Abort::no_data);
 }
@@ -52,8 +65,18 @@ void Node::written(const Object& o) {
 
 void Node::start(std::int64_t now_ns) {
   now_ns_ = now_ns;
-  context_.nmt = Nmt::pre_operational;
-  heartbeat_.boot_up(now_ns);
+  context_.nmt = configured() ? Nmt::pre_operational : Nmt::initialising;
+  if (configured()) heartbeat_.boot_up(now_ns);
+}
+
+void Node::hear_lss(const Frame& frame, std::int64_t now_ns) {
+  if (lss_.receive(frame)) reset(NmtCommand::reset_communication, now_ns);
+}
+
+DriveParameters Node::active_parameters() const {
+  DriveParameters active = parameters_;
+  if (configured()) active.node = context_.id;
+  return active;
 }
 
 void Node::obey(NmtCommand command, std::int64_t now_ns) {
@@ -85,11 +108,13 @@ void Node::obey(NmtCommand command, std::int64_t now_ns) {
 /// Objects back to their defaults, by reset communication only those of CiA 301; the physics continues. The drive is as
 /// after power-up: the brake holds.
 void Node::reset(NmtCommand command, std::int64_t now_ns) {
-  const Dictionary fresh = drive_dictionary(parameters_);
+  context_.id = command == NmtCommand::reset_node ? first_number() : lss_.pending();
+  lss_.reset(context_.id);
+  const Dictionary fresh = drive_dictionary(active_parameters());
   for (const Object& o : fresh.objects()) {
-    const bool writable = o.access == Access::read_write || o.index == od::predefined_error_field;
-    if (writable && (command == NmtCommand::reset_node || od::is_communication(o.index)))
-      context_.dictionary.find(o.index, o.sub)->value = o.value;
+    // Constant ones of the communication as well: identifiers follow the node number.
+    if (od::is_communication(o.index) || (o.access == Access::read_write && command == NmtCommand::reset_node))
+      restore(o);
   }
   drive_.reset();
   sdo_.reset();
@@ -101,9 +126,17 @@ void Node::reset(NmtCommand command, std::int64_t now_ns) {
   drive_.refresh_status();
 }
 
+void Node::restore(const Object& fresh) {
+  Object& o = *context_.dictionary.find(fresh.index, fresh.sub);
+  o.value = fresh.value;
+  o.text = fresh.text;
+}
+
 // ---- Frames.
 
 bool Node::sends(std::uint32_t id) const {
+  if (id == cob::lss_to_master) return true;
+  if (!configured()) return false;
   return id == cob::heartbeat + context_.id || id == cob::sdo_to_client + context_.id ||
          id == cob::emcy + context_.id || pdos_.sends(id);
 }
@@ -111,6 +144,8 @@ bool Node::sends(std::uint32_t id) const {
 void Node::receive(const Frame& frame, std::int64_t now_ns) {
   now_ns_ = now_ns;
   if (frame.extended || frame.remote || frame.error || frame.fd) return;
+  if (frame.id == cob::lss_to_slave) return hear_lss(frame, now_ns);
+  if (!configured()) return;
   if (frame.id == cob::nmt) {
     if (const auto command = nmt_command(frame, context_.id)) obey(*command, now_ns);
     return;
@@ -154,6 +189,7 @@ void Node::sync(std::int64_t now_ns) {
 
 void Node::tick(std::int64_t now_ns) {
   now_ns_ = now_ns;
+  if (!configured()) return;
   sdo_.tick(now_ns);
   heartbeat_.tick(now_ns);
   for (int lost = watched_.lost(now_ns); lost > 0; --lost) lose_heartbeat();
@@ -201,6 +237,7 @@ void Node::watch_set_points(std::int64_t now_ns) {
 }
 
 std::int64_t Node::next_ns() const {
+  if (!configured()) return std::numeric_limits<std::int64_t>::max();
   std::int64_t next = std::min({heartbeat_.next_ns(), watched_.next_ns(), sdo_.next_ns()});
   if (!context_.operational()) return next;
   next = std::min({next, sync_.next_ns(), pdos_.next_ns(), set_points_.next_ns()});

@@ -3,7 +3,7 @@
 #include <fmt/format.h>
 #include <unistd.h>
 
-#include <tribotwin/hil/commands/program.hpp>
+#include <tribotwin/hil/commands/node_options.hpp>
 #include <tribotwin/hil/session/drive.hpp>
 #include <tribotwin/twin/io/interrupt.hpp>
 
@@ -13,6 +13,7 @@ namespace {
 using twin::InputError;
 
 struct Arguments : RobotOptions {
+  NodeOptions start;
   std::string can, record, stats, output, faults;
   std::optional<double> duration;
   bool realtime = false, lockstep = false, quiet = false, force = false;
@@ -20,6 +21,7 @@ struct Arguments : RobotOptions {
   void add_to(CLI::App& command) {
     RobotOptions::add_to(command);
     add_profile(command);
+    start.add_to(command);
     command.add_option("--can", can, "Bus: vcan0, can0, socketcand://127.0.0.1:29536/NAME")->required();
     auto* clock = command.add_flag("--realtime", realtime, "The robot moves with the clock");
     command.add_flag("--sync-lockstep", lockstep, "Every SYNC advances the robot by one cycle (default)")
@@ -81,6 +83,7 @@ int run(const Arguments& a) {
   a.check_bus_load(scenario);
   std::vector<Fault> faults;
   if (!a.faults.empty()) faults = twin::or_wrong_input(load_faults(a.faults, a.first_node, drives));
+  const auto nodes = a.start.setups(scenario, a);
   twin::catch_interrupts();
   const auto bus = twin::or_wrong_input(open_bus(a.can));
   const bool live = !a.quiet && isatty(STDERR_FILENO);
@@ -92,6 +95,7 @@ int run(const Arguments& a) {
                                 {.profile = a.bench_profile(),
                                  .first_node = a.first_node,
                                  .cycle_us = a.cycle_us(),
+                                 .nodes = nodes,
                                  .realtime = a.realtime,
                                  .duration_s = a.duration,
                                  .record = a.record,

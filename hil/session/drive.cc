@@ -67,6 +67,7 @@ class Session {
                 .first_node = o.first_node,
                 .cycle_us = o.cycle_us,
                 .lockstep = !o.realtime,
+                .nodes = o.nodes,
                 .stop = o.stop},
                [this](const Frame& frame) {
                  record(frame);

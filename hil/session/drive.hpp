@@ -24,6 +24,7 @@ struct DriveOptions {
   Profile profile = Profile::cia402;
   int first_node = 1;
   std::uint32_t cycle_us = 2000;
+  std::vector<NodeSetup> nodes;                      ///< how they start, see BenchOptions
   bool realtime = false;                             ///< physics on the clock instead of on SYNC
   std::optional<double> duration_s;                  ///< of simulated time [s]; unlimited without
   std::filesystem::path record;                      ///< a candump log of everything on the bus

@@ -33,7 +33,12 @@ class Replay {
   Replay(const twin::Scenario& scenario, const std::filesystem::path& file, const ReplayOptions& o)
       : file_(file),
         o_(o),
-        bench_(scenario, {.profile = o.profile, .first_node = o.first_node, .cycle_us = o.cycle_us, .stop = o.stop},
+        bench_(scenario,
+               {.profile = o.profile,
+                .first_node = o.first_node,
+                .cycle_us = o.cycle_us,
+                .nodes = o.nodes,
+                .stop = o.stop},
                [this](const Frame& frame) {
                  said_[frame.id].push_back(frame);
                  return Sent::done;

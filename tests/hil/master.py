@@ -42,6 +42,7 @@ class Master:
         self.status, self.position, self.heartbeat, self.emergencies, self.boots = {}, {}, {}, [], []
         self.tpdo3 = {n: 0 for n in self.nodes}
         self.answers, self.received = {}, {}  # of SDOs: the last one, all
+        self.lss_answers = []
         self.log = []
 
     def send(self, identifier, data=b""):
@@ -62,6 +63,8 @@ class Master:
             self.received.setdefault(node, []).append(data)
         elif identifier & 0x780 == 0x080 and node:
             self.emergencies.append((node, struct.unpack("<HB", data[:3])))
+        elif identifier == 0x7E4:
+            self.lss_answers.append(data)
         elif identifier & 0x780 == 0x700:
             (self.boots if data == b"\0" else []).append(node)
             self.heartbeat[node] = data[0]
@@ -173,6 +176,40 @@ class Master:
         if answer[0] == 0x80:
             raise SdoAbort(struct.unpack("<I", answer[4:])[0])
         return answer
+
+    def lss(self, command, *values, kind="<I", seconds=0.2):
+        """An LSS request; the answers that come within the time, as bytes."""
+        self.lss_answers = []
+        self.send(0x7E5, (bytes([command]) + struct.pack(kind, *values)).ljust(8, b"\0"))
+        self.until(lambda: self.lss_answers, seconds)
+        return self.lss_answers
+
+    def lss_state(self, configuration):
+        self.send(0x7E5, bytes([0x04, configuration]).ljust(8, b"\0"))
+
+    def lss_select(self, vendor, product, revision, serial):
+        for command, value in ((0x40, vendor), (0x41, product), (0x42, revision)):
+            self.lss(command, value, seconds=0)
+        return [a[0] for a in self.lss(0x43, serial)] == [0x44]
+
+    def lss_number(self, number):
+        """The error code of configure node-id."""
+        return self.lss(0x11, number, kind="<B")[0][1]
+
+    def lss_scan(self, seconds=0.05):
+        """Fastscan: the identity of one drive without a number, which is in configuration then."""
+        # Silence is an answer here: twice, so that a short pause of the machine is none.
+        ask = lambda *values: any(self.lss(0x51, *values, kind="<IBBB", seconds=seconds) for _ in range(2))
+        found = [0, 0, 0, 0]
+        if not ask(0, 128, 0, 0):
+            return None
+        for part in range(4):
+            for bit in range(31, -1, -1):
+                if not ask(found[part], bit, part, part):
+                    found[part] |= 1 << bit
+            if not ask(found[part], 0, part, (part + 1) % 4):
+                return None
+        return tuple(found)
 
     def nmt(self, command, node=0):
         self.send(0x000, [command, node])

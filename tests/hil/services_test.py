@@ -1,8 +1,10 @@
 """The services of CiA 301 and 305 that a master of python-canopen's kind uses beside PDOs, over a bus. Arguments:
 tribotwin-hil, source tree, address, python-can interface and channel."""
-import subprocess, sys
+import logging, subprocess, sys
 
-from harness import check, finish, work
+logging.disable(logging.WARNING)  # python-can of reads that end inside a frame
+
+from harness import check, finish, run, work
 from master import Master, SdoAbort
 from session import connect, hold_scenario, said, start
 
@@ -55,5 +57,33 @@ def blocks():
         check("block size", abort_of(lambda: master.block_read(3, 0x1021, block=128)) == 0x05040002)
 
 
+def node_numbers():
+    log = work + "/lss.log"
+    with Drives("--unconfigured", "--record", log) as master:
+        master.nmt(0x82)
+        master.listen(0.3)
+        check("drives without numbers are silent", not master.boots and not master.heartbeat)
+        check("but say that they are there", {bytes(a)[0] for a in master.lss(0x4C, 0)} == {0x50})
+        found = []
+        while (identity := master.lss_scan()) and len(found) < 7:
+            number = 30 + identity[3]
+            found.append(identity)
+            check(f"fastscan: {identity} becomes node {number}", master.lss_number(number) == 0)
+            master.lss_state(0)
+            check("which boots", master.until(lambda: number in master.boots), master.boots)
+        check("all six were found", sorted(found) == [(0, 0x7477, 0x10000, k) for k in nodes], found)
+        check("with their own identity", [master.read(30 + k, 0x1018, 4) for k in nodes] == list(nodes))
+        check("selected", master.lss_select(0, 0x7477, 0x10000, 4))
+        check("node id", master.lss(0x5E, 0)[0][:2] == b"\x5E\x22")
+        check("bit timing: none to set", master.lss(0x13, 0, 2, kind="BB")[0][:2] == b"\x13\1")
+        check("nothing to store to", master.lss(0x17, 0)[0][:2] == b"\x17\1")
+        master.lss_state(0)
+    again = run(hil, "replay", scenario, log, "--fast", "--unconfigured")
+    check("a replay repeats it", again.returncode == 0, again.stdout + again.stderr)
+    refused = run(hil, "drive", scenario, "--can", "memory:x", "--profile", "mirror", "--unconfigured")
+    check("mirror has no LSS", refused.returncode == 2 and "cia402" in refused.stderr, refused.stderr)
+
+
 blocks()
+node_numbers()
 finish()
