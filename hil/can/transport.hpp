@@ -15,6 +15,7 @@
 /// Transports of CAN frames, chosen by an address:
 ///   can0, vcan0, socketcan:NAME            SocketCAN, classic and FD
 ///   socketcand://127.0.0.1:29536/NAME      serves that bus over TCP; classic frames only
+///   gateway://HOST:29536/NAME              a bus that a socketcand elsewhere serves; classic frames only
 ///   log:FILE                               a candump log: read by replay, written by --record
 ///   memory:NAME                            in this process
 namespace tribotwin::hil {
@@ -77,6 +78,9 @@ Result<std::unique_ptr<Transport>> open_bus(const std::string& address, const Op
 Result<std::unique_ptr<Transport>> open_socketcan(const std::string& interface, const OpenOptions& options);
 Result<std::unique_ptr<Transport>> open_socketcand(const std::string& host, int port, const std::string& bus,
                                                    const OpenOptions& options);
+/// Waits up to 3 s for the gateway. A connection that is lost later is tried again every second.
+Result<std::unique_ptr<Transport>> open_gateway(const std::string& host, int port, const std::string& bus,
+                                                const OpenOptions& options);
 /// Ends of one bus in this process: what one sends, all others receive. Ends may live in different threads.
 std::unique_ptr<Transport> open_memory(const std::string& bus, const OpenOptions& options);
 
