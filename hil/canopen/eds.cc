@@ -20,8 +20,16 @@ std::string one_line(std::string text) {
 
 /// Arrays of CiA 301 and 402; what else has sub-indices is a record.
 bool is_array(std::uint16_t index) {
-  constexpr std::uint16_t arrays[] = {od::predefined_error_field,  od::consumer_heartbeat_time,     od::error_behavior,
-                                      od::software_position_limit, od::position_encoder_resolution, od::gear_ratio};
+  constexpr std::uint16_t arrays[] = {od::predefined_error_field,
+                                      od::consumer_heartbeat_time,
+                                      od::error_behavior,
+                                      od::software_position_limit,
+                                      od::position_encoder_resolution,
+                                      od::gear_ratio,
+                                      od::profile_jerk,
+                                      od::homing_speeds,
+                                      od::supported_homing_methods,
+                                      od::interpolation_data_record};
   return std::ranges::find(arrays, index) != std::end(arrays);
 }
 
@@ -41,6 +49,11 @@ std::string name_of_all(std::uint16_t index, const std::vector<const Object*>& o
       {od::software_position_limit, "software position limit"},
       {od::position_encoder_resolution, "position encoder resolution"},
       {od::gear_ratio, "gear ratio"},
+      {od::profile_jerk, "profile jerk"},
+      {od::homing_speeds, "homing speeds"},
+      {od::supported_homing_methods, "supported homing methods"},
+      {od::simulated_switches, "simulated switches"},
+      {od::interpolation_data_record, "interpolation data record"},
       {od::interpolation_time_period, "interpolation time period"}};
   if (const auto known = standard.find(index); known != standard.end()) return known->second;
   if (index >= od::rpdo_communication && index < od::after_pdos)

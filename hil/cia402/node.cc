@@ -15,7 +15,7 @@ Node::Node(const DriveParameters& p, Send send)
       sync_(context_),
       heartbeat_(context_),
       set_points_(context_),
-      drive_(context_, emcy_, p.gear_ratio) {
+      drive_(context_, emcy_, p) {
   context_.dictionary.may_read = [this](const Object& o) { return may_read(o); };
   context_.dictionary.may_write = [this](const Object& o, std::int64_t value) { return may_write(o, value); };
   context_.dictionary.written = [this](const Object& o) { written(o); };

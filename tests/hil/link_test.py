@@ -144,7 +144,9 @@ raw.close()
 
 # A listener beside live drives: it sees what they do and sends nothing.
 listener = subprocess.Popen(
-    [hil, "shadow", scenario, "--can", "vcan0", "--duration", "2", "--limit", "1000"], stdout=subprocess.PIPE, text=True
+    [hil, "shadow", scenario, "--lockstep", "--can", "vcan0", "--duration", "2", "--limit", "1000"],
+    stdout=subprocess.PIPE,
+    text=True,
 )
 atexit.register(listener.kill)
 time.sleep(1)
