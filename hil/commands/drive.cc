@@ -3,7 +3,7 @@
 #include <fmt/format.h>
 #include <unistd.h>
 
-#include <tribotwin/hil/commands/program.hpp>
+#include <tribotwin/hil/commands/node_options.hpp>
 #include <tribotwin/hil/commands/status_line.hpp>
 #include <tribotwin/hil/session/drive.hpp>
 #include <tribotwin/hil/session/session_file.hpp>
@@ -24,6 +24,7 @@ void check_statistics(const std::string& file, bool force) {
 }
 
 struct Arguments : RobotOptions {
+  NodeOptions start;
   std::string can, record, stats, output, faults;
   std::optional<double> duration, bit_rate;
   bool realtime = false, lockstep = false, quiet = false, force = false;
@@ -31,6 +32,7 @@ struct Arguments : RobotOptions {
   void add_to(CLI::App& command) {
     RobotOptions::add_to(command);
     add_profile(command);
+    start.add_to(command);
     command.add_option("--can", can, "Bus: vcan0, can0, socketcand://127.0.0.1:29536/NAME")->required();
     command
         .add_option("--bitrate,--bit-rate", bit_rate,
@@ -84,6 +86,7 @@ int run(const Arguments& a) {
   if (a.bit_rate) a.check_bus_load(scenario, *a.bit_rate);
   std::vector<Fault> faults;
   if (!a.faults.empty()) faults = twin::or_wrong_input(load_faults(a.faults, a.first_node, drives));
+  const auto nodes = a.start.setups(scenario, a);
   twin::catch_interrupts();
   const auto bus = twin::or_wrong_input(open_bus(a.can));
   const auto bit_rate = a.bit_rate ? a.bit_rate : bus->bit_rate();
@@ -97,6 +100,7 @@ int run(const Arguments& a) {
                                 {.profile = a.bench_profile(),
                                  .first_node = a.first_node,
                                  .cycle_us = a.cycle_us(),
+                                 .nodes = nodes,
                                  .realtime = a.realtime,
                                  .duration_s = a.duration,
                                  .bit_rate = bit_rate,

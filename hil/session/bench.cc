@@ -1,6 +1,8 @@
 #include <algorithm>
 #include <limits>
+#include <utility>
 
+#include <tribotwin/hil/canopen/cob_id.hpp>
 #include <tribotwin/hil/canopen/object_index.hpp>
 #include <tribotwin/hil/canopen/sync.hpp>
 #include <tribotwin/hil/mirror/mirror.hpp>
@@ -11,6 +13,8 @@ namespace tribotwin::hil {
 Bench::Bench(const twin::Scenario& scenario, const BenchOptions& options, Send send)
     : plant_(scenario), options_(options) {
   const auto counted = [this, send = std::move(send)](const Frame& frame) {
+    // Drives that answer an LSS master alike do so at once, which makes one frame on a wire; fastscan rests on that.
+    if (frame.id == cob::lss_to_master && std::exchange(lss_answer_, frame) == frame) return Sent::done;
     const Sent sent = send(frame);
     if (sent == Sent::done) {
       const Bits bits = classic_bits(frame.size);
@@ -25,7 +29,8 @@ Bench::Bench(const twin::Scenario& scenario, const BenchOptions& options, Send s
       drives_.push_back(std::make_unique<MirrorDrive>(p, counted));
       continue;
     }
-    auto node = std::make_unique<Node>(p, counted);
+    const std::size_t number = drives_.size();
+    auto node = std::make_unique<Node>(p, counted, number < options.nodes.size() ? options.nodes[number] : NodeSetup{});
     if (!first_) first_ = node.get();
     drives_.push_back(std::move(node));
   }
@@ -38,6 +43,7 @@ void Bench::start(std::int64_t now_ns) {
 
 Result<void> Bench::receive(const Frame& frame, std::int64_t now_ns) {
   ++counters_.frames_in;
+  lss_answer_.reset();
   if (!frame.error) {
     const Bits bits = classic_bits(std::min<int>(frame.size, 8));
     counters_.bits += 0.5 * (bits.min + bits.max);

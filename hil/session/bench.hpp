@@ -25,6 +25,7 @@ struct BenchOptions {
   /// Each SYNC advances the robot by the cycle (1006h), and without a SYNC the clock does while drives stop that lost
   /// their commands. Else the owner steps the plant.
   bool lockstep = true;
+  std::vector<NodeSetup> nodes;    ///< of a CANopen bench: how they start; those that are not named here as usual
   std::function<bool()> stop;      ///< polled in a cycle of many steps: true ends it
   std::function<void()> answered;  ///< the drives have sent their answer to a SYNC; the robot has not moved yet
 };
@@ -64,6 +65,7 @@ class Bench {
   std::vector<std::string> joints_;
   Node* first_ = nullptr;  // of a CANopen bench: its 1006h is the length of a cycle
   BenchCounters counters_;
+  std::optional<Frame> lss_answer_;  // to the frame that is being received
   std::int64_t last_sync_ns_ = -1;
   std::int64_t moved_to_ns_ = -1;  // to this time the clock has moved the robot; -1: it does not
 };

@@ -52,6 +52,7 @@ class Session {
                 .first_node = o.first_node,
                 .cycle_us = o.cycle_us,
                 .lockstep = !o.realtime,
+                .nodes = o.nodes,
                 .stop = o.stop,
                 .answered = [this] { sync_.answered(clock_ns(CLOCK_REALTIME)); }},
                [this](const Frame& frame) {

@@ -26,6 +26,7 @@ struct DriveOptions {
   Profile profile = Profile::cia402;
   int first_node = 1;
   std::uint32_t cycle_us = 2000;
+  std::vector<NodeSetup> nodes;                      ///< how they start, see BenchOptions
   bool realtime = false;                             ///< physics on the clock instead of on SYNC
   std::optional<double> duration_s;                  ///< of simulated time [s]; unlimited without
   std::optional<double> bit_rate;                    ///< [bit/s] of the bus, for its load; none on vcan and TCP

@@ -82,6 +82,7 @@ class Replay {
                 .first_node = o.first_node,
                 .cycle_us = o.cycle_us,
                 .lockstep = !session_ || !session_->head().realtime,
+                .nodes = o.nodes,
                 .stop = o.stop},
                [this](const Frame& frame) {
                  said_[frame.id].push_back(frame);

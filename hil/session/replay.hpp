@@ -29,7 +29,8 @@ struct ReplayOptions {
   Profile profile = Profile::cia402;
   int first_node = 1;
   std::uint32_t cycle_us = 2000;
-  double rate = 0;  ///< of the original speed; 0: as fast as possible
+  std::vector<NodeSetup> nodes;  ///< how they start, see BenchOptions
+  double rate = 0;               ///< of the original speed; 0: as fast as possible
   std::filesystem::path output;
   twin::Existing existing = twin::Existing::refuse;  ///< what happens to an older record in it
   std::function<bool()> stop;

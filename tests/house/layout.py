@@ -44,6 +44,7 @@ ORDER = {
         "can",
         "drives",
         "canopen",
+        "canopen/setup",
         "cia402",
         "mirror",
         "faults",
