@@ -9,7 +9,7 @@
 
 #include <tribotwin/hil/drives/bus_drive.hpp>
 #include <tribotwin/hil/drives/drive_parameters.hpp>
-#include <tribotwin/hil/session/faults.hpp>
+#include <tribotwin/hil/faults/faults.hpp>
 #include <tribotwin/plugins/friction/error.hpp>
 #include <tribotwin/twin/simulation/recorder.hpp>
 

@@ -47,6 +47,8 @@ ORDER = {
         "canopen/setup",
         "cia402",
         "mirror",
+        "faults",
+        "timing",
         "session",
         "shadow",
         "examples",
