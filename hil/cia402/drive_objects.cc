@@ -8,8 +8,8 @@
 #include <tribotwin/hil/canopen/sync.hpp>
 #include <tribotwin/hil/cia402/drive_objects.hpp>
 #include <tribotwin/hil/cia402/homing.hpp>
-#include <tribotwin/hil/cia402/inputs.hpp>
 #include <tribotwin/hil/cia402/modes.hpp>
+#include <tribotwin/hil/motion/inputs.hpp>
 
 namespace tribotwin::hil {
 namespace {
@@ -148,8 +148,25 @@ class Builder {
     for (std::size_t i = 0; i < all.size(); ++i)
       add(o_, {od::supported_homing_methods, static_cast<std::uint8_t>(i + 1),
                "supported homing method " + std::to_string(i + 1), T::i8, constant, false, all[i]->number});
+  }
+
+  void inputs_and_outputs() {
     add(o_, {od::digital_inputs, 0, "digital inputs", T::u32, ro, true},
-        {.meaning = "bits: 0 negative limit, 1 positive limit, 2 home switch, 16 second probe (2130h)"});
+        {.meaning = "bits: 0 negative limit, 1 positive limit, 2 home switch, 3 interlock (safe torque off), "
+                    "16 second probe (2130h), 17 brake released"});
+    highest_sub_index(od::digital_outputs, 2);
+    add(o_, {od::digital_outputs, 1, "physical outputs", T::u32, rw, true}, {.meaning = "bit 0: set the brake"});
+    add(o_, {od::digital_outputs, 2, "output mask", T::u32, rw},
+        {.meaning = "bit 0: 60FEh:01 may set the brake; it never releases the one that the state machine has set"});
+    add(o_, {od::touch_probe_function, 0, "touch probe function", T::u16, rw, true},
+        {.meaning = "low byte probe 1, high byte 2: bits 0 on, 1 each event, 2 index pulse instead of the switch, "
+                    "4 rising, 5 falling edge"});
+    add(o_, {od::touch_probe_status, 0, "touch probe status", T::u16, ro, true},
+        {.meaning = "per byte: bits 0 on, 1 rising, 2 falling edge stored"});
+    position(od::touch_probe_1_rising, 0, "touch probe 1 rising edge", ro, true, 0);
+    position(od::touch_probe_1_falling, 0, "touch probe 1 falling edge", ro, true, 0);
+    position(od::touch_probe_2_rising, 0, "touch probe 2 rising edge", ro, true, 0);
+    position(od::touch_probe_2_falling, 0, "touch probe 2 falling edge", ro, true, 0);
   }
 
   void torque() {
@@ -260,6 +277,7 @@ Dictionary drive_dictionary(const DriveParameters& parameters) {
   drive.velocity();
   drive.profile();
   drive.homing();
+  drive.inputs_and_outputs();
   drive.torque();
   drive.motor_and_gear();
   drive.manufacturer();
@@ -316,6 +334,14 @@ DriveObjects::DriveObjects(Dictionary& dictionary, double gear_ratio) : dictiona
   homing_speed_zero = object(od::homing_speeds, 2);
   homing_acceleration = object(od::homing_acceleration);
   digital_inputs = object(od::digital_inputs);
+  digital_outputs = object(od::digital_outputs, 1);
+  output_mask = object(od::digital_outputs, 2);
+  touch_probe_function = object(od::touch_probe_function);
+  touch_probe_status = object(od::touch_probe_status);
+  probe_1_rising = object(od::touch_probe_1_rising);
+  probe_1_falling = object(od::touch_probe_1_falling);
+  probe_2_rising = object(od::touch_probe_2_rising);
+  probe_2_falling = object(od::touch_probe_2_falling);
   home_switch = object(od::simulated_switches, 1);
   probe_2_switch = object(od::simulated_switches, 2);
   position_limit_low = object(od::software_position_limit, 1);

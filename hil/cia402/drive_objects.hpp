@@ -1,7 +1,7 @@
 #pragma once
 
 #include <tribotwin/hil/canopen/dictionary.hpp>
-#include <tribotwin/hil/cia402/motion_profile.hpp>
+#include <tribotwin/hil/motion/motion_profile.hpp>
 #include <tribotwin/hil/drives/drive_parameters.hpp>
 
 namespace tribotwin::hil {
@@ -36,6 +36,9 @@ class DriveObjects {
   Object *profile_velocity, *max_profile_velocity, *end_velocity, *profile_acceleration;
   Object *motion_profile_type, *profile_jerk, *max_acceleration, *max_deceleration;
   Object *home_offset, *homing_method, *homing_speed_switch, *homing_speed_zero, *homing_acceleration;
+  Object *digital_outputs, *output_mask;
+  Object *touch_probe_function, *touch_probe_status;
+  Object *probe_1_rising, *probe_1_falling, *probe_2_rising, *probe_2_falling;
   Object *digital_inputs, *home_switch, *probe_2_switch;
   Object *position_limit_low, *position_limit_high;
   Object *interpolated_position, *interpolation_time, *interpolation_exponent;

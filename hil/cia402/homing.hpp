@@ -7,8 +7,8 @@
 #include <vector>
 
 #include <tribotwin/hil/cia402/drive_objects.hpp>
-#include <tribotwin/hil/cia402/inputs.hpp>
-#include <tribotwin/hil/cia402/motion_profile.hpp>
+#include <tribotwin/hil/motion/inputs.hpp>
+#include <tribotwin/hil/motion/motion_profile.hpp>
 #include <tribotwin/hil/drives/bus_drive.hpp>
 
 /// Homing (CiA 402-2, mode 6): bit 4 of the controlword starts method 6098h, which finds the home position; the zero of

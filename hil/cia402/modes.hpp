@@ -6,8 +6,8 @@
 
 #include <tribotwin/hil/cia402/drive_objects.hpp>
 #include <tribotwin/hil/cia402/homing.hpp>
-#include <tribotwin/hil/cia402/inputs.hpp>
-#include <tribotwin/hil/cia402/motion_profile.hpp>
+#include <tribotwin/hil/motion/inputs.hpp>
+#include <tribotwin/hil/motion/motion_profile.hpp>
 #include <tribotwin/hil/cia402/profile_position.hpp>
 #include <tribotwin/hil/cia402/profile_velocity.hpp>
 #include <tribotwin/hil/drives/bus_drive.hpp>

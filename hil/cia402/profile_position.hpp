@@ -3,7 +3,7 @@
 #include <optional>
 
 #include <tribotwin/hil/cia402/drive_objects.hpp>
-#include <tribotwin/hil/cia402/motion_profile.hpp>
+#include <tribotwin/hil/motion/motion_profile.hpp>
 #include <tribotwin/hil/drives/bus_drive.hpp>
 
 /// Profile position (CiA 402-2, mode 1): a set point is taken at a rising edge of bit 4 of the controlword with all

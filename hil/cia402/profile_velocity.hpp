@@ -1,7 +1,7 @@
 #pragma once
 
 #include <tribotwin/hil/cia402/drive_objects.hpp>
-#include <tribotwin/hil/cia402/motion_profile.hpp>
+#include <tribotwin/hil/motion/motion_profile.hpp>
 #include <tribotwin/hil/drives/bus_drive.hpp>
 
 /// Profile velocity (CiA 402-2, mode 3): the speed follows 60FFh along ramps, and stops at the position limits 607Dh,

@@ -114,6 +114,8 @@ void FaultyBus::apply(Plant& plant, int first_node) {
     const auto drive = static_cast<std::size_t>(f.node - first_node);
     if (f.kind == K::encoder_freeze)
       plant.freeze_encoder(drive, on);
+    else if (f.kind == K::safe_torque_off)
+      plant.set_safe_torque_off(drive, on);
     else
       plant.override_temperature(drive, on ? std::optional(f.temperature_degC) : std::nullopt);
   }

@@ -47,7 +47,8 @@ Feedback Plant::feedback(std::size_t i) const {
              .friction_nm = s.friction_nm,
              .load_nm = twin_.state(i).load_nm,
              .temperature_degC = twin_.temperature_degC(i),
-             .limited = twin_.limited(i)};
+             .limited = twin_.limited(i),
+             .safe_torque_off = torque_off_[i]};
   f.temperature_degC = override_degC_[i].value_or(f.temperature_degC);
   if (frozen_rad_[i]) f.position_rad = *frozen_rad_[i], f.velocity_rad_s = 0;
   return f;
@@ -66,6 +67,7 @@ Result<void> Plant::step(std::span<const std::unique_ptr<BusDrive>> drives) {
   const double dt = twin_.model()->opt.timestep;
   for (std::size_t i = 0; i < drives.size(); ++i) {
     twin_.commands()[i] = drives[i]->command(dt);
+    if (torque_off_[i]) twin_.commands()[i].mode = twin::DriveCommand::Mode::off;
     twin_.set_brake(i, drives[i]->brake_engaged());
     const auto measured = drives[i]->measured_temperature_degC();
     if (measured || held_[i]) twin_.set_measured_temperature(i, measured);

@@ -45,6 +45,8 @@ class Plant {
   const twin::Scenario& scenario() const { return scenario_; }
   /// Injected fault: the encoder of a drive keeps its last value.
   void freeze_encoder(std::size_t drive, bool frozen);
+  /// Injected fault: the safety circuit takes the torque of a drive away.
+  void set_safe_torque_off(std::size_t drive, bool on) { torque_off_[drive] = on; }
   /// Injected fault: the drive reports this temperature [degC].
   void override_temperature(std::size_t drive, std::optional<double> temperature_degC) {
     override_degC_[drive] = temperature_degC;
@@ -59,6 +61,7 @@ class Plant {
   std::int64_t left_us_ = 0;
   std::vector<std::optional<double>> frozen_rad_ = std::vector<std::optional<double>>(twin_.model().drives().size());
   std::vector<std::optional<double>> override_degC_ = std::vector<std::optional<double>>(twin_.model().drives().size());
+  std::vector<bool> torque_off_ = std::vector<bool>(twin_.model().drives().size());
   std::vector<bool> held_ = std::vector<bool>(twin_.model().drives().size());
 };
 
