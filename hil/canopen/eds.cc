@@ -56,6 +56,8 @@ std::string name_of_all(std::uint16_t index, const std::vector<const Object*>& o
       {od::simulated_switches, "simulated switches"},
       {od::interpolation_data_record, "interpolation data record"},
       {od::digital_outputs, "digital outputs"},
+      {od::velocity_control, "velocity control parameter set"},
+      {od::position_control, "position control parameter set"},
       {od::interpolation_time_period, "interpolation time period"}};
   if (const auto known = standard.find(index); known != standard.end()) return known->second;
   if (index >= od::rpdo_communication && index < od::after_pdos)

@@ -169,6 +169,27 @@ class Builder {
     position(od::touch_probe_2_falling, 0, "touch probe 2 falling edge", ro, true, 0);
   }
 
+  /// CiA 402 leaves the entries of these records to the manufacturer.
+  void loops() {
+    using O = DriveObjects;
+    const auto gain = [&](od::Index index, std::uint8_t sub, const char* name, double value, double count, Limits range,
+                          const char* unit, std::string meaning) {
+      const std::int64_t counts = std::clamp<std::int64_t>(std::llround(value / count), range.low, range.high);
+      add(o_, {index, sub, name, T::u16, rw, false, counts, range.low, range.high},
+          {.scale = count, .unit = unit, .meaning = std::move(meaning)});
+    };
+    const Limits any = limits_of(T::u16);
+    const auto bandwidth_max = static_cast<std::int64_t>(p_.speed_bandwidth_max_rad_s / O::bandwidth_count_rad_s);
+    highest_sub_index(od::velocity_control, 2);
+    gain(od::velocity_control, 1, "speed bandwidth", p_.gains.speed_bandwidth_rad_s, O::bandwidth_count_rad_s,
+         {1, std::min(any.high, bandwidth_max)}, "rad/s", "speed gain over the joint's inertia at the start");
+    gain(od::velocity_control, 2, "speed integral time", p_.gains.integral_time_s, O::integral_count_s, any, "s",
+         "0: no integral part");
+    highest_sub_index(od::position_control, 1);
+    gain(od::position_control, 1, "position gain", p_.gains.position_gain_1_s, O::position_gain_count_1_s, any, "1/s",
+         "speed per position error");
+  }
+
   void torque() {
     torque(od::target_torque, "target torque", T::i16, rw, 0, modes_with_target(od::target_torque));
     torque(od::max_torque, "max torque", T::u16, rw, 1000);
@@ -277,6 +298,7 @@ Dictionary drive_dictionary(const DriveParameters& parameters) {
   drive.velocity();
   drive.profile();
   drive.homing();
+  drive.loops();
   drive.inputs_and_outputs();
   drive.torque();
   drive.motor_and_gear();
@@ -344,6 +366,9 @@ DriveObjects::DriveObjects(Dictionary& dictionary, double gear_ratio) : dictiona
   probe_2_falling = object(od::touch_probe_2_falling);
   home_switch = object(od::simulated_switches, 1);
   probe_2_switch = object(od::simulated_switches, 2);
+  speed_bandwidth = object(od::velocity_control, 1);
+  integral_time = object(od::velocity_control, 2);
+  position_gain = object(od::position_control, 1);
   position_limit_low = object(od::software_position_limit, 1);
   position_limit_high = object(od::software_position_limit, 2);
   interpolated_position = object(od::interpolation_data_record, 1);
@@ -366,6 +391,12 @@ MotionLimits DriveObjects::profile_limits(double speed_rad_s) const {
           .acceleration_rad_s2 = std::min(velocity_rad_s(profile_acceleration), velocity_rad_s(max_acceleration)),
           .deceleration_rad_s2 = std::min(velocity_rad_s(profile_deceleration), velocity_rad_s(max_deceleration)),
           .jerk_rad_s3 = smooth ? velocity_rad_s(profile_jerk) : MotionLimits::unlimited};
+}
+
+twin::LoopGains DriveObjects::gains() const {
+  return {.position_gain_1_s = position_gain_count_1_s * static_cast<double>(position_gain->value),
+          .speed_bandwidth_rad_s = bandwidth_count_rad_s * static_cast<double>(speed_bandwidth->value),
+          .integral_time_s = integral_count_s * static_cast<double>(integral_time->value)};
 }
 
 double DriveObjects::interpolation_s() const {

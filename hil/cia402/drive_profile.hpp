@@ -24,6 +24,8 @@ class DriveProfile {
     const ModeOfOperation* mode = followed_mode();
     return mode && mode->set_points == SetPoints::cyclic && !demand_.idle ? mode->target : std::uint16_t{0};
   }
+  /// 60F9h, 60FBh.
+  twin::LoopGains gains() const { return objects_.gains(); }
   /// The state machine sets the brake, or the master does (60FEh).
   bool brake_engaged() const;
   /// Commands were lost, and the motor is not at rest yet.

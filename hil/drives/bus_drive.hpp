@@ -46,6 +46,8 @@ class BusDrive {
   /// The state after that step.
   virtual void feedback(const Feedback& feedback, double dt_s) = 0;
   virtual bool brake_engaged() const = 0;
+  /// Gains of the loops that follow the set points.
+  virtual twin::LoopGains gains() const = 0;
   /// The drive lost its commands and is not at rest yet. In lockstep the robot moves on with the clock for it, if no
   /// SYNC does.
   virtual bool stops_alone() const = 0;

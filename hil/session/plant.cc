@@ -1,6 +1,7 @@
 #include <algorithm>
 #include <cmath>
 #include <utility>
+#include <variant>
 
 #include <fmt/format.h>
 
@@ -21,7 +22,10 @@ std::vector<DriveParameters> drive_parameters(const twin::Scenario& scenario, in
                       .limited = m->jnt_limited[binding.joint] != 0,
                       .position_low_rad = m->jnt_range[2 * binding.joint],
                       .position_high_rad = m->jnt_range[2 * binding.joint + 1],
-                      .start_degC = scenario.temperature_degC[all.size()]};
+                      .start_degC = scenario.temperature_degC[all.size()],
+                      .speed_bandwidth_max_rad_s = 1 / m->opt.timestep};
+    if (const auto* o = std::get_if<twin::CascadedOptions>(&scenario.control))
+      p.gains = {o->position_gain_1_s, o->speed_bandwidth_rad_s, o->integral_time_s};
     // The maximum speed of the identification, where the law states one: motor side.
     if (const double speed = drive.law.range.speed_max_rad_s; std::isfinite(speed))
       p.speed_max_rad_s = speed / drive.speed_scale() * drive.gear_ratio;
@@ -69,6 +73,7 @@ Result<void> Plant::step(std::span<const std::unique_ptr<BusDrive>> drives) {
     twin_.commands()[i] = drives[i]->command(dt);
     if (torque_off_[i]) twin_.commands()[i].mode = twin::DriveCommand::Mode::off;
     twin_.set_brake(i, drives[i]->brake_engaged());
+    twin_.set_gains(i, drives[i]->gains());
     const auto measured = drives[i]->measured_temperature_degC();
     if (measured || held_[i]) twin_.set_measured_temperature(i, measured);
     held_[i] = measured.has_value();

@@ -118,6 +118,8 @@ STANDARD = {
     0x60C6: "I",
     0x60E3: "Abbbbbbbb",
     0x60F4: "i",
+    0x60F9: "RHH",
+    0x60FB: "RH",
     0x60FD: "I",
     0x60FE: "AII",
     0x60FF: "i",
