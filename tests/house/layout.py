@@ -45,6 +45,7 @@ ORDER = {
         "drives",
         "canopen",
         "canopen/setup",
+        "motion",
         "cia402",
         "mirror",
         "faults",
