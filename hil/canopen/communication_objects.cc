@@ -47,6 +47,20 @@ void add_identity(std::vector<Object>& o, std::uint32_t serial_number) {
   add(o, {od::identity, 4, "serial number", T::u32, constant, false, serial_number});
 }
 
+/// Areas of the parameters that a drive stores and restores.
+void add_store(std::vector<Object>& o) {
+  constexpr const char* areas[] = {"all", "communication", "application", "manufacturer"};
+  for (const od::Index index : {od::store_parameters, od::restore_default_parameters}) {
+    const bool store = index == od::store_parameters;
+    add(o, {index, 0, "highest sub-index", T::u8, constant, false, 4});
+    for (std::uint8_t i = 1; i <= 4; ++i)
+      add(o,
+          {index, i, fmt::format("{} {} parameters", store ? "store" : "restore", areas[i - 1]), T::u32, rw, false, 0},
+          {.meaning = store ? "\"save\" keeps them; 1: it can (--store), 0: it cannot"
+                            : "\"load\": their defaults after the next reset"});
+  }
+}
+
 }  // namespace
 
 void add_communication_objects(std::vector<Object>& o, const DriveParameters& p, std::uint32_t device_type,
@@ -65,6 +79,7 @@ void add_communication_objects(std::vector<Object>& o, const DriveParameters& p,
   add(o, {od::device_name, 0, "device name", T::text, constant}, {.text = "tribotwin drive " + visible(p.name)});
   add(o, {od::hardware_version, 0, "hardware version", T::text, constant}, {.text = "simulated"});
   add(o, {od::software_version, 0, "software version", T::text, constant}, {.text = "tribotwin 0.1"});
+  add_store(o);
   add(o, {od::cob_id_emcy, 0, "COB-ID EMCY", T::u32, ro, false, cob::emcy + node});
   add(o, {od::consumer_heartbeat_time, 0, "heartbeats watched", T::u8, constant, false, 2});
   for (std::uint8_t i = 1; i <= 2; ++i)

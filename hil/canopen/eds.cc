@@ -20,8 +20,10 @@ std::string one_line(std::string text) {
 
 /// Arrays of CiA 301 and 402; what else has sub-indices is a record.
 bool is_array(std::uint16_t index) {
-  constexpr std::uint16_t arrays[] = {od::predefined_error_field,  od::consumer_heartbeat_time,     od::error_behavior,
-                                      od::software_position_limit, od::position_encoder_resolution, od::gear_ratio};
+  constexpr std::uint16_t arrays[] = {
+      od::predefined_error_field,      od::store_parameters, od::restore_default_parameters,
+      od::consumer_heartbeat_time,     od::error_behavior,   od::software_position_limit,
+      od::position_encoder_resolution, od::gear_ratio};
   return std::ranges::find(arrays, index) != std::end(arrays);
 }
 
@@ -29,6 +31,8 @@ bool is_array(std::uint16_t index) {
 std::string name_of_all(std::uint16_t index, const std::vector<const Object*>& objects) {
   static const std::map<std::uint16_t, std::string> standard{
       {od::predefined_error_field, "pre-defined error field"},
+      {od::store_parameters, "store parameters"},
+      {od::restore_default_parameters, "restore default parameters"},
       {od::consumer_heartbeat_time, "consumer heartbeat time"},
       {od::identity, "identity object"},
       {od::error_behavior, "error behavior"},

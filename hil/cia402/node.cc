@@ -21,8 +21,12 @@ DriveParameters with_serial_number(DriveParameters p) {
 Node::Node(const DriveParameters& p, Send send, NodeSetup setup)
     : parameters_(with_serial_number(p)),
       setup_(std::move(setup)),
-      context_{.id = first_number(), .send_frame = std::move(send), .dictionary = drive_dictionary(parameters_)},
-      lss_(context_, {}),
+      context_{.id = first_number(setup_.kept),
+               .send_frame = std::move(send),
+               .dictionary = drive_dictionary(with_number(first_number(setup_.kept)))},
+      keeper_(context_, setup_.kept, setup_.keep),
+      lss_(context_,
+           setup_.keep ? [this](std::uint8_t number) { return keeper_.keep_number(number); } : LssSlave::Keep{}),
       emcy_(context_),
       sdo_(context_.dictionary, [this](const SdoServer::Answer& answer) { return answer_sdo(answer); }),
       pdos_(context_, emcy_),
@@ -33,6 +37,7 @@ Node::Node(const DriveParameters& p, Send send, NodeSetup setup)
   context_.dictionary.may_read = [this](const Object& o) { return may_read(o); };
   context_.dictionary.may_write = [this](const Object& o, std::int64_t value) { return may_write(o, value); };
   context_.dictionary.written = [this](const Object& o) { written(o); };
+  configure(NmtCommand::reset_node);
   drive_.refresh_status();
 }
 
@@ -41,14 +46,15 @@ Node::Node(const DriveParameters& p, Send send, NodeSetup setup)
 /// CiA 301, 7.5.2.4: an entry of the history without an error is no data.
 tl::expected<void, Abort> Node::may_read(const Object& o) {
   if (o.index == od::store_eds && o.text.empty())
-    context_.dictionary.find(o.index, o.sub)->text = eds(drive_dictionary(active_parameters()), active_parameters());
+    context_.dictionary.find(o.index, o.sub)->text = eds(factory(), active_parameters());
   if (o.index != od::predefined_error_field || o.sub <= context_.dictionary.get(o.index)) return {};
   return tl::unexpected(Abort::no_data);
 }
 
-tl::expected<void, Abort> Node::may_write(const Object& o, std::int64_t value) const {
+tl::expected<void, Abort> Node::may_write(const Object& o, std::int64_t value) {
   if (PdoService::owns(o.index)) return pdos_.may_write(o, value);
   if (o.index == od::predefined_error_field && value != 0) return tl::unexpected(Abort::out_of_range);
+  if (ParameterKeeper::owns(o.index)) return keeper_.obey(o, value, drive_.machine().powered(), factory());
   if (o.index == od::consumer_heartbeat_time) return watched_.may_configure(o, value);
   return drive_.may_write(o, value);
 }
@@ -56,6 +62,7 @@ tl::expected<void, Abort> Node::may_write(const Object& o, std::int64_t value) c
 void Node::written(const Object& o) {
   context_.changed = true;
   if (PdoService::owns(o.index)) return pdos_.reload();
+  if (ParameterKeeper::owns(o.index)) return keeper_.show();
   if (o.index == od::predefined_error_field) return emcy_.clear_history();
   if (o.index == od::consumer_heartbeat_time) return watched_.configure(o);
   drive_.written(o);
@@ -73,10 +80,10 @@ void Node::hear_lss(const Frame& frame, std::int64_t now_ns) {
   if (lss_.receive(frame)) reset(NmtCommand::reset_communication, now_ns);
 }
 
-DriveParameters Node::active_parameters() const {
-  DriveParameters active = parameters_;
-  if (configured()) active.node = context_.id;
-  return active;
+DriveParameters Node::with_number(std::uint8_t number) const {
+  DriveParameters numbered = parameters_;
+  if (number != unconfigured_node) numbered.node = number;
+  return numbered;
 }
 
 void Node::obey(NmtCommand command, std::int64_t now_ns) {
@@ -108,9 +115,9 @@ void Node::obey(NmtCommand command, std::int64_t now_ns) {
 /// Objects back to their defaults, by reset communication only those of CiA 301; the physics continues. The drive is as
 /// after power-up: the brake holds.
 void Node::reset(NmtCommand command, std::int64_t now_ns) {
-  context_.id = command == NmtCommand::reset_node ? first_number() : lss_.pending();
+  context_.id = command == NmtCommand::reset_node ? first_number(keeper_.kept()) : lss_.pending();
   lss_.reset(context_.id);
-  const Dictionary fresh = drive_dictionary(active_parameters());
+  const Dictionary fresh = factory();
   for (const Object& o : fresh.objects()) {
     // Constant ones of the communication as well: identifiers follow the node number.
     if (od::is_communication(o.index) || (o.access == Access::read_write && command == NmtCommand::reset_node))
@@ -122,8 +129,17 @@ void Node::reset(NmtCommand command, std::int64_t now_ns) {
   emcy_.reset();
   pdos_.reset();
   sync_.reset();
+  keeper_.show();
+  configure(command);
   start(now_ns);
   drive_.refresh_status();
+}
+
+void Node::configure(NmtCommand command) {
+  std::vector<ObjectValue> values;
+  for (const ObjectValue& v : keeper_.kept().values)
+    if (command == NmtCommand::reset_node || od::is_communication(v.index)) values.push_back(v);
+  refused_ = download(context_.dictionary, std::move(values));
 }
 
 void Node::restore(const Object& fresh) {

@@ -45,7 +45,11 @@ struct Arguments : RobotOptions {
     auto outputs = files_in(output);
     outputs.push_back({"--record " + record, record});
     outputs.push_back({"--stats " + stats, stats});
+    const auto kept = start.files();
     check_outputs(inputs, outputs, force);
+    outputs.insert(outputs.end(), kept.begin(), kept.end());
+    twin::or_wrong_input(refuse_shared(inputs, outputs));  // a store may exist
+    for (const auto& file : kept) twin::or_wrong_input(twin::check_output(file.path, twin::Existing::replace));
     for (const auto& file : {record, stats})
       if (!file.empty()) twin::or_wrong_input(twin::check_output(file, twin::Existing::replace));
     if (!stats.empty()) twin::or_wrong_input(twin::check_output(stats, twin::replace_if(force)));
@@ -83,7 +87,7 @@ int run(const Arguments& a) {
   a.check_bus_load(scenario);
   std::vector<Fault> faults;
   if (!a.faults.empty()) faults = twin::or_wrong_input(load_faults(a.faults, a.first_node, drives));
-  const auto nodes = a.start.setups(scenario, a);
+  const auto nodes = a.start.setups(scenario, a, NodeOptions::Use::live);
   twin::catch_interrupts();
   const auto bus = twin::or_wrong_input(open_bus(a.can));
   const bool live = !a.quiet && isatty(STDERR_FILENO);
