@@ -9,6 +9,7 @@
 #include <tribotwin/hil/canopen/setup/lss.hpp>
 #include <tribotwin/hil/canopen/setup/parameter_keeper.hpp>
 #include <tribotwin/hil/canopen/sync.hpp>
+#include <tribotwin/hil/canopen/time_stamp.hpp>
 #include <tribotwin/hil/cia402/drive_profile.hpp>
 #include <tribotwin/hil/cia402/set_point_watch.hpp>
 #include <tribotwin/hil/drives/bus_drive.hpp>
@@ -67,6 +68,7 @@ class Node final : public BusDrive {
  private:
   tl::expected<void, Abort> may_read(const Object& object);
   tl::expected<void, Abort> may_write(const Object& object, std::int64_t value);
+  tl::expected<void, Abort> may_count_syncs(const Object& overflow, std::int64_t value) const;
   void written(const Object& object);
 
   /// The drive's parameters with the node number that it has now.
@@ -88,6 +90,7 @@ class Node final : public BusDrive {
   void request_sdo(const Frame& frame, std::int64_t now_ns);
   bool answer_sdo(const SdoServer::Answer& answer);
   void lose_heartbeat();
+  void check_sync_length(bool counted);
   void watch_deadlines(std::int64_t now_ns);
   void watch_set_points(std::int64_t now_ns);
 
@@ -103,9 +106,11 @@ class Node final : public BusDrive {
   SyncConsumer sync_;
   HeartbeatProducer heartbeat_;
   HeartbeatConsumer watched_;
+  NodeGuard guard_;
+  TimeConsumer time_;
+  bool wrong_sync_ = false;  // the last SYNC had a counter that 1019h does not ask for, or none
   SetPointWatch set_points_;
   DriveProfile drive_;
-  std::int64_t now_ns_ = 0;
 };
 
 }  // namespace tribotwin::hil

@@ -60,6 +60,7 @@ Result<void> Bench::receive(const Frame& frame, std::int64_t now_ns) {
   if (last_sync_ns_ >= 0 && now_ns - last_sync_ns_ < 500 * cycle) ++counters_.sync_fast;
   last_sync_ns_ = now_ns;
   // All drives answer with their state at this SYNC; then the robot moves on to the next.
+  for (const auto& drive : drives_) drive->receive(frame, now_ns);
   for (const auto& drive : drives_) drive->sync(now_ns);
   if (!options_.lockstep) return {};
   moved_to_ns_ = -1;

@@ -57,8 +57,12 @@ class Download {
     const bool stops_sync = counter != values.end() && cycle;
     if (stops_sync) write(od::communication_cycle_period, 0, 0, counter->line), write(*counter);
     if (stops_sync) write(od::communication_cycle_period, 0, period, counter->line);
-    for (const ObjectValue& v : values)
-      if (v.index != od::synchronous_counter_overflow) write(v);
+    for (const ObjectValue& v : values) {
+      if (v.index == od::synchronous_counter_overflow) continue;
+      if (const Object* time = dictionary_.find(od::cob_id_time, 0); time && v.index == od::cob_id_time)
+        write(v.index, 0, time->value & ~std::int64_t{cob::consumes}, v.line);
+      write(v);
+    }
   }
 
   void write_pdo(od::Index pdo, std::vector<ObjectValue>& values) {

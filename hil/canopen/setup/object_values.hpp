@@ -36,7 +36,8 @@ struct RefusedValue {
 std::string object_name(std::uint16_t index, std::uint8_t sub);
 
 /// Writes the values as a master would, with all checks and in the order that CiA 301 asks for: a PDO is switched off
-/// while its parameters change, 1006h is 0 while 1019h does. The first that is refused ends it.
+/// while its parameters change, 1006h is 0 while 1019h does, and no TIME is taken while 1012h does. The first that is
+/// refused ends it.
 std::optional<RefusedValue> download(Dictionary& dictionary, std::vector<ObjectValue> values);
 
 /// The value of an object now.
