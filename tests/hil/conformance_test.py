@@ -52,10 +52,17 @@ STANDARD = {
     0x1008: "s",
     0x1009: "s",
     0x100A: "s",
+    0x100C: "H",
+    0x100D: "B",
+    0x1010: "AIIII",
+    0x1011: "AIIII",
+    0x1012: "I",
     0x1014: "I",
+    0x1015: "H",
     0x1016: "AII",
     0x1017: "H",
     0x1018: "RIIII",
+    0x1019: "B",
     0x1021: "D",
     0x1022: "H",
     0x1029: "AB",
@@ -132,7 +139,7 @@ STANDARD = {
 STANDARD |= {
     base + k: shape
     for k in range(5)
-    for base, shape in ((0x1400, "RIBH"), (0x1800, "RIBHH"), (0x1600, "R" + 8 * "I"), (0x1A00, "R" + 8 * "I"))
+    for base, shape in ((0x1400, "RIBH"), (0x1800, "RIBHHB"), (0x1600, "R" + 8 * "I"), (0x1A00, "R" + 8 * "I"))
 }
 
 
