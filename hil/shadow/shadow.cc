@@ -160,6 +160,9 @@ class Shadow {
     if (o_.lockstep) {
       cycle_s_ = 1e-6 * o_.cycle_us;
       result_.cycle_source = "lockstep: the SYNC is the clock";
+    } else if (!measured && period_.complete()) {
+      return tl::unexpected(fmt::format("{} frames had one time stamp; where each SYNC is one --cycle, give --lockstep",
+                                        period_.count()));
     } else if (measured) {
       cycle_s_ = *measured;
       result_.cycle_source = source();
