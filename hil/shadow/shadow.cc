@@ -32,7 +32,7 @@ std::vector<std::unique_ptr<Listener>> listeners_of(const ShadowOptions& o, std:
   all.resize(drives.size());
   for (std::size_t i = 0; i < drives.size(); ++i)
     if (!all[i])
-      all[i] = o.profile == Profile::mirror ? mirror_listener(drives[i]) : canopen_listener(simulated_drive(drives[i]));
+      all[i] = o.profile != Profile::cia402 ? mirror_listener(drives[i]) : canopen_listener(simulated_drive(drives[i]));
   return all;
 }
 

@@ -12,7 +12,7 @@ from session import connect, hold_scenario
 hil, source = sys.argv[1:3]
 scenario = hold_scenario(source)
 nodes = range(1, 7)
-address = "socketcand://127.0.0.1:29618/can0"
+address = "socketcand://127.0.0.1:29623/can0"
 os.chdir(work)
 
 
