@@ -14,6 +14,7 @@ namespace {
 
 constexpr std::uint32_t extended_id = 0x80000000;  // bit 31 of a message's number
 constexpr int longest_frame = 64;
+constexpr std::size_t longest_line = 4096;  // read of a line: regular expressions recurse; behind are receivers only
 
 template <class Number>
 std::optional<Number> number(const std::string& text) {
@@ -150,6 +151,7 @@ Result<DbcFile> read_dbc(const std::filesystem::path& file) {
   std::string text;
   for (std::size_t line = 1; std::getline(*stream, text); ++line) {
     if (text.ends_with('\r')) text.pop_back();
+    text.resize(std::min(text.size(), longest_line));
     if (auto ok = reader.take(text, line); !ok)
       return tl::unexpected(fmt::format("{}:{}: {}", file.string(), line, ok.error().message));
   }
