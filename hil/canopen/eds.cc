@@ -29,7 +29,8 @@ bool is_array(std::uint16_t index) {
                                       od::profile_jerk,
                                       od::homing_speeds,
                                       od::supported_homing_methods,
-                                      od::interpolation_data_record};
+                                      od::interpolation_data_record,
+                                      od::digital_outputs};
   return std::ranges::find(arrays, index) != std::end(arrays);
 }
 
@@ -49,6 +50,9 @@ std::string name_of_all(std::uint16_t index, const std::vector<const Object*>& o
       {od::supported_homing_methods, "supported homing methods"},
       {od::simulated_switches, "simulated switches"},
       {od::interpolation_data_record, "interpolation data record"},
+      {od::digital_outputs, "digital outputs"},
+      {od::velocity_control, "velocity control parameter set"},
+      {od::position_control, "position control parameter set"},
       {od::interpolation_time_period, "interpolation time period"}};
   if (const auto known = standard.find(index); known != standard.end()) return known->second;
   if (index >= od::rpdo_communication && index < od::after_pdos)
