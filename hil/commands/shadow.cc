@@ -71,7 +71,7 @@ struct Source {
     if (!a.log().empty())
       log.emplace(twin::or_wrong_input(LogReader::open(a.log(), stop)));
     else
-      bus = twin::or_wrong_input(open_bus(a.can, {.listen_only = true}));
+      bus = twin::or_wrong_input(open_bus(a.can, {.fd = a.fd(), .listen_only = true}));
   }
   NextFrame frames(std::optional<double> duration_s) {
     if (bus) return frames_of(*bus, duration_s);

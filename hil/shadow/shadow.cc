@@ -30,7 +30,7 @@ std::vector<std::unique_ptr<Listener>> listeners_of(const twin::Scenario& scenar
   if (o.listeners) return o.listeners();
   std::vector<std::unique_ptr<Listener>> all;
   for (const auto& p : drive_parameters(scenario, o.first_node, o.cycle_us))
-    all.push_back(o.profile == Profile::mirror ? mirror_listener(p) : canopen_listener(simulated_drive(p)));
+    all.push_back(o.profile != Profile::cia402 ? mirror_listener(p) : canopen_listener(simulated_drive(p)));
   return all;
 }
 
