@@ -1,4 +1,5 @@
 #include <algorithm>
+#include <cmath>
 #include <iterator>
 #include <limits>
 #include <string_view>
@@ -46,7 +47,7 @@ std::optional<Turn::Imposed> parse_fault(FaultKind kind, std::string_view value)
   if (state == off) return imposed;
   if (kind != FaultKind::over_temperature) return state == on ? std::optional(imposed) : std::nullopt;
   const auto value_degC = to_number(state);
-  if (!value_degC) return std::nullopt;
+  if (!value_degC || !std::isfinite(*value_degC)) return std::nullopt;
   imposed.fault.temperature_degC = *value_degC;
   return imposed;
 }
@@ -158,14 +159,14 @@ Result<bool> SessionReader::next(Turn& turn) {
   if (line == last_line) return complete_ = true, false;
   if (in_.eof()) return false;  // the last line of a session that was killed
   const auto parts = words(line);
-  const auto us = parts.empty() ? std::nullopt : to_integer<std::uint32_t>(parts[0]);
+  const auto us = parts.empty() ? std::nullopt : to_integer<std::int64_t>(parts[0]);
   turn = {};
-  bool good = us.has_value() && last_ns_ <= std::numeric_limits<std::int64_t>::max() - *us * std::int64_t{1000};
+  bool good = us && *us >= 0 && *us <= (std::numeric_limits<std::int64_t>::max() - last_ns_) / 1000;
   for (std::size_t i = 1; good && i < parts.size(); ++i) good = parse_word(parts[i], turn);
   if (!good)
     return tl::unexpected(
         fmt::format("{}:{}: '{}' is not 'MICROSECONDS WORD...'", file_.string(), line_, line.substr(0, 40)));
-  turn.time_ns = last_ns_ += *us * std::int64_t{1000};
+  turn.time_ns = last_ns_ += *us * 1000;
   return true;
 }
 
