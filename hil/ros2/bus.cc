@@ -14,10 +14,6 @@
 namespace tribotwin::hil {
 namespace {
 
-// Of modes that a drive may not have (CiA 402-2).
-constexpr od::Index vl_target_velocity = 0x6042, profile_velocity = 0x6081, profile_acceleration = 0x6083,
-                    interpolation_data_record = 0x60C1, homing_method = 0x6098;
-
 struct Entry {
   od::Index index;
   std::uint8_t sub = 0;
@@ -28,7 +24,7 @@ struct Entry {
 const std::array<std::vector<Entry>, pdo_count> receive{{
     {{od::controlword}, {od::modes_of_operation}, {od::target_torque}},
     {{od::target_position}, {od::target_velocity}},
-    {{interpolation_data_record, 1}, {vl_target_velocity}},
+    {{od::interpolation_data_record, 1}},
 }};
 const std::array<std::vector<Entry>, pdo_count> transmit{{
     {{od::statusword}, {od::modes_of_operation_display}, {od::torque_actual_value}},
@@ -124,10 +120,10 @@ class Joint {
     s += parameter({od::communication_cycle_period}, cycle_us_, "one SYNC [us]");
     s += parameter({od::interpolation_time_period, 1}, time, "from one set point to the next");
     s += parameter({od::interpolation_time_period, 2}, exponent, "power of ten [s]");
-    s += parameter({profile_velocity}, std::nullopt, "profile position: speed [0.001 rpm]");
-    s += parameter({profile_acceleration}, std::nullopt, "[0.001 rpm/s]");
+    s += parameter({od::profile_velocity}, std::nullopt, "profile position: speed [0.001 rpm]");
+    s += parameter({od::profile_acceleration}, std::nullopt, "[0.001 rpm/s]");
     s += parameter({od::profile_deceleration}, std::nullopt, "[0.001 rpm/s], of a halt too");
-    s += parameter({homing_method}, 0, "init does not home: the encoders are absolute");
+    s += parameter({od::homing_method}, 0, "init does not home: the encoders are absolute");
     return s;
   }
 

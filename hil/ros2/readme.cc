@@ -10,7 +10,8 @@ namespace {
 constexpr std::string_view intro = R"(# {folder}: simulated drives for ros2_canopen
 
 `bus.yml` and one EDS per drive, for [ros2_canopen](https://github.com/ros-industrial/ros2_canopen). They were made by
-`tribotwin-hil ros2`, with a SYNC of {cycle_ms:.6g} ms. {bus_load}
+`tribotwin-hil ros2`, with a SYNC of {cycle_ms:.6g} ms.
+{bus_load}
 
 | drive | node | rated torque at the joint [Nm] | speed limit [rad/s] |
 |---|---|---|---|
@@ -38,13 +39,14 @@ A virtual bus: `ip link add dev vcan0 type vcan && ip link set dev vcan0 up`.
 Of each drive, here {first}; targets are radians and radians per second of the joint:
 
     ros2 service call /{first}/init std_srvs/srv/Trigger
-    ros2 service call /{first}/cyclic_position_mode std_srvs/srv/Trigger
+    ros2 service call /{first}/position_mode std_srvs/srv/Trigger
     ros2 topic echo --once /{first}/joint_states
-    ros2 service call /{first}/target canopen_interfaces/srv/COTargetDouble "{{target: 0.01}}"
+    ros2 service call /{first}/target canopen_interfaces/srv/COTargetDouble "{{target: 0.1}}"
 
-`init` releases the brake, and the drive holds where it is. In cyclic position mode a target is reached within one SYNC
-where speed (6080h) and torque suffice, so a jump becomes a motion with all that the joint can give: send a trajectory,
-best through `canopen_ros2_control`, whose modes `bus.yml` names. When the drive lags too far behind (6065h) it is in
+`init` releases the brake, and the drive holds where it is. `position_mode` (profile position) moves to a target along
+the ramps 6081h, 6083h and 6084h of `bus.yml`. In `cyclic_position_mode` a target is reached within one SYNC where speed
+(6080h) and torque suffice, so a jump becomes a motion with all that the joint can give: send a trajectory, best through
+`canopen_ros2_control`, for which `bus.yml` names the cyclic modes. When the drive lags too far behind (6065h) it is in
 fault 8611h, and `recover` resets it. Targets of `cyclic_torque_mode` are per mille of the rated torque, because
 ros2_canopen scales those of position and speed only.
 

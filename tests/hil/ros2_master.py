@@ -12,8 +12,11 @@ OFF = 0x80000000  # of a COB-ID: the PDO does not exist
 Entry = collections.namedtuple("Entry", "kind access default mappable")
 CONTROL, MODE, STATUS, SHOWN = (0x6040, 0), (0x6060, 0), (0x6041, 0), (0x6061, 0)
 POSITION, VELOCITY, TORQUE, SUPPORTED = (0x6064, 0), (0x606C, 0), (0x6077, 0), (0x6502, 0)
-TARGETS = {8: (0x607A, 0), 9: (0x60FF, 0), 10: (0x6071, 0)}  # by mode of operation
-HALT = 0x100
+PP, PV, HOMING, IP, CSP, CSV, CST = 1, 3, 6, 7, 8, 9, 10  # modes of operation
+TARGETS = {PP: (0x607A, 0), PV: (0x60FF, 0), IP: (0x60C1, 1), CSP: (0x607A, 0), CSV: (0x60FF, 0), CST: (0x6071, 0)}
+HOMING_METHOD = 0x6098, 0
+NEW_POINT, IMMEDIATELY, HALT = 0x10, 0x20, 0x100  # of the controlword; the first also enables IP
+ACKNOWLEDGED = 0x1000  # of the statusword, in PP
 
 
 def size(entry):
@@ -82,7 +85,7 @@ class Drive:
         self.pdos = {way: [p for p in part[way].values() if p["enabled"]] for way in ("rpdo", "tpdo")}
         for pdo in self.pdos["rpdo"]:
             self.out.update((key, 0) for key in mapping(pdo))
-        self.mode, self.target, self.reset = 0, None, False
+        self.mode, self.target, self.handed, self.reset = 0, None, None, False
 
     def format(self, pdo):
         return "<" + "".join(self.eds[key].kind for key in mapping(pdo))
@@ -106,18 +109,34 @@ class Drive:
 
     def command(self, target):
         """A set point: radians, radians per second, per mille of the rated torque."""
-        scale = {8: "scale_pos_to_dev", 9: "scale_vel_to_dev"}.get(self.mode)
-        self.target = int(target * self.part[scale] if scale else target)
+        scale = {PP: "pos", IP: "pos", CSP: "pos", PV: "vel", CSV: "vel"}.get(self.mode)
+        self.target = int(target * self.part[f"scale_{scale}_to_dev"] if scale else target)
 
     def write(self):
         """One turn of the driver: halt, unless a set point of the mode is there."""
         word = self.out[CONTROL] | HALT
-        if is_state(self.values[STATUS], "operation enabled") and self.target is not None:
-            if self.mode and self.mode == self.values[SHOWN]:
-                self.out[TARGETS[self.mode]] = self.target
-                word &= ~HALT
+        if is_state(self.values[STATUS], "operation enabled"):
+            shown = self.mode == self.values[SHOWN]
+            if not self.mode or not shown or self.mode in (HOMING, IP):
+                word &= ~(NEW_POINT | IMMEDIATELY | 0x40)
+            if self.mode in TARGETS and shown and self.target is not None:
+                word = (self.hand_over(word) if self.mode == PP else self.forward(word)) & ~HALT
         self.out[CONTROL] = word & ~0x80 if self.reset else word
         self.reset = False
+
+    def forward(self, word):
+        self.out[TARGETS[self.mode]] = self.target
+        return word | NEW_POINT if self.mode == IP else word
+
+    def hand_over(self, word):
+        """A set point of PP is taken at the rising edge of "new set point", until it is acknowledged."""
+        word |= IMMEDIATELY
+        if self.values[STATUS] & ACKNOWLEDGED or self.target != self.handed and word & NEW_POINT:
+            return word & ~NEW_POINT
+        if self.target != self.handed:
+            self.out[TARGETS[PP]] = self.handed = self.target
+            return word | NEW_POINT
+        return word
 
     def step_to(self, wanted):
         """The controlword of the next transition towards a state; set and cleared bits, the others stay."""
@@ -196,14 +215,20 @@ class Ros2Master(Master):
         return False
 
     def init(self, drives):
+        """As the service: enabled, then homing where the drive has it and 6098h is not 0. That is not written here."""
         for d in drives:
             d.out[CONTROL], d.reset = 0, True
-        return self.reach(drives, "operation enabled")
+        if not self.reach(drives, "operation enabled"):
+            return False
+        if not any(self.read_object(d, *SUPPORTED) >> (HOMING - 1) & 1 for d in drives):
+            return True
+        homes = not self.enter(drives, HOMING) or any(self.read_object(d, *HOMING_METHOD) for d in drives)
+        return not homes and self.enter(drives, 0)
 
     def enter(self, drives, mode, cycles=500):
         """A mode, in operation enabled; 0: none."""
         for d in drives:
-            d.mode, d.target = 0, None
+            d.mode, d.target, d.handed = 0, None, None
             if mode and not self.read_object(d, *SUPPORTED) >> (mode - 1) & 1:
                 return False
             d.out[MODE] = mode

