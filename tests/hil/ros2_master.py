@@ -33,8 +33,9 @@ def read_eds(path):
         kind = eds[name].get("DataType")
         if len(index) == 4 and kind and int(kind, 0) in KINDS:
             o = eds[name]
+            default = int(o["DefaultValue"], 0) if "DefaultValue" in o else None
             found[int(index, 16), int(sub or "0", 16)] = Entry(
-                KINDS[int(kind, 0)], o["AccessType"], int(o["DefaultValue"], 0), o["PDOMapping"] == "1"
+                KINDS[int(kind, 0)], o["AccessType"], default, o["PDOMapping"] == "1"
             )
     return found
 
@@ -179,7 +180,7 @@ class Ros2Master(Master):
         wrong = [] if self.until(lambda: set(self.boots) >= set(self.nodes)) else ["no boot-up message of all"]
         for d in self.drives:
             for key in ((0x1000, 0), (0x1018, 1), (0x1018, 2), (0x1018, 3), (0x1018, 4)):
-                if (found := self.read_object(d, *key)) != d.eds[key].default:
+                if d.eds[key].default not in (None, found := self.read_object(d, *key)):
                     wrong.append((d.name, "%04Xh:%d" % key, found))
             for index, sub, value in concise(d.part, d.eds):
                 self.write(d.node, index, sub, d.eds[index, sub].kind, value)

@@ -162,6 +162,10 @@ for name, part in parts.items():
         and part["period"] == 10,
         part,
     )
+check(
+    "an EDS is that of many drives: it has no serial number, which a master would insist on",
+    all(read_eds(path("bus", p["dcf"]))[0x1018, 4].default is None for p in parts.values()),
+)
 same = harness.run(hil, "eds", scenario, "--node", "3", "--cycle", "10").stdout
 check("the EDS is that of the command eds", content("bus/node3.eds") == same)
 used = [pdo["cob_id"] for p in parts.values() for way in ("rpdo", "tpdo") for pdo in p[way].values() if pdo["enabled"]]
