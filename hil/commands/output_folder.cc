@@ -35,13 +35,15 @@ bool is_there(const fs::path& folder) {
   return fs::exists(folder, error);
 }
 
-/// A folder beside `folder` in which the files are made; removed with all that is still in it.
+/// A hidden folder in which the files are made; removed with all that is still in it. It is beside the folder that it
+/// will become, or in the one that exists, which may be a disk of its own.
 class Staging {
  public:
   explicit Staging(const fs::path& folder) {
     std::uint64_t random = 0;
     (void)!::getrandom(&random, sizeof random, 0);
-    path_ = folder.parent_path() / fmt::format(".{}.partial-{:016x}", folder.filename().string(), random);
+    path_ = (is_there(folder) ? folder : folder.parent_path()) /
+            fmt::format(".{}.partial-{:016x}", folder.filename().string(), random);
     error_ = ::mkdir(path_.c_str(), 0777) == 0 ? 0 : errno;
   }
   Staging(const Staging&) = delete;
@@ -84,7 +86,7 @@ Status check_output_folder(const fs::path& folder, twin::Existing existing) {
     return tl::unexpected<Error>(fmt::format(
         "{}: holds files already; choose another folder with -o, or replace them with --force", folder.string()));
   }
-  if (::access(parent.c_str(), W_OK | X_OK) != 0)
+  if (::access((is_there(place) ? place : parent).c_str(), W_OK | X_OK) != 0)
     return tl::unexpected<Error>(fmt::format("{}: cannot be written ({})", folder.string(), std::strerror(errno)));
   return {};
 }
@@ -92,6 +94,9 @@ Status check_output_folder(const fs::path& folder, twin::Existing existing) {
 Status write_folder(const fs::path& folder, std::span<const OutputFile> files, twin::Existing existing) {
   if (auto ok = check_output_folder(folder, existing); !ok) return ok;
   const fs::path place = without_dots(folder);
+  for (const OutputFile& file : files)
+    if (is_there(place))
+      if (auto ok = twin::check_output(place / file.name, twin::Existing::replace); !ok) return ok;
   const Staging staging(place);
   if (staging.error() != 0) return not_written(folder, staging.error());
   for (const OutputFile& file : files)

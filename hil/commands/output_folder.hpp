@@ -23,7 +23,7 @@ std::string name_of_folder(const std::filesystem::path& folder);
 /// name in a folder that does not exist, and a folder that holds anything (unless it may be replaced).
 Result<void> check_output_folder(const std::filesystem::path& folder, twin::Existing existing);
 
-/// Writes the files beside the folder, forces them to disk and moves them into place. A folder that did not exist is
+/// Writes the files under a hidden name, forces them to disk and moves them into place. A folder that did not exist is
 /// there with all files or not at all. In one that exists (--force) each file is the old or the new one, and
 /// files of other names stay.
 Result<void> write_folder(const std::filesystem::path& folder, std::span<const OutputFile> files,

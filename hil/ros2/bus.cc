@@ -71,7 +71,7 @@ class Joint {
       : d_(*drive.dictionary), p_(*drive.parameters), cycle_us_(cycle_us) {}
 
   std::string text(std::string_view name) const {
-    return fmt::format("\n{}:\n", name) + driver() + modes() + scales() + parameters() + pdos(false) + pdos(true);
+    return fmt::format("\n\"{}\":\n", name) + driver() + modes() + scales() + parameters() + pdos(false) + pdos(true);
   }
 
  private:

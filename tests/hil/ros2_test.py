@@ -227,6 +227,7 @@ for joint, name in (
     ("hinge", "hinge"),
     ("left hinge", "left_hinge"),
     ("2nd", "_2nd"),
+    ("on", "on"),  # without quotes a truth value
     ("webmaster", "node1"),
     ("no options", "node1"),
 ):
@@ -248,9 +249,19 @@ check(
     "--force replaces its own files and no others",
     "sync_period: 5000" in content("bus/bus.yml") and content("bus/notes.txt") == "mine",
 )
+before = content("bus/bus.yml")
+os.remove(path("bus", "node6.eds"))
+os.mkdir(path("bus", "node6.eds"))
+check_refused("a folder where a file shall be", ros2("-o", "bus", "--force"), ("node6.eds", "is a folder"))
+check("leaves the other files", content("bus/bus.yml") == before)
 os.mkdir(path("empty"))
 made("empty/")
 check("an empty folder", "bus.yml" in os.listdir(path("empty")))
+disk = "mount -t tmpfs disk disk && " + shlex.join([hil, "ros2", scenario, "-o", "disk"])
+os.mkdir(path("disk"))
+if harness.run("unshare", "-m", "mount", "-t", "tmpfs", "disk", "disk").returncode == 0:
+    r = harness.run("unshare", "-m", "sh", "-c", disk + " && ls disk/bus.yml")
+    check("an empty folder that is a disk of its own", r.returncode == 0, r.stderr)
 with open(path("file"), "w") as f:
     f.write("mine")
 for name, arguments, says in (
