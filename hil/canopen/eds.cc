@@ -114,7 +114,8 @@ std::string entry(const Object& o) {
                               : o.access == Access::constant ? "const"
                                                              : "ro");
   if (number && o.access == Access::read_write) s += fmt::format("LowLimit={}\nHighLimit={}\n", o.low, o.high);
-  if (o.type != Type::domain)  // CiA 306: a domain has no default value
+  // CiA 306: a domain has no default value. Nor has the serial number: a master would refuse every other drive.
+  if (o.type != Type::domain && !(o.index == od::identity && o.sub == 4))
     s += fmt::format("DefaultValue={}\n", number ? fmt::to_string(o.value) : one_line(o.text));
   return s + fmt::format("PDOMapping={}\n\n", o.mappable ? 1 : 0);
 }

@@ -232,7 +232,9 @@ class Eds:
 
     def check_entry(self, index, sub, e):
         at, (kind, low, high) = "%04X:%X" % (index, sub), TYPES[self.number(e["DataType"])]
-        default = e["DefaultValue"] if kind != "D" else e.get("DefaultValue", "")
+        # A domain has none, nor has the serial number, which is each drive's own.
+        own = kind == "D" or (index, sub) == (0x1018, 4)
+        default = e["DefaultValue"] if not own else e.get("DefaultValue")
         self.need(
             self.number(e["ObjectType"]) == (2 if kind == "D" else 7)
             and e["AccessType"] in ("ro", "wo", "rw", "rwr", "rww", "const")
@@ -240,7 +242,7 @@ class Eds:
             and 0 < len(e["ParameterName"]) <= 241,
             at,
         )
-        if kind not in "sD":
+        if kind not in "sD" and default is not None:
             default = self.number(default)
             lowest, highest = self.number(e.get("LowLimit") or str(low)), self.number(e.get("HighLimit") or str(high))
             self.need(low <= lowest <= default <= highest <= high, at, "is beyond its limits")
@@ -344,7 +346,7 @@ master = Master(bus, nodes)
 
 differ = []
 for (index, sub), (kind, default, access, _, _) in entries.items():
-    if kind == "D":  # a domain has no default
+    if default is None:
         continue
     try:
         got = master.read(1, index, sub, kind) if access != "wo" else default

@@ -47,6 +47,7 @@ ORDER = {
         "canopen/setup",
         "motion",
         "cia402",
+        "ros2",
         "mirror",
         "faults",
         "timing",
