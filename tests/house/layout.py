@@ -40,7 +40,7 @@ ORDER = {
         "scenarios",
         "",
     ],
-    "hil": ["can", "drives", "canopen", "cia402", "mirror", "session", "examples", "commands", ""],
+    "hil": ["can", "drives", "canopen", "cia402", "mirror", "session", "conform", "examples", "commands", ""],
     "render": ["theme", "process", "offscreen", "pose", "figure", "page", "report", "report/run", "commands", ""],
 }
 KNOWN_EXCEPTIONS = set()  # (file, included file)
