@@ -40,7 +40,20 @@ ORDER = {
         "scenarios",
         "",
     ],
-    "hil": ["can", "drives", "canopen", "cia402", "mirror", "session", "conform", "examples", "commands", ""],
+    "hil": [
+        "can",
+        "drives",
+        "canopen",
+        "canopen/setup",
+        "cia402",
+        "mirror",
+        "session",
+        "shadow",
+        "conform",
+        "examples",
+        "commands",
+        "",
+    ],
     "render": ["theme", "process", "offscreen", "pose", "figure", "page", "report", "report/run", "commands", ""],
 }
 KNOWN_EXCEPTIONS = set()  # (file, included file)
