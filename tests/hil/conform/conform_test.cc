@@ -60,7 +60,7 @@ std::vector<std::string> with(const ConformReport& report, Verdict verdict) {
 
 /// All but the history, the controlword, and the targets, which follow the motor.
 std::map<std::string, std::int64_t> writable_values(Node& node) {
-  constexpr std::uint16_t left_out[] = {0x1003, 0x6040, 0x6071, 0x607A, 0x60FF};
+  constexpr std::uint16_t left_out[] = {0x1003, 0x6040, 0x6071, 0x607A, 0x60C1, 0x60FF};
   std::map<std::string, std::int64_t> values;
   for (const Object& o : node.dictionary().objects())
     if (o.access == Access::read_write && std::ranges::find(left_out, o.index) == std::end(left_out))
