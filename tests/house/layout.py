@@ -53,6 +53,7 @@ ORDER = {
         "timing",
         "session",
         "shadow",
+        "conform",
         "examples",
         "commands",
         "",
