@@ -12,6 +12,7 @@ constexpr std::uint32_t emcy = 0x080;           ///< + node
 constexpr std::uint32_t sdo_to_server = 0x600;  ///< + node
 constexpr std::uint32_t sdo_to_client = 0x580;  ///< + node
 constexpr std::uint32_t heartbeat = 0x700;      ///< + node
+constexpr std::uint32_t lss_to_slave = 0x7E5, lss_to_master = 0x7E4;
 
 /// Of the n-th PDO, n = 0..3, + node. The fifth has no identifier of its own.
 constexpr std::uint32_t rpdo(int n) { return 0x200U + 0x100U * static_cast<std::uint32_t>(n); }

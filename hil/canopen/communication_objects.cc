@@ -8,6 +8,7 @@ namespace tribotwin::hil {
 namespace {
 
 using T = Type;
+constexpr std::int64_t user_data_bytes = 4096;
 constexpr Access ro = Access::read_only, rw = Access::read_write, constant = Access::constant;
 
 /// VISIBLE_STRING has ASCII only.
@@ -38,12 +39,12 @@ void add_pdo(std::vector<Object>& o, const DefaultPdo& pdo, bool transmit, int n
         {.meaning = "index, sub-index, bits"});
 }
 
-void add_identity(std::vector<Object>& o, std::uint8_t node) {
+void add_identity(std::vector<Object>& o, std::uint32_t serial_number) {
   add(o, {od::identity, 0, "highest sub-index", T::u8, constant, false, 4});
   add(o, {od::identity, 1, "vendor", T::u32, constant});
   add(o, {od::identity, 2, "product", T::u32, constant, false, 0x7477});
   add(o, {od::identity, 3, "revision", T::u32, constant, false, 0x00010000});
-  add(o, {od::identity, 4, "serial number", T::u32, constant, false, node});
+  add(o, {od::identity, 4, "serial number", T::u32, constant, false, serial_number});
 }
 
 }  // namespace
@@ -71,7 +72,9 @@ void add_communication_objects(std::vector<Object>& o, const DriveParameters& p,
         {.meaning = "65536 x node + time [ms]; 0: none"});
   add(o, {od::producer_heartbeat_time, 0, "heartbeat time", T::u16, rw, false, 500},
       {.scale = 1e-3, .unit = "s", .meaning = "0: none"});
-  add_identity(o, node);
+  add_identity(o, p.serial_number ? p.serial_number : node);
+  add(o, {od::store_eds, 0, "store EDS", T::domain, ro}, {.meaning = "the EDS of this drive"});
+  add(o, {od::store_format, 0, "store format", T::u16, constant}, {.meaning = "ASCII, not compressed"});
   add(o, {od::error_behavior, 0, "highest sub-index", T::u8, constant, false, 1});
   add(o, {od::error_behavior, 1, "reaction to communication errors", T::u8, rw, false, 0, 0, 2},
       {.meaning = "0: pre-operational, 1: none, 2: stopped"});
@@ -83,6 +86,8 @@ void add_communication_objects(std::vector<Object>& o, const DriveParameters& p,
     add_pdo(o, pdos.receive[static_cast<std::size_t>(i)], false, i);
     add_pdo(o, pdos.transmit[static_cast<std::size_t>(i)], true, i);
   }
+  add(o, {od::user_data, 0, "user data", T::domain, rw, false, 0, 0, user_data_bytes},
+      {.meaning = "memory for the master, at most 4096 bytes"});
 }
 
 std::uint16_t pdo_index(bool transmit, int number) {

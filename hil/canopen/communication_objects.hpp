@@ -20,7 +20,7 @@ struct DefaultPdos {
   std::array<DefaultPdo, pdo_count> receive, transmit;
 };
 
-/// The objects of CiA 301 (1000h to 1FFFh) of a node.
+/// The objects of CiA 301 (1000h to 1FFFh) of a node, and its memory for the master (2180h).
 void add_communication_objects(std::vector<Object>& objects, const DriveParameters& parameters,
                                std::uint32_t device_type, const DefaultPdos& pdos);
 

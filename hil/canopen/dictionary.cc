@@ -14,12 +14,14 @@ using T = Type;
 
 auto key(const Object& o) { return static_cast<std::uint32_t>(o.index) << 8 | o.sub; }
 
-const char* name_of(Type type) {
-  constexpr const char* names[] = {"u8", "u16", "u32", "i8", "i16", "i32", "text"};
-  return names[static_cast<int>(type)];
-}
-
 }  // namespace
+
+const TypeFacts& facts_of(Type type) {
+  static constexpr TypeFacts all[] = {{"u8", 0x05, 1, false},   {"u16", 0x06, 2, false},   {"u32", 0x07, 4, false},
+                                      {"i8", 0x02, 1, true},    {"i16", 0x03, 2, true},    {"i32", 0x04, 4, true},
+                                      {"text", 0x09, 0, false}, {"domain", 0x0F, 0, false}};
+  return all[static_cast<std::size_t>(type)];
+}
 
 Limits limits_of(Type type) {
   switch (type) {
@@ -36,6 +38,7 @@ Limits limits_of(Type type) {
     case T::i32:
       return {std::numeric_limits<std::int32_t>::min(), std::numeric_limits<std::int32_t>::max()};
     case T::text:
+    case T::domain:
       break;
   }
   return {0, 0};
@@ -49,12 +52,17 @@ void add(std::vector<Object>& objects, Object object, Extra extra) {
   objects.push_back(std::move(object));
 }
 
-int size_of(Type type) {
-  constexpr int sizes[] = {1, 2, 4, 1, 2, 4, 0};
-  return sizes[static_cast<int>(type)];
-}
+int size_of(Type type) { return facts_of(type).bytes; }
 
-bool is_signed(Type type) { return type == T::i8 || type == T::i16 || type == T::i32; }
+bool is_signed(Type type) { return facts_of(type).is_signed; }
+
+std::size_t longest(const Object& o) { return static_cast<std::size_t>(is_number(o.type) ? size_of(o.type) : o.high); }
+
+tl::expected<void, Abort> fits(const Object& o, std::size_t bytes) {
+  if (bytes > longest(o)) return tl::unexpected(Abort::too_long);
+  if (bytes < longest(o) && is_number(o.type)) return tl::unexpected(Abort::too_short);
+  return {};
+}
 
 std::int64_t saturated(Type type, std::int64_t value) {
   const Limits l = limits_of(type);
@@ -107,25 +115,34 @@ tl::expected<std::vector<std::uint8_t>, Abort> Dictionary::read(std::uint16_t in
   if (!o) return tl::unexpected(has_index(index) ? Abort::no_sub_index : Abort::no_object);
   if (may_read)
     if (auto allowed = may_read(*o); !allowed) return tl::unexpected(allowed.error());
-  if (o->type == T::text) return std::vector<std::uint8_t>(o->text.begin(), o->text.end());
+  if (!is_number(o->type)) return std::vector<std::uint8_t>(o->text.begin(), o->text.end());
   std::vector<std::uint8_t> bytes(static_cast<std::size_t>(size_of(o->type)));
   encode(o->value, bytes);
   return bytes;
 }
 
-tl::expected<void, Abort> Dictionary::write(std::uint16_t index, std::uint8_t sub,
-                                            std::span<const std::uint8_t> bytes) {
-  Object* o = find(index, sub);
+tl::expected<const Object*, Abort> Dictionary::writable(std::uint16_t index, std::uint8_t sub) const {
+  const Object* o = find(index, sub);
   if (!o) return tl::unexpected(has_index(index) ? Abort::no_sub_index : Abort::no_object);
   if (o->access != Access::read_write) return tl::unexpected(Abort::read_only);
-  const auto size = static_cast<std::size_t>(size_of(o->type));
-  if (bytes.size() != size) return tl::unexpected(bytes.size() > size ? Abort::too_long : Abort::too_short);
-  const std::int64_t value = decode(o->type, bytes);
+  return o;
+}
+
+tl::expected<void, Abort> Dictionary::write(std::uint16_t index, std::uint8_t sub,
+                                            std::span<const std::uint8_t> bytes) {
+  if (const auto may = writable(index, sub); !may) return tl::unexpected(may.error());
+  Object* o = find(index, sub);
+  if (auto allowed = fits(*o, bytes.size()); !allowed) return allowed;
+  const bool number = is_number(o->type);
+  const std::int64_t value = number ? decode(o->type, bytes) : static_cast<std::int64_t>(bytes.size());
   if (value > o->high) return tl::unexpected(Abort::too_high);
   if (value < o->low) return tl::unexpected(Abort::too_low);
   if (may_write)
     if (auto allowed = may_write(*o, value); !allowed) return allowed;
-  o->value = value;
+  if (number)
+    o->value = value;
+  else
+    o->text.assign(bytes.begin(), bytes.end());
   if (written) written(*o);
   return {};
 }
@@ -137,9 +154,9 @@ std::string reference_markdown(const Dictionary& dictionary) {
     if ((o.sub == 0 && o.name == "highest sub-index") ||
         (o.index >= od::rpdo_communication && o.index < od::after_pdos))
       continue;
-    s += fmt::format("| {:04X}h:{:02X} | {} | {} | {} | {} | {} | {} | {} |\n", o.index, o.sub, o.name, name_of(o.type),
-                     o.access == Access::read_write ? "rw" : "ro", o.mappable ? "yes" : "",
-                     o.type == T::text ? o.text : fmt::to_string(o.value),
+    s += fmt::format("| {:04X}h:{:02X} | {} | {} | {} | {} | {} | {} | {} |\n", o.index, o.sub, o.name,
+                     facts_of(o.type).name, o.access == Access::read_write ? "rw" : "ro", o.mappable ? "yes" : "",
+                     is_number(o.type) ? fmt::to_string(o.value) : o.text,
                      o.unit.empty() ? "" : fmt::format("{:.6g} {}", o.scale, o.unit), o.meaning);
   }
   return s;

@@ -13,18 +13,31 @@
 /// DBC files and the reference in hil/README.md are made.
 namespace tribotwin::hil {
 
-enum class Type : std::uint8_t { u8, u16, u32, i8, i16, i32, text };
+enum class Type : std::uint8_t { u8, u16, u32, i8, i16, i32, text, domain };
 enum class Access : std::uint8_t { read_only, read_write, constant };
 
-/// Bytes of a value; 0 for text.
+/// A data type as others call it.
+struct TypeFacts {
+  std::string_view name;
+  int code;   ///< CiA 301, 7.4.7: index of the data type
+  int bytes;  ///< of a value; 0: text or a domain, of any length
+  bool is_signed;
+};
+const TypeFacts& facts_of(Type type);
+
+/// Bytes of a value; 0 for text and domains.
 int size_of(Type type);
 bool is_signed(Type type);
+inline bool is_number(Type type) { return size_of(type) != 0; }
 
 /// SDO abort codes (CiA 301, 7.2.4.3.17, table 22).
 enum class Abort : std::uint32_t {
   toggle = 0x05030000,
   timed_out = 0x05040000,
   unknown_command = 0x05040001,
+  block_size = 0x05040002,  ///< of a block transfer
+  sequence_number = 0x05040003,
+  crc = 0x05040004,
   write_only = 0x06010001,
   read_only = 0x06010002,
   no_object = 0x06020000,
@@ -50,12 +63,17 @@ struct Object {
   Access access;
   bool mappable = false;
   std::int64_t value = 0;          ///< now; the default in a fresh dictionary
-  std::int64_t low = 0, high = 0;  ///< accepted range; low == high: the range of the type
-  std::string text{};              ///< value of a text object
+  std::int64_t low = 0, high = 0;  ///< accepted range, of text its length; low == high: the range of the type
+  std::string text{};              ///< value of a text or a domain
   double scale = 1;                ///< size of one count in `unit`
   std::string unit{};              ///< "" for codes
   std::string meaning{};           ///< one line for the reference
 };
+
+/// Of an object: the largest number of bytes that a value has.
+std::size_t longest(const Object& object);
+/// Whether a value of so many bytes is one of the object.
+tl::expected<void, Abort> fits(const Object& object, std::size_t bytes);
 
 /// Members that most objects leave at their defaults.
 struct Extra {
@@ -83,10 +101,12 @@ class Dictionary {
   /// Access by the bus (SDO, RPDO), with every check of CiA 301: little-endian bytes.
   tl::expected<std::vector<std::uint8_t>, Abort> read(std::uint16_t index, std::uint8_t sub) const;
   tl::expected<void, Abort> write(std::uint16_t index, std::uint8_t sub, std::span<const std::uint8_t> bytes);
+  /// The object, if the bus may write it at all.
+  tl::expected<const Object*, Abort> writable(std::uint16_t index, std::uint8_t sub) const;
 
   /// Called by `read`: an Abort refuses it.
   std::function<tl::expected<void, Abort>(const Object&)> may_read;
-  /// Called by `write` before the new value takes effect: an Abort refuses it.
+  /// Called by `write` before the new value (of text: its length) takes effect: an Abort refuses it.
   std::function<tl::expected<void, Abort>(const Object&, std::int64_t)> may_write;
   /// Called by `write` after the new value took effect.
   std::function<void(const Object&)> written;

@@ -34,11 +34,6 @@ bool is_array(std::uint16_t index) {
   return std::ranges::find(arrays, index) != std::end(arrays);
 }
 
-int data_type(Type type) {
-  constexpr int types[] = {0x05, 0x06, 0x07, 0x02, 0x03, 0x04, 0x09};
-  return types[static_cast<int>(type)];
-}
-
 /// Of an array or a record, as CiA 301 and 402 call it; of our own ones, as their first entry is called.
 std::string name_of_all(std::uint16_t index, const std::vector<const Object*>& objects) {
   static const std::map<std::uint16_t, std::string> standard{
@@ -80,7 +75,7 @@ std::string header(const DriveParameters& p) {
       "BaudRate_10=0\nBaudRate_20=0\nBaudRate_50=0\nBaudRate_125=1\nBaudRate_250=1\nBaudRate_500=1\nBaudRate_800="
       "1\nBaudRate_1000=1\n"
       "SimpleBootUpMaster=0\nSimpleBootUpSlave=1\nGranularity=8\nDynamicChannelsSupported=0\nGroupMessaging="
-      "0\nNrOfRXPDO={2}\nNrOfTXPDO={2}\nLSS_Supported=0\n\n"
+      "0\nNrOfRXPDO={2}\nNrOfTXPDO={2}\nLSS_Supported=1\n\n"
       "[DummyUsage]\nDummy0001=0\nDummy0002=1\nDummy0003=1\nDummy0004=1\nDummy0005=1\nDummy0006=1\nDummy0007=1\n\n["
       "Comments]\nLines=0\n\n",
       p.node, one_line(p.name), pdo_count);
@@ -107,16 +102,17 @@ std::string lists(const Indices& by_index) {
 
 /// The lines of one object.
 std::string entry(const Object& o) {
-  const bool number = o.type != Type::text;
-  std::string s = fmt::format("ParameterName={}\nObjectType=0x7\nDataType=0x{:04X}\nAccessType={}\n", one_line(o.name),
-                              data_type(o.type),
+  constexpr int variable = 7, domain = 2;  // object types
+  const bool number = is_number(o.type);
+  std::string s = fmt::format("ParameterName={}\nObjectType=0x{:X}\nDataType=0x{:04X}\nAccessType={}\n",
+                              one_line(o.name), o.type == Type::domain ? domain : variable, facts_of(o.type).code,
                               o.access == Access::read_write ? "rw"
                               : o.access == Access::constant ? "const"
                                                              : "ro");
   if (number && o.access == Access::read_write) s += fmt::format("LowLimit={}\nHighLimit={}\n", o.low, o.high);
-  s += fmt::format("DefaultValue={}\nPDOMapping={}\n\n", number ? fmt::to_string(o.value) : one_line(o.text),
-                   o.mappable ? 1 : 0);
-  return s;
+  if (o.type != Type::domain)  // CiA 306: a domain has no default value
+    s += fmt::format("DefaultValue={}\n", number ? fmt::to_string(o.value) : one_line(o.text));
+  return s + fmt::format("PDOMapping={}\n\n", o.mappable ? 1 : 0);
 }
 
 std::string sections(const Indices& by_index) {

@@ -56,7 +56,7 @@ void Emcy::remember(std::uint16_t code) {
 void Emcy::send(std::uint16_t code, std::span<const std::uint8_t> extra) {
   std::array<std::uint8_t, 8> data{static_cast<std::uint8_t>(code), static_cast<std::uint8_t>(code >> 8), register_};
   std::copy_n(extra.begin(), std::min<std::size_t>(extra.size(), 5), data.begin() + 3);
-  if (node_.nmt != Nmt::stopped) node_.send(cob::emcy + node_.id, data);
+  if (node_.nmt != Nmt::stopped && node_.nmt != Nmt::initialising) node_.send(cob::emcy + node_.id, data);
   node_.changed = true;
 }
 

@@ -10,7 +10,7 @@
 namespace tribotwin::hil {
 
 /// NMT state, with the number that the heartbeat sends.
-enum class Nmt : std::uint8_t { stopped = 0x04, operational = 0x05, pre_operational = 0x7F };
+enum class Nmt : std::uint8_t { initialising = 0x00, stopped = 0x04, operational = 0x05, pre_operational = 0x7F };
 
 enum class NmtCommand : std::uint8_t {
   start = 0x01,

@@ -26,6 +26,8 @@ constexpr Index cob_id_emcy = 0x1014;
 constexpr Index consumer_heartbeat_time = 0x1016;
 constexpr Index producer_heartbeat_time = 0x1017;
 constexpr Index identity = 0x1018;
+constexpr Index store_eds = 0x1021;
+constexpr Index store_format = 0x1022;
 constexpr Index error_behavior = 0x1029;
 constexpr Index sdo_server_parameter = 0x1200;
 constexpr Index rpdo_communication = 0x1400;  ///< of the first RPDO; the next ones follow
@@ -51,6 +53,7 @@ constexpr Index temperature_limit = 0x2111;
 constexpr Index sync_deadline = 0x2120;
 constexpr Index set_point_deadline = 0x2121;
 constexpr Index simulated_switches = 0x2130;
+constexpr Index user_data = 0x2180;
 
 // Drive profile (CiA 402-2).
 constexpr Index abort_connection_option_code = 0x6007;

@@ -1,16 +1,30 @@
 #include <algorithm>
+#include <limits>
 
 #include <tribotwin/hil/canopen/cob_id.hpp>
+#include <tribotwin/hil/canopen/eds.hpp>
 #include <tribotwin/hil/canopen/object_index.hpp>
 #include <tribotwin/hil/cia402/node.hpp>
 
 namespace tribotwin::hil {
 
-Node::Node(const DriveParameters& p, Send send)
-    : parameters_(p),
-      context_{.id = p.node, .send_frame = std::move(send), .dictionary = drive_dictionary(p)},
+namespace {
+
+/// The serial number must not follow the node number, which LSS may change.
+DriveParameters with_serial_number(DriveParameters p) {
+  if (p.serial_number == 0) p.serial_number = p.node;
+  return p;
+}
+
+}  // namespace
+
+Node::Node(const DriveParameters& p, Send send, NodeSetup setup)
+    : parameters_(with_serial_number(p)),
+      setup_(std::move(setup)),
+      context_{.id = first_number(), .send_frame = std::move(send), .dictionary = drive_dictionary(parameters_)},
+      lss_(context_, {}),
       emcy_(context_),
-      sdo_(context_.dictionary),
+      sdo_(context_.dictionary, [this](const SdoServer::Answer& answer) { return answer_sdo(answer); }),
       pdos_(context_, emcy_),
       sync_(context_),
       heartbeat_(context_),
@@ -25,7 +39,9 @@ Node::Node(const DriveParameters& p, Send send)
 // ---- Access by the bus, handed to the service that owns the object.
 
 /// CiA 301, 7.5.2.4: an entry of the history without an error is no data.
-tl::expected<void, Abort> Node::may_read(const Object& o) const {
+tl::expected<void, Abort> Node::may_read(const Object& o) {
+  if (o.index == od::store_eds && o.text.empty())
+    context_.dictionary.find(o.index, o.sub)->text = eds(drive_dictionary(active_parameters()), active_parameters());
   if (o.index != od::predefined_error_field || o.sub <= context_.dictionary.get(o.index)) return {};
   return tl::unexpected(Abort::no_data);
 }
@@ -49,8 +65,18 @@ void Node::written(const Object& o) {
 
 void Node::start(std::int64_t now_ns) {
   now_ns_ = now_ns;
-  context_.nmt = Nmt::pre_operational;
-  heartbeat_.boot_up(now_ns);
+  context_.nmt = configured() ? Nmt::pre_operational : Nmt::initialising;
+  if (configured()) heartbeat_.boot_up(now_ns);
+}
+
+void Node::hear_lss(const Frame& frame, std::int64_t now_ns) {
+  if (lss_.receive(frame)) reset(NmtCommand::reset_communication, now_ns);
+}
+
+DriveParameters Node::active_parameters() const {
+  DriveParameters active = parameters_;
+  if (configured()) active.node = context_.id;
+  return active;
 }
 
 void Node::obey(NmtCommand command, std::int64_t now_ns) {
@@ -61,6 +87,7 @@ void Node::obey(NmtCommand command, std::int64_t now_ns) {
       break;
     case NmtCommand::stop:
       context_.nmt = Nmt::stopped;
+      sdo_.reset();  // CiA 301: there is no SDO while stopped
       break;
     case NmtCommand::enter_pre_operational:
       context_.nmt = Nmt::pre_operational;
@@ -81,11 +108,13 @@ void Node::obey(NmtCommand command, std::int64_t now_ns) {
 /// Objects back to their defaults, by reset communication only those of CiA 301; the physics continues. The drive is as
 /// after power-up: the brake holds.
 void Node::reset(NmtCommand command, std::int64_t now_ns) {
-  const Dictionary fresh = drive_dictionary(parameters_);
+  context_.id = command == NmtCommand::reset_node ? first_number() : lss_.pending();
+  lss_.reset(context_.id);
+  const Dictionary fresh = drive_dictionary(active_parameters());
   for (const Object& o : fresh.objects()) {
-    const bool writable = o.access == Access::read_write || o.index == od::predefined_error_field;
-    if (writable && (command == NmtCommand::reset_node || od::is_communication(o.index)))
-      context_.dictionary.find(o.index, o.sub)->value = o.value;
+    // Constant ones of the communication as well: identifiers follow the node number.
+    if (od::is_communication(o.index) || (o.access == Access::read_write && command == NmtCommand::reset_node))
+      restore(o);
   }
   drive_.reset();
   sdo_.reset();
@@ -97,9 +126,17 @@ void Node::reset(NmtCommand command, std::int64_t now_ns) {
   drive_.refresh_status();
 }
 
+void Node::restore(const Object& fresh) {
+  Object& o = *context_.dictionary.find(fresh.index, fresh.sub);
+  o.value = fresh.value;
+  o.text = fresh.text;
+}
+
 // ---- Frames.
 
 bool Node::sends(std::uint32_t id) const {
+  if (id == cob::lss_to_master) return true;
+  if (!configured()) return false;
   return id == cob::heartbeat + context_.id || id == cob::sdo_to_client + context_.id ||
          id == cob::emcy + context_.id || pdos_.sends(id);
 }
@@ -107,11 +144,13 @@ bool Node::sends(std::uint32_t id) const {
 void Node::receive(const Frame& frame, std::int64_t now_ns) {
   now_ns_ = now_ns;
   if (frame.extended || frame.remote || frame.error || frame.fd) return;
+  if (frame.id == cob::lss_to_slave) return hear_lss(frame, now_ns);
+  if (!configured()) return;
   if (frame.id == cob::nmt) {
     if (const auto command = nmt_command(frame, context_.id)) obey(*command, now_ns);
     return;
   }
-  if (frame.id == cob::sdo_to_server + context_.id) return answer_sdo(frame, now_ns);
+  if (frame.id == cob::sdo_to_server + context_.id) return request_sdo(frame, now_ns);
   watched_.hear(frame.id, now_ns);
   if (frame.id == cob::heartbeat + context_.id || frame.id == cob::sdo_to_client + context_.id ||
       frame.id == cob::emcy + context_.id) {
@@ -124,14 +163,16 @@ void Node::receive(const Frame& frame, std::int64_t now_ns) {
   watch_set_points(now_ns);
 }
 
-void Node::answer_sdo(const Frame& frame, std::int64_t now_ns) {
+void Node::request_sdo(const Frame& frame, std::int64_t now_ns) {
   if (context_.nmt == Nmt::stopped) return;
   ++context_.counters.sdo_requests;
-  if (const auto answer = sdo_.request(frame.bytes(), now_ns)) {
-    if (SdoServer::is_abort(*answer)) ++context_.counters.sdo_aborts;
-    context_.send(cob::sdo_to_client + context_.id, *answer);
-  }
+  sdo_.request(frame.bytes(), now_ns);
   drive_.refresh_status();
+}
+
+bool Node::answer_sdo(const SdoServer::Answer& answer) {
+  if (SdoServer::is_abort(answer)) ++context_.counters.sdo_aborts;
+  return context_.send(cob::sdo_to_client + context_.id, answer);
 }
 
 void Node::sync(std::int64_t now_ns) {
@@ -148,7 +189,8 @@ void Node::sync(std::int64_t now_ns) {
 
 void Node::tick(std::int64_t now_ns) {
   now_ns_ = now_ns;
-  if (const auto answer = sdo_.tick(now_ns)) context_.send(cob::sdo_to_client + context_.id, *answer);
+  if (!configured()) return;
+  sdo_.tick(now_ns);
   heartbeat_.tick(now_ns);
   for (int lost = watched_.lost(now_ns); lost > 0; --lost) lose_heartbeat();
   if (!context_.operational()) return;
@@ -195,7 +237,8 @@ void Node::watch_set_points(std::int64_t now_ns) {
 }
 
 std::int64_t Node::next_ns() const {
-  std::int64_t next = std::min(heartbeat_.next_ns(), watched_.next_ns());
+  if (!configured()) return std::numeric_limits<std::int64_t>::max();
+  std::int64_t next = std::min({heartbeat_.next_ns(), watched_.next_ns(), sdo_.next_ns()});
   if (!context_.operational()) return next;
   next = std::min({next, sync_.next_ns(), pdos_.next_ns(), set_points_.next_ns()});
   return context_.changed ? now_ns_ : next;

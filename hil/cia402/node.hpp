@@ -6,12 +6,18 @@
 #include <tribotwin/hil/canopen/node_context.hpp>
 #include <tribotwin/hil/canopen/pdo.hpp>
 #include <tribotwin/hil/canopen/sdo.hpp>
+#include <tribotwin/hil/canopen/setup/lss.hpp>
 #include <tribotwin/hil/canopen/sync.hpp>
 #include <tribotwin/hil/cia402/drive_profile.hpp>
 #include <tribotwin/hil/cia402/set_point_watch.hpp>
 #include <tribotwin/hil/drives/bus_drive.hpp>
 
 namespace tribotwin::hil {
+
+/// How a node starts.
+struct NodeSetup {
+  bool unconfigured = false;  ///< without a node number; a master gives it one (LSS)
+};
 
 /// One drive on the bus: the services of CANopen (CiA 301) wired to the drive profile (CiA 402), free of sockets and
 /// clocks. Frames and the time of the bus come in, frames go out; set points go to the physics step by step, feedback
@@ -21,7 +27,7 @@ namespace tribotwin::hil {
 /// start the reaction 6007h and end in the state fault, until a fault reset: the last torque never stays.
 class Node final : public BusDrive {
  public:
-  Node(const DriveParameters& parameters, Send send);
+  Node(const DriveParameters& parameters, Send send, NodeSetup setup = {});
   Node(const Node&) = delete;
   Node& operator=(const Node&) = delete;
 
@@ -55,19 +61,29 @@ class Node final : public BusDrive {
   void fail(std::uint16_t code, std::uint8_t register_bits, bool ramp, std::int64_t now_ns);
 
  private:
-  tl::expected<void, Abort> may_read(const Object& object) const;
+  tl::expected<void, Abort> may_read(const Object& object);
   tl::expected<void, Abort> may_write(const Object& object, std::int64_t value) const;
   void written(const Object& object);
 
+  /// The drive's parameters with the node number that it has now.
+  DriveParameters active_parameters() const;
+  void hear_lss(const Frame& frame, std::int64_t now_ns);
   void obey(NmtCommand command, std::int64_t now_ns);
   void reset(NmtCommand command, std::int64_t now_ns);
-  void answer_sdo(const Frame& frame, std::int64_t now_ns);
+  void restore(const Object& fresh);
+  /// The node number after power-up; FFh: none.
+  std::uint8_t first_number() const { return setup_.unconfigured ? unconfigured_node : parameters_.node; }
+  bool configured() const { return context_.id != unconfigured_node; }
+  void request_sdo(const Frame& frame, std::int64_t now_ns);
+  bool answer_sdo(const SdoServer::Answer& answer);
   void lose_heartbeat();
   void watch_deadlines(std::int64_t now_ns);
   void watch_set_points(std::int64_t now_ns);
 
   DriveParameters parameters_;
+  NodeSetup setup_;
   NodeContext context_;
+  LssSlave lss_;
   Emcy emcy_;
   SdoServer sdo_;
   PdoService pdos_;

@@ -1,8 +1,9 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
-#include <tribotwin/hil/commands/program.hpp>
+#include <tribotwin/hil/commands/node_options.hpp>
 #include <tribotwin/hil/session/replay.hpp>
+#include <tribotwin/hil/session/session_file.hpp>
 #include <tribotwin/twin/io/interrupt.hpp>
 
 namespace tribotwin::hil::program {
@@ -11,6 +12,7 @@ namespace {
 using twin::failed, twin::wrong_input;
 
 struct Arguments : RobotOptions {
+  NodeOptions start;
   std::string log, output;
   double rate = 1;
   bool fast = false, force = false;
@@ -18,6 +20,7 @@ struct Arguments : RobotOptions {
   void add_to(CLI::App& command) {
     RobotOptions::add_to(command);
     add_profile(command);
+    start.add_to(command);
     command.add_option("LOG", log, "candump log, as --record writes it")->required();
     auto* speed = command.add_option("--rate", rate, "Speed: 1 is the original")
                       ->check(CLI::PositiveNumber)
@@ -42,8 +45,13 @@ int judge(const Arguments& a, const ReplayResult& result) {
                         fmt::format("{}: no frame from the drive of {}; nothing was compared there: is --first-node {} "
                                     "right, and --profile {}?",
                                     a.log, fmt::join(result.silent, ", "), a.first_node, a.profile));
-  if (result.first_difference.empty()) return twin::done;
-  return report_error(failed, result.first_difference);
+  if (!result.first_difference.empty())
+    return report_error(failed, result.session_file ? result.first_difference
+                                                    : fmt::format("{}; there is no {}.session, without which a session "
+                                                                  "with --realtime or --faults does not repeat",
+                                                                  result.first_difference, a.log));
+  if (!result.cut.empty()) return report_error(failed, result.cut);
+  return twin::done;
 }
 
 int run(const Arguments& a) {
@@ -51,12 +59,15 @@ int run(const Arguments& a) {
   if (!std::filesystem::exists(a.log)) throw twin::InputError(fmt::format("{}: does not exist", a.log));
   auto inputs = files_of(scenario);
   inputs.push_back({"LOG " + a.log, a.log});
+  inputs.push_back({"the file beside LOG " + a.log, session_file_of(a.log)});
   check_outputs(inputs, files_in(a.output), a.force);
+  const auto nodes = a.start.setups(scenario, a);
   twin::catch_interrupts();
   const auto result = twin::or_throw(hil::replay(scenario, a.log,
                                                  {.profile = a.bench_profile(),
                                                   .first_node = a.first_node,
                                                   .cycle_us = a.cycle_us(),
+                                                  .nodes = nodes,
                                                   .rate = a.fast ? 0 : a.rate,
                                                   .output = a.output,
                                                   .existing = twin::replace_if(a.force),

@@ -10,6 +10,7 @@ namespace tribotwin::hil {
 /// Parameters in which the drives on a bus differ. Motor side unless a line says otherwise.
 struct DriveParameters {
   std::uint8_t node = 1;                               ///< node number, 1..127
+  std::uint32_t serial_number = 0;                     ///< 1018h:04; 0: that of the node
   std::string name;                                    ///< of the joint
   double gear_ratio = 1;                               ///< motor turns per joint turn
   double rated_torque_nm = 1;                          ///< torque_max_nm / gear_ratio

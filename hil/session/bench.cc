@@ -1,8 +1,8 @@
 #include <algorithm>
 #include <limits>
+#include <utility>
 
-#include <nlohmann/json.hpp>
-
+#include <tribotwin/hil/canopen/cob_id.hpp>
 #include <tribotwin/hil/canopen/object_index.hpp>
 #include <tribotwin/hil/canopen/sync.hpp>
 #include <tribotwin/hil/mirror/mirror.hpp>
@@ -13,9 +13,11 @@ namespace tribotwin::hil {
 Bench::Bench(const twin::Scenario& scenario, const BenchOptions& options, Send send)
     : plant_(scenario), options_(options) {
   const auto counted = [this, send = std::move(send)](const Frame& frame) {
+    // Drives that answer an LSS master alike do so at once, which makes one frame on a wire; fastscan rests on that.
+    if (frame.id == cob::lss_to_master && std::exchange(lss_answer_, frame) == frame) return Sent::done;
     const Sent sent = send(frame);
     if (sent == Sent::done) {
-      const Bits bits = classic_bits(frame.size);
+      const Bits bits = bits_of(frame);
       counters_.bits += 0.5 * (bits.min + bits.max);
       ++counters_.frames_out;
     }
@@ -23,11 +25,12 @@ Bench::Bench(const twin::Scenario& scenario, const BenchOptions& options, Send s
   };
   for (const auto& p : drive_parameters(scenario, options.first_node, options.cycle_us)) {
     joints_.push_back(p.name);
-    if (options.profile == Profile::mirror) {
-      drives_.push_back(std::make_unique<MirrorDrive>(p, counted));
+    if (options.profile != Profile::cia402) {
+      drives_.push_back(std::make_unique<MirrorDrive>(p, counted, mirror_format(options.profile)));
       continue;
     }
-    auto node = std::make_unique<Node>(p, counted);
+    const std::size_t number = drives_.size();
+    auto node = std::make_unique<Node>(p, counted, number < options.nodes.size() ? options.nodes[number] : NodeSetup{});
     if (!first_) first_ = node.get();
     drives_.push_back(std::move(node));
   }
@@ -40,10 +43,9 @@ void Bench::start(std::int64_t now_ns) {
 
 Result<void> Bench::receive(const Frame& frame, std::int64_t now_ns) {
   ++counters_.frames_in;
-  if (!frame.error) {
-    const Bits bits = classic_bits(std::min<int>(frame.size, 8));
-    counters_.bits += 0.5 * (bits.min + bits.max);
-  }
+  lss_answer_.reset();
+  const Bits bits = bits_of(frame);
+  counters_.bits += 0.5 * (bits.min + bits.max);
   if (!is_sync(frame)) {
     for (const auto& drive : drives_) drive->receive(frame, now_ns);
     start_clock(now_ns);
@@ -54,7 +56,9 @@ Result<void> Bench::receive(const Frame& frame, std::int64_t now_ns) {
   if (last_sync_ns_ >= 0 && now_ns - last_sync_ns_ < 500 * cycle) ++counters_.sync_fast;
   last_sync_ns_ = now_ns;
   // All drives answer with their state at this SYNC; then the robot moves on to the next.
+  const std::uint64_t sent_before = counters_.frames_out;
   for (const auto& drive : drives_) drive->sync(now_ns);
+  if (options_.answered && counters_.frames_out > sent_before) options_.answered();
   if (!options_.lockstep) return {};
   moved_to_ns_ = -1;
   if (auto ok = plant_.advance(drives_, cycle, options_.stop); !ok) return ok;
@@ -117,36 +121,6 @@ std::optional<std::size_t> Bench::sender(const Frame& frame) const {
   const auto found = std::ranges::find_if(drives_, [&](const auto& drive) { return drive->sends(frame.id); });
   if (found == drives_.end()) return std::nullopt;
   return static_cast<std::size_t>(found - drives_.begin());
-}
-
-std::string statistics_json(Bench& bench, const BusCounters& bus, double wall_s,
-                            const std::vector<std::pair<std::string, double>>& more) {
-  const BenchCounters& c = bench.counters();
-  nlohmann::ordered_json json{{"wall_s", wall_s},
-                              {"simulated_s", bench.plant().twin().time_s()},
-                              {"syncs", c.syncs},
-                              {"sync_fast", c.sync_fast},
-                              {"frames_in", c.frames_in},
-                              {"frames_out", c.frames_out},
-                              {"bus_load_1_mbit", wall_s > 0 ? c.bits / (1e6 * wall_s) : 0}};
-  for (const auto& [key, value] : more) json[key] = value;
-  json["bus"] = {{"sent", bus.sent},
-                 {"received", bus.received},
-                 {"send_busy", bus.send_busy},
-                 {"send_down", bus.send_down},
-                 {"send_refused", bus.send_refused},
-                 {"receive_lost", bus.receive_lost},
-                 {"error_frames", bus.error_frames},
-                 {"bus_off", bus.bus_off},
-                 {"link_losses", bus.link_losses},
-                 {"malformed", bus.malformed}};
-  json["drives"] = nlohmann::ordered_json::array();
-  for (std::size_t i = 0; i < bench.drives().size(); ++i) {
-    nlohmann::ordered_json drive{{"joint", bench.joints()[i]}, {"state", bench.drives()[i]->state_name()}};
-    for (const auto& [key, value] : bench.drives()[i]->counts()) drive[key] = value;
-    json["drives"].push_back(std::move(drive));
-  }
-  return json.dump(2) + "\n";
 }
 
 }  // namespace tribotwin::hil

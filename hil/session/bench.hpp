@@ -1,6 +1,7 @@
 #pragma once
 
 #include <tribotwin/hil/cia402/node.hpp>
+#include <tribotwin/hil/mirror/mirror_frames.hpp>
 #include <tribotwin/hil/session/plant.hpp>
 #include <tribotwin/plugins/friction/error.hpp>
 
@@ -16,7 +17,10 @@ struct BenchCounters {
   double bits = 0;  ///< on a classic bus, mean of minimum and maximum stuffing
 };
 
-enum class Profile { cia402, mirror };
+enum class Profile { cia402, mirror, mirror_fd };
+constexpr MirrorFormat mirror_format(Profile profile) {
+  return profile == Profile::mirror_fd ? MirrorFormat::fd : MirrorFormat::classic;
+}
 
 struct BenchOptions {
   Profile profile = Profile::cia402;
@@ -25,7 +29,9 @@ struct BenchOptions {
   /// Each SYNC advances the robot by the cycle (1006h), and without a SYNC the clock does while drives stop that lost
   /// their commands. Else the owner steps the plant.
   bool lockstep = true;
-  std::function<bool()> stop;  ///< polled in a cycle of many steps: true ends it
+  std::vector<NodeSetup> nodes;    ///< of a CANopen bench: how they start; those that are not named here as usual
+  std::function<bool()> stop;      ///< polled in a cycle of many steps: true ends it
+  std::function<void()> answered;  ///< the drives have sent their answer to a SYNC; the robot has not moved yet
 };
 
 class Bench {
@@ -49,9 +55,10 @@ class Bench {
   std::span<const std::unique_ptr<BusDrive>> drives() const { return drives_; }
   const std::vector<std::string>& joints() const { return joints_; }
   const BenchCounters& counters() const { return counters_; }
+  /// Length of a cycle: 1006h of the first drive.
+  std::int64_t cycle_us() const;
 
  private:
-  std::int64_t cycle_us() const;
   bool any_stops_alone() const;
   void start_clock(std::int64_t now_ns);
   Result<void> follow_clock(std::int64_t now_ns);
@@ -62,12 +69,9 @@ class Bench {
   std::vector<std::string> joints_;
   Node* first_ = nullptr;  // of a CANopen bench: its 1006h is the length of a cycle
   BenchCounters counters_;
+  std::optional<Frame> lss_answer_;  // to the frame that is being received
   std::int64_t last_sync_ns_ = -1;
   std::int64_t moved_to_ns_ = -1;  // to this time the clock has moved the robot; -1: it does not
 };
-
-/// The session's JSON: counters of bus, drives and clock.
-std::string statistics_json(Bench& bench, const BusCounters& bus, double wall_s,
-                            const std::vector<std::pair<std::string, double>>& more);
 
 }  // namespace tribotwin::hil

@@ -20,19 +20,25 @@ struct ReplayResult {
   std::uint64_t added = 0;    ///< said now, not in the log; not counted for `silent` drives and interrupted replays
   std::vector<std::string> silent;  ///< joints whose drives say nothing in the log: nothing was compared
   bool interrupted = false;
+  bool session_file = false;  ///< there was one beside the log
+  /// Why the end was not compared: the session file has none, because the session was killed. Empty otherwise.
+  std::string cut;
   std::string first_difference;  ///< one line; empty without a difference
 };
 struct ReplayOptions {
   Profile profile = Profile::cia402;
   int first_node = 1;
   std::uint32_t cycle_us = 2000;
-  double rate = 0;  ///< of the original speed; 0: as fast as possible
+  std::vector<NodeSetup> nodes;  ///< how they start, see BenchOptions
+  double rate = 0;               ///< of the original speed; 0: as fast as possible
   std::filesystem::path output;
   twin::Existing existing = twin::Existing::refuse;  ///< what happens to an older record in it
   std::function<bool()> stop;
 };
-/// Runs a recorded session through the same code and compares the frames of the drives with the recorded ones. Fails
-/// when the log cannot be read or the simulation fails (ErrorKind::work), and where `output` may not be written.
+/// Runs a recorded session through the same code and compares the frames of the drives with the recorded ones. With the
+/// session file beside the log every session repeats; without it the log is taken for one in lockstep without injected
+/// faults. Fails when the log cannot be read or the simulation fails (ErrorKind::work), where `output` may not be
+/// written, and where log, session file and options do not belong together (ErrorKind::input).
 Result<ReplayResult> replay(const twin::Scenario& scenario, const std::filesystem::path& log,
                             const ReplayOptions& options);
 

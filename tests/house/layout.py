@@ -40,7 +40,20 @@ ORDER = {
         "scenarios",
         "",
     ],
-    "hil": ["can", "drives", "canopen", "motion", "cia402", "mirror", "session", "examples", "commands", ""],
+    "hil": [
+        "can",
+        "drives",
+        "canopen",
+        "canopen/setup",
+        "motion",
+        "cia402",
+        "mirror",
+        "session",
+        "shadow",
+        "examples",
+        "commands",
+        "",
+    ],
     "render": ["theme", "process", "offscreen", "pose", "figure", "page", "report", "report/run", "commands", ""],
 }
 KNOWN_EXCEPTIONS = set()  # (file, included file)

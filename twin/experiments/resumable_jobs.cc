@@ -1,5 +1,4 @@
 #include <algorithm>
-#include <atomic>
 #include <chrono>
 #include <iterator>
 #include <map>
@@ -16,6 +15,7 @@
 #include <tribotwin/twin/io/folder_lock.hpp>
 #include <tribotwin/twin/io/input.hpp>
 #include <tribotwin/twin/io/text.hpp>
+#include <tribotwin/twin/numerics/parallel.hpp>
 #include <tribotwin/twin/robot/fingerprint.hpp>
 
 namespace tribotwin::twin {
@@ -103,34 +103,28 @@ class Workers {
 
   Status run() {
     const unsigned wanted = options_.threads ? options_.threads : std::max(1u, std::thread::hardware_concurrency());
-    {
-      std::vector<std::jthread> threads;
-      for (unsigned t = 1; t < std::min<std::size_t>(wanted, missing_.size()); ++t)
-        threads.emplace_back([this] { work(); });
-      work();
-    }
+    identification::in_parallel_until_failure(missing_.size(), wanted,
+                                              [this](std::size_t k) { return complete(missing_[k]); });
     if (error_at_ < parts_.files.size()) return work_failed(error_);
     return {};
   }
 
  private:
-  void work() {
-    for (std::size_t k; !stop_ && (k = next_++) < missing_.size();) {
-      const std::size_t i = missing_[k];
-      auto made = parts_.make(i);
-      Status kept = made ? write_file(options_.directory / parts_.folder / parts_.files[i], *made, Existing::replace)
-                         : Status(tl::unexpected(made.error()));
-      const std::lock_guard guard(mutex_);
-      if (kept) kept = sums_.add(parts_.files[i], *made);
-      if (!kept) {
-        stop_ = true;
-        if (i < error_at_) error_at_ = i, error_ = kept.error().message;
-        return;
-      }
-      out_.texts[i] = std::move(*made);
-      ++finished_;
-      report();
+  /// Makes part i and keeps it.
+  bool complete(std::size_t i) {
+    auto made = parts_.make(i);
+    Status kept = made ? write_file(options_.directory / parts_.folder / parts_.files[i], *made, Existing::replace)
+                       : Status(tl::unexpected(made.error()));
+    const std::lock_guard guard(mutex_);
+    if (kept) kept = sums_.add(parts_.files[i], *made);
+    if (!kept) {
+      if (i < error_at_) error_at_ = i, error_ = kept.error().message;
+      return false;
     }
+    out_.texts[i] = std::move(*made);
+    ++finished_;
+    report();
+    return true;
   }
 
   void report() const {
@@ -145,8 +139,6 @@ class Workers {
   const LabOptions& options_;
   const std::vector<std::size_t>& missing_;
   const std::chrono::steady_clock::time_point started_ = std::chrono::steady_clock::now();
-  std::atomic<std::size_t> next_ = 0;
-  std::atomic<bool> stop_ = false;
   std::mutex mutex_;  ///< guards all below
   Checksums& sums_;
   Completed& out_;

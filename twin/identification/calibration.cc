@@ -1,7 +1,6 @@
 #include <algorithm>
 #include <cmath>
 #include <mutex>
-#include <thread>
 
 #include <fmt/format.h>
 
@@ -9,6 +8,7 @@
 #include <tribotwin/twin/identification/posterior.hpp>
 #include <tribotwin/twin/numerics/cma_es.hpp>
 #include <tribotwin/twin/numerics/linear_algebra.hpp>
+#include <tribotwin/twin/numerics/parallel.hpp>
 
 namespace tribotwin::twin::identification {
 namespace {
@@ -118,32 +118,27 @@ class Calibration {
   }
 
   Result<void> run() {
-    {
-      std::vector<std::jthread> workers;
-      for (unsigned i = 1; i < watch_.threads; ++i) workers.emplace_back([this] { work(); });
-      work();
-    }
+    in_parallel_until_failure(jobs_.size() * static_cast<std::size_t>(plan_.search.starts), watch_.threads,
+                              [this](std::size_t task) { return complete(task); });
     if (!failure_.empty()) return work_failed(failure_);
     return {};
   }
 
-  void work() {
+  bool complete(std::size_t task) {
     try {
-      const std::size_t tasks = jobs_.size() * static_cast<std::size_t>(plan_.search.starts);
-      for (std::size_t task; (task = next_++) < tasks && !stopped_;) {
-        if (const auto ok = perform(task); !ok) fail(ok.error().message);
-      }
+      if (const auto ok = perform(task); !ok) return fail(ok.error().message);
+      return true;
     } catch (const Interrupted&) {
-      stopped_ = true;
+      return false;
     } catch (const std::exception& e) {  // of a thread: memory
-      fail(e.what());
+      return fail(e.what());
     }
   }
 
-  void fail(const std::string& why) {
-    stopped_ = true;
+  bool fail(const std::string& why) {
     const std::lock_guard lock(mutex_);
     if (failure_.empty()) failure_ = why;
+    return false;
   }
 
   /// One start of one job; the last one also finishes the job.
@@ -195,8 +190,6 @@ class Calibration {
   const std::vector<VariantTwins> twins_;
   std::vector<Job> jobs_;
   Counter counter_;
-  std::atomic<std::size_t> next_ = 0;
-  std::atomic<bool> stopped_ = false;
   std::mutex mutex_;  ///< guards Job::open, the calls of watch_.done and failure_
   std::string failure_;
 };

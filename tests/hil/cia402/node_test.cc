@@ -681,7 +681,7 @@ TEST_F(OneNode, SdoInSegments) {
   EXPECT_EQ(sdo({0x40, 0x08, 0x10, 0}), 0U);
   EXPECT_EQ(sdo({0x70}), 0x05030000U);
   EXPECT_EQ(sdo({0x60}), 0x05040001U);
-  EXPECT_EQ(sdo({0xA0, 0x08, 0x10, 0}), 0x05040001U);
+  EXPECT_EQ(sdo({0xE0, 0x08, 0x10, 0}), 0x05040001U);
   EXPECT_EQ(sdo({0x40, 0x08, 0x10, 0}), 0U);
   bus.clear();
   wait(1001);
@@ -691,6 +691,35 @@ TEST_F(OneNode, SdoInSegments) {
   EXPECT_EQ(write(0x6007, 0, Type::i16, 0), 0x06090032U);
   EXPECT_EQ(write(0x605A, 0, Type::i16, 4), 0x06090030U);
   EXPECT_EQ(write(0x1000, 0, Type::u32, 4), 0x06010002U);
+}
+
+// 1021h: the EDS of this drive, in blocks.
+TEST_F(OneNode, HandsOutItsEds) {
+  const std::string expected = eds(node.dictionary(), parameters);
+  send(0x605, {0xA4, 0x21, 0x10, 0, 127, 0, 0, 0});
+  ASSERT_EQ(on(0x585).size(), 1U);
+  EXPECT_EQ(decode(Type::u32, on(0x585)[0].bytes().subspan(4)), static_cast<std::int64_t>(expected.size()));
+  send(0x605, {0xA3, 0, 0, 0, 0, 0, 0, 0});
+  std::string text;
+  for (std::uint8_t end = 0; end == 0;) {
+    const auto block = on(0x585);
+    bus.clear();
+    for (const Frame& f : block)
+      if (f.data[0] != 0xC6) text.append(f.data.begin() + 1, f.data.begin() + 8);
+    send(0x605, {0xA2, static_cast<std::uint8_t>(block.back().data[0] & 0x7F), 127, 0, 0, 0, 0, 0});
+    ASSERT_FALSE(bus.empty());
+    end = block.back().data[0] & 0x80;
+    if (end) text.resize(text.size() - (bus.back().data[0] >> 2 & 7));
+  }
+  EXPECT_EQ(text, expected);
+}
+
+TEST_F(OneNode, StoppedHasNoSdo) {
+  EXPECT_EQ(sdo({0xC4, 0x80, 0x21, 0}), 0U);  // a block download
+  nmt(2);
+  bus.clear();
+  wait(3000);
+  EXPECT_TRUE(on(0x585).empty());
 }
 
 // CiA 301, table of restricted identifiers; and 080h and 085h, which are this drive's SYNC and EMCY.

@@ -174,7 +174,7 @@ TEST_F(Arm, SafeTorqueOffDropsNothing) {
   for (int k = 0; k < 100; ++k) cycle();
   ASSERT_GT(std::abs(bench.plant().twin().drive(1).torque_nm), 10);
   const double before = joint_rad(1);
-  bench.plant().set_safe_torque_off(1, true);
+  bench.plant().impose({.kind = FaultKind::safe_torque_off, .drive = 1, .on = true});
   for (int k = 0; k < 500; ++k) cycle();
   EXPECT_EQ(bench.plant().twin().drive(1).torque_nm, 0);
   EXPECT_EQ(node(1).state(), DriveState::fault);

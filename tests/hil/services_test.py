@@ -1,0 +1,89 @@
+"""The services of CiA 301 and 305 that a master of python-canopen's kind uses beside PDOs, over a bus. Arguments:
+tribotwin-hil, source tree, address, python-can interface and channel."""
+import logging, subprocess, sys
+
+logging.disable(logging.WARNING)  # python-can of reads that end inside a frame
+
+from harness import check, finish, run, work
+from master import Master, SdoAbort
+from session import connect, hold_scenario, said, start
+
+hil, source, address, interface, channel = sys.argv[1:6]
+scenario = hold_scenario(source)
+nodes = range(1, 7)
+
+
+def abort_of(call):
+    try:
+        call()
+    except SdoAbort as e:
+        return e.code
+
+
+class Drives:
+    """A session with a master."""
+
+    def __init__(self, *options):
+        self.process = start(hil, "drive", scenario, "--can", address, *options)
+        self.bus = connect(address, interface, channel)
+        self.master = Master(self.bus, nodes)
+
+    def __enter__(self):
+        return self.master
+
+    def __exit__(self, *_):
+        self.bus.shutdown()
+        self.process.terminate()
+        check("the drives end when asked", self.process.wait(10) == 0, said())
+
+
+def blocks():
+    subprocess.run([hil, "eds", scenario, "--node", "2", "-o", work + "/2.eds", "--force"], check=True)
+    eds = open(work + "/2.eds", "rb").read()
+    with Drives() as master:
+        check(f"1021h: the EDS in blocks, {len(eds)} bytes", master.block_read(2, 0x1021) == eds)
+        check("the same in segments", master.read(2, 0x1021, 0, "s").encode() == eds)
+        lost = {5, 127, 128, 300, 301, 302, len(eds) // 7}
+        check("lost segments come again", master.block_read(2, 0x1021, block=100, crc=False, lose=lost) == eds)
+        data = bytes(k * k % 251 for k in range(4000))
+        for crc, lose in ((True, ()), (False, ()), (True, {1, 2, 126, 127, 500, 571, 572})):
+            master.block_write(3, 0x2180, 0, b"")
+            master.block_write(3, 0x2180, 0, data, crc, lose)
+            check(f"4000 bytes down, crc {crc}, lost {len(lose)}", master.block_read(3, 0x2180) == data)
+        check("a threshold switches to expedited", master.block_read(3, 0x1000, threshold=4) == b"\x92\1\2\0")
+        check("a number in a block", master.block_read(3, 0x1000) == b"\x92\1\2\0")
+        check("too long", abort_of(lambda: master.block_write(3, 0x2180, 0, bytes(4097))) == 0x06070012)
+        check("read only", abort_of(lambda: master.block_write(3, 0x1021, 0, b"x")) == 0x06010002)
+        check("block size", abort_of(lambda: master.block_read(3, 0x1021, block=128)) == 0x05040002)
+
+
+def node_numbers():
+    log = work + "/lss.log"
+    with Drives("--unconfigured", "--record", log) as master:
+        master.nmt(0x82)
+        master.listen(0.3)
+        check("drives without numbers are silent", not master.boots and not master.heartbeat)
+        check("but say that they are there", {bytes(a)[0] for a in master.lss(0x4C, 0)} == {0x50})
+        found = []
+        while (identity := master.lss_scan()) and len(found) < 7:
+            number = 30 + identity[3]
+            found.append(identity)
+            check(f"fastscan: {identity} becomes node {number}", master.lss_number(number) == 0)
+            master.lss_state(0)
+            check("which boots", master.until(lambda: number in master.boots), master.boots)
+        check("all six were found", sorted(found) == [(0, 0x7477, 0x10000, k) for k in nodes], found)
+        check("with their own identity", [master.read(30 + k, 0x1018, 4) for k in nodes] == list(nodes))
+        check("selected", master.lss_select(0, 0x7477, 0x10000, 4))
+        check("node id", master.lss(0x5E, 0)[0][:2] == b"\x5E\x22")
+        check("bit timing: none to set", master.lss(0x13, 0, 2, kind="BB")[0][:2] == b"\x13\1")
+        check("nothing to store to", master.lss(0x17, 0)[0][:2] == b"\x17\1")
+        master.lss_state(0)
+    again = run(hil, "replay", scenario, log, "--fast", "--unconfigured")
+    check("a replay repeats it", again.returncode == 0, again.stdout + again.stderr)
+    refused = run(hil, "drive", scenario, "--can", "memory:x", "--profile", "mirror", "--unconfigured")
+    check("mirror has no LSS", refused.returncode == 2 and "cia402" in refused.stderr, refused.stderr)
+
+
+blocks()
+node_numbers()
+finish()
