@@ -23,6 +23,35 @@ const TypeFacts& facts_of(Type type) {
   return all[static_cast<std::size_t>(type)];
 }
 
+std::string_view reason(Abort abort) {
+  switch (abort) {
+    case Abort::read_only:
+      return "can only be read";
+    case Abort::no_object:
+      return "this object does not exist";
+    case Abort::no_sub_index:
+      return "this sub-index does not exist";
+    case Abort::not_mappable:
+      return "names an object that cannot be mapped so";
+    case Abort::pdo_too_long:
+      return "more than 8 bytes in a PDO";
+    case Abort::incompatible:
+      return "does not fit another parameter";
+    case Abort::too_long:
+      return "more bytes than the object has";
+    case Abort::too_short:
+      return "fewer bytes than the object has";
+    case Abort::out_of_range:
+      return "a value that it does not have";
+    case Abort::too_high:
+      return "more than its upper limit";
+    case Abort::too_low:
+      return "less than its lower limit";
+    default:
+      return "cannot be written at the start";
+  }
+}
+
 Limits limits_of(Type type) {
   switch (type) {
     case T::u8:

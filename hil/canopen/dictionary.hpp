@@ -44,6 +44,7 @@ enum class Abort : std::uint32_t {
   not_mappable = 0x06040041,
   pdo_too_long = 0x06040042,
   incompatible = 0x06040043,  ///< with another parameter
+  hardware = 0x06060000,
   wrong_length = 0x06070010,
   too_long = 0x06070012,
   too_short = 0x06070013,
@@ -51,9 +52,12 @@ enum class Abort : std::uint32_t {
   out_of_range = 0x06090030,
   too_high = 0x06090031,
   too_low = 0x06090032,
+  not_stored = 0x08000020,
   not_now = 0x08000022,
   no_data = 0x08000024,
 };
+/// "does not exist": completes "1017h:00: ...".
+std::string_view reason(Abort abort);
 
 struct Object {
   std::uint16_t index;

@@ -21,6 +21,8 @@ std::string one_line(std::string text) {
 /// Arrays of CiA 301 and 402; what else has sub-indices is a record.
 bool is_array(std::uint16_t index) {
   constexpr std::uint16_t arrays[] = {od::predefined_error_field,
+                                      od::store_parameters,
+                                      od::restore_default_parameters,
                                       od::consumer_heartbeat_time,
                                       od::error_behavior,
                                       od::software_position_limit,
@@ -38,6 +40,8 @@ bool is_array(std::uint16_t index) {
 std::string name_of_all(std::uint16_t index, const std::vector<const Object*>& objects) {
   static const std::map<std::uint16_t, std::string> standard{
       {od::predefined_error_field, "pre-defined error field"},
+      {od::store_parameters, "store parameters"},
+      {od::restore_default_parameters, "restore default parameters"},
       {od::consumer_heartbeat_time, "consumer heartbeat time"},
       {od::identity, "identity object"},
       {od::error_behavior, "error behavior"},
@@ -110,7 +114,8 @@ std::string entry(const Object& o) {
                               : o.access == Access::constant ? "const"
                                                              : "ro");
   if (number && o.access == Access::read_write) s += fmt::format("LowLimit={}\nHighLimit={}\n", o.low, o.high);
-  if (o.type != Type::domain)  // CiA 306: a domain has no default value
+  // CiA 306: a domain has no default value. Nor has the serial number: a master would refuse every other drive.
+  if (o.type != Type::domain && !(o.index == od::identity && o.sub == 4))
     s += fmt::format("DefaultValue={}\n", number ? fmt::to_string(o.value) : one_line(o.text));
   return s + fmt::format("PDOMapping={}\n\n", o.mappable ? 1 : 0);
 }

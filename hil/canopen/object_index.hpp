@@ -22,10 +22,17 @@ constexpr Index communication_cycle_period = 0x1006;
 constexpr Index device_name = 0x1008;
 constexpr Index hardware_version = 0x1009;
 constexpr Index software_version = 0x100A;
+constexpr Index guard_time = 0x100C;
+constexpr Index life_time_factor = 0x100D;
+constexpr Index store_parameters = 0x1010;
+constexpr Index restore_default_parameters = 0x1011;
+constexpr Index cob_id_time = 0x1012;
 constexpr Index cob_id_emcy = 0x1014;
+constexpr Index inhibit_time_emcy = 0x1015;
 constexpr Index consumer_heartbeat_time = 0x1016;
 constexpr Index producer_heartbeat_time = 0x1017;
 constexpr Index identity = 0x1018;
+constexpr Index synchronous_counter_overflow = 0x1019;
 constexpr Index store_eds = 0x1021;
 constexpr Index store_format = 0x1022;
 constexpr Index error_behavior = 0x1029;
@@ -54,6 +61,7 @@ constexpr Index sync_deadline = 0x2120;
 constexpr Index set_point_deadline = 0x2121;
 constexpr Index simulated_switches = 0x2130;
 constexpr Index user_data = 0x2180;
+constexpr Index time_of_day = 0x2181;
 
 // Drive profile (CiA 402-2).
 constexpr Index abort_connection_option_code = 0x6007;

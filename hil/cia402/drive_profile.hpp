@@ -19,10 +19,15 @@ class DriveProfile {
 
   const StateMachine& machine() const { return machine_; }
   bool halted() const { return halted_; }
-  /// Index of the set point that must keep coming in the mode that the drive is in, halted or not; 0: none.
+  /// Index of the set point of the mode that the drive is in, halted or not; 0: none.
   std::uint16_t target() const {
     const ModeOfOperation* mode = followed_mode();
-    return mode && mode->set_points == SetPoints::cyclic && !demand_.idle ? mode->target : std::uint16_t{0};
+    return mode && !demand_.idle ? mode->target : std::uint16_t{0};
+  }
+  /// The set point must keep coming, by the rules of the mode.
+  bool target_is_cyclic() const {
+    const ModeOfOperation* mode = followed_mode();
+    return mode && mode->set_points == SetPoints::cyclic;
   }
   /// 60F9h, 60FBh.
   twin::LoopGains gains() const { return objects_.gains(); }

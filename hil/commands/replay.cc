@@ -60,8 +60,9 @@ int run(const Arguments& a) {
   auto inputs = files_of(scenario);
   inputs.push_back({"LOG " + a.log, a.log});
   inputs.push_back({"the file beside LOG " + a.log, session_file_of(a.log)});
+  for (const auto& file : a.start.files()) inputs.push_back(file);
   check_outputs(inputs, files_in(a.output), a.force);
-  const auto nodes = a.start.setups(scenario, a);
+  const auto nodes = a.start.setups(scenario, a, NodeOptions::Use::replay);
   twin::catch_interrupts();
   const auto result = twin::or_throw(hil::replay(scenario, a.log,
                                                  {.profile = a.bench_profile(),

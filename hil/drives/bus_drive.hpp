@@ -29,6 +29,7 @@ class BusDrive {
   virtual ~BusDrive() = default;
 
   virtual void start(std::int64_t now_ns) = 0;
+  /// Any frame of others. `sync` follows if it is the SYNC.
   virtual void receive(const Frame& frame, std::int64_t now_ns) = 0;
   /// The SYNC: sends what is due with the last feedback, then applies the set points that came before it.
   virtual void sync(std::int64_t now_ns) = 0;

@@ -57,6 +57,7 @@ Result<void> Bench::receive(const Frame& frame, std::int64_t now_ns) {
   last_sync_ns_ = now_ns;
   // All drives answer with their state at this SYNC; then the robot moves on to the next.
   const std::uint64_t sent_before = counters_.frames_out;
+  for (const auto& drive : drives_) drive->receive(frame, now_ns);
   for (const auto& drive : drives_) drive->sync(now_ns);
   if (options_.answered && counters_.frames_out > sent_before) options_.answered();
   if (!options_.lockstep) return {};

@@ -9,7 +9,7 @@
 
 #include <tribotwin/hil/drives/bus_drive.hpp>
 #include <tribotwin/hil/drives/drive_parameters.hpp>
-#include <tribotwin/hil/session/faults.hpp>
+#include <tribotwin/hil/faults/faults.hpp>
 #include <tribotwin/plugins/friction/error.hpp>
 #include <tribotwin/twin/simulation/recorder.hpp>
 
@@ -44,8 +44,8 @@ class Plant {
   twin::Twin& twin() { return twin_; }
   const twin::Twin& twin() const { return twin_; }
   const twin::Scenario& scenario() const { return scenario_; }
-  /// An injected fault begins or ends: the encoder keeps its last value, the drive reports another temperature,
-  /// or the safety circuit takes its torque away.
+  /// An injected fault begins or ends: the encoder keeps its last value, the drive reports another temperature, or the
+  /// safety circuit takes the torque away.
   void impose(const DriveFault& fault);
 
  private:

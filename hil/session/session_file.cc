@@ -1,4 +1,5 @@
 #include <algorithm>
+#include <cmath>
 #include <iterator>
 #include <limits>
 #include <string_view>
@@ -19,15 +20,14 @@ constexpr std::string_view first_line = "tribotwin-hil session 1", last_line = "
 constexpr std::string_view off = "off", on = "on", end_of_turn = "end", back = "recovered", foreign = "misleading",
                            moved = "steps";
 
-/// The faults of drives, as words.
-struct DriveFaultWord {
+/// The faults of a drive, as the list of faults calls them.
+struct Named {
   FaultKind kind;
-  std::string_view key;
-  bool has_temperature;  ///< in place of `on`
+  std::string_view word;
 };
-constexpr DriveFaultWord fault_words[] = {{FaultKind::encoder_freeze, "encoder_freeze", false},
-                                          {FaultKind::safe_torque_off, "safe_torque_off", false},
-                                          {FaultKind::over_temperature, "over_temperature", true}};
+constexpr Named drive_faults[] = {{FaultKind::encoder_freeze, "encoder_freeze"},
+                                  {FaultKind::over_temperature, "over_temperature"},
+                                  {FaultKind::safe_torque_off, "safe_torque_off"}};
 
 /// KEY=VALUE; both empty where the word is none.
 std::pair<std::string_view, std::string_view> split(std::string_view word, char at) {
@@ -37,17 +37,17 @@ std::pair<std::string_view, std::string_view> split(std::string_view word, char 
 }
 
 /// AFTER:DRIVE:STATE of a fault.
-std::optional<Turn::Imposed> parse_fault(const DriveFaultWord& known, std::string_view value) {
+std::optional<Turn::Imposed> parse_fault(FaultKind kind, std::string_view value) {
   const auto [after, rest] = split(value, ':');
   const auto [drive, state] = split(rest, ':');
   const auto frames = after == end_of_turn ? Turn::at_end : to_integer<std::size_t>(after);
   const auto number = to_integer<std::size_t>(drive);
   if (!frames || !number || *number == 0) return std::nullopt;
-  Turn::Imposed imposed{*frames, {.kind = known.kind, .drive = *number - 1, .on = state != off}};
+  Turn::Imposed imposed{*frames, {.kind = kind, .drive = *number - 1, .on = state != off}};
   if (state == off) return imposed;
-  if (!known.has_temperature) return state == on ? std::optional(imposed) : std::nullopt;
+  if (kind != FaultKind::over_temperature) return state == on ? std::optional(imposed) : std::nullopt;
   const auto value_degC = to_number(state);
-  if (!value_degC) return std::nullopt;
+  if (!value_degC || !std::isfinite(*value_degC)) return std::nullopt;
   imposed.fault.temperature_degC = *value_degC;
   return imposed;
 }
@@ -65,22 +65,22 @@ bool parse_word(std::string_view word, Turn& turn) {
     if (frame) turn.misleading.push_back(*frame);
     return frame.has_value();
   }
-  const auto known = std::ranges::find(fault_words, key, &DriveFaultWord::key);
-  if (known == std::end(fault_words)) return false;
-  const auto fault = parse_fault(*known, value);
+  const auto named = std::ranges::find(drive_faults, key, &Named::word);
+  if (named == std::end(drive_faults)) return false;
+  const auto fault = parse_fault(named->kind, value);
   if (fault) turn.faults.push_back(*fault);
   return fault.has_value();
 }
 
 std::string word_of(const Turn::Imposed& imposed) {
   const DriveFault& fault = imposed.fault;
-  const DriveFaultWord& known = *std::ranges::find(fault_words, fault.kind, &DriveFaultWord::kind);
-  return fmt::format(" {}={}:{}:{}", known.key,
+  const bool hot = fault.kind == FaultKind::over_temperature;
+  return fmt::format(" {}={}:{}:{}", std::ranges::find(drive_faults, fault.kind, &Named::kind)->word,
                      imposed.after == Turn::at_end ? std::string(end_of_turn) : std::to_string(imposed.after),
                      fault.drive + 1,
-                     !fault.on                ? std::string(off)
-                     : !known.has_temperature ? std::string(on)
-                                              : fmt::format("{}", fault.temperature_degC));
+                     !fault.on ? std::string(off)
+                     : hot     ? fmt::format("{}", fault.temperature_degC)
+                               : std::string(on));
 }
 
 }  // namespace
@@ -159,14 +159,14 @@ Result<bool> SessionReader::next(Turn& turn) {
   if (line == last_line) return complete_ = true, false;
   if (in_.eof()) return false;  // the last line of a session that was killed
   const auto parts = words(line);
-  const auto us = parts.empty() ? std::nullopt : to_integer<std::uint32_t>(parts[0]);
+  const auto us = parts.empty() ? std::nullopt : to_integer<std::int64_t>(parts[0]);
   turn = {};
-  bool good = us.has_value() && last_ns_ <= std::numeric_limits<std::int64_t>::max() - *us * std::int64_t{1000};
+  bool good = us && *us >= 0 && *us <= (std::numeric_limits<std::int64_t>::max() - last_ns_) / 1000;
   for (std::size_t i = 1; good && i < parts.size(); ++i) good = parse_word(parts[i], turn);
   if (!good)
     return tl::unexpected(
         fmt::format("{}:{}: '{}' is not 'MICROSECONDS WORD...'", file_.string(), line_, line.substr(0, 40)));
-  turn.time_ns = last_ns_ += *us * std::int64_t{1000};
+  turn.time_ns = last_ns_ += *us * 1000;
   return true;
 }
 

@@ -52,10 +52,17 @@ STANDARD = {
     0x1008: "s",
     0x1009: "s",
     0x100A: "s",
+    0x100C: "H",
+    0x100D: "B",
+    0x1010: "AIIII",
+    0x1011: "AIIII",
+    0x1012: "I",
     0x1014: "I",
+    0x1015: "H",
     0x1016: "AII",
     0x1017: "H",
     0x1018: "RIIII",
+    0x1019: "B",
     0x1021: "D",
     0x1022: "H",
     0x1029: "AB",
@@ -132,7 +139,7 @@ STANDARD = {
 STANDARD |= {
     base + k: shape
     for k in range(5)
-    for base, shape in ((0x1400, "RIBH"), (0x1800, "RIBHH"), (0x1600, "R" + 8 * "I"), (0x1A00, "R" + 8 * "I"))
+    for base, shape in ((0x1400, "RIBH"), (0x1800, "RIBHHB"), (0x1600, "R" + 8 * "I"), (0x1A00, "R" + 8 * "I"))
 }
 
 
@@ -225,7 +232,9 @@ class Eds:
 
     def check_entry(self, index, sub, e):
         at, (kind, low, high) = "%04X:%X" % (index, sub), TYPES[self.number(e["DataType"])]
-        default = e["DefaultValue"] if kind != "D" else e.get("DefaultValue", "")
+        # A domain has none, nor has the serial number, which is each drive's own.
+        own = kind == "D" or (index, sub) == (0x1018, 4)
+        default = e["DefaultValue"] if not own else e.get("DefaultValue")
         self.need(
             self.number(e["ObjectType"]) == (2 if kind == "D" else 7)
             and e["AccessType"] in ("ro", "wo", "rw", "rwr", "rww", "const")
@@ -233,7 +242,7 @@ class Eds:
             and 0 < len(e["ParameterName"]) <= 241,
             at,
         )
-        if kind not in "sD":
+        if kind not in "sD" and default is not None:
             default = self.number(default)
             lowest, highest = self.number(e.get("LowLimit") or str(low)), self.number(e.get("HighLimit") or str(high))
             self.need(low <= lowest <= default <= highest <= high, at, "is beyond its limits")
@@ -337,7 +346,7 @@ master = Master(bus, nodes)
 
 differ = []
 for (index, sub), (kind, default, access, _, _) in entries.items():
-    if kind == "D":  # a domain has no default
+    if default is None:
         continue
     try:
         got = master.read(1, index, sub, kind) if access != "wo" else default

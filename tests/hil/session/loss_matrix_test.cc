@@ -24,15 +24,14 @@ struct Mode {
   int rpdo;  ///< 3, 4, 5: controlword and target
   /// Target in cycle k, from the counts at which the drive was enabled.
   std::int64_t (*command)(std::int64_t start, int k);
-  bool cyclic = true;        ///< the drive misses set points
-  std::uint8_t edge = 0x00;  ///< bits of the controlword in every second cycle
+  bool handshake = false;  ///< each second cycle brings a new set point to be taken at once
 };
 const Mode modes[] = {
     {"CSP", 8, od::target_position, 3, [](std::int64_t start, int k) { return start + 60 * k; }},
     {"CSV", 9, od::target_velocity, 4, [](std::int64_t, int k) { return std::int64_t{2000} * std::min(k, 100); }},
     {"CST", 10, od::target_torque, 5, [](std::int64_t, int) { return std::int64_t{250}; }},
-    {"PP", 1, od::target_position, 3, [](std::int64_t start, int) { return start + 1'000'000; }, false, 0x30},
-    {"PV", 3, od::target_velocity, 4, [](std::int64_t, int) { return std::int64_t{200'000}; }, false},
+    {"PP", 1, od::target_position, 3, [](std::int64_t start, int) { return start + 500'000; }, true},
+    {"PV", 3, od::target_velocity, 4, [](std::int64_t, int) { return std::int64_t{200'000}; }},
 };
 
 /// What the master still does once commands are lost, and when the drive must know.
@@ -127,7 +126,7 @@ class Session {
     for (std::size_t i = 0; i < std::size(joints); ++i) {
       const int size = mode_.rpdo == 5 ? 2 : 4;
       std::vector<std::uint8_t> bytes(2 + static_cast<std::size_t>(size));
-      bytes[0] = cycle_ % 2 ? 0x0F : 0x0F | mode_.edge;
+      bytes[0] = mode_.handshake && cycle_ % 2 ? 0x3F : 0x0F;
       encode(mode_.command(start_[i], cycle_), std::span(bytes).subspan(2));
       give(identifier(joints[i]), bytes);
     }
@@ -190,9 +189,7 @@ void expect_rest(Session& session, const Loss& loss, const Due& due) {
 
 TEST_P(LostCommands, LeaveNoTorqueAndNoFallingArm) {
   const Loss& loss = GetParam();
-  const bool only_set_points = !loss.set_points && loss.syncs;
-  for (const Mode& mode : modes) {
-    if (only_set_points && !mode.cyclic) continue;
+  for (const Mode& mode : modes)
     for (const bool lockstep : {true, false})
       for (const Reaction reaction : {fault_reaction, no_voltage, quick_stop}) {
         SCOPED_TRACE(fmt::format("{} {} 6007h={}", mode.name, lockstep ? "lockstep" : "realtime", int(reaction)));
@@ -220,24 +217,6 @@ TEST_P(LostCommands, LeaveNoTorqueAndNoFallingArm) {
         for (std::size_t i = 0; i < due.size(); ++i)
           EXPECT_NEAR(session.position_rad(due[i].joint), rest_rad[i], 0.1 * degree) << "fell";
       }
-  }
-}
-
-// A set point of the profile modes comes once: PP stands at it, PV goes on, for as long as SYNCs do.
-TEST_F(LostCommands, ProfileModesMissNoSetPoints) {
-  for (const Mode& mode : modes) {
-    if (mode.cyclic) continue;
-    SCOPED_TRACE(mode.name);
-    Session session(scenario(), mode, true);
-    session.enable(quick_stop);
-    session.run(100);
-    const Loss& stop = *std::ranges::find(losses, std::string_view("set points stop"), &Loss::name);
-    session.run(2000, &stop);
-    for (const int j : joints) {
-      EXPECT_EQ(session.node(j).state(), DriveState::operation_enabled);
-      EXPECT_TRUE(session.value(j, od::statusword) & 0x0400) << "target reached";
-    }
-  }
 }
 
 INSTANTIATE_TEST_SUITE_P(Losses, LostCommands, testing::ValuesIn(losses), [](const auto& info) {

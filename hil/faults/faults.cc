@@ -4,7 +4,7 @@
 
 #include <fmt/format.h>
 
-#include <tribotwin/hil/session/faults.hpp>
+#include <tribotwin/hil/faults/faults.hpp>
 #include <tribotwin/twin/io/input.hpp>
 
 namespace tribotwin::hil {
