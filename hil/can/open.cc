@@ -12,8 +12,9 @@ namespace {
 using Opened = Result<std::unique_ptr<Transport>>;
 
 constexpr std::string_view forms =
-    "can0 or socketcan:NAME (SocketCAN), socketcand://127.0.0.1:29536/NAME (served over TCP), memory:NAME (in this "
-    "process)";
+    "can0 or socketcan:NAME (SocketCAN), socketcand://127.0.0.1:29536/NAME (served over TCP), "
+    "gateway://HOST:29536/NAME "
+    "(a socketcand elsewhere), memory:NAME (in this process)";
 
 std::optional<std::string> after(std::string_view prefix, std::string_view address) {
   if (!address.starts_with(prefix)) return std::nullopt;
@@ -46,6 +47,11 @@ Opened open_bus(const std::string& address, const OpenOptions& options) {
     const auto where = server(*rest);
     if (!where) return fail("is not of the form socketcand://127.0.0.1:29536/NAME");
     return open_socketcand(where->host, where->port, where->bus, options);
+  }
+  if (const auto rest = after("gateway://", address)) {
+    const auto where = server(*rest);
+    if (!where) return fail("is not of the form gateway://HOST:29536/NAME");
+    return open_gateway(where->host, where->port, where->bus, options);
   }
   const auto memory = after("memory:", address);
   if (memory && !memory->empty()) return open_memory(*memory, options);

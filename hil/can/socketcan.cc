@@ -18,6 +18,7 @@
 #include <time.h>
 #include <unistd.h>
 
+#include <tribotwin/hil/can/bit_rate.hpp>
 #include <tribotwin/hil/can/clock.hpp>
 #include <tribotwin/hil/can/transport.hpp>
 #include <tribotwin/twin/io/descriptor.hpp>
@@ -217,6 +218,8 @@ class SocketCan final : public Transport {
 
   /// As of the last send, receive or wait.
   bool up() const override { return link_ == Link::up; }
+
+  std::optional<double> bit_rate() const override { return bit_rate_of(name_); }
 
   std::string state() const override {
     switch (link_) {

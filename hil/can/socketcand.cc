@@ -4,6 +4,7 @@
 #include <cstring>
 #include <iterator>
 #include <optional>
+#include <span>
 #include <string_view>
 #include <utility>
 
@@ -43,7 +44,9 @@ constexpr std::int64_t accept_pause_ns = 100 * ms;  // when the process is out o
 struct Client {
   Descriptor socket;
   std::string in = {}, out = {};
+  std::int64_t heard_ns = 0;  ///< its last command, or its connection
   bool open = false, raw = false;
+  bool joined = false;               ///< came to raw mode, or sent a frame: may be silent from then on
   bool gone = false;                 ///< removed at the end of the round
   std::int64_t silent_until_ns = 0;  ///< nothing is sent before, see first_frames_after_ns
   int dropped = 0;                   ///< frames in a row
@@ -129,6 +132,7 @@ class Server final : public Transport {
       if (!accepting) wake_ns = std::min(wake_ns, accept_after_ns_);
       polled_.push_back({.fd = accepting ? listener_.get() : -1, .events = POLLIN, .revents = 0});
       for (const auto& client : clients_) {
+        if (!client.joined) wake_ns = std::min(wake_ns, client.heard_ns + options_.handshake_ns);
         const bool silent = now < client.silent_until_ns;
         if (silent && !client.out.empty()) wake_ns = std::min(wake_ns, client.silent_until_ns);
         const bool sending = !silent && !client.out.empty();
@@ -159,9 +163,12 @@ class Server final : public Transport {
       next_ = 0;
     }
     accept_clients();
+    const auto now = clock_ns();
     for (auto& client : clients_) {
       flush(client);
       read(client);
+      if (!client.joined && !client.gone && now - client.heard_ns >= options_.handshake_ns)
+        drop(client, fmt::format("no open and rawmode for {:g} s", 1e-9 * static_cast<double>(options_.handshake_ns)));
     }
     forget_gone();
   }
@@ -176,10 +183,9 @@ class Server final : public Transport {
         if (errno == ECONNABORTED) continue;
         return;
       }
-      const int on = 1;
-      ::setsockopt(socket.get(), IPPROTO_TCP, TCP_NODELAY, &on, sizeof on);
-      ::setsockopt(socket.get(), SOL_SOCKET, SO_SNDBUF, &kernel_queue, sizeof kernel_queue);
-      clients_.push_back({.socket = std::move(socket)});
+      set_options(socket.get());
+      if (clients_.size() == max_clients) make_room();
+      clients_.push_back({.socket = std::move(socket), .heard_ns = clock_ns()});
       if (clients_.size() <= max_clients) {
         reply(clients_.back(), "< hi >");
       } else {
@@ -189,10 +195,39 @@ class Server final : public Transport {
     }
   }
 
+  static void set_options(int socket) {
+    const auto set = [&](int level, int name, int value) { ::setsockopt(socket, level, name, &value, sizeof value); };
+    set(IPPROTO_TCP, TCP_NODELAY, 1);
+    set(SOL_SOCKET, SO_SNDBUF, kernel_queue);
+    set(SOL_SOCKET, SO_TIMESTAMPNS, 1);
+    // A peer that died without a word (behind a tunnel) is noticed after 25 s.
+    set(SOL_SOCKET, SO_KEEPALIVE, 1);
+    set(IPPROTO_TCP, TCP_KEEPIDLE, 10);
+    set(IPPROTO_TCP, TCP_KEEPINTVL, 5);
+    set(IPPROTO_TCP, TCP_KEEPCNT, 3);
+    set(IPPROTO_TCP, TCP_USER_TIMEOUT, 25'000);
+  }
+
+  /// Drops the connection that has been silent for the longest time without joining the bus, if there is one.
+  void make_room() {
+    Client* longest = nullptr;
+    for (auto& client : clients_)
+      if (!client.joined && (!longest || client.heard_ns < longest->heard_ns)) longest = &client;
+    if (!longest) return;
+    drop(*longest, fmt::format("dropped, because {} clients are connected and this one has not joined", max_clients));
+    forget_gone();
+  }
+
+  void drop(Client& client, std::string_view why) {
+    client.silent_until_ns = 0;
+    reply(client, fmt::format("< error {} >", why));
+    client.gone = true;
+  }
+
   void read(Client& client) {
     std::array<char, 4096> buffer;
     if (client.gone) return;
-    const auto n = ::recv(client.socket.get(), buffer.data(), buffer.size(), 0);
+    const auto n = receive_bytes(client.socket.get(), buffer);
     // Clients that leave Nagle's algorithm on (python-can) wait for this acknowledgement before they send their next
     // frame.
     const int now = 1;
@@ -216,17 +251,36 @@ class Server final : public Transport {
     if (client.in.size() > max_command) reject(client);
   }
 
+  /// As recv; `arrived_ns_` becomes the kernel's time of the last segment read (CLOCK_REALTIME), where it has one.
+  ssize_t receive_bytes(int socket, std::span<char> buffer) {
+    alignas(cmsghdr) char control[CMSG_SPACE(sizeof(timespec))];
+    iovec data{buffer.data(), buffer.size()};
+    msghdr message{};
+    message.msg_iov = &data;
+    message.msg_iovlen = 1;
+    message.msg_control = control;
+    message.msg_controllen = sizeof control;
+    const auto n = ::recvmsg(socket, &message, 0);
+    arrived_ns_ = clock_ns(CLOCK_REALTIME);
+    for (auto* part = n > 0 ? CMSG_FIRSTHDR(&message) : nullptr; part; part = CMSG_NXTHDR(&message, part)) {
+      if (part->cmsg_level != SOL_SOCKET || part->cmsg_type != SCM_TIMESTAMPNS) continue;
+      timespec time;
+      std::memcpy(&time, CMSG_DATA(part), sizeof time);
+      arrived_ns_ = time.tv_sec * std::int64_t{1'000'000'000} + time.tv_nsec;
+    }
+    return n;
+  }
+
   void reject(Client& client) {
     ++counters_.malformed;
-    client.silent_until_ns = 0;
-    reply(client, "< error this is not the socketcand protocol >");
-    client.gone = true;
+    drop(client, "this is not the socketcand protocol");
   }
 
   void obey(Client& client, std::string_view command) {
     const auto parts = words(command);
     const std::string_view verb = parts.empty() ? "" : parts[0];
     client.silent_until_ns = 0;  // a client that sends again has read the last answer
+    client.heard_ns = clock_ns();
     if (verb == "echo" && parts.size() == 1) {
       reply(client, "< echo >");
     } else if (verb == "open" && parts.size() == 2) {
@@ -239,15 +293,17 @@ class Server final : public Transport {
       }
     } else if (client.open && verb == "rawmode" && parts.size() == 1) {
       reply(client, "< ok >");
-      client.raw = true;
+      client.raw = client.joined = true;
       client.silent_until_ns = clock_ns() + first_frames_after_ns;
     } else if (client.open && verb == "bcmmode" && parts.size() == 1) {
       client.raw = false;
+      client.joined = true;
       reply(client, "< ok >");
     } else if (client.open && verb == "send") {
       auto frame = parse_send(parts);
       if (frame) {
-        frame->time_ns = clock_ns(CLOCK_REALTIME);
+        frame->time_ns = arrived_ns_;
+        client.joined = true;
         take(*frame, client);
       } else {
         ++counters_.malformed;
@@ -318,7 +374,7 @@ class Server final : public Transport {
   std::vector<Client> clients_;
   std::vector<Frame> inbox_;  ///< of the last rounds; read up to next_
   std::size_t next_ = 0;
-  std::int64_t accept_after_ns_ = 0;
+  std::int64_t accept_after_ns_ = 0, arrived_ns_ = 0;
   std::vector<pollfd> polled_;
 };
 

@@ -3,6 +3,7 @@
 #include <cstdint>
 #include <functional>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -14,6 +15,7 @@
 /// Transports of CAN frames, chosen by an address:
 ///   can0, vcan0, socketcan:NAME            SocketCAN, classic and FD
 ///   socketcand://127.0.0.1:29536/NAME      serves that bus over TCP; classic frames only
+///   gateway://HOST:29536/NAME              a bus that a socketcand elsewhere serves; classic frames only
 ///   log:FILE                               a candump log: read by replay, written by --record
 ///   memory:NAME                            in this process
 namespace tribotwin::hil {
@@ -50,6 +52,8 @@ class Transport {
   virtual std::string state() const = 0;
 
   const std::string& name() const { return name_; }
+  /// Bit rate [bit/s] of a bus that has one; virtual ones and TCP have none.
+  virtual std::optional<double> bit_rate() const { return std::nullopt; }
   virtual const BusCounters& counters() const { return counters_; }
 
  protected:
@@ -63,6 +67,8 @@ struct OpenOptions {
   bool listen_only = false;  ///< `send` refuses
   /// Only data frames with these 11-bit identifiers are received, plus error frames; all if empty.
   std::vector<std::uint32_t> identifiers;
+  /// socketcand: a connection that says nothing for so long before it joined the bus is dropped.
+  std::int64_t handshake_ns = 5'000'000'000;
 };
 
 /// Fails with what is wrong and what would help, in one line.
@@ -72,6 +78,9 @@ Result<std::unique_ptr<Transport>> open_bus(const std::string& address, const Op
 Result<std::unique_ptr<Transport>> open_socketcan(const std::string& interface, const OpenOptions& options);
 Result<std::unique_ptr<Transport>> open_socketcand(const std::string& host, int port, const std::string& bus,
                                                    const OpenOptions& options);
+/// Waits up to 3 s for the gateway. A connection that is lost later is tried again every second.
+Result<std::unique_ptr<Transport>> open_gateway(const std::string& host, int port, const std::string& bus,
+                                                const OpenOptions& options);
 /// Ends of one bus in this process: what one sends, all others receive. Ends may live in different threads.
 std::unique_ptr<Transport> open_memory(const std::string& bus, const OpenOptions& options);
 

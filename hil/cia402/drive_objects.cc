@@ -7,6 +7,8 @@
 #include <tribotwin/hil/canopen/object_index.hpp>
 #include <tribotwin/hil/canopen/sync.hpp>
 #include <tribotwin/hil/cia402/drive_objects.hpp>
+#include <tribotwin/hil/cia402/homing.hpp>
+#include <tribotwin/hil/cia402/inputs.hpp>
 #include <tribotwin/hil/cia402/modes.hpp>
 
 namespace tribotwin::hil {
@@ -57,11 +59,10 @@ class Builder {
   }
 
   void modes() {
-    const std::int64_t first = modes_of_operation().front().number;
     const std::int64_t last = std::ranges::max(modes_of_operation(), {}, &ModeOfOperation::number).number;
-    add(o_, {od::modes_of_operation, 0, "mode of operation", T::i8, rw, true, first, no_mode, last},
+    add(o_, {od::modes_of_operation, 0, "mode of operation", T::i8, rw, true, default_mode, no_mode, last},
         {.meaning = mode_numbers()});
-    add(o_, {od::modes_of_operation_display, 0, "mode of operation display", T::i8, ro, true, first});
+    add(o_, {od::modes_of_operation_display, 0, "mode of operation display", T::i8, ro, true, default_mode});
     add(o_, {od::supported_drive_modes, 0, "supported modes", T::u32, constant, false, supported_modes()},
         {.meaning = mode_names()});
   }
@@ -75,6 +76,11 @@ class Builder {
         {.scale = 1e-3, .unit = "s"});
     add(o_, {od::following_error_actual_value, 0, "following error", T::i32, ro, true},
         {.scale = increment_rad, .unit = "rad"});
+    add(o_, {od::position_window, 0, "position window", T::u32, rw, false, increments(0.001)},
+        {.scale = increment_rad,
+         .unit = "rad",
+         .meaning = "PP: target reached within it for 6068h; FFFFFFFFh: at the end of the ramp"});
+    add(o_, {od::position_window_time, 0, "position window time", T::u16, rw, false, 10}, {.scale = 1e-3, .unit = "s"});
     position(od::target_position, 0, "target position", rw, true, 0, modes_with_target(od::target_position));
     highest_sub_index(od::software_position_limit, 2);
     const Limits all = limits_of(T::i32);
@@ -82,11 +88,15 @@ class Builder {
              p_.limited ? increments(p_.position_low_rad) : all.low);
     position(od::software_position_limit, 2, "max position limit", rw, false,
              p_.limited ? increments(p_.position_high_rad) : all.high);
+    add(o_, {od::interpolation_submode, 0, "interpolation submode", T::i16, rw, false, 0}, {.meaning = "IP: 0 linear"});
+    highest_sub_index(od::interpolation_data_record, 1);
+    position(od::interpolation_data_record, 1, "interpolated position", rw, true, 0,
+             modes_with_target(od::interpolation_data_record));
     highest_sub_index(od::interpolation_time_period, 2);
     add(o_,
         {od::interpolation_time_period, 1, "interpolation time", T::u8, rw, false,
          std::max<std::int64_t>(1, std::llround(p_.cycle_us / 1e3)), 1, 255},
-        {.meaning = "CSP: set points are joined by straight lines over this time"});
+        {.meaning = "CSP, IP: set points are joined by straight lines over this time"});
     add(o_, {od::interpolation_time_period, 2, "interpolation time exponent", T::i8, rw, false, -3, -6, 0},
         {.meaning = "of ten, seconds"});
   }
@@ -95,12 +105,51 @@ class Builder {
     velocity(od::velocity_actual_value, "velocity actual", ro, "motor side");
     velocity(od::velocity_offset, "velocity offset", rw, modes_that_add(od::velocity_offset));
     velocity(od::target_velocity, "target velocity", rw, modes_with_target(od::target_velocity));
+    add(o_, {od::velocity_window, 0, "velocity window", T::u16, rw, false, 10000},
+        {.scale = milli_rpm_rad_s, .unit = "rad/s", .meaning = "PV: target reached within it for 606Eh"});
+    add(o_, {od::velocity_window_time, 0, "velocity window time", T::u16, rw, false, 10}, {.scale = 1e-3, .unit = "s"});
+    add(o_, {od::velocity_threshold, 0, "velocity threshold", T::u16, rw, false, 5000},
+        {.scale = milli_rpm_rad_s, .unit = "rad/s", .meaning = "PV: above it for 6070h, bit 12 of 6041h is 0"});
+    add(o_, {od::velocity_threshold_time, 0, "velocity threshold time", T::u16, rw, false, 10},
+        {.scale = 1e-3, .unit = "s"});
     add(o_,
         {od::max_motor_speed, 0, "max motor speed", T::u32, rw, false,
          std::llround(p_.speed_max_rad_s * 30 / std::numbers::pi), 1, 1000000},
         {.scale = std::numbers::pi / 30, .unit = "rad/s", .meaning = "rpm"});
-    deceleration(od::profile_deceleration, "profile deceleration", 1, "halt with 605Dh = 1");
-    deceleration(od::quick_stop_deceleration, "quick stop deceleration", 0.25, "every other ramp");
+    acceleration(od::profile_deceleration, "profile deceleration", 1, "profile modes, and halt with 605Dh = 1");
+    acceleration(od::quick_stop_deceleration, "quick stop deceleration", 0.25, "every other ramp");
+  }
+
+  void profile() {
+    speed(od::max_profile_velocity, "max profile velocity", p_.speed_max_rad_s, 1, "profile modes");
+    speed(od::profile_velocity, "profile velocity", p_.speed_max_rad_s / 4, 1, "PP");
+    speed(od::end_velocity, "end velocity", 0, 0, "PP: at the target, for the set point that waits; else it stops");
+    acceleration(od::profile_acceleration, "profile acceleration", 1, "profile modes");
+    add(o_, {od::motion_profile_type, 0, "motion profile type", T::i16, rw, false, DriveObjects::linear_ramp, 0, 3},
+        {.meaning = "profile modes: 0 linear ramps, 3 jerk-limited (60A4h)"});
+    add(o_, {od::profile_jerk_use, 0, "profile jerk use", T::u8, constant, false, 1}, {.meaning = "one for all ramps"});
+    highest_sub_index(od::profile_jerk, 1);
+    add(o_, {od::profile_jerk, 1, "profile jerk", T::u32, rw, false, counts(p_.speed_max_rad_s / 0.1), 1, 0xffffffffLL},
+        {.scale = milli_rpm_rad_s, .unit = "rad/s3", .meaning = "6086h = 3"});
+    acceleration(od::max_acceleration, "max acceleration", 0.25, "limits 6083h");
+    acceleration(od::max_deceleration, "max deceleration", 0.25, "limits 6084h in the profile modes");
+  }
+
+  void homing() {
+    position(od::home_offset, 0, "home offset", rw, false, 0, "homing puts the home position at minus this");
+    add(o_, {od::homing_method, 0, "homing method", T::i8, rw, false, 0}, {.meaning = homing_method_names()});
+    highest_sub_index(od::homing_speeds, 2);
+    speed(od::homing_speeds, "homing speed to a switch", p_.speed_max_rad_s / 10, 1, "HM", 1);
+    speed(od::homing_speeds, "homing speed to zero", p_.speed_max_rad_s / 100, 1, "HM: off the switch, to the index",
+          2);
+    acceleration(od::homing_acceleration, "homing acceleration", 0.25, "HM");
+    const auto all = methods_of(p_);
+    highest_sub_index(od::supported_homing_methods, static_cast<int>(all.size()));
+    for (std::size_t i = 0; i < all.size(); ++i)
+      add(o_, {od::supported_homing_methods, static_cast<std::uint8_t>(i + 1),
+               "supported homing method " + std::to_string(i + 1), T::i8, constant, false, all[i]->number});
+    add(o_, {od::digital_inputs, 0, "digital inputs", T::u32, ro, true},
+        {.meaning = "bits: 0 negative limit, 1 positive limit, 2 home switch, 16 second probe (2130h)"});
   }
 
   void torque() {
@@ -141,6 +190,10 @@ class Builder {
          {.scale = 0.1, .unit = "degC", .meaning = "of a bench; overrides the thermal model; 8000h: none"});
     only({od::temperature_limit, 1, "temperature limit", T::i16, rw, false, 1200},
          {.scale = 0.1, .unit = "degC", .meaning = "above: fault 4310h; a warning 10 K before"});
+    highest_sub_index(od::simulated_switches, 2);
+    const std::int64_t none = limits_of(T::i32).high;
+    position(od::simulated_switches, 1, "home switch", rw, false, none, "closed from here on; not moved by homing");
+    position(od::simulated_switches, 2, "second probe", rw, false, none, "closed from here on; not moved by homing");
     only({od::sync_deadline, 1, "SYNC deadline", T::u16, rw, false, default_sync_deadline_ms, 0, 60000},
          {.scale = 1e-3,
           .unit = "s",
@@ -171,11 +224,16 @@ class Builder {
     add(o_, {index, 0, name, T::i32, access, true},
         {.scale = milli_rpm_rad_s, .unit = "rad/s", .meaning = std::move(meaning)});
   }
-  /// `stop_s`: from the maximum speed to standstill.
-  void deceleration(od::Index index, const char* name, double stop_s, std::string meaning) {
-    add(o_,
-        {index, 0, name, T::u32, rw, false, std::llround(std::min(p_.speed_max_rad_s / stop_s / milli_rpm_rad_s, 4e9)),
-         1, 0xffffffffLL},
+  /// Counts of a speed, acceleration or jerk of the motor.
+  static std::int64_t counts(double rad_s) { return std::llround(std::min(rad_s / milli_rpm_rad_s, 4e9)); }
+  void speed(od::Index index, const char* name, double rad_s, std::int64_t low, std::string meaning,
+             std::uint8_t sub = 0) {
+    add(o_, {index, sub, name, T::u32, rw, sub == 0, counts(rad_s), low, 0xffffffffLL},
+        {.scale = milli_rpm_rad_s, .unit = "rad/s", .meaning = std::move(meaning)});
+  }
+  /// `ramp_s`: between standstill and the maximum speed.
+  void acceleration(od::Index index, const char* name, double ramp_s, std::string meaning) {
+    add(o_, {index, 0, name, T::u32, rw, false, counts(p_.speed_max_rad_s / ramp_s), 1, 0xffffffffLL},
         {.scale = milli_rpm_rad_s, .unit = "rad/s2", .meaning = std::move(meaning)});
   }
   void torque(od::Index index, const char* name, Type type, Access access, std::int64_t value,
@@ -200,6 +258,8 @@ Dictionary drive_dictionary(const DriveParameters& parameters) {
   drive.modes();
   drive.position();
   drive.velocity();
+  drive.profile();
+  drive.homing();
   drive.torque();
   drive.motor_and_gear();
   drive.manufacturer();
@@ -207,6 +267,7 @@ Dictionary drive_dictionary(const DriveParameters& parameters) {
 }
 
 DriveObjects::DriveObjects(Dictionary& dictionary, double gear_ratio) : dictionary_(dictionary) {
+  // One line per object.
   increment_rad = 2 * std::numbers::pi / increments_per_turn / gear_ratio;
   milli_rpm_rad_s = 2e-3 * std::numbers::pi / 60 / gear_ratio;
   per_mille_nm = static_cast<double>(dictionary.get(od::motor_rated_torque)) * 1e-6 * gear_ratio;
@@ -228,6 +289,12 @@ DriveObjects::DriveObjects(Dictionary& dictionary, double gear_ratio) : dictiona
   following_error = object(od::following_error_actual_value);
   following_error_window = object(od::following_error_window);
   following_error_time_out = object(od::following_error_time_out);
+  position_window = object(od::position_window);
+  position_window_time = object(od::position_window_time);
+  velocity_window = object(od::velocity_window);
+  velocity_window_time = object(od::velocity_window_time);
+  velocity_threshold = object(od::velocity_threshold);
+  velocity_threshold_time = object(od::velocity_threshold_time);
   velocity_offset = object(od::velocity_offset);
   torque_offset = object(od::torque_offset);
   max_torque = object(od::max_torque);
@@ -235,8 +302,25 @@ DriveObjects::DriveObjects(Dictionary& dictionary, double gear_ratio) : dictiona
   halt_option = object(od::halt_option_code);
   profile_deceleration = object(od::profile_deceleration);
   quick_stop_deceleration = object(od::quick_stop_deceleration);
+  profile_velocity = object(od::profile_velocity);
+  max_profile_velocity = object(od::max_profile_velocity);
+  end_velocity = object(od::end_velocity);
+  profile_acceleration = object(od::profile_acceleration);
+  motion_profile_type = object(od::motion_profile_type);
+  profile_jerk = object(od::profile_jerk, 1);
+  max_acceleration = object(od::max_acceleration);
+  max_deceleration = object(od::max_deceleration);
+  home_offset = object(od::home_offset);
+  homing_method = object(od::homing_method);
+  homing_speed_switch = object(od::homing_speeds, 1);
+  homing_speed_zero = object(od::homing_speeds, 2);
+  homing_acceleration = object(od::homing_acceleration);
+  digital_inputs = object(od::digital_inputs);
+  home_switch = object(od::simulated_switches, 1);
+  probe_2_switch = object(od::simulated_switches, 2);
   position_limit_low = object(od::software_position_limit, 1);
   position_limit_high = object(od::software_position_limit, 2);
+  interpolated_position = object(od::interpolation_data_record, 1);
   interpolation_time = object(od::interpolation_time_period, 1);
   interpolation_exponent = object(od::interpolation_time_period, 2);
   lubricant_temperature = object(od::lubricant_temperature, 1);
@@ -244,6 +328,18 @@ DriveObjects::DriveObjects(Dictionary& dictionary, double gear_ratio) : dictiona
   load_torque = object(od::load_torque, 1);
   measured_temperature = object(od::measured_temperature, 1);
   temperature_limit = object(od::temperature_limit, 1);
+}
+
+double DriveObjects::profile_speed_max_rad_s() const {
+  return std::min(velocity_rad_s(max_profile_velocity), speed_max_rad_s());
+}
+
+MotionLimits DriveObjects::profile_limits(double speed_rad_s) const {
+  const bool smooth = motion_profile_type->value == jerk_limited_ramp;
+  return {.speed_rad_s = speed_rad_s,
+          .acceleration_rad_s2 = std::min(velocity_rad_s(profile_acceleration), velocity_rad_s(max_acceleration)),
+          .deceleration_rad_s2 = std::min(velocity_rad_s(profile_deceleration), velocity_rad_s(max_deceleration)),
+          .jerk_rad_s3 = smooth ? velocity_rad_s(profile_jerk) : MotionLimits::unlimited};
 }
 
 double DriveObjects::interpolation_s() const {

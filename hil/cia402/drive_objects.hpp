@@ -1,6 +1,7 @@
 #pragma once
 
 #include <tribotwin/hil/canopen/dictionary.hpp>
+#include <tribotwin/hil/cia402/motion_profile.hpp>
 #include <tribotwin/hil/drives/drive_parameters.hpp>
 
 namespace tribotwin::hil {
@@ -14,20 +15,30 @@ Dictionary drive_dictionary(const DriveParameters& parameters);
 /// Objects count at the motor: increments [1/65536 turn], 0.001 rpm, 0.001 of the rated torque.
 class DriveObjects {
  public:
+  static constexpr std::int64_t window_off = 0xffffffff;                       ///< 6065h, 6067h: not watched
+  enum ProfileType : std::int64_t { linear_ramp = 0, jerk_limited_ramp = 3 };  ///< 6086h
+
   DriveObjects(Dictionary& dictionary, double gear_ratio);
 
   // Size of one count, joint side.
   double increment_rad, milli_rpm_rad_s, per_mille_nm;
+  double zero_rad = 0;  ///< angle of the joint at position 0; homing moves it
 
   Object *controlword, *statusword, *error_code;
   Object *mode, *mode_display;
   Object *target_position, *target_velocity, *target_torque;
   Object *position_demand, *position_actual, *velocity_actual, *torque_actual, *torque_demand;
   Object *following_error, *following_error_window, *following_error_time_out;
+  Object *position_window, *position_window_time;
+  Object *velocity_window, *velocity_window_time, *velocity_threshold, *velocity_threshold_time;
   Object *velocity_offset, *torque_offset, *max_torque, *max_motor_speed;
   Object *halt_option, *profile_deceleration, *quick_stop_deceleration;
+  Object *profile_velocity, *max_profile_velocity, *end_velocity, *profile_acceleration;
+  Object *motion_profile_type, *profile_jerk, *max_acceleration, *max_deceleration;
+  Object *home_offset, *homing_method, *homing_speed_switch, *homing_speed_zero, *homing_acceleration;
+  Object *digital_inputs, *home_switch, *probe_2_switch;
   Object *position_limit_low, *position_limit_high;
-  Object *interpolation_time, *interpolation_exponent;
+  Object *interpolated_position, *interpolation_time, *interpolation_exponent;
   Object *lubricant_temperature, *friction_torque, *load_torque, *measured_temperature, *temperature_limit;
 
   /// Any other object that must exist.
@@ -39,6 +50,10 @@ class DriveObjects {
   double torque_nm(const Object* object) const { return static_cast<double>(object->value) * per_mille_nm; }
   /// 6080h, which counts in rpm.
   double speed_max_rad_s() const { return static_cast<double>(max_motor_speed->value) * 1e3 * milli_rpm_rad_s; }
+  /// The lower one of 607Fh and 6080h: for ramps of the profile modes.
+  double profile_speed_max_rad_s() const;
+  /// Ramps by 6083h, 6084h, 6086h and 60A4h within 60C5h and 60C6h, up to a speed.
+  MotionLimits profile_limits(double speed_rad_s) const;
   /// 60C2h: time from one set point to the next.
   double interpolation_s() const;
 

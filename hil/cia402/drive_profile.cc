@@ -1,29 +1,17 @@
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 #include <tribotwin/hil/canopen/object_index.hpp>
 #include <tribotwin/hil/cia402/drive_profile.hpp>
+#include <tribotwin/hil/cia402/words.hpp>
 
 namespace tribotwin::hil {
 namespace {
 
-constexpr double standing_motor_rad_s = 0.5;     // slower than this, a motor counts as standing
-constexpr double standstill_s = 0.02;            // duration at the end of a ramp
-constexpr double warning_K = 10;                 // below the temperature limit
-constexpr std::int64_t window_off = 0xffffffff;  // 6065h: the following error is not watched
-
-/// Bits of the statusword 6041h beside those of the state (CiA 402-2).
-enum Status : std::uint16_t {
-  voltage_enabled = 0x0010,
-  warning = 0x0080,
-  remote = 0x0200,
-  target_reached = 0x0400,
-  internal_limit_active = 0x0800,
-  follows_command = 0x1000,
-  following_error = 0x2000
-};
-
-constexpr std::int64_t halt_bit = 0x0100;  // of the controlword 6040h
+constexpr double standing_motor_rad_s = 0.5;  // slower than this, a motor counts as standing
+constexpr double standstill_s = 0.02;         // duration at the end of a ramp
+constexpr double warning_K = 10;              // below the temperature limit
 
 /// 605Dh: halt option.
 enum HaltOption : std::int64_t { slow_down_ramp = 1, quick_stop_ramp = 2 };
@@ -35,8 +23,12 @@ double tenths_degC(const Object* object) { return 0.1 * static_cast<double>(obje
 
 }  // namespace
 
-DriveProfile::DriveProfile(NodeContext& node, Emcy& emcy, double gear_ratio)
-    : node_(node), emcy_(emcy), objects_(node.dictionary, gear_ratio), gear_ratio_(gear_ratio) {}
+DriveProfile::DriveProfile(NodeContext& node, Emcy& emcy, const DriveParameters& p)
+    : node_(node),
+      emcy_(emcy),
+      objects_(node.dictionary, p.gear_ratio),
+      gear_ratio_(p.gear_ratio),
+      switches_(switches_of(p)) {}
 
 std::optional<double> DriveProfile::measured_temperature_degC() const {
   const Object* measured = objects_.measured_temperature;
@@ -49,19 +41,31 @@ std::optional<double> DriveProfile::measured_temperature_degC() const {
 tl::expected<void, Abort> DriveProfile::may_write(const Object& o, std::int64_t value) const {
   const bool unknown_mode = o.index == od::modes_of_operation && value != no_mode && !find_mode(value);
   const bool unknown_stop = o.index == od::quick_stop_option_code && (value == 3 || value == 4);
-  if (unknown_mode || unknown_stop) return tl::unexpected(Abort::out_of_range);
+  const bool unknown_ramp = o.index == od::motion_profile_type && (value == 1 || value == 2);
+  const bool unknown_method = o.index == od::homing_method && !has_homing_method(value);
+  const bool unknown_submode = o.index == od::interpolation_submode && value != 0;
+  if (unknown_mode || unknown_stop || unknown_ramp || unknown_method || unknown_submode)
+    return tl::unexpected(Abort::out_of_range);
   return {};
+}
+
+bool DriveProfile::has_homing_method(std::int64_t number) const {
+  bool has = number == 0;
+  for (std::int64_t sub = node_.dictionary.get(od::supported_homing_methods); sub > 0 && !has; --sub)
+    has = node_.dictionary.get(od::supported_homing_methods, static_cast<std::uint8_t>(sub)) == number;
+  return has;
 }
 
 void DriveProfile::written(const Object& o) {
   if (o.index == od::controlword) return apply_controlword();
-  if (o.index == od::modes_of_operation) return refresh_status();
-  const auto target = std::ranges::find(targets(), o.index, &Target::index);
+  if (o.index == od::modes_of_operation) return update_status();
+  const auto target =
+      std::ranges::find_if(targets(), [&](const Target& t) { return t.index == o.index && t.sub == o.sub; });
   if (target == targets().end()) return;
-  fresh_[static_cast<std::size_t>(target - targets().begin())] = true;
-  if (!follows_target()) return;
-  const ModeOfOperation& mode = *active_mode();
-  if (mode.target_written && mode.target == o.index) mode.target_written(demand_, objects_);
+  const ModeOfOperation* mode = followed_mode();
+  // What is written for one mode does not move the drive in the next.
+  fresh_[static_cast<std::size_t>(target - targets().begin())] = !mode || mode->target != o.index;
+  if (follows_target() && mode->target_written && mode->target == o.index) mode->target_written(demand_, objects_);
 }
 
 void DriveProfile::reset() {
@@ -71,7 +75,7 @@ void DriveProfile::reset() {
 }
 
 bool DriveProfile::halts() const {
-  return machine_.follows() && ((objects_.controlword->value & halt_bit) || !active_mode());
+  return machine_.follows() && ((objects_.controlword->value & halt) || !active_mode());
 }
 
 const ModeOfOperation* DriveProfile::active_mode() const { return find_mode(objects_.mode_display->value); }
@@ -92,7 +96,7 @@ void DriveProfile::apply_controlword() {
     objects_.error_code->value = 0;
     emcy_.clear();
   }
-  refresh_status();
+  update_status();
 }
 
 void DriveProfile::fail(std::uint16_t code, std::uint8_t register_bits, bool ramp) {
@@ -116,17 +120,29 @@ void DriveProfile::lose_commands(ErrorCode code) {
 }
 
 void DriveProfile::refresh_status() {
+  const std::int64_t word = objects_.controlword->value;
+  const ModeOfOperation* mode = followed_mode();
+  // The word that enables the drive, or that a halt or a ramp outlives, starts nothing: an edge needs a frame before.
+  if (mode && mode->control && controls_ && word != controlword_) mode->control(demand_, objects_, controlword_, word);
+  controls_ = mode != nullptr;
+  controlword_ = word;
+  update_status();
+}
+
+void DriveProfile::update_status() {
   const bool follows = machine_.follows();
   if ((follows && !followed_) || (follows && objects_.mode_display->value != objects_.mode->value)) take_up_mode();
   if (!follows) objects_.mode_display->value = objects_.mode->value;
   if (machine_.ramping() && ramp_rad_s_ == 0) ramp_rad_s_ = feedback_.velocity_rad_s;
   followed_ = follows;
-  if (const bool halt = halts(); halt != halted_) {
-    halted_ = halt;
+  if (const bool now = halts(); now != halted_) {
+    halted_ = now;
     ramp_rad_s_ = feedback_.velocity_rad_s;
     // Released, CSP stands until the next target; the other modes continue with theirs.
-    if (!halt && follows) demand_ = demand_here();
+    if (!now && follows) resume();
   }
+  demand_.halted = halted_;
+  demand_.lags = follows_demand() && following_s_ > 0;
 
   const std::uint16_t word = statusword();
   if (objects_.statusword->value != word) node_.changed = true;
@@ -134,7 +150,15 @@ void DriveProfile::refresh_status() {
 }
 
 Demand DriveProfile::demand_here() const {
-  return {.position_rad = feedback_.position_rad, .speed_rad_s = feedback_.velocity_rad_s};
+  return {.position_rad = feedback_.position_rad,
+          .speed_rad_s = feedback_.velocity_rad_s,
+          .motion = {feedback_.position_rad, feedback_.velocity_rad_s, 0},
+          .inputs = &inputs_};
+}
+
+void DriveProfile::resume() {
+  const Demand before = std::exchange(demand_, demand_here());
+  if (const ModeOfOperation* mode = active_mode(); mode && mode->resume) mode->resume(demand_, before, objects_);
 }
 
 /// A target that was not written for this mode begins at what the drive does now, so that nothing jumps.
@@ -142,23 +166,27 @@ void DriveProfile::take_up_mode() {
   objects_.mode_display->value = objects_.mode->value;
   demand_ = demand_here();
   if (!followed_) fresh_.assign(fresh_.size(), false);  // targets of another time
+  const ModeOfOperation* mode = active_mode();
   for (std::size_t i = 0; i < fresh_.size(); ++i) {
     const Target& target = targets()[i];
-    if (!fresh_[i])
-      node_.dictionary.set(target.index, 0, target.standing_counts(objects_, feedback_, followed_ && !halted_));
+    const bool asked_first = mode && mode->set_points == SetPoints::on_request && mode->target == target.index;
+    if (!fresh_[i] && !asked_first)
+      node_.dictionary.set(target.index, target.sub,
+                           target.standing_counts(objects_, feedback_, followed_ && !halted_));
   }
   fresh_.assign(fresh_.size(), false);
   following_s_ = 0;
+  if (mode && mode->enter) mode->enter(demand_, objects_);
 }
 
 std::uint16_t DriveProfile::statusword() const {
   int word = machine_.status_bits() | voltage_enabled;
   if (feedback_.temperature_degC > tenths_degC(objects_.temperature_limit) - warning_K) word |= warning;
   if (node_.operational()) word |= remote;
-  if (feedback_.limited || (follows_target() && demand_.limited_way != 0)) word |= internal_limit_active;
+  if (feedback_.limited) word |= internal_limit_active;
+  if (const ModeOfOperation* mode = followed_mode()) word |= mode->status(demand_);
+  if (halts()) word &= ~target_reached;
   if (halts() && ramp_rad_s_ == 0 && stands()) word |= target_reached;
-  if (follows_target()) word |= follows_command;
-  if (follows_demand() && following_s_ > 0) word |= following_error;
   return static_cast<std::uint16_t>(word);
 }
 
@@ -169,6 +197,9 @@ twin::DriveCommand DriveProfile::command(double dt) {
   if (follows_target()) {
     ramp_rad_s_ = 0;
     c = active_mode()->command(demand_, objects_, feedback_, dt);
+    c.position_rad += objects_.zero_rad;
+    if (const auto home = std::exchange(demand_.homing.home_rad, {}))
+      move_zero(*home + objects_.position_rad(objects_.home_offset));
   } else if (machine_.powered()) {
     c = ramp_down(c, dt);
   }
@@ -187,8 +218,30 @@ twin::DriveCommand DriveProfile::ramp_down(twin::DriveCommand c, double dt) {
   return c;
 }
 
-void DriveProfile::feedback(const Feedback& f, double dt) {
-  feedback_ = f;
+/// Position 0 is at this angle of the joint from now on; nothing moves.
+void DriveProfile::move_zero(double joint_rad) {
+  const double by = joint_rad - std::exchange(objects_.zero_rad, joint_rad);
+  feedback_.position_rad -= by;
+  demand_.position_rad -= by;
+  demand_.motion.position_rad -= by;
+}
+
+void DriveProfile::read_inputs(double joint_rad) {
+  switches_.home_rad = objects_.position_rad(objects_.home_switch);
+  switches_.probe_2_rad = objects_.position_rad(objects_.probe_2_switch);
+  inputs_.move_to(switches_, joint_rad);
+  constexpr std::pair<Input, int> bits[] = {
+      {Input::negative_limit, 0}, {Input::positive_limit, 1}, {Input::home, 2}, {Input::probe_2, 16}};
+  std::int64_t word = 0;
+  for (const auto& [input, bit] : bits) word |= std::int64_t{inputs_.active(input)} << bit;
+  set(objects_.digital_inputs, static_cast<double>(word));
+}
+
+void DriveProfile::feedback(const Feedback& joint, double dt) {
+  read_inputs(joint.position_rad);
+  feedback_ = joint;
+  feedback_.position_rad -= objects_.zero_rad;
+  const Feedback& f = feedback_;
   const double lag_rad = follows_demand() ? demand_.position_rad - f.position_rad : 0;
   show(f);
   set(objects_.following_error, lag_rad / objects_.increment_rad);
@@ -196,7 +249,7 @@ void DriveProfile::feedback(const Feedback& f, double dt) {
   watch_standstill(dt);
   watch_temperature();
   watch_rest();
-  refresh_status();
+  update_status();
 }
 
 void DriveProfile::show(const Feedback& f) {
@@ -219,7 +272,7 @@ void DriveProfile::set(Object* object, double counts) {
 void DriveProfile::watch_following_error(double lag_rad, double dt) {
   if (!follows_demand()) return;
   const auto window = objects_.following_error_window->value;
-  const bool outside = window != window_off && std::abs(lag_rad) > objects_.position_rad(window);
+  const bool outside = window != DriveObjects::window_off && std::abs(lag_rad) > objects_.position_rad(window);
   following_s_ = outside ? following_s_ + dt : 0;
   if (following_s_ > 1e-3 * static_cast<double>(objects_.following_error_time_out->value))
     fail(static_cast<std::uint16_t>(ErrorCode::following_error), profile_error, stop_options().fault_reaction != 0);

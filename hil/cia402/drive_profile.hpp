@@ -15,14 +15,14 @@ namespace tribotwin::hil {
 /// values, and the reactions to errors.
 class DriveProfile {
  public:
-  DriveProfile(NodeContext& node, Emcy& emcy, double gear_ratio);
+  DriveProfile(NodeContext& node, Emcy& emcy, const DriveParameters& parameters);
 
   const StateMachine& machine() const { return machine_; }
   bool halted() const { return halted_; }
-  /// Index of the set point of the mode that the drive is in, halted or not; 0: none.
+  /// Index of the set point that must keep coming in the mode that the drive is in, halted or not; 0: none.
   std::uint16_t target() const {
-    const ModeOfOperation* mode = active_mode();
-    return machine_.follows() && mode ? mode->target : std::uint16_t{0};
+    const ModeOfOperation* mode = followed_mode();
+    return mode && mode->set_points == SetPoints::cyclic && !demand_.idle ? mode->target : std::uint16_t{0};
   }
   /// Commands were lost, and the motor is not at rest yet.
   bool stops_alone() const { return stops_alone_; }
@@ -46,24 +46,32 @@ class DriveProfile {
   twin::DriveCommand command(double dt_s);
   /// What that step did.
   void feedback(const Feedback& feedback, double dt_s);
-  /// Enters the mode when the drive begins to follow set points or 6060h changed; updates the statusword.
+  /// After a frame or a change from outside: the bits of the controlword that are the mode's, and the statusword.
   void refresh_status();
 
  private:
   const ModeOfOperation* active_mode() const;  ///< null: none
+  /// The mode whose set points the drive follows or, halted, would follow; null: none.
+  const ModeOfOperation* followed_mode() const { return machine_.follows() ? active_mode() : nullptr; }
   /// The drive is enabled, but its master halts it (bit 8 of the controlword) or has it in no mode.
   bool halts() const;
   /// The drive follows the set points of its mode.
   bool follows_target() const { return machine_.follows() && !halts(); }
   /// A mode is active that watches the following error.
   bool follows_demand() const { return follows_target() && active_mode()->follows_demand; }
+  bool has_homing_method(std::int64_t number) const;
   void apply_controlword();
+  /// Enters the mode when the drive begins to follow set points or 6060h changed; updates the statusword.
+  void update_status();
   void take_up_mode();
   Demand demand_here() const;
+  void resume();
   std::uint16_t statusword() const;
   StopOptions stop_options() const;
   /// A ramp down to standstill by 6085h or, for a halt with 605Dh = 1, 6084h; then held there.
   twin::DriveCommand ramp_down(twin::DriveCommand command, double dt_s);
+  void move_zero(double joint_rad);
+  void read_inputs(double joint_rad);
   void show(const Feedback& feedback);
   void set(Object* object, double counts);
   void watch_following_error(double lag_rad, double dt_s);
@@ -77,12 +85,16 @@ class DriveProfile {
   DriveObjects objects_;
   double gear_ratio_;
   StateMachine machine_;
-  Feedback feedback_;
+  SwitchPositions switches_;
+  Inputs inputs_;
+  Feedback feedback_;  // positions count from the drive's zero
   Demand demand_;
   double ramp_rad_s_ = 0;
   double following_s_ = 0;                  // time for which the following error has been beyond its window
   double standing_s_ = 0;                   // time for which the motor has stood at the end of a ramp
   bool followed_ = false, halted_ = false;  // set points, when refresh_status was last called
+  std::int64_t controlword_ = 0;            // when the frame before this one had been taken
+  bool controls_ = false;                   // and whether its bits for a mode counted then
   bool stops_alone_ = false;
   std::vector<bool> fresh_ =
       std::vector<bool>(targets().size());  // targets written since the drive last entered a mode

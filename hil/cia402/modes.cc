@@ -6,80 +6,82 @@
 #include <fmt/ranges.h>
 
 #include <tribotwin/hil/canopen/object_index.hpp>
+#include <tribotwin/hil/cia402/cyclic_modes.hpp>
 #include <tribotwin/hil/cia402/modes.hpp>
 
 namespace tribotwin::hil {
 namespace {
 
-using twin::DriveCommand;
-
-/// Cyclic synchronous position (CiA 402-2): straight lines over the interpolation time 60C2h, within 607Dh, 6080h.
-void csp_target(Demand& demand, const DriveObjects& o) {
-  const auto target = std::clamp(o.target_position->value, o.position_limit_low->value, o.position_limit_high->value);
-  const double speed_max = o.speed_max_rad_s();
-  demand.left_s = o.interpolation_s();
-  demand.step_rad_s = std::clamp((o.position_rad(target) - demand.position_rad) / demand.left_s, -speed_max, speed_max);
-}
-
-DriveCommand csp(Demand& demand, const DriveObjects& o, const Feedback&, double dt) {
-  DriveCommand c{.mode = DriveCommand::Mode::position};
-  const double step = std::min(dt, demand.left_s);
-  demand.position_rad += demand.step_rad_s * step;
-  c.velocity_rad_s = (demand.left_s > 0 ? demand.step_rad_s : 0) + o.velocity_rad_s(o.velocity_offset);
-  demand.left_s = std::max(0.0, demand.left_s - dt);
-  c.position_rad = demand.position_rad;
-  c.torque_nm = o.torque_nm(o.torque_offset);
-  return c;
-}
-
-/// Cyclic synchronous velocity (CiA 402-2): stops at the position limits 607Dh.
-DriveCommand csv(Demand&, const DriveObjects& o, const Feedback& feedback, double) {
-  DriveCommand c{.mode = DriveCommand::Mode::velocity};
-  const double speed_max = o.speed_max_rad_s();
-  double speed =
-      std::clamp(o.velocity_rad_s(o.target_velocity) + o.velocity_rad_s(o.velocity_offset), -speed_max, speed_max);
-  const double low = o.position_rad(o.position_limit_low), high = o.position_rad(o.position_limit_high);
-  if ((feedback.position_rad >= high && speed > 0) || (feedback.position_rad <= low && speed < 0)) speed = 0;
-  c.velocity_rad_s = speed;
-  c.torque_nm = o.torque_nm(o.torque_offset);
-  return c;
-}
-
-/// Cyclic synchronous torque (CiA 402-2). When the next step would be faster than 6080h and the target does not slow it
-/// down, the speed loop takes over and holds that speed, until the target asks for less torque in this direction than
-/// the loop does.
-DriveCommand cst(Demand& demand, const DriveObjects& o, const Feedback& feedback, double) {
-  const double torque = o.torque_nm(o.target_torque) + o.torque_nm(o.torque_offset);
-  const double speed_max = o.speed_max_rad_s(), speed = feedback.velocity_rad_s;
-  const double next = 2 * speed - demand.speed_rad_s;
-  const bool slows_down = torque * next < 0 && std::abs(next) <= std::abs(speed);
-  demand.speed_rad_s = speed;
-  if (demand.limited_way != 0 && demand.limited_way * (torque - feedback.torque_nm) < 0)
-    demand.limited_way = 0;
-  else if (demand.limited_way == 0 && std::abs(next) > speed_max && !slows_down)
-    demand.limited_way = next > 0 ? 1 : -1;
-  if (demand.limited_way == 0) return {.mode = DriveCommand::Mode::torque, .torque_nm = torque};
-  return {.mode = DriveCommand::Mode::velocity, .velocity_rad_s = demand.limited_way * speed_max};
-}
-
-// number, name, target, needs, follows_demand, target_written, command
 constexpr ModeOfOperation modes[] = {
-    {8,
-     "CSP",
-     od::target_position,
-     {od::velocity_offset, od::torque_offset, od::software_position_limit, od::max_motor_speed,
-      od::interpolation_time_period},
-     true,
-     csp_target,
-     csp},
-    {9,
-     "CSV",
-     od::target_velocity,
-     {od::velocity_offset, od::torque_offset, od::software_position_limit, od::max_motor_speed},
-     false,
-     nullptr,
-     csv},
-    {10, "CST", od::target_torque, {od::torque_offset, od::max_motor_speed}, false, nullptr, cst},
+    {.number = 1,
+     .name = "PP",
+     .target = od::target_position,
+     .needs = {od::position_window, od::position_window_time, od::software_position_limit, od::max_profile_velocity,
+               od::max_motor_speed, od::profile_velocity, od::end_velocity, od::profile_acceleration,
+               od::profile_deceleration, od::motion_profile_type, od::profile_jerk, od::max_acceleration,
+               od::max_deceleration},
+     .follows_demand = true,
+     .set_points = SetPoints::on_request,
+     .enter = profile_position::enter,
+     .resume = profile_position::resume,
+     .control = profile_position::control,
+     .command = profile_position::command,
+     .status = profile_position::status},
+    {.number = 3,
+     .name = "PV",
+     .target = od::target_velocity,
+     .needs = {od::velocity_window, od::velocity_window_time, od::velocity_threshold, od::velocity_threshold_time,
+               od::software_position_limit, od::max_profile_velocity, od::max_motor_speed, od::profile_acceleration,
+               od::profile_deceleration, od::motion_profile_type, od::profile_jerk, od::max_acceleration,
+               od::max_deceleration},
+     .set_points = SetPoints::rare,
+     .command = profile_velocity::command,
+     .status = profile_velocity::status},
+    {.number = 6,
+     .name = "HM",
+     .target = 0,
+     .needs = {od::home_offset, od::homing_method, od::homing_speeds, od::homing_acceleration, od::max_motor_speed,
+               od::velocity_threshold, od::simulated_switches},
+     .follows_demand = true,
+     .set_points = SetPoints::on_request,
+     .resume = homing::resume,
+     .control = homing::control,
+     .command = homing::command,
+     .status = homing::status},
+    {.number = 7,
+     .name = "IP",
+     .target = od::interpolation_data_record,
+     .needs = {od::interpolation_submode, od::interpolation_time_period, od::software_position_limit,
+               od::max_motor_speed, od::profile_deceleration, od::max_deceleration, od::motion_profile_type,
+               od::profile_jerk},
+     .follows_demand = true,
+     .enter = cyclic::ip_enter,
+     .resume = cyclic::ip_resume,
+     .control = cyclic::ip_control,
+     .target_written = cyclic::ip_target,
+     .command = cyclic::ip,
+     .status = cyclic::ip_status},
+    {.number = 8,
+     .name = "CSP",
+     .target = od::target_position,
+     .needs = {od::velocity_offset, od::torque_offset, od::software_position_limit, od::max_motor_speed,
+               od::interpolation_time_period},
+     .follows_demand = true,
+     .target_written = cyclic::csp_target,
+     .command = cyclic::csp,
+     .status = cyclic::status},
+    {.number = 9,
+     .name = "CSV",
+     .target = od::target_velocity,
+     .needs = {od::velocity_offset, od::torque_offset, od::software_position_limit, od::max_motor_speed},
+     .command = cyclic::csv,
+     .status = cyclic::status},
+    {.number = 10,
+     .name = "CST",
+     .target = od::target_torque,
+     .needs = {od::torque_offset, od::max_motor_speed},
+     .command = cyclic::cst,
+     .status = cyclic::status},
 };
 
 std::int64_t standing_position(const DriveObjects& o, const Feedback& f, bool) {
@@ -92,10 +94,11 @@ std::int64_t standing_torque(const DriveObjects& o, const Feedback& f, bool) {
   return std::llround(f.torque_nm / o.per_mille_nm);
 }
 
-// index, standing_counts
-constexpr Target all_targets[] = {{od::target_position, standing_position},
-                                  {od::target_velocity, standing_velocity},
-                                  {od::target_torque, standing_torque}};
+// index, sub, standing_counts
+constexpr Target all_targets[] = {{od::target_position, 0, standing_position},
+                                  {od::interpolation_data_record, 1, standing_position},
+                                  {od::target_velocity, 0, standing_velocity},
+                                  {od::target_torque, 0, standing_torque}};
 
 /// Names of the modes for which `chosen` holds.
 template <class Predicate>

@@ -9,7 +9,9 @@ struct Arguments : RobotOptions {
   void add_to(CLI::App& command) {
     RobotOptions::add_to(command);
     add_profile(command);
-    command.add_option("--bit-rate", bit_rate, "[bit/s]")->check(CLI::Range(1e4, 1e6))->capture_default_str();
+    command.add_option("--bitrate,--bit-rate", bit_rate, "Of the bus [bit/s]")
+        ->check(CLI::Range(1e4, 1e6))
+        ->capture_default_str();
     command.footer("Example:\n  tribotwin-hil budget twin/scenarios/irb6620_hold.yaml --cycle 2");
   }
 };

@@ -4,7 +4,9 @@
 #include <unistd.h>
 
 #include <tribotwin/hil/commands/node_options.hpp>
+#include <tribotwin/hil/commands/status_line.hpp>
 #include <tribotwin/hil/session/drive.hpp>
+#include <tribotwin/hil/session/session_file.hpp>
 #include <tribotwin/twin/io/interrupt.hpp>
 
 namespace tribotwin::hil::program {
@@ -12,10 +14,19 @@ namespace {
 
 using twin::InputError;
 
+/// Before any work, so that a session does not end in vain.
+void check_statistics(const std::string& file, bool force) {
+  if (file.empty()) return;
+  twin::or_wrong_input(twin::check_output(file, twin::Existing::replace));
+  twin::or_wrong_input(twin::check_output(file, twin::replace_if(force)));
+  if (!std::filesystem::exists(file) || std::filesystem::is_regular_file(file))
+    twin::or_wrong_input(twin::NewFile::create(file, twin::Existing::replace));  // writes nothing and leaves nothing
+}
+
 struct Arguments : RobotOptions {
   NodeOptions start;
   std::string can, record, stats, output, faults;
-  std::optional<double> duration;
+  std::optional<double> duration, bit_rate;
   bool realtime = false, lockstep = false, quiet = false, force = false;
 
   void add_to(CLI::App& command) {
@@ -23,12 +34,16 @@ struct Arguments : RobotOptions {
     add_profile(command);
     start.add_to(command);
     command.add_option("--can", can, "Bus: vcan0, can0, socketcand://127.0.0.1:29536/NAME")->required();
+    command
+        .add_option("--bitrate,--bit-rate", bit_rate,
+                    "Of the bus [bit/s]; without it that of the device, and no limit on vcan and TCP, which have none")
+        ->check(CLI::Range(1e4, 1e6));
     auto* clock = command.add_flag("--realtime", realtime, "The robot moves with the clock");
     command.add_flag("--sync-lockstep", lockstep, "Every SYNC advances the robot by one cycle (default)")
         ->excludes(clock);
     command.add_option("--duration", duration, "Simulated time after which the session ends [s]")
         ->check(CLI::PositiveNumber);
-    command.add_option("--record", record, "Everything on the bus as a candump log");
+    command.add_option("--record", record, "Everything on the bus as a candump log, and LOG.session for replay");
     command.add_option("--stats", stats, "Counters of the session as JSON");
     command.add_option("--faults", faults, "Injected faults: a YAML list (hil/README.md)");
     command.add_option("-o,--output", output, "Folder for telemetry.h5, scenario.yaml, summary.json");
@@ -44,52 +59,43 @@ struct Arguments : RobotOptions {
     inputs.push_back({"--faults " + faults, faults});
     auto outputs = files_in(output);
     outputs.push_back({"--record " + record, record});
+    if (const auto beside = session_file_of(record); !beside.empty())
+      outputs.push_back({"the file beside --record " + record, beside});
     outputs.push_back({"--stats " + stats, stats});
-    const auto kept = start.files();
+    const auto kept = start.outputs(), read = start.inputs();
+    inputs.insert(inputs.end(), read.begin(), read.end());
     check_outputs(inputs, outputs, force);
     outputs.insert(outputs.end(), kept.begin(), kept.end());
     twin::or_wrong_input(refuse_shared(inputs, outputs));  // a store may exist
     for (const auto& file : kept) twin::or_wrong_input(twin::check_output(file.path, twin::Existing::replace));
-    for (const auto& file : {record, stats})
-      if (!file.empty()) twin::or_wrong_input(twin::check_output(file, twin::Existing::replace));
-    if (!stats.empty()) twin::or_wrong_input(twin::check_output(stats, twin::replace_if(force)));
+    if (!record.empty()) twin::or_wrong_input(twin::check_output(record, twin::Existing::replace));
+    check_statistics(stats, force);
   }
 
-  /// Throws InputError where the bus cannot carry the drives.
-  void check_bus_load(const twin::Scenario& robot) const {
-    const Budget load = budget(robot, 1e6);
+  /// Throws InputError where a bus of this bit rate cannot carry the drives.
+  void check_bus_load(const twin::Scenario& robot, double rate) const {
+    const Budget load = budget(robot, rate);
     if (load.max > 1)
-      throw InputError(
-          fmt::format("--cycle {}: {}; choose a longer cycle or fewer drives on one bus", cycle_ms, load.line()));
+      throw InputError(fmt::format("--cycle {} at {:g} kbit/s: {}; choose a longer cycle or fewer drives on one bus",
+                                   cycle_ms, 1e-3 * rate, load.line()));
     if (load.max > 0.8) twin::note("{}", load.line());
   }
 };
 
-void status_line(const SessionStatus& s) {
-  std::string drives;
-  double hottest_degC = -1e9;
-  for (std::size_t i = 0; i < s.bench->drives().size(); ++i) {
-    const auto& drive = *s.bench->drives()[i];
-    drives += drive.enabled() ? 'E' : drive.failed() ? 'F' : drive.brake_engaged() ? '-' : '+';
-    hottest_degC = std::max(hottest_degC, s.bench->plant().twin().temperature_degC(i));
-  }
-  const BusCounters& bus = s.bus->counters();
-  report_nonblocking(fmt::format(
-      "\r\033[K{:.1f} s, {} syncs, bus {:.0f} %, drives {} (E enabled, F fault), hottest {:.1f} degC, lost {}, {}",
-      s.simulated_s, s.bench->counters().syncs, 100 * s.bus_load, drives, hottest_degC,
-      bus.receive_lost + bus.send_busy + bus.send_down, s.bus->state()));
-}
+void show(const SessionStatus& s) { report_nonblocking("\r\033[K" + status_line(s, terminal_columns())); }
 
 int run(const Arguments& a) {
   const twin::Scenario scenario = a.load();
   const int drives = static_cast<int>(scenario.model->drives().size());
   a.check_files(scenario);
-  a.check_bus_load(scenario);
+  if (a.bit_rate) a.check_bus_load(scenario, *a.bit_rate);
   std::vector<Fault> faults;
   if (!a.faults.empty()) faults = twin::or_wrong_input(load_faults(a.faults, a.first_node, drives));
   const auto nodes = a.start.setups(scenario, a, NodeOptions::Use::live);
   twin::catch_interrupts();
   const auto bus = twin::or_wrong_input(open_bus(a.can));
+  const auto bit_rate = a.bit_rate ? a.bit_rate : bus->bit_rate();
+  if (bit_rate && !a.bit_rate) a.check_bus_load(scenario, *bit_rate);
   const bool live = !a.quiet && isatty(STDERR_FILENO);
   if (!a.quiet)
     report_nonblocking(fmt::format(
@@ -102,13 +108,14 @@ int run(const Arguments& a) {
                                  .nodes = nodes,
                                  .realtime = a.realtime,
                                  .duration_s = a.duration,
+                                 .bit_rate = bit_rate,
                                  .record = a.record,
                                  .statistics = a.stats,
                                  .output = a.output,
                                  .existing = twin::replace_if(a.force),
                                  .faults = faults,
                                  .stop = stop,
-                                 .status = live ? status_line : std::function<void(const SessionStatus&)>{},
+                                 .status = live ? show : std::function<void(const SessionStatus&)>{},
                                  .note = [&](const std::string& what) {
                                    report_nonblocking(fmt::format("{}note: {}\n", live ? "\r\033[K" : "", what));
                                  }});

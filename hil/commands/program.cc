@@ -29,9 +29,9 @@ void RobotOptions::add_to(CLI::App& command) {
   command.add_option("--first-node", first_node, "Node number of the first drive; the others count up")
       ->check(CLI::Range(1, 127))
       ->capture_default_str();
-  command.add_option("--cycle", cycle_ms, "SYNC period [ms] (1006h)")
-      ->check(CLI::Range(0.1, 1000.0))
-      ->capture_default_str();
+  cycle_option = command.add_option("--cycle", cycle_ms, "SYNC period [ms] (1006h)")
+                     ->check(CLI::Range(0.1, 1000.0))
+                     ->capture_default_str();
 }
 
 void RobotOptions::add_profile(CLI::App& command) {

@@ -47,6 +47,7 @@ struct RobotOptions {
   int first_node = 1;
   double cycle_ms = 2;
   std::string profile = "cia402";
+  const CLI::Option* cycle_option = nullptr;  ///< whether --cycle was given
 
   void add_to(CLI::App& command);
   void add_profile(CLI::App& command);

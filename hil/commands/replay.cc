@@ -3,6 +3,7 @@
 
 #include <tribotwin/hil/commands/node_options.hpp>
 #include <tribotwin/hil/session/replay.hpp>
+#include <tribotwin/hil/session/session_file.hpp>
 #include <tribotwin/twin/io/interrupt.hpp>
 
 namespace tribotwin::hil::program {
@@ -44,8 +45,13 @@ int judge(const Arguments& a, const ReplayResult& result) {
                         fmt::format("{}: no frame from the drive of {}; nothing was compared there: is --first-node {} "
                                     "right, and --profile {}?",
                                     a.log, fmt::join(result.silent, ", "), a.first_node, a.profile));
-  if (result.first_difference.empty()) return twin::done;
-  return report_error(failed, result.first_difference);
+  if (!result.first_difference.empty())
+    return report_error(failed, result.session_file ? result.first_difference
+                                                    : fmt::format("{}; there is no {}.session, without which a session "
+                                                                  "with --realtime or --faults does not repeat",
+                                                                  result.first_difference, a.log));
+  if (!result.cut.empty()) return report_error(failed, result.cut);
+  return twin::done;
 }
 
 int run(const Arguments& a) {
@@ -53,7 +59,9 @@ int run(const Arguments& a) {
   if (!std::filesystem::exists(a.log)) throw twin::InputError(fmt::format("{}: does not exist", a.log));
   auto inputs = files_of(scenario);
   inputs.push_back({"LOG " + a.log, a.log});
-  for (const auto& file : a.start.files()) inputs.push_back(file);
+  for (const auto& files : {a.start.outputs(), a.start.inputs()})  // a replay does not write the store
+    inputs.insert(inputs.end(), files.begin(), files.end());
+  inputs.push_back({"the file beside LOG " + a.log, session_file_of(a.log)});
   check_outputs(inputs, files_in(a.output), a.force);
   const auto nodes = a.start.setups(scenario, a, NodeOptions::Use::replay);
   twin::catch_interrupts();

@@ -6,7 +6,7 @@
 #include <tribotwin/hil/can/log.hpp>
 #include <tribotwin/hil/can/transport.hpp>
 #include <tribotwin/hil/commands/program.hpp>
-#include <tribotwin/hil/session/shadow.hpp>
+#include <tribotwin/hil/shadow/shadow.hpp>
 #include <tribotwin/twin/io/interrupt.hpp>
 
 namespace tribotwin::hil::program {
@@ -19,11 +19,13 @@ struct Arguments : RobotOptions {
   std::optional<double> limit, duration;
   double limit_time = 0.5;
   std::vector<std::string> joints;
-  bool force = false;
+  bool force = false, lockstep = false;
 
   void add_to(CLI::App& command) {
     RobotOptions::add_to(command);
     add_profile(command);
+    command.add_flag("--lockstep", lockstep,
+                     "The SYNC is the clock, each one --cycle; else --cycle is only checked against the bus");
     command.add_option("--can", can, "Bus: vcan0, can0, or log:FILE for a candump log")->required();
     auto* limited =
         command.add_option("--limit", limit, "Largest residual torque, arm side [Nm]; beyond it: exit code 3")
@@ -107,6 +109,8 @@ int run(const Arguments& a) {
                                  {.profile = a.bench_profile(),
                                   .first_node = a.first_node,
                                   .cycle_us = a.cycle_us(),
+                                  .cycle_expected = a.cycle_option->count() > 0,
+                                  .lockstep = a.lockstep,
                                   .limit_nm = a.limit,
                                   .limit_time_s = a.limit_time,
                                   .limit_joints = a.joints,

@@ -2,8 +2,6 @@
 #include <limits>
 #include <utility>
 
-#include <nlohmann/json.hpp>
-
 #include <tribotwin/hil/canopen/cob_id.hpp>
 #include <tribotwin/hil/canopen/object_index.hpp>
 #include <tribotwin/hil/canopen/sync.hpp>
@@ -60,8 +58,10 @@ Result<void> Bench::receive(const Frame& frame, std::int64_t now_ns) {
   if (last_sync_ns_ >= 0 && now_ns - last_sync_ns_ < 500 * cycle) ++counters_.sync_fast;
   last_sync_ns_ = now_ns;
   // All drives answer with their state at this SYNC; then the robot moves on to the next.
+  const std::uint64_t sent_before = counters_.frames_out;
   for (const auto& drive : drives_) drive->receive(frame, now_ns);
   for (const auto& drive : drives_) drive->sync(now_ns);
+  if (options_.answered && counters_.frames_out > sent_before) options_.answered();
   if (!options_.lockstep) return {};
   moved_to_ns_ = -1;
   if (auto ok = plant_.advance(drives_, cycle, options_.stop); !ok) return ok;
@@ -124,36 +124,6 @@ std::optional<std::size_t> Bench::sender(const Frame& frame) const {
   const auto found = std::ranges::find_if(drives_, [&](const auto& drive) { return drive->sends(frame.id); });
   if (found == drives_.end()) return std::nullopt;
   return static_cast<std::size_t>(found - drives_.begin());
-}
-
-std::string statistics_json(Bench& bench, const BusCounters& bus, double wall_s,
-                            const std::vector<std::pair<std::string, double>>& more) {
-  const BenchCounters& c = bench.counters();
-  nlohmann::ordered_json json{{"wall_s", wall_s},
-                              {"simulated_s", bench.plant().twin().time_s()},
-                              {"syncs", c.syncs},
-                              {"sync_fast", c.sync_fast},
-                              {"frames_in", c.frames_in},
-                              {"frames_out", c.frames_out},
-                              {"bus_load_1_mbit", wall_s > 0 ? c.bits / (1e6 * wall_s) : 0}};
-  for (const auto& [key, value] : more) json[key] = value;
-  json["bus"] = {{"sent", bus.sent},
-                 {"received", bus.received},
-                 {"send_busy", bus.send_busy},
-                 {"send_down", bus.send_down},
-                 {"send_refused", bus.send_refused},
-                 {"receive_lost", bus.receive_lost},
-                 {"error_frames", bus.error_frames},
-                 {"bus_off", bus.bus_off},
-                 {"link_losses", bus.link_losses},
-                 {"malformed", bus.malformed}};
-  json["drives"] = nlohmann::ordered_json::array();
-  for (std::size_t i = 0; i < bench.drives().size(); ++i) {
-    nlohmann::ordered_json drive{{"joint", bench.joints()[i]}, {"state", bench.drives()[i]->state_name()}};
-    for (const auto& [key, value] : bench.drives()[i]->counts()) drive[key] = value;
-    json["drives"].push_back(std::move(drive));
-  }
-  return json.dump(2) + "\n";
 }
 
 }  // namespace tribotwin::hil

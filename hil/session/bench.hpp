@@ -25,8 +25,9 @@ struct BenchOptions {
   /// Each SYNC advances the robot by the cycle (1006h), and without a SYNC the clock does while drives stop that lost
   /// their commands. Else the owner steps the plant.
   bool lockstep = true;
-  std::vector<NodeSetup> nodes;  ///< of a CANopen bench: how they start; those that are not named here as usual
-  std::function<bool()> stop;    ///< polled in a cycle of many steps: true ends it
+  std::vector<NodeSetup> nodes;    ///< of a CANopen bench: how they start; those that are not named here as usual
+  std::function<bool()> stop;      ///< polled in a cycle of many steps: true ends it
+  std::function<void()> answered;  ///< the drives have sent their answer to a SYNC; the robot has not moved yet
 };
 
 class Bench {
@@ -50,9 +51,10 @@ class Bench {
   std::span<const std::unique_ptr<BusDrive>> drives() const { return drives_; }
   const std::vector<std::string>& joints() const { return joints_; }
   const BenchCounters& counters() const { return counters_; }
+  /// Length of a cycle: 1006h of the first drive.
+  std::int64_t cycle_us() const;
 
  private:
-  std::int64_t cycle_us() const;
   bool any_stops_alone() const;
   void start_clock(std::int64_t now_ns);
   Result<void> follow_clock(std::int64_t now_ns);
@@ -67,9 +69,5 @@ class Bench {
   std::int64_t last_sync_ns_ = -1;
   std::int64_t moved_to_ns_ = -1;  // to this time the clock has moved the robot; -1: it does not
 };
-
-/// The session's JSON: counters of bus, drives and clock.
-std::string statistics_json(Bench& bench, const BusCounters& bus, double wall_s,
-                            const std::vector<std::pair<std::string, double>>& more);
 
 }  // namespace tribotwin::hil

@@ -11,9 +11,13 @@
 #include <sys/mman.h>
 
 #include <tribotwin/hil/can/clock.hpp>
-#include <tribotwin/hil/can/log.hpp>
+#include <tribotwin/hil/canopen/sync.hpp>
 #include <tribotwin/hil/session/drive.hpp>
 #include <tribotwin/hil/session/faulty_bus.hpp>
+#include <tribotwin/hil/session/pace.hpp>
+#include <tribotwin/hil/session/session_record.hpp>
+#include <tribotwin/hil/session/statistics.hpp>
+#include <tribotwin/hil/session/sync_timing.hpp>
 #include <tribotwin/twin/io/file.hpp>
 
 namespace tribotwin::hil {
@@ -25,25 +29,6 @@ constexpr std::int64_t s_ns = 1'000'000'000, longest_wait_ns = 20'000'000;
 
 /// Whole microseconds, the resolution of a log, so that a replay sees the same times.
 std::int64_t now_us_ns() { return clock_ns() / 1000 * 1000; }
-
-/// Histogram of the lateness of a periodic task [us], in powers of two.
-struct Lateness {
-  std::array<std::uint64_t, 20> count{};
-  std::int64_t max_ns = 0;
-  void add(std::int64_t ns) {
-    max_ns = std::max(max_ns, ns);
-    std::size_t bin = 0;
-    for (std::int64_t us = ns / 1000; us > 0 && bin + 1 < count.size(); us /= 2) ++bin;
-    ++count[bin];
-  }
-  std::int64_t median_us() const {
-    std::uint64_t all = 0, sum = 0;
-    for (const auto n : count) all += n;
-    for (std::size_t i = 0; i < count.size(); ++i)
-      if ((sum += count[i]) * 2 >= all) return i ? 1LL << (i - 1) : 0;
-    return 0;
-  }
-};
 
 void become_real_time(const std::function<void(const std::string&)>& note) {
   const sched_param priority{.sched_priority = 50};
@@ -60,7 +45,7 @@ class Session {
  public:
   Session(const twin::Scenario& scenario, Transport& bus, const DriveOptions& o)
       : o_(o),
-        step_ns_(std::llround(1e9 * scenario.model->get()->opt.timestep)),
+        pace_(std::llround(1e9 * scenario.model->get()->opt.timestep)),
         bus_(bus, o.faults, scenario.seed, [this] { return running_ ? time_s() : 0.0; }),
         bench_(scenario,
                {.profile = o.profile,
@@ -68,18 +53,22 @@ class Session {
                 .cycle_us = o.cycle_us,
                 .lockstep = !o.realtime,
                 .nodes = o.nodes,
-                .stop = o.stop},
+                .stop = o.stop,
+                .answered = [this] { sync_.answered(clock_ns(CLOCK_REALTIME)); }},
                [this](const Frame& frame) {
-                 record(frame);
+                 record(frame, true);
                  return bus_.send(frame);
                }) {
     running_ = true;
   }
 
   Status run() {
+    start_ns_ = now_ns_ = now_us_ns();
     if (auto ok = open(); !ok) return ok;
     if (o_.realtime) become_real_time(o_.note);
     bench_.start(now_ns_);
+    if (record_) keep_record(record_->end());
+    pace_.start(clock_ns());
     Status ran;
     while (ran && !finished()) ran = turn();
     return close(ran);
@@ -96,22 +85,25 @@ class Session {
 
   Status open() {
     if (!o_.record.empty()) {
-      auto writer = LogWriter::create(o_.record, "can0", {.replace = o_.existing == twin::Existing::replace});
-      if (!writer) return work_failed(writer.error().message);
-      log_.emplace(std::move(*writer));
+      const SessionHead head{o_.realtime, o_.cycle_us, now_ns_ + to_realtime_ns_};
+      auto record = SessionRecord::create(o_.record, head, o_.existing == twin::Existing::replace);
+      if (!record) return work_failed(record.error().message);
+      record_.emplace(std::move(*record));
+      if (!record_->repeats() && (o_.realtime || !o_.faults.empty()) && !std::filesystem::is_character_file(o_.record))
+        note(fmt::format(
+            "{}: the log will not repeat: what it does not say is in a file beside it, which a pipe has not",
+            o_.record.string()));
     }
     return o_.output.empty() ? Status{} : bench_.plant().record(o_.output, o_.existing);
   }
 
-  void record(Frame frame) {
-    if (!log_) return;
-    frame.time_ns = now_ns_ + to_realtime_ns_;
-    keep_log(log_->write(frame));
+  void record(const Frame& frame, bool ours) {
+    if (record_) keep_record(record_->frame(frame, bench_.sender(frame).has_value() != ours));
   }
-  /// The robot must not fall because a disk is full: the log ends, the drives continue.
-  void keep_log(const Status& written) {
+  /// The robot must not fall because a disk is full: the record ends, the drives continue.
+  void keep_record(const Status& written) {
     if (written) return;
-    log_.reset();
+    record_.reset();
     lose(written.error().message);
   }
   void lose(const std::string& what) {
@@ -121,16 +113,18 @@ class Session {
 
   /// Waits once and handles all that arrived.
   Status turn() {
-    const std::int64_t due_ns = o_.realtime ? deadline_ns_ : std::numeric_limits<std::int64_t>::max();
+    const std::int64_t due_ns = o_.realtime ? pace_.due_ns() : std::numeric_limits<std::int64_t>::max();
     bus_.wait(std::min({now_ns_ + longest_wait_ns, std::max<std::int64_t>(bench_.next_ns(), now_ns_), due_ns}));
     // One time for all frames of a turn: a clock call per frame would cost more than the answer. Each turn has a time
     // of its own, so that a replay runs the timers as often.
     now_ns_ = std::max(now_ns_ + 1000, now_us_ns());
+    if (record_) record_->begin(now_ns_ + to_realtime_ns_);
     if (auto ok = bench_.tick(now_ns_); !ok) return ok;
     if (auto ok = take_frames(); !ok) return ok;
     if (o_.realtime)
       if (auto ok = follow_clock(); !ok) return ok;
     follow_link();
+    if (record_) keep_record(record_->end());
     if (const auto& failure = bench_.plant().record_failure();
         !failure.empty() && !std::exchange(telemetry_lost_, true))
       lose(failure);
@@ -142,41 +136,69 @@ class Session {
     Frame frame;
     // Bounded, so that a flooded bus cannot keep the clock from being served.
     for (int i = 0; i < 256 && !finished() && bus_.receive(frame); ++i) {
-      record(frame);
+      record(frame, false);
+      if (is_sync(frame)) sync_.sync(frame.time_ns > 0 ? frame.time_ns : clock_ns(CLOCK_REALTIME), bench_.cycle_us());
       if (auto ok = bench_.receive(frame, now_ns_); !ok) return ok;
-      bus_.apply(bench_.plant(), o_.first_node);
+      impose_faults();
     }
     return {};
   }
 
+  /// Bounded, so that a robot that cannot keep up with the clock does not keep the bus from being served.
   Status follow_clock() {
-    const std::int64_t late_ns = clock_ns() - deadline_ns_;
-    if (late_ns >= 0) {
-      lateness_.add(late_ns);
-      if (late_ns > step_ns_) ++overruns_;
-      // After a long pause of the machine the robot continues from now; it does not catch up.
-      if (late_ns > 200 * step_ns_) deadline_ns_ += late_ns;
-      for (; deadline_ns_ <= clock_ns() && !finished(); deadline_ns_ += step_ns_)
-        if (auto ok = bench_.plant().step(bench_.drives()); !ok) return ok;
+    for (int k = 0; k < 256 && !finished() && pace_.take(clock_ns()); ++k) {
+      if (auto ok = bench_.plant().step(bench_.drives()); !ok) return ok;
+      if (record_) record_->step();
     }
-    bus_.apply(bench_.plant(), o_.first_node);
+    impose_faults();
     return {};
+  }
+
+  void impose_faults() {
+    for (const DriveFault& fault : bus_.changed(o_.first_node)) {
+      bench_.plant().impose(fault);
+      if (record_) record_->fault(fault);
+    }
   }
 
   void follow_link() {
     if (bus_.up() == was_up_) return;
     note(bus_.state());
     was_up_ = bus_.up();
-    if (was_up_) bench_.recovered(now_ns_);
+    if (!was_up_) return;
+    bench_.recovered(now_ns_);
+    if (record_) record_->recovered();
   }
 
   void report() {
     const double bits = bench_.counters().bits;
-    const double load = status_ns_ ? (bits - bits_before_) / (1e-3 * static_cast<double>(now_ns_ - status_ns_)) : 0;
+    const double per_s = status_ns_ ? 1e9 * (bits - bits_before_) / static_cast<double>(now_ns_ - status_ns_) : 0;
     bits_before_ = bits;
     status_ns_ = now_ns_;
-    if (log_) keep_log(log_->flush());
-    if (o_.status) o_.status({time_s(), wall_s(), load, &bench_, &bus_});
+    if (record_) keep_record(record_->flush());
+    tell_slow_motion();
+    if (o_.status) o_.status({time_s(), wall_s(), per_s, o_.bit_rate, pace_.overruns(), &bench_, &bus_});
+  }
+
+  /// In lockstep a slow SYNC is a slow robot. Said once.
+  void tell_slow_motion() {
+    if (o_.realtime || told_slow_motion_) return;
+    const auto slow = sync_.slow_motion();
+    if (!slow) return;
+    told_slow_motion_ = true;
+    note(*slow);
+  }
+
+  /// What summary.json warns of.
+  std::vector<std::string> warnings() const {
+    if (o_.realtime && pace_.overruns() > 0)
+      return {
+          fmt::format("{} of {} steps began more than a step late, the worst {:.3g} ms; the robot stood still for "
+                      "{:.3g} s in pauses that it did not catch up",
+                      pace_.overruns(), pace_.lateness().count(), 1e-6 * static_cast<double>(pace_.lateness().max_ns()),
+                      1e-9 * static_cast<double>(pace_.skipped_ns()))};
+    const auto slow = o_.realtime ? std::nullopt : sync_.slow_motion();
+    return slow ? std::vector{*slow} : std::vector<std::string>{};
   }
 
   /// Closes all that was written, however the session ended.
@@ -192,39 +214,32 @@ class Session {
     else if (ran && !over())
       note(fmt::format("interrupted at {:.3f} s", time_s()));
     problems.insert(problems.end(), lost_.begin(), lost_.end());
-    if (log_) check(log_->finish());
+    tell_slow_motion();
+    if (record_) check(record_->finish());
     if (ran)
-      if (auto ok = bench_.plant().finish(wall_s(), cut_short); !telemetry_lost_) check(ok);
+      if (auto ok = bench_.plant().finish(wall_s(), cut_short, warnings()); !telemetry_lost_) check(ok);
     if (!o_.statistics.empty()) check(twin::write_file(o_.statistics, statistics(), o_.existing));
     if (problems.empty()) return {};
     return work_failed(fmt::format("{}", fmt::join(problems, "; ")));
   }
 
   std::string statistics() {
-    std::vector<std::pair<std::string, double>> more;
-    if (o_.realtime) {
-      more = {{"overruns", static_cast<double>(overruns_)},
-              {"lateness_median_us", static_cast<double>(lateness_.median_us())},
-              {"lateness_max_us", 1e-3 * static_cast<double>(lateness_.max_ns)}};
-      for (std::size_t i = 0; i < lateness_.count.size(); ++i)
-        if (lateness_.count[i])
-          more.emplace_back(fmt::format("lateness_below_{}_us", 1LL << i), static_cast<double>(lateness_.count[i]));
-    }
-    return statistics_json(bench_, bus_.counters(), wall_s(), more);
+    return statistics_json(
+        bench_, bus_.counters(),
+        {.wall_s = wall_s(), .bit_rate = o_.bit_rate, .sync = &sync_, .pace = o_.realtime ? &pace_ : nullptr});
   }
 
   const DriveOptions& o_;
-  const std::int64_t start_ns_ = now_us_ns(), to_realtime_ns_ = clock_ns(CLOCK_REALTIME) / 1000 * 1000 - start_ns_,
-                     step_ns_;
-  std::int64_t now_ns_ = start_ns_, deadline_ns_ = start_ns_ + step_ns_, status_ns_ = 0;
+  std::int64_t start_ns_ = now_us_ns(), now_ns_ = start_ns_, status_ns_ = 0;
+  const std::int64_t to_realtime_ns_ = clock_ns(CLOCK_REALTIME) / 1000 * 1000 - start_ns_;
+  Pace pace_;
+  SyncTiming sync_;
   bool running_ = false;  // the bench exists and has a time
-  std::optional<LogWriter> log_;
+  std::optional<SessionRecord> record_;
   FaultyBus bus_;
   Bench bench_;
-  Lateness lateness_;
-  std::uint64_t overruns_ = 0;
   double bits_before_ = 0;
-  bool was_up_ = true, telemetry_lost_ = false;
+  bool was_up_ = true, telemetry_lost_ = false, told_slow_motion_ = false;
   std::vector<std::string> lost_;
 };
 

@@ -15,7 +15,9 @@ namespace tribotwin::hil {
 
 /// State of a session for its status line.
 struct SessionStatus {
-  double simulated_s, wall_s, bus_load;  ///< load: share of 1 Mbit/s in the last second
+  double simulated_s, wall_s, bits_per_s;  ///< on the bus since the last one
+  std::optional<double> bit_rate;          ///< [bit/s] of a bus that has one
+  std::uint64_t overruns;                  ///< steps in real time that began more than a step too late
   const Bench* bench;
   const Transport* bus;
 };
@@ -27,7 +29,8 @@ struct DriveOptions {
   std::vector<NodeSetup> nodes;                      ///< how they start, see BenchOptions
   bool realtime = false;                             ///< physics on the clock instead of on SYNC
   std::optional<double> duration_s;                  ///< of simulated time [s]; unlimited without
-  std::filesystem::path record;                      ///< a candump log of everything on the bus
+  std::optional<double> bit_rate;                    ///< [bit/s] of the bus, for its load; none on vcan and TCP
+  std::filesystem::path record;                      ///< a candump log of everything on the bus, and LOG.session
   std::filesystem::path statistics;                  ///< JSON
   std::filesystem::path output;                      ///< folder for telemetry
   twin::Existing existing = twin::Existing::refuse;  ///< what happens to older records and statistics

@@ -28,6 +28,15 @@ struct Fault {
   double temperature_degC = 150;  ///< over_temperature
 };
 
+/// A fault of one drive that begins or ends.
+struct DriveFault {
+  FaultKind kind;
+  std::size_t drive = 0;  ///< 0 is the first of the scenario
+  bool on = false;
+  double temperature_degC = 0;  ///< over_temperature
+  bool operator==(const DriveFault&) const = default;
+};
+
 /// Reads a YAML file with the key `faults`, a list of mappings. Fails with file and key.
 Result<std::vector<Fault>> load_faults(const std::filesystem::path& file, int first_node, int drives);
 

@@ -104,19 +104,17 @@ std::string FaultyBus::state() const {
   return !faults_.empty() && cut() ? name_ + ": cut by a fault of the list" : bus_.state();
 }
 
-void FaultyBus::apply(Plant& plant, int first_node) {
+std::vector<DriveFault> FaultyBus::changed(int first_node) {
+  std::vector<DriveFault> changes;
   for (std::size_t i = 0; i < faults_.size(); ++i) {
     const Fault& f = faults_[i];
     if (target_of(f.kind) != FaultTarget::drive) continue;
     const bool on = active(f, nullptr);
     if (on == applied_[i]) continue;
     applied_[i] = on;
-    const auto drive = static_cast<std::size_t>(f.node - first_node);
-    if (f.kind == K::encoder_freeze)
-      plant.freeze_encoder(drive, on);
-    else
-      plant.override_temperature(drive, on ? std::optional(f.temperature_degC) : std::nullopt);
+    changes.push_back({f.kind, static_cast<std::size_t>(f.node - first_node), on, on ? f.temperature_degC : 0});
   }
+  return changes;
 }
 
 }  // namespace tribotwin::hil

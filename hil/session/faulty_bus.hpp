@@ -7,7 +7,6 @@
 
 #include <tribotwin/hil/can/transport.hpp>
 #include <tribotwin/hil/session/faults.hpp>
-#include <tribotwin/hil/session/plant.hpp>
 
 namespace tribotwin::hil {
 
@@ -23,8 +22,8 @@ class FaultyBus final : public Transport {
   std::string state() const override;
   const BusCounters& counters() const override { return bus_.counters(); }
 
-  /// Applies the faults of the drives that are due; call when simulated time has advanced.
-  void apply(Plant& plant, int first_node);
+  /// The faults of drives that begin or end now; ask when simulated time has advanced.
+  std::vector<DriveFault> changed(int first_node);
 
  private:
   /// Time of the faults: simulated; while the bus is cut, and no SYNC can advance the simulation, the wall clock's.

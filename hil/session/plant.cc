@@ -53,9 +53,13 @@ Feedback Plant::feedback(std::size_t i) const {
   return f;
 }
 
-void Plant::freeze_encoder(std::size_t drive, bool frozen) {
-  frozen_rad_[drive].reset();
-  if (frozen) frozen_rad_[drive] = feedback(drive).position_rad;
+void Plant::impose(const DriveFault& fault) {
+  if (fault.kind == FaultKind::over_temperature) {
+    override_degC_[fault.drive] = fault.on ? std::optional(fault.temperature_degC) : std::nullopt;
+    return;
+  }
+  frozen_rad_[fault.drive].reset();
+  if (fault.on) frozen_rad_[fault.drive] = feedback(fault.drive).position_rad;
 }
 
 void Plant::show(std::span<const std::unique_ptr<BusDrive>> drives) {
@@ -94,11 +98,12 @@ Result<void> Plant::advance(std::span<const std::unique_ptr<BusDrive>> drives, s
   return {};
 }
 
-Result<void> Plant::finish(double wall_s, bool interrupted) {
+Result<void> Plant::finish(double wall_s, bool interrupted, const std::vector<std::string>& warnings) {
   if (!record_failure_.empty()) return work_failed(record_failure_);
   if (!recorder_) return {};
   twin::Summary summary = twin::summarize(twin_, wall_s);
   summary.interrupted = interrupted;
+  summary.warnings.insert(summary.warnings.end(), warnings.begin(), warnings.end());
   if (interrupted && !recorder_->replaced().empty())
     summary.warnings.push_back(
         fmt::format("the session that this one was to replace is kept in {}", recorder_->replaced().string()));

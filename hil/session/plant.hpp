@@ -9,6 +9,7 @@
 
 #include <tribotwin/hil/drives/bus_drive.hpp>
 #include <tribotwin/hil/drives/drive_parameters.hpp>
+#include <tribotwin/hil/session/faults.hpp>
 #include <tribotwin/plugins/friction/error.hpp>
 #include <tribotwin/twin/simulation/recorder.hpp>
 
@@ -37,18 +38,14 @@ class Plant {
   /// hour. Parts of steps are kept for the next call.
   Result<void> advance(std::span<const std::unique_ptr<BusDrive>> drives, std::int64_t us,
                        const std::function<bool()>& stop = {});
-  /// Closes the record, complete or interrupted.
-  Result<void> finish(double wall_s, bool interrupted = false);
+  /// Closes the record, complete or interrupted. `warnings`: further ones for summary.json.
+  Result<void> finish(double wall_s, bool interrupted = false, const std::vector<std::string>& warnings = {});
 
   twin::Twin& twin() { return twin_; }
   const twin::Twin& twin() const { return twin_; }
   const twin::Scenario& scenario() const { return scenario_; }
-  /// Injected fault: the encoder of a drive keeps its last value.
-  void freeze_encoder(std::size_t drive, bool frozen);
-  /// Injected fault: the drive reports this temperature [degC].
-  void override_temperature(std::size_t drive, std::optional<double> temperature_degC) {
-    override_degC_[drive] = temperature_degC;
-  }
+  /// An injected fault begins or ends: the encoder keeps its last value, or the drive reports another temperature.
+  void impose(const DriveFault& fault);
 
  private:
   Feedback feedback(std::size_t i) const;

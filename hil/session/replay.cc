@@ -1,7 +1,10 @@
 #include <algorithm>
 #include <deque>
 #include <map>
+#include <optional>
+#include <span>
 #include <utility>
+#include <vector>
 
 #include <fmt/format.h>
 #include <time.h>
@@ -9,6 +12,7 @@
 #include <tribotwin/hil/can/clock.hpp>
 #include <tribotwin/hil/can/log.hpp>
 #include <tribotwin/hil/session/replay.hpp>
+#include <tribotwin/hil/session/session_file.hpp>
 
 namespace tribotwin::hil {
 namespace {
@@ -27,36 +31,75 @@ void sleep_until(std::int64_t at_ns, const std::function<bool()>& stop) {
   }
 }
 
+/// All frames of a log with one time.
+struct Moment {
+  std::int64_t time_ns = 0;
+  struct Line {
+    Frame frame;
+    std::size_t number;  ///< in the log
+  };
+  std::vector<Line> lines;
+};
+
+/// Reads a log moment by moment.
+class Moments {
+ public:
+  explicit Moments(LogReader log) : log_(std::move(log)) {}
+  /// The next one; false at the end.
+  Result<bool> next(Moment& moment) {
+    if (!ahead_)
+      if (auto more = look_ahead(); !more || !*more) return more;
+    moment.time_ns = ahead_->frame.time_ns;
+    moment.lines.clear();
+    while (ahead_ && ahead_->frame.time_ns == moment.time_ns) {
+      moment.lines.push_back(*std::exchange(ahead_, std::nullopt));
+      if (auto more = look_ahead(); !more) return more;
+    }
+    return true;
+  }
+
+ private:
+  Result<bool> look_ahead() {
+    Frame frame;
+    auto more = log_.next(frame);
+    if (more && *more) ahead_ = Moment::Line{frame, log_.line()};
+    return more;
+  }
+  LogReader log_;
+  std::optional<Moment::Line> ahead_;
+};
+
 /// Sends a log through the drives of a bench. Their frames go into queues and are compared with those of the log.
 class Replay {
  public:
-  Replay(const twin::Scenario& scenario, const std::filesystem::path& file, const ReplayOptions& o)
+  Replay(const twin::Scenario& scenario, const std::filesystem::path& file, const ReplayOptions& o,
+         std::optional<SessionReader> session)
       : file_(file),
         o_(o),
+        session_(std::move(session)),
         bench_(scenario,
                {.profile = o.profile,
                 .first_node = o.first_node,
                 .cycle_us = o.cycle_us,
+                .lockstep = !session_ || !session_->head().realtime,
                 .nodes = o.nodes,
                 .stop = o.stop},
                [this](const Frame& frame) {
                  said_[frame.id].push_back(frame);
                  return Sent::done;
                }),
-        compared_(bench_.drives().size()) {}
+        compared_(bench_.drives().size()) {
+    result_.session_file = session_.has_value();
+  }
 
   Result<ReplayResult> run() {
     auto log = LogReader::open(file_, o_.stop);
     if (!log) return work_failed(log.error().message);
-    Frame frame;
-    auto more = log->next(frame);
-    if (more && *more && !o_.output.empty())  // an empty log leaves no record
-      if (auto ok = bench_.plant().record(o_.output, o_.existing); !ok) return tl::unexpected(ok.error());
-    for (; more && *more && !stopped(); more = log->next(frame))
-      if (auto ok = take(frame, log->line()); !ok) return work_failed(ok.error().message);
-    if (!more) return work_failed(more.error().message);
+    Moments moments(std::move(*log));
+    if (auto ok = start(moments); !ok) return tl::unexpected(ok.error());
+    if (auto ok = follow(moments); !ok) return tl::unexpected(ok.error());
     result_.interrupted = stopped();
-    if (!result_.interrupted) judge_the_end();
+    if (!result_.interrupted && result_.cut.empty()) judge_the_end();
     if (auto ok = bench_.plant().finish(1e-9 * static_cast<double>(clock_ns() - began_ns_), result_.interrupted); !ok)
       return work_failed(ok.error().message);
     return result_;
@@ -65,40 +108,124 @@ class Replay {
  private:
   bool stopped() const { return o_.stop && o_.stop(); }
 
-  Status take(const Frame& frame, std::size_t line) {
-    if (result_.frames++ == 0) {
-      first_ns_ = frame.time_ns;
-      bench_.start(frame.time_ns);
+  /// Reads the first moment and the first turn. An empty log leaves no record.
+  Status start(Moments& moments) {
+    if (auto ok = read(moments); !ok) return ok;
+    if (!frames_left_) return {};
+    first_ns_ = session_ ? session_->head().start_ns : moment_.time_ns;
+    bench_.start(first_ns_);
+    if (session_) {
+      // What drives say at the start is in the log; those without a node number say nothing.
+      if (moment_.time_ns < first_ns_ || (moment_.time_ns > first_ns_ && !said_.empty()))
+        return tl::unexpected(
+            fmt::format("{}: does not belong to this log, or the log's beginning is missing; nothing was compared",
+                        session_->file().string()));
+      if (auto ok = read_turn(); !ok) return ok;
     }
-    if (o_.rate > 0) {  // absolute deadlines: nothing drifts
-      constexpr double longest_ns = 1e18;
-      sleep_until(began_ns_ + static_cast<std::int64_t>(
-                                  std::min(static_cast<double>(frame.time_ns - first_ns_) / o_.rate, longest_ns)),
-                  o_.stop);
+    return o_.output.empty() ? Status{} : bench_.plant().record(o_.output, o_.existing);
+  }
+
+  Status read(Moments& moments) {
+    auto more = moments.next(moment_);
+    if (!more) return work_failed(more.error().message);
+    frames_left_ = *more;
+    return {};
+  }
+  Status read_turn() {
+    auto more = session_->next(turn_);
+    if (!more) return tl::unexpected(more.error());
+    turns_left_ = *more;
+    return {};
+  }
+
+  /// Frames and turns in the order of their times; both of one time are one turn.
+  Status follow(Moments& moments) {
+    while ((frames_left_ || turns_left_) && !stopped()) {
+      const bool frames = frames_left_ && (!turns_left_ || moment_.time_ns <= turn_.time_ns);
+      const bool turn = turns_left_ && (!frames_left_ || turn_.time_ns <= moment_.time_ns);
+      const std::int64_t now_ns = frames ? moment_.time_ns : turn_.time_ns;
+      if (frames && !turns_left_ && killed()) break;
+      wait_for(now_ns);
+      if (auto ok =
+              take(now_ns, frames ? std::span<const Moment::Line>(moment_.lines) : std::span<const Moment::Line>(),
+                   turn ? turn_ : Turn{});
+          !ok)
+        return ok;
+      if (frames)
+        if (auto ok = read(moments); !ok) return ok;
+      if (turn)
+        if (auto ok = read_turn(); !ok) return ok;
     }
-    if (frame.time_ns > ticked_ns_)
-      if (auto ok = bench_.tick(ticked_ns_ = frame.time_ns); !ok) return ok;
-    if (const auto sender = bench_.sender(frame)) {
-      ++compared_[*sender];
-      compare(frame, line);
-    } else if (auto ok = bench_.receive(frame, frame.time_ns); !ok) {
-      return ok;
+    if (killed() && !turns_left_)
+      result_.cut = fmt::format("{}: has no end, the session was killed; compared up to {:.3f} s",
+                                session_->file().string(), bench_.plant().twin().time_s());
+    return {};
+  }
+  /// Whether the session did not end in order, once all turns are read.
+  bool killed() const { return session_ && !session_->complete(); }
+
+  /// Absolute deadlines: nothing drifts.
+  void wait_for(std::int64_t time_ns) const {
+    constexpr double longest_ns = 1e18;
+    if (o_.rate <= 0) return;
+    const double after_ns = std::min(static_cast<double>(time_ns - first_ns_) / o_.rate, longest_ns);
+    sleep_until(began_ns_ + static_cast<std::int64_t>(after_ns), o_.stop);
+  }
+
+  /// One turn as the session had it (drive.cc). The frames of the drives are compared at its end: some of them the
+  /// steps have sent.
+  Status take(std::int64_t now_ns, std::span<const Moment::Line> lines, const Turn& turn) {
+    if (now_ns > ticked_ns_)
+      if (auto ok = work(bench_.tick(ticked_ns_ = now_ns)); !ok) return ok;
+    if (auto ok = impose(turn, 0); !ok) return ok;
+    to_compare_.clear();
+    for (std::size_t i = 0; i < lines.size() && !stopped(); ++i) {
+      ++result_.frames;
+      const auto sender = bench_.sender(lines[i].frame);
+      const bool misleading = std::ranges::find(turn.misleading, i) != turn.misleading.end();
+      if (sender.has_value() != misleading)
+        to_compare_.push_back({&lines[i], sender});
+      else if (auto ok = work(bench_.receive(lines[i].frame, now_ns)); !ok)
+        return ok;
+      if (auto ok = impose(turn, i + 1); !ok) return ok;
     }
+    for (std::int64_t k = 0; k < turn.steps && !stopped(); ++k)
+      if (auto ok = work(bench_.plant().step(bench_.drives())); !ok) return ok;
+    if (auto ok = impose(turn, Turn::at_end); !ok) return ok;
+    if (turn.recovered) bench_.recovered(now_ns);
+    for (const auto& [line, sender] : to_compare_) compare(*line, sender);
     if (const auto& failure = bench_.plant().record_failure(); !failure.empty()) return work_failed(failure);
     return {};
   }
 
-  void compare(const Frame& frame, std::size_t line) {
+  static Status work(Status status) { return status ? status : work_failed(status.error().message); }
+
+  /// The faults of a turn after so many frames.
+  Status impose(const Turn& turn, std::size_t after) {
+    for (const auto& imposed : turn.faults) {
+      if (imposed.after != after) continue;
+      if (imposed.fault.drive >= compared_.size())
+        return tl::unexpected(fmt::format("{}: has a fault of drive {}; the scenario has {}", session_->file().string(),
+                                          imposed.fault.drive + 1, compared_.size()));
+      bench_.plant().impose(imposed.fault);
+    }
+    return {};
+  }
+
+  void compare(const Moment::Line& line, std::optional<std::size_t> sender) {
     ++result_.compared;
+    if (sender) ++compared_[*sender];
+    const Frame& frame = line.frame;
     auto& queue = said_[frame.id];
     if (queue.empty()) {
       ++result_.missing;
-      differs(fmt::format("{}:{}: {} was recorded, nothing now", file_.string(), line, text(frame)));
+      differs(fmt::format("{}:{}: {} was recorded, nothing now", file_.string(), line.number, text(frame)));
       return;
     }
     if (!(queue.front() == frame)) {
       ++result_.differing;
-      differs(fmt::format("{}:{}: {} was recorded, {} now", file_.string(), line, text(frame), text(queue.front())));
+      differs(
+          fmt::format("{}:{}: {} was recorded, {} now", file_.string(), line.number, text(frame), text(queue.front())));
     }
     queue.pop_front();
   }
@@ -124,6 +251,15 @@ class Replay {
 
   const std::filesystem::path& file_;
   const ReplayOptions& o_;
+  std::optional<SessionReader> session_;
+  Moment moment_;
+  Turn turn_;
+  bool frames_left_ = false, turns_left_ = false;  // moment_ and turn_ are still to come
+  struct Own {
+    const Moment::Line* line;
+    std::optional<std::size_t> sender;
+  };
+  std::vector<Own> to_compare_;
   /// Frames of the drives, per identifier, that the log has not reached yet.
   std::map<std::uint32_t, std::deque<Frame>> said_;
   Bench bench_;
@@ -133,11 +269,25 @@ class Replay {
   ReplayResult result_;
 };
 
+/// The session file beside a log, where there is one that belongs to these options.
+Result<std::optional<SessionReader>> session_of(const std::filesystem::path& log, const ReplayOptions& o) {
+  const auto file = session_file_of(log);
+  if (file.empty() || !std::filesystem::exists(file)) return std::nullopt;
+  auto session = SessionReader::open(file);
+  if (!session) return tl::unexpected(session.error());
+  if (session->head().cycle_us != o.cycle_us)
+    return tl::unexpected(fmt::format("{}: was recorded with --cycle {}, not with --cycle {}; nothing was compared",
+                                      file.string(), 1e-3 * session->head().cycle_us, 1e-3 * o.cycle_us));
+  return std::optional(std::move(*session));
+}
+
 }  // namespace
 
 Result<ReplayResult> replay(const twin::Scenario& scenario, const std::filesystem::path& log,
                             const ReplayOptions& options) {
-  return Replay(scenario, log, options).run();
+  auto session = session_of(log, options);
+  if (!session) return tl::unexpected(session.error());
+  return Replay(scenario, log, options, std::move(*session)).run();
 }
 
 }  // namespace tribotwin::hil

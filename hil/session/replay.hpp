@@ -20,6 +20,9 @@ struct ReplayResult {
   std::uint64_t added = 0;    ///< said now, not in the log; not counted for `silent` drives and interrupted replays
   std::vector<std::string> silent;  ///< joints whose drives say nothing in the log: nothing was compared
   bool interrupted = false;
+  bool session_file = false;  ///< there was one beside the log
+  /// Why the end was not compared: the session file has none, because the session was killed. Empty otherwise.
+  std::string cut;
   std::string first_difference;  ///< one line; empty without a difference
 };
 struct ReplayOptions {
@@ -32,8 +35,10 @@ struct ReplayOptions {
   twin::Existing existing = twin::Existing::refuse;  ///< what happens to an older record in it
   std::function<bool()> stop;
 };
-/// Runs a recorded session through the same code and compares the frames of the drives with the recorded ones. Fails
-/// when the log cannot be read or the simulation fails (ErrorKind::work), and where `output` may not be written.
+/// Runs a recorded session through the same code and compares the frames of the drives with the recorded ones. With the
+/// session file beside the log every session repeats; without it the log is taken for one in lockstep without injected
+/// faults. Fails when the log cannot be read or the simulation fails (ErrorKind::work), where `output` may not be
+/// written, and where log, session file and options do not belong together (ErrorKind::input).
 Result<ReplayResult> replay(const twin::Scenario& scenario, const std::filesystem::path& log,
                             const ReplayOptions& options);
 

@@ -246,7 +246,7 @@ with h5py.File(work + "/live/telemetry.h5") as a, h5py.File(work + "/again/telem
 
 # A listener beside the same session: what it expects is what the drives had.
 def shadow(*more):
-    return harness.run(hil, "shadow", scenario, "--can", "log:session.log", "--duration", 11, *more)
+    return harness.run(hil, "shadow", scenario, "--lockstep", "--can", "log:session.log", "--duration", 11, *more)
 
 
 r = shadow("--csv", "shadow.csv")

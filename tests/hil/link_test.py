@@ -47,7 +47,9 @@ refused("no such interface", "drive", scenario, "--can", "vcan7", says="vcan7")
 sh("ip link set vcan1 down")
 refused("an interface that is down", "drive", scenario, "--can", "vcan1", says="down")
 sh("ip link set vcan1 up")
-refused("an impossible budget", "drive", scenario, "--can", "vcan0", "--cycle", "0.5", says="of the bus")
+refused(
+    "an impossible budget", "drive", scenario, "--can", "vcan0", "--bitrate", "1e6", "--cycle", "0.5", says="of the bus"
+)
 
 process = start(hil, "drive", scenario, "--can", "vcan0", "--stats", work + "/stats.json")
 m = master()
@@ -142,7 +144,9 @@ raw.close()
 
 # A listener beside live drives: it sees what they do and sends nothing.
 listener = subprocess.Popen(
-    [hil, "shadow", scenario, "--can", "vcan0", "--duration", "2", "--limit", "1000"], stdout=subprocess.PIPE, text=True
+    [hil, "shadow", scenario, "--lockstep", "--can", "vcan0", "--duration", "2", "--limit", "1000"],
+    stdout=subprocess.PIPE,
+    text=True,
 )
 atexit.register(listener.kill)
 time.sleep(1)

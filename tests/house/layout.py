@@ -40,7 +40,19 @@ ORDER = {
         "scenarios",
         "",
     ],
-    "hil": ["can", "drives", "canopen", "canopen/setup", "cia402", "mirror", "session", "examples", "commands", ""],
+    "hil": [
+        "can",
+        "drives",
+        "canopen",
+        "canopen/setup",
+        "cia402",
+        "mirror",
+        "session",
+        "shadow",
+        "examples",
+        "commands",
+        "",
+    ],
     "render": ["theme", "process", "offscreen", "pose", "figure", "page", "report", "report/run", "commands", ""],
 }
 KNOWN_EXCEPTIONS = set()  # (file, included file)

@@ -6,6 +6,8 @@
 #include <arpa/inet.h>
 #include <fmt/format.h>
 #include <gmock/gmock.h>
+#include <linux/can/netlink.h>
+#include <linux/rtnetlink.h>
 #include <netinet/in.h>
 #include <poll.h>
 #include <sys/resource.h>
@@ -14,6 +16,7 @@
 #include <sys/time.h>
 #include <unistd.h>
 
+#include <tribotwin/hil/can/bit_rate.hpp>
 #include <tribotwin/hil/can/log.hpp>
 #include <tribotwin/hil/can/record_file.hpp>
 #include <tribotwin/hil/can/transport.hpp>
@@ -490,6 +493,72 @@ TEST(MemoryBus, WaitReturnsAtTheDeadlineAndSoonForSignals) {
   EXPECT_LT(in(0s) - start, std::chrono::nanoseconds(30s).count());
 }
 
+// Bit rate
+
+/// What the kernel answers to RTM_GETLINK: IFLA_LINKINFO { IFLA_INFO_KIND `kind`, IFLA_INFO_DATA { IFLA_CAN_STATE,
+/// IFLA_CAN_BITTIMING } }, behind the interface's name.
+class LinkAnswer {
+ public:
+  LinkAnswer(std::string_view kind, std::uint32_t bit_rate) {
+    const can_bittiming timing{.bitrate = bit_rate};
+    const std::uint32_t state = CAN_STATE_ERROR_ACTIVE;
+    const auto data =
+        joined({attribute(IFLA_CAN_STATE, bytes_of(state)), attribute(IFLA_CAN_BITTIMING, bytes_of(timing))});
+    const auto info = joined({attribute(IFLA_INFO_KIND, text(kind)), attribute(IFLA_INFO_DATA, data)});
+    const auto all = joined({attribute(IFLA_IFNAME, text("can0")), attribute(IFLA_LINKINFO, info)});
+    const auto size = static_cast<std::uint32_t>(NLMSG_LENGTH(sizeof(ifinfomsg)) + all.size());
+    bytes = joined({bytes_of(nlmsghdr{.nlmsg_len = size, .nlmsg_type = RTM_NEWLINK}), bytes_of(ifinfomsg{}), all});
+  }
+  std::vector<std::byte> bytes;
+
+ private:
+  using Bytes = std::vector<std::byte>;
+  template <typename Value>
+  static Bytes bytes_of(const Value& value) {
+    const auto raw = std::as_bytes(std::span(&value, 1));
+    return {raw.begin(), raw.end()};
+  }
+  static Bytes text(std::string_view name) {
+    Bytes bytes(name.size() + 1);
+    std::memcpy(bytes.data(), name.data(), name.size());
+    return bytes;
+  }
+  static Bytes attribute(int type, const Bytes& content) {
+    Bytes bytes =
+        bytes_of(rtattr{static_cast<unsigned short>(RTA_LENGTH(content.size())), static_cast<unsigned short>(type)});
+    bytes.insert(bytes.end(), content.begin(), content.end());
+    bytes.resize(RTA_ALIGN(bytes.size()));
+    return bytes;
+  }
+  static Bytes joined(std::initializer_list<Bytes> parts) {
+    Bytes all;
+    for (const Bytes& part : parts) all.insert(all.end(), part.begin(), part.end());
+    return all;
+  }
+};
+
+TEST(BitRate, IsThatOfTheDevice) {
+  EXPECT_EQ(bit_rate_in(LinkAnswer("can", 500'000).bytes), 500'000);
+  EXPECT_EQ(bit_rate_in(LinkAnswer("can", 0).bytes), std::nullopt);  // not configured
+  for (const char* kind : {"vcan", "vxcan", "canal", "ca", ""})
+    EXPECT_EQ(bit_rate_in(LinkAnswer(kind, 500'000).bytes), std::nullopt) << kind;
+  for (const char* interface : {"lo", "no_such0", ""}) EXPECT_EQ(bit_rate_of(interface), std::nullopt) << interface;
+}
+
+TEST(BitRate, NoAnswerReadsBeyondItsEnd) {
+  const auto whole = LinkAnswer("can", 500'000).bytes;
+  for (std::size_t size = 0; size < whole.size(); ++size) {
+    const std::vector<std::byte> cut(whole.begin(), whole.begin() + static_cast<std::ptrdiff_t>(size));
+    EXPECT_EQ(bit_rate_in(cut), std::nullopt) << size;
+  }
+  for (std::size_t i = 0; i < whole.size(); ++i)
+    for (const int value : {0, 1, 3, 0x7F, 0xFF}) {
+      auto damaged = whole;
+      damaged[i] = static_cast<std::byte>(value);
+      (void)bit_rate_in(damaged);  // the sanitizers watch
+    }
+}
+
 // socketcand
 
 /// Our end of a socketcand bus: reads while it waits, as a program's loop does.
@@ -810,6 +879,68 @@ TEST(Socketcand, SixteenClientsAndNoMore) {
   ASSERT_TRUE(server.until([&] { return server.bus->state().find("15 clients") != std::string::npos; }));
   Client again(server);
   again.joined();
+}
+
+// Whoever connects and says nothing does not lock others out.
+TEST(Socketcand, IdleConnectionsMakeRoomForClients) {
+  auto server = served();
+  std::vector<std::unique_ptr<Client>> idle;
+  for (int i = 0; i < 16; ++i) ASSERT_TRUE(idle.emplace_back(std::make_unique<Client>(server))->hears("< hi >"));
+  idle[0]->say("< open can0 >");  // so that another one is the longest idle
+  EXPECT_TRUE(idle[0]->hears("< ok >"));
+  Client first(server), second(server);
+  first.joined();
+  second.joined();
+  for (const std::size_t dropped : {1u, 2u}) {
+    EXPECT_TRUE(idle[dropped]->hears_something_with("< error dropped, because 16 clients are connected"));
+    EXPECT_TRUE(idle[dropped]->closed());
+  }
+  for (const std::size_t left : {0u, 3u, 15u}) {
+    idle[left]->say("< echo >");
+    EXPECT_TRUE(idle[left]->hears("< echo >")) << left;
+  }
+}
+
+TEST(Socketcand, WhoDoesNotJoinIsDropped) {
+  auto server = served({.handshake_ns = std::chrono::nanoseconds(100ms).count()});
+  Client listener(server), talker(server);
+  listener.joined();
+  talker.hears("< hi >");
+  talker.say("< open can0 >< send 80 0 >");  // a client without raw mode
+  talker.hears("< ok >");
+  for (const char* said : {"", "< open can0 >", "< ope"}) {
+    SCOPED_TRACE(said);
+    Client silent(server);
+    EXPECT_TRUE(silent.hears_something_with("< hi >"));
+    silent.say(said);
+    EXPECT_TRUE(silent.hears_something_with("< error no open and rawmode for 0.1 s >"));
+    EXPECT_TRUE(silent.closed());
+  }
+  const auto later = in(300ms);
+  server.until([&] { return in(0s) > later; });
+  EXPECT_THAT(server.bus->state(), HasSubstr("2 clients"));  // who joined may be silent
+  server.bus->send(frame_of(0x42));
+  EXPECT_TRUE(listener.hears_something_with("< frame 042"));
+}
+
+TEST(Socketcand, DeadPeersAreNoticed) {
+  auto server = served();
+  Client client(server);
+  client.joined();
+  int watched = 0;
+  for (int fd = 0; fd < 1024; ++fd) {
+    sockaddr_in own{};
+    socklen_t size = sizeof own;
+    int on = 0, listens = 1;
+    socklen_t length = sizeof on;
+    if (::getsockname(fd, reinterpret_cast<sockaddr*>(&own), &size) != 0 || ntohs(own.sin_port) != server.port() ||
+        ::getsockopt(fd, SOL_SOCKET, SO_ACCEPTCONN, &listens, &length) != 0 || listens)
+      continue;
+    EXPECT_EQ(::getsockopt(fd, SOL_SOCKET, SO_KEEPALIVE, &on, &length), 0);
+    EXPECT_EQ(on, 1);
+    ++watched;
+  }
+  EXPECT_EQ(watched, 1);
 }
 
 TEST(Socketcand, FloodingClientCannotHoldTheLoop) {

@@ -11,76 +11,10 @@
 #include <tribotwin/hil/canopen/dbc.hpp>
 #include <tribotwin/hil/canopen/eds.hpp>
 #include <tribotwin/hil/cia402/node.hpp>
-#include <tribotwin/tests/hil/one_drive.hpp>
+#include <tribotwin/tests/hil/cia402/one_node.hpp>
 
 namespace tribotwin::hil {
 namespace {
-
-const DriveParameters parameters{.node = 5,
-                                 .name = "joint5",
-                                 .gear_ratio = 100,
-                                 .rated_torque_nm = 2,
-                                 .speed_max_rad_s = 300,
-                                 .limited = true,
-                                 .position_low_rad = -2,
-                                 .position_high_rad = 2};
-
-class OneNode : public testing::Test {
- protected:
-  std::vector<Frame> bus;
-  bool full = false;
-  Node node{parameters, [this](const Frame& frame) {
-              if (full) return Sent::busy;
-              bus.push_back(frame);
-              return Sent::done;
-            }};
-  std::int64_t now = 0;
-  Feedback robot;
-
-  void SetUp() override {
-    node.start(now);
-    bus.clear();
-  }
-  void send(std::uint32_t id, std::vector<std::uint8_t> bytes) { node.receive(classic(id, bytes), now); }
-  void nmt(std::uint8_t command) { send(0, {command, 5}); }
-  void control(std::uint16_t word) {
-    send(0x205, {static_cast<std::uint8_t>(word), static_cast<std::uint8_t>(word >> 8)});
-  }
-  void wait(std::int64_t milliseconds) {
-    for (std::int64_t i = 0; i < milliseconds; ++i) {
-      now += ms;
-      node.tick(now);
-    }
-  }
-  /// Simulated time [ms].
-  void run(int steps) {
-    for (int i = 0; i < steps; ++i) obey(node, robot);
-  }
-  void enable() {
-    nmt(1);
-    for (const std::uint16_t word : {0x06, 0x07, 0x0F}) control(word);
-    ASSERT_EQ(node.state(), DriveState::operation_enabled);
-    bus.clear();
-  }
-  std::uint16_t status() { return static_cast<std::uint16_t>(node.dictionary().get(0x6041)); }
-  std::vector<Frame> on(std::uint32_t id) {
-    std::vector<Frame> some;
-    std::ranges::copy_if(bus, std::back_inserter(some), [&](const Frame& f) { return f.id == id; });
-    return some;
-  }
-  std::uint32_t sdo(std::vector<std::uint8_t> request) {  // 0, or the abort code
-    request.resize(8);
-    bus.clear();
-    send(0x605, request);
-    const auto answers = on(0x585);
-    if (answers.size() != 1) return 1;
-    const auto& d = answers[0].data;
-    return d[0] == 0x80 ? static_cast<std::uint32_t>(decode(Type::u32, std::span(d).subspan(4, 4))) : 0;
-  }
-  std::uint32_t write(std::uint16_t index, std::uint8_t sub, Type type, std::int64_t value) {
-    return sdo(download(index, sub, type, value));
-  }
-};
 
 TEST_F(OneNode, BootsAndBeats) {
   Node fresh(parameters, record_in(bus));
@@ -261,7 +195,7 @@ TEST_F(OneNode, ModesCsvAndCst) {
   EXPECT_EQ(c.mode, twin::DriveCommand::Mode::torque);
   EXPECT_NEAR(c.torque_nm, -100, 1e-9);
   EXPECT_NEAR(c.torque_limit_nm, 200, 1e-9);
-  for (const int profile : {1, 3, 4, 6, 7}) EXPECT_EQ(write(0x6060, 0, Type::i8, profile), 0x06090030U) << profile;
+  for (const int profile : {2, 4, 5}) EXPECT_EQ(write(0x6060, 0, Type::i8, profile), 0x06090030U) << profile;
   EXPECT_EQ(write(0x6060, 0, Type::i8, -1), 0x06090032U);
   EXPECT_EQ(write(0x6060, 0, Type::i8, 11), 0x06090031U);
 }
@@ -296,15 +230,15 @@ TEST_F(OneNode, WithoutAModeItStands) {
 // A refused value in an RPDO is reported once, not with every frame.
 TEST_F(OneNode, AnUnsupportedModeByPdoIsReported) {
   enable();
-  for (int k = 0; k < 10; ++k) send(0x305, {0x0F, 0, 3});
+  for (int k = 0; k < 10; ++k) send(0x305, {0x0F, 0, 4});
   ASSERT_EQ(on(0x085).size(), 2U);
-  EXPECT_EQ(text(on(0x085)[0]), "085#2063216060000300");  // parameter error; 6060h:00, value 3
+  EXPECT_EQ(text(on(0x085)[0]), "085#2063216060000400");  // parameter error; 6060h:00, value 4
   EXPECT_EQ(text(on(0x085)[1]), "085#0000000000000000");
   EXPECT_EQ(node.dictionary().get(0x6060), 8);
   EXPECT_EQ(node.state(), DriveState::operation_enabled);
   send(0x305, {0x0F, 0, 9});
   EXPECT_EQ(node.dictionary().get(0x6061), 9);
-  send(0x305, {0x0F, 0, 3});
+  send(0x305, {0x0F, 0, 4});
   EXPECT_EQ(on(0x085).size(), 4U);
 }
 
@@ -314,8 +248,11 @@ TEST_F(OneNode, EveryModeOfTheTableWorks) {
   for (const ModeOfOperation& mode : modes_of_operation()) {
     SCOPED_TRACE(mode.name);
     names.push_back(fmt::format("{} {}", mode.number, mode.name));
-    EXPECT_TRUE(std::ranges::any_of(targets(), [&](const Target& t) { return t.index == mode.target; }));
-    EXPECT_EQ(node.dictionary().find(mode.target, 0)->access, Access::read_write);
+    if (mode.target != 0) {
+      const auto target = std::ranges::find(targets(), mode.target, &Target::index);
+      ASSERT_NE(target, targets().end());
+      EXPECT_EQ(node.dictionary().find(target->index, target->sub)->access, Access::read_write);
+    }
     for (const auto index : mode.needs) EXPECT_TRUE(index == 0 || node.dictionary().has_index(index));
     EXPECT_NE(node.dictionary().get(0x6502) & (1 << (mode.number - 1)), 0);
     nmt(0x81);
@@ -324,8 +261,8 @@ TEST_F(OneNode, EveryModeOfTheTableWorks) {
     EXPECT_EQ(node.dictionary().get(0x6061), mode.number);
     EXPECT_NE(node.command(1e-3).mode, twin::DriveCommand::Mode::off);
   }
-  EXPECT_THAT(names, testing::ElementsAre("8 CSP", "9 CSV", "10 CST"));
-  EXPECT_EQ(node.dictionary().get(0x6502), 0x380);
+  EXPECT_THAT(names, testing::ElementsAre("1 PP", "3 PV", "6 HM", "7 IP", "8 CSP", "9 CSV", "10 CST"));
+  EXPECT_EQ(node.dictionary().get(0x6502), 0x3E5);
 }
 
 // Lost commands: after one deadline the torque is the reaction's, and it stays so until a fault reset.
@@ -440,6 +377,76 @@ const SetPointRow set_points[] = {{8, 2, 0x405, {0x0F, 0, 0x10, 0, 0, 0}},
                                   {9, 3, 0x505, {0x0F, 0, 0x40, 0x42, 0x0F, 0}},
                                   {10, 4, 0x47F, {0x0F, 0, 0x90, 0x01}}};
 
+/// Target positions of the interpolated position mode by RPDO3.
+class Interpolated : public OneNode {
+ protected:
+  void SetUp() override {
+    OneNode::SetUp();
+    EXPECT_EQ(write(0x1402, 1, Type::u32, 0x80000405), 0U);
+    EXPECT_EQ(write(0x1602, 0, Type::u8, 0), 0U);
+    EXPECT_EQ(write(0x1602, 2, Type::u32, 0x60C10120), 0U);
+    EXPECT_EQ(write(0x1602, 0, Type::u8, 2), 0U);
+    EXPECT_EQ(write(0x1402, 1, Type::u32, 0x405), 0U);
+    EXPECT_EQ(write(0x6060, 0, Type::i8, 7), 0U);
+    enable();
+  }
+  void go(std::uint8_t word, double rad) {
+    std::vector<std::uint8_t> data{word, 0, 0, 0, 0, 0};
+    encode(std::llround(rad * 65536 * 100 / (2 * std::numbers::pi)), std::span(data).subspan(2));
+    send(0x405, data);
+    node.sync(now);
+    wait(2);
+  }
+};
+
+// Bit 4 switches the interpolation on and, along 6084h, off; bit 12 shows it.
+TEST_F(Interpolated, FollowsItsTargetsWhileBit4IsSet) {
+  EXPECT_EQ(write(0x6084, 0, Type::u32, 954930), 0U);  // 1 rad/s2 of the joint
+  go(0x0F, 0.5);
+  run(100);
+  EXPECT_EQ(robot.position_rad, 0);
+  EXPECT_EQ(status() & 0x1000, 0);
+  for (int k = 1; k <= 100; ++k) {
+    go(0x1F, 0.001 * k);
+    EXPECT_EQ(status() & 0x1000, 0x1000);
+    run(1);
+    EXPECT_NEAR(robot.position_rad, 0.001 * (k - 0.5), 2e-6) << k;
+    run(1);
+    EXPECT_NEAR(robot.velocity_rad_s, 0.5, 1e-3);
+  }
+  go(0x0F, 1);
+  EXPECT_EQ(status() & 0x1000, 0);
+  run(250);
+  EXPECT_NEAR(robot.velocity_rad_s, 0.25, 1e-3);
+  run(260);
+  EXPECT_EQ(robot.velocity_rad_s, 0);
+  EXPECT_NEAR(robot.position_rad, 0.1 + 0.125, 1e-3);
+  EXPECT_EQ(write(0x60C0, 0, Type::i16, -1), 0x06090030U);
+  EXPECT_EQ(write(0x60C0, 0, Type::i16, 0), 0U);
+}
+
+// Set points are watched while it interpolates, and only then.
+TEST_F(Interpolated, SetPointsAreWatched) {
+  for (int k = 0; k < 10; ++k) go(0x0F, 0), run(2);
+  for (int k = 0; k < 100; ++k) node.sync(now), wait(2), run(2);
+  EXPECT_EQ(node.state(), DriveState::operation_enabled);
+  for (int k = 0; k < 10; ++k) go(0x1F, 0.001 * k), run(2);
+  for (int k = 0; k < 20; ++k) node.sync(now), wait(2), run(2);
+  EXPECT_EQ(node.state(), DriveState::operation_enabled);
+  node.sync(now);
+  EXPECT_EQ(node.error_code(), 0x8250);
+}
+
+// 607Dh and 6080h hold as in CSP.
+TEST_F(Interpolated, KeepsTheLimits) {
+  for (int k = 0; k < 1000; ++k) {
+    go(0x1F, 3);
+    run(2);
+    ASSERT_LE(robot.velocity_rad_s, 3.001);
+  }
+  EXPECT_NEAR(robot.position_rad, 2, 1e-4);
+}
+
 // While SYNCs go on, the absence of set points ends the operation after 20 of them (2121h), in every mode.
 TEST_F(OneNode, StoppedSetPointsTakeThePower) {
   for (const auto& row : set_points) {
@@ -543,7 +550,7 @@ TEST_F(OneNode, QuickStopRampsDown) {
 // Bit 8 of the controlword: a ramp down (605Dh: 1 along 6084h, 2 along 6085h), then standstill, still enabled.
 TEST_F(OneNode, HaltStopsEveryMode) {
   const double ramps_rad_s2[] = {0.1, 0.4};  // of the joint, by options 1 and 2
-  for (const int mode : {8, 9, 10})
+  for (const int mode : {1, 3, 6, 7, 8, 9, 10})
     for (const int option : {1, 2}) {
       SCOPED_TRACE(fmt::format("mode {}, option {}", mode, option));
       nmt(0x81);
@@ -556,7 +563,8 @@ TEST_F(OneNode, HaltStopsEveryMode) {
       node.feedback(robot, 1e-3);
       control(0x10F);
       EXPECT_EQ(node.state(), DriveState::operation_enabled);
-      EXPECT_EQ(status() & 0x1400, 0);  // neither follows nor stands
+      EXPECT_EQ(status() & 0x0400, 0);  // does not stand
+      if (mode != 3) EXPECT_EQ(status() & 0x1000, 0);
       EXPECT_EQ(write(0x60FF, 0, Type::i32, 300000), 0U);
       EXPECT_EQ(write(0x6071, 0, Type::i16, 400), 0U);
       send(0x405, {0x0F, 1, 0, 0, 0x10, 0});
@@ -567,12 +575,13 @@ TEST_F(OneNode, HaltStopsEveryMode) {
       run(static_cast<int>(1000 * half_s) + 100);
       EXPECT_EQ(robot.velocity_rad_s, 0);
       EXPECT_EQ(node.state(), DriveState::operation_enabled);
-      EXPECT_EQ(status() & 0x1400, 0x0400);  // target reached: it stands
+      EXPECT_EQ(status() & 0x1400, mode == 3 ? 0x1400 : 0x0400);  // target reached: it stands
       EXPECT_EQ(node.command(1e-3).mode, twin::DriveCommand::Mode::velocity);
       control(0x0F);
-      EXPECT_EQ(status() & 0x1400, 0x1000);
+      EXPECT_EQ(status() & 0x1400, mode == 1 || mode == 7 ? 0 : mode == 6 ? 0x0400 : 0x1000);
       const auto c = node.command(1e-3);
-      if (mode == 8) EXPECT_NEAR(c.position_rad, robot.position_rad, 1e-9);  // until the next target
+      if (mode < 9 && mode != 3) EXPECT_NEAR(c.position_rad, robot.position_rad, 1e-9);  // until the next target
+      if (mode == 3) EXPECT_GT(c.velocity_rad_s, 0);
       if (mode == 9) EXPECT_NEAR(c.velocity_rad_s, 0.1 * std::numbers::pi, 1e-6);
       if (mode == 10) EXPECT_NEAR(c.torque_nm, 80, 1e-9);
     }

@@ -20,47 +20,81 @@ TEST(Crc, CheckValue) {
   EXPECT_EQ(crc8_j1850(std::span(reinterpret_cast<const std::uint8_t*>(text.data()), text.size())) ^ 0xFF, 0x4B);
 }
 
-TEST(MirrorFrames, RoundTrip) {
+/// What one count of a format is worth, and how many bytes its frames have.
+struct Format {
+  MirrorFormat format;
+  double position_rad, torque_norm, temperature_degC;
+  int command_bytes, status_bytes;
+};
+class MirrorFrames : public testing::TestWithParam<Format> {};
+
+TEST_P(MirrorFrames, RoundTrip) {
+  const Format& f = GetParam();
   std::mt19937 random(1);
   std::uniform_real_distribution<double> u(-1, 1);
   for (int i = 0; i < 10000; ++i) {
     const MirrorCommand c{static_cast<std::uint8_t>(random() & 15),
                           std::array{MirrorMode::off, MirrorMode::torque, MirrorMode::position, MirrorMode::velocity,
                                      MirrorMode::clear_fault}[random() % 5],
-                          1000 * u(random)};
-    const auto back = decode_command(encode(c, 3));
+                          1000 * u(random), 500 * u(random)};
+    const Frame command = encode(c, 3, f.format);
+    EXPECT_EQ(command.size, f.command_bytes);
+    const auto back = decode_command(command);
     ASSERT_TRUE(back);
     EXPECT_EQ(back->counter, c.counter);
     EXPECT_EQ(back->mode, c.mode);
-    EXPECT_NEAR(back->set_point, c.set_point, c.mode == MirrorMode::torque ? 5e-4 : 5e-7);
-    const MirrorStatus s{static_cast<std::uint8_t>(random() & 15), MirrorMode::stopping, 80 * u(random), 2 * u(random),
-                         100 + 150 * u(random)};
-    const auto status = decode_status(encode(s, 3));
+    EXPECT_NEAR(back->set_point, c.set_point, c.mode == MirrorMode::torque ? 5.1e-4 : 5.1e-7);
+    EXPECT_NEAR(back->feed_forward_nm, f.format == MirrorFormat::fd ? c.feed_forward_nm : 0, 5.1e-4);
+    const MirrorStatus s{static_cast<std::uint8_t>(random() & 15),
+                         MirrorMode::stopping,
+                         80 * u(random),
+                         2 * u(random),
+                         100 + 150 * u(random),
+                         3 * u(random)};
+    const Frame sent = encode(s, 3, f.format);
+    EXPECT_EQ(sent.size, f.status_bytes);
+    EXPECT_EQ(sent.fd, f.format == MirrorFormat::fd);
+    const auto status = decode_status(sent);
     ASSERT_TRUE(status);
-    EXPECT_NEAR(status->position_rad, s.position_rad, 5.1e-6);
-    EXPECT_NEAR(status->torque_norm, s.torque_norm, 5.1e-4);
-    EXPECT_NEAR(status->temperature_degC, s.temperature_degC, 0.051);
+    EXPECT_NEAR(status->position_rad, s.position_rad, 0.51 * f.position_rad);
+    EXPECT_NEAR(status->torque_norm, s.torque_norm, 0.51 * f.torque_norm);
+    EXPECT_NEAR(status->temperature_degC, s.temperature_degC, 0.51 * f.temperature_degC);
+    if (f.format == MirrorFormat::fd) EXPECT_NEAR(status->velocity_rad_s, s.velocity_rad_s, 5.1e-7);
   }
-  EXPECT_NEAR(decode_status(encode(MirrorStatus{.torque_norm = 99, .temperature_degC = NAN}, 1))->torque_norm, 2.047,
-              1e-9);
+}
+
+INSTANTIATE_TEST_SUITE_P(Formats, MirrorFrames,
+                         testing::Values(Format{MirrorFormat::classic, 1e-5, 1e-3, 0.1, 8, 8},
+                                         Format{MirrorFormat::fd, 1e-6, 1e-6, 0.01, 12, 16}));
+
+TEST(MirrorStatus, Saturates) {
+  const auto status = decode_status(encode(MirrorStatus{.torque_norm = 99, .temperature_degC = NAN}, 1));
+  EXPECT_NEAR(status->torque_norm, 2.047, 1e-9);
+  const auto fd = decode_status(encode(MirrorStatus{.position_rad = 1e9, .torque_norm = -99}, 1, MirrorFormat::fd));
+  EXPECT_NEAR(fd->position_rad, 2147.483647, 1e-9);
+  EXPECT_NEAR(fd->torque_norm, -8.388608, 1e-9);
 }
 
 // Every error of one or two bits is found.
-TEST(MirrorFrames, DamageIsFound) {
-  const Frame good = encode(MirrorCommand{5, MirrorMode::torque, 12.5}, 3);
-  for (int a = 0; a < 64; ++a)
-    for (int b = a; b < 64; ++b) {
+TEST_P(MirrorFrames, DamageIsFound) {
+  const Frame good = encode(MirrorCommand{5, MirrorMode::torque, 12.5}, 3, GetParam().format);
+  const auto flip = [](Frame& frame, int bit) {
+    auto& byte = frame.data[static_cast<std::size_t>(bit / 8)];
+    byte = static_cast<std::uint8_t>(byte ^ 1 << bit % 8);
+  };
+  for (int a = 0; a < 8 * good.size; ++a)
+    for (int b = a; b < 8 * good.size; ++b) {
       Frame bad = good;
-      bad.data[static_cast<std::size_t>(a / 8)] =
-          static_cast<std::uint8_t>(bad.data[static_cast<std::size_t>(a / 8)] ^ 1 << a % 8);
-      if (b != a)
-        bad.data[static_cast<std::size_t>(b / 8)] =
-            static_cast<std::uint8_t>(bad.data[static_cast<std::size_t>(b / 8)] ^ 1 << b % 8);
+      flip(bad, a);
+      if (b != a) flip(bad, b);
       EXPECT_FALSE(decode_command(bad)) << a << " " << b;
     }
   Frame other = good;
   other.id = 0x104;  // another drive's
   EXPECT_FALSE(decode_command(other));
+  other = good;
+  other.fd = !other.fd;
+  EXPECT_FALSE(decode_command(other)) << "the other format";
 }
 
 class Mirror : public testing::Test {
@@ -146,6 +180,29 @@ TEST_F(Mirror, AStopStaysUntilItIsCleared) {
   command(MirrorMode::off);
   run(100);
   EXPECT_EQ(drive.state_name(), "off");
+}
+
+// FD: the torque of the feed-forward, and only frames of its own format.
+TEST(MirrorFd, FollowsItsFormat) {
+  std::vector<Frame> bus;
+  MirrorDrive drive(parameters, record_in(bus), MirrorFormat::fd);
+  drive.receive(encode(MirrorCommand{1, MirrorMode::torque, 5}, 3), 0);
+  EXPECT_EQ(drive.state_name(), "off");
+  drive.receive(encode(MirrorCommand{1, MirrorMode::velocity, 0.5, 20}, 3, MirrorFormat::fd), 0);
+  const auto c = drive.command(1e-3);
+  EXPECT_EQ(c.mode, twin::DriveCommand::Mode::velocity);
+  EXPECT_NEAR(c.velocity_rad_s, 0.5, 1e-9);
+  EXPECT_NEAR(c.torque_nm, 20, 1e-9);
+  Feedback robot{.position_rad = 1.234567, .velocity_rad_s = -0.25, .torque_nm = 50, .temperature_degC = 43.21};
+  drive.feedback(robot, 1e-3);
+  drive.sync(ms);
+  const auto status = decode_status(bus.back());
+  ASSERT_TRUE(status);
+  EXPECT_TRUE(bus.back().fd && bus.back().bit_rate_switch);
+  EXPECT_NEAR(status->position_rad, 1.234567, 1e-9);
+  EXPECT_NEAR(status->velocity_rad_s, -0.25, 1e-9);
+  EXPECT_NEAR(status->torque_norm, 0.25, 1e-9);
+  EXPECT_NEAR(status->temperature_degC, 43.21, 1e-9);
 }
 
 TEST_F(Mirror, RandomFrames) {

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include <tribotwin/hil/session/bench.hpp>
+#include <tribotwin/hil/shadow/listener.hpp>
 #include <tribotwin/plugins/friction/error.hpp>
 #include <tribotwin/twin/io/file.hpp>
 
@@ -16,7 +17,11 @@ namespace tribotwin::hil {
 struct ShadowOptions {
   Profile profile = Profile::cia402;
   int first_node = 1;
-  std::uint32_t cycle_us = 2000;          ///< between two SYNCs, or status frames where there are none
+  std::uint32_t cycle_us = 2000;  ///< in lockstep: from one SYNC to the next
+  bool cycle_expected = false;    ///< the bus must have that cycle; else what it has is taken
+  bool lockstep = false;          ///< the SYNC is the clock, not the frames' stamps
+  /// One per joint, for drives of other makers; empty: the drives of `profile`.
+  std::function<std::vector<std::unique_ptr<Listener>>()> listeners;
   std::optional<double> limit_nm;         ///< of the residual, arm side
   double limit_time_s = 0.5;              ///< time [s] for which it must be exceeded
   std::vector<std::string> limit_joints;  ///< joints to check; all if empty
@@ -28,18 +33,25 @@ struct ShadowOptions {
   std::function<void(const std::string&)> note;
 };
 
-/// One joint, over the whole session. Torques arm side; residual = measured - predicted. While a joint stands, stiction
-/// holds any torque up to breakaway: then the residual is the distance to that range.
+/// One joint, over the whole session. Torques arm side; residual = measured - predicted, both filtered alike. While a
+/// joint stands, stiction holds any torque up to breakaway: then the residual is the distance to that range.
 struct ShadowJoint {
   std::string name;
-  std::uint64_t samples = 0;  ///< cycles that had a measured torque; without any, the residuals are 0
+  std::uint64_t samples = 0;                  ///< cycles that were judged; without any, the residuals are 0
+  double judged_from_s = 0, judged_to_s = 0;  ///< time of the first and the last of them
+  std::uint64_t not_enabled = 0;       ///< cycles not judged: brake, stop, fault, or enabled too short a time ago
+  std::uint64_t torque_missing = 0;    ///< cycles not judged: too many torques were missing around them
+  std::uint64_t position_missing = 0;  ///< cycles in which no joint was judged: positions of this one were missing
+  std::uint64_t positions_lost = 0, torques_lost = 0;  ///< frames that should have come
   double residual_mean_nm = 0, residual_rms_nm = 0, residual_max_nm = 0;
   double lag_s = 0;             ///< delay of the measured torque behind the predicted one (cross-correlation)
   double temperature_degC = 0;  ///< estimated, at the end
   bool exceeded = false;
 };
 struct ShadowResult {
-  double seconds = 0;
+  double seconds = 0;  ///< time on the bus up to the last prediction
+  double cycle_s = 0;
+  std::string cycle_source;  ///< where the cycle comes from: "SYNC"
   std::vector<ShadowJoint> joints;
   std::vector<std::string> unchecked;  ///< one line each: joints that the limit could not be checked on, and why
   bool interrupted = false;            ///< by `stop`, before the end
@@ -51,8 +63,9 @@ struct ShadowResult {
 /// Where frames come from: a bus, or a log. Returns false at the end.
 using NextFrame = std::function<Result<bool>(Frame&)>;
 
-/// Fails when the simulation does (ErrorKind::work), for a name in `limit_joints` that is no joint, and where nothing
-/// could be predicted: no position of some drive was heard, or too few of all (ErrorKind::input).
+/// Fails when the simulation does (ErrorKind::work), for a name in `limit_joints` that is no joint, for a bus with
+/// another cycle than expected, and where nothing could be predicted: no position of some drive was heard, or too few
+/// of all (ErrorKind::input).
 Result<ShadowResult> shadow(const twin::Scenario& scenario, const NextFrame& next, const ShadowOptions& options);
 
 }  // namespace tribotwin::hil

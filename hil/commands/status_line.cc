@@ -1,0 +1,88 @@
+#include <algorithm>
+#include <cstdlib>
+#include <vector>
+
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+#include <sys/ioctl.h>
+#include <unistd.h>
+
+#include <tribotwin/hil/commands/status_line.hpp>
+#include <tribotwin/plugins/friction/number.hpp>
+
+namespace tribotwin::hil::program {
+namespace {
+
+/// A part of the line, from its longest form to its shortest; the last may be empty.
+struct Part {
+  int rank;  ///< the lowest is shortened first
+  std::vector<std::string> forms;
+};
+
+std::string joined(const std::vector<Part>& parts) {
+  std::vector<std::string> shown;
+  for (const Part& part : parts)
+    if (!part.forms.front().empty()) shown.push_back(part.forms.front());
+  return fmt::format("{}", fmt::join(shown, ", "));
+}
+
+Part drives_of(const Bench& bench) {
+  std::string letters;
+  int enabled = 0, failed = 0;
+  for (const auto& drive : bench.drives()) {
+    letters += drive->enabled() ? 'E' : drive->failed() ? 'F' : drive->brake_engaged() ? '-' : '+';
+    enabled += drive->enabled();
+    failed += drive->failed();
+  }
+  return {4,
+          {"drives " + letters + " (E enabled, F fault)", "drives " + letters,
+           fmt::format("{} of {} E, {} F", enabled, letters.size(), failed)}};
+}
+
+std::string hottest(const Bench& bench, const char* form) {
+  double hottest_degC = -1e9;
+  for (std::size_t i = 0; i < bench.drives().size(); ++i)
+    hottest_degC = std::max(hottest_degC, bench.plant().twin().temperature_degC(i));
+  return fmt::format(fmt::runtime(form), hottest_degC);
+}
+
+std::vector<Part> parts_of(const SessionStatus& s) {
+  const BusCounters& bus = s.bus->counters();
+  const std::uint64_t lost = bus.receive_lost + bus.send_busy + bus.send_down;
+  const std::string load = s.bit_rate ? fmt::format("bus {:.0f} %", 100 * s.bits_per_s / *s.bit_rate)
+                                      : fmt::format("bus {:.0f} kbit/s", 1e-3 * s.bits_per_s);
+  const bool up = s.bus->up();
+  std::vector<Part> parts{{9, {fmt::format("{:.1f} s", s.simulated_s)}},
+                          {3, {fmt::format("{} syncs", s.bench->counters().syncs), ""}},
+                          {2, {load, ""}},
+                          drives_of(*s.bench),
+                          {1, {hottest(*s.bench, "hottest {:.1f} degC"), hottest(*s.bench, "{:.0f} degC"), ""}},
+                          {lost > 0 ? 6 : 0, {fmt::format("lost {}", lost), ""}}};
+  if (s.overruns > 0) parts.push_back({5, {fmt::format("late {}", s.overruns), ""}});
+  parts.push_back({up ? 0 : 7, {s.bus->state(), s.bus->name() + (up ? "" : " down"), ""}});
+  return parts;
+}
+
+}  // namespace
+
+std::string status_line(const SessionStatus& status, int columns) {
+  const auto room = static_cast<std::size_t>(std::max(1, columns - 1));
+  std::vector<Part> parts = parts_of(status);
+  for (std::string line = joined(parts);; line = joined(parts)) {
+    const auto next = std::ranges::min_element(parts, {}, [](const Part& part) {
+      return part.forms.size() > 1 ? part.rank : std::numeric_limits<int>::max();
+    });
+    if (line.size() <= room || next->forms.size() == 1) return line.substr(0, room);
+    next->forms.erase(next->forms.begin());
+  }
+}
+
+int terminal_columns() {
+  winsize size{};
+  if (::ioctl(STDERR_FILENO, TIOCGWINSZ, &size) == 0 && size.ws_col > 0) return size.ws_col;
+  const char* columns = std::getenv("COLUMNS");
+  const auto stated = columns ? to_integer<int>(columns) : std::nullopt;
+  return stated && *stated > 0 ? *stated : 80;
+}
+
+}  // namespace tribotwin::hil::program

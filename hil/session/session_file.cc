@@ -1,0 +1,161 @@
+#include <iterator>
+#include <limits>
+#include <string_view>
+#include <utility>
+
+#include <fmt/format.h>
+
+#include <tribotwin/hil/can/words.hpp>
+#include <tribotwin/hil/session/session_file.hpp>
+#include <tribotwin/plugins/friction/number.hpp>
+
+namespace tribotwin::hil {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr std::string_view first_line = "tribotwin-hil session 1", last_line = "end";
+constexpr std::string_view encoder = "encoder_freeze", temperature = "over_temperature", off = "off", on = "on",
+                           end_of_turn = "end", back = "recovered", foreign = "misleading", moved = "steps";
+
+/// KEY=VALUE; both empty where the word is none.
+std::pair<std::string_view, std::string_view> split(std::string_view word, char at) {
+  const auto mark = word.find(at);
+  if (mark == word.npos) return {};
+  return {word.substr(0, mark), word.substr(mark + 1)};
+}
+
+/// AFTER:DRIVE:STATE of a fault.
+std::optional<Turn::Imposed> parse_fault(FaultKind kind, std::string_view value) {
+  const auto [after, rest] = split(value, ':');
+  const auto [drive, state] = split(rest, ':');
+  const auto frames = after == end_of_turn ? Turn::at_end : to_integer<std::size_t>(after);
+  const auto number = to_integer<std::size_t>(drive);
+  if (!frames || !number || *number == 0) return std::nullopt;
+  Turn::Imposed imposed{*frames, {.kind = kind, .drive = *number - 1, .on = state != off}};
+  if (state == off) return imposed;
+  if (kind == FaultKind::encoder_freeze) return state == on ? std::optional(imposed) : std::nullopt;
+  const auto value_degC = to_number(state);
+  if (!value_degC) return std::nullopt;
+  imposed.fault.temperature_degC = *value_degC;
+  return imposed;
+}
+
+bool parse_word(std::string_view word, Turn& turn) {
+  if (word == back) return turn.recovered = true;
+  const auto [key, value] = split(word, '=');
+  if (key == moved) {
+    const auto steps = to_integer<std::int64_t>(value);
+    turn.steps = steps.value_or(0);
+    return turn.steps > 0;
+  }
+  if (key == foreign) {
+    const auto frame = to_integer<std::size_t>(value);
+    if (frame) turn.misleading.push_back(*frame);
+    return frame.has_value();
+  }
+  if (key != encoder && key != temperature) return false;
+  const auto fault = parse_fault(key == encoder ? FaultKind::encoder_freeze : FaultKind::over_temperature, value);
+  if (fault) turn.faults.push_back(*fault);
+  return fault.has_value();
+}
+
+std::string word_of(const Turn::Imposed& imposed) {
+  const DriveFault& fault = imposed.fault;
+  const bool frozen = fault.kind == FaultKind::encoder_freeze;
+  return fmt::format(" {}={}:{}:{}", frozen ? encoder : temperature,
+                     imposed.after == Turn::at_end ? std::string(end_of_turn) : std::to_string(imposed.after),
+                     fault.drive + 1,
+                     !fault.on ? std::string(off)
+                     : frozen  ? std::string(on)
+                               : fmt::format("{}", fault.temperature_degC));
+}
+
+}  // namespace
+
+fs::path session_file_of(const fs::path& log) {
+  std::error_code none;
+  if (log.empty() || (fs::exists(log, none) && !fs::is_regular_file(log, none))) return {};
+  return log.string() + ".session";
+}
+
+Result<SessionWriter> SessionWriter::create(const fs::path& file, const SessionHead& head, RecordOptions options) {
+  auto out = RecordFile::create(file, std::move(options));
+  if (!out) return tl::unexpected(out.error());
+  SessionWriter writer(std::move(*out), head.start_ns);
+  const auto wrote =
+      writer.out_.append(fmt::format("{}\nclock {}\ncycle_us {}\nstart_us {}\n", first_line,
+                                     head.realtime ? "realtime" : "lockstep", head.cycle_us, head.start_ns / 1000));
+  if (!wrote) return tl::unexpected(wrote.error());
+  return writer;
+}
+
+Result<void> SessionWriter::write(const Turn& turn) {
+  std::string line = std::to_string((turn.time_ns - std::exchange(last_ns_, turn.time_ns)) / 1000);
+  if (turn.steps > 0) line += fmt::format(" {}={}", moved, turn.steps);
+  for (const std::size_t frame : turn.misleading) line += fmt::format(" {}={}", foreign, frame);
+  for (const Turn::Imposed& imposed : turn.faults) line += word_of(imposed);
+  if (turn.recovered) line += fmt::format(" {}", back);
+  return out_.append(line + "\n");
+}
+
+Result<void> SessionWriter::finish() {
+  if (auto ok = out_.append(fmt::format("{}\n", last_line)); !ok) return ok;
+  return out_.finish();
+}
+
+Result<SessionReader> SessionReader::open(const fs::path& file) {
+  SessionReader reader;
+  reader.file_ = file;
+  reader.in_.open(file);
+  if (!reader.in_) return tl::unexpected(fmt::format("{}: cannot be read", file.string()));
+  if (auto ok = reader.read_head(); !ok) return tl::unexpected(ok.error());
+  return reader;
+}
+
+Result<void> SessionReader::read_head() {
+  std::string line;
+  if (!std::getline(in_, line)) return tl::unexpected(fmt::format("{}: is empty", file_.string()));
+  const auto wrong = [&](std::string_view expected) {
+    return tl::unexpected(fmt::format("{}:{}: is not '{}'; no session file, or of another version of tribotwin-hil",
+                                      file_.string(), line_, expected));
+  };
+  ++line_;
+  if (line != first_line) return wrong(first_line);
+  const auto value_of = [&](std::string_view key) -> std::string {
+    ++line_;
+    std::getline(in_, line);
+    const auto [found, value] = split(line, ' ');
+    return std::string(found == key ? value : "");
+  };
+  const std::string clock = value_of("clock");
+  if (clock != "realtime" && clock != "lockstep") return wrong("clock realtime|lockstep");
+  const auto cycle_us = to_integer<std::uint32_t>(value_of("cycle_us"));
+  if (!cycle_us || *cycle_us == 0) return wrong("cycle_us NUMBER");
+  constexpr std::int64_t longest_us = std::numeric_limits<std::int64_t>::max() / 1000;
+  const auto start_us = to_integer<std::int64_t>(value_of("start_us"));
+  if (!start_us || *start_us < 0 || *start_us > longest_us) return wrong("start_us NUMBER");
+  head_ = {clock == "realtime", *cycle_us, *start_us * 1000};
+  last_ns_ = head_.start_ns;
+  return {};
+}
+
+Result<bool> SessionReader::next(Turn& turn) {
+  std::string line;
+  if (complete_ || !std::getline(in_, line)) return false;
+  ++line_;
+  if (line == last_line) return complete_ = true, false;
+  if (in_.eof()) return false;  // the last line of a session that was killed
+  const auto parts = words(line);
+  const auto us = parts.empty() ? std::nullopt : to_integer<std::uint32_t>(parts[0]);
+  turn = {};
+  bool good = us.has_value() && last_ns_ <= std::numeric_limits<std::int64_t>::max() - *us * std::int64_t{1000};
+  for (std::size_t i = 1; good && i < parts.size(); ++i) good = parse_word(parts[i], turn);
+  if (!good)
+    return tl::unexpected(
+        fmt::format("{}:{}: '{}' is not 'MICROSECONDS WORD...'", file_.string(), line_, line.substr(0, 40)));
+  turn.time_ns = last_ns_ += *us * std::int64_t{1000};
+  return true;
+}
+
+}  // namespace tribotwin::hil

@@ -1,0 +1,43 @@
+#include <utility>
+
+#include <tribotwin/hil/session/session_record.hpp>
+
+namespace tribotwin::hil {
+
+Result<SessionRecord> SessionRecord::create(const std::filesystem::path& log, const SessionHead& head, bool replace) {
+  const std::filesystem::path beside = session_file_of(log);
+  auto frames = LogWriter::create(log, "can0", {.replace = replace});
+  if (!frames) return tl::unexpected(frames.error());
+  std::optional<SessionWriter> session;
+  if (!beside.empty()) {
+    auto turns = SessionWriter::create(beside, head, {.replace = replace});
+    if (!turns) return tl::unexpected(turns.error());
+    session = std::move(*turns);
+  }
+  return SessionRecord(std::move(*frames), std::move(session), head.start_ns);
+}
+
+Result<void> SessionRecord::frame(Frame frame, bool misleading) {
+  frame.time_ns = turn_.time_ns;
+  if (misleading) turn_.misleading.push_back(frames_);
+  ++frames_;
+  return log_.write(frame);
+}
+
+Result<void> SessionRecord::end() {
+  const bool says_more =
+      turn_.steps > 0 || turn_.recovered || !turn_.misleading.empty() || !turn_.faults.empty() || frames_ == 0;
+  return session_ && says_more ? session_->write(turn_) : Result<void>{};
+}
+
+Result<void> SessionRecord::flush() {
+  if (auto ok = log_.flush(); !ok) return ok;
+  return session_ ? session_->flush() : Result<void>{};
+}
+
+Result<void> SessionRecord::finish() {
+  if (auto ok = log_.finish(); !ok) return ok;
+  return session_ ? session_->finish() : Result<void>{};
+}
+
+}  // namespace tribotwin::hil

@@ -1,0 +1,41 @@
+#pragma once
+
+#include <optional>
+
+#include <tribotwin/hil/can/log.hpp>
+#include <tribotwin/hil/session/session_file.hpp>
+
+namespace tribotwin::hil {
+
+/// What `drive --record` writes: the log of the bus, and the session file beside it. Both end with the first failure
+/// of either (full disk); every call then fails with its message.
+class SessionRecord {
+ public:
+  static Result<SessionRecord> create(const std::filesystem::path& log, const SessionHead& head, bool replace);
+  /// Whether a replay can repeat the session whatever happens in it: there is a session file.
+  bool repeats() const { return session_.has_value(); }
+
+  /// A new turn; all that follows belongs to it. `time_ns`: CLOCK_REALTIME.
+  void begin(std::int64_t time_ns) { turn_ = {.time_ns = time_ns}, frames_ = 0; }
+  /// A frame of this turn. `misleading`: it was not sent by whom its identifier says.
+  Result<void> frame(Frame frame, bool misleading);
+  void fault(const DriveFault& fault) { turn_.faults.push_back({turn_.steps ? Turn::at_end : frames_, fault}); }
+  void step() { ++turn_.steps; }
+  void recovered() { turn_.recovered = true; }
+  Result<void> end();
+
+  Result<void> flush();
+  Result<void> finish();
+
+ private:
+  SessionRecord(LogWriter log, std::optional<SessionWriter> session, std::int64_t start_ns)
+      : log_(std::move(log)), session_(std::move(session)) {
+    begin(start_ns);
+  }
+  LogWriter log_;
+  std::optional<SessionWriter> session_;
+  Turn turn_;
+  std::size_t frames_ = 0;
+};
+
+}  // namespace tribotwin::hil

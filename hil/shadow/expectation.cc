@@ -1,0 +1,58 @@
+#include <cmath>
+
+#include <tribotwin/hil/shadow/expectation.hpp>
+#include <tribotwin/twin/robot/arm.hpp>
+
+namespace tribotwin::hil {
+namespace {
+
+constexpr double standing_motor_rad_s = 0.5;  // slower motors count as standing
+
+}  // namespace
+
+Expectation::Expectation(const twin::Scenario& scenario)
+    : model_(*scenario.model), data_(model_.make_data()), drives_(model_.drives().size()) {
+  for (std::size_t i = 0; i < drives_.size(); ++i) {
+    const auto& thermal = model_.drives()[i].drive.thermal;
+    drives_[i].rise = thermal::steady_rise(thermal, scenario.temperature_degC[i] - thermal.T_amb_degC);
+    drives_[i].ambient_offset_K = scenario.ambient_degC ? *scenario.ambient_degC - thermal.T_amb_degC : 0;
+  }
+}
+
+double Expectation::temperature_degC(std::size_t drive) const {
+  return model_.drives()[drive].drive.thermal.T_amb_degC + drives_[drive].rise.total_K();
+}
+
+void Expectation::set(std::span<const Motion> motions, double dt_s) {
+  const mjModel* m = model_.get();
+  mjData* d = data_.get();
+  for (std::size_t i = 0; i < drives_.size(); ++i) {
+    const auto& b = model_.drives()[i];
+    d->qpos[twin::position_address(m, b)] = motions[i].position;
+    d->qvel[b.dof] = motions[i].speed;
+    d->qacc[b.dof] = motions[i].acceleration;
+  }
+  mj_kinematics(m, d);
+  mj_comPos(m, d);
+  mj_comVel(m, d);
+  gear_nm_.resize(static_cast<std::size_t>(m->nv));
+  mj_rne(m, d, 1, gear_nm_.data());  // without the rotors: the torques of the gears
+  for (std::size_t i = 0; i < drives_.size(); ++i) expect(i, dt_s);
+}
+
+void Expectation::expect(std::size_t i, double dt_s) {
+  const auto& b = model_.drives()[i];
+  const mjData* d = data_.get();
+  Drive& drive = drives_[i];
+  const double load = gear_nm_[static_cast<std::size_t>(b.dof)], speed = d->qvel[b.dof];
+  const bool slides = std::abs(speed) * b.drive.gear_ratio > standing_motor_rad_s;
+  const double friction =
+      mujoco::friction_nm(b.drive, slides ? speed : 0, load / b.drive.torque_max_nm, temperature_degC(i));
+  drive.rigid_nm = load + model_->dof_armature[b.dof] * d->qacc[b.dof];
+  drive.low_nm = slides && speed > 0 ? friction : -friction;
+  drive.high_nm = slides && speed < 0 ? -friction : friction;
+  thermal::step(b.drive.thermal, thermal::decay(b.drive.thermal, dt_s), slides ? friction * std::abs(speed) : 0,
+                drive.ambient_offset_K, drive.rise);
+}
+
+}  // namespace tribotwin::hil

@@ -1,0 +1,116 @@
+// The file beside a log, and what a session measures.
+#include <filesystem>
+#include <fstream>
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <tribotwin/hil/session/session_file.hpp>
+
+namespace tribotwin::hil {
+namespace {
+
+using testing::HasSubstr;
+
+class SessionFile : public testing::Test {
+ protected:
+  std::filesystem::path folder =
+      std::filesystem::path(testing::TempDir()) / testing::UnitTest::GetInstance()->current_test_info()->name();
+  std::filesystem::path file = folder / "s.log.session";
+  void SetUp() override {
+    std::filesystem::remove_all(folder);
+    std::filesystem::create_directories(folder);
+  }
+  void TearDown() override { std::filesystem::remove_all(folder); }
+  void put(std::string_view text) { std::ofstream(file) << text; }
+};
+
+TEST_F(SessionFile, WhatIsWrittenIsRead) {
+  const SessionHead head{true, 1500, 1'700'000'000'123'456'000};
+  const std::vector<Turn> turns{{.time_ns = head.start_ns + 1000, .steps = 1},
+                                {.time_ns = head.start_ns + 2'001'000, .misleading = {0, 7}, .recovered = true},
+                                {.time_ns = head.start_ns + 5'000'000'000},
+                                {.time_ns = head.start_ns + 5'000'001'000,
+                                 .steps = 200,
+                                 .faults = {{3, {FaultKind::encoder_freeze, 0, true}},
+                                            {Turn::at_end, {FaultKind::encoder_freeze, 0, false}},
+                                            {0, {FaultKind::over_temperature, 5, true, 0.1 + 0.2}},
+                                            {12, {FaultKind::over_temperature, 5, false}}}}};
+  auto writer = SessionWriter::create(file, head);
+  ASSERT_TRUE(writer) << writer.error().message;
+  for (const Turn& turn : turns) ASSERT_TRUE(writer->write(turn));
+  ASSERT_TRUE(writer->finish());
+  auto reader = SessionReader::open(file);
+  ASSERT_TRUE(reader) << reader.error().message;
+  EXPECT_EQ(reader->head(), head);
+  for (const Turn& turn : turns) {
+    Turn read;
+    EXPECT_FALSE(reader->complete());
+    ASSERT_EQ(reader->next(read), true);
+    EXPECT_EQ(read, turn);
+  }
+  Turn none;
+  EXPECT_EQ(reader->next(none), false);
+  EXPECT_TRUE(reader->complete());
+}
+
+// The log loses its last lines with a killed session; so does the file beside it.
+TEST_F(SessionFile, HasNoEndAfterAKill) {
+  const std::string head = "tribotwin-hil session 1\nclock lockstep\ncycle_us 2000\nstart_us 5\n";
+  for (const std::string rest : {"", "10 steps=1\n", "10 steps=1\n10 st", "10 steps=1\n10 steps=1"}) {
+    put(head + rest);
+    auto reader = SessionReader::open(file);
+    ASSERT_TRUE(reader) << reader.error().message;
+    Turn turn;
+    EXPECT_EQ(reader->next(turn), rest.size() > 10);
+    if (rest.size() > 10) EXPECT_EQ(reader->next(turn), false);
+    EXPECT_FALSE(reader->complete());
+  }
+}
+
+TEST_F(SessionFile, WhatIsNoneIsRefusedWithItsPlace) {
+  const std::string first = "tribotwin-hil session 1\n", head = first + "clock realtime\ncycle_us 2000\nstart_us 5\n";
+  for (const auto& [text, says] : std::initializer_list<std::pair<std::string, std::string>>{
+           {"", "is empty"},
+           {"(1.0) can0 080#\n", ":1: is not 'tribotwin-hil session 1'"},
+           {"tribotwin-hil session 2\n", ":1: "},
+           {first, ":2: is not 'clock realtime|lockstep'"},
+           {first + "clock sun\n", ":2: "},
+           {first + "clock realtime\ncycle_us 0\n", ":3: is not 'cycle_us NUMBER'"},
+           {first + "clock realtime\ncycle_us 2000\nstart_us -1\n", ":4: "},
+           {first + "clock realtime\ncycle_us 2000\nstart_us 99999999999999999\n", ":4: "},
+           {head + "x\n", ":5: 'x'"},
+           {head + "-1 steps=1\n", ":5: "},
+           {head + "1\n\n", ":6: ''"},
+           {head + "1 steps\n", ":5: "},
+           {head + "1 steps=0\n", ":5: "},
+           {head + "1 misleading=x\n", ":5: "},
+           {head + "1 encoder_freeze=1:0:on\n", ":5: "},
+           {head + "1 encoder_freeze=1:1:140\n", ":5: "},
+           {head + "1 over_temperature=1:1:on\n", ":5: "},
+           {head + "1 over_temperature=1:1\n", ":5: "}}) {
+    SCOPED_TRACE(text);
+    put(text);
+    std::string said;
+    auto reader = SessionReader::open(file);
+    if (!reader) said = reader.error().message;
+    Turn turn;
+    for (bool more = bool(reader); more;) {
+      const auto next = reader->next(turn);
+      if (!next) said = next.error().message;
+      more = next && *next;
+    }
+    EXPECT_THAT(said, HasSubstr(file.string()));
+    EXPECT_THAT(said, HasSubstr(says));
+  }
+}
+
+TEST_F(SessionFile, LiesBesideRegularFilesOnly) {
+  EXPECT_EQ(session_file_of(folder / "s.log"), file);
+  put("");
+  EXPECT_EQ(session_file_of(file), file.string() + ".session");
+  for (const char* none : {"", "/dev/null", "/tmp"}) EXPECT_EQ(session_file_of(none), "");
+}
+
+}  // namespace
+}  // namespace tribotwin::hil
