@@ -103,6 +103,8 @@ void add(std::vector<Object>& objects, Object object, Extra extra) {
   objects.push_back(std::move(object));
 }
 
+std::string object_name(std::uint16_t index, std::uint8_t sub) { return fmt::format("{:04X}h:{:02X}", index, sub); }
+
 int size_of(Type type) { return facts_of(type).bytes; }
 
 bool is_signed(Type type) { return facts_of(type).is_signed; }

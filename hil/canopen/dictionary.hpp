@@ -89,6 +89,9 @@ enum class Abort : std::uint32_t {
 /// "does not exist": completes "1017h:00: ...".
 std::string_view reason(Abort abort);
 
+/// "1018h:04"
+std::string object_name(std::uint16_t index, std::uint8_t sub);
+
 struct Object {
   std::uint16_t index;
   std::uint8_t sub;

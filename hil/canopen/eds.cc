@@ -32,7 +32,8 @@ bool is_array(std::uint16_t index) {
                                       od::profile_jerk,
                                       od::homing_speeds,
                                       od::supported_homing_methods,
-                                      od::interpolation_data_record};
+                                      od::interpolation_data_record,
+                                      od::digital_outputs};
   return std::ranges::find(arrays, index) != std::end(arrays);
 }
 
@@ -54,6 +55,9 @@ std::string name_of_all(std::uint16_t index, const std::vector<const Object*>& o
       {od::supported_homing_methods, "supported homing methods"},
       {od::simulated_switches, "simulated switches"},
       {od::interpolation_data_record, "interpolation data record"},
+      {od::digital_outputs, "digital outputs"},
+      {od::velocity_control, "velocity control parameter set"},
+      {od::position_control, "position control parameter set"},
       {od::interpolation_time_period, "interpolation time period"}};
   if (const auto known = standard.find(index); known != standard.end()) return known->second;
   if (index >= od::rpdo_communication && index < od::after_pdos)
@@ -125,7 +129,8 @@ std::string entry(const Object& o, std::uint8_t node) {
   const bool limited = number && o.type != Type::real32 && o.type != Type::real64;
   if (limited && o.access != Access::read_only && o.access != Access::constant)
     s += fmt::format("LowLimit={}\nHighLimit={}\n", o.low, o.high);
-  if (o.type != Type::domain)  // CiA 306: a domain has no default value
+  // CiA 306: a domain has no default value. Nor has the serial number: a master would refuse every other drive.
+  if (o.type != Type::domain && !(o.index == od::identity && o.sub == 4))
     s += fmt::format("DefaultValue={}\n", default_value(o, node));
   return s + fmt::format("PDOMapping={}\n\n", o.mappable ? 1 : 0);
 }

@@ -24,6 +24,7 @@ enum class ErrorCode : std::uint16_t {
   parameter_error = 0x6320,     ///< an RPDO with a value that an object refuses
   following_error = 0x8611,
   sync_lost = 0x8700,  ///< sync controller
+  external = 0x9000,   ///< safe torque off
 };
 
 /// Bits of the error register 1001h (CiA 301, 7.5.2.2).

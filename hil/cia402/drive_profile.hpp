@@ -19,11 +19,20 @@ class DriveProfile {
 
   const StateMachine& machine() const { return machine_; }
   bool halted() const { return halted_; }
-  /// Index of the set point that must keep coming in the mode that the drive is in, halted or not; 0: none.
+  /// Index of the set point of the mode that the drive is in, halted or not; 0: none.
   std::uint16_t target() const {
     const ModeOfOperation* mode = followed_mode();
-    return mode && mode->set_points == SetPoints::cyclic && !demand_.idle ? mode->target : std::uint16_t{0};
+    return mode && !demand_.idle ? mode->target : std::uint16_t{0};
   }
+  /// The set point must keep coming, by the rules of the mode.
+  bool target_is_cyclic() const {
+    const ModeOfOperation* mode = followed_mode();
+    return mode && mode->set_points == SetPoints::cyclic;
+  }
+  /// 60F9h, 60FBh.
+  twin::LoopGains gains() const { return objects_.gains(); }
+  /// The state machine sets the brake, or the master does (60FEh).
+  bool brake_engaged() const;
   /// Commands were lost, and the motor is not at rest yet.
   bool stops_alone() const { return stops_alone_; }
   std::uint16_t error_code() const { return static_cast<std::uint16_t>(objects_.error_code->value); }
@@ -72,6 +81,7 @@ class DriveProfile {
   twin::DriveCommand ramp_down(twin::DriveCommand command, double dt_s);
   void move_zero(double joint_rad);
   void read_inputs(double joint_rad);
+  void watch_safe_torque_off();
   void show(const Feedback& feedback);
   void set(Object* object, double counts);
   void watch_following_error(double lag_rad, double dt_s);

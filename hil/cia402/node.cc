@@ -290,10 +290,10 @@ void Node::watch_deadlines(std::int64_t now_ns) {
 /// After RPDOs were taken.
 void Node::watch_set_points(std::int64_t now_ns) {
   const od::Index target = drive_.target();
-  set_points_.follow(target);
+  set_points_.follow(target, drive_.target_is_cyclic());
   if (const PdoDelivery delivery = pdos_.delivery(target); target != 0 && delivery.exists) {
     set_points_.arrived(delivery, now_ns);
-    if (delivery.every_syncs > 0) sync_.took_set_point();
+    if (delivery.every_syncs > 0 && drive_.target_is_cyclic()) sync_.took_set_point();
   }
   if (drive_.halted()) set_points_.restart(now_ns);  // a halted drive needs no set points
   if (!set_points_.lost(now_ns)) return;

@@ -47,7 +47,8 @@ class Node final : public BusDrive {
   bool sends(std::uint32_t id) const override;
   twin::DriveCommand command(double dt_s) override { return drive_.command(dt_s); }
   void feedback(const Feedback& feedback, double dt_s) override { drive_.feedback(feedback, dt_s); }
-  bool brake_engaged() const override { return !drive_.machine().powered(); }
+  twin::LoopGains gains() const override { return drive_.gains(); }
+  bool brake_engaged() const override { return drive_.brake_engaged(); }
   std::optional<double> measured_temperature_degC() const override { return drive_.measured_temperature_degC(); }
   std::string state_name() const override { return name_of(state()); }
   bool enabled() const override { return state() == DriveState::operation_enabled; }

@@ -93,7 +93,7 @@ int run(const Arguments& a) {
   if (!a.faults.empty()) faults = twin::or_wrong_input(load_faults(a.faults, a.first_node, drives));
   const auto nodes = a.start.setups(scenario, a, NodeOptions::Use::live);
   twin::catch_interrupts();
-  const auto bus = twin::or_wrong_input(open_bus(a.can));
+  const auto bus = twin::or_wrong_input(open_bus(a.can, {.fd = a.fd()}));
   const auto bit_rate = a.bit_rate ? a.bit_rate : bus->bit_rate();
   if (bit_rate && !a.bit_rate) a.check_bus_load(scenario, *bit_rate);
   const bool live = !a.quiet && isatty(STDERR_FILENO);

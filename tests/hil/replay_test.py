@@ -141,6 +141,21 @@ foreign = [l for l in open("foreign.log") if re.search(" (184#3712|704#05|384#00
 check("the log holds them", len(foreign) >= 150, len(foreign))
 repeats("two of one number", "foreign", "--cycle", 4)
 
+# A session that was killed: what reached the disk repeats.
+drives, master = begin("killed", "--realtime", "--cycle", 4)
+check("to be killed: enabled", enable(master), master.status)
+move(master, 200)
+drives.kill()
+drives.wait(10)
+master.bus.shutdown()
+r = replay("killed.log", "--cycle", 4)
+compared = re.search(r"(\d+) from the drives: 0 differ, 0 missing, 0 added", r.stdout)
+check(
+    "a killed session repeats as far as it goes",
+    r.returncode == 1 and compared and int(compared[1]) > 500 and "compared up to" in r.stderr,
+    (r.returncode, r.stdout, r.stderr),
+)
+
 # What does not belong together, or is no session file, is refused: no verdict then.
 refused("another cycle than recorded", "clock.log", "--cycle", 2, says=["clock.log.session", "--cycle 4", "--cycle 2"])
 shutil.copy("clock.log.session", "foreign_of_clock.log.session")

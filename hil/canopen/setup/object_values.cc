@@ -102,7 +102,6 @@ bool names_the_device(const Object& o) {
 
 }  // namespace
 
-std::string object_name(std::uint16_t index, std::uint8_t sub) { return fmt::format("{:04X}h:{:02X}", index, sub); }
 
 std::string RefusedValue::text() const {
   return fmt::format("{}: {}", object_name(value.index, value.sub), reason(why));

@@ -33,8 +33,6 @@ struct RefusedValue {
   std::string text() const;
 };
 
-/// "1017h:00".
-std::string object_name(std::uint16_t index, std::uint8_t sub);
 
 /// Writes the values as a master would, with all checks and in the order that CiA 301 asks for: a PDO is switched off
 /// while its parameters change, 1006h is 0 while 1019h does, and no TIME is taken while 1012h does. The first that is

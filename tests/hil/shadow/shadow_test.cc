@@ -50,6 +50,8 @@ struct Heard {
   double judged = 0.9;  // share of the cycles
 };
 
+void PrintTo(const Heard& t, std::ostream* out) { *out << t.name; }
+
 class HealthyRobots : public testing::TestWithParam<Heard> {};
 
 // The torque of a drive is sampled at the SYNC, at one phase of the ripple that the set points make: with this motion
@@ -95,6 +97,8 @@ struct Trouble {
   std::vector<std::string> robot;
   double lost = 0;
 };
+
+void PrintTo(const Trouble& t, std::ostream* out) { *out << t.name; }
 
 class FaultyRobots : public testing::TestWithParam<Trouble> {};
 

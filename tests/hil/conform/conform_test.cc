@@ -1,0 +1,255 @@
+#include <cstdlib>
+#include <filesystem>
+#include <fstream>
+#include <iterator>
+#include <map>
+#include <set>
+
+#include <gmock/gmock.h>
+#include <nlohmann/json.hpp>
+
+#include <tribotwin/hil/canopen/eds.hpp>
+#include <tribotwin/hil/conform/report.hpp>
+#include <tribotwin/tests/hil/conform/one_drive_bus.hpp>
+
+namespace tribotwin::hil {
+namespace {
+
+namespace fs = std::filesystem;
+using ::testing::HasSubstr;
+using ::testing::IsEmpty;
+
+std::string content(const fs::path& file) {
+  std::ifstream in(file);
+  return {std::istreambuf_iterator<char>(in), {}};
+}
+
+/// The EDS of the test's drive, with lines replaced.
+class EdsFile {
+ public:
+  explicit EdsFile(const std::map<std::string, std::string>& replaced = {}) {
+    std::string text = eds(drive_dictionary(test_drive()), test_drive());
+    for (const auto& [from, to] : replaced) {
+      const auto at = text.find(from);
+      EXPECT_NE(at, text.npos) << from;
+      if (at != text.npos) text.replace(at, from.size(), to);
+    }
+    std::ofstream(file_) << text;
+  }
+  ~EdsFile() { fs::remove(file_); }
+  EdsFile(const EdsFile&) = delete;
+  EdsFile& operator=(const EdsFile&) = delete;
+  const fs::path& file() const { return file_; }
+
+ private:
+  fs::path file_ = fs::temp_directory_path() / ("conform_" + std::to_string(::getpid()) + ".eds");
+};
+
+Result<ConformReport> run(OneDriveBus& bus, const ConformOptions& options = {}, std::function<bool()> stop = {}) {
+  ClientOptions client{.now_ns = [&] { return bus.now_ns(); }};
+  if (stop) client.stop = std::move(stop);
+  return conform(bus, test_drive().node, options, client);
+}
+
+std::vector<std::string> with(const ConformReport& report, Verdict verdict) {
+  std::vector<std::string> ids;
+  for (const Finding& f : report.findings)
+    if (f.verdict == verdict) ids.emplace_back(f.check.id);
+  return ids;
+}
+
+/// All but the history, the controlword, and the targets, which follow the motor.
+std::map<std::string, std::int64_t> writable_values(Node& node) {
+  constexpr std::uint16_t left_out[] = {0x1003, 0x6040, 0x6071, 0x607A, 0x60C1, 0x60FF};
+  std::map<std::string, std::int64_t> values;
+  for (const Object& o : node.dictionary().objects())
+    if (o.access == Access::read_write && std::ranges::find(left_out, o.index) == std::end(left_out))
+      values[object_name(o.index, o.sub)] = o.value;
+  return values;
+}
+
+/// What is not as it was: its name and its new value.
+std::map<std::string, std::int64_t> changed(const std::map<std::string, std::int64_t>& before, Node& node) {
+  auto now = writable_values(node);
+  std::erase_if(now, [&](const auto& entry) { return before.at(entry.first) == entry.second; });
+  return now;
+}
+
+TEST(Conform, OurDrivePassesEveryCheckWithItsEds) {
+  const EdsFile file;
+  const auto sheet = load_eds(file.file(), test_drive().node);
+  ASSERT_TRUE(sheet) << sheet.error().message;
+  OneDriveBus bus(test_drive());
+  const auto report = run(bus, {.eds = &*sheet, .motion = true, .homing = true});
+  ASSERT_TRUE(report) << report.error().message;
+  EXPECT_THAT(with(*report, Verdict::fail), IsEmpty()) << to_text(*report);
+  EXPECT_THAT(with(*report, Verdict::not_run), IsEmpty());
+  EXPECT_THAT(report->notes, IsEmpty());
+  EXPECT_GE(report->count(Verdict::pass), 160) << to_text(*report);
+  EXPECT_EQ(report->findings.size(), all_checks().size());
+}
+
+TEST(Conform, WithoutMotionNothingIsEnabled) {
+  OneDriveBus bus(test_drive());
+  bool enabled = false;
+  const auto report = run(bus, {}, [&] { return enabled = enabled || !bus.node().brake_engaged(), false; });
+  ASSERT_TRUE(report);
+  EXPECT_FALSE(enabled);
+  EXPECT_THAT(with(*report, Verdict::fail), IsEmpty());
+  EXPECT_GE(report->count(Verdict::not_run), 50);
+  EXPECT_GE(report->count(Verdict::pass), 90);
+}
+
+TEST(Conform, TheNodeIsAsItWas) {
+  OneDriveBus bus(test_drive());
+  const auto before = writable_values(bus.node());
+  ASSERT_TRUE(run(bus, {.motion = true}));
+  EXPECT_THAT(changed(before, bus.node()), IsEmpty());
+  EXPECT_EQ(bus.node().state(), DriveState::switch_on_disabled);
+  EXPECT_EQ(bus.node().nmt(), Nmt::pre_operational);
+}
+
+// Interrupted at any time, also while a motion is under way.
+TEST(Conform, InterruptedItLeavesTheDriveWithoutPower) {
+  OneDriveBus whole(test_drive());
+  const auto begin_ns = whole.now_ns();
+  ASSERT_TRUE(run(whole, {.motion = true}));
+  const auto duration_ns = whole.now_ns() - begin_ns;
+  int powered = 0;
+  for (int i = 1; i < 40; ++i) {
+    OneDriveBus bus(test_drive());
+    const auto before = writable_values(bus.node());
+    const auto end_ns = bus.now_ns() + duration_ns * i / 40;
+    const auto stop = [&] {
+      if (bus.now_ns() < end_ns) return false;
+      powered += bus.node().enabled();
+      return true;
+    };
+    const auto report = run(bus, {.motion = true}, stop);
+    ASSERT_TRUE(report);
+    EXPECT_TRUE(report->interrupted);
+    EXPECT_THAT(to_text(*report), HasSubstr("interrupted"));
+    EXPECT_TRUE(bus.node().brake_engaged()) << i;
+    EXPECT_THAT(changed(before, bus.node()), IsEmpty()) << i;
+  }
+  EXPECT_GE(powered, 5);  // some of them in the middle of a motion
+}
+
+TEST(Conform, NoNodeAnswers) {
+  OneDriveBus bus(test_drive());
+  const auto report = conform(bus, 6, {}, {.now_ns = [&] { return bus.now_ns(); }});
+  ASSERT_FALSE(report);
+  EXPECT_EQ(report.error().kind, ErrorKind::work);
+  EXPECT_THAT(report.error().message, HasSubstr("node 6 does not answer on memory:conform"));
+}
+
+TEST(Conform, ADriveThatIsEnabledIsLeftAlone) {
+  OneDriveBus bus(test_drive());
+  for (const std::uint8_t word : {6, 7, 15}) {
+    const std::uint8_t request[] = {0x2B, 0x40, 0x60, 0, word, 0, 0, 0};
+    bus.send(classic(0x605, request));
+  }
+  Frame frame;
+  while (bus.receive(frame)) continue;
+  ASSERT_TRUE(bus.node().enabled());
+  const auto report = run(bus, {.motion = true});
+  ASSERT_FALSE(report);
+  EXPECT_THAT(report.error().message, HasSubstr("another master drives it"));
+  EXPECT_TRUE(bus.node().enabled());
+}
+
+// A sheet that promises what the device does not keep.
+TEST(Conform, EdsThatDiffersIsFound) {
+  const std::string of_1017 = "[1017]\nParameterName=heartbeat time\nObjectType=0x7\n", u16 = "DataType=0x0006\n";
+  const struct {
+    std::map<std::string, std::string> replaced;
+    const char* failed;
+  } rows[] = {
+      {{{of_1017, "[5FF0]\nParameterName=x\nDataType=0x0007\nAccessType=rw\n\n" + of_1017}}, "eds.exist"},
+      {{{of_1017 + u16, of_1017 + "DataType=0x0007\n"}}, "eds.lengths"},
+      {{{of_1017 + u16 + "AccessType=rw", of_1017 + u16 + "AccessType=ro"}}, "eds.access"},
+      {{{"HighLimit=65535\nDefaultValue=500", "HighLimit=65535\nDefaultValue=$NODEID+0x200"}}, "eds.defaults"},
+      {{{"HighLimit=65535\nDefaultValue=500", "HighLimit=1000\nDefaultValue=500"}}, "eds.limits"},
+      {{{"ProductNumber=0x7477", "ProductNumber=0x7478"}}, "eds.identity"},
+      {{{of_1017, "[2FF0]\nParameterName=heartbeat time\nObjectType=0x7\n"}}, "eds.complete"},
+  };
+  for (const auto& row : rows) {
+    const EdsFile file(row.replaced);
+    const auto sheet = load_eds(file.file(), test_drive().node);
+    ASSERT_TRUE(sheet) << sheet.error().message;
+    OneDriveBus bus(test_drive());
+    const auto report = run(bus, {.eds = &*sheet});
+    ASSERT_TRUE(report);
+    EXPECT_THAT(with(*report, Verdict::fail), ::testing::Contains(row.failed));
+  }
+}
+
+TEST(Conform, EdsThatIsNoneIsRefused) {
+  const auto folder = fs::temp_directory_path();
+  const auto message = [](const fs::path& file) {
+    const auto sheet = load_eds(file, 1);
+    return sheet ? std::string("accepted") : sheet.error().message;
+  };
+  EXPECT_THAT(message(folder / "nowhere.eds"), HasSubstr("nowhere.eds: cannot be read"));
+  const auto file = folder / ("conform_bad_" + std::to_string(::getpid()) + ".eds");
+  std::ofstream(file) << "[1000]\nAccessType=ro\nrubbish\n";
+  EXPECT_THAT(message(file), HasSubstr(":3: 'rubbish'"));
+  std::ofstream(file) << "[FileInfo]\nFileName=x\n";
+  EXPECT_THAT(message(file), HasSubstr("describes no object"));
+  fs::remove(file);
+}
+
+TEST(Conform, EdsNumbers) {
+  using Lines = std::map<std::string, std::string>;
+  const EdsFile file(Lines{{"HighLimit=65535\nDefaultValue=500", "HighLimit=0xFFFF\nDefaultValue= $NODEID + 0x80 "}});
+  const auto sheet = load_eds(file.file(), 5);
+  ASSERT_TRUE(sheet);
+  const auto found = std::ranges::find(sheet->objects, 0x1017, &EdsObject::index);
+  ASSERT_NE(found, sheet->objects.end());
+  EXPECT_EQ(found->value, 0x85);
+  EXPECT_EQ(found->high, 0xFFFF);
+}
+
+TEST(Conform, ReportAsJsonAndText) {
+  OneDriveBus bus(test_drive());
+  const auto report = run(bus);
+  ASSERT_TRUE(report);
+  const auto json = nlohmann::json::parse(to_json(*report));
+  EXPECT_EQ(json["node"], 5);
+  EXPECT_EQ(json["complete"], true);
+  EXPECT_EQ(json["checks"].size(), all_checks().size());
+  EXPECT_EQ(json["passed"].get<int>() + json["failed"].get<int>() + json["not_applicable"].get<int>() +
+                json["not_run"].get<int>(),
+            static_cast<int>(all_checks().size()));
+  const auto text = to_text(*report);
+  for (const Finding& f : report->findings) {
+    EXPECT_THAT(text, HasSubstr(f.check.id));
+    EXPECT_THAT(text, HasSubstr(f.check.clause));
+  }
+}
+
+TEST(Conform, EveryCheckHasAnIdOfItsOwnAndAClause) {
+  std::set<std::string> ids;
+  for (const Check& check : all_checks()) {
+    EXPECT_TRUE(ids.insert(check.id).second) << check.id;
+    EXPECT_TRUE(std::string(check.clause).starts_with("CiA ")) << check.id;
+    EXPECT_TRUE(std::string(check.expected).ends_with(".")) << check.id;
+  }
+}
+
+// README_RENEW=1 writes the table.
+TEST(Conform, ReadmeHasTheTableOfChecks) {
+  const fs::path readme = TRIBOTWIN_SOURCE_DIR "/hil/conform/README.md";
+  std::string text = content(readme);
+  const std::string mark = "<!-- From here on generated from the tables in the code. -->\n\n";
+  const auto at = text.find(mark);
+  ASSERT_NE(at, text.npos);
+  if (std::getenv("README_RENEW")) {
+    text = text.substr(0, at + mark.size()) + checks_markdown();
+    std::ofstream(readme) << text;
+  }
+  EXPECT_EQ(text.substr(at + mark.size()), checks_markdown()) << "README_RENEW=1 renews it";
+}
+
+}  // namespace
+}  // namespace tribotwin::hil
