@@ -159,7 +159,7 @@ for n in nodes:
 enable(m)  # they missed the SYNC meanwhile
 target = dict(m.position)
 for k in range(1300):
-    target = {n: target[n] + (2000 if k % 400 < 200 else -2000) for n in nodes}
+    target = {n: target[n] + (400 if k % 400 < 200 else -400) for n in nodes}
     m.cycle(target)
     time.sleep(0.001)
 table = listener.communicate(timeout=20)[0]
