@@ -50,4 +50,19 @@ Bits classic_bits(int size) {
   return {.min = min, .max = min + (33 + 8 * size) / 4};
 }
 
+Bits fd_bits(int size) {
+  constexpr int faster = 5;
+  // Start of frame to BRS, then CRC delimiter to the end of the pause between frames.
+  constexpr int begin = 17, end = 13;
+  // ESI, length, data; a count of stuff bits and the CRC, both with a fixed bit after every four.
+  const int body = 5 + 8 * size, sum = size <= 16 ? 4 + 17 + 6 : 4 + 21 + 7;
+  const auto whole = [](int slow, int fast) { return slow + (fast + faster - 1) / faster; };
+  return {.min = whole(begin + end, body + sum), .max = whole(begin + (begin - 1) / 4 + end, body + body / 4 + sum)};
+}
+
+Bits bits_of(const Frame& frame) {
+  if (frame.error) return {0, 0};
+  return frame.fd ? fd_bits(frame.size) : classic_bits(std::min<int>(frame.size, 8));
+}
+
 }  // namespace tribotwin::hil

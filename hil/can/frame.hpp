@@ -35,5 +35,10 @@ struct Bits {
   int min, max;
 };
 Bits classic_bits(int size);
+/// The same of an FD frame whose data phase is five times as fast (1 and 5 Mbit/s), in bits of the slower rate, rounded
+/// up (ISO 11898-1:2015).
+Bits fd_bits(int size);
+/// Of this frame; 0 of an error frame.
+Bits bits_of(const Frame& frame);
 
 }  // namespace tribotwin::hil

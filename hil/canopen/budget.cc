@@ -15,8 +15,8 @@ struct Cycle {
   double min = 0, max = 0;
   int frames = 0;
 
-  void add(int bytes, double per_cycle = 1) {
-    const Bits b = classic_bits(bytes);
+  void add(int bytes, double per_cycle = 1) { add(classic_bits(bytes), per_cycle); }
+  void add(Bits b, double per_cycle = 1) {
     min += per_cycle * b.min;
     max += per_cycle * b.max;
     ++frames;
@@ -44,10 +44,11 @@ Budget budget(std::span<const DescribedDrive> drives, double cycle_s, double bit
   return cycle.over(cycle_s, bit_rate);
 }
 
-Budget budget_of_frames(int drives, double cycle_s, double bit_rate) {
+Budget budget_of_frames(int drives, std::span<const Bits> of_each, double cycle_s, double bit_rate) {
   Cycle cycle;
   cycle.add(0);  // SYNC
-  for (int i = 0; i < 2 * drives; ++i) cycle.add(8);
+  for (int i = 0; i < drives; ++i)
+    for (const Bits& bits : of_each) cycle.add(bits);
   return cycle.over(cycle_s, bit_rate);
 }
 

@@ -1,8 +1,10 @@
 #pragma once
 
+#include <span>
 #include <string>
 #include <vector>
 
+#include <tribotwin/hil/can/frame.hpp>
 #include <tribotwin/hil/canopen/dbc.hpp>
 
 namespace tribotwin::hil {
@@ -18,7 +20,7 @@ struct Budget {
 
 /// Of SYNC and all synchronous PDOs, by their transmission types. bit_rate [bit/s].
 Budget budget(std::span<const DescribedDrive> drives, double cycle_s, double bit_rate);
-/// Of SYNC and, for every drive, a frame of 8 bytes in each direction.
-Budget budget_of_frames(int drives, double cycle_s, double bit_rate);
+/// Of SYNC and, for every drive, these frames. FD frames count at the slower bit rate.
+Budget budget_of_frames(int drives, std::span<const Bits> of_each, double cycle_s, double bit_rate);
 
 }  // namespace tribotwin::hil

@@ -8,6 +8,7 @@ namespace tribotwin::hil::cob {
 
 constexpr std::uint32_t nmt = 0x000;
 constexpr std::uint32_t sync = 0x080;
+constexpr std::uint32_t time_stamp = 0x100;
 constexpr std::uint32_t emcy = 0x080;           ///< + node
 constexpr std::uint32_t sdo_to_server = 0x600;  ///< + node
 constexpr std::uint32_t sdo_to_client = 0x580;  ///< + node
@@ -24,9 +25,10 @@ constexpr bool restricted(std::uint32_t id) {
          (id >= 0x6E0 && id <= 0x6FF) || id >= 0x701;
 }
 
-constexpr std::uint32_t off = 0x80000000;       ///< the service does not exist
-constexpr std::uint32_t no_rtr = 0x40000000;    ///< remote frames are not answered
-constexpr std::uint32_t extended = 0x20000000;  ///< 29-bit identifier
+constexpr std::uint32_t consumes = 0x80000000, produces = 0x40000000;  ///< of TIME (1012h)
+constexpr std::uint32_t off = 0x80000000;                              ///< the service does not exist
+constexpr std::uint32_t no_rtr = 0x40000000;                           ///< remote frames are not answered
+constexpr std::uint32_t extended = 0x20000000;                         ///< 29-bit identifier
 constexpr std::uint32_t id_11_bit = 0x7ff, id_29_bit = 0x1fffffff;
 
 }  // namespace tribotwin::hil::cob

@@ -20,7 +20,8 @@ struct DefaultPdos {
   std::array<DefaultPdo, pdo_count> receive, transmit;
 };
 
-/// The objects of CiA 301 (1000h to 1FFFh) of a node, and its memory for the master (2180h).
+/// The objects of CiA 301 (1000h to 1FFFh) of a node, its memory for the master and the time
+/// that it was told (2180h, 2181h).
 void add_communication_objects(std::vector<Object>& objects, const DriveParameters& parameters,
                                std::uint32_t device_type, const DefaultPdos& pdos);
 

@@ -3,19 +3,10 @@
 #include <tribotwin/hil/canopen/communication_objects.hpp>
 #include <tribotwin/hil/canopen/dbc.hpp>
 #include <tribotwin/hil/canopen/object_index.hpp>
+#include <tribotwin/hil/drives/identifier.hpp>
 
 namespace tribotwin::hil {
 namespace {
-
-constexpr std::size_t longest_name = 32;  // of an identifier
-
-/// A name as a DBC identifier: letters, digits, underscores.
-std::string identifier(std::string_view name) {
-  std::string out;
-  for (const char c : name) out += (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') ? c : '_';
-  if (out.empty() || (out[0] >= '0' && out[0] <= '9')) out.insert(out.begin(), '_');
-  return out.substr(0, longest_name);
-}
 
 std::string quoted(std::string text) {
   for (char& c : text)
@@ -39,7 +30,7 @@ class Dbc {
     const DriveParameters& p = *drive.parameters;
     const auto pdo = pdo_parameters(*drive.dictionary, transmit, number);
     if (!pdo.exists) return;
-    const std::string node = node_name(p).substr(0, longest_name);
+    const std::string node = node_name(p).substr(0, longest_identifier);
     std::string signals;
     int bit = 0;
     for (const MappingEntry& entry : pdo.map) {
@@ -50,7 +41,8 @@ class Dbc {
       }
       bit += entry.bits;
     }
-    const std::string name = fmt::format("{}PDO{}_{}", transmit ? "T" : "R", number + 1, node).substr(0, longest_name);
+    const std::string name =
+        fmt::format("{}PDO{}_{}", transmit ? "T" : "R", number + 1, node).substr(0, longest_identifier);
     messages_ += fmt::format("BO_ {} {}: {} {}\n{}\n", pdo.cob, name, bit / 8, transmit ? node : "master", signals);
     comments_ += fmt::format("CM_ BO_ {} \"{}, node {}, joint {}\";\n", pdo.cob,
                              transmit ? "from the drive" : "to the drive", p.node, quoted(p.name));

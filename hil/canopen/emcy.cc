@@ -12,7 +12,10 @@ constexpr std::uint8_t history_size = 8;
 
 }  // namespace
 
-Emcy::Emcy(NodeContext& node) : node_(node), register_object_(node.dictionary.find(od::error_register, 0)) {}
+Emcy::Emcy(NodeContext& node)
+    : node_(node),
+      register_object_(node.dictionary.find(od::error_register, 0)),
+      inhibit_(node.dictionary.find(od::inhibit_time_emcy, 0)) {}
 
 void Emcy::raise(std::uint16_t code, std::uint8_t register_bits, std::span<const std::uint8_t> extra) {
   ++node_.counters.emergencies;
@@ -37,6 +40,7 @@ void Emcy::clear() {
 }
 
 void Emcy::reset() {
+  held_back_.clear();
   register_ = 0;
   register_object_->value = 0;
 }
@@ -54,10 +58,30 @@ void Emcy::remember(std::uint16_t code) {
 }
 
 void Emcy::send(std::uint16_t code, std::span<const std::uint8_t> extra) {
-  std::array<std::uint8_t, 8> data{static_cast<std::uint8_t>(code), static_cast<std::uint8_t>(code >> 8), register_};
-  std::copy_n(extra.begin(), std::min<std::size_t>(extra.size(), 5), data.begin() + 3);
-  if (node_.nmt != Nmt::stopped && node_.nmt != Nmt::initialising) node_.send(cob::emcy + node_.id, data);
+  Message message{static_cast<std::uint8_t>(code), static_cast<std::uint8_t>(code >> 8), register_};
+  std::copy_n(extra.begin(), std::min<std::size_t>(extra.size(), 5), message.begin() + 3);
   node_.changed = true;
+  if (node_.nmt == Nmt::stopped || node_.nmt == Nmt::initialising) return;
+  if (held_back_.empty() && node_.now_ns - last_ns_ >= inhibit_ns()) return put(message, node_.now_ns);
+  if (held_back_.size() == history_size) held_back_.pop_front();
+  held_back_.push_back(message);
+}
+
+void Emcy::put(const Message& message, std::int64_t now_ns) {
+  last_ns_ = now_ns;
+  node_.send(cob::emcy + node_.id, message);
+}
+
+void Emcy::tick(std::int64_t now_ns) {
+  if (node_.nmt == Nmt::stopped) held_back_.clear();
+  while (!held_back_.empty() && now_ns - last_ns_ >= inhibit_ns()) {
+    put(held_back_.front(), now_ns);
+    held_back_.pop_front();
+  }
+}
+
+std::int64_t Emcy::next_ns() const {
+  return held_back_.empty() ? std::numeric_limits<std::int64_t>::max() : last_ns_ + inhibit_ns();
 }
 
 }  // namespace tribotwin::hil

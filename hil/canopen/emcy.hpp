@@ -1,6 +1,9 @@
 #pragma once
 
+#include <array>
 #include <cstdint>
+#include <deque>
+#include <limits>
 #include <span>
 
 #include <tribotwin/hil/canopen/node_context.hpp>
@@ -15,11 +18,13 @@ enum class ErrorCode : std::uint16_t {
   left_operational = 0x8100,    ///< NMT took the node out of operational
   heartbeat_lost = 0x8130,      ///< life guard or heartbeat error
   bus_recovered = 0x8140,       ///< recovered from bus off
+  sync_length = 0x8240,         ///< a SYNC with a counter where none is expected, or without
   pdo_too_short = 0x8210,       ///< PDO not processed because of a length error
   rpdo_timeout = 0x8250,        ///< RPDO deadline
   parameter_error = 0x6320,     ///< an RPDO with a value that an object refuses
   following_error = 0x8611,
   sync_lost = 0x8700,  ///< sync controller
+  external = 0x9000,   ///< safe torque off
 };
 
 /// Bits of the error register 1001h (CiA 301, 7.5.2.2).
@@ -43,6 +48,10 @@ class Emcy {
   void clear();
   /// As after power-up, without a message.
   void reset();
+  /// Sends what the inhibit time (1015h) held back.
+  void tick(std::int64_t now_ns);
+  /// Next time at which `tick` has something to send.
+  std::int64_t next_ns() const;
   /// 0 was written to 1003h:00.
   void clear_history();
 
@@ -50,8 +59,15 @@ class Emcy {
   void send(std::uint16_t code, std::span<const std::uint8_t> extra);
   void remember(std::uint16_t code);
 
+  using Message = std::array<std::uint8_t, 8>;
+  void put(const Message& message, std::int64_t now_ns);
+  std::int64_t inhibit_ns() const { return inhibit_->value * 100'000; }
+
   NodeContext& node_;
   Object* register_object_;
+  const Object* inhibit_;
+  std::deque<Message> held_back_;
+  std::int64_t last_ns_ = std::numeric_limits<std::int64_t>::min() / 2;
   std::uint8_t register_ = 0;
 };
 

@@ -68,4 +68,26 @@ std::int64_t HeartbeatConsumer::next_ns() const {
   return next;
 }
 
+NodeGuard::NodeGuard(NodeContext& node)
+    : node_(node),
+      guard_time_(node.dictionary.find(od::guard_time, 0)),
+      life_factor_(node.dictionary.find(od::life_time_factor, 0)),
+      heartbeat_(node.dictionary.find(od::producer_heartbeat_time, 0)) {}
+
+void NodeGuard::asked(std::int64_t now_ns) {
+  if (heartbeat_->value) return reset();
+  const std::uint8_t answer[] = {static_cast<std::uint8_t>(static_cast<int>(node_.nmt) | (toggle_ ? 0x80 : 0))};
+  node_.send(cob::heartbeat + node_.id, answer);
+  toggle_ = !toggle_;
+  last_ns_ = now_ns;
+}
+
+bool NodeGuard::lost(std::int64_t now_ns) {
+  if (last_ns_ < 0 || life_ns() == 0 || now_ns - last_ns_ <= life_ns()) return false;
+  last_ns_ = -1;
+  return true;
+}
+
+std::int64_t NodeGuard::next_ns() const { return last_ns_ < 0 || life_ns() == 0 ? never : last_ns_ + life_ns() + 1; }
+
 }  // namespace tribotwin::hil

@@ -5,7 +5,8 @@
 
 #include <tribotwin/hil/canopen/node_context.hpp>
 
-/// Heartbeats (CiA 301, 7.2.8.3.2): frame 700h + node with one byte, the NMT state; 0 is the boot-up message.
+/// Error control: heartbeats (CiA 301, 7.2.8.3.2) and node guarding. A heartbeat is the frame 700h + node with one
+/// byte, the NMT state; 0 is the boot-up message.
 namespace tribotwin::hil {
 
 /// Sends this node's heartbeat every 1017h.
@@ -50,6 +51,28 @@ class HeartbeatConsumer {
     }
   };
   std::array<Watched, 2> watched_;
+};
+
+/// Answers a master that guards this node (CiA 301, 7.2.8.3.2.1): a remote frame 700h + node is answered with the NMT
+/// state and a toggle bit. From the first one on the node watches the master in turn (100Ch x 100Dh). A node with a
+/// heartbeat (1017h) does neither.
+class NodeGuard {
+ public:
+  explicit NodeGuard(NodeContext& node);
+  void asked(std::int64_t now_ns);
+  /// Whether the master was silent for too long; said once, then watched again from its next request on.
+  bool lost(std::int64_t now_ns);
+  /// Next time at which it was.
+  std::int64_t next_ns() const;
+  void reset() { toggle_ = false, last_ns_ = -1; }
+
+ private:
+  std::int64_t life_ns() const { return heartbeat_->value ? 0 : guard_time_->value * life_factor_->value * ns_per_ms; }
+
+  NodeContext& node_;
+  const Object *guard_time_, *life_factor_, *heartbeat_;
+  bool toggle_ = false;
+  std::int64_t last_ns_ = -1;
 };
 
 }  // namespace tribotwin::hil

@@ -23,6 +23,7 @@ struct NodeContext {
   Nmt nmt = Nmt::pre_operational;
   bool changed = true;  ///< a mapped object may have changed since the event PDOs were last looked at
   NodeCounters counters{};
+  std::int64_t now_ns = 0;  ///< when the node was last called
 
   bool operational() const { return nmt == Nmt::operational; }
   /// Whether the bus took the frame.

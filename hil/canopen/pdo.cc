@@ -42,7 +42,9 @@ tl::expected<void, Abort> PdoService::may_write(const Object& o, std::int64_t va
   if (is_mapping(o.index)) return may_map(o, value);
   if (o.sub == 1) return may_set_cob(o, value);
   const bool inhibit_time = o.index >= od::tpdo_communication && o.sub == 3;
-  if (inhibit_time && value != o.value && !(node_.dictionary.get(o.index, 1) & cob::off)) return refuse(Abort::not_now);
+  const bool start_value = o.index >= od::tpdo_communication && o.sub == 6;
+  if ((inhibit_time || start_value) && value != o.value && !(node_.dictionary.get(o.index, 1) & cob::off))
+    return refuse(Abort::not_now);
   if (o.sub == 2 && value > last_synchronous && value < first_event) return refuse(Abort::out_of_range);
   return {};
 }
@@ -88,6 +90,7 @@ void PdoService::load(Pdo& pdo, bool transmit, int number) {
   pdo.type = now.type;
   pdo.inhibit_ns = transmit ? d.get(index, 3) * 100'000 : 0;  // counts of 100 us
   pdo.timer_ns = d.get(index, 5) * ns_per_ms;
+  pdo.start = transmit ? static_cast<std::uint8_t>(d.get(index, 6)) : std::uint8_t{0};
   pdo.map.clear();
   pdo.sizes.clear();
   pdo.refused.assign(now.map.size(), std::nullopt);
@@ -97,7 +100,7 @@ void PdoService::load(Pdo& pdo, bool transmit, int number) {
     pdo.sizes.push_back(entry.bits / 8);
     pdo.size += pdo.sizes.back();
   }
-  if (!existed || !pdo.exists) pdo.pending = pdo.sent_once = false, pdo.syncs = 0;
+  if (!existed || !pdo.exists) pdo.pending = pdo.sent_once = pdo.started = false, pdo.syncs = 0;
   if (!existed) pdo.last_ns = -1;
 }
 
@@ -116,7 +119,7 @@ void PdoService::reset() {
 
 void PdoService::start() {
   for (Pdo& pdo : receive_) pdo.last_ns = -1, pdo.pending = false;
-  for (Pdo& pdo : transmit_) pdo.sent_once = false, pdo.syncs = 0, pdo.last_ns = -1;
+  for (Pdo& pdo : transmit_) pdo.sent_once = pdo.started = false, pdo.syncs = 0, pdo.last_ns = -1;
 }
 
 // ---- Frames.
@@ -186,9 +189,17 @@ void PdoService::send(Pdo& pdo, std::int64_t now_ns) {
   if (node_.send(pdo.cob, std::span(pdo.data).first(static_cast<std::size_t>(pdo.size)))) ++node_.counters.pdo_sent;
 }
 
-void PdoService::sync(std::int64_t now_ns) {
+bool PdoService::waits(Pdo& pdo, std::optional<std::uint8_t> counter) const {
+  if (pdo.start == 0 || pdo.started || node_.dictionary.get(od::synchronous_counter_overflow) == 0) return false;
+  if (counter != pdo.start) return true;
+  pdo.started = true;
+  pdo.syncs = static_cast<std::uint8_t>(pdo.type - 1);  // due with this one
+  return false;
+}
+
+void PdoService::sync(std::int64_t now_ns, std::optional<std::uint8_t> counter) {
   for (Pdo& pdo : transmit_) {
-    if (!pdo.exists || !pdo.synchronous()) continue;
+    if (!pdo.exists || !pdo.synchronous() || waits(pdo, counter)) continue;
     if (pdo.type == 0) {
       if (!pdo.sent_once || gather(pdo) != pdo.data) send(pdo, now_ns);
     } else if (++pdo.syncs >= pdo.type) {

@@ -41,7 +41,8 @@ class PdoService {
   /// A data frame in operational. Synchronous PDOs wait for the SYNC.
   void receive(const Frame& frame, std::int64_t now_ns);
   /// Sends what is due with the SYNC, then accepts the RPDOs that came before it.
-  void sync(std::int64_t now_ns);
+  /// `counter`: of the SYNC, if it has one.
+  void sync(std::int64_t now_ns, std::optional<std::uint8_t> counter);
   /// How many RPDOs passed their deadline since the last call. Each is watched again from its next arrival on.
   int late(std::int64_t now_ns);
   /// Event-driven TPDOs.
@@ -57,6 +58,8 @@ class PdoService {
     std::uint32_t cob = 0;
     bool exists = false, pending = false, sent_once = false, delivered = false;
     std::uint8_t type = 255, syncs = 0;
+    std::uint8_t start = 0;  // counter of the SYNC with which it begins
+    bool started = false;    // by that SYNC
     std::int64_t inhibit_ns = 0, timer_ns = 0, last_ns = 0;
     std::vector<Object*> map;                          // null: a gap
     std::vector<int> sizes;                            // bytes
@@ -81,6 +84,8 @@ class PdoService {
   void report_refused(const Object& object, std::int64_t value);
   std::array<std::uint8_t, pdo_bytes> gather(const Pdo& pdo) const;
   void send(Pdo& pdo, std::int64_t now_ns);
+  /// Whether the PDO waits for the SYNC with its counter.
+  bool waits(Pdo& pdo, std::optional<std::uint8_t> counter) const;
 
   NodeContext& node_;
   Emcy& emcy_;

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cstdint>
 #include <limits>
+#include <optional>
 #include <utility>
 
 #include <tribotwin/hil/canopen/cob_id.hpp>
@@ -34,6 +35,12 @@ class SyncConsumer {
     watched_ = last_ns_ >= 0 && now_ns - last_ns_ <= patience_ns();
     last_ns_ = now_ns;
   }
+  /// The counter of the SYNC that `hear` follows.
+  void count(const Frame& frame) {
+    counter_.reset();
+    if (frame.size == 1) counter_ = frame.data[0];
+  }
+  std::optional<std::uint8_t> take_counter() { return std::exchange(counter_, std::nullopt); }
   /// The SYNC just heard took a set point.
   void took_set_point() { watched_ = true; }
   void reset() { last_ns_ = -1; }
@@ -55,6 +62,7 @@ class SyncConsumer {
   const Object *deadline_, *cycle_;
   std::int64_t last_ns_ = -1;
   bool watched_ = false;
+  std::optional<std::uint8_t> counter_;
 };
 
 }  // namespace tribotwin::hil

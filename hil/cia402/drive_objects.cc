@@ -8,8 +8,8 @@
 #include <tribotwin/hil/canopen/sync.hpp>
 #include <tribotwin/hil/cia402/drive_objects.hpp>
 #include <tribotwin/hil/cia402/homing.hpp>
-#include <tribotwin/hil/cia402/inputs.hpp>
 #include <tribotwin/hil/cia402/modes.hpp>
+#include <tribotwin/hil/motion/inputs.hpp>
 
 namespace tribotwin::hil {
 namespace {
@@ -148,8 +148,46 @@ class Builder {
     for (std::size_t i = 0; i < all.size(); ++i)
       add(o_, {od::supported_homing_methods, static_cast<std::uint8_t>(i + 1),
                "supported homing method " + std::to_string(i + 1), T::i8, constant, false, all[i]->number});
+  }
+
+  void inputs_and_outputs() {
     add(o_, {od::digital_inputs, 0, "digital inputs", T::u32, ro, true},
-        {.meaning = "bits: 0 negative limit, 1 positive limit, 2 home switch, 16 second probe (2130h)"});
+        {.meaning = "bits: 0 negative limit, 1 positive limit, 2 home switch, 3 interlock (safe torque off), "
+                    "16 second probe (2130h), 17 brake released"});
+    highest_sub_index(od::digital_outputs, 2);
+    add(o_, {od::digital_outputs, 1, "physical outputs", T::u32, rw, true}, {.meaning = "bit 0: set the brake"});
+    add(o_, {od::digital_outputs, 2, "output mask", T::u32, rw},
+        {.meaning = "bit 0: 60FEh:01 may set the brake; it never releases the one that the state machine has set"});
+    add(o_, {od::touch_probe_function, 0, "touch probe function", T::u16, rw, true},
+        {.meaning = "low byte probe 1, high byte 2: bits 0 on, 1 each event, 2 index pulse instead of the switch, "
+                    "4 rising, 5 falling edge"});
+    add(o_, {od::touch_probe_status, 0, "touch probe status", T::u16, ro, true},
+        {.meaning = "per byte: bits 0 on, 1 rising, 2 falling edge stored"});
+    position(od::touch_probe_1_rising, 0, "touch probe 1 rising edge", ro, true, 0);
+    position(od::touch_probe_1_falling, 0, "touch probe 1 falling edge", ro, true, 0);
+    position(od::touch_probe_2_rising, 0, "touch probe 2 rising edge", ro, true, 0);
+    position(od::touch_probe_2_falling, 0, "touch probe 2 falling edge", ro, true, 0);
+  }
+
+  /// CiA 402 leaves the entries of these records to the manufacturer.
+  void loops() {
+    using O = DriveObjects;
+    const auto gain = [&](od::Index index, std::uint8_t sub, const char* name, double value, double count, Limits range,
+                          const char* unit, std::string meaning) {
+      const std::int64_t counts = std::clamp<std::int64_t>(std::llround(value / count), range.low, range.high);
+      add(o_, {index, sub, name, T::u16, rw, false, counts, range.low, range.high},
+          {.scale = count, .unit = unit, .meaning = std::move(meaning)});
+    };
+    const Limits any = limits_of(T::u16);
+    const auto bandwidth_max = static_cast<std::int64_t>(p_.speed_bandwidth_max_rad_s / O::bandwidth_count_rad_s);
+    highest_sub_index(od::velocity_control, 2);
+    gain(od::velocity_control, 1, "speed bandwidth", p_.gains.speed_bandwidth_rad_s, O::bandwidth_count_rad_s,
+         {1, std::min(any.high, bandwidth_max)}, "rad/s", "speed gain over the joint's inertia at the start");
+    gain(od::velocity_control, 2, "speed integral time", p_.gains.integral_time_s, O::integral_count_s, any, "s",
+         "0: no integral part");
+    highest_sub_index(od::position_control, 1);
+    gain(od::position_control, 1, "position gain", p_.gains.position_gain_1_s, O::position_gain_count_1_s, any, "1/s",
+         "speed per position error");
   }
 
   void torque() {
@@ -260,6 +298,8 @@ Dictionary drive_dictionary(const DriveParameters& parameters) {
   drive.velocity();
   drive.profile();
   drive.homing();
+  drive.loops();
+  drive.inputs_and_outputs();
   drive.torque();
   drive.motor_and_gear();
   drive.manufacturer();
@@ -316,8 +356,19 @@ DriveObjects::DriveObjects(Dictionary& dictionary, double gear_ratio) : dictiona
   homing_speed_zero = object(od::homing_speeds, 2);
   homing_acceleration = object(od::homing_acceleration);
   digital_inputs = object(od::digital_inputs);
+  digital_outputs = object(od::digital_outputs, 1);
+  output_mask = object(od::digital_outputs, 2);
+  touch_probe_function = object(od::touch_probe_function);
+  touch_probe_status = object(od::touch_probe_status);
+  probe_1_rising = object(od::touch_probe_1_rising);
+  probe_1_falling = object(od::touch_probe_1_falling);
+  probe_2_rising = object(od::touch_probe_2_rising);
+  probe_2_falling = object(od::touch_probe_2_falling);
   home_switch = object(od::simulated_switches, 1);
   probe_2_switch = object(od::simulated_switches, 2);
+  speed_bandwidth = object(od::velocity_control, 1);
+  integral_time = object(od::velocity_control, 2);
+  position_gain = object(od::position_control, 1);
   position_limit_low = object(od::software_position_limit, 1);
   position_limit_high = object(od::software_position_limit, 2);
   interpolated_position = object(od::interpolation_data_record, 1);
@@ -340,6 +391,12 @@ MotionLimits DriveObjects::profile_limits(double speed_rad_s) const {
           .acceleration_rad_s2 = std::min(velocity_rad_s(profile_acceleration), velocity_rad_s(max_acceleration)),
           .deceleration_rad_s2 = std::min(velocity_rad_s(profile_deceleration), velocity_rad_s(max_deceleration)),
           .jerk_rad_s3 = smooth ? velocity_rad_s(profile_jerk) : MotionLimits::unlimited};
+}
+
+twin::LoopGains DriveObjects::gains() const {
+  return {.position_gain_1_s = position_gain_count_1_s * static_cast<double>(position_gain->value),
+          .speed_bandwidth_rad_s = bandwidth_count_rad_s * static_cast<double>(speed_bandwidth->value),
+          .integral_time_s = integral_count_s * static_cast<double>(integral_time->value)};
 }
 
 double DriveObjects::interpolation_s() const {

@@ -1,8 +1,8 @@
 #pragma once
 
 #include <tribotwin/hil/canopen/dictionary.hpp>
-#include <tribotwin/hil/cia402/motion_profile.hpp>
 #include <tribotwin/hil/drives/drive_parameters.hpp>
+#include <tribotwin/hil/motion/motion_profile.hpp>
 
 namespace tribotwin::hil {
 
@@ -15,7 +15,8 @@ Dictionary drive_dictionary(const DriveParameters& parameters);
 /// Objects count at the motor: increments [1/65536 turn], 0.001 rpm, 0.001 of the rated torque.
 class DriveObjects {
  public:
-  static constexpr std::int64_t window_off = 0xffffffff;                       ///< 6065h, 6067h: not watched
+  static constexpr std::int64_t window_off = 0xffffffff;  ///< 6065h, 6067h: not watched
+  static constexpr double bandwidth_count_rad_s = 0.1, integral_count_s = 1e-4, position_gain_count_1_s = 0.01;
   enum ProfileType : std::int64_t { linear_ramp = 0, jerk_limited_ramp = 3 };  ///< 6086h
 
   DriveObjects(Dictionary& dictionary, double gear_ratio);
@@ -36,7 +37,11 @@ class DriveObjects {
   Object *profile_velocity, *max_profile_velocity, *end_velocity, *profile_acceleration;
   Object *motion_profile_type, *profile_jerk, *max_acceleration, *max_deceleration;
   Object *home_offset, *homing_method, *homing_speed_switch, *homing_speed_zero, *homing_acceleration;
+  Object *digital_outputs, *output_mask;
+  Object *touch_probe_function, *touch_probe_status;
+  Object *probe_1_rising, *probe_1_falling, *probe_2_rising, *probe_2_falling;
   Object *digital_inputs, *home_switch, *probe_2_switch;
+  Object *speed_bandwidth, *integral_time, *position_gain;
   Object *position_limit_low, *position_limit_high;
   Object *interpolated_position, *interpolation_time, *interpolation_exponent;
   Object *lubricant_temperature, *friction_torque, *load_torque, *measured_temperature, *temperature_limit;
@@ -54,6 +59,7 @@ class DriveObjects {
   double profile_speed_max_rad_s() const;
   /// Ramps by 6083h, 6084h, 6086h and 60A4h within 60C5h and 60C6h, up to a speed.
   MotionLimits profile_limits(double speed_rad_s) const;
+  twin::LoopGains gains() const;
   /// 60C2h: time from one set point to the next.
   double interpolation_s() const;
 

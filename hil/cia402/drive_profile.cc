@@ -4,6 +4,7 @@
 
 #include <tribotwin/hil/canopen/object_index.hpp>
 #include <tribotwin/hil/cia402/drive_profile.hpp>
+#include <tribotwin/hil/cia402/touch_probe.hpp>
 #include <tribotwin/hil/cia402/words.hpp>
 
 namespace tribotwin::hil {
@@ -44,7 +45,8 @@ tl::expected<void, Abort> DriveProfile::may_write(const Object& o, std::int64_t 
   const bool unknown_ramp = o.index == od::motion_profile_type && (value == 1 || value == 2);
   const bool unknown_method = o.index == od::homing_method && !has_homing_method(value);
   const bool unknown_submode = o.index == od::interpolation_submode && value != 0;
-  if (unknown_mode || unknown_stop || unknown_ramp || unknown_method || unknown_submode)
+  const bool unknown_probe = o.index == od::touch_probe_function && !is_touch_probe_function(value);
+  if (unknown_mode || unknown_stop || unknown_ramp || unknown_method || unknown_submode || unknown_probe)
     return tl::unexpected(Abort::out_of_range);
   return {};
 }
@@ -59,6 +61,7 @@ bool DriveProfile::has_homing_method(std::int64_t number) const {
 void DriveProfile::written(const Object& o) {
   if (o.index == od::controlword) return apply_controlword();
   if (o.index == od::modes_of_operation) return update_status();
+  if (o.index == od::touch_probe_function) update_touch_probes(objects_, nullptr);
   const auto target =
       std::ranges::find_if(targets(), [&](const Target& t) { return t.index == o.index && t.sub == o.sub; });
   if (target == targets().end()) return;
@@ -90,7 +93,10 @@ StopOptions DriveProfile::stop_options() const {
 
 void DriveProfile::apply_controlword() {
   const DriveState before = machine_.state();
-  machine_.controlword(static_cast<std::uint16_t>(objects_.controlword->value), stop_options());
+  const std::int64_t word = objects_.controlword->value;
+  // Without the permission of the safety circuit every command is "disable voltage"; a fault may still be reset.
+  const std::int64_t allowed = feedback_.safe_torque_off ? word & ~std::int64_t{enable_voltage} : word;
+  machine_.controlword(static_cast<std::uint16_t>(allowed), stop_options());
   if (machine_.state() == DriveState::operation_enabled) stops_alone_ = false;
   if (before == DriveState::fault && machine_.state() != DriveState::fault) {
     objects_.error_code->value = 0;
@@ -180,7 +186,7 @@ void DriveProfile::take_up_mode() {
 }
 
 std::uint16_t DriveProfile::statusword() const {
-  int word = machine_.status_bits() | voltage_enabled;
+  int word = machine_.status_bits() | (feedback_.safe_torque_off ? 0 : voltage_enabled);
   if (feedback_.temperature_degC > tenths_degC(objects_.temperature_limit) - warning_K) word |= warning;
   if (node_.operational()) word |= remote;
   if (feedback_.limited) word |= internal_limit_active;
@@ -232,23 +238,43 @@ void DriveProfile::read_inputs(double joint_rad) {
   inputs_.move_to(switches_, joint_rad);
   constexpr std::pair<Input, int> bits[] = {
       {Input::negative_limit, 0}, {Input::positive_limit, 1}, {Input::home, 2}, {Input::probe_2, 16}};
-  std::int64_t word = 0;
+  constexpr int interlock = 3, brake_released = 17;
+  std::int64_t word = std::int64_t{feedback_.safe_torque_off} << interlock | std::int64_t{!brake_engaged()}
+                                                                                 << brake_released;
   for (const auto& [input, bit] : bits) word |= std::int64_t{inputs_.active(input)} << bit;
   set(objects_.digital_inputs, static_cast<double>(word));
+  if (update_touch_probes(objects_, &inputs_)) node_.changed = true;
+}
+
+bool DriveProfile::brake_engaged() const {
+  constexpr std::int64_t brake = 1;
+  return !machine_.powered() || (objects_.digital_outputs->value & objects_.output_mask->value & brake);
+}
+
+/// The safety circuit takes the torque away by itself; the drive follows: a fault where it had power.
+void DriveProfile::watch_safe_torque_off() {
+  if (!feedback_.safe_torque_off) return;
+  if (machine_.state() == DriveState::fault_reaction_active)
+    machine_.stopped();
+  else if (machine_.powered())
+    fail(static_cast<std::uint16_t>(ErrorCode::external), generic_error, false);
+  else if (machine_.state() != DriveState::fault && machine_.state() != DriveState::switch_on_disabled)
+    machine_.controlword(0, stop_options());
 }
 
 void DriveProfile::feedback(const Feedback& joint, double dt) {
-  read_inputs(joint.position_rad);
   feedback_ = joint;
   feedback_.position_rad -= objects_.zero_rad;
   const Feedback& f = feedback_;
+  watch_safe_torque_off();
+  read_inputs(joint.position_rad);
   const double lag_rad = follows_demand() ? demand_.position_rad - f.position_rad : 0;
   show(f);
   set(objects_.following_error, lag_rad / objects_.increment_rad);
   watch_following_error(lag_rad, dt);
   watch_standstill(dt);
   watch_temperature();
-  watch_rest();
+  watch_rest(dt);
   update_status();
 }
 
@@ -280,9 +306,11 @@ void DriveProfile::watch_following_error(double lag_rad, double dt) {
 
 bool DriveProfile::stands() const { return std::abs(feedback_.velocity_rad_s) * gear_ratio_ < standing_motor_rad_s; }
 
-/// The end of a reaction to lost commands: brake, standstill, torque 0.
-void DriveProfile::watch_rest() {
-  if (!machine_.powered() && stands() && objects_.torque_actual->value == 0) stops_alone_ = false;
+/// The end of a reaction to lost commands: brake, standstill for a while, torque 0.
+void DriveProfile::watch_rest(double dt) {
+  const bool rests = !machine_.powered() && stands() && objects_.torque_actual->value == 0;
+  resting_s_ = rests ? resting_s_ + dt : 0;
+  if (resting_s_ > standstill_s) stops_alone_ = false;
 }
 
 void DriveProfile::watch_standstill(double dt) {

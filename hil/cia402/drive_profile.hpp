@@ -19,11 +19,20 @@ class DriveProfile {
 
   const StateMachine& machine() const { return machine_; }
   bool halted() const { return halted_; }
-  /// Index of the set point that must keep coming in the mode that the drive is in, halted or not; 0: none.
+  /// Index of the set point of the mode that the drive is in, halted or not; 0: none.
   std::uint16_t target() const {
     const ModeOfOperation* mode = followed_mode();
-    return mode && mode->set_points == SetPoints::cyclic && !demand_.idle ? mode->target : std::uint16_t{0};
+    return mode && !demand_.idle ? mode->target : std::uint16_t{0};
   }
+  /// The set point must keep coming, by the rules of the mode.
+  bool target_is_cyclic() const {
+    const ModeOfOperation* mode = followed_mode();
+    return mode && mode->set_points == SetPoints::cyclic;
+  }
+  /// 60F9h, 60FBh.
+  twin::LoopGains gains() const { return objects_.gains(); }
+  /// The state machine sets the brake, or the master does (60FEh).
+  bool brake_engaged() const;
   /// Commands were lost, and the motor is not at rest yet.
   bool stops_alone() const { return stops_alone_; }
   std::uint16_t error_code() const { return static_cast<std::uint16_t>(objects_.error_code->value); }
@@ -72,12 +81,13 @@ class DriveProfile {
   twin::DriveCommand ramp_down(twin::DriveCommand command, double dt_s);
   void move_zero(double joint_rad);
   void read_inputs(double joint_rad);
+  void watch_safe_torque_off();
   void show(const Feedback& feedback);
   void set(Object* object, double counts);
   void watch_following_error(double lag_rad, double dt_s);
   void watch_standstill(double dt_s);
   void watch_temperature();
-  void watch_rest();
+  void watch_rest(double dt_s);
   bool stands() const;
 
   NodeContext& node_;
@@ -92,6 +102,7 @@ class DriveProfile {
   double ramp_rad_s_ = 0;
   double following_s_ = 0;                  // time for which the following error has been beyond its window
   double standing_s_ = 0;                   // time for which the motor has stood at the end of a ramp
+  double resting_s_ = 0;                    // and for which it has stood without power and torque
   bool followed_ = false, halted_ = false;  // set points, when refresh_status was last called
   std::int64_t controlword_ = 0;            // when the frame before this one had been taken
   bool controls_ = false;                   // and whether its bits for a mode counted then

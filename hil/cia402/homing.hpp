@@ -7,9 +7,9 @@
 #include <vector>
 
 #include <tribotwin/hil/cia402/drive_objects.hpp>
-#include <tribotwin/hil/cia402/inputs.hpp>
-#include <tribotwin/hil/cia402/motion_profile.hpp>
 #include <tribotwin/hil/drives/bus_drive.hpp>
+#include <tribotwin/hil/motion/inputs.hpp>
+#include <tribotwin/hil/motion/motion_profile.hpp>
 
 /// Homing (CiA 402-2, mode 6): bit 4 of the controlword starts method 6098h, which finds the home position; the zero of
 /// all positions is then at home + home offset 607Ch, so that home has the position -607Ch. Bits 10, 12 and 13 of the

@@ -6,11 +6,11 @@
 
 #include <tribotwin/hil/cia402/drive_objects.hpp>
 #include <tribotwin/hil/cia402/homing.hpp>
-#include <tribotwin/hil/cia402/inputs.hpp>
-#include <tribotwin/hil/cia402/motion_profile.hpp>
 #include <tribotwin/hil/cia402/profile_position.hpp>
 #include <tribotwin/hil/cia402/profile_velocity.hpp>
 #include <tribotwin/hil/drives/bus_drive.hpp>
+#include <tribotwin/hil/motion/inputs.hpp>
+#include <tribotwin/hil/motion/motion_profile.hpp>
 
 /// The modes of operation (CiA 402-2, 6060h) as one table. The checks of 6060h, the supported modes 6502h, the meanings
 /// in the dictionary and the EDS, and the set points follow from its rows.

@@ -1,5 +1,6 @@
 #include <algorithm>
 #include <limits>
+#include <utility>
 
 #include <tribotwin/hil/canopen/cob_id.hpp>
 #include <tribotwin/hil/canopen/eds.hpp>
@@ -21,18 +22,25 @@ DriveParameters with_serial_number(DriveParameters p) {
 Node::Node(const DriveParameters& p, Send send, NodeSetup setup)
     : parameters_(with_serial_number(p)),
       setup_(std::move(setup)),
-      context_{.id = first_number(), .send_frame = std::move(send), .dictionary = drive_dictionary(parameters_)},
-      lss_(context_, {}),
+      context_{.id = first_number(setup_.kept),
+               .send_frame = std::move(send),
+               .dictionary = factory(first_number(setup_.kept))},
+      keeper_(context_, setup_.kept, setup_.keep),
+      lss_(context_,
+           setup_.keep ? [this](std::uint8_t number) { return keeper_.keep_number(number); } : LssSlave::Keep{}),
       emcy_(context_),
       sdo_(context_.dictionary, [this](const SdoServer::Answer& answer) { return answer_sdo(answer); }),
       pdos_(context_, emcy_),
       sync_(context_),
       heartbeat_(context_),
+      guard_(context_),
+      time_(context_),
       set_points_(context_),
       drive_(context_, emcy_, p) {
   context_.dictionary.may_read = [this](const Object& o) { return may_read(o); };
   context_.dictionary.may_write = [this](const Object& o, std::int64_t value) { return may_write(o, value); };
   context_.dictionary.written = [this](const Object& o) { written(o); };
+  configure(NmtCommand::reset_node);
   drive_.refresh_status();
 }
 
@@ -41,21 +49,34 @@ Node::Node(const DriveParameters& p, Send send, NodeSetup setup)
 /// CiA 301, 7.5.2.4: an entry of the history without an error is no data.
 tl::expected<void, Abort> Node::may_read(const Object& o) {
   if (o.index == od::store_eds && o.text.empty())
-    context_.dictionary.find(o.index, o.sub)->text = eds(drive_dictionary(active_parameters()), active_parameters());
+    context_.dictionary.find(o.index, o.sub)->text = eds(factory(context_.id), active_parameters());
+  if (o.index == od::time_of_day) time_.show(context_.now_ns);
   if (o.index != od::predefined_error_field || o.sub <= context_.dictionary.get(o.index)) return {};
   return tl::unexpected(Abort::no_data);
 }
 
-tl::expected<void, Abort> Node::may_write(const Object& o, std::int64_t value) const {
+tl::expected<void, Abort> Node::may_write(const Object& o, std::int64_t value) {
   if (PdoService::owns(o.index)) return pdos_.may_write(o, value);
   if (o.index == od::predefined_error_field && value != 0) return tl::unexpected(Abort::out_of_range);
+  if (ParameterKeeper::owns(o.index)) return keeper_.obey(o, value, drive_.machine().powered(), defaults());
+  if (o.index == od::cob_id_time) return time_.may_write(value);
+  if (o.index == od::synchronous_counter_overflow) return may_count_syncs(o, value);
   if (o.index == od::consumer_heartbeat_time) return watched_.may_configure(o, value);
   return drive_.may_write(o, value);
+}
+
+/// CiA 301, 7.5.2.22: not while there is a SYNC; 1 is reserved.
+tl::expected<void, Abort> Node::may_count_syncs(const Object& overflow, std::int64_t value) const {
+  if (value == 1) return tl::unexpected(Abort::out_of_range);
+  if (value != overflow.value && context_.dictionary.get(od::communication_cycle_period) != 0)
+    return tl::unexpected(Abort::not_now);
+  return {};
 }
 
 void Node::written(const Object& o) {
   context_.changed = true;
   if (PdoService::owns(o.index)) return pdos_.reload();
+  if (ParameterKeeper::owns(o.index)) return keeper_.show();
   if (o.index == od::predefined_error_field) return emcy_.clear_history();
   if (o.index == od::consumer_heartbeat_time) return watched_.configure(o);
   drive_.written(o);
@@ -64,7 +85,7 @@ void Node::written(const Object& o) {
 // ---- Network management.
 
 void Node::start(std::int64_t now_ns) {
-  now_ns_ = now_ns;
+  context_.now_ns = now_ns;
   context_.nmt = configured() ? Nmt::pre_operational : Nmt::initialising;
   if (configured()) heartbeat_.boot_up(now_ns);
 }
@@ -73,10 +94,10 @@ void Node::hear_lss(const Frame& frame, std::int64_t now_ns) {
   if (lss_.receive(frame)) reset(NmtCommand::reset_communication, now_ns);
 }
 
-DriveParameters Node::active_parameters() const {
-  DriveParameters active = parameters_;
-  if (configured()) active.node = context_.id;
-  return active;
+DriveParameters Node::with_number(std::uint8_t number) const {
+  DriveParameters numbered = parameters_;
+  if (number != unconfigured_node) numbered.node = number;
+  return numbered;
 }
 
 void Node::obey(NmtCommand command, std::int64_t now_ns) {
@@ -108,9 +129,9 @@ void Node::obey(NmtCommand command, std::int64_t now_ns) {
 /// Objects back to their defaults, by reset communication only those of CiA 301; the physics continues. The drive is as
 /// after power-up: the brake holds.
 void Node::reset(NmtCommand command, std::int64_t now_ns) {
-  context_.id = command == NmtCommand::reset_node ? first_number() : lss_.pending();
+  context_.id = command == NmtCommand::reset_node ? first_number(keeper_.kept()) : lss_.pending();
   lss_.reset(context_.id);
-  const Dictionary fresh = drive_dictionary(active_parameters());
+  const Dictionary fresh = factory(context_.id);
   for (const Object& o : fresh.objects()) {
     // Constant ones of the communication as well: identifiers follow the node number.
     if (od::is_communication(o.index) || (o.access == Access::read_write && command == NmtCommand::reset_node))
@@ -119,11 +140,37 @@ void Node::reset(NmtCommand command, std::int64_t now_ns) {
   drive_.reset();
   sdo_.reset();
   watched_ = {};
+  guard_.reset();
   emcy_.reset();
   pdos_.reset();
   sync_.reset();
+  keeper_.show();
+  configure(command);
   start(now_ns);
   drive_.refresh_status();
+}
+
+Dictionary Node::factory(std::uint8_t number) const {
+  const DriveParameters numbered = with_number(number);
+  Dictionary own = drive_dictionary(numbered);
+  return setup_.foreign.empty() ? own : with_foreign_objects(own, setup_.foreign, numbered.node);
+}
+
+Dictionary Node::defaults() const {
+  Dictionary objects = factory(context_.id);
+  download(objects, setup_.values);
+  return objects;
+}
+
+void Node::configure(NmtCommand command) {
+  refused_.reset();
+  for (const std::vector<ObjectValue>* all : {&std::as_const(setup_.values), &keeper_.kept().values}) {
+    std::vector<ObjectValue> values;
+    for (const ObjectValue& v : *all)
+      if (command == NmtCommand::reset_node || od::is_communication(v.index)) values.push_back(v);
+    const auto refused = download(context_.dictionary, std::move(values));
+    if (!refused_) refused_ = refused;
+  }
 }
 
 void Node::restore(const Object& fresh) {
@@ -142,8 +189,12 @@ bool Node::sends(std::uint32_t id) const {
 }
 
 void Node::receive(const Frame& frame, std::int64_t now_ns) {
-  now_ns_ = now_ns;
-  if (frame.extended || frame.remote || frame.error || frame.fd) return;
+  context_.now_ns = now_ns;
+  if (frame.extended || frame.error || frame.fd) return;
+  if (frame.remote) {
+    if (configured() && frame.id == cob::heartbeat + context_.id) guard_.asked(now_ns);
+    return;
+  }
   if (frame.id == cob::lss_to_slave) return hear_lss(frame, now_ns);
   if (!configured()) return;
   if (frame.id == cob::nmt) {
@@ -151,7 +202,9 @@ void Node::receive(const Frame& frame, std::int64_t now_ns) {
     return;
   }
   if (frame.id == cob::sdo_to_server + context_.id) return request_sdo(frame, now_ns);
+  if (is_sync(frame)) return sync_.count(frame);
   watched_.hear(frame.id, now_ns);
+  time_.hear(frame, now_ns);
   if (frame.id == cob::heartbeat + context_.id || frame.id == cob::sdo_to_client + context_.id ||
       frame.id == cob::emcy + context_.id) {
     ++context_.counters.foreign;
@@ -176,22 +229,34 @@ bool Node::answer_sdo(const SdoServer::Answer& answer) {
 }
 
 void Node::sync(std::int64_t now_ns) {
-  now_ns_ = now_ns;
+  context_.now_ns = now_ns;
+  const auto counter = sync_.take_counter();
   if (!context_.operational()) return;
+  check_sync_length(counter.has_value());
   sync_.hear(now_ns);
   set_points_.sync();
-  pdos_.sync(now_ns);
+  pdos_.sync(now_ns, counter);
   drive_.refresh_status();
   watch_set_points(now_ns);
+}
+
+/// CiA 301: EMCY 8240h for a SYNC with a counter that 1019h does not ask for, or without one; once, and it still
+/// counts.
+void Node::check_sync_length(bool counted) {
+  const bool wrong = counted != (context_.dictionary.get(od::synchronous_counter_overflow) != 0);
+  if (wrong && !std::exchange(wrong_sync_, true)) emcy_.report(ErrorCode::sync_length);
+  wrong_sync_ = wrong;
 }
 
 // ---- Timers.
 
 void Node::tick(std::int64_t now_ns) {
-  now_ns_ = now_ns;
+  context_.now_ns = now_ns;
   if (!configured()) return;
   sdo_.tick(now_ns);
   heartbeat_.tick(now_ns);
+  emcy_.tick(now_ns);
+  if (guard_.lost(now_ns)) lose_heartbeat();
   for (int lost = watched_.lost(now_ns); lost > 0; --lost) lose_heartbeat();
   if (!context_.operational()) return;
   watch_deadlines(now_ns);
@@ -225,10 +290,10 @@ void Node::watch_deadlines(std::int64_t now_ns) {
 /// After RPDOs were taken.
 void Node::watch_set_points(std::int64_t now_ns) {
   const od::Index target = drive_.target();
-  set_points_.follow(target);
+  set_points_.follow(target, drive_.target_is_cyclic());
   if (const PdoDelivery delivery = pdos_.delivery(target); target != 0 && delivery.exists) {
     set_points_.arrived(delivery, now_ns);
-    if (delivery.every_syncs > 0) sync_.took_set_point();
+    if (delivery.every_syncs > 0 && drive_.target_is_cyclic()) sync_.took_set_point();
   }
   if (drive_.halted()) set_points_.restart(now_ns);  // a halted drive needs no set points
   if (!set_points_.lost(now_ns)) return;
@@ -238,19 +303,20 @@ void Node::watch_set_points(std::int64_t now_ns) {
 
 std::int64_t Node::next_ns() const {
   if (!configured()) return std::numeric_limits<std::int64_t>::max();
-  std::int64_t next = std::min({heartbeat_.next_ns(), watched_.next_ns(), sdo_.next_ns()});
+  std::int64_t next =
+      std::min({heartbeat_.next_ns(), watched_.next_ns(), sdo_.next_ns(), guard_.next_ns(), emcy_.next_ns()});
   if (!context_.operational()) return next;
   next = std::min({next, sync_.next_ns(), pdos_.next_ns(), set_points_.next_ns()});
-  return context_.changed ? now_ns_ : next;
+  return context_.changed ? context_.now_ns : next;
 }
 
 void Node::recovered(std::int64_t now_ns) {
-  now_ns_ = now_ns;
+  context_.now_ns = now_ns;
   emcy_.report(ErrorCode::bus_recovered);
 }
 
 void Node::fail(std::uint16_t code, std::uint8_t register_bits, bool ramp, std::int64_t now_ns) {
-  now_ns_ = now_ns;
+  context_.now_ns = now_ns;
   drive_.fail(code, register_bits, ramp);
 }
 

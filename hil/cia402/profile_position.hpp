@@ -3,8 +3,8 @@
 #include <optional>
 
 #include <tribotwin/hil/cia402/drive_objects.hpp>
-#include <tribotwin/hil/cia402/motion_profile.hpp>
 #include <tribotwin/hil/drives/bus_drive.hpp>
+#include <tribotwin/hil/motion/motion_profile.hpp>
 
 /// Profile position (CiA 402-2, mode 1): a set point is taken at a rising edge of bit 4 of the controlword with all
 /// that belongs to it, and reached along ramps. Bit 12 of the statusword acknowledges it, until bit 4 falls and the

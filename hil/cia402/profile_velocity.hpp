@@ -1,8 +1,8 @@
 #pragma once
 
 #include <tribotwin/hil/cia402/drive_objects.hpp>
-#include <tribotwin/hil/cia402/motion_profile.hpp>
 #include <tribotwin/hil/drives/bus_drive.hpp>
+#include <tribotwin/hil/motion/motion_profile.hpp>
 
 /// Profile velocity (CiA 402-2, mode 3): the speed follows 60FFh along ramps, and stops at the position limits 607Dh,
 /// for which it brakes in time. Bit 10 of the statusword: within 606Dh for 606Eh; bit 12: at most 606Fh.

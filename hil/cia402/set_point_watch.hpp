@@ -11,7 +11,8 @@
 namespace tribotwin::hil {
 
 /// Watches that the set points of the active mode keep coming, from the first one that an RPDO brings to an enabled
-/// drive (2121h: cycles without one; 0: not watched).
+/// drive (2121h: cycles without one; 0: not watched). A mode that needs its set point only once is watched from then on
+/// that the master has brought it with as many SYNCs in a row as it may then be missing.
 ///
 /// It counts SYNCs, so that a slow master in lockstep is not late. An event-driven RPDO is no part of the SYNC's cycle;
 /// it has at least 100 ms, and is watched by the clock, too. An RPDO with a deadline of its own (140xh:05) is left to
@@ -22,13 +23,17 @@ class SetPointWatch {
       : deadline_(node.dictionary.find(od::set_point_deadline, 1)),
         cycle_(node.dictionary.find(od::communication_cycle_period, 0)) {}
 
-  /// The object that holds the set point now; 0: the drive follows none. Another one is not watched yet.
-  void follow(std::uint16_t target) {
-    if (target != target_) delivery_ = {};
+  /// The object that holds the set point now; 0: the drive follows none. Another one is not watched yet. `cyclic`: the
+  /// mode needs it again and again.
+  void follow(std::uint16_t target, bool cyclic) {
+    if (target != target_) delivery_ = {}, in_a_row_ = 0;
     target_ = target;
+    cyclic_ = cyclic;
   }
   void arrived(const PdoDelivery& delivery, std::int64_t now_ns) {
-    delivery_ = delivery;
+    const bool next = delivery.every_syncs > 0 && syncs_ <= delivery.every_syncs;
+    in_a_row_ = next ? in_a_row_ + 1 : 0;
+    delivery_ = cyclic_ || in_a_row_ >= deadline_->value ? delivery : PdoDelivery{};
     restart(now_ns);
   }
   /// Counts from now on.
@@ -63,6 +68,8 @@ class SetPointWatch {
 
   const Object *deadline_, *cycle_;
   std::uint16_t target_ = 0;
+  bool cyclic_ = true;
+  std::int64_t in_a_row_ = 0;  ///< set points that came with consecutive SYNCs of their RPDO
   PdoDelivery delivery_;
   std::int64_t syncs_ = 0, last_ns_ = 0;
 };

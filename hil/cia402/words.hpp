@@ -2,10 +2,11 @@
 
 #include <cstdint>
 
-/// Bits of the controlword 6040h and the statusword 6041h (CiA 402-2) beside those of the state machine.
+/// Bits of the controlword 6040h and the statusword 6041h (CiA 402-2) beside those of the states.
 namespace tribotwin::hil {
 
 enum Control : std::uint16_t {
+  enable_voltage = 0x0002,
   operation_specific = 0x0010,  ///< PP: new set point; HM: start; IP: enable
   change_immediately = 0x0020,  ///< PP
   relative = 0x0040,            ///< PP

@@ -23,7 +23,7 @@ int run(const Arguments& a) {
   std::vector<DescribedMirror> all;
   for (const auto& d : drives.all())
     all.push_back({d.parameters->node, d.parameters->name, d.parameters->rated_torque_nm * d.parameters->gear_ratio});
-  return deliver(scenario, a.destination, mirror_dbc(all));
+  return deliver(scenario, a.destination, mirror_dbc(all, mirror_format(a.bench_profile())));
 }
 
 }  // namespace

@@ -62,7 +62,12 @@ struct Arguments : RobotOptions {
     if (const auto beside = session_file_of(record); !beside.empty())
       outputs.push_back({"the file beside --record " + record, beside});
     outputs.push_back({"--stats " + stats, stats});
+    const auto kept = start.outputs(), read = start.inputs();
+    inputs.insert(inputs.end(), read.begin(), read.end());
     check_outputs(inputs, outputs, force);
+    outputs.insert(outputs.end(), kept.begin(), kept.end());
+    twin::or_wrong_input(refuse_shared(inputs, outputs));  // a store may exist
+    for (const auto& file : kept) twin::or_wrong_input(twin::check_output(file.path, twin::Existing::replace));
     if (!record.empty()) twin::or_wrong_input(twin::check_output(record, twin::Existing::replace));
     check_statistics(stats, force);
   }
@@ -86,9 +91,9 @@ int run(const Arguments& a) {
   if (a.bit_rate) a.check_bus_load(scenario, *a.bit_rate);
   std::vector<Fault> faults;
   if (!a.faults.empty()) faults = twin::or_wrong_input(load_faults(a.faults, a.first_node, drives));
-  const auto nodes = a.start.setups(scenario, a);
+  const auto nodes = a.start.setups(scenario, a, NodeOptions::Use::live);
   twin::catch_interrupts();
-  const auto bus = twin::or_wrong_input(open_bus(a.can));
+  const auto bus = twin::or_wrong_input(open_bus(a.can, {.fd = a.fd()}));
   const auto bit_rate = a.bit_rate ? a.bit_rate : bus->bit_rate();
   if (bit_rate && !a.bit_rate) a.check_bus_load(scenario, *bit_rate);
   const bool live = !a.quiet && isatty(STDERR_FILENO);

@@ -35,8 +35,10 @@ void RobotOptions::add_to(CLI::App& command) {
 }
 
 void RobotOptions::add_profile(CLI::App& command) {
-  command.add_option("--profile", profile, "Protocol: CANopen with CiA 402, or two plain frames per drive (see dbc)")
-      ->check(CLI::IsMember({"cia402", "mirror"}))
+  command
+      .add_option("--profile", profile,
+                  "Protocol: CANopen with CiA 402, or two plain frames per drive, classic or FD (see dbc)")
+      ->check(CLI::IsMember({"cia402", "mirror", "mirror-fd"}))
       ->capture_default_str();
 }
 
@@ -54,7 +56,11 @@ twin::Scenario RobotOptions::load() const {
 std::uint32_t RobotOptions::cycle_us() const { return static_cast<std::uint32_t>(std::lround(1e3 * cycle_ms)); }
 
 Budget RobotOptions::budget(const twin::Scenario& robot, double bit_rate) const {
-  if (mirror()) return budget_of_frames(static_cast<int>(robot.model->drives().size()), 1e-3 * cycle_ms, bit_rate);
+  if (mirror()) {
+    const MirrorFormat format = mirror_format(bench_profile());
+    const Bits each_way[] = {bits_of(encode(MirrorCommand{}, 1, format)), bits_of(encode(MirrorStatus{}, 1, format))};
+    return budget_of_frames(static_cast<int>(robot.model->drives().size()), each_way, 1e-3 * cycle_ms, bit_rate);
+  }
   return hil::budget(Drives(robot, *this).all(), 1e-3 * cycle_ms, bit_rate);
 }
 

@@ -54,8 +54,12 @@ struct RobotOptions {
 
   /// Throws InputError where the scenario is wrong or does not fit on a bus.
   twin::Scenario load() const;
-  bool mirror() const { return profile == "mirror"; }
-  Profile bench_profile() const { return mirror() ? Profile::mirror : Profile::cia402; }
+  bool mirror() const { return bench_profile() != Profile::cia402; }
+  Profile bench_profile() const {
+    return profile == "mirror" ? Profile::mirror : profile == "mirror-fd" ? Profile::mirror_fd : Profile::cia402;
+  }
+  /// The frames of the profile are FD frames.
+  bool fd() const { return bench_profile() == Profile::mirror_fd; }
   std::uint32_t cycle_us() const;
   Budget budget(const twin::Scenario& robot, double bit_rate) const;
 };

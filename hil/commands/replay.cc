@@ -59,9 +59,11 @@ int run(const Arguments& a) {
   if (!std::filesystem::exists(a.log)) throw twin::InputError(fmt::format("{}: does not exist", a.log));
   auto inputs = files_of(scenario);
   inputs.push_back({"LOG " + a.log, a.log});
+  for (const auto& files : {a.start.outputs(), a.start.inputs()})  // a replay does not write the store
+    inputs.insert(inputs.end(), files.begin(), files.end());
   inputs.push_back({"the file beside LOG " + a.log, session_file_of(a.log)});
   check_outputs(inputs, files_in(a.output), a.force);
-  const auto nodes = a.start.setups(scenario, a);
+  const auto nodes = a.start.setups(scenario, a, NodeOptions::Use::replay);
   twin::catch_interrupts();
   const auto result = twin::or_throw(hil::replay(scenario, a.log,
                                                  {.profile = a.bench_profile(),

@@ -6,6 +6,7 @@
 #include <tribotwin/hil/can/log.hpp>
 #include <tribotwin/hil/can/transport.hpp>
 #include <tribotwin/hil/commands/program.hpp>
+#include <tribotwin/hil/shadow/foreign_drives.hpp>
 #include <tribotwin/hil/shadow/shadow.hpp>
 #include <tribotwin/twin/io/interrupt.hpp>
 
@@ -20,6 +21,7 @@ struct Arguments : RobotOptions {
   double limit_time = 0.5;
   std::vector<std::string> joints;
   bool force = false, lockstep = false;
+  ForeignDrives foreign;
 
   void add_to(CLI::App& command) {
     RobotOptions::add_to(command);
@@ -27,6 +29,19 @@ struct Arguments : RobotOptions {
     command.add_flag("--lockstep", lockstep,
                      "The SYNC is the clock, each one --cycle; else --cycle is only checked against the bus");
     command.add_option("--can", can, "Bus: vcan0, can0, or log:FILE for a candump log")->required();
+    auto* maps = command
+                     .add_option("--map", foreign.maps,
+                                 "[JOINT=]FILE: drives of another maker, from their DBC (with --signal), EDS or DCF; "
+                                 "again for more")
+                     ->allow_extra_args(false);
+    command.add_option("--signal", foreign.signals, std::string(signal_syntax) + "; again for more")
+        ->allow_extra_args(false)
+        ->needs(maps);
+    command
+        .add_option("--increments", foreign.increments,
+                    "Counts of 6064h per motor turn; default: 608Fh of the EDS or DCF")
+        ->check(CLI::PositiveNumber)
+        ->needs(maps);
     auto* limited =
         command.add_option("--limit", limit, "Largest residual torque, arm side [Nm]; beyond it: exit code 3")
             ->check(CLI::PositiveNumber);
@@ -71,7 +86,7 @@ struct Source {
     if (!a.log().empty())
       log.emplace(twin::or_wrong_input(LogReader::open(a.log(), stop)));
     else
-      bus = twin::or_wrong_input(open_bus(a.can, {.listen_only = true}));
+      bus = twin::or_wrong_input(open_bus(a.can, {.fd = a.fd(), .listen_only = true}));
   }
   NextFrame frames(std::optional<double> duration_s) {
     if (bus) return frames_of(*bus, duration_s);
@@ -100,8 +115,11 @@ int run(const Arguments& a) {
   const twin::Scenario scenario = a.load();
   auto inputs = files_of(scenario);
   inputs.push_back({"--can " + a.can, a.log()});
+  for (const auto& file : a.foreign.files()) inputs.push_back({"--map " + file.string(), file});
   check_outputs(inputs, {{"--csv " + a.csv, a.csv}}, a.force);
   if (!a.csv.empty()) twin::or_wrong_input(twin::check_output(a.csv, twin::Existing::replace));
+  auto listeners =
+      twin::or_wrong_input(foreign_listeners(a.foreign, drive_parameters(scenario, a.first_node, a.cycle_us())));
   twin::catch_interrupts();
   Source source(a);
   const auto result =
@@ -111,6 +129,7 @@ int run(const Arguments& a) {
                                   .cycle_us = a.cycle_us(),
                                   .cycle_expected = a.cycle_option->count() > 0,
                                   .lockstep = a.lockstep,
+                                  .listeners = [&] { return std::move(listeners); },
                                   .limit_nm = a.limit,
                                   .limit_time_s = a.limit_time,
                                   .limit_joints = a.joints,

@@ -15,14 +15,18 @@ namespace {
 
 /// A part of the line, from its longest form to its shortest; the last may be empty.
 struct Part {
-  int rank;  ///< the lowest is shortened first
-  std::vector<std::string> forms;
+  struct Form {
+    std::string text;
+    int keep = last;  ///< of all parts, the form with the lowest number gives way to its next one
+  };
+  static constexpr int last = 100;
+  std::vector<Form> forms;
 };
 
 std::string joined(const std::vector<Part>& parts) {
   std::vector<std::string> shown;
   for (const Part& part : parts)
-    if (!part.forms.front().empty()) shown.push_back(part.forms.front());
+    if (!part.forms.front().text.empty()) shown.push_back(part.forms.front().text);
   return fmt::format("{}", fmt::join(shown, ", "));
 }
 
@@ -34,9 +38,9 @@ Part drives_of(const Bench& bench) {
     enabled += drive->enabled();
     failed += drive->failed();
   }
-  return {4,
-          {"drives " + letters + " (E enabled, F fault)", "drives " + letters,
-           fmt::format("{} of {} E, {} F", enabled, letters.size(), failed)}};
+  return {{{"drives " + letters + " (E enabled, F fault)", 1},
+           {"drives " + letters, 5},
+           {fmt::format("{} of {} E, {} F", enabled, letters.size(), failed)}}};
 }
 
 std::string hottest(const Bench& bench, const char* form) {
@@ -52,14 +56,14 @@ std::vector<Part> parts_of(const SessionStatus& s) {
   const std::string load = s.bit_rate ? fmt::format("bus {:.0f} %", 100 * s.bits_per_s / *s.bit_rate)
                                       : fmt::format("bus {:.0f} kbit/s", 1e-3 * s.bits_per_s);
   const bool up = s.bus->up();
-  std::vector<Part> parts{{9, {fmt::format("{:.1f} s", s.simulated_s)}},
-                          {3, {fmt::format("{} syncs", s.bench->counters().syncs), ""}},
-                          {2, {load, ""}},
+  std::vector<Part> parts{{{{fmt::format("{:.1f} s", s.simulated_s)}}},
+                          {{{fmt::format("{} syncs", s.bench->counters().syncs), 4}, {}}},
+                          {{{load, 3}, {}}},
                           drives_of(*s.bench),
-                          {1, {hottest(*s.bench, "hottest {:.1f} degC"), hottest(*s.bench, "{:.0f} degC"), ""}},
-                          {lost > 0 ? 6 : 0, {fmt::format("lost {}", lost), ""}}};
-  if (s.overruns > 0) parts.push_back({5, {fmt::format("late {}", s.overruns), ""}});
-  parts.push_back({up ? 0 : 7, {s.bus->state(), s.bus->name() + (up ? "" : " down"), ""}});
+                          {{{hottest(*s.bench, "hottest {:.1f} degC"), 2}, {hottest(*s.bench, "{:.0f} degC"), 2}, {}}},
+                          {{{fmt::format("lost {}", lost), lost > 0 ? 6 : 0}, {}}}};
+  if (s.overruns > 0) parts.push_back({{{fmt::format("late {}", s.overruns), 6}, {}}});
+  parts.push_back({{{s.bus->state(), up ? 0 : 7}, {s.bus->name() + (up ? "" : " down"), up ? 0 : 8}, {}}});
   return parts;
 }
 
@@ -69,10 +73,8 @@ std::string status_line(const SessionStatus& status, int columns) {
   const auto room = static_cast<std::size_t>(std::max(1, columns - 1));
   std::vector<Part> parts = parts_of(status);
   for (std::string line = joined(parts);; line = joined(parts)) {
-    const auto next = std::ranges::min_element(parts, {}, [](const Part& part) {
-      return part.forms.size() > 1 ? part.rank : std::numeric_limits<int>::max();
-    });
-    if (line.size() <= room || next->forms.size() == 1) return line.substr(0, room);
+    const auto next = std::ranges::min_element(parts, {}, [](const Part& part) { return part.forms.front().keep; });
+    if (line.size() <= room || next->forms.front().keep == Part::last) return line.substr(0, room);
     next->forms.erase(next->forms.begin());
   }
 }

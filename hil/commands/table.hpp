@@ -9,9 +9,10 @@ namespace tribotwin::hil::program {
 /// exit code in `code`; it throws errors (or_throw).
 using AddCommand = void(CLI::App& app, int& code);
 
-AddCommand add_drive, add_replay, add_shadow, add_budget, add_eds, add_dbc, add_conform;
+AddCommand add_drive, add_replay, add_shadow, add_budget, add_eds, add_dbc, add_ros2, add_conform;
 
 /// In the order of the help.
-constexpr AddCommand* commands[] = {add_drive, add_replay, add_shadow, add_budget, add_eds, add_dbc, add_conform};
+constexpr AddCommand* commands[] = {add_drive, add_replay, add_shadow, add_budget,
+                                    add_eds,   add_dbc,    add_ros2,   add_conform};
 
 }  // namespace tribotwin::hil::program

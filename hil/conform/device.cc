@@ -42,7 +42,6 @@ void expect(bool holds, std::string expected, std::string seen) {
 }
 
 std::string hex(std::uint64_t value, int digits) { return fmt::format("{:0{}X}h", value, digits); }
-std::string object_name(std::uint16_t index, std::uint8_t sub) { return fmt::format("{:04X}h:{:02X}", index, sub); }
 
 std::optional<DriveState> state_of(std::uint16_t word) {
   if ((word & 0x4F) == 0x40) return S::switch_on_disabled;

@@ -121,8 +121,6 @@ class Device {
 };
 
 std::string hex(std::uint64_t value, int digits);
-/// "6040h:00"
-std::string object_name(std::uint16_t index, std::uint8_t sub);
 std::optional<DriveState> state_of(std::uint16_t statusword);
 
 constexpr std::int64_t ms_ns = 1'000'000;

@@ -17,7 +17,8 @@ namespace tribotwin::hil {
 struct Feedback {
   double position_rad = 0, velocity_rad_s = 0, torque_nm = 0;
   double friction_nm = 0, load_nm = 0, temperature_degC = 25;
-  bool limited = false;  ///< the torque was cut to a limit
+  bool limited = false;          ///< the torque was cut to a limit
+  bool safe_torque_off = false;  ///< the safety circuit keeps the torque off, whatever the drive asks for
 };
 
 using Send = std::function<Sent(const Frame&)>;
@@ -28,6 +29,7 @@ class BusDrive {
   virtual ~BusDrive() = default;
 
   virtual void start(std::int64_t now_ns) = 0;
+  /// Any frame of others. `sync` follows if it is the SYNC.
   virtual void receive(const Frame& frame, std::int64_t now_ns) = 0;
   /// The SYNC: sends what is due with the last feedback, then applies the set points that came before it.
   virtual void sync(std::int64_t now_ns) = 0;
@@ -45,6 +47,8 @@ class BusDrive {
   /// The state after that step.
   virtual void feedback(const Feedback& feedback, double dt_s) = 0;
   virtual bool brake_engaged() const = 0;
+  /// Gains of the loops that follow the set points.
+  virtual twin::LoopGains gains() const = 0;
   /// The drive lost its commands and is not at rest yet. In lockstep the robot moves on with the clock for it, if no
   /// SYNC does.
   virtual bool stops_alone() const = 0;

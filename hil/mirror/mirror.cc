@@ -137,6 +137,7 @@ twin::DriveCommand MirrorDrive::command(double dt) {
 void MirrorDrive::feedback(const Feedback& f, double dt) {
   feedback_ = f;
   const bool stands = std::abs(f.velocity_rad_s) * parameters_.gear_ratio < 0.5;
+  if (f.safe_torque_off && !brake_engaged()) state_ = MirrorMode::fault;
   if (brake_engaged() && stands && std::abs(f.torque_nm) < resting_torque_norm * torque_max_nm_) stops_alone_ = false;
   if (state_ != MirrorMode::stopping) return;
   standing_s_ = stands && ramp_rad_s_ == 0 ? standing_s_ + dt : 0;

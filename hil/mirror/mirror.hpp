@@ -24,6 +24,7 @@ class MirrorDrive final : public BusDrive {
   bool sends(std::uint32_t id) const override;
   twin::DriveCommand command(double dt_s) override;
   void feedback(const Feedback& feedback, double dt_s) override;
+  twin::LoopGains gains() const override { return parameters_.gains; }
   bool brake_engaged() const override { return state_ == MirrorMode::off || state_ == MirrorMode::fault; }
   std::string state_name() const override;
   bool enabled() const override {

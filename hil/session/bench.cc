@@ -17,7 +17,7 @@ Bench::Bench(const twin::Scenario& scenario, const BenchOptions& options, Send s
     if (frame.id == cob::lss_to_master && std::exchange(lss_answer_, frame) == frame) return Sent::done;
     const Sent sent = send(frame);
     if (sent == Sent::done) {
-      const Bits bits = classic_bits(frame.size);
+      const Bits bits = bits_of(frame);
       counters_.bits += 0.5 * (bits.min + bits.max);
       ++counters_.frames_out;
     }
@@ -25,8 +25,8 @@ Bench::Bench(const twin::Scenario& scenario, const BenchOptions& options, Send s
   };
   for (const auto& p : drive_parameters(scenario, options.first_node, options.cycle_us)) {
     joints_.push_back(p.name);
-    if (options.profile == Profile::mirror) {
-      drives_.push_back(std::make_unique<MirrorDrive>(p, counted));
+    if (options.profile != Profile::cia402) {
+      drives_.push_back(std::make_unique<MirrorDrive>(p, counted, mirror_format(options.profile)));
       continue;
     }
     const std::size_t number = drives_.size();
@@ -44,10 +44,8 @@ void Bench::start(std::int64_t now_ns) {
 Result<void> Bench::receive(const Frame& frame, std::int64_t now_ns) {
   ++counters_.frames_in;
   lss_answer_.reset();
-  if (!frame.error) {
-    const Bits bits = classic_bits(std::min<int>(frame.size, 8));
-    counters_.bits += 0.5 * (bits.min + bits.max);
-  }
+  const Bits bits = bits_of(frame);
+  counters_.bits += 0.5 * (bits.min + bits.max);
   if (!is_sync(frame)) {
     for (const auto& drive : drives_) drive->receive(frame, now_ns);
     start_clock(now_ns);
@@ -59,6 +57,7 @@ Result<void> Bench::receive(const Frame& frame, std::int64_t now_ns) {
   last_sync_ns_ = now_ns;
   // All drives answer with their state at this SYNC; then the robot moves on to the next.
   const std::uint64_t sent_before = counters_.frames_out;
+  for (const auto& drive : drives_) drive->receive(frame, now_ns);
   for (const auto& drive : drives_) drive->sync(now_ns);
   if (options_.answered && counters_.frames_out > sent_before) options_.answered();
   if (!options_.lockstep) return {};

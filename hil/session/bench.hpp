@@ -1,6 +1,7 @@
 #pragma once
 
 #include <tribotwin/hil/cia402/node.hpp>
+#include <tribotwin/hil/mirror/mirror_frames.hpp>
 #include <tribotwin/hil/session/plant.hpp>
 #include <tribotwin/plugins/friction/error.hpp>
 
@@ -16,7 +17,10 @@ struct BenchCounters {
   double bits = 0;  ///< on a classic bus, mean of minimum and maximum stuffing
 };
 
-enum class Profile { cia402, mirror };
+enum class Profile { cia402, mirror, mirror_fd };
+constexpr MirrorFormat mirror_format(Profile profile) {
+  return profile == Profile::mirror_fd ? MirrorFormat::fd : MirrorFormat::classic;
+}
 
 struct BenchOptions {
   Profile profile = Profile::cia402;

@@ -12,12 +12,12 @@
 
 #include <tribotwin/hil/can/clock.hpp>
 #include <tribotwin/hil/canopen/sync.hpp>
+#include <tribotwin/hil/faults/faulty_bus.hpp>
 #include <tribotwin/hil/session/drive.hpp>
-#include <tribotwin/hil/session/faulty_bus.hpp>
-#include <tribotwin/hil/session/pace.hpp>
 #include <tribotwin/hil/session/session_record.hpp>
 #include <tribotwin/hil/session/statistics.hpp>
-#include <tribotwin/hil/session/sync_timing.hpp>
+#include <tribotwin/hil/timing/pace.hpp>
+#include <tribotwin/hil/timing/sync_timing.hpp>
 #include <tribotwin/twin/io/file.hpp>
 
 namespace tribotwin::hil {

@@ -6,8 +6,8 @@
 #include <string>
 
 #include <tribotwin/hil/can/transport.hpp>
+#include <tribotwin/hil/faults/faults.hpp>
 #include <tribotwin/hil/session/bench.hpp>
-#include <tribotwin/hil/session/faults.hpp>
 #include <tribotwin/plugins/friction/error.hpp>
 #include <tribotwin/twin/io/file.hpp>
 

@@ -1,6 +1,7 @@
 #include <algorithm>
 #include <cmath>
 #include <utility>
+#include <variant>
 
 #include <fmt/format.h>
 
@@ -21,7 +22,10 @@ std::vector<DriveParameters> drive_parameters(const twin::Scenario& scenario, in
                       .limited = m->jnt_limited[binding.joint] != 0,
                       .position_low_rad = m->jnt_range[2 * binding.joint],
                       .position_high_rad = m->jnt_range[2 * binding.joint + 1],
-                      .start_degC = scenario.temperature_degC[all.size()]};
+                      .start_degC = scenario.temperature_degC[all.size()],
+                      .speed_bandwidth_max_rad_s = 1 / m->opt.timestep};
+    if (const auto* o = std::get_if<twin::CascadedOptions>(&scenario.control))
+      p.gains = {o->position_gain_1_s, o->speed_bandwidth_rad_s, o->integral_time_s};
     // The maximum speed of the identification, where the law states one: motor side.
     if (const double speed = drive.law.range.speed_max_rad_s; std::isfinite(speed))
       p.speed_max_rad_s = speed / drive.speed_scale() * drive.gear_ratio;
@@ -47,7 +51,8 @@ Feedback Plant::feedback(std::size_t i) const {
              .friction_nm = s.friction_nm,
              .load_nm = twin_.state(i).load_nm,
              .temperature_degC = twin_.temperature_degC(i),
-             .limited = twin_.limited(i)};
+             .limited = twin_.limited(i),
+             .safe_torque_off = torque_off_[i]};
   f.temperature_degC = override_degC_[i].value_or(f.temperature_degC);
   if (frozen_rad_[i]) f.position_rad = *frozen_rad_[i], f.velocity_rad_s = 0;
   return f;
@@ -56,6 +61,10 @@ Feedback Plant::feedback(std::size_t i) const {
 void Plant::impose(const DriveFault& fault) {
   if (fault.kind == FaultKind::over_temperature) {
     override_degC_[fault.drive] = fault.on ? std::optional(fault.temperature_degC) : std::nullopt;
+    return;
+  }
+  if (fault.kind == FaultKind::safe_torque_off) {
+    torque_off_[fault.drive] = fault.on;
     return;
   }
   frozen_rad_[fault.drive].reset();
@@ -70,7 +79,9 @@ Result<void> Plant::step(std::span<const std::unique_ptr<BusDrive>> drives) {
   const double dt = twin_.model()->opt.timestep;
   for (std::size_t i = 0; i < drives.size(); ++i) {
     twin_.commands()[i] = drives[i]->command(dt);
+    if (torque_off_[i]) twin_.commands()[i].mode = twin::DriveCommand::Mode::off;
     twin_.set_brake(i, drives[i]->brake_engaged());
+    twin_.set_gains(i, drives[i]->gains());
     const auto measured = drives[i]->measured_temperature_degC();
     if (measured || held_[i]) twin_.set_measured_temperature(i, measured);
     held_[i] = measured.has_value();

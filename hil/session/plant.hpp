@@ -9,7 +9,7 @@
 
 #include <tribotwin/hil/drives/bus_drive.hpp>
 #include <tribotwin/hil/drives/drive_parameters.hpp>
-#include <tribotwin/hil/session/faults.hpp>
+#include <tribotwin/hil/faults/faults.hpp>
 #include <tribotwin/plugins/friction/error.hpp>
 #include <tribotwin/twin/simulation/recorder.hpp>
 
@@ -44,7 +44,8 @@ class Plant {
   twin::Twin& twin() { return twin_; }
   const twin::Twin& twin() const { return twin_; }
   const twin::Scenario& scenario() const { return scenario_; }
-  /// An injected fault begins or ends: the encoder keeps its last value, or the drive reports another temperature.
+  /// An injected fault begins or ends: the encoder keeps its last value, the drive reports another temperature, or the
+  /// safety circuit takes the torque away.
   void impose(const DriveFault& fault);
 
  private:
@@ -56,6 +57,7 @@ class Plant {
   std::int64_t left_us_ = 0;
   std::vector<std::optional<double>> frozen_rad_ = std::vector<std::optional<double>>(twin_.model().drives().size());
   std::vector<std::optional<double>> override_degC_ = std::vector<std::optional<double>>(twin_.model().drives().size());
+  std::vector<bool> torque_off_ = std::vector<bool>(twin_.model().drives().size());
   std::vector<bool> held_ = std::vector<bool>(twin_.model().drives().size());
 };
 

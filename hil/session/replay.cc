@@ -112,18 +112,17 @@ class Replay {
   Status start(Moments& moments) {
     if (auto ok = read(moments); !ok) return ok;
     if (!frames_left_) return {};
-    first_ns_ = moment_.time_ns;
+    first_ns_ = session_ ? session_->head().start_ns : moment_.time_ns;
+    bench_.start(first_ns_);
     if (session_) {
-      if (first_ns_ != session_->head().start_ns)
+      // What drives say at the start is in the log; those without a node number say nothing.
+      if (moment_.time_ns < first_ns_ || (moment_.time_ns > first_ns_ && !said_.empty()))
         return tl::unexpected(
             fmt::format("{}: does not belong to this log, or the log's beginning is missing; nothing was compared",
                         session_->file().string()));
       if (auto ok = read_turn(); !ok) return ok;
     }
-    if (!o_.output.empty())
-      if (auto ok = bench_.plant().record(o_.output, o_.existing); !ok) return ok;
-    bench_.start(first_ns_);
-    return {};
+    return o_.output.empty() ? Status{} : bench_.plant().record(o_.output, o_.existing);
   }
 
   Status read(Moments& moments) {

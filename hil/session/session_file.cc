@@ -1,3 +1,5 @@
+#include <algorithm>
+#include <cmath>
 #include <iterator>
 #include <limits>
 #include <string_view>
@@ -15,8 +17,17 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr std::string_view first_line = "tribotwin-hil session 1", last_line = "end";
-constexpr std::string_view encoder = "encoder_freeze", temperature = "over_temperature", off = "off", on = "on",
-                           end_of_turn = "end", back = "recovered", foreign = "misleading", moved = "steps";
+constexpr std::string_view off = "off", on = "on", end_of_turn = "end", back = "recovered", foreign = "misleading",
+                           moved = "steps";
+
+/// The faults of a drive, as the list of faults calls them.
+struct Named {
+  FaultKind kind;
+  std::string_view word;
+};
+constexpr Named drive_faults[] = {{FaultKind::encoder_freeze, "encoder_freeze"},
+                                  {FaultKind::over_temperature, "over_temperature"},
+                                  {FaultKind::safe_torque_off, "safe_torque_off"}};
 
 /// KEY=VALUE; both empty where the word is none.
 std::pair<std::string_view, std::string_view> split(std::string_view word, char at) {
@@ -34,9 +45,9 @@ std::optional<Turn::Imposed> parse_fault(FaultKind kind, std::string_view value)
   if (!frames || !number || *number == 0) return std::nullopt;
   Turn::Imposed imposed{*frames, {.kind = kind, .drive = *number - 1, .on = state != off}};
   if (state == off) return imposed;
-  if (kind == FaultKind::encoder_freeze) return state == on ? std::optional(imposed) : std::nullopt;
+  if (kind != FaultKind::over_temperature) return state == on ? std::optional(imposed) : std::nullopt;
   const auto value_degC = to_number(state);
-  if (!value_degC) return std::nullopt;
+  if (!value_degC || !std::isfinite(*value_degC)) return std::nullopt;
   imposed.fault.temperature_degC = *value_degC;
   return imposed;
 }
@@ -54,21 +65,22 @@ bool parse_word(std::string_view word, Turn& turn) {
     if (frame) turn.misleading.push_back(*frame);
     return frame.has_value();
   }
-  if (key != encoder && key != temperature) return false;
-  const auto fault = parse_fault(key == encoder ? FaultKind::encoder_freeze : FaultKind::over_temperature, value);
+  const auto named = std::ranges::find(drive_faults, key, &Named::word);
+  if (named == std::end(drive_faults)) return false;
+  const auto fault = parse_fault(named->kind, value);
   if (fault) turn.faults.push_back(*fault);
   return fault.has_value();
 }
 
 std::string word_of(const Turn::Imposed& imposed) {
   const DriveFault& fault = imposed.fault;
-  const bool frozen = fault.kind == FaultKind::encoder_freeze;
-  return fmt::format(" {}={}:{}:{}", frozen ? encoder : temperature,
+  const bool hot = fault.kind == FaultKind::over_temperature;
+  return fmt::format(" {}={}:{}:{}", std::ranges::find(drive_faults, fault.kind, &Named::kind)->word,
                      imposed.after == Turn::at_end ? std::string(end_of_turn) : std::to_string(imposed.after),
                      fault.drive + 1,
                      !fault.on ? std::string(off)
-                     : frozen  ? std::string(on)
-                               : fmt::format("{}", fault.temperature_degC));
+                     : hot     ? fmt::format("{}", fault.temperature_degC)
+                               : std::string(on));
 }
 
 }  // namespace
@@ -147,14 +159,14 @@ Result<bool> SessionReader::next(Turn& turn) {
   if (line == last_line) return complete_ = true, false;
   if (in_.eof()) return false;  // the last line of a session that was killed
   const auto parts = words(line);
-  const auto us = parts.empty() ? std::nullopt : to_integer<std::uint32_t>(parts[0]);
+  const auto us = parts.empty() ? std::nullopt : to_integer<std::int64_t>(parts[0]);
   turn = {};
-  bool good = us.has_value() && last_ns_ <= std::numeric_limits<std::int64_t>::max() - *us * std::int64_t{1000};
+  bool good = us && *us >= 0 && *us <= (std::numeric_limits<std::int64_t>::max() - last_ns_) / 1000;
   for (std::size_t i = 1; good && i < parts.size(); ++i) good = parse_word(parts[i], turn);
   if (!good)
     return tl::unexpected(
         fmt::format("{}:{}: '{}' is not 'MICROSECONDS WORD...'", file_.string(), line_, line.substr(0, 40)));
-  turn.time_ns = last_ns_ += *us * std::int64_t{1000};
+  turn.time_ns = last_ns_ += *us * 1000;
   return true;
 }
 

@@ -8,7 +8,7 @@
 #include <vector>
 
 #include <tribotwin/hil/can/record_file.hpp>
-#include <tribotwin/hil/session/faults.hpp>
+#include <tribotwin/hil/faults/faults.hpp>
 #include <tribotwin/plugins/friction/error.hpp>
 
 /// What a candump log does not say about a session, in a text file beside it (LOG.session), so that a replay repeats

@@ -4,8 +4,8 @@
 #include <string>
 
 #include <tribotwin/hil/session/bench.hpp>
-#include <tribotwin/hil/session/pace.hpp>
-#include <tribotwin/hil/session/sync_timing.hpp>
+#include <tribotwin/hil/timing/pace.hpp>
+#include <tribotwin/hil/timing/sync_timing.hpp>
 
 namespace tribotwin::hil {
 

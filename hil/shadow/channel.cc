@@ -5,6 +5,11 @@
 #include <tribotwin/hil/shadow/channel.hpp>
 
 namespace tribotwin::hil {
+namespace {
+
+constexpr std::size_t most_samples = 20'000;  // while nobody forgets them: more than any window holds
+
+}  // namespace
 
 /// A frame that comes early makes up for one that seemed lost: it was late.
 void Channel::count_lost(std::int64_t missing) { lost_ = std::max<std::int64_t>(0, lost_ + missing); }
@@ -25,6 +30,7 @@ void Channel::add(const Stamp& stamp, double value, Sending sending, int every) 
     samples_.pop_back();
   }
   samples_.push_back({stamp.time_s, value});
+  if (samples_.size() > most_samples) samples_.pop_front();
   if (heard_ < 2) {
     period_.add(stamp.time_s);
     return;

@@ -13,7 +13,6 @@ namespace tribotwin::hil {
 namespace {
 
 constexpr std::uint8_t last_synchronous = 240;  // transmission type (CiA 301, 7.5.2.37)
-constexpr std::int64_t operation_enabled_mask = 0x6F, operation_enabled = 0x27;
 
 bool is_tpdo_object(std::uint16_t index) { return index >= od::tpdo_communication && index < od::after_pdos; }
 
@@ -49,7 +48,7 @@ class CanopenListener final : public Listener {
     if (pdo.torque) heard.torque_nm = pdo.torque->value(frame);
     if (pdo.statusword)
       if (const auto word = pdo.statusword->raw(frame))
-        heard.enabled = (static_cast<std::int64_t>(*word) & operation_enabled_mask) == operation_enabled;
+        heard.enabled = is_operation_enabled(static_cast<std::uint16_t>(*word));
     return heard;
   }
 

@@ -28,6 +28,9 @@ class Listener {
   virtual Heard hear(const Frame& frame) = 0;
 };
 
+/// Whether a statusword (6041h) is that of a drive in operation enabled.
+constexpr bool is_operation_enabled(std::uint16_t statusword) { return (statusword & 0x6F) == 0x27; }
+
 /// A CANopen drive as a listener needs it: the parameters of its TPDOs (18xxh, 1Axxh) after a reset, and the size of
 /// its counts.
 struct CanopenDrive {

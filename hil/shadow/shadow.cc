@@ -26,11 +26,13 @@ constexpr double half_window_cycles = 6;
 constexpr double longest_gap = 0.9;      // in a window, by its half
 constexpr double cycle_tolerance = 0.2;  // of --cycle
 
-std::vector<std::unique_ptr<Listener>> listeners_of(const twin::Scenario& scenario, const ShadowOptions& o) {
-  if (o.listeners) return o.listeners();
+std::vector<std::unique_ptr<Listener>> listeners_of(const ShadowOptions& o, std::span<const DriveParameters> drives) {
   std::vector<std::unique_ptr<Listener>> all;
-  for (const auto& p : drive_parameters(scenario, o.first_node, o.cycle_us))
-    all.push_back(o.profile == Profile::mirror ? mirror_listener(p) : canopen_listener(simulated_drive(p)));
+  if (o.listeners) all = o.listeners();
+  all.resize(drives.size());
+  for (std::size_t i = 0; i < drives.size(); ++i)
+    if (!all[i])
+      all[i] = o.profile != Profile::cia402 ? mirror_listener(drives[i]) : canopen_listener(simulated_drive(drives[i]));
   return all;
 }
 
@@ -62,8 +64,8 @@ class Shadow {
  public:
   Shadow(const twin::Scenario& scenario, const ShadowOptions& o)
       : o_(o), clock_(o.lockstep ? std::optional(1e-6 * o.cycle_us) : std::nullopt), expectation_(scenario) {
-    auto listeners = listeners_of(scenario, o);
     const auto parameters = drive_parameters(scenario, o.first_node, o.cycle_us);
+    auto listeners = listeners_of(o, parameters);
     for (std::size_t i = 0; i < parameters.size(); ++i) {
       joints_.push_back({.listener = std::move(listeners[i])});
       result_.joints.push_back({.name = parameters[i].name});
@@ -158,6 +160,9 @@ class Shadow {
     if (o_.lockstep) {
       cycle_s_ = 1e-6 * o_.cycle_us;
       result_.cycle_source = "lockstep: the SYNC is the clock";
+    } else if (!measured && period_.complete()) {
+      return tl::unexpected(fmt::format("{} frames had one time stamp; where each SYNC is one --cycle, give --lockstep",
+                                        period_.count()));
     } else if (measured) {
       cycle_s_ = *measured;
       result_.cycle_source = source();
@@ -375,7 +380,8 @@ class Shadow {
     };
     const auto heard = [&](std::size_t i) { return unjudged(i) && joints_[i].torque.heard() > 0; };
     add(names([&](std::size_t i) { return heard(i) && !joints_[i].enabled; }), "no state was heard of",
-        "map the statusword 6041h into a TPDO; without it a brake that holds is not told from a drive");
+        "map the statusword 6041h into a TPDO; without it a brake that holds is not told from a drive (DBC: --signal "
+        "enabled=...)");
     const auto held = [&](std::size_t i) {
       return heard(i) && joints_[i].enabled && result_.joints[i].not_enabled > 0 && !result_.joints[i].torque_missing;
     };

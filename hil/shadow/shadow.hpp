@@ -20,7 +20,7 @@ struct ShadowOptions {
   std::uint32_t cycle_us = 2000;  ///< in lockstep: from one SYNC to the next
   bool cycle_expected = false;    ///< the bus must have that cycle; else what it has is taken
   bool lockstep = false;          ///< the SYNC is the clock, not the frames' stamps
-  /// One per joint, for drives of other makers; empty: the drives of `profile`.
+  /// Called once: one per joint; null, or none at all: a drive of `profile`.
   std::function<std::vector<std::unique_ptr<Listener>>()> listeners;
   std::optional<double> limit_nm;         ///< of the residual, arm side
   double limit_time_s = 0.5;              ///< time [s] for which it must be exceeded

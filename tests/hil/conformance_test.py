@@ -52,10 +52,17 @@ STANDARD = {
     0x1008: "s",
     0x1009: "s",
     0x100A: "s",
+    0x100C: "H",
+    0x100D: "B",
+    0x1010: "AIIII",
+    0x1011: "AIIII",
+    0x1012: "I",
     0x1014: "I",
+    0x1015: "H",
     0x1016: "AII",
     0x1017: "H",
     0x1018: "RIIII",
+    0x1019: "B",
     0x1021: "D",
     0x1022: "H",
     0x1029: "AB",
@@ -108,6 +115,12 @@ STANDARD = {
     0x60A9: "I",
     0x60B1: "i",
     0x60B2: "h",
+    0x60B8: "H",
+    0x60B9: "H",
+    0x60BA: "i",
+    0x60BB: "i",
+    0x60BC: "i",
+    0x60BD: "i",
     0x60C0: "h",
     0x60C1: "Ai",
     0x60C2: "RBb",
@@ -115,7 +128,10 @@ STANDARD = {
     0x60C6: "I",
     0x60E3: "Abbbbbbbb",
     0x60F4: "i",
+    0x60F9: "RHH",
+    0x60FB: "RH",
     0x60FD: "I",
+    0x60FE: "AII",
     0x60FF: "i",
     0x6502: "I",
     0x67FF: "I",
@@ -123,7 +139,7 @@ STANDARD = {
 STANDARD |= {
     base + k: shape
     for k in range(5)
-    for base, shape in ((0x1400, "RIBH"), (0x1800, "RIBHH"), (0x1600, "R" + 8 * "I"), (0x1A00, "R" + 8 * "I"))
+    for base, shape in ((0x1400, "RIBH"), (0x1800, "RIBHHB"), (0x1600, "R" + 8 * "I"), (0x1A00, "R" + 8 * "I"))
 }
 
 
@@ -216,7 +232,9 @@ class Eds:
 
     def check_entry(self, index, sub, e):
         at, (kind, low, high) = "%04X:%X" % (index, sub), TYPES[self.number(e["DataType"])]
-        default = e["DefaultValue"] if kind != "D" else e.get("DefaultValue", "")
+        # A domain has none, nor has the serial number, which is each drive's own.
+        own = kind == "D" or (index, sub) == (0x1018, 4)
+        default = e["DefaultValue"] if not own else e.get("DefaultValue")
         self.need(
             self.number(e["ObjectType"]) == (2 if kind == "D" else 7)
             and e["AccessType"] in ("ro", "wo", "rw", "rwr", "rww", "const")
@@ -224,7 +242,7 @@ class Eds:
             and 0 < len(e["ParameterName"]) <= 241,
             at,
         )
-        if kind not in "sD":
+        if kind not in "sD" and default is not None:
             default = self.number(default)
             lowest, highest = self.number(e.get("LowLimit") or str(low)), self.number(e.get("HighLimit") or str(high))
             self.need(low <= lowest <= default <= highest <= high, at, "is beyond its limits")
@@ -328,7 +346,7 @@ master = Master(bus, nodes)
 
 differ = []
 for (index, sub), (kind, default, access, _, _) in entries.items():
-    if kind == "D":  # a domain has no default
+    if default is None:
         continue
     try:
         got = master.read(1, index, sub, kind) if access != "wo" else default

@@ -14,6 +14,7 @@ nodes = range(1, 7)
 with open(work + "/faults.yaml", "w") as f:
     f.write(
         """faults:
+  - {kind: safe_torque_off, time_s: 0.2, duration_s: 0.1, node: 6}
   - {kind: silence, time_s: 0.5, duration_s: 0.1, node: 4}
   - {kind: over_temperature, time_s: 1.0, duration_s: 0.05, node: 5, temperature_degC: 140}
   - {kind: encoder_freeze, time_s: 1.5, duration_s: 0.4, node: 2}
@@ -86,6 +87,20 @@ def run_until(t, step=None):
 
 cycle()
 check("enabled", enable(nodes), master.status)
+target = dict(master.position)
+run_until(0.25)
+check(
+    "safe torque off: fault without voltage, EMCY 9000h, torque 0",
+    is_state(master.status[6], "fault")
+    and not master.status[6] & 0x10
+    and (6, 0x9000) in [(n, code) for n, (code, _) in master.emergencies]
+    and master.read(6, 0x6077, 0, "h") == 0
+    and master.read(6, 0x60FD) == 8,
+    (hex(master.status[6]), master.emergencies),
+)
+check("and no way to enable it", not enable([6]), hex(master.status[6]))
+run_until(0.35)
+check("until it ends", enable([6]), hex(master.status[6]))
 target = dict(master.position)
 run_until(0.5)
 silent_from = master.tpdo3[4]

@@ -1,5 +1,5 @@
 """The mirror profile in real time, by a bench in plain python-can with its own CRC; frames decoded through the
-generated DBC. Arguments as of drive_test.py."""
+generated DBC. Arguments as of drive_test.py; then the profile, mirror or mirror-fd."""
 import json, math, struct, subprocess, sys, time
 
 import can
@@ -8,7 +8,11 @@ import canmatrix.formats
 from harness import check, finish, work
 from session import connect, hold_scenario, said, start
 
-hil, source, address, interface, channel = sys.argv[1:6]
+hil, source, address, interface, channel, profile = sys.argv[1:7]
+fd = profile == "mirror-fd"
+status_bytes = 16 if fd else 8
+# FD frames need a real bus, whose virtual machine is slow: a silence of three cycles stops the drives.
+cycle_ms, count = (50, 100) if fd else (2, 500)
 scenario = hold_scenario(source)
 nodes = range(1, 7)
 
@@ -24,10 +28,15 @@ def crc(data):
 
 check("CRC-8 SAE J1850 of '123456789'", crc(b"123456789") == 0x4B)
 with open(work + "/drives.dbc", "w") as f:
-    subprocess.run([hil, "dbc", "--profile", "mirror", scenario], stdout=f, check=True)
+    subprocess.run([hil, "dbc", "--profile", profile, scenario], stdout=f, check=True)
 matrix = canmatrix.formats.loadp_flat(work + "/drives.dbc")
 status_frames = {f.arbitration_id.id: f for f in matrix.frames if f.name.startswith("status")}
 check("the DBC has a status of every drive", sorted(status_frames) == [0x180 + n for n in nodes], sorted(status_frames))
+check(
+    "of its size and format",
+    all(f.size == status_bytes and f.is_fd == fd for f in status_frames.values()),
+    [(f.size, f.is_fd) for f in status_frames.values()],
+)
 
 process = start(
     hil,
@@ -36,26 +45,30 @@ process = start(
     "--can",
     address,
     "--profile",
-    "mirror",
+    profile,
+    "--cycle",
+    str(cycle_ms),
     "--realtime",
     "--stats",
     work + "/stats.json",
     "-o",
     work + "/run",
 )
-bus = connect(address, interface, channel)
+bus = connect(address, interface, channel, **({"fd": True} if fd else {}))
 counters, frames, stamps, last = {n: 0 for n in nodes}, {}, {n: [] for n in nodes}, {}
 
 
 def command(node, mode, set_point):
     counters[node] = (counters[node] + 1) & 15
-    body = bytes([counters[node] | mode << 4]) + struct.pack("<i", round(set_point * 1e6)) + b"\0\0"
+    body = bytes([counters[node] | mode << 4]) + struct.pack("<i", round(set_point * 1e6)) + bytes(6 if fd else 2)
     identifier = 0x100 + node
     bus.send(
         can.Message(
             arbitration_id=identifier,
             data=body + bytes([crc(struct.pack("<H", identifier) + body)]),
             is_extended_id=False,
+            is_fd=fd,
+            bitrate_switch=fd,
         )
     )
 
@@ -69,9 +82,9 @@ def listen(until):
                 return
             continue
         node = message.arbitration_id - 0x180
-        if node in stamps and len(message.data) == 8:
+        if node in stamps and len(message.data) == status_bytes:
             data = bytes(message.data)
-            assert crc(struct.pack("<H", message.arbitration_id) + data[:7]) == data[7], data.hex()
+            assert crc(struct.pack("<H", message.arbitration_id) + data[:-1]) == data[-1], data.hex()
             frames[node] = data
             stamps[node].append(message.timestamp)
 
@@ -81,13 +94,13 @@ def look():
         last[node] = {name: signal.phys_value for name, signal in status_frames[0x180 + node].decode(data).items()}
 
 
-listen(time.monotonic() + 0.5)
+listen(time.monotonic() + max(0.5, 0.04 * cycle_ms))
 look()
 # By the bus's own time stamps: this process may be late.
 rates = {n: (len(t) - 1) / (t[-1] - t[0]) for n, t in stamps.items() if len(t) > 20}
 check(
-    "cyclic at 500 Hz without being asked",
-    len(rates) == len(nodes) and all(300 < r < 700 for r in rates.values()),
+    "one status a cycle without being asked",
+    len(rates) == len(nodes) and all(0.6 < 1e-3 * cycle_ms * r < 1.4 for r in rates.values()),
     rates,
 )
 check(
@@ -97,10 +110,11 @@ check(
 )
 start = {n: float(last[n]["position"]) for n in nodes}
 begin = time.monotonic()
-for k in range(500):
+period_s = 0.05 if fd else 0.004
+for k in range(count):
     for n in nodes:
-        command(n, 2, start[n] + (0.1 * (1 - math.cos(math.pi * min(1, k / 400))) if n == 4 else 0))
-    listen(begin + 0.004 * (k + 1))
+        command(n, 2, start[n] + (0.1 * (1 - math.cos(math.pi * min(1, k / (0.8 * count)))) if n == 4 else 0))
+    listen(begin + period_s * (k + 1))
 look()
 check("joint 4 went to its target", abs(float(last[4]["position"]) - start[4] - 0.2) < 0.01, (start[4], last[4]))
 check(
@@ -129,7 +143,7 @@ check(
 )
 check(
     "nothing was damaged or repeated",
-    all(d["damaged"] == 0 and d["repeated"] == 0 and d["received"] == 501 for d in s["drives"]),
+    all(d["damaged"] == 0 and d["repeated"] == 0 and d["received"] == count + 1 for d in s["drives"]),
     s["drives"],
 )
 text = said()

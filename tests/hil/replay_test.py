@@ -106,6 +106,7 @@ repeats("in real time", "clock", "--cycle", 4)
 FAULTS = (  # kind, begin and duration [s], more keys
     ("over_temperature", 0.3, 0.05, "node: 5, temperature_degC: 140"),
     ("encoder_freeze", 0.5, 0.3, "node: 4"),
+    ("safe_torque_off", 0.6, 0.1, "node: 2"),
     ("drop", 0.9, 0.2, "probability: 0.1"),
     ("delay", 1.1, 0.2, "delay_s: 0.004, probability: 0.2"),
     ("duplicate", 1.3, 0.2, "probability: 0.5"),
@@ -125,7 +126,7 @@ for clock in ("--sync-lockstep", "--realtime"):
     move(master, 500)
     end(drives, master)
     codes = {code for _, (code, _) in master.emergencies}
-    check(f"faults {clock}: they happened", {0x4310, 0x8611} <= codes, master.emergencies)
+    check(f"faults {clock}: they happened", {0x4310, 0x8611, 0x9000} <= codes, master.emergencies)
     repeats(f"faults {clock}", log, "--cycle", 4)
 
 # A second node with the number of a drive: its frames are not the drive's.
@@ -140,6 +141,21 @@ end(drives, master)
 foreign = [l for l in open("foreign.log") if re.search(" (184#3712|704#05|384#000000000000)$", l)]
 check("the log holds them", len(foreign) >= 150, len(foreign))
 repeats("two of one number", "foreign", "--cycle", 4)
+
+# A session that was killed: what reached the disk repeats.
+drives, master = begin("killed", "--realtime", "--cycle", 4)
+check("to be killed: enabled", enable(master), master.status)
+move(master, 200)
+drives.kill()
+drives.wait(10)
+master.bus.shutdown()
+r = replay("killed.log", "--cycle", 4)
+compared = re.search(r"(\d+) from the drives: 0 differ, 0 missing, 0 added", r.stdout)
+check(
+    "a killed session repeats as far as it goes",
+    r.returncode == 1 and compared and int(compared[1]) > 500 and "compared up to" in r.stderr,
+    (r.returncode, r.stdout, r.stderr),
+)
 
 # What does not belong together, or is no session file, is refused: no verdict then.
 refused("another cycle than recorded", "clock.log", "--cycle", 2, says=["clock.log.session", "--cycle 4", "--cycle 2"])

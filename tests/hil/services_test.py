@@ -1,16 +1,17 @@
 """The services of CiA 301 and 305 that a master of python-canopen's kind uses beside PDOs, over a bus. Arguments:
 tribotwin-hil, source tree, address, python-can interface and channel."""
-import logging, subprocess, sys
+import logging, subprocess, sys, zlib
 
 logging.disable(logging.WARNING)  # python-can of reads that end inside a frame
 
-from harness import check, finish, run, work
+from harness import check, check_refused, finish, run, work
 from master import Master, SdoAbort
 from session import connect, hold_scenario, said, start
 
 hil, source, address, interface, channel = sys.argv[1:6]
 scenario = hold_scenario(source)
 nodes = range(1, 7)
+SAVE, LOAD = 0x65766173, 0x64616F6C
 
 
 def abort_of(call):
@@ -84,6 +85,163 @@ def node_numbers():
     check("mirror has no LSS", refused.returncode == 2 and "cia402" in refused.stderr, refused.stderr)
 
 
+def stored_parameters():
+    store = work + "/drives.store"
+    with Drives() as master:
+        check("no store: cannot", master.read(1, 0x1010, 1) == 0)
+        check("no store: refused", abort_of(lambda: master.write(1, 0x1010, 1, "I", SAVE)) == 0x08000020)
+    with Drives("--store", store) as master:
+        check("a store: can", master.read(1, 0x1010, 1) == 1)
+        for node in (1, 2):
+            master.write(node, 0x1017, 0, "H", 70 + node)
+            master.send_torque(node)
+            master.write(node, 0x605A, 0, "h", 6)
+            master.write(node, 0x1010, node, "I", SAVE)
+        master.block_write(3, 0x2180, 0, b"a note")
+        master.write(3, 0x1010, 4, "I", SAVE)
+        check("no signature", abort_of(lambda: master.write(1, 0x1010, 1, "I", 1)) == 0x08000020)
+        master.lss_select(0, 0x7477, 0x10000, 6)
+        master.lss_number(66)
+        check("stored by LSS", master.lss(0x17, 0)[0][:2] == b"\x17\0")
+        master.lss_state(0)
+    copy = open(store, "rb").read()
+    log = work + "/stored.log"
+    with Drives("--store", store, "--record", log) as master:
+        check("the store is not written without need", open(store, "rb").read() == copy)
+        check("times", [master.read(n, 0x1017, 0, "H") for n in (1, 2, 3)] == [71, 72, 500])
+        check(
+            "options: all of node 1, the communication of node 2",
+            [master.read(n, 0x605A, 0, "h") for n in (1, 2)] == [6, 2],
+        )
+        check("mappings", all(master.read(n, 0x1A03, 1) == 0x60770010 for n in (1, 2)))
+        check("identifiers", [master.read(n, 0x1803, 1) for n in (1, 2)] == [0x481, 0x482])
+        check("user data", master.block_read(3, 0x2180) == b"a note")
+        check("node 6 is node 66", master.read(66, 0x1018, 4) == 6 and master.read(66, 0x1200, 1) == 0x642)
+        master.write(1, 0x1011, 1, "I", LOAD)
+        check("restored after a reset only", master.read(1, 0x1017, 0, "H") == 71)
+        master.nmt(0x81, 1)
+        check("boots", master.until(lambda: 1 in master.boots))
+        check("restored", [master.read(1, 0x1017, 0, "H"), master.read(1, 0x605A, 0, "h")] == [500, 2])
+    check("the store forgot it", b"[drive 1]\n[drive 2]" in open(store, "rb").read())
+    open(store, "wb").write(copy)
+    again = run(hil, "replay", scenario, log, "--fast", "--store", store)
+    check("a replay repeats it", again.returncode == 0, again.stdout + again.stderr)
+    check("and leaves the store", open(store, "rb").read() == copy)
+    damaged_stores(store, copy, log)
+
+
+def damaged_stores(store, copy, log):
+    damaged = copy.replace(b"47 00", b"48 00")
+    open(store, "wb").write(damaged)
+    line = damaged.count(b"\n")
+    for command in (("drive", "--can", "memory:x"), ("replay", log)):
+        refused = run(hil, command[0], scenario, *command[1:], "--store", store)
+        check_refused(f"{command[0]}: a damaged store", refused, f"{store}:{line}: ")
+    text = b"tribotwin-hil store 1\n[drive 2]\n1017h:00 = 01 00\n%s\n"
+    for value, says in (
+        (b"5000h:00 = 01", "5000h:00: this object does not exist"),
+        (b"605Ah:00 = 07 00", "upper limit"),
+    ):
+        body = text % value
+        open(store, "wb").write(body + b"checksum = %08X\n" % zlib.crc32(body))
+        refused = run(hil, "drive", scenario, "--can", "memory:x", "--store", store)
+        check_refused(f"a store with {value}", refused, (f"{store}:4: ", says))
+    check("which stays", open(store, "rb").read().startswith(body))
+    refused = run(hil, "drive", scenario, "--can", "memory:x", "--store", scenario)
+    check_refused("the scenario is no store", refused, "--store")
+    refused = run(hil, "drive", scenario, "--can", "memory:x", "--store", "/nowhere/s")
+    check_refused("a folder that is not there", refused, "/nowhere")
+
+
+FOREIGN = """[FileInfo]
+FileName=other.eds
+[1000]
+ParameterName=device type
+DataType=7
+AccessType=ro
+DefaultValue=0x20192
+[1018]
+ParameterName=identity
+ObjectType=9
+SubNumber=2
+[1018sub0]
+ParameterName=highest
+DataType=5
+AccessType=const
+DefaultValue=1
+[1018sub1]
+ParameterName=vendor
+DataType=7
+AccessType=ro
+DefaultValue=0xFB
+[3000]
+ParameterName=gain
+DataType=3
+AccessType=rw
+DefaultValue=-7
+LowLimit=-10
+HighLimit=10
+[3001]
+ParameterName=password
+DataType=6
+AccessType=wo
+"""
+
+
+def configured_drives():
+    other, dcf = work + "/other.eds", work + "/node2.dcf"
+    open(other, "w").write(FOREIGN)
+    text = subprocess.run([hil, "eds", scenario, "--node", "2"], check=True, capture_output=True, text=True).stdout
+    check("an EDS with $NODEID", "[1402sub1]" in text and "DefaultValue=$NODEID+0x400\n" in text)
+    text = text.replace("[DeviceInfo]", "[DeviceComissioning]\nNodeID=2\n\n[DeviceInfo]")
+    for section, value in (
+        ("1017", "77"),
+        ("1803sub1", "$NODEID+0x480"),
+        ("1A03sub0", "2"),
+        ("1A03sub1", "0x60410010"),
+        ("1A03sub2", "0x60770010"),
+        ("605A", "6"),
+    ):
+        text = text.replace(f"[{section}]\n", f"[{section}]\nParameterValue={value}\n")
+    open(dcf, "w").write(text)
+    log = work + "/configured.log"
+    options = ("--eds", other, "--dcf", dcf)
+    with Drives(*options, "--record", log) as master:
+        check("vendor of the EDS, number of the drive", [master.read(3, 0x1018, k) for k in (1, 4)] == [0xFB, 3])
+        check("an object of the EDS", master.read(4, 0x3000, 0, "h") == -7)
+        master.write(4, 0x3000, 0, "h", 10)
+        check("which keeps a value", master.read(4, 0x3000, 0, "h") == 10)
+        check("within its limits", abort_of(lambda: master.write(4, 0x3000, 0, "h", 11)) == 0x06090031)
+        check("write only", abort_of(lambda: master.read(4, 0x3001)) == 0x06010001)
+        check("of the DCF", (master.read(2, 0x1017, 0, "H"), master.read(2, 0x605A, 0, "h")) == (77, 6))
+        check("no other drive has it", master.read(1, 0x1017, 0, "H") == 500)
+        master.nmt(0x81)
+        check("all boot", master.until(lambda: set(nodes) <= set(master.boots)), master.boots)
+        check("also after a reset", (master.read(2, 0x1017, 0, "H"), master.read(4, 0x3000, 0, "h")) == (77, -7))
+        check("a PDO of the DCF", (master.read(2, 0x1803, 1), master.read(2, 0x1A03, 2)) == (0x482, 0x60770010))
+    again = run(hil, "replay", scenario, log, "--fast", *options)
+    check("a replay repeats it", again.returncode == 0, again.stdout + again.stderr)
+    wrong = work + "/wrong.dcf"
+    for option, content, says in (
+        ("--eds", FOREIGN.replace("LowLimit=-10", "LowLimit=x"), f"{wrong}:27: 3000h:00: the limit 'x'"),
+        ("--eds", "[FileInfo]\n", "is it an EDS"),
+        ("--dcf", FOREIGN, "NodeID=N in [DeviceComissioning]"),
+        ("--dcf", text.replace("NodeID=2", "NodeID=9"), "nodes 1 to 6"),
+        ("--dcf", text.replace("Value=77", "Value=x"), "1017h:00: 'x' is no u16 from 0 to 65535"),
+        ("--dcf", text.replace("Value=6\n", "Value=66\n"), "drive 2: 605Ah:00: more than its upper limit"),
+        ("--dcf", "[DeviceComissioning]\nNodeID=2\n" + FOREIGN, "no ParameterValue"),
+    ):
+        open(wrong, "w").write(content)
+        refused = run(hil, "drive", scenario, "--can", "memory:x", option, wrong)
+        check_refused(f"{option}: {says[-40:]}", refused, (wrong, says))
+    refused = run(hil, "drive", scenario, "--can", "memory:x", "--dcf", dcf, "--dcf", dcf)
+    check_refused("two for one drive", refused, "has a DCF already")
+    refused = run(hil, "drive", scenario, "--can", "memory:x", "--dcf", dcf, "--stats", dcf, "--force")
+    check_refused("the DCF is no output", refused, "would overwrite")
+
+
 blocks()
 node_numbers()
+stored_parameters()
+configured_drives()
 finish()

@@ -22,10 +22,10 @@ def said():
     return open(work + "/stderr").read()
 
 
-def connect(address, interface, channel):
+def connect(address, interface, channel, **more):
     """python-can's end of the drives' bus; for socketcand the port is that of their address."""
     if interface == "socketcand":
         return can.Bus(
             interface="socketcand", channel=channel, host="127.0.0.1", port=int(re.search(r":(\d+)/", address).group(1))
         )
-    return can.Bus(interface=interface, channel=channel)
+    return can.Bus(interface=interface, channel=channel, **more)

@@ -105,7 +105,7 @@ check(
 )
 for profile in ("cia402", "mirror"):
     check("budget " + profile, run("budget", scenario, "--profile", profile).returncode == 0)
-for command in ("budget", "eds", "dbc"):
+for command in ("budget", "eds", "dbc", "ros2"):
     text = run(command, "--help").stdout
     example = text[text.index("Example:") :].splitlines()[1].split()
     check("example of --help: " + " ".join(example), run(*example[1:]).returncode == 0)

@@ -56,7 +56,7 @@ class Command:
 
     @property
     def knows_force(self):
-        words = [a for a in self.argv[1:3] if re.fullmatch("[a-z]+", a)]
+        words = [a for a in self.argv[1:3] if re.fullmatch("[a-z0-9]+", a)]
         return "--force" in help_of(self.argv[0], *words)
 
 
@@ -238,6 +238,7 @@ commands = [
         Command(
             "hil dbc", ("hil", "dbc", "{in}/scenario.yaml", "-o", "drives.dbc"), ("drives.dbc",), stream="drives.dbc"
         ),
+        Command("hil ros2", ("hil", "ros2", "{in}/scenario.yaml", "-o", "bus"), ("bus/",), old=(("old_bus", "bus"),)),
         Command("report", ("report", "{in}/run", "-o", "page.html"), ("page.html",), stream="page.html"),
         Command(
             "report --png",
@@ -686,6 +687,7 @@ def make_inputs():
     kill_while_running("killed", 2)
     if programs["hil"]:
         record_a_session()
+        made("hil", "ros2", "scenario.yaml", "-o", "old_bus", "--cycle", "20")
 
 
 def write_models():

@@ -58,7 +58,8 @@ DriveServo::DriveServo(const mujoco::Model& model, const mjData* start, const Ca
     : model_(model), options_(o) {
   for (const auto& drive : model.drives()) {
     Loop loop;
-    loop.speed_gain = o.speed_bandwidth_rad_s * inertia_kg_m2(model.get(), start, drive.dof);
+    loop.inertia_kg_m2 = inertia_kg_m2(model.get(), start, drive.dof);
+    loop.gains = {o.position_gain_1_s, o.speed_bandwidth_rad_s, o.integral_time_s};
     loop.position = position_address(model.get(), drive);
     loop.limit = model->actuator_ctrllimited[drive.actuator]
                      ? model->actuator_ctrlrange[2 * drive.control + 1] * drive.gear
@@ -66,6 +67,12 @@ DriveServo::DriveServo(const mujoco::Model& model, const mjData* start, const Ca
     if (o.encoder_counts > 0) loop.encoder = Encoder(o.encoder_counts, drive.drive.gear_ratio, o.speed_filter_rad_s);
     loops_.push_back(loop);
   }
+}
+
+void DriveServo::set_gains(std::size_t drive, const LoopGains& gains) {
+  LoopGains& own = loops_[drive].gains;
+  own = gains;
+  own.speed_bandwidth_rad_s = std::min(own.speed_bandwidth_rad_s, 1 / model_->opt.timestep);
 }
 
 void DriveServo::measure(const mjModel* m, const mjData* d) {
@@ -80,16 +87,17 @@ void DriveServo::actuate(const mjModel* m, mjData* d, std::span<const DriveComma
     const DriveCommand& c = commands[i];
     const auto& drive = model_.drives()[i];
     const double limit = std::min(loop.limit, c.torque_limit_nm);
+    const double speed_gain = loop.gains.speed_bandwidth_rad_s * loop.inertia_kg_m2;
     double torque = c.torque_nm;
     if (c.mode == Mode::position || c.mode == Mode::velocity) {
       double speed = c.velocity_rad_s;
-      if (c.mode == Mode::position) speed += options_.position_gain_1_s * (c.position_rad - loop.encoder.angle_rad());
+      if (c.mode == Mode::position) speed += loop.gains.position_gain_1_s * (c.position_rad - loop.encoder.angle_rad());
       const double error = speed - loop.encoder.speed_rad_s();
       const double forward = options_.gravity ? gravity_torque_nm(m, d, drive.dof) : 0;
-      torque += forward + loop.speed_gain * error + loop.integral_nm;
+      torque += forward + speed_gain * error + loop.integral_nm;
       // At the limit the integral only moves inwards.
-      if (options_.integral_time_s > 0 && (std::abs(torque) <= limit || error * torque < 0))
-        loop.integral_nm += loop.speed_gain / options_.integral_time_s * error * m->opt.timestep;
+      if (loop.gains.integral_time_s > 0 && (std::abs(torque) <= limit || error * torque < 0))
+        loop.integral_nm += speed_gain / loop.gains.integral_time_s * error * m->opt.timestep;
     } else {
       loop.integral_nm = 0;
       if (c.mode == Mode::off) torque = 0;

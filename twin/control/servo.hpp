@@ -39,6 +39,11 @@ struct DriveCommand {
   double torque_limit_nm = friction::unlimited;
 };
 
+/// Gains of a drive's loops, as in CascadedOptions.
+struct LoopGains {
+  double position_gain_1_s = 10, speed_bandwidth_rad_s = 60, integral_time_s = 0.1;
+};
+
 /// The loops of industrial drives; each drive has its own mode. The actuator's ctrlrange limits the torque, too.
 class DriveServo {
  public:
@@ -51,6 +56,9 @@ class DriveServo {
   /// Reads the encoders.
   void measure(const mjModel* m, const mjData* d);
   const Encoder& encoder(std::size_t drive) const { return loops_[drive].encoder; }
+  /// In place of those of the options, from the next step on; the torque of the integral part stays. The bandwidth is
+  /// cut to 1 / time step.
+  void set_gains(std::size_t drive, const LoopGains& gains);
   /// Drives that are off have torque 0 and integral 0.
   void actuate(const mjModel* m, mjData* d, std::span<const DriveCommand> commands);
   /// Whether a drive's torque was cut to a limit in the last step.
@@ -58,7 +66,8 @@ class DriveServo {
 
  private:
   struct Loop {
-    double speed_gain = 0, limit = 0, integral_nm = 0;
+    double inertia_kg_m2 = 0, limit = 0, integral_nm = 0;
+    LoopGains gains;
     int position = 0;
     bool limited = false;
     Encoder encoder{};

@@ -66,6 +66,8 @@ class Twin {
   /// Whether a limit cut a commanded drive's torque in the last step.
   bool limited(std::size_t i) const { return drive_servo_->limited(i); }
   void set_brake(std::size_t i, bool engaged);
+  /// Of a commanded twin: gains of a drive's loops, in place of the scenario's.
+  void set_gains(std::size_t i, const LoopGains& gains) { drive_servo_->set_gains(i, gains); }
   /// Holds a drive's temperature at a measured value [degC]. Without a value the thermal model continues from there.
   void set_measured_temperature(std::size_t i, std::optional<double> temperature_degC);
 

@@ -1,5 +1,5 @@
 """python-can's socketcand interface, unchanged, against our server. Argument: the echo_server program."""
-import logging, random, re, subprocess, sys, threading, time
+import logging, random, re, socket, subprocess, sys, threading, time
 
 import can
 
@@ -91,6 +91,33 @@ try:
 except can.CanError:
     check("a bus of another name is refused", True)
 busy.shutdown()
+server.kill()
+server.wait()
+
+# Sixteen connections that say nothing lock nobody out; sixteen clients are enough.
+server, port = serve(1_000_000)
+idle = [socket.create_connection(("127.0.0.1", port)) for _ in range(16)]
+clients = []
+for k in range(16):
+    try:
+        clients.append(connect(port))
+    except can.CanError as error:
+        check(f"client {k} beside idle connections", False, error)
+        break
+check("sixteen clients beside sixteen idle connections", len(clients) == 16)
+for k, client in enumerate(clients):  # each hears what the others say, too
+    own = can.Message(arbitration_id=0x100 + 2 * k, is_extended_id=False)
+    client.send(own)
+    check(f"client {k} is answered", any(same(own, client.recv(10)) for _ in range(32)))
+try:
+    connect(port).shutdown()
+    check("the seventeenth is refused", False)
+except can.CanError:
+    check("the seventeenth is refused", True)
+clients.pop().shutdown()
+time.sleep(0.2)
+connect(port).shutdown()
+check("and has the place of one that left", True)
 server.kill()
 server.wait()
 finish()

@@ -3,7 +3,7 @@
 #include <cmath>
 #include <numbers>
 
-#include <tribotwin/hil/cia402/inputs.hpp>
+#include <tribotwin/hil/motion/inputs.hpp>
 #include <tribotwin/tests/hil/cia402/one_node.hpp>
 
 namespace tribotwin::hil {
@@ -152,25 +152,6 @@ TEST_F(Homing, DigitalInputs) {
     robot.position_rad = row.joint_rad;
     node.feedback(robot, 1e-3);
     EXPECT_EQ(node.dictionary().get(0x60FD), row.word) << row.joint_rad;
-  }
-}
-
-// The index pulse comes at whole turns, from either side, however far the step.
-TEST(Inputs, IndexPulses) {
-  struct Row {
-    double from, to;
-    bool pulse;
-    double at;
-  } rows[] = {{0.1, 0.9, false, 0}, {0.9, 1.1, true, 1}, {1.1, 0.9, true, 1}, {-0.1, 0.1, true, 0},
-              {0.1, -0.1, true, 0}, {1, 1.5, false, 0},  {0.5, 1, true, 1},   {0.5, 3.5, true, 1}};
-  for (const auto& row : rows) {
-    SCOPED_TRACE(row.from);
-    Inputs inputs;
-    inputs.move_to({}, row.from);
-    EXPECT_FALSE(inputs.edge(Input::index).rising);
-    inputs.move_to({}, row.to);
-    EXPECT_EQ(inputs.edge(Input::index).rising, row.pulse);
-    if (row.pulse) EXPECT_EQ(inputs.edge(Input::index).position_rad, row.at);
   }
 }
 

@@ -84,6 +84,28 @@ TEST_F(ProfilePosition, ATargetInTheSamePdoIsTheOneThatIsTaken) {
   EXPECT_NEAR(robot.position_rad, 0.5, 1e-6);
 }
 
+// A set point is needed once; but a master that brings it with every SYNC is missed when it stops.
+TEST_F(ProfilePosition, OnlyACyclicMasterIsMissed) {
+  const auto cycles = [&](int count, bool set_points) {
+    for (int k = 0; k < count; ++k) {
+      if (set_points) send(0x405, {0x0F, 0, 0, 0, 0, 0});
+      wait(2);
+      node.sync(now);
+    }
+  };
+  enable();
+  for (const int few : {1, 3, 20}) {
+    cycles(few, true);
+    cycles(500, false);
+    ASSERT_EQ(node.state(), DriveState::operation_enabled) << few;
+  }
+  cycles(21, true);
+  cycles(20, false);
+  EXPECT_EQ(node.state(), DriveState::operation_enabled);
+  cycles(1, false);
+  EXPECT_EQ(node.state(), DriveState::fault_reaction_active);
+}
+
 TEST_F(ProfilePosition, EnablingAndOldTargetsDoNotMoveTheArm) {
   aim(1);
   nmt(1);

@@ -76,8 +76,12 @@ TEST_F(OneBench, OfTwoMastersTheLaterCounts) {
   EXPECT_NEAR(static_cast<double>(node->dictionary().get(0x6062)), here + 5000, 2);
 }
 
-TEST_F(OneBench, MirrorDrivesFollow) {
-  Bench bench(scenario, {.profile = Profile::mirror, .lockstep = false}, send);
+class MirrorBench : public OneBench, public testing::WithParamInterface<Profile> {};
+INSTANTIATE_TEST_SUITE_P(Formats, MirrorBench, testing::Values(Profile::mirror, Profile::mirror_fd));
+
+TEST_P(MirrorBench, DrivesFollow) {
+  const MirrorFormat format = mirror_format(GetParam());
+  Bench bench(scenario, {.profile = GetParam(), .lockstep = false}, send);
   bench.start(now);
   const double start = position(bench, 3);
   std::uint8_t counter = 0;
@@ -87,7 +91,7 @@ TEST_F(OneBench, MirrorDrivesFollow) {
       const auto i = static_cast<std::size_t>(node - 1);
       const double target =
           (node == 4 ? start + 0.1 * (1 - std::cos(M_PI * std::min(1.0, k / 400.0))) : scenario.start_rad[i]);
-      ASSERT_TRUE(bench.receive(encode(MirrorCommand{counter, MirrorMode::position, target}, node), now));
+      ASSERT_TRUE(bench.receive(encode(MirrorCommand{counter, MirrorMode::position, target}, node, format), now));
     }
     ++counter;
     must_tick(bench);

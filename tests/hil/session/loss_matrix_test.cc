@@ -24,11 +24,14 @@ struct Mode {
   int rpdo;  ///< 3, 4, 5: controlword and target
   /// Target in cycle k, from the counts at which the drive was enabled.
   std::int64_t (*command)(std::int64_t start, int k);
+  bool handshake = false;  ///< each second cycle brings a new set point to be taken at once
 };
 const Mode modes[] = {
     {"CSP", 8, od::target_position, 3, [](std::int64_t start, int k) { return start + 60 * k; }},
     {"CSV", 9, od::target_velocity, 4, [](std::int64_t, int k) { return std::int64_t{2000} * std::min(k, 100); }},
     {"CST", 10, od::target_torque, 5, [](std::int64_t, int) { return std::int64_t{250}; }},
+    {"PP", 1, od::target_position, 3, [](std::int64_t start, int) { return start + 500'000; }, true},
+    {"PV", 3, od::target_velocity, 4, [](std::int64_t, int) { return std::int64_t{200'000}; }},
 };
 
 /// What the master still does once commands are lost, and when the drive must know.
@@ -123,7 +126,7 @@ class Session {
     for (std::size_t i = 0; i < std::size(joints); ++i) {
       const int size = mode_.rpdo == 5 ? 2 : 4;
       std::vector<std::uint8_t> bytes(2 + static_cast<std::size_t>(size));
-      bytes[0] = 0x0F;
+      bytes[0] = mode_.handshake && cycle_ % 2 ? 0x3F : 0x0F;
       encode(mode_.command(start_[i], cycle_), std::span(bytes).subspan(2));
       give(identifier(joints[i]), bytes);
     }

@@ -29,11 +29,14 @@ TEST_F(SessionFile, WhatIsWrittenIsRead) {
   const SessionHead head{true, 1500, 1'700'000'000'123'456'000};
   const std::vector<Turn> turns{{.time_ns = head.start_ns + 1000, .steps = 1},
                                 {.time_ns = head.start_ns + 2'001'000, .misleading = {0, 7}, .recovered = true},
-                                {.time_ns = head.start_ns + 5'000'000'000},
-                                {.time_ns = head.start_ns + 5'000'001'000,
+                                {.time_ns = head.start_ns + 4'000'000},
+                                {.time_ns = head.start_ns + 5'000'000'000'000},  // the machine slept
+                                {.time_ns = head.start_ns + 5'000'000'001'000,
                                  .steps = 200,
                                  .faults = {{3, {FaultKind::encoder_freeze, 0, true}},
                                             {Turn::at_end, {FaultKind::encoder_freeze, 0, false}},
+                                            {1, {FaultKind::safe_torque_off, 2, true}},
+                                            {2, {FaultKind::safe_torque_off, 2, false}},
                                             {0, {FaultKind::over_temperature, 5, true, 0.1 + 0.2}},
                                             {12, {FaultKind::over_temperature, 5, false}}}}};
   auto writer = SessionWriter::create(file, head);
@@ -81,12 +84,15 @@ TEST_F(SessionFile, WhatIsNoneIsRefusedWithItsPlace) {
            {first + "clock realtime\ncycle_us 2000\nstart_us 99999999999999999\n", ":4: "},
            {head + "x\n", ":5: 'x'"},
            {head + "-1 steps=1\n", ":5: "},
+           {head + "9223372036854775 steps=1\n", ":5: "},
+           {head + "1 over_temperature=1:1:nan\n", ":5: "},
            {head + "1\n\n", ":6: ''"},
            {head + "1 steps\n", ":5: "},
            {head + "1 steps=0\n", ":5: "},
            {head + "1 misleading=x\n", ":5: "},
            {head + "1 encoder_freeze=1:0:on\n", ":5: "},
            {head + "1 encoder_freeze=1:1:140\n", ":5: "},
+           {head + "1 safe_torque_off=1:1:140\n", ":5: "},
            {head + "1 over_temperature=1:1:on\n", ":5: "},
            {head + "1 over_temperature=1:1\n", ":5: "}}) {
     SCOPED_TRACE(text);

@@ -1,6 +1,6 @@
 #include <cmath>
 
-#include <tribotwin/hil/cia402/inputs.hpp>
+#include <tribotwin/hil/motion/inputs.hpp>
 
 namespace tribotwin::hil {
 

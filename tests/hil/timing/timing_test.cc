@@ -2,8 +2,8 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include <tribotwin/hil/session/pace.hpp>
-#include <tribotwin/hil/session/sync_timing.hpp>
+#include <tribotwin/hil/timing/pace.hpp>
+#include <tribotwin/hil/timing/sync_timing.hpp>
 
 namespace tribotwin::hil {
 namespace {

@@ -2,7 +2,7 @@
 #include <cmath>
 
 #include <tribotwin/hil/can/clock.hpp>
-#include <tribotwin/hil/session/faulty_bus.hpp>
+#include <tribotwin/hil/faults/faulty_bus.hpp>
 
 namespace tribotwin::hil {
 

@@ -4,7 +4,7 @@
 
 #include <fmt/format.h>
 
-#include <tribotwin/hil/session/faults.hpp>
+#include <tribotwin/hil/faults/faults.hpp>
 #include <tribotwin/twin/io/input.hpp>
 
 namespace tribotwin::hil {
@@ -27,7 +27,8 @@ constexpr Row rows[] = {{K::drop, "drop", T::frames, false},
                         {K::bus_off, "bus_off", T::link, false},
                         {K::link_down, "link_down", T::link, false},
                         {K::over_temperature, "over_temperature", T::drive, true},
-                        {K::encoder_freeze, "encoder_freeze", T::drive, true}};
+                        {K::encoder_freeze, "encoder_freeze", T::drive, true},
+                        {K::safe_torque_off, "safe_torque_off", T::drive, true}};
 
 Fault read(twin::Mapping& m, int first_node, int drives) {
   m.accept({"kind", "time_s", "duration_s", "node", "probability", "delay_s", "temperature_degC"});

@@ -1,6 +1,6 @@
 #include <fmt/format.h>
 
-#include <tribotwin/hil/session/sync_timing.hpp>
+#include <tribotwin/hil/timing/sync_timing.hpp>
 
 namespace tribotwin::hil {
 

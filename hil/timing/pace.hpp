@@ -3,7 +3,7 @@
 #include <cstdint>
 #include <limits>
 
-#include <tribotwin/hil/session/distribution.hpp>
+#include <tribotwin/hil/timing/distribution.hpp>
 
 namespace tribotwin::hil {
 

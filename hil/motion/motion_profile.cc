@@ -1,7 +1,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include <tribotwin/hil/cia402/motion_profile.hpp>
+#include <tribotwin/hil/motion/motion_profile.hpp>
 
 namespace tribotwin::hil {
 namespace {

@@ -4,7 +4,7 @@
 #include <optional>
 #include <string>
 
-#include <tribotwin/hil/session/distribution.hpp>
+#include <tribotwin/hil/timing/distribution.hpp>
 
 namespace tribotwin::hil {
 

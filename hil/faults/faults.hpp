@@ -9,7 +9,18 @@
 /// a joint (wear, backlash, ...) are those of plugins/drive/fault.hpp; a scenario's events set them.
 namespace tribotwin::hil {
 
-enum class FaultKind { drop, delay, corrupt, duplicate, silence, bus_off, link_down, over_temperature, encoder_freeze };
+enum class FaultKind {
+  drop,
+  delay,
+  corrupt,
+  duplicate,
+  silence,
+  bus_off,
+  link_down,
+  over_temperature,
+  encoder_freeze,
+  safe_torque_off
+};
 
 /// What a fault acts on.
 enum class FaultTarget {

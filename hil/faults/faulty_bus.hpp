@@ -6,7 +6,7 @@
 #include <vector>
 
 #include <tribotwin/hil/can/transport.hpp>
-#include <tribotwin/hil/session/faults.hpp>
+#include <tribotwin/hil/faults/faults.hpp>
 
 namespace tribotwin::hil {
 

@@ -4,7 +4,7 @@
 
 #include <gtest/gtest.h>
 
-#include <tribotwin/hil/cia402/motion_profile.hpp>
+#include <tribotwin/hil/motion/motion_profile.hpp>
 
 namespace tribotwin::hil {
 namespace {

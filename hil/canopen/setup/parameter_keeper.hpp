@@ -1,0 +1,42 @@
+#pragma once
+
+#include <functional>
+
+#include <tribotwin/hil/canopen/node_context.hpp>
+#include <tribotwin/hil/canopen/setup/object_values.hpp>
+
+namespace tribotwin::hil {
+
+/// Stores and restores parameters (CiA 301, 7.5.2.13 and 7.5.2.14): "save" to 1010h keeps those of an area that differ
+/// from their defaults, "load" to 1011h forgets them. The values hold from the next reset on.
+///
+/// Parameters are the objects that can be written, but not by an RPDO: what is mapped are commands, save 6060h and
+/// 6072h.
+class ParameterKeeper {
+ public:
+  /// Keeps the parameters for the next start; false: that failed.
+  using Keep = std::function<bool(const KeptParameters&)>;
+
+  /// Without `keep` the drive has no memory.
+  ParameterKeeper(NodeContext& node, KeptParameters kept, Keep keep);
+
+  static bool owns(std::uint16_t index);
+  /// Carries out what is written to 1010h or 1011h, because only before it is written it can be refused. `powered`: of
+  /// the drive, which stores nothing then. `defaults`: the objects after a reset without anything kept.
+  tl::expected<void, Abort> obey(const Object& object, std::int64_t signature, bool powered,
+                                 const Dictionary& defaults);
+  /// The object shows again what it can do.
+  void show();
+  bool keep_number(std::uint8_t number);
+  bool can_keep() const { return static_cast<bool>(keep_); }
+  const KeptParameters& kept() const { return kept_; }
+
+ private:
+  bool change(KeptParameters next);
+
+  NodeContext& node_;
+  KeptParameters kept_;
+  Keep keep_;
+};
+
+}  // namespace tribotwin::hil

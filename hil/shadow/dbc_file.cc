@@ -1,0 +1,163 @@
+#include <algorithm>
+#include <charconv>
+#include <cmath>
+#include <regex>
+
+#include <fmt/format.h>
+
+#include <tribotwin/hil/canopen/cob_id.hpp>
+#include <tribotwin/hil/shadow/dbc_file.hpp>
+#include <tribotwin/twin/io/text.hpp>
+
+namespace tribotwin::hil {
+namespace {
+
+constexpr std::uint32_t extended_id = 0x80000000;  // bit 31 of a message's number
+constexpr int longest_frame = 64;
+constexpr std::size_t longest_line = 4096;  // read of a line: regular expressions recurse; behind are receivers only
+
+template <class Number>
+std::optional<Number> number(const std::string& text) {
+  Number value{};
+  const char* begin = text.data() + (text.starts_with('+') ? 1 : 0);
+  const auto [end, error] = std::from_chars(begin, text.data() + text.size(), value);
+  if (error != std::errc{} || end != text.data() + text.size()) return std::nullopt;
+  return value;
+}
+
+/// Lines of one file, in order. Every function fails with what is wrong in the line.
+class Reader {
+ public:
+  Result<void> take(const std::string& text, std::size_t line) {
+    static const std::regex keyword(R"(\s*(BO_|SG_|SIG_VALTYPE_)\s)");
+    std::smatch found;
+    if (!begins(text, found, keyword)) return {};
+    if (found[1] == "BO_") return message(text, line);
+    if (found[1] == "SG_") return signal(text, line);
+    return value_type(text);
+  }
+  std::vector<DbcMessage> messages;
+
+ private:
+  Result<void> message(const std::string& text, std::size_t line) {
+    static const std::regex form(R"(\s*BO_\s+(\S{1,40})\s+([A-Za-z_]\w*)\s*:\s*(\S{1,40}))");
+    std::smatch found;
+    if (!begins(text, found, form)) return tl::unexpected(std::string("is no message: BO_ ID NAME: BYTES SENDER"));
+    const auto id = number<std::uint32_t>(found[1]);
+    const auto size = number<int>(found[3]);
+    DbcMessage m{.name = found[2], .line = line};
+    // A pseudo message holds signals of no frame.
+    const bool independent = m.name == "VECTOR__INDEPENDENT_SIG_MSG";
+    if (!id)
+      return tl::unexpected(fmt::format("the identifier '{}' is no number from 0 to 4294967295", found[1].str()));
+    m.extended = (*id & extended_id) != 0;
+    m.id = *id & ~extended_id;
+    if (!independent && m.id > (m.extended ? cob::id_29_bit : cob::id_11_bit))
+      return tl::unexpected(fmt::format("the identifier {} has more than {} bits{}", *id, m.extended ? 29 : 11,
+                                        m.extended ? "" : "; bit 31 marks one of 29 bits"));
+    if (!size || *size < 0 || *size > longest_frame)
+      return tl::unexpected(fmt::format("the length '{}' is no number of bytes from 0 to 64", found[3].str()));
+    m.size = independent ? longest_frame : *size;
+    for (const DbcMessage& other : messages)
+      if (other.name == m.name || (other.id == m.id && other.extended == m.extended))
+        return tl::unexpected(
+            fmt::format("message {} has the name or the identifier of {} in line {}", m.name, other.name, other.line));
+    messages.push_back(std::move(m));
+    return {};
+  }
+
+  Result<void> signal(const std::string& text, std::size_t line) {
+    static const std::regex form(
+        R"(\s*SG_\s+([A-Za-z_]\w*)\s*(M|m\d+)?\s*:\s*(\d+)\|(\d+)@([01])([+-])\s*\(([^,()]+),([^,()]+)\)\s*)"
+        R"re(\[[^\]]*\]\s*"([^"]*)")re");
+    std::smatch found;
+    if (messages.empty()) return tl::unexpected(std::string("a signal before the first message"));
+    if (!begins(text, found, form))
+      return tl::unexpected(
+          std::string("is no signal: SG_ NAME : START|BITS@ORDER SIGN (FACTOR,OFFSET) [MIN|MAX] \"UNIT\" RECEIVER"));
+    DbcMessage& m = messages.back();
+    DbcSignal s{.name = found[1], .unit = found[9], .line = line};
+    const auto start = number<int>(found[3]), bits = number<int>(found[4]);
+    const auto factor = number<double>(trimmed(found[7])), offset = number<double>(trimmed(found[8]));
+    if (!factor || !std::isfinite(*factor) || *factor == 0)
+      return tl::unexpected(
+          fmt::format("signal {}: the factor '{}' is no number other than 0", s.name, found[7].str()));
+    if (!offset || !std::isfinite(*offset))
+      return tl::unexpected(fmt::format("signal {}: the offset '{}' is no number", s.name, found[8].str()));
+    if (!bits || *bits < 1 || *bits > 64)
+      return tl::unexpected(fmt::format("signal {} has {} bits; a signal has 1 to 64", s.name, found[4].str()));
+    if (!start || *start >= 8 * longest_frame)
+      return tl::unexpected(fmt::format("signal {} begins at bit {}; a frame has at most 512", s.name, found[3].str()));
+    s.signal = {.start = *start,
+                .bits = *bits,
+                .big_endian = found[5] == "0",
+                .kind = found[6] == "-" ? Signal::Kind::is_signed : Signal::Kind::is_unsigned,
+                .factor = *factor,
+                .offset = *offset};
+    if (s.signal.bytes() > m.size)
+      return tl::unexpected(fmt::format("signal {} ends in byte {}, but message {} has {} bytes", s.name,
+                                        s.signal.bytes(), m.name, m.size));
+    s.selects = found[2] == "M";
+    if (found[2].matched && !s.selects) s.selection = number<std::uint64_t>(found[2].str().substr(1));
+    for (const DbcSignal& other : m.signals)
+      if (other.name == s.name)
+        return tl::unexpected(
+            fmt::format("signal {} is in message {} already, in line {}", s.name, m.name, other.line));
+    m.signals.push_back(std::move(s));
+    return {};
+  }
+
+  /// A signal whose bits are a floating-point number: SIG_VALTYPE_ ID NAME : 1 (or 2);
+  Result<void> value_type(const std::string& text) {
+    static const std::regex form(R"(\s*SIG_VALTYPE_\s+(\d+)\s+(\w+)\s*:?\s*([0-3])\s*;)");
+    std::smatch found;
+    if (!begins(text, found, form)) return tl::unexpected(std::string("is no type: SIG_VALTYPE_ ID SIGNAL : 0..3;"));
+    const auto id = number<std::uint32_t>(found[1]);
+    for (DbcMessage& m : messages)
+      for (DbcSignal& s : m.signals) {
+        if (!id || m.id != (*id & ~extended_id) || m.extended != ((*id & extended_id) != 0) || s.name != found[2])
+          continue;
+        if (found[3] == "0") return {};
+        if (s.signal.bits != (found[3] == "1" ? 32 : 64))
+          return tl::unexpected(fmt::format("signal {} has {} bits; as a floating-point number it has {}", s.name,
+                                            s.signal.bits, found[3] == "1" ? 32 : 64));
+        s.signal.kind = Signal::Kind::is_float;
+        return {};
+      }
+    return tl::unexpected(fmt::format("there is no signal {} in a message {}", found[2].str(), found[1].str()));
+  }
+
+  /// Without regex_match and a ".*" at the end, whose recursion grows with the line.
+  static bool begins(const std::string& text, std::smatch& found, const std::regex& form) {
+    return std::regex_search(text, found, form, std::regex_constants::match_continuous);
+  }
+  static std::string trimmed(const std::string& text) {
+    const auto begin = text.find_first_not_of(" \t"), end = text.find_last_not_of(" \t");
+    return begin == std::string::npos ? "" : text.substr(begin, end - begin + 1);
+  }
+};
+
+}  // namespace
+
+const DbcSignal* DbcMessage::multiplexor() const {
+  const auto found = std::ranges::find_if(signals, &DbcSignal::selects);
+  return found == signals.end() ? nullptr : &*found;
+}
+
+Result<DbcFile> read_dbc(const std::filesystem::path& file) {
+  auto stream = twin::open_text(file, "a DBC file");
+  if (!stream) return tl::unexpected(stream.error());
+  Reader reader;
+  std::string text;
+  for (std::size_t line = 1; std::getline(*stream, text); ++line) {
+    if (text.ends_with('\r')) text.pop_back();
+    text.resize(std::min(text.size(), longest_line));
+    if (auto ok = reader.take(text, line); !ok)
+      return tl::unexpected(fmt::format("{}:{}: {}", file.string(), line, ok.error().message));
+  }
+  if (reader.messages.empty())
+    return tl::unexpected(fmt::format("{}: no message (BO_): is it a DBC file?", file.string()));
+  return DbcFile{file, std::move(reader.messages)};
+}
+
+}  // namespace tribotwin::hil
