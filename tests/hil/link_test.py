@@ -148,7 +148,20 @@ raw.close()
 
 # A listener beside live drives: it sees what they do and sends nothing.
 listener = subprocess.Popen(
-    [hil, "shadow", scenario, "--lockstep", "--can", "vcan0", "--duration", "2", "--limit", "1000", "--limit-time", "0.1"],
+    [
+        hil,
+        "shadow",
+        scenario,
+        "--lockstep",
+        "--can",
+        "vcan0",
+        "--duration",
+        "2",
+        "--limit",
+        "1000",
+        "--limit-time",
+        "0.1",
+    ],
     stdout=subprocess.PIPE,
     text=True,
 )
