@@ -274,7 +274,7 @@ void DriveProfile::feedback(const Feedback& joint, double dt) {
   watch_following_error(lag_rad, dt);
   watch_standstill(dt);
   watch_temperature();
-  watch_rest();
+  watch_rest(dt);
   update_status();
 }
 
@@ -306,9 +306,11 @@ void DriveProfile::watch_following_error(double lag_rad, double dt) {
 
 bool DriveProfile::stands() const { return std::abs(feedback_.velocity_rad_s) * gear_ratio_ < standing_motor_rad_s; }
 
-/// The end of a reaction to lost commands: brake, standstill, torque 0.
-void DriveProfile::watch_rest() {
-  if (!machine_.powered() && stands() && objects_.torque_actual->value == 0) stops_alone_ = false;
+/// The end of a reaction to lost commands: brake, standstill for a while, torque 0.
+void DriveProfile::watch_rest(double dt) {
+  const bool rests = !machine_.powered() && stands() && objects_.torque_actual->value == 0;
+  resting_s_ = rests ? resting_s_ + dt : 0;
+  if (resting_s_ > standstill_s) stops_alone_ = false;
 }
 
 void DriveProfile::watch_standstill(double dt) {

@@ -87,7 +87,7 @@ class DriveProfile {
   void watch_following_error(double lag_rad, double dt_s);
   void watch_standstill(double dt_s);
   void watch_temperature();
-  void watch_rest();
+  void watch_rest(double dt_s);
   bool stands() const;
 
   NodeContext& node_;
@@ -102,6 +102,7 @@ class DriveProfile {
   double ramp_rad_s_ = 0;
   double following_s_ = 0;                  // time for which the following error has been beyond its window
   double standing_s_ = 0;                   // time for which the motor has stood at the end of a ramp
+  double resting_s_ = 0;                    // and for which it has stood without power and torque
   bool followed_ = false, halted_ = false;  // set points, when refresh_status was last called
   std::int64_t controlword_ = 0;            // when the frame before this one had been taken
   bool controls_ = false;                   // and whether its bits for a mode counted then

@@ -106,6 +106,7 @@ repeats("in real time", "clock", "--cycle", 4)
 FAULTS = (  # kind, begin and duration [s], more keys
     ("over_temperature", 0.3, 0.05, "node: 5, temperature_degC: 140"),
     ("encoder_freeze", 0.5, 0.3, "node: 4"),
+    ("safe_torque_off", 0.6, 0.1, "node: 2"),
     ("drop", 0.9, 0.2, "probability: 0.1"),
     ("delay", 1.1, 0.2, "delay_s: 0.004, probability: 0.2"),
     ("duplicate", 1.3, 0.2, "probability: 0.5"),
@@ -125,7 +126,7 @@ for clock in ("--sync-lockstep", "--realtime"):
     move(master, 500)
     end(drives, master)
     codes = {code for _, (code, _) in master.emergencies}
-    check(f"faults {clock}: they happened", {0x4310, 0x8611} <= codes, master.emergencies)
+    check(f"faults {clock}: they happened", {0x4310, 0x8611, 0x9000} <= codes, master.emergencies)
     repeats(f"faults {clock}", log, "--cycle", 4)
 
 # A second node with the number of a drive: its frames are not the drive's.

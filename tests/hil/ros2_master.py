@@ -23,9 +23,12 @@ def size(entry):
     return struct.calcsize("<" + entry.kind)
 
 
+def number(text, node):
+    return sum(node if part == "$NODEID" else int(part, 0) for part in text.split("+"))
+
+
 def read_eds(path, node):
-    """(index, sub-index) -> Entry, of the objects that are numbers, for a node of this number."""
-    number = lambda text: sum(node if part == "$NODEID" else int(part, 0) for part in text.split("+"))
+    """(index, sub-index) -> Entry, of the objects that are numbers."""
     eds = configparser.ConfigParser(interpolation=None, strict=True, delimiters="=")
     eds.read_string(open(path, encoding="ascii").read())
     found = {}
@@ -34,7 +37,7 @@ def read_eds(path, node):
         kind = eds[name].get("DataType")
         if len(index) == 4 and kind and int(kind, 0) in KINDS:
             o = eds[name]
-            default = number(o["DefaultValue"]) if "DefaultValue" in o else None
+            default = number(o["DefaultValue"], node) if "DefaultValue" in o else None
             found[int(index, 16), int(sub or "0", 16)] = Entry(
                 KINDS[int(kind, 0)], o["AccessType"], default, o["PDOMapping"] == "1"
             )

@@ -35,6 +35,8 @@ TEST_F(SessionFile, WhatIsWrittenIsRead) {
                                  .steps = 200,
                                  .faults = {{3, {FaultKind::encoder_freeze, 0, true}},
                                             {Turn::at_end, {FaultKind::encoder_freeze, 0, false}},
+                                            {1, {FaultKind::safe_torque_off, 2, true}},
+                                            {2, {FaultKind::safe_torque_off, 2, false}},
                                             {0, {FaultKind::over_temperature, 5, true, 0.1 + 0.2}},
                                             {12, {FaultKind::over_temperature, 5, false}}}}};
   auto writer = SessionWriter::create(file, head);
@@ -90,6 +92,7 @@ TEST_F(SessionFile, WhatIsNoneIsRefusedWithItsPlace) {
            {head + "1 misleading=x\n", ":5: "},
            {head + "1 encoder_freeze=1:0:on\n", ":5: "},
            {head + "1 encoder_freeze=1:1:140\n", ":5: "},
+           {head + "1 safe_torque_off=1:1:140\n", ":5: "},
            {head + "1 over_temperature=1:1:on\n", ":5: "},
            {head + "1 over_temperature=1:1\n", ":5: "}}) {
     SCOPED_TRACE(text);
