@@ -23,7 +23,8 @@ void add_pdo(std::vector<Object>& o, const DefaultPdo& pdo, bool transmit, int n
   const od::Index at = pdo_index(transmit, number);
   const od::Index map = od::mapping_of(at);
   add(o, {at, 0, name + " highest sub-index", T::u8, constant, false, transmit ? 6 : 5});
-  add(o, {at, 1, name + " COB-ID", T::u32, rw, false, pdo.cob}, {.meaning = "bit 31: the PDO does not exist"});
+  add(o, {at, 1, name + " COB-ID", T::u32, rw, false, pdo.cob},
+      {.meaning = "bit 31: the PDO does not exist", .plus_node = (pdo.cob & cob::id_11_bit) != 0});
   add(o, {at, 2, name + " transmission type", T::u8, rw, false, pdo.type},
       {.meaning = "0: SYNC, on change; 1..240: every n-th SYNC; 254, 255: event"});
   if (transmit) add(o, {at, 3, name + " inhibit time", T::u16, rw, false, 0}, {.scale = 1e-4, .unit = "s"});
@@ -91,7 +92,7 @@ void add_communication_objects(std::vector<Object>& o, const DriveParameters& p,
   add_store(o);
   add(o, {od::cob_id_time, 0, "COB-ID TIME", T::u32, rw, false, cob::consumes | cob::time_stamp},
       {.meaning = "bit 31: the time is taken, shown by 2181h"});
-  add(o, {od::cob_id_emcy, 0, "COB-ID EMCY", T::u32, ro, false, cob::emcy + node});
+  add(o, {od::cob_id_emcy, 0, "COB-ID EMCY", T::u32, ro, false, cob::emcy + node}, {.plus_node = true});
   add(o, {od::inhibit_time_emcy, 0, "inhibit time EMCY", T::u16, rw}, {.scale = 1e-4, .unit = "s"});
   add(o, {od::consumer_heartbeat_time, 0, "heartbeats watched", T::u8, constant, false, 2});
   for (std::uint8_t i = 1; i <= 2; ++i)
@@ -108,9 +109,10 @@ void add_communication_objects(std::vector<Object>& o, const DriveParameters& p,
   add(o, {od::error_behavior, 1, "reaction to communication errors", T::u8, rw, false, 0, 0, 2},
       {.meaning = "0: pre-operational, 1: none, 2: stopped"});
   add(o, {od::sdo_server_parameter, 0, "highest sub-index", T::u8, constant, false, 2});
-  add(o, {od::sdo_server_parameter, 1, "COB-ID SDO to the drive", T::u32, constant, false, cob::sdo_to_server + node});
-  add(o,
-      {od::sdo_server_parameter, 2, "COB-ID SDO from the drive", T::u32, constant, false, cob::sdo_to_client + node});
+  add(o, {od::sdo_server_parameter, 1, "COB-ID SDO to the drive", T::u32, constant, false, cob::sdo_to_server + node},
+      {.plus_node = true});
+  add(o, {od::sdo_server_parameter, 2, "COB-ID SDO from the drive", T::u32, constant, false, cob::sdo_to_client + node},
+      {.plus_node = true});
   for (int i = 0; i < pdo_count; ++i) {
     add_pdo(o, pdos.receive[static_cast<std::size_t>(i)], false, i);
     add_pdo(o, pdos.transmit[static_cast<std::size_t>(i)], true, i);

@@ -16,11 +16,44 @@ auto key(const Object& o) { return static_cast<std::uint32_t>(o.index) << 8 | o.
 
 }  // namespace
 
-const TypeFacts& facts_of(Type type) {
-  static constexpr TypeFacts all[] = {{"u8", 0x05, 1, false},   {"u16", 0x06, 2, false},   {"u32", 0x07, 4, false},
-                                      {"i8", 0x02, 1, true},    {"i16", 0x03, 2, true},    {"i32", 0x04, 4, true},
-                                      {"text", 0x09, 0, false}, {"domain", 0x0F, 0, false}};
-  return all[static_cast<std::size_t>(type)];
+namespace {
+
+// In the order of Type.
+constexpr TypeFacts types[] = {{"u8", 0x05, 1, false},
+                               {"u16", 0x06, 2, false},
+                               {"u32", 0x07, 4, false},
+                               {"i8", 0x02, 1, true},
+                               {"i16", 0x03, 2, true},
+                               {"i32", 0x04, 4, true},
+                               {"text", 0x09, 0, false},
+                               {"domain", 0x0F, 0, false},
+                               {"boolean", 0x01, 1, false},
+                               {"u24", 0x16, 3, false},
+                               {"u40", 0x18, 5, false},
+                               {"u48", 0x19, 6, false},
+                               {"u56", 0x1A, 7, false},
+                               {"u64", 0x1B, 8, false},
+                               {"i24", 0x10, 3, true},
+                               {"i40", 0x12, 5, true},
+                               {"i48", 0x13, 6, true},
+                               {"i56", 0x14, 7, true},
+                               {"i64", 0x15, 8, true},
+                               {"real32", 0x08, 4, false},
+                               {"real64", 0x11, 8, false},
+                               {"octets", 0x0A, 0, false},
+                               {"unicode", 0x0B, 0, false},
+                               {"time of day", 0x0C, 6, false},
+                               {"time difference", 0x0D, 6, false}};
+static_assert(std::size(types) == static_cast<std::size_t>(Type::time_difference) + 1);
+
+}  // namespace
+
+const TypeFacts& facts_of(Type type) { return types[static_cast<std::size_t>(type)]; }
+
+std::optional<Type> type_of(int code) {
+  const auto found = std::ranges::find(types, code, &TypeFacts::code);
+  if (found == std::end(types)) return std::nullopt;
+  return static_cast<Type>(found - std::begin(types));
 }
 
 std::string_view reason(Abort abort) {
@@ -53,24 +86,12 @@ std::string_view reason(Abort abort) {
 }
 
 Limits limits_of(Type type) {
-  switch (type) {
-    case T::u8:
-      return {0, 0xff};
-    case T::u16:
-      return {0, 0xffff};
-    case T::u32:
-      return {0, 0xffffffffLL};
-    case T::i8:
-      return {-0x80, 0x7f};
-    case T::i16:
-      return {-0x8000, 0x7fff};
-    case T::i32:
-      return {std::numeric_limits<std::int32_t>::min(), std::numeric_limits<std::int32_t>::max()};
-    case T::text:
-    case T::domain:
-      break;
-  }
-  return {0, 0};
+  const TypeFacts& facts = facts_of(type);
+  if (facts.bytes == 0) return {0, 0};
+  if (type == T::boolean) return {0, 1};
+  if (facts.bytes == 8) return {std::numeric_limits<std::int64_t>::min(), std::numeric_limits<std::int64_t>::max()};
+  const std::int64_t values = std::int64_t{1} << (8 * facts.bytes);
+  return facts.is_signed ? Limits{-values / 2, values / 2 - 1} : Limits{0, values - 1};
 }
 
 void add(std::vector<Object>& objects, Object object, Extra extra) {
@@ -78,6 +99,7 @@ void add(std::vector<Object>& objects, Object object, Extra extra) {
   object.scale = extra.scale;
   object.unit = std::move(extra.unit);
   object.meaning = std::move(extra.meaning);
+  object.plus_node = extra.plus_node;
   objects.push_back(std::move(object));
 }
 
@@ -144,6 +166,7 @@ void Dictionary::set(std::uint16_t index, std::uint8_t sub, std::int64_t value) 
 tl::expected<std::vector<std::uint8_t>, Abort> Dictionary::read(std::uint16_t index, std::uint8_t sub) const {
   const Object* o = find(index, sub);
   if (!o) return tl::unexpected(has_index(index) ? Abort::no_sub_index : Abort::no_object);
+  if (o->access == Access::write_only) return tl::unexpected(Abort::write_only);
   if (may_read)
     if (auto allowed = may_read(*o); !allowed) return tl::unexpected(allowed.error());
   if (!is_number(o->type)) return std::vector<std::uint8_t>(o->text.begin(), o->text.end());
@@ -155,7 +178,7 @@ tl::expected<std::vector<std::uint8_t>, Abort> Dictionary::read(std::uint16_t in
 tl::expected<const Object*, Abort> Dictionary::writable(std::uint16_t index, std::uint8_t sub) const {
   const Object* o = find(index, sub);
   if (!o) return tl::unexpected(has_index(index) ? Abort::no_sub_index : Abort::no_object);
-  if (o->access != Access::read_write) return tl::unexpected(Abort::read_only);
+  if (o->access != Access::read_write && o->access != Access::write_only) return tl::unexpected(Abort::read_only);
   return o;
 }
 

@@ -2,6 +2,7 @@
 
 #include <cstdint>
 #include <functional>
+#include <optional>
 #include <span>
 #include <string>
 #include <string_view>
@@ -13,19 +14,48 @@
 /// DBC files and the reference in hil/README.md are made.
 namespace tribotwin::hil {
 
-enum class Type : std::uint8_t { u8, u16, u32, i8, i16, i32, text, domain };
-enum class Access : std::uint8_t { read_only, read_write, constant };
+enum class Type : std::uint8_t {
+  u8,
+  u16,
+  u32,
+  i8,
+  i16,
+  i32,
+  text,
+  domain,
+  // Of drives of other makers:
+  boolean,
+  u24,
+  u40,
+  u48,
+  u56,
+  u64,
+  i24,
+  i40,
+  i48,
+  i56,
+  i64,
+  real32,
+  real64,
+  octets,
+  unicode,
+  time_of_day,
+  time_difference
+};
+enum class Access : std::uint8_t { read_only, read_write, write_only, constant };
 
 /// A data type as others call it.
 struct TypeFacts {
   std::string_view name;
   int code;   ///< CiA 301, 7.4.7: index of the data type
-  int bytes;  ///< of a value; 0: text or a domain, of any length
+  int bytes;  ///< of a value; 0: of any length
   bool is_signed;
 };
 const TypeFacts& facts_of(Type type);
+/// The type with this code, if there is one.
+std::optional<Type> type_of(int code);
 
-/// Bytes of a value; 0 for text and domains.
+/// Bytes of a value; 0 for text, octets and domains.
 int size_of(Type type);
 bool is_signed(Type type);
 inline bool is_number(Type type) { return size_of(type) != 0; }
@@ -71,10 +101,11 @@ struct Object {
   bool mappable = false;
   std::int64_t value = 0;          ///< now; the default in a fresh dictionary
   std::int64_t low = 0, high = 0;  ///< accepted range, of text its length; low == high: the range of the type
-  std::string text{};              ///< value of a text or a domain
+  std::string text{};              ///< value of what is no number
   double scale = 1;                ///< size of one count in `unit`
   std::string unit{};              ///< "" for codes
   std::string meaning{};           ///< one line for the reference
+  bool plus_node = false;          ///< the value is a base and the node number ($NODEID in an EDS)
 };
 
 /// Of an object: the largest number of bytes that a value has.
@@ -87,6 +118,7 @@ struct Extra {
   std::string text{};
   double scale = 1;
   std::string unit{}, meaning{};
+  bool plus_node = false;
 };
 void add(std::vector<Object>& objects, Object object, Extra extra = {});
 
@@ -127,7 +159,7 @@ std::int64_t decode(Type type, std::span<const std::uint8_t> bytes);
 void encode(std::int64_t value, std::span<std::uint8_t> bytes);
 /// The nearest value in the range of the type.
 std::int64_t saturated(Type type, std::int64_t value);
-/// Lowest and highest value of a number type.
+/// Lowest and highest value of a number type; of 8 bytes and of reals: of the bytes, as a signed number.
 struct Limits {
   std::int64_t low, high;
 };

@@ -1,4 +1,5 @@
 #include <algorithm>
+#include <bit>
 #include <iterator>
 #include <map>
 
@@ -104,32 +105,46 @@ std::string lists(const Indices& by_index) {
   return s;
 }
 
+std::string default_value(const Object& o, std::uint8_t node) {
+  if (o.plus_node) return fmt::format("$NODEID+0x{:X}", o.value - node);
+  if (o.type == Type::real32) return fmt::format("{}", std::bit_cast<float>(static_cast<std::uint32_t>(o.value)));
+  if (o.type == Type::real64) return fmt::format("{}", std::bit_cast<double>(o.value));
+  if (is_number(o.type)) return fmt::to_string(o.value);
+  if (o.type == Type::text) return one_line(o.text);
+  std::string bytes;
+  for (const char c : o.text) bytes += fmt::format("{}{:02X}", bytes.empty() ? "" : " ", static_cast<unsigned char>(c));
+  return bytes;
+}
+
 /// The lines of one object.
-std::string entry(const Object& o) {
+std::string entry(const Object& o, std::uint8_t node) {
   constexpr int variable = 7, domain = 2;  // object types
   const bool number = is_number(o.type);
   std::string s = fmt::format("ParameterName={}\nObjectType=0x{:X}\nDataType=0x{:04X}\nAccessType={}\n",
                               one_line(o.name), o.type == Type::domain ? domain : variable, facts_of(o.type).code,
-                              o.access == Access::read_write ? "rw"
-                              : o.access == Access::constant ? "const"
-                                                             : "ro");
-  if (number && o.access == Access::read_write) s += fmt::format("LowLimit={}\nHighLimit={}\n", o.low, o.high);
+                              o.access == Access::read_write   ? "rw"
+                              : o.access == Access::write_only ? "wo"
+                              : o.access == Access::constant   ? "const"
+                                                               : "ro");
+  const bool limited = number && o.type != Type::real32 && o.type != Type::real64;
+  if (limited && o.access != Access::read_only && o.access != Access::constant)
+    s += fmt::format("LowLimit={}\nHighLimit={}\n", o.low, o.high);
   // CiA 306: a domain has no default value. Nor has the serial number: a master would refuse every other drive.
   if (o.type != Type::domain && !(o.index == od::identity && o.sub == 4))
-    s += fmt::format("DefaultValue={}\n", number ? fmt::to_string(o.value) : one_line(o.text));
+    s += fmt::format("DefaultValue={}\n", default_value(o, node));
   return s + fmt::format("PDOMapping={}\n\n", o.mappable ? 1 : 0);
 }
 
-std::string sections(const Indices& by_index) {
+std::string sections(const Indices& by_index, std::uint8_t node) {
   std::string s;
   for (const auto& [index, objects] : by_index) {
     if (objects.size() == 1 && objects[0]->sub == 0) {
-      s += fmt::format("[{:04X}]\n", index) + entry(*objects[0]);
+      s += fmt::format("[{:04X}]\n", index) + entry(*objects[0], node);
       continue;
     }
     s += fmt::format("[{:04X}]\nParameterName={}\nObjectType={}\nSubNumber={}\n\n", index,
                      one_line(name_of_all(index, objects)), is_array(index) ? "0x8" : "0x9", objects.size());
-    for (const Object* o : objects) s += fmt::format("[{:04X}sub{:X}]\n", index, o->sub) + entry(*o);
+    for (const Object* o : objects) s += fmt::format("[{:04X}sub{:X}]\n", index, o->sub) + entry(*o, node);
   }
   return s;
 }
@@ -139,7 +154,7 @@ std::string sections(const Indices& by_index) {
 std::string eds(const Dictionary& dictionary, const DriveParameters& p) {
   Indices by_index;
   for (const Object& o : dictionary.objects()) by_index[o.index].push_back(&o);
-  return header(p) + lists(by_index) + sections(by_index);
+  return header(p) + lists(by_index) + sections(by_index, p.node);
 }
 
 }  // namespace tribotwin::hil

@@ -24,7 +24,7 @@ Node::Node(const DriveParameters& p, Send send, NodeSetup setup)
       setup_(std::move(setup)),
       context_{.id = first_number(setup_.kept),
                .send_frame = std::move(send),
-               .dictionary = drive_dictionary(with_number(first_number(setup_.kept)))},
+               .dictionary = factory(first_number(setup_.kept))},
       keeper_(context_, setup_.kept, setup_.keep),
       lss_(context_,
            setup_.keep ? [this](std::uint8_t number) { return keeper_.keep_number(number); } : LssSlave::Keep{}),
@@ -49,7 +49,7 @@ Node::Node(const DriveParameters& p, Send send, NodeSetup setup)
 /// CiA 301, 7.5.2.4: an entry of the history without an error is no data.
 tl::expected<void, Abort> Node::may_read(const Object& o) {
   if (o.index == od::store_eds && o.text.empty())
-    context_.dictionary.find(o.index, o.sub)->text = eds(factory(), active_parameters());
+    context_.dictionary.find(o.index, o.sub)->text = eds(factory(context_.id), active_parameters());
   if (o.index == od::time_of_day) time_.show(context_.now_ns);
   if (o.index != od::predefined_error_field || o.sub <= context_.dictionary.get(o.index)) return {};
   return tl::unexpected(Abort::no_data);
@@ -58,7 +58,7 @@ tl::expected<void, Abort> Node::may_read(const Object& o) {
 tl::expected<void, Abort> Node::may_write(const Object& o, std::int64_t value) {
   if (PdoService::owns(o.index)) return pdos_.may_write(o, value);
   if (o.index == od::predefined_error_field && value != 0) return tl::unexpected(Abort::out_of_range);
-  if (ParameterKeeper::owns(o.index)) return keeper_.obey(o, value, drive_.machine().powered(), factory());
+  if (ParameterKeeper::owns(o.index)) return keeper_.obey(o, value, drive_.machine().powered(), defaults());
   if (o.index == od::cob_id_time) return time_.may_write(value);
   if (o.index == od::synchronous_counter_overflow) return may_count_syncs(o, value);
   if (o.index == od::consumer_heartbeat_time) return watched_.may_configure(o, value);
@@ -131,7 +131,7 @@ void Node::obey(NmtCommand command, std::int64_t now_ns) {
 void Node::reset(NmtCommand command, std::int64_t now_ns) {
   context_.id = command == NmtCommand::reset_node ? first_number(keeper_.kept()) : lss_.pending();
   lss_.reset(context_.id);
-  const Dictionary fresh = factory();
+  const Dictionary fresh = factory(context_.id);
   for (const Object& o : fresh.objects()) {
     // Constant ones of the communication as well: identifiers follow the node number.
     if (od::is_communication(o.index) || (o.access == Access::read_write && command == NmtCommand::reset_node))
@@ -150,11 +150,27 @@ void Node::reset(NmtCommand command, std::int64_t now_ns) {
   drive_.refresh_status();
 }
 
+Dictionary Node::factory(std::uint8_t number) const {
+  const DriveParameters numbered = with_number(number);
+  Dictionary own = drive_dictionary(numbered);
+  return setup_.foreign.empty() ? own : with_foreign_objects(own, setup_.foreign, numbered.node);
+}
+
+Dictionary Node::defaults() const {
+  Dictionary objects = factory(context_.id);
+  download(objects, setup_.values);
+  return objects;
+}
+
 void Node::configure(NmtCommand command) {
-  std::vector<ObjectValue> values;
-  for (const ObjectValue& v : keeper_.kept().values)
-    if (command == NmtCommand::reset_node || od::is_communication(v.index)) values.push_back(v);
-  refused_ = download(context_.dictionary, std::move(values));
+  refused_.reset();
+  for (const std::vector<ObjectValue>* all : {&std::as_const(setup_.values), &keeper_.kept().values}) {
+    std::vector<ObjectValue> values;
+    for (const ObjectValue& v : *all)
+      if (command == NmtCommand::reset_node || od::is_communication(v.index)) values.push_back(v);
+    const auto refused = download(context_.dictionary, std::move(values));
+    if (!refused_) refused_ = refused;
+  }
 }
 
 void Node::restore(const Object& fresh) {

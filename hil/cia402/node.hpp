@@ -18,8 +18,10 @@ namespace tribotwin::hil {
 
 /// How a node starts.
 struct NodeSetup {
-  bool unconfigured = false;  ///< without a node number; a master gives it one (LSS)
-  KeptParameters kept;        ///< what it kept when it was on before
+  bool unconfigured = false;        ///< without a node number; a master gives it one (LSS)
+  std::vector<Object> foreign;      ///< objects of another maker's drive (EDS), see with_foreign_objects
+  std::vector<ObjectValue> values;  ///< its configuration (DCF), written over the defaults by every reset
+  KeptParameters kept;              ///< what it kept when it was on before
   ParameterKeeper::Keep keep;
 };
 
@@ -80,7 +82,9 @@ class Node final : public BusDrive {
   void reset(NmtCommand command, std::int64_t now_ns);
   void restore(const Object& fresh);
   /// The objects as they left the factory.
-  Dictionary factory() const { return drive_dictionary(active_parameters()); }
+  Dictionary factory(std::uint8_t number) const;
+  /// The same with the configuration: what a reset brings, but for what is kept.
+  Dictionary defaults() const;
   /// Writes the values of the setup and those kept, over the defaults.
   void configure(NmtCommand reset);
   /// The node number after power-up; FFh: none.

@@ -9,7 +9,7 @@ namespace {
 
 constexpr char footer[] =
     "The node is reset (NMT), and its communication parameters and option codes are changed and restored. With\n"
-    "--motion the drive is enabled and moved by a master of its own: at most 10 degrees of the motor (608Fh), 10 rpm\n"
+    "--motion the drive is enabled and moved by a master of its own: at most 30 degrees of the motor (608Fh), 30 rpm\n"
     "(60A9h) for some seconds to either side, and 20 per mille of the rated torque beyond what holds the load, in\n"
     "torque mode without gravity compensation. Whatever happens, also on Ctrl-C, the drive is without power at the\n"
     "end. No other master may be on the bus.\n"
@@ -34,9 +34,9 @@ struct Arguments {
     auto* motion = command.add_flag("--motion", options.motion, "Also checks that enable the drive and move it");
     command.add_flag("--homing", options.homing, "Also homing at the present position: a new reference position")
         ->needs(motion);
-    command.add_option("--amplitude", options.amplitude, "Of motion [counts of 6064h] (default: 10 degrees by 608Fh)")
+    command.add_option("--amplitude", options.amplitude, "Of motion [counts of 6064h] (default: 30 degrees by 608Fh)")
         ->check(CLI::Range(1, 1 << 30));
-    command.add_option("--speed", options.speed, "Of motion [counts of 606Ch] (default: 10 rpm by 60A9h)")
+    command.add_option("--speed", options.speed, "Of motion [counts of 606Ch] (default: 30 rpm by 60A9h)")
         ->check(CLI::Range(1, 1 << 30));
     command.add_option("--torque", options.torque, "Of motion [per mille of 6076h] (default: 20)")
         ->check(CLI::Range(1, 1000));

@@ -62,7 +62,8 @@ struct Arguments : RobotOptions {
     if (const auto beside = session_file_of(record); !beside.empty())
       outputs.push_back({"the file beside --record " + record, beside});
     outputs.push_back({"--stats " + stats, stats});
-    const auto kept = start.files();
+    const auto kept = start.outputs(), read = start.inputs();
+    inputs.insert(inputs.end(), read.begin(), read.end());
     check_outputs(inputs, outputs, force);
     outputs.insert(outputs.end(), kept.begin(), kept.end());
     twin::or_wrong_input(refuse_shared(inputs, outputs));  // a store may exist

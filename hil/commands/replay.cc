@@ -59,8 +59,9 @@ int run(const Arguments& a) {
   if (!std::filesystem::exists(a.log)) throw twin::InputError(fmt::format("{}: does not exist", a.log));
   auto inputs = files_of(scenario);
   inputs.push_back({"LOG " + a.log, a.log});
+  for (const auto& files : {a.start.outputs(), a.start.inputs()})  // a replay does not write the store
+    inputs.insert(inputs.end(), files.begin(), files.end());
   inputs.push_back({"the file beside LOG " + a.log, session_file_of(a.log)});
-  for (const auto& file : a.start.files()) inputs.push_back(file);
   check_outputs(inputs, files_in(a.output), a.force);
   const auto nodes = a.start.setups(scenario, a, NodeOptions::Use::replay);
   twin::catch_interrupts();

@@ -30,7 +30,7 @@ struct SdoFailure {
 using Bytes = std::vector<std::uint8_t>;
 using SdoFrame = std::array<std::uint8_t, 8>;
 
-/// Thrown by every wait of a client when `ClientOptions::stop` says so.
+/// Thrown by every wait of a client when `stop` of the options says so.
 struct Interrupted {};
 
 struct ClientOptions {
@@ -39,7 +39,7 @@ struct ClientOptions {
   std::int64_t sdo_timeout_ns = 500'000'000;
 };
 
-/// A frame and the time of `ClientOptions::now_ns` at which the client read it.
+/// A frame and the time, by the clock of the options, at which the client read it.
 struct HeardFrame {
   Frame frame;
   std::int64_t time_ns;

@@ -48,6 +48,9 @@ class Run {
       device_.pre_operational();
       type = client_.upload(od::device_type, 0);
     }
+    // Served over TCP, the bus begins empty: the node's gateway has to connect first.
+    for (int again = 0; again < 6 && !type && type.error().kind == SdoFailure::Kind::no_answer; ++again)
+      type = client_.upload(od::device_type, 0);
     if (!type || type->size() != 4)
       return work_failed(fmt::format("node {} does not answer on {}: 1000h: {}; check --node, the bus and its bit rate",
                                      device_.node(), report_.bus,

@@ -33,8 +33,8 @@ struct ConformOptions {
   std::optional<std::int64_t> amplitude, speed, torque;  ///< of motion checks, in counts of 6064h, 606Ch, 6077h
 };
 
-constexpr double default_turns = 1.0 / 36;     ///< amplitude, of the motor, where 608Fh tells its counts
-constexpr double default_speed_rpm = 10;       ///< of the motor, where 60A9h tells its unit
+constexpr double default_turns = 1.0 / 12;     ///< amplitude, of the motor, where 608Fh tells its counts
+constexpr double default_speed_rpm = 30;       ///< of the motor, where 60A9h tells its unit
 constexpr std::int64_t default_torque = 20;    ///< per mille of the rated torque 6076h
 constexpr std::int64_t cycle_ns = 10'000'000;  ///< SYNC period of motion checks
 

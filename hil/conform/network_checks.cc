@@ -33,6 +33,8 @@ std::string boot_up(Device& d, NmtCommand command) {
 std::string pre_operational_after_boot(Device& d) {
   d.reset(NmtCommand::reset_node);
   d.hear_heartbeat();
+  if (d.nmt_state() == static_cast<std::uint8_t>(Nmt::operational))
+    throw NotApplicable{"the node starts by itself (CiA 302-2, 1F80h)"};
   return expect_nmt(d, Nmt::pre_operational) + ", SDO answers";
 }
 

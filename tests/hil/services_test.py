@@ -153,7 +153,118 @@ def damaged_stores(store, copy, log):
     check_refused("a folder that is not there", refused, "/nowhere")
 
 
+FOREIGN = """[FileInfo]
+FileName=other.eds
+[1000]
+ParameterName=device type
+DataType=7
+AccessType=ro
+DefaultValue=0x20192
+[1018]
+ParameterName=identity
+ObjectType=9
+SubNumber=2
+[1018sub0]
+ParameterName=highest
+DataType=5
+AccessType=const
+DefaultValue=1
+[1018sub1]
+ParameterName=vendor
+DataType=7
+AccessType=ro
+DefaultValue=0xFB
+[3000]
+ParameterName=gain
+DataType=3
+AccessType=rw
+DefaultValue=-7
+LowLimit=-10
+HighLimit=10
+[3001]
+ParameterName=password
+DataType=6
+AccessType=wo
+"""
+
+
+def configured_drives():
+    other, dcf = work + "/other.eds", work + "/node2.dcf"
+    open(other, "w").write(FOREIGN)
+    text = subprocess.run([hil, "eds", scenario, "--node", "2"], check=True, capture_output=True, text=True).stdout
+    check("an EDS with $NODEID", "[1402sub1]" in text and "DefaultValue=$NODEID+0x400\n" in text)
+    text = text.replace("[DeviceInfo]", "[DeviceComissioning]\nNodeID=2\n\n[DeviceInfo]")
+    for section, value in (
+        ("1017", "77"),
+        ("1803sub1", "$NODEID+0x480"),
+        ("1A03sub0", "2"),
+        ("1A03sub1", "0x60410010"),
+        ("1A03sub2", "0x60770010"),
+        ("605A", "6"),
+    ):
+        text = text.replace(f"[{section}]\n", f"[{section}]\nParameterValue={value}\n")
+    open(dcf, "w").write(text)
+    log = work + "/configured.log"
+    options = ("--eds", other, "--dcf", dcf)
+    with Drives(*options, "--record", log) as master:
+        check("vendor of the EDS, number of the drive", [master.read(3, 0x1018, k) for k in (1, 4)] == [0xFB, 3])
+        check("an object of the EDS", master.read(4, 0x3000, 0, "h") == -7)
+        master.write(4, 0x3000, 0, "h", 10)
+        check("which keeps a value", master.read(4, 0x3000, 0, "h") == 10)
+        check("within its limits", abort_of(lambda: master.write(4, 0x3000, 0, "h", 11)) == 0x06090031)
+        check("write only", abort_of(lambda: master.read(4, 0x3001)) == 0x06010001)
+        check("of the DCF", (master.read(2, 0x1017, 0, "H"), master.read(2, 0x605A, 0, "h")) == (77, 6))
+        check("no other drive has it", master.read(1, 0x1017, 0, "H") == 500)
+        master.nmt(0x81)
+        check("all boot", master.until(lambda: set(nodes) <= set(master.boots)), master.boots)
+        check("also after a reset", (master.read(2, 0x1017, 0, "H"), master.read(4, 0x3000, 0, "h")) == (77, -7))
+        check("a PDO of the DCF", (master.read(2, 0x1803, 1), master.read(2, 0x1A03, 2)) == (0x482, 0x60770010))
+    again = run(hil, "replay", scenario, log, "--fast", *options)
+    check("a replay repeats it", again.returncode == 0, again.stdout + again.stderr)
+    wrong = work + "/wrong.dcf"
+    for option, content, says in (
+        ("--eds", FOREIGN.replace("LowLimit=-10", "LowLimit=x"), f"{wrong}:27: 3000h:00: the limit 'x'"),
+        ("--eds", "[FileInfo]\n", "is it an EDS"),
+        ("--dcf", FOREIGN, "NodeID=N in [DeviceComissioning]"),
+        ("--dcf", text.replace("NodeID=2", "NodeID=9"), "nodes 1 to 6"),
+        ("--dcf", text.replace("Value=77", "Value=x"), "1017h:00: 'x' is no u16 from 0 to 65535"),
+        ("--dcf", text.replace("Value=6\n", "Value=66\n"), "drive 2: 605Ah:00: more than its upper limit"),
+        ("--dcf", "[DeviceComissioning]\nNodeID=2\n" + FOREIGN, "no ParameterValue"),
+    ):
+        open(wrong, "w").write(content)
+        refused = run(hil, "drive", scenario, "--can", "memory:x", option, wrong)
+        check_refused(f"{option}: {says[-40:]}", refused, (wrong, says))
+    refused = run(hil, "drive", scenario, "--can", "memory:x", "--dcf", dcf, "--dcf", dcf)
+    check_refused("two for one drive", refused, "has a DCF already")
+    refused = run(hil, "drive", scenario, "--can", "memory:x", "--dcf", dcf, "--stats", dcf, "--force")
+    check_refused("the DCF is no output", refused, "would overwrite")
+
+
+def guarded():
+    """Remote frames, which socketcand cannot carry."""
+    with Drives("--realtime") as master:
+        answers = []
+        for _ in range(4):
+            master.heartbeat.pop(2, None)
+            master.send_remote(0x702)
+            master.until(lambda: 2 in master.heartbeat, 1)
+            answers.append(master.heartbeat.get(2))
+            master.write(2, 0x1017, 0, "H", 0)
+        check("a node that is guarded toggles", answers[1:] == [0x7F, 0xFF, 0x7F], answers)
+        master.write(2, 0x100C, 0, "H", 100)
+        master.write(2, 0x100D, 0, "B", 3)
+        master.nmt(1, 2)
+        for _ in range(5):
+            master.send_remote(0x702)
+            master.listen(0.1)
+        check("guarded: no error", not master.emergencies, master.emergencies)
+        check("then not: EMCY", master.until(lambda: (2, (0x8130, 0x11)) in master.emergencies), master.emergencies)
+
+
 blocks()
 node_numbers()
 stored_parameters()
+configured_drives()
+if interface == "socketcan":
+    guarded()
 finish()

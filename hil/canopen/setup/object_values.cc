@@ -95,6 +95,11 @@ class Download {
   std::optional<RefusedValue> refused_;
 };
 
+bool names_the_device(const Object& o) {
+  return o.index == od::device_type || o.index == od::device_name || o.index == od::hardware_version ||
+         o.index == od::software_version || (o.index == od::identity && o.sub >= 1 && o.sub <= 3);
+}
+
 }  // namespace
 
 
@@ -104,6 +109,26 @@ std::string RefusedValue::text() const {
 
 std::optional<RefusedValue> download(Dictionary& dictionary, std::vector<ObjectValue> values) {
   return Download(dictionary).run(std::move(values));
+}
+
+Dictionary with_foreign_objects(const Dictionary& own, std::span<const Object> foreign, std::uint8_t node) {
+  std::vector<Object> objects(own.objects().begin(), own.objects().end());
+  for (Object o : foreign) {
+    if (o.plus_node) o.value += node;
+    const auto mine =
+        std::ranges::find_if(objects, [&](const Object& m) { return m.index == o.index && m.sub == o.sub; });
+    const bool exists = mine != objects.end();
+    if (exists && names_the_device(o) && mine->type == o.type) mine->value = o.value, mine->text = o.text;
+    if (exists || (own.has_index(o.index) && od::is_communication(o.index))) continue;
+    const auto highest =
+        std::ranges::find_if(objects, [&](const Object& m) { return m.index == o.index && m.sub == 0; });
+    if (o.sub > 0 && highest != objects.end()) {
+      if (highest->access != Access::constant && own.has_index(o.index)) continue;  // a count, or no record at all
+      highest->value = std::max<std::int64_t>(highest->value, o.sub);
+    }
+    objects.push_back(std::move(o));
+  }
+  return Dictionary(std::move(objects));
 }
 
 ObjectValue value_of(const Object& o) {

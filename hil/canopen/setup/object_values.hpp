@@ -2,6 +2,7 @@
 
 #include <cstdint>
 #include <optional>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -37,6 +38,11 @@ struct RefusedValue {
 /// while its parameters change, 1006h is 0 while 1019h does, and no TIME is taken while 1012h does. The first that is
 /// refused ends it.
 std::optional<RefusedValue> download(Dictionary& dictionary, std::vector<ObjectValue> values);
+
+/// A dictionary with the objects of another maker's drive beside its own: those of other indices, and from 2000h on
+/// other sub-indices. Who the drive says it is (1000h, 1008h to 100Ah, 1018h:01 to :03) is taken over. `node`: is added
+/// to values with a base.
+Dictionary with_foreign_objects(const Dictionary& own, std::span<const Object> foreign, std::uint8_t node);
 
 /// The value of an object now.
 ObjectValue value_of(const Object& object);

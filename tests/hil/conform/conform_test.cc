@@ -116,10 +116,10 @@ TEST(Conform, InterruptedItLeavesTheDriveWithoutPower) {
   ASSERT_TRUE(run(whole, {.motion = true}));
   const auto duration_ns = whole.now_ns() - begin_ns;
   int powered = 0;
-  for (int i = 1; i < 40; ++i) {
+  for (int i = 1; i < 60; ++i) {
     OneDriveBus bus(test_drive());
     const auto before = writable_values(bus.node());
-    const auto end_ns = bus.now_ns() + duration_ns * i / 40;
+    const auto end_ns = bus.now_ns() + duration_ns * i / 60;
     const auto stop = [&] {
       if (bus.now_ns() < end_ns) return false;
       powered += bus.node().enabled();

@@ -21,7 +21,7 @@ struct SessionPlan {
   bool lockstep = true;         ///< else the robot moves with the clock, in steps of 1 ms
   bool enabled = true;          ///< else the brakes hold the arm
   bool torque = true;           ///< TPDO4 carries 6077h
-  double amplitude_rad = 0.25;  ///< of every joint, at 0.5 Hz
+  double amplitude_rad = 0.12;  ///< of every joint, at 0.5 Hz
   double sync_jitter_s = 0;     ///< of the master: each SYNC is late by up to this; once in 200 by ten times as much
   double load_nm = 0;           ///< on joint 2 from 4 s on, as something that the arm leans against
 };

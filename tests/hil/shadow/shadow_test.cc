@@ -81,9 +81,9 @@ INSTANTIATE_TEST_SUITE_P(
                           .plan = {.lockstep = false, .amplitude_rad = 0.05, .sync_jitter_s = 3e-4}},
                     Heard{.name = "lost_5", .lost = 0.05}, Heard{.name = "lost_20", .lost = 0.2, .limit_nm = 150},
                     Heard{.name = "late_stamps", .late_s = 1e-3},
-                    Heard{.name = "cycle_10_ms", .plan = {.cycle_us = 10000, .amplitude_rad = 0.05}, .rms_nm = 35},
+                    Heard{.name = "cycle_10_ms", .plan = {.cycle_us = 10000, .amplitude_rad = 0.02}, .rms_nm = 35},
                     Heard{.name = "cycle_10_ms_lost_20",
-                          .plan = {.cycle_us = 10000, .amplitude_rad = 0.05},
+                          .plan = {.cycle_us = 10000, .amplitude_rad = 0.02},
                           .lost = 0.2,
                           .rms_nm = 35},
                     Heard{.name = "mirror", .plan = {.profile = mirror}},
@@ -118,7 +118,7 @@ INSTANTIATE_TEST_SUITE_P(
                     Trouble{.name = "load_realtime", .plan = {.profile = mirror, .lockstep = false, .load_nm = 300}},
                     Trouble{.name = "load_jittery_master",
                             .plan = {.lockstep = false, .amplitude_rad = 0.05, .sync_jitter_s = 3e-4, .load_nm = 300}},
-                    Trouble{.name = "load_10_ms", .plan = {.cycle_us = 10000, .amplitude_rad = 0.05, .load_nm = 300}},
+                    Trouble{.name = "load_10_ms", .plan = {.cycle_us = 10000, .amplitude_rad = 0.02, .load_nm = 300}},
                     Trouble{.name = "friction",
                             .robot = {"events=[{time_s: 3, type: wear, joint: joint2, factors: {Fc0: 3}}]"}}),
     [](const auto& info) { return info.param.name; });
@@ -205,7 +205,7 @@ TEST(Shadow, JudgesNothingAcrossAGap) {
   EXPECT_NEAR(static_cast<double>(j.positions_lost), 500, 2);
   EXPECT_EQ(j.torques_lost, 0U);
   EXPECT_NEAR(static_cast<double>(j.position_missing), 525, 30);
-  for (const auto& joint : result->joints) EXPECT_LT(joint.residual_max_nm, 100) << joint.name;
+  for (const auto& joint : result->joints) EXPECT_LT(joint.residual_max_nm, 150) << joint.name;
 }
 
 }  // namespace

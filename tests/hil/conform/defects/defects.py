@@ -44,7 +44,7 @@ DEFECTS = [  # name, source, old text, new text, a check that fails
     (
         "constants_written",
         DICTIONARY,
-        "if (o->access != Access::read_write) return",
+        "if (o->access != Access::read_write && o->access != Access::write_only) return",
         "if (o->access == Access::read_only) return",
         "sdo.read_only",
     ),
