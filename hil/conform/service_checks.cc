@@ -12,7 +12,7 @@ namespace tribotwin::hil {
 namespace {
 
 constexpr std::uint32_t unknown_command = 0x05040001, wrong_crc = 0x05040004, unsupported_access = 0x06010000,
-                        not_now = 0x08000022;
+                        read_only = 0x06010002, not_now = 0x08000022;
 constexpr std::uint8_t crc_bit = 0x04;
 
 // ---- Block transfers.
@@ -122,6 +122,7 @@ std::string signature(Device& d) {
   constexpr std::uint32_t wrong = 0x12345678;
   const auto written = d.bus.download(index, 1, Bytes{0x78, 0x56, 0x34, 0x12});
   const std::string seen = written ? "accepted" : written.error().text();
+  if (!written && written.error().code == read_only) throw NotApplicable{object_name(index, 1) + " is read-only"};
   expect(!written && (written.error().code >> 4) == 0x0800002,
          fmt::format("{:08X}h in {} ends with abort 0800002xh", wrong, object_name(index, 1)), seen);
   return seen;
