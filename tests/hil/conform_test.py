@@ -1,5 +1,5 @@
-"""tribotwin-hil conform against tribotwin-hil drive, in two processes. Arguments: tribotwin-hil, source tree, address of
-the drives, address of conform, interface and channel of python-can."""
+"""tribotwin-hil conform against tribotwin-hil drive, in two processes. Arguments: tribotwin-hil, source tree, address
+of the drives, address of conform, interface and channel of python-can."""
 import json, os, signal, subprocess, sys, time
 
 import harness
