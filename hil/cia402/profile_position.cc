@@ -25,6 +25,7 @@ SetPoint read_set_point(const PositionMove& move, const DriveObjects& o, bool re
 
 void plan(Demand& d) {
   PositionMove& move = d.move;
+  d.motion = within_speed(move.now.limits, d.motion);
   move.profile = position_profile(move.now.limits, d.motion, move.now.position_rad, move.now.end_speed_rad_s);
   move.time_s = 0;
 }

@@ -44,6 +44,7 @@ twin::DriveCommand command(Demand& d, const DriveObjects& o, const Feedback& f, 
   const MotionLimits limits = o.profile_limits(o.profile_speed_max_rad_s());
   const double target = o.velocity_rad_s(o.target_velocity);
   d.motion.position_rad = f.position_rad;
+  d.motion = within_speed(limits, d.motion);
   watch_windows(d.turn, o, f, dt);
   watch_limits(d, o, limits, target, dt);
   d.turn.time_s += dt;

@@ -175,4 +175,11 @@ MotionProfile position_profile(const MotionLimits& limits, const MotionState& st
   return b.profile();
 }
 
+MotionState within_speed(const MotionLimits& limits, MotionState state) {
+  const double a = state.acceleration_rad_s2, left = limits.speed_rad_s - std::copysign(1, a) * state.speed_rad_s;
+  const double most = left > 0 ? std::sqrt(2 * limits.jerk_rad_s3 * left) : 0;
+  state.acceleration_rad_s2 = std::copysign(std::min(std::abs(a), most), a);
+  return state;
+}
+
 }  // namespace tribotwin::hil

@@ -48,6 +48,9 @@ class Master:
     def send(self, identifier, data=b""):
         self.bus.send(can.Message(arbitration_id=identifier, data=bytes(data), is_extended_id=False))
 
+    def send_remote(self, identifier):
+        self.bus.send(can.Message(arbitration_id=identifier, is_remote_frame=True, dlc=1, is_extended_id=False))
+
     def take(self, message):
         if message is None or message.is_error_frame:  # python-can 4.1 marks all of socketcand as extended
             return

@@ -23,7 +23,11 @@ def size(entry):
     return struct.calcsize("<" + entry.kind)
 
 
-def read_eds(path):
+def number(text, node):
+    return sum(node if part == "$NODEID" else int(part, 0) for part in text.split("+"))
+
+
+def read_eds(path, node):
     """(index, sub-index) -> Entry, of the objects that are numbers."""
     eds = configparser.ConfigParser(interpolation=None, strict=True, delimiters="=")
     eds.read_string(open(path, encoding="ascii").read())
@@ -33,7 +37,7 @@ def read_eds(path):
         kind = eds[name].get("DataType")
         if len(index) == 4 and kind and int(kind, 0) in KINDS:
             o = eds[name]
-            default = int(o["DefaultValue"], 0) if "DefaultValue" in o else None
+            default = number(o["DefaultValue"], node) if "DefaultValue" in o else None
             found[int(index, 16), int(sub or "0", 16)] = Entry(
                 KINDS[int(kind, 0)], o["AccessType"], default, o["PDOMapping"] == "1"
             )
@@ -81,7 +85,7 @@ class Drive:
 
     def __init__(self, name, part, folder):
         self.name, self.part, self.node = name, part, part["node_id"]
-        self.eds = read_eds(os.path.join(folder, part["dcf"]))
+        self.eds = read_eds(os.path.join(folder, part["dcf"]), self.node)
         self.values, self.out, self.received = {}, {}, collections.Counter()
         self.pdos = {way: [p for p in part[way].values() if p["enabled"]] for way in ("rpdo", "tpdo")}
         for pdo in self.pdos["rpdo"]:

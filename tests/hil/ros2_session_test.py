@@ -1,5 +1,6 @@
 """The folder of `tribotwin-hil ros2` in the hands of a master that does what ros2_canopen does: boot, init, modes, a
-motion, a fault, shutdown. Arguments: tribotwin-hil, source tree."""
+motion, a fault, shutdown. Arguments: tribotwin-hil, source tree, address of the drives, python-can's interface and
+channel."""
 import json, math, subprocess, sys
 
 from harness import check, content, finish, work
@@ -7,16 +8,15 @@ from master import is_state
 from ros2_master import CSP, CST, CSV, IP, PP, PV, Ros2Master, concise
 from session import connect, hold_scenario, said, start
 
-hil, source = sys.argv[1:3]
+hil, source, address, interface, channel = sys.argv[1:6]
 scenario = hold_scenario(source)
-address = "socketcand://127.0.0.1:29619/can0"
 start_rad = [0, -0.1, -1.2, 0, 0, 0]  # of the scenario
 cycle_s = 0.01
 
 subprocess.run([hil, "ros2", scenario, "-o", work + "/bus"], check=True)
 # At another cycle than bus.yml's: the master sets 1006h and 60C2h.
 process = start(hil, "drive", scenario, "--can", address, "--stats", work + "/stats.json", "--quiet")
-master = Ros2Master(connect(address, "socketcand", "can0"), work + "/bus")
+master = Ros2Master(connect(address, interface, channel), work + "/bus")
 drives = master.drives
 
 

@@ -139,7 +139,7 @@ master = {
 check("master", bus["master"] == master, bus["master"])
 check("joints are nodes", {n: p["node_id"] for n, p in parts.items()} == {"joint%d" % n: n for n in range(1, 7)})
 for name, part in parts.items():
-    eds = read_eds(path("bus", part["dcf"]))
+    eds = read_eds(path("bus", part["dcf"]), part["node_id"])
     faults = [f for way in ("rpdo", "tpdo") for n, pdo in part[way].items() for f in pdo_faults(way, n, pdo, eds)]
     check(f"{name}: PDOs", not faults, faults)
     faults = [f for o in part["sdo"] for f in sdo_faults(o, eds)]
@@ -164,7 +164,7 @@ for name, part in parts.items():
     )
 check(
     "an EDS is that of many drives: it has no serial number, which a master would insist on",
-    all(read_eds(path("bus", p["dcf"]))[0x1018, 4].default is None for p in parts.values()),
+    all(read_eds(path("bus", p["dcf"]), p["node_id"])[0x1018, 4].default is None for p in parts.values()),
 )
 same = harness.run(hil, "eds", scenario, "--node", "3", "--cycle", "10").stdout
 check("the EDS is that of the command eds", content("bus/node3.eds") == same)

@@ -240,8 +240,31 @@ def configured_drives():
     check_refused("the DCF is no output", refused, "would overwrite")
 
 
+def guarded():
+    """Remote frames, which socketcand cannot carry."""
+    with Drives("--realtime") as master:
+        answers = []
+        for _ in range(4):
+            master.heartbeat.pop(2, None)
+            master.send_remote(0x702)
+            master.until(lambda: 2 in master.heartbeat, 1)
+            answers.append(master.heartbeat.get(2))
+            master.write(2, 0x1017, 0, "H", 0)
+        check("a node that is guarded toggles", answers[1:] == [0x7F, 0xFF, 0x7F], answers)
+        master.write(2, 0x100C, 0, "H", 100)
+        master.write(2, 0x100D, 0, "B", 3)
+        master.nmt(1, 2)
+        for _ in range(5):
+            master.send_remote(0x702)
+            master.listen(0.1)
+        check("guarded: no error", not master.emergencies, master.emergencies)
+        check("then not: EMCY", master.until(lambda: (2, (0x8130, 0x11)) in master.emergencies), master.emergencies)
+
+
 blocks()
 node_numbers()
 stored_parameters()
 configured_drives()
+if interface == "socketcan":
+    guarded()
 finish()

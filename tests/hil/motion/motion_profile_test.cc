@@ -135,6 +135,19 @@ TEST(MotionProfile, ReturnsWhereItCannotStop) {
   EXPECT_EQ(p.end().speed_rad_s, 0);
 }
 
+// Limits that fall on the way: the speed stays, the jerk does not.
+TEST(MotionProfile, TheSpeedCountsMoreThanTheJerk) {
+  const MotionLimits limits{2, 4, 4, 1};
+  EXPECT_NEAR(speed_profile(limits, {0, 1, 4}, 2).at(4).speed_rad_s, 9, 1e-9);  // v + a^2 / 2j
+  for (const double sign : {1.0, -1.0}) {
+    const MotionState s = within_speed(limits, {0, sign, 4 * sign});
+    EXPECT_NEAR(s.acceleration_rad_s2, sign * std::sqrt(2), 1e-12);
+    EXPECT_EQ(within_speed(limits, {0, 3 * sign, sign}).acceleration_rad_s2, 0);
+    EXPECT_EQ(within_speed(limits, {0, 3 * sign, -2 * sign}).acceleration_rad_s2, -2 * sign);
+    EXPECT_EQ(within_speed({2, 4, 4, inf}, {0, sign, 4 * sign}).acceleration_rad_s2, 4 * sign);
+  }
+}
+
 /// New targets and limits at any moment of a motion, again and again.
 class RandomMotion : public testing::TestWithParam<bool> {
  protected:
