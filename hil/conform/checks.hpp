@@ -29,8 +29,8 @@ struct Check {
 };
 
 using Checks = std::span<const Check>;
-Checks network_checks(), object_checks(), eds_checks(), sdo_checks(), pdo_parameter_checks(), pdo_checks(),
-    emergency_checks(), state_checks(), reaction_checks(), mode_checks(), motion_checks();
+Checks network_checks(), object_checks(), eds_checks(), sdo_checks(), service_checks(), pdo_parameter_checks(),
+    pdo_checks(), emergency_checks(), state_checks(), reaction_checks(), mode_checks(), motion_checks();
 
 /// All of them, in the order in which they run.
 std::vector<Check> all_checks();

@@ -144,8 +144,8 @@ Result<ConformReport> conform(Transport& bus, std::uint8_t node, const ConformOp
 std::vector<Check> all_checks() {
   std::vector<Check> all;
   for (const auto part :
-       {network_checks(), object_checks(), eds_checks(), sdo_checks(), pdo_parameter_checks(), pdo_checks(),
-        emergency_checks(), state_checks(), mode_checks(), reaction_checks(), motion_checks()})
+       {network_checks(), object_checks(), eds_checks(), sdo_checks(), service_checks(), pdo_parameter_checks(),
+        pdo_checks(), emergency_checks(), state_checks(), mode_checks(), reaction_checks(), motion_checks()})
     all.insert(all.end(), part.begin(), part.end());
   return all;
 }

@@ -78,6 +78,22 @@ std::string access(Device& d) {
   return verdict(count, problems, "a write to an object with AccessType ro or const ends with abort 06010002h");
 }
 
+std::string write_only(Device& d) {
+  int count = 0;
+  std::vector<std::string> problems;
+  for (const EdsObject& o : eds_of(d).objects) {
+    if (o.readable()) continue;
+    ++count;
+    const auto value = d.bus.upload(o.index, o.sub);
+    if (value)
+      problems.push_back(name(o) + " was read");
+    else if (value.error().code != 0x06010001)
+      problems.push_back(fmt::format("{} {}", name(o), value.error().text()));
+  }
+  if (count == 0) throw NotApplicable{"the EDS has no object with AccessType wo"};
+  return verdict(count, problems, "a read of an object with AccessType wo ends with abort 06010001h");
+}
+
 std::string defaults(Device& d) {
   const Eds& eds = eds_of(d);
   d.reset(NmtCommand::reset_node);
@@ -172,6 +188,7 @@ constexpr Check checks[] = {
     {"eds.complete", "CiA 306", "Every standard object of the device is in its EDS.", none, complete},
     {"eds.lengths", "CiA 306, DataType", "Every object has the length of its data type.", none, lengths},
     {"eds.access", "CiA 306, AccessType", "Objects that are ro or const cannot be written.", none, access},
+    {"eds.write_only", "CiA 306, AccessType", "Objects that are wo cannot be read: abort 06010001h.", none, write_only},
     {"eds.defaults", "CiA 306, DefaultValue", "After a reset objects have their default.", none, defaults},
     {"eds.limits", "CiA 306, LowLimit, HighLimit", "Values beyond the limits are refused.", none, limits},
     {"eds.identity", "CiA 306, DeviceInfo", "Vendor and product number are those of 1018h.", none, identity},

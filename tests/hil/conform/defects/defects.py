@@ -8,7 +8,7 @@
 import pathlib
 import sys
 
-SDO, PDO, EMCY = "hil/canopen/sdo.cc", "hil/canopen/pdo.cc", "hil/canopen/emcy.cc"
+SDO, BLOCK, PDO, EMCY = "hil/canopen/sdo.cc", "hil/canopen/sdo_block.cc", "hil/canopen/pdo.cc", "hil/canopen/emcy.cc"
 HEARTBEAT, DICTIONARY = "hil/canopen/heartbeat.cc", "hil/canopen/dictionary.cc"
 STATES, PROFILE, NODE = "hil/cia402/state_machine.cc", "hil/cia402/drive_profile.cc", "hil/cia402/node.cc"
 
@@ -40,6 +40,13 @@ DEFECTS = [  # name, source, old text, new text, a check that fails
         "if (!sized)  // the size is that of the object",
         "if (false)",
         "sdo.size_not_indicated",
+    ),
+    (
+        "crc_of_blocks_ignored",
+        BLOCK,
+        "if (transfer_.crc && sdo_crc(transfer_.bytes) !=",
+        "if (false && 0 !=",
+        "sdo.block_crc",
     ),
     (
         "constants_written",
