@@ -157,7 +157,7 @@ void DriveProfile::update_status() {
 
 Demand DriveProfile::demand_here() const {
   return {.position_rad = feedback_.position_rad,
-          .speed_rad_s = feedback_.velocity_rad_s,
+          .torque = {.speed_rad_s = feedback_.velocity_rad_s},
           .motion = {feedback_.position_rad, feedback_.velocity_rad_s, 0},
           .inputs = &inputs_};
 }

@@ -111,6 +111,24 @@ TEST_P(MirrorBench, DrivesFollow) {
   for (const auto& drive : bench.drives()) EXPECT_TRUE(drive->failed());
 }
 
+// A torque accelerates no joint beyond the maximum speed of its drive.
+TEST_P(MirrorBench, TheMaxMotorSpeedHoldsInTorqueMode) {
+  Bench bench(scenario, {.profile = GetParam()}, send);
+  bench.start(now);
+  const auto p = drive_parameters(scenario, 1, 2000)[3];
+  const double speed_max_rad_s = p.speed_max_rad_s / p.gear_ratio;
+  double fastest_rad_s = 0;
+  for (int k = 0; k < 400; ++k) {
+    now += 2 * ms;
+    const MirrorCommand command{static_cast<std::uint8_t>(k), MirrorMode::torque, 200};
+    ASSERT_TRUE(bench.receive(encode(command, 4, mirror_format(GetParam())), now));
+    give(bench, 0x80);
+    fastest_rad_s = std::max(fastest_rad_s, std::abs(bench.plant().twin().data()->qvel[3]));
+  }
+  EXPECT_GT(fastest_rad_s, 0.95 * speed_max_rad_s);
+  EXPECT_LT(fastest_rad_s, 1.05 * speed_max_rad_s);
+}
+
 // In lockstep too: the last command is not held, whether SYNCs come or not.
 TEST_F(OneBench, MirrorDrivesStopWithoutSync) {
   Bench bench(scenario, {.profile = Profile::mirror}, send);
