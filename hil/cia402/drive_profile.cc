@@ -167,18 +167,19 @@ void DriveProfile::resume() {
   if (const ModeOfOperation* mode = active_mode(); mode && mode->resume) mode->resume(demand_, before, objects_);
 }
 
-/// A target that was not written for this mode begins at what the drive does now, so that nothing jumps.
+/// A target that was not written for this mode begins at what the drive does now, so that nothing jumps; a mode with
+/// ramps of its own stops the drive.
 void DriveProfile::take_up_mode() {
   objects_.mode_display->value = objects_.mode->value;
   demand_ = demand_here();
   if (!followed_) fresh_.assign(fresh_.size(), false);  // targets of another time
   const ModeOfOperation* mode = active_mode();
+  const bool keeps_moving = followed_ && !halted_ && mode && mode->set_points == SetPoints::cyclic;
   for (std::size_t i = 0; i < fresh_.size(); ++i) {
     const Target& target = targets()[i];
     const bool asked_first = mode && mode->set_points == SetPoints::on_request && mode->target == target.index;
     if (!fresh_[i] && !asked_first)
-      node_.dictionary.set(target.index, target.sub,
-                           target.standing_counts(objects_, feedback_, followed_ && !halted_));
+      node_.dictionary.set(target.index, target.sub, target.standing_counts(objects_, feedback_, keeps_moving));
   }
   fresh_.assign(fresh_.size(), false);
   following_s_ = 0;
@@ -271,6 +272,7 @@ void DriveProfile::feedback(const Feedback& joint, double dt) {
   const double lag_rad = follows_demand() ? demand_.position_rad - f.position_rad : 0;
   show(f);
   set(objects_.following_error, lag_rad / objects_.increment_rad);
+  if (const ModeOfOperation* mode = followed_mode(); mode && mode->observe) mode->observe(demand_, objects_, f, dt);
   watch_following_error(lag_rad, dt);
   watch_standstill(dt);
   watch_temperature();

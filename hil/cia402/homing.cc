@@ -104,11 +104,15 @@ twin::DriveCommand command(Demand& d, const DriveObjects& o, const Feedback& f, 
   if (runs(d.homing)) look(d.homing, *d.inputs, f.position_rad + o.zero_rad);
   const double acceleration = o.velocity_rad_s(o.homing_acceleration);
   d.motion = speed_profile({o.speed_max_rad_s(), acceleration, acceleration}, d.motion, speed(d.homing, o)).at(dt);
-  d.homing.stands = d.motion.speed_rad_s == 0 && std::abs(f.velocity_rad_s) <= o.velocity_rad_s(o.velocity_threshold);
   d.position_rad = d.motion.position_rad;
   return {.mode = twin::DriveCommand::Mode::position,
           .position_rad = d.motion.position_rad,
           .velocity_rad_s = d.motion.speed_rad_s};
+}
+
+void observe(Demand& d, const DriveObjects& o, const Feedback& f, double) {
+  d.homing.stands =
+      (d.halted || d.motion.speed_rad_s == 0) && std::abs(f.velocity_rad_s) <= o.velocity_rad_s(o.velocity_threshold);
 }
 
 int status(const Demand& d) {

@@ -44,6 +44,7 @@ void control(Demand& demand, const DriveObjects& objects, std::int64_t before, s
 /// Continues after a halt.
 void resume(Demand& demand, const Demand& before, const DriveObjects& objects);
 twin::DriveCommand command(Demand& demand, const DriveObjects& objects, const Feedback& feedback, double dt_s);
+void observe(Demand& demand, const DriveObjects& objects, const Feedback& feedback, double dt_s);
 int status(const Demand& demand);
 
 }  // namespace homing

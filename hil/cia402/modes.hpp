@@ -60,6 +60,8 @@ struct ModeOfOperation {
   void (*target_written)(Demand&, const DriveObjects&) = nullptr;
   /// The set point of the next step of dt [s].
   twin::DriveCommand (*command)(Demand&, const DriveObjects&, const Feedback&, double dt_s);
+  /// What the step did, halted or not. Null: nothing to watch.
+  void (*observe)(Demand&, const DriveObjects&, const Feedback&, double dt_s) = nullptr;
   /// The bits 10 to 13 of the statusword, while the mode is active.
   int (*status)(const Demand&);
 };

@@ -59,17 +59,6 @@ void go_on(Demand& d) {
   move.time_s = late;
 }
 
-/// Within 6067h of the set point for 6068h.
-void watch_window(PositionMove& move, const DriveObjects& o, const Feedback& f, double dt) {
-  if (!move.under_way && move.reached) return;  // passed with its end speed
-  const auto window = o.position_window->value;
-  const bool inside = window == DriveObjects::window_off
-                          ? arrived(move)
-                          : std::abs(f.position_rad - move.now.position_rad) <= o.position_rad(window);
-  move.in_window_s = inside ? move.in_window_s + dt : 0;
-  move.reached = inside && move.in_window_s >= 1e-3 * static_cast<double>(o.position_window_time->value);
-}
-
 void release_acknowledge(PositionMove& move, std::int64_t controlword) {
   if (!(controlword & operation_specific) && !move.waiting) move.acknowledged = false;
 }
@@ -89,7 +78,7 @@ void control(Demand& d, const DriveObjects& o, std::int64_t before, std::int64_t
     const SetPoint set_point = read_set_point(move, o, now & relative);
     move.last_rad = set_point.position_rad;
     move.acknowledged = true;
-    if (immediately || arrived(move)) {
+    if (immediately || arrived(move) || move.reached) {
       move.waiting.reset();
       start(d, set_point);
     } else {
@@ -105,13 +94,12 @@ void resume(Demand& d, const Demand& before, const DriveObjects& o) {
   plan(d);
 }
 
-twin::DriveCommand command(Demand& d, const DriveObjects& o, const Feedback& f, double dt) {
+twin::DriveCommand command(Demand& d, const DriveObjects& o, const Feedback&, double dt) {
   PositionMove& move = d.move;
   if (const double most = o.profile_speed_max_rad_s(); most < move.now.limits.speed_rad_s && !arrived(move)) {
     move.now.limits.speed_rad_s = most;  // 607Fh or 6080h was lowered on the way
     if (move.under_way) plan(d);
   }
-  watch_window(move, o, f, dt);
   move.time_s += dt;
   if (arrived(move)) go_on(d);
   release_acknowledge(move, o.controlword->value);
@@ -122,9 +110,21 @@ twin::DriveCommand command(Demand& d, const DriveObjects& o, const Feedback& f, 
           .velocity_rad_s = d.motion.speed_rad_s};
 }
 
+/// Within 6067h of the set point for 6068h.
+void observe(Demand& d, const DriveObjects& o, const Feedback& f, double dt) {
+  PositionMove& move = d.move;
+  if (!move.under_way && move.reached) return;  // passed with its end speed
+  const auto window = o.position_window->value;
+  const bool inside = window == DriveObjects::window_off
+                          ? arrived(move)
+                          : std::abs(f.position_rad - move.now.position_rad) <= o.position_rad(window);
+  move.in_window_s = inside ? move.in_window_s + dt : 0;
+  move.reached = inside && move.in_window_s >= 1e-3 * static_cast<double>(o.position_window_time->value);
+}
+
 int status(const Demand& d) {
   const PositionMove& move = d.move;
-  return (move.reached ? target_reached : 0) | (move.now.cut ? internal_limit_active : 0) |
+  return (move.reached && !move.waiting ? target_reached : 0) | (move.now.cut ? internal_limit_active : 0) |
          (move.acknowledged ? mode_bit_12 : 0) | (d.lags ? mode_bit_13 : 0);
 }
 

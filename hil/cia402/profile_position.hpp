@@ -40,6 +40,7 @@ void control(Demand& demand, const DriveObjects& objects, std::int64_t before, s
 /// Continues after a halt, to where it was going before.
 void resume(Demand& demand, const Demand& before, const DriveObjects& objects);
 twin::DriveCommand command(Demand& demand, const DriveObjects& objects, const Feedback& feedback, double dt_s);
+void observe(Demand& demand, const DriveObjects& objects, const Feedback& feedback, double dt_s);
 int status(const Demand& demand);
 
 }  // namespace profile_position

@@ -28,16 +28,6 @@ void watch_limits(Demand& d, const DriveObjects& o, MotionLimits limits, double 
 
 double seconds(const Object* milliseconds) { return 1e-3 * static_cast<double>(milliseconds->value); }
 
-void watch_windows(VelocityMove& move, const DriveObjects& o, const Feedback& f, double dt) {
-  const double error = std::abs(f.velocity_rad_s - o.velocity_rad_s(o.target_velocity));
-  const bool inside = error <= o.velocity_rad_s(o.velocity_window);
-  move.in_window_s = inside ? move.in_window_s + dt : 0;
-  move.reached = inside && move.in_window_s >= seconds(o.velocity_window_time);
-  const bool moves = std::abs(f.velocity_rad_s) > o.velocity_rad_s(o.velocity_threshold);
-  move.moving_s = moves ? move.moving_s + dt : 0;
-  move.stands = !moves || move.moving_s < seconds(o.velocity_threshold_time);
-}
-
 }  // namespace
 
 twin::DriveCommand command(Demand& d, const DriveObjects& o, const Feedback& f, double dt) {
@@ -45,12 +35,22 @@ twin::DriveCommand command(Demand& d, const DriveObjects& o, const Feedback& f, 
   const double target = o.velocity_rad_s(o.target_velocity);
   d.motion.position_rad = f.position_rad;
   d.motion = within_speed(limits, d.motion);
-  watch_windows(d.turn, o, f, dt);
   watch_limits(d, o, limits, target, dt);
   d.turn.time_s += dt;
   d.motion = d.turn.limit_way != 0 ? d.turn.stop.at(d.turn.time_s) : speed_profile(limits, d.motion, target).at(dt);
   d.position_rad = f.position_rad;
   return {.mode = twin::DriveCommand::Mode::velocity, .velocity_rad_s = d.motion.speed_rad_s};
+}
+
+void observe(Demand& d, const DriveObjects& o, const Feedback& f, double dt) {
+  VelocityMove& move = d.turn;
+  const double error = std::abs(f.velocity_rad_s - o.velocity_rad_s(o.target_velocity));
+  const bool inside = error <= o.velocity_rad_s(o.velocity_window);
+  move.in_window_s = inside ? move.in_window_s + dt : 0;
+  move.reached = inside && move.in_window_s >= seconds(o.velocity_window_time);
+  const bool moves = std::abs(f.velocity_rad_s) > o.velocity_rad_s(o.velocity_threshold);
+  move.moving_s = moves ? move.moving_s + dt : 0;
+  move.stands = !moves || move.moving_s < seconds(o.velocity_threshold_time);
 }
 
 int status(const Demand& d) {

@@ -22,6 +22,7 @@ struct VelocityMove {
 namespace profile_velocity {
 
 twin::DriveCommand command(Demand& demand, const DriveObjects& objects, const Feedback& feedback, double dt_s);
+void observe(Demand& demand, const DriveObjects& objects, const Feedback& feedback, double dt_s);
 int status(const Demand& demand);
 
 }  // namespace profile_velocity

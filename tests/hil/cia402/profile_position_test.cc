@@ -142,6 +142,29 @@ TEST_F(ProfilePosition, OneSetPointWaits) {
   EXPECT_TRUE(is(reached));
 }
 
+// A set point that comes within the window starts at once; bit 10 does not speak of one before it.
+TEST_F(ProfilePosition, ReachedIsOfTheLastSetPoint) {
+  EXPECT_EQ(write(0x6067, 0, Type::u32, 20000), 0U);
+  EXPECT_EQ(write(0x6068, 0, Type::u16, 1), 0U);
+  enable();
+  go(0.5);
+  while (!is(reached)) run(1);
+  EXPECT_GT(robot.velocity_rad_s, 0);
+  go(1);
+  EXPECT_FALSE(is(reached));
+  control(0x0F);
+  EXPECT_FALSE(is(acknowledged));
+  run(100);
+  go(1.5);  // this one waits
+  while (robot.position_rad < 1 - 1e-5) {
+    run(1);
+    ASSERT_FALSE(is(reached));
+  }
+  settle();
+  EXPECT_TRUE(is(reached));
+  EXPECT_NEAR(robot.position_rad, 1.5, 1e-6);
+}
+
 // With its end speed the first set point is passed without a stop.
 TEST_F(ProfilePosition, AnEndSpeedIsForTheSetPointThatWaits) {
   enable();
@@ -261,6 +284,19 @@ TEST_F(ProfilePosition, JerkLimitedRamps) {
   EXPECT_NEAR(robot.position_rad, 1, 1e-6);
   EXPECT_EQ(write(0x6086, 0, Type::i16, 1), 0x06090030U);
   EXPECT_EQ(write(0x6086, 0, Type::i16, 4), 0x06090031U);
+}
+
+// A smaller jerk on the way would need a higher speed to end the acceleration: the speed counts more.
+TEST_F(ProfilePosition, ASmallerJerkDoesNotRaiseTheSpeed) {
+  EXPECT_EQ(write(0x6086, 0, Type::i16, 3), 0U);
+  speed(0x60A4, 1000, 1);
+  enable();
+  go(1.8);
+  run(300);
+  EXPECT_NEAR(robot.velocity_rad_s, 0.6, 0.01);
+  speed(0x60A4, 1, 1);
+  go(1.9, 0x20);
+  EXPECT_LE(settle(), 1 + 1e-6);
 }
 
 TEST_F(ProfilePosition, AHaltKeepsTheSetPoint) {

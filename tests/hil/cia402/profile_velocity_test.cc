@@ -60,9 +60,9 @@ TEST_F(ProfileVelocity, WindowAndThresholdAreOfTheRealSpeed) {
     node.feedback(robot, 1e-3);
     for (int k = 0; k < steps; ++k) node.command(1e-3), node.feedback(robot, 1e-3);
   };
-  turns_at(999, 29);
+  turns_at(999, 28);
   EXPECT_FALSE(is(reached));
-  turns_at(999, 2);
+  turns_at(999, 0);
   EXPECT_TRUE(is(reached));
   turns_at(1002, 1);
   EXPECT_FALSE(is(reached));
@@ -72,6 +72,40 @@ TEST_F(ProfileVelocity, WindowAndThresholdAreOfTheRealSpeed) {
   EXPECT_TRUE(is(stands));
   turns_at(2002, 3);
   EXPECT_FALSE(is(stands));
+}
+
+// Entered in motion it stops along 6084h, unless a speed was written for it.
+TEST_F(ProfileVelocity, EnteredInMotionItStops) {
+  for (const double speed : {0.0, 0.5}) {
+    nmt(0x81);
+    SetUp();
+    robot = {};
+    node.feedback(robot, 0);
+    EXPECT_EQ(write(0x6060, 0, Type::i8, 8), 0U);
+    enable();
+    robot.velocity_rad_s = 1;
+    node.feedback(robot, 1e-3);
+    if (speed > 0) turn(speed);
+    EXPECT_EQ(write(0x6060, 0, Type::i8, 3), 0U);
+    run(100);
+    EXPECT_NEAR(robot.velocity_rad_s, 0.6, 1e-6);
+    run(200);
+    EXPECT_NEAR(robot.velocity_rad_s, speed, 1e-6);
+  }
+}
+
+TEST_F(ProfileVelocity, BitsAreThoseOfAHaltedDriveToo) {
+  enable();
+  turn(1);
+  run(600);
+  EXPECT_FALSE(is(stands));
+  control(0x10F);
+  EXPECT_EQ(status() & (reached | stands), 0);
+  run(600);
+  EXPECT_TRUE(is(reached | stands));
+  control(0x0F);
+  run(600);
+  EXPECT_EQ(status() & (reached | stands), reached);
 }
 
 // It brakes in time, and stands at the limit, from every speed and with both ramps; the way back is free.
