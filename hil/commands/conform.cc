@@ -28,7 +28,8 @@ struct Arguments {
   twin::Destination destination;
 
   void add_to(CLI::App& command) {
-    command.add_option("--can", can, "Bus: vcan0, can0, socketcand://127.0.0.1:29536/NAME")->required();
+    command.add_option("--can", can, "Bus: vcan0, can0, gateway://HOST:29536/NAME, socketcand://127.0.0.1:29536/NAME")
+        ->required();
     command.add_option("--node", node, "Node number of the device")->check(CLI::Range(1, 127))->capture_default_str();
     command.add_option("--eds", eds, "Electronic data sheet of the device; it is compared with the device");
     auto* motion = command.add_flag("--motion", options.motion, "Also checks that enable the drive and move it");
