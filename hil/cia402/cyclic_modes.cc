@@ -12,10 +12,10 @@ namespace {
 
 /// A straight line to a target over the interpolation time 60C2h, within 607Dh and 6080h.
 void draw_line(Demand& demand, const DriveObjects& o, const Object* position) {
-  const auto target = std::clamp(position->value, o.position_limit_low->value, o.position_limit_high->value);
+  const double target_rad = o.within_position_limits(o.position_rad(position));
   const double speed_max = o.speed_max_rad_s();
   demand.left_s = o.interpolation_s();
-  demand.step_rad_s = std::clamp((o.position_rad(target) - demand.position_rad) / demand.left_s, -speed_max, speed_max);
+  demand.step_rad_s = std::clamp((target_rad - demand.position_rad) / demand.left_s, -speed_max, speed_max);
 }
 
 /// The next step on the line; at its end it stands.

@@ -12,6 +12,7 @@ namespace {
 
 constexpr double standing_motor_rad_s = 0.5;  // slower than this, a motor counts as standing
 constexpr double standstill_s = 0.02;         // duration at the end of a ramp
+constexpr double longest_reaction_s = 10;     // to lost commands and faults; then the brake stops the motor
 constexpr double warning_K = 10;              // below the temperature limit
 
 /// 605Dh: halt option.
@@ -316,9 +317,11 @@ void DriveProfile::watch_rest(double dt) {
 }
 
 void DriveProfile::watch_standstill(double dt) {
+  reaction_s_ = machine_.state() == DriveState::fault_reaction_active ? reaction_s_ + dt : 0;
   if (!machine_.ramping()) return;
   standing_s_ = ramp_rad_s_ == 0 && stands() ? standing_s_ + dt : 0;
-  if (standing_s_ > standstill_s) {
+  // A motor that a slow ramp or too small a torque (6085h, 6072h) cannot stop is left to the brake.
+  if (standing_s_ > standstill_s || reaction_s_ > longest_reaction_s) {
     machine_.stopped();
     standing_s_ = 0;
   }

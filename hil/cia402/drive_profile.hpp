@@ -99,6 +99,7 @@ class DriveProfile {
   Inputs inputs_;
   Feedback feedback_;  // positions count from the drive's zero
   Demand demand_;
+  double reaction_s_ = 0;  // time for which a fault reaction has lasted
   double ramp_rad_s_ = 0;
   double following_s_ = 0;                  // time for which the following error has been beyond its window
   double standing_s_ = 0;                   // time for which the motor has stood at the end of a ramp

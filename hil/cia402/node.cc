@@ -122,7 +122,10 @@ void Node::obey(NmtCommand command, std::int64_t now_ns) {
     pdos_.start();
     context_.changed = true;
   }
-  if (before == Nmt::operational && !context_.operational()) drive_.lose_commands(ErrorCode::left_operational);
+  // Also of a drive that SDOs have enabled before.
+  const bool left = !context_.operational() && context_.nmt != before;
+  if (left && (before == Nmt::operational || drive_.machine().powered()))
+    drive_.lose_commands(ErrorCode::left_operational);
   drive_.refresh_status();
 }
 
@@ -270,7 +273,10 @@ void Node::lose_heartbeat() {
   drive_.lose_commands(ErrorCode::heartbeat_lost);
   const auto behavior = context_.dictionary.get(od::error_behavior, 1);
   if (behavior == to_pre_operational && context_.operational()) context_.nmt = Nmt::pre_operational;
-  if (behavior == to_stopped) context_.nmt = Nmt::stopped;
+  if (behavior == to_stopped) {
+    context_.nmt = Nmt::stopped;
+    sdo_.reset();
+  }
   drive_.refresh_status();
 }
 

@@ -70,7 +70,10 @@ int run(const Arguments& a) {
         progress(double(i) / double(count));
       }));
   twin::or_throw(a.destination.deliver(a.json ? to_json(report) : to_text(report)));
-  if (report.interrupted) return report_error(twin::failed, "interrupted; the drive is without power");
+  if (report.interrupted) {
+    const char* power = report.without_power ? "the drive is without power" : "THE DRIVE MAY STILL HAVE POWER";
+    return report_error(twin::failed, fmt::format("interrupted; {}", power));
+  }
   if (const int failed = report.count(Verdict::fail); failed > 0)
     return report_error(twin::limit_exceeded, fmt::format("{} of {} checks failed", failed, report.findings.size()));
   return twin::done;

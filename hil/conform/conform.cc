@@ -117,6 +117,7 @@ class Run {
     } catch (const Mismatch&) {
       dead_ = true;
     }
+    report_.without_power = !dead_;
     note(dead_ ? "the node does not answer any more, or stays enabled"
                : fmt::format("reset of the node needed after {}",
                              report_.findings.empty() ? "the start" : report_.findings.back().check.id));

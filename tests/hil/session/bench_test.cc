@@ -238,6 +238,34 @@ TEST_F(OneTorque, LeavingOperationalEndsInFaultWithoutAnySync) {
   }
 }
 
+// NMT stop takes the power from a drive, too, that SDOs have enabled before any NMT start.
+TEST_F(OneTorque, StopEndsWhatSdosHaveEnabled) {
+  write(0x6060, 0, Type::i8, 3);
+  for (const std::uint8_t word : {0x06, 0x07, 0x0F}) write(0x6040, 0, Type::u16, word);
+  write(0x60FF, 0, Type::i32, 500'000);
+  ASSERT_EQ(node.state(), DriveState::operation_enabled);
+  for (int k = 0; k < 200; ++k) sync();
+  ASSERT_GT(value(0x606C), 100'000);
+  give(bench, 0, {0x02, 0});
+  wait(1000);
+  EXPECT_EQ(node.state(), DriveState::fault);
+  EXPECT_EQ(value(0x6077), 0);
+  EXPECT_TRUE(node.brake_engaged());
+}
+
+// A reaction that cannot stop the motor ends at the brake.
+TEST_F(OneTorque, AReactionIsNotEndless) {
+  write(0x6085, 0, Type::u32, 1);
+  enable();
+  for (int k = 0; k < 20; ++k) cycle(400);
+  wait(9000);
+  EXPECT_EQ(node.state(), DriveState::fault_reaction_active);
+  wait(2000);
+  EXPECT_EQ(node.state(), DriveState::fault);
+  EXPECT_EQ(value(0x6077), 0);
+  EXPECT_TRUE(node.brake_engaged());
+}
+
 // A master that goes on sending SYNCs stays the clock, whatever a drive does.
 TEST_F(OneTorque, ALivingMasterIsTheClock) {
   enable();
