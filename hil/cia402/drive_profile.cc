@@ -69,6 +69,7 @@ void DriveProfile::written(const Object& o) {
   const ModeOfOperation* mode = followed_mode();
   // What is written for one mode does not move the drive in the next.
   fresh_[static_cast<std::size_t>(target - targets().begin())] = !mode || mode->target != o.index;
+  if (mode && mode->target == o.index) made_up_ = false;
   if (follows_target() && mode->target_written && mode->target == o.index) mode->target_written(demand_, objects_);
 }
 
@@ -176,11 +177,14 @@ void DriveProfile::take_up_mode() {
   if (!followed_) fresh_.assign(fresh_.size(), false);  // targets of another time
   const ModeOfOperation* mode = active_mode();
   const bool keeps_moving = followed_ && !halted_ && mode && mode->set_points == SetPoints::cyclic;
+  made_up_ = false;
   for (std::size_t i = 0; i < fresh_.size(); ++i) {
     const Target& target = targets()[i];
     const bool asked_first = mode && mode->set_points == SetPoints::on_request && mode->target == target.index;
-    if (!fresh_[i] && !asked_first)
-      node_.dictionary.set(target.index, target.sub, target.standing_counts(objects_, feedback_, keeps_moving));
+    if (fresh_[i] || asked_first) continue;
+    const std::int64_t counts = target.standing_counts(objects_, feedback_, keeps_moving);
+    node_.dictionary.set(target.index, target.sub, counts);
+    if (keeps_moving && mode->target == target.index && !mode->follows_demand) made_up_ = counts != 0;
   }
   fresh_.assign(fresh_.size(), false);
   following_s_ = 0;

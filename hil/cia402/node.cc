@@ -296,8 +296,9 @@ void Node::watch_deadlines(std::int64_t now_ns) {
 /// After RPDOs were taken.
 void Node::watch_set_points(std::int64_t now_ns) {
   const od::Index target = drive_.target();
-  set_points_.follow(target, drive_.target_is_cyclic());
-  if (const PdoDelivery delivery = pdos_.delivery(target); target != 0 && delivery.exists) {
+  set_points_.follow(target, drive_.target_is_cyclic(), drive_.target_is_made_up());
+  const PdoDelivery delivery = pdos_.delivery(target, set_points_.held_over());
+  if (target != 0 && delivery.exists) {
     set_points_.arrived(delivery, now_ns);
     if (delivery.every_syncs > 0 && drive_.target_is_cyclic()) sync_.took_set_point();
   }
