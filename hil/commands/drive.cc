@@ -1,6 +1,7 @@
 #include <algorithm>
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 #include <unistd.h>
 
 #include <tribotwin/hil/commands/node_options.hpp>
@@ -23,6 +24,15 @@ void check_statistics(const std::string& file, bool force) {
     twin::or_wrong_input(twin::NewFile::create(file, twin::Existing::replace));  // writes nothing and leaves nothing
 }
 
+void note_missing_brakes(const twin::Scenario& scenario) {
+  std::vector<std::string> joints;
+  for (const auto& binding : scenario.model->drives())
+    if (binding.drive.brake_torque_nm == 0) joints.push_back(twin::joint_name(scenario.model->get(), binding));
+  if (!joints.empty())
+    report_nonblocking(fmt::format("note: no brake holds {} (brake_torque_nm is 0): without power gravity moves it\n",
+                                   fmt::join(joints, ", ")));
+}
+
 struct Arguments : RobotOptions {
   NodeOptions start;
   std::string can, record, stats, output, faults;
@@ -33,7 +43,8 @@ struct Arguments : RobotOptions {
     RobotOptions::add_to(command);
     add_profile(command);
     start.add_to(command);
-    command.add_option("--can", can, "Bus: vcan0, can0, socketcand://127.0.0.1:29536/NAME")->required();
+    command.add_option("--can", can, "Bus: vcan0, can0, socketcand://127.0.0.1:29536/NAME, gateway://HOST:29536/NAME")
+        ->required();
     command
         .add_option("--bitrate,--bit-rate", bit_rate,
                     "Of the bus [bit/s]; without it that of the device, and no limit on vcan and TCP, which have none")
@@ -45,7 +56,7 @@ struct Arguments : RobotOptions {
         ->check(CLI::PositiveNumber);
     command.add_option("--record", record, "Everything on the bus as a candump log, and LOG.session for replay");
     command.add_option("--stats", stats, "Counters of the session as JSON");
-    command.add_option("--faults", faults, "Injected faults: a YAML list (hil/README.md)");
+    command.add_option("--faults", faults, "Injected faults: a YAML list (hil/faults/README.md)");
     command.add_option("-o,--output", output, "Folder for telemetry.h5, scenario.yaml, summary.json");
     add_force(command, force);
     command.add_flag("--quiet", quiet, "No status line");
@@ -97,10 +108,13 @@ int run(const Arguments& a) {
   const auto bit_rate = a.bit_rate ? a.bit_rate : bus->bit_rate();
   if (bit_rate && !a.bit_rate) a.check_bus_load(scenario, *bit_rate);
   const bool live = !a.quiet && isatty(STDERR_FILENO);
-  if (!a.quiet)
-    report_nonblocking(fmt::format(
-        "{} drives, nodes {} to {}, on {}; {}\n", drives, a.first_node, a.first_node + drives - 1, bus->name(),
-        a.realtime ? "the robot moves with the clock" : "every SYNC advances the robot by one cycle"));
+  if (!a.quiet) {
+    report_nonblocking(
+        fmt::format("{} drive{}, nodes {} to {}, on {}; {}\n", drives, drives == 1 ? "" : "s", a.first_node,
+                    a.first_node + drives - 1, a.can,
+                    a.realtime ? "the robot moves with the clock" : "every SYNC advances the robot by one cycle"));
+    note_missing_brakes(scenario);
+  }
   const auto ended = hil::drive(scenario, *bus,
                                 {.profile = a.bench_profile(),
                                  .first_node = a.first_node,
