@@ -218,11 +218,14 @@ class Objects {
     const auto type = code(keys, "datatype", is_domain ? domain_type : -1, 0xFFFF);
     if (!type) return tl::unexpected(type.error());
     if (*type < 0) return problem(file_, o.line, "{} has no DataType", object_name(index, sub));
+    constexpr int first_complex_type = 0x20;  // CiA 301, table 44: records of the profiles and of the makers
     if (const auto known = type_of(*type))
       o.type = *known;
+    else if (*type >= first_complex_type && *type < first_object)
+      o.type = Type::domain;
     else
       return problem(file_, find(keys, "datatype")->line,
-                     "DataType {:#x} is none of CiA 301: 0x1 to 0xD, 0xF to 0x16, 0x18 to 0x1B", *type);
+                     "DataType {:#x} is none of CiA 301: 0x1 to 0xD, 0xF to 0x16, 0x18 to 0x1B, 0x20 to 0xFFF", *type);
     if (auto access = access_of(keys, o.line); access)
       o.access = *access;
     else
