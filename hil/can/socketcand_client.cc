@@ -32,6 +32,8 @@ constexpr std::int64_t second_ns = 1'000'000'000;
 constexpr std::int64_t open_patience_ns = 3 * second_ns;  // for a gateway that is there
 constexpr std::int64_t retry_ns = second_ns;              // after a connection was lost
 constexpr std::size_t max_command = 256, max_queue = 65'536;
+constexpr int kernel_queue = 64 * 1024;      // the default grows to megabytes: seconds of stale frames
+constexpr unsigned answer_within_ms = 3000;  // what is sent must be acknowledged
 
 struct Endpoint {
   sockaddr_storage storage{};
@@ -139,13 +141,13 @@ class Client final : public Transport {
   void wait(std::int64_t deadline_ns) override {
     if (!inbox_.empty()) return;
     const std::int64_t now_ns = clock_ns();
-    if (socket_ < 0) deadline_ns = std::min(deadline_ns, retry_at_ns_);
+    if (!up()) deadline_ns = std::min(deadline_ns, socket_ < 0 ? retry_at_ns_ : joined_by_ns_ + 1);
     const auto left_ns = std::max<std::int64_t>(deadline_ns - now_ns, 0);
     const timespec timeout{.tv_sec = left_ns / second_ns, .tv_nsec = left_ns % second_ns};
     pollfd polled{.fd = socket_.get(), .events = POLLIN, .revents = 0};
     if (phase_ == Phase::connecting || !out_.empty()) polled.events |= POLLOUT;
     ::ppoll(&polled, 1, &timeout, nullptr);
-    if (polled.revents != 0 || socket_ < 0) serve();
+    if (polled.revents != 0 || !up()) serve();
   }
 
   bool up() const override { return phase_ == Phase::raw; }
@@ -166,7 +168,9 @@ class Client final : public Transport {
     socket_ = Descriptor(::socket(gateway_.storage.ss_family, SOCK_STREAM | SOCK_NONBLOCK | SOCK_CLOEXEC, 0));
     const int on = 1;
     ::setsockopt(socket_, IPPROTO_TCP, TCP_NODELAY, &on, sizeof on);
-    ::setsockopt(socket_, SOL_SOCKET, SO_KEEPALIVE, &on, sizeof on);
+    ::setsockopt(socket_, SOL_SOCKET, SO_SNDBUF, &kernel_queue, sizeof kernel_queue);
+    ::setsockopt(socket_, IPPROTO_TCP, TCP_USER_TIMEOUT, &answer_within_ms, sizeof answer_within_ms);
+    joined_by_ns_ = clock_ns() + open_patience_ns;
     if (::connect(socket_, reinterpret_cast<const sockaddr*>(&gateway_.storage), gateway_.size) != 0 &&
         errno != EINPROGRESS)
       lose(std::strerror(errno));
@@ -186,9 +190,14 @@ class Client final : public Transport {
       if (clock_ns() < retry_at_ns_) return;
       connect();
     }
-    if (phase_ == Phase::connecting && !connected()) return;
+    if (phase_ == Phase::connecting && !connected()) return check_patience();
     flush();
     read();
+    check_patience();
+  }
+
+  void check_patience() {
+    if (!up() && socket_ >= 0 && clock_ns() > joined_by_ns_) lose("no answer within 3 s");
   }
 
   bool connected() {
@@ -270,7 +279,7 @@ class Client final : public Transport {
   Phase phase_ = Phase::connecting;
   std::string in_, out_, refusal_;
   std::deque<Frame> inbox_;
-  std::int64_t retry_at_ns_ = 0;
+  std::int64_t retry_at_ns_ = 0, joined_by_ns_ = 0;
 };
 
 }  // namespace

@@ -251,11 +251,11 @@ bool PdoService::any_synchronous_rpdo() const {
   return std::ranges::any_of(receive_, [](const Pdo& p) { return p.exists && p.synchronous(); });
 }
 
-PdoDelivery PdoService::delivery(std::uint16_t index) {
+PdoDelivery PdoService::delivery(std::uint16_t index, std::uint16_t or_index) {
   PdoDelivery found;
   for (Pdo& pdo : receive_) {
     if (!std::exchange(pdo.delivered, false)) continue;
-    if (std::ranges::any_of(pdo.map, [&](const Object* o) { return o && o->index == index; }))
+    if (std::ranges::any_of(pdo.map, [&](const Object* o) { return o && (o->index == index || o->index == or_index); }))
       found = {true, pdo.synchronous() ? std::max<int>(1, pdo.type) : 0, pdo.timer_ns != 0};
   }
   return found;

@@ -51,7 +51,7 @@ class PdoService {
   std::int64_t next_ns() const;
   bool any_synchronous_rpdo() const;
   /// Whether an RPDO brought this object since the last call, and how. Forgets all that came.
-  PdoDelivery delivery(std::uint16_t index);
+  PdoDelivery delivery(std::uint16_t index, std::uint16_t or_index = 0);
 
  private:
   struct Pdo {

@@ -12,10 +12,10 @@ namespace {
 
 /// A straight line to a target over the interpolation time 60C2h, within 607Dh and 6080h.
 void draw_line(Demand& demand, const DriveObjects& o, const Object* position) {
-  const auto target = std::clamp(position->value, o.position_limit_low->value, o.position_limit_high->value);
+  const double target_rad = o.within_position_limits(o.position_rad(position));
   const double speed_max = o.speed_max_rad_s();
   demand.left_s = o.interpolation_s();
-  demand.step_rad_s = std::clamp((o.position_rad(target) - demand.position_rad) / demand.left_s, -speed_max, speed_max);
+  demand.step_rad_s = std::clamp((target_rad - demand.position_rad) / demand.left_s, -speed_max, speed_max);
 }
 
 /// The next step on the line; at its end it stands.
@@ -52,27 +52,16 @@ DriveCommand csv(Demand&, const DriveObjects& o, const Feedback& feedback, doubl
   return c;
 }
 
-/// Cyclic synchronous torque (CiA 402-2). When the next step would be faster than 6080h and the target does not slow it
-/// down, the speed loop takes over and holds that speed, until the target asks for less torque in this direction than
-/// the loop does.
+/// Cyclic synchronous torque (CiA 402-2), under the maximum speed 6080h.
 DriveCommand cst(Demand& demand, const DriveObjects& o, const Feedback& feedback, double) {
-  const double torque = o.torque_nm(o.target_torque) + o.torque_nm(o.torque_offset);
-  const double speed_max = o.speed_max_rad_s(), speed = feedback.velocity_rad_s;
-  const double next = 2 * speed - demand.speed_rad_s;
-  const bool slows_down = torque * next < 0 && std::abs(next) <= std::abs(speed);
-  demand.speed_rad_s = speed;
-  if (demand.limited_way != 0 && demand.limited_way * (torque - feedback.torque_nm) < 0)
-    demand.limited_way = 0;
-  else if (demand.limited_way == 0 && std::abs(next) > speed_max && !slows_down)
-    demand.limited_way = next > 0 ? 1 : -1;
-  if (demand.limited_way == 0) return {.mode = DriveCommand::Mode::torque, .torque_nm = torque};
-  return {.mode = DriveCommand::Mode::velocity, .velocity_rad_s = demand.limited_way * speed_max};
+  return demand.torque.command(o.torque_nm(o.target_torque) + o.torque_nm(o.torque_offset), o.speed_max_rad_s(),
+                               feedback);
 }
 
 /// Bit 12: the drive follows its set points; 13: not closely; 11: 6080h limits the speed instead of the torque.
 int status(const Demand& demand) {
   return (demand.halted ? 0 : mode_bit_12) | (demand.lags ? mode_bit_13 : 0) |
-         (!demand.halted && demand.limited_way != 0 ? internal_limit_active : 0);
+         (!demand.halted && demand.torque.limited_way != 0 ? internal_limit_active : 0);
 }
 
 // ---- Interpolated position (CiA 402-2, mode 7).

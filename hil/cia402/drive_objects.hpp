@@ -1,5 +1,7 @@
 #pragma once
 
+#include <algorithm>
+
 #include <tribotwin/hil/canopen/dictionary.hpp>
 #include <tribotwin/hil/drives/drive_parameters.hpp>
 #include <tribotwin/hil/motion/motion_profile.hpp>
@@ -53,6 +55,10 @@ class DriveObjects {
   double position_rad(const Object* object) const { return position_rad(object->value); }
   double velocity_rad_s(const Object* object) const { return static_cast<double>(object->value) * milli_rpm_rad_s; }
   double torque_nm(const Object* object) const { return static_cast<double>(object->value) * per_mille_nm; }
+  /// 607Dh; where its limits are in the wrong order, the lower one.
+  double within_position_limits(double rad) const {
+    return std::max(position_rad(position_limit_low), std::min(rad, position_rad(position_limit_high)));
+  }
   /// 6080h, which counts in rpm.
   double speed_max_rad_s() const { return static_cast<double>(max_motor_speed->value) * 1e3 * milli_rpm_rad_s; }
   /// The lower one of 607Fh and 6080h: for ramps of the profile modes.

@@ -12,6 +12,7 @@ namespace {
 
 constexpr double standing_motor_rad_s = 0.5;  // slower than this, a motor counts as standing
 constexpr double standstill_s = 0.02;         // duration at the end of a ramp
+constexpr double longest_reaction_s = 10;     // to lost commands and faults; then the brake stops the motor
 constexpr double warning_K = 10;              // below the temperature limit
 
 /// 605Dh: halt option.
@@ -68,6 +69,7 @@ void DriveProfile::written(const Object& o) {
   const ModeOfOperation* mode = followed_mode();
   // What is written for one mode does not move the drive in the next.
   fresh_[static_cast<std::size_t>(target - targets().begin())] = !mode || mode->target != o.index;
+  if (mode && mode->target == o.index) made_up_ = false;
   if (follows_target() && mode->target_written && mode->target == o.index) mode->target_written(demand_, objects_);
 }
 
@@ -157,7 +159,7 @@ void DriveProfile::update_status() {
 
 Demand DriveProfile::demand_here() const {
   return {.position_rad = feedback_.position_rad,
-          .speed_rad_s = feedback_.velocity_rad_s,
+          .torque = {.speed_rad_s = feedback_.velocity_rad_s},
           .motion = {feedback_.position_rad, feedback_.velocity_rad_s, 0},
           .inputs = &inputs_};
 }
@@ -175,11 +177,14 @@ void DriveProfile::take_up_mode() {
   if (!followed_) fresh_.assign(fresh_.size(), false);  // targets of another time
   const ModeOfOperation* mode = active_mode();
   const bool keeps_moving = followed_ && !halted_ && mode && mode->set_points == SetPoints::cyclic;
+  made_up_ = false;
   for (std::size_t i = 0; i < fresh_.size(); ++i) {
     const Target& target = targets()[i];
     const bool asked_first = mode && mode->set_points == SetPoints::on_request && mode->target == target.index;
-    if (!fresh_[i] && !asked_first)
-      node_.dictionary.set(target.index, target.sub, target.standing_counts(objects_, feedback_, keeps_moving));
+    if (fresh_[i] || asked_first) continue;
+    const std::int64_t counts = target.standing_counts(objects_, feedback_, keeps_moving);
+    node_.dictionary.set(target.index, target.sub, counts);
+    if (keeps_moving && mode->target == target.index && !mode->follows_demand) made_up_ = counts != 0;
   }
   fresh_.assign(fresh_.size(), false);
   following_s_ = 0;
@@ -316,9 +321,11 @@ void DriveProfile::watch_rest(double dt) {
 }
 
 void DriveProfile::watch_standstill(double dt) {
+  reaction_s_ = machine_.state() == DriveState::fault_reaction_active ? reaction_s_ + dt : 0;
   if (!machine_.ramping()) return;
   standing_s_ = ramp_rad_s_ == 0 && stands() ? standing_s_ + dt : 0;
-  if (standing_s_ > standstill_s) {
+  // A motor that a slow ramp or too small a torque (6085h, 6072h) cannot stop is left to the brake.
+  if (standing_s_ > standstill_s || reaction_s_ > longest_reaction_s) {
     machine_.stopped();
     standing_s_ = 0;
   }

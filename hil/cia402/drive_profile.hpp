@@ -33,6 +33,8 @@ class DriveProfile {
   twin::LoopGains gains() const { return objects_.gains(); }
   /// The state machine sets the brake, or the master does (60FEh).
   bool brake_engaged() const;
+  /// The mode was entered in motion, and the drive itself set the speed or torque that keeps it until a master does.
+  bool target_is_made_up() const { return made_up_; }
   /// Commands were lost, and the motor is not at rest yet.
   bool stops_alone() const { return stops_alone_; }
   std::uint16_t error_code() const { return static_cast<std::uint16_t>(objects_.error_code->value); }
@@ -99,6 +101,7 @@ class DriveProfile {
   Inputs inputs_;
   Feedback feedback_;  // positions count from the drive's zero
   Demand demand_;
+  double reaction_s_ = 0;  // time for which a fault reaction has lasted
   double ramp_rad_s_ = 0;
   double following_s_ = 0;                  // time for which the following error has been beyond its window
   double standing_s_ = 0;                   // time for which the motor has stood at the end of a ramp
@@ -106,7 +109,7 @@ class DriveProfile {
   bool followed_ = false, halted_ = false;  // set points, when refresh_status was last called
   std::int64_t controlword_ = 0;            // when the frame before this one had been taken
   bool controls_ = false;                   // and whether its bits for a mode counted then
-  bool stops_alone_ = false;
+  bool stops_alone_ = false, made_up_ = false;
   std::vector<bool> fresh_ =
       std::vector<bool>(targets().size());  // targets written since the drive last entered a mode
 };

@@ -11,6 +11,7 @@
 #include <tribotwin/hil/drives/bus_drive.hpp>
 #include <tribotwin/hil/motion/inputs.hpp>
 #include <tribotwin/hil/motion/motion_profile.hpp>
+#include <tribotwin/hil/motion/torque_limit.hpp>
 
 /// The modes of operation (CiA 402-2, 6060h) as one table. The checks of 6060h, the supported modes 6502h, the meanings
 /// in the dictionary and the EDS, and the set points follow from its rows.
@@ -23,8 +24,7 @@ namespace tribotwin::hil {
 struct Demand {
   double position_rad = 0;
   double step_rad_s = 0, left_s = 0;  ///< CSP, IP: a straight line from one target to the next
-  double speed_rad_s = 0;             ///< CST: the speed of the last step
-  int limited_way = 0;                ///< CST: direction in which 6080h limits the speed instead of the torque; 0: none
+  SpeedLimitedTorque torque;          ///< CST
   MotionState motion;                 ///< PP, PV, HM, IP: the set point of the last step
   PositionMove move;                  ///< PP
   VelocityMove turn;                  ///< PV

@@ -122,7 +122,10 @@ void Node::obey(NmtCommand command, std::int64_t now_ns) {
     pdos_.start();
     context_.changed = true;
   }
-  if (before == Nmt::operational && !context_.operational()) drive_.lose_commands(ErrorCode::left_operational);
+  // Also of a drive that SDOs have enabled before.
+  const bool left = !context_.operational() && context_.nmt != before;
+  if (left && (before == Nmt::operational || drive_.machine().powered()))
+    drive_.lose_commands(ErrorCode::left_operational);
   drive_.refresh_status();
 }
 
@@ -270,7 +273,10 @@ void Node::lose_heartbeat() {
   drive_.lose_commands(ErrorCode::heartbeat_lost);
   const auto behavior = context_.dictionary.get(od::error_behavior, 1);
   if (behavior == to_pre_operational && context_.operational()) context_.nmt = Nmt::pre_operational;
-  if (behavior == to_stopped) context_.nmt = Nmt::stopped;
+  if (behavior == to_stopped) {
+    context_.nmt = Nmt::stopped;
+    sdo_.reset();
+  }
   drive_.refresh_status();
 }
 
@@ -290,8 +296,9 @@ void Node::watch_deadlines(std::int64_t now_ns) {
 /// After RPDOs were taken.
 void Node::watch_set_points(std::int64_t now_ns) {
   const od::Index target = drive_.target();
-  set_points_.follow(target, drive_.target_is_cyclic());
-  if (const PdoDelivery delivery = pdos_.delivery(target); target != 0 && delivery.exists) {
+  set_points_.follow(target, drive_.target_is_cyclic(), drive_.target_is_made_up());
+  const PdoDelivery delivery = pdos_.delivery(target, set_points_.held_over());
+  if (target != 0 && delivery.exists) {
     set_points_.arrived(delivery, now_ns);
     if (delivery.every_syncs > 0 && drive_.target_is_cyclic()) sync_.took_set_point();
   }

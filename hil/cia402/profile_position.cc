@@ -15,8 +15,7 @@ double profile_speed(const DriveObjects& o) {
 
 SetPoint read_set_point(const PositionMove& move, const DriveObjects& o, bool relative_to_last) {
   const double asked = o.position_rad(o.target_position) + (relative_to_last ? move.last_rad : 0);
-  const double position =
-      std::clamp(asked, o.position_rad(o.position_limit_low), o.position_rad(o.position_limit_high));
+  const double position = o.within_position_limits(asked);
   return {.position_rad = position,
           .end_speed_rad_s = o.velocity_rad_s(o.end_velocity),
           .limits = o.profile_limits(profile_speed(o)),

@@ -24,12 +24,20 @@ class SetPointWatch {
         cycle_(node.dictionary.find(od::communication_cycle_period, 0)) {}
 
   /// The object that holds the set point now; 0: the drive follows none. Another one is not watched yet. `cyclic`: the
-  /// mode needs it again and again.
-  void follow(std::uint16_t target, bool cyclic) {
-    if (target != target_) delivery_ = {}, in_a_row_ = 0;
+  /// mode needs it again and again. `made_up`: the drive has set it itself, in motion; then the watch of the object
+  /// before goes on, or the motion would belong to nobody.
+  void follow(std::uint16_t target, bool cyclic, bool made_up) {
+    if (target != target_) {
+      held_over_ = made_up && delivery_.exists ? target_ : std::uint16_t{0};
+      if (held_over_ == 0) delivery_ = {};
+      in_a_row_ = 0;
+    }
+    if (held_over_ != 0 && !made_up) held_over_ = 0, delivery_ = {};
     target_ = target;
-    cyclic_ = cyclic;
+    cyclic_ = cyclic || held_over_ != 0;
   }
+  /// The object of the mode before, whose set points keep a motion alive that the drive made up; 0: none.
+  std::uint16_t held_over() const { return held_over_; }
   void arrived(const PdoDelivery& delivery, std::int64_t now_ns) {
     const bool next = delivery.every_syncs > 0 && syncs_ <= delivery.every_syncs;
     in_a_row_ = next ? in_a_row_ + 1 : 0;
@@ -67,7 +75,7 @@ class SetPointWatch {
   }
 
   const Object *deadline_, *cycle_;
-  std::uint16_t target_ = 0;
+  std::uint16_t target_ = 0, held_over_ = 0;
   bool cyclic_ = true;
   std::int64_t in_a_row_ = 0;  ///< set points that came with consecutive SYNCs of their RPDO
   PdoDelivery delivery_;

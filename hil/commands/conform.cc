@@ -28,7 +28,8 @@ struct Arguments {
   twin::Destination destination;
 
   void add_to(CLI::App& command) {
-    command.add_option("--can", can, "Bus: vcan0, can0, socketcand://127.0.0.1:29536/NAME")->required();
+    command.add_option("--can", can, "Bus: vcan0, can0, gateway://HOST:29536/NAME, socketcand://127.0.0.1:29536/NAME")
+        ->required();
     command.add_option("--node", node, "Node number of the device")->check(CLI::Range(1, 127))->capture_default_str();
     command.add_option("--eds", eds, "Electronic data sheet of the device; it is compared with the device");
     auto* motion = command.add_flag("--motion", options.motion, "Also checks that enable the drive and move it");
@@ -69,7 +70,10 @@ int run(const Arguments& a) {
         progress(double(i) / double(count));
       }));
   twin::or_throw(a.destination.deliver(a.json ? to_json(report) : to_text(report)));
-  if (report.interrupted) return report_error(twin::failed, "interrupted; the drive is without power");
+  if (report.interrupted) {
+    const char* power = report.without_power ? "the drive is without power" : "THE DRIVE MAY STILL HAVE POWER";
+    return report_error(twin::failed, fmt::format("interrupted; {}", power));
+  }
   if (const int failed = report.count(Verdict::fail); failed > 0)
     return report_error(twin::limit_exceeded, fmt::format("{} of {} checks failed", failed, report.findings.size()));
   return twin::done;

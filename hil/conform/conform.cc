@@ -1,4 +1,5 @@
 #include <algorithm>
+#include <string_view>
 #include <utility>
 
 #include <fmt/format.h>
@@ -70,6 +71,9 @@ class Run {
     return {};
   }
 
+  /// By one of the two, so that a drive without the other is found.
+  bool is_drive() const { return drive_ || (report_.device_type & 0xFFFF) == 402; }
+
   Finding finding(const Check& check) {
     Finding f{.check = check, .verdict = Verdict::pass, .expected = check.expected, .seen = {}};
     const auto& options = device_.options;
@@ -78,6 +82,8 @@ class Run {
       return f.verdict = Verdict::not_run, f.seen = "moves or enables the drive: give --motion", f;
     if (check.needs == Needs::homing && !options.homing)
       return f.verdict = Verdict::not_run, f.seen = "changes the reference position: give --homing", f;
+    if (!is_drive() && std::string_view(check.clause).find("CiA 402") != std::string_view::npos)
+      return f.verdict = Verdict::not_applicable, f.seen = "no drive: 1000h names another profile, no 6041h", f;
     client_.forget();
     try {
       f.seen = check.run(device_);
@@ -111,6 +117,7 @@ class Run {
     } catch (const Mismatch&) {
       dead_ = true;
     }
+    report_.without_power = !dead_;
     note(dead_ ? "the node does not answer any more, or stays enabled"
                : fmt::format("reset of the node needed after {}",
                              report_.findings.empty() ? "the start" : report_.findings.back().check.id));

@@ -137,7 +137,7 @@ std::string objects_of_modes(Device& d) {
 constexpr auto none = Needs::nothing;
 
 constexpr Check checks[] = {
-    {"objects.profile", "CiA 301, 7.5.2.1", "1000h names the profile 402.", none, device_type},
+    {"objects.profile", "CiA 301, 7.5.2.1; CiA 402-2, 1000h", "1000h names the profile 402.", none, device_type},
     {"objects.drive_type", "CiA 402-2, 1000h", "1000h names a type of drive.", none, drive_type},
     {"objects.mandatory", "CiA 301, 7.5.1", "1000h, 1001h, 1018h with the vendor exist.", none,
      [](Device& d) {

@@ -63,6 +63,7 @@ std::string mapping_while_existing(Device& d) {
 std::string entry_while_counted(Device& d) {
   std::string seen;
   for (const bool transmit : both) {
+    d.needs(transmit ? od::statusword : od::controlword);
     const std::uint16_t map = empty_mapping(d, transmit);
     d.set(map, 1, transmit ? map_statusword : map_controlword);
     d.set(map, 0, 1);
@@ -75,6 +76,7 @@ std::string entry_while_counted(Device& d) {
 
 /// Refused as soon as the device can know: with the entry or with the count.
 std::string refused_entry(Device& d, bool transmit, std::uint32_t value, const Codes& codes) {
+  if (MappingEntry::of(value).index == od::statusword) d.needs(od::statusword);
   const std::uint16_t map = empty_mapping(d, transmit);
   if (const auto code = d.refusal(map, 1, value)) {
     expect(std::ranges::find(codes, *code) != codes.end(),

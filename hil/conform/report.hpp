@@ -26,6 +26,7 @@ struct ConformReport {
   std::vector<Finding> findings;
   std::vector<std::string> notes;  ///< what could not be restored
   bool interrupted = false;
+  bool without_power = true;  ///< at the end; false where the node did not obey any more
 
   int count(Verdict verdict) const;
 };

@@ -62,6 +62,8 @@ void MirrorDrive::receive(const Frame& frame, std::int64_t now_ns) {
     left_s_ = 1e-9 * static_cast<double>(cycle_ns_);
     step_rad_s_ = std::clamp((target - demand_rad_) / left_s_, -speed_max_rad_s_, speed_max_rad_s_);
   }
+  if (c->mode == MirrorMode::torque && state_ != MirrorMode::torque)
+    torque_ = {.speed_rad_s = feedback_.velocity_rad_s};
   state_ = c->mode;
 }
 
@@ -102,11 +104,9 @@ std::int64_t MirrorDrive::next_ns() const {
 twin::DriveCommand MirrorDrive::command(double dt) {
   using Mode = twin::DriveCommand::Mode;
   twin::DriveCommand c;
-  c.torque_limit_nm = torque_max_nm_;
   switch (state_) {
     case MirrorMode::torque:
-      c.mode = Mode::torque;
-      c.torque_nm = last_->set_point;
+      c = torque_.command(last_->set_point, speed_max_rad_s_, feedback_);
       break;
     case MirrorMode::velocity:
       c.mode = Mode::velocity;
@@ -131,6 +131,7 @@ twin::DriveCommand MirrorDrive::command(double dt) {
     default:
       break;
   }
+  c.torque_limit_nm = torque_max_nm_;
   return c;
 }
 

@@ -17,6 +17,7 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr std::string_view first_line = "tribotwin-hil session 1", last_line = "end";
+constexpr std::int64_t most_steps = 1'000'000;  ///< of one turn; a session makes a few hundred at most
 constexpr std::string_view off = "off", on = "on", end_of_turn = "end", back = "recovered", foreign = "misleading",
                            moved = "steps";
 
@@ -58,7 +59,7 @@ bool parse_word(std::string_view word, Turn& turn) {
   if (key == moved) {
     const auto steps = to_integer<std::int64_t>(value);
     turn.steps = steps.value_or(0);
-    return turn.steps > 0;
+    return turn.steps > 0 && turn.steps <= most_steps;
   }
   if (key == foreign) {
     const auto frame = to_integer<std::size_t>(value);

@@ -57,6 +57,22 @@ refused(
 refused(
     "impossible budget", "drive", scenario, "--can", "memory:x", "--bitrate", "1e6", "--cycle", "1", says="% of the bus"
 )
+for command, option in (
+    ("drive", "--cycle"),
+    ("drive", "--duration"),
+    ("drive", "--bitrate"),
+    ("budget", "--cycle"),
+    ("budget", "--bitrate"),
+    ("eds", "--cycle"),
+    ("ros2", "--cycle"),
+    ("shadow", "--limit"),
+    ("shadow", "--limit-time"),
+    ("conform", "--boot-time"),
+):
+    for value in ("nan", "inf"):
+        given = () if command == "conform" else (scenario,)
+        where = ("--can", "memory:x") if command in ("drive", "shadow", "conform") else ()
+        refused(f"{command} {option} {value}", command, *given, *where, f"{option}={value}", says="finite")
 refused("unknown profile", "drive", scenario, "--can", "memory:x", "--profile", "ethercat", says="ethercat")
 refused("node numbers beyond 127", "drive", scenario, "--can", "memory:x", "--first-node", "125", says="at most 127")
 refused("both clocks", "drive", scenario, "--can", "memory:x", "--realtime", "--sync-lockstep", says="excludes")

@@ -102,7 +102,6 @@ bool names_the_device(const Object& o) {
 
 }  // namespace
 
-
 std::string RefusedValue::text() const {
   return fmt::format("{}: {}", object_name(value.index, value.sub), reason(why));
 }

@@ -12,7 +12,12 @@ constexpr std::int64_t save = 0x65766173, load = 0x64616F6C;  // in ASCII, first
 bool is_parameter(const Object& o) {
   if (o.access != Access::read_write || o.index == od::predefined_error_field || ParameterKeeper::owns(o.index))
     return false;
-  return !o.mappable || o.index == od::modes_of_operation || o.index == od::max_torque;
+  constexpr od::Index commands[] = {od::measured_temperature, od::controlword,     od::target_torque,
+                                    od::target_position,      od::velocity_offset, od::torque_offset,
+                                    od::touch_probe_function, od::digital_outputs, od::interpolation_data_record,
+                                    od::target_velocity};
+  const bool is_command = o.mappable && std::ranges::find(commands, o.index) != std::end(commands);
+  return !is_command;
 }
 
 /// The areas of the sub-indices 1 to 4.

@@ -117,11 +117,14 @@ TEST_F(Store, UserData) {
 
 TEST_F(Store, CommandsAreNoParameters) {
   write(0x6040, 0, Type::u16, 6), write(0x607A, 0, Type::i32, 1000), write(0x2110, 1, Type::i16, 300);
-  write(0x6060, 0, Type::i8, 9), write(0x6072, 0, Type::u16, 700);
+  write(0x6071, 0, Type::i16, 1), write(0x60B1, 0, Type::i32, 1), write(0x60B2, 0, Type::i16, 1);
+  write(0x60B8, 0, Type::u16, 1), write(0x60C1, 1, Type::i32, 1), write(0x60FF, 0, Type::i32, 1);
+  write(0x6060, 0, Type::i8, 9), write(0x6072, 0, Type::u16, 700), write(0x607F, 0, Type::u32, 1000);
+  write(0x6081, 0, Type::u32, 900), write(0x6082, 0, Type::u32, 1);
   write(0x1010, 1, Type::u32, save);
   std::vector<std::uint16_t> kept;
   for (const ObjectValue& v : memory.values) kept.push_back(v.index);
-  EXPECT_THAT(kept, testing::ElementsAre(0x6060, 0x6072));
+  EXPECT_THAT(kept, testing::ElementsAre(0x6060, 0x6072, 0x607F, 0x6081, 0x6082));
 }
 
 TEST_F(Store, Refused) {

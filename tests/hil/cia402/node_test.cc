@@ -521,6 +521,33 @@ TEST_F(OneNode, OnlySetPointsOfTheModeByPdoAreWatched) {
   EXPECT_EQ(node.state(), DriveState::operation_enabled);
 }
 
+// A mode changed in motion: the drive keeps its speed or torque, and the master that gave it must stay.
+TEST_F(OneNode, AMotionThatTheDriveKeepsIsWatched) {
+  const auto stopped_after = [&](std::int64_t mode, bool set_points, bool given) {
+    nmt(0x81);
+    EXPECT_EQ(write(0x1403, 1, Type::u32, 0x505), 0U);
+    EXPECT_EQ(write(0x6060, 0, Type::i8, 9), 0U);
+    enable();
+    const std::vector<std::uint8_t> set_point{0x0F, 0, 0x40, 0x0D, 0x03, 0};  // 200 rpm
+    for (int k = 0; k < 100; ++k) send(0x505, set_point), node.sync(now), wait(2), run(2);
+    robot.torque_nm = 5;
+    node.feedback(robot, 1e-3);
+    EXPECT_EQ(write(0x6060, 0, Type::i8, mode), 0U);
+    if (given) EXPECT_EQ(write(0x6071, 0, Type::i16, 10), 0U);
+    for (int k = 1; k <= 200; ++k) {
+      if (set_points) send(0x505, set_point);
+      node.sync(now);
+      if (node.state() != DriveState::operation_enabled) return k;
+      wait(2);
+    }
+    return -1;
+  };
+  EXPECT_EQ(stopped_after(10, false, false), 21);
+  EXPECT_EQ(stopped_after(10, true, false), -1);  // the master is still there
+  EXPECT_EQ(stopped_after(10, false, true), -1);  // a set point by SDO
+  EXPECT_EQ(stopped_after(8, false, false), -1);  // CSP stands
+}
+
 TEST_F(OneNode, NmtTakesThePower) {
   for (const std::uint8_t command : {0x02, 0x80, 0x81, 0x82}) {
     nmt(0x82);

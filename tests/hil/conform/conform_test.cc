@@ -1,4 +1,5 @@
 #include <cstdlib>
+#include <deque>
 #include <filesystem>
 #include <fstream>
 #include <iterator>
@@ -9,6 +10,7 @@
 #include <nlohmann/json.hpp>
 
 #include <tribotwin/hil/canopen/eds.hpp>
+#include <tribotwin/hil/canopen/sdo.hpp>
 #include <tribotwin/hil/conform/report.hpp>
 #include <tribotwin/tests/hil/conform/one_drive_bus.hpp>
 
@@ -133,6 +135,54 @@ TEST(Conform, InterruptedItLeavesTheDriveWithoutPower) {
     EXPECT_THAT(changed(before, bus.node()), IsEmpty()) << i;
   }
   EXPECT_GE(powered, 5);  // some of them in the middle of a motion
+}
+
+/// A node 5 with an SDO server and boot-up messages, but no drive.
+class PlainNode final : public Transport {
+ public:
+  PlainNode() : Transport("plain") {}
+  Sent send(const Frame& frame) override {
+    if (frame.id == 0x605) server_.request(frame.bytes(), now_ns_);
+    if (frame.id == 0x000 && frame.data[0] > 0x80) inbox_.push_back(classic(0x705, std::vector<std::uint8_t>{0}));
+    return Sent::done;
+  }
+  bool receive(Frame& frame) override {
+    if (inbox_.empty()) return false;
+    frame = inbox_.front();
+    inbox_.pop_front();
+    return true;
+  }
+  void wait(std::int64_t deadline_ns) override {
+    if (inbox_.empty()) now_ns_ = std::max(now_ns_, deadline_ns);
+  }
+  bool up() const override { return true; }
+  std::string state() const override { return "up"; }
+  std::int64_t now_ns() const { return now_ns_; }
+
+ private:
+  std::int64_t now_ns_ = 1'000'000'000;
+  std::deque<Frame> inbox_;
+  Dictionary dictionary_{{{0x1000, 0, "device type", Type::u32, Access::constant, false, 0x191},
+                          {0x1001, 0, "error register", Type::u8, Access::read_only}}};
+  SdoServer server_{dictionary_, [this](const SdoServer::Answer& answer) {
+                      inbox_.push_back(classic(0x585, answer));
+                      return true;
+                    }};
+};
+
+TEST(Conform, ANodeThatIsNoDriveIsNotCheckedAsOne) {
+  PlainNode node;
+  const auto report = conform(node, 5, {.motion = true}, {.now_ns = [&] { return node.now_ns(); }});
+  ASSERT_TRUE(report) << report.error().message;
+  int of_drives = 0;
+  for (const Finding& f : report->findings)
+    if (std::string(f.check.clause).find("CiA 402") != std::string::npos && f.check.needs != Needs::homing) {
+      EXPECT_EQ(f.verdict, Verdict::not_applicable) << f.check.id << ": " << f.seen;
+      ++of_drives;
+    }
+  EXPECT_GE(of_drives, 70);
+  EXPECT_THAT(with(*report, Verdict::fail), ::testing::Contains("objects.mandatory"));
+  EXPECT_THAT(with(*report, Verdict::pass), ::testing::Contains("sdo.unknown_object"));
 }
 
 TEST(Conform, NoNodeAnswers) {

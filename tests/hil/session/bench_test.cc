@@ -111,6 +111,24 @@ TEST_P(MirrorBench, DrivesFollow) {
   for (const auto& drive : bench.drives()) EXPECT_TRUE(drive->failed());
 }
 
+// A torque accelerates no joint beyond the maximum speed of its drive.
+TEST_P(MirrorBench, TheMaxMotorSpeedHoldsInTorqueMode) {
+  Bench bench(scenario, {.profile = GetParam()}, send);
+  bench.start(now);
+  const auto p = drive_parameters(scenario, 1, 2000)[3];
+  const double speed_max_rad_s = p.speed_max_rad_s / p.gear_ratio;
+  double fastest_rad_s = 0;
+  for (int k = 0; k < 400; ++k) {
+    now += 2 * ms;
+    const MirrorCommand command{static_cast<std::uint8_t>(k), MirrorMode::torque, 200};
+    ASSERT_TRUE(bench.receive(encode(command, 4, mirror_format(GetParam())), now));
+    give(bench, 0x80);
+    fastest_rad_s = std::max(fastest_rad_s, std::abs(bench.plant().twin().data()->qvel[3]));
+  }
+  EXPECT_GT(fastest_rad_s, 0.95 * speed_max_rad_s);
+  EXPECT_LT(fastest_rad_s, 1.05 * speed_max_rad_s);
+}
+
 // In lockstep too: the last command is not held, whether SYNCs come or not.
 TEST_F(OneBench, MirrorDrivesStopWithoutSync) {
   Bench bench(scenario, {.profile = Profile::mirror}, send);
@@ -218,6 +236,34 @@ TEST_F(OneTorque, LeavingOperationalEndsInFaultWithoutAnySync) {
     EXPECT_TRUE(node.brake_engaged());
     give(bench, 0, {0x81, 0});
   }
+}
+
+// NMT stop takes the power from a drive, too, that SDOs have enabled before any NMT start.
+TEST_F(OneTorque, StopEndsWhatSdosHaveEnabled) {
+  write(0x6060, 0, Type::i8, 3);
+  for (const std::uint8_t word : {0x06, 0x07, 0x0F}) write(0x6040, 0, Type::u16, word);
+  write(0x60FF, 0, Type::i32, 500'000);
+  ASSERT_EQ(node.state(), DriveState::operation_enabled);
+  for (int k = 0; k < 200; ++k) sync();
+  ASSERT_GT(value(0x606C), 100'000);
+  give(bench, 0, {0x02, 0});
+  wait(1000);
+  EXPECT_EQ(node.state(), DriveState::fault);
+  EXPECT_EQ(value(0x6077), 0);
+  EXPECT_TRUE(node.brake_engaged());
+}
+
+// A reaction that cannot stop the motor ends at the brake.
+TEST_F(OneTorque, AReactionIsNotEndless) {
+  write(0x6085, 0, Type::u32, 1);
+  enable();
+  for (int k = 0; k < 20; ++k) cycle(400);
+  wait(9000);
+  EXPECT_EQ(node.state(), DriveState::fault_reaction_active);
+  wait(2000);
+  EXPECT_EQ(node.state(), DriveState::fault);
+  EXPECT_EQ(value(0x6077), 0);
+  EXPECT_TRUE(node.brake_engaged());
 }
 
 // A master that goes on sending SYNCs stays the clock, whatever a drive does.

@@ -1,9 +1,12 @@
+#include <cmath>
 #include <cstdint>
 #include <optional>
+#include <type_traits>
 #include <utility>
 
 #include <CLI/CLI.hpp>
 
+#include <tribotwin/plugins/friction/number.hpp>
 #include <tribotwin/twin/io/command_line/command_line.hpp>
 
 namespace tribotwin::CLI {
@@ -92,9 +95,25 @@ App::App(std::string description) {
 App::App(std::unique_ptr<Made> made) : made_(std::move(made)) {}
 App::~App() = default;
 
+namespace {
+
+template <class T>
+constexpr bool is_real =
+    std::is_same_v<T, double> || std::is_same_v<T, std::optional<double>> || std::is_same_v<T, std::vector<double>>;
+
+/// Ranges let NaN pass, and a limit that is infinite limits nothing.
+std::string finite(const std::string& text) {
+  const auto value = to_number(text);
+  return !value || std::isfinite(*value) ? "" : "must be a finite number, not " + text;
+}
+
+}  // namespace
+
 template <class T>
 Option* App::add_option(const std::string& name, T& variable, const std::string& help) {
-  auto made = std::make_unique<Option::Made>(Option::Made{*made_->app.add_option(name, variable, help)});
+  ::CLI::Option& option = *made_->app.add_option(name, variable, help);
+  if constexpr (is_real<T>) option.check(finite, "");
+  auto made = std::make_unique<Option::Made>(Option::Made{option});
   return options_.emplace_back(std::make_unique<Option>(std::move(made))).get();
 }
 // A new type of variable needs a line here.

@@ -123,7 +123,7 @@ DEFECTS = [  # name, source, old text, new text, a check that fails
     (
         "stop_leaves_the_torque",
         NODE,
-        "if (before == Nmt::operational && !context_.operational())",
+        "if (left && (before == Nmt::operational || drive_.machine().powered()))",
         "if (false)",
         "abort_connection.stop_1",
     ),
