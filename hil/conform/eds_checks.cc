@@ -26,18 +26,20 @@ std::string verdict(int count, const std::vector<std::string>& problems, const c
   throw Mismatch{expected, fmt::format("{}{}", fmt::join(some, "; "), more ? fmt::format("; {} more", more) : "")};
 }
 
-std::string name(const EdsObject& o) { return object_name(o.index, o.sub); }
+std::string name(const SheetObject& o) { return object_name(o.index, o.sub); }
+bool readable(const SheetObject& o) { return o.access != Access::write_only; }
+bool writable(const SheetObject& o) { return o.access == Access::read_write || o.access == Access::write_only; }
 
 /// Of an empty entry of the history there is no data (CiA 301, 7.5.2.4).
-bool absent_for_now(const EdsObject& o, const SdoFailure& f) {
+bool absent_for_now(const SheetObject& o, const SdoFailure& f) {
   return o.index == od::predefined_error_field && f.kind == SdoFailure::Kind::aborted && f.code == 0x08000024;
 }
 
 std::string exist(Device& d) {
   int count = 0;
   std::vector<std::string> problems;
-  for (const EdsObject& o : eds_of(d).objects) {
-    if (!o.readable()) continue;
+  for (const SheetObject& o : eds_of(d).objects) {
+    if (!readable(o)) continue;
     ++count;
     const auto value = d.bus.upload(o.index, o.sub);
     if (!value && !absent_for_now(o, value.error()))
@@ -49,13 +51,13 @@ std::string exist(Device& d) {
 std::string lengths(Device& d) {
   int count = 0;
   std::vector<std::string> problems;
-  for (const EdsObject& o : eds_of(d).objects) {
-    if (!o.readable() || o.size() == 0) continue;
+  for (const SheetObject& o : eds_of(d).objects) {
+    if (!readable(o) || size_of(o.type) == 0) continue;
     const auto value = d.bus.upload(o.index, o.sub);
     if (!value) continue;
     ++count;
-    if (value->size() != static_cast<std::size_t>(o.size()))
-      problems.push_back(fmt::format("{} has {} bytes instead of {}", name(o), value->size(), o.size()));
+    if (value->size() != static_cast<std::size_t>(size_of(o.type)))
+      problems.push_back(fmt::format("{} has {} bytes instead of {}", name(o), value->size(), size_of(o.type)));
   }
   return verdict(count, problems, "the length of every object is that of its DataType");
 }
@@ -64,8 +66,8 @@ std::string lengths(Device& d) {
 std::string access(Device& d) {
   int count = 0;
   std::vector<std::string> problems;
-  for (const EdsObject& o : eds_of(d).objects) {
-    if (!o.readable() || o.writable()) continue;
+  for (const SheetObject& o : eds_of(d).objects) {
+    if (!readable(o) || writable(o)) continue;
     const auto value = d.bus.upload(o.index, o.sub);
     if (!value) continue;
     ++count;
@@ -81,8 +83,8 @@ std::string access(Device& d) {
 std::string write_only(Device& d) {
   int count = 0;
   std::vector<std::string> problems;
-  for (const EdsObject& o : eds_of(d).objects) {
-    if (o.readable()) continue;
+  for (const SheetObject& o : eds_of(d).objects) {
+    if (readable(o)) continue;
     ++count;
     const auto value = d.bus.upload(o.index, o.sub);
     if (value)
@@ -99,34 +101,32 @@ std::string defaults(Device& d) {
   d.reset(NmtCommand::reset_node);
   int count = 0;
   std::vector<std::string> problems;
-  for (const EdsObject& o : eds.objects) {
+  for (const SheetObject& o : eds.objects) {
     // Read-only objects are what the device measures.
-    if (!o.value || !o.readable() || (o.access != "const" && !o.writable())) continue;
+    if (!o.has_default || !readable(o) || o.access == Access::read_only) continue;
     const auto value = d.bus.upload(o.index, o.sub);
-    if (!value || value->size() != static_cast<std::size_t>(o.size())) continue;
+    if (!value || value->size() != static_cast<std::size_t>(size_of(o.type))) continue;
     ++count;
-    const std::int64_t seen = o.is_signed() ? decode(Type::i32, *value) : decode(Type::u32, *value);
-    if (seen != *o.value) problems.push_back(fmt::format("{} is {} instead of {}", name(o), seen, *o.value));
+    const std::int64_t seen = decode(o.type, *value);
+    if (seen != o.value) problems.push_back(fmt::format("{} is {} instead of {}", name(o), seen, o.value));
   }
   return verdict(count, problems,
                  "after a reset every constant and writable object has its DefaultValue (unless others are stored)");
 }
 
 /// Whether a write beyond the limits shows the limits, and nothing else.
-bool has_own_limits(const EdsObject& o) {
+bool has_own_limits(const SheetObject& o) {
   const bool pdo = o.index >= od::rpdo_communication && o.index < od::after_pdos;
   const bool command = o.index == od::controlword || o.index == 0x1010 || o.index == 0x1011;
-  return o.writable() && o.readable() && o.size() > 0 && o.size() <= 4 && !pdo && !command;
+  return writable(o) && readable(o) && size_of(o.type) > 0 && size_of(o.type) <= 4 && !pdo && !command;
 }
 
 std::string limits(Device& d) {
   int count = 0;
   std::vector<std::string> problems;
-  for (const EdsObject& o : eds_of(d).objects) {
+  for (const SheetObject& o : eds_of(d).objects) {
     if (!has_own_limits(o)) continue;
-    const int bits = 8 * o.size();
-    const std::int64_t low = o.is_signed() ? -(std::int64_t{1} << (bits - 1)) : 0;
-    const std::int64_t high = low + (std::int64_t{1} << bits) - 1;
+    const Limits all = limits_of(o.type);
     const auto beyond = [&](std::int64_t value) {
       ++count;
       const auto code = d.refusal(o.index, o.sub, value);
@@ -135,8 +135,8 @@ std::string limits(Device& d) {
       else if (*code != 0x06090030 && *code != 0x06090031 && *code != 0x06090032)
         problems.push_back(fmt::format("{} := {}: abort {:08X}h", name(o), value, *code));
     };
-    if (o.low && *o.low > low && *o.low <= high) beyond(*o.low - 1);
-    if (o.high && *o.high < high && *o.high >= low) beyond(*o.high + 1);
+    if (o.low > all.low) beyond(o.low - 1);
+    if (o.high < all.high) beyond(o.high + 1);
   }
   if (count == 0) throw NotApplicable{"the EDS gives no limits inside the range of a type"};
   if (problems.empty()) return fmt::format("{} values refused", count);
@@ -175,7 +175,7 @@ std::string complete(Device& d) {
     const auto i = static_cast<std::uint16_t>(index);
     if (!d.has(i)) continue;
     ++count;
-    if (std::ranges::find(eds.objects, i, &EdsObject::index) == eds.objects.end())
+    if (std::ranges::find(eds.objects, i, &SheetObject::index) == eds.objects.end())
       problems.push_back(fmt::format("{:04X}h", i));
   }
   return verdict(count, problems, "every standard object of the device is in its EDS");

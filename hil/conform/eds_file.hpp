@@ -3,35 +3,25 @@
 #include <cstdint>
 #include <filesystem>
 #include <optional>
-#include <string>
 #include <vector>
 
+#include <tribotwin/hil/canopen/dictionary.hpp>
 #include <tribotwin/plugins/friction/error.hpp>
 
-/// Reads an electronic data sheet (CiA 306) for comparison with a device.
+/// An electronic data sheet (CiA 306), or DCF, for comparison with a device.
 namespace tribotwin::hil {
 
-struct EdsObject {
-  std::uint16_t index;
-  std::uint8_t sub;
-  std::string name;
-  std::uint16_t data_type = 0;                         ///< number of the type (CiA 301, table 44)
-  std::string access;                                  ///< lower case: ro, rw, wo, rwr, rww, const
-  std::optional<std::int64_t> value{}, low{}, high{};  ///< default and limits, where they are numbers
-
-  bool readable() const { return access != "wo"; }
-  bool writable() const { return access != "ro" && access != "const"; }
-  /// Bytes of the data type; 0: of any length, or a type that is no number.
-  int size() const;
-  bool is_signed() const;
+/// An object with its default as its value; without limits in the file it has those of its type.
+struct SheetObject : Object {
+  bool has_default = false;  ///< and is a number
 };
 
 struct Eds {
-  std::vector<EdsObject> objects;  ///< that have a value, in the order of the file
+  std::vector<SheetObject> objects;  ///< by index and sub-index
   std::optional<std::int64_t> vendor, product;
 };
 
-/// `node` replaces $NODEID. Fails with FILE:LINE, or with what is missing.
+/// `node` replaces $NODEID. Fails with FILE:LINE and what would be right.
 Result<Eds> load_eds(const std::filesystem::path& file, std::uint8_t node);
 
 }  // namespace tribotwin::hil

@@ -190,6 +190,16 @@ for n in nodes:
     write("joint%d.dcf" % n, own)
     maps += ["--map", "joint%d=joint%d.dcf" % (n, n)]
 check_same("a DCF per joint, with its node", shadow("plain.log", "--limit", 200, "--first-node", 50, *maps))
+# A mapping as CompactSubObj: the mapped objects in a list, and their number with the array.
+compact, changed = re.subn(
+    r"\[1A03\]\n(?:(?!\[1A04)(?:.*\n))*",
+    "[1A03]\nParameterName=map\nObjectType=8\nDataType=7\nAccessType=rw\nCompactSubObj=1\n"
+    "[1A03Value]\nNrOfEntries=1\n1=0x60770010\n",
+    all_eds,
+)
+assert changed == 1
+write("compact.eds", compact)
+check_same("a compact mapping", shadow("plain.log", "--limit", 200, "--map", "compact.eds"))
 write("coarse.eds", with_values(all_eds, {"608Fsub1": "0"}))
 check_same("increments by hand", shadow("plain.log", "--limit", 200, "--map", "coarse.eds", "--increments", 65536))
 
@@ -221,12 +231,15 @@ for name, section, value, says in (
         shadow("plain.log", "--map", "wrong.eds"),
         says=["wrong.eds:%d: " % line_of(text, section), *says],
     )
+of_type_u32 = "DataType=7\nAccessType=rw\n"
 for name, text, says in (
     ("a section without its end", "[1800\n", "wrong.eds:1: "),
     ("a line that is none", "[1800]\nnonsense\n", "wrong.eds:2: "),
     ("two values", "[1800sub1]\nDefaultValue=1\ndefaultvalue=2\n", "wrong.eds:3: "),
-    ("no drive", "[FileInfo]\nFileName=x\n", "no TPDO"),
-    ("no resolution at all", "[1800sub1]\nDefaultValue=0x181\n", "--increments"),
+    ("no drive", "[FileInfo]\nFileName=x\n", "is it an EDS or DCF?"),
+    ("a device without TPDOs", "[1000]\n" + of_type_u32, "no TPDO"),
+    ("no resolution at all", "[1800]\nObjectType=9\n[1800sub1]\nDefaultValue=0x181\n" + of_type_u32, "--increments"),
+    ("an object of no type", "[1800]\nObjectType=9\n[1800sub1]\nDefaultValue=0x181\n", "wrong.eds:4: "),
 ):
     write("wrong.eds", text)
     check_refused("EDS: " + name, shadow("plain.log", "--map", "wrong.eds"), says=says)

@@ -31,7 +31,9 @@ def refused(name, *arguments, says, code=2):
 
 with open(os.path.join(work, "bad.eds"), "w") as f:
     f.write("[FileInfo]\nrubbish\n")
-refused("conform: no EDS", "conform", "--can", "memory:x", "--eds", "bad.eds", says="bad.eds:2: 'rubbish'")
+refused(
+    "conform: no EDS", "conform", "--can", "memory:x", "--eds", "bad.eds", says="bad.eds:2: must be [SECTION], or KEY="
+)
 refused("conform: no such node", "conform", "--can", "memory:x", "--node", "128", says="128")
 refused("conform: homing is a motion", "conform", "--can", "memory:x", "--homing", says="--motion")
 refused("conform: nobody answers", "conform", "--can", "memory:x", "--quiet", says="node 1 does not answer", code=1)

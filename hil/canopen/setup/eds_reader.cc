@@ -64,7 +64,7 @@ std::optional<Number> plain_number(std::string_view text) {
 }
 
 /// The same, or a sum with $NODEID.
-std::optional<Number> number(std::string_view text) {
+std::optional<Number> parsed(std::string_view text) {
   const auto plus = text.find('+', 1);
   const auto is_node = [](std::string_view part) { return lower(trimmed(part)) == "$nodeid"; };
   if (is_node(text)) return Number{.plus_node = true};
@@ -101,7 +101,7 @@ std::optional<std::int64_t> number_of(std::string_view text, Type type, std::uin
     if (const auto value = real<float>(text)) return std::bit_cast<std::uint32_t>(*value);
   if (type == Type::real64)
     if (const auto value = real<double>(text)) return std::bit_cast<std::int64_t>(*value);
-  const auto n = number(text);
+  const auto n = parsed(text);
   return n ? in_type(*n, type, node) : std::nullopt;
 }
 
@@ -150,32 +150,30 @@ class Objects {
   }
 
  private:
-  using Keys = std::map<std::string, EdsText>;
-
-  static const EdsText* find(const Keys& keys, const char* key) {
+  static const EdsText* find(const EdsKeys& keys, const char* key) {
     const auto found = keys.find(key);
     return found == keys.end() ? nullptr : &found->second;
   }
-  const Keys* section(const std::string& name) const {
+  const EdsKeys* section(const std::string& name) const {
     const auto found = sections_.find(name);
     return found == sections_.end() ? nullptr : &found->second;
   }
-  static int line_of(const Keys& keys) {
+  static int line_of(const EdsKeys& keys) {
     int line = std::numeric_limits<int>::max();
     for (const auto& [key, value] : keys) line = std::min(line, value.line);
     return keys.empty() ? 1 : line;
   }
   /// A small number of a key; `otherwise` where it has none.
-  Result<int> code(const Keys& keys, const char* key, int otherwise, int highest) const {
+  Result<int> code(const EdsKeys& keys, const char* key, int otherwise, int highest) const {
     const EdsText* text = find(keys, key);
     if (!text) return otherwise;
-    const auto n = number(text->text);
+    const auto n = parsed(text->text);
     if (!n || n->plus_node || n->value < 0 || n->value > highest)
       return problem(file_, text->line, "{}: '{}' is no number from 0 to {}", key, shown(text->text), highest);
     return static_cast<int>(n->value);
   }
 
-  Result<void> add_object(std::uint16_t index, const std::string& name, const Keys& keys) {
+  Result<void> add_object(std::uint16_t index, const std::string& name, const EdsKeys& keys) {
     const auto kind = code(keys, "objecttype", 7, 255), compact = code(keys, "compactsubobj", 0, 254);
     if (!kind) return tl::unexpected(kind.error());
     if (!compact) return tl::unexpected(compact.error());
@@ -185,7 +183,7 @@ class Objects {
     if (*compact > 0) return add_compact(index, name, keys, *compact);
     bool any = false;
     for (int sub = 0; sub <= 255; ++sub) {
-      const Keys* entry = section(fmt::format("{}sub{:x}", name, sub));
+      const EdsKeys* entry = section(fmt::format("{}sub{:x}", name, sub));
       if (!entry) continue;
       any = true;
       if (auto ok = add_entry(index, static_cast<std::uint8_t>(sub), *entry, false); !ok) return ok;
@@ -195,22 +193,22 @@ class Objects {
   }
 
   /// All sub-indices alike, their values in lists.
-  Result<void> add_compact(std::uint16_t index, const std::string& name, const Keys& keys, int count) {
+  Result<void> add_compact(std::uint16_t index, const std::string& name, const EdsKeys& keys, int count) {
     EdsObject highest{.index = index, .name = "highest sub-index", .type = Type::u8, .line = line_of(keys)};
     highest.default_value = EdsText{fmt::to_string(count), highest.line};
     objects_.push_back(highest);
     for (int sub = 1; sub <= count; ++sub) {
       if (auto ok = add_entry(index, static_cast<std::uint8_t>(sub), keys, false); !ok) return ok;
       const std::string number = fmt::to_string(sub);
-      if (const Keys* values = section(name + "value"))
+      if (const EdsKeys* values = section(name + "value"))
         if (const EdsText* value = find(*values, number.c_str())) objects_.back().parameter_value = *value;
-      if (const Keys* names = section(name + "name"))
+      if (const EdsKeys* names = section(name + "name"))
         if (const EdsText* text = find(*names, number.c_str())) objects_.back().name = text->text;
     }
     return {};
   }
 
-  Result<void> add_entry(std::uint16_t index, std::uint8_t sub, const Keys& keys, bool is_domain) {
+  Result<void> add_entry(std::uint16_t index, std::uint8_t sub, const EdsKeys& keys, bool is_domain) {
     EdsObject o{.index = index, .sub = sub, .line = line_of(keys)};
     const auto take = [&](const char* key) {
       const EdsText* text = find(keys, key);
@@ -220,11 +218,14 @@ class Objects {
     const auto type = code(keys, "datatype", is_domain ? domain_type : -1, 0xFFFF);
     if (!type) return tl::unexpected(type.error());
     if (*type < 0) return problem(file_, o.line, "{} has no DataType", object_name(index, sub));
+    constexpr int first_complex_type = 0x20;  // CiA 301, table 44: records of the profiles and of the makers
     if (const auto known = type_of(*type))
       o.type = *known;
+    else if (*type >= first_complex_type && *type < first_object)
+      o.type = Type::domain;
     else
       return problem(file_, find(keys, "datatype")->line,
-                     "DataType {:#x} is none of CiA 301: 0x1 to 0xD, 0xF to 0x16, 0x18 to 0x1B", *type);
+                     "DataType {:#x} is none of CiA 301: 0x1 to 0xD, 0xF to 0x16, 0x18 to 0x1B, 0x20 to 0xFFF", *type);
     if (auto access = access_of(keys, o.line); access)
       o.access = *access;
     else
@@ -239,7 +240,7 @@ class Objects {
     return {};
   }
 
-  Result<Access> access_of(const Keys& keys, int line) const {
+  Result<Access> access_of(const EdsKeys& keys, int line) const {
     const EdsText* text = find(keys, "accesstype");
     if (!text) return problem(file_, line, "AccessType is missing: ro, wo, rw, rwr, rww or const");
     const std::string access = lower(text->text);
@@ -256,17 +257,15 @@ class Objects {
 };
 
 /// Sets the value of an object from its text.
-Result<void> set_value(const std::filesystem::path& file, const EdsText& from, Object& o, std::uint8_t node) {
+Result<void> set_value(const EdsFile& eds, const EdsText& from, Object& o, std::uint8_t node) {
   if (is_number(o.type)) {
-    const auto value = number_of(from.text, o.type, node);
-    if (!value)
-      return problem(file, from.line, "{}: '{}' is no {}", object_name(o.index, o.sub), shown(from.text),
-                     range_of(o.type));
+    const auto value = eds.number(from, o.type, node, object_name(o.index, o.sub));
+    if (!value) return tl::unexpected(value.error());
     o.value = *value;
   } else if (o.type == Type::octets) {
     const auto bytes = octets(from.text);
     if (!bytes)
-      return problem(file, from.line, "{}: octets are pairs of hexadecimal digits, not '{}'",
+      return problem(eds.file, from.line, "{}: octets are pairs of hexadecimal digits, not '{}'",
                      object_name(o.index, o.sub), shown(from.text));
     o.text = *bytes;
   } else if (o.type == Type::text) {
@@ -285,7 +284,7 @@ Result<void> set_limits(const std::filesystem::path& file, const EdsObject& entr
   if (o.type == Type::real32 || o.type == Type::real64 || o.type == Type::u64) return {};
   for (const bool upper : {false, true}) {
     const auto& text = upper ? entry.high : entry.low;
-    if (!text || (number(text->text) && number(text->text)->plus_node)) continue;
+    if (!text || (parsed(text->text) && parsed(text->text)->plus_node)) continue;
     const auto value = number_of(text->text, o.type, 0);
     if (!value)
       return problem(file, text->line, "{}: the limit '{}' is no {}", object_name(o.index, o.sub), shown(text->text),
@@ -334,17 +333,33 @@ Result<EdsFile> read_eds_file(const std::filesystem::path& file) {
   if (!sections) return tl::unexpected(sections.error());
   auto objects = Objects(file, *sections).run();
   if (!objects) return tl::unexpected(objects.error());
-  EdsFile eds{.file = file, .node_number = {}, .objects = std::move(*objects)};
+  EdsFile eds{.file = file, .node_number = {}, .objects = std::move(*objects), .device_info = {}};
+  if (const auto info = sections->find("deviceinfo"); info != sections->end()) eds.device_info = info->second;
   for (const char* section : {"devicecomissioning", "devicecommissioning"}) {  // CiA 306 writes the first
     const auto found = sections->find(section);
     if (found == sections->end() || !found->second.contains("nodeid")) continue;
     const EdsText& text = found->second.at("nodeid");
-    const auto n = number(text.text);
+    const auto n = parsed(text.text);
     if (!n || n->plus_node || n->value < 1 || n->value > 127)
       return problem(file, text.line, "NodeID is a number from 1 to 127, not '{}'", shown(text.text));
     eds.node_number = static_cast<std::uint8_t>(n->value);
   }
   return eds;
+}
+
+const EdsText* EdsObject::value() const {
+  if (parameter_value) return &*parameter_value;
+  return default_value ? &*default_value : nullptr;
+}
+
+const EdsObject* EdsFile::find(std::uint16_t index, std::uint8_t sub) const {
+  const auto found = std::ranges::find_if(objects, [&](const auto& o) { return o.index == index && o.sub == sub; });
+  return found == objects.end() ? nullptr : &*found;
+}
+
+Result<std::int64_t> EdsFile::number(const EdsText& text, Type type, std::uint8_t node, std::string_view name) const {
+  if (const auto value = number_of(text.text, type, node)) return *value;
+  return problem(file, text.line, "{}: '{}' is no {}", name, shown(text.text), range_of(type));
 }
 
 Result<std::vector<ObjectValue>> EdsFile::values(std::uint8_t node) const {
@@ -353,7 +368,7 @@ Result<std::vector<ObjectValue>> EdsFile::values(std::uint8_t node) const {
     if (!entry.parameter_value || entry.access == Access::read_only || entry.access == Access::constant) continue;
     if (entry.index == od::predefined_error_field || ParameterKeeper::owns(entry.index)) continue;
     Object o{.index = entry.index, .sub = entry.sub, .type = entry.type};
-    if (auto ok = set_value(file, *entry.parameter_value, o, node); !ok) return tl::unexpected(ok.error());
+    if (auto ok = set_value(*this, *entry.parameter_value, o, node); !ok) return tl::unexpected(ok.error());
     values.push_back(value_of(o));
     values.back().line = entry.parameter_value->line;
   }
@@ -371,9 +386,9 @@ Result<std::vector<Object>> EdsFile::defaults() const {
              .mappable = entry.mappable && is_number(entry.type) && entry.type != Type::boolean};
     if (auto ok = set_limits(file, entry, o); !ok) return tl::unexpected(ok.error());
     if (entry.default_value) {
-      const auto n = is_number(o.type) ? number(entry.default_value->text) : std::nullopt;
+      const auto n = is_number(o.type) ? parsed(entry.default_value->text) : std::nullopt;
       o.plus_node = n && n->plus_node;
-      if (auto ok = set_value(file, *entry.default_value, o, 0); !ok) return tl::unexpected(ok.error());
+      if (auto ok = set_value(*this, *entry.default_value, o, 0); !ok) return tl::unexpected(ok.error());
     }
     all.push_back(std::move(o));
   }

@@ -186,6 +186,30 @@ TEST_F(Eds, ReadsWhatWeWrite) {
   }
 }
 
+// Of a maker's own type the length is not known: bytes as they come.
+TEST_F(Eds, TypesOfTheMaker) {
+  const std::string own = "[2000]\nDataType=0x40\nAccessType=rw\nDefaultValue=0x0\nLowLimit=3\nHighLimit=1\n";
+  EXPECT_EQ(read(own).defaults()->at(0).type, Type::domain);
+  EXPECT_EQ(problem(own), "");
+  EXPECT_THAT(problem("[2000]\nDataType=0x1F\nAccessType=rw\n"), testing::HasSubstr("none of CiA 301"));
+  EXPECT_THAT(problem("[2000]\nDataType=0x1000\nAccessType=rw\n"), testing::HasSubstr("none of CiA 301"));
+}
+
+// ParameterValue before DefaultValue, in the range that the reader asks for, with file and line where it is none.
+TEST_F(Eds, NumbersOfEntries) {
+  const EdsFile eds = read(foreign + "[DeviceInfo]\nVendorNumber=0xFB\n");
+  EXPECT_EQ(eds.device_info.at("vendornumber").text, "0xFB");
+  EXPECT_EQ(eds.find(0x2501, 1), nullptr);
+  const EdsObject* both = eds.find(0x2501, 0);
+  ASSERT_NE(both, nullptr);
+  EXPECT_EQ(eds.number(*both->value(), Type::u32, 5, "x"), 0x205);
+  EXPECT_EQ(eds.find(0x2505, 0)->value(), nullptr);
+  EXPECT_EQ(eds.number(*eds.find(0x2500, 0)->value(), Type::u8, 5, "x"), 0xFE);
+  const auto large = eds.number(*both->value(), Type::u8, 5, "2501h:00");
+  ASSERT_FALSE(large);
+  EXPECT_EQ(large.error().message, file.string() + ":38: 2501h:00: '$NODEID+0x200' is no u8 from 0 to 255");
+}
+
 TEST_F(Eds, SaysWhatIsWrong) {
   const std::string entry = "[2000]\nDataType=5\nAccessType=rw\n";
   const struct {

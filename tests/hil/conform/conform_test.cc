@@ -242,11 +242,36 @@ TEST(Conform, EdsThatIsNoneIsRefused) {
   };
   EXPECT_THAT(message(folder / "nowhere.eds"), HasSubstr("nowhere.eds: cannot be read"));
   const auto file = folder / ("conform_bad_" + std::to_string(::getpid()) + ".eds");
-  std::ofstream(file) << "[1000]\nAccessType=ro\nrubbish\n";
-  EXPECT_THAT(message(file), HasSubstr(":3: 'rubbish'"));
-  std::ofstream(file) << "[FileInfo]\nFileName=x\n";
-  EXPECT_THAT(message(file), HasSubstr("describes no object"));
+  const std::string object = "[1000]\nDataType=7\nAccessType=rw\n";
+  const struct {
+    std::string text;
+    const char* says;
+  } rows[] = {
+      {"[1000]\nAccessType=ro\nrubbish\n", ":3: must be [SECTION], or KEY=VALUE in a section, not 'rubbish'"},
+      {"[FileInfo]\nFileName=x\n", "no objects ([1000] and so on)"},
+      {"[1000]\nDataType=7\n", ":2: AccessType is missing: ro, wo, rw, rwr, rww or const"},
+      {object + "DefaultValue=5x\n", ":4: 1000h:00: '5x' is no u32 from 0 to 4294967295"},
+      {object + "LowLimit=x\n", ":4: 1000h:00: the limit 'x' is no u32"},
+      {object + "[DeviceInfo]\nVendorNumber=ours\n", ":5: VendorNumber: 'ours' is no u32 from 0 to 4294967295"},
+      {object + "[DeviceInfo]\nProductNumber=-1\n", ":5: ProductNumber: '-1' is no u32 from 0 to 4294967295"},
+  };
+  for (const auto& row : rows) {
+    std::ofstream(file) << row.text;
+    EXPECT_THAT(message(file), HasSubstr(row.says)) << row.text;
+  }
   fs::remove(file);
+}
+
+TEST(Conform, EdsWithACompactArray) {
+  const auto file = fs::temp_directory_path() / ("conform_compact_" + std::to_string(::getpid()) + ".eds");
+  std::ofstream(file) << "[1016]\nObjectType=8\nDataType=7\nAccessType=rw\nDefaultValue=0x10\nCompactSubObj=2\n";
+  const auto sheet = load_eds(file, 1);
+  fs::remove(file);
+  ASSERT_TRUE(sheet) << sheet.error().message;
+  ASSERT_EQ(sheet->objects.size(), 3U);
+  EXPECT_EQ(sheet->objects[2].sub, 2);
+  EXPECT_EQ(sheet->objects[2].value, 0x10);
+  EXPECT_TRUE(sheet->objects[2].has_default);
 }
 
 TEST(Conform, EdsNumbers) {
@@ -254,7 +279,7 @@ TEST(Conform, EdsNumbers) {
   const EdsFile file(Lines{{"HighLimit=65535\nDefaultValue=500", "HighLimit=0xFFFF\nDefaultValue= $NODEID + 0x80 "}});
   const auto sheet = load_eds(file.file(), 5);
   ASSERT_TRUE(sheet);
-  const auto found = std::ranges::find(sheet->objects, 0x1017, &EdsObject::index);
+  const auto found = std::ranges::find(sheet->objects, 0x1017, &SheetObject::index);
   ASSERT_NE(found, sheet->objects.end());
   EXPECT_EQ(found->value, 0x85);
   EXPECT_EQ(found->high, 0xFFFF);
