@@ -33,7 +33,6 @@ struct RefusedValue {
   std::string text() const;
 };
 
-
 /// Writes the values as a master would, with all checks and in the order that CiA 301 asks for: a PDO is switched off
 /// while its parameters change, 1006h is 0 while 1019h does, and no TIME is taken while 1012h does. The first that is
 /// refused ends it.
