@@ -1,4 +1,5 @@
 #include <algorithm>
+#include <cerrno>
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
@@ -20,8 +21,13 @@ void check_statistics(const std::string& file, bool force) {
   if (file.empty()) return;
   twin::or_wrong_input(twin::check_output(file, twin::Existing::replace));
   twin::or_wrong_input(twin::check_output(file, twin::replace_if(force)));
-  if (!std::filesystem::exists(file) || std::filesystem::is_regular_file(file))
-    twin::or_wrong_input(twin::NewFile::create(file, twin::Existing::replace));  // writes nothing and leaves nothing
+  if (std::filesystem::exists(file) && !std::filesystem::is_regular_file(file)) return;
+  errno = 0;
+  const auto trial = twin::NewFile::create(file, twin::Existing::replace);  // writes nothing and leaves nothing
+  if (trial) return;
+  if (errno == ENOSPC || errno == EDQUOT || errno == EIO)
+    twin::or_throw(Result<void>(work_failed(trial.error().message)));
+  throw InputError(trial.error().message);
 }
 
 void note_missing_brakes(const twin::Scenario& scenario) {

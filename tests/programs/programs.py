@@ -205,7 +205,7 @@ commands = [
                 "-o",
                 "out",
             ),
-            ("session.log", "stats.json", "out/"),
+            ("session.log", "session.log.session", "stats.json", "out/"),
             old=(("session.log", "session.log"), ("old_run", "out")),
             as_one=True,
             recording=True,
@@ -504,6 +504,23 @@ def steady(value):
     return [steady(v) for v in value] if isinstance(value, list) else value
 
 
+TURN_LINE = re.compile(rb"\d+( [a-z_]+(=\S+)?)*")
+
+
+def wrong_session(data, ended):
+    """What is wrong with the file beside a log; its times differ from run to run."""
+    lines = data.split(b"\n")
+    if lines.pop() != b"":
+        return "has a line that is cut"
+    if ended and (not lines or lines.pop() != b"end"):
+        return "has no end"
+    head, turns = lines[:4], [line for line in lines[4:] if line != b"end"]
+    names = (b"tribotwin-hil session 1", b"clock ", b"cycle_us ", b"start_us ")
+    if not all(line.startswith(name) for line, name in zip(head, names)) or ended and len(head) < 4:
+        return "has another head"
+    return "" if all(TURN_LINE.fullmatch(line) for line in turns) else "has a line that is no turn"
+
+
 LOG_LINE = re.compile(rb"\(\d+\.\d{6}\) \S+ [0-9A-F]{3,8}#[0-9A-FR]*")
 
 
@@ -526,6 +543,8 @@ def not_whole(name, data, truth):
                 if lines[-1] == b"" and all(LOG_LINE.fullmatch(line) for line in lines[:-1])
                 else "has a line that is cut"
             )
+        if name.endswith(".session"):
+            return wrong_session(data, True)
         if os.path.basename(name) == "summary.json":
             return "" if steady(json.loads(data)) == steady(json.loads(truth)) else "is not that of the undisturbed run"
         if os.path.basename(name) == "stats.json":
@@ -549,6 +568,8 @@ def wrong_part(name, data, truth, killed):
         )
     if name.endswith(".log"):
         return not_whole(name, data[: data.rfind(b"\n") + 1] if killed else data, truth)
+    if name.endswith(".session"):
+        return wrong_session(data[: data.rfind(b"\n") + 1] if killed else data, False)
     if name.endswith(".csv"):
         return (
             ""
