@@ -14,6 +14,7 @@
 #include <tribotwin/hil/can/log.hpp>
 #include <tribotwin/hil/can/words.hpp>
 #include <tribotwin/plugins/friction/number.hpp>
+#include <tribotwin/twin/io/text.hpp>
 
 namespace tribotwin::hil {
 namespace {
@@ -30,9 +31,7 @@ constexpr std::uint32_t error_flag = 0x20000000;
 /// Part of a file for a message, short and printable for any content of the file.
 std::string shown(std::string_view part) {
   constexpr std::size_t max_shown = 40;
-  std::string out(part.substr(0, max_shown));
-  for (char& c : out)
-    if (c < 0x20 || c > 0x7E) c = '?';
+  const std::string out = twin::printable(part.substr(0, max_shown));
   return part.size() > max_shown ? out + "..." : out;
 }
 

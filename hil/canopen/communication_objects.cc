@@ -3,6 +3,7 @@
 #include <tribotwin/hil/canopen/cob_id.hpp>
 #include <tribotwin/hil/canopen/communication_objects.hpp>
 #include <tribotwin/hil/canopen/object_index.hpp>
+#include <tribotwin/twin/io/text.hpp>
 
 namespace tribotwin::hil {
 namespace {
@@ -10,13 +11,6 @@ namespace {
 using T = Type;
 constexpr std::int64_t user_data_bytes = 4096;
 constexpr Access ro = Access::read_only, rw = Access::read_write, constant = Access::constant;
-
-/// VISIBLE_STRING has ASCII only.
-std::string visible(std::string text) {
-  for (char& c : text)
-    if (static_cast<unsigned char>(c) < 0x20 || static_cast<unsigned char>(c) > 0x7e) c = '?';
-  return text;
-}
 
 void add_pdo(std::vector<Object>& o, const DefaultPdo& pdo, bool transmit, int number) {
   const std::string name = fmt::format("{}PDO{}", transmit ? "T" : "R", number + 1);
@@ -80,7 +74,8 @@ void add_communication_objects(std::vector<Object>& o, const DriveParameters& p,
   add(o, {od::cob_id_sync, 0, "COB-ID SYNC", T::u32, rw, false, cob::sync, cob::sync, cob::sync});
   add(o, {od::communication_cycle_period, 0, "communication cycle period", T::u32, rw, false, p.cycle_us, 0, 1000000},
       {.scale = 1e-6, .unit = "s", .meaning = "simulated time of one SYNC in lockstep"});
-  add(o, {od::device_name, 0, "device name", T::text, constant}, {.text = "tribotwin drive " + visible(p.name)});
+  add(o, {od::device_name, 0, "device name", T::text, constant},
+      {.text = "tribotwin drive " + twin::printable(p.name)});
   add(o, {od::hardware_version, 0, "hardware version", T::text, constant}, {.text = "simulated"});
   add(o, {od::software_version, 0, "software version", T::text, constant}, {.text = "tribotwin 0.1"});
   add(o, {od::guard_time, 0, "guard time", T::u16, rw},

@@ -8,16 +8,10 @@
 #include <tribotwin/hil/canopen/communication_objects.hpp>
 #include <tribotwin/hil/canopen/eds.hpp>
 #include <tribotwin/hil/canopen/object_index.hpp>
+#include <tribotwin/twin/io/text.hpp>
 
 namespace tribotwin::hil {
 namespace {
-
-/// One line of an INI value, ASCII.
-std::string one_line(std::string text) {
-  for (char& c : text)
-    if (static_cast<unsigned char>(c) < 0x20 || static_cast<unsigned char>(c) > 0x7e) c = '?';
-  return text;
-}
 
 /// Arrays of CiA 301 and 402; what else has sub-indices is a record.
 bool is_array(std::uint16_t index) {
@@ -83,7 +77,7 @@ std::string header(const DriveParameters& p) {
       "0\nNrOfRXPDO={2}\nNrOfTXPDO={2}\nLSS_Supported=1\n\n"
       "[DummyUsage]\nDummy0001=0\nDummy0002=1\nDummy0003=1\nDummy0004=1\nDummy0005=1\nDummy0006=1\nDummy0007=1\n\n["
       "Comments]\nLines=0\n\n",
-      p.node, one_line(p.name), pdo_count);
+      p.node, twin::printable(p.name), pdo_count);
 }
 
 /// Which objects there are: mandatory, optional and our own.
@@ -110,7 +104,7 @@ std::string default_value(const Object& o, std::uint8_t node) {
   if (o.type == Type::real32) return fmt::format("{}", std::bit_cast<float>(static_cast<std::uint32_t>(o.value)));
   if (o.type == Type::real64) return fmt::format("{}", std::bit_cast<double>(o.value));
   if (is_number(o.type)) return fmt::to_string(o.value);
-  if (o.type == Type::text) return one_line(o.text);
+  if (o.type == Type::text) return twin::printable(o.text);
   std::string bytes;
   for (const char c : o.text) bytes += fmt::format("{}{:02X}", bytes.empty() ? "" : " ", static_cast<unsigned char>(c));
   return bytes;
@@ -120,12 +114,13 @@ std::string default_value(const Object& o, std::uint8_t node) {
 std::string entry(const Object& o, std::uint8_t node) {
   constexpr int variable = 7, domain = 2;  // object types
   const bool number = is_number(o.type);
-  std::string s = fmt::format("ParameterName={}\nObjectType=0x{:X}\nDataType=0x{:04X}\nAccessType={}\n",
-                              one_line(o.name), o.type == Type::domain ? domain : variable, facts_of(o.type).code,
-                              o.access == Access::read_write   ? "rw"
-                              : o.access == Access::write_only ? "wo"
-                              : o.access == Access::constant   ? "const"
-                                                               : "ro");
+  std::string s =
+      fmt::format("ParameterName={}\nObjectType=0x{:X}\nDataType=0x{:04X}\nAccessType={}\n", twin::printable(o.name),
+                  o.type == Type::domain ? domain : variable, facts_of(o.type).code,
+                  o.access == Access::read_write   ? "rw"
+                  : o.access == Access::write_only ? "wo"
+                  : o.access == Access::constant   ? "const"
+                                                   : "ro");
   const bool limited = number && o.type != Type::real32 && o.type != Type::real64;
   if (limited && o.access != Access::read_only && o.access != Access::constant)
     s += fmt::format("LowLimit={}\nHighLimit={}\n", o.low, o.high);
@@ -143,7 +138,7 @@ std::string sections(const Indices& by_index, std::uint8_t node) {
       continue;
     }
     s += fmt::format("[{:04X}]\nParameterName={}\nObjectType={}\nSubNumber={}\n\n", index,
-                     one_line(name_of_all(index, objects)), is_array(index) ? "0x8" : "0x9", objects.size());
+                     twin::printable(name_of_all(index, objects)), is_array(index) ? "0x8" : "0x9", objects.size());
     for (const Object* o : objects) s += fmt::format("[{:04X}sub{:X}]\n", index, o->sub) + entry(*o, node);
   }
   return s;

@@ -100,6 +100,16 @@ std::string csp_limit(Device& d) {
   return fmt::format("6064h = {}, 607Dh:02 = {}", seen, limit);
 }
 
+/// A target position that the drive must not follow.
+std::string expect_no_effect(Device& d, std::int64_t amplitude, std::int64_t wait_ns) {
+  const auto start = position(d);
+  d.put(od::target_position, 0, start + amplitude);
+  d.bus.listen(wait_ns);
+  const auto seen = position(d);
+  expect(std::abs(seen - start) < amplitude / 4, fmt::format("6064h stays {}", start), fmt::format("{}", seen));
+  return fmt::format("6064h = {}", seen);
+}
+
 std::string disabled_stands(Device& d) {
   needs_mode(d, csp, "CSP");
   const auto amplitude = d.amplitude();
@@ -107,12 +117,7 @@ std::string disabled_stands(Device& d) {
   d.operational();
   d.set_mode(csp);
   d.bring_to(S::switched_on);
-  const auto start = position(d);
-  d.put(od::target_position, 0, start + amplitude);
-  d.bus.listen(300 * ms_ns);
-  const auto seen = position(d);
-  expect(std::abs(seen - start) < amplitude / 4, fmt::format("6064h stays {}", start), fmt::format("{}", seen));
-  return fmt::format("6064h = {}", seen);
+  return expect_no_effect(d, amplitude, 300 * ms_ns);
 }
 
 // ---- Cyclic synchronous velocity and torque.
@@ -269,12 +274,7 @@ std::string pp_edge(Device& d) {
   needs_mode(d, pp, "PP");
   const auto amplitude = d.amplitude();
   begin_pp(d);
-  const auto start = position(d);
-  d.put(od::target_position, 0, start + amplitude);
-  d.bus.listen(500 * ms_ns);
-  const auto seen = position(d);
-  expect(std::abs(seen - start) < amplitude / 4, fmt::format("6064h stays {}", start), fmt::format("{}", seen));
-  return fmt::format("6064h = {}", seen);
+  return expect_no_effect(d, amplitude, 500 * ms_ns);
 }
 
 std::string pv_follows(Device& d) {

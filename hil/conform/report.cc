@@ -4,6 +4,7 @@
 #include <nlohmann/json.hpp>
 
 #include <tribotwin/hil/conform/report.hpp>
+#include <tribotwin/twin/io/text.hpp>
 
 namespace tribotwin::hil {
 namespace {
@@ -16,13 +17,6 @@ const char* label(Verdict verdict) {
 const char* name_of(Needs needs) {
   constexpr const char* names[] = {"", "--motion", "--motion --homing"};
   return names[static_cast<int>(needs)];
-}
-
-/// What a device sends may be anything; JSON and terminals get ASCII.
-std::string ascii(std::string text) {
-  for (char& c : text)
-    if (static_cast<unsigned char>(c) < 0x20 || static_cast<unsigned char>(c) > 0x7E) c = '?';
-  return text;
 }
 
 }  // namespace
@@ -43,12 +37,13 @@ std::string summary(const ConformReport& r) {
 }
 
 std::string to_text(const ConformReport& r) {
-  std::string s =
-      fmt::format("node {} on {}: \"{}\", device type {:08X}h\n\n", r.node, r.bus, ascii(r.device_name), r.device_type);
+  std::string s = fmt::format("node {} on {}: \"{}\", device type {:08X}h\n\n", r.node, r.bus,
+                              twin::printable(r.device_name), r.device_type);
   for (const Finding& f : r.findings) {
     s += fmt::format("{}  {}  ({})\n", label(f.verdict), f.check.id, f.check.clause);
     const bool made = f.verdict == Verdict::pass || f.verdict == Verdict::fail;
-    s += fmt::format("      expected: {}\n      {}: {}\n", f.expected, made ? "seen" : "reason", ascii(f.seen));
+    s += fmt::format("      expected: {}\n      {}: {}\n", f.expected, made ? "seen" : "reason",
+                     twin::printable(f.seen));
   }
   s += "\n";
   for (const auto& note : r.notes) s += fmt::format("note: {}\n", note);
@@ -63,10 +58,10 @@ std::string to_json(const ConformReport& r) {
                       {"clause", f.check.clause},
                       {"verdict", name_of(f.verdict)},
                       {"expected", f.expected},
-                      {"seen", ascii(f.seen)}});
+                      {"seen", twin::printable(f.seen)}});
   const nlohmann::ordered_json json{{"node", r.node},
                                     {"bus", r.bus},
-                                    {"device_name", ascii(r.device_name)},
+                                    {"device_name", twin::printable(r.device_name)},
                                     {"device_type", r.device_type},
                                     {"complete", !r.interrupted},
                                     {"passed", r.count(Verdict::pass)},

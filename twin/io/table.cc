@@ -63,11 +63,6 @@ Result<std::vector<double>> Table::numbers(std::string_view name) const {
 
 namespace {
 
-std::string_view trimmed(std::string_view cell) {
-  const auto first = cell.find_first_not_of(" \t\r"), last = cell.find_last_not_of(" \t\r");
-  return first == cell.npos ? std::string_view{} : cell.substr(first, last - first + 1);
-}
-
 Error at_line(const std::filesystem::path& file, std::size_t line, const std::string& what) {
   return fmt::format("{}:{}: {}", file.string(), line, what);
 }

@@ -24,6 +24,18 @@ Result<std::string> read_text(const std::filesystem::path& file, std::string_vie
   return std::string(std::istreambuf_iterator<char>(*stream), {});
 }
 
+std::string_view trimmed(std::string_view text) {
+  const auto first = text.find_first_not_of(" \t\r"), last = text.find_last_not_of(" \t\r");
+  return first == text.npos ? std::string_view{} : text.substr(first, last - first + 1);
+}
+
+std::string printable(std::string_view text) {
+  std::string out(text);
+  for (char& c : out)
+    if (static_cast<unsigned char>(c) < 0x20 || static_cast<unsigned char>(c) > 0x7E) c = '?';
+  return out;
+}
+
 std::string joined(std::span<const std::string> texts, std::string_view separator) {
   return fmt::format("{}", fmt::join(texts, separator));
 }

@@ -16,6 +16,11 @@ Result<std::ifstream> open_text(const std::filesystem::path& file, std::string_v
 /// The whole content.
 Result<std::string> read_text(const std::filesystem::path& file, std::string_view kind);
 
+/// Without blanks, tabs and carriage returns at both ends.
+std::string_view trimmed(std::string_view text);
+/// For messages and ASCII formats: every byte but printable ASCII becomes '?'.
+std::string printable(std::string_view text);
+
 /// "a, b, c"; numbers with the digits that identify them. Functions because fmt::join instantiates fmt's formatters, 1
 /// s of compilation in every source.
 std::string joined(std::span<const std::string> texts, std::string_view separator = ", ");

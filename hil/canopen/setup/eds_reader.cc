@@ -23,18 +23,8 @@ std::string lower(std::string_view text) {
   return out;
 }
 
-std::string_view trimmed(std::string_view text) {
-  const auto begin = text.find_first_not_of(" \t\r"), end = text.find_last_not_of(" \t\r");
-  return begin == text.npos ? std::string_view() : text.substr(begin, end - begin + 1);
-}
-
 /// For messages: printable, not long.
-std::string shown(std::string_view text) {
-  std::string out(text.substr(0, 60));
-  for (char& c : out)
-    if (c < 0x20 || c > 0x7e) c = '?';
-  return out;
-}
+std::string shown(std::string_view text) { return twin::printable(text.substr(0, 60)); }
 
 template <class... Arguments>
 tl::unexpected<Error> problem(const std::filesystem::path& file, int line, fmt::format_string<Arguments...> format,
@@ -51,7 +41,7 @@ struct Number {
 
 std::optional<Number> plain_number(std::string_view text) {
   const bool negative = text.starts_with('-');
-  std::string t = lower(trimmed(text.substr(negative || text.starts_with('+') ? 1 : 0)));
+  std::string t = lower(twin::trimmed(text.substr(negative || text.starts_with('+') ? 1 : 0)));
   const bool hexadecimal = t.starts_with("0x");
   const int base = hexadecimal ? 16 : t.size() > 1 && t[0] == '0' ? 8 : 10;
   const char *begin = t.data() + (hexadecimal ? 2 : 0), *end = t.data() + t.size();
@@ -66,12 +56,12 @@ std::optional<Number> plain_number(std::string_view text) {
 /// The same, or a sum with $NODEID.
 std::optional<Number> parsed(std::string_view text) {
   const auto plus = text.find('+', 1);
-  const auto is_node = [](std::string_view part) { return lower(trimmed(part)) == "$nodeid"; };
+  const auto is_node = [](std::string_view part) { return lower(twin::trimmed(part)) == "$nodeid"; };
   if (is_node(text)) return Number{.plus_node = true};
   if (plus == text.npos || plus > text.size()) return plain_number(text);
   const auto first = text.substr(0, plus), second = text.substr(plus + 1);
   if (is_node(first) == is_node(second)) return std::nullopt;
-  auto base = plain_number(trimmed(is_node(first) ? second : first));
+  auto base = plain_number(twin::trimmed(is_node(first) ? second : first));
   if (base) base->plus_node = true;
   return base;
 }
@@ -306,20 +296,20 @@ Result<EdsSections> read_eds_sections(const std::filesystem::path& file) {
   std::string raw, section;
   for (int line = 1; std::getline(*stream, raw); ++line) {
     if (raw.size() > longest_line) return problem(file, line, "a line has at most {} characters", longest_line);
-    const std::string_view text = trimmed(raw);
+    const std::string_view text = twin::trimmed(raw);
     if (text.empty() || text[0] == ';' || text[0] == '#') continue;
     if (text[0] == '[') {
       if (text.back() != ']') return problem(file, line, "a section ends with ']', not '{}'", shown(text));
-      section = lower(trimmed(text.substr(1, text.size() - 2)));
+      section = lower(twin::trimmed(text.substr(1, text.size() - 2)));
       sections[section];
       continue;
     }
     const auto equals = text.find('=');
     if (section.empty() || equals == text.npos)
       return problem(file, line, "must be [SECTION], or KEY=VALUE in a section, not '{}'", shown(text));
-    const EdsText value{std::string(trimmed(text.substr(equals + 1))), line};
+    const EdsText value{std::string(twin::trimmed(text.substr(equals + 1))), line};
     if (value.text.empty()) continue;
-    const std::string key = lower(trimmed(text.substr(0, equals)));
+    const std::string key = lower(twin::trimmed(text.substr(0, equals)));
     const auto [place, fresh] = sections[section].emplace(key, value);
     if (!fresh && place->second.text != value.text)
       return problem(file, line, "{} of [{}] has another value in line {}", shown(key), shown(section),

@@ -22,12 +22,7 @@ bool parse(std::string_view text, Number& number, int base) {
   return problem == std::errc{} && end == text.data() + text.size() && !text.empty();
 }
 
-std::string shown(std::string_view line) {
-  std::string out(line.substr(0, 40));
-  for (char& c : out)
-    if (c < 0x20 || c > 0x7e) c = '?';
-  return out;
-}
+std::string shown(std::string_view line) { return twin::printable(line.substr(0, 40)); }
 
 /// Reads the lines of a store; the first problem ends it.
 class Parser {
