@@ -1,7 +1,5 @@
 // tribotwin-report: pages and pictures of runs, laws and poses; a command each in commands/. stdout carries the names
 // of the files written; everything else goes to stderr.
-#include <string>
-
 #include <tribotwin/plugins/mujoco/loader.hpp>
 #include <tribotwin/render/commands/table.hpp>
 #include <tribotwin/render/process/child.hpp>
@@ -16,12 +14,10 @@ int main(int argc, char** argv) {
   mujoco::install_message_handlers();
   twin::identification::exit_on_solver_failure(program);
 
-  CLI::App app{"tribotwin-report: runs, laws and poses as one page or single pictures; needs no display"};
-  app.set_version_flag("--version",
-                       std::string("tribotwin-report " TRIBOTWIN_VERSION ", MuJoCo ") + mj_versionString());
+  CLI::App app{"tribotwin-report", "Runs, laws and poses as one page or single pictures; needs no display"};
   app.require_subcommand(0, 1);
   render::program::Call call{.command_line = program};
   for (int i = 1; i < argc; ++i) call.command_line += " " + render::shell_word(argv[i]);
   for (const auto add : render::program::commands) add(app, call);
-  return twin::program::parse(program, app, argc, argv, call.code);
+  return twin::program::parse(program, mj_versionString(), app, argc, argv, call.code);
 }

@@ -1,7 +1,5 @@
 // Program tribotwin: runs, measures, identifies, exports. Each command is a file in commands/. stdout carries results
 // only; everything else goes to stderr.
-#include <string>
-
 #include <tribotwin/plugins/mujoco/loader.hpp>
 #include <tribotwin/twin/commands/table.hpp>
 #include <tribotwin/twin/io/command_line/parse.hpp>
@@ -14,10 +12,9 @@ int main(int argc, char** argv) {
   mujoco::install_message_handlers();
   twin::identification::exit_on_solver_failure("tribotwin");
 
-  CLI::App app{"tribotwin: a digital twin of robot joints whose friction depends on load and temperature"};
+  CLI::App app{"tribotwin", "A digital twin of robot joints whose friction depends on load and temperature"};
   app.require_subcommand(1);
-  app.set_version_flag("--version", std::string("tribotwin " TRIBOTWIN_VERSION ", MuJoCo ") + mj_versionString());
   int code = twin::done;
   for (const auto add : twin::program::commands) add(app, code);
-  return twin::program::parse("tribotwin", app, argc, argv, code);
+  return twin::program::parse("tribotwin", mj_versionString(), app, argc, argv, code);
 }

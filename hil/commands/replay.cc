@@ -22,7 +22,7 @@ struct Arguments : RobotOptions {
     add_profile(command);
     start.add_to(command);
     command.add_option("LOG", log, "candump log, as --record writes it")->required();
-    auto* speed = command.add_option("--rate", rate, "Speed: 1 is the original")
+    auto* speed = command.add_option("--speed-factor,--rate", rate, "Speed of the replay; 1 is the original")
                       ->check(CLI::PositiveNumber)
                       ->capture_default_str();
     command.add_flag("--fast", fast, "As fast as possible")->excludes(speed);

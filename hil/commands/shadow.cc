@@ -52,7 +52,8 @@ struct Arguments : RobotOptions {
         ->allow_extra_args(false)
         ->needs(limited);
     command.add_option("--duration", duration, "Bus time after which the session ends [s]")->check(CLI::PositiveNumber);
-    command.add_option("--csv", csv, "Measured, predicted, residual and temperature of every cycle");
+    command.add_option("-o,--output,--csv", csv,
+                       "CSV to write: measured, predicted, residual and temperature of every cycle");
     add_force(command, force);
     command.footer(
         "Example:\n  tribotwin-hil shadow twin/scenarios/irb6620_hold.yaml --can log:session.log --limit 200");
@@ -116,7 +117,7 @@ int run(const Arguments& a) {
   auto inputs = files_of(scenario);
   inputs.push_back({"--can " + a.can, a.log()});
   for (const auto& file : a.foreign.files()) inputs.push_back({"--map " + file.string(), file});
-  check_outputs(inputs, {{"--csv " + a.csv, a.csv}}, a.force);
+  check_outputs(inputs, {{"-o " + a.csv, a.csv}}, a.force);
   if (!a.csv.empty()) twin::or_wrong_input(twin::check_output(a.csv, twin::Existing::replace));
   auto listeners =
       twin::or_wrong_input(foreign_listeners(a.foreign, drive_parameters(scenario, a.first_node, a.cycle_us())));

@@ -10,7 +10,7 @@
 /// What a command may write to: nothing that it reads, nothing twice, nothing that holds a session already.
 namespace tribotwin::hil {
 
-/// A file of a command and how the user named it: "--csv s.log".
+/// A file of a command and how the user named it: "-o s.log".
 struct NamedFile {
   std::string name;
   std::filesystem::path path;

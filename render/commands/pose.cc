@@ -73,9 +73,9 @@ void set_position(PoseState& state, const mjModel* m, const std::string& given) 
 }
 
 void set_temperature(PoseState& state, const mujoco::Model& model, const std::string& given) {
-  const auto [name, value] = assignment("--temperature", given);
+  const auto [name, value] = assignment("--joint-temperature", given);
   const auto index = twin::find_drive(model, name);
-  if (!index) throw InputError(fmt::format("--temperature {}: {}", given, index.error().message));
+  if (!index) throw InputError(fmt::format("--joint-temperature {}: {}", given, index.error().message));
   state.joints[*index].temperature_degC = value;
 }
 
@@ -116,10 +116,11 @@ void add_pose(CLI::App& app, Call& call) {
   a->add_to(*command, "MJCF model, or the folder of a run", "1280x960", "pose.png");
   command->add_option("--pose", a->pose, "JOINT=RAD (metres for a slide) or the name of a keyframe; may be repeated")
       ->allow_extra_args(false);
-  command->add_option("--temperature", a->temperature, "JOINT=DEGC; may be repeated")->allow_extra_args(false);
+  command->add_option("--joint-temperature,--temperature", a->temperature, "JOINT=DEGC; may be repeated")
+      ->allow_extra_args(false);
   command->add_option("--time", a->time, "Time of the run [s] (default: its end)");
   command->footer(
-      "Example:\n  tribotwin-report pose mjcf/irb6620.xml --pose joint2=0.6 --temperature joint2=72 -o pose.png");
+      "Example:\n  tribotwin-report pose mjcf/irb6620.xml --pose joint2=0.6 --joint-temperature joint2=72 -o pose.png");
   command->callback([a, &call] { call.code = execute(*a); });
 }
 

@@ -235,12 +235,12 @@ before = contents("session.log", "own.yaml", "arm.xml", "faults.yaml", "folder")
 shadow = ("shadow", "own.yaml", "--lockstep", "--can", "log:session.log", "--force", "--csv")
 drive = ("drive", "own.yaml", "--can", "memory:x", "--realtime", "--duration", "0.1", "--force")
 for name, arguments, says in (
-    ("a log as its CSV", (*shadow, "session.log"), ("--csv session.log", "--can log:session.log")),
-    ("through a symbolic link", (*shadow, "linked.log"), ("--csv linked.log", "--can log:session.log")),
-    ("through a hard link", (*shadow, "hard.log"), ("--csv hard.log", "--can log:session.log")),
-    ("through a folder's link", (*shadow, "here/session.log"), ("--csv here/session.log", "--can log:session.log")),
-    ("a scenario as the CSV", (*shadow, "own.yaml"), ("--csv own.yaml", "SCENARIO own.yaml")),
-    ("a model as the CSV", (*shadow, "arm.xml"), ("--csv arm.xml", "arm.xml of own.yaml")),
+    ("a log as its CSV", (*shadow, "session.log"), ("-o session.log", "--can log:session.log")),
+    ("through a symbolic link", (*shadow, "linked.log"), ("-o linked.log", "--can log:session.log")),
+    ("through a hard link", (*shadow, "hard.log"), ("-o hard.log", "--can log:session.log")),
+    ("through a folder's link", (*shadow, "here/session.log"), ("-o here/session.log", "--can log:session.log")),
+    ("a scenario as the CSV", (*shadow, "own.yaml"), ("-o own.yaml", "SCENARIO own.yaml")),
+    ("a model as the CSV", (*shadow, "arm.xml"), ("-o arm.xml", "arm.xml of own.yaml")),
     (
         "a log in the folder of a replay",
         ("replay", "own.yaml", "folder/telemetry.h5", "--fast", "--force", "-o", "folder"),

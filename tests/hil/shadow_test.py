@@ -360,7 +360,7 @@ before = open("other.dbc").read()
 check_refused(
     "a map as the CSV",
     shadow("foreign.log", "--map", "other.dbc", *signals, "--force", "--csv", "other.dbc"),
-    says=["--csv other.dbc", "--map other.dbc"],
+    says=["-o other.dbc", "--map other.dbc"],
 )
 check("it stays as it was", open("other.dbc").read() == before)
 

@@ -3,6 +3,7 @@
 #include <memory>
 
 #include <fmt/format.h>
+#include <nlohmann/json.hpp>
 
 #include <tribotwin/plugins/friction/number.hpp>
 #include <tribotwin/twin/commands/program.hpp>
@@ -39,11 +40,23 @@ std::vector<double> speeds_of(const std::string& text) {
 
 struct Arguments {
   std::string model, joint, speeds = "1:280:50", load_by = "torque";
-  Destination csv;
+  Destination output;
   double temperature = 50, load = 0, noise = 0;
   std::uint64_t seed = 1;
-  bool experiment = false, quiet = false;
+  bool experiment = false, json = false, quiet = false;
 };
+
+std::string json_of(const drive::Drive& drive, const std::vector<CurvePoint>& points) {
+  nlohmann::ordered_json json{{"law", drive.law.info->name}, {"points", nlohmann::ordered_json::array()}};
+  for (const auto& p : points)
+    json["points"].push_back({{"speed_rad_s", p.speed_rad_s},
+                              {"load_norm", p.load_norm},
+                              {"temperature_degC", p.temperature_degC},
+                              {"friction_norm", p.friction_norm},
+                              {"friction_nm", p.friction_nm},
+                              {"stderr_nm", p.stderr_nm}});
+  return json.dump(2) + "\n";
+}
 
 Result<Exit> deliver_points(const Arguments& a, const drive::Drive& drive, const std::vector<CurvePoint>& points) {
   int outside = 0;
@@ -51,14 +64,15 @@ Result<Exit> deliver_points(const Arguments& a, const drive::Drive& drive, const
     outside += friction::level(drive.law, friction::at_temperature(drive.law, p.temperature_degC),
                                p.speed_rad_s / drive.gear_ratio * drive.speed_scale(), p.load_norm)
                    .outside;
+  if (outside && !a.quiet)
+    note("{} of {} points lie outside the range in which law '{}' was identified; its validity policy applies", outside,
+         points.size(), drive.law.info->name);
+  if (a.json) return deliver(json_of(drive, points), a.output);
   std::string text = "speed_rad_s,load_norm,temperature_degC,friction_norm,friction_nm,stderr_nm\n";
   for (const auto& p : points)
     text += fmt::format("{},{},{},{},{},{}\n", p.speed_rad_s, p.load_norm, p.temperature_degC, p.friction_norm,
                         p.friction_nm, p.stderr_nm);
-  if (outside && !a.quiet)
-    note("{} of {} points lie outside the range in which law '{}' was identified; its validity policy applies", outside,
-         points.size(), drive.law.info->name);
-  return deliver(text, a.csv);
+  return deliver(text, a.output);
 }
 
 /// The curve of an identified law. Where the file does not say the largest torque or the gear, normalised torque stays
@@ -80,7 +94,7 @@ Result<Exit> of_parameters(const Arguments& a, const std::vector<double>& speeds
 Result<Exit> execute(const Arguments& a) {
   const auto speeds = speeds_of(a.speeds);
   for (const auto& [option, value] :
-       {std::pair{"--temperature", a.temperature}, {"--load", a.load}, {"--noise", a.noise}})
+       {std::pair{"--temperature", a.temperature}, {"--load", a.load}, {"--torque-noise-nm", a.noise}})
     if (!std::isfinite(value)) throw InputError(fmt::format("{} {}: must be a finite number", option, value));
   if (a.model.ends_with(".yaml")) return of_parameters(a, speeds);
   if (a.joint.empty()) throw InputError("--joint is needed: a model has several");
@@ -128,18 +142,20 @@ void add_curve(CLI::App& app, int& code) {
   command->add_option("--load-by", a->load_by, "What holds the load in the experiment")
       ->check(CLI::IsMember({"torque", "pose"}))
       ->capture_default_str();
-  command->add_option("--noise", a->noise, "Standard deviation of the measured motor torque, arm side [Nm]")
+  command
+      ->add_option("--torque-noise-nm,--noise", a->noise,
+                   "Standard deviation of the measured motor torque, arm side [Nm]")
       ->capture_default_str()
       ->check(CLI::Range(0.0, 1e9));
   command->add_option("--seed", a->seed, "Seed of the noise")->capture_default_str();
-  command->add_option("--csv", a->csv.file, "Write to this file instead of stdout");
-  command->add_flag("--force", a->csv.force, "Replace files that exist");
+  a->output.add_to(*command, "CSV to write (default: stdout)", ",--csv");
+  command->add_flag("--json", a->json, "Print JSON instead of CSV");
   command->add_flag("--quiet", a->quiet, "No progress, no notes");
   command->footer(
       "Example:\n  tribotwin curve mjcf/irb6620.xml --joint joint2 --temperature 50 --load 0.3 --speeds 1:280:10 "
       "--experiment");
   command->callback([a, &code] {
-    check(a->csv, {a->model});
+    check(a->output, {a->model});
     code = or_throw(execute(*a));
   });
 }

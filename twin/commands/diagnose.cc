@@ -254,7 +254,7 @@ void add_learn(CLI::App& app, const std::shared_ptr<Arguments>& a, int& code) {
       ->add_option("--lever", a->learn.lever_m,
                    "Distance of a payload from the joint's axis [m], for equivalent loads in kg")
       ->check(CLI::Range(1e-6, 1e3));
-  command->add_flag("--robust", a->learn.robust, "Leave out outliers among the curves");
+  command->add_flag("--leave-out-outliers,--robust", a->learn.robust, "Leave out outliers among the curves");
   a->output.add_to(*command, "healthy.yaml to write (default: stdout)");
   add_units(*command, *a);
   command->footer(
@@ -300,7 +300,7 @@ void add_watch(CLI::App& app, const std::shared_ptr<Arguments>& a, int& code) {
 
 void add_residuals(CLI::App& app, const std::shared_ptr<Arguments>& a, int& code) {
   auto* command = app.add_subcommand("residuals", "The same over the residuals of a shadow; exit code 3 at an alarm");
-  command->add_option("CSV", a->data, "File of tribotwin-hil shadow --csv")->required()->expected(1);
+  command->add_option("CSV", a->data, "File of tribotwin-hil shadow -o")->required()->expected(1);
   command->add_option("--joint", a->residuals.joint, "Joint, where there are several");
   command->add_option("--window", a->residuals.window_s, "Length of a window [s]; whole work cycles")
       ->check(CLI::Range(1e-3, 1e7))

@@ -95,7 +95,9 @@ void add_excite(CLI::App& app, int& code) {
       ->check(CLI::Range(10, 10000000))
       ->capture_default_str();
   c->add_option("--seed", a->options.seed, "Seed of the search")->capture_default_str();
-  c->add_option("--rate", a->rate_hz, "Set points per second")->check(CLI::Range(1.0, 100000.0))->capture_default_str();
+  c->add_option("--sampling,--rate", a->rate_hz, "Sampling rate of the set points [Hz]")
+      ->check(CLI::Range(1.0, 100000.0))
+      ->capture_default_str();
   c->add_flag("--json", a->json, "Print JSON instead of text");
   c->add_flag("--quiet", a->quiet, "No progress, no notes");
   c->footer("Example:\n  tribotwin excite mjcf/er3a_c60.xml -o motion.csv");

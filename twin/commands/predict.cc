@@ -135,7 +135,7 @@ Result<Exit> execute(const Arguments& a) {
                                        : error_of(motion, predicted, joint, a.window_s[0], a.window_s[1]);
     if (e.samples == 0 && !a.window_s.empty())
       throw InputError(
-          fmt::format("--window: joint {} does not move from {:g} to {:g} s", name, a.window_s[0], a.window_s[1]));
+          fmt::format("--interval: joint {} does not move from {:g} to {:g} s", name, a.window_s[0], a.window_s[1]));
     j["joints"][name] = {{"rms", e.rms},         {"relative_to_range", e.share()},
                          {"range", e.range},     {"largest", e.largest},
                          {"samples", e.samples}, {"unit", robot.regressor.is_slide(joint) ? "N" : "Nm"}};
@@ -165,8 +165,8 @@ void add_predict(CLI::App& app, int& code) {
                 "(default: that of rest)")
       ->delimiter(',')
       ->check(CLI::Range(-60.0, 250.0));
-  c->add_option("--window", a->window_s,
-                "First and last time_s whose errors count, as A,B; for records that start with a warm-up")
+  c->add_option("--interval,--window", a->window_s,
+                "First and last time_s whose errors count [s], as A,B; for records that start with a warm-up")
       ->delimiter(',')
       ->expected(2);
   add_preparation(*c, a->preparation);

@@ -246,7 +246,7 @@ void add_export(CLI::App& app, int& code) {
       ->check(CLI::Range(-273.15, 1000.0))
       ->needs(native);
   command
-      ->add_option("--speed", a->speed_max_rad_s,
+      ->add_option("--joint-speed,--speed", a->speed_max_rad_s,
                    "Fastest joint speed of the fit [rad/s] (default: the end of the law's range)")
       ->check(CLI::Range(1e-9, 1e6))
       ->needs(native);

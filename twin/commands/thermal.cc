@@ -34,8 +34,8 @@ struct Arguments {
 /// All joints of all files; each joint has the sessions of the files that contain it.
 std::vector<JointHeat> read(const Arguments& a) {
   if (a.cycle_s.size() > 1 && a.cycle_s.size() != a.data.size())
-    throw InputError(
-        fmt::format("--cycle: {} values for {} files; give one, or one for each", a.cycle_s.size(), a.data.size()));
+    throw InputError(fmt::format("--work-cycle: {} values for {} files; give one, or one for each", a.cycle_s.size(),
+                                 a.data.size()));
   std::vector<JointHeat> joints;
   for (std::size_t f = 0; f < a.data.size(); ++f) {
     auto recording =
@@ -188,7 +188,8 @@ Result<Exit> identify(const Arguments& a) {
       constexpr double steady = 0.05;
       if (fit.rms > steady && !a.quiet)
         note(
-            "{}: the work of the cycles scatters by {:.2g} % about the model; is --cycle their period, and does the "
+            "{}: the work of the cycles scatters by {:.2g} % about the model; is --work-cycle their period, and does "
+            "the "
             "robot go back the way it came?",
             joint.name, 100 * fit.rms);
       fits.emplace_back(joint.name, with_alpha(fit, a.alpha != 0 ? a.alpha : guessed_alpha, a.alpha != 0, a.rest_degC));
@@ -317,12 +318,12 @@ void add_thermal(CLI::App& app, int& code) {
       "thermal", "Identify thermal models of joints from recorded heat and temperature, or from torque alone");
   c->add_option("DATA", a->data,
                 "CSV: time_s, power_w_JOINT or torque_JOINT_nm with velocity_JOINT_rad_s or position_JOINT_rad, and "
-                "temperature_JOINT_degC; without temperatures --cycle and --rested")
+                "temperature_JOINT_degC; without temperatures --work-cycle and --rested")
       ->required();
   auto* order = c->add_option("--order", a->order,
                               "Order of the model (default: 2 where both time constants are identifiable, else 1)")
                     ->check(CLI::IsMember({1, 2}));
-  c->add_option("--cycle", a->cycle_s,
+  c->add_option("--work-cycle,--cycle", a->cycle_s,
                 "Length of the working cycle [s], for heat from torque and motion: one, or one for each file as A,B")
       ->delimiter(',')
       ->check(CLI::Range(1e-3, 3600.0));

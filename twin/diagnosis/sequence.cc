@@ -74,7 +74,7 @@ Result<Residuals> read_residuals(const std::filesystem::path& file, std::string 
     if (name.ends_with(ending)) joints.push_back(name.substr(0, name.size() - ending.size()));
   if (joints.empty())
     return tl::unexpected(
-        fmt::format("{}:1: no column JOINT{}, as tribotwin-hil shadow --csv writes them; the header names {}",
+        fmt::format("{}:1: no column JOINT{}, as tribotwin-hil shadow -o writes them; the header names {}",
                     file.string(), ending, joined(header->names)));
   if (joint.empty() && joints.size() == 1) joint = joints.front();
   if (std::ranges::find(joints, joint) == joints.end())

@@ -16,10 +16,10 @@ struct Destination {
   std::string file;
   bool force = false;  ///< the file may replace one that exists
 
-  /// Adds the options -o and --force to a CLI::App; returns the first.
+  /// Adds the options -o and --force to a CLI::App; returns the first. `former`: an older name of -o, as ",--csv".
   template <class Command>
-  auto* add_to(Command& command, const std::string& help) {
-    auto* option = command.add_option("-o,--output", file, help);
+  auto* add_to(Command& command, const std::string& help, const std::string& former = "") {
+    auto* option = command.add_option("-o,--output" + former, file, help);
     command.add_flag("--force", force, "Replace files that exist");
     return option;
   }

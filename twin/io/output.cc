@@ -1,4 +1,5 @@
 #include <csignal>
+#include <cstdlib>
 #include <cstring>
 
 #include <fcntl.h>
@@ -11,6 +12,15 @@ namespace tribotwin::twin {
 namespace {
 
 int stdout_error = 0;  // errno of the first write to stdout that failed
+bool colour_of_stream[] = {false, false};
+
+constexpr std::string_view red = "\033[1;31m", yellow = "\033[1;33m", cyan = "\033[1;36m", plain = "\033[0m";
+
+/// `text` with its beginning of `length` in a colour, where messages are coloured.
+std::string message(std::string_view text, std::size_t length, std::string_view colour) {
+  if (!coloured(Stream::messages)) return std::string(text);
+  return fmt::format("{}{}{}{}", colour, text.substr(0, length), plain, text.substr(length));
+}
 
 }  // namespace
 
@@ -24,10 +34,38 @@ void print_text(std::string_view text) {
   if (stdout_error == 0) stdout_error = write_all(STDOUT_FILENO, text);
 }
 
-void report_text(std::string_view text) { (void)write_all(STDERR_FILENO, text); }
+void choose_colour(int argc, const char* const* argv) {
+  std::string_view when = "auto";
+  for (int i = 1; i < argc; ++i) {
+    const std::string_view argument = argv[i];
+    if (argument == "--") break;
+    for (const std::string_view name : {"--color", "--colour"}) {
+      if (argument == name && i + 1 < argc) when = argv[i + 1];
+      if (argument.starts_with(name) && argument.substr(name.size()).starts_with('='))
+        when = argument.substr(name.size() + 1);
+    }
+  }
+  const char *none = std::getenv("NO_COLOR"), *terminal = std::getenv("TERM");
+  const bool wanted = !(none && *none) && terminal && std::string_view(terminal) != "dumb";
+  const int streams[] = {STDOUT_FILENO, STDERR_FILENO};
+  for (int i = 0; i < 2; ++i)
+    colour_of_stream[i] = when == "always" || (when == "auto" && wanted && ::isatty(streams[i]));
+}
 
-int report_error(std::string_view program, Exit code, std::string_view message) {
-  report_text(fmt::format("{}: {}\n", program, message));
+bool coloured(Stream stream) { return colour_of_stream[stream == Stream::messages]; }
+
+void report_text(std::string_view text) {
+  for (const auto& [word, colour] :
+       {std::pair<std::string_view, std::string_view>{"note:", cyan}, {"warning:", yellow}})
+    if (text.starts_with(word)) {
+      (void)write_all(STDERR_FILENO, message(text, word.size(), colour));
+      return;
+    }
+  (void)write_all(STDERR_FILENO, text);
+}
+
+int report_error(std::string_view program, Exit code, std::string_view text) {
+  report_text(message(fmt::format("{}: {}\n", program, text), program.size() + 1, red));
   return code;
 }
 

@@ -16,9 +16,16 @@ enum Exit { done = 0, failed = 1, wrong_input = 2, limit_exceeded = 3 };
 /// signal. A standard stream that was closed is replaced by one that fails, so that no opened file gets its number.
 void prepare_streams();
 
-/// Text to stdout (results only) and to stderr (everything else), whole, also into a pipe that is slow.
+/// Text to stdout (results only) and to stderr (everything else), whole, also into a pipe that is slow. "note:" and
+/// "warning:" at the beginning of a message are coloured where the stream is.
 void print_text(std::string_view text);
 void report_text(std::string_view text);
+
+/// When text is coloured: on terminals without NO_COLOR, or as the last of `arguments` that says --color (--colour)
+/// always or never. Before it is called nothing is coloured.
+void choose_colour(int argc, const char* const* argv);
+enum class Stream { output, messages };
+bool coloured(Stream stream);
 
 /// A part of the result, to stdout.
 template <class... Arguments>

@@ -41,7 +41,7 @@ Result<NativeFriction> fit(const mujoco::Binding& b, const std::string& joint, s
   n.speed_max_rad_s = speed_max_rad_s.value_or(range.speed_max_rad_s / b.drive.speed_scale());
   if (!std::isfinite(n.speed_max_rad_s))
     return tl::unexpected(
-        fmt::format("joint '{}': its law has no end of speed; give the fastest joint speed (--speed)", joint));
+        fmt::format("joint '{}': its law has no end of speed; give the fastest joint speed (--joint-speed)", joint));
   const Eigen::ArrayXd speed =
       Eigen::ArrayXd::LinSpaced(speed_count, n.speed_max_rad_s / speed_count, n.speed_max_rad_s);
   const Eigen::ArrayXd friction =

@@ -618,7 +618,7 @@ refused("ten rows", ["at least 20"], "bad.csv")
 open(f"{work}/bad.yaml", "w").write(open(f"{work}/arm.yaml").read().replace("t2: ", "t3: ", 1))
 refused(
     "a cycle for each of two files, but three of them",
-    ["--cycle", "3 values for 2 files"],
+    ["--work-cycle", "3 values for 2 files"],
     "monday.csv",
     "tuesday.csv",
     "--cycle",

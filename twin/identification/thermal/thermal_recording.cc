@@ -180,7 +180,7 @@ Result<Layout> layout_of(const std::filesystem::path& file, bool cycles) {
   if (!out.with_temperature && (!cycles || out.joints.empty()))
     return tl::unexpected(Error(fmt::format(
         "{}:1: no column temperature_JOINT_degC; without temperatures a thermal model is identified from working "
-        "cycles only (--cycle, with power_w_JOINT, or torque_JOINT_nm and velocity_JOINT_rad_s or "
+        "cycles only (--work-cycle, with power_w_JOINT, or torque_JOINT_nm and velocity_JOINT_rad_s or "
         "position_JOINT_rad); its header names: {}",
         file.string(), joined(header->names))));
   for (const auto& joint : out.joints) {

@@ -137,7 +137,7 @@ Result<void> require_cycles(std::span<const HeatSession> sessions, const TorqueP
     if (!(problem.mean_power_w(f) > 0))
       return tl::unexpected(Error(
           fmt::format("the mean power of the cycles is {:.3g} W, where that of friction is above 0; is the torque "
-                      "or the motion of the other sign, or --cycle no period of it?",
+                      "or the motion of the other sign, or --work-cycle no period of it?",
                       problem.mean_power_w(f))));
   return {};
 }

@@ -1,3 +1,4 @@
+#include <algorithm>
 #include <cmath>
 #include <cstdint>
 #include <optional>
@@ -5,18 +6,26 @@
 #include <utility>
 
 #include <CLI/CLI.hpp>
+#include <fmt/format.h>
 
 #include <tribotwin/plugins/friction/number.hpp>
 #include <tribotwin/twin/io/command_line/command_line.hpp>
+#include <tribotwin/twin/io/output.hpp>
 
 namespace tribotwin::CLI {
 
 struct Validator::Made {
   ::CLI::Validator validator;
+  std::string range;
+  std::vector<std::string> choices;
 };
 
 struct Option::Made {
   ::CLI::Option& option;
+  std::string type;  ///< CLI11's name of the variable's type; empty for a flag
+  bool hidden = false;
+  std::string range;
+  std::vector<std::string> choices;
 };
 
 struct ParseError::Made {
@@ -26,23 +35,40 @@ struct ParseError::Made {
 struct App::Made {
   std::unique_ptr<::CLI::App> program;  ///< null for a command
   ::CLI::App& app;
+  std::string name;  ///< "tribotwin run"
+  bool hidden = false;
+  std::string colour;  ///< of --color, which output.cc has read already
 };
 
 namespace {
 
-Validator made(::CLI::Validator validator) {
-  return {std::make_shared<const Validator::Made>(Validator::Made{std::move(validator)})};
+Validator made(::CLI::Validator validator, std::string range, std::vector<std::string> choices = {}) {
+  return {std::make_shared<const Validator::Made>(
+      Validator::Made{std::move(validator), std::move(range), std::move(choices)})};
+}
+
+template <class T>
+Validator range(T min, T max) {
+  return made(::CLI::Range(min, max), fmt::format("{:.10g} to {:.10g}", double(min), double(max)));
+}
+
+template <class T>
+Validator member(std::initializer_list<T> values) {
+  std::vector<std::string> choices;
+  for (const T& value : values) choices.push_back(fmt::format("{}", value));
+  return made(::CLI::IsMember(values), "", std::move(choices));
 }
 
 }  // namespace
 
-Range::Range(double min, double max) : Validator(CLI::made(::CLI::Range(min, max))) {}
-Range::Range(int min, int max) : Validator(CLI::made(::CLI::Range(min, max))) {}
-Range::Range(unsigned min, unsigned max) : Validator(CLI::made(::CLI::Range(min, max))) {}
-IsMember::IsMember(std::initializer_list<const char*> values) : Validator(CLI::made(::CLI::IsMember(values))) {}
-IsMember::IsMember(std::initializer_list<int> values) : Validator(CLI::made(::CLI::IsMember(values))) {}
+Range::Range(double min, double max) : Validator(range(min, max)) {}
+Range::Range(int min, int max) : Validator(range(min, max)) {}
+Range::Range(unsigned min, unsigned max) : Validator(range(min, max)) {}
+IsMember::IsMember(std::initializer_list<const char*> values) : Validator(member(values)) {}
+IsMember::IsMember(std::initializer_list<int> values) : Validator(member(values)) {}
 
-const Validator PositiveNumber = made(::CLI::PositiveNumber), NonNegativeNumber = made(::CLI::NonNegativeNumber);
+const Validator PositiveNumber = made(::CLI::PositiveNumber, "above 0"),
+                NonNegativeNumber = made(::CLI::NonNegativeNumber, "0 or more");
 
 Option::Option(std::unique_ptr<Made> made) : made_(std::move(made)) {}
 Option::~Option() = default;
@@ -53,6 +79,8 @@ Option* Option::required() {
 }
 Option* Option::check(const Validator& validator) {
   made_->option.check(validator.made->validator);
+  made_->range = validator.made->range;
+  made_->choices = validator.made->choices;
   return this;
 }
 Option* Option::capture_default_str() {
@@ -83,16 +111,59 @@ Option* Option::expected(int min, int max) {
   made_->option.expected(min, max);
   return this;
 }
+Option* Option::hide() {
+  made_->hidden = true;
+  return this;
+}
 std::size_t Option::count() const { return made_->option.count(); }
+
+namespace {
+
+/// The letter and the first long name; the other long names are former ones.
+std::vector<std::string> shown_names(const ::CLI::Option& option) {
+  std::vector<std::string> names;
+  if (!option.get_snames().empty()) names.push_back("-" + option.get_snames().front());
+  if (!option.get_lnames().empty()) names.push_back("--" + option.get_lnames().front());
+  return names;
+}
+
+std::vector<std::string> long_names(const std::set<::CLI::Option*>& options) {
+  std::vector<std::string> names;
+  for (const auto* option : options) names.push_back(shown_names(*option).back());
+  std::ranges::sort(names);
+  return names;
+}
+
+}  // namespace
+
+OptionDescription Option::describe() const {
+  const ::CLI::Option& o = made_->option;
+  OptionDescription d{.names = shown_names(o),
+                      .help = o.get_description(),
+                      .default_value = o.get_default_str(),
+                      .range = made_->range,
+                      .choices = made_->choices,
+                      .needs = long_names(o.get_needs()),
+                      .excludes = long_names(o.get_excludes()),
+                      .required = o.get_required(),
+                      .repeated = o.get_items_expected_max() > 1,
+                      .hidden = made_->hidden};
+  if (d.positional())
+    d.value = o.get_name(true);
+  else if (!made_->type.empty())
+    d.value = placeholder(d.names.back(), made_->type);
+  return d;
+}
 
 const char* ParseError::what() const noexcept { return made_->error.what(); }
 
-App::App(std::string description) {
-  auto program = std::make_unique<::CLI::App>(std::move(description));
+App::App(const std::string& name, const std::string& description) {
+  auto program = std::make_unique<::CLI::App>(description, name);
   ::CLI::App& app = *program;
-  made_ = std::make_unique<Made>(Made{std::move(program), app});
+  made_ = std::make_unique<Made>(Made{std::move(program), app, name});
+  prepare();
 }
-App::App(std::unique_ptr<Made> made) : made_(std::move(made)) {}
+App::App(std::unique_ptr<Made> made) : made_(std::move(made)) { prepare(); }
 App::~App() = default;
 
 namespace {
@@ -113,7 +184,8 @@ template <class T>
 Option* App::add_option(const std::string& name, T& variable, const std::string& help) {
   ::CLI::Option& option = *made_->app.add_option(name, variable, help);
   if constexpr (is_real<T>) option.check(finite, "");
-  auto made = std::make_unique<Option::Made>(Option::Made{option});
+  const std::string type = option.get_type_name();
+  auto made = std::make_unique<Option::Made>(Option::Made{option, type.substr(0, type.find(':'))});
   return options_.emplace_back(std::make_unique<Option>(std::move(made))).get();
 }
 // A new type of variable needs a line here.
@@ -137,7 +209,8 @@ Option* App::add_flag(const std::string& name, bool& variable, const std::string
 }
 
 App* App::add_subcommand(const std::string& name, const std::string& description) {
-  auto made = std::make_unique<Made>(Made{nullptr, *made_->app.add_subcommand(name, description)});
+  auto made =
+      std::make_unique<Made>(Made{nullptr, *made_->app.add_subcommand(name, description), made_->name + " " + name});
   return commands_.emplace_back(std::make_unique<App>(std::move(made))).get();
 }
 App* App::footer(const std::string& text) {
@@ -156,8 +229,30 @@ App* App::require_subcommand(int min, int max) {
   made_->app.require_subcommand(static_cast<std::size_t>(min), static_cast<std::size_t>(max));
   return this;
 }
-void App::set_version_flag(const std::string& flag, const std::string& version) {
-  made_->app.set_version_flag(flag, version);
+App* App::hide() {
+  made_->app.group("");
+  made_->hidden = true;
+  return this;
+}
+
+void App::set_version_flag(const std::string& version, const std::string& json) {
+  const ::CLI::App& app = made_->app;
+  made_->app.set_version_flag("--version", [&app, version, json] {
+    const auto* own = app.get_option_no_throw("--json");
+    const auto others = app.remaining();  // --json where the program itself has no such option
+    return (own && own->count() > 0) || std::ranges::find(others, "--json") != others.end() ? json : version;
+  });
+}
+
+/// What every program and command has: its help and --color.
+void App::prepare() {
+  made_->app.set_help_flag("-h,--help", "Print this help");
+  made_->app.formatter_fn([this](const ::CLI::App*, const std::string&, ::CLI::AppFormatMode) {
+    return help_text(describe(), twin::coloured(twin::Stream::output));
+  });
+  add_option("--color,--colour", made_->colour, "Whether to colour messages and headings")
+      ->check(IsMember({"auto", "always", "never"}));
+  if (!made_->program) options_.back()->hide();
 }
 
 void App::parse(int argc, const char* const* argv) {
@@ -177,5 +272,29 @@ std::vector<const App*> App::get_subcommands() const {
   return given;
 }
 App::operator bool() const { return made_->app.parsed(); }
+
+Description App::describe() const {
+  Description d{.name = made_->name,
+                .summary = made_->app.get_description(),
+                .footer = made_->app.get_footer(),
+                .needs_command = made_->app.get_require_subcommand_min() > 0,
+                .hidden = made_->hidden};
+  for (const auto& option : options_)
+    if (option != options_.front()) d.options.push_back(option->describe());
+  const auto flag = [&](std::vector<std::string> names, std::string help) {
+    d.options.push_back({.names = std::move(names), .help = std::move(help)});
+  };
+  d.options.push_back(options_.front()->describe());  // --color, behind those of the command
+  if (made_->program) flag({"--version"}, "Print version, engine, commit and compiler; with --json also the libraries");
+  flag({"-h", "--help"}, "Print this help");
+  for (const auto& command : commands_) d.commands.push_back(command->describe());
+  return d;
+}
+
+const App& App::given() const {
+  for (const auto& command : commands_)
+    if (*command) return command->given();
+  return *this;
+}
 
 }  // namespace tribotwin::CLI

@@ -10,6 +10,8 @@
 #include <utility>
 #include <vector>
 
+#include <tribotwin/twin/io/command_line/description.hpp>
+
 /// The part of CLI11 that the programs use, under the same names and with the same meaning. CLI11 is a header that
 /// takes seconds to compile; here it is compiled once, in command_line.cc.
 namespace tribotwin::CLI {
@@ -49,7 +51,9 @@ class Option {
   Option* delimiter(char value);
   Option* expected(int values);
   Option* expected(int min, int max);
+  Option* hide();  ///< accepted, but not shown in help
   std::size_t count() const;
+  OptionDescription describe() const;
 
  private:
   std::unique_ptr<Made> made_;
@@ -71,11 +75,12 @@ class ParseError : public std::exception {
 class App {
  public:
   struct Made;
-  explicit App(std::string description);
+  App(const std::string& name, const std::string& description);
   explicit App(std::unique_ptr<Made> made);
   ~App();
 
-  /// Options and commands live as long as the App. The types of variables are listed in command_line.cc.
+  /// Options and commands live as long as the App. The types of variables are listed in command_line.cc. `name` is
+  /// "-o,--output": a letter, a long name, then former long names, which are accepted and not shown.
   template <class T>
   Option* add_option(const std::string& name, T& variable, const std::string& help);
   Option* add_flag(const std::string& name, bool& variable, const std::string& help);
@@ -84,7 +89,9 @@ class App {
   App* callback(std::function<void()> work);
   App* require_subcommand(int count);
   App* require_subcommand(int min, int max);
-  void set_version_flag(const std::string& flag, const std::string& version);
+  App* hide();  ///< accepted, but not shown in help
+  /// `json` is what --version prints with --json.
+  void set_version_flag(const std::string& version, const std::string& json);
 
   /// Throws ParseError, and what callbacks throw.
   void parse(int argc, const char* const* argv);
@@ -95,7 +102,13 @@ class App {
   /// Whether this command was given.
   explicit operator bool() const;
 
+  Description describe() const;
+  /// The innermost command that was given, or the program.
+  const App& given() const;
+
  private:
+  void prepare();
+
   std::unique_ptr<Made> made_;
   std::vector<std::unique_ptr<Option>> options_;
   std::vector<std::unique_ptr<App>> commands_;
