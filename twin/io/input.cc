@@ -6,7 +6,7 @@
 #include <tribotwin/plugins/friction/law.hpp>
 #include <tribotwin/plugins/friction/number.hpp>
 #include <tribotwin/twin/io/input.hpp>
-#include <tribotwin/twin/io/name.hpp>
+#include <tribotwin/twin/io/shipped.hpp>
 #include <tribotwin/twin/io/text.hpp>
 
 namespace tribotwin::twin {
@@ -156,8 +156,11 @@ std::string Mapping::file_name_or(const std::string& key, std::string fallback) 
   return name;
 }
 std::filesystem::path Mapping::file(const std::string& key, const std::filesystem::path& folder) {
-  const std::filesystem::path path = (folder / text(key)).lexically_normal();
+  const std::string given = text(key);
+  std::filesystem::path path = (folder / given).lexically_normal();
   std::error_code error;
+  if (!std::filesystem::exists(path, error))
+    if (const auto shipped = given_or_shipped(given, ""); shipped != given) path = shipped;
   if (std::filesystem::is_directory(path, error)) fail(key, fmt::format("'{}' is a folder, not a file", path.string()));
   if (!std::filesystem::exists(path, error))
     fail(key, fmt::format("'{}' cannot be read: it does not exist", path.string()));
