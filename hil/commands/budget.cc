@@ -1,3 +1,5 @@
+#include <nlohmann/json.hpp>
+
 #include <tribotwin/hil/commands/program.hpp>
 
 namespace tribotwin::hil::program {
@@ -5,6 +7,8 @@ namespace {
 
 struct Arguments : RobotOptions {
   double bit_rate = 1e6;
+  twin::Destination destination;
+  bool json = false;
 
   void add_to(CLI::App& command) {
     RobotOptions::add_to(command);
@@ -12,13 +16,25 @@ struct Arguments : RobotOptions {
     command.add_option("--bitrate,--bit-rate", bit_rate, "Of the bus [bit/s]")
         ->check(CLI::Range(1e4, 1e6))
         ->capture_default_str();
+    destination.add_to(command, "File to write (default: stdout)");
+    command.add_flag("--json", json, "Print JSON instead of text");
     command.footer("Example:\n  tribotwin-hil budget twin/scenarios/irb6620_hold.yaml --cycle 2");
   }
 };
 
+std::string json_of(const Budget& load) {
+  const nlohmann::ordered_json json{{"cycle_s", load.cycle_s},
+                                    {"frames", load.frames},
+                                    {"min", load.min},
+                                    {"max", load.max},
+                                    {"shortest_cycle_s", load.shortest_cycle_s}};
+  return json.dump(2) + "\n";
+}
+
 int run(const Arguments& a) {
-  const Budget load = a.budget(a.load(), a.bit_rate);
-  twin::print("{}\n", load.line());
+  const twin::Scenario scenario = a.load();
+  const Budget load = a.budget(scenario, a.bit_rate);
+  deliver(scenario, a.destination, a.json ? json_of(load) : load.line() + "\n");
   if (load.max > 1)
     return report_error(twin::wrong_input,
                         "more than the bus can carry; choose a longer cycle or fewer drives on one bus");

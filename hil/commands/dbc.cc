@@ -12,6 +12,7 @@ struct Arguments : RobotOptions {
     RobotOptions::add_to(command);
     add_profile(command);
     destination.add_to(command, "File to write (default: stdout)");
+    destination.add_json_to(command);
     command.footer("Example:\n  tribotwin-hil dbc twin/scenarios/irb6620_hold.yaml -o drives.dbc");
   }
 };

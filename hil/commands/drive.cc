@@ -43,7 +43,7 @@ struct Arguments : RobotOptions {
   NodeOptions start;
   std::string can, record, stats, output, faults;
   std::optional<double> duration, bit_rate;
-  bool realtime = false, lockstep = false, quiet = false, force = false;
+  bool realtime = false, lockstep = false, json = false, quiet = false, force = false;
 
   void add_to(CLI::App& command) {
     RobotOptions::add_to(command);
@@ -65,6 +65,7 @@ struct Arguments : RobotOptions {
     command.add_option("--faults", faults, "Injected faults: a YAML list (hil/faults/README.md)");
     command.add_option("-o,--output", output, "Folder for telemetry.h5, scenario.yaml, summary.json");
     add_force(command, force);
+    command.add_flag("--json", json, "Print the counters of --stats at the end");
     command.add_flag("--quiet", quiet, "No status line");
     command.footer(
         "Example:\n  tribotwin-hil drive twin/scenarios/irb6620_hold.yaml --can socketcand://127.0.0.1:29536/can0 "
@@ -121,24 +122,26 @@ int run(const Arguments& a) {
                     a.realtime ? "the robot moves with the clock" : "every SYNC advances the robot by one cycle"));
     note_missing_brakes(scenario);
   }
-  const auto ended = hil::drive(scenario, *bus,
-                                {.profile = a.bench_profile(),
-                                 .first_node = a.first_node,
-                                 .cycle_us = a.cycle_us(),
-                                 .nodes = nodes,
-                                 .realtime = a.realtime,
-                                 .duration_s = a.duration,
-                                 .bit_rate = bit_rate,
-                                 .record = a.record,
-                                 .statistics = a.stats,
-                                 .output = a.output,
-                                 .existing = twin::replace_if(a.force),
-                                 .faults = faults,
-                                 .stop = stop,
-                                 .status = live ? show : std::function<void(const SessionStatus&)>{},
-                                 .note = [&](const std::string& what) {
-                                   report_nonblocking(fmt::format("{}note: {}\n", live ? "\r\033[K" : "", what));
-                                 }});
+  const auto ended =
+      hil::drive(scenario, *bus,
+                 {.profile = a.bench_profile(),
+                  .first_node = a.first_node,
+                  .cycle_us = a.cycle_us(),
+                  .nodes = nodes,
+                  .realtime = a.realtime,
+                  .duration_s = a.duration,
+                  .bit_rate = bit_rate,
+                  .record = a.record,
+                  .statistics = a.stats,
+                  .show_statistics = a.json ? std::function<void(const std::string&)>(twin::print_text) : nullptr,
+                  .output = a.output,
+                  .existing = twin::replace_if(a.force),
+                  .faults = faults,
+                  .stop = stop,
+                  .status = live ? show : std::function<void(const SessionStatus&)>{},
+                  .note = [&](const std::string& what) {
+                    report_nonblocking(fmt::format("{}note: {}\n", live ? "\r\033[K" : "", what));
+                  }});
   if (live) report_nonblocking("\n");
   twin::or_throw(ended);
   return twin::done;

@@ -14,6 +14,7 @@ struct Arguments : RobotOptions {
     RobotOptions::add_to(command);
     command.add_option("--node", node, "Of this node (default: the first)");
     destination.add_to(command, "File to write (default: stdout)");
+    destination.add_json_to(command);
     command.footer("Example:\n  tribotwin-hil eds twin/scenarios/irb6620_hold.yaml -o drive.eds");
   }
 };

@@ -7,6 +7,7 @@
 #include <tribotwin/hil/cia402/drive_objects.hpp>
 #include <tribotwin/hil/commands/program.hpp>
 #include <tribotwin/twin/io/interrupt.hpp>
+#include <tribotwin/twin/io/shipped.hpp>
 
 namespace tribotwin::hil::program {
 
@@ -43,7 +44,7 @@ void RobotOptions::add_profile(CLI::App& command) {
 }
 
 twin::Scenario RobotOptions::load() const {
-  twin::Scenario s = twin::or_wrong_input(twin::load_scenario(scenario, settings));
+  twin::Scenario s = twin::or_wrong_input(twin::load_scenario(twin::given_or_shipped(scenario, ".yaml"), settings));
   const std::size_t drives = s.model->drives().size();
   if (const std::size_t last = first_node + drives - 1; last > 127)
     throw InputError(

@@ -1,5 +1,6 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
+#include <nlohmann/json.hpp>
 
 #include <tribotwin/hil/commands/node_options.hpp>
 #include <tribotwin/hil/session/replay.hpp>
@@ -15,7 +16,7 @@ struct Arguments : RobotOptions {
   NodeOptions start;
   std::string log, output;
   double rate = 1;
-  bool fast = false, force = false;
+  bool fast = false, force = false, json = false;
 
   void add_to(CLI::App& command) {
     RobotOptions::add_to(command);
@@ -28,9 +29,22 @@ struct Arguments : RobotOptions {
     command.add_flag("--fast", fast, "As fast as possible")->excludes(speed);
     command.add_option("-o,--output", output, "Folder for telemetry.h5, scenario.yaml, summary.json");
     add_force(command, force);
+    command.add_flag("--json", json, "Print JSON instead of text");
     command.footer("Example:\n  tribotwin-hil replay twin/scenarios/irb6620_hold.yaml session.log --fast");
   }
 };
+
+std::string json_of(const ReplayResult& r) {
+  const nlohmann::ordered_json json{{"frames", r.frames},
+                                    {"compared", r.compared},
+                                    {"differing", r.differing},
+                                    {"missing", r.missing},
+                                    {"added", r.added},
+                                    {"silent", r.silent},
+                                    {"interrupted", r.interrupted},
+                                    {"first_difference", r.first_difference}};
+  return json.dump(2) + "\n";
+}
 
 /// The exit code of a replay that came to an end; says why it is not 0.
 int judge(const Arguments& a, const ReplayResult& result) {
@@ -74,8 +88,11 @@ int run(const Arguments& a) {
                                                   .output = a.output,
                                                   .existing = twin::replace_if(a.force),
                                                   .stop = stop}));
-  twin::print("{} frames, {} from the drives: {} differ, {} missing, {} added\n", result.frames, result.compared,
-              result.differing, result.missing, result.added);
+  if (a.json)
+    twin::print_text(json_of(result));
+  else
+    twin::print("{} frames, {} from the drives: {} differ, {} missing, {} added\n", result.frames, result.compared,
+                result.differing, result.missing, result.added);
   return judge(a, result);
 }
 

@@ -17,7 +17,7 @@ using twin::InputError;
 
 struct Arguments : RobotOptions {
   std::string folder;
-  bool force = false;
+  bool force = false, json = false;
 
   /// 10 ms, as in the samples of ros2_canopen: its drivers run on timers of whole milliseconds.
   Arguments() { cycle_ms = 10; }
@@ -26,6 +26,7 @@ struct Arguments : RobotOptions {
     RobotOptions::add_to(command);
     command.add_option("-o,--output", folder, "Folder for bus.yml, an EDS per drive and README.md")->required();
     add_force(command, force);
+    command.add_flag("--json", json, "Print the names of the files written as JSON");
     command.footer("Example:\n  tribotwin-hil ros2 twin/scenarios/irb6620_hold.yaml -o irb6620_bus");
   }
 
@@ -81,6 +82,11 @@ int run(const Arguments& a) {
   for (const auto& file : all) outputs.push_back({"-o " + a.folder, fs::path(a.folder) / file.name});
   twin::or_wrong_input(refuse_shared(files_of(scenario), outputs));
   twin::or_throw(write_folder(a.folder, all, twin::replace_if(a.force)));
+  if (a.json) {
+    std::vector<std::string> names;
+    for (const auto& file : outputs) names.push_back(file.path.string());
+    twin::print_text(twin::files_json(names));
+  }
   return twin::done;
 }
 

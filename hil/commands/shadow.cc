@@ -1,6 +1,7 @@
 #include <utility>
 
 #include <fmt/format.h>
+#include <nlohmann/json.hpp>
 
 #include <tribotwin/hil/can/clock.hpp>
 #include <tribotwin/hil/can/log.hpp>
@@ -20,7 +21,7 @@ struct Arguments : RobotOptions {
   std::optional<double> limit, duration;
   double limit_time = 0.5;
   std::vector<std::string> joints;
-  bool force = false, lockstep = false;
+  bool force = false, json = false, lockstep = false;
   ForeignDrives foreign;
 
   void add_to(CLI::App& command) {
@@ -55,6 +56,7 @@ struct Arguments : RobotOptions {
     command.add_option("-o,--output,--csv", csv,
                        "CSV to write: measured, predicted, residual and temperature of every cycle");
     add_force(command, force);
+    command.add_flag("--json", json, "Print JSON instead of the table");
     command.footer(
         "Example:\n  tribotwin-hil shadow twin/scenarios/irb6620_hold.yaml --can log:session.log --limit 200");
   }
@@ -94,6 +96,35 @@ struct Source {
     return [this](Frame& frame) { return log->next(frame); };
   }
 };
+
+std::string json_of(const ShadowResult& r) {
+  nlohmann::ordered_json json{{"seconds", r.seconds},
+                              {"cycle_s", r.cycle_s},
+                              {"cycle_source", r.cycle_source},
+                              {"interrupted", r.interrupted},
+                              {"unchecked", r.unchecked}};
+  for (const auto& j : r.joints) {
+    nlohmann::ordered_json one{{"joint", j.name},
+                               {"samples", j.samples},
+                               {"judged_from_s", j.judged_from_s},
+                               {"judged_to_s", j.judged_to_s},
+                               {"not_enabled", j.not_enabled},
+                               {"torque_missing", j.torque_missing},
+                               {"position_missing", j.position_missing},
+                               {"positions_lost", j.positions_lost},
+                               {"torques_lost", j.torques_lost}};
+    const bool judged = j.samples > 0;  // without any, the residuals are no numbers
+    for (const auto& [key, value] : {std::pair{"residual_mean_nm", j.residual_mean_nm},
+                                     {"residual_rms_nm", j.residual_rms_nm},
+                                     {"residual_max_nm", j.residual_max_nm},
+                                     {"lag_s", j.lag_s}})
+      one[key] = judged ? nlohmann::ordered_json(value) : nlohmann::ordered_json(nullptr);
+    one["temperature_degC"] = j.temperature_degC;
+    one["exceeded"] = j.exceeded;
+    json["joints"].push_back(std::move(one));
+  }
+  return json.dump(2) + "\n";
+}
 
 /// The exit code of a session that came to an end: that of the first reason below; says all of them.
 int judge(const Arguments& a, const ShadowResult& result) {
@@ -140,7 +171,7 @@ int run(const Arguments& a) {
                                   .stop = stop,
                                   .endless = source.bus && !a.duration,
                                   .note = [&](const std::string& what) { report_nonblocking(what + "\n"); }}));
-  twin::print_text(result.table());
+  twin::print_text(a.json ? json_of(result) : result.table());
   return judge(a, result);
 }
 

@@ -219,6 +219,7 @@ class Session {
     if (ran)
       if (auto ok = bench_.plant().finish(wall_s(), cut_short, warnings()); !telemetry_lost_) check(ok);
     if (!o_.statistics.empty()) check(twin::write_file(o_.statistics, statistics(), o_.existing));
+    if (o_.show_statistics) o_.show_statistics(statistics());
     if (problems.empty()) return {};
     return work_failed(fmt::format("{}", fmt::join(problems, "; ")));
   }

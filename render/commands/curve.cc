@@ -9,6 +9,7 @@
 #include <tribotwin/render/commands/program.hpp>
 #include <tribotwin/render/figure/figures.hpp>
 #include <tribotwin/render/report/fit_data.hpp>
+#include <tribotwin/twin/io/shipped.hpp>
 #include <tribotwin/twin/robot/arm.hpp>
 
 namespace tribotwin::render::program {
@@ -53,7 +54,7 @@ Subject joint_of_model(const Arguments& a) {
   if (a.joint.empty()) throw InputError("--joint is needed: a model has several");
   if (a.read.torque_max_nm > 0 || a.read.gear_ratio > 0)
     throw InputError("--tau-max, --gear-ratio: are for PARAMS.yaml; a model has its own");
-  const auto model = twin::or_wrong_input(mujoco::load_file(a.model));
+  const auto model = twin::or_wrong_input(mujoco::load_file(twin::given_or_shipped(a.model, ".xml")));
   const auto index = twin::find_drive(*model, a.joint);
   if (!index) throw InputError(fmt::format("{}: --joint {}", a.model, index.error().message));
   const auto& drive = model->drives()[*index].drive;
@@ -148,6 +149,7 @@ void add_curve(CLI::App& app, Call& call) {
           "Measured friction, with error bars where the file has them, as for tribotwin identify; may be repeated")
       ->allow_extra_args(false);
   a->output.add_to(*command, "File to write: .svg, .png or .pdf")->capture_default_str();
+  a->output.add_json_to(*command);
   command->add_option("--size", a->size, "WIDTHxHEIGHT [1/96 inch]; a PNG has twice the pixels")->capture_default_str();
   add_units(*command, a->read);
   command->footer("Example:\n  tribotwin-report curve mjcf/irb6620.xml --joint joint2 -o curve.svg");

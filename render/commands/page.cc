@@ -8,6 +8,7 @@ namespace fs = std::filesystem;
 
 void PageOptions::add_to(CLI::App& command, const char* output_help) {
   output.add_to(command, output_help);
+  output.add_json_to(command);
   command.add_flag("--png", png, "Also every figure as PNG, in a folder beside the page");
   command.add_flag("--pdf", pdf, "Also every figure as PDF, in a folder beside the page");
   command.add_flag("--quiet", quiet, "No progress");
@@ -45,15 +46,21 @@ int PageFile::make(const std::string& command_line,
 
 void PageFile::write_all(const Report& made) const {
   for (const auto& text : made.notes) twin::note("{}", text);
+  std::vector<std::string> files;
   if (!made.figures.empty()) {
     std::error_code error;
     fs::create_directory(figures_, error);
     if (error) throw std::runtime_error(fmt::format("{}: cannot be created ({})", figures_.string(), error.message()));
-    for (const auto& file : made.figures)
-      twin::or_fail(twin::write_file(figures_ / file.name, file.bytes, output_.existing()));
-    twin::print("{}/ ({} figures)\n", figures_.string(), made.figures.size());
+    for (const auto& file : made.figures) {
+      files.push_back(figures_ / file.name);
+      twin::or_fail(twin::write_file(files.back(), file.bytes, output_.existing()));
+    }
+    if (!output_.json) twin::print("{}/ ({} figures)\n", figures_.string(), made.figures.size());
   }
-  write(output_, made.html);
+  if (!output_.json) return write(output_, made.html);
+  twin::or_fail(twin::write_file(output_.file, made.html, output_.existing()));
+  files.push_back(output_.file);
+  print_files(output_, files);
 }
 
 }  // namespace tribotwin::render::program

@@ -15,6 +15,7 @@ void PictureOptions::add_to(CLI::App& command, const char* target_help, const ch
   output.file = default_output;
   command.add_option("TARGET", target, target_help)->required();
   output.add_to(command, "File to write")->capture_default_str();
+  output.add_json_to(command);
   command.add_option("--size", size, fmt::format("WIDTHxHEIGHT in pixels, {} to {} a side", side_min, side_max))
       ->capture_default_str();
   command

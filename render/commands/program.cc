@@ -8,7 +8,12 @@ namespace fs = std::filesystem;
 
 void write(const twin::Destination& output, std::string_view bytes) {
   twin::or_fail(twin::write_file(output.file, bytes, output.existing()));
-  twin::print("{}\n", output.file);
+  print_files(output, {output.file});
+}
+
+void print_files(const twin::Destination& output, const std::vector<std::string>& files) {
+  if (output.json) return twin::print_text(twin::files_json(files));
+  for (const auto& file : files) twin::print("{}\n", file);
 }
 
 std::vector<fs::path> run_files(const fs::path& directory) {

@@ -21,6 +21,9 @@ namespace tribotwin::render::program {
 /// Writes the file and names it on stdout.
 void write(const twin::Destination& output, std::string_view bytes);
 
+/// Names the files that were written on stdout, as JSON with --json.
+void print_files(const twin::Destination& output, const std::vector<std::string>& files);
+
 /// The files of a run that the program reads.
 std::vector<std::filesystem::path> run_files(const std::filesystem::path& directory);
 

@@ -20,7 +20,7 @@ int execute(const Arguments& a) {
                                {.size = size, .frames_per_s = a.frames_per_s, .length_s = a.seconds},
                                [&](double share) { progress(share); }));
   }
-  twin::print("{}\n", a.output.file);
+  print_files(a.output, {a.output.file});
   return twin::done;
 }
 

@@ -142,7 +142,7 @@ Result<Exit> check_curves(const Arguments& a) {
       sentences += v.sentence + "\n";
     }
   }
-  if (auto ok = deliver(a.json ? j.dump(2) + "\n" : table + "\n" + sentences); !ok) return ok;
+  if (auto ok = deliver(a.json ? j.dump(2) + "\n" : table + "\n" + sentences, a.output); !ok) return ok;
   return anomalous ? limit_exceeded : done;
 }
 
@@ -192,7 +192,7 @@ Result<Exit> watch_curves(const Arguments& a) {
       fmt::format("threshold {:.3f}, {}\n", w.threshold,
                   w.first_alarm ? fmt::format("first exceeded by observation {}", *w.first_alarm + 1) : "not exceeded");
   if (w.margin) table += text_of(*w.margin);
-  if (auto ok = deliver(a.json ? j.dump(2) + "\n" : table); !ok) return ok;
+  if (auto ok = deliver(a.json ? j.dump(2) + "\n" : table, a.output); !ok) return ok;
   return w.first_alarm ? limit_exceeded : done;
 }
 
@@ -224,8 +224,14 @@ Result<Exit> watch_shadow(const Arguments& a) {
   table += fmt::format(
       "threshold {:.3f}, {}\n", w->threshold,
       w->first_alarm ? fmt::format("first exceeded at {:.1f} s", w->windows[*w->first_alarm].time_s) : "not exceeded");
-  if (auto ok = deliver(a.json ? j.dump(2) + "\n" : table); !ok) return ok;
+  if (auto ok = deliver(a.json ? j.dump(2) + "\n" : table, a.output); !ok) return ok;
   return w->first_alarm ? limit_exceeded : done;
+}
+
+std::vector<std::filesystem::path> inputs_of(const Arguments& a) {
+  auto files = paths(a.data);
+  files.emplace_back(a.healthy);
+  return files;
 }
 
 void add_units(CLI::App& c, Arguments& a) {
@@ -256,6 +262,7 @@ void add_learn(CLI::App& app, const std::shared_ptr<Arguments>& a, int& code) {
       ->check(CLI::Range(1e-6, 1e3));
   command->add_flag("--leave-out-outliers,--robust", a->learn.robust, "Leave out outliers among the curves");
   a->output.add_to(*command, "healthy.yaml to write (default: stdout)");
+  a->output.add_json_to(*command);
   add_units(*command, *a);
   command->footer(
       "Example:\n  tribotwin lab br609_campaign -o lab/br609\n  tribotwin diagnose learn lab/br609/curves/00?.csv "
@@ -278,10 +285,14 @@ void add_check(CLI::App& app, const std::shared_ptr<Arguments>& a, int& code) {
                    "Share of healthy observations that may be called anomalous, per region and indicator")
       ->check(CLI::Range(1e-9, 0.5))
       ->capture_default_str();
+  a->output.add_to(*command, "File for the verdicts (default: stdout)");
   command->add_flag("--json", a->json, "Print JSON instead of the table");
   add_units(*command, *a);
   command->footer("Example:\n  tribotwin diagnose check healthy.yaml lab/br609/curves/013.csv --json");
-  command->callback([a, &code] { code = or_throw(check_curves(*a)); });
+  command->callback([a, &code] {
+    check(a->output, inputs_of(*a));
+    code = or_throw(check_curves(*a));
+  });
 }
 
 void add_watch(CLI::App& app, const std::shared_ptr<Arguments>& a, int& code) {
@@ -292,10 +303,14 @@ void add_watch(CLI::App& app, const std::shared_ptr<Arguments>& a, int& code) {
   command->add_option("--false-alarm", a->false_alarm, "False alarms per observation of a healthy joint, on average")
       ->check(CLI::Range(1e-7, 0.3))
       ->capture_default_str();
+  a->output.add_to(*command, "File for the verdicts (default: stdout)");
   command->add_flag("--json", a->json, "Print JSON instead of the table");
   add_units(*command, *a);
   command->footer("Example:\n  tribotwin diagnose watch healthy.yaml lab/br609/curves/0??.csv");
-  command->callback([a, &code] { code = or_throw(watch_curves(*a)); });
+  command->callback([a, &code] {
+    check(a->output, inputs_of(*a));
+    code = or_throw(watch_curves(*a));
+  });
 }
 
 void add_residuals(CLI::App& app, const std::shared_ptr<Arguments>& a, int& code) {
@@ -312,10 +327,14 @@ void add_residuals(CLI::App& app, const std::shared_ptr<Arguments>& a, int& code
       ->add_option("--false-alarm", a->residuals.false_alarm, "False alarms per window of a healthy joint, on average")
       ->check(CLI::Range(1e-7, 0.3))
       ->capture_default_str();
+  a->output.add_to(*command, "File for the verdicts (default: stdout)");
   command->add_flag("--json", a->json, "Print JSON instead of the table");
   command->add_flag("--quiet", a->quiet, "No notes on stderr");
   command->footer("Example:\n  tribotwin diagnose residuals shadow.csv --joint joint2");
-  command->callback([a, &code] { code = or_throw(watch_shadow(*a)); });
+  command->callback([a, &code] {
+    check(a->output, paths(a->data));
+    code = or_throw(watch_shadow(*a));
+  });
 }
 
 }  // namespace

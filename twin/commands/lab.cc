@@ -1,21 +1,26 @@
 #include <memory>
 
 #include <fmt/format.h>
+#include <nlohmann/json.hpp>
 
 #include <tribotwin/twin/commands/program.hpp>
 #include <tribotwin/twin/experiments/fault_study/study.hpp>
 #include <tribotwin/twin/experiments/friction/results.hpp>
 #include <tribotwin/twin/experiments/working_days/results.hpp>
 #include <tribotwin/twin/experiments/working_days/tables.hpp>
+#include <tribotwin/twin/io/shipped.hpp>
+#include <tribotwin/twin/io/text.hpp>
 
 namespace tribotwin::twin::program {
 namespace {
+
+using Json = nlohmann::ordered_json;
 
 struct Arguments {
   std::string campaign, directory;
   std::vector<std::string> settings;
   unsigned threads = 0;
-  bool quiet = false, force = false;
+  bool json = false, quiet = false, force = false;
 };
 
 /// Calls `run` with the folder, threads and progress that the user asked for.
@@ -33,6 +38,11 @@ Result<Exit> compare_days(const Arguments& a, const repeatability::Campaign& cam
     return repeatability::run_campaign(campaign, options);
   });
   if (!results) return tl::unexpected(results.error());
+  if (a.json) {
+    Json json{{"tests", campaign.tests()}, {"present", results->present}};
+    for (const auto& file : results->files) json["files"].push_back(file.string());
+    return deliver(json.dump(2) + "\n");
+  }
   if (a.quiet) return done;
   print("{} tests, {} of them from earlier runs\n\n{}written:", campaign.tests(), results->present,
         repeatability::summary(campaign, results->days, results->findings));
@@ -42,12 +52,21 @@ Result<Exit> compare_days(const Arguments& a, const repeatability::Campaign& cam
 }
 
 Result<Exit> report(const Arguments& a, const Result<LabSummary>& summary, const Campaign& campaign,
-                    const std::string& written) {
+                    const std::vector<std::string>& written) {
   if (!summary) return tl::unexpected(summary.error());
+  if (a.json)
+    return deliver(Json{{"curves", summary->curves},
+                        {"present", summary->present},
+                        {"levels", summary->levels},
+                        {"outside", summary->outside},
+                        {"wall_s", summary->wall_s},
+                        {"files", written}}
+                       .dump(2) +
+                   "\n");
   if (a.quiet) return done;
   print("{} curves, {} of them from earlier runs, {} levels, {:.1f} s\n", summary->curves, summary->present,
         summary->levels, summary->wall_s);
-  print("written: {}\n", written);
+  print("written: {}\n", joined(written));
   if (summary->outside)
     note("{} of {} levels lie outside the range in which law '{}' was identified; its validity policy applies",
          summary->outside, summary->levels, campaign.model->drives()[campaign.drive].drive.law.info->name);
@@ -55,7 +74,7 @@ Result<Exit> report(const Arguments& a, const Result<LabSummary>& summary, const
 }
 
 Result<Exit> execute(const Arguments& a) {
-  const std::filesystem::path file = scenario_file(a.campaign);
+  const std::filesystem::path file = given_or_shipped(a.campaign, ".yaml");
   const YAML::Node tree = or_wrong_input(campaign_tree(file, a.settings));
   if (repeatability::is_repeatability(tree))
     return compare_days(a, or_wrong_input(repeatability::load_campaign(file, tree)));
@@ -65,13 +84,13 @@ Result<Exit> execute(const Arguments& a) {
     const auto curves = fmt::format("{} curves", study.joints.size() * first.curves.size());
     return report(a,
                   with_progress(a, curves, [&](const LabOptions& options) { return study::run_study(study, options); }),
-                  first, fmt::format("{0}/diagnosis.json, {0}/JOINT/curves.csv", a.directory));
+                  first, {a.directory + "/diagnosis.json", a.directory + "/JOINT/curves.csv"});
   }
   const Campaign campaign = or_wrong_input(campaign_of(file, tree));
   return report(a,
                 with_progress(a, fmt::format("{} curves", campaign.curves.size()),
                               [&](const LabOptions& options) { return run_campaign(campaign, options); }),
-                campaign, fmt::format("{0}/curves.csv, {0}/campaign.yaml", a.directory));
+                campaign, {a.directory + "/curves.csv", a.directory + "/campaign.yaml"});
 }
 
 }  // namespace
@@ -88,6 +107,7 @@ void add_lab(CLI::App& app, int& code) {
   command->add_option("--threads", a->threads, "Curves measured at once (default: one per core)")
       ->check(CLI::Range(1, 1024));
   command->add_option("--set", a->settings, "key=value with dotted keys; overrides the file")->allow_extra_args(false);
+  command->add_flag("--json", a->json, "Print JSON instead of text");
   command->add_flag("--quiet", a->quiet, "No progress, no summary");
   command->add_flag("--force", a->force, "Replace tables and parts that were changed since they were made");
   command->footer("Example:\n  tribotwin lab irb6620_load_campaign -o lab/load --set seed=7");

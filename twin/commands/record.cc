@@ -5,6 +5,7 @@
 #include <sstream>
 
 #include <fmt/format.h>
+#include <nlohmann/json.hpp>
 #include <pugixml.hpp>
 
 #include <tribotwin/plugins/drive/configuration.hpp>
@@ -24,12 +25,18 @@ void require_record(const std::string& directory) {
     throw InputError(fmt::format("{}/telemetry.h5: does not exist", directory));
 }
 
-Result<Exit> recover_record(const std::string& directory) {
+Result<Exit> recover_record(const std::string& directory, bool json) {
   require_record(directory);
   FolderLock lock;
   or_fail(lock.take(directory));
   const auto result = recover(directory);
   if (!result) return work_failed(result.error().message);
+  if (json) {
+    const nlohmann::ordered_json done_so{{"file", directory + "/telemetry.h5"},  {"was_complete", result->was_plain},
+                                         {"samples", result->samples},           {"last_time_s", result->last_time_s},
+                                         {"lost_samples", result->lost_samples}, {"lost_cycles", result->lost_cycles}};
+    return deliver(done_so.dump(2) + "\n");
+  }
   if (result->was_plain) {
     print("{}/telemetry.h5 is a complete HDF5 file without damage; there was nothing to recover\n", directory);
     return done;
@@ -42,15 +49,20 @@ Result<Exit> recover_record(const std::string& directory) {
   return done;
 }
 
-Result<Exit> export_record(const std::string& directory, Existing existing) {
+Result<Exit> export_record(const std::string& directory, const Destination& options) {
   require_record(directory);
   for (const char* name : {"telemetry.csv", "cycles.csv"})
-    or_wrong_input(check_output(std::filesystem::path(directory) / name, existing));
+    or_wrong_input(check_output(std::filesystem::path(directory) / name, options.existing()));
   FolderLock lock;
   or_fail(lock.take(directory));
   Progress progress(false);
-  const auto files = export_csv(directory, existing, [&](double share) { progress(share); });
+  const auto files = export_csv(directory, options.existing(), [&](double share) { progress(share); });
   if (!files) return work_failed(files.error().message);
+  if (options.json) {
+    std::vector<std::string> names;
+    for (const auto& file : *files) names.push_back(file.string());
+    return deliver(files_json(names));
+  }
   for (const auto& file : *files) print("{}\n", file.string());
   return done;
 }
@@ -210,10 +222,12 @@ void add_sensors(CLI::App& command, CLI::Option* recording, ExportArguments& a) 
 
 void add_recover(CLI::App& app, int& code) {
   auto directory = std::make_shared<std::string>();
+  auto json = std::make_shared<bool>();
   auto* command = app.add_subcommand("recover", "Turn the record of a killed run into a plain HDF5 file");
   command->add_option("RUNDIR", *directory, "Folder of the run")->required();
+  command->add_flag("--json", *json, "Print JSON instead of text");
   command->footer("Example:\n  tribotwin recover runs/warmup");
-  command->callback([directory, &code] { code = or_throw(recover_record(*directory)); });
+  command->callback([directory, json, &code] { code = or_throw(recover_record(*directory, *json)); });
 }
 
 void add_export(CLI::App& app, int& code) {
@@ -261,14 +275,16 @@ void add_export(CLI::App& app, int& code) {
   command->add_option("--gear-ratio", a->gear_ratio, "Motor turns per joint turn, where the file holds none")
       ->check(CLI::Range(1e-6, 1e6));
   a->output.add_to(*command, "File for the block or the recording (default: stdout)");
+  a->output.add_json_to(*command);
   command->footer("Example:\n  tribotwin export params.yaml --mjcf --tau-max 7500 --gear-ratio 178");
   command->callback([a, &code] {
     if (a->csv + a->mjcf + a->recording + a->native != 1)
       throw InputError(
           "export needs --csv or --recording (of a run), --mjcf (of PARAMS.yaml) or --native (of MODEL.xml)");
-    check(a->output, {a->from, std::filesystem::path(a->from) / "telemetry.h5"});
+    if (a->csv && a->output.named()) note("--csv writes beside the record; -o is not used");
+    if (!a->csv || a->output.named()) check(a->output, {a->from, std::filesystem::path(a->from) / "telemetry.h5"});
     code = or_throw(a->recording ? export_recording(a->from, a->sensors, a->torque_noise_share, a->seed, a->output)
-                    : a->csv     ? export_record(a->from, a->output.existing())
+                    : a->csv     ? export_record(a->from, a->output)
                     : a->native
                         ? export_native(a->from, a->temperature_degC, a->speed_max_rad_s, a->output)
                         : export_instance(a->from, a->name, a->on_drive, a->torque_max_nm, a->gear_ratio, a->output));

@@ -1,18 +1,38 @@
+#include <algorithm>
 #include <cerrno>
 #include <cstring>
 #include <iterator>
+#include <utility>
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
+#include <tribotwin/twin/io/pipe.hpp>
 #include <tribotwin/twin/io/text.hpp>
 
 namespace tribotwin::twin {
+namespace {
+
+/// File systems allow 255; the rest is for endings such as ".telemetry.h5.partial".
+constexpr std::size_t max_bytes = 200;
+
+bool is_control(char c) { return static_cast<unsigned char>(c) < 0x20 || c == 0x7f; }
+
+/// The name on one line, shortened.
+std::string shown(std::string_view name) {
+  std::string out;
+  for (const char c : name.substr(0, 60))
+    out += is_control(c) ? fmt::format("\\x{:02x}", static_cast<unsigned char>(c)) : std::string(1, c);
+  return name.size() > 60 ? out + "..." : out;
+}
+
+}  // namespace
 
 Result<std::ifstream> open_text(const std::filesystem::path& file, std::string_view kind) {
   std::error_code error;
   if (std::filesystem::is_directory(file, error))
     return tl::unexpected(fmt::format("{}: is a folder, not {}", file.string(), kind));
+  if (is_named_pipe(file)) return open_from_writer(file);
   std::ifstream stream(file, std::ios::binary);
   if (!stream) return tl::unexpected(fmt::format("{}: cannot be read ({})", file.string(), std::strerror(errno)));
   return stream;
@@ -46,6 +66,51 @@ std::string joined(std::span<const std::string_view> texts, std::string_view sep
 
 std::string joined(std::span<const double> numbers, std::string_view separator) {
   return fmt::format("{}", fmt::join(numbers, separator));
+}
+
+std::optional<std::string> unfit_file_name(std::string_view name) {
+  std::string wrong;
+  if (name.empty())
+    wrong = "is empty";
+  else if (name == "." || name == "..")
+    wrong = "is a folder of the file system";
+  else if (name.find('/') != name.npos)
+    wrong = "contains '/'";
+  else if (std::ranges::any_of(name, is_control))
+    wrong = "contains a control character";
+  else if (name.size() > max_bytes)
+    wrong = fmt::format("has {} bytes", name.size());
+  else
+    return std::nullopt;
+  return fmt::format(
+      "'{}' {} but must be a file name: 1 to {} bytes without '/' and control characters, not '.' or '..'", shown(name),
+      wrong, max_bytes);
+}
+
+std::size_t typing_errors(std::string_view a, std::string_view b) {
+  std::vector<std::size_t> before(b.size() + 1), above(b.size() + 1), row(b.size() + 1);
+  for (std::size_t j = 0; j < row.size(); ++j) row[j] = j;
+  for (std::size_t i = 1; i <= a.size(); ++i) {
+    before = std::exchange(above, row);
+    row[0] = i;
+    for (std::size_t j = 1; j <= b.size(); ++j) {
+      row[j] = std::min({above[j] + 1, row[j - 1] + 1, above[j - 1] + (a[i - 1] != b[j - 1])});
+      const bool swapped = i > 1 && j > 1 && a[i - 1] == b[j - 2] && a[i - 2] == b[j - 1];
+      if (swapped) row[j] = std::min(row[j], before[j - 2] + 1);
+    }
+  }
+  return row.back();
+}
+
+std::string did_you_mean(std::string_view given, std::span<const std::string> names) {
+  std::string_view best;
+  std::size_t fewest = 3;  // one more than the errors allowed
+  for (const std::string& name : names) {
+    const std::size_t dashes = std::min(name.find_first_not_of('-'), name.size());
+    const std::size_t errors = typing_errors(given, name);
+    if (errors < fewest && 2 * errors < name.size() - dashes) best = name, fewest = errors;
+  }
+  return best.empty() ? std::string() : fmt::format("; did you mean '{}'?", best);
 }
 
 }  // namespace tribotwin::twin

@@ -1,7 +1,9 @@
 #pragma once
 
+#include <cstddef>
 #include <filesystem>
 #include <fstream>
+#include <optional>
 #include <span>
 #include <string>
 #include <string_view>
@@ -26,5 +28,18 @@ std::string printable(std::string_view text);
 std::string joined(std::span<const std::string> texts, std::string_view separator = ", ");
 std::string joined(std::span<const std::string_view> texts, std::string_view separator = ", ");
 std::string joined(std::span<const double> numbers, std::string_view separator = ", ");
+
+/// Why `name` cannot name a new file or folder; nothing where it can. A name is one component of a path, of 1 to 200
+/// bytes, neither "." nor "..", without control characters. Every name that a user's file gives to a file is checked
+/// here.
+std::optional<std::string> unfit_file_name(std::string_view name);
+
+/// Insertions, deletions, substitutions and swaps of neighbours that lead from one text to the other (restricted
+/// Damerau-Levenshtein distance).
+std::size_t typing_errors(std::string_view a, std::string_view b);
+
+/// "; did you mean 'drive'?", where a name has at most two typing errors to `given`, and fewer than half its letters;
+/// else empty. Of equal ones the first.
+std::string did_you_mean(std::string_view given, std::span<const std::string> names);
 
 }  // namespace tribotwin::twin

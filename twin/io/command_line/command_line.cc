@@ -7,10 +7,12 @@
 
 #include <CLI/CLI.hpp>
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
 #include <tribotwin/plugins/friction/number.hpp>
 #include <tribotwin/twin/io/command_line/command_line.hpp>
 #include <tribotwin/twin/io/output.hpp>
+#include <tribotwin/twin/io/text.hpp>
 
 namespace tribotwin::CLI {
 
@@ -48,15 +50,29 @@ Validator made(::CLI::Validator validator, std::string range, std::vector<std::s
 }
 
 template <class T>
-Validator range(T min, T max) {
-  return made(::CLI::Range(min, max), fmt::format("{:.10g} to {:.10g}", double(min), double(max)));
-}
-
-template <class T>
 Validator member(std::initializer_list<T> values) {
   std::vector<std::string> choices;
   for (const T& value : values) choices.push_back(fmt::format("{}", value));
   return made(::CLI::IsMember(values), "", std::move(choices));
+}
+
+/// A check of CLI11 with our message and text in the help: `what` is "a number above 0", `range` "above 0".
+template <class Number, class Accepts>
+Validator numbers(::CLI::Validator validator, std::string what, std::string range, Accepts accepts) {
+  return made(validator.operation([what = std::move(what), accepts](std::string& text) {
+    Number value{};
+    const bool good = ::CLI::detail::lexical_cast(text, value) && accepts(value);
+    return good ? std::string() : fmt::format("must be {}, not '{}'", what, text);
+  }),
+              std::move(range));
+}
+
+template <class Number>
+Validator range(Number min, Number max) {
+  constexpr const char* kind = std::is_integral_v<Number> ? "a whole number" : "a number";
+  return numbers<Number>(::CLI::Range(min, max), fmt::format("{} from {} to {}", kind, min, max),
+                         fmt::format("{} to {}", min, max),
+                         [min, max](Number value) { return value >= min && value <= max; });
 }
 
 }  // namespace
@@ -67,8 +83,10 @@ Range::Range(unsigned min, unsigned max) : Validator(range(min, max)) {}
 IsMember::IsMember(std::initializer_list<const char*> values) : Validator(member(values)) {}
 IsMember::IsMember(std::initializer_list<int> values) : Validator(member(values)) {}
 
-const Validator PositiveNumber = made(::CLI::PositiveNumber, "above 0"),
-                NonNegativeNumber = made(::CLI::NonNegativeNumber, "0 or more");
+const Validator PositiveNumber = numbers<double>(::CLI::PositiveNumber, "a number above 0", "above 0",
+                                                 [](double value) { return value > 0; }),
+                NonNegativeNumber = numbers<double>(::CLI::NonNegativeNumber, "a number of at least 0", "0 or more",
+                                                    [](double value) { return value >= 0; });
 
 Option::Option(std::unique_ptr<Made> made) : made_(std::move(made)) {}
 Option::~Option() = default;
@@ -172,10 +190,68 @@ template <class T>
 constexpr bool is_real =
     std::is_same_v<T, double> || std::is_same_v<T, std::optional<double>> || std::is_same_v<T, std::vector<double>>;
 
-/// Ranges let NaN pass, and a limit that is infinite limits nothing.
+template <class T>
+constexpr bool is_text = std::is_same_v<T, std::string> || std::is_same_v<T, std::vector<std::string>>;
+
+/// A limit that is NaN limits nothing, nor does one that is infinite.
 std::string finite(const std::string& text) {
   const auto value = to_number(text);
   return !value || std::isfinite(*value) ? "" : "must be a finite number, not " + text;
+}
+
+/// Where an empty name meant "none", a variable of a script that is not set would change what a command does.
+std::string not_empty(const std::string& text) {
+  return text.empty() ? "must not be empty; leave the option out to have its default" : "";
+}
+
+/// The commands of a program that its list of arguments names, the last of them.
+::CLI::App& named_command(::CLI::App& program) {
+  ::CLI::App* command = &program;
+  while (!command->get_subcommands().empty()) command = command->get_subcommands().front();
+  return *command;
+}
+
+std::vector<std::string> options_of(::CLI::App& command) {
+  std::vector<std::string> names;
+  for (const ::CLI::Option* option : command.get_options()) {
+    const auto shown = shown_names(*option);
+    names.insert(names.end(), shown.begin(), shown.end());
+  }
+  return names;
+}
+
+std::vector<std::string> commands_of(::CLI::App& program) {
+  std::vector<std::string> names;
+  for (const ::CLI::App* command : program.get_subcommands([](::CLI::App*) { return true; }))
+    if (!command->get_group().empty()) names.push_back(command->get_name());  // else it is hidden
+  return names;
+}
+
+std::string unknown_option(const std::string& given, ::CLI::App& program, ::CLI::App& command) {
+  const std::string option = given.substr(0, given.find('='));
+  const auto known = options_of(command);
+  if (std::ranges::find(known, option) != known.end())
+    return fmt::format("option {} belongs behind the command: {} ... {}", option, command.get_name(), option);
+  const std::string of = &program == &command ? "" : " of " + command.get_name();
+  return fmt::format("unknown option '{}'{}{}", option, of, twin::did_you_mean(option, known));
+}
+
+/// What is wrong with the arguments that nothing took; empty where `error` says it better.
+std::string of_remaining(::CLI::App& program, const ::CLI::ParseError& error) {
+  if (error.get_name() != "RequiredError" && error.get_name() != "ExtrasError") return {};
+  ::CLI::App& command = named_command(program);
+  const auto commands = commands_of(command);
+  const bool wants_command = command.get_require_subcommand_min() > 0;
+  const std::vector<std::string> remaining = program.remaining(true);
+  const auto option =
+      std::ranges::find_if(remaining, [](const auto& word) { return word.size() > 1 && word[0] == '-'; });
+  if (option != remaining.end()) return unknown_option(*option, program, command);
+  const std::string list = fmt::format("{}", fmt::join(commands, ", "));
+  if (remaining.empty()) return wants_command ? fmt::format("a command is missing; one of {}", list) : std::string();
+  const std::string& word = remaining.front();
+  if (!wants_command) return fmt::format("unexpected argument '{}'", word);
+  const std::string meant = twin::did_you_mean(word, commands);
+  return fmt::format("unknown command '{}'{}", word, meant.empty() ? "; one of " + list : meant);
 }
 
 }  // namespace
@@ -184,6 +260,7 @@ template <class T>
 Option* App::add_option(const std::string& name, T& variable, const std::string& help) {
   ::CLI::Option& option = *made_->app.add_option(name, variable, help);
   if constexpr (is_real<T>) option.check(finite, "");
+  if constexpr (is_text<T>) option.check(not_empty, "");
   const std::string type = option.get_type_name();
   auto made = std::make_unique<Option::Made>(Option::Made{option, type.substr(0, type.find(':'))});
   return options_.emplace_back(std::make_unique<Option>(std::move(made))).get();
@@ -259,6 +336,9 @@ void App::parse(int argc, const char* const* argv) {
   try {
     made_->app.parse(argc, argv);
   } catch (const ::CLI::ParseError& error) {
+    if (const std::string better = of_remaining(made_->app, error); !better.empty())
+      throw ParseError(
+          std::make_shared<const ParseError::Made>(ParseError::Made{::CLI::ParseError(better, error.get_exit_code())}));
     throw ParseError(std::make_shared<const ParseError::Made>(ParseError::Made{error}));
   }
 }

@@ -2,21 +2,42 @@
 #include <memory>
 #include <sstream>
 
+#include <tribotwin/plugins/friction/law.hpp>
 #include <tribotwin/twin/io/command_line/parse.hpp>
 #include <tribotwin/twin/io/command_line/version.hpp>
 #include <tribotwin/twin/io/input.hpp>
 #include <tribotwin/twin/io/output.hpp>
+#include <tribotwin/twin/io/shipped.hpp>
 
 namespace tribotwin::twin::program {
 namespace {
 
+std::vector<std::string> stems(const std::vector<std::filesystem::path>& files) {
+  std::vector<std::string> names;
+  for (const auto& file : files) names.push_back(file.stem().string());
+  return names;
+}
+
+/// What ships, and the laws.
+CLI::CompletionValues completion_values() {
+  std::vector<std::string> laws;
+  for (const auto& law : friction::laws()) laws.emplace_back(law.name);
+  const auto models = stems(shipped_models());
+  return {{"SCENARIO", stems(shipped_scenarios(Purpose::scenario))},
+          {"CAMPAIGN", stems(shipped_scenarios(Purpose::campaign))},
+          {"FIT", stems(shipped_scenarios(Purpose::fit))},
+          {"MODEL", models},
+          {"--law", laws},
+          {"--friction", laws}};
+}
+
 /// The commands that packages use: they are not shown in help.
-void add_hidden_commands(CLI::App& app, int& code, const CLI::CompletionValues& values) {
+void add_hidden_commands(CLI::App& app, int& code) {
   const auto shell = std::make_shared<std::string>();
   auto* completion = app.add_subcommand("completion", "Print the completion script of a shell")->hide();
   completion->add_option("SHELL", *shell, "The shell")->required()->check(CLI::IsMember({"bash", "zsh", "fish"}));
-  completion->callback([&app, &code, shell, values] {
-    print_text(CLI::completion_script(app.describe(), *shell, values));
+  completion->callback([&app, &code, shell] {
+    print_text(CLI::completion_script(app.describe(), *shell, completion_values()));
     code = done;
   });
   app.add_subcommand("man-page", "Print the manual page")->hide()->callback([&app, &code] {
@@ -34,10 +55,10 @@ bool command_missing(const CLI::App& app, int argc, const char* const* argv) {
 }  // namespace
 
 int parse(const std::string& program, const std::string& engine, CLI::App& app, int argc, const char* const* argv,
-          int& code, const CLI::CompletionValues& values) {
+          int& code) {
   choose_colour(argc, argv);
   app.set_version_flag(version_text(program, engine), version_json(program, engine));
-  add_hidden_commands(app, code, values);
+  add_hidden_commands(app, code);
   if (argc == 1) {
     report_text(CLI::help_text(app.describe(), coloured(Stream::messages)));
     return finish(program, wrong_input);

@@ -1,0 +1,132 @@
+#include <algorithm>
+#include <memory>
+#include <sstream>
+
+#include <fmt/format.h>
+#include <nlohmann/json.hpp>
+
+#include <tribotwin/plugins/drive/fault.hpp>
+#include <tribotwin/plugins/friction/law.hpp>
+#include <tribotwin/twin/commands/program.hpp>
+#include <tribotwin/twin/io/input.hpp>
+#include <tribotwin/twin/io/shipped.hpp>
+#include <tribotwin/twin/io/text.hpp>
+
+namespace tribotwin::twin::program {
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+Json shipped(Purpose purpose) {
+  Json rows = Json::array();
+  for (const auto& file : shipped_scenarios(purpose))
+    rows.push_back({{"name", file.stem().string()},
+                    {"description", load_yaml(file)["description"].as<std::string>("")},
+                    {"file", file.string()}});
+  return rows;
+}
+
+Json scenarios() { return shipped(Purpose::scenario); }
+Json campaigns() { return shipped(Purpose::campaign); }
+Json fits() { return shipped(Purpose::fit); }
+
+/// The first sentence of the comment at the head of a model, which says what it is.
+std::string head_of(const std::string& model) {
+  const auto begin = model.find("<!--"), end = model.find("-->", begin);
+  if (end == model.npos) return {};
+  std::istringstream words(model.substr(begin + 4, end - begin - 4));
+  std::string head;
+  for (std::string word; words >> word && !head.ends_with('.');) head += (head.empty() ? "" : " ") + word;
+  if (head.ends_with('.')) head.pop_back();
+  return head;
+}
+
+Json models() {
+  Json rows = Json::array();
+  for (const auto& file : shipped_models()) {
+    const std::string model = or_throw(read_text(file, "a model"));
+    if (model.find("<body") != model.npos)  // else it is a part of others
+      rows.push_back({{"name", file.stem().string()}, {"description", head_of(model)}, {"file", file.string()}});
+  }
+  return rows;
+}
+
+Json laws() {
+  Json rows = Json::array();
+  for (const auto& law : friction::laws()) {
+    Json parameters = Json::array();
+    for (const auto& p : law.parameters) parameters.push_back(p.name);
+    rows.push_back({{"name", law.name},
+                    {"description", fmt::format("{} ({})", law.equation, law.source)},
+                    {"equation", law.equation},
+                    {"source", law.source},
+                    {"parameters", parameters}});
+  }
+  return rows;
+}
+
+Json faults() {
+  Json rows = Json::array();
+  for (const auto& fault : drive::faults())
+    rows.push_back({{"name", fault.name},
+                    {"description", fault.footprint},
+                    {"severity_unit", fault.unit},
+                    {"severity_maximum", fault.maximum}});
+  return rows;
+}
+
+struct Kind {
+  const char *name, *description;
+  Json (*rows)();  ///< each with at least name and description
+};
+
+/// A row for each table that users choose from by name.
+constexpr Kind kinds[] = {
+    {"scenarios", "Motions that ship, for tribotwin run and tribotwin-hil", scenarios},
+    {"campaigns", "Series of measurements that ship, for tribotwin lab", campaigns},
+    {"fits", "Fits of whole twins that ship, for tribotwin calibrate", fits},
+    {"models", "Robots that ship", models},
+    {"laws", "Friction laws, for models and tribotwin identify", laws},
+    {"faults", "Faults of a drive, for events of scenarios", faults},
+};
+
+struct Arguments {
+  Destination output;
+  bool json = false;
+};
+
+std::string table(const Json& rows) {
+  std::size_t width = 0;
+  for (const auto& row : rows) width = std::max(width, row["name"].get_ref<const std::string&>().size());
+  std::string text;
+  for (const auto& row : rows)
+    text += fmt::format("{:<{}}  {}\n", row["name"].get_ref<const std::string&>(), width,
+                        row["description"].get_ref<const std::string&>());
+  return text;
+}
+
+Result<Exit> list(const Kind& kind, const Arguments& a) {
+  const Json rows = kind.rows();
+  if (rows.empty()) return work_failed(fmt::format("the {} are not where they were built or installed", kind.name));
+  return deliver(a.json ? rows.dump(2) + "\n" : table(rows), a.output);
+}
+
+}  // namespace
+
+void add_list(CLI::App& app, int& code) {
+  auto* command = app.add_subcommand("list", "What there is to choose from: scenarios, models, laws and more");
+  command->require_subcommand(1);
+  for (const Kind& kind : kinds) {
+    const auto a = std::make_shared<Arguments>();
+    auto* one = command->add_subcommand(kind.name, kind.description);
+    a->output.add_to(*one, "File to write (default: stdout)");
+    one->add_flag("--json", a->json, "Print JSON instead of the table");
+    one->footer(fmt::format("Example:\n  tribotwin list {}", kind.name));
+    one->callback([&kind, a, &code] {
+      check(a->output, {});
+      code = or_throw(list(kind, *a));
+    });
+  }
+}
+
+}  // namespace tribotwin::twin::program

@@ -1,0 +1,72 @@
+#include <algorithm>
+
+#include <tribotwin/twin/io/input.hpp>
+#include <tribotwin/twin/io/shipped.hpp>
+#include <tribotwin/twin/io/text.hpp>
+
+namespace tribotwin::twin {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr std::string_view models = "mjcf", scenarios = "twin/scenarios";
+
+std::vector<fs::path> files_in(std::string_view folder, std::string_view ending) {
+  std::vector<fs::path> found;
+  std::error_code error;
+  for (const auto& entry : fs::directory_iterator(shipped_folder() / folder, error))
+    if (entry.path().extension() == ending) found.push_back(entry.path());
+  std::ranges::sort(found);
+  return found;
+}
+
+/// Throws InputError where something ships under nearly this name.
+void suggest(const std::string& given, const fs::path& name) {
+  std::vector<std::string> names;
+  for (const auto& file : files_in(name.extension() == ".xml" ? models : scenarios, name.extension().string()))
+    names.push_back(file.stem().string());
+  if (const auto meant = did_you_mean(name.stem().string(), names); !meant.empty())
+    throw InputError(given + ": does not exist" + meant);
+}
+
+}  // namespace
+
+fs::path shipped_folder() {
+  std::error_code error;
+  const fs::path program = fs::read_symlink("/proc/self/exe", error);
+  const fs::path installed = program.parent_path().parent_path() / TRIBOTWIN_SHARED;
+  for (const fs::path& folder : {installed, fs::path(TRIBOTWIN_SOURCE)})
+    if (fs::is_directory(folder / scenarios, error)) return folder;
+  return {};
+}
+
+std::vector<fs::path> shipped_models() { return files_in(models, ".xml"); }
+std::vector<fs::path> shipped_scenarios() { return files_in(scenarios, ".yaml"); }
+
+std::vector<fs::path> shipped_scenarios(Purpose purpose) {
+  auto files = shipped_scenarios();
+  std::erase_if(files, [&](const fs::path& file) {
+    const YAML::Node tree = load_yaml(file);
+    const Purpose own = tree["procedure"]                        ? Purpose::campaign
+                        : tree["recordings"] && tree["variants"] ? Purpose::fit
+                                                                 : Purpose::scenario;
+    return own != purpose;
+  });
+  return files;
+}
+
+fs::path given_or_shipped(const std::string& given, std::string_view ending) {
+  std::error_code error;
+  if (given.empty() || fs::exists(given, error) || fs::path(given).is_absolute()) return given;
+  const fs::path folder = shipped_folder();
+  if (folder.empty()) return given;
+  const fs::path name =
+      fs::path(fs::path(given).has_extension() ? given : given + std::string(ending)).lexically_normal();
+  if (*name.begin() == "..") return given;
+  for (const fs::path& file : {folder / name, folder / models / name, folder / scenarios / name})
+    if (fs::is_regular_file(file, error)) return file;
+  suggest(given, name);
+  return given;
+}
+
+}  // namespace tribotwin::twin
