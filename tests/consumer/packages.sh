@@ -1,0 +1,38 @@
+#!/usr/bin/env bash
+# packages.sh BUILD SOURCE: makes the Debian packages of a build; lintian finds no error; the unpacked programs work
+# where the source tree is hidden.
+set -euo pipefail
+build=$1 source=$(realpath "$2") work=$(mktemp -d)
+trap 'rm -rf "$work"' EXIT
+cpack --config "$build/CPackConfig.cmake" -B "$work" > "$work/cpack.log" || { cat "$work/cpack.log"; exit 1; }
+packages=("$work"/*.deb)
+[ ${#packages[@]} -eq 2 ] || { echo "expected tribotwin and libtribotwin-dev, found ${packages[*]}"; exit 1; }
+user=()
+[ "$(id -u)" -eq 0 ] && user=(--allow-root)
+lintian "${user[@]}" --fail-on error "${packages[@]}"
+for package in "${packages[@]}"; do
+  dpkg-deb -x "$package" "$work/root"
+done
+
+cat > "$work/use.sh" <<'USE'
+set -euo pipefail
+mount -t tmpfs none "$1"                  # the source tree, and a build inside it
+[ -z "$(ls -A "$1")" ]
+cd "$2"
+PATH=$PWD/root/usr/bin:$PATH
+tribotwin run irb6620_hold --set duration_s=1 --quiet -o run
+tribotwin run --list | grep -q irb6620_warmup
+tribotwin curve mjcf/irb6620.xml --joint joint2 --speeds 1:280:3
+printf 'model: irb6620.xml\nduration_s: 1\ncontrol: {type: torque}\n' > mine.yaml
+tribotwin run mine.yaml --quiet -o mine
+tribotwin-hil budget irb6620_hold
+if [ -x root/usr/bin/tribotwin-report ]; then
+  tribotwin-report pose mjcf/irb6620.xml -o pose.png
+  tribotwin-report run
+  [ -s pose.png ] && [ -s run/report.html ]
+fi
+[ -s run/telemetry.h5 ] && [ -s mine/summary.json ]
+USE
+namespace=(--mount)
+[ "$(id -u)" -eq 0 ] || namespace+=(--map-root-user)
+unshare "${namespace[@]}" bash "$work/use.sh" "$source" "$work"
