@@ -162,6 +162,104 @@ for program, words, former, today in (
         check(f"{program} {words[0]} {former}: as {today}", errors[0] and errors[0] == errors[1], errors)
 
 
+# ---- Lists.
+tables = {}
+for kind in commands_in(run(tribotwin, "list", "--help").stdout):
+    text, rows = run(tribotwin, "list", kind).stdout, json.loads(run(tribotwin, "list", kind, "--json").stdout)
+    tables[kind] = [row["name"] for row in rows]
+    described = all(row["description"] and f"{row['description']}\n" in text for row in rows)
+    check(f"list {kind}: a name and a description each", rows and described, text)
+    check(f"list {kind}: the table has the same names", [line.split()[0] for line in text.splitlines()] == tables[kind])
+    check(f"list {kind}: files exist", all(os.path.exists(row["file"]) for row in rows if "file" in row), rows)
+files = {f[:-5] for f in os.listdir(os.path.join(options.source, "twin", "scenarios")) if f.endswith(".yaml")}
+check(
+    "list: every shipped file is in one list",
+    sorted(tables["scenarios"] + tables["campaigns"] + tables["fits"]) == sorted(files),
+    tables,
+)
+old = {line.split()[0] for line in run(tribotwin, "run", "--list").stdout.splitlines()}
+check("run --list stays", old == set(tables["scenarios"]), old)
+for name in tables["models"]:
+    r = run(tribotwin, "curve", name, "--joint", "none of them", "--quiet")
+    check(f"list models: {name} can be used by name", "none of them" in r.stderr or "no tribotwin.drive" in r.stderr, r)
+run(tribotwin, "list", "laws", "-o", "laws.txt")
+check("list -o", open(path("laws.txt")).read() == run(tribotwin, "list", "laws").stdout)
+r = run(tribotwin, "list", "laws", "-o", "laws.txt")
+check("list -o: an existing file stays", r.returncode == 2 and "--force" in r.stderr, r)
+
+# ---- What a name that is nearly right meant.
+for program, words, meant in (
+    ("tribotwin", ("run", "irb6620_warmpu"), "irb6620_warmup"),
+    ("tribotwin", ("run", "irb6620_holds.yaml"), "irb6620_hold"),
+    ("tribotwin", ("lab", "br609_campain", "-o", "x"), "br609_campaign"),
+    ("tribotwin", ("calibrate", "xl330_fits"), "xl330_fit"),
+    ("tribotwin", ("curve", "irb6602", "--joint", "joint2"), "irb6620"),
+    ("tribotwin", ("curve", "mjcf/irb6602.xml", "--joint", "joint2"), "irb6620"),
+    ("tribotwin", ("curve", "irb6620", "--joint", "jiont2"), "joint2"),
+    ("tribotwin", ("identify", "x.csv", "--law", "extendet"), "extended"),
+    ("tribotwin", ("dynamics", "er3a_c60", "x.csv", "--friction", "polynomal"), "polynomial"),
+    ("tribotwin", ("list", "senarios"), "scenarios"),
+    ("tribotwin", ("run", "--sed", "1", "irb6620_hold"), "--seed"),
+    ("tribotwin-hil", ("budget", "irb6620_hodl"), "irb6620_hold"),
+    ("tribotwin-hil", ("bugdet", "irb6620_hold"), "budget"),
+    ("tribotwin-report", ("pose", "br690.xml"), "br609"),
+):
+    if program in programs:
+        r = run(programs[program], *words)
+        said = re.search(r"did you mean '(\S+)'\?", r.stderr)
+        check(f"meant: {program} {' '.join(words)}", r.returncode == 2 and said and said[1] == meant, r.stderr)
+r = run(tribotwin, "run", "nowhere.yaml")
+check("meant: nothing where nothing is like it", r.returncode == 2 and "did you mean" not in r.stderr, r.stderr)
+
+
+# ---- Results as JSON, and into files that are not replaced silently.
+def strict(text):
+    def refuse(word):
+        raise ValueError(word)
+
+    return json.loads(text, parse_constant=refuse)
+
+
+for program, words, text in all_helps:
+    if "Commands:" not in text or program == "tribotwin-report":
+        known = options_in(text)
+        check(f"{' '.join([program, *words])}: has --json", "--json" in known)
+        writes = "--output" in known
+        check(f"{' '.join([program, *words])}: -o comes with --force", not writes or "--force" in known, list(known))
+curve = ("curve", "irb6620", "--joint", "joint2", "--speeds", "1:200:3", "--torque-noise-nm", "1", "--experiment")
+points = strict(run(tribotwin, *curve, "--json", "--quiet").stdout)["points"]
+rows = [line.split(",") for line in run(tribotwin, *curve, "--quiet").stdout.splitlines()]
+check(
+    "curve --json: the numbers of the CSV, every digit",
+    [[p[key] for key in rows[0]] for p in points] == [[float(x) for x in row] for row in rows[1:]],
+    (points, rows),
+)
+r = run(tribotwin, "curve", "irb6620", "--joint", "joint2", "--speeds", "1:200:3", "--json")
+check("JSON: not a number is null", strict(r.stdout)["points"][0]["stderr_nm"] in (0, None), r.stdout)
+for name, program, words, file in (
+    ("curve", "tribotwin", ("curve", "irb6620", "--joint", "joint2"), "c.csv"),
+    ("budget", "tribotwin-hil", ("budget", "irb6620_hold", "--json"), "b.json"),
+    ("eds", "tribotwin-hil", ("eds", "irb6620_hold", "--json"), "d.eds"),
+    ("dbc", "tribotwin-hil", ("dbc", "irb6620_hold", "--json"), "d.dbc"),
+    ("a figure", "tribotwin-report", ("curve", "irb6620", "--joint", "joint2", "--json"), "c.svg"),
+    ("a picture", "tribotwin-report", ("pose", "irb6620", "--size", "64x64", "--json"), "p.png"),
+):
+    if program in programs:
+        r = run(programs[program], *words, "-o", file)
+        named = not r.stdout or strict(r.stdout) == {"files": [file]}
+        check(f"-o of {name}: writes", r.returncode == 0 and os.path.getsize(path(file)) > 0 and named, r)
+        before = os.stat(path(file))
+        r = run(programs[program], *words, "-o", file)
+        kept = os.stat(path(file)).st_mtime_ns == before.st_mtime_ns
+        check(f"-o of {name}: does not replace", r.returncode == 2 and "--force" in r.stderr and kept, r)
+        r = run(programs[program], *words, "-o", file, "--force")
+        check(f"-o of {name}: --force replaces", r.returncode == 0 and os.stat(path(file)).st_ino != before.st_ino, r)
+budget = strict(run(programs["tribotwin-hil"], "budget", "irb6620_hold", "--json").stdout)
+check("budget --json", 0 < budget["min"] <= budget["max"] < 1 and budget["cycle_s"] == 0.002, budget)
+r = run(programs["tribotwin-hil"], "eds", "irb6620_hold", "--json")
+check("--json of files needs a file", r.returncode == 2 and "-o FILE" in r.stderr and not r.stdout, r)
+
+
 # ---- Completion.
 def complete(program, *words):
     """What bash offers for the last of the words."""
@@ -197,6 +295,11 @@ for name, words, expected in (
     ("a choice", ("curve", "mjcf/br609.xml", "--load-by", "p"), {"pose"}),
     ("--option=value", ("curve", "--load-by", "=", "p"), {"pose"}),
     ("--color", ("run", "--color", "n"), {"never"}),
+    ("a scenario", ("run", "irb6620_w"), {"irb6620_warmup"}),
+    ("a campaign", ("lab", "br"), {"br609_campaign", "br609_diagnosis"}),
+    ("a model", ("curve", "irb"), {"irb6620"}),
+    ("a law", ("identify", "--law", "exten"), {"extended"}),
+    ("a list", ("list", "f"), {"faults", "fits"}),
     ("a file", ("run", "mi"), {"mine.yaml"}),
     ("a file of an option", ("identify", "--evaluate", "mi"), {"mine.yaml"}),
     ("a command inside a command", ("diagnose", "wa"), {"watch"}),

@@ -95,20 +95,21 @@ struct Arguments {
   bool json = false;
 };
 
-std::string table(const Json& rows) {
+/// Names are bold with `colour`.
+std::string table(const Json& rows, bool colour) {
   std::size_t width = 0;
   for (const auto& row : rows) width = std::max(width, row["name"].get_ref<const std::string&>().size());
   std::string text;
   for (const auto& row : rows)
-    text += fmt::format("{:<{}}  {}\n", row["name"].get_ref<const std::string&>(), width,
-                        row["description"].get_ref<const std::string&>());
+    text += fmt::format("{}{:<{}}{}  {}\n", colour ? "\033[1m" : "", row["name"].get_ref<const std::string&>(), width,
+                        colour ? "\033[0m" : "", row["description"].get_ref<const std::string&>());
   return text;
 }
 
 Result<Exit> list(const Kind& kind, const Arguments& a) {
   const Json rows = kind.rows();
   if (rows.empty()) return work_failed(fmt::format("the {} are not where they were built or installed", kind.name));
-  return deliver(a.json ? rows.dump(2) + "\n" : table(rows), a.output);
+  return deliver(a.json ? rows.dump(2) + "\n" : table(rows, !a.output.named() && coloured(Stream::output)), a.output);
 }
 
 }  // namespace
