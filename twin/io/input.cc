@@ -29,6 +29,11 @@ std::string place(const std::string& file, const YAML::Mark& mark) {
   return mark.line < 0 ? file : fmt::format("{}:{}", file, mark.line + 1);
 }
 
+/// Whether apply_setting has put the key or its value there. A value in a file cannot stand at its beginning.
+bool is_setting(const YAML::Node& key, const YAML::Node& value) {
+  return key.Mark().line < 0 || (value.Mark().pos == 0 && value.Mark().line == 0);
+}
+
 /// A mapping whose keys are names, each given once.
 YAML::Node checked(const std::string& file, const std::string& where, const YAML::Node& node) {
   if (!node.IsMap())
@@ -57,9 +62,13 @@ std::string Mapping::at(const YAML::Mark& mark) const { return place(file_, mark
 
 void Mapping::fail(const std::string& key, const std::string& why) const {
   YAML::Mark mark = node_.Mark();
-  for (const auto& entry : node_)
-    if (entry.first.Scalar() == key) mark = entry.first.Mark();  // none where --set or a program put it there
-  throw InputError(fmt::format("{}: {}{}{}: {}", at(mark), where_, where_.empty() ? "" : ".", key, why));
+  const std::string path = where_ + (where_.empty() ? "" : ".") + key;
+  for (const auto& entry : node_) {
+    if (entry.first.Scalar() != key) continue;
+    mark = entry.first.Mark();
+    if (is_setting(entry.first, entry.second)) throw InputError(fmt::format("{}: --set {}: {}", file_, path, why));
+  }
+  throw InputError(fmt::format("{}: {}: {}", at(mark), path, why));
 }
 
 YAML::Node Mapping::take(const std::string& key) {

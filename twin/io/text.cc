@@ -6,6 +6,7 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
+#include <tribotwin/twin/io/pipe.hpp>
 #include <tribotwin/twin/io/text.hpp>
 
 namespace tribotwin::twin {
@@ -30,6 +31,7 @@ Result<std::ifstream> open_text(const std::filesystem::path& file, std::string_v
   std::error_code error;
   if (std::filesystem::is_directory(file, error))
     return tl::unexpected(fmt::format("{}: is a folder, not {}", file.string(), kind));
+  if (is_named_pipe(file)) return open_from_writer(file);
   std::ifstream stream(file, std::ios::binary);
   if (!stream) return tl::unexpected(fmt::format("{}: cannot be read ({})", file.string(), std::strerror(errno)));
   return stream;
