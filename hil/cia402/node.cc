@@ -239,6 +239,7 @@ void Node::sync(std::int64_t now_ns) {
   sync_.hear(now_ns);
   set_points_.sync();
   pdos_.sync(now_ns, counter);
+  drive_.sync();
   drive_.refresh_status();
   watch_set_points(now_ns);
 }
