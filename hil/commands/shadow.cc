@@ -43,6 +43,10 @@ struct Arguments : RobotOptions {
                     "Counts of 6064h per motor turn; default: 608Fh of the EDS or DCF")
         ->check(CLI::PositiveNumber)
         ->needs(maps);
+    command
+        .add_flag("--mean-torque", foreign.mean_torque,
+                  "Their torques are means since the SYNC before, as of drive; else those at the SYNC")
+        ->needs(maps);
     auto* limited =
         command.add_option("--limit", limit, "Largest residual torque, arm side [Nm]; beyond it: exit code 3")
             ->check(CLI::PositiveNumber);
