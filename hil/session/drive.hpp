@@ -8,6 +8,7 @@
 #include <tribotwin/hil/can/transport.hpp>
 #include <tribotwin/hil/faults/faults.hpp>
 #include <tribotwin/hil/session/bench.hpp>
+#include <tribotwin/hil/session/session_file.hpp>
 #include <tribotwin/plugins/friction/error.hpp>
 #include <tribotwin/twin/io/file.hpp>
 
@@ -26,19 +27,21 @@ struct DriveOptions {
   Profile profile = Profile::cia402;
   int first_node = 1;
   std::uint32_t cycle_us = 2000;
-  std::vector<NodeSetup> nodes;                             ///< how they start, see BenchOptions
-  bool realtime = false;                                    ///< physics on the clock instead of on SYNC
-  std::optional<double> duration_s;                         ///< of simulated time [s]; unlimited without
-  std::optional<double> bit_rate;                           ///< [bit/s] of the bus, for its load; none on vcan and TCP
-  std::filesystem::path record;                             ///< a candump log of everything on the bus, and LOG.session
-  std::filesystem::path statistics;                         ///< JSON
-  std::function<void(const std::string&)> show_statistics;  ///< gets the same at the end
-  std::filesystem::path output;                             ///< folder for telemetry
-  twin::Existing existing = twin::Existing::refuse;         ///< what happens to older records and statistics
-  std::vector<Fault> faults;                                ///< injected, by simulated time
-  std::function<bool()> stop;                               ///< polled often; true ends the session
-  std::function<void(const SessionStatus&)> status;         ///< a few times a second
-  std::function<void(const std::string&)> note;             ///< called with messages of one line for the user
+  std::vector<NodeSetup> nodes;      ///< how they start, see BenchOptions
+  StartConditions conditions;        ///< what `nodes` were made of, for the record
+  bool realtime = false;             ///< physics on the clock instead of on SYNC
+  std::optional<double> duration_s;  ///< of simulated time [s]; unlimited without
+  std::optional<double> bit_rate;    ///< [bit/s] of the bus, for its load; none on vcan and TCP
+  std::filesystem::path record;      ///< a candump log of everything on the bus, and LOG.session
+  std::filesystem::path statistics;  ///< JSON
+  /// Gets the same text.
+  std::function<void(const std::string&)> show_statistics;
+  std::filesystem::path output;                      ///< folder for telemetry
+  twin::Existing existing = twin::Existing::refuse;  ///< what happens to older records and statistics
+  std::vector<Fault> faults;                         ///< injected, by simulated time
+  std::function<bool()> stop;                        ///< polled often; true ends the session
+  std::function<void(const SessionStatus&)> status;  ///< a few times a second
+  std::function<void(const std::string&)> note;      ///< called with messages of one line for the user
 };
 
 /// Runs the drives of a scenario on a bus until `duration_s` or `stop`. When a record cannot be written any more (full

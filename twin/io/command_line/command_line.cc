@@ -238,7 +238,8 @@ std::string unknown_option(const std::string& given, ::CLI::App& program, ::CLI:
 
 /// What is wrong with the arguments that nothing took; empty where `error` says it better.
 std::string of_remaining(::CLI::App& program, const ::CLI::ParseError& error) {
-  if (error.get_name() != "RequiredError" && error.get_name() != "ExtrasError") return {};
+  const int code = error.get_exit_code();
+  if (code != int(::CLI::ExitCodes::RequiredError) && code != int(::CLI::ExitCodes::ExtrasError)) return {};
   ::CLI::App& command = named_command(program);
   const auto commands = commands_of(command);
   const bool wants_command = command.get_require_subcommand_min() > 0;
