@@ -19,7 +19,7 @@ ROBOT = [
     *('--azimuth', '122', '--elevation', '-22', '--distance', '4.7', '--look-at', '0.57', '-0.04', '0.92'),
 ]
 for joint, degC in JOINT_DEGC.items():
-    ROBOT += ['--temperature', f'{joint}={degC}']
+    ROBOT += ['--joint-temperature', f'{joint}={degC}']
 FRICTION = ['curve', MODEL, '--joint', 'joint2', '--size', '440x360']
 COLOURS = 256
 

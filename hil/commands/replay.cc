@@ -30,7 +30,9 @@ struct Arguments : RobotOptions {
     command.add_option("-o,--output", output, "Folder for telemetry.h5, scenario.yaml, summary.json");
     add_force(command, force);
     command.add_flag("--json", json, "Print JSON instead of text");
-    command.footer("Example:\n  tribotwin-hil replay twin/scenarios/irb6620_hold.yaml session.log --fast");
+    command.footer(
+        "Example:\n  tribotwin-hil replay twin/scenarios/irb6620_hold.yaml session.log --fast\n\nsession.log is a "
+        "record of tribotwin-hil drive --record session.log.");
   }
 };
 

@@ -63,7 +63,8 @@ struct Arguments : RobotOptions {
     add_force(command, force);
     command.add_flag("--json", json, "Print JSON instead of the table");
     command.footer(
-        "Example:\n  tribotwin-hil shadow twin/scenarios/irb6620_hold.yaml --can log:session.log --limit 200");
+        "Example:\n  tribotwin-hil shadow twin/scenarios/irb6620_hold.yaml --can log:session.log --limit "
+        "200\n\nsession.log is a record of tribotwin-hil drive --record session.log.");
   }
 
   /// The file behind log:FILE; empty for a bus.

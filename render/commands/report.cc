@@ -30,7 +30,9 @@ void add_report(CLI::App& app, Call& call) {
   auto a = std::make_shared<Arguments>();
   app.add_option("RUNDIR", a->runs, "Folders of runs, or of a scenario that varies; several runs are compared");
   a->add_to(app, "The page (default: RUNDIR/report.html; report.html for several)");
-  app.footer("Example:\n  tribotwin-report runs/irb6620_warmup -o report.html");
+  app.footer(
+      "Example:\n  tribotwin-report runs/irb6620_warmup -o report.html\n\nThe run is that of tribotwin run "
+      "irb6620_warmup.");
   app.callback([a, &app, &call] {
     if (app.get_subcommands().empty()) call.code = execute(*a, call.command_line);
   });

@@ -28,7 +28,9 @@ void add_sheet(CLI::App& app, Call& call) {
   command->add_option("--count", a->count, "How many, evenly in time")
       ->check(CLI::Range(1, 100))
       ->capture_default_str();
-  command->footer("Example:\n  tribotwin-report sheet runs/irb6620_warmup --count 9 -o sheet.png");
+  command->footer(
+      "Example:\n  tribotwin-report sheet runs/irb6620_warmup --count 9 -o sheet.png\n\nThe run is that of tribotwin "
+      "run irb6620_warmup.");
   command->callback([a, &call] { call.code = execute(*a); });
 }
 

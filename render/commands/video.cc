@@ -34,7 +34,9 @@ void add_video(CLI::App& app, Call& call) {
       ->check(CLI::Range(0.1, 3600.0))
       ->capture_default_str();
   command->add_option("--fps", a->frames_per_s, "Frames per second")->check(CLI::Range(1, 240))->capture_default_str();
-  command->footer("Example:\n  tribotwin-report video runs/irb6620_warmup --seconds 4 -o warmup.mp4");
+  command->footer(
+      "Example:\n  tribotwin-report video runs/irb6620_warmup --seconds 4 -o warmup.mp4\n\nThe run is that of "
+      "tribotwin run irb6620_warmup.");
   command->callback([a, &call] { call.code = execute(*a); });
 }
 

@@ -88,7 +88,9 @@ void add_calibrate(CLI::App& app, int& code) {
   c->add_flag("--json", a->json, "Print calibration.json instead of the table");
   c->add_flag("--quiet", a->quiet, "No progress, no notes");
   c->add_flag("--force", a->force, "Replace twin files that were changed since they were written");
-  c->footer("Example:\n  tribotwin calibrate xl330_fit -o runs/xl330_fit");
+  c->footer(
+      "Example:\n  tribotwin calibrate xl330_fit -o runs/xl330_fit\n\nThis one needs the recordings that "
+      "twin/scenarios/xl330_fit.yaml names; they do not ship.");
   c->callback([a, &code] { code = or_throw(execute(*a)); });
 }
 

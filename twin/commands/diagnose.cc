@@ -288,7 +288,10 @@ void add_check(CLI::App& app, const std::shared_ptr<Arguments>& a, int& code) {
   a->output.add_to(*command, "File for the verdicts (default: stdout)");
   command->add_flag("--json", a->json, "Print JSON instead of the table");
   add_units(*command, *a);
-  command->footer("Example:\n  tribotwin diagnose check healthy.yaml lab/br609/curves/013.csv --json");
+  command->footer(
+      "Example:\n  tribotwin lab br609_campaign -o lab/br609\n  tribotwin diagnose learn lab/br609/curves/00?.csv "
+      "lab/br609/curves/01[012].csv -o healthy.yaml\n  tribotwin diagnose check healthy.yaml lab/br609/curves/013.csv "
+      "--json");
   command->callback([a, &code] {
     check(a->output, inputs_of(*a));
     code = or_throw(check_curves(*a));
@@ -306,7 +309,9 @@ void add_watch(CLI::App& app, const std::shared_ptr<Arguments>& a, int& code) {
   a->output.add_to(*command, "File for the verdicts (default: stdout)");
   command->add_flag("--json", a->json, "Print JSON instead of the table");
   add_units(*command, *a);
-  command->footer("Example:\n  tribotwin diagnose watch healthy.yaml lab/br609/curves/0??.csv");
+  command->footer(
+      "Example:\n  tribotwin lab br609_campaign -o lab/br609\n  tribotwin diagnose learn lab/br609/curves/00?.csv "
+      "lab/br609/curves/01[012].csv -o healthy.yaml\n  tribotwin diagnose watch healthy.yaml lab/br609/curves/0??.csv");
   command->callback([a, &code] {
     check(a->output, inputs_of(*a));
     code = or_throw(watch_curves(*a));

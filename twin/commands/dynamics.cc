@@ -173,7 +173,10 @@ void add_dynamics(CLI::App& app, int& code) {
   c->add_option("--threads", a->threads, "Threads; they do not change the result")->check(CLI::Range(1, 256));
   c->add_flag("--json", a->json, "Print JSON instead of the table");
   c->add_flag("--quiet", a->quiet, "No progress, no notes");
-  c->footer("Example:\n  tribotwin dynamics mjcf/er3a_c60.xml recording.csv --friction polynomial -o robot.yaml");
+  c->footer(
+      "Example:\n  tribotwin run er3a_c60_day -o runs/day --set duration_s=120 --set telemetry_rate_hz=250\n  "
+      "tribotwin export runs/day --recording -o recorded.csv\n  tribotwin dynamics er3a_c60 recorded.csv --friction "
+      "polynomial -o robot.yaml");
   c->callback([a, &code] {
     auto inputs = paths(a->data);
     inputs.insert(inputs.end(), {a->model, a->thermal});

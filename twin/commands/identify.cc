@@ -432,9 +432,10 @@ void add_identify(CLI::App& app, int& code) {
   c->add_flag("--json", a->json, "Print JSON instead of the table");
   c->add_flag("--quiet", a->quiet, "No notes on stderr");
   c->footer(
-      "Example:\n  tribotwin identify --law extended --fix alpha=1.36 curves.csv -o params.yaml\n  tribotwin identify "
-      "--law bouc_wen 20degC.csv 35degC.csv 50degC.csv -o gear.yaml\n  tribotwin identify --law lugre --static "
-      "params.yaml reversals.csv -o lugre.yaml");
+      "Example:\n  tribotwin lab rh380n_friction -o lab/rh380n\n  tribotwin identify --law stribeck_T "
+      "lab/rh380n/curves/00[89].csv lab/rh380n/curves/01?.csv -o params.yaml\n\nRecordings of your own, sample by "
+      "sample: --law bouc_wen 20degC.csv 35degC.csv -o gear.yaml; --law lugre --static params.yaml reversals.csv -o "
+      "lugre.yaml.");
   c->callback([a, &code] {
     auto inputs = paths(a->data);
     inputs.insert(inputs.end(), {a->known_law, a->evaluate});

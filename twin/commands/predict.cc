@@ -182,7 +182,10 @@ void add_predict(CLI::App& app, int& code) {
   c->add_option("--threads", a->threads, "Threads; they do not change the result")->check(CLI::Range(1, 256));
   c->add_flag("--json", a->json, "Print JSON instead of the table");
   c->add_flag("--quiet", a->quiet, "No notes");
-  c->footer("Example:\n  tribotwin predict mjcf/er3a_c60.xml robot.yaml other.csv -o predicted.csv");
+  c->footer(
+      "Example:\n  tribotwin run er3a_c60_day -o runs/day --set duration_s=120 --set telemetry_rate_hz=250\n  "
+      "tribotwin export runs/day --recording -o recorded.csv\n  tribotwin dynamics er3a_c60 recorded.csv --friction "
+      "polynomial -o robot.yaml\n  tribotwin predict er3a_c60 robot.yaml recorded.csv -o predicted.csv");
   c->callback([a, &code] {
     auto inputs = paths(a->data);
     inputs.insert(inputs.end(), {a->model, a->parameters});

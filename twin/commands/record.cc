@@ -226,7 +226,7 @@ void add_recover(CLI::App& app, int& code) {
   auto* command = app.add_subcommand("recover", "Turn the record of a killed run into a plain HDF5 file");
   command->add_option("RUNDIR", *directory, "Folder of the run")->required();
   command->add_flag("--json", *json, "Print JSON instead of text");
-  command->footer("Example:\n  tribotwin recover runs/warmup");
+  command->footer("Example:\n  tribotwin run irb6620_hold -o runs/hold\n  tribotwin recover runs/hold");
   command->callback([directory, json, &code] { code = or_throw(recover_record(*directory, *json)); });
 }
 
@@ -276,7 +276,10 @@ void add_export(CLI::App& app, int& code) {
       ->check(CLI::Range(1e-6, 1e6));
   a->output.add_to(*command, "File for the block or the recording (default: stdout)");
   a->output.add_json_to(*command);
-  command->footer("Example:\n  tribotwin export params.yaml --mjcf --tau-max 7500 --gear-ratio 178");
+  command->footer(
+      "Example:\n  tribotwin run irb6620_hold -o runs/hold\n  tribotwin export runs/hold --csv\n  tribotwin lab "
+      "rh380n_friction -o lab/rh380n\n  tribotwin identify --law stribeck_T lab/rh380n/curves/00[89].csv "
+      "lab/rh380n/curves/01?.csv -o params.yaml\n  tribotwin export params.yaml --mjcf --tau-max 20 --gear-ratio 1");
   command->callback([a, &code] {
     if (a->csv + a->mjcf + a->recording + a->native != 1)
       throw InputError(

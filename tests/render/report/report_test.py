@@ -533,7 +533,7 @@ os.symlink(path("warmup"), path("runs/irb6620_warmup"))
 os.symlink(os.path.join(source, "mjcf"), path("mjcf"))
 for command in ([], ["pose"], ["curve"], ["sheet"], ["video"]):
     text = run(report, *command, "--help").stdout
-    example = text[text.index("Example:") :].splitlines()[1].split()
+    example = text[text.index("Example:") :].replace("\\\n", "").splitlines()[1].split()
     r = run(report, *example[1:])
     check(
         "example of --help: " + " ".join(example),
