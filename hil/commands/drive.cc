@@ -24,6 +24,15 @@ void check_statistics(const std::string& file, bool force) {
   twin::or_throw(twin::NewFile::create(file, twin::Existing::replace));  // writes nothing and leaves nothing
 }
 
+/// A store is read, and replaced as a whole.
+void check_store(const std::filesystem::path& file) {
+  std::error_code none;
+  if (std::filesystem::exists(file, none) && !std::filesystem::is_directory(file, none) &&
+      !std::filesystem::is_regular_file(file, none))
+    throw InputError(fmt::format("--store {}: must be a regular file, not a pipe or a device", file.string()));
+  twin::or_wrong_input(twin::check_output(file, twin::Existing::replace));
+}
+
 void note_missing_brakes(const twin::Scenario& scenario) {
   std::vector<std::string> joints;
   for (const auto& binding : scenario.model->drives())
@@ -78,7 +87,7 @@ struct Arguments : RobotOptions {
     check_outputs(inputs, outputs, force);
     outputs.insert(outputs.end(), kept.begin(), kept.end());
     twin::or_wrong_input(refuse_shared(inputs, outputs));  // a store may exist
-    for (const auto& file : kept) twin::or_wrong_input(twin::check_output(file.path, twin::Existing::replace));
+    for (const auto& file : kept) check_store(file.path);
     if (!record.empty()) twin::or_wrong_input(twin::check_output(record, twin::Existing::replace));
     check_statistics(stats, force);
   }
@@ -111,10 +120,15 @@ int run(const Arguments& a) {
   const bool live = !a.quiet && isatty(STDERR_FILENO);
   if (!a.quiet) {
     report_nonblocking(
-        fmt::format("{} drive{}, nodes {} to {}, on {}; {}\n", drives, drives == 1 ? "" : "s", a.first_node,
-                    a.first_node + drives - 1, a.can,
+        fmt::format("{} drive{}, {}, on {}; {}\n", drives, drives == 1 ? "" : "s",
+                    node_range(a.first_node, static_cast<std::size_t>(drives)), a.can,
                     a.realtime ? "the robot moves with the clock" : "every SYNC advances the robot by one cycle"));
     note_missing_brakes(scenario);
+    if (a.can.starts_with("memory:") && !a.realtime)
+      report_nonblocking(
+          fmt::format("note: {} is a bus in this process: no master can reach it and send a SYNC, so the "
+                      "robot stands still; --realtime moves it with the clock\n",
+                      a.can));
   }
   const auto ended = hil::drive(scenario, *bus,
                                 {.profile = a.bench_profile(),

@@ -38,8 +38,8 @@ void configure(std::vector<NodeSetup>& setups, const std::vector<DriveParameters
     throw InputError(fmt::format("{}: does not say which drive it is for: NodeID=N in [DeviceComissioning]", file));
   const auto drive = std::ranges::find(parameters, *dcf.node_number, &DriveParameters::node);
   if (drive == parameters.end())
-    throw InputError(fmt::format("{}: NodeID {}: the drives are nodes {} to {}", file, *dcf.node_number,
-                                 parameters.front().node, parameters.back().node));
+    throw InputError(fmt::format("{}: NodeID {}: the scenario has {}", file, *dcf.node_number,
+                                 node_range(parameters.front().node, parameters.size())));
   NodeSetup& setup = setups[static_cast<std::size_t>(drive - parameters.begin())];
   if (!setup.values.empty()) throw InputError(fmt::format("{}: node {} has a DCF already", file, *dcf.node_number));
   setup.values = twin::or_wrong_input(dcf.values(*dcf.node_number));

@@ -96,7 +96,7 @@ class Replay {
 
   Result<ReplayResult> run() {
     auto log = LogReader::open(file_, o_.stop);
-    if (!log) return work_failed(log.error().message);
+    if (!log) return tl::unexpected(log.error());
     Moments moments(std::move(*log));
     if (auto ok = start(moments); !ok) return tl::unexpected(ok.error());
     if (auto ok = follow(moments); !ok) return tl::unexpected(ok.error());
@@ -129,7 +129,7 @@ class Replay {
 
   Status read(Moments& moments) {
     auto more = moments.next(moment_);
-    if (!more) return work_failed(more.error().message);
+    if (!more) return tl::unexpected(more.error());
     frames_left_ = *more;
     return {};
   }

@@ -183,6 +183,9 @@ Result<Place> find(const Wanted& w, std::span<const DbcFile> files) {
       file = &f;
     }
   if (!message) return tl::unexpected(fmt::format("--signal {}: no DBC file has a message '{}'", w.option, w.message));
+  if (const auto& reason = message->unreadable)
+    return tl::unexpected(fmt::format("{}:{}: {}; --signal {} needs message {}", file->file.string(), reason->line,
+                                      reason->why, w.option, message->name));
   const auto s = std::ranges::find(message->signals, w.signal, &DbcSignal::name);
   if (s == message->signals.end()) {
     std::vector<std::string> names;
@@ -295,6 +298,16 @@ Result<std::unique_ptr<Listener>> eds_of(const ForeignDrives& foreign, const Dri
   return canopen_listener(std::move(*described));
 }
 
+/// One line for all messages of a file that are left out.
+void note_unreadable(const ForeignDrives& foreign, const DbcFile& file) {
+  const auto out = [](const DbcMessage& m) { return m.unreadable.has_value(); };
+  const auto count = std::ranges::count_if(file.messages, out);
+  if (count == 0 || !foreign.note) return;
+  const DbcMessage& first = *std::ranges::find_if(file.messages, out);
+  foreign.note(fmt::format("{}: {} of {} messages are left out, the first is {}, line {}: {}", file.file.string(),
+                           count, file.messages.size(), first.name, first.unreadable->line, first.unreadable->why));
+}
+
 Result<std::vector<DbcFile>> read_dbcs(const ForeignDrives& foreign, std::span<const DriveParameters> drives) {
   std::vector<DbcFile> files;
   for (const std::string& map : foreign.maps) {
@@ -339,6 +352,7 @@ Result<std::vector<std::unique_ptr<Listener>>> foreign_listeners(const ForeignDr
       return tl::unexpected(fmt::format("{} has both signals of a DBC and an EDS; give one of them", drives[i].name));
     listeners.push_back(*by_signals ? std::move(*by_signals) : std::move(*by_eds));
   }
+  for (const DbcFile& file : *files) note_unreadable(foreign, file);
   return listeners;
 }
 

@@ -90,7 +90,7 @@ class Shadow {
     if (more && heard) heard = infer_cycle();
     if (heard && cycle_s_ > 0) advance(clock_.now_s());
     close_csv();
-    if (!more) return work_failed(more.error().message);
+    if (!more) return tl::unexpected(more.error());
     if (!heard) return tl::unexpected(heard.error());
     if (!result_.interrupted)
       if (auto ok = require_predictions(); !ok) return tl::unexpected(ok.error());
@@ -103,7 +103,8 @@ class Shadow {
   bool over(const Frame& frame) {
     if (frame.error) return false;
     if (first_ns_ < 0) first_ns_ = frame.time_ns;
-    return o_.duration_s && 1e-9 * static_cast<double>(frame.time_ns - first_ns_) >= *o_.duration_s;
+    result_.heard_s = 1e-9 * static_cast<double>(frame.time_ns - first_ns_);
+    return o_.duration_s && result_.heard_s >= *o_.duration_s;
   }
   /// "joint1, joint2": the joints for which `which` is true.
   std::string names(const std::function<bool(std::size_t)>& which) const {

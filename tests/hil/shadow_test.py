@@ -340,6 +340,38 @@ for name, old, new, says in (
     assert old in dbc
     write("wrong.dbc", dbc.replace(old, new, 1))
     check_refused("DBC: " + name, shadow("foreign.log", "--map", "wrong.dbc", *signals), says=["wrong.dbc", *says])
+
+# What one frame with simple multiplexing cannot hold is left out with a note, where no signal is of it.
+strange = {
+    "extended multiplexing": " SG_ More m5M : 60|2@1+ (1,0) [0|3] \"\" master\n SG_ Deep m1 : 62|2@1+ (1,0) [0|3] \"\" master\n",
+    "64 can be read": ' SG_ Serial : 0|128@1+ (1,0) [0|0] "" master\n',
+}
+for why, signal in strange.items():
+    for message, wanted in (("BO_ 2566834431 EEC1: 8 Vector__XXX\n", False), ("", True)):
+        text = dbc + message + signal if message else dbc.replace(" SG_ Mux M", signal + " SG_ Mux M", 1)
+        write(
+            "strange.dbc", text + 'BA_DEF_ BO_ "VFrameFormat" ENUM "J1939PG";\nBA_ "VFrameFormat" BO_ 2566834431 0;\n'
+        )
+        r = shadow("foreign.log", "--map", "strange.dbc", *signals, "--signal", "enabled=Axis{node}.State==3,4")
+        if wanted:
+            check_refused(
+                "DBC, of a signal that is wanted: " + why, r, says=["strange.dbc:", why, "needs message Axis1"]
+            )
+        else:
+            check("DBC, left out: " + why, r.returncode == 0 and "note: strange.dbc: 1 of 7" in r.stderr, r)
+            check("and the reason: " + why, "EEC1" in r.stderr and why in r.stderr, r.stderr)
+for line, left_out in (
+    (f"SG_MUL_VAL_ {0x98FF0001} Torque Mux 5-5;\n", False),
+    (f"SG_MUL_VAL_ {0x98FF0001} Torque Mux 5-6;\n", True),
+    (f"SG_MUL_VAL_ {0x98FF0001} Torque Mux 5-5, 9-9;\n", True),
+):
+    write("strange.dbc", dbc + line)
+    r = shadow("foreign.log", "--map", "strange.dbc", *signals, "--signal", "enabled=Axis{node}.State==3,4")
+    check("DBC: " + line.strip(), r.returncode == (2 if left_out else 0) and ("SG_MUL_VAL_" in r.stderr) == left_out, r)
+write("long.dbc", dbc + 'BO_ 2566834432 DM1: 1785 Vector__XXX\n SG_ All : 0|14280@1+ (1,0) [0|0] "" master\n')
+r = shadow("foreign.log", "--map", "long.dbc", *signals, "--signal", "enabled=Axis{node}.State==3,4")
+check("DBC: a message of many frames", r.returncode == 0 and "1785 bytes are more than a frame" in r.stderr, r)
+
 write("empty.dbc", 'VERSION ""\n')
 for name, more, says in (
     ("no signals named", ["--map", "other.dbc"], ["which signals"]),

@@ -16,6 +16,7 @@
 
 #include <tribotwin/twin/io/descriptor.hpp>
 #include <tribotwin/twin/io/file.hpp>
+#include <tribotwin/twin/io/pipe.hpp>
 
 namespace tribotwin::twin {
 namespace {
@@ -55,7 +56,7 @@ Status check_kind(const fs::path& file, const struct stat& there) {
                      : S_ISBLK(there.st_mode)  ? "a block device"
                      : S_ISSOCK(there.st_mode) ? "a socket"
                                                : nullptr;
-  if (kind) return tl::unexpected(fmt::format("{}: is {}; name a file with -o", file.string(), kind));
+  if (kind) return tl::unexpected(fmt::format("{}: is {}; name a file", file.string(), kind));
   return {};
 }
 
@@ -76,7 +77,14 @@ Status write_stream(const fs::path& file, const struct stat& there, std::string_
   if (const auto standard = standard_stream(there)) {
     error = write_all(*standard, bytes);
   } else {
-    Descriptor stream(::open(file.c_str(), O_WRONLY | O_CLOEXEC | O_NOCTTY));
+    Descriptor stream;
+    if (is_named_pipe(file)) {
+      auto pipe = open_for_reader(file);
+      if (!pipe) return tl::unexpected(pipe.error());
+      stream = std::move(*pipe);
+    } else {
+      stream = Descriptor(::open(file.c_str(), O_WRONLY | O_CLOEXEC | O_NOCTTY));
+    }
     if (stream < 0) return not_written(file, errno);
     error = write_all(stream, bytes);
     if (!stream.close() && error == 0) error = errno;
@@ -142,9 +150,8 @@ Status check_output(const fs::path& file, Existing existing, std::span<const fs:
   if (there && is_stream(*there)) return {};
   for (const fs::path& input : inputs)
     if (is_same_file(file, input))
-      return tl::unexpected(
-          fmt::format("{}: is also read or written by this command as {}; choose another name with -o", file.string(),
-                      input.string()));
+      return tl::unexpected(fmt::format("{}: is also read or written by this command as {}; choose another name",
+                                        file.string(), input.string()));
   if (!there) return check_folder(file);
   if (auto ok = check_kind(file, *there); !ok) return ok;
   if (existing == Existing::refuse) return exists_already(file);

@@ -67,7 +67,11 @@ std::optional<Number> parsed(std::string_view text) {
 
 /// Of an object: its limits, the number with the sign of the type. None where it is not of the type.
 std::optional<std::int64_t> in_type(Number n, Type type, std::uint8_t node) {
-  if (n.plus_node) n.value += node;
+  if (n.plus_node && type == Type::u64) {  // the number is its bits
+    const std::uint64_t base = static_cast<std::uint64_t>(n.value), sum = base + node;
+    return sum < base ? std::nullopt : std::optional(static_cast<std::int64_t>(sum));
+  }
+  if (n.plus_node && __builtin_add_overflow(n.value, node, &n.value)) return std::nullopt;
   const int bits = 8 * size_of(type);
   // Hexadecimal numbers of signed types are their bits.
   if (n.hexadecimal && is_signed(type) && bits < 64 && n.value < std::int64_t{1} << bits && n.value >> (bits - 1) == 1)
@@ -380,7 +384,10 @@ Result<std::vector<Object>> EdsFile::defaults() const {
     if (entry.default_value) {
       const auto n = is_number(o.type) ? parsed(entry.default_value->text) : std::nullopt;
       o.plus_node = n && n->plus_node;
-      if (auto ok = set_value(*this, *entry.default_value, o, 0); !ok) return tl::unexpected(ok.error());
+      // Of any node: the sum must not overflow.
+      const std::uint8_t highest = o.plus_node && size_of(o.type) == 8 ? 127 : 0;
+      for (const std::uint8_t node : {highest, std::uint8_t{0}})
+        if (auto ok = set_value(*this, *entry.default_value, o, node); !ok) return tl::unexpected(ok.error());
     }
     all.push_back(std::move(o));
   }

@@ -122,7 +122,8 @@ TEST_F(OneBench, OfTwoMastersTheLaterCounts) {
 }
 
 class MirrorBench : public OneBench, public testing::WithParamInterface<Profile> {};
-INSTANTIATE_TEST_SUITE_P(Formats, MirrorBench, testing::Values(Profile::mirror, Profile::mirror_fd));
+INSTANTIATE_TEST_SUITE_P(Formats, MirrorBench, testing::Values(Profile::mirror, Profile::mirror_fd),
+                         [](const auto& info) { return info.param == Profile::mirror ? "classic" : "fd"; });
 
 TEST_P(MirrorBench, DrivesFollow) {
   const MirrorFormat format = mirror_format(GetParam());
