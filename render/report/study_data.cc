@@ -5,6 +5,7 @@
 #include <tribotwin/render/report/study_data.hpp>
 #include <tribotwin/twin/io/input.hpp>
 #include <tribotwin/twin/io/json.hpp>
+#include <tribotwin/twin/io/json_input.hpp>
 #include <tribotwin/twin/io/table.hpp>
 #include <tribotwin/twin/io/text.hpp>
 

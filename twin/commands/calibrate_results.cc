@@ -7,7 +7,7 @@
 
 #include <tribotwin/twin/commands/calibrate_results.hpp>
 #include <tribotwin/twin/io/checksum.hpp>
-#include <tribotwin/twin/io/json.hpp>
+#include <tribotwin/twin/io/json_input.hpp>
 #include <tribotwin/twin/io/text.hpp>
 
 namespace tribotwin::twin::program {

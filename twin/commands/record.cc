@@ -231,6 +231,7 @@ void add_recover(CLI::App& app, int& code) {
 }
 
 void add_export(CLI::App& app, int& code) {
+  // Long: one list of options, which exclude or need each other.
   auto a = std::make_shared<ExportArguments>();
   auto* command = app.add_subcommand(
       "export",

@@ -4,6 +4,7 @@
 
 #include <tribotwin/twin/experiments/working_days/working_day_file.hpp>
 #include <tribotwin/twin/io/json.hpp>
+#include <tribotwin/twin/io/json_input.hpp>
 
 namespace tribotwin::twin::repeatability {
 
