@@ -71,8 +71,8 @@ struct Arguments : RobotOptions {
     command.add_flag("--json", json, "Print the counters of --stats at the end");
     command.add_flag("--quiet", quiet, "No status line");
     command.footer(
-        "Example:\n  tribotwin-hil drive twin/scenarios/irb6620_hold.yaml --can socketcand://127.0.0.1:29536/can0 "
-        "--duration 10");
+        "Example:\n  tribotwin-hil drive irb6620_hold --can socketcand://127.0.0.1:29536/can0 --realtime --duration 10 "
+        "--record session.log");
   }
 
   void check_files(const twin::Scenario& robot) const {

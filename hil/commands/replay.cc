@@ -31,8 +31,8 @@ struct Arguments : RobotOptions {
     add_force(command, force);
     command.add_flag("--json", json, "Print JSON instead of text");
     command.footer(
-        "Example:\n  tribotwin-hil replay twin/scenarios/irb6620_hold.yaml session.log --fast\n\nsession.log is a "
-        "record of tribotwin-hil drive --record session.log.");
+        "Example:\n  tribotwin-hil drive irb6620_hold --can socketcand://127.0.0.1:29536/can0 --realtime --duration 10 "
+        "--record session.log\n  tribotwin-hil replay irb6620_hold session.log --fast");
   }
 };
 

@@ -64,7 +64,8 @@ struct Arguments : RobotOptions {
     command.add_flag("--json", json, "Print JSON instead of the table");
     command.footer(
         "Example:\n  tribotwin-hil shadow twin/scenarios/irb6620_hold.yaml --can log:session.log --limit "
-        "200\n\nsession.log is a record of tribotwin-hil drive --record session.log.");
+        "200\n\nsession.log is a record of a bus with a master that sends SYNC, by candump -l or tribotwin-hil drive "
+        "--record.");
   }
 
   /// The file behind log:FILE; empty for a bus.

@@ -335,7 +335,9 @@ void add_residuals(CLI::App& app, const std::shared_ptr<Arguments>& a, int& code
   a->output.add_to(*command, "File for the verdicts (default: stdout)");
   command->add_flag("--json", a->json, "Print JSON instead of the table");
   command->add_flag("--quiet", a->quiet, "No notes on stderr");
-  command->footer("Example:\n  tribotwin diagnose residuals shadow.csv --joint joint2");
+  command->footer(
+      "Example:\n  tribotwin diagnose residuals shadow.csv --joint joint2\n\nshadow.csv is written by tribotwin-hil "
+      "shadow -o shadow.csv.");
   command->callback([a, &code] {
     check(a->output, paths(a->data));
     code = or_throw(watch_shadow(*a));
