@@ -1,11 +1,11 @@
 """The command lines of all programs, read from what the programs say of themselves: help, version, colours, one meaning
 per option, completion by a real bash, manual pages. Options: --tribotwin, --hil, --report (may be left out)."""
-import argparse, json, os, pty, re, shutil, subprocess, sys
+import argparse, glob, json, os, pty, re, shutil, subprocess, sys
 
 from harness import check, finish, path, run, work
 
 parser = argparse.ArgumentParser()
-for option in ("--tribotwin", "--hil", "--report", "--source"):
+for option in ("--tribotwin", "--hil", "--report", "--source", "--build"):
     parser.add_argument(option, default="")
 options = parser.parse_args()
 programs = {os.path.basename(p): os.path.abspath(p) for p in (options.tribotwin, options.hil, options.report) if p}
@@ -331,4 +331,22 @@ for program in programs:
                 check(
                     f"{program}.1: {' '.join(words)}", " ".join([program, *words]) in r.stdout and not missing, missing
                 )
+
+# ---- What is installed.
+if options.build and options.report:
+    r = run("cmake", "--install", os.path.abspath(options.build), "--component", "programs", "--prefix", path("usr"))
+    check("install", r.returncode == 0, r.stderr)
+    for program in programs:
+        share = path("usr", "share")
+        for place in (
+            "man/man1/NAME.1*",
+            "bash-completion/completions/NAME",
+            "zsh/vendor-completions/_NAME",
+            "fish/vendor_completions.d/NAME.fish",
+        ):
+            found = glob.glob(os.path.join(share, place.replace("NAME", program)))
+            check(f"installed: {place.replace('NAME', program)}", len(found) == 1 and os.path.getsize(found[0]) > 500)
+    before = run(tribotwin, "completion", "bash").stdout
+    with open(path("usr", "share", "bash-completion", "completions", "tribotwin")) as f:
+        check("installed: the completion is that of the program", f.read() == before)
 finish()
