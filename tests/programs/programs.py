@@ -188,6 +188,13 @@ commands = [
             stream="joint.xml",
         ),
         Command("recover", ("tribotwin", "recover", "killed"), given=("killed",)),
+        Command("list", ("tribotwin", "list", "laws", "-o", "laws.txt"), ("laws.txt",), stream="laws.txt"),
+        Command(
+            "diagnose check",
+            ("tribotwin", "diagnose", "check", "{in}/healthy.yaml", "{in}/healthy.csv", "-o", "verdicts.txt"),
+            ("verdicts.txt",),
+            stream="verdicts.txt",
+        ),
         Command(
             "hil drive",
             (
@@ -233,6 +240,12 @@ commands = [
             ("shadow.csv",),
             recording=True,
             stream="shadow.csv",
+        ),
+        Command(
+            "hil budget",
+            ("hil", "budget", "{in}/scenario.yaml", "--json", "-o", "budget.json"),
+            ("budget.json",),
+            stream="budget.json",
         ),
         Command("hil eds", ("hil", "eds", "{in}/scenario.yaml", "-o", "drive.eds"), ("drive.eds",), stream="drive.eds"),
         Command(
