@@ -1,5 +1,4 @@
 #include <algorithm>
-#include <cerrno>
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
@@ -22,12 +21,7 @@ void check_statistics(const std::string& file, bool force) {
   twin::or_wrong_input(twin::check_output(file, twin::Existing::replace));
   twin::or_wrong_input(twin::check_output(file, twin::replace_if(force)));
   if (std::filesystem::exists(file) && !std::filesystem::is_regular_file(file)) return;
-  errno = 0;
-  const auto trial = twin::NewFile::create(file, twin::Existing::replace);  // writes nothing and leaves nothing
-  if (trial) return;
-  if (errno == ENOSPC || errno == EDQUOT || errno == EIO)
-    twin::or_throw(Result<void>(work_failed(trial.error().message)));
-  throw InputError(trial.error().message);
+  twin::or_throw(twin::NewFile::create(file, twin::Existing::replace));  // writes nothing and leaves nothing
 }
 
 /// A store is read, and replaced as a whole.
@@ -117,7 +111,8 @@ int run(const Arguments& a) {
   if (a.bit_rate) a.check_bus_load(scenario, *a.bit_rate);
   std::vector<Fault> faults;
   if (!a.faults.empty()) faults = twin::or_wrong_input(load_faults(a.faults, a.first_node, drives));
-  const auto nodes = a.start.setups(scenario, a, NodeOptions::Use::live);
+  const auto conditions = a.start.conditions();
+  const auto nodes = node_setups(scenario, a, conditions, Use::live);
   twin::catch_interrupts();
   const auto bus = twin::or_wrong_input(open_bus(a.can, {.fd = a.fd()}));
   const auto bit_rate = a.bit_rate ? a.bit_rate : bus->bit_rate();
@@ -140,6 +135,7 @@ int run(const Arguments& a) {
                                  .first_node = a.first_node,
                                  .cycle_us = a.cycle_us(),
                                  .nodes = nodes,
+                                 .conditions = conditions,
                                  .realtime = a.realtime,
                                  .duration_s = a.duration,
                                  .bit_rate = bit_rate,

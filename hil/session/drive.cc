@@ -54,6 +54,11 @@ class Session {
                 .cycle_us = o.cycle_us,
                 .lockstep = !o.realtime,
                 .nodes = o.nodes,
+                .kept =
+                    [this](bool done) {
+                      if (record_) record_->keep(done);
+                      return done;
+                    },
                 .stop = o.stop,
                 .answered = [this] { sync_.answered(clock_ns(CLOCK_REALTIME)); }},
                [this](const Frame& frame) {
@@ -86,7 +91,8 @@ class Session {
 
   Status open() {
     if (!o_.record.empty()) {
-      const SessionHead head{o_.realtime, o_.cycle_us, now_ns_ + to_realtime_ns_};
+      const SessionHead head{o_.realtime, o_.cycle_us, now_ns_ + to_realtime_ns_,
+                             scenario_checksum(bench_.plant().scenario()), o_.conditions};
       auto record = SessionRecord::create(o_.record, head, o_.existing == twin::Existing::replace);
       if (!record) return work_failed(record.error().message);
       record_.emplace(std::move(*record));

@@ -29,7 +29,7 @@ struct ReplayOptions {
   Profile profile = Profile::cia402;
   int first_node = 1;
   std::uint32_t cycle_us = 2000;
-  std::vector<NodeSetup> nodes;  ///< how they start, see BenchOptions
+  std::vector<NodeSetup> nodes;  ///< how they start, see BenchOptions; of a session file: made of its conditions
   double rate = 0;               ///< of the original speed; 0: as fast as possible
   std::filesystem::path output;
   twin::Existing existing = twin::Existing::refuse;  ///< what happens to an older record in it

@@ -1,5 +1,4 @@
 #include <algorithm>
-#include <charconv>
 #include <cmath>
 #include <regex>
 
@@ -7,6 +6,7 @@
 
 #include <tribotwin/hil/canopen/cob_id.hpp>
 #include <tribotwin/hil/shadow/dbc_file.hpp>
+#include <tribotwin/plugins/friction/number.hpp>
 #include <tribotwin/twin/io/text.hpp>
 
 namespace tribotwin::hil {
@@ -16,14 +16,13 @@ constexpr std::uint32_t extended_id = 0x80000000;             // bit 31 of a mes
 constexpr int longest_frame = 64, longest_message = 1 << 20;  // bytes; of a message of many frames: a plain limit
 constexpr std::size_t longest_line = 4096;  // read of a line: regular expressions recurse; behind are receivers only
 
-template <class Number>
-std::optional<Number> number(const std::string& text) {
-  Number value{};
-  const char* begin = text.data() + (text.starts_with('+') ? 1 : 0);
-  const auto [end, error] = std::from_chars(begin, text.data() + text.size(), value);
-  if (error != std::errc{} || end != text.data() + text.size()) return std::nullopt;
-  return value;
+/// A DBC may write a '+' before a number.
+std::string_view unsigned_part(std::string_view text) { return text.substr(text.starts_with('+') ? 1 : 0); }
+template <class Integer>
+std::optional<Integer> number(const std::string& text) {
+  return to_integer<Integer>(unsigned_part(text));
 }
+std::optional<double> real(std::string_view text) { return to_number(unsigned_part(twin::trimmed(text))); }
 
 /// Lines of one file, in order. Every function fails with what is wrong in the line.
 class Reader {
@@ -83,7 +82,7 @@ class Reader {
       leave_out(m, line, fmt::format("signal {} has extended multiplexing ({})", found[1].str(), found[2].str()));
     DbcSignal s{.name = found[1], .unit = found[9], .line = line};
     const auto start = number<int>(found[3]), bits = number<int>(found[4]);
-    const auto factor = number<double>(trimmed(found[7])), offset = number<double>(trimmed(found[8]));
+    const auto factor = real(found[7].str()), offset = real(found[8].str());
     if (!factor || !std::isfinite(*factor) || *factor == 0)
       return tl::unexpected(
           fmt::format("signal {}: the factor '{}' is no number other than 0", s.name, found[7].str()));
@@ -161,10 +160,6 @@ class Reader {
   /// Without regex_match and a ".*" at the end, whose recursion grows with the line.
   static bool begins(const std::string& text, std::smatch& found, const std::regex& form) {
     return std::regex_search(text, found, form, std::regex_constants::match_continuous);
-  }
-  static std::string trimmed(const std::string& text) {
-    const auto begin = text.find_first_not_of(" \t"), end = text.find_last_not_of(" \t");
-    return begin == std::string::npos ? "" : text.substr(begin, end - begin + 1);
   }
 };
 

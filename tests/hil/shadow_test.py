@@ -178,18 +178,20 @@ def check_same(name, r, tolerance_nm=0.01):
 # Rated torques and gears of the joints differ, and the file has those of joint 1: both are left to the scenario.
 all_eds = with_values(with_values(eds, torque_map), {"6076": "0", "6091sub1": "1000"})
 write("vendor.eds", all_eds.replace("\n", "\r\n"))
-check_same("an EDS with $NODEID", shadow("plain.log", "--limit", 200, "--map", "vendor.eds"))
+check_same("an EDS with $NODEID", shadow("plain.log", "--limit", 200, "--mean-torque", "--map", "vendor.eds"))
 write(
     "vendor.dcf",
     with_values(all_eds, {"1A03sub0": "1\nParameterValue=1", "1803sub1": "0x80000000\nParameterValue=$NODEID+0x480"}),
 )
-check_same("a DCF", shadow("plain.log", "--limit", 200, "--map", "vendor.dcf"))
+check_same("a DCF", shadow("plain.log", "--limit", 200, "--mean-torque", "--map", "vendor.dcf"))
 maps = []
 for n in nodes:
     own = with_values(run("eds", scenario, "--node", n).stdout, torque_map) + "\n[DeviceComissioning]\nNodeID=%d\n" % n
     write("joint%d.dcf" % n, own)
     maps += ["--map", "joint%d=joint%d.dcf" % (n, n)]
-check_same("a DCF per joint, with its node", shadow("plain.log", "--limit", 200, "--first-node", 50, *maps))
+check_same(
+    "a DCF per joint, with its node", shadow("plain.log", "--limit", 200, "--mean-torque", "--first-node", 50, *maps)
+)
 # A mapping as CompactSubObj: the mapped objects in a list, and their number with the array.
 compact, changed = re.subn(
     r"\[1A03\]\n(?:(?!\[1A04)(?:.*\n))*",
@@ -199,9 +201,12 @@ compact, changed = re.subn(
 )
 assert changed == 1
 write("compact.eds", compact)
-check_same("a compact mapping", shadow("plain.log", "--limit", 200, "--map", "compact.eds"))
+check_same("a compact mapping", shadow("plain.log", "--limit", 200, "--mean-torque", "--map", "compact.eds"))
 write("coarse.eds", with_values(all_eds, {"608Fsub1": "0"}))
-check_same("increments by hand", shadow("plain.log", "--limit", 200, "--map", "coarse.eds", "--increments", 65536))
+check_same(
+    "increments by hand",
+    shadow("plain.log", "--limit", 200, "--mean-torque", "--map", "coarse.eds", "--increments", 65536),
+)
 
 
 def line_of(text, section, key="DefaultValue"):
@@ -280,7 +285,8 @@ for line in lines:
 write("foreign.log", "".join(foreign))
 check("canmatrix reads the same", decoded["Angle"] <= step_deg and decoded["Torque"] <= step_nm, decoded)
 signals = ["--signal", "position=Axis{node}.Angle", "--signal", "torque=Axis{number}.Torque"]
-r = shadow("foreign.log", "--limit", 200, "--map", "other.dbc", *signals, "--signal", "enabled=Axis{node}.State==3,4")
+enabled = ("--signal", "enabled=Axis{node}.State==3,4")
+r = shadow("foreign.log", "--limit", 200, "--mean-torque", "--map", "other.dbc", *signals, *enabled)
 check_same("a DBC", r, 1.5)
 check("without SYNCs the positions are the cycle", "from the positions of joint1" in r.stdout, r.stdout)
 r = shadow("foreign.log", "--limit", 200, "--map", "other.dbc", *signals)
@@ -293,6 +299,7 @@ check_same(
         "foreign.log",
         "--limit",
         200,
+        "--mean-torque",
         "--map",
         "other.dbc",
         "--signal",

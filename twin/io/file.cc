@@ -29,6 +29,12 @@ tl::unexpected<Error> not_written(const fs::path& file, int error, ErrorKind kin
       Error(fmt::format("{}: cannot be written ({})", file.string(), std::strerror(error)), kind));
 }
 
+/// Of a file that could not be created: the user named it wrongly, or the machine cannot (full disk).
+ErrorKind kind_of(int error) {
+  constexpr int wrong_name[] = {ENAMETOOLONG, EACCES, EPERM, EROFS, ENOENT, ENOTDIR, ELOOP};
+  return std::ranges::find(wrong_name, error) == std::end(wrong_name) ? ErrorKind::work : ErrorKind::input;
+}
+
 tl::unexpected<Error> exists_already(const fs::path& file) {
   return tl::unexpected<Error>(
       fmt::format("{}: exists; choose another name, or replace it with --force", file.string()));
@@ -195,7 +201,7 @@ Result<NewFile> NewFile::create(const fs::path& file, Existing existing) {
   fresh.existing_ = existing;
   const fs::path partial = partial_of(fresh.file_);
   fresh.descriptor_ = Descriptor(::open(partial.c_str(), O_CREAT | O_EXCL | O_RDWR | O_NOFOLLOW | O_CLOEXEC, 0666));
-  if (fresh.descriptor_ < 0) return not_written(file, errno);
+  if (fresh.descriptor_ < 0) return not_written(file, errno, kind_of(errno));
   fresh.partial_ = partial;
   if (there && ::fchmod(fresh.descriptor_, there->st_mode & 07777) != 0) return not_written(file, errno);
   return fresh;
