@@ -100,11 +100,14 @@ struct Source {
 };
 
 /// What the file beside a log says about how it must be read.
-void note_session(const Arguments& a) {
+void note_session(const Arguments& a, const twin::Scenario& scenario) {
   const auto file = session_file_of(a.log());
   if (a.log().empty() || file.empty() || !std::filesystem::exists(file)) return;
   const auto session = SessionReader::open(file);
   if (!session) return twin::note("{}", session.error().message);
+  if (session->head().complete && session->head().scenario != scenario_checksum(scenario))
+    twin::note("{}: the log was recorded with another scenario than {}, other --set or in another folder",
+               file.string(), scenario.file.string());
   const double cycle_ms = 1e-3 * session->head().cycle_us;
   if (!session->head().realtime && !a.lockstep)
     twin::note(
@@ -147,7 +150,7 @@ int run(const Arguments& a) {
       twin::or_wrong_input(foreign_listeners(foreign, drive_parameters(scenario, a.first_node, a.cycle_us())));
   twin::catch_interrupts();
   Source source(a);
-  note_session(a);
+  note_session(a, scenario);
   const auto result =
       twin::or_throw(hil::shadow(scenario, source.frames(a.duration),
                                  {.profile = a.bench_profile(),
