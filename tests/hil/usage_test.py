@@ -35,6 +35,7 @@ refused(
     "conform: no EDS", "conform", "--can", "memory:x", "--eds", "bad.eds", says="bad.eds:2: must be [SECTION], or KEY="
 )
 refused("conform: no such node", "conform", "--can", "memory:x", "--node", "128", says="128")
+refused("conform: no such check", "conform", "--can", "memory:x", "--only", "sdo,x", says="no check is called 'x'")
 refused("conform: homing is a motion", "conform", "--can", "memory:x", "--homing", says="--motion")
 refused("conform: nobody answers", "conform", "--can", "memory:x", "--quiet", says="node 1 does not answer", code=1)
 
