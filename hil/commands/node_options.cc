@@ -40,6 +40,9 @@ void configure(std::vector<NodeSetup>& setups, const std::vector<DriveParameters
   if (drive == parameters.end())
     throw InputError(fmt::format("{}: NodeID {}: the drives are nodes {} to {}", file, *dcf.node_number,
                                  parameters.front().node, parameters.back().node));
+  if (std::ranges::count(parameters, *dcf.node_number, &DriveParameters::node) > 1)
+    throw InputError(
+        fmt::format("{}: NodeID {} is a drive on each bus; --dcf is for robots on one bus", file, *dcf.node_number));
   NodeSetup& setup = setups[static_cast<std::size_t>(drive - parameters.begin())];
   if (!setup.values.empty()) throw InputError(fmt::format("{}: node {} has a DCF already", file, *dcf.node_number));
   setup.values = twin::or_wrong_input(dcf.values(*dcf.node_number));
@@ -72,10 +75,11 @@ std::vector<NamedFile> NodeOptions::inputs() const {
   return files;
 }
 
-std::vector<NodeSetup> NodeOptions::setups(const twin::Scenario& robot, const RobotOptions& options, Use use) const {
+std::vector<NodeSetup> NodeOptions::setups(const twin::Scenario& robot, const RobotOptions& options, Use use,
+                                           const Wiring& wiring) const {
   if (options.mirror() && (unconfigured || !store.empty() || !eds.empty() || !dcfs.empty()))
     throw InputError("--unconfigured, --store, --eds, --dcf: only drives of --profile cia402 have them");
-  const auto parameters = drive_parameters(robot, options.first_node, options.cycle_us());
+  const auto parameters = drive_parameters(robot, options.first_node, options.cycle_us(), wiring);
   std::vector<NodeSetup> setups(parameters.size(), {.unconfigured = unconfigured});
   if (!eds.empty()) {
     const auto foreign = twin::or_wrong_input(twin::or_wrong_input(read_eds_file(eds)).defaults());
@@ -85,8 +89,10 @@ std::vector<NodeSetup> NodeOptions::setups(const twin::Scenario& robot, const Ro
   if (store.empty()) return setups;
   const auto file = std::make_shared<StoreFile>(twin::or_wrong_input(StoreFile::read(store)));
   for (std::size_t i = 0; i < setups.size(); ++i) {
-    setups[i].kept = file->of(parameters[i].node);
-    setups[i].keep = keep_in(file, parameters[i].node, use);
+    const DriveParameters& p = parameters[i];
+    const std::uint32_t serial_number = p.serial_number ? p.serial_number : p.node;
+    setups[i].kept = file->of(serial_number);
+    setups[i].keep = keep_in(file, serial_number, use);
     check(parameters[i], setups[i], store);
   }
   return setups;

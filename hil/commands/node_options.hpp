@@ -16,7 +16,8 @@ struct NodeOptions {
   std::vector<NamedFile> inputs() const;
   enum class Use { live, replay };
   /// Of the drives in order; a replay does not write the store. Throws InputError where the options do not fit them.
-  std::vector<NodeSetup> setups(const twin::Scenario& robot, const RobotOptions& options, Use use) const;
+  std::vector<NodeSetup> setups(const twin::Scenario& robot, const RobotOptions& options, Use use,
+                                const Wiring& wiring = {}) const;
 };
 
 }  // namespace tribotwin::hil::program

@@ -19,7 +19,7 @@ namespace fs = std::filesystem;
 constexpr std::string_view first_line = "tribotwin-hil session 1", last_line = "end";
 constexpr std::int64_t most_steps = 1'000'000;  ///< of one turn; a session makes a few hundred at most
 constexpr std::string_view off = "off", on = "on", end_of_turn = "end", back = "recovered", foreign = "misleading",
-                           moved = "steps";
+                           moved = "steps", of_bus = "bus";
 
 /// The faults of a drive, as the list of faults calls them.
 struct Named {
@@ -54,8 +54,13 @@ std::optional<Turn::Imposed> parse_fault(FaultKind kind, std::string_view value)
 }
 
 bool parse_word(std::string_view word, Turn& turn) {
-  if (word == back) return turn.recovered = true;
+  if (word == back) return turn.recovered.push_back(0), true;
   const auto [key, value] = split(word, '=');
+  if (key == back) {
+    const auto bus = to_integer<std::size_t>(value);
+    if (bus) turn.recovered.push_back(*bus);
+    return bus.has_value();
+  }
   if (key == moved) {
     const auto steps = to_integer<std::int64_t>(value);
     turn.steps = steps.value_or(0);
@@ -84,6 +89,13 @@ std::string word_of(const Turn::Imposed& imposed) {
                                : std::string(on));
 }
 
+/// The drives of one bus, counted from 1.
+std::string bus_line(const std::vector<std::size_t>& drives) {
+  std::string line(of_bus);
+  for (const std::size_t drive : drives) line += fmt::format(" {}", drive + 1);
+  return line + "\n";
+}
+
 }  // namespace
 
 fs::path session_file_of(const fs::path& log) {
@@ -96,9 +108,10 @@ Result<SessionWriter> SessionWriter::create(const fs::path& file, const SessionH
   auto out = RecordFile::create(file, std::move(options));
   if (!out) return tl::unexpected(out.error());
   SessionWriter writer(std::move(*out), head.start_ns);
-  const auto wrote =
-      writer.out_.append(fmt::format("{}\nclock {}\ncycle_us {}\nstart_us {}\n", first_line,
-                                     head.realtime ? "realtime" : "lockstep", head.cycle_us, head.start_ns / 1000));
+  std::string lines = fmt::format("{}\nclock {}\ncycle_us {}\nstart_us {}\n", first_line,
+                                  head.realtime ? "realtime" : "lockstep", head.cycle_us, head.start_ns / 1000);
+  for (const auto& drives : head.wiring) lines += bus_line(drives);
+  const auto wrote = writer.out_.append(lines);
   if (!wrote) return tl::unexpected(wrote.error());
   return writer;
 }
@@ -108,7 +121,8 @@ Result<void> SessionWriter::write(const Turn& turn) {
   if (turn.steps > 0) line += fmt::format(" {}={}", moved, turn.steps);
   for (const std::size_t frame : turn.misleading) line += fmt::format(" {}={}", foreign, frame);
   for (const Turn::Imposed& imposed : turn.faults) line += word_of(imposed);
-  if (turn.recovered) line += fmt::format(" {}", back);
+  for (const std::size_t bus : turn.recovered)
+    line += bus == 0 ? fmt::format(" {}", back) : fmt::format(" {}={}", back, bus);
   return out_.append(line + "\n");
 }
 
@@ -150,12 +164,40 @@ Result<void> SessionReader::read_head() {
   if (!start_us || *start_us < 0 || *start_us > longest_us) return wrong("start_us NUMBER");
   head_ = {clock == "realtime", *cycle_us, *start_us * 1000};
   last_ns_ = head_.start_ns;
+  while (std::getline(in_, line) && line.starts_with(of_bus)) {
+    ++line_;
+    if (!read_bus(line)) return wrong("bus DRIVE DRIVE...");
+  }
+  if (in_) ahead_ = line;
   return {};
+}
+
+bool SessionReader::read_bus(const std::string& line) {
+  const auto parts = words(line);
+  auto& drives = head_.wiring.emplace_back();
+  for (std::size_t i = 1; i < parts.size(); ++i) {
+    const auto number = to_integer<std::size_t>(parts[i]);
+    if (!number || *number == 0) return false;
+    drives.push_back(*number - 1);
+  }
+  return parts[0] == of_bus;
+}
+
+Result<Wiring> recorded_wiring(const fs::path& log) {
+  const fs::path file = session_file_of(log);
+  if (file.empty() || !fs::exists(file)) return Wiring{};
+  auto session = SessionReader::open(file);
+  if (!session) return tl::unexpected(session.error());
+  return session->head().wiring;
 }
 
 Result<bool> SessionReader::next(Turn& turn) {
   std::string line;
-  if (complete_ || !std::getline(in_, line)) return false;
+  if (complete_) return false;
+  if (ahead_)
+    line = *std::exchange(ahead_, std::nullopt);
+  else if (!std::getline(in_, line))
+    return false;
   ++line_;
   if (line == last_line) return complete_ = true, false;
   if (in_.eof()) return false;  // the last line of a session that was killed

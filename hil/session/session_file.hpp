@@ -8,6 +8,7 @@
 #include <vector>
 
 #include <tribotwin/hil/can/record_file.hpp>
+#include <tribotwin/hil/drives/wiring.hpp>
 #include <tribotwin/hil/faults/faults.hpp>
 #include <tribotwin/plugins/friction/error.hpp>
 
@@ -32,7 +33,7 @@ struct Turn {
   std::int64_t steps = 0;               ///< of the robot by the clock
   std::vector<std::size_t> misleading;  ///< frames (0, 1, ...) not sent by whom their identifier says
   std::vector<Imposed> faults;
-  bool recovered = false;  ///< the bus was back after a link loss
+  std::vector<std::size_t> recovered;  ///< buses that were back after a link loss
 
   bool operator==(const Turn&) const = default;
 };
@@ -44,6 +45,7 @@ struct SessionHead {
   bool realtime = false;
   std::uint32_t cycle_us = 2000;
   std::int64_t start_ns = 0;  ///< when the drives booted: the time of the log's first frames
+  Wiring wiring = {};         ///< its buses are can0, can1, ... in the log
   bool operator==(const SessionHead&) const = default;
 };
 
@@ -66,6 +68,10 @@ class SessionWriter {
   std::int64_t last_ns_;
 };
 
+/// The wiring of a recorded session: empty where there is no session file, or one bus
+/// with all drives in their order.
+Result<Wiring> recorded_wiring(const std::filesystem::path& log);
+
 class SessionReader {
  public:
   /// Fails with file and line where the head is none.
@@ -79,9 +85,11 @@ class SessionReader {
 
  private:
   Result<void> read_head();
+  bool read_bus(const std::string& line);
   std::filesystem::path file_;
   std::ifstream in_;
   std::size_t line_ = 0;
+  std::optional<std::string> ahead_;  // a line that was read to see that it is no bus
   SessionHead head_;
   std::int64_t last_ns_ = 0;
   bool complete_ = false;

@@ -28,7 +28,7 @@ class SessionFile : public testing::Test {
 TEST_F(SessionFile, WhatIsWrittenIsRead) {
   const SessionHead head{true, 1500, 1'700'000'000'123'456'000};
   const std::vector<Turn> turns{{.time_ns = head.start_ns + 1000, .steps = 1},
-                                {.time_ns = head.start_ns + 2'001'000, .misleading = {0, 7}, .recovered = true},
+                                {.time_ns = head.start_ns + 2'001'000, .misleading = {0, 7}, .recovered = {0, 1}},
                                 {.time_ns = head.start_ns + 4'000'000},
                                 {.time_ns = head.start_ns + 5'000'000'000'000},  // the machine slept
                                 {.time_ns = head.start_ns + 5'000'000'001'000,
