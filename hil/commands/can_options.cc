@@ -116,8 +116,7 @@ std::string nodes_on(const Wiring& wiring, std::size_t drives, int first_node, c
   std::vector<std::string> all;
   for (std::size_t bus = 0; bus < bus_count(wiring); ++bus) {
     const std::size_t count = wiring.empty() ? drives : wiring[bus].size();
-    all.push_back(
-        fmt::format("nodes {} to {}, on {}", first_node, first_node + static_cast<int>(count) - 1, buses[bus]));
+    all.push_back(fmt::format("{}, on {}", node_range(first_node, count), buses[bus]));
   }
   return fmt::format("{}", fmt::join(all, ", "));
 }

@@ -1,5 +1,4 @@
 #include <algorithm>
-#include <cerrno>
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
@@ -23,12 +22,16 @@ void check_statistics(const std::string& file, bool force) {
   twin::or_wrong_input(twin::check_output(file, twin::Existing::replace));
   twin::or_wrong_input(twin::check_output(file, twin::replace_if(force)));
   if (std::filesystem::exists(file) && !std::filesystem::is_regular_file(file)) return;
-  errno = 0;
-  const auto trial = twin::NewFile::create(file, twin::Existing::replace);  // writes nothing and leaves nothing
-  if (trial) return;
-  if (errno == ENOSPC || errno == EDQUOT || errno == EIO)
-    twin::or_throw(Result<void>(work_failed(trial.error().message)));
-  throw InputError(trial.error().message);
+  twin::or_throw(twin::NewFile::create(file, twin::Existing::replace));  // writes nothing and leaves nothing
+}
+
+/// A store is read, and replaced as a whole.
+void check_store(const std::filesystem::path& file) {
+  std::error_code none;
+  if (std::filesystem::exists(file, none) && !std::filesystem::is_directory(file, none) &&
+      !std::filesystem::is_regular_file(file, none))
+    throw InputError(fmt::format("--store {}: must be a regular file, not a pipe or a device", file.string()));
+  twin::or_wrong_input(twin::check_output(file, twin::Existing::replace));
 }
 
 void note_missing_brakes(const twin::Scenario& scenario) {
@@ -85,7 +88,7 @@ struct Arguments : RobotOptions {
     check_outputs(inputs, outputs, force);
     outputs.insert(outputs.end(), kept.begin(), kept.end());
     twin::or_wrong_input(refuse_shared(inputs, outputs));  // a store may exist
-    for (const auto& file : kept) twin::or_wrong_input(twin::check_output(file.path, twin::Existing::replace));
+    for (const auto& file : kept) check_store(file.path);
     if (!record.empty()) twin::or_wrong_input(twin::check_output(record, twin::Existing::replace));
     check_statistics(stats, force);
   }
@@ -123,6 +126,12 @@ void announce(const Arguments& a, const twin::Scenario& scenario, const Wiring& 
                                  : wiring.size() > 1 ? "a SYNC on every bus advances the robot by one cycle"
                                                      : "every SYNC advances the robot by one cycle"));
   note_missing_brakes(scenario);
+  for (const std::string& bus : a.can.buses())
+    if (bus.starts_with("memory:") && !a.realtime)
+      report_nonblocking(
+          fmt::format("note: {} is a bus in this process: no master can reach it and send a SYNC, so the "
+                      "robot stands still; --realtime moves it with the clock\n",
+                      bus));
 }
 
 int run(const Arguments& a) {
@@ -134,7 +143,8 @@ int run(const Arguments& a) {
     for (std::size_t bus = 0; bus < bus_count(wiring); ++bus) a.check_bus_load(scenario, *a.bit_rate, wiring, bus);
   std::vector<Fault> faults;
   if (!a.faults.empty()) faults = twin::or_wrong_input(load_faults(a.faults, a.first_node, drives, wiring));
-  const auto nodes = a.start.setups(scenario, a, NodeOptions::Use::live, wiring);
+  const auto conditions = a.start.conditions();
+  const auto nodes = node_setups(scenario, a, conditions, Use::live, wiring);
   twin::catch_interrupts();
   const auto buses = open_buses(a, scenario, wiring);
   std::vector<Transport*> opened;
@@ -147,6 +157,7 @@ int run(const Arguments& a) {
                                  .wiring = wiring,
                                  .cycle_us = a.cycle_us(),
                                  .nodes = nodes,
+                                 .conditions = conditions,
                                  .realtime = a.realtime,
                                  .duration_s = a.duration,
                                  .bit_rate = a.bit_rate,

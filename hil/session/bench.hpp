@@ -35,7 +35,9 @@ struct BenchOptions {
   /// their commands. Else the owner steps the plant.
   bool lockstep = true;
   std::vector<NodeSetup> nodes;  ///< of a CANopen bench: how they start; those that are not named here as usual
-  std::function<bool()> stop;    ///< polled in a cycle of many steps: true ends it
+  /// Asked about each command to store, after its file was written or could not be: what the drive answers.
+  std::function<bool(bool done)> kept;
+  std::function<bool()> stop;  ///< polled in a cycle of many steps: true ends it
   /// The drives of a bus have sent their answer to its SYNC; the robot has not moved yet.
   std::function<void(std::size_t bus)> answered;
 };
@@ -95,6 +97,8 @@ class Bench {
   Result<void> release(std::int64_t now_ns);
   std::int64_t patience_ns() const;
   bool any_kept() const;
+  NodeSetup with_rules_of_the_bench(NodeSetup setup) const;
+  bool any_has_power() const;
   bool any_stops_alone() const;
   void start_clock(std::int64_t now_ns);
   Result<void> follow_clock(std::int64_t now_ns);

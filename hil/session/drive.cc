@@ -28,6 +28,7 @@ namespace {
 
 using Status = Result<void>;
 
+constexpr double patience_s = 3;  // for the first SYNC, before its absence is said
 constexpr std::int64_t s_ns = 1'000'000'000, longest_wait_ns = 20'000'000;
 
 /// Whole microseconds, the resolution of a log, so that a replay sees the same times.
@@ -73,6 +74,11 @@ class Session {
                 .cycle_us = o.cycle_us,
                 .lockstep = !o.realtime,
                 .nodes = o.nodes,
+                .kept =
+                    [this](bool done) {
+                      if (record_) record_->keep(done);
+                      return done;
+                    },
                 .stop = o.stop,
                 .answered = [this](std::size_t bus) { buses_[bus].sync.answered(clock_ns(CLOCK_REALTIME)); }},
                [this](std::size_t bus, const Frame& frame) {
@@ -111,7 +117,9 @@ class Session {
 
   Status open() {
     if (!o_.record.empty()) {
-      const SessionHead head{o_.realtime, o_.cycle_us, now_ns_ + to_realtime_ns_, o_.wiring};
+      const SessionHead head{
+          o_.realtime,   o_.cycle_us, now_ns_ + to_realtime_ns_, scenario_checksum(bench_.plant().scenario()),
+          o_.conditions, o_.wiring};
       auto record = SessionRecord::create(o_.record, head, o_.existing == twin::Existing::replace);
       if (!record) return work_failed(record.error().message);
       record_.emplace(std::move(*record));
@@ -217,6 +225,7 @@ class Session {
     status_ns_ = now_ns_;
     if (record_) keep_record(record_->flush());
     tell_slow_motion();
+    tell_waiting();
     if (o_.status) o_.status({time_s(), wall_s(), pace_.overruns(), &bench_, std::move(loads)});
   }
 
@@ -233,6 +242,19 @@ class Session {
     if (!slow) return;
     told_slow_motion_ = true;
     note(*slow);
+  }
+
+  bool any_sync() const {
+    for (std::size_t bus = 0; bus < bench_.buses(); ++bus)
+      if (bench_.counters(bus).syncs > 0) return true;
+    return false;
+  }
+
+  /// In lockstep nothing moves without a SYNC. Said once.
+  void tell_waiting() {
+    if (o_.realtime || told_waiting_ || any_sync() || wall_s() < patience_s) return;
+    told_waiting_ = true;
+    note("no SYNC yet: the robot stands until a master sends SYNCs; --realtime moves it with the clock");
   }
 
   /// What summary.json warns of.
@@ -283,7 +305,7 @@ class Session {
   std::deque<LiveBus> buses_;
   std::vector<Transport*> transports_;  // the same
   Bench bench_;
-  bool telemetry_lost_ = false, told_slow_motion_ = false;
+  bool telemetry_lost_ = false, told_slow_motion_ = false, told_waiting_ = false;
   std::vector<std::string> lost_;
 };
 

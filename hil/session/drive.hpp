@@ -10,6 +10,7 @@
 #include <tribotwin/hil/can/transport.hpp>
 #include <tribotwin/hil/faults/faults.hpp>
 #include <tribotwin/hil/session/bench.hpp>
+#include <tribotwin/hil/session/session_file.hpp>
 #include <tribotwin/plugins/friction/error.hpp>
 #include <tribotwin/twin/io/file.hpp>
 
@@ -34,6 +35,7 @@ struct DriveOptions {
   Wiring wiring;  ///< the drives on each bus; all on one without
   std::uint32_t cycle_us = 2000;
   std::vector<NodeSetup> nodes;                      ///< how they start, see BenchOptions
+  StartConditions conditions;                        ///< what `nodes` were made of, for the record
   bool realtime = false;                             ///< physics on the clock instead of on SYNC
   std::optional<double> duration_s;                  ///< of simulated time [s]; unlimited without
   std::optional<double> bit_rate;                    ///< [bit/s] of all buses, for their load; without: their own

@@ -1,5 +1,5 @@
-"""Six IRB 6620 drives on two buses, three on each, by two masters in one program. Arguments: tribotwin-hil, source tree,
-addresses of the buses for the drives, then python-can's interface and the two channels."""
+"""Six IRB 6620 drives on two buses, three on each, by two masters in one program. Arguments: tribotwin-hil, source
+tree, addresses of the buses for the drives, then python-can's interface and the two channels."""
 import json, math, os, re, shutil, struct, sys, time
 
 import h5py, numpy as np

@@ -219,6 +219,7 @@ TEST_F(TwoBuses, ASilentBusStopsNoOther) {
     run(30, {a, b});
     for (std::size_t i = 0; i < 6; ++i) EXPECT_EQ(node(i).state(), DriveState::operation_enabled) << i;
     const double together_s = time_s();
+    pass(cycle_ms);
     sync(a);
     EXPECT_EQ(time_s(), together_s);
     sync(b);
@@ -265,6 +266,7 @@ TEST_F(TwoBuses, ALostSyncIsSurvived) {
 TEST_F(TwoBuses, WithoutAnySyncTheClockEndsTheReaction) {
   begin();
   run(50, {a, b});
+  pass(cycle_ms);
   sync(a);  // half a cycle
   pass(1500);
   for (std::size_t i = 0; i < 6; ++i) {
