@@ -21,7 +21,7 @@ struct ForeignDrives {
   std::vector<std::string> signals;  ///< of DBC files: signal_syntax
   std::optional<double> increments;  ///< of 6064h per motor turn, for an EDS without 608Fh
   std::function<void(const std::string&)> note;  ///< called with what of a file is left out
-  bool mean_torque = false;          ///< torques are means since the SYNC or the frame before
+  bool mean_torque = false;                      ///< torques are means since the SYNC or the frame before
 
   /// The files of `maps`.
   std::vector<std::filesystem::path> files() const;

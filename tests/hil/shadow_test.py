@@ -343,7 +343,9 @@ for name, old, new, says in (
 
 # What one frame with simple multiplexing cannot hold is left out with a note, where no signal is of it.
 strange = {
-    "extended multiplexing": " SG_ More m5M : 60|2@1+ (1,0) [0|3] \"\" master\n SG_ Deep m1 : 62|2@1+ (1,0) [0|3] \"\" master\n",
+    "extended multiplexing": (
+        ' SG_ More m5M : 60|2@1+ (1,0) [0|3] "" master\n SG_ Deep m1 : 62|2@1+ (1,0) [0|3] "" master\n'
+    ),
     "64 can be read": ' SG_ Serial : 0|128@1+ (1,0) [0|0] "" master\n',
 }
 for why, signal in strange.items():

@@ -16,7 +16,7 @@
 
 #include <tribotwin/twin/io/descriptor.hpp>
 #include <tribotwin/twin/io/file.hpp>
-#include <tribotwin/twin/io/pipe.hpp>
+#include <tribotwin/twin/io/interrupt.hpp>
 
 namespace tribotwin::twin {
 namespace {

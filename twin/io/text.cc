@@ -6,7 +6,7 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
-#include <tribotwin/twin/io/pipe.hpp>
+#include <tribotwin/twin/io/interrupt.hpp>
 #include <tribotwin/twin/io/text.hpp>
 
 namespace tribotwin::twin {

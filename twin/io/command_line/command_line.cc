@@ -136,7 +136,7 @@ std::string finite(const std::string& text) {
 
 /// Where an empty name meant "none", a variable of a script that is not set would change what a command does.
 std::string not_empty(const std::string& text) {
-  return text.empty() ? "must not be empty; leave the option out to have its default" : "";
+  return text.empty() ? "must not be empty" : "";
 }
 
 /// The commands of a program that its list of arguments names, the last of them.
