@@ -254,7 +254,7 @@ for name, program, words, file in (
         check(f"-o of {name}: does not replace", r.returncode == 2 and "--force" in r.stderr and kept, r)
         r = run(programs[program], *words, "-o", file, "--force")
         check(f"-o of {name}: --force replaces", r.returncode == 0 and os.stat(path(file)).st_ino != before.st_ino, r)
-budget = strict(run(programs["tribotwin-hil"], "budget", "irb6620_hold", "--json").stdout)
+budget = strict(run(programs["tribotwin-hil"], "budget", "irb6620_hold", "--json").stdout)["buses"][0]
 check("budget --json", 0 < budget["min"] <= budget["max"] < 1 and budget["cycle_s"] == 0.002, budget)
 r = run(programs["tribotwin-hil"], "eds", "irb6620_hold", "--json")
 check("--json of files needs a file", r.returncode == 2 and "-o FILE" in r.stderr and not r.stdout, r)
