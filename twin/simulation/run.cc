@@ -5,12 +5,12 @@
 
 #include <fmt/format.h>
 
+#include <tribotwin/twin/control/loop.hpp>
+#include <tribotwin/twin/control/tracking.hpp>
 #include <tribotwin/twin/simulation/comparison.hpp>
-#include <tribotwin/twin/simulation/loop.hpp>
 #include <tribotwin/twin/simulation/multirate.hpp>
 #include <tribotwin/twin/simulation/recorder.hpp>
 #include <tribotwin/twin/simulation/run.hpp>
-#include <tribotwin/twin/simulation/tracking.hpp>
 
 namespace tribotwin::twin {
 namespace {
