@@ -62,7 +62,7 @@ class Runner {
   }
 
   Summary summary() {
-    Summary s = summarize(twin_, seconds_since(started_));
+    Summary s = summarize(twin_, seconds_since(started_), recorder_ ? predicted_bytes(scenario_) : 0);
     s.interrupted = twin_.steps() < total_;
     if (s.interrupted && recorder_ && !recorder_->replaced().empty())
       s.warnings.push_back(kept_in(recorder_->replaced()));
