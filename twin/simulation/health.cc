@@ -130,7 +130,7 @@ void damping(const Examined& e, Findings& found) {
 
 /// Whether a number is a usual end of a joint's range [rad].
 bool like_an_angle(double x) {
-  return std::abs(x / (std::numbers::pi / 2) - std::round(x / (std::numbers::pi / 2))) < 2e-3 && std::abs(x) < 13;
+  return std::abs(x / (std::numbers::pi / 2) - std::round(x / (std::numbers::pi / 2))) < 5e-3 && std::abs(x) < 13;
 }
 
 void ctrlrange(const Examined& e, Findings& found) {
@@ -359,8 +359,11 @@ std::vector<HealthLine> health_lines(std::span<const Finding> findings) {
       if (said(findings[first])) group.push_back(&findings[first]);
     if (group.empty()) continue;
     std::ranges::stable_sort(group, std::ranges::greater(), &Finding::value);
-    lines.push_back({group[0]->check, group[0]->verdict,
-                     fmt::format("{}: {}; {}", causes(group), group[0]->effect, group[0]->remedy)});
+    const Finding& worst = *group[0];
+    const bool same = std::ranges::all_of(group, [&](const Finding* f) { return f->remedy == worst.remedy; });
+    lines.push_back(
+        {worst.check, worst.verdict,
+         fmt::format("{}: {}; {}{}", causes(group), worst.effect, same ? "" : worst.joint + ": ", worst.remedy)});
   }
   return lines;
 }

@@ -9,6 +9,16 @@
 #include <tribotwin/twin/simulation/recorder.hpp>
 #include <tribotwin/twin/simulation/run.hpp>
 
+// Counts what C++ code allocates in this thread.
+static thread_local long allocations = 0;
+[[gnu::noinline]] void* operator new(std::size_t size) {
+  ++allocations;
+  if (void* p = std::malloc(size ? size : 1)) return p;
+  throw std::bad_alloc();
+}
+[[gnu::noinline]] void operator delete(void* p) noexcept { std::free(p); }
+[[gnu::noinline]] void operator delete(void* p, std::size_t) noexcept { std::free(p); }
+
 namespace tribotwin::twin {
 namespace {
 
@@ -253,6 +263,7 @@ TEST(HealthOfARun, DrivesWithTheDefaultsOfPositionActuatorsAreNamed) {
                      HasSubstr("ctrlrange=\"-6.2831 6.2831\" limits the drive to 6.28 Nm, but its forcerange is "
                                "150 Nm (the range looks like angles, as of a position actuator)"),
                      HasSubstr("ctrlrange=\"-150 150\"")));
+  EXPECT_THAT(line_of(s, "ctrlrange"), testing::Not(HasSubstr("elbow: give")));
   EXPECT_THAT(line_of(s, "damping"), HasSubstr("damping=\"200\" is left beside its drive"));
   EXPECT_THAT(line_of(s, "saturation"), HasSubstr("(limit 6.283 Nm)"));
 }
@@ -333,6 +344,22 @@ TEST(HealthOfARun, FullBuffersAreCountedAndNumbersThatAreNotFiniteEndIt) {
   EXPECT_THAT(line_of(s, "engine"), HasSubstr("3 times"));
   twin.data()->warning[mjWARN_BADQACC].number = 1;
   EXPECT_FALSE(twin.step());
+}
+
+/// Also where everything fires: saturation, contacts, stops, speeds outside the law's range.
+TEST(Watch, AllocatesNothing) {
+  const Folder folder;
+  const Changes all{{"key=\"Fc\"", "key=\"speed_max_rad_s\" value=\"0.1\"/> <config key=\"Fc\""},
+                    {"range=\"-1 1\"", "range=\"-0.4 0.4\""},
+                    {"0 0 -1.2", "0 0 -1.02"}};
+  Twin twin(loaded(folder, changed(model, all), scenario).value());
+  const long before = allocations;
+  for (int i = 0; i < 3000; ++i)
+    if (!twin.step()) FAIL();
+  EXPECT_EQ(allocations, before);
+  EXPECT_GT(twin.watch().joints()[0].saturated, 0);
+  EXPECT_GT(twin.watch().joints()[0].too_fast, 0);
+  EXPECT_GT(twin.watch().touched_steps(), 0);
 }
 
 TEST(RecordSize, IsPredictedWithinFivePercent) {
