@@ -18,7 +18,42 @@ namespace fs = std::filesystem;
 Error as_work(const Error& error) { return {error.message, ErrorKind::work}; }
 tl::unexpected<Error> not_recorded(const Error& error) { return tl::make_unexpected(as_work(error)); }
 
+/// Steps from one sample to the next.
+std::int64_t steps_per_sample(const Scenario& scenario) {
+  const double timestep_s = scenario.model->get()->opt.timestep;
+  return std::max<std::int64_t>(1, std::llround(1 / (scenario.telemetry_rate_hz * timestep_s)));
+}
+
+/// A large record that does not fit is refused before anything is written; a small one grows until the disk is full.
+Result<void> check_space(const fs::path& directory, const Scenario& scenario) {
+  constexpr double large_bytes = 100e6;
+  const double bytes = predicted_bytes(scenario);
+  if (bytes <= large_bytes) return {};
+  fs::path there = fs::absolute(directory);
+  std::error_code error;
+  while (!fs::exists(there, error) && there != there.parent_path()) there = there.parent_path();
+  const fs::space_info space = fs::space(there, error);
+  if (error || static_cast<double>(space.available) >= bytes) return {};
+  return work_failed(fmt::format(
+      "{}: telemetry.h5 would take {:.3g} MB, but the disk has {:.3g} MB left (No space left on device); lower "
+      "telemetry_rate_hz ({:g}) or duration_s, or use multirate where the motion repeats",
+      directory.string(), bytes / 1e6, static_cast<double>(space.available) / 1e6, scenario.telemetry_rate_hz));
+}
+
 }  // namespace
+
+double predicted_bytes(const Scenario& scenario) {
+  constexpr double checked = 1.003;  // checksums and the index of the chunks
+  const double step_s = scenario.model->get()->opt.timestep, drives = static_cast<double>(scenario.start_rad.size()),
+               period_s = scenario.motion ? scenario.motion->period_s() : 0;
+  double values = 0;
+  if (period_s > 0)
+    values += scenario.duration_s / period_s * (1 + drives * static_cast<double>(cycle_channels().size()));
+  if (!scenario.multirate.enabled)
+    values += scenario.duration_s / (static_cast<double>(steps_per_sample(scenario)) * step_s) *
+              (1 + drives * static_cast<double>(channels(*scenario.model).size()));
+  return checked * sizeof(double) * values;
+}
 
 struct Recorder::Impl {
   RunFolder folder;
@@ -36,7 +71,8 @@ Result<std::unique_ptr<Recorder>> Recorder::create(const fs::path& directory, co
                                                    Existing existing) {
   auto impl = std::make_unique<Impl>();
   impl->timestep_s = scenario.model->get()->opt.timestep;
-  impl->every = std::max<std::int64_t>(1, std::llround(1 / (scenario.telemetry_rate_hz * impl->timestep_s)));
+  impl->every = steps_per_sample(scenario);
+  if (auto ok = check_space(directory, scenario); !ok) return tl::unexpected(ok.error());
   if (auto ok = impl->folder.open(directory, existing); !ok) return tl::unexpected(ok.error());
   impl->directory = directory;
   TelemetryOptions o{.attributes = {{"engine", "MuJoCo"},

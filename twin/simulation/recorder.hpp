@@ -13,11 +13,16 @@
 /// The files that a run leaves in its folder.
 namespace tribotwin::twin {
 
+/// Size that telemetry.h5 of a whole run will have [byte], within 5 %. Of a multi-rate run at least: its cycles alone,
+/// because how many of them are computed is not known before.
+double predicted_bytes(const Scenario& scenario);
+
 /// scenario.yaml, the growing telemetry.h5 and, last, summary.json of one run. Locks the folder against other
 /// processes.
 class Recorder {
  public:
-  /// `cycles`: with channels per work cycle. Fails where the folder holds a run that may not be replaced.
+  /// `cycles`: with channels per work cycle. Fails where the folder holds a run that may not be replaced, and
+  /// where the disk has no room for a large record.
   static Result<std::unique_ptr<Recorder>> create(const std::filesystem::path& directory, const Scenario& scenario,
                                                   bool cycles, Existing existing = Existing::refuse);
   ~Recorder();

@@ -5,12 +5,12 @@
 
 #include <fmt/format.h>
 
+#include <tribotwin/twin/control/loop.hpp>
+#include <tribotwin/twin/control/tracking.hpp>
 #include <tribotwin/twin/simulation/comparison.hpp>
-#include <tribotwin/twin/simulation/loop.hpp>
 #include <tribotwin/twin/simulation/multirate.hpp>
 #include <tribotwin/twin/simulation/recorder.hpp>
 #include <tribotwin/twin/simulation/run.hpp>
-#include <tribotwin/twin/simulation/tracking.hpp>
 
 namespace tribotwin::twin {
 namespace {
@@ -62,7 +62,7 @@ class Runner {
   }
 
   Summary summary() {
-    Summary s = summarize(twin_, seconds_since(started_));
+    Summary s = summarize(twin_, seconds_since(started_), recorder_ ? predicted_bytes(scenario_) : 0);
     s.interrupted = twin_.steps() < total_;
     if (s.interrupted && recorder_ && !recorder_->replaced().empty())
       s.warnings.push_back(kept_in(recorder_->replaced()));

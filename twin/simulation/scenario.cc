@@ -5,6 +5,7 @@
 #include <fmt/format.h>
 
 #include <tribotwin/plugins/mujoco/engine.hpp>
+#include <tribotwin/twin/simulation/health.hpp>
 #include <tribotwin/twin/simulation/scenario_input.hpp>
 
 namespace tribotwin::twin {
@@ -15,26 +16,10 @@ namespace fs = std::filesystem;
 constexpr double max_period_steps = 1e7;  ///< of a wave, whose loop is kept step by step
 
 /// Every key of a scenario. `vary` belongs to `tribotwin run`, which makes settings of it.
-constexpr std::string_view keys[] = {"name",
-                                     "description",
-                                     "seed",
-                                     "timestep_s",
-                                     "integrator",
-                                     "solver",
-                                     "model",
-                                     "duration_s",
-                                     "telemetry_rate_hz",
-                                     "keyframe",
-                                     "start_rad",
-                                     "ambient_degC",
-                                     "temperature_degC",
-                                     "motion",
-                                     "control",
-                                     "actuators",
-                                     "multirate",
-                                     "events",
-                                     "baseline",
-                                     "vary"};
+constexpr std::string_view keys[] = {
+    "name",       "description",       "seed",      "timestep_s", "integrator",   "solver",           "model",
+    "duration_s", "telemetry_rate_hz", "keyframe",  "start_rad",  "ambient_degC", "temperature_degC", "motion",
+    "control",    "actuators",         "multirate", "events",     "baseline",     "expects",          "vary"};
 
 mujoco::Options engine_options(Mapping& in) {
   mujoco::Options options;
@@ -145,6 +130,17 @@ void read_multirate(Mapping& in, Scenario& s) {
     in.fail("multirate", "needs a motion that repeats (cycle or back_and_forth)");
 }
 
+void read_expects(Mapping& in, Scenario& s) {
+  if (!in.has("expects")) return;
+  s.expects = in.texts("expects");
+  std::vector<std::string_view> names;
+  for (const HealthCheck& check : health_checks()) names.push_back(check.name);
+  for (const auto& expected : s.expects)
+    if (std::ranges::find(names, expected) == names.end())
+      in.fail("expects",
+              fmt::format("'{}' is no health check; did you mean '{}'?", expected, friction::nearest(expected, names)));
+}
+
 void read_events(Mapping& in, Scenario& s) {
   for (const Mapping& event : in.mappings("events")) s.events.push_back(read_event(event, *s.model, s.duration_s));
   std::ranges::stable_sort(s.events, {}, &Event::time_s);
@@ -201,6 +197,7 @@ Scenario read_scenario(const fs::path& file, const std::vector<std::string>& set
   read_actuators(in, s);
   read_multirate(in, s);
   read_events(in, s);
+  read_expects(in, s);
   read_baseline(in, s, folder, root, options);
   in.done();
   s.resolved_yaml = to_text(root);

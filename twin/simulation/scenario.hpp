@@ -50,6 +50,7 @@ struct Scenario {
   std::vector<Event> events;  ///< by time
   double telemetry_rate_hz = 100;
   MultiRate multirate;
+  std::vector<std::string> expects;  ///< health checks of which no result is a warning
 };
 
 /// Reads and checks a scenario. `settings` are key=value with dotted keys, applied over the file. An error names file,

@@ -9,21 +9,24 @@
 namespace tribotwin::twin {
 namespace {
 
-void check_balance(Summary& s) {
-  const double residual = std::abs(s.energy_balance_J);
-  s.balanced = residual <= std::max(balance_floor_J, balance_share * std::abs(s.friction_work_J));
-  if (!s.balanced)
-    s.warnings.push_back(fmt::format(
-        "the mechanical energy balance is off by {:.3g} J, {:.3g} % of the friction work ({:.3g} J); at most {:g} % "
-        "and {:g} J are expected. Is the timestep too long, "
-        "or does something act on the joints that is neither a drive nor the friction law (damping, limits, contacts)?",
-        residual, 100 * residual / std::max(std::abs(s.friction_work_J), 1e-300), s.friction_work_J,
-        100 * balance_share, balance_floor_J));
+nlohmann::ordered_json health_json(const Summary& s) {
+  auto all = nlohmann::ordered_json::array();
+  for (const Finding& f : s.health) {
+    nlohmann::ordered_json one{{"check", f.check}, {"joint", f.joint},         {"value", f.value},
+                               {"unit", f.unit},   {"threshold", f.threshold}, {"verdict", name(f.verdict)}};
+    if (f.verdict != Verdict::ok) {
+      one["cause"] = f.cause;
+      one["effect"] = f.effect;
+      one["remedy"] = f.remedy;
+    }
+    all.push_back(std::move(one));
+  }
+  return all;
 }
 
 }  // namespace
 
-Summary summarize(const Twin& twin, double wall_s) {
+Summary summarize(const Twin& twin, double wall_s, double record_bytes) {
   Summary s{.simulated_s = twin.time_s(),
             .wall_s = wall_s,
             .steps = twin.steps(),
@@ -46,15 +49,16 @@ Summary summarize(const Twin& twin, double wall_s) {
                         .load_max_norm = f.load_max_norm,
                         .clamped_samples = static_cast<std::int64_t>(d.steps_outside),
                         .stuck_s = d.stuck_s});
-    if (d.steps_outside > 0)
-      s.warnings.push_back(fmt::format(
-          "{}: {:.3g} % of the computed steps lay outside the range in which law '{}' was identified (policy: {})",
-          s.joints.back().name, 100 * d.steps_outside / static_cast<double>(twin.steps_computed()),
-          drives[i].drive.law.info->name,
-          drives[i].drive.law.validity == friction::Validity::extrapolate ? "extrapolate" : "clamp"));
   }
-  check_balance(s);
+  s.health = examine({twin.scenario(), &twin, record_bytes});
   return s;
+}
+
+std::vector<std::string> all_warnings(const Summary& s) {
+  std::vector<std::string> all;
+  for (const HealthLine& line : health_lines(s.health)) all.push_back(line.text);
+  all.insert(all.end(), s.warnings.begin(), s.warnings.end());
+  return all;
 }
 
 namespace {
@@ -78,8 +82,8 @@ void add_transmissions(nlohmann::ordered_json& json, const Summary& s) {
 std::string varied_json(std::span<const VariedRun> runs) {
   nlohmann::ordered_json json{{"runs", nlohmann::ordered_json::array()}, {"warnings", nlohmann::ordered_json::array()}};
   for (const VariedRun& run : runs) {
-    json["runs"].push_back({{"folder", run.folder}, {"set", run.settings}});
-    for (const auto& warning : run.summary.warnings) json["warnings"].push_back(run.folder + ": " + warning);
+    json["runs"].push_back({{"folder", run.folder}, {"set", run.settings}, {"health", health_json(run.summary)}});
+    for (const auto& warning : all_warnings(run.summary)) json["warnings"].push_back(run.folder + ": " + warning);
     add_transmissions(json, run.summary);
   }
   return json.dump(2) + "\n";
@@ -108,7 +112,8 @@ std::string summary_json(const Summary& s) {
          {"load_norm", {{"max", j.load_max_norm}}},
          {"clamped_samples", j.clamped_samples},
          {"stuck_s", j.stuck_s}});
-  json["warnings"] = s.warnings;
+  json["health"] = health_json(s);
+  json["warnings"] = all_warnings(s);
   add_transmissions(json, s);
   if (s.comparison)
     json["comparison"] = {{"mae_mrad", s.comparison->mae_mrad}, {"baseline_mae_mrad", s.comparison->baseline_mae_mrad}};

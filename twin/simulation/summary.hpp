@@ -6,7 +6,7 @@
 #include <string>
 #include <vector>
 
-#include <tribotwin/twin/simulation/twin.hpp>
+#include <tribotwin/twin/simulation/health.hpp>
 
 /// The results of a run in figures, and summary.json.
 namespace tribotwin::twin {
@@ -52,17 +52,19 @@ struct Summary {
   std::uint64_t seed;
   double friction_work_J, heat_J, motor_work_J;
   double energy_balance_J;  ///< residual of the mechanical balance (Twin::balance_J)
-  bool balanced = true;     ///< residual within balance_share of the friction work, or balance_floor_J
   std::vector<JointSummary> joints;
-  std::vector<std::string> warnings;
+  std::vector<Finding> health;
+  std::vector<std::string> warnings;  ///< beside those of the health check
   std::optional<Comparison> comparison;
   std::vector<TrackingSummary> tracking;
   std::vector<LoopSummary> loops;
   bool interrupted = false;  ///< the run ended before the scenario did
 };
 
-/// The figures of a twin so far.
-Summary summarize(const Twin& twin, double wall_s);
+/// The figures of a twin so far. `record_bytes`: predicted size of telemetry.h5, 0 where nothing is recorded.
+Summary summarize(const Twin& twin, double wall_s, double record_bytes = 0);
+/// All warnings: the lines of the health check, then the others.
+std::vector<std::string> all_warnings(const Summary& summary);
 /// summary.json of a run.
 std::string summary_json(const Summary& summary);
 /// One of several runs of a scenario.

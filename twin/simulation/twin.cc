@@ -20,10 +20,21 @@ Overloaded(F...) -> Overloaded<F...>;  // clang 14 deduces none for aggregates
 /// Period at which growing faults are updated: growth is slow, and friction's coefficients stay cached in between.
 constexpr double growth_step_s = 1;
 
+/// Whether the control makes the drives follow the motion.
+bool follows_motion(const Scenario& scenario) {
+  return scenario.motion && !std::holds_alternative<std::vector<double>>(scenario.control);
+}
+
+/// Warnings of the engine that leave forces out but no state that is not finite; the health check counts them.
+bool ends_run(int warning) {
+  return warning != mjWARN_CONTACTFULL && warning != mjWARN_CNSTRFULL && warning != mjWARN_VGEOMFULL;
+}
+
 }  // namespace
 
 Twin::Twin(Scenario scenario, Commanded) : Twin(std::move(scenario)) {
   servo_.reset();
+  watch_ = Watch(scenario_, false);
   const auto* gains = std::get_if<CascadedOptions>(&scenario_.control);
   drive_servo_ = std::make_unique<DriveServo>(*model_, data_.get(), gains ? *gains : CascadedOptions{});
   commands_.resize(model_->drives().size());
@@ -44,6 +55,7 @@ Twin::Twin(Scenario scenario)
     : scenario_(std::move(scenario)),
       model_(scenario_.model),
       data_(model_->make_data()),
+      watch_(scenario_, follows_motion(scenario_)),
       timestep_s_((*model_)->opt.timestep),
       total_(std::llround(std::ceil(scenario_.duration_s / timestep_s_ - 1e-6))) {
   const auto drives = model_->drives();
@@ -208,7 +220,7 @@ void Twin::begin_step() {
 Result<void> Twin::check_engine() const {
   const auto drives = model_->drives();
   for (int w = 0; w < mjNWARNING; ++w) {
-    if (data_->warning[w].number == 0) continue;
+    if (data_->warning[w].number == 0 || !ends_run(w)) continue;
     const int which = data_->warning[w].lastinfo;
     std::string joint;
     for (const auto& drive : drives)
@@ -247,6 +259,7 @@ Result<Status> Twin::advance() {
   if (auto ok = check_engine(); !ok) return tl::unexpected(ok.error());
   for (std::size_t i = 0; i < figures_.size(); ++i)
     if (auto ok = account(i); !ok) return tl::unexpected(ok.error());
+  watch_.add(*this);
   for (std::size_t dof = 0; dof < qvel_begin_.size(); ++dof)
     other_work_J_ += data_->qfrc_actuator[dof] * 0.5 * (qvel_begin_[dof] + data_->qvel[dof]) * timestep_s_;
   ++steps_;

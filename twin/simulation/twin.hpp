@@ -7,6 +7,7 @@
 
 #include <tribotwin/plugins/friction/error.hpp>
 #include <tribotwin/twin/simulation/scenario.hpp>
+#include <tribotwin/twin/simulation/watch.hpp>
 
 namespace tribotwin::twin {
 
@@ -60,7 +61,10 @@ class Twin {
   const drive::State& state(std::size_t i) const { return mujoco::state(data_.get(), model_->drives()[i]); }
   double temperature_degC(std::size_t i) const { return drive::temperature_degC(model_->drives()[i].drive, state(i)); }
   const JointFigures& figures(std::size_t i) const { return figures_[i]; }
+  const Watch& watch() const { return watch_; }
 
+  /// Whether commands move the drives.
+  bool takes_commands() const { return drive_servo_ != nullptr; }
   /// Commands of a commanded twin, per drive. Each step reads them.
   std::span<DriveCommand> commands() { return commands_; }
   /// Whether a limit cut a commanded drive's torque in the last step.
@@ -74,6 +78,8 @@ class Twin {
   /// State of a drive at the start of the last step.
   double position_rad(std::size_t i) const { return q_begin_[i]; }
   double velocity_rad_s(std::size_t i) const { return qd_begin_[i]; }
+  /// Of the scenario's motion at that time.
+  const SetPoint& set_point(std::size_t i) const { return set_points_[i]; }
 
   /// State of a transmission at the start of the last step. Torsion and set point are on the arm side.
   struct Transmission {
@@ -119,6 +125,7 @@ class Twin {
   std::vector<SetPoint> set_points_;
   std::vector<double> q_begin_, qd_begin_;
   std::vector<JointFigures> figures_;
+  Watch watch_;
   double timestep_s_;
   std::int64_t steps_ = 0, computed_ = 0, total_;
   Result<Status> status_ = Status::running;

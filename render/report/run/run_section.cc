@@ -5,6 +5,7 @@
 
 #include <tribotwin/render/pose/pose.hpp>
 #include <tribotwin/render/process/child.hpp>
+#include <tribotwin/render/report/run/health.hpp>
 #include <tribotwin/render/report/run/histories.hpp>
 #include <tribotwin/render/report/run/run_section.hpp>
 #include <tribotwin/render/report/run/run_summary.hpp>
@@ -36,10 +37,12 @@ class Section {
 
   Result<void> write(const std::string& command_line) {
     head();
+    add_verdict(to_, run_);
     tiles();
     for (const auto part : {&Section::poses, &Section::histories, &Section::transmissions, &Section::laws})
       if (auto ok = (this->*part)(); !ok) return ok;
     joint_table();
+    add_health_table(to_, run_);
     remarks();
     origin(command_line);
     progress_(1);
@@ -198,13 +201,10 @@ class Section {
 
   void remarks() {
     page_.add(to_, "h3", "Remarks of the run");
-    std::size_t count = 0;
-    for (const auto& w : entries(run_, "warnings"))
-      if (w.is_string()) page_.add(to_, "p", w.get<std::string>()), ++count;
-    if (count == 0)
-      page_.add(to_, "p",
-                run_.summary.is_object() ? "None: nothing was clamped or left out." : "Not known without a summary.",
-                "soft");
+    const auto others = other_warnings(run_);
+    for (const auto& warning : others) page_.add(to_, "p", warning);
+    if (others.empty())
+      page_.add(to_, "p", run_.summary.is_object() ? "None." : "Not known without a summary.", "soft");
   }
 
   void origin(const std::string& command_line) {

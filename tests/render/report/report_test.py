@@ -53,6 +53,12 @@ if m:
         *summary["warnings"],
     ):
         check(f"the page says {what[:50]!r}", what in m["text"])
+    check(
+        "the page begins with the verdict of the health check",
+        m["text"].index("The run is what its scenario asked for: none of 10 checks warns.")
+        < m["text"].index("simulated"),
+    )
+    check("each warning is said once", all(m["text"].count(w) == 1 for w in summary["warnings"]), summary["warnings"])
 check("nothing is fetched", not re.search(r'(src|href)="(?!data:|#)', page) and "@import" not in page)
 figures = sorted(os.listdir(path("warmup/report_figures")))
 check(
@@ -71,6 +77,28 @@ check(
     hashlib.sha256(content("warmup/report.html").encode()).hexdigest() == first,
 )
 check("nothing half-written is left", not glob.glob(work + "/**/*.partial", recursive=True))
+
+# A run that is not what its scenario asked for: damping beside a drive, and a drive without torque.
+model = content(os.path.join(source, "mjcf", "irb6620.xml")).replace('file="', f'file="{source}/mjcf/')
+with open(path("bad.xml"), "w") as f:
+    f.write(
+        model.replace('<joint name="joint2"', '<joint name="joint2" damping="2000"').replace("-6400 6400", "-6.28 6.28")
+    )
+brief = ("--set", "duration_s=10", "--set", "multirate.enabled=false", "--quiet")
+r = run(twin, "run", "irb6620_warmup", "-o", "bad", "--set", "model=" + path("bad.xml"), *brief)
+r = run(report, "bad")
+m = check_page("a bad run", path("bad/report.html"), 3, 8)
+bad = json.loads(content("bad/summary.json"))
+fired = {f["check"] for f in bad["health"] if f["verdict"] == "warning"}
+check("the checks fire", fired >= {"ctrlrange", "damping", "saturation", "tracking", "balance"}, fired)
+if m:
+    check(
+        "the page of a bad run begins with what is wrong, its effect and its remedy",
+        m["text"].index("The run is not what its scenario asked for.") < m["text"].index("simulated")
+        and all(f'{w["cause"]}' in m["text"] for w in bad["health"] if w["verdict"] == "warning")
+        and all(m["text"].index(w) < m["text"].index("simulated") for w in bad["warnings"]),
+        m["text"][:3000],
+    )
 
 # Comparison.
 run(twin, "run", "irb6620_warmup", "-o", "warmup35", "--set", "duration_s=1200", "--set", "ambient_degC=35", "--quiet")
@@ -477,7 +505,10 @@ with open(path("bad_summary/summary.json"), "w") as f:
 partial("bad_summary", says=["bad_summary/summary.json: is damaged"])
 shutil.copytree(path("warmup"), path("odd_summary"))
 with open(path("odd_summary/summary.json"), "w") as f:
-    f.write('{"joints": [1, {"name": 3}], "warnings": 7, "engine": [], "simulated_s": "x"}')
+    f.write(
+        '{"joints": [1, {"name": 3}], "warnings": 7, "engine": [], "simulated_s": "x", "health": [3, {"check": 5}, '
+        '{"check": "limits", "joint": [], "value": null, "verdict": "?"}, {"verdict": "warning"}]}'
+    )
 check("a summary of other things does no harm", run(report, "odd_summary").returncode == 0)
 shutil.copytree(path("warmup"), path("no_scenario"))
 os.remove(path("no_scenario/scenario.yaml"))

@@ -131,6 +131,37 @@ check(
     r.returncode == 3 and os.path.exists(work + "/strict/summary.json"),
     (r.returncode, r.stderr),
 )
+check(
+    "the damper is said before the run, what it does to the run after it, and once each",
+    [line.split(": ")[:2] for line in r.stderr.splitlines() if line.startswith("warning")][0] == ["warning", "joint2"]
+    and r.stderr.count('damping="2000"') == 1
+    and "the run is not what its scenario asked for (damping, balance)" in r.stderr,
+    r.stderr,
+)
+found = {f["check"]: f for f in json.load(open(work + "/strict/summary.json"))["health"] if f["verdict"] == "warning"}
+check(
+    "... and in the summary with cause, effect and remedy",
+    set(found) == {"damping", "balance"}
+    and found["damping"]["joint"] == "joint2"
+    and found["damping"]["value"] == 2000
+    and found["damping"]["unit"] == "Nm s/rad"
+    and found["damping"]["threshold"] == 0
+    and all(found["damping"][key] for key in ("cause", "effect", "remedy")),
+    found,
+)
+r = run(
+    "run",
+    "irb6620_warmup",
+    "-o",
+    "asked",
+    "--strict",
+    "--set",
+    "expects=[damping, balance]",
+    "--set",
+    "model=" + os.path.join(work, "damped.xml"),
+    *short
+)
+check("what the scenario expects passes --strict", r.returncode == 0 and "warning" not in r.stderr, r.stderr)
 r = run("run", "irb6620_warmup", "-o", "balanced", "--strict", *short)
 check("a balance that holds passes --strict", r.returncode == 0, (r.returncode, r.stderr))
 

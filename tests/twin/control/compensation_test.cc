@@ -13,7 +13,7 @@
 #include <tribotwin/twin/control/external_torque.hpp>
 #include <tribotwin/twin/control/temperature_observer.hpp>
 #include <tribotwin/twin/simulation/run.hpp>
-#include <tribotwin/twin/simulation/tracking.hpp>
+#include <tribotwin/twin/control/tracking.hpp>
 
 namespace tribotwin::twin {
 namespace {

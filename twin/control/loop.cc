@@ -1,7 +1,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include <tribotwin/twin/simulation/loop.hpp>
+#include <tribotwin/twin/control/loop.hpp>
 
 namespace tribotwin::twin {
 

@@ -4,7 +4,7 @@
 #include <Eigen/Dense>
 
 #include <tribotwin/twin/numerics/linear_algebra.hpp>
-#include <tribotwin/twin/simulation/tracking.hpp>
+#include <tribotwin/twin/control/tracking.hpp>
 
 namespace tribotwin::twin {
 namespace {
