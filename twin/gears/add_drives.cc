@@ -477,7 +477,6 @@ Result<RobotWithDrives> add_drives(const fs::path& file, const AddDrives& choice
   write_instances(document, plans);
   write_options(document, m, robot.notes);
   write_speeds(document, plans);
-  exclude_neighbours(document, m, robot.notes);
   add_scene(document, m, choice.fix_base, robot.notes);
   const bool starters = std::ranges::any_of(plans, [](const Plan& p) { return p.added.source != "identified"; });
   write_title(document, file, starters);
@@ -485,6 +484,9 @@ Result<RobotWithDrives> add_drives(const fs::path& file, const AddDrives& choice
 
   auto model =
       checked(document, plans, std::min<double>(m->opt.timestep, longest_useful_s), folder, robot.notes, robot.mjcf);
+  // Bases that are fixed now belong to the world, next to which the engine lets neighbours collide.
+  if (model && exclude_neighbours(document, (*model)->get(), robot.notes))
+    model = checked(document, plans, (*model)->get()->opt.timestep, folder, robot.notes, robot.mjcf);
   if (!model) return failed({"with drives it is refused: " + model.error().message, ErrorKind::work});
   robot.model = *model;
   for (Plan& p : plans) robot.drives.push_back(std::move(p.added));

@@ -1,5 +1,7 @@
 #include <algorithm>
 #include <cmath>
+#include <map>
+#include <random>
 #include <set>
 
 #include <fmt/format.h>
@@ -54,6 +56,35 @@ pugi::xml_node world(pugi::xml_document& document) {
   return found ? found : root.append_child("worldbody");
 }
 
+using Pair = std::pair<std::string, std::string>;
+
+/// Neighbours in a chain whose geoms touch at d's pose; a base that is part of the world counts, a floor does not.
+std::set<Pair> touching_neighbours(const mjModel* m, const mjData* d) {
+  const auto above = [m](int body) { return m->body_weldid[m->body_parentid[m->body_weldid[body]]]; };
+  const auto is_ground = [m](int geom) {
+    return m->geom_bodyid[geom] == 0 && (m->geom_type[geom] == mjGEOM_PLANE || m->geom_type[geom] == mjGEOM_HFIELD);
+  };
+  std::set<Pair> pairs;
+  for (int c = 0; c < d->ncon; ++c) {
+    const int one = m->geom_bodyid[d->contact[c].geom1], two = m->geom_bodyid[d->contact[c].geom2];
+    const bool neighbours = above(one) == m->body_weldid[two] || above(two) == m->body_weldid[one];
+    const char *first = mj_id2name(m, mjOBJ_BODY, one), *second = mj_id2name(m, mjOBJ_BODY, two);
+    if (neighbours && first && second && !is_ground(d->contact[c].geom1) && !is_ground(d->contact[c].geom2))
+      pairs.insert(std::minmax<std::string>(first, second));
+  }
+  return pairs;
+}
+
+void random_pose(const mjModel* m, mjData* d, std::mt19937& random) {
+  std::uniform_real_distribution<double> share(0, 1);
+  for (int j = 0; j < m->njnt; ++j)
+    if (m->jnt_type[j] == mjJNT_HINGE || (m->jnt_type[j] == mjJNT_SLIDE && m->jnt_limited[j])) {
+      const double low = m->jnt_limited[j] ? m->jnt_range[2 * j] : -mjPI,
+                   high = m->jnt_limited[j] ? m->jnt_range[2 * j + 1] : mjPI;
+      d->qpos[m->jnt_qposadr[j]] = low + share(random) * (high - low);
+    }
+}
+
 }  // namespace
 
 void add_scene(pugi::xml_document& document, const mjModel* m, bool fixed_base, std::vector<std::string>& notes) {
@@ -84,19 +115,21 @@ void add_scene(pugi::xml_document& document, const mjModel* m, bool fixed_base, 
   notes.emplace_back(floating ? "a floor was added at height 0" : "a floor without contacts was added below the robot");
 }
 
-void exclude_neighbours(pugi::xml_document& document, const mjModel* m, std::vector<std::string>& notes) {
+bool exclude_neighbours(pugi::xml_document& document, const mjModel* m, std::vector<std::string>& notes) {
   const mujoco::DataPtr d(mj_makeData(m));
   if (m->nkey > 0) mju_copy(d->qpos, m->key_qpos, m->nq);
-  mj_forward(m, d.get());
-  std::set<std::pair<std::string, std::string>> pairs;
-  const auto above = [m](int body) { return m->body_weldid[m->body_parentid[m->body_weldid[body]]]; };
-  for (int c = 0; c < d->ncon; ++c) {
-    const int one = m->geom_bodyid[d->contact[c].geom1], two = m->geom_bodyid[d->contact[c].geom2];
-    const bool neighbours = above(one) == m->body_weldid[two] || above(two) == m->body_weldid[one];
-    const char *first = mj_id2name(m, mjOBJ_BODY, one), *second = mj_id2name(m, mjOBJ_BODY, two);
-    if (one == 0 || two == 0 || !neighbours || !first || !second) continue;
-    pairs.insert(std::minmax<std::string>(first, second));
+  mj_fwdPosition(m, d.get());
+  std::set<Pair> pairs = touching_neighbours(m, d.get());
+  constexpr int poses = 50;
+  std::map<Pair, int> count;
+  std::mt19937 random(1);
+  for (int i = 0; i < poses; ++i) {
+    random_pose(m, d.get(), random);
+    mj_fwdPosition(m, d.get());
+    for (const Pair& pair : touching_neighbours(m, d.get())) ++count[pair];
   }
+  for (const auto& [pair, times] : count)
+    if (2 * times > poses) pairs.insert(pair);
   for (const auto& [first, second] : pairs) {
     pugi::xml_node root = document.document_element(), contact = root.child("contact");
     if (!contact) contact = root.append_child("contact");
@@ -106,6 +139,7 @@ void exclude_neighbours(pugi::xml_document& document, const mjModel* m, std::vec
     notes.push_back(
         fmt::format("'{}' and '{}' overlap where they are joined; contacts between them are excluded", first, second));
   }
+  return !pairs.empty();
 }
 
 }  // namespace tribotwin::twin

@@ -7,7 +7,6 @@
 #include <tribotwin/plugins/mujoco/binding.hpp>
 #include <tribotwin/plugins/mujoco/engine.hpp>
 #include <tribotwin/twin/gears/starter_scenario.hpp>
-#include <tribotwin/twin/robot/arm.hpp>
 
 namespace tribotwin::twin {
 namespace {
@@ -91,17 +90,7 @@ class Planner {
       const double place = -1 + 2.0 * s / (samples - 1);
       if (contacts(centre, half, place) > allowed) worst.contact = true;
       for (std::size_t i = 0; i < size(); ++i) {
-        const mujoco::Binding& b = model_.drives()[i];
-        const double load = data_->qfrc_bias[b.dof] - data_->qfrc_passive[b.dof];
-        const double moved = inertia_kg_m2(m_, data_.get(), b.dof) * speeds_[i] / ramp_s;
-        const double unit = b.drive.torque_max_nm;
-        const double friction =
-            mujoco::friction_nm(b.drive, speeds_[i], std::abs(load) / unit, b.drive.thermal.T_amb_degC);
-        const double most =
-            std::max(friction, mujoco::friction_nm(b.drive, 0, std::abs(load) / unit, b.drive.thermal.T_amb_degC));
-        const mjtNum* limit = m_->actuator_ctrlrange + 2 * b.control;
-        const double give = std::min(-limit[0], limit[1]);
-        const double share = (std::abs(load) + moved + most) / std::max(give, 1e-12);
+        const double share = torque_nm(i) / std::max(give_nm(i), 1e-12);
         if (share > worst.share) worst.share = share, worst.joint = robot_.drives[i].joint;
       }
     }
@@ -109,12 +98,36 @@ class Planner {
   }
 
  private:
+  /// What the drive can give in its weaker direction.
+  double give_nm(std::size_t i) const {
+    const mjtNum* limit = m_->actuator_ctrlrange + 2 * model_.drives()[i].control;
+    return std::min(-limit[0], limit[1]);
+  }
+
+  /// Gravity, springs, speed, friction and the acceleration of all joints together, at the pose and speeds of data.
+  double torque_nm(std::size_t i) const {
+    const mujoco::Binding& b = model_.drives()[i];
+    const double load = std::abs(data_->qfrc_bias[b.dof] - data_->qfrc_passive[b.dof]);
+    const double load_norm = load / b.drive.torque_max_nm, T = b.drive.thermal.T_amb_degC;
+    const double friction =
+        std::max(mujoco::friction_nm(b.drive, speeds_[i], load_norm, T), mujoco::friction_nm(b.drive, 0, load_norm, T));
+    return load + std::abs(acceleration_nm_[b.dof]) + friction;
+  }
+
   /// Contacts of the pose `place` between both ends; data then belong to it.
   int contacts(const Pose& centre, const Pose& half, double place) {
     mju_copy(data_->qpos, m_->nkey > 0 ? m_->key_qpos : m_->qpos0, m_->nq);
     mju_zero(data_->qvel, m_->nv);
-    for (std::size_t i = 0; i < size(); ++i) data_->qpos[model_.drives()[i].position] = centre[i] + place * half[i];
+    std::vector<mjtNum> acceleration(static_cast<std::size_t>(m_->nv));
+    for (std::size_t i = 0; i < size(); ++i) {
+      const mujoco::Binding& b = model_.drives()[i];
+      data_->qpos[b.position] = centre[i] + place * half[i];
+      data_->qvel[b.dof] = speeds_[i];
+      acceleration[b.dof] = speeds_[i] / ramp_s;
+    }
     mj_forward(m_, data_.get());
+    acceleration_nm_.resize(acceleration.size());
+    mj_mulM(m_, data_.get(), acceleration_nm_.data(), acceleration.data());
     int count = 0;
     for (int c = 0; c < data_->ncon; ++c) count += data_->contact[c].dist < 0;
     return count;
@@ -124,6 +137,7 @@ class Planner {
   const mujoco::Model& model_;
   const mjModel* m_;
   mujoco::DataPtr data_;
+  std::vector<mjtNum> acceleration_nm_;  ///< at data's pose, of all drives starting together
   Pose speeds_;
 };
 
@@ -135,11 +149,11 @@ std::string mapping(const RobotWithDrives& robot, const Pose& values) {
 }
 
 std::string written(const RobotWithDrives& robot, const std::string& model, const Pose& speeds, const Pose& centre,
-                    const Pose& half) {
+                    const Pose& half, bool touching) {
   Pose low = centre, high = centre;
   for (std::size_t i = 0; i < centre.size(); ++i) low[i] -= half[i], high[i] += half[i];
   return fmt::format(
-      "# Written by tribotwin: a first hour of work, within the joint ranges and 70 % of the torques.\n"
+      "# Written by tribotwin: a first hour of work, within the joint ranges and 70 % of the torques.\n{}"
       "description: One hour of work, all drives back and forth, multi-rate\n"
       "model: {}\n"
       "duration_s: 3600\n"
@@ -152,6 +166,8 @@ std::string written(const RobotWithDrives& robot, const std::string& model, cons
       "control: {{type: servo}}\n"
       "multirate: {{tolerance_K: 2}}\n"
       "telemetry_rate_hz: 20\n",
+      touching ? "# The robot touches something in every pose that was tried: contacts take a part of the energy.\n"
+               : "",
       model, mapping(robot, speeds), mapping(robot, low), mapping(robot, high));
 }
 
@@ -173,7 +189,8 @@ Result<std::string> starter_scenario(const RobotWithDrives& robot, const std::st
       for (Pose centre : planner.centres()) {
         const Pose half = planner.travel(centre, share);
         const Need need = planner.need(centre, half, touching);
-        if (!need.contact && need.share <= torque_share) return written(robot, model, planner.speeds(), centre, half);
+        if (!need.contact && need.share <= torque_share)
+          return written(robot, model, planner.speeds(), centre, half, touching);
         if (need.share < least.share) least = need;
       }
     }
