@@ -40,6 +40,7 @@ class LogReader {
   std::size_t begin_ = 0;  ///< of the unread part of the buffer
   std::size_t line_ = 0;
   bool skipping_ = false;  ///< the buffer begins in a line that is too long
+  bool cut_ = false;       ///< the line last read is the last one and has no end
 };
 
 /// Parses one line. The error says what is wrong in it.

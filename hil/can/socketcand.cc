@@ -2,7 +2,6 @@
 #include <array>
 #include <cerrno>
 #include <cstring>
-#include <iterator>
 #include <optional>
 #include <span>
 #include <string_view>
@@ -18,9 +17,9 @@
 #include <unistd.h>
 
 #include <tribotwin/hil/can/clock.hpp>
+#include <tribotwin/hil/can/socketcand_protocol.hpp>
 #include <tribotwin/hil/can/transport.hpp>
 #include <tribotwin/hil/can/words.hpp>
-#include <tribotwin/plugins/friction/number.hpp>
 #include <tribotwin/twin/io/descriptor.hpp>
 
 /// The server's side of socketcand's protocol: https://github.com/linux-can/socketcand/blob/master/doc/protocol.md.
@@ -51,35 +50,6 @@ struct Client {
   std::int64_t silent_until_ns = 0;  ///< nothing is sent before, see first_frames_after_ns
   int dropped = 0;                   ///< frames in a row
 };
-
-/// send ID dlc b b ...
-std::optional<Frame> parse_send(const std::vector<std::string_view>& parts) {
-  if (parts.size() < 3 || parts[1].size() > 8) return std::nullopt;
-  const auto id = to_integer<std::uint32_t>(parts[1], 16);
-  const auto size = to_integer<std::uint8_t>(parts[2], 16);
-  if (!id || *id > 0x1FFFFFFF || !size || *size > 8 || parts.size() != 3u + *size) return std::nullopt;
-  Frame frame;
-  frame.id = *id;
-  // Eight digits mean 29 bits; python-can sends extended identifiers without leading zeros.
-  frame.extended = parts[1].size() == 8 || *id > 0x7FF;
-  frame.size = *size;
-  for (std::size_t i = 0; i < *size; ++i) {
-    const auto byte = to_integer<std::uint8_t>(parts[3 + i], 16);
-    if (!byte) return std::nullopt;
-    frame.data[i] = *byte;
-  }
-  return frame;
-}
-
-/// "< frame ID sec.usec HEX >" after a blank: python-can 4.1.0 drops the character behind the last complete frame of
-/// each read, which must not be the '<' of the next. Without data there are two blanks before '>'; it needs both.
-std::string command_of(const Frame& frame) {
-  const std::string id = frame.extended ? fmt::format("{:08X}", frame.id) : fmt::format("{:03X}", frame.id);
-  std::string out =
-      fmt::format(" < frame {} {}.{:06} ", id, frame.time_ns / 1'000'000'000, frame.time_ns % 1'000'000'000 / 1000);
-  for (const auto byte : frame.bytes()) fmt::format_to(std::back_inserter(out), "{:02X}", byte);
-  return out + " >";
-}
 
 class Server final : public Transport {
  public:
@@ -300,7 +270,7 @@ class Server final : public Transport {
       client.joined = true;
       reply(client, "< ok >");
     } else if (client.open && verb == "send") {
-      auto frame = parse_send(parts);
+      auto frame = socketcand::parse_send(parts);
       if (frame) {
         frame->time_ns = arrived_ns_;
         client.joined = true;
@@ -331,7 +301,7 @@ class Server final : public Transport {
     std::string command;
     for (auto& client : clients_) {
       if (!client.raw || client.gone || &client == except) continue;
-      if (command.empty()) command = command_of(frame);
+      if (command.empty()) command = socketcand::frame_command(frame);
       ++reach.listening;
       if (queue(client, command))
         ++reach.taken;

@@ -1,7 +1,6 @@
 #include <algorithm>
 #include <array>
 #include <cerrno>
-#include <cmath>
 #include <cstring>
 #include <deque>
 #include <memory>
@@ -17,6 +16,7 @@
 #include <sys/socket.h>
 
 #include <tribotwin/hil/can/clock.hpp>
+#include <tribotwin/hil/can/socketcand_protocol.hpp>
 #include <tribotwin/hil/can/transport.hpp>
 #include <tribotwin/hil/can/words.hpp>
 #include <tribotwin/plugins/friction/number.hpp>
@@ -53,41 +53,6 @@ Result<Endpoint> resolve(const std::string& host, int port) {
   return endpoint;
 }
 
-/// "send ID length byte ...": 29-bit identifiers have eight digits.
-std::string command_of(const Frame& frame) {
-  std::string out = frame.extended ? fmt::format("< send {:08X} {}", frame.id, frame.size)
-                                   : fmt::format("< send {:03X} {}", frame.id, frame.size);
-  for (const auto byte : frame.bytes()) out += fmt::format(" {:02X}", byte);
-  return out + " >";
-}
-
-/// "sec.usec" as nanoseconds; 0 where it is no time.
-std::int64_t time_of(std::string_view text) {
-  const auto seconds = to_number(text);
-  return seconds && *seconds >= 0 && *seconds < 1e10 ? std::llround(*seconds * 1e6) * 1000 : 0;
-}
-
-/// frame ID sec.usec BYTES, with the bytes in one word or several.
-std::optional<Frame> parse_frame(const std::vector<std::string_view>& parts) {
-  if (parts.size() < 3 || parts[1].size() > 8) return std::nullopt;
-  const auto id = to_integer<std::uint32_t>(parts[1], 16);
-  if (!id || *id > 0x1FFFFFFF) return std::nullopt;
-  Frame frame;
-  frame.id = *id;
-  frame.extended = parts[1].size() == 8 || *id > 0x7FF;
-  frame.time_ns = time_of(parts[2]);
-  std::string digits;
-  for (std::size_t i = 3; i < parts.size(); ++i) digits += parts[i];
-  if (digits.size() % 2 != 0 || digits.size() > 16) return std::nullopt;
-  frame.size = static_cast<std::uint8_t>(digits.size() / 2);
-  for (std::size_t i = 0; i < frame.size; ++i) {
-    const auto byte = to_integer<std::uint8_t>(std::string_view(digits).substr(2 * i, 2), 16);
-    if (!byte) return std::nullopt;
-    frame.data[i] = *byte;
-  }
-  return frame;
-}
-
 /// One bus of a gateway. A connection that is lost is tried again every second.
 class Client final : public Transport {
  public:
@@ -118,7 +83,7 @@ class Client final : public Transport {
       ++counters_.send_down;
       return Sent::down;
     }
-    const std::string command = command_of(frame);
+    const std::string command = socketcand::send_command(frame);
     if (out_.size() + command.size() > max_queue) {
       ++counters_.send_busy;
       return Sent::busy;
@@ -240,7 +205,7 @@ class Client final : public Transport {
     else if (verb == "ok" && phase_ == Phase::switching)
       phase_ = Phase::raw;
     else if (verb == "frame" && up())
-      take(parse_frame(parts));
+      take(socketcand::parse_frame(parts));
     else if (verb == "error" && up() && parts.size() > 1 && to_integer<std::uint32_t>(parts[1], 16))
       ++counters_.error_frames;  // < error CLASS sec.usec >: of the controller
     else if (verb == "error")

@@ -1,5 +1,4 @@
 #include <algorithm>
-#include <cerrno>
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
@@ -22,12 +21,16 @@ void check_statistics(const std::string& file, bool force) {
   twin::or_wrong_input(twin::check_output(file, twin::Existing::replace));
   twin::or_wrong_input(twin::check_output(file, twin::replace_if(force)));
   if (std::filesystem::exists(file) && !std::filesystem::is_regular_file(file)) return;
-  errno = 0;
-  const auto trial = twin::NewFile::create(file, twin::Existing::replace);  // writes nothing and leaves nothing
-  if (trial) return;
-  if (errno == ENOSPC || errno == EDQUOT || errno == EIO)
-    twin::or_throw(Result<void>(work_failed(trial.error().message)));
-  throw InputError(trial.error().message);
+  twin::or_throw(twin::NewFile::create(file, twin::Existing::replace));  // writes nothing and leaves nothing
+}
+
+/// A store is read, and replaced as a whole.
+void check_store(const std::filesystem::path& file) {
+  std::error_code none;
+  if (std::filesystem::exists(file, none) && !std::filesystem::is_directory(file, none) &&
+      !std::filesystem::is_regular_file(file, none))
+    throw InputError(fmt::format("--store {}: must be a regular file, not a pipe or a device", file.string()));
+  twin::or_wrong_input(twin::check_output(file, twin::Existing::replace));
 }
 
 void note_missing_brakes(const twin::Scenario& scenario) {
@@ -84,7 +87,7 @@ struct Arguments : RobotOptions {
     check_outputs(inputs, outputs, force);
     outputs.insert(outputs.end(), kept.begin(), kept.end());
     twin::or_wrong_input(refuse_shared(inputs, outputs));  // a store may exist
-    for (const auto& file : kept) twin::or_wrong_input(twin::check_output(file.path, twin::Existing::replace));
+    for (const auto& file : kept) check_store(file.path);
     if (!record.empty()) twin::or_wrong_input(twin::check_output(record, twin::Existing::replace));
     check_statistics(stats, force);
   }
@@ -108,7 +111,8 @@ int run(const Arguments& a) {
   if (a.bit_rate) a.check_bus_load(scenario, *a.bit_rate);
   std::vector<Fault> faults;
   if (!a.faults.empty()) faults = twin::or_wrong_input(load_faults(a.faults, a.first_node, drives));
-  const auto nodes = a.start.setups(scenario, a, NodeOptions::Use::live);
+  const auto conditions = a.start.conditions();
+  const auto nodes = node_setups(scenario, a, conditions, Use::live);
   twin::catch_interrupts();
   const auto bus = twin::or_wrong_input(open_bus(a.can, {.fd = a.fd()}));
   const auto bit_rate = a.bit_rate ? a.bit_rate : bus->bit_rate();
@@ -116,16 +120,22 @@ int run(const Arguments& a) {
   const bool live = !a.quiet && isatty(STDERR_FILENO);
   if (!a.quiet) {
     report_nonblocking(
-        fmt::format("{} drive{}, nodes {} to {}, on {}; {}\n", drives, drives == 1 ? "" : "s", a.first_node,
-                    a.first_node + drives - 1, a.can,
+        fmt::format("{} drive{}, {}, on {}; {}\n", drives, drives == 1 ? "" : "s",
+                    node_range(a.first_node, static_cast<std::size_t>(drives)), a.can,
                     a.realtime ? "the robot moves with the clock" : "every SYNC advances the robot by one cycle"));
     note_missing_brakes(scenario);
+    if (a.can.starts_with("memory:") && !a.realtime)
+      report_nonblocking(
+          fmt::format("note: {} is a bus in this process: no master can reach it and send a SYNC, so the "
+                      "robot stands still; --realtime moves it with the clock\n",
+                      a.can));
   }
   const auto ended = hil::drive(scenario, *bus,
                                 {.profile = a.bench_profile(),
                                  .first_node = a.first_node,
                                  .cycle_us = a.cycle_us(),
                                  .nodes = nodes,
+                                 .conditions = conditions,
                                  .realtime = a.realtime,
                                  .duration_s = a.duration,
                                  .bit_rate = bit_rate,

@@ -67,6 +67,9 @@ struct RobotOptions {
 /// --force of the commands that write.
 void add_force(CLI::App& command, bool& force);
 
+/// "node 3", "nodes 1 to 6".
+std::string node_range(int first, std::size_t count);
+
 /// Before any work: throws InputError where a command may not write these files.
 void check_outputs(const std::vector<NamedFile>& inputs, const std::vector<NamedFile>& outputs, bool force);
 

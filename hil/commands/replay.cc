@@ -54,6 +54,16 @@ int judge(const Arguments& a, const ReplayResult& result) {
   return twin::done;
 }
 
+/// Those that were recorded; of a log without them, those of the options.
+StartConditions conditions(const Arguments& a, const twin::Scenario& scenario) {
+  const auto given = a.start.conditions();
+  const auto recorded = recorded_conditions(a.log);
+  if (!recorded) return given;
+  if (given != StartConditions{}) node_setups(scenario, a, given, Use::replay);  // what is given must be right
+  check_same(given, *recorded, a.log);
+  return *recorded;
+}
+
 int run(const Arguments& a) {
   const twin::Scenario scenario = a.load();
   if (!std::filesystem::exists(a.log)) throw twin::InputError(fmt::format("{}: does not exist", a.log));
@@ -63,7 +73,7 @@ int run(const Arguments& a) {
     inputs.insert(inputs.end(), files.begin(), files.end());
   inputs.push_back({"the file beside LOG " + a.log, session_file_of(a.log)});
   check_outputs(inputs, files_in(a.output), a.force);
-  const auto nodes = a.start.setups(scenario, a, NodeOptions::Use::replay);
+  const auto nodes = node_setups(scenario, a, conditions(a, scenario), Use::replay);
   twin::catch_interrupts();
   const auto result = twin::or_throw(hil::replay(scenario, a.log,
                                                  {.profile = a.bench_profile(),

@@ -6,6 +6,7 @@
 #include <tribotwin/hil/can/log.hpp>
 #include <tribotwin/hil/can/transport.hpp>
 #include <tribotwin/hil/commands/program.hpp>
+#include <tribotwin/hil/session/session_file.hpp>
 #include <tribotwin/hil/shadow/foreign_drives.hpp>
 #include <tribotwin/hil/shadow/shadow.hpp>
 #include <tribotwin/twin/io/interrupt.hpp>
@@ -41,6 +42,10 @@ struct Arguments : RobotOptions {
         .add_option("--increments", foreign.increments,
                     "Counts of 6064h per motor turn; default: 608Fh of the EDS or DCF")
         ->check(CLI::PositiveNumber)
+        ->needs(maps);
+    command
+        .add_flag("--mean-torque", foreign.mean_torque,
+                  "Their torques are means since the SYNC before, as of drive; else those at the SYNC")
         ->needs(maps);
     auto* limited =
         command.add_option("--limit", limit, "Largest residual torque, arm side [Nm]; beyond it: exit code 3")
@@ -94,6 +99,24 @@ struct Source {
   }
 };
 
+/// What the file beside a log says about how it must be read.
+void note_session(const Arguments& a) {
+  const auto file = session_file_of(a.log());
+  if (a.log().empty() || file.empty() || !std::filesystem::exists(file)) return;
+  const auto session = SessionReader::open(file);
+  if (!session) return twin::note("{}", session.error().message);
+  const double cycle_ms = 1e-3 * session->head().cycle_us;
+  if (!session->head().realtime && !a.lockstep)
+    twin::note(
+        "{}: the log is of a session in lockstep, where each SYNC is a cycle of {} ms whatever the time stamps "
+        "say; give --lockstep --cycle {}",
+        file.string(), cycle_ms, cycle_ms);
+  if (session->head().realtime && a.lockstep)
+    twin::note("{}: the log is of a session with --realtime; leave --lockstep out", file.string());
+  if (!session->head().realtime && a.lockstep && session->head().cycle_us != a.cycle_us())
+    twin::note("{}: the log was recorded with --cycle {}, not with --cycle {}", file.string(), cycle_ms, a.cycle_ms);
+}
+
 /// The exit code of a session that came to an end: that of the first reason below; says all of them.
 int judge(const Arguments& a, const ShadowResult& result) {
   int code = twin::done;
@@ -118,10 +141,13 @@ int run(const Arguments& a) {
   for (const auto& file : a.foreign.files()) inputs.push_back({"--map " + file.string(), file});
   check_outputs(inputs, {{"--csv " + a.csv, a.csv}}, a.force);
   if (!a.csv.empty()) twin::or_wrong_input(twin::check_output(a.csv, twin::Existing::replace));
+  ForeignDrives foreign = a.foreign;
+  foreign.note = [](const std::string& what) { twin::note("{}", what); };
   auto listeners =
-      twin::or_wrong_input(foreign_listeners(a.foreign, drive_parameters(scenario, a.first_node, a.cycle_us())));
+      twin::or_wrong_input(foreign_listeners(foreign, drive_parameters(scenario, a.first_node, a.cycle_us())));
   twin::catch_interrupts();
   Source source(a);
+  note_session(a);
   const auto result =
       twin::or_throw(hil::shadow(scenario, source.frames(a.duration),
                                  {.profile = a.bench_profile(),
@@ -140,6 +166,8 @@ int run(const Arguments& a) {
                                   .endless = source.bus && !a.duration,
                                   .note = [&](const std::string& what) { report_nonblocking(what + "\n"); }}));
   twin::print_text(result.table());
+  if (source.log && a.duration && !result.interrupted && result.heard_s < *a.duration)
+    twin::note("{}: ends after {:.3f} s, before the {} s of --duration", a.log(), result.heard_s, *a.duration);
   return judge(a, result);
 }
 

@@ -3,6 +3,7 @@
 #include <tribotwin/hil/drives/bus_drive.hpp>
 #include <tribotwin/hil/drives/drive_parameters.hpp>
 #include <tribotwin/hil/mirror/mirror_frames.hpp>
+#include <tribotwin/hil/motion/sync_mean.hpp>
 #include <tribotwin/hil/motion/torque_limit.hpp>
 
 namespace tribotwin::hil {
@@ -48,6 +49,7 @@ class MirrorDrive final : public BusDrive {
   bool fault_next_ = false, stops_alone_ = false;
   std::uint8_t counter_ = 0;
   Feedback feedback_;
+  SyncMean mean_torque_nm_;
   SpeedLimitedTorque torque_;
   double demand_rad_ = 0, step_rad_s_ = 0, left_s_ = 0, ramp_rad_s_ = 0, standing_s_ = 0;
   MirrorCounters counters_;

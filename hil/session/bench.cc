@@ -30,7 +30,8 @@ Bench::Bench(const twin::Scenario& scenario, const BenchOptions& options, Send s
       continue;
     }
     const std::size_t number = drives_.size();
-    auto node = std::make_unique<Node>(p, counted, number < options.nodes.size() ? options.nodes[number] : NodeSetup{});
+    auto node = std::make_unique<Node>(
+        p, counted, with_rules_of_the_bench(number < options.nodes.size() ? options.nodes[number] : NodeSetup{}));
     if (!first_) first_ = node.get();
     drives_.push_back(std::move(node));
   }
@@ -79,6 +80,21 @@ Result<void> Bench::tick(std::int64_t now_ns) {
   for (const auto& drive : drives_) drive->tick(now_ns);
   start_clock(now_ns);
   return {};
+}
+
+/// A file is written and forced to disk within the turn, which takes tens of milliseconds: then no drive may need its
+/// set points.
+NodeSetup Bench::with_rules_of_the_bench(NodeSetup setup) const {
+  setup.may_keep = [this] { return !any_has_power(); };
+  if (setup.keep && options_.kept)
+    setup.keep = [this, keep = std::move(setup.keep)](const KeptParameters& parameters) {
+      return options_.kept(keep(parameters));
+    };
+  return setup;
+}
+
+bool Bench::any_has_power() const {
+  return std::ranges::any_of(drives_, [](const auto& drive) { return drive->enabled() || !drive->brake_engaged(); });
 }
 
 bool Bench::any_stops_alone() const {

@@ -29,7 +29,9 @@ struct BenchOptions {
   /// Each SYNC advances the robot by the cycle (1006h), and without a SYNC the clock does while drives stop that lost
   /// their commands. Else the owner steps the plant.
   bool lockstep = true;
-  std::vector<NodeSetup> nodes;    ///< of a CANopen bench: how they start; those that are not named here as usual
+  std::vector<NodeSetup> nodes;  ///< of a CANopen bench: how they start; those that are not named here as usual
+  /// Asked about each command to store, after its file was written or could not be: what the drive answers.
+  std::function<bool(bool done)> kept;
   std::function<bool()> stop;      ///< polled in a cycle of many steps: true ends it
   std::function<void()> answered;  ///< the drives have sent their answer to a SYNC; the robot has not moved yet
 };
@@ -59,6 +61,8 @@ class Bench {
   std::int64_t cycle_us() const;
 
  private:
+  NodeSetup with_rules_of_the_bench(NodeSetup setup) const;
+  bool any_has_power() const;
   bool any_stops_alone() const;
   void start_clock(std::int64_t now_ns);
   Result<void> follow_clock(std::int64_t now_ns);

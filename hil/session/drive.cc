@@ -25,6 +25,7 @@ namespace {
 
 using Status = Result<void>;
 
+constexpr double patience_s = 3;  // for the first SYNC, before its absence is said
 constexpr std::int64_t s_ns = 1'000'000'000, longest_wait_ns = 20'000'000;
 
 /// Whole microseconds, the resolution of a log, so that a replay sees the same times.
@@ -53,6 +54,11 @@ class Session {
                 .cycle_us = o.cycle_us,
                 .lockstep = !o.realtime,
                 .nodes = o.nodes,
+                .kept =
+                    [this](bool done) {
+                      if (record_) record_->keep(done);
+                      return done;
+                    },
                 .stop = o.stop,
                 .answered = [this] { sync_.answered(clock_ns(CLOCK_REALTIME)); }},
                [this](const Frame& frame) {
@@ -85,7 +91,8 @@ class Session {
 
   Status open() {
     if (!o_.record.empty()) {
-      const SessionHead head{o_.realtime, o_.cycle_us, now_ns_ + to_realtime_ns_};
+      const SessionHead head{o_.realtime, o_.cycle_us, now_ns_ + to_realtime_ns_,
+                             scenario_checksum(bench_.plant().scenario()), o_.conditions};
       auto record = SessionRecord::create(o_.record, head, o_.existing == twin::Existing::replace);
       if (!record) return work_failed(record.error().message);
       record_.emplace(std::move(*record));
@@ -177,6 +184,7 @@ class Session {
     status_ns_ = now_ns_;
     if (record_) keep_record(record_->flush());
     tell_slow_motion();
+    tell_waiting();
     if (o_.status) o_.status({time_s(), wall_s(), per_s, o_.bit_rate, pace_.overruns(), &bench_, &bus_});
   }
 
@@ -187,6 +195,13 @@ class Session {
     if (!slow) return;
     told_slow_motion_ = true;
     note(*slow);
+  }
+
+  /// In lockstep nothing moves without a SYNC. Said once.
+  void tell_waiting() {
+    if (o_.realtime || told_waiting_ || bench_.counters().syncs > 0 || wall_s() < patience_s) return;
+    told_waiting_ = true;
+    note("no SYNC yet: the robot stands until a master sends SYNCs; --realtime moves it with the clock");
   }
 
   /// What summary.json warns of.
@@ -239,7 +254,7 @@ class Session {
   FaultyBus bus_;
   Bench bench_;
   double bits_before_ = 0;
-  bool was_up_ = true, telemetry_lost_ = false, told_slow_motion_ = false;
+  bool was_up_ = true, telemetry_lost_ = false, told_slow_motion_ = false, told_waiting_ = false;
   std::vector<std::string> lost_;
 };
 

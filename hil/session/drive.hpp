@@ -8,6 +8,7 @@
 #include <tribotwin/hil/can/transport.hpp>
 #include <tribotwin/hil/faults/faults.hpp>
 #include <tribotwin/hil/session/bench.hpp>
+#include <tribotwin/hil/session/session_file.hpp>
 #include <tribotwin/plugins/friction/error.hpp>
 #include <tribotwin/twin/io/file.hpp>
 
@@ -27,6 +28,7 @@ struct DriveOptions {
   int first_node = 1;
   std::uint32_t cycle_us = 2000;
   std::vector<NodeSetup> nodes;                      ///< how they start, see BenchOptions
+  StartConditions conditions;                        ///< what `nodes` were made of, for the record
   bool realtime = false;                             ///< physics on the clock instead of on SYNC
   std::optional<double> duration_s;                  ///< of simulated time [s]; unlimited without
   std::optional<double> bit_rate;                    ///< [bit/s] of the bus, for its load; none on vcan and TCP

@@ -1,6 +1,4 @@
 #include <algorithm>
-#include <deque>
-#include <map>
 #include <optional>
 #include <span>
 #include <utility>
@@ -11,6 +9,7 @@
 
 #include <tribotwin/hil/can/clock.hpp>
 #include <tribotwin/hil/can/log.hpp>
+#include <tribotwin/hil/session/expected_frames.hpp>
 #include <tribotwin/hil/session/replay.hpp>
 #include <tribotwin/hil/session/session_file.hpp>
 
@@ -77,24 +76,27 @@ class Replay {
       : file_(file),
         o_(o),
         session_(std::move(session)),
-        bench_(scenario,
-               {.profile = o.profile,
-                .first_node = o.first_node,
-                .cycle_us = o.cycle_us,
-                .lockstep = !session_ || !session_->head().realtime,
-                .nodes = o.nodes,
-                .stop = o.stop},
-               [this](const Frame& frame) {
-                 said_[frame.id].push_back(frame);
-                 return Sent::done;
-               }),
+        bench_(
+            scenario,
+            {.profile = o.profile,
+             .first_node = o.first_node,
+             .cycle_us = o.cycle_us,
+             .lockstep = !session_ || !session_->head().realtime,
+             .nodes = o.nodes,
+             .kept =
+                 [this](bool) { return std::ranges::find(turn_now_.not_kept, keeps_++) == turn_now_.not_kept.end(); },
+             .stop = o.stop},
+            [this](const Frame& frame) {
+              said_.push(frame);
+              return Sent::done;
+            }),
         compared_(bench_.drives().size()) {
     result_.session_file = session_.has_value();
   }
 
   Result<ReplayResult> run() {
     auto log = LogReader::open(file_, o_.stop);
-    if (!log) return work_failed(log.error().message);
+    if (!log) return tl::unexpected(log.error());
     Moments moments(std::move(*log));
     if (auto ok = start(moments); !ok) return tl::unexpected(ok.error());
     if (auto ok = follow(moments); !ok) return tl::unexpected(ok.error());
@@ -127,7 +129,7 @@ class Replay {
 
   Status read(Moments& moments) {
     auto more = moments.next(moment_);
-    if (!more) return work_failed(more.error().message);
+    if (!more) return tl::unexpected(more.error());
     frames_left_ = *more;
     return {};
   }
@@ -174,7 +176,10 @@ class Replay {
 
   /// One turn as the session had it (drive.cc). The frames of the drives are compared at its end: some of them the
   /// steps have sent.
-  Status take(std::int64_t now_ns, std::span<const Moment::Line> lines, const Turn& turn) {
+  Status take(std::int64_t now_ns, std::span<const Moment::Line> lines, Turn now) {
+    turn_now_ = std::move(now);
+    keeps_ = 0;
+    const Turn& turn = turn_now_;
     if (now_ns > ticked_ns_)
       if (auto ok = work(bench_.tick(ticked_ns_ = now_ns)); !ok) return ok;
     if (auto ok = impose(turn, 0); !ok) return ok;
@@ -216,37 +221,36 @@ class Replay {
     ++result_.compared;
     if (sender) ++compared_[*sender];
     const Frame& frame = line.frame;
-    auto& queue = said_[frame.id];
-    if (queue.empty()) {
+    const auto said = said_.pop(frame.id);
+    if (!said) {
       ++result_.missing;
       differs(fmt::format("{}:{}: {} was recorded, nothing now", file_.string(), line.number, text(frame)));
-      return;
-    }
-    if (!(queue.front() == frame)) {
+    } else if (!(*said == frame)) {
       ++result_.differing;
-      differs(
-          fmt::format("{}:{}: {} was recorded, {} now", file_.string(), line.number, text(frame), text(queue.front())));
+      differs(fmt::format("{}:{}: {} was recorded, {} now", file_.string(), line.number, text(frame), text(*said)));
     }
-    queue.pop_front();
   }
 
   /// Counts what the drives said and the log does not have.
   void judge_the_end() {
     for (std::size_t i = 0; i < compared_.size(); ++i)
       if (compared_[i] == 0) result_.silent.push_back(bench_.joints()[i]);
-    for (const auto& [id, queue] : said_) {
-      if (queue.empty()) continue;
-      const auto sender = bench_.sender(queue.front());
+    for (const auto& [id, rest] : said_.left()) {
+      const auto sender = bench_.sender(rest.last);
       if (sender && compared_[*sender] == 0) continue;
-      result_.added += queue.size();
+      result_.added += rest.count;
       differs(
           fmt::format("{}: {} frames {:03X} are sent now that were not recorded, {} the last of them; was the log cut?",
-                      file_.string(), queue.size(), id, text(queue.back())));
+                      file_.string(), rest.count, id, text(rest.last)));
     }
   }
 
   void differs(std::string how) {
-    if (result_.first_difference.empty()) result_.first_difference = std::move(how);
+    if (!result_.first_difference.empty()) return;
+    result_.first_difference = std::move(how);
+    if (session_ && session_->head().complete &&
+        session_->head().scenario != scenario_checksum(bench_.plant().scenario()))
+      result_.first_difference += "; the session had another scenario, --set, or folder of the model";
   }
 
   const std::filesystem::path& file_;
@@ -255,13 +259,14 @@ class Replay {
   Moment moment_;
   Turn turn_;
   bool frames_left_ = false, turns_left_ = false;  // moment_ and turn_ are still to come
+  Turn turn_now_;                                  // the one that is taken
+  std::size_t keeps_ = 0;                          // commands to store in it so far
   struct Own {
     const Moment::Line* line;
     std::optional<std::size_t> sender;
   };
   std::vector<Own> to_compare_;
-  /// Frames of the drives, per identifier, that the log has not reached yet.
-  std::map<std::uint32_t, std::deque<Frame>> said_;
+  ExpectedFrames said_;  // by the drives
   Bench bench_;
   std::vector<std::uint64_t> compared_;  // per drive
   std::int64_t first_ns_ = 0, ticked_ns_ = -1;

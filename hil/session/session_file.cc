@@ -10,16 +10,20 @@
 #include <tribotwin/hil/can/words.hpp>
 #include <tribotwin/hil/session/session_file.hpp>
 #include <tribotwin/plugins/friction/number.hpp>
+#include <tribotwin/twin/io/checksum.hpp>
+#include <tribotwin/twin/io/text.hpp>
 
 namespace tribotwin::hil {
 namespace {
 
 namespace fs = std::filesystem;
 
-constexpr std::string_view first_line = "tribotwin-hil session 1", last_line = "end";
+constexpr std::string_view first_line = "tribotwin-hil session 2", old_first_line = "tribotwin-hil session 1",
+                           begin_turns = "turns", last_line = "end";
+constexpr std::size_t longest_start_file = 64 << 20;
 constexpr std::int64_t most_steps = 1'000'000;  ///< of one turn; a session makes a few hundred at most
 constexpr std::string_view off = "off", on = "on", end_of_turn = "end", back = "recovered", foreign = "misleading",
-                           moved = "steps";
+                           moved = "steps", lost = "not_kept", no_numbers = "unconfigured", absent = "absent";
 
 /// The faults of a drive, as the list of faults calls them.
 struct Named {
@@ -29,6 +33,9 @@ struct Named {
 constexpr Named drive_faults[] = {{FaultKind::encoder_freeze, "encoder_freeze"},
                                   {FaultKind::over_temperature, "over_temperature"},
                                   {FaultKind::safe_torque_off, "safe_torque_off"}};
+
+constexpr std::pair<StartFile::Kind, std::string_view> start_files[] = {
+    {StartFile::Kind::eds, "eds"}, {StartFile::Kind::dcf, "dcf"}, {StartFile::Kind::store, "store"}};
 
 /// KEY=VALUE; both empty where the word is none.
 std::pair<std::string_view, std::string_view> split(std::string_view word, char at) {
@@ -61,10 +68,10 @@ bool parse_word(std::string_view word, Turn& turn) {
     turn.steps = steps.value_or(0);
     return turn.steps > 0 && turn.steps <= most_steps;
   }
-  if (key == foreign) {
-    const auto frame = to_integer<std::size_t>(value);
-    if (frame) turn.misleading.push_back(*frame);
-    return frame.has_value();
+  if (key == foreign || key == lost) {
+    const auto number = to_integer<std::size_t>(value);
+    if (number) (key == foreign ? turn.misleading : turn.not_kept).push_back(*number);
+    return number.has_value();
   }
   const auto named = std::ranges::find(drive_faults, key, &Named::word);
   if (named == std::end(drive_faults)) return false;
@@ -84,7 +91,27 @@ std::string word_of(const Turn::Imposed& imposed) {
                                : std::string(on));
 }
 
+std::string text_of(const SessionHead& head) {
+  std::string text =
+      fmt::format("{}\nclock {}\ncycle_us {}\nstart_us {}\nscenario {:08X}\n", first_line,
+                  head.realtime ? "realtime" : "lockstep", head.cycle_us, head.start_ns / 1000, head.scenario);
+  if (head.conditions.unconfigured) text += fmt::format("{}\n", no_numbers);
+  for (const StartFile& file : head.conditions.files) {
+    const std::string name = twin::printable(file.name.string());
+    text += fmt::format("{} {} {}\n", word_of(file.kind),
+                        file.content ? std::to_string(file.content->size()) : std::string(absent), name);
+    if (file.content) text += *file.content + "\n";
+  }
+  return text + fmt::format("{}\n", begin_turns);
+}
+
 }  // namespace
+
+std::string_view word_of(StartFile::Kind kind) {
+  return std::ranges::find(start_files, kind, &std::pair<StartFile::Kind, std::string_view>::first)->second;
+}
+
+std::uint32_t scenario_checksum(const twin::Scenario& scenario) { return twin::crc32(scenario.resolved_yaml); }
 
 fs::path session_file_of(const fs::path& log) {
   std::error_code none;
@@ -96,9 +123,7 @@ Result<SessionWriter> SessionWriter::create(const fs::path& file, const SessionH
   auto out = RecordFile::create(file, std::move(options));
   if (!out) return tl::unexpected(out.error());
   SessionWriter writer(std::move(*out), head.start_ns);
-  const auto wrote =
-      writer.out_.append(fmt::format("{}\nclock {}\ncycle_us {}\nstart_us {}\n", first_line,
-                                     head.realtime ? "realtime" : "lockstep", head.cycle_us, head.start_ns / 1000));
+  const auto wrote = writer.out_.append(text_of(head));
   if (!wrote) return tl::unexpected(wrote.error());
   return writer;
 }
@@ -108,6 +133,7 @@ Result<void> SessionWriter::write(const Turn& turn) {
   if (turn.steps > 0) line += fmt::format(" {}={}", moved, turn.steps);
   for (const std::size_t frame : turn.misleading) line += fmt::format(" {}={}", foreign, frame);
   for (const Turn::Imposed& imposed : turn.faults) line += word_of(imposed);
+  for (const std::size_t number : turn.not_kept) line += fmt::format(" {}={}", lost, number);
   if (turn.recovered) line += fmt::format(" {}", back);
   return out_.append(line + "\n");
 }
@@ -134,7 +160,8 @@ Result<void> SessionReader::read_head() {
                                       file_.string(), line_, expected));
   };
   ++line_;
-  if (line != first_line) return wrong(first_line);
+  const bool old = line == old_first_line;
+  if (!old && line != first_line) return wrong(first_line);
   const auto value_of = [&](std::string_view key) -> std::string {
     ++line_;
     std::getline(in_, line);
@@ -150,7 +177,49 @@ Result<void> SessionReader::read_head() {
   if (!start_us || *start_us < 0 || *start_us > longest_us) return wrong("start_us NUMBER");
   head_ = {clock == "realtime", *cycle_us, *start_us * 1000};
   last_ns_ = head_.start_ns;
-  return {};
+  head_.complete = !old;
+  if (old) return {};
+  const std::string checksum = value_of("scenario");
+  const auto scenario = to_integer<std::uint32_t>(checksum, 16);
+  if (!scenario || checksum.size() != 8) return wrong("scenario CHECKSUM");
+  head_.scenario = *scenario;
+  return read_conditions();
+}
+
+Result<void> SessionReader::read_conditions() {
+  std::string line;
+  while (++line_, std::getline(in_, line)) {
+    if (line == begin_turns) return {};
+    const auto [key, value] = split(line, ' ');
+    const auto kind = std::ranges::find(start_files, key, &std::pair<StartFile::Kind, std::string_view>::second);
+    if (line == no_numbers) {
+      head_.conditions.unconfigured = true;
+    } else if (kind != std::end(start_files)) {
+      auto file = read_start_file(kind->first, value);
+      if (!file) return tl::unexpected(file.error());
+      head_.conditions.files.push_back(std::move(*file));
+    } else {
+      break;
+    }
+  }
+  return tl::unexpected(fmt::format("{}:{}: is not '{}', '{}' or 'eds|dcf|store BYTES NAME'", file_.string(), line_,
+                                    no_numbers, begin_turns));
+}
+
+Result<StartFile> SessionReader::read_start_file(StartFile::Kind kind, std::string_view size_and_name) {
+  const auto [size, name] = split(size_and_name, ' ');
+  StartFile file{.kind = kind, .name = std::string(name), .content = std::nullopt};
+  if (size == absent && kind == StartFile::Kind::store) return file;
+  const auto bytes = to_integer<std::size_t>(size);
+  if (!bytes || *bytes > longest_start_file)
+    return tl::unexpected(fmt::format("{}:{}: is not '{} BYTES NAME' with at most {} bytes", file_.string(), line_,
+                                      word_of(kind), longest_start_file));
+  file.content = std::string(*bytes, '\0');
+  if (!in_.read(file.content->data(), static_cast<std::streamsize>(*bytes)) || in_.get() != '\n')
+    return tl::unexpected(
+        fmt::format("{}:{}: {} bytes of a file and the end of a line must follow", file_.string(), line_, *bytes));
+  line_ += static_cast<std::size_t>(std::ranges::count(*file.content, '\n')) + 1;
+  return file;
 }
 
 Result<bool> SessionReader::next(Turn& turn) {

@@ -25,8 +25,8 @@ Result<void> SessionRecord::frame(Frame frame, bool misleading) {
 }
 
 Result<void> SessionRecord::end() {
-  const bool says_more =
-      turn_.steps > 0 || turn_.recovered || !turn_.misleading.empty() || !turn_.faults.empty() || frames_ == 0;
+  const bool says_more = turn_.steps > 0 || turn_.recovered || !turn_.misleading.empty() || !turn_.faults.empty() ||
+                         !turn_.not_kept.empty() || frames_ == 0;
   return session_ && says_more ? session_->write(turn_) : Result<void>{};
 }
 

@@ -50,6 +50,7 @@ struct ShadowJoint {
 };
 struct ShadowResult {
   double seconds = 0;  ///< time on the bus up to the last prediction
+  double heard_s = 0;  ///< time on the bus from the first frame to the last
   double cycle_s = 0;
   std::string cycle_source;  ///< where the cycle comes from: "SYNC"
   std::vector<ShadowJoint> joints;
@@ -63,7 +64,7 @@ struct ShadowResult {
 /// Where frames come from: a bus, or a log. Returns false at the end.
 using NextFrame = std::function<Result<bool>(Frame&)>;
 
-/// Fails when the simulation does (ErrorKind::work), for a name in `limit_joints` that is no joint, for a bus with
+/// Fails when `next` or the simulation does, for a name in `limit_joints` that is no joint, for a bus with
 /// another cycle than expected, and where nothing could be predicted: no position of some drive was heard, or too few
 /// of all (ErrorKind::input).
 Result<ShadowResult> shadow(const twin::Scenario& scenario, const NextFrame& next, const ShadowOptions& options);
