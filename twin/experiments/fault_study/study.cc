@@ -11,7 +11,7 @@
 #include <tribotwin/twin/io/file.hpp>
 #include <tribotwin/twin/io/input.hpp>
 #include <tribotwin/twin/io/name.hpp>
-#include <tribotwin/twin/io/table.hpp>
+#include <tribotwin/twin/io/tables/numbers.hpp>
 
 namespace tribotwin::twin::study {
 namespace {
