@@ -6,6 +6,7 @@ packages=(
   libmujoco-dev libqhull-dev libgl-dev libopengl-dev   # the engine, and what its CMake files insist on
   libeigen3-dev libpugixml-dev libyaml-cpp-dev libcli11-dev libfmt-dev
   nlohmann-json3-dev libhdf5-dev libexpected-dev
+  libzip-dev libmatio-dev                              # tables in .npz and .mat
   libceres-dev libboost-dev                            # identification: trust region, distributions
   libosmesa6-dev liblodepng-dev libpango1.0-dev pkg-config   # pictures
   gnuplot-nox fonts-dejavu-core                              # run by tribotwin-report

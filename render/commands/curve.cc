@@ -24,6 +24,7 @@ struct Arguments {
   twin::Destination output{.file = "curve.svg"};
   std::vector<std::string> points;
   ReadOptions read;
+  twin::TableArguments tables;
   std::vector<double> temperatures, loads;
   std::optional<double> speed_max;
 };
@@ -116,8 +117,11 @@ int execute(const Arguments& a) {
   twin::or_wrong_input(a.output.check(inputs(a.points, a.model)));
   const FigureSize size = size_of(a.size);
   const Subject subject = a.model.ends_with(".yaml") ? identified_law(a) : joint_of_model(a);
+  ReadOptions read = subject.read;
+  read.table = twin::or_wrong_input(a.tables.options());
+  read.table.joint = a.joint;
   const auto measured = twin::or_wrong_input(twin::identification::read_samples(
-      std::vector<std::filesystem::path>(a.points.begin(), a.points.end()), *subject.drive.law.info, subject.read));
+      std::vector<std::filesystem::path>(a.points.begin(), a.points.end()), *subject.drive.law.info, read));
   if (measured.size() > points_max)
     twin::note("{} of the {} points are drawn, chosen evenly", points_max, measured.size());
   const auto points = friction_points(subject.drive, measured, thinned(measured.size(), points_max));
@@ -152,6 +156,7 @@ void add_curve(CLI::App& app, Call& call) {
   a->output.add_json_to(*command);
   command->add_option("--size", a->size, "WIDTHxHEIGHT [1/96 inch]; a PNG has twice the pixels")->capture_default_str();
   add_units(*command, a->read);
+  a->tables.add_to(*command);
   command->footer("Example:\n  tribotwin-report curve mjcf/irb6620.xml --joint joint2 -o curve.svg");
   command->callback([a, &call] { call.code = execute(*a); });
 }

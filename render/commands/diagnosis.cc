@@ -8,13 +8,16 @@ struct Arguments : PageOptions {
   std::string healthy;
   std::vector<std::string> data;
   twin::diagnosis::ObservationOptions read;
+  twin::TableArguments tables;
   DiagnosisOptions diagnosis;
 };
 
 int execute(const Arguments& a, const std::string& command_line) {
+  auto read = a.read;
+  read.table = twin::or_wrong_input(a.tables.options());
+  read.table.joint = a.read.table.joint;
   const PageFile page(a, "diagnosis.html", inputs(a.data, a.healthy));
-  const auto data =
-      twin::or_wrong_input(load_diagnosis(a.healthy, {a.data.begin(), a.data.end()}, a.read, a.diagnosis));
+  const auto data = twin::or_wrong_input(load_diagnosis(a.healthy, {a.data.begin(), a.data.end()}, read, a.diagnosis));
   return page.make(command_line, [&](const ReportOptions& options) { return make_diagnosis_report(data, options); });
 }
 
@@ -36,7 +39,8 @@ void add_diagnosis(CLI::App& app, Call& call) {
       ->check(CLI::Range(1e-9, 1e9));
   command->add_option("--gear-ratio", a->read.gear_ratio, "Motor turns per joint turn, for recordings")
       ->check(CLI::Range(1e-6, 1e6));
-  command->add_option("--joint", a->read.joint, "Joint of a telemetry.h5");
+  a->tables.add_to(*command);
+  command->add_option("--joint", a->read.table.joint, "Joint of a table of several, such as a telemetry.h5");
   command->footer("Example:\n  tribotwin-report diagnosis healthy.yaml lab/br609/curves.csv -o diagnosis.html");
   command->callback([a, &call] { call.code = execute(*a, call.command_line); });
 }

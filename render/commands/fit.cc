@@ -8,11 +8,15 @@ struct Arguments : PageOptions {
   std::string parameters;
   std::vector<std::string> data;
   twin::identification::ReadOptions read;
+  twin::TableArguments tables;
 };
 
 int execute(const Arguments& a, const std::string& command_line) {
+  auto read = a.read;
+  read.table = twin::or_wrong_input(a.tables.options());
+  read.table.joint = a.read.table.joint;
   const PageFile page(a, "fit.html", inputs(a.data, a.parameters));
-  const auto data = twin::or_wrong_input(load_fit(a.parameters, {a.data.begin(), a.data.end()}, a.read));
+  const auto data = twin::or_wrong_input(load_fit(a.parameters, {a.data.begin(), a.data.end()}, read));
   return page.make(command_line, [&](const ReportOptions& options) { return make_fit_report(data, options); });
 }
 
@@ -28,7 +32,8 @@ void add_fit(CLI::App& app, Call& call) {
       "Friction curves, recordings or telemetry.h5 to show the law with (default: those that PARAMS.yaml names)");
   a->add_to(*command, "The page (default: fit.html)");
   add_units(*command, a->read);
-  command->add_option("--joint", a->read.joint, "Joint of a telemetry.h5");
+  a->tables.add_to(*command);
+  command->add_option("--joint", a->read.table.joint, "Joint of a table of several, such as a telemetry.h5");
   command->footer("Example:\n  tribotwin-report fit params.yaml -o fit.html");
   command->callback([a, &call] { call.code = execute(*a, call.command_line); });
 }

@@ -20,6 +20,7 @@ ORDER = {
         "io",
         "io/command_line",
         "io/telemetry",
+        "io/tables",
         "numerics",
         "robot",
         "control",

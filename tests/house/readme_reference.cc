@@ -1,5 +1,5 @@
-// Prints the generated part of a README, prose in lines of at most 120 columns: `readme_reference plugins` or
-// `readme_reference hil`.
+// Prints the generated part of a README, prose in lines of at most 120 columns: `readme_reference plugins`, `hil` or
+// `twin/io/tables`.
 #include <cstdio>
 #include <cstring>
 #include <sstream>
@@ -8,6 +8,7 @@
 #include <tribotwin/hil/cia402/drive_objects.hpp>
 #include <tribotwin/plugins/drive/configuration.hpp>
 #include <tribotwin/plugins/mujoco/sensor.hpp>
+#include <tribotwin/twin/io/tables/column.hpp>
 
 namespace {
 
@@ -37,11 +38,12 @@ void print_wrapped(const std::string& line) {
 }  // namespace
 
 int main(int, char** argv) {
-  const bool hil = std::strcmp(argv[1], "hil") == 0;
+  const bool hil = std::strcmp(argv[1], "hil") == 0, tables = std::strcmp(argv[1], "twin/io/tables") == 0;
   const auto dictionary =
       tribotwin::hil::drive_dictionary({.node = 1, .name = "joint1", .gear_ratio = 100, .rated_torque_nm = 10});
-  std::istringstream text(hil ? tribotwin::hil::reference_markdown(dictionary)
-                              : tribotwin::drive::reference_markdown() +
-                                    tribotwin::mujoco::sensor_reference_markdown());
+  std::istringstream text(tables ? tribotwin::twin::column_reference_markdown()
+                          : hil  ? tribotwin::hil::reference_markdown(dictionary)
+                                 : tribotwin::drive::reference_markdown() +
+                                      tribotwin::mujoco::sensor_reference_markdown());
   for (std::string line; std::getline(text, line);) print_wrapped(line);
 }

@@ -19,6 +19,7 @@ using namespace identification;
 struct Arguments {
   std::string fit, directory;
   std::optional<std::uint64_t> seed;
+  TableArguments tables;
   unsigned threads = std::max(1u, std::thread::hardware_concurrency());
   bool json = false, quiet = false, force = false;
 };
@@ -47,7 +48,8 @@ Result<void> fit_missing(const Arguments& a, CalibrationResults& results, const 
 }
 
 Result<Exit> execute(const Arguments& a) {
-  const CalibrationCampaign campaign = read_calibration(given_or_shipped(a.fit, ".yaml"), a.seed);
+  const CalibrationCampaign campaign =
+      read_calibration(given_or_shipped(a.fit, ".yaml"), a.seed, or_wrong_input(a.tables.options()));
   const fs::path directory = a.directory.empty() ? fs::path("runs") / campaign.file.stem() : fs::path(a.directory),
                  file = directory / "calibration.json";
   std::error_code error;
@@ -83,6 +85,8 @@ void add_calibrate(CLI::App& app, int& code) {
                 "FIT.yaml: free parameters and recordings (twin/README.md), or the name of a shipped one")
       ->required();
   c->add_option("-o,--output", a->directory, "Folder for calibration.json and the twins found (default: runs/NAME)");
+  a->tables.add_to(*c);
+  a->tables.add_gear_ratio_to(*c);
   c->add_option("--seed", a->seed, "Seed of the search");
   c->add_option("--threads", a->threads, "Threads; they do not change the result")->check(CLI::Range(1, 256));
   c->add_flag("--json", a->json, "Print calibration.json instead of the table");

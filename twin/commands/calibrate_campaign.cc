@@ -184,7 +184,7 @@ std::uint64_t fingerprint_of(const std::vector<Recording>& recordings) {
 
 }  // namespace
 
-Campaign read_calibration(const fs::path& file, std::optional<std::uint64_t> seed) {
+Campaign read_calibration(const fs::path& file, std::optional<std::uint64_t> seed, const TableOptions& tables) {
   Campaign c{.file = file};
   const YAML::Node root = load_yaml(file);
   Mapping in(file.string(), "", root);
@@ -193,7 +193,7 @@ Campaign read_calibration(const fs::path& file, std::optional<std::uint64_t> see
   in.text_or("description", "");
   auto recordings = in.mapping("recordings");
   if (!recordings) in.fail("recordings", "is missing: {files: ...}");
-  c.plan.recordings = read_recordings(*recordings, fs::absolute(file).parent_path(), friction::laws()[0]);
+  c.plan.recordings = read_recordings(*recordings, fs::absolute(file).parent_path(), friction::laws()[0], tables);
   read_splits(in, c.plan);
   c.plan.search = read_search(in, seed);
   const std::string models = read_variants(in, file, c.plan);

@@ -21,12 +21,13 @@ struct CalibrationCampaign {
 };
 
 /// `seed` replaces that of the file.
-CalibrationCampaign read_calibration(const std::filesystem::path& file, std::optional<std::uint64_t> seed);
+CalibrationCampaign read_calibration(const std::filesystem::path& file, std::optional<std::uint64_t> seed,
+                                     const TableOptions& tables);
 
 /// The section `recordings`: files and their settings. `law` may be any law, because the keys of a controller do not
 /// depend on it.
 std::vector<identification::Recording> read_recordings(Mapping in, const std::filesystem::path& folder,
-                                                       const friction::LawInfo& law);
+                                                       const friction::LawInfo& law, const TableOptions& tables);
 
 /// One entry of `hold_out`: folds of recordings.
 identification::Split read_split(Mapping in, const std::vector<identification::Recording>& recordings);

@@ -49,9 +49,10 @@ bool matches(const std::string& pattern, const fs::path& file) {
   return ::fnmatch(pattern.c_str(), file.filename().c_str(), 0) == 0;
 }
 
-/// The texts and numbers at the top level of a recording.
+/// The texts and numbers at the top level of a recording in JSON; tables have none.
 std::map<std::string, std::string> labels_of(const fs::path& file) {
   std::map<std::string, std::string> labels;
+  if (file.extension() != ".json") return labels;
   const auto json = parse_json(or_wrong_input(read_text(file, "a recording")));
   if (!json.is_object()) return labels;
   for (const auto& [key, value] : json.items()) {
@@ -61,11 +62,12 @@ std::map<std::string, std::string> labels_of(const fs::path& file) {
   return labels;
 }
 
-Recording read_recording(const fs::path& file, const Mapping& in) {
-  auto points = or_wrong_input(read_set_points(file));
+Recording read_recording(const fs::path& file, const Mapping& in, const TableOptions& tables) {
+  auto points = or_wrong_input(read_set_points(file, tables));
   if (points.measured_rad.empty())
     in.fail("files", fmt::format("{} has no measured positions; needed is JSON with entries of timestamp, "
-                                 "goal_position and position",
+                                 "goal_position and position, or a table of one joint with time_s, set_point_rad and "
+                                 "position_rad",
                                  file.string()));
   const auto measured = std::ranges::count_if(points.measured_rad, [](double q) { return std::isfinite(q); });
   if (measured < 10 || !std::isfinite(points.measured_rad[0]))
@@ -159,10 +161,11 @@ Split split_by_files(Mapping& in, const YAML::Node& folds, const std::vector<Rec
 
 }  // namespace
 
-std::vector<Recording> read_recordings(Mapping in, const fs::path& folder, const friction::LawInfo& law) {
+std::vector<Recording> read_recordings(Mapping in, const fs::path& folder, const friction::LawInfo& law,
+                                       const TableOptions& tables) {
   in.accept({"files", "settings"});
   std::vector<Recording> recordings;
-  for (const auto& file : matching(in, "files", folder)) recordings.push_back(read_recording(file, in));
+  for (const auto& file : matching(in, "files", folder)) recordings.push_back(read_recording(file, in, tables));
   for (const Mapping& settings : in.mappings("settings")) read_settings(settings, recordings, law);
   for (auto& r : recordings) {
     for (const auto& [key, value] : r.control)

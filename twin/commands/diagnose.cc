@@ -25,6 +25,7 @@ struct Arguments {
   LearnOptions learn;
   CheckOptions check;
   ResidualOptions residuals;
+  TableArguments tables;
   double false_alarm = once_a_year;
   bool json = false, quiet = false;
 };
@@ -47,11 +48,25 @@ std::vector<ObservationFile> read(const std::vector<std::string>& files, const O
   return all;
 }
 
+/// What both options of the command line and options of tables say about columns.
+TableOptions tables_of(const Arguments& a, const std::string& joint) {
+  auto options = or_wrong_input(a.tables.options());
+  options.joint = joint;
+  return options;
+}
+
+ObservationOptions read_options(const Arguments& a) {
+  ObservationOptions options = a.read;
+  options.table = tables_of(a, a.read.table.joint);
+  return options;
+}
+
 Result<Exit> learn_state(const Arguments& a) {
-  const auto healthy = read(a.data, a.read, a.quiet), loaded = read(a.loaded, a.read, a.quiet);
+  const ObservationOptions options = read_options(a);
+  const auto healthy = read(a.data, options, a.quiet), loaded = read(a.loaded, options, a.quiet);
   auto state = learn(healthy, loaded, a.read.load_sensitivity, a.learn);
   if (!state) throw InputError(state.error().message);
-  if (state->joint.empty()) state->joint = a.read.joint;
+  if (state->joint.empty()) state->joint = a.read.table.joint;
   if (!(state->torque_max_nm > 0)) state->torque_max_nm = a.read.torque_max_nm;
   if (auto ok = deliver(to_yaml(*state), a.output); !ok) return ok;
   if (!a.output.named() || a.quiet) return done;
@@ -108,7 +123,7 @@ Json json_of(const Observation& o, const Verdict& v) {
 
 /// As the state was learned.
 ObservationOptions options_of(const Arguments& a, const HealthyState& state) {
-  ObservationOptions options = a.read;
+  ObservationOptions options = read_options(a);
   options.load_sensitivity = state.load_sensitivity;
   if (!(options.torque_max_nm > 0)) options.torque_max_nm = state.torque_max_nm;
   return options;
@@ -197,7 +212,9 @@ Result<Exit> watch_curves(const Arguments& a) {
 }
 
 Result<Exit> watch_shadow(const Arguments& a) {
-  const auto w = watch_residuals(a.data.front(), a.residuals);
+  ResidualOptions options = a.residuals;
+  options.table = tables_of(a, a.residuals.table.joint);
+  const auto w = watch_residuals(a.data.front(), options);
   if (!w) throw InputError(w.error().message);
   // Beyond 2 / sqrt(n) it is hardly chance.
   if (!a.quiet && w->correlation > 2 / std::sqrt(static_cast<double>(a.residuals.learn)))
@@ -240,7 +257,8 @@ void add_units(CLI::App& c, Arguments& a) {
       ->check(CLI::Range(1e-9, 1e9));
   c.add_option("--gear-ratio", a.read.gear_ratio, "Motor turns per joint turn, for recordings")
       ->check(CLI::Range(1e-6, 1e6));
-  c.add_option("--joint", a.read.joint, "Joint of a telemetry.h5");
+  c.add_option("--joint", a.read.table.joint, "Joint of a table of several, such as a telemetry.h5");
+  a.tables.add_to(c);
   c.add_flag("--quiet", a.quiet, "No notes on stderr");
 }
 
@@ -320,8 +338,12 @@ void add_watch(CLI::App& app, const std::shared_ptr<Arguments>& a, int& code) {
 
 void add_residuals(CLI::App& app, const std::shared_ptr<Arguments>& a, int& code) {
   auto* command = app.add_subcommand("residuals", "The same over the residuals of a shadow; exit code 3 at an alarm");
-  command->add_option("CSV", a->data, "File of tribotwin-hil shadow -o")->required()->expected(1);
-  command->add_option("--joint", a->residuals.joint, "Joint, where there are several");
+  command->add_option("CSV", a->data, "Table of tribotwin-hil shadow -o or of tribotwin predict")
+      ->required()
+      ->expected(1);
+  a->tables.add_to(*command);
+  a->tables.add_gear_ratio_to(*command);
+  command->add_option("--joint", a->residuals.table.joint, "Joint, where there are several");
   command->add_option("--window", a->residuals.window_s, "Length of a window [s]; whole work cycles")
       ->check(CLI::Range(1e-3, 1e7))
       ->capture_default_str();

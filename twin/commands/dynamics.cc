@@ -22,6 +22,7 @@ using Eigen::Index;
 struct Arguments {
   std::string model, friction = "coulomb_viscous", thermal, robust = "none";
   Destination output;
+  TableArguments tables;
   std::vector<std::string> data;
   Preparation preparation;
   unsigned threads = std::max(1u, std::thread::hardware_concurrency());
@@ -121,7 +122,7 @@ Result<Exit> execute(const Arguments& a) {
     throw InputError(
         fmt::format("--thermal: friction '{}' does not depend on temperature; --friction polynomial does", law.name));
   const auto models = a.thermal.empty() ? std::vector<thermal::Model>{} : thermal_models(a.thermal, robot.regressor);
-  JointMotion motion = read_motion(robot, a.data, a.preparation, a.quiet);
+  JointMotion motion = read_motion(robot, a.data, a.preparation, a.tables, a.quiet);
   Progress progress(a.quiet, "identifying");
   const DynamicsOptions options{.robust = a.robust == "huber"   ? Robust::huber
                                           : a.robust == "tukey" ? Robust::tukey
@@ -155,7 +156,8 @@ void add_dynamics(CLI::App& app, int& code) {
                                "Identify a robot's inertial parameters and friction from recorded motion and torques");
   c->add_option("MODEL", a->model, "MJCF model: positions and axes of the joints; masses are identified")->required();
   c->add_option("DATA", a->data,
-                "CSV: time_s, position_JOINT_rad (_m), torque_JOINT_nm (_n), optionally velocity_JOINT_rad_s, "
+                "Table (CSV, folder of a run, telemetry.h5, .npz, .npy, .mat): time_s, position_JOINT_rad (_m), "
+                "torque_JOINT_nm (_n), optionally velocity_JOINT_rad_s, "
                 "temperature_JOINT_degC")
       ->required();
   c->add_option("--friction", a->friction, "coulomb_viscous, polynomial or another law")->capture_default_str();
@@ -168,6 +170,8 @@ void add_dynamics(CLI::App& app, int& code) {
       "--thermal", a->thermal,
       "THERMAL.yaml of tribotwin thermal with every joint; stored for predict. Without temperature columns friction "
       "is fitted at the temperatures that it causes; every file starts at rest temperature");
+  a->tables.add_to(*c);
+  a->tables.add_gear_ratio_to(*c);
   add_preparation(*c, a->preparation);
   a->output.add_to(*c, "PARAMS.yaml to write: read by predict");
   c->add_option("--threads", a->threads, "Threads; they do not change the result")->check(CLI::Range(1, 256));

@@ -22,6 +22,7 @@ struct Arguments {
   std::vector<std::string> data, fix;
   std::string law = "extended", loss = "squares", shared, joint, evaluate, known_law;
   Destination output;
+  TableArguments tables;
   double torque_max_nm = 0, gear_ratio = 0;
   unsigned folds = 0, threads = std::max(1u, std::thread::hardware_concurrency());
   bool json = false, staged = false, unweighted = false, each = false, quiet = false;
@@ -173,8 +174,14 @@ Result<Exit> deliver_dynamics(const Arguments& a, const Estimates& fit, double n
   return deliver(j.dump(2) + "\n");
 }
 
+TableOptions tables_of(const Arguments& a) {
+  auto options = or_wrong_input(a.tables.options());
+  options.joint = a.joint;
+  return with_gear_ratio(std::move(options), a.gear_ratio);
+}
+
 Result<Exit> identify_bouc_wen(const Arguments& a) {
-  const auto loops = read_loops(std::vector<std::filesystem::path>(a.data.begin(), a.data.end()));
+  const auto loops = read_loops(std::vector<std::filesystem::path>(a.data.begin(), a.data.end()), tables_of(a));
   if (!loops) throw InputError(loops.error().message);
   print_notes(a, loops->notes);
   const auto found = fit_hysteresis(loops->recordings, a.threads);
@@ -190,7 +197,8 @@ Result<Exit> identify_lugre(const Arguments& a) {
   if (a.gear_ratio > 0) known.gear_ratio = a.gear_ratio;
   const auto drive = drive_of(known, "joint");
   if (!drive) throw InputError(fmt::format("{}: {}", a.known_law, drive.error().message));
-  const auto sliding = read_sliding(std::vector<std::filesystem::path>(a.data.begin(), a.data.end()), *drive);
+  const auto sliding =
+      read_sliding(std::vector<std::filesystem::path>(a.data.begin(), a.data.end()), *drive, tables_of(a));
   if (!sliding) throw InputError(sliding.error().message);
   print_notes(a, sliding->notes);
   const auto found = fit_bristles(*drive, sliding->recordings, a.threads);
@@ -266,7 +274,7 @@ Result<Exit> evaluate(const Arguments& a) {
   const auto samples = read_samples(files, law,
                                     {.torque_max_nm = a.torque_max_nm > 0 ? a.torque_max_nm : known.torque_max_nm,
                                      .gear_ratio = a.gear_ratio > 0 ? a.gear_ratio : known.gear_ratio,
-                                     .joint = a.joint});
+                                     .table = tables_of(a)});
   if (!samples) throw InputError(samples.error().message);
   print_notes(a, samples->notes);
   double mean = 0, squares = 0, max_error = 0;
@@ -304,8 +312,7 @@ void refuse_options_of_curves(const Arguments& a) {
                                       {"--unweighted", a.unweighted},
                                       {"--cross-validate", a.folds > 1},
                                       {"--shared", !a.shared.empty()},
-                                      {"--each", a.each},
-                                      {"--joint", !a.joint.empty()}})
+                                      {"--each", a.each}})
     if (given) throw InputError(fmt::format("{}: belongs to friction curves, not to --law {}", option, a.law));
 }
 
@@ -360,8 +367,8 @@ Result<Exit> identify_curves(const Arguments& a) {
   std::vector<Candidate> candidates;
   Json all = Json::array();
   for (const auto* law : laws) {
-    const auto samples =
-        read_samples(files, *law, {.torque_max_nm = a.torque_max_nm, .gear_ratio = a.gear_ratio, .joint = a.joint});
+    const auto samples = read_samples(
+        files, *law, {.torque_max_nm = a.torque_max_nm, .gear_ratio = a.gear_ratio, .table = tables_of(a)});
     if (!samples) throw InputError(samples.error().message);
     check_fixed(*law, options);
     if (law == laws.front()) print_notes(a, samples->notes);
@@ -400,9 +407,10 @@ void add_identify(CLI::App& app, int& code) {
   auto a = std::make_shared<Arguments>();
   auto* c = app.add_subcommand("identify",
                                "Identify a friction law's parameters, with uncertainties, from measured friction");
-  c->add_option("DATA", a->data,
-                "Friction curves (CSV), recordings of a joint (CSV) or telemetry.h5; of bouc_wen and lugre recordings "
-                "sample by sample (CSV)")
+  c->add_option(
+       "DATA", a->data,
+       "Tables (CSV, folder of a run, telemetry.h5, .npz, .npy, .mat) of friction curves or of recordings of a "
+       "joint; for bouc_wen and lugre recordings sample by sample")
       ->required();
   c->add_option("--law", a->law,
                 "Law, or several with commas between to compare them; bouc_wen: a gear's hysteretic spring; lugre: "
@@ -414,7 +422,8 @@ void add_identify(CLI::App& app, int& code) {
       ->check(CLI::Range(1e-9, 1e9));
   c->add_option("--gear-ratio", a->gear_ratio, "Motor turns per joint turn, for recordings and laws of the joint side")
       ->check(CLI::Range(1e-6, 1e6));
-  c->add_option("--joint", a->joint, "Joint of a telemetry.h5");
+  c->add_option("--joint", a->joint, "Joint of a table of several, such as a telemetry.h5");
+  a->tables.add_to(*c);
   c->add_flag("--staged", a->staged, "Load terms first, from one temperature, then the rest (Bittencourt 2012)");
   c->add_option("--robust", a->loss, "Loss for data with outliers")
       ->check(CLI::IsMember({"squares", "huber", "cauchy"}))

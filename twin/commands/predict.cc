@@ -25,6 +25,7 @@ constexpr double infinity = std::numeric_limits<double>::infinity();
 struct Arguments {
   std::string model, parameters, wrench, site = "flange";
   Destination output;
+  TableArguments tables;
   std::vector<std::string> data;
   std::vector<double> window_s;    ///< none, or first and last time whose errors count
   std::vector<double> start_degC;  ///< none, one for all joints, or one each
@@ -102,7 +103,7 @@ Result<Exit> execute(const Arguments& a) {
   const auto file = or_wrong_input(read_dynamics(a.parameters, robot.regressor, robot.base));
   const auto friction = robot_friction(*robot.model, robot.regressor, *file.law);
   if (!friction) throw InputError(fmt::format("{}: {}", a.model, friction.error().message));
-  JointMotion motion = read_motion(robot, a.data, a.preparation, a.quiet);
+  JointMotion motion = read_motion(robot, a.data, a.preparation, a.tables, a.quiet);
   const bool unknown = file.law->temperature_dependent && !motion.has_temperature,
              estimated = unknown && !file.thermal.empty();
   if (!a.start_degC.empty() && !estimated)
@@ -159,7 +160,7 @@ void add_predict(CLI::App& app, int& code) {
                                "Predict the torques of a recorded motion from identified dynamics, and their error");
   c->add_option("MODEL", a->model, "MJCF model")->required();
   c->add_option("PARAMS", a->parameters, "PARAMS.yaml of tribotwin dynamics")->required();
-  c->add_option("DATA", a->data, "CSV as for tribotwin dynamics")->required();
+  c->add_option("DATA", a->data, "Tables as for tribotwin dynamics")->required();
   c->add_option("--start", a->start_degC,
                 "Where temperatures are estimated: at the start of each file [degC], one or one for each joint as A,B "
                 "(default: that of rest)")
@@ -169,6 +170,8 @@ void add_predict(CLI::App& app, int& code) {
                 "First and last time_s whose errors count [s], as A,B; for records that start with a warm-up")
       ->delimiter(',')
       ->expected(2);
+  a->tables.add_to(*c);
+  a->tables.add_gear_ratio_to(*c);
   add_preparation(*c, a->preparation);
   a->output.add_to(*c,
                    "CSV to write: time_s, torque_JOINT_nm (filtered as for the fit), predicted_JOINT_nm, "

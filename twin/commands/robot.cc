@@ -4,6 +4,7 @@
 #include <tribotwin/twin/io/input.hpp>
 #include <tribotwin/twin/io/output.hpp>
 #include <tribotwin/twin/io/shipped.hpp>
+#include <tribotwin/twin/robot/arm.hpp>
 
 namespace tribotwin::twin::program {
 
@@ -33,10 +34,13 @@ void add_preparation(CLI::App& command, Preparation& preparation) {
 }
 
 JointMotion read_motion(const Robot& robot, const std::vector<std::string>& files, const Preparation& preparation,
-                        bool quiet) {
+                        const TableArguments& tables, bool quiet) {
+  TableOptions options = or_wrong_input(tables.options());
+  for (const auto& drive : robot.model->drives())
+    options.gear_ratio.add_default(joint_name(robot.model->get(), drive), drive.drive.gear_ratio);
   std::vector<RobotRecording> recordings;
   for (const auto& file : files) {
-    auto recording = read_robot_recording(file, robot.regressor);
+    auto recording = read_robot_recording(file, robot.regressor, options);
     if (!recording) throw InputError(recording.error().message);
     recordings.push_back(std::move(*recording));
   }

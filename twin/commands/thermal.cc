@@ -25,6 +25,7 @@ struct Arguments {
   std::vector<std::string> data;
   std::string evaluate;
   Destination output;
+  TableArguments tables;
   std::vector<double> cycle_s;  ///< none, one for all files, or one each
   int order = 0;
   double alpha = 0, rest_degC = 20;  ///< of friction; 0: not known
@@ -36,10 +37,11 @@ std::vector<JointHeat> read(const Arguments& a) {
   if (a.cycle_s.size() > 1 && a.cycle_s.size() != a.data.size())
     throw InputError(fmt::format("--work-cycle: {} values for {} files; give one, or one for each", a.cycle_s.size(),
                                  a.data.size()));
+  const TableOptions options = or_wrong_input(a.tables.options());
   std::vector<JointHeat> joints;
   for (std::size_t f = 0; f < a.data.size(); ++f) {
     auto recording =
-        read_thermal_recording(a.data[f], f, a.cycle_s.empty() ? 0 : a.cycle_s[a.cycle_s.size() == 1 ? 0 : f]);
+        read_thermal_recording(a.data[f], f, a.cycle_s.empty() ? 0 : a.cycle_s[a.cycle_s.size() == 1 ? 0 : f], options);
     if (!recording) throw InputError(recording.error().message);
     if (!a.quiet)
       for (const auto& text : recording->notes) note("{}", text);
@@ -317,7 +319,8 @@ void add_thermal(CLI::App& app, int& code) {
   auto* c = app.add_subcommand(
       "thermal", "Identify thermal models of joints from recorded heat and temperature, or from torque alone");
   c->add_option("DATA", a->data,
-                "CSV: time_s, power_w_JOINT or torque_JOINT_nm with velocity_JOINT_rad_s or position_JOINT_rad, and "
+                "Table (CSV, folder of a run, telemetry.h5, .npz, .npy, .mat): time_s, power_JOINT_w or "
+                "torque_JOINT_nm with velocity_JOINT_rad_s or position_JOINT_rad, and "
                 "temperature_JOINT_degC; without temperatures --work-cycle and --rested")
       ->required();
   auto* order = c->add_option("--order", a->order,
@@ -341,6 +344,8 @@ void add_thermal(CLI::App& app, int& code) {
   auto* rest = c->add_option("--rest", a->rest_degC, "Temperature at rest [degC], the reference of alpha")
                    ->check(CLI::Range(-60.0, 250.0))
                    ->capture_default_str();
+  a->tables.add_to(*c);
+  a->tables.add_gear_ratio_to(*c);
   auto* output = a->output.add_to(*c, "PARAMS.yaml to write");
   c->add_option("--evaluate", a->evaluate,
                 "PARAMS.yaml of an earlier call: evaluate its prediction of these data from their first temperatures")

@@ -8,7 +8,7 @@
 #include <tribotwin/twin/diagnosis/observation.hpp>
 #include <tribotwin/twin/identification/curves/fit.hpp>
 #include <tribotwin/twin/io/input.hpp>
-#include <tribotwin/twin/io/table.hpp>
+#include <tribotwin/twin/io/tables/numbers.hpp>
 #include <tribotwin/twin/numerics/median.hpp>
 
 namespace tribotwin::twin::diagnosis {
@@ -104,11 +104,13 @@ struct Columns {
   const std::vector<double>& temperature() const { return table.columns[6]; }
 };
 
-Columns read_columns(const fs::path& file) {
-  if (file.extension() == ".h5") return {};
-  Numbers table = or_wrong_input(
-      read_numbers(file, {"curve", "friction_norm", "friction_nm", std::string(indicators[ripple].column),
-                          std::string(indicators[lost_motion].column), "load_norm", "temperature_degC"}));
+Columns read_columns(const fs::path& file, const TableOptions& options) {
+  if (record_of(file)) return {};
+  Numbers table =
+      or_wrong_input(read_numbers(file,
+                                  {"curve", "friction_norm", "friction_nm", std::string(indicators[ripple].column),
+                                   std::string(indicators[lost_motion].column), "load_norm", "temperature_degC"},
+                                  options));
   if (table.left_out)
     throw InputError(
         fmt::format("{}:{}: a cell is empty, NaN or infinite, {} row(s) in all: measure these levels again, or take "
@@ -170,19 +172,18 @@ Result<Observation> observe(const Samples& curve, double load_sensitivity) {
 
 Result<ObservationFile> read_observations(const fs::path& file, const ObservationOptions& options) try {
   ObservationFile out{.joint = joint_beside(file)};
-  const Columns columns = read_columns(file);
+  const Columns columns = read_columns(file, with_gear_ratio(options.table, options.gear_ratio));
   if (columns.present) out.torque_max_nm = torque_max_of(columns.table, file);
   const Samples samples = or_wrong_input(identification::read_samples(
       std::array{file}, *friction::find_law(law_name),
-      {.torque_max_nm = options.torque_max_nm, .gear_ratio = options.gear_ratio, .joint = options.joint}));
+      {.torque_max_nm = options.torque_max_nm, .gear_ratio = options.gear_ratio, .table = options.table}));
   if (samples.left_out)
     throw InputError(
         fmt::format("{}: {} row(s) have cells that are empty, NaN or infinite: measure these levels again, or take "
                     "their whole curve out",
                     file.string(), samples.left_out));
   out.notes = samples.notes;
-  const bool recording =
-      !columns.present || std::ranges::find(columns.table.names, "position_rad") != columns.table.names.end();
+  const bool recording = !columns.present || columns.table.has("position_rad");
   for (const Samples& one : curves_of(samples)) {
     auto seen = observe(one, options.load_sensitivity);
     const std::size_t number = out.observations.size() + 1;

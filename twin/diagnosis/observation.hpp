@@ -11,6 +11,7 @@
 #include <Eigen/Dense>
 
 #include <tribotwin/plugins/friction/error.hpp>
+#include <tribotwin/twin/io/tables/table_options.hpp>
 
 /// Features of a joint's state from one friction curve (Zhou 2024, section 5): the parameters of law `steady_state`
 /// with alpha fixed, and further indicators.
@@ -73,7 +74,7 @@ struct ObservationFile {
 struct ObservationOptions {
   double torque_max_nm = 0;  ///< turns friction_norm into Nm where a file has no friction_nm; 0: not known
   double gear_ratio = 0;     ///< for recordings of the joint side; 0: not known
-  std::string joint;         ///< of a telemetry.h5
+  TableOptions table;        ///< with the joint, of tables of several
   /// Relative rise of Fc and Fs per load_norm at load 0. Where gravity changes along the travel, the levels of a curve
   /// have different loads; this corrects them to the mean load of their curve. BR609 twin: 0.6; Bittencourt 2012's M*:
   /// 0.75.

@@ -4,7 +4,7 @@
 #include <fmt/format.h>
 
 #include <tribotwin/twin/diagnosis/sequence.hpp>
-#include <tribotwin/twin/io/table.hpp>
+#include <tribotwin/twin/io/tables/numbers.hpp>
 #include <tribotwin/twin/io/text.hpp>
 #include <tribotwin/twin/numerics/distributions.hpp>
 #include <tribotwin/twin/numerics/linear_algebra.hpp>
@@ -65,29 +65,47 @@ struct Residuals {
   std::vector<double> time_s, residual_nm, temperature_degC;
 };
 
-Result<Residuals> read_residuals(const std::filesystem::path& file, std::string joint) {
-  constexpr std::string_view ending = ".residual_nm";
-  const auto header = read_numbers(file, {});
-  if (!header) return tl::unexpected(header.error());
+/// Joints of the columns residual_JOINT_nm or, where there is none, of predicted_JOINT_nm beside torque_JOINT_nm.
+std::vector<std::string> joints_of(const Numbers& header, std::string_view quantity) {
   std::vector<std::string> joints;
-  for (const auto& name : header->names)
-    if (name.ends_with(ending)) joints.push_back(name.substr(0, name.size() - ending.size()));
+  for (const auto& name : header.names)
+    if (const auto column = parse_column(name); column && *column && (*column)->quantity->name == quantity)
+      joints.push_back((*column)->joint);
+  return joints;
+}
+
+Result<Residuals> read_residuals(const std::filesystem::path& file, const TableOptions& options) {
+  const auto header = read_numbers(file, {}, options);
+  if (!header) return tl::unexpected(header.error());
+  const auto residuals = joints_of(*header, "residual");
+  const auto joints = residuals.empty() ? joints_of(*header, "predicted") : residuals;
   if (joints.empty())
-    return tl::unexpected(
-        fmt::format("{}:1: no column JOINT{}, as tribotwin-hil shadow -o writes them; the header names {}",
-                    file.string(), ending, joined(header->names)));
-  if (joint.empty() && joints.size() == 1) joint = joints.front();
+    return tl::unexpected(fmt::format(
+        "{}:1: no column residual_JOINT_nm, as tribotwin-hil shadow -o writes them, nor predicted_JOINT_nm with "
+        "torque_JOINT_nm, as of tribotwin predict; the header names {}",
+        file.string(), header->header));
+  const std::string joint = options.joint.empty() && joints.size() == 1 ? joints.front() : options.joint;
   if (std::ranges::find(joints, joint) == joints.end())
-    return tl::unexpected(fmt::format("{}: --joint '{}': its joints are {}", file.string(), joint, joined(joints)));
-  auto table = read_numbers(file, {"time_s", joint + std::string(ending), joint + ".temperature_degC"});
+    return tl::unexpected(fmt::format("{}: --joint {}: its joints are {}", file.string(), shown(joint), shown(joints)));
+  const auto name = [&](std::string_view quantity, std::string_view unit) {
+    return fmt::format("{}_{}{}{}", quantity, joint, joint.empty() ? "" : "_", unit);
+  };
+  const bool given = !residuals.empty();
+  auto table = read_numbers(file,
+                            {"time_s", given ? name("residual", "nm") : name("torque", "nm"),
+                             given ? "" : name("predicted", "nm"), name("temperature", "degC")},
+                            options);
   if (!table) return tl::unexpected(table.error());
-  if (const auto problem = not_increasing(*table, table->columns[0])) return tl::unexpected(*problem);
-  if (table->columns[0].empty() || table->columns[1].empty())
-    return tl::unexpected(fmt::format("{}: no row with time_s and {}{}", file.string(), joint, ending));
-  return Residuals{.joint = std::move(joint),
-                   .time_s = std::move(table->columns[0]),
-                   .residual_nm = std::move(table->columns[1]),
-                   .temperature_degC = std::move(table->columns[2])};
+  auto& columns = table->columns;
+  if (const auto problem = not_increasing(*table, columns[0])) return tl::unexpected(*problem);
+  if (columns[0].empty() || columns[1].empty())
+    return tl::unexpected(fmt::format("{}: no row with time_s and {}", file.string(),
+                                      given ? name("residual", "nm") : name("torque", "nm")));
+  for (std::size_t i = 0; i < columns[2].size(); ++i) columns[1][i] -= columns[2][i];
+  return Residuals{.joint = joint,
+                   .time_s = std::move(columns[0]),
+                   .residual_nm = std::move(columns[1]),
+                   .temperature_degC = std::move(columns[3])};
 }
 
 /// Per window with samples.
@@ -191,7 +209,7 @@ Watch watch(const HealthyState& h, std::span<const Observation> observations, do
 }
 
 Result<ResidualWatch> watch_residuals(const std::filesystem::path& file, const ResidualOptions& o) {
-  const auto residuals = read_residuals(file, o.joint);
+  const auto residuals = read_residuals(file, o.table);
   if (!residuals) return tl::unexpected(residuals.error());
   const Windows windows = windows_of(*residuals, o.window_s);
   const std::size_t count = windows.rms_nm.size(), learn = std::max(o.learn, observations_minimum);

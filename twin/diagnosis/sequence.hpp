@@ -10,6 +10,7 @@
 
 #include <tribotwin/plugins/friction/error.hpp>
 #include <tribotwin/twin/diagnosis/check.hpp>
+#include <tribotwin/twin/io/tables/table_options.hpp>
 
 /// Small changes that only a series of observations shows. Each observation is compared with the learned ones and all
 /// observations before it, so that the probabilities of its T^2 are independent and uniform on a healthy joint, however
@@ -70,7 +71,7 @@ Watch watch(const HealthyState& healthy, std::span<const Observation> observatio
 /// A column JOINT.residual_nm of tribotwin-hil shadow, reduced to ln rms per window. The first windows are assumed to
 /// be healthy; temperature is a regressor where it varies among them.
 struct ResidualOptions {
-  std::string joint;  ///< may be empty where the file has only one
+  TableOptions table;  ///< with the joint, which may be empty where the file has only one
   double window_s = 60;
   std::size_t learn = 20;  ///< first windows, at least 8
   double false_alarm = 1e-3;

@@ -8,15 +8,16 @@
 namespace tribotwin::twin::identification {
 
 Result<Numbers> read_time_series(const std::filesystem::path& file, const std::vector<std::string>& needed,
-                                 const std::vector<std::string>& optional, std::vector<std::string>& notes) {
+                                 const std::vector<std::string>& optional, std::vector<std::string>& notes,
+                                 const TableOptions& options) {
   std::vector<std::string> wanted = needed;
   wanted.insert(wanted.end(), optional.begin(), optional.end());
-  auto table = read_numbers(file, wanted);
+  auto table = read_numbers(file, wanted, options);
   if (!table) return table;
   for (const auto& name : needed)
-    if (std::ranges::find(table->names, name) == table->names.end())
+    if (!table->has(name))
       return tl::unexpected(fmt::format("{}:1: no column {}; the columns are {}, and may be {}; the header names {}",
-                                        file.string(), name, joined(needed), joined(optional), joined(table->names)));
+                                        file.string(), name, joined(needed), joined(optional), table->header));
   const auto& time = table->columns[0];
   if (time.empty())
     return tl::unexpected(table->left_out
@@ -27,8 +28,8 @@ Result<Numbers> read_time_series(const std::filesystem::path& file, const std::v
     return tl::unexpected(fmt::format("{}: {} of {} rows hold no finite numbers; too few are left for a recording",
                                       file.string(), table->left_out, time.size() + table->left_out));
   if (table->left_out)
-    notes.push_back(fmt::format("{}: {} rows with empty, NaN or infinite cells are left out, the first in line {}",
-                                file.string(), table->left_out, table->first_left_out));
+    notes.push_back(fmt::format("{}: {} rows with empty, NaN or infinite cells are left out, the first in {} {}",
+                                file.string(), table->left_out, table->row, table->first_left_out));
   return table;
 }
 

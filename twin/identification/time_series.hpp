@@ -8,7 +8,7 @@
 #include <vector>
 
 #include <tribotwin/plugins/friction/error.hpp>
-#include <tribotwin/twin/io/table.hpp>
+#include <tribotwin/twin/io/tables/numbers.hpp>
 
 /// Recordings sample by sample, for models with a state.
 namespace tribotwin::twin::identification {
@@ -17,7 +17,8 @@ namespace tribotwin::twin::identification {
 /// must increase from row to row. Rows with a cell that is no finite number are left out, with a note. ErrorKind::input
 /// with file and what would be right.
 Result<Numbers> read_time_series(const std::filesystem::path& file, const std::vector<std::string>& needed,
-                                 const std::vector<std::string>& optional, std::vector<std::string>& notes);
+                                 const std::vector<std::string>& optional, std::vector<std::string>& notes,
+                                 const TableOptions& options = {});
 
 /// Why a column is implausible as the temperature of a gearbox: outside -60 .. 250 degC.
 std::optional<std::string> implausible_temperature(const std::filesystem::path& file, std::string_view column,

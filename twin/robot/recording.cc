@@ -3,7 +3,7 @@
 #include <fmt/format.h>
 
 #include <tribotwin/twin/io/json.hpp>
-#include <tribotwin/twin/io/table.hpp>
+#include <tribotwin/twin/io/tables/numbers.hpp>
 #include <tribotwin/twin/io/text.hpp>
 #include <tribotwin/twin/robot/recording.hpp>
 
@@ -54,42 +54,74 @@ Read read_json(const std::filesystem::path& file, const std::string& text) {
   return points;
 }
 
-Read read_csv(const std::filesystem::path& file) {
-  const auto table = read_table(file);
-  if (!table) return tl::unexpected(table.error());
-  auto time = table->numbers("time_s");
-  if (!time) return tl::unexpected(time.error());
-  SetPoints points{.time_s = std::move(*time)};
-  for (std::size_t i = 1; i < points.time_s.size(); ++i)
-    if (points.time_s[i] <= points.time_s[i - 1])
-      return tl::unexpected(
-          fmt::format("{}time {} s does not come after {} s", table->where(i), points.time_s[i], points.time_s[i - 1]));
-  for (const auto& name : table->names) {
-    constexpr std::string_view prefix = "position_";
-    if (!name.starts_with(prefix)) continue;
-    const std::string_view unit = name.ends_with("_rad") ? "_rad" : name.ends_with("_m") ? "_m" : "";
-    if (unit.empty()) continue;
-    auto column = table->numbers(name);
-    if (!column) return tl::unexpected(column.error());
-    points.position_rad.push_back(std::move(*column));
-    points.joints.push_back(name.substr(prefix.size(), name.size() - prefix.size() - unit.size()));
-    const std::string velocity = fmt::format("velocity_{}{}_s", points.joints.back(), unit);
-    if (!table->has(velocity)) continue;
-    auto speeds = table->numbers(velocity);
-    if (!speeds) return tl::unexpected(speeds.error());
-    points.velocity_rad_s.push_back(std::move(*speeds));
+/// Joints that have a set point or, where none has, a position: with the base unit, "rad" or "m".
+std::vector<std::pair<std::string, std::string>> joints_of(const Numbers& header, std::string_view quantity) {
+  std::vector<std::pair<std::string, std::string>> joints;
+  for (const auto& name : header.names)
+    if (const auto column = parse_column(name); column && *column && (*column)->quantity->name == quantity)
+      joints.emplace_back((*column)->joint, base_unit((*column)->unit->dimension));
+  return joints;
+}
+
+/// "position_JOINT_rad", "position_rad"
+std::string column_of(std::string_view quantity, const std::string& joint, std::string_view unit) {
+  return fmt::format("{}_{}{}{}", quantity, joint, joint.empty() ? "" : "_", unit);
+}
+
+/// The columns of every joint: set point (or position), speed, and of a table with set points the measured ones.
+std::vector<std::string> wanted_columns(const std::vector<std::pair<std::string, std::string>>& joints, bool measured) {
+  std::vector<std::string> wanted{"time_s"};
+  for (const auto& [joint, unit] : joints) {
+    wanted.push_back(column_of(measured ? "set_point" : "position", joint, unit));
+    wanted.push_back(column_of("velocity", joint, unit + "_s"));
+    wanted.push_back(measured ? column_of("position", joint, unit) : "");
+    wanted.push_back(column_of("temperature", joint, "degC"));
   }
-  if (!points.velocity_rad_s.empty() && points.velocity_rad_s.size() < points.joints.size())
+  return wanted;
+}
+
+Read read_columns(const std::filesystem::path& file, const TableOptions& options) {
+  const auto header = read_numbers(file, {}, options);
+  if (!header) return tl::unexpected(header.error());
+  auto joints = joints_of(*header, "set_point");
+  const bool measured = !joints.empty();
+  if (!measured) joints = joints_of(*header, "position");
+  if (joints.empty())
+    return tl::unexpected(
+        fmt::format("{}:1: no column 'position_JOINT_rad'; the header names {}", file.string(), header->header));
+  auto table = read_numbers(file, wanted_columns(joints, measured), options);
+  if (!table) return tl::unexpected(table.error());
+  if (table->left_out)
+    return tl::unexpected(fmt::format("{}: {} {}: a cell is empty, NaN or infinite; set points must be finite numbers",
+                                      file.string(), table->row, table->first_left_out));
+  if (table->columns[0].empty())
+    return tl::unexpected(
+        fmt::format("{}:1: no column 'time_s' with numbers; the header names {}", file.string(), table->header));
+  if (const auto problem = not_increasing(*table, table->columns[0])) return tl::unexpected(*problem);
+  SetPoints points{.time_s = std::move(table->columns[0])};
+  for (std::size_t k = 0; k < joints.size(); ++k) {
+    auto* const of_joint = &table->columns[1 + 4 * k];
+    if (!joints[k].first.empty()) points.joints.push_back(joints[k].first);
+    points.position_rad.push_back(std::move(of_joint[0]));
+    // Measured speeds are none of set points.
+    if (!measured && !of_joint[1].empty()) points.velocity_rad_s.push_back(std::move(of_joint[1]));
+    if (measured && joints.size() == 1)
+      points.measured_rad = std::move(of_joint[2]), points.temperature_degC = std::move(of_joint[3]);
+  }
+  if (!points.velocity_rad_s.empty() && points.velocity_rad_s.size() < joints.size())
     return tl::unexpected(fmt::format("{}:1: {} of {} joints have a velocity; give it for all or none", file.string(),
-                                      points.velocity_rad_s.size(), points.joints.size()));
-  if (points.joints.empty()) return tl::unexpected(fmt::format("{}:1: no column 'position_JOINT_rad'", file.string()));
+                                      points.velocity_rad_s.size(), joints.size()));
+  if (measured && joints.size() == 1) {
+    points.torque_on.assign(points.time_s.size(), true);
+    points.temperature_degC.resize(points.time_s.size(), std::nan(""));
+  }
   return points;
 }
 
 }  // namespace
 
-Read read_set_points(const std::filesystem::path& file) {
-  if (file.extension() != ".json") return read_csv(file);
+Read read_set_points(const std::filesystem::path& file, const TableOptions& options) {
+  if (file.extension() != ".json") return read_columns(file, options);
   const auto text = read_text(file, "a recording");
   return text ? read_json(file, *text) : tl::unexpected(text.error());
 }

@@ -4,6 +4,7 @@
 
 #include <fmt/format.h>
 
+#include <tribotwin/twin/io/tables/numbers.hpp>
 #include <tribotwin/twin/simulation/scenario_input.hpp>
 
 namespace tribotwin::twin {
@@ -54,9 +55,22 @@ Motion follow(const SetPoints& points, const std::vector<std::size_t>& drives, s
   return motion;
 }
 
+/// The file, or the record in the folder of a run.
+fs::path recording_file(const MotionInput& input) {
+  const fs::path given = (input.folder / input.in.text("file")).lexically_normal();
+  const auto record = record_of(given);
+  if (!record || *record == given) return resolve_file(input.folder, input.in, input.node, "file");
+  YAML::Node node = input.node;  // nodes are references
+  node["file"] = fs::absolute(*record).string();
+  return *record;
+}
+
 Motion read_recording(const MotionInput& input) {
   Scenario& s = input.scenario;
-  auto points = or_wrong_input(read_set_points(resolve_file(input.folder, input.in, input.node, "file")));
+  const auto file = recording_file(input);
+  TableOptions tables;
+  if (input.in.has("columns")) tables.columns = resolve_file(input.folder, input.in, input.node, "columns");
+  auto points = or_wrong_input(read_set_points(file, tables));
   const double delay_s = input.in.number_or("delay_s", 0, {0, 10});
   input.in.done();
   const auto drives = drives_of(input, points);

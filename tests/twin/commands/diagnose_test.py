@@ -265,7 +265,7 @@ for name, pattern, new, says in (
     with open(f"{work}/broken.yaml", "w") as f:
         f.write(re.sub(pattern, new, text, count=1))
     refused(f"healthy.yaml: {name}", ["broken.yaml:", *says], "check", "broken.yaml", "checked.csv")
-refused("no residuals", ["residual_nm"], "residuals", "healthy.csv")
+refused("no residuals", ["residual_JOINT_nm", "the header names curve"], "residuals", "healthy.csv")
 refused("another joint's residuals", ["joint9", "joint2"], "residuals", "shadow.csv", "--joint", "joint9")
 refused("a short shadow", ["windows", "record"], "residuals", "shadow.csv", "--window", "1000")
 

@@ -213,7 +213,12 @@ refused("sign against motion", write("sign.csv", HEADER, v, l, T, -y), says="sig
 refused(
     "no such column",
     write("c.csv", "speed,load_norm,temperature_degC,friction_norm", v, l, T, y),
-    says="the header names speed, load_norm",
+    says="column 'speed': its name ends with no unit; speed is in rad_s, ",
+)
+refused(
+    "a curve without friction",
+    write("f.csv", "speed_rad_s,load_norm,temperature_degC,foo", v, l, T, y),
+    says="the header names speed_rad_s, load_norm",
 )
 refused("no load", write("nl.csv", "speed_rad_s,temperature_degC,friction_norm", v, T, y), says="load_norm is needed")
 refused("unknown law", "--law", "stribek", full, says="did you mean 'stribeck'")

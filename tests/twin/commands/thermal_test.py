@@ -606,7 +606,7 @@ check(
     found,
 )
 refused_columns("no temperature", ["temperature_JOINT_degC"], temperature_arm_degC=None)
-refused_columns("no power", ["power_w_arm", "torque_arm_nm"], power_w_arm=None)
+refused_columns("no power", ["power_arm_w", "torque_arm_nm"], power_w_arm=None)
 refused_columns("no time", ["time_s"], time_s=None)
 refused_columns("kelvins", ["kelvins"], temperature_arm_degC=temperature + 273)
 refused_columns("a temperature that stands", ["always"], temperature_arm_degC=np.full(len(time), 20.0))

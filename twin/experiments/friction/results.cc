@@ -7,7 +7,7 @@
 #include <tribotwin/twin/experiments/friction/curve_rows.hpp>
 #include <tribotwin/twin/experiments/friction/results.hpp>
 #include <tribotwin/twin/io/file.hpp>
-#include <tribotwin/twin/io/table.hpp>
+#include <tribotwin/twin/io/tables/numbers.hpp>
 
 namespace tribotwin::twin {
 
@@ -38,22 +38,19 @@ Result<LabSummary> run_campaign(const Campaign& campaign, const LabOptions& opti
   const std::filesystem::path file = options.directory / "curves.csv";
   if (auto ok = write_derived(file, all, options.existing); !ok) return work_failed(ok.error().message);
 
-  const auto table = read_table(file);
+  const auto table = read_numbers(file, {"speed_rad_s", "load_norm", "temperature_degC"});
   if (!table) return work_failed(table.error().message);
-  const auto speed = table->numbers("speed_rad_s"), load = table->numbers("load_norm"),
-             temperature = table->numbers("temperature_degC");
-  for (const auto* column : {&speed, &load, &temperature})
-    if (!*column) return work_failed(column->error().message);
+  const auto &speed = table->columns[0], &load = table->columns[1], &temperature = table->columns[2];
   const drive::Drive& drive = campaign.model->drives()[campaign.drive].drive;
-  summary.levels = speed->size();
-  for (std::size_t i = 0; i < speed->size(); ++i) {
+  summary.levels = speed.size();
+  for (std::size_t i = 0; i < speed.size(); ++i) {
     // A condition at the edge of the range is measured within rounding of it.
     bool outside = true;
     for (const double side : {-1e-3, 1e-3})
-      outside = outside && friction::level(drive.law, friction::at_temperature(drive.law, (*temperature)[i] + side),
-                                           (*speed)[i] / drive.gear_ratio * drive.speed_scale() * (1 - 1e-3),
-                                           (*load)[i] * (1 - 1e-3))
-                               .outside;
+      outside = outside &&
+                friction::level(drive.law, friction::at_temperature(drive.law, temperature[i] + side),
+                                speed[i] / drive.gear_ratio * drive.speed_scale() * (1 - 1e-3), load[i] * (1 - 1e-3))
+                    .outside;
     summary.outside += outside;
   }
   summary.wall_s = std::chrono::duration<double>(std::chrono::steady_clock::now() - started).count();

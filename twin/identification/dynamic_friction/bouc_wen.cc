@@ -300,10 +300,11 @@ Conversion converted(const transmission::Hysteresis& h, const Simulation& found,
 
 }  // namespace
 
-Result<LoopRecordings> read_loops(std::span<const std::filesystem::path> files) {
+Result<LoopRecordings> read_loops(std::span<const std::filesystem::path> files, const TableOptions& options) {
   LoopRecordings all;
   for (const auto& file : files) {
-    const auto table = read_time_series(file, {"time_s", "torsion_rad", "torque_nm"}, {"temperature_degC"}, all.notes);
+    const auto table =
+        read_time_series(file, {"time_s", "torsion_rad", "torque_nm"}, {"temperature_degC"}, all.notes, options);
     if (!table) return tl::unexpected(table.error());
     const auto& c = table->columns;
     const auto largest = [](const std::vector<double>& x) {

@@ -9,6 +9,7 @@
 #include <tribotwin/plugins/friction/error.hpp>
 #include <tribotwin/plugins/transmission/hysteresis.hpp>
 #include <tribotwin/twin/identification/estimates.hpp>
+#include <tribotwin/twin/io/tables/table_options.hpp>
 
 /// Bouc-Wen springs (plugins/transmission/hysteresis.hpp) from recordings of torsion and torque (RH380-N study,
 /// section 4.1). The stiffness polynomials are linear given x. Shape and share are searched as ln |x|max, gamma / beta,
@@ -33,7 +34,7 @@ struct LoopRecordings {
 };
 /// Reads CSV `time_s, torsion_rad, torque_nm[, temperature_degC]`, a recording per file. ErrorKind::input with file and
 /// what would be right, also where values do not fit their header (degrees, motor angles, opposite sign).
-Result<LoopRecordings> read_loops(std::span<const std::filesystem::path> files);
+Result<LoopRecordings> read_loops(std::span<const std::filesystem::path> files, const TableOptions& options = {});
 
 struct HysteresisFit : Estimates {      ///< parameters: k00 .. k22, w, beta, gamma, n
   transmission::Hysteresis hysteresis;  ///< its ranges are those of the data

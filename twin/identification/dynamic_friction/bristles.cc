@@ -130,12 +130,13 @@ double cost_of_law(const drive::Drive& drive, std::span<const SlidingRecording> 
 
 }  // namespace
 
-Result<SlidingRecordings> read_sliding(std::span<const std::filesystem::path> files, const drive::Drive& drive) {
+Result<SlidingRecordings> read_sliding(std::span<const std::filesystem::path> files, const drive::Drive& drive,
+                                       const TableOptions& options) {
   SlidingRecordings all;
   const friction::LawInfo& law = *drive.law.info;
   for (const auto& file : files) {
-    const auto table =
-        read_time_series(file, {"time_s", "velocity_rad_s", "torque_nm"}, {"temperature_degC", "load_nm"}, all.notes);
+    const auto table = read_time_series(file, {"time_s", "velocity_rad_s", "torque_nm"},
+                                        {"temperature_degC", "load_nm"}, all.notes, options);
     if (!table) return tl::unexpected(table.error());
     const auto& c = table->columns;
     if (law.temperature_dependent && c[3].empty())

@@ -9,6 +9,7 @@
 #include <tribotwin/plugins/drive/drive.hpp>
 #include <tribotwin/plugins/friction/error.hpp>
 #include <tribotwin/twin/identification/estimates.hpp>
+#include <tribotwin/twin/io/tables/table_options.hpp>
 
 /// Bristles (LuGre, plugins/drive/drive.hpp) over a known static law, from recordings of pre-sliding and reversals. The
 /// drive's own step is simulated along the recorded speed; the squared error of the torque is minimised. sigma1 is
@@ -32,7 +33,8 @@ struct SlidingRecordings {
 };
 /// Reads CSV `time_s, velocity_rad_s, torque_nm[, temperature_degC, load_nm]`, a recording per file. The columns that
 /// the law of `drive` depends on are required. ErrorKind::input with file and what would be right.
-Result<SlidingRecordings> read_sliding(std::span<const std::filesystem::path> files, const drive::Drive& drive);
+Result<SlidingRecordings> read_sliding(std::span<const std::filesystem::path> files, const drive::Drive& drive,
+                                       const TableOptions& options = {});
 
 struct BristleFit : Estimates {  ///< parameters: sigma0, sigma1, vd
   drive::Bristles bristles;

@@ -6,7 +6,7 @@
 
 #include <tribotwin/twin/identification/rigid_body/robot_recording.hpp>
 #include <tribotwin/twin/identification/time_series.hpp>
-#include <tribotwin/twin/io/table.hpp>
+#include <tribotwin/twin/io/tables/numbers.hpp>
 #include <tribotwin/twin/io/text.hpp>
 
 namespace tribotwin::twin::identification {
@@ -100,13 +100,11 @@ class JointColumns {
           k ? fmt::format("every joint of the model is needed, {} too, as its motion acts on the others; ",
                           r.joint_name(static_cast<Index>((k - 1) / kinds)))
             : "",
-          joined(table.names));
+          table.header);
     }
     return {};
   }
-  static bool has(const Numbers& table, const std::string& name) {
-    return std::ranges::find(table.names, name) != table.names.end();
-  }
+  static bool has(const Numbers& table, const std::string& name) { return table.has(name); }
 
  private:
   static std::size_t at(Index joint, Kind kind) { return 1 + kinds * static_cast<std::size_t>(joint) + kind; }
@@ -119,8 +117,8 @@ Problem read_time(Numbers& table, RobotRecording& rec) {
   if (rec.time_s.size() < 10)
     return fmt::format("{}: {} rows of finite numbers; at least 10 are needed", rec.file.string(), rec.time_s.size());
   if (table.left_out)
-    rec.notes.push_back(fmt::format("{}: {} rows with empty, NaN or infinite cells are gaps, the first in line {}",
-                                    rec.file.string(), table.left_out, table.first_left_out));
+    rec.notes.push_back(fmt::format("{}: {} rows with empty, NaN or infinite cells are gaps, the first in {} {}",
+                                    rec.file.string(), table.left_out, table.row, table.first_left_out));
   return not_increasing(table, rec.time_s);
 }
 
@@ -146,9 +144,10 @@ Problem read_joint(Numbers& table, const JointColumns& columns, const Regressor&
 
 }  // namespace
 
-Result<RobotRecording> read_robot_recording(const std::filesystem::path& file, const Regressor& r) {
+Result<RobotRecording> read_robot_recording(const std::filesystem::path& file, const Regressor& r,
+                                            const TableOptions& options) {
   const JointColumns columns(r);
-  auto table = read_numbers(file, columns.names());
+  auto table = read_numbers(file, columns.names(), options);
   if (!table) return tl::unexpected(table.error());
   table->file = file;
   if (const Problem p = columns.missing(*table, r)) return tl::unexpected(*p);

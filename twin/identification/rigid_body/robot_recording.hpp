@@ -7,6 +7,7 @@
 #include <Eigen/Dense>
 
 #include <tribotwin/plugins/friction/error.hpp>
+#include <tribotwin/twin/io/tables/table_options.hpp>
 #include <tribotwin/twin/robot/regressor.hpp>
 
 /// Recordings of all joints by a robot's controller.
@@ -23,9 +24,10 @@ struct RobotRecording {
 };
 
 /// Reads `time_s, position_JOINT_rad|_m, torque_JOINT_nm|_n [, velocity_JOINT_rad_s|_m_s, temperature_JOINT_degC]` for
-/// every joint of the model. ErrorKind::input with file, column and what would be right; also where values do not fit
-/// their header: positions beyond the joint's range or too fast (degrees, swapped columns), a velocity that is not the
-/// slope of the position, time that does not increase, a robot at rest.
-Result<RobotRecording> read_robot_recording(const std::filesystem::path& file, const Regressor& regressor);
+/// every joint of the model, from any kind of table (read_numbers). ErrorKind::input with file, column and what would
+/// be right; also where values do not fit their header: positions beyond the joint's range or too fast (degrees,
+/// swapped columns), a velocity that is not the slope of the position, time that does not increase, a robot at rest.
+Result<RobotRecording> read_robot_recording(const std::filesystem::path& file, const Regressor& regressor,
+                                            const TableOptions& options = {});
 
 }  // namespace tribotwin::twin::identification

@@ -8,7 +8,7 @@
 #include <tribotwin/twin/identification/samples/levels.hpp>
 #include <tribotwin/twin/identification/samples/samples.hpp>
 #include <tribotwin/twin/identification/time_series.hpp>
-#include <tribotwin/twin/io/table.hpp>
+#include <tribotwin/twin/io/tables/numbers.hpp>
 #include <tribotwin/twin/io/telemetry/telemetry.hpp>
 #include <tribotwin/twin/io/text.hpp>
 
@@ -144,11 +144,11 @@ Problem read_curves(Samples& samples, const Numbers& table, const friction::LawI
   const bool has_load = !c[3].empty(), has_temperature = !c[4].empty();
   if (law.load_dependent && !has_load)
     return fmt::format("{}:1: law '{}' depends on load: a column load_norm is needed; the header names {}", file,
-                       law.name, joined(table.names));
+                       law.name, table.header);
   if (law.temperature_dependent && !has_temperature)
     return fmt::format(
         "{}:1: law '{}' depends on temperature: a column temperature_degC is needed; the header names {}", file,
-        law.name, joined(table.names));
+        law.name, table.header);
   const auto& friction = norm ? c[1] : c[2];
   if (const Problem p = implausible(table.file, c[0], c[3], c[4], friction, norm)) return p;
   const auto units = units_of(law, options, norm);
@@ -244,13 +244,13 @@ Problem read_record(Samples& samples, const fs::path& file, const friction::LawI
   const auto record = read_telemetry(file);
   if (!record) return record.error().message;
   std::size_t joint = 0;
-  if (options.joint.empty()) {
+  if (options.table.joint.empty()) {
     if (record->joints.size() != 1)
       return fmt::format("{}: has the joints {}; --joint says which", file.string(), joined(record->joints));
   } else {
-    joint = static_cast<std::size_t>(std::ranges::find(record->joints, options.joint) - record->joints.begin());
+    joint = static_cast<std::size_t>(std::ranges::find(record->joints, options.table.joint) - record->joints.begin());
     if (joint == record->joints.size())
-      return fmt::format("{}: no joint '{}'; it has {}", file.string(), options.joint, joined(record->joints));
+      return fmt::format("{}: no joint '{}'; it has {}", file.string(), options.table.joint, joined(record->joints));
   }
   if (joint < record->joint_attributes.size())
     for (const auto& [name, value] : record->joint_attributes[joint]) {
@@ -306,28 +306,27 @@ std::vector<double> weights_of(const Samples& samples) {
 Result<Samples> read_samples(std::span<const fs::path> files, const friction::LawInfo& law,
                              const ReadOptions& options) {
   Samples samples;
+  const TableOptions tables = with_gear_ratio(options.table, options.gear_ratio);
   for (const fs::path& file : files) {
-    if (file.extension() == ".h5") {
-      if (const Problem p = read_record(samples, file, law, options)) return tl::unexpected(*p);
+    if (const auto record = record_of(file)) {
+      if (const Problem p = read_record(samples, *record, law, options)) return tl::unexpected(*p);
       continue;
     }
-    auto table = read_numbers(file, curve_columns);
+    auto table = read_numbers(file, curve_columns, tables);
     if (!table) return tl::unexpected(table.error());
-    const auto names = [&](std::string_view name) {
-      return std::ranges::find(table->names, name) != table->names.end();
-    };
+    const auto names = [&](std::string_view name) { return table->has(name); };
     const bool series = names("time_s") && names("position_rad");
     if (!series && (!names("speed_rad_s") || (!names("friction_norm") && !names("friction_nm"))))
       return tl::unexpected(
           fmt::format("{}:1: neither a friction curve (speed_rad_s; friction_norm or friction_nm) nor a recording "
                       "(time_s, position_rad, torque_nm); the header names {}",
-                      file.string(), joined(table->names)));
-    if (series) table = read_numbers(file, series_columns);
+                      file.string(), table->header));
+    if (series) table = read_numbers(file, series_columns, tables);
     if (!table) return tl::unexpected(table.error());
     if (table->left_out)
       samples.notes.push_back(
-          fmt::format("{}: {} rows with empty, NaN or infinite cells are left out, the first in line {}", file.string(),
-                      table->left_out, table->first_left_out));
+          fmt::format("{}: {} rows with empty, NaN or infinite cells are left out, the first in {} {}", file.string(),
+                      table->left_out, table->row, table->first_left_out));
     samples.left_out += table->left_out;
     if (const Problem p =
             series ? read_series(samples, *table, law, options) : read_curves(samples, *table, law, options))

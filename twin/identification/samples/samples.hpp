@@ -9,6 +9,7 @@
 
 #include <tribotwin/plugins/friction/error.hpp>
 #include <tribotwin/plugins/friction/law.hpp>
+#include <tribotwin/twin/io/tables/table_options.hpp>
 
 /// Measured friction of any origin: the input of a fit.
 namespace tribotwin::twin::identification {
@@ -33,7 +34,7 @@ std::vector<double> weights_of(const Samples& samples);
 struct ReadOptions {
   double torque_max_nm = 0;  ///< to turn Nm into normalised torque and back; 0: not known
   double gear_ratio = 0;     ///< to turn joint into motor speeds; 0: not known
-  std::string joint;         ///< of a telemetry.h5; may be empty where it has one joint only
+  TableOptions table;        ///< with the joint, which may be empty where a table has one joint only
 };
 
 /// Reads curve CSV (speed_rad_s, load_norm, temperature_degC, friction_norm or friction_nm, optionally stderr_norm or

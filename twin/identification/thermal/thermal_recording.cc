@@ -7,7 +7,7 @@
 
 #include <tribotwin/twin/identification/thermal/thermal_recording.hpp>
 #include <tribotwin/twin/identification/time_series.hpp>
-#include <tribotwin/twin/io/table.hpp>
+#include <tribotwin/twin/io/tables/numbers.hpp>
 #include <tribotwin/twin/io/text.hpp>
 
 namespace tribotwin::twin::identification {
@@ -27,7 +27,7 @@ std::optional<Source> source_of(const std::vector<std::string>& names, const std
       if (std::ranges::find(names, name) != names.end()) return name;
     return std::string();
   };
-  Source s{.power = first_of({fmt::format("power_w_{}", joint)})};
+  Source s{.power = first_of({fmt::format("power_{}_w", joint)})};
   if (!s.power.empty()) return s;
   s.torque = first_of({fmt::format("torque_{}_nm", joint), fmt::format("torque_{}_n", joint)});
   s.speed = first_of({fmt::format("velocity_{}_rad_s", joint), fmt::format("velocity_{}_m_s", joint)});
@@ -143,13 +143,13 @@ HeatSession averaged(std::size_t file, std::span<const double> time, std::span<c
   return out;
 }
 
-/// Joints of the columns temperature_JOINT_degC, or, where there is none, power_w_JOINT and torque_JOINT_nm.
+/// Joints of the columns temperature_JOINT_degC, or, where there is none, power_JOINT_w and torque_JOINT_nm.
 std::vector<std::string> joints_of(const std::vector<std::string>& header, bool with_temperature) {
   std::vector<std::string> joints;
   const std::vector<std::pair<std::string_view, std::string_view>> patterns =
       with_temperature ? std::vector<std::pair<std::string_view, std::string_view>>{{"temperature_", "_degC"}}
                        : std::vector<std::pair<std::string_view, std::string_view>>{
-                             {"power_w_", ""}, {"torque_", "_nm"}, {"torque_", "_n"}};
+                             {"power_", "_w"}, {"torque_", "_nm"}, {"torque_", "_n"}};
   for (const auto& name : header)
     for (const auto& [prefix, suffix] : patterns)
       if (name.starts_with(prefix) && name.ends_with(suffix) && name.size() > prefix.size() + suffix.size())
@@ -168,28 +168,28 @@ struct Layout {
   bool with_temperature = false;
 };
 
-Result<Layout> layout_of(const std::filesystem::path& file, bool cycles) {
-  const auto header = read_numbers(file, {"time_s"});
+Result<Layout> layout_of(const std::filesystem::path& file, bool cycles, const TableOptions& options) {
+  const auto header = read_numbers(file, {"time_s"}, options);
   if (!header) return tl::unexpected(header.error());
   if (header->columns[0].empty())
-    return tl::unexpected(Error(fmt::format("{}:1: no column 'time_s' with numbers; its header names: {}",
-                                            file.string(), joined(header->names))));
+    return tl::unexpected(Error(
+        fmt::format("{}:1: no column 'time_s' with numbers; its header names: {}", file.string(), header->header)));
   Layout out{.joints = joints_of(header->names, true)};
   out.with_temperature = !out.joints.empty();
   if (!out.with_temperature) out.joints = joints_of(header->names, false);
   if (!out.with_temperature && (!cycles || out.joints.empty()))
     return tl::unexpected(Error(fmt::format(
         "{}:1: no column temperature_JOINT_degC; without temperatures a thermal model is identified from working "
-        "cycles only (--work-cycle, with power_w_JOINT, or torque_JOINT_nm and velocity_JOINT_rad_s or "
+        "cycles only (--work-cycle, with power_JOINT_w, or torque_JOINT_nm and velocity_JOINT_rad_s or "
         "position_JOINT_rad); its header names: {}",
-        file.string(), joined(header->names))));
+        file.string(), header->header)));
   for (const auto& joint : out.joints) {
     const auto source = source_of(header->names, joint);
     if (!source)
       return tl::unexpected(
-          Error(fmt::format("{0}:1: joint {1} needs power_w_{1}, or torque_{1}_nm with velocity_{1}_rad_s or "
+          Error(fmt::format("{0}:1: joint {1} needs power_{1}_w, or torque_{1}_nm with velocity_{1}_rad_s or "
                             "position_{1}_rad; its header names: {2}",
-                            file.string(), joint, joined(header->names))));
+                            file.string(), joint, header->header)));
     out.sources.push_back(*source);
     for (const auto& column : {out.with_temperature ? temperature_column(joint) : std::string(), source->power,
                                source->torque, source->speed, source->position})
@@ -233,12 +233,17 @@ Result<std::span<const double>> temperature_of(const Numbers& numbers, const Lay
       numbers.columns[static_cast<std::size_t>(std::ranges::find(layout.columns, column) - layout.columns.begin())];
   if (auto problem = implausible_temperature(numbers.file, column, temperature))
     return tl::unexpected(Error(std::move(*problem)));
-  const auto [low, high] = std::ranges::minmax(temperature);
-  if (!(high > low))
-    return tl::unexpected(
-        Error(fmt::format("{}: {} is always {:.4g}; a thermal model is identified from warming or cooling",
-                          numbers.file.string(), column, low)));
   return temperature;
+}
+
+/// Why a joint tells nothing about how it warms up.
+std::optional<std::string> always_alike(const Numbers& numbers, const std::string& joint,
+                                        std::span<const double> temperature) {
+  if (temperature.empty()) return std::nullopt;
+  const auto [low, high] = std::ranges::minmax(temperature);
+  if (high > low) return std::nullopt;
+  return fmt::format("{}: {} is always {:.4g}; a thermal model is identified from warming or cooling",
+                     numbers.file.string(), temperature_column(joint), low);
 }
 
 /// The sessions of a joint that are long enough.
@@ -261,10 +266,11 @@ std::vector<HeatSession> sessions_of(std::size_t file, const std::vector<double>
 
 }  // namespace
 
-Result<ThermalRecording> read_thermal_recording(const std::filesystem::path& file, std::size_t index, double cycle_s) {
-  const auto layout = layout_of(file, cycle_s > 0);
+Result<ThermalRecording> read_thermal_recording(const std::filesystem::path& file, std::size_t index, double cycle_s,
+                                                const TableOptions& options) {
+  const auto layout = layout_of(file, cycle_s > 0, options);
   if (!layout) return tl::unexpected(layout.error());
-  auto numbers = read_numbers(file, layout->columns);
+  auto numbers = read_numbers(file, layout->columns, options);
   if (!numbers) return tl::unexpected(numbers.error());
   numbers->file = file;
   numbers->names = layout->columns;  // one name per column that was read
@@ -274,14 +280,18 @@ Result<ThermalRecording> read_thermal_recording(const std::filesystem::path& fil
         fmt::format("{}: {} rows of finite numbers; at least {} are needed", file.string(), time.size(), min_samples)));
   ThermalRecording out{.file = file};
   if (numbers->left_out)
-    out.notes.push_back(fmt::format("{}: {} rows with empty, NaN or infinite cells are gaps, the first in line {}",
-                                    file.string(), numbers->left_out, numbers->first_left_out));
+    out.notes.push_back(fmt::format("{}: {} rows with empty, NaN or infinite cells are gaps, the first in {} {}",
+                                    file.string(), numbers->left_out, numbers->row, numbers->first_left_out));
   if (auto problem = not_increasing(*numbers, time)) return tl::unexpected(Error(*std::move(problem)));
   const Timeline line = timeline_of(time, file, out.notes);
   for (std::size_t j = 0; j < layout->joints.size(); ++j) {
     const std::string& joint = layout->joints[j];
     const auto temperature = temperature_of(*numbers, *layout, joint);
     if (!temperature) return tl::unexpected(temperature.error());
+    if (auto problem = always_alike(*numbers, joint, *temperature)) {
+      out.notes.push_back(*std::move(problem));
+      continue;
+    }
     auto power = mean_power(time, *numbers, layout->sources[j]);
     bridge_gaps(power, time, line.gaps);
     out.joints.push_back({.name = joint, .sessions = sessions_of(index, time, power, *temperature, line, cycle_s)});
@@ -290,6 +300,7 @@ Result<ThermalRecording> read_thermal_recording(const std::filesystem::path& fil
           Error(cycle_s > 0 ? fmt::format("{}: no two whole cycles of {:g} s", file.string(), cycle_s)
                             : fmt::format("{}: no {} rows without an hour's gap", file.string(), min_samples)));
   }
+  if (out.joints.empty()) return tl::unexpected(Error(out.notes.back()));
   return out;
 }
 

@@ -6,6 +6,7 @@
 #include <vector>
 
 #include <tribotwin/plugins/friction/error.hpp>
+#include <tribotwin/twin/io/tables/table_options.hpp>
 
 /// Recordings of the heat in joints and of their temperature.
 namespace tribotwin::twin::identification {
@@ -32,14 +33,15 @@ struct ThermalRecording {
   std::vector<std::string> notes;
 };
 
-/// Reads `time_s, temperature_JOINT_degC` and for each such joint `power_w_JOINT`, or `torque_JOINT_nm|_n` with
+/// Reads `time_s, temperature_JOINT_degC` and for each such joint `power_JOINT_w`, or `torque_JOINT_nm|_n` with
 /// `velocity_JOINT_rad_s|_m_s` or `position_JOINT_rad|_m`. The power of torque and speed is the net work: what gravity
 /// and inertia store on the way out they return on the way back, so that its average over exactly `cycle_s` (0: none)
 /// is the friction heat; cycles are counted from the first sample after a gap. Samples are averaged over cycles, and
 /// further until at most 5,000 are left; across a gap (2.5 typical steps) the power is the mean of the stretches on
 /// both sides. Only with cycles may a file have no temperature. `index`: HeatSession::file. ErrorKind::input with file,
-/// column and what would be right: also where a temperature never changes or is implausible for a gearbox.
+/// column and what would be right: also where a temperature is implausible for a gearbox or where none changes. Where
+/// some do, the joints of the others are left out with a note.
 Result<ThermalRecording> read_thermal_recording(const std::filesystem::path& file, std::size_t index,
-                                                double cycle_s = 0);
+                                                double cycle_s = 0, const TableOptions& options = {});
 
 }  // namespace tribotwin::twin::identification

@@ -15,7 +15,7 @@
 #include <tribotwin/twin/experiments/friction/warmup.hpp>
 #include <tribotwin/twin/identification/samples/levels.hpp>
 #include <tribotwin/twin/io/input.hpp>
-#include <tribotwin/twin/io/table.hpp>
+#include <tribotwin/twin/io/tables/table.hpp>
 
 namespace tribotwin::twin {
 namespace {

@@ -1,0 +1,335 @@
+#include <algorithm>
+#include <charconv>
+#include <chrono>
+#include <cmath>
+#include <fstream>
+#include <limits>
+
+#include <fmt/format.h>
+
+#include <tribotwin/plugins/friction/number.hpp>
+#include <tribotwin/twin/io/tables/csv.hpp>
+#include <tribotwin/twin/io/tables/source.hpp>
+#include <tribotwin/twin/io/text.hpp>
+
+namespace tribotwin::twin::tables {
+namespace {
+
+constexpr std::size_t longest_line = std::size_t{1} << 24;
+constexpr double nan_value = std::numeric_limits<double>::quiet_NaN();
+
+Error at_line(const std::filesystem::path& file, std::size_t line, const std::string& what) {
+  return fmt::format("{}:{}: {}", file.string(), line, what);
+}
+
+/// Whether a number with one comma may also be one with a comma between thousands: 1,234 but not 0,234 or 1,23.
+bool may_be_thousands(std::string_view cell) {
+  if (!cell.empty() && (cell[0] == '-' || cell[0] == '+')) cell.remove_prefix(1);
+  const auto comma = cell.find(',');
+  const auto digits = [](std::string_view text) {
+    return std::ranges::all_of(text, [](char c) { return c >= '0' && c <= '9'; });
+  };
+  return comma >= 1 && comma <= 3 && cell[0] != '0' && cell.size() == comma + 4 && digits(cell.substr(0, comma)) &&
+         digits(cell.substr(comma + 1));
+}
+
+/// Numbers with a decimal point or, in the whole file alike, a decimal comma.
+class NumberReader {
+ public:
+  /// The number of a cell, NaN where it is empty; fails with what is wrong.
+  Result<double> operator()(std::string_view cell, std::size_t line) {
+    if (cell.starts_with('+')) cell.remove_prefix(1);
+    if (cell.empty()) return nan_value;
+    const auto comma = cell.find(',');
+    const bool point = cell.find('.') != cell.npos;
+    if (comma == cell.npos) {
+      if (point && !point_line_) point_line_ = line;
+      if (point && comma_line_) return mixed(cell, "point", "comma", comma_line_);
+      const auto x = to_number(cell);
+      return x ? Result<double>(*x) : tl::unexpected(no_number(cell));
+    }
+    if (point || cell.find(',', comma + 1) != cell.npos)
+      return tl::unexpected(fmt::format("{}, which separates thousands; write 1234.5 or 1234,5", shown(cell)));
+    if (point_line_) return mixed(cell, "comma", "point", point_line_);
+    if (!comma_line_) comma_line_ = line, first_ = cell;
+    decided_ = decided_ || !may_be_thousands(cell);
+    buffer_.assign(cell);
+    buffer_[comma] = '.';
+    const auto x = to_number(buffer_);
+    return x ? Result<double>(*x) : tl::unexpected(no_number(cell));
+  }
+
+  /// At the end of the file: why its commas cannot be understood, with the line.
+  std::optional<std::pair<std::size_t, std::string>> ambiguous() const {
+    if (!comma_line_ || decided_) return std::nullopt;
+    return std::pair{comma_line_, fmt::format("{} may be {} or a number with a decimal comma, and so may every number "
+                                              "with a comma in this file; write decimal points",
+                                              shown(first_), thousands())};
+  }
+
+ private:
+  std::string thousands() const {
+    std::string s = first_;
+    std::erase(s, ',');
+    return s;
+  }
+  static Error no_number(std::string_view cell) { return fmt::format("{}, not a number", shown(cell)); }
+  static Result<double> mixed(std::string_view cell, std::string_view now, std::string_view before, std::size_t line) {
+    return tl::unexpected(fmt::format("{} with a decimal {}, but line {} has a decimal {}; use one in the whole file",
+                                      shown(cell), now, line, before));
+  }
+
+  std::size_t comma_line_ = 0, point_line_ = 0;  // the first of each, 0: none
+  bool decided_ = false;                         // a cell shows that commas are decimal
+  std::string first_, buffer_;
+};
+
+/// Seconds since 1970 of 2022-10-26T08:17:21.847Z; also with a blank for the T, an offset +01:00, or neither.
+std::optional<double> seconds_of_date(std::string_view text) {
+  const auto digits = [&](std::size_t at, std::size_t count) -> std::optional<int> {
+    return at + count <= text.size() ? to_integer<int>(text.substr(at, count)) : std::nullopt;
+  };
+  const auto sign = [&](std::size_t at, std::string_view any) {
+    return at < text.size() && any.find(text[at]) != any.npos;
+  };
+  const auto year = digits(0, 4), month = digits(5, 2), day = digits(8, 2), hour = digits(11, 2),
+             minute = digits(14, 2);
+  if (!year || !month || !day || !hour || !minute || !sign(4, "-") || !sign(7, "-") || !sign(10, "T ") ||
+      !sign(13, ":") || !sign(16, ":"))
+    return std::nullopt;
+  const std::chrono::year_month_day date{std::chrono::year(*year), std::chrono::month(static_cast<unsigned>(*month)),
+                                         std::chrono::day(static_cast<unsigned>(*day))};
+  std::size_t end = 17;
+  while (end < text.size() && ((text[end] >= '0' && text[end] <= '9') || text[end] == '.' || text[end] == ',')) ++end;
+  std::string seconds(text.substr(17, end - 17));
+  std::ranges::replace(seconds, ',', '.');
+  const auto second = to_number(seconds);
+  double offset_s = 0;
+  const std::string_view zone = text.substr(end);
+  if (!zone.empty() && zone != "Z") {
+    const auto h = digits(end + 1, 2), m = digits(zone.size() == 6 ? end + 4 : end + 3, 2);
+    if ((zone[0] != '+' && zone[0] != '-') || (zone.size() != 6 && zone.size() != 5) || !h || !m) return std::nullopt;
+    offset_s = (zone[0] == '-' ? -1 : 1) * (*h * 3600.0 + *m * 60.0);
+  }
+  if (!date.ok() || *hour < 0 || *hour > 23 || *minute < 0 || *minute > 59 || !second ||
+      !(*second >= 0 && *second < 61))
+    return std::nullopt;
+  const auto days = std::chrono::sys_days(date).time_since_epoch().count();
+  return static_cast<double>(days) * 86400 + *hour * 3600 + *minute * 60 + *second - offset_s;
+}
+
+class CsvSource final : public Source {
+ public:
+  CsvSource(std::filesystem::path file, CsvLines lines, std::vector<std::string> headers)
+      : file_(std::move(file)), lines_(std::move(lines)), headers_(std::move(headers)) {}
+
+  const std::vector<std::string>& headers() const override { return headers_; }
+  std::string_view row() const override { return "line"; }
+
+  Result<void> read(std::span<const Pick> picks, Numbers& numbers) override {
+    std::vector<const Pick*> by_header(headers_.size(), nullptr);
+    for (const Pick& pick : picks)
+      if (pick.rate_hz == 0) by_header[pick.header] = &pick;
+    std::vector<double> row(numbers.columns.size(), nan_value);
+    std::string_view line;
+    for (;;) {
+      const auto next = lines_.next(line);
+      if (!next) return tl::unexpected(next.error());
+      if (!*next) break;
+      if (auto ok = add(line, by_header, picks, row, numbers); !ok) return ok;
+    }
+    if (const auto problem = number_.ambiguous())
+      return tl::unexpected(at_line(file_, problem->first, problem->second));
+    return {};
+  }
+
+ private:
+  Result<void> add(std::string_view line, const std::vector<const Pick*>& by_header, std::span<const Pick> picks,
+                   std::vector<double>& row, Numbers& numbers) {
+    bool finite = true;
+    Result<void> read;
+    const auto cells = lines_.cells(line, [&](std::size_t column, std::string_view cell) {
+      if (column >= by_header.size() || !by_header[column]) return true;
+      const auto x = value(column, cell, *by_header[column]);
+      if (!x) return read = tl::unexpected(at_line(file_, lines_.number(), x.error().message)), false;
+      row[by_header[column]->place] = *x;
+      finite &= std::isfinite(*x);
+      return true;
+    });
+    if (!read) return read;
+    if (!cells) return tl::unexpected(cells.error());
+    if (*cells != headers_.size())
+      return tl::unexpected(at_line(file_, lines_.number(),
+                                    fmt::format("{} cells but {} columns{}", *cells, headers_.size(), hint(*cells))));
+    for (const Pick& pick : picks)
+      if (pick.rate_hz > 0) row[pick.place] = static_cast<double>(rows_) / pick.rate_hz;
+    ++rows_;
+    if (!finite) {
+      if (numbers.left_out++ == 0) numbers.first_left_out = lines_.number();
+      return {};
+    }
+    numbers.lines.push_back(lines_.number());
+    for (const Pick& pick : picks) numbers.columns[pick.place].push_back(row[pick.place]);
+    return {};
+  }
+
+  std::string hint(std::size_t cells) const {
+    if (lines_.separator() == ',' && cells > headers_.size())
+      return "; where numbers have decimal commas, cells are separated by ';' or tabs";
+    return "";
+  }
+
+  Result<double> value(std::size_t column, std::string_view cell, const Pick& pick) {
+    const auto fail = [&](const std::string& what) {
+      return tl::unexpected(Error(fmt::format("column {} is {}", shown(headers_[column]), what)));
+    };
+    double x = nan_value;
+    if (pick.date) {
+      if (cell.empty()) return x;
+      const auto seconds = seconds_of_date(cell);
+      if (!seconds) return fail(fmt::format("{}, no date and time like 2022-10-26T08:17:21.847Z", shown(cell)));
+      x = *seconds;
+    } else {
+      const auto number = number_(cell, lines_.number());
+      if (!number) return fail(number.error().message);
+      x = pick.value(*number);
+    }
+    if (std::isfinite(x) && !pick.quantity.contains(x))
+      return fail(pick.as_it_is ? fmt::format("{} but {}", printable(cell), pick.quantity.requirement())
+                                : fmt::format("{}, which is {:g}{}, but {}", printable(cell), x, pick.quantity.unit,
+                                              pick.quantity.requirement()));
+    return x;
+  }
+
+  std::filesystem::path file_;
+  CsvLines lines_;
+  std::vector<std::string> headers_;
+  NumberReader number_;
+  std::size_t rows_ = 0;
+};
+
+/// The separator by the header: the only one of the three that it has; where it has several, the one that cuts the
+/// first row into as many cells.
+Result<char> separator_of(const std::filesystem::path& file, std::string_view header, std::string_view first_row) {
+  std::vector<char> candidates;
+  for (const char c : {';', '\t', ','})
+    if (CsvLines::count_cells(header, c) > 1) candidates.push_back(c);
+  if (candidates.empty()) return ',';
+  if (candidates.size() == 1) return candidates.front();
+  std::erase_if(candidates,
+                [&](char c) { return CsvLines::count_cells(header, c) != CsvLines::count_cells(first_row, c); });
+  // Without a header, in a file with decimal commas.
+  if (candidates.size() == 2 && candidates.back() == ',' &&
+      header.find_first_not_of("+-0123456789.,;\teE ") == header.npos)
+    candidates.pop_back();
+  if (candidates.size() == 1) return candidates.front();
+  return tl::unexpected(at_line(file, 1,
+                                "the separator is ambiguous: the header has several of ';', tab and ','; use one, and "
+                                "quote names that contain another"));
+}
+
+}  // namespace
+
+std::size_t CsvLines::count_cells(std::string_view line, char separator) {
+  std::size_t count = 1;
+  bool quoted = false;
+  for (const char c : line) {
+    if (c == '"') quoted = !quoted;
+    count += !quoted && c == separator;
+  }
+  return count;
+}
+
+Result<bool> CsvLines::read(std::string& line) {
+  if (!std::getline(stream_, line)) return false;
+  ++read_;
+  if (line.size() > longest_line || line.find('\0') != line.npos)
+    return tl::unexpected(at_line(file_, read_,
+                                  line.size() > longest_line
+                                      ? "is longer than 16 MiB; this is no CSV file"
+                                      : "holds a NUL byte; this is no CSV file in ASCII or UTF-8"));
+  if (!line.empty() && line.back() == '\r') line.pop_back();
+  return true;
+}
+
+Result<CsvLines> CsvLines::open(const std::filesystem::path& file) {
+  auto stream = open_text(file, "a CSV file");
+  if (!stream) return tl::unexpected(stream.error());
+  CsvLines out(file, std::move(*stream));
+  const auto header = out.read(out.header_);
+  if (!header) return tl::unexpected(header.error());
+  if (out.header_.starts_with("\xEF\xBB\xBF")) out.header_.erase(0, 3);
+  if (out.header_.starts_with("\xFF\xFE") || out.header_.starts_with("\xFE\xFF"))
+    return tl::unexpected(at_line(file, 1, "is UTF-16; save the table as UTF-8"));
+  if (!*header || trimmed(out.header_).empty())
+    return tl::unexpected(fmt::format("{}: is empty; its first line should name the columns", file.string()));
+  const auto first = out.read(out.pending_);
+  if (!first) return tl::unexpected(first.error());
+  out.has_pending_ = *first;
+  const auto separator = separator_of(file, out.header_, out.pending_);
+  if (!separator) return tl::unexpected(separator.error());
+  out.separator_ = *separator;
+  if (out.only_numbers(out.header_)) out.name_by_number();
+  out.number_ = out.named_ ? 1 : 0;
+  return out;
+}
+
+bool CsvLines::only_numbers(std::string_view line) const {
+  std::size_t numbers = 0;
+  const auto cells_read = cells(line, [&](std::size_t, std::string_view cell) {
+    std::string text(cell);
+    std::ranges::replace(text, ',', '.');
+    const auto x = to_number(text);
+    numbers += x && std::isfinite(*x);
+    return text.empty() || (x && std::isfinite(*x));
+  });
+  return cells_read && numbers > 1 && *cells_read == count_cells(line, separator_);
+}
+
+void CsvLines::name_by_number() {
+  named_ = false;
+  second_ = std::exchange(pending_, header_);
+  has_second_ = std::exchange(has_pending_, true);
+}
+
+Result<std::vector<std::string>> CsvLines::header() const {
+  std::vector<std::string> names;
+  if (!named_) {
+    for (std::size_t k = 1; k <= count_cells(header_, separator_); ++k) names.push_back(fmt::format("column {}", k));
+    return names;
+  }
+  const auto count = cells(header_, [&](std::size_t, std::string_view name) {
+    names.emplace_back(name);
+    return true;
+  });
+  if (!count) return tl::unexpected(count.error());
+  return names;
+}
+
+Result<bool> CsvLines::next(std::string_view& line) {
+  for (;;) {
+    if (std::exchange(has_pending_, false)) {
+      line_.swap(pending_);
+      pending_.swap(second_);
+      has_pending_ = std::exchange(has_second_, false);
+    } else if (const auto read_one = read(line_); !read_one || !*read_one) {
+      return read_one;
+    }
+    ++number_;
+    if (trimmed(line_).empty()) continue;
+    line = line_;
+    return true;
+  }
+}
+
+Error CsvLines::open_quote() const { return at_line(file_, number_, "a quote \" is not closed in its line"); }
+
+Opened open_csv(const std::filesystem::path& file) {
+  auto lines = CsvLines::open(file);
+  if (!lines) return tl::unexpected(lines.error());
+  auto headers = lines->header();
+  if (!headers) return tl::unexpected(headers.error());
+  return std::make_unique<CsvSource>(file, std::move(*lines), std::move(*headers));
+}
+
+}  // namespace tribotwin::twin::tables

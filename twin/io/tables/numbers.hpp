@@ -1,0 +1,44 @@
+#pragma once
+
+#include <filesystem>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include <tribotwin/plugins/friction/error.hpp>
+#include <tribotwin/twin/io/tables/column.hpp>
+#include <tribotwin/twin/io/tables/table_options.hpp>
+
+namespace tribotwin::twin {
+
+/// Columns of numbers of a table: CSV, telemetry.h5 or the folder of a run, NumPy .npy and .npz, MATLAB .mat.
+struct Numbers {
+  std::filesystem::path file;
+  std::vector<std::string> names;  ///< of all columns: by the convention, in base units; foreign names as they are
+  std::string header;              ///< the names that the file itself has, for messages
+  std::vector<std::vector<double>> columns = {};  ///< of the wanted names, in their order; empty where there is none
+  std::vector<std::size_t> lines = {};            ///< of the file, from 1, per row
+  std::size_t left_out = 0;                       ///< rows in which a wanted cell is empty, NaN or infinite
+  std::size_t first_left_out = 0;                 ///< its line, from 1
+  std::string_view row = "line";                  ///< "row" where the file has no lines
+
+  bool has(std::string_view name) const;
+  /// "FILE:LINE: " of a row, or "FILE: row N: ".
+  std::string where(std::size_t index) const;
+};
+
+/// Reads the columns `wanted`, which are different names of the convention in base units (time_s, torque_joint1_nm;
+/// empty ones stay empty), from any kind of table in one pass; other units are converted. Names without a joint are
+/// those of options.joint, or of the only joint that the table has. Fails with file and line, also where a cell is no
+/// number or outside the range of its quantity, and where the unit of a wanted quantity is unknown or ambiguous.
+Result<Numbers> read_numbers(const std::filesystem::path& file, const std::vector<std::string>& wanted,
+                             const TableOptions& options = {});
+
+/// The first row of `time_s` that does not come after the row before, by a nanosecond at least, with file and line.
+std::optional<std::string> not_increasing(const Numbers& numbers, const std::vector<double>& time_s);
+
+/// The telemetry.h5 that `file` is, or that lies in the folder `file`; nothing where it is another kind of file.
+std::optional<std::filesystem::path> record_of(const std::filesystem::path& file);
+
+}  // namespace tribotwin::twin
