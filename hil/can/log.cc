@@ -230,12 +230,12 @@ Result<LogWriter> LogWriter::create(const std::filesystem::path& file, std::stri
   return LogWriter(file, std::move(bus), std::move(*out));
 }
 
-Result<void> LogWriter::write(const Frame& frame) {
+Result<void> LogWriter::write(const Frame& frame, std::string_view bus) {
   if (frame.time_ns < 0 || !valid_size(frame.fd, frame.size))
     return problem("{}: a frame of {} bytes at {} ns has no line in a candump log", file_.string(), frame.size,
                    frame.time_ns);
   return out_.append(fmt::format("({:010}.{:06}) {} {}\n", frame.time_ns / 1'000'000'000,
-                                 frame.time_ns % 1'000'000'000 / 1000, bus_, text(frame)));
+                                 frame.time_ns % 1'000'000'000 / 1000, bus, text(frame)));
 }
 
 }  // namespace tribotwin::hil

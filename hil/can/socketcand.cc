@@ -19,6 +19,7 @@
 #include <tribotwin/hil/can/clock.hpp>
 #include <tribotwin/hil/can/socketcand_protocol.hpp>
 #include <tribotwin/hil/can/transport.hpp>
+#include <tribotwin/hil/can/wait_any.hpp>
 #include <tribotwin/hil/can/words.hpp>
 #include <tribotwin/twin/io/descriptor.hpp>
 
@@ -51,7 +52,7 @@ struct Client {
   int dropped = 0;                   ///< frames in a row
 };
 
-class Server final : public Transport {
+class Server final : public Transport, public Pollable {
  public:
   Server(const std::string& bus, const OpenOptions& options, Descriptor listener, std::string address)
       : Transport(bus), options_(options), listener_(std::move(listener)), address_(std::move(address)) {}
@@ -95,27 +96,31 @@ class Server final : public Transport {
 
   void wait(std::int64_t deadline_ns) override {
     while (next_ == inbox_.size()) {
-      const auto now = clock_ns();
-      auto wake_ns = deadline_ns;
       polled_.clear();
-      const bool accepting = now >= accept_after_ns_;
-      if (!accepting) wake_ns = std::min(wake_ns, accept_after_ns_);
-      polled_.push_back({.fd = accepting ? listener_.get() : -1, .events = POLLIN, .revents = 0});
-      for (const auto& client : clients_) {
-        if (!client.joined) wake_ns = std::min(wake_ns, client.heard_ns + options_.handshake_ns);
-        const bool silent = now < client.silent_until_ns;
-        if (silent && !client.out.empty()) wake_ns = std::min(wake_ns, client.silent_until_ns);
-        const bool sending = !silent && !client.out.empty();
-        polled_.push_back({.fd = client.socket.get(),
-                           .events = static_cast<short>(sending ? POLLIN | POLLOUT : POLLIN),
-                           .revents = 0});
-      }
-      const auto left = std::max<std::int64_t>(wake_ns - now, 0);
+      const auto wake_ns = watch(polled_, deadline_ns);
+      const auto left = std::max<std::int64_t>(wake_ns - clock_ns(), 0);
       const timespec timeout{.tv_sec = left / 1'000'000'000, .tv_nsec = left % 1'000'000'000};
       if (::ppoll(polled_.data(), polled_.size(), &timeout, nullptr) < 0) return;  // a signal
       serve();
       if (clock_ns() >= deadline_ns) return;
     }
+  }
+
+  std::int64_t watch(std::vector<pollfd>& polled, std::int64_t deadline_ns) override {
+    const auto now = clock_ns();
+    auto wake_ns = next_ == inbox_.size() ? deadline_ns : 0;
+    const bool accepting = now >= accept_after_ns_;
+    if (!accepting) wake_ns = std::min(wake_ns, accept_after_ns_);
+    polled.push_back({.fd = accepting ? listener_.get() : -1, .events = POLLIN, .revents = 0});
+    for (const auto& client : clients_) {
+      if (!client.joined) wake_ns = std::min(wake_ns, client.heard_ns + options_.handshake_ns);
+      const bool silent = now < client.silent_until_ns;
+      if (silent && !client.out.empty()) wake_ns = std::min(wake_ns, client.silent_until_ns);
+      const bool sending = !silent && !client.out.empty();
+      polled.push_back(
+          {.fd = client.socket.get(), .events = static_cast<short>(sending ? POLLIN | POLLOUT : POLLIN), .revents = 0});
+    }
+    return wake_ns;
   }
 
   bool up() const override { return true; }

@@ -18,6 +18,7 @@
 #include <tribotwin/hil/can/clock.hpp>
 #include <tribotwin/hil/can/socketcand_protocol.hpp>
 #include <tribotwin/hil/can/transport.hpp>
+#include <tribotwin/hil/can/wait_any.hpp>
 #include <tribotwin/hil/can/words.hpp>
 #include <tribotwin/plugins/friction/number.hpp>
 #include <tribotwin/twin/io/descriptor.hpp>
@@ -54,7 +55,7 @@ Result<Endpoint> resolve(const std::string& host, int port) {
 }
 
 /// One bus of a gateway. A connection that is lost is tried again every second.
-class Client final : public Transport {
+class Client final : public Transport, public Pollable {
  public:
   Client(const std::string& bus, const OpenOptions& options, const Endpoint& gateway, std::string address)
       : Transport(bus), options_(options), gateway_(gateway), address_(std::move(address)) {
@@ -106,13 +107,16 @@ class Client final : public Transport {
   void wait(std::int64_t deadline_ns) override {
     if (!inbox_.empty()) return;
     const std::int64_t now_ns = clock_ns();
-    if (!up()) deadline_ns = std::min(deadline_ns, socket_ < 0 ? retry_at_ns_ : joined_by_ns_ + 1);
-    const auto left_ns = std::max<std::int64_t>(deadline_ns - now_ns, 0);
+    const auto left_ns = std::max<std::int64_t>(wake_ns(deadline_ns) - now_ns, 0);
     const timespec timeout{.tv_sec = left_ns / second_ns, .tv_nsec = left_ns % second_ns};
-    pollfd polled{.fd = socket_.get(), .events = POLLIN, .revents = 0};
-    if (phase_ == Phase::connecting || !out_.empty()) polled.events |= POLLOUT;
+    pollfd polled = awaited();
     ::ppoll(&polled, 1, &timeout, nullptr);
     if (polled.revents != 0 || !up()) serve();
+  }
+
+  std::int64_t watch(std::vector<pollfd>& polled, std::int64_t deadline_ns) override {
+    polled.push_back(awaited());
+    return inbox_.empty() ? wake_ns(deadline_ns) : 0;
   }
 
   bool up() const override { return phase_ == Phase::raw; }
@@ -124,6 +128,14 @@ class Client final : public Transport {
 
  private:
   enum class Phase { connecting, greeting, opening, switching, raw };
+
+  std::int64_t wake_ns(std::int64_t deadline_ns) const {
+    return up() ? deadline_ns : std::min(deadline_ns, socket_ < 0 ? retry_at_ns_ : joined_by_ns_ + 1);
+  }
+  pollfd awaited() const {
+    const bool sending = phase_ == Phase::connecting || !out_.empty();
+    return {.fd = socket_.get(), .events = static_cast<short>(sending ? POLLIN | POLLOUT : POLLIN), .revents = 0};
+  }
 
   void connect() {
     phase_ = Phase::connecting;

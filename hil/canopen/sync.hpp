@@ -35,10 +35,11 @@ class SyncConsumer {
       : deadline_(node.dictionary.find(od::sync_deadline, 1)),
         cycle_(node.dictionary.find(od::communication_cycle_period, 0)) {}
   void hear(std::int64_t now_ns) {
-    const std::int64_t period_ns = last_ns_ >= 0 ? now_ns - last_ns_ : 0;
+    const bool first = last_ns_ < 0;
+    const std::int64_t period_ns = first ? 0 : now_ns - last_ns_;
     const auto [shorter, longer] = std::minmax({period_ns, std::exchange(period_ns_, period_ns)});
     const bool slow = period_ns > deadline_ns() && longer <= slowest_cycle_ns && longer <= 2 * shorter;
-    watched_ = slow || (period_ns > 0 && period_ns <= deadline_ns());
+    watched_ = slow || (!first && period_ns <= deadline_ns());  // 0: frames of one turn have one time stamp
     slow_ns_ = slow ? 3 * longer : 0;
     last_ns_ = now_ns;
   }

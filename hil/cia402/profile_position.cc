@@ -46,12 +46,12 @@ void start(Demand& d, const SetPoint& set_point) {
 bool arrived(const PositionMove& move) { return move.time_s >= move.profile.duration_s(); }
 
 /// At the end of a profile: the set point that waits, from the speed of the last one; without it an end speed is
-/// stopped, for a drive must not run away.
-void go_on(Demand& d, const DriveObjects& o) {
+/// stopped, for a drive must not run away. False: it stands.
+bool go_on(Demand& d, const DriveObjects& o) {
   PositionMove& move = d.move;
   const double late = move.time_s - move.profile.duration_s();
   const double end_speed = move.profile.end().speed_rad_s;
-  if (!move.waiting && end_speed == 0) return;
+  if (!move.waiting && end_speed == 0) return false;
   d.motion = move.profile.end();
   if (move.waiting) {
     SetPoint next = *std::exchange(move.waiting, std::nullopt);
@@ -63,6 +63,7 @@ void go_on(Demand& d, const DriveObjects& o) {
     move.profile = speed_profile(move.now.limits, d.motion, 0);
   }
   move.time_s = late;
+  return true;
 }
 
 void release_acknowledge(PositionMove& move, std::int64_t controlword) {
@@ -115,7 +116,7 @@ twin::DriveCommand command(Demand& d, const DriveObjects& o, const Feedback&, do
     if (move.under_way) plan(d);
   }
   move.time_s += dt;
-  if (arrived(move)) go_on(d, o);
+  while (arrived(move) && go_on(d, o)) continue;  // a short way may end within the step, too
   release_acknowledge(move, o.controlword->value);
   d.motion = move.profile.at(move.time_s);
   d.position_rad = d.motion.position_rad;

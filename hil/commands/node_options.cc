@@ -40,6 +40,9 @@ void configure(std::vector<NodeSetup>& setups, const std::vector<DriveParameters
   if (drive == parameters.end())
     throw InputError(fmt::format("{}: NodeID {}: the scenario has {}", file, *dcf.node_number,
                                  node_range(parameters.front().node, parameters.size())));
+  if (std::ranges::count(parameters, *dcf.node_number, &DriveParameters::node) > 1)
+    throw InputError(
+        fmt::format("{}: NodeID {} is a drive on each bus; --dcf is for robots on one bus", file, *dcf.node_number));
   NodeSetup& setup = setups[static_cast<std::size_t>(drive - parameters.begin())];
   if (!setup.values.empty()) throw InputError(fmt::format("{}: node {} has a DCF already", file, *dcf.node_number));
   setup.values = twin::or_wrong_input(dcf.values(*dcf.node_number));
@@ -53,9 +56,11 @@ void keep(std::vector<NodeSetup>& setups, const std::vector<DriveParameters>& pa
           Use use) {
   const auto store = std::make_shared<StoreFile>(twin::or_wrong_input(StoreFile::parse(start.content, start.name)));
   for (std::size_t i = 0; i < setups.size(); ++i) {
-    setups[i].kept = store->of(parameters[i].node);
-    setups[i].keep = keep_in(store, parameters[i].node, use);
-    check(parameters[i], setups[i], start.name.string());
+    const DriveParameters& p = parameters[i];
+    const std::uint32_t serial_number = p.serial_number ? p.serial_number : p.node;
+    setups[i].kept = store->of(serial_number);
+    setups[i].keep = keep_in(store, serial_number, use);
+    check(p, setups[i], start.name.string());
   }
 }
 
@@ -124,10 +129,10 @@ void check_same(const StartConditions& given, const StartConditions& recorded, c
 }
 
 std::vector<NodeSetup> node_setups(const twin::Scenario& robot, const RobotOptions& options,
-                                   const StartConditions& conditions, Use use) {
+                                   const StartConditions& conditions, Use use, const Wiring& wiring) {
   if (options.mirror() && conditions != StartConditions{})
     throw InputError("--unconfigured, --store, --eds, --dcf: only drives of --profile cia402 have them");
-  const auto parameters = drive_parameters(robot, options.first_node, options.cycle_us());
+  const auto parameters = drive_parameters(robot, options.first_node, options.cycle_us(), wiring);
   std::vector<NodeSetup> setups(parameters.size(), {.unconfigured = conditions.unconfigured});
   for (const StartFile& file : conditions.files)
     if (file.kind == StartFile::Kind::eds) {

@@ -30,6 +30,6 @@ enum class Use { live, replay };
 /// Setups of the drives in order; a replay does not write the store. Throws InputError where the conditions do not fit
 /// the drives.
 std::vector<NodeSetup> node_setups(const twin::Scenario& robot, const RobotOptions& options,
-                                   const StartConditions& conditions, Use use);
+                                   const StartConditions& conditions, Use use, const Wiring& wiring = {});
 
 }  // namespace tribotwin::hil::program

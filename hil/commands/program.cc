@@ -72,13 +72,18 @@ twin::Scenario RobotOptions::load() const {
 
 std::uint32_t RobotOptions::cycle_us() const { return static_cast<std::uint32_t>(std::lround(1e3 * cycle_ms)); }
 
-Budget RobotOptions::budget(const twin::Scenario& robot, double bit_rate) const {
+Budget RobotOptions::budget(const twin::Scenario& robot, double bit_rate, const Wiring& wiring, std::size_t bus) const {
   if (mirror()) {
     const MirrorFormat format = mirror_format(bench_profile());
     const Bits each_way[] = {bits_of(encode(MirrorCommand{}, 1, format)), bits_of(encode(MirrorStatus{}, 1, format))};
-    return budget_of_frames(static_cast<int>(robot.model->drives().size()), each_way, 1e-3 * cycle_ms, bit_rate);
+    const std::size_t drives = wiring.empty() ? robot.model->drives().size() : wiring[bus].size();
+    return budget_of_frames(static_cast<int>(drives), each_way, 1e-3 * cycle_ms, bit_rate);
   }
-  return hil::budget(Drives(robot, *this).all(), 1e-3 * cycle_ms, bit_rate);
+  const Drives drives(robot, *this, wiring);
+  std::vector<DescribedDrive> on_bus;
+  for (std::size_t i = 0; i < drives.all().size(); ++i)
+    if (place_of(wiring, i).bus == bus) on_bus.push_back(drives.all()[i]);
+  return hil::budget(on_bus, 1e-3 * cycle_ms, bit_rate);
 }
 
 std::string node_range(int first, std::size_t count) {
@@ -93,8 +98,8 @@ void check_outputs(const std::vector<NamedFile>& inputs, const std::vector<Named
   if (!force) twin::or_wrong_input(refuse_recorded(outputs));
 }
 
-Drives::Drives(const twin::Scenario& scenario, const RobotOptions& options)
-    : parameters_(drive_parameters(scenario, options.first_node, options.cycle_us())) {
+Drives::Drives(const twin::Scenario& scenario, const RobotOptions& options, const Wiring& wiring)
+    : parameters_(drive_parameters(scenario, options.first_node, options.cycle_us(), wiring)) {
   for (const auto& p : parameters_) dictionaries_.push_back(drive_dictionary(p));
   for (std::size_t i = 0; i < parameters_.size(); ++i) described_.push_back({&dictionaries_[i], &parameters_[i]});
 }

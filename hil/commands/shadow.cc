@@ -5,7 +5,7 @@
 #include <tribotwin/hil/can/clock.hpp>
 #include <tribotwin/hil/can/log.hpp>
 #include <tribotwin/hil/can/transport.hpp>
-#include <tribotwin/hil/commands/program.hpp>
+#include <tribotwin/hil/commands/can_options.hpp>
 #include <tribotwin/hil/session/session_file.hpp>
 #include <tribotwin/hil/shadow/foreign_drives.hpp>
 #include <tribotwin/hil/shadow/shadow.hpp>
@@ -86,8 +86,10 @@ NextFrame frames_of(Transport& bus, std::optional<double> duration_s) {
 struct Source {
   std::optional<LogReader> log;
   std::unique_ptr<Transport> bus;
+  Wiring wiring;
+  std::size_t channel = 0;  ///< the bus of the last frame
 
-  explicit Source(const Arguments& a) {
+  Source(const Arguments& a, const Wiring& wired) : wiring(wired) {
     if (!a.log().empty())
       log.emplace(twin::or_wrong_input(LogReader::open(a.log(), stop)));
     else
@@ -95,16 +97,28 @@ struct Source {
   }
   NextFrame frames(std::optional<double> duration_s) {
     if (bus) return frames_of(*bus, duration_s);
-    return [this](Frame& frame) { return log->next(frame); };
+    return [this](Frame& frame) { return next(frame); };
+  }
+  /// Of several buses the channels that the session had; others are left out.
+  Result<bool> next(Frame& frame) {
+    for (;;) {
+      auto more = log->next(frame);
+      if (!more || !*more || wiring.size() < 2) return more;
+      for (channel = 0; channel < wiring.size(); ++channel)
+        if (log->bus() == channel_of(channel)) return true;
+    }
   }
 };
 
 /// What the file beside a log says about how it must be read.
-void note_session(const Arguments& a) {
+void note_session(const Arguments& a, const twin::Scenario& scenario) {
   const auto file = session_file_of(a.log());
   if (a.log().empty() || file.empty() || !std::filesystem::exists(file)) return;
   const auto session = SessionReader::open(file);
   if (!session) return twin::note("{}", session.error().message);
+  if (session->head().complete && session->head().scenario != scenario_checksum(scenario))
+    twin::note("{}: the log was recorded with another scenario than {}, other --set or in another folder",
+               file.string(), scenario.file.string());
   const double cycle_ms = 1e-3 * session->head().cycle_us;
   if (!session->head().realtime && !a.lockstep)
     twin::note(
@@ -141,17 +155,21 @@ int run(const Arguments& a) {
   for (const auto& file : a.foreign.files()) inputs.push_back({"--map " + file.string(), file});
   check_outputs(inputs, {{"--csv " + a.csv, a.csv}}, a.force);
   if (!a.csv.empty()) twin::or_wrong_input(twin::check_output(a.csv, twin::Existing::replace));
+  const bool one_bus = a.log().empty() || !recorded_wiring(a.log());  // a damaged session file is only noted
+  const Wiring wiring = one_bus ? Wiring{} : wiring_of_log(scenario, a.log());
   ForeignDrives foreign = a.foreign;
   foreign.note = [](const std::string& what) { twin::note("{}", what); };
   auto listeners =
-      twin::or_wrong_input(foreign_listeners(foreign, drive_parameters(scenario, a.first_node, a.cycle_us())));
+      twin::or_wrong_input(foreign_listeners(foreign, drive_parameters(scenario, a.first_node, a.cycle_us(), wiring)));
   twin::catch_interrupts();
-  Source source(a);
-  note_session(a);
+  Source source(a, wiring);
+  note_session(a, scenario);
   const auto result =
       twin::or_throw(hil::shadow(scenario, source.frames(a.duration),
                                  {.profile = a.bench_profile(),
                                   .first_node = a.first_node,
+                                  .wiring = wiring,
+                                  .bus = [&] { return source.channel; },
                                   .cycle_us = a.cycle_us(),
                                   .cycle_expected = a.cycle_option->count() > 0,
                                   .lockstep = a.lockstep,

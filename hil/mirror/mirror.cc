@@ -19,7 +19,7 @@ MirrorDrive::MirrorDrive(const DriveParameters& p, Send send, MirrorFormat forma
       torque_max_nm_(p.rated_torque_nm * p.gear_ratio),
       speed_max_rad_s_(p.speed_max_rad_s / p.gear_ratio),
       cycle_ns_(1000LL * p.cycle_us),
-      deadline_ns_(std::max<std::int64_t>(3 * cycle_ns_, 20'000'000)) {}
+      deadline_ns_(patience_ns(p.cycle_us)) {}
 
 void MirrorDrive::start(std::int64_t now_ns) { send_status(now_ns); }
 

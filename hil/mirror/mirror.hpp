@@ -1,5 +1,7 @@
 #pragma once
 
+#include <algorithm>
+
 #include <tribotwin/hil/drives/bus_drive.hpp>
 #include <tribotwin/hil/drives/drive_parameters.hpp>
 #include <tribotwin/hil/mirror/mirror_frames.hpp>
@@ -36,6 +38,10 @@ class MirrorDrive final : public BusDrive {
   bool stops_alone() const override { return stops_alone_; }
   std::vector<std::pair<std::string, std::uint64_t>> counts() const override;
   const MirrorCounters& counters() const { return counters_; }
+  /// Age [ns] at which a command is too old.
+  static constexpr std::int64_t patience_ns(std::int64_t cycle_us) {
+    return std::max<std::int64_t>(3000 * cycle_us, 20'000'000);
+  }
 
  private:
   void send_status(std::int64_t now_ns);

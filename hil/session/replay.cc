@@ -5,6 +5,7 @@
 #include <vector>
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 #include <time.h>
 
 #include <tribotwin/hil/can/clock.hpp>
@@ -36,6 +37,7 @@ struct Moment {
   struct Line {
     Frame frame;
     std::size_t number;  ///< in the log
+    std::size_t bus;
   };
   std::vector<Line> lines;
 };
@@ -43,7 +45,8 @@ struct Moment {
 /// Reads a log moment by moment.
 class Moments {
  public:
-  explicit Moments(LogReader log) : log_(std::move(log)) {}
+  /// `channels`: names of several buses; none: all that the log has is one bus.
+  Moments(LogReader log, std::vector<std::string> channels) : log_(std::move(log)), channels_(std::move(channels)) {}
   /// The next one; false at the end.
   Result<bool> next(Moment& moment) {
     if (!ahead_)
@@ -56,15 +59,25 @@ class Moments {
     }
     return true;
   }
+  /// Where the log has a frame on a channel that is none of the buses; empty if it has none up to here.
+  const std::string& stranger() const { return stranger_; }
 
  private:
   Result<bool> look_ahead() {
     Frame frame;
     auto more = log_.next(frame);
-    if (more && *more) ahead_ = Moment::Line{frame, log_.line()};
+    if (!more || !*more) return more;
+    const auto channel = std::ranges::find(channels_, log_.bus());
+    const auto bus = static_cast<std::size_t>(channel - channels_.begin());
+    if (!channels_.empty() && bus == channels_.size() && stranger_.empty())
+      stranger_ = fmt::format("line {}: a frame on {}; the buses are {}", log_.line(), log_.bus(),
+                              fmt::join(channels_, " and "));
+    ahead_ = Moment::Line{frame, log_.line(), bus};
     return more;
   }
   LogReader log_;
+  std::vector<std::string> channels_;
+  std::string stranger_;
   std::optional<Moment::Line> ahead_;
 };
 
@@ -80,14 +93,15 @@ class Replay {
             scenario,
             {.profile = o.profile,
              .first_node = o.first_node,
+             .wiring = o.wiring,
              .cycle_us = o.cycle_us,
              .lockstep = !session_ || !session_->head().realtime,
              .nodes = o.nodes,
              .kept =
                  [this](bool) { return std::ranges::find(turn_now_.not_kept, keeps_++) == turn_now_.not_kept.end(); },
              .stop = o.stop},
-            [this](const Frame& frame) {
-              said_.push(frame);
+            [this](std::size_t bus, const Frame& frame) {
+              said_[bus].push(frame);
               return Sent::done;
             }),
         compared_(bench_.drives().size()) {
@@ -97,7 +111,7 @@ class Replay {
   Result<ReplayResult> run() {
     auto log = LogReader::open(file_, o_.stop);
     if (!log) return tl::unexpected(log.error());
-    Moments moments(std::move(*log));
+    Moments moments(std::move(*log), channels());
     if (auto ok = start(moments); !ok) return tl::unexpected(ok.error());
     if (auto ok = follow(moments); !ok) return tl::unexpected(ok.error());
     result_.interrupted = stopped();
@@ -109,6 +123,14 @@ class Replay {
 
  private:
   bool stopped() const { return o_.stop && o_.stop(); }
+  bool any_said() const {
+    return std::ranges::any_of(said_, [](const ExpectedFrames& said) { return !said.empty(); });
+  }
+  std::vector<std::string> channels() const {
+    std::vector<std::string> names = o_.channels;
+    for (std::size_t bus = names.size(); bus < o_.wiring.size(); ++bus) names.push_back(channel_of(bus));
+    return names.size() > 1 ? names : std::vector<std::string>{};
+  }
 
   /// Reads the first moment and the first turn. An empty log leaves no record.
   Status start(Moments& moments) {
@@ -118,7 +140,7 @@ class Replay {
     bench_.start(first_ns_);
     if (session_) {
       // What drives say at the start is in the log; those without a node number say nothing.
-      if (moment_.time_ns < first_ns_ || (moment_.time_ns > first_ns_ && !said_.empty()))
+      if (moment_.time_ns < first_ns_ || (moment_.time_ns > first_ns_ && any_said()))
         return tl::unexpected(
             fmt::format("{}: does not belong to this log, or the log's beginning is missing; nothing was compared",
                         session_->file().string()));
@@ -131,7 +153,9 @@ class Replay {
     auto more = moments.next(moment_);
     if (!more) return tl::unexpected(more.error());
     frames_left_ = *more;
-    return {};
+    if (moments.stranger().empty()) return {};
+    return tl::unexpected(
+        fmt::format("{}: {}; give --can CHANNEL=JOINT,... for each", file_.string(), moments.stranger()));
   }
   Status read_turn() {
     auto more = session_->next(turn_);
@@ -186,18 +210,19 @@ class Replay {
     to_compare_.clear();
     for (std::size_t i = 0; i < lines.size() && !stopped(); ++i) {
       ++result_.frames;
-      const auto sender = bench_.sender(lines[i].frame);
+      const auto sender = bench_.sender(lines[i].bus, lines[i].frame);
       const bool misleading = std::ranges::find(turn.misleading, i) != turn.misleading.end();
       if (sender.has_value() != misleading)
         to_compare_.push_back({&lines[i], sender});
-      else if (auto ok = work(bench_.receive(lines[i].frame, now_ns)); !ok)
+      else if (auto ok = work(bench_.receive(lines[i].bus, lines[i].frame, now_ns)); !ok)
         return ok;
       if (auto ok = impose(turn, i + 1); !ok) return ok;
     }
     for (std::int64_t k = 0; k < turn.steps && !stopped(); ++k)
       if (auto ok = work(bench_.plant().step(bench_.drives())); !ok) return ok;
     if (auto ok = impose(turn, Turn::at_end); !ok) return ok;
-    if (turn.recovered) bench_.recovered(now_ns);
+    for (const std::size_t bus : turn.recovered)
+      if (bus < bench_.buses()) bench_.recovered(bus, now_ns);
     for (const auto& [line, sender] : to_compare_) compare(*line, sender);
     if (const auto& failure = bench_.plant().record_failure(); !failure.empty()) return work_failed(failure);
     return {};
@@ -221,7 +246,7 @@ class Replay {
     ++result_.compared;
     if (sender) ++compared_[*sender];
     const Frame& frame = line.frame;
-    const auto said = said_.pop(frame.id);
+    const auto said = said_[line.bus].pop(frame.id);
     if (!said) {
       ++result_.missing;
       differs(fmt::format("{}:{}: {} was recorded, nothing now", file_.string(), line.number, text(frame)));
@@ -235,8 +260,11 @@ class Replay {
   void judge_the_end() {
     for (std::size_t i = 0; i < compared_.size(); ++i)
       if (compared_[i] == 0) result_.silent.push_back(bench_.joints()[i]);
-    for (const auto& [id, rest] : said_.left()) {
-      const auto sender = bench_.sender(rest.last);
+    for (std::size_t bus = 0; bus < said_.size(); ++bus) judge_rest(bus);
+  }
+  void judge_rest(std::size_t bus) {
+    for (const auto& [id, rest] : said_[bus].left()) {
+      const auto sender = bench_.sender(bus, rest.last);
       if (sender && compared_[*sender] == 0) continue;
       result_.added += rest.count;
       differs(
@@ -266,7 +294,7 @@ class Replay {
     std::optional<std::size_t> sender;
   };
   std::vector<Own> to_compare_;
-  ExpectedFrames said_;  // by the drives
+  std::vector<ExpectedFrames> said_ = std::vector<ExpectedFrames>(bus_count(o_.wiring));  // by the drives, per bus
   Bench bench_;
   std::vector<std::uint64_t> compared_;  // per drive
   std::int64_t first_ns_ = 0, ticked_ns_ = -1;
@@ -283,6 +311,9 @@ Result<std::optional<SessionReader>> session_of(const std::filesystem::path& log
   if (session->head().cycle_us != o.cycle_us)
     return tl::unexpected(fmt::format("{}: was recorded with --cycle {}, not with --cycle {}; nothing was compared",
                                       file.string(), 1e-3 * session->head().cycle_us, 1e-3 * o.cycle_us));
+  if (!session->head().wiring.empty() && session->head().wiring != o.wiring)
+    return tl::unexpected(
+        fmt::format("{}: was recorded with other drives on its buses; nothing was compared", file.string()));
   return std::optional(std::move(*session));
 }
 

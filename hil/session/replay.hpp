@@ -28,6 +28,8 @@ struct ReplayResult {
 struct ReplayOptions {
   Profile profile = Profile::cia402;
   int first_node = 1;
+  Wiring wiring;                      ///< the drives on each bus; all on one without: then any channel is that bus
+  std::vector<std::string> channels;  ///< what the log calls these buses; can0, can1, ... without
   std::uint32_t cycle_us = 2000;
   std::vector<NodeSetup> nodes;  ///< how they start, see BenchOptions; of a session file: made of its conditions
   double rate = 0;               ///< of the original speed; 0: as fast as possible

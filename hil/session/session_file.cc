@@ -23,7 +23,8 @@ constexpr std::string_view first_line = "tribotwin-hil session 2", old_first_lin
 constexpr std::size_t longest_start_file = 64 << 20;
 constexpr std::int64_t most_steps = 1'000'000;  ///< of one turn; a session makes a few hundred at most
 constexpr std::string_view off = "off", on = "on", end_of_turn = "end", back = "recovered", foreign = "misleading",
-                           moved = "steps", lost = "not_kept", no_numbers = "unconfigured", absent = "absent";
+                           moved = "steps", lost = "not_kept", no_numbers = "unconfigured", absent = "absent",
+                           of_bus = "bus";
 
 /// The faults of a drive, as the list of faults calls them.
 struct Named {
@@ -61,8 +62,13 @@ std::optional<Turn::Imposed> parse_fault(FaultKind kind, std::string_view value)
 }
 
 bool parse_word(std::string_view word, Turn& turn) {
-  if (word == back) return turn.recovered = true;
+  if (word == back) return turn.recovered.push_back(0), true;
   const auto [key, value] = split(word, '=');
+  if (key == back) {
+    const auto bus = to_integer<std::size_t>(value);
+    if (bus) turn.recovered.push_back(*bus);
+    return bus.has_value();
+  }
   if (key == moved) {
     const auto steps = to_integer<std::int64_t>(value);
     turn.steps = steps.value_or(0);
@@ -91,11 +97,19 @@ std::string word_of(const Turn::Imposed& imposed) {
                                : std::string(on));
 }
 
+/// The drives of one bus, counted from 1.
+std::string bus_line(const std::vector<std::size_t>& drives) {
+  std::string line(of_bus);
+  for (const std::size_t drive : drives) line += fmt::format(" {}", drive + 1);
+  return line + "\n";
+}
+
 std::string text_of(const SessionHead& head) {
   std::string text =
       fmt::format("{}\nclock {}\ncycle_us {}\nstart_us {}\nscenario {:08X}\n", first_line,
                   head.realtime ? "realtime" : "lockstep", head.cycle_us, head.start_ns / 1000, head.scenario);
   if (head.conditions.unconfigured) text += fmt::format("{}\n", no_numbers);
+  for (const auto& drives : head.wiring) text += bus_line(drives);
   for (const StartFile& file : head.conditions.files) {
     const std::string name = twin::printable(file.name.string());
     text += fmt::format("{} {} {}\n", word_of(file.kind),
@@ -134,7 +148,8 @@ Result<void> SessionWriter::write(const Turn& turn) {
   for (const std::size_t frame : turn.misleading) line += fmt::format(" {}={}", foreign, frame);
   for (const Turn::Imposed& imposed : turn.faults) line += word_of(imposed);
   for (const std::size_t number : turn.not_kept) line += fmt::format(" {}={}", lost, number);
-  if (turn.recovered) line += fmt::format(" {}", back);
+  for (const std::size_t bus : turn.recovered)
+    line += bus == 0 ? fmt::format(" {}", back) : fmt::format(" {}={}", back, bus);
   return out_.append(line + "\n");
 }
 
@@ -194,6 +209,8 @@ Result<void> SessionReader::read_conditions() {
     const auto kind = std::ranges::find(start_files, key, &std::pair<StartFile::Kind, std::string_view>::second);
     if (line == no_numbers) {
       head_.conditions.unconfigured = true;
+    } else if (key == of_bus && read_bus(line)) {
+      continue;
     } else if (kind != std::end(start_files)) {
       auto file = read_start_file(kind->first, value);
       if (!file) return tl::unexpected(file.error());
@@ -202,8 +219,8 @@ Result<void> SessionReader::read_conditions() {
       break;
     }
   }
-  return tl::unexpected(fmt::format("{}:{}: is not '{}', '{}' or 'eds|dcf|store BYTES NAME'", file_.string(), line_,
-                                    no_numbers, begin_turns));
+  return tl::unexpected(fmt::format("{}:{}: is not '{}', '{}' or 'eds|dcf|store BYTES NAME' or 'bus DRIVE...'",
+                                    file_.string(), line_, no_numbers, begin_turns));
 }
 
 Result<StartFile> SessionReader::read_start_file(StartFile::Kind kind, std::string_view size_and_name) {
@@ -222,9 +239,29 @@ Result<StartFile> SessionReader::read_start_file(StartFile::Kind kind, std::stri
   return file;
 }
 
+bool SessionReader::read_bus(const std::string& line) {
+  const auto parts = words(line);
+  auto& drives = head_.wiring.emplace_back();
+  for (std::size_t i = 1; i < parts.size(); ++i) {
+    const auto number = to_integer<std::size_t>(parts[i]);
+    if (!number || *number == 0) return false;
+    drives.push_back(*number - 1);
+  }
+  return parts[0] == of_bus;
+}
+
+Result<Wiring> recorded_wiring(const fs::path& log) {
+  const fs::path file = session_file_of(log);
+  if (file.empty() || !fs::exists(file)) return Wiring{};
+  auto session = SessionReader::open(file);
+  if (!session) return tl::unexpected(session.error());
+  return session->head().wiring;
+}
+
 Result<bool> SessionReader::next(Turn& turn) {
   std::string line;
-  if (complete_ || !std::getline(in_, line)) return false;
+  if (complete_) return false;
+  if (!std::getline(in_, line)) return false;
   ++line_;
   if (line == last_line) return complete_ = true, false;
   if (in_.eof()) return false;  // the last line of a session that was killed

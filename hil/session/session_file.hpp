@@ -9,6 +9,7 @@
 #include <vector>
 
 #include <tribotwin/hil/can/record_file.hpp>
+#include <tribotwin/hil/drives/wiring.hpp>
 #include <tribotwin/hil/faults/faults.hpp>
 #include <tribotwin/plugins/friction/error.hpp>
 #include <tribotwin/twin/simulation/scenario.hpp>
@@ -34,8 +35,8 @@ struct Turn {
   std::int64_t steps = 0;               ///< of the robot by the clock
   std::vector<std::size_t> misleading;  ///< frames (0, 1, ...) not sent by whom their identifier says
   std::vector<Imposed> faults;
-  std::vector<std::size_t> not_kept;  ///< of the commands to store (0, 1, ...) those whose file could not be written
-  bool recovered = false;             ///< the bus was back after a link loss
+  std::vector<std::size_t> not_kept;   ///< of the commands to store (0, 1, ...) those whose file could not be written
+  std::vector<std::size_t> recovered;  ///< buses that were back after a link loss
 
   bool operator==(const Turn&) const = default;
 };
@@ -67,6 +68,7 @@ struct SessionHead {
   std::int64_t start_ns = 0;     ///< when the drives booted: the time of the log's first frames
   std::uint32_t scenario = 0;    ///< scenario_checksum
   StartConditions conditions{};  ///< how the drives started
+  Wiring wiring{};               ///< its buses are can0, can1, ... in the log
   bool complete = true;          ///< false: of an older version, which wrote no scenario and no conditions
   bool operator==(const SessionHead&) const = default;
 };
@@ -93,6 +95,10 @@ class SessionWriter {
   std::int64_t last_ns_;
 };
 
+/// The wiring of a recorded session: empty where there is no session file, or one bus
+/// with all drives in their order.
+Result<Wiring> recorded_wiring(const std::filesystem::path& log);
+
 class SessionReader {
  public:
   /// Fails with file and line where the head is none.
@@ -106,6 +112,7 @@ class SessionReader {
 
  private:
   Result<void> read_head();
+  bool read_bus(const std::string& line);
   Result<void> read_conditions();
   Result<StartFile> read_start_file(StartFile::Kind kind, std::string_view size_and_name);
   std::filesystem::path file_;

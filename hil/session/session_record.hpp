@@ -17,8 +17,8 @@ class SessionRecord {
 
   /// A new turn; all that follows belongs to it. `time_ns`: CLOCK_REALTIME.
   void begin(std::int64_t time_ns) { turn_ = {.time_ns = time_ns}, frames_ = keeps_ = 0; }
-  /// A frame of this turn. `misleading`: it was not sent by whom its identifier says.
-  Result<void> frame(Frame frame, bool misleading);
+  /// A frame of this turn on `bus`. `misleading`: it was not sent by whom its identifier says.
+  Result<void> frame(std::size_t bus, Frame frame, bool misleading);
   void fault(const DriveFault& fault) { turn_.faults.push_back({turn_.steps ? Turn::at_end : frames_, fault}); }
   void step() { ++turn_.steps; }
   /// A drive wanted its parameters kept; `done`: they were.
@@ -26,7 +26,7 @@ class SessionRecord {
     if (!done) turn_.not_kept.push_back(keeps_);
     ++keeps_;
   }
-  void recovered() { turn_.recovered = true; }
+  void recovered(std::size_t bus) { turn_.recovered.push_back(bus); }
   Result<void> end();
 
   Result<void> flush();

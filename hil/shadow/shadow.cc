@@ -65,8 +65,10 @@ struct Cycle {
 class Shadow {
  public:
   Shadow(const twin::Scenario& scenario, const ShadowOptions& o)
-      : o_(o), clock_(o.lockstep ? std::optional(1e-6 * o.cycle_us) : std::nullopt), expectation_(scenario) {
-    const auto parameters = drive_parameters(scenario, o.first_node, o.cycle_us);
+      : o_(o),
+        clocks_(bus_count(o.wiring), BusClock(o.lockstep ? std::optional(1e-6 * o.cycle_us) : std::nullopt)),
+        expectation_(scenario) {
+    const auto parameters = drive_parameters(scenario, o.first_node, o.cycle_us, o.wiring);
     auto listeners = listeners_of(o, parameters);
     for (std::size_t i = 0; i < parameters.size(); ++i) {
       joints_.push_back({.listener = std::move(listeners[i])});
@@ -115,24 +117,28 @@ class Shadow {
   }
 
   Result<void> hear(const Frame& frame) {
-    const bool sync = is_sync(frame);
+    const std::size_t bus = o_.bus ? o_.bus() : 0;
+    const bool any_sync = is_sync(frame), sync = any_sync && bus == 0;
     const bool synced = clock_.synced();
-    clock_.hear(frame, sync);
+    for (std::size_t i = 0; i < clocks_.size(); ++i) clocks_[i].hear(frame, any_sync && i == bus);
     if (sync && !synced) ticks_ = {}, period_ = {};  // until now the first drive's positions were the cycle
     if (begin_s_ == never_s && std::ranges::all_of(joints_, [](const Joint& j) { return j.position.heard() > 0; }))
       begin_s_ = clock_.now_s();
     bool first_position = false;
-    for (std::size_t i = 0; i < joints_.size(); ++i) first_position |= hear(joints_[i], frame) && i == 0;
+    for (std::size_t i = 0; i < joints_.size(); ++i)
+      if (place_of(o_.wiring, i).bus == bus) first_position |= hear(joints_[i], frame, bus) && i == 0;
     return sync || (first_position && !clock_.synced()) ? tick() : Result<void>{};
   }
 
   /// Whether the frame held a position of the joint.
-  bool hear(Joint& joint, const Frame& frame) {
+  bool hear(Joint& joint, const Frame& frame, std::size_t bus) {
     const Heard heard = joint.listener->hear(frame);
     if (!heard.any()) return false;
+    // In lockstep the buses have one clock; else each drive sends with the SYNC of its bus.
+    const BusClock& clock = o_.lockstep ? clock_ : clocks_[bus];
     Sending sending = heard.sending;
-    if (sending == Sending::with_sync && !clock_.synced()) sending = Sending::periodic;
-    const Stamp stamp = clock_.stamp(sending);
+    if (sending == Sending::with_sync && !clock.synced()) sending = Sending::periodic;
+    const Stamp stamp = clock.stamp(sending);
     if (heard.position_rad) joint.position.add(stamp, *heard.position_rad, sending, heard.every);
     if (heard.torque_nm) {
       // Without SYNCs our drives send the torque of the moment.
@@ -430,7 +436,8 @@ class Shadow {
   }
 
   const ShadowOptions& o_;
-  BusClock clock_;
+  std::vector<BusClock> clocks_;  // of each bus
+  BusClock& clock_ = clocks_[0];
   Expectation expectation_;
   std::vector<Joint> joints_;
   CyclePeriod period_;

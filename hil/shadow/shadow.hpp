@@ -17,9 +17,11 @@ namespace tribotwin::hil {
 struct ShadowOptions {
   Profile profile = Profile::cia402;
   int first_node = 1;
-  std::uint32_t cycle_us = 2000;  ///< in lockstep: from one SYNC to the next
-  bool cycle_expected = false;    ///< the bus must have that cycle; else what it has is taken
-  bool lockstep = false;          ///< the SYNC is the clock, not the frames' stamps
+  Wiring wiring;                     ///< the drives on each bus; all on one without
+  std::function<std::size_t()> bus;  ///< of the frame last read; without: all are on one
+  std::uint32_t cycle_us = 2000;     ///< in lockstep: from one SYNC to the next
+  bool cycle_expected = false;       ///< the bus must have that cycle; else what it has is taken
+  bool lockstep = false;             ///< the SYNC is the clock, not the frames' stamps
   /// Called once: one per joint; null, or none at all: a drive of `profile`.
   std::function<std::vector<std::unique_ptr<Listener>>()> listeners;
   std::optional<double> limit_nm;         ///< of the residual, arm side

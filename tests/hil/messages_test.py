@@ -149,10 +149,11 @@ check("and it ends with a signal", process.wait(60) == 0)
 mirror = ("--profile", "mirror")
 r = harness.run(hil, *live[:-1], "2", *mirror, "--record", "short.log", timeout=60)
 check("a session of 2 s is recorded", r.returncode == 0, r.stderr)
-listen = ("shadow", hold, "--can", "log:short.log", *mirror)
+listen = ("shadow", live[1], "--can", "log:short.log", *mirror)
 for name, arguments, says, hides in (
     ("a --duration beyond the log", ["--duration", "60"], ["short.log: ends after", "before the 60 s"], ["lockstep"]),
     ("a --duration within the log", ["--duration", "1.5"], [], ["ends after", "note: short.log"]),
+    ("a log of another scenario", ["--set", "ambient_degC=20"], ["with another scenario than"], ["lockstep"]),
     ("--lockstep of a session in real time", ["--lockstep"], ["with --realtime; leave --lockstep out"], []),
 ):
     r = harness.run(hil, *listen, *arguments, timeout=60)

@@ -34,9 +34,10 @@ TEST_F(SessionFile, WhatIsWrittenIsRead) {
                                         .files = {{StartFile::Kind::store, "a store", std::nullopt},
                                                   {StartFile::Kind::dcf, "1.dcf", "turns\nend\r\n\n"},
                                                   {StartFile::Kind::dcf, "2.dcf", ""},
-                                                  {StartFile::Kind::eds, "x.eds", std::string("\0\xFF[", 3)}}}};
+                                                  {StartFile::Kind::eds, "x.eds", std::string("\0\xFF[", 3)}}},
+                         .wiring = {{2, 0}, {1}}};
   const std::vector<Turn> turns{{.time_ns = head.start_ns + 1000, .steps = 1},
-                                {.time_ns = head.start_ns + 2'001'000, .misleading = {0, 7}, .recovered = true},
+                                {.time_ns = head.start_ns + 2'001'000, .misleading = {0, 7}, .recovered = {0, 1}},
                                 {.time_ns = head.start_ns + 4'000'000},
                                 {.time_ns = head.start_ns + 4'001'000, .not_kept = {0, 2}},
                                 {.time_ns = head.start_ns + 5'000'000'000'000},  // the machine slept
@@ -93,6 +94,8 @@ TEST_F(SessionFile, WhatIsNoneIsRefusedWithItsPlace) {
            {second + "scenario 1\n", ":5: "},
            {files, ":6: is not 'unconfigured', 'turns' or"},
            {files + "10 steps=1\n", ":6: "},
+           {files + "bus 1 0\n", ":6: is not 'unconfigured', 'turns' or"},
+           {files + "bus 1 2\nbus x\n", ":7: "},
            {files + "eds x a.eds\n", ":6: is not 'eds BYTES NAME'"},
            {files + "eds absent a.eds\n", ":6: "},
            {files + "eds 99999999999 a.eds\n", ":6: is not 'eds BYTES NAME' with at most"},
