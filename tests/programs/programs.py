@@ -56,7 +56,7 @@ class Command:
 
     @property
     def knows_force(self):
-        words = [a for a in self.argv[1:3] if re.fullmatch("[a-z0-9]+", a)]
+        words = [a for a in self.argv[1:3] if re.fullmatch("[a-z][a-z0-9-]*", a)]
         return "--force" in help_of(self.argv[0], *words)
 
 
@@ -186,6 +186,11 @@ commands = [
             ),
             ("joint.xml",),
             stream="joint.xml",
+        ),
+        Command(
+            "add-drives",
+            ("tribotwin", "add-drives", "{in}/bare.xml", "-o", "robot.xml"),
+            ("robot.xml", "robot.yaml"),
         ),
         Command("recover", ("tribotwin", "recover", "killed"), given=("killed",)),
         Command("list", ("tribotwin", "list", "laws", "-o", "laws.txt"), ("laws.txt",), stream="laws.txt"),
@@ -646,6 +651,9 @@ def judge(command, outcome, truth, killed=False):
 
 # ---- Inputs.
 MOTION = "motion: {type: cycle, waypoints: [{position_rad: -0.5}, {position_rad: 0.6}], speed_rad_s: 2}\n"
+BARE = """<mujoco><worldbody><body pos="0 0 1"><joint name="hinge" axis="0 1 0"/>
+  <geom type="capsule" fromto="0 0 0 .4 0 0" size=".04"/></body></worldbody></mujoco>
+"""
 CAMPAIGN = """model: pendulum.xml
 joint: hinge
 procedure: plus_minus
@@ -726,6 +734,7 @@ def make_inputs():
 
 def write_models():
     write("pendulum.xml", PENDULUM)
+    write("bare.xml", BARE)
     write("scenario.yaml", "model: pendulum.xml\nduration_s: 3\ntelemetry_rate_hz: 100\n" + MOTION)
     write("long.yaml", "model: pendulum.xml\nduration_s: 600\ntelemetry_rate_hz: 200\n" + MOTION)
     write("varied.yaml", "model: pendulum.xml\nduration_s: 1\nvary: [{temperature_degC: [20, 30]}]\n" + MOTION)

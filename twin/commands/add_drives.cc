@@ -5,6 +5,7 @@
 
 #include <fmt/format.h>
 
+#include <tribotwin/plugins/mujoco/source.hpp>
 #include <tribotwin/twin/commands/program.hpp>
 #include <tribotwin/twin/gears/add_drives.hpp>
 #include <tribotwin/twin/gears/gear_class.hpp>
@@ -67,29 +68,37 @@ void report(const RobotWithDrives& robot) {
   if (starters) note("attention: {}", starting_points);
 }
 
+/// Both files or none, also where the work was interrupted between them and starts again: the scenario comes first, and
+/// one that is the same already is left alone.
+Result<Exit> write_both(const RobotWithDrives& robot, const Arguments& a, const fs::path& scenario) {
+  const fs::path out = a.output.file, folder = fs::absolute(scenario).parent_path();
+  const auto work = starter_scenario(robot, fs::relative(fs::absolute(out), folder).string());
+  if (work) {
+    const auto old = mujoco::read_text(scenario);
+    if (!old || *old != *work) or_wrong_input(check_output(scenario, a.output.existing(), robot.files));
+    if (const auto ok = write_derived(scenario, *work, a.output.existing()); !ok)
+      return work_failed(ok.error().message);
+  }
+  if (auto written = deliver(robot.mjcf, a.output); !written) return written;
+  print("{}\n", out.string());
+  if (work)
+    print("{}\n", scenario.string());
+  else
+    note("no scenario was written: {}", work.error().message);
+  return done;
+}
+
 Result<Exit> execute(const Arguments& a) {
   if (!a.output.named()) throw InputError("add-drives needs -o OUT.xml: paths of meshes are relative to its folder");
-  const fs::path out = a.output.file,
-                 scenario = a.scenario.empty() ? fs::path(out).replace_extension(".yaml") : fs::path(a.scenario);
+  const fs::path out = a.output.file;
+  const fs::path scenario = a.scenario.empty() ? fs::path(out).replace_extension(".yaml") : fs::path(a.scenario);
   check(a.output, {a.model});
-  or_wrong_input(check_output(scenario, a.output.existing(), std::vector<fs::path>{a.model, out}));
+  or_wrong_input(check_output(scenario, Existing::replace, std::vector<fs::path>{a.model, out}));
   const auto robot = add_drives(a.model, choice_of(a), out.has_parent_path() ? out.parent_path() : ".");
   if (!robot) return tl::unexpected(robot.error());
   check(a.output, robot->files);
-  or_wrong_input(check_output(scenario, a.output.existing(), robot->files));
   if (!a.quiet) report(*robot);
-  const fs::path folder = fs::absolute(scenario).parent_path();
-  const auto work = starter_scenario(*robot, fs::relative(fs::absolute(out), folder).string());
-  if (const auto written = deliver(robot->mjcf, a.output); !written) return written;
-  print("{}\n", out.string());
-  if (!work) {
-    note("no scenario was written: {}", work.error().message);
-    return done;
-  }
-  if (const auto written = write_file(scenario, *work, a.output.existing()); !written)
-    return work_failed(written.error().message);
-  print("{}\n", scenario.string());
-  return done;
+  return write_both(*robot, a, scenario);
 }
 
 }  // namespace

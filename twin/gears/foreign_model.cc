@@ -63,6 +63,10 @@ std::string text_of(const pugi::xml_document& document) {
   return text.str();
 }
 
+bool has_asset_files(const pugi::xml_document& document) {
+  return static_cast<bool>(document.select_node("//asset/*[@*[starts-with(name(), 'file')]]"));
+}
+
 /// The model of a document whose folders are absolute. On engines before 3.0 limits are not automatic: a model of
 /// today then needs autolimits.
 Result<std::shared_ptr<const mujoco::Model>> compiled(ForeignModel& foreign, const fs::path& folder) {
@@ -79,7 +83,7 @@ Result<void> read_mjcf(ForeignModel& foreign, const fs::path& file) {
   auto merged = mujoco::load_merged(file);
   if (!merged) return tl::unexpected(merged.error());
   foreign.document = std::move(*merged);
-  mujoco::make_asset_folders_absolute(*foreign.document, file.parent_path());
+  if (has_asset_files(*foreign.document)) mujoco::make_asset_folders_absolute(*foreign.document, file.parent_path());
   const auto direct = mujoco::load_file(file);
   if (direct) {
     foreign.model = *direct;
