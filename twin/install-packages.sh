@@ -18,6 +18,7 @@ if [ "${1:-}" = --tests ]; then
     python3 python3-h5py python3-numpy python3-scipy python3-yaml chromium ffmpeg
     user-mode-linux gcc libc6-dev kmod iproute2 can-utils busybox-static util-linux   # the CAN VM
     python3-can python3-canmatrix tshark
+    dpkg-dev lintian   # Debian packages
   )
 fi
 missing=()

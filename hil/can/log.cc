@@ -189,8 +189,8 @@ Result<bool> LogReader::next_line(std::string_view& line) {
     if (length >= max_line) {
       ++line_;
       skipping_ = true;  // the next call continues after it
-      return problem("{}:{}: longer than {} characters, not a line of a candump log", file_.string(), line_,
-                     max_line - 1);
+      return problem("{}:{}: longer than {} characters; a line of a candump log is '(time) bus frame'", file_.string(),
+                     line_, max_line - 1);
     }
     if (end == buffer_.npos) {
       searched = length;
@@ -198,7 +198,8 @@ Result<bool> LogReader::next_line(std::string_view& line) {
       if (!more) return more;
       if (*more) continue;
       if (length == 0 || (stop_ && stop_())) return false;
-      end = buffer_.size();  // the last line, which has no end
+      end = buffer_.size();
+      cut_ = true;
     }
     line = std::string_view(buffer_).substr(begin_, length);
     begin_ = std::min(end + 1, buffer_.size());
@@ -213,7 +214,9 @@ Result<bool> LogReader::next(Frame& frame) {
     if (auto more = next_line(line); !more || !*more) return more;
     if (words(line).empty()) continue;
     const auto parsed = parse_log_line(line, bus_);
-    if (!parsed) return problem("{}:{}: {}", file_.string(), line_, parsed.error().message);
+    if (!parsed)
+      return problem("{}:{}: {}{}", file_.string(), line_, parsed.error().message,
+                     cut_ ? "; this last line has no end, the log was cut: remove the line to use the rest" : "");
     frame = *parsed;
     return true;
   }
@@ -227,12 +230,12 @@ Result<LogWriter> LogWriter::create(const std::filesystem::path& file, std::stri
   return LogWriter(file, std::move(bus), std::move(*out));
 }
 
-Result<void> LogWriter::write(const Frame& frame) {
+Result<void> LogWriter::write(const Frame& frame, std::string_view bus) {
   if (frame.time_ns < 0 || !valid_size(frame.fd, frame.size))
     return problem("{}: a frame of {} bytes at {} ns has no line in a candump log", file_.string(), frame.size,
                    frame.time_ns);
   return out_.append(fmt::format("({:010}.{:06}) {} {}\n", frame.time_ns / 1'000'000'000,
-                                 frame.time_ns % 1'000'000'000 / 1000, bus_, text(frame)));
+                                 frame.time_ns % 1'000'000'000 / 1000, bus, text(frame)));
 }
 
 }  // namespace tribotwin::hil

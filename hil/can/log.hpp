@@ -40,6 +40,7 @@ class LogReader {
   std::size_t begin_ = 0;  ///< of the unread part of the buffer
   std::size_t line_ = 0;
   bool skipping_ = false;  ///< the buffer begins in a line that is too long
+  bool cut_ = false;       ///< the line last read is the last one and has no end
 };
 
 /// Parses one line. The error says what is wrong in it.
@@ -50,7 +51,9 @@ class LogWriter {
  public:
   static Result<LogWriter> create(const std::filesystem::path& file, std::string bus, RecordOptions options = {});
   /// Fails once the file cannot take more (full disk); the message names it.
-  Result<void> write(const Frame& frame);
+  Result<void> write(const Frame& frame) { return write(frame, bus_); }
+  /// The same, of a frame on another bus; `bus` is one word.
+  Result<void> write(const Frame& frame, std::string_view bus);
   Result<void> flush() { return out_.flush(); }
   Result<void> finish() { return out_.finish(); }
 

@@ -7,8 +7,12 @@
 #include <utility>
 
 #include <fmt/format.h>
+#include <sys/eventfd.h>
+#include <unistd.h>
 
 #include <tribotwin/hil/can/transport.hpp>
+#include <tribotwin/hil/can/wait_any.hpp>
+#include <tribotwin/twin/io/descriptor.hpp>
 
 namespace tribotwin::hil {
 namespace {
@@ -21,6 +25,7 @@ struct Inbox {
   OpenOptions options;
   std::deque<Frame> frames;
   std::uint64_t lost = 0;
+  twin::Descriptor event;  // readable while frames may be waiting; only of an end that is polled
 
   bool wants(const Frame& frame) const {
     if (frame.fd && !options.fd) return false;
@@ -53,7 +58,7 @@ bool carriable(const Frame& frame, bool fd) {
   return valid_size(frame.fd, frame.size) && frame.id <= (frame.extended || frame.error ? 0x1FFFFFFFu : 0x7FFu);
 }
 
-class MemoryEnd final : public Transport {
+class MemoryEnd final : public Transport, public Pollable {
  public:
   MemoryEnd(const std::string& name, const OpenOptions& options) : Transport(name), bus_(bus_named(name)) {
     inbox_.options = options;
@@ -84,6 +89,7 @@ class MemoryEnd final : public Transport {
           end->frames.push_back(stamped);
         else
           ++end->lost;
+        if (end->event >= 0) ::eventfd_write(end->event, 1);
       }
     }
     bus_->filled.notify_all();
@@ -109,6 +115,15 @@ class MemoryEnd final : public Transport {
     const auto until = std::min(deadline, Clock::now() + 20ms);
     std::unique_lock lock(bus_->mutex);
     bus_->filled.wait_until(lock, until, [&] { return !inbox_.frames.empty(); });
+  }
+
+  std::int64_t watch(std::vector<pollfd>& polled, std::int64_t deadline_ns) override {
+    const std::lock_guard lock(bus_->mutex);
+    if (inbox_.event < 0) inbox_.event = twin::Descriptor(::eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC));
+    eventfd_t waiting;
+    ::eventfd_read(inbox_.event, &waiting);
+    polled.push_back({.fd = inbox_.event.get(), .events = POLLIN, .revents = 0});
+    return inbox_.frames.empty() ? deadline_ns : 0;
   }
 
   bool up() const override { return true; }

@@ -21,6 +21,7 @@
 #include <tribotwin/hil/can/bit_rate.hpp>
 #include <tribotwin/hil/can/clock.hpp>
 #include <tribotwin/hil/can/transport.hpp>
+#include <tribotwin/hil/can/wait_any.hpp>
 #include <tribotwin/twin/io/descriptor.hpp>
 
 namespace tribotwin::hil {
@@ -109,7 +110,7 @@ Frame from_kernel(const canfd_frame& raw, bool fd) {
 /// A raw socket on one interface. A change of any link makes `watch_` readable; the state is then queried, not parsed
 /// from the message. ENETDOWN and ENODEV do not prove a state: the socket keeps such an error for its next call, even
 /// if the link is up again by then.
-class SocketCan final : public Transport {
+class SocketCan final : public Transport, public Pollable {
  public:
   SocketCan(std::string name, const OpenOptions& options, Descriptor socket, Descriptor watch)
       : Transport(std::move(name)),
@@ -214,6 +215,12 @@ class SocketCan final : public Transport {
     if (ppoll(events, 2, &timeout, nullptr) <= 0) return;
     const bool changed = events[1].revents != 0 && link_changed();
     if (changed || events[0].revents & POLLERR) follow_link();
+  }
+
+  std::int64_t watch(std::vector<pollfd>& polled, std::int64_t deadline_ns) override {
+    polled.push_back({socket_, POLLIN, 0});
+    polled.push_back({watch_, POLLIN, 0});
+    return deadline_ns;
   }
 
   /// As of the last send, receive or wait.

@@ -2,7 +2,6 @@
 #include <array>
 #include <cerrno>
 #include <cstring>
-#include <iterator>
 #include <optional>
 #include <span>
 #include <string_view>
@@ -18,9 +17,10 @@
 #include <unistd.h>
 
 #include <tribotwin/hil/can/clock.hpp>
+#include <tribotwin/hil/can/socketcand_protocol.hpp>
 #include <tribotwin/hil/can/transport.hpp>
+#include <tribotwin/hil/can/wait_any.hpp>
 #include <tribotwin/hil/can/words.hpp>
-#include <tribotwin/plugins/friction/number.hpp>
 #include <tribotwin/twin/io/descriptor.hpp>
 
 /// The server's side of socketcand's protocol: https://github.com/linux-can/socketcand/blob/master/doc/protocol.md.
@@ -52,36 +52,7 @@ struct Client {
   int dropped = 0;                   ///< frames in a row
 };
 
-/// send ID dlc b b ...
-std::optional<Frame> parse_send(const std::vector<std::string_view>& parts) {
-  if (parts.size() < 3 || parts[1].size() > 8) return std::nullopt;
-  const auto id = to_integer<std::uint32_t>(parts[1], 16);
-  const auto size = to_integer<std::uint8_t>(parts[2], 16);
-  if (!id || *id > 0x1FFFFFFF || !size || *size > 8 || parts.size() != 3u + *size) return std::nullopt;
-  Frame frame;
-  frame.id = *id;
-  // Eight digits mean 29 bits; python-can sends extended identifiers without leading zeros.
-  frame.extended = parts[1].size() == 8 || *id > 0x7FF;
-  frame.size = *size;
-  for (std::size_t i = 0; i < *size; ++i) {
-    const auto byte = to_integer<std::uint8_t>(parts[3 + i], 16);
-    if (!byte) return std::nullopt;
-    frame.data[i] = *byte;
-  }
-  return frame;
-}
-
-/// "< frame ID sec.usec HEX >" after a blank: python-can 4.1.0 drops the character behind the last complete frame of
-/// each read, which must not be the '<' of the next. Without data there are two blanks before '>'; it needs both.
-std::string command_of(const Frame& frame) {
-  const std::string id = frame.extended ? fmt::format("{:08X}", frame.id) : fmt::format("{:03X}", frame.id);
-  std::string out =
-      fmt::format(" < frame {} {}.{:06} ", id, frame.time_ns / 1'000'000'000, frame.time_ns % 1'000'000'000 / 1000);
-  for (const auto byte : frame.bytes()) fmt::format_to(std::back_inserter(out), "{:02X}", byte);
-  return out + " >";
-}
-
-class Server final : public Transport {
+class Server final : public Transport, public Pollable {
  public:
   Server(const std::string& bus, const OpenOptions& options, Descriptor listener, std::string address)
       : Transport(bus), options_(options), listener_(std::move(listener)), address_(std::move(address)) {}
@@ -125,27 +96,31 @@ class Server final : public Transport {
 
   void wait(std::int64_t deadline_ns) override {
     while (next_ == inbox_.size()) {
-      const auto now = clock_ns();
-      auto wake_ns = deadline_ns;
       polled_.clear();
-      const bool accepting = now >= accept_after_ns_;
-      if (!accepting) wake_ns = std::min(wake_ns, accept_after_ns_);
-      polled_.push_back({.fd = accepting ? listener_.get() : -1, .events = POLLIN, .revents = 0});
-      for (const auto& client : clients_) {
-        if (!client.joined) wake_ns = std::min(wake_ns, client.heard_ns + options_.handshake_ns);
-        const bool silent = now < client.silent_until_ns;
-        if (silent && !client.out.empty()) wake_ns = std::min(wake_ns, client.silent_until_ns);
-        const bool sending = !silent && !client.out.empty();
-        polled_.push_back({.fd = client.socket.get(),
-                           .events = static_cast<short>(sending ? POLLIN | POLLOUT : POLLIN),
-                           .revents = 0});
-      }
-      const auto left = std::max<std::int64_t>(wake_ns - now, 0);
+      const auto wake_ns = watch(polled_, deadline_ns);
+      const auto left = std::max<std::int64_t>(wake_ns - clock_ns(), 0);
       const timespec timeout{.tv_sec = left / 1'000'000'000, .tv_nsec = left % 1'000'000'000};
       if (::ppoll(polled_.data(), polled_.size(), &timeout, nullptr) < 0) return;  // a signal
       serve();
       if (clock_ns() >= deadline_ns) return;
     }
+  }
+
+  std::int64_t watch(std::vector<pollfd>& polled, std::int64_t deadline_ns) override {
+    const auto now = clock_ns();
+    auto wake_ns = next_ == inbox_.size() ? deadline_ns : 0;
+    const bool accepting = now >= accept_after_ns_;
+    if (!accepting) wake_ns = std::min(wake_ns, accept_after_ns_);
+    polled.push_back({.fd = accepting ? listener_.get() : -1, .events = POLLIN, .revents = 0});
+    for (const auto& client : clients_) {
+      if (!client.joined) wake_ns = std::min(wake_ns, client.heard_ns + options_.handshake_ns);
+      const bool silent = now < client.silent_until_ns;
+      if (silent && !client.out.empty()) wake_ns = std::min(wake_ns, client.silent_until_ns);
+      const bool sending = !silent && !client.out.empty();
+      polled.push_back(
+          {.fd = client.socket.get(), .events = static_cast<short>(sending ? POLLIN | POLLOUT : POLLIN), .revents = 0});
+    }
+    return wake_ns;
   }
 
   bool up() const override { return true; }
@@ -300,7 +275,7 @@ class Server final : public Transport {
       client.joined = true;
       reply(client, "< ok >");
     } else if (client.open && verb == "send") {
-      auto frame = parse_send(parts);
+      auto frame = socketcand::parse_send(parts);
       if (frame) {
         frame->time_ns = arrived_ns_;
         client.joined = true;
@@ -331,7 +306,7 @@ class Server final : public Transport {
     std::string command;
     for (auto& client : clients_) {
       if (!client.raw || client.gone || &client == except) continue;
-      if (command.empty()) command = command_of(frame);
+      if (command.empty()) command = socketcand::frame_command(frame);
       ++reach.listening;
       if (queue(client, command))
         ++reach.taken;

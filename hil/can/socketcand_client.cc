@@ -1,7 +1,6 @@
 #include <algorithm>
 #include <array>
 #include <cerrno>
-#include <cmath>
 #include <cstring>
 #include <deque>
 #include <memory>
@@ -17,7 +16,9 @@
 #include <sys/socket.h>
 
 #include <tribotwin/hil/can/clock.hpp>
+#include <tribotwin/hil/can/socketcand_protocol.hpp>
 #include <tribotwin/hil/can/transport.hpp>
+#include <tribotwin/hil/can/wait_any.hpp>
 #include <tribotwin/hil/can/words.hpp>
 #include <tribotwin/plugins/friction/number.hpp>
 #include <tribotwin/twin/io/descriptor.hpp>
@@ -53,43 +54,8 @@ Result<Endpoint> resolve(const std::string& host, int port) {
   return endpoint;
 }
 
-/// "send ID length byte ...": 29-bit identifiers have eight digits.
-std::string command_of(const Frame& frame) {
-  std::string out = frame.extended ? fmt::format("< send {:08X} {}", frame.id, frame.size)
-                                   : fmt::format("< send {:03X} {}", frame.id, frame.size);
-  for (const auto byte : frame.bytes()) out += fmt::format(" {:02X}", byte);
-  return out + " >";
-}
-
-/// "sec.usec" as nanoseconds; 0 where it is no time.
-std::int64_t time_of(std::string_view text) {
-  const auto seconds = to_number(text);
-  return seconds && *seconds >= 0 && *seconds < 1e10 ? std::llround(*seconds * 1e6) * 1000 : 0;
-}
-
-/// frame ID sec.usec BYTES, with the bytes in one word or several.
-std::optional<Frame> parse_frame(const std::vector<std::string_view>& parts) {
-  if (parts.size() < 3 || parts[1].size() > 8) return std::nullopt;
-  const auto id = to_integer<std::uint32_t>(parts[1], 16);
-  if (!id || *id > 0x1FFFFFFF) return std::nullopt;
-  Frame frame;
-  frame.id = *id;
-  frame.extended = parts[1].size() == 8 || *id > 0x7FF;
-  frame.time_ns = time_of(parts[2]);
-  std::string digits;
-  for (std::size_t i = 3; i < parts.size(); ++i) digits += parts[i];
-  if (digits.size() % 2 != 0 || digits.size() > 16) return std::nullopt;
-  frame.size = static_cast<std::uint8_t>(digits.size() / 2);
-  for (std::size_t i = 0; i < frame.size; ++i) {
-    const auto byte = to_integer<std::uint8_t>(std::string_view(digits).substr(2 * i, 2), 16);
-    if (!byte) return std::nullopt;
-    frame.data[i] = *byte;
-  }
-  return frame;
-}
-
 /// One bus of a gateway. A connection that is lost is tried again every second.
-class Client final : public Transport {
+class Client final : public Transport, public Pollable {
  public:
   Client(const std::string& bus, const OpenOptions& options, const Endpoint& gateway, std::string address)
       : Transport(bus), options_(options), gateway_(gateway), address_(std::move(address)) {
@@ -118,7 +84,7 @@ class Client final : public Transport {
       ++counters_.send_down;
       return Sent::down;
     }
-    const std::string command = command_of(frame);
+    const std::string command = socketcand::send_command(frame);
     if (out_.size() + command.size() > max_queue) {
       ++counters_.send_busy;
       return Sent::busy;
@@ -141,13 +107,16 @@ class Client final : public Transport {
   void wait(std::int64_t deadline_ns) override {
     if (!inbox_.empty()) return;
     const std::int64_t now_ns = clock_ns();
-    if (!up()) deadline_ns = std::min(deadline_ns, socket_ < 0 ? retry_at_ns_ : joined_by_ns_ + 1);
-    const auto left_ns = std::max<std::int64_t>(deadline_ns - now_ns, 0);
+    const auto left_ns = std::max<std::int64_t>(wake_ns(deadline_ns) - now_ns, 0);
     const timespec timeout{.tv_sec = left_ns / second_ns, .tv_nsec = left_ns % second_ns};
-    pollfd polled{.fd = socket_.get(), .events = POLLIN, .revents = 0};
-    if (phase_ == Phase::connecting || !out_.empty()) polled.events |= POLLOUT;
+    pollfd polled = awaited();
     ::ppoll(&polled, 1, &timeout, nullptr);
     if (polled.revents != 0 || !up()) serve();
+  }
+
+  std::int64_t watch(std::vector<pollfd>& polled, std::int64_t deadline_ns) override {
+    polled.push_back(awaited());
+    return inbox_.empty() ? wake_ns(deadline_ns) : 0;
   }
 
   bool up() const override { return phase_ == Phase::raw; }
@@ -159,6 +128,14 @@ class Client final : public Transport {
 
  private:
   enum class Phase { connecting, greeting, opening, switching, raw };
+
+  std::int64_t wake_ns(std::int64_t deadline_ns) const {
+    return up() ? deadline_ns : std::min(deadline_ns, socket_ < 0 ? retry_at_ns_ : joined_by_ns_ + 1);
+  }
+  pollfd awaited() const {
+    const bool sending = phase_ == Phase::connecting || !out_.empty();
+    return {.fd = socket_.get(), .events = static_cast<short>(sending ? POLLIN | POLLOUT : POLLIN), .revents = 0};
+  }
 
   void connect() {
     phase_ = Phase::connecting;
@@ -240,7 +217,7 @@ class Client final : public Transport {
     else if (verb == "ok" && phase_ == Phase::switching)
       phase_ = Phase::raw;
     else if (verb == "frame" && up())
-      take(parse_frame(parts));
+      take(socketcand::parse_frame(parts));
     else if (verb == "error" && up() && parts.size() > 1 && to_integer<std::uint32_t>(parts[1], 16))
       ++counters_.error_frames;  // < error CLASS sec.usec >: of the controller
     else if (verb == "error")

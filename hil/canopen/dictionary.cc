@@ -138,8 +138,7 @@ void encode(std::int64_t value, std::span<std::uint8_t> bytes) {
 Dictionary::Dictionary(std::vector<Object> objects) : objects_(std::move(objects)) {
   std::ranges::sort(objects_, {}, key);
   for (auto& o : objects_)
-    // The SYNC identifier has a range of one value.
-    if (o.low == o.high && o.index != od::cob_id_sync) o.low = limits_of(o.type).low, o.high = limits_of(o.type).high;
+    if (o.low == 0 && o.high == 0) o.low = limits_of(o.type).low, o.high = limits_of(o.type).high;
 }
 
 const Object* Dictionary::find(std::uint16_t index, std::uint8_t sub) const {

@@ -100,7 +100,7 @@ struct Object {
   Access access;
   bool mappable = false;
   std::int64_t value = 0;          ///< now; the default in a fresh dictionary
-  std::int64_t low = 0, high = 0;  ///< accepted range, of text its length; low == high: the range of the type
+  std::int64_t low = 0, high = 0;  ///< accepted range, of text its length; both 0: the range of the type
   std::string text{};              ///< value of what is no number
   double scale = 1;                ///< size of one count in `unit`
   std::string unit{};              ///< "" for codes

@@ -193,10 +193,10 @@ class Builder {
   void torque() {
     torque(od::target_torque, "target torque", T::i16, rw, 0, modes_with_target(od::target_torque));
     torque(od::max_torque, "max torque", T::u16, rw, 1000);
-    torque(od::torque_demand, "torque demand", T::i16, ro, 0);
+    torque(od::torque_demand, "torque demand", T::i16, ro, 0, "at this moment");
     add(o_, {od::motor_rated_torque, 0, "motor rated torque", T::u32, ro, false, rated_torque_mnm_},
         {.scale = 1e-3, .unit = "Nm", .meaning = "torque_max_nm / gear_ratio; 1000 of 6071h, 6072h, 6077h"});
-    torque(od::torque_actual_value, "torque actual", T::i16, ro, 0, "motor side");
+    torque(od::torque_actual_value, "torque actual", T::i16, ro, 0, "motor side; mean since the last SYNC");
     torque(od::torque_offset, "torque offset", T::i16, rw, 0, modes_that_add(od::torque_offset));
   }
 

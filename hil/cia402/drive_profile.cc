@@ -6,14 +6,14 @@
 #include <tribotwin/hil/cia402/drive_profile.hpp>
 #include <tribotwin/hil/cia402/touch_probe.hpp>
 #include <tribotwin/hil/cia402/words.hpp>
+#include <tribotwin/hil/motion/standstill.hpp>
 
 namespace tribotwin::hil {
 namespace {
 
-constexpr double standing_motor_rad_s = 0.5;  // slower than this, a motor counts as standing
-constexpr double standstill_s = 0.02;         // duration at the end of a ramp
-constexpr double longest_reaction_s = 10;     // to lost commands and faults; then the brake stops the motor
-constexpr double warning_K = 10;              // below the temperature limit
+constexpr double standstill_s = 0.02;      // duration at the end of a ramp
+constexpr double longest_reaction_s = 10;  // to lost commands and faults; then the brake stops the motor
+constexpr double warning_K = 10;           // below the temperature limit
 
 /// 605Dh: halt option.
 enum HaltOption : std::int64_t { slow_down_ramp = 1, quick_stop_ramp = 2 };
@@ -275,7 +275,7 @@ void DriveProfile::feedback(const Feedback& joint, double dt) {
   watch_safe_torque_off();
   read_inputs(joint.position_rad);
   const double lag_rad = follows_demand() ? demand_.position_rad - f.position_rad : 0;
-  show(f);
+  show(f, dt);
   set(objects_.following_error, lag_rad / objects_.increment_rad);
   if (const ModeOfOperation* mode = followed_mode(); mode && mode->observe) mode->observe(demand_, objects_, f, dt);
   watch_following_error(lag_rad, dt);
@@ -285,11 +285,13 @@ void DriveProfile::feedback(const Feedback& joint, double dt) {
   update_status();
 }
 
-void DriveProfile::show(const Feedback& f) {
+void DriveProfile::show(const Feedback& f, double dt) {
   const DriveObjects& o = objects_;
+  torque_.add(f.torque_nm, dt);
   set(o.position_actual, f.position_rad / o.increment_rad);
   set(o.velocity_actual, f.velocity_rad_s / o.milli_rpm_rad_s);
-  set(o.torque_actual, f.torque_nm / o.per_mille_nm);
+  // Without power the brake and the last step decide; a master must not read a torque that is gone.
+  set(o.torque_actual, (machine_.powered() ? torque_.value() : f.torque_nm) / o.per_mille_nm);
   set(o.torque_demand, f.torque_nm / o.per_mille_nm);
   set(o.position_demand, demand_.position_rad / o.increment_rad);
   set(o.lubricant_temperature, 10 * f.temperature_degC);
@@ -311,11 +313,12 @@ void DriveProfile::watch_following_error(double lag_rad, double dt) {
     fail(static_cast<std::uint16_t>(ErrorCode::following_error), profile_error, stop_options().fault_reaction != 0);
 }
 
-bool DriveProfile::stands() const { return std::abs(feedback_.velocity_rad_s) * gear_ratio_ < standing_motor_rad_s; }
+bool DriveProfile::stands() const { return hil::stands(feedback_.velocity_rad_s, gear_ratio_); }
 
 /// The end of a reaction to lost commands: brake, standstill for a while, torque 0.
 void DriveProfile::watch_rest(double dt) {
-  const bool rests = !machine_.powered() && stands() && objects_.torque_actual->value == 0;
+  const bool no_torque = std::llround(feedback_.torque_nm / objects_.per_mille_nm) == 0;
+  const bool rests = !machine_.powered() && stands() && no_torque;
   resting_s_ = rests ? resting_s_ + dt : 0;
   if (resting_s_ > standstill_s) stops_alone_ = false;
 }

@@ -8,6 +8,7 @@
 #include <tribotwin/hil/cia402/drive_objects.hpp>
 #include <tribotwin/hil/cia402/modes.hpp>
 #include <tribotwin/hil/cia402/state_machine.hpp>
+#include <tribotwin/hil/motion/sync_mean.hpp>
 
 namespace tribotwin::hil {
 
@@ -55,6 +56,8 @@ class DriveProfile {
 
   /// The set point of the next step of dt [s].
   twin::DriveCommand command(double dt_s);
+  /// A SYNC was answered: the next mean of 6077h begins.
+  void sync() { torque_.sync(); }
   /// What that step did.
   void feedback(const Feedback& feedback, double dt_s);
   /// After a frame or a change from outside: the bits of the controlword that are the mode's, and the statusword.
@@ -84,7 +87,7 @@ class DriveProfile {
   void move_zero(double joint_rad);
   void read_inputs(double joint_rad);
   void watch_safe_torque_off();
-  void show(const Feedback& feedback);
+  void show(const Feedback& feedback, double dt_s);
   void set(Object* object, double counts);
   void watch_following_error(double lag_rad, double dt_s);
   void watch_standstill(double dt_s);
@@ -99,6 +102,7 @@ class DriveProfile {
   StateMachine machine_;
   SwitchPositions switches_;
   Inputs inputs_;
+  SyncMean torque_;    // joint side
   Feedback feedback_;  // positions count from the drive's zero
   Demand demand_;
   double reaction_s_ = 0;  // time for which a fault reaction has lasted

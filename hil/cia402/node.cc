@@ -26,8 +26,8 @@ Node::Node(const DriveParameters& p, Send send, NodeSetup setup)
                .send_frame = std::move(send),
                .dictionary = factory(first_number(setup_.kept))},
       keeper_(context_, setup_.kept, setup_.keep),
-      lss_(context_,
-           setup_.keep ? [this](std::uint8_t number) { return keeper_.keep_number(number); } : LssSlave::Keep{}),
+      lss_(context_, setup_.keep ? [this](std::uint8_t number) { return may_keep() && keeper_.keep_number(number); }
+                                 : LssSlave::Keep{}),
       emcy_(context_),
       sdo_(context_.dictionary, [this](const SdoServer::Answer& answer) { return answer_sdo(answer); }),
       pdos_(context_, emcy_),
@@ -58,11 +58,17 @@ tl::expected<void, Abort> Node::may_read(const Object& o) {
 tl::expected<void, Abort> Node::may_write(const Object& o, std::int64_t value) {
   if (PdoService::owns(o.index)) return pdos_.may_write(o, value);
   if (o.index == od::predefined_error_field && value != 0) return tl::unexpected(Abort::out_of_range);
-  if (ParameterKeeper::owns(o.index)) return keeper_.obey(o, value, drive_.machine().powered(), defaults());
+  if (ParameterKeeper::owns(o.index)) return obey_keeper(o, value);
   if (o.index == od::cob_id_time) return time_.may_write(value);
   if (o.index == od::synchronous_counter_overflow) return may_count_syncs(o, value);
   if (o.index == od::consumer_heartbeat_time) return watched_.may_configure(o, value);
   return drive_.may_write(o, value);
+}
+
+tl::expected<void, Abort> Node::obey_keeper(const Object& o, std::int64_t signature) {
+  if (auto ok = keeper_.may_obey(o, signature); !ok) return ok;
+  if (!may_keep()) return tl::unexpected(Abort::not_now);
+  return keeper_.obey(o, defaults());
 }
 
 /// CiA 301, 7.5.2.22: not while there is a SYNC; 1 is reserved.
@@ -159,10 +165,14 @@ Dictionary Node::factory(std::uint8_t number) const {
   return setup_.foreign.empty() ? own : with_foreign_objects(own, setup_.foreign, numbered.node);
 }
 
-Dictionary Node::defaults() const {
-  Dictionary objects = factory(context_.id);
-  download(objects, setup_.values);
-  return objects;
+/// Made once per node number: an EDS may have thousands of objects.
+const Dictionary& Node::defaults() {
+  if (!defaults_ || defaults_of_ != context_.id) {
+    defaults_ = factory(context_.id);
+    defaults_of_ = context_.id;
+    download(*defaults_, setup_.values);
+  }
+  return *defaults_;
 }
 
 void Node::configure(NmtCommand command) {
@@ -239,6 +249,7 @@ void Node::sync(std::int64_t now_ns) {
   sync_.hear(now_ns);
   set_points_.sync();
   pdos_.sync(now_ns, counter);
+  drive_.sync();
   drive_.refresh_status();
   watch_set_points(now_ns);
 }

@@ -23,6 +23,7 @@ struct NodeSetup {
   std::vector<ObjectValue> values;  ///< its configuration (DCF), written over the defaults by every reset
   KeptParameters kept;              ///< what it kept when it was on before
   ParameterKeeper::Keep keep;
+  std::function<bool()> may_keep;  ///< of the bench: whether it can wait for `keep` now; empty: always
 };
 
 /// One drive on the bus: the services of CANopen (CiA 301) wired to the drive profile (CiA 402), free of sockets and
@@ -84,7 +85,9 @@ class Node final : public BusDrive {
   /// The objects as they left the factory.
   Dictionary factory(std::uint8_t number) const;
   /// The same with the configuration: what a reset brings, but for what is kept.
-  Dictionary defaults() const;
+  const Dictionary& defaults();
+  tl::expected<void, Abort> obey_keeper(const Object& object, std::int64_t signature);
+  bool may_keep() const { return !drive_.machine().powered() && (!setup_.may_keep || setup_.may_keep()); }
   /// Writes the values of the setup and those kept, over the defaults.
   void configure(NmtCommand reset);
   /// The node number after power-up; FFh: none.
@@ -105,6 +108,8 @@ class Node final : public BusDrive {
   ParameterKeeper keeper_;
   LssSlave lss_;
   std::optional<RefusedValue> refused_;
+  std::optional<Dictionary> defaults_;  // of the node number defaults_of_
+  std::uint8_t defaults_of_ = 0;
   Emcy emcy_;
   SdoServer sdo_;
   PdoService pdos_;

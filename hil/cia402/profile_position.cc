@@ -1,5 +1,6 @@
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 #include <tribotwin/hil/cia402/modes.hpp>
 #include <tribotwin/hil/cia402/words.hpp>
@@ -16,9 +17,14 @@ double profile_speed(const DriveObjects& o) {
 SetPoint read_set_point(const PositionMove& move, const DriveObjects& o, bool relative_to_last) {
   const double asked = o.position_rad(o.target_position) + (relative_to_last ? move.last_rad : 0);
   const double position = o.within_position_limits(asked);
+  const MotionLimits limits = o.profile_limits(profile_speed(o));
+  const double room =
+      std::min(position - o.position_rad(o.position_limit_low), o.position_rad(o.position_limit_high) - position);
+  const double end_speed = o.velocity_rad_s(o.end_velocity);
   return {.position_rad = position,
-          .end_speed_rad_s = o.velocity_rad_s(o.end_velocity),
-          .limits = o.profile_limits(profile_speed(o)),
+          // No set point may follow, and then the way of the stop counts against 607Dh, too.
+          .end_speed_rad_s = end_speed > 0 ? std::min(end_speed, speed_to_stop_within(limits, room)) : 0,
+          .limits = limits,
           .cut = position != asked};
 }
 
@@ -40,22 +46,24 @@ void start(Demand& d, const SetPoint& set_point) {
 bool arrived(const PositionMove& move) { return move.time_s >= move.profile.duration_s(); }
 
 /// At the end of a profile: the set point that waits, from the speed of the last one; without it an end speed is
-/// stopped, for a drive must not run away.
-void go_on(Demand& d) {
+/// stopped, for a drive must not run away. False: it stands.
+bool go_on(Demand& d, const DriveObjects& o) {
   PositionMove& move = d.move;
   const double late = move.time_s - move.profile.duration_s();
   const double end_speed = move.profile.end().speed_rad_s;
-  if (!move.waiting && end_speed == 0) return;
+  if (!move.waiting && end_speed == 0) return false;
   d.motion = move.profile.end();
   if (move.waiting) {
-    start(d, *move.waiting);
-    move.waiting.reset();
+    SetPoint next = *std::exchange(move.waiting, std::nullopt);
+    next.limits.speed_rad_s = std::min(next.limits.speed_rad_s, o.profile_speed_max_rad_s());  // lowered meanwhile
+    start(d, next);
   } else {
     move.under_way = false;
     move.reached = true;
     move.profile = speed_profile(move.now.limits, d.motion, 0);
   }
   move.time_s = late;
+  return true;
 }
 
 void release_acknowledge(PositionMove& move, std::int64_t controlword) {
@@ -76,7 +84,7 @@ void control(Demand& d, const DriveObjects& o, std::int64_t before, std::int64_t
   if ((now & ~before & operation_specific) && (immediately || !move.waiting)) {
     const SetPoint set_point = read_set_point(move, o, now & relative);
     move.last_rad = set_point.position_rad;
-    move.acknowledged = true;
+    move.acknowledged = move.commanded = true;
     if (immediately || arrived(move) || move.reached) {
       move.waiting.reset();
       start(d, set_point);
@@ -88,9 +96,17 @@ void control(Demand& d, const DriveObjects& o, std::int64_t before, std::int64_t
 }
 
 void resume(Demand& d, const Demand& before, const DriveObjects& o) {
-  if (!before.move.under_way) return enter(d, o);
-  d.move = before.move;
-  plan(d);
+  const PositionMove& halted = before.move;
+  if (halted.under_way) {
+    d.move = halted;
+    return plan(d);
+  }
+  enter(d, o);  // it was stopping: a set point still waits for that, and the next one may count from it
+  d.move.waiting = halted.waiting;
+  d.move.now.cut = halted.now.cut;
+  d.move.acknowledged = halted.acknowledged;
+  d.move.commanded = halted.commanded;
+  if (halted.commanded) d.move.last_rad = halted.last_rad;
 }
 
 twin::DriveCommand command(Demand& d, const DriveObjects& o, const Feedback&, double dt) {
@@ -100,7 +116,7 @@ twin::DriveCommand command(Demand& d, const DriveObjects& o, const Feedback&, do
     if (move.under_way) plan(d);
   }
   move.time_s += dt;
-  if (arrived(move)) go_on(d);
+  while (arrived(move) && go_on(d, o)) continue;  // a short way may end within the step, too
   release_acknowledge(move, o.controlword->value);
   d.motion = move.profile.at(move.time_s);
   d.position_rad = d.motion.position_rad;

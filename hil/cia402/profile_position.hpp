@@ -28,6 +28,7 @@ struct PositionMove {
   double time_s = 0;       ///< since the profile began
   double in_window_s = 0;  ///< time for which the position has been within 6067h of `now`
   double last_rad = 0;     ///< position of the last set point
+  bool commanded = false;  ///< the master has given a set point since the drive entered the mode
   bool acknowledged = false, reached = false;
 };
 

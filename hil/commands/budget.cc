@@ -1,14 +1,18 @@
-#include <tribotwin/hil/commands/program.hpp>
+#include <algorithm>
+
+#include <tribotwin/hil/commands/can_options.hpp>
 
 namespace tribotwin::hil::program {
 namespace {
 
 struct Arguments : RobotOptions {
+  CanOptions can;
   double bit_rate = 1e6;
 
   void add_to(CLI::App& command) {
     RobotOptions::add_to(command);
     add_profile(command);
+    can.add_to(command, "BUS is any name here");
     command.add_option("--bitrate,--bit-rate", bit_rate, "Of the bus [bit/s]")
         ->check(CLI::Range(1e4, 1e6))
         ->capture_default_str();
@@ -17,12 +21,19 @@ struct Arguments : RobotOptions {
 };
 
 int run(const Arguments& a) {
-  const Budget load = a.budget(a.load(), a.bit_rate);
-  twin::print("{}\n", load.line());
-  if (load.max > 1)
+  const twin::Scenario scenario = a.load();
+  const Wiring wiring = a.can.wiring(scenario);
+  const auto names = a.can.buses();
+  double most = 0;
+  for (std::size_t bus = 0; bus < bus_count(wiring); ++bus) {
+    const Budget load = a.budget(scenario, a.bit_rate, wiring, bus);
+    twin::print("{}{}\n", wiring.size() > 1 ? names[bus] + ": " : "", load.line());
+    most = std::max(most, load.max);
+  }
+  if (most > 1)
     return report_error(twin::wrong_input,
                         "more than the bus can carry; choose a longer cycle or fewer drives on one bus");
-  if (load.max > 0.8) twin::note("more than 80 % at worst; other traffic will not fit");
+  if (most > 0.8) twin::note("more than 80 % at worst; other traffic will not fit");
   return twin::done;
 }
 

@@ -41,6 +41,8 @@ struct Arguments {
         ->check(CLI::Range(1, 1 << 30));
     command.add_option("--torque", options.torque, "Of motion [per mille of 6076h] (default: 20)")
         ->check(CLI::Range(1, 1000));
+    command.add_option("--only", options.only, "Only these checks or groups of them, as sdo.block_upload,state")
+        ->delimiter(',');
     command.add_option("--boot-time", boot_s, "Longest time from a reset to the boot-up message [s]")
         ->check(CLI::Range(0.1, 120.0))
         ->capture_default_str();
@@ -55,6 +57,7 @@ int run(const Arguments& a) {
   std::vector<std::filesystem::path> inputs;
   if (!a.eds.empty()) inputs.emplace_back(a.eds);
   twin::or_wrong_input(a.destination.check(inputs));
+  twin::or_wrong_input(checks_named(a.options.only));
   const auto node = static_cast<std::uint8_t>(a.node);
   std::optional<Eds> eds;
   if (!a.eds.empty()) eds = twin::or_wrong_input(load_eds(a.eds, node));

@@ -1,10 +1,10 @@
 #include <algorithm>
-#include <cerrno>
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 #include <unistd.h>
 
+#include <tribotwin/hil/commands/can_options.hpp>
 #include <tribotwin/hil/commands/node_options.hpp>
 #include <tribotwin/hil/commands/status_line.hpp>
 #include <tribotwin/hil/session/drive.hpp>
@@ -22,12 +22,16 @@ void check_statistics(const std::string& file, bool force) {
   twin::or_wrong_input(twin::check_output(file, twin::Existing::replace));
   twin::or_wrong_input(twin::check_output(file, twin::replace_if(force)));
   if (std::filesystem::exists(file) && !std::filesystem::is_regular_file(file)) return;
-  errno = 0;
-  const auto trial = twin::NewFile::create(file, twin::Existing::replace);  // writes nothing and leaves nothing
-  if (trial) return;
-  if (errno == ENOSPC || errno == EDQUOT || errno == EIO)
-    twin::or_throw(Result<void>(work_failed(trial.error().message)));
-  throw InputError(trial.error().message);
+  twin::or_throw(twin::NewFile::create(file, twin::Existing::replace));  // writes nothing and leaves nothing
+}
+
+/// A store is read, and replaced as a whole.
+void check_store(const std::filesystem::path& file) {
+  std::error_code none;
+  if (std::filesystem::exists(file, none) && !std::filesystem::is_directory(file, none) &&
+      !std::filesystem::is_regular_file(file, none))
+    throw InputError(fmt::format("--store {}: must be a regular file, not a pipe or a device", file.string()));
+  twin::or_wrong_input(twin::check_output(file, twin::Existing::replace));
 }
 
 void note_missing_brakes(const twin::Scenario& scenario) {
@@ -41,7 +45,8 @@ void note_missing_brakes(const twin::Scenario& scenario) {
 
 struct Arguments : RobotOptions {
   NodeOptions start;
-  std::string can, record, stats, output, faults;
+  CanOptions can;
+  std::string record, stats, output, faults;
   std::optional<double> duration, bit_rate;
   bool realtime = false, lockstep = false, quiet = false, force = false;
 
@@ -49,8 +54,7 @@ struct Arguments : RobotOptions {
     RobotOptions::add_to(command);
     add_profile(command);
     start.add_to(command);
-    command.add_option("--can", can, "Bus: vcan0, can0, socketcand://127.0.0.1:29536/NAME, gateway://HOST:29536/NAME")
-        ->required();
+    can.add_to(command, "BUS: vcan0, can0, socketcand://127.0.0.1:29536/NAME, gateway://HOST:29536/NAME")->required();
     command
         .add_option("--bitrate,--bit-rate", bit_rate,
                     "Of the bus [bit/s]; without it that of the device, and no limit on vcan and TCP, which have none")
@@ -84,51 +88,79 @@ struct Arguments : RobotOptions {
     check_outputs(inputs, outputs, force);
     outputs.insert(outputs.end(), kept.begin(), kept.end());
     twin::or_wrong_input(refuse_shared(inputs, outputs));  // a store may exist
-    for (const auto& file : kept) twin::or_wrong_input(twin::check_output(file.path, twin::Existing::replace));
+    for (const auto& file : kept) check_store(file.path);
     if (!record.empty()) twin::or_wrong_input(twin::check_output(record, twin::Existing::replace));
     check_statistics(stats, force);
   }
 
   /// Throws InputError where a bus of this bit rate cannot carry the drives.
-  void check_bus_load(const twin::Scenario& robot, double rate) const {
-    const Budget load = budget(robot, rate);
+  void check_bus_load(const twin::Scenario& robot, double rate, const Wiring& wiring, std::size_t bus) const {
+    const Budget load = budget(robot, rate, wiring, bus);
+    const std::string where = wiring.size() > 1 ? can.buses()[bus] + ": " : "";
     if (load.max > 1)
-      throw InputError(fmt::format("--cycle {} at {:g} kbit/s: {}; choose a longer cycle or fewer drives on one bus",
-                                   cycle_ms, 1e-3 * rate, load.line()));
-    if (load.max > 0.8) twin::note("{}", load.line());
+      throw InputError(fmt::format("{}--cycle {} at {:g} kbit/s: {}; choose a longer cycle or fewer drives on one bus",
+                                   where, cycle_ms, 1e-3 * rate, load.line()));
+    if (load.max > 0.8) twin::note("{}{}", where, load.line());
   }
 };
 
 void show(const SessionStatus& s) { report_nonblocking("\r\033[K" + status_line(s, terminal_columns())); }
 
+/// Opens the buses and checks their load: all, or none is left open.
+std::vector<std::unique_ptr<Transport>> open_buses(const Arguments& a, const twin::Scenario& scenario,
+                                                   const Wiring& wiring) {
+  std::vector<std::unique_ptr<Transport>> buses;
+  for (const std::string& address : a.can.buses()) {
+    buses.push_back(twin::or_wrong_input(open_bus(address, {.fd = a.fd()})));
+    if (const auto rate = buses.back()->bit_rate(); rate && !a.bit_rate)
+      a.check_bus_load(scenario, *rate, wiring, buses.size() - 1);
+  }
+  return buses;
+}
+
+void announce(const Arguments& a, const twin::Scenario& scenario, const Wiring& wiring) {
+  const std::size_t drives = scenario.model->drives().size();
+  report_nonblocking(fmt::format("{} drive{}, {}; {}\n", drives, drives == 1 ? "" : "s",
+                                 nodes_on(wiring, drives, a.first_node, a.can.buses()),
+                                 a.realtime          ? "the robot moves with the clock"
+                                 : wiring.size() > 1 ? "a SYNC on every bus advances the robot by one cycle"
+                                                     : "every SYNC advances the robot by one cycle"));
+  note_missing_brakes(scenario);
+  for (const std::string& bus : a.can.buses())
+    if (bus.starts_with("memory:") && !a.realtime)
+      report_nonblocking(
+          fmt::format("note: {} is a bus in this process: no master can reach it and send a SYNC, so the "
+                      "robot stands still; --realtime moves it with the clock\n",
+                      bus));
+}
+
 int run(const Arguments& a) {
   const twin::Scenario scenario = a.load();
+  const Wiring wiring = a.can.wiring(scenario);
   const int drives = static_cast<int>(scenario.model->drives().size());
   a.check_files(scenario);
-  if (a.bit_rate) a.check_bus_load(scenario, *a.bit_rate);
+  if (a.bit_rate)
+    for (std::size_t bus = 0; bus < bus_count(wiring); ++bus) a.check_bus_load(scenario, *a.bit_rate, wiring, bus);
   std::vector<Fault> faults;
-  if (!a.faults.empty()) faults = twin::or_wrong_input(load_faults(a.faults, a.first_node, drives));
-  const auto nodes = a.start.setups(scenario, a, NodeOptions::Use::live);
+  if (!a.faults.empty()) faults = twin::or_wrong_input(load_faults(a.faults, a.first_node, drives, wiring));
+  const auto conditions = a.start.conditions();
+  const auto nodes = node_setups(scenario, a, conditions, Use::live, wiring);
   twin::catch_interrupts();
-  const auto bus = twin::or_wrong_input(open_bus(a.can, {.fd = a.fd()}));
-  const auto bit_rate = a.bit_rate ? a.bit_rate : bus->bit_rate();
-  if (bit_rate && !a.bit_rate) a.check_bus_load(scenario, *bit_rate);
+  const auto buses = open_buses(a, scenario, wiring);
+  std::vector<Transport*> opened;
+  for (const auto& bus : buses) opened.push_back(bus.get());
   const bool live = !a.quiet && isatty(STDERR_FILENO);
-  if (!a.quiet) {
-    report_nonblocking(
-        fmt::format("{} drive{}, nodes {} to {}, on {}; {}\n", drives, drives == 1 ? "" : "s", a.first_node,
-                    a.first_node + drives - 1, a.can,
-                    a.realtime ? "the robot moves with the clock" : "every SYNC advances the robot by one cycle"));
-    note_missing_brakes(scenario);
-  }
-  const auto ended = hil::drive(scenario, *bus,
+  if (!a.quiet) announce(a, scenario, wiring);
+  const auto ended = hil::drive(scenario, opened,
                                 {.profile = a.bench_profile(),
                                  .first_node = a.first_node,
+                                 .wiring = wiring,
                                  .cycle_us = a.cycle_us(),
                                  .nodes = nodes,
+                                 .conditions = conditions,
                                  .realtime = a.realtime,
                                  .duration_s = a.duration,
-                                 .bit_rate = bit_rate,
+                                 .bit_rate = a.bit_rate,
                                  .record = a.record,
                                  .statistics = a.stats,
                                  .output = a.output,

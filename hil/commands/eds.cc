@@ -24,8 +24,9 @@ int run(const Arguments& a) {
   for (const auto& described : drives.all())
     if (a.node == 0 || described.parameters->node == a.node)
       return deliver(scenario, a.destination, hil::eds(*described.dictionary, *described.parameters));
-  throw twin::InputError(fmt::format("--node {}: the drives are nodes {} to {}", a.node, a.first_node,
-                                     a.first_node + static_cast<int>(drives.all().size()) - 1));
+  const auto count = drives.all().size();
+  throw twin::InputError(fmt::format("--node {}: the scenario has {}; --first-node numbers them anew", a.node,
+                                     node_range(a.first_node, count)));
 }
 
 }  // namespace

@@ -7,6 +7,7 @@
 #include <tribotwin/hil/cia402/drive_objects.hpp>
 #include <tribotwin/hil/commands/program.hpp>
 #include <tribotwin/twin/io/interrupt.hpp>
+#include <tribotwin/twin/io/shipped.hpp>
 
 namespace tribotwin::hil::program {
 
@@ -19,10 +20,25 @@ void report_nonblocking(const std::string& text) {
 
 bool stop() { return twin::interrupted(); }
 
+namespace {
+
+/// A session lasts as long as its master or --duration: a scenario needs no duration_s. Nothing is read from a pipe,
+/// which can be read once.
+std::vector<std::string> with_duration(const std::filesystem::path& scenario, std::vector<std::string> settings) {
+  std::error_code none;
+  if (std::filesystem::is_regular_file(scenario, none) && !twin::load_yaml(scenario)["duration_s"])
+    settings.insert(settings.begin(), "duration_s=1");
+  return settings;
+}
+
+}  // namespace
+
 void RobotOptions::add_to(CLI::App& command) {
   command
-      .add_option("SCENARIO", scenario,
-                  "Scenario file: model, start, surroundings and events; the master commands the motion")
+      .add_option(
+          "SCENARIO", scenario,
+          "Scenario file, or the name of a shipped one: model, start, surroundings and events; the master commands "
+          "the motion")
       ->required();
   command.add_option("--set", settings, "key=value, dotted keys; replaces the value in the file")
       ->allow_extra_args(false);
@@ -43,7 +59,8 @@ void RobotOptions::add_profile(CLI::App& command) {
 }
 
 twin::Scenario RobotOptions::load() const {
-  twin::Scenario s = twin::or_wrong_input(twin::load_scenario(scenario, settings));
+  const auto file = twin::given_or_shipped(scenario, ".yaml");
+  twin::Scenario s = twin::or_wrong_input(twin::load_scenario(file, with_duration(file, settings)));
   const std::size_t drives = s.model->drives().size();
   if (const std::size_t last = first_node + drives - 1; last > 127)
     throw InputError(
@@ -55,13 +72,23 @@ twin::Scenario RobotOptions::load() const {
 
 std::uint32_t RobotOptions::cycle_us() const { return static_cast<std::uint32_t>(std::lround(1e3 * cycle_ms)); }
 
-Budget RobotOptions::budget(const twin::Scenario& robot, double bit_rate) const {
+Budget RobotOptions::budget(const twin::Scenario& robot, double bit_rate, const Wiring& wiring, std::size_t bus) const {
   if (mirror()) {
     const MirrorFormat format = mirror_format(bench_profile());
     const Bits each_way[] = {bits_of(encode(MirrorCommand{}, 1, format)), bits_of(encode(MirrorStatus{}, 1, format))};
-    return budget_of_frames(static_cast<int>(robot.model->drives().size()), each_way, 1e-3 * cycle_ms, bit_rate);
+    const std::size_t drives = wiring.empty() ? robot.model->drives().size() : wiring[bus].size();
+    return budget_of_frames(static_cast<int>(drives), each_way, 1e-3 * cycle_ms, bit_rate);
   }
-  return hil::budget(Drives(robot, *this).all(), 1e-3 * cycle_ms, bit_rate);
+  const Drives drives(robot, *this, wiring);
+  std::vector<DescribedDrive> on_bus;
+  for (std::size_t i = 0; i < drives.all().size(); ++i)
+    if (place_of(wiring, i).bus == bus) on_bus.push_back(drives.all()[i]);
+  return hil::budget(on_bus, 1e-3 * cycle_ms, bit_rate);
+}
+
+std::string node_range(int first, std::size_t count) {
+  if (count == 1) return fmt::format("node {}", first);
+  return fmt::format("nodes {} to {}", first, static_cast<std::size_t>(first) + count - 1);
 }
 
 void add_force(CLI::App& command, bool& force) { command.add_flag("--force", force, "Replace files that exist"); }
@@ -71,8 +98,8 @@ void check_outputs(const std::vector<NamedFile>& inputs, const std::vector<Named
   if (!force) twin::or_wrong_input(refuse_recorded(outputs));
 }
 
-Drives::Drives(const twin::Scenario& scenario, const RobotOptions& options)
-    : parameters_(drive_parameters(scenario, options.first_node, options.cycle_us())) {
+Drives::Drives(const twin::Scenario& scenario, const RobotOptions& options, const Wiring& wiring)
+    : parameters_(drive_parameters(scenario, options.first_node, options.cycle_us(), wiring)) {
   for (const auto& p : parameters_) dictionaries_.push_back(drive_dictionary(p));
   for (std::size_t i = 0; i < parameters_.size(); ++i) described_.push_back({&dictionaries_[i], &parameters_[i]});
 }

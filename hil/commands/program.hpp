@@ -61,11 +61,15 @@ struct RobotOptions {
   /// The frames of the profile are FD frames.
   bool fd() const { return bench_profile() == Profile::mirror_fd; }
   std::uint32_t cycle_us() const;
-  Budget budget(const twin::Scenario& robot, double bit_rate) const;
+  /// Of one of the buses.
+  Budget budget(const twin::Scenario& robot, double bit_rate, const Wiring& wiring = {}, std::size_t bus = 0) const;
 };
 
 /// --force of the commands that write.
 void add_force(CLI::App& command, bool& force);
+
+/// "node 3", "nodes 1 to 6".
+std::string node_range(int first, std::size_t count);
 
 /// Before any work: throws InputError where a command may not write these files.
 void check_outputs(const std::vector<NamedFile>& inputs, const std::vector<NamedFile>& outputs, bool force);
@@ -73,7 +77,7 @@ void check_outputs(const std::vector<NamedFile>& inputs, const std::vector<Named
 /// The drives of a scenario as the bus sees them before a master changes anything.
 class Drives {
  public:
-  Drives(const twin::Scenario& scenario, const RobotOptions& options);
+  Drives(const twin::Scenario& scenario, const RobotOptions& options, const Wiring& wiring = {});
   std::span<const DescribedDrive> all() const { return described_; }
 
  private:

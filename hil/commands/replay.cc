@@ -1,6 +1,7 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
+#include <tribotwin/hil/commands/can_options.hpp>
 #include <tribotwin/hil/commands/node_options.hpp>
 #include <tribotwin/hil/session/replay.hpp>
 #include <tribotwin/hil/session/session_file.hpp>
@@ -13,6 +14,7 @@ using twin::failed, twin::wrong_input;
 
 struct Arguments : RobotOptions {
   NodeOptions start;
+  CanOptions can;
   std::string log, output;
   double rate = 1;
   bool fast = false, force = false;
@@ -21,6 +23,7 @@ struct Arguments : RobotOptions {
     RobotOptions::add_to(command);
     add_profile(command);
     start.add_to(command);
+    can.add_to(command, "Channel of the log, where no LOG.session tells; any without");
     command.add_option("LOG", log, "candump log, as --record writes it")->required();
     auto* speed = command.add_option("--rate", rate, "Speed: 1 is the original")
                       ->check(CLI::PositiveNumber)
@@ -54,20 +57,33 @@ int judge(const Arguments& a, const ReplayResult& result) {
   return twin::done;
 }
 
+/// Those that were recorded; of a log without them, those of the options.
+StartConditions conditions(const Arguments& a, const twin::Scenario& scenario, const Wiring& wiring) {
+  const auto given = a.start.conditions();
+  const auto recorded = recorded_conditions(a.log);
+  if (!recorded) return given;
+  if (given != StartConditions{}) node_setups(scenario, a, given, Use::replay, wiring);  // what is given must be right
+  check_same(given, *recorded, a.log);
+  return *recorded;
+}
+
 int run(const Arguments& a) {
   const twin::Scenario scenario = a.load();
   if (!std::filesystem::exists(a.log)) throw twin::InputError(fmt::format("{}: does not exist", a.log));
+  const Wiring wiring = a.can.given.empty() ? wiring_of_log(scenario, a.log) : a.can.wiring(scenario);
   auto inputs = files_of(scenario);
   inputs.push_back({"LOG " + a.log, a.log});
   for (const auto& files : {a.start.outputs(), a.start.inputs()})  // a replay does not write the store
     inputs.insert(inputs.end(), files.begin(), files.end());
   inputs.push_back({"the file beside LOG " + a.log, session_file_of(a.log)});
   check_outputs(inputs, files_in(a.output), a.force);
-  const auto nodes = a.start.setups(scenario, a, NodeOptions::Use::replay);
+  const auto nodes = node_setups(scenario, a, conditions(a, scenario, wiring), Use::replay, wiring);
   twin::catch_interrupts();
   const auto result = twin::or_throw(hil::replay(scenario, a.log,
                                                  {.profile = a.bench_profile(),
                                                   .first_node = a.first_node,
+                                                  .wiring = wiring,
+                                                  .channels = a.can.buses(),
                                                   .cycle_us = a.cycle_us(),
                                                   .nodes = nodes,
                                                   .rate = a.fast ? 0 : a.rate,

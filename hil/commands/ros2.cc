@@ -1,3 +1,4 @@
+#include <algorithm>
 #include <deque>
 #include <filesystem>
 
@@ -17,6 +18,7 @@ using twin::InputError;
 
 struct Arguments : RobotOptions {
   std::string folder;
+  double bit_rate = 1e6;
   bool force = false;
 
   /// 10 ms, as in the samples of ros2_canopen: its drivers run on timers of whole milliseconds.
@@ -25,6 +27,9 @@ struct Arguments : RobotOptions {
   void add_to(CLI::App& command) {
     RobotOptions::add_to(command);
     command.add_option("-o,--output", folder, "Folder for bus.yml, an EDS per drive and README.md")->required();
+    command.add_option("--bitrate,--bit-rate", bit_rate, "Of the bus [bit/s], for its load")
+        ->check(CLI::Range(1e4, 1e6))
+        ->capture_default_str();
     add_force(command, force);
     command.footer("Example:\n  tribotwin-hil ros2 twin/scenarios/irb6620_hold.yaml -o irb6620_bus");
   }
@@ -60,17 +65,29 @@ std::vector<OutputFile> files(const Arguments& a, const Drives& drives) {
   if (ros2_master_node(mapped.all()) == 0)
     throw InputError(
         fmt::format("{}: {} drives leave no node number for the master; at most 126", a.scenario, drives.all().size()));
-  const Budget load = hil::budget(mapped.all(), 1e-3 * a.cycle_ms, 1e6);
+  const Budget load = hil::budget(mapped.all(), 1e-3 * a.cycle_ms, a.bit_rate);
   if (load.max > 0.8) twin::note("{}", load.line());
   const std::string folder = name_of_folder(a.folder);
-  std::vector<OutputFile> all{{"bus.yml", ros2_bus(mapped.all(), a.cycle_us())},
-                              {"README.md", ros2_readme(mapped.all(), {.folder = folder,
-                                                                       .arguments = a.drive_arguments(),
-                                                                       .bus_load = "At 1 Mbit/s: " + load.line() + ".",
-                                                                       .cycle_us = a.cycle_us()})}};
+  std::vector<OutputFile> all{
+      {"bus.yml", ros2_bus(mapped.all(), a.cycle_us())},
+      {"README.md",
+       ros2_readme(mapped.all(), {.folder = folder,
+                                  .arguments = a.drive_arguments(),
+                                  .bus_load = fmt::format("At {:g} kbit/s: {}.", 1e-3 * a.bit_rate, load.line()),
+                                  .cycle_us = a.cycle_us()})}};
   for (const auto& d : drives.all())
     all.push_back({fmt::format("node{}.eds", d.parameters->node), hil::eds(*d.dictionary, *d.parameters)});
   return all;
+}
+
+/// The timers of ros2_canopen's drivers count whole milliseconds.
+void note_rounding(const Arguments& a) {
+  const std::uint32_t cycle_us = a.cycle_us();
+  if (cycle_us % 1000 == 0) return;
+  twin::note(
+      "--cycle {}: SYNC and drives have {} us, but the loop of ros2_canopen's drivers takes whole milliseconds: "
+      "period {} in bus.yml; with a whole --cycle both are the same",
+      a.cycle_ms, cycle_us, std::max(1U, cycle_us / 1000));
 }
 
 int run(const Arguments& a) {
@@ -81,6 +98,7 @@ int run(const Arguments& a) {
   for (const auto& file : all) outputs.push_back({"-o " + a.folder, fs::path(a.folder) / file.name});
   twin::or_wrong_input(refuse_shared(files_of(scenario), outputs));
   twin::or_throw(write_folder(a.folder, all, twin::replace_if(a.force)));
+  note_rounding(a);
   return twin::done;
 }
 

@@ -5,7 +5,8 @@
 #include <tribotwin/hil/can/clock.hpp>
 #include <tribotwin/hil/can/log.hpp>
 #include <tribotwin/hil/can/transport.hpp>
-#include <tribotwin/hil/commands/program.hpp>
+#include <tribotwin/hil/commands/can_options.hpp>
+#include <tribotwin/hil/session/session_file.hpp>
 #include <tribotwin/hil/shadow/foreign_drives.hpp>
 #include <tribotwin/hil/shadow/shadow.hpp>
 #include <tribotwin/twin/io/interrupt.hpp>
@@ -41,6 +42,10 @@ struct Arguments : RobotOptions {
         .add_option("--increments", foreign.increments,
                     "Counts of 6064h per motor turn; default: 608Fh of the EDS or DCF")
         ->check(CLI::PositiveNumber)
+        ->needs(maps);
+    command
+        .add_flag("--mean-torque", foreign.mean_torque,
+                  "Their torques are means since the SYNC before, as of drive; else those at the SYNC")
         ->needs(maps);
     auto* limited =
         command.add_option("--limit", limit, "Largest residual torque, arm side [Nm]; beyond it: exit code 3")
@@ -81,8 +86,10 @@ NextFrame frames_of(Transport& bus, std::optional<double> duration_s) {
 struct Source {
   std::optional<LogReader> log;
   std::unique_ptr<Transport> bus;
+  Wiring wiring;
+  std::size_t channel = 0;  ///< the bus of the last frame
 
-  explicit Source(const Arguments& a) {
+  Source(const Arguments& a, const Wiring& wired) : wiring(wired) {
     if (!a.log().empty())
       log.emplace(twin::or_wrong_input(LogReader::open(a.log(), stop)));
     else
@@ -90,9 +97,39 @@ struct Source {
   }
   NextFrame frames(std::optional<double> duration_s) {
     if (bus) return frames_of(*bus, duration_s);
-    return [this](Frame& frame) { return log->next(frame); };
+    return [this](Frame& frame) { return next(frame); };
+  }
+  /// Of several buses the channels that the session had; others are left out.
+  Result<bool> next(Frame& frame) {
+    for (;;) {
+      auto more = log->next(frame);
+      if (!more || !*more || wiring.size() < 2) return more;
+      for (channel = 0; channel < wiring.size(); ++channel)
+        if (log->bus() == channel_of(channel)) return true;
+    }
   }
 };
+
+/// What the file beside a log says about how it must be read.
+void note_session(const Arguments& a, const twin::Scenario& scenario) {
+  const auto file = session_file_of(a.log());
+  if (a.log().empty() || file.empty() || !std::filesystem::exists(file)) return;
+  const auto session = SessionReader::open(file);
+  if (!session) return twin::note("{}", session.error().message);
+  if (session->head().complete && session->head().scenario != scenario_checksum(scenario))
+    twin::note("{}: the log was recorded with another scenario than {}, other --set or in another folder",
+               file.string(), scenario.file.string());
+  const double cycle_ms = 1e-3 * session->head().cycle_us;
+  if (!session->head().realtime && !a.lockstep)
+    twin::note(
+        "{}: the log is of a session in lockstep, where each SYNC is a cycle of {} ms whatever the time stamps "
+        "say; give --lockstep --cycle {}",
+        file.string(), cycle_ms, cycle_ms);
+  if (session->head().realtime && a.lockstep)
+    twin::note("{}: the log is of a session with --realtime; leave --lockstep out", file.string());
+  if (!session->head().realtime && a.lockstep && session->head().cycle_us != a.cycle_us())
+    twin::note("{}: the log was recorded with --cycle {}, not with --cycle {}", file.string(), cycle_ms, a.cycle_ms);
+}
 
 /// The exit code of a session that came to an end: that of the first reason below; says all of them.
 int judge(const Arguments& a, const ShadowResult& result) {
@@ -118,14 +155,21 @@ int run(const Arguments& a) {
   for (const auto& file : a.foreign.files()) inputs.push_back({"--map " + file.string(), file});
   check_outputs(inputs, {{"--csv " + a.csv, a.csv}}, a.force);
   if (!a.csv.empty()) twin::or_wrong_input(twin::check_output(a.csv, twin::Existing::replace));
+  const bool one_bus = a.log().empty() || !recorded_wiring(a.log());  // a damaged session file is only noted
+  const Wiring wiring = one_bus ? Wiring{} : wiring_of_log(scenario, a.log());
+  ForeignDrives foreign = a.foreign;
+  foreign.note = [](const std::string& what) { twin::note("{}", what); };
   auto listeners =
-      twin::or_wrong_input(foreign_listeners(a.foreign, drive_parameters(scenario, a.first_node, a.cycle_us())));
+      twin::or_wrong_input(foreign_listeners(foreign, drive_parameters(scenario, a.first_node, a.cycle_us(), wiring)));
   twin::catch_interrupts();
-  Source source(a);
+  Source source(a, wiring);
+  note_session(a, scenario);
   const auto result =
       twin::or_throw(hil::shadow(scenario, source.frames(a.duration),
                                  {.profile = a.bench_profile(),
                                   .first_node = a.first_node,
+                                  .wiring = wiring,
+                                  .bus = [&] { return source.channel; },
                                   .cycle_us = a.cycle_us(),
                                   .cycle_expected = a.cycle_option->count() > 0,
                                   .lockstep = a.lockstep,
@@ -140,6 +184,8 @@ int run(const Arguments& a) {
                                   .endless = source.bus && !a.duration,
                                   .note = [&](const std::string& what) { report_nonblocking(what + "\n"); }}));
   twin::print_text(result.table());
+  if (source.log && a.duration && !result.interrupted && result.heard_s < *a.duration)
+    twin::note("{}: ends after {:.3f} s, before the {} s of --duration", a.log(), result.heard_s, *a.duration);
   return judge(a, result);
 }
 

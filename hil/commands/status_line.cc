@@ -51,19 +51,29 @@ std::string hottest(const Bench& bench, const char* form) {
 }
 
 std::vector<Part> parts_of(const SessionStatus& s) {
-  const BusCounters& bus = s.bus->counters();
-  const std::uint64_t lost = bus.receive_lost + bus.send_busy + bus.send_down;
-  const std::string load = s.bit_rate ? fmt::format("bus {:.0f} %", 100 * s.bits_per_s / *s.bit_rate)
-                                      : fmt::format("bus {:.0f} kbit/s", 1e-3 * s.bits_per_s);
-  const bool up = s.bus->up();
+  std::uint64_t lost = 0;
+  std::vector<std::string> loads, syncs;
+  for (std::size_t i = 0; i < s.buses.size(); ++i) {
+    const auto& [transport, bits_per_s, bit_rate] = s.buses[i];
+    const BusCounters& bus = transport->counters();
+    lost += bus.receive_lost + bus.send_busy + bus.send_down;
+    loads.push_back(bit_rate ? fmt::format("{:.0f} %", 100 * bits_per_s / *bit_rate)
+                             : fmt::format("{:.0f} kbit/s", 1e-3 * bits_per_s));
+    syncs.push_back(fmt::format("{}", s.bench->counters(i).syncs));
+  }
+  const std::string load = fmt::format("bus {}", fmt::join(loads, " + "));
   std::vector<Part> parts{{{{fmt::format("{:.1f} s", s.simulated_s)}}},
-                          {{{fmt::format("{} syncs", s.bench->counters().syncs), 4}, {}}},
+                          {{{fmt::format("{} syncs", fmt::join(syncs, " + ")), 4}, {}}},
                           {{{load, 3}, {}}},
                           drives_of(*s.bench),
                           {{{hottest(*s.bench, "hottest {:.1f} degC"), 2}, {hottest(*s.bench, "{:.0f} degC"), 2}, {}}},
                           {{{fmt::format("lost {}", lost), lost > 0 ? 6 : 0}, {}}}};
   if (s.overruns > 0) parts.push_back({{{fmt::format("late {}", s.overruns), 6}, {}}});
-  parts.push_back({{{s.bus->state(), up ? 0 : 7}, {s.bus->name() + (up ? "" : " down"), up ? 0 : 8}, {}}});
+  for (const auto& bus : s.buses) {
+    const bool up = bus.transport->up();
+    parts.push_back(
+        {{{bus.transport->state(), up ? 0 : 7}, {bus.transport->name() + (up ? "" : " down"), up ? 0 : 8}, {}}});
+  }
   return parts;
 }
 

@@ -5,6 +5,7 @@
 #include <vector>
 
 #include <tribotwin/hil/conform/device.hpp>
+#include <tribotwin/plugins/friction/error.hpp>
 
 /// The checks as one table. Program, report, README.md and tests follow from its rows.
 ///
@@ -34,6 +35,9 @@ Checks network_checks(), object_checks(), eds_checks(), sdo_checks(), service_ch
 
 /// All of them, in the order in which they run.
 std::vector<Check> all_checks();
+/// Those with one of these ids ("sdo.toggle") or of one of these groups ("sdo"), in the same order; without names all.
+/// Fails for a name that no check has (ErrorKind::input).
+Result<std::vector<Check>> checks_named(std::span<const std::string> names);
 /// The table of README.md.
 std::string checks_markdown();
 

@@ -12,7 +12,7 @@
 namespace tribotwin::hil {
 namespace {
 
-/// One run over all checks.
+/// One run over the checks.
 class Run {
  public:
   Run(Transport& bus, std::uint8_t node, const ConformOptions& options, ClientOptions client,
@@ -22,10 +22,9 @@ class Run {
     report_.bus = bus.name();
   }
 
-  Result<ConformReport> all() {
+  Result<ConformReport> make(std::span<const Check> checks) {
     try {
       if (auto ok = meet(); !ok) return tl::unexpected(ok.error());
-      const auto checks = all_checks();
       for (std::size_t i = 0; i < checks.size(); ++i) {
         if (progress_) progress_(i, checks.size(), checks[i]);
         report_.findings.push_back(finding(checks[i]));
@@ -145,7 +144,9 @@ class Run {
 
 Result<ConformReport> conform(Transport& bus, std::uint8_t node, const ConformOptions& options, ClientOptions client,
                               const ConformProgress& progress) {
-  return Run(bus, node, options, std::move(client), progress).all();
+  const auto checks = checks_named(options.only);
+  if (!checks) return tl::unexpected(checks.error());
+  return Run(bus, node, options, std::move(client), progress).make(*checks);
 }
 
 std::vector<Check> all_checks() {
@@ -155,6 +156,25 @@ std::vector<Check> all_checks() {
         pdo_checks(), emergency_checks(), state_checks(), mode_checks(), reaction_checks(), motion_checks()})
     all.insert(all.end(), part.begin(), part.end());
   return all;
+}
+
+Result<std::vector<Check>> checks_named(std::span<const std::string> names) {
+  const auto is = [](const Check& check, const std::string& name) {
+    const std::string_view id = check.id;
+    return id == name || id.substr(0, id.find('.')) == name;
+  };
+  std::vector<Check> chosen = all_checks();
+  for (const std::string& name : names)
+    if (std::ranges::none_of(chosen, [&](const Check& check) { return is(check, name); }))
+      return tl::unexpected(Error(
+          fmt::format("no check is called '{}'; give ids of hil/conform/README.md, as sdo.block_upload, or groups, "
+                      "as sdo, with commas between them",
+                      name)));
+  if (!names.empty())
+    std::erase_if(chosen, [&](const Check& check) {
+      return std::ranges::none_of(names, [&](const std::string& name) { return is(check, name); });
+    });
+  return chosen;
 }
 
 }  // namespace tribotwin::hil

@@ -30,6 +30,7 @@ struct ConformOptions {
   bool motion = false;                                   ///< also checks that enable the drive and move it
   bool homing = false;                                   ///< and those that give it a new reference position
   std::int64_t boot_ns = 5'000'000'000;                  ///< time that the device has for a reset
+  std::vector<std::string> only;                         ///< of the checks, see checks_named; empty: all
   std::optional<std::int64_t> amplitude, speed, torque;  ///< of motion checks, in counts of 6064h, 606Ch, 6077h
 };
 

@@ -30,8 +30,21 @@ constexpr Row rows[] = {{K::drop, "drop", T::frames, false},
                         {K::encoder_freeze, "encoder_freeze", T::drive, true},
                         {K::safe_torque_off, "safe_torque_off", T::drive, true}};
 
-Fault read(twin::Mapping& m, int first_node, int drives) {
-  m.accept({"kind", "time_s", "duration_s", "node", "probability", "delay_s", "temperature_degC"});
+/// The bus of a fault, where there are several.
+std::optional<std::size_t> read_bus(twin::Mapping& m, const Wiring& wiring) {
+  if (wiring.size() < 2 || !m.has("bus")) return std::nullopt;
+  std::vector<std::string> names;
+  for (std::size_t bus = 0; bus < wiring.size(); ++bus) names.push_back(channel_of(bus));
+  const std::vector<std::string_view> known(names.begin(), names.end());
+  const std::string chosen = m.choice("bus", known);
+  return static_cast<std::size_t>(std::ranges::find(names, chosen) - names.begin());
+}
+
+Fault read(twin::Mapping& m, int first_node, int drives, const Wiring& wiring) {
+  if (wiring.size() > 1)
+    m.accept({"kind", "time_s", "duration_s", "node", "probability", "delay_s", "temperature_degC", "bus"});
+  else
+    m.accept({"kind", "time_s", "duration_s", "node", "probability", "delay_s", "temperature_degC"});
   std::vector<std::string_view> names;
   for (const Row& row : rows) names.push_back(row.name);
   const Row& row = *std::ranges::find(rows, m.choice("kind", names), &Row::name);
@@ -39,6 +52,9 @@ Fault read(twin::Mapping& m, int first_node, int drives) {
   f.from_s = m.number("time_s", {0, 1e9});
   f.to_s = f.from_s + m.number("duration_s", {1e-6, 1e9});
   f.node = static_cast<int>(m.whole_or("node", 0, {0, 127}));
+  f.bus = read_bus(m, wiring);
+  if (f.bus) drives = static_cast<int>(wiring[*f.bus].size());
+  if (f.node != 0 && wiring.size() > 1 && !f.bus) m.fail("bus", "is needed with a node: can0 or can1");
   if (f.node != 0 && (f.node < first_node || f.node >= first_node + drives))
     m.fail("node", fmt::format("{}: the drives are nodes {} to {}", f.node, first_node, first_node + drives - 1));
   if (row.needs_node && f.node == 0) m.fail("node", "is needed: which drive?");
@@ -53,11 +69,12 @@ Fault read(twin::Mapping& m, int first_node, int drives) {
 
 FaultTarget target_of(FaultKind kind) { return std::ranges::find(rows, kind, &Row::kind)->target; }
 
-Result<std::vector<Fault>> load_faults(const std::filesystem::path& file, int first_node, int drives) try {
+Result<std::vector<Fault>> load_faults(const std::filesystem::path& file, int first_node, int drives,
+                                       const Wiring& wiring) try {
   twin::Mapping root(file.string(), "", twin::load_yaml(file));
   root.accept({"faults"});
   std::vector<Fault> all;
-  for (auto& m : root.mappings("faults")) all.push_back(read(m, first_node, drives));
+  for (auto& m : root.mappings("faults")) all.push_back(read(m, first_node, drives, wiring));
   root.done();
   return all;
 } catch (const twin::InputError& error) {

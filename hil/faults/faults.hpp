@@ -1,8 +1,10 @@
 #pragma once
 
 #include <filesystem>
+#include <optional>
 #include <vector>
 
+#include <tribotwin/hil/drives/wiring.hpp>
 #include <tribotwin/plugins/friction/error.hpp>
 
 /// Injected faults of bus and bench, for tests of controllers: a list on the time line of the simulation. Faults inside
@@ -32,11 +34,12 @@ FaultTarget target_of(FaultKind kind);
 
 struct Fault {
   FaultKind kind;
-  double from_s = 0, to_s = 0;    ///< simulated time [s]
-  int node = 0;                   ///< 0: all frames, all drives
-  double probability = 1;         ///< of each frame: drop, delay, corrupt, duplicate
-  double delay_s = 0.01;          ///< wall clock [s]
-  double temperature_degC = 150;  ///< over_temperature
+  double from_s = 0, to_s = 0;          ///< simulated time [s]
+  int node = 0;                         ///< 0: all frames, all drives
+  std::optional<std::size_t> bus = {};  ///< all without
+  double probability = 1;               ///< of each frame: drop, delay, corrupt, duplicate
+  double delay_s = 0.01;                ///< wall clock [s]
+  double temperature_degC = 150;        ///< over_temperature
 };
 
 /// A fault of one drive that begins or ends.
@@ -48,7 +51,9 @@ struct DriveFault {
   bool operator==(const DriveFault&) const = default;
 };
 
-/// Reads a YAML file with the key `faults`, a list of mappings. Fails with file and key.
-Result<std::vector<Fault>> load_faults(const std::filesystem::path& file, int first_node, int drives);
+/// Reads a YAML file with the key `faults`, a list of mappings. Fails with file and key. Only of drives on several
+/// buses a fault may have a bus, and one of a node must have one.
+Result<std::vector<Fault>> load_faults(const std::filesystem::path& file, int first_node, int drives,
+                                       const Wiring& wiring = {});
 
 }  // namespace tribotwin::hil

@@ -98,6 +98,14 @@ void FaultyBus::wait(std::int64_t deadline_ns) {
   bus_.wait(deadline_ns);
 }
 
+std::int64_t FaultyBus::watch(std::vector<pollfd>& polled, std::int64_t deadline_ns) {
+  constexpr std::int64_t ask_again_ns = 1'000'000;
+  if (!ready_.empty()) return 0;
+  for (const Later& l : later_) deadline_ns = std::min(deadline_ns, l.at_ns);
+  if (auto* bus = dynamic_cast<Pollable*>(&bus_)) return bus->watch(polled, deadline_ns);
+  return std::min(deadline_ns, clock_ns() + ask_again_ns);
+}
+
 bool FaultyBus::up() const { return bus_.up() && (faults_.empty() || !cut()); }
 
 std::string FaultyBus::state() const {

@@ -6,23 +6,25 @@
 #include <vector>
 
 #include <tribotwin/hil/can/transport.hpp>
+#include <tribotwin/hil/can/wait_any.hpp>
 #include <tribotwin/hil/faults/faults.hpp>
 
 namespace tribotwin::hil {
 
 /// A bus with injected faults. The same seed and frames give the same faults.
-class FaultyBus final : public Transport {
+class FaultyBus final : public Transport, public Pollable {
  public:
   /// `time_s`: simulated time.
   FaultyBus(Transport& bus, std::vector<Fault> faults, std::uint64_t seed, std::function<double()> time_s);
   Sent send(const Frame& frame) override;
   bool receive(Frame& frame) override;
   void wait(std::int64_t deadline_ns) override;
+  std::int64_t watch(std::vector<pollfd>& polled, std::int64_t deadline_ns) override;
   bool up() const override;
   std::string state() const override;
   const BusCounters& counters() const override { return bus_.counters(); }
 
-  /// The faults of drives that begin or end now; ask when simulated time has advanced.
+  /// The faults of drives that begin or end now; ask when simulated time has advanced. Drives are counted on this bus.
   std::vector<DriveFault> changed(int first_node);
 
  private:

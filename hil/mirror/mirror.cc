@@ -2,6 +2,7 @@
 #include <cmath>
 
 #include <tribotwin/hil/mirror/mirror.hpp>
+#include <tribotwin/hil/motion/standstill.hpp>
 
 namespace tribotwin::hil {
 namespace {
@@ -18,7 +19,7 @@ MirrorDrive::MirrorDrive(const DriveParameters& p, Send send, MirrorFormat forma
       torque_max_nm_(p.rated_torque_nm * p.gear_ratio),
       speed_max_rad_s_(p.speed_max_rad_s / p.gear_ratio),
       cycle_ns_(1000LL * p.cycle_us),
-      deadline_ns_(std::max<std::int64_t>(3 * cycle_ns_, 20'000'000)) {}
+      deadline_ns_(patience_ns(p.cycle_us)) {}
 
 void MirrorDrive::start(std::int64_t now_ns) { send_status(now_ns); }
 
@@ -69,16 +70,17 @@ void MirrorDrive::receive(const Frame& frame, std::int64_t now_ns) {
 
 void MirrorDrive::send_status(std::int64_t now_ns) {
   sent_ns_ = now_ns;
-  const Frame frame =
-      encode(MirrorStatus{counter_++, state_, feedback_.position_rad, feedback_.torque_nm / torque_max_nm_,
-                          feedback_.temperature_degC, feedback_.velocity_rad_s},
-             parameters_.node, format_);
+  const double torque_nm = brake_engaged() ? feedback_.torque_nm : mean_torque_nm_.value();
+  const Frame frame = encode(MirrorStatus{counter_++, state_, feedback_.position_rad, torque_nm / torque_max_nm_,
+                                          feedback_.temperature_degC, feedback_.velocity_rad_s},
+                             parameters_.node, format_);
   if (send_(frame) == Sent::done) ++counters_.sent;
 }
 
 void MirrorDrive::sync(std::int64_t now_ns) {
   synced_ns_ = now_ns;
   send_status(now_ns);
+  mean_torque_nm_.sync();
 }
 
 void MirrorDrive::tick(std::int64_t now_ns) {
@@ -137,7 +139,8 @@ twin::DriveCommand MirrorDrive::command(double dt) {
 
 void MirrorDrive::feedback(const Feedback& f, double dt) {
   feedback_ = f;
-  const bool stands = std::abs(f.velocity_rad_s) * parameters_.gear_ratio < 0.5;
+  mean_torque_nm_.add(f.torque_nm, dt);
+  const bool stands = hil::stands(f.velocity_rad_s, parameters_.gear_ratio);
   if (f.safe_torque_off && !brake_engaged()) state_ = MirrorMode::fault;
   if (brake_engaged() && stands && std::abs(f.torque_nm) < resting_torque_norm * torque_max_nm_) stops_alone_ = false;
   if (state_ != MirrorMode::stopping) return;

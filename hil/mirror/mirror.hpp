@@ -1,8 +1,11 @@
 #pragma once
 
+#include <algorithm>
+
 #include <tribotwin/hil/drives/bus_drive.hpp>
 #include <tribotwin/hil/drives/drive_parameters.hpp>
 #include <tribotwin/hil/mirror/mirror_frames.hpp>
+#include <tribotwin/hil/motion/sync_mean.hpp>
 #include <tribotwin/hil/motion/torque_limit.hpp>
 
 namespace tribotwin::hil {
@@ -35,6 +38,10 @@ class MirrorDrive final : public BusDrive {
   bool stops_alone() const override { return stops_alone_; }
   std::vector<std::pair<std::string, std::uint64_t>> counts() const override;
   const MirrorCounters& counters() const { return counters_; }
+  /// Age [ns] at which a command is too old.
+  static constexpr std::int64_t patience_ns(std::int64_t cycle_us) {
+    return std::max<std::int64_t>(3000 * cycle_us, 20'000'000);
+  }
 
  private:
   void send_status(std::int64_t now_ns);
@@ -48,6 +55,7 @@ class MirrorDrive final : public BusDrive {
   bool fault_next_ = false, stops_alone_ = false;
   std::uint8_t counter_ = 0;
   Feedback feedback_;
+  SyncMean mean_torque_nm_;
   SpeedLimitedTorque torque_;
   double demand_rad_ = 0, step_rad_s_ = 0, left_s_ = 0, ramp_rad_s_ = 0, standing_s_ = 0;
   MirrorCounters counters_;

@@ -175,6 +175,12 @@ MotionProfile position_profile(const MotionLimits& limits, const MotionState& st
   return b.profile();
 }
 
+double speed_to_stop_within(const MotionLimits& limits, double way_rad) {
+  const auto way = [&](double speed) { return speed_profile(limits, {0, speed, 0}, 0).end().position_rad; };
+  if (way(limits.speed_rad_s) <= way_rad) return limits.speed_rad_s;
+  return bisect(way, way_rad, 0, limits.speed_rad_s);
+}
+
 MotionState within_speed(const MotionLimits& limits, MotionState state) {
   const double a = state.acceleration_rad_s2, left = limits.speed_rad_s - std::copysign(1, a) * state.speed_rad_s;
   const double most = left > 0 ? std::sqrt(2 * limits.jerk_rad_s3 * left) : 0;

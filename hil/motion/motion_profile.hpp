@@ -57,6 +57,9 @@ MotionProfile speed_profile(const MotionLimits& limits, const MotionState& start
 MotionProfile position_profile(const MotionLimits& limits, const MotionState& start, double position_rad,
                                double end_speed_rad_s = 0);
 
+/// The greatest speed [rad/s], at most that of the limits, from which a stop needs no more than `way_rad`.
+double speed_to_stop_within(const MotionLimits& limits, double way_rad);
+
 /// The state without what of its acceleration would lead beyond the speed limit at this jerk: where limits fall on the
 /// way, the speed limit counts more than the jerk.
 MotionState within_speed(const MotionLimits& limits, MotionState state);

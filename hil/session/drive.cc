@@ -1,7 +1,9 @@
 #include <algorithm>
+#include <cassert>
 #include <cerrno>
 #include <cmath>
 #include <cstring>
+#include <deque>
 #include <limits>
 #include <utility>
 
@@ -11,6 +13,7 @@
 #include <sys/mman.h>
 
 #include <tribotwin/hil/can/clock.hpp>
+#include <tribotwin/hil/can/wait_any.hpp>
 #include <tribotwin/hil/canopen/sync.hpp>
 #include <tribotwin/hil/faults/faulty_bus.hpp>
 #include <tribotwin/hil/session/drive.hpp>
@@ -25,6 +28,7 @@ namespace {
 
 using Status = Result<void>;
 
+constexpr double patience_s = 3;  // for the first SYNC, before its absence is said
 constexpr std::int64_t s_ns = 1'000'000'000, longest_wait_ns = 20'000'000;
 
 /// Whole microseconds, the resolution of a log, so that a replay sees the same times.
@@ -40,26 +44,54 @@ void become_real_time(const std::function<void(const std::string&)>& note) {
                      std::strerror(errno)));
 }
 
-/// A session of drives on a live bus.
+/// One live bus of a session.
+struct LiveBus {
+  LiveBus(Transport& transport, std::vector<Fault> faults, std::uint64_t seed, std::function<double()> time_s)
+      : bus(transport, std::move(faults), seed, std::move(time_s)) {}
+  FaultyBus bus;
+  std::optional<double> bit_rate;
+  SyncTiming sync;
+  bool was_up = true;
+  double bits_before = 0;
+};
+
+/// The faults of one bus.
+std::vector<Fault> faults_on(std::size_t bus, std::vector<Fault> faults) {
+  std::erase_if(faults, [bus](const Fault& f) { return f.bus.value_or(bus) != bus; });
+  return faults;
+}
+
+/// A session of drives on live buses.
 class Session {
  public:
-  Session(const twin::Scenario& scenario, Transport& bus, const DriveOptions& o)
+  Session(const twin::Scenario& scenario, std::span<Transport* const> buses, const DriveOptions& o)
       : o_(o),
         pace_(std::llround(1e9 * scenario.model->get()->opt.timestep)),
-        bus_(bus, o.faults, scenario.seed, [this] { return running_ ? time_s() : 0.0; }),
         bench_(scenario,
                {.profile = o.profile,
                 .first_node = o.first_node,
+                .wiring = o.wiring,
                 .cycle_us = o.cycle_us,
                 .lockstep = !o.realtime,
                 .nodes = o.nodes,
+                .kept =
+                    [this](bool done) {
+                      if (record_) record_->keep(done);
+                      return done;
+                    },
                 .stop = o.stop,
-                .answered = [this] { sync_.answered(clock_ns(CLOCK_REALTIME)); }},
-               [this](const Frame& frame) {
-                 record(frame, true);
-                 return bus_.send(frame);
+                .answered = [this](std::size_t bus) { buses_[bus].sync.answered(clock_ns(CLOCK_REALTIME)); }},
+               [this](std::size_t bus, const Frame& frame) {
+                 record(bus, frame, true);
+                 return buses_[bus].bus.send(frame);
                }) {
-    running_ = true;
+    assert(buses.size() == bench_.buses());
+    for (std::size_t i = 0; i < buses.size(); ++i) {
+      LiveBus& live =
+          buses_.emplace_back(*buses[i], faults_on(i, o.faults), scenario.seed + i, [this] { return time_s(); });
+      live.bit_rate = o.bit_rate ? o.bit_rate : buses[i]->bit_rate();
+      transports_.push_back(&live.bus);
+    }
   }
 
   Status run() {
@@ -85,7 +117,9 @@ class Session {
 
   Status open() {
     if (!o_.record.empty()) {
-      const SessionHead head{o_.realtime, o_.cycle_us, now_ns_ + to_realtime_ns_};
+      const SessionHead head{
+          o_.realtime,   o_.cycle_us, now_ns_ + to_realtime_ns_, scenario_checksum(bench_.plant().scenario()),
+          o_.conditions, o_.wiring};
       auto record = SessionRecord::create(o_.record, head, o_.existing == twin::Existing::replace);
       if (!record) return work_failed(record.error().message);
       record_.emplace(std::move(*record));
@@ -97,8 +131,8 @@ class Session {
     return o_.output.empty() ? Status{} : bench_.plant().record(o_.output, o_.existing);
   }
 
-  void record(const Frame& frame, bool ours) {
-    if (record_) keep_record(record_->frame(frame, bench_.sender(frame).has_value() != ours));
+  void record(std::size_t bus, const Frame& frame, bool ours) {
+    if (record_) keep_record(record_->frame(bus, frame, bench_.sender(bus, frame).has_value() != ours));
   }
   /// The robot must not fall because a disk is full: the record ends, the drives continue.
   void keep_record(const Status& written) {
@@ -114,16 +148,17 @@ class Session {
   /// Waits once and handles all that arrived.
   Status turn() {
     const std::int64_t due_ns = o_.realtime ? pace_.due_ns() : std::numeric_limits<std::int64_t>::max();
-    bus_.wait(std::min({now_ns_ + longest_wait_ns, std::max<std::int64_t>(bench_.next_ns(), now_ns_), due_ns}));
+    wait(std::min({now_ns_ + longest_wait_ns, std::max<std::int64_t>(bench_.next_ns(), now_ns_), due_ns}));
     // One time for all frames of a turn: a clock call per frame would cost more than the answer. Each turn has a time
     // of its own, so that a replay runs the timers as often.
     now_ns_ = std::max(now_ns_ + 1000, now_us_ns());
     if (record_) record_->begin(now_ns_ + to_realtime_ns_);
     if (auto ok = bench_.tick(now_ns_); !ok) return ok;
-    if (auto ok = take_frames(); !ok) return ok;
+    for (std::size_t bus = 0; bus < buses_.size(); ++bus)
+      if (auto ok = take_frames(bus); !ok) return ok;
     if (o_.realtime)
       if (auto ok = follow_clock(); !ok) return ok;
-    follow_link();
+    for (std::size_t bus = 0; bus < buses_.size(); ++bus) follow_link(bus);
     if (record_) keep_record(record_->end());
     if (const auto& failure = bench_.plant().record_failure();
         !failure.empty() && !std::exchange(telemetry_lost_, true))
@@ -132,13 +167,20 @@ class Session {
     return {};
   }
 
-  Status take_frames() {
+  void wait(std::int64_t deadline_ns) {
+    if (transports_.size() == 1) return transports_[0]->wait(deadline_ns);
+    wait_any(transports_, deadline_ns);
+  }
+
+  Status take_frames(std::size_t bus) {
+    LiveBus& live = buses_[bus];
     Frame frame;
     // Bounded, so that a flooded bus cannot keep the clock from being served.
-    for (int i = 0; i < 256 && !finished() && bus_.receive(frame); ++i) {
-      record(frame, false);
-      if (is_sync(frame)) sync_.sync(frame.time_ns > 0 ? frame.time_ns : clock_ns(CLOCK_REALTIME), bench_.cycle_us());
-      if (auto ok = bench_.receive(frame, now_ns_); !ok) return ok;
+    for (int i = 0; i < 256 && !finished() && live.bus.receive(frame); ++i) {
+      record(bus, frame, false);
+      if (is_sync(frame))
+        live.sync.sync(frame.time_ns > 0 ? frame.time_ns : clock_ns(CLOCK_REALTIME), bench_.cycle_us());
+      if (auto ok = bench_.receive(bus, frame, now_ns_); !ok) return ok;
       impose_faults();
     }
     return {};
@@ -155,38 +197,64 @@ class Session {
   }
 
   void impose_faults() {
-    for (const DriveFault& fault : bus_.changed(o_.first_node)) {
-      bench_.plant().impose(fault);
-      if (record_) record_->fault(fault);
-    }
+    for (std::size_t bus = 0; bus < buses_.size(); ++bus)
+      for (DriveFault fault : buses_[bus].bus.changed(o_.first_node)) {
+        if (!o_.wiring.empty()) fault.drive = o_.wiring[bus][fault.drive];
+        bench_.plant().impose(fault);
+        if (record_) record_->fault(fault);
+      }
   }
 
-  void follow_link() {
-    if (bus_.up() == was_up_) return;
-    note(bus_.state());
-    was_up_ = bus_.up();
-    if (!was_up_) return;
-    bench_.recovered(now_ns_);
-    if (record_) record_->recovered();
+  void follow_link(std::size_t bus) {
+    LiveBus& live = buses_[bus];
+    if (live.bus.up() == live.was_up) return;
+    note(live.bus.state());
+    live.was_up = live.bus.up();
+    if (!live.was_up) return;
+    bench_.recovered(bus, now_ns_);
+    if (record_) record_->recovered(bus);
   }
 
   void report() {
-    const double bits = bench_.counters().bits;
-    const double per_s = status_ns_ ? 1e9 * (bits - bits_before_) / static_cast<double>(now_ns_ - status_ns_) : 0;
-    bits_before_ = bits;
+    std::vector<SessionStatus::Bus> loads;
+    for (std::size_t i = 0; i < buses_.size(); ++i) {
+      const double bits = bench_.counters(i).bits - std::exchange(buses_[i].bits_before, bench_.counters(i).bits);
+      const double per_s = status_ns_ ? 1e9 * bits / static_cast<double>(now_ns_ - status_ns_) : 0;
+      loads.push_back({&buses_[i].bus, per_s, buses_[i].bit_rate});
+    }
     status_ns_ = now_ns_;
     if (record_) keep_record(record_->flush());
     tell_slow_motion();
-    if (o_.status) o_.status({time_s(), wall_s(), per_s, o_.bit_rate, pace_.overruns(), &bench_, &bus_});
+    tell_waiting();
+    if (o_.status) o_.status({time_s(), wall_s(), pace_.overruns(), &bench_, std::move(loads)});
+  }
+
+  /// Of the bus with the fastest SYNC, which the others follow.
+  std::optional<std::string> slow_motion() const {
+    const auto scale = [](const LiveBus& live) { return live.sync.time_scale().value_or(0); };
+    return std::ranges::max_element(buses_, {}, scale)->sync.slow_motion();
   }
 
   /// In lockstep a slow SYNC is a slow robot. Said once.
   void tell_slow_motion() {
     if (o_.realtime || told_slow_motion_) return;
-    const auto slow = sync_.slow_motion();
+    const auto slow = slow_motion();
     if (!slow) return;
     told_slow_motion_ = true;
     note(*slow);
+  }
+
+  bool any_sync() const {
+    for (std::size_t bus = 0; bus < bench_.buses(); ++bus)
+      if (bench_.counters(bus).syncs > 0) return true;
+    return false;
+  }
+
+  /// In lockstep nothing moves without a SYNC. Said once.
+  void tell_waiting() {
+    if (o_.realtime || told_waiting_ || any_sync() || wall_s() < patience_s) return;
+    told_waiting_ = true;
+    note("no SYNC yet: the robot stands until a master sends SYNCs; --realtime moves it with the clock");
   }
 
   /// What summary.json warns of.
@@ -197,7 +265,7 @@ class Session {
                       "{:.3g} s in pauses that it did not catch up",
                       pace_.overruns(), pace_.lateness().count(), 1e-6 * static_cast<double>(pace_.lateness().max_ns()),
                       1e-9 * static_cast<double>(pace_.skipped_ns()))};
-    const auto slow = o_.realtime ? std::nullopt : sync_.slow_motion();
+    const auto slow = o_.realtime ? std::nullopt : slow_motion();
     return slow ? std::vector{*slow} : std::vector<std::string>{};
   }
 
@@ -224,29 +292,32 @@ class Session {
   }
 
   std::string statistics() {
-    return statistics_json(
-        bench_, bus_.counters(),
-        {.wall_s = wall_s(), .bit_rate = o_.bit_rate, .sync = &sync_, .pace = o_.realtime ? &pace_ : nullptr});
+    std::vector<MeasuredBus> all;
+    for (const LiveBus& live : buses_) all.push_back({live.bus.name(), live.bus.counters(), live.bit_rate, &live.sync});
+    return statistics_json(bench_, all, wall_s(), o_.realtime ? &pace_ : nullptr);
   }
 
   const DriveOptions& o_;
   std::int64_t start_ns_ = now_us_ns(), now_ns_ = start_ns_, status_ns_ = 0;
   const std::int64_t to_realtime_ns_ = clock_ns(CLOCK_REALTIME) / 1000 * 1000 - start_ns_;
   Pace pace_;
-  SyncTiming sync_;
-  bool running_ = false;  // the bench exists and has a time
   std::optional<SessionRecord> record_;
-  FaultyBus bus_;
+  std::deque<LiveBus> buses_;
+  std::vector<Transport*> transports_;  // the same
   Bench bench_;
-  double bits_before_ = 0;
-  bool was_up_ = true, telemetry_lost_ = false, told_slow_motion_ = false;
+  bool telemetry_lost_ = false, told_slow_motion_ = false, told_waiting_ = false;
   std::vector<std::string> lost_;
 };
 
 }  // namespace
 
 Result<void> drive(const twin::Scenario& scenario, Transport& bus, const DriveOptions& options) {
-  return Session(scenario, bus, options).run();
+  Transport* const one[] = {&bus};
+  return drive(scenario, one, options);
+}
+
+Result<void> drive(const twin::Scenario& scenario, std::span<Transport* const> buses, const DriveOptions& options) {
+  return Session(scenario, buses, options).run();
 }
 
 }  // namespace tribotwin::hil

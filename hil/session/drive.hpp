@@ -3,11 +3,14 @@
 #include <filesystem>
 #include <functional>
 #include <optional>
+#include <span>
 #include <string>
+#include <vector>
 
 #include <tribotwin/hil/can/transport.hpp>
 #include <tribotwin/hil/faults/faults.hpp>
 #include <tribotwin/hil/session/bench.hpp>
+#include <tribotwin/hil/session/session_file.hpp>
 #include <tribotwin/plugins/friction/error.hpp>
 #include <tribotwin/twin/io/file.hpp>
 
@@ -15,21 +18,27 @@ namespace tribotwin::hil {
 
 /// State of a session for its status line.
 struct SessionStatus {
-  double simulated_s, wall_s, bits_per_s;  ///< on the bus since the last one
-  std::optional<double> bit_rate;          ///< [bit/s] of a bus that has one
-  std::uint64_t overruns;                  ///< steps in real time that began more than a step too late
+  struct Bus {
+    const Transport* transport;
+    double bits_per_s;               ///< since the last one
+    std::optional<double> bit_rate;  ///< [bit/s] of a bus that has one
+  };
+  double simulated_s, wall_s;
+  std::uint64_t overruns;  ///< steps in real time that began more than a step too late
   const Bench* bench;
-  const Transport* bus;
+  std::vector<Bus> buses;
 };
 
 struct DriveOptions {
   Profile profile = Profile::cia402;
   int first_node = 1;
+  Wiring wiring;  ///< the drives on each bus; all on one without
   std::uint32_t cycle_us = 2000;
   std::vector<NodeSetup> nodes;                      ///< how they start, see BenchOptions
+  StartConditions conditions;                        ///< what `nodes` were made of, for the record
   bool realtime = false;                             ///< physics on the clock instead of on SYNC
   std::optional<double> duration_s;                  ///< of simulated time [s]; unlimited without
-  std::optional<double> bit_rate;                    ///< [bit/s] of the bus, for its load; none on vcan and TCP
+  std::optional<double> bit_rate;                    ///< [bit/s] of all buses, for their load; without: their own
   std::filesystem::path record;                      ///< a candump log of everything on the bus, and LOG.session
   std::filesystem::path statistics;                  ///< JSON
   std::filesystem::path output;                      ///< folder for telemetry
@@ -44,5 +53,7 @@ struct DriveOptions {
 /// disk), a note says so and the drives continue without it. Fails at the end with one line: what was lost, or that
 /// `stop` came before `duration_s` was over.
 Result<void> drive(const twin::Scenario& scenario, Transport& bus, const DriveOptions& options);
+/// The same on as many buses as `wiring` has.
+Result<void> drive(const twin::Scenario& scenario, std::span<Transport* const> buses, const DriveOptions& options);
 
 }  // namespace tribotwin::hil

@@ -9,12 +9,14 @@
 
 namespace tribotwin::hil {
 
-std::vector<DriveParameters> drive_parameters(const twin::Scenario& scenario, int first_node, std::uint32_t cycle_us) {
+std::vector<DriveParameters> drive_parameters(const twin::Scenario& scenario, int first_node, std::uint32_t cycle_us,
+                                              const Wiring& wiring) {
   std::vector<DriveParameters> all;
   const mjModel* m = scenario.model->get();
   for (const auto& binding : scenario.model->drives()) {
     const auto& drive = binding.drive;
-    DriveParameters p{.node = static_cast<std::uint8_t>(first_node + static_cast<int>(all.size())),
+    const auto rank = static_cast<int>(place_of(wiring, all.size()).rank);
+    DriveParameters p{.node = static_cast<std::uint8_t>(first_node + rank),
                       .name = twin::joint_name(m, binding),
                       .gear_ratio = drive.gear_ratio,
                       .rated_torque_nm = drive.torque_max_nm / drive.gear_ratio,
@@ -24,6 +26,8 @@ std::vector<DriveParameters> drive_parameters(const twin::Scenario& scenario, in
                       .position_high_rad = m->jnt_range[2 * binding.joint + 1],
                       .start_degC = scenario.temperature_degC[all.size()],
                       .speed_bandwidth_max_rad_s = 1 / m->opt.timestep};
+    // Two drives of one robot may share a node number, but not a serial number.
+    if (wiring.size() > 1) p.serial_number = static_cast<std::uint32_t>(first_node) + all.size();
     if (const auto* o = std::get_if<twin::CascadedOptions>(&scenario.control))
       p.gains = {o->position_gain_1_s, o->speed_bandwidth_rad_s, o->integral_time_s};
     // The maximum speed of the identification, where the law states one: motor side.

@@ -9,6 +9,7 @@
 
 #include <tribotwin/hil/drives/bus_drive.hpp>
 #include <tribotwin/hil/drives/drive_parameters.hpp>
+#include <tribotwin/hil/drives/wiring.hpp>
 #include <tribotwin/hil/faults/faults.hpp>
 #include <tribotwin/plugins/friction/error.hpp>
 #include <tribotwin/twin/simulation/recorder.hpp>
@@ -16,8 +17,9 @@
 /// The robot behind the drives: a commanded twin, stepped between the bus and the telemetry.
 namespace tribotwin::hil {
 
-/// The drives of a scenario as a bus needs them; node numbers count up from `first_node`.
-std::vector<DriveParameters> drive_parameters(const twin::Scenario& scenario, int first_node, std::uint32_t cycle_us);
+/// The drives of a scenario as a bus needs them; node numbers count up from `first_node` on each bus.
+std::vector<DriveParameters> drive_parameters(const twin::Scenario& scenario, int first_node, std::uint32_t cycle_us,
+                                              const Wiring& wiring = {});
 
 class Plant {
  public:

@@ -1,16 +1,16 @@
 #include <algorithm>
-#include <deque>
-#include <map>
 #include <optional>
 #include <span>
 #include <utility>
 #include <vector>
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 #include <time.h>
 
 #include <tribotwin/hil/can/clock.hpp>
 #include <tribotwin/hil/can/log.hpp>
+#include <tribotwin/hil/session/expected_frames.hpp>
 #include <tribotwin/hil/session/replay.hpp>
 #include <tribotwin/hil/session/session_file.hpp>
 
@@ -37,6 +37,7 @@ struct Moment {
   struct Line {
     Frame frame;
     std::size_t number;  ///< in the log
+    std::size_t bus;
   };
   std::vector<Line> lines;
 };
@@ -44,7 +45,8 @@ struct Moment {
 /// Reads a log moment by moment.
 class Moments {
  public:
-  explicit Moments(LogReader log) : log_(std::move(log)) {}
+  /// `channels`: names of several buses; none: all that the log has is one bus.
+  Moments(LogReader log, std::vector<std::string> channels) : log_(std::move(log)), channels_(std::move(channels)) {}
   /// The next one; false at the end.
   Result<bool> next(Moment& moment) {
     if (!ahead_)
@@ -57,15 +59,25 @@ class Moments {
     }
     return true;
   }
+  /// Where the log has a frame on a channel that is none of the buses; empty if it has none up to here.
+  const std::string& stranger() const { return stranger_; }
 
  private:
   Result<bool> look_ahead() {
     Frame frame;
     auto more = log_.next(frame);
-    if (more && *more) ahead_ = Moment::Line{frame, log_.line()};
+    if (!more || !*more) return more;
+    const auto channel = std::ranges::find(channels_, log_.bus());
+    const auto bus = static_cast<std::size_t>(channel - channels_.begin());
+    if (!channels_.empty() && bus == channels_.size() && stranger_.empty())
+      stranger_ = fmt::format("line {}: a frame on {}; the buses are {}", log_.line(), log_.bus(),
+                              fmt::join(channels_, " and "));
+    ahead_ = Moment::Line{frame, log_.line(), bus};
     return more;
   }
   LogReader log_;
+  std::vector<std::string> channels_;
+  std::string stranger_;
   std::optional<Moment::Line> ahead_;
 };
 
@@ -77,25 +89,29 @@ class Replay {
       : file_(file),
         o_(o),
         session_(std::move(session)),
-        bench_(scenario,
-               {.profile = o.profile,
-                .first_node = o.first_node,
-                .cycle_us = o.cycle_us,
-                .lockstep = !session_ || !session_->head().realtime,
-                .nodes = o.nodes,
-                .stop = o.stop},
-               [this](const Frame& frame) {
-                 said_[frame.id].push_back(frame);
-                 return Sent::done;
-               }),
+        bench_(
+            scenario,
+            {.profile = o.profile,
+             .first_node = o.first_node,
+             .wiring = o.wiring,
+             .cycle_us = o.cycle_us,
+             .lockstep = !session_ || !session_->head().realtime,
+             .nodes = o.nodes,
+             .kept =
+                 [this](bool) { return std::ranges::find(turn_now_.not_kept, keeps_++) == turn_now_.not_kept.end(); },
+             .stop = o.stop},
+            [this](std::size_t bus, const Frame& frame) {
+              said_[bus].push(frame);
+              return Sent::done;
+            }),
         compared_(bench_.drives().size()) {
     result_.session_file = session_.has_value();
   }
 
   Result<ReplayResult> run() {
     auto log = LogReader::open(file_, o_.stop);
-    if (!log) return work_failed(log.error().message);
-    Moments moments(std::move(*log));
+    if (!log) return tl::unexpected(log.error());
+    Moments moments(std::move(*log), channels());
     if (auto ok = start(moments); !ok) return tl::unexpected(ok.error());
     if (auto ok = follow(moments); !ok) return tl::unexpected(ok.error());
     result_.interrupted = stopped();
@@ -107,6 +123,14 @@ class Replay {
 
  private:
   bool stopped() const { return o_.stop && o_.stop(); }
+  bool any_said() const {
+    return std::ranges::any_of(said_, [](const ExpectedFrames& said) { return !said.empty(); });
+  }
+  std::vector<std::string> channels() const {
+    std::vector<std::string> names = o_.channels;
+    for (std::size_t bus = names.size(); bus < o_.wiring.size(); ++bus) names.push_back(channel_of(bus));
+    return names.size() > 1 ? names : std::vector<std::string>{};
+  }
 
   /// Reads the first moment and the first turn. An empty log leaves no record.
   Status start(Moments& moments) {
@@ -116,7 +140,7 @@ class Replay {
     bench_.start(first_ns_);
     if (session_) {
       // What drives say at the start is in the log; those without a node number say nothing.
-      if (moment_.time_ns < first_ns_ || (moment_.time_ns > first_ns_ && !said_.empty()))
+      if (moment_.time_ns < first_ns_ || (moment_.time_ns > first_ns_ && any_said()))
         return tl::unexpected(
             fmt::format("{}: does not belong to this log, or the log's beginning is missing; nothing was compared",
                         session_->file().string()));
@@ -127,9 +151,11 @@ class Replay {
 
   Status read(Moments& moments) {
     auto more = moments.next(moment_);
-    if (!more) return work_failed(more.error().message);
+    if (!more) return tl::unexpected(more.error());
     frames_left_ = *more;
-    return {};
+    if (moments.stranger().empty()) return {};
+    return tl::unexpected(
+        fmt::format("{}: {}; give --can CHANNEL=JOINT,... for each", file_.string(), moments.stranger()));
   }
   Status read_turn() {
     auto more = session_->next(turn_);
@@ -174,25 +200,29 @@ class Replay {
 
   /// One turn as the session had it (drive.cc). The frames of the drives are compared at its end: some of them the
   /// steps have sent.
-  Status take(std::int64_t now_ns, std::span<const Moment::Line> lines, const Turn& turn) {
+  Status take(std::int64_t now_ns, std::span<const Moment::Line> lines, Turn now) {
+    turn_now_ = std::move(now);
+    keeps_ = 0;
+    const Turn& turn = turn_now_;
     if (now_ns > ticked_ns_)
       if (auto ok = work(bench_.tick(ticked_ns_ = now_ns)); !ok) return ok;
     if (auto ok = impose(turn, 0); !ok) return ok;
     to_compare_.clear();
     for (std::size_t i = 0; i < lines.size() && !stopped(); ++i) {
       ++result_.frames;
-      const auto sender = bench_.sender(lines[i].frame);
+      const auto sender = bench_.sender(lines[i].bus, lines[i].frame);
       const bool misleading = std::ranges::find(turn.misleading, i) != turn.misleading.end();
       if (sender.has_value() != misleading)
         to_compare_.push_back({&lines[i], sender});
-      else if (auto ok = work(bench_.receive(lines[i].frame, now_ns)); !ok)
+      else if (auto ok = work(bench_.receive(lines[i].bus, lines[i].frame, now_ns)); !ok)
         return ok;
       if (auto ok = impose(turn, i + 1); !ok) return ok;
     }
     for (std::int64_t k = 0; k < turn.steps && !stopped(); ++k)
       if (auto ok = work(bench_.plant().step(bench_.drives())); !ok) return ok;
     if (auto ok = impose(turn, Turn::at_end); !ok) return ok;
-    if (turn.recovered) bench_.recovered(now_ns);
+    for (const std::size_t bus : turn.recovered)
+      if (bus < bench_.buses()) bench_.recovered(bus, now_ns);
     for (const auto& [line, sender] : to_compare_) compare(*line, sender);
     if (const auto& failure = bench_.plant().record_failure(); !failure.empty()) return work_failed(failure);
     return {};
@@ -216,37 +246,39 @@ class Replay {
     ++result_.compared;
     if (sender) ++compared_[*sender];
     const Frame& frame = line.frame;
-    auto& queue = said_[frame.id];
-    if (queue.empty()) {
+    const auto said = said_[line.bus].pop(frame.id);
+    if (!said) {
       ++result_.missing;
       differs(fmt::format("{}:{}: {} was recorded, nothing now", file_.string(), line.number, text(frame)));
-      return;
-    }
-    if (!(queue.front() == frame)) {
+    } else if (!(*said == frame)) {
       ++result_.differing;
-      differs(
-          fmt::format("{}:{}: {} was recorded, {} now", file_.string(), line.number, text(frame), text(queue.front())));
+      differs(fmt::format("{}:{}: {} was recorded, {} now", file_.string(), line.number, text(frame), text(*said)));
     }
-    queue.pop_front();
   }
 
   /// Counts what the drives said and the log does not have.
   void judge_the_end() {
     for (std::size_t i = 0; i < compared_.size(); ++i)
       if (compared_[i] == 0) result_.silent.push_back(bench_.joints()[i]);
-    for (const auto& [id, queue] : said_) {
-      if (queue.empty()) continue;
-      const auto sender = bench_.sender(queue.front());
+    for (std::size_t bus = 0; bus < said_.size(); ++bus) judge_rest(bus);
+  }
+  void judge_rest(std::size_t bus) {
+    for (const auto& [id, rest] : said_[bus].left()) {
+      const auto sender = bench_.sender(bus, rest.last);
       if (sender && compared_[*sender] == 0) continue;
-      result_.added += queue.size();
+      result_.added += rest.count;
       differs(
           fmt::format("{}: {} frames {:03X} are sent now that were not recorded, {} the last of them; was the log cut?",
-                      file_.string(), queue.size(), id, text(queue.back())));
+                      file_.string(), rest.count, id, text(rest.last)));
     }
   }
 
   void differs(std::string how) {
-    if (result_.first_difference.empty()) result_.first_difference = std::move(how);
+    if (!result_.first_difference.empty()) return;
+    result_.first_difference = std::move(how);
+    if (session_ && session_->head().complete &&
+        session_->head().scenario != scenario_checksum(bench_.plant().scenario()))
+      result_.first_difference += "; the session had another scenario, --set, or folder of the model";
   }
 
   const std::filesystem::path& file_;
@@ -255,13 +287,14 @@ class Replay {
   Moment moment_;
   Turn turn_;
   bool frames_left_ = false, turns_left_ = false;  // moment_ and turn_ are still to come
+  Turn turn_now_;                                  // the one that is taken
+  std::size_t keeps_ = 0;                          // commands to store in it so far
   struct Own {
     const Moment::Line* line;
     std::optional<std::size_t> sender;
   };
   std::vector<Own> to_compare_;
-  /// Frames of the drives, per identifier, that the log has not reached yet.
-  std::map<std::uint32_t, std::deque<Frame>> said_;
+  std::vector<ExpectedFrames> said_ = std::vector<ExpectedFrames>(bus_count(o_.wiring));  // by the drives, per bus
   Bench bench_;
   std::vector<std::uint64_t> compared_;  // per drive
   std::int64_t first_ns_ = 0, ticked_ns_ = -1;
@@ -278,6 +311,9 @@ Result<std::optional<SessionReader>> session_of(const std::filesystem::path& log
   if (session->head().cycle_us != o.cycle_us)
     return tl::unexpected(fmt::format("{}: was recorded with --cycle {}, not with --cycle {}; nothing was compared",
                                       file.string(), 1e-3 * session->head().cycle_us, 1e-3 * o.cycle_us));
+  if (!session->head().wiring.empty() && session->head().wiring != o.wiring)
+    return tl::unexpected(
+        fmt::format("{}: was recorded with other drives on its buses; nothing was compared", file.string()));
   return std::optional(std::move(*session));
 }
 

@@ -28,8 +28,10 @@ struct ReplayResult {
 struct ReplayOptions {
   Profile profile = Profile::cia402;
   int first_node = 1;
+  Wiring wiring;                      ///< the drives on each bus; all on one without: then any channel is that bus
+  std::vector<std::string> channels;  ///< what the log calls these buses; can0, can1, ... without
   std::uint32_t cycle_us = 2000;
-  std::vector<NodeSetup> nodes;  ///< how they start, see BenchOptions
+  std::vector<NodeSetup> nodes;  ///< how they start, see BenchOptions; of a session file: made of its conditions
   double rate = 0;               ///< of the original speed; 0: as fast as possible
   std::filesystem::path output;
   twin::Existing existing = twin::Existing::refuse;  ///< what happens to an older record in it
@@ -37,8 +39,9 @@ struct ReplayOptions {
 };
 /// Runs a recorded session through the same code and compares the frames of the drives with the recorded ones. With the
 /// session file beside the log every session repeats; without it the log is taken for one in lockstep without injected
-/// faults. Fails when the log cannot be read or the simulation fails (ErrorKind::work), where `output` may not be
-/// written, and where log, session file and options do not belong together (ErrorKind::input).
+/// faults. Fails when reading or the simulation fails (ErrorKind::work), where a line of the log is no frame,
+/// where `output` may not be written, and where log, session file and options do not belong together
+/// (ErrorKind::input).
 Result<ReplayResult> replay(const twin::Scenario& scenario, const std::filesystem::path& log,
                             const ReplayOptions& options);
 

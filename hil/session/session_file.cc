@@ -10,16 +10,21 @@
 #include <tribotwin/hil/can/words.hpp>
 #include <tribotwin/hil/session/session_file.hpp>
 #include <tribotwin/plugins/friction/number.hpp>
+#include <tribotwin/twin/io/checksum.hpp>
+#include <tribotwin/twin/io/text.hpp>
 
 namespace tribotwin::hil {
 namespace {
 
 namespace fs = std::filesystem;
 
-constexpr std::string_view first_line = "tribotwin-hil session 1", last_line = "end";
+constexpr std::string_view first_line = "tribotwin-hil session 2", old_first_line = "tribotwin-hil session 1",
+                           begin_turns = "turns", last_line = "end";
+constexpr std::size_t longest_start_file = 64 << 20;
 constexpr std::int64_t most_steps = 1'000'000;  ///< of one turn; a session makes a few hundred at most
 constexpr std::string_view off = "off", on = "on", end_of_turn = "end", back = "recovered", foreign = "misleading",
-                           moved = "steps";
+                           moved = "steps", lost = "not_kept", no_numbers = "unconfigured", absent = "absent",
+                           of_bus = "bus";
 
 /// The faults of a drive, as the list of faults calls them.
 struct Named {
@@ -29,6 +34,9 @@ struct Named {
 constexpr Named drive_faults[] = {{FaultKind::encoder_freeze, "encoder_freeze"},
                                   {FaultKind::over_temperature, "over_temperature"},
                                   {FaultKind::safe_torque_off, "safe_torque_off"}};
+
+constexpr std::pair<StartFile::Kind, std::string_view> start_files[] = {
+    {StartFile::Kind::eds, "eds"}, {StartFile::Kind::dcf, "dcf"}, {StartFile::Kind::store, "store"}};
 
 /// KEY=VALUE; both empty where the word is none.
 std::pair<std::string_view, std::string_view> split(std::string_view word, char at) {
@@ -54,17 +62,22 @@ std::optional<Turn::Imposed> parse_fault(FaultKind kind, std::string_view value)
 }
 
 bool parse_word(std::string_view word, Turn& turn) {
-  if (word == back) return turn.recovered = true;
+  if (word == back) return turn.recovered.push_back(0), true;
   const auto [key, value] = split(word, '=');
+  if (key == back) {
+    const auto bus = to_integer<std::size_t>(value);
+    if (bus) turn.recovered.push_back(*bus);
+    return bus.has_value();
+  }
   if (key == moved) {
     const auto steps = to_integer<std::int64_t>(value);
     turn.steps = steps.value_or(0);
     return turn.steps > 0 && turn.steps <= most_steps;
   }
-  if (key == foreign) {
-    const auto frame = to_integer<std::size_t>(value);
-    if (frame) turn.misleading.push_back(*frame);
-    return frame.has_value();
+  if (key == foreign || key == lost) {
+    const auto number = to_integer<std::size_t>(value);
+    if (number) (key == foreign ? turn.misleading : turn.not_kept).push_back(*number);
+    return number.has_value();
   }
   const auto named = std::ranges::find(drive_faults, key, &Named::word);
   if (named == std::end(drive_faults)) return false;
@@ -84,7 +97,35 @@ std::string word_of(const Turn::Imposed& imposed) {
                                : std::string(on));
 }
 
+/// The drives of one bus, counted from 1.
+std::string bus_line(const std::vector<std::size_t>& drives) {
+  std::string line(of_bus);
+  for (const std::size_t drive : drives) line += fmt::format(" {}", drive + 1);
+  return line + "\n";
+}
+
+std::string text_of(const SessionHead& head) {
+  std::string text =
+      fmt::format("{}\nclock {}\ncycle_us {}\nstart_us {}\nscenario {:08X}\n", first_line,
+                  head.realtime ? "realtime" : "lockstep", head.cycle_us, head.start_ns / 1000, head.scenario);
+  if (head.conditions.unconfigured) text += fmt::format("{}\n", no_numbers);
+  for (const auto& drives : head.wiring) text += bus_line(drives);
+  for (const StartFile& file : head.conditions.files) {
+    const std::string name = twin::printable(file.name.string());
+    text += fmt::format("{} {} {}\n", word_of(file.kind),
+                        file.content ? std::to_string(file.content->size()) : std::string(absent), name);
+    if (file.content) text += *file.content + "\n";
+  }
+  return text + fmt::format("{}\n", begin_turns);
+}
+
 }  // namespace
+
+std::string_view word_of(StartFile::Kind kind) {
+  return std::ranges::find(start_files, kind, &std::pair<StartFile::Kind, std::string_view>::first)->second;
+}
+
+std::uint32_t scenario_checksum(const twin::Scenario& scenario) { return twin::crc32(scenario.resolved_yaml); }
 
 fs::path session_file_of(const fs::path& log) {
   std::error_code none;
@@ -96,9 +137,7 @@ Result<SessionWriter> SessionWriter::create(const fs::path& file, const SessionH
   auto out = RecordFile::create(file, std::move(options));
   if (!out) return tl::unexpected(out.error());
   SessionWriter writer(std::move(*out), head.start_ns);
-  const auto wrote =
-      writer.out_.append(fmt::format("{}\nclock {}\ncycle_us {}\nstart_us {}\n", first_line,
-                                     head.realtime ? "realtime" : "lockstep", head.cycle_us, head.start_ns / 1000));
+  const auto wrote = writer.out_.append(text_of(head));
   if (!wrote) return tl::unexpected(wrote.error());
   return writer;
 }
@@ -108,7 +147,9 @@ Result<void> SessionWriter::write(const Turn& turn) {
   if (turn.steps > 0) line += fmt::format(" {}={}", moved, turn.steps);
   for (const std::size_t frame : turn.misleading) line += fmt::format(" {}={}", foreign, frame);
   for (const Turn::Imposed& imposed : turn.faults) line += word_of(imposed);
-  if (turn.recovered) line += fmt::format(" {}", back);
+  for (const std::size_t number : turn.not_kept) line += fmt::format(" {}={}", lost, number);
+  for (const std::size_t bus : turn.recovered)
+    line += bus == 0 ? fmt::format(" {}", back) : fmt::format(" {}={}", back, bus);
   return out_.append(line + "\n");
 }
 
@@ -134,7 +175,8 @@ Result<void> SessionReader::read_head() {
                                       file_.string(), line_, expected));
   };
   ++line_;
-  if (line != first_line) return wrong(first_line);
+  const bool old = line == old_first_line;
+  if (!old && line != first_line) return wrong(first_line);
   const auto value_of = [&](std::string_view key) -> std::string {
     ++line_;
     std::getline(in_, line);
@@ -150,12 +192,76 @@ Result<void> SessionReader::read_head() {
   if (!start_us || *start_us < 0 || *start_us > longest_us) return wrong("start_us NUMBER");
   head_ = {clock == "realtime", *cycle_us, *start_us * 1000};
   last_ns_ = head_.start_ns;
-  return {};
+  head_.complete = !old;
+  if (old) return {};
+  const std::string checksum = value_of("scenario");
+  const auto scenario = to_integer<std::uint32_t>(checksum, 16);
+  if (!scenario || checksum.size() != 8) return wrong("scenario CHECKSUM");
+  head_.scenario = *scenario;
+  return read_conditions();
+}
+
+Result<void> SessionReader::read_conditions() {
+  std::string line;
+  while (++line_, std::getline(in_, line)) {
+    if (line == begin_turns) return {};
+    const auto [key, value] = split(line, ' ');
+    const auto kind = std::ranges::find(start_files, key, &std::pair<StartFile::Kind, std::string_view>::second);
+    if (line == no_numbers) {
+      head_.conditions.unconfigured = true;
+    } else if (key == of_bus && read_bus(line)) {
+      continue;
+    } else if (kind != std::end(start_files)) {
+      auto file = read_start_file(kind->first, value);
+      if (!file) return tl::unexpected(file.error());
+      head_.conditions.files.push_back(std::move(*file));
+    } else {
+      break;
+    }
+  }
+  return tl::unexpected(fmt::format("{}:{}: is not '{}', '{}' or 'eds|dcf|store BYTES NAME' or 'bus DRIVE...'",
+                                    file_.string(), line_, no_numbers, begin_turns));
+}
+
+Result<StartFile> SessionReader::read_start_file(StartFile::Kind kind, std::string_view size_and_name) {
+  const auto [size, name] = split(size_and_name, ' ');
+  StartFile file{.kind = kind, .name = std::string(name), .content = std::nullopt};
+  if (size == absent && kind == StartFile::Kind::store) return file;
+  const auto bytes = to_integer<std::size_t>(size);
+  if (!bytes || *bytes > longest_start_file)
+    return tl::unexpected(fmt::format("{}:{}: is not '{} BYTES NAME' with at most {} bytes", file_.string(), line_,
+                                      word_of(kind), longest_start_file));
+  file.content = std::string(*bytes, '\0');
+  if (!in_.read(file.content->data(), static_cast<std::streamsize>(*bytes)) || in_.get() != '\n')
+    return tl::unexpected(
+        fmt::format("{}:{}: {} bytes of a file and the end of a line must follow", file_.string(), line_, *bytes));
+  line_ += static_cast<std::size_t>(std::ranges::count(*file.content, '\n')) + 1;
+  return file;
+}
+
+bool SessionReader::read_bus(const std::string& line) {
+  const auto parts = words(line);
+  auto& drives = head_.wiring.emplace_back();
+  for (std::size_t i = 1; i < parts.size(); ++i) {
+    const auto number = to_integer<std::size_t>(parts[i]);
+    if (!number || *number == 0) return false;
+    drives.push_back(*number - 1);
+  }
+  return parts[0] == of_bus;
+}
+
+Result<Wiring> recorded_wiring(const fs::path& log) {
+  const fs::path file = session_file_of(log);
+  if (file.empty() || !fs::exists(file)) return Wiring{};
+  auto session = SessionReader::open(file);
+  if (!session) return tl::unexpected(session.error());
+  return session->head().wiring;
 }
 
 Result<bool> SessionReader::next(Turn& turn) {
   std::string line;
-  if (complete_ || !std::getline(in_, line)) return false;
+  if (complete_) return false;
+  if (!std::getline(in_, line)) return false;
   ++line_;
   if (line == last_line) return complete_ = true, false;
   if (in_.eof()) return false;  // the last line of a session that was killed

@@ -5,16 +5,19 @@
 #include <fstream>
 #include <optional>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include <tribotwin/hil/can/record_file.hpp>
+#include <tribotwin/hil/drives/wiring.hpp>
 #include <tribotwin/hil/faults/faults.hpp>
 #include <tribotwin/plugins/friction/error.hpp>
+#include <tribotwin/twin/simulation/scenario.hpp>
 
 /// What a candump log does not say about a session, in a text file beside it (LOG.session), so that a replay repeats
 /// the session: when the program looked at its clock, how far the robot moved then, whose frames were foreign, which
-/// drives had injected faults. The log itself stays as candump writes it: tshark and log2long read no comments in it,
-/// and tshark no direction marks either.
+/// drives had injected faults, how the drives started. The log itself stays as candump writes it: tshark and log2long
+/// read no comments in it, and tshark no direction marks either.
 ///
 /// One turn per line: microseconds since the turn before, then words for what happened. A turn of which the log says
 /// everything has no line. Times are those of the log.
@@ -32,7 +35,8 @@ struct Turn {
   std::int64_t steps = 0;               ///< of the robot by the clock
   std::vector<std::size_t> misleading;  ///< frames (0, 1, ...) not sent by whom their identifier says
   std::vector<Imposed> faults;
-  bool recovered = false;  ///< the bus was back after a link loss
+  std::vector<std::size_t> not_kept;   ///< of the commands to store (0, 1, ...) those whose file could not be written
+  std::vector<std::size_t> recovered;  ///< buses that were back after a link loss
 
   bool operator==(const Turn&) const = default;
 };
@@ -40,12 +44,37 @@ inline bool operator==(const Turn::Imposed& a, const Turn::Imposed& b) {
   return a.after == b.after && a.fault == b.fault;
 }
 
+/// A file that told the drives how to start, as it was then: a replay must not depend on what has become of it.
+struct StartFile {
+  enum class Kind { eds, dcf, store };
+  Kind kind = Kind::eds;
+  std::filesystem::path name;          ///< for messages
+  std::optional<std::string> content;  ///< none: a store that did not exist yet
+  bool operator==(const StartFile&) const = default;
+};
+/// "eds", "dcf", "store": the options that name the files.
+std::string_view word_of(StartFile::Kind kind);
+
+/// How the drives of a session started, where that is not as they left the factory.
+struct StartConditions {
+  bool unconfigured = false;  ///< without node numbers
+  std::vector<StartFile> files;
+  bool operator==(const StartConditions&) const = default;
+};
+
 struct SessionHead {
   bool realtime = false;
   std::uint32_t cycle_us = 2000;
-  std::int64_t start_ns = 0;  ///< when the drives booted: the time of the log's first frames
+  std::int64_t start_ns = 0;     ///< when the drives booted: the time of the log's first frames
+  std::uint32_t scenario = 0;    ///< scenario_checksum
+  StartConditions conditions{};  ///< how the drives started
+  Wiring wiring{};               ///< its buses are can0, can1, ... in the log
+  bool complete = true;          ///< false: of an older version, which wrote no scenario and no conditions
   bool operator==(const SessionHead&) const = default;
 };
+
+/// Of the scenario with its settings (--set) and its place.
+std::uint32_t scenario_checksum(const twin::Scenario& scenario);
 
 /// Where the session file of a log is or would be; empty where the log is no regular file (a pipe, a device).
 std::filesystem::path session_file_of(const std::filesystem::path& log);
@@ -66,6 +95,10 @@ class SessionWriter {
   std::int64_t last_ns_;
 };
 
+/// The wiring of a recorded session: empty where there is no session file, or one bus
+/// with all drives in their order.
+Result<Wiring> recorded_wiring(const std::filesystem::path& log);
+
 class SessionReader {
  public:
   /// Fails with file and line where the head is none.
@@ -79,6 +112,9 @@ class SessionReader {
 
  private:
   Result<void> read_head();
+  bool read_bus(const std::string& line);
+  Result<void> read_conditions();
+  Result<StartFile> read_start_file(StartFile::Kind kind, std::string_view size_and_name);
   std::filesystem::path file_;
   std::ifstream in_;
   std::size_t line_ = 0;

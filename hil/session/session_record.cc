@@ -6,7 +6,7 @@ namespace tribotwin::hil {
 
 Result<SessionRecord> SessionRecord::create(const std::filesystem::path& log, const SessionHead& head, bool replace) {
   const std::filesystem::path beside = session_file_of(log);
-  auto frames = LogWriter::create(log, "can0", {.replace = replace});
+  auto frames = LogWriter::create(log, channel_of(0), {.replace = replace});
   if (!frames) return tl::unexpected(frames.error());
   std::optional<SessionWriter> session;
   if (!beside.empty()) {
@@ -17,16 +17,16 @@ Result<SessionRecord> SessionRecord::create(const std::filesystem::path& log, co
   return SessionRecord(std::move(*frames), std::move(session), head.start_ns);
 }
 
-Result<void> SessionRecord::frame(Frame frame, bool misleading) {
+Result<void> SessionRecord::frame(std::size_t bus, Frame frame, bool misleading) {
   frame.time_ns = turn_.time_ns;
   if (misleading) turn_.misleading.push_back(frames_);
   ++frames_;
-  return log_.write(frame);
+  return bus == 0 ? log_.write(frame) : log_.write(frame, channel_of(bus));
 }
 
 Result<void> SessionRecord::end() {
-  const bool says_more =
-      turn_.steps > 0 || turn_.recovered || !turn_.misleading.empty() || !turn_.faults.empty() || frames_ == 0;
+  const bool says_more = turn_.steps > 0 || !turn_.recovered.empty() || !turn_.misleading.empty() ||
+                         !turn_.faults.empty() || !turn_.not_kept.empty() || frames_ == 0;
   return session_ && says_more ? session_->write(turn_) : Result<void>{};
 }
 

@@ -16,12 +16,17 @@ class SessionRecord {
   bool repeats() const { return session_.has_value(); }
 
   /// A new turn; all that follows belongs to it. `time_ns`: CLOCK_REALTIME.
-  void begin(std::int64_t time_ns) { turn_ = {.time_ns = time_ns}, frames_ = 0; }
-  /// A frame of this turn. `misleading`: it was not sent by whom its identifier says.
-  Result<void> frame(Frame frame, bool misleading);
+  void begin(std::int64_t time_ns) { turn_ = {.time_ns = time_ns}, frames_ = keeps_ = 0; }
+  /// A frame of this turn on `bus`. `misleading`: it was not sent by whom its identifier says.
+  Result<void> frame(std::size_t bus, Frame frame, bool misleading);
   void fault(const DriveFault& fault) { turn_.faults.push_back({turn_.steps ? Turn::at_end : frames_, fault}); }
   void step() { ++turn_.steps; }
-  void recovered() { turn_.recovered = true; }
+  /// A drive wanted its parameters kept; `done`: they were.
+  void keep(bool done) {
+    if (!done) turn_.not_kept.push_back(keeps_);
+    ++keeps_;
+  }
+  void recovered(std::size_t bus) { turn_.recovered.push_back(bus); }
   Result<void> end();
 
   Result<void> flush();
@@ -35,7 +40,7 @@ class SessionRecord {
   LogWriter log_;
   std::optional<SessionWriter> session_;
   Turn turn_;
-  std::size_t frames_ = 0;
+  std::size_t frames_ = 0, keeps_ = 0;  // of this turn
 };
 
 }  // namespace tribotwin::hil

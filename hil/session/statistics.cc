@@ -56,28 +56,54 @@ Json of_bus(const BusCounters& bus) {
           {"malformed", bus.malformed}};
 }
 
+void add_counts(Json& json, const BenchCounters& c) {
+  json["syncs"] = c.syncs;
+  json["sync_fast"] = c.sync_fast;
+}
+
+void add_load(Json& json, const BenchCounters& c, const MeasuredBus& bus, double wall_s) {
+  const auto load = [&](double bit_rate) { return wall_s > 0 ? c.bits / (bit_rate * wall_s) : 0; };
+  json["frames_in"] = c.frames_in;
+  json["frames_out"] = c.frames_out;
+  json["bus_load_1_mbit"] = load(1e6);
+  if (!bus.bit_rate) return;
+  json["bit_rate"] = std::llround(*bus.bit_rate);
+  json["bus_load"] = load(*bus.bit_rate);
+}
+
+Json of_buses(const Bench& bench, std::span<const MeasuredBus> buses, double wall_s) {
+  Json all = Json::array();
+  for (std::size_t i = 0; i < buses.size(); ++i) {
+    Json json{{"channel", channel_of(i)}, {"address", buses[i].address}};
+    add_counts(json, bench.counters(i));
+    json["sync_alone"] = bench.counters(i).sync_alone;
+    add_load(json, bench.counters(i), buses[i], wall_s);
+    if (buses[i].sync) add_sync(json, *buses[i].sync, bench.cycle_us());
+    json["bus"] = of_bus(buses[i].counters);
+    all.push_back(std::move(json));
+  }
+  return all;
+}
+
 }  // namespace
 
-std::string statistics_json(const Bench& bench, const BusCounters& bus, const SessionTiming& timing) {
-  const BenchCounters& c = bench.counters();
-  const auto load = [&](double bit_rate) { return timing.wall_s > 0 ? c.bits / (bit_rate * timing.wall_s) : 0; };
-  Json json{{"wall_s", timing.wall_s},
-            {"simulated_s", bench.plant().twin().time_s()},
-            {"syncs", c.syncs},
-            {"sync_fast", c.sync_fast},
-            {"frames_in", c.frames_in},
-            {"frames_out", c.frames_out},
-            {"bus_load_1_mbit", load(1e6)}};
-  if (timing.bit_rate) {
-    json["bit_rate"] = std::llround(*timing.bit_rate);
-    json["bus_load"] = load(*timing.bit_rate);
+std::string statistics_json(const Bench& bench, std::span<const MeasuredBus> buses, double wall_s, const Pace* pace) {
+  const bool one = buses.size() == 1;
+  Json json{{"wall_s", wall_s}, {"simulated_s", bench.plant().twin().time_s()}};
+  if (one) {
+    add_counts(json, bench.counters());
+    add_load(json, bench.counters(), buses[0], wall_s);
+    if (buses[0].sync) add_sync(json, *buses[0].sync, bench.cycle_us());
   }
-  if (timing.sync) add_sync(json, *timing.sync, bench.cycle_us());
-  if (timing.pace) add_pace(json, *timing.pace);
-  json["bus"] = of_bus(bus);
+  if (pace) add_pace(json, *pace);
+  if (one)
+    json["bus"] = of_bus(buses[0].counters);
+  else
+    json["buses"] = of_buses(bench, buses, wall_s);
   json["drives"] = Json::array();
   for (std::size_t i = 0; i < bench.drives().size(); ++i) {
     Json drive{{"joint", bench.joints()[i]}, {"state", bench.drives()[i]->state_name()}};
+    if (!one) drive["channel"] = channel_of(bench.bus_of(i));
     for (const auto& [key, value] : bench.drives()[i]->counts()) drive[key] = value;
     json["drives"].push_back(std::move(drive));
   }

@@ -14,7 +14,7 @@ constexpr std::size_t most_samples = 20'000;  // while nobody forgets them: more
 /// A frame that comes early makes up for one that seemed lost: it was late.
 void Channel::count_lost(std::int64_t missing) { lost_ = std::max<std::int64_t>(0, lost_ + missing); }
 
-void Channel::add(const Stamp& stamp, double value, Sending sending, int every) {
+void Channel::add(const Stamp& stamp, double value, Sending sending, int every, double span_s) {
   const std::int64_t before = std::exchange(cycle_, stamp.cycle);
   const double before_s = std::exchange(heard_s_, stamp.time_s);
   sending_ = sending;
@@ -29,7 +29,7 @@ void Channel::add(const Stamp& stamp, double value, Sending sending, int every) 
   } else if (!samples_.empty() && samples_.back().time_s >= stamp.time_s) {
     samples_.pop_back();
   }
-  samples_.push_back({stamp.time_s, value});
+  samples_.push_back({stamp.time_s, value, span_s});
   if (samples_.size() > most_samples) samples_.pop_front();
   if (heard_ < 2) {
     period_.add(stamp.time_s);

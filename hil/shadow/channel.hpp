@@ -21,7 +21,8 @@ struct Stamp {
 class Channel {
  public:
   /// A value that was heard. `every`: of how many SYNCs one brings it, at least 1.
-  void add(const Stamp& stamp, double value, Sending sending, int every);
+  /// `span_s`: > 0 where it is the mean over this time up to the stamp.
+  void add(const Stamp& stamp, double value, Sending sending, int every, double span_s = 0);
   /// A cycle at `time_s` in which nothing was heard: a value that is sent on change only still holds, for `longest_s`.
   void hold(double time_s, double longest_s);
 

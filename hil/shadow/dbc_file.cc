@@ -1,5 +1,4 @@
 #include <algorithm>
-#include <charconv>
 #include <cmath>
 #include <regex>
 
@@ -7,34 +6,34 @@
 
 #include <tribotwin/hil/canopen/cob_id.hpp>
 #include <tribotwin/hil/shadow/dbc_file.hpp>
+#include <tribotwin/plugins/friction/number.hpp>
 #include <tribotwin/twin/io/text.hpp>
 
 namespace tribotwin::hil {
 namespace {
 
-constexpr std::uint32_t extended_id = 0x80000000;  // bit 31 of a message's number
-constexpr int longest_frame = 64;
+constexpr std::uint32_t extended_id = 0x80000000;             // bit 31 of a message's number
+constexpr int longest_frame = 64, longest_message = 1 << 20;  // bytes; of a message of many frames: a plain limit
 constexpr std::size_t longest_line = 4096;  // read of a line: regular expressions recurse; behind are receivers only
 
-template <class Number>
-std::optional<Number> number(const std::string& text) {
-  Number value{};
-  const char* begin = text.data() + (text.starts_with('+') ? 1 : 0);
-  const auto [end, error] = std::from_chars(begin, text.data() + text.size(), value);
-  if (error != std::errc{} || end != text.data() + text.size()) return std::nullopt;
-  return value;
+/// A DBC may write a '+' before a number.
+std::string_view unsigned_part(std::string_view text) { return text.substr(text.starts_with('+') ? 1 : 0); }
+template <class Integer>
+std::optional<Integer> number(const std::string& text) {
+  return to_integer<Integer>(unsigned_part(text));
 }
+std::optional<double> real(std::string_view text) { return to_number(unsigned_part(twin::trimmed(text))); }
 
 /// Lines of one file, in order. Every function fails with what is wrong in the line.
 class Reader {
  public:
   Result<void> take(const std::string& text, std::size_t line) {
-    static const std::regex keyword(R"(\s*(BO_|SG_|SIG_VALTYPE_)\s)");
+    static const std::regex keyword(R"(\s*(BO_|SG_|SIG_VALTYPE_|SG_MUL_VAL_)\s)");
     std::smatch found;
     if (!begins(text, found, keyword)) return {};
     if (found[1] == "BO_") return message(text, line);
     if (found[1] == "SG_") return signal(text, line);
-    return value_type(text);
+    return found[1] == "SG_MUL_VAL_" ? multiplexed(text, line) : value_type(text);
   }
   std::vector<DbcMessage> messages;
 
@@ -55,9 +54,12 @@ class Reader {
     if (!independent && m.id > (m.extended ? cob::id_29_bit : cob::id_11_bit))
       return tl::unexpected(fmt::format("the identifier {} has more than {} bits{}", *id, m.extended ? 29 : 11,
                                         m.extended ? "" : "; bit 31 marks one of 29 bits"));
-    if (!size || *size < 0 || *size > longest_frame)
-      return tl::unexpected(fmt::format("the length '{}' is no number of bytes from 0 to 64", found[3].str()));
+    if (!size || *size < 0 || *size > longest_message)
+      return tl::unexpected(
+          fmt::format("the length '{}' is no number of bytes from 0 to {}", found[3].str(), longest_message));
     m.size = independent ? longest_frame : *size;
+    if (m.size > longest_frame)
+      leave_out(m, line, fmt::format("{} bytes are more than a frame of at most {}", m.size, longest_frame));
     for (const DbcMessage& other : messages)
       if (other.name == m.name || (other.id == m.id && other.extended == m.extended))
         return tl::unexpected(
@@ -68,7 +70,7 @@ class Reader {
 
   Result<void> signal(const std::string& text, std::size_t line) {
     static const std::regex form(
-        R"(\s*SG_\s+([A-Za-z_]\w*)\s*(M|m\d+)?\s*:\s*(\d+)\|(\d+)@([01])([+-])\s*\(([^,()]+),([^,()]+)\)\s*)"
+        R"(\s*SG_\s+([A-Za-z_]\w*)\s*(M|m\d+M?)?\s*:\s*(\d+)\|(\d+)@([01])([+-])\s*\(([^,()]+),([^,()]+)\)\s*)"
         R"re(\[[^\]]*\]\s*"([^"]*)")re");
     std::smatch found;
     if (messages.empty()) return tl::unexpected(std::string("a signal before the first message"));
@@ -76,17 +78,22 @@ class Reader {
       return tl::unexpected(
           std::string("is no signal: SG_ NAME : START|BITS@ORDER SIGN (FACTOR,OFFSET) [MIN|MAX] \"UNIT\" RECEIVER"));
     DbcMessage& m = messages.back();
+    if (found[2].matched && found[2].length() > 1 && found[2].str().ends_with('M'))
+      leave_out(m, line, fmt::format("signal {} has extended multiplexing ({})", found[1].str(), found[2].str()));
     DbcSignal s{.name = found[1], .unit = found[9], .line = line};
     const auto start = number<int>(found[3]), bits = number<int>(found[4]);
-    const auto factor = number<double>(trimmed(found[7])), offset = number<double>(trimmed(found[8]));
+    const auto factor = real(found[7].str()), offset = real(found[8].str());
     if (!factor || !std::isfinite(*factor) || *factor == 0)
       return tl::unexpected(
           fmt::format("signal {}: the factor '{}' is no number other than 0", s.name, found[7].str()));
     if (!offset || !std::isfinite(*offset))
       return tl::unexpected(fmt::format("signal {}: the offset '{}' is no number", s.name, found[8].str()));
+    if (bits && *bits > 64 && *bits <= 8 * longest_message)
+      return leave_out(m, line, fmt::format("signal {} has {} bits; one of 1 to 64 can be read", s.name, *bits)),
+             Result<void>{};
     if (!bits || *bits < 1 || *bits > 64)
       return tl::unexpected(fmt::format("signal {} has {} bits; a signal has 1 to 64", s.name, found[4].str()));
-    if (!start || *start >= 8 * longest_frame)
+    if (!start || *start >= 8 * (m.unreadable ? longest_message : longest_frame))
       return tl::unexpected(fmt::format("signal {} begins at bit {}; a frame has at most 512", s.name, found[3].str()));
     s.signal = {.start = *start,
                 .bits = *bits,
@@ -98,13 +105,36 @@ class Reader {
       return tl::unexpected(fmt::format("signal {} ends in byte {}, but message {} has {} bytes", s.name,
                                         s.signal.bytes(), m.name, m.size));
     s.selects = found[2] == "M";
-    if (found[2].matched && !s.selects) s.selection = number<std::uint64_t>(found[2].str().substr(1));
+    if (found[2].matched && !s.selects && !m.unreadable) s.selection = number<std::uint64_t>(found[2].str().substr(1));
     for (const DbcSignal& other : m.signals)
       if (other.name == s.name)
         return tl::unexpected(
             fmt::format("signal {} is in message {} already, in line {}", s.name, m.name, other.line));
     m.signals.push_back(std::move(s));
     return {};
+  }
+
+  /// Values of the multiplexor for a signal: SG_MUL_VAL_ ID SIGNAL MULTIPLEXOR 0-0, 2-3; Those that say what the SG_
+  /// line says already are simple.
+  Result<void> multiplexed(const std::string& text, std::size_t line) {
+    static const std::regex form(R"(\s*SG_MUL_VAL_\s+(\d+)\s+(\w+)\s+(\w+)\s+(\d+)-(\d+)\s*(,|;))");
+    std::smatch found;
+    if (!begins(text, found, form))
+      return tl::unexpected(std::string("is no range: SG_MUL_VAL_ ID SIGNAL MULTIPLEXOR 0-0, 2-3;"));
+    const auto id = number<std::uint32_t>(found[1]);
+    for (DbcMessage& m : messages) {
+      if (!id || m.id != (*id & ~extended_id) || m.extended != ((*id & extended_id) != 0)) continue;
+      const auto s = std::ranges::find(m.signals, found[2].str(), &DbcSignal::name);
+      const bool simple = s != m.signals.end() && m.multiplexor() && m.multiplexor()->name == found[3] &&
+                          found[6] == ";" && found[4] == found[5] && s->selection == number<std::uint64_t>(found[4]);
+      if (!simple) leave_out(m, line, fmt::format("signal {} has extended multiplexing (SG_MUL_VAL_)", found[2].str()));
+      return {};
+    }
+    return tl::unexpected(fmt::format("there is no message {}", found[1].str()));
+  }
+
+  static void leave_out(DbcMessage& m, std::size_t line, const std::string& why) {
+    if (!m.unreadable) m.unreadable = {line, why};
   }
 
   /// A signal whose bits are a floating-point number: SIG_VALTYPE_ ID NAME : 1 (or 2);
@@ -130,10 +160,6 @@ class Reader {
   /// Without regex_match and a ".*" at the end, whose recursion grows with the line.
   static bool begins(const std::string& text, std::smatch& found, const std::regex& form) {
     return std::regex_search(text, found, form, std::regex_constants::match_continuous);
-  }
-  static std::string trimmed(const std::string& text) {
-    const auto begin = text.find_first_not_of(" \t"), end = text.find_last_not_of(" \t");
-    return begin == std::string::npos ? "" : text.substr(begin, end - begin + 1);
   }
 };
 

@@ -8,8 +8,8 @@
 #include <tribotwin/hil/shadow/signal.hpp>
 #include <tribotwin/plugins/friction/error.hpp>
 
-/// What a DBC file says of the signals in frames: BO_, SG_ (with simple multiplexing) and SIG_VALTYPE_ lines. All other
-/// lines are skipped.
+/// What a DBC file says of the signals in frames: BO_, SG_ (with simple multiplexing), SIG_VALTYPE_ and SG_MUL_VAL_
+/// lines. All other lines are skipped.
 namespace tribotwin::hil {
 
 struct DbcSignal {
@@ -26,6 +26,12 @@ struct DbcMessage {
   bool extended = false;
   int size = 0;  ///< bytes
   std::vector<DbcSignal> signals;
+  /// Why its frames cannot be read here: extended multiplexing, a message of many frames (J1939).
+  struct Unreadable {
+    std::size_t line = 0;
+    std::string why;
+  };
+  std::optional<Unreadable> unreadable;
 
   const DbcSignal* multiplexor() const;
 };
@@ -35,6 +41,7 @@ struct DbcFile {
 };
 
 /// Fails with file and line where a message or signal has a wrong number, does not fit in its frame, or is there twice.
+/// What no single frame with simple multiplexing can hold makes its message `unreadable`, not the file.
 Result<DbcFile> read_dbc(const std::filesystem::path& file);
 
 }  // namespace tribotwin::hil

@@ -1,15 +1,10 @@
 #include <cmath>
 
+#include <tribotwin/hil/motion/standstill.hpp>
 #include <tribotwin/hil/shadow/expectation.hpp>
 #include <tribotwin/twin/robot/arm.hpp>
 
 namespace tribotwin::hil {
-namespace {
-
-constexpr double standing_motor_rad_s = 0.5;  // slower motors count as standing
-
-}  // namespace
-
 Expectation::Expectation(const twin::Scenario& scenario)
     : model_(*scenario.model), data_(model_.make_data()), drives_(model_.drives().size()) {
   for (std::size_t i = 0; i < drives_.size(); ++i) {
@@ -45,7 +40,7 @@ void Expectation::expect(std::size_t i, double dt_s) {
   const mjData* d = data_.get();
   Drive& drive = drives_[i];
   const double load = gear_nm_[static_cast<std::size_t>(b.dof)], speed = d->qvel[b.dof];
-  const bool slides = std::abs(speed) * b.drive.gear_ratio > standing_motor_rad_s;
+  const bool slides = !stands(speed, b.drive.gear_ratio);
   const double friction =
       mujoco::friction_nm(b.drive, slides ? speed : 0, load / b.drive.torque_max_nm, temperature_degC(i));
   drive.rigid_nm = load + model_->dof_armature[b.dof] * d->qacc[b.dof];

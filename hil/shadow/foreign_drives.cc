@@ -1,5 +1,4 @@
 #include <algorithm>
-#include <charconv>
 #include <cmath>
 #include <numbers>
 
@@ -9,6 +8,7 @@
 #include <tribotwin/hil/shadow/dbc_file.hpp>
 #include <tribotwin/hil/shadow/eds_file.hpp>
 #include <tribotwin/hil/shadow/foreign_drives.hpp>
+#include <tribotwin/plugins/friction/number.hpp>
 
 namespace tribotwin::hil {
 namespace {
@@ -61,21 +61,13 @@ std::string replaced(std::string text, const DriveParameters& p, int number) {
   return text;
 }
 
-template <class Number>
-std::optional<Number> number(std::string_view text) {
-  Number value{};
-  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
-  if (error != std::errc{} || end != text.data() + text.size()) return std::nullopt;
-  return value;
-}
-
 /// "*0.001*gear", "/gear": their product.
 Result<double> factor_of(const std::string& option, std::string_view text, const DriveParameters& p) {
   double factor = 1;
   while (!text.empty()) {
     const auto end = std::min(text.find_first_of("*/", 1), text.size());
     const auto word = text.substr(1, end - 1);
-    const auto value = word == "gear" ? p.gear_ratio : number<double>(word).value_or(0);
+    const auto value = word == "gear" ? p.gear_ratio : to_number(word).value_or(0);
     if (!std::isfinite(value) || value == 0)
       return tl::unexpected(
           fmt::format("--signal {}: the factor '{}' is neither a number other than 0 nor 'gear'", option, word));
@@ -97,7 +89,7 @@ Result<Wanted> parse_place(const std::string& option, Quantity quantity, std::st
     std::string_view list = std::string_view(place).substr(equal + 2);
     while (!list.empty()) {
       const auto comma = std::min(list.find(','), list.size());
-      const auto value = number<std::uint64_t>(list.substr(0, comma));
+      const auto value = to_integer<std::uint64_t>(list.substr(0, comma));
       if (!value)
         return tl::unexpected(fmt::format("--signal {}: '{}' is no whole number", option, list.substr(0, comma)));
       w.values.push_back(*value);
@@ -191,6 +183,9 @@ Result<Place> find(const Wanted& w, std::span<const DbcFile> files) {
       file = &f;
     }
   if (!message) return tl::unexpected(fmt::format("--signal {}: no DBC file has a message '{}'", w.option, w.message));
+  if (const auto& reason = message->unreadable)
+    return tl::unexpected(fmt::format("{}:{}: {}; --signal {} needs message {}", file->file.string(), reason->line,
+                                      reason->why, w.option, message->name));
   const auto s = std::ranges::find(message->signals, w.signal, &DbcSignal::name);
   if (s == message->signals.end()) {
     std::vector<std::string> names;
@@ -220,12 +215,13 @@ class SignalListener final : public Listener {
  public:
   std::optional<Place> position, torque, statusword, enabled;
   std::vector<std::uint64_t> enabled_values;
-  bool always = false;
+  bool always = false, mean_torque = false;
 
   Heard hear(const Frame& frame) override {
     Heard heard;
     if (position) heard.position_rad = position->value(frame);
     if (torque) heard.torque_nm = torque->value(frame);
+    heard.mean_torque = mean_torque;
     if (statusword)
       if (const auto word = statusword->raw(frame))
         heard.enabled = is_operation_enabled(static_cast<std::uint16_t>(*word));
@@ -241,6 +237,7 @@ class SignalListener final : public Listener {
 Result<std::unique_ptr<Listener>> signals_of(const ForeignDrives& foreign, std::span<const DbcFile> files,
                                              std::span<const DriveParameters> drives, std::size_t i) {
   auto listener = std::make_unique<SignalListener>();
+  listener->mean_torque = foreign.mean_torque;
   const auto set = [](std::optional<Place>& place, const Wanted& w, Place found) -> Result<void> {
     if (place) return tl::unexpected(fmt::format("--signal {}: the joint has another one for it", w.option));
     place = std::move(found);
@@ -297,7 +294,18 @@ Result<std::unique_ptr<Listener>> eds_of(const ForeignDrives& foreign, const Dri
   if (!chosen) return nullptr;
   auto described = read_eds(*chosen, drive, foreign.increments);
   if (!described) return tl::unexpected(described.error());
+  described->mean_torque = foreign.mean_torque;
   return canopen_listener(std::move(*described));
+}
+
+/// One line for all messages of a file that are left out.
+void note_unreadable(const ForeignDrives& foreign, const DbcFile& file) {
+  const auto out = [](const DbcMessage& m) { return m.unreadable.has_value(); };
+  const auto count = std::ranges::count_if(file.messages, out);
+  if (count == 0 || !foreign.note) return;
+  const DbcMessage& first = *std::ranges::find_if(file.messages, out);
+  foreign.note(fmt::format("{}: {} of {} messages are left out, the first is {}, line {}: {}", file.file.string(),
+                           count, file.messages.size(), first.name, first.unreadable->line, first.unreadable->why));
 }
 
 Result<std::vector<DbcFile>> read_dbcs(const ForeignDrives& foreign, std::span<const DriveParameters> drives) {
@@ -344,6 +352,7 @@ Result<std::vector<std::unique_ptr<Listener>>> foreign_listeners(const ForeignDr
       return tl::unexpected(fmt::format("{} has both signals of a DBC and an EDS; give one of them", drives[i].name));
     listeners.push_back(*by_signals ? std::move(*by_signals) : std::move(*by_eds));
   }
+  for (const DbcFile& file : *files) note_unreadable(foreign, file);
   return listeners;
 }
 

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <filesystem>
+#include <functional>
 #include <memory>
 #include <optional>
 #include <span>
@@ -19,6 +20,8 @@ struct ForeignDrives {
   std::vector<std::string> maps;     ///< "FILE" for all joints or "JOINT=FILE": DBC, EDS or DCF, by the file's name
   std::vector<std::string> signals;  ///< of DBC files: signal_syntax
   std::optional<double> increments;  ///< of 6064h per motor turn, for an EDS without 608Fh
+  std::function<void(const std::string&)> note;  ///< called with what of a file is left out
+  bool mean_torque = false;                      ///< torques are means since the SYNC or the frame before
 
   /// The files of `maps`.
   std::vector<std::filesystem::path> files() const;

@@ -46,6 +46,7 @@ class CanopenListener final : public Listener {
     heard.every = cyclic ? pdo.type : 1;
     if (pdo.position) heard.position_rad = pdo.position->value(frame);
     if (pdo.torque) heard.torque_nm = pdo.torque->value(frame);
+    heard.mean_torque = drive_.mean_torque;
     if (pdo.statusword)
       if (const auto word = pdo.statusword->raw(frame))
         heard.enabled = is_operation_enabled(static_cast<std::uint16_t>(*word));
@@ -127,6 +128,7 @@ class MirrorListener final : public Listener {
     const MirrorMode state = status->state;
     return {.position_rad = status->position_rad,
             .torque_nm = status->torque_norm * torque_max_nm_,
+            .mean_torque = true,
             .enabled = state == MirrorMode::torque || state == MirrorMode::position || state == MirrorMode::velocity,
             .sending = Sending::with_sync};
   }
@@ -140,7 +142,7 @@ class MirrorListener final : public Listener {
 
 CanopenDrive simulated_drive(const DriveParameters& p) {
   const Dictionary dictionary = drive_dictionary(p);
-  CanopenDrive drive{.node = p.node};
+  CanopenDrive drive{.node = p.node, .mean_torque = true};
   for (const Object& o : dictionary.objects())
     if (is_tpdo_object(o.index)) drive.tpdo_objects[{o.index, o.sub}] = o.value;
   drive.position_rad = dictionary.find(od::position_actual_value, 0)->scale / p.gear_ratio;

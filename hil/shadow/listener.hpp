@@ -14,6 +14,7 @@ namespace tribotwin::hil {
 /// What one frame says of one joint. Arm side.
 struct Heard {
   std::optional<double> position_rad, torque_nm;
+  bool mean_torque = false;     ///< the torque is the mean since the SYNC before, not that at the SYNC
   std::optional<bool> enabled;  ///< follows set points: not held by its brake, not stopping, no fault
   Sending sending = Sending::periodic;
   int every = 1;  ///< with SYNC: one frame per so many
@@ -37,7 +38,8 @@ struct CanopenDrive {
   int node = 1;
   std::map<std::pair<std::uint16_t, std::uint8_t>, std::int64_t> tpdo_objects;  ///< by index and sub-index
   double position_rad = 0;                                                      ///< of one count of 6064h, arm side
-  double torque_nm = 0;                                                         ///< of one count of 6077h, arm side
+  bool mean_torque = false;  ///< 6077h is the mean since the SYNC before
+  double torque_nm = 0;      ///< of one count of 6077h, arm side
 };
 
 /// A drive as this program simulates it.

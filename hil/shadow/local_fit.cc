@@ -17,11 +17,11 @@ struct Window {
 
 Window window(const Samples& samples, double time_s, double half_s) {
   const double margin = 1e-9;  // a window of whole cycles has its end samples, whatever the rounding
-  return {std::ranges::lower_bound(samples, time_s - half_s - margin, {}, &Sample::time_s),
-          std::ranges::upper_bound(samples, time_s + half_s + margin, {}, &Sample::time_s)};
+  return {std::ranges::lower_bound(samples, time_s - half_s - margin, {}, &Sample::middle_s),
+          std::ranges::upper_bound(samples, time_s + half_s + margin, {}, &Sample::middle_s)};
 }
 
-double scaled(const Sample& sample, double time_s, double half_s) { return (sample.time_s - time_s) / half_s; }
+double scaled(const Sample& sample, double time_s, double half_s) { return (sample.middle_s() - time_s) / half_s; }
 
 /// Solves A x = b for the symmetric A of a polynomial's normal equations: a[i + j] = sum w s^(i+j). Pivots are positive
 /// because a covered window has samples at more than `n` times.
@@ -84,8 +84,8 @@ bool covered(const Samples& samples, double time_s, double half_s, double gap_s)
   if (w.size() < least_samples) return false;
   double last_s = time_s - half_s;
   for (auto sample = w.begin; sample != w.end; ++sample) {
-    if (sample->time_s - last_s > gap_s) return false;
-    last_s = sample->time_s;
+    if (sample->middle_s() - last_s > gap_s) return false;
+    last_s = sample->middle_s();
   }
   return time_s + half_s - last_s <= gap_s;
 }
@@ -105,10 +105,11 @@ Motion local_motion(const Samples& samples, double time_s, double half_s, double
 double local_mean(const Samples& samples, double time_s, double half_s) {
   const Window w = window(samples, time_s, half_s);
   const double origin = w.begin->value;
-  return origin + fitted<2>(w, time_s, half_s, origin, [](std::size_t, double s) {
-           const double rest = std::max(0.0, 1 - s * s);
-           return rest * rest;
-         })[0];
+  const auto weight = [&](std::size_t i, double s) {
+    const double rest = std::max(0.0, 1 - s * s), span_s = w.begin[static_cast<std::ptrdiff_t>(i)].span_s;
+    return rest * rest * (span_s > 0 ? span_s / half_s : 1);
+  };
+  return origin + fitted<2>(w, time_s, half_s, origin, weight)[0];
 }
 
 void forget_before(Samples& samples, double time_s) {

@@ -14,6 +14,9 @@ namespace tribotwin::hil {
 
 struct Sample {
   double time_s = 0, value = 0;
+  double span_s = 0;  ///< > 0: the value is the mean over this time up to time_s; 0: that at time_s
+
+  double middle_s() const { return time_s - span_s / 2; }
 };
 /// In order of time.
 using Samples = std::deque<Sample>;
@@ -30,7 +33,8 @@ bool covered(const Samples& samples, double time_s, double half_s, double gap_s)
 /// (sampled long before or after their stamp) do not count; `resolution` is what no sample is expected to hold better.
 Motion local_motion(const Samples& samples, double time_s, double half_s, double resolution);
 
-/// The mean of a covered window with the weight (1 - s^2)^2, of the straight line through the samples.
+/// The mean of a covered window with the weight (1 - s^2)^2, of the straight line through the samples. Samples that are
+/// means count by their spans, all or none of them.
 double local_mean(const Samples& samples, double time_s, double half_s);
 
 /// Removes what lies before `time_s`.

@@ -9,6 +9,7 @@
 
 #include <tribotwin/hil/can/record_file.hpp>
 #include <tribotwin/hil/canopen/sync.hpp>
+#include <tribotwin/hil/motion/sync_mean.hpp>
 #include <tribotwin/hil/shadow/bus_clock.hpp>
 #include <tribotwin/hil/shadow/expectation.hpp>
 #include <tribotwin/hil/shadow/lag.hpp>
@@ -45,7 +46,8 @@ struct Joint {
   Samples friction_low, friction_high;  // of the cycles in `waiting_`
   Lag lag;
   double beyond_s = 0, judged_s = never_s;
-  bool silent = false;  // its torque has ended, which was said
+  bool silent = false;       // its torque has ended, which was said
+  bool mean_torque = false;  // what is heard is the mean since the SYNC before
 };
 
 /// A cycle whose motion is known, waiting for the frictions after it.
@@ -63,8 +65,10 @@ struct Cycle {
 class Shadow {
  public:
   Shadow(const twin::Scenario& scenario, const ShadowOptions& o)
-      : o_(o), clock_(o.lockstep ? std::optional(1e-6 * o.cycle_us) : std::nullopt), expectation_(scenario) {
-    const auto parameters = drive_parameters(scenario, o.first_node, o.cycle_us);
+      : o_(o),
+        clocks_(bus_count(o.wiring), BusClock(o.lockstep ? std::optional(1e-6 * o.cycle_us) : std::nullopt)),
+        expectation_(scenario) {
+    const auto parameters = drive_parameters(scenario, o.first_node, o.cycle_us, o.wiring);
     auto listeners = listeners_of(o, parameters);
     for (std::size_t i = 0; i < parameters.size(); ++i) {
       joints_.push_back({.listener = std::move(listeners[i])});
@@ -88,7 +92,7 @@ class Shadow {
     if (more && heard) heard = infer_cycle();
     if (heard && cycle_s_ > 0) advance(clock_.now_s());
     close_csv();
-    if (!more) return work_failed(more.error().message);
+    if (!more) return tl::unexpected(more.error());
     if (!heard) return tl::unexpected(heard.error());
     if (!result_.interrupted)
       if (auto ok = require_predictions(); !ok) return tl::unexpected(ok.error());
@@ -101,7 +105,8 @@ class Shadow {
   bool over(const Frame& frame) {
     if (frame.error) return false;
     if (first_ns_ < 0) first_ns_ = frame.time_ns;
-    return o_.duration_s && 1e-9 * static_cast<double>(frame.time_ns - first_ns_) >= *o_.duration_s;
+    result_.heard_s = 1e-9 * static_cast<double>(frame.time_ns - first_ns_);
+    return o_.duration_s && result_.heard_s >= *o_.duration_s;
   }
   /// "joint1, joint2": the joints for which `which` is true.
   std::string names(const std::function<bool(std::size_t)>& which) const {
@@ -112,26 +117,36 @@ class Shadow {
   }
 
   Result<void> hear(const Frame& frame) {
-    const bool sync = is_sync(frame);
+    const std::size_t bus = o_.bus ? o_.bus() : 0;
+    const bool any_sync = is_sync(frame), sync = any_sync && bus == 0;
     const bool synced = clock_.synced();
-    clock_.hear(frame, sync);
+    for (std::size_t i = 0; i < clocks_.size(); ++i) clocks_[i].hear(frame, any_sync && i == bus);
     if (sync && !synced) ticks_ = {}, period_ = {};  // until now the first drive's positions were the cycle
     if (begin_s_ == never_s && std::ranges::all_of(joints_, [](const Joint& j) { return j.position.heard() > 0; }))
       begin_s_ = clock_.now_s();
     bool first_position = false;
-    for (std::size_t i = 0; i < joints_.size(); ++i) first_position |= hear(joints_[i], frame) && i == 0;
+    for (std::size_t i = 0; i < joints_.size(); ++i)
+      if (place_of(o_.wiring, i).bus == bus) first_position |= hear(joints_[i], frame, bus) && i == 0;
     return sync || (first_position && !clock_.synced()) ? tick() : Result<void>{};
   }
 
   /// Whether the frame held a position of the joint.
-  bool hear(Joint& joint, const Frame& frame) {
+  bool hear(Joint& joint, const Frame& frame, std::size_t bus) {
     const Heard heard = joint.listener->hear(frame);
     if (!heard.any()) return false;
+    // In lockstep the buses have one clock; else each drive sends with the SYNC of its bus.
+    const BusClock& clock = o_.lockstep ? clock_ : clocks_[bus];
     Sending sending = heard.sending;
-    if (sending == Sending::with_sync && !clock_.synced()) sending = Sending::periodic;
-    const Stamp stamp = clock_.stamp(sending);
+    if (sending == Sending::with_sync && !clock.synced()) sending = Sending::periodic;
+    const Stamp stamp = clock.stamp(sending);
     if (heard.position_rad) joint.position.add(stamp, *heard.position_rad, sending, heard.every);
-    if (heard.torque_nm) joint.torque.add(stamp, *heard.torque_nm, sending, heard.every), joint.silent = false;
+    if (heard.torque_nm) {
+      // Without SYNCs our drives send the torque of the moment.
+      joint.mean_torque = heard.mean_torque && sending == heard.sending;
+      const double span_s = joint.mean_torque ? torque_span_s(stamp, joint.torque) : 0;
+      joint.torque.add(stamp, *heard.torque_nm, sending, heard.every, span_s);
+      joint.silent = false;
+    }
     // What was before the first statusword is not known: a drive heard enabled may just have become so.
     if (heard.enabled && (!joint.enabled || !*heard.enabled)) joint.not_enabled_s = stamp.time_s;
     if (heard.enabled) joint.enabled = heard.enabled;
@@ -184,10 +199,21 @@ class Shadow {
     return what;
   }
   double settling_s() const { return 2 * half_s_ + brake_release_s; }
+  /// Of a mean since the SYNC before, or the frame before. Of the first, and after a pause, it is not known: hardly
+  /// any, so that the sample hardly counts.
+  double torque_span_s(const Stamp& stamp, const Channel& before) const {
+    constexpr double shortest_s = 1e-6;
+    const bool first = stamp.cycle >= 0 ? stamp.cycle == 0 : before.heard() == 0;
+    const double span_s = stamp.time_s - (stamp.cycle >= 0 ? stamp.previous_s : before.heard_s());
+    const bool paused = span_s > std::max(SyncMean::longest_silence_s, 2 * cycle_s_);
+    return first || paused ? shortest_s : std::max(span_s, shortest_s);
+  }
+  /// By which torques that are means come later than the motion.
+  double torque_delay_s() const { return std::ranges::any_of(joints_, &Joint::mean_torque) ? cycle_s_ / 2 : 0; }
 
   /// Judges all cycles for which what was heard up to `complete_s` is enough.
   void advance(double complete_s) {
-    while (!ticks_.empty() && ticks_.front() + half_s_ <= complete_s) {
+    while (!ticks_.empty() && ticks_.front() + half_s_ + torque_delay_s() <= complete_s) {
       if (waiting_.empty() || ticks_.front() > waiting_.back().time_s) predict(ticks_.front());
       ticks_.pop_front();
     }
@@ -410,7 +436,8 @@ class Shadow {
   }
 
   const ShadowOptions& o_;
-  BusClock clock_;
+  std::vector<BusClock> clocks_;  // of each bus
+  BusClock& clock_ = clocks_[0];
   Expectation expectation_;
   std::vector<Joint> joints_;
   CyclePeriod period_;

@@ -17,9 +17,11 @@ namespace tribotwin::hil {
 struct ShadowOptions {
   Profile profile = Profile::cia402;
   int first_node = 1;
-  std::uint32_t cycle_us = 2000;  ///< in lockstep: from one SYNC to the next
-  bool cycle_expected = false;    ///< the bus must have that cycle; else what it has is taken
-  bool lockstep = false;          ///< the SYNC is the clock, not the frames' stamps
+  Wiring wiring;                     ///< the drives on each bus; all on one without
+  std::function<std::size_t()> bus;  ///< of the frame last read; without: all are on one
+  std::uint32_t cycle_us = 2000;     ///< in lockstep: from one SYNC to the next
+  bool cycle_expected = false;       ///< the bus must have that cycle; else what it has is taken
+  bool lockstep = false;             ///< the SYNC is the clock, not the frames' stamps
   /// Called once: one per joint; null, or none at all: a drive of `profile`.
   std::function<std::vector<std::unique_ptr<Listener>>()> listeners;
   std::optional<double> limit_nm;         ///< of the residual, arm side
@@ -50,6 +52,7 @@ struct ShadowJoint {
 };
 struct ShadowResult {
   double seconds = 0;  ///< time on the bus up to the last prediction
+  double heard_s = 0;  ///< time on the bus from the first frame to the last
   double cycle_s = 0;
   std::string cycle_source;  ///< where the cycle comes from: "SYNC"
   std::vector<ShadowJoint> joints;
@@ -63,7 +66,7 @@ struct ShadowResult {
 /// Where frames come from: a bus, or a log. Returns false at the end.
 using NextFrame = std::function<Result<bool>(Frame&)>;
 
-/// Fails when the simulation does (ErrorKind::work), for a name in `limit_joints` that is no joint, for a bus with
+/// Fails when `next` or the simulation does, for a name in `limit_joints` that is no joint, for a bus with
 /// another cycle than expected, and where nothing could be predicted: no position of some drive was heard, or too few
 /// of all (ErrorKind::input).
 Result<ShadowResult> shadow(const twin::Scenario& scenario, const NextFrame& next, const ShadowOptions& options);

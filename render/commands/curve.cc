@@ -9,6 +9,7 @@
 #include <tribotwin/render/commands/program.hpp>
 #include <tribotwin/render/figure/figures.hpp>
 #include <tribotwin/render/report/fit_data.hpp>
+#include <tribotwin/twin/io/shipped.hpp>
 #include <tribotwin/twin/robot/arm.hpp>
 
 namespace tribotwin::render::program {
@@ -54,7 +55,7 @@ Subject joint_of_model(const Arguments& a) {
   if (a.joint.empty()) throw InputError("--joint is needed: a model has several");
   if (a.read.torque_max_nm > 0 || a.read.gear_ratio > 0)
     throw InputError("--tau-max, --gear-ratio: are for PARAMS.yaml; a model has its own");
-  const auto model = twin::or_wrong_input(mujoco::load_file(a.model));
+  const auto model = twin::or_wrong_input(mujoco::load_file(twin::given_or_shipped(a.model, ".xml")));
   const auto index = twin::find_drive(*model, a.joint);
   if (!index) throw InputError(fmt::format("{}: --joint {}", a.model, index.error().message));
   const auto& drive = model->drives()[*index].drive;

@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <tribotwin/render/commands/picture.hpp>
+#include <tribotwin/twin/io/shipped.hpp>
 #include <tribotwin/twin/robot/arm.hpp>
 
 namespace tribotwin::render::program {
@@ -25,7 +26,8 @@ struct Subject {
 Subject subject_of(const Arguments& a) {
   if (!std::filesystem::is_directory(a.target)) {
     if (a.time) throw InputError("--time: is for the folder of a run, not for a model");
-    std::shared_ptr<const mujoco::Model> model = twin::or_wrong_input(mujoco::load_file(a.target));
+    std::shared_ptr<const mujoco::Model> model =
+        twin::or_wrong_input(mujoco::load_file(twin::given_or_shipped(a.target, ".xml")));
     return {.run = nullptr, .model = model, .state = rest(*model)};
   }
   auto run = run_with_model(a.target);

@@ -1,7 +1,7 @@
 #include <fmt/format.h>
 
 #include <tribotwin/render/page/illustrated.hpp>
-#include <tribotwin/twin/io/name.hpp>
+#include <tribotwin/twin/io/text.hpp>
 
 namespace tribotwin::render {
 namespace {

@@ -6,7 +6,6 @@
 #include <tribotwin/twin/io/input.hpp>
 #include <tribotwin/twin/io/json.hpp>
 #include <tribotwin/twin/io/json_input.hpp>
-#include <tribotwin/twin/io/name.hpp>
 #include <tribotwin/twin/io/tables/table.hpp>
 #include <tribotwin/twin/io/text.hpp>
 

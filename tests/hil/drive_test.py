@@ -53,6 +53,7 @@ check("wrong length", aborts(0x06070012, lambda: master.write(1, 0x6060, 0, "H",
 check("velocity mode (2) is refused", aborts(0x06090030, lambda: master.write(1, 0x6060, 0, "b", 2)))
 check("CSP is not", master.write(1, 0x6060, 0, "b", 8) is None)
 check("the lubricant's temperature", all(master.read(n, 0x2100, 1, "h") == 500 for n in nodes))
+master.be_patient()
 rated = {n: master.read(n, 0x6076) for n in nodes}
 
 # Remapping: 6 + 2 bytes of TPDO3 and the temperature.
@@ -190,15 +191,14 @@ check("all enabled", all(is_state(master.status[n], "operation enabled") for n i
 
 # A master that falls silent: the SYNC's deadline.
 master.emergencies.clear()
-master.listen(0.4)
 check(
     "SYNC lost: EMCY 8700h of every drive",
-    {n for n, (code, _) in master.emergencies if code == 0x8700} == set(nodes),
+    master.until(lambda: {n for n, (code, _) in master.emergencies if code == 0x8700} == set(nodes), 10),
     master.emergencies,
 )
 check(
     "the reaction ends in fault without any SYNC",
-    master.until(lambda: all(is_state(master.status[n], "fault") for n in nodes), 5),
+    master.until(lambda: all(is_state(master.status[n], "fault") for n in nodes), 10),
     master.status,
 )
 check(

@@ -240,6 +240,11 @@ class Master:
         ):
             self.write(node, index, sub, kind, value)
 
+    def be_patient(self, milliseconds=1000):
+        """Has the drives wait longer for a SYNC (2120h): a busy machine may pause this process for a while."""
+        for node in self.nodes:
+            self.write(node, 0x2120, 1, "H", milliseconds)
+
     def control(self, word, nodes=None):
         for node in nodes or self.nodes:
             self.send(0x200 + node, struct.pack("<H", word))

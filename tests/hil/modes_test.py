@@ -39,6 +39,7 @@ def mode(number):
     return master.read(NODE, 0x6061, 0, "b") == number
 
 
+master.be_patient()
 master.nmt(1)
 per_rad = 65536 * master.read(NODE, 0x6091, 1) / master.read(NODE, 0x6091, 2) / (2 * math.pi)
 check("the drive has the modes", master.read(NODE, 0x6502) & 0b1100101 == 0b1100101, hex(master.read(NODE, 0x6502)))

@@ -6,7 +6,7 @@ import h5py, numpy as np
 
 import harness
 from harness import check, finish, work
-from master import Master, is_state
+from master import Master, SdoAbort, is_state
 from session import connect, hold_scenario, said, start
 
 hil, source = sys.argv[1:3]
@@ -141,6 +141,96 @@ end(drives, master)
 foreign = [l for l in open("foreign.log") if re.search(" (184#3712|704#05|384#000000000000)$", l)]
 check("the log holds them", len(foreign) >= 150, len(foreign))
 repeats("two of one number", "foreign", "--cycle", 4)
+
+
+# How the drives started is in the file beside the log: an EDS, a DCF, a store, no node numbers. The files may change.
+def own_eds(node):
+    return harness.run(hil, "eds", scenario, "--node", node).stdout
+
+
+with open("other.eds", "w") as f:
+    f.write(own_eds(3) + "\n[3000]\nParameterName=gain\nDataType=3\nAccessType=rw\nDefaultValue=-7\n")
+with open("node2.dcf", "w") as f:
+    f.write(
+        own_eds(2)
+        .replace("[DeviceInfo]", "[DeviceComissioning]\nNodeID=2\n\n[DeviceInfo]")
+        .replace("[1017]\n", "[1017]\nParameterValue=77\n")
+        .replace("[605A]\n", "[605A]\nParameterValue=6\n")
+    )
+files = ("--eds", "other.eds", "--dcf", "node2.dcf")
+drives, master = begin("files", *files, "--cycle", 4)
+check("an EDS and a DCF: enabled", enable(master), master.status)
+check("they hold", (master.read(5, 0x3000, 0, "h"), master.read(2, 0x1017, 0, "H")) == (-7, 77))
+move(master, 100)
+end(drives, master)
+repeats("an EDS and a DCF", "files", "--cycle", 4)
+r = replay("files.log", *files, "--cycle", 4)
+check("the options may be given", r.returncode == 0, (r.returncode, r.stderr))
+shutil.copy("node2.dcf", "same.dcf")
+with open("node2.dcf", "a") as f:
+    f.write("; changed\n")
+refused("a DCF that has changed", "files.log", "--cycle", 4, *files, says=["--dcf node2.dcf", "leave the option out"])
+r = replay("files.log", "--dcf", "same.dcf", "--cycle", 4)
+check("the same DCF of another name", r.returncode == 0, (r.returncode, r.stderr))
+os.remove("other.eds")
+os.remove("node2.dcf")
+r = replay("files.log", "--cycle", 4)
+check("the files may be gone", r.returncode == 0, (r.returncode, r.stderr))
+refused("an option that was none", "clock.log", "--cycle", 4, "--unconfigured", says=["without --unconfigured"])
+refused("a file that was none", "clock.log", "--cycle", 4, "--dcf", "same.dcf", says=["without --dcf"])
+
+os.mkdir("disk")
+drives, master = begin("stored", "--store", "disk/s", "--cycle", 4)
+SAVE = 0x65766173
+master.nmt(0x80)
+master.write(2, 0x605A, 0, "h", 6)
+master.write(2, 0x1010, 1, "I", SAVE)
+shutil.copy("disk/s", "kept")
+shutil.rmtree("disk")
+try:
+    master.write(3, 0x1010, 1, "I", SAVE)
+except SdoAbort as abort:
+    check("a store that cannot be written", abort.code == 0x06060000, abort)
+master.nmt(0x81, 2)
+check("node 2 boots", master.until(lambda: 2 in master.boots))
+check("with what it kept", master.read(2, 0x605A, 0, "h") == 6)
+check("a store: enabled", enable(master), master.status)
+move(master, 50)
+end(drives, master)
+repeats("a store that begins and fails", "stored", "--cycle", 4)
+check("a replay writes no store", not os.path.exists("disk"))
+shutil.copy("kept", "s")
+drives, master = begin("kept_before", "--store", "s", "--cycle", 4)
+check("a store from before: enabled", enable(master), master.status)
+check("it holds", master.read(2, 0x605A, 0, "h") == 6)
+move(master, 50)
+master.control(0)
+for _ in range(200):
+    master.cycle()
+master.write(4, 0x605A, 0, "h", 5)
+master.write(4, 0x1010, 1, "I", SAVE)
+end(drives, master)
+repeats("a store from before", "kept_before", "--cycle", 4)
+r = replay("kept_before.log", "--store", "s", "--cycle", 4)
+check("a store that has changed since is noted", r.returncode == 0 and "--store s: is not what" in r.stderr, r.stderr)
+os.remove("s")
+r = replay("kept_before.log", "--cycle", 4)
+check("or gone", r.returncode == 0, (r.returncode, r.stderr))
+
+drives, master = begin("numbered", "--unconfigured", "--cycle", 4)
+for _ in nodes:
+    identity = master.lss_scan()
+    check(f"LSS finds {identity}", identity and master.lss_number(identity[3]) == 0)
+    master.lss_state(0)
+    check("it boots", master.until(lambda: identity[3] in master.boots), master.boots)
+check("numbered by LSS: enabled", enable(master), master.status)
+move(master, 50)
+end(drives, master)
+repeats("numbered by LSS", "numbered", "--cycle", 4)
+
+# Another scenario: the difference says so.
+r = replay("numbered.log", "--cycle", 4, "--set", "seed=77", "--set", "temperature_degC=20")
+check("another scenario", r.returncode == 1 and "another scenario" in r.stderr, (r.returncode, r.stderr))
 
 # A session that was killed: what reached the disk repeats.
 drives, master = begin("killed", "--realtime", "--cycle", 4)

@@ -267,11 +267,11 @@ with open(path("file"), "w") as f:
 for name, arguments, says in (
     ("a file", ("-o", "file", "--force"), "is no folder"),
     ("no such place", ("-o", "nowhere/bus"), "there is no folder"),
-    ("no name", ("-o", ""), "empty"),
     ("nodes beyond 127", ("-o", "new", "--first-node", "125"), "at most 127"),
 ):
     check_refused(name, ros2(*arguments), says)
 check_refused("no folder named", ros2(), "--output", lines=None)
+check_refused("no name", ros2("-o", ""), "empty", lines=None)
 check_refused("a cycle of nothing", ros2("-o", "new", "--cycle", "0"), "--cycle", lines=None)
 check_refused("no scenario", ros2("-o", "new", robot="nowhere.yaml"), "nowhere.yaml")
 check("and nothing was written", not os.path.exists(path("new")) and content("file") == "mine")

@@ -251,8 +251,8 @@ def guarded():
             answers.append(master.heartbeat.get(2))
             master.write(2, 0x1017, 0, "H", 0)
         check("a node that is guarded toggles", answers[1:] == [0x7F, 0xFF, 0x7F], answers)
-        master.write(2, 0x100C, 0, "H", 100)
-        master.write(2, 0x100D, 0, "B", 3)
+        master.write(2, 0x100C, 0, "H", 200)
+        master.write(2, 0x100D, 0, "B", 5)
         master.nmt(1, 2)
         for _ in range(5):
             master.send_remote(0x702)

@@ -178,18 +178,20 @@ def check_same(name, r, tolerance_nm=0.01):
 # Rated torques and gears of the joints differ, and the file has those of joint 1: both are left to the scenario.
 all_eds = with_values(with_values(eds, torque_map), {"6076": "0", "6091sub1": "1000"})
 write("vendor.eds", all_eds.replace("\n", "\r\n"))
-check_same("an EDS with $NODEID", shadow("plain.log", "--limit", 200, "--map", "vendor.eds"))
+check_same("an EDS with $NODEID", shadow("plain.log", "--limit", 200, "--mean-torque", "--map", "vendor.eds"))
 write(
     "vendor.dcf",
     with_values(all_eds, {"1A03sub0": "1\nParameterValue=1", "1803sub1": "0x80000000\nParameterValue=$NODEID+0x480"}),
 )
-check_same("a DCF", shadow("plain.log", "--limit", 200, "--map", "vendor.dcf"))
+check_same("a DCF", shadow("plain.log", "--limit", 200, "--mean-torque", "--map", "vendor.dcf"))
 maps = []
 for n in nodes:
     own = with_values(run("eds", scenario, "--node", n).stdout, torque_map) + "\n[DeviceComissioning]\nNodeID=%d\n" % n
     write("joint%d.dcf" % n, own)
     maps += ["--map", "joint%d=joint%d.dcf" % (n, n)]
-check_same("a DCF per joint, with its node", shadow("plain.log", "--limit", 200, "--first-node", 50, *maps))
+check_same(
+    "a DCF per joint, with its node", shadow("plain.log", "--limit", 200, "--mean-torque", "--first-node", 50, *maps)
+)
 # A mapping as CompactSubObj: the mapped objects in a list, and their number with the array.
 compact, changed = re.subn(
     r"\[1A03\]\n(?:(?!\[1A04)(?:.*\n))*",
@@ -199,9 +201,12 @@ compact, changed = re.subn(
 )
 assert changed == 1
 write("compact.eds", compact)
-check_same("a compact mapping", shadow("plain.log", "--limit", 200, "--map", "compact.eds"))
+check_same("a compact mapping", shadow("plain.log", "--limit", 200, "--mean-torque", "--map", "compact.eds"))
 write("coarse.eds", with_values(all_eds, {"608Fsub1": "0"}))
-check_same("increments by hand", shadow("plain.log", "--limit", 200, "--map", "coarse.eds", "--increments", 65536))
+check_same(
+    "increments by hand",
+    shadow("plain.log", "--limit", 200, "--mean-torque", "--map", "coarse.eds", "--increments", 65536),
+)
 
 
 def line_of(text, section, key="DefaultValue"):
@@ -280,7 +285,8 @@ for line in lines:
 write("foreign.log", "".join(foreign))
 check("canmatrix reads the same", decoded["Angle"] <= step_deg and decoded["Torque"] <= step_nm, decoded)
 signals = ["--signal", "position=Axis{node}.Angle", "--signal", "torque=Axis{number}.Torque"]
-r = shadow("foreign.log", "--limit", 200, "--map", "other.dbc", *signals, "--signal", "enabled=Axis{node}.State==3,4")
+enabled = ("--signal", "enabled=Axis{node}.State==3,4")
+r = shadow("foreign.log", "--limit", 200, "--mean-torque", "--map", "other.dbc", *signals, *enabled)
 check_same("a DBC", r, 1.5)
 check("without SYNCs the positions are the cycle", "from the positions of joint1" in r.stdout, r.stdout)
 r = shadow("foreign.log", "--limit", 200, "--map", "other.dbc", *signals)
@@ -293,6 +299,7 @@ check_same(
         "foreign.log",
         "--limit",
         200,
+        "--mean-torque",
         "--map",
         "other.dbc",
         "--signal",
@@ -333,6 +340,40 @@ for name, old, new, says in (
     assert old in dbc
     write("wrong.dbc", dbc.replace(old, new, 1))
     check_refused("DBC: " + name, shadow("foreign.log", "--map", "wrong.dbc", *signals), says=["wrong.dbc", *says])
+
+# What one frame with simple multiplexing cannot hold is left out with a note, where no signal is of it.
+strange = {
+    "extended multiplexing": (
+        ' SG_ More m5M : 60|2@1+ (1,0) [0|3] "" master\n SG_ Deep m1 : 62|2@1+ (1,0) [0|3] "" master\n'
+    ),
+    "64 can be read": ' SG_ Serial : 0|128@1+ (1,0) [0|0] "" master\n',
+}
+for why, signal in strange.items():
+    for message, wanted in (("BO_ 2566834431 EEC1: 8 Vector__XXX\n", False), ("", True)):
+        text = dbc + message + signal if message else dbc.replace(" SG_ Mux M", signal + " SG_ Mux M", 1)
+        write(
+            "strange.dbc", text + 'BA_DEF_ BO_ "VFrameFormat" ENUM "J1939PG";\nBA_ "VFrameFormat" BO_ 2566834431 0;\n'
+        )
+        r = shadow("foreign.log", "--map", "strange.dbc", *signals, "--signal", "enabled=Axis{node}.State==3,4")
+        if wanted:
+            check_refused(
+                "DBC, of a signal that is wanted: " + why, r, says=["strange.dbc:", why, "needs message Axis1"]
+            )
+        else:
+            check("DBC, left out: " + why, r.returncode == 0 and "note: strange.dbc: 1 of 7" in r.stderr, r)
+            check("and the reason: " + why, "EEC1" in r.stderr and why in r.stderr, r.stderr)
+for line, left_out in (
+    (f"SG_MUL_VAL_ {0x98FF0001} Torque Mux 5-5;\n", False),
+    (f"SG_MUL_VAL_ {0x98FF0001} Torque Mux 5-6;\n", True),
+    (f"SG_MUL_VAL_ {0x98FF0001} Torque Mux 5-5, 9-9;\n", True),
+):
+    write("strange.dbc", dbc + line)
+    r = shadow("foreign.log", "--map", "strange.dbc", *signals, "--signal", "enabled=Axis{node}.State==3,4")
+    check("DBC: " + line.strip(), r.returncode == (2 if left_out else 0) and ("SG_MUL_VAL_" in r.stderr) == left_out, r)
+write("long.dbc", dbc + 'BO_ 2566834432 DM1: 1785 Vector__XXX\n SG_ All : 0|14280@1+ (1,0) [0|0] "" master\n')
+r = shadow("foreign.log", "--map", "long.dbc", *signals, "--signal", "enabled=Axis{node}.State==3,4")
+check("DBC: a message of many frames", r.returncode == 0 and "1785 bytes are more than a frame" in r.stderr, r)
+
 write("empty.dbc", 'VERSION ""\n')
 for name, more, says in (
     ("no signals named", ["--map", "other.dbc"], ["which signals"]),

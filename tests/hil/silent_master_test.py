@@ -26,6 +26,7 @@ for cycle_ms, cycles in ((2, 40), (200, 6)):
     master = Master(connect(address, "socketcand", "can0"), [node])
     master.nmt(0x82)
     master.until(lambda: node in master.boots)
+    master.be_patient(500)
     master.write(node, 0x6060, 0, "b", 10)
     send_pdo(master, 0x1404, 0x47F, 1)
     send_pdo(master, 0x1804, 0x4FF, 255)  # statusword and torque, whenever they change

@@ -35,6 +35,7 @@ refused(
     "conform: no EDS", "conform", "--can", "memory:x", "--eds", "bad.eds", says="bad.eds:2: must be [SECTION], or KEY="
 )
 refused("conform: no such node", "conform", "--can", "memory:x", "--node", "128", says="128")
+refused("conform: no such check", "conform", "--can", "memory:x", "--only", "sdo,x", says="no check is called 'x'")
 refused("conform: homing is a motion", "conform", "--can", "memory:x", "--homing", says="--motion")
 refused("conform: nobody answers", "conform", "--can", "memory:x", "--quiet", says="node 1 does not answer", code=1)
 
@@ -80,10 +81,49 @@ refused("no scenario", "drive", "nowhere.yaml", "--can", "memory:x", says="nowhe
 refused("no log", "replay", scenario, "nowhere.log", says="nowhere.log")
 refused("no log to shadow", "shadow", scenario, "--can", "log:nowhere.log", says="nowhere.log")
 refused("no such node", "eds", scenario, "--node", "9", says="nodes 1 to 6")
+both = "--can", "memory:a=joint1,joint2,joint3", "--can"
+for name, buses, says in (
+    ("one bus twice", both + ("memory:a=joint4,joint5,joint6",), "both are the bus memory:a"),
+    ("an interface twice", ("--can", "vcan7=joint1", "--can", "socketcan:vcan7=joint2"), "both are the bus vcan7"),
+    ("a joint on both buses", both + ("memory:b=joint3,joint4,joint5,joint6",), "joint3 is in --can memory:a="),
+    ("a joint twice on one bus", ("--can", "memory:a=joint1,joint1"), "joint1 is in --can memory:a="),
+    ("a joint on no bus", both + ("memory:b=joint4,joint5",), "joint6 is on no bus"),
+    ("a joint on no bus of one", ("--can", "memory:a=joint1"), "joint2 is on no bus"),
+    ("no such joint", both + ("memory:b=joint4,elbow",), "no joint 'elbow'; there are joint1, joint2"),
+    ("no joints", both + ("memory:b=",), "no joint ''"),
+    (
+        "a bus without joints",
+        both + ("memory:b",),
+        "--can memory:b: which joints are on it? For example --can memory:a=",
+    ),
+    ("no bus", both + ("=joint4,joint5,joint6",), "names no bus"),
+    ("three buses", both + ("memory:b=joint4", "--can", "memory:c=joint5,joint6"), "3 buses"),
+):
+    refused(name, "drive", scenario, *buses, says=says)
+    refused(name + ", budget", "budget", scenario, *buses, says=says)
+wired = both + ("memory:b=joint4,joint5,joint6",)
+refused("a bus that cannot be", "drive", scenario, *both, "tcp:x=joint4,joint5,joint6", says="socketcand://")
+refused(
+    "two buses: impossible budget", "drive", scenario, *wired, "--bitrate", "1e6", "--cycle", "0.5", says="memory:a: "
+)
+for fault, says in (
+    ("kind: silence, node: 4, bus: can1", "nodes 1 to 3"),
+    ("kind: silence, node: 2", "bus: is needed"),
+    ("kind: link_down, bus: can2", "can0"),
+):
+    with open(os.path.join(work, "faults.yaml"), "w") as f:
+        f.write("faults: [{%s, time_s: 0, duration_s: 1}]\n" % fault)
+    refused("faults on two buses: " + fault, "drive", scenario, *wired, "--faults", "faults.yaml", says=says)
+r = run("budget", scenario, *wired, "--cycle", "1")
+check(
+    "budget per bus: three drives at 1 kHz fit",
+    r.returncode == 0 and [line.split(":")[1] for line in r.stdout.splitlines()] == ["a", "b"],
+    (r.returncode, r.stdout, r.stderr),
+)
 with open(os.path.join(work, "bad.log"), "w") as f:
     f.write("(1.000000) can0 080#\nrubbish\n")
-refused("a log with a line that is none", "replay", scenario, "bad.log", "--fast", says="bad.log:2", code=1)
-refused("a log in which no drive speaks", "shadow", scenario, "--can", "log:bad.log", says="bad.log:2", code=1)
+refused("a log with a line that is none", "replay", scenario, "bad.log", "--fast", says="bad.log:2")
+refused("a log in which no drive speaks", "shadow", scenario, "--can", "log:bad.log", says="bad.log:2")
 with open(os.path.join(work, "quiet.log"), "w") as f:
     f.write("(1.000000) can0 080#\n(1.002000) can0 080#\n")
 refused("nothing heard", "shadow", scenario, "--can", "log:quiet.log", says="no position was heard of joint1")

@@ -514,9 +514,9 @@ def wrong_session(data, ended):
         return "has a line that is cut"
     if ended and (not lines or lines.pop() != b"end"):
         return "has no end"
-    head, turns = lines[:4], [line for line in lines[4:] if line != b"end"]
-    names = (b"tribotwin-hil session 1", b"clock ", b"cycle_us ", b"start_us ")
-    if not all(line.startswith(name) for line, name in zip(head, names)) or ended and len(head) < 4:
+    names = (b"tribotwin-hil session 2", b"clock ", b"cycle_us ", b"start_us ", b"scenario ", b"turns")
+    head, turns = lines[: len(names)], [line for line in lines[len(names) :] if line != b"end"]
+    if not all(line.startswith(name) for line, name in zip(head, names)) or ended and len(head) < len(names):
         return "has another head"
     return "" if all(TURN_LINE.fullmatch(line) for line in turns) else "has a line that is no turn"
 

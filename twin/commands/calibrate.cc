@@ -8,6 +8,7 @@
 #include <tribotwin/twin/commands/program.hpp>
 #include <tribotwin/twin/io/folder_lock.hpp>
 #include <tribotwin/twin/io/interrupt.hpp>
+#include <tribotwin/twin/io/shipped.hpp>
 
 namespace tribotwin::twin::program {
 namespace {
@@ -48,7 +49,7 @@ Result<void> fit_missing(const Arguments& a, CalibrationResults& results, const 
 
 Result<Exit> execute(const Arguments& a) {
   const CalibrationCampaign campaign =
-      read_calibration(scenario_file(a.fit), a.seed, or_wrong_input(a.tables.options()));
+      read_calibration(given_or_shipped(a.fit, ".yaml"), a.seed, or_wrong_input(a.tables.options()));
   const fs::path directory = a.directory.empty() ? fs::path("runs") / campaign.file.stem() : fs::path(a.directory),
                  file = directory / "calibration.json";
   std::error_code error;

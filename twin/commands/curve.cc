@@ -9,6 +9,7 @@
 #include <tribotwin/twin/experiments/friction/experiment.hpp>
 #include <tribotwin/twin/identification/dynamic_friction/parameters.hpp>
 #include <tribotwin/twin/io/input.hpp>
+#include <tribotwin/twin/io/shipped.hpp>
 #include <tribotwin/twin/robot/arm.hpp>
 
 namespace tribotwin::twin::program {
@@ -84,7 +85,7 @@ Result<Exit> execute(const Arguments& a) {
     if (!std::isfinite(value)) throw InputError(fmt::format("{} {}: must be a finite number", option, value));
   if (a.model.ends_with(".yaml")) return of_parameters(a, speeds);
   if (a.joint.empty()) throw InputError("--joint is needed: a model has several");
-  const auto model = mujoco::load_file(a.model);
+  const auto model = mujoco::load_file(given_or_shipped(a.model, ".xml"));
   if (!model) throw InputError(model.error().message);
   const auto found = find_drive(**model, a.joint);
   if (!found) throw InputError(fmt::format("{}: --joint {}", a.model, found.error().message));

@@ -7,6 +7,7 @@
 #include <tribotwin/twin/experiments/friction/results.hpp>
 #include <tribotwin/twin/experiments/working_days/results.hpp>
 #include <tribotwin/twin/experiments/working_days/tables.hpp>
+#include <tribotwin/twin/io/shipped.hpp>
 
 namespace tribotwin::twin::program {
 namespace {
@@ -55,7 +56,7 @@ Result<Exit> report(const Arguments& a, const Result<LabSummary>& summary, const
 }
 
 Result<Exit> execute(const Arguments& a) {
-  const std::filesystem::path file = scenario_file(a.campaign);
+  const std::filesystem::path file = given_or_shipped(a.campaign, ".yaml");
   const YAML::Node tree = or_wrong_input(campaign_tree(file, a.settings));
   if (repeatability::is_repeatability(tree))
     return compare_days(a, or_wrong_input(repeatability::load_campaign(file, tree)));

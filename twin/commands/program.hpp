@@ -21,9 +21,6 @@ inline Exit report_error(Exit code, const std::string& message) {
   return code;
 }
 
-/// The file of a campaign or scenario as given, or the shipped one of that name.
-std::filesystem::path scenario_file(const std::string& given);
-
 /// Before any work: throws InputError where -o names what cannot be written or is one of `inputs`.
 inline void check(const Destination& output, const std::vector<std::filesystem::path>& inputs) {
   or_wrong_input(output.check(inputs));

@@ -3,6 +3,7 @@
 #include <tribotwin/twin/commands/robot.hpp>
 #include <tribotwin/twin/io/input.hpp>
 #include <tribotwin/twin/io/output.hpp>
+#include <tribotwin/twin/io/shipped.hpp>
 #include <tribotwin/twin/robot/arm.hpp>
 
 namespace tribotwin::twin::program {
@@ -10,7 +11,7 @@ namespace tribotwin::twin::program {
 using namespace identification;
 
 Robot load_robot(const std::string& file) {
-  const auto model = mujoco::load_file(file);
+  const auto model = mujoco::load_file(given_or_shipped(file, ".xml"));
   if (!model) throw InputError(model.error().message);
   if (!(*model)->springs().empty())
     throw InputError(

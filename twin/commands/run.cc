@@ -7,8 +7,9 @@
 
 #include <tribotwin/twin/commands/program.hpp>
 #include <tribotwin/twin/io/interrupt.hpp>
-#include <tribotwin/twin/io/name.hpp>
+#include <tribotwin/twin/io/shipped.hpp>
 #include <tribotwin/twin/io/telemetry/run_folder.hpp>
+#include <tribotwin/twin/io/text.hpp>
 #include <tribotwin/twin/simulation/run.hpp>
 
 namespace tribotwin::twin::program {
@@ -16,20 +17,9 @@ namespace {
 
 namespace fs = std::filesystem;
 
-/// The folder of shipped scenarios: beside the source tree or installed.
-fs::path scenario_folder() {
-  for (const char* folder : {TRIBOTWIN_SCENARIOS_BUILD, TRIBOTWIN_SCENARIOS_INSTALLED})
-    if (fs::is_directory(folder)) return folder;
-  return {};
-}
-
 Result<Exit> list_scenarios() {
-  std::vector<fs::path> files;
-  const fs::path folder = scenario_folder();
-  if (folder.empty()) return work_failed("the shipped scenarios are not where they were built or installed");
-  for (const auto& entry : fs::directory_iterator(folder))
-    if (entry.path().extension() == ".yaml") files.push_back(entry.path());
-  std::ranges::sort(files);
+  const auto files = shipped_scenarios();
+  if (files.empty()) return work_failed("the shipped scenarios are not where they were built or installed");
   for (const auto& file : files) {
     const YAML::Node node = load_yaml(file);
     if (node["model"] && !node["procedure"])
@@ -190,7 +180,7 @@ Result<Exit> execute(const Arguments& a) {
     return tl::unexpected(Error("run needs a scenario; 'tribotwin run --list' names those that ship"));
   std::vector<std::string> settings = a.settings;
   if (a.seed) settings.push_back(fmt::format("seed={}", *a.seed));
-  const fs::path file = scenario_file(a.scenario);
+  const fs::path file = given_or_shipped(a.scenario, ".yaml");
   if (const auto all = variations(file); !all.empty()) return vary(a, file, all, settings);
   const Scenario loaded = or_throw(load_scenario(file, settings));
   const fs::path output = a.directory.empty() ? fs::path("runs") / loaded.name : fs::path(a.directory);
@@ -215,13 +205,6 @@ Result<Exit> execute(const Arguments& a) {
 }
 
 }  // namespace
-
-/// A file as given, or the shipped scenario of that name.
-fs::path scenario_file(const std::string& given) {
-  if (fs::is_regular_file(given) || given.find('/') != std::string::npos) return given;
-  const fs::path shipped = scenario_folder() / (given + (given.ends_with(".yaml") ? "" : ".yaml"));
-  return fs::exists(shipped) ? shipped : fs::path(given);
-}
 
 void add_run(CLI::App& app, int& code) {
   auto a = std::make_shared<Arguments>();

@@ -16,6 +16,7 @@
 
 #include <tribotwin/twin/io/descriptor.hpp>
 #include <tribotwin/twin/io/file.hpp>
+#include <tribotwin/twin/io/interrupt.hpp>
 
 namespace tribotwin::twin {
 namespace {
@@ -26,6 +27,12 @@ using Status = Result<void>;
 tl::unexpected<Error> not_written(const fs::path& file, int error, ErrorKind kind = ErrorKind::work) {
   return tl::make_unexpected(
       Error(fmt::format("{}: cannot be written ({})", file.string(), std::strerror(error)), kind));
+}
+
+/// Of a file that could not be created: the user named it wrongly, or the machine cannot (full disk).
+ErrorKind kind_of(int error) {
+  constexpr int wrong_name[] = {ENAMETOOLONG, EACCES, EPERM, EROFS, ENOENT, ENOTDIR, ELOOP};
+  return std::ranges::find(wrong_name, error) == std::end(wrong_name) ? ErrorKind::work : ErrorKind::input;
 }
 
 tl::unexpected<Error> exists_already(const fs::path& file) {
@@ -49,7 +56,7 @@ Status check_kind(const fs::path& file, const struct stat& there) {
                      : S_ISBLK(there.st_mode)  ? "a block device"
                      : S_ISSOCK(there.st_mode) ? "a socket"
                                                : nullptr;
-  if (kind) return tl::unexpected(fmt::format("{}: is {}; name a file with -o", file.string(), kind));
+  if (kind) return tl::unexpected(fmt::format("{}: is {}; name a file", file.string(), kind));
   return {};
 }
 
@@ -70,7 +77,14 @@ Status write_stream(const fs::path& file, const struct stat& there, std::string_
   if (const auto standard = standard_stream(there)) {
     error = write_all(*standard, bytes);
   } else {
-    Descriptor stream(::open(file.c_str(), O_WRONLY | O_CLOEXEC | O_NOCTTY));
+    Descriptor stream;
+    if (is_named_pipe(file)) {
+      auto pipe = open_for_reader(file);
+      if (!pipe) return tl::unexpected(pipe.error());
+      stream = std::move(*pipe);
+    } else {
+      stream = Descriptor(::open(file.c_str(), O_WRONLY | O_CLOEXEC | O_NOCTTY));
+    }
     if (stream < 0) return not_written(file, errno);
     error = write_all(stream, bytes);
     if (!stream.close() && error == 0) error = errno;
@@ -136,9 +150,8 @@ Status check_output(const fs::path& file, Existing existing, std::span<const fs:
   if (there && is_stream(*there)) return {};
   for (const fs::path& input : inputs)
     if (is_same_file(file, input))
-      return tl::unexpected(
-          fmt::format("{}: is also read or written by this command as {}; choose another name with -o", file.string(),
-                      input.string()));
+      return tl::unexpected(fmt::format("{}: is also read or written by this command as {}; choose another name",
+                                        file.string(), input.string()));
   if (!there) return check_folder(file);
   if (auto ok = check_kind(file, *there); !ok) return ok;
   if (existing == Existing::refuse) return exists_already(file);
@@ -188,7 +201,7 @@ Result<NewFile> NewFile::create(const fs::path& file, Existing existing) {
   fresh.existing_ = existing;
   const fs::path partial = partial_of(fresh.file_);
   fresh.descriptor_ = Descriptor(::open(partial.c_str(), O_CREAT | O_EXCL | O_RDWR | O_NOFOLLOW | O_CLOEXEC, 0666));
-  if (fresh.descriptor_ < 0) return not_written(file, errno);
+  if (fresh.descriptor_ < 0) return not_written(file, errno, kind_of(errno));
   fresh.partial_ = partial;
   if (there && ::fchmod(fresh.descriptor_, there->st_mode & 07777) != 0) return not_written(file, errno);
   return fresh;

@@ -35,7 +35,9 @@ Result<void> write_derived(const std::filesystem::path& file, std::string_view b
 /// A regular file that is not yet published, for content that comes in pieces or from a library that needs a file name.
 class NewFile {
  public:
-  /// Creates an empty file beside `file`, with the permissions that `file` has or will have.
+  /// Creates an empty file beside `file`, with the permissions that `file` has or will have. Fails with
+  /// ErrorKind::input where the name is wrong (a folder, no permission, too long), with ErrorKind::work where the
+  /// machine cannot.
   static Result<NewFile> create(const std::filesystem::path& file, Existing existing);
   NewFile(NewFile&& other) noexcept;
   NewFile& operator=(NewFile&& other) noexcept;

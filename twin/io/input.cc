@@ -6,7 +6,7 @@
 #include <tribotwin/plugins/friction/law.hpp>
 #include <tribotwin/plugins/friction/number.hpp>
 #include <tribotwin/twin/io/input.hpp>
-#include <tribotwin/twin/io/name.hpp>
+#include <tribotwin/twin/io/shipped.hpp>
 #include <tribotwin/twin/io/text.hpp>
 
 namespace tribotwin::twin {
@@ -27,6 +27,11 @@ const char* kind(const YAML::Node& node) {
 
 std::string place(const std::string& file, const YAML::Mark& mark) {
   return mark.line < 0 ? file : fmt::format("{}:{}", file, mark.line + 1);
+}
+
+/// Whether apply_setting has put the key or its value there. A value in a file cannot stand at its beginning.
+bool is_setting(const YAML::Node& key, const YAML::Node& value) {
+  return key.Mark().line < 0 || (value.Mark().pos == 0 && value.Mark().line == 0);
 }
 
 /// A mapping whose keys are names, each given once.
@@ -57,9 +62,13 @@ std::string Mapping::at(const YAML::Mark& mark) const { return place(file_, mark
 
 void Mapping::fail(const std::string& key, const std::string& why) const {
   YAML::Mark mark = node_.Mark();
-  for (const auto& entry : node_)
-    if (entry.first.Scalar() == key) mark = entry.first.Mark();  // none where --set or a program put it there
-  throw InputError(fmt::format("{}: {}{}{}: {}", at(mark), where_, where_.empty() ? "" : ".", key, why));
+  const std::string path = where_ + (where_.empty() ? "" : ".") + key;
+  for (const auto& entry : node_) {
+    if (entry.first.Scalar() != key) continue;
+    mark = entry.first.Mark();
+    if (is_setting(entry.first, entry.second)) throw InputError(fmt::format("{}: --set {}: {}", file_, path, why));
+  }
+  throw InputError(fmt::format("{}: {}: {}", at(mark), path, why));
 }
 
 YAML::Node Mapping::take(const std::string& key) {
@@ -147,8 +156,11 @@ std::string Mapping::file_name_or(const std::string& key, std::string fallback) 
   return name;
 }
 std::filesystem::path Mapping::file(const std::string& key, const std::filesystem::path& folder) {
-  const std::filesystem::path path = (folder / text(key)).lexically_normal();
+  const std::string given = text(key);
+  std::filesystem::path path = (folder / given).lexically_normal();
   std::error_code error;
+  if (!std::filesystem::exists(path, error))
+    if (const auto shipped = given_or_shipped(given, ""); shipped != given) path = shipped;
   if (std::filesystem::is_directory(path, error)) fail(key, fmt::format("'{}' is a folder, not a file", path.string()));
   if (!std::filesystem::exists(path, error))
     fail(key, fmt::format("'{}' cannot be read: it does not exist", path.string()));

@@ -74,7 +74,7 @@ class Mapping {
   std::vector<std::string> texts(const std::string& key);
   /// Text that may become the name of a file or folder (unfit_file_name).
   std::string file_name_or(const std::string& key, std::string fallback);
-  /// A file that exists; relative names are those of `folder`.
+  /// A file that exists; relative names are those of `folder`, or else of what ships (shipped.hpp).
   std::filesystem::path file(const std::string& key, const std::filesystem::path& folder);
   std::optional<Mapping> mapping(const std::string& key);
   std::vector<Mapping> mappings(const std::string& key);

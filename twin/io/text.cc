@@ -1,3 +1,4 @@
+#include <algorithm>
 #include <cerrno>
 #include <cstring>
 #include <iterator>
@@ -5,14 +6,32 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
+#include <tribotwin/twin/io/interrupt.hpp>
 #include <tribotwin/twin/io/text.hpp>
 
 namespace tribotwin::twin {
+namespace {
+
+/// File systems allow 255; the rest is for endings such as ".telemetry.h5.partial".
+constexpr std::size_t max_bytes = 200;
+
+bool is_control(char c) { return static_cast<unsigned char>(c) < 0x20 || c == 0x7f; }
+
+/// The name on one line, shortened.
+std::string shown(std::string_view name) {
+  std::string out;
+  for (const char c : name.substr(0, 60))
+    out += is_control(c) ? fmt::format("\\x{:02x}", static_cast<unsigned char>(c)) : std::string(1, c);
+  return name.size() > 60 ? out + "..." : out;
+}
+
+}  // namespace
 
 Result<std::ifstream> open_text(const std::filesystem::path& file, std::string_view kind) {
   std::error_code error;
   if (std::filesystem::is_directory(file, error))
     return tl::unexpected(fmt::format("{}: is a folder, not {}", file.string(), kind));
+  if (is_named_pipe(file)) return open_from_writer(file);
   std::ifstream stream(file, std::ios::binary);
   if (!stream) return tl::unexpected(fmt::format("{}: cannot be read ({})", file.string(), std::strerror(errno)));
   return stream;
@@ -46,6 +65,25 @@ std::string joined(std::span<const std::string_view> texts, std::string_view sep
 
 std::string joined(std::span<const double> numbers, std::string_view separator) {
   return fmt::format("{}", fmt::join(numbers, separator));
+}
+
+std::optional<std::string> unfit_file_name(std::string_view name) {
+  std::string wrong;
+  if (name.empty())
+    wrong = "is empty";
+  else if (name == "." || name == "..")
+    wrong = "is a folder of the file system";
+  else if (name.find('/') != name.npos)
+    wrong = "contains '/'";
+  else if (std::ranges::any_of(name, is_control))
+    wrong = "contains a control character";
+  else if (name.size() > max_bytes)
+    wrong = fmt::format("has {} bytes", name.size());
+  else
+    return std::nullopt;
+  return fmt::format(
+      "'{}' {} but must be a file name: 1 to {} bytes without '/' and control characters, not '.' or '..'", shown(name),
+      wrong, max_bytes);
 }
 
 }  // namespace tribotwin::twin

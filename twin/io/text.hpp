@@ -2,6 +2,7 @@
 
 #include <filesystem>
 #include <fstream>
+#include <optional>
 #include <span>
 #include <string>
 #include <string_view>
@@ -26,5 +27,10 @@ std::string printable(std::string_view text);
 std::string joined(std::span<const std::string> texts, std::string_view separator = ", ");
 std::string joined(std::span<const std::string_view> texts, std::string_view separator = ", ");
 std::string joined(std::span<const double> numbers, std::string_view separator = ", ");
+
+/// Why `name` cannot name a new file or folder; nothing where it can. A name is one component of a path, of 1 to 200
+/// bytes, neither "." nor "..", without control characters. Every name that a user's file gives to a file is checked
+/// here.
+std::optional<std::string> unfit_file_name(std::string_view name);
 
 }  // namespace tribotwin::twin

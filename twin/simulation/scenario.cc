@@ -181,7 +181,9 @@ Scenario read_scenario(const fs::path& file, const std::vector<std::string>& set
   s.seed = in.whole_or("seed", 1, {0, 9007199254740992.0});
   const mujoco::Options options = engine_options(in);
   s.model = or_wrong_input(mujoco::load_file(resolve_file(folder, in, root, "model"), options));
-  if (s.model->drives().empty()) in.fail("model", "has no tribotwin.drive");
+  if (s.model->drives().empty())
+    in.fail("model", fmt::format("{0} has no tribotwin.drive; make one: tribotwin add-drives {0} -o OUT.xml",
+                                 root["model"].Scalar()));
   for (const mujoco::Binding& b : s.model->drives())
     if (b.drive.control != drive::Control::torque)
       in.fail("model", fmt::format("drive '{}' has control=\"position\", but the controller of a scenario commands "

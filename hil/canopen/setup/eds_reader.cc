@@ -1,13 +1,14 @@
 #include <algorithm>
 #include <bit>
 #include <charconv>
-#include <fstream>
+#include <sstream>
 
 #include <fmt/format.h>
 
 #include <tribotwin/hil/canopen/object_index.hpp>
 #include <tribotwin/hil/canopen/setup/eds_reader.hpp>
 #include <tribotwin/hil/canopen/setup/parameter_keeper.hpp>
+#include <tribotwin/plugins/friction/number.hpp>
 #include <tribotwin/twin/io/text.hpp>
 
 namespace tribotwin::hil {
@@ -44,13 +45,11 @@ std::optional<Number> plain_number(std::string_view text) {
   std::string t = lower(twin::trimmed(text.substr(negative || text.starts_with('+') ? 1 : 0)));
   const bool hexadecimal = t.starts_with("0x");
   const int base = hexadecimal ? 16 : t.size() > 1 && t[0] == '0' ? 8 : 10;
-  const char *begin = t.data() + (hexadecimal ? 2 : 0), *end = t.data() + t.size();
-  std::uint64_t bits = 0;
-  const auto [stop, error] = std::from_chars(begin, end, bits, base);
-  if (error != std::errc{} || stop != end) return std::nullopt;
+  const auto bits = to_integer<std::uint64_t>(std::string_view(t).substr(hexadecimal ? 2 : 0), base);
+  if (!bits) return std::nullopt;
   constexpr std::uint64_t lowest = 1ULL << 63;  // without its sign
-  if (bits > lowest - 1 && !(negative ? bits == lowest : hexadecimal)) return std::nullopt;
-  return Number{static_cast<std::int64_t>(negative ? 0 - bits : bits), hexadecimal};
+  if (*bits > lowest - 1 && !(negative ? *bits == lowest : hexadecimal)) return std::nullopt;
+  return Number{static_cast<std::int64_t>(negative ? 0 - *bits : *bits), hexadecimal};
 }
 
 /// The same, or a sum with $NODEID.
@@ -68,7 +67,11 @@ std::optional<Number> parsed(std::string_view text) {
 
 /// Of an object: its limits, the number with the sign of the type. None where it is not of the type.
 std::optional<std::int64_t> in_type(Number n, Type type, std::uint8_t node) {
-  if (n.plus_node) n.value += node;
+  if (n.plus_node && type == Type::u64) {  // the number is its bits
+    const std::uint64_t base = static_cast<std::uint64_t>(n.value), sum = base + node;
+    return sum < base ? std::nullopt : std::optional(static_cast<std::int64_t>(sum));
+  }
+  if (n.plus_node && __builtin_add_overflow(n.value, node, &n.value)) return std::nullopt;
   const int bits = 8 * size_of(type);
   // Hexadecimal numbers of signed types are their bits.
   if (n.hexadecimal && is_signed(type) && bits < 64 && n.value < std::int64_t{1} << bits && n.value >> (bits - 1) == 1)
@@ -103,11 +106,10 @@ std::optional<std::string> octets(std::string_view text) {
       ++at;
       continue;
     }
-    unsigned byte = 0;
-    const char* begin = text.data() + at;
-    const auto [stop, error] = std::from_chars(begin, begin + std::min<std::size_t>(2, text.size() - at), byte, 16);
-    if (error != std::errc{} || stop != begin + 2) return std::nullopt;
-    bytes += static_cast<char>(byte);
+    const auto digits = text.substr(at, 2);
+    const auto byte = to_integer<std::uint8_t>(digits, 16);
+    if (!byte || digits.size() != 2) return std::nullopt;
+    bytes += static_cast<char>(*byte);
     at += 2;
   }
   return bytes;
@@ -125,10 +127,9 @@ class Objects {
 
   Result<std::vector<EdsObject>> run() {
     for (const auto& [name, keys] : sections_) {
-      std::uint16_t index = 0;
-      if (name.size() != 4 || std::from_chars(name.data(), name.data() + 4, index, 16).ptr != name.data() + 4) continue;
-      if (index < first_object) continue;
-      if (auto ok = add_object(index, name, keys); !ok) return tl::unexpected(ok.error());
+      const auto index = name.size() == 4 ? to_integer<std::uint16_t>(name, 16) : std::nullopt;
+      if (!index || *index < first_object) continue;
+      if (auto ok = add_object(*index, name, keys); !ok) return tl::unexpected(ok.error());
       if (objects_.size() > most_objects)
         return tl::unexpected<Error>(fmt::format("{}: more than {} objects", file_.string(), most_objects));
     }
@@ -289,12 +290,11 @@ Result<void> set_limits(const std::filesystem::path& file, const EdsObject& entr
 
 }  // namespace
 
-Result<EdsSections> read_eds_sections(const std::filesystem::path& file) {
-  auto stream = twin::open_text(file, "an EDS or DCF");
-  if (!stream) return tl::unexpected(stream.error());
+Result<EdsSections> parse_eds_sections(const std::string& content, const std::filesystem::path& file) {
+  std::istringstream stream(content);
   EdsSections sections;
   std::string raw, section;
-  for (int line = 1; std::getline(*stream, raw); ++line) {
+  for (int line = 1; std::getline(stream, raw); ++line) {
     if (raw.size() > longest_line) return problem(file, line, "a line has at most {} characters", longest_line);
     const std::string_view text = twin::trimmed(raw);
     if (text.empty() || text[0] == ';' || text[0] == '#') continue;
@@ -319,7 +319,13 @@ Result<EdsSections> read_eds_sections(const std::filesystem::path& file) {
 }
 
 Result<EdsFile> read_eds_file(const std::filesystem::path& file) {
-  const auto sections = read_eds_sections(file);
+  const auto content = twin::read_text(file, "an EDS or DCF");
+  if (!content) return tl::unexpected(content.error());
+  return parse_eds(*content, file);
+}
+
+Result<EdsFile> parse_eds(const std::string& content, const std::filesystem::path& file) {
+  const auto sections = parse_eds_sections(content, file);
   if (!sections) return tl::unexpected(sections.error());
   auto objects = Objects(file, *sections).run();
   if (!objects) return tl::unexpected(objects.error());
@@ -378,7 +384,10 @@ Result<std::vector<Object>> EdsFile::defaults() const {
     if (entry.default_value) {
       const auto n = is_number(o.type) ? parsed(entry.default_value->text) : std::nullopt;
       o.plus_node = n && n->plus_node;
-      if (auto ok = set_value(*this, *entry.default_value, o, 0); !ok) return tl::unexpected(ok.error());
+      // Of any node: the sum must not overflow.
+      const std::uint8_t highest = o.plus_node && size_of(o.type) == 8 ? 127 : 0;
+      for (const std::uint8_t node : {highest, std::uint8_t{0}})
+        if (auto ok = set_value(*this, *entry.default_value, o, node); !ok) return tl::unexpected(ok.error());
     }
     all.push_back(std::move(o));
   }

@@ -22,8 +22,9 @@ struct EdsText {
 using EdsKeys = std::map<std::string, EdsText>;
 using EdsSections = std::map<std::string, EdsKeys>;
 
-/// Fails with file and line where a line is neither [SECTION] nor KEY=VALUE, or gives a key another value.
-Result<EdsSections> read_eds_sections(const std::filesystem::path& file);
+/// Fails with file and line where a line is neither [SECTION] nor KEY=VALUE, or gives a key another value. `file`: for
+/// messages.
+Result<EdsSections> parse_eds_sections(const std::string& content, const std::filesystem::path& file);
 
 /// One entry of the object dictionary.
 struct EdsObject {
@@ -59,5 +60,7 @@ struct EdsFile {
 
 /// Fails with file, line and what would be right.
 Result<EdsFile> read_eds_file(const std::filesystem::path& file);
+/// The same of a file's content.
+Result<EdsFile> parse_eds(const std::string& content, const std::filesystem::path& file);
 
 }  // namespace tribotwin::hil

@@ -112,19 +112,23 @@ std::optional<RefusedValue> download(Dictionary& dictionary, std::vector<ObjectV
 
 Dictionary with_foreign_objects(const Dictionary& own, std::span<const Object> foreign, std::uint8_t node) {
   std::vector<Object> objects(own.objects().begin(), own.objects().end());
+  std::map<std::pair<od::Index, std::uint8_t>, std::size_t> places;
+  for (std::size_t i = 0; i < objects.size(); ++i) places[{objects[i].index, objects[i].sub}] = i;
+  const auto find = [&](od::Index index, std::uint8_t sub) {
+    const auto found = places.find({index, sub});
+    return found == places.end() ? nullptr : &objects[found->second];
+  };
   for (Object o : foreign) {
     if (o.plus_node) o.value += node;
-    const auto mine =
-        std::ranges::find_if(objects, [&](const Object& m) { return m.index == o.index && m.sub == o.sub; });
-    const bool exists = mine != objects.end();
+    Object* mine = find(o.index, o.sub);
+    const bool exists = mine != nullptr;
     if (exists && names_the_device(o) && mine->type == o.type) mine->value = o.value, mine->text = o.text;
     if (exists || (own.has_index(o.index) && od::is_communication(o.index))) continue;
-    const auto highest =
-        std::ranges::find_if(objects, [&](const Object& m) { return m.index == o.index && m.sub == 0; });
-    if (o.sub > 0 && highest != objects.end()) {
+    if (Object* highest = find(o.index, 0); o.sub > 0 && highest) {
       if (highest->access != Access::constant && own.has_index(o.index)) continue;  // a count, or no record at all
       highest->value = std::max<std::int64_t>(highest->value, o.sub);
     }
+    places[{o.index, o.sub}] = objects.size();
     objects.push_back(std::move(o));
   }
   return Dictionary(std::move(objects));

@@ -45,11 +45,13 @@ bool ParameterKeeper::owns(std::uint16_t index) {
   return index == od::store_parameters || index == od::restore_default_parameters;
 }
 
-tl::expected<void, Abort> ParameterKeeper::obey(const Object& o, std::int64_t signature, bool powered,
-                                                const Dictionary& defaults) {
+tl::expected<void, Abort> ParameterKeeper::may_obey(const Object& o, std::int64_t signature) const {
+  if (keep_ && signature == (o.index == od::store_parameters ? save : load)) return {};
+  return tl::unexpected(Abort::not_stored);
+}
+
+tl::expected<void, Abort> ParameterKeeper::obey(const Object& o, const Dictionary& defaults) {
   const bool stores = o.index == od::store_parameters;
-  if (!keep_ || signature != (stores ? save : load)) return tl::unexpected(Abort::not_stored);
-  if (powered) return tl::unexpected(Abort::not_now);
   KeptParameters next = kept_;
   std::erase_if(next.values, [&](const ObjectValue& v) { return in_area(o.sub, v.index); });
   for (const Object& now : node_.dictionary.objects()) {

@@ -21,10 +21,11 @@ class ParameterKeeper {
   ParameterKeeper(NodeContext& node, KeptParameters kept, Keep keep);
 
   static bool owns(std::uint16_t index);
-  /// Carries out what is written to 1010h or 1011h, because only before it is written it can be refused. `powered`: of
-  /// the drive, which stores nothing then. `defaults`: the objects after a reset without anything kept.
-  tl::expected<void, Abort> obey(const Object& object, std::int64_t signature, bool powered,
-                                 const Dictionary& defaults);
+  /// Whether this is a command that the drive knows: the signature of the object, 1010h or 1011h, and a memory.
+  tl::expected<void, Abort> may_obey(const Object& object, std::int64_t signature) const;
+  /// Carries it out before it is written, because only then it can be refused. `defaults`: the objects after a reset
+  /// without anything kept.
+  tl::expected<void, Abort> obey(const Object& object, const Dictionary& defaults);
   /// The object shows again what it can do.
   void show();
   bool keep_number(std::uint8_t number);

@@ -1,10 +1,10 @@
 #include <algorithm>
-#include <charconv>
 
 #include <fmt/format.h>
 
 #include <tribotwin/hil/canopen/setup/lss.hpp>
 #include <tribotwin/hil/canopen/setup/store_file.hpp>
+#include <tribotwin/plugins/friction/number.hpp>
 #include <tribotwin/twin/io/checksum.hpp>
 #include <tribotwin/twin/io/file.hpp>
 #include <tribotwin/twin/io/text.hpp>
@@ -18,8 +18,9 @@ constexpr std::string_view first_line = "tribotwin-hil store 1";
 
 template <class Number>
 bool parse(std::string_view text, Number& number, int base) {
-  const auto [end, problem] = std::from_chars(text.data(), text.data() + text.size(), number, base);
-  return problem == std::errc{} && end == text.data() + text.size() && !text.empty();
+  const auto value = to_integer<Number>(text, base);
+  number = value.value_or(0);
+  return value.has_value();
 }
 
 std::string shown(std::string_view line) { return twin::printable(line.substr(0, 40)); }
@@ -139,13 +140,18 @@ std::string text_of(const Drives& drives) {
 }  // namespace
 
 Result<StoreFile> StoreFile::read(const std::filesystem::path& file) {
-  StoreFile store;
-  store.file_ = file;
   std::error_code none;
-  if (!std::filesystem::exists(file, none)) return store;
+  if (!std::filesystem::exists(file, none)) return parse(std::nullopt, file);
   const auto text = twin::read_text(file, "a store of drives");
   if (!text) return tl::unexpected(text.error());
-  auto drives = Parser(file, *text).run();
+  return parse(*text, file);
+}
+
+Result<StoreFile> StoreFile::parse(std::optional<std::string_view> content, const std::filesystem::path& file) {
+  StoreFile store;
+  store.file_ = file;
+  if (!content) return store;
+  auto drives = Parser(file, *content).run();
   if (!drives) return tl::unexpected(drives.error());
   store.drives_ = std::move(*drives);
   return store;

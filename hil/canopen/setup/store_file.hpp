@@ -2,6 +2,8 @@
 
 #include <filesystem>
 #include <map>
+#include <optional>
+#include <string_view>
 
 #include <tribotwin/hil/canopen/setup/object_values.hpp>
 #include <tribotwin/plugins/friction/error.hpp>
@@ -22,6 +24,8 @@ class StoreFile {
  public:
   /// A file that does not exist keeps nothing yet. Fails with file, line and what would be right where it is damaged.
   static Result<StoreFile> read(const std::filesystem::path& file);
+  /// The same of a file's content; without one it keeps nothing yet.
+  static Result<StoreFile> parse(std::optional<std::string_view> content, const std::filesystem::path& file);
 
   const std::filesystem::path& file() const { return file_; }
   /// Of the drive with this serial number.

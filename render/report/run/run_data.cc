@@ -8,7 +8,6 @@
 #include <tribotwin/render/theme/theme.hpp>
 #include <tribotwin/twin/io/input.hpp>
 #include <tribotwin/twin/io/json.hpp>
-#include <tribotwin/twin/io/name.hpp>
 #include <tribotwin/twin/io/text.hpp>
 #include <tribotwin/twin/robot/arm.hpp>
 

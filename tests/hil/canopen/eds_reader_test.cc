@@ -195,6 +195,23 @@ TEST_F(Eds, TypesOfTheMaker) {
   EXPECT_THAT(problem("[2000]\nDataType=0x1000\nAccessType=rw\n"), testing::HasSubstr("none of CiA 301"));
 }
 
+// CiA 306 leaves open what equal limits mean: one value, but 0 and 0 are what tools write that know no limits.
+TEST_F(Eds, EqualLimits) {
+  const struct {
+    const char* limits;
+    std::int64_t low, high;
+  } rows[] = {{"", 0, 255},
+              {"LowLimit=7\nHighLimit=7\n", 7, 7},
+              {"LowLimit=0\nHighLimit=0\n", 0, 255},
+              {"LowLimit=7\n", 7, 255},
+              {"HighLimit=7\n", 0, 7}};
+  for (const auto& row : rows) {
+    const Dictionary d(*read(std::string("[2000]\nDataType=5\nAccessType=rw\n") + row.limits).defaults());
+    EXPECT_EQ(d.find(0x2000, 0)->low, row.low) << row.limits;
+    EXPECT_EQ(d.find(0x2000, 0)->high, row.high) << row.limits;
+  }
+}
+
 // ParameterValue before DefaultValue, in the range that the reader asks for, with file and line where it is none.
 TEST_F(Eds, NumbersOfEntries) {
   const EdsFile eds = read(foreign + "[DeviceInfo]\nVendorNumber=0xFB\n");
@@ -205,6 +222,11 @@ TEST_F(Eds, NumbersOfEntries) {
   EXPECT_EQ(eds.number(*both->value(), Type::u32, 5, "x"), 0x205);
   EXPECT_EQ(eds.find(0x2505, 0)->value(), nullptr);
   EXPECT_EQ(eds.number(*eds.find(0x2500, 0)->value(), Type::u8, 5, "x"), 0xFE);
+  const EdsText last_i64{"$NODEID+0x7FFFFFFFFFFFFFFF", 1}, last_u64{"$NODEID+0xFFFFFFFFFFFFFFFB", 1};
+  EXPECT_FALSE(eds.number(last_i64, Type::i64, 5, "x"));
+  EXPECT_EQ(eds.number(last_i64, Type::u64, 5, "x"), std::numeric_limits<std::int64_t>::min() + 4);
+  EXPECT_EQ(eds.number(last_u64, Type::u64, 4, "x"), -1);
+  EXPECT_FALSE(eds.number(last_u64, Type::u64, 5, "x"));
   const auto large = eds.number(*both->value(), Type::u8, 5, "2501h:00");
   ASSERT_FALSE(large);
   EXPECT_EQ(large.error().message, file.string() + ":38: 2501h:00: '$NODEID+0x200' is no u8 from 0 to 255");
@@ -242,6 +264,7 @@ TEST_F(Eds, SaysWhatIsWrong) {
       {entry + "LowLimit=300\n", 4, "limit '300'"},
       {entry + "LowLimit=3\nHighLimit=2\n", 4, "LowLimit 3 is above HighLimit 2"},
       {entry + "ParameterValue=256\n", 4, "u8 from 0 to 255"},
+      {"[2000]\nDataType=0x15\nAccessType=rw\nDefaultValue=$NODEID+0x7FFFFFFFFFFFFFFF\n", 4, "is no i64"},
       {"[2000]\nDataType=0xA\nAccessType=rw\nDefaultValue=0\n", 4, "pairs of hexadecimal"},
       {entry + "[DeviceComissioning]\nNodeID=0\n", 5, "1 to 127"},
       {entry + "[DeviceComissioning]\nNodeID=128\n", 5, "1 to 127"},

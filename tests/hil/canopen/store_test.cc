@@ -1,4 +1,5 @@
 // Parameters that a drive keeps (CiA 301: 1010h, 1011h), and the file that they are in.
+#include <chrono>
 #include <filesystem>
 #include <fstream>
 #include <random>
@@ -192,6 +193,30 @@ TEST_F(Store, TheNodeNumber) {
   lss({0x17});
   power_up();
   EXPECT_EQ(node->id(), 0xFF);
+}
+
+// A store looks at each object of a large EDS once: eight times the objects take about eight times as long, not 64.
+TEST(StoreOfAForeignDrive, TakesTimeInProportionToItsEds) {
+  const auto seconds = [](int objects) {
+    NodeSetup setup{.keep = [](const KeptParameters&) { return true; }};
+    for (int k = 0; k < objects; ++k)
+      setup.foreign.push_back({static_cast<std::uint16_t>(0x3000 + k / 200), static_cast<std::uint8_t>(k % 200), "x",
+                               Type::u16, Access::read_write});
+    std::vector<Frame> bus;
+    Node node({.node = 5, .name = "joint5"}, record_in(bus), setup);
+    node.start(0);
+    const auto request = classic(0x605, download(0x1010, 1, Type::u32, save));
+    double best = 1e9;
+    for (int round = 0; round < 5; ++round) {
+      const auto begin = std::chrono::steady_clock::now();
+      for (int k = 0; k < 4; ++k) node.receive(request, 0);
+      best = std::min(best, std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count());
+    }
+    EXPECT_EQ(bus.back().data[0], 0x60);
+    return best;
+  };
+  const double few = seconds(2000), many = seconds(16'000);
+  EXPECT_LT(many / few, 24) << few << " s and " << many << " s";
 }
 
 // ---- The file.

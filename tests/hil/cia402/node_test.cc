@@ -340,6 +340,30 @@ TEST_F(OneNode, TheSyncDeadlineFollowsTheCycle) {
   EXPECT_EQ(node.error_code(), 0x8700);
 }
 
+// A SYNC slower than 2120h in a mode without cyclic set points: three of its own periods, from the third SYNC on.
+TEST_F(OneNode, ASlowButSteadySyncIsWatched) {
+  const struct {
+    std::vector<std::int64_t> periods_ms;
+    std::int64_t lost_after_ms;  // 0: it is no cycle
+  } rows[] = {{{200, 200}, 600},       {{150, 300}, 900},    {{101, 150, 200, 590, 400, 300}, 1200},
+              {{1000, 1000}, 3000},    {{200}, 0},           {{150, 301}, 0},
+              {{1001, 1001, 1001}, 0}, {{200, 200, 50}, 100}};
+  for (const std::int64_t mode : {1, 3, 6})
+    for (const auto& row : rows) {
+      SCOPED_TRACE(testing::Message() << "mode " << mode << ", " << testing::PrintToString(row.periods_ms));
+      nmt(0x81);
+      EXPECT_EQ(write(0x6060, 0, Type::i8, mode), 0U);
+      enable();
+      node.sync(now);
+      for (const std::int64_t period : row.periods_ms) wait(period), node.sync(now);
+      wait(row.lost_after_ms > 0 ? row.lost_after_ms : 10'000);
+      EXPECT_EQ(node.state(), DriveState::operation_enabled);
+      wait(1);
+      EXPECT_EQ(node.error_code(), row.lost_after_ms > 0 ? 0x8700 : 0);
+      EXPECT_GT(node.next_ns(), now);
+    }
+}
+
 TEST_F(OneNode, AStrayIsNotAWatchedSync) {
   EXPECT_EQ(write(0x6060, 0, Type::i8, 9), 0U);
   enable();

@@ -186,6 +186,42 @@ TEST_F(ProfilePosition, AnEndSpeedIsForTheSetPointThatWaits) {
   EXPECT_TRUE(is(reached));
 }
 
+// The way of the stop behind the target counts against 607Dh, too.
+TEST_F(ProfilePosition, AnEndSpeedDoesNotLeadBeyondTheLimits) {
+  enable();
+  for (const int ramp : {0, 3})
+    for (const double goal : {1.95, 2.0, 5.0, -1.95, -2.0}) {
+      SCOPED_TRACE(goal);
+      EXPECT_EQ(write(0x6086, 0, Type::i16, ramp), 0U);
+      speed(0x6082, 1);
+      go(goal);
+      settle();
+      EXPECT_LE(std::abs(robot.position_rad), 2 + 1e-4);
+      EXPECT_GE(std::abs(robot.position_rad), 1.95 - 1e-4);
+    }
+}
+
+// Entered in motion the drive stops first; a set point waits for that, also over a halt.
+TEST_F(ProfilePosition, AHaltKeepsTheSetPointThatWaitsForTheStop) {
+  enable();
+  go(1);
+  run(500);
+  EXPECT_EQ(write(0x6060, 0, Type::i8, 3), 0U);
+  EXPECT_EQ(write(0x6060, 0, Type::i8, 1), 0U);
+  run(10);
+  ASSERT_GT(robot.velocity_rad_s, 0.5);
+  go(-0.5);
+  EXPECT_TRUE(is(acknowledged));
+  control(0x11F);
+  run(5);
+  control(0x1F);
+  EXPECT_TRUE(is(acknowledged));  // bit 4 has not fallen
+  control(0x0F);
+  settle();
+  EXPECT_NEAR(robot.position_rad, -0.5, 1e-6);
+  EXPECT_FALSE(is(acknowledged));
+}
+
 TEST_F(ProfilePosition, Bit5ChangesAtOnceAndForgetsWhatWaits) {
   enable();
   go(1);

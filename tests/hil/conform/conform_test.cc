@@ -91,6 +91,21 @@ TEST(Conform, OurDrivePassesEveryCheckWithItsEds) {
   EXPECT_EQ(report->findings.size(), all_checks().size());
 }
 
+TEST(Conform, OnlyTheNamedChecksAreMade) {
+  OneDriveBus bus(test_drive());
+  const auto report = run(bus, {.motion = true, .only = {"rpdo.off", "csp", "nmt.start", "rpdo.off"}});
+  ASSERT_TRUE(report) << report.error().message;
+  EXPECT_THAT(with(*report, Verdict::pass), testing::ElementsAre("nmt.start", "rpdo.off", "csp.follows", "csp.status",
+                                                                 "csp.position_limit", "csp.disabled"));
+  EXPECT_EQ(report->findings.size(), 6U);
+  for (const char* wrong : {"", "cs", "csp.", "csp.follow", "rpdo.off,csp"}) {
+    const auto none = run(bus, {.only = {wrong}});
+    ASSERT_FALSE(none) << wrong;
+    EXPECT_EQ(none.error().kind, ErrorKind::input);
+    EXPECT_THAT(none.error().message, HasSubstr(std::string("no check is called '") + wrong + "'"));
+  }
+}
+
 TEST(Conform, WithoutMotionNothingIsEnabled) {
   OneDriveBus bus(test_drive());
   bool enabled = false;

@@ -65,7 +65,10 @@ TEST_P(MirrorFrames, RoundTrip) {
 
 INSTANTIATE_TEST_SUITE_P(Formats, MirrorFrames,
                          testing::Values(Format{MirrorFormat::classic, 1e-5, 1e-3, 0.1, 8, 8},
-                                         Format{MirrorFormat::fd, 1e-6, 1e-6, 0.01, 12, 16}));
+                                         Format{MirrorFormat::fd, 1e-6, 1e-6, 0.01, 12, 16}),
+                         [](const auto& info) {
+                           return info.param.format == MirrorFormat::classic ? "classic" : "fd";
+                         });
 
 TEST(MirrorStatus, Saturates) {
   const auto status = decode_status(encode(MirrorStatus{.torque_norm = 99, .temperature_degC = NAN}, 1));

@@ -45,6 +45,51 @@ TEST_F(OneBench, EverySyncIsOneCycle) {
   EXPECT_NEAR(bench.plant().twin().time_s(), 0.3, 1e-9);
 }
 
+// A store is a file that is forced to disk, while no frame is answered: not while any drive of the bus has power.
+TEST_F(OneBench, KeepsNothingWhileADriveHasPower) {
+  int writes = 0;
+  bool disk_works = true;
+  std::vector<bool> told;
+  NodeSetup second;
+  second.keep = [&](const KeptParameters&) { return ++writes, disk_works; };
+  Bench bench(scenario, {.nodes = {{}, second}, .kept = [&](bool done) { return told.push_back(done), done; }}, send);
+  bench.start(now);
+  const auto answer = [&](std::uint32_t request_id, std::uint32_t id, const std::vector<std::uint8_t>& bytes) {
+    bus.clear();
+    give(bench, request_id, bytes);
+    const auto found = std::ranges::find(bus, id, &Frame::id);
+    return found == bus.end() ? std::string("no answer") : text(*found);
+  };
+  const auto store = [&] { return answer(0x602, 0x582, download(0x1010, 1, Type::u32, 0x65766173)); };
+  const auto store_number = [&] { return answer(0x7E5, 0x7E4, {0x17, 0, 0, 0, 0, 0, 0, 0}); };
+  const auto control = [&](std::uint8_t word) { give(bench, 0x201, {word, 0}), now += 2 * ms, give(bench, 0x80); };
+  const std::string stored = "582#6010100100000000", not_now = "582#8010100122000008",
+                    no_access = "582#8010100100000606";
+  for (const auto& [part, value] : {std::pair<std::uint8_t, std::uint8_t>{0x40, 0}, {0x41, 0}, {0x42, 0}, {0x43, 2}}) {
+    const std::uint32_t identity = part == 0x41 ? 0x7477 : part == 0x42 ? 0x10000 : value;
+    std::vector<std::uint8_t> request(8);
+    request[0] = part;
+    encode(identity, std::span(request).subspan(1, 4));
+    give(bench, 0x7E5, request);
+  }
+  EXPECT_EQ(store(), stored);
+  EXPECT_EQ(store_number(), "7E4#1700000000000000");
+  EXPECT_EQ(writes, 2);
+  give(bench, 0, {1, 1});
+  for (const std::uint8_t word : {0x06, 0x07, 0x0F}) control(word);
+  ASSERT_TRUE(bench.drives()[0]->enabled());
+  EXPECT_EQ(store(), not_now);
+  EXPECT_EQ(store_number(), "7E4#1702000000000000");
+  EXPECT_EQ(writes, 2);
+  for (int k = 0; k < 1000; ++k) control(0x00);
+  ASSERT_FALSE(bench.drives()[0]->enabled());
+  disk_works = false;
+  EXPECT_EQ(store(), no_access);
+  EXPECT_EQ(store_number(), "7E4#1702000000000000");
+  EXPECT_EQ(writes, 4);
+  EXPECT_EQ(told, (std::vector<bool>{true, true, false, false}));
+}
+
 TEST_F(OneBench, BrakesHoldTheArmUntilDrivesAreEnabled) {
   Bench bench(scenario, {}, send);
   bench.start(now);
@@ -77,7 +122,8 @@ TEST_F(OneBench, OfTwoMastersTheLaterCounts) {
 }
 
 class MirrorBench : public OneBench, public testing::WithParamInterface<Profile> {};
-INSTANTIATE_TEST_SUITE_P(Formats, MirrorBench, testing::Values(Profile::mirror, Profile::mirror_fd));
+INSTANTIATE_TEST_SUITE_P(Formats, MirrorBench, testing::Values(Profile::mirror, Profile::mirror_fd),
+                         [](const auto& info) { return info.param == Profile::mirror ? "classic" : "fd"; });
 
 TEST_P(MirrorBench, DrivesFollow) {
   const MirrorFormat format = mirror_format(GetParam());

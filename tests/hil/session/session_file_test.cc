@@ -26,10 +26,20 @@ class SessionFile : public testing::Test {
 };
 
 TEST_F(SessionFile, WhatIsWrittenIsRead) {
-  const SessionHead head{true, 1500, 1'700'000'000'123'456'000};
+  const SessionHead head{.realtime = true,
+                         .cycle_us = 1500,
+                         .start_ns = 1'700'000'000'123'456'000,
+                         .scenario = 0x00C0FFEE,
+                         .conditions = {.unconfigured = true,
+                                        .files = {{StartFile::Kind::store, "a store", std::nullopt},
+                                                  {StartFile::Kind::dcf, "1.dcf", "turns\nend\r\n\n"},
+                                                  {StartFile::Kind::dcf, "2.dcf", ""},
+                                                  {StartFile::Kind::eds, "x.eds", std::string("\0\xFF[", 3)}}},
+                         .wiring = {{2, 0}, {1}}};
   const std::vector<Turn> turns{{.time_ns = head.start_ns + 1000, .steps = 1},
-                                {.time_ns = head.start_ns + 2'001'000, .misleading = {0, 7}, .recovered = true},
+                                {.time_ns = head.start_ns + 2'001'000, .misleading = {0, 7}, .recovered = {0, 1}},
                                 {.time_ns = head.start_ns + 4'000'000},
+                                {.time_ns = head.start_ns + 4'001'000, .not_kept = {0, 2}},
                                 {.time_ns = head.start_ns + 5'000'000'000'000},  // the machine slept
                                 {.time_ns = head.start_ns + 5'000'000'001'000,
                                  .steps = 200,
@@ -46,6 +56,7 @@ TEST_F(SessionFile, WhatIsWrittenIsRead) {
   auto reader = SessionReader::open(file);
   ASSERT_TRUE(reader) << reader.error().message;
   EXPECT_EQ(reader->head(), head);
+  EXPECT_TRUE(reader->head().complete);
   for (const Turn& turn : turns) {
     Turn read;
     EXPECT_FALSE(reader->complete());
@@ -73,10 +84,25 @@ TEST_F(SessionFile, HasNoEndAfterAKill) {
 
 TEST_F(SessionFile, WhatIsNoneIsRefusedWithItsPlace) {
   const std::string first = "tribotwin-hil session 1\n", head = first + "clock realtime\ncycle_us 2000\nstart_us 5\n";
+  const std::string second = "tribotwin-hil session 2\nclock realtime\ncycle_us 2000\nstart_us 5\n",
+                    files = second + "scenario 00C0FFEE\n";
   for (const auto& [text, says] : std::initializer_list<std::pair<std::string, std::string>>{
            {"", "is empty"},
-           {"(1.0) can0 080#\n", ":1: is not 'tribotwin-hil session 1'"},
-           {"tribotwin-hil session 2\n", ":1: "},
+           {"(1.0) can0 080#\n", ":1: is not 'tribotwin-hil session 2'"},
+           {"tribotwin-hil session 3\n", ":1: "},
+           {second, ":5: is not 'scenario CHECKSUM'"},
+           {second + "scenario 1\n", ":5: "},
+           {files, ":6: is not 'unconfigured', 'turns' or"},
+           {files + "10 steps=1\n", ":6: "},
+           {files + "bus 1 0\n", ":6: is not 'unconfigured', 'turns' or"},
+           {files + "bus 1 2\nbus x\n", ":7: "},
+           {files + "eds x a.eds\n", ":6: is not 'eds BYTES NAME'"},
+           {files + "eds absent a.eds\n", ":6: "},
+           {files + "eds 99999999999 a.eds\n", ":6: is not 'eds BYTES NAME' with at most"},
+           {files + "eds 5 a.eds\nab\nc", ":6: 5 bytes of a file"},
+           {files + "eds 5 a.eds\nab\ncd\nef\n", ":9: is not"},
+           {files + "eds 5 a.eds\nab\ncd\nturns\nx\n", ":10: 'x'"},
+           {files + "turns\n1 not_kept=x\n", ":7: "},
            {first, ":2: is not 'clock realtime|lockstep'"},
            {first + "clock sun\n", ":2: "},
            {first + "clock realtime\ncycle_us 0\n", ":3: is not 'cycle_us NUMBER'"},
@@ -109,6 +135,17 @@ TEST_F(SessionFile, WhatIsNoneIsRefusedWithItsPlace) {
     EXPECT_THAT(said, HasSubstr(file.string()));
     EXPECT_THAT(said, HasSubstr(says));
   }
+}
+
+// Logs of older versions are read: what they do not say comes from the options of the replay.
+TEST_F(SessionFile, OfAnOlderVersion) {
+  put("tribotwin-hil session 1\nclock lockstep\ncycle_us 2000\nstart_us 5\n10 steps=1\nend\n");
+  auto reader = SessionReader::open(file);
+  ASSERT_TRUE(reader) << reader.error().message;
+  EXPECT_FALSE(reader->head().complete);
+  Turn turn;
+  EXPECT_EQ(reader->next(turn), true);
+  EXPECT_EQ(turn.steps, 1);
 }
 
 TEST_F(SessionFile, LiesBesideRegularFilesOnly) {

@@ -46,7 +46,7 @@ struct Heard {
   const char* name;
   SessionPlan plan;
   double lost = 0, late_s = 0;
-  double rms_nm = 30, limit_nm = 100;
+  double rms_nm = 15, limit_nm = 100;
   double judged = 0.9;  // share of the cycles
 };
 
@@ -54,8 +54,8 @@ void PrintTo(const Heard& t, std::ostream* out) { *out << t.name; }
 
 class HealthyRobots : public testing::TestWithParam<Heard> {};
 
-// The torque of a drive is sampled at the SYNC, at one phase of the ripple that the set points make: with this motion
-// an error of 20 Nm RMS at 2 ms, in proportion to cycle and acceleration. A shadow cannot be better.
+// The drives send the mean torque since the SYNC before. Sampled at the SYNC, at one phase of the ripple that the set
+// points make, the errors would be 20 Nm RMS at 2 ms, in proportion to cycle and acceleration.
 TEST_P(HealthyRobots, HaveSmallResiduals) {
   const Heard& h = GetParam();
   const auto scenario = robot();
@@ -78,14 +78,15 @@ INSTANTIATE_TEST_SUITE_P(
     All, HealthyRobots,
     testing::Values(Heard{.name = "lockstep"}, Heard{.name = "realtime", .plan = {.lockstep = false}},
                     Heard{.name = "jittery_master",
-                          .plan = {.lockstep = false, .amplitude_rad = 0.05, .sync_jitter_s = 3e-4}},
+                          .plan = {.lockstep = false, .amplitude_rad = 0.05, .sync_jitter_s = 3e-4},
+                          .rms_nm = 25},
                     Heard{.name = "lost_5", .lost = 0.05}, Heard{.name = "lost_20", .lost = 0.2, .limit_nm = 150},
                     Heard{.name = "late_stamps", .late_s = 1e-3},
-                    Heard{.name = "cycle_10_ms", .plan = {.cycle_us = 10000, .amplitude_rad = 0.02}, .rms_nm = 35},
+                    Heard{.name = "cycle_10_ms", .plan = {.cycle_us = 10000, .amplitude_rad = 0.02}, .rms_nm = 5},
                     Heard{.name = "cycle_10_ms_lost_20",
                           .plan = {.cycle_us = 10000, .amplitude_rad = 0.02},
                           .lost = 0.2,
-                          .rms_nm = 35},
+                          .rms_nm = 5},
                     Heard{.name = "mirror", .plan = {.profile = mirror}},
                     Heard{.name = "mirror_lost_20", .plan = {.profile = mirror}, .lost = 0.2, .limit_nm = 150},
                     Heard{.name = "mirror_realtime", .plan = {.profile = mirror, .lockstep = false}}),

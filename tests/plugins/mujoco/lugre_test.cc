@@ -360,7 +360,8 @@ TEST_P(Shipped, HoldsStillAndMovesWithBristlesAtOneMillisecond) {
     EXPECT_NEAR(s.heat_J, s.friction_work_J, 1e-12 * s.heat_J);
   }
 }
-INSTANTIATE_TEST_SUITE_P(Robots, Shipped, testing::Values("irb6620", "br609", "er3a_c60", "xl330_pendulum"));
+INSTANTIATE_TEST_SUITE_P(Robots, Shipped, testing::Values("irb6620", "br609", "er3a_c60", "xl330_pendulum"),
+                         [](const auto& info) { return info.param; });
 
 }  // namespace
 }  // namespace tribotwin::mujoco

@@ -2,6 +2,7 @@
 
 #include <tribotwin/plugins/friction/number.hpp>
 #include <tribotwin/twin/io/input.hpp>
+#include <tribotwin/twin/io/shipped.hpp>
 #include <tribotwin/twin/io/text.hpp>
 
 namespace tribotwin::twin {
@@ -53,6 +54,24 @@ TEST(Text, FoldersAndMissingFilesAreWrongInput) {
   EXPECT_THAT(missing.error().message, HasSubstr("none.csv: cannot be read"));
   EXPECT_EQ(missing.error().kind, ErrorKind::input);
   EXPECT_THAT(*read_text(TRIBOTWIN_SOURCE_DIR "/CMakeLists.txt", "a table"), HasSubstr("project(tribotwin"));
+}
+
+TEST(Shipped, IsFoundByNameAndByPath) {
+  std::filesystem::current_path(testing::TempDir());
+  const std::filesystem::path source = TRIBOTWIN_SOURCE_DIR;
+  const auto scenario = source / "twin/scenarios/irb6620_hold.yaml", model = source / "mjcf/irb6620.xml";
+  EXPECT_EQ(given_or_shipped("irb6620_hold", ".yaml"), scenario);
+  EXPECT_EQ(given_or_shipped("twin/scenarios/irb6620_hold.yaml", ".yaml"), scenario);
+  EXPECT_EQ(given_or_shipped("irb6620", ".xml"), model);
+  EXPECT_EQ(given_or_shipped("mjcf/../mjcf/irb6620.xml", ".xml"), model);
+  EXPECT_THAT(shipped_models(), testing::Contains(model));
+  EXPECT_THAT(shipped_scenarios(), testing::Contains(scenario));
+}
+
+TEST(Shipped, OtherNamesStayAsGiven) {
+  std::filesystem::current_path(testing::TempDir());
+  for (const std::string given : {"", "none", "/mjcf/irb6620.xml", "../mjcf/irb6620.xml", "mjcf", "mjcf/../../x"})
+    EXPECT_EQ(given_or_shipped(given, ".xml"), given);
 }
 
 }  // namespace

@@ -10,8 +10,8 @@
 #include <tribotwin/twin/experiments/fault_study/study.hpp>
 #include <tribotwin/twin/io/file.hpp>
 #include <tribotwin/twin/io/input.hpp>
-#include <tribotwin/twin/io/name.hpp>
 #include <tribotwin/twin/io/tables/numbers.hpp>
+#include <tribotwin/twin/io/text.hpp>
 
 namespace tribotwin::twin::study {
 namespace {

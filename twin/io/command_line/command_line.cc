@@ -1,3 +1,4 @@
+#include <algorithm>
 #include <cmath>
 #include <cstdint>
 #include <optional>
@@ -5,9 +6,12 @@
 #include <utility>
 
 #include <CLI/CLI.hpp>
+#include <fmt/format.h>
+#include <fmt/ranges.h>
 
 #include <tribotwin/plugins/friction/number.hpp>
 #include <tribotwin/twin/io/command_line/command_line.hpp>
+#include <tribotwin/twin/io/command_line/suggestion.hpp>
 
 namespace tribotwin::CLI {
 
@@ -34,15 +38,35 @@ Validator made(::CLI::Validator validator) {
   return {std::make_shared<const Validator::Made>(Validator::Made{std::move(validator)})};
 }
 
+/// A check of CLI11 with its text in the help and our message: `what` is "a number above 0".
+template <class Number, class Accepts>
+Validator numbers(::CLI::Validator validator, std::string what, Accepts accepts) {
+  return made(validator.operation([what = std::move(what), accepts](std::string& text) {
+    Number value{};
+    const bool good = ::CLI::detail::lexical_cast(text, value) && accepts(value);
+    return good ? std::string() : fmt::format("must be {}, not '{}'", what, text);
+  }));
+}
+
+template <class Number>
+Validator range(Number min, Number max) {
+  constexpr const char* kind = std::is_integral_v<Number> ? "a whole number" : "a number";
+  return numbers<Number>(::CLI::Range(min, max), fmt::format("{} from {} to {}", kind, min, max),
+                         [min, max](Number value) { return value >= min && value <= max; });
+}
+
 }  // namespace
 
-Range::Range(double min, double max) : Validator(CLI::made(::CLI::Range(min, max))) {}
-Range::Range(int min, int max) : Validator(CLI::made(::CLI::Range(min, max))) {}
-Range::Range(unsigned min, unsigned max) : Validator(CLI::made(::CLI::Range(min, max))) {}
+Range::Range(double min, double max) : Validator(range(min, max)) {}
+Range::Range(int min, int max) : Validator(range(min, max)) {}
+Range::Range(unsigned min, unsigned max) : Validator(range(min, max)) {}
 IsMember::IsMember(std::initializer_list<const char*> values) : Validator(CLI::made(::CLI::IsMember(values))) {}
 IsMember::IsMember(std::initializer_list<int> values) : Validator(CLI::made(::CLI::IsMember(values))) {}
 
-const Validator PositiveNumber = made(::CLI::PositiveNumber), NonNegativeNumber = made(::CLI::NonNegativeNumber);
+const Validator PositiveNumber =
+                    numbers<double>(::CLI::PositiveNumber, "a number above 0", [](double value) { return value > 0; }),
+                NonNegativeNumber = numbers<double>(::CLI::NonNegativeNumber, "a number of at least 0",
+                                                    [](double value) { return value >= 0; });
 
 Option::Option(std::unique_ptr<Made> made) : made_(std::move(made)) {}
 Option::~Option() = default;
@@ -101,10 +125,69 @@ template <class T>
 constexpr bool is_real =
     std::is_same_v<T, double> || std::is_same_v<T, std::optional<double>> || std::is_same_v<T, std::vector<double>>;
 
-/// Ranges let NaN pass, and a limit that is infinite limits nothing.
+template <class T>
+constexpr bool is_text = std::is_same_v<T, std::string> || std::is_same_v<T, std::vector<std::string>>;
+
+/// A limit that is NaN limits nothing, nor does one that is infinite.
 std::string finite(const std::string& text) {
   const auto value = to_number(text);
   return !value || std::isfinite(*value) ? "" : "must be a finite number, not " + text;
+}
+
+/// Where an empty name meant "none", a variable of a script that is not set would change what a command does.
+std::string not_empty(const std::string& text) {
+  return text.empty() ? "must not be empty" : "";
+}
+
+/// The commands of a program that its list of arguments names, the last of them.
+::CLI::App& named_command(::CLI::App& program) {
+  ::CLI::App* command = &program;
+  while (!command->get_subcommands().empty()) command = command->get_subcommands().front();
+  return *command;
+}
+
+std::vector<std::string> options_of(::CLI::App& command) {
+  std::vector<std::string> names;
+  for (const ::CLI::Option* option : command.get_options()) {
+    for (const std::string& name : option->get_lnames()) names.push_back("--" + name);
+    for (const std::string& name : option->get_snames()) names.push_back("-" + name);
+  }
+  return names;
+}
+
+std::vector<std::string> commands_of(::CLI::App& program) {
+  std::vector<std::string> names;
+  for (const ::CLI::App* command : program.get_subcommands([](::CLI::App*) { return true; }))
+    names.push_back(command->get_name());
+  return names;
+}
+
+std::string unknown_option(const std::string& given, ::CLI::App& program, ::CLI::App& command) {
+  const std::string option = given.substr(0, given.find('='));
+  const auto known = options_of(command);
+  if (std::ranges::find(known, option) != known.end())
+    return fmt::format("option {} belongs behind the command: {} ... {}", option, command.get_name(), option);
+  const std::string of = &program == &command ? "" : " of " + command.get_name();
+  return fmt::format("unknown option '{}'{}{}", option, of, twin::did_you_mean(option, known));
+}
+
+/// What is wrong with the arguments that nothing took; empty where `error` says it better.
+std::string of_remaining(::CLI::App& program, const ::CLI::ParseError& error) {
+  const int code = error.get_exit_code();
+  if (code != int(::CLI::ExitCodes::RequiredError) && code != int(::CLI::ExitCodes::ExtrasError)) return {};
+  ::CLI::App& command = named_command(program);
+  const auto commands = commands_of(command);
+  const bool wants_command = command.get_require_subcommand_min() > 0;
+  const std::vector<std::string> remaining = program.remaining(true);
+  const auto option =
+      std::ranges::find_if(remaining, [](const auto& word) { return word.size() > 1 && word[0] == '-'; });
+  if (option != remaining.end()) return unknown_option(*option, program, command);
+  const std::string list = fmt::format("{}", fmt::join(commands, ", "));
+  if (remaining.empty()) return wants_command ? fmt::format("a command is missing; one of {}", list) : std::string();
+  const std::string& word = remaining.front();
+  if (!wants_command) return fmt::format("unexpected argument '{}'", word);
+  const std::string meant = twin::did_you_mean(word, commands);
+  return fmt::format("unknown command '{}'{}", word, meant.empty() ? "; one of " + list : meant);
 }
 
 }  // namespace
@@ -113,6 +196,7 @@ template <class T>
 Option* App::add_option(const std::string& name, T& variable, const std::string& help) {
   ::CLI::Option& option = *made_->app.add_option(name, variable, help);
   if constexpr (is_real<T>) option.check(finite, "");
+  if constexpr (is_text<T>) option.check(not_empty, "");
   auto made = std::make_unique<Option::Made>(Option::Made{option});
   return options_.emplace_back(std::make_unique<Option>(std::move(made))).get();
 }
@@ -164,6 +248,9 @@ void App::parse(int argc, const char* const* argv) {
   try {
     made_->app.parse(argc, argv);
   } catch (const ::CLI::ParseError& error) {
+    if (const std::string better = of_remaining(made_->app, error); !better.empty())
+      throw ParseError(
+          std::make_shared<const ParseError::Made>(ParseError::Made{::CLI::ParseError(better, error.get_exit_code())}));
     throw ParseError(std::make_shared<const ParseError::Made>(ParseError::Made{error}));
   }
 }

@@ -1,0 +1,39 @@
+#!/usr/bin/env bash
+# packages.sh BUILD SOURCE: makes the Debian packages of a build; lintian finds no error; the unpacked programs work
+# without the source tree.
+set -euo pipefail
+build=$1 source=$(realpath "$2") work=$(mktemp -d)
+trap 'rm -rf "$work"' EXIT
+cpack --config "$build/CPackConfig.cmake" -B "$work" > "$work/cpack.log" || { cat "$work/cpack.log"; exit 1; }
+packages=("$work"/*.deb)
+[ ${#packages[@]} -eq 2 ] || { echo "expected tribotwin and libtribotwin-dev, found ${packages[*]}"; exit 1; }
+user=()
+[ "$(id -u)" -eq 0 ] && user=(--allow-root)
+lintian "${user[@]}" --fail-on error "${packages[@]}"
+for package in "${packages[@]}"; do
+  dpkg-deb -x "$package" "$work/root"
+done
+
+# The path of the source tree in the programs becomes one of the same length that does not exist.
+nowhere=/$(tr -c '\n' - <<< "${source:1}")
+[ ! -e "$nowhere" ]
+for program in "$work"/root/usr/bin/*; do
+  LC_ALL=C sed -i "s|$source|$nowhere|g" "$program"
+done
+
+cd "$work"
+PATH=$PWD/root/usr/bin:$PATH
+tribotwin run irb6620_hold --set duration_s=1 --quiet -o run
+tribotwin run --list > scenarios
+grep -q irb6620_warmup scenarios
+tribotwin curve mjcf/irb6620.xml --joint joint2 --speeds 1:280:3
+printf 'model: irb6620.xml\nduration_s: 1\ncontrol: {type: torque}\n' > mine.yaml
+tribotwin run mine.yaml --quiet -o mine
+tribotwin-hil budget irb6620_hold
+if [ -x root/usr/bin/tribotwin-report ]; then
+  tribotwin-report pose mjcf/irb6620.xml -o pose.png
+  tribotwin-report run
+  [ -s pose.png ] && [ -s run/report.html ]
+fi
+[ -s run/telemetry.h5 ] && [ -s mine/summary.json ]
+if grep "$source" mine/scenario.yaml; then exit 1; fi
