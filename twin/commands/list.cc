@@ -11,10 +11,6 @@
 #include <tribotwin/twin/io/input.hpp>
 #include <tribotwin/twin/io/shipped.hpp>
 #include <tribotwin/twin/io/text.hpp>
-#if __has_include(<tribotwin/twin/gears/gear_class.hpp>)
-#include <tribotwin/twin/gears/gear_class.hpp>
-#define TRIBOTWIN_HAS_GEARS
-#endif
 
 namespace tribotwin::twin::program {
 namespace {
@@ -79,23 +75,6 @@ Json faults() {
   return rows;
 }
 
-#ifdef TRIBOTWIN_HAS_GEARS
-Json gears() {
-  Json rows = Json::array();
-  for (const auto& gear : gear_classes())
-    rows.push_back(
-        {{"name", gear.name},
-         {"description", fmt::format("{} of {:g} {}, ratio {:g}, law {}: {}", gear.family, gear.torque_max_nm,
-                                     gear.linear ? "N" : "Nm", gear.gear_ratio, gear.law, gear.source)},
-         {"family", gear.family},
-         {"torque_max_nm", gear.torque_max_nm},
-         {"gear_ratio", gear.gear_ratio},
-         {"law", gear.law},
-         {"source", gear.source}});
-  return rows;
-}
-#endif
-
 struct Kind {
   const char *name, *description;
   Json (*rows)();  ///< each with at least name and description
@@ -109,9 +88,6 @@ constexpr Kind kinds[] = {
     {"models", "Robots that ship", models},
     {"laws", "Friction laws, for models and tribotwin identify", laws},
     {"faults", "Faults of a drive, for events of scenarios", faults},
-#ifdef TRIBOTWIN_HAS_GEARS
-    {"gears", "Gear classes with starter parameters, for tribotwin add-drives", gears},
-#endif
 };
 
 struct Arguments {
