@@ -303,7 +303,9 @@ void make_asset_folders_absolute(pugi::xml_document& document, const std::filesy
   const std::filesystem::path base = std::filesystem::absolute(folder);
   pugi::xml_node root = document.document_element();
   for (const char* attribute : {"meshdir", "texturedir"}) {
-    std::string given;
+    std::string given;  // assetdir (2.3.0) stands for both
+    for (const pugi::xml_node compiler : root.children("compiler"))
+      if (compiler.attribute("assetdir")) given = compiler.attribute("assetdir").value();
     for (pugi::xml_node compiler : root.children("compiler")) {
       if (compiler.attribute(attribute)) given = compiler.attribute(attribute).value();
       compiler.remove_attribute(attribute);

@@ -30,6 +30,7 @@ ORDER = {
         "identification/dynamic_friction",
         "identification/thermal",
         "identification/rigid_body",
+        "gears",
         "diagnosis",
         "experiments",
         "experiments/friction",

@@ -8,6 +8,7 @@
 #include <tribotwin/plugins/drive/fault.hpp>
 #include <tribotwin/plugins/friction/law.hpp>
 #include <tribotwin/twin/commands/program.hpp>
+#include <tribotwin/twin/gears/gear_class.hpp>
 #include <tribotwin/twin/io/input.hpp>
 #include <tribotwin/twin/io/shipped.hpp>
 #include <tribotwin/twin/io/text.hpp>
@@ -75,6 +76,21 @@ Json faults() {
   return rows;
 }
 
+Json gears() {
+  Json rows = Json::array();
+  for (const auto& gear : gear_classes())
+    rows.push_back(
+        {{"name", gear.name},
+         {"description", fmt::format("{} of {:g} {}, ratio {:g}, law {}: {}", gear.family, gear.torque_max_nm,
+                                     gear.linear ? "N" : "Nm", gear.gear_ratio, gear.law, gear.source)},
+         {"family", gear.family},
+         {"torque_max_nm", gear.torque_max_nm},
+         {"gear_ratio", gear.gear_ratio},
+         {"law", gear.law},
+         {"source", gear.source}});
+  return rows;
+}
+
 struct Kind {
   const char *name, *description;
   Json (*rows)();  ///< each with at least name and description
@@ -88,6 +104,7 @@ constexpr Kind kinds[] = {
     {"models", "Robots that ship", models},
     {"laws", "Friction laws, for models and tribotwin identify", laws},
     {"faults", "Faults of a drive, for events of scenarios", faults},
+    {"gears", "Gear classes with starter parameters, for tribotwin add-drives", gears},
 };
 
 struct Arguments {

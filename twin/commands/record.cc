@@ -2,14 +2,13 @@
 #include <cmath>
 #include <cstdint>
 #include <memory>
-#include <sstream>
 
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
-#include <pugixml.hpp>
 
 #include <tribotwin/plugins/drive/configuration.hpp>
 #include <tribotwin/twin/commands/program.hpp>
+#include <tribotwin/twin/gears/drive_elements.hpp>
 #include <tribotwin/twin/identification/dynamic_friction/parameters.hpp>
 #include <tribotwin/twin/identification/samples/recording.hpp>
 #include <tribotwin/twin/io/folder_lock.hpp>
@@ -148,21 +147,6 @@ Result<Exit> export_recording(const std::string& directory, Sensors sensors, dou
   return deliver(text, output);
 }
 
-template <class Keys>
-Result<Exit> deliver_instance(const std::string& name, const Keys& keys, const Destination& output) {
-  pugi::xml_document document;
-  auto instance = document.append_child("instance");
-  instance.append_attribute("name") = name.c_str();
-  for (const auto& [key, value] : keys) {
-    auto config = instance.append_child("config");
-    config.append_attribute("key") = key.c_str();
-    config.append_attribute("value") = value.c_str();
-  }
-  std::ostringstream text;
-  document.save(text, "  ", pugi::format_default | pugi::format_no_declaration);
-  return deliver(text.str(), output);
-}
-
 Result<Exit> export_native(const std::string& file, std::optional<double> temperature_degC,
                            std::optional<double> speed_max_rad_s, const Destination& output) {
   const auto native = native_model(file, temperature_degC, speed_max_rad_s);
@@ -170,13 +154,13 @@ Result<Exit> export_native(const std::string& file, std::optional<double> temper
   return deliver(native->xml, output);
 }
 
-Result<Exit> export_instance(const std::string& file, const std::string& name, const std::string& on_drive,
+Result<Exit> export_elements(const std::string& file, const std::string& name, const std::string& on_drive,
                              double torque_max_nm, double gear_ratio, const Destination& output) {
   if (const auto law = load_yaml(file)["law"]; law && law.IsScalar() && law.Scalar() == "bouc_wen") {
     const auto spring = identification::hysteresis_of(file, name, on_drive);
     if (!spring && spring.error().kind == ErrorKind::input) return tl::unexpected(spring.error());
     if (!spring) return work_failed(fmt::format("{}: {}", file, spring.error().message));
-    return deliver_instance(name, transmission::configuration_of(*spring), output);
+    return deliver(spring_elements(name, *spring), output);
   }
   auto parameters = or_wrong_input(identification::read_parameters(file));
   if (torque_max_nm > 0) parameters.torque_max_nm = torque_max_nm;
@@ -184,10 +168,9 @@ Result<Exit> export_instance(const std::string& file, const std::string& name, c
   const auto drive = identification::drive_of(parameters, name);
   if (!drive) throw InputError(fmt::format("{}: {}", file, drive.error().message));
   // Parameters that a model would refuse are refused here, with the same reason.
-  const auto keys = drive::configuration_of(*drive);
-  if (const auto loaded = drive::make_drive(name, keys); !loaded)
+  if (const auto loaded = drive::make_drive(name, drive::configuration_of(*drive)); !loaded)
     return work_failed(fmt::format("{}: {}", file, loaded.error().message));
-  return deliver_instance(name, keys, output);
+  return deliver(drive_elements(name, *drive), output);
 }
 
 struct ExportArguments {
@@ -241,8 +224,8 @@ void add_export(CLI::App& app, int& code) {
   auto* csv = command->add_flag("--csv", a->csv, "telemetry.csv and, where there are work cycles, cycles.csv");
   auto* mjcf = command
                    ->add_flag("--mjcf", a->mjcf,
-                              "The <instance> block of the law in PARAMS.yaml, for a model's tribotwin.drive "
-                              "(bouc_wen: tribotwin.hysteresis)")
+                              "The elements that the law in PARAMS.yaml makes of a joint: extension, joint, actuator "
+                              "(bouc_wen: extension, tendon, actuator)")
                    ->excludes(csv);
   auto* recording =
       command->add_flag("--recording", a->recording, "CSV as the robot's controller records it, for tribotwin dynamics")
@@ -266,7 +249,7 @@ void add_export(CLI::App& app, int& code) {
       ->check(CLI::Range(1e-9, 1e6))
       ->needs(native);
   add_sensors(*command, recording, *a);
-  command->add_option("--name", a->name, "Name of the instance")->capture_default_str();
+  command->add_option("--name", a->name, "Name of the joint, instance and actuator")->capture_default_str();
   command
       ->add_option("--drive", a->on_drive,
                    "For bouc_wen: the tribotwin.drive instance that supplies its temperature and receives its heat")
@@ -275,7 +258,7 @@ void add_export(CLI::App& app, int& code) {
       ->check(CLI::Range(1e-9, 1e9));
   command->add_option("--gear-ratio", a->gear_ratio, "Motor turns per joint turn, where the file holds none")
       ->check(CLI::Range(1e-6, 1e6));
-  a->output.add_to(*command, "File for the block or the recording (default: stdout)");
+  a->output.add_to(*command, "File for the elements or the recording (default: stdout)");
   a->output.add_json_to(*command);
   command->footer(
       "Example:\n  tribotwin run irb6620_hold -o runs/hold\n  tribotwin export runs/hold --csv\n  tribotwin lab "
@@ -291,7 +274,7 @@ void add_export(CLI::App& app, int& code) {
                     : a->csv     ? export_record(a->from, a->output)
                     : a->native
                         ? export_native(a->from, a->temperature_degC, a->speed_max_rad_s, a->output)
-                        : export_instance(a->from, a->name, a->on_drive, a->torque_max_nm, a->gear_ratio, a->output));
+                        : export_elements(a->from, a->name, a->on_drive, a->torque_max_nm, a->gear_ratio, a->output));
   });
 }
 

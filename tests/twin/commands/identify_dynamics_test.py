@@ -41,7 +41,11 @@ def within(found, truth, sigmas=3):
 
 def replaced(model, name, instance):
     begin = model.index(f'<instance name="{name}">')
-    return model[:begin] + instance + model[model.index("</instance>", begin) + len("</instance>") :]
+    return (
+        model[:begin]
+        + re.search("<instance.*</instance>", instance, re.S)[0]
+        + model[model.index("</instance>", begin) + len("</instance>") :]
+    )
 
 
 # ---- The spring of mjcf/rh380n_bench.xml under some 3 kNm at 20, 35 and 50 degC; a torque sensor of 5 Nm noise.

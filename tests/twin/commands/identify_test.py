@@ -1,6 +1,6 @@
 """tribotwin identify as its users meet it: curves, recordings, records; what is not identifiable; what is no data at
 all. scipy is the judge of values and sigmas. Arguments: tribotwin, source tree."""
-import json, os, shutil, subprocess, sys
+import json, os, re, shutil, subprocess, sys
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -98,7 +98,11 @@ instance = run("export", "params.yaml", "--mjcf", "--name", "j2").stdout
 model = open(source + "/mjcf/irb6620.xml").read()
 begin = model.index('<instance name="j2">')
 with open(work + "/robot.xml", "w") as f:
-    f.write(model[:begin] + instance + model[model.index("</instance>", begin) + len("</instance>") :])
+    f.write(
+        model[:begin]
+        + re.search("<instance.*</instance>", instance, re.S)[0]
+        + model[model.index("</instance>", begin) + len("</instance>") :]
+    )
 shutil.copy(source + "/mjcf/scene.xml", work)
 r = run("curve", "robot.xml", "--joint", "joint2", "--temperature", 50, "--load", 0.3, "--speeds", "1:280:5")
 check(

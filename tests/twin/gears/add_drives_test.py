@@ -1,0 +1,122 @@
+"""tribotwin add-drives as its user meets it: from a URDF to a run. Arguments: program, source tree."""
+import json, os, shutil, sys
+import xml.etree.ElementTree as ET
+
+import harness
+from harness import check, check_refused, content, finish, path
+
+program, source = sys.argv[1], sys.argv[2]
+
+
+def run(*arguments, **options):
+    return harness.run(program, *arguments, **options)
+
+
+def add(*arguments):
+    return run("add-drives", *arguments)
+
+
+shutil.copy(os.path.join(source, "tests", "twin", "gears", "arm.urdf"), path("arm.urdf"))
+
+# The tour: add-drives, run.
+r = add("arm.urdf", "-o", "arm.xml")
+check("add-drives", r.returncode == 0 and r.stdout.split() == ["arm.xml", "arm.yaml"], (r.stdout, r.stderr))
+for says in ("damping 0.5 and frictionloss 0.2 removed", "starting points", "harmonic_130", "effort of the URDF"):
+    check("it says: " + says, says in r.stderr, r.stderr)
+text = content("arm.xml")
+check("the file warns, too", "starting points" in text and "Zhou 2024" in text)
+model = ET.fromstring(text)
+check(
+    "a drive per joint",
+    [p.get("joint") for p in model.iter("plugin") if p.get("joint")] == ["turntable", "shoulder", "telescope"],
+)
+r = run("run", "arm.yaml", "-o", "work", "--quiet")
+summary = json.load(open(path("work/summary.json"))) if r.returncode == 0 else {}
+check("an hour of work", r.returncode == 0 and summary["simulated_s"] >= 3590, r.stderr)
+check(
+    "nothing is wrong with it",
+    not [w for w in summary["warnings"] if "energy" in w or "outside" in w],
+    summary["warnings"],
+)
+check("it warms up", all(j["temperature_degC"]["max"] > 25.05 for j in summary["joints"]), summary["joints"])
+r = run("run", "arm.yaml", "-o", "steps", "--quiet", "--set", "multirate.enabled=false", "--set", "duration_s=300")
+summary = json.load(open(path("steps/summary.json")))
+check("energy", abs(summary["energy_balance_J"]) < 1e-3 * summary["friction_work_J"], summary["energy_balance_J"])
+
+# Choices.
+r = add("arm.urdf", "--joint", "shoulder=erob80_100", "-o", "one.xml", "--scenario", "first_hour.yaml")
+check(
+    "one joint, its class, another name",
+    r.stdout.split() == ["one.xml", "first_hour.yaml"] and "shoulder: erob80_100" in r.stderr,
+    r.stderr,
+)
+check("which curve reads", run("curve", "one.xml", "--joint", "shoulder", "--speeds", "1:100:3").returncode == 0)
+r = add("arm.urdf", "--gear", "cycloidal", "-o", "big.xml", "--quiet")
+check(
+    "a family for all hinges",
+    r.returncode == 0 and content("big.xml").count('value="extended"') == 2 and r.stderr == "",
+    r.stderr,
+)
+
+# Identified parameters.
+speeds = [1, 2, 5, 10, 20, 40, 80, 120, 160]
+with open(path("curve.csv"), "w") as f:
+    f.write("speed_rad_s,friction_norm\n")
+    f.writelines(f"{v},{0.03 + 0.02 * 2.718281828 ** -((v / 10) ** 1.36) + 1e-4 * v}\n" for v in speeds)
+run("identify", "--law", "stribeck", "curve.csv", "-o", "params.yaml", "--quiet")
+r = add("arm.urdf", "--params", "shoulder=params.yaml", "-o", "known.xml")
+instance = next((i for i in ET.fromstring(content("known.xml")).iter("instance") if i.get("name") == "shoulder"), None)
+keys = {c.get("key"): c.get("value") for c in instance}
+check(
+    "--params",
+    keys["law"] == "stribeck"
+    and abs(float(keys["Fc"]) - 0.03) < 1e-3
+    and keys["torque_max_nm"] == "130"
+    and "R_th" in keys,
+    (keys, r.stderr),
+)
+r = run("export", "params.yaml", "--mjcf", "--tau-max", "130", "--gear-ratio", "100", "--name", "shoulder")
+exported = ET.fromstring(r.stdout)
+check(
+    "export --mjcf gives the same elements",
+    {c.get("key"): c.get("value") for c in exported.find("extension/plugin/instance")}.items()
+    >= {k: keys[k] for k in ("law", "Fc", "vs")}.items()
+    and exported.find("worldbody/body/joint").get("solimpfriction") == ".9999 .9999 .001 .5 2"
+    and exported.find("actuator/plugin").get("actdim") == "3",
+    r.stdout,
+)
+
+# Refusals leave nothing behind.
+before = sorted(os.listdir(harness.work))
+for name, arguments, says in (
+    ("no output", ["arm.urdf"], "needs -o"),
+    ("output is the input", ["arm.urdf", "-o", "arm.urdf", "--force"], "arm.urdf"),
+    ("a file that exists", ["arm.urdf", "-o", "arm.xml"], ["arm.xml", "--force"]),
+    ("no such file", ["none.urdf", "-o", "x.xml"], "none.urdf"),
+    ("no such folder", ["arm.urdf", "-o", "none/x.xml"], "none"),
+    (
+        "no such joint",
+        ["arm.urdf", "--joint", "elbow", "-o", "x.xml"],
+        ["no joint 'elbow'", "turntable, shoulder, telescope"],
+    ),
+    ("no such class", ["arm.urdf", "--joint", "shoulder=harmonik", "-o", "x.xml"], "did you mean 'harmonic'?"),
+    ("no name", ["arm.urdf", "--joint", "=harmonic", "-o", "x.xml"], "NAME=CLASS"),
+    ("a hinge's class on a slide", ["arm.urdf", "--joint", "telescope=harmonic", "-o", "x.xml"], "is for hinges"),
+    (
+        "parameters twice",
+        ["arm.urdf", "--params", "params.yaml", "--params", "params.yaml", "-o", "x.xml"],
+        "one file each",
+    ),
+    ("no parameters", ["arm.urdf", "--params", "curve.csv", "-o", "x.xml"], "curve.csv"),
+    ("drives already", ["arm.xml", "-o", "x.xml"], ["arm.xml:", "has drives already"]),
+    ("scenario is the model", ["arm.urdf", "-o", "x.xml", "--scenario", "x.xml"], "x.xml"),
+):
+    check_refused(name, add(*arguments), says, lines=None)
+cut = content("arm.urdf")
+with open(path("cut.urdf"), "w") as f:
+    f.write(cut[: len(cut) // 2])
+check_refused("a cut file", add("cut.urdf", "-o", "x.xml"), ["cut.urdf:", "not well-formed"], lines=None)
+check(
+    "nothing is left of them", sorted(set(os.listdir(harness.work)) - {"cut.urdf"}) == before, os.listdir(harness.work)
+)
+finish()

@@ -1,0 +1,132 @@
+#include <filesystem>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include <fmt/format.h>
+
+#include <tribotwin/twin/commands/program.hpp>
+#include <tribotwin/twin/gears/add_drives.hpp>
+#include <tribotwin/twin/gears/gear_class.hpp>
+#include <tribotwin/twin/gears/starter_scenario.hpp>
+
+namespace tribotwin::twin::program {
+namespace {
+
+namespace fs = std::filesystem;
+
+struct Arguments {
+  std::string model, scenario, gear;
+  std::vector<std::string> joints, parameters;
+  Destination output;
+  bool fix_base = false, json = false, quiet = false;
+};
+
+/// NAME=VALUE; without "=" the whole is `first`.
+std::pair<std::string, std::string> split(const std::string& text) {
+  const auto at = text.find('=');
+  return at == text.npos ? std::pair{text, std::string()} : std::pair{text.substr(0, at), text.substr(at + 1)};
+}
+
+AddDrives choice_of(const Arguments& a) {
+  AddDrives choice{.gear = a.gear, .fix_base = a.fix_base};
+  for (const auto& joint : a.joints) {
+    const auto [name, gear] = split(joint);
+    if (name.empty())
+      throw InputError(fmt::format("--joint {}: needs a name before '='; write NAME or NAME=CLASS", joint));
+    choice.joints.push_back({name, gear});
+  }
+  for (const auto& given : a.parameters) {
+    const auto [joint, named] = split(given);
+    const std::string& file = named.empty() ? joint : named;
+    choice.identified.push_back(
+        {named.empty() ? "" : joint, file, or_wrong_input(identification::read_parameters(file))});
+  }
+  // Those of one joint come before those of all.
+  std::ranges::stable_sort(choice.identified, {}, [](const auto& i) { return i.joint.empty(); });
+  for (const auto& i : choice.identified)
+    if (const auto first = std::ranges::find(choice.identified, i.joint, &IdentifiedParameters::joint); &*first != &i)
+      throw InputError(fmt::format("--params: {} and {} are both for {}; give one file each", first->file, i.file,
+                                   i.joint.empty() ? "all joints" : "joint '" + i.joint + "'"));
+  return choice;
+}
+
+void report(const RobotWithDrives& robot) {
+  bool starters = false;
+  for (const AddedDrive& d : robot.drives) {
+    const char* unit = d.slide ? "N" : "Nm";
+    starters = starters || d.source != "identified";
+    note("{}: {}; {:.4g} {} ({}); gear ratio {:.4g}; armature {:.4g} {}", d.joint, d.parameters, d.effort_nm, unit,
+         d.effort_source, d.gear_ratio, d.armature, d.armature_of_model ? "of the model" : "of the rotor");
+    if (!d.replaced.empty()) note("{}: the drive '{}' replaces its {}", d.joint, d.actuator, d.replaced);
+    if (d.removed_damping > 0 || d.removed_frictionloss > 0)
+      note("{}: damping {:g} and frictionloss {:g} removed, the law has friction of its own", d.joint,
+           d.removed_damping, d.removed_frictionloss);
+  }
+  for (const auto& text : robot.notes) note("{}", text);
+  if (starters) note("attention: {}", starting_points);
+}
+
+Result<Exit> execute(const Arguments& a) {
+  if (!a.output.named()) throw InputError("add-drives needs -o OUT.xml: paths of meshes are relative to its folder");
+  const fs::path out = a.output.file,
+                 scenario = a.scenario.empty() ? fs::path(out).replace_extension(".yaml") : fs::path(a.scenario);
+  check(a.output, {a.model});
+  or_wrong_input(check_output(scenario, a.output.existing(), std::vector<fs::path>{a.model, out}));
+  const auto robot = add_drives(a.model, choice_of(a), out.has_parent_path() ? out.parent_path() : ".");
+  if (!robot) return tl::unexpected(robot.error());
+  check(a.output, robot->files);
+  or_wrong_input(check_output(scenario, a.output.existing(), robot->files));
+  if (!a.quiet) report(*robot);
+  const fs::path folder = fs::absolute(scenario).parent_path();
+  const auto work = starter_scenario(*robot, fs::relative(fs::absolute(out), folder).string());
+  if (const auto written = deliver(robot->mjcf, a.output); !written) return written;
+  std::vector<std::string> files{out.string()};
+  if (!a.json) print("{}\n", files.back());
+  if (!work) {
+    note("no scenario was written: {}", work.error().message);
+    if (a.json) print_text(files_json(files));
+    return done;
+  }
+  if (const auto written = write_file(scenario, *work, a.output.existing()); !written)
+    return work_failed(written.error().message);
+  files.push_back(scenario.string());
+  if (a.json)
+    print_text(files_json(files));
+  else
+    print("{}\n", files.back());
+  return done;
+}
+
+}  // namespace
+
+void add_add_drives(CLI::App& app, int& code) {
+  auto a = std::make_shared<Arguments>();
+  auto* command = app.add_subcommand(
+      "add-drives",
+      "Drives for a robot that has none: MJCF or URDF in, MJCF with tribotwin.drive and a first hour of "
+      "work out");
+  command->add_option("MODEL", a->model, "MODEL.xml (MJCF) or MODEL.urdf")->required();
+  command
+      ->add_option("--joint", a->joints,
+                   "NAME or NAME=CLASS: only these joints get drives (default: those with an actuator, or all); CLASS "
+                   "is a gear class or a family of them (tribotwin list gears)")
+      ->allow_extra_args(false);
+  command->add_option("--gear", a->gear, "Gear class or family of all hinges without one of their own");
+  command
+      ->add_option("--params", a->parameters,
+                   "FILE or JOINT=FILE: identified parameters (tribotwin identify) instead of those of the class")
+      ->allow_extra_args(false);
+  command->add_option("--scenario", a->scenario, "File for the first hour of work (default: OUT.yaml)");
+  command->add_flag("--fix-base", a->fix_base, "Fix a floating base, as on a stand");
+  command->add_flag("--quiet", a->quiet, "No notes");
+  a->output.add_to(*command, "OUT.xml: the model with drives");
+  command->add_flag("--json", a->json, "Print the names of the files written as JSON");
+  command->footer(
+      "Friction and heat of a class are starting points: identify those of your robot and give them by --params.\n"
+      "Example:\n  tribotwin add-drives robot.urdf --joint shoulder=harmonic_130 --joint elbow -o robot.xml\n"
+      "  tribotwin run robot.yaml -o runs/robot");
+  command->callback([a, &code] { code = or_throw(execute(*a)); });
+}
+
+}  // namespace tribotwin::twin::program

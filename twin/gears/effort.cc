@@ -1,0 +1,123 @@
+#include <algorithm>
+#include <cmath>
+#include <random>
+#include <vector>
+
+#include <fmt/format.h>
+
+#include <tribotwin/plugins/mujoco/engine.hpp>
+#include <tribotwin/twin/gears/effort.hpp>
+
+namespace tribotwin::twin {
+namespace {
+
+bool on_joint(const mjModel* m, int actuator) {
+  return m->actuator_trntype[actuator] == mjTRN_JOINT || m->actuator_trntype[actuator] == mjTRN_JOINTINPARENT;
+}
+
+Effort symmetric(double largest, std::string source) { return {-largest, largest, std::move(source)}; }
+
+/// Joint torque per control of an actuator whose force is gain x control, else nothing.
+std::optional<double> motor_gain(const mjModel* m, int a) {
+  if (m->actuator_gaintype[a] != mjGAIN_FIXED || m->actuator_biastype[a] != mjBIAS_NONE) return {};
+  return m->actuator_gainprm[a * mjNGAIN] * m->actuator_gear[6 * a];
+}
+
+std::optional<Effort> given(const ForeignModel& foreign, int joint) {
+  const mjModel* m = foreign.model->get();
+  const auto limit = foreign.limits.find(mj_id2name(m, mjOBJ_JOINT, joint) ? mj_id2name(m, mjOBJ_JOINT, joint) : "");
+  if (limit != foreign.limits.end() && limit->second.effort_nm > 0)
+    return symmetric(limit->second.effort_nm, "effort of the URDF");
+#if TRIBOTWIN_ENGINE_PLUGINS
+  if (m->jnt_actfrclimited[joint])
+    return Effort{m->jnt_actfrcrange[2 * joint], m->jnt_actfrcrange[2 * joint + 1], "actuatorfrcrange"};
+#endif
+  for (const int a : actuators_of(m, joint)) {
+    const auto range = [&](const mjtNum* r, double gain) {
+      return std::pair{std::min(r[0] * gain, r[1] * gain), std::max(r[0] * gain, r[1] * gain)};
+    };
+    if (m->actuator_forcelimited[a]) {
+      const auto [low, high] = range(m->actuator_forcerange + 2 * a, m->actuator_gear[6 * a]);
+      return Effort{low, high, "forcerange"};
+    }
+    if (const auto gain = motor_gain(m, a); gain && m->actuator_ctrllimited[a]) {
+      const auto [low, high] = range(m->actuator_ctrlrange + 2 * a, *gain);
+      return Effort{low, high, "ctrlrange of the motor"};
+    }
+  }
+  return {};
+}
+
+/// Largest torque of gravity and acceleration at every dof over poses within the joint ranges.
+std::vector<double> largest_loads(const mjModel* m) {
+  const mujoco::DataPtr data(mj_makeData(m));
+  mjData* d = data.get();
+  std::mt19937 random(1);
+  std::uniform_real_distribution<double> share(0, 1);
+  const auto nv = static_cast<std::size_t>(m->nv);
+  std::vector<double> largest(nv);
+  std::vector<mjtNum> full(nv * nv), bias(nv);
+  for (int pose = 0; pose < 200; ++pose) {
+    for (int j = 0; j < m->njnt; ++j) {
+      if (m->jnt_type[j] != mjJNT_HINGE && m->jnt_type[j] != mjJNT_SLIDE) continue;
+      const bool slide = m->jnt_type[j] == mjJNT_SLIDE, limited = m->jnt_limited[j] != 0;
+      const double low = limited ? m->jnt_range[2 * j]
+                         : slide ? 0
+                                 : -mjPI,
+                   high = limited ? m->jnt_range[2 * j + 1]
+                          : slide ? 0
+                                  : mjPI;
+      d->qpos[m->jnt_qposadr[j]] = low + share(random) * (high - low);
+    }
+    mj_fwdPosition(m, d);
+    mj_fullM(m, full.data(), d->qM);
+    mju_zero(d->qvel, m->nv);
+    mj_comVel(m, d);
+    mj_rne(m, d, 0, bias.data());
+    for (std::size_t dof = 0; dof < nv; ++dof) {
+      const double acceleration = m->jnt_type[m->dof_jntid[dof]] == mjJNT_SLIDE ? 2 : 5;
+      largest[dof] = std::max(largest[dof], std::abs(bias[dof]) + acceleration * full[dof * nv + dof]);
+    }
+  }
+  return largest;
+}
+
+Effort estimated(const mjModel* m, int joint) {
+  const std::vector<double> loads = largest_loads(m);
+  double effort = loads[m->jnt_dofadr[joint]];
+  // The last joint of an arm carries next to nothing, and still no robot has a wrist of less than a tenth.
+  for (int j = 0; j < m->njnt; ++j)
+    if (m->jnt_type[j] == m->jnt_type[joint] &&
+        m->body_rootid[m->jnt_bodyid[j]] == m->body_rootid[m->jnt_bodyid[joint]])
+      effort = std::max(effort, 0.1 * loads[m->jnt_dofadr[j]]);
+  // Two digits, rounded up.
+  effort = std::max(1.5 * effort, 1e-3);
+  const double unit = std::pow(10, std::floor(std::log10(effort)) - 1);
+  return symmetric(unit * std::ceil(effort / unit), "estimated from gravity and inertia, the model gives none");
+}
+
+}  // namespace
+
+std::vector<int> actuators_of(const mjModel* m, int joint) {
+  std::vector<int> actuators;
+  for (int a = 0; a < mujoco::engine::actuator_count(m); ++a)
+    if (on_joint(m, a) && m->actuator_trnid[2 * a] == joint) actuators.push_back(a);
+  return actuators;
+}
+
+int tendon_actuator_of(const mjModel* m, int joint) {
+  for (int a = 0; a < mujoco::engine::actuator_count(m); ++a) {
+    if (m->actuator_trntype[a] != mjTRN_TENDON) continue;
+    const int tendon = m->actuator_trnid[2 * a];
+    for (int w = m->tendon_adr[tendon]; w < m->tendon_adr[tendon] + m->tendon_num[tendon]; ++w)
+      if (m->wrap_type[w] == mjWRAP_JOINT && m->wrap_objid[w] == joint) return a;
+  }
+  return -1;
+}
+
+Effort effort_of(const ForeignModel& foreign, int joint) {
+  if (const auto effort = given(foreign, joint); effort && effort->largest_nm() > 0) return *effort;
+  return estimated(foreign.model->get(), joint);
+}
+
+}  // namespace tribotwin::twin
