@@ -20,7 +20,7 @@ struct Arguments {
   std::string model, scenario, gear;
   std::vector<std::string> joints, parameters;
   Destination output;
-  bool fix_base = false, quiet = false;
+  bool fix_base = false, json = false, quiet = false;
 };
 
 /// NAME=VALUE; without "=" the whole is `first`.
@@ -80,11 +80,13 @@ Result<Exit> write_both(const RobotWithDrives& robot, const Arguments& a, const 
       return work_failed(ok.error().message);
   }
   if (auto written = deliver(robot.mjcf, a.output); !written) return written;
-  print("{}\n", out.string());
+  std::vector<std::string> files{out.string()};
   if (work)
-    print("{}\n", scenario.string());
+    files.push_back(scenario.string());
   else
     note("no scenario was written: {}", work.error().message);
+  if (a.json) print_text(files_json(files));
+  if (!a.json) print("{}\n", joined(files, "\n"));
   return done;
 }
 
@@ -124,6 +126,7 @@ void add_add_drives(CLI::App& app, int& code) {
   command->add_flag("--fix-base", a->fix_base, "Fix a floating base, as on a stand");
   command->add_flag("--quiet", a->quiet, "No notes");
   a->output.add_to(*command, "OUT.xml: the model with drives");
+  command->add_flag("--json", a->json, "Print the names of the files written as JSON");
   command->footer(
       "Friction and heat of a class are starting points: identify those of your robot and give them by --params.\n"
       "Example:\n  tribotwin add-drives robot.urdf --joint shoulder=harmonic_130 --joint elbow -o robot.xml\n"

@@ -8,13 +8,10 @@
 #include <tribotwin/plugins/drive/fault.hpp>
 #include <tribotwin/plugins/friction/law.hpp>
 #include <tribotwin/twin/commands/program.hpp>
+#include <tribotwin/twin/gears/gear_class.hpp>
 #include <tribotwin/twin/io/input.hpp>
 #include <tribotwin/twin/io/shipped.hpp>
 #include <tribotwin/twin/io/text.hpp>
-#if __has_include(<tribotwin/twin/gears/gear_class.hpp>)
-#include <tribotwin/twin/gears/gear_class.hpp>
-#define TRIBOTWIN_HAS_GEARS
-#endif
 
 namespace tribotwin::twin::program {
 namespace {
@@ -79,7 +76,6 @@ Json faults() {
   return rows;
 }
 
-#ifdef TRIBOTWIN_HAS_GEARS
 Json gears() {
   Json rows = Json::array();
   for (const auto& gear : gear_classes())
@@ -94,7 +90,6 @@ Json gears() {
          {"source", gear.source}});
   return rows;
 }
-#endif
 
 struct Kind {
   const char *name, *description;
@@ -109,9 +104,7 @@ constexpr Kind kinds[] = {
     {"models", "Robots that ship", models},
     {"laws", "Friction laws, for models and tribotwin identify", laws},
     {"faults", "Faults of a drive, for events of scenarios", faults},
-#ifdef TRIBOTWIN_HAS_GEARS
     {"gears", "Gear classes with starter parameters, for tribotwin add-drives", gears},
-#endif
 };
 
 struct Arguments {
