@@ -9,6 +9,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <matio.h>
+#include <unistd.h>
 #include <zip.h>
 
 #include <tribotwin/twin/io/tables/numbers.hpp>
@@ -73,7 +74,7 @@ class Formats : public testing::Test {
     return table ? "was read" : table.error().message;
   }
 
-  fs::path folder_ = fs::temp_directory_path() / (std::string("tribotwin_formats_") +
+  fs::path folder_ = fs::temp_directory_path() / ("tribotwin_formats_" + std::to_string(::getpid()) + "_" +
                                                   testing::UnitTest::GetInstance()->current_test_info()->name());
 };
 

@@ -6,6 +6,7 @@
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <unistd.h>
 
 #include <tribotwin/twin/io/tables/column_map.hpp>
 #include <tribotwin/twin/io/tables/numbers.hpp>
@@ -38,8 +39,8 @@ class Tables : public testing::Test {
     return table ? "was read" : table.error().message;
   }
 
-  fs::path folder_ = fs::temp_directory_path() /
-                     (std::string("tribotwin_tables_") + testing::UnitTest::GetInstance()->current_test_info()->name());
+  fs::path folder_ = fs::temp_directory_path() / ("tribotwin_tables_" + std::to_string(::getpid()) + "_" +
+                                                  testing::UnitTest::GetInstance()->current_test_info()->name());
 };
 
 TEST(Column, NamesAreTakenApart) {
