@@ -10,6 +10,7 @@
 #include <tribotwin/twin/gears/add_drives.hpp>
 #include <tribotwin/twin/gears/gear_class.hpp>
 #include <tribotwin/twin/gears/starter_scenario.hpp>
+#include <tribotwin/twin/io/text.hpp>
 
 namespace tribotwin::twin::program {
 namespace {
