@@ -34,13 +34,13 @@ struct DriveOptions {
   int first_node = 1;
   Wiring wiring;  ///< the drives on each bus; all on one without
   std::uint32_t cycle_us = 2000;
-  std::vector<NodeSetup> nodes;                      ///< how they start, see BenchOptions
-  StartConditions conditions;                        ///< what `nodes` were made of, for the record
-  bool realtime = false;                             ///< physics on the clock instead of on SYNC
-  std::optional<double> duration_s;                  ///< of simulated time [s]; unlimited without
-  std::optional<double> bit_rate;                    ///< [bit/s] of all buses, for their load; without: their own
-  std::filesystem::path record;                      ///< a candump log of everything on the bus, and LOG.session
-  std::filesystem::path statistics;                  ///< JSON
+  std::vector<NodeSetup> nodes;      ///< how they start, see BenchOptions
+  StartConditions conditions;        ///< what `nodes` were made of, for the record
+  bool realtime = false;             ///< physics on the clock instead of on SYNC
+  std::optional<double> duration_s;  ///< of simulated time [s]; unlimited without
+  std::optional<double> bit_rate;    ///< [bit/s] of all buses, for their load; without: their own
+  std::filesystem::path record;      ///< a candump log of everything on the bus, and LOG.session
+  std::filesystem::path statistics;  ///< JSON
   /// Gets the same text.
   std::function<void(const std::string&)> show_statistics;
   std::filesystem::path output;                      ///< folder for telemetry

@@ -188,9 +188,7 @@ commands = [
             stream="joint.xml",
         ),
         Command(
-            "add-drives",
-            ("tribotwin", "add-drives", "{in}/bare.xml", "-o", "robot.xml"),
-            ("robot.xml", "robot.yaml"),
+            "add-drives", ("tribotwin", "add-drives", "{in}/bare.xml", "-o", "robot.xml"), ("robot.xml", "robot.yaml")
         ),
         Command("recover", ("tribotwin", "recover", "killed"), given=("killed",)),
         Command("list", ("tribotwin", "list", "laws", "-o", "laws.txt"), ("laws.txt",), stream="laws.txt"),
