@@ -3,8 +3,8 @@
 
 #include <Eigen/Dense>
 
-#include <tribotwin/twin/numerics/linear_algebra.hpp>
 #include <tribotwin/twin/control/tracking.hpp>
+#include <tribotwin/twin/numerics/linear_algebra.hpp>
 
 namespace tribotwin::twin {
 namespace {

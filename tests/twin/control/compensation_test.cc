@@ -12,8 +12,8 @@
 #include <tribotwin/twin/control/compensated_servo.hpp>
 #include <tribotwin/twin/control/external_torque.hpp>
 #include <tribotwin/twin/control/temperature_observer.hpp>
-#include <tribotwin/twin/simulation/run.hpp>
 #include <tribotwin/twin/control/tracking.hpp>
+#include <tribotwin/twin/simulation/run.hpp>
 
 namespace tribotwin::twin {
 namespace {
