@@ -328,8 +328,8 @@ void write_keyframes(pugi::xml_document& document, const mjModel* m, const std::
   bool had_activations = false;
   for (const auto& match : document.select_nodes("/mujoco/keyframe/key")) {
     pugi::xml_node key = match.node();
-    mju_copy(data->qpos, m->key_qpos + id * m->nq, m->nq);
-    mju_zero(data->qvel, m->nv);
+    mju_copy(data->qpos, m->key_qpos + id * m->nq, static_cast<int>(m->nq));
+    mju_zero(data->qvel, static_cast<int>(m->nv));
     mj_forward(m, data.get());
     std::vector<double> controls, positions, speeds;
     for (int a = 0; a < mujoco::engine::actuator_count(m); ++a) {

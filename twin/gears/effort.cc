@@ -1,5 +1,6 @@
 #include <algorithm>
 #include <cmath>
+#include <optional>
 #include <random>
 #include <vector>
 
@@ -7,6 +8,7 @@
 
 #include <tribotwin/plugins/mujoco/engine.hpp>
 #include <tribotwin/twin/gears/effort.hpp>
+#include <tribotwin/twin/robot/arm.hpp>
 
 namespace tribotwin::twin {
 namespace {
@@ -53,30 +55,15 @@ std::vector<double> largest_loads(const mjModel* m) {
   const mujoco::DataPtr data(mj_makeData(m));
   mjData* d = data.get();
   std::mt19937 random(1);
-  std::uniform_real_distribution<double> share(0, 1);
   const auto nv = static_cast<std::size_t>(m->nv);
   std::vector<double> largest(nv);
-  std::vector<mjtNum> full(nv * nv), bias(nv);
   for (int pose = 0; pose < 200; ++pose) {
-    for (int j = 0; j < m->njnt; ++j) {
-      if (m->jnt_type[j] != mjJNT_HINGE && m->jnt_type[j] != mjJNT_SLIDE) continue;
-      const bool slide = m->jnt_type[j] == mjJNT_SLIDE, limited = m->jnt_limited[j] != 0;
-      const double low = limited ? m->jnt_range[2 * j]
-                         : slide ? 0
-                                 : -mjPI,
-                   high = limited ? m->jnt_range[2 * j + 1]
-                          : slide ? 0
-                                  : mjPI;
-      d->qpos[m->jnt_qposadr[j]] = low + share(random) * (high - low);
-    }
-    mj_fwdPosition(m, d);
-    mj_fullM(m, full.data(), d->qM);
-    mju_zero(d->qvel, m->nv);
-    mj_comVel(m, d);
-    mj_rne(m, d, 0, bias.data());
+    random_pose(m, d, random);
+    mj_forward(m, d);
     for (std::size_t dof = 0; dof < nv; ++dof) {
       const double acceleration = m->jnt_type[m->dof_jntid[dof]] == mjJNT_SLIDE ? 2 : 5;
-      largest[dof] = std::max(largest[dof], std::abs(bias[dof]) + acceleration * full[dof * nv + dof]);
+      const double inertia = inertia_kg_m2(m, d, static_cast<int>(dof));
+      largest[dof] = std::max<double>(largest[dof], std::abs(d->qfrc_bias[dof]) + acceleration * inertia);
     }
   }
   return largest;
@@ -97,6 +84,16 @@ Effort estimated(const mjModel* m, int joint) {
 }
 
 }  // namespace
+
+void random_pose(const mjModel* m, mjData* d, std::mt19937& random) {
+  std::uniform_real_distribution<double> share(0, 1);
+  for (int j = 0; j < m->njnt; ++j)
+    if (m->jnt_type[j] == mjJNT_HINGE || (m->jnt_type[j] == mjJNT_SLIDE && m->jnt_limited[j])) {
+      const double low = m->jnt_limited[j] ? m->jnt_range[2 * j] : -mjPI,
+                   high = m->jnt_limited[j] ? m->jnt_range[2 * j + 1] : mjPI;
+      d->qpos[m->jnt_qposadr[j]] = low + share(random) * (high - low);
+    }
+}
 
 std::vector<int> actuators_of(const mjModel* m, int joint) {
   std::vector<int> actuators;

@@ -1,6 +1,7 @@
 #pragma once
 
-#include <optional>
+#include <algorithm>
+#include <random>
 #include <string>
 
 #include <mujoco/mujoco.h>
@@ -15,6 +16,9 @@ struct Effort {
   std::string source;
   double largest_nm() const { return std::max(-low_nm, high_nm); }
 };
+
+/// Sets d's hinges and limited slides to places within their ranges, those without a range within a turn.
+void random_pose(const mjModel* m, mjData* d, std::mt19937& random);
 
 /// The actuators that act on a joint directly, in their order.
 std::vector<int> actuators_of(const mjModel* m, int joint);

@@ -8,6 +8,7 @@
 
 #include <tribotwin/plugins/mujoco/loader.hpp>
 #include <tribotwin/twin/gears/drive_elements.hpp>
+#include <tribotwin/twin/gears/effort.hpp>
 #include <tribotwin/twin/gears/scene.hpp>
 
 namespace tribotwin::twin {
@@ -75,16 +76,6 @@ std::set<Pair> touching_neighbours(const mjModel* m, const mjData* d) {
   return pairs;
 }
 
-void random_pose(const mjModel* m, mjData* d, std::mt19937& random) {
-  std::uniform_real_distribution<double> share(0, 1);
-  for (int j = 0; j < m->njnt; ++j)
-    if (m->jnt_type[j] == mjJNT_HINGE || (m->jnt_type[j] == mjJNT_SLIDE && m->jnt_limited[j])) {
-      const double low = m->jnt_limited[j] ? m->jnt_range[2 * j] : -mjPI,
-                   high = m->jnt_limited[j] ? m->jnt_range[2 * j + 1] : mjPI;
-      d->qpos[m->jnt_qposadr[j]] = low + share(random) * (high - low);
-    }
-}
-
 }  // namespace
 
 void add_scene(pugi::xml_document& document, const mjModel* m, bool fixed_base, std::vector<std::string>& notes) {
@@ -117,7 +108,7 @@ void add_scene(pugi::xml_document& document, const mjModel* m, bool fixed_base, 
 
 bool exclude_neighbours(pugi::xml_document& document, const mjModel* m, std::vector<std::string>& notes) {
   const mujoco::DataPtr d(mj_makeData(m));
-  if (m->nkey > 0) mju_copy(d->qpos, m->key_qpos, m->nq);
+  if (m->nkey > 0) mju_copy(d->qpos, m->key_qpos, static_cast<int>(m->nq));
   mj_fwdPosition(m, d.get());
   std::set<Pair> pairs = touching_neighbours(m, d.get());
   constexpr int poses = 50;

@@ -116,8 +116,8 @@ class Planner {
 
   /// Contacts of the pose `place` between both ends; data then belong to it.
   int contacts(const Pose& centre, const Pose& half, double place) {
-    mju_copy(data_->qpos, m_->nkey > 0 ? m_->key_qpos : m_->qpos0, m_->nq);
-    mju_zero(data_->qvel, m_->nv);
+    mju_copy(data_->qpos, m_->nkey > 0 ? m_->key_qpos : m_->qpos0, static_cast<int>(m_->nq));
+    mju_zero(data_->qvel, static_cast<int>(m_->nv));
     std::vector<mjtNum> acceleration(static_cast<std::size_t>(m_->nv));
     for (std::size_t i = 0; i < size(); ++i) {
       const mujoco::Binding& b = model_.drives()[i];
