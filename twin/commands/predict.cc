@@ -12,6 +12,7 @@
 #include <tribotwin/twin/identification/rigid_body/temperature_estimator.hpp>
 #include <tribotwin/twin/identification/rigid_body/wrench.hpp>
 #include <tribotwin/twin/io/input.hpp>
+#include <tribotwin/twin/io/text.hpp>
 
 namespace tribotwin::twin::program {
 namespace {
@@ -57,6 +58,12 @@ Error error_of(const JointMotion& motion, const Eigen::MatrixXd& predicted, Inde
   e.rms = std::sqrt(squares / static_cast<double>(e.samples));
   e.range = high - low;
   return e;
+}
+
+std::string row_of(const std::string& joint, const Error& e) {
+  if (e.samples == 0) return fmt::format("{:<14} {:>10} {:>12} {:>12.4g}  does not move\n", joint, "-", "-", e.range);
+  return fmt::format("{:<14} {:>10.4g} {:>10.2f} % {:>12.4g} {:>12.4g} {:>10}\n", joint, e.rms, 100 * e.share(),
+                     e.range, e.largest, e.samples);
 }
 
 std::string csv_of(const Robot& robot, const JointMotion& motion, const Eigen::MatrixXd& predicted) {
@@ -130,6 +137,7 @@ Result<Exit> execute(const Arguments& a) {
   std::string table = fmt::format("{:<14} {:>10} {:>12} {:>12} {:>12} {:>10}\n", "joint", "error rms", "of its range",
                                   "range", "largest", "samples");
   double worst = 0;
+  int moving = 0;
   for (Index joint = 0; joint < predicted.rows(); ++joint) {
     const auto& name = robot.regressor.joint_name(joint);
     const Error e = a.window_s.empty() ? error_of(motion, predicted, joint, -infinity, infinity)
@@ -140,10 +148,15 @@ Result<Exit> execute(const Arguments& a) {
     j["joints"][name] = {{"rms", e.rms},         {"relative_to_range", e.share()},
                          {"range", e.range},     {"largest", e.largest},
                          {"samples", e.samples}, {"unit", robot.regressor.is_slide(joint) ? "N" : "Nm"}};
-    table += fmt::format("{:<14} {:>10.4g} {:>10.2f} % {:>12.4g} {:>12.4g} {:>10}\n", name, e.rms, 100 * e.share(),
-                         e.range, e.largest, e.samples);
-    worst = std::max(worst, e.share());
+    table += row_of(name, e);
+    moving += e.samples > 0;
+    if (e.samples > 0) worst = std::max(worst, e.share());
   }
+  if (moving == 0 && a.wrench.empty())
+    throw InputError(
+        fmt::format("{}: the robot stands still: no joint moves, and friction at rest does not follow from "
+                    "the motion",
+                    joined(a.data)));
   j["worst_relative_to_range"] = worst;
   if (a.output.named())
     if (auto ok = deliver(csv_of(robot, motion, predicted), a.output); !ok) return ok;

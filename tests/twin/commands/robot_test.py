@@ -306,6 +306,23 @@ refused(
     broken("k.csv", scaled("torque_joint2_nm", np.nan)),
 )
 refused("one joint stands", ["joint5", "stands"], "dynamics", model, broken("l.csv", still("position_joint5_rad")))
+
+
+def trembling(d, n):
+    for j in range(1, 7):
+        d[:, n.index(f"position_joint{j}_rad")] = 0.2 + 1e-9 * np.sin(np.arange(len(d)))
+
+
+refused("only the encoder's noise, predicted", ["stands"], "predict", model, "params.yaml", broken("m.csv", trembling))
+r = run("predict", model, "params.yaml", "l.csv", "--json")
+one, all_of = json.loads(r.stdout)["joints"]["joint5"], json.loads(r.stdout)
+check(
+    "a joint that stands has no error",
+    r.returncode == 0 and one["samples"] == 0 and one["rms"] is None and 0 < all_of["worst_relative_to_range"] < 1,
+    r.stdout + r.stderr,
+)
+r = run("predict", model, "params.yaml", "l.csv")
+check("nor in the table", "does not move" in r.stdout and "nan" not in r.stdout, r.stdout + r.stderr)
 refused("degrees, predicted", ["position_joint3_rad", "degrees"], "predict", model, "params.yaml", "b.csv")
 refused("a joint is missing, predicted", ["position_joint4_rad"], "predict", model, "params.yaml", "c.csv")
 refused("the robot stands, predicted", ["stands"], "predict", model, "params.yaml", "e.csv")
