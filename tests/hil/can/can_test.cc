@@ -218,8 +218,9 @@ TEST_F(Log, ReaderNamesFileAndLineAndGoesOn) {
   EXPECT_EQ(log->line(), 1u);
   EXPECT_EQ(log->next(frame).error().message,
             (folder_ / "a.log").string() + ":4: 'nonsense' is not '(time) bus frame'");
-  EXPECT_EQ(log->next(frame).error().message,
-            (folder_ / "a.log").string() + ":5: longer than 4095 characters, not a line of a candump log");
+  EXPECT_EQ(
+      log->next(frame).error().message,
+      (folder_ / "a.log").string() + ":5: longer than 4095 characters; a line of a candump log is '(time) bus frame'");
   ASSERT_EQ(log->next(frame), true);
   EXPECT_TRUE(frame.error);
   EXPECT_EQ(log->bus(), "can1");
