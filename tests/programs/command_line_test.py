@@ -127,6 +127,8 @@ def options_in(text):
         label, _, rest = re.sub(r"\n {28}", "  ", row.strip(), count=1).partition("  ")
         names, value = re.fullmatch(r"((?:-\w, )?--[\w-]+)(.*)", label).groups()
         units = re.findall(r"\[(?![^]]*=)[^] ]+\]", re.sub(r"\s+", " ", rest))
+        if rest.strip().startswith("[JOINT=]N"):  # a number, for one joint or for all
+            value = "NUMBER"
         found[names.split(", ")[-1]] = (value.strip(), tuple(units[:1]))
     return found
 

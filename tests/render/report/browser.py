@@ -71,7 +71,8 @@ class Browser:
             text=True,
             timeout=300,
         )
-        return [line for line in r.stderr.splitlines() if "CONSOLE" in line], r.stdout
+        # What the page says; a line whose source is chrome:// is the browser's own.
+        return [s for s in r.stderr.splitlines() if "CONSOLE" in s and "source: chrome://" not in s], r.stdout
 
     def measured(self, page, width):
         with open(page) as f:
