@@ -86,6 +86,8 @@ Result<Exit> write_both(const RobotWithDrives& robot, const Arguments& a, const 
     files.push_back(scenario.string());
   else
     note("no scenario was written: {}", work.error().message);
+  if (std::error_code error; !work && fs::exists(scenario, error))
+    note("attention: {} is of another call and may not fit this robot", scenario.string());
   if (a.json) print_text(files_json(files));
   if (!a.json) print("{}\n", joined(files, "\n"));
   return done;

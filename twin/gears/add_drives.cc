@@ -11,6 +11,7 @@
 #include <tribotwin/twin/gears/effort.hpp>
 #include <tribotwin/twin/gears/gear_class.hpp>
 #include <tribotwin/twin/gears/scene.hpp>
+#include <tribotwin/twin/io/text.hpp>
 
 namespace tribotwin::twin {
 namespace {
@@ -118,6 +119,25 @@ Result<std::vector<std::pair<int, std::string>>> chosen_joints(const ForeignMode
                    : "its joints are all moved through tendons; give joints an actuator of their own in the model"));
 }
 
+/// Parameters must be of a hinge that gets a drive.
+Result<void> check_identified(const mjModel* m, const std::vector<std::pair<int, std::string>>& chosen,
+                              const AddDrives& choice) {
+  for (const IdentifiedParameters& i : choice.identified) {
+    if (i.joint.empty()) continue;
+    const int joint = mj_name2id(m, mjOBJ_JOINT, i.joint.c_str());
+    if (std::ranges::find(chosen, joint, &std::pair<int, std::string>::first) == chosen.end()) {
+      std::vector<std::string> names;
+      for (const auto& c : chosen) names.push_back(name_of(m, mjOBJ_JOINT, c.first));
+      return tl::unexpected(fmt::format("--params {}={}: '{}' gets no drive; joints that get one: {}", i.joint, i.file,
+                                        i.joint, twin::joined(names)));
+    }
+    if (m->jnt_type[joint] == mjJNT_SLIDE)
+      return tl::unexpected(fmt::format(
+          "--params {}={}: '{}' is a slide, and identified parameters are in Nm of a hinge", i.joint, i.file, i.joint));
+  }
+  return {};
+}
+
 /// The drive of a joint: identified parameters where the user gave them, else those of the class.
 Result<void> choose_parameters(Plan& p, const GearClass& gear, double scale, const AddDrives& choice) {
   p.keys = configuration_of(gear, scale);
@@ -128,6 +148,7 @@ Result<void> choose_parameters(Plan& p, const GearClass& gear, double scale, con
   if (!starter) return tl::unexpected(fmt::format("gear class {}: {}", gear.name, starter.error().message));
   for (const IdentifiedParameters& i : choice.identified) {
     if (!i.joint.empty() && i.joint != p.added.joint) continue;
+    if (i.joint.empty() && gear.linear) continue;  // identified in Nm, of a hinge
     auto parameters = i.parameters;
     if (!(parameters.torque_max_nm > 0)) parameters.torque_max_nm = starter->torque_max_nm;
     if (!(parameters.gear_ratio > 0)) parameters.gear_ratio = starter->gear_ratio;
@@ -451,6 +472,7 @@ Result<RobotWithDrives> add_drives(const fs::path& file, const AddDrives& choice
   const auto joints = chosen_joints(*foreign, choice);
   if (!joints) return tl::unexpected(joints.error());
   const mjModel* m = foreign->model->get();
+  if (const auto ok = check_identified(m, *joints, choice); !ok) return tl::unexpected(ok.error());
   pugi::xml_document& document = *foreign->document;
   const auto failed = [&](const Error& e) {
     return tl::unexpected(Error(fmt::format("{}: {}", file.string(), e.message), e.kind));

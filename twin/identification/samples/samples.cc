@@ -303,6 +303,30 @@ std::vector<double> weights_of(const Samples& samples) {
   return w;
 }
 
+namespace {
+
+struct Opened {
+  Numbers table;
+  bool series = false;  ///< a recording, not a friction curve
+};
+
+/// The columns that are wanted decide which joint a name is of: first as a recording, then as a friction curve.
+Result<Opened> open_samples(const fs::path& file, const TableOptions& options) {
+  auto series = read_numbers(file, series_columns, options);
+  if (series && series->has("time_s") && series->has("position_rad")) return Opened{std::move(*series), true};
+  auto curve = read_numbers(file, curve_columns, options);
+  if (!curve) return tl::unexpected(curve.error());
+  if (curve->has("speed_rad_s") && (curve->has("friction_norm") || curve->has("friction_nm")))
+    return Opened{std::move(*curve), false};
+  if (!series) return tl::unexpected(series.error());
+  return tl::unexpected(
+      fmt::format("{}:1: neither a friction curve (speed_rad_s; friction_norm or friction_nm) nor a recording "
+                  "(time_s, position_rad, torque_nm); the header names {}",
+                  file.string(), curve->header));
+}
+
+}  // namespace
+
 Result<Samples> read_samples(std::span<const fs::path> files, const friction::LawInfo& law,
                              const ReadOptions& options) {
   Samples samples;
@@ -312,17 +336,10 @@ Result<Samples> read_samples(std::span<const fs::path> files, const friction::La
       if (const Problem p = read_record(samples, *record, law, options)) return tl::unexpected(*p);
       continue;
     }
-    auto table = read_numbers(file, curve_columns, tables);
-    if (!table) return tl::unexpected(table.error());
-    const auto names = [&](std::string_view name) { return table->has(name); };
-    const bool series = names("time_s") && names("position_rad");
-    if (!series && (!names("speed_rad_s") || (!names("friction_norm") && !names("friction_nm"))))
-      return tl::unexpected(
-          fmt::format("{}:1: neither a friction curve (speed_rad_s; friction_norm or friction_nm) nor a recording "
-                      "(time_s, position_rad, torque_nm); the header names {}",
-                      file.string(), table->header));
-    if (series) table = read_numbers(file, series_columns, tables);
-    if (!table) return tl::unexpected(table.error());
+    const auto opened = open_samples(file, tables);
+    if (!opened) return tl::unexpected(opened.error());
+    const Numbers* table = &opened->table;
+    const bool series = opened->series;
     if (table->left_out)
       samples.notes.push_back(
           fmt::format("{}: {} rows with empty, NaN or infinite cells are left out, the first in {} {}", file.string(),
