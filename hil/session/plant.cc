@@ -27,7 +27,7 @@ std::vector<DriveParameters> drive_parameters(const twin::Scenario& scenario, in
                       .start_degC = scenario.temperature_degC[all.size()],
                       .speed_bandwidth_max_rad_s = 1 / m->opt.timestep};
     // Two drives of one robot may share a node number, but not a serial number.
-    if (wiring.size() > 1) p.serial_number = static_cast<std::uint32_t>(first_node) + all.size();
+    if (wiring.size() > 1) p.serial_number = static_cast<std::uint32_t>(first_node + all.size());
     if (const auto* o = std::get_if<twin::CascadedOptions>(&scenario.control))
       p.gains = {o->position_gain_1_s, o->speed_bandwidth_rad_s, o->integral_time_s};
     // The maximum speed of the identification, where the law states one: motor side.
