@@ -66,7 +66,7 @@ Result<Numbers> read_numbers(const fs::path& file, const std::vector<std::string
   numbers.columns.resize(wanted.size());
   for (const auto& column : layout->columns) numbers.names.push_back(column.name);
   if (auto ok = (*source)->read(*picks, numbers); !ok) return tl::unexpected(ok.error());
-  if (!wanted.empty() && numbers.lines.empty() && numbers.left_out == 0)
+  if (!picks->empty() && numbers.lines.empty() && numbers.left_out == 0)
     return tl::unexpected(fmt::format("{}: is empty: a header but no samples", file.string()));
   return numbers;
 }
