@@ -13,7 +13,7 @@ inside() { chroot "$root" env DEBIAN_FRONTEND=noninteractive LC_ALL=C "$@"; }
 files() { (cd "$root" && find usr etc opt srv -not -type d | sort); }
 
 cpack --config "$build/CPackConfig.cmake" -B "$work/packages" > /dev/null
-debootstrap --variant=minbase bookworm "$root" "${MIRROR:-http://deb.debian.org/debian}" > /dev/null
+debootstrap --variant=minbase bookworm "$root" ${MIRROR:+"$MIRROR"} > /dev/null
 mount -t proc proc "$root/proc"
 cp /etc/resolv.conf "$root/etc/"
 cp "$work"/packages/*.deb "$root/root/"
