@@ -6,17 +6,12 @@
 #include <random>
 
 #include <tribotwin/hil/mirror/mirror.hpp>
+#include <tribotwin/tests/fuzz/require.hpp>
 #include <tribotwin/tests/hil/one_drive.hpp>
 
 using namespace tribotwin::hil;
 
 namespace {
-
-void require(bool held, const char* what) {
-  if (held) return;
-  std::fprintf(stderr, "%s\n", what);
-  std::abort();
-}
 
 const DriveParameters parameters{.node = 1,
                                  .name = "joint1",

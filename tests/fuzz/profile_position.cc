@@ -9,17 +9,12 @@
 
 #include <tribotwin/hil/cia402/node.hpp>
 #include <tribotwin/hil/cia402/words.hpp>
+#include <tribotwin/tests/fuzz/require.hpp>
 #include <tribotwin/tests/hil/one_drive.hpp>
 
 using namespace tribotwin::hil;
 
 namespace {
-
-void require(bool held, const char* what) {
-  if (held) return;
-  std::fprintf(stderr, "%s\n", what);
-  std::abort();
-}
 
 constexpr double gear = 100, step_s = 1e-3, low_rad = -1, high_rad = 1;
 constexpr double per_rad = 65536 * gear / (2 * std::numbers::pi), per_rad_s = 60e3 * gear / (2 * std::numbers::pi);

@@ -12,6 +12,7 @@
 #include <unistd.h>
 #include <zip.h>
 
+#include <tribotwin/tests/twin/io/tables/table_files.hpp>
 #include <tribotwin/twin/io/tables/numbers.hpp>
 
 namespace tribotwin::twin {
@@ -46,15 +47,8 @@ std::string header(const std::string& type, const std::string& shape, bool fortr
   return "{'descr': " + type + ", 'fortran_order': " + (fortran ? "True" : "False") + ", 'shape': " + shape + ", }";
 }
 
-class Formats : public testing::Test {
+class Formats : public TableFiles {
  protected:
-  void SetUp() override { fs::create_directories(folder_); }
-  void TearDown() override { fs::remove_all(folder_); }
-
-  fs::path write(const std::string& name, const std::string& text) {
-    std::ofstream(folder_ / name, std::ios::binary) << text;
-    return folder_ / name;
-  }
   /// An archive of arrays, deflated.
   fs::path archive(const std::string& name, const std::vector<std::pair<std::string, std::string>>& entries) {
     fs::remove(folder_ / name);
@@ -73,9 +67,6 @@ class Formats : public testing::Test {
     const auto table = read_numbers(file, {"time_s"});
     return table ? "was read" : table.error().message;
   }
-
-  fs::path folder_ = fs::temp_directory_path() / ("tribotwin_formats_" + std::to_string(::getpid()) + "_" +
-                                                  testing::UnitTest::GetInstance()->current_test_info()->name());
 };
 
 TEST_F(Formats, NumpyNumbersOfEveryType) {

@@ -8,6 +8,7 @@
 #include <gtest/gtest.h>
 #include <unistd.h>
 
+#include <tribotwin/tests/twin/io/tables/table_files.hpp>
 #include <tribotwin/twin/io/tables/column_map.hpp>
 #include <tribotwin/twin/io/tables/numbers.hpp>
 
@@ -19,15 +20,8 @@ namespace fs = std::filesystem;
 
 constexpr double degree = std::numbers::pi / 180;
 
-class Tables : public testing::Test {
+class Tables : public TableFiles {
  protected:
-  void SetUp() override { fs::create_directories(folder_); }
-  void TearDown() override { fs::remove_all(folder_); }
-
-  fs::path write(const std::string& name, const std::string& text) {
-    std::ofstream(folder_ / name, std::ios::binary) << text;
-    return folder_ / name;
-  }
   /// The columns of a CSV file of this text.
   Result<Numbers> read(const std::string& text, const std::vector<std::string>& wanted,
                        const TableOptions& options = {}) {
@@ -38,9 +32,6 @@ class Tables : public testing::Test {
     const auto table = read(text, wanted, options);
     return table ? "was read" : table.error().message;
   }
-
-  fs::path folder_ = fs::temp_directory_path() / ("tribotwin_tables_" + std::to_string(::getpid()) + "_" +
-                                                  testing::UnitTest::GetInstance()->current_test_info()->name());
 };
 
 TEST(Column, NamesAreTakenApart) {

@@ -16,18 +16,9 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
+#include <tribotwin/tests/allocations.hpp>
 #include <tribotwin/twin/io/telemetry/hdf5.hpp>
 #include <tribotwin/twin/io/telemetry/telemetry.hpp>
-
-// Counts what C++ code allocates in this thread; HDF5 is C and does not pass here.
-static thread_local long allocations = 0;
-[[gnu::noinline]] void* operator new(std::size_t size) {
-  ++allocations;
-  if (void* p = std::malloc(size ? size : 1)) return p;
-  throw std::bad_alloc();
-}
-[[gnu::noinline]] void operator delete(void* p) noexcept { std::free(p); }
-[[gnu::noinline]] void operator delete(void* p, std::size_t) noexcept { std::free(p); }
 
 namespace tribotwin::twin {
 namespace {
