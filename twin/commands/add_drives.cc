@@ -1,3 +1,5 @@
+#include <algorithm>
+#include <cctype>
 #include <filesystem>
 #include <memory>
 #include <string>
@@ -19,7 +21,7 @@ namespace fs = std::filesystem;
 
 struct Arguments {
   std::string model, scenario, gear;
-  std::vector<std::string> joints, parameters;
+  std::vector<std::string> joints, parameters, efforts;
   Destination output;
   bool fix_base = false, json = false, quiet = false;
 };
@@ -31,7 +33,8 @@ std::pair<std::string, std::string> split(const std::string& text) {
 }
 
 AddDrives choice_of(const Arguments& a) {
-  AddDrives choice{.gear = a.gear, .fix_base = a.fix_base};
+  AddDrives choice{
+      .gear = a.gear, .effort_nm = or_wrong_input(PerJoint::of("--effort", a.efforts)), .fix_base = a.fix_base};
   for (const auto& joint : a.joints) {
     const auto [name, gear] = split(joint);
     if (name.empty())
@@ -57,7 +60,7 @@ void report(const RobotWithDrives& robot) {
   bool starters = false;
   for (const AddedDrive& d : robot.drives) {
     const char* unit = d.slide ? "N" : "Nm";
-    starters = starters || d.source != "identified";
+    starters = starters || d.is_starting_point();
     note("{}: {}; {:.4g} {} ({}); gear ratio {:.4g}; armature {:.4g} {}", d.joint, d.parameters, d.effort_nm, unit,
          d.effort_source, d.gear_ratio, d.armature, d.armature_of_model ? "of the model" : "of the rotor");
     if (!d.replaced.empty()) note("{}: the drive '{}' replaces its {}", d.joint, d.actuator, d.replaced);
@@ -67,6 +70,7 @@ void report(const RobotWithDrives& robot) {
   }
   for (const auto& text : robot.notes) note("{}", text);
   if (starters) note("attention: {}", starting_points);
+  for (const auto& text : robot.warnings) report_text(fmt::format("warning: {}\n", text));
 }
 
 /// Both files or none, also where the work was interrupted between them and starts again: the scenario comes first, and
@@ -93,17 +97,63 @@ Result<Exit> write_both(const RobotWithDrives& robot, const Arguments& a, const 
   return done;
 }
 
+/// Folders for new files, which go again while they are empty unless they are kept.
+class NewFolders {
+ public:
+  NewFolders() = default;
+  NewFolders(const NewFolders&) = delete;
+  ~NewFolders() {
+    std::error_code ignored;
+    for (auto folder = made_.rbegin(); folder != made_.rend(); ++folder) fs::remove(*folder, ignored);
+  }
+  /// What cannot be created is missing, which the check of the file says.
+  void make_for(const fs::path& file) {
+    std::vector<fs::path> missing;
+    std::error_code error;
+    for (fs::path folder = fs::absolute(file).lexically_normal().parent_path(); !fs::exists(folder, error) && !error;
+         folder = folder.parent_path())
+      missing.push_back(folder);
+    for (auto folder = missing.rbegin(); folder != missing.rend(); ++folder)
+      if (fs::create_directory(*folder, error)) made_.push_back(*folder);
+  }
+  void keep() { made_.clear(); }
+
+ private:
+  std::vector<fs::path> made_;
+};
+
+/// The result is a file in a folder, and MJCF.
+void check_kind(const fs::path& out) {
+  std::error_code error;
+  const fs::file_status status = fs::status(out, error);
+  if (fs::exists(status) && !fs::is_regular_file(status) && !fs::is_directory(status))
+    throw InputError(fmt::format(
+        "-o {}: is no file, but paths of meshes are relative to the folder of the model; give a file, as OUT.xml",
+        out.string()));
+  std::string ending = out.extension();
+  std::ranges::transform(ending, ending.begin(), [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
+  if (ending == ".urdf" || ending == ".yaml")
+    throw InputError(fmt::format("-o {}: the model with drives is MJCF{}; name it {}", out.string(),
+                                 ending == ".urdf" ? ", because a URDF has no place for drives" : "",
+                                 fs::path(out).replace_extension(".xml").string()));
+}
+
 Result<Exit> execute(const Arguments& a) {
   if (!a.output.named()) throw InputError("add-drives needs -o OUT.xml: paths of meshes are relative to its folder");
   const fs::path out = a.output.file;
+  check_kind(out);
   const fs::path scenario = a.scenario.empty() ? fs::path(out).replace_extension(".yaml") : fs::path(a.scenario);
+  NewFolders folders;
+  for (const fs::path& file : {out, scenario}) folders.make_for(file);
   check(a.output, {a.model});
   or_wrong_input(check_output(scenario, Existing::replace, std::vector<fs::path>{a.model, out}));
   const auto robot = add_drives(a.model, choice_of(a), out.has_parent_path() ? out.parent_path() : ".");
   if (!robot) return tl::unexpected(robot.error());
   check(a.output, robot->files);
   if (!a.quiet) report(*robot);
-  return write_both(*robot, a, scenario);
+  auto code = write_both(*robot, a, scenario);
+  if (code) folders.keep();
+  return code;
 }
 
 }  // namespace
@@ -124,6 +174,11 @@ void add_add_drives(CLI::App& app, int& code) {
   command
       ->add_option("--params", a->parameters,
                    "FILE or JOINT=FILE: identified parameters (tribotwin identify) instead of those of the class")
+      ->allow_extra_args(false);
+  command
+      ->add_option("--effort", a->efforts,
+                   "[JOINT=]NM (N of a slide): largest torque of the drive in place of the model's effort; may be "
+                   "repeated")
       ->allow_extra_args(false);
   command->add_option("--scenario", a->scenario, "File for the first hour of work (default: OUT.yaml)");
   command->add_flag("--fix-base", a->fix_base, "Fix a floating base, as on a stand");

@@ -5,6 +5,7 @@
 #include <tribotwin/twin/io/output.hpp>
 #include <tribotwin/twin/io/shipped.hpp>
 #include <tribotwin/twin/robot/arm.hpp>
+#include <tribotwin/twin/robot/starting_points.hpp>
 
 namespace tribotwin::twin::program {
 
@@ -33,9 +34,27 @@ void add_preparation(CLI::App& command, Preparation& preparation) {
       ->check(CLI::Range(1u, 1000000u));
 }
 
+namespace {
+
+/// Torque from current is proportional to the gear ratio, which may be that of a gear class. `options` are the user's.
+void note_guessed_ratios(const mujoco::Model& model, const TableOptions& options) {
+  for (const auto& drive : model.drives()) {
+    const std::string joint = joint_name(model.get(), drive);
+    const std::string_view from = starting_point(model, drive);
+    if (!from.empty() && !options.gear_ratio.find(joint) && options.torque_constant.find(joint))
+      note(
+          "{}: --torque-constant uses gear ratio {:g}, which is a guess, that of gear class {}; give yours: "
+          "--gear-ratio {}=N",
+          joint, drive.drive.gear_ratio, from, joint);
+  }
+}
+
+}  // namespace
+
 JointMotion read_motion(const Robot& robot, const std::vector<std::string>& files, const Preparation& preparation,
                         const TableArguments& tables, bool quiet) {
   TableOptions options = or_wrong_input(tables.options());
+  if (!quiet) note_guessed_ratios(*robot.model, options);
   for (const auto& drive : robot.model->drives())
     options.gear_ratio.add_default(joint_name(robot.model->get(), drive), drive.drive.gear_ratio);
   std::vector<RobotRecording> recordings;

@@ -12,6 +12,7 @@
 #include <tribotwin/twin/gears/gear_class.hpp>
 #include <tribotwin/twin/gears/scene.hpp>
 #include <tribotwin/twin/io/text.hpp>
+#include <tribotwin/twin/robot/starting_points.hpp>
 
 namespace tribotwin::twin {
 namespace {
@@ -20,12 +21,18 @@ namespace fs = std::filesystem;
 
 /// Time steps above it lose the energy balance at reversals [s].
 constexpr double longest_useful_s = 0.002;
+/// A class that is scaled by more, or by less than its inverse, says nothing about its joint.
+constexpr double most_scale = 3;
+/// A joint whose effort is this many times the torque of its gear would break it.
+constexpr double too_small = 1.5;
 
 /// A joint with what it gets, before anything is written.
 struct Plan {
   int joint = -1;
   std::vector<int> actuators;  ///< the first becomes the drive, the others go
   Effort effort;
+  double gravity_nm = 0;  ///< the largest in the joint's range
+  double scale = 1;       ///< of the gear class
   std::string instance;
   drive::Drive drive;
   drive::Configuration keys;
@@ -119,6 +126,18 @@ Result<std::vector<std::pair<int, std::string>>> chosen_joints(const ForeignMode
                    : "its joints are all moved through tendons; give joints an actuator of their own in the model"));
 }
 
+/// An effort must be of a joint that gets a drive.
+Result<void> check_efforts(const mjModel* m, const std::vector<std::pair<int, std::string>>& chosen,
+                           const AddDrives& choice) {
+  std::vector<std::string> names;
+  for (const auto& c : chosen) names.push_back(name_of(m, mjOBJ_JOINT, c.first));
+  for (const auto& [joint, effort] : choice.effort_nm.named())
+    if (std::ranges::find(names, joint) == names.end())
+      return tl::unexpected(fmt::format("--effort {}={:g}: '{}' gets no drive; joints that get one: {}", joint, effort,
+                                        joint, twin::joined(names)));
+  return {};
+}
+
 /// Parameters must be of a hinge that gets a drive.
 Result<void> check_identified(const mjModel* m, const std::vector<std::pair<int, std::string>>& chosen,
                               const AddDrives& choice) {
@@ -166,11 +185,17 @@ Result<void> choose_parameters(Plan& p, const GearClass& gear, double scale, con
   return {};
 }
 
-Result<Plan> plan(const ForeignModel& foreign, int joint, const std::string& gear, const AddDrives& choice) {
+Effort chosen_effort(const ForeignModel& foreign, int joint, const Loads& loads, const AddDrives& choice) {
+  const auto given = choice.effort_nm.find(name_of(foreign.model->get(), mjOBJ_JOINT, joint));
+  return given ? effort_given(*given) : effort_of(foreign, joint, loads);
+}
+
+Result<Plan> plan(const ForeignModel& foreign, int joint, const std::string& gear, const Loads& loads,
+                  const AddDrives& choice) {
   const mjModel* m = foreign.model->get();
   const int dof = m->jnt_dofadr[joint];
   const bool floating = m->jnt_type[std::max(0, m->body_jntadr[m->body_rootid[m->jnt_bodyid[joint]]])] == mjJNT_FREE;
-  Plan p{.joint = joint, .actuators = actuators_of(m, joint), .effort = effort_of(foreign, joint)};
+  Plan p{.joint = joint, .actuators = actuators_of(m, joint), .effort = chosen_effort(foreign, joint, loads, choice)};
   AddedDrive& a = p.added;
   a.joint = p.instance = name_of(m, mjOBJ_JOINT, joint);
   a.slide = m->jnt_type[joint] == mjJNT_SLIDE;
@@ -186,8 +211,9 @@ Result<Plan> plan(const ForeignModel& foreign, int joint, const std::string& gea
         fmt::format("joint '{}' is a {}, but gear class '{}' is for {}; `tribotwin list gears` shows "
                     "all",
                     a.joint, a.slide ? "slide" : "hinge", name, g.linear ? "slides" : "hinges"));
-  const double scale = name == g.family ? a.effort_nm / g.torque_max_nm : 1;
-  if (const auto ok = choose_parameters(p, g, scale, choice); !ok) return tl::unexpected(ok.error());
+  p.scale = name == g.family ? a.effort_nm / g.torque_max_nm : 1;
+  p.gravity_nm = loads.gravity_nm[static_cast<std::size_t>(dof)];
+  if (const auto ok = choose_parameters(p, g, p.scale, choice); !ok) return tl::unexpected(ok.error());
 
   a.gear_ratio = p.drive.gear_ratio;
   const auto limit = foreign.limits.find(a.joint);
@@ -195,10 +221,60 @@ Result<Plan> plan(const ForeignModel& foreign, int joint, const std::string& gea
     a.speed_max_rad_s = std::min(a.speed_max_rad_s, limit->second.speed_rad_s);
   a.armature_of_model = m->dof_armature[dof] > 0;
   a.armature = a.armature_of_model ? m->dof_armature[dof]
-                                   : g.rotor_inertia_kg_m2 * scale * p.drive.gear_ratio * p.drive.gear_ratio;
+                                   : g.rotor_inertia_kg_m2 * p.scale * p.drive.gear_ratio * p.drive.gear_ratio;
   a.removed_damping = m->dof_damping[dof];
   a.removed_frictionloss = m->dof_frictionloss[dof];
   return p;
+}
+
+/// " of masses that are all 2 kg", which nobody measured; empty where they differ.
+std::string equal_masses(const mjModel* m, int joint) {
+  const int root = m->body_rootid[m->jnt_bodyid[joint]];
+  double low = 1e300, high = 0;
+  int count = 0;
+  for (int body = 1; body < m->nbody; ++body)
+    if (const double mass = m->body_mass[body]; m->body_rootid[body] == root && mass > 0)
+      low = std::min(low, mass), high = std::max(high, mass), ++count;
+  return count >= 3 && high - low < 1e-9 * high ? fmt::format(" of masses that are all {:.4g} kg", high) : "";
+}
+
+/// Efforts that nobody gave, one sentence for all joints.
+void doubt_efforts(const mjModel* m, const std::vector<Plan>& plans, std::vector<std::string>& warnings) {
+  std::vector<std::string> guesses;
+  const Plan* first = nullptr;
+  for (const Plan& p : plans) {
+    if (!p.effort.estimated) continue;
+    if (!first) first = &p;
+    guesses.push_back(fmt::format("{} {:.4g} {}", p.added.joint, p.added.effort_nm, p.added.slide ? "N" : "Nm"));
+  }
+  if (!first) return;
+  warnings.push_back(fmt::format(
+      "the model gives no usable effort, and gear, friction and torque limits follow from a guess by gravity and "
+      "inertia{}: {}; give the torques of the real drives: --effort {}={}",
+      equal_masses(m, first->joint), twin::joined(guesses), first->added.joint, first->added.slide ? "N" : "NM"));
+}
+
+/// A class that was not made for its joint.
+void doubt_gear(const Plan& p, std::vector<std::string>& warnings) {
+  const AddedDrive& a = p.added;
+  const char* unit = a.slide ? "N" : "Nm";
+  const double torque = p.drive.torque_max_nm;
+  if (a.is_starting_point() && !(p.scale >= 1 / most_scale && p.scale <= most_scale))
+    warnings.push_back(
+        fmt::format("{}: {}: no drive of this size is known here, and friction that is scaled so far is hardly a "
+                    "guess; check its effort ({:.4g} {}, {}), give it by --effort or another class by --joint {}=CLASS",
+                    a.joint, a.parameters, a.effort_nm, unit, a.effort_source, a.joint));
+  if (torque * too_small < a.effort_nm)
+    warnings.push_back(
+        fmt::format("{}: {} is made for {:.4g} {}, but the joint's effort is {:.4g} {} ({}): the gear is too small; "
+                    "choose a larger class, or its family, which is scaled",
+                    a.joint, a.parameters, torque, unit, a.effort_nm, unit, a.effort_source));
+  if (const double able = std::min(torque, a.effort_nm); p.gravity_nm > able)
+    warnings.push_back(
+        fmt::format("{}: gravity alone needs up to {:.4g} {} in the joint's range, but {} {:.4g} {}; choose a larger "
+                    "class, or give the effort of the real drive by --effort {}={}",
+                    a.joint, p.gravity_nm, unit, torque < a.effort_nm ? a.parameters + " has" : "its effort is", able,
+                    unit, a.joint, a.slide ? "N" : "NM"));
 }
 
 /// The elements of all <actuator> sections, in the engine's order.
@@ -424,6 +500,16 @@ void write_speeds(pugi::xml_document& document, const std::vector<Plan>& plans) 
   set_attribute(numeric, "data", numbers(speeds));
 }
 
+/// So that a run can say that its friction is a guess.
+void write_starting_points(pugi::xml_document& document, const std::vector<Plan>& plans) {
+  for (const Plan& p : plans) {
+    if (!p.added.is_starting_point()) continue;
+    pugi::xml_node text = section(document, "custom").append_child("text");
+    set_attribute(text, "name", starting_point_name(p.added.joint));
+    set_attribute(text, "data", p.added.parameters);
+  }
+}
+
 void write_title(pugi::xml_document& document, const fs::path& file, bool starters) {
   std::string text = fmt::format(" Drives added by tribotwin to {}.", file.filename().string());
   if (starters) text += fmt::format(" Attention: {}.", starting_points);
@@ -473,14 +559,16 @@ Result<RobotWithDrives> add_drives(const fs::path& file, const AddDrives& choice
   if (!joints) return tl::unexpected(joints.error());
   const mjModel* m = foreign->model->get();
   if (const auto ok = check_identified(m, *joints, choice); !ok) return tl::unexpected(ok.error());
+  if (const auto ok = check_efforts(m, *joints, choice); !ok) return tl::unexpected(ok.error());
   pugi::xml_document& document = *foreign->document;
   const auto failed = [&](const Error& e) {
     return tl::unexpected(Error(fmt::format("{}: {}", file.string(), e.message), e.kind));
   };
 
+  const Loads loads = loads_of(m);
   std::vector<Plan> plans;
   for (const auto& [joint, gear] : *joints) {
-    auto p = plan(*foreign, joint, gear, choice);
+    auto p = plan(*foreign, joint, gear, loads, choice);
     if (!p) return failed(p.error());
     plans.push_back(std::move(*p));
   }
@@ -489,6 +577,8 @@ Result<RobotWithDrives> add_drives(const fs::path& file, const AddDrives& choice
                            [](const Plan& p) { return p.actuators.empty() ? 1 << 30 : p.actuators.front(); });
 
   RobotWithDrives robot{.notes = foreign->notes, .files = foreign->files};
+  doubt_efforts(m, plans, robot.warnings);
+  for (const Plan& p : plans) doubt_gear(p, robot.warnings);
   if (const auto ok = write_joints(document, m, plans); !ok) return failed(ok.error());
   const auto freed = fix_bases(document, m, plans, choice.fix_base);
   if (!freed) return failed(freed.error());
@@ -500,7 +590,8 @@ Result<RobotWithDrives> add_drives(const fs::path& file, const AddDrives& choice
   write_options(document, m, robot.notes);
   write_speeds(document, plans);
   add_scene(document, m, choice.fix_base, robot.notes);
-  const bool starters = std::ranges::any_of(plans, [](const Plan& p) { return p.added.source != "identified"; });
+  write_starting_points(document, plans);
+  const bool starters = std::ranges::any_of(plans, [](const Plan& p) { return p.added.is_starting_point(); });
   write_title(document, file, starters);
   make_assets_relative(document, folder);
 

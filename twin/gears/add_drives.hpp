@@ -10,6 +10,7 @@
 #include <tribotwin/plugins/friction/error.hpp>
 #include <tribotwin/plugins/mujoco/loader.hpp>
 #include <tribotwin/twin/identification/dynamic_friction/parameters.hpp>
+#include <tribotwin/twin/io/tables/table_options.hpp>
 
 /// Drives for a robot that has none: its actuators are replaced by tribotwin.drive, with starter parameters of a gear
 /// class or identified ones.
@@ -31,6 +32,7 @@ struct AddDrives {
   std::vector<JointChoice> joints;  ///< empty: every joint with an actuator, or every hinge and slide if none has one
   std::string gear;                 ///< of joints without one of their own
   std::vector<IdentifiedParameters> identified;
+  PerJoint effort_nm;     ///< in place of what the model says [Nm; N]
   bool fix_base = false;  ///< floating bases of the chosen joints are fixed where the model puts them
 };
 
@@ -41,7 +43,8 @@ struct AddedDrive {
   double effort_nm = 0;
   std::string effort_source;
   std::string parameters;  ///< the class and its scale, or the file
-  std::string source;      ///< of the class
+  std::string source;      ///< of the class; "identified" for those of a file
+  bool is_starting_point() const { return source != "identified"; }
   double gear_ratio = 0, armature = 0;
   bool armature_of_model = false;
   double speed_max_rad_s = 0;
@@ -53,6 +56,7 @@ struct RobotWithDrives {
   std::shared_ptr<const mujoco::Model> model;  ///< the same, loaded
   std::vector<AddedDrive> drives;              ///< in the order of the controls
   std::vector<std::string> notes;
+  std::vector<std::string> warnings;         ///< efforts that were guessed, gears that do not fit their joints
   std::vector<std::filesystem::path> files;  ///< that were read
 };
 

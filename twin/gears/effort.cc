@@ -17,7 +17,7 @@ bool on_joint(const mjModel* m, int actuator) {
   return m->actuator_trntype[actuator] == mjTRN_JOINT || m->actuator_trntype[actuator] == mjTRN_JOINTINPARENT;
 }
 
-Effort symmetric(double largest, std::string source) { return {-largest, largest, std::move(source)}; }
+Effort symmetric(double largest, std::string source) { return {-largest, largest, std::move(source), false}; }
 
 /// Joint torque per control of an actuator whose force is gain x control, else nothing.
 std::optional<double> motor_gain(const mjModel* m, int a) {
@@ -32,7 +32,7 @@ std::optional<Effort> given(const ForeignModel& foreign, int joint) {
     return symmetric(limit->second.effort_nm, "effort of the URDF");
 #if TRIBOTWIN_ENGINE_PLUGINS
   if (m->jnt_actfrclimited[joint])
-    return Effort{m->jnt_actfrcrange[2 * joint], m->jnt_actfrcrange[2 * joint + 1], "actuatorfrcrange"};
+    return Effort{m->jnt_actfrcrange[2 * joint], m->jnt_actfrcrange[2 * joint + 1], "actuatorfrcrange", false};
 #endif
   for (const int a : actuators_of(m, joint)) {
     const auto range = [&](const mjtNum* r, double gain) {
@@ -40,37 +40,17 @@ std::optional<Effort> given(const ForeignModel& foreign, int joint) {
     };
     if (m->actuator_forcelimited[a]) {
       const auto [low, high] = range(m->actuator_forcerange + 2 * a, m->actuator_gear[6 * a]);
-      return Effort{low, high, "forcerange"};
+      return Effort{low, high, "forcerange", false};
     }
     if (const auto gain = motor_gain(m, a); gain && m->actuator_ctrllimited[a]) {
       const auto [low, high] = range(m->actuator_ctrlrange + 2 * a, *gain);
-      return Effort{low, high, "ctrlrange of the motor"};
+      return Effort{low, high, "ctrlrange of the motor", false};
     }
   }
   return {};
 }
 
-/// Largest torque of gravity and acceleration at every dof over poses within the joint ranges.
-std::vector<double> largest_loads(const mjModel* m) {
-  const mujoco::DataPtr data(mj_makeData(m));
-  mjData* d = data.get();
-  std::mt19937 random(1);
-  const auto nv = static_cast<std::size_t>(m->nv);
-  std::vector<double> largest(nv);
-  for (int pose = 0; pose < 200; ++pose) {
-    random_pose(m, d, random);
-    mj_forward(m, d);
-    for (std::size_t dof = 0; dof < nv; ++dof) {
-      const double acceleration = m->jnt_type[m->dof_jntid[dof]] == mjJNT_SLIDE ? 2 : 5;
-      const double inertia = inertia_kg_m2(m, d, static_cast<int>(dof));
-      largest[dof] = std::max<double>(largest[dof], std::abs(d->qfrc_bias[dof]) + acceleration * inertia);
-    }
-  }
-  return largest;
-}
-
-Effort estimated(const mjModel* m, int joint) {
-  const std::vector<double> loads = largest_loads(m);
+Effort estimated(const mjModel* m, int joint, const std::vector<double>& loads) {
   double effort = loads[m->jnt_dofadr[joint]];
   // The last joint of an arm carries next to nothing, and still no robot has a wrist of less than a tenth.
   for (int j = 0; j < m->njnt; ++j)
@@ -80,7 +60,8 @@ Effort estimated(const mjModel* m, int joint) {
   // Two digits, rounded up.
   effort = std::max(1.5 * effort, 1e-3);
   const double unit = std::pow(10, std::floor(std::log10(effort)) - 1);
-  return symmetric(unit * std::ceil(effort / unit), "estimated from gravity and inertia, the model gives none");
+  const double rounded = unit * std::ceil(effort / unit);
+  return {-rounded, rounded, "estimated from gravity and inertia, the model gives none", true};
 }
 
 }  // namespace
@@ -112,9 +93,33 @@ int tendon_actuator_of(const mjModel* m, int joint) {
   return -1;
 }
 
-Effort effort_of(const ForeignModel& foreign, int joint) {
-  if (const auto effort = given(foreign, joint); effort && effort->largest_nm() > 0) return *effort;
-  return estimated(foreign.model->get(), joint);
+Loads loads_of(const mjModel* m) {
+  const mujoco::DataPtr data(mj_makeData(m));
+  mjData* d = data.get();
+  std::mt19937 random(1);
+  const auto nv = static_cast<std::size_t>(m->nv);
+  Loads loads{std::vector<double>(nv), std::vector<double>(nv)};
+  for (int pose = 0; pose < 200; ++pose) {
+    random_pose(m, d, random);
+    mj_forward(m, d);
+    for (std::size_t dof = 0; dof < nv; ++dof) {
+      const double acceleration = m->jnt_type[m->dof_jntid[dof]] == mjJNT_SLIDE ? 2 : 5;
+      const double inertia = inertia_kg_m2(m, d, static_cast<int>(dof));
+      double &gravity = loads.gravity_nm[dof], &moving = loads.moving_nm[dof];
+      gravity = std::max<double>(gravity, std::abs(d->qfrc_bias[dof] - d->qfrc_passive[dof]));
+      moving = std::max<double>(moving, std::abs(d->qfrc_bias[dof]) + acceleration * inertia);
+    }
+  }
+  return loads;
 }
+
+Effort effort_of(const ForeignModel& foreign, int joint, const Loads& loads) {
+  if (const auto effort = given(foreign, joint);
+      effort && std::isfinite(effort->largest_nm()) && effort->largest_nm() > 0)
+    return *effort;
+  return estimated(foreign.model->get(), joint, loads.moving_nm);
+}
+
+Effort effort_given(double largest_nm) { return symmetric(largest_nm, "given"); }
 
 }  // namespace tribotwin::twin

@@ -253,7 +253,9 @@ std::vector<pugi::xml_node> joint_elements(const pugi::xml_document& document) {
 }
 
 void make_assets_relative(pugi::xml_document& document, const fs::path& folder) {
-  const fs::path base = fs::weakly_canonical(fs::absolute(folder));
+  std::error_code unresolved;
+  fs::path base = fs::weakly_canonical(fs::absolute(folder), unresolved);
+  if (unresolved) base = fs::absolute(folder).lexically_normal();
   const auto change = [&](pugi::xml_attribute attribute) {
     const fs::path path = attribute.value();
     if (!path.is_absolute()) return;

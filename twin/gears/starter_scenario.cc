@@ -165,10 +165,11 @@ std::string written(const RobotWithDrives& robot, const std::string& model, cons
       "    - position_rad: {}\n"
       "control: {{type: servo}}\n"
       "multirate: {{tolerance_K: 2}}\n"
-      "telemetry_rate_hz: 20\n",
+      "telemetry_rate_hz: 20\n{}",
       touching ? "# The robot touches something in every pose that was tried: contacts take a part of the energy.\n"
                : "",
-      model, mapping(robot, speeds), mapping(robot, low), mapping(robot, high));
+      model, mapping(robot, speeds), mapping(robot, low), mapping(robot, high),
+      touching ? "expects: [contacts]\n" : "");
 }
 
 }  // namespace

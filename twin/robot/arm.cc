@@ -37,6 +37,13 @@ double ratio_of(const mujoco::Spring& spring) {
   return 1;
 }
 
+std::optional<double> joint_speed_max_rad_s(const mujoco::Model& model, std::size_t drive) {
+  const mjModel* m = model.get();
+  const int id = mj_name2id(m, mjOBJ_NUMERIC, "joint_speed_max_rad_s");
+  if (id < 0 || static_cast<std::size_t>(m->numeric_size[id]) != model.drives().size()) return {};
+  return m->numeric_data[m->numeric_adr[id] + static_cast<int>(drive)];
+}
+
 int position_address(const mjModel* m, const mujoco::Binding& drive) { return m->jnt_qposadr[drive.joint]; }
 
 double gravity_torque_nm(const mjModel* m, const mjData* d, int dof) {

@@ -2,6 +2,7 @@
 
 #include <array>
 #include <memory>
+#include <optional>
 #include <string>
 #include <string_view>
 
@@ -19,6 +20,10 @@ std::size_t drive_of(const mujoco::Model& model, const mujoco::Spring& spring);
 double ratio_of(const mujoco::Spring& spring);
 /// Place of the drive's joint in mjData.qpos.
 int position_address(const mjModel* m, const mujoco::Binding& drive);
+
+/// Maximum speed of a drive's joint [rad/s; m/s] from the <custom><numeric> joint_speed_max_rad_s, which has one number
+/// per drive; nothing where the model does not have it.
+std::optional<double> joint_speed_max_rad_s(const mujoco::Model& model, std::size_t drive);
 
 /// Torque (force for a slide) that holds a dof against gravity at d's pose [Nm]; exact for trees of hinges and slides.
 /// Needs the centres of mass of the current step (mj_comPos), no second pass of the dynamics.

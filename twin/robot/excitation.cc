@@ -9,6 +9,7 @@
 #include <tribotwin/twin/io/text.hpp>
 #include <tribotwin/twin/numerics/cma_es.hpp>
 #include <tribotwin/twin/numerics/linear_algebra.hpp>
+#include <tribotwin/twin/robot/arm.hpp>
 #include <tribotwin/twin/robot/excitation.hpp>
 
 namespace tribotwin::twin {
@@ -284,10 +285,9 @@ MotionLimits motion_limits(const mujoco::Model& model, const Regressor& regresso
   if (!unlimited.empty())
     limits.notes.push_back(
         fmt::format("the model gives no range for {}: half a turn (0.5 m) to both sides is taken", joined(unlimited)));
-  const int numeric = mj_name2id(m, mjOBJ_NUMERIC, "joint_speed_max_rad_s");
-  if (numeric >= 0 && static_cast<std::size_t>(m->numeric_size[numeric]) == model.drives().size())
+  if (joint_speed_max_rad_s(model, 0))
     for (std::size_t d = 0; d < model.drives().size(); ++d)
-      limits.speed(model.drives()[d].dof) = share * m->numeric_data[m->numeric_adr[numeric] + static_cast<int>(d)];
+      limits.speed(model.drives()[d].dof) = share * *joint_speed_max_rad_s(model, d);
   else
     limits.notes.push_back(
         "the model has no numeric joint_speed_max_rad_s with a number per drive: 2 rad/s (2 m/s) is taken");

@@ -1,6 +1,7 @@
 #include <algorithm>
 #include <cmath>
 #include <numbers>
+#include <utility>
 
 #include <tribotwin/twin/robot/motion.hpp>
 
@@ -73,6 +74,32 @@ std::pair<double, double> Motion::reach_rad(std::size_t joint) const {
   for (const Segment& s : segments_)
     for (const double q : {s.from[joint], s.to[joint]}) reach = {std::min(reach.first, q), std::max(reach.second, q)};
   return reach;
+}
+
+double Motion::Segment::peak_rad_s(std::size_t joint) const {
+  const double way = to[joint] - from[joint];
+  if (to_velocity.empty()) return way == 0 ? 0 : std::abs(way) / (duration_s - ramp_s);
+  // Of a cubic, whose speed is a parabola: at both ends, and at its top where that lies between.
+  const double v0 = from_velocity[joint], v1 = to_velocity[joint], mean = way / duration_s, bend = v0 + v1 - 2 * mean,
+               top = bend == 0 ? 0 : (2 * v0 + v1 - 3 * mean) / (3 * bend);
+  const double between = top > 0 && top < 1 ? v0 - 3 * bend * top * top : 0;
+  return std::max({std::abs(v0), std::abs(v1), std::abs(between)});
+}
+
+std::vector<Motion::Pace> Motion::paces(std::size_t joint) const {
+  // Jumps between the segments, from the start on.
+  std::vector<double> jump;
+  double last = start_[joint];
+  for (const Segment& s : segments_) jump.push_back(s.from[joint] - std::exchange(last, s.to[joint]));
+  std::vector<Pace> found;
+  for (std::size_t i = 0; i < segments_.size(); ++i) {
+    const Segment& s = segments_[i];
+    const double since_s = i > 0 ? s.start_s - segments_[i - 1].start_s : s.start_s;
+    const auto goes_on = [&](std::size_t other) { return other < jump.size() && jump[i] * jump[other] > 0; };
+    if (since_s > 0 && (goes_on(i - 1) || goes_on(i + 1))) found.push_back({since_s, std::abs(jump[i]) / since_s});
+    if (const double peak = s.peak_rad_s(joint); peak > 0) found.push_back({s.duration_s, peak});
+  }
+  return found;
 }
 
 void Motion::at(double t, std::span<SetPoint> out) const {

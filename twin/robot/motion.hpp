@@ -41,13 +41,25 @@ class Motion {
   /// Smallest and largest position of a joint over the motion.
   std::pair<double, double> reach_rad(std::size_t joint) const;
 
+  /// Pieces of the motion in which a joint moves, in order, with their lengths and the largest speed [rad/s; m/s] in
+  /// each. A held sample counts from the one before it, and only where a neighbouring sample goes the same way: a
+  /// single jump is a step, which has no speed.
+  struct Pace {
+    double duration_s, speed_rad_s;
+  };
+  std::vector<Pace> paces(std::size_t joint) const;
+
   void at(double time_s, std::span<SetPoint> out) const;
+
+  bool operator==(const Motion&) const = default;
 
  private:
   struct Segment {
     double start_s, duration_s, ramp_s;
     std::vector<double> from, to;
     std::vector<double> from_velocity, to_velocity;  ///< of cubics; else empty
+    bool operator==(const Segment&) const = default;
+    double peak_rad_s(std::size_t joint) const;
   };
   std::vector<double> start_, last_;
   std::vector<Segment> segments_;

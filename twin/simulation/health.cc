@@ -6,6 +6,8 @@
 #include <fmt/format.h>
 
 #include <tribotwin/twin/io/text.hpp>
+#include <tribotwin/twin/robot/arm.hpp>
+#include <tribotwin/twin/robot/starting_points.hpp>
 #include <tribotwin/twin/simulation/health.hpp>
 #include <tribotwin/twin/simulation/summary.hpp>
 
@@ -17,6 +19,8 @@ using Findings = std::vector<Finding>;
 constexpr double saturated_share = 0.05;
 constexpr double tracking_share = 0.05, tracking_floor = 0.02;
 constexpr double ctrlrange_factor = 2;
+constexpr double speed_factor = 1.1, energy_factor = 2;
+constexpr double idle_share = 0.05;
 constexpr double record_limit_bytes = 100e6;
 constexpr std::size_t joints_named = 3;
 
@@ -35,6 +39,88 @@ void for_drives(const Examined& e, const Each& each) {
 
 double share_of(const Examined& e, std::int64_t steps) {
   return static_cast<double>(steps) / static_cast<double>(std::max<std::int64_t>(1, e.twin->steps_computed()));
+}
+
+void starting(const Examined& e, Findings& found) {
+  for_drives(e, [&](std::size_t, const mujoco::Binding& b, const std::string& joint) {
+    found.push_back({.joint = joint,
+                     .value = starting_point(*e.scenario.model, b).empty() ? 0.0 : 1.0,
+                     .unit = "1",
+                     .threshold = 0,
+                     .cause = "friction and heat are guesses, starting points of a gear class",
+                     .remedy = "measure the joints, `tribotwin identify` them and add the drives again with "
+                               "--params JOINT=PARAMS.yaml"});
+  });
+}
+
+/// Whether the scenario moves the drives, not a master on a bus.
+bool moves(const Examined& e) { return e.scenario.motion && !(e.twin && e.twin->takes_commands()); }
+
+/// Torques without a loop around them: the motion is set points that nobody reads.
+void unread_motion(const Examined& e, Findings& found) {
+  const bool unread = moves(e) && std::holds_alternative<std::vector<double>>(e.scenario.control);
+  found.push_back({.value = unread ? 1.0 : 0.0,
+                   .unit = "1",
+                   .threshold = 0,
+                   .cause = "control: {type: torque} gives constant torques 100 % of the time, and nothing follows the "
+                            "motion",
+                   .remedy = "control: {type: servo} follows it; to watch the arm fall, take the motion out and give "
+                             "start_rad"});
+}
+
+/// The speed that a joint can have in a motion of this reach, and why: the model's, or twice the energy that the
+/// drive's torque can give over the whole reach. Gravity may help, and the inertia is that of one pose.
+std::pair<double, std::string> possible_speed(const Examined& e, std::size_t drive, double reach) {
+  const mujoco::Binding& b = e.scenario.model->drives()[drive];
+  if (const auto most = joint_speed_max_rad_s(*e.scenario.model, drive))
+    return {speed_factor * *most, fmt::format("the model's joint_speed_max_rad_s is {:.4g}", *most)};
+  const mjModel* m = e.scenario.model->get();
+  const auto [low, high] = control_range(e.scenario, drive);
+  const double torque = std::max(-low, high) * std::abs(b.gear), inertia = std::max<double>(m->dof_M0[b.dof], 1e-12);
+  return {std::sqrt(2 * energy_factor * torque * reach / inertia),
+          fmt::format("{:.4g} {} over {:.3g} {} cannot bring it there", torque, torque_unit(m, b), reach,
+                      angle_unit(m, b))};
+}
+
+void asked_speed(const Examined& e, Findings& found) {
+  if (!moves(e)) return;
+  for_drives(e, [&](std::size_t i, const mujoco::Binding& b, const std::string& joint) {
+    const auto [low, high] = e.scenario.motion->reach_rad(i);
+    const auto [possible, why] = possible_speed(e, i, high - low);
+    double fast_s = 0, most = 0;
+    for (const Motion::Pace& pace : e.scenario.motion->paces(i)) {
+      most = std::max(most, pace.speed_rad_s);
+      if (pace.speed_rad_s > possible) fast_s += pace.duration_s;
+    }
+    const double whole_s = e.scenario.motion->period_s() > 0 ? e.scenario.motion->period_s() : e.scenario.duration_s;
+    const double share = std::min(1.0, fast_s / whole_s);
+    found.push_back({.joint = joint,
+                     .value = share,
+                     .unit = "1",
+                     .threshold = 0,
+                     .cause = fmt::format("the motion asks for more speed than the drive has {} of the time, up to "
+                                          "{:.3g} {}/s ({})",
+                                          percent(share), most, angle_unit(e.scenario.model->get(), b), why),
+                     .remedy = "check the units of the motion (degrees or milliseconds taken for rad or s?), or move "
+                               "more slowly"});
+  });
+}
+
+void idle(const Examined& e, Findings& found) {
+  if (!moves(e)) return;
+  const bool ends = e.scenario.motion->period_s() == 0 && e.scenario.motion->duration_s() > 0;  // holding goes on
+  const double motion_s = e.scenario.motion->duration_s(), duration_s = e.scenario.duration_s;
+  const double share = ends ? std::max(0.0, 1 - motion_s / duration_s) : 0;
+  found.push_back(
+      {.value = share,
+       .unit = "1",
+       .threshold = idle_share,
+       .cause = fmt::format("the {} is over after {:.6g} of {:.6g} s, and the robot stands still {} of the "
+                            "time",
+                            e.scenario.recording ? "recording" : "motion", motion_s, duration_s, percent(share)),
+       .remedy = fmt::format("set duration_s: {:.6g}, check the unit of the time, or say expects: [idle] "
+                             "in the scenario",
+                             motion_s)});
 }
 
 void saturation(const Examined& e, Findings& found) {
@@ -271,6 +357,16 @@ constexpr HealthCheck table[] = {
     {"damping", "damping of the joint, damping and frictionloss of tendons on it [Nm s/rad, Nm]",
      "0: the law holds the whole friction, and native losses heat nothing",
      "friction is counted twice, and the share of the damping becomes no heat", Verdict::warning, true, damping},
+    {"control", "whether the scenario has a motion that its control does not follow (1) or not (0)",
+     "0: torques without a loop around them follow nothing", "the joints go where torque and gravity take them",
+     Verdict::warning, true, unread_motion},
+    {"speed", "share of the time in which the motion asks for more speed than the drive has, per joint [-]",
+     "0: the model's joint_speed_max_rad_s and 10 %, or, without it, twice the energy that the torque limit can give "
+     "the joint over the motion's reach",
+     "the joint cannot follow; torques and heat are not those of the motion", Verdict::warning, true, asked_speed},
+    {"idle", "share of the time after the end of a motion that does not repeat [-]",
+     "0.05: a run ends about when its motion does", "temperatures and work are those of a robot that stands still",
+     Verdict::warning, true, idle},
     {"record_size", "predicted size of telemetry.h5 [byte]", "100 MB: larger files are slow to copy and to plot",
      "the record is large", Verdict::note, true, record_size},
     {"saturation", "share of the time with the control at ctrlrange or a torque limit, per joint [-]",
@@ -284,7 +380,8 @@ constexpr HealthCheck table[] = {
      "0: a stop takes load and energy that a gear would have to carry",
      "a stop carries the joint, and its impact is not friction", Verdict::warning, false, limits},
     {"contacts", "share of the time in which the robot touches itself or what does not move [-]",
-     "0: one touch is a collision. Objects that move, and the ground of a robot that is not fixed, do not count",
+     "0: one touch is a collision. Objects that move, fingers that no drive moves against each other, and the ground "
+     "of a robot that is not fixed do not count",
      "contact forces load the drives and take energy", Verdict::warning, false, contacts},
     {"balance", "residual of the mechanical energy balance [J]",
      "1 % of the friction work, at least 1 mJ: a run that works stays below 0.1 %",
@@ -292,6 +389,10 @@ constexpr HealthCheck table[] = {
     {"law_range", "share of the time outside the range of the law, per joint [-]",
      "0: there nobody measured; the law's key validity says what happens",
      "friction there is not backed by measurements", Verdict::note, false, law_range},
+    {"starting_points",
+     "whether the drive has the parameters of a gear class (1), as add-drives gives them, or its own (0), per joint",
+     "0: friction differs by tens of percent from one actuator to the next. A note, because the run is as asked",
+     "torques, heat and temperatures may be off by tens of percent", Verdict::note, false, starting},
     {"engine", "warnings of the engine (mjData.warning) that do not end the run [-]",
      "0: full buffers leave contacts out. What is not finite ends the run", "forces were left out", Verdict::warning,
      false, engine},

@@ -5,6 +5,7 @@
 #include <fmt/format.h>
 
 #include <tribotwin/plugins/mujoco/engine.hpp>
+#include <tribotwin/twin/robot/arm.hpp>
 #include <tribotwin/twin/simulation/health.hpp>
 #include <tribotwin/twin/simulation/scenario_input.hpp>
 
@@ -204,6 +205,41 @@ Scenario read_scenario(const fs::path& file, const std::vector<std::string>& set
   return s;
 }
 
+/// How fast a joint of `motion.speed_rad_s.JOINT=60` moves now, for a message.
+std::string pace_of(const Scenario& s, std::string_view key) {
+  constexpr std::string_view speeds = "motion.speed_rad_s.";
+  if (!key.starts_with(speeds)) return {};
+  const auto drive = find_drive(*s.model, key.substr(speeds.size()));
+  if (!drive) return {};
+  double fastest = 0;
+  for (const Motion::Pace& pace : s.motion->paces(*drive)) fastest = std::max(fastest, pace.speed_rad_s);
+  return fmt::format(" ({} moves at up to {:.4g})", key.substr(speeds.size()), fastest);
+}
+
+/// Speeds and accelerations are limits, and the slowest joint sets the pace of all: one that has no effect is said, for
+/// a user who sets it wants one.
+void check_settings(const Scenario& s, const fs::path& file, const std::vector<std::string>& settings) {
+  constexpr std::string_view limits[] = {"motion.speed_", "motion.ramp_s", "motion.acceleration_"};
+  for (std::size_t i = 0; i < settings.size(); ++i) {
+    const std::string& setting = settings[i];
+    if (std::ranges::none_of(limits, [&](std::string_view limit) { return setting.starts_with(limit); })) continue;
+    std::vector<std::string> others = settings;
+    others.erase(others.begin() + static_cast<std::ptrdiff_t>(i));
+    const auto without = [&]() -> std::optional<Scenario> {
+      try {
+        return read_scenario(file, others);
+      } catch (const InputError&) {
+        return {};  // it is needed
+      }
+    }();
+    if (!without || !s.motion || without->resolved_yaml == s.resolved_yaml || without->motion != s.motion) continue;
+    throw InputError(fmt::format(
+        "{}: --set {}: changes nothing: it is a limit, and others of the motion's limits set the pace of all joints{}; "
+        "change those as well, or leave it out",
+        file.string(), setting, pace_of(s, setting.substr(0, setting.find('=')))));
+  }
+}
+
 }  // namespace
 
 fs::path resolve_file(const fs::path& folder, Mapping& mapping, YAML::Node node, const std::string& key) {
@@ -237,7 +273,9 @@ double Wave::operator()(double t) const {
 
 Result<Scenario> load_scenario(const fs::path& file, const std::vector<std::string>& settings) {
   try {
-    return read_scenario(file, settings);
+    Scenario scenario = read_scenario(file, settings);
+    check_settings(scenario, file, settings);
+    return scenario;
   } catch (const InputError& e) {
     return tl::unexpected(e.what());
   }

@@ -5,6 +5,7 @@
 #include <fmt/format.h>
 
 #include <tribotwin/twin/io/tables/numbers.hpp>
+#include <tribotwin/twin/robot/arm.hpp>
 #include <tribotwin/twin/simulation/scenario_input.hpp>
 
 namespace tribotwin::twin {
@@ -86,22 +87,13 @@ Motion read_recording(const MotionInput& input) {
   return motion;
 }
 
-/// One number per drive from the model's <custom><numeric>; 1 where it has none.
-std::vector<double> model_numbers(const MotionInput& input, const char* numeric) {
-  const mjModel* m = input.model().get();
-  const int id = mj_name2id(m, mjOBJ_NUMERIC, numeric);
-  if (id < 0 || static_cast<std::size_t>(m->numeric_size[id]) != input.drives())
-    return std::vector<double>(input.drives(), 1);
-  const mjtNum* data = m->numeric_data + m->numeric_adr[id];
-  return {data, data + input.drives()};
-}
-
 Motion read_cycle(const MotionInput& input) {
   Mapping& in = input.in;
   Scenario& s = input.scenario;
   const double dwell_s = input.dwell_s(), share = in.number_or("speed_share", 0.8, {1e-6, 1});
-  std::vector<double> speed = model_numbers(input, "joint_speed_max_rad_s");
-  for (double& v : speed) v *= share;
+  std::vector<double> speed;
+  for (std::size_t j = 0; j < input.drives(); ++j)
+    speed.push_back(share * joint_speed_max_rad_s(input.model(), j).value_or(1));
   speed = per_drive(in, "speed_rad_s", input.model(), speed, {1e-9, 1e6});
   std::vector<double> acceleration(speed.size());
   for (std::size_t j = 0; j < speed.size(); ++j) acceleration[j] = speed[j] / in.number_or("ramp_s", 0.4, {1e-3, 1e3});

@@ -19,9 +19,9 @@ void narrow(ControlRange& range, double low, double high) {
 
 }  // namespace
 
-ControlRange control_range(const Scenario& scenario, std::size_t drive) {
-  const mjModel* m = scenario.model->get();
-  const mujoco::Binding& b = scenario.model->drives()[drive];
+ControlRange control_range(const mujoco::Model& model, std::size_t drive) {
+  const mjModel* m = model.get();
+  const mujoco::Binding& b = model.drives()[drive];
   ControlRange range{-friction::unlimited, friction::unlimited};
   if (m->actuator_ctrllimited[b.actuator])
     narrow(range, m->actuator_ctrlrange[2 * b.control], m->actuator_ctrlrange[2 * b.control + 1]);
@@ -31,6 +31,12 @@ ControlRange control_range(const Scenario& scenario, std::size_t drive) {
   constexpr double any = 1e300;  // what the engine leaves of it is the range
   narrow(range, mujoco::engine::within_joint_range(m, b.joint, -any) / gear,
          mujoco::engine::within_joint_range(m, b.joint, any) / gear);
+  return range;
+}
+
+ControlRange control_range(const Scenario& scenario, std::size_t drive) {
+  ControlRange range = control_range(*scenario.model, drive);
+  const double gear = std::abs(scenario.model->drives()[drive].gear);
   if (const auto* servo = std::get_if<DcPositionOptions>(&scenario.control))
     narrow(range, -servo->torque_limit_nm / gear, servo->torque_limit_nm / gear);
   return range;
@@ -60,11 +66,15 @@ Watch::Watch(const Scenario& scenario, bool follows) : model_(scenario.model->ge
   }
   // Bodies come after their parents.
   parts_.assign(static_cast<std::size_t>(model_->nbody), Part::none);
+  moved_by_.assign(static_cast<std::size_t>(model_->nbody), 0);
   for (int body = 1; body < model_->nbody; ++body) {
     Part& part = parts_[static_cast<std::size_t>(body)];
     part = parts_[static_cast<std::size_t>(model_->body_parentid[body])];
     const auto drives_body = [&](const mujoco::Binding& b) { return model_->jnt_bodyid[b.joint] == body; };
-    if (part != Part::none || std::ranges::none_of(drives, drives_body)) continue;
+    const bool driven = std::ranges::any_of(drives, drives_body);
+    moved_by_[static_cast<std::size_t>(body)] =
+        driven ? body : moved_by_[static_cast<std::size_t>(model_->body_parentid[body])];
+    if (part != Part::none || !driven) continue;
     const int parent = model_->body_parentid[body];
     part = model_->body_weldid[parent] == 0 ? Part::fixed : Part::free;
   }
@@ -106,11 +116,13 @@ void Watch::add_contacts(const Twin& twin) {
   touched_steps_ += any;
 }
 
-/// A robot may not touch itself or another one, nor, if it stands on the ground, what does not move.
+/// A robot may not touch itself or another one, nor, if it stands on the ground, what does not move. Fingers that no
+/// drive moves against each other may close.
 bool Watch::unwanted(int geom1, int geom2) const {
   const int body1 = model_->geom_bodyid[geom1], body2 = model_->geom_bodyid[geom2];
   const Part part1 = parts_[static_cast<std::size_t>(body1)], part2 = parts_[static_cast<std::size_t>(body2)];
-  if (part1 != Part::none && part2 != Part::none) return true;
+  if (part1 != Part::none && part2 != Part::none)
+    return moved_by_[static_cast<std::size_t>(body1)] != moved_by_[static_cast<std::size_t>(body2)];
   return (part1 == Part::fixed && model_->body_weldid[body2] == 0) ||
          (part2 == Part::fixed && model_->body_weldid[body1] == 0);
 }

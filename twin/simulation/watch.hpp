@@ -32,6 +32,8 @@ struct ControlRange {
   double low, high;
 };
 ControlRange control_range(const Scenario& scenario, std::size_t drive);
+/// The same, whatever controls the drive.
+ControlRange control_range(const mujoco::Model& model, std::size_t drive);
 
 /// Counts without allocating. Speeds and loads count where the law's range bounds them.
 class Watch {
@@ -65,7 +67,8 @@ class Watch {
   bool follows_;
   std::vector<Bounds> bounds_;
   std::vector<JointWatch> joints_;
-  std::vector<Part> parts_;  ///< per body
+  std::vector<Part> parts_;    ///< per body
+  std::vector<int> moved_by_;  ///< per body, the nearest body above it, or itself, that a drive moves
   std::vector<TouchedGeoms> touched_;
   std::int64_t touched_steps_ = 0;
 };

@@ -13,6 +13,8 @@ namespace {
 using twin::Finding;
 using twin::Verdict;
 
+constexpr std::string_view starting_points_check = "starting_points";
+
 Verdict verdict_of(const std::string& text) {
   for (const Verdict v : {Verdict::note, Verdict::expected, Verdict::warning})
     if (text == name(v)) return v;
@@ -60,27 +62,33 @@ std::vector<const Finding*> worst_of(const std::vector<Finding>& findings) {
 
 }  // namespace
 
+std::size_t starting_points(const RunData& run) {
+  return static_cast<std::size_t>(std::ranges::count_if(
+      findings_of(run), [](const Finding& f) { return f.check == starting_points_check && f.verdict != Verdict::ok; }));
+}
+
 void add_verdict(pugi::xml_node to, const RunData& run) {
   const auto findings = findings_of(run);
   if (findings.empty()) return;
   const auto lines = twin::health_lines(findings);
+  const bool guessed = starting_points(run) > 0;
   if (twin::as_asked(findings))
-    Page::add(
-        to, "p",
-        fmt::format("The run is what its scenario asked for: none of {} checks warns.", worst_of(findings).size()),
-        "verdict good");
+    Page::add(to, "p",
+              fmt::format("The run is what its scenario asked for: none of {} checks warns.{}",
+                          worst_of(findings).size(), guessed ? " But friction and heat of its model are guesses." : ""),
+              guessed ? "verdict" : "verdict good");
   else
     Page::add(to, "p", "The run is not what its scenario asked for.", "verdict bad");
   pugi::xml_node box;
   for (const auto& line : lines) {
-    if (line.verdict != Verdict::warning) continue;
+    if (line.verdict != Verdict::warning && line.check != starting_points_check) continue;
     if (!box) box = Page::add(to, "div", {}, "notice");
     auto paragraph = Page::add(box, "p");
     Page::add(paragraph, "strong", line.check);
     paragraph.append_child(pugi::node_pcdata).set_value((" " + line.text).c_str());
   }
   for (const auto& line : lines)
-    if (line.verdict == Verdict::note) Page::add(to, "p", line.text, "soft");
+    if (line.verdict == Verdict::note && line.check != starting_points_check) Page::add(to, "p", line.text, "soft");
 }
 
 void add_health_table(pugi::xml_node to, const RunData& run) {

@@ -9,6 +9,8 @@
 /// The health check of a run, from its summary.json: of a run without one nothing is shown.
 namespace tribotwin::render {
 
+/// How many joints have drives with the parameters of a gear class, which are guesses.
+std::size_t starting_points(const RunData& run);
 /// Whether the run is what its scenario asked for, and what the checks found, for the head of the page.
 void add_verdict(pugi::xml_node to, const RunData& run);
 /// Every check with its worst joint.

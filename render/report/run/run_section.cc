@@ -95,13 +95,20 @@ class Section {
     if (loaded)
       page_.tile(grid, "maximum load", fmt::format("{:.0f} %", 100 * loaded->load_max),
                  fmt::format("of the maximum torque, {}", loaded->name));
+    const std::size_t guessed = starting_points(run_);
+    if (guessed > 0)
+      page_.tile(grid, "friction and heat", "guessed",
+                 fmt::format("of {} of {} joints: starting points of a gear class", guessed, joints_.size()), "bad");
     const double steps = number(run_.summary, {"steps_computed"});
     if (!(steps > 0)) return;
     if (outside)
       page_.tile(grid, "outside the law's range", fmt::format("{:.3g} %", 100 * outside->clamped_samples / steps),
                  fmt::format("of the steps, {}; of the joints that moved", outside->name));
     else
-      page_.tile(grid, "outside the law's range", "never", "of the joints that moved", "good");
+      page_.tile(
+          grid, "outside the law's range", "never",
+          guessed > 0 ? "of the joints that moved; the range is that of a gear class" : "of the joints that moved",
+          guessed > 0 ? "" : "good");
   }
 
   /// The first and the last sample, and a contact sheet. Where the model cannot be drawn, the page says why.

@@ -1,4 +1,5 @@
 // Robots of other people get drives; what the engine makes of the result is compared with what went in.
+#include <algorithm>
 #include <cmath>
 #include <filesystem>
 #include <fstream>
@@ -11,6 +12,7 @@
 #include <tribotwin/twin/gears/add_drives.hpp>
 #include <tribotwin/twin/gears/drive_elements.hpp>
 #include <tribotwin/twin/gears/starter_scenario.hpp>
+#include <tribotwin/twin/robot/starting_points.hpp>
 #include <tribotwin/twin/simulation/run.hpp>
 #include <tribotwin/twin/simulation/scenario.hpp>
 
@@ -163,6 +165,81 @@ TEST_F(AddDrivesTest, AUrdfGivesEffortSpeedAndScene) {
   EXPECT_EQ(robot->drives[2].parameters, "ball_screw_1000, scaled by 0.4 from 1000 N");
   EXPECT_EQ(robot->model->get()->nlight, 1);
   EXPECT_THAT(robot->notes, Contains(HasSubstr("floor")));
+}
+
+/// arm.urdf with other efforts, and masses that are all alike.
+std::string arm_urdf(const std::string& effort, bool equal_masses) {
+  std::ifstream file(fs::path(TRIBOTWIN_SOURCE_DIR) / "tests/twin/gears/arm.urdf");
+  std::string text(std::istreambuf_iterator<char>(file), {});
+  const auto replace = [&](const std::string& from, const std::string& to) {
+    ASSERT_NE(text.find(from), text.npos) << from;
+    text.replace(text.find(from), from.size(), to);
+  };
+  for (const char* given : {"60", "130", "400"})
+    if (!effort.empty()) replace(fmt::format("effort=\"{}\"", given), effort);
+  for (const char* mass : {"6", "4"})
+    if (equal_masses) replace(fmt::format("mass value=\"{}\"", mass), "mass value=\"2\"");
+  return text;
+}
+
+PerJoint efforts(const std::vector<std::string>& texts) { return PerJoint::of("--effort", texts).value(); }
+
+TEST_F(AddDrivesTest, EffortsThatAreGuessedAndGearsThatDoNotFitAreNamed) {
+  struct {
+    std::string effort;
+    bool equal_masses;
+    AddDrives choice;
+    std::vector<std::string> says;  ///< one for each warning
+  } const cases[] = {
+      {"", false, {}, {}},
+      {"effort=\"0\"",
+       true,
+       {},
+       {"guess by gravity and inertia of masses that are all 2 kg: turntable ", "turntable: harmonic_30, scaled by 0.2",
+        "telescope: ball_screw_1000, scaled by 0.03"}},
+      {"effort=\"inf\"", false, {.joints = {{"shoulder", ""}}}, {"guess by gravity and inertia: shoulder "}},
+      {"", false, {.joints = {{"shoulder", "xl330"}}}, {"the gear is too small", "gravity alone needs up to 20"}},
+      {"",
+       false,
+       {.joints = {{"shoulder", "harmonic_130"}}, .effort_nm = efforts({"shoulder=4000"})},
+       {"harmonic_130 is made for 130 Nm, but the joint's effort is 4000 Nm (given)"}},
+      {"",
+       false,
+       {.joints = {{"shoulder", "harmonic"}}, .effort_nm = efforts({"shoulder=4000"})},
+       {"shoulder: harmonic_345, scaled by 11.6 from 345 Nm: no drive of this size is known here"}},
+      {"", false, {.joints = {{"shoulder", ""}}, .effort_nm = efforts({"20"})}, {"its effort is 20 Nm; choose"}},
+  };
+  for (const auto& c : cases) {
+    const auto robot = add_drives(write("arm.urdf", arm_urdf(c.effort, c.equal_masses)), c.choice, folder);
+    ASSERT_TRUE(robot) << robot.error().message;
+    EXPECT_EQ(robot->warnings.size(), c.says.size()) << testing::PrintToString(robot->warnings);
+    for (std::size_t i = 0; i < std::min(c.says.size(), robot->warnings.size()); ++i)
+      EXPECT_THAT(robot->warnings[i], HasSubstr(c.says[i]));
+  }
+}
+
+TEST_F(AddDrivesTest, AnEffortThatIsGivenReplacesTheModels) {
+  const auto file = write("arm.urdf", arm_urdf("effort=\"0\"", true));
+  const auto robot = add_drives(file, {.effort_nm = efforts({"80", "shoulder=150"})}, folder);
+  ASSERT_TRUE(robot) << robot.error().message;
+  EXPECT_EQ(robot->drives[0].effort_nm, 80);
+  EXPECT_EQ(robot->drives[1].effort_nm, 150);
+  EXPECT_EQ(robot->model->get()->actuator_ctrlrange[3], 150);
+  EXPECT_THAT(refusal(file, {.effort_nm = efforts({"elbow=80"})}),
+              AllOf(HasSubstr("--effort elbow=80"), HasSubstr("turntable, shoulder, telescope")));
+}
+
+/// The model says which of its parameters nobody measured.
+TEST_F(AddDrivesTest, StartingPointsAreMarked) {
+  const auto file = fs::path(TRIBOTWIN_SOURCE_DIR) / "tests/twin/gears/arm.urdf";
+  const auto robot = add_drives(file, {}, folder);
+  ASSERT_TRUE(robot) << robot.error().message;
+  EXPECT_EQ(starting_point(*robot->model, robot->model->drives()[0]), robot->drives[0].parameters);
+  identification::ParameterFile parameters{.law = friction::published_law("extended").value()};
+  const auto known = add_drives(file, {.identified = {{"shoulder", "p.yaml", parameters}}}, folder);
+  ASSERT_TRUE(known) << known.error().message;
+  EXPECT_EQ(starting_point(*known->model, known->model->drives()[1]), "");
+  EXPECT_NE(starting_point(*known->model, known->model->drives()[2]), "");
 }
 
 TEST_F(AddDrivesTest, AFloatingBaseCanBeFixed) {

@@ -38,7 +38,16 @@ check(
     not [w for w in summary["warnings"] if "energy" in w or "outside" in w],
     summary["warnings"],
 )
+guessed = [h["joint"] for h in summary["health"] if h["check"] == "starting_points" and h["verdict"] == "note"]
+check("whose parameters are guesses", guessed == ["turntable", "shoulder", "telescope"], summary["health"])
+check("which is a warning", any("are guesses" in w and "--params" in w for w in summary["warnings"]))
 check("it warms up", all(j["temperature_degC"]["max"] > 25.05 for j in summary["joints"]), summary["joints"])
+r = run("run", "arm.yaml", "-o", "said", "--set", "duration_s=10")
+check(
+    "the terminal says it, too",
+    "note: turntable, shoulder, telescope: friction and heat are guesses" in r.stderr,
+    r.stderr,
+)
 r = run("run", "arm.yaml", "-o", "steps", "--quiet", "--set", "multirate.enabled=false", "--set", "duration_s=300")
 summary = json.load(open(path("steps/summary.json")))
 check("energy", abs(summary["energy_balance_J"]) < 1e-3 * summary["friction_work_J"], summary["energy_balance_J"])
@@ -75,6 +84,19 @@ check(
     and "R_th" in keys,
     (keys, r.stderr),
 )
+run("run", "known.yaml", "-o", "known", "--quiet", "--set", "duration_s=10")
+guessed = [h["joint"] for h in json.loads(content("known/summary.json"))["health"] if h["verdict"] == "note"]
+check("identified parameters are no guesses", guessed == ["turntable", "telescope"], guessed)
+with open(path("currents.csv"), "w") as f:
+    f.write("time_s,position_shoulder_rad,current_shoulder_a\n0,0,1\n0.1,0,1\n")
+for model, ratio, guess in (
+    ("arm.xml", [], True),
+    ("arm.xml", ["--gear-ratio", "50"], False),
+    ("known.xml", [], False),
+):
+    r = run("dynamics", model, "currents.csv", "--torque-constant", "shoulder=0.1", *ratio)
+    said = "shoulder: --torque-constant uses gear ratio 100, which is a guess" in r.stderr
+    check("a guessed gear ratio of currents: %s %s" % (model, ratio), said == guess, r.stderr)
 r = run("export", "params.yaml", "--mjcf", "--tau-max", "130", "--gear-ratio", "100", "--name", "shoulder")
 exported = ET.fromstring(r.stdout)
 check(
@@ -86,6 +108,15 @@ check(
     r.stdout,
 )
 
+# Efforts, and a folder that does not exist yet.
+with open(path("no_effort.urdf"), "w") as f:
+    f.write(content("arm.urdf").replace('effort="130"', 'effort="0"'))
+r = add("no_effort.urdf", "-o", "guess/arm.xml")
+check("a guessed effort is a warning", "warning: the model gives no usable effort" in r.stderr, r.stderr)
+check("a new folder", r.stdout.split() == ["guess/arm.xml", "guess/arm.yaml"], (r.stdout, r.stderr))
+r = add("no_effort.urdf", "--effort", "shoulder=150", "-o", "guess/known.xml")
+check("--effort", "150 Nm (given)" in r.stderr and "warning" not in r.stderr, r.stderr)
+
 # Refusals leave nothing behind.
 before = sorted(os.listdir(harness.work))
 for name, arguments, says in (
@@ -93,7 +124,12 @@ for name, arguments, says in (
     ("output is the input", ["arm.urdf", "-o", "arm.urdf", "--force"], "arm.urdf"),
     ("a file that exists", ["arm.urdf", "-o", "arm.xml"], ["arm.xml", "--force"]),
     ("no such file", ["none.urdf", "-o", "x.xml"], "none.urdf"),
-    ("no such folder", ["arm.urdf", "-o", "none/x.xml"], "none"),
+    ("a file as folder", ["arm.urdf", "-o", "arm.urdf/x.xml"], "arm.urdf"),
+    ("new folders go again", ["none.urdf", "-o", "none/deep/x.xml"], "none.urdf"),
+    ("no file", ["arm.urdf", "-o", "/dev/stdout"], ["/dev/stdout", "give a file"]),
+    ("no MJCF", ["arm.urdf", "-o", "x.urdf"], ["is MJCF", "name it x.xml"]),
+    ("an effort of 0", ["arm.urdf", "--effort", "shoulder=0", "-o", "x.xml"], "--effort 'shoulder=0'"),
+    ("an effort of no joint", ["arm.urdf", "--effort", "elbow=9", "-o", "x.xml"], "'elbow' gets no drive"),
     (
         "no such joint",
         ["arm.urdf", "--joint", "elbow", "-o", "x.xml"],

@@ -4,6 +4,7 @@
 #include <iterator>
 #include <set>
 
+#include <fmt/format.h>
 #include <gmock/gmock.h>
 
 #include <tribotwin/tests/allocations.hpp>
@@ -209,6 +210,35 @@ const std::vector<Case> cases{
      "the mechanical energy balance is off by",
      {{"name=\"shoulder\"", "name=\"shoulder\" springref=\"1\" stiffness=\"0.001\""}},
      {}},
+    {"StartingPoints",
+     "starting_points",
+     {{"</mujoco>", "<custom><text name=\"tribotwin.starting_point.elbow\" data=\"harmonic_30\"/></custom></mujoco>"}},
+     {},
+     "elbow: friction and heat are guesses, starting points of a gear class",
+     {{"</mujoco>", "<custom><text name=\"tribotwin.starting_point.hand\" data=\"harmonic_30\"/></custom></mujoco>"}},
+     {}},
+    {"Control",
+     "control",
+     {},
+     {{"motion", "control: {type: torque}\nexpects: [limits, balance, contacts]\nmotion"}},
+     "control: {type: torque} gives constant torques 100 % of the time, and nothing follows the motion",
+     {},
+     {{"motion", "control: {type: servo}\nmotion"}}},
+    {"Speed",
+     "speed",
+     {{"</mujoco>", "<custom><numeric name=\"joint_speed_max_rad_s\" data=\"0.7 1\"/></custom></mujoco>"}},
+     {},
+     "shoulder: the motion asks for more speed than the drive has",
+     {{"</mujoco>", "<custom><numeric name=\"joint_speed_max_rad_s\" data=\"0.75 1\"/></custom></mujoco>"}},
+     {}},
+    // There, a dwell, back, a dwell: 2.56 s.
+    {"Idle",
+     "idle",
+     {},
+     {{"dwell_s: 0.2", "dwell_s: 0.2, repeat: false"}},
+     "the motion is over after 2.56 of 4 s, and the robot stands still 36 % of the time",
+     {},
+     {{"dwell_s: 0.2", "dwell_s: 0.2, repeat: false"}, {"duration_s: 4", "duration_s: 2.69"}}},
     {"Engine",
      "engine",
      {{"nconmax=\"20\"", "nconmax=\"1\""},
@@ -265,6 +295,91 @@ TEST(HealthOfARun, TheModelIsExaminedBeforeTheRun) {
   std::set<std::string> checks;
   for (const HealthLine& line : health_lines(examine({s}))) checks.insert(line.check);
   EXPECT_EQ(checks, (std::set<std::string>{"ctrlrange", "damping"}));
+}
+
+/// A swing of the elbow, 6 s at 50 Hz, whose times and angles are in other units than the header says.
+std::string swing(double time_unit, double angle_unit, bool with_speed = false) {
+  std::string csv = with_speed ? "time_s,position_elbow_rad,velocity_elbow_rad_s\n" : "time_s,position_elbow_rad\n";
+  for (int i = 0; i <= 300; ++i) {
+    const double t = 0.02 * i;
+    csv += fmt::format("{},{}", t * time_unit, 0.8 * std::sin(t) * angle_unit);
+    csv += with_speed ? fmt::format(",{}\n", 0.8 * std::cos(t) * angle_unit) : "\n";
+  }
+  return csv;
+}
+
+/// What model and scenario say before the run: the line of the first check, or "nothing".
+struct Asked {
+  std::string name, csv, rest, says;
+};
+void PrintTo(const Asked& a, std::ostream* out) { *out << a.name; }
+
+const std::vector<Asked> asked{
+    {"AsRecorded", swing(1, 1), "", "nothing"},
+    {"WithSpeeds", swing(1, 1, true), "", "nothing"},
+    {"AStep", "time_s,position_elbow_rad\n0,0\n0.99,0\n1,0.8\n3,0.8\n", "", "nothing"},
+    {"MillisecondsForSeconds", swing(1e-3, 1), "", "speed: elbow: the motion asks for more speed than the drive has 9"},
+    {"TheyEndAtOnce", swing(1e-3, 1), "duration_s: 6\nexpects: [speed]\n",
+     "idle: the recording is over after 0.006 of 6 s, and the robot stands still 99.9 % of the time"},
+    {"DegreesForRadians", swing(1, 57.3), "", "speed: elbow: the motion asks for more speed"},
+    {"DegreesWithSpeeds", swing(1, 57.3, true), "", "up to 61.1 rad/s (the model's joint_speed_max_rad_s is 2)"},
+    {"Short", swing(1, 1), "duration_s: 60\n", "idle: the recording is over after 6 of 60 s"},
+    {"ShortAndSaid", swing(1, 1), "duration_s: 60\nexpects: [idle]\n", "nothing"},
+};
+
+class AskedOfTheDrives : public testing::TestWithParam<Asked> {};
+INSTANTIATE_TEST_SUITE_P(Motions, AskedOfTheDrives, testing::ValuesIn(asked),
+                         [](const auto& i) { return i.param.name; });
+
+TEST_P(AskedOfTheDrives, IsSaidBeforeTheRun) {
+  const Folder folder;
+  std::ofstream(folder.path / "swing.csv") << GetParam().csv;
+  const bool limit = GetParam().name.starts_with("Degrees");  // 46 rad/s over 90 rad are no feat for 60 Nm and 1 kg m^2
+  const auto s = loaded(
+      folder,
+      changed(model, {{"</mujoco>", limit ? "<custom><numeric name=\"joint_speed_max_rad_s\" data=\"2 2\"/></custom>"
+                                            "</mujoco>"
+                                          : "</mujoco>"}}),
+      "model: model.xml\nmotion: {type: recording, file: swing.csv}\n" + GetParam().rest);
+  ASSERT_TRUE(s) << s.error().message;
+  std::string said = "nothing";
+  for (const HealthLine& line : health_lines(examine({*s}))) {
+    said = line.check + ": " + line.text;
+    break;
+  }
+  EXPECT_THAT(said, HasSubstr(GetParam().says));
+}
+
+/// A gripper may close; its fingers are no obstacles to each other that a motion could avoid.
+TEST(HealthOfARun, FingersThatNoDriveMovesMayTouch) {
+  const std::string finger =
+      "<body pos=\"{} 0 -.6\"><joint type=\"slide\" axis=\"1 0 0\" stiffness=\"500\" damping=\"5\" armature=\"0\" "
+      "frictionloss=\"0\"/><geom size=\".05\" mass=\".1\"/></body>";
+  const std::string fingers = fmt::format(fmt::runtime(finger), ".04") + fmt::format(fmt::runtime(finger), "-.04");
+  const Changes gripper{{"fromto=\"0 0 -.1 0 0 -.5\" size=\".03\" mass=\"2\"/>\n      </body>",
+                         "fromto=\"0 0 -.1 0 0 -.3\" size=\".03\" mass=\"2\"/>" + fingers + "\n      </body>"}};
+  EXPECT_EQ(line_of(run_of(changed(model, gripper), scenario), "contacts"), "nothing");
+  const Changes floor{gripper[0], {"0 0 -1.2", "0 0 -1.12"}};
+  EXPECT_TRUE(checks_of(run_of(changed(model, floor), scenario)).contains("contacts"));
+}
+
+/// The slowest joint sets the pace: a limit of another one that changes nothing is no setting.
+TEST(Settings, OfTheMotionThatChangeNothingAreRefused) {
+  const Folder folder;
+  ASSERT_TRUE(
+      loaded(folder, model,
+             "model: model.xml\nduration_s: 4\nmotion: {type: cycle, speed_rad_s: {shoulder: 0.5, elbow: 0.2}, "
+             "waypoints: [{position_rad: {shoulder: 0, elbow: 0}}, {position_rad: {shoulder: 0.5, elbow: 1}}]}\n"));
+  const auto with = [&](const std::string& setting) {
+    const auto s = load_scenario(folder.path / "scenario.yaml", {setting, "duration_s=3"});
+    return s ? "accepted" : s.error().message;
+  };
+  EXPECT_THAT(with("motion.speed_rad_s.shoulder=60"),
+              testing::AllOf(HasSubstr("--set motion.speed_rad_s.shoulder=60: changes nothing"),
+                             HasSubstr("(shoulder moves at up to 0.1)")));
+  for (const char* setting : {"motion.speed_rad_s.shoulder=0.05", "motion.speed_rad_s.elbow=60",
+                              "motion.speed_rad_s.shoulder=0.5", "motion.speed_rad_s=60", "motion.ramp_s=1"})
+    EXPECT_EQ(with(setting), "accepted") << setting;
 }
 
 TEST(HealthOfARun, WhatTheScenarioExpectsIsNoWarning) {
