@@ -72,6 +72,10 @@ Result<Exit> execute(const Arguments& a) {
     if (const auto ok = write_twin(results, *results.find(v, SimulationFit::all, 0), directory, replace_if(a.force));
         !ok)
       return work_failed(ok.error().message);
+  if (!a.quiet)
+    for (std::size_t v = 0; v < campaign.plan.variants.size(); ++v)
+      for (const auto& text : or_throw(warnings_of(results, *results.find(v, SimulationFit::all, 0))))
+        report_text(fmt::format("warning: {}\n", text));
   return deliver(a.json ? json_text(results) : table_of(results));
 }
 

@@ -78,4 +78,9 @@ std::vector<identification::SimulationFit> read_fits(const CalibrationCampaign& 
 Result<void> write_twin(const CalibrationResults& results, const identification::SimulationFit& fit,
                         const std::filesystem::path& directory, Existing existing);
 
+/// What the health check warns of where the twin of a fit on all recordings follows them, a sentence per check: with
+/// the first recording, and in how many it is so.
+Result<std::vector<std::string>> warnings_of(const CalibrationResults& results,
+                                             const identification::SimulationFit& fit);
+
 }  // namespace tribotwin::twin::program

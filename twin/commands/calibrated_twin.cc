@@ -116,4 +116,34 @@ Result<void> write_twin(const Results& r, const SimulationFit& f, const fs::path
   return {};
 }
 
+Result<std::vector<std::string>> warnings_of(const Results& r, const SimulationFit& f) {
+  const Variant& variant = r.campaign.plan.variants[f.variant];
+  const auto twins = VariantTwins::open(variant);
+  if (!twins) return tl::unexpected(twins.error());
+  const auto made = twins->candidate(f.values);
+  if (!made) return tl::unexpected(made.error());
+  struct Warned {
+    HealthLine first;
+    std::string file;
+    std::size_t recordings = 0;
+  };
+  std::vector<Warned> all;
+  const auto& recordings = r.campaign.plan.recordings;
+  for (const Recording& recording : recordings) {
+    const auto findings = twins->health(*made, recording);
+    if (!findings) return tl::unexpected(findings.error());
+    for (const HealthLine& line : health_lines(*findings)) {
+      if (line.verdict != Verdict::warning) continue;
+      auto known = std::ranges::find(all, line.check, [](const Warned& w) { return w.first.check; });
+      if (known == all.end()) known = all.insert(known, {line, recording.file.filename().string()});
+      ++known->recordings;
+    }
+  }
+  std::vector<std::string> sentences;
+  for (const Warned& w : all)
+    sentences.push_back(fmt::format("{}: {} of {} recordings, first {}: {}", variant.label, w.recordings,
+                                    recordings.size(), w.file, w.first.text));
+  return sentences;
+}
+
 }  // namespace tribotwin::twin::program

@@ -10,6 +10,8 @@
 #include <tribotwin/twin/experiments/working_days/tables.hpp>
 #include <tribotwin/twin/io/shipped.hpp>
 #include <tribotwin/twin/io/text.hpp>
+#include <tribotwin/twin/robot/arm.hpp>
+#include <tribotwin/twin/robot/starting_points.hpp>
 
 namespace tribotwin::twin::program {
 namespace {
@@ -32,6 +34,22 @@ auto with_progress(const Arguments& a, const std::string& work, const auto& run)
                         .progress = [&](double share, double left) { progress(share, left); }});
 }
 
+/// What the health check found in the simulated days, those of the first test that has any, and how many have.
+std::vector<std::string> warnings_of(const repeatability::Campaign& campaign,
+                                     const std::vector<repeatability::WorkingDay>& days) {
+  std::vector<std::string> sentences;
+  std::size_t warned = 0;
+  for (std::size_t test = 0; test < days.size(); ++test) {
+    if (days[test].warnings.empty()) continue;
+    if (warned++ > 0) continue;
+    for (const auto& text : days[test].warnings)
+      sentences.push_back(
+          fmt::format("robot {}, day {}: {}", campaign.robot_of(test) + 1, campaign.day_of(test) + 1, text));
+  }
+  if (warned > 1) sentences.push_back(fmt::format("{} of {} tests have such warnings", warned, days.size()));
+  return sentences;
+}
+
 /// Robots over working days.
 Result<Exit> compare_days(const Arguments& a, const repeatability::Campaign& campaign) {
   const auto results = with_progress(a, fmt::format("{} tests", campaign.tests()), [&](const LabOptions& options) {
@@ -41,6 +59,7 @@ Result<Exit> compare_days(const Arguments& a, const repeatability::Campaign& cam
   if (a.json) {
     Json json{{"tests", campaign.tests()}, {"present", results->present}};
     for (const auto& file : results->files) json["files"].push_back(file.string());
+    json["warnings"] = warnings_of(campaign, results->days);
     return deliver(json.dump(2) + "\n");
   }
   if (a.quiet) return done;
@@ -48,17 +67,22 @@ Result<Exit> compare_days(const Arguments& a, const repeatability::Campaign& cam
         repeatability::summary(campaign, results->days, results->findings));
   for (const auto& file : results->files) print(" {}", file.string());
   print("\n");
+  for (const auto& text : warnings_of(campaign, results->days)) report_text(fmt::format("warning: {}\n", text));
   return done;
 }
 
 Result<Exit> report(const Arguments& a, const Result<LabSummary>& summary, const Campaign& campaign,
                     const std::vector<std::string>& written) {
   if (!summary) return tl::unexpected(summary.error());
+  const auto& drive = campaign.model->drives()[campaign.drive];
+  const std::string_view guess = starting_point(*campaign.model, drive);
   if (a.json)
     return deliver(Json{{"curves", summary->curves},
                         {"present", summary->present},
                         {"levels", summary->levels},
                         {"outside", summary->outside},
+                        {"saturated", summary->saturated},
+                        {"starting_points", !guess.empty()},
                         {"wall_s", summary->wall_s},
                         {"files", written}}
                        .dump(2) +
@@ -69,7 +93,17 @@ Result<Exit> report(const Arguments& a, const Result<LabSummary>& summary, const
   print("written: {}\n", joined(written));
   if (summary->outside)
     note("{} of {} levels lie outside the range in which law '{}' was identified; its validity policy applies",
-         summary->outside, summary->levels, campaign.model->drives()[campaign.drive].drive.law.info->name);
+         summary->outside, summary->levels, drive.drive.law.info->name);
+  if (!guess.empty())
+    note(
+        "the law of {} is a guess, the starting points of a gear class ({}): these curves are of the class, not of "
+        "your robot",
+        joint_name(campaign.model->get(), drive), guess);
+  if (summary->saturated)
+    report_text(fmt::format(
+        "warning: {} of {} levels need more torque than the robot's drive can give ({:.4g} Nm): the bench has no such "
+        "limit, a robot would not reach them; ask for less load, or raise ctrlrange to the torque of the real drive\n",
+        summary->saturated, summary->levels, summary->torque_limit_nm));
   return done;
 }
 

@@ -11,6 +11,8 @@
 #include <tribotwin/twin/identification/quantity_keys.hpp>
 #include <tribotwin/twin/identification/variant_twins.hpp>
 #include <tribotwin/twin/io/text.hpp>
+#include <tribotwin/twin/robot/arm.hpp>
+#include <tribotwin/twin/robot/starting_points.hpp>
 
 namespace tribotwin::twin::identification {
 namespace {
@@ -200,7 +202,17 @@ void VariantTwins::try_without_scenery() {
   if (const auto lean = load(stripped, values); lean && same_motion(*reference_, **lean)) lean_ = stripped;
 }
 
-std::string VariantTwins::mjcf(std::span<const double> values) const { return edited(text_, values); }
+std::string VariantTwins::mjcf(std::span<const double> values) const {
+  const bool identified =
+      std::ranges::any_of(variant_->quantities, [](const Quantity& q) { return q.free && q.place == Place::drive; });
+  pugi::xml_document document;
+  document.load_string(edited(text_, values).c_str());
+  if (!identified) return text_of(document);
+  const std::string mark = starting_point_name(joint_name(reference_->get(), reference_->drives()[0]));
+  for (const auto& match : document.select_nodes("/mujoco/custom/text"))
+    if (mark == match.node().attribute("name").value()) match.node().parent().remove_child(match.node());
+  return text_of(document);
+}
 
 Result<VariantTwins::Candidate> VariantTwins::candidate(std::vector<double> values) const {
   auto model = load(lean_, values);
@@ -225,7 +237,7 @@ double VariantTwins::delay_s(std::span<const double> values) const {
   return 0;
 }
 
-Result<std::vector<double>> VariantTwins::positions(const Candidate& candidate, const Recording& recording) const {
+Scenario VariantTwins::scenario(const Candidate& candidate, const Recording& recording) const {
   const SetPoints& r = recording.points;
   Scenario scenario;
   scenario.model = candidate.model;
@@ -240,8 +252,13 @@ Result<std::vector<double>> VariantTwins::positions(const Candidate& candidate, 
   for (std::size_t i = 0; i < r.time_s.size(); ++i)
     scenario.motion->hold_at(r.time_s[i] - r.time_s[0] + delay, {r.position_rad[0][i]});
   scenario.recording = SetPoints{.time_s = r.time_s, .torque_on = r.torque_on};
+  scenario.expects = {"tracking"};  // what counts is the recorded position, from which a small servo's goal is far
+  return scenario;
+}
 
-  Twin twin(std::move(scenario));
+Result<std::vector<double>> VariantTwins::positions(const Candidate& candidate, const Recording& recording) const {
+  const SetPoints& r = recording.points;
+  Twin twin(scenario(candidate, recording));
   const int address = position_address(twin.model().get(), twin.model().drives()[0]);
   std::vector<double> positions(r.time_s.size(), std::numeric_limits<double>::quiet_NaN());
   std::size_t next = 0;
@@ -251,6 +268,13 @@ Result<std::vector<double>> VariantTwins::positions(const Candidate& candidate, 
     if (const auto ok = twin.step(); !ok) return work_failed(ok.error().message);
   }
   return positions;
+}
+
+Result<std::vector<Finding>> VariantTwins::health(const Candidate& candidate, const Recording& recording) const {
+  Twin twin(scenario(candidate, recording));
+  while (twin.steps() < twin.steps_total())
+    if (const auto ok = twin.step(); !ok) return work_failed(ok.error().message);
+  return examine({twin.scenario(), &twin});
 }
 
 double mae_mrad(const Recording& recording, std::span<const double> positions) {

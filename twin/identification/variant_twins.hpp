@@ -12,7 +12,7 @@
 #include <tribotwin/plugins/friction/error.hpp>
 #include <tribotwin/twin/identification/quantity.hpp>
 #include <tribotwin/twin/robot/recording.hpp>
-#include <tribotwin/twin/simulation/twin.hpp>
+#include <tribotwin/twin/simulation/health.hpp>
 
 /// Twins with other values of their quantities, following recorded goal positions as in `tribotwin run`.
 namespace tribotwin::twin::identification {
@@ -54,6 +54,9 @@ class VariantTwins {
   /// Position [rad] at each recorded instant, NaN after the end of the simulation. ErrorKind::work when it diverges.
   Result<std::vector<double>> positions(const Candidate& candidate, const Recording& recording) const;
 
+  /// The health check of such a simulation. Contacts are those of the candidate's model, which may have no geoms.
+  Result<std::vector<Finding>> health(const Candidate& candidate, const Recording& recording) const;
+
   const Variant& variant() const { return *variant_; }
   std::vector<std::size_t> free_quantities() const;  ///< indices of quantities
   /// The controller of a candidate for a recording.
@@ -64,6 +67,7 @@ class VariantTwins {
   const mujoco::Model& reference() const { return *reference_; }  ///< with the start values
 
  private:
+  Scenario scenario(const Candidate& candidate, const Recording& recording) const;
   std::string edited(const std::string& text, std::span<const double> values) const;
   Result<std::shared_ptr<const mujoco::Model>> load(const std::string& text, std::span<const double> values) const;
   void try_without_scenery();

@@ -43,10 +43,19 @@ series:
     % source
 )
 
+# Half of these levels need more than the 12000 Nm of the robot's drive.
+small = open(work + "/small.yaml").read()
+with open(work + "/heavy.yaml", "w") as f:
+    f.write(small[: small.index("speeds_rad_s")] + "drive: {torque_max_nm: 15000}\nspeeds_rad_s: [20, 100]\n")
+    f.write("series: [{name: one, load: {by: torque, norm: [0, 0.9]}, temperature: {prescribed_degC: 60}}]\n")
+r = run("heavy.yaml", "-o", "heavy")
+check("a drive that is too weak", "warning: 2 of 4 levels need more torque" in r.stderr, r.stderr)
+
 # A whole run.
 r = run("small.yaml", "-o", "one", "--threads", "1")
 check("exits 0", r.returncode == 0, r.stderr)
 check("says what it did", "14 curves, 0 of them from earlier runs, 56 levels" in r.stdout, r.stdout)
+check("its drive is strong enough", "more torque" not in r.stderr, r.stderr)
 check("no terminal, no progress", "\r" not in r.stderr)
 check(
     "header",

@@ -224,7 +224,8 @@ Result<LabSummary> run_study(const Study& study, const LabOptions& options) {
     if (!summary)
       return tl::unexpected(Error(fmt::format("{}: {}", joint.name, summary.error().message), summary.error().kind));
     sum.curves += summary->curves, sum.present += summary->present, sum.levels += summary->levels,
-        sum.outside += summary->outside;
+        sum.outside += summary->outside, sum.saturated += summary->saturated;
+    if (summary->saturated > 0) sum.torque_limit_nm = summary->torque_limit_nm;
     auto judged = verdicts(study, joint, own.directory, options.threads);
     if (!judged) return work_failed(judged.error().message);
     all[joint.name] = *std::move(judged);

@@ -12,6 +12,8 @@ namespace tribotwin::twin {
 struct LabSummary {
   std::size_t curves = 0, present = 0;  ///< all; those measured by an earlier run
   std::size_t levels = 0, outside = 0;  ///< rows of curves.csv; those outside the range of the law
+  std::size_t saturated = 0;   ///< levels whose load and friction are beyond the torque limit of the robot's drive
+  double torque_limit_nm = 0;  ///< of the drive with such levels, arm side
   double wall_s = 0;
 };
 

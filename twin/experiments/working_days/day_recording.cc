@@ -6,6 +6,7 @@
 #include <tribotwin/twin/experiments/working_days/day_recording.hpp>
 #include <tribotwin/twin/experiments/working_days/working_day.hpp>
 #include <tribotwin/twin/identification/samples/recording.hpp>
+#include <tribotwin/twin/simulation/health.hpp>
 #include <tribotwin/twin/simulation/twin.hpp>
 
 namespace tribotwin::twin::repeatability {
@@ -97,8 +98,8 @@ Scenario scenario_of(const Campaign& c, const Excitation& e, std::size_t test, c
 
 }  // namespace
 
-Result<std::vector<Recorded>> simulated(const Campaign& c, const Excitation& e, std::size_t test,
-                                        const Individual& robot, double ambient, const Regressor& regressor) {
+Result<SimulatedDay> simulated(const Campaign& c, const Excitation& e, std::size_t test, const Individual& robot,
+                               double ambient, const Regressor& regressor) {
   const Scenario s = scenario_of(c, e, test, robot, ambient, regressor);
   const auto drives = robot.model->drives();
   const double dt = (*robot.model)->opt.timestep, period = s.motion->period_s();
@@ -110,7 +111,7 @@ Result<std::vector<Recorded>> simulated(const Campaign& c, const Excitation& e, 
   Sensors sensors{.encoder_increments_per_turn = c.encoder_increments_per_turn,
                   .sampling_hz = 1 / (static_cast<double>(every) * dt)};
   Twin twin(s);
-  std::vector<Recorded> out;
+  SimulatedDay out;
   for (std::size_t k = 0; k < cycles; ++k) {
     std::vector<JointRecording> signals(drives.size());
     for (long long i = 0; i < steps; ++i) {
@@ -130,8 +131,10 @@ Result<std::vector<Recorded>> simulated(const Campaign& c, const Excitation& e, 
     const auto& time = signals.front().time_s;
     const auto heating =
         static_cast<std::size_t>(std::ranges::lower_bound(time, time.front() + e.friction_s) - time.begin());
-    out.push_back({part_of(signals, 0, heating), part_of(signals, heating, time.size())});
+    out.cycles.push_back({part_of(signals, 0, heating), part_of(signals, heating, time.size())});
   }
+  for (const HealthLine& line : health_lines(examine({twin.scenario(), &twin})))
+    if (line.verdict == Verdict::warning) out.warnings.push_back(line.text);
   return out;
 }
 

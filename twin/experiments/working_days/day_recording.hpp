@@ -1,5 +1,6 @@
 #pragma once
 
+#include <string>
 #include <vector>
 
 #include <tribotwin/plugins/friction/error.hpp>
@@ -15,8 +16,13 @@ struct Recorded {
   identification::RobotRecording heating;
 };
 
-/// Every whole cycle of a test. `ambient` [degC] is also the start temperature.
-Result<std::vector<Recorded>> simulated(const Campaign& campaign, const Excitation& excitation, std::size_t test,
-                                        const Individual& robot, double ambient, const Regressor& regressor);
+struct SimulatedDay {
+  std::vector<Recorded> cycles;       ///< the whole ones
+  std::vector<std::string> warnings;  ///< of the health check
+};
+
+/// The cycles of a test. `ambient` [degC] is also the start temperature.
+Result<SimulatedDay> simulated(const Campaign& campaign, const Excitation& excitation, std::size_t test,
+                               const Individual& robot, double ambient, const Regressor& regressor);
 
 }  // namespace tribotwin::twin::repeatability

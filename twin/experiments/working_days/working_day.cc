@@ -157,7 +157,8 @@ class Test {
     day_.ambient_degC = ambient_degC(c_, c_.day_of(test_));
     auto recorded = simulated(c_, e_, test_, robot_, day_.ambient_degC, *regressor_);
     if (!recorded) return tl::unexpected(recorded.error());
-    recorded_ = *std::move(recorded);
+    recorded_ = std::move(recorded->cycles);
+    day_.warnings = std::move(recorded->warnings);
     return {};
   }
 

@@ -52,6 +52,7 @@ struct WorkingDay {
   std::vector<std::vector<Measured>> friction;  ///< per joint: torque_parameters at the start of the day
   std::vector<double> base_of_robot;            ///< true values of the simulated robot
   std::vector<std::vector<double>> friction_of_robot;
+  std::vector<std::string> warnings;  ///< of the health check of the simulation
   Stretch cold, hot;  ///< the first series of the first and of the last cycle, predicted by the parameters of the day
 };
 

@@ -30,6 +30,7 @@ void to_json(Json& j, const WorkingDay& d) {
        {"friction_of_robot", d.friction_of_robot},
        {"cold", d.cold},
        {"hot", d.hot}};
+  if (!d.warnings.empty()) j["warnings"] = d.warnings;
 }
 
 std::string to_text(const WorkingDay& day) { return Json(day).dump() + "\n"; }
@@ -98,6 +99,8 @@ WorkingDay day_of(const JsonInput& in, const Shape& shape) {
     day.friction_of_robot.push_back(joint.numbers(torque_parameters, torque_parameters));
   day.cold = stretch_of(in["cold"], shape.joints);
   day.hot = stretch_of(in["hot"], shape.joints);
+  if (in.has("warnings"))
+    for (const auto& warning : in["warnings"].list(1)) day.warnings.push_back(warning.text());
   return day;
 }
 
