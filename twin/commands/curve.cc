@@ -7,6 +7,7 @@
 
 #include <tribotwin/plugins/friction/number.hpp>
 #include <tribotwin/twin/commands/program.hpp>
+#include <tribotwin/twin/commands/robot.hpp>
 #include <tribotwin/twin/experiments/friction/experiment.hpp>
 #include <tribotwin/twin/identification/dynamic_friction/parameters.hpp>
 #include <tribotwin/twin/io/input.hpp>
@@ -121,6 +122,7 @@ Result<Exit> execute(const Arguments& a) {
   } else {
     points = law_curve(drive, speeds, a.load, a.temperature);
   }
+  if (!a.quiet) note_starting_point(**model, (*model)->drives()[index]);
   return deliver_points(a, drive, points);
 }
 

@@ -4,13 +4,13 @@
 #include <nlohmann/json.hpp>
 
 #include <tribotwin/twin/commands/program.hpp>
+#include <tribotwin/twin/commands/robot.hpp>
 #include <tribotwin/twin/experiments/fault_study/study.hpp>
 #include <tribotwin/twin/experiments/friction/results.hpp>
 #include <tribotwin/twin/experiments/working_days/results.hpp>
 #include <tribotwin/twin/experiments/working_days/tables.hpp>
 #include <tribotwin/twin/io/shipped.hpp>
 #include <tribotwin/twin/io/text.hpp>
-#include <tribotwin/twin/robot/arm.hpp>
 #include <tribotwin/twin/robot/starting_points.hpp>
 
 namespace tribotwin::twin::program {
@@ -75,14 +75,13 @@ Result<Exit> report(const Arguments& a, const Result<LabSummary>& summary, const
                     const std::vector<std::string>& written) {
   if (!summary) return tl::unexpected(summary.error());
   const auto& drive = campaign.model->drives()[campaign.drive];
-  const std::string_view guess = starting_point(*campaign.model, drive);
   if (a.json)
     return deliver(Json{{"curves", summary->curves},
                         {"present", summary->present},
                         {"levels", summary->levels},
                         {"outside", summary->outside},
                         {"saturated", summary->saturated},
-                        {"starting_points", !guess.empty()},
+                        {"starting_points", !starting_point(*campaign.model, drive).empty()},
                         {"wall_s", summary->wall_s},
                         {"files", written}}
                        .dump(2) +
@@ -94,11 +93,7 @@ Result<Exit> report(const Arguments& a, const Result<LabSummary>& summary, const
   if (summary->outside)
     note("{} of {} levels lie outside the range in which law '{}' was identified; its validity policy applies",
          summary->outside, summary->levels, drive.drive.law.info->name);
-  if (!guess.empty())
-    note(
-        "the law of {} is a guess, the starting points of a gear class ({}): these curves are of the class, not of "
-        "your robot",
-        joint_name(campaign.model->get(), drive), guess);
+  note_starting_point(*campaign.model, drive);
   if (summary->saturated)
     report_text(fmt::format(
         "warning: {} of {} levels need more torque than the robot's drive can give ({:.4g} Nm): the bench has no such "

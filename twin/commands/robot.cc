@@ -22,6 +22,15 @@ Robot load_robot(const std::string& file) {
   return {*model, *regressor, base_parameters(*regressor)};
 }
 
+void note_starting_point(const mujoco::Model& model, const mujoco::Binding& drive) {
+  if (const std::string_view from = starting_point(model, drive); !from.empty())
+    note(
+        "the law of {} is a guess, the starting points of a gear class ({}): this is friction of the class, not of "
+        "your "
+        "robot",
+        joint_name(model.get(), drive), from);
+}
+
 void add_preparation(CLI::App& command, Preparation& preparation) {
   command
       .add_option("--cutoff", preparation.cutoff_hz,

@@ -22,6 +22,9 @@ struct Robot {
 /// Throws InputError where the model cannot be loaded or is no rigid tree of hinges and slides.
 Robot load_robot(const std::string& file);
 
+/// A note that the law of a drive is a guess, where it has the starting points of a gear class.
+void note_starting_point(const mujoco::Model& model, const mujoco::Binding& drive);
+
 /// Options of how recordings are prepared.
 void add_preparation(CLI::App& command, identification::Preparation& preparation);
 
