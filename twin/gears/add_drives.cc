@@ -254,16 +254,27 @@ void doubt_efforts(const mjModel* m, const std::vector<Plan>& plans, std::vector
       equal_masses(m, first->joint), twin::joined(guesses), first->added.joint, first->added.slide ? "N" : "NM"));
 }
 
-/// A class that was not made for its joint.
+/// Classes that say nothing about joints of this size, one sentence for all joints.
+void doubt_scales(const std::vector<Plan>& plans, std::vector<std::string>& warnings) {
+  std::vector<std::string> far;
+  const Plan* first = nullptr;
+  for (const Plan& p : plans) {
+    if (!p.added.is_starting_point() || (p.scale >= 1 / most_scale && p.scale <= most_scale)) continue;
+    if (!first) first = &p;
+    far.push_back(fmt::format("{} ({})", p.added.joint, p.added.parameters));
+  }
+  if (!first) return;
+  warnings.push_back(
+      fmt::format("no drive of this size is in the table, and friction that is scaled so far is hardly a guess: {}; "
+                  "check the efforts, give them by --effort {}={}, or another class by --joint {}=CLASS",
+                  twin::joined(far), first->added.joint, first->added.slide ? "N" : "NM", first->added.joint));
+}
+
+/// A gear that is too weak for its joint.
 void doubt_gear(const Plan& p, std::vector<std::string>& warnings) {
   const AddedDrive& a = p.added;
   const char* unit = a.slide ? "N" : "Nm";
   const double torque = p.drive.torque_max_nm;
-  if (a.is_starting_point() && !(p.scale >= 1 / most_scale && p.scale <= most_scale))
-    warnings.push_back(
-        fmt::format("{}: {}: no drive of this size is known here, and friction that is scaled so far is hardly a "
-                    "guess; check its effort ({:.4g} {}, {}), give it by --effort or another class by --joint {}=CLASS",
-                    a.joint, a.parameters, a.effort_nm, unit, a.effort_source, a.joint));
   if (torque * too_small < a.effort_nm)
     warnings.push_back(
         fmt::format("{}: {} is made for {:.4g} {}, but the joint's effort is {:.4g} {} ({}): the gear is too small; "
@@ -578,6 +589,7 @@ Result<RobotWithDrives> add_drives(const fs::path& file, const AddDrives& choice
 
   RobotWithDrives robot{.notes = foreign->notes, .files = foreign->files};
   doubt_efforts(m, plans, robot.warnings);
+  doubt_scales(plans, robot.warnings);
   for (const Plan& p : plans) doubt_gear(p, robot.warnings);
   if (const auto ok = write_joints(document, m, plans); !ok) return failed(ok.error());
   const auto freed = fix_bases(document, m, plans, choice.fix_base);

@@ -12,7 +12,8 @@ namespace tribotwin::twin {
 namespace {
 
 constexpr double torque_share = 0.7, speed_share = 0.5, ramp_s = 0.4;
-constexpr int samples = 21;  ///< poses of a move at which torques and contacts are looked at
+constexpr double overshoot = 1.05;  ///< of the travel, so that a servo's error ends in no contact
+constexpr int samples = 21;         ///< poses of a move at which torques and contacts are looked at
 
 using Pose = std::vector<double>;  ///< one position per drive
 
@@ -87,7 +88,7 @@ class Planner {
     Need worst;
     const int allowed = touching ? contacts(centre, half, 0) : 0;
     for (int s = 0; s < samples; ++s) {
-      const double place = -1 + 2.0 * s / (samples - 1);
+      const double place = overshoot * (-1 + 2.0 * s / (samples - 1));
       if (contacts(centre, half, place) > allowed) worst.contact = true;
       for (std::size_t i = 0; i < size(); ++i) {
         const double share = torque_nm(i) / std::max(give_nm(i), 1e-12);

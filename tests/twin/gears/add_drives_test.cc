@@ -195,8 +195,8 @@ TEST_F(AddDrivesTest, EffortsThatAreGuessedAndGearsThatDoNotFitAreNamed) {
       {"effort=\"0\"",
        true,
        {},
-       {"guess by gravity and inertia of masses that are all 2 kg: turntable ", "turntable: harmonic_30, scaled by 0.2",
-        "telescope: ball_screw_1000, scaled by 0.03"}},
+       {"guess by gravity and inertia of masses that are all 2 kg: turntable ",
+        "hardly a guess: turntable (harmonic_30, scaled by 0.247 from 30 Nm)"}},
       {"effort=\"inf\"", false, {.joints = {{"shoulder", ""}}}, {"guess by gravity and inertia: shoulder "}},
       {"", false, {.joints = {{"shoulder", "xl330"}}}, {"the gear is too small", "gravity alone needs up to 20"}},
       {"",
@@ -206,7 +206,7 @@ TEST_F(AddDrivesTest, EffortsThatAreGuessedAndGearsThatDoNotFitAreNamed) {
       {"",
        false,
        {.joints = {{"shoulder", "harmonic"}}, .effort_nm = efforts({"shoulder=4000"})},
-       {"shoulder: harmonic_345, scaled by 11.6 from 345 Nm: no drive of this size is known here"}},
+       {"hardly a guess: shoulder (harmonic_345, scaled by 11.6 from 345 Nm)"}},
       {"", false, {.joints = {{"shoulder", ""}}, .effort_nm = efforts({"20"})}, {"its effort is 20 Nm; choose"}},
   };
   for (const auto& c : cases) {
