@@ -61,6 +61,7 @@ std::vector<const Finding*> worst_of(const std::vector<Finding>& findings) {
 }  // namespace
 
 void add_verdict(pugi::xml_node to, const RunData& run) {
+  if (!run.damage.empty()) Page::add(to, "p", "The record of this run is damaged.", "verdict bad");
   const auto findings = findings_of(run);
   if (findings.empty()) return;
   const auto lines = twin::health_lines(findings);
@@ -68,7 +69,7 @@ void add_verdict(pugi::xml_node to, const RunData& run) {
     Page::add(
         to, "p",
         fmt::format("The run is what its scenario asked for: none of {} checks warns.", worst_of(findings).size()),
-        "verdict good");
+        run.damage.empty() ? "verdict good" : "soft");
   else
     Page::add(to, "p", "The run is not what its scenario asked for.", "verdict bad");
   pugi::xml_node box;

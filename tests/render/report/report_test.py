@@ -100,6 +100,25 @@ if m:
         m["text"][:3000],
     )
 
+# Slides with long names, at the width of a small window: forces are in N, no word is torn.
+shutil.copy(os.path.join(source, "tests", "twin", "gears", "gantry.xml"), path("gantry.xml"))
+run(twin, "add-drives", "gantry.xml", "-o", "slides.xml")
+run(twin, "run", "slides.yaml", "-o", "slides", *brief)
+r = run(report, "slides")
+m = check_page("slides", path("slides/report.html"), 3, 5, widths=(1100,))
+if m:
+    check(
+        "slides: friction in N",
+        "friction RMS [N]" in m["text"]
+        and "Nm" not in m["text"].split("How it was made")[0].replace("Nm s/rad, Nm", ""),
+        re.findall(".*Nm.*", m["text"]),
+    )
+r = run(report, "slides", "-o", "slides.pdf")
+check_refused("a page is no PDF", r, ["slides.pdf", "must end in .html", "--pdf"])
+check("a page that is refused is not there", not os.path.exists(path("slides.pdf")))
+r = run(report, "pose", "slides.xml", "--pose", "hub=0.9", "--size", "64x64", "-o", "beyond.png")
+check("a pose beyond a range is told", r.returncode == 0 and "hub (0.9 m, range -0.6 .. 0.6)" in r.stderr, r.stderr)
+
 # Comparison.
 run(twin, "run", "irb6620_warmup", "-o", "warmup35", "--set", "duration_s=1200", "--set", "ambient_degC=35", "--quiet")
 r = run(report, "warmup", "warmup35", "-o", "both.html")
@@ -488,7 +507,7 @@ check("nothing is left of what failed", not glob.glob(work + "/x.*"), glob.glob(
 # Incomplete runs.
 def partial(name, *, says, code=0):
     r = run(report, name, "-o", name + ".html")
-    text = content(name + ".html") if r.returncode == 0 else ""
+    text = content(name + ".html")
     check(
         name + ": a partial report that says so",
         r.returncode == code and all(s in r.stderr and html.escape(s, quote=False) in text for s in says),
@@ -520,7 +539,15 @@ partial("model_moved", says=["moved.xml"])
 shutil.copytree(path("warmup"), path("damaged"))
 with open(path("damaged/telemetry.h5"), "r+b") as f:
     f.truncate(3000)
-partial("damaged", says=["damaged/telemetry.h5"])
+partial("damaged", says=["damaged/telemetry.h5"], code=1)
+shutil.copytree(path("warmup"), path("cut"))
+with open(path("cut/telemetry.h5"), "r+b") as f:
+    f.truncate(os.path.getsize(path("cut/telemetry.h5")) * 3 // 4)
+partial("cut", says=["cut/telemetry.h5", "the part that is whole", "tribotwin recover cut"], code=1)
+page = content("cut.html")
+check("a damaged record is told in red", 'class="verdict bad">The record of this run is damaged.' in page, page[:300])
+check("and is not green", 'class="verdict good"' not in page and page.count("<svg") > 3)
+check("the damaged record stays as it was", not os.path.exists(path("cut/telemetry.h5.original")))
 os.remove(path("damaged/summary.json"))
 refused("damaged and nothing else", 2, "damaged", says=["damaged/telemetry.h5"])
 shutil.copytree(path("warmup"), path("gone"))
