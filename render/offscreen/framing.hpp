@@ -15,11 +15,13 @@ using Point = std::array<double, 3>;  ///< world axes [m]
 /// d's pose: no ground, no scenery. Empty where a model has none.
 std::vector<Point> outline(const mjModel* m, const mjData* d);
 
-/// Turns and moves `camera`, a free one whose angles are set, so that all points lie in the picture with some space
-/// around them. `aspect`: width over height. A look-at point or a distance that is already chosen is kept.
+/// What of a free camera is chosen already.
 struct Fixed {
   bool look_at = false, distance = false;
 };
+
+/// Moves `camera`, a free one whose angles are set, so that all points lie in the picture with some space around them.
+/// `aspect`: width over height. What is fixed is kept.
 void frame(mjvCamera& camera, double fovy_deg, double aspect, std::span<const Point> points, Fixed fixed = {});
 
 }  // namespace tribotwin::render

@@ -64,8 +64,8 @@ void report(const RobotWithDrives& robot) {
          d.armature_of_model ? "of the model" : "of the rotor");
     if (!d.replaced.empty()) note("{}: the drive '{}' replaces its {}", d.joint, d.actuator, d.replaced);
     if (d.removed_damping > 0 || d.removed_frictionloss > 0)
-      note("{}: damping {:g} {} and frictionloss {:g} {} removed, the law has friction of its own", d.joint,
-           d.removed_damping, unit_of("Nm s/rad", d.slide), d.removed_frictionloss, unit);
+      note("{}: damping {:g} and frictionloss {:g} removed [{}, {}], the law has friction of its own", d.joint,
+           d.removed_damping, d.removed_frictionloss, unit_of("Nm s/rad", d.slide), unit);
   }
   for (const auto& text : robot.notes) note("{}", text);
   if (starters) note("attention: {}", starting_points);

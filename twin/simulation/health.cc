@@ -267,7 +267,7 @@ constexpr HealthCheck table[] = {
     {"ctrlrange", "torque limit (forcerange, else torque_max_nm) / ctrlrange, per joint [-]",
      "2: a drive that may deliver less than half of its torque has a range that was made for something else",
      "the drive cannot deliver its torque, and the arm sags or stands still", Verdict::warning, true, ctrlrange},
-    {"damping", "damping of the joint, damping and frictionloss of tendons on it [Nm s/rad, Nm]",
+    {"damping", "damping of the joint, damping and frictionloss of tendons on it [Nm s/rad, Nm; slides N s/m, N]",
      "0: the law holds the whole friction, and native losses heat nothing",
      "friction is counted twice, and the share of the damping becomes no heat", Verdict::warning, true, damping},
     {"record_size", "predicted size of telemetry.h5 [byte]", "100 MB: larger files are slow to copy and to plot",

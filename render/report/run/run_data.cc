@@ -66,10 +66,10 @@ std::string take_part(RunData& run, const fs::path& telemetry, const std::string
   const auto recovered = error ? tl::unexpected(Error(error.message())) : twin::recover(copy);
   auto record = recovered ? twin::read_telemetry(copy / "telemetry.h5") : tl::unexpected(recovered.error());
   fs::remove_all(copy, error);
-  if (!record || record->time_s.empty()) return why;
+  if (!record || record->time_s.empty()) return why + "; no part of it can be read";
   run.record = std::move(*record);
   return fmt::format(
-      "{}. What follows is drawn from the part that is whole: {} of {} samples, the first {}. 'tribotwin recover {}' "
+      "{}. What follows is drawn from the part that is whole: {} of {} samples, up to {}. 'tribotwin recover {}' "
       "makes a plain record of them",
       why, recovered->samples, recovered->samples + recovered->lost_samples, duration(recovered->last_time_s),
       telemetry.parent_path().string());
