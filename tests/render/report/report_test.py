@@ -103,7 +103,7 @@ if m:
 # Slides with long names, at the width of a small window: forces are in N, no word is torn.
 shutil.copy(os.path.join(source, "tests", "twin", "gears", "gantry.xml"), path("gantry.xml"))
 run(twin, "add-drives", "gantry.xml", "-o", "slides.xml")
-run(twin, "run", "slides.yaml", "-o", "slides", *brief)
+run(twin, "run", "slides.yaml", "-o", "slides", "--set", "telemetry_rate_hz=250", *brief)
 r = run(report, "slides")
 m = check_page("slides", path("slides/report.html"), 3, 5, widths=(1100,))
 if m:
@@ -540,7 +540,7 @@ shutil.copytree(path("warmup"), path("damaged"))
 with open(path("damaged/telemetry.h5"), "r+b") as f:
     f.truncate(3000)
 partial("damaged", says=["damaged/telemetry.h5", "no part of it can be read"], code=1)
-shutil.copytree(path("warmup"), path("flipped"))
+shutil.copytree(path("slides"), path("flipped"))  # of several chunks per channel
 with open(path("flipped/telemetry.h5"), "r+b") as f:
     f.seek(os.path.getsize(path("flipped/telemetry.h5")) * 3 // 4)
     f.write(b"\xff" * 64)
