@@ -2,6 +2,7 @@
 // only; everything else goes to stderr.
 #include <tribotwin/plugins/mujoco/loader.hpp>
 #include <tribotwin/twin/commands/table.hpp>
+#include <tribotwin/twin/gears/gear_class.hpp>
 #include <tribotwin/twin/io/command_line/parse.hpp>
 #include <tribotwin/twin/io/output.hpp>
 #include <tribotwin/twin/numerics/solver_guard.hpp>
@@ -16,5 +17,7 @@ int main(int argc, char** argv) {
   app.require_subcommand(1);
   int code = twin::done;
   for (const auto add : twin::program::commands) add(app, code);
-  return twin::program::parse("tribotwin", mj_versionString(), app, argc, argv, code);
+  const auto gears = twin::gear_names();
+  return twin::program::parse("tribotwin", mj_versionString(), app, argc, argv, code,
+                              {{"--gear", {gears.begin(), gears.end()}}, {"--law", {"bouc_wen", "lugre"}}});
 }

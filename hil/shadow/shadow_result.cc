@@ -3,15 +3,12 @@
 #include <fmt/format.h>
 
 #include <tribotwin/hil/shadow/shadow.hpp>
+#include <tribotwin/twin/io/text_table.hpp>
 
 namespace tribotwin::hil {
 namespace {
 
-std::string residuals(const ShadowJoint& j) {
-  if (j.samples == 0) return fmt::format("{:>14} {:>14} {:>14} {:>9}", "-", "-", "-", "-");
-  return fmt::format("{:>14.4g} {:>14.4g} {:>14.4g} {:>9.1f}", j.residual_mean_nm, j.residual_rms_nm, j.residual_max_nm,
-                     1e3 * j.lag_s);
-}
+std::string figure(const ShadowJoint& j, double x) { return j.samples ? fmt::format("{:.4g}", x) : "-"; }
 
 /// "0.23 .. 7.90 s; not judged: 120 not enabled": what the residuals hold for.
 std::string range(const ShadowJoint& j) {
@@ -29,15 +26,15 @@ std::string range(const ShadowJoint& j) {
 bool ShadowResult::exceeded() const { return std::ranges::any_of(joints, &ShadowJoint::exceeded); }
 
 std::string ShadowResult::table() const {
-  std::string s =
-      fmt::format("{:.2f} s, cycle {:.4g} ms ({})\n{:<12} {:>8} {:>14} {:>14} {:>14} {:>9} {:>12} {:>13}  {}\n",
-                  seconds, 1e3 * cycle_s, cycle_source, "joint", "samples", "mean [Nm]", "RMS [Nm]", "largest [Nm]",
-                  "lag [ms]", "lubricant", "lost q/torque", "judged");
+  constexpr auto left = twin::TextTable::left, right = twin::TextTable::right;
+  twin::TextTable table{{left("joint"), right("samples"), right("mean [Nm]"), right("RMS [Nm]"), right("largest [Nm]"),
+                         right("lag [ms]"), right("lubricant"), right("lost q/torque"), left("judged")}};
   for (const auto& j : joints)
-    s += fmt::format("{:<12} {:>8} {} {:>7.2f} degC {:>13}  {}{}\n", j.name, j.samples, residuals(j),
-                     j.temperature_degC, fmt::format("{}/{}", j.positions_lost, j.torques_lost), range(j),
-                     j.exceeded ? "; limit exceeded" : "");
-  return s;
+    table.add({j.name, fmt::format("{}", j.samples), figure(j, j.residual_mean_nm), figure(j, j.residual_rms_nm),
+               figure(j, j.residual_max_nm), j.samples ? fmt::format("{:.1f}", 1e3 * j.lag_s) : "-",
+               fmt::format("{:.2f} degC", j.temperature_degC), fmt::format("{}/{}", j.positions_lost, j.torques_lost),
+               range(j) + (j.exceeded ? "; limit exceeded" : "")});
+  return fmt::format("{:.2f} s, cycle {:.4g} ms ({})\n", seconds, 1e3 * cycle_s, cycle_source) + table.text();
 }
 
 }  // namespace tribotwin::hil

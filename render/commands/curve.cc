@@ -41,6 +41,7 @@ struct Subject {
   std::string name;
   drive::Drive drive;
   ReadOptions read;  ///< of measured points
+  bool slide = false;
 };
 
 Subject identified_law(const Arguments& a) {
@@ -59,8 +60,10 @@ Subject joint_of_model(const Arguments& a) {
   const auto index = twin::find_drive(*model, a.joint);
   if (!index) throw InputError(fmt::format("{}: --joint {}", a.model, index.error().message));
   const auto& drive = model->drives()[*index].drive;
-  return {
-      .name = a.joint, .drive = drive, .read = {.torque_max_nm = drive.torque_max_nm, .gear_ratio = drive.gear_ratio}};
+  return {.name = a.joint,
+          .drive = drive,
+          .read = {.torque_max_nm = drive.torque_max_nm, .gear_ratio = drive.gear_ratio},
+          .slide = twin::is_slide(model->get(), model->drives()[*index])};
 }
 
 /// Where the curves are drawn. At least one of the lists has one entry.
@@ -126,7 +129,8 @@ int execute(const Arguments& a) {
     twin::note("{} of the {} points are drawn, chosen evenly", points_max, measured.size());
   const auto points = friction_points(subject.drive, measured, thinned(measured.size(), points_max));
   const Conditions conditions = conditions_of(a, subject.drive, measured);
-  write(a.output, twin::or_throw(draw(figure_of(a.over, subject, conditions, points), format, size)));
+  write(a.output,
+        twin::or_throw(draw(in_units_of(figure_of(a.over, subject, conditions, points), subject.slide), format, size)));
   return twin::done;
 }
 

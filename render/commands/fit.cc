@@ -34,7 +34,13 @@ void add_fit(CLI::App& app, Call& call) {
   add_units(*command, a->read);
   a->tables.add_to(*command);
   command->add_option("--joint", a->read.table.joint, "Joint of a table of several, such as a telemetry.h5");
-  command->footer("Example:\n  tribotwin-report fit params.yaml -o fit.html");
+  command->footer(
+      "The data are yours, and so is what tribotwin identify made of them, params.yaml say. DATA have the columns that "
+      "it "
+      "reads: friction curves speed_rad_s (motor side) and friction_nm or friction_norm, optionally load_norm, "
+      "temperature_degC, stderr_nm or stderr_norm, curve; recordings time_s, position_rad, torque_nm, optionally "
+      "velocity_rad_s, temperature_degC, load_nm. Other names: --columns.\n"
+      "Example:\n  tribotwin-report fit params.yaml -o fit.html");
   command->callback([a, &call] { call.code = execute(*a, call.command_line); });
 }
 

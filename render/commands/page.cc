@@ -22,6 +22,12 @@ void FolderOptions::add_to(CLI::App& command, const char* directory_help) {
 PageFile::PageFile(const PageOptions& options, const fs::path& otherwise, const std::vector<fs::path>& inputs)
     : output_(options.output), quiet_(options.quiet) {
   if (!output_.named()) output_.file = otherwise.string();
+  if (const auto ending = fs::path(output_.file).extension(); !ending.empty() && ending != ".html" && ending != ".htm")
+    throw twin::InputError(fmt::format("-o {}: a page is HTML, and its name must end in .html; {}", output_.file,
+                                       ending == ".pdf"
+                                           ? "--pdf writes its figures as PDF, and a browser prints the page to PDF"
+                                       : ending == ".png" ? "--png writes its figures as PNG"
+                                                          : "--png and --pdf write its figures"));
   twin::or_wrong_input(output_.check(inputs));
   if (options.png) formats_.push_back(Format::png);
   if (options.pdf) formats_.push_back(Format::pdf);

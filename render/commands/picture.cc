@@ -73,7 +73,7 @@ std::pair<std::string, double> assignment(const char* option, const std::string&
 
 std::unique_ptr<RunData> run_with_model(const std::string& directory) {
   auto run = twin::or_wrong_input(load_run(directory));
-  if (!run->model() || run->record.time_s.empty())
+  if (!run->damage.empty() || !run->model() || run->record.time_s.empty())
     throw InputError(run->missing.empty() ? directory + ": has no samples" : run->missing.front());
   for (const auto& what : run->missing) twin::note("{}", what);
   return run;
@@ -82,6 +82,7 @@ std::unique_ptr<RunData> run_with_model(const std::string& directory) {
 PoseOptions run_options(const PictureOptions& options, const RunData& run) {
   PoseOptions pose;
   pose.view = options.view();
+  pose.view.whole = outline(*run.model(), run.record);
   pose.text_scale = options.text_scale;
   pose.colour_by = options.colours(ColourBy::temperature);
   pose.scale = scale_of(*run.model(), run.record, pose.colour_by);

@@ -104,6 +104,8 @@ int execute(const Arguments& a) {
     set(subject.state, subject.model->get(), given);
   }
   for (const auto& given : a.temperature) set_temperature(subject.state, *subject.model, given);
+  if (const auto beyond = beyond_range(*subject.model, subject.state); !beyond.empty())
+    twin::note("the pose is beyond the range of {}", beyond);
   const PoseOptions options = options_of(a, subject);
   auto painter = twin::or_throw(PosePainter::create(subject.model, size));
   write(a.output, png(twin::or_throw(painter.draw(subject.state, options))));

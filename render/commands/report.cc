@@ -1,6 +1,8 @@
 #include <algorithm>
 #include <iterator>
 
+#include <fmt/format.h>
+
 #include <tribotwin/render/commands/page.hpp>
 #include <tribotwin/render/report/run/run_report.hpp>
 
@@ -21,7 +23,13 @@ int execute(const Arguments& a, const std::string& command_line) {
   }
   const std::filesystem::path folder = a.runs.size() == 1 ? a.runs[0] : "";
   const PageFile page(a, folder / "report.html", read);
-  return page.make(command_line, [&](const ReportOptions& options) { return make_run_report(runs, options); });
+  int code = page.make(command_line, [&](const ReportOptions& options) { return make_run_report(runs, options); });
+  for (const auto& run : runs)
+    if (!run->damage.empty())
+      code = twin::report_error("tribotwin-report", twin::failed,
+                                fmt::format("{}: the record is damaged, and the page shows what is left of it",
+                                            (run->directory / "telemetry.h5").string()));
+  return code;
 }
 
 }  // namespace
@@ -31,7 +39,8 @@ void add_report(CLI::App& app, Call& call) {
   app.add_option("RUNDIR", a->runs, "Folders of runs, or of a scenario that varies; several runs are compared");
   a->add_to(app, "The page (default: RUNDIR/report.html; report.html for several)");
   app.footer(
-      "Example:\n  tribotwin-report runs/irb6620_warmup -o report.html\n\nThe run is that of tribotwin run "
+      "Exit code 1 where a record is damaged; the page is written from what is left of it.\nExample:\n  "
+      "tribotwin-report runs/irb6620_warmup -o report.html\n\nThe run is that of tribotwin run "
       "irb6620_warmup.");
   app.callback([a, &app, &call] {
     if (app.get_subcommands().empty()) call.code = execute(*a, call.command_line);

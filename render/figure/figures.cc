@@ -49,6 +49,12 @@ void set_limits(Axis& axis, std::span<const double> values, double span_min) {
   axis.from = low - pad;
   axis.to = high + pad;
 }
+
+/// The same for magnitudes: from 0 on.
+void set_magnitudes(Axis& axis, std::span<const double> values, double span_min) {
+  set_limits(axis, values, span_min);
+  if (*axis.from < 0) axis.to = *axis.to - *axis.from, axis.from = 0;
+}
 constexpr double temperature_span_K = 2, load_span = 0.05;
 
 /// Outline at this many standard deviations.
@@ -89,6 +95,15 @@ LawAxes::LawAxes(const drive::Drive& drive) {
   per_nm = parts ? 1 / drive.torque_max_nm : 1;
 }
 
+Figure in_units_of(Figure law, bool slide) {
+  for (Axis* axis : {&law.x, &law.y, law.z ? &*law.z : nullptr}) {
+    if (!slide || !axis) continue;
+    if (axis->unit == "Nm") axis->unit = "N", axis->quantity = "friction";
+    if (axis->quantity == "joint speed") axis->unit = "m/s";
+  }
+  return law;
+}
+
 Figure friction_against_temperature(const drive::Drive& drive, const std::string& title, double speed_max,
                                     double load_norm, std::span<const double> temperatures,
                                     std::span<const FrictionPoint> points) {
@@ -113,7 +128,7 @@ Figure friction_against_load(const drive::Drive& drive, const std::string& title
   f.colour = axes.load;
   std::vector<double> all(loads.begin(), loads.end());
   for (const auto& p : points) all.push_back(p.load_norm);
-  set_limits(*f.colour, all, load_span);
+  set_magnitudes(*f.colour, all, load_span);
   for (const double load : loads) {
     f.series.push_back(law_series(drive, axes, speed_max, load, temperature));
     f.series.back().shade = {load};

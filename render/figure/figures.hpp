@@ -25,6 +25,9 @@ struct LawAxes {
   double per_joint_rad_s, per_nm;  ///< factors from joint-side rad/s and Nm
 };
 
+/// The figure of a drive's law with the units of its joint: where that is a slide, m/s and N.
+Figure in_units_of(Figure law, bool slide);
+
 /// The law over speed at several temperatures, with points coloured by theirs. speed_max is joint side [rad/s].
 Figure friction_against_temperature(const drive::Drive& drive, const std::string& title, double speed_max_rad_s,
                                     double load_norm, std::span<const double> temperatures_degC,

@@ -15,7 +15,7 @@ constexpr int tile_side = 4096;
 // usual scene, the colour is that of the legend.
 constexpr float glowing = 0.7F, lit = 0.35F;
 
-Result<mjvCamera> camera_of(const mjModel* m, const View& view) {
+Result<mjvCamera> camera_of(const mjModel* m, const mjData* d, const View& view, double aspect) {
   mjvCamera camera;
   mjv_defaultFreeCamera(m, &camera);
   const bool free = view.azimuth_deg || view.elevation_deg || view.distance_m || view.look_at_m;
@@ -37,6 +37,9 @@ Result<mjvCamera> camera_of(const mjModel* m, const View& view) {
   if (view.elevation_deg) camera.elevation = *view.elevation_deg;
   if (view.distance_m) camera.distance = *view.distance_m;
   if (view.look_at_m) std::ranges::copy(*view.look_at_m, camera.lookat);
+  if (id < 0)
+    frame(camera, static_cast<double>(m->vis.global.fovy), aspect, view.whole.empty() ? outline(m, d) : view.whole,
+          {.look_at = view.look_at_m.has_value(), .distance = view.distance_m.has_value()});
   return camera;
 }
 
@@ -141,7 +144,7 @@ Result<Renderer> Renderer::create(const mjModel* model, Size size, Quality quali
 
 Result<Image> Renderer::draw(mjData* d, const View& view, std::span<const Paint> paints) {
   Impl& r = *impl_;
-  auto camera = camera_of(r.model.get(), view);
+  auto camera = camera_of(r.model.get(), d, view, static_cast<double>(r.size.width) / r.size.height);
   if (!camera) return tl::unexpected(camera.error());
   mjv_updateScene(r.model.get(), d, &r.option, nullptr, &*camera, mjCAT_ALL, &r.scene);
   for (int i = 0; i < r.scene.ngeom; ++i) {

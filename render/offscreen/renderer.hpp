@@ -1,6 +1,5 @@
 #pragma once
 
-#include <array>
 #include <memory>
 #include <optional>
 #include <span>
@@ -10,6 +9,7 @@
 #include <tribotwin/plugins/friction/error.hpp>
 #include <tribotwin/plugins/mujoco/loader.hpp>
 #include <tribotwin/render/offscreen/context.hpp>
+#include <tribotwin/render/offscreen/framing.hpp>
 #include <tribotwin/render/offscreen/image.hpp>
 #include <tribotwin/render/theme/theme.hpp>
 
@@ -28,11 +28,13 @@ struct Quality {
 };
 
 /// Where the eye is: a camera of the model by name, or free. Without a name: the camera "overview" if there is one and
-/// no value of a free view is given; else free, where values that are not given are chosen as MuJoCo frames the model.
+/// no value of a free view is given; else free, with the model's angles and, where neither distance nor point is given,
+/// so that the robot is seen whole.
 struct View {
   std::string camera;
   std::optional<double> azimuth_deg, elevation_deg, distance_m;
-  std::optional<std::array<double, 3>> look_at_m;
+  std::optional<Point> look_at_m;
+  std::vector<Point> whole;  ///< what must be seen, for several pictures of one view; empty: the robot at its pose
 };
 
 /// A geom of the model drawn in another colour, with little shading, so that the colour matches that of a legend.

@@ -47,7 +47,7 @@ th, td { padding: 7px 14px; text-align: left; border-top: 1px solid LINE; vertic
 thead th, thead th.number { border-top: 0; color: SOFT; font-weight: 600; vertical-align: bottom; white-space: normal; }
 td:last-child:not(.number) { min-width: 20ch; }
 td.number, th.number { text-align: right; white-space: nowrap; }
-th[scope=row] { font-weight: 600; overflow-wrap: anywhere; min-width: 8ch; }
+th[scope=row] { font-weight: 600; overflow-wrap: break-word; max-width: 32ch; }
 pre { padding: 12px 16px; font: .88rem/1.5 ui-monospace, Menlo, Consolas, 'DejaVu Sans Mono', monospace;
   white-space: pre-wrap; overflow-wrap: anywhere; }
 @media (max-width: 600px) { main { padding: 18px 12px 32px; } th, td { padding: 6px 8px; } }
@@ -59,6 +59,9 @@ pre { padding: 12px 16px; font: .88rem/1.5 ui-monospace, Menlo, Consolas, 'DejaV
   figure, .tile, tr, pre { break-inside: avoid; }
   h2, h3 { break-after: avoid; }
   .scroll { overflow: visible; }
+  table { font-size: .85em; }
+  th, td { padding: 4px 7px; }
+  td:last-child:not(.number) { min-width: 12ch; }
 }
 )";
   const auto put = [&](std::string_view name, const std::string& value) {

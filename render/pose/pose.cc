@@ -1,5 +1,6 @@
 #include <algorithm>
 #include <cmath>
+#include <iterator>
 #include <limits>
 
 #include <fmt/format.h>
@@ -28,9 +29,9 @@ double shown_value(const mujoco::Binding& drive, const JointState& joint, Colour
 double share(const Scale& scale, double value) { return (value - scale.from) / (scale.to - scale.from); }
 
 /// To a thousandth of the drive's torque.
-std::string torque_text(double torque_nm, double torque_max_nm) {
+std::string torque_text(double torque_nm, double torque_max_nm, bool slide) {
   const int decimals = std::clamp(static_cast<int>(std::ceil(3 - std::log10(torque_max_nm))), 0, 6);
-  return fmt::format("{:.{}f} Nm", std::abs(torque_nm), decimals);
+  return fmt::format("{:.{}f} {}", std::abs(torque_nm), decimals, twin::unit_of("Nm", slide));
 }
 
 std::vector<int> housing(const mjModel* m, int joint, const std::string& name) {
@@ -90,6 +91,12 @@ Scale scale_around(std::span<const double> values) {
   return {step * std::floor(low / step + 1e-9), step * std::ceil(high / step - 1e-9)};
 }
 
+Scale magnitudes_around(std::span<const double> values) {
+  Scale scale = scale_around(values);
+  if (scale.from < 0) scale = {0, scale.to - scale.from};
+  return scale;
+}
+
 Scale scale_of(const mujoco::Model& model, const twin::Recording& record, ColourBy by) {
   std::vector<double> values;
   const char* channel = by == ColourBy::friction ? "friction_nm" : "temperature_degC";
@@ -100,16 +107,42 @@ Scale scale_of(const mujoco::Model& model, const twin::Recording& record, Colour
       values.push_back(shown_value(drive, joint, by));
     }
   }
-  if (by == ColourBy::friction) values.push_back(0);
-  return scale_around(values);
+  return by == ColourBy::friction ? magnitudes_around(values) : scale_around(values);
 }
 
 Scale scale_of(const mujoco::Model& model, const PoseState& state, ColourBy by) {
   std::vector<double> values;
   for (std::size_t i = 0; i < state.joints.size(); ++i)
     values.push_back(shown_value(model.drives()[i], state.joints[i], by));
-  if (by == ColourBy::friction) values.push_back(0);
-  return scale_around(values);
+  return by == ColourBy::friction ? magnitudes_around(values) : scale_around(values);
+}
+
+std::vector<Point> outline(const mujoco::Model& model, const twin::Recording& record) {
+  constexpr std::size_t poses = 24;
+  const auto d = model.make_data();
+  std::vector<Point> points;
+  for (const std::size_t index : evenly_in_time(record.time_s, poses)) {
+    std::ranges::copy(recorded(model, record, index).qpos, d->qpos);
+    mj_kinematics(model.get(), d.get());
+    std::ranges::copy(outline(model.get(), d.get()), std::back_inserter(points));
+  }
+  return points;
+}
+
+std::string beyond_range(const mujoco::Model& model, const PoseState& state) {
+  const mjModel* m = model.get();
+  std::string text;
+  for (int j = 0; j < m->njnt; ++j) {
+    const bool slide = m->jnt_type[j] == mjJNT_SLIDE;
+    if (!m->jnt_limited[j] || (m->jnt_type[j] != mjJNT_HINGE && !slide)) continue;
+    const double q = state.qpos[static_cast<std::size_t>(m->jnt_qposadr[j])], low = m->jnt_range[2 * j],
+                 high = m->jnt_range[2 * j + 1], slack = 1e-3 * (high - low);
+    if (q >= low - slack && q <= high + slack) continue;
+    const char* name = mj_id2name(m, mjOBJ_JOINT, j);
+    text += fmt::format("{}{} ({:.4g} {}, range {:.4g} .. {:.4g})", text.empty() ? "" : ", ",
+                        name ? name : fmt::format("joint_{}", j), q, twin::unit_of("rad", slide), low, high);
+  }
+  return text;
 }
 
 PosePainter::PosePainter(std::shared_ptr<const mujoco::Model> model, Size size, Renderer renderer)
@@ -140,7 +173,9 @@ Result<Image> PosePainter::draw(const PoseState& state, const PoseOptions& optio
       for (const int geom : housing(m, drive.joint, joint.name)) paints.push_back({geom, colour});
     rows.push_back({colour, std::isfinite(value), joint.name,
                     std::isfinite(joint.temperature_degC) ? fmt::format("{:.1f} °C", joint.temperature_degC) : "",
-                    std::isfinite(joint.friction_nm) ? torque_text(joint.friction_nm, drive.drive.torque_max_nm) : ""});
+                    std::isfinite(joint.friction_nm)
+                        ? torque_text(joint.friction_nm, drive.drive.torque_max_nm, twin::is_slide(m, drive))
+                        : ""});
   }
   auto image = renderer_.draw(data_.get(), options.view, paints);
   if (!image) return image;

@@ -40,9 +40,16 @@ struct Scale {
 };
 /// Round limits around all these values, at least 5 apart; the default without any finite one.
 Scale scale_around(std::span<const double> values);
+/// The same for magnitudes: from 0 on.
+Scale magnitudes_around(std::span<const double> values);
 /// The scale for all states of a record, or for one state.
 Scale scale_of(const mujoco::Model& model, const twin::Recording& record, ColourBy by);
 Scale scale_of(const mujoco::Model& model, const PoseState& state, ColourBy by);
+
+/// What a camera must see that shows all poses of a record: for View::whole.
+std::vector<Point> outline(const mujoco::Model& model, const twin::Recording& record);
+/// "joint2 (1.2 rad, range -1 .. 1)" for every joint with a limit that the pose is beyond; empty where none is.
+std::string beyond_range(const mujoco::Model& model, const PoseState& state);
 
 struct PoseOptions {
   View view;

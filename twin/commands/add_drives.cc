@@ -13,6 +13,7 @@
 #include <tribotwin/twin/gears/gear_class.hpp>
 #include <tribotwin/twin/gears/starter_scenario.hpp>
 #include <tribotwin/twin/io/text.hpp>
+#include <tribotwin/twin/robot/arm.hpp>
 
 namespace tribotwin::twin::program {
 namespace {
@@ -59,14 +60,15 @@ AddDrives choice_of(const Arguments& a) {
 void report(const RobotWithDrives& robot) {
   bool starters = false;
   for (const AddedDrive& d : robot.drives) {
-    const char* unit = d.slide ? "N" : "Nm";
+    const std::string unit = unit_of("Nm", d.slide);
     starters = starters || d.is_starting_point();
-    note("{}: {}; {:.4g} {} ({}); gear ratio {:.4g}; armature {:.4g} {}", d.joint, d.parameters, d.effort_nm, unit,
-         d.effort_source, d.gear_ratio, d.armature, d.armature_of_model ? "of the model" : "of the rotor");
+    note("{}: {}; {:.4g} {} ({}); gear ratio {:.4g}{}; armature {:.4g} {} {}", d.joint, d.parameters, d.effort_nm, unit,
+         d.effort_source, d.gear_ratio, d.slide ? " rad/m" : "", d.armature, d.slide ? "kg" : "kg m^2",
+         d.armature_of_model ? "of the model" : "of the rotor");
     if (!d.replaced.empty()) note("{}: the drive '{}' replaces its {}", d.joint, d.actuator, d.replaced);
     if (d.removed_damping > 0 || d.removed_frictionloss > 0)
-      note("{}: damping {:g} and frictionloss {:g} removed, the law has friction of its own", d.joint,
-           d.removed_damping, d.removed_frictionloss);
+      note("{}: damping {:g} and frictionloss {:g} removed [{}, {}], the law has friction of its own", d.joint,
+           d.removed_damping, d.removed_frictionloss, unit_of("Nm s/rad", d.slide), unit);
   }
   for (const auto& text : robot.notes) note("{}", text);
   if (starters) note("attention: {}", starting_points);
@@ -186,7 +188,10 @@ void add_add_drives(CLI::App& app, int& code) {
   a->output.add_to(*command, "OUT.xml: the model with drives");
   command->add_flag("--json", a->json, "Print the names of the files written as JSON");
   command->footer(
-      "Friction and heat of a class are starting points: identify those of your robot and give them by --params.\n"
+      "The model is yours, robot.urdf say: MJCF or URDF with masses and limits. Friction and heat of a class are "
+      "starting points: identify those of your robot and give them by --params. That takes measured friction, a table "
+      "with speed_rad_s (motor side) and friction_nm or friction_norm, or a recording with time_s, position_rad and "
+      "torque_nm (tribotwin identify --help).\n"
       "Example:\n  tribotwin add-drives robot.urdf --joint shoulder=harmonic_130 --joint elbow -o robot.xml\n"
       "  tribotwin run robot.yaml -o runs/robot");
   command->callback([a, &code] { code = or_throw(execute(*a)); });

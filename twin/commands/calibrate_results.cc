@@ -9,6 +9,7 @@
 #include <tribotwin/twin/io/checksum.hpp>
 #include <tribotwin/twin/io/json_input.hpp>
 #include <tribotwin/twin/io/text.hpp>
+#include <tribotwin/twin/io/text_table.hpp>
 
 namespace tribotwin::twin::program {
 namespace {
@@ -167,46 +168,49 @@ std::string ratio(double a, double b) { return std::isfinite(a / b) ? fmt::forma
 std::string table_of_variants(const Results& r) {
   const Plan& plan = r.campaign.plan;
   const std::size_t reference = r.campaign.reference;
-  std::string s =
-      fmt::format("mean absolute error of position [mrad], mean over recordings; ratio to {}\n\n{:<24}{:>9}",
-                  plan.variants[reference].label, "", "all");
-  for (const auto& split : plan.splits) s += fmt::format(" | {:^25}", ("by " + split.name).substr(0, 25));
-  if (plan.splits.size() > 1) s += fmt::format(" | {:^16}", "all splits");
-  s += fmt::format("\n{:<17}{:>7}{:>9}", "variant", "sought", "learnt");
-  for (std::size_t k = 0; k < plan.splits.size(); ++k)
-    s += fmt::format(" | {:>8} {:>9} {:>6}", "learnt", "held out", "ratio");
-  if (plan.splits.size() > 1) s += fmt::format(" | {:>9} {:>6}", "held out", "ratio");
-  s += '\n';
+  constexpr auto left = TextTable::left, right = TextTable::right;
+  std::vector<TextTable::Column> columns{left("variant"), right("sought"), right("all: learnt")};
+  for (const auto& split : plan.splits)
+    for (const auto& column : {left("|"), right("by " + split.name + ": learnt"), right("held out"), right("ratio")})
+      columns.push_back(column);
+  if (plan.splits.size() > 1)
+    for (const auto& column : {left("|"), right("all splits: held out"), right("ratio")}) columns.push_back(column);
+  TextTable table(std::move(columns));
   for (std::size_t v = 0; v < plan.variants.size(); ++v) {
     const SimulationFit* all = r.find(v, SimulationFit::all, 0);
-    s += fmt::format("{:<17}{:>7}{:>9}", plan.variants[v].label,
-                     std::ranges::count_if(plan.variants[v].quantities, &Quantity::free),
-                     all ? cell(r.mae(*all, false)) : "-");
+    std::vector<std::string> row{plan.variants[v].label,
+                                 fmt::format("{}", std::ranges::count_if(plan.variants[v].quantities, &Quantity::free)),
+                                 all ? cell(r.mae(*all, false)) : "-"};
+    const auto group = [&row](std::initializer_list<std::string> cells) { row.insert(row.end(), cells); };
     for (std::size_t k = 0; k < plan.splits.size(); ++k)
-      s += fmt::format(" | {:>8} {:>9} {:>6}", cell(r.mae(v, k, false)), cell(r.mae(v, k, true)),
-                       ratio(r.mae(v, k, true), r.mae(reference, k, true)));
+      group({"|", cell(r.mae(v, k, false)), cell(r.mae(v, k, true)),
+             ratio(r.mae(v, k, true), r.mae(reference, k, true))});
     if (plan.splits.size() > 1)
-      s += fmt::format(" | {:>9} {:>6}", cell(r.held_out_mae(v)), ratio(r.held_out_mae(v), r.held_out_mae(reference)));
-    s += '\n';
+      group({"|", cell(r.held_out_mae(v)), ratio(r.held_out_mae(v), r.held_out_mae(reference))});
+    table.add(std::move(row));
   }
-  return s;
+  return fmt::format("mean absolute error of position [mrad], mean over recordings; ratio to {}\n\n",
+                     plan.variants[reference].label) +
+         table.text();
 }
 
 /// The folds of a split: one column per fold, one row per variant.
 std::string table_of_folds(const Results& r, std::size_t k) {
   const Plan& plan = r.campaign.plan;
-  std::string s = fmt::format("\n{:<24}", fmt::format("held out by {}", plan.splits[k].name).substr(0, 23));
-  for (const auto& fold : plan.splits[k].folds) s += fmt::format("{:>17}", fold.label.substr(0, 16));
+  std::vector<TextTable::Column> columns{TextTable::left(fmt::format("held out by {}", plan.splits[k].name))};
+  for (const auto& fold : plan.splits[k].folds) columns.push_back(TextTable::right(fold.label));
+  TextTable table(std::move(columns));
   for (std::size_t v = 0; v < plan.variants.size(); ++v) {
-    s += fmt::format("\n{:<24}", plan.variants[v].label);
+    std::vector<std::string> row{plan.variants[v].label};
     for (std::size_t f = 0; f < plan.splits[k].folds.size(); ++f) {
       const SimulationFit *one = r.find(v, k, f), *rival = r.find(r.campaign.reference, k, f);
-      s += fmt::format("{:>17}", one && rival ? fmt::format("{} ({})", cell(r.mae(*one, true)),
-                                                            ratio(r.mae(*one, true), r.mae(*rival, true)))
-                                              : "-");
+      row.push_back(one && rival
+                        ? fmt::format("{} ({})", cell(r.mae(*one, true)), ratio(r.mae(*one, true), r.mae(*rival, true)))
+                        : "-");
     }
+    table.add(std::move(row));
   }
-  return s + '\n';
+  return "\n" + table.text();
 }
 
 }  // namespace

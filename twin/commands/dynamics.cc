@@ -11,6 +11,7 @@
 #include <tribotwin/twin/identification/rigid_body/temperature_estimator.hpp>
 #include <tribotwin/twin/identification/thermal/thermal_file.hpp>
 #include <tribotwin/twin/io/input.hpp>
+#include <tribotwin/twin/robot/arm.hpp>
 
 namespace tribotwin::twin::program {
 namespace {
@@ -71,22 +72,33 @@ Json json_of(const Robot& robot, const DynamicsFit& fit, const Consistency& cons
   return j;
 }
 
-std::string row_of(const Estimate& e, const std::string& name) {
-  return fmt::format("{:>12.5g} {:>10}   {:<9} {}\n", e.value,
-                     std::isnan(e.sigma) ? "held" : fmt::format("{:.2g}", e.sigma), e.unit, name);
+std::vector<std::string> row_of(const Estimate& e, const std::string& name) {
+  return {fmt::format("{:.5g}", e.value), std::isnan(e.sigma) ? "held" : fmt::format("{:.2g}", e.sigma), e.unit, name};
+}
+
+TextTable estimates(const char* what) {
+  return TextTable{
+      {TextTable::right("value"), TextTable::right("sigma"), TextTable::left("unit"), TextTable::left(what)}};
+}
+
+std::string quality_of(const Robot& robot, std::span<const JointResult> joints) {
+  constexpr auto right = TextTable::right;
+  TextTable table{{TextTable::left("joint"), right("relative error"), right("residual std"), TextTable::left(),
+                   right("samples"), right("per independent one")}};
+  for (std::size_t j = 0; j < joints.size(); ++j)
+    table.add({joints[j].name, fmt::format("{:.2f} %", 100 * joints[j].relative_error),
+               fmt::format("{:.4g}", joints[j].noise),
+               unit_of("Nm", robot.regressor.is_slide(static_cast<Eigen::Index>(j))),
+               fmt::format("{}", joints[j].samples), fmt::format("{:.1f}", joints[j].correlation)});
+  return table.text();
 }
 
 std::string table_of(const Robot& robot, const DynamicsFit& fit, const Consistency& consistency) {
-  std::string s = fmt::format("{:>12} {:>10}   {:<9} {}\n", "value", "sigma", "unit", "base parameter");
-  for (std::size_t k = 0; k < fit.base.size(); ++k) s += row_of(fit.base[k], robot.base.parameters[k].group);
-  s += fmt::format("\n{:>12} {:>10}   {:<9} {}\n", "value", "sigma", "unit", "friction");
+  TextTable base = estimates("base parameter"), friction = estimates("friction");
+  for (std::size_t k = 0; k < fit.base.size(); ++k) base.add(row_of(fit.base[k], robot.base.parameters[k].group));
   for (std::size_t j = 0; j < fit.joints.size(); ++j)
-    for (const Estimate& e : fit.friction[j]) s += row_of(e, fit.joints[j].name + "." + e.name);
-  s += fmt::format("\n{:<14} {:>14} {:>12} {:>10} {:>22}\n", "joint", "relative error", "residual std", "samples",
-                   "per independent one");
-  for (const auto& j : fit.joints)
-    s += fmt::format("{:<14} {:>12.2f} % {:>12.4g} {:>10} {:>22.1f}\n", j.name, 100 * j.relative_error, j.noise,
-                     j.samples, j.correlation);
+    for (const Estimate& e : fit.friction[j]) friction.add(row_of(e, fit.joints[j].name + "." + e.name));
+  std::string s = base.text() + "\n" + friction.text() + "\n" + quality_of(robot, fit.joints);
   s += fmt::format("\nrelative error {:.3f} %, condition number {:.0f}\n", 100 * fit.relative_error,
                    fit.condition_number);
   s += fmt::format("{} bodies have these base parameters: the nearest possible ones are {:.2f} sigma away\n",
@@ -108,8 +120,8 @@ void doubt(const Arguments& a, const Robot& robot, const DynamicsFit& fit) {
     const Estimate& level = fit.friction[j].front();  // Coulomb friction, or what is left of it at speed 0
     if (level.name == "Fc" && level.value < -5 * level.sigma)
       throw InputError(fmt::format(
-          "{}: friction of {} would drive its motion ({} = {:.3g} Nm); torque_{}_{} or its position has the wrong sign",
-          where, joint.name, level.name, level.value, joint.name, unit));
+          "{}: friction of {} would drive its motion ({} = {:.3g} {}); torque_{}_{} or its position has the wrong sign",
+          where, joint.name, level.name, level.value, level.unit, joint.name, unit));
   }
 }
 

@@ -9,9 +9,12 @@
 #include <tribotwin/plugins/friction/law.hpp>
 #include <tribotwin/twin/commands/program.hpp>
 #include <tribotwin/twin/gears/gear_class.hpp>
+#include <tribotwin/twin/identification/dynamic_friction/bouc_wen.hpp>
+#include <tribotwin/twin/identification/dynamic_friction/bristles.hpp>
 #include <tribotwin/twin/io/input.hpp>
 #include <tribotwin/twin/io/shipped.hpp>
 #include <tribotwin/twin/io/text.hpp>
+#include <tribotwin/twin/robot/arm.hpp>
 
 namespace tribotwin::twin::program {
 namespace {
@@ -52,6 +55,15 @@ Json models() {
   return rows;
 }
 
+/// Models with a state, which are beside or over the law of a drive.
+constexpr struct {
+  std::string_view name, text, use;
+} with_state[] = {
+    {"bouc_wen", identification::bouc_wen_equation,
+     "hysteretic spring of a gear beside a law, from tribotwin identify --law bouc_wen and calibrate"},
+    {"lugre", identification::lugre_equation,
+     "bristles over a law (dynamics: lugre of a drive), from tribotwin identify --law lugre --static and calibrate"}};
+
 Json laws() {
   Json rows = Json::array();
   for (const auto& law : friction::laws()) {
@@ -61,7 +73,16 @@ Json laws() {
                     {"description", fmt::format("{} ({})", law.equation, law.source)},
                     {"equation", law.equation},
                     {"source", law.source},
+                    {"use", "law of a drive; tribotwin identify --law, dynamics --friction"},
                     {"parameters", parameters}});
+  }
+  for (const auto& [name, text, use] : with_state) {
+    const auto end = text.rfind("; ");  // "EQUATION; SOURCE"
+    rows.push_back({{"name", name},
+                    {"description", fmt::format("{}: {} ({})", use, text.substr(0, end), text.substr(end + 2))},
+                    {"equation", text.substr(0, end)},
+                    {"source", text.substr(end + 2)},
+                    {"use", use}});
   }
   return rows;
 }
@@ -79,15 +100,17 @@ Json faults() {
 Json gears() {
   Json rows = Json::array();
   for (const auto& gear : gear_classes())
-    rows.push_back(
-        {{"name", gear.name},
-         {"description", fmt::format("{} of {:g} {}, ratio {:g}, law {}: {}", gear.family, gear.torque_max_nm,
-                                     gear.linear ? "N" : "Nm", gear.gear_ratio, gear.law, gear.source)},
-         {"family", gear.family},
-         {"torque_max_nm", gear.torque_max_nm},
-         {"gear_ratio", gear.gear_ratio},
-         {"law", gear.law},
-         {"source", gear.source}});
+    rows.push_back({{"name", gear.name},
+                    {"description", fmt::format("{} of {:g} {}, ratio {:g}{}, law {}: {}", gear.family,
+                                                gear.torque_max_nm, unit_of("Nm", gear.linear), gear.gear_ratio,
+                                                gear.linear ? " rad/m" : "", gear.law, gear.source)},
+                    {"family", gear.family},
+                    {"torque_max_nm", gear.torque_max_nm},
+                    {"torque_max_unit", unit_of("Nm", gear.linear)},
+                    {"gear_ratio", gear.gear_ratio},
+                    {"gear_ratio_unit", gear.linear ? "rad/m" : ""},
+                    {"law", gear.law},
+                    {"source", gear.source}});
   return rows;
 }
 
@@ -114,13 +137,12 @@ struct Arguments {
 
 /// Names are bold with `colour`.
 std::string table(const Json& rows, bool colour) {
-  std::size_t width = 0;
-  for (const auto& row : rows) width = std::max(width, row["name"].get_ref<const std::string&>().size());
-  std::string text;
+  TextTable table{{TextTable::left(), TextTable::left()}};
   for (const auto& row : rows)
-    text += fmt::format("{}{:<{}}{}  {}\n", colour ? "\033[1m" : "", row["name"].get_ref<const std::string&>(), width,
-                        colour ? "\033[0m" : "", row["description"].get_ref<const std::string&>());
-  return text;
+    table.add({fmt::format("{}{}{}", colour ? "\033[1m" : "", row["name"].get_ref<const std::string&>(),
+                           colour ? "\033[0m" : ""),
+               row["description"].get<std::string>()});
+  return table.text();
 }
 
 Result<Exit> list(const Kind& kind, const Arguments& a) {

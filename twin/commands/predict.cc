@@ -13,6 +13,7 @@
 #include <tribotwin/twin/identification/rigid_body/wrench.hpp>
 #include <tribotwin/twin/io/input.hpp>
 #include <tribotwin/twin/io/text.hpp>
+#include <tribotwin/twin/robot/arm.hpp>
 
 namespace tribotwin::twin::program {
 namespace {
@@ -60,10 +61,16 @@ Error error_of(const JointMotion& motion, const Eigen::MatrixXd& predicted, Inde
   return e;
 }
 
-std::string row_of(const std::string& joint, const Error& e) {
-  if (e.samples == 0) return fmt::format("{:<14} {:>10} {:>12} {:>12.4g}  does not move\n", joint, "-", "-", e.range);
-  return fmt::format("{:<14} {:>10.4g} {:>10.2f} % {:>12.4g} {:>12.4g} {:>10}\n", joint, e.rms, 100 * e.share(),
-                     e.range, e.largest, e.samples);
+std::vector<std::string> row_of(const std::string& joint, const Error& e, const std::string& unit) {
+  const auto figure = [](double x) { return fmt::format("{:.4g}", x); };
+  if (e.samples == 0) return {joint, "-", "-", figure(e.range), "-", unit, "0", "does not move"};
+  return {joint,
+          figure(e.rms),
+          fmt::format("{:.2f} %", 100 * e.share()),
+          figure(e.range),
+          figure(e.largest),
+          unit,
+          fmt::format("{}", e.samples)};
 }
 
 std::string csv_of(const Robot& robot, const JointMotion& motion, const Eigen::MatrixXd& predicted) {
@@ -134,21 +141,22 @@ Result<Exit> execute(const Arguments& a) {
     wrench_csv = wrench_csv_of(motion, *wrench);
   }
   Json j{{"joints", Json::object()}};
-  std::string table = fmt::format("{:<14} {:>10} {:>12} {:>12} {:>12} {:>10}\n", "joint", "error rms", "of its range",
-                                  "range", "largest", "samples");
+  constexpr auto right = TextTable::right;
+  TextTable table{{TextTable::left("joint"), right("error rms"), right("of its range"), right("range"),
+                   right("largest"), TextTable::left(), right("samples"), TextTable::left()}};
   double worst = 0;
   int moving = 0;
   for (Index joint = 0; joint < predicted.rows(); ++joint) {
     const auto& name = robot.regressor.joint_name(joint);
+    const std::string unit = unit_of("Nm", robot.regressor.is_slide(joint));
     const Error e = a.window_s.empty() ? error_of(motion, predicted, joint, -infinity, infinity)
                                        : error_of(motion, predicted, joint, a.window_s[0], a.window_s[1]);
     if (e.samples == 0 && !a.window_s.empty())
       throw InputError(
           fmt::format("--interval: joint {} does not move from {:g} to {:g} s", name, a.window_s[0], a.window_s[1]));
-    j["joints"][name] = {{"rms", e.rms},         {"relative_to_range", e.share()},
-                         {"range", e.range},     {"largest", e.largest},
-                         {"samples", e.samples}, {"unit", robot.regressor.is_slide(joint) ? "N" : "Nm"}};
-    table += row_of(name, e);
+    j["joints"][name] = {{"rms", e.rms},         {"relative_to_range", e.share()}, {"range", e.range},
+                         {"largest", e.largest}, {"samples", e.samples},           {"unit", unit}};
+    table.add(row_of(name, e, unit));
     moving += e.samples > 0;
     if (e.samples > 0) worst = std::max(worst, e.share());
   }
@@ -162,7 +170,7 @@ Result<Exit> execute(const Arguments& a) {
     if (auto ok = deliver(csv_of(robot, motion, predicted), a.output); !ok) return ok;
   if (!a.wrench.empty())
     if (auto ok = deliver(wrench_csv, {a.wrench, a.output.force}); !ok) return ok;
-  return deliver(a.json ? j.dump(2) + "\n" : table);
+  return deliver(a.json ? j.dump(2) + "\n" : table.text());
 }
 
 }  // namespace

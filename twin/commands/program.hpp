@@ -10,6 +10,7 @@
 #include <tribotwin/twin/io/input.hpp>
 #include <tribotwin/twin/io/output.hpp>
 #include <tribotwin/twin/io/tables/table_options.hpp>
+#include <tribotwin/twin/io/text_table.hpp>
 
 /// What the commands of the program `tribotwin` share. A command is one file and one row of table.hpp. Its work returns
 /// an exit code or an error; the callback throws the error (or_throw), and parse.hpp maps it to an exit code.

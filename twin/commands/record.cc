@@ -50,12 +50,14 @@ Result<Exit> recover_record(const std::string& directory, bool json) {
 
 Result<Exit> export_record(const std::string& directory, const Destination& options) {
   require_record(directory);
-  for (const char* name : {"telemetry.csv", "cycles.csv"})
-    or_wrong_input(check_output(std::filesystem::path(directory) / name, options.existing()));
+  if (options.named() && std::filesystem::path(options.file).extension() != ".csv")
+    throw InputError(fmt::format("-o {}: --csv writes a table; the name must end in .csv", options.file));
+  for (const auto& file : csv_files(directory, options.file)) or_wrong_input(check_output(file, options.existing()));
   FolderLock lock;
   or_fail(lock.take(directory));
   Progress progress(false);
-  const auto files = export_csv(directory, options.existing(), [&](double share) { progress(share); });
+  const auto files = export_csv(
+      directory, options.existing(), [&](double share) { progress(share); }, options.file);
   if (!files) return work_failed(files.error().message);
   if (options.json) {
     std::vector<std::string> names;
@@ -85,6 +87,18 @@ std::span<const double> whole_channel(const Recording& record, const std::string
     throw InputError(fmt::format("{}/telemetry.h5: {}: {} is {} at sample {} but must be a finite number", directory,
                                  joint, channel, *wrong, wrong - values.begin()));
   return values;
+}
+
+/// ",position_JOINT_rad,torque_JOINT_nm,temperature_JOINT_degC" in the units that the joint has.
+std::string heads_of(const Recording& record, std::size_t joint) {
+  std::string heads;
+  for (const std::string_view wanted : {"position_rad", "torque_nm", "temperature_degC"}) {
+    const auto channel = std::ranges::find(record.channels, wanted, &Channel::name) - record.channels.begin();
+    const std::string column = column_name(wanted, record.units[joint][static_cast<std::size_t>(channel)]);
+    const auto end = column.find('_');
+    heads += fmt::format(",{}_{}{}", column.substr(0, end), record.joints[joint], column.substr(end));
+  }
+  return heads;
 }
 
 /// A run as the robot's controller would have recorded it: the columns of tribotwin dynamics. `torque_noise_share` is a
@@ -134,7 +148,7 @@ Result<Exit> export_recording(const std::string& directory, Sensors sensors, dou
                            &JointRecording::temperature_degC})
         (joint.*channel).insert((joint.*channel).end(), (recorded.*channel).begin(), (recorded.*channel).end());
     }
-    text += fmt::format(",position_{0}_rad,torque_{0}_nm,temperature_{0}_degC", name);
+    text += heads_of(*record, j);
   }
   text += '\n';
   for (std::size_t i = 0; i < joints.front().size(); ++i) {
@@ -221,7 +235,8 @@ void add_export(CLI::App& app, int& code) {
       "Export the record of a run as CSV, complete or as a controller records it, parameters as a MuJoCo element, or a "
       "model without plugins");
   command->add_option("FROM", a->from, "Folder of a run, PARAMS.yaml, or MODEL.xml")->required();
-  auto* csv = command->add_flag("--csv", a->csv, "telemetry.csv and, where there are work cycles, cycles.csv");
+  auto* csv = command->add_flag("--csv", a->csv,
+                                "The samples as telemetry.csv and, where there are work cycles, these as cycles.csv");
   auto* mjcf = command
                    ->add_flag("--mjcf", a->mjcf,
                               "The elements that the law in PARAMS.yaml makes of a joint: extension, joint, actuator "
@@ -258,7 +273,9 @@ void add_export(CLI::App& app, int& code) {
       ->check(CLI::Range(1e-9, 1e9));
   command->add_option("--gear-ratio", a->gear_ratio, "Motor turns per joint turn, where the file holds none")
       ->check(CLI::Range(1e-6, 1e6));
-  a->output.add_to(*command, "File for the elements or the recording (default: stdout)");
+  a->output.add_to(
+      *command,
+      "File for the elements or the recording (default: stdout), or the .csv of --csv (default: RUNDIR/telemetry.csv)");
   a->output.add_json_to(*command);
   command->footer(
       "Example:\n  tribotwin run irb6620_hold -o runs/hold\n  tribotwin export runs/hold --csv\n  tribotwin lab "
@@ -268,7 +285,6 @@ void add_export(CLI::App& app, int& code) {
     if (a->csv + a->mjcf + a->recording + a->native != 1)
       throw InputError(
           "export needs --csv or --recording (of a run), --mjcf (of PARAMS.yaml) or --native (of MODEL.xml)");
-    if (a->csv && a->output.named()) note("--csv writes beside the record; -o is not used");
     if (!a->csv || a->output.named()) check(a->output, {a->from, std::filesystem::path(a->from) / "telemetry.h5"});
     code = or_throw(a->recording ? export_recording(a->from, a->sensors, a->torque_noise_share, a->seed, a->output)
                     : a->csv     ? export_record(a->from, a->output)

@@ -10,6 +10,7 @@
 #include <tribotwin/twin/io/shipped.hpp>
 #include <tribotwin/twin/io/telemetry/run_folder.hpp>
 #include <tribotwin/twin/io/text.hpp>
+#include <tribotwin/twin/robot/arm.hpp>
 #include <tribotwin/twin/simulation/run.hpp>
 
 namespace tribotwin::twin::program {
@@ -19,12 +20,13 @@ namespace fs = std::filesystem;
 
 Result<Exit> list_scenarios() {
   const auto files = shipped_scenarios();
+  TextTable table{{TextTable::left(), TextTable::left()}};
   if (files.empty()) return work_failed("the shipped scenarios are not where they were built or installed");
   for (const auto& file : files) {
     const YAML::Node node = load_yaml(file);
-    if (node["model"] && !node["procedure"])
-      print("{:<20} {}\n", file.stem().string(), node["description"].as<std::string>(""));
+    if (node["model"] && !node["procedure"]) table.add({file.stem().string(), node["description"].as<std::string>("")});
   }
+  print_text(table.text());
   return done;
 }
 
@@ -56,17 +58,24 @@ std::string checks_that_warn(const Summary& s) {
   return joined(checks);
 }
 
+std::string table_of(std::span<const JointSummary> joints) {
+  constexpr auto right = TextTable::right;
+  TextTable table{{TextTable::left("joint"), right("start"), right("end"), right("max [degC]"), right("friction rms"),
+                   right("max"), TextTable::left(), right("load [-]"), right("clamped"), right("stuck [s]")}};
+  for (const auto& j : joints)
+    table.add({j.name, fmt::format("{:.2f}", j.temperature_degC.start), fmt::format("{:.2f}", j.temperature_degC.end),
+               fmt::format("{:.2f}", j.temperature_degC.max), fmt::format("{:.4g}", j.friction_nm.rms),
+               fmt::format("{:.4g}", j.friction_nm.max), unit_of("Nm", j.slide), fmt::format("{:.3f}", j.load_max_norm),
+               fmt::format("{}", j.clamped_samples), fmt::format("{:.2f}", j.stuck_s)});
+  return table.text();
+}
+
 void print_summary(const Summary& s, const fs::path& directory) {
   print("simulated {:.1f} s in {:.2f} s ({:.0f} x real time), {} of {} steps computed\n", s.simulated_s, s.wall_s,
         s.simulated_s / std::max(s.wall_s, 1e-9), s.steps_computed, s.steps);
   print("friction work {:.6g} J, heat {:.6g} J, energy balance {:.2g} J\n", s.friction_work_J, s.heat_J,
         s.energy_balance_J);
-  print("{:<12} {:>28} {:>24} {:>10} {:>10} {:>10}\n", "joint", "temperature [degC]", "friction [Nm]", "load [-]",
-        "clamped", "stuck [s]");
-  for (const auto& j : s.joints)
-    print("{:<12} {:>8.2f} ->{:>7.2f} max{:>7.2f} {:>9.4g} rms{:>9.4g} max {:>9.3f} {:>10} {:>10.2f}\n", j.name,
-          j.temperature_degC.start, j.temperature_degC.end, j.temperature_degC.max, j.friction_nm.rms,
-          j.friction_nm.max, j.load_max_norm, j.clamped_samples, j.stuck_s);
+  print_text(table_of(s.joints));
   if (s.comparison)
     print("MAE against the recording: {:.1f} mrad; the same twin with MuJoCo's frictionloss and damping: {:.1f} mrad\n",
           s.comparison->mae_mrad, s.comparison->baseline_mae_mrad);
@@ -209,6 +218,21 @@ Result<Exit> vary(const Arguments& a, const fs::path& file, const std::vector<Va
   return strict_code(a, joined(failing, "; "));
 }
 
+/// A robot is not yet work for it.
+void refuse_model(const std::string& given) {
+  const fs::path file(given);
+  std::error_code error;
+  const auto same = [&](const fs::path& model) { return model.stem() == file; };
+  const bool ships = std::ranges::any_of(shipped_models(), same) && !fs::exists(file, error);
+  if (file.extension() != ".xml" && file.extension() != ".urdf" && !ships) return;
+  throw InputError(fmt::format(
+      "{0}: is a model, and run needs a scenario, which says what the robot does. If its joints have no drives yet: "
+      "'tribotwin add-drives {0} -o OUT.xml' adds them and writes OUT.yaml, a first hour of work; else write a "
+      "scenario "
+      "with 'model: {0}' ('tribotwin list scenarios' shows examples)",
+      given));
+}
+
 Result<Exit> execute(const Arguments& a) {
   if (a.list) return list_scenarios();
   catch_interrupts();
@@ -217,6 +241,7 @@ Result<Exit> execute(const Arguments& a) {
   std::vector<std::string> settings = a.settings;
   if (a.seed) settings.push_back(fmt::format("seed={}", *a.seed));
   const fs::path file = given_or_shipped(a.scenario, ".yaml");
+  if (file == a.scenario) refuse_model(a.scenario);
   if (const auto all = variations(file); !all.empty()) return vary(a, file, all, settings);
   const Scenario loaded = or_throw(load_scenario(file, settings));
   const fs::path output = a.directory.empty() ? fs::path("runs") / loaded.name : fs::path(a.directory);

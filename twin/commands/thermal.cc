@@ -112,15 +112,28 @@ Json json_of(const TorqueThermalFit& fit) {
   return j;
 }
 
+TextTable estimates_table(const char* from = "") {
+  using T = TextTable;
+  return T{
+      {T::left("joint"), T::left(), T::right("value"), T::right("sigma"), T::left("unit"), T::left(from), T::left()}};
+}
+
+std::vector<std::string> cells_of(const std::string& joint, const Estimate& e, const std::string& from,
+                                  const std::string& remark = {}) {
+  return {joint,
+          e.name,
+          fmt::format("{:.5g}", e.value),
+          std::isnan(e.sigma) ? "none" : fmt::format("{:.2g}", e.sigma),
+          e.unit,
+          from,
+          remark};
+}
+
 /// `others`: A or P_0 of each file.
 template <class Fit>
-std::string estimates_of(const std::string& joint, const std::string& from, const Fit& fit,
-                         const std::vector<Estimate>& others) {
-  std::string s;
-  const auto row = [&](const Estimate& e, const std::string& remark) {
-    s += fmt::format("{:<14} {:<10} {:>12.5g} {:>10}   {:<6}  {:<20} {}\n", joint, e.name, e.value,
-                     std::isnan(e.sigma) ? "none" : fmt::format("{:.2g}", e.sigma), e.unit, from, remark);
-  };
+void add_estimates(TextTable& table, const std::string& joint, const std::string& from, const Fit& fit,
+                   const std::vector<Estimate>& others) {
+  const auto row = [&](const Estimate& e, const std::string& remark) { table.add(cells_of(joint, e, from, remark)); };
   for (const auto& e : fit.parameters) {
     const bool blind = std::ranges::find(fit.unidentifiable, e.name) != fit.unidentifiable.end();
     row(e, !blind                     ? ""
@@ -128,37 +141,34 @@ std::string estimates_of(const std::string& joint, const std::string& from, cons
                                       : "not identifiable from this record");
   }
   for (const auto& e : others) row(e, "");
-  return s;
 }
 
-std::string rows_of(const std::string& joint, const std::string& from, const TorqueThermalFit& fit) {
-  return estimates_of(joint, from, fit, fit.power_w) + fmt::format(
-                                                           "{:<14} friction falls to {:.3g} of the cold one; residual "
-                                                           "{:.2g} % rms, {} cycles, {:.0f} per independent one\n",
-                                                           joint, fit.final_to_cold, 100 * fit.rms, fit.samples,
-                                                           fit.correlation);
+void add_rows(TextTable& table, const std::string& joint, const std::string& from, const TorqueThermalFit& fit) {
+  add_estimates(table, joint, from, fit, fit.power_w);
+  table.add({joint, fmt::format("friction falls to {:.3g} of the cold one; residual {:.2g} % rms, {} cycles, {:.0f} "
+                                "per independent one",
+                                fit.final_to_cold, 100 * fit.rms, fit.samples, fit.correlation)});
 }
 
-std::string rows_of(const std::string& joint, const std::string& from, const ThermalFit& fit) {
-  std::string s = estimates_of(joint, from, fit, fit.ambient);
-  s += fmt::format("{:<14} residual {:.3g} K rms, {} samples, {:.0f} per independent one\n", joint, fit.rms_K,
-                   fit.samples, fit.correlation);
-  return s;
+void add_rows(TextTable& table, const std::string& joint, const std::string& from, const ThermalFit& fit) {
+  add_estimates(table, joint, from, fit, fit.ambient);
+  table.add({joint, fmt::format("residual {:.3g} K rms, {} samples, {:.0f} per independent one", fit.rms_K, fit.samples,
+                                fit.correlation)});
 }
 
 /// Fits a joint to all its sessions and, where there are several files, to each file: it shows how far days agree.
 template <class Fitted>
-auto fit_files(const Arguments& a, const JointHeat& joint, const Fitted& fitted, Json& j, std::string& table) {
+auto fit_files(const Arguments& a, const JointHeat& joint, const Fitted& fitted, Json& j, TextTable& table) {
   const auto& sessions = joint.sessions;
   const bool several = sessions.front().file != sessions.back().file;
   auto all = fitted(a, joint.name, std::span(sessions));
   j["joints"][joint.name] = json_of(all);
-  table += rows_of(joint.name, several ? "all" : a.data[sessions.front().file], all);
+  add_rows(table, joint.name, several ? "all" : a.data[sessions.front().file], all);
   for (auto first = sessions.begin(); several && first != sessions.end();) {
     const auto last = std::find_if(first, sessions.end(), [&](const HeatSession& s) { return s.file != first->file; });
     const auto fit = fitted(a, joint.name, std::span(first, last));
     j["joints"][joint.name]["files"][a.data[first->file]] = json_of(fit);
-    table += rows_of(joint.name, a.data[first->file], fit);
+    add_rows(table, joint.name, a.data[first->file], fit);
     first = last;
   }
   return all;
@@ -168,8 +178,7 @@ Result<Exit> identify(const Arguments& a) {
   const auto joints = read(a);
   std::vector<NamedThermalFit> fits;
   Json j{{"joints", Json::object()}};
-  std::string table =
-      fmt::format("{:<14} {:<10} {:>12} {:>10}   {:<6}  {}\n", "joint", "", "value", "sigma", "unit", "from");
+  TextTable table = estimates_table("from");
   Progress progress(a.quiet, "identifying");
   bool from_torque = false;
   for (const auto& joint : joints) {
@@ -200,8 +209,7 @@ Result<Exit> identify(const Arguments& a) {
     if (!torque_only && !a.cycle_s.empty()) {
       const Estimate alpha = fit_alpha(joint.sessions, a.rest_degC);
       j["joints"][joint.name]["alpha"] = {{"value", alpha.value}, {"sigma", alpha.sigma}, {"unit", alpha.unit}};
-      table += fmt::format("{:<14} {:<10} {:>12.5g} {:>10.2g}   {:<6}  of the friction at {:g} degC\n", joint.name,
-                           alpha.name, alpha.value, alpha.sigma, alpha.unit, a.rest_degC);
+      table.add(cells_of(joint.name, alpha, "", fmt::format("of the friction at {:g} degC", a.rest_degC)));
     }
     progress(static_cast<double>(fits.size()) / static_cast<double>(joints.size()));
   }
@@ -210,7 +218,7 @@ Result<Exit> identify(const Arguments& a) {
          a.output.named() ? fmt::format(" {} is in units in which alpha is {} 1/K", a.output.file, guessed_alpha) : "");
   if (a.output.named())
     if (auto ok = deliver(to_yaml(fits, a.data), a.output); !ok) return ok;
-  return deliver(a.json ? j.dump(2) + "\n" : table);
+  return deliver(a.json ? j.dump(2) + "\n" : table.text());
 }
 
 Result<Exit> identify_chain(const Arguments& a) {
@@ -226,11 +234,10 @@ Result<Exit> identify_chain(const Arguments& a) {
          {"correlated_samples", fit->correlation},
          {"samples", fit->samples},
          {"unidentifiable", fit->unidentifiable}};
-  std::string table = fmt::format("{:<14} {:<10} {:>12} {:>10}   {}\n", "joint", "", "value", "sigma", "unit");
+  TextTable table = estimates_table();
   const auto row = [&](const std::string& joint, const Estimate& e, const std::string& name) {
-    table += fmt::format("{:<14} {:<10} {:>12.5g} {:>10}   {:<6} {}\n", joint, e.name, e.value,
-                         std::isnan(e.sigma) ? "none" : fmt::format("{:.2g}", e.sigma), e.unit,
-                         std::ranges::count(fit->unidentifiable, name) ? "not identifiable from this record" : "");
+    table.add(cells_of(joint, e, "",
+                       std::ranges::count(fit->unidentifiable, name) ? "not identifiable from this record" : ""));
   };
   row("all", fit->exchange, fit->exchange.name);
   for (std::size_t k = 0; k < fit->parameters.size(); ++k)
@@ -239,11 +246,11 @@ Result<Exit> identify_chain(const Arguments& a) {
       row(joint, e, joint + "." + e.name);
       j["joints"][joint][e.name] = {{"value", e.value}, {"sigma", e.sigma}, {"unit", e.unit}};
     }
-  table += fmt::format("residual {:.3g} K rms, {} samples, {:.0f} per independent one\n", fit->rms_K, fit->samples,
-                       fit->correlation);
+  table.add({"all", fmt::format("residual {:.3g} K rms, {} samples, {:.0f} per independent one", fit->rms_K,
+                                fit->samples, fit->correlation)});
   if (a.output.named())
     if (auto ok = deliver(to_yaml(*fit, a.data), a.output); !ok) return ok;
-  return deliver(a.json ? j.dump(2) + "\n" : table);
+  return deliver(a.json ? j.dump(2) + "\n" : table.text());
 }
 
 /// Predicted temperatures of every session of every joint from the first temperatures alone.
@@ -284,8 +291,9 @@ Result<Exit> evaluate(const Arguments& a) {
   const auto joints = read(a);
   const auto all = predictions(a, joints);
   Json j{{"joints", Json::object()}};
-  std::string table = fmt::format("{:<14} {:>12} {:>12} {:>12} {:>10}   {}\n", "joint", "error rms K", "largest K",
-                                  "from degC", "samples", "session");
+  constexpr auto right = TextTable::right;
+  TextTable table{{TextTable::left("joint"), right("error rms K"), right("largest K"), right("from degC"),
+                   right("samples"), TextTable::left("session")}};
   double worst = 0;
   for (std::size_t k = 0; k < joints.size(); ++k)
     for (std::size_t s = 0; s < joints[k].sessions.size(); ++s) {
@@ -304,12 +312,12 @@ Result<Exit> evaluate(const Arguments& a) {
                                              {"rms_K", rms},
                                              {"largest_K", largest},
                                              {"samples", predicted.size()}});
-      table +=
-          fmt::format("{:<14} {:>12.3f} {:>12.3f} {:>12.2f} {:>10}   {} from {:.6g} s\n", joints[k].name, rms, largest,
-                      session.temperature_degC.front(), predicted.size(), a.data[session.file], session.time_s.front());
+      table.add({joints[k].name, fmt::format("{:.3f}", rms), fmt::format("{:.3f}", largest),
+                 fmt::format("{:.2f}", session.temperature_degC.front()), fmt::format("{}", predicted.size()),
+                 fmt::format("{} from {:.6g} s", a.data[session.file], session.time_s.front())});
     }
   j["worst_rms_K"] = worst;
-  return deliver(a.json ? j.dump(2) + "\n" : table);
+  return deliver(a.json ? j.dump(2) + "\n" : table.text());
 }
 
 }  // namespace
@@ -357,7 +365,12 @@ void add_thermal(CLI::App& app, int& code) {
       ->excludes(chain);
   c->add_flag("--json", a->json, "Print JSON instead of the table");
   c->add_flag("--quiet", a->quiet, "No progress, no notes");
-  c->footer("Example:\n  tribotwin thermal monday.csv tuesday.csv -o thermal.yaml");
+  c->footer(
+      "The data are yours: recordings of a robot that warms up, monday.csv and tuesday.csv say, with time_s and for "
+      "each "
+      "joint temperature_JOINT_degC and power_JOINT_w, or torque_JOINT_nm with velocity_JOINT_rad_s or "
+      "position_JOINT_rad; for slides torque_JOINT_n, velocity_JOINT_m_s, position_JOINT_m. Other names: "
+      "--columns.\nExample:\n  tribotwin thermal monday.csv tuesday.csv -o thermal.yaml");
   c->callback([a, &code] {
     check(a->output, paths(a->data));
     code = or_throw(!a->evaluate.empty() ? evaluate(*a) : a->chain ? identify_chain(*a) : identify(*a));

@@ -12,6 +12,7 @@
 #include <tribotwin/twin/gears/gear_class.hpp>
 #include <tribotwin/twin/gears/scene.hpp>
 #include <tribotwin/twin/io/text.hpp>
+#include <tribotwin/twin/robot/arm.hpp>
 #include <tribotwin/twin/robot/starting_points.hpp>
 
 namespace tribotwin::twin {
@@ -316,7 +317,7 @@ void set_everywhere(pugi::xml_document& document, const char* name, const char* 
 }
 
 std::string comment_of(const AddedDrive& a) {
-  const char* unit = a.slide ? "N" : "Nm";
+  const std::string unit = unit_of("Nm", a.slide);
   std::string text = fmt::format(" {}: {}; effort {:.4g} {} ({}); armature {:.4g} {}. Source: {}. ", a.joint,
                                  a.parameters, a.effort_nm, unit, a.effort_source, a.armature,
                                  a.armature_of_model ? "of the model" : "from the rotor of the class", a.source);

@@ -6,6 +6,7 @@
 
 #include <tribotwin/plugins/friction/law.hpp>
 #include <tribotwin/twin/gears/gear_class.hpp>
+#include <tribotwin/twin/robot/arm.hpp>
 
 namespace tribotwin::twin {
 namespace {
@@ -87,7 +88,9 @@ constexpr GearClass table[] = {
     {"ball_screw_1000", "ball_screw", true, 1000, 628.3, 1e-4, 0.3, "load", 1, screw, 0, 1, 2, 3600, of_screw},
 };
 
-std::vector<std::string_view> accepted_names() {
+}  // namespace
+
+std::vector<std::string_view> gear_names() {
   std::vector<std::string_view> names;
   for (const GearClass& g : table) {
     if (std::ranges::find(names, g.family) == names.end()) names.push_back(g.family);
@@ -95,8 +98,6 @@ std::vector<std::string_view> accepted_names() {
   }
   return names;
 }
-
-}  // namespace
 
 std::span<const GearClass> gear_classes() { return table; }
 
@@ -109,7 +110,7 @@ Result<const GearClass*> find_gear_class(std::string_view name, double effort_nm
   }
   if (nearest) return nearest;
   return tl::unexpected(fmt::format("gear class '{}' is not known; did you mean '{}'? `tribotwin list gears` shows all",
-                                    name, friction::nearest(name, accepted_names())));
+                                    name, friction::nearest(name, gear_names())));
 }
 
 std::string_view usual_family(double effort_nm, bool slide, bool legged) {
@@ -145,7 +146,7 @@ drive::Configuration configuration_of(const GearClass& gear, double scale) {
 std::string description(const GearClass& gear, double scale) {
   if (std::abs(scale - 1) < 1e-9) return std::string(gear.name);
   return fmt::format("{}, scaled by {:.3g} from {:g} {}", gear.name, scale, gear.torque_max_nm,
-                     gear.linear ? "N" : "Nm");
+                     unit_of("Nm", gear.linear));
 }
 
 std::string gear_classes_markdown() {
@@ -154,7 +155,7 @@ std::string gear_classes_markdown() {
   text += "|---|---|---|---|---|---|---|---|\n";
   for (const GearClass& g : table)
     text += fmt::format("| `{}` | `{}` | {:g} {} | {:g}{} | {:.3g} | `{}` | {:g}, {:g} | {} |\n", g.name, g.family,
-                        g.torque_max_nm, g.linear ? "N" : "Nm", g.gear_ratio, g.linear ? " rad/m" : "",
+                        g.torque_max_nm, unit_of("Nm", g.linear), g.gear_ratio, g.linear ? " rad/m" : "",
                         g.rotor_inertia_kg_m2, g.law, g.R_th_K_W, g.kappa_s, g.source);
   return text;
 }

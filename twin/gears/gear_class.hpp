@@ -33,6 +33,8 @@ struct GearClass {
 std::span<const GearClass> gear_classes();
 
 /// The class with the name, or the size of the family whose torque is nearest to `effort_nm` [Nm; N].
+/// The names of classes and families.
+std::vector<std::string_view> gear_names();
 /// Fails with the nearest name that exists.
 Result<const GearClass*> find_gear_class(std::string_view name, double effort_nm);
 

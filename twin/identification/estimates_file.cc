@@ -1,5 +1,7 @@
 #include <cmath>
 
+#include <fmt/format.h>
+
 #include <tribotwin/twin/identification/estimates_file.hpp>
 
 namespace tribotwin::twin::identification {
@@ -11,6 +13,24 @@ void write(YAML::Emitter& out, const Estimate& e, const std::string& group) {
   out << YAML::Key << "unit" << YAML::Value << e.unit;
   if (!group.empty()) out << YAML::Key << "group" << YAML::Value << YAML::DoubleQuoted << group;
   out << YAML::EndMap;
+}
+
+void refuse_other_kind(const YAML::Node& root, const std::string& file, std::string_view writer) {
+  static constexpr struct {
+    std::string_view writer, key, beside;
+  } kinds[] = {{"tribotwin identify", "law", "parameters"},
+               {"tribotwin dynamics", "base_parameters", "friction"},
+               {"tribotwin thermal --chain", "chain", "exchange"},
+               {"tribotwin thermal", "joints", "data"},
+               {"tribotwin diagnose learn", "thresholds", "indicators"},
+               {"a scenario of tribotwin run", "model", "duration_s"}};
+  if (!root.IsMap()) return;
+  for (const auto& kind : kinds)
+    if (root[std::string(kind.key)] && root[std::string(kind.beside)]) {
+      if (kind.writer == writer) return;
+      throw InputError(fmt::format("{}: is {}{}; a file of {} is needed here", file,
+                                   kind.writer.starts_with("a ") ? "" : "a file of ", kind.writer, writer));
+    }
 }
 
 double read_estimate(Mapping& in, const std::string& name, Bounds bounds) {

@@ -1,6 +1,7 @@
 #include <algorithm>
 #include <cmath>
 #include <numbers>
+#include <utility>
 
 #include <Eigen/Dense>
 #include <fmt/format.h>
@@ -13,6 +14,15 @@ namespace tribotwin::twin {
 std::string joint_name(const mjModel* m, const mujoco::Binding& drive) {
   const char* name = mj_id2name(m, mjOBJ_JOINT, drive.joint);
   return name ? name : fmt::format("joint_{}", drive.joint);
+}
+
+bool is_slide(const mjModel* m, const mujoco::Binding& drive) { return m->jnt_type[drive.joint] == mjJNT_SLIDE; }
+
+std::string unit_of(std::string_view of_hinge, bool slide) {
+  std::string unit(of_hinge);
+  for (const auto& [hinge, linear] : {std::pair{std::string_view("Nm"), "N"}, {"rad", "m"}})
+    for (std::size_t at = 0; slide && (at = unit.find(hinge, at)) != unit.npos;) unit.replace(at, hinge.size(), linear);
+  return unit;
 }
 
 Result<std::size_t> find_drive(const mujoco::Model& model, std::string_view joint) {

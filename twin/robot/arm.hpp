@@ -13,6 +13,11 @@
 namespace tribotwin::twin {
 
 std::string joint_name(const mjModel* m, const mujoco::Binding& drive);
+/// Whether the drive's joint is a slide: its angles are lengths [m], its torques forces [N].
+bool is_slide(const mjModel* m, const mujoco::Binding& drive);
+/// The unit of a slide where the hinge's is `of_hinge`: N for Nm, m for rad, N s/m for Nm s/rad; else that of the
+/// hinge.
+std::string unit_of(std::string_view of_hinge, bool slide);
 /// The drive of a joint. Fails with the name, the nearest name that exists, and all names.
 Result<std::size_t> find_drive(const mujoco::Model& model, std::string_view joint);
 /// The drive behind a transmission, and its joint turns per turn of the arm.

@@ -2,6 +2,7 @@
 #include <cmath>
 #include <limits>
 
+#include <tribotwin/twin/robot/arm.hpp>
 #include <tribotwin/twin/simulation/channels.hpp>
 
 namespace tribotwin::twin {
@@ -59,6 +60,14 @@ std::vector<Channel> channels(const mujoco::Model& model) {
   for (const auto& row : drive_channels) all.push_back(row.channel);
   if (!model.springs().empty())
     for (const auto& row : transmission_channels) all.push_back(row.channel);
+  return all;
+}
+
+std::vector<std::string> units(const mujoco::Model& model, const mujoco::Binding& drive) {
+  const bool slide = is_slide(model.get(), drive);
+  std::vector<std::string> all;
+  for (const auto& channel : channels(model))  // the motor turns, whatever its joint does
+    all.push_back(unit_of(channel.unit, slide && !channel.name.starts_with("motor_")));
   return all;
 }
 

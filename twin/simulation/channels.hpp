@@ -1,6 +1,7 @@
 #pragma once
 
 #include <span>
+#include <string>
 #include <vector>
 
 #include <tribotwin/twin/io/telemetry/telemetry.hpp>
@@ -12,6 +13,9 @@ namespace tribotwin::twin {
 
 /// Per drive, per sample. A model with transmissions has more of them.
 std::vector<Channel> channels(const mujoco::Model& model);
+
+/// The units of channels(model) of one of its drives: those of a slide are m, m/s and N.
+std::vector<std::string> units(const mujoco::Model& model, const mujoco::Binding& drive);
 
 /// All channels of all drives at the last step, drive by drive, into `row`. NaN where a drive has no transmission.
 void read_channels(const Twin& twin, std::span<double> row);

@@ -26,9 +26,8 @@ constexpr std::size_t joints_named = 3;
 
 std::string percent(double share) { return fmt::format("{:.3g} %", 100 * share); }
 
-bool is_slide(const mjModel* m, const mujoco::Binding& b) { return m->jnt_type[b.joint] == mjJNT_SLIDE; }
-const char* angle_unit(const mjModel* m, const mujoco::Binding& b) { return is_slide(m, b) ? "m" : "rad"; }
-const char* torque_unit(const mjModel* m, const mujoco::Binding& b) { return is_slide(m, b) ? "N" : "Nm"; }
+std::string angle_unit(const mjModel* m, const mujoco::Binding& b) { return unit_of("rad", is_slide(m, b)); }
+std::string torque_unit(const mjModel* m, const mujoco::Binding& b) { return unit_of("Nm", is_slide(m, b)); }
 
 /// Calls `each(index, binding, joint)` for the drives.
 template <class Each>
@@ -205,7 +204,7 @@ void damping(const Examined& e, Findings& found) {
     const double own = model->dof_damping[b.dof], tendon = tendon_loss(model, b.joint);
     found.push_back({.joint = joint,
                      .value = own + tendon,
-                     .unit = is_slide(model.get(), b) ? "N s/m" : "Nm s/rad",
+                     .unit = unit_of("Nm s/rad", is_slide(model.get(), b)),
                      .threshold = 0,
                      .cause = own > 0 ? fmt::format("damping=\"{:g}\" is left beside its drive", own)
                                       : "a tendon on the joint has damping or frictionloss beside its drive",
@@ -227,7 +226,7 @@ void ctrlrange(const Examined& e, Findings& found) {
                  gear = std::abs(b.gear), limit = std::max(0.0, std::min(high, -low)) * gear;
     const bool forced = m->actuator_forcelimited[b.actuator] != 0;
     const double torque = forced ? m->actuator_forcerange[2 * b.actuator + 1] * gear : b.drive.torque_max_nm;
-    const char* unit = torque_unit(m, b);
+    const std::string unit = torque_unit(m, b);
     found.push_back(
         {.joint = joint,
          .value = torque / std::max(limit, 1e-9),
@@ -354,7 +353,7 @@ constexpr HealthCheck table[] = {
     {"ctrlrange", "torque limit (forcerange, else torque_max_nm) / ctrlrange, per joint [-]",
      "2: a drive that may deliver less than half of its torque has a range that was made for something else",
      "the drive cannot deliver its torque, and the arm sags or stands still", Verdict::warning, true, ctrlrange},
-    {"damping", "damping of the joint, damping and frictionloss of tendons on it [Nm s/rad, Nm]",
+    {"damping", "damping of the joint, damping and frictionloss of tendons on it [Nm s/rad, Nm; slides N s/m, N]",
      "0: the law holds the whole friction, and native losses heat nothing",
      "friction is counted twice, and the share of the damping becomes no heat", Verdict::warning, true, damping},
     {"control", "whether the scenario has a motion that its control does not follow (1) or not (0)",

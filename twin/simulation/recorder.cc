@@ -84,6 +84,7 @@ Result<std::unique_ptr<Recorder>> Recorder::create(const fs::path& directory, co
                      .cycle_channels = cycles ? cycle_channels() : std::vector<Channel>{}};
   for (const auto& drive : scenario.model->drives()) {
     o.joints.push_back(joint_name(scenario.model->get(), drive));
+    o.units.push_back(units(*scenario.model, drive));
     o.joint_attributes.push_back(
         {{"gear_ratio", drive.drive.gear_ratio}, {"torque_max_nm", drive.drive.torque_max_nm}});
   }

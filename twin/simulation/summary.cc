@@ -48,7 +48,8 @@ Summary summarize(const Twin& twin, double wall_s, double record_bytes) {
                                         f.friction_max_nm},
                         .load_max_norm = f.load_max_norm,
                         .clamped_samples = static_cast<std::int64_t>(d.steps_outside),
-                        .stuck_s = d.stuck_s});
+                        .stuck_s = d.stuck_s,
+                        .slide = is_slide(twin.model().get(), drives[i])});
   }
   s.health = examine({twin.scenario(), &twin, record_bytes});
   return s;
@@ -106,6 +107,7 @@ std::string summary_json(const Summary& s) {
   for (const auto& j : s.joints)
     json["joints"].push_back(
         {{"name", j.name},
+         {"friction_unit", unit_of("Nm", j.slide)},
          {"temperature_degC",
           {{"start", j.temperature_degC.start}, {"end", j.temperature_degC.end}, {"max", j.temperature_degC.max}}},
          {"friction_nm", {{"rms", j.friction_nm.rms}, {"max", j.friction_nm.max}}},

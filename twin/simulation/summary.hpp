@@ -18,10 +18,11 @@ struct JointSummary {
   } temperature_degC;
   struct {
     double rms, max;
-  } friction_nm;
+  } friction_nm;  ///< [Nm; N of a slide]
   double load_max_norm;
   std::int64_t clamped_samples;
   double stuck_s;
+  bool slide;  ///< its friction and load are forces
 };
 
 struct Comparison {

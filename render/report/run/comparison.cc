@@ -26,14 +26,21 @@ void remove_unknown(std::vector<std::string>& head, std::vector<std::vector<std:
   }
 }
 
+std::string unit_of_all(const Runs& runs) {
+  std::vector<JointHistory> all;
+  for (const auto& run : runs.all) all.insert(all.end(), run->joints.begin(), run->joints.end());
+  return force_unit(all, [](const JointHistory&) { return true; });
+}
+
 void add_table(IllustratedPage& page, const Runs& runs) {
+  const std::string unit = unit_of_all(runs);
   std::vector<std::string> head{"run",
                                 "simulated [s]",
                                 "warmest joint",
                                 "maximum temperature [°C]",
                                 "friction work [kJ]",
                                 "motor work [kJ]",
-                                "maximum friction [Nm]",
+                                fmt::format("maximum friction [{}]", unit),
                                 "maximum load [-]",
                                 "error against recording [mrad]",
                                 "engine",
@@ -78,8 +85,8 @@ std::optional<Drawing> temperature(const Runs& runs) {
 }
 
 std::optional<Drawing> friction(const Runs& runs) {
-  return of_warmest(runs, {.quantity = "friction torque, RMS", .symbol = "{/:Italic τ}_f", .unit = "Nm"},
-                    "The same joints: friction torque, root mean square over 1/200 of the run.",
+  return of_warmest(runs, {.quantity = "friction, RMS", .symbol = "{/:Italic τ}_f", .unit = unit_of_all(runs)},
+                    "The same joints: friction, root mean square over 1/200 of the run.",
                     [](std::string label, const RunData& run, const JointHistory& j) -> std::optional<Trace> {
                       const auto& time = run.record.time_s;
                       const double window_s = (time.back() - time.front()) / 200;

@@ -68,6 +68,7 @@ std::size_t starting_points(const RunData& run) {
 }
 
 void add_verdict(pugi::xml_node to, const RunData& run) {
+  if (!run.damage.empty()) Page::add(to, "p", "The record of this run is damaged.", "verdict bad");
   const auto findings = findings_of(run);
   if (findings.empty()) return;
   const auto lines = twin::health_lines(findings);
@@ -76,7 +77,9 @@ void add_verdict(pugi::xml_node to, const RunData& run) {
     Page::add(to, "p",
               fmt::format("The run is what its scenario asked for: none of {} checks warns.{}",
                           worst_of(findings).size(), guessed ? " But friction and heat of its model are guesses." : ""),
-              guessed ? "verdict" : "verdict good");
+              !run.damage.empty() ? "soft"
+              : guessed           ? "verdict"
+                                  : "verdict good");
   else
     Page::add(to, "p", "The run is not what its scenario asked for.", "verdict bad");
   pugi::xml_node box;

@@ -14,6 +14,8 @@ namespace tribotwin::render {
 
 namespace {
 
+std::string friction_name(const std::string& unit) { return unit == "Nm" ? "friction torque" : "friction"; }
+
 /// Whether the run is multi-rate and has values of every work cycle.
 bool has_cycles(const RunData& run) { return run.record.cycle_time_s.size() > 1; }
 
@@ -65,9 +67,9 @@ std::optional<Drawing> friction_torque(const RunData& run) {
     if (!j.moved) return std::nullopt;
     return window_s > 0 ? rms_trace(j.name, time, j.friction_nm, window_s) : envelope(j.name, time, j.friction_nm);
   });
-  return drawing(
-      {.quantity = "friction torque, RMS", .symbol = "{/:Italic τ}_f", .unit = "Nm"}, traces,
-      fmt::format("Friction torque, root mean square over {}, for the joints that moved.", duration(window_s)));
+  const std::string unit = force_unit(run.joints, [](const JointHistory& j) { return j.moved; });
+  return drawing({.quantity = friction_name(unit) + ", RMS", .symbol = "{/:Italic τ}_f", .unit = unit}, traces,
+                 fmt::format("Friction, root mean square over {}, for the joints that moved.", duration(window_s)));
 }
 
 using Stretch = std::pair<std::size_t, std::size_t>;  // first sample, and the one after the last
@@ -115,7 +117,8 @@ std::optional<Drawing> cold_and_warm(const RunData& run) {
     }
     if (any_finite(t)) traces.push_back(std::move(t));
   }
-  return drawing({.quantity = "friction torque", .symbol = "{/:Italic τ}_f", .unit = "Nm"}, traces,
+  const std::string unit = joint->slide ? "N" : "Nm";
+  return drawing({.quantity = friction_name(unit), .symbol = "{/:Italic τ}_f", .unit = unit}, traces,
                  fmt::format("{}: the same motion at the beginning and at the end of the run.", joint->name));
 }
 

@@ -3,6 +3,7 @@
 #include <iterator>
 
 #include <fmt/format.h>
+#include <unistd.h>
 
 #include <tribotwin/render/report/run/run_data.hpp>
 #include <tribotwin/render/theme/theme.hpp>
@@ -41,9 +42,13 @@ void add_joints(RunData& run) {
         if (key == "gear_ratio") joint.gear_ratio = value;
         if (key == "torque_max_nm") joint.torque_max_nm = value;
       }
+    const auto& channels = run.record.channels;
+    if (const auto at = std::ranges::find(channels, "friction_nm", &twin::Channel::name); at != channels.end())
+      joint.slide = run.record.units[i][static_cast<std::size_t>(at - channels.begin())] == "N";
     for (const auto& drive : drives)
       if (twin::joint_name(run.model()->get(), drive) == name)
-        joint.gear_ratio = drive.drive.gear_ratio, joint.torque_max_nm = drive.drive.torque_max_nm;
+        joint.gear_ratio = drive.drive.gear_ratio, joint.torque_max_nm = drive.drive.torque_max_nm,
+        joint.slide = twin::is_slide(run.model()->get(), drive);
     for (const double v : joint.velocity_rad_s)
       if (std::isfinite(v)) joint.speed_max_rad_s = std::max(joint.speed_max_rad_s, std::abs(v));
     joint.moved = joint.speed_max_rad_s > 1e-3;
@@ -51,7 +56,33 @@ void add_joints(RunData& run) {
   }
 }
 
+/// What of a record is proven, from a copy of it; the sentence about its damage.
+std::string take_part(RunData& run, const fs::path& telemetry, const std::string& why) {
+  std::string pattern = (fs::temp_directory_path() / "tribotwin-report-XXXXXX").string();
+  if (!::mkdtemp(pattern.data())) return why;
+  const fs::path copy = pattern;
+  std::error_code error;
+  fs::copy_file(telemetry, copy / "telemetry.h5", error);
+  const auto recovered = error ? tl::unexpected(Error(error.message())) : twin::recover(copy);
+  auto record = recovered ? twin::read_telemetry(copy / "telemetry.h5") : tl::unexpected(recovered.error());
+  fs::remove_all(copy, error);
+  if (!record || record->time_s.empty()) return why + "; no part of it can be read";
+  run.record = std::move(*record);
+  return fmt::format(
+      "{}. What follows is drawn from the part that is whole: {} of {} samples, up to {}. 'tribotwin recover {}' "
+      "makes a plain record of them",
+      why, recovered->samples, recovered->samples + recovered->lost_samples, duration(recovered->last_time_s),
+      telemetry.parent_path().string());
+}
+
 }  // namespace
+
+std::string force_unit(std::span<const JointHistory> joints, const std::function<bool(const JointHistory&)>& counts) {
+  bool hinges = false, slides = false;
+  for (const auto& j : joints)
+    if (counts(j)) (j.slide ? slides : hinges) = true;
+  return !slides ? "Nm" : !hinges ? "N" : "Nm; N of slides";
+}
 
 std::string RunData::attribute(std::string_view key) const {
   for (const auto& [name_of, value] : record.attributes)
@@ -72,7 +103,7 @@ Result<std::unique_ptr<RunData>> load_run(const fs::path& directory) {
   if (!fs::exists(telemetry))
     no_record = fmt::format("{}: does not exist", telemetry.string());
   else if (auto record = twin::read_telemetry(telemetry); !record)
-    no_record = record.error().message;
+    no_record = run->damage = take_part(*run, telemetry, record.error().message);
   else if (record->time_s.empty())
     no_record = fmt::format("{}: holds no samples yet", telemetry.string());
   else
@@ -85,7 +116,9 @@ Result<std::unique_ptr<RunData>> load_run(const fs::path& directory) {
       miss(fmt::format("{}: is damaged (not JSON); what only the run itself computes is missing.", summary.string()));
     }
   }
-  if (!no_record.empty()) {
+  if (!run->record.time_s.empty() && !run->damage.empty()) {
+    miss(run->damage);
+  } else if (!no_record.empty()) {
     if (run->summary.is_null()) return tl::unexpected(no_record);
     miss(no_record + ". Poses, curves and histories are missing.");
   } else if (!run->record.complete) {

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <filesystem>
+#include <functional>
 #include <memory>
 #include <optional>
 #include <span>
@@ -22,9 +23,13 @@ struct JointHistory {
   std::span<const double> position_rad, velocity_rad_s, friction_nm, load_nm, temperature_degC;  ///< of the record
   /// Of a drive behind a transmission; else empty or NaN. Torsion, arm and set point are angles behind the gear.
   std::span<const double> torsion_rad, transmission_torque_nm, arm_position_rad, arm_set_point_rad;
-  double speed_max_rad_s = 0;
-  bool moved = false;  ///< faster than a creep: 1e-3 rad/s at the joint
+  double speed_max_rad_s = 0;  ///< m/s of a slide
+  bool slide = false;          ///< angles are lengths [m], torques forces [N]
+  bool moved = false;          ///< faster than a creep: 1e-3 rad/s at the joint
 };
+
+/// The unit of torques and forces of these joints: "Nm", "N" of slides, or "Nm; N of slides".
+std::string force_unit(std::span<const JointHistory> joints, const std::function<bool(const JointHistory&)>& counts);
 
 /// What a folder of `tribotwin run` holds, as much of it as can be read.
 struct RunData {
@@ -36,13 +41,15 @@ struct RunData {
   std::string scenario_text;
   std::optional<twin::Scenario> scenario;  ///< with the model
   std::vector<std::string> missing;        ///< what is not there, and why: sentences for the reader
+  std::string damage;                      ///< the first of them where the record is damaged; `record` is what is whole
   std::vector<JointHistory> joints;        ///< points into `record`
 
   std::string attribute(std::string_view name) const;
   const mujoco::Model* model() const { return scenario ? scenario->model.get() : nullptr; }
 };
 
-/// Fails when the folder has neither telemetry nor a summary that can be read.
+/// Of a damaged record what tribotwin recover would keep is read, from a copy. Fails when the folder has neither
+/// telemetry nor a summary that can be read.
 Result<std::unique_ptr<RunData>> load_run(const std::filesystem::path& directory);
 /// The run in a folder or, where a scenario that varies left several there, those that its summary.json names, each
 /// called by its folder's name. Fails like load_run, and on an entry that names no folder.

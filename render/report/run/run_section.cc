@@ -119,6 +119,7 @@ class Section {
     PoseOptions look;
     look.text_scale = 1.4;  // the page shows them smaller than they are
     look.scale = scale_of(*run_.model(), run_.record, ColourBy::temperature);
+    look.view.whole = outline(*run_.model(), run_.record);
     const auto failed = [&](const std::string& why) -> Result<void> {
       notes_.push_back(why);
       page_.add(to_, "p", fmt::format("The poses could not be drawn: {}", why), "bad");
@@ -129,11 +130,14 @@ class Section {
     if (!painter) return failed(painter.error().message);
     const std::size_t end = run_.record.time_s.size() - 1;
     for (const std::size_t index : {std::size_t{0}, end}) {
-      const auto image = painter->draw(recorded(*model, run_.record, index), look);
+      const PoseState state = recorded(*model, run_.record, index);
+      const auto image = painter->draw(state, look);
       if (!image) return failed(image.error().message);
-      const std::string caption =
+      std::string caption =
           fmt::format("{}, at {}. Each joint's housing has the colour of its temperature.",
                       index == end ? "The end" : "The beginning", duration(run_.record.time_s[index]));
+      if (const auto beyond = beyond_range(*model, state); !beyond.empty())
+        caption += fmt::format(" Beyond its range: {}.", beyond);
       if (auto ok = page_.show(grid, *image, index == end ? "pose_end" : "pose_start", caption); !ok) return ok;
       progress_(index == end ? 0.35 : 0.2);
       if (end == 0) break;
@@ -190,6 +194,7 @@ class Section {
   void joint_table() {
     page_.add(to_, "h3", "Joints");
     const double steps = number(run_.summary, {"steps_computed"});
+    const std::string unit = force_unit(run_.joints, [](const JointHistory&) { return true; });
     std::vector<std::vector<std::string>> rows;
     for (const auto& j : joints_)
       rows.push_back({j.name, shown(j.start_degC, "{:.1f}"), shown(j.end_degC, "{:.1f}"), shown(j.max_degC, "{:.1f}"),
@@ -197,8 +202,8 @@ class Section {
                       shown(j.load_max, "{:.3f}"), shown(100 * j.clamped_samples / steps, "{:.3g}"),
                       shown(j.stuck_s, "{:.1f}")});
     page_.add_table(to_,
-                    {"joint", "start [°C]", "end [°C]", "maximum [°C]", "friction RMS [Nm]", "friction max [Nm]",
-                     "load max [-]", "outside [% of steps]", "stuck [s]"},
+                    {"joint", "start [°C]", "end [°C]", "maximum [°C]", fmt::format("friction RMS [{}]", unit),
+                     fmt::format("friction max [{}]", unit), "load max [-]", "outside [% of steps]", "stuck [s]"},
                     rows);
     std::string still;
     for (const auto& j : run_.joints)

@@ -27,9 +27,10 @@ bool any(const FrictionPoint&) { return true; }
 Drawing over_temperature(const VisitedLaw& v, int curves) {
   const auto& law = *v.drive.law.info;
   const auto at_load = [&](const FrictionPoint& p) { return std::abs(p.load_norm - v.load_median) <= v.load_window(); };
-  return {friction_against_temperature(v.drive, "", v.speed_max_rad_s, v.load_median,
-                                       evenly(v.temperature_min_degC, v.temperature_max_degC, curves),
-                                       law.load_dependent ? some(v.points, at_load) : some(v.points, any)),
+  return {in_units_of(friction_against_temperature(v.drive, "", v.speed_max_rad_s, v.load_median,
+                                                   evenly(v.temperature_min_degC, v.temperature_max_degC, curves),
+                                                   law.load_dependent ? some(v.points, at_load) : some(v.points, any)),
+                      v.slide),
           law.load_dependent
               ? fmt::format("Law '{}' at a load of {:.3f} of the maximum torque. Points: samples of the "
                             "run with a load within {:.3f} of that.",
@@ -54,9 +55,11 @@ std::optional<Drawing> at_loads(const VisitedLaw& v) {
     return std::abs(p.temperature_degC - v.temperature_median_degC) <= v.temperature_window_K();
   };
   return Drawing{
-      friction_against_load(v.drive, "", v.speed_max_rad_s, v.temperature_median_degC,
-                            evenly(0, v.load_max, v.load_max > 0.01 ? 6 : 1),
-                            law.temperature_dependent ? some(v.points, at_temperature) : some(v.points, any)),
+      in_units_of(
+          friction_against_load(v.drive, "", v.speed_max_rad_s, v.temperature_median_degC,
+                                evenly(0, v.load_max, v.load_max > 0.01 ? 6 : 1),
+                                law.temperature_dependent ? some(v.points, at_temperature) : some(v.points, any)),
+          v.slide),
       law.temperature_dependent
           ? fmt::format("Law '{}' at {:.1f} °C. Points: samples of the run within {:.2g} K of that.", law.name,
                         v.temperature_median_degC, v.temperature_window_K())
@@ -67,9 +70,10 @@ std::optional<Drawing> surface(const VisitedLaw& v) {
   const auto& law = *v.drive.law.info;
   if (!law.temperature_dependent || !v.warmest || v.temperature_max_degC - v.temperature_min_degC <= 5)
     return std::nullopt;
-  return Drawing{
-      friction_surface(v.drive, "", v.speed_max_rad_s, v.load_median, v.temperature_min_degC, v.temperature_max_degC),
-      fmt::format("Law '{}' at a load of {:.3f}.", law.name, v.load_median)};
+  return Drawing{in_units_of(friction_surface(v.drive, "", v.speed_max_rad_s, v.load_median, v.temperature_min_degC,
+                                              v.temperature_max_degC),
+                             v.slide),
+                 fmt::format("Law '{}' at a load of {:.3f}.", law.name, v.load_median)};
 }
 
 constexpr FigureRow<VisitedLaw> table[] = {
@@ -112,6 +116,7 @@ std::optional<VisitedLaw> visited_law(const RunData& run, const JointHistory& j)
   const auto joints = joint_summaries(run);
   const JointSummary* hot = warmest(joints);
   v.warmest = hot && hot->name == j.name;
+  v.slide = j.slide;
   return v;
 }
 

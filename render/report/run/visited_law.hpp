@@ -19,6 +19,7 @@ struct VisitedLaw {
   double load_max, load_median;
   double temperature_min_degC, temperature_max_degC, temperature_median_degC;
   bool warmest;  ///< of all joints
+  bool slide;
 
   /// A point this close to the median is shown with the curves of the median.
   double load_window() const;

@@ -294,6 +294,9 @@ TEST_F(LawFigures, LoadAndSurface) {
       drawing(friction_against_load(drive, "law", 1.5, 50, std::vector{0.0, 0.5})).says("load |τl| / τmax [-]"));
   const Figure one = friction_against_load(drive, "law", 1.5, 50, std::vector{0.0});
   EXPECT_EQ(refusal(one), "");
+  EXPECT_EQ(one.colour->from, 0);  // a load has no sign
+  const Figure slide = in_units_of(friction_against_load(drive, "law", 1.5, 50, std::vector{0.0}), true);
+  EXPECT_EQ(slide.x.unit, "rad/s");  // of the motor, which turns
   const Drawing surface = drawing(friction_surface(drive, "law", 1.5, 0, 38, 81));
   EXPECT_TRUE(surface.says("friction torque τf / τmax [-]"));
   EXPECT_TRUE(surface.says("temperature T [°C]"));

@@ -1,4 +1,5 @@
 // Pixels: the same every time, and those of the golden image.
+#include <array>
 #include <cmath>
 #include <cstdlib>
 
@@ -153,6 +154,64 @@ TEST(Pictures, TilesHaveNoSeams) {
   EXPECT_GT(difference(shifted, small), 0.02);
 }
 
+constexpr const char* lopsided = R"(<mujoco><compiler angle="radian"/>
+  <statistic center="3 0 0" extent="0.5"/>
+  <worldbody>
+    <geom type="plane" size="5 5 0.1"/>
+    <body name="wall" pos="9 0 0"><geom type="box" size="0.1 4 4"/></body>
+    <body pos="1 2 0"><joint name="turn" range="-1 1" limited="true"/><geom type="cylinder" size="0.2 0.1"/>
+      <body pos="0 0 0.1"><joint name="lift" type="slide" range="0 0.2" limited="true"/>
+        <geom type="capsule" fromto="0 0 0 0 0 2" size="0.08"/>
+        <body pos="0 0 2"><joint axis="0 1 0"/><geom type="box" pos="0.6 0 0" size="0.6 0.05 0.05"/></body>
+      </body>
+    </body>
+  </worldbody></mujoco>)";
+
+/// The box of the pixels in which two pictures differ, in shares of the sides: left, top, right, bottom.
+std::array<double, 4> changed_box(const Image& a, const Image& b) {
+  int left = a.width, top = a.height, right = -1, bottom = -1;
+  for (int y = 0; y < a.height; ++y)
+    for (int x = 0; x < a.width; ++x)
+      if (!std::equal(a.at(x, y), a.at(x, y) + 3, b.at(x, y)))
+        left = std::min(left, x), right = std::max(right, x), top = std::min(top, y), bottom = std::max(bottom, y);
+  const double w = a.width - 1, h = a.height - 1;
+  return {left / w, top / h, right / w, bottom / h};
+}
+
+// Whatever the model says of its centre and extent, a free camera shows the robot whole, and large.
+TEST(Pictures, FreeCameraShowsTheWholeRobot) {
+  const auto model = mujoco::load_string(lopsided);
+  ASSERT_TRUE(model) << model.error().message;
+  const mjModel* m = (*model)->get();
+  const auto without_shadow = changed(**model, [](mjModel* copy) { copy->vis.headlight.active = 1; });
+  std::vector<Paint> red, blue;
+  for (int g = 2; g < m->ngeom; ++g) red.push_back({g, {255, 0, 0}}), blue.push_back({g, {0, 0, 255}});
+  for (const Size size : {Size{240, 160}, Size{120, 240}})
+    for (const auto& [azimuth, elevation] : {std::pair{90.0, -45.0}, {130.0, -20.0}, {0.0, 10.0}}) {
+      const View view{.azimuth_deg = azimuth, .elevation_deg = elevation};
+      const mujoco::DataPtr d(mj_makeData(m));
+      d->qpos[2] = 0.7;
+      pose_kinematics(m, d.get());
+      auto renderer = Renderer::create(without_shadow.get(), size, {.samples = 0, .supersampling = 1});
+      ASSERT_TRUE(renderer) << renderer.error().message;
+      const auto box = changed_box(*renderer->draw(d.get(), view, red), *renderer->draw(d.get(), view, blue));
+      for (int side = 0; side < 4; ++side) {
+        EXPECT_GT(box[static_cast<std::size_t>(side)], 0.02) << azimuth << " side " << side;
+        EXPECT_LT(box[static_cast<std::size_t>(side)], 0.98) << azimuth << " side " << side;
+      }
+      EXPECT_GT(std::max(box[2] - box[0], box[3] - box[1]), 0.7) << azimuth;
+    }
+}
+
+TEST(Poses, BeyondTheirRangeIsSaid) {
+  const auto model = mujoco::load_string(lopsided);
+  ASSERT_TRUE(model) << model.error().message;
+  PoseState state{.qpos = {0.9, 0.1, 50}, .time_s = {}, .joints = {}};
+  EXPECT_EQ(beyond_range(**model, state), "");
+  state.qpos = {-1.5, 0.25, 50};
+  EXPECT_EQ(beyond_range(**model, state), "turn (-1.5 rad, range -1 .. 1), lift (0.25 m, range 0 .. 0.2)");
+}
+
 TEST(Pictures, RefusesWhatItCannotDraw) {
   const auto model = robot();
   for (const Size size : {Size{8, 600}, Size{600, 9000}, Size{-1, 600}}) {
@@ -213,6 +272,9 @@ TEST(Poses, ScaleIsRoundAndHoldsTheValues) {
   const Scale flat = scale_around(std::vector{25.0, 25.0});
   EXPECT_GE(flat.to - flat.from, 5);
   EXPECT_LT(scale_around({}).from, scale_around({}).to);
+  const Scale share = magnitudes_around(std::vector{0.0, 0.4});  // what is a magnitude begins at 0
+  EXPECT_EQ(share.from, 0);
+  EXPECT_GE(share.to, 5);
 }
 
 TEST(Poses, SamplesAreEvenlyInTime) {

@@ -35,12 +35,25 @@ MEASURE = """<script>addEventListener('load', () => {
           Math.min(a.bottom, b.bottom) - Math.max(a.top, b.top) > 4) over.push(text + ' / ' + other);
     }));
   }
+  // Words of tables that go on in the next line.
+  const torn = [];
+  for (const cell of document.querySelectorAll('th, td')) {
+    const text = cell.firstChild;
+    if (!text || text.nodeType != 3) continue;
+    for (const word of text.data.matchAll(/[^\\s-]+/g)) {
+      const range = document.createRange();
+      range.setStart(text, word.index);
+      range.setEnd(text, word.index + word[0].length);
+      if (new Set([...range.getClientRects()].map(r => Math.round(r.top))).size > 1 && word[0].length < 32)
+        torn.push(word[0]);
+    }
+  }
   const ids = [...document.querySelectorAll('[id]')].map(e => e.id);
   parent.postMessage({width: innerWidth, images: images.length,
     broken: images.filter(i => !i.complete || !i.naturalWidth).length,
     drawings: document.querySelectorAll('main svg').length,
     overflow: document.documentElement.scrollWidth - innerWidth, wide: wide.map(e => e.tagName + '.' + e.className),
-    contrast: worst, where, texts, cut, over, ids: ids.length - new Set(ids).size,
+    contrast: worst, where, texts, cut, over, torn, ids: ids.length - new Set(ids).size,
     scripts: document.scripts.length, title: document.title, text: document.body.innerText}, '*');
 });</script>"""
 
@@ -98,12 +111,12 @@ class Browser:
         found = re.search(r'<pre id="result">(.*?)</pre>', r.stdout, re.S)
         return json.loads(html.unescape(found.group(1))) if found and found.group(1) else None
 
-    def check_page(self, name, page, images, drawings):
+    def check_page(self, name, page, images, drawings, widths=(1280, 480)):
         check = self.check
         said, dom = self.console(page)
         check(name + ": no console message", not said, said)
         check(name + ": the browser shows it", "</main>" in dom, dom[:300])
-        for width in (1280, 480):
+        for width in widths:
             m = self.measured(page, width)
             check(f"{name} at {width}: measured", m is not None and m["width"] == width, m)
             if not m:
@@ -128,6 +141,7 @@ class Browser:
                 not m["cut"] and not m["over"],
                 (m["cut"], m["over"]),
             )
+            check(f"{name} at {width}: no word of a table is torn", not m["torn"], m["torn"])
             check(
                 f"{name} at {width}: no script but ours, ids unique",
                 m["scripts"] == 1 and m["ids"] == 0,

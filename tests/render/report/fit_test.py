@@ -466,6 +466,28 @@ refused(
     "1",
     says="a model has its own",
 )
+# Foreign names and units by --columns: the same picture and the same page.
+plain = np.loadtxt(path("nm.csv"), delimiter=",", skiprows=1)
+np.savetxt(path("foreign.csv"), plain * [1e3, 1], delimiter=";", header="Drehzahl;M", comments="", fmt="%.17g")
+put("map.yaml", "speed_rad_s: {from: Drehzahl, unit: mrad_s}\nfriction_nm: M\n")
+refused("fit: foreign names", "fit", "nm.yaml", "foreign.csv", says="foreign.csv:1: neither a friction curve")
+put("wrong_map.yaml", "speed_rad_s: Drehzal\n")
+refused(
+    "fit: a map of other names",
+    *("fit", "nm.yaml", "foreign.csv", "--columns", "wrong_map.yaml"),
+    says="foreign.csv has no column 'Drehzal'",
+)
+for points in (["nm.csv"], ["foreign.csv", "--columns", "map.yaml"]):
+    r = run(report, "curve", "nm.yaml", "--points", *points, "-o", points[0] + ".svg")
+    check("curve: points of " + points[0], r.returncode == 0, r.stderr)
+check("curve: the same picture by --columns", content("nm.csv.svg") == content("foreign.csv.svg"))
+r = run(report, "fit", "nm.yaml", "foreign.csv", "--columns", "map.yaml", "-o", "foreign.html")
+check("fit: --columns", r.returncode == 0 and f"{len(plain)} samples" in content("foreign.html"), r.stderr)
+said = run(report, "fit", "--help").stdout.split("Example:")[0]
+check(
+    "help says which data", all(c in said for c in ("friction_norm", "time_s, position_rad", "temperature_degC")), said
+)
+refused("fit: a page is no PDF", "fit", "params.yaml", "-o", "x.pdf", says="must end in .html")
 refused("curve: wrong ending", "curve", "params.yaml", "-o", "x.gif", says=".svg, .png or .pdf")
 environment = {**os.environ, "PATH": "/nonexistent"}
 r = run(report, "fit", "params.yaml", "-o", "x.html", env=environment)

@@ -100,6 +100,25 @@ if m:
         m["text"][:3000],
     )
 
+# Slides with long names, at the width of a small window: forces are in N, no word is torn.
+shutil.copy(os.path.join(source, "tests", "twin", "gears", "gantry.xml"), path("gantry.xml"))
+run(twin, "add-drives", "gantry.xml", "-o", "slides.xml")
+run(twin, "run", "slides.yaml", "-o", "slides", "--set", "telemetry_rate_hz=250", *brief)
+r = run(report, "slides")
+m = check_page("slides", path("slides/report.html"), 3, 5, widths=(1100,))
+if m:
+    check(
+        "slides: friction in N",
+        "friction RMS [N]" in m["text"]
+        and "Nm" not in m["text"].split("How it was made")[0].replace("[Nm s/rad, Nm; slides N s/m, N]", ""),
+        re.findall(".*Nm.*", m["text"]),
+    )
+r = run(report, "slides", "-o", "slides.pdf")
+check_refused("a page is no PDF", r, ["slides.pdf", "must end in .html", "--pdf"])
+check("a page that is refused is not there", not os.path.exists(path("slides.pdf")))
+r = run(report, "pose", "slides.xml", "--pose", "hub=0.9", "--size", "64x64", "-o", "beyond.png")
+check("a pose beyond a range is told", r.returncode == 0 and "hub (0.9 m, range -0.6 .. 0.6)" in r.stderr, r.stderr)
+
 # Comparison, with a model whose parameters nobody measured.
 guess = '<custom><text name="tribotwin.starting_point.joint2" data="cycloidal_7500"/></custom></mujoco>'
 with open(path("guess.xml"), "w") as f:
@@ -511,7 +530,7 @@ check("nothing is left of what failed", not glob.glob(work + "/x.*"), glob.glob(
 # Incomplete runs.
 def partial(name, *, says, code=0):
     r = run(report, name, "-o", name + ".html")
-    text = content(name + ".html") if r.returncode == 0 else ""
+    text = content(name + ".html")
     check(
         name + ": a partial report that says so",
         r.returncode == code and all(s in r.stderr and html.escape(s, quote=False) in text for s in says),
@@ -543,7 +562,16 @@ partial("model_moved", says=["moved.xml"])
 shutil.copytree(path("warmup"), path("damaged"))
 with open(path("damaged/telemetry.h5"), "r+b") as f:
     f.truncate(3000)
-partial("damaged", says=["damaged/telemetry.h5"])
+partial("damaged", says=["damaged/telemetry.h5", "no part of it can be read"], code=1)
+shutil.copytree(path("slides"), path("flipped"))  # of several chunks per channel
+with open(path("flipped/telemetry.h5"), "r+b") as f:
+    f.seek(os.path.getsize(path("flipped/telemetry.h5")) * 3 // 4)
+    f.write(b"\xff" * 64)
+partial("flipped", says=["flipped/telemetry.h5", "the part that is whole", "tribotwin recover flipped"], code=1)
+page = content("flipped.html")
+check("a damaged record is told in red", 'class="verdict bad">The record of this run is damaged.' in page)
+check("what is left is shown, and is not green", 'class="verdict good"' not in page and page.count("<svg") > 3)
+check("the damaged record stays as it was", not os.path.exists(path("flipped/telemetry.h5.original")))
 os.remove(path("damaged/summary.json"))
 refused("damaged and nothing else", 2, "damaged", says=["damaged/telemetry.h5"])
 shutil.copytree(path("warmup"), path("gone"))

@@ -4,6 +4,7 @@
 #include <fmt/format.h>
 
 #include <tribotwin/twin/experiments/working_days/tables.hpp>
+#include <tribotwin/twin/io/text_table.hpp>
 #include <tribotwin/twin/robot/base_parameters.hpp>
 
 namespace tribotwin::twin::repeatability {
@@ -84,49 +85,52 @@ std::string changes_csv(const Campaign& c, const std::vector<WorkingDay>& days, 
 /// One time constant of one robot: a row per test, a column per joint. Sets `blind` where one is not identifiable.
 std::string times_table(const Campaign& c, const Findings& f, const std::vector<std::string>& names, std::size_t robot,
                         Pole pole, bool& blind) {
-  std::string s =
-      fmt::format("{:<28}", fmt::format("robot {}, {} [min]", robot + 1, pole_names[static_cast<std::size_t>(pole)]));
-  for (const auto& joint : names) s += fmt::format(" {:>17}", joint);
-  s += '\n';
+  std::vector<TextTable::Column> columns{
+      TextTable::left(fmt::format("robot {}, {} [min]", robot + 1, pole_names[static_cast<std::size_t>(pole)]))};
+  for (const auto& joint : names) columns.push_back(TextTable::right(joint));
+  TextTable table(std::move(columns));
   for (std::size_t d = 0; d <= c.days; ++d) {
     const bool merged = d == c.days;
-    s += fmt::format(
-        "{:<28}",
-        merged ? "Mix" : fmt::format("Test {}{}", d + 1, is_changed(f, robot, d) ? " (changed, not in Mix)" : ""));
+    std::vector<std::string> row{
+        merged ? "Mix" : fmt::format("Test {}{}", d + 1, is_changed(f, robot, d) ? " (changed, not in Mix)" : "")};
     for (std::size_t j = 0; j < names.size(); ++j) {
       std::string cell = "*";
       for (const auto& t : times_of(merged ? f.thermal[robot][j].merged : f.thermal[robot][j].days[d]))
         if (t.pole == pole && t.identified) cell = fmt::format("{:.3f} +- {:.2g}", t.value_s / 60, t.sigma_s / 60);
       blind |= cell == "*";
-      s += fmt::format(" {:>17}", cell);
+      row.push_back(std::move(cell));
     }
-    s += '\n';
+    table.add(std::move(row));
   }
-  return s + '\n';
+  return table.text() + '\n';
 }
 
 std::string inertia_table(const Campaign& c, const std::vector<WorkingDay>& days, const Findings& f) {
   const BaseParameters base = base_parameters(*Regressor::create(c.model->get()));
-  std::string s = fmt::format("{:<14} {:<9}", "inertia", "unit");
+  std::vector<TextTable::Column> columns{TextTable::left("inertia"), TextTable::left("unit")};
   for (std::size_t robot = 0; robot < c.robots; ++robot)
-    s += fmt::format(" {:>24} {:>10} {:>12}", fmt::format("robot {}, all days", robot + 1), "over days", "over a day");
-  s += '\n';
+    for (const auto& head :
+         {fmt::format("robot {}, all days", robot + 1), std::string("over days"), std::string("over a day")})
+      columns.push_back(TextTable::right(head));
+  TextTable table(std::move(columns));
   const auto percent = [](const std::optional<double>& share) {
     return share ? fmt::format("{:.2f} %", 100 * *share) : "-";
   };
   for (std::size_t p = 0; p < base.parameters.size(); ++p) {
-    s += fmt::format("{:<14} {:<9}", base.parameters[p].name, base.parameters[p].unit);
+    std::vector<std::string> row{base.parameters[p].name, base.parameters[p].unit};
     for (std::size_t robot = 0; robot < c.robots; ++robot) {
       const Spread spread = spread_of(c, days, f, robot, p);
-      s += fmt::format(" {:>24} {:>10} {:>12}", fmt::format("{:.5g} +- {:.2g}", spread.mean, spread.sigma),
-                       percent(spread.over_days), percent(spread.over_a_day));
+      for (auto cell : {fmt::format("{:.5g} +- {:.2g}", spread.mean, spread.sigma), percent(spread.over_days),
+                        percent(spread.over_a_day)})
+        row.push_back(std::move(cell));
     }
-    s += '\n';
+    table.add(std::move(row));
   }
-  return s + fmt::format(
-                 "over days: standard deviation of the tests; over a day: from the first to the last third of it, at "
-                 "most; -: one test, or no sigma below {:.0f} % in a cycle\n\n",
-                 100 * identified_within);
+  return table.text() +
+         fmt::format(
+             "over days: standard deviation of the tests; over a day: from the first to the last third of it, at "
+             "most; -: one test, or no sigma below {:.0f} % in a cycle\n\n",
+             100 * identified_within);
 }
 
 }  // namespace

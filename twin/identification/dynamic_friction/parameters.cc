@@ -6,6 +6,7 @@
 #include <fmt/format.h>
 
 #include <tribotwin/twin/identification/dynamic_friction/parameters.hpp>
+#include <tribotwin/twin/identification/estimates_file.hpp>
 #include <tribotwin/twin/io/input.hpp>
 #include <tribotwin/twin/io/text.hpp>
 
@@ -234,7 +235,9 @@ Result<void> usable(const Estimates& found, const friction::LawInfo* law) {
 }
 
 Result<ParameterFile> read_parameters(const std::filesystem::path& path) try {
-  Mapping m(path.string(), "", load_yaml(path));
+  const YAML::Node root = load_yaml(path);
+  refuse_other_kind(root, path.string(), "tribotwin identify");
+  Mapping m(path.string(), "", root);
   m.accept({"law", "torque_max_nm", "gear_ratio", "parameters", "status", "sigma", "confidence_95", "correlation",
             "range", "residual", "samples", "condition_number", "r_squared", "unidentifiable", "data", "notes",
             "lugre"});

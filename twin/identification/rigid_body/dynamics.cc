@@ -11,6 +11,7 @@
 #include <tribotwin/twin/io/text.hpp>
 #include <tribotwin/twin/numerics/linear_algebra.hpp>
 #include <tribotwin/twin/numerics/triangular_factor.hpp>
+#include <tribotwin/twin/robot/arm.hpp>
 
 namespace tribotwin::twin::identification {
 namespace {
@@ -364,7 +365,10 @@ class Identification {
       auto& of_joint = out_.friction.emplace_back();
       for (Index p = 0; p < friction_[static_cast<std::size_t>(j)].size(); ++p) {
         const auto& info = friction_[static_cast<std::size_t>(j)].law().parameters[static_cast<std::size_t>(p)];
-        of_joint.push_back(estimate(problem_.friction_at(j, p), std::string(info.name), std::string(info.unit),
+        // Motor-side parameters have the motor's units, whatever the joint does.
+        const bool slide =
+            regressor_.is_slide(j) && friction_[static_cast<std::size_t>(j)].law().side == friction::Side::arm;
+        of_joint.push_back(estimate(problem_.friction_at(j, p), std::string(info.name), unit_of(info.unit, slide),
                                     now_.friction[static_cast<std::size_t>(j)][static_cast<std::size_t>(p)]));
       }
     }

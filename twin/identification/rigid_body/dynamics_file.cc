@@ -65,7 +65,9 @@ Result<const friction::LawInfo*> dynamics_law(const std::string& name, const std
 
 Result<DynamicsFile> read_dynamics(const std::filesystem::path& file, const Regressor& regressor,
                                    const BaseParameters& base) try {
-  Mapping in(file.string(), "", load_yaml(file));
+  const YAML::Node root = load_yaml(file);
+  refuse_other_kind(root, file.string(), "tribotwin dynamics");
+  Mapping in(file.string(), "", root);
   in.accept({"model", "data", "friction_law", "relative_error", "condition_number", "base_parameters", "friction",
              "thermal", "noise", "physically_possible", "distance_sigma", "nearest_consistent"});
   DynamicsFile out;

@@ -312,7 +312,9 @@ struct Opened {
 
 /// The columns that are wanted decide which joint a name is of: first as a recording, then as a friction curve.
 Result<Opened> open_samples(const fs::path& file, const TableOptions& options) {
-  auto series = read_numbers(file, series_columns, options);
+  TableOptions of_any_joint = options;
+  of_any_joint.any_joint = true;
+  auto series = read_numbers(file, series_columns, of_any_joint);
   if (series && series->has("time_s") && series->has("position_rad")) return Opened{std::move(*series), true};
   auto curve = read_numbers(file, curve_columns, options);
   if (!curve) return tl::unexpected(curve.error());

@@ -1,5 +1,6 @@
 #include <cmath>
 
+#include <tribotwin/twin/identification/estimates_file.hpp>
 #include <tribotwin/twin/identification/thermal/model_keys.hpp>
 #include <tribotwin/twin/identification/thermal/thermal_file.hpp>
 
@@ -48,7 +49,9 @@ std::string to_yaml(const std::vector<NamedThermalFit>& joints, const std::vecto
 }
 
 Result<std::vector<NamedThermalModel>> read_thermal(const std::filesystem::path& file) try {
-  Mapping in(file.string(), "", load_yaml(file));
+  const YAML::Node root = load_yaml(file);
+  refuse_other_kind(root, file.string(), "tribotwin thermal");
+  Mapping in(file.string(), "", root);
   in.accept({"data", "joints"});
   auto joints = in.mapping("joints");
   if (!joints) in.fail("joints", "is missing: this is no file of tribotwin thermal");

@@ -19,25 +19,27 @@ std::vector<std::string> stems(const std::vector<std::filesystem::path>& files) 
 }
 
 /// What ships, and the laws.
-CLI::CompletionValues completion_values() {
+CLI::CompletionValues completion_values(const CLI::CompletionValues& beside) {
   std::vector<std::string> laws;
   for (const auto& law : friction::laws()) laws.emplace_back(law.name);
   const auto models = stems(shipped_models());
-  return {{"SCENARIO", stems(shipped_scenarios(Purpose::scenario))},
-          {"CAMPAIGN", stems(shipped_scenarios(Purpose::campaign))},
-          {"FIT", stems(shipped_scenarios(Purpose::fit))},
-          {"MODEL", models},
-          {"--law", laws},
-          {"--friction", laws}};
+  CLI::CompletionValues values{{"SCENARIO", stems(shipped_scenarios(Purpose::scenario))},
+                               {"CAMPAIGN", stems(shipped_scenarios(Purpose::campaign))},
+                               {"FIT", stems(shipped_scenarios(Purpose::fit))},
+                               {"MODEL", models},
+                               {"--law", laws},
+                               {"--friction", laws}};
+  for (const auto& [option, words] : beside) values[option].insert(values[option].end(), words.begin(), words.end());
+  return values;
 }
 
 /// The commands that packages use: they are not shown in help.
-void add_hidden_commands(CLI::App& app, int& code) {
+void add_hidden_commands(CLI::App& app, int& code, const CLI::CompletionValues& values) {
   const auto shell = std::make_shared<std::string>();
   auto* completion = app.add_subcommand("completion", "Print the completion script of a shell")->hide();
   completion->add_option("SHELL", *shell, "The shell")->required()->check(CLI::IsMember({"bash", "zsh", "fish"}));
-  completion->callback([&app, &code, shell] {
-    print_text(CLI::completion_script(app.describe(), *shell, completion_values()));
+  completion->callback([&app, &code, shell, &values] {
+    print_text(CLI::completion_script(app.describe(), *shell, completion_values(values)));
     code = done;
   });
   app.add_subcommand("man-page", "Print the manual page")->hide()->callback([&app, &code] {
@@ -55,10 +57,10 @@ bool command_missing(const CLI::App& app, int argc, const char* const* argv) {
 }  // namespace
 
 int parse(const std::string& program, const std::string& engine, CLI::App& app, int argc, const char* const* argv,
-          int& code) {
+          int& code, const CLI::CompletionValues& values) {
   choose_colour(argc, argv);
   app.set_version_flag(version_text(program, engine), version_json(program, engine));
-  add_hidden_commands(app, code);
+  add_hidden_commands(app, code, values);
   if (argc == 1) {
     report_text(CLI::help_text(app.describe(), coloured(Stream::messages)));
     return finish(program, wrong_input);

@@ -160,6 +160,20 @@ Status refuse_twice(const Layout& layout) {
   return {};
 }
 
+/// The name that a slide's column has where the hinge's is `name`.
+std::string of_slide(const std::string& name) {
+  const auto parsed = parse_column(name);
+  if (!parsed || !*parsed || !(*parsed)->unit) return name;
+  for (const auto& [hinge, slide] : {std::pair{Dimension::angle, Dimension::length},
+                                     {Dimension::angular_speed, Dimension::speed},
+                                     {Dimension::torque, Dimension::force}}) {
+    const Unit* unit = find_unit(base_unit(slide), (*parsed)->quantity->dimensions);
+    if ((*parsed)->unit->dimension == hinge && unit)
+      return ColumnName{(*parsed)->quantity, (*parsed)->joint, unit}.text();
+  }
+  return name;
+}
+
 /// Whether a column without a usable unit stands where `wanted` would: it names the same quantity, and the joint.
 bool stands_for(const std::string& header, const ColumnName& wanted) {
   const auto says = [&](std::string_view part) {
@@ -212,6 +226,10 @@ Result<Layout> lay_out(const std::filesystem::path& file, const std::vector<std:
   if (auto ok = apply_torque_constant(layout, options); !ok) return tl::unexpected(ok.error());
   if (auto ok = refuse_twice(layout); !ok) return tl::unexpected(ok.error());
   if (auto ok = choose_joint(layout, wanted, options.joint); !ok) return tl::unexpected(ok.error());
+  for (const auto& name : wanted)
+    if (options.any_joint && std::ranges::find(layout.columns, name, &LaidColumn::name) == layout.columns.end())
+      for (auto& column : layout.columns)
+        if (column.name == of_slide(name)) column.name = name;
   return layout;
 }
 

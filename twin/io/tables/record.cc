@@ -6,13 +6,15 @@
 namespace tribotwin::twin::tables {
 namespace {
 
-/// The samples of a run: time_s and JOINT.CHANNEL, as in telemetry.csv.
+/// The samples of a run: time_s and JOINT.COLUMN, as in telemetry.csv.
 class RecordSource final : public ArraySource {
  public:
   explicit RecordSource(Recording recording) : recording_(std::move(recording)) {
     headers_.emplace_back("time_s");
-    for (const auto& joint : recording_.joints)
-      for (const auto& channel : recording_.channels) headers_.push_back(fmt::format("{}.{}", joint, channel.name));
+    for (std::size_t j = 0; j < recording_.joints.size(); ++j)
+      for (std::size_t c = 0; c < recording_.channels.size(); ++c)
+        headers_.push_back(fmt::format("{}.{}", recording_.joints[j],
+                                       column_name(recording_.channels[c].name, recording_.units[j][c])));
   }
   const std::vector<std::string>& headers() const override { return headers_; }
 

@@ -37,6 +37,7 @@ struct TableOptions {
   PerJoint torque_constant;       ///< Nm/A, motor side: turns currents into torques
   PerJoint gear_ratio;            ///< motor turns per joint turn, for that
   std::string joint;              ///< for readers of one joint; may be empty where a table has one only
+  bool any_joint = false;         ///< for readers that suit slides too: m, m/s, N may stand for rad, rad/s, Nm
 };
 
 /// With a gear ratio for all joints, unless it is 0 or the options have ratios of their own.

@@ -28,8 +28,12 @@ Status write_csv(NewFile& out, const Reader& r, const Columns& columns, const st
     return ok;
   };
   fmt::format_to(add, "time_s");
-  for (const auto& joint : r.head.joints)
-    for (const Channel& channel : channels) fmt::format_to(add, ",{}", quoted(joint + "." + channel.name));
+  for (std::size_t j = 0; j < r.head.joints.size(); ++j)
+    for (std::size_t c = 0; c < channels.size(); ++c)
+      fmt::format_to(
+          add, ",{}",
+          quoted(r.head.joints[j] + "." +
+                 (&columns == &r.samples ? column_name(channels[c].name, r.head.units[j][c]) : channels[c].name)));
   text.push_back('\n');
   const std::size_t width = 1 + r.head.joints.size() * channels.size();
   std::vector<double> values(width * rows_at_once);  // column by column
@@ -66,8 +70,13 @@ Result<NewFile> make_csv(const fs::path& file, Existing existing, const Reader& 
 
 }  // namespace
 
+std::array<fs::path, 2> csv_files(const fs::path& run_dir, const fs::path& file) {
+  if (file.empty()) return {run_dir / "telemetry.csv", run_dir / "cycles.csv"};
+  return {file, file.parent_path() / (file.stem().string() + "_cycles.csv")};
+}
+
 Result<std::vector<fs::path>> export_csv(const fs::path& run_dir, Existing existing,
-                                         const std::function<void(double)>& progress) {
+                                         const std::function<void(double)>& progress, const fs::path& target) {
   const fs::path path = run_dir / "telemetry.h5";
   if (auto ok = probe(path); !ok) return tl::unexpected(ok.error());
   const auto r = guarded(path, no_record, [&] {
@@ -75,7 +84,8 @@ Result<std::vector<fs::path>> export_csv(const fs::path& run_dir, Existing exist
     return open_record(path);
   });
   if (!r) return tl::unexpected(r.error());
-  std::vector<fs::path> files{run_dir / "telemetry.csv"};
+  const auto [samples, cycles] = csv_files(run_dir, target);
+  std::vector<fs::path> files{samples};
   std::vector<NewFile> made;
   const auto make = [&](const Columns& columns, const std::vector<Channel>& channels, const auto& report) {
     auto file = make_csv(files.back(), existing, *r, columns, channels, report);
@@ -85,7 +95,7 @@ Result<std::vector<fs::path>> export_csv(const fs::path& run_dir, Existing exist
   };
   if (auto ok = make(r->samples, r->head.channels, progress); !ok) return tl::unexpected(ok.error());
   if (r->cycles.rows > 0) {
-    files.push_back(run_dir / "cycles.csv");
+    files.push_back(cycles);
     if (auto ok = make(r->cycles, r->head.cycle_channels, std::function<void(double)>{}); !ok)
       return tl::unexpected(ok.error());
   }

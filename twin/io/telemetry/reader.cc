@@ -18,6 +18,16 @@ std::span<const double> Recording::channel(std::string_view joint, std::string_v
   return {};
 }
 
+std::string column_name(std::string_view channel, std::string_view unit) {
+  static constexpr struct {
+    std::string_view of_hinge, unit, of_slide;
+  } endings[] = {{"_rad_s", "m/s", "_m_s"}, {"_rad", "m", "_m"}, {"_nm", "N", "_n"}};
+  for (const auto& e : endings)
+    if (channel.ends_with(e.of_hinge) && unit == e.unit)
+      return std::string(channel.substr(0, channel.size() - e.of_hinge.size())).append(e.of_slide);
+  return std::string(channel);
+}
+
 namespace hdf5 {
 namespace {
 
@@ -158,6 +168,8 @@ Reader open_record(const fs::path& path) {
     };
     if (differ(channels, r.head.channels) || differ(cycle_channels, r.head.cycle_channels))
       throw Failure(fmt::format("'{}' has other channels than the joints before it", link));
+    auto& units = r.head.units.emplace_back();
+    for (const Channel& channel : channels) units.push_back(channel.unit);
     r.head.joints.push_back(read_text(group, "name"));
     r.head.joint_attributes.push_back(read_attributes(group).second);
   }

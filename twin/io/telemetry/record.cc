@@ -136,6 +136,8 @@ Record create_record(const fs::path& path, const TelemetryOptions& o) {
     if (!seen.insert(group_name(joint)).second) throw Failure(fmt::format("two joints are called '{}'", joint));
   if (!o.joint_attributes.empty() && o.joint_attributes.size() != o.joints.size())
     throw Failure(fmt::format("{} joints, but attributes of {}", o.joints.size(), o.joint_attributes.size()));
+  if (!o.units.empty() && o.units.size() != o.joints.size())
+    throw Failure(fmt::format("{} joints, but units of {}", o.joints.size(), o.units.size()));
 
   constexpr unsigned ordered = H5P_CRT_ORDER_TRACKED | H5P_CRT_ORDER_INDEXED;
   const Id access(H5Pcreate(H5P_FILE_ACCESS), H5Pclose), file_properties(H5Pcreate(H5P_FILE_CREATE), H5Pclose);
@@ -167,7 +169,11 @@ Record create_record(const fs::path& path, const TelemetryOptions& o) {
     write_attribute(group, "name", o.joints[j]);
     if (!o.joint_attributes.empty())
       for (const auto& [name, value] : o.joint_attributes[j]) write_attribute(group, name, H5T_NATIVE_DOUBLE, &value);
-    for (const Channel& c : o.channels) r.samples.columns.push_back({create_column(group, c, "time_s"), {}});
+    for (std::size_t c = 0; c < o.channels.size(); ++c) {
+      Channel channel = o.channels[c];
+      if (!o.units.empty()) channel.unit = o.units[j][c];
+      r.samples.columns.push_back({create_column(group, channel, "time_s"), {}});
+    }
     for (const Channel& c : o.cycle_channels) r.cycles.columns.push_back({create_column(group, c, "cycle_time_s"), {}});
   }
   check(H5Fflush(r.file, H5F_SCOPE_GLOBAL));

@@ -80,6 +80,7 @@ Recovered copy_record(const Reader& reader, const fs::path& to) {
                                      .joints = head.joints,
                                      .joint_attributes = head.joint_attributes,
                                      .channels = head.channels,
+                                     .units = head.units,
                                      .cycle_channels = head.cycle_channels});
   const int recovered = 1;
   write_attribute(record.file, "recovered", H5T_NATIVE_INT, &recovered);

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <array>
 #include <cstddef>
 #include <filesystem>
 #include <functional>
@@ -34,9 +35,11 @@ struct TelemetryOptions {
   std::vector<std::string> joints;
   std::vector<NumericAttributes> joint_attributes;  ///< of each joint's group: gear_ratio, ...; none if empty
   std::vector<Channel> channels;                    ///< per joint and sample
-  std::vector<Channel> cycle_channels;              ///< per joint and work cycle; none if empty
-  double flush_interval_s = 0.5;                    ///< wall clock
-  std::function<double()> wall_clock_s;             ///< monotonic; the system's if empty
+  /// units[joint][channel], where a joint has others than `channels` says; none if empty
+  std::vector<std::vector<std::string>> units;
+  std::vector<Channel> cycle_channels;   ///< per joint and work cycle; none if empty
+  double flush_interval_s = 0.5;         ///< wall clock
+  std::function<double()> wall_clock_s;  ///< monotonic; the system's if empty
 };
 
 /// Different objects may be used in different threads, one object in one thread at a time.
@@ -70,6 +73,7 @@ struct Recording {
   std::vector<std::string> joints;                  ///< in the order of their creation
   std::vector<NumericAttributes> joint_attributes;  ///< of each joint
   std::vector<Channel> channels, cycle_channels;
+  std::vector<std::vector<std::string>> units;  ///< units[joint][channel]; those in `channels` are of the first joint
   std::vector<double> time_s, cycle_time_s;
   /// values[joint][channel][sample]
   std::vector<std::vector<std::vector<double>>> values, cycle_values;
@@ -77,6 +81,10 @@ struct Recording {
   /// One channel of one joint; empty when there is none of that name.
   std::span<const double> channel(std::string_view joint, std::string_view name) const;
 };
+
+/// What a table calls a channel: its own name, with the unit that the joint has: "position_m" for position_rad of a
+/// slide.
+std::string column_name(std::string_view channel, std::string_view unit);
 
 /// Reads a finished, unfinished or growing record; all channels are cut to the shortest. Fails where a part of it is
 /// damaged: cut off, changed (checksum) or of another shape; and where it refers to other files, which are not read.
@@ -95,9 +103,13 @@ struct Recovered {
 /// then.
 Result<Recovered> recover(const std::filesystem::path& run_dir);
 
-/// Writes RUNDIR/telemetry.csv and, where there are work cycles, RUNDIR/cycles.csv: `time_s`, then `JOINT.CHANNEL`,
-/// numbers in their shortest exact form. Returns the files written. `progress` gets 0..1.
+/// Writes RUNDIR/telemetry.csv and, where there are work cycles, RUNDIR/cycles.csv, or with `file` this and, for
+/// NAME.csv, NAME_cycles.csv beside it: `time_s`, then `JOINT.COLUMN`
+/// (column_name), numbers in their shortest exact form. Returns the files written. `progress` gets 0..1.
 Result<std::vector<std::filesystem::path>> export_csv(const std::filesystem::path& run_dir, Existing existing,
-                                                      const std::function<void(double)>& progress = {});
+                                                      const std::function<void(double)>& progress = {},
+                                                      const std::filesystem::path& file = {});
+/// The names of these two files.
+std::array<std::filesystem::path, 2> csv_files(const std::filesystem::path& run_dir, const std::filesystem::path& file);
 
 }  // namespace tribotwin::twin

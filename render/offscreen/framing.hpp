@@ -1,0 +1,27 @@
+#pragma once
+
+#include <array>
+#include <span>
+#include <vector>
+
+#include <mujoco/mujoco.h>
+
+/// Where a free camera must be so that a robot is seen whole.
+namespace tribotwin::render {
+
+using Point = std::array<double, 3>;  ///< world axes [m]
+
+/// Corners of the boxes around the geoms that are drawn by default, of bodies that move and of what carries them, at
+/// d's pose: no ground, no scenery. Empty where a model has none.
+std::vector<Point> outline(const mjModel* m, const mjData* d);
+
+/// What of a free camera is chosen already.
+struct Fixed {
+  bool look_at = false, distance = false;
+};
+
+/// Moves `camera`, a free one whose angles are set, so that all points lie in the picture with some space around them.
+/// `aspect`: width over height. What is fixed is kept.
+void frame(mjvCamera& camera, double fovy_deg, double aspect, std::span<const Point> points, Fixed fixed = {});
+
+}  // namespace tribotwin::render
