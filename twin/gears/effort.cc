@@ -30,26 +30,8 @@ std::optional<Effort> given(const ForeignModel& foreign, int joint) {
   const auto limit = foreign.limits.find(mj_id2name(m, mjOBJ_JOINT, joint) ? mj_id2name(m, mjOBJ_JOINT, joint) : "");
   if (limit != foreign.limits.end() && limit->second.effort_nm > 0)
     return symmetric(limit->second.effort_nm, "effort of the URDF");
-#if TRIBOTWIN_ENGINE_PLUGINS
-  if (m->jnt_actfrclimited[joint])
-    return Effort{m->jnt_actfrcrange[2 * joint], m->jnt_actfrcrange[2 * joint + 1], "actuatorfrcrange"};
-#endif
-  for (const int a : actuators_of(m, joint)) {
-    const auto range = [&](const mjtNum* r, double gain) {
-      return std::pair{std::min(r[0] * gain, r[1] * gain), std::max(r[0] * gain, r[1] * gain)};
-    };
-    if (m->actuator_forcelimited[a]) {
-      const auto [low, high] = range(m->actuator_forcerange + 2 * a, m->actuator_gear[6 * a]);
-      return Effort{low, high, "forcerange"};
-    }
-    if (const auto gain = motor_gain(m, a); gain && m->actuator_ctrllimited[a]) {
-      const auto [low, high] = range(m->actuator_ctrlrange + 2 * a, *gain);
-      return Effort{low, high, "ctrlrange of the motor"};
-    }
-  }
-  return {};
+  return actuator_effort(m, joint);
 }
-
 /// Largest torque of gravity and acceleration at every dof over poses within the joint ranges.
 std::vector<double> largest_loads(const mjModel* m) {
   const mujoco::DataPtr data(mj_makeData(m));
@@ -110,6 +92,27 @@ int tendon_actuator_of(const mjModel* m, int joint) {
       if (m->wrap_type[w] == mjWRAP_JOINT && m->wrap_objid[w] == joint) return a;
   }
   return -1;
+}
+
+std::optional<Effort> actuator_effort(const mjModel* m, int joint) {
+#if TRIBOTWIN_ENGINE_PLUGINS
+  if (m->jnt_actfrclimited[joint])
+    return Effort{m->jnt_actfrcrange[2 * joint], m->jnt_actfrcrange[2 * joint + 1], "actuatorfrcrange"};
+#endif
+  for (const int a : actuators_of(m, joint)) {
+    const auto range = [&](const mjtNum* r, double gain) {
+      return std::pair{std::min(r[0] * gain, r[1] * gain), std::max(r[0] * gain, r[1] * gain)};
+    };
+    if (m->actuator_forcelimited[a]) {
+      const auto [low, high] = range(m->actuator_forcerange + 2 * a, m->actuator_gear[6 * a]);
+      return Effort{low, high, "forcerange"};
+    }
+    if (const auto gain = motor_gain(m, a); gain && m->actuator_ctrllimited[a]) {
+      const auto [low, high] = range(m->actuator_ctrlrange + 2 * a, *gain);
+      return Effort{low, high, "ctrlrange of the motor"};
+    }
+  }
+  return {};
 }
 
 Effort effort_of(const ForeignModel& foreign, int joint) {

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <algorithm>
+#include <optional>
 #include <random>
 #include <string>
 
@@ -24,6 +25,9 @@ void random_pose(const mjModel* m, mjData* d, std::mt19937& random);
 std::vector<int> actuators_of(const mjModel* m, int joint);
 /// The actuator that moves a joint through a tendon, or -1.
 int tendon_actuator_of(const mjModel* m, int joint);
+
+/// The first that the model gives: actuatorfrcrange, forcerange, control range of a motor.
+std::optional<Effort> actuator_effort(const mjModel* m, int joint);
 
 /// The first that the model gives: effort of a URDF, actuatorfrcrange, forcerange, control range of a motor. Without
 /// one: one and a half times the torque of gravity and of an acceleration of 5 rad/s^2 (2 m/s^2) over 200 poses within
