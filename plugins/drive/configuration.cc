@@ -11,6 +11,7 @@
 #include <tribotwin/plugins/drive/configuration.hpp>
 #include <tribotwin/plugins/drive/keys.hpp>
 #include <tribotwin/plugins/friction/number.hpp>
+#include <tribotwin/plugins/friction/text.hpp>
 
 namespace tribotwin::drive {
 namespace {
@@ -277,7 +278,7 @@ Result<void> Reader::check_all_known() const {
   const std::string& unknown = left_.begin()->first;
   return tl::unexpected(
       fmt::format("key '{}' is not known for law '{}', thermal '{}' and friction '{}'; did you mean '{}'?", unknown,
-                  law_->name, thermal_->name, dynamics_->name, friction::nearest(unknown, accepted)));
+                  law_->name, thermal_->name, dynamics_->name, nearest(unknown, accepted)));
 }
 
 Result<Drive> Reader::read(const Configuration& configuration) {

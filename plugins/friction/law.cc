@@ -4,6 +4,7 @@
 #include <fmt/format.h>
 
 #include <tribotwin/plugins/friction/law.hpp>
+#include <tribotwin/plugins/friction/text.hpp>
 
 namespace tribotwin::friction {
 namespace {
@@ -305,20 +306,6 @@ constexpr LawInfo table[] = {
      .conflict = stribeck_T_conflict},
 };
 
-std::size_t edit_distance(std::string_view a, std::string_view b) {
-  std::vector<std::size_t> row(b.size() + 1);
-  for (std::size_t j = 0; j < row.size(); ++j) row[j] = j;
-  for (std::size_t i = 1; i <= a.size(); ++i) {
-    std::size_t diagonal = std::exchange(row[0], i);
-    for (std::size_t j = 1; j <= b.size(); ++j) {
-      const std::size_t substituted = diagonal + (a[i - 1] != b[j - 1]);
-      diagonal = row[j];
-      row[j] = std::min({row[j] + 1, row[j - 1] + 1, substituted});
-    }
-  }
-  return row.back();
-}
-
 /// Math of formula.hpp for one number at a time.
 struct Libm {
   static constexpr bool branches = true;
@@ -352,10 +339,6 @@ std::span<const LawInfo> laws() { return table; }
 const LawInfo* find_law(std::string_view name) {
   const auto found = std::ranges::find(table, name, &LawInfo::name);
   return found == std::end(table) ? nullptr : &*found;
-}
-
-std::string_view nearest(std::string_view wrong, std::span<const std::string_view> accepted) {
-  return *std::ranges::min_element(accepted, {}, [&](std::string_view name) { return edit_distance(wrong, name); });
 }
 
 Result<Law> make_law(std::string_view name, std::span<const std::pair<std::string, double>> parameters) {

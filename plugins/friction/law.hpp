@@ -149,7 +149,4 @@ Level level(const Law& law, const AtTemperature& at, double speed_rad_s, double 
 /// Friction torque in the direction of motion, odd in speed; 0 at standstill. Unit of the law.
 double torque(const Law& law, double speed_rad_s, double load_norm, double temperature_degC);
 
-/// The accepted name nearest to a mistyped one, for messages.
-std::string_view nearest(std::string_view wrong, std::span<const std::string_view> accepted);
-
 }  // namespace tribotwin::friction

@@ -10,6 +10,7 @@
 
 #include <tribotwin/plugins/friction/law.hpp>
 #include <tribotwin/plugins/friction/number.hpp>
+#include <tribotwin/plugins/friction/text.hpp>
 #include <tribotwin/plugins/mujoco/engine.hpp>
 #include <tribotwin/plugins/mujoco/loader.hpp>
 #include <tribotwin/plugins/mujoco/source.hpp>
@@ -100,9 +101,9 @@ constexpr Vocabulary vocabulary[] = {{"extension", {}, of_extension},
                                      {"include", include_attributes, {}}};
 
 std::string did_you_mean(std::string_view given, std::span<const std::string_view> accepted) {
-  return accepted.empty() ? std::string()
-                          : fmt::format("; did you mean '{}'?",
-                                        friction::nearest(given, std::vector(accepted.begin(), accepted.end())));
+  return accepted.empty()
+             ? std::string()
+             : fmt::format("; did you mean '{}'?", nearest(given, std::vector(accepted.begin(), accepted.end())));
 }
 
 /// What is wrong with an element below <extension>, or in it.
@@ -136,7 +137,7 @@ Problem unknown_plugin(const Source& source, pugi::xml_node element) {
   if (std::ranges::find(ours, name) != ours.end() || (TRIBOTWIN_ENGINE_PLUGINS && !name.starts_with("tribotwin.")))
     return {};
   return fmt::format("{}: plugin '{}' is not known; did you mean '{}'?", at(source, element), name,
-                     friction::nearest(name, ours));
+                     nearest(name, ours));
 }
 
 /// The position in an error message of the engine: ", line 3", ", line = 3, column = 1".
@@ -165,7 +166,9 @@ Result<std::string> read_text(const std::filesystem::path& file) {
   if (!stream) return tl::unexpected(fmt::format("{}: cannot be read ({})", file.string(), std::strerror(errno)));
   std::ostringstream text;
   text << stream.rdbuf();
-  return text.str();
+  auto utf8 = to_utf8(text.str());
+  if (!utf8) return tl::unexpected(fmt::format("{}:{}", file.string(), utf8.error().message));
+  return utf8;
 }
 
 Result<std::vector<Source>> read_sources(std::string name, std::string text, const std::filesystem::path& folder) {

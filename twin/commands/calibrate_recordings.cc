@@ -8,6 +8,7 @@
 
 #include <tribotwin/twin/commands/calibrate_campaign.hpp>
 #include <tribotwin/twin/io/json.hpp>
+#include <tribotwin/twin/io/tables/numbers.hpp>
 #include <tribotwin/twin/io/text.hpp>
 
 namespace tribotwin::twin::program {
@@ -165,7 +166,9 @@ std::vector<Recording> read_recordings(Mapping in, const fs::path& folder, const
                                        const TableOptions& tables) {
   in.accept({"files", "settings"});
   std::vector<Recording> recordings;
-  for (const auto& file : matching(in, "files", folder)) recordings.push_back(read_recording(file, in, tables));
+  const auto files = matching(in, "files", folder);
+  if (const auto why = given_twice(files)) in.fail("files", *why);
+  for (const auto& file : files) recordings.push_back(read_recording(file, in, tables));
   for (const Mapping& settings : in.mappings("settings")) read_settings(settings, recordings, law);
   for (auto& r : recordings) {
     for (const auto& [key, value] : r.control)

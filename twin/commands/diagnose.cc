@@ -286,9 +286,10 @@ void add_learn(CLI::App& app, const std::shared_ptr<Arguments>& a, int& code) {
       "Example:\n  tribotwin lab br609_campaign -o lab/br609\n  tribotwin diagnose learn lab/br609/curves/00?.csv "
       "lab/br609/curves/01[012].csv -o healthy.yaml");
   command->callback([a, &code] {
-    auto inputs = paths(a->data);
-    inputs.insert(inputs.end(), a->loaded.begin(), a->loaded.end());
-    check(a->output, inputs);
+    auto curves = a->data;
+    curves.insert(curves.end(), a->loaded.begin(), a->loaded.end());
+    check(a->output, paths(curves));
+    refuse_twice(curves);
     code = or_throw(learn_state(*a));
   });
 }
@@ -312,6 +313,7 @@ void add_check(CLI::App& app, const std::shared_ptr<Arguments>& a, int& code) {
       "--json");
   command->callback([a, &code] {
     check(a->output, inputs_of(*a));
+    refuse_twice(a->data);
     code = or_throw(check_curves(*a));
   });
 }
@@ -332,6 +334,7 @@ void add_watch(CLI::App& app, const std::shared_ptr<Arguments>& a, int& code) {
       "lab/br609/curves/01[012].csv -o healthy.yaml\n  tribotwin diagnose watch healthy.yaml lab/br609/curves/0??.csv");
   command->callback([a, &code] {
     check(a->output, inputs_of(*a));
+    refuse_twice(a->data);
     code = or_throw(watch_curves(*a));
   });
 }

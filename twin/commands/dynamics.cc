@@ -1,4 +1,6 @@
+#include <algorithm>
 #include <cmath>
+#include <iterator>
 #include <memory>
 #include <thread>
 
@@ -8,6 +10,7 @@
 #include <tribotwin/twin/commands/program.hpp>
 #include <tribotwin/twin/commands/robot.hpp>
 #include <tribotwin/twin/identification/rigid_body/dynamics_file.hpp>
+#include <tribotwin/twin/identification/rigid_body/model_agreement.hpp>
 #include <tribotwin/twin/identification/rigid_body/temperature_estimator.hpp>
 #include <tribotwin/twin/identification/thermal/thermal_file.hpp>
 #include <tribotwin/twin/io/input.hpp>
@@ -143,15 +146,16 @@ Result<Exit> execute(const Arguments& a) {
                                 .essential_only = a.essential,
                                 .threads = a.threads,
                                 .progress = [&](double share) { progress(share); }};
-  const auto fit = models.empty() || motion.has_temperature
-                       ? fit_dynamics(robot.regressor, robot.base, *friction, motion, options)
-                       : fit_warming_dynamics(robot.regressor, robot.base, *friction, models, motion, options);
+  auto fit = models.empty() || motion.has_temperature
+                 ? fit_dynamics(robot.regressor, robot.base, *friction, motion, options)
+                 : fit_warming_dynamics(robot.regressor, robot.base, *friction, models, motion, options);
   if (!fit) throw InputError(fmt::format("{}: {}", a.data.front(), fit.error().message));
+  std::ranges::move(doubtful_gravity(robot.regressor, motion), std::back_inserter(fit->notes));
   doubt(a, robot, *fit);
-  const Consistency consistency =
-      nearest_consistent(robot.regressor, robot.base, fit->parameters.base, fit->information);
   if (!a.quiet)
     for (const auto& text : fit->notes) note("{}", text);
+  const Consistency consistency =
+      nearest_consistent(robot.regressor, robot.base, fit->parameters.base, fit->information);
   if (a.output.named())
     if (auto ok =
             deliver(to_yaml(*fit, robot.base, law, robot.regressor, consistency, a.data, a.model, models), a.output);

@@ -6,6 +6,7 @@
 #include <nlohmann/json.hpp>
 
 #include <tribotwin/plugins/friction/number.hpp>
+#include <tribotwin/plugins/friction/text.hpp>
 #include <tribotwin/twin/commands/program.hpp>
 #include <tribotwin/twin/identification/curves/fit.hpp>
 #include <tribotwin/twin/identification/dynamic_friction/parameters.hpp>
@@ -48,7 +49,7 @@ std::vector<const friction::LawInfo*> laws_of(const std::string& text) {
         throw InputError(fmt::format(
             "--law {}: '{}' is identified from other data than laws of friction curves, and by itself", text, name));
       throw InputError(fmt::format("--law {}: no law '{}' can be identified; did you mean '{}'? Those that can are {}",
-                                   text, name, friction::nearest(name, names), joined(names)));
+                                   text, name, nearest(name, names), joined(names)));
     }
     laws.push_back(&*law);
     at = comma + 1;
@@ -322,7 +323,7 @@ void check_fixed(const friction::LawInfo& law, const FitOptions& options) {
   for (const auto& [name, value] : options.fixed)
     if (std::ranges::find(names, name) == names.end())
       throw InputError(fmt::format("--fix {}={}: law '{}' has no such parameter; did you mean '{}'?", name, value,
-                                   law.name, friction::nearest(name, names)));
+                                   law.name, nearest(name, names)));
 }
 
 /// A fitted law and its error on held-out curves, below 0 without cross-validation.
@@ -336,6 +337,8 @@ Result<Candidate> fit_law(const Arguments& a, const friction::LawInfo& law, cons
   auto found = a.staged ? fit_staged(law, samples, options) : fit(law, samples, options);
   // The law's own conditions must hold for a law that is written and read again, not for one that is only compared.
   const auto ok = found ? usable(*found, !a.output.named() ? nullptr : &law) : tl::unexpected(found.error());
+  // What fit() refuses are the data; a law that cannot be used is its work.
+  if (!found) return tl::unexpected(Error(fmt::format("law '{}': {}", law.name, ok.error().message)));
   if (!ok) return work_failed(fmt::format("law '{}': {}", law.name, ok.error().message));
   if (a.folds <= 1) return Candidate{std::move(*found), -1};
   const auto held_out = cross_validate(law, samples, options, a.folds);
@@ -391,6 +394,7 @@ Result<Exit> identify_curves(const Arguments& a) {
 }
 
 Result<Exit> execute(const Arguments& a) {
+  refuse_twice(a.data);
   if (!a.evaluate.empty()) return evaluate(a);
   if (const auto dynamic = std::ranges::find(from_time_series, a.law, [](const auto& entry) { return entry.first; });
       dynamic != std::end(from_time_series)) {

@@ -9,6 +9,7 @@
 #include <tribotwin/twin/io/destination.hpp>
 #include <tribotwin/twin/io/input.hpp>
 #include <tribotwin/twin/io/output.hpp>
+#include <tribotwin/twin/io/tables/numbers.hpp>
 #include <tribotwin/twin/io/tables/table_options.hpp>
 #include <tribotwin/twin/io/text_table.hpp>
 
@@ -28,6 +29,11 @@ inline void check(const Destination& output, const std::vector<std::filesystem::
 }
 inline std::vector<std::filesystem::path> paths(const std::vector<std::string>& files) {
   return {files.begin(), files.end()};
+}
+
+/// Throws InputError where two recordings have the same content.
+inline void refuse_twice(const std::vector<std::string>& recordings) {
+  if (const auto why = given_twice(paths(recordings))) throw InputError(*why);
 }
 
 /// Writes the result to the file of -o, or to stdout without one.

@@ -1,6 +1,12 @@
+#include <algorithm>
+#include <iterator>
+
 #include <fmt/format.h>
 
+#include <tribotwin/twin/commands/program.hpp>
 #include <tribotwin/twin/commands/robot.hpp>
+#include <tribotwin/twin/gears/effort.hpp>
+#include <tribotwin/twin/identification/rigid_body/model_agreement.hpp>
 #include <tribotwin/twin/io/input.hpp>
 #include <tribotwin/twin/io/output.hpp>
 #include <tribotwin/twin/io/shipped.hpp>
@@ -58,10 +64,25 @@ void note_guessed_ratios(const mujoco::Model& model, const TableOptions& options
   }
 }
 
+/// What the actuators of the joints can give [Nm; N]; 0 where the model does not say.
+std::vector<double> efforts_of(const Robot& robot) {
+  const mjModel* m = robot.model->get();
+  std::vector<double> all;
+  for (int joint = 0; joint < m->njnt; ++joint) {
+    const auto effort = actuator_effort(m, joint);
+    all.push_back(effort ? effort->largest_nm() : 0);
+  }
+  for (const auto& drive : robot.model->drives())
+    if (m->actuator_ctrllimited[drive.control])
+      all[static_cast<std::size_t>(drive.dof)] = m->actuator_ctrlrange[2 * drive.control + 1] * drive.gear;
+  return all;
+}
+
 }  // namespace
 
 JointMotion read_motion(const Robot& robot, const std::vector<std::string>& files, const Preparation& preparation,
                         const TableArguments& tables, bool quiet) {
+  refuse_twice(files);
   TableOptions options = or_wrong_input(tables.options());
   if (!quiet) note_guessed_ratios(*robot.model, options);
   for (const auto& drive : robot.model->drives())
@@ -74,6 +95,7 @@ JointMotion read_motion(const Robot& robot, const std::vector<std::string>& file
   }
   auto motion = prepare(recordings, robot.regressor, preparation);
   if (!motion) throw InputError(motion.error().message);
+  std::ranges::move(doubtful_sizes(robot.regressor, *motion, efforts_of(robot)), std::back_inserter(motion->notes));
   if (!quiet)
     for (const auto& text : motion->notes) note("{}", text);
   return std::move(*motion);

@@ -37,6 +37,7 @@ std::vector<JointHeat> read(const Arguments& a) {
   if (a.cycle_s.size() > 1 && a.cycle_s.size() != a.data.size())
     throw InputError(fmt::format("--work-cycle: {} values for {} files; give one, or one for each", a.cycle_s.size(),
                                  a.data.size()));
+  refuse_twice(a.data);
   const TableOptions options = or_wrong_input(a.tables.options());
   std::vector<JointHeat> joints;
   for (std::size_t f = 0; f < a.data.size(); ++f) {

@@ -75,7 +75,9 @@ std::vector<std::string> joints_of(const Numbers& header, std::string_view quant
 }
 
 Result<Residuals> read_residuals(const std::filesystem::path& file, const TableOptions& options) {
-  const auto header = read_numbers(file, {}, options);
+  auto opened = OpenTable::open(file, options);
+  if (!opened) return tl::unexpected(opened.error());
+  const auto header = opened->header();
   if (!header) return tl::unexpected(header.error());
   const auto residuals = joints_of(*header, "residual");
   const auto joints = residuals.empty() ? joints_of(*header, "predicted") : residuals;
@@ -91,10 +93,8 @@ Result<Residuals> read_residuals(const std::filesystem::path& file, const TableO
     return fmt::format("{}_{}{}{}", quantity, joint, joint.empty() ? "" : "_", unit);
   };
   const bool given = !residuals.empty();
-  auto table = read_numbers(file,
-                            {"time_s", given ? name("residual", "nm") : name("torque", "nm"),
-                             given ? "" : name("predicted", "nm"), name("temperature", "degC")},
-                            options);
+  auto table = opened->read({"time_s", given ? name("residual", "nm") : name("torque", "nm"),
+                             given ? "" : name("predicted", "nm"), name("temperature", "degC")});
   if (!table) return tl::unexpected(table.error());
   auto& columns = table->columns;
   if (const auto problem = not_increasing(*table, columns[0])) return tl::unexpected(*problem);

@@ -30,24 +30,7 @@ std::optional<Effort> given(const ForeignModel& foreign, int joint) {
   const auto limit = foreign.limits.find(mj_id2name(m, mjOBJ_JOINT, joint) ? mj_id2name(m, mjOBJ_JOINT, joint) : "");
   if (limit != foreign.limits.end() && limit->second.effort_nm > 0)
     return symmetric(limit->second.effort_nm, "effort of the URDF");
-#if TRIBOTWIN_ENGINE_PLUGINS
-  if (m->jnt_actfrclimited[joint])
-    return Effort{m->jnt_actfrcrange[2 * joint], m->jnt_actfrcrange[2 * joint + 1], "actuatorfrcrange", false};
-#endif
-  for (const int a : actuators_of(m, joint)) {
-    const auto range = [&](const mjtNum* r, double gain) {
-      return std::pair{std::min(r[0] * gain, r[1] * gain), std::max(r[0] * gain, r[1] * gain)};
-    };
-    if (m->actuator_forcelimited[a]) {
-      const auto [low, high] = range(m->actuator_forcerange + 2 * a, m->actuator_gear[6 * a]);
-      return Effort{low, high, "forcerange", false};
-    }
-    if (const auto gain = motor_gain(m, a); gain && m->actuator_ctrllimited[a]) {
-      const auto [low, high] = range(m->actuator_ctrlrange + 2 * a, *gain);
-      return Effort{low, high, "ctrlrange of the motor", false};
-    }
-  }
-  return {};
+  return actuator_effort(m, joint);
 }
 
 Effort estimated(const mjModel* m, int joint, const std::vector<double>& loads) {
@@ -91,6 +74,27 @@ int tendon_actuator_of(const mjModel* m, int joint) {
       if (m->wrap_type[w] == mjWRAP_JOINT && m->wrap_objid[w] == joint) return a;
   }
   return -1;
+}
+
+std::optional<Effort> actuator_effort(const mjModel* m, int joint) {
+#if TRIBOTWIN_ENGINE_PLUGINS
+  if (m->jnt_actfrclimited[joint])
+    return Effort{m->jnt_actfrcrange[2 * joint], m->jnt_actfrcrange[2 * joint + 1], "actuatorfrcrange", false};
+#endif
+  for (const int a : actuators_of(m, joint)) {
+    const auto range = [&](const mjtNum* r, double gain) {
+      return std::pair{std::min(r[0] * gain, r[1] * gain), std::max(r[0] * gain, r[1] * gain)};
+    };
+    if (m->actuator_forcelimited[a]) {
+      const auto [low, high] = range(m->actuator_forcerange + 2 * a, m->actuator_gear[6 * a]);
+      return Effort{low, high, "forcerange", false};
+    }
+    if (const auto gain = motor_gain(m, a); gain && m->actuator_ctrllimited[a]) {
+      const auto [low, high] = range(m->actuator_ctrlrange + 2 * a, *gain);
+      return Effort{low, high, "ctrlrange of the motor", false};
+    }
+  }
+  return {};
 }
 
 Loads loads_of(const mjModel* m) {

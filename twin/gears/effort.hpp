@@ -1,6 +1,7 @@
 #pragma once
 
 #include <algorithm>
+#include <optional>
 #include <random>
 #include <string>
 #include <vector>
@@ -33,6 +34,8 @@ struct Loads {
   std::vector<double> moving_nm;   ///< gravity, and an acceleration of 5 rad/s^2 (2 m/s^2)
 };
 Loads loads_of(const mjModel* m);
+/// The first that the model gives: actuatorfrcrange, forcerange, control range of a motor.
+std::optional<Effort> actuator_effort(const mjModel* m, int joint);
 
 /// The first that the model gives: effort of a URDF, actuatorfrcrange, forcerange, control range of a motor. Without
 /// one it is `estimated`: one and a half times moving_nm, and at least a tenth of the largest of such joints in the

@@ -5,6 +5,7 @@
 #include <fmt/format.h>
 
 #include <tribotwin/plugins/friction/law.hpp>
+#include <tribotwin/plugins/friction/text.hpp>
 #include <tribotwin/twin/gears/gear_class.hpp>
 #include <tribotwin/twin/robot/arm.hpp>
 
@@ -110,7 +111,7 @@ Result<const GearClass*> find_gear_class(std::string_view name, double effort_nm
   }
   if (nearest) return nearest;
   return tl::unexpected(fmt::format("gear class '{}' is not known; did you mean '{}'? `tribotwin list gears` shows all",
-                                    name, friction::nearest(name, gear_names())));
+                                    name, tribotwin::nearest(name, gear_names())));
 }
 
 std::string_view usual_family(double effort_nm, bool slide, bool legged) {

@@ -16,8 +16,9 @@ Result<Numbers> read_time_series(const std::filesystem::path& file, const std::v
   if (!table) return table;
   for (const auto& name : needed)
     if (!table->has(name))
-      return tl::unexpected(fmt::format("{}:1: no column {}; the columns are {}, and may be {}; the header names {}",
-                                        file.string(), name, joined(needed), joined(optional), table->header));
+      return tl::unexpected(fmt::format("{}:1: no column {}; {}the columns are {}, and may be {}; the header names {}",
+                                        file.string(), name, table->hint(name), joined(needed), joined(optional),
+                                        table->header));
   const auto& time = table->columns[0];
   if (time.empty())
     return tl::unexpected(table->left_out

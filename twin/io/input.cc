@@ -5,6 +5,7 @@
 
 #include <tribotwin/plugins/friction/law.hpp>
 #include <tribotwin/plugins/friction/number.hpp>
+#include <tribotwin/plugins/friction/text.hpp>
 #include <tribotwin/twin/io/input.hpp>
 #include <tribotwin/twin/io/shipped.hpp>
 #include <tribotwin/twin/io/text.hpp>
@@ -129,7 +130,7 @@ std::string Mapping::choice(const std::string& key, const std::vector<std::strin
   const std::string value = text(key);
   for (const auto& a : accepted)
     if (a == value) return value;
-  fail(key, fmt::format("'{}' is not known; did you mean '{}'? Accepted: {}", value, friction::nearest(value, accepted),
+  fail(key, fmt::format("'{}' is not known; did you mean '{}'? Accepted: {}", value, nearest(value, accepted),
                         joined(accepted)));
 }
 std::vector<double> Mapping::numbers(const std::string& key, Bounds bounds) {
@@ -189,15 +190,15 @@ void Mapping::accept(const std::vector<std::string_view>& accepted) const {
   for (const auto& entry : node_)
     if (const std::string& key = entry.first.Scalar(); std::ranges::find(accepted, key) == accepted.end())
       fail(key, accepted.empty() ? std::string("is not known here")
-                                 : fmt::format("is not known; did you mean '{}'?", friction::nearest(key, accepted)));
+                                 : fmt::format("is not known; did you mean '{}'?", nearest(key, accepted)));
 }
 
 void Mapping::done() const { accept({known_.begin(), known_.end()}); }
 
 YAML::Node load_yaml(const std::filesystem::path& file) {
-  auto stream = or_wrong_input(open_text(file, "a YAML file"));
+  const std::string text = or_wrong_input(read_text(file, "a YAML file"));
   try {
-    YAML::Node node = YAML::Load(stream);
+    YAML::Node node = YAML::Load(text);
     if (!node.IsMap())
       throw InputError(fmt::format("{}: is {} but must be a mapping of keys", file.string(), kind(node)));
     return node;

@@ -7,6 +7,7 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
+#include <tribotwin/plugins/friction/text.hpp>
 #include <tribotwin/twin/io/interrupt.hpp>
 #include <tribotwin/twin/io/text.hpp>
 
@@ -41,7 +42,9 @@ Result<std::ifstream> open_text(const std::filesystem::path& file, std::string_v
 Result<std::string> read_text(const std::filesystem::path& file, std::string_view kind) {
   auto stream = open_text(file, kind);
   if (!stream) return tl::unexpected(stream.error());
-  return std::string(std::istreambuf_iterator<char>(*stream), {});
+  auto text = to_utf8(std::string(std::istreambuf_iterator<char>(*stream), {}));
+  if (!text) return tl::unexpected(fmt::format("{}:{}", file.string(), text.error().message));
+  return text;
 }
 
 std::string_view trimmed(std::string_view text) {
@@ -85,21 +88,6 @@ std::optional<std::string> unfit_file_name(std::string_view name) {
   return fmt::format(
       "'{}' {} but must be a file name: 1 to {} bytes without '/' and control characters, not '.' or '..'", shown(name),
       wrong, max_bytes);
-}
-
-std::size_t typing_errors(std::string_view a, std::string_view b) {
-  std::vector<std::size_t> before(b.size() + 1), above(b.size() + 1), row(b.size() + 1);
-  for (std::size_t j = 0; j < row.size(); ++j) row[j] = j;
-  for (std::size_t i = 1; i <= a.size(); ++i) {
-    before = std::exchange(above, row);
-    row[0] = i;
-    for (std::size_t j = 1; j <= b.size(); ++j) {
-      row[j] = std::min({above[j] + 1, row[j - 1] + 1, above[j - 1] + (a[i - 1] != b[j - 1])});
-      const bool swapped = i > 1 && j > 1 && a[i - 1] == b[j - 2] && a[i - 2] == b[j - 1];
-      if (swapped) row[j] = std::min(row[j], before[j - 2] + 1);
-    }
-  }
-  return row.back();
 }
 
 std::string did_you_mean(std::string_view given, std::span<const std::string> names) {

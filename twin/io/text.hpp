@@ -1,6 +1,5 @@
 #pragma once
 
-#include <cstddef>
 #include <filesystem>
 #include <fstream>
 #include <optional>
@@ -15,7 +14,7 @@ namespace tribotwin::twin {
 
 Result<std::ifstream> open_text(const std::filesystem::path& file, std::string_view kind);
 
-/// The whole content.
+/// The whole content in UTF-8 (to_utf8). Fails with file and line.
 Result<std::string> read_text(const std::filesystem::path& file, std::string_view kind);
 
 /// Without blanks, tabs and carriage returns at both ends.
@@ -33,10 +32,6 @@ std::string joined(std::span<const double> numbers, std::string_view separator =
 /// bytes, neither "." nor "..", without control characters. Every name that a user's file gives to a file is checked
 /// here.
 std::optional<std::string> unfit_file_name(std::string_view name);
-
-/// Insertions, deletions, substitutions and swaps of neighbours that lead from one text to the other (restricted
-/// Damerau-Levenshtein distance).
-std::size_t typing_errors(std::string_view a, std::string_view b);
 
 /// "; did you mean 'drive'?", where a name has at most two typing errors to `given`, and fewer than half its letters;
 /// else empty. Of equal ones the first.

@@ -6,6 +6,7 @@
 #include <Eigen/Dense>
 #include <fmt/format.h>
 
+#include <tribotwin/plugins/friction/text.hpp>
 #include <tribotwin/twin/io/text.hpp>
 #include <tribotwin/twin/robot/arm.hpp>
 
@@ -32,8 +33,8 @@ Result<std::size_t> find_drive(const mujoco::Model& model, std::string_view join
   if (found != names.end()) return static_cast<std::size_t>(found - names.begin());
   if (names.empty()) return tl::unexpected(std::string("the model has no tribotwin.drive"));
   const std::vector<std::string_view> views(names.begin(), names.end());
-  return tl::unexpected(fmt::format("'{}': did you mean '{}'? Joints with drives: {}", joint,
-                                    friction::nearest(joint, views), joined(names)));
+  return tl::unexpected(
+      fmt::format("'{}': did you mean '{}'? Joints with drives: {}", joint, nearest(joint, views), joined(names)));
 }
 
 std::size_t drive_of(const mujoco::Model& model, const mujoco::Spring& spring) {

@@ -81,7 +81,9 @@ std::vector<std::string> wanted_columns(const std::vector<std::pair<std::string,
 }
 
 Read read_columns(const std::filesystem::path& file, const TableOptions& options) {
-  const auto header = read_numbers(file, {}, options);
+  auto opened = OpenTable::open(file, options);
+  if (!opened) return tl::unexpected(opened.error());
+  const auto header = opened->header();
   if (!header) return tl::unexpected(header.error());
   auto joints = joints_of(*header, "set_point");
   const bool measured = !joints.empty();
@@ -89,7 +91,7 @@ Read read_columns(const std::filesystem::path& file, const TableOptions& options
   if (joints.empty())
     return tl::unexpected(
         fmt::format("{}:1: no column 'position_JOINT_rad'; the header names {}", file.string(), header->header));
-  auto table = read_numbers(file, wanted_columns(joints, measured), options);
+  auto table = opened->read(wanted_columns(joints, measured));
   if (!table) return tl::unexpected(table.error());
   if (table->left_out)
     return tl::unexpected(fmt::format("{}: {} {}: a cell is empty, NaN or infinite; set points must be finite numbers",

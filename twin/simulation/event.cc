@@ -3,6 +3,7 @@
 
 #include <fmt/format.h>
 
+#include <tribotwin/plugins/friction/text.hpp>
 #include <tribotwin/plugins/mujoco/engine.hpp>
 #include <tribotwin/twin/simulation/event.hpp>
 
@@ -60,7 +61,7 @@ Wear read_wear(Mapping& in, const mujoco::Model& model) {
     for (const auto& p : law.info->parameters) accepted.push_back(p.name);
     if (std::ranges::find(accepted, name) == accepted.end())
       factors->fail(name, fmt::format("is no parameter of law '{}'; did you mean '{}'?", law.info->name,
-                                      friction::nearest(name, accepted)));
+                                      nearest(name, accepted)));
     wear.factors[name] = factors->number(name, {0, 1000});
   }
   return wear;

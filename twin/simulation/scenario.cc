@@ -4,6 +4,7 @@
 
 #include <fmt/format.h>
 
+#include <tribotwin/plugins/friction/text.hpp>
 #include <tribotwin/plugins/mujoco/engine.hpp>
 #include <tribotwin/twin/robot/arm.hpp>
 #include <tribotwin/twin/simulation/health.hpp>
@@ -114,7 +115,7 @@ void read_actuators(Mapping& in, Scenario& s) {
       actuators->fail(name, names.empty()
                                 ? "is no actuator of the model beside its drives; it has none"
                                 : fmt::format("is no actuator of the model beside its drives; did you mean '{}'?",
-                                              friction::nearest(name, accepted)));
+                                              nearest(name, accepted)));
     auto wave = actuators->mapping(name);
     if (!wave) actuators->fail(name, "must be a mapping: offset, amplitude, frequency_hz, phase_rad");
     s.waves.push_back(read_wave(*wave, controls[static_cast<std::size_t>(found - names.begin())], model->opt.timestep));
@@ -139,7 +140,7 @@ void read_expects(Mapping& in, Scenario& s) {
   for (const auto& expected : s.expects)
     if (std::ranges::find(names, expected) == names.end())
       in.fail("expects",
-              fmt::format("'{}' is no health check; did you mean '{}'?", expected, friction::nearest(expected, names)));
+              fmt::format("'{}' is no health check; did you mean '{}'?", expected, nearest(expected, names)));
 }
 
 void read_events(Mapping& in, Scenario& s) {

@@ -171,10 +171,14 @@ check(
 )
 same_speed = write("v.csv", HEADER, zero(v) + 20, l, T, law(M_STAR, 20, l, T))
 check("one speed", set(identify("--law", "stribeck", same_speed)["unidentifiable"]) == {"Fs", "Fv", "vs", "alpha"})
-refused(
-    "three points", write("three.csv", HEADER, v[:3], l[:3], T[:3], y[:3]), says="3 samples cannot determine", code=1
-)
-refused("all zero", write("zero.csv", HEADER, v, l, T, zero(v)), says="friction is 0 in every sample", code=1)
+refused("three points", write("three.csv", HEADER, v[:3], l[:3], T[:3], y[:3]), says="3 samples cannot determine")
+refused("all zero", write("zero.csv", HEADER, v, l, T, zero(v)), says="friction is 0 in every sample")
+one = write("one.csv", HEADER, v[:1], l[:1], T[:1], y[:1])
+refused("one point", "--law", "stribeck", one, says="1 sample cannot determine 1 parameter: record 3 or more")
+shutil.copy(full, path("copy.csv"))
+refused("the same curves under two names", full, "copy.csv", says=["copy.csv", "same content"])
+millis = write("milli.csv", "speed_rad_s,friction_nm", v[:12], 1e3 * 80 * y[:12])
+refused("mNm as Nm", "--law", "stribeck", millis, "--tau-max", 80, says=["milli.csv", "torque_max is 80", "mNm"])
 dirty = y + np.where(random.uniform(size=v.size) < 0.2, 0.3 * random.uniform(size=v.size), 0)
 outliers = write("outliers.csv", HEADER, v, l, T, dirty)
 check("20 % outliers are said", any("outliers" in n for n in identify(outliers)["notes"]))

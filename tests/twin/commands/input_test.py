@@ -218,6 +218,25 @@ for value in ("-274", "1e5"):
         "thermal",
         heat("bad.csv", 2, 100, value),
     )
+latin = content("heat.csv").replace("_arm_", "_Gelenk\u00fc_").replace("power_w_arm", "power_Gelenk\u00fc_w")
+with open(f"{work}/latin.csv", "wb") as f:
+    f.write(latin.encode("latin-1"))
+r = run("thermal", "latin.csv", "--json", "-o", "latin.yaml", "--quiet")
+check(
+    "a joint in Latin-1 is that in UTF-8, in what is printed and written",
+    r.returncode == 0
+    and list(json.loads(r.stdout)["joints"]) == ["Gelenk\u00fc"]
+    and "Gelenk\u00fc:" in content("latin.yaml"),
+    (r.returncode, r.stderr),
+)
+
+for name in ("utf16.csv", "utf16.yaml"):
+    with open(f"{work}/{name}", "wb") as f:
+        f.write(latin.encode("utf-16"))
+refused("a CSV in UTF-16", ["utf16.csv:1: ", "UTF-16"], "thermal", "utf16.csv")
+refused("a scenario in UTF-16", ["utf16.yaml:1: ", "UTF-16"], "run", "utf16.yaml")
+write("again.csv", content("heat.csv"))
+refused("the same record twice", ["heat.csv and again.csv", "same content"], "thermal", "heat.csv", "again.csv")
 refused("time 1e300", ["bad.csv:361: ", "time_s", " s"], "thermal", heat("bad.csv", 0, 360, "1e300"))
 refused("time that stands", ["bad.csv:101: ", "time_s"], "thermal", heat("bad.csv", 0, 100, "980"))
 

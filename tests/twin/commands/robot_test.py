@@ -1,5 +1,5 @@
 """A whole robot from excitation to prediction, as its owner meets it. Arguments: tribotwin, source tree."""
-import json, os, re, signal, subprocess, sys, time
+import json, os, re, shutil, signal, subprocess, sys, time
 
 import numpy as np
 
@@ -199,6 +199,20 @@ def swap(a, b):
     return change
 
 
+def renamed(column, other):
+    def change(d, n):
+        n[n.index(column)] = other
+
+    return change
+
+
+def changed(column, function):
+    def change(d, n):
+        d[:, n.index(column)] = function(d[:, n.index(column)])
+
+    return change
+
+
 def scaled(column, factor):
     def change(d, n):
         d[:, n.index(column)] *= factor
@@ -252,6 +266,27 @@ refused(
     model,
     broken("h.csv", swap("torque_joint1_nm", "torque_joint6_nm")),
 )
+shutil.copy(f"{work}/cold.csv", f"{work}/again.csv")
+refused("a file twice", ["cold.csv and again.csv", "same content"], "dynamics", model, "cold.csv", "again.csv")
+shutil.copy(f"{source}/mjcf/scene.xml", work)
+with open(f"{work}/wide.xml", "w") as f:
+    f.write(open(model).read().replace('range="-1.5708 2.2689"', 'range="-4 4"'))
+refused(
+    "currents without a constant",
+    ["torque_joint2_nm", "current_joint2_a is there", "--torque-constant joint2=KT"],
+    "dynamics",
+    model,
+    broken("m.csv", renamed("torque_joint2_nm", "current_joint2_a")),
+)
+for name, column, change, says in (
+    ("amperes as Nm", "torque_joint2_nm", lambda x: x / 12, ["torque_joint2_nm (0.08", "gravity", "--torque-constant"]),
+    ("mNm as Nm", "torque_joint3_nm", lambda x: 1000 * x, ["torque_joint3_nm exceeds", "actuator", "mNm"]),
+    ("another zero", "position_joint2_rad", lambda x: x - np.pi / 2, ["90 degrees added to position_joint2_rad"]),
+):
+    r = run("dynamics", "wide.xml", broken("n.csv", changed(column, change)))
+    check(f"{name} is told", all(text in r.stderr for text in says), r.stderr)
+r = run("dynamics", model, "cold.csv")
+check("... and nothing of the robot's own", "gravity" not in r.stderr and "actuator" not in r.stderr, r.stderr)
 refused("no such law", ["coulomb_viscous", "did you mean"], "dynamics", model, "cold.csv", "--friction", "polynomal")
 refused(
     "a file of another robot",
@@ -292,6 +327,20 @@ def still(column):
     return change
 
 
+def gap(d, n):
+    """As a multi-rate run leaves it, with the velocity."""
+    q = d[:, n.index("position_joint1_rad")]
+    n.append("velocity_joint1_rad_s")
+    whole = np.column_stack([d, np.gradient(q, d[:, 0])])
+    before = np.argmax(whole[:, -1])  # at its fastest; and again, elsewhere
+    after = len(d) // 2 + np.argmax(whole[len(d) // 2 :, -1])
+    later = whole[after:].copy()
+    later[:, 0] += 600
+    return np.vstack([whole[: before + 1], later]) if before < after else later
+
+
+r = run("dynamics", model, broken("gap.csv", gap), "--json")
+check("a gap is no other velocity", "1 gaps in time_s" in r.stderr, r.stderr)
 r = run("dynamics", model, broken("j.csv", holes), "--json")
 check(
     "rows with NaN are gaps, said and left out",

@@ -3,10 +3,46 @@
 
 #include <gtest/gtest.h>
 
+#include <tribotwin/plugins/friction/text.hpp>
 #include <tribotwin/twin/io/text.hpp>
 
 namespace tribotwin::twin {
 namespace {
+
+TEST(Encoding, OfOtherProgramsBecomesUtf8) {
+  const std::string umlaut = "\xC3\xBC", degree = "\xC2\xB0", euro = "\xE2\x82\xAC";
+  const struct {
+    std::string text, utf8;
+  } rows[] = {{"", ""},
+              {"plain", "plain"},
+              {"\xEF\xBB\xBFtime_s", "time_s"},
+              {umlaut + degree + euro + "\xF0\x9F\x98\x80", umlaut + degree + euro + "\xF0\x9F\x98\x80"},
+              {"\xFC [\xB0"
+               "C]",
+               umlaut + " [" + degree + "C]"},
+              {"\x80\n" + umlaut + "\n\xB0", euro + "\n" + umlaut + "\n" + degree},  // line by line
+              {"\xC3", "\xC3\x83"},                                                  // cut off in a letter
+              {"\xC0\xAF", "\xC3\x80\xC2\xAF"},                                      // no UTF-8: too long for '/'
+              {"\xED\xA0\x80", "\xC3\xAD\xC2\xA0" + euro}};                          // nor is a surrogate
+  for (const auto& row : rows) {
+    const auto utf8 = to_utf8(row.text);
+    ASSERT_TRUE(utf8) << row.text << utf8.error().message;
+    EXPECT_EQ(*utf8, row.utf8);
+    EXPECT_EQ(*to_utf8(*utf8), row.utf8);
+  }
+}
+
+TEST(Encoding, ThatIsNoneIsRefusedWithItsLineAndByte) {
+  for (const auto& [text, says] :
+       {std::pair<std::string, std::string>{"a\nb\x81", "2: byte 0x81 at 2 is neither UTF-8"},
+        {"\xFF\xFEt", "1: is UTF-16"},
+        {"\xFE\xFFt", "1: is UTF-16"}}) {
+    const auto utf8 = to_utf8(text);
+    ASSERT_FALSE(utf8) << text;
+    EXPECT_EQ(utf8.error().message.substr(0, says.size()), says);
+  }
+  EXPECT_EQ(to_utf8("\x9D", 7).error().message.substr(0, 12), "7: byte 0x9D");
+}
 
 TEST(Suggestion, CountsTypingErrors) {
   const struct {

@@ -61,9 +61,9 @@ class Identification {
 };
 
 tl::unexpected<Error> too_few(std::size_t samples, std::size_t parameters) {
-  return tl::make_unexpected(Error(
-      fmt::format("{} samples cannot determine {} parameters: record {} or more, at as many speeds, or fix parameters",
-                  samples, parameters, parameters + 2)));
+  return tl::make_unexpected(Error(fmt::format(
+      "{} sample{} cannot determine {} parameter{}: record {} or more, at as many speeds, or fix parameters", samples,
+      samples == 1 ? "" : "s", parameters, parameters == 1 ? "" : "s", parameters + 2)));
 }
 
 Result<void> Identification::fix_known() {

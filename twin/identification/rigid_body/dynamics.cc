@@ -122,11 +122,16 @@ class Identification {
   }
 
   Result<void> require_motion() const {
-    for (Index j = 0; j < joints(); ++j)
+    for (Index j = 0; j < joints(); ++j) {
+      const auto torque = motion_.torque.row(j);
+      if (torque.size() && torque.maxCoeff() - torque.minCoeff() <= 1e-9 * torque.cwiseAbs().maxCoeff())
+        return tl::unexpected(Error(fmt::format("the torque of joint {} is always {:.4g}; is the column empty?",
+                                                regressor_.joint_name(j), torque(0))));
       if (const Index moving = motion_.moving.row(j).count();
           moving < 10 + friction_[static_cast<std::size_t>(j)].size())
         return tl::unexpected(Error(fmt::format("joint {} moves in {} samples only; record more of its motion",
                                                 regressor_.joint_name(j), moving)));
+    }
     return {};
   }
 

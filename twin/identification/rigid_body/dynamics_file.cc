@@ -2,6 +2,7 @@
 
 #include <fmt/format.h>
 
+#include <tribotwin/plugins/friction/text.hpp>
 #include <tribotwin/twin/identification/estimates_file.hpp>
 #include <tribotwin/twin/identification/rigid_body/dynamics_file.hpp>
 #include <tribotwin/twin/identification/thermal/model_keys.hpp>
@@ -60,7 +61,7 @@ Result<const friction::LawInfo*> dynamics_law(const std::string& name, const std
   std::vector<std::string_view> names;
   for (const auto* law : laws) names.push_back(law->name);
   return tl::unexpected(Error(fmt::format("{} '{}': no such friction; did you mean '{}'? There are {}", where, name,
-                                          friction::nearest(name, names), joined(names))));
+                                          nearest(name, names), joined(names))));
 }
 
 Result<DynamicsFile> read_dynamics(const std::filesystem::path& file, const Regressor& regressor,

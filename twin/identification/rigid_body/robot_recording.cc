@@ -8,6 +8,7 @@
 #include <tribotwin/twin/identification/time_series.hpp>
 #include <tribotwin/twin/io/tables/numbers.hpp>
 #include <tribotwin/twin/io/text.hpp>
+#include <tribotwin/twin/numerics/median.hpp>
 
 namespace tribotwin::twin::identification {
 namespace {
@@ -52,11 +53,17 @@ Problem implausible_position(const Regressor& r, const RobotRecording& rec, Inde
   return {};
 }
 
-/// A velocity against the slope of the position.
+/// A velocity against the slope of the position, gaps in time left out. A joint at rest has none: its servo trembles.
 Problem implausible_velocity(const RobotRecording& rec, Index joint, const std::vector<double>& velocity,
                              const std::string& column, const std::string& position) {
+  constexpr double rest = 1e-3;
+  if (rec.position.row(joint).maxCoeff() - rec.position.row(joint).minCoeff() < rest) return {};
   double cross = 0, own = 0;
+  std::vector<double> steps;
+  for (std::size_t i = 1; i < rec.time_s.size(); ++i) steps.push_back(rec.time_s[i] - rec.time_s[i - 1]);
+  const double gap_s = 2.5 * median_of(steps);
   for (std::size_t i = 1; i < rec.time_s.size(); ++i) {
+    if (steps[i - 1] > gap_s) continue;
     const double step = rec.position(joint, static_cast<Index>(i)) - rec.position(joint, static_cast<Index>(i) - 1);
     cross += step * 0.5 * (velocity[i] + velocity[i - 1]) * (rec.time_s[i] - rec.time_s[i - 1]);
     own += step * step;
@@ -96,7 +103,7 @@ class JointColumns {
       const bool optional = k > 0 && ((k - 1) % kinds == velocity || (k - 1) % kinds == temperature);
       if (optional || has(table, names_[k])) continue;
       return fmt::format(
-          "{}:1: no column '{}'; {}the header names {}", table.file.string(), names_[k],
+          "{}:1: no column '{}'; {}{}the header names {}", table.file.string(), names_[k], table.hint(names_[k]),
           k ? fmt::format("every joint of the model is needed, {} too, as its motion acts on the others; ",
                           r.joint_name(static_cast<Index>((k - 1) / kinds)))
             : "",

@@ -78,6 +78,19 @@ Problem implausible(const fs::path& file, std::span<const double> speed, std::sp
   return {};
 }
 
+/// Friction in Nm that the joint could not overcome.
+Problem beyond_torque_max(const fs::path& file, std::span<const double> friction_nm, const ReadOptions& options) {
+  const double limit = max_friction_norm * options.torque_max_nm;
+  if (friction_nm.empty() || !(limit > 0)) return {};
+  const auto [low, high] = std::ranges::minmax(friction_nm);
+  const double largest = std::max(-low, high);
+  if (largest <= limit) return {};
+  return fmt::format(
+      "{}: friction reaches {:.4g} Nm, where torque_max is {:g}; is its unit mNm or A, or torque_max that of the "
+      "motor?",
+      file.string(), largest, options.torque_max_nm);
+}
+
 struct CurveColumns {
   std::vector<double> speed, friction, load, temperature, error, curve;
 };
@@ -151,6 +164,7 @@ Problem read_curves(Samples& samples, const Numbers& table, const friction::LawI
         law.name, table.header);
   const auto& friction = norm ? c[1] : c[2];
   if (const Problem p = implausible(table.file, c[0], c[3], c[4], friction, norm)) return p;
+  if (const Problem p = beyond_torque_max(table.file, norm ? std::span<const double>{} : friction, options)) return p;
   const auto units = units_of(law, options, norm);
   if (!units) return fmt::format("{}: {}", file, units.error().message);
   return append(samples, table.file,
@@ -216,6 +230,7 @@ Problem append_levels(Samples& samples, const fs::path& file, const JointRecordi
     c.curve.push_back(0);
   }
   if (const Problem p = implausible(file, c.speed, c.load, c.temperature, c.friction, false)) return p;
+  if (const Problem p = beyond_torque_max(file, c.friction, o)) return p;
   const auto units = units_of(law, o, false);
   if (!units) return fmt::format("{}: {}", file.string(), units.error().message);
   return append(samples, file, c, *units, false);
@@ -226,9 +241,11 @@ Problem read_series(Samples& samples, const Numbers& table, const friction::LawI
   for (const int needed : {0, 1, 3})
     if (c[static_cast<std::size_t>(needed)].empty())
       return fmt::format(
-          "{}:1: no samples in column {}; a recording has time_s, position_rad, torque_nm and may have velocity_rad_s, "
+          "{}:1: no samples in column {}; {}a recording has time_s, position_rad, torque_nm and may have "
+          "velocity_rad_s, "
           "temperature_degC, load_nm",
-          table.file.string(), series_columns[static_cast<std::size_t>(needed)]);
+          table.file.string(), series_columns[static_cast<std::size_t>(needed)],
+          table.hint(series_columns[static_cast<std::size_t>(needed)]));
   if (const Problem p = not_increasing(table, c[0])) return p;
   return append_levels(samples, table.file,
                        {.time_s = c[0],
@@ -314,12 +331,19 @@ struct Opened {
 Result<Opened> open_samples(const fs::path& file, const TableOptions& options) {
   TableOptions of_any_joint = options;
   of_any_joint.any_joint = true;
-  auto series = read_numbers(file, series_columns, of_any_joint);
-  if (series && series->has("time_s") && series->has("position_rad")) return Opened{std::move(*series), true};
-  auto curve = read_numbers(file, curve_columns, options);
+  auto table = OpenTable::open(file, of_any_joint);
+  if (!table) return tl::unexpected(table.error());
+  const auto opened = [&](const std::vector<std::string>& columns, bool series) -> Result<Opened> {
+    auto numbers = table->read(columns);
+    if (!numbers) return tl::unexpected(numbers.error());
+    return Opened{std::move(*numbers), series};
+  };
+  const auto series = table->header(series_columns);
+  if (series && series->has("time_s") && series->has("position_rad")) return opened(series_columns, true);
+  const auto curve = table->header(curve_columns);
   if (!curve) return tl::unexpected(curve.error());
   if (curve->has("speed_rad_s") && (curve->has("friction_norm") || curve->has("friction_nm")))
-    return Opened{std::move(*curve), false};
+    return opened(curve_columns, false);
   if (!series) return tl::unexpected(series.error());
   return tl::unexpected(
       fmt::format("{}:1: neither a friction curve (speed_rad_s; friction_norm or friction_nm) nor a recording "

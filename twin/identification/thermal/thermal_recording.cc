@@ -168,12 +168,12 @@ struct Layout {
   bool with_temperature = false;
 };
 
-Result<Layout> layout_of(const std::filesystem::path& file, bool cycles, const TableOptions& options) {
-  const auto header = read_numbers(file, {"time_s"}, options);
+Result<Layout> layout_of(const std::filesystem::path& file, bool cycles, const OpenTable& table) {
+  const auto header = table.header({"time_s"});
   if (!header) return tl::unexpected(header.error());
-  if (header->columns[0].empty())
-    return tl::unexpected(Error(
-        fmt::format("{}:1: no column 'time_s' with numbers; its header names: {}", file.string(), header->header)));
+  if (!header->has("time_s"))
+    return tl::unexpected(
+        Error(fmt::format("{}:1: no column 'time_s'; its header names: {}", file.string(), header->header)));
   Layout out{.joints = joints_of(header->names, true)};
   out.with_temperature = !out.joints.empty();
   if (!out.with_temperature) out.joints = joints_of(header->names, false);
@@ -188,8 +188,8 @@ Result<Layout> layout_of(const std::filesystem::path& file, bool cycles, const T
     if (!source)
       return tl::unexpected(
           Error(fmt::format("{0}:1: joint {1} needs power_{1}_w, or torque_{1}_nm with velocity_{1}_rad_s or "
-                            "position_{1}_rad; its header names: {2}",
-                            file.string(), joint, header->header)));
+                            "position_{1}_rad; {2}its header names: {3}",
+                            file.string(), joint, header->hint(fmt::format("torque_{}_nm", joint)), header->header)));
     out.sources.push_back(*source);
     for (const auto& column : {out.with_temperature ? temperature_column(joint) : std::string(), source->power,
                                source->torque, source->speed, source->position})
@@ -268,9 +268,11 @@ std::vector<HeatSession> sessions_of(std::size_t file, const std::vector<double>
 
 Result<ThermalRecording> read_thermal_recording(const std::filesystem::path& file, std::size_t index, double cycle_s,
                                                 const TableOptions& options) {
-  const auto layout = layout_of(file, cycle_s > 0, options);
+  auto table = OpenTable::open(file, options);
+  if (!table) return tl::unexpected(table.error());
+  const auto layout = layout_of(file, cycle_s > 0, *table);
   if (!layout) return tl::unexpected(layout.error());
-  auto numbers = read_numbers(file, layout->columns, options);
+  auto numbers = table->read(layout->columns);
   if (!numbers) return tl::unexpected(numbers.error());
   numbers->file = file;
   numbers->names = layout->columns;  // one name per column that was read

@@ -52,18 +52,32 @@ Result<void> ArraySource::read(std::span<const Pick> picks, Numbers& numbers) {
   return {};
 }
 
-std::vector<Stripe> stripes_of(const Matrix& m, bool by_column, char open, char close, std::size_t first) {
-  constexpr std::size_t most = 1024;
+std::vector<std::size_t> matrix_sides(std::vector<std::size_t> sides) {
+  for (std::size_t k = sides.size(); k-- > 0 && sides.size() > 2;)
+    if (sides[k] == 1) sides.erase(sides.begin() + static_cast<std::ptrdiff_t>(k));
+  return sides;
+}
+
+std::string no_matrix(std::span<const std::size_t> sides) {
+  std::string product;
+  for (const std::size_t side : sides) product += fmt::format("{}{}", product.empty() ? "" : " x ", side);
+  return fmt::format("has {} dimensions, {}; columns are read from vectors and matrices: save it as a matrix",
+                     sides.size(), product);
+}
+
+std::vector<Stripe> stripes_of(const std::string& name, std::span<const std::size_t> sides, bool by_column, char open,
+                               char close, std::size_t first) {
+  constexpr std::size_t most = 1024, most_rows = 64;
+  const std::size_t rows = sides[0], columns = sides.size() > 1 ? sides[1] : 1;
   // A vector, lying or standing, is one column.
-  if (m.rows == 1 || m.columns == 1) return {{m.name, 0, 1, m.rows * m.columns}};
+  if (rows == 1 || columns == 1 || sides.size() > 2) return {{name, 0, 1, rows * columns}};
   std::vector<Stripe> out;
-  for (std::size_t k = 0; k < m.columns && m.columns <= most; ++k)
-    out.push_back({fmt::format("{}{}:,{}{}", m.name, open, k + first, close), by_column ? k * m.rows : k,
-                   by_column ? 1 : m.columns, m.rows});
-  constexpr std::size_t most_rows = 64;
-  for (std::size_t k = 0; k < m.rows && m.rows <= most_rows; ++k)
-    out.push_back({fmt::format("{}{}{},:{}", m.name, open, k + first, close), by_column ? k : k * m.columns,
-                   by_column ? m.rows : 1, m.columns});
+  for (std::size_t k = 0; k < columns && columns <= most; ++k)
+    out.push_back({fmt::format("{}{}:,{}{}", name, open, k + first, close), by_column ? k * rows : k,
+                   by_column ? 1 : columns, rows});
+  for (std::size_t k = 0; k < rows && rows <= most_rows; ++k)
+    out.push_back({fmt::format("{}{}{},:{}", name, open, k + first, close), by_column ? k : k * columns,
+                   by_column ? rows : 1, columns});
   return out;
 }
 

@@ -62,6 +62,9 @@ MappedColumn read_entry(Mapping& in, const std::string& key, const std::filesyst
     entry->done();
   }
   if (out.from.empty()) in.fail(key, "must name a column of the table");
+  if (out.is_pattern() && (std::ranges::count(out.from, '*') != 1 || std::ranges::count(out.name.joint, '*') != 1))
+    in.fail(key, fmt::format("is a pattern; it takes one * in the joint's name and one in the foreign name, {}",
+                             shown(out.from)));
   return out;
 }
 

@@ -17,12 +17,16 @@ struct MappedColumn {
   double rate_hz = 0;     ///< above 0: no column but the time of rows at this rate, the first at 0
   bool date = false;      ///< the cells are dates and times by ISO 8601; the value is in s
   std::string where;      ///< "FILE: KEY", for messages
+
+  /// A '*' in the joint's name stands for what the '*' in `from` is in the names of the table.
+  bool is_pattern() const { return name.joint.find('*') != name.joint.npos; }
 };
 
 /// Reads
 ///
 ///     position_joint1_rad: q1                                        # the unit is that of the key
 ///     torque_joint1_nm: {from: I1, unit: mNm, scale: 0.1, offset: 2, sign: -1}
+///     velocity_joint*_rad_s: 'qd(:,*)'                               # joint1 to joint7 from qd(:,1) to qd(:,7)
 ///     time_s: {from: Timestamp, unit: iso8601}                       # or {rate_hz: 500}, where the table has no time
 ///
 /// Fails with file, line and key.

@@ -8,6 +8,7 @@
 #include <fmt/format.h>
 
 #include <tribotwin/plugins/friction/number.hpp>
+#include <tribotwin/plugins/friction/text.hpp>
 #include <tribotwin/twin/io/tables/csv.hpp>
 #include <tribotwin/twin/io/tables/source.hpp>
 #include <tribotwin/twin/io/text.hpp>
@@ -174,6 +175,8 @@ class CsvSource final : public Source {
   }
 
   std::string hint(std::size_t cells) const {
+    if (headers_.size() == 1)
+      return "; the first line is taken for the names of the columns: take lines before these out";
     if (lines_.separator() == ',' && cells > headers_.size())
       return "; where numbers have decimal commas, cells are separated by ';' or tabs";
     return "";
@@ -240,15 +243,31 @@ std::size_t CsvLines::count_cells(std::string_view line, char separator) {
   return count;
 }
 
+bool CsvLines::read_bytes(std::string& line) {
+  if (from_ >= block_.size()) {
+    from_ = 0, block_.clear();
+    if (!std::getline(stream_, line)) return false;
+    if (!line.empty() && line.back() == '\r') line.pop_back();
+    if (line.find('\r') == line.npos) return true;
+    block_.swap(line);
+  }
+  const std::size_t end = std::min(block_.find('\r', from_), block_.size());
+  line.assign(block_, from_, end - from_);
+  from_ = end + 1;
+  return true;
+}
+
 Result<bool> CsvLines::read(std::string& line) {
-  if (!std::getline(stream_, line)) return false;
+  if (!read_bytes(line)) return false;
   ++read_;
+  auto utf8 = to_utf8(std::move(line), read_);
+  if (!utf8) return tl::unexpected(fmt::format("{}:{}", file_.string(), utf8.error().message));
+  line = std::move(*utf8);
   if (line.size() > longest_line || line.find('\0') != line.npos)
     return tl::unexpected(at_line(file_, read_,
                                   line.size() > longest_line
                                       ? "is longer than 16 MiB; this is no CSV file"
                                       : "holds a NUL byte; this is no CSV file in ASCII or UTF-8"));
-  if (!line.empty() && line.back() == '\r') line.pop_back();
   return true;
 }
 
@@ -258,19 +277,22 @@ Result<CsvLines> CsvLines::open(const std::filesystem::path& file) {
   CsvLines out(file, std::move(*stream));
   const auto header = out.read(out.header_);
   if (!header) return tl::unexpected(header.error());
-  if (out.header_.starts_with("\xEF\xBB\xBF")) out.header_.erase(0, 3);
-  if (out.header_.starts_with("\xFF\xFE") || out.header_.starts_with("\xFE\xFF"))
-    return tl::unexpected(at_line(file, 1, "is UTF-16; save the table as UTF-8"));
+  char given = 0;  // by the line with which Excel says it
+  if (out.header_.size() == 5 && out.header_.starts_with("sep=") &&
+      std::string_view(";\t,").find(out.header_[4]) != std::string_view::npos) {
+    given = out.header_[4];
+    if (const auto next = out.read(out.header_); !next) return tl::unexpected(next.error());
+  }
   if (!*header || trimmed(out.header_).empty())
     return tl::unexpected(fmt::format("{}: is empty; its first line should name the columns", file.string()));
   const auto first = out.read(out.pending_);
   if (!first) return tl::unexpected(first.error());
   out.has_pending_ = *first;
-  const auto separator = separator_of(file, out.header_, out.pending_);
+  const auto separator = given ? given : separator_of(file, out.header_, out.pending_);
   if (!separator) return tl::unexpected(separator.error());
   out.separator_ = *separator;
   if (out.only_numbers(out.header_)) out.name_by_number();
-  out.number_ = out.named_ ? 1 : 0;
+  out.number_ = (out.named_ ? 1 : 0) + (given ? 1 : 0);
   return out;
 }
 
@@ -298,7 +320,9 @@ Result<std::vector<std::string>> CsvLines::header() const {
     for (std::size_t k = 1; k <= count_cells(header_, separator_); ++k) names.push_back(fmt::format("column {}", k));
     return names;
   }
-  const auto count = cells(header_, [&](std::size_t, std::string_view name) {
+  // As NumPy and MATLAB write it: a comment.
+  const bool comment = header_.starts_with('#') || header_.starts_with('%');
+  const auto count = cells(std::string_view(header_).substr(comment ? 1 : 0), [&](std::size_t, std::string_view name) {
     names.emplace_back(name);
     return true;
   });

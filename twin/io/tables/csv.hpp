@@ -11,9 +11,10 @@
 
 namespace tribotwin::twin::tables {
 
-/// The lines of a CSV file and their cells. Separated by ',', ';' or tabs, found by the header; cells may be quoted,
-/// not over several lines; a UTF-8 byte order mark and carriage returns are left out. Where the first line
-/// holds numbers alone, columns are called "column 1" and so on.
+/// The lines of a CSV file and their cells. Separated by ',', ';' or tabs, found by the header or said by Excel's line
+/// "sep=;" before it; cells may be quoted, not over several lines; lines are UTF-8 or Windows-1252 (to_utf8) and end
+/// with a line feed, a carriage return or both. The header may be a comment of '#' or '%'; where the first line holds
+/// numbers alone, columns are called "column 1" and so on.
 class CsvLines {
  public:
   /// Reads the header. Fails with file and line.
@@ -42,6 +43,7 @@ class CsvLines {
  private:
   CsvLines(std::filesystem::path file, std::ifstream stream) : file_(std::move(file)), stream_(std::move(stream)) {}
   Result<bool> read(std::string& line);
+  bool read_bytes(std::string& line);
   Error open_quote() const;
   bool only_numbers(std::string_view line) const;
   /// A file without a header: its first line is a row.
@@ -72,6 +74,8 @@ class CsvLines {
   std::filesystem::path file_;
   std::ifstream stream_;
   std::string header_, line_, pending_, second_;  // read ahead: the next line and the one after
+  std::string block_;                             // up to the next line feed, where carriage returns alone end lines
+  std::size_t from_ = 0;                          // of it, the next line
   bool has_pending_ = false, has_second_ = false;
   bool named_ = true;
   char separator_ = ',';

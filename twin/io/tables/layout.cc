@@ -1,4 +1,5 @@
 #include <algorithm>
+#include <optional>
 #include <set>
 
 #include <fmt/format.h>
@@ -23,10 +24,43 @@ LaidColumn by_name(const std::string& header) {
   return column;
 }
 
+/// What the '*' of a pattern is in a name; nothing where the name does not fit.
+std::optional<std::string> matched(std::string_view pattern, std::string_view name) {
+  const auto star = pattern.find('*');
+  const auto before = pattern.substr(0, star), after = pattern.substr(star + 1);
+  if (name.size() <= before.size() + after.size() || !name.starts_with(before) || !name.ends_with(after))
+    return std::nullopt;
+  return std::string(name.substr(before.size(), name.size() - before.size() - after.size()));
+}
+
+/// One entry for every column that a pattern fits.
+Result<std::vector<MappedColumn>> expanded(std::vector<MappedColumn> map, const Layout& layout) {
+  std::vector<MappedColumn> all;
+  for (auto& entry : map) {
+    if (!entry.is_pattern()) {
+      all.push_back(std::move(entry));
+      continue;
+    }
+    const std::size_t before = all.size();
+    for (const auto& header : layout.headers)
+      if (const auto part = matched(entry.from, header)) {
+        MappedColumn& one = all.emplace_back(entry);
+        one.from = header;
+        one.name.joint.replace(one.name.joint.find('*'), 1, *part);
+      }
+    if (all.size() == before)
+      return tl::unexpected(fmt::format("{}: {} has no column like {}; the header names {}", entry.where,
+                                        layout.file.string(), shown(entry.from), shown(layout.headers)));
+  }
+  return all;
+}
+
 /// Entries of --columns take the place of what the headers say.
 Status apply_map(Layout& layout, const std::filesystem::path& file) {
   if (file.empty()) return {};
-  const auto map = read_column_map(file);
+  auto given = read_column_map(file);
+  if (!given) return tl::unexpected(given.error());
+  const auto map = expanded(std::move(*given), layout);
   if (!map) return tl::unexpected(map.error());
   std::set<std::string> mapped;
   for (const auto& entry : *map) {
@@ -41,6 +75,10 @@ Status apply_map(Layout& layout, const std::filesystem::path& file) {
     if (header == layout.headers.end())
       return tl::unexpected(fmt::format("{}: {} has no column {}; the header names {}", entry.where,
                                         layout.file.string(), shown(entry.from), shown(layout.headers)));
+    if (std::ranges::count(layout.headers, entry.from) > 1)
+      return tl::unexpected(fmt::format("{}: {} has {} columns {}; rename all but one", entry.where,
+                                        layout.file.string(), std::ranges::count(layout.headers, entry.from),
+                                        shown(entry.from)));
     const auto at = static_cast<std::size_t>(header - layout.headers.begin());
     if (!mapped.insert(entry.from).second)
       return tl::unexpected(fmt::format("{}: {} is mapped already", entry.where, shown(entry.from)));
@@ -146,10 +184,10 @@ Status choose_joint(Layout& layout, const std::vector<std::string>& wanted, cons
   return {};
 }
 
-/// Two columns for one quantity cannot both be meant.
+/// Two columns for one quantity cannot both be meant; columns of something else may have one name.
 Status refuse_twice(const Layout& layout) {
   for (std::size_t k = 0; k < layout.columns.size(); ++k)
-    for (std::size_t i = 0; i < k && !layout.columns[k].name.empty(); ++i) {
+    for (std::size_t i = 0; i < k && layout.columns[k].quantity && !layout.columns[k].name.empty(); ++i) {
       if (layout.columns[i].name != layout.columns[k].name) continue;
       return tl::unexpected(layout.headers[i] == layout.headers[k]
                                 ? fmt::format("{}:1: column {} twice", layout.file.string(), shown(layout.headers[k]))

@@ -4,6 +4,7 @@
 #include <fmt/format.h>
 #include <matio.h>
 
+#include <tribotwin/twin/io/tables/matlab_elements.hpp>
 #include <tribotwin/twin/io/tables/source.hpp>
 #include <tribotwin/twin/io/telemetry/hdf5.hpp>
 #include <tribotwin/twin/io/text.hpp>
@@ -14,7 +15,10 @@ namespace {
 namespace fs = std::filesystem;
 
 struct Closer {
-  void operator()(mat_t* mat) const { Mat_Close(mat); }
+  void operator()(mat_t* mat) const {
+    const hdf5::Hdf5 silent;  // it closes what a damaged file has not opened
+    Mat_Close(mat);
+  }
   void operator()(matvar_t* variable) const { Mat_VarFree(variable); }
 };
 using Mat = std::unique_ptr<mat_t, Closer>;
@@ -72,17 +76,20 @@ double number_at(const matvar_t& v, std::size_t i) {
 /// A matrix of real numbers in a variable: the variable and the fields of structs that lead to it.
 struct Place {
   std::vector<std::string> path;
-  std::size_t rows, columns;
+  std::vector<std::size_t> sides;  ///< as matrix_sides: two, or more where it is no matrix
 };
+
+std::vector<std::size_t> sides_of(const matvar_t& v) { return matrix_sides({v.dims, v.dims + v.rank}); }
 
 void find_matrices(const matvar_t& v, std::vector<std::string> path, std::vector<Place>& out) {
   constexpr std::size_t deepest = 8;
-  if (path.size() > deepest || v.rank != 2 || !v.dims) return;
+  if (path.size() > deepest || v.rank < 2 || !v.dims) return;
   if (number_bytes(v) > 0) {
-    if (v.dims[0] > 0 && v.dims[1] > 0) out.push_back({std::move(path), v.dims[0], v.dims[1]});
+    if (auto sides = sides_of(v); std::ranges::find(sides, 0u) == sides.end())
+      out.push_back({std::move(path), std::move(sides)});
     return;
   }
-  if (v.class_type != MAT_C_STRUCT || v.dims[0] != 1 || v.dims[1] != 1) return;
+  if (v.class_type != MAT_C_STRUCT || v.rank != 2 || v.dims[0] != 1 || v.dims[1] != 1) return;
   char* const* names = Mat_VarGetStructFieldnames(&v);
   for (unsigned k = 0; names && k < Mat_VarGetNumberOfFields(const_cast<matvar_t*>(&v)); ++k)
     if (const matvar_t* field = Mat_VarGetStructFieldByIndex(const_cast<matvar_t*>(&v), k, 0); field && names[k]) {
@@ -108,7 +115,7 @@ class MatlabSource final : public ArraySource {
       find_matrices(*v, {v->name}, places);
       for (auto& place : places) {
         std::string name = joined(place.path, ".");
-        for (const Stripe& stripe : stripes_of({name, place.rows, place.columns}, true, '(', ')', 1)) {
+        for (const Stripe& stripe : stripes_of(name, place.sides, true, '(', ')', 1)) {
           headers_.push_back(stripe.name);
           columns_.push_back({places_.size(), stripe});
         }
@@ -129,6 +136,7 @@ class MatlabSource final : public ArraySource {
     const auto fail = [&](const std::string& why) {
       return tl::unexpected(Error(fmt::format("{}: {}: {}", file_.string(), shown(joined(place.path, ".")), why)));
     };
+    if (place.sides.size() > 2) return fail(no_matrix(place.sides));
     if (const auto bytes = bytes_of(place.path.front()); !bytes || *bytes > most_bytes)
       return fail(fmt::format("is longer than the {} bytes that are read at most", most_bytes));
     else if (*bytes / best_compression > fs::file_size(file_))
@@ -142,8 +150,8 @@ class MatlabSource final : public ArraySource {
     const matvar_t* v = loaded_.get();
     for (std::size_t k = 1; v && k < place.path.size(); ++k)
       v = Mat_VarGetStructFieldByName(const_cast<matvar_t*>(v), place.path[k].c_str(), 0);
-    if (!v || !v->data || v->rank != 2 || v->dims[0] != place.rows || v->dims[1] != place.columns ||
-        number_bytes(*v) == 0 || v->nbytes < place.rows * place.columns * number_bytes(*v))
+    if (!v || !v->data || sides_of(*v) != place.sides || number_bytes(*v) == 0 ||
+        v->nbytes < place.sides[0] * place.sides[1] * number_bytes(*v))
       return fail("cannot be read; the file is damaged");
     std::vector<double> values(stripe.count);
     for (std::size_t i = 0; i < values.size(); ++i) values[i] = number_at(*v, stripe.begin + i * stripe.step);
@@ -155,11 +163,11 @@ class MatlabSource final : public ArraySource {
   std::optional<std::uintmax_t> bytes_of(const std::string& variable) const {
     std::uintmax_t sum = 0;
     for (const Place& place : places_) {
+      if (place.path.front() != variable) continue;
       std::uintmax_t bytes = 8;
-      if (place.path.front() == variable &&
-          (__builtin_mul_overflow(bytes, place.rows, &bytes) || __builtin_mul_overflow(bytes, place.columns, &bytes) ||
-           __builtin_add_overflow(sum, bytes, &sum)))
-        return std::nullopt;
+      for (const std::size_t side : place.sides)
+        if (__builtin_mul_overflow(bytes, side, &bytes)) return std::nullopt;
+      if (__builtin_add_overflow(sum, bytes, &sum)) return std::nullopt;
     }
     return sum;
   }
@@ -185,6 +193,7 @@ void read_everything(const fs::path& file) {
 
 Opened open_matlab(const fs::path& file) {
   if (const auto stream = open_text(file, "a MATLAB file"); !stream) return tl::unexpected(stream.error());
+  if (const auto why = cut_off(file)) return tl::unexpected(fmt::format("{}: {}", file.string(), *why));
   const auto whole = hdf5::guarded(file, "is no readable MATLAB file", [&] {
     if (!hdf5::survives([&] { read_everything(file); }))
       throw hdf5::Failure("it is damaged so that the library for such files crashes on it");

@@ -37,6 +37,13 @@ tables::Opened open_table(const fs::path& file) {
   return tables::open_csv(file);
 }
 
+/// What the table has, without numbers.
+Numbers header_of(const tables::Layout& layout, const tables::Source& source) {
+  Numbers numbers{.file = layout.file, .names = {}, .header = shown(layout.headers), .row = source.row()};
+  for (const auto& column : layout.columns) numbers.names.push_back(column.name);
+  return numbers;
+}
+
 }  // namespace
 
 std::optional<fs::path> record_of(const fs::path& file) {
@@ -49,26 +56,92 @@ std::optional<fs::path> record_of(const fs::path& file) {
 
 bool Numbers::has(std::string_view name) const { return std::ranges::find(names, name) != names.end(); }
 
+std::string Numbers::hint(std::string_view name) const {
+  const auto torque = parse_column(name);
+  if (!torque || !*torque || (*torque)->quantity->name != "torque") return "";
+  const std::string &joint = (*torque)->joint, current = fmt::format("current{}{}_a", joint.empty() ? "" : "_", joint);
+  if (!has(current)) return "";
+  return fmt::format("{} is there: --torque-constant {}KT makes the torque of it; ", current,
+                     joint.empty() ? "" : joint + "=");
+}
+
 std::string Numbers::where(std::size_t index) const {
   return row == "line" ? fmt::format("{}:{}: ", file.string(), lines[index])
                        : fmt::format("{}: {} {}: ", file.string(), row, lines[index]);
 }
 
-Result<Numbers> read_numbers(const fs::path& file, const std::vector<std::string>& wanted,
-                             const TableOptions& options) {
+OpenTable::OpenTable(fs::path file, TableOptions options, std::unique_ptr<tables::Source> source)
+    : file_(std::move(file)), options_(std::move(options)), source_(std::move(source)) {}
+OpenTable::OpenTable(OpenTable&&) noexcept = default;
+OpenTable::~OpenTable() = default;
+
+Result<OpenTable> OpenTable::open(const fs::path& file, const TableOptions& options) {
   auto source = open_table(file);
   if (!source) return tl::unexpected(source.error());
-  const auto layout = tables::lay_out(file, (*source)->headers(), wanted, options);
+  return OpenTable(file, options, std::move(*source));
+}
+
+Result<Numbers> OpenTable::header(const std::vector<std::string>& wanted) const {
+  const auto layout = tables::lay_out(file_, source_->headers(), wanted, options_);
+  if (!layout) return tl::unexpected(layout.error());
+  if (const auto picks = layout->picks(wanted); !picks) return tl::unexpected(picks.error());
+  return header_of(*layout, *source_);
+}
+
+Result<Numbers> OpenTable::read(const std::vector<std::string>& wanted) {
+  const auto layout = tables::lay_out(file_, source_->headers(), wanted, options_);
   if (!layout) return tl::unexpected(layout.error());
   const auto picks = layout->picks(wanted);
   if (!picks) return tl::unexpected(picks.error());
-  Numbers numbers{.file = file, .names = {}, .header = shown(layout->headers), .row = (*source)->row()};
+  Numbers numbers = header_of(*layout, *source_);
   numbers.columns.resize(wanted.size());
-  for (const auto& column : layout->columns) numbers.names.push_back(column.name);
-  if (auto ok = (*source)->read(*picks, numbers); !ok) return tl::unexpected(ok.error());
+  if (auto ok = source_->read(*picks, numbers); !ok) return tl::unexpected(ok.error());
   if (!picks->empty() && numbers.lines.empty() && numbers.left_out == 0)
-    return tl::unexpected(fmt::format("{}: is empty: a header but no samples", file.string()));
+    return tl::unexpected(fmt::format("{}: is empty: a header but no samples", file_.string()));
   return numbers;
+}
+
+Result<Numbers> read_numbers(const fs::path& file, const std::vector<std::string>& wanted,
+                             const TableOptions& options) {
+  auto table = OpenTable::open(file, options);
+  if (!table) return tl::unexpected(table.error());
+  return table->read(wanted);
+}
+
+namespace {
+
+bool same_bytes(const fs::path& a, const fs::path& b) {
+  std::ifstream one(a, std::ios::binary), other(b, std::ios::binary);
+  std::vector<char> of_one(std::size_t{1} << 16), of_other(of_one.size());
+  while (one && other) {
+    one.read(of_one.data(), std::ssize(of_one)), other.read(of_other.data(), std::ssize(of_other));
+    if (one.gcount() != other.gcount() || !std::equal(of_one.begin(), of_one.begin() + one.gcount(), of_other.begin()))
+      return false;
+  }
+  return one.eof() && other.eof();
+}
+
+}  // namespace
+
+std::optional<std::string> given_twice(const std::vector<fs::path>& files) {
+  struct File {
+    fs::path named, data;
+    std::uintmax_t bytes;
+  };
+  std::vector<File> seen;
+  for (const auto& named : files) {
+    const fs::path data = record_of(named).value_or(named);
+    std::error_code error;
+    if (!fs::is_regular_file(data, error)) continue;
+    const auto bytes = fs::file_size(data, error);
+    for (const auto& other : seen)
+      if (other.bytes == bytes && (fs::equivalent(other.data, data, error) || same_bytes(other.data, data)))
+        return fmt::format(
+            "{} and {} have the same content; a recording that counts twice makes sigmas too small: give it once",
+            other.named.string(), named.string());
+    seen.push_back({named, data, bytes});
+  }
+  return std::nullopt;
 }
 
 std::optional<std::string> not_increasing(const Numbers& numbers, const std::vector<double>& time_s) {

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <filesystem>
+#include <memory>
 #include <optional>
 #include <string>
 #include <string_view>
@@ -11,6 +12,10 @@
 #include <tribotwin/twin/io/tables/table_options.hpp>
 
 namespace tribotwin::twin {
+
+namespace tables {
+class Source;
+}
 
 /// Columns of numbers of a table: CSV, telemetry.h5 or the folder of a run, NumPy .npy and .npz, MATLAB .mat.
 struct Numbers {
@@ -24,6 +29,8 @@ struct Numbers {
   std::string_view row = "line";                  ///< "row" where the file has no lines
 
   bool has(std::string_view name) const;
+  /// What to say where there is no `name`, a torque, but the current from which it is made; else empty.
+  std::string hint(std::string_view name) const;
   /// "FILE:LINE: " of a row, or "FILE: row N: ".
   std::string where(std::size_t index) const;
 };
@@ -35,8 +42,33 @@ struct Numbers {
 Result<Numbers> read_numbers(const std::filesystem::path& file, const std::vector<std::string>& wanted,
                              const TableOptions& options = {});
 
+/// A table whose header has been read: for readers that choose their columns by it.
+class OpenTable {
+ public:
+  static Result<OpenTable> open(const std::filesystem::path& file, const TableOptions& options = {});
+  OpenTable(OpenTable&&) noexcept;
+  ~OpenTable();
+
+  /// The columns of the table, none of them read. `wanted` decides whose joint a name is of. Fails as read() does, but
+  /// for what stands below the header.
+  Result<Numbers> header(const std::vector<std::string>& wanted = {}) const;
+  /// As read_numbers(); once.
+  Result<Numbers> read(const std::vector<std::string>& wanted);
+
+ private:
+  OpenTable(std::filesystem::path file, TableOptions options, std::unique_ptr<tables::Source> source);
+
+  std::filesystem::path file_;
+  TableOptions options_;
+  std::unique_ptr<tables::Source> source_;
+};
+
 /// The first row of `time_s` that does not come after the row before, by a nanosecond at least, with file and line.
 std::optional<std::string> not_increasing(const Numbers& numbers, const std::vector<double>& time_s);
+
+/// Which two of the recordings have the same content, whatever their names: counted twice, they would make every sigma
+/// too small. What is no regular file nor the folder of a run is not compared.
+std::optional<std::string> given_twice(const std::vector<std::filesystem::path>& files);
 
 /// The telemetry.h5 that `file` is, or that lies in the folder `file`; nothing where it is another kind of file.
 std::optional<std::filesystem::path> record_of(const std::filesystem::path& file);

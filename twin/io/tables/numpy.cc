@@ -116,6 +116,7 @@ class NumpySource final : public ArraySource {
     std::size_t array;
     NumpyField field;
     Stripe stripe;
+    std::vector<std::size_t> sides;  ///< matrix_sides
   };
 
   Result<std::unique_ptr<Stream>> stream_of(const Array& array) const {
@@ -171,16 +172,17 @@ class NumpySource final : public ArraySource {
 
   /// The columns of a field: of the array's matrix, or of the rows that a field has in each item.
   void add_field(const Array& array, const NumpyField& field) {
-    const auto& shape = array.header.shape;
     const std::string name = field.name.empty()   ? array.name
                              : array.name.empty() ? field.name
                                                   : fmt::format("{}.{}", array.name, field.name);
-    if (shape.empty() || shape.size() > 2 || (shape.size() == 2 && field.count != 1)) return;
-    const Matrix matrix{name, shape[0], shape.size() == 2 ? shape[1] : field.count};
-    const bool by_column = array.header.fortran_order && shape.size() == 2;
-    for (const Stripe& stripe : stripes_of(matrix, by_column, '[', ']', 0)) {
+    if (array.header.shape.empty()) return;
+    std::vector<std::size_t> sides = array.header.shape;
+    if (field.count != 1) sides.push_back(field.count);
+    sides = matrix_sides(std::move(sides));
+    const bool by_column = array.header.fortran_order && field.count == 1;
+    for (const Stripe& stripe : stripes_of(name, sides, by_column, '[', ']', 0)) {
       headers_.push_back(stripe.name);
-      columns_.push_back({arrays_.size(), field, stripe});
+      columns_.push_back({arrays_.size(), field, stripe, sides});
     }
   }
 
@@ -191,6 +193,7 @@ class NumpySource final : public ArraySource {
       return tl::unexpected(Error(fmt::format("{}: {}", where(array), why)));
     };
     if (c.field.kind == 'O') return fail("holds Python objects, which are not read; save plain numbers");
+    if (c.sides.size() > 2) return fail(no_matrix(c.sides));
     if (!c.field.number())
       return fail(fmt::format("is of type '{}{}', no numbers; accepted are f4, f8, i1 to i8, u1 to u8, b1",
                               printable({&c.field.kind, 1}), c.field.size));
@@ -214,7 +217,7 @@ class NumpySource final : public ArraySource {
       loaded_ = c.array;
     }
     // Fields of an item lie side by side; a plain array has one per item.
-    const bool in_items = array.header.shape.size() == 1;
+    const bool in_items = array.header.shape.size() == 1 || c.field.count != 1;
     std::vector<double> values(c.stripe.count);
     for (std::size_t i = 0; i < values.size(); ++i) {
       const std::size_t at = c.stripe.begin + i * c.stripe.step,

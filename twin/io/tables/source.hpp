@@ -45,20 +45,21 @@ class ArraySource : public Source {
   virtual Result<std::vector<double>> column(std::size_t header) = 0;
 };
 
-/// Names of the columns of a matrix: "q[:,0]", "q(:,1)" with counting from `first`; of a vector its own name. The
-/// longer side of a matrix is that of samples.
-struct Matrix {
-  std::string name;
-  std::size_t rows, columns;
-};
+/// Rows and columns of an array: its sides without those of length 1, as far as more than two are left. More than two
+/// are no matrix.
+std::vector<std::size_t> matrix_sides(std::vector<std::size_t> sides);
+/// What to say of an array with more than two.
+std::string no_matrix(std::span<const std::size_t> sides);
+
 /// One column of a matrix, as a stride through its elements.
 struct Stripe {
   std::string name;
   std::size_t begin, step, count;
 };
-/// All columns of a matrix and, where it is at most 64 high, its rows. `by_column`: elements of a column are
-/// neighbours.
-std::vector<Stripe> stripes_of(const Matrix& matrix, bool by_column, char open, char close, std::size_t first);
+/// All columns of a matrix and, where it is at most 64 high, its rows: "q[:,0]", "q(:,1)" with counting from `first`;
+/// of a vector, and of what is no matrix, one of its own name. `by_column`: elements of a column are neighbours.
+std::vector<Stripe> stripes_of(const std::string& name, std::span<const std::size_t> sides, bool by_column, char open,
+                               char close, std::size_t first);
 
 /// What any array may have at most in memory, in bytes.
 constexpr std::uintmax_t most_bytes = std::uintmax_t{4} << 30;

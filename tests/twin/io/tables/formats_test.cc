@@ -252,6 +252,62 @@ TEST_F(Formats, MatlabThatIsWrongIsRefused) {
   }
 }
 
+/// libmatio gives what is before the cut, and says nothing.
+TEST_F(Formats, MatlabFilesThatAreCutOffAreRefused) {
+  for (const mat_ft version : {MAT_FT_MAT4, MAT_FT_MAT5, MAT_FT_MAT73})
+    for (const auto compression : {MAT_COMPRESSION_NONE, MAT_COMPRESSION_ZLIB}) {
+      if (version == MAT_FT_MAT4 && compression == MAT_COMPRESSION_ZLIB) continue;
+      mat_t* mat = Mat_CreateVer((folder_ / "a.mat").c_str(), nullptr, version);
+      for (const char* name : {"time_s", "torque_a_nm", "z"}) {
+        matvar_t* v = matrix(name, {0, 1, 2, 3.5, 7, 9}, 6, 1);
+        ASSERT_EQ(Mat_VarWrite(mat, v, compression), 0);
+        Mat_VarFree(v);
+      }
+      Mat_Close(mat);
+      EXPECT_TRUE(read_numbers(folder_ / "a.mat", {"time_s", "torque_a_nm"})) << version;
+      std::ifstream stream(folder_ / "a.mat", std::ios::binary);
+      const std::string bytes(std::istreambuf_iterator<char>(stream), {});
+      for (const std::size_t lost : {1, 4, 20}) {
+        const auto table =
+            read_numbers(write("cut.mat", bytes.substr(0, bytes.size() - lost)), {"time_s", "torque_a_nm"});
+        ASSERT_FALSE(table) << version << " without its last " << lost;
+        if (version != MAT_FT_MAT73) EXPECT_THAT(table.error().message, HasSubstr("cut.mat: is cut off or damaged"));
+      }
+    }
+}
+
+TEST_F(Formats, ArraysWithSidesOfOneAreVectorsAndMatrices) {
+  const std::string three = bytes_of<double>({1, 2, 3}), six = bytes_of<double>({0, 10, 1, 11, 2, 12});
+  for (const auto& [shape, column] : {std::pair{"(3, 1, 1)", "q"}, {"(1, 3, 1)", "q"}, {"(1, 1, 3)", "q"}}) {
+    const auto table = read(archive("a.npz", {{"t.npy", npy(header("'<f8'", "(3,)"), three)},
+                                              {"q.npy", npy(header("'<f8'", shape), three)}}),
+                            "t", column);
+    ASSERT_TRUE(table) << shape << table.error().message;
+    EXPECT_THAT(table->columns[1], ElementsAre(1, 2, 3)) << shape;
+  }
+  for (const char* shape : {"(3, 1, 2)", "(3, 2, 1)", "(1, 3, 2)"}) {
+    const auto table = read(write("a.npy", npy(header("'<f8'", shape), six)), "[:,0]", "[:,1]");
+    ASSERT_TRUE(table) << shape << table.error().message;
+    EXPECT_THAT(table->columns, ElementsAre(ElementsAre(0, 1, 2), ElementsAre(10, 11, 12))) << shape;
+  }
+  const auto cube = archive("b.npz", {{"t.npy", npy(header("'<f8'", "(3,)"), three)},
+                                      {"q.npy", npy(header("'<f8'", "(3, 2, 2)"), six + six)}});
+  EXPECT_THAT(read(cube, "t", "q").error().message, AllOf(HasSubstr("'q'"), HasSubstr("3 dimensions, 3 x 2 x 2")));
+  for (const mat_ft version : {MAT_FT_MAT5, MAT_FT_MAT73}) {
+    mat_t* mat = Mat_CreateVer((folder_ / "a.mat").c_str(), nullptr, version);
+    double numbers[] = {0, 1, 2, 10, 11, 12, 5, 6, 7, 8, 9, 10};
+    std::size_t flat[] = {3, 1, 2}, deep[] = {3, 2, 2};
+    add(mat, matrix("t", {0, 1, 2}, 3, 1));
+    add(mat, Mat_VarCreate("Q", MAT_C_DOUBLE, MAT_T_DOUBLE, 3, flat, numbers, 0));
+    add(mat, Mat_VarCreate("R", MAT_C_DOUBLE, MAT_T_DOUBLE, 3, deep, numbers, 0));
+    Mat_Close(mat);
+    const auto table = read(folder_ / "a.mat", "t", "Q(:,2)");
+    ASSERT_TRUE(table) << version << table.error().message;
+    EXPECT_THAT(table->columns[1], ElementsAre(10, 11, 12));
+    EXPECT_THAT(read(folder_ / "a.mat", "t", "R").error().message, HasSubstr("3 dimensions, 3 x 2 x 2")) << version;
+  }
+}
+
 /// Damaged files end in a message or in numbers, never in a crash.
 TEST_F(Formats, DamageIsSurvived) {
   write_mat(folder_ / "a.mat", MAT_FT_MAT5);

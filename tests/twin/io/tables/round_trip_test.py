@@ -251,7 +251,8 @@ check(
     "a column of no interest may be anything",
     run("dynamics", "arm.xml", "both.csv", *constants, "--quiet").returncode == 0,
 )
-np.savez(path("pickle.npz"), time_s=np.array([{"a": 1}, None], dtype=object), allow_pickle=True)
+objects = np.array([{"a": 1}, None], dtype=object)
+np.savez(path("pickle.npz"), time_s=objects, power_arm_w=np.ones(2), temperature_arm_degC=np.ones(2), allow_pickle=True)
 refused("a pickle", ["pickle.npz", "Python objects"], "thermal", "pickle.npz")
 
 # ---- Heat: thermal reads the record of a run, and its cycles.

@@ -181,6 +181,11 @@ TEST_F(Tables, DialectsAreFound) {
         std::string("time_s\tposition_j_rad\n0\t1,5\n0,25\t-2500\n"),
         std::string("time_s , position_j_rad\n 0, 1.5\n0.25 ,-2500"),
         std::string("\"time_s\",\"position_j_rad\"\n\"0\",\"1,5\"\n\"0,25\",\"-2500\"\n"),
+        std::string("sep=;\r\ntime_s;position_j_rad\r\n0;1,5\r\n0,25;-2500\r\n"),
+        std::string("# time_s,position_j_rad\n0,1.5\n0.25,-2500\n"),
+        std::string("time_s,position_j_rad,x,x\n0,1.5,7,8\n0.25,-2500,7,8\n"),
+        std::string("time_s,position_j_rad\r0,1.5\r0.25,-2500\r"),
+        std::string("time_s;position_j_rad;\xD6l\n0;1,5;\xFC\n0,25;-2500;\xB0\n"),
         std::string("time_ms;\"position, of the arm\";position_j_rad\n0;x;1,5\n250;y;-2500\n")}) {
     const auto table = read(text, wanted);
     ASSERT_TRUE(table) << text << table.error().message;
@@ -208,14 +213,70 @@ TEST_F(Tables, WhatIsAmbiguousIsRefusedWithItsLine) {
       {"control bytes", "time_s,torque_j_nm\n0,\x1b[2J\n", {"table.csv:2: ", "'?[2J'"}},
       {"control bytes of the header", "time_s,torque_j_\x1b[2J\n0,1\n", {"table.csv:1: ", "torque_j_?[2J"}},
       {"quotes", "time_s,torque_j_nm\n0,\"1\n", {"table.csv:2: ", "not closed"}},
-      {"UTF-16", "\xFF\xFEt\n", {"UTF-16"}},
+      {"UTF-16", "\xFF\xFEt\n", {"table.csv:1: ", "UTF-16"}},
+      {"code page 850", "time_s;torque_j_nm\n0;1\n1;2\x81\n", {"table.csv:3: ", "byte 0x81 at 4", "UTF-8"}},
       {"twice", "time_s,torque_j_nm,j.torque_mnm\n0,1,2\n", {"table.csv:1: ", "'torque_j_nm'", "'j.torque_mnm'"}},
       {"beyond any", "time_s,torque_j_knm\n0,1e9\n", {"table.csv:2: ", "'torque_j_knm'", "1e+12 Nm", "within"}},
+      {"a line before the header",
+       "of robot 5\ntime_s,torque_j_nm\n0,1\n",
+       {"table.csv:2: ", "2 cells but 1", "lines before"}},
+      {"no number behind Excel's line", "sep=;\ntime_s;torque_j_nm\n0;1x\n", {"table.csv:3: ", "'1x'"}},
       {"amperes", "time_s,torque_j_a\n0,1\n", {"table.csv:1: ", "'torque_j_a'", "current", "--torque-constant"}},
       {"no unit", "time,torque_j_nm\n0,1\n", {"table.csv:1: ", "'time'", "s, ms"}},
   };
   for (const auto& c : cases)
     for (const auto& says : c.says) EXPECT_THAT(refusal(c.text, wanted), HasSubstr(says)) << c.name;
+}
+
+/// Windows writes names in its own encoding; the file of --columns may be in either.
+TEST_F(Tables, NamesInLatin1AreThoseOfUtf8) {
+  const std::string table =
+      "Zeit;Moment \xD6l;temperature_j [\xB0"
+      "C]\n0;1,5;20\n1;2,5;21\n";
+  for (const std::string name : {"\xD6l", "\xC3\x96l"}) {
+    const auto map = write("columns.yaml", "# \xB0\ntime_s: Zeit\ntorque_j_nm: 'Moment " + name + "'\n");
+    const auto read_one = read(table, {"time_s", "torque_j_nm", "temperature_j_degC"}, {.columns = map});
+    ASSERT_TRUE(read_one) << read_one.error().message;
+    EXPECT_THAT(read_one->columns, ElementsAre(ElementsAre(0, 1), ElementsAre(1.5, 2.5), ElementsAre(20, 21)));
+  }
+  const auto names = read("time_s;position_\xD6l_rad\n0;1\n", {"time_s"})->names;
+  EXPECT_THAT(names, ElementsAre("time_s", "position_\xC3\x96l_rad"));
+  // Code page 850: its sign of degrees is a letter.
+  EXPECT_THAT(refusal("temperature_j [\xF8"
+                      "C]\n20\n",
+                      {"temperature_j_degC"}),
+              AllOf(HasSubstr("table.csv:1: "), HasSubstr("degC, degF, K")));
+  EXPECT_THAT(read_column_map(write("columns.yaml", "time_s: t\n# \x81\n")).error().message,
+              AllOf(HasSubstr("columns.yaml:2: "), HasSubstr("0x81")));
+  EXPECT_THAT(read_column_map(write("columns.yaml", "\xFF\xFEt\n")).error().message, HasSubstr("UTF-16"));
+}
+
+/// What a table is for follows from its header, which a pipe gives once.
+TEST_F(Tables, ColumnsAreChosenByTheHeader) {
+  auto table = OpenTable::open(write("table.csv", "time_s,arm.position_rad,speed_rad_s\n0,1,2\n"));
+  ASSERT_TRUE(table) << table.error().message;
+  EXPECT_THAT(table->header()->names, ElementsAre("time_s", "position_arm_rad", "speed_rad_s"));
+  EXPECT_TRUE(table->header({"time_s", "position_rad"})->has("position_rad"));
+  EXPECT_FALSE(table->header({"friction_nm"})->has("position_rad"));
+  EXPECT_TRUE(table->header()->lines.empty());
+  const auto numbers = table->read({"time_s", "position_rad"});
+  ASSERT_TRUE(numbers) << numbers.error().message;
+  EXPECT_THAT(numbers->columns, ElementsAre(ElementsAre(0), ElementsAre(1)));
+}
+
+TEST_F(Tables, TheSameContentIsFoundUnderAnyName) {
+  const auto a = write("a.csv", "time_s\n0\n"), b = write("b.csv", "time_s\n1\n"), c = write("c.csv", "time_s\n0\n");
+  EXPECT_FALSE(given_twice({a, b, folder_ / "none.csv", "/dev/null", "/dev/null"}));
+  for (const auto& [one, other] : {std::pair{a, c}, {a, a}, {a, folder_ / "." / "a.csv"}}) {
+    const auto why = given_twice({b, one, other});
+    ASSERT_TRUE(why) << one << other;
+    EXPECT_THAT(*why, AllOf(HasSubstr(one.string()), HasSubstr(other.string()), HasSubstr("same content")));
+  }
+  for (const char* run : {"one", "other"}) {
+    fs::create_directory(folder_ / run);
+    write(std::string(run) + "/telemetry.h5", "x");
+  }
+  EXPECT_TRUE(given_twice({folder_ / "one", folder_ / "other"}));
 }
 
 TEST_F(Tables, NoTextIsRefused) {
@@ -277,6 +338,9 @@ TEST_F(Tables, CurrentsBecomeTorques) {
   EXPECT_DOUBLE_EQ(table->columns[2][0], 5);
   // Without the constant a current is no torque.
   EXPECT_TRUE(read(text, wanted)->columns[1].empty());
+  EXPECT_THAT(read(text, wanted)->hint("torque_a_nm"),
+              AllOf(HasSubstr("current_a_a"), HasSubstr("--torque-constant a=")));
+  EXPECT_EQ(read(text, wanted)->hint("torque_c_nm") + read(text, wanted)->hint("time_s"), "");
   options.gear_ratio = {};
   EXPECT_THAT(refusal(text, wanted, options), AllOf(HasSubstr("'current_a_a'"), HasSubstr("--gear-ratio")));
   options.gear_ratio.set_all(1);
@@ -311,6 +375,17 @@ TEST_F(Tables, ForeignNamesAreMapped) {
               AllOf(HasSubstr("table.csv:2: "), HasSubstr("'yesterday'"), HasSubstr("2022-10-26T08")));
 }
 
+TEST_F(Tables, PatternsMapJointByJoint) {
+  const auto map = write("columns.yaml", "position_joint*_rad: {from: 'q(*)', unit: deg}\ntime_s: t\n");
+  const auto table =
+      read("t;q(1);q(2);q(x)y\n0;180;90;5\n", {"position_joint1_rad", "position_joint2_rad"}, {.columns = map});
+  ASSERT_TRUE(table) << table.error().message;
+  EXPECT_NEAR(table->columns[0][0], std::numbers::pi, 1e-15);
+  EXPECT_NEAR(table->columns[1][0], std::numbers::pi / 2, 1e-15);
+  EXPECT_THAT(refusal("t;p(1)\n0;1\n", {"time_s"}, {.columns = map}),
+              AllOf(HasSubstr("position_joint*_rad"), HasSubstr("no column like 'q(*)'"), HasSubstr("t, p(1)")));
+}
+
 TEST_F(Tables, TimeMayFollowFromTheRate) {
   const auto map = write("columns.yaml", "time_s: {rate_hz: 4}\nposition_a_rad: q\n");
   const auto table = read("q,x\n1,0\n2,0\n,0\n4,0\n", {"time_s", "position_a_rad"}, {.columns = map});
@@ -336,6 +411,8 @@ TEST_F(Tables, MapsThatAreWrongAreRefused) {
                {"position_a_rad: {from: q, factor: 2}\n", "factor"},
                {"position_a_rad: [q]\n", "position_a_rad"},
                {"position_a_rad: q\na.position_deg: p\n", "is mapped from 'q' already"},
+               {"position_*_rad: q\n", "one * in the joint's name and one in the foreign name, 'q'"},
+               {"position_**_rad: q*\n", "one * in the joint's name"},
                {"{}\n", "maps no column"},
                {"- a\n", "columns.yaml"}};
   for (const auto& c : cases) {
