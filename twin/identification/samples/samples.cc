@@ -340,6 +340,7 @@ Result<Samples> read_samples(std::span<const fs::path> files, const friction::La
     if (!opened) return tl::unexpected(opened.error());
     const Numbers* table = &opened->table;
     const bool series = opened->series;
+    samples.notes.insert(samples.notes.end(), table->notes.begin(), table->notes.end());
     if (table->left_out)
       samples.notes.push_back(
           fmt::format("{}: {} rows with empty, NaN or infinite cells are left out, the first in {} {}", file.string(),

@@ -4,6 +4,7 @@
 
 #include <fmt/format.h>
 
+#include <tribotwin/twin/io/mcap/reader.hpp>
 #include <tribotwin/twin/io/tables/layout.hpp>
 #include <tribotwin/twin/io/tables/numbers.hpp>
 #include <tribotwin/twin/io/tables/source.hpp>
@@ -26,10 +27,13 @@ std::string first_bytes(const fs::path& file) {
 }
 
 /// Formats are known by their first bytes, or by their name where the bytes say nothing.
-tables::Opened open_table(const fs::path& file) {
+tables::Opened open_table(const fs::path& file, const std::vector<std::string>& wanted, const TableOptions& options) {
   using namespace std::string_view_literals;
   const std::string bytes = first_bytes(file);
   const auto begins = [&](std::string_view magic) { return bytes.starts_with(magic); };
+  if (mcap::begins_as_mcap(bytes) || file.extension() == ".mcap") return tables::open_mcap(file, wanted, options.topic);
+  if (!options.topic.empty())
+    return tl::unexpected(fmt::format("{}: --topic is for MCAP files; this is none", file.string()));
   if (begins("MATLAB "sv) || file.extension() == ".mat") return tables::open_matlab(file);
   if (begins("\x93NUMPY"sv) || begins("PK\x03\x04"sv) || file.extension() == ".npy" || file.extension() == ".npz")
     return tables::open_numpy(file);
@@ -56,7 +60,7 @@ std::string Numbers::where(std::size_t index) const {
 
 Result<Numbers> read_numbers(const fs::path& file, const std::vector<std::string>& wanted,
                              const TableOptions& options) {
-  auto source = open_table(file);
+  auto source = open_table(file, wanted, options);
   if (!source) return tl::unexpected(source.error());
   const auto layout = tables::lay_out(file, (*source)->headers(), wanted, options);
   if (!layout) return tl::unexpected(layout.error());

@@ -12,7 +12,7 @@
 
 namespace tribotwin::twin {
 
-/// Columns of numbers of a table: CSV, telemetry.h5 or the folder of a run, NumPy .npy and .npz, MATLAB .mat.
+/// Columns of numbers of a table: CSV, telemetry.h5 or the folder of a run, NumPy .npy and .npz, MATLAB .mat, MCAP.
 struct Numbers {
   std::filesystem::path file;
   std::vector<std::string> names;  ///< of all columns: by the convention, in base units; foreign names as they are
@@ -22,6 +22,7 @@ struct Numbers {
   std::size_t left_out = 0;                       ///< rows in which a wanted cell is empty, NaN or infinite
   std::size_t first_left_out = 0;                 ///< its line, from 1
   std::string_view row = "line";                  ///< "row" where the file has no lines
+  std::vector<std::string> notes = {};            ///< how the file was understood, and what it lacks
 
   bool has(std::string_view name) const;
   /// "FILE:LINE: " of a row, or "FILE: row N: ".
