@@ -332,7 +332,7 @@ Result<Samples> read_samples(std::span<const fs::path> files, const friction::La
   Samples samples;
   const TableOptions tables = with_gear_ratio(options.table, options.gear_ratio);
   for (const fs::path& file : files) {
-    if (const auto record = record_of(file)) {
+    if (const auto record = record_of(file); record && tables.topic.empty()) {
       if (const Problem p = read_record(samples, *record, law, options)) return tl::unexpected(*p);
       continue;
     }

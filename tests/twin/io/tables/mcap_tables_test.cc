@@ -271,6 +271,22 @@ TEST_F(McapTables, ARecordIsTheSameAsItsExport) {
   EXPECT_THAT(cycles->columns, ElementsAre(ElementsAre(0, 6, 12), ElementsAre(21, 27, 33)));
 }
 
+TEST_F(McapTables, TheBagOfARecorder) {
+  const std::string one = file(joints() + message(1, 1, joint_state(1, {"a"}, {2})));
+  std::filesystem::create_directory(folder_ / "bag");
+  write("bag/metadata.yaml", "rosbag2_bagfile_information:\n");
+  EXPECT_THAT(read_numbers(folder_ / "bag", {"time_s"}).error().message, HasSubstr("is a folder"));
+  write("bag/bag_0.mcap", one);
+  const auto table = read_numbers(folder_ / "bag", {"time_s", "position_a_rad"});
+  ASSERT_TRUE(table) << table.error().message;
+  EXPECT_THAT(table->columns, ElementsAre(ElementsAre(1), ElementsAre(2)));
+  write("bag/bag_1.mcap", one);
+  EXPECT_THAT(read_numbers(folder_ / "bag", {"time_s"}).error().message,
+              AllOf(HasSubstr("several recordings"), HasSubstr("bag_0.mcap"), HasSubstr("bag_1.mcap")));
+  EXPECT_THAT(read_numbers(write("a.mcap.zstd", packed("zstd", one)), {"time_s"}).error().message,
+              HasSubstr("unpack it first: zstd -d"));
+}
+
 TEST_F(McapTables, ACutRecordingIsReadAndSaidToBeCut) {
   const std::string begin =
       magic + header +
