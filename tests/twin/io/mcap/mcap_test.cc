@@ -1,6 +1,7 @@
 // The container: what a file holds arrives, what is wrong with it is said; what is written is read.
 #include <filesystem>
 
+#include <fmt/format.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
