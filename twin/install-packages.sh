@@ -7,6 +7,7 @@ packages=(
   libeigen3-dev libpugixml-dev libyaml-cpp-dev libcli11-dev libfmt-dev
   nlohmann-json3-dev libhdf5-dev libexpected-dev
   libzip-dev libmatio-dev                              # tables in .npz and .mat
+  liblz4-dev libzstd-dev                               # chunks of .mcap
   libceres-dev libboost-dev                            # identification: trust region, distributions
   libosmesa6-dev liblodepng-dev libpango1.0-dev pkg-config   # pictures
   gnuplot-nox fonts-dejavu-core                              # run by tribotwin-report

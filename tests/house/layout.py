@@ -19,6 +19,7 @@ ORDER = {
     "twin": [
         "io",
         "io/command_line",
+        "io/mcap",
         "io/telemetry",
         "io/tables",
         "numerics",

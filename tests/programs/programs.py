@@ -165,6 +165,9 @@ commands = [
         ),
         Command("export --csv", ("tribotwin", "export", "run", "--csv"), ("run/telemetry.csv",), given=("run",)),
         Command(
+            "export --mcap", ("tribotwin", "export", "run", "--mcap", "-o", "run.mcap"), ("run.mcap",), given=("run",)
+        ),
+        Command(
             "export --recording",
             ("tribotwin", "export", "{in}/run", "--recording", "-o", "recorded.csv"),
             ("recorded.csv",),

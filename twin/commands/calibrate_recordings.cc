@@ -8,6 +8,7 @@
 
 #include <tribotwin/twin/commands/calibrate_campaign.hpp>
 #include <tribotwin/twin/io/json.hpp>
+#include <tribotwin/twin/io/output.hpp>
 #include <tribotwin/twin/io/tables/numbers.hpp>
 #include <tribotwin/twin/io/text.hpp>
 
@@ -65,6 +66,7 @@ std::map<std::string, std::string> labels_of(const fs::path& file) {
 
 Recording read_recording(const fs::path& file, const Mapping& in, const TableOptions& tables) {
   auto points = or_wrong_input(read_set_points(file, tables));
+  for (const auto& text : points.notes) note("{}", text);
   if (points.measured_rad.empty())
     in.fail("files", fmt::format("{} has no measured positions; needed is JSON with entries of timestamp, "
                                  "goal_position and position, or a table of one joint with time_s, set_point_rad and "

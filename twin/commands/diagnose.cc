@@ -216,6 +216,8 @@ Result<Exit> watch_shadow(const Arguments& a) {
   options.table = tables_of(a, a.residuals.table.joint);
   const auto w = watch_residuals(a.data.front(), options);
   if (!w) throw InputError(w.error().message);
+  for (const auto& text : w->notes)
+    if (!a.quiet) note("{}", text);
   // Beyond 2 / sqrt(n) it is hardly chance.
   if (!a.quiet && w->correlation > 2 / std::sqrt(static_cast<double>(a.residuals.learn)))
     note(

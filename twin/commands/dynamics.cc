@@ -172,7 +172,7 @@ void add_dynamics(CLI::App& app, int& code) {
                                "Identify a robot's inertial parameters and friction from recorded motion and torques");
   c->add_option("MODEL", a->model, "MJCF model: positions and axes of the joints; masses are identified")->required();
   c->add_option("DATA", a->data,
-                "Table (CSV, folder of a run, telemetry.h5, .npz, .npy, .mat): time_s, position_JOINT_rad (_m), "
+                "Table (CSV, folder of a run, telemetry.h5, .npz, .npy, .mat, .mcap): time_s, position_JOINT_rad (_m), "
                 "torque_JOINT_nm (_n), optionally velocity_JOINT_rad_s, "
                 "temperature_JOINT_degC")
       ->required();

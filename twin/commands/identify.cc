@@ -413,7 +413,7 @@ void add_identify(CLI::App& app, int& code) {
                                "Identify a friction law's parameters, with uncertainties, from measured friction");
   c->add_option(
        "DATA", a->data,
-       "Tables (CSV, folder of a run, telemetry.h5, .npz, .npy, .mat) of friction curves or of recordings of a "
+       "Tables (CSV, folder of a run, telemetry.h5, .npz, .npy, .mat, .mcap) of friction curves or of recordings of a "
        "joint; for bouc_wen and lugre recordings sample by sample")
       ->required();
   c->add_option("--law", a->law,

@@ -1,4 +1,5 @@
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstdint>
 #include <memory>
@@ -65,6 +66,22 @@ Result<Exit> export_record(const std::string& directory, const Destination& opti
     return deliver(files_json(names));
   }
   for (const auto& file : *files) print("{}\n", file.string());
+  return done;
+}
+
+/// The record as MCAP: in `output`, or beside the record.
+Result<Exit> export_messages(const std::string& directory, Destination output) {
+  require_record(directory);
+  const std::filesystem::path record = std::filesystem::path(directory) / "telemetry.h5";
+  if (!output.named()) output.file = (std::filesystem::path(directory) / "telemetry.mcap").string();
+  or_wrong_input(check_output(output.file, output.existing(), std::array{record}));
+  FolderLock lock;
+  or_fail(lock.take(directory));
+  Progress progress(false);
+  const auto written = export_mcap(directory, output.file, output.existing(), [&](double share) { progress(share); });
+  if (!written) return work_failed(written.error().message);
+  if (output.json) return deliver(files_json(std::array{output.file}));
+  print("{}\n", output.file);
   return done;
 }
 
@@ -194,7 +211,7 @@ struct ExportArguments {
   Sensors sensors{.sampling_hz = 0};
   std::uint64_t seed = 1;
   std::optional<double> temperature_degC, speed_max_rad_s;
-  bool csv = false, mjcf = false, recording = false, native = false;
+  bool csv = false, mjcf = false, recording = false, native = false, mcap = false;
 };
 
 /// What the controller of --recording measures with.
@@ -230,10 +247,10 @@ void add_recover(CLI::App& app, int& code) {
 void add_export(CLI::App& app, int& code) {
   // Long: one list of options, which exclude or need each other.
   auto a = std::make_shared<ExportArguments>();
-  auto* command = app.add_subcommand(
-      "export",
-      "Export the record of a run as CSV, complete or as a controller records it, parameters as a MuJoCo element, or a "
-      "model without plugins");
+  auto* command = app.add_subcommand("export",
+                                     "Export the record of a run as CSV, complete or as a controller records it, or as "
+                                     "MCAP, parameters as a MuJoCo element, or a "
+                                     "model without plugins");
   command->add_option("FROM", a->from, "Folder of a run, PARAMS.yaml, or MODEL.xml")->required();
   auto* csv = command->add_flag("--csv", a->csv,
                                 "The samples as telemetry.csv and, where there are work cycles, these as cycles.csv");
@@ -254,6 +271,13 @@ void add_export(CLI::App& app, int& code) {
                      ->excludes(mjcf)
                      ->excludes(recording);
   command
+      ->add_flag("--mcap", a->mcap,
+                 "telemetry.mcap for ROS 2, Foxglove and Lichtblick: /joint_states and /dynamic_joint_states")
+      ->excludes(csv)
+      ->excludes(mjcf)
+      ->excludes(recording)
+      ->excludes(native);
+  command
       ->add_option("--temperature", a->temperature_degC,
                    "Temperature of that friction [degC] (default: T_amb, within the range of the law)")
       ->check(CLI::Range(-273.15, 1000.0))
@@ -273,21 +297,24 @@ void add_export(CLI::App& app, int& code) {
       ->check(CLI::Range(1e-9, 1e9));
   command->add_option("--gear-ratio", a->gear_ratio, "Motor turns per joint turn, where the file holds none")
       ->check(CLI::Range(1e-6, 1e6));
-  a->output.add_to(
-      *command,
-      "File for the elements or the recording (default: stdout), or the .csv of --csv (default: RUNDIR/telemetry.csv)");
+  a->output.add_to(*command,
+                   "File for the elements or the recording (default: stdout), the .csv of --csv or the .mcap of --mcap "
+                   "(default: beside the record)");
   a->output.add_json_to(*command);
   command->footer(
-      "Example:\n  tribotwin run irb6620_hold -o runs/hold\n  tribotwin export runs/hold --csv\n  tribotwin lab "
+      "Example:\n  tribotwin run irb6620_hold -o runs/hold\n  tribotwin export runs/hold --csv\n  tribotwin export "
+      "runs/hold --mcap\n  tribotwin lab "
       "rh380n_friction -o lab/rh380n\n  tribotwin identify --law stribeck_T lab/rh380n/curves/00[89].csv "
       "lab/rh380n/curves/01?.csv -o params.yaml\n  tribotwin export params.yaml --mjcf --tau-max 20 --gear-ratio 1");
   command->callback([a, &code] {
-    if (a->csv + a->mjcf + a->recording + a->native != 1)
+    if (a->csv + a->mjcf + a->recording + a->native + a->mcap != 1)
       throw InputError(
-          "export needs --csv or --recording (of a run), --mjcf (of PARAMS.yaml) or --native (of MODEL.xml)");
-    if (!a->csv || a->output.named()) check(a->output, {a->from, std::filesystem::path(a->from) / "telemetry.h5"});
+          "export needs --csv, --mcap or --recording (of a run), --mjcf (of PARAMS.yaml) or --native (of MODEL.xml)");
+    if (!(a->csv || a->mcap) || a->output.named())
+      check(a->output, {a->from, std::filesystem::path(a->from) / "telemetry.h5"});
     code = or_throw(a->recording ? export_recording(a->from, a->sensors, a->torque_noise_share, a->seed, a->output)
                     : a->csv     ? export_record(a->from, a->output)
+                    : a->mcap    ? export_messages(a->from, a->output)
                     : a->native
                         ? export_native(a->from, a->temperature_degC, a->speed_max_rad_s, a->output)
                         : export_elements(a->from, a->name, a->on_drive, a->torque_max_nm, a->gear_ratio, a->output));

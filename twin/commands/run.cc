@@ -169,6 +169,12 @@ Result<Exit> strict_code(const Arguments& a, const std::string& checks) {
   return report_error(limit_exceeded, fmt::format("--strict: the run is not what its scenario asked for ({})", checks));
 }
 
+/// How a recorded motion was understood.
+void note_recording(const Arguments& a, const Scenario& scenario) {
+  if (!scenario.recording || a.quiet) return;
+  for (const auto& text : scenario.recording->notes) note("{}", text);
+}
+
 /// Runs all variations, each in a folder of its own, and one summary over them.
 Result<Exit> vary(const Arguments& a, const fs::path& file, const std::vector<Variation>& all,
                   const std::vector<std::string>& settings) {
@@ -178,6 +184,7 @@ Result<Exit> vary(const Arguments& a, const fs::path& file, const std::vector<Va
     std::vector<std::string> both = one.settings;
     both.insert(both.end(), settings.begin(), settings.end());
     scenarios.push_back(or_throw(load_scenario(file, both)));
+    note_recording(a, scenarios.back());
   }
   const fs::path output = a.directory.empty() ? fs::path("runs") / scenarios[0].name : fs::path(a.directory);
   require_other_folder(output, file);
@@ -244,6 +251,7 @@ Result<Exit> execute(const Arguments& a) {
   if (file == a.scenario) refuse_model(a.scenario);
   if (const auto all = variations(file); !all.empty()) return vary(a, file, all, settings);
   const Scenario loaded = or_throw(load_scenario(file, settings));
+  note_recording(a, loaded);
   const fs::path output = a.directory.empty() ? fs::path("runs") / loaded.name : fs::path(a.directory);
   require_other_folder(output, file);
   if (!a.quiet && !a.json) report_before(loaded);

@@ -328,7 +328,7 @@ void add_thermal(CLI::App& app, int& code) {
   auto* c = app.add_subcommand(
       "thermal", "Identify thermal models of joints from recorded heat and temperature, or from torque alone");
   c->add_option("DATA", a->data,
-                "Table (CSV, folder of a run, telemetry.h5, .npz, .npy, .mat): time_s, power_JOINT_w or "
+                "Table (CSV, folder of a run, telemetry.h5, .npz, .npy, .mat, .mcap): time_s, power_JOINT_w or "
                 "torque_JOINT_nm with velocity_JOINT_rad_s or position_JOINT_rad, and "
                 "temperature_JOINT_degC; without temperatures --work-cycle and --rested")
       ->required();

@@ -63,6 +63,7 @@ std::optional<Margin> margin_of(const HealthyState& h, std::span<const Observati
 struct Residuals {
   std::string joint;
   std::vector<double> time_s, residual_nm, temperature_degC;
+  std::vector<std::string> notes;
 };
 
 /// Joints of the columns residual_JOINT_nm or, where there is none, of predicted_JOINT_nm beside torque_JOINT_nm.
@@ -105,7 +106,8 @@ Result<Residuals> read_residuals(const std::filesystem::path& file, const TableO
   return Residuals{.joint = joint,
                    .time_s = std::move(columns[0]),
                    .residual_nm = std::move(columns[1]),
-                   .temperature_degC = std::move(columns[3])};
+                   .temperature_degC = std::move(columns[3]),
+                   .notes = std::move(table->notes)};
 }
 
 /// Per window with samples.
@@ -234,6 +236,7 @@ Result<ResidualWatch> watch_residuals(const std::filesystem::path& file, const R
   ResidualWatch w{.joint = residuals->joint,
                   .threshold = cusum_threshold(o.false_alarm),
                   .correlation = e.head(n - 1).dot(e.tail(n - 1)) / std::max(e.squaredNorm(), 1e-300)};
+  w.notes = residuals->notes;
   Cusum chart(baseline);
   for (std::size_t i = 0; i < count; ++i) {
     auto& window = w.windows.emplace_back(

@@ -87,6 +87,7 @@ struct ResidualWatch {
   };
   std::vector<Window> windows;
   std::optional<std::size_t> first_alarm;
+  std::vector<std::string> notes;  ///< how the file was understood, and what it lacks
 };
 /// ErrorKind::input on files that shadow did not write, on too few windows and on residuals that are all equal.
 Result<ResidualWatch> watch_residuals(const std::filesystem::path& file, const ResidualOptions& options);

@@ -19,6 +19,7 @@ Result<Numbers> read_time_series(const std::filesystem::path& file, const std::v
       return tl::unexpected(fmt::format("{}:1: no column {}; {}the columns are {}, and may be {}; the header names {}",
                                         file.string(), name, table->hint(name), joined(needed), joined(optional),
                                         table->header));
+  notes.insert(notes.end(), table->notes.begin(), table->notes.end());
   const auto& time = table->columns[0];
   if (time.empty())
     return tl::unexpected(table->left_out

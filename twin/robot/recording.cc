@@ -101,6 +101,7 @@ Read read_columns(const std::filesystem::path& file, const TableOptions& options
         fmt::format("{}:1: no column 'time_s' with numbers; the header names {}", file.string(), table->header));
   if (const auto problem = not_increasing(*table, table->columns[0])) return tl::unexpected(*problem);
   SetPoints points{.time_s = std::move(table->columns[0])};
+  points.notes = std::move(table->notes);
   for (std::size_t k = 0; k < joints.size(); ++k) {
     auto* const of_joint = &table->columns[1 + 4 * k];
     if (!joints[k].first.empty()) points.joints.push_back(joints[k].first);

@@ -25,6 +25,7 @@ struct SetPoints {
   std::vector<double> temperature_degC;             ///< of one joint; may be empty
   std::vector<bool> torque_on;                      ///< of one joint: the servo was switched on
   std::vector<std::pair<std::string, double>> numbers;
+  std::vector<std::string> notes;  ///< how the file was understood, and what it lacks
 };
 
 /// Fails with a message that names file and line (CSV) or entry (JSON).

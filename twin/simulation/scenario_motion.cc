@@ -71,6 +71,7 @@ Motion read_recording(const MotionInput& input) {
   const auto file = recording_file(input);
   TableOptions tables;
   if (input.in.has("columns")) tables.columns = resolve_file(input.folder, input.in, input.node, "columns");
+  if (input.in.has("topic")) tables.topic = input.in.text("topic");
   auto points = or_wrong_input(read_set_points(file, tables));
   const double delay_s = input.in.number_or("delay_s", 0, {0, 10});
   input.in.done();

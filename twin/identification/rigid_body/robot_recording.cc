@@ -159,6 +159,7 @@ Result<RobotRecording> read_robot_recording(const std::filesystem::path& file, c
   table->file = file;
   if (const Problem p = columns.missing(*table, r)) return tl::unexpected(*p);
   RobotRecording rec{.file = file};
+  rec.notes = table->notes;
   if (const Problem p = read_time(*table, rec)) return tl::unexpected(*p);
 
   const Index n = r.joints(), samples = static_cast<Index>(rec.time_s.size());

@@ -358,7 +358,7 @@ Result<Samples> read_samples(std::span<const fs::path> files, const friction::La
   Samples samples;
   const TableOptions tables = with_gear_ratio(options.table, options.gear_ratio);
   for (const fs::path& file : files) {
-    if (const auto record = record_of(file)) {
+    if (const auto record = record_of(file); record && tables.topic.empty()) {
       if (const Problem p = read_record(samples, *record, law, options)) return tl::unexpected(*p);
       continue;
     }
@@ -366,6 +366,7 @@ Result<Samples> read_samples(std::span<const fs::path> files, const friction::La
     if (!opened) return tl::unexpected(opened.error());
     const Numbers* table = &opened->table;
     const bool series = opened->series;
+    samples.notes.insert(samples.notes.end(), table->notes.begin(), table->notes.end());
     if (table->left_out)
       samples.notes.push_back(
           fmt::format("{}: {} rows with empty, NaN or infinite cells are left out, the first in {} {}", file.string(),

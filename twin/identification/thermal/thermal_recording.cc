@@ -281,6 +281,7 @@ Result<ThermalRecording> read_thermal_recording(const std::filesystem::path& fil
     return tl::unexpected(Error(
         fmt::format("{}: {} rows of finite numbers; at least {} are needed", file.string(), time.size(), min_samples)));
   ThermalRecording out{.file = file};
+  out.notes = numbers->notes;
   if (numbers->left_out)
     out.notes.push_back(fmt::format("{}: {} rows with empty, NaN or infinite cells are gaps, the first in {} {}",
                                     file.string(), numbers->left_out, numbers->row, numbers->first_left_out));

@@ -4,6 +4,7 @@
 
 #include <fmt/format.h>
 
+#include <tribotwin/twin/io/mcap/reader.hpp>
 #include <tribotwin/twin/io/tables/layout.hpp>
 #include <tribotwin/twin/io/tables/numbers.hpp>
 #include <tribotwin/twin/io/tables/source.hpp>
@@ -25,11 +26,35 @@ std::string first_bytes(const fs::path& file) {
   return bytes;
 }
 
+/// The recording in a bag, which is the folder that rosbag2 makes; of other files themselves.
+Result<fs::path> out_of_bag(const fs::path& file) {
+  std::error_code error;
+  if (!fs::is_directory(file, error) || record_of(file)) return file;
+  std::vector<std::string> recordings;
+  for (const auto& entry : fs::directory_iterator(file, error))
+    if (entry.path().extension() == ".mcap") recordings.push_back(entry.path().string());
+  if (recordings.empty()) return file;
+  std::ranges::sort(recordings);
+  if (recordings.size() > 1)
+    return tl::unexpected(
+        fmt::format("{}: is a folder of several recordings, {}; give one of them", file.string(), shown(recordings)));
+  return recordings.front();
+}
+
 /// Formats are known by their first bytes, or by their name where the bytes say nothing.
-tables::Opened open_table(const fs::path& file) {
+tables::Opened open_table(const fs::path& given, const std::vector<std::string>& wanted, const TableOptions& options) {
   using namespace std::string_view_literals;
+  const auto found = out_of_bag(given);
+  if (!found) return tl::unexpected(found.error());
+  const fs::path& file = *found;
   const std::string bytes = first_bytes(file);
   const auto begins = [&](std::string_view magic) { return bytes.starts_with(magic); };
+  if (mcap::begins_as_mcap(bytes) || file.extension() == ".mcap") return tables::open_mcap(file, wanted, options.topic);
+  if (!options.topic.empty())
+    return tl::unexpected(fmt::format("{}: --topic is for MCAP files; this is none", file.string()));
+  if (begins("\x28\xB5\x2F\xFD"sv))
+    return tl::unexpected(
+        fmt::format("{}: is compressed as a whole; unpack it first: zstd -d {}", file.string(), file.string()));
   if (begins("MATLAB "sv) || file.extension() == ".mat") return tables::open_matlab(file);
   if (begins("\x93NUMPY"sv) || begins("PK\x03\x04"sv) || file.extension() == ".npy" || file.extension() == ".npz")
     return tables::open_numpy(file);
@@ -75,8 +100,9 @@ OpenTable::OpenTable(fs::path file, TableOptions options, std::unique_ptr<tables
 OpenTable::OpenTable(OpenTable&&) noexcept = default;
 OpenTable::~OpenTable() = default;
 
-Result<OpenTable> OpenTable::open(const fs::path& file, const TableOptions& options) {
-  auto source = open_table(file);
+Result<OpenTable> OpenTable::open(const fs::path& file, const TableOptions& options,
+                                  const std::vector<std::string>& wanted) {
+  auto source = open_table(file, wanted, options);
   if (!source) return tl::unexpected(source.error());
   return OpenTable(file, options, std::move(*source));
 }
@@ -103,7 +129,7 @@ Result<Numbers> OpenTable::read(const std::vector<std::string>& wanted) {
 
 Result<Numbers> read_numbers(const fs::path& file, const std::vector<std::string>& wanted,
                              const TableOptions& options) {
-  auto table = OpenTable::open(file, options);
+  auto table = OpenTable::open(file, options, wanted);
   if (!table) return tl::unexpected(table.error());
   return table->read(wanted);
 }

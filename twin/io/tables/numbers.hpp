@@ -17,7 +17,7 @@ namespace tables {
 class Source;
 }
 
-/// Columns of numbers of a table: CSV, telemetry.h5 or the folder of a run, NumPy .npy and .npz, MATLAB .mat.
+/// Columns of numbers of a table: CSV, telemetry.h5 or the folder of a run, NumPy .npy and .npz, MATLAB .mat, MCAP.
 struct Numbers {
   std::filesystem::path file;
   std::vector<std::string> names;  ///< of all columns: by the convention, in base units; foreign names as they are
@@ -27,6 +27,7 @@ struct Numbers {
   std::size_t left_out = 0;                       ///< rows in which a wanted cell is empty, NaN or infinite
   std::size_t first_left_out = 0;                 ///< its line, from 1
   std::string_view row = "line";                  ///< "row" where the file has no lines
+  std::vector<std::string> notes = {};            ///< how the file was understood, and what it lacks
 
   bool has(std::string_view name) const;
   /// What to say where there is no `name`, a torque, but the current from which it is made; else empty.
@@ -45,7 +46,9 @@ Result<Numbers> read_numbers(const std::filesystem::path& file, const std::vecto
 /// A table whose header has been read: for readers that choose their columns by it.
 class OpenTable {
  public:
-  static Result<OpenTable> open(const std::filesystem::path& file, const TableOptions& options = {});
+  /// `wanted`: where it is known already, what will be read; MCAP does not say by itself which joints slide.
+  static Result<OpenTable> open(const std::filesystem::path& file, const TableOptions& options = {},
+                                const std::vector<std::string>& wanted = {});
   OpenTable(OpenTable&&) noexcept;
   ~OpenTable();
 

@@ -68,5 +68,7 @@ Opened open_csv(const std::filesystem::path& file);
 Opened open_record(const std::filesystem::path& file);
 Opened open_numpy(const std::filesystem::path& file);
 Opened open_matlab(const std::filesystem::path& file);
+/// `wanted`: as of read_numbers(); `topic`: empty where the file has one of joints only.
+Opened open_mcap(const std::filesystem::path& file, const std::vector<std::string>& wanted, const std::string& topic);
 
 }  // namespace tribotwin::twin::tables

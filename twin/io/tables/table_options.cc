@@ -51,8 +51,11 @@ Result<TableOptions> TableArguments::options() const {
   auto constant = PerJoint::of("--torque-constant", torque_constant), gear = PerJoint::of("--gear-ratio", gear_ratio);
   for (const auto* option : {&constant, &gear})
     if (!*option) return tl::unexpected(option->error());
-  return TableOptions{
-      .columns = columns, .torque_constant = std::move(*constant), .gear_ratio = std::move(*gear), .joint = {}};
+  return TableOptions{.columns = columns,
+                      .torque_constant = std::move(*constant),
+                      .gear_ratio = std::move(*gear),
+                      .joint = {},
+                      .topic = topic};
 }
 
 }  // namespace tribotwin::twin

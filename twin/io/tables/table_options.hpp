@@ -38,6 +38,7 @@ struct TableOptions {
   PerJoint gear_ratio;            ///< motor turns per joint turn, for that
   std::string joint;              ///< for readers of one joint; may be empty where a table has one only
   bool any_joint = false;         ///< for readers that suit slides too: m, m/s, N may stand for rad, rad/s, Nm
+  std::string topic;              ///< of MCAP; may be empty where a file has one of joints only
 };
 
 /// With a gear ratio for all joints, unless it is 0 or the options have ratios of their own.
@@ -45,14 +46,15 @@ TableOptions with_gear_ratio(TableOptions options, double gear_ratio);
 
 /// The same as it stands on a command line, one set of options for all commands that read tables.
 struct TableArguments {
-  std::string columns;
+  std::string columns, topic;
   std::vector<std::string> torque_constant, gear_ratio;
 
-  /// Adds --columns and --torque-constant to a CLI::App.
+  /// Adds --columns, --topic and --torque-constant to a CLI::App.
   template <class Command>
   void add_to(Command& command) {
     command.add_option("--columns", columns,
                        "YAML that maps foreign column names: NAME_UNIT: FOREIGN or {from, unit, scale, offset, sign}");
+    command.add_option("--topic", topic, "Of MCAP recordings with several topics of joints: the one to read");
     command
         .add_option("--torque-constant", torque_constant,
                     "[JOINT=]KT [Nm/A], motor side: torque from current_JOINT_a; may be repeated")

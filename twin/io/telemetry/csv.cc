@@ -9,8 +9,6 @@ using namespace hdf5;
 
 namespace {
 
-constexpr std::size_t rows_at_once = 4096;  // rows in memory
-
 std::string quoted(const std::string& text) {
   if (text.find_first_of(",\"\r\n") == std::string::npos) return text;
   std::string out = "\"";

@@ -186,6 +186,23 @@ void read_rows(const Reader& reader, hid_t dataset, hsize_t from, std::span<doub
     throw Failure("the record is damaged: " + hdf5_reason());
 }
 
+Rows::Rows(const Reader& reader, const Columns& columns, std::size_t at_once) : reader_(reader), at_once_(at_once) {
+  if (columns.time) datasets_.push_back(columns.time);
+  for (const auto& joint : columns.joints)
+    for (const Id& dataset : joint) datasets_.push_back(dataset);
+  values_.resize(datasets_.size() * at_once);
+}
+
+void Rows::read(hsize_t from, std::size_t count) {
+  for (std::size_t c = 0; c < datasets_.size(); ++c)
+    read_rows(reader_, datasets_[c], from, std::span(values_).subspan(c * at_once_, count));
+}
+
+void Rows::get(std::size_t row, std::vector<double>& values) const {
+  values.clear();
+  for (std::size_t c = 1; c < datasets_.size(); ++c) values.push_back(values_[c * at_once_ + row]);
+}
+
 Status probe(const fs::path& path) {
   std::error_code error;
   if (!fs::exists(path, error))

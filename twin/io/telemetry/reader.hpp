@@ -30,6 +30,26 @@ Reader open_record(const fs::path& path);
 /// lies beyond the end of a file as zeros.
 void read_rows(const Reader& reader, hid_t dataset, hsize_t from, std::span<double> values);
 
+constexpr std::size_t rows_at_once = 4096;  ///< of an export: in memory
+
+/// Rows of all columns of one table, column by column; time first.
+class Rows {
+ public:
+  /// `at_once`: how many rows are in memory.
+  Rows(const Reader& reader, const Columns& columns, std::size_t at_once);
+  /// At most as many rows as are in memory. Throws Failure where a part of them is damaged.
+  void read(hsize_t from, std::size_t count);
+  double time_s(std::size_t row) const { return values_[row]; }
+  /// The values of a row, joint by joint.
+  void get(std::size_t row, std::vector<double>& values) const;
+
+ private:
+  const Reader& reader_;
+  std::vector<hid_t> datasets_;
+  std::vector<double> values_;
+  std::size_t at_once_;
+};
+
 /// Reads all of a record once in a child process, because some damaged files crash HDF5 1.10. Fails where the child
 /// crashes, where the file does not exist, and where the file cannot be read although nobody writes it.
 Status probe(const fs::path& path);

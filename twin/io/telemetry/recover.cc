@@ -13,36 +13,15 @@ using namespace hdf5;
 
 namespace {
 
-/// Rows of all columns of one table, column by column; time first.
-class Rows {
- public:
-  Rows(const Reader& reader, const Columns& columns) : reader_(reader) {
-    if (columns.time) datasets_.push_back(columns.time);
-    for (const auto& joint : columns.joints)
-      for (const Id& dataset : joint) datasets_.push_back(dataset);
-    values_.resize(datasets_.size() * chunk_rows);
+/// False where a part of the rows is damaged.
+bool readable(Rows& rows, hsize_t from, std::size_t count) {
+  try {
+    rows.read(from, count);
+    return true;
+  } catch (const Failure&) {
+    return false;
   }
-  /// False where a part of them is damaged.
-  bool read(hsize_t from, std::size_t count) {
-    try {
-      for (std::size_t c = 0; c < datasets_.size(); ++c)
-        read_rows(reader_, datasets_[c], from, std::span(values_).subspan(c * chunk_rows, count));
-      return true;
-    } catch (const Failure&) {
-      return false;
-    }
-  }
-  double time_s(std::size_t row) const { return values_[row]; }
-  void get(std::size_t row, std::vector<double>& values) const {
-    values.clear();
-    for (std::size_t c = 1; c < datasets_.size(); ++c) values.push_back(values_[c * chunk_rows + row]);
-  }
-
- private:
-  const Reader& reader_;
-  std::vector<hid_t> datasets_;
-  std::vector<double> values_;
-};
+}
 
 struct Copied {
   std::size_t kept = 0, lost = 0;
@@ -52,12 +31,12 @@ struct Copied {
 /// Copies the rows that are proven.
 Copied copy_rows(const Reader& reader, const Columns& from, Record& record, Table& to) {
   Copied result;
-  Rows rows(reader, from);
+  Rows rows(reader, from, chunk_rows);
   std::vector<double> values;
   const auto infinite = [](double x) { return std::isinf(x); };
   for (hsize_t at = 0; at < from.rows; at += chunk_rows) {
     const std::size_t count = std::min<hsize_t>(chunk_rows, from.rows - at);
-    const bool whole = rows.read(at, count);
+    const bool whole = readable(rows, at, count);
     for (std::size_t i = 0; whole && i < count; ++i) {
       rows.get(i, values);
       if (!std::isfinite(rows.time_s(i)) || !(rows.time_s(i) > result.last_time_s) ||
@@ -99,9 +78,9 @@ Recovered copy_record(const Reader& reader, const fs::path& to) {
 /// Whether every chunk can be read.
 bool undamaged(const Reader& reader) {
   for (const Columns* columns : {&reader.samples, &reader.cycles}) {
-    Rows rows(reader, *columns);
+    Rows rows(reader, *columns, chunk_rows);
     for (hsize_t at = 0; at < columns->rows; at += chunk_rows)
-      if (!rows.read(at, std::min<hsize_t>(chunk_rows, columns->rows - at))) return false;
+      if (!readable(rows, at, std::min<hsize_t>(chunk_rows, columns->rows - at))) return false;
   }
   return true;
 }

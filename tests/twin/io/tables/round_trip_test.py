@@ -95,6 +95,9 @@ write("run.yaml", scenario % "motion.csv")
 run("run", "run.yaml", "-o", "rec", "--quiet")
 run("export", "rec", "--csv")
 run("export", "rec", "--recording", "-o", "controller.csv")
+run("export", "rec", "--mcap", "-o", "rec.mcap")
+refused("a second export into the same file", ["rec.mcap", "--force"], "export", "rec", "--mcap", "-o", "rec.mcap")
+check("beside the record", run("export", "rec", "--mcap").stdout == "rec/telemetry.mcap\n")
 table = read("rec/telemetry.csv")
 check("telemetry.csv is as it always was", "j_2.position_rad" in table and "shoulder_pan_joint.torque_nm" in table)
 
@@ -181,15 +184,31 @@ for name, options in {
     "small.mat": ["--columns", "mat.yaml"],
     "v73.mat": ["--columns", "v73.yaml"],
     "foreign.csv": constants,
+    "rec.mcap": [],
+    "rec/telemetry.mcap": ["--topic", "/joint_states"],
 }.items():
     fit = json.loads(run("dynamics", "arm.xml", name, *options, "--json", "--quiet").stdout or "{}")
     # The distance to the nearest possible bodies is searched for, and ends elsewhere within its tolerance.
     for result in (fit, reference):
         result.pop("distance_sigma", None)
     same(f"dynamics of {name}", reference, fit)
-    if "position" in options or name in ("rec.npy", "rec.mat", "foreign.csv"):
+    if "position" in options or name in ("rec.npy", "rec.mat", "foreign.csv", "rec.mcap"):
         e = json.loads(run("predict", "arm.xml", "params.yaml", name, *options, "--json").stdout or "{}")
         same(f"predict of {name}", predicted, e)
+p = run("dynamics", "arm.xml", "rec.mcap")
+check(
+    "which topic and time are said", "topic '/joint_states', 2500 messages; time is header.stamp" in p.stderr, p.stderr
+)
+refused("a topic that is not there", ["--topic '/x'", "/joint_states"], "thermal", "rec.mcap", "--topic", "/x")
+with open(path("rec.mcap"), "rb") as f:
+    whole = f.read()
+with open(path("cut.mcap"), "wb") as f:
+    f.write(whole[: len(whole) * 2 // 3])
+p = run("dynamics", "arm.xml", "cut.mcap")
+check("a recorder that was killed: its chunks are read, and it is said", "cut.mcap: IS CUT OFF" in p.stderr, p.stderr)
+with open(path("damaged.mcap"), "wb") as f:
+    f.write(whole[:5000] + b"x" + whole[5001:])
+refused("damage", ["damaged.mcap: byte ", "damaged"], "dynamics", "arm.xml", "damaged.mcap")
 check("what a controller records, too", run("dynamics", "arm.xml", "controller.csv", "--quiet").returncode == 0)
 p = run(
     "diagnose", "residuals", "predicted.csv", "--joint", "j_2", "--window", 0.5, "--learn", 8, "--json", code=None or 0
@@ -211,7 +230,14 @@ with open(f"{source}/hil/shadow/shadow.cc") as f:
     )
 
 # ---- A record is a motion to run.
-for name in ("rec", "rec/telemetry.h5", "rec/telemetry.csv", "rec.npz", "controller.csv"):
+for name in (
+    "rec",
+    "rec/telemetry.h5",
+    "rec/telemetry.csv",
+    "rec.npz",
+    "rec.mcap, topic: /joint_states",
+    "controller.csv",
+):
     write("again.yaml", (scenario % name).replace("duration_s: 10\n", "duration_s: 0.1\n"))
     run("run", "again.yaml", "-o", "again", "--force", "--quiet")
 write("map.yaml", (scenario % "plain.npy}").replace("}}", ", columns: plain.yaml}").replace("10\n", "0.1\n"))
@@ -263,7 +289,8 @@ run("export", "warm", "--csv")
 warm = read("warm/telemetry.csv")
 np.savez(path("warm.npz"), **warm)
 cycles = [f for f in os.listdir(path("warm")) if f == "cycles.csv"]
-tables = ["warm", "warm/telemetry.h5", "warm/telemetry.csv", "warm.npz"]
+run("export", "warm", "--mcap", "-o", "warm.mcap")
+tables = ["warm", "warm/telemetry.h5", "warm/telemetry.csv", "warm.npz", "warm.mcap"]
 fits = [harness.run(program, "thermal", name, "--json", "--quiet", "--order", 1) for name in tables]
 for name, fit in zip(tables, fits):
     check(
@@ -279,6 +306,7 @@ if cycles:
     check("cycles.csv has its names", "joint2.cycle_friction_power_W" in rows, rows.keys())
     if len(rows["time_s"]) >= 20:
         run("thermal", "warm/cycles.csv", "--order", 1, "--quiet")
+        run("thermal", "warm.mcap", "--topic", "/cycle_states", "--order", 1, "--quiet")
 
 # ---- Friction curves: curve and lab write what identify and diagnose read; a foreign table gives the same law.
 run(
@@ -322,10 +350,11 @@ write(
 )
 run("run", "passes.yaml", "-o", "passes", "--quiet")
 run("export", "passes", "--csv")
+run("export", "passes", "--mcap", "-o", "passes.mcap")
 options = ["--law", "stribeck", "--gear-ratio", GEAR, "--tau-max", 0.52, "--quiet"]
 results = [
     harness.run(program, "identify", name, "--joint", "j_2", *options)
-    for name in ("passes", "passes/telemetry.h5", "passes/telemetry.csv")
+    for name in ("passes", "passes/telemetry.h5", "passes/telemetry.csv", "passes.mcap")
 ]
 for r in results:
     check(
