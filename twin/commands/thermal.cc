@@ -85,31 +85,77 @@ TorqueThermalFit fitted_to_torque(const Arguments& a, const std::string& joint, 
   });
 }
 
+bool is_withheld(std::span<const Lacking> lacking, const std::string& name) {
+  return std::ranges::any_of(lacking, [&](const Lacking& one) { return one.withheld && one.parameter == name; });
+}
+
+/// A withheld value is null, and stands as `fitted` beside: what the model of -o has, no result.
+Json json_of(const Estimate& e, std::span<const Lacking> lacking, const std::string& name) {
+  if (!is_withheld(lacking, name))
+    return {{"value", e.value}, {"sigma", e.sigma}, {"low", e.low}, {"high", e.high}, {"unit", e.unit}};
+  return {{"value", nullptr}, {"sigma", nullptr}, {"low", nullptr},
+          {"high", nullptr},  {"unit", e.unit},   {"fitted", e.value}};
+}
+
+Json json_of(std::span<const Lacking> lacking) {
+  Json all = Json::array();
+  for (const auto& one : lacking)
+    all.push_back(
+        {{"parameter", one.parameter}, {"withheld", one.withheld}, {"reason", one.reason}, {"record_next", one.next}});
+  return all;
+}
+
 /// The part that both fits share. A missing sigma is NaN, which JSON shows as null.
 Json json_of(const auto& fit, thermal::Order order) {
   Json j{{"order", order == thermal::Order::first ? 1 : 2}};
-  for (const auto& e : fit.parameters)
-    j["parameters"][e.name] = {
-        {"value", e.value}, {"sigma", e.sigma}, {"low", e.low}, {"high", e.high}, {"unit", e.unit}};
+  for (const auto& e : fit.parameters) j["parameters"][e.name] = json_of(e, fit.lacking, e.name);
   j["correlated_samples"] = fit.correlation;
   j["samples"] = fit.samples;
   j["unidentifiable"] = fit.unidentifiable;
+  j["lacking"] = json_of(fit.lacking);
   return j;
 }
 
 Json json_of(const ThermalFit& fit) {
   Json j = json_of(fit, fit.model.order);
-  for (const auto& e : fit.ambient) j["T_amb_degC"].push_back({{"value", e.value}, {"sigma", e.sigma}});
+  for (const auto& e : fit.ambient) j["T_amb_degC"].push_back(json_of(e, fit.lacking, e.name));
   j["rms_K"] = fit.rms_K;
   return j;
 }
 
 Json json_of(const TorqueThermalFit& fit) {
   Json j = json_of(fit, fit.order);
-  for (const auto& e : fit.power_w) j["P_0_W"].push_back({{"value", e.value}, {"sigma", e.sigma}});
+  for (const auto& e : fit.power_w) j["P_0_W"].push_back(json_of(e, fit.lacking, e.name));
   j["rms"] = fit.rms;
   j["final_to_cold"] = fit.final_to_cold;
   return j;
+}
+
+/// A row of the table; no numbers where they are withheld. `name`: in `lacking`.
+std::string row_of(const std::string& joint, const std::string& from, const Estimate& e,
+                   std::span<const Lacking> lacking, const std::string& name) {
+  const bool none = is_withheld(lacking, name);
+  return fmt::format("{:<14} {:<10} {:>12} {:>10}   {:<6}  {:<20} {}\n", joint, e.name,
+                     none ? "-" : fmt::format("{:.5g}", e.value),
+                     none || std::isnan(e.sigma) ? "-" : fmt::format("{:.2g}", e.sigma), e.unit, from,
+                     none ? "not identifiable from this record" : "");
+}
+
+/// Why, and what to record next; one line for the parameters that share both.
+std::string reasons_of(const std::string& joint, std::span<const Lacking> lacking) {
+  std::string s;
+  for (std::size_t i = 0; i < lacking.size(); ++i) {
+    const auto same = [&](const Lacking& other) {
+      return other.reason == lacking[i].reason && other.next == lacking[i].next;
+    };
+    if (std::ranges::any_of(lacking.first(i), same)) continue;
+    std::vector<std::string> names;
+    for (const auto& one : lacking.subspan(i))
+      if (same(one)) names.push_back(one.parameter);
+    s += fmt::format("{:<14} {} {}: {}; {}\n", joint, joined(names),
+                     lacking[i].withheld ? "not identifiable" : "doubtful", lacking[i].reason, lacking[i].next);
+  }
+  return s;
 }
 
 /// `others`: A or P_0 of each file.
@@ -117,18 +163,9 @@ template <class Fit>
 std::string estimates_of(const std::string& joint, const std::string& from, const Fit& fit,
                          const std::vector<Estimate>& others) {
   std::string s;
-  const auto row = [&](const Estimate& e, const std::string& remark) {
-    s += fmt::format("{:<14} {:<10} {:>12.5g} {:>10}   {:<6}  {:<20} {}\n", joint, e.name, e.value,
-                     std::isnan(e.sigma) ? "none" : fmt::format("{:.2g}", e.sigma), e.unit, from, remark);
-  };
-  for (const auto& e : fit.parameters) {
-    const bool blind = std::ranges::find(fit.unidentifiable, e.name) != fit.unidentifiable.end();
-    row(e, !blind                     ? ""
-           : e.status == Status::held ? "not identifiable from this record: no effect of the power is seen"
-                                      : "not identifiable from this record");
-  }
-  for (const auto& e : others) row(e, "");
-  return s;
+  for (const auto* all : {&fit.parameters, &others})
+    for (const auto& e : *all) s += row_of(joint, from, e, fit.lacking, e.name);
+  return s + reasons_of(joint, fit.lacking);
 }
 
 std::string rows_of(const std::string& joint, const std::string& from, const TorqueThermalFit& fit) {
@@ -199,9 +236,10 @@ Result<Exit> identify(const Arguments& a) {
       fits.emplace_back(joint.name, fit_files(a, joint, fitted, j, table));
     if (!torque_only && !a.cycle_s.empty()) {
       const Estimate alpha = fit_alpha(joint.sessions, a.rest_degC);
-      j["joints"][joint.name]["alpha"] = {{"value", alpha.value}, {"sigma", alpha.sigma}, {"unit", alpha.unit}};
-      table += fmt::format("{:<14} {:<10} {:>12.5g} {:>10.2g}   {:<6}  of the friction at {:g} degC\n", joint.name,
-                           alpha.name, alpha.value, alpha.sigma, alpha.unit, a.rest_degC);
+      const auto lacks = lacking({.parameters = {&alpha, 1}}, thermal_advice(0));
+      j["joints"][joint.name]["alpha"] = json_of(alpha, lacks, alpha.name);
+      table += row_of(joint.name, fmt::format("at {:g} degC", a.rest_degC), alpha, lacks, alpha.name) +
+               reasons_of(joint.name, lacks);
     }
     progress(static_cast<double>(fits.size()) / static_cast<double>(joints.size()));
   }
@@ -221,24 +259,21 @@ Result<Exit> identify_chain(const Arguments& a) {
           fmt::format("{}: --chain takes the temperatures of all joints; {} has none", a.data.front(), joint.name));
   const auto fit = fit_thermal_chain(joints);
   if (!fit) throw InputError(fmt::format("{}: {}", a.data.front(), fit.error().message));
-  Json j{{"exchange_1_s", {{"value", fit->exchange.value}, {"sigma", fit->exchange.sigma}}},
+  Json j{{"exchange_1_s", json_of(fit->exchange, fit->lacking, fit->exchange.name)},
          {"rms_K", fit->rms_K},
          {"correlated_samples", fit->correlation},
          {"samples", fit->samples},
-         {"unidentifiable", fit->unidentifiable}};
+         {"unidentifiable", fit->unidentifiable},
+         {"lacking", json_of(fit->lacking)}};
   std::string table = fmt::format("{:<14} {:<10} {:>12} {:>10}   {}\n", "joint", "", "value", "sigma", "unit");
-  const auto row = [&](const std::string& joint, const Estimate& e, const std::string& name) {
-    table += fmt::format("{:<14} {:<10} {:>12.5g} {:>10}   {:<6} {}\n", joint, e.name, e.value,
-                         std::isnan(e.sigma) ? "none" : fmt::format("{:.2g}", e.sigma), e.unit,
-                         std::ranges::count(fit->unidentifiable, name) ? "not identifiable from this record" : "");
-  };
-  row("all", fit->exchange, fit->exchange.name);
+  table += row_of("all", "", fit->exchange, fit->lacking, fit->exchange.name);
   for (std::size_t k = 0; k < fit->parameters.size(); ++k)
     for (const auto& e : fit->parameters[k]) {
       const auto& joint = fit->chain.joints[k];
-      row(joint, e, joint + "." + e.name);
-      j["joints"][joint][e.name] = {{"value", e.value}, {"sigma", e.sigma}, {"unit", e.unit}};
+      table += row_of(joint, "", e, fit->lacking, joint + "." + e.name);
+      j["joints"][joint][e.name] = json_of(e, fit->lacking, joint + "." + e.name);
     }
+  table += reasons_of("", fit->lacking);
   table += fmt::format("residual {:.3g} K rms, {} samples, {:.0f} per independent one\n", fit->rms_K, fit->samples,
                        fit->correlation);
   if (a.output.named())

@@ -27,17 +27,25 @@ double scale_of(const Evidence& v, std::size_t i) {
   return i < v.scale.size() && v.scale[i] > 0 ? v.scale[i] : std::abs(v.parameters[i].value);
 }
 
+std::string duration(double s) {
+  constexpr double longest_h = 1000;
+  if (s < 600) return fmt::format("{:.3g} s", s);
+  return s < 3600 * longest_h ? fmt::format("{:.2f} h", s / 3600) : fmt::format("over {:g} h", longest_h);
+}
+
 std::string interval(const Estimate& e) {
   return fmt::format("{:.3g} .. {:.3g}{}{}", e.low, e.high, e.unit.empty() ? "" : " ", e.unit);
 }
 
-std::optional<Reason> held(const Evidence& v, std::size_t i) {
-  const Status status = v.parameters[i].status;
-  if (status == Status::held) return Reason{Lack::no_effect, "these data show no effect of it"};
-  if (status == Status::at_bound)
-    return Reason{Lack::at_bound, fmt::format("{:.4g} {} is the end of its accepted range", v.parameters[i].value,
-                                              v.parameters[i].unit)};
-  return {};
+std::optional<Reason> no_effect(const Evidence& v, std::size_t i) {
+  if (v.parameters[i].status != Status::held) return {};
+  return Reason{Lack::no_effect, "these data show no effect of it"};
+}
+
+std::optional<Reason> at_bound(const Evidence& v, std::size_t i) {
+  const Estimate& e = v.parameters[i];
+  if (e.status != Status::at_bound) return {};
+  return Reason{Lack::at_bound, fmt::format("{:.4g} {} is the end of its accepted range", e.value, e.unit)};
 }
 
 std::optional<Reason> few_cycles(const Evidence& v, std::size_t) {
@@ -55,8 +63,8 @@ std::optional<Reason> short_record(const Evidence& v, std::size_t i) {
     if (found == v.parameters.end()) continue;
     const double longest_s = std::isnan(found->high) ? found->value : found->high;
     if (longest_s <= v.recorded_s) continue;
-    return Reason{Lack::short_record, fmt::format("the record, {:.4g} s, is too short for {} of up to {:.2g} s",
-                                                  v.recorded_s, constant.name, longest_s)};
+    return Reason{Lack::short_record, fmt::format("the record, {}, is too short for {} of up to {}",
+                                                  duration(v.recorded_s), constant.name, duration(longest_s))};
   }
   return {};
 }
@@ -95,18 +103,18 @@ std::optional<Reason> structured(const Evidence& v, std::size_t) {
 }
 
 /// The rule: the first check that finds something is the one reported.
-constexpr Check rule[] = {held, few_cycles, short_record, wide_interval, correlated, structured};
+constexpr Check rule[] = {no_effect, few_cycles, short_record, at_bound, wide_interval, correlated, structured};
 
 std::string usual_advice(const Evidence& v, Lack lack) {
   switch (lack) {
     case Lack::no_effect:
       return "record data in which it has one, or fix it";
-    case Lack::at_bound:
-      return "check units and columns, or fix it";
     case Lack::no_whole_cycle:
       return fmt::format("record {:.0f} or more", v.cycles_needed);
     case Lack::short_record:
       return "record twice its time constant or more, without a gap";
+    case Lack::at_bound:
+      return "check units and columns, or fix it";
     case Lack::wide_interval:
       return "record longer, or a wider range of what moves it";
     case Lack::correlated:

@@ -16,9 +16,9 @@ namespace tribotwin::twin::identification {
 /// Why a parameter is no number, in the order of the rule: the first that applies is the one reported.
 enum class Lack {
   no_effect,       ///< held: the data show no effect of it
-  at_bound,        ///< of its accepted range
   no_whole_cycle,  ///< fewer whole work cycles than needed
   short_record,    ///< shorter than its time constant, or than the upper end of that one's interval
+  at_bound,        ///< of its accepted range
   wide_interval,   ///< 95 % interval wider than the value
   correlated,      ///< correlation over 0.99 with another parameter, and an interval wider than a tenth of the value
   structured       ///< residuals are no noise: arcs along time or speed

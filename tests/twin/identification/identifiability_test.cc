@@ -52,7 +52,7 @@ TEST(Identifiability, EachLackIsNamedWithWhatToRecord) {
        {of("c2", 4, 0.01), of("t2", 1400, 10)},
        {.time_constants = {{"t2", {"c2"}}}, .recorded_s = 420},
        Lack::short_record,
-       "420 s, is too short for t2 of up to 1.4e+03 s"},
+       "420 s, is too short for t2 of up to 0.39 h"},
       {"no whole cycle", {of("c1", 4, 0.01)}, {.cycles = 1, .cycles_needed = 2}, Lack::no_whole_cycle, "1 whole"},
       {"arcs", {of("c1", 4, 0.01)}, {.common = 0.9, .explained = 0.98}, Lack::structured, "arcs along time", false},
       {"arcs and nothing else",
