@@ -1,5 +1,6 @@
 #include <algorithm>
 #include <cmath>
+#include <iterator>
 #include <memory>
 
 #include <fmt/format.h>
@@ -32,6 +33,23 @@ struct Arguments {
   bool rested = false, chain = false, json = false, quiet = false;
 };
 
+bool has_temperature(const HeatSession& session) { return !session.temperature_degC.empty(); }
+
+/// Whether a joint can be identified: from temperatures in all files, or in none and from rest.
+void require_thermometer_or_rest(const Arguments& a, const JointHeat& joint) {
+  const auto without = std::ranges::find_if_not(joint.sessions, has_temperature);
+  if (without == joint.sessions.end()) return;
+  if (std::ranges::any_of(joint.sessions, has_temperature))
+    throw InputError(
+        fmt::format("{}: has no column temperature_{}_degC, which other files have; give all files one, or none",
+                    a.data[without->file], joint.name));
+  if (!a.rested && !a.chain)
+    throw InputError(
+        fmt::format("{}: has no temperatures; torque alone shows the change from rest temperature, so every "
+                    "recording must begin there, as after a night: confirm it with --rested",
+                    a.data[without->file]));
+}
+
 /// All joints of all files; each joint has the sessions of the files that contain it.
 std::vector<JointHeat> read(const Arguments& a) {
   if (a.cycle_s.size() > 1 && a.cycle_s.size() != a.data.size())
@@ -39,18 +57,22 @@ std::vector<JointHeat> read(const Arguments& a) {
                                  a.data.size()));
   const TableOptions options = or_wrong_input(a.tables.options());
   std::vector<JointHeat> joints;
+  std::vector<std::string> notes;
   for (std::size_t f = 0; f < a.data.size(); ++f) {
     auto recording =
         read_thermal_recording(a.data[f], f, a.cycle_s.empty() ? 0 : a.cycle_s[a.cycle_s.size() == 1 ? 0 : f], options);
     if (!recording) throw InputError(recording.error().message);
-    if (!a.quiet)
-      for (const auto& text : recording->notes) note("{}", text);
+    std::ranges::move(recording->notes, std::back_inserter(notes));
     for (auto& joint : recording->joints) {
       auto at = std::ranges::find(joints, joint.name, &JointHeat::name);
       if (at == joints.end()) at = joints.insert(joints.end(), {.name = joint.name});
       std::ranges::move(joint.sessions, std::back_inserter(at->sessions));
     }
   }
+  if (a.evaluate.empty())
+    for (const auto& joint : joints) require_thermometer_or_rest(a, joint);
+  if (!a.quiet)
+    for (const auto& text : notes) note("{}", text);
   return joints;
 }
 
@@ -58,8 +80,6 @@ template <class Fit>
 bool times_identifiable(const Fit& fit) {
   return std::ranges::none_of(fit.unidentifiable, [](const std::string& name) { return name.starts_with("t"); });
 }
-
-bool has_temperature(const HeatSession& session) { return !session.temperature_degC.empty(); }
 
 /// A fit of the requested order. Default: second order where both time constants are identifiable, else first.
 template <class Fitted>
@@ -210,18 +230,8 @@ Result<Exit> identify(const Arguments& a) {
   Progress progress(a.quiet, "identifying");
   bool from_torque = false;
   for (const auto& joint : joints) {
-    const auto without = std::ranges::find_if_not(joint.sessions, has_temperature);
-    const bool torque_only = without != joint.sessions.end();
+    const bool torque_only = !has_temperature(joint.sessions.front());
     from_torque |= torque_only;
-    if (torque_only && std::ranges::any_of(joint.sessions, has_temperature))
-      throw InputError(
-          fmt::format("{}: has no column temperature_{}_degC, which other files have; give all files one, or none",
-                      a.data[without->file], joint.name));
-    if (torque_only && !a.rested)
-      throw InputError(
-          fmt::format("{}: has no temperatures; torque alone shows the change from rest temperature, so every "
-                      "recording must begin there, as after a night: confirm it with --rested",
-                      a.data[without->file]));
     if (torque_only) {
       const auto fit = fit_files(a, joint, fitted_to_torque, j, table);
       constexpr double steady = 0.05;

@@ -45,6 +45,7 @@ Reported reported(const ThermalProblem& problem, Index nodes, const VectorXd& lo
 /// Whether the data show the slowest node of a problem: its gain is above 0 by more than its interval.
 bool shows_slowest(const ThermalProblem& problem, const VectorXd& log_t, const Projection& at, double quantile) {
   const Index own = problem.nodes() - 1, k = problem.nodes() + own;  // of the unknowns: log times first, then gains
+  if (at.linear(own) == 0) return false;
   const MatrixXd jacobian = problem.jacobian(log_t, at);
   const CorrelatedNoise noise = correlated_noise(at.residual, jacobian, problem.times());
   return at.linear(own) > quantile * std::sqrt(least_squares_covariance(jacobian, noise, problem.times())(k, k));
