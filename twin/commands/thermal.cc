@@ -1,5 +1,6 @@
 #include <algorithm>
 #include <cmath>
+#include <iterator>
 #include <memory>
 
 #include <fmt/format.h>
@@ -32,6 +33,23 @@ struct Arguments {
   bool rested = false, chain = false, json = false, quiet = false;
 };
 
+bool has_temperature(const HeatSession& session) { return !session.temperature_degC.empty(); }
+
+/// Whether a joint can be identified: from temperatures in all files, or in none and from rest.
+void require_thermometer_or_rest(const Arguments& a, const JointHeat& joint) {
+  const auto without = std::ranges::find_if_not(joint.sessions, has_temperature);
+  if (without == joint.sessions.end()) return;
+  if (std::ranges::any_of(joint.sessions, has_temperature))
+    throw InputError(
+        fmt::format("{}: has no column temperature_{}_degC, which other files have; give all files one, or none",
+                    a.data[without->file], joint.name));
+  if (!a.rested && !a.chain)
+    throw InputError(
+        fmt::format("{}: has no temperatures; torque alone shows the change from rest temperature, so every "
+                    "recording must begin there, as after a night: confirm it with --rested",
+                    a.data[without->file]));
+}
+
 /// All joints of all files; each joint has the sessions of the files that contain it.
 std::vector<JointHeat> read(const Arguments& a) {
   if (a.cycle_s.size() > 1 && a.cycle_s.size() != a.data.size())
@@ -40,18 +58,22 @@ std::vector<JointHeat> read(const Arguments& a) {
   refuse_twice(a.data);
   const TableOptions options = or_wrong_input(a.tables.options());
   std::vector<JointHeat> joints;
+  std::vector<std::string> notes;
   for (std::size_t f = 0; f < a.data.size(); ++f) {
     auto recording =
         read_thermal_recording(a.data[f], f, a.cycle_s.empty() ? 0 : a.cycle_s[a.cycle_s.size() == 1 ? 0 : f], options);
     if (!recording) throw InputError(recording.error().message);
-    if (!a.quiet)
-      for (const auto& text : recording->notes) note("{}", text);
+    std::ranges::move(recording->notes, std::back_inserter(notes));
     for (auto& joint : recording->joints) {
       auto at = std::ranges::find(joints, joint.name, &JointHeat::name);
       if (at == joints.end()) at = joints.insert(joints.end(), {.name = joint.name});
       std::ranges::move(joint.sessions, std::back_inserter(at->sessions));
     }
   }
+  if (a.evaluate.empty())
+    for (const auto& joint : joints) require_thermometer_or_rest(a, joint);
+  if (!a.quiet)
+    for (const auto& text : notes) note("{}", text);
   return joints;
 }
 
@@ -59,8 +81,6 @@ template <class Fit>
 bool times_identifiable(const Fit& fit) {
   return std::ranges::none_of(fit.unidentifiable, [](const std::string& name) { return name.starts_with("t"); });
 }
-
-bool has_temperature(const HeatSession& session) { return !session.temperature_degC.empty(); }
 
 /// A fit of the requested order. Default: second order where both time constants are identifiable, else first.
 template <class Fitted>
@@ -86,28 +106,47 @@ TorqueThermalFit fitted_to_torque(const Arguments& a, const std::string& joint, 
   });
 }
 
+bool is_withheld(std::span<const Lacking> lacking, const std::string& name) {
+  return std::ranges::any_of(lacking, [&](const Lacking& one) { return one.withheld && one.parameter == name; });
+}
+
+/// A withheld value is null, and stands as `fitted` beside: what the model of -o has, no result.
+Json json_of(const Estimate& e, std::span<const Lacking> lacking, const std::string& name) {
+  if (!is_withheld(lacking, name))
+    return {{"value", e.value}, {"sigma", e.sigma}, {"low", e.low}, {"high", e.high}, {"unit", e.unit}};
+  return {{"value", nullptr}, {"sigma", nullptr}, {"low", nullptr},
+          {"high", nullptr},  {"unit", e.unit},   {"fitted", e.value}};
+}
+
+Json json_of(std::span<const Lacking> lacking) {
+  Json all = Json::array();
+  for (const auto& one : lacking)
+    all.push_back(
+        {{"parameter", one.parameter}, {"withheld", one.withheld}, {"reason", one.reason}, {"record_next", one.next}});
+  return all;
+}
+
 /// The part that both fits share. A missing sigma is NaN, which JSON shows as null.
 Json json_of(const auto& fit, thermal::Order order) {
   Json j{{"order", order == thermal::Order::first ? 1 : 2}};
-  for (const auto& e : fit.parameters)
-    j["parameters"][e.name] = {
-        {"value", e.value}, {"sigma", e.sigma}, {"low", e.low}, {"high", e.high}, {"unit", e.unit}};
+  for (const auto& e : fit.parameters) j["parameters"][e.name] = json_of(e, fit.lacking, e.name);
   j["correlated_samples"] = fit.correlation;
   j["samples"] = fit.samples;
   j["unidentifiable"] = fit.unidentifiable;
+  j["lacking"] = json_of(fit.lacking);
   return j;
 }
 
 Json json_of(const ThermalFit& fit) {
   Json j = json_of(fit, fit.model.order);
-  for (const auto& e : fit.ambient) j["T_amb_degC"].push_back({{"value", e.value}, {"sigma", e.sigma}});
+  for (const auto& e : fit.ambient) j["T_amb_degC"].push_back(json_of(e, fit.lacking, e.name));
   j["rms_K"] = fit.rms_K;
   return j;
 }
 
 Json json_of(const TorqueThermalFit& fit) {
   Json j = json_of(fit, fit.order);
-  for (const auto& e : fit.power_w) j["P_0_W"].push_back({{"value", e.value}, {"sigma", e.sigma}});
+  for (const auto& e : fit.power_w) j["P_0_W"].push_back(json_of(e, fit.lacking, e.name));
   j["rms"] = fit.rms;
   j["final_to_cold"] = fit.final_to_cold;
   return j;
@@ -119,29 +158,41 @@ TextTable estimates_table(const char* from = "") {
       {T::left("joint"), T::left(), T::right("value"), T::right("sigma"), T::left("unit"), T::left(from), T::left()}};
 }
 
-std::vector<std::string> cells_of(const std::string& joint, const Estimate& e, const std::string& from,
-                                  const std::string& remark = {}) {
+/// A row of the table; no numbers where they are withheld. `name`: in `lacking`.
+std::vector<std::string> cells_of(const std::string& joint, const std::string& from, const Estimate& e,
+                                  std::span<const Lacking> lacking, const std::string& name) {
+  const bool none = is_withheld(lacking, name);
   return {joint,
           e.name,
-          fmt::format("{:.5g}", e.value),
-          std::isnan(e.sigma) ? "none" : fmt::format("{:.2g}", e.sigma),
+          none ? "-" : fmt::format("{:.5g}", e.value),
+          none || std::isnan(e.sigma) ? "-" : fmt::format("{:.2g}", e.sigma),
           e.unit,
           from,
-          remark};
+          none ? "not identifiable from this record" : ""};
+}
+
+/// Why, and what to record next; one line for the parameters that share both.
+void add_reasons(TextTable& table, const std::string& joint, std::span<const Lacking> lacking) {
+  for (std::size_t i = 0; i < lacking.size(); ++i) {
+    const auto same = [&](const Lacking& other) {
+      return other.reason == lacking[i].reason && other.next == lacking[i].next;
+    };
+    if (std::ranges::any_of(lacking.first(i), same)) continue;
+    std::vector<std::string> names;
+    for (const auto& one : lacking.subspan(i))
+      if (same(one)) names.push_back(one.parameter);
+    table.add({joint, fmt::format("{} {}: {}; {}", joined(names), lacking[i].withheld ? "not identifiable" : "doubtful",
+                                  lacking[i].reason, lacking[i].next)});
+  }
 }
 
 /// `others`: A or P_0 of each file.
 template <class Fit>
 void add_estimates(TextTable& table, const std::string& joint, const std::string& from, const Fit& fit,
                    const std::vector<Estimate>& others) {
-  const auto row = [&](const Estimate& e, const std::string& remark) { table.add(cells_of(joint, e, from, remark)); };
-  for (const auto& e : fit.parameters) {
-    const bool blind = std::ranges::find(fit.unidentifiable, e.name) != fit.unidentifiable.end();
-    row(e, !blind                     ? ""
-           : e.status == Status::held ? "not identifiable from this record: no effect of the power is seen"
-                                      : "not identifiable from this record");
-  }
-  for (const auto& e : others) row(e, "");
+  for (const auto* all : {&fit.parameters, &others})
+    for (const auto& e : *all) table.add(cells_of(joint, from, e, fit.lacking, e.name));
+  add_reasons(table, joint, fit.lacking);
 }
 
 void add_rows(TextTable& table, const std::string& joint, const std::string& from, const TorqueThermalFit& fit) {
@@ -183,18 +234,8 @@ Result<Exit> identify(const Arguments& a) {
   Progress progress(a.quiet, "identifying");
   bool from_torque = false;
   for (const auto& joint : joints) {
-    const auto without = std::ranges::find_if_not(joint.sessions, has_temperature);
-    const bool torque_only = without != joint.sessions.end();
+    const bool torque_only = !has_temperature(joint.sessions.front());
     from_torque |= torque_only;
-    if (torque_only && std::ranges::any_of(joint.sessions, has_temperature))
-      throw InputError(
-          fmt::format("{}: has no column temperature_{}_degC, which other files have; give all files one, or none",
-                      a.data[without->file], joint.name));
-    if (torque_only && !a.rested)
-      throw InputError(
-          fmt::format("{}: has no temperatures; torque alone shows the change from rest temperature, so every "
-                      "recording must begin there, as after a night: confirm it with --rested",
-                      a.data[without->file]));
     if (torque_only) {
       const auto fit = fit_files(a, joint, fitted_to_torque, j, table);
       constexpr double steady = 0.05;
@@ -209,8 +250,10 @@ Result<Exit> identify(const Arguments& a) {
       fits.emplace_back(joint.name, fit_files(a, joint, fitted, j, table));
     if (!torque_only && !a.cycle_s.empty()) {
       const Estimate alpha = fit_alpha(joint.sessions, a.rest_degC);
-      j["joints"][joint.name]["alpha"] = {{"value", alpha.value}, {"sigma", alpha.sigma}, {"unit", alpha.unit}};
-      table.add(cells_of(joint.name, alpha, "", fmt::format("of the friction at {:g} degC", a.rest_degC)));
+      const auto lacks = lacking({.parameters = {&alpha, 1}}, thermal_advice(0));
+      j["joints"][joint.name]["alpha"] = json_of(alpha, lacks, alpha.name);
+      table.add(cells_of(joint.name, fmt::format("at {:g} degC", a.rest_degC), alpha, lacks, alpha.name));
+      add_reasons(table, joint.name, lacks);
     }
     progress(static_cast<double>(fits.size()) / static_cast<double>(joints.size()));
   }
@@ -230,23 +273,21 @@ Result<Exit> identify_chain(const Arguments& a) {
           fmt::format("{}: --chain takes the temperatures of all joints; {} has none", a.data.front(), joint.name));
   const auto fit = fit_thermal_chain(joints);
   if (!fit) throw InputError(fmt::format("{}: {}", a.data.front(), fit.error().message));
-  Json j{{"exchange_1_s", {{"value", fit->exchange.value}, {"sigma", fit->exchange.sigma}}},
+  Json j{{"exchange_1_s", json_of(fit->exchange, fit->lacking, fit->exchange.name)},
          {"rms_K", fit->rms_K},
          {"correlated_samples", fit->correlation},
          {"samples", fit->samples},
-         {"unidentifiable", fit->unidentifiable}};
+         {"unidentifiable", fit->unidentifiable},
+         {"lacking", json_of(fit->lacking)}};
   TextTable table = estimates_table();
-  const auto row = [&](const std::string& joint, const Estimate& e, const std::string& name) {
-    table.add(cells_of(joint, e, "",
-                       std::ranges::count(fit->unidentifiable, name) ? "not identifiable from this record" : ""));
-  };
-  row("all", fit->exchange, fit->exchange.name);
+  table.add(cells_of("all", "", fit->exchange, fit->lacking, fit->exchange.name));
   for (std::size_t k = 0; k < fit->parameters.size(); ++k)
     for (const auto& e : fit->parameters[k]) {
       const auto& joint = fit->chain.joints[k];
-      row(joint, e, joint + "." + e.name);
-      j["joints"][joint][e.name] = {{"value", e.value}, {"sigma", e.sigma}, {"unit", e.unit}};
+      table.add(cells_of(joint, "", e, fit->lacking, joint + "." + e.name));
+      j["joints"][joint][e.name] = json_of(e, fit->lacking, joint + "." + e.name);
     }
+  add_reasons(table, "all", fit->lacking);
   table.add({"all", fmt::format("residual {:.3g} K rms, {} samples, {:.0f} per independent one", fit->rms_K,
                                 fit->samples, fit->correlation)});
   if (a.output.named())

@@ -13,6 +13,9 @@
 /// Recordings sample by sample, for models with a state.
 namespace tribotwin::twin::identification {
 
+/// A step longer than this many typical ones is a gap: nothing is filtered or differentiated across it.
+constexpr double gap_steps = 2.5;
+
 /// The columns `needed`, of which the first is time_s, then those of `optional` (empty where the file has none). Time
 /// must increase from row to row. Rows with a cell that is no finite number are left out, with a note. ErrorKind::input
 /// with file and what would be right.

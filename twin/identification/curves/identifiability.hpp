@@ -6,7 +6,8 @@
 #include <tribotwin/twin/identification/curves/separable.hpp>
 #include <tribotwin/twin/identification/estimates.hpp>
 
-/// Which parameters of a law the data at hand determine. All of it follows from the rows of friction::formula::terms
+/// Which parameters of a law the data at hand determine, before any number is fitted; what fitted numbers are worth is
+/// judged by twin/identification/identifiability.hpp. All of it follows from the rows of friction::formula::terms
 /// and friction::formula::shape_numbers that a parameter moves; no law is named here.
 namespace tribotwin::twin::identification {
 

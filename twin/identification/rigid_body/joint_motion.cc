@@ -4,6 +4,7 @@
 #include <fmt/format.h>
 
 #include <tribotwin/twin/identification/rigid_body/joint_motion.hpp>
+#include <tribotwin/twin/identification/time_series.hpp>
 #include <tribotwin/twin/numerics/filter.hpp>
 #include <tribotwin/twin/numerics/median.hpp>
 
@@ -66,7 +67,7 @@ Sampling sampling_of(const RobotRecording& rec, std::vector<std::string>& notes)
   for (std::size_t i = 1; i < time.size(); ++i) steps.push_back(time[i] - time[i - 1]);
   Sampling s{.typical_s = median_of(steps)};
   for (std::size_t i = 1; i < time.size(); ++i) {
-    if (steps[i - 1] > 2.5 * s.typical_s) {
+    if (steps[i - 1] > gap_steps * s.typical_s) {
       s.stretches.push_back({i, i});
       ++s.gaps;
     } else {

@@ -20,12 +20,24 @@ constexpr double degrees = 57.29577951308232;
 /// No joint of an arm moves faster [rad/s; m/s].
 constexpr double speed_max = 60;
 
+/// Whether a sample comes after a gap, across which nothing is differentiated: the definition of joint_motion.cc.
+std::vector<bool> after_gap(const std::vector<double>& time) {
+  std::vector<double> steps;
+  for (std::size_t i = 1; i < time.size(); ++i) steps.push_back(time[i] - time[i - 1]);
+  const double longest = gap_steps * median_of(steps);
+  std::vector<bool> out{true};
+  for (const double step : steps) out.push_back(step > longest);
+  return out;
+}
+
 /// The 95 % quantile of the speed: the maximum depends on noise.
 double speed_hardly_exceeded(const std::vector<double>& time, const VectorXd& position) {
   std::vector<double> speeds;
+  const std::vector<bool> gap = after_gap(time);
   for (std::size_t i = 1; i < time.size(); ++i)
-    speeds.push_back(std::abs(position(static_cast<Index>(i)) - position(static_cast<Index>(i) - 1)) /
-                     (time[i] - time[i - 1]));
+    if (!gap[i])
+      speeds.push_back(std::abs(position(static_cast<Index>(i)) - position(static_cast<Index>(i) - 1)) /
+                       (time[i] - time[i - 1]));
   const auto at = speeds.begin() + static_cast<std::ptrdiff_t>(speeds.size() * 95 / 100);
   std::ranges::nth_element(speeds, at);
   return *at;
@@ -59,11 +71,9 @@ Problem implausible_velocity(const RobotRecording& rec, Index joint, const std::
   constexpr double rest = 1e-3;
   if (rec.position.row(joint).maxCoeff() - rec.position.row(joint).minCoeff() < rest) return {};
   double cross = 0, own = 0;
-  std::vector<double> steps;
-  for (std::size_t i = 1; i < rec.time_s.size(); ++i) steps.push_back(rec.time_s[i] - rec.time_s[i - 1]);
-  const double gap_s = 2.5 * median_of(steps);
+  const std::vector<bool> gap = after_gap(rec.time_s);
   for (std::size_t i = 1; i < rec.time_s.size(); ++i) {
-    if (steps[i - 1] > gap_s) continue;
+    if (gap[i]) continue;
     const double step = rec.position(joint, static_cast<Index>(i)) - rec.position(joint, static_cast<Index>(i) - 1);
     cross += step * 0.5 * (velocity[i] + velocity[i - 1]) * (rec.time_s[i] - rec.time_s[i - 1]);
     own += step * step;

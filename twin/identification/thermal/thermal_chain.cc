@@ -7,6 +7,7 @@
 
 #include <tribotwin/twin/identification/linearised.hpp>
 #include <tribotwin/twin/identification/thermal/thermal_chain.hpp>
+#include <tribotwin/twin/identification/thermal/thermal_fit.hpp>
 #include <tribotwin/twin/numerics/correlation.hpp>
 #include <tribotwin/twin/numerics/least_squares.hpp>
 #include <tribotwin/twin/numerics/linear_algebra.hpp>
@@ -211,6 +212,34 @@ double correlation_of(const VectorXd& residual, Index joints) {
   return correlation;
 }
 
+/// The rule of identifiability for exchange, then JOINT.gain, JOINT.t, JOINT.T_amb. `covariance`: of log t_j, log k,
+/// gains and A, whose correlations are those of the parameters.
+std::vector<Lacking> judged(const ThermalChainFit& fit, std::span<const JointHeat> joints, const MatrixXd& covariance) {
+  const auto n = static_cast<Index>(joints.size());
+  std::vector<Estimate> all{fit.exchange};
+  std::vector<Index> place{n};
+  Evidence evidence{.parameters = {}, .covariance = {}, .scale = {0}};
+  for (Index j = 0; j < n; ++j) {
+    const JointHeat& joint = joints[static_cast<std::size_t>(j)];
+    double low = std::numeric_limits<double>::infinity(), high = -low;
+    for (const auto& s : joint.sessions) {
+      const auto [least, most] = std::ranges::minmax(s.temperature_degC);
+      low = std::min(low, least), high = std::max(high, most);
+      evidence.recorded_s = std::max(evidence.recorded_s, s.time_s.back() - s.time_s.front());
+    }
+    for (Estimate e : fit.parameters[static_cast<std::size_t>(j)]) {
+      e.name = joint.name + "." + e.name;
+      all.push_back(std::move(e));
+    }
+    place.insert(place.end(), {n + 1 + j, j, 2 * n + 1 + j});
+    evidence.scale.insert(evidence.scale.end(), {0, 0, high - low});
+    evidence.time_constants.push_back({joint.name + ".t", {}});
+  }
+  evidence.parameters = all;
+  evidence.covariance = covariance(place, place);
+  return lacking(evidence, thermal_advice(evidence.recorded_s));
+}
+
 }  // namespace
 
 Result<ThermalChainFit> fit_thermal_chain(std::span<const JointHeat> joints) {
@@ -232,20 +261,15 @@ Result<ThermalChainFit> fit_thermal_chain(std::span<const JointHeat> joints) {
                       .exchange = {},
                       .rms_K = std::sqrt(residual.squaredNorm() / static_cast<double>(residual.size())),
                       .correlation = correlation_of(residual, n),
-                      .samples = static_cast<std::size_t>(problem.samples()),
-                      .unidentifiable = {}};
+                      .samples = static_cast<std::size_t>(problem.samples())};
   const MatrixXd covariance = covariance_of(problem.jacobian(z)) *
                               (residual.squaredNorm() / static_cast<double>(residual.size()) * fit.correlation);
   const double freedom =
       static_cast<double>(problem.samples()) / fit.correlation - static_cast<double>(covariance.cols());
   const double quantile = interval_sigmas(freedom);
-  const auto judge = [&](const Estimate& e, const std::string& name) {
-    if (std::isnan(e.sigma) || e.high - e.low > e.value) fit.unidentifiable.push_back(name);
-  };
   fit.chain.exchange_1_s = std::exp(z(n));
   fit.exchange = estimate("exchange", "1/s", fit.chain.exchange_1_s,
                           covariance(n, n) * fit.chain.exchange_1_s * fit.chain.exchange_1_s, quantile);
-  judge(fit.exchange, "exchange");
   for (Index j = 0; j < n; ++j) {
     const auto& name = joints[static_cast<std::size_t>(j)].name;
     const double t_s = std::exp(z(j)), gain = x(j), ambient = x(n + j);
@@ -256,8 +280,9 @@ Result<ThermalChainFit> fit_thermal_chain(std::span<const JointHeat> joints) {
                                         : estimate("gain", "K/J", gain, covariance(first + j, first + j), quantile),
                               estimate("t", "s", t_s, covariance(j, j) * t_s * t_s, quantile),
                               estimate("T_amb", "degC", ambient, covariance(first + n + j, first + n + j), quantile)});
-    for (const auto& e : fit.parameters.back()) judge(e, name + "." + e.name);
   }
+  fit.lacking = judged(fit, joints, covariance);
+  fit.unidentifiable = withheld(fit.lacking);
   return fit;
 }
 

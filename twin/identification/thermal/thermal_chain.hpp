@@ -6,6 +6,7 @@
 
 #include <tribotwin/plugins/friction/error.hpp>
 #include <tribotwin/twin/identification/estimates.hpp>
+#include <tribotwin/twin/identification/identifiability.hpp>
 #include <tribotwin/twin/identification/thermal/thermal_recording.hpp>
 
 /// The joints of an arm as one chain of warm bodies: each is heated by its power, cools to its surroundings and
@@ -31,8 +32,8 @@ struct ThermalChainFit {
   double rms_K = 0;        ///< of all residuals
   double correlation = 1;  ///< number of correlated samples per independent one
   std::size_t samples = 0;
-  std::vector<std::string>
-      unidentifiable;  ///< JOINT.parameter: without a sigma or with a 95 % interval wider than the value
+  std::vector<Lacking> lacking = {};             ///< of exchange, JOINT.gain, JOINT.t and JOINT.T_amb
+  std::vector<std::string> unidentifiable = {};  ///< withheld(lacking)
 };
 
 /// Joints in the order of the arm, all recorded at the same times. t_j and k by Ceres from several starts; the others

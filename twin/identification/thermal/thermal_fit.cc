@@ -1,290 +1,300 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
-#include <map>
 
 #include <Eigen/Dense>
 #include <fmt/format.h>
 
 #include <tribotwin/twin/identification/linearised.hpp>
 #include <tribotwin/twin/identification/thermal/thermal_fit.hpp>
-#include <tribotwin/twin/numerics/correlation.hpp>
-#include <tribotwin/twin/numerics/least_squares.hpp>
-#include <tribotwin/twin/numerics/linear_algebra.hpp>
+#include <tribotwin/twin/identification/thermal/thermal_problem.hpp>
+#include <tribotwin/twin/numerics/correlated_noise.hpp>
 
 namespace tribotwin::twin::identification {
 namespace {
 
 using Eigen::Index, Eigen::MatrixXd, Eigen::VectorXd;
 
-constexpr int grid_points = 24;
-
-/// Response of a node of gain 1 K/W to the power and to 1 K at the start.
-struct Response {
-  std::vector<double> power, start;
+/// Gains, time constants and A of a point, as they are reported, and their covariance.
+struct Reported {
+  VectorXd values;
+  MatrixXd covariance;
 };
 
-Response response(const HeatSession& session, double t_s) {
-  Response r;
-  double heated = 0, kept = 1;
-  for (std::size_t i = 0; i < session.time_s.size(); ++i) {
-    const double before = i ? session.time_s[i - 1] : session.start_s.value_or(session.time_s[0]),
-                 loss = -std::expm1(-(session.time_s[i] - before) / t_s);
-    heated += (session.power_w[i] - heated) * loss;
-    kept -= kept * loss;
-    r.power.push_back(heated);
-    r.start.push_back(kept);
-  }
-  return r;
-}
-
-/// The least-squares solution of the linear unknowns at given time constants: gains c_i t_i (0 where they would be
-/// negative), then A per file, then x_i0.
-struct Projection {
-  MatrixXd columns;
-  VectorXd linear, residual;  ///< residual: model - measured
-  double cost() const { return residual.squaredNorm(); }
-};
-
-class ThermalProblem {
- public:
-  ThermalProblem(std::span<const HeatSession> sessions, const ThermalOptions& options)
-      : sessions_(sessions), nodes_(thermal::info(options.order).nodes), rested_(options.rested) {
-    std::map<std::size_t, Index> files;
-    for (const auto& s : sessions) {
-      file_.push_back(files.try_emplace(s.file, static_cast<Index>(files.size())).first->second);
-      samples_ += static_cast<Index>(s.time_s.size());
-    }
-    files_ = static_cast<Index>(files.size());
-    measured_.resize(samples_);
-    Index row = 0;
-    for (const auto& s : sessions)
-      for (const double T : s.temperature_degC) measured_(row++) = T;
-  }
-
-  Index nodes() const { return nodes_; }
-  Index files() const { return files_; }
-  Index samples() const { return samples_; }
-  Index unknowns() const { return nodes_ + files_ + (rested_ ? 0 : nodes_ * static_cast<Index>(sessions_.size())); }
-
-  MatrixXd columns(const VectorXd& log_t) const {
-    MatrixXd c = MatrixXd::Zero(samples_, unknowns());
-    for (Index node = 0; node < nodes_; ++node) {
-      Index row = 0;
-      for (std::size_t s = 0; s < sessions_.size(); ++s) {
-        const Response r = response(sessions_[s], std::exp(log_t(node)));
-        const auto n = static_cast<Index>(r.power.size());
-        c.col(node).segment(row, n) = Eigen::Map<const VectorXd>(r.power.data(), n);
-        c.col(nodes_ + file_[s]).segment(row, n).setOnes();
-        if (!rested_)
-          c.col(nodes_ + files_ + static_cast<Index>(s) * nodes_ + node).segment(row, n) =
-              Eigen::Map<const VectorXd>(r.start.data(), n);
-        row += n;
-      }
-    }
-    return c;
-  }
-
-  Projection project(const VectorXd& log_t) const {
-    Projection best{.columns = columns(log_t)};
-    // Every choice of gains fixed at 0; the best of those without a negative gain.
-    for (unsigned closed = 0; closed < 1u << nodes_; ++closed) {
-      std::vector<Index> kept;
-      for (Index k = 0; k < best.columns.cols(); ++k)
-        if (k >= nodes_ || !(closed >> k & 1u)) kept.push_back(k);
-      const MatrixXd part = best.columns(Eigen::all, kept);
-      // Linearly dependent columns (a gain where the power never changes) get 0.
-      const VectorXd x = least_squares_solution(part, measured_, 1e-9);
-      const auto open_gains = static_cast<Index>(kept.size()) - (best.columns.cols() - nodes_);
-      if (open_gains && x.head(open_gains).minCoeff() < 0) continue;
-      const VectorXd residual = part * x - measured_;
-      if (best.residual.size() && residual.squaredNorm() >= best.cost()) continue;
-      best.residual = residual;
-      best.linear = VectorXd::Zero(best.columns.cols());
-      best.linear(kept) = x;
-      if (closed == 0) break;  // nothing was negative
-    }
-    return best;
-  }
-
-  /// Derivatives of the temperatures with respect to the log time constants, the linear unknowns fixed.
-  MatrixXd slopes(const VectorXd& log_t, const VectorXd& linear) const {
-    constexpr double h = 1e-4;
-    MatrixXd d(samples_, nodes_);
-    for (Index i = 0; i < nodes_; ++i) {
-      VectorXd up = log_t, down = log_t;
-      up(i) += h, down(i) -= h;
-      d.col(i) = (columns(up) - columns(down)) * linear / (2 * h);
-    }
-    return d;
-  }
-
-  /// Range of log time constants: from two samples to ten times the longest session.
-  std::pair<double, double> range() const {
-    double longest = 0, step = std::numeric_limits<double>::infinity();
-    for (const auto& s : sessions_) {
-      const double length = s.time_s.back() - s.time_s.front();
-      longest = std::max(longest, length);
-      step = std::min(step, length / static_cast<double>(s.time_s.size() - 1));
-    }
-    return {std::log(2 * step), std::log(10 * longest)};
-  }
-
- private:
-  std::span<const HeatSession> sessions_;
-  Index nodes_, files_ = 0, samples_ = 0;
-  bool rested_;
-  std::vector<Index> file_;  ///< per session, from 0
-  VectorXd measured_;
-};
-
-/// The residual as a function of the time constants alone, with the derivatives of Kaufman 1975: those at fixed linear
-/// unknowns, projected onto the complement of the linear columns.
-class ProjectedResidual final : public ceres::CostFunction {
- public:
-  explicit ProjectedResidual(const ThermalProblem& problem) : problem_(problem) {
-    mutable_parameter_block_sizes()->push_back(static_cast<int>(problem.nodes()));
-    set_num_residuals(static_cast<int>(problem.samples()));
-  }
-  bool Evaluate(double const* const* parameters, double* residuals, double** jacobians) const override {
-    const VectorXd log_t = Eigen::Map<const VectorXd>(parameters[0], problem_.nodes());
-    const Projection at = problem_.project(log_t);
-    Eigen::Map<VectorXd>(residuals, problem_.samples()) = at.residual;
-    if (!jacobians || !jacobians[0]) return true;
-    const MatrixXd slopes = problem_.slopes(log_t, at.linear);
-    MatrixXd free = at.columns;
-    for (Index node = 0; node < problem_.nodes(); ++node)
-      if (at.linear(node) == 0) free.col(node).setZero();  // a gain fixed at 0
-    const MatrixXd projected = slopes - free * least_squares_solutions(free, slopes);
-    for (Index i = 0; i < problem_.samples(); ++i)
-      for (Index k = 0; k < problem_.nodes(); ++k) jacobians[0][i * problem_.nodes() + k] = projected(i, k);
-    return true;
-  }
-
- private:
-  const ThermalProblem& problem_;
-};
-
-VectorXd global_search(const ThermalProblem& problem) {
-  const auto [low, high] = problem.range();
-  const auto at = [&, low = low, high = high](int i) { return low + (high - low) * i / (grid_points - 1); };
-  VectorXd best, log_t(problem.nodes());
-  double lowest = std::numeric_limits<double>::infinity();
-  const auto attempt = [&] {
-    const double cost = problem.project(log_t).cost();
-    if (cost < lowest) lowest = cost, best = log_t;
-  };
-  for (int i = 0; i < grid_points; ++i) {
-    log_t(0) = at(i);
-    if (problem.nodes() == 1)
-      attempt();
+/// `nodes`: those of the model that is reported; the problem may have a slower one beside. Of first order the gain is
+/// that of all nodes together, the final rise per watt; of second order c_i = R_i / t_i.
+Reported reported(const ThermalProblem& problem, Index nodes, const VectorXd& log_t, const Projection& at,
+                  const CorrelatedNoise& noise) {
+  const Index all = problem.nodes(), rows = 2 * nodes + problem.files();
+  Reported out{VectorXd(rows), {}};
+  MatrixXd by = MatrixXd::Zero(rows, all + problem.unknowns());
+  for (Index i = 0; i < nodes; ++i) {
+    const double t_s = std::exp(log_t(i)), c = at.linear(i) / t_s;
+    if (nodes == 1)
+      out.values(i) = at.linear.head(all).sum(), by.row(i).segment(all, all).setOnes();
     else
-      for (int k = i + 1; k < grid_points; ++k) log_t(1) = at(k), attempt();
+      out.values(i) = c, by(i, all + i) = 1 / t_s, by(i, i) = -c;
+    out.values(nodes + i) = t_s, by(nodes + i, i) = t_s;
   }
-  return best;
+  for (Index f = 0; f < problem.files(); ++f)
+    out.values(2 * nodes + f) = at.linear(all + f), by(2 * nodes + f, 2 * all + f) = 1;
+  out.covariance = by * least_squares_covariance(problem.jacobian(log_t, at), noise, problem.times()) * by.transpose();
+  return out;
 }
 
-void descend(const ThermalProblem& problem, VectorXd& log_t) {
-  const auto [low, high] = problem.range();
-  ProjectedResidual residual(problem);
-  ceres::Solver::Options options;
-  options.max_num_iterations = 50;
-  options.function_tolerance = 1e-9;
-  least_squares(residual, log_t, VectorXd::Constant(log_t.size(), low), VectorXd::Constant(log_t.size(), high),
-                options);
+/// Whether the data show the slowest node of a problem: its gain is above 0 by more than its interval.
+bool shows_slowest(const ThermalProblem& problem, const VectorXd& log_t, const Projection& at, double quantile) {
+  const Index own = problem.nodes() - 1, k = problem.nodes() + own;  // of the unknowns: log times first, then gains
+  if (at.linear(own) == 0) return false;
+  const MatrixXd jacobian = problem.jacobian(log_t, at);
+  const CorrelatedNoise noise = correlated_noise(at.residual, jacobian, problem.times());
+  return at.linear(own) > quantile * std::sqrt(least_squares_covariance(jacobian, noise, problem.times())(k, k));
 }
 
-/// Derivatives of the temperatures by the log time constants, then by the linear unknowns. A gain that is 0 counts as
-/// free: it adds to the uncertainty of the time constants.
-MatrixXd jacobian_of(const ThermalProblem& problem, const VectorXd& log_t, const Projection& at) {
-  MatrixXd jacobian(problem.samples(), problem.nodes() + problem.unknowns());
-  jacobian.leftCols(problem.nodes()) = problem.slopes(log_t, at.linear);
-  jacobian.rightCols(problem.unknowns()) = at.columns;
-  return jacobian;
+/// Whether all gains of a fit are known better than to their own size.
+bool gains_known(const Reported& own, Index nodes, double quantile) {
+  for (Index k = 0; k < nodes; ++k)
+    if (!(quantile * std::sqrt(own.covariance(k, k)) < own.values(k))) return false;
+  return true;
 }
 
-/// Of a gain c_i t_i = `resistance` (0: held), first the resistance itself or, of second order, c_i.
-Estimate gain_of(const thermal::Parameter& info, thermal::Order order, Index node, double resistance, double t_s,
-                 const MatrixXd& covariance, Index nodes, double quantile) {
-  if (resistance == 0) return without_sigma(std::string(info.name), std::string(info.unit), 0, Status::held);
-  const Index k = nodes + node;
-  const double gain = order == thermal::Order::first ? resistance : resistance / t_s;
-  double relative = covariance(k, k) / (resistance * resistance);
-  if (order == thermal::Order::second)
-    relative += covariance(node, node) - 2 * covariance(node, k) / resistance;  // c = R / t
-  return estimate(std::string(info.name), std::string(info.unit), gain, relative * gain * gain, quantile);
+/// How far a slower body, which the record cannot exclude, moves what is reported. A gear has two nodes at least
+/// (Pagani, Hao), so the first order always has a slower one to fear; the second order where the data show a third, or
+/// do not show its own gains.
+struct Reach {
+  VectorXd half;      ///< of the interval around the reported value that contains all of its intervals
+  VectorXd slower_s;  ///< the time constant that reaches so far
+};
+
+Reach reach_of_slower_body(std::span<const HeatSession> sessions, const ThermalOptions& options, const VectorXd& log_t,
+                           const Reported& own, const CorrelatedNoise& noise, double quantile) {
+  const Index nodes = log_t.size();
+  const ThermalProblem problem(sessions, nodes + 1, options.rested);
+  Reach reach{VectorXd::Zero(own.values.size()), VectorXd::Zero(own.values.size())};
+  if (problem.samples() <= problem.unknowns() + nodes + 1) return reach;
+  const bool feared = nodes == 1 || !gains_known(own, nodes, quantile);
+  for (const double share : {0.5, 1.0, 2.0}) {
+    const double slower_s = share * problem.longest_s();
+    if (slower_s < 1.5 * std::exp(log_t(nodes - 1))) continue;
+    VectorXd with(nodes + 1);
+    with << log_t, std::log(slower_s);
+    descend(problem, with, nodes);
+    const Projection at = problem.project(with);
+    if (!std::isfinite(at.cost()) || (!feared && !shows_slowest(problem, with, at, quantile))) continue;
+    const Reported other = reported(problem, nodes, with, at, noise);
+    for (Index k = 0; k < own.values.size(); ++k) {
+      const double half =
+          std::abs(other.values(k) - own.values(k)) + quantile * std::sqrt(std::max(0.0, other.covariance(k, k)));
+      if (half > reach.half(k)) reach.half(k) = half, reach.slower_s(k) = slower_s;
+    }
+  }
+  return reach;
+}
+
+/// One fit in the making.
+struct Found {
+  const ThermalProblem& problem;
+  VectorXd log_t;
+  Projection at;
+  Reported own;
+  Reach reach;
+  double quantile = 2;
+};
+
+Estimate estimate_of(const Found& f, Index k, std::string_view name, std::string_view unit) {
+  const double variance = std::max(f.own.covariance(k, k), std::pow(f.reach.half(k) / f.quantile, 2));
+  return estimate(std::string(name), std::string(unit), f.own.values(k), variance, f.quantile);
+}
+
+std::vector<Estimate> parameters_of(const Found& f, thermal::Order order) {
+  const auto info = thermal::parameters(order);
+  const Index nodes = f.problem.nodes();
+  const auto [low, high] = f.problem.range();
+  std::vector<Estimate> out;
+  for (Index k = 0; k < 2 * nodes; ++k) {
+    const auto& own = info[static_cast<std::size_t>(k)];
+    const bool gain = k < nodes;
+    if (gain && f.at.linear(k) == 0)
+      out.push_back(without_sigma(std::string(own.name), std::string(own.unit), 0, Status::held));
+    else if (!gain && (f.log_t(k - nodes) < low + 1e-6 || f.log_t(k - nodes) > high - 1e-6))
+      out.push_back(without_sigma(std::string(own.name), std::string(own.unit), f.own.values(k), Status::at_bound));
+    else
+      out.push_back(estimate_of(f, k, own.name, own.unit));
+  }
+  return out;
+}
+
+/// Share of the residuals' variance that neighbours have in common; none where they are rounding.
+double common_share(const ThermalProblem& problem, const CorrelatedNoise& noise, double rms_K) {
+  if (noise.correlation_s <= 0 || rms_K < 1e-6 * problem.range_K(0)) return 0;
+  return noise.slow * noise.slow / noise.variance() * std::exp(-problem.step_s() / noise.correlation_s);
+}
+
+/// Share of the temperatures' variance within files that the model explains.
+double explained_share(const ThermalProblem& problem, const Projection& at) {
+  const VectorXd& T = problem.measured();
+  return 1 - at.cost() / std::max(1e-300, (T.array() - T.mean()).square().sum());
+}
+
+/// Where not its own interval but a slower body makes a parameter unknown, that is the reason: the record is short.
+void name_slower_body(const Found& f, const std::vector<Estimate>& all, std::vector<Lacking>& lacking) {
+  for (auto& one : lacking) {
+    const auto e = std::ranges::find(all, one.parameter, &Estimate::name);
+    const auto k = static_cast<Index>(e - all.begin());
+    const double own = 2 * f.quantile * std::sqrt(f.own.covariance(k, k));
+    if (one.lack != Lack::wide_interval || !(own < 0.999 * (e->high - e->low))) continue;
+    one.lack = Lack::short_record;
+    one.reason = slower_body_reason(*e, f.problem.longest_s(), f.reach.slower_s(k));
+    one.next = thermal_advice(f.problem.longest_s())(*e, Lack::short_record);
+  }
+}
+
+/// T_amb is what is left when all bodies have settled: no number without the slowest time constant.
+void withhold_ambient(const std::string& slowest, const std::vector<Estimate>& all, std::vector<Lacking>& lacking) {
+  const auto time = std::ranges::find(lacking, slowest, &Lacking::parameter);
+  if (time == lacking.end() || !time->withheld) return;
+  const Lacking because = *time;
+  for (const auto& e : all) {
+    if (!e.name.starts_with("T_amb")) continue;
+    auto own = std::ranges::find(lacking, e.name, &Lacking::parameter);
+    if (own == lacking.end()) own = lacking.insert(lacking.end(), {.parameter = e.name});
+    if (own->withheld && !own->reason.empty()) continue;
+    *own = {e.name, because.lack, fmt::format("it is known only together with {}", slowest), because.next};
+  }
+}
+
+/// The rule, for the parameters and then T_amb of each file.
+std::vector<Lacking> judged(const Found& f, thermal::Order order, const ThermalFit& fit) {
+  std::vector<Estimate> all = fit.parameters;
+  all.insert(all.end(), fit.ambient.begin(), fit.ambient.end());
+  Evidence evidence = thermal_evidence(all, order, f.problem.longest_s());
+  evidence.covariance = f.own.covariance;
+  evidence.scale.assign(fit.parameters.size(), 0);
+  // The temperature without power is compared with what the power does to it.
+  for (Index file = 0; file < f.problem.files(); ++file) evidence.scale.push_back(f.problem.range_K(file));
+  evidence.common = common_share(f.problem, fit.noise, fit.rms_K);
+  evidence.explained = explained_share(f.problem, f.at);
+  auto out = merged_nodes(fit.parameters, order);
+  if (!out.empty()) return out;
+  out = lacking(evidence, thermal_advice(f.problem.longest_s()));
+  name_slower_body(f, all, out);
+  withhold_ambient(time_constants(fit).back().name, all, out);
+  return out;
+}
+
+/// Why these sessions cannot be fitted.
+Result<void> require(std::span<const HeatSession> sessions, const ThermalProblem& problem) {
+  if (std::ranges::any_of(sessions, [](const HeatSession& s) { return s.temperature_degC.empty(); }))
+    return tl::unexpected(Error("has no temperatures"));
+  const Index unknowns = problem.unknowns() + problem.nodes();
+  if (problem.samples() <= unknowns)
+    return tl::unexpected(Error(fmt::format("{} samples for {} unknowns", problem.samples(), unknowns)));
+  return {};
+}
+
+ThermalFit fit_of(Found& f, std::span<const HeatSession> sessions, const ThermalOptions& options) {
+  const Index nodes = f.problem.nodes();
+  const auto samples = static_cast<double>(f.problem.samples());
+  const MatrixXd jacobian = f.problem.jacobian(f.log_t, f.at);
+  ThermalFit fit{.parameters = {}, .ambient = {}, .model = {}, .rms_K = std::sqrt(f.at.cost() / samples)};
+  fit.noise = correlated_noise(f.at.residual, jacobian, f.problem.times());
+  // No thermometer is better; of a simulation's rounding no node is identified.
+  fit.noise.white = std::max(fit.noise.white, 1e-5 * f.problem.range_K(0));
+  fit.correlation = std::min(samples, fit.noise.samples_per_independent(f.problem.step_s()));
+  fit.samples = static_cast<std::size_t>(f.problem.samples());
+  f.own = reported(f.problem, nodes, f.log_t, f.at, fit.noise);
+  f.quantile = interval_sigmas(samples / fit.correlation - static_cast<double>(jacobian.cols()));
+  f.reach = reach_of_slower_body(sessions, options, f.log_t, f.own, fit.noise, f.quantile);
+  fit.parameters = parameters_of(f, options.order);
+  for (Index file = 0; file < f.problem.files(); ++file) {
+    const std::string name = f.problem.files() == 1 ? "T_amb" : fmt::format("T_amb[{}]", file + 1);
+    fit.ambient.push_back(estimate_of(f, 2 * nodes + file, name, "degC"));
+  }
+  fit.lacking = judged(f, options.order, fit);
+  fit.unidentifiable = withheld(fit.lacking);
+  const auto info = thermal::parameters(options.order);
+  std::vector<double> values;
+  for (std::size_t k = 0; k < info.size(); ++k)
+    values.push_back(std::max(fit.parameters[k].value, info[k].minimum));  // also where a gain is 0
+  fit.model = thermal::make_model(options.order, f.own.values.tail(f.problem.files()).mean(), values);
+  return fit;
 }
 
 }  // namespace
 
 Result<ThermalFit> fit_thermal(std::span<const HeatSession> sessions, const ThermalOptions& options) {
-  if (std::ranges::any_of(sessions, [](const HeatSession& s) { return s.temperature_degC.empty(); }))
-    return tl::unexpected(Error("has no temperatures"));
-  const ThermalProblem problem(sessions, options);
-  if (options.rested && static_cast<std::size_t>(problem.files()) < sessions.size())
-    return tl::unexpected(Error("a file with gaps of hours does not begin at ambient temperature after each of them"));
-  const Index nodes = problem.nodes();
-  if (problem.samples() <= problem.unknowns() + nodes)
-    return tl::unexpected(
-        Error(fmt::format("{} samples for {} unknowns", problem.samples(), problem.unknowns() + nodes)));
+  const ThermalProblem problem(sessions, thermal::info(options.order).nodes, options.rested);
+  if (auto ok = require(sessions, problem); !ok) return tl::unexpected(ok.error());
   VectorXd log_t = global_search(problem);
   if (log_t.size() == 0)
     return tl::unexpected(
         Error("no thermal model has a finite error; check the data for values that no joint can have"));
-  descend(problem, log_t);
-  std::sort(log_t.data(), log_t.data() + nodes);
-  const Projection at = problem.project(log_t);
-  if (!std::isfinite(at.cost()))
+  descend(problem, log_t, problem.nodes());
+  std::sort(log_t.data(), log_t.data() + log_t.size());
+  Found found{.problem = problem, .log_t = log_t, .at = problem.project(log_t), .own = {}, .reach = {}};
+  if (!std::isfinite(found.at.cost()))
     return tl::unexpected(Error("the fit has no finite error; check the data for values that no joint can have"));
-
-  ThermalFit fit{
-      .rms_K = std::sqrt(at.cost() / static_cast<double>(problem.samples())),
-      .correlation = samples_per_independent({at.residual.data(), static_cast<std::size_t>(at.residual.size())}, 0),
-      .samples = static_cast<std::size_t>(problem.samples())};
-  const MatrixXd jacobian = jacobian_of(problem, log_t, at);
-  const double quantile =
-      interval_sigmas(static_cast<double>(problem.samples()) / fit.correlation - static_cast<double>(jacobian.cols()));
-  const MatrixXd covariance =
-      covariance_of(jacobian) * (at.cost() / static_cast<double>(problem.samples()) * fit.correlation);
-
-  const auto [low, high] = problem.range();
-  const auto info = thermal::parameters(options.order);
-  std::vector<Estimate> times;
-  for (Index i = 0; i < nodes; ++i) {
-    const std::string name(info[static_cast<std::size_t>(nodes + i)].name);
-    const double t_s = std::exp(log_t(i));
-    fit.parameters.push_back(
-        gain_of(info[static_cast<std::size_t>(i)], options.order, i, at.linear(i), t_s, covariance, nodes, quantile));
-    const bool bounded = log_t(i) < low + 1e-6 || log_t(i) > high - 1e-6;
-    times.push_back(bounded ? without_sigma(name, "s", t_s, Status::at_bound)
-                            : estimate(name, "s", t_s, covariance(i, i) * t_s * t_s, quantile));
-  }
-  fit.parameters.insert(fit.parameters.end(), times.begin(), times.end());
-  double mean_ambient = 0;
-  for (Index f = 0; f < problem.files(); ++f) {
-    const Index k = 2 * nodes + f;
-    fit.ambient.push_back(estimate("T_amb", "degC", at.linear(nodes + f), covariance(k, k), quantile));
-    mean_ambient += at.linear(nodes + f) / static_cast<double>(problem.files());
-  }
-  fit.unidentifiable = unidentifiable(fit.parameters, options.order);
-  std::vector<double> values;
-  for (std::size_t k = 0; k < info.size(); ++k)
-    values.push_back(std::max(fit.parameters[k].value, info[k].minimum));  // also where a gain is 0
-  fit.model = thermal::make_model(options.order, mean_ambient, values);
-  return fit;
+  return fit_of(found, sessions, options);
 }
 
 std::span<const Estimate> time_constants(const ThermalFit& fit) {
   return std::span(fit.parameters).last(fit.parameters.size() / 2);
 }
 
-std::vector<std::string> unidentifiable(std::span<const Estimate> parameters, thermal::Order order) {
+Evidence thermal_evidence(std::span<const Estimate> parameters, thermal::Order order, double recorded_s) {
+  Evidence evidence{.parameters = parameters};
+  evidence.recorded_s = recorded_s;
+  const auto nodes = static_cast<std::size_t>(thermal::info(order).nodes);
+  // The gain of first order is the final rise per watt, which only a settled joint shows; c_i is the slope at the
+  // start.
+  for (std::size_t i = 0; i < nodes; ++i)
+    evidence.time_constants.push_back({parameters[nodes + i].name, order == thermal::Order::first
+                                                                       ? std::vector{parameters[i].name}
+                                                                       : std::vector<std::string>{}});
+  return evidence;
+}
+
+Advice thermal_advice(double recorded_s) {
+  return [recorded_s](const Estimate& e, Lack lack) {
+    const bool time = e.unit == "s";
+    const double known_s = time ? (std::isnan(e.high) ? e.value : e.high) : 0;
+    const double hours = std::max(4 * recorded_s, std::min(2 * known_s, 20 * recorded_s)) / 3600;
+    switch (lack) {
+      case Lack::no_effect:
+        return std::string("record hours of different power: fast, slow and idle");
+      case Lack::short_record:
+        return fmt::format("record {:.{}f} h or more without a gap, with different power on the way", hours,
+                           hours < 10 ? 1 : 0);
+      case Lack::wide_interval:
+      case Lack::at_bound:
+      case Lack::correlated:
+        return std::string("record longer, with different power on the way, or from rest (--rested)");
+      case Lack::structured:
+        return std::string("record the surroundings, or its neighbours for --chain");
+      case Lack::no_whole_cycle:
+        break;
+    }
+    return std::string();
+  };
+}
+
+std::string slower_body_reason(const Estimate& e, double recorded_s, double slower_s) {
+  return fmt::format(
+      "the record, {:.3g} h, is too short to exclude a slower body ({:.2g} h), with which it may be {:.3g} .. {:.3g} "
+      "{}",
+      recorded_s / 3600, slower_s / 3600, e.low, e.high, e.unit);
+}
+
+std::vector<Lacking> merged_nodes(std::span<const Estimate> parameters, thermal::Order order) {
+  std::vector<Lacking> out;
   const auto times = parameters.last(parameters.size() / 2);
-  const bool merged = order == thermal::Order::second && times[1].value < closest_ratio * times[0].value;
-  std::vector<std::string> names;
+  if (order != thermal::Order::second || times[1].value >= closest_ratio * times[0].value) return out;
   for (const auto& e : parameters)
-    if (merged || std::isnan(e.sigma) || e.high - e.low > std::abs(e.value)) names.push_back(e.name);
-  return names;
+    out.push_back(
+        {e.name, Lack::correlated,
+         fmt::format("t1 and t2 are within {:.0f} %: one node explains these data", 100 * (closest_ratio - 1)),
+         "record longer, with different power on the way, or use --order 1"});
+  return out;
 }
 
 std::vector<double> predicted_temperature(const thermal::Model& model, const HeatSession& session) {

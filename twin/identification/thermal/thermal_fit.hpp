@@ -6,8 +6,10 @@
 
 #include <tribotwin/plugins/friction/error.hpp>
 #include <tribotwin/plugins/thermal/thermal.hpp>
-#include <tribotwin/twin/identification/curves/fit.hpp>
+#include <tribotwin/twin/identification/estimates.hpp>
+#include <tribotwin/twin/identification/identifiability.hpp>
 #include <tribotwin/twin/identification/thermal/thermal_recording.hpp>
+#include <tribotwin/twin/numerics/correlated_noise.hpp>
 
 /// A joint's thermal model from its heat and temperature: plugins/thermal's equation, Pagani (3),
 ///
@@ -16,8 +18,11 @@
 /// one node (first order: R_th = c_1 t_1, kappa = t_1) or two. A, per file, is the temperature without the recorded
 /// power: ambient plus the effect of electronics that are always on. A and the x_i0, per session, are nuisances. All
 /// but the t_i are linear: global search on a grid of time constants, then Ceres' trust region on the projected
-/// residual. Gains are >= 0. Sigmas: inverse information of all unknowns times the variance of the residuals and the
-/// number of correlated samples per independent one (numerics/correlation.hpp).
+/// residual. Gains are >= 0.
+///
+/// Sigmas count correlated residuals (numerics/correlated_noise.hpp) and the model's own error: one more node, slower
+/// by what half to four times the record can show, is fitted beside, and an interval reaches as far as the parameter
+/// moves with it. What then is no number is said by the rule of identification/identifiability.hpp.
 namespace tribotwin::twin::identification {
 
 /// Below this ratio of the time constants the fit has merged its two nodes, with gains of opposite sign.
@@ -25,7 +30,7 @@ constexpr double closest_ratio = 1.2;
 
 struct ThermalOptions {
   thermal::Order order = thermal::Order::second;  ///< or first
-  bool rested = false;  ///< every file begins at ambient temperature, as after a night: one session per file, x_i0 = 0
+  bool rested = false;  ///< every file begins at ambient temperature, as after a night: x_i0 = 0 in its first session
 };
 
 struct ThermalFit {
@@ -34,17 +39,27 @@ struct ThermalFit {
   std::vector<Estimate> ambient;     ///< A [degC], per file
   thermal::Model model;              ///< with the mean of A
   double rms_K = 0;                  ///< of the residuals
+  CorrelatedNoise noise = {};        ///< of the residuals [K]
   double correlation = 1;            ///< number of correlated samples per independent one
   std::size_t samples = 0;
-  std::vector<std::string> unidentifiable;  ///< names of parameters
+  std::vector<Lacking> lacking = {};             ///< what keeps parameters and T_amb from being numbers
+  std::vector<std::string> unidentifiable = {};  ///< withheld(lacking)
 };
 
 /// The time constants [s] of a fit, the faster first.
 std::span<const Estimate> time_constants(const ThermalFit& fit);
 
-/// Parameters without a sigma or with a 95 % interval wider than their value; all where the time constants are within
-/// closest_ratio.
-std::vector<std::string> unidentifiable(std::span<const Estimate> parameters, thermal::Order order);
+/// What the rule of identifiability needs beside the estimates of a thermal model.
+Evidence thermal_evidence(std::span<const Estimate> parameters, thermal::Order order, double recorded_s);
+
+/// What to record next for a thermal parameter, after `recorded_s`.
+Advice thermal_advice(double recorded_s);
+
+/// Why a parameter whose interval reaches that far by a slower body is no number.
+std::string slower_body_reason(const Estimate& e, double recorded_s, double slower_s);
+
+/// Both parameters of both nodes, where their time constants are within closest_ratio: the fit has merged them.
+std::vector<Lacking> merged_nodes(std::span<const Estimate> parameters, thermal::Order order);
 
 /// Every session has temperatures; the files are those of the sessions. ErrorKind::input with what the data lack.
 Result<ThermalFit> fit_thermal(std::span<const HeatSession> sessions, const ThermalOptions& options = {});

@@ -5,15 +5,18 @@
 
 #include <fmt/format.h>
 
+#include <tribotwin/twin/identification/thermal/cycle_rows.hpp>
 #include <tribotwin/twin/identification/thermal/thermal_recording.hpp>
 #include <tribotwin/twin/identification/time_series.hpp>
 #include <tribotwin/twin/io/tables/numbers.hpp>
 #include <tribotwin/twin/io/text.hpp>
+#include <tribotwin/twin/numerics/median.hpp>
 
 namespace tribotwin::twin::identification {
 namespace {
 
-constexpr double session_gap_s = 3600, gap_steps = 2.5;
+/// A gap is bridged up to here: within repeated cycles, and without, where bodies of a gear keep their temperature.
+constexpr double cycles_bridged_s = 3600, bridged_s = 60;
 constexpr std::size_t max_samples = 5000, min_samples = 20;
 
 /// Column of a joint's power, or the two whose product it is: torque and speed, or torque and position.
@@ -133,10 +136,15 @@ HeatSession averaged(std::size_t file, std::span<const double> time, std::span<c
       const double from = time[begin] + static_cast<double>(k) * width_s, to = from + width_s;
       if (to > end) break;
       const double middle = (from + to) / 2, mean_work = work.mean(from, to);
-      out.power_w.push_back(out.time_s.empty() ? 0 : (mean_work - last_work) / (middle - out.time_s.back()));
+      if (cycles) out.cycle_power_w.push_back((work.at(to) - work.at(from)) / width_s);
+      if (out.time_s.empty())
+        out.power_w.push_back(0);
+      else if (cycles && k == 0)  // the same cycle went on in the gap
+        out.power_w.push_back((out.cycle_power_w.back() + out.cycle_power_w.end()[-2]) / 2);
+      else
+        out.power_w.push_back((mean_work - last_work) / (middle - out.time_s.back()));
       out.time_s.push_back(middle);
       if (!temperature.empty()) out.temperature_degC.push_back(warmth.mean(from, to));
-      if (cycles) out.cycle_power_w.push_back((work.at(to) - work.at(from)) / width_s);
       last_work = mean_work;
     }
   }
@@ -198,31 +206,63 @@ Result<Layout> layout_of(const std::filesystem::path& file, bool cycles, const O
   return out;
 }
 
-/// The time line: its typical step, gaps, and the sessions between gaps longer than an hour.
+/// The time line: its typical step, gaps, and the sessions between gaps that are too long to be bridged.
 struct Timeline {
-  double typical_s = 0, recorded_s = 0;        ///< recorded: without those gaps
-  std::vector<std::size_t> gaps, sessions{0};  ///< first sample after a gap; first of each session, then the end
+  double typical_s = 0, recorded_s = 0;          ///< recorded: without those gaps
+  std::vector<std::size_t> gaps, sessions{0};    ///< first sample after a gap; first of each session, then the end
+  std::vector<double> long_gaps_s, stretches_s;  ///< between the sessions; of each session
 };
 
-Timeline timeline_of(const std::vector<double>& time, const std::filesystem::path& file,
-                     std::vector<std::string>& notes) {
+Timeline timeline_of(const std::vector<double>& time, bool cycles) {
   std::vector<double> steps;
   for (std::size_t i = 1; i < time.size(); ++i) steps.push_back(time[i] - time[i - 1]);
-  const auto middle = steps.begin() + static_cast<std::ptrdiff_t>(steps.size() / 2);
-  std::nth_element(steps.begin(), middle, steps.end());
-  Timeline out{.typical_s = *middle, .recorded_s = time.back() - time.front(), .gaps = {}};
+  Timeline out{.typical_s = median_of(steps), .recorded_s = time.back() - time.front()};
   for (std::size_t i = 1; i < time.size(); ++i) {
     const double step = time[i] - time[i - 1];
     if (step <= gap_steps * out.typical_s) continue;
     out.gaps.push_back(i);
-    if (step <= session_gap_s) continue;
+    if (step <= (cycles ? cycles_bridged_s : std::max(bridged_s, 10 * out.typical_s))) continue;
+    out.stretches_s.push_back(time[i - 1] - time[out.sessions.back()]);
     out.sessions.push_back(i);
+    out.long_gaps_s.push_back(step);
     out.recorded_s -= step;
-    notes.push_back(fmt::format("{}: {:.2g} h without samples before {:.6g} s; a new session begins there",
-                                file.string(), step / 3600, time[i]));
   }
+  out.stretches_s.push_back(time.back() - time[out.sessions.back()]);
   out.sessions.push_back(time.size());
   return out;
+}
+
+/// What is done about gaps.
+void note_gaps(const Timeline& line, const std::vector<double>& time, bool cycles, const std::string& file,
+               std::vector<std::string>& notes) {
+  double longest_s = 0;
+  const std::size_t bridged = line.gaps.size() - line.long_gaps_s.size();
+  for (const std::size_t i : line.gaps)
+    if (const double step = time[i] - time[i - 1];
+        line.long_gaps_s.empty() || step < std::ranges::min(line.long_gaps_s))
+      longest_s = std::max(longest_s, step);
+  if (bridged)
+    notes.push_back(fmt::format("{}: {} gaps of up to {:.3g} s are bridged, {}", file, bridged, longest_s,
+                                cycles ? "as if the same cycle went on" : "with the mean power on both sides"));
+  if (line.long_gaps_s.size() > 3)
+    notes.push_back(fmt::format("{}: {} gaps of up to {:.2g} h; a new session begins after each", file,
+                                line.long_gaps_s.size(), std::ranges::max(line.long_gaps_s) / 3600));
+  else
+    for (std::size_t s = 1; s + 1 < line.sessions.size(); ++s)
+      notes.push_back(fmt::format("{}: {:.2g} h without samples before {:.6g} s; a new session begins there", file,
+                                  line.long_gaps_s[s - 1] / 3600, time[line.sessions[s]]));
+}
+
+/// Why the heat between stretches is not known: what a multi-rate run leaves of its samples.
+std::optional<std::string> heat_unknown(const Timeline& line, bool cycles, const std::string& file) {
+  if (cycles || line.long_gaps_s.size() < 3) return {};
+  const double gap_s = median_of(line.long_gaps_s), stretch_s = median_of(line.stretches_s);
+  if (stretch_s >= gap_s) return {};
+  return fmt::format(
+      "{}: {} gaps of {:.3g} s or so between stretches of {:.3g} s: the heat of the gaps is not recorded. Give the "
+      "record of the run or its cycles.csv, where a multi-rate run has every cycle; or --work-cycle, if the same work "
+      "cycle went on in the gaps; or record without gaps",
+      file, line.long_gaps_s.size(), gap_s, stretch_s);
 }
 
 /// A joint's temperatures, or why they cannot be used; empty without such a column.
@@ -241,7 +281,8 @@ std::optional<std::string> always_alike(const Numbers& numbers, const std::strin
                                         std::span<const double> temperature) {
   if (temperature.empty()) return std::nullopt;
   const auto [low, high] = std::ranges::minmax(temperature);
-  if (high > low) return std::nullopt;
+  constexpr double least_rise_K = 1e-3;
+  if (high - low > least_rise_K) return std::nullopt;
   return fmt::format("{}: {} is always {:.4g}; a thermal model is identified from warming or cooling",
                      numbers.file.string(), temperature_column(joint), low);
 }
@@ -264,10 +305,8 @@ std::vector<HeatSession> sessions_of(std::size_t file, const std::vector<double>
   return out;
 }
 
-}  // namespace
-
-Result<ThermalRecording> read_thermal_recording(const std::filesystem::path& file, std::size_t index, double cycle_s,
-                                                const TableOptions& options) {
+Result<ThermalRecording> from_samples(const std::filesystem::path& file, std::size_t index, double cycle_s,
+                                      const TableOptions& options) {
   auto table = OpenTable::open(file, options);
   if (!table) return tl::unexpected(table.error());
   const auto layout = layout_of(file, cycle_s > 0, *table);
@@ -286,7 +325,9 @@ Result<ThermalRecording> read_thermal_recording(const std::filesystem::path& fil
     out.notes.push_back(fmt::format("{}: {} rows with empty, NaN or infinite cells are gaps, the first in {} {}",
                                     file.string(), numbers->left_out, numbers->row, numbers->first_left_out));
   if (auto problem = not_increasing(*numbers, time)) return tl::unexpected(Error(*std::move(problem)));
-  const Timeline line = timeline_of(time, file, out.notes);
+  const Timeline line = timeline_of(time, cycle_s > 0);
+  if (auto problem = heat_unknown(line, cycle_s > 0, file.string())) return tl::unexpected(Error(*std::move(problem)));
+  note_gaps(line, time, cycle_s > 0, file.string(), out.notes);
   for (std::size_t j = 0; j < layout->joints.size(); ++j) {
     const std::string& joint = layout->joints[j];
     const auto temperature = temperature_of(*numbers, *layout, joint);
@@ -299,12 +340,21 @@ Result<ThermalRecording> read_thermal_recording(const std::filesystem::path& fil
     bridge_gaps(power, time, line.gaps);
     out.joints.push_back({.name = joint, .sessions = sessions_of(index, time, power, *temperature, line, cycle_s)});
     if (out.joints.back().sessions.empty())
-      return tl::unexpected(
-          Error(cycle_s > 0 ? fmt::format("{}: no two whole cycles of {:g} s", file.string(), cycle_s)
-                            : fmt::format("{}: no {} rows without an hour's gap", file.string(), min_samples)));
+      return tl::unexpected(Error(cycle_s > 0
+                                      ? fmt::format("{}: no two whole cycles of {:g} s", file.string(), cycle_s)
+                                      : fmt::format("{}: no {} rows without a gap", file.string(), min_samples)));
   }
   if (out.joints.empty()) return tl::unexpected(Error(out.notes.back()));
   return out;
+}
+
+}  // namespace
+
+Result<ThermalRecording> read_thermal_recording(const std::filesystem::path& file, std::size_t index, double cycle_s,
+                                                const TableOptions& options) {
+  auto cycles = cycle_rows(file, index, cycle_s, min_samples);
+  if (!cycles) return tl::unexpected(cycles.error());
+  return *cycles ? *std::move(*cycles) : from_samples(file, index, cycle_s, options);
 }
 
 }  // namespace tribotwin::twin::identification

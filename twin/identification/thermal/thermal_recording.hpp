@@ -11,7 +11,7 @@
 /// Recordings of the heat in joints and of their temperature.
 namespace tribotwin::twin::identification {
 
-/// Samples without a gap longer than an hour; columns of equal length.
+/// Samples without a gap that is too long to be bridged; columns of equal length.
 struct HeatSession {
   std::size_t file = 0;                  ///< index of the recording it is from
   std::vector<double> time_s;            ///< strictly increasing; the middle of a cycle where there are cycles
@@ -37,10 +37,12 @@ struct ThermalRecording {
 /// `velocity_JOINT_rad_s|_m_s` or `position_JOINT_rad|_m`. The power of torque and speed is the net work: what gravity
 /// and inertia store on the way out they return on the way back, so that its average over exactly `cycle_s` (0: none)
 /// is the friction heat; cycles are counted from the first sample after a gap. Samples are averaged over cycles, and
-/// further until at most 5,000 are left; across a gap (2.5 typical steps) the power is the mean of the stretches on
-/// both sides. Only with cycles may a file have no temperature. `index`: HeatSession::file. ErrorKind::input with file,
-/// column and what would be right: also where a temperature is implausible for a gearbox or where none changes. Where
-/// some do, the joints of the others are left out with a note.
+/// further until at most 5,000 are left. Across a gap (2.5 typical steps) of up to a minute the power is the mean
+/// of the stretches on both sides; with `cycle_s` the same cycle is taken to have gone on for up to an hour. After a
+/// longer gap a new session begins, and where such gaps outweigh the stretches between them the file is refused. Of a
+/// run's record its work cycles are read, not its samples. Only with cycles may a file have no temperature. `index`:
+/// HeatSession::file. ErrorKind::input with file, column and what would be right: also where a temperature is
+/// implausible for a gearbox or where none changes. Where some do, the joints of the others are left out with a note.
 Result<ThermalRecording> read_thermal_recording(const std::filesystem::path& file, std::size_t index,
                                                 double cycle_s = 0, const TableOptions& options = {});
 

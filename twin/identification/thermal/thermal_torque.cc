@@ -3,6 +3,7 @@
 #include <complex>
 #include <limits>
 #include <numeric>
+#include <optional>
 
 #include <Eigen/Dense>
 #include <fmt/format.h>
@@ -10,6 +11,7 @@
 #include <tribotwin/twin/identification/linearised.hpp>
 #include <tribotwin/twin/identification/thermal/thermal_torque.hpp>
 #include <tribotwin/twin/numerics/cma_es.hpp>
+#include <tribotwin/twin/numerics/correlated_noise.hpp>
 #include <tribotwin/twin/numerics/correlation.hpp>
 #include <tribotwin/twin/numerics/least_squares.hpp>
 #include <tribotwin/twin/numerics/linear_algebra.hpp>
@@ -24,21 +26,26 @@ using Eigen::Index, Eigen::MatrixXd, Eigen::VectorXd;
 class TorqueProblem {
  public:
   TorqueProblem(std::span<const HeatSession> sessions, Index nodes) : sessions_(sessions), nodes_(nodes) {
-    double longest = 0, shortest_cycle = std::numeric_limits<double>::infinity();
+    shortest_cycle_s_ = std::numeric_limits<double>::infinity();
     for (const auto& s : sessions) {
+      first_.push_back(static_cast<Index>(time_s_.size()));
+      time_s_.insert(time_s_.end(), s.time_s.begin(), s.time_s.end());
       const Eigen::Map<const VectorXd> power(s.cycle_power_w.data(), static_cast<Index>(s.cycle_power_w.size()));
       mean_power_w_.push_back(power.mean());
       samples_ += power.size();
-      longest = std::max(longest, s.time_s.back() - s.time_s.front());
-      shortest_cycle = std::min(shortest_cycle, s.cycle_s);
+      longest_s_ = std::max(longest_s_, since_start(s, s.time_s.size() - 1));
+      shortest_cycle_s_ = std::min(shortest_cycle_s_, s.cycle_s);
     }
     typical_power_w_ =
         std::accumulate(mean_power_w_.begin(), mean_power_w_.end(), 0.0) / static_cast<double>(mean_power_w_.size());
-    low_ = std::log(shortest_cycle), high_ = std::log(10 * longest);
+    low_ = std::log(shortest_cycle_s_), high_ = std::log(10 * longest_s_);
   }
 
   Index nodes() const { return nodes_; }
   Index samples() const { return samples_; }
+  SampleTimes times() const { return {time_s_, first_}; }
+  double longest_s() const { return longest_s_; }  ///< session
+  double shortest_cycle_s() const { return shortest_cycle_s_; }
   Index unknowns() const { return 2 * nodes_ + static_cast<Index>(sessions_.size()); }
   double typical_power_w() const { return typical_power_w_; }
   double mean_power_w(std::size_t session) const { return mean_power_w_[session]; }
@@ -96,7 +103,9 @@ class TorqueProblem {
   std::span<const HeatSession> sessions_;
   Index nodes_, samples_ = 0;
   std::vector<double> mean_power_w_;
-  double typical_power_w_ = 0, low_ = 0, high_ = 0;
+  std::vector<double> time_s_;
+  std::vector<Index> first_;  ///< row of each session
+  double typical_power_w_ = 0, longest_s_ = 0, shortest_cycle_s_ = 0, low_ = 0, high_ = 0;
 };
 
 VectorXd global_search(const TorqueProblem& problem) {
@@ -116,9 +125,11 @@ VectorXd global_search(const TorqueProblem& problem) {
       cma_es(cost, start, {.population = 12, .first_step = 0.5, .last_step = 1e-3, .evaluations = 4000}, gaussian).z);
 }
 
-void descend(const TorqueProblem& problem, VectorXd& x) {
+/// `slower_log_t`: where the second node's time constant is given.
+void descend(const TorqueProblem& problem, VectorXd& x, std::optional<double> slower_log_t = {}) {
   VectorXd low = VectorXd::Constant(x.size(), std::numeric_limits<double>::lowest()), high = -low;
   low.head(problem.nodes()).setConstant(problem.low()), high.head(problem.nodes()).setConstant(problem.high());
+  if (slower_log_t) low(1) = *slower_log_t - 1e-3, high(1) = *slower_log_t + 1e-3;
   const auto residual = by_differences<ceres::CENTRAL>([&problem](const VectorXd& at) { return problem.residual(at); },
                                                        x.size(), problem.samples());
   ceres::Solver::Options options;
@@ -168,6 +179,53 @@ std::vector<Estimate> parameters_of(const TorqueProblem& problem, thermal::Order
   return gains;
 }
 
+/// The first order's interval of each parameter, as far as a slower body moves it that the record cannot exclude.
+/// Returns the time constant of the one that reaches farthest; 0 where none reaches beyond the interval.
+double widen_by_slower_body(std::span<const HeatSession> sessions, const VectorXd& x, const CorrelatedNoise& noise,
+                            double quantile, std::vector<Estimate>& parameters) {
+  const TorqueProblem problem(sessions, 2);
+  if (problem.samples() <= problem.unknowns()) return 0;
+  double reaching_s = 0;
+  for (const double share : {0.5, 1.0, 2.0, 4.0}) {
+    const double slower_s = share * problem.longest_s();
+    if (slower_s < 1.5 * std::exp(x(0))) continue;
+    VectorXd with(problem.unknowns());
+    with << x(0), std::log(slower_s), x(1), 0, x.tail(x.size() - 2);
+    descend(problem, with, std::log(slower_s));
+    const MatrixXd C = least_squares_covariance(problem.jacobian(with), noise, problem.times());
+    const double per_power = 1 / problem.typical_power_w(), t_s = std::exp(with(0));
+    const double value[] = {(with(2) + with(3)) * per_power, t_s},
+                 sigma[] = {std::sqrt(std::max(0.0, C(2, 2) + C(3, 3) + 2 * C(2, 3))) * per_power,
+                            std::sqrt(C(0, 0)) * t_s};
+    for (const std::size_t k : {0u, 1u}) {
+      Estimate& e = parameters[k];
+      const double half = std::abs(value[k] - e.value) + quantile * sigma[k];
+      if (std::isnan(e.sigma) || !(half > e.high - e.value)) continue;
+      e = estimate(e.name, e.unit, e.value, std::pow(half / quantile, 2), quantile);
+      reaching_s = slower_s;
+    }
+  }
+  return reaching_s;
+}
+
+/// The rule of identifiability. `slower_s`: of the slower body that widened the intervals, or 0.
+void judge(const TorqueProblem& problem, double slower_s, TorqueThermalFit& fit) {
+  const double recorded_s = problem.longest_s();
+  std::vector<Estimate> all = fit.parameters;
+  all.insert(all.end(), fit.power_w.begin(), fit.power_w.end());
+  fit.lacking = merged_nodes(fit.parameters, fit.order);
+  if (fit.lacking.empty())
+    fit.lacking = lacking(thermal_evidence(all, fit.order, recorded_s), thermal_advice(recorded_s));
+  for (auto& one : fit.lacking) {
+    if (slower_s == 0 || one.lack != Lack::wide_interval) continue;
+    const auto& e = *std::ranges::find(all, one.parameter, &Estimate::name);
+    one.lack = Lack::short_record;
+    one.reason = slower_body_reason(e, recorded_s, slower_s);
+    one.next = thermal_advice(recorded_s)(e, Lack::short_record);
+  }
+  fit.unidentifiable = withheld(fit.lacking);
+}
+
 }  // namespace
 
 double friction_share(const thermal::Model& model, double alpha, double rest_power_w, double time_s) {
@@ -199,25 +257,30 @@ Result<TorqueThermalFit> fit_thermal_torque(std::span<const HeatSession> session
   const VectorXd residual = problem.residual(x);
   if (!x.allFinite() || !residual.allFinite())
     return tl::unexpected(Error("the fit has no finite error; check the data for values that no joint can have"));
-  TorqueThermalFit fit{
-      .order = order,
-      .rms = std::sqrt(residual.squaredNorm() / static_cast<double>(problem.samples())),
-      .correlation = samples_per_independent({residual.data(), static_cast<std::size_t>(residual.size())}, 0),
-      .samples = static_cast<std::size_t>(problem.samples())};
-  const MatrixXd covariance = covariance_of(problem.jacobian(x)) *
-                              (residual.squaredNorm() / static_cast<double>(problem.samples()) * fit.correlation);
+  TorqueThermalFit fit{.order = order,
+                       .parameters = {},
+                       .power_w = {},
+                       .rms = std::sqrt(residual.squaredNorm() / static_cast<double>(problem.samples())),
+                       .samples = static_cast<std::size_t>(problem.samples())};
+  const MatrixXd jacobian = problem.jacobian(x);
+  const CorrelatedNoise noise = correlated_noise(residual, jacobian, problem.times());
+  fit.correlation =
+      std::min(static_cast<double>(fit.samples), noise.samples_per_independent(problem.shortest_cycle_s()));
+  const MatrixXd covariance = least_squares_covariance(jacobian, noise, problem.times());
   const double quantile = interval_sigmas(static_cast<double>(problem.samples()) / fit.correlation -
                                           static_cast<double>(problem.unknowns()));
   fit.parameters = parameters_of(problem, order, x, covariance, quantile);
+  const double slower_s = nodes == 1 ? widen_by_slower_body(sessions, x, noise, quantile, fit.parameters) : 0;
   for (std::size_t f = 0; f < sessions.size(); ++f) {
     const Index k = 2 * nodes + static_cast<Index>(f);
     const double rest = problem.rest_power_w(x, f), mean = problem.mean_power_w(f);
-    fit.power_w.push_back(estimate("P_0", "W", rest, covariance(k, k) * mean * mean, quantile));
+    const std::string name = sessions.size() == 1 ? "P_0" : fmt::format("P_0[{}]", f + 1);
+    fit.power_w.push_back(estimate(name, "W", rest, covariance(k, k) * mean * mean, quantile));
     fit.final_to_cold = std::min(
         fit.final_to_cold, friction_share(problem.model(x), 1, rest,
                                           TorqueProblem::since_start(sessions[f], sessions[f].time_s.size() - 1)));
   }
-  fit.unidentifiable = unidentifiable(fit.parameters, order);
+  judge(problem, slower_s, fit);
   return fit;
 }
 

@@ -15,7 +15,8 @@
 ///
 /// P is the mean friction power of a cycle, which both measures and causes the temperature. P_0, per recording, is that
 /// of the cycle at rest temperature. Torque identifies alpha c_i [1/J] and t_i; alpha and c_i separately need a
-/// temperature. Global search by CMA-ES, then Ceres. Sigmas as those of fit_thermal.
+/// temperature. Global search by CMA-ES, then Ceres. Sigmas as those of fit_thermal; a
+/// slower body is tried beside the first order only.
 namespace tribotwin::twin::identification {
 
 /// P / P_0 after `time_s` of a repeated cycle with the power `rest_power_w` at rest temperature; friction changes by
@@ -31,7 +32,8 @@ struct TorqueThermalFit {
   double final_to_cold = 1;          ///< minimum P_k / P_0 of the fit in these recordings
   double correlation = 1;            ///< number of correlated samples per independent one
   std::size_t samples = 0;
-  std::vector<std::string> unidentifiable;  ///< as in ThermalFit
+  std::vector<Lacking> lacking = {};             ///< as in ThermalFit
+  std::vector<std::string> unidentifiable = {};  ///< withheld(lacking)
 };
 
 /// Sessions have cycles, one kind in each without a pause, and begin at rest temperature, as after a night: otherwise a
