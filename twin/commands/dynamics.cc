@@ -26,7 +26,7 @@ struct Arguments {
   std::vector<std::string> data;
   Preparation preparation;
   unsigned threads = std::max(1u, std::thread::hardware_concurrency());
-  bool json = false, quiet = false, essential = false, unweighted = false;
+  bool json = false, quiet = false, essential = false, unweighted = false, no_offset = false, asymmetry = false;
 };
 
 std::vector<thermal::Model> thermal_models(const std::string& file, const Regressor& regressor) {
@@ -116,7 +116,8 @@ void doubt(const Arguments& a, const Robot& robot, const DynamicsFit& fit) {
 Result<Exit> execute(const Arguments& a) {
   const friction::LawInfo& law = *or_wrong_input(dynamics_law(a.friction, "--friction"));
   const Robot robot = load_robot(a.model);
-  const auto friction = robot_friction(*robot.model, robot.regressor, law);
+  const auto friction =
+      robot_friction(*robot.model, robot.regressor, law, {.offset = !a.no_offset, .asymmetry = a.asymmetry});
   if (!friction) throw InputError(fmt::format("{}: {}", a.model, friction.error().message));
   if (!a.thermal.empty() && !law.temperature_dependent)
     throw InputError(
@@ -161,6 +162,8 @@ void add_dynamics(CLI::App& app, int& code) {
                 "temperature_JOINT_degC")
       ->required();
   c->add_option("--friction", a->friction, "coulomb_viscous, polynomial or another law")->capture_default_str();
+  c->add_flag("--no-offset", a->no_offset, "No torque offset beside the law");
+  c->add_flag("--asymmetry", a->asymmetry, "Friction forward and reverse may differ by a factor");
   c->add_option("--robust", a->robust, "Loss for data with outliers")
       ->check(CLI::IsMember({"none", "huber", "tukey"}))
       ->capture_default_str();

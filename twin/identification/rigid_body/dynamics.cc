@@ -8,8 +8,10 @@
 #include <tribotwin/twin/identification/linearised.hpp>
 #include <tribotwin/twin/identification/rigid_body/dynamics.hpp>
 #include <tribotwin/twin/identification/rigid_body/dynamics_problem.hpp>
+#include <tribotwin/twin/identification/rigid_body/jackknife.hpp>
 #include <tribotwin/twin/io/text.hpp>
 #include <tribotwin/twin/numerics/linear_algebra.hpp>
+#include <tribotwin/twin/numerics/median.hpp>
 #include <tribotwin/twin/numerics/triangular_factor.hpp>
 
 namespace tribotwin::twin::identification {
@@ -39,6 +41,8 @@ double correlation_of(const VectorXd& residual, const JointMotion& motion, doubl
   return worst;
 }
 
+bool at_bound(const friction::Parameter& p, double value) { return value == p.minimum || value == p.maximum; }
+
 double robust_weight(Robust robust, double residual_per_sigma) {
   const double r = std::abs(residual_per_sigma);
   switch (robust) {
@@ -66,9 +70,9 @@ double noise_of(const std::vector<double>& residual, Index parameters, Robust ro
   return 1.4826 * *middle;
 }
 
-/// |measured - rigid| torque of a joint in motion as samples for its law, thinned.
+/// |measured - rigid| torque of a joint in motion, less its offset, as samples for its law, thinned.
 Samples friction_samples(const JointFriction& f, const DynamicsProblem& problem, const JointMotion& motion,
-                         const MatrixXd& rigid, Index j) {
+                         const MatrixXd& rigid, double offset, Index j) {
   constexpr Index enough = 20000;
   Samples samples;
   const Index every = std::max<Index>(1, motion.moving.row(j).count() / enough);
@@ -77,7 +81,7 @@ Samples friction_samples(const JointFriction& f, const DynamicsProblem& problem,
     if (!motion.moving(j, i) || seen++ % every) continue;
     samples.speed.push_back(std::abs(motion.qd(j, i)) * f.scales().speed);
     samples.friction.push_back(std::copysign(1 / f.scales().torque, motion.qd(j, i)) *
-                               (motion.torque(j, i) - rigid(j, i)));
+                               (motion.torque(j, i) - rigid(j, i) - offset));
     samples.load.push_back(std::abs(problem.load(j, i, rigid(j, i))) / f.scales().torque_max_nm);
     samples.temperature_degC.push_back(motion.temperature_degC(j, i));
     samples.curve.push_back(0);
@@ -104,7 +108,7 @@ class Identification {
     if (auto ok = require_motion(); !ok) return tl::unexpected(ok.error());
     now_.base = base_.from_all * regressor_.model_parameters();
     for (const auto& f : friction_) now_.friction.emplace_back(static_cast<std::size_t>(f.size()), 0.0);
-    if (&friction_.front().law() != &coulomb_viscous())
+    if (!friction_.front().linear())
       if (auto ok = start(); !ok) return tl::unexpected(ok.error());
     progress(0.3);
     iterate();
@@ -133,11 +137,15 @@ class Identification {
   /// loads and laws depend on each other.
   Result<void> start() {
     RobotFriction linear;
-    for (std::size_t j = 0; j < friction_.size(); ++j) linear.emplace_back(coulomb_viscous(), JointFriction::Scales{});
+    for (std::size_t j = 0; j < friction_.size(); ++j)
+      linear.emplace_back(coulomb_viscous(), JointFriction::Scales{}, Directional{.offset = true});
     const auto first = fit_dynamics(regressor_, base_, linear, motion_,
                                     {.robust = options_.robust, .weigh = options_.weigh, .threads = options_.threads});
     if (!first) return tl::unexpected(first.error());
     now_.base = first->parameters.base;
+    for (std::size_t j = 0; j < friction_.size(); ++j)
+      if (friction_[j].directional().offset)
+        now_.friction[j][static_cast<std::size_t>(friction_[j].law_size())] = first->parameters.friction[j].back();
     VectorXd weights(joints());
     for (Index j = 0; j < joints(); ++j) weights(j) = 1 / first->joints[static_cast<std::size_t>(j)].noise;
     constexpr int rounds = 4;
@@ -166,14 +174,15 @@ class Identification {
       FitOptions options{.threads = options_.threads};
       // A convention: another reference temperature gives the same friction.
       for (const std::string_view name : f.reference_temperatures()) options.fixed.emplace_back(name, 20);
-      const auto found = fit(f.law(), friction_samples(f, problem_, motion_, rigid, j), options);
+      const auto found =
+          fit(f.law(), friction_samples(f, problem_, motion_, rigid, f.offset(now_.friction[at]), j), options);
       if (!found)
         return tl::unexpected(
             Error(fmt::format("friction of joint {}: {}", regressor_.joint_name(j), found.error().message)));
       if (!found->unidentifiable.empty())
         out_.notes.push_back(fmt::format("friction of joint {}: {} not identifiable from these data; fixed",
                                          regressor_.joint_name(j), joined(found->unidentifiable)));
-      for (Index p = 0; p < f.size(); ++p) {
+      for (Index p = 0; p < f.law_size(); ++p) {
         const Estimate& e = found->parameters[static_cast<std::size_t>(p)];
         now_.friction[at][static_cast<std::size_t>(p)] = e.value;
         if (e.status != Status::estimated) fixed.push_back(problem_.friction_at(j, p));
@@ -243,7 +252,7 @@ class Identification {
         continue;
       }
       const auto [j, p] = problem_.place_of(order_[c]);
-      const auto& info = friction_[j].law().parameters[p];
+      const auto& info = friction_[j].parameter(static_cast<Index>(p));
       now_.friction[j][p] = std::clamp(now_.friction[j][p] + change, info.minimum, info.maximum);
     }
   }
@@ -261,12 +270,12 @@ class Identification {
   void fix_at_bounds() {
     for (const Index u : order_)
       if (u >= base_.size())
-        if (const auto [j, p] = problem_.place_of(u); now_.friction[j][p] == friction_[j].law().parameters[p].minimum ||
-                                                      now_.friction[j][p] == friction_[j].law().parameters[p].maximum) {
+        if (const auto [j, p] = problem_.place_of(u);
+            at_bound(friction_[j].parameter(static_cast<Index>(p)), now_.friction[j][p])) {
           problem_.fix(u);
           out_.notes.push_back(fmt::format("friction of joint {}: {} fixed at {:g}, a bound of its law",
                                            regressor_.joint_name(static_cast<Index>(j)),
-                                           friction_[j].law().parameters[p].name, now_.friction[j][p]));
+                                           friction_[j].parameter(static_cast<Index>(p)).name, now_.friction[j][p]));
         }
   }
 
@@ -277,9 +286,9 @@ class Identification {
     VectorXd step;
     double share = 1, cost = 0;
     for (int k = 0;; ++k) {
-      const auto pass = problem_.pass(
+      pass_ = problem_.pass(
           now_, [&](Index j, double r) { return k == 0 ? 1.0 : robust_weight(options_.robust, r / noise_(j)); });
-      if (k > 0 && cost_of(pass.residual) > cost * (1 + 1e-6) && share > 1e-3) {  // shorten a step that was too long
+      if (k > 0 && cost_of(pass_.residual) > cost * (1 + 1e-6) && share > 1e-3) {  // shorten a step that was too long
         share /= 4;
         now_ = best;
         advance(step, share);
@@ -287,13 +296,13 @@ class Identification {
       }
       best = now_;
       share = 1;
-      judge(pass.residual);
+      judge(pass_.residual);
       weigh();
-      cost = cost_of(pass.residual);
-      R_ = problem_.combined(pass, weights_, order_);
+      cost = cost_of(pass_.residual);
+      R_ = problem_.combined(pass_, weights_, order_);
       if (k == 0) {
         fix_dependent();
-        R_ = problem_.combined(pass, weights_, order_);
+        R_ = problem_.combined(pass_, weights_, order_);
       }
       step = solved(R_);
       const double largest =
@@ -337,22 +346,64 @@ class Identification {
       advance(change, 1);
       R_.col(R_.cols() - 1).head(R_.cols() - 1).setZero();  // the minimum again
     }
-    judge(problem_.residuals(now_).residual);
+    pass_ = problem_.pass(now_, [&](Index j, double r) { return robust_weight(options_.robust, r / noise_(j)); });
+    judge(pass_.residual);
+  }
+
+  struct Uncertainty {
+    MatrixXd covariance;  ///< of the unknowns in order_
+    VectorXd quantile;    ///< half widths of 95 % intervals in sigmas
+  };
+
+  /// Correlations as the information has them, variances as the jackknife.
+  Uncertainty uncertainty() {
+    const MatrixXd C = unit_covariance(R_);
+    std::vector<MatrixXd> blocks, files;
+    const std::vector<std::size_t> file = problem_.files();
+    for (std::size_t b = 0; b < file.size(); ++b) {
+      blocks.push_back(problem_.normal_matrix(pass_, b, weights_, order_));
+      if (b == 0 || file[b] != file[b - 1])
+        files.push_back(blocks.back());
+      else
+        files.back() += blocks.back();
+    }
+    const auto found = jackknife(blocks);
+    if (!found) {
+      out_.notes.push_back(fmt::format(
+          "sigmas are those of the information alone: one of {} stretches of time alone tells some parameter",
+          blocks.size()));
+      double effective = 0;
+      for (const auto& j : out_.joints) effective += static_cast<double>(j.samples) / j.correlation;
+      return {C, VectorXd::Constant(C.rows(), interval_sigmas(effective - static_cast<double>(order_.size())))};
+    }
+    const Jackknife between_blocks = moderated(*found, C.diagonal());
+    const VectorXd factor =
+        between_blocks.variance.cwiseQuotient(C.diagonal()).cwiseSqrt() * between(files, between_blocks.variance);
+    return {factor.asDiagonal() * C * factor.asDiagonal(), between_blocks.freedom.unaryExpr(&interval_sigmas)};
+  }
+
+  /// How much more estimates vary between files than between blocks of time, as a factor of sigmas: the median over all
+  /// unknowns, as each alone is known poorly from a few files.
+  double between(const std::vector<MatrixXd>& files, const VectorXd& between_blocks) {
+    if (files.size() < 3) return 1;
+    const auto found = jackknife(files);
+    if (!found) return 1;
+    const VectorXd ratio = found->variance.cwiseQuotient(between_blocks);
+    const double freedom = static_cast<double>(files.size()) - 1, expected = chi_squared_median(freedom) / freedom;
+    out_.between_files = std::sqrt(std::max(1.0, median_of({ratio.begin(), ratio.end()}) / expected));
+    return out_.between_files;
   }
 
   /// Estimates with sigmas, information of the base parameters, condition number.
   void conclude() {
-    const MatrixXd C = unit_covariance(R_);
-    double effective = 0;
-    for (const auto& j : out_.joints) effective += static_cast<double>(j.samples) / j.correlation;
-    const double t = interval_sigmas(effective - static_cast<double>(order_.size()));
+    const auto [C, t] = uncertainty();
     std::vector<Index> place(static_cast<std::size_t>(problem_.unknowns()), -1);
     for (std::size_t c = 0; c < order_.size(); ++c) place[static_cast<std::size_t>(order_[c])] = static_cast<Index>(c);
     const auto estimate = [&](Index u, std::string name, std::string unit, double value) {
       Estimate e = without_sigma(std::move(name), std::move(unit), value, Status::held);
       if (const Index c = place[static_cast<std::size_t>(u)]; c >= 0) {
         e.sigma = std::sqrt(C(c, c));
-        e.low = value - t * e.sigma, e.high = value + t * e.sigma;
+        e.low = value - t(c) * e.sigma, e.high = value + t(c) * e.sigma;
         e.status = Status::estimated;
       }
       return e;
@@ -363,7 +414,7 @@ class Identification {
     for (Index j = 0; j < joints(); ++j) {
       auto& of_joint = out_.friction.emplace_back();
       for (Index p = 0; p < friction_[static_cast<std::size_t>(j)].size(); ++p) {
-        const auto& info = friction_[static_cast<std::size_t>(j)].law().parameters[static_cast<std::size_t>(p)];
+        const auto& info = friction_[static_cast<std::size_t>(j)].parameter(p);
         of_joint.push_back(estimate(problem_.friction_at(j, p), std::string(info.name), std::string(info.unit),
                                     now_.friction[static_cast<std::size_t>(j)][static_cast<std::size_t>(p)]));
       }
@@ -384,6 +435,7 @@ class Identification {
   const JointMotion& motion_;
   const DynamicsOptions& options_;
   DynamicsProblem problem_;
+  DynamicsProblem::Pass pass_;  ///< the last with weights
   DynamicsFit out_;
   RobotParameters now_;
   VectorXd noise_, correlation_, weights_;  ///< per joint

@@ -18,7 +18,8 @@
 /// The sum of squares, weighted by each joint's noise, is minimised by Gauss-Newton: the equations are linear in beta
 /// and in most friction parameters, so that a linear law needs one step. Rows where the joint rests are left out: there
 /// friction is indeterminate. The regressor is never stored (TriangularFactor). Sigmas: information of the weighted
-/// rows, a joint's noise power multiplied by the number of correlated samples per independent one.
+/// rows, enlarged or reduced to what estimates vary by when a block of time is left out (jackknife.hpp): that holds for
+/// errors that are correlated and for a model that does not fit. Where files disagree by more, by that.
 namespace tribotwin::twin::identification {
 
 enum class Robust {
@@ -52,6 +53,8 @@ struct DynamicsFit {
   std::vector<JointResult> joints;
   double relative_error = 0;    ///< |residual| / |torque| over all joints and samples in motion
   double condition_number = 0;  ///< of the weighted regressor with unit columns
+  double between_files = 1;     ///< variation of estimates between files / that between blocks of time, >= 1; sigmas
+                                ///< contain it. 1 with fewer than three files
   std::vector<std::string> notes;
 };
 

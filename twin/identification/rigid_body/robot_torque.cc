@@ -10,7 +10,7 @@ namespace tribotwin::twin::identification {
 using Eigen::Index, Eigen::MatrixXd, Eigen::VectorXd;
 
 Result<RobotFriction> robot_friction(const mujoco::Model& model, const Regressor& regressor,
-                                     const friction::LawInfo& law) {
+                                     const friction::LawInfo& law, Directional directional) {
   RobotFriction out;
   for (Index j = 0; j < regressor.joints(); ++j) {
     JointFriction::Scales scales;
@@ -25,7 +25,7 @@ Result<RobotFriction> robot_friction(const mujoco::Model& model, const Regressor
                       "with gear_ratio and torque_max_nm in the model",
                       law.name, regressor.joint_name(j)));
     }
-    out.emplace_back(law, scales);
+    out.emplace_back(law, scales, directional);
   }
   return out;
 }
@@ -56,7 +56,7 @@ MatrixXd gear_load(const Regressor& regressor, const BaseParameters& base, const
   RobotFriction none;
   for (Index j = 0; j < regressor.joints(); ++j) none.emplace_back(coulomb_viscous(), JointFriction::Scales{});
   MatrixXd load = predicted_torque(
-      regressor, base, none, {.base = parameters, .friction = std::vector<std::vector<double>>(none.size(), {0, 0, 0})},
+      regressor, base, none, {.base = parameters, .friction = std::vector<std::vector<double>>(none.size(), {0, 0})},
       motion, threads);
   load -= regressor.model_parameters().tail(regressor.joints()).asDiagonal() * motion.qdd;
   return load;

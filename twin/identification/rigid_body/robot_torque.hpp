@@ -16,10 +16,10 @@ namespace tribotwin::twin::identification {
 /// The friction of every joint, in the order of the regressor's joints.
 using RobotFriction = std::vector<JointFriction>;
 
-/// The same law in every joint. Laws of motor speed, load or normalised torque take gear ratio and torque_max from the
-/// joints' drives. ErrorKind::input with the joint that has no drive.
+/// The same law, with the same parts beside it, in every joint. Laws of motor speed, load or normalised torque take
+/// gear ratio and torque_max from the joints' drives. ErrorKind::input with the joint that has no drive.
 Result<RobotFriction> robot_friction(const mujoco::Model& model, const Regressor& regressor,
-                                     const friction::LawInfo& law);
+                                     const friction::LawInfo& law, Directional directional = {.offset = true});
 
 struct RobotParameters {
   Eigen::VectorXd base;                       ///< in the order of BaseParameters
