@@ -33,8 +33,8 @@ void add_preparation(CLI::App& command, Preparation& preparation) {
       ->check(CLI::Range(1u, 1000000u));
 }
 
-JointMotion read_motion(const Robot& robot, const std::vector<std::string>& files, const Preparation& preparation,
-                        const TableArguments& tables, bool quiet) {
+std::vector<RobotRecording> read_recordings(const Robot& robot, const std::vector<std::string>& files,
+                                            const TableArguments& tables) {
   TableOptions options = or_wrong_input(tables.options());
   for (const auto& drive : robot.model->drives())
     options.gear_ratio.add_default(joint_name(robot.model->get(), drive), drive.drive.gear_ratio);
@@ -44,6 +44,12 @@ JointMotion read_motion(const Robot& robot, const std::vector<std::string>& file
     if (!recording) throw InputError(recording.error().message);
     recordings.push_back(std::move(*recording));
   }
+  return recordings;
+}
+
+JointMotion read_motion(const Robot& robot, const std::vector<std::string>& files, const Preparation& preparation,
+                        const TableArguments& tables, bool quiet) {
+  const auto recordings = read_recordings(robot, files, tables);
   auto motion = prepare(recordings, robot.regressor, preparation);
   if (!motion) throw InputError(motion.error().message);
   if (!quiet)

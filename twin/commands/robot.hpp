@@ -25,8 +25,11 @@ Robot load_robot(const std::string& file);
 /// Options of how recordings are prepared.
 void add_preparation(CLI::App& command, identification::Preparation& preparation);
 
-/// Reads and prepares recordings, with the gear ratios of the model where no others are given; prints notes on them
-/// unless `quiet`. Throws InputError.
+/// Reads recordings, with the gear ratios of the model where no others are given. Throws InputError.
+std::vector<identification::RobotRecording> read_recordings(const Robot& robot, const std::vector<std::string>& files,
+                                                            const TableArguments& tables);
+
+/// Reads and prepares recordings; prints notes on them unless `quiet`. Throws InputError.
 identification::JointMotion read_motion(const Robot& robot, const std::vector<std::string>& files,
                                         const identification::Preparation& preparation, const TableArguments& tables,
                                         bool quiet);

@@ -108,11 +108,13 @@ class Identification {
     if (auto ok = require_motion(); !ok) return tl::unexpected(ok.error());
     now_.base = base_.from_all * regressor_.model_parameters();
     for (const auto& f : friction_) now_.friction.emplace_back(static_cast<std::size_t>(f.size()), 0.0);
+    restrict();
     if (!friction_.front().linear())
       if (auto ok = start(); !ok) return tl::unexpected(ok.error());
     progress(0.3);
     iterate();
     if (options_.essential_only) eliminate();
+    if (options_.folds > 1) leave_out();
     conclude();
     progress(1);
     return std::move(out_);
@@ -133,6 +135,46 @@ class Identification {
     return {};
   }
 
+  /// Fixes what the options exclude, and takes the prior.
+  void restrict() {
+    for (Index k = 0; k < base_.size() && !options_.rotor_inertia; ++k)
+      if (base_.parameters[static_cast<std::size_t>(k)].name.ends_with(".Ia")) {
+        problem_.fix(k);
+        now_.base(k) = 0;
+      }
+    if (options_.prior <= 0) return;
+    of_model_ = base_.from_all * regressor_.model_parameters();
+    const MatrixXd spread = options_.prior * base_.from_all * inertial_scale(regressor_).asDiagonal();
+    prior_ = symmetric_inverse(spread * spread.transpose());
+  }
+
+  /// The prior's part of the normal matrix [free unknowns, residual] at the present parameters; 0 without one.
+  MatrixXd prior_normal() const {
+    const auto n = static_cast<Index>(order_.size());
+    MatrixXd N = MatrixXd::Zero(n + 1, n + 1);
+    if (prior_.size() == 0) return N;
+    std::vector<Index> of_base, at;
+    for (std::size_t c = 0; c < order_.size(); ++c)
+      if (order_[c] < base_.size()) of_base.push_back(order_[c]), at.push_back(static_cast<Index>(c));
+    N(at, at) = prior_(of_base, of_base);
+    N(at, n) = prior_(of_base, Eigen::all) * (of_model_ - now_.base);
+    N(n, at) = N(at, n).transpose();
+    return N;
+  }
+
+  /// R of the weighted rows of a pass and of the prior.
+  MatrixXd factor(const DynamicsProblem::Pass& pass) {
+    MatrixXd R = problem_.combined(pass, weights_, order_);
+    if (prior_.size() == 0) return R;
+    const Index n = R.cols() - 1;
+    MatrixXd N = prior_normal();
+    N(n, n) = (of_model_ - now_.base).dot(prior_ * (of_model_ - now_.base)) + 1;
+    TriangularFactor all(n + 1);
+    all.add(R);
+    all.add(triangular_root(N));
+    return all.R();
+  }
+
   /// Start values of a nonlinear law: rigid dynamics under the linear law, then friction and rigid dynamics in turn, as
   /// loads and laws depend on each other.
   Result<void> start() {
@@ -140,7 +182,11 @@ class Identification {
     for (std::size_t j = 0; j < friction_.size(); ++j)
       linear.emplace_back(coulomb_viscous(), JointFriction::Scales{}, Directional{.offset = true});
     const auto first = fit_dynamics(regressor_, base_, linear, motion_,
-                                    {.robust = options_.robust, .weigh = options_.weigh, .threads = options_.threads});
+                                    {.robust = options_.robust,
+                                     .weigh = options_.weigh,
+                                     .rotor_inertia = options_.rotor_inertia,
+                                     .prior = options_.prior,
+                                     .threads = options_.threads});
     if (!first) return tl::unexpected(first.error());
     now_.base = first->parameters.base;
     for (std::size_t j = 0; j < friction_.size(); ++j)
@@ -232,7 +278,7 @@ class Identification {
   }
 
   double cost_of(const MatrixXd& residual) const {
-    double sum = 0;
+    double sum = prior_.size() == 0 ? 0 : (of_model_ - now_.base).dot(prior_ * (of_model_ - now_.base));
     for (Index j = 0; j < joints(); ++j)
       for (Index i = 0; i < motion_.size(); ++i)
         if (const double r = residual(j, i); !std::isnan(r)) {
@@ -299,10 +345,10 @@ class Identification {
       judge(pass_.residual);
       weigh();
       cost = cost_of(pass_.residual);
-      R_ = problem_.combined(pass_, weights_, order_);
+      R_ = factor(pass_);
       if (k == 0) {
         fix_dependent();
-        R_ = problem_.combined(pass_, weights_, order_);
+        R_ = factor(pass_);
       }
       step = solved(R_);
       const double largest =
@@ -350,6 +396,50 @@ class Identification {
     judge(pass_.residual);
   }
 
+  /// The fold of every block of time.
+  std::vector<std::size_t> folds() const {
+    std::vector<std::size_t> fold = problem_.files();
+    const std::size_t files = 1 + fold.back();
+    for (std::size_t b = 0; b < fold.size(); ++b)
+      fold[b] = files >= 3 ? fold[b] % options_.folds : b * options_.folds / fold.size();
+    return fold;
+  }
+
+  /// The change of the free unknowns that the rows of the normal matrix `rest` ask for. What they do not tell is drawn
+  /// to the model by a very weak prior in units of `all`.
+  VectorXd change_of(const MatrixXd& rest, const MatrixXd& all, const VectorXd& of_model) const {
+    constexpr double prior = 1e-8;
+    const auto n = static_cast<Index>(order_.size());
+    MatrixXd left = rest.topLeftCorner(n, n);
+    VectorXd right = rest.col(n).head(n);
+    for (Index c = 0; c < n; ++c) {
+      const double weight = prior * all(c, c);
+      left(c, c) += weight;
+      if (const Index u = order_[static_cast<std::size_t>(c)]; u < base_.size())
+        right(c) += weight * (of_model(u) - now_.base(u));
+    }
+    const VectorXd scale = left.diagonal().cwiseSqrt().cwiseInverse();
+    return scale.cwiseProduct(
+        symmetric_solution(scale.asDiagonal() * left * scale.asDiagonal(), scale.cwiseProduct(right)));
+  }
+
+  /// Predicts every fold from the others.
+  void leave_out() {
+    const std::vector<std::size_t> fold = folds();
+    const std::size_t count = 1 + std::ranges::max(fold);
+    const auto n = static_cast<Index>(order_.size());
+    std::vector<MatrixXd> of_fold(count, MatrixXd::Zero(n + 1, n + 1));
+    for (std::size_t b = 0; b < fold.size(); ++b)
+      of_fold[fold[b]] += problem_.normal_matrix(pass_, b, weights_, order_);
+    MatrixXd all = prior_normal();
+    for (const MatrixXd& N : of_fold) all += N;
+    const VectorXd of_model = base_.from_all * regressor_.model_parameters();
+    MatrixXd changes = MatrixXd::Zero(problem_.unknowns(), static_cast<Index>(count));
+    for (std::size_t f = 0; f < count; ++f)
+      changes(order_, static_cast<Index>(f)) = change_of(all - of_fold[f], all, of_model);
+    out_.held_out = problem_.predicted(now_, changes, fold);
+  }
+
   struct Uncertainty {
     MatrixXd covariance;  ///< of the unknowns in order_
     VectorXd quantile;    ///< half widths of 95 % intervals in sigmas
@@ -360,8 +450,9 @@ class Identification {
     const MatrixXd C = unit_covariance(R_);
     std::vector<MatrixXd> blocks, files;
     const std::vector<std::size_t> file = problem_.files();
+    const auto parts = static_cast<double>(file.size());
     for (std::size_t b = 0; b < file.size(); ++b) {
-      blocks.push_back(problem_.normal_matrix(pass_, b, weights_, order_));
+      blocks.push_back(problem_.normal_matrix(pass_, b, weights_, order_) + prior_normal() / parts);
       if (b == 0 || file[b] != file[b - 1])
         files.push_back(blocks.back());
       else
@@ -439,11 +530,35 @@ class Identification {
   DynamicsFit out_;
   RobotParameters now_;
   VectorXd noise_, correlation_, weights_;  ///< per joint
+  VectorXd of_model_;                       ///< base parameters
+  MatrixXd prior_;                          ///< information of the prior; empty: none
   MatrixXd R_;                              ///< of the free unknowns, at the last pass
   std::vector<Index> order_;                ///< the unknown of each column of R_
 };
 
 }  // namespace
+
+VectorXd inertial_scale(const Regressor& regressor) {
+  constexpr Index per_body = 10;
+  const VectorXd phi = regressor.model_parameters();
+  const Index bodies = (phi.size() - regressor.joints()) / per_body;
+  double heaviest = 0, widest = 0;
+  for (Index b = 0; b < bodies; ++b) {
+    const auto p = phi.segment<per_body>(per_body * b);  // Ixx Ixy Ixz Iyy Iyz Izz mx my mz m
+    heaviest = std::max(heaviest, p(9));
+    if (p(9) > 0) widest = std::max(widest, (p(0) + p(3) + p(5)) / (2 * p(9)));
+  }
+  VectorXd scale(phi.size());
+  for (Index b = 0; b < bodies; ++b) {
+    const auto p = phi.segment<per_body>(per_body * b);
+    const double m = std::max(p(9), 0.01 * heaviest),
+                 r2 = std::max(p(9) > 0 ? (p(0) + p(3) + p(5)) / (2 * p(9)) : 0, 1e-3 * widest);
+    scale.segment<per_body>(per_body * b) << VectorXd::Constant(6, m * r2), VectorXd::Constant(3, m * std::sqrt(r2)), m;
+  }
+  const double smallest = 1e-3 * heaviest * widest;
+  scale.tail(regressor.joints()) = phi.tail(regressor.joints()).cwiseMax(smallest);
+  return scale;
+}
 
 Result<DynamicsFit> fit_dynamics(const Regressor& regressor, const BaseParameters& base, const RobotFriction& friction,
                                  const JointMotion& motion, const DynamicsOptions& options) {

@@ -87,24 +87,47 @@ class DynamicsProblem::Accumulator {
   void add(Index i, MatrixXd& residuals) {
     const JointMotion& motion = problem_.motion_;
     if (!motion.moving.col(i).any()) return;
-    const MatrixXd& Y = regressor_.at(motion.q.col(i), motion.qd.col(i), motion.qdd.col(i));
-    for (Index k = 0; k < problem_.base_size(); ++k)
-      Yb_.col(k) = Y.col(problem_.base_.independent[static_cast<std::size_t>(k)]);
+    evaluate(i);
     for (Index j = 0; j < problem_.joints(); ++j) {
       if (!motion.moving(j, i)) continue;
-      const auto at = static_cast<std::size_t>(j);
-      const double rigid = Yb_.row(j) * parameters_.base;
-      const double sliding =
-          problem_.friction_[at].torque(parameters_.friction[at], motion.qd(j, i), problem_.load(j, i, rigid),
-                                        motion.temperature_degC(j, i), by_.data());
-      const double residual = motion.torque(j, i) - rigid - sliding;
+      const double residual = residual_of(j, i);
       residuals(j, i) = residual;
       if (weight_) add_row(j, residual);
+    }
+  }
+  /// Writes the torque of sample i at the parameters plus, to first order, `change`.
+  void predict(Index i, const Eigen::Ref<const VectorXd>& change, MatrixXd& torque) {
+    const JointMotion& motion = problem_.motion_;
+    if (!motion.moving.col(i).any()) return;
+    evaluate(i);
+    for (Index j = 0; j < problem_.joints(); ++j) {
+      if (!motion.moving(j, i)) continue;
+      torque(j, i) =
+          motion.torque(j, i) - residual_of(j, i) + Yb_.row(j) * change.head(problem_.base_size()) +
+          Eigen::Map<const VectorXd>(by_.data(), problem_.friction_[static_cast<std::size_t>(j)].size())
+              .dot(change.segment(problem_.friction_at(j, 0), problem_.friction_[static_cast<std::size_t>(j)].size()));
     }
   }
   std::vector<TriangularFactor> factors() && { return std::move(R_); }
 
  private:
+  void evaluate(Index i) {
+    const JointMotion& motion = problem_.motion_;
+    const MatrixXd& Y = regressor_.at(motion.q.col(i), motion.qd.col(i), motion.qdd.col(i));
+    for (Index k = 0; k < problem_.base_size(); ++k)
+      Yb_.col(k) = Y.col(problem_.base_.independent[static_cast<std::size_t>(k)]);
+  }
+
+  /// Of the evaluated sample; fills by_.
+  double residual_of(Index j, Index i) {
+    const auto at = static_cast<std::size_t>(j);
+    const JointMotion& motion = problem_.motion_;
+    const double rigid = Yb_.row(j) * parameters_.base;
+    return motion.torque(j, i) - rigid -
+           problem_.friction_[at].torque(parameters_.friction[at], motion.qd(j, i), problem_.load(j, i, rigid),
+                                         motion.temperature_degC(j, i), by_.data());
+  }
+
   void add_row(Index j, double residual) {
     const auto at = static_cast<std::size_t>(j);
     const double w = (*weight_)(j, residual);
@@ -145,6 +168,17 @@ DynamicsProblem::Pass DynamicsProblem::pass(const RobotParameters& parameters, c
     out.R.push_back(all.R());
   }
   return out;
+}
+
+MatrixXd DynamicsProblem::predicted(const RobotParameters& parameters, const MatrixXd& changes,
+                                    const std::vector<std::size_t>& set) const {
+  MatrixXd torque = MatrixXd::Constant(joints(), motion_.size(), std::numeric_limits<double>::quiet_NaN());
+  in_parallel(blocks_.size(), threads_, [&](std::size_t b) {
+    Accumulator own(*this, parameters, nullptr);
+    for (Index i = blocks_[b].first; i < blocks_[b].second; ++i)
+      own.predict(i, changes.col(static_cast<Index>(set[b])), torque);
+  });
+  return torque;
 }
 
 MatrixXd DynamicsProblem::combined(const Pass& pass, const VectorXd& joint_weight, std::vector<Index>& order) const {

@@ -50,6 +50,11 @@ class DynamicsProblem {
   /// Residuals alone.
   Pass residuals(const RobotParameters& parameters) const { return pass(parameters, nullptr); }
 
+  /// Torques, joints x samples, at `parameters` and, to first order, changes of all unknowns: column `set[b]` of
+  /// `changes` for the samples of block b. NaN where nothing moves.
+  Eigen::MatrixXd predicted(const RobotParameters& parameters, const Eigen::MatrixXd& changes,
+                            const std::vector<std::size_t>& set) const;
+
   /// R of [all free unknowns, residual], each joint with its weight; `order` receives the unknown of each column.
   Eigen::MatrixXd combined(const Pass& pass, const Eigen::VectorXd& joint_weight,
                            std::vector<Eigen::Index>& order) const;

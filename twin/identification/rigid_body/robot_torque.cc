@@ -10,7 +10,8 @@ namespace tribotwin::twin::identification {
 using Eigen::Index, Eigen::MatrixXd, Eigen::VectorXd;
 
 Result<RobotFriction> robot_friction(const mujoco::Model& model, const Regressor& regressor,
-                                     const friction::LawInfo& law, Directional directional) {
+                                     const friction::LawInfo& law, Directional directional,
+                                     std::span<const double> torque_max_nm) {
   RobotFriction out;
   for (Index j = 0; j < regressor.joints(); ++j) {
     JointFriction::Scales scales;
@@ -18,13 +19,15 @@ Result<RobotFriction> robot_friction(const mujoco::Model& model, const Regressor
     if (drive != model.drives().end()) {
       scales.torque_max_nm = drive->drive.torque_max_nm;
       if (law.side == friction::Side::motor) scales.speed = drive->drive.gear_ratio;
-      if (law.normalised) scales.torque = drive->drive.torque_max_nm;
-    } else if (law.side == friction::Side::motor || law.normalised || law.load_dependent) {
+    } else if (!torque_max_nm.empty()) {
+      scales.torque_max_nm = torque_max_nm[static_cast<std::size_t>(j)];
+    } else if (law.normalised || law.load_dependent) {
       return tl::unexpected(
-          fmt::format("law '{}' depends on motor speed, normalised torque or load, but joint {} has no tribotwin.drive "
-                      "with gear_ratio and torque_max_nm in the model",
+          fmt::format("law '{}' depends on load or normalised torque, but joint {} has no tribotwin.drive with "
+                      "gear_ratio and torque_max_nm in the model",
                       law.name, regressor.joint_name(j)));
     }
+    if (law.normalised) scales.torque = scales.torque_max_nm;
     out.emplace_back(law, scales, directional);
   }
   return out;
