@@ -9,6 +9,7 @@
 
 #include <tribotwin/twin/commands/program.hpp>
 #include <tribotwin/twin/commands/robot.hpp>
+#include <tribotwin/twin/identification/dynamics_choice/dynamics_choice.hpp>
 #include <tribotwin/twin/identification/rigid_body/dynamics_file.hpp>
 #include <tribotwin/twin/identification/rigid_body/model_agreement.hpp>
 #include <tribotwin/twin/identification/rigid_body/temperature_estimator.hpp>
@@ -24,13 +25,13 @@ using Json = nlohmann::ordered_json;
 using Eigen::Index;
 
 struct Arguments {
-  std::string model, friction = "coulomb_viscous", thermal, robust = "none";
+  std::string model, friction = "auto", thermal, robust = "auto";
   Destination output;
   TableArguments tables;
   std::vector<std::string> data;
   Preparation preparation;
   unsigned threads = std::max(1u, std::thread::hardware_concurrency());
-  bool json = false, quiet = false, essential = false, unweighted = false;
+  bool json = false, quiet = false, essential = false, unweighted = false, no_offset = false, asymmetry = false;
 };
 
 std::vector<thermal::Model> thermal_models(const std::string& file, const Regressor& regressor) {
@@ -128,21 +129,64 @@ void doubt(const Arguments& a, const Robot& robot, const DynamicsFit& fit) {
   }
 }
 
+Robust robust_of(const std::string& name) {
+  return name == "huber" ? Robust::huber : name == "tukey" ? Robust::tukey : Robust::none;
+}
+
+Setting setting_of(const Arguments& a, const friction::LawInfo& law) {
+  return {.signals = a.preparation,
+          .law = &law,
+          .directional = {.offset = !a.no_offset, .asymmetry = a.asymmetry},
+          .robust = robust_of(a.robust)};
+}
+
+/// What the options leave to the choice.
+Decided decided(const Arguments& a) {
+  Decided d;
+  if (a.preparation.cutoff_hz > 0) d.cutoff_hz = a.preparation.cutoff_hz;
+  if (a.preparation.decimation > 0) d.decimation = a.preparation.decimation;
+  if (a.no_offset) d.offset = false;
+  if (a.asymmetry) d.asymmetry = true;
+  if (a.robust != "auto") d.robust = robust_of(a.robust);
+  return d;
+}
+
+/// The largest torque of every joint in the recordings [Nm; N].
+std::vector<double> largest_torques(const std::vector<RobotRecording>& recordings) {
+  std::vector<double> out(static_cast<std::size_t>(recordings.front().torque.rows()));
+  for (const auto& r : recordings)
+    for (std::size_t j = 0; j < out.size(); ++j)
+      out[j] = std::max(out[j], r.torque.row(static_cast<Index>(j)).cwiseAbs().maxCoeff());
+  return out;
+}
+
 Result<Exit> execute(const Arguments& a) {
-  const friction::LawInfo& law = *or_wrong_input(dynamics_law(a.friction, "--friction"));
+  const bool automatic = a.friction == "auto";
+  const friction::LawInfo* const given = automatic ? nullptr : or_wrong_input(dynamics_law(a.friction, "--friction"));
   const Robot robot = load_robot(a.model);
-  const auto friction = robot_friction(*robot.model, robot.regressor, law);
+  const auto recordings = read_recordings(robot, a.data, a.tables);
+  const std::vector<double> torque_max_nm = largest_torques(recordings);
+  Progress progress(a.quiet, "identifying");
+  DynamicsChoice choice;
+  if (automatic)
+    choice = or_wrong_input(choose_dynamics(*robot.model, robot.regressor, robot.base, recordings, decided(a),
+                                            torque_max_nm, a.threads, [&](double share) { progress(0.9 * share); }));
+  for (const auto& t : choice.trials)
+    fmt::print("{:<40} {:>8.2f} % {:>6.2f} {} {}\n", t.what, 100 * t.change, 100 * t.sigma, t.taken ? "taken" : "",
+               t.failure);
+  const Setting setting = automatic ? choice.setting : setting_of(a, *given);
+  const friction::LawInfo& law = *setting.law;
+  const auto friction = robot_friction(*robot.model, robot.regressor, law, setting.directional, torque_max_nm);
   if (!friction) throw InputError(fmt::format("{}: {}", a.model, friction.error().message));
   if (!a.thermal.empty() && !law.temperature_dependent)
     throw InputError(
         fmt::format("--thermal: friction '{}' does not depend on temperature; --friction polynomial does", law.name));
   const auto models = a.thermal.empty() ? std::vector<thermal::Model>{} : thermal_models(a.thermal, robot.regressor);
-  JointMotion motion = read_motion(robot, a.data, a.preparation, a.tables, a.quiet);
-  Progress progress(a.quiet, "identifying");
-  const DynamicsOptions options{.robust = a.robust == "huber"   ? Robust::huber
-                                          : a.robust == "tukey" ? Robust::tukey
-                                                                : Robust::none,
+  JointMotion motion = or_wrong_input(prepare(recordings, robot.regressor, setting.signals));
+  const DynamicsOptions options{.robust = setting.robust,
                                 .weigh = !a.unweighted,
+                                .rotor_inertia = setting.rotor_inertia,
+                                .prior = setting.prior,
                                 .essential_only = a.essential,
                                 .threads = a.threads,
                                 .progress = [&](double share) { progress(share); }};
@@ -176,9 +220,12 @@ void add_dynamics(CLI::App& app, int& code) {
                 "torque_JOINT_nm (_n), optionally velocity_JOINT_rad_s, "
                 "temperature_JOINT_degC")
       ->required();
-  c->add_option("--friction", a->friction, "coulomb_viscous, polynomial or another law")->capture_default_str();
+  c->add_option("--friction", a->friction, "auto (by what predicts best), coulomb_viscous, polynomial or another law")
+      ->capture_default_str();
+  c->add_flag("--no-offset", a->no_offset, "No torque offset beside the law");
+  c->add_flag("--asymmetry", a->asymmetry, "Friction forward and reverse may differ by a factor");
   c->add_option("--robust", a->robust, "Loss for data with outliers")
-      ->check(CLI::IsMember({"none", "huber", "tukey"}))
+      ->check(CLI::IsMember({"auto", "none", "huber", "tukey"}))
       ->capture_default_str();
   c->add_flag("--unweighted", a->unweighted, "Give all joints the same weight");
   c->add_flag("--essential", a->essential, "Set base parameters that do not improve the fit to 0");

@@ -115,7 +115,7 @@ std::string wrench_csv_of(const JointMotion& motion, const Eigen::MatrixXd& wren
 Result<Exit> execute(const Arguments& a) {
   const Robot robot = load_robot(a.model);
   const auto file = or_wrong_input(read_dynamics(a.parameters, robot.regressor, robot.base));
-  const auto friction = robot_friction(*robot.model, robot.regressor, *file.law);
+  const auto friction = robot_friction(*robot.model, robot.regressor, *file.law, file.directional);
   if (!friction) throw InputError(fmt::format("{}: {}", a.model, friction.error().message));
   JointMotion motion = read_motion(robot, a.data, a.preparation, a.tables, a.quiet);
   const bool unknown = file.law->temperature_dependent && !motion.has_temperature,

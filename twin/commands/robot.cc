@@ -80,8 +80,8 @@ std::vector<double> efforts_of(const Robot& robot) {
 
 }  // namespace
 
-JointMotion read_motion(const Robot& robot, const std::vector<std::string>& files, const Preparation& preparation,
-                        const TableArguments& tables, bool quiet) {
+std::vector<RobotRecording> read_recordings(const Robot& robot, const std::vector<std::string>& files,
+                                            const TableArguments& tables, bool quiet) {
   refuse_twice(files);
   TableOptions options = or_wrong_input(tables.options());
   if (!quiet) note_guessed_ratios(*robot.model, options);
@@ -93,12 +93,22 @@ JointMotion read_motion(const Robot& robot, const std::vector<std::string>& file
     if (!recording) throw InputError(recording.error().message);
     recordings.push_back(std::move(*recording));
   }
+  return recordings;
+}
+
+JointMotion prepared(const Robot& robot, const std::vector<RobotRecording>& recordings, const Preparation& preparation,
+                     bool quiet) {
   auto motion = prepare(recordings, robot.regressor, preparation);
   if (!motion) throw InputError(motion.error().message);
   std::ranges::move(doubtful_sizes(robot.regressor, *motion, efforts_of(robot)), std::back_inserter(motion->notes));
   if (!quiet)
     for (const auto& text : motion->notes) note("{}", text);
   return std::move(*motion);
+}
+
+JointMotion read_motion(const Robot& robot, const std::vector<std::string>& files, const Preparation& preparation,
+                        const TableArguments& tables, bool quiet) {
+  return prepared(robot, read_recordings(robot, files, tables, quiet), preparation, quiet);
 }
 
 }  // namespace tribotwin::twin::program

@@ -28,8 +28,17 @@ void note_starting_point(const mujoco::Model& model, const mujoco::Binding& driv
 /// Options of how recordings are prepared.
 void add_preparation(CLI::App& command, identification::Preparation& preparation);
 
-/// Reads and prepares recordings, with the gear ratios of the model where no others are given; prints notes on them
-/// unless `quiet`. Throws InputError.
+/// Reads recordings, with the gear ratios of the model where no others are given. Throws InputError.
+std::vector<identification::RobotRecording> read_recordings(const Robot& robot, const std::vector<std::string>& files,
+                                                            const TableArguments& tables, bool quiet);
+
+/// Prepares recordings; prints notes on them, sizes that the model's actuators contradict among these, unless `quiet`.
+/// Throws InputError.
+identification::JointMotion prepared(const Robot& robot,
+                                     const std::vector<identification::RobotRecording>& recordings,
+                                     const identification::Preparation& preparation, bool quiet);
+
+/// Both.
 identification::JointMotion read_motion(const Robot& robot, const std::vector<std::string>& files,
                                         const identification::Preparation& preparation, const TableArguments& tables,
                                         bool quiet);

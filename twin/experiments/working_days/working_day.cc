@@ -151,7 +151,7 @@ class Test {
     if (!regressor) return tl::unexpected(regressor.error());
     regressor_.emplace(*std::move(regressor));
     base_ = base_parameters(*regressor_);
-    auto law = robot_friction(*c_.model, *regressor_, law_of_days());
+    auto law = robot_friction(*c_.model, *regressor_, law_of_days(), {});
     if (!law) return tl::unexpected(law.error());
     law_ = *std::move(law);
     day_.ambient_degC = ambient_degC(c_, c_.day_of(test_));
@@ -166,7 +166,7 @@ class Test {
   Result<void> identify_cycles() {
     MatrixXd information = MatrixXd::Zero(base_.size(), base_.size());
     VectorXd weighted = VectorXd::Zero(base_.size());
-    reference_.friction.assign(joints(), std::vector<double>(law_.front().law().parameters.size(), 0.0));
+    reference_.friction.assign(joints(), std::vector<double>(static_cast<std::size_t>(law_.front().size()), 0.0));
     for (const auto& r : recorded_) {
       auto during = prepared(r.measuring), after = prepared(r.heating);
       if (!during || !after) return tl::unexpected(during ? after.error() : during.error());

@@ -8,8 +8,10 @@
 #include <tribotwin/twin/identification/linearised.hpp>
 #include <tribotwin/twin/identification/rigid_body/dynamics.hpp>
 #include <tribotwin/twin/identification/rigid_body/dynamics_problem.hpp>
+#include <tribotwin/twin/identification/rigid_body/jackknife.hpp>
 #include <tribotwin/twin/io/text.hpp>
 #include <tribotwin/twin/numerics/linear_algebra.hpp>
+#include <tribotwin/twin/numerics/median.hpp>
 #include <tribotwin/twin/numerics/triangular_factor.hpp>
 #include <tribotwin/twin/robot/arm.hpp>
 
@@ -40,6 +42,8 @@ double correlation_of(const VectorXd& residual, const JointMotion& motion, doubl
   return worst;
 }
 
+bool at_bound(const friction::Parameter& p, double value) { return value == p.minimum || value == p.maximum; }
+
 double robust_weight(Robust robust, double residual_per_sigma) {
   const double r = std::abs(residual_per_sigma);
   switch (robust) {
@@ -67,9 +71,9 @@ double noise_of(const std::vector<double>& residual, Index parameters, Robust ro
   return 1.4826 * *middle;
 }
 
-/// |measured - rigid| torque of a joint in motion as samples for its law, thinned.
+/// |measured - rigid| torque of a joint in motion, less its offset, as samples for its law, thinned.
 Samples friction_samples(const JointFriction& f, const DynamicsProblem& problem, const JointMotion& motion,
-                         const MatrixXd& rigid, Index j) {
+                         const MatrixXd& rigid, double offset, Index j) {
   constexpr Index enough = 20000;
   Samples samples;
   const Index every = std::max<Index>(1, motion.moving.row(j).count() / enough);
@@ -78,7 +82,7 @@ Samples friction_samples(const JointFriction& f, const DynamicsProblem& problem,
     if (!motion.moving(j, i) || seen++ % every) continue;
     samples.speed.push_back(std::abs(motion.qd(j, i)) * f.scales().speed);
     samples.friction.push_back(std::copysign(1 / f.scales().torque, motion.qd(j, i)) *
-                               (motion.torque(j, i) - rigid(j, i)));
+                               (motion.torque(j, i) - rigid(j, i) - offset));
     samples.load.push_back(std::abs(problem.load(j, i, rigid(j, i))) / f.scales().torque_max_nm);
     samples.temperature_degC.push_back(motion.temperature_degC(j, i));
     samples.curve.push_back(0);
@@ -105,11 +109,13 @@ class Identification {
     if (auto ok = require_motion(); !ok) return tl::unexpected(ok.error());
     now_.base = base_.from_all * regressor_.model_parameters();
     for (const auto& f : friction_) now_.friction.emplace_back(static_cast<std::size_t>(f.size()), 0.0);
-    if (&friction_.front().law() != &coulomb_viscous())
+    restrict();
+    if (!friction_.front().linear())
       if (auto ok = start(); !ok) return tl::unexpected(ok.error());
     progress(0.3);
     iterate();
     if (options_.essential_only) eliminate();
+    if (options_.folds > 1) leave_out();
     conclude();
     progress(1);
     return std::move(out_);
@@ -135,15 +141,63 @@ class Identification {
     return {};
   }
 
+  /// Fixes what the options exclude, and takes the prior.
+  void restrict() {
+    for (Index k = 0; k < base_.size() && !options_.rotor_inertia; ++k)
+      if (base_.parameters[static_cast<std::size_t>(k)].name.ends_with(".Ia")) {
+        problem_.fix(k);
+        now_.base(k) = 0;
+      }
+    if (options_.prior <= 0) return;
+    of_model_ = base_.from_all * regressor_.model_parameters();
+    const MatrixXd spread = options_.prior * base_.from_all * inertial_scale(regressor_).asDiagonal();
+    prior_ = symmetric_inverse(spread * spread.transpose());
+  }
+
+  /// The prior's part of the normal matrix [free unknowns, residual] at the present parameters; 0 without one.
+  MatrixXd prior_normal() const {
+    const auto n = static_cast<Index>(order_.size());
+    MatrixXd N = MatrixXd::Zero(n + 1, n + 1);
+    if (prior_.size() == 0) return N;
+    std::vector<Index> of_base, at;
+    for (std::size_t c = 0; c < order_.size(); ++c)
+      if (order_[c] < base_.size()) of_base.push_back(order_[c]), at.push_back(static_cast<Index>(c));
+    N(at, at) = prior_(of_base, of_base);
+    N(at, n) = prior_(of_base, Eigen::all) * (of_model_ - now_.base);
+    N(n, at) = N(at, n).transpose();
+    return N;
+  }
+
+  /// R of the weighted rows of a pass and of the prior.
+  MatrixXd factor(const DynamicsProblem::Pass& pass) {
+    MatrixXd R = problem_.combined(pass, weights_, order_);
+    if (prior_.size() == 0) return R;
+    const Index n = R.cols() - 1;
+    MatrixXd N = prior_normal();
+    N(n, n) = (of_model_ - now_.base).dot(prior_ * (of_model_ - now_.base)) + 1;
+    TriangularFactor all(n + 1);
+    all.add(R);
+    all.add(triangular_root(N));
+    return all.R();
+  }
+
   /// Start values of a nonlinear law: rigid dynamics under the linear law, then friction and rigid dynamics in turn, as
   /// loads and laws depend on each other.
   Result<void> start() {
     RobotFriction linear;
-    for (std::size_t j = 0; j < friction_.size(); ++j) linear.emplace_back(coulomb_viscous(), JointFriction::Scales{});
+    for (std::size_t j = 0; j < friction_.size(); ++j)
+      linear.emplace_back(coulomb_viscous(), JointFriction::Scales{}, Directional{.offset = true});
     const auto first = fit_dynamics(regressor_, base_, linear, motion_,
-                                    {.robust = options_.robust, .weigh = options_.weigh, .threads = options_.threads});
+                                    {.robust = options_.robust,
+                                     .weigh = options_.weigh,
+                                     .rotor_inertia = options_.rotor_inertia,
+                                     .prior = options_.prior,
+                                     .threads = options_.threads});
     if (!first) return tl::unexpected(first.error());
     now_.base = first->parameters.base;
+    for (std::size_t j = 0; j < friction_.size(); ++j)
+      if (friction_[j].directional().offset)
+        now_.friction[j][static_cast<std::size_t>(friction_[j].law_size())] = first->parameters.friction[j].back();
     VectorXd weights(joints());
     for (Index j = 0; j < joints(); ++j) weights(j) = 1 / first->joints[static_cast<std::size_t>(j)].noise;
     constexpr int rounds = 4;
@@ -172,14 +226,15 @@ class Identification {
       FitOptions options{.threads = options_.threads};
       // A convention: another reference temperature gives the same friction.
       for (const std::string_view name : f.reference_temperatures()) options.fixed.emplace_back(name, 20);
-      const auto found = fit(f.law(), friction_samples(f, problem_, motion_, rigid, j), options);
+      const auto found =
+          fit(f.law(), friction_samples(f, problem_, motion_, rigid, f.offset(now_.friction[at]), j), options);
       if (!found)
         return tl::unexpected(
             Error(fmt::format("friction of joint {}: {}", regressor_.joint_name(j), found.error().message)));
       if (!found->unidentifiable.empty())
         out_.notes.push_back(fmt::format("friction of joint {}: {} not identifiable from these data; fixed",
                                          regressor_.joint_name(j), joined(found->unidentifiable)));
-      for (Index p = 0; p < f.size(); ++p) {
+      for (Index p = 0; p < f.law_size(); ++p) {
         const Estimate& e = found->parameters[static_cast<std::size_t>(p)];
         now_.friction[at][static_cast<std::size_t>(p)] = e.value;
         if (e.status != Status::estimated) fixed.push_back(problem_.friction_at(j, p));
@@ -229,7 +284,7 @@ class Identification {
   }
 
   double cost_of(const MatrixXd& residual) const {
-    double sum = 0;
+    double sum = prior_.size() == 0 ? 0 : (of_model_ - now_.base).dot(prior_ * (of_model_ - now_.base));
     for (Index j = 0; j < joints(); ++j)
       for (Index i = 0; i < motion_.size(); ++i)
         if (const double r = residual(j, i); !std::isnan(r)) {
@@ -249,7 +304,7 @@ class Identification {
         continue;
       }
       const auto [j, p] = problem_.place_of(order_[c]);
-      const auto& info = friction_[j].law().parameters[p];
+      const auto& info = friction_[j].parameter(static_cast<Index>(p));
       now_.friction[j][p] = std::clamp(now_.friction[j][p] + change, info.minimum, info.maximum);
     }
   }
@@ -267,12 +322,12 @@ class Identification {
   void fix_at_bounds() {
     for (const Index u : order_)
       if (u >= base_.size())
-        if (const auto [j, p] = problem_.place_of(u); now_.friction[j][p] == friction_[j].law().parameters[p].minimum ||
-                                                      now_.friction[j][p] == friction_[j].law().parameters[p].maximum) {
+        if (const auto [j, p] = problem_.place_of(u);
+            at_bound(friction_[j].parameter(static_cast<Index>(p)), now_.friction[j][p])) {
           problem_.fix(u);
           out_.notes.push_back(fmt::format("friction of joint {}: {} fixed at {:g}, a bound of its law",
                                            regressor_.joint_name(static_cast<Index>(j)),
-                                           friction_[j].law().parameters[p].name, now_.friction[j][p]));
+                                           friction_[j].parameter(static_cast<Index>(p)).name, now_.friction[j][p]));
         }
   }
 
@@ -283,9 +338,9 @@ class Identification {
     VectorXd step;
     double share = 1, cost = 0;
     for (int k = 0;; ++k) {
-      const auto pass = problem_.pass(
+      pass_ = problem_.pass(
           now_, [&](Index j, double r) { return k == 0 ? 1.0 : robust_weight(options_.robust, r / noise_(j)); });
-      if (k > 0 && cost_of(pass.residual) > cost * (1 + 1e-6) && share > 1e-3) {  // shorten a step that was too long
+      if (k > 0 && cost_of(pass_.residual) > cost * (1 + 1e-6) && share > 1e-3) {  // shorten a step that was too long
         share /= 4;
         now_ = best;
         advance(step, share);
@@ -293,13 +348,13 @@ class Identification {
       }
       best = now_;
       share = 1;
-      judge(pass.residual);
+      judge(pass_.residual);
       weigh();
-      cost = cost_of(pass.residual);
-      R_ = problem_.combined(pass, weights_, order_);
+      cost = cost_of(pass_.residual);
+      R_ = factor(pass_);
       if (k == 0) {
         fix_dependent();
-        R_ = problem_.combined(pass, weights_, order_);
+        R_ = factor(pass_);
       }
       step = solved(R_);
       const double largest =
@@ -343,22 +398,109 @@ class Identification {
       advance(change, 1);
       R_.col(R_.cols() - 1).head(R_.cols() - 1).setZero();  // the minimum again
     }
-    judge(problem_.residuals(now_).residual);
+    pass_ = problem_.pass(now_, [&](Index j, double r) { return robust_weight(options_.robust, r / noise_(j)); });
+    judge(pass_.residual);
+  }
+
+  /// The fold of every block of time.
+  std::vector<std::size_t> folds() const {
+    std::vector<std::size_t> fold = problem_.files();
+    const std::size_t files = 1 + fold.back();
+    for (std::size_t b = 0; b < fold.size(); ++b)
+      fold[b] = files >= 3 ? fold[b] % options_.folds : b * options_.folds / fold.size();
+    return fold;
+  }
+
+  /// The change of the free unknowns that the rows of the normal matrix `rest` ask for. What they do not tell is drawn
+  /// to the model by a very weak prior in units of `all`.
+  VectorXd change_of(const MatrixXd& rest, const MatrixXd& all, const VectorXd& of_model) const {
+    constexpr double prior = 1e-8;
+    const auto n = static_cast<Index>(order_.size());
+    MatrixXd left = rest.topLeftCorner(n, n);
+    VectorXd right = rest.col(n).head(n);
+    for (Index c = 0; c < n; ++c) {
+      const double weight = prior * all(c, c);
+      left(c, c) += weight;
+      if (const Index u = order_[static_cast<std::size_t>(c)]; u < base_.size())
+        right(c) += weight * (of_model(u) - now_.base(u));
+    }
+    const VectorXd scale = left.diagonal().cwiseSqrt().cwiseInverse();
+    return scale.cwiseProduct(
+        symmetric_solution(scale.asDiagonal() * left * scale.asDiagonal(), scale.cwiseProduct(right)));
+  }
+
+  /// Predicts every fold from the others.
+  void leave_out() {
+    const std::vector<std::size_t> fold = folds();
+    const std::size_t count = 1 + std::ranges::max(fold);
+    const auto n = static_cast<Index>(order_.size());
+    std::vector<MatrixXd> of_fold(count, MatrixXd::Zero(n + 1, n + 1));
+    for (std::size_t b = 0; b < fold.size(); ++b)
+      of_fold[fold[b]] += problem_.normal_matrix(pass_, b, weights_, order_);
+    MatrixXd all = prior_normal();
+    for (const MatrixXd& N : of_fold) all += N;
+    const VectorXd of_model = base_.from_all * regressor_.model_parameters();
+    MatrixXd changes = MatrixXd::Zero(problem_.unknowns(), static_cast<Index>(count));
+    for (std::size_t f = 0; f < count; ++f)
+      changes(order_, static_cast<Index>(f)) = change_of(all - of_fold[f], all, of_model);
+    out_.held_out = problem_.predicted(now_, changes, fold);
+  }
+
+  struct Uncertainty {
+    MatrixXd covariance;  ///< of the unknowns in order_
+    VectorXd quantile;    ///< half widths of 95 % intervals in sigmas
+  };
+
+  /// Correlations as the information has them, variances as the jackknife.
+  Uncertainty uncertainty() {
+    const MatrixXd C = unit_covariance(R_);
+    std::vector<MatrixXd> blocks, files;
+    const std::vector<std::size_t> file = problem_.files();
+    const auto parts = static_cast<double>(file.size());
+    for (std::size_t b = 0; b < file.size(); ++b) {
+      blocks.push_back(problem_.normal_matrix(pass_, b, weights_, order_) + prior_normal() / parts);
+      if (b == 0 || file[b] != file[b - 1])
+        files.push_back(blocks.back());
+      else
+        files.back() += blocks.back();
+    }
+    const auto found = jackknife(blocks);
+    if (!found) {
+      out_.notes.push_back(fmt::format(
+          "sigmas are those of the information alone: one of {} stretches of time alone tells some parameter",
+          blocks.size()));
+      double effective = 0;
+      for (const auto& j : out_.joints) effective += static_cast<double>(j.samples) / j.correlation;
+      return {C, VectorXd::Constant(C.rows(), interval_sigmas(effective - static_cast<double>(order_.size())))};
+    }
+    const Jackknife between_blocks = moderated(*found, C.diagonal());
+    const VectorXd factor =
+        between_blocks.variance.cwiseQuotient(C.diagonal()).cwiseSqrt() * between(files, between_blocks.variance);
+    return {factor.asDiagonal() * C * factor.asDiagonal(), between_blocks.freedom.unaryExpr(&interval_sigmas)};
+  }
+
+  /// How much more estimates vary between files than between blocks of time, as a factor of sigmas: the median over all
+  /// unknowns, as each alone is known poorly from a few files.
+  double between(const std::vector<MatrixXd>& files, const VectorXd& between_blocks) {
+    if (files.size() < 3) return 1;
+    const auto found = jackknife(files);
+    if (!found) return 1;
+    const VectorXd ratio = found->variance.cwiseQuotient(between_blocks);
+    const double freedom = static_cast<double>(files.size()) - 1, expected = chi_squared_median(freedom) / freedom;
+    out_.between_files = std::sqrt(std::max(1.0, median_of({ratio.begin(), ratio.end()}) / expected));
+    return out_.between_files;
   }
 
   /// Estimates with sigmas, information of the base parameters, condition number.
   void conclude() {
-    const MatrixXd C = unit_covariance(R_);
-    double effective = 0;
-    for (const auto& j : out_.joints) effective += static_cast<double>(j.samples) / j.correlation;
-    const double t = interval_sigmas(effective - static_cast<double>(order_.size()));
+    const auto [C, t] = uncertainty();
     std::vector<Index> place(static_cast<std::size_t>(problem_.unknowns()), -1);
     for (std::size_t c = 0; c < order_.size(); ++c) place[static_cast<std::size_t>(order_[c])] = static_cast<Index>(c);
     const auto estimate = [&](Index u, std::string name, std::string unit, double value) {
       Estimate e = without_sigma(std::move(name), std::move(unit), value, Status::held);
       if (const Index c = place[static_cast<std::size_t>(u)]; c >= 0) {
         e.sigma = std::sqrt(C(c, c));
-        e.low = value - t * e.sigma, e.high = value + t * e.sigma;
+        e.low = value - t(c) * e.sigma, e.high = value + t(c) * e.sigma;
         e.status = Status::estimated;
       }
       return e;
@@ -369,10 +511,11 @@ class Identification {
     for (Index j = 0; j < joints(); ++j) {
       auto& of_joint = out_.friction.emplace_back();
       for (Index p = 0; p < friction_[static_cast<std::size_t>(j)].size(); ++p) {
-        const auto& info = friction_[static_cast<std::size_t>(j)].law().parameters[static_cast<std::size_t>(p)];
+        const auto& info = friction_[static_cast<std::size_t>(j)].parameter(p);
         // Motor-side parameters have the motor's units, whatever the joint does.
-        const bool slide =
-            regressor_.is_slide(j) && friction_[static_cast<std::size_t>(j)].law().side == friction::Side::arm;
+        const bool slide = regressor_.is_slide(j) && (p >= friction_[static_cast<std::size_t>(j)].law_size() ||
+                                                      friction_[static_cast<std::size_t>(j)].law().side ==
+                                                          friction::Side::arm);
         of_joint.push_back(estimate(problem_.friction_at(j, p), std::string(info.name), unit_of(info.unit, slide),
                                     now_.friction[static_cast<std::size_t>(j)][static_cast<std::size_t>(p)]));
       }
@@ -393,14 +536,39 @@ class Identification {
   const JointMotion& motion_;
   const DynamicsOptions& options_;
   DynamicsProblem problem_;
+  DynamicsProblem::Pass pass_;  ///< the last with weights
   DynamicsFit out_;
   RobotParameters now_;
   VectorXd noise_, correlation_, weights_;  ///< per joint
+  VectorXd of_model_;                       ///< base parameters
+  MatrixXd prior_;                          ///< information of the prior; empty: none
   MatrixXd R_;                              ///< of the free unknowns, at the last pass
   std::vector<Index> order_;                ///< the unknown of each column of R_
 };
 
 }  // namespace
+
+VectorXd inertial_scale(const Regressor& regressor) {
+  constexpr Index per_body = 10;
+  const VectorXd phi = regressor.model_parameters();
+  const Index bodies = (phi.size() - regressor.joints()) / per_body;
+  double heaviest = 0, widest = 0;
+  for (Index b = 0; b < bodies; ++b) {
+    const auto p = phi.segment<per_body>(per_body * b);  // Ixx Ixy Ixz Iyy Iyz Izz mx my mz m
+    heaviest = std::max(heaviest, p(9));
+    if (p(9) > 0) widest = std::max(widest, (p(0) + p(3) + p(5)) / (2 * p(9)));
+  }
+  VectorXd scale(phi.size());
+  for (Index b = 0; b < bodies; ++b) {
+    const auto p = phi.segment<per_body>(per_body * b);
+    const double m = std::max(p(9), 0.01 * heaviest),
+                 r2 = std::max(p(9) > 0 ? (p(0) + p(3) + p(5)) / (2 * p(9)) : 0, 1e-3 * widest);
+    scale.segment<per_body>(per_body * b) << VectorXd::Constant(6, m * r2), VectorXd::Constant(3, m * std::sqrt(r2)), m;
+  }
+  const double smallest = 1e-3 * heaviest * widest;
+  scale.tail(regressor.joints()) = phi.tail(regressor.joints()).cwiseMax(smallest);
+  return scale;
+}
 
 Result<DynamicsFit> fit_dynamics(const Regressor& regressor, const BaseParameters& base, const RobotFriction& friction,
                                  const JointMotion& motion, const DynamicsOptions& options) {

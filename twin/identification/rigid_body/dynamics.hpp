@@ -18,7 +18,8 @@
 /// The sum of squares, weighted by each joint's noise, is minimised by Gauss-Newton: the equations are linear in beta
 /// and in most friction parameters, so that a linear law needs one step. Rows where the joint rests are left out: there
 /// friction is indeterminate. The regressor is never stored (TriangularFactor). Sigmas: information of the weighted
-/// rows, a joint's noise power multiplied by the number of correlated samples per independent one.
+/// rows, enlarged or reduced to what estimates vary by when a block of time is left out (jackknife.hpp): that holds for
+/// errors that are correlated and for a model that does not fit. Where files disagree by more, by that.
 namespace tribotwin::twin::identification {
 
 enum class Robust {
@@ -30,10 +31,20 @@ enum class Robust {
 struct DynamicsOptions {
   Robust robust = Robust::none;
   bool weigh = true;            ///< joints by their noise
+  bool rotor_inertia = true;    ///< false: base parameters that are a rotor inertia alone are 0, as of torques that were
+                                ///< measured behind the gear
+  double prior = 0;  ///< standard deviation of the bodies' inertial parameters about the model's, as a share of their
+                     ///< size (inertial_scale); 0: none
   bool essential_only = false;  ///< base parameters that do not improve the fit are 0: backward elimination while F < 4
+  unsigned folds = 0;  ///< parts of the samples to leave out one at a time: whole files where there are three or more,
+                       ///< else stretches of time; 0: none
   unsigned threads = 2;
   std::function<void(double share)> progress;
 };
+
+/// The size of every inertial parameter of the model, in the order of the regressor: of a body with mass m and radius of
+/// gyration r its m, m r and m r^2; a rotor's own inertia. Bodies without mass count as a hundredth of the heaviest.
+Eigen::VectorXd inertial_scale(const Regressor& regressor);
 
 struct JointResult {
   std::string name;
@@ -50,8 +61,14 @@ struct DynamicsFit {
   RobotParameters parameters;                   ///< the values of both
   Eigen::MatrixXd information;  ///< of beta with free friction: inverse of its covariance; rows of 0 where held
   std::vector<JointResult> joints;
-  double relative_error = 0;    ///< |residual| / |torque| over all joints and samples in motion
-  double condition_number = 0;  ///< of the weighted regressor with unit columns
+  double relative_error = 0;      ///< |residual| / |torque| over all joints and samples in motion
+  double condition_number = 0;    ///< of the weighted regressor with unit columns
+  double between_files = 1;       ///< variation of estimates between files / that between blocks of time, >= 1; sigmas
+                                  ///< contain it. 1 with fewer than three files
+  /// Where folds were asked for: the torque [Nm; N] that the samples of the other folds foretell for each sample, joints
+  /// x samples. Linearised about the parameters of all, which is exact for friction linear in its parameters; what the
+  /// other folds do not tell is as in the model.
+  Eigen::MatrixXd held_out;
   std::vector<std::string> notes;
 };
 

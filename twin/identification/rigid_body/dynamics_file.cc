@@ -88,6 +88,11 @@ Result<DynamicsFile> read_dynamics(const std::filesystem::path& file, const Regr
     if (!joint) friction->fail(regressor.joint_name(j), "is missing: every joint of the model needs its friction");
     auto& values = out.parameters.friction.emplace_back();
     for (const auto& p : out.law->parameters) values.push_back(read_estimate(*joint, std::string(p.name)));
+    const Directional beside{.offset = joint->has(std::string(offset_name)),
+                             .asymmetry = joint->has(std::string(asymmetry_name))};
+    if (j == 0) out.directional = beside;
+    if (out.directional.offset) values.push_back(read_estimate(*joint, std::string(offset_name)));
+    if (out.directional.asymmetry) values.push_back(read_estimate(*joint, std::string(asymmetry_name), Bounds{-1, 1}));
     joint->done();
   }
   friction->done();

@@ -19,6 +19,7 @@ std::string to_yaml(const DynamicsFit& fit, const BaseParameters& base, const fr
 
 struct DynamicsFile {
   const friction::LawInfo* law = nullptr;
+  Directional directional;
   RobotParameters parameters;
   std::vector<thermal::Model> thermal;  ///< per joint; empty: not known
 };

@@ -10,9 +10,31 @@ namespace tribotwin::twin::identification {
 
 using Eigen::Index, Eigen::MatrixXd, Eigen::VectorXd;
 
+namespace {
+
+/// About `wanted` blocks of equal length over all segments.
+std::vector<DynamicsProblem::Block> blocks_of(const JointMotion& motion) {
+  constexpr Index wanted = 48, shortest = 20;
+  const Index length = std::max(shortest, (motion.size() + wanted - 1) / wanted);
+  std::vector<DynamicsProblem::Block> out;
+  for (const auto& [first, last] : motion.segments) {
+    const Index count = std::max<Index>(1, (last - first + length / 2) / length);
+    for (Index k = 0; k < count; ++k)
+      out.emplace_back(first + (last - first) * k / count, first + (last - first) * (k + 1) / count);
+  }
+  return out;
+}
+
+}  // namespace
+
 DynamicsProblem::DynamicsProblem(const Regressor& regressor, const BaseParameters& base, const RobotFriction& friction,
                                  const JointMotion& motion, unsigned threads)
-    : regressor_(regressor), base_(base), friction_(friction), motion_(motion), threads_(threads) {
+    : regressor_(regressor),
+      base_(base),
+      friction_(friction),
+      motion_(motion),
+      threads_(threads),
+      blocks_(blocks_of(motion)) {
   armature_ = regressor.model_parameters().tail(joints());
   for (Index j = 0; j < joints(); ++j) {
     auto& columns = columns_.emplace_back();
@@ -31,6 +53,16 @@ DynamicsProblem::DynamicsProblem(const Regressor& regressor, const BaseParameter
   free_.assign(static_cast<std::size_t>(unknowns_), true);
 }
 
+std::vector<std::size_t> DynamicsProblem::files() const {
+  std::vector<std::size_t> out;
+  std::size_t segment = 0;
+  for (const auto& [first, last] : blocks_) {
+    while (motion_.segments[segment].second < last) ++segment;
+    out.push_back(motion_.file[segment]);
+  }
+  return out;
+}
+
 std::pair<std::size_t, std::size_t> DynamicsProblem::place_of(Index unknown) const {
   std::size_t j = friction_.size() - 1;
   while (unknown < friction_at(static_cast<Index>(j), 0)) --j;
@@ -45,7 +77,7 @@ class DynamicsProblem::Accumulator {
         parameters_(parameters),
         weight_(weight),
         regressor_(problem.regressor_),
-        by_(friction::max_parameters),
+        by_(friction::max_parameters + 2),
         Yb_(problem.joints(), problem.base_size()) {
     if (weight)
       for (const auto& c : problem.columns_) R_.emplace_back(static_cast<Index>(c.size()) + 1);
@@ -55,24 +87,47 @@ class DynamicsProblem::Accumulator {
   void add(Index i, MatrixXd& residuals) {
     const JointMotion& motion = problem_.motion_;
     if (!motion.moving.col(i).any()) return;
-    const MatrixXd& Y = regressor_.at(motion.q.col(i), motion.qd.col(i), motion.qdd.col(i));
-    for (Index k = 0; k < problem_.base_size(); ++k)
-      Yb_.col(k) = Y.col(problem_.base_.independent[static_cast<std::size_t>(k)]);
+    evaluate(i);
     for (Index j = 0; j < problem_.joints(); ++j) {
       if (!motion.moving(j, i)) continue;
-      const auto at = static_cast<std::size_t>(j);
-      const double rigid = Yb_.row(j) * parameters_.base;
-      const double sliding =
-          problem_.friction_[at].torque(parameters_.friction[at], motion.qd(j, i), problem_.load(j, i, rigid),
-                                        motion.temperature_degC(j, i), by_.data());
-      const double residual = motion.torque(j, i) - rigid - sliding;
+      const double residual = residual_of(j, i);
       residuals(j, i) = residual;
       if (weight_) add_row(j, residual);
+    }
+  }
+  /// Writes the torque of sample i at the parameters plus, to first order, `change`.
+  void predict(Index i, const Eigen::Ref<const VectorXd>& change, MatrixXd& torque) {
+    const JointMotion& motion = problem_.motion_;
+    if (!motion.moving.col(i).any()) return;
+    evaluate(i);
+    for (Index j = 0; j < problem_.joints(); ++j) {
+      if (!motion.moving(j, i)) continue;
+      torque(j, i) =
+          motion.torque(j, i) - residual_of(j, i) + Yb_.row(j) * change.head(problem_.base_size()) +
+          Eigen::Map<const VectorXd>(by_.data(), problem_.friction_[static_cast<std::size_t>(j)].size())
+              .dot(change.segment(problem_.friction_at(j, 0), problem_.friction_[static_cast<std::size_t>(j)].size()));
     }
   }
   std::vector<TriangularFactor> factors() && { return std::move(R_); }
 
  private:
+  void evaluate(Index i) {
+    const JointMotion& motion = problem_.motion_;
+    const MatrixXd& Y = regressor_.at(motion.q.col(i), motion.qd.col(i), motion.qdd.col(i));
+    for (Index k = 0; k < problem_.base_size(); ++k)
+      Yb_.col(k) = Y.col(problem_.base_.independent[static_cast<std::size_t>(k)]);
+  }
+
+  /// Of the evaluated sample; fills by_.
+  double residual_of(Index j, Index i) {
+    const auto at = static_cast<std::size_t>(j);
+    const JointMotion& motion = problem_.motion_;
+    const double rigid = Yb_.row(j) * parameters_.base;
+    return motion.torque(j, i) - rigid -
+           problem_.friction_[at].torque(parameters_.friction[at], motion.qd(j, i), problem_.load(j, i, rigid),
+                                         motion.temperature_degC(j, i), by_.data());
+  }
+
   void add_row(Index j, double residual) {
     const auto at = static_cast<std::size_t>(j);
     const double w = (*weight_)(j, residual);
@@ -93,22 +148,37 @@ class DynamicsProblem::Accumulator {
 };
 
 DynamicsProblem::Pass DynamicsProblem::pass(const RobotParameters& parameters, const Weight* weight) const {
-  constexpr Index chunk = 4096;
-  Pass out{.R = {}, .residual = MatrixXd::Constant(joints(), motion_.size(), std::numeric_limits<double>::quiet_NaN())};
-  const auto chunks = static_cast<std::size_t>((motion_.size() + chunk - 1) / chunk);
-  std::vector<std::vector<TriangularFactor>> partial(chunks);
-  in_parallel(chunks, threads_, [&](std::size_t part) {
+  Pass out{.R = {},
+           .of_block = {},
+           .residual = MatrixXd::Constant(joints(), motion_.size(), std::numeric_limits<double>::quiet_NaN())};
+  std::vector<std::vector<TriangularFactor>> partial(blocks_.size());
+  in_parallel(blocks_.size(), threads_, [&](std::size_t b) {
     Accumulator own(*this, parameters, weight);
-    const Index first = static_cast<Index>(part) * chunk;
-    for (Index i = first; i < std::min(first + chunk, motion_.size()); ++i) own.add(i, out.residual);
-    partial[part] = std::move(own).factors();
+    for (Index i = blocks_[b].first; i < blocks_[b].second; ++i) own.add(i, out.residual);
+    partial[b] = std::move(own).factors();
   });
-  for (std::size_t j = 0; weight && j < columns_.size(); ++j) {
+  if (!weight) return out;
+  for (const auto& block : partial) {
+    auto& of_joints = out.of_block.emplace_back();
+    for (const auto& R : block) of_joints.push_back(R.R());
+  }
+  for (std::size_t j = 0; j < columns_.size(); ++j) {
     TriangularFactor all(static_cast<Index>(columns_[j].size()) + 1);
-    for (const auto& p : partial) all.add(p[j]);
+    for (const auto& block : partial) all.add(block[j]);
     out.R.push_back(all.R());
   }
   return out;
+}
+
+MatrixXd DynamicsProblem::predicted(const RobotParameters& parameters, const MatrixXd& changes,
+                                    const std::vector<std::size_t>& set) const {
+  MatrixXd torque = MatrixXd::Constant(joints(), motion_.size(), std::numeric_limits<double>::quiet_NaN());
+  in_parallel(blocks_.size(), threads_, [&](std::size_t b) {
+    Accumulator own(*this, parameters, nullptr);
+    for (Index i = blocks_[b].first; i < blocks_[b].second; ++i)
+      own.predict(i, changes.col(static_cast<Index>(set[b])), torque);
+  });
+  return torque;
 }
 
 MatrixXd DynamicsProblem::combined(const Pass& pass, const VectorXd& joint_weight, std::vector<Index>& order) const {
@@ -129,6 +199,25 @@ MatrixXd DynamicsProblem::combined(const Pass& pass, const VectorXd& joint_weigh
     }
   }
   return all.R();
+}
+
+MatrixXd DynamicsProblem::normal_matrix(const Pass& pass, std::size_t block, const VectorXd& joint_weight,
+                                        const std::vector<Index>& order) const {
+  std::vector<Index> place(static_cast<std::size_t>(unknowns_), -1);
+  for (std::size_t c = 0; c < order.size(); ++c) place[static_cast<std::size_t>(order[c])] = static_cast<Index>(c);
+  const auto width = static_cast<Index>(order.size()) + 1;
+  MatrixXd out = MatrixXd::Zero(width, width);
+  for (std::size_t j = 0; j < columns_.size(); ++j) {
+    std::vector<Index> from, to;  // columns of the joint's R that are free, and where they are in `order`
+    for (std::size_t c = 0; c < columns_[j].size(); ++c)
+      if (const Index at = place[static_cast<std::size_t>(columns_[j][c])]; at >= 0)
+        from.push_back(static_cast<Index>(c)), to.push_back(at);
+    const MatrixXd& R = pass.of_block[block][j];
+    from.push_back(R.cols() - 1), to.push_back(width - 1);
+    const MatrixXd own = joint_weight(static_cast<Index>(j)) * R(Eigen::all, from);
+    out(to, to) += own.transpose() * own;
+  }
+  return out;
 }
 
 std::vector<Index> dependent(const MatrixXd& R, const std::vector<Index>& order, Index base_size) {

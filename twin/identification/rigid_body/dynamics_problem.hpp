@@ -31,9 +31,17 @@ class DynamicsProblem {
   void fix(Eigen::Index u) { free_[static_cast<std::size_t>(u)] = false; }
   bool is_free(Eigen::Index u) const { return free_[static_cast<std::size_t>(u)]; }
 
+  /// Samples [first, second) without a gap, long against the correlation of noise: the unit in which errors count as
+  /// independent, and in which samples are held out. In order of time.
+  using Block = std::pair<Eigen::Index, Eigen::Index>;
+  const std::vector<Block>& blocks() const { return blocks_; }
+  /// The index of each block's recording.
+  std::vector<std::size_t> files() const;
+
   struct Pass {
     std::vector<Eigen::MatrixXd> R;  ///< per joint, of [columns, residual]; empty where not requested
-    Eigen::MatrixXd residual;        ///< joints x samples; NaN at rest
+    std::vector<std::vector<Eigen::MatrixXd>> of_block;  ///< the same of each block alone: [block][joint]
+    Eigen::MatrixXd residual;                            ///< joints x samples; NaN at rest
   };
   /// Multiplies the row of a joint with this residual.
   using Weight = std::function<double(Eigen::Index joint, double residual)>;
@@ -42,9 +50,17 @@ class DynamicsProblem {
   /// Residuals alone.
   Pass residuals(const RobotParameters& parameters) const { return pass(parameters, nullptr); }
 
+  /// Torques, joints x samples, at `parameters` and, to first order, changes of all unknowns: column `set[b]` of
+  /// `changes` for the samples of block b. NaN where nothing moves.
+  Eigen::MatrixXd predicted(const RobotParameters& parameters, const Eigen::MatrixXd& changes,
+                            const std::vector<std::size_t>& set) const;
+
   /// R of [all free unknowns, residual], each joint with its weight; `order` receives the unknown of each column.
   Eigen::MatrixXd combined(const Pass& pass, const Eigen::VectorXd& joint_weight,
                            std::vector<Eigen::Index>& order) const;
+  /// [columns, residual]^T [columns, residual] of one block, columns as in `order`.
+  Eigen::MatrixXd normal_matrix(const Pass& pass, std::size_t block, const Eigen::VectorXd& joint_weight,
+                                const std::vector<Eigen::Index>& order) const;
 
   /// Torque that the gear transmits to the links: without the inertia of the rotor.
   double load(Eigen::Index joint, Eigen::Index sample, double rigid) const {
@@ -61,6 +77,7 @@ class DynamicsProblem {
   const JointMotion& motion_;
   unsigned threads_;
   Eigen::VectorXd armature_;
+  std::vector<Block> blocks_;
   std::vector<std::vector<Eigen::Index>> columns_;  ///< per joint, unknowns that act on it: base first
   std::vector<Eigen::Index> base_columns_, first_friction_;
   Eigen::Index unknowns_ = 0;

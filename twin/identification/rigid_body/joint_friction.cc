@@ -4,20 +4,31 @@
 #include <tribotwin/twin/identification/rigid_body/joint_friction.hpp>
 
 namespace tribotwin::twin::identification {
+
+using Eigen::Index;
+
 namespace {
 
 constexpr double none = std::numeric_limits<double>::quiet_NaN();
-constexpr std::size_t offset = 2;  // place of the offset in coulomb_viscous
 
 constexpr friction::Parameter coulomb_viscous_parameters[] = {
     {"Fc", "Nm", -1e9, 1e9, none, none, "Coulomb friction"},
     {"Fv", "Nm s/rad", -1e9, 1e9, none, none, "viscous slope"},
-    {"offset", "Nm", -1e9, 1e9, none, none, "of the torque, whatever the speed"},
 };
+constexpr friction::Parameter offset_parameter{
+    offset_name, "Nm", -1e9, 1e9, none, none, "of the torque, whatever the speed"};
+constexpr friction::Parameter asymmetry_parameter{
+    asymmetry_name,
+    "1",
+    -0.99,
+    0.99,
+    none,
+    none,
+    "half the difference of forward and reverse friction per mean of both"};
 
 constexpr friction::LawInfo coulomb_viscous_law{
     .name = "coulomb_viscous",
-    .equation = "Fc sgn v + Fv v + offset",
+    .equation = "Fc sgn v + Fv v",
     .source = "Hao 2021",
     .side = friction::Side::arm,
     .normalised = false,
@@ -32,13 +43,19 @@ constexpr friction::LawInfo coulomb_viscous_law{
 
 const friction::LawInfo& coulomb_viscous() { return coulomb_viscous_law; }
 
-JointFriction::JointFriction(const friction::LawInfo& law, Scales scales) : law_(&law), scales_(scales), place_(law) {}
+JointFriction::JointFriction(const friction::LawInfo& law, Scales scales, Directional directional)
+    : law_(&law), scales_(scales), directional_(directional), place_(law) {}
+
+const friction::Parameter& JointFriction::parameter(Index index) const {
+  if (index < law_size()) return law_->parameters[static_cast<std::size_t>(index)];
+  return directional_.offset && index == law_size() ? offset_parameter : asymmetry_parameter;
+}
 
 std::vector<std::string_view> JointFriction::reference_temperatures() const {
   std::vector<std::string_view> names;
   for (std::size_t field = 0; field < place_.nonlinear_used.size(); ++field)
     if (nonlinear_fields[place_.nonlinear_used[field]] == &friction::GeneralLaw::s_T0)
-      for (Eigen::Index p = 0; p < size(); ++p)
+      for (Eigen::Index p = 0; p < law_size(); ++p)
         if (place_.nonlinear(static_cast<Eigen::Index>(field), p) != 0)
           names.push_back(law_->parameters[static_cast<std::size_t>(p)].name);
   return names;
@@ -46,20 +63,22 @@ std::vector<std::string_view> JointFriction::reference_temperatures() const {
 
 double JointFriction::torque(std::span<const double> p, double speed, double load_nm, double temperature_degC,
                              double* derivatives) const {
-  const double sign = std::copysign(scales_.torque, speed);
-  const friction::Gradient at = friction::gradient(law_->general_law(p), std::abs(speed) * scales_.speed,
+  const auto own = static_cast<std::size_t>(law_size());
+  const double offset = directional_.offset ? p[own] : 0,
+               asymmetry = directional_.asymmetry ? p[static_cast<std::size_t>(size()) - 1] : 0;
+  const double sign = scales_.torque * (std::copysign(1, speed) + asymmetry);
+  const friction::Gradient at = friction::gradient(law_->general_law(p.first(own)), std::abs(speed) * scales_.speed,
                                                    std::abs(load_nm) / scales_.torque_max_nm, temperature_degC);
-  const double value = sign * at.torque;
-  const bool has_offset = law_ == &coulomb_viscous_law;
   if (derivatives) {
-    Eigen::Map<Eigen::VectorXd> out(derivatives, size());
     const Eigen::Map<const Eigen::Matrix<double, linear_count, 1>> terms(at.by_terms.data());
     const Eigen::Map<const Eigen::Matrix<double, nonlinear_count, 1>> shapes(at.by_shape_numbers.data());
-    out = sign * (place_.linear.transpose() * terms(place_.linear_used) +
-                  place_.nonlinear.transpose() * shapes(place_.nonlinear_used));
-    if (has_offset) out(offset) = 1;
+    Eigen::Map<Eigen::VectorXd>(derivatives, law_size()) =
+        sign * (place_.linear.transpose() * terms(place_.linear_used) +
+                place_.nonlinear.transpose() * shapes(place_.nonlinear_used));
+    if (directional_.offset) derivatives[own] = 1;
+    if (directional_.asymmetry) derivatives[size() - 1] = scales_.torque * at.torque;
   }
-  return has_offset ? value + p[offset] : value;
+  return sign * at.torque + offset;
 }
 
 }  // namespace tribotwin::twin::identification

@@ -12,9 +12,20 @@
 /// Friction of one joint as a term of the robot's dynamics: value and exact derivatives by its parameters.
 namespace tribotwin::twin::identification {
 
-/// Coulomb and viscous friction with an offset of the torque, Fc sgn(v) + Fv v + offset [Nm; N], v of the joint: linear
-/// in all parameters. Not a law of drives, as the offset is one of the sensor.
+/// Coulomb and viscous friction, Fc sgn(v) + Fv v [Nm; N], v of the joint: linear in all parameters. Not a law of
+/// drives.
 const friction::LawInfo& coulomb_viscous();
+
+/// What a joint has beside its law f: tau = sgn(v) f(|v|, l, T) (1 + asymmetry sgn(v)) + offset.
+struct Directional {
+  bool offset = false;     ///< a torque [Nm; N] whatever the speed: of a spring, of gravity, of the sensor
+  bool asymmetry = false;  ///< [-]: half the difference of forward and reverse friction per mean of both
+
+  Eigen::Index count() const { return offset + asymmetry; }
+  bool operator==(const Directional&) const = default;
+};
+/// The names of both, in the order in which they follow the law's parameters.
+inline constexpr std::string_view offset_name = "offset", asymmetry_name = "asymmetry";
 
 class JointFriction {
  public:
@@ -23,11 +34,21 @@ class JointFriction {
   struct Scales {
     double speed = 1, torque = 1, torque_max_nm = 1;
   };
-  JointFriction(const friction::LawInfo& law, Scales scales);
+  JointFriction(const friction::LawInfo& law, Scales scales, Directional directional = {});
 
   const friction::LawInfo& law() const { return *law_; }
   const Scales& scales() const { return scales_; }
-  Eigen::Index size() const { return static_cast<Eigen::Index>(law_->parameters.size()); }
+  Directional directional() const { return directional_; }
+  /// The number of parameters: the law's, then offset and asymmetry.
+  Eigen::Index size() const { return law_size() + directional_.count(); }
+  Eigen::Index law_size() const { return static_cast<Eigen::Index>(law_->parameters.size()); }
+  const friction::Parameter& parameter(Eigen::Index index) const;
+  /// Whether friction is linear in its parameters.
+  bool linear() const { return law_ == &coulomb_viscous() && !directional_.asymmetry; }
+  /// The offset in `parameters`; 0 without one.
+  double offset(std::span<const double> parameters) const {
+    return directional_.offset ? parameters[static_cast<std::size_t>(law_size())] : 0;
+  }
 
   /// Parameters that are a reference temperature of the law, which is a convention and not identifiable.
   std::vector<std::string_view> reference_temperatures() const;
@@ -40,6 +61,7 @@ class JointFriction {
  private:
   const friction::LawInfo* law_;
   Scales scales_;
+  Directional directional_;
   Placement place_;
 };
 

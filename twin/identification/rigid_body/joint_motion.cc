@@ -88,6 +88,7 @@ Sampling sampling_of(const RobotRecording& rec, std::vector<std::string>& notes)
 /// How a stretch is filtered and decimated.
 struct Filtering {
   double period_s, rate_hz, cutoff_hz;
+  double settling_hz;
   Index every;  ///< samples per kept one
   Index edge;   ///< samples left out at either end: filter transients and the ends of central differences
 };
@@ -102,10 +103,12 @@ Result<Filtering> filtering_of(const RobotRecording& rec, const Stretch& s, cons
     return tl::unexpected(
         Error(fmt::format("{}: is sampled at {:.4g} Hz; the cut-off must be below {:.4g} Hz, it is {:g}",
                           rec.file.string(), rate, 0.45 * rate, cutoff)));
+  const double settling = preparation.narrowest_hz > 0 ? preparation.narrowest_hz : cutoff,
+               widest = preparation.widest_hz > 0 ? preparation.widest_hz : cutoff;
   const Index every = preparation.decimation
                           ? preparation.decimation
-                          : std::max<Index>(1, static_cast<Index>(std::floor(rate / (5 * cutoff) + 1e-6)));
-  return Filtering{period, rate, cutoff, every, static_cast<Index>(std::ceil(0.5 * rate / cutoff)) + 1};
+                          : std::max<Index>(1, static_cast<Index>(std::floor(rate / (5 * widest) + 1e-6)));
+  return Filtering{period, rate, cutoff, settling, every, static_cast<Index>(std::ceil(0.5 * rate / settling)) + 1};
 }
 
 /// A prepared stretch.
@@ -117,21 +120,33 @@ struct Part {
   Index guard;  ///< kept samples for which a reversal rings
 };
 
+/// The samples of one joint in a stretch, filtered where they are noisy.
+struct JointSamples {
+  std::vector<double> q, speed, torque, temperature;  ///< speed: empty where it is the slope of q
+};
+
+JointSamples samples_of(const RobotRecording& rec, Index j, const Stretch& s, const Filtering& f, bool regular,
+                        bool thermal, bool recorded_velocity) {
+  const auto at = [&](const MatrixXd& values) { return equidistant(rec, values, j, s, f.period_s, regular); };
+  const auto filtered = [&](const MatrixXd& values) { return low_passed(at(values), f.rate_hz, f.cutoff_hz); };
+  JointSamples out{.q = filtered(rec.position), .speed = {}, .torque = filtered(rec.torque), .temperature = {}};
+  if (recorded_velocity) out.speed = filtered(rec.velocity);
+  out.temperature = thermal ? at(rec.temperature_degC) : std::vector<double>(out.q.size(), 20.0);
+  return out;
+}
+
 /// Without samples where the stretch is shorter than its edges.
 Part part_of(const RobotRecording& rec, std::size_t file, const Stretch& s, const Filtering& f, bool regular,
-             bool thermal) {
+             bool thermal, bool recorded_velocity) {
   const Index n = rec.position.rows();
   Part part{.file = file,
             .edge_s = static_cast<double>(f.edge) * f.period_s,
-            .guard = static_cast<Index>(std::ceil(ringing * f.rate_hz / f.cutoff_hz / static_cast<double>(f.every)))};
+            .guard = static_cast<Index>(std::ceil(ringing * f.rate_hz / f.settling_hz / static_cast<double>(f.every)))};
   Index count = 0;
   for (Index j = 0; j < n; ++j) {
-    const auto q = low_passed(equidistant(rec, rec.position, j, s, f.period_s, regular), f.rate_hz, f.cutoff_hz);
-    const auto torque = low_passed(equidistant(rec, rec.torque, j, s, f.period_s, regular), f.rate_hz, f.cutoff_hz);
-    const auto temperature = thermal ? equidistant(rec, rec.temperature_degC, j, s, f.period_s, regular)
-                                     : std::vector<double>(q.size(), 20.0);
+    const JointSamples x = samples_of(rec, j, s, f, regular, thermal, recorded_velocity);
     if (j == 0) {
-      count = (static_cast<Index>(q.size()) - 2 * f.edge + f.every - 1) / f.every;
+      count = (static_cast<Index>(x.q.size()) - 2 * f.edge + f.every - 1) / f.every;
       if (count < 1) return part;
       for (auto* m : {&part.q, &part.qd, &part.qdd, &part.torque, &part.temperature}) m->resize(n, count);
       for (Index k = 0; k < count; ++k)
@@ -139,11 +154,12 @@ Part part_of(const RobotRecording& rec, std::size_t file, const Stretch& s, cons
     }
     for (Index k = 0; k < count; ++k) {
       const auto i = static_cast<std::size_t>(f.edge + k * f.every);
-      part.q(j, k) = q[i];
-      part.qd(j, k) = (q[i + 1] - q[i - 1]) * f.rate_hz / 2;
-      part.qdd(j, k) = (q[i + 1] - 2 * q[i] + q[i - 1]) * f.rate_hz * f.rate_hz;
-      part.torque(j, k) = torque[i];
-      part.temperature(j, k) = temperature[i];
+      part.q(j, k) = x.q[i];
+      part.qd(j, k) = recorded_velocity ? x.speed[i] : (x.q[i + 1] - x.q[i - 1]) * f.rate_hz / 2;
+      part.qdd(j, k) = recorded_velocity ? (x.speed[i + 1] - x.speed[i - 1]) * f.rate_hz / 2
+                                         : (x.q[i + 1] - 2 * x.q[i] + x.q[i - 1]) * f.rate_hz * f.rate_hz;
+      part.torque(j, k) = x.torque[i];
+      part.temperature(j, k) = x.temperature[i];
     }
   }
   return part;
@@ -162,7 +178,8 @@ Result<void> add_parts(const RobotRecording& rec, std::size_t file, const Prepar
     if (!filtering) return tl::unexpected(filtering.error());
     if (out.period_s == 0)
       out.period_s = filtering->period_s * static_cast<double>(filtering->every), out.cutoff_hz = filtering->cutoff_hz;
-    Part part = part_of(rec, file, s, *filtering, sampling.regular(), out.has_temperature);
+    Part part = part_of(rec, file, s, *filtering, sampling.regular(), out.has_temperature,
+                        preparation.recorded_velocity && rec.velocity.size() > 0);
     if (part.q.cols() >= 1) parts.push_back(std::move(part));
   }
   if (used) return {};

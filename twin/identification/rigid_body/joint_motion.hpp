@@ -18,6 +18,10 @@ struct Preparation {
   double cutoff_hz = 0;     ///< of the zero-phase low-pass on positions and torques; 0: 20 Hz, at most a fifth of the
                             ///< sampling rate
   unsigned decimation = 0;  ///< keeps every n-th sample; 0: five per period of the cut-off
+  bool recorded_velocity = false;  ///< speeds from the recorded velocities, where there are, not from positions
+  /// Samples of several cut-offs at the same times: as many as the widest of them needs, without the ends and reversals
+  /// in which the narrowest rings. 0: the cut-off's own.
+  double widest_hz = 0, narrowest_hz = 0;
 };
 
 /// Equidistant, filtered samples of motion; joints x samples.

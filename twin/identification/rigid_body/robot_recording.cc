@@ -153,6 +153,7 @@ Problem read_joint(Numbers& table, const JointColumns& columns, const Regressor&
     if (Problem p =
             implausible_velocity(rec, joint, velocity, name(JointColumns::velocity), name(JointColumns::position)))
       return p;
+  if (rec.velocity.size() > 0) rec.velocity.row(joint) = row(JointColumns::velocity);
   if (!thermal) return {};
   rec.temperature_degC.row(joint) = row(JointColumns::temperature);
   return implausible_temperature(rec.file, name(JointColumns::temperature),
@@ -183,6 +184,9 @@ Result<RobotRecording> read_robot_recording(const std::filesystem::path& file, c
   rec.position.resize(n, samples);
   rec.torque.resize(n, samples);
   if (thermal) rec.temperature_degC.resize(n, samples);
+  bool velocities = true;
+  for (Index j = 0; j < n; ++j) velocities &= JointColumns::has(*table, columns.name(j, JointColumns::velocity));
+  if (velocities) rec.velocity.resize(n, samples);
   for (Index j = 0; j < n; ++j)
     if (const Problem p = read_joint(*table, columns, r, j, thermal, rec)) return tl::unexpected(*p);
   if ((rec.position.rowwise().maxCoeff() - rec.position.rowwise().minCoeff()).maxCoeff() < 1e-3)

@@ -20,6 +20,7 @@ struct RobotRecording {
   Eigen::MatrixXd position;          ///< rad; m
   Eigen::MatrixXd torque;            ///< of the motor, arm side, positive drives forward: Nm; N
   Eigen::MatrixXd temperature_degC;  ///< empty where the file has none
+  Eigen::MatrixXd velocity;          ///< rad/s; m/s; empty where not every joint has one
   std::vector<std::string> notes;
 };
 

@@ -10,7 +10,8 @@ namespace tribotwin::twin::identification {
 using Eigen::Index, Eigen::MatrixXd, Eigen::VectorXd;
 
 Result<RobotFriction> robot_friction(const mujoco::Model& model, const Regressor& regressor,
-                                     const friction::LawInfo& law) {
+                                     const friction::LawInfo& law, Directional directional,
+                                     std::span<const double> torque_max_nm) {
   RobotFriction out;
   for (Index j = 0; j < regressor.joints(); ++j) {
     JointFriction::Scales scales;
@@ -18,14 +19,16 @@ Result<RobotFriction> robot_friction(const mujoco::Model& model, const Regressor
     if (drive != model.drives().end()) {
       scales.torque_max_nm = drive->drive.torque_max_nm;
       if (law.side == friction::Side::motor) scales.speed = drive->drive.gear_ratio;
-      if (law.normalised) scales.torque = drive->drive.torque_max_nm;
-    } else if (law.side == friction::Side::motor || law.normalised || law.load_dependent) {
+    } else if (!torque_max_nm.empty()) {
+      scales.torque_max_nm = torque_max_nm[static_cast<std::size_t>(j)];
+    } else if (law.normalised || law.load_dependent) {
       return tl::unexpected(
-          fmt::format("law '{}' depends on motor speed, normalised torque or load, but joint {} has no tribotwin.drive "
-                      "with gear_ratio and torque_max_nm in the model",
+          fmt::format("law '{}' depends on load or normalised torque, but joint {} has no tribotwin.drive with "
+                      "gear_ratio and torque_max_nm in the model",
                       law.name, regressor.joint_name(j)));
     }
-    out.emplace_back(law, scales);
+    if (law.normalised) scales.torque = scales.torque_max_nm;
+    out.emplace_back(law, scales, directional);
   }
   return out;
 }
@@ -56,7 +59,7 @@ MatrixXd gear_load(const Regressor& regressor, const BaseParameters& base, const
   RobotFriction none;
   for (Index j = 0; j < regressor.joints(); ++j) none.emplace_back(coulomb_viscous(), JointFriction::Scales{});
   MatrixXd load = predicted_torque(
-      regressor, base, none, {.base = parameters, .friction = std::vector<std::vector<double>>(none.size(), {0, 0, 0})},
+      regressor, base, none, {.base = parameters, .friction = std::vector<std::vector<double>>(none.size(), {0, 0})},
       motion, threads);
   load -= regressor.model_parameters().tail(regressor.joints()).asDiagonal() * motion.qdd;
   return load;

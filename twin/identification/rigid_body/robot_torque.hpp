@@ -1,5 +1,6 @@
 #pragma once
 
+#include <span>
 #include <vector>
 
 #include <Eigen/Dense>
@@ -16,10 +17,12 @@ namespace tribotwin::twin::identification {
 /// The friction of every joint, in the order of the regressor's joints.
 using RobotFriction = std::vector<JointFriction>;
 
-/// The same law in every joint. Laws of motor speed, load or normalised torque take gear ratio and torque_max from the
-/// joints' drives. ErrorKind::input with the joint that has no drive.
+/// The same law, with the same parts beside it, in every joint. Laws of motor speed, load or normalised torque take
+/// gear ratio and torque_max from the joints' drives. A joint without a drive has its law at arm speeds, its loads and
+/// normalised torques in units of its `torque_max_nm` (one per joint). ErrorKind::input where that is needed and empty.
 Result<RobotFriction> robot_friction(const mujoco::Model& model, const Regressor& regressor,
-                                     const friction::LawInfo& law);
+                                     const friction::LawInfo& law, Directional directional = {.offset = true},
+                                     std::span<const double> torque_max_nm = {});
 
 struct RobotParameters {
   Eigen::VectorXd base;                       ///< in the order of BaseParameters

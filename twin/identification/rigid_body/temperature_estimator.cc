@@ -45,7 +45,7 @@ TemperatureEstimator::TemperatureEstimator(JointFriction friction, std::vector<d
       rise_(thermal::steady_rise(model, start_degC - model.T_amb_degC)) {}
 
 double TemperatureEstimator::friction_at(double speed, double load, double temperature_degC) const {
-  return speed == 0 ? 0 : friction_.torque(parameters_, speed, load, temperature_degC);
+  return speed == 0 ? 0 : friction_.torque(parameters_, speed, load, temperature_degC) - friction_.offset(parameters_);
 }
 
 void TemperatureEstimator::heat(double power_w, double dt_s) {

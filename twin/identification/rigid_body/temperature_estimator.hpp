@@ -26,6 +26,7 @@ class TemperatureEstimator {
   void update(double speed, double load, double dt_s) { heat(friction(speed, load) * speed, dt_s); }
   void heat(double power_w, double dt_s);
 
+  /// Without its offset, which heats nothing.
   double friction_at(double speed, double load, double temperature_degC) const;
   double temperature_degC() const { return model_.T_amb_degC + rise_.total_K(); }
   const thermal::Model& model() const { return model_; }

@@ -1,0 +1,210 @@
+#include <algorithm>
+#include <cmath>
+
+#include <fmt/format.h>
+
+#include <tribotwin/twin/identification/dynamics_choice/dynamics_choice.hpp>
+
+namespace tribotwin::twin::identification {
+namespace {
+
+using Eigen::Index, Eigen::VectorXd;
+
+/// Cut-offs as shares of the widest, widest first.
+constexpr double narrower[] = {0.7, 0.5, 0.35, 0.25, 0.175};
+/// Settings that better the error by less are not worth their complexity.
+constexpr double least_gain = 0.002;
+constexpr unsigned most_folds = 10, folds_of_time = 6;
+constexpr Index stretch_count = 40;
+
+std::string_view name_of(Robust robust) {
+  return robust == Robust::huber ? "huber" : robust == Robust::tukey ? "tukey" : "none";
+}
+
+/// Laws to try, simple ones first: those whose inputs the recordings have.
+std::vector<const friction::LawInfo*> laws_to_try(bool has_temperature) {
+  std::vector<const friction::LawInfo*> out;
+  for (const auto& law : friction::laws())
+    if (has_temperature || !law.temperature_dependent || law.name == "polynomial") out.push_back(&law);
+  std::ranges::stable_sort(out, {}, [](const auto* law) { return law->parameters.size(); });
+  return out;
+}
+
+class Chooser {
+ public:
+  Chooser(const mujoco::Model& model, const Regressor& regressor, const BaseParameters& base,
+          std::span<const RobotRecording> recordings, const Decided& decided, std::span<const double> torque_max_nm,
+          unsigned threads, const std::function<void(double)>& progress)
+      : model_(model),
+        regressor_(regressor),
+        base_(base),
+        recordings_(recordings),
+        decided_(decided),
+        torque_max_nm_(torque_max_nm),
+        threads_(threads),
+        progress_(progress) {}
+
+  Result<DynamicsChoice> run() && {
+    if (auto ok = start(); !ok) return tl::unexpected(ok.error());
+    choose_signals();
+    choose_friction();
+    choose_rigid();
+    if (!decided_.law) choose_cutoff();  // again, under the friction that was found
+    // The fit itself takes as many samples, up to ends and reversals, as its own cut-off allows.
+    out_.setting.signals.widest_hz = out_.setting.signals.narrowest_hz = 0;
+    return std::move(out_);
+  }
+
+ private:
+  double widest_hz() const { return cutoffs_.front(); }
+
+  Result<void> start() {
+    out_.by_file = recordings_.size() >= 3;
+    out_.folds = out_.by_file ? std::min(most_folds, static_cast<unsigned>(recordings_.size())) : folds_of_time;
+    Setting& s = out_.setting;
+    s.law = decided_.law ? decided_.law : &coulomb_viscous();
+    s.directional = {.offset = decided_.offset.value_or(true), .asymmetry = decided_.asymmetry.value_or(false)};
+    s.robust = decided_.robust.value_or(Robust::none);
+    s.signals = {.cutoff_hz = decided_.cutoff_hz.value_or(0), .decimation = decided_.decimation.value_or(0)};
+    auto widest = prepare(recordings_, regressor_, s.signals);
+    if (!widest) return tl::unexpected(widest.error());
+    out_.notes = widest->notes;
+    set_cutoffs(*widest);
+    s.signals.cutoff_hz = s.signals.widest_hz = widest_hz();
+    s.signals.narrowest_hz = cutoffs_.back();
+    auto target = prepare(recordings_, regressor_, s.signals);
+    if (!target) return tl::unexpected(target.error());
+    out_.target_hz = widest_hz();
+    target_ = {.motion = *std::move(target), .stretches = {}};
+    const Index size = target_.motion.size();
+    for (Index k = 0; k < std::min(stretch_count, size); ++k)
+      target_.stretches.emplace_back(size * k / stretch_count, size * (k + 1) / stretch_count);
+    motion_ = target_.motion;
+    auto first = error_of(s, motion_);
+    if (!first) return tl::unexpected(first.error());
+    best_ = *std::move(first);
+    out_.trials.push_back({.what = fmt::format("cut-off {:.3g} Hz, friction {}", widest_hz(), s.law->name),
+                           .rms = best_.rms,
+                           .taken = true,
+                           .failure = {}});
+    return {};
+  }
+
+  /// Narrower ones as long as reversals leave half of the samples.
+  void set_cutoffs(const JointMotion& widest) {
+    cutoffs_ = {widest.cutoff_hz};
+    if (decided_.cutoff_hz) return;
+    const auto moving = [](const JointMotion& m) { return static_cast<double>(m.moving.count()); };
+    for (const double share : narrower) {
+      const double cutoff = share * widest.cutoff_hz;
+      const auto motion = prepare(
+          recordings_, regressor_,
+          {.cutoff_hz = widest.cutoff_hz, .decimation = decided_.decimation.value_or(0), .narrowest_hz = cutoff});
+      if (!motion || moving(*motion) < 0.5 * moving(widest)) return;
+      cutoffs_.push_back(cutoff);
+    }
+  }
+
+  Result<HeldOut> error_of(const Setting& s, const JointMotion& motion) const {
+    const auto friction = robot_friction(model_, regressor_, *s.law, s.directional, torque_max_nm_);
+    if (!friction) return tl::unexpected(friction.error());
+    return held_out(regressor_, base_, *friction, motion, s, target_, out_.folds, threads_);
+  }
+
+  /// Takes the setting where it is better by more than its standard error.
+  bool attempt(std::string what, const Setting& setting, const JointMotion& motion) {
+    ++done_;
+    if (progress_) progress_(std::min(0.99, done_ / 30.0));
+    Trial trial{.what = std::move(what), .rms = {}, .failure = {}};
+    const auto found = error_of(setting, motion);
+    if (!found) {
+      trial.failure = found.error().message;
+      trial.change = std::nan("");
+    } else {
+      const Comparison c = compared(*found, best_);
+      trial.change = c.change, trial.sigma = c.sigma, trial.rms = found->rms;
+      trial.taken = c.change < -std::max(least_gain, c.sigma);
+    }
+    if (trial.taken) {
+      best_ = *found;
+      out_.setting = setting;
+      if (&motion != &motion_) motion_ = motion;
+    }
+    out_.trials.push_back(std::move(trial));
+    return out_.trials.back().taken;
+  }
+
+  bool attempt_signals(std::string what, const Preparation& signals) {
+    auto motion = prepare(recordings_, regressor_, signals);
+    if (!motion) return false;
+    motion->moving = target_.motion.moving;  // the same samples, so that errors compare
+    Setting s = out_.setting;
+    s.signals = signals;
+    return attempt(std::move(what), s, *motion);
+  }
+
+  void choose_cutoff() {
+    for (const double cutoff : cutoffs_) {
+      if (cutoff == out_.setting.signals.cutoff_hz) continue;
+      Preparation signals = out_.setting.signals;
+      signals.cutoff_hz = cutoff;
+      attempt_signals(fmt::format("cut-off {:.3g} Hz", cutoff), signals);
+    }
+  }
+
+  void choose_signals() {
+    choose_cutoff();
+    if (!std::ranges::all_of(recordings_, [](const auto& r) { return r.velocity.size() > 0; })) return;
+    Preparation signals = out_.setting.signals;
+    signals.recorded_velocity = true;
+    if (attempt_signals("recorded velocity", signals)) choose_cutoff();
+  }
+
+  void attempt_with(std::string what, const auto& change) {
+    Setting s = out_.setting;
+    change(s);
+    attempt(std::move(what), s, motion_);
+  }
+
+  void choose_friction() {
+    if (!decided_.law)
+      for (const auto* law : laws_to_try(target_.motion.has_temperature))
+        attempt_with(fmt::format("friction {}", law->name), [&](Setting& s) { s.law = law; });
+    if (!decided_.asymmetry) attempt_with("asymmetry", [](Setting& s) { s.directional.asymmetry = true; });
+    if (!decided_.robust)
+      for (const Robust robust : {Robust::huber, Robust::tukey})
+        attempt_with(fmt::format("outliers {}", name_of(robust)), [&](Setting& s) { s.robust = robust; });
+  }
+
+  void choose_rigid() {
+    attempt_with("no rotor inertias", [](Setting& s) { s.rotor_inertia = false; });
+    for (const double prior : {3.0, 1.0, 0.3, 0.1, 0.03})
+      attempt_with(fmt::format("prior of {:g} % about the model", 100 * prior), [&](Setting& s) { s.prior = prior; });
+  }
+
+  const mujoco::Model& model_;
+  const Regressor& regressor_;
+  const BaseParameters& base_;
+  std::span<const RobotRecording> recordings_;
+  const Decided& decided_;
+  std::span<const double> torque_max_nm_;
+  unsigned threads_;
+  const std::function<void(double)>& progress_;
+  DynamicsChoice out_;
+  std::vector<double> cutoffs_;
+  Target target_;
+  JointMotion motion_;  ///< with the signals of the best setting
+  HeldOut best_;
+  double done_ = 0;
+};
+
+}  // namespace
+
+Result<DynamicsChoice> choose_dynamics(const mujoco::Model& model, const Regressor& regressor,
+                                       const BaseParameters& base, std::span<const RobotRecording> recordings,
+                                       const Decided& decided, std::span<const double> torque_max_nm, unsigned threads,
+                                       const std::function<void(double share)>& progress) {
+  return Chooser(model, regressor, base, recordings, decided, torque_max_nm, threads, progress).run();
+}
+
+}  // namespace tribotwin::twin::identification

@@ -1,0 +1,52 @@
+#pragma once
+
+#include <functional>
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
+
+#include <tribotwin/plugins/mujoco/loader.hpp>
+#include <tribotwin/twin/identification/dynamics_choice/held_out.hpp>
+
+/// Chooses how to identify a robot's dynamics by what predicts best: signals, friction, outliers, rotor inertias and a
+/// prior, one after the other, each by the error of samples that the fit has not seen (files where there are three or
+/// more, else stretches of time). A setting replaces a simpler one only where its error is smaller by more than its
+/// standard error.
+namespace tribotwin::twin::identification {
+
+/// What the user decided; the rest is chosen.
+struct Decided {
+  std::optional<double> cutoff_hz;
+  std::optional<unsigned> decimation;
+  const friction::LawInfo* law = nullptr;
+  std::optional<bool> asymmetry, offset;
+  std::optional<Robust> robust;
+};
+
+struct Trial {
+  std::string what;     ///< "cut-off 10 Hz", "friction stribeck", ...
+  double change = 0;    ///< of the held-out error against the best before it, as a share; NaN where it failed
+  double sigma = 0;     ///< standard error of the change
+  Eigen::VectorXd rms;  ///< held-out error per joint [Nm; N]; empty where it failed
+  bool taken = false;
+  std::string failure;  ///< why there is no result; else empty
+};
+
+struct DynamicsChoice {
+  Setting setting;
+  std::vector<Trial> trials;  ///< in the order in which they were made; the first is the start
+  unsigned folds = 0;
+  bool by_file = false;  ///< folds are files
+  double target_hz = 0;  ///< band of the torque that errors are counted against
+  std::vector<std::string> notes;
+};
+
+/// ErrorKind::input where not even the first setting can be fitted. `torque_max_nm`: of joints without a drive, as for
+/// robot_friction. `progress` gets a share of 0 .. 1 and what is tried.
+Result<DynamicsChoice> choose_dynamics(const mujoco::Model& model, const Regressor& regressor,
+                                       const BaseParameters& base, std::span<const RobotRecording> recordings,
+                                       const Decided& decided, std::span<const double> torque_max_nm, unsigned threads,
+                                       const std::function<void(double share)>& progress = {});
+
+}  // namespace tribotwin::twin::identification

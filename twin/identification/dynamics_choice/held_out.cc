@@ -1,0 +1,56 @@
+#include <cmath>
+
+#include <tribotwin/twin/identification/dynamics_choice/held_out.hpp>
+
+namespace tribotwin::twin::identification {
+
+using Eigen::Index, Eigen::MatrixXd, Eigen::VectorXd;
+
+Result<HeldOut> held_out(const Regressor& regressor, const BaseParameters& base, const RobotFriction& friction,
+                         const JointMotion& motion, const Setting& setting, const Target& target, unsigned folds,
+                         unsigned threads) {
+  const auto fit = fit_dynamics(regressor, base, friction, motion,
+                                {.robust = setting.robust,
+                                 .rotor_inertia = setting.rotor_inertia,
+                                 .prior = setting.prior,
+                                 .folds = folds,
+                                 .threads = threads});
+  if (!fit) return tl::unexpected(fit.error());
+  const MatrixXd& predicted = fit->held_out;
+  const Index joints = regressor.joints(), stretches = static_cast<Index>(target.stretches.size());
+  HeldOut out{.rms = VectorXd::Zero(joints), .mean = MatrixXd::Zero(joints, stretches)};
+  for (Index j = 0; j < joints; ++j) {
+    double all = 0, samples = 0;
+    for (Index s = 0; s < stretches; ++s) {
+      const auto [first, last] = target.stretches[static_cast<std::size_t>(s)];
+      double squares = 0, count = 0;
+      for (Index i = first; i < last; ++i)
+        if (target.motion.moving(j, i)) squares += std::pow(target.motion.torque(j, i) - predicted(j, i), 2), ++count;
+      all += squares, samples += count;
+      out.mean(j, s) = count > 0 ? squares / count : std::nan("");
+    }
+    out.rms(j) = std::sqrt(all / samples);
+  }
+  return out;
+}
+
+Comparison compared(const HeldOut& a, const HeldOut& b) {
+  const double change = (a.rms.array() / b.rms.array()).log().mean();
+  // Linearised: d log rms = d mean square / (2 rms^2), averaged over joints.
+  std::vector<double> own;
+  for (Index s = 0; s < a.mean.cols(); ++s) {
+    double sum = 0;
+    Index joints = 0;
+    for (Index j = 0; j < a.mean.rows(); ++j)
+      if (!std::isnan(a.mean(j, s)))
+        sum += (a.mean(j, s) / (a.rms(j) * a.rms(j)) - b.mean(j, s) / (b.rms(j) * b.rms(j))) / 2 + change, ++joints;
+    if (joints) own.push_back(sum / static_cast<double>(joints));
+  }
+  const auto n = static_cast<double>(own.size());
+  double mean = 0, squares = 0;
+  for (const double x : own) mean += x / n;
+  for (const double x : own) squares += (x - mean) * (x - mean);
+  return {.change = std::expm1(change), .sigma = n > 1 ? std::sqrt(squares / (n - 1) / n) : 0};
+}
+
+}  // namespace tribotwin::twin::identification

@@ -1,0 +1,47 @@
+#pragma once
+
+#include <span>
+#include <vector>
+
+#include <Eigen/Dense>
+
+#include <tribotwin/twin/identification/rigid_body/dynamics.hpp>
+
+/// Internal to this folder, not installed: how well dynamics predict samples that they were not fitted to.
+namespace tribotwin::twin::identification {
+
+/// A way to identify a robot's dynamics.
+struct Setting {
+  Preparation signals;
+  const friction::LawInfo* law = &coulomb_viscous();
+  Directional directional{.offset = true};
+  Robust robust = Robust::none;
+  bool rotor_inertia = true;
+  double prior = 0;  ///< as in DynamicsOptions
+};
+
+struct HeldOut {
+  Eigen::VectorXd rms;   ///< per joint [Nm; N], over the samples in motion
+  Eigen::MatrixXd mean;  ///< joints x stretches of time: mean squares
+};
+
+/// What errors are counted against: the same for every setting.
+struct Target {
+  JointMotion motion;  ///< torque with the widest band; `moving` says which samples count
+  std::vector<std::pair<Eigen::Index, Eigen::Index>> stretches;  ///< samples [first, second): units of comparison
+};
+
+/// Fits `motion` (of the same times as the target's) without each of `folds` parts in turn and predicts that part.
+/// ErrorKind::input where the fit fails.
+Result<HeldOut> held_out(const Regressor& regressor, const BaseParameters& base, const RobotFriction& friction,
+                         const JointMotion& motion, const Setting& setting, const Target& target, unsigned folds,
+                         unsigned threads);
+
+/// Geometric mean over joints of the ratio of errors, less 1; and its standard error from the variation between
+/// stretches of time. Below 0: `a` is better.
+struct Comparison {
+  double change = 0, sigma = 0;
+};
+Comparison compared(const HeldOut& a, const HeldOut& b);
+
+}  // namespace tribotwin::twin::identification

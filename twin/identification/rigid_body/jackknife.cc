@@ -1,0 +1,40 @@
+#include <tribotwin/twin/identification/rigid_body/jackknife.hpp>
+#include <tribotwin/twin/numerics/linear_algebra.hpp>
+#include <tribotwin/twin/numerics/median.hpp>
+
+namespace tribotwin::twin::identification {
+
+using Eigen::Index, Eigen::MatrixXd, Eigen::VectorXd;
+
+std::optional<Jackknife> jackknife(std::span<const MatrixXd> normal) {
+  constexpr double singular = 1e-12;
+  const Index n = normal.front().cols() - 1;
+  MatrixXd all = MatrixXd::Zero(n + 1, n + 1);
+  for (const MatrixXd& N : normal) all += N;
+  const VectorXd scale = all.diagonal().head(n).cwiseSqrt().cwiseInverse();
+  MatrixXd solutions(n, static_cast<Index>(normal.size()));
+  Index groups = 0;
+  for (const MatrixXd& N : normal) {
+    if (N.isZero(0)) continue;
+    const MatrixXd rest = scale.asDiagonal() * (all - N).topLeftCorner(n, n) * scale.asDiagonal();
+    const auto solution = symmetric_solution(rest, scale.cwiseProduct((all - N).col(n).head(n)), singular);
+    if (!solution) return std::nullopt;
+    solutions.col(groups++) = scale.cwiseProduct(*solution);
+  }
+  if (groups < 2) return std::nullopt;
+  const MatrixXd found = solutions.leftCols(groups);
+  const Eigen::ArrayXXd squares = (found.colwise() - VectorXd(found.rowwise().mean())).array().square();
+  const auto g = static_cast<double>(groups);
+  // Of normal errors the sum of fourth powers is three times what equal ones have.
+  const Eigen::ArrayXd freedom = 3 * squares.rowwise().sum().square() / squares.square().rowwise().sum() - 1;
+  return Jackknife{.variance = (g - 1) / g * squares.rowwise().sum(), .freedom = freedom.max(1).min(g - 1)};
+}
+
+Jackknife moderated(const Jackknife& known, const VectorXd& of_information) {
+  constexpr double common = 10;
+  const Eigen::ArrayXd multiple = known.variance.cwiseQuotient(of_information), d = known.freedom;
+  const double middle = median_of({multiple.begin(), multiple.end()});
+  return {.variance = of_information.array() * (common * middle + d * multiple) / (common + d), .freedom = d + common};
+}
+
+}  // namespace tribotwin::twin::identification
