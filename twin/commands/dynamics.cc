@@ -157,8 +157,9 @@ Result<Exit> execute(const Arguments& a) {
     choice = or_wrong_input(choose_dynamics(*robot.model, robot.regressor, robot.base, recordings, decided(a),
                                             torque_max_nm, a.threads, [&](double share) { progress(0.9 * share); }));
   for (const auto& t : choice.trials)
-    fmt::print("{:<40} {:>8.2f} % {:>6.2f} {} {}\n", t.what, 100 * t.change, 100 * t.sigma, t.taken ? "taken" : "",
-               t.failure);
+    if (!a.quiet && !a.json)
+      fmt::print(stderr, "{:<40} {:>8.2f} % {:>6.2f} {} {}\n", t.what, 100 * t.change, 100 * t.sigma,
+                 t.taken ? "taken" : "", t.failure);
   const Setting setting = automatic ? choice.setting : setting_of(a, *given);
   const friction::LawInfo& law = *setting.law;
   const auto friction = robot_friction(*robot.model, robot.regressor, law, setting.directional, torque_max_nm);
@@ -184,9 +185,13 @@ Result<Exit> execute(const Arguments& a) {
       nearest_consistent(robot.regressor, robot.base, fit->parameters.base, fit->information);
   if (!a.quiet)
     for (const auto& text : fit->notes) note("{}", text);
+  Preparation signals = setting.signals;
+  signals.cutoff_hz = motion.cutoff_hz;
+  const bool drives = static_cast<Index>(robot.model->drives().size()) >= robot.regressor.joints();
   if (a.output.named())
-    if (auto ok =
-            deliver(to_yaml(*fit, robot.base, law, robot.regressor, consistency, a.data, a.model, models), a.output);
+    if (auto ok = deliver(to_yaml(*fit, robot.base, law, robot.regressor, consistency,
+                                  {a.model, a.data, signals, drives ? std::vector<double>{} : torque_max_nm, models}),
+                          a.output);
         !ok)
       return ok;
   return deliver(a.json ? json_of(robot, *fit, consistency).dump(2) + "\n" : table_of(robot, *fit, consistency));

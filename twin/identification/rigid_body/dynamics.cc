@@ -73,7 +73,7 @@ double noise_of(const std::vector<double>& residual, Index parameters, Robust ro
 /// |measured - rigid| torque of a joint in motion, less its offset, as samples for its law, thinned.
 Samples friction_samples(const JointFriction& f, const DynamicsProblem& problem, const JointMotion& motion,
                          const MatrixXd& rigid, double offset, Index j) {
-  constexpr Index enough = 20000;
+  constexpr Index enough = 3000;  // for start values
   Samples samples;
   const Index every = std::max<Index>(1, motion.moving.row(j).count() / enough);
   Index seen = 0;
@@ -168,7 +168,7 @@ class Identification {
     if (prior_.size() == 0) return R;
     const Index n = R.cols() - 1;
     MatrixXd N = prior_normal();
-    N(n, n) = (of_model_ - now_.base).dot(prior_ * (of_model_ - now_.base)) + 1;
+    N(n, n) = (of_model_ - now_.base).dot(prior_ * (of_model_ - now_.base)) * (1 + 1e-6) + 1;
     TriangularFactor all(n + 1);
     all.add(R);
     all.add(triangular_root(N));
