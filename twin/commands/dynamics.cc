@@ -110,6 +110,58 @@ std::string table_of(const Robot& robot, const DynamicsFit& fit, const Consisten
   return s;
 }
 
+std::string words_of(const Setting& s) {
+  std::string text = fmt::format("friction {}", s.law->name);
+  if (s.directional.offset) text += ", offset";
+  if (s.directional.asymmetry) text += ", asymmetry";
+  if (s.signals.cutoff_hz > 0) text += fmt::format(", cut-off {:.3g} Hz", s.signals.cutoff_hz);
+  if (s.signals.recorded_velocity) text += ", recorded velocity";
+  if (s.robust != Robust::none) text += s.robust == Robust::huber ? ", huber" : ", tukey";
+  if (!s.rotor_inertia) text += ", no rotor inertias";
+  if (s.prior > 0) text += fmt::format(", prior of {:g} % about the model", 100 * s.prior);
+  return text;
+}
+
+/// What was tried, and what it did to the error of samples that the fit had not seen. Empty where nothing was tried.
+std::string table_of(const DynamicsChoice& choice) {
+  if (choice.trials.empty()) return {};
+  TextTable table{{TextTable::left("tried"), TextTable::right("held-out error"), TextTable::right("+-"),
+                   TextTable::left("verdict")}};
+  for (const Trial& t : choice.trials)
+    if (t.failure.empty())
+      table.add({t.what, &t == &choice.trials.front() ? "start" : fmt::format("{:+.2f} %", 100 * t.change),
+                 &t == &choice.trials.front() ? "" : fmt::format("{:.2f} %", 100 * t.sigma), t.taken ? "taken" : "no"});
+    else
+      table.add({t.what, "-", "", t.failure});
+  return table.text() +
+         fmt::format("chosen: {}; errors are those of {} {}, against torque up to {:.3g} Hz\n\n",
+                     words_of(choice.setting), choice.folds,
+                     choice.by_file ? "files, each left out in turn" : "stretches of time left out in turn",
+                     choice.target_hz);
+}
+
+Json json_of(const DynamicsChoice& choice) {
+  const Setting& s = choice.setting;
+  Json j{{"friction", s.law->name},
+         {"offset", s.directional.offset},
+         {"asymmetry", s.directional.asymmetry},
+         {"cutoff_hz", s.signals.cutoff_hz},
+         {"recorded_velocity", s.signals.recorded_velocity},
+         {"robust", s.robust == Robust::huber   ? "huber"
+                    : s.robust == Robust::tukey ? "tukey"
+                                                : "none"},
+         {"rotor_inertia", s.rotor_inertia},
+         {"prior", s.prior},
+         {"trials", Json::array()}};
+  for (const Trial& t : choice.trials)
+    j["trials"].push_back({{"what", t.what},
+                           {"change", number(t.change)},
+                           {"sigma", number(t.sigma)},
+                           {"taken", t.taken},
+                           {"failure", t.failure}});
+  return j;
+}
+
 /// Refuses fits that contradict the names of the columns.
 void doubt(const Arguments& a, const Robot& robot, const DynamicsFit& fit) {
   const auto where = fmt::format("{}{}", a.data.front(), a.data.size() > 1 ? " and others" : "");
@@ -160,29 +212,18 @@ std::vector<double> largest_torques(const std::vector<RobotRecording>& recording
   return out;
 }
 
-Result<Exit> execute(const Arguments& a) {
-  const bool automatic = a.friction == "auto";
-  const friction::LawInfo* const given = automatic ? nullptr : or_wrong_input(dynamics_law(a.friction, "--friction"));
-  const Robot robot = load_robot(a.model);
-  const auto recordings = read_recordings(robot, a.data, a.tables);
-  const std::vector<double> torque_max_nm = largest_torques(recordings);
-  Progress progress(a.quiet, "identifying");
-  DynamicsChoice choice;
-  if (automatic)
-    choice = or_wrong_input(choose_dynamics(*robot.model, robot.regressor, robot.base, recordings, decided(a),
-                                            torque_max_nm, a.threads, [&](double share) { progress(0.9 * share); }));
-  for (const auto& t : choice.trials)
-    fmt::print("{:<40} {:>8.2f} % {:>6.2f} {} {}\n", t.what, 100 * t.change, 100 * t.sigma, t.taken ? "taken" : "",
-               t.failure);
-  const Setting setting = automatic ? choice.setting : setting_of(a, *given);
-  const friction::LawInfo& law = *setting.law;
-  const auto friction = robot_friction(*robot.model, robot.regressor, law, setting.directional, torque_max_nm);
-  if (!friction) throw InputError(fmt::format("{}: {}", a.model, friction.error().message));
-  if (!a.thermal.empty() && !law.temperature_dependent)
-    throw InputError(
-        fmt::format("--thermal: friction '{}' does not depend on temperature; --friction polynomial does", law.name));
-  const auto models = a.thermal.empty() ? std::vector<thermal::Model>{} : thermal_models(a.thermal, robot.regressor);
-  JointMotion motion = or_wrong_input(prepare(recordings, robot.regressor, setting.signals));
+/// By the held-out error, where the options leave that open.
+DynamicsChoice choice_of(const Arguments& a, const Robot& robot, const std::vector<RobotRecording>& recordings,
+                         std::span<const double> torque_max_nm, Progress& progress) {
+  if (a.friction == "auto")
+    return or_wrong_input(choose_dynamics(*robot.model, robot.regressor, robot.base, recordings, decided(a),
+                                          torque_max_nm, a.threads, [&](double share) { progress(0.9 * share); }));
+  return {.setting = setting_of(a, *or_wrong_input(dynamics_law(a.friction, "--friction"))), .trials = {}, .notes = {}};
+}
+
+Result<DynamicsFit> fit_of(const Arguments& a, const Robot& robot, const Setting& setting,
+                           const RobotFriction& friction, std::span<const thermal::Model> models, JointMotion& motion,
+                           Progress& progress) {
   const DynamicsOptions options{.robust = setting.robust,
                                 .weigh = !a.unweighted,
                                 .rotor_inertia = setting.rotor_inertia,
@@ -190,9 +231,36 @@ Result<Exit> execute(const Arguments& a) {
                                 .essential_only = a.essential,
                                 .threads = a.threads,
                                 .progress = [&](double share) { progress(share); }};
-  auto fit = models.empty() || motion.has_temperature
-                 ? fit_dynamics(robot.regressor, robot.base, *friction, motion, options)
-                 : fit_warming_dynamics(robot.regressor, robot.base, *friction, models, motion, options);
+  if (models.empty() || motion.has_temperature)
+    return fit_dynamics(robot.regressor, robot.base, friction, motion, options);
+  return fit_warming_dynamics(robot.regressor, robot.base, friction, models, motion, options);
+}
+
+/// What PARAMS.yaml says of the data beside the numbers.
+DynamicsOrigin origin_of(const Arguments& a, const Robot& robot, const Setting& setting, const JointMotion& motion,
+                         const std::vector<double>& torque_max_nm, const std::vector<thermal::Model>& models) {
+  DynamicsOrigin origin{
+      .model = a.model, .data = a.data, .signals = setting.signals, .torque_max_nm = {}, .thermal = models};
+  origin.signals.cutoff_hz = motion.cutoff_hz;
+  if (static_cast<Index>(robot.model->drives().size()) < robot.regressor.joints()) origin.torque_max_nm = torque_max_nm;
+  return origin;
+}
+
+Result<Exit> execute(const Arguments& a) {
+  const Robot robot = load_robot(a.model);
+  const auto recordings = read_recordings(robot, a.data, a.tables, a.quiet);
+  const std::vector<double> torque_max_nm = largest_torques(recordings);
+  Progress progress(a.quiet, "identifying");
+  const DynamicsChoice choice = choice_of(a, robot, recordings, torque_max_nm, progress);
+  const friction::LawInfo& law = *choice.setting.law;
+  const auto friction = robot_friction(*robot.model, robot.regressor, law, choice.setting.directional, torque_max_nm);
+  if (!friction) throw InputError(fmt::format("{}: {}", a.model, friction.error().message));
+  if (!a.thermal.empty() && !law.temperature_dependent)
+    throw InputError(
+        fmt::format("--thermal: friction '{}' does not depend on temperature; --friction polynomial does", law.name));
+  const auto models = a.thermal.empty() ? std::vector<thermal::Model>{} : thermal_models(a.thermal, robot.regressor);
+  JointMotion motion = prepared(robot, recordings, choice.setting.signals, a.quiet);
+  auto fit = fit_of(a, robot, choice.setting, *friction, models, motion, progress);
   if (!fit) throw InputError(fmt::format("{}: {}", a.data.front(), fit.error().message));
   std::ranges::move(doubtful_gravity(robot.regressor, motion), std::back_inserter(fit->notes));
   doubt(a, robot, *fit);
@@ -201,11 +269,17 @@ Result<Exit> execute(const Arguments& a) {
   const Consistency consistency =
       nearest_consistent(robot.regressor, robot.base, fit->parameters.base, fit->information);
   if (a.output.named())
-    if (auto ok =
-            deliver(to_yaml(*fit, robot.base, law, robot.regressor, consistency, a.data, a.model, models), a.output);
+    if (auto ok = deliver(to_yaml(*fit, robot.base, law, robot.regressor, consistency,
+                                  origin_of(a, robot, choice.setting, motion, torque_max_nm, models)),
+                          a.output);
         !ok)
       return ok;
-  return deliver(a.json ? json_of(robot, *fit, consistency).dump(2) + "\n" : table_of(robot, *fit, consistency));
+  if (a.json) {
+    Json j = json_of(robot, *fit, consistency);
+    j["choice"] = json_of(choice);
+    return deliver(j.dump(2) + "\n");
+  }
+  return deliver(table_of(choice) + table_of(robot, *fit, consistency));
 }
 
 }  // namespace

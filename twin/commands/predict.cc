@@ -115,9 +115,13 @@ std::string wrench_csv_of(const JointMotion& motion, const Eigen::MatrixXd& wren
 Result<Exit> execute(const Arguments& a) {
   const Robot robot = load_robot(a.model);
   const auto file = or_wrong_input(read_dynamics(a.parameters, robot.regressor, robot.base));
-  const auto friction = robot_friction(*robot.model, robot.regressor, *file.law, file.directional);
+  const auto friction = robot_friction(*robot.model, robot.regressor, *file.law, file.directional, file.torque_max_nm);
   if (!friction) throw InputError(fmt::format("{}: {}", a.model, friction.error().message));
-  JointMotion motion = read_motion(robot, a.data, a.preparation, a.tables, a.quiet);
+  Preparation preparation = a.preparation;
+  if (preparation.cutoff_hz == 0) preparation.cutoff_hz = file.signals.cutoff_hz;
+  preparation.recorded_velocity = file.signals.recorded_velocity;
+  preparation.reversal_periods = file.signals.reversal_periods;
+  JointMotion motion = read_motion(robot, a.data, preparation, a.tables, a.quiet);
   const bool unknown = file.law->temperature_dependent && !motion.has_temperature,
              estimated = unknown && !file.thermal.empty();
   if (!a.start_degC.empty() && !estimated)

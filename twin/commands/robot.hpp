@@ -34,8 +34,7 @@ std::vector<identification::RobotRecording> read_recordings(const Robot& robot, 
 
 /// Prepares recordings; prints notes on them, sizes that the model's actuators contradict among these, unless `quiet`.
 /// Throws InputError.
-identification::JointMotion prepared(const Robot& robot,
-                                     const std::vector<identification::RobotRecording>& recordings,
+identification::JointMotion prepared(const Robot& robot, const std::vector<identification::RobotRecording>& recordings,
                                      const identification::Preparation& preparation, bool quiet);
 
 /// Both.

@@ -11,7 +11,7 @@ namespace {
 using Eigen::Index, Eigen::VectorXd;
 
 /// Cut-offs as shares of the widest, widest first.
-constexpr double narrower[] = {0.7, 0.5, 0.35, 0.25, 0.175};
+constexpr double narrower[] = {0.7, 0.5, 0.35, 0.25};
 /// Settings that better the error by less are not worth their complexity.
 constexpr double least_gain = 0.002;
 constexpr unsigned most_folds = 10, folds_of_time = 6;
@@ -120,6 +120,9 @@ class Chooser {
     if (!found) {
       trial.failure = found.error().message;
       trial.change = std::nan("");
+    } else if (!found->rms.allFinite()) {
+      trial.failure = "no finite prediction";
+      trial.change = std::nan("");
     } else {
       const Comparison c = compared(*found, best_);
       trial.change = c.change, trial.sigma = c.sigma, trial.rms = found->rms;
@@ -137,7 +140,7 @@ class Chooser {
   bool attempt_signals(std::string what, const Preparation& signals) {
     auto motion = prepare(recordings_, regressor_, signals);
     if (!motion) return false;
-    motion->moving = target_.motion.moving;  // the same samples, so that errors compare
+    motion->moving = motion->moving || target_.motion.moving;  // errors are compared over the target's
     Setting s = out_.setting;
     s.signals = signals;
     return attempt(std::move(what), s, *motion);
@@ -154,6 +157,15 @@ class Chooser {
 
   void choose_signals() {
     choose_cutoff();
+    choose_velocity();
+    for (const double periods : {1.0, 0.5}) {
+      Preparation signals = out_.setting.signals;
+      signals.reversal_periods = periods;
+      attempt_signals(fmt::format("samples from {:g} periods of it off reversals", periods), signals);
+    }
+  }
+
+  void choose_velocity() {
     if (!std::ranges::all_of(recordings_, [](const auto& r) { return r.velocity.size() > 0; })) return;
     Preparation signals = out_.setting.signals;
     signals.recorded_velocity = true;

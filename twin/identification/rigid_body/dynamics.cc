@@ -74,7 +74,7 @@ double noise_of(const std::vector<double>& residual, Index parameters, Robust ro
 /// |measured - rigid| torque of a joint in motion, less its offset, as samples for its law, thinned.
 Samples friction_samples(const JointFriction& f, const DynamicsProblem& problem, const JointMotion& motion,
                          const MatrixXd& rigid, double offset, Index j) {
-  constexpr Index enough = 20000;
+  constexpr Index enough = 3000;  // for start values
   Samples samples;
   const Index every = std::max<Index>(1, motion.moving.row(j).count() / enough);
   Index seen = 0;
@@ -174,7 +174,7 @@ class Identification {
     if (prior_.size() == 0) return R;
     const Index n = R.cols() - 1;
     MatrixXd N = prior_normal();
-    N(n, n) = (of_model_ - now_.base).dot(prior_ * (of_model_ - now_.base)) + 1;
+    N(n, n) = (of_model_ - now_.base).dot(prior_ * (of_model_ - now_.base)) * (1 + 1e-6) + 1;
     TriangularFactor all(n + 1);
     all.add(R);
     all.add(triangular_root(N));
@@ -513,9 +513,9 @@ class Identification {
       for (Index p = 0; p < friction_[static_cast<std::size_t>(j)].size(); ++p) {
         const auto& info = friction_[static_cast<std::size_t>(j)].parameter(p);
         // Motor-side parameters have the motor's units, whatever the joint does.
-        const bool slide = regressor_.is_slide(j) && (p >= friction_[static_cast<std::size_t>(j)].law_size() ||
-                                                      friction_[static_cast<std::size_t>(j)].law().side ==
-                                                          friction::Side::arm);
+        const bool slide =
+            regressor_.is_slide(j) && (p >= friction_[static_cast<std::size_t>(j)].law_size() ||
+                                       friction_[static_cast<std::size_t>(j)].law().side == friction::Side::arm);
         of_joint.push_back(estimate(problem_.friction_at(j, p), std::string(info.name), unit_of(info.unit, slide),
                                     now_.friction[static_cast<std::size_t>(j)][static_cast<std::size_t>(p)]));
       }

@@ -30,9 +30,9 @@ enum class Robust {
 
 struct DynamicsOptions {
   Robust robust = Robust::none;
-  bool weigh = true;            ///< joints by their noise
-  bool rotor_inertia = true;    ///< false: base parameters that are a rotor inertia alone are 0, as of torques that were
-                                ///< measured behind the gear
+  bool weigh = true;          ///< joints by their noise
+  bool rotor_inertia = true;  ///< false: base parameters that are a rotor inertia alone are 0, as of torques that were
+                              ///< measured behind the gear
   double prior = 0;  ///< standard deviation of the bodies' inertial parameters about the model's, as a share of their
                      ///< size (inertial_scale); 0: none
   bool essential_only = false;  ///< base parameters that do not improve the fit are 0: backward elimination while F < 4
@@ -42,8 +42,8 @@ struct DynamicsOptions {
   std::function<void(double share)> progress;
 };
 
-/// The size of every inertial parameter of the model, in the order of the regressor: of a body with mass m and radius of
-/// gyration r its m, m r and m r^2; a rotor's own inertia. Bodies without mass count as a hundredth of the heaviest.
+/// The size of every inertial parameter of the model, in the order of the regressor: of a body with mass m and radius
+/// of gyration r its m, m r and m r^2; a rotor's own inertia. Bodies without mass count as a hundredth of the heaviest.
 Eigen::VectorXd inertial_scale(const Regressor& regressor);
 
 struct JointResult {
@@ -61,13 +61,13 @@ struct DynamicsFit {
   RobotParameters parameters;                   ///< the values of both
   Eigen::MatrixXd information;  ///< of beta with free friction: inverse of its covariance; rows of 0 where held
   std::vector<JointResult> joints;
-  double relative_error = 0;      ///< |residual| / |torque| over all joints and samples in motion
-  double condition_number = 0;    ///< of the weighted regressor with unit columns
-  double between_files = 1;       ///< variation of estimates between files / that between blocks of time, >= 1; sigmas
-                                  ///< contain it. 1 with fewer than three files
-  /// Where folds were asked for: the torque [Nm; N] that the samples of the other folds foretell for each sample, joints
-  /// x samples. Linearised about the parameters of all, which is exact for friction linear in its parameters; what the
-  /// other folds do not tell is as in the model.
+  double relative_error = 0;    ///< |residual| / |torque| over all joints and samples in motion
+  double condition_number = 0;  ///< of the weighted regressor with unit columns
+  double between_files = 1;     ///< variation of estimates between files / that between blocks of time, >= 1; sigmas
+                                ///< contain it. 1 with fewer than three files
+  /// Where folds were asked for: the torque [Nm; N] that the samples of the other folds foretell for each sample,
+  /// joints x samples. Linearised about the parameters of all, which is exact for friction linear in its parameters;
+  /// what the other folds do not tell is as in the model.
   Eigen::MatrixXd held_out;
   std::vector<std::string> notes;
 };

@@ -14,13 +14,23 @@ namespace tribotwin::twin::identification {
 using Eigen::Index;
 
 std::string to_yaml(const DynamicsFit& fit, const BaseParameters& base, const friction::LawInfo& law,
-                    const Regressor& regressor, const Consistency& consistency, const std::vector<std::string>& data,
-                    const std::string& model, std::span<const thermal::Model> thermal) {
+                    const Regressor& regressor, const Consistency& consistency, const DynamicsOrigin& origin) {
+  const auto& thermal = origin.thermal;
   YAML::Emitter out;
   out.SetDoublePrecision(17);
-  out << YAML::BeginMap << YAML::Key << "model" << YAML::Value << model << YAML::Key << "data" << YAML::Value
-      << YAML::Flow << data;
+  out << YAML::BeginMap << YAML::Key << "model" << YAML::Value << origin.model << YAML::Key << "data" << YAML::Value
+      << YAML::Flow << origin.data;
   out << YAML::Key << "friction_law" << YAML::Value << std::string(law.name);
+  out << YAML::Key << "signals" << YAML::Value << YAML::Flow << YAML::BeginMap << YAML::Key << "cutoff_hz"
+      << YAML::Value << origin.signals.cutoff_hz << YAML::Key << "recorded_velocity" << YAML::Value
+      << origin.signals.recorded_velocity << YAML::Key << "reversal_periods" << YAML::Value
+      << origin.signals.reversal_periods << YAML::EndMap;
+  if (!origin.torque_max_nm.empty()) {
+    out << YAML::Key << "torque_max_nm" << YAML::Value << YAML::Flow << YAML::BeginMap;
+    for (std::size_t j = 0; j < fit.joints.size(); ++j)
+      out << YAML::Key << fit.joints[j].name << YAML::Value << origin.torque_max_nm[j];
+    out << YAML::EndMap;
+  }
   out << YAML::Key << "relative_error" << YAML::Value << fit.relative_error << YAML::Key << "condition_number"
       << YAML::Value << fit.condition_number;
   out << YAML::Key << "base_parameters" << YAML::Value << YAML::BeginMap;
@@ -69,8 +79,9 @@ Result<DynamicsFile> read_dynamics(const std::filesystem::path& file, const Regr
   const YAML::Node root = load_yaml(file);
   refuse_other_kind(root, file.string(), "tribotwin dynamics");
   Mapping in(file.string(), "", root);
-  in.accept({"model", "data", "friction_law", "relative_error", "condition_number", "base_parameters", "friction",
-             "thermal", "noise", "physically_possible", "distance_sigma", "nearest_consistent"});
+  in.accept({"model", "data", "friction_law", "signals", "torque_max_nm", "relative_error", "condition_number",
+             "base_parameters", "friction", "thermal", "noise", "physically_possible", "distance_sigma",
+             "nearest_consistent"});
   DynamicsFile out;
   out.law = or_wrong_input(dynamics_law(in.text("friction_law"), file.string() + ": friction_law"));
   auto parameters = in.mapping("base_parameters");
@@ -96,6 +107,15 @@ Result<DynamicsFile> read_dynamics(const std::filesystem::path& file, const Regr
     joint->done();
   }
   friction->done();
+  if (auto signals = in.mapping("signals")) {
+    out.signals.cutoff_hz = signals->number("cutoff_hz", {0, 1e6});
+    out.signals.recorded_velocity = signals->flag_or("recorded_velocity", false);
+    out.signals.reversal_periods = signals->number_or("reversal_periods", out.signals.reversal_periods, {0, 100});
+    signals->done();
+  }
+  if (auto largest = in.mapping("torque_max_nm"))
+    for (Index j = 0; j < regressor.joints(); ++j)
+      out.torque_max_nm.push_back(largest->number(regressor.joint_name(j), {1e-9, 1e9}));
   if (auto thermal = in.mapping("thermal")) {
     for (Index j = 0; j < regressor.joints(); ++j) {
       auto joint = thermal->mapping(regressor.joint_name(j));

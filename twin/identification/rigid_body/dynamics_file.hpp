@@ -12,15 +12,24 @@
 /// PARAMS.yaml of a whole robot: its base parameters and the friction of its joints, with their uncertainties.
 namespace tribotwin::twin::identification {
 
-/// `thermal`: one per joint, or none.
+/// What a fit was made from, beside its numbers.
+struct DynamicsOrigin {
+  std::string model;
+  std::vector<std::string> data;
+  Preparation signals;                  ///< cut-off and source of speeds; predictions take the same
+  std::vector<double> torque_max_nm;    ///< per joint, as for robot_friction; empty: of the model's drives
+  std::vector<thermal::Model> thermal;  ///< per joint, or none
+};
+
 std::string to_yaml(const DynamicsFit& fit, const BaseParameters& base, const friction::LawInfo& law,
-                    const Regressor& regressor, const Consistency& consistency, const std::vector<std::string>& data,
-                    const std::string& model, std::span<const thermal::Model> thermal = {});
+                    const Regressor& regressor, const Consistency& consistency, const DynamicsOrigin& origin);
 
 struct DynamicsFile {
   const friction::LawInfo* law = nullptr;
   Directional directional;
   RobotParameters parameters;
+  Preparation signals;                  ///< of the fit
+  std::vector<double> torque_max_nm;    ///< per joint; empty: of the model's drives
   std::vector<thermal::Model> thermal;  ///< per joint; empty: not known
 };
 

@@ -15,9 +15,6 @@ using Eigen::Index, Eigen::MatrixXd, Eigen::VectorXd;
 
 /// Below this share of its largest speed a joint may stick: no sliding friction.
 constexpr double slow = 0.01;
-/// Periods of the cut-off for which the filtered step of Coulomb friction rings after a reversal, to a thousandth of
-/// it.
-constexpr double ringing = 2;
 
 struct Stretch {
   std::size_t first, last;  ///< inclusive
@@ -88,7 +85,7 @@ Sampling sampling_of(const RobotRecording& rec, std::vector<std::string>& notes)
 /// How a stretch is filtered and decimated.
 struct Filtering {
   double period_s, rate_hz, cutoff_hz;
-  double settling_hz;
+  double settling_hz, reversal_periods;
   Index every;  ///< samples per kept one
   Index edge;   ///< samples left out at either end: filter transients and the ends of central differences
 };
@@ -108,7 +105,13 @@ Result<Filtering> filtering_of(const RobotRecording& rec, const Stretch& s, cons
   const Index every = preparation.decimation
                           ? preparation.decimation
                           : std::max<Index>(1, static_cast<Index>(std::floor(rate / (5 * widest) + 1e-6)));
-  return Filtering{period, rate, cutoff, settling, every, static_cast<Index>(std::ceil(0.5 * rate / settling)) + 1};
+  return Filtering{period,
+                   rate,
+                   cutoff,
+                   settling,
+                   preparation.reversal_periods,
+                   every,
+                   static_cast<Index>(std::ceil(0.5 * rate / settling)) + 1};
 }
 
 /// A prepared stretch.
@@ -141,7 +144,8 @@ Part part_of(const RobotRecording& rec, std::size_t file, const Stretch& s, cons
   const Index n = rec.position.rows();
   Part part{.file = file,
             .edge_s = static_cast<double>(f.edge) * f.period_s,
-            .guard = static_cast<Index>(std::ceil(ringing * f.rate_hz / f.settling_hz / static_cast<double>(f.every)))};
+            .guard = static_cast<Index>(
+                std::ceil(f.reversal_periods * f.rate_hz / f.settling_hz / static_cast<double>(f.every)))};
   Index count = 0;
   for (Index j = 0; j < n; ++j) {
     const JointSamples x = samples_of(rec, j, s, f, regular, thermal, recorded_velocity);

@@ -22,6 +22,10 @@ struct Preparation {
   /// Samples of several cut-offs at the same times: as many as the widest of them needs, without the ends and reversals
   /// in which the narrowest rings. 0: the cut-off's own.
   double widest_hz = 0, narrowest_hz = 0;
+  /// Periods of the cut-off that are left out before and after a reversal. The filtered step of Coulomb friction rings
+  /// for 2 of them, to a thousandth of it; short recordings may need the samples more than they suffer from the
+  /// ringing.
+  double reversal_periods = 2;
 };
 
 /// Equidistant, filtered samples of motion; joints x samples.
