@@ -21,13 +21,10 @@ std::string_view name_of(Robust robust) {
   return robust == Robust::huber ? "huber" : robust == Robust::tukey ? "tukey" : "none";
 }
 
-/// Laws to try, simple ones first: those whose inputs the recordings have.
-std::vector<const friction::LawInfo*> laws_to_try(bool has_temperature) {
-  std::vector<const friction::LawInfo*> out;
-  for (const auto& law : friction::laws())
-    if (has_temperature || !law.temperature_dependent || law.name == "polynomial") out.push_back(&law);
-  std::ranges::stable_sort(out, {}, [](const auto* law) { return law->parameters.size(); });
-  return out;
+/// Laws to try beside coulomb_viscous, simple ones first. Those with more numbers than a motion of the whole robot
+/// tells apart (extended, steady_state, ...) are for friction curves, or for those who ask for them.
+std::vector<const friction::LawInfo*> laws_to_try() {
+  return {&coulomb_viscous_load(), friction::find_law("stribeck"), friction::find_law("polynomial")};
 }
 
 class Chooser {
@@ -111,7 +108,7 @@ class Chooser {
     return held_out(regressor_, base_, *friction, motion, s, target_, out_.folds, threads_);
   }
 
-  /// Takes the setting where it is better by more than its standard error.
+  /// Takes the setting where it is better by more than twice its standard error.
   bool attempt(std::string what, const Setting& setting, const JointMotion& motion) {
     ++done_;
     if (progress_) progress_(std::min(0.99, done_ / 30.0));
@@ -126,7 +123,7 @@ class Chooser {
     } else {
       const Comparison c = compared(*found, best_);
       trial.change = c.change, trial.sigma = c.sigma, trial.rms = found->rms;
-      trial.taken = c.change < -std::max(least_gain, c.sigma);
+      trial.taken = c.change < -std::max(least_gain, 2 * c.sigma);
     }
     if (trial.taken) {
       best_ = *found;
@@ -180,7 +177,7 @@ class Chooser {
 
   void choose_friction() {
     if (!decided_.law)
-      for (const auto* law : laws_to_try(target_.motion.has_temperature))
+      for (const auto* law : laws_to_try())
         attempt_with(fmt::format("friction {}", law->name), [&](Setting& s) { s.law = law; });
     if (!decided_.asymmetry) attempt_with("asymmetry", [](Setting& s) { s.directional.asymmetry = true; });
     if (!decided_.robust)

@@ -11,8 +11,8 @@
 
 /// Chooses how to identify a robot's dynamics by what predicts best: signals, friction, outliers, rotor inertias and a
 /// prior, one after the other, each by the error of samples that the fit has not seen (files where there are three or
-/// more, else stretches of time). A setting replaces a simpler one only where its error is smaller by more than its
-/// standard error.
+/// more, else stretches of time). A setting replaces a simpler one only where its error is smaller by more than twice
+/// its standard error.
 namespace tribotwin::twin::identification {
 
 /// What the user decided; the rest is chosen.

@@ -15,6 +15,11 @@ constexpr friction::Parameter coulomb_viscous_parameters[] = {
     {"Fc", "Nm", -1e9, 1e9, none, none, "Coulomb friction"},
     {"Fv", "Nm s/rad", -1e9, 1e9, none, none, "viscous slope"},
 };
+constexpr friction::Parameter coulomb_viscous_load_parameters[] = {
+    {"Fc", "Nm", -1e9, 1e9, none, none, "Coulomb friction without load"},
+    {"Fv", "Nm s/rad", -1e9, 1e9, none, none, "viscous slope"},
+    {"Fcl", "Nm", -1e9, 1e9, none, none, "growth of Coulomb friction per load / torque_max"},
+};
 constexpr friction::Parameter offset_parameter{
     offset_name, "Nm", -1e9, 1e9, none, none, "of the torque, whatever the speed"};
 constexpr friction::Parameter asymmetry_parameter{
@@ -39,9 +44,23 @@ constexpr friction::LawInfo coulomb_viscous_law{
     .general_law = [](std::span<const double> p) { return friction::GeneralLaw{.A = p[0], .F1 = p[1]}; },
     .conflict = nullptr};
 
+constexpr friction::LawInfo coulomb_viscous_load_law{
+    .name = "coulomb_viscous_load",
+    .equation = "(Fc + Fcl l) sgn v + Fv v",
+    .source = "Hao 2021 with the load term of Bittencourt 2012 (M1)",
+    .side = friction::Side::arm,
+    .normalised = false,
+    .temperature_dependent = false,
+    .load_dependent = true,
+    .identified = {},
+    .parameters = coulomb_viscous_load_parameters,
+    .general_law = [](std::span<const double> p) { return friction::GeneralLaw{.A = p[0], .A_l = p[2], .F1 = p[1]}; },
+    .conflict = nullptr};
+
 }  // namespace
 
 const friction::LawInfo& coulomb_viscous() { return coulomb_viscous_law; }
+const friction::LawInfo& coulomb_viscous_load() { return coulomb_viscous_load_law; }
 
 JointFriction::JointFriction(const friction::LawInfo& law, Scales scales, Directional directional)
     : law_(&law), scales_(scales), directional_(directional), place_(law) {}

@@ -15,6 +15,9 @@ namespace tribotwin::twin::identification {
 /// Coulomb and viscous friction, Fc sgn(v) + Fv v [Nm; N], v of the joint: linear in all parameters. Not a law of
 /// drives.
 const friction::LawInfo& coulomb_viscous();
+/// The same with Coulomb friction that grows with the load l = |tau| / torque_max that the gear transmits,
+/// (Fc + Fcl l) sgn(v) + Fv v; also linear and not a law of drives.
+const friction::LawInfo& coulomb_viscous_load();
 
 /// What a joint has beside its law f: tau = sgn(v) f(|v|, l, T) (1 + asymmetry sgn(v)) + offset.
 struct Directional {
@@ -44,7 +47,10 @@ class JointFriction {
   Eigen::Index law_size() const { return static_cast<Eigen::Index>(law_->parameters.size()); }
   const friction::Parameter& parameter(Eigen::Index index) const;
   /// Whether friction is linear in its parameters.
-  bool linear() const { return law_ == &coulomb_viscous() && !directional_.asymmetry; }
+  bool linear() const { return is_linear(*law_) && !directional_.asymmetry; }
+  static bool is_linear(const friction::LawInfo& law) {
+    return &law == &coulomb_viscous() || &law == &coulomb_viscous_load();
+  }
   /// The offset in `parameters`; 0 without one.
   double offset(std::span<const double> parameters) const {
     return directional_.offset ? parameters[static_cast<std::size_t>(law_size())] : 0;

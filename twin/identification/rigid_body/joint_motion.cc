@@ -58,13 +58,16 @@ struct Sampling {
   bool regular() const { return uneven == 0; }
 };
 
-Sampling sampling_of(const RobotRecording& rec, std::vector<std::string>& notes) {
+/// A hole in time that is short against the period of the cut-off is no gap: interpolation crosses it.
+Sampling sampling_of(const RobotRecording& rec, const Preparation& preparation, std::vector<std::string>& notes) {
   const auto& time = rec.time_s;
   std::vector<double> steps;
   for (std::size_t i = 1; i < time.size(); ++i) steps.push_back(time[i] - time[i - 1]);
   Sampling s{.typical_s = median_of(steps)};
+  const double cutoff = preparation.cutoff_hz > 0 ? preparation.cutoff_hz : std::min(20.0, 0.2 / s.typical_s);
+  const double longest_s = std::max(gap_steps * s.typical_s, 0.25 / cutoff);
   for (std::size_t i = 1; i < time.size(); ++i) {
-    if (steps[i - 1] > gap_steps * s.typical_s) {
+    if (steps[i - 1] > longest_s) {
       s.stretches.push_back({i, i});
       ++s.gaps;
     } else {
@@ -173,7 +176,7 @@ Part part_of(const RobotRecording& rec, std::size_t file, const Stretch& s, cons
 Result<void> add_parts(const RobotRecording& rec, std::size_t file, const Preparation& preparation, JointMotion& out,
                        std::vector<Part>& parts) {
   out.notes.insert(out.notes.end(), rec.notes.begin(), rec.notes.end());
-  const Sampling sampling = sampling_of(rec, out.notes);
+  const Sampling sampling = sampling_of(rec, preparation, out.notes);
   bool used = false;
   for (const Stretch& s : sampling.stretches) {
     if (rec.time_s[s.last] - rec.time_s[s.first] < 1 || s.last - s.first < 20) continue;
