@@ -116,6 +116,8 @@ Result<Exit> of_parameters(const Arguments& a, const std::vector<double>& speeds
   drive.law = file.law;
   drive.torque_max_nm = file.torque_max_nm > 0 ? file.torque_max_nm : 1;
   drive.gear_ratio = file.gear_ratio > 0 ? file.gear_ratio : 1;
+  drive.asymmetry = file.asymmetry;
+  drive.offset_nm = file.offset * drive.torque_scale_nm();
   if (!(file.torque_max_nm > 0) && !a.quiet)
     note("{}: holds no torque_max_nm; {} is that of 1 Nm", a.model,
          file.law.info->normalised ? "friction_nm" : "friction_norm");
