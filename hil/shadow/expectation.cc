@@ -44,8 +44,11 @@ void Expectation::expect(std::size_t i, double dt_s) {
   const double friction =
       mujoco::friction_nm(b.drive, slides ? speed : 0, load / b.drive.torque_max_nm, temperature_degC(i));
   drive.rigid_nm = load + model_->dof_armature[b.dof] * d->qacc[b.dof];
-  drive.low_nm = slides && speed > 0 ? friction : -friction;
-  drive.high_nm = slides && speed < 0 ? -friction : friction;
+  const auto held = [&](double direction) {  // of the level at rest, which is that of the stronger direction
+    return friction * drive::direction_factor(b.drive, direction) / drive::direction_factor(b.drive, 0);
+  };
+  drive.low_nm = (slides ? std::copysign(friction, speed) : -held(-1)) + b.drive.offset_nm;
+  drive.high_nm = (slides ? std::copysign(friction, speed) : held(1)) + b.drive.offset_nm;
   thermal::step(b.drive.thermal, thermal::decay(b.drive.thermal, dt_s), slides ? friction * std::abs(speed) : 0,
                 drive.ambient_offset_K, drive.rise);
 }

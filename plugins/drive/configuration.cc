@@ -36,7 +36,7 @@ std::optional<std::string> bristles_that_push(const Drive& drive) {
   for (const double T : {range.temperature_min_degC, range.temperature_max_degC, drive.thermal.T_amb_degC}) {
     const auto at = friction::at_temperature(drive.law, std::isfinite(T) ? T : drive.thermal.T_amb_degC);
     for (const double w : {0.0, 0.1, 0.3, 0.7, 1.0, 1.5}) {
-      const auto level = drive::level(drive, at, w * drive.bristles.vd, 0);
+      const auto level = drive::level(drive, at, std::copysign(w * drive.bristles.vd, -drive.asymmetry), 0);
       g = std::min(g, level.weakening + std::min(level.strengthening, 0.0));
     }
   }
@@ -60,7 +60,7 @@ std::optional<std::string> self_locking(const Drive& drive) {
                                               (table.loads[column] - table.loads[column - 1]));
   if (!drive.law.info->load_dependent && table_slope == 0) return std::nullopt;
   const double per_load_nm = drive.torque_scale_nm() * (friction::growth_with_load(drive.law) + table_slope);
-  const double gain = per_load_nm / drive.torque_max_nm;
+  const double gain = per_load_nm / drive.torque_max_nm * (1 + std::abs(drive.asymmetry));
   if (gain < 1) return std::nullopt;
   return fmt::format(
       "law '{}': friction grows by {} Nm per Nm of load at standstill; at 1 or more the gear would lock itself for "
@@ -179,6 +179,8 @@ Result<void> Reader::read_numbers() {
   drive_.gear_ratio = *numbers["gear_ratio"];
   drive_.brake_torque_nm = numbers["brake_torque_nm"].value_or(0);
   drive_.load_filter_s = numbers["load_filter_s"].value_or(0);
+  drive_.asymmetry = numbers["asymmetry"].value_or(0);
+  drive_.offset_nm = numbers["offset_nm"].value_or(0);
   drive_.kp_nm_rad = numbers["kp"].value_or(0);
   drive_.kv_nm_s_rad = numbers["kv"].value_or(0);
   const bool servo = drive_.control == Control::position;
@@ -254,11 +256,11 @@ Result<void> Reader::check_dynamics() const {
     if (const auto wrong = bristles_that_push(drive_)) return tl::unexpected(*wrong);
   if (drive_.dynamics == Dynamics::gear_loss) {
     const auto& [mu_avg, mu_dif, length_rad] = drive_.gear_loss;
-    if (std::abs(mu_dif) > mu_avg || mu_avg + std::abs(mu_dif) >= 1)
+    if (std::abs(mu_dif) > mu_avg || (mu_avg + std::abs(mu_dif)) * (1 + std::abs(drive_.asymmetry)) >= 1)
       return tl::unexpected(fmt::format(
           "friction 'gear_loss': mu_avg {}, mu_dif {} must keep |mu_dif| <= mu_avg (friction opposes motion) "
-          "and mu_avg + |mu_dif| < 1 (the gear does not lock itself)",
-          mu_avg, mu_dif));
+          "and {} < 1 (the gear does not lock itself)",
+          mu_avg, mu_dif, drive_.asymmetry == 0 ? "mu_avg + |mu_dif|" : "(mu_avg + |mu_dif|) (1 + |asymmetry|)"));
   }
   return {};
 }
@@ -349,6 +351,8 @@ Configuration configuration_of(const Drive& drive) {
   for (std::size_t i = 0; i < values.size(); ++i) add(model.parameters[i].name, values[i]);
   add("brake_torque_nm", drive.brake_torque_nm);
   add("load_filter_s", drive.load_filter_s);
+  if (drive.asymmetry != 0) add("asymmetry", drive.asymmetry);
+  if (drive.offset_nm != 0) add("offset_nm", drive.offset_nm);
   if (drive.control == Control::position) {
     c.emplace_back("control", "position");
     add("kp", drive.kp_nm_rad);

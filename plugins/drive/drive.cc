@@ -29,10 +29,15 @@ double ripple(const Drive& drive, const Workspace& s) {
   return s.faults.ripple == 0 ? 1 : 1 + s.faults.ripple * std::cos(drive.gear_ratio * s.q_begin_rad);
 }
 
-/// Maximum of sigma0 z at this load and temperature; g is the level at the present speed.
-double breakaway(const Drive& drive, const Workspace& s, double g) {
-  return std::max(
-      g, level(drive.law, {s.cache, false}, 0, s.load_used_nm / drive.torque_max_nm).weakening * ripple(drive, s));
+/// Maximum of |sigma0 z| at this load and temperature; g is the level at the present speed.
+double breakaway(const Drive& drive, const Workspace& s, double g, double z) {
+  return std::max(g, level(drive.law, {s.cache, false}, 0, s.load_used_nm / drive.torque_max_nm).weakening *
+                         ripple(drive, s) * direction_factor(drive, z));
+}
+
+/// The level for a deflection in the direction of z, over that of motion w.
+double towards(const Drive& drive, double z, double w) {
+  return direction_factor(drive, z) / direction_factor(drive, w);
 }
 
 }  // namespace
@@ -69,10 +74,15 @@ double LoadTable::operator()(double w, double load) const {
 
 friction::Level level(const Drive& drive, const friction::AtTemperature& at, double w, double load_norm) {
   friction::Level level = friction::level(drive.law, at, w, load_norm);
-  if (drive.load_table.values.empty()) return level;
-  const double total = std::max(level.total() + drive.load_table(w, load_norm), 0.0);
-  level.weakening = std::max(level.weakening + drive.load_table(w, load_norm), 0.0);
-  level.strengthening = total - level.weakening;
+  if (!drive.load_table.values.empty()) {
+    const double total = std::max(level.total() + drive.load_table(w, load_norm), 0.0);
+    level.weakening = std::max(level.weakening + drive.load_table(w, load_norm), 0.0);
+    level.strengthening = total - level.weakening;
+  }
+  if (drive.asymmetry != 0) {
+    level.weakening *= direction_factor(drive, w);
+    level.strengthening *= direction_factor(drive, w);
+  }
   return level;
 }
 
@@ -141,16 +151,19 @@ double begin_step(const Drive& drive, const State& state, Workspace& s, double t
   if (drive.dynamics == Dynamics::lugre) {
     const Bristles& b = drive.bristles;
     const auto [g, h] = parts(at);
-    const double w = qd_rad_s * drive.speed_scale(), max_z = breakaway(drive, s, g) / b.sigma0;
-    const double z = std::clamp(static_cast<const BristleState&>(state).z, -max_z, max_z);
+    const double w = qd_rad_s * drive.speed_scale(), bent = static_cast<const BristleState&>(state).z,
+                 max_z = breakaway(drive, s, g, bent) / b.sigma0, z = std::clamp(bent, -max_z, max_z);
     const double rate = g > 0 ? w - std::abs(w) * z * b.sigma0 / g : 0;
     s.applied_nm = (b.sigma0 * z + b.sigma1 * std::exp(-(w / b.vd) * (w / b.vd)) * rate) * drive.torque_scale_nm();
     limit = h;
   } else if (drive.dynamics == Dynamics::gear_loss) {
     const auto [g, h] = parts(at);
     const double z = std::clamp(static_cast<const BristleState&>(state).z, -1.0, 1.0);
-    s.applied_nm = (g * drive.torque_scale_nm() + drive.gear_loss.mu_avg * std::abs(state.load_nm)) * z +
-                   drive.gear_loss.mu_dif * state.load_nm * z * z;
+    // Where both directions differ, the change from one to the other is as gradual as that of z.
+    const double factor = 1 + drive.asymmetry * z, symmetric_g = g / direction_factor(drive, qd_rad_s);
+    s.applied_nm = ((symmetric_g * drive.torque_scale_nm() + drive.gear_loss.mu_avg * std::abs(state.load_nm)) * z +
+                    drive.gear_loss.mu_dif * state.load_nm * z * z) *
+                   factor;
     limit = h;
   }
   if (s.faults.backlash_rad > 0 && std::abs(s.backlash_position) < 1) s.applied_nm = limit = 0;
@@ -161,11 +174,11 @@ double begin_step(const Drive& drive, const State& state, Workspace& s, double t
 
 bool holds(const Drive& drive, const State& state, const Workspace& s, double row_nm) {
   if (drive.dynamics == Dynamics::none) return std::abs(row_nm) < s.limit_nm * (1 - 1e-9);
-  const double z = std::abs(static_cast<const BristleState&>(state).z);
-  if (drive.dynamics == Dynamics::gear_loss) return z < slipping;
-  const auto at =
-      level(drive, {s.cache, false}, s.qd_begin_rad_s * drive.speed_scale(), s.load_used_nm / drive.torque_max_nm);
-  return drive.bristles.sigma0 * z < slipping * parts(at).g * ripple(drive, s);
+  const double z = static_cast<const BristleState&>(state).z;
+  if (drive.dynamics == Dynamics::gear_loss) return std::abs(z) < slipping;
+  const double w = s.qd_begin_rad_s * drive.speed_scale();
+  const auto at = level(drive, {s.cache, false}, w, s.load_used_nm / drive.torque_max_nm);
+  return drive.bristles.sigma0 * std::abs(z) < slipping * parts(at).g * ripple(drive, s) * towards(drive, z, w);
 }
 
 void end_step(const Drive& drive, const thermal::Decay& decay, const Transmitted& t, double dt_s, State& state,
@@ -185,7 +198,8 @@ void end_step(const Drive& drive, const thermal::Decay& decay, const Transmitted
   s.heat_J += power_W * dt_s;
 
   const double acceleration = (t.qd_end_rad_s - s.qd_begin_rad_s) / dt_s;
-  const double load = delivered_nm(s) - (s.applied_nm + t.friction_nm) - t.rotor_inertia_kg_m2 * acceleration;
+  const double load =
+      delivered_nm(s) - (s.applied_nm + t.friction_nm + drive.offset_nm) - t.rotor_inertia_kg_m2 * acceleration;
   state.load_nm += (load - state.load_nm) * (drive.load_filter_s > 0 ? -std::expm1(-dt_s / drive.load_filter_s) : 1);
 
   // The step in which the flanks separate still has friction: a stuck joint creeps in the direction of the load, and
@@ -201,9 +215,9 @@ void end_step(const Drive& drive, const thermal::Decay& decay, const Transmitted
     // g at the mean speed of the step, at the load and temperature of its start.
     const double g =
         parts(level(drive, {s.cache, false}, w, s.load_used_nm / drive.torque_max_nm)).g * ripple(drive, s);
-    const double max_z = breakaway(drive, s, g) / drive.bristles.sigma0;
+    const double max_z = breakaway(drive, s, g, z) / drive.bristles.sigma0;
     z = std::clamp(advance(drive.bristles, std::clamp(z, -max_z, max_z), w, g, dt_s), -max_z, max_z);
-    if (drive.bristles.sigma0 * std::abs(z) < slipping * g) s.stuck_s += dt_s;
+    if (drive.bristles.sigma0 * std::abs(z) < slipping * g * towards(drive, z, w)) s.stuck_s += dt_s;
     return;
   }
   if (drive.dynamics == Dynamics::gear_loss) {

@@ -86,6 +86,12 @@ struct Drive {
   LoadTable load_table;
   Control control = Control::torque;
   double kp_nm_rad = 0, kv_nm_s_rad = 0;  ///< of Control::position
+  /// The friction level is (1 + asymmetry) times the law's with positive motion of the joint, (1 - asymmetry) times
+  /// with negative motion; -1..1, exclusive.
+  double asymmetry = 0;
+  /// Torque against positive motion that acts at every speed and at rest [Nm, arm side]: what a spring, a cable or an
+  /// unknown weight takes. It is no heat, and no load of the gear.
+  double offset_nm = 0;
 
   /// Law units to arm-side Nm.
   double torque_scale_nm() const { return law.info->normalised ? torque_max_nm : 1; }
@@ -154,7 +160,7 @@ struct Workspace {
   // outputs of the last finished step
   double temperature_degC;  ///< at which friction was evaluated, a multiple of 2^-14 K
   double load_used_nm;      ///< load at which friction was evaluated, arm side, signed
-  double friction_nm;       ///< transmitted gear friction, arm side, positive with motion
+  double friction_nm;       ///< transmitted gear friction, arm side, positive with motion, without Drive::offset_nm
   double torque_nm;  ///< motor torque, arm side, as computed from the current: the value that a controller assumes
   double outside;    ///< not 0: an input lay outside the law's range
 
@@ -170,8 +176,15 @@ inline std::size_t state_size(const Drive& drive) {
   return drive.dynamics == Dynamics::none ? 3 : 4;
 }
 
-/// Friction level of the drive, law and load table, at the speed w [rad/s, the law's side]. Unit of the law. The load
-/// has the sign of tau_m.
+/// Factor of the friction level for motion in the direction of `w`. At rest that of the stronger direction; as soon as
+/// the soft constraint moves in the direction of its force, by far less than a creep that counts, it is the right one.
+inline double direction_factor(const Drive& drive, double w) {
+  const double a = drive.asymmetry;
+  return 1 + (w > 0 ? a : w < 0 || a < 0 ? -a : a);
+}
+
+/// Friction level of the drive, law, load table and asymmetry, at the speed w [rad/s, the law's side]. Unit of the law.
+/// The load has the sign of tau_m.
 friction::Level level(const Drive& drive, const friction::AtTemperature& at, double w_rad_s, double load_norm);
 
 /// Lubricant temperature [degC].
@@ -213,7 +226,8 @@ bool within_step(const AnyWorkspace& s, double time_s, double dt_s) {
   return s.step_open != 0 && time_s > s.step_time_s && time_s <= s.step_time_s + dt_s * (1 + 1e-9);
 }
 
-/// Friction of the gear without the brake [Nm, arm side, positive with motion], while the constraint transmits row_nm.
+/// Friction of the gear without brake and offset [Nm, arm side, positive with motion], while the constraint transmits
+/// row_nm.
 inline double gear_friction_nm(const Workspace& s, double row_nm) {
   return s.applied_nm + (s.limit_nm > 0 ? row_nm * (s.gear_limit_nm / s.limit_nm) : 0);
 }

@@ -19,6 +19,11 @@ constexpr Key numbers[] = {
      "time constant of the load that friction sees; 0 = the load of the step before"},
     {"kp", "Nm/rad", "0", 0, large, "of control=\"position\": torque per angle; above 0"},
     {"kv", "Nm s/rad", "0", 0, large, "of control=\"position\": torque against speed"},
+    {"asymmetry", "1", "0", -0.99, 0.99,
+     "the friction level is (1 + asymmetry) times the law's with positive motion, (1 - asymmetry) times with negative"},
+    {"offset_nm", "Nm", "0", -large, large,
+     "torque against positive motion at every speed, arm side (N for a slide): spring, cable, unknown weight; it is no "
+     "heat"},
     {"speed_max_rad_s", "rad/s", "of the law", 0, 1e6, "end of the law's range, on the law's side"},
     {"load_max", "-", "of the law", 0, 1e3, "end of the law's range, load / torque_max_nm"},
     {"temperature_min_degC", "degC", "of the law", -273.15, 1000, "start of the law's range"},

@@ -55,7 +55,8 @@ double creep_rad_s(const mjModel* m, const drive::Drive& drive, int dof) {
 }
 
 /// Longest time step in which friction, evaluated at the speed of the step's start, does not ring.
-double longest_time_step_s(const mjModel* m, const drive::Drive& drive, int dof) {
+double longest_time_step_s(const mjModel* m, drive::Drive drive, int dof) {
+  drive.asymmetry = std::abs(drive.asymmetry);  // the stronger direction is the one that rings
   constexpr int points = 400;
   const double top = std::min(drive.law.range.speed_max_rad_s / drive.speed_scale(), 100.0);
   double slope = 0;  // Nm s/rad, arm side
@@ -90,7 +91,7 @@ std::string bristle_fault(const mjModel* m, const drive::Drive& drive, int dof) 
            max_nm = 0;
     for (const double T : extreme_temperatures(drive))
       for (const double l : {load, -load}) max_nm = std::max(max_nm, friction_nm(drive, 0, l, T));
-    held_nm += max_nm;
+    held_nm = (held_nm + max_nm) * (1 + 2 * std::abs(drive.asymmetry));  // z (1 + asymmetry z) is steepest at z = 1
     stiffness = held_nm / drive.torque_scale_nm() / drive.gear_loss.length_rad;
   }
   const double omega = std::sqrt(stiffness * drive.speed_scale() * to_joint),
@@ -121,6 +122,11 @@ tl::unexpected<Error> refused(const drive::Drive& drive, std::string_view where,
 double friction_nm(const drive::Drive& drive, double qd_rad_s, double load_norm, double temperature_degC) {
   const auto at = friction::at_temperature(drive.law, temperature_degC);
   return drive::level(drive, at, qd_rad_s * drive.speed_scale(), load_norm).total() * drive.torque_scale_nm();
+}
+
+double resistance_nm(const drive::Drive& drive, double qd_rad_s, double load_norm, double temperature_degC) {
+  if (qd_rad_s == 0) return drive.offset_nm;
+  return std::copysign(friction_nm(drive, qd_rad_s, load_norm, temperature_degC), qd_rad_s) + drive.offset_nm;
 }
 
 std::string actdim_message(const drive::Drive& drive) {
@@ -234,6 +240,7 @@ void limit_friction(const mjModel* m, mjData* d, const Binding& b, Stage stage, 
     engine::set_friction_limit(d, row, s.limit_nm);
 
   double applied_nm = b.drive.dynamics == drive::Dynamics::none ? 0 : -s.applied_nm;
+  applied_nm -= b.drive.offset_nm;
   if (s.faults.torque_loss != 0) applied_nm -= s.faults.torque_loss * commanded_force(m, d, b) * b.gear;
   double& passive = d->qfrc_passive[b.dof];
   if (stage == Stage::passive || (!engine::calls_passive(m) && passive == 0)) passive_nm = 0;

@@ -63,16 +63,19 @@ enum class Stage {
   actuation,  ///< in mj_fwdActuation; mj_forwardSkip and the engine's finite differences repeat it alone
 };
 
-/// Before the solver runs: writes the friction limit into the joint's constraint row, and the torque of the bristles
-/// and the missing torque of a weak motor into qfrc_passive. Both hosts call it at both stages, so that inverse
-/// dynamics includes the law and a change of activation or control between the stages counts. Repeated calls have the
-/// effect of one. `passive_nm` stores this drive's share of qfrc_passive.
+/// Before the solver runs: writes the friction limit into the joint's constraint row, and the torque of the bristles,
+/// the offset and the missing torque of a weak motor into qfrc_passive. Both hosts call it at both stages, so that
+/// inverse dynamics includes the law and a change of activation or control between the stages counts. Repeated calls
+/// have the effect of one. `passive_nm` stores this drive's share of qfrc_passive.
 void limit_friction(const mjModel* m, mjData* d, const Binding& binding, Stage stage, double& passive_nm);
 
 /// After the step: heat, temperature, load. Once per mj_step.
 void book_friction(const mjModel* m, mjData* d, const Binding& binding);
 
-/// Friction level [Nm, arm side] at joint speed [rad/s], load [-] and temperature [degC].
+/// Friction level [Nm, arm side], without the offset, at joint speed [rad/s], load [-] and temperature [degC]. Its sign
+/// matters where the directions differ.
 double friction_nm(const drive::Drive& drive, double qd_rad_s, double load_norm, double temperature_degC);
+/// What friction and offset take from the motor torque [Nm, arm side], positive with motion. At rest the offset alone.
+double resistance_nm(const drive::Drive& drive, double qd_rad_s, double load_norm, double temperature_degC);
 
 }  // namespace tribotwin::mujoco

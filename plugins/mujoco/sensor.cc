@@ -24,7 +24,7 @@ double largest_change(const drive::Workspace& s) {
 constexpr SensorQuantity quantities[] = {
     {"temperature", "degC", "lubricant",
      [](const mjModel*, const mjData* d, const Binding& b) { return drive::temperature_degC(b.drive, state(d, b)); }},
-    {"friction", "Nm", "friction torque of the gear at the joint, positive with motion, brake excluded",
+    {"friction", "Nm", "friction torque of the gear at the joint, positive with motion, brake and offset excluded",
      [](const mjModel*, const mjData* d, const Binding& b) {
        return drive::gear_friction_nm(workspace(d, b), row_torque_nm(d, b));
      }},

@@ -5,6 +5,7 @@
 #include <fmt/format.h>
 
 #include <tribotwin/render/report/fit_data.hpp>
+#include <tribotwin/twin/identification/curves/direction.hpp>
 #include <tribotwin/twin/io/text.hpp>
 
 namespace tribotwin::render {
@@ -42,14 +43,28 @@ std::vector<fs::path> named_data(FitData& fit) {
   return found;
 }
 
+/// Makes the samples those of the law alone, which the figures draw. Residuals stay those of each direction.
+twin::identification::Direction take_direction_out(FitData& fit) {
+  const twin::identification::Direction direction{.asymmetry = fit.parameters.asymmetry,
+                                                  .offset = fit.parameters.offset};
+  if (direction.asymmetry == 0 && direction.offset == 0) return direction;
+  const auto rows = twin::identification::by_direction(fit.samples);
+  std::vector<double> unused;
+  fit.samples = rows;
+  twin::identification::make_symmetric(rows, {}, direction, fit.samples, unused);
+  return direction;
+}
+
 void compute_residuals(FitData& fit) {
+  const twin::identification::Direction direction = take_direction_out(fit);
   const auto& s = fit.samples;
   const friction::Law& law = fit.parameters.law;
   double last_degC = std::nan("");
   friction::AtTemperature at{};
   for (std::size_t i = 0; i < s.size(); ++i) {
     if (s.temperature_degC[i] != last_degC) at = friction::at_temperature(law, last_degC = s.temperature_degC[i]);
-    fit.residuals.push_back(s.friction[i] - friction::level(law, at, s.speed[i], s.load[i]).total());
+    const double factor = s.direction.empty() ? 1 : direction.factor(s.direction[i]);
+    fit.residuals.push_back(factor * (s.friction[i] - friction::level(law, at, s.speed[i], s.load[i]).total()));
   }
   const auto n = static_cast<double>(s.size());
   double mean = 0, square = 0;

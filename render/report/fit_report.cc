@@ -213,6 +213,13 @@ class Writer {
     return "";
   }
 
+  std::string meaning_of(std::size_t i) const {
+    if (i < law_.parameters.size()) return std::string(law_.parameters[i].meaning);
+    return p_.found.parameters[i].name == "offset" ? "torque against positive motion at every speed, without heat"
+                                                   : "friction x (1 + asymmetry) with positive motion, x (1 - "
+                                                     "asymmetry) with negative; figures show the law without";
+  }
+
   void parameters() {
     auto to = page_.body();
     page_.add(to, "h2", "Parameters");
@@ -228,7 +235,7 @@ class Writer {
                       e.unit == "-"   ? "of τmax"
                       : e.unit == "1" ? "-"
                                       : e.unit,
-                      status_of(e), std::string(law_.parameters[i].meaning)});
+                      status_of(e), meaning_of(i)});
     }
     page_.add_table(to, {"parameter", "value", "sigma", "95 % interval", "unit", "status", "meaning"}, rows);
     page_.add(to, "pre", fmt::format("{} = {}", law_.normalised ? "friction / τmax" : "friction [Nm]", law_.equation));

@@ -48,16 +48,51 @@ struct Arguments {
   bool experiment = false, json = false, quiet = false;
 };
 
+/// The columns of a curve; both directions where they differ.
+struct Column {
+  const char* name;
+  double (*value)(const CurvePoint& p, double torque_max_nm);
+  bool of_direction = false;
+};
+constexpr Column columns[] = {
+    {"speed_rad_s", [](const CurvePoint& p, double) { return p.speed_rad_s; }},
+    {"load_norm", [](const CurvePoint& p, double) { return p.load_norm; }},
+    {"temperature_degC", [](const CurvePoint& p, double) { return p.temperature_degC; }},
+    {"friction_norm", [](const CurvePoint& p, double) { return p.friction_norm; }},
+    {"friction_nm", [](const CurvePoint& p, double) { return p.friction_nm; }},
+    {"stderr_nm", [](const CurvePoint& p, double) { return p.stderr_nm; }},
+    {"friction_forward_norm", [](const CurvePoint& p, double max) { return p.forward_nm / max; }, true},
+    {"friction_backward_norm", [](const CurvePoint& p, double max) { return p.backward_nm / max; }, true},
+    {"friction_forward_nm", [](const CurvePoint& p, double) { return p.forward_nm; }, true},
+    {"friction_backward_nm", [](const CurvePoint& p, double) { return p.backward_nm; }, true},
+};
+
+std::vector<Column> columns_of(const drive::Drive& drive) {
+  std::vector<Column> shown(std::begin(columns), std::end(columns));
+  if (drive.asymmetry == 0 && drive.offset_nm == 0)
+    std::erase_if(shown, [](const Column& c) { return c.of_direction; });
+  return shown;
+}
+
 std::string json_of(const drive::Drive& drive, const std::vector<CurvePoint>& points) {
   nlohmann::ordered_json json{{"law", drive.law.info->name}, {"points", nlohmann::ordered_json::array()}};
-  for (const auto& p : points)
-    json["points"].push_back({{"speed_rad_s", p.speed_rad_s},
-                              {"load_norm", p.load_norm},
-                              {"temperature_degC", p.temperature_degC},
-                              {"friction_norm", p.friction_norm},
-                              {"friction_nm", p.friction_nm},
-                              {"stderr_nm", p.stderr_nm}});
+  for (const auto& p : points) {
+    nlohmann::ordered_json point;
+    for (const Column& c : columns_of(drive)) point[c.name] = c.value(p, drive.torque_max_nm);
+    json["points"].push_back(std::move(point));
+  }
   return json.dump(2) + "\n";
+}
+
+std::string csv_of(const drive::Drive& drive, const std::vector<CurvePoint>& points) {
+  std::string text;
+  const auto shown = columns_of(drive);
+  for (const Column& c : shown) text += fmt::format("{}{}", text.empty() ? "" : ",", c.name);
+  text += "\n";
+  for (const auto& p : points)
+    for (const Column& c : shown)
+      text += fmt::format("{}{}", c.value(p, drive.torque_max_nm), &c == &shown.back() ? "\n" : ",");
+  return text;
 }
 
 Result<Exit> deliver_points(const Arguments& a, const drive::Drive& drive, const std::vector<CurvePoint>& points) {
@@ -69,12 +104,7 @@ Result<Exit> deliver_points(const Arguments& a, const drive::Drive& drive, const
   if (outside && !a.quiet)
     note("{} of {} points lie outside the range in which law '{}' was identified; its validity policy applies", outside,
          points.size(), drive.law.info->name);
-  if (a.json) return deliver(json_of(drive, points), a.output);
-  std::string text = "speed_rad_s,load_norm,temperature_degC,friction_norm,friction_nm,stderr_nm\n";
-  for (const auto& p : points)
-    text += fmt::format("{},{},{},{},{},{}\n", p.speed_rad_s, p.load_norm, p.temperature_degC, p.friction_norm,
-                        p.friction_nm, p.stderr_nm);
-  return deliver(text, a.output);
+  return deliver(a.json ? json_of(drive, points) : csv_of(drive, points), a.output);
 }
 
 /// The curve of an identified law. Where the file does not say the largest torque or the gear, normalised torque stays
@@ -87,6 +117,8 @@ Result<Exit> of_parameters(const Arguments& a, const std::vector<double>& speeds
   drive.law = file.law;
   drive.torque_max_nm = file.torque_max_nm > 0 ? file.torque_max_nm : 1;
   drive.gear_ratio = file.gear_ratio > 0 ? file.gear_ratio : 1;
+  drive.asymmetry = file.asymmetry;
+  drive.offset_nm = file.offset * drive.torque_scale_nm();
   if (!(file.torque_max_nm > 0) && !a.quiet)
     note("{}: holds no torque_max_nm; {} is that of 1 Nm", a.model,
          file.law.info->normalised ? "friction_nm" : "friction_norm");

@@ -8,6 +8,7 @@
 #include <tribotwin/plugins/friction/number.hpp>
 #include <tribotwin/plugins/friction/text.hpp>
 #include <tribotwin/twin/commands/program.hpp>
+#include <tribotwin/twin/identification/curves/direction.hpp>
 #include <tribotwin/twin/identification/curves/fit.hpp>
 #include <tribotwin/twin/identification/dynamic_friction/parameters.hpp>
 #include <tribotwin/twin/io/input.hpp>
@@ -118,10 +119,12 @@ Json json_of(const Fit& fit, const Samples& samples, double held_out) {
 
 std::string table_of(const Estimates& fit, std::string_view law, std::string_view equation, std::string_view unit) {
   static constexpr const char* status[] = {"", "fixed", "held", "at its bound"};
-  std::string s = fmt::format("law {}: {}\n\n{:<7} {:>13} {:>11}   {:<27} {:<15}\n", law, equation, "", "value",
+  std::size_t width = 7;
+  for (const auto& e : fit.parameters) width = std::max(width, e.name.size() + 1);
+  std::string s = fmt::format("law {}: {}\n\n{:<{}} {:>13} {:>11}   {:<27} {:<15}\n", law, equation, "", width, "value",
                               "sigma", "95 % interval", "unit");
   for (const auto& e : fit.parameters) {
-    s += fmt::format("{:<7} {:>13.6g} ", e.name, e.value);
+    s += fmt::format("{:<{}} {:>13.6g} ", e.name, width, e.value);
     s += std::isnan(e.sigma)
              ? fmt::format("{:>11}   {:<27} ", "-", status[static_cast<int>(e.status)])
              : fmt::format("{:>11.2g}   {:<27} ", e.sigma, fmt::format("{:.5g} .. {:.5g}", e.low, e.high));
@@ -130,14 +133,14 @@ std::string table_of(const Estimates& fit, std::string_view law, std::string_vie
   std::vector<std::size_t> shown;
   for (std::size_t i = 0; i < fit.parameters.size(); ++i)
     if (fit.parameters[i].status == Status::estimated) shown.push_back(i);
-  s += "\ncorrelation\n        ";
-  for (const std::size_t i : shown) s += fmt::format("{:>7}", fit.parameters[i].name);
+  s += fmt::format("\ncorrelation\n{:{}}", "", width + 1);
+  for (const std::size_t i : shown) s += fmt::format("{:>{}}", fit.parameters[i].name, width);
   for (const std::size_t i : shown) {
-    s += fmt::format("\n{:<8}", fit.parameters[i].name);
+    s += fmt::format("\n{:<{}}", fit.parameters[i].name, width + 1);
     for (const std::size_t j : shown)
       if (j <= i)
-        s += std::isfinite(fit.correlation(i, j)) ? fmt::format("{:>7.2f}", fit.correlation(i, j))
-                                                  : fmt::format("{:>7}", "");
+        s += std::isfinite(fit.correlation(i, j)) ? fmt::format("{:>{}.2f}", fit.correlation(i, j), width)
+                                                  : fmt::format("{:>{}}", "", width);
   }
   s += fmt::format(
       "\n\nresiduals: mean {:.3g}, std {:.4g}, largest {:.4g} {}; {} samples; R^2 {}; condition number {}; AICc {}\n",
@@ -241,7 +244,7 @@ Result<Exit> identify_each(const Arguments& a, const friction::LawInfo& law, con
   Json all = Json::array();
   std::string s = fmt::format("{:>6} {:>8} {:>8}", "curve", "load", "degC");
   for (const auto& p : law.parameters) s += fmt::format(" {:>11} {:>9}", p.name, "sigma");
-  s += "  residual std\n";
+  s += "  residual std\n";  // behind it, of curves whose directions differ, asymmetry and offset
   std::size_t begin = 0;
   for (std::uint32_t curve = 0; curve < samples.curves(); ++curve) {
     std::vector<std::size_t> rows;
@@ -260,9 +263,13 @@ Result<Exit> identify_each(const Arguments& a, const friction::LawInfo& law, con
     j["curve"] = curve + 1, j["load_norm"] = load, j["temperature_degC"] = temperature;
     all.push_back(std::move(j));
     s += fmt::format("{:>6} {:>8.4f} {:>8.2f}", curve + 1, load, temperature);
-    for (const auto& e : found->parameters)
+    const std::span parameters(found->parameters);
+    for (const auto& e : parameters.first(law.parameters.size()))
       s += fmt::format(" {:>11.5g} {:>9}", e.value, std::isnan(e.sigma) ? "-" : fmt::format("{:.2g}", e.sigma));
-    s += fmt::format("  {:.4g}\n", found->residual.std);
+    s += fmt::format("  {:.4g}", found->residual.std);
+    for (const auto& e : parameters.subspan(law.parameters.size()))
+      s += fmt::format("  {} {:.5g} +- {:.2g}", e.name, e.value, e.sigma);
+    s += "\n";
   }
   return deliver(a.json ? Json{{"law", law.name}, {"curves", std::move(all)}}.dump(2) + "\n" : s);
 }
@@ -272,12 +279,14 @@ Result<Exit> evaluate(const Arguments& a) {
   const auto known = or_wrong_input(read_parameters(a.evaluate));
   const auto& law = *known.law.info;
   std::vector<std::filesystem::path> files(a.data.begin(), a.data.end());
-  const auto samples = read_samples(files, law,
-                                    {.torque_max_nm = a.torque_max_nm > 0 ? a.torque_max_nm : known.torque_max_nm,
-                                     .gear_ratio = a.gear_ratio > 0 ? a.gear_ratio : known.gear_ratio,
-                                     .table = tables_of(a)});
+  auto samples = read_samples(files, law,
+                              {.torque_max_nm = a.torque_max_nm > 0 ? a.torque_max_nm : known.torque_max_nm,
+                               .gear_ratio = a.gear_ratio > 0 ? a.gear_ratio : known.gear_ratio,
+                               .table = tables_of(a)});
   if (!samples) throw InputError(samples.error().message);
   print_notes(a, samples->notes);
+  const bool directed = known.asymmetry != 0 || known.offset != 0;
+  if (directed) samples = by_direction(*samples);
   double mean = 0, squares = 0, max_error = 0;
   std::size_t outside = 0;
   const auto n = static_cast<double>(samples->size());
@@ -286,7 +295,8 @@ Result<Exit> evaluate(const Arguments& a) {
     const auto level = friction::level(known.law, friction::at_temperature(known.law, samples->temperature_degC[i]),
                                        samples->speed[i], samples->load[i]);
     outside += level.outside;
-    errors.push_back(samples->friction[i] - level.total());
+    const double s = directed ? samples->direction[i] : 0;
+    errors.push_back(samples->friction[i] - known.offset * s - level.total() * (1 + known.asymmetry * s));
     mean += errors.back() / n;
     max_error = std::max(max_error, std::abs(errors.back()));
   }
@@ -320,6 +330,7 @@ void refuse_options_of_curves(const Arguments& a) {
 void check_fixed(const friction::LawInfo& law, const FitOptions& options) {
   std::vector<std::string_view> names;
   for (const auto& p : law.parameters) names.push_back(p.name);
+  names.insert(names.end(), {asymmetry_name, offset_name});
   for (const auto& [name, value] : options.fixed)
     if (std::ranges::find(names, name) == names.end())
       throw InputError(fmt::format("--fix {}={}: law '{}' has no such parameter; did you mean '{}'?", name, value,
@@ -420,7 +431,8 @@ void add_identify(CLI::App& app, int& code) {
                 "Law, or several with commas between to compare them; bouc_wen: a gear's hysteretic spring; lugre: "
                 "bristles over a law")
       ->capture_default_str();
-  c->add_option("--fix", a->fix, "NAME=VALUE, a parameter that is known")->allow_extra_args(false);
+  c->add_option("--fix", a->fix, "NAME=VALUE, a parameter that is known; asymmetry=0 and offset=0 leave those out")
+      ->allow_extra_args(false);
   c->add_option("--tau-max", a->torque_max_nm,
                 "Largest manipulation torque [Nm], arm side: turns Nm into normalised torque and back")
       ->check(CLI::Range(1e-9, 1e9));

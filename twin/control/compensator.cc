@@ -67,7 +67,7 @@ double Compensator::gear_torque_nm() const { return observer_.residual_nm() * mo
 double Compensator::static_friction_nm(double speed) const {
   const double level = drive::level(model_.drive, reference_, speed * model_.drive.speed_scale(), 0).total() *
                        model_.drive.torque_scale_nm();
-  return speed == 0 ? 0 : std::copysign(level, speed);
+  return (speed == 0 ? 0 : std::copysign(level, speed)) + model_.drive.offset_nm;
 }
 
 void Compensator::observe_friction(const Input& in, double time_s, double dt_s) {
@@ -91,7 +91,8 @@ void Compensator::observe_friction(const Input& in, double time_s, double dt_s) 
   state_.load_nm = observer_.residual_nm();
   drive::set_temperature(drive, state_, in.temperature_degC);
   drive::begin_step(drive, state_, workspace_, time_s, in.speed_rad_s, angle_rad_);
-  friction_nm_ = workspace_.applied_nm + std::copysign(workspace_.gear_limit_nm, in.speed_rad_s);
+  friction_nm_ =
+      workspace_.applied_nm + std::copysign(workspace_.gear_limit_nm, in.speed_rad_s) + model_.drive.offset_nm;
 }
 
 double Compensator::update(const Input& in, double time_s, double dt_s) {

@@ -50,7 +50,7 @@ void ExternalTorque::update(std::span<const double> position_rad, std::span<cons
     const double w = speed_rad_s[i] * drive.speed_scale();
     const auto level = drive::level(drive, friction::at_temperature(drive.law, temperature_degC[i]), w,
                                     load_nm_[i] / drive.torque_max_nm);
-    const double friction = w == 0 ? 0 : std::copysign(level.total() * drive.torque_scale_nm(), w);
+    const double friction = (w == 0 ? 0 : std::copysign(level.total() * drive.torque_scale_nm(), w)) + drive.offset_nm;
     external_nm_[i] = -observers_[i].update(torque_nm[i] - friction - d->qfrc_bias[dof], momentum_[i], dt_s);
     load_nm_[i] = torque_nm[i] - friction - m->dof_armature[dof] * step_[dof] / dt_s;
     slides_[i] = w * speed_[i] > 0;

@@ -24,14 +24,14 @@ double TemperatureObserver::friction_nm(const Input& in, double temperature) con
   const double level =
       drive::level(drive_, friction::at_temperature(drive_.law, temperature), w, in.load_nm / drive_.torque_max_nm)
           .total();
-  return std::copysign(level * drive_.torque_scale_nm(), w);
+  return std::copysign(level * drive_.torque_scale_nm(), w) + drive_.offset_nm;
 }
 
 void TemperatureObserver::update(const Input& in, double dt_s) {
   // Prediction: nodes relax, heat enters with its factor.
   const thermal::Model& model = drive_.thermal;
   const thermal::Decay decay = thermal::decay(model, dt_s);
-  const double power_W = in.friction_nm * in.speed_rad_s;
+  const double power_W = (in.friction_nm - drive_.offset_nm) * in.speed_rad_s;
   Eigen::Matrix3d ahead = Eigen::Matrix3d::Identity();
   for (int i = 0; i < 2; ++i) {
     ahead(i, i) = 1 - decay.one_minus_keep[i];

@@ -112,7 +112,7 @@ class Planner {
     const double load_norm = load / b.drive.torque_max_nm, T = b.drive.thermal.T_amb_degC;
     const double friction =
         std::max(mujoco::friction_nm(b.drive, speeds_[i], load_norm, T), mujoco::friction_nm(b.drive, 0, load_norm, T));
-    return load + std::abs(acceleration_nm_[b.dof]) + friction;
+    return load + std::abs(acceleration_nm_[b.dof]) + friction + std::abs(b.drive.offset_nm);
   }
 
   /// Contacts of the pose `place` between both ends; data then belong to it.

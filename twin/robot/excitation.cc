@@ -117,11 +117,9 @@ class Judge {
     double worst = -1;
     for (Index j = 0; j < rigid.size(); ++j) {
       double torque = rigid(j);
-      if (const auto* d = drives_[static_cast<std::size_t>(j)]; d && qd(j) != 0)
-        torque +=
-            std::copysign(mujoco::friction_nm(d->drive, std::abs(qd(j)), std::abs(rigid(j)) / d->drive.torque_max_nm,
-                                              d->drive.thermal.T_amb_degC),
-                          qd(j));
+      if (const auto* d = drives_[static_cast<std::size_t>(j)])
+        torque += mujoco::resistance_nm(d->drive, qd(j), std::abs(rigid(j)) / d->drive.torque_max_nm,
+                                        d->drive.thermal.T_amb_degC);
       worst = std::max(worst, std::abs(torque) / limits_.torque(j) - 1);
     }
     return worst;

@@ -44,14 +44,18 @@ Result<NativeFriction> fit(const mujoco::Binding& b, const std::string& joint, s
         fmt::format("joint '{}': its law has no end of speed; give the fastest joint speed (--joint-speed)", joint));
   const Eigen::ArrayXd speed =
       Eigen::ArrayXd::LinSpaced(speed_count, n.speed_max_rad_s / speed_count, n.speed_max_rad_s);
+  drive::Drive symmetric = b.drive;
+  symmetric.asymmetry = 0;
   const Eigen::ArrayXd friction =
-      speed.unaryExpr([&](double qd) { return mujoco::friction_nm(b.drive, qd, 0, n.temperature_degC); });
+      speed.unaryExpr([&](double qd) { return mujoco::friction_nm(symmetric, qd, 0, n.temperature_degC); });
   const Eigen::Vector2d native = fitted(speed, friction);
-  const Eigen::ArrayXd error = native[0] + native[1] * speed - friction;
+  // Native elements know neither directions nor an offset: those are errors, of opposite sign in the two directions.
+  const Eigen::ArrayXd error = native[0] + native[1] * speed - friction,
+                       of_direction = b.drive.asymmetry * friction + b.drive.offset_nm;
   n.frictionloss_nm = native[0];
   n.damping_nm_s_rad = native[1];
-  n.rms_error_nm = std::sqrt(error.square().mean());
-  n.max_error_nm = error.abs().maxCoeff();
+  n.rms_error_nm = std::sqrt((error.square() + of_direction.square()).mean());
+  n.max_error_nm = (error.abs() + of_direction.abs()).maxCoeff();
   n.friction_min_nm = friction.minCoeff();
   n.friction_max_nm = friction.maxCoeff();
   return n;

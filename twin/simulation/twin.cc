@@ -239,6 +239,7 @@ Result<void> Twin::account(std::size_t i) {
   const double work = drive::delivered_nm(s) * 0.5 * (qd_begin_[i] + data_->qvel[binding.dof]) * timestep_s_;
   motor_work_J_ += work;
   if (!qvel_begin_.empty()) other_work_J_ -= work;
+  other_work_J_ -= binding.drive.offset_nm * 0.5 * (qd_begin_[i] + data_->qvel[binding.dof]) * timestep_s_;
   JointFigures& f = figures_[i];
   f.temperature_max_degC = std::max(f.temperature_max_degC, s.temperature_degC);
   f.friction_squared_sum += s.friction_nm * s.friction_nm;

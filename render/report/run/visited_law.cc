@@ -100,7 +100,8 @@ std::optional<VisitedLaw> visited_law(const RunData& run, const JointHistory& j)
       std::min({run.record.time_s.size(), j.friction_nm.size(), j.load_nm.size(), j.temperature_degC.size()});
   for (std::size_t i = 0; i < samples; ++i) {
     const FrictionPoint p{std::abs(j.velocity_rad_s[i]), std::abs(j.load_nm[i]) / v.drive.torque_max_nm,
-                          j.temperature_degC[i], std::abs(j.friction_nm[i])};
+                          j.temperature_degC[i],
+                          std::abs(j.friction_nm[i]) / drive::direction_factor(v.drive, j.velocity_rad_s[i])};
     if (!(p.speed_rad_s > 0.02 * j.speed_max_rad_s && std::isfinite(p.load_norm + p.temperature_degC + p.friction_nm)))
       continue;
     v.points.push_back(p);
@@ -108,6 +109,7 @@ std::optional<VisitedLaw> visited_law(const RunData& run, const JointHistory& j)
     temperatures.push_back(p.temperature_degC);
   }
   if (v.points.empty()) return std::nullopt;
+  v.drive.asymmetry = 0;  // the points are those of a symmetric drive
   v.load_max = std::ranges::max(loads);
   v.load_median = twin::identification::median_of(loads);
   v.temperature_min_degC = std::ranges::min(temperatures);

@@ -282,12 +282,92 @@ refused(
     says="in degrees",
 )
 
-# ---- A record of the twin.
-r = run("run", source + "/twin/scenarios/br609_test_cycle.yaml", "-o", "cycle", "--quiet")
+# ---- Friction that differs between the directions: law, asymmetry and offset through every file.
+v = np.tile(np.geomspace(2, 250, 60), 2) * np.repeat([1, -1], 60)
+level = 0.034 + 0.046 * np.exp(-((np.abs(v) / 10) ** 1.3)) + 4e-4 * np.abs(v)
+y = np.sign(v) * level * (1 + 0.08 * np.sign(v)) - 0.004 + random.normal(0, 5e-4, v.size)
+signed = write("signed.csv", "speed_rad_s,friction_norm", v, y)
+r = run("identify", "--law", "stribeck", signed, "-o", "signed.yaml", "--tau-max", 100, "--gear-ratio", 50)
+check(
+    "the table and a note name them",
+    r.returncode == 0
+    and re.search(r"^asymmetry +0\.0", r.stdout, re.M)
+    and "differs between the directions" in r.stderr,
+    (r.stdout, r.stderr),
+)
+
+
+def direction_of(f):
+    return {n: f["parameters"][n] for n in ("asymmetry", "offset")}
+
+
+found = identify("--law", "stribeck", signed)
+for n, truth in {"asymmetry": 0.08, "offset": -0.004}.items():
+    p = found["parameters"][n]
+    check(f"{n} within 3 sigma", abs(p["value"] - truth) < 3 * p["sigma"] < 0.1, p)
+check("residuals are the noise", 4e-4 < found["residual"]["std"] < 6e-4, found["residual"])
+bare = identify("--law", "stribeck", "--fix", "asymmetry=0", "--fix", "offset=0", signed)
+check(
+    "known to be 0: the symmetric law, and its errors",
+    bare["residual"]["std"] > 2e-3 and "offset" not in bare["parameters"],
+    bare,
+)
+seen = identify("--law", "stribeck", "--evaluate", "signed.yaml", signed)
+check("--evaluate knows them", abs(seen["residual"]["std"] / found["residual"]["std"] - 1) < 1e-6, seen)
+r = run("curve", "signed.yaml", "--speeds", "2:250:40", "-o", "signed_curve.csv")
+rows = np.genfromtxt(path("signed_curve.csv"), delimiter=",", names=True)
+a, o = (found["parameters"][n]["value"] for n in ("asymmetry", "offset"))
+check(
+    "a curve has both directions",
+    np.allclose(rows["friction_forward_norm"], rows["friction_norm"] * (1 + a) + o, rtol=1e-9)
+    and np.allclose(rows["friction_backward_nm"], (rows["friction_norm"] * (1 - a) - o) * 100, rtol=1e-9),
+    rows,
+)
+again = direction_of(identify("--law", "stribeck", "signed_curve.csv"))
+check(
+    "and gives them again",
+    abs(again["asymmetry"]["value"] - a) < 1e-6 and abs(again["offset"]["value"] - o) < 1e-8,
+    again,
+)
+r = run("export", "signed.yaml", "--mjcf")
+keys = dict(re.findall(r'key="(\w+)" value="([^"]*)"', r.stdout))
+check(
+    "so has the element of MJCF",
+    abs(float(keys["asymmetry"]) - a) < 1e-12 and abs(float(keys["offset_nm"]) - 100 * o) < 1e-9,
+    r.stdout,
+)
+one = write("one.csv", "speed_rad_s,friction_norm,curve", v, y, np.ones_like(v))
+r = run("identify", "--law", "stribeck", "--each", one)
+check("--each says them behind the residuals", re.search(r"asymmetry 0\.0\d+ \+- .*offset -0\.0", r.stdout), r.stdout)
+
+# ---- A record of the twin, whose joint5 differs.
+os.makedirs(path("robot"), exist_ok=True)
+for name in ("br609.xml", "scene.xml"):
+    with open(f"{source}/mjcf/{name}") as f:
+        text = f.read()
+    text = text.replace(
+        '<instance name="j5">',
+        '<instance name="j5"><config key="asymmetry" value="-0.1"/><config key="offset_nm" value="0.6"/>',
+    )
+    with open(path("robot", name), "w") as f:
+        f.write(text)
+with open(f"{source}/twin/scenarios/br609_test_cycle.yaml") as f:
+    cycle = f.read().replace("../../mjcf/br609.xml", "br609.xml")
+with open(path("robot", "cycle.yaml"), "w") as f:
+    f.write(cycle)
+r = run("run", "robot/cycle.yaml", "-o", "cycle", "--quiet")
+f = identify("--law", "steady_state", "--fix", "alpha=1.3", "--joint", "joint5", "cycle/telemetry.h5")
+p = not isinstance(f, subprocess.CompletedProcess) and f["parameters"]
+check(
+    "asymmetry and offset of a recording",
+    p and abs(p["asymmetry"]["value"] + 0.1) < 0.005 and abs(p["offset"]["value"] - 0.6) < 0.05,
+    f,
+)
 f = identify("--law", "steady_state", "--fix", "alpha=1.3", "--joint", "joint3", "cycle/telemetry.h5")
 check(
     "a telemetry.h5", not isinstance(f, subprocess.CompletedProcess) and f["samples"] >= 15 and f["r_squared"] > 0.99, f
 )
+check("equal directions stay equal", "asymmetry" not in f["parameters"], f)
 refused("which joint?", "--law", "steady_state", "cycle/telemetry.h5", says="joint1, joint2")
 
 finish()

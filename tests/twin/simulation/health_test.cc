@@ -392,6 +392,16 @@ TEST(HealthOfARun, WhatTheScenarioExpectsIsNoWarning) {
   EXPECT_THAT(summary_json(s), HasSubstr("\"verdict\": \"expected\""));
 }
 
+TEST(HealthOfARun, TheBalanceHoldsWhereDirectionsDiffer) {
+  const std::string key = R"(<config key="gear_ratio" value="1"/>)";
+  const Summary s = run_of(
+      changed(model, {{key, key + R"(<config key="asymmetry" value="0.4"/><config key="offset_nm" value="2 -1"/>)"}}),
+      scenario);
+  EXPECT_THAT(checks_of(s), testing::IsEmpty());
+  EXPECT_LT(std::abs(s.energy_balance_J), 1e-3 * s.friction_work_J);
+  EXPECT_NEAR(s.heat_J, s.friction_work_J, 1e-12 * s.heat_J);
+}
+
 TEST(HealthOfARun, AnUnknownExpectationIsRefused) {
   const Folder folder;
   const auto s = loaded(folder, model, scenario + "expects: [contact]\n");

@@ -191,7 +191,7 @@ Result<JointRecording> record(const mujoco::Model& bench, std::size_t drive, con
     signals.torque_nm.push_back(s.torque_nm);
     // Load of this step; that of the drive is one step late and filtered where configured. A controller measures it by
     // the motor current, like the torque.
-    const double load = drive::delivered_nm(s) - s.friction_nm -
+    const double load = drive::delivered_nm(s) - s.friction_nm - binding.drive.offset_nm -
                         m->dof_armature[binding.dof] * (d->qvel[binding.dof] - signals.velocity_rad_s.back()) / dt;
     signals.load_nm.push_back(load / (1 - me.faults.torque_loss));
     signals.temperature_degC.push_back(s.temperature_degC);
@@ -202,11 +202,17 @@ Result<JointRecording> record(const mujoco::Model& bench, std::size_t drive, con
 
 std::vector<CurvePoint> law_curve(const drive::Drive& drive, std::span<const double> speeds, double load_norm,
                                   double temperature_degC) {
+  drive::Drive symmetric = drive;
+  symmetric.asymmetry = 0;
+  const auto level = [&](double speed) {
+    return mujoco::friction_nm(symmetric, speed / drive.gear_ratio, load_norm, temperature_degC);
+  };
   std::vector<CurvePoint> points;
   for (const double speed : speeds) {
-    const double nm =
-        std::copysign(mujoco::friction_nm(drive, speed / drive.gear_ratio, load_norm, temperature_degC), speed);
-    points.push_back({speed, load_norm, temperature_degC, nm / drive.torque_max_nm, nm, 0});
+    const double nm = std::copysign(level(speed), speed);
+    points.push_back({speed, load_norm, temperature_degC, nm / drive.torque_max_nm, nm, 0,
+                      level(std::abs(speed)) * (1 + drive.asymmetry) + drive.offset_nm,
+                      level(-std::abs(speed)) * (1 - drive.asymmetry) - drive.offset_nm});
   }
   return points;
 }
@@ -246,7 +252,7 @@ Result<std::vector<CurvePoint>> measure_curve(const mujoco::Model& model, std::s
     const double friction = std::copysign(level.friction_nm, speeds[i]);
     points.push_back({std::copysign(level.speed_rad_s * drive.gear_ratio, speeds[i]),
                       level.load_nm / drive.torque_max_nm, level.temperature_degC, friction / drive.torque_max_nm,
-                      friction, level.stderr_nm});
+                      friction, level.stderr_nm, level.forward->friction_nm, level.backward->friction_nm});
   }
   return points;
 }

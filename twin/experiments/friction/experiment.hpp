@@ -66,7 +66,8 @@ Result<JointRecording> record(const mujoco::Model& bench, std::size_t drive, con
 /// One level of a friction curve. Motor-side speed; torques over torque_max_nm unless _nm.
 struct CurvePoint {
   double speed_rad_s, load_norm, temperature_degC;
-  double friction_norm, friction_nm, stderr_nm;
+  double friction_norm, friction_nm, stderr_nm;  ///< of both directions together, with the sign of the speed
+  double forward_nm, backward_nm;                ///< opposing motion at that speed, offset included
 };
 
 /// The law at these speeds [rad/s, motor side].

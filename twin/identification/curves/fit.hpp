@@ -16,6 +16,11 @@
 /// residual with the exact derivatives of Golub 1973. Covariance: lambda [sum psi psi^T]^-1 (Bittencourt 2012 (11)),
 /// lambda = sum of squares / (N - p). Accepted ranges of parameters are bounds, Fs >= Fc of `steady_state` (Zhou 2024
 /// (12)) included.
+///
+/// Where samples of both directions tell them, two more numbers are estimated with those of the law: `asymmetry` and
+/// `offset` of friction against positive motion, level (1 + asymmetry), and negative motion, level (1 - asymmetry),
+/// plus and minus the offset (curves/direction.hpp). Each is kept where its 95 % interval excludes 0 and it is no less
+/// than a thousandth of friction; else the result is that of a symmetric law.
 namespace tribotwin::twin::identification {
 
 enum class Loss {
@@ -25,14 +30,15 @@ enum class Loss {
 };
 
 struct FitOptions {
-  std::vector<std::pair<std::string, double>> fixed;  ///< parameters that are known
+  std::vector<std::pair<std::string, double>> fixed;  ///< parameters that are known, asymmetry and offset included
   Loss loss = Loss::squares;
   bool weigh = true;  ///< by 1 / standard error^2 where the samples have one
   unsigned threads = 2;
 };
 
-struct Fit : Estimates {  ///< in the law's order
+struct Fit : Estimates {  ///< in the law's order; after them `asymmetry` and `offset` where one of them is not 0
   friction::Law law;      ///< its range is that of the samples
+  double asymmetry = 0, offset = 0;  ///< [-], unit of the law
 };
 
 /// Fails with a sentence on what the data lack.

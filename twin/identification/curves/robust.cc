@@ -26,19 +26,24 @@ double robust_scale(const std::vector<double>& r, const std::vector<double>& bas
   return 1.4826 * median_of(std::move(magnitude));
 }
 
+std::vector<double> robust_weights(const std::vector<double>& r, const std::vector<double>& base, Loss loss) {
+  const double scale = robust_scale(r, base);
+  if (!(scale > 0)) return base;
+  std::vector<double> w(r.size());
+  for (std::size_t i = 0; i < r.size(); ++i) {
+    const double b = base.empty() ? 1 : base[i];
+    w[i] = b * loss_weight(loss, r[i] * std::sqrt(b) / scale);
+  }
+  return w;
+}
+
 Point robust_minimum(const Samples& samples, const std::vector<double>& base, Loss loss, Separable& problem,
                      Point point, unsigned threads) {
   for (const Loss now : loss == Loss::cauchy ? std::vector{Loss::huber, Loss::cauchy} : std::vector{loss})
     for (int round = 0; round < 40; ++round) {
       const auto r = residuals(samples, problem.place(), point.general_law, threads);
-      const double scale = robust_scale(r, base);
-      if (!(scale > 0)) return point;  // more than half of the samples are on the curve
-      std::vector<double> w(r.size());
-      for (std::size_t i = 0; i < r.size(); ++i) {
-        const double b = base.empty() ? 1 : base[i];
-        w[i] = b * loss_weight(now, r[i] * std::sqrt(b) / scale);
-      }
-      problem.set_weights(std::move(w));
+      if (!(robust_scale(r, base) > 0)) return point;  // more than half of the samples are on the curve
+      problem.set_weights(robust_weights(r, base, now));
       const Point next = round == 0 ? problem.minimise() : problem.refine(point.values);
       const double change =
           (next.values - point.values).cwiseAbs().cwiseQuotient(next.values.cwiseAbs().cwiseMax(1e-12)).maxCoeff();

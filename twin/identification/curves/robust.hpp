@@ -12,6 +12,9 @@ namespace tribotwin::twin::identification {
 /// `base`: weight per sample, empty for 1 each.
 double robust_scale(const std::vector<double>& residuals, const std::vector<double>& base);
 
+/// Weights by which least squares minimise a robust loss near these residuals; `base` itself where no scale is left.
+std::vector<double> robust_weights(const std::vector<double>& residuals, const std::vector<double>& base, Loss loss);
+
 /// The minimum of a robust loss, from the minimum of squares. Leaves the last weights in `problem`.
 Point robust_minimum(const Samples& samples, const std::vector<double>& base, Loss loss, Separable& problem,
                      Point squares, unsigned threads);

@@ -51,7 +51,7 @@ Prediction predict(const drive::Drive& of_law, std::span<const SlidingRecording>
     state.z = at(first_start + static_cast<Index>(k)) * breakaway / without.bristles.sigma0;
     for (std::size_t i = 0; i < r.time_s.size(); ++i, ++row) {
       const double v = r.velocity_rad_s[i], damped = begins(with, i), elastic = begins(without, i);
-      p.known(row) = elastic + (v == 0 ? 0 : std::copysign(workspace.limit_nm, v));
+      p.known(row) = elastic + (v == 0 ? 0 : std::copysign(workspace.limit_nm, v)) + of_law.offset_nm;
       p.basis(row, 0) = std::abs(damped - elastic) < 1e-100 ? 0 : damped - elastic;  // the square would underflow
       if (i + 1 == r.time_s.size()) continue;
       // The travel between two samples, by the trapezoidal rule.
@@ -123,7 +123,8 @@ double cost_of_law(const drive::Drive& drive, std::span<const SlidingRecording> 
       if (v == 0) continue;
       const auto level = drive::level(drive, friction::at_temperature(drive.law, temperature_of(r, i)),
                                       v * drive.speed_scale(), load_of(r, i) / drive.torque_max_nm);
-      cost += std::pow(r.torque_nm[i] - std::copysign(level.total() * drive.torque_scale_nm(), v), 2);
+      const double predicted = std::copysign(level.total() * drive.torque_scale_nm(), v) + drive.offset_nm;
+      cost += std::pow(r.torque_nm[i] - predicted, 2);
     }
   return cost;
 }

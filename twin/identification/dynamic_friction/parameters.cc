@@ -70,7 +70,16 @@ std::string results(const Estimates& found, const std::string& range, const std:
                          list(found.notes));
 }
 
-friction::Law read_law(Mapping& m, const std::filesystem::path& path) {
+/// What friction laws know nothing of, with its accepted range.
+struct OfDirection {
+  const char* name;
+  double ParameterFile::*value;
+  double limit;
+};
+constexpr OfDirection of_direction[] = {{"asymmetry", &ParameterFile::asymmetry, 0.99},
+                                        {"offset", &ParameterFile::offset, 1e9}};
+
+friction::Law read_law(Mapping& m, const std::filesystem::path& path, ParameterFile& file) {
   const std::string law = m.text("law");
   if (!friction::find_law(law)) {
     std::vector<std::string_view> names;
@@ -80,7 +89,13 @@ friction::Law read_law(Mapping& m, const std::filesystem::path& path) {
   auto parameters = m.mapping("parameters");
   if (!parameters) m.fail("parameters", "is missing");
   std::vector<std::pair<std::string, double>> values;
-  for (const auto& name : parameters->names()) values.emplace_back(name, parameters->number(name));
+  for (const auto& name : parameters->names()) {
+    const auto extra = std::ranges::find(of_direction, name, &OfDirection::name);
+    if (extra == std::end(of_direction))
+      values.emplace_back(name, parameters->number(name));
+    else
+      file.*extra->value = parameters->number(name, {-extra->limit, extra->limit});
+  }
   auto made = friction::make_law(law, values);
   if (!made) throw InputError(fmt::format("{}: {}", path.string(), made.error().message));
   parameters->done();
@@ -88,17 +103,16 @@ friction::Law read_law(Mapping& m, const std::filesystem::path& path) {
 }
 
 /// Value, status, sigma and interval of a law's parameters.
-std::vector<Estimate> read_estimates(Mapping& m, const friction::Law& law) {
+std::vector<Estimate> read_estimates(Mapping& m, const ParameterFile& file) {
+  const friction::Law& law = file.law;
   auto status = m.mapping("status"), sigma = m.mapping("sigma"), interval = m.mapping("confidence_95");
   std::vector<std::string_view> accepted;
   for (const auto& [s, text] : statuses) accepted.push_back(text);
   std::vector<Estimate> all;
-  for (std::size_t i = 0; i < law.info->parameters.size(); ++i) {
-    const auto& p = law.info->parameters[i];
-    const std::string name(p.name);
+  const auto read = [&](const std::string& name, std::string_view unit, double value) {
     Estimate e{.name = name,
-               .unit = std::string(p.unit),
-               .value = law.parameters[i],
+               .unit = std::string(unit),
+               .value = value,
                .sigma = unknown,
                .low = unknown,
                .high = unknown,
@@ -113,6 +127,12 @@ std::vector<Estimate> read_estimates(Mapping& m, const friction::Law& law) {
       e.low = ends[0], e.high = ends[1];
     }
     all.push_back(std::move(e));
+  };
+  for (std::size_t i = 0; i < law.info->parameters.size(); ++i)
+    read(std::string(law.info->parameters[i].name), law.info->parameters[i].unit, law.parameters[i]);
+  if (file.asymmetry != 0 || file.offset != 0) {
+    read("asymmetry", "1", file.asymmetry);
+    read("offset", law.info->normalised ? "-" : "Nm", file.offset);
   }
   for (auto* part : {&status, &sigma, &interval})
     if (*part) (*part)->done();
@@ -181,15 +201,23 @@ std::optional<drive::Bristles> read_bristles(Mapping& m) {
 }  // namespace
 
 ParameterFile parameter_file(const Fit& fit, std::vector<std::string> data, double torque_max_nm, double gear_ratio) {
-  return {
-      .law = fit.law, .torque_max_nm = torque_max_nm, .gear_ratio = gear_ratio, .found = fit, .data = std::move(data)};
+  return {.law = fit.law,
+          .torque_max_nm = torque_max_nm,
+          .gear_ratio = gear_ratio,
+          .found = fit,
+          .data = std::move(data),
+          .bristles = {},
+          .asymmetry = fit.asymmetry,
+          .offset = fit.offset};
 }
 
 std::string to_yaml(const ParameterFile& f) {
   const friction::LawInfo& info = *f.law.info;
-  std::string s =
-      fmt::format("# {} = {}; {}\nlaw: {}\n", info.normalised ? "friction / torque_max_nm" : "friction [Nm]",
-                  info.equation, info.source, info.name);
+  std::string s = fmt::format(
+      "# {} = {}; {}\n{}law: {}\n", info.normalised ? "friction / torque_max_nm" : "friction [Nm]", info.equation,
+      info.source,
+      f.asymmetry == 0 && f.offset == 0 ? "" : "# of motion with sign s: sign(s) friction (1 + s asymmetry) + offset\n",
+      info.name);
   if (f.torque_max_nm > 0) s += fmt::format("torque_max_nm: {}\n", f.torque_max_nm);
   if (f.gear_ratio > 0) s += fmt::format("gear_ratio: {}\n", f.gear_ratio);
   const auto& r = f.law.range;
@@ -223,7 +251,8 @@ Result<void> usable(const Estimates& found, const friction::LawInfo* law) {
     if (!std::isfinite(e.value))
       return work_failed(fmt::format(
           "the fit gives no finite number for {}; check the data for values that no joint can have", e.name));
-    values.emplace_back(e.name, e.value);
+    if (std::ranges::find(of_direction, e.name, &OfDirection::name) == std::end(of_direction))
+      values.emplace_back(e.name, e.value);
   }
   const auto& r = found.residual;
   if (!std::isfinite(r.mean) || !std::isfinite(r.std) || !std::isfinite(r.max_abs))
@@ -242,10 +271,10 @@ Result<ParameterFile> read_parameters(const std::filesystem::path& path) try {
             "range", "residual", "samples", "condition_number", "r_squared", "unidentifiable", "data", "notes",
             "lugre"});
   ParameterFile f;
-  f.law = read_law(m, path);
+  f.law = read_law(m, path, f);
   f.torque_max_nm = m.number_or("torque_max_nm", 0, {0, 1e9});
   f.gear_ratio = m.number_or("gear_ratio", 0, {0, 1e6});
-  f.found.parameters = read_estimates(m, f.law);
+  f.found.parameters = read_estimates(m, f);
   f.found.covariance = read_covariance(m, f.found.parameters);
   read_range(m, f.law.range);
   read_statistics(m, f.found);
@@ -281,6 +310,8 @@ Result<drive::Drive> drive_of(const ParameterFile& f, std::string name) {
   d.law = f.law;
   d.torque_max_nm = f.torque_max_nm;
   d.gear_ratio = f.gear_ratio;
+  d.asymmetry = f.asymmetry;
+  d.offset_nm = f.offset * d.torque_scale_nm();
   if (f.bristles) d.dynamics = drive::Dynamics::lugre, d.bristles = *f.bristles;
   return d;
 }

@@ -18,9 +18,10 @@ struct ParameterFile {
   friction::Law law;         ///< its range is that of the data
   double torque_max_nm = 0;  ///< 0: not known
   double gear_ratio = 0;     ///< 0: not known
-  Estimates found;           ///< in the law's order
+  Estimates found;           ///< in the law's order; after them `asymmetry` and `offset` where one of them is not 0
   std::vector<std::string> data;
   std::optional<drive::Bristles> bristles;
+  double asymmetry = 0, offset = 0;  ///< of friction by direction (curves/fit.hpp): [-], unit of the law
 };
 
 ParameterFile parameter_file(const Fit& fit, std::vector<std::string> data, double torque_max_nm, double gear_ratio);

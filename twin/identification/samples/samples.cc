@@ -93,7 +93,13 @@ Problem beyond_torque_max(const fs::path& file, std::span<const double> friction
 
 struct CurveColumns {
   std::vector<double> speed, friction, load, temperature, error, curve;
+  std::vector<double> forward = {}, backward = {};  ///< empty, or of each level, NaN where not known
 };
+
+/// Half of what friction of the forward direction is above that of the backward one, in the unit of the file.
+double difference_of(const CurveColumns& c, std::size_t i) {
+  return c.forward.empty() || c.backward.empty() ? std::nan("") : 0.5 * (c.forward[i] - c.backward[i]);
+}
 
 /// Appends one file's curves.
 Problem append(Samples& s, const fs::path& file, const CurveColumns& c, const Units& u, bool is_norm) {
@@ -136,6 +142,8 @@ Problem append(Samples& s, const fs::path& file, const CurveColumns& c, const Un
     s.temperature_degC.push_back(c.temperature.empty() ? 0 : c.temperature[i]);
     if (keep_errors) s.standard_error.push_back(c.error[i] * scale);
     s.curve.push_back(curve);
+    s.difference.push_back(difference_of(c, i) * scale);
+    s.direction.push_back(std::isfinite(s.difference.back()) ? 0 : std::copysign(1, c.speed[i]));
   }
   if (standing)
     s.notes.push_back(
@@ -173,12 +181,24 @@ Problem read_curves(Samples& samples, const Numbers& table, const friction::LawI
                  .load = c[3],
                  .temperature = c[4],
                  .error = norm ? c[5] : c[6],
-                 .curve = c[7]},
+                 .curve = c[7],
+                 .forward = norm ? c[8] : c[10],
+                 .backward = norm ? c[9] : c[11]},
                 *units, norm);
 }
 
-const std::vector<std::string> curve_columns{"speed_rad_s",      "friction_norm", "friction_nm", "load_norm",
-                                             "temperature_degC", "stderr_norm",   "stderr_nm",   "curve"};
+const std::vector<std::string> curve_columns{"speed_rad_s",
+                                             "friction_norm",
+                                             "friction_nm",
+                                             "load_norm",
+                                             "temperature_degC",
+                                             "stderr_norm",
+                                             "stderr_nm",
+                                             "curve",
+                                             "friction_forward_norm",
+                                             "friction_backward_norm",
+                                             "friction_forward_nm",
+                                             "friction_backward_nm"};
 const std::vector<std::string> series_columns{"time_s",    "position_rad",     "velocity_rad_s",
                                               "torque_nm", "temperature_degC", "load_nm"};
 
@@ -228,6 +248,8 @@ Problem append_levels(Samples& samples, const fs::path& file, const JointRecordi
     c.temperature.push_back(std::isnan(level.temperature_degC) ? 0 : level.temperature_degC);
     c.error.push_back(level.stderr_nm);
     c.curve.push_back(0);
+    c.forward.push_back(level.forward ? level.forward->friction_nm : std::nan(""));
+    c.backward.push_back(level.backward ? level.backward->friction_nm : std::nan(""));
   }
   if (const Problem p = implausible(file, c.speed, c.load, c.temperature, c.friction, false)) return p;
   if (const Problem p = beyond_torque_max(file, c.friction, o)) return p;
@@ -302,6 +324,8 @@ Samples Samples::subset(std::span<const std::size_t> rows) const {
   take(some.temperature_degC, temperature_degC);
   take(some.friction, friction);
   take(some.standard_error, standard_error);
+  take(some.direction, direction);
+  take(some.difference, difference);
   // Curves keep their order but count from 0 again.
   std::uint32_t next = 0;
   for (std::size_t k = 0; k < rows.size() && !curve.empty(); ++k) {
@@ -351,6 +375,12 @@ Result<Opened> open_samples(const fs::path& file, const TableOptions& options) {
                   file.string(), curve->header));
 }
 
+/// Speeds of one sign are those of friction levels by custom, of both signs those of directions.
+void forget_unknown_directions(Samples& s) {
+  if (std::ranges::find(s.direction, -1.0) == s.direction.end()) s.direction.clear();
+  if (std::ranges::none_of(s.difference, [](double d) { return std::isfinite(d); })) s.difference.clear();
+}
+
 }  // namespace
 
 Result<Samples> read_samples(std::span<const fs::path> files, const friction::LawInfo& law,
@@ -380,6 +410,7 @@ Result<Samples> read_samples(std::span<const fs::path> files, const friction::La
           fmt::format("{}: {} of {} rows hold no finite numbers; what is left may not be a fair sample", file.string(),
                       table->left_out, table->columns[0].size() + table->left_out));
   }
+  forget_unknown_directions(samples);
   return samples;
 }
 

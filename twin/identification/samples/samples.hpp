@@ -19,6 +19,11 @@ namespace tribotwin::twin::identification {
 /// that of each level.
 struct Samples {
   std::vector<double> speed, load, temperature_degC, friction, standard_error;
+  /// 1 for positive motion, -1 for negative, 0 for a level of both. Empty where no sample is known to be of one.
+  std::vector<double> direction;
+  /// Of a level of both directions: half of forward - backward [unit of the law], each positive against its motion; NaN
+  /// where it is not known. Empty without any.
+  std::vector<double> difference;
   std::vector<std::uint32_t> curve;  ///< which curve a sample belongs to, from 0, ascending
   std::size_t left_out = 0;          ///< rows of the files that held no finite numbers
   std::vector<std::string> notes;    ///< what a reader of the result should know about the data
@@ -38,10 +43,11 @@ struct ReadOptions {
 };
 
 /// Reads curve CSV (speed_rad_s, load_norm, temperature_degC, friction_norm or friction_nm, optionally stderr_norm or
-/// stderr_nm and curve), time-series CSV (time_s, position_rad, velocity_rad_s, torque_nm, optionally temperature_degC
-/// and load_nm) or telemetry.h5, in the units of `law`. Rows with a cell that is no finite number are left out and
-/// counted. Fails with file, line or column and what would be right: also where the numbers cannot be what their header
-/// says (degrees for radians, swapped columns).
+/// stderr_nm, both directions by themselves, and curve), time-series CSV (time_s, position_rad, velocity_rad_s,
+/// torque_nm, optionally temperature_degC and load_nm) or telemetry.h5, in the units of `law`. Rows with a cell that is
+/// no finite number are left out and counted. Fails with file, line or column and what would be right: also where the
+/// numbers cannot be what their header says (degrees for radians, swapped columns). Directions are known where speeds
+/// have both signs, where a curve has friction_forward and friction_backward, and where a recording has load_nm.
 Result<Samples> read_samples(std::span<const std::filesystem::path> files, const friction::LawInfo& law,
                              const ReadOptions& options);
 
