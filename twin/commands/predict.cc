@@ -112,16 +112,21 @@ std::string wrench_csv_of(const JointMotion& motion, const Eigen::MatrixXd& wren
   return s;
 }
 
+/// As for the fit, unless --cutoff says another one.
+Preparation preparation_of(const Arguments& a, const DynamicsFile& file) {
+  Preparation p = a.preparation;
+  if (p.cutoff_hz == 0) p.cutoff_hz = file.signals.cutoff_hz;
+  p.recorded_velocity = file.signals.recorded_velocity;
+  p.reversal_periods = file.signals.reversal_periods;
+  return p;
+}
+
 Result<Exit> execute(const Arguments& a) {
   const Robot robot = load_robot(a.model);
   const auto file = or_wrong_input(read_dynamics(a.parameters, robot.regressor, robot.base));
   const auto friction = robot_friction(*robot.model, robot.regressor, *file.law, file.directional, file.torque_max_nm);
   if (!friction) throw InputError(fmt::format("{}: {}", a.model, friction.error().message));
-  Preparation preparation = a.preparation;
-  if (preparation.cutoff_hz == 0) preparation.cutoff_hz = file.signals.cutoff_hz;
-  preparation.recorded_velocity = file.signals.recorded_velocity;
-  preparation.reversal_periods = file.signals.reversal_periods;
-  JointMotion motion = read_motion(robot, a.data, preparation, a.tables, a.quiet);
+  JointMotion motion = read_motion(robot, a.data, preparation_of(a, file), a.tables, a.quiet);
   const bool unknown = file.law->temperature_dependent && !motion.has_temperature,
              estimated = unknown && !file.thermal.empty();
   if (!a.start_degC.empty() && !estimated)

@@ -7,7 +7,7 @@
 
 #include <tribotwin/twin/identification/rigid_body/dynamics.hpp>
 
-/// Internal to this folder, not installed: how well dynamics predict samples that they were not fitted to.
+/// How well dynamics predict samples that they were not fitted to.
 namespace tribotwin::twin::identification {
 
 /// A way to identify a robot's dynamics.
