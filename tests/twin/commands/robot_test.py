@@ -405,6 +405,21 @@ check(
     all(abs(friction[k]["value"] - e) < 4 * friction[k]["sigma"] for k, e in (("Fc", 2), ("Fv", 4), ("offset", 0.3))),
     friction,
 )
+chosen = run("dynamics", "slide.xml", "slide.csv", "--friction", "auto", "-o", "chosen.yaml")
+check(
+    "the choice says what it tried, and what it chose",
+    all(w in chosen.stdout for w in ("tried", "held-out error", "friction stribeck", "asymmetry", "chosen: friction")),
+    chosen.stdout,
+)
+choice = json.loads(run("dynamics", "slide.xml", "slide.csv", "--friction", "auto", "--json").stdout)
+check(
+    "as JSON, and its numbers are those of the law that was chosen",
+    len(choice["choice"]["trials"]) > 10
+    and abs(choice["base_parameters"]["cart.m"]["value"] - 3.5) < 4 * choice["base_parameters"]["cart.m"]["sigma"],
+    choice,
+)
+used = json.loads(run("predict", "slide.xml", "chosen.yaml", "slide.csv", "--json").stdout)
+check("predictions take its signals", used["worst_relative_to_range"] < 0.02, used)
 run("excite", "slide.xml", "-o", "rail.csv", "--evaluations", 20, "--quiet")
 names, rail = read("rail.csv")
 check(
