@@ -113,7 +113,8 @@ off |= {
 size = np.abs(list(off.values()))
 check(
     "40 base, 30 friction parameters and 6 offsets are as far off as their sigmas say",
-    len(size) == 76 and size.max() < 3.5 and 0.75 < np.sqrt(np.mean(size**2)) < 1.25,
+    # The sigmas are estimates too, of some 20 degrees of freedom: Student's distribution, of 76 values.
+    len(size) == 76 and size.max() < 4.5 and np.mean(size > 2.1) < 0.12 and 0.75 < np.sqrt(np.mean(size**2)) < 1.25,
     off,
 )
 for name, value in {"joint3.Ia": 0.20, "joint4.Ia": 0.045, "joint5.Ia": 0.045, "joint6.Ia": 0.020}.items():
