@@ -212,13 +212,19 @@ std::vector<double> largest_torques(const std::vector<RobotRecording>& recording
   return out;
 }
 
+/// Null: to be chosen.
+const friction::LawInfo* given_law(const Arguments& a) {
+  return a.friction == "auto" ? nullptr : or_wrong_input(dynamics_law(a.friction, "--friction"));
+}
+
 /// By the held-out error, where the options leave that open.
-DynamicsChoice choice_of(const Arguments& a, const Robot& robot, const std::vector<RobotRecording>& recordings,
-                         std::span<const double> torque_max_nm, Progress& progress) {
-  if (a.friction == "auto")
+DynamicsChoice choice_of(const Arguments& a, const friction::LawInfo* given, const Robot& robot,
+                         const std::vector<RobotRecording>& recordings, std::span<const double> torque_max_nm,
+                         Progress& progress) {
+  if (!given)
     return or_wrong_input(choose_dynamics(*robot.model, robot.regressor, robot.base, recordings, decided(a),
                                           torque_max_nm, a.threads, [&](double share) { progress(0.9 * share); }));
-  return {.setting = setting_of(a, *or_wrong_input(dynamics_law(a.friction, "--friction"))), .trials = {}, .notes = {}};
+  return {.setting = setting_of(a, *given), .trials = {}, .notes = {}};
 }
 
 Result<DynamicsFit> fit_of(const Arguments& a, const Robot& robot, const Setting& setting,
@@ -247,11 +253,12 @@ DynamicsOrigin origin_of(const Arguments& a, const Robot& robot, const Setting& 
 }
 
 Result<Exit> execute(const Arguments& a) {
+  const friction::LawInfo* const given = given_law(a);
   const Robot robot = load_robot(a.model);
   const auto recordings = read_recordings(robot, a.data, a.tables, a.quiet);
   const std::vector<double> torque_max_nm = largest_torques(recordings);
   Progress progress(a.quiet, "identifying");
-  const DynamicsChoice choice = choice_of(a, robot, recordings, torque_max_nm, progress);
+  const DynamicsChoice choice = choice_of(a, given, robot, recordings, torque_max_nm, progress);
   const friction::LawInfo& law = *choice.setting.law;
   const auto friction = robot_friction(*robot.model, robot.regressor, law, choice.setting.directional, torque_max_nm);
   if (!friction) throw InputError(fmt::format("{}: {}", a.model, friction.error().message));
