@@ -44,12 +44,7 @@ def content(name, mode="r"):
 
 
 def run(program, *arguments, timeout=300, **options):
-    """The finished process, with stdout and stderr as text; it runs in the folder unless `cwd` says otherwise.
-
-    `dynamics` without --friction is that of one law: the choice among laws takes a while and has tests of its own.
-    """
-    if arguments[:1] == ("dynamics",) and not {"--friction", "--help"} & set(arguments):
-        arguments += ("--friction", "coulomb_viscous")
+    """The finished process, with stdout and stderr as text; it runs in the folder unless `cwd` says otherwise."""
     return subprocess.run(
         [program, *map(str, arguments)], capture_output=True, text=True, timeout=timeout, **{"cwd": work, **options}
     )

@@ -38,6 +38,16 @@ inline int actuator_count(const mjModel* m) {
 #endif
 }
 
+/// A warning of the visualiser, which later engines do not have.
+inline bool concerns_pictures(int warning) {
+#if mjVERSION_HEADER < 3011000
+  return warning == mjWARN_VGEOMFULL;
+#else
+  (void)warning;
+  return false;
+#endif
+}
+
 /// Where elements store their state, which a restart needs, and their workspace, which it does not.
 #if TRIBOTWIN_ENGINE_PLUGINS
 inline mjtNum* state(const mjData* d) { return d->act; }

@@ -25,7 +25,7 @@ using Json = nlohmann::ordered_json;
 using Eigen::Index;
 
 struct Arguments {
-  std::string model, friction = "auto", thermal, robust = "auto";
+  std::string model, friction = "coulomb_viscous", thermal, robust = "auto";
   Destination output;
   TableArguments tables;
   std::vector<std::string> data;
@@ -301,7 +301,8 @@ void add_dynamics(CLI::App& app, int& code) {
                 "torque_JOINT_nm (_n), optionally velocity_JOINT_rad_s, "
                 "temperature_JOINT_degC")
       ->required();
-  c->add_option("--friction", a->friction, "auto (by what predicts best), coulomb_viscous, polynomial or another law")
+  c->add_option("--friction", a->friction,
+                "coulomb_viscous, polynomial or another law; auto: by what predicts best in these recordings")
       ->capture_default_str();
   c->add_flag("--no-offset", a->no_offset, "No torque offset beside the law");
   c->add_flag("--asymmetry", a->asymmetry, "Friction forward and reverse may differ by a factor");

@@ -5,6 +5,7 @@
 
 #include <fmt/format.h>
 
+#include <tribotwin/plugins/mujoco/engine.hpp>
 #include <tribotwin/twin/simulation/twin.hpp>
 
 namespace tribotwin::twin {
@@ -27,7 +28,8 @@ bool follows_motion(const Scenario& scenario) {
 
 /// Warnings of the engine that leave forces out but no state that is not finite; the health check counts them.
 bool ends_run(int warning) {
-  return warning != mjWARN_CONTACTFULL && warning != mjWARN_CNSTRFULL && warning != mjWARN_VGEOMFULL;
+  if (mujoco::engine::concerns_pictures(warning)) return false;
+  return warning != mjWARN_CONTACTFULL && warning != mjWARN_CNSTRFULL;
 }
 
 }  // namespace

@@ -23,8 +23,11 @@ std::string_view name_of(Robust robust) {
 
 /// Laws to try beside coulomb_viscous, simple ones first. Those with more numbers than a motion of the whole robot
 /// tells apart (extended, steady_state, ...) are for friction curves, or for those who ask for them.
-std::vector<const friction::LawInfo*> laws_to_try() {
-  return {&coulomb_viscous_load(), friction::find_law("stribeck"), friction::find_law("polynomial")};
+std::vector<const friction::LawInfo*> laws_to_try(bool has_temperature) {
+  std::vector<const friction::LawInfo*> laws{&coulomb_viscous_load(), friction::find_law("stribeck")};
+  // A cubic of the speed goes astray beyond the speeds of the recordings; it is worth that for its temperature.
+  if (has_temperature) laws.push_back(friction::find_law("polynomial"));
+  return laws;
 }
 
 class Chooser {
@@ -177,7 +180,7 @@ class Chooser {
 
   void choose_friction() {
     if (!decided_.law)
-      for (const auto* law : laws_to_try())
+      for (const auto* law : laws_to_try(target_.motion.has_temperature))
         attempt_with(fmt::format("friction {}", law->name), [&](Setting& s) { s.law = law; });
     if (!decided_.asymmetry) attempt_with("asymmetry", [](Setting& s) { s.directional.asymmetry = true; });
     if (!decided_.robust)
