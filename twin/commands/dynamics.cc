@@ -116,7 +116,7 @@ std::string words_of(const Setting& s) {
   if (s.directional.asymmetry) text += ", asymmetry";
   if (s.signals.cutoff_hz > 0) text += fmt::format(", cut-off {:.3g} Hz", s.signals.cutoff_hz);
   if (s.signals.recorded_velocity) text += ", recorded velocity";
-  if (s.robust != Robust::none) text += s.robust == Robust::huber ? ", huber" : ", tukey";
+  if (s.robust != Robust::none) text += fmt::format(", {}", name_of(s.robust));
   if (!s.rotor_inertia) text += ", no rotor inertias";
   if (s.prior > 0) text += fmt::format(", prior of {:g} % about the model", 100 * s.prior);
   return text;
@@ -147,9 +147,7 @@ Json json_of(const DynamicsChoice& choice) {
          {"asymmetry", s.directional.asymmetry},
          {"cutoff_hz", s.signals.cutoff_hz},
          {"recorded_velocity", s.signals.recorded_velocity},
-         {"robust", s.robust == Robust::huber   ? "huber"
-                    : s.robust == Robust::tukey ? "tukey"
-                                                : "none"},
+         {"robust", name_of(s.robust)},
          {"rotor_inertia", s.rotor_inertia},
          {"prior", s.prior},
          {"trials", Json::array()}};
@@ -182,7 +180,9 @@ void doubt(const Arguments& a, const Robot& robot, const DynamicsFit& fit) {
 }
 
 Robust robust_of(const std::string& name) {
-  return name == "huber" ? Robust::huber : name == "tukey" ? Robust::tukey : Robust::none;
+  for (const Robust robust : {Robust::huber, Robust::tukey})
+    if (name == name_of(robust)) return robust;
+  return Robust::none;
 }
 
 Setting setting_of(const Arguments& a, const friction::LawInfo& law) {
@@ -224,19 +224,16 @@ DynamicsChoice choice_of(const Arguments& a, const friction::LawInfo* given, con
   if (!given)
     return or_wrong_input(choose_dynamics(*robot.model, robot.regressor, robot.base, recordings, decided(a),
                                           torque_max_nm, a.threads, [&](double share) { progress(0.9 * share); }));
-  return {.setting = setting_of(a, *given), .trials = {}, .notes = {}};
+  return {.setting = setting_of(a, *given), .trials = {}};
 }
 
 Result<DynamicsFit> fit_of(const Arguments& a, const Robot& robot, const Setting& setting,
                            const RobotFriction& friction, std::span<const thermal::Model> models, JointMotion& motion,
                            Progress& progress) {
-  const DynamicsOptions options{.robust = setting.robust,
-                                .weigh = !a.unweighted,
-                                .rotor_inertia = setting.rotor_inertia,
-                                .prior = setting.prior,
-                                .essential_only = a.essential,
-                                .threads = a.threads,
-                                .progress = [&](double share) { progress(share); }};
+  DynamicsOptions options = options_of(setting, a.threads);
+  options.weigh = !a.unweighted;
+  options.essential_only = a.essential;
+  options.progress = [&](double share) { progress(share); };
   if (models.empty() || motion.has_temperature)
     return fit_dynamics(robot.regressor, robot.base, friction, motion, options);
   return fit_warming_dynamics(robot.regressor, robot.base, friction, models, motion, options);

@@ -17,10 +17,6 @@ constexpr double least_gain = 0.002;
 constexpr unsigned most_folds = 10, folds_of_time = 6;
 constexpr Index stretch_count = 40;
 
-std::string_view name_of(Robust robust) {
-  return robust == Robust::huber ? "huber" : robust == Robust::tukey ? "tukey" : "none";
-}
-
 /// Laws to try beside coulomb_viscous, simple ones first. Those with more numbers than a motion of the whole robot
 /// tells apart (extended, steady_state, ...) are for friction curves, or for those who ask for them.
 std::vector<const friction::LawInfo*> laws_to_try(bool has_temperature) {
@@ -68,7 +64,6 @@ class Chooser {
     s.signals = {.cutoff_hz = decided_.cutoff_hz.value_or(0), .decimation = decided_.decimation.value_or(0)};
     auto widest = prepare(recordings_, regressor_, s.signals);
     if (!widest) return tl::unexpected(widest.error());
-    out_.notes = widest->notes;
     set_cutoffs(*widest);
     s.signals.cutoff_hz = s.signals.widest_hz = widest_hz();
     s.signals.narrowest_hz = cutoffs_.back();

@@ -39,11 +39,10 @@ struct DynamicsChoice {
   unsigned folds = 0;
   bool by_file = false;  ///< folds are files
   double target_hz = 0;  ///< band of the torque that errors are counted against
-  std::vector<std::string> notes;
 };
 
 /// ErrorKind::input where not even the first setting can be fitted. `torque_max_nm`: of joints without a drive, as for
-/// robot_friction. `progress` gets a share of 0 .. 1 and what is tried.
+/// robot_friction. `progress` gets a share of 0 .. 1.
 Result<DynamicsChoice> choose_dynamics(const mujoco::Model& model, const Regressor& regressor,
                                        const BaseParameters& base, std::span<const RobotRecording> recordings,
                                        const Decided& decided, std::span<const double> torque_max_nm, unsigned threads,

@@ -6,15 +6,16 @@ namespace tribotwin::twin::identification {
 
 using Eigen::Index, Eigen::MatrixXd, Eigen::VectorXd;
 
+DynamicsOptions options_of(const Setting& setting, unsigned threads) {
+  return {.robust = setting.robust, .rotor_inertia = setting.rotor_inertia, .prior = setting.prior, .threads = threads};
+}
+
 Result<HeldOut> held_out(const Regressor& regressor, const BaseParameters& base, const RobotFriction& friction,
                          const JointMotion& motion, const Setting& setting, const Target& target, unsigned folds,
                          unsigned threads) {
-  const auto fit = fit_dynamics(regressor, base, friction, motion,
-                                {.robust = setting.robust,
-                                 .rotor_inertia = setting.rotor_inertia,
-                                 .prior = setting.prior,
-                                 .folds = folds,
-                                 .threads = threads});
+  DynamicsOptions options = options_of(setting, threads);
+  options.folds = folds;
+  const auto fit = fit_dynamics(regressor, base, friction, motion, options);
   if (!fit) return tl::unexpected(fit.error());
   const MatrixXd& predicted = fit->held_out;
   const Index joints = regressor.joints(), stretches = static_cast<Index>(target.stretches.size());

@@ -20,6 +20,9 @@ struct Setting {
   double prior = 0;  ///< as in DynamicsOptions
 };
 
+/// Options of a fit with this setting; its signals and friction are arguments of their own.
+DynamicsOptions options_of(const Setting& setting, unsigned threads);
+
 struct HeldOut {
   Eigen::VectorXd rms;   ///< per joint [Nm; N], over the samples in motion
   Eigen::MatrixXd mean;  ///< joints x stretches of time: mean squares

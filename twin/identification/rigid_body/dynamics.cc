@@ -107,7 +107,7 @@ class Identification {
   Result<DynamicsFit> run() && {
     progress(0);
     if (auto ok = require_motion(); !ok) return tl::unexpected(ok.error());
-    now_.base = base_.from_all * regressor_.model_parameters();
+    now_.base = of_model_ = base_.from_all * regressor_.model_parameters();
     for (const auto& f : friction_) now_.friction.emplace_back(static_cast<std::size_t>(f.size()), 0.0);
     restrict();
     if (!friction_.front().linear())
@@ -149,7 +149,6 @@ class Identification {
         now_.base(k) = 0;
       }
     if (options_.prior <= 0) return;
-    of_model_ = base_.from_all * regressor_.model_parameters();
     const MatrixXd spread = options_.prior * base_.from_all * inertial_scale(regressor_).asDiagonal();
     prior_ = symmetric_inverse(spread * spread.transpose());
   }
@@ -413,7 +412,7 @@ class Identification {
 
   /// The change of the free unknowns that the rows of the normal matrix `rest` ask for. What they do not tell is drawn
   /// to the model by a very weak prior in units of `all`.
-  VectorXd change_of(const MatrixXd& rest, const MatrixXd& all, const VectorXd& of_model) const {
+  VectorXd change_of(const MatrixXd& rest, const MatrixXd& all) const {
     constexpr double prior = 1e-8;
     const auto n = static_cast<Index>(order_.size());
     MatrixXd left = rest.topLeftCorner(n, n);
@@ -422,7 +421,7 @@ class Identification {
       const double weight = prior * all(c, c);
       left(c, c) += weight;
       if (const Index u = order_[static_cast<std::size_t>(c)]; u < base_.size())
-        right(c) += weight * (of_model(u) - now_.base(u));
+        right(c) += weight * (of_model_(u) - now_.base(u));
     }
     const VectorXd scale = left.diagonal().cwiseSqrt().cwiseInverse();
     return scale.cwiseProduct(
@@ -439,10 +438,8 @@ class Identification {
       of_fold[fold[b]] += problem_.normal_matrix(pass_, b, weights_, order_);
     MatrixXd all = prior_normal();
     for (const MatrixXd& N : of_fold) all += N;
-    const VectorXd of_model = base_.from_all * regressor_.model_parameters();
     MatrixXd changes = MatrixXd::Zero(problem_.unknowns(), static_cast<Index>(count));
-    for (std::size_t f = 0; f < count; ++f)
-      changes(order_, static_cast<Index>(f)) = change_of(all - of_fold[f], all, of_model);
+    for (std::size_t f = 0; f < count; ++f) changes(order_, static_cast<Index>(f)) = change_of(all - of_fold[f], all);
     out_.held_out = problem_.predicted(now_, changes, fold);
   }
 
@@ -547,6 +544,10 @@ class Identification {
 };
 
 }  // namespace
+
+std::string_view name_of(Robust robust) {
+  return robust == Robust::huber ? "huber" : robust == Robust::tukey ? "tukey" : "none";
+}
 
 VectorXd inertial_scale(const Regressor& regressor) {
   constexpr Index per_body = 10;

@@ -2,6 +2,7 @@
 
 #include <functional>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include <Eigen/Dense>
@@ -27,6 +28,9 @@ enum class Robust {
   huber,  ///< linear beyond 1.345 sigma
   tukey   ///< no weight beyond 4.685 sigma
 };
+
+/// As in options and output: "none", "huber", "tukey".
+std::string_view name_of(Robust robust);
 
 struct DynamicsOptions {
   Robust robust = Robust::none;

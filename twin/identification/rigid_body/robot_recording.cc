@@ -20,7 +20,7 @@ constexpr double degrees = 57.29577951308232;
 /// No joint of an arm moves faster [rad/s; m/s].
 constexpr double speed_max = 60;
 
-/// Whether a sample comes after a gap, across which nothing is differentiated: the definition of joint_motion.cc.
+/// Whether a sample comes after a step across which no raw slope is taken. Filtered, joint_motion.cc crosses more.
 std::vector<bool> after_gap(const std::vector<double>& time) {
   std::vector<double> steps;
   for (std::size_t i = 1; i < time.size(); ++i) steps.push_back(time[i] - time[i - 1]);
