@@ -490,14 +490,15 @@ class Identification {
 
   /// Estimates with sigmas, information of the base parameters, condition number.
   void conclude() {
-    const auto [C, t] = uncertainty();
+    const Uncertainty of_unknowns = uncertainty();
     std::vector<Index> place(static_cast<std::size_t>(problem_.unknowns()), -1);
     for (std::size_t c = 0; c < order_.size(); ++c) place[static_cast<std::size_t>(order_[c])] = static_cast<Index>(c);
     const auto estimate = [&](Index u, std::string name, std::string unit, double value) {
       Estimate e = without_sigma(std::move(name), std::move(unit), value, Status::held);
       if (const Index c = place[static_cast<std::size_t>(u)]; c >= 0) {
-        e.sigma = std::sqrt(C(c, c));
-        e.low = value - t(c) * e.sigma, e.high = value + t(c) * e.sigma;
+        const double t = of_unknowns.quantile(c);
+        e.sigma = std::sqrt(of_unknowns.covariance(c, c));
+        e.low = value - t * e.sigma, e.high = value + t * e.sigma;
         e.status = Status::estimated;
       }
       return e;
@@ -521,7 +522,7 @@ class Identification {
     std::vector<Index> of_base, at;
     for (Index k = 0; k < base_.size(); ++k)
       if (const Index c = place[static_cast<std::size_t>(k)]; c >= 0) of_base.push_back(k), at.push_back(c);
-    const MatrixXd own_information = symmetric_inverse(C(at, at));
+    const MatrixXd own_information = symmetric_inverse(of_unknowns.covariance(at, at));
     out_.information(of_base, of_base) = own_information;
     out_.condition_number = scaled_condition_number(R_.topLeftCorner(R_.cols() - 1, R_.cols() - 1));
     out_.parameters = std::move(now_);
