@@ -31,7 +31,9 @@ struct Arguments {
   std::vector<std::string> data;
   Preparation preparation;
   unsigned threads = std::max(1u, std::thread::hardware_concurrency());
-  bool json = false, quiet = false, essential = false, unweighted = false, no_offset = false, asymmetry = false;
+  std::optional<double> prior_percent;
+  bool no_rotor_inertia = false, json = false, quiet = false, essential = false, unweighted = false, no_offset = false,
+       asymmetry = false;
 };
 
 std::vector<thermal::Model> thermal_models(const std::string& file, const Regressor& regressor) {
@@ -112,6 +114,8 @@ std::string table_of(const Robot& robot, const DynamicsFit& fit, const Consisten
 
 std::string words_of(const Setting& s) {
   std::string text = fmt::format("friction {}", s.law->name);
+  if (with_stribeck(*s.law) == s.law)
+    text += fmt::format(" with vs at {:g} % of the top speed", 100 * s.stribeck_share);
   if (s.directional.offset) text += ", offset";
   if (s.directional.asymmetry) text += ", asymmetry";
   if (s.signals.cutoff_hz > 0) text += fmt::format(", cut-off {:.3g} Hz", s.signals.cutoff_hz);
@@ -189,7 +193,9 @@ Setting setting_of(const Arguments& a, const friction::LawInfo& law) {
   return {.signals = a.preparation,
           .law = &law,
           .directional = {.offset = !a.no_offset, .asymmetry = a.asymmetry},
-          .robust = robust_of(a.robust)};
+          .robust = robust_of(a.robust),
+          .rotor_inertia = !a.no_rotor_inertia,
+          .prior = a.prior_percent.value_or(0) / 100};
 }
 
 /// What the options leave to the choice.
@@ -200,6 +206,8 @@ Decided decided(const Arguments& a) {
   if (a.no_offset) d.offset = false;
   if (a.asymmetry) d.asymmetry = true;
   if (a.robust != "auto") d.robust = robust_of(a.robust);
+  if (a.no_rotor_inertia) d.rotor_inertia = false;
+  if (a.prior_percent) d.prior = *a.prior_percent / 100;
   return d;
 }
 
@@ -257,13 +265,13 @@ Result<Exit> execute(const Arguments& a) {
   Progress progress(a.quiet, "identifying");
   const DynamicsChoice choice = choice_of(a, given, robot, recordings, torque_max_nm, progress);
   const friction::LawInfo& law = *choice.setting.law;
-  const auto friction = robot_friction(*robot.model, robot.regressor, law, choice.setting.directional, torque_max_nm);
+  JointMotion motion = prepared(robot, recordings, choice.setting.signals, a.quiet);
+  const auto friction = friction_of(*robot.model, robot.regressor, choice.setting, torque_max_nm, motion);
   if (!friction) throw InputError(fmt::format("{}: {}", a.model, friction.error().message));
   if (!a.thermal.empty() && !law.temperature_dependent)
     throw InputError(
         fmt::format("--thermal: friction '{}' does not depend on temperature; --friction polynomial does", law.name));
   const auto models = a.thermal.empty() ? std::vector<thermal::Model>{} : thermal_models(a.thermal, robot.regressor);
-  JointMotion motion = prepared(robot, recordings, choice.setting.signals, a.quiet);
   auto fit = fit_of(a, robot, choice.setting, *friction, models, motion, progress);
   if (!fit) throw InputError(fmt::format("{}: {}", a.data.front(), fit.error().message));
   std::ranges::move(doubtful_gravity(robot.regressor, motion), std::back_inserter(fit->notes));
@@ -306,6 +314,11 @@ void add_dynamics(CLI::App& app, int& code) {
   c->add_option("--robust", a->robust, "Loss for data with outliers")
       ->check(CLI::IsMember({"auto", "none", "huber", "tukey"}))
       ->capture_default_str();
+  c->add_option("--prior", a->prior_percent,
+                "How far the bodies may be off the model's: standard deviation [%] of their masses, first moments and "
+                "inertias; 0: whatever the data say")
+      ->check(CLI::Range(0.0, 1e6));
+  c->add_flag("--no-rotor-inertia", a->no_rotor_inertia, "Torques were measured behind the gear");
   c->add_flag("--unweighted", a->unweighted, "Give all joints the same weight");
   c->add_flag("--essential", a->essential, "Set base parameters that do not improve the fit to 0");
   c->add_option(

@@ -20,7 +20,8 @@ struct Decided {
   std::optional<double> cutoff_hz;
   std::optional<unsigned> decimation;
   const friction::LawInfo* law = nullptr;
-  std::optional<bool> asymmetry, offset;
+  std::optional<bool> asymmetry, offset, rotor_inertia;
+  std::optional<double> prior;
   std::optional<Robust> robust;
 };
 

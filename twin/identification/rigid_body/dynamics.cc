@@ -142,8 +142,14 @@ class Identification {
     return {};
   }
 
-  /// Fixes what the options exclude, and takes the prior.
+  /// Fixes what friction holds and the options exclude, and takes the prior.
   void restrict() {
+    for (Index j = 0; j < joints(); ++j)
+      for (Index p = 0; p < friction_[static_cast<std::size_t>(j)].size(); ++p)
+        if (const auto value = friction_[static_cast<std::size_t>(j)].held(p)) {
+          problem_.fix(problem_.friction_at(j, p));
+          now_.friction[static_cast<std::size_t>(j)][static_cast<std::size_t>(p)] = *value;
+        }
     for (Index k = 0; k < base_.size() && !options_.rotor_inertia; ++k)
       if (base_.parameters[static_cast<std::size_t>(k)].name.ends_with(".Ia")) {
         problem_.fix(k);
@@ -226,6 +232,8 @@ class Identification {
       FitOptions options{.threads = options_.threads};
       // A convention: another reference temperature gives the same friction.
       for (const std::string_view name : f.reference_temperatures()) options.fixed.emplace_back(name, 20);
+      for (Index p = 0; p < f.law_size(); ++p)
+        if (const auto value = f.held(p)) options.fixed.emplace_back(f.parameter(p).name, *value * f.scales().speed);
       const auto found =
           fit(f.law(), friction_samples(f, problem_, motion_, rigid, f.offset(now_.friction[at]), j), options);
       if (!found)

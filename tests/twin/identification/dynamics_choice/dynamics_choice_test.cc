@@ -162,6 +162,23 @@ INSTANTIATE_TEST_SUITE_P(Defects, Choice,
                                          Case{"encoder", {.position_step_rad = 2e-3, .velocity = true}}),
                          [](const auto& info) { return info.param.name; });
 
+// A law of the speed that falls and rises again is linear with its shape held, and as good as the one with a free
+// shape.
+TEST(Choice, FindsTheStribeckEffectWithoutFittingItsShape) {
+  Arm arm;
+  const DynamicsChoice choice = arm.choice(arm.recordings({.stribeck_nm = 4, .noise_nm = 0.1}, 10), {.cutoff_hz = 20});
+  EXPECT_EQ(choice.setting.law, &coulomb_viscous_stribeck());
+  const auto motion =
+      prepare(arm.recordings({.stribeck_nm = 4, .noise_nm = 0.1}, 10), arm.regressor(), {.cutoff_hz = 20});
+  const auto friction = friction_of(arm.model(), arm.regressor(), choice.setting, {}, *motion);
+  const auto fit = fit_dynamics(arm.regressor(), arm.base(), *friction, *motion);
+  ASSERT_TRUE(fit) << fit.error().message;
+  const Estimate& vs = fit->friction[0][3];
+  EXPECT_EQ(vs.status, Status::held);
+  EXPECT_NEAR(vs.value, choice.setting.stribeck_share * motion->qd.row(0).cwiseAbs().maxCoeff(), 1e-12);
+  EXPECT_GT(fit->friction[0][2].value, 10 * fit->friction[0][2].sigma) << "Fs";
+}
+
 const Trial* taken(const DynamicsChoice& choice, std::string_view what) {
   for (const Trial& t : choice.trials)
     if (t.taken && t.what.find(what) != std::string::npos) return &t;
