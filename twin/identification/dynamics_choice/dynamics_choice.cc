@@ -38,7 +38,7 @@ class Chooser {
     choose_friction();
     choose_rigid();  // again, under the friction that was found
     choose_cutoff();
-    // The fit itself takes as many samples, up to ends and reversals, as its own cut-off allows.
+    // The fit itself takes as many samples, up to ends and rests, as its own cut-off allows.
     out_.setting.signals.widest_hz = out_.setting.signals.narrowest_hz = 0;
     return std::move(out_);
   }
@@ -79,7 +79,7 @@ class Chooser {
     return {};
   }
 
-  /// Narrower ones as long as reversals leave half of the samples.
+  /// Narrower ones as long as ends and rests leave half of the samples.
   void set_cutoffs(const JointMotion& widest) {
     cutoffs_ = {widest.cutoff_hz};
     if (decided_.cutoff_hz) return;
@@ -149,8 +149,8 @@ class Chooser {
     choose_velocity();
     for (const double periods : {1.0, 0.5}) {
       Preparation signals = out_.setting.signals;
-      signals.reversal_periods = periods;
-      attempt_signals(fmt::format("samples from {:g} periods of it off reversals", periods), signals);
+      signals.rest_periods = periods;
+      attempt_signals(fmt::format("samples from {:g} periods of it off rests", periods), signals);
     }
   }
 
@@ -171,7 +171,7 @@ class Chooser {
   /// a motion of the whole robot; they are for friction curves, or for those who ask for them.
   void choose_law() {
     attempt_law(coulomb_viscous_load());
-    for (const double share : {0.03, 0.1, 0.4})
+    for (const double share : {0.02, 0.05, 0.1, 0.2, 0.4})
       attempt_with(fmt::format("friction that falls within {:g} % of the top speed", 100 * share), [&](Setting& s) {
         s.law = with_stribeck(*s.law);
         s.stribeck_share = share;

@@ -72,18 +72,21 @@ double noise_of(const std::vector<double>& residual, Index parameters, Robust ro
   return 1.4826 * *middle;
 }
 
-/// |measured - rigid| torque of a joint in motion, less its offset, as samples for its law, thinned.
+/// |measured - rigid| torque of a joint in motion, less its offset, as samples for its law, thinned. Not where the
+/// joint turns: there the filter leaves little friction to divide.
 Samples friction_samples(const JointFriction& f, const DynamicsProblem& problem, const JointMotion& motion,
                          const MatrixXd& rigid, double offset, Index j) {
   constexpr Index enough = 3000;  // for start values
+  constexpr double turned = 0.5;
   Samples samples;
   const Index every = std::max<Index>(1, motion.moving.row(j).count() / enough);
   Index seen = 0;
   for (Index i = 0; i < motion.size(); ++i) {
     if (!motion.moving(j, i) || seen++ % every) continue;
+    if (std::copysign(1, motion.qd(j, i)) * motion.direction(j, i) < turned) continue;
     samples.speed.push_back(std::abs(motion.qd(j, i)) * f.scales().speed);
-    samples.friction.push_back(std::copysign(1 / f.scales().torque, motion.qd(j, i)) *
-                               (motion.torque(j, i) - rigid(j, i) - offset));
+    samples.friction.push_back((motion.torque(j, i) - rigid(j, i) - offset) /
+                               (motion.direction(j, i) * f.scales().torque));
     samples.load.push_back(std::abs(problem.load(j, i, rigid(j, i))) / f.scales().torque_max_nm);
     samples.temperature_degC.push_back(motion.temperature_degC(j, i));
     samples.curve.push_back(0);

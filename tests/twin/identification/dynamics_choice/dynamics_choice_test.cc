@@ -86,15 +86,12 @@ class Arm {
   /// rms of the prediction's error on a recording that was not fitted, geometric mean over joints.
   double error(const Setting& s, const std::vector<RobotRecording>& training, const RobotRecording& unseen) const {
     const auto torque_max = std::vector<double>{100, 50};
-    const auto friction = robot_friction(*model_, regressor_, *s.law, s.directional, torque_max);
     const auto motion = prepare(training, regressor_, s.signals);
+    const auto friction = friction_of(*model_, regressor_, s, torque_max, *motion);
     const auto fit = fit_dynamics(regressor_, base_, *friction, *motion,
                                   {.robust = s.robust, .rotor_inertia = s.rotor_inertia, .prior = s.prior});
     if (!fit) return std::numeric_limits<double>::infinity();
-    // One measure for all settings: samples without the ringing of reversals, filtered as for the fit.
-    Preparation clean = s.signals;
-    clean.reversal_periods = 2;
-    const auto test = prepare({&unseen, 1}, regressor_, clean);
+    const auto test = prepare({&unseen, 1}, regressor_, s.signals);
     const MatrixXd predicted = predicted_torque(regressor_, base_, *friction, fit->parameters, *test, 2);
     double sum = 0;
     for (Index j = 0; j < 2; ++j) {
