@@ -386,7 +386,7 @@ std::vector<Lacking> lacking_of(const friction::LawInfo& law, const Samples& sam
   return lacking(evidence, [&](const Estimate& e, Lack lack) -> std::string {
     if (lack == Lack::structured) return "compare other laws with --law A,B";
     const auto own = std::ranges::find(law.parameters, e.name, &friction::Parameter::name);
-    if (own == law.parameters.end()) return "record both directions at speeds where friction differs more";
+    if (own == law.parameters.end()) return "record more of both directions, at speeds where friction differs";
     const auto i = static_cast<std::size_t>(own - law.parameters.begin());
     const std::string next = next_of(place, i, samples, lack, units.speed);
     return lack == Lack::at_bound ? next + ", or fix it" : next;

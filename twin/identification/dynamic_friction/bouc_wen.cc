@@ -284,8 +284,8 @@ Conversion converted(const transmission::Hysteresis& h, const Simulation& found,
   };
   static constexpr const char* units[] = {"Nm/rad", "Nm/rad^2", "Nm/rad^4"};
   static constexpr const char* per_K[] = {"", "/K", "/K^2"};
-  // The interval of a stiffness is compared with the one that gives the whole torque, that of w with its range. beta and
-  // gamma are some limit^-n: n moves them by factors without moving the loop.
+  // The interval of a stiffness is compared with the one that gives the whole torque, that of w with its range. beta
+  // and gamma are some limit^-n: n moves them by factors without moving the loop.
   for (int i = 0; i < 3; ++i)
     for (int j = 0; j < 3; ++j) {
       const Index k = std::ranges::find(stiffnesses, std::pair(i, j)) - std::begin(stiffnesses);

@@ -14,6 +14,8 @@ namespace {
 using Eigen::Index;
 
 constexpr Index fewest_samples = 20;
+/// Pieces of a shorter record are no longer than what residuals correlate over anyway.
+constexpr double shortest_drift_s = 40;
 
 /// A joint in motion: its samples one behind the other, with what the residual may depend on.
 struct Course {
@@ -71,8 +73,8 @@ class Bins {
   }
 
   /// `squares`: of all residuals; `mean`: theirs.
-  Dependence dependence(std::string_view on, double mean, double squares) const {
-    Dependence d{.on = on, .bins = {}};
+  Dependence dependence(std::string on, double mean, double squares) const {
+    Dependence d{.on = std::move(on), .bins = {}};
     const auto count = static_cast<double>(sums_.size());
     double between = 0, within = 0;
     for (const Sums& s : sums_) between += s.samples * std::pow(s.mean() - mean, 2), within += s.within();
@@ -112,24 +114,25 @@ class Bins {
 
 /// In as many bins as visits allow; nothing where not even four can be told. `in_blocks`: of what drifts with time, in
 /// four bins, whose visits are pieces of equal length.
-Dependence examined(std::string_view on, const std::vector<double>& x, const std::vector<double>& y,
-                    const std::vector<std::size_t>& run, bool in_blocks) {
+Dependence examined(std::string on, const std::vector<double>& x, const std::vector<double>& y,
+                    const std::vector<std::size_t>& run, bool in_blocks, double length_s = 0) {
   const auto n = static_cast<double>(y.size());
   const double mean = std::reduce(y.begin(), y.end()) / n,
                squares = std::inner_product(y.begin(), y.end(), y.begin(), 0.0);
   const auto [low, high] = std::ranges::minmax(x);
-  if (!(high - low > 1e-9 * (1 + std::abs(high)))) return {.on = on, .bins = {}};
+  if (!(high - low > 1e-9 * (1 + std::abs(high)))) return {.on = std::move(on), .bins = {}};
   const std::vector<std::size_t> unbroken(run.size(), 0);
   for (const std::size_t count : {16u, 8u, 4u}) {
-    if (y.size() < 6 * count || (in_blocks && count > 4)) continue;
+    if (y.size() < 6 * count || (in_blocks && (count > 4 || length_s < shortest_drift_s))) continue;
     const Bins bins(x, y, in_blocks ? unbroken : run, count, in_blocks ? y.size() / count / 6 : 0);
-    if (bins.enough()) return bins.dependence(on, mean, squares);
+    if (bins.enough()) return bins.dependence(std::move(on), mean, squares);
   }
-  return {.on = on, .bins = {}};
+  return {.on = std::move(on), .bins = {}};
 }
 
 std::vector<Dependence> dependence_of(const JointMotion& motion, const Eigen::MatrixXd& gear_load, Index joint,
-                                      const Course& c) {
+                                      const Course& c, double period_s) {
+  const double length_s = period_s * static_cast<double>(c.sample.size());
   const auto of = [&](const Eigen::MatrixXd& all) {
     std::vector<double> x;
     for (const Index i : c.sample) x.push_back(all(joint, i));
@@ -142,10 +145,12 @@ std::vector<Dependence> dependence_of(const JointMotion& motion, const Eigen::Ma
     time_s[k] = static_cast<double>(c.sample[k]);  // files follow each other
     against[k] *= speed[k] < 0 ? -1 : 1;           // as friction does
   }
-  std::vector<Dependence> all{
-      examined("speed", speed, c.residual, c.run, false), examined("load", load, against, c.run, false),
-      examined("position", of(motion.q), c.residual, c.run, false), examined("time", time_s, c.residual, c.run, true)};
-  if (motion.has_temperature) all.push_back(examined("temperature", of(motion.temperature_degC), against, c.run, true));
+  std::vector<Dependence> all{examined("speed", speed, c.residual, c.run, false),
+                              examined("load", load, against, c.run, false),
+                              examined("position", of(motion.q), c.residual, c.run, false),
+                              examined("time", time_s, c.residual, c.run, true, length_s)};
+  if (motion.has_temperature)
+    all.push_back(examined("temperature", of(motion.temperature_degC), against, c.run, true, length_s));
   return all;
 }
 
@@ -189,6 +194,18 @@ void add_spectrum(const Course& c, double period_s, double cutoff_hz, JointVerdi
   }
 }
 
+/// Motors that turn with other joints carry their friction: wrists, differentials.
+void add_other_joints(const Regressor& regressor, const JointMotion& motion, Index joint, const Course& c,
+                      std::vector<Dependence>& all) {
+  for (Index other = 0; other < regressor.joints(); ++other) {
+    if (other == joint) continue;
+    std::vector<double> speed;
+    for (const Index i : c.sample) speed.push_back(motion.qd(other, i));
+    Dependence d = examined("speed of " + regressor.joint_name(other), speed, c.residual, c.run, false);
+    if (d.shown()) all.push_back(std::move(d));
+  }
+}
+
 JointVerdict verdict_of(const Regressor& regressor, const JointMotion& motion, const Eigen::MatrixXd& predicted,
                         const Eigen::MatrixXd& gear_load, Index joint) {
   JointVerdict v{.joint = regressor.joint_name(joint), .dependence = {}, .octaves = {}};
@@ -201,11 +218,12 @@ JointVerdict verdict_of(const Regressor& regressor, const JointMotion& motion, c
   v.rms = std::sqrt(squares / static_cast<double>(v.samples));
   v.relative_error = torque > 0 ? std::sqrt(squares / torque) : 0;
   if (!(v.rms > 0)) return v;
-  v.dependence = dependence_of(motion, gear_load, joint, c);
   const auto& [first, last] = motion.segments.front();
   const double period_s = last - first > 1 ? motion.time_s[static_cast<std::size_t>(first) + 1] -
                                                  motion.time_s[static_cast<std::size_t>(first)]
                                            : motion.period_s;
+  v.dependence = dependence_of(motion, gear_load, joint, c, period_s);
+  if (v.badly_explained()) add_other_joints(regressor, motion, joint, c, v.dependence);
   add_spectrum(c, period_s, motion.cutoff_hz, v);
   return v;
 }
@@ -219,7 +237,8 @@ std::string words_of(const Dependence& d) {
   if (d.on == "position")
     return fmt::format("repeats with position ({}): gravity, a spring or a ripple that the model lacks", share);
   if (d.on == "time") return fmt::format("drifts with time ({}): record temperatures, or take one session", share);
-  return fmt::format("changes with temperature ({}): a law with temperature would help", share);
+  if (d.on == "temperature") return fmt::format("changes with temperature ({}): a law with it would help", share);
+  return fmt::format("changes with the {} ({}): their motors may be coupled", d.on, share);
 }
 
 std::string sentence(const JointVerdict& v) {
@@ -229,11 +248,13 @@ std::string sentence(const JointVerdict& v) {
   std::ranges::sort(shown, std::ranges::greater{}, [](const Dependence* d) { return d->share; });
   std::vector<std::string> parts;
   for (const Dependence* d : shown) parts.push_back(words_of(*d));
-  if (parts.empty())
-    parts.push_back(
-        fmt::format("follows neither speed, load, position nor time; half of it is below {:.2g} Hz (of "
-                    "white noise: {:.2g} Hz)",
-                    v.half_below_hz, v.white_half_hz));
+  if (std::ranges::all_of(v.dependence, [](const Dependence& d) { return d.bins.empty(); }))
+    parts.push_back("is recorded too briefly to say what it depends on");
+  else if (parts.empty())
+    parts.push_back(fmt::format(
+        "follows none of speed, load, position and time that could be examined; half of it is below {:.2g} Hz (of "
+        "white noise: {:.2g} Hz)",
+        v.half_below_hz, v.white_half_hz));
   return fmt::format("joint {}: {:.0f} % of its torque is unexplained; the residual {}", v.joint,
                      100 * v.relative_error, joined(parts, "; it "));
 }

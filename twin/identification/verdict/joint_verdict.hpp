@@ -2,7 +2,6 @@
 
 #include <span>
 #include <string>
-#include <string_view>
 #include <vector>
 
 #include <Eigen/Dense>
@@ -19,15 +18,16 @@ namespace tribotwin::twin::identification {
 
 /// Of a joint's residual on one quantity.
 struct Dependence {
-  std::string_view on;  ///< "speed", "load", "position", "time", "temperature"
-  double share = 0;     ///< of the residual's mean square, beyond what visits vary by: 0 .. 1
-  double chance = 1;    ///< that noise makes the bins differ as much
-  double growth = 0;    ///< correlation of the bins' means with the quantity: -1 .. 1
-  /// Means of the residual [Nm; N] over the quantity, of which a tenth of a thousandth is chance at least.
+  std::string on;     ///< "speed", "load", "position", "time", "temperature", "speed of JOINT"
+  double share = 0;   ///< of the residual's mean square, beyond what visits vary by: 0 .. 1
+  double chance = 1;  ///< that noise makes the bins differ as much
+  double growth = 0;  ///< correlation of the bins' means with the quantity: -1 .. 1
+  /// Means of the residual [Nm; N] over the quantity; of load and temperature those of residual times sgn(speed).
   struct Bin {
     double from, to, mean, sigma;
   };
-  std::vector<Bin> bins;  ///< [rad/s, Nm, rad, s, degC; m/s, N, m of slides]; empty where visits are too few
+  std::vector<Bin> bins;  ///< [rad/s, Nm, rad, s, degC; m/s, N, m of slides]; empty where visits are too few, time
+                          ///< where less than 40 s of motion
 
   bool shown() const { return share >= 0.1 && chance < 1e-3; }
 };
@@ -42,7 +42,8 @@ struct JointVerdict {
   double relative_error = 0;           ///< rms of the residual / rms of the torque, while the joint moves
   double rms = 0;                      ///< of the residual [Nm; N]
   Eigen::Index samples = 0;            ///< in motion
-  std::vector<Dependence> dependence;  ///< all that were examined
+  std::vector<Dependence> dependence;  ///< the four or five; on the speeds of other joints (coupled motors) only where
+                                       ///< the joint is badly explained and they matter
   std::vector<Octave> octaves;         ///< fastest first; the last from 0
   double half_below_hz = 0;            ///< half of the residual's mean square is slower
   double white_half_hz = 0;            ///< the same of white noise in the band

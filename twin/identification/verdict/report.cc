@@ -27,8 +27,7 @@ Json json_of(const JointVerdict& v) {
   for (const auto& d : v.dependence) {
     Json bins = Json::array();
     for (const auto& b : d.bins) bins.push_back({{"from", b.from}, {"to", b.to}, {"mean", b.mean}, {"sigma", b.sigma}});
-    j["dependence"][std::string(d.on)] = {
-        {"share", d.share}, {"chance", d.chance}, {"growth", d.growth}, {"bins", std::move(bins)}};
+    j["dependence"][d.on] = {{"share", d.share}, {"chance", d.chance}, {"growth", d.growth}, {"bins", std::move(bins)}};
   }
   for (const auto& o : v.octaves)
     j["octaves"].push_back({{"from_hz", o.from_hz}, {"to_hz", o.to_hz}, {"share", o.share}});
@@ -39,7 +38,8 @@ std::string table_of(std::span<const JointVerdict> verdicts) {
   constexpr auto right = TextTable::right;
   constexpr const char* quantities[] = {"speed", "load", "position", "time", "temperature"};
   std::size_t columns = 4;
-  for (const auto& v : verdicts) columns = std::max(columns, v.dependence.size());
+  for (const auto& v : verdicts)
+    if (v.dependence.size() > 4 && v.dependence[4].on == quantities[4]) columns = 5;
   std::vector<TextTable::Column> heads{TextTable::left("joint"), right("unexplained")};
   for (std::size_t k = 0; k < columns; ++k) heads.push_back(right(fmt::format("by {}", quantities[k])));
   heads.push_back(right("half below"));

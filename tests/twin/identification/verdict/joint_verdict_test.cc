@@ -140,6 +140,32 @@ TEST(JointVerdict, ABadlyExplainedJointIsWarnedOf) {
   EXPECT_THAT(table_of(all), HasSubstr("by load"));
 }
 
+// TX40's wrist: the torque of one motor carries friction of another joint.
+TEST(JointVerdict, NamesTheJointWhoseMotionABadResidualFollows) {
+  static const auto model = mujoco::load_string(
+      R"(<mujoco><worldbody><body><joint name="bend" axis="0 1 0"/><geom size=".1" pos=".3 0 0" mass="3"/>
+      <body><joint name="roll" axis="1 0 0"/><geom size=".1" pos=".1 .1 0" mass="1"/></body></body></worldbody></mujoco>)");
+  const Regressor regressor = *Regressor::create((*model)->get());
+  Recorded one = recorded({.on = "", .noise_nm = 0.5}, 1), other = recorded({.on = "", .noise_nm = 0.5}, 17);
+  const auto stacked = [](const MatrixXd& a, const MatrixXd& b) {
+    MatrixXd both(2, a.cols());
+    both << a, b;
+    return both;
+  };
+  Recorded r = one;
+  for (const auto member :
+       {&JointMotion::q, &JointMotion::qd, &JointMotion::qdd, &JointMotion::torque, &JointMotion::temperature_degC})
+    r.motion.*member = stacked(one.motion.*member, other.motion.*member);
+  r.motion.moving.resize(2, one.motion.size());
+  r.motion.moving << one.motion.moving, other.motion.moving;
+  r.predicted = stacked(one.predicted, other.predicted), r.load = stacked(one.load, other.load);
+  for (Index i = 0; i < r.motion.size(); ++i) r.motion.torque(0, i) += r.motion.qd(1, i) < 0 ? -4 : 4;
+  const auto all = judge_joints(regressor, r.motion, r.predicted, r.load);
+  ASSERT_TRUE(all[0].badly_explained());
+  EXPECT_EQ(largest(all[0])->on, "speed of roll");
+  EXPECT_THAT(warnings_of(all).at(0), HasSubstr("changes with the speed of roll ("));
+}
+
 TEST(JointVerdict, AJointThatHardlyMovesHasNone) {
   Recorded r = recorded({.on = ""}, 1);
   r.motion.moving.setConstant(false);
