@@ -474,7 +474,9 @@ check(
     "cannot be said while elbow is badly explained" in bad.stdout
     and "real bodies have" in bad.stdout
     and "within the noise" not in bad.stdout
-    and re.search(r"joint elbow: \d+ % of its torque is unexplained; the residual repeats with position", bad.stderr),
+    and re.search(
+        r"joint elbow: \d+ % of its torque's variation is unexplained; the residual repeats with position", bad.stderr
+    ),
     (bad.stdout, bad.stderr),
 )
 j = json.loads(run("dynamics", "two.xml", "rippled.csv", "--cutoff", 10, "--json", "--quiet").stdout)

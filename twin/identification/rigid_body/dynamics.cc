@@ -525,7 +525,7 @@ class Identification {
           of_joint.push_back(p), at.push_back(c);
       const Index size = friction_[static_cast<std::size_t>(j)].size();
       out_.friction_covariance.push_back(MatrixXd::Constant(size, size, unknown));
-      out_.friction_covariance.back()(of_joint, of_joint) = C(at, at);
+      out_.friction_covariance.back()(of_joint, of_joint) = of_unknowns.covariance(at, at);
     }
     out_.information = MatrixXd::Zero(base_.size(), base_.size());
     std::vector<Index> of_base, at;

@@ -38,7 +38,7 @@ std::vector<Lacking> lacking_friction(const Regressor& regressor, const RobotFri
     const auto k = static_cast<std::size_t>(j);
     const JointFriction& f = friction[k];
     const Samples samples = seen_by_law(f, fit.parameters.friction[k], motion, gear_load, j);
-    if (samples.size() == 0) continue;
+    if (samples.size() == 0 || !std::isfinite(samples.friction.front())) continue;  // its friction is not known
     Estimates own{.parameters = fit.friction[k], .covariance = fit.friction_covariance[k]};
     own.r_squared = 1;
     for (const std::string_view convention : f.reference_temperatures())  // is no result

@@ -212,11 +212,14 @@ JointVerdict verdict_of(const Regressor& regressor, const JointMotion& motion, c
   const Course c = course_of(motion, predicted, joint);
   v.samples = static_cast<Index>(c.sample.size());
   if (v.samples < fewest_samples) return v;
-  double squares = 0, torque = 0;
+  double squares = 0, torque = 0, sum = 0;
   for (std::size_t k = 0; k < c.sample.size(); ++k)
-    squares += c.residual[k] * c.residual[k], torque += std::pow(motion.torque(joint, c.sample[k]), 2);
+    squares += c.residual[k] * c.residual[k], torque += std::pow(motion.torque(joint, c.sample[k]), 2),
+        sum += motion.torque(joint, c.sample[k]);
   v.rms = std::sqrt(squares / static_cast<double>(v.samples));
   v.relative_error = torque > 0 ? std::sqrt(squares / torque) : 0;
+  const double variation = torque - sum * sum / static_cast<double>(v.samples);
+  v.of_variation = variation > 0 ? std::sqrt(squares / variation) : 0;
   if (!(v.rms > 0)) return v;
   const auto& [first, last] = motion.segments.front();
   const double period_s = last - first > 1 ? motion.time_s[static_cast<std::size_t>(first) + 1] -
@@ -255,8 +258,8 @@ std::string sentence(const JointVerdict& v) {
         "follows none of speed, load, position and time that could be examined; half of it is below {:.2g} Hz (of "
         "white noise: {:.2g} Hz)",
         v.half_below_hz, v.white_half_hz));
-  return fmt::format("joint {}: {:.0f} % of its torque is unexplained; the residual {}", v.joint,
-                     100 * v.relative_error, joined(parts, "; it "));
+  return fmt::format("joint {}: {:.0f} % of its torque's variation is unexplained; the residual {}", v.joint,
+                     100 * v.of_variation, joined(parts, "; it "));
 }
 
 }  // namespace

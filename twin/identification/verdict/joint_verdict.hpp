@@ -40,6 +40,7 @@ struct Octave {
 struct JointVerdict {
   std::string joint;
   double relative_error = 0;           ///< rms of the residual / rms of the torque, while the joint moves
+  double of_variation = 0;             ///< rms of the residual / standard deviation of the torque: without its constant
   double rms = 0;                      ///< of the residual [Nm; N]
   Eigen::Index samples = 0;            ///< in motion
   std::vector<Dependence> dependence;  ///< the four or five; on the speeds of other joints (coupled motors) only where
@@ -48,8 +49,8 @@ struct JointVerdict {
   double half_below_hz = 0;            ///< half of the residual's mean square is slower
   double white_half_hz = 0;            ///< the same of white noise in the band
 
-  /// 30 % of the torque or more.
-  bool badly_explained() const { return relative_error >= 0.3; }
+  /// 30 % of the torque's variation or more.
+  bool badly_explained() const { return of_variation >= 0.3; }
 };
 
 /// `predicted`, `gear_load`: joints x samples, as predicted_torque and gear_load give them. Samples in motion count.
@@ -57,8 +58,8 @@ struct JointVerdict {
 std::vector<JointVerdict> judge_joints(const Regressor& regressor, const JointMotion& motion,
                                        const Eigen::MatrixXd& predicted, const Eigen::MatrixXd& gear_load);
 
-/// A line for every joint that is badly explained, largest dependence first: "joint elbow: 31 % of its torque is
-/// unexplained; the residual grows with load (40 % of it): a law with load would help".
+/// A line for every joint that is badly explained, largest dependence first: "joint elbow: 31 % of its torque's
+/// variation is unexplained; the residual grows with load (40 % of it): a law with load would help".
 std::vector<std::string> warnings_of(std::span<const JointVerdict> all);
 
 /// The names of the joints that are badly explained.

@@ -20,6 +20,7 @@ Json json_of(std::span<const Lacking> lacking) {
 Json json_of(const JointVerdict& v) {
   Json j{{"badly_explained", v.badly_explained()},
          {"relative_error", v.octaves.empty() ? Json(nullptr) : Json(v.relative_error)},
+         {"of_variation", v.octaves.empty() ? Json(nullptr) : Json(v.of_variation)},
          {"dependence", Json::object()},
          {"octaves", Json::array()},
          {"half_below_hz", v.half_below_hz},
@@ -46,7 +47,7 @@ std::string table_of(std::span<const JointVerdict> verdicts) {
   TextTable table(heads);
   for (const auto& v : verdicts) {
     if (v.octaves.empty()) continue;
-    std::vector<std::string> row{v.joint, fmt::format("{:.1f} %", 100 * v.relative_error)};
+    std::vector<std::string> row{v.joint, fmt::format("{:.1f} %", 100 * v.of_variation)};
     for (std::size_t k = 0; k < columns; ++k)
       row.push_back(k < v.dependence.size() && v.dependence[k].shown()
                         ? fmt::format("{:.0f} %", 100 * v.dependence[k].share)

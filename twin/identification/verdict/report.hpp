@@ -14,8 +14,8 @@ namespace tribotwin::twin::identification {
 /// [{parameter, withheld, reason, record_next}].
 nlohmann::ordered_json json_of(std::span<const Lacking> lacking);
 
-/// {badly_explained, relative_error, dependence: {speed: {share, chance, growth, bins}, ...}, octaves, half_below_hz,
-/// white_half_hz}; relative_error null where the joint rests.
+/// {badly_explained, relative_error, of_variation, dependence: {speed: {share, chance, growth, bins}, ...}, octaves,
+/// half_below_hz, white_half_hz}; relative_error null where the joint rests.
 nlohmann::ordered_json json_of(const JointVerdict& verdict);
 
 /// A row per joint: what is unexplained, and which share of that goes with speed, load, position, time (and

@@ -131,7 +131,7 @@ TEST(JointVerdict, ABadlyExplainedJointIsWarnedOf) {
   const auto warnings = warnings_of(all);
   ASSERT_THAT(warnings, SizeIs(1));
   EXPECT_THAT(warnings[0], HasSubstr("joint elbow: "));
-  EXPECT_THAT(warnings[0], HasSubstr("% of its torque is unexplained; the residual grows with load ("));
+  EXPECT_THAT(warnings[0], HasSubstr("% of its torque's variation is unexplained; the residual grows with load ("));
   EXPECT_THAT(warnings[0], HasSubstr("a law with load would help"));
   const auto j = json_of(all[0]);
   EXPECT_TRUE(j["badly_explained"]);
@@ -144,7 +144,8 @@ TEST(JointVerdict, ABadlyExplainedJointIsWarnedOf) {
 TEST(JointVerdict, NamesTheJointWhoseMotionABadResidualFollows) {
   static const auto model = mujoco::load_string(
       R"(<mujoco><worldbody><body><joint name="bend" axis="0 1 0"/><geom size=".1" pos=".3 0 0" mass="3"/>
-      <body><joint name="roll" axis="1 0 0"/><geom size=".1" pos=".1 .1 0" mass="1"/></body></body></worldbody></mujoco>)");
+      <body><joint name="roll" axis="1 0 0"/><geom size=".1" pos=".1 .1 0" mass="1"/></body></body>
+      </worldbody></mujoco>)");
   const Regressor regressor = *Regressor::create((*model)->get());
   Recorded one = recorded({.on = "", .noise_nm = 0.5}, 1), other = recorded({.on = "", .noise_nm = 0.5}, 17);
   const auto stacked = [](const MatrixXd& a, const MatrixXd& b) {
