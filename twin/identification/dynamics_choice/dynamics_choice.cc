@@ -75,7 +75,8 @@ class Chooser {
     out_.trials.push_back({.what = fmt::format("cut-off {:.3g} Hz, friction {}", widest_hz(), s.law->name),
                            .rms = best_.rms,
                            .taken = true,
-                           .failure = {}});
+                           .failure = {},
+                           .remark = {}});
     return {};
   }
 
@@ -103,8 +104,8 @@ class Chooser {
   /// Takes the setting where it is better by more than twice its standard error.
   bool attempt(std::string what, const Setting& setting, const JointMotion& motion) {
     ++done_;
-    if (progress_) progress_(std::min(0.99, done_ / 35.0));
-    Trial trial{.what = std::move(what), .rms = {}, .failure = {}};
+    if (progress_) progress_(std::min(0.99, done_ / 38.0));
+    Trial trial{.what = std::move(what), .rms = {}, .failure = {}, .remark = {}};
     const auto found = error_of(setting, motion);
     if (!found) {
       trial.failure = found.error().message;
@@ -116,6 +117,7 @@ class Chooser {
       const Comparison c = compared(*found, best_);
       trial.change = c.change, trial.sigma = c.sigma, trial.rms = found->rms;
       trial.taken = c.change < -std::max(least_gain, 2 * c.sigma);
+      trial.remark = remark_of(setting, out_.setting, c);
     }
     if (trial.taken) {
       best_ = *found;
@@ -224,6 +226,16 @@ class Chooser {
 };
 
 }  // namespace
+
+std::string remark_of(const Setting& setting, const Setting& narrower, const Comparison& comparison) {
+  if (!(comparison.change > 2 * comparison.sigma)) return {};
+  const bool more_terms = contains(*setting.law, *narrower.law) && setting.directional == narrower.directional;
+  const bool asymmetry = setting.law == narrower.law && setting.directional.asymmetry &&
+                         !narrower.directional.asymmetry && setting.directional.offset == narrower.directional.offset;
+  if (!more_terms && !asymmetry) return {};
+  return fmt::format("contains {}{}, yet worse: overfits or did not converge", narrower.law->name,
+                     asymmetry ? " without asymmetry" : "");
+}
 
 Result<DynamicsChoice> choose_dynamics(const mujoco::Model& model, const Regressor& regressor,
                                        const BaseParameters& base, std::span<const RobotRecording> recordings,

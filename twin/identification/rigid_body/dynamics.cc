@@ -242,9 +242,12 @@ class Identification {
       if (!found)
         return tl::unexpected(
             Error(fmt::format("friction of joint {}: {}", regressor_.joint_name(j), found.error().message)));
-      if (!found->unidentifiable.empty())
+      std::vector<std::string> held;
+      for (const Estimate& e : found->parameters)
+        if (e.status == Status::held) held.push_back(e.name);
+      if (!held.empty())
         out_.notes.push_back(fmt::format("friction of joint {}: {} not identifiable from these data; fixed",
-                                         regressor_.joint_name(j), joined(found->unidentifiable)));
+                                         regressor_.joint_name(j), joined(held)));
       for (Index p = 0; p < f.law_size(); ++p) {
         const Estimate& e = found->parameters[static_cast<std::size_t>(p)];
         now_.friction[at][static_cast<std::size_t>(p)] = e.value;
@@ -525,6 +528,15 @@ class Identification {
         of_joint.push_back(estimate(problem_.friction_at(j, p), std::string(info.name), unit_of(info.unit, slide),
                                     now_.friction[static_cast<std::size_t>(j)][static_cast<std::size_t>(p)]));
       }
+    }
+    for (Index j = 0; j < joints(); ++j) {
+      std::vector<Index> of_joint, at;
+      for (Index p = 0; p < friction_[static_cast<std::size_t>(j)].size(); ++p)
+        if (const Index c = place[static_cast<std::size_t>(problem_.friction_at(j, p))]; c >= 0)
+          of_joint.push_back(p), at.push_back(c);
+      const Index size = friction_[static_cast<std::size_t>(j)].size();
+      out_.friction_covariance.push_back(MatrixXd::Constant(size, size, unknown));
+      out_.friction_covariance.back()(of_joint, of_joint) = of_unknowns.covariance(at, at);
     }
     out_.information = MatrixXd::Zero(base_.size(), base_.size());
     std::vector<Index> of_base, at;

@@ -195,6 +195,26 @@ TEST(Choice, TakesWhatTheRecordingsHave) {
   EXPECT_LT(rough.setting.signals.cutoff_hz, 15);
 }
 
+TEST(Choice, RemarksASettingThatContainsAnotherAndPredictsWorse) {
+  const Setting plain{}, asymmetric{.directional = {.offset = true, .asymmetry = true}},
+      load{.law = &coulomb_viscous_load()}, stribeck{.law = friction::find_law("stribeck")};
+  const struct {
+    const Setting &setting, &narrower;
+    Comparison comparison;
+    const char* remark;
+  } cases[] = {{stribeck, plain, {0.05, 0.02}, "contains coulomb_viscous, yet worse: overfits or did not converge"},
+               {load, plain, {0.05, 0.02}, "contains coulomb_viscous, yet worse: overfits or did not converge"},
+               {asymmetric,
+                plain,
+                {0.05, 0.02},
+                "contains coulomb_viscous without asymmetry, yet worse: overfits or did not converge"},
+               {stribeck, plain, {0.03, 0.02}, ""},
+               {stribeck, plain, {-0.05, 0.02}, ""},
+               {stribeck, load, {0.05, 0.02}, ""},
+               {plain, stribeck, {0.05, 0.02}, ""}};
+  for (const auto& c : cases) EXPECT_EQ(remark_of(c.setting, c.narrower, c.comparison), c.remark);
+}
+
 TEST(Dynamics, FindsOffsetAndAsymmetryWithinTheirSigmas) {
   Arm arm;
   const auto training = arm.recordings({.offset_nm = 3, .asymmetry = 0.3}, 70);
