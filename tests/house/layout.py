@@ -33,6 +33,7 @@ ORDER = {
         "identification/thermal",
         "identification/rigid_body",
         "identification/dynamics_choice",
+        "identification/experiment_design",
         "gears",
         "diagnosis",
         "experiments",

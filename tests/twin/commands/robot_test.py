@@ -430,6 +430,40 @@ check(
     and set(rail[:, 1]) == {1, 2, 3},
     names,
 )
+# ---- The next experiment: what there is already, and what it lacks.
+slow = 0.03 * np.sin(0.5 * t), 0.015 * np.cos(0.5 * t), -0.0075 * np.sin(0.5 * t)
+write(
+    "slow.csv",
+    ["time_s", "position_x_m", "torque_x_n"],
+    [t, slow[0], 3.5 * slow[2] + 2 * np.sign(slow[1]) + 4 * slow[1] + random.normal(0, 1, len(t))],
+)
+run("dynamics", "slide.xml", "slow.csv", "-o", "slow.yaml", "--quiet")
+for known in ("--given", "slow.csv"), ("--params", "slow.yaml"):
+    r = run("excite", "slide.xml", *known, "-o", "next.csv", "--evaluations", 20, "--heating", 0, "--json", "--force")
+    d = json.loads(r.stdout)["friction"]
+    viscous = d["parameters"]["x.Fv"]
+    check(
+        f"{known}: a slow recording lacks viscous friction, which the next motion tells",
+        d["law"] == "coulomb_viscous"
+        and "x.Fv" in d["poorly_known"]["before"]
+        and "x.Fc" not in d["poorly_known"]["before"]
+        and not d["poorly_known"]["after"]
+        and viscous["sigma_after"] < 0.02 * viscous["sigma_before"]
+        and d["base_parameters_known"] == {"before": 0, "after": 1}
+        and 0.2 < d["noise"]["x"] < 0.4,
+        d,
+    )
+os.remove(f"{work}/next.csv")
+for says, options in (
+    (["--friction", "did you mean 'stribeck'"], ["--friction", "stribek"]),
+    (["--noise", "no joint 'y'", "x"], ["--noise", "y=1"]),
+    (["--noise", "above 0"], ["--noise", "0"]),
+    (["--given", "--params"], ["--given", "slow.csv", "--params", "slow.yaml"]),
+    (["cold.csv", "position_x_m"], ["--given", "cold.csv"]),
+    (["params.yaml", "another robot"], ["--params", "params.yaml"]),
+):
+    refused(f"excite {options}", says, "excite", "slide.xml", "-o", "next.csv", *options)
+check("no motion is written then", not os.path.exists(f"{work}/next.csv"))
 refused("a slide's column in rad", ["position_x_m"], "dynamics", "slide.xml", "cold.csv")
 outlying = 3.5 * a + 2 * np.sign(v) + 4 * v + 0.3 + random.normal(0, 0.05, len(t))
 outlying[2000:2050] += 40

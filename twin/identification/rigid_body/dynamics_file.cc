@@ -87,23 +87,28 @@ Result<DynamicsFile> read_dynamics(const std::filesystem::path& file, const Regr
   auto parameters = in.mapping("base_parameters");
   if (!parameters) in.fail("base_parameters", "is missing: this is no file of tribotwin dynamics");
   out.parameters.base.resize(base.size());
+  out.sigma.base.resize(base.size());
   for (const auto& name : parameters->names())
     if (std::ranges::find(base.parameters, name, &BaseParameters::Parameter::name) == base.parameters.end())
       parameters->fail(name, "is no base parameter of the model; the file is one of another robot");
   for (Index k = 0; k < base.size(); ++k)
-    out.parameters.base(k) = read_estimate(*parameters, base.parameters[static_cast<std::size_t>(k)].name);
+    out.parameters.base(k) =
+        read_estimate(*parameters, base.parameters[static_cast<std::size_t>(k)].name, {}, &out.sigma.base(k));
   auto friction = in.mapping("friction");
   if (!friction) in.fail("friction", "is missing: a mapping of joints");
   for (Index j = 0; j < regressor.joints(); ++j) {
     auto joint = friction->mapping(regressor.joint_name(j));
     if (!joint) friction->fail(regressor.joint_name(j), "is missing: every joint of the model needs its friction");
-    auto& values = out.parameters.friction.emplace_back();
-    for (const auto& p : out.law->parameters) values.push_back(read_estimate(*joint, std::string(p.name)));
+    auto &values = out.parameters.friction.emplace_back(), &sigmas = out.sigma.friction.emplace_back();
+    const auto read = [&](std::string_view name, Bounds bounds = {}) {
+      values.push_back(read_estimate(*joint, std::string(name), bounds, &sigmas.emplace_back()));
+    };
+    for (const auto& p : out.law->parameters) read(p.name);
     const Directional beside{.offset = joint->has(std::string(offset_name)),
                              .asymmetry = joint->has(std::string(asymmetry_name))};
     if (j == 0) out.directional = beside;
-    if (out.directional.offset) values.push_back(read_estimate(*joint, std::string(offset_name)));
-    if (out.directional.asymmetry) values.push_back(read_estimate(*joint, std::string(asymmetry_name), Bounds{-1, 1}));
+    if (out.directional.offset) read(offset_name);
+    if (out.directional.asymmetry) read(asymmetry_name, {-1, 1});
     joint->done();
   }
   friction->done();
@@ -113,6 +118,9 @@ Result<DynamicsFile> read_dynamics(const std::filesystem::path& file, const Regr
     out.signals.reversal_periods = signals->number_or("reversal_periods", out.signals.reversal_periods, {0, 100});
     signals->done();
   }
+  if (auto noise = in.mapping("noise"))
+    for (Index j = 0; j < regressor.joints(); ++j)
+      out.noise.push_back(noise->number(regressor.joint_name(j), {0, 1e9}));
   if (auto largest = in.mapping("torque_max_nm"))
     for (Index j = 0; j < regressor.joints(); ++j)
       out.torque_max_nm.push_back(largest->number(regressor.joint_name(j), {1e-9, 1e9}));

@@ -28,6 +28,8 @@ struct DynamicsFile {
   const friction::LawInfo* law = nullptr;
   Directional directional;
   RobotParameters parameters;
+  RobotParameters sigma;                ///< one standard deviation of each; NaN where it was held
+  std::vector<double> noise;            ///< per joint [Nm; N]; empty where the file names none
   Preparation signals;                  ///< of the fit
   std::vector<double> torque_max_nm;    ///< per joint; empty: of the model's drives
   std::vector<thermal::Model> thermal;  ///< per joint; empty: not known

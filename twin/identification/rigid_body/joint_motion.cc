@@ -243,7 +243,7 @@ Result<JointMotion> prepare(std::span<const RobotRecording> recordings, const Re
   VectorXd fastest = VectorXd::Zero(r.joints());
   for (const Part& p : parts) fastest = fastest.cwiseMax(p.qd.cwiseAbs().rowwise().maxCoeff());
   for (Index j = 0; j < r.joints(); ++j)
-    if (fastest(j) < 1e-2)
+    if (fastest(j) < 1e-2 && !preparation.still_joints)
       return tl::unexpected(
           Error(fmt::format("joint {} stands still in all recordings (it never exceeds {:.2g} {}/s); move every joint, "
                             "or weld it in the model",

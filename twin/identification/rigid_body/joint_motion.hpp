@@ -26,6 +26,7 @@ struct Preparation {
   /// for 2 of them, to a thousandth of it; short recordings may need the samples more than they suffer from the
   /// ringing.
   double reversal_periods = 2;
+  bool still_joints = false;  ///< joints may rest in all recordings
 };
 
 /// Equidistant, filtered samples of motion; joints x samples.
