@@ -24,7 +24,7 @@ struct Setting {
 DynamicsOptions options_of(const Setting& setting, unsigned threads);
 
 struct HeldOut {
-  Eigen::VectorXd rms;   ///< per joint [Nm; N], over the samples in motion
+  Eigen::VectorXd rms;   ///< per joint with torque [Nm; N], over the samples in motion
   Eigen::MatrixXd mean;  ///< joints x stretches of time: mean squares
 };
 

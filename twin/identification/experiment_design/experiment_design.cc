@@ -48,8 +48,9 @@ void use_file(const DynamicsFile& file, const friction::LawInfo& law, Prior& pri
   prior.settings.parameters.base = file.parameters.base;
   if (file.signals.cutoff_hz > 0) prior.settings.cutoff_hz = file.signals.cutoff_hz;
   if (!file.noise.empty()) {
-    prior.settings.noise = Eigen::Map<const VectorXd>(file.noise.data(), prior.settings.noise.size())
-                               .cwiseMax(1e-4 * prior.settings.noise);
+    for (Index j = 0; j < prior.settings.noise.size(); ++j)
+      if (const double noise = file.noise[static_cast<std::size_t>(j)]; !std::isnan(noise))
+        prior.settings.noise(j) = std::max(noise, 1e-4 * prior.settings.noise(j));
     prior.noise_source = "of the parameters' file";
   }
   if (file.law != &law) {
@@ -58,6 +59,7 @@ void use_file(const DynamicsFile& file, const friction::LawInfo& law, Prior& pri
     return;
   }
   for (std::size_t j = 0; j < prior.friction.size(); ++j) {
+    if (!file.left_out[j].empty()) continue;
     auto& values = prior.settings.parameters.friction[j];
     std::copy_n(file.parameters.friction[j].begin(), law.parameters.size(), values.begin());
     if (file.directional.offset) values[law.parameters.size()] = file.parameters.friction[j][law.parameters.size()];
@@ -75,6 +77,7 @@ void use_recordings(const Regressor& regressor, const BaseParameters& base, cons
   }
   prior.noise_source = "of the recordings";
   for (std::size_t j = 0; j < fit->joints.size(); ++j) {
+    if (fit->joints[j].samples == 0) continue;
     prior.settings.noise(static_cast<Index>(j)) =
         fit->joints[j].noise *
         std::sqrt(std::max(1.0, fit->joints[j].correlation * 2 * recorded.cutoff_hz * recorded.period_s));

@@ -33,7 +33,8 @@ struct Preparation {
 struct JointMotion {
   Eigen::MatrixXd q, qd, qdd, torque, temperature_degC;  ///< temperature: 20 where none was recorded
   Eigen::Matrix<bool, Eigen::Dynamic, Eigen::Dynamic>
-      moving;  ///< fast enough, and long enough after a reversal, for sliding friction; false at rest
+      moving;  ///< fast enough, and long enough after a reversal, for sliding friction; false at rest and where the
+               ///< torque was not recorded
   std::vector<std::pair<Eigen::Index, Eigen::Index>>
       segments;  ///< first sample, and one past the last, of stretches without a gap
   std::vector<double> time_s;
@@ -41,7 +42,17 @@ struct JointMotion {
   std::vector<double> edge_s;          ///< per segment, length of its stretch that was left out at either end
   double cutoff_hz = 0, period_s = 0;  ///< of the first recording
   bool has_temperature = false;
+  /// Joints whose torque counts nowhere, per joint: not recorded, or leave_out(). Their torque may be NaN, and they
+  /// never count as `moving`. Empty: none.
+  std::vector<bool> left_out;
   std::vector<std::string> notes;
+
+  bool is_left_out(Eigen::Index joint) const { return !left_out.empty() && left_out[static_cast<std::size_t>(joint)]; }
+  void leave_out(Eigen::Index joint) {
+    left_out.resize(static_cast<std::size_t>(q.rows()), false);
+    left_out[static_cast<std::size_t>(joint)] = true;
+    moving.row(joint).setConstant(false);
+  }
 
   Eigen::Index size() const { return q.cols(); }
 };
