@@ -256,7 +256,61 @@ refused(
     model,
     broken("c.csv", without("position_joint4_rad")),
 )
-refused("a torque is missing", ["torque_joint5_nm"], "dynamics", model, broken("d.csv", without("torque_joint5_nm")))
+
+
+def no_torque(d, n):
+    for j in range(1, 7):
+        n[n.index(f"torque_joint{j}_nm")] = f"effort_{j}"
+
+
+refused("no torque at all", ["torque_joint1_nm"], "dynamics", model, broken("d.csv", no_torque))
+for what, change, reason in (
+    ("not recorded", without("torque_joint5_nm"), "not recorded"),
+    (
+        "dead",
+        changed("torque_joint5_nm", lambda x: np.random.default_rng(3).normal(0, 0.2, len(x))),
+        "motion explains only",
+    ),
+):
+    r = run("dynamics", model, broken("d.csv", change), "-o", "d.yaml", "--force", "--json")
+    fit = json.loads(r.stdout)
+    check(
+        f"a torque is {what}: the other joints are identified, and it is said",
+        "torque_joint5_nm" in r.stderr
+        and reason in fit["left_out"]["joint5"]
+        and "joint5" not in fit["friction"]
+        and max(fit["joints"][f"joint{j}"]["relative_error"] for j in (1, 2, 3, 4, 6)) < 0.1,
+        (r.stderr, fit["left_out"], fit["joints"]),
+    )
+    e = json.loads(run("predict", model, "d.yaml", "cold.csv", "-o", "d_predicted.csv", "--force", "--json").stdout)
+    header, first = open(f"{work}/d_predicted.csv").read().split("\n")[:2]
+    check(
+        "... and predicted, this one not",
+        reason in e["joints"]["joint5"]["lacking"]
+        and e["worst_relative_to_range"] < 0.05
+        and first.split(",")[header.split(",").index("predicted_joint5_nm")] == ""
+        and first.split(",")[header.split(",").index("predicted_joint6_nm")] != "",
+        (e, first),
+    )
+    r = run("excite", model, "--params", "d.yaml", "--evaluations", 200, "--inertia-only", "--json")
+    d = json.loads(r.stdout)["friction"]["poorly_known"]
+    check(
+        "... and asked for by the next motion",
+        {f"joint5.{p}" for p in ("Fc", "Fv", "offset")} <= set(d["before"])
+        and not any("joint5" in p for p in d["after"]),
+        d,
+    )
+r = run(
+    "dynamics",
+    model,
+    broken("d.csv", changed("torque_joint5_nm", lambda x: 0.3 + np.random.default_rng(3).normal(0, 0.2, len(x)))),
+)
+check("an offset is no motion", "of the variation of torque_joint5_nm" in r.stderr, r.stderr)
+refused(
+    "an external force without it",
+    ["--wrench", "joint5"],
+    *("predict", model, "d.yaml", "cold.csv", "--wrench", "w.csv"),
+)
 refused("the robot stands", ["stands"], "dynamics", model, broken("e.csv", standing))
 refused("time goes back", ["time_s", "does not come after"], "dynamics", model, broken("f.csv", lambda d, n: d[::-1]))
 refused("sign of a torque", ["torque_joint1_nm"], "dynamics", model, broken("g.csv", scaled("torque_joint1_nm", -1)))
