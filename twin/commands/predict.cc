@@ -76,6 +76,11 @@ std::vector<std::string> row_of(const std::string& joint, const Error& e, const 
           fmt::format("{}", e.samples)};
 }
 
+Json json_of(const Error& e, const std::string& unit) {
+  return {{"rms", e.rms},         {"relative_to_range", e.share()}, {"range", e.range},
+          {"largest", e.largest}, {"samples", e.samples},           {"unit", unit}};
+}
+
 std::string csv_of(const Robot& robot, const JointMotion& motion, const Eigen::MatrixXd& predicted) {
   std::string s = "time_s";
   for (Index j = 0; j < predicted.rows(); ++j) {
@@ -107,7 +112,11 @@ std::vector<double> start_of(const Arguments& a, const Robot& robot, const std::
   return start;
 }
 
-std::string wrench_csv_of(const JointMotion& motion, const Eigen::MatrixXd& wrench) {
+std::string wrench_csv_of(const Arguments& a, const Robot& robot, const JointMotion& motion,
+                          const Eigen::MatrixXd& predicted) {
+  const auto found = external_wrench(*robot.model, a.site, motion, predicted);
+  if (!found) throw InputError(fmt::format("--site: {} {}", a.model, found.error().message));
+  const Eigen::MatrixXd& wrench = *found;
   std::string s = "time_s,force_x_n,force_y_n,force_z_n,torque_x_nm,torque_y_nm,torque_z_nm\n";
   for (Index i = 0; i < motion.size(); ++i) {
     s += fmt::format("{:.9g}", motion.time_s[static_cast<std::size_t>(i)]);
@@ -126,6 +135,17 @@ std::vector<std::string> lacking_of(const DynamicsFile& file, const JointMotion&
                   : motion.is_left_out(static_cast<Index>(j)) ? "torque not recorded"
                                                               : "");
   return out;
+}
+
+/// Takes back predictions of joints whose friction is not known. No wrench without the torque of every joint.
+void blank(const Arguments& a, const Robot& robot, const DynamicsFile& file, const std::vector<std::string>& lacking,
+           Eigen::MatrixXd& predicted) {
+  for (std::size_t j = 0; j < lacking.size(); ++j) {
+    if (!file.left_out[j].empty()) predicted.row(static_cast<Index>(j)).setConstant(std::nan(""));
+    if (!a.wrench.empty() && !lacking[j].empty())
+      throw InputError(fmt::format("--wrench needs the torque of every joint; {}: {}",
+                                   robot.regressor.joint_name(static_cast<Index>(j)), lacking[j]));
+  }
 }
 
 /// As for the fit, unless --cutoff says another one.
@@ -160,18 +180,8 @@ Result<Exit> execute(const Arguments& a) {
   Eigen::MatrixXd predicted =
       predicted_torque(robot.regressor, robot.base, *friction, file.parameters, motion, a.threads);
   const std::vector<std::string> lacking = lacking_of(file, motion);
-  for (std::size_t j = 0; j < lacking.size(); ++j) {
-    if (!file.left_out[j].empty()) predicted.row(static_cast<Index>(j)).setConstant(std::nan(""));
-    if (!a.wrench.empty() && !lacking[j].empty())
-      throw InputError(fmt::format("--wrench needs the torque of every joint; {}: {}",
-                                   robot.regressor.joint_name(static_cast<Index>(j)), lacking[j]));
-  }
-  std::string wrench_csv;
-  if (!a.wrench.empty()) {
-    const auto wrench = external_wrench(*robot.model, a.site, motion, predicted);
-    if (!wrench) throw InputError(fmt::format("--site: {} {}", a.model, wrench.error().message));
-    wrench_csv = wrench_csv_of(motion, *wrench);
-  }
+  blank(a, robot, file, lacking, predicted);
+  const std::string wrench_csv = a.wrench.empty() ? "" : wrench_csv_of(a, robot, motion, predicted);
   Json j{{"joints", Json::object()}};
   constexpr auto right = TextTable::right;
   TextTable table{{TextTable::left("joint"), right("error rms"), right("of its range"), right("range"),
@@ -192,15 +202,13 @@ Result<Exit> execute(const Arguments& a) {
     if (e.samples == 0 && !a.window_s.empty())
       throw InputError(
           fmt::format("--interval: joint {} does not move from {:g} to {:g} s", name, a.window_s[0], a.window_s[1]));
-    j["joints"][name] = {{"rms", e.rms},         {"relative_to_range", e.share()}, {"range", e.range},
-                         {"largest", e.largest}, {"samples", e.samples},           {"unit", unit}};
+    j["joints"][name] = json_of(e, unit);
     moving += e.samples > 0;
     if (e.samples > 0) worst = std::max(worst, e.share());
   }
   if (moving == 0 && a.wrench.empty())
     throw InputError(
-        fmt::format("{}: the robot stands still: no joint moves, and friction at rest does not follow from "
-                    "the motion",
+        fmt::format("{}: the robot stands still: no joint moves, and friction at rest does not follow from the motion",
                     joined(a.data)));
   j["worst_relative_to_range"] = worst;
   if (a.output.named())
