@@ -292,14 +292,13 @@ for what, change, reason in (
         and first.split(",")[header.split(",").index("predicted_joint6_nm")] != "",
         (e, first),
     )
-    r = run("excite", model, "--params", "d.yaml", "--evaluations", 200, "--inertia-only", "--json")
-    d = json.loads(r.stdout)["friction"]["poorly_known"]
-    check(
-        "... and asked for by the next motion",
-        {f"joint5.{p}" for p in ("Fc", "Fv", "offset")} <= set(d["before"])
-        and not any("joint5" in p for p in d["after"]),
-        d,
-    )
+r = run("excite", model, "--params", "d.yaml", "--evaluations", 200, "--inertia-only", "--json")
+d = json.loads(r.stdout)["friction"]["poorly_known"]
+check(
+    "what was left out is asked for by the next motion",
+    {f"joint5.{p}" for p in ("Fc", "Fv", "offset")} <= set(d["before"]) and not any("joint5" in p for p in d["after"]),
+    d,
+)
 r = run(
     "dynamics",
     model,
