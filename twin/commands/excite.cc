@@ -230,8 +230,9 @@ void add_excite(CLI::App& app, int& code) {
   c->add_option("--friction", a->friction,
                 "Design for the friction of the joints too: coulomb_viscous, stribeck, polynomial or another law of "
                 "dynamics (default: inertia by condition number, friction joint by joint)");
-  c->add_option("--given", a->given,
-                "Recordings that there are already, tables as for dynamics, behind MODEL: the motion adds what they lack");
+  c->add_option(
+      "--given", a->given,
+      "Recordings that there are already, tables as for dynamics, behind MODEL: the motion adds what they lack");
   c->add_option("--params", a->params, "PARAMS.yaml of dynamics instead: its sigmas, its noise, its law");
   c->add_option(
        "--noise", a->noise,
