@@ -16,6 +16,7 @@
 #include <tribotwin/twin/identification/thermal/thermal_file.hpp>
 #include <tribotwin/twin/io/input.hpp>
 #include <tribotwin/twin/robot/arm.hpp>
+#include <tribotwin/twin/robot/coupling/coupling.hpp>
 
 namespace tribotwin::twin::program {
 namespace {
@@ -28,7 +29,7 @@ struct Arguments {
   std::string model, friction = "coulomb_viscous", thermal, robust = "auto";
   Destination output;
   TableArguments tables;
-  std::vector<std::string> data;
+  std::vector<std::string> data, coupling;
   Preparation preparation;
   unsigned threads = std::max(1u, std::thread::hardware_concurrency());
   bool json = false, quiet = false, essential = false, unweighted = false, no_offset = false, asymmetry = false;
@@ -59,10 +60,16 @@ Json json_of(const Robot& robot, const DynamicsFit& fit, const Consistency& cons
                                     {"of_model", of_model(static_cast<Eigen::Index>(k))},
                                     {"group", robot.base.parameters[k].group}};
   }
-  for (std::size_t i = 0; i < fit.joints.size(); ++i) {
-    for (const Estimate& e : fit.friction[i])
-      j["friction"][fit.joints[i].name][e.name] = {
+  for (std::size_t r = 0; r < fit.friction.size(); ++r)
+    for (const Estimate& e : fit.friction[r])
+      j["friction"][robot.regressor.rotor_name(static_cast<Index>(r))][e.name] = {
           {"value", number(e.value)}, {"sigma", number(e.sigma)}, {"unit", e.unit}};
+  for (const CoupledMotor& motor : robot.regressor.motors()) {
+    Json& turns = j["coupling"][motor.name] = {{"joint", robot.regressor.joint_name(motor.joint)}};
+    for (Index k = 0; k < motor.turns_with.size(); ++k)
+      if (motor.turns_with(k) != 0) turns["turns_with"][robot.regressor.joint_name(k)] = motor.turns_with(k);
+  }
+  for (std::size_t i = 0; i < fit.joints.size(); ++i) {
     j["joints"][fit.joints[i].name] = {{"relative_error", number(fit.joints[i].relative_error)},
                                        {"noise", number(fit.joints[i].noise)},
                                        {"correlated_samples", number(fit.joints[i].correlation)},
@@ -100,8 +107,9 @@ std::string quality_of(const Robot& robot, std::span<const JointResult> joints) 
 std::string table_of(const Robot& robot, const DynamicsFit& fit, const Consistency& consistency) {
   TextTable base = estimates("base parameter"), friction = estimates("friction");
   for (std::size_t k = 0; k < fit.base.size(); ++k) base.add(row_of(fit.base[k], robot.base.parameters[k].group));
-  for (std::size_t j = 0; j < fit.joints.size(); ++j)
-    for (const Estimate& e : fit.friction[j]) friction.add(row_of(e, fit.joints[j].name + "." + e.name));
+  for (std::size_t r = 0; r < fit.friction.size(); ++r)
+    for (const Estimate& e : fit.friction[r])
+      friction.add(row_of(e, robot.regressor.rotor_name(static_cast<Index>(r)) + "." + e.name));
   std::string s = base.text() + "\n" + friction.text() + "\n" + quality_of(robot, fit.joints);
   s += fmt::format("\nrelative error {:.3f} %, condition number {:.0f}\n", 100 * fit.relative_error,
                    fit.condition_number);
@@ -169,10 +177,14 @@ void doubt(const Arguments& a, const Robot& robot, const DynamicsFit& fit) {
     if (joint.relative_error > 0.7)
       throw InputError(
           fmt::format("{}: motion explains only {:.0f} % of torque_{}_{}; is it the torque of another joint, another "
-                      "column, another robot, or late?",
+                      "column, another robot, late, or that of a motor that turns with two joints (--coupling)?",
                       where, 100 * (1 - joint.relative_error), joint.name, unit));
     const Estimate& level = fit.friction[j].front();  // Coulomb friction, or what is left of it at speed 0
-    if (level.name == "Fc" && level.value < -5 * level.sigma)
+    // Beside a coupled motor's friction a joint's own is what is left of it: any sign.
+    const bool coupled = std::ranges::any_of(robot.regressor.motors(), [&](const CoupledMotor& motor) {
+      return motor.turns_with(static_cast<Index>(j)) != 0;
+    });
+    if (level.name == "Fc" && level.value < -5 * level.sigma && !coupled)
       throw InputError(fmt::format(
           "{}: friction of {} would drive its motion ({} = {:.3g} {}); torque_{}_{} or its position has the wrong sign",
           where, joint.name, level.name, level.value, level.unit, joint.name, unit));
@@ -249,9 +261,32 @@ DynamicsOrigin origin_of(const Arguments& a, const Robot& robot, const Setting& 
   return origin;
 }
 
+/// The robot with the coupled motors that --coupling, or else the model's tendons, say.
+Robot loaded(const Arguments& a) {
+  Robot robot = load_robot(a.model);
+  if (a.coupling.empty()) {
+    auto motors = motors_on_tendons(robot.regressor);
+    if (!a.quiet)
+      for (const CoupledMotor& motor : motors)
+        note("{}: motor {} turns with {}, as its tendon says; {}", a.model, motor.name, sum_of(motor, robot.regressor),
+             "--coupling none leaves that out");
+    return motors.empty() ? robot : with_motors(robot, std::move(motors), a.model);
+  }
+  if (a.coupling == std::vector<std::string>{"none"}) return robot;
+  std::vector<CoupledMotor> motors;
+  for (const std::string& text : a.coupling)
+    motors.push_back(or_wrong_input(coupled_motor("--coupling", text, robot.regressor)));
+  return with_motors(robot, std::move(motors), "--coupling");
+}
+
 Result<Exit> execute(const Arguments& a) {
   const friction::LawInfo* const given = given_law(a);
-  const Robot robot = load_robot(a.model);
+  const Robot robot = loaded(a);
+  if (!a.thermal.empty() && !robot.regressor.motors().empty())
+    throw InputError(
+        fmt::format("--thermal: motor {} turns with several joints; the heat of coupled motors is not modelled. Record "
+                    "temperature_JOINT_degC, or leave --thermal out",
+                    robot.regressor.motors().front().name));
   const auto recordings = read_recordings(robot, a.data, a.tables, a.quiet);
   const std::vector<double> torque_max_nm = largest_torques(recordings);
   Progress progress(a.quiet, "identifying");
@@ -306,6 +341,11 @@ void add_dynamics(CLI::App& app, int& code) {
   c->add_option("--robust", a->robust, "Loss for data with outliers")
       ->check(CLI::IsMember({"auto", "none", "huber", "tukey"}))
       ->capture_default_str();
+  c->add_option(
+       "--coupling", a->coupling,
+       "JOINT=SUM: the motor of JOINT turns with several joints, as in wrists: \"joint6 = joint5 + joint6\"; may "
+       "be repeated (default: as the model's actuators on tendons say); none: no motor does")
+      ->allow_extra_args(false);
   c->add_flag("--unweighted", a->unweighted, "Give all joints the same weight");
   c->add_flag("--essential", a->essential, "Set base parameters that do not improve the fit to 0");
   c->add_option(

@@ -195,27 +195,36 @@ Result<void> add_parts(const RobotRecording& rec, std::size_t file, const Prepar
                         rec.file.string(), sampling.typical_s, sampling.gaps)));
 }
 
-/// More than `guard` samples after a slow one and before the next; none is assumed before the first and after the last.
-void mark_moving(const Part& p, Index j, double slow_speed, Index at, JointMotion& out) {
+/// Speed of a rotor in sample k.
+double speed_of(const Regressor& r, Index rotor, const Part& p, Index k) { return r.speed(rotor, p.qd.col(k)); }
+
+/// Where friction of a rotor acts, its joints count as moving only more than `guard` samples after a slow one of it and
+/// before the next; none is assumed before the first and after the last.
+void mark_moving(const Regressor& r, Index rotor, const Part& p, double slow_speed, Index at, JointMotion& out) {
   const Index count = p.q.cols();
-  const auto slow_at = [&](Index k) { return std::abs(p.qd(j, k)) < slow_speed; };
+  const auto slow_at = [&](Index k) { return std::abs(speed_of(r, rotor, p, k)) < slow_speed; };
+  const auto mark = [&](Index k, bool moving) {
+    for (Index j = 0; j < r.joints(); ++j)
+      if (r.turns(rotor, j) != 0) out.moving(j, at + k) = out.moving(j, at + k) && moving;
+  };
   Index since = p.guard;
   for (Index k = 0; k < count; ++k) {
     since = slow_at(k) ? 0 : since + 1;
-    out.moving(j, at + k) = since > p.guard;
+    mark(k, since > p.guard);
   }
   since = p.guard;
   for (Index k = count; k-- > 0;) {
     since = slow_at(k) ? 0 : since + 1;
-    out.moving(j, at + k) = out.moving(j, at + k) && since > p.guard;
+    mark(k, since > p.guard);
   }
 }
 
-void join(const std::vector<Part>& parts, const VectorXd& fastest, JointMotion& out) {
+/// `fastest`: speed of every rotor.
+void join(const Regressor& r, const std::vector<Part>& parts, const VectorXd& fastest, JointMotion& out) {
   Index total = 0;
   for (const Part& p : parts) total += p.q.cols();
-  for (auto* m : {&out.q, &out.qd, &out.qdd, &out.torque, &out.temperature_degC}) m->resize(fastest.size(), total);
-  out.moving.setConstant(fastest.size(), total, false);
+  for (auto* m : {&out.q, &out.qd, &out.qdd, &out.torque, &out.temperature_degC}) m->resize(r.joints(), total);
+  out.moving.setConstant(r.joints(), total, true);
   Index at = 0;
   for (const Part& p : parts) {
     const Index count = p.q.cols();
@@ -225,7 +234,7 @@ void join(const std::vector<Part>& parts, const VectorXd& fastest, JointMotion& 
     out.time_s.insert(out.time_s.end(), p.time.begin(), p.time.end());
     out.q.middleCols(at, count) = p.q, out.qd.middleCols(at, count) = p.qd, out.qdd.middleCols(at, count) = p.qdd;
     out.torque.middleCols(at, count) = p.torque, out.temperature_degC.middleCols(at, count) = p.temperature;
-    for (Index j = 0; j < fastest.size(); ++j) mark_moving(p, j, slow * fastest(j), at, out);
+    for (Index rotor = 0; rotor < r.rotors(); ++rotor) mark_moving(r, rotor, p, slow * fastest(rotor), at, out);
     at += count;
   }
 }
@@ -240,15 +249,24 @@ Result<JointMotion> prepare(std::span<const RobotRecording> recordings, const Re
   std::vector<Part> parts;
   for (std::size_t f = 0; f < recordings.size(); ++f)
     if (auto ok = add_parts(recordings[f], f, preparation, out, parts); !ok) return tl::unexpected(ok.error());
-  VectorXd fastest = VectorXd::Zero(r.joints());
-  for (const Part& p : parts) fastest = fastest.cwiseMax(p.qd.cwiseAbs().rowwise().maxCoeff());
+  VectorXd fastest = VectorXd::Zero(r.rotors());
+  for (const Part& p : parts)
+    for (Index rotor = 0; rotor < r.rotors(); ++rotor)
+      for (Index k = 0; k < p.qd.cols(); ++k)
+        fastest(rotor) = std::max(fastest(rotor), std::abs(speed_of(r, rotor, p, k)));
   for (Index j = 0; j < r.joints(); ++j)
     if (fastest(j) < 1e-2)
       return tl::unexpected(
           Error(fmt::format("joint {} stands still in all recordings (it never exceeds {:.2g} {}/s); move every joint, "
                             "or weld it in the model",
                             r.joint_name(j), fastest(j), r.is_slide(j) ? "m" : "rad")));
-  join(parts, fastest, out);
+  for (Index rotor = r.joints(); rotor < r.rotors(); ++rotor)
+    if (fastest(rotor) < 1e-2)
+      return tl::unexpected(Error(fmt::format(
+          "motor {} stands still in all recordings (it never exceeds {:.2g} rad/s): its joints move against "
+          "each other as it says; move them one by one, or leave its coupling out",
+          r.rotor_name(rotor), fastest(rotor))));
+  join(r, parts, fastest, out);
   return out;
 }
 

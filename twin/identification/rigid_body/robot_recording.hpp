@@ -24,6 +24,9 @@ struct RobotRecording {
   std::vector<std::string> notes;
 };
 
+/// Torques are those of the joints, or, with a column torque_MOTOR_nm for every coupled motor of the regressor in place
+/// of its joint's, those of the motors, each behind its gear.
+///
 /// Reads `time_s, position_JOINT_rad|_m, torque_JOINT_nm|_n [, velocity_JOINT_rad_s|_m_s, temperature_JOINT_degC]` for
 /// every joint of the model, from any kind of table (read_numbers). ErrorKind::input with file, column and what would
 /// be right; also where values do not fit their header: positions beyond the joint's range or too fast (degrees,
