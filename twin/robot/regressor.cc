@@ -74,10 +74,9 @@ Result<Regressor> Regressor::create(const mjModel* m, std::vector<CoupledMotor> 
 /// Takes the motors, whose joints' places in the transmission they have.
 Result<void> Regressor::couple(std::vector<CoupledMotor> motors) {
   const Index n = joints(), count = static_cast<Index>(motors.size());
-  turns_.setZero(n + count, n);
-  turns_.topRows(n).setIdentity();
   armature_.resize(n + count);
   for (Index j = 0; j < n; ++j) armature_(j) = model_->dof_armature[j];
+  if (motors.empty()) return {};
   MatrixXd speeds = MatrixXd::Identity(n, n);
   for (Index k = 0; k < count; ++k) {
     const CoupledMotor& motor = motors[static_cast<std::size_t>(k)];
@@ -85,7 +84,7 @@ Result<void> Regressor::couple(std::vector<CoupledMotor> motors) {
       if (motors[static_cast<std::size_t>(other)].joint == motor.joint)
         return tl::unexpected(fmt::format("joint '{}' has two coupled motors; each joint has one",
                                           joint_names_[static_cast<std::size_t>(motor.joint)]));
-    turns_.row(n + k) = speeds.row(motor.joint) = motor.turns_with.transpose();
+    speeds.row(motor.joint) = motor.turns_with.transpose();
     armature_(n + k) = motor.rotor_inertia;
     columns_.push_back({.name = motor.name + ".Ia",
                         .unit = is_slide(motor.joint) ? "kg" : "kg m^2",
@@ -115,7 +114,7 @@ double Regressor::load(Index rotor, const Eigen::Ref<const VectorXd>& rigid,
                        const Eigen::Ref<const VectorXd>& qdd) const {
   const auto of_joint = [&](Index j) {
     double torque = rigid(j) - armature_(j) * qdd(j);
-    for (Index r = joints(); r < rotors(); ++r) torque -= turns_(r, j) * armature_(r) * turns_.row(r).dot(qdd);
+    for (Index r = joints(); r < rotors(); ++r) torque -= turns(r, j) * armature_(r) * speed(r, qdd);
     return torque;
   };
   if (!is_coupled(rotor)) return of_joint(rotor);
@@ -126,7 +125,7 @@ double Regressor::load(Index rotor, const Eigen::Ref<const VectorXd>& rigid,
 
 bool Regressor::acts(std::size_t column, Index dof) const {
   const Column& c = columns_[column];
-  return c.body < 0 ? turns_(c.rotor, dof) != 0
+  return c.body < 0 ? turns(c.rotor, dof) != 0
                     : std::ranges::count(moved_by_[static_cast<std::size_t>(c.body)], static_cast<int>(dof)) > 0;
 }
 
@@ -181,8 +180,7 @@ const MatrixXd& Regressor::at(const Eigen::Ref<const VectorXd>& q, const Eigen::
   }
   const Index first_rotor = static_cast<Index>(columns_.size()) - rotors();
   for (int j = 0; j < m->nv; ++j) Y_(j, first_rotor + j) = qdd(j);
-  for (Index r = joints(); r < rotors(); ++r)
-    Y_.col(first_rotor + r) = turns_.row(r).transpose() * turns_.row(r).dot(qdd);
+  for (Index r = joints(); r < rotors(); ++r) Y_.col(first_rotor + r) = turns_with(r) * speed(r, qdd);
   return Y_;
 }
 

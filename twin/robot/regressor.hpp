@@ -1,5 +1,6 @@
 #pragma once
 
+#include <iterator>
 #include <string>
 #include <vector>
 
@@ -58,21 +59,24 @@ class Regressor {
   bool acts(std::size_t column, Eigen::Index dof) const;
 
   /// Rotors, each with an inertia and friction: one per joint, which turns with it alone, then the coupled motors'.
-  Eigen::Index rotors() const { return turns_.rows(); }
+  Eigen::Index rotors() const { return joints() + std::ssize(motors_); }
   bool is_coupled(Eigen::Index rotor) const { return rotor >= joints(); }
   /// Of its joint, or of the motor.
   const std::string& rotor_name(Eigen::Index rotor) const;
   Eigen::Index joint_of(Eigen::Index rotor) const;
   /// How often it turns per turn of a joint; its torque acts on the joint as often.
-  double turns(Eigen::Index rotor, Eigen::Index joint) const { return turns_(rotor, joint); }
+  double turns(Eigen::Index rotor, Eigen::Index joint) const {
+    return is_coupled(rotor) ? turns_with(rotor)(joint) : rotor == joint ? 1 : 0;
+  }
   /// Speed of a rotor [rad/s; m/s] at velocities of the joints.
   double speed(Eigen::Index rotor, const Eigen::Ref<const Eigen::VectorXd>& qd) const {
-    return is_coupled(rotor) ? turns_.row(rotor).dot(qd) : qd(rotor);
+    return is_coupled(rotor) ? turns_with(rotor).dot(qd) : qd(rotor);
   }
   /// Torque [Nm; N] that the gear of a rotor transmits, of the joints' rigid torques less what the model's rotors need.
   double load(Eigen::Index rotor, const Eigen::Ref<const Eigen::VectorXd>& rigid,
               const Eigen::Ref<const Eigen::VectorXd>& qdd) const;
-  /// Joint torques [Nm; N] of the torques that their motors give, coupled ones in the place of their joint's.
+  /// Joint torques [Nm; N] of the torques that their motors give, coupled ones, of which there are some, in the place
+  /// of their joint's.
   Eigen::MatrixXd joint_torque(const Eigen::MatrixXd& motor_torque) const { return transmission_ * motor_torque; }
 
   /// Y, joints x columns, at positions [rad; m], velocities and accelerations of the joints. Uses the object's own
@@ -95,12 +99,14 @@ class Regressor {
     Eigen::Vector3d acceleration(const Eigen::Vector3d& r) const { return a + dw.cross(r) + w.cross(w.cross(r)); }
   };
   explicit Regressor(const mjModel* model) : model_(model) {}
+  const Eigen::VectorXd& turns_with(Eigen::Index rotor) const {
+    return motors_[static_cast<std::size_t>(rotor - joints())].turns_with;
+  }
   Result<void> couple(std::vector<CoupledMotor> motors);
 
   const mjModel* model_;
   std::vector<CoupledMotor> motors_;
-  Eigen::MatrixXd turns_;         ///< rotors x joints
-  Eigen::MatrixXd transmission_;  ///< joints x joints: joint torques of motor torques
+  Eigen::MatrixXd transmission_;  ///< joints x joints: joint torques of motor torques; empty without coupled motors
   Eigen::MatrixXd loads_;         ///< coupled motors x joints: their torques of joint torques
   Eigen::VectorXd armature_;      ///< of the model, per rotor
   std::vector<Column> columns_;
