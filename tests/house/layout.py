@@ -28,6 +28,7 @@ ORDER = {
         "control",
         "simulation",
         "identification",
+        "identification/resampling",
         "identification/samples",
         "identification/curves",
         "identification/dynamic_friction",

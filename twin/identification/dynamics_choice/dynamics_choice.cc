@@ -14,7 +14,7 @@ using Eigen::Index, Eigen::VectorXd;
 constexpr double narrower[] = {0.7, 0.5, 0.35, 0.25};
 /// Settings that better the error by less are not worth their complexity.
 constexpr double least_gain = 0.002;
-constexpr unsigned most_folds = 10, folds_of_time = 6;
+constexpr unsigned most_folds = 10, folds_of_time = 8;
 constexpr Index stretch_count = 40;
 
 /// Laws to try beside coulomb_viscous, simple ones first. Those with more numbers than a motion of the whole robot

@@ -6,9 +6,10 @@
 #include <fmt/format.h>
 
 #include <tribotwin/twin/identification/linearised.hpp>
+#include <tribotwin/twin/identification/resampling/folds.hpp>
+#include <tribotwin/twin/identification/resampling/jackknife.hpp>
 #include <tribotwin/twin/identification/rigid_body/dynamics.hpp>
 #include <tribotwin/twin/identification/rigid_body/dynamics_problem.hpp>
-#include <tribotwin/twin/identification/rigid_body/jackknife.hpp>
 #include <tribotwin/twin/io/text.hpp>
 #include <tribotwin/twin/numerics/linear_algebra.hpp>
 #include <tribotwin/twin/numerics/median.hpp>
@@ -414,15 +415,6 @@ class Identification {
     judge(pass_.residual);
   }
 
-  /// The fold of every block of time.
-  std::vector<std::size_t> folds() const {
-    std::vector<std::size_t> fold = problem_.files();
-    const std::size_t files = 1 + fold.back();
-    for (std::size_t b = 0; b < fold.size(); ++b)
-      fold[b] = files >= 3 ? fold[b] % options_.folds : b * options_.folds / fold.size();
-    return fold;
-  }
-
   /// The change of the free unknowns that the rows of the normal matrix `rest` ask for. What they do not tell is drawn
   /// to the model by a very weak prior in units of `all`.
   VectorXd change_of(const MatrixXd& rest, const MatrixXd& all) const {
@@ -443,17 +435,22 @@ class Identification {
 
   /// Predicts every fold from the others.
   void leave_out() {
-    const std::vector<std::size_t> fold = folds();
-    const std::size_t count = 1 + std::ranges::max(fold);
-    const auto n = static_cast<Index>(order_.size());
-    std::vector<MatrixXd> of_fold(count, MatrixXd::Zero(n + 1, n + 1));
-    for (std::size_t b = 0; b < fold.size(); ++b)
-      of_fold[fold[b]] += problem_.normal_matrix(pass_, b, weights_, order_);
+    const auto& blocks = problem_.blocks();
+    const std::vector<Fold> folds = folds_of(motion_.q, motion_.qd, blocks, problem_.files(), options_.folds);
+    std::vector<MatrixXd> of_block;
+    for (std::size_t b = 0; b < blocks.size(); ++b)
+      of_block.push_back(problem_.normal_matrix(pass_, b, weights_, order_));
     MatrixXd all = prior_normal();
-    for (const MatrixXd& N : of_fold) all += N;
-    MatrixXd changes = MatrixXd::Zero(problem_.unknowns(), static_cast<Index>(count));
-    for (std::size_t f = 0; f < count; ++f) changes(order_, static_cast<Index>(f)) = change_of(all - of_fold[f], all);
-    out_.held_out = problem_.predicted(now_, changes, fold);
+    for (const MatrixXd& N : of_block) all += N;
+    MatrixXd changes = MatrixXd::Zero(problem_.unknowns(), static_cast<Index>(folds.size()));
+    std::vector<std::size_t> fold_of(blocks.size());
+    for (std::size_t f = 0; f < folds.size(); ++f) {
+      MatrixXd rest = all;
+      for (const std::size_t b : folds[f].held) rest -= of_block[b], fold_of[b] = f;
+      for (const std::size_t b : folds[f].alike) rest -= of_block[b];
+      changes(order_, static_cast<Index>(f)) = change_of(rest, all);
+    }
+    out_.held_out = problem_.predicted(now_, changes, fold_of);
   }
 
   struct Uncertainty {
@@ -503,14 +500,15 @@ class Identification {
 
   /// Estimates with sigmas, information of the base parameters, condition number.
   void conclude() {
-    const auto [C, t] = uncertainty();
+    const Uncertainty of_unknowns = uncertainty();
     std::vector<Index> place(static_cast<std::size_t>(problem_.unknowns()), -1);
     for (std::size_t c = 0; c < order_.size(); ++c) place[static_cast<std::size_t>(order_[c])] = static_cast<Index>(c);
     const auto estimate = [&](Index u, std::string name, std::string unit, double value) {
       Estimate e = without_sigma(std::move(name), std::move(unit), value, Status::held);
       if (const Index c = place[static_cast<std::size_t>(u)]; c >= 0) {
-        e.sigma = std::sqrt(C(c, c));
-        e.low = value - t(c) * e.sigma, e.high = value + t(c) * e.sigma;
+        const double t = of_unknowns.quantile(c);
+        e.sigma = std::sqrt(of_unknowns.covariance(c, c));
+        e.low = value - t * e.sigma, e.high = value + t * e.sigma;
         e.status = Status::estimated;
       }
       return e;
@@ -534,7 +532,7 @@ class Identification {
     std::vector<Index> of_base, at;
     for (Index k = 0; k < base_.size(); ++k)
       if (const Index c = place[static_cast<std::size_t>(k)]; c >= 0) of_base.push_back(k), at.push_back(c);
-    const MatrixXd own_information = symmetric_inverse(C(at, at));
+    const MatrixXd own_information = symmetric_inverse(of_unknowns.covariance(at, at));
     out_.information(of_base, of_base) = own_information;
     out_.condition_number = scaled_condition_number(R_.topLeftCorner(R_.cols() - 1, R_.cols() - 1));
     out_.parameters = std::move(now_);
