@@ -126,6 +126,7 @@ std::string words_of(const Setting& s) {
   if (s.signals.recorded_velocity) text += ", recorded velocity";
   if (s.robust != Robust::none) text += fmt::format(", {}", name_of(s.robust));
   if (!s.rotor_inertia) text += ", no rotor inertias";
+  for (const CoupledMotor& motor : s.motors) text += fmt::format(", {} coupled", motor.name);
   if (s.prior > 0) text += fmt::format(", prior of {:g} % about the model", 100 * s.prior);
   return text;
 }
@@ -210,6 +211,7 @@ Decided decided(const Arguments& a) {
   if (a.preparation.cutoff_hz > 0) d.cutoff_hz = a.preparation.cutoff_hz;
   if (a.preparation.decimation > 0) d.decimation = a.preparation.decimation;
   if (a.no_offset) d.offset = false;
+  d.coupling = !a.coupling.empty();
   if (a.asymmetry) d.asymmetry = true;
   if (a.robust != "auto") d.robust = robust_of(a.robust);
   return d;
@@ -281,16 +283,17 @@ Robot loaded(const Arguments& a) {
 
 Result<Exit> execute(const Arguments& a) {
   const friction::LawInfo* const given = given_law(a);
-  const Robot robot = loaded(a);
+  Robot robot = loaded(a);
+  const auto recordings = read_recordings(robot, a.data, a.tables, a.quiet);
+  const std::vector<double> torque_max_nm = largest_torques(recordings);
+  Progress progress(a.quiet, "identifying");
+  const DynamicsChoice choice = choice_of(a, given, robot, recordings, torque_max_nm, progress);
+  if (!choice.setting.motors.empty()) robot = with_motors(robot, choice.setting.motors, "--friction auto");
   if (!a.thermal.empty() && !robot.regressor.motors().empty())
     throw InputError(
         fmt::format("--thermal: motor {} turns with several joints; the heat of coupled motors is not modelled. Record "
                     "temperature_JOINT_degC, or leave --thermal out",
                     robot.regressor.motors().front().name));
-  const auto recordings = read_recordings(robot, a.data, a.tables, a.quiet);
-  const std::vector<double> torque_max_nm = largest_torques(recordings);
-  Progress progress(a.quiet, "identifying");
-  const DynamicsChoice choice = choice_of(a, given, robot, recordings, torque_max_nm, progress);
   const friction::LawInfo& law = *choice.setting.law;
   const auto friction = robot_friction(*robot.model, robot.regressor, law, choice.setting.directional, torque_max_nm);
   if (!friction) throw InputError(fmt::format("{}: {}", a.model, friction.error().message));
@@ -344,7 +347,8 @@ void add_dynamics(CLI::App& app, int& code) {
   c->add_option(
        "--coupling", a->coupling,
        "JOINT=SUM: the motor of JOINT turns with several joints, as in wrists: \"joint6 = joint5 + joint6\"; may "
-       "be repeated (default: as the model's actuators on tendons say); none: no motor does")
+       "be repeated (default: as the model's actuators on tendons say, or what --friction auto finds); none: no motor "
+       "does")
       ->allow_extra_args(false);
   c->add_flag("--unweighted", a->unweighted, "Give all joints the same weight");
   c->add_flag("--essential", a->essential, "Set base parameters that do not improve the fit to 0");

@@ -123,6 +123,8 @@ double Regressor::load(Index rotor, const Eigen::Ref<const VectorXd>& rigid,
   return torque;
 }
 
+MatrixXd Regressor::joint_torque(const MatrixXd& motor_torque) const { return transmission_ * motor_torque; }
+
 bool Regressor::acts(std::size_t column, Index dof) const {
   const Column& c = columns_[column];
   return c.body < 0 ? turns(c.rotor, dof) != 0

@@ -77,7 +77,7 @@ class Regressor {
               const Eigen::Ref<const Eigen::VectorXd>& qdd) const;
   /// Joint torques [Nm; N] of the torques that their motors give, coupled ones, of which there are some, in the place
   /// of their joint's.
-  Eigen::MatrixXd joint_torque(const Eigen::MatrixXd& motor_torque) const { return transmission_ * motor_torque; }
+  Eigen::MatrixXd joint_torque(const Eigen::MatrixXd& motor_torque) const;
 
   /// Y, joints x columns, at positions [rad; m], velocities and accelerations of the joints. Uses the object's own
   /// workspace: one object per thread.
