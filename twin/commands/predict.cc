@@ -117,7 +117,6 @@ Preparation preparation_of(const Arguments& a, const DynamicsFile& file) {
   Preparation p = a.preparation;
   if (p.cutoff_hz == 0) p.cutoff_hz = file.signals.cutoff_hz;
   p.recorded_velocity = file.signals.recorded_velocity;
-  p.reversal_periods = file.signals.reversal_periods;
   return p;
 }
 

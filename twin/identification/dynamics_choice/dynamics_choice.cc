@@ -51,7 +51,7 @@ class Chooser {
     choose_friction();
     choose_rigid();
     if (!decided_.law) choose_cutoff();  // again, under the friction that was found
-    // The fit itself takes as many samples, up to ends and reversals, as its own cut-off allows.
+    // The fit itself takes as many samples, up to ends and rests, as its own cut-off allows.
     out_.setting.signals.widest_hz = out_.setting.signals.narrowest_hz = 0;
     return std::move(out_);
   }
@@ -90,7 +90,7 @@ class Chooser {
     return {};
   }
 
-  /// Narrower ones as long as reversals leave half of the samples.
+  /// Narrower ones as long as ends and rests leave half of the samples.
   void set_cutoffs(const JointMotion& widest) {
     cutoffs_ = {widest.cutoff_hz};
     if (decided_.cutoff_hz) return;
@@ -184,8 +184,8 @@ class Chooser {
     choose_velocity();
     for (const double periods : {1.0, 0.5}) {
       Preparation signals = out_.setting.signals;
-      signals.reversal_periods = periods;
-      attempt_signals(fmt::format("samples from {:g} periods of it off reversals", periods), signals);
+      signals.rest_periods = periods;
+      attempt_signals(fmt::format("samples from {:g} periods of it off rests", periods), signals);
     }
   }
 

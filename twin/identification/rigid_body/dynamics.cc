@@ -73,23 +73,26 @@ double noise_of(const std::vector<double>& residual, Index parameters, Robust ro
 }
 
 /// Friction of a rotor by its joint's torque, less what rigid bodies and other rotors need (`friction` at `now`) and
-/// less its offset, as samples for its law, thinned.
+/// less its offset, as samples for its law, thinned. Not where the rotor turns: there the filter leaves little friction
+/// to divide.
 Samples friction_samples(const JointFriction& f, const Regressor& regressor, const RobotFriction& friction,
                          const RobotParameters& now, const JointMotion& motion, const MatrixXd& rigid, double offset,
                          Index rotor) {
   constexpr Index enough = 3000;  // for start values
+  constexpr double turned = 0.5;
   Samples samples;
   const Index j = regressor.joint_of(rotor), every = std::max<Index>(1, motion.moving.row(j).count() / enough);
   Index seen = 0;
   for (Index i = 0; i < motion.size(); ++i) {
     if (!motion.moving(j, i) || seen++ % every) continue;
+    const double speed = regressor.speed(rotor, motion.qd.col(i)), direction = motion.direction(rotor, i);
+    if (std::copysign(1, speed) * direction < turned) continue;
     double rest = motion.torque(j, i) - rigid(j, i) - offset;
     for (Index r = 0; r < regressor.rotors(); ++r)
       if (r != rotor && regressor.turns(r, j) != 0)
         rest -= regressor.turns(r, j) * friction_of(regressor, friction, now, motion, r, i, rigid.col(i));
-    const double speed = regressor.speed(rotor, motion.qd.col(i));
     samples.speed.push_back(std::abs(speed) * f.scales().speed);
-    samples.friction.push_back(std::copysign(1 / f.scales().torque, speed) * rest / regressor.turns(rotor, j));
+    samples.friction.push_back(rest / (regressor.turns(rotor, j) * direction * f.scales().torque));
     samples.load.push_back(std::abs(regressor.load(rotor, rigid.col(i), motion.qdd.col(i))) / f.scales().torque_max_nm);
     samples.temperature_degC.push_back(motion.temperature_degC(j, i));
     samples.curve.push_back(0);

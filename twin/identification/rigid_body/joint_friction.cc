@@ -57,6 +57,26 @@ constexpr friction::LawInfo coulomb_viscous_load_law{
     .general_law = [](std::span<const double> p) { return friction::GeneralLaw{.A = p[0], .A_l = p[2], .F1 = p[1]}; },
     .conflict = nullptr};
 
+/// What jumps where the direction changes: terms that are not 0 at standstill. The number that a shape depends on goes
+/// with it; the scale is of all.
+enum class Part { standstill, moving, both };
+
+constexpr Part part_of(friction::formula::Shape shape) {
+  return friction::formula::shape_infos[shape].at_rest != 0 ? Part::standstill : Part::moving;
+}
+
+constexpr Part part_of(friction::formula::Quantity quantity) {
+  using namespace friction::formula;
+  if (quantity == scale_slope || quantity == scale_reference) return Part::both;
+  for (int shape = 0; shape < shape_count; ++shape)
+    for (int k = 0; k < shape_infos[shape].slope_count; ++k)
+      if (shape_infos[shape].slopes[k] == quantity) return part_of(static_cast<Shape>(shape));
+  return Part::moving;  // the Vogel scale, of viscous terms
+}
+
+using Terms = Eigen::Matrix<double, linear_count, 1>;
+using Shapes = Eigen::Matrix<double, nonlinear_count, 1>;
+
 }  // namespace
 
 const friction::LawInfo& coulomb_viscous() { return coulomb_viscous_law; }
@@ -80,24 +100,39 @@ std::vector<std::string_view> JointFriction::reference_temperatures() const {
   return names;
 }
 
-double JointFriction::torque(std::span<const double> p, double speed, double load_nm, double temperature_degC,
-                             double* derivatives) const {
+double JointFriction::filtered_torque(std::span<const double> p, double speed, double direction, double load_nm,
+                                      double temperature_degC, double* derivatives) const {
   const auto own = static_cast<std::size_t>(law_size());
   const double offset = directional_.offset ? p[own] : 0,
                asymmetry = directional_.asymmetry ? p[static_cast<std::size_t>(size()) - 1] : 0;
-  const double sign = scales_.torque * (std::copysign(1, speed) + asymmetry);
-  const friction::Gradient at = friction::gradient(law_->general_law(p.first(own)), std::abs(speed) * scales_.speed,
+  const double turning = scales_.torque * (direction + asymmetry),
+               moving = scales_.torque * (std::copysign(1, speed) + asymmetry);
+  const friction::GeneralLaw law = law_->general_law(p.first(own));
+  const friction::Gradient at = friction::gradient(law, std::abs(speed) * scales_.speed,
                                                    std::abs(load_nm) / scales_.torque_max_nm, temperature_degC);
+  Terms terms;
+  double torque = 0;
+  for (std::size_t k = 0; k < linear_count; ++k) {
+    const double by = at.by_terms[k];
+    terms(static_cast<Index>(k)) =
+        by * (part_of(friction::formula::terms[k].shape) == Part::standstill ? turning : moving);
+    torque += law.*linear_fields[k] * terms(static_cast<Index>(k));
+  }
   if (derivatives) {
-    const Eigen::Map<const Eigen::Matrix<double, linear_count, 1>> terms(at.by_terms.data());
-    const Eigen::Map<const Eigen::Matrix<double, nonlinear_count, 1>> shapes(at.by_shape_numbers.data());
-    Eigen::Map<Eigen::VectorXd>(derivatives, law_size()) =
-        sign * (place_.linear.transpose() * terms(place_.linear_used) +
-                place_.nonlinear.transpose() * shapes(place_.nonlinear_used));
+    Shapes shapes;
+    for (std::size_t n = 0; n < nonlinear_count; ++n) {
+      const Part part = part_of(friction::formula::shape_numbers[n].quantity);
+      const double both = at.torque == 0 ? moving : torque / at.torque;
+      shapes(static_cast<Index>(n)) = at.by_shape_numbers[n] * (part == Part::both         ? both
+                                                                : part == Part::standstill ? turning
+                                                                                           : moving);
+    }
+    Eigen::Map<Eigen::VectorXd>(derivatives, law_size()) = place_.linear.transpose() * terms(place_.linear_used) +
+                                                           place_.nonlinear.transpose() * shapes(place_.nonlinear_used);
     if (directional_.offset) derivatives[own] = 1;
     if (directional_.asymmetry) derivatives[size() - 1] = scales_.torque * at.torque;
   }
-  return sign * at.torque + offset;
+  return torque + offset;
 }
 
 }  // namespace tribotwin::twin::identification

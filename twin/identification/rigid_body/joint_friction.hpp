@@ -62,7 +62,15 @@ class JointFriction {
   /// Torque [Nm; N] at a joint speed other than 0, load |tau_m| [Nm] and temperature [degC]; writes its size()
   /// derivatives by the parameters where `derivatives` is not null.
   double torque(std::span<const double> parameters, double speed, double load_nm, double temperature_degC,
-                double* derivatives = nullptr) const;
+                double* derivatives = nullptr) const {
+    return filtered_torque(parameters, speed, speed < 0 ? -1 : 1, load_nm, temperature_degC, derivatives);
+  }
+  /// The same of a motion that passed a low-pass, with the filtered sign of its speed (JointMotion::direction): what
+  /// friction is at standstill jumps with the direction, g(|v|, l, T) direction, and what grows from 0 with the speed,
+  /// h(|v|, l, T) sgn(v), does not. Exact for Coulomb and viscous friction; for others as far as friction and load
+  /// change little within a period of the cut-off.
+  double filtered_torque(std::span<const double> parameters, double speed, double direction, double load_nm,
+                         double temperature_degC, double* derivatives = nullptr) const;
 
  private:
   const friction::LawInfo* law_;

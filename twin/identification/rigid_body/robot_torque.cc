@@ -41,8 +41,9 @@ double friction_of(const Regressor& regressor, const RobotFriction& friction, co
   const auto at = static_cast<std::size_t>(rotor);
   const double speed = regressor.speed(rotor, motion.qd.col(sample));
   if (speed == 0 && !derivatives) return 0;
-  return friction[at].torque(parameters.friction[at], speed, regressor.load(rotor, rigid, motion.qdd.col(sample)),
-                             motion.temperature_degC(regressor.joint_of(rotor), sample), derivatives);
+  return friction[at].filtered_torque(parameters.friction[at], speed, motion.direction(rotor, sample),
+                                      regressor.load(rotor, rigid, motion.qdd.col(sample)),
+                                      motion.temperature_degC(regressor.joint_of(rotor), sample), derivatives);
 }
 
 MatrixXd predicted_torque(const Regressor& regressor, const BaseParameters& base, const RobotFriction& friction,

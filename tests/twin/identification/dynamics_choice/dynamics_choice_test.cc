@@ -93,10 +93,7 @@ class Arm {
     const auto fit = fit_dynamics(regressor_, base_, *friction, *motion,
                                   {.robust = s.robust, .rotor_inertia = s.rotor_inertia, .prior = s.prior});
     if (!fit) return std::numeric_limits<double>::infinity();
-    // One measure for all settings: samples without the ringing of reversals, filtered as for the fit.
-    Preparation clean = s.signals;
-    clean.reversal_periods = 2;
-    const auto test = prepare({&unseen, 1}, regressor_, clean);
+    const auto test = prepare({&unseen, 1}, regressor_, s.signals);
     const MatrixXd predicted = predicted_torque(regressor_, base_, *friction, fit->parameters, *test, 2);
     double sum = 0;
     for (Index j = 0; j < 2; ++j) {
