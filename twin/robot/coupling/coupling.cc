@@ -23,7 +23,7 @@ std::vector<std::string_view> joint_names(const Regressor& robot) {
 
 /// A motor's name may not be a joint's: both name columns, parameters and friction.
 std::string motor_name(std::string name, const Regressor& robot) {
-  while (std::ranges::count(joint_names(robot), name)) name = "motor_" + name;
+  while (std::ranges::count(joint_names(robot), name)) name.insert(0, "motor_");
   return name;
 }
 
