@@ -34,6 +34,7 @@ ORDER = {
         "identification/dynamic_friction",
         "identification/thermal",
         "identification/rigid_body",
+        "identification/verdict",
         "identification/dynamics_choice",
         "gears",
         "diagnosis",

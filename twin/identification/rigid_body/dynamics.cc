@@ -155,8 +155,14 @@ class Identification {
     return {};
   }
 
-  /// Fixes what the options exclude, and takes the prior.
+  /// Fixes what friction holds and the options exclude, and takes the prior.
   void restrict() {
+    for (Index j = 0; j < joints(); ++j)
+      for (Index p = 0; p < friction_[static_cast<std::size_t>(j)].size(); ++p)
+        if (const auto value = friction_[static_cast<std::size_t>(j)].held(p)) {
+          problem_.fix(problem_.friction_at(j, p));
+          now_.friction[static_cast<std::size_t>(j)][static_cast<std::size_t>(p)] = *value;
+        }
     for (Index k = 0; k < base_.size() && !options_.rotor_inertia; ++k)
       if (base_.parameters[static_cast<std::size_t>(k)].name.ends_with(".Ia")) {
         problem_.fix(k);
@@ -241,13 +247,18 @@ class Identification {
       FitOptions options{.threads = options_.threads};
       // A convention: another reference temperature gives the same friction.
       for (const std::string_view name : f.reference_temperatures()) options.fixed.emplace_back(name, 20);
+      for (Index p = 0; p < f.law_size(); ++p)
+        if (const auto value = f.held(p)) options.fixed.emplace_back(f.parameter(p).name, *value * f.scales().speed);
       const auto found = fit(
           f.law(), friction_samples(f, regressor_, present, friction, motion_, rigid, f.offset(now_.friction[at]), r),
           options);
       if (!found) return tl::unexpected(Error(fmt::format("friction of {}: {}", named(r), found.error().message)));
-      if (!found->unidentifiable.empty())
-        out_.notes.push_back(fmt::format("friction of {}: {} not identifiable from these data; fixed", named(r),
-                                         joined(found->unidentifiable)));
+      std::vector<std::string> held;
+      for (const Estimate& e : found->parameters)
+        if (e.status == Status::held) held.push_back(e.name);
+      if (!held.empty())
+        out_.notes.push_back(
+            fmt::format("friction of {}: {} not identifiable from these data; fixed", named(r), joined(held)));
       for (Index p = 0; p < f.law_size(); ++p) {
         const Estimate& e = found->parameters[static_cast<std::size_t>(p)];
         now_.friction[at][static_cast<std::size_t>(p)] = e.value;
@@ -530,6 +541,15 @@ class Identification {
         of_rotor.push_back(estimate(problem_.friction_at(r, p), std::string(info.name), unit_of(info.unit, slide),
                                     now_.friction[static_cast<std::size_t>(r)][static_cast<std::size_t>(p)]));
       }
+    }
+    for (Index j = 0; j < joints(); ++j) {
+      std::vector<Index> of_joint, at;
+      for (Index p = 0; p < friction_[static_cast<std::size_t>(j)].size(); ++p)
+        if (const Index c = place[static_cast<std::size_t>(problem_.friction_at(j, p))]; c >= 0)
+          of_joint.push_back(p), at.push_back(c);
+      const Index size = friction_[static_cast<std::size_t>(j)].size();
+      out_.friction_covariance.push_back(MatrixXd::Constant(size, size, unknown));
+      out_.friction_covariance.back()(of_joint, of_joint) = of_unknowns.covariance(at, at);
     }
     out_.information = MatrixXd::Zero(base_.size(), base_.size());
     std::vector<Index> of_base, at;

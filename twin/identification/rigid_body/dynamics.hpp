@@ -60,8 +60,9 @@ struct JointResult {
 struct DynamicsFit {
   std::vector<Estimate> base;  ///< names as in BaseParameters; `held` at the model's value where not identifiable, at 0
                                ///< where not essential
-  std::vector<std::vector<Estimate>> friction;  ///< per rotor
-  RobotParameters parameters;                   ///< the values of both
+  std::vector<std::vector<Estimate>> friction;       ///< per rotor
+  std::vector<Eigen::MatrixXd> friction_covariance;  ///< per joint, of these; NaN rows where not estimated
+  RobotParameters parameters;                        ///< the values of both
   Eigen::MatrixXd information;  ///< of beta with free friction: inverse of its covariance; rows of 0 where held
   std::vector<JointResult> joints;
   double relative_error = 0;    ///< |residual| / |torque| over all joints and samples in motion

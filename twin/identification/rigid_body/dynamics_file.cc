@@ -110,7 +110,8 @@ std::string to_yaml(const DynamicsFit& fit, const BaseParameters& base, const fr
 }
 
 Result<const friction::LawInfo*> dynamics_law(const std::string& name, const std::string& where) {
-  std::vector<const friction::LawInfo*> laws{&coulomb_viscous(), &coulomb_viscous_load()};
+  std::vector<const friction::LawInfo*> laws{&coulomb_viscous(), &coulomb_viscous_load(), &coulomb_viscous_stribeck(),
+                                             &coulomb_viscous_load_stribeck()};
   for (const auto& law : friction::laws()) laws.push_back(&law);
   if (const auto law = std::ranges::find(laws, name, &friction::LawInfo::name); law != laws.end()) return *law;
   std::vector<std::string_view> names;

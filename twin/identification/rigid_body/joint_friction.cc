@@ -1,5 +1,6 @@
 #include <cmath>
 #include <limits>
+#include <utility>
 
 #include <tribotwin/twin/identification/rigid_body/joint_friction.hpp>
 
@@ -11,15 +12,15 @@ namespace {
 
 constexpr double none = std::numeric_limits<double>::quiet_NaN();
 
-constexpr friction::Parameter coulomb_viscous_parameters[] = {
-    {"Fc", "Nm", -1e9, 1e9, none, none, "Coulomb friction"},
-    {"Fv", "Nm s/rad", -1e9, 1e9, none, none, "viscous slope"},
-};
-constexpr friction::Parameter coulomb_viscous_load_parameters[] = {
-    {"Fc", "Nm", -1e9, 1e9, none, none, "Coulomb friction without load"},
-    {"Fv", "Nm s/rad", -1e9, 1e9, none, none, "viscous slope"},
-    {"Fcl", "Nm", -1e9, 1e9, none, none, "growth of Coulomb friction per load / torque_max"},
-};
+constexpr friction::Parameter coulomb{"Fc", "Nm", -1e9, 1e9, none, none, "Coulomb friction, without load"},
+    viscous{"Fv", "Nm s/rad", -1e9, 1e9, none, none, "viscous slope"},
+    load{"Fcl", "Nm", -1e9, 1e9, none, none, "growth of Coulomb friction per load / torque_max"},
+    stribeck{"Fs", "Nm", -1e9, 1e9, none, none, "excess over Fc near standstill"},
+    stribeck_speed{"vs", "rad/s", 1e-9, 1e9, none, none, "speed in which the excess falls to 37 %; held"};
+constexpr friction::Parameter coulomb_viscous_parameters[] = {coulomb, viscous},
+                              load_parameters[] = {coulomb, viscous, load},
+                              stribeck_parameters[] = {coulomb, viscous, stribeck, stribeck_speed},
+                              load_stribeck_parameters[] = {coulomb, viscous, load, stribeck, stribeck_speed};
 constexpr friction::Parameter offset_parameter{
     offset_name, "Nm", -1e9, 1e9, none, none, "of the torque, whatever the speed"};
 constexpr friction::Parameter asymmetry_parameter{
@@ -31,31 +32,42 @@ constexpr friction::Parameter asymmetry_parameter{
     none,
     "half the difference of forward and reverse friction per mean of both"};
 
-constexpr friction::LawInfo coulomb_viscous_law{
-    .name = "coulomb_viscous",
-    .equation = "Fc sgn v + Fv v",
-    .source = "Hao 2021",
-    .side = friction::Side::arm,
-    .normalised = false,
-    .temperature_dependent = false,
-    .load_dependent = false,
-    .identified = {},
-    .parameters = coulomb_viscous_parameters,
-    .general_law = [](std::span<const double> p) { return friction::GeneralLaw{.A = p[0], .F1 = p[1]}; },
-    .conflict = nullptr};
+using Numbers = std::span<const double>;
 
-constexpr friction::LawInfo coulomb_viscous_load_law{
-    .name = "coulomb_viscous_load",
-    .equation = "(Fc + Fcl l) sgn v + Fv v",
-    .source = "Hao 2021 with the load term of Bittencourt 2012 (M1)",
-    .side = friction::Side::arm,
-    .normalised = false,
-    .temperature_dependent = false,
-    .load_dependent = true,
-    .identified = {},
-    .parameters = coulomb_viscous_load_parameters,
-    .general_law = [](std::span<const double> p) { return friction::GeneralLaw{.A = p[0], .A_l = p[2], .F1 = p[1]}; },
-    .conflict = nullptr};
+constexpr friction::LawInfo linear_law(std::string_view name, std::string_view equation, std::string_view source,
+                                       std::span<const friction::Parameter> parameters,
+                                       friction::GeneralLaw (*general_law)(Numbers), bool load_dependent) {
+  return {.name = name,
+          .equation = equation,
+          .source = source,
+          .side = friction::Side::arm,
+          .normalised = false,
+          .temperature_dependent = false,
+          .load_dependent = load_dependent,
+          .identified = {},
+          .parameters = parameters,
+          .general_law = general_law,
+          .conflict = nullptr};
+}
+
+constexpr friction::LawInfo coulomb_viscous_law = linear_law(
+    "coulomb_viscous", "Fc sgn v + Fv v", "Hao 2021", coulomb_viscous_parameters,
+    [](Numbers p) { return friction::GeneralLaw{.A = p[0], .F1 = p[1]}; }, false);
+constexpr friction::LawInfo coulomb_viscous_load_law = linear_law(
+    "coulomb_viscous_load", "(Fc + Fcl l) sgn v + Fv v", "Hao 2021 with the load term of Bittencourt 2012 (M1)",
+    load_parameters, [](Numbers p) { return friction::GeneralLaw{.A = p[0], .A_l = p[2], .F1 = p[1]}; }, true);
+constexpr friction::LawInfo coulomb_viscous_stribeck_law = linear_law(
+    "coulomb_viscous_stribeck", "(Fc + Fs e^-|v/vs|) sgn v + Fv v", "Bittencourt 2012 (M0) with alpha = 1 and vs held",
+    stribeck_parameters, [](Numbers p) { return friction::GeneralLaw{.A = p[0], .B = p[2], .vs = p[3], .F1 = p[1]}; },
+    false);
+constexpr friction::LawInfo coulomb_viscous_load_stribeck_law = linear_law(
+    "coulomb_viscous_load_stribeck", "(Fc + Fcl l + Fs e^-|v/vs|) sgn v + Fv v",
+    "Bittencourt 2012 (M1) with Fsl = 0, alpha = 1 and vs held", load_stribeck_parameters,
+    [](Numbers p) { return friction::GeneralLaw{.A = p[0], .A_l = p[2], .B = p[3], .vs = p[4], .F1 = p[1]}; }, true);
+/// Each beside the law that it extends.
+constexpr std::pair<const friction::LawInfo*, const friction::LawInfo*> extended_by_stribeck[] = {
+    {&coulomb_viscous_law, &coulomb_viscous_stribeck_law},
+    {&coulomb_viscous_load_law, &coulomb_viscous_load_stribeck_law}};
 
 /// What jumps where the direction changes: terms that are not 0 at standstill. The number that a shape depends on goes
 /// with it; the scale is of all.
@@ -81,9 +93,26 @@ using Shapes = Eigen::Matrix<double, nonlinear_count, 1>;
 
 const friction::LawInfo& coulomb_viscous() { return coulomb_viscous_law; }
 const friction::LawInfo& coulomb_viscous_load() { return coulomb_viscous_load_law; }
+const friction::LawInfo& coulomb_viscous_stribeck() { return coulomb_viscous_stribeck_law; }
+const friction::LawInfo& coulomb_viscous_load_stribeck() { return coulomb_viscous_load_stribeck_law; }
+
+const friction::LawInfo* with_stribeck(const friction::LawInfo& law) {
+  for (const auto& [plain, extended] : extended_by_stribeck)
+    if (&law == plain || &law == extended) return extended;
+  return nullptr;
+}
 
 JointFriction::JointFriction(const friction::LawInfo& law, Scales scales, Directional directional)
     : law_(&law), scales_(scales), directional_(directional), place_(law) {}
+
+bool JointFriction::is_linear(const friction::LawInfo& law) { return with_stribeck(law) != nullptr; }
+
+std::optional<double> JointFriction::held(Index index) const {
+  if (index < law_size() && &law_->parameters[static_cast<std::size_t>(index)] == &law_->parameters.back() &&
+      with_stribeck(*law_) == law_)
+    return stribeck_speed_;
+  return std::nullopt;
+}
 
 const friction::Parameter& JointFriction::parameter(Index index) const {
   if (index < law_size()) return law_->parameters[static_cast<std::size_t>(index)];

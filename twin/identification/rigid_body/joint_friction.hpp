@@ -1,5 +1,6 @@
 #pragma once
 
+#include <optional>
 #include <span>
 #include <string_view>
 #include <vector>
@@ -18,6 +19,12 @@ const friction::LawInfo& coulomb_viscous();
 /// The same with Coulomb friction that grows with the load l = |tau| / torque_max that the gear transmits,
 /// (Fc + Fcl l) sgn(v) + Fv v; also linear and not a law of drives.
 const friction::LawInfo& coulomb_viscous_load();
+/// Both with friction that falls with speed, Fs e^-|v/vs|: linear, as vs is held and not fitted. A small vs is the
+/// Stribeck effect, a large one a viscous slope that is not the same at all speeds.
+const friction::LawInfo& coulomb_viscous_stribeck();
+const friction::LawInfo& coulomb_viscous_load_stribeck();
+/// The law of these with the same load term, with or without the term of vs; null for other laws.
+const friction::LawInfo* with_stribeck(const friction::LawInfo& law);
 
 /// What a joint has beside its law f: tau = sgn(v) f(|v|, l, T) (1 + asymmetry sgn(v)) + offset.
 struct Directional {
@@ -48,9 +55,11 @@ class JointFriction {
   const friction::Parameter& parameter(Eigen::Index index) const;
   /// Whether friction is linear in its parameters.
   bool linear() const { return is_linear(*law_) && !directional_.asymmetry; }
-  static bool is_linear(const friction::LawInfo& law) {
-    return &law == &coulomb_viscous() || &law == &coulomb_viscous_load();
-  }
+  static bool is_linear(const friction::LawInfo& law);
+  /// The vs [rad/s; m/s] of a law of with_stribeck; for other laws without effect.
+  void hold_stribeck_speed(double vs) { stribeck_speed_ = vs; }
+  /// The value of a parameter that is not fitted.
+  std::optional<double> held(Eigen::Index parameter) const;
   /// The offset in `parameters`; 0 without one.
   double offset(std::span<const double> parameters) const {
     return directional_.offset ? parameters[static_cast<std::size_t>(law_size())] : 0;
@@ -76,6 +85,7 @@ class JointFriction {
   const friction::LawInfo* law_;
   Scales scales_;
   Directional directional_;
+  double stribeck_speed_ = 0.1;
   Placement place_;
 };
 
