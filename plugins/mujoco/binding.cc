@@ -141,7 +141,8 @@ int needed_iterations(int solver) { return solver == mjSOL_NEWTON ? 20 : 100; }
 
 Result<Binding> bind(const mjModel* m, drive::Drive drive, int actuator) {
   const auto fail = [&](std::string_view where, std::string_view what) { return refused(drive, where, what); };
-  if (m->actuator_trntype[actuator] != mjTRN_JOINT) return fail("actuator", "must act on a joint (joint=\"...\")");
+  if (m->actuator_trntype[actuator] != mjTRN_JOINT)
+    return fail("actuator", "must act on a joint (joint=\"...\"), not on a tendon or a site");
   Binding b;
   b.actuator = actuator;
   b.joint = m->actuator_trnid[2 * actuator];

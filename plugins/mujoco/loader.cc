@@ -75,6 +75,11 @@ Result<std::map<std::string, std::vector<Element>>> drive_actuators(const std::v
       const pugi::xml_node element = match.node();
       const std::string where = at(source, element), joint = element.attribute("joint").value(),
                         instance = element.attribute("instance").value();
+      if (element.attribute("tendon"))
+        return tl::unexpected(fmt::format(
+            "{}: a drive acts on a joint (joint=\"...\"), not on a tendon: friction of a motor that turns with "
+            "several joints is not simulated; give each of them a drive, or the tendon a <motor>",
+            where));
       if (!*element.attribute("name").value() || joint.empty() || instance.empty())
         return tl::unexpected(fmt::format("{}: needs name, joint and instance", where));
       if (const auto [first, fresh] = joints.emplace(joint, where); !fresh)

@@ -24,6 +24,7 @@ ORDER = {
         "io/tables",
         "numerics",
         "robot",
+        "robot/coupling",
         "control",
         "simulation",
         "identification",

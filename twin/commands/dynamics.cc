@@ -20,6 +20,7 @@
 #include <tribotwin/twin/io/input.hpp>
 #include <tribotwin/twin/io/text.hpp>
 #include <tribotwin/twin/robot/arm.hpp>
+#include <tribotwin/twin/robot/coupling/coupling.hpp>
 
 namespace tribotwin::twin::program {
 namespace {
@@ -32,7 +33,7 @@ struct Arguments {
   std::string model, friction = "coulomb_viscous", thermal, robust = "auto";
   Destination output;
   TableArguments tables;
-  std::vector<std::string> data;
+  std::vector<std::string> data, coupling;
   Preparation preparation;
   unsigned threads = std::max(1u, std::thread::hardware_concurrency());
   std::optional<double> prior_percent;
@@ -54,10 +55,10 @@ std::vector<thermal::Model> thermal_models(const std::string& file, const Regres
 
 Json number(double x) { return std::isfinite(x) ? Json(x) : Json(nullptr); }
 
-/// Nothing of a joint that was left out.
-std::span<const Estimate> known_friction(const DynamicsFit& fit, std::size_t joint) {
-  if (fit.joints[joint].samples == 0) return {};
-  return fit.friction[joint];
+/// Nothing of a joint that was left out. Coupled motors come after the joints.
+std::span<const Estimate> known_friction(const DynamicsFit& fit, std::size_t rotor) {
+  if (rotor < fit.joints.size() && fit.joints[rotor].samples == 0) return {};
+  return fit.friction[rotor];
 }
 
 /// What is known of the fit, and what is not.
@@ -85,10 +86,16 @@ Json json_of(const Robot& robot, const DynamicsFit& fit, const Consistency& cons
                                     {"of_model", of_model(static_cast<Eigen::Index>(k))},
                                     {"group", robot.base.parameters[k].group}};
   }
-  for (std::size_t i = 0; i < fit.joints.size(); ++i) {
-    for (const Estimate& e : known_friction(fit, i))
-      j["friction"][fit.joints[i].name][e.name] = {
+  for (std::size_t r = 0; r < fit.friction.size(); ++r)
+    for (const Estimate& e : known_friction(fit, r))
+      j["friction"][robot.regressor.rotor_name(static_cast<Index>(r))][e.name] = {
           {"value", number(e.value)}, {"sigma", number(e.sigma)}, {"unit", e.unit}};
+  for (const CoupledMotor& motor : robot.regressor.motors()) {
+    Json& turns = j["coupling"][motor.name] = {{"joint", robot.regressor.joint_name(motor.joint)}};
+    for (Index k = 0; k < motor.turns_with.size(); ++k)
+      if (motor.turns_with(k) != 0) turns["turns_with"][robot.regressor.joint_name(k)] = motor.turns_with(k);
+  }
+  for (std::size_t i = 0; i < fit.joints.size(); ++i) {
     j["joints"][fit.joints[i].name] = {{"relative_error", number(fit.joints[i].relative_error)},
                                        {"noise", number(fit.joints[i].noise)},
                                        {"correlated_samples", number(fit.joints[i].correlation)},
@@ -149,8 +156,9 @@ std::string table_of(const Robot& robot, const DynamicsFit& fit, const Consisten
                      const Judgement& judgement) {
   TextTable base = estimates("base parameter"), friction = estimates("friction");
   for (std::size_t k = 0; k < fit.base.size(); ++k) base.add(row_of(fit.base[k], robot.base.parameters[k].group));
-  for (std::size_t j = 0; j < fit.joints.size(); ++j)
-    for (const Estimate& e : known_friction(fit, j)) friction.add(row_of(e, fit.joints[j].name + "." + e.name));
+  for (std::size_t r = 0; r < fit.friction.size(); ++r)
+    for (const Estimate& e : known_friction(fit, r))
+      friction.add(row_of(e, robot.regressor.rotor_name(static_cast<Index>(r)) + "." + e.name));
   std::string s = base.text() + "\n" + friction.text() + "\n" + quality_of(robot, fit.joints);
   s += fmt::format("\nrelative error {:.3f} %, condition number {:.0f}\n", 100 * fit.relative_error,
                    fit.condition_number);
@@ -173,6 +181,7 @@ std::string words_of(const Setting& s) {
   if (s.signals.recorded_velocity) text += ", recorded velocity";
   if (s.robust != Robust::none) text += fmt::format(", {}", name_of(s.robust));
   if (!s.rotor_inertia) text += ", no rotor inertias";
+  for (const CoupledMotor& motor : s.motors) text += fmt::format(", {} coupled", motor.name);
   if (s.prior > 0) text += fmt::format(", prior of {:g} % about the model", 100 * s.prior);
   return text;
 }
@@ -251,10 +260,14 @@ void doubt(const Arguments& a, const Robot& robot, const DynamicsFit& fit) {
     if (joint.relative_error > unexplained_error)
       throw InputError(
           fmt::format("{}: motion explains only {:.0f} % of torque_{}_{}; is it the torque of another joint, another "
-                      "column, another robot, or late?",
+                      "column, another robot, late, or that of a motor that turns with two joints (--coupling)?",
                       where, 100 * (1 - joint.relative_error), joint.name, unit));
     const Estimate& level = fit.friction[j].front();  // Coulomb friction, or what is left of it at speed 0
-    if (level.name == "Fc" && level.value < -5 * level.sigma)
+    // Beside a coupled motor's friction a joint's own is what is left of it: any sign.
+    const bool coupled = std::ranges::any_of(robot.regressor.motors(), [&](const CoupledMotor& motor) {
+      return motor.turns_with(static_cast<Index>(j)) != 0;
+    });
+    if (level.name == "Fc" && level.value < -5 * level.sigma && !coupled)
       throw InputError(fmt::format(
           "{}: friction of {} would drive its motion ({} = {:.3g} {}); torque_{}_{} or its position has the wrong sign",
           where, joint.name, level.name, level.value, level.unit, joint.name, unit));
@@ -282,6 +295,7 @@ Decided decided(const Arguments& a) {
   if (a.preparation.cutoff_hz > 0) d.cutoff_hz = a.preparation.cutoff_hz;
   if (a.preparation.decimation > 0) d.decimation = a.preparation.decimation;
   if (a.no_offset) d.offset = false;
+  d.coupling = !a.coupling.empty();
   if (a.asymmetry) d.asymmetry = true;
   if (a.robust != "auto") d.robust = robust_of(a.robust);
   if (a.no_rotor_inertia) d.rotor_inertia = false;
@@ -401,13 +415,37 @@ DynamicsOrigin origin_of(const Arguments& a, const Robot& robot, const Setting& 
   return origin;
 }
 
+/// The robot with the coupled motors that --coupling, or else the model's tendons, say.
+Robot loaded(const Arguments& a) {
+  Robot robot = load_robot(a.model);
+  if (a.coupling.empty()) {
+    auto motors = motors_on_tendons(robot.regressor);
+    if (!a.quiet)
+      for (const CoupledMotor& motor : motors)
+        note("{}: motor {} turns with {}, as its tendon says; {}", a.model, motor.name, sum_of(motor, robot.regressor),
+             "--coupling none leaves that out");
+    return motors.empty() ? robot : with_motors(robot, std::move(motors), a.model);
+  }
+  if (a.coupling == std::vector<std::string>{"none"}) return robot;
+  std::vector<CoupledMotor> motors;
+  for (const std::string& text : a.coupling)
+    motors.push_back(or_wrong_input(coupled_motor("--coupling", text, robot.regressor)));
+  return with_motors(robot, std::move(motors), "--coupling");
+}
+
 Result<Exit> execute(const Arguments& a) {
   const friction::LawInfo* const given = given_law(a);
-  const Robot robot = load_robot(a.model);
+  Robot robot = loaded(a);
   const auto recordings = read_recordings(robot, a.data, a.tables, a.quiet);
   const std::vector<double> torque_max_nm = largest_torques(recordings);
   Progress progress(a.quiet, "identifying");
   const DynamicsChoice choice = choice_of(a, given, robot, recordings, torque_max_nm, progress);
+  if (!choice.setting.motors.empty()) robot = with_motors(robot, choice.setting.motors, "--friction auto");
+  if (!a.thermal.empty() && !robot.regressor.motors().empty())
+    throw InputError(
+        fmt::format("--thermal: motor {} turns with several joints; the heat of coupled motors is not modelled. Record "
+                    "temperature_JOINT_degC, or leave --thermal out",
+                    robot.regressor.motors().front().name));
   const friction::LawInfo& law = *choice.setting.law;
   JointMotion motion = prepared(robot, recordings, choice.setting.signals, a.quiet);
   const auto friction = friction_of(*robot.model, robot.regressor, choice.setting, torque_max_nm, motion);
@@ -468,6 +506,12 @@ void add_dynamics(CLI::App& app, int& code) {
   c->add_option("--robust", a->robust, "Loss for data with outliers")
       ->check(CLI::IsMember({"auto", "none", "huber", "tukey"}))
       ->capture_default_str();
+  c->add_option(
+       "--coupling", a->coupling,
+       "JOINT=SUM: the motor of JOINT turns with several joints, as in wrists: \"joint6 = joint5 + joint6\"; may "
+       "be repeated (default: as the model's actuators on tendons say, or what --friction auto finds); none: no motor "
+       "does")
+      ->allow_extra_args(false);
   c->add_option("--prior", a->prior_percent,
                 "How far the bodies may be off the model's: standard deviation [%] of their masses, first moments and "
                 "inertias; 0: whatever the data say")

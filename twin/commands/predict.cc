@@ -174,8 +174,15 @@ Preparation preparation_of(const Arguments& a, const DynamicsFile& file) {
   return p;
 }
 
+/// With the coupled motors of the fit, whatever the model's tendons say.
+Robot loaded(const Arguments& a) {
+  Robot robot = load_robot(a.model);
+  auto motors = or_wrong_input(read_coupling(a.parameters, robot.regressor));
+  return motors.empty() ? robot : with_motors(robot, std::move(motors), a.parameters + ": coupling");
+}
+
 Result<Exit> execute(const Arguments& a) {
-  const Robot robot = load_robot(a.model);
+  const Robot robot = loaded(a);
   const auto file = or_wrong_input(read_dynamics(a.parameters, robot.regressor, robot.base));
   const auto friction = robot_friction(*robot.model, robot.regressor, *file.law, file.directional, file.torque_max_nm);
   if (!friction) throw InputError(fmt::format("{}: {}", a.model, friction.error().message));

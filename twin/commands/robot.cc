@@ -28,6 +28,12 @@ Robot load_robot(const std::string& file) {
   return {*model, *regressor, base_parameters(*regressor)};
 }
 
+Robot with_motors(const Robot& robot, std::vector<CoupledMotor> motors, const std::string& where) {
+  const auto regressor = Regressor::create(robot.model->get(), std::move(motors));
+  if (!regressor) throw InputError(fmt::format("{}: {}", where, regressor.error().message));
+  return {robot.model, *regressor, base_parameters(*regressor)};
+}
+
 void note_starting_point(const mujoco::Model& model, const mujoco::Binding& drive) {
   if (const std::string_view from = starting_point(model, drive); !from.empty())
     note(

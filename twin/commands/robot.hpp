@@ -22,6 +22,10 @@ struct Robot {
 /// Throws InputError where the model cannot be loaded or is no rigid tree of hinges and slides.
 Robot load_robot(const std::string& file);
 
+/// The same with these coupled motors, which come from `where`, an option or a file. Throws InputError where they do
+/// not determine the joints.
+Robot with_motors(const Robot& robot, std::vector<CoupledMotor> motors, const std::string& where);
+
 /// A note that the law of a drive is a guess, where it has the starting points of a gear class.
 void note_starting_point(const mujoco::Model& model, const mujoco::Binding& drive);
 

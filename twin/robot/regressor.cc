@@ -38,7 +38,7 @@ std::string name_of(const mjModel* m, int type, int id, const char* kind) {
 
 }  // namespace
 
-Result<Regressor> Regressor::create(const mjModel* m) {
+Result<Regressor> Regressor::create(const mjModel* m, std::vector<CoupledMotor> motors) {
   for (int j = 0; j < m->njnt; ++j)
     if (m->jnt_type[j] != mjJNT_HINGE && m->jnt_type[j] != mjJNT_SLIDE)
       return tl::unexpected(
@@ -61,8 +61,9 @@ Result<Regressor> Regressor::create(const mjModel* m) {
   for (int j = 0; j < m->njnt; ++j) {
     r.joint_names_.push_back(name_of(m, mjOBJ_JOINT, j, "joint"));
     r.columns_.push_back(
-        {.name = r.joint_names_.back() + ".Ia", .unit = m->jnt_type[j] == mjJNT_SLIDE ? "kg" : "kg m^2", .dof = j});
+        {.name = r.joint_names_.back() + ".Ia", .unit = m->jnt_type[j] == mjJNT_SLIDE ? "kg" : "kg m^2", .rotor = j});
   }
+  if (auto ok = r.couple(std::move(motors)); !ok) return tl::unexpected(ok.error());
   r.frames_.resize(static_cast<std::size_t>(m->nbody));
   r.axis_.resize(static_cast<std::size_t>(m->njnt));
   r.anchor_.resize(static_cast<std::size_t>(m->njnt));
@@ -70,9 +71,63 @@ Result<Regressor> Regressor::create(const mjModel* m) {
   return r;
 }
 
+/// Takes the motors, whose joints' places in the transmission they have.
+Result<void> Regressor::couple(std::vector<CoupledMotor> motors) {
+  const Index n = joints(), count = static_cast<Index>(motors.size());
+  armature_.resize(n + count);
+  for (Index j = 0; j < n; ++j) armature_(j) = model_->dof_armature[j];
+  if (motors.empty()) return {};
+  MatrixXd speeds = MatrixXd::Identity(n, n);
+  for (Index k = 0; k < count; ++k) {
+    const CoupledMotor& motor = motors[static_cast<std::size_t>(k)];
+    for (Index other = 0; other < k; ++other)
+      if (motors[static_cast<std::size_t>(other)].joint == motor.joint)
+        return tl::unexpected(fmt::format("joint '{}' has two coupled motors; each joint has one",
+                                          joint_names_[static_cast<std::size_t>(motor.joint)]));
+    speeds.row(motor.joint) = motor.turns_with.transpose();
+    armature_(n + k) = motor.rotor_inertia;
+    columns_.push_back({.name = motor.name + ".Ia",
+                        .unit = is_slide(motor.joint) ? "kg" : "kg m^2",
+                        .rotor = static_cast<int>(n + k)});
+  }
+  const Eigen::FullPivLU<MatrixXd> lu(speeds.transpose());
+  if (!lu.isInvertible())
+    return tl::unexpected(
+        std::string("the motors do not determine the joints: what one of them turns with follows from the others"));
+  transmission_ = speeds.transpose();
+  const MatrixXd motor_torques = lu.inverse();
+  loads_.resize(count, n);
+  for (Index k = 0; k < count; ++k) loads_.row(k) = motor_torques.row(motors[static_cast<std::size_t>(k)].joint);
+  motors_ = std::move(motors);
+  return {};
+}
+
+const std::string& Regressor::rotor_name(Index rotor) const {
+  return is_coupled(rotor) ? motors_[static_cast<std::size_t>(rotor - joints())].name : joint_name(rotor);
+}
+
+Index Regressor::joint_of(Index rotor) const {
+  return is_coupled(rotor) ? motors_[static_cast<std::size_t>(rotor - joints())].joint : rotor;
+}
+
+double Regressor::load(Index rotor, const Eigen::Ref<const VectorXd>& rigid,
+                       const Eigen::Ref<const VectorXd>& qdd) const {
+  const auto of_joint = [&](Index j) {
+    double torque = rigid(j) - armature_(j) * qdd(j);
+    for (Index r = joints(); r < rotors(); ++r) torque -= turns(r, j) * armature_(r) * speed(r, qdd);
+    return torque;
+  };
+  if (!is_coupled(rotor)) return of_joint(rotor);
+  double torque = 0;
+  for (Index j = 0; j < joints(); ++j) torque += loads_(rotor - joints(), j) * of_joint(j);
+  return torque;
+}
+
+MatrixXd Regressor::joint_torque(const MatrixXd& motor_torque) const { return transmission_ * motor_torque; }
+
 bool Regressor::acts(std::size_t column, Index dof) const {
   const Column& c = columns_[column];
-  return c.body < 0 ? c.dof == dof
+  return c.body < 0 ? turns(c.rotor, dof) != 0
                     : std::ranges::count(moved_by_[static_cast<std::size_t>(c.body)], static_cast<int>(dof)) > 0;
 }
 
@@ -125,8 +180,9 @@ const MatrixXd& Regressor::at(const Eigen::Ref<const VectorXd>& q, const Eigen::
               u.cross(f.R.transpose() * (f.origin - anchor_[static_cast<std::size_t>(j)])).transpose() * force;
     }
   }
-  const Index rotors = static_cast<Index>(columns_.size()) - m->nv;
-  for (int j = 0; j < m->nv; ++j) Y_(j, rotors + j) = qdd(j);
+  const Index first_rotor = static_cast<Index>(columns_.size()) - rotors();
+  for (int j = 0; j < m->nv; ++j) Y_(j, first_rotor + j) = qdd(j);
+  for (Index r = joints(); r < rotors(); ++r) Y_.col(first_rotor + r) = turns_with(r) * speed(r, qdd);
   return Y_;
 }
 
@@ -136,7 +192,7 @@ VectorXd Regressor::model_parameters() const {
   for (std::size_t c = 0; c < columns_.size(); ++c) {
     const int b = columns_[c].body;
     if (b < 0) {
-      phi(static_cast<Index>(c)) = m->dof_armature[columns_[c].dof];
+      phi(static_cast<Index>(c)) = armature_(columns_[c].rotor);
       continue;
     }
     const Vector3d centre = vector(m->body_ipos + 3 * b);

@@ -407,6 +407,10 @@ for name, before, after, says in (
     expected = text.count("\n", 0, text.index(after)) + 1
     says = [f"bad.xml:{expected + (after.count(chr(10)) - 1 if after.endswith(chr(10)) else 0)}: "] + says[1:]
     refused(name, says, *load(text))
+belt = '</worldbody>\n<tendon><fixed name="belt"><joint joint="joint" coef="1"/></fixed></tendon>'
+text = pendulum.replace("</worldbody>", belt).replace('joint="joint" plugin', 'tendon="belt" plugin')
+line = text.count("\n", 0, text.index('tendon="belt" plugin')) + 1
+refused("a drive on a tendon", [f"bad.xml:{line}: ", "acts on a joint", "<motor>"], *load(text))
 body = pendulum.index("</worldbody>")
 for name, element, says in (
     ("a body without mass", "<body name='b'><joint name='free'/></body>", "mass"),

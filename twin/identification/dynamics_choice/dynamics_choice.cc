@@ -1,9 +1,11 @@
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 #include <fmt/format.h>
 
 #include <tribotwin/twin/identification/dynamics_choice/dynamics_choice.hpp>
+#include <tribotwin/twin/robot/coupling/coupling.hpp>
 
 namespace tribotwin::twin::identification {
 namespace {
@@ -14,6 +16,8 @@ using Eigen::Index, Eigen::VectorXd;
 constexpr double narrower[] = {0.7, 0.5, 0.35, 0.25};
 /// Settings that better the error by less are not worth their complexity.
 constexpr double least_gain = 0.002;
+/// A coupled motor is a claim about the robot's mechanics, and several are tried: only where much speaks for it.
+constexpr double coupled_gain = 0.02, coupled_sigmas = 4;
 constexpr unsigned most_folds = 10, folds_of_time = 12;
 constexpr Index stretch_count = 40;
 
@@ -33,6 +37,7 @@ class Chooser {
 
   Result<DynamicsChoice> run() && {
     if (auto ok = start(); !ok) return tl::unexpected(ok.error());
+    if (!decided_.coupling && regressor_.motors().empty()) choose_coupling();
     choose_signals();
     choose_rigid();
     choose_friction();
@@ -101,8 +106,9 @@ class Chooser {
     return held_out(regressor_, base_, *friction, motion, s, target_, out_.folds, threads_);
   }
 
-  /// Takes the setting where it is better by more than twice its standard error.
-  bool attempt(std::string what, const Setting& setting, const JointMotion& motion) {
+  /// Takes the setting where it is better by more than `gain` and so many standard errors.
+  bool attempt(std::string what, const Setting& setting, const JointMotion& motion, double gain = least_gain,
+               double sigmas = 2) {
     ++done_;
     if (progress_) progress_(std::min(0.99, done_ / 38.0));
     Trial trial{.what = std::move(what), .rms = {}, .failure = {}, .remark = {}};
@@ -116,7 +122,7 @@ class Chooser {
     } else {
       const Comparison c = compared(*found, best_);
       trial.change = c.change, trial.sigma = c.sigma, trial.rms = found->rms;
-      trial.taken = c.change < -std::max(least_gain, 2 * c.sigma);
+      trial.taken = c.change < -std::max(gain, sigmas * c.sigma);
       trial.remark = remark_of(setting, out_.setting, c);
     }
     if (trial.taken) {
@@ -135,6 +141,29 @@ class Chooser {
     Setting s = out_.setting;
     s.signals = signals;
     return attempt(std::move(what), s, *motion);
+  }
+
+  void choose_coupling() {
+    for (const CoupledMotor& motor : conceivable_motors(regressor_)) {
+      std::vector<CoupledMotor> motors = regressor_.motors();
+      motors.push_back(motor);
+      auto coupled = Regressor::create(model_.get(), motors);
+      if (!coupled) continue;  // the joint has another one already
+      const std::string what =
+          fmt::format("motor of {}: {}", regressor_.joint_name(motor.joint), sum_of(motor, regressor_));
+      const Regressor before = std::exchange(regressor_, *std::move(coupled));
+      const BaseParameters base_before = std::exchange(base_, base_parameters(regressor_));
+      if (!attempt_coupled(what, std::move(motors))) regressor_ = before, base_ = base_before;
+    }
+  }
+
+  bool attempt_coupled(const std::string& what, std::vector<CoupledMotor> motors) {
+    Setting s = out_.setting;
+    s.motors = std::move(motors);
+    auto motion = prepare(recordings_, regressor_, s.signals);
+    if (!motion) return false;  // the motor stands still
+    motion->moving = motion->moving || target_.motion.moving;
+    return attempt(what, s, *motion, coupled_gain, coupled_sigmas);
   }
 
   void choose_cutoff() {
@@ -210,8 +239,8 @@ class Chooser {
   }
 
   const mujoco::Model& model_;
-  const Regressor& regressor_;
-  const BaseParameters& base_;
+  Regressor regressor_;  ///< with the coupled motors of the best setting, and its base parameters
+  BaseParameters base_;
   std::span<const RobotRecording> recordings_;
   const Decided& decided_;
   std::span<const double> torque_max_nm_;

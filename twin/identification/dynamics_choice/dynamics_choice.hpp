@@ -9,10 +9,10 @@
 #include <tribotwin/plugins/mujoco/loader.hpp>
 #include <tribotwin/twin/identification/dynamics_choice/held_out.hpp>
 
-/// Chooses how to identify a robot's dynamics by what predicts best: signals, friction, outliers, rotor inertias and a
-/// prior, one after the other, each by the error of samples that the fit has not seen (files where there are three or
-/// more, else stretches of time). A setting replaces a simpler one only where its error is smaller by more than twice
-/// its standard error.
+/// Chooses how to identify a robot's dynamics by what predicts best: coupled motors, signals, friction, outliers, rotor
+/// inertias and a prior, one after the other, each by the error of samples that the fit has not seen (files where there
+/// are three or more, else stretches of time). A setting replaces a simpler one only where its error is smaller by more
+/// than twice its standard error.
 namespace tribotwin::twin::identification {
 
 /// What the user decided; the rest is chosen.
@@ -22,6 +22,7 @@ struct Decided {
   const friction::LawInfo* law = nullptr;
   std::optional<bool> asymmetry, offset, rotor_inertia;
   std::optional<double> prior;
+  bool coupling = false;  ///< no motor turns with several joints but those of the regressor
   std::optional<Robust> robust;
 };
 

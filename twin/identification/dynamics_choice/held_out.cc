@@ -1,3 +1,4 @@
+#include <algorithm>
 #include <cmath>
 
 #include <tribotwin/twin/identification/dynamics_choice/held_out.hpp>
@@ -14,9 +15,12 @@ Result<RobotFriction> friction_of(const mujoco::Model& model, const Regressor& r
                                   std::span<const double> torque_max_nm, const JointMotion& motion) {
   auto friction = robot_friction(model, regressor, *setting.law, setting.directional, torque_max_nm);
   if (friction)
-    for (std::size_t j = 0; j < friction->size(); ++j)
-      (*friction)[j].hold_stribeck_speed(setting.stribeck_share *
-                                         motion.qd.row(static_cast<Index>(j)).cwiseAbs().maxCoeff());
+    for (std::size_t r = 0; r < friction->size(); ++r) {
+      double fastest = 0;
+      for (Index i = 0; i < motion.size(); ++i)
+        fastest = std::max(fastest, std::abs(regressor.speed(static_cast<Index>(r), motion.qd.col(i))));
+      (*friction)[r].hold_stribeck_speed(setting.stribeck_share * fastest);
+    }
   return friction;
 }
 

@@ -18,7 +18,8 @@ struct Setting {
   Directional directional{.offset = true};
   Robust robust = Robust::none;
   bool rotor_inertia = true;
-  double prior = 0;  ///< as in DynamicsOptions
+  double prior = 0;                  ///< as in DynamicsOptions
+  std::vector<CoupledMotor> motors;  ///< that were chosen; those of the given regressor are not among them
 };
 
 /// Options of a fit with this setting; its signals and friction are arguments of their own.

@@ -95,7 +95,7 @@ class Mismatch final : public ceres::CostFunction {
 Consistency nearest_consistent(const Regressor& regressor, const BaseParameters& base, const VectorXd& beta,
                                const MatrixXd& information) {
   const VectorXd model = regressor.model_parameters();
-  const Index count = model.size(), bodies = (count - regressor.joints()) / per_body;
+  const Index count = model.size(), bodies = (count - regressor.rotors()) / per_body;
   VectorXd x(count), weak(count);
   for (Index b = 0; b < bodies; ++b) {
     Ten p = model.segment<per_body>(per_body * b);

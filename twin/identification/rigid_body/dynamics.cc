@@ -72,22 +72,28 @@ double noise_of(const std::vector<double>& residual, Index parameters, Robust ro
   return 1.4826 * *middle;
 }
 
-/// |measured - rigid| torque of a joint in motion, less its offset, as samples for its law, thinned. Not where the
-/// joint turns: there the filter leaves little friction to divide.
-Samples friction_samples(const JointFriction& f, const DynamicsProblem& problem, const JointMotion& motion,
-                         const MatrixXd& rigid, double offset, Index j) {
+/// Friction of a rotor by its joint's torque, less what rigid bodies and other rotors need (`friction` at `now`) and
+/// less its offset, as samples for its law, thinned. Not where the rotor turns: there the filter leaves little friction
+/// to divide.
+Samples friction_samples(const JointFriction& f, const Regressor& regressor, const RobotFriction& friction,
+                         const RobotParameters& now, const JointMotion& motion, const MatrixXd& rigid, double offset,
+                         Index rotor) {
   constexpr Index enough = 3000;  // for start values
   constexpr double turned = 0.5;
   Samples samples;
-  const Index every = std::max<Index>(1, motion.moving.row(j).count() / enough);
+  const Index j = regressor.joint_of(rotor), every = std::max<Index>(1, motion.moving.row(j).count() / enough);
   Index seen = 0;
   for (Index i = 0; i < motion.size(); ++i) {
     if (!motion.moving(j, i) || seen++ % every) continue;
-    if (std::copysign(1, motion.qd(j, i)) * motion.direction(j, i) < turned) continue;
-    samples.speed.push_back(std::abs(motion.qd(j, i)) * f.scales().speed);
-    samples.friction.push_back((motion.torque(j, i) - rigid(j, i) - offset) /
-                               (motion.direction(j, i) * f.scales().torque));
-    samples.load.push_back(std::abs(problem.load(j, i, rigid(j, i))) / f.scales().torque_max_nm);
+    const double speed = regressor.speed(rotor, motion.qd.col(i)), direction = motion.direction(rotor, i);
+    if (std::copysign(1, speed) * direction < turned) continue;
+    double rest = motion.torque(j, i) - rigid(j, i) - offset;
+    for (Index r = 0; r < regressor.rotors(); ++r)
+      if (r != rotor && regressor.turns(r, j) != 0)
+        rest -= regressor.turns(r, j) * friction_of(regressor, friction, now, motion, r, i, rigid.col(i));
+    samples.speed.push_back(std::abs(speed) * f.scales().speed);
+    samples.friction.push_back(rest / (regressor.turns(rotor, j) * direction * f.scales().torque));
+    samples.load.push_back(std::abs(regressor.load(rotor, rigid.col(i), motion.qdd.col(i))) / f.scales().torque_max_nm);
     samples.temperature_degC.push_back(motion.temperature_degC(j, i));
     samples.curve.push_back(0);
   }
@@ -127,7 +133,11 @@ class Identification {
 
  private:
   Index joints() const { return regressor_.joints(); }
-  bool left_out(Index joint) const { return motion_.is_left_out(joint); }
+  bool left_out(Index rotor) const { return rotor < joints() && motion_.is_left_out(rotor); }
+  /// "joint NAME", "motor NAME"
+  std::string named(Index rotor) const {
+    return fmt::format("{} {}", regressor_.is_coupled(rotor) ? "motor" : "joint", regressor_.rotor_name(rotor));
+  }
   void progress(double share) const {
     if (options_.progress) options_.progress(share);
   }
@@ -197,8 +207,8 @@ class Identification {
   /// loads and laws depend on each other.
   Result<void> start() {
     RobotFriction linear;
-    for (std::size_t j = 0; j < friction_.size(); ++j)
-      linear.emplace_back(coulomb_viscous(), JointFriction::Scales{}, Directional{.offset = true});
+    for (Index r = 0; r < regressor_.rotors(); ++r)
+      linear.emplace_back(coulomb_viscous(), JointFriction::Scales{}, Directional{.offset = !regressor_.is_coupled(r)});
     const auto first = fit_dynamics(regressor_, base_, linear, motion_,
                                     {.robust = options_.robust,
                                      .weigh = options_.weigh,
@@ -213,12 +223,14 @@ class Identification {
     VectorXd weights(joints());
     for (Index j = 0; j < joints(); ++j)
       weights(j) = left_out(j) ? 0 : 1 / first->joints[static_cast<std::size_t>(j)].noise;
+    RobotFriction present = linear;
+    RobotParameters friction = first->parameters;
     constexpr int rounds = 4;
     for (int round = 0;; ++round) {
       RobotParameters frictionless{.base = now_.base,
                                    .friction = std::vector<std::vector<double>>(friction_.size(), {0, 0, 0})};
       const MatrixXd rigid = predicted_torque(regressor_, base_, linear, frictionless, motion_, options_.threads);
-      const auto fixed = start_friction(rigid);
+      const auto fixed = start_friction(rigid, present, friction);
       if (!fixed) return tl::unexpected(fixed.error());
       if (round + 1 == rounds) {
         for (const Index u : *fixed) problem_.fix(u);
@@ -228,16 +240,16 @@ class Identification {
     }
   }
 
-  /// Fits the law of each joint to what rigid dynamics leave. Returns the unknowns that are not estimated: not
-  /// identifiable, or at a bound.
-  Result<std::vector<Index>> start_friction(const MatrixXd& rigid) {
+  /// Fits the law of each rotor to what rigid dynamics and the `present` friction of others leave, and puts it there.
+  /// Returns the unknowns that are not estimated: not identifiable, or at a bound.
+  Result<std::vector<Index>> start_friction(const MatrixXd& rigid, RobotFriction& present, RobotParameters& friction) {
     std::vector<Index> fixed;
     out_.notes.clear();
-    for (Index j = 0; j < joints(); ++j) {
-      const auto at = static_cast<std::size_t>(j);
+    for (Index r = 0; r < regressor_.rotors(); ++r) {
+      const auto at = static_cast<std::size_t>(r);
       const JointFriction& f = friction_[at];
-      if (left_out(j)) {
-        for (Index p = 0; p < f.size(); ++p) fixed.push_back(problem_.friction_at(j, p));
+      if (left_out(r)) {
+        for (Index p = 0; p < f.size(); ++p) fixed.push_back(problem_.friction_at(r, p));
         continue;
       }
       FitOptions options{.threads = options_.threads};
@@ -245,22 +257,23 @@ class Identification {
       for (const std::string_view name : f.reference_temperatures()) options.fixed.emplace_back(name, 20);
       for (Index p = 0; p < f.law_size(); ++p)
         if (const auto value = f.held(p)) options.fixed.emplace_back(f.parameter(p).name, *value * f.scales().speed);
-      const auto found =
-          fit(f.law(), friction_samples(f, problem_, motion_, rigid, f.offset(now_.friction[at]), j), options);
-      if (!found)
-        return tl::unexpected(
-            Error(fmt::format("friction of joint {}: {}", regressor_.joint_name(j), found.error().message)));
+      const auto found = fit(
+          f.law(), friction_samples(f, regressor_, present, friction, motion_, rigid, f.offset(now_.friction[at]), r),
+          options);
+      if (!found) return tl::unexpected(Error(fmt::format("friction of {}: {}", named(r), found.error().message)));
       std::vector<std::string> held;
       for (const Estimate& e : found->parameters)
         if (e.status == Status::held) held.push_back(e.name);
       if (!held.empty())
-        out_.notes.push_back(fmt::format("friction of joint {}: {} not identifiable from these data; fixed",
-                                         regressor_.joint_name(j), joined(held)));
+        out_.notes.push_back(
+            fmt::format("friction of {}: {} not identifiable from these data; fixed", named(r), joined(held)));
       for (Index p = 0; p < f.law_size(); ++p) {
         const Estimate& e = found->parameters[static_cast<std::size_t>(p)];
         now_.friction[at][static_cast<std::size_t>(p)] = e.value;
-        if (e.status != Status::estimated) fixed.push_back(problem_.friction_at(j, p));
+        if (e.status != Status::estimated) fixed.push_back(problem_.friction_at(r, p));
       }
+      present[at] = f;
+      friction.friction[at] = now_.friction[at];
     }
     return fixed;
   }
@@ -350,12 +363,12 @@ class Identification {
   void fix_at_bounds() {
     for (const Index u : order_)
       if (u >= base_.size())
-        if (const auto [j, p] = problem_.place_of(u);
-            at_bound(friction_[j].parameter(static_cast<Index>(p)), now_.friction[j][p])) {
+        if (const auto [r, p] = problem_.place_of(u);
+            at_bound(friction_[r].parameter(static_cast<Index>(p)), now_.friction[r][p])) {
           problem_.fix(u);
-          out_.notes.push_back(fmt::format("friction of joint {}: {} fixed at {:g}, a bound of its law",
-                                           regressor_.joint_name(static_cast<Index>(j)),
-                                           friction_[j].parameter(static_cast<Index>(p)).name, now_.friction[j][p]));
+          out_.notes.push_back(fmt::format("friction of {}: {} fixed at {:g}, a bound of its law",
+                                           named(static_cast<Index>(r)),
+                                           friction_[r].parameter(static_cast<Index>(p)).name, now_.friction[r][p]));
         }
   }
 
@@ -531,16 +544,16 @@ class Identification {
     for (Index k = 0; k < base_.size(); ++k)
       out_.base.push_back(estimate(k, base_.parameters[static_cast<std::size_t>(k)].name,
                                    base_.parameters[static_cast<std::size_t>(k)].unit, now_.base(k)));
-    for (Index j = 0; j < joints(); ++j) {
-      auto& of_joint = out_.friction.emplace_back();
-      for (Index p = 0; p < friction_[static_cast<std::size_t>(j)].size(); ++p) {
-        const auto& info = friction_[static_cast<std::size_t>(j)].parameter(p);
+    for (Index r = 0; r < regressor_.rotors(); ++r) {
+      auto& of_rotor = out_.friction.emplace_back();
+      const JointFriction& f = friction_[static_cast<std::size_t>(r)];
+      for (Index p = 0; p < f.size(); ++p) {
+        const auto& info = f.parameter(p);
         // Motor-side parameters have the motor's units, whatever the joint does.
         const bool slide =
-            regressor_.is_slide(j) && (p >= friction_[static_cast<std::size_t>(j)].law_size() ||
-                                       friction_[static_cast<std::size_t>(j)].law().side == friction::Side::arm);
-        of_joint.push_back(estimate(problem_.friction_at(j, p), std::string(info.name), unit_of(info.unit, slide),
-                                    now_.friction[static_cast<std::size_t>(j)][static_cast<std::size_t>(p)]));
+            regressor_.is_slide(regressor_.joint_of(r)) && (p >= f.law_size() || f.law().side == friction::Side::arm);
+        of_rotor.push_back(estimate(problem_.friction_at(r, p), std::string(info.name), unit_of(info.unit, slide),
+                                    now_.friction[static_cast<std::size_t>(r)][static_cast<std::size_t>(p)]));
       }
     }
     for (Index j = 0; j < joints(); ++j) {
@@ -587,7 +600,7 @@ std::string_view name_of(Robust robust) {
 VectorXd inertial_scale(const Regressor& regressor) {
   constexpr Index per_body = 10;
   const VectorXd phi = regressor.model_parameters();
-  const Index bodies = (phi.size() - regressor.joints()) / per_body;
+  const Index bodies = (phi.size() - regressor.rotors()) / per_body;
   double heaviest = 0, widest = 0;
   for (Index b = 0; b < bodies; ++b) {
     const auto p = phi.segment<per_body>(per_body * b);  // Ixx Ixy Ixz Iyy Iyz Izz mx my mz m
@@ -602,7 +615,7 @@ VectorXd inertial_scale(const Regressor& regressor) {
     scale.segment<per_body>(per_body * b) << VectorXd::Constant(6, m * r2), VectorXd::Constant(3, m * std::sqrt(r2)), m;
   }
   const double smallest = 1e-3 * heaviest * widest;
-  scale.tail(regressor.joints()) = phi.tail(regressor.joints()).cwiseMax(smallest);
+  scale.tail(regressor.rotors()) = phi.tail(regressor.rotors()).cwiseMax(smallest);
   return scale;
 }
 

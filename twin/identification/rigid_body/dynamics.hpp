@@ -63,7 +63,7 @@ struct JointResult {
 struct DynamicsFit {
   std::vector<Estimate> base;  ///< names as in BaseParameters; `held` at the model's value where not identifiable, at 0
                                ///< where not essential
-  std::vector<std::vector<Estimate>> friction;       ///< per joint
+  std::vector<std::vector<Estimate>> friction;       ///< per rotor
   std::vector<Eigen::MatrixXd> friction_covariance;  ///< per joint, of these; NaN rows where not estimated
   RobotParameters parameters;                        ///< the values of both
   Eigen::MatrixXd information;  ///< of beta with free friction: inverse of its covariance; rows of 0 where held

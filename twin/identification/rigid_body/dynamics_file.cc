@@ -14,6 +14,51 @@ namespace tribotwin::twin::identification {
 
 using Eigen::Index;
 
+namespace {
+
+void write_coupling(YAML::Emitter& out, const Regressor& regressor) {
+  if (regressor.motors().empty()) return;
+  out << YAML::Key << "coupling" << YAML::Value << YAML::BeginMap;
+  for (const CoupledMotor& motor : regressor.motors()) {
+    out << YAML::Key << motor.name << YAML::Value << YAML::Flow << YAML::BeginMap << YAML::Key << "joint" << YAML::Value
+        << regressor.joint_name(motor.joint) << YAML::Key << "turns_with" << YAML::Value << YAML::BeginMap;
+    for (Index j = 0; j < regressor.joints(); ++j)
+      if (motor.turns_with(j) != 0) out << YAML::Key << regressor.joint_name(j) << YAML::Value << motor.turns_with(j);
+    out << YAML::EndMap << YAML::EndMap;
+  }
+  out << YAML::EndMap;
+}
+
+/// Index of a joint that a file names.
+int joint_of(const Mapping& in, const std::string& key, const std::string& name, const Regressor& robot) {
+  for (Index j = 0; j < robot.joints(); ++j)
+    if (robot.joint_name(j) == name) return static_cast<int>(j);
+  in.fail(key, fmt::format("'{}' is no joint of the model; the file is one of another robot", name));
+}
+
+}  // namespace
+
+Result<std::vector<CoupledMotor>> read_coupling(const std::filesystem::path& file, const Regressor& robot) try {
+  std::vector<CoupledMotor> motors;
+  Mapping in(file.string(), "", load_yaml(file));
+  auto coupling = in.mapping("coupling");
+  if (!coupling) return motors;
+  for (const auto& name : coupling->names()) {
+    auto one = coupling->mapping(name);
+    CoupledMotor motor{.name = name, .turns_with = Eigen::VectorXd::Zero(robot.joints())};
+    motor.joint = joint_of(*one, "joint", one->text("joint"), robot);
+    auto turns = one->mapping("turns_with");
+    if (!turns) one->fail("turns_with", "is missing: joints and their coefficients");
+    for (const auto& joint : turns->names())
+      motor.turns_with(joint_of(*turns, joint, joint, robot)) = turns->number(joint, {-1e6, 1e6});
+    one->done();
+    motors.push_back(std::move(motor));
+  }
+  return motors;
+} catch (const InputError& e) {
+  return tl::unexpected(Error(e.what()));
+}
+
 std::string to_yaml(const DynamicsFit& fit, const BaseParameters& base, const friction::LawInfo& law,
                     const Regressor& regressor, const Consistency& consistency, const DynamicsOrigin& origin) {
   const auto& thermal = origin.thermal;
@@ -25,6 +70,7 @@ std::string to_yaml(const DynamicsFit& fit, const BaseParameters& base, const fr
   out << YAML::Key << "signals" << YAML::Value << YAML::Flow << YAML::BeginMap << YAML::Key << "cutoff_hz"
       << YAML::Value << origin.signals.cutoff_hz << YAML::Key << "recorded_velocity" << YAML::Value
       << origin.signals.recorded_velocity << YAML::EndMap;
+  write_coupling(out, regressor);
   if (!origin.torque_max_nm.empty()) {
     out << YAML::Key << "torque_max_nm" << YAML::Value << YAML::Flow << YAML::BeginMap;
     for (std::size_t j = 0; j < fit.joints.size(); ++j)
@@ -37,8 +83,8 @@ std::string to_yaml(const DynamicsFit& fit, const BaseParameters& base, const fr
   for (std::size_t k = 0; k < fit.base.size(); ++k) write(out, fit.base[k], base.parameters[k].group);
   out << YAML::EndMap << YAML::Key << "friction" << YAML::Value << YAML::BeginMap;
   for (std::size_t j = 0; j < fit.friction.size(); ++j) {
-    if (fit.joints[j].samples == 0) continue;
-    out << YAML::Key << fit.joints[j].name << YAML::Value << YAML::BeginMap;
+    if (j < fit.joints.size() && fit.joints[j].samples == 0) continue;
+    out << YAML::Key << regressor.rotor_name(static_cast<Index>(j)) << YAML::Value << YAML::BeginMap;
     for (const auto& e : fit.friction[j]) write(out, e);
     out << YAML::EndMap;
   }
@@ -88,9 +134,9 @@ Result<DynamicsFile> read_dynamics(const std::filesystem::path& file, const Regr
   const YAML::Node root = load_yaml(file);
   refuse_other_kind(root, file.string(), "tribotwin dynamics");
   Mapping in(file.string(), "", root);
-  in.accept({"model", "data", "friction_law", "signals", "torque_max_nm", "relative_error", "condition_number",
-             "base_parameters", "friction", "left_out", "thermal", "noise", "physically_possible", "distance_sigma",
-             "nearest_consistent"});
+  in.accept({"model", "data", "friction_law", "signals", "coupling", "torque_max_nm", "relative_error",
+             "condition_number", "base_parameters", "friction", "left_out", "thermal", "noise", "physically_possible",
+             "distance_sigma", "nearest_consistent"});
   DynamicsFile out;
   out.law = or_wrong_input(dynamics_law(in.text("friction_law"), file.string() + ": friction_law"));
   auto parameters = in.mapping("base_parameters");
@@ -111,14 +157,17 @@ Result<DynamicsFile> read_dynamics(const std::filesystem::path& file, const Regr
   }
   auto friction = in.mapping("friction");
   if (!friction) in.fail("friction", "is missing: a mapping of joints");
-  for (Index j = 0; j < regressor.joints(); ++j) {
-    if (!out.left_out[static_cast<std::size_t>(j)].empty()) {
+  for (Index r = 0; r < regressor.rotors(); ++r) {
+    if (!regressor.is_coupled(r) && !out.left_out[static_cast<std::size_t>(r)].empty()) {
       out.parameters.friction.emplace_back();
       out.sigma.friction.emplace_back();
       continue;
     }
-    auto joint = friction->mapping(regressor.joint_name(j));
-    if (!joint) friction->fail(regressor.joint_name(j), "is missing: every joint of the model needs its friction");
+    auto joint = friction->mapping(regressor.rotor_name(r));
+    if (!joint)
+      friction->fail(regressor.rotor_name(r), regressor.is_coupled(r)
+                                                  ? "is missing: every motor of 'coupling' needs its friction"
+                                                  : "is missing: every joint of the model needs its friction");
     auto &values = out.parameters.friction.emplace_back(), &sigmas = out.sigma.friction.emplace_back();
     const auto read = [&](std::string_view name, Bounds bounds = {}) {
       values.push_back(read_estimate(*joint, std::string(name), bounds, &sigmas.emplace_back()));
@@ -126,8 +175,8 @@ Result<DynamicsFile> read_dynamics(const std::filesystem::path& file, const Regr
     for (const auto& p : out.law->parameters) read(p.name);
     const Directional beside{.offset = joint->has(std::string(offset_name)),
                              .asymmetry = joint->has(std::string(asymmetry_name))};
-    out.directional = beside;
-    if (out.directional.offset) read(offset_name);
+    if (!regressor.is_coupled(r)) out.directional = beside;
+    if (out.directional.offset && !regressor.is_coupled(r)) read(offset_name);
     if (out.directional.asymmetry) read(asymmetry_name, {-1, 1});
     joint->done();
   }

@@ -41,6 +41,10 @@ struct DynamicsFile {
 Result<DynamicsFile> read_dynamics(const std::filesystem::path& file, const Regressor& regressor,
                                    const BaseParameters& base);
 
+/// The coupled motors of a file of to_yaml, which the regressor needs before the rest can be read; `robot`: the
+/// model's, with motors or without. ErrorKind::input with file, key and what would be right.
+Result<std::vector<CoupledMotor>> read_coupling(const std::filesystem::path& file, const Regressor& robot);
+
 /// coulomb_viscous or a law of friction::laws(). ErrorKind::input: "WHERE 'NAME': ..." with the names there are.
 Result<const friction::LawInfo*> dynamics_law(const std::string& name, const std::string& where);
 

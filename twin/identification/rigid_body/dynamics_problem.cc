@@ -35,7 +35,10 @@ DynamicsProblem::DynamicsProblem(const Regressor& regressor, const BaseParameter
       motion_(motion),
       threads_(threads),
       blocks_(blocks_of(motion)) {
-  armature_ = regressor.model_parameters().tail(joints());
+  for (const JointFriction& f : friction) {
+    first_friction_.push_back(unknowns_);
+    unknowns_ += f.size();
+  }
   for (Index j = 0; j < joints(); ++j) {
     auto& columns = columns_.emplace_back();
     for (Index k = 0; k < base.size(); ++k)
@@ -45,9 +48,12 @@ DynamicsProblem::DynamicsProblem(const Regressor& regressor, const BaseParameter
           break;
         }
     base_columns_.push_back(static_cast<Index>(columns.size()));
-    first_friction_.push_back(unknowns_);
-    for (Index p = 0; p < friction[static_cast<std::size_t>(j)].size(); ++p)
-      columns.push_back(base.size() + unknowns_++);
+    auto& rotors = acting_.emplace_back();
+    for (Index r = 0; r < regressor.rotors(); ++r) {
+      if (regressor.turns(r, j) == 0) continue;
+      rotors.push_back(r);
+      for (Index p = 0; p < friction[static_cast<std::size_t>(r)].size(); ++p) columns.push_back(friction_at(r, p));
+    }
   }
   unknowns_ += base.size();
   free_.assign(static_cast<std::size_t>(unknowns_), true);
@@ -64,9 +70,9 @@ std::vector<std::size_t> DynamicsProblem::files() const {
 }
 
 std::pair<std::size_t, std::size_t> DynamicsProblem::place_of(Index unknown) const {
-  std::size_t j = friction_.size() - 1;
-  while (unknown < friction_at(static_cast<Index>(j), 0)) --j;
-  return {j, static_cast<std::size_t>(unknown - friction_at(static_cast<Index>(j), 0))};
+  std::size_t r = friction_.size() - 1;
+  while (unknown < friction_at(static_cast<Index>(r), 0)) --r;
+  return {r, static_cast<std::size_t>(unknown - friction_at(static_cast<Index>(r), 0))};
 }
 
 /// One thread's part of a pass.
@@ -77,7 +83,9 @@ class DynamicsProblem::Accumulator {
         parameters_(parameters),
         weight_(weight),
         regressor_(problem.regressor_),
-        by_(friction::max_parameters + 2),
+        by_(static_cast<Index>(friction::max_parameters) + 2, problem.regressor_.rotors()),
+        value_(VectorXd::Zero(problem.regressor_.rotors())),
+        rigid_(problem.joints()),
         Yb_(problem.joints(), problem.base_size()) {
     if (weight)
       for (const auto& c : problem.columns_) R_.emplace_back(static_cast<Index>(c.size()) + 1);
@@ -102,10 +110,12 @@ class DynamicsProblem::Accumulator {
     evaluate(i);
     for (Index j = 0; j < problem_.joints(); ++j) {
       if (!motion.moving(j, i)) continue;
-      torque(j, i) =
-          motion.torque(j, i) - residual_of(j, i) + Yb_.row(j) * change.head(problem_.base_size()) +
-          Eigen::Map<const VectorXd>(by_.data(), problem_.friction_[static_cast<std::size_t>(j)].size())
-              .dot(change.segment(problem_.friction_at(j, 0), problem_.friction_[static_cast<std::size_t>(j)].size()));
+      torque(j, i) = motion.torque(j, i) - residual_of(j, i) + Yb_.row(j) * change.head(problem_.base_size());
+      for (const Index r : problem_.acting_[static_cast<std::size_t>(j)]) {
+        const Index count = problem_.friction_[static_cast<std::size_t>(r)].size();
+        torque(j, i) +=
+            regressor_.turns(r, j) * by_.col(r).head(count).dot(change.segment(problem_.friction_at(r, 0), count));
+      }
     }
   }
   std::vector<TriangularFactor> factors() && { return std::move(R_); }
@@ -116,17 +126,24 @@ class DynamicsProblem::Accumulator {
     const MatrixXd& Y = regressor_.at(motion.q.col(i), motion.qd.col(i), motion.qdd.col(i));
     for (Index k = 0; k < problem_.base_size(); ++k)
       Yb_.col(k) = Y.col(problem_.base_.independent[static_cast<std::size_t>(k)]);
+    for (Index j = 0; j < problem_.joints(); ++j) rigid_(j) = Yb_.row(j) * parameters_.base;
+    for (Index r = 0; r < regressor_.rotors(); ++r)
+      if (acts(r, i))
+        value_(r) = friction_of(regressor_, problem_.friction_, parameters_, motion, r, i, rigid_, by_.col(r).data());
   }
 
-  /// Of the evaluated sample; fills by_.
-  double residual_of(Index j, Index i) {
-    const auto at = static_cast<std::size_t>(j);
-    const JointMotion& motion = problem_.motion_;
-    const double rigid = Yb_.row(j) * parameters_.base;
-    return motion.torque(j, i) - rigid -
-           problem_.friction_[at].filtered_torque(parameters_.friction[at], motion.qd(j, i), motion.direction(j, i),
-                                                  problem_.load(j, i, rigid), motion.temperature_degC(j, i),
-                                                  by_.data());
+  /// Whether a rotor's friction acts on a joint that moves.
+  bool acts(Index rotor, Index i) const {
+    for (Index j = 0; j < problem_.joints(); ++j)
+      if (regressor_.turns(rotor, j) != 0 && problem_.motion_.moving(j, i)) return true;
+    return false;
+  }
+
+  /// Of the evaluated sample.
+  double residual_of(Index j, Index i) const {
+    double residual = problem_.motion_.torque(j, i) - rigid_(j);
+    for (const Index r : problem_.acting_[static_cast<std::size_t>(j)]) residual -= regressor_.turns(r, j) * value_(r);
+    return residual;
   }
 
   void add_row(Index j, double residual) {
@@ -135,7 +152,10 @@ class DynamicsProblem::Accumulator {
     auto row = R_[at].row();
     const Index own_base = problem_.base_columns_[at];
     for (Index c = 0; c < own_base; ++c) row(c) = w * Yb_(j, problem_.columns_[at][static_cast<std::size_t>(c)]);
-    for (Index p = 0; p < problem_.friction_[at].size(); ++p) row(own_base + p) = w * by_[static_cast<std::size_t>(p)];
+    Index column = own_base;
+    for (const Index r : problem_.acting_[at])
+      for (Index p = 0; p < problem_.friction_[static_cast<std::size_t>(r)].size(); ++p)
+        row(column++) = w * regressor_.turns(r, j) * by_(p, r);
     row(row.size() - 1) = w * residual;
   }
 
@@ -143,7 +163,9 @@ class DynamicsProblem::Accumulator {
   const RobotParameters& parameters_;
   const Weight* weight_;
   Regressor regressor_;
-  std::vector<double> by_;  ///< derivatives of the friction
+  MatrixXd by_;     ///< derivatives of the friction, a column per rotor
+  VectorXd value_;  ///< friction per rotor
+  VectorXd rigid_;  ///< torque per joint
   MatrixXd Yb_;
   std::vector<TriangularFactor> R_;
 };

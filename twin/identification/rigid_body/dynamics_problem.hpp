@@ -9,7 +9,7 @@
 #include <tribotwin/twin/identification/rigid_body/robot_torque.hpp>
 
 /// Internal to this folder, not installed: the least-squares problem of a robot's dynamics. Unknowns: the base
-/// parameters, then the friction parameters joint by joint.
+/// parameters, then the friction parameters rotor by rotor (of the joints, then of coupled motors).
 namespace tribotwin::twin::identification {
 
 class DynamicsProblem {
@@ -21,9 +21,9 @@ class DynamicsProblem {
   Eigen::Index joints() const { return regressor_.joints(); }
   Eigen::Index unknowns() const { return unknowns_; }
   Eigen::Index base_size() const { return base_.size(); }
-  /// The unknown of a friction parameter, and the joint and parameter of an unknown >= base_size().
-  Eigen::Index friction_at(Eigen::Index joint, Eigen::Index parameter) const {
-    return base_.size() + first_friction_[static_cast<std::size_t>(joint)] + parameter;
+  /// The unknown of a friction parameter, and the rotor and parameter of an unknown >= base_size().
+  Eigen::Index friction_at(Eigen::Index rotor, Eigen::Index parameter) const {
+    return base_.size() + first_friction_[static_cast<std::size_t>(rotor)] + parameter;
   }
   std::pair<std::size_t, std::size_t> place_of(Eigen::Index unknown) const;
 
@@ -62,11 +62,6 @@ class DynamicsProblem {
   Eigen::MatrixXd normal_matrix(const Pass& pass, std::size_t block, const Eigen::VectorXd& joint_weight,
                                 const std::vector<Eigen::Index>& order) const;
 
-  /// Torque that the gear transmits to the links: without the inertia of the rotor.
-  double load(Eigen::Index joint, Eigen::Index sample, double rigid) const {
-    return rigid - armature_(joint) * motion_.qdd(joint, sample);
-  }
-
  private:
   class Accumulator;
   Pass pass(const RobotParameters& parameters, const Weight* weight) const;
@@ -76,10 +71,10 @@ class DynamicsProblem {
   const RobotFriction& friction_;
   const JointMotion& motion_;
   unsigned threads_;
-  Eigen::VectorXd armature_;
   std::vector<Block> blocks_;
   std::vector<std::vector<Eigen::Index>> columns_;  ///< per joint, unknowns that act on it: base first
-  std::vector<Eigen::Index> base_columns_, first_friction_;
+  std::vector<std::vector<Eigen::Index>> acting_;   ///< per joint, rotors whose friction acts on it: its own first
+  std::vector<Eigen::Index> base_columns_, first_friction_;  ///< per joint; per rotor
   Eigen::Index unknowns_ = 0;
   std::vector<bool> free_;
 };

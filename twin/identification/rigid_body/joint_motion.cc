@@ -229,28 +229,45 @@ Result<void> add_parts(const RobotRecording& rec, std::size_t file, const Prepar
                         rec.file.string(), sampling.typical_s, sampling.gaps)));
 }
 
-/// Where a joint slides and which way, known for every sample, is filtered and decimated as its torque.
-void mark_sliding(const Part& p, Index j, double fastest, Index at, JointMotion& out) {
-  const auto& speed = p.speed[static_cast<std::size_t>(j)];
+/// Speed of a rotor in every sample, and the standard deviation of its noise.
+std::pair<std::vector<double>, double> speed_of(const Regressor& r, Index rotor, const Part& p) {
+  if (!r.is_coupled(rotor))
+    return {p.speed[static_cast<std::size_t>(rotor)], p.speed_noise[static_cast<std::size_t>(rotor)]};
+  std::vector<double> speed(p.speed.front().size());
+  double variance = 0;
+  for (Index j = 0; j < r.joints(); ++j) {
+    const auto at = static_cast<std::size_t>(j);
+    for (std::size_t i = 0; i < speed.size(); ++i) speed[i] += r.turns(rotor, j) * p.speed[at][i];
+    variance += std::pow(r.turns(rotor, j) * p.speed_noise[at], 2);
+  }
+  return {std::move(speed), std::sqrt(variance)};
+}
+
+/// Where a rotor slides and which way, known for every sample, is filtered and decimated as torques are. Joints on
+/// which its friction acts count as moving only where it slides.
+void mark_sliding(const Regressor& r, Index rotor, const Part& p, double fastest, Index at, JointMotion& out) {
+  const auto [speed, noise] = speed_of(r, rotor, p);
   const Filtering& f = p.filtering;
-  const double slowest =
-      std::clamp(above_noise * p.speed_noise[static_cast<std::size_t>(j)], slow * fastest, slow_with_noise * fastest);
+  const double slowest = std::clamp(above_noise * noise, slow * fastest, slow_with_noise * fastest);
   const Sliding sliding = sliding_of(speed, slowest, static_cast<std::size_t>(f.longest_turn));
   const std::vector<double> direction = low_passed(sliding.direction, f.rate_hz, f.cutoff_hz);
   const std::vector<bool> at_rest = widened(sliding.rest, static_cast<std::size_t>(f.beside_rest));
   for (Index k = 0; k < p.q.cols(); ++k) {
     const auto i = static_cast<std::size_t>(f.edge + k * f.every);
-    out.direction(j, at + k) = direction[i];
-    out.moving(j, at + k) = std::abs(p.qd(j, k)) >= slowest && !at_rest[i];
+    out.direction(rotor, at + k) = direction[i];
+    const bool slides = std::abs(r.speed(rotor, p.qd.col(k))) >= slowest && !at_rest[i];
+    for (Index j = 0; j < r.joints() && !slides; ++j)
+      if (r.turns(rotor, j) != 0) out.moving(j, at + k) = false;
   }
 }
 
-void join(const std::vector<Part>& parts, const VectorXd& fastest, JointMotion& out) {
+/// `fastest`: speed of every rotor.
+void join(const Regressor& r, const std::vector<Part>& parts, const VectorXd& fastest, JointMotion& out) {
   Index total = 0;
   for (const Part& p : parts) total += p.q.cols();
-  for (auto* m : {&out.q, &out.qd, &out.qdd, &out.torque, &out.temperature_degC, &out.direction})
-    m->resize(fastest.size(), total);
-  out.moving.setConstant(fastest.size(), total, false);
+  for (auto* m : {&out.q, &out.qd, &out.qdd, &out.torque, &out.temperature_degC}) m->resize(r.joints(), total);
+  out.direction.resize(r.rotors(), total);
+  out.moving.setConstant(r.joints(), total, true);
   Index at = 0;
   for (const Part& p : parts) {
     const Index count = p.q.cols();
@@ -260,7 +277,7 @@ void join(const std::vector<Part>& parts, const VectorXd& fastest, JointMotion& 
     out.time_s.insert(out.time_s.end(), p.time.begin(), p.time.end());
     out.q.middleCols(at, count) = p.q, out.qd.middleCols(at, count) = p.qd, out.qdd.middleCols(at, count) = p.qdd;
     out.torque.middleCols(at, count) = p.torque, out.temperature_degC.middleCols(at, count) = p.temperature;
-    for (Index j = 0; j < fastest.size(); ++j) mark_sliding(p, j, fastest(j), at, out);
+    for (Index rotor = 0; rotor < r.rotors(); ++rotor) mark_sliding(r, rotor, p, fastest(rotor), at, out);
     at += count;
   }
 }
@@ -291,15 +308,24 @@ Result<JointMotion> prepare(std::span<const RobotRecording> recordings, const Re
   std::vector<Part> parts;
   for (std::size_t f = 0; f < recordings.size(); ++f)
     if (auto ok = add_parts(recordings[f], f, preparation, out, parts); !ok) return tl::unexpected(ok.error());
-  VectorXd fastest = VectorXd::Zero(r.joints());
-  for (const Part& p : parts) fastest = fastest.cwiseMax(p.qd.cwiseAbs().rowwise().maxCoeff());
+  VectorXd fastest = VectorXd::Zero(r.rotors());
+  for (const Part& p : parts)
+    for (Index rotor = 0; rotor < r.rotors(); ++rotor)
+      for (Index k = 0; k < p.qd.cols(); ++k)
+        fastest(rotor) = std::max(fastest(rotor), std::abs(r.speed(rotor, p.qd.col(k))));
   for (Index j = 0; j < r.joints(); ++j)
     if (fastest(j) < 1e-2 && !preparation.still_joints)
       return tl::unexpected(
           Error(fmt::format("joint {} stands still in all recordings (it never exceeds {:.2g} {}/s); move every joint, "
                             "or weld it in the model",
                             r.joint_name(j), fastest(j), r.is_slide(j) ? "m" : "rad")));
-  join(parts, fastest, out);
+  for (Index rotor = r.joints(); rotor < r.rotors(); ++rotor)
+    if (fastest(rotor) < 1e-2)
+      return tl::unexpected(Error(fmt::format(
+          "motor {} stands still in all recordings (it never exceeds {:.2g} rad/s): its joints move against "
+          "each other as it says; move them one by one, or leave its coupling out",
+          r.rotor_name(rotor), fastest(rotor))));
+  join(r, parts, fastest, out);
   leave_out_unrecorded(recordings, out);
   return out;
 }

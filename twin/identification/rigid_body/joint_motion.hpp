@@ -32,8 +32,9 @@ struct Preparation {
 /// Equidistant, filtered samples of motion; joints x samples.
 struct JointMotion {
   Eigen::MatrixXd q, qd, qdd, torque, temperature_degC;  ///< temperature: 20 where none was recorded
-  /// The sign of the speed after the same low-pass as the torque: of Coulomb friction Fc sgn(v) a filtered torque has
-  /// Fc `direction`, also while it turns. -1 .. 1, beside a turn up to 1.14 (the filter rings); 0 at rest.
+  /// Rotors x samples: the sign of their speed after the same low-pass as the torque: of Coulomb friction Fc sgn(v) a
+  /// filtered torque has Fc `direction`, also while it turns. -1 .. 1, beside a turn up to 1.14 (the filter rings); 0
+  /// at rest.
   Eigen::MatrixXd direction;
   Eigen::Matrix<bool, Eigen::Dynamic, Eigen::Dynamic>
       moving;  ///< fast enough for sliding friction, out of the filter's reach of a rest, and with a recorded torque

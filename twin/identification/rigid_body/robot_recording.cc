@@ -101,19 +101,57 @@ class JointColumns {
             fmt::format("velocity_{}_{}_s", name, slide ? "m" : "rad"), fmt::format("temperature_{}_degC", name)})
         names_.push_back(column);
     }
+    for (const CoupledMotor& motor : r.motors())
+      names_.push_back(fmt::format("torque_{}_{}", motor.name, r.is_slide(motor.joint) ? "n" : "nm"));
   }
 
   const std::vector<std::string>& names() const { return names_; }
   const std::string& name(Index joint, Kind kind) const { return names_[at(joint, kind)]; }
   std::vector<double>& of(Numbers& table, Index joint, Kind kind) const { return table.columns[at(joint, kind)]; }
 
+  /// The torque of a coupled motor.
+  const std::string& motor_name(const Regressor& r, Index motor) const { return names_[at(r, motor)]; }
+  std::vector<double>& of_motor(Numbers& table, const Regressor& r, Index motor) const {
+    return table.columns[at(r, motor)];
+  }
+
+  /// Whether torques are the motors': that of a coupled motor stands in place of its joint's.
+  bool of_motors(const Numbers& table, const Regressor& r) const {
+    for (Index m = 0; m < std::ssize(r.motors()); ++m)
+      if (has(table, motor_name(r, m))) return true;
+    return false;
+  }
+
+  /// Why the torques of coupled motors cannot be told from those of joints.
+  Problem mixed(const Numbers& table, const Regressor& r) const {
+    if (!of_motors(table, r)) return {};
+    for (Index m = 0; m < std::ssize(r.motors()); ++m) {
+      const auto &own = motor_name(r, m), &joint = name(r.motors()[static_cast<std::size_t>(m)].joint, torque);
+      if (!has(table, own))
+        return fmt::format(
+            "{}:1: no column '{}', but that of another coupled motor; give the torques of all motors, or of all joints "
+            "(torque_JOINT_nm) and of no coupled motor",
+            table.file.string(), own);
+      if (has(table, joint))
+        return fmt::format(
+            "{}:1: columns '{}' and '{}': are these the torques of motors or of joints? Leave out the first for "
+            "motors, "
+            "the second for joints",
+            table.file.string(), joint, own);
+    }
+    return {};
+  }
+
   /// Why a required column is missing.
   Problem missing(const Numbers& table, const Regressor& r) const {
-    bool any_torque = false;
+    const bool motors = of_motors(table, r);
+    bool any_torque = motors;
     for (Index j = 0; j < r.joints(); ++j) any_torque |= has(table, name(j, torque));
-    for (std::size_t k = 0; k < names_.size(); ++k) {
-      const bool optional = k > 0 && ((k - 1) % kinds == velocity || (k - 1) % kinds == temperature ||
-                                      ((k - 1) % kinds == torque && any_torque && table.hint(names_[k]).empty()));
+    for (std::size_t k = 0; k < 1 + kinds * static_cast<std::size_t>(r.joints()); ++k) {
+      const auto kind = (k - 1) % kinds;
+      bool optional = k > 0 && (kind == velocity || kind == temperature ||
+                                (kind == torque && any_torque && table.hint(names_[k]).empty()));
+      for (const CoupledMotor& motor : r.motors()) optional = optional || (motors && k == at(motor.joint, torque));
       if (optional || has(table, names_[k])) continue;
       return fmt::format(
           "{}:1: no column '{}'; {}{}the header names {}", table.file.string(), names_[k], table.hint(names_[k]),
@@ -128,6 +166,9 @@ class JointColumns {
 
  private:
   static std::size_t at(Index joint, Kind kind) { return 1 + kinds * static_cast<std::size_t>(joint) + kind; }
+  static std::size_t at(const Regressor& r, Index motor) {
+    return 1 + kinds * static_cast<std::size_t>(r.joints()) + static_cast<std::size_t>(motor);
+  }
   std::vector<std::string> names_{"time_s"};
 };
 
@@ -150,7 +191,7 @@ Problem read_joint(Numbers& table, const JointColumns& columns, const Regressor&
   };
   const auto name = [&](JointColumns::Kind kind) { return columns.name(joint, kind); };
   rec.position.row(joint) = row(JointColumns::position);
-  if (!rec.without_torque[static_cast<std::size_t>(joint)]) rec.torque.row(joint) = row(JointColumns::torque);
+  if (!columns.of(table, joint, JointColumns::torque).empty()) rec.torque.row(joint) = row(JointColumns::torque);
   if (Problem p = implausible_position(r, rec, joint, name(JointColumns::position))) return p;
   if (const auto& velocity = columns.of(table, joint, JointColumns::velocity); !velocity.empty())
     if (Problem p =
@@ -163,6 +204,29 @@ Problem read_joint(Numbers& table, const JointColumns& columns, const Regressor&
                                  columns.of(table, joint, JointColumns::temperature));
 }
 
+/// The joints whose torque was not recorded, themselves or by their coupled motor.
+void note_without_torque(const Numbers& table, const JointColumns& columns, const Regressor& r, RobotRecording& rec) {
+  std::vector<std::string> without;
+  const bool motors = columns.of_motors(table, r);
+  for (Index j = 0; j < r.joints(); ++j) {
+    const auto& name = columns.name(j, JointColumns::torque);
+    const bool by_motor = motors && std::ranges::any_of(r.motors(), [&](const auto& m) { return m.joint == j; });
+    rec.without_torque.push_back(!by_motor && !JointColumns::has(table, name));
+    if (rec.without_torque.back()) without.push_back(name);
+  }
+  if (!without.empty())
+    rec.notes.push_back(
+        fmt::format("{}: no column {}: of these joints only the motion is used", rec.file.string(), joined(without)));
+}
+
+/// Torques of joints from those of motors.
+void read_motor_torques(Numbers& table, const JointColumns& columns, const Regressor& r, RobotRecording& rec) {
+  for (Index m = 0; m < std::ssize(r.motors()); ++m)
+    rec.torque.row(r.motors()[static_cast<std::size_t>(m)].joint) =
+        Eigen::Map<const VectorXd>(columns.of_motor(table, r, m).data(), static_cast<Index>(rec.time_s.size()));
+  rec.torque = r.joint_torque(rec.torque);
+}
+
 }  // namespace
 
 Result<RobotRecording> read_robot_recording(const std::filesystem::path& file, const Regressor& r,
@@ -171,6 +235,7 @@ Result<RobotRecording> read_robot_recording(const std::filesystem::path& file, c
   auto table = read_numbers(file, columns.names(), options);
   if (!table) return tl::unexpected(table.error());
   table->file = file;
+  if (const Problem p = columns.mixed(*table, r)) return tl::unexpected(*p);
   if (const Problem p = columns.missing(*table, r)) return tl::unexpected(*p);
   RobotRecording rec{.file = file};
   rec.notes = table->notes;
@@ -186,20 +251,14 @@ Result<RobotRecording> read_robot_recording(const std::filesystem::path& file, c
   const bool thermal = with_temperature == n;
   rec.position.resize(n, samples);
   rec.torque.setZero(n, samples);
-  std::vector<std::string> without;
-  for (Index j = 0; j < n; ++j) {
-    rec.without_torque.push_back(!JointColumns::has(*table, columns.name(j, JointColumns::torque)));
-    if (rec.without_torque.back()) without.push_back(columns.name(j, JointColumns::torque));
-  }
-  if (!without.empty())
-    rec.notes.push_back(
-        fmt::format("{}: no column {}: of these joints only the motion is used", file.string(), joined(without)));
+  note_without_torque(*table, columns, r, rec);
   if (thermal) rec.temperature_degC.resize(n, samples);
   bool velocities = true;
   for (Index j = 0; j < n; ++j) velocities &= JointColumns::has(*table, columns.name(j, JointColumns::velocity));
   if (velocities) rec.velocity.resize(n, samples);
   for (Index j = 0; j < n; ++j)
     if (const Problem p = read_joint(*table, columns, r, j, thermal, rec)) return tl::unexpected(*p);
+  if (columns.of_motors(*table, r)) read_motor_torques(*table, columns, r, rec);
   if ((rec.position.rowwise().maxCoeff() - rec.position.rowwise().minCoeff()).maxCoeff() < 1e-3)
     return tl::unexpected(Error(
         fmt::format("{}: the robot stands still; dynamics are identified from motion (tribotwin excite makes one)",

@@ -25,6 +25,9 @@ struct RobotRecording {
   std::vector<std::string> notes;
 };
 
+/// Torques are those of the joints, or, with a column torque_MOTOR_nm for every coupled motor of the regressor in place
+/// of its joint's, those of the motors, each behind its gear.
+///
 /// Reads `time_s, position_JOINT_rad|_m, torque_JOINT_nm|_n [, velocity_JOINT_rad_s|_m_s, temperature_JOINT_degC]` for
 /// every joint of the model, from any kind of table (read_numbers); some joints may be without torque, as their motion
 /// acts on the others. ErrorKind::input with file, column and what would

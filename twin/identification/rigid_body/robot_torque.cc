@@ -13,7 +13,8 @@ Result<RobotFriction> robot_friction(const mujoco::Model& model, const Regressor
                                      const friction::LawInfo& law, Directional directional,
                                      std::span<const double> torque_max_nm) {
   RobotFriction out;
-  for (Index j = 0; j < regressor.joints(); ++j) {
+  for (Index r = 0; r < regressor.rotors(); ++r) {
+    const Index j = regressor.joint_of(r);
     JointFriction::Scales scales;
     const auto drive = std::ranges::find(model.drives(), static_cast<int>(j), &mujoco::Binding::dof);
     if (drive != model.drives().end()) {
@@ -28,27 +29,40 @@ Result<RobotFriction> robot_friction(const mujoco::Model& model, const Regressor
                       law.name, regressor.joint_name(j)));
     }
     if (law.normalised) scales.torque = scales.torque_max_nm;
-    out.emplace_back(law, scales, directional);
+    Directional beside = directional;
+    if (regressor.is_coupled(r)) beside.offset = false;
+    out.emplace_back(law, scales, beside);
   }
   return out;
+}
+
+double friction_of(const Regressor& regressor, const RobotFriction& friction, const RobotParameters& parameters,
+                   const JointMotion& motion, Index rotor, Index sample, const VectorXd& rigid, double* derivatives) {
+  const auto at = static_cast<std::size_t>(rotor);
+  const double speed = regressor.speed(rotor, motion.qd.col(sample));
+  if (speed == 0 && !derivatives) return 0;
+  return friction[at].filtered_torque(parameters.friction[at], speed, motion.direction(rotor, sample),
+                                      regressor.load(rotor, rigid, motion.qdd.col(sample)),
+                                      motion.temperature_degC(regressor.joint_of(rotor), sample), derivatives);
 }
 
 MatrixXd predicted_torque(const Regressor& regressor, const BaseParameters& base, const RobotFriction& friction,
                           const RobotParameters& parameters, const JointMotion& motion, unsigned threads) {
   constexpr Index chunk = 4096;
   MatrixXd torque(regressor.joints(), motion.size());
-  const VectorXd armature = regressor.model_parameters().tail(regressor.joints());
   in_parallel(static_cast<std::size_t>((motion.size() + chunk - 1) / chunk), threads, [&](std::size_t part) {
     Regressor own = regressor;
     const Index first = static_cast<Index>(part) * chunk;
+    VectorXd rigid;
     for (Index i = first; i < std::min(first + chunk, motion.size()); ++i) {
-      torque.col(i) =
+      rigid =
           own.at(motion.q.col(i), motion.qd.col(i), motion.qdd.col(i))(Eigen::all, base.independent) * parameters.base;
-      for (Index j = 0; j < regressor.joints(); ++j)
-        if (const auto at = static_cast<std::size_t>(j); motion.qd(j, i) != 0)
-          torque(j, i) += friction[at].filtered_torque(parameters.friction[at], motion.qd(j, i), motion.direction(j, i),
-                                                       torque(j, i) - armature(j) * motion.qdd(j, i),
-                                                       motion.temperature_degC(j, i));
+      torque.col(i) = rigid;
+      for (Index r = 0; r < regressor.rotors(); ++r) {
+        const double f = friction_of(regressor, friction, parameters, motion, r, i, rigid);
+        for (Index j = 0; j < regressor.joints(); ++j)
+          if (const double turns = regressor.turns(r, j); turns != 0) torque(j, i) += turns * f;
+      }
     }
   });
   return torque;
@@ -57,11 +71,13 @@ MatrixXd predicted_torque(const Regressor& regressor, const BaseParameters& base
 MatrixXd gear_load(const Regressor& regressor, const BaseParameters& base, const VectorXd& parameters,
                    const JointMotion& motion, unsigned threads) {
   RobotFriction none;
-  for (Index j = 0; j < regressor.joints(); ++j) none.emplace_back(coulomb_viscous(), JointFriction::Scales{});
-  MatrixXd load = predicted_torque(
+  for (Index r = 0; r < regressor.rotors(); ++r) none.emplace_back(coulomb_viscous(), JointFriction::Scales{});
+  const MatrixXd rigid = predicted_torque(
       regressor, base, none, {.base = parameters, .friction = std::vector<std::vector<double>>(none.size(), {0, 0})},
       motion, threads);
-  load -= regressor.model_parameters().tail(regressor.joints()).asDiagonal() * motion.qdd;
+  MatrixXd load(rigid.rows(), rigid.cols());
+  for (Index i = 0; i < load.cols(); ++i)
+    for (Index j = 0; j < load.rows(); ++j) load(j, i) = regressor.load(j, rigid.col(i), motion.qdd.col(i));
   return load;
 }
 

@@ -11,13 +11,15 @@
 #include <tribotwin/twin/identification/rigid_body/joint_motion.hpp>
 #include <tribotwin/twin/robot/base_parameters.hpp>
 
-/// The torques of a robot's motion, tau_j = Y_j(q, qd, qdd) beta + f_j(qd_j, load_j, T_j), from its parameters.
+/// The torques of a robot's motion, tau_j = Y_j(q, qd, qdd) beta + f_j(qd_j, load_j, T_j), from its parameters. The
+/// friction f_m of a coupled motor acts on all joints that it turns with, c f_m(c . qd, load_m, T).
 namespace tribotwin::twin::identification {
 
-/// The friction of every joint, in the order of the regressor's joints.
+/// The friction of every rotor, in the order of the regressor's: the joints' own, then that of coupled motors.
 using RobotFriction = std::vector<JointFriction>;
 
-/// The same law, with the same parts beside it, in every joint. Laws of motor speed, load or normalised torque take
+/// The same law, with the same parts beside it, in every joint and every coupled motor, which has no offset beside its
+/// joints'. Laws of motor speed, load or normalised torque take
 /// gear ratio and torque_max from the joints' drives. A joint without a drive has its law at arm speeds, its loads and
 /// normalised torques in units of its `torque_max_nm` (one per joint). ErrorKind::input where that is needed and empty.
 Result<RobotFriction> robot_friction(const mujoco::Model& model, const Regressor& regressor,
@@ -26,8 +28,14 @@ Result<RobotFriction> robot_friction(const mujoco::Model& model, const Regressor
 
 struct RobotParameters {
   Eigen::VectorXd base;                       ///< in the order of BaseParameters
-  std::vector<std::vector<double>> friction;  ///< per joint, in the law's order
+  std::vector<std::vector<double>> friction;  ///< per rotor, in the law's order
 };
+
+/// Friction [Nm; N] of a rotor in a sample of the motion, 0 at rest: the one place that knows its speed and load.
+/// `rigid`: rigid torques [Nm; N] of all joints in the sample. Derivatives by its parameters where not null.
+double friction_of(const Regressor& regressor, const RobotFriction& friction, const RobotParameters& parameters,
+                   const JointMotion& motion, Eigen::Index rotor, Eigen::Index sample, const Eigen::VectorXd& rigid,
+                   double* derivatives = nullptr);
 
 /// Torques [Nm; N] of the motors, arm side, joints x samples. At rest friction is 0.
 Eigen::MatrixXd predicted_torque(const Regressor& regressor, const BaseParameters& base, const RobotFriction& friction,

@@ -29,7 +29,8 @@ struct Defects {
   double offset_nm = 0, asymmetry = 0, stribeck_nm = 0, per_load = 0, ripple = 0;
   double noise_nm = 0.3, noise_memory = 0;  ///< correlation of the noise from one sample to the next
   double position_step_rad = 1e-6;
-  double outliers = 0;  ///< share of samples
+  double outliers = 0;    ///< share of samples
+  double coupled_nm = 0;  ///< Coulomb friction of an elbow motor that turns with both joints
   bool velocity = false;
 };
 
@@ -69,6 +70,7 @@ class Arm {
         noise[j] =
             d.noise_memory * noise[j] + std::sqrt(1 - d.noise_memory * d.noise_memory) * d.noise_nm * normal(random);
         double torque = rigid(j) + sign * level * (1 + d.asymmetry * sign) + d.offset_nm + noise[j];
+        torque += std::copysign(d.coupled_nm, qd.sum());
         torque *= 1 + d.ripple * std::sin(37 * q(j) + phases[j][0]);
         if (uniform(random) < d.outliers) torque += 60 * normal(random);
         r.position(j, i) = d.position_step_rad * std::round(q(j) / d.position_step_rad);
@@ -188,11 +190,26 @@ TEST(Choice, TakesWhatTheRecordingsHave) {
   EXPECT_EQ(plain.setting.signals.cutoff_hz, 12);
   EXPECT_FALSE(plain.setting.directional.asymmetry);
   EXPECT_TRUE(plain.by_file);
+  EXPECT_THAT(plain.setting.motors, testing::IsEmpty());
   const DynamicsChoice coarse = arm.choice(arm.recordings({.position_step_rad = 2e-3, .velocity = true}, 50));
   EXPECT_TRUE(coarse.setting.signals.recorded_velocity);
   EXPECT_TRUE(taken(coarse, "recorded velocity"));
   const DynamicsChoice rough = arm.choice(arm.recordings({.position_step_rad = 2e-3}, 50));
   EXPECT_LT(rough.setting.signals.cutoff_hz, 15);
+}
+
+TEST(Choice, FindsAMotorThatTurnsWithTwoJoints) {
+  Arm arm;
+  const Decided quick{.cutoff_hz = 20, .law = &coulomb_viscous(), .asymmetry = false, .robust = Robust::none};
+  const auto training = arm.recordings({.coupled_nm = 3}, 60);
+  const DynamicsChoice choice = arm.choice(training, quick);
+  ASSERT_THAT(choice.setting.motors, testing::SizeIs(1));
+  EXPECT_EQ(choice.setting.motors[0].joint, 1);
+  EXPECT_EQ(choice.setting.motors[0].turns_with, (VectorXd{{1, 1}}));
+  EXPECT_TRUE(taken(choice, "motor of elbow: shoulder + elbow"));
+  Decided none = quick;
+  none.coupling = true;
+  EXPECT_THAT(arm.choice(training, none).setting.motors, testing::IsEmpty());
 }
 
 TEST(Choice, RemarksASettingThatContainsAnotherAndPredictsWorse) {
