@@ -223,7 +223,7 @@ class Identification {
     for (Index j = 0; j < joints(); ++j) {
       const auto at = static_cast<std::size_t>(j);
       const JointFriction& f = friction_[at];
-      FitOptions options{.threads = options_.threads};
+      FitOptions options{.count_arcs = false, .threads = options_.threads};
       // A convention: another reference temperature gives the same friction.
       for (const std::string_view name : f.reference_temperatures()) options.fixed.emplace_back(name, 20);
       const auto found =
