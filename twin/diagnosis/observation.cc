@@ -25,7 +25,8 @@ double mean_of(const std::vector<double>& x) {
 }
 
 Result<identification::Fit> fitted(const Samples& curve) {
-  return identification::fit(*friction::find_law(law_name), curve, {.fixed = {{"alpha", alpha}}, .threads = 1});
+  return identification::fit(*friction::find_law(law_name), curve,
+                             {.fixed = {{"alpha", alpha}}, .count_arcs = false, .threads = 1});
 }
 
 /// The levels as they would be at the mean load of the curve: boundary friction is proportional to 1 + k load.
@@ -154,8 +155,8 @@ Result<Observation> observe(const Samples& curve, double load_sensitivity) {
     const auto& e = fit->parameters[place_in_law[static_cast<std::size_t>(i)]];
     o.features(i) = e.value;
     if (i < 4) slope(i) = 1 / std::max(e.value, 1e-12);
-    if (e.status != Status::estimated || std::ranges::find(fit->unidentifiable, e.name) != fit->unidentifiable.end())
-      o.weak.push_back(e.name);
+    // What scatter is worth is learned from the healthy curves: a number that exceeds its sigma is one here.
+    if (e.status != Status::estimated || e.sigma > std::abs(e.value)) o.weak.push_back(e.name);
   }
   for (Index i = 0; i < feature_count; ++i)
     for (Index k = 0; k < feature_count; ++k)

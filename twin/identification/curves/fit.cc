@@ -260,7 +260,7 @@ void Identification::count_misfit() {
   for (std::size_t i = 0; i < residuals_.size(); ++i)
     r(static_cast<Index>(i)) =
         std::clamp(residuals_[i] * (weights_.empty() ? 1 : std::sqrt(weights_[i])), -limit, limit);
-  if (!(point_.cost > 1e-12 * point_.moments.yy)) return;
+  if (!options_.count_arcs || !(point_.cost > 1e-12 * point_.moments.yy)) return;
   misfit_ = misfit_of(samples_, r, jacobian());
   if (!misfit_) return;
   MatrixXd all = MatrixXd::Zero(covariance_.rows(), covariance_.cols());

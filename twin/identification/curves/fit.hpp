@@ -32,7 +32,8 @@ enum class Loss {
 struct FitOptions {
   std::vector<std::pair<std::string, double>> fixed;  ///< parameters that are known, asymmetry and offset included
   Loss loss = Loss::squares;
-  bool weigh = true;  ///< by 1 / standard error^2 where the samples have one
+  bool weigh = true;       ///< by 1 / standard error^2 where the samples have one
+  bool count_arcs = true;  ///< of the residuals in the sigmas; false: they are those of white noise, for comparisons
   unsigned threads = 2;
 };
 

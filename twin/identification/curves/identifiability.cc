@@ -269,19 +269,20 @@ double scale_of(const Placement& place, std::size_t parameter, const friction::G
   return known_share * scale;
 }
 
-/// Which polynomial in T a parameter belongs to; -1: none.
+/// Which function of the temperature a parameter is a coefficient of; -1: none.
 int polynomial_of(const Placement& place, std::size_t parameter) {
+  constexpr int vogel = 100;
   int which = -1;
-  if (place.is_linear(parameter))
-    moves_term(place, parameter, [&](const Term& t) {
-      if (t.load == 0 && t.heat != formula::vogel && which < 0) which = t.shape;
-      return false;
-    });
-  else
-    moves_number(place, parameter, [&](const ShapeNumber& n) {
-      which = static_cast<int>(formula::shape_count) + static_cast<int>(n.quantity);
-      return false;
-    });
+  const auto of_term = [&](const Term& t) {
+    if (t.load == 0 && which < 0) which = t.heat == formula::vogel ? vogel : static_cast<int>(t.shape);
+    return false;
+  };
+  const auto of_number = [&](const ShapeNumber& n) {
+    which = n.quantity == formula::vogel_scale ? vogel
+                                               : static_cast<int>(formula::shape_count) + static_cast<int>(n.quantity);
+    return false;
+  };
+  place.is_linear(parameter) ? moves_term(place, parameter, of_term) : moves_number(place, parameter, of_number);
   return which;
 }
 

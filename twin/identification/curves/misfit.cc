@@ -99,6 +99,16 @@ Rows rows_of(const Axis& axis, const VectorXd& r, const MatrixXd& J, std::size_t
   return rows;
 }
 
+/// The same slope of the arcs, slow^2 / correlation, with shorter ones: the law has absorbed longer ones, so that the
+/// residuals do not tell how large these were.
+CorrelatedNoise with_short_arcs(CorrelatedNoise noise, double extent) {
+  const double longest = extent / 3;
+  if (noise.correlation_s <= longest) return noise;
+  noise.slow *= std::sqrt(longest / noise.correlation_s);
+  noise.correlation_s = longest;
+  return noise;
+}
+
 double size_of(const MatrixXd& covariance) { return covariance.diagonal().cwiseMax(1e-300).array().log().sum(); }
 
 }  // namespace
@@ -107,16 +117,16 @@ std::optional<Misfit> misfit_of(const Samples& samples, const VectorXd& residual
   constexpr Index fewest = 8, enough = 3000;
   std::optional<Misfit> worst;
   if (jacobian.cols() == 0 || residual.size() < jacobian.cols() + fewest) return worst;
+  const double mean_square = residual.squaredNorm() / static_cast<double>(residual.size() - jacobian.cols());
   for (const Axis& axis : axes_of(samples)) {
     if (!suspicious(axis, residual)) continue;
     const Rows some = rows_of(axis, residual, jacobian, static_cast<std::size_t>(1 + residual.size() / enough));
-    const CorrelatedNoise noise =
-        correlated_noise(some.residual, some.jacobian, {.time_s = some.at, .first = some.first});
-    const double share = noise.slow * noise.slow / std::max(1e-300, noise.variance());
+    const CorrelatedNoise noise = with_short_arcs(
+        correlated_noise(some.residual, some.jacobian, {.time_s = some.at, .first = some.first}), axis.extent);
     if (noise.correlation_s <= 0) continue;
     const Rows all = rows_of(axis, residual, jacobian, 1);
     Misfit found{.along = axis.name,
-                 .share = share,
+                 .share = std::clamp(1 - noise.white * noise.white / mean_square, 0.0, 1.0),
                  .freedom = std::max(3.0, axis.extent / (2 * noise.correlation_s)),
                  .covariance = least_squares_covariance(all.jacobian, noise, {.time_s = all.at, .first = all.first})};
     // Arcs that curves share weigh more than as many in each by itself: the larger variances hold in both cases.

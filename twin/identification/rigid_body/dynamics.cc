@@ -252,7 +252,7 @@ class Identification {
         for (Index p = 0; p < f.size(); ++p) fixed.push_back(problem_.friction_at(r, p));
         continue;
       }
-      FitOptions options{.threads = options_.threads};
+      FitOptions options{.count_arcs = false, .threads = options_.threads};
       // A convention: another reference temperature gives the same friction.
       for (const std::string_view name : f.reference_temperatures()) options.fixed.emplace_back(name, 20);
       for (Index p = 0; p < f.law_size(); ++p)
