@@ -19,6 +19,9 @@ using Eigen::Index, Eigen::MatrixXd, Eigen::VectorXd;
 constexpr double slow = 0.01;
 /// Nor below this many standard deviations of the speed's noise, as long as that leaves speeds to look at.
 constexpr double above_noise = 4, slow_with_noise = 0.1;
+/// Of a joint's range in the recordings: less in one direction may be within the bristles of its friction, or the last
+/// swing of a controller that has stopped it.
+constexpr double far = 0.01;
 /// Periods of the cut-off in which the filter rings: a step of 1 to 0.003 after them. What comes before a record begins
 /// is not known, and its accelerations are a step to the filter.
 constexpr double ringing = 2;
@@ -229,12 +232,12 @@ Result<void> add_parts(const RobotRecording& rec, std::size_t file, const Prepar
 }
 
 /// Where a joint slides and which way, known for every sample, is filtered and decimated as its torque.
-void mark_sliding(const Part& p, Index j, double fastest, Index at, JointMotion& out) {
+void mark_sliding(const Part& p, Index j, double fastest, double range, Index at, JointMotion& out) {
   const auto& speed = p.speed[static_cast<std::size_t>(j)];
   const Filtering& f = p.filtering;
   const double slowest =
       std::clamp(above_noise * p.speed_noise[static_cast<std::size_t>(j)], slow * fastest, slow_with_noise * fastest);
-  const Sliding sliding = sliding_of(speed, slowest, static_cast<std::size_t>(f.longest_turn));
+  const Sliding sliding = sliding_of(speed, slowest, far * range * f.rate_hz, static_cast<std::size_t>(f.longest_turn));
   const std::vector<double> direction = low_passed(sliding.direction, f.rate_hz, f.cutoff_hz);
   const std::vector<bool> at_rest = widened(sliding.rest, static_cast<std::size_t>(f.beside_rest));
   for (Index k = 0; k < p.q.cols(); ++k) {
@@ -246,7 +249,12 @@ void mark_sliding(const Part& p, Index j, double fastest, Index at, JointMotion&
 
 void join(const std::vector<Part>& parts, const VectorXd& fastest, JointMotion& out) {
   Index total = 0;
-  for (const Part& p : parts) total += p.q.cols();
+  VectorXd lowest = parts.front().q.col(0), highest = lowest;
+  for (const Part& p : parts) {
+    total += p.q.cols();
+    lowest = lowest.cwiseMin(p.q.rowwise().minCoeff()), highest = highest.cwiseMax(p.q.rowwise().maxCoeff());
+  }
+  const VectorXd range = highest - lowest;
   for (auto* m : {&out.q, &out.qd, &out.qdd, &out.torque, &out.temperature_degC, &out.direction})
     m->resize(fastest.size(), total);
   out.moving.setConstant(fastest.size(), total, false);
@@ -259,7 +267,7 @@ void join(const std::vector<Part>& parts, const VectorXd& fastest, JointMotion& 
     out.time_s.insert(out.time_s.end(), p.time.begin(), p.time.end());
     out.q.middleCols(at, count) = p.q, out.qd.middleCols(at, count) = p.qd, out.qdd.middleCols(at, count) = p.qdd;
     out.torque.middleCols(at, count) = p.torque, out.temperature_degC.middleCols(at, count) = p.temperature;
-    for (Index j = 0; j < fastest.size(); ++j) mark_sliding(p, j, fastest(j), at, out);
+    for (Index j = 0; j < fastest.size(); ++j) mark_sliding(p, j, fastest(j), range(j), at, out);
     at += count;
   }
 }
