@@ -8,7 +8,7 @@ namespace {
 
 double direction_of(double speed) { return std::copysign(1, speed); }
 
-/// Fills the turn [first, last) between faster samples or ends.
+/// Fills the turn [first, last) between samples in motion or ends.
 void turn(std::span<const double> speed, std::size_t first, std::size_t last, std::vector<double>& direction) {
   const double before = first > 0 ? direction[first - 1] : direction_of(speed.front()),
                after = direction_of(last < speed.size() ? speed[last] : speed.back());
@@ -32,18 +32,32 @@ void rest(std::span<const double> speed, std::size_t first, std::size_t last, Sl
   }
 }
 
+std::vector<bool> moving(std::span<const double> speed, double slow, double far) {
+  std::vector<bool> out(speed.size());
+  for (std::size_t i = 0; i < speed.size();) {
+    const std::size_t first = i;
+    double travel = 0;
+    for (; i < speed.size() && std::abs(speed[i]) >= slow && speed[i] * speed[first] > 0; ++i)
+      travel += std::abs(speed[i]);
+    for (std::size_t k = first; k < i; ++k) out[k] = travel >= far;
+    i = std::max(i, first + 1);
+  }
+  return out;
+}
+
 }  // namespace
 
-Sliding sliding_of(std::span<const double> speed, double slow, std::size_t longest_turn) {
+Sliding sliding_of(std::span<const double> speed, double slow, double far, std::size_t longest_turn) {
   Sliding out{.direction = std::vector<double>(speed.size()), .rest = std::vector<bool>(speed.size())};
+  const std::vector<bool> moves = moving(speed, slow, far);
   for (std::size_t i = 0; i < speed.size();) {
-    if (std::abs(speed[i]) >= slow) {
+    if (moves[i]) {
       out.direction[i] = direction_of(speed[i]);
       ++i;
       continue;
     }
     const std::size_t first = i;
-    while (i < speed.size() && std::abs(speed[i]) < slow) ++i;
+    while (i < speed.size() && !moves[i]) ++i;
     if (i - first <= longest_turn)
       turn(speed, first, i, out.direction);
     else

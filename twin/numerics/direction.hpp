@@ -13,10 +13,12 @@ struct Sliding {
   std::vector<bool> rest;
 };
 
-/// From equidistant samples of the speed. A rest is where |speed| stays below `slow` for more than `longest_turn`
-/// samples: noise about standstill is no motion. In a shorter turn the direction changes once, where the speed does (in
-/// the middle of its crossings, where there are several), or not at all where it leaves as it came. `slow` > 0.
-Sliding sliding_of(std::span<const double> speed, double slow, std::size_t longest_turn);
+/// From equidistant samples of the speed. It moves where |speed| is at least `slow` in one direction until the speeds
+/// add up to `far`; less is noise about standstill, or what is left of a motion that has stopped. A rest is where it
+/// does not move for more than `longest_turn` samples. In a shorter turn the direction changes once, where the speed
+/// does (in the middle of its crossings, where there are several), or not at all where it leaves as it came. `slow` >
+/// 0.
+Sliding sliding_of(std::span<const double> speed, double slow, double far, std::size_t longest_turn);
 
 /// Whether there is a true one at most `reach` samples away.
 std::vector<bool> widened(const std::vector<bool>& signal, std::size_t reach);

@@ -13,7 +13,7 @@ struct Case {
   std::vector<bool> rest;
 };
 
-// Slow is below 1; a turn lasts at most 3 samples.
+// Slow is below 1, far is from 1.5 on; a turn lasts at most 3 samples.
 TEST(Sliding, IsInTheDirectionOfMotionAndBetweenBothAtRest) {
   for (const auto& c : {
            Case{"a turn between two samples", {2, 1, -1, -2}, {1, 1, -1, -1}, {0, 0, 0, 0}},
@@ -27,9 +27,13 @@ TEST(Sliding, IsInTheDirectionOfMotionAndBetweenBothAtRest) {
                 {0, 0, 0, 0, 2, 0, 0, 0, 0},
                 {0, 0, 0, 0, 1, 0, 0, 0, 0},
                 {1, 1, 1, 1, 0, 1, 1, 1, 1}},
+           Case{"it swings to rest",
+                {2, 2, -1.2, .5, 1.1, .2, -2, -2},
+                {1, 1, .75, .25, -.25, -.75, -1, -1},
+                {0, 0, 1, 1, 1, 1, 0, 0}},
            Case{"nothing", {}, {}, {}},
        }) {
-    const Sliding s = sliding_of(c.speed, 1, 3);
+    const Sliding s = sliding_of(c.speed, 1, 1.5, 3);
     EXPECT_EQ(s.direction, c.direction) << c.name;
     EXPECT_EQ(s.rest, c.rest) << c.name;
   }

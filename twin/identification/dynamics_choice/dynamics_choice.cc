@@ -178,7 +178,7 @@ class Chooser {
   void choose_signals() {
     choose_cutoff();
     choose_velocity();
-    for (const double periods : {1.0, 0.5}) {
+    for (const double periods : {2.0, 0.5}) {
       Preparation signals = out_.setting.signals;
       signals.rest_periods = periods;
       attempt_signals(fmt::format("samples from {:g} periods of it off rests", periods), signals);

@@ -20,6 +20,9 @@ using Eigen::Index, Eigen::MatrixXd, Eigen::VectorXd;
 constexpr double slow = 0.01;
 /// Nor below this many standard deviations of the speed's noise, as long as that leaves speeds to look at.
 constexpr double above_noise = 4, slow_with_noise = 0.1;
+/// Of a joint's range in the recordings: less in one direction may be within the bristles of its friction, or the last
+/// swing of a controller that has stopped it.
+constexpr double far = 0.01;
 /// Periods of the cut-off in which the filter rings: a step of 1 to 0.003 after them. What comes before a record begins
 /// is not known, and its accelerations are a step to the filter.
 constexpr double ringing = 2;
@@ -245,11 +248,12 @@ std::pair<std::vector<double>, double> speed_of(const Regressor& r, Index rotor,
 
 /// Where a rotor slides and which way, known for every sample, is filtered and decimated as torques are. Joints on
 /// which its friction acts count as moving only where it slides.
-void mark_sliding(const Regressor& r, Index rotor, const Part& p, double fastest, Index at, JointMotion& out) {
+void mark_sliding(const Regressor& r, Index rotor, const Part& p, double fastest, double range, Index at,
+                  JointMotion& out) {
   const auto [speed, noise] = speed_of(r, rotor, p);
   const Filtering& f = p.filtering;
   const double slowest = std::clamp(above_noise * noise, slow * fastest, slow_with_noise * fastest);
-  const Sliding sliding = sliding_of(speed, slowest, static_cast<std::size_t>(f.longest_turn));
+  const Sliding sliding = sliding_of(speed, slowest, far * range * f.rate_hz, static_cast<std::size_t>(f.longest_turn));
   const std::vector<double> direction = low_passed(sliding.direction, f.rate_hz, f.cutoff_hz);
   const std::vector<bool> at_rest = widened(sliding.rest, static_cast<std::size_t>(f.beside_rest));
   for (Index k = 0; k < p.q.cols(); ++k) {
@@ -264,7 +268,16 @@ void mark_sliding(const Regressor& r, Index rotor, const Part& p, double fastest
 /// `fastest`: speed of every rotor.
 void join(const Regressor& r, const std::vector<Part>& parts, const VectorXd& fastest, JointMotion& out) {
   Index total = 0;
-  for (const Part& p : parts) total += p.q.cols();
+  constexpr double infinity = std::numeric_limits<double>::infinity();
+  VectorXd lowest = VectorXd::Constant(r.rotors(), infinity), highest = -lowest;
+  for (const Part& p : parts) {
+    total += p.q.cols();
+    for (Index rotor = 0; rotor < r.rotors(); ++rotor)
+      for (Index k = 0; k < p.q.cols(); ++k) {
+        const double x = r.speed(rotor, p.q.col(k));
+        lowest(rotor) = std::min(lowest(rotor), x), highest(rotor) = std::max(highest(rotor), x);
+      }
+  }
   for (auto* m : {&out.q, &out.qd, &out.qdd, &out.torque, &out.temperature_degC}) m->resize(r.joints(), total);
   out.direction.resize(r.rotors(), total);
   out.moving.setConstant(r.joints(), total, true);
@@ -277,7 +290,8 @@ void join(const Regressor& r, const std::vector<Part>& parts, const VectorXd& fa
     out.time_s.insert(out.time_s.end(), p.time.begin(), p.time.end());
     out.q.middleCols(at, count) = p.q, out.qd.middleCols(at, count) = p.qd, out.qdd.middleCols(at, count) = p.qdd;
     out.torque.middleCols(at, count) = p.torque, out.temperature_degC.middleCols(at, count) = p.temperature;
-    for (Index rotor = 0; rotor < r.rotors(); ++rotor) mark_sliding(r, rotor, p, fastest(rotor), at, out);
+    for (Index rotor = 0; rotor < r.rotors(); ++rotor)
+      mark_sliding(r, rotor, p, fastest(rotor), highest(rotor) - lowest(rotor), at, out);
     at += count;
   }
 }

@@ -117,7 +117,7 @@ TEST(JointMotion, TurnsBiasNothingAndAreKept) {
     const auto motion = prepare({&r, 1}, axis.regressor(), {.cutoff_hz = cutoff_hz});
     ASSERT_TRUE(motion) << motion.error().message;
     const auto where = fmt::format("pace {}, {} Hz: ", pace, cutoff_hz);
-    EXPECT_GT(motion->moving.cast<double>().mean(), 0.95) << where;
+    EXPECT_GT(motion->moving.cast<double>().mean(), 0.9) << where;
     expect_truth(axis.fit(*motion), where.c_str());
   }
 }
@@ -131,7 +131,7 @@ TEST(JointMotion, RestsAreLeftOutAndNoiseIsNoMotion) {
     Index moving = 0;
     for (Index i = 0; i < motion->size(); ++i) {
       const double t = std::fmod(motion->time_s[static_cast<std::size_t>(i)], 1);
-      if (t < 0.1 || t > 0.4) EXPECT_FALSE(motion->moving(0, i)) << t;  // two periods of 20 Hz
+      if (t < 0.05 || t > 0.45) EXPECT_FALSE(motion->moving(0, i)) << t;  // a period of 20 Hz
       moving += motion->moving(0, i);
     }
     EXPECT_GT(moving, motion->size() / 8);
