@@ -99,8 +99,9 @@ class Posterior {
   /// that errors which last and trajectories that disagree are counted. Quantities without a prior have one of three
   /// times their scale here: the bounds.
   Eigen::MatrixXd covariance(const Eigen::VectorXd& z, double step, const std::vector<Eigen::Index>& inner) const {
-    const auto blocks = linearised(z, step, true);
     const auto n = static_cast<Eigen::Index>(inner.size());
+    if (n == 0) return Eigen::MatrixXd(0, 0);
+    const auto blocks = linearised(z, step, true);
     Eigen::MatrixXd H = Eigen::MatrixXd::Zero(n, n), P = H;
     for (Eigen::Index a = 0; a < n; ++a) P(a, a) = quantity(inner[static_cast<std::size_t>(a)]).sigma > 0 ? 1 : 1.0 / 9;
     for (const Block& block : blocks) H += block.curvature(inner, inner);

@@ -38,8 +38,9 @@ def simulated(name, scenario, control):
 def arm(masses, friction):
     instances = "".join(
         '<instance name="%s"><config key="law" value="stribeck"/><config key="Fc" value="%g"/>'
-        '<config key="Fs" value="0"/><config key="vs" value="10"/><config key="alpha" value="1"/><config key="Fv" value="%g"/>'
-        '<config key="torque_max_nm" value="10"/><config key="gear_ratio" value="50"/></instance>' % (name, *values)
+        '<config key="Fs" value="0"/><config key="vs" value="10"/><config key="alpha" value="1"/>'
+        '<config key="Fv" value="%g"/><config key="torque_max_nm" value="10"/>'
+        '<config key="gear_ratio" value="50"/></instance>' % (name, *values)
         for name, values in zip("se", friction)
     )
     bodies = [(m, 0.01 * m, 0.01 * m, 0.001 * m) for m in masses]
@@ -213,6 +214,11 @@ with open(path("benches/calibration.json")) as f:
 check("each predicts the other", found["held_out_mae_mrad"] < 0.2, found["held_out_mae_mrad"])
 kt = found["all"]["parameters"]["control.kt_nm_A"]["value"]
 check("the motor's constant", abs(kt / 0.36 - 1) < 2e-3, kt)
+write("bound.yaml", bench.replace("{start: 0.33, low: 0.2, high: 0.6}", "{start: 0.33, low: 0.3, high: 0.34}"))
+r = run("calibrate", "bound.yaml", "-o", "bound", "--json", "--quiet")
+check("a bound that is too low ends the search there", r.returncode == 0, r.stderr)
+got = json.loads(r.stdout or "{}")["variants"][0]["all"]["parameters"]["control.kt_nm_A"]
+check("and has no sigma", got == {"value": 0.34, "sigma": None, "status": "at_bound"}, got)
 same = "recordings: {files: bench/*.json"
 r_same = same + ", settings: [{files: '*', mass: 0.49}]"
 refused("folds of what is the same everywhere", bench, same, r_same, "every recording has mass 0.49")
