@@ -210,9 +210,9 @@ Result<Image> contact_sheet(std::shared_ptr<const mujoco::Model> model, const tw
   const bool legend = options.legend && options.colour_by != ColourBy::nothing;
   const int strip = legend ? static_cast<int>(180 * unit) : 0;
   int columns = 1;
-  while (columns < n && static_cast<double>(columns) * each.width < 1.3 * ((n + columns - 1) / columns) * each.height)
-    ++columns;
-  const int rows = (n + columns - 1) / columns;
+  const auto rows_of = [n](int of) { return (n + of - 1) / of; };
+  while (columns < n && 1.0 * columns * each.width < 1.3 * rows_of(columns) * each.height) ++columns;
+  const int rows = rows_of(columns);
   Image sheet(gap + columns * (each.width + gap) + strip, gap + rows * (each.height + caption + gap));
   if (std::max(sheet.width, sheet.height) > 2 * side_max)
     return tl::unexpected(

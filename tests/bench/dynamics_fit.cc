@@ -49,6 +49,7 @@ int main(int, char** argv) {
       std::fwrite(row.data(), sizeof(double), static_cast<std::size_t>(row.size()), out);
     }
   }
+  motion.direction = motion.qd.cwiseSign();
   if (out) std::fclose(out);
   const auto start = std::chrono::steady_clock::now();
   const auto fit = fit_dynamics(regressor, base, friction, motion, {.weigh = false, .threads = 2});

@@ -6,6 +6,7 @@
 #include <nlohmann/json.hpp>
 
 #include <tribotwin/twin/commands/calibrate_results.hpp>
+#include <tribotwin/twin/identification/verdict/report.hpp>
 #include <tribotwin/twin/io/checksum.hpp>
 #include <tribotwin/twin/io/json_input.hpp>
 #include <tribotwin/twin/io/text.hpp>
@@ -21,6 +22,38 @@ using Campaign = CalibrationCampaign;
 using Results = CalibrationResults;
 
 Json number(double x) { return std::isfinite(x) ? Json(x) : Json(nullptr); }
+
+/// The rule of identifiability for the fit on all recordings.
+std::vector<Lacking> lacking_of(const Variant& v, const SimulationFit& f) {
+  constexpr double quantile = 1.959964;
+  const auto n = static_cast<Eigen::Index>(v.quantities.size());
+  std::vector<Estimate> all;
+  Evidence evidence;
+  Eigen::VectorXd sigma = Eigen::VectorXd::Constant(n, std::nan(""));
+  for (std::size_t i = 0; i < v.quantities.size(); ++i) {
+    const Quantity& q = v.quantities[i];
+    const ParameterStatus s = f.status[i];
+    const double half = quantile * f.sigma[i];
+    sigma(static_cast<Eigen::Index>(i)) = f.sigma[i];
+    all.push_back({.name = q.path(),
+                   .unit = "",
+                   .value = f.values[i],
+                   .sigma = f.sigma[i],
+                   .low = f.values[i] - half,
+                   .high = f.values[i] + half,
+                   .status = s == ParameterStatus::known      ? identification::Status::fixed
+                             : s == ParameterStatus::at_bound ? identification::Status::at_bound
+                                                              : identification::Status::estimated});
+    const bool may_be_0 = q.low <= 0 && q.high >= 0;
+    evidence.scale.push_back(std::max(std::abs(f.values[i]), may_be_0 ? 0.1 * (q.high - q.low) : 0));
+    evidence.unseen.push_back(s == ParameterStatus::prior ? "the recordings add little to its prior" : "");
+  }
+  evidence.parameters = all;
+  evidence.covariance = sigma.asDiagonal() * f.correlation * sigma.asDiagonal();
+  return lacking(evidence, [](const Estimate&, Lack lack) -> std::string {
+    return lack == Lack::at_bound ? "widen its range, or fix it" : "record motions and loads that it moves, or fix it";
+  });
+}
 
 Json json_of(const Results& r, const SimulationFit* f) {
   if (!f) return nullptr;
@@ -45,6 +78,7 @@ Json json_of(const Results& r, const SimulationFit* f) {
     j["parameters"][v.quantities[i].path()] = std::move(q);
   }
   if (f->split == SimulationFit::all) {
+    j["lacking"] = json_of(lacking_of(v, *f));
     j["correlation"] = Json::object();
     for (std::size_t i = 0; i < v.quantities.size(); ++i)
       for (std::size_t k = 0; k < v.quantities.size(); ++k)
@@ -199,6 +233,16 @@ std::string table_of_variants(const Results& r) {
          table.text();
 }
 
+/// What keeps numbers of the fits on all recordings from being any.
+std::string judgement_of(const Results& r) {
+  std::string s;
+  for (std::size_t v = 0; v < r.campaign.plan.variants.size(); ++v)
+    if (const SimulationFit* all = r.find(v, SimulationFit::all, 0))
+      for (const auto& line : lines_of(lacking_of(r.campaign.plan.variants[v], *all)))
+        s += fmt::format("{}: {}\n", r.campaign.plan.variants[v].label, line);
+  return s.empty() ? s : "\n" + s;
+}
+
 /// The folds of a split: one column per fold, one row per variant.
 std::string table_of_folds(const Results& r, std::size_t k) {
   const Plan& plan = r.campaign.plan;
@@ -226,7 +270,7 @@ std::string calibration_file(const Results& results) { return with_checksum(json
 std::string table_of(const Results& r) {
   std::string s = table_of_variants(r);
   for (std::size_t k = 0; k < r.campaign.plan.splits.size(); ++k) s += table_of_folds(r, k);
-  return s;
+  return s + judgement_of(r);
 }
 
 std::vector<SimulationFit> read_fits(const Campaign& campaign, const fs::path& file) {

@@ -14,7 +14,10 @@
 #include <tribotwin/twin/identification/rigid_body/model_agreement.hpp>
 #include <tribotwin/twin/identification/rigid_body/temperature_estimator.hpp>
 #include <tribotwin/twin/identification/thermal/thermal_file.hpp>
+#include <tribotwin/twin/identification/verdict/friction_lacking.hpp>
+#include <tribotwin/twin/identification/verdict/report.hpp>
 #include <tribotwin/twin/io/input.hpp>
+#include <tribotwin/twin/io/text.hpp>
 #include <tribotwin/twin/robot/arm.hpp>
 
 namespace tribotwin::twin::program {
@@ -31,7 +34,9 @@ struct Arguments {
   std::vector<std::string> data;
   Preparation preparation;
   unsigned threads = std::max(1u, std::thread::hardware_concurrency());
-  bool json = false, quiet = false, essential = false, unweighted = false, no_offset = false, asymmetry = false;
+  std::optional<double> prior_percent;
+  bool no_rotor_inertia = false, json = false, quiet = false, essential = false, unweighted = false, no_offset = false,
+       asymmetry = false;
 };
 
 std::vector<thermal::Model> thermal_models(const std::string& file, const Regressor& regressor) {
@@ -48,7 +53,21 @@ std::vector<thermal::Model> thermal_models(const std::string& file, const Regres
 
 Json number(double x) { return std::isfinite(x) ? Json(x) : Json(nullptr); }
 
-Json json_of(const Robot& robot, const DynamicsFit& fit, const Consistency& consistency) {
+/// What is known of the fit, and what is not.
+struct Judgement {
+  std::vector<JointVerdict> joints;
+  std::vector<Lacking> lacking;  ///< of friction
+};
+
+Judgement judged(const Robot& robot, const RobotFriction& friction, const JointMotion& motion, const DynamicsFit& fit,
+                 unsigned threads) {
+  const Eigen::MatrixXd load = gear_load(robot.regressor, robot.base, fit.parameters.base, motion, threads);
+  return {judge_joints(robot.regressor, motion,
+                       predicted_torque(robot.regressor, robot.base, friction, fit.parameters, motion, threads), load),
+          lacking_friction(robot.regressor, friction, motion, load, fit)};
+}
+
+Json json_of(const Robot& robot, const DynamicsFit& fit, const Consistency& consistency, const Judgement& judgement) {
   Json j;
   const Eigen::VectorXd of_model = robot.base.from_all * robot.regressor.model_parameters();
   for (std::size_t k = 0; k < fit.base.size(); ++k) {
@@ -66,12 +85,18 @@ Json json_of(const Robot& robot, const DynamicsFit& fit, const Consistency& cons
     j["joints"][fit.joints[i].name] = {{"relative_error", number(fit.joints[i].relative_error)},
                                        {"noise", number(fit.joints[i].noise)},
                                        {"correlated_samples", number(fit.joints[i].correlation)},
-                                       {"samples", fit.joints[i].samples}};
+                                       {"samples", fit.joints[i].samples},
+                                       {"verdict", json_of(judgement.joints[i])}};
   }
+  const BaseCount count = count_base(fit);
+  j["base_parameter_count"] = {{"estimated", count.estimated}, {"wide_interval", count.wide}, {"held", count.held}};
+  j["unidentifiable"] = withheld(judgement.lacking);
+  j["lacking"] = json_of(judgement.lacking);
   j["relative_error"] = number(fit.relative_error);
   j["condition_number"] = number(fit.condition_number);
   j["physically_possible"] = consistency.possible;
   j["distance_sigma"] = number(consistency.distance_sigma);
+  j["bodies_judged"] = badly_explained(judgement.joints).empty();
   j["notes"] = fit.notes;
   return j;
 }
@@ -97,7 +122,19 @@ std::string quality_of(const Robot& robot, std::span<const JointResult> joints) 
   return table.text();
 }
 
-std::string table_of(const Robot& robot, const DynamicsFit& fit, const Consistency& consistency) {
+/// Whether real bodies can have the base parameters; sigmas that count a joint's misfit would allow almost any.
+std::string bodies_of(const Consistency& consistency, const std::vector<std::string>& badly) {
+  if (!badly.empty())
+    return fmt::format(
+        "whether real bodies have these base parameters cannot be said while {} {} badly explained: the nearest "
+        "possible ones are {:.2f} sigma away, and sigmas count what is not explained\n",
+        joined(badly), badly.size() > 1 ? "are" : "is", consistency.distance_sigma);
+  return fmt::format("{} bodies have these base parameters: the nearest possible ones are {:.2f} sigma away\n",
+                     consistency.possible ? "within the noise, real" : "no real", consistency.distance_sigma);
+}
+
+std::string table_of(const Robot& robot, const DynamicsFit& fit, const Consistency& consistency,
+                     const Judgement& judgement) {
   TextTable base = estimates("base parameter"), friction = estimates("friction");
   for (std::size_t k = 0; k < fit.base.size(); ++k) base.add(row_of(fit.base[k], robot.base.parameters[k].group));
   for (std::size_t j = 0; j < fit.joints.size(); ++j)
@@ -105,13 +142,19 @@ std::string table_of(const Robot& robot, const DynamicsFit& fit, const Consisten
   std::string s = base.text() + "\n" + friction.text() + "\n" + quality_of(robot, fit.joints);
   s += fmt::format("\nrelative error {:.3f} %, condition number {:.0f}\n", 100 * fit.relative_error,
                    fit.condition_number);
-  s += fmt::format("{} bodies have these base parameters: the nearest possible ones are {:.2f} sigma away\n",
-                   consistency.possible ? "within the noise, real" : "no real", consistency.distance_sigma);
-  return s;
+  s += bodies_of(consistency, badly_explained(judgement.joints));
+  const BaseCount count = count_base(fit);
+  if (count.wide + count.held > 0)
+    s += fmt::format("{} of {} base parameters have a 95 % interval wider than their value; {} held\n", count.wide,
+                     count.estimated, count.held);
+  for (const auto& line : lines_of(judgement.lacking)) s += line + "\n";
+  return s + "\n" + table_of(judgement.joints);
 }
 
 std::string words_of(const Setting& s) {
   std::string text = fmt::format("friction {}", s.law->name);
+  if (with_stribeck(*s.law) == s.law)
+    text += fmt::format(" with vs at {:g} % of the top speed", 100 * s.stribeck_share);
   if (s.directional.offset) text += ", offset";
   if (s.directional.asymmetry) text += ", asymmetry";
   if (s.signals.cutoff_hz > 0) text += fmt::format(", cut-off {:.3g} Hz", s.signals.cutoff_hz);
@@ -130,7 +173,10 @@ std::string table_of(const DynamicsChoice& choice) {
   for (const Trial& t : choice.trials)
     if (t.failure.empty())
       table.add({t.what, &t == &choice.trials.front() ? "start" : fmt::format("{:+.2f} %", 100 * t.change),
-                 &t == &choice.trials.front() ? "" : fmt::format("{:.2f} %", 100 * t.sigma), t.taken ? "taken" : "no"});
+                 &t == &choice.trials.front() ? "" : fmt::format("{:.2f} %", 100 * t.sigma),
+                 t.taken            ? "taken"
+                 : t.remark.empty() ? "no"
+                                    : "no: " + t.remark});
     else
       table.add({t.what, "-", "", t.failure});
   return table.text() +
@@ -156,7 +202,8 @@ Json json_of(const DynamicsChoice& choice) {
                            {"change", number(t.change)},
                            {"sigma", number(t.sigma)},
                            {"taken", t.taken},
-                           {"failure", t.failure}});
+                           {"failure", t.failure},
+                           {"remark", t.remark}});
   return j;
 }
 
@@ -189,7 +236,9 @@ Setting setting_of(const Arguments& a, const friction::LawInfo& law) {
   return {.signals = a.preparation,
           .law = &law,
           .directional = {.offset = !a.no_offset, .asymmetry = a.asymmetry},
-          .robust = robust_of(a.robust)};
+          .robust = robust_of(a.robust),
+          .rotor_inertia = !a.no_rotor_inertia,
+          .prior = a.prior_percent.value_or(0) / 100};
 }
 
 /// What the options leave to the choice.
@@ -200,6 +249,8 @@ Decided decided(const Arguments& a) {
   if (a.no_offset) d.offset = false;
   if (a.asymmetry) d.asymmetry = true;
   if (a.robust != "auto") d.robust = robust_of(a.robust);
+  if (a.no_rotor_inertia) d.rotor_inertia = false;
+  if (a.prior_percent) d.prior = *a.prior_percent / 100;
   return d;
 }
 
@@ -257,17 +308,19 @@ Result<Exit> execute(const Arguments& a) {
   Progress progress(a.quiet, "identifying");
   const DynamicsChoice choice = choice_of(a, given, robot, recordings, torque_max_nm, progress);
   const friction::LawInfo& law = *choice.setting.law;
-  const auto friction = robot_friction(*robot.model, robot.regressor, law, choice.setting.directional, torque_max_nm);
+  JointMotion motion = prepared(robot, recordings, choice.setting.signals, a.quiet);
+  const auto friction = friction_of(*robot.model, robot.regressor, choice.setting, torque_max_nm, motion);
   if (!friction) throw InputError(fmt::format("{}: {}", a.model, friction.error().message));
   if (!a.thermal.empty() && !law.temperature_dependent)
     throw InputError(
         fmt::format("--thermal: friction '{}' does not depend on temperature; --friction polynomial does", law.name));
   const auto models = a.thermal.empty() ? std::vector<thermal::Model>{} : thermal_models(a.thermal, robot.regressor);
-  JointMotion motion = prepared(robot, recordings, choice.setting.signals, a.quiet);
   auto fit = fit_of(a, robot, choice.setting, *friction, models, motion, progress);
   if (!fit) throw InputError(fmt::format("{}: {}", a.data.front(), fit.error().message));
   std::ranges::move(doubtful_gravity(robot.regressor, motion), std::back_inserter(fit->notes));
   doubt(a, robot, *fit);
+  const Judgement judgement = judged(robot, *friction, motion, *fit, a.threads);
+  std::ranges::move(warnings_of(judgement.joints), std::back_inserter(fit->notes));
   if (!a.quiet)
     for (const auto& text : fit->notes) note("{}", text);
   const Consistency consistency =
@@ -279,11 +332,11 @@ Result<Exit> execute(const Arguments& a) {
         !ok)
       return ok;
   if (a.json) {
-    Json j = json_of(robot, *fit, consistency);
+    Json j = json_of(robot, *fit, consistency, judgement);
     j["choice"] = json_of(choice);
     return deliver(j.dump(2) + "\n");
   }
-  return deliver(table_of(choice) + table_of(robot, *fit, consistency));
+  return deliver(table_of(choice) + table_of(robot, *fit, consistency, judgement));
 }
 
 }  // namespace
@@ -306,6 +359,11 @@ void add_dynamics(CLI::App& app, int& code) {
   c->add_option("--robust", a->robust, "Loss for data with outliers")
       ->check(CLI::IsMember({"auto", "none", "huber", "tukey"}))
       ->capture_default_str();
+  c->add_option("--prior", a->prior_percent,
+                "How far the bodies may be off the model's: standard deviation [%] of their masses, first moments and "
+                "inertias; 0: whatever the data say")
+      ->check(CLI::Range(0.0, 1e6));
+  c->add_flag("--no-rotor-inertia", a->no_rotor_inertia, "Torques were measured behind the gear");
   c->add_flag("--unweighted", a->unweighted, "Give all joints the same weight");
   c->add_flag("--essential", a->essential, "Set base parameters that do not improve the fit to 0");
   c->add_option(

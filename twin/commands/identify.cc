@@ -1,5 +1,6 @@
 #include <cmath>
 #include <memory>
+#include <optional>
 #include <thread>
 
 #include <fmt/format.h>
@@ -11,6 +12,7 @@
 #include <tribotwin/twin/identification/curves/direction.hpp>
 #include <tribotwin/twin/identification/curves/fit.hpp>
 #include <tribotwin/twin/identification/dynamic_friction/parameters.hpp>
+#include <tribotwin/twin/identification/verdict/report.hpp>
 #include <tribotwin/twin/io/input.hpp>
 #include <tribotwin/twin/io/text.hpp>
 
@@ -92,9 +94,11 @@ Json json_of(const Estimates& fit, std::string_view law) {
                                {"status", status[static_cast<int>(e.status)]}};
   j["residual"] = {{"mean", number(fit.residual.mean)},
                    {"std", number(fit.residual.std)},
-                   {"max_abs", number(fit.residual.max_abs)}};
+                   {"max_abs", number(fit.residual.max_abs)},
+                   {"arcs", fit.residual.arcs}};
   j["samples"] = fit.samples;
   j["unidentifiable"] = fit.unidentifiable;
+  j["lacking"] = json_of(fit.lacking);
   j["condition_number"] = number(fit.condition_number);
   j["r_squared"] = number(fit.r_squared);
   j["aicc"] = number(fit.aicc);
@@ -115,6 +119,20 @@ Json json_of(const Fit& fit, const Samples& samples, double held_out) {
   j["curves"] = samples.curves();
   if (held_out >= 0) j["held_out_rms"] = number(held_out);
   return j;
+}
+
+/// What the rule of identifiability says of the parameters, and what to record next.
+std::string judgement_of(const Estimates& fit) {
+  std::string s;
+  if (fit.residual.arcs > 0)
+    s += fmt::format("{:.0f} % of the residuals' mean square are arcs, no noise; sigmas count them\n",
+                     100 * fit.residual.arcs);
+  if (fit.lacking.empty() && fit.residual.arcs == 0) s += "every parameter is identifiable from these data\n";
+  if (fit.unidentifiable.empty() && !fit.lacking.empty()) s += "identifiable from these data, with doubts:\n";
+  if (!fit.unidentifiable.empty())
+    s += fmt::format("not identifiable from these data: {}\n", joined(fit.unidentifiable));
+  for (const auto& line : lines_of(fit.lacking)) s += "  " + line + "\n";
+  return s;
 }
 
 std::string table_of(const Estimates& fit, std::string_view law, std::string_view equation, std::string_view unit) {
@@ -146,9 +164,7 @@ std::string table_of(const Estimates& fit, std::string_view law, std::string_vie
       "\n\nresiduals: mean {:.3g}, std {:.4g}, largest {:.4g} {}; {} samples; R^2 {}; condition number {}; AICc {}\n",
       fit.residual.mean, fit.residual.std, fit.residual.max_abs, unit, fit.samples, or_dash(fit.r_squared, ".5f"),
       or_dash(fit.condition_number, ".3g"), or_dash(fit.aicc, ".1f"));
-  s += fit.unidentifiable.empty() ? "every parameter is identifiable from these data\n"
-                                  : fmt::format("not identifiable from these data: {}\n", joined(fit.unidentifiable));
-  return s;
+  return s + judgement_of(fit);
 }
 
 std::string table_of(const Fit& fit, double held_out) {
@@ -337,10 +353,13 @@ void check_fixed(const friction::LawInfo& law, const FitOptions& options) {
                                    law.name, nearest(name, names)));
 }
 
-/// A fitted law and its error on held-out curves, below 0 without cross-validation.
+/// A fitted law and its errors on held-out curves, where there are any.
 struct Candidate {
   Fit fit;
-  double held_out;
+  std::optional<HeldOutErrors> errors;
+  std::string remark = {};  ///< what is wrong with it beside the others
+
+  double held_out() const { return errors ? errors->rms : -1; }
 };
 
 Result<Candidate> fit_law(const Arguments& a, const friction::LawInfo& law, const Samples& samples,
@@ -351,19 +370,33 @@ Result<Candidate> fit_law(const Arguments& a, const friction::LawInfo& law, cons
   // What fit() refuses are the data; a law that cannot be used is its work.
   if (!found) return tl::unexpected(Error(fmt::format("law '{}': {}", law.name, ok.error().message)));
   if (!ok) return work_failed(fmt::format("law '{}': {}", law.name, ok.error().message));
-  if (a.folds <= 1) return Candidate{std::move(*found), -1};
-  const auto held_out = cross_validate(law, samples, options, a.folds);
+  if (a.folds <= 1) return Candidate{std::move(*found), {}};
+  auto held_out = cross_validate(law, samples, options, a.folds);
   if (!held_out) return work_failed(held_out.error().message);
-  return Candidate{std::move(*found), *held_out};
+  return Candidate{std::move(*found), std::move(*held_out)};
+}
+
+/// A law that contains another can do no worse, unless it overfits or was not found.
+void remark_failures(std::vector<Candidate>& all) {
+  for (Candidate& wide : all)
+    for (const Candidate& narrow : all) {
+      const auto &a = *wide.fit.law.info, &b = *narrow.fit.law.info;
+      if (!contains(a, b) || a.normalised != b.normalised || wide.fit.samples != narrow.fit.samples) continue;
+      if (wide.errors && narrow.errors && worse(*wide.errors, *narrow.errors))
+        wide.remark = fmt::format("contains {}, yet worse held out: overfits or did not converge", b.name);
+      else if (wide.fit.cost > 1.001 * narrow.fit.cost)
+        wide.remark = fmt::format("contains {}, yet fits worse: did not converge", b.name);
+    }
 }
 
 std::string comparison_of(const std::vector<Candidate>& candidates, bool cross_validated) {
   std::string s = fmt::format("{:<24} {:>4} {:>12} {:>12} {:>10} {:>12} {:>14}\n", "law", "p", "residual std",
                               "largest", "R^2", "AICc", cross_validated ? "held-out RMS" : "");
-  for (const auto& [fit, held_out] : candidates)
-    s += fmt::format("{:<24} {:>4} {:>12.4g} {:>12.4g} {:>10} {:>12} {:>14}\n", fit.law.info->name, fit.estimated,
-                     fit.residual.std, fit.residual.max_abs, or_dash(fit.r_squared, ".5f"), or_dash(fit.aicc, ".1f"),
-                     held_out >= 0 ? fmt::format("{:.4g}", held_out) : "");
+  for (const Candidate& c : candidates)
+    s += fmt::format("{:<24} {:>4} {:>12.4g} {:>12.4g} {:>10} {:>12} {:>14}{}{}\n", c.fit.law.info->name,
+                     c.fit.estimated, c.fit.residual.std, c.fit.residual.max_abs, or_dash(c.fit.r_squared, ".5f"),
+                     or_dash(c.fit.aicc, ".1f"), c.errors ? fmt::format("{:.4g}", c.errors->rms) : "",
+                     c.remark.empty() ? "" : "  ", c.remark);
   return s;
 }
 
@@ -393,15 +426,19 @@ Result<Exit> identify_curves(const Arguments& a) {
     if (!a.quiet)
       for (const auto& text : candidate->fit.notes)
         note("{}{}", laws.size() > 1 ? fmt::format("{}: ", law->name) : "", text);
-    all.push_back(json_of(candidate->fit, *samples, candidate->held_out));
+    all.push_back(json_of(candidate->fit, *samples, candidate->held_out()));
     candidates.push_back(std::move(*candidate));
   }
-  const auto& [fit, held_out] = candidates.front();
+  remark_failures(candidates);
+  for (std::size_t k = 0; k < candidates.size(); ++k)
+    if (!candidates[k].remark.empty()) all[k]["remark"] = candidates[k].remark;
+  const Fit& fit = candidates.front().fit;
   if (a.output.named())
     if (auto ok = deliver(to_yaml(parameter_file(fit, a.data, a.torque_max_nm, a.gear_ratio)), a.output); !ok)
       return ok;
   if (a.json) return deliver((laws.size() > 1 ? Json{{"laws", all}} : all.front()).dump(2) + "\n");
-  return deliver(laws.size() > 1 ? comparison_of(candidates, a.folds > 1) : table_of(fit, held_out));
+  return deliver(laws.size() > 1 ? comparison_of(candidates, a.folds > 1)
+                                 : table_of(fit, candidates.front().held_out()));
 }
 
 Result<Exit> execute(const Arguments& a) {

@@ -11,6 +11,7 @@
 #include <tribotwin/twin/identification/rigid_body/dynamics_file.hpp>
 #include <tribotwin/twin/identification/rigid_body/temperature_estimator.hpp>
 #include <tribotwin/twin/identification/rigid_body/wrench.hpp>
+#include <tribotwin/twin/identification/verdict/report.hpp>
 #include <tribotwin/twin/io/input.hpp>
 #include <tribotwin/twin/io/text.hpp>
 #include <tribotwin/twin/robot/arm.hpp>
@@ -61,6 +62,18 @@ Error error_of(const JointMotion& motion, const Eigen::MatrixXd& predicted, Inde
   return e;
 }
 
+/// Of the samples whose errors count.
+std::vector<JointVerdict> judged(const Arguments& a, const Robot& robot, const Eigen::VectorXd& base,
+                                 const JointMotion& motion, const Eigen::MatrixXd& predicted) {
+  const Eigen::MatrixXd load = gear_load(robot.regressor, robot.base, base, motion, a.threads);
+  if (a.window_s.empty()) return judge_joints(robot.regressor, motion, predicted, load);
+  JointMotion counted = motion;
+  for (Index i = 0; i < motion.size(); ++i)
+    if (const double t = motion.time_s[static_cast<std::size_t>(i)]; t < a.window_s[0] || t > a.window_s[1])
+      counted.moving.col(i).setConstant(false);
+  return judge_joints(robot.regressor, counted, predicted, load);
+}
+
 std::vector<std::string> row_of(const std::string& joint, const Error& e, const std::string& unit) {
   const auto figure = [](double x) { return fmt::format("{:.4g}", x); };
   if (e.samples == 0) return {joint, "-", "-", figure(e.range), "-", unit, "0", "does not move"};
@@ -71,6 +84,16 @@ std::vector<std::string> row_of(const std::string& joint, const Error& e, const 
           figure(e.largest),
           unit,
           fmt::format("{}", e.samples)};
+}
+
+Json json_of(const Error& e, const std::string& unit, const JointVerdict& verdict) {
+  return {{"rms", e.rms},
+          {"relative_to_range", e.share()},
+          {"range", e.range},
+          {"largest", e.largest},
+          {"samples", e.samples},
+          {"unit", unit},
+          {"verdict", json_of(verdict)}};
 }
 
 std::string csv_of(const Robot& robot, const JointMotion& motion, const Eigen::MatrixXd& predicted) {
@@ -101,7 +124,11 @@ std::vector<double> start_of(const Arguments& a, const Robot& robot, const std::
   return start;
 }
 
-std::string wrench_csv_of(const JointMotion& motion, const Eigen::MatrixXd& wrench) {
+std::string wrench_csv_of(const Arguments& a, const Robot& robot, const JointMotion& motion,
+                          const Eigen::MatrixXd& predicted) {
+  const auto found = external_wrench(*robot.model, a.site, motion, predicted);
+  if (!found) throw InputError(fmt::format("--site: {} {}", a.model, found.error().message));
+  const Eigen::MatrixXd& wrench = *found;
   std::string s = "time_s,force_x_n,force_y_n,force_z_n,torque_x_nm,torque_y_nm,torque_z_nm\n";
   for (Index i = 0; i < motion.size(); ++i) {
     s += fmt::format("{:.9g}", motion.time_s[static_cast<std::size_t>(i)]);
@@ -117,7 +144,6 @@ Preparation preparation_of(const Arguments& a, const DynamicsFile& file) {
   Preparation p = a.preparation;
   if (p.cutoff_hz == 0) p.cutoff_hz = file.signals.cutoff_hz;
   p.recorded_velocity = file.signals.recorded_velocity;
-  p.reversal_periods = file.signals.reversal_periods;
   return p;
 }
 
@@ -143,16 +169,12 @@ Result<Exit> execute(const Arguments& a) {
                    : fmt::format("law '{}' is that of 20 degC", file.law->name));
   const Eigen::MatrixXd predicted =
       predicted_torque(robot.regressor, robot.base, *friction, file.parameters, motion, a.threads);
-  std::string wrench_csv;
-  if (!a.wrench.empty()) {
-    const auto wrench = external_wrench(*robot.model, a.site, motion, predicted);
-    if (!wrench) throw InputError(fmt::format("--site: {} {}", a.model, wrench.error().message));
-    wrench_csv = wrench_csv_of(motion, *wrench);
-  }
+  const std::string wrench_csv = a.wrench.empty() ? std::string() : wrench_csv_of(a, robot, motion, predicted);
   Json j{{"joints", Json::object()}};
   constexpr auto right = TextTable::right;
   TextTable table{{TextTable::left("joint"), right("error rms"), right("of its range"), right("range"),
                    right("largest"), TextTable::left(), right("samples"), TextTable::left()}};
+  const auto verdicts = judged(a, robot, file.parameters.base, motion, predicted);
   double worst = 0;
   int moving = 0;
   for (Index joint = 0; joint < predicted.rows(); ++joint) {
@@ -163,8 +185,7 @@ Result<Exit> execute(const Arguments& a) {
     if (e.samples == 0 && !a.window_s.empty())
       throw InputError(
           fmt::format("--interval: joint {} does not move from {:g} to {:g} s", name, a.window_s[0], a.window_s[1]));
-    j["joints"][name] = {{"rms", e.rms},         {"relative_to_range", e.share()}, {"range", e.range},
-                         {"largest", e.largest}, {"samples", e.samples},           {"unit", unit}};
+    j["joints"][name] = json_of(e, unit, verdicts[static_cast<std::size_t>(joint)]);
     table.add(row_of(name, e, unit));
     moving += e.samples > 0;
     if (e.samples > 0) worst = std::max(worst, e.share());
@@ -179,7 +200,9 @@ Result<Exit> execute(const Arguments& a) {
     if (auto ok = deliver(csv_of(robot, motion, predicted), a.output); !ok) return ok;
   if (!a.wrench.empty())
     if (auto ok = deliver(wrench_csv, {a.wrench, a.output.force}); !ok) return ok;
-  return deliver(a.json ? j.dump(2) + "\n" : table.text());
+  if (!a.quiet)
+    for (const auto& text : warnings_of(verdicts)) note("{}", text);
+  return deliver(a.json ? j.dump(2) + "\n" : table.text() + "\n" + table_of(verdicts));
 }
 
 }  // namespace

@@ -10,6 +10,7 @@
 #include <tribotwin/twin/identification/thermal/thermal_chain_file.hpp>
 #include <tribotwin/twin/identification/thermal/thermal_file.hpp>
 #include <tribotwin/twin/identification/thermal/thermal_torque.hpp>
+#include <tribotwin/twin/identification/verdict/report.hpp>
 #include <tribotwin/twin/io/input.hpp>
 #include <tribotwin/twin/io/text.hpp>
 
@@ -118,14 +119,6 @@ Json json_of(const Estimate& e, std::span<const Lacking> lacking, const std::str
           {"high", nullptr},  {"unit", e.unit},   {"fitted", e.value}};
 }
 
-Json json_of(std::span<const Lacking> lacking) {
-  Json all = Json::array();
-  for (const auto& one : lacking)
-    all.push_back(
-        {{"parameter", one.parameter}, {"withheld", one.withheld}, {"reason", one.reason}, {"record_next", one.next}});
-  return all;
-}
-
 /// The part that both fits share. A missing sigma is NaN, which JSON shows as null.
 Json json_of(const auto& fit, thermal::Order order) {
   Json j{{"order", order == thermal::Order::first ? 1 : 2}};
@@ -171,19 +164,9 @@ std::vector<std::string> cells_of(const std::string& joint, const std::string& f
           none ? "not identifiable from this record" : ""};
 }
 
-/// Why, and what to record next; one line for the parameters that share both.
+/// Why, and what to record next.
 void add_reasons(TextTable& table, const std::string& joint, std::span<const Lacking> lacking) {
-  for (std::size_t i = 0; i < lacking.size(); ++i) {
-    const auto same = [&](const Lacking& other) {
-      return other.reason == lacking[i].reason && other.next == lacking[i].next;
-    };
-    if (std::ranges::any_of(lacking.first(i), same)) continue;
-    std::vector<std::string> names;
-    for (const auto& one : lacking.subspan(i))
-      if (same(one)) names.push_back(one.parameter);
-    table.add({joint, fmt::format("{} {}: {}; {}", joined(names), lacking[i].withheld ? "not identifiable" : "doubtful",
-                                  lacking[i].reason, lacking[i].next)});
-  }
+  for (auto& line : lines_of(lacking)) table.add({joint, std::move(line)});
 }
 
 /// `others`: A or P_0 of each file.

@@ -23,6 +23,25 @@ struct Estimate {
   Status status = Status::estimated;
 };
 
+/// Why a parameter is no number, in the order of the rule of identifiability.hpp: the first that applies is reported.
+enum class Lack {
+  no_effect,       ///< held: the data show no effect of it
+  no_whole_cycle,  ///< fewer whole work cycles than needed
+  short_record,    ///< shorter than its time constant, or than the upper end of that one's interval
+  at_bound,        ///< of its accepted range
+  wide_interval,   ///< 95 % interval wider than the value
+  correlated,      ///< correlation over 0.99 with another parameter, and an interval wider than a tenth of the value
+  structured       ///< residuals are no noise: arcs along time or speed
+};
+
+struct Lacking {
+  std::string parameter;
+  Lack lack;
+  std::string reason;    ///< "its 95 % interval, -17 .. 21 rad/s, is wider than its value"
+  std::string next;      ///< what to record: "record speeds below 10 rad/s"
+  bool withheld = true;  ///< no number to be shown; false: a doubt beside a number whose sigma counts it
+};
+
 /// Identified numbers with their uncertainty.
 struct Estimates {
   std::vector<Estimate> parameters;
@@ -30,10 +49,12 @@ struct Estimates {
   double condition_number = 0;  ///< of the Jacobian with unit columns, at the solution
   struct {
     double mean = 0, std = 0, max_abs = 0;
-  } residual;       ///< measured - predicted
-  double cost = 0;  ///< weighted sum of squares
+    double arcs = 0;  ///< share of their mean square that neighbours have in common, which noise has not
+  } residual;         ///< measured - predicted
+  double cost = 0;    ///< weighted sum of squares
   double r_squared = 0, aicc = 0;
   std::size_t samples = 0, estimated = 0;
+  std::vector<Lacking> lacking;             ///< what keeps parameters from being numbers, or makes them doubtful
   std::vector<std::string> unidentifiable;  ///< names of parameters that are not identifiable from these data
   std::vector<std::string> notes;           ///< limits of the result, for its user
 

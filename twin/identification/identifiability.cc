@@ -5,6 +5,7 @@
 #include <fmt/format.h>
 
 #include <tribotwin/twin/identification/identifiability.hpp>
+#include <tribotwin/twin/io/text.hpp>
 
 namespace tribotwin::twin::identification {
 namespace {
@@ -38,6 +39,7 @@ std::string interval(const Estimate& e) {
 }
 
 std::optional<Reason> no_effect(const Evidence& v, std::size_t i) {
+  if (!v.unseen.empty() && !v.unseen[i].empty()) return Reason{Lack::no_effect, v.unseen[i]};
   if (v.parameters[i].status != Status::held) return {};
   return Reason{Lack::no_effect, "these data show no effect of it"};
 }
@@ -71,7 +73,9 @@ std::optional<Reason> short_record(const Evidence& v, std::size_t i) {
 
 std::optional<Reason> wide_interval(const Evidence& v, std::size_t i) {
   const Estimate& e = v.parameters[i];
-  if (std::isnan(e.sigma)) return Reason{Lack::wide_interval, "it has no finite interval"};
+  // A sigma of 0 beside residuals is a direction that the information lost in rounding.
+  if (std::isnan(e.sigma) || (e.sigma == 0 && v.explained < 1))
+    return Reason{Lack::wide_interval, "it has no finite interval"};
   if (width(e) <= scale_of(v, i)) return {};
   const bool own = i >= v.scale.size() || v.scale[i] <= 0;
   return Reason{Lack::wide_interval, fmt::format("its 95 % interval, {}, is wider than {}", interval(e),
@@ -88,8 +92,10 @@ std::optional<Reason> correlated(const Evidence& v, std::size_t i) {
     if (b != a && std::abs(r) > std::abs(largest)) largest = r, other = b;
   }
   if (std::abs(largest) <= correlated_from) return {};
-  return Reason{Lack::correlated, fmt::format("its correlation with {} is {:.3f}",
-                                              v.parameters[static_cast<std::size_t>(other)].name, largest)};
+  const auto k = static_cast<std::size_t>(other);
+  const bool own_polynomial = !v.polynomial.empty() && v.polynomial[i] >= 0 && v.polynomial[i] == v.polynomial[k];
+  return Reason{Lack::correlated, fmt::format("its correlation with {} is {:.4f}", v.parameters[k].name, largest),
+                !own_polynomial};
 }
 
 std::optional<Reason> structured(const Evidence& v, std::size_t) {
@@ -154,6 +160,22 @@ std::vector<std::string> withheld(std::span<const Lacking> all) {
 std::string sentence(const Lacking& one) {
   return fmt::format("{} is {}: {}; {}", one.parameter, one.withheld ? "not identifiable" : "doubtful", one.reason,
                      one.next);
+}
+
+std::vector<std::string> lines_of(std::span<const Lacking> all) {
+  std::vector<std::string> lines;
+  for (std::size_t i = 0; i < all.size(); ++i) {
+    const auto same = [&](const Lacking& other) {
+      return other.reason == all[i].reason && other.next == all[i].next && other.withheld == all[i].withheld;
+    };
+    if (std::ranges::any_of(all.first(i), same)) continue;
+    std::vector<std::string> names;
+    for (const auto& one : all.subspan(i))
+      if (same(one)) names.push_back(one.parameter);
+    lines.push_back(fmt::format("{} {}: {}; {}", joined(names), all[i].withheld ? "not identifiable" : "doubtful",
+                                all[i].reason, all[i].next));
+  }
+  return lines;
 }
 
 }  // namespace tribotwin::twin::identification

@@ -13,21 +13,16 @@
 /// next. What data lack before any fit (a single temperature, a single load) is curves/identifiability.hpp.
 namespace tribotwin::twin::identification {
 
-/// Why a parameter is no number, in the order of the rule: the first that applies is the one reported.
-enum class Lack {
-  no_effect,       ///< held: the data show no effect of it
-  no_whole_cycle,  ///< fewer whole work cycles than needed
-  short_record,    ///< shorter than its time constant, or than the upper end of that one's interval
-  at_bound,        ///< of its accepted range
-  wide_interval,   ///< 95 % interval wider than the value
-  correlated,      ///< correlation over 0.99 with another parameter, and an interval wider than a tenth of the value
-  structured       ///< residuals are no noise: arcs along time or speed
-};
-
 struct Evidence {
   std::span<const Estimate> parameters;
   Eigen::MatrixXd covariance;  ///< of the parameters, NaN rows where not estimated; empty: correlations are not judged
   std::vector<double> scale;   ///< per parameter, what its interval is compared with, in its unit; empty or 0: |value|
+  /// Per parameter, which polynomial it is a coefficient of (Fc0, FcT, FcTT of one), -1: none. They always correlate
+  /// far from the origin, which their intervals count: a doubt. Empty: there are none.
+  std::vector<int> polynomial;
+
+  /// Per parameter, why the data show no effect of it although a number was fitted; empty texts: they do. Empty: all.
+  std::vector<std::string> unseen;
 
   /// A time constant [s] and what is known only together with it, such as the gain of the same node.
   struct TimeConstant {
@@ -45,14 +40,6 @@ struct Evidence {
   std::string along = "time";
 };
 
-struct Lacking {
-  std::string parameter;
-  Lack lack;
-  std::string reason;    ///< "its 95 % interval, -17 .. 21 rad/s, is wider than its value"
-  std::string next;      ///< what to record: "record speeds below 10 rad/s"
-  bool withheld = true;  ///< no number to be shown; false: a doubt beside a number whose sigma counts it
-};
-
 /// What to record next for a parameter; empty: the rule's own words.
 using Advice = std::function<std::string(const Estimate& parameter, Lack lack)>;
 
@@ -64,5 +51,8 @@ std::vector<std::string> withheld(std::span<const Lacking> all);
 
 /// "vs0 is not identifiable: its 95 % interval, -17 .. 21 rad/s, is wider than its value; record ..."
 std::string sentence(const Lacking& one);
+
+/// A line for those that share reason and next: "FsT, vsT not identifiable: these data show ...; record ...".
+std::vector<std::string> lines_of(std::span<const Lacking> all);
 
 }  // namespace tribotwin::twin::identification

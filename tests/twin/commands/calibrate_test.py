@@ -93,6 +93,22 @@ for name, value in truth.items():
     got = found["variants"][0]["all"]["parameters"][name]
     check("%s is found within 3 %%" % name, abs(got["value"] / value - 1) < 0.03, got)
     check("%s has a sigma" % name, got["status"] == "estimated" and 0 < got["sigma"] < 0.2 * value, got)
+every = found["variants"][0]["all"]
+
+
+def by_the_rule(name, p):
+    width, value = 3.92 * p["sigma"], abs(p["value"])
+    alike = max([abs(x) for other, x in every["correlation"][name].items() if other != name], default=0)
+    return width > max(value, 0.06 if name.endswith("Fcl") else 0) or (alike > 0.99 and width > 0.1 * value)
+
+
+check(
+    "the rule of identifiability names what it says, in JSON and below the table",
+    {one["parameter"] for one in every["lacking"]}
+    == {n for n, p in every["parameters"].items() if p["status"] != "known" and by_the_rule(n, p)}
+    and all(one["parameter"] in r.stdout.split("held out")[-1] for one in every["lacking"]),
+    (every["lacking"], every["parameters"]),
+)
 split = found["variants"][0]["splits"][0]
 check(
     "what was held out is predicted",

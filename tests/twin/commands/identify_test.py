@@ -159,10 +159,18 @@ s = identify(
 check("one exponent for all unloaded curves", abs(s["value"] - 1.36) < 0.02 and s["curves"] == curves, s)
 
 # ---- What is not identifiable, and dirty data.
+no_load = identify(write("l.csv", HEADER, v, zero(l), T, law(M_STAR, v, 0, T)))
+check("one load", set(no_load["unidentifiable"]) == {"Fcl", "Fsl", "vsl"}, no_load["lacking"])
+# At another load than 0 the law without its load terms does not follow: alpha is 1.36, and not known to 0.002.
+loaded = identify(write("l3.csv", HEADER, v, zero(l) + 0.3, T, law(M_STAR, v, 0.3, T)))
+alpha = loaded["parameters"]["alpha"]
 check(
-    "one load",
-    set(identify(write("l.csv", HEADER, v, zero(l) + 0.3, T, law(M_STAR, v, 0.3, T)))["unidentifiable"])
-    == {"Fcl", "Fsl", "vsl"},
+    "one load other than 0: arcs are named, and sigmas count them",
+    loaded["residual"]["arcs"] > 0.5
+    and {"Fcl", "Fsl", "vsl"} <= set(loaded["unidentifiable"])
+    and alpha["confidence_95"][0] < 1.36 < alpha["confidence_95"][1]
+    and any("does not follow these data" in n for n in loaded["notes"]),
+    (alpha, loaded["residual"], loaded["unidentifiable"]),
 )
 check(
     "one temperature",
@@ -170,7 +178,36 @@ check(
     == {"FsT", "vsT", "FvT", "TV0"},
 )
 same_speed = write("v.csv", HEADER, zero(v) + 20, l, T, law(M_STAR, 20, l, T))
-check("one speed", set(identify("--law", "stribeck", same_speed)["unidentifiable"]) == {"Fs", "Fv", "vs", "alpha"})
+check(
+    "one speed, and a law that knows nothing of what changes",
+    set(identify("--law", "stribeck", same_speed)["unidentifiable"]) == {"Fc", "Fs", "Fv", "vs", "alpha"},
+)
+# Issue 21: "every parameter can be told" of vs0 = 2.0 +- 9.6, of speeds that all lie above the minimum of friction.
+w, heat = np.tile(np.geomspace(40, 150, 24), 3), np.repeat([38, 39, 41], 24) + random.normal(0, 0.1, 72)
+cycloidal = (
+    1.6 + 0.02 * heat + 0.8 * np.exp(-((w / (6 + 0.05 * heat)) ** 1.4)) + (0.034 - 8e-4 * heat + 6e-6 * heat**2) * w
+)
+above = write(
+    "above.csv", "speed_rad_s,temperature_degC,friction_nm", w, heat, cycloidal + random.normal(0, 0.02, w.size)
+)
+r = run("identify", "--law", "stribeck_T", above)
+check(
+    "speeds above the minimum: vs0 and FcT are named, with what to record",
+    r.returncode == 0
+    and "every parameter" not in r.stdout
+    and re.search(r"^not identifiable from these data: .*FcT.*vs0", r.stdout, re.M)
+    and re.search(r"vs0.* not identifiable: .*; record speeds below 40 rad/s", r.stdout),
+    r.stdout,
+)
+j = identify("--law", "stribeck_T", above)
+check("and in JSON", {"vs0", "FcT"} <= {one["parameter"] for one in j["lacking"] if one["withheld"]}, j["lacking"])
+r = run(
+    "identify",
+    "--law",
+    "stribeck",
+    write("all.csv", HEADER, v, zero(l), zero(T) + 50, law(M_STAR, v, 0, 50) + random.normal(0, 1e-4, v.size)),
+)
+check("where all is known that is said", "every parameter is identifiable from these data" in r.stdout, r.stdout)
 refused("three points", write("three.csv", HEADER, v[:3], l[:3], T[:3], y[:3]), says="3 samples cannot determine")
 refused("all zero", write("zero.csv", HEADER, v, l, T, zero(v)), says="friction is 0 in every sample")
 one = write("one.csv", HEADER, v[:1], l[:1], T[:1], y[:1])

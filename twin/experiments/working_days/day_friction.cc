@@ -24,7 +24,7 @@ DayFriction::DayFriction(const Regressor& regressor, const BaseParameters& base,
       rigid_(reference_),
       points_(static_cast<std::size_t>(regressor.joints())) {
   for (auto& joint : rigid_.friction) std::ranges::fill(joint, 0.0);
-  for (Index j = 0; j < regressor.joints(); ++j) level_nm_.push_back(curve(j, level_speed(j)));
+  for (Index j = 0; j < regressor.joints(); ++j) level_nm_.push_back(curve(j, level_speed(j), 1));
 }
 
 std::vector<Measured> DayFriction::add(const JointMotion& motion, double from_s) {
@@ -35,7 +35,7 @@ std::vector<Measured> DayFriction::add(const JointMotion& motion, double from_s)
     std::vector<double> shape, torque;
     for (Index i = 0; i < motion.size(); ++i)
       if (motion.moving(j, i) && motion.time_s[static_cast<std::size_t>(i)] >= from_s)
-        shape.push_back(curve(j, motion.qd(j, i))), torque.push_back(rest(j, i));
+        shape.push_back(curve(j, motion.qd(j, i), motion.direction(j, i))), torque.push_back(rest(j, i));
     const Eigen::Map<const VectorXd> f(shape.data(), static_cast<Index>(shape.size())), u(torque.data(), f.size());
     const double scale = f.dot(u) / f.squaredNorm(), level = level_nm_[static_cast<std::size_t>(j)];
     const VectorXd residual = u - scale * f;
@@ -60,9 +60,9 @@ std::vector<Warming> DayFriction::warming() const {
   return out;
 }
 
-double DayFriction::curve(Index j, double speed) const {
+double DayFriction::curve(Index j, double speed, double direction) const {
   const auto at = static_cast<std::size_t>(j);
-  return speed == 0 ? 0 : law_[at].torque(reference_.friction[at], speed, 0, reference_degC);
+  return speed == 0 ? 0 : law_[at].filtered_torque(reference_.friction[at], speed, direction, 0, reference_degC);
 }
 
 /// Per window of window_s: friction at the mean time of its motion, and the work done until then.
@@ -75,7 +75,7 @@ void DayFriction::add_windows(const JointMotion& motion, const MatrixXd& rest, I
     for (; i < past && time(i) < time(begin) + window_s; ++i) {
       if (i > first) points.work_J += rest(j, i) * motion.qd(j, i) * (time(i) - time(i - 1));
       if (!motion.moving(j, i)) continue;
-      const double f = curve(j, motion.qd(j, i));
+      const double f = curve(j, motion.qd(j, i), motion.direction(j, i));
       cross += f * rest(j, i), own += f * f, ++count, moved_at += time(i), work_at += points.work_J;
     }
     if (count * motion.period_s >= fewest_s)

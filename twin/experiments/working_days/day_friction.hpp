@@ -34,7 +34,7 @@ class DayFriction {
     double work_J = 0;  ///< of friction since the start of the day
     std::vector<Point> kept;
   };
-  double curve(Eigen::Index j, double speed) const;
+  double curve(Eigen::Index j, double speed, double direction) const;
   void add_windows(const identification::JointMotion& motion, const Eigen::MatrixXd& rest, Eigen::Index j,
                    Eigen::Index first, Eigen::Index past);
 

@@ -62,6 +62,8 @@ class Identification {
   /// Which of asymmetry and offset the samples tell, and the minimum with them. False where they tell none.
   Result<bool> find_direction(const KnownDirection& known);
   Result<void> estimate_covariance();
+  /// Covariance with the arcs of the residuals, if there are any, and the half widths of intervals.
+  void count_misfit();
   void fill_parameters();
   void make_law();
   Fit report();
@@ -69,7 +71,7 @@ class Identification {
  private:
   /// Fixes a parameter that the others can replace at 0 or, where it is nonlinear, at `value`.
   void fix_dependent(std::size_t parameter, double value);
-  Estimate estimate(std::size_t parameter, double value, double interval) const;
+  Estimate estimate(std::size_t parameter, double value) const;
   /// The minimum with these numbers free, from `start`.
   Result<void> descend(const Direction& from, const Point& start);
   /// The law's best parameters at this direction, found from those of `start`; weights of `loss` for the next ones.
@@ -78,7 +80,11 @@ class Identification {
   MatrixXd information(VectorXd* slope = nullptr);
   /// Whether a number of the direction is worth keeping: its place among law_.parameters and these two.
   bool tells(std::size_t place, double effect) const;
-  void fill_direction(double interval);
+  void fill_direction();
+  /// Derivatives of each sample by the coordinates, in units of its standard error.
+  MatrixXd jacobian() const;
+  /// The law's parameters and the numbers of the direction from the coordinates.
+  MatrixXd to_parameters() const;
 
   const friction::LawInfo& law_;
   const Samples& samples_;
@@ -96,6 +102,8 @@ class Identification {
   std::vector<double> residuals_;
   std::vector<std::size_t> coordinates_;  ///< that are estimated
   MatrixXd information_, covariance_;     ///< of the coordinates; of the parameters
+  std::optional<Misfit> misfit_;
+  VectorXd interval_;  ///< per parameter, half width of its 95 % interval in sigmas
   Fit result_;
 };
 
@@ -156,7 +164,6 @@ Result<void> Identification::check_count() const {
 void Identification::fix_dependent(std::size_t i, double value) {
   problem_.hold(i, problem_.is_linear(i) ? std::clamp(0.0, problem_.low(i), problem_.high(i)) : value);
   dependent_.emplace_back(law_.parameters[i].name);
-  result_.unidentifiable.emplace_back(law_.parameters[i].name);
 }
 
 void Identification::minimise() {
@@ -193,16 +200,14 @@ Result<void> Identification::estimate_covariance() {
   result_.estimated = coordinates_.size();
   if (samples_.size() < coordinates_.size() + 1) return too_few(samples_.size(), coordinates_.size());
 
-  const auto of_law = static_cast<Index>(law_.parameters.size()), count = of_law + (directed_ ? 2 : 0);
+  const Index count = to_parameters().rows();
   covariance_ = MatrixXd::Zero(count, count);
   const MatrixXd inverse = pseudo_inverse(information_) * variance;
   for (std::size_t a = 0; a < coordinates_.size(); ++a)
     for (std::size_t b = 0; b < coordinates_.size(); ++b)
       covariance_(static_cast<Index>(coordinates_[a]), static_cast<Index>(coordinates_[b])) =
           inverse(static_cast<Index>(a), static_cast<Index>(b));
-  MatrixXd to_parameters = MatrixXd::Identity(count, count);
-  to_parameters.topLeftCorner(of_law, of_law) = problem_.to_parameters();
-  covariance_ = to_parameters * covariance_ * to_parameters.transpose();
+  covariance_ = to_parameters() * covariance_ * to_parameters().transpose();
   result_.condition_number = 1;
   if (!coordinates_.empty()) {
     const VectorXd unit = information_.diagonal().cwiseSqrt().cwiseInverse();
@@ -210,6 +215,69 @@ Result<void> Identification::estimate_covariance() {
     result_.condition_number = std::sqrt(eigenvalues.maxCoeff() / std::max(eigenvalues.minCoeff(), 1e-300));
   }
   return {};
+}
+
+MatrixXd Identification::to_parameters() const {
+  const auto of_law = static_cast<Index>(law_.parameters.size()), count = of_law + (directed_ ? 2 : 0);
+  MatrixXd to = MatrixXd::Identity(count, count);
+  to.topLeftCorner(of_law, of_law) = problem_.to_parameters();
+  return to;
+}
+
+MatrixXd Identification::jacobian() const {
+  const Placement& place = problem_.place();
+  const auto linear = static_cast<Index>(place.linear_used.size()),
+             nonlinear = static_cast<Index>(place.nonlinear_used.size());
+  std::vector<Index> of_law;
+  for (const std::size_t c : coordinates_)
+    if (c < law_.parameters.size()) of_law.push_back(static_cast<Index>(c));
+  MatrixXd chain(linear + nonlinear, place.linear.cols());
+  chain << place.linear, place.nonlinear;
+  const MatrixXd by_coordinates = chain(Eigen::all, of_law);
+  MatrixXd J = MatrixXd::Zero(static_cast<Index>(samples_.size()), static_cast<Index>(coordinates_.size()));
+  VectorXd by_numbers(linear + nonlinear);
+  for (std::size_t i = 0; i < samples_.size(); ++i) {
+    const auto g =
+        friction::gradient(point_.general_law, samples_.speed[i], samples_.load[i], samples_.temperature_degC[i]);
+    for (Index k = 0; k < linear; ++k) by_numbers(k) = g.by_terms[place.linear_used[static_cast<std::size_t>(k)]];
+    for (Index k = 0; k < nonlinear; ++k)
+      by_numbers(linear + k) = g.by_shape_numbers[place.nonlinear_used[static_cast<std::size_t>(k)]];
+    const double s = directed_ ? samples_.direction[i] : 0, w = weights_.empty() ? 1 : std::sqrt(weights_[i]);
+    const auto row = static_cast<Index>(i), first = static_cast<Index>(of_law.size());
+    J.row(row).head(first) = w * direction_.factor(s) * by_numbers.transpose() * by_coordinates;
+    for (Index k = first; k < J.cols(); ++k)
+      J(row, k) = w * s * (coordinates_[static_cast<std::size_t>(k)] == law_.parameters.size() ? g.torque : 1);
+  }
+  return J;
+}
+
+void Identification::count_misfit() {
+  const auto n = static_cast<double>(samples_.size()), own = n - static_cast<double>(coordinates_.size());
+  interval_ = VectorXd::Constant(covariance_.rows(), interval_sigmas(own));
+  // Outliers are no arcs.
+  const double limit = 4 * robust_scale(residuals_, weights_);
+  VectorXd r(static_cast<Index>(residuals_.size()));
+  for (std::size_t i = 0; i < residuals_.size(); ++i)
+    r(static_cast<Index>(i)) =
+        std::clamp(residuals_[i] * (weights_.empty() ? 1 : std::sqrt(weights_[i])), -limit, limit);
+  if (!(point_.cost > 1e-12 * point_.moments.yy)) return;
+  misfit_ = misfit_of(samples_, r, jacobian());
+  if (!misfit_) return;
+  MatrixXd all = MatrixXd::Zero(covariance_.rows(), covariance_.cols());
+  std::vector<Index> at(coordinates_.begin(), coordinates_.end());
+  all(at, at) = misfit_->covariance;
+  all = to_parameters() * all * to_parameters().transpose();
+  for (Index k = 0; k < all.rows(); ++k) {
+    if (!(all(k, k) > covariance_(k, k))) {  // it does not move with the arcs
+      all.row(k) *= std::sqrt(covariance_(k, k) / std::max(1e-300, all(k, k)));
+      all.col(k) *= std::sqrt(covariance_(k, k) / std::max(1e-300, all(k, k)));
+      continue;
+    }
+    // Freedom of a sum of two variances (Satterthwaite 1946).
+    const double white = covariance_(k, k) / all(k, k), arcs = 1 - white;
+    interval_(k) = interval_sigmas(1 / (white * white / own + arcs * arcs / misfit_->freedom));
+  }
+  covariance_ = all;
 }
 
 MatrixXd Identification::information(VectorXd* slope) {
@@ -332,7 +400,7 @@ Result<bool> Identification::find_direction(const KnownDirection& known) {
   return true;
 }
 
-void Identification::fill_direction(double interval) {
+void Identification::fill_direction() {
   const struct {
     std::string_view name;
     double value;
@@ -343,15 +411,14 @@ void Identification::fill_direction(double interval) {
     const auto i = static_cast<Index>(place);
     result_.parameters.push_back(
         std::ranges::find(coordinates_, place) != coordinates_.end()
-            ? identification::estimate(name, unit, numbers[k].value, covariance_(i, i), interval)
+            ? identification::estimate(name, unit, numbers[k].value, covariance_(i, i), interval_(i))
             : without_sigma(name, unit, numbers[k].value, Status::fixed));
   }
   result_.asymmetry = direction_.asymmetry;
   result_.offset = direction_.offset;
 }
 
-/// `interval`: half width of the confidence interval in sigmas.
-Estimate Identification::estimate(std::size_t j, double value, double interval) const {
+Estimate Identification::estimate(std::size_t j, double value) const {
   const auto& p = law_.parameters[j];
   const bool estimated = std::ranges::find(coordinates_, j) != coordinates_.end();
   Estimate e{.name = std::string(p.name),
@@ -367,31 +434,18 @@ Estimate Identification::estimate(std::size_t j, double value, double interval) 
   if (estimated) {
     const auto i = static_cast<Index>(j);
     e.sigma = std::sqrt(std::max(0.0, covariance_(i, i)));
-    e.low = e.value - interval * e.sigma;
-    e.high = e.value + interval * e.sigma;
+    e.low = e.value - interval_(i) * e.sigma;
+    e.high = e.value + interval_(i) * e.sigma;
   }
   return e;
 }
 
 void Identification::fill_parameters() {
-  const auto n = static_cast<double>(samples_.size());
   const VectorXd values = problem_.parameters(point_.values);
-  const double interval = interval_sigmas(n - static_cast<double>(coordinates_.size()));
-  const double mean_square =
-      std::transform_reduce(samples_.friction.begin(), samples_.friction.end(), samples_.friction.begin(), 0.0) / n;
   for (std::size_t j = 0; j < law_.parameters.size(); ++j) {
-    Estimate e = estimate(j, values(static_cast<Index>(j)), interval);
-    if (const auto found = std::ranges::find(coordinates_, j); found != coordinates_.end()) {
-      // Its uncertainty moves friction by more than friction itself, or exceeds a value that can only be positive.
-      const auto at = static_cast<Index>(found - coordinates_.begin());
-      const double effect = std::sqrt(information_(at, at) / n);
-      if (e.sigma * effect > std::sqrt(mean_square) ||
-          (!problem_.is_linear(j) && law_.parameters[j].minimum >= 0 && e.sigma > std::abs(e.value)))
-        result_.unidentifiable.push_back(e.name);
-    }
-    result_.parameters.push_back(std::move(e));
+    result_.parameters.push_back(estimate(j, values(static_cast<Index>(j))));
   }
-  if (directed_) fill_direction(interval);
+  if (directed_) fill_direction();
   result_.covariance = covariance_;
   for (std::size_t j = 0; j < result_.parameters.size(); ++j)
     if (const auto i = static_cast<Index>(j); result_.parameters[j].status != Status::estimated)
@@ -431,13 +485,16 @@ void Identification::make_law() {
 
 Fit Identification::report() {
   result_.cost = point_.cost;
-  describe_residuals(samples_, residuals_, weights_, options_.loss, result_);
+  describe_residuals(samples_, residuals_, weights_, options_.loss, misfit_, result_);
+  const auto n = static_cast<double>(samples_.size());
+  const double noise = misfit_ ? 1 - misfit_->share + misfit_->share * n / (misfit_->freedom + 1) : 1;
+  result_.lacking =
+      lacking_of(law_, samples_, result_, misfit_, unseen_terms(problem_, point_, coordinates_, n, noise));
+  result_.unidentifiable = withheld(result_.lacking);
   if (result_.condition_number > 1e4)
     result_.notes.push_back(
         fmt::format("condition number {:.1e}: parameters compensate each other; their individual values mean little",
                     result_.condition_number));
-  std::set<std::string> once;
-  std::erase_if(result_.unidentifiable, [&](const std::string& name) { return !once.insert(name).second; });
   return std::move(result_);
 }
 
@@ -457,6 +514,7 @@ Result<std::optional<Fit>> identify(const friction::LawInfo& law, const Samples&
   } else if (auto ok = identification.estimate_covariance(); !ok) {
     return tl::unexpected(ok.error());
   }
+  identification.count_misfit();
   identification.fill_parameters();
   identification.make_law();
   return identification.report();

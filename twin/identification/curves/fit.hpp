@@ -48,10 +48,22 @@ Result<Fit> fit(const friction::LawInfo& law, const Samples& samples, const FitO
 /// then, these fixed, the rest from all. Only for laws that depend on both; fails where no temperature has three loads.
 Result<Fit> fit_staged(const friction::LawInfo& law, const Samples& samples, const FitOptions& options = {});
 
-/// Root mean square error of samples that were held out: `folds` parts of whole curves where there are as many, else of
-/// samples in turn.
-Result<double> cross_validate(const friction::LawInfo& law, const Samples& samples, const FitOptions& options,
-                              unsigned folds);
+/// Errors of samples that were held out: `folds` parts of whole curves where there are as many, else of samples in
+/// turn.
+struct HeldOutErrors {
+  double rms = 0;
+  std::vector<double>
+      mean_squares;  ///< of each curve or, where there are fewer than five, of each tenth of the samples
+};
+Result<HeldOutErrors> cross_validate(const friction::LawInfo& law, const Samples& samples, const FitOptions& options,
+                                     unsigned folds);
+
+/// Whether `wide` is `narrow` with more free terms: what it cannot fit as well, it did not learn. By the terms and
+/// shape numbers of the general law; v^beta contains v.
+bool contains(const friction::LawInfo& wide, const friction::LawInfo& narrow);
+
+/// Whether `wide` predicts held-out samples worse than `narrow`, by more than two standard errors of the difference.
+bool worse(const HeldOutErrors& wide, const HeldOutErrors& narrow);
 
 /// One parameter common to all curves, the others free at each (Bittencourt 2012, Fig. 5: alpha*).
 struct Shared {

@@ -29,29 +29,6 @@ void note_outliers(const std::vector<double>& r, const std::vector<double>& base
                           100 * static_cast<double>(far) / n));
 }
 
-/// Notes that neighbours in speed have similar errors, which noise has not.
-void note_correlation(const Samples& samples, const std::vector<double>& r, double scale, Estimates& result) {
-  if (r.size() < 30 || result.residual.std <= 1e-6 * std::ranges::max(samples.friction)) return;
-  std::vector<std::size_t> order(r.size());
-  std::iota(order.begin(), order.end(), 0u);
-  const auto by_speed = [&](std::size_t i) {
-    return std::pair(samples.curve.empty() ? 0u : samples.curve[i], samples.speed[i]);
-  };
-  if (!std::ranges::is_sorted(order, {}, by_speed)) std::ranges::stable_sort(order, {}, by_speed);
-  double products = 0, clipped = 0, before = 0;
-  for (const std::size_t row : order) {
-    const double error = std::clamp(r[row] - result.residual.mean, -4 * scale, 4 * scale);
-    products += error * std::exchange(before, error);
-    clipped += error * error;
-  }
-  const double correlation = clipped > 0 ? products / clipped : 0;
-  if (correlation > std::max(0.2, 4 / std::sqrt(static_cast<double>(r.size()))))
-    result.notes.push_back(
-        fmt::format("errors of neighbouring speeds are alike (correlation {:.2f}): the law does not follow these "
-                    "data, and its sigmas are too small; compare others with --law A,B",
-                    correlation));
-}
-
 /// Share of the variance that the law explains, and Akaike's criterion corrected for few samples.
 void judge_fit(const Samples& samples, const std::vector<double>& r, const std::vector<double>& base,
                Estimates& result) {
@@ -75,7 +52,7 @@ void judge_fit(const Samples& samples, const std::vector<double>& r, const std::
 }  // namespace
 
 void describe_residuals(const Samples& samples, const std::vector<double>& r, const std::vector<double>& base,
-                        Loss loss, Estimates& result) {
+                        Loss loss, const std::optional<Misfit>& misfit, Estimates& result) {
   const auto n = static_cast<double>(r.size());
   const double mean = std::reduce(r.begin(), r.end()) / n;
   double squares = 0;
@@ -86,7 +63,12 @@ void describe_residuals(const Samples& samples, const std::vector<double>& r, co
   judge_fit(samples, r, base, result);
   const double scale = robust_scale(r, base);
   note_outliers(r, base, scale, loss, result);
-  note_correlation(samples, r, scale, result);
+  result.residual.arcs = misfit ? misfit->share : 0;
+  if (misfit)
+    result.notes.push_back(
+        fmt::format("{:.0f} % of the residuals' mean square are arcs along {}, no noise: the law does not follow these "
+                    "data; sigmas count the arcs; compare other laws with --law A,B",
+                    100 * misfit->share, misfit->along));
   std::set<double> speeds;
   for (std::size_t i = 0; i < samples.size() && speeds.size() < 5; ++i) speeds.insert(samples.speed[i]);
   if (speeds.size() > 4 && result.r_squared < 0.5)

@@ -256,18 +256,27 @@ transmission::Hysteresis spring_from(const Data& d, const Simulation& found) {
 }
 
 /// Parameters of the plugin from the coordinates of the search: values, statuses, the derivatives for the covariance,
-/// and the sigmas above which a parameter is unidentifiable.
+/// and what their intervals are compared with.
 struct Conversion {
   std::vector<Estimate> parameters;
   Eigen::MatrixXd to;  ///< parameters x coordinates
-  std::vector<double> widest;
+  std::vector<double> scale;
+  std::vector<int> polynomial;  ///< as in Evidence
 };
+
+std::string loop_advice(const Estimate& e, Lack lack) {
+  if (e.name.starts_with('k') && !e.name.ends_with('0')) return "record loops at more temperatures, further apart";
+  if (lack == Lack::structured) return {};
+  return e.name.starts_with('k') ? "record loops of more, and of different torsion"
+                                 : "record larger loops, and small ones within them";
+}
 
 Conversion converted(const transmission::Hysteresis& h, const Simulation& found, const Uncertainty& sure,
                      double torque_rms_nm) {
   Conversion out{.parameters = {},
                  .to = Eigen::MatrixXd::Zero(linear_count + 4, linear_count + found.nonlinear.size()),
-                 .widest = {}};
+                 .scale = {},
+                 .polynomial = {0, 0, 0, 1, 1, 1, 2, 2, 2, -1, -1, -1, -1}};
   const auto status = [&](Index coordinate) { return sure.status[static_cast<std::size_t>(coordinate)]; };
   const auto add = [&](std::string name, std::string unit, double value, Status as) {
     out.parameters.push_back({.name = std::move(name), .unit = std::move(unit), .value = value, .status = as});
@@ -275,15 +284,15 @@ Conversion converted(const transmission::Hysteresis& h, const Simulation& found,
   };
   static constexpr const char* units[] = {"Nm/rad", "Nm/rad^2", "Nm/rad^4"};
   static constexpr const char* per_K[] = {"", "/K", "/K^2"};
-  // A stiffness is unknown where its sigma has the effect of the whole torque, another number where its sigma reaches
-  // its range or value.
+  // The interval of a stiffness is compared with the one that gives the whole torque, that of w with its range. beta
+  // and gamma are some limit^-n: n moves them by factors without moving the loop.
   for (int i = 0; i < 3; ++i)
     for (int j = 0; j < 3; ++j) {
       const Index k = std::ranges::find(stiffnesses, std::pair(i, j)) - std::begin(stiffnesses);
       out.to(add(fmt::format("k{}{}", i, j), std::string(units[i]) + per_K[j], h.k[i][j], status(k)), k) = 1;
-      out.widest.push_back(torque_rms_nm / sure.effect[static_cast<std::size_t>(k)]);
+      out.scale.push_back(torque_rms_nm / sure.effect[static_cast<std::size_t>(k)]);
     }
-  out.widest.insert(out.widest.end(), {0.25, h.beta, h.beta, h.n});
+  out.scale.insert(out.scale.end(), {1, 4 * h.beta, 4 * h.beta, 0});
   // beta + gamma = limit^-n
   const Index L = linear_count + log_limit, R = linear_count + ratio, N = linear_count + exponent,
               W = linear_count + share;
@@ -370,7 +379,9 @@ Result<HysteresisFit> fit_hysteresis(std::span<const LoopRecording> recordings, 
   for (const double tau : all.measured) signal += tau * tau / static_cast<double>(data.samples);
   Conversion parameters = converted(h, found, sure, std::sqrt(signal));
   result.parameters = std::move(parameters.parameters);
-  conclude(all, found, sure, parameters.to, parameters.widest, result);
+  conclude(all, found, sure, parameters.to,
+           {.parameters = {}, .covariance = {}, .scale = parameters.scale, .polynomial = parameters.polynomial},
+           loop_advice, result);
   result.normalised_mse = 1 - result.r_squared;
   h.drive = "motor";
   if (const auto loaded = transmission::make_hysteresis("", transmission::configuration_of(h)); !loaded)

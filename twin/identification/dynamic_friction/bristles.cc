@@ -129,6 +129,11 @@ double cost_of_law(const drive::Drive& drive, std::span<const SlidingRecording> 
   return cost;
 }
 
+std::string bristle_advice(const Estimate& e, Lack) {
+  if (e.name == "sigma0") return "record slow reversals, with many samples before sliding begins";
+  return "record reversals at faster and at slower speeds, with many samples each";
+}
+
 }  // namespace
 
 Result<SlidingRecordings> read_sliding(std::span<const std::filesystem::path> files, const drive::Drive& drive,
@@ -200,19 +205,13 @@ Result<BristleFit> fit_bristles(const drive::Drive& drive, std::span<const Slidi
   const bool normalised = drive.law.info->normalised;
   const auto add = [&](const char* name, const char* unit, double value, Index coordinate, double slope) {
     to(static_cast<Index>(result.parameters.size()), coordinate) = slope;
-    const Status status = sure.status[static_cast<std::size_t>(coordinate)];
-    result.parameters.push_back({.name = name, .unit = unit, .value = value, .status = status});
-    // The bounds of the search are far beyond the recorded range: there a nonlinear number has no effect.
-    return status == Status::at_bound && coordinate > 0;
+    result.parameters.push_back(
+        {.name = name, .unit = unit, .value = value, .status = sure.status[static_cast<std::size_t>(coordinate)]});
   };
-  std::vector<std::string> without_effect;
-  if (add("sigma0", normalised ? "1/rad" : "Nm/rad", b.sigma0, 1 + log_sigma0, b.sigma0))
-    without_effect.emplace_back("sigma0");
+  add("sigma0", normalised ? "1/rad" : "Nm/rad", b.sigma0, 1 + log_sigma0, b.sigma0);
   add("sigma1", normalised ? "s/rad" : "Nm s/rad", b.sigma1, 0, 1);
-  if (add("vd", "rad/s", b.vd, 1 + log_vd, b.vd)) without_effect.emplace_back("vd");
-  const double widest[] = {0.5 * b.sigma0, 0.5 * b.sigma1, 0.5 * b.vd};  // different from 0 by two sigma at least
-  conclude(model, found, sure, to, widest, result);
-  result.unidentifiable.insert(result.unidentifiable.end(), without_effect.begin(), without_effect.end());
+  add("vd", "rad/s", b.vd, 1 + log_vd, b.vd);
+  conclude(model, found, sure, to, {}, bristle_advice, result);
   result.normalised_mse = 1 - result.r_squared;
   return result;
 }

@@ -203,8 +203,8 @@ Uncertainty uncertainty(const Simulated& model, const Simulation& minimum) {
 
 namespace {
 
-/// Sigmas, intervals and what is unidentifiable, from the covariance.
-void conclude_parameters(std::span<const double> widest, Estimates& result) {
+/// Sigmas and intervals from the covariance.
+void conclude_parameters(Estimates& result) {
   constexpr double quantile = 1.959964, nan = std::numeric_limits<double>::quiet_NaN();  // long series: normal
   for (std::size_t i = 0; i < result.parameters.size(); ++i) {
     Estimate& e = result.parameters[i];
@@ -212,9 +212,7 @@ void conclude_parameters(std::span<const double> widest, Estimates& result) {
     if (e.status != Status::estimated) {
       result.covariance.row(k).setConstant(nan), result.covariance.col(k).setConstant(nan);
       e.sigma = e.low = e.high = nan;
-      if (e.status == Status::held)
-        result.unidentifiable.push_back(e.name);
-      else
+      if (e.status != Status::held)
         result.notes.push_back(fmt::format(
             "{} = {:.6g} is at the edge of its range; the sigmas of the others hold only if that is its value", e.name,
             e.value));
@@ -224,18 +222,21 @@ void conclude_parameters(std::span<const double> widest, Estimates& result) {
     e.sigma = std::sqrt(std::max(0.0, result.covariance(k, k)));
     e.low = e.value - quantile * e.sigma;
     e.high = e.value + quantile * e.sigma;
-    if (e.sigma > widest[i]) result.unidentifiable.push_back(e.name);
   }
 }
 
 }  // namespace
 
 void conclude(const Simulated& model, const Simulation& minimum, const Uncertainty& uncertainty, const MatrixXd& to,
-              std::span<const double> widest, Estimates& result) {
+              Evidence evidence, const Advice& advice, Estimates& result) {
   result.condition_number = uncertainty.condition_number;
   result.covariance =
       to * uncertainty.covariance.unaryExpr([](double c) { return std::isnan(c) ? 0 : c; }) * to.transpose();
-  conclude_parameters(widest, result);
+  conclude_parameters(result);
+  evidence.parameters = result.parameters;
+  evidence.covariance = result.covariance;
+  result.lacking = lacking(evidence, advice);
+  result.unidentifiable = withheld(result.lacking);
   const VectorXd& r = minimum.residual;
   const auto n = static_cast<double>(r.size()), p = static_cast<double>(result.estimated) + 1;  // with the variance
   result.samples = static_cast<std::size_t>(r.size());

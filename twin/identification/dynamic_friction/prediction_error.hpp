@@ -7,7 +7,7 @@
 
 #include <Eigen/Dense>
 
-#include <tribotwin/twin/identification/estimates.hpp>
+#include <tribotwin/twin/identification/identifiability.hpp>
 
 /// Internal to this folder, not installed.
 ///
@@ -58,9 +58,9 @@ struct Uncertainty {
 Uncertainty uncertainty(const Simulated& model, const Simulation& minimum);
 
 /// Completes `result`, whose parameters have values and statuses: their covariance is `to` times that of `uncertainty`
-/// times its transpose. A number with a sigma above its place in `widest` is called unidentifiable. Adds the statistics
-/// of the residuals and notes about them.
+/// times its transpose; the rule of identifiability judges them, with scales and polynomials of `evidence`. Adds the
+/// statistics of the residuals and notes about them.
 void conclude(const Simulated& model, const Simulation& minimum, const Uncertainty& uncertainty,
-              const Eigen::MatrixXd& to, std::span<const double> widest, Estimates& result);
+              const Eigen::MatrixXd& to, Evidence evidence, const Advice& advice, Estimates& result);
 
 }  // namespace tribotwin::twin::identification

@@ -14,17 +14,8 @@ using Eigen::Index, Eigen::VectorXd;
 constexpr double narrower[] = {0.7, 0.5, 0.35, 0.25};
 /// Settings that better the error by less are not worth their complexity.
 constexpr double least_gain = 0.002;
-constexpr unsigned most_folds = 10, folds_of_time = 6;
+constexpr unsigned most_folds = 10, folds_of_time = 12;
 constexpr Index stretch_count = 40;
-
-/// Laws to try beside coulomb_viscous, simple ones first. Those with more numbers than a motion of the whole robot
-/// tells apart (extended, steady_state, ...) are for friction curves, or for those who ask for them.
-std::vector<const friction::LawInfo*> laws_to_try(bool has_temperature) {
-  std::vector<const friction::LawInfo*> laws{&coulomb_viscous_load(), friction::find_law("stribeck")};
-  // A cubic of the speed goes astray beyond the speeds of the recordings; it is worth that for its temperature.
-  if (has_temperature) laws.push_back(friction::find_law("polynomial"));
-  return laws;
-}
 
 class Chooser {
  public:
@@ -43,10 +34,11 @@ class Chooser {
   Result<DynamicsChoice> run() && {
     if (auto ok = start(); !ok) return tl::unexpected(ok.error());
     choose_signals();
-    choose_friction();
     choose_rigid();
-    if (!decided_.law) choose_cutoff();  // again, under the friction that was found
-    // The fit itself takes as many samples, up to ends and reversals, as its own cut-off allows.
+    choose_friction();
+    choose_rigid();  // again, under the friction that was found
+    choose_cutoff();
+    // The fit itself takes as many samples, up to ends and rests, as its own cut-off allows.
     out_.setting.signals.widest_hz = out_.setting.signals.narrowest_hz = 0;
     return std::move(out_);
   }
@@ -61,6 +53,8 @@ class Chooser {
     s.law = decided_.law ? decided_.law : &coulomb_viscous();
     s.directional = {.offset = decided_.offset.value_or(true), .asymmetry = decided_.asymmetry.value_or(false)};
     s.robust = decided_.robust.value_or(Robust::none);
+    s.rotor_inertia = decided_.rotor_inertia.value_or(true);
+    s.prior = decided_.prior.value_or(0);
     s.signals = {.cutoff_hz = decided_.cutoff_hz.value_or(0), .decimation = decided_.decimation.value_or(0)};
     auto widest = prepare(recordings_, regressor_, s.signals);
     if (!widest) return tl::unexpected(widest.error());
@@ -81,11 +75,12 @@ class Chooser {
     out_.trials.push_back({.what = fmt::format("cut-off {:.3g} Hz, friction {}", widest_hz(), s.law->name),
                            .rms = best_.rms,
                            .taken = true,
-                           .failure = {}});
+                           .failure = {},
+                           .remark = {}});
     return {};
   }
 
-  /// Narrower ones as long as reversals leave half of the samples.
+  /// Narrower ones as long as ends and rests leave half of the samples.
   void set_cutoffs(const JointMotion& widest) {
     cutoffs_ = {widest.cutoff_hz};
     if (decided_.cutoff_hz) return;
@@ -101,7 +96,7 @@ class Chooser {
   }
 
   Result<HeldOut> error_of(const Setting& s, const JointMotion& motion) const {
-    const auto friction = robot_friction(model_, regressor_, *s.law, s.directional, torque_max_nm_);
+    const auto friction = friction_of(model_, regressor_, s, torque_max_nm_, target_.motion);
     if (!friction) return tl::unexpected(friction.error());
     return held_out(regressor_, base_, *friction, motion, s, target_, out_.folds, threads_);
   }
@@ -109,8 +104,8 @@ class Chooser {
   /// Takes the setting where it is better by more than twice its standard error.
   bool attempt(std::string what, const Setting& setting, const JointMotion& motion) {
     ++done_;
-    if (progress_) progress_(std::min(0.99, done_ / 30.0));
-    Trial trial{.what = std::move(what), .rms = {}, .failure = {}};
+    if (progress_) progress_(std::min(0.99, done_ / 38.0));
+    Trial trial{.what = std::move(what), .rms = {}, .failure = {}, .remark = {}};
     const auto found = error_of(setting, motion);
     if (!found) {
       trial.failure = found.error().message;
@@ -122,6 +117,7 @@ class Chooser {
       const Comparison c = compared(*found, best_);
       trial.change = c.change, trial.sigma = c.sigma, trial.rms = found->rms;
       trial.taken = c.change < -std::max(least_gain, 2 * c.sigma);
+      trial.remark = remark_of(setting, out_.setting, c);
     }
     if (trial.taken) {
       best_ = *found;
@@ -155,8 +151,8 @@ class Chooser {
     choose_velocity();
     for (const double periods : {1.0, 0.5}) {
       Preparation signals = out_.setting.signals;
-      signals.reversal_periods = periods;
-      attempt_signals(fmt::format("samples from {:g} periods of it off reversals", periods), signals);
+      signals.rest_periods = periods;
+      attempt_signals(fmt::format("samples from {:g} periods of it off rests", periods), signals);
     }
   }
 
@@ -167,16 +163,31 @@ class Chooser {
     if (attempt_signals("recorded velocity", signals)) choose_cutoff();
   }
 
-  void attempt_with(std::string what, const auto& change) {
+  bool attempt_with(std::string what, const auto& change) {
     Setting s = out_.setting;
     change(s);
-    attempt(std::move(what), s, motion_);
+    return attempt(std::move(what), s, motion_);
+  }
+
+  /// Laws that are linear: those with shapes of their own (stribeck, load, extended, ...) have more than one minimum in
+  /// a motion of the whole robot; they are for friction curves, or for those who ask for them.
+  void choose_law() {
+    attempt_law(coulomb_viscous_load());
+    for (const double share : {0.02, 0.05, 0.1, 0.2, 0.4})
+      attempt_with(fmt::format("friction that falls within {:g} % of the top speed", 100 * share), [&](Setting& s) {
+        s.law = with_stribeck(*s.law);
+        s.stribeck_share = share;
+      });
+    // A cubic of the speed goes astray beyond the speeds of the recordings; it is worth that for its temperature.
+    if (target_.motion.has_temperature) attempt_law(*friction::find_law("polynomial"));
+  }
+
+  void attempt_law(const friction::LawInfo& law) {
+    attempt_with(fmt::format("friction {}", law.name), [&](Setting& s) { s.law = &law; });
   }
 
   void choose_friction() {
-    if (!decided_.law)
-      for (const auto* law : laws_to_try(target_.motion.has_temperature))
-        attempt_with(fmt::format("friction {}", law->name), [&](Setting& s) { s.law = law; });
+    if (!decided_.law) choose_law();
     if (!decided_.asymmetry) attempt_with("asymmetry", [](Setting& s) { s.directional.asymmetry = true; });
     if (!decided_.robust)
       for (const Robust robust : {Robust::huber, Robust::tukey})
@@ -184,9 +195,18 @@ class Chooser {
   }
 
   void choose_rigid() {
-    attempt_with("no rotor inertias", [](Setting& s) { s.rotor_inertia = false; });
-    for (const double prior : {3.0, 1.0, 0.3, 0.1, 0.03})
-      attempt_with(fmt::format("prior of {:g} % about the model", 100 * prior), [&](Setting& s) { s.prior = prior; });
+    if (!decided_.prior) choose_prior();
+    if (!decided_.rotor_inertia && out_.setting.rotor_inertia)
+      attempt_with("no rotor inertias", [](Setting& s) { s.rotor_inertia = false; });
+  }
+
+  /// From wide to narrow, until one does not help.
+  void choose_prior() {
+    for (const double prior : {3.0, 1.0, 0.3, 0.1})
+      if ((out_.setting.prior == 0 || prior < out_.setting.prior) &&
+          !attempt_with(fmt::format("prior of {:g} % about the model", 100 * prior),
+                        [&](Setting& s) { s.prior = prior; }))
+        return;
   }
 
   const mujoco::Model& model_;
@@ -206,6 +226,16 @@ class Chooser {
 };
 
 }  // namespace
+
+std::string remark_of(const Setting& setting, const Setting& narrower, const Comparison& comparison) {
+  if (!(comparison.change > 2 * comparison.sigma)) return {};
+  const bool more_terms = contains(*setting.law, *narrower.law) && setting.directional == narrower.directional;
+  const bool asymmetry = setting.law == narrower.law && setting.directional.asymmetry &&
+                         !narrower.directional.asymmetry && setting.directional.offset == narrower.directional.offset;
+  if (!more_terms && !asymmetry) return {};
+  return fmt::format("contains {}{}, yet worse: overfits or did not converge", narrower.law->name,
+                     asymmetry ? " without asymmetry" : "");
+}
 
 Result<DynamicsChoice> choose_dynamics(const mujoco::Model& model, const Regressor& regressor,
                                        const BaseParameters& base, std::span<const RobotRecording> recordings,

@@ -20,7 +20,8 @@ struct Decided {
   std::optional<double> cutoff_hz;
   std::optional<unsigned> decimation;
   const friction::LawInfo* law = nullptr;
-  std::optional<bool> asymmetry, offset;
+  std::optional<bool> asymmetry, offset, rotor_inertia;
+  std::optional<double> prior;
   std::optional<Robust> robust;
 };
 
@@ -31,6 +32,7 @@ struct Trial {
   Eigen::VectorXd rms;  ///< held-out error per joint [Nm; N]; empty where it failed
   bool taken = false;
   std::string failure;  ///< why there is no result; else empty
+  std::string remark;   ///< "contains coulomb_viscous, yet worse: overfits or did not converge"; mostly empty
 };
 
 struct DynamicsChoice {
@@ -40,6 +42,10 @@ struct DynamicsChoice {
   bool by_file = false;  ///< folds are files
   double target_hz = 0;  ///< band of the torque that errors are counted against
 };
+
+/// What is wrong with a setting that contains another (a law with more terms, asymmetry beside it, all else alike) and
+/// predicts worse than it by more than two standard errors; else empty.
+std::string remark_of(const Setting& setting, const Setting& narrower, const Comparison& comparison);
 
 /// ErrorKind::input where not even the first setting can be fitted. `torque_max_nm`: of joints without a drive, as for
 /// robot_friction. `progress` gets a share of 0 .. 1.

@@ -10,6 +10,16 @@ DynamicsOptions options_of(const Setting& setting, unsigned threads) {
   return {.robust = setting.robust, .rotor_inertia = setting.rotor_inertia, .prior = setting.prior, .threads = threads};
 }
 
+Result<RobotFriction> friction_of(const mujoco::Model& model, const Regressor& regressor, const Setting& setting,
+                                  std::span<const double> torque_max_nm, const JointMotion& motion) {
+  auto friction = robot_friction(model, regressor, *setting.law, setting.directional, torque_max_nm);
+  if (friction)
+    for (std::size_t j = 0; j < friction->size(); ++j)
+      (*friction)[j].hold_stribeck_speed(setting.stribeck_share *
+                                         motion.qd.row(static_cast<Index>(j)).cwiseAbs().maxCoeff());
+  return friction;
+}
+
 Result<HeldOut> held_out(const Regressor& regressor, const BaseParameters& base, const RobotFriction& friction,
                          const JointMotion& motion, const Setting& setting, const Target& target, unsigned folds,
                          unsigned threads) {

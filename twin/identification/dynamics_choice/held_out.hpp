@@ -14,6 +14,7 @@ namespace tribotwin::twin::identification {
 struct Setting {
   Preparation signals;
   const friction::LawInfo* law = &coulomb_viscous();
+  double stribeck_share = 0.1;  ///< of each joint's largest speed: vs where the law holds one
   Directional directional{.offset = true};
   Robust robust = Robust::none;
   bool rotor_inertia = true;
@@ -22,6 +23,10 @@ struct Setting {
 
 /// Options of a fit with this setting; its signals and friction are arguments of their own.
 DynamicsOptions options_of(const Setting& setting, unsigned threads);
+
+/// The friction of every joint with this setting, for this motion. Errors as of robot_friction.
+Result<RobotFriction> friction_of(const mujoco::Model& model, const Regressor& regressor, const Setting& setting,
+                                  std::span<const double> torque_max_nm, const JointMotion& motion);
 
 struct HeldOut {
   Eigen::VectorXd rms;   ///< per joint [Nm; N], over the samples in motion

@@ -6,9 +6,10 @@
 #include <fmt/format.h>
 
 #include <tribotwin/twin/identification/linearised.hpp>
+#include <tribotwin/twin/identification/resampling/folds.hpp>
+#include <tribotwin/twin/identification/resampling/jackknife.hpp>
 #include <tribotwin/twin/identification/rigid_body/dynamics.hpp>
 #include <tribotwin/twin/identification/rigid_body/dynamics_problem.hpp>
-#include <tribotwin/twin/identification/rigid_body/jackknife.hpp>
 #include <tribotwin/twin/io/text.hpp>
 #include <tribotwin/twin/numerics/linear_algebra.hpp>
 #include <tribotwin/twin/numerics/median.hpp>
@@ -71,18 +72,21 @@ double noise_of(const std::vector<double>& residual, Index parameters, Robust ro
   return 1.4826 * *middle;
 }
 
-/// |measured - rigid| torque of a joint in motion, less its offset, as samples for its law, thinned.
+/// |measured - rigid| torque of a joint in motion, less its offset, as samples for its law, thinned. Not where the
+/// joint turns: there the filter leaves little friction to divide.
 Samples friction_samples(const JointFriction& f, const DynamicsProblem& problem, const JointMotion& motion,
                          const MatrixXd& rigid, double offset, Index j) {
   constexpr Index enough = 3000;  // for start values
+  constexpr double turned = 0.5;
   Samples samples;
   const Index every = std::max<Index>(1, motion.moving.row(j).count() / enough);
   Index seen = 0;
   for (Index i = 0; i < motion.size(); ++i) {
     if (!motion.moving(j, i) || seen++ % every) continue;
+    if (std::copysign(1, motion.qd(j, i)) * motion.direction(j, i) < turned) continue;
     samples.speed.push_back(std::abs(motion.qd(j, i)) * f.scales().speed);
-    samples.friction.push_back(std::copysign(1 / f.scales().torque, motion.qd(j, i)) *
-                               (motion.torque(j, i) - rigid(j, i) - offset));
+    samples.friction.push_back((motion.torque(j, i) - rigid(j, i) - offset) /
+                               (motion.direction(j, i) * f.scales().torque));
     samples.load.push_back(std::abs(problem.load(j, i, rigid(j, i))) / f.scales().torque_max_nm);
     samples.temperature_degC.push_back(motion.temperature_degC(j, i));
     samples.curve.push_back(0);
@@ -141,8 +145,14 @@ class Identification {
     return {};
   }
 
-  /// Fixes what the options exclude, and takes the prior.
+  /// Fixes what friction holds and the options exclude, and takes the prior.
   void restrict() {
+    for (Index j = 0; j < joints(); ++j)
+      for (Index p = 0; p < friction_[static_cast<std::size_t>(j)].size(); ++p)
+        if (const auto value = friction_[static_cast<std::size_t>(j)].held(p)) {
+          problem_.fix(problem_.friction_at(j, p));
+          now_.friction[static_cast<std::size_t>(j)][static_cast<std::size_t>(p)] = *value;
+        }
     for (Index k = 0; k < base_.size() && !options_.rotor_inertia; ++k)
       if (base_.parameters[static_cast<std::size_t>(k)].name.ends_with(".Ia")) {
         problem_.fix(k);
@@ -225,14 +235,19 @@ class Identification {
       FitOptions options{.threads = options_.threads};
       // A convention: another reference temperature gives the same friction.
       for (const std::string_view name : f.reference_temperatures()) options.fixed.emplace_back(name, 20);
+      for (Index p = 0; p < f.law_size(); ++p)
+        if (const auto value = f.held(p)) options.fixed.emplace_back(f.parameter(p).name, *value * f.scales().speed);
       const auto found =
           fit(f.law(), friction_samples(f, problem_, motion_, rigid, f.offset(now_.friction[at]), j), options);
       if (!found)
         return tl::unexpected(
             Error(fmt::format("friction of joint {}: {}", regressor_.joint_name(j), found.error().message)));
-      if (!found->unidentifiable.empty())
+      std::vector<std::string> held;
+      for (const Estimate& e : found->parameters)
+        if (e.status == Status::held) held.push_back(e.name);
+      if (!held.empty())
         out_.notes.push_back(fmt::format("friction of joint {}: {} not identifiable from these data; fixed",
-                                         regressor_.joint_name(j), joined(found->unidentifiable)));
+                                         regressor_.joint_name(j), joined(held)));
       for (Index p = 0; p < f.law_size(); ++p) {
         const Estimate& e = found->parameters[static_cast<std::size_t>(p)];
         now_.friction[at][static_cast<std::size_t>(p)] = e.value;
@@ -401,15 +416,6 @@ class Identification {
     judge(pass_.residual);
   }
 
-  /// The fold of every block of time.
-  std::vector<std::size_t> folds() const {
-    std::vector<std::size_t> fold = problem_.files();
-    const std::size_t files = 1 + fold.back();
-    for (std::size_t b = 0; b < fold.size(); ++b)
-      fold[b] = files >= 3 ? fold[b] % options_.folds : b * options_.folds / fold.size();
-    return fold;
-  }
-
   /// The change of the free unknowns that the rows of the normal matrix `rest` ask for. What they do not tell is drawn
   /// to the model by a very weak prior in units of `all`.
   VectorXd change_of(const MatrixXd& rest, const MatrixXd& all) const {
@@ -430,17 +436,22 @@ class Identification {
 
   /// Predicts every fold from the others.
   void leave_out() {
-    const std::vector<std::size_t> fold = folds();
-    const std::size_t count = 1 + std::ranges::max(fold);
-    const auto n = static_cast<Index>(order_.size());
-    std::vector<MatrixXd> of_fold(count, MatrixXd::Zero(n + 1, n + 1));
-    for (std::size_t b = 0; b < fold.size(); ++b)
-      of_fold[fold[b]] += problem_.normal_matrix(pass_, b, weights_, order_);
+    const auto& blocks = problem_.blocks();
+    const std::vector<Fold> folds = folds_of(motion_.q, motion_.qd, blocks, problem_.files(), options_.folds);
+    std::vector<MatrixXd> of_block;
+    for (std::size_t b = 0; b < blocks.size(); ++b)
+      of_block.push_back(problem_.normal_matrix(pass_, b, weights_, order_));
     MatrixXd all = prior_normal();
-    for (const MatrixXd& N : of_fold) all += N;
-    MatrixXd changes = MatrixXd::Zero(problem_.unknowns(), static_cast<Index>(count));
-    for (std::size_t f = 0; f < count; ++f) changes(order_, static_cast<Index>(f)) = change_of(all - of_fold[f], all);
-    out_.held_out = problem_.predicted(now_, changes, fold);
+    for (const MatrixXd& N : of_block) all += N;
+    MatrixXd changes = MatrixXd::Zero(problem_.unknowns(), static_cast<Index>(folds.size()));
+    std::vector<std::size_t> fold_of(blocks.size());
+    for (std::size_t f = 0; f < folds.size(); ++f) {
+      MatrixXd rest = all;
+      for (const std::size_t b : folds[f].held) rest -= of_block[b], fold_of[b] = f;
+      for (const std::size_t b : folds[f].alike) rest -= of_block[b];
+      changes(order_, static_cast<Index>(f)) = change_of(rest, all);
+    }
+    out_.held_out = problem_.predicted(now_, changes, fold_of);
   }
 
   struct Uncertainty {
@@ -490,14 +501,15 @@ class Identification {
 
   /// Estimates with sigmas, information of the base parameters, condition number.
   void conclude() {
-    const auto [C, t] = uncertainty();
+    const Uncertainty of_unknowns = uncertainty();
     std::vector<Index> place(static_cast<std::size_t>(problem_.unknowns()), -1);
     for (std::size_t c = 0; c < order_.size(); ++c) place[static_cast<std::size_t>(order_[c])] = static_cast<Index>(c);
     const auto estimate = [&](Index u, std::string name, std::string unit, double value) {
       Estimate e = without_sigma(std::move(name), std::move(unit), value, Status::held);
       if (const Index c = place[static_cast<std::size_t>(u)]; c >= 0) {
-        e.sigma = std::sqrt(C(c, c));
-        e.low = value - t(c) * e.sigma, e.high = value + t(c) * e.sigma;
+        const double t = of_unknowns.quantile(c);
+        e.sigma = std::sqrt(of_unknowns.covariance(c, c));
+        e.low = value - t * e.sigma, e.high = value + t * e.sigma;
         e.status = Status::estimated;
       }
       return e;
@@ -517,11 +529,20 @@ class Identification {
                                     now_.friction[static_cast<std::size_t>(j)][static_cast<std::size_t>(p)]));
       }
     }
+    for (Index j = 0; j < joints(); ++j) {
+      std::vector<Index> of_joint, at;
+      for (Index p = 0; p < friction_[static_cast<std::size_t>(j)].size(); ++p)
+        if (const Index c = place[static_cast<std::size_t>(problem_.friction_at(j, p))]; c >= 0)
+          of_joint.push_back(p), at.push_back(c);
+      const Index size = friction_[static_cast<std::size_t>(j)].size();
+      out_.friction_covariance.push_back(MatrixXd::Constant(size, size, unknown));
+      out_.friction_covariance.back()(of_joint, of_joint) = of_unknowns.covariance(at, at);
+    }
     out_.information = MatrixXd::Zero(base_.size(), base_.size());
     std::vector<Index> of_base, at;
     for (Index k = 0; k < base_.size(); ++k)
       if (const Index c = place[static_cast<std::size_t>(k)]; c >= 0) of_base.push_back(k), at.push_back(c);
-    const MatrixXd own_information = symmetric_inverse(C(at, at));
+    const MatrixXd own_information = symmetric_inverse(of_unknowns.covariance(at, at));
     out_.information(of_base, of_base) = own_information;
     out_.condition_number = scaled_condition_number(R_.topLeftCorner(R_.cols() - 1, R_.cols() - 1));
     out_.parameters = std::move(now_);

@@ -19,8 +19,8 @@
 /// The sum of squares, weighted by each joint's noise, is minimised by Gauss-Newton: the equations are linear in beta
 /// and in most friction parameters, so that a linear law needs one step. Rows where the joint rests are left out: there
 /// friction is indeterminate. The regressor is never stored (TriangularFactor). Sigmas: information of the weighted
-/// rows, enlarged or reduced to what estimates vary by when a block of time is left out (jackknife.hpp): that holds for
-/// errors that are correlated and for a model that does not fit. Where files disagree by more, by that.
+/// rows, enlarged or reduced to what estimates vary by when a block of time is left out (resampling/jackknife.hpp):
+/// that holds for errors that are correlated and for a model that does not fit. Where files disagree by more, by that.
 namespace tribotwin::twin::identification {
 
 enum class Robust {
@@ -40,8 +40,7 @@ struct DynamicsOptions {
   double prior = 0;  ///< standard deviation of the bodies' inertial parameters about the model's, as a share of their
                      ///< size (inertial_scale); 0: none
   bool essential_only = false;  ///< base parameters that do not improve the fit are 0: backward elimination while F < 4
-  unsigned folds = 0;  ///< parts of the samples to leave out one at a time: whole files where there are three or more,
-                       ///< else stretches of time; 0: none
+  unsigned folds = 0;           ///< parts of the samples to leave out one at a time (resampling/folds.hpp); 0: none
   unsigned threads = 2;
   std::function<void(double share)> progress;
 };
@@ -61,8 +60,9 @@ struct JointResult {
 struct DynamicsFit {
   std::vector<Estimate> base;  ///< names as in BaseParameters; `held` at the model's value where not identifiable, at 0
                                ///< where not essential
-  std::vector<std::vector<Estimate>> friction;  ///< per joint
-  RobotParameters parameters;                   ///< the values of both
+  std::vector<std::vector<Estimate>> friction;       ///< per joint
+  std::vector<Eigen::MatrixXd> friction_covariance;  ///< per joint, of these; NaN rows where not estimated
+  RobotParameters parameters;                        ///< the values of both
   Eigen::MatrixXd information;  ///< of beta with free friction: inverse of its covariance; rows of 0 where held
   std::vector<JointResult> joints;
   double relative_error = 0;    ///< |residual| / |torque| over all joints and samples in motion

@@ -23,8 +23,7 @@ std::string to_yaml(const DynamicsFit& fit, const BaseParameters& base, const fr
   out << YAML::Key << "friction_law" << YAML::Value << std::string(law.name);
   out << YAML::Key << "signals" << YAML::Value << YAML::Flow << YAML::BeginMap << YAML::Key << "cutoff_hz"
       << YAML::Value << origin.signals.cutoff_hz << YAML::Key << "recorded_velocity" << YAML::Value
-      << origin.signals.recorded_velocity << YAML::Key << "reversal_periods" << YAML::Value
-      << origin.signals.reversal_periods << YAML::EndMap;
+      << origin.signals.recorded_velocity << YAML::EndMap;
   if (!origin.torque_max_nm.empty()) {
     out << YAML::Key << "torque_max_nm" << YAML::Value << YAML::Flow << YAML::BeginMap;
     for (std::size_t j = 0; j < fit.joints.size(); ++j)
@@ -65,7 +64,8 @@ std::string to_yaml(const DynamicsFit& fit, const BaseParameters& base, const fr
 }
 
 Result<const friction::LawInfo*> dynamics_law(const std::string& name, const std::string& where) {
-  std::vector<const friction::LawInfo*> laws{&coulomb_viscous(), &coulomb_viscous_load()};
+  std::vector<const friction::LawInfo*> laws{&coulomb_viscous(), &coulomb_viscous_load(), &coulomb_viscous_stribeck(),
+                                             &coulomb_viscous_load_stribeck()};
   for (const auto& law : friction::laws()) laws.push_back(&law);
   if (const auto law = std::ranges::find(laws, name, &friction::LawInfo::name); law != laws.end()) return *law;
   std::vector<std::string_view> names;
@@ -110,7 +110,7 @@ Result<DynamicsFile> read_dynamics(const std::filesystem::path& file, const Regr
   if (auto signals = in.mapping("signals")) {
     out.signals.cutoff_hz = signals->number("cutoff_hz", {0, 1e6});
     out.signals.recorded_velocity = signals->flag_or("recorded_velocity", false);
-    out.signals.reversal_periods = signals->number_or("reversal_periods", out.signals.reversal_periods, {0, 100});
+    if (signals->has("reversal_periods")) (void)signals->number("reversal_periods", {0, 100});  // of earlier versions
     signals->done();
   }
   if (auto largest = in.mapping("torque_max_nm"))

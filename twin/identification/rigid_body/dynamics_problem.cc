@@ -124,8 +124,9 @@ class DynamicsProblem::Accumulator {
     const JointMotion& motion = problem_.motion_;
     const double rigid = Yb_.row(j) * parameters_.base;
     return motion.torque(j, i) - rigid -
-           problem_.friction_[at].torque(parameters_.friction[at], motion.qd(j, i), problem_.load(j, i, rigid),
-                                         motion.temperature_degC(j, i), by_.data());
+           problem_.friction_[at].filtered_torque(parameters_.friction[at], motion.qd(j, i), motion.direction(j, i),
+                                                  problem_.load(j, i, rigid), motion.temperature_degC(j, i),
+                                                  by_.data());
   }
 
   void add_row(Index j, double residual) {

@@ -1,5 +1,6 @@
 #include <cmath>
 #include <limits>
+#include <utility>
 
 #include <tribotwin/twin/identification/rigid_body/joint_friction.hpp>
 
@@ -11,15 +12,15 @@ namespace {
 
 constexpr double none = std::numeric_limits<double>::quiet_NaN();
 
-constexpr friction::Parameter coulomb_viscous_parameters[] = {
-    {"Fc", "Nm", -1e9, 1e9, none, none, "Coulomb friction"},
-    {"Fv", "Nm s/rad", -1e9, 1e9, none, none, "viscous slope"},
-};
-constexpr friction::Parameter coulomb_viscous_load_parameters[] = {
-    {"Fc", "Nm", -1e9, 1e9, none, none, "Coulomb friction without load"},
-    {"Fv", "Nm s/rad", -1e9, 1e9, none, none, "viscous slope"},
-    {"Fcl", "Nm", -1e9, 1e9, none, none, "growth of Coulomb friction per load / torque_max"},
-};
+constexpr friction::Parameter coulomb{"Fc", "Nm", -1e9, 1e9, none, none, "Coulomb friction, without load"},
+    viscous{"Fv", "Nm s/rad", -1e9, 1e9, none, none, "viscous slope"},
+    load{"Fcl", "Nm", -1e9, 1e9, none, none, "growth of Coulomb friction per load / torque_max"},
+    stribeck{"Fs", "Nm", -1e9, 1e9, none, none, "excess over Fc near standstill"},
+    stribeck_speed{"vs", "rad/s", 1e-9, 1e9, none, none, "speed in which the excess falls to 37 %; held"};
+constexpr friction::Parameter coulomb_viscous_parameters[] = {coulomb, viscous},
+                              load_parameters[] = {coulomb, viscous, load},
+                              stribeck_parameters[] = {coulomb, viscous, stribeck, stribeck_speed},
+                              load_stribeck_parameters[] = {coulomb, viscous, load, stribeck, stribeck_speed};
 constexpr friction::Parameter offset_parameter{
     offset_name, "Nm", -1e9, 1e9, none, none, "of the torque, whatever the speed"};
 constexpr friction::Parameter asymmetry_parameter{
@@ -31,39 +32,87 @@ constexpr friction::Parameter asymmetry_parameter{
     none,
     "half the difference of forward and reverse friction per mean of both"};
 
-constexpr friction::LawInfo coulomb_viscous_law{
-    .name = "coulomb_viscous",
-    .equation = "Fc sgn v + Fv v",
-    .source = "Hao 2021",
-    .side = friction::Side::arm,
-    .normalised = false,
-    .temperature_dependent = false,
-    .load_dependent = false,
-    .identified = {},
-    .parameters = coulomb_viscous_parameters,
-    .general_law = [](std::span<const double> p) { return friction::GeneralLaw{.A = p[0], .F1 = p[1]}; },
-    .conflict = nullptr};
+using Numbers = std::span<const double>;
 
-constexpr friction::LawInfo coulomb_viscous_load_law{
-    .name = "coulomb_viscous_load",
-    .equation = "(Fc + Fcl l) sgn v + Fv v",
-    .source = "Hao 2021 with the load term of Bittencourt 2012 (M1)",
-    .side = friction::Side::arm,
-    .normalised = false,
-    .temperature_dependent = false,
-    .load_dependent = true,
-    .identified = {},
-    .parameters = coulomb_viscous_load_parameters,
-    .general_law = [](std::span<const double> p) { return friction::GeneralLaw{.A = p[0], .A_l = p[2], .F1 = p[1]}; },
-    .conflict = nullptr};
+constexpr friction::LawInfo linear_law(std::string_view name, std::string_view equation, std::string_view source,
+                                       std::span<const friction::Parameter> parameters,
+                                       friction::GeneralLaw (*general_law)(Numbers), bool load_dependent) {
+  return {.name = name,
+          .equation = equation,
+          .source = source,
+          .side = friction::Side::arm,
+          .normalised = false,
+          .temperature_dependent = false,
+          .load_dependent = load_dependent,
+          .identified = {},
+          .parameters = parameters,
+          .general_law = general_law,
+          .conflict = nullptr};
+}
+
+constexpr friction::LawInfo coulomb_viscous_law = linear_law(
+    "coulomb_viscous", "Fc sgn v + Fv v", "Hao 2021", coulomb_viscous_parameters,
+    [](Numbers p) { return friction::GeneralLaw{.A = p[0], .F1 = p[1]}; }, false);
+constexpr friction::LawInfo coulomb_viscous_load_law = linear_law(
+    "coulomb_viscous_load", "(Fc + Fcl l) sgn v + Fv v", "Hao 2021 with the load term of Bittencourt 2012 (M1)",
+    load_parameters, [](Numbers p) { return friction::GeneralLaw{.A = p[0], .A_l = p[2], .F1 = p[1]}; }, true);
+constexpr friction::LawInfo coulomb_viscous_stribeck_law = linear_law(
+    "coulomb_viscous_stribeck", "(Fc + Fs e^-|v/vs|) sgn v + Fv v", "Bittencourt 2012 (M0) with alpha = 1 and vs held",
+    stribeck_parameters, [](Numbers p) { return friction::GeneralLaw{.A = p[0], .B = p[2], .vs = p[3], .F1 = p[1]}; },
+    false);
+constexpr friction::LawInfo coulomb_viscous_load_stribeck_law = linear_law(
+    "coulomb_viscous_load_stribeck", "(Fc + Fcl l + Fs e^-|v/vs|) sgn v + Fv v",
+    "Bittencourt 2012 (M1) with Fsl = 0, alpha = 1 and vs held", load_stribeck_parameters,
+    [](Numbers p) { return friction::GeneralLaw{.A = p[0], .A_l = p[2], .B = p[3], .vs = p[4], .F1 = p[1]}; }, true);
+/// Each beside the law that it extends.
+constexpr std::pair<const friction::LawInfo*, const friction::LawInfo*> extended_by_stribeck[] = {
+    {&coulomb_viscous_law, &coulomb_viscous_stribeck_law},
+    {&coulomb_viscous_load_law, &coulomb_viscous_load_stribeck_law}};
+
+/// What jumps where the direction changes: terms that are not 0 at standstill. The number that a shape depends on goes
+/// with it; the scale is of all.
+enum class Part { standstill, moving, both };
+
+constexpr Part part_of(friction::formula::Shape shape) {
+  return friction::formula::shape_infos[shape].at_rest != 0 ? Part::standstill : Part::moving;
+}
+
+constexpr Part part_of(friction::formula::Quantity quantity) {
+  using namespace friction::formula;
+  if (quantity == scale_slope || quantity == scale_reference) return Part::both;
+  for (int shape = 0; shape < shape_count; ++shape)
+    for (int k = 0; k < shape_infos[shape].slope_count; ++k)
+      if (shape_infos[shape].slopes[k] == quantity) return part_of(static_cast<Shape>(shape));
+  return Part::moving;  // the Vogel scale, of viscous terms
+}
+
+using Terms = Eigen::Matrix<double, linear_count, 1>;
+using Shapes = Eigen::Matrix<double, nonlinear_count, 1>;
 
 }  // namespace
 
 const friction::LawInfo& coulomb_viscous() { return coulomb_viscous_law; }
 const friction::LawInfo& coulomb_viscous_load() { return coulomb_viscous_load_law; }
+const friction::LawInfo& coulomb_viscous_stribeck() { return coulomb_viscous_stribeck_law; }
+const friction::LawInfo& coulomb_viscous_load_stribeck() { return coulomb_viscous_load_stribeck_law; }
+
+const friction::LawInfo* with_stribeck(const friction::LawInfo& law) {
+  for (const auto& [plain, extended] : extended_by_stribeck)
+    if (&law == plain || &law == extended) return extended;
+  return nullptr;
+}
 
 JointFriction::JointFriction(const friction::LawInfo& law, Scales scales, Directional directional)
     : law_(&law), scales_(scales), directional_(directional), place_(law) {}
+
+bool JointFriction::is_linear(const friction::LawInfo& law) { return with_stribeck(law) != nullptr; }
+
+std::optional<double> JointFriction::held(Index index) const {
+  if (index < law_size() && &law_->parameters[static_cast<std::size_t>(index)] == &law_->parameters.back() &&
+      with_stribeck(*law_) == law_)
+    return stribeck_speed_;
+  return std::nullopt;
+}
 
 const friction::Parameter& JointFriction::parameter(Index index) const {
   if (index < law_size()) return law_->parameters[static_cast<std::size_t>(index)];
@@ -80,24 +129,39 @@ std::vector<std::string_view> JointFriction::reference_temperatures() const {
   return names;
 }
 
-double JointFriction::torque(std::span<const double> p, double speed, double load_nm, double temperature_degC,
-                             double* derivatives) const {
+double JointFriction::filtered_torque(std::span<const double> p, double speed, double direction, double load_nm,
+                                      double temperature_degC, double* derivatives) const {
   const auto own = static_cast<std::size_t>(law_size());
   const double offset = directional_.offset ? p[own] : 0,
                asymmetry = directional_.asymmetry ? p[static_cast<std::size_t>(size()) - 1] : 0;
-  const double sign = scales_.torque * (std::copysign(1, speed) + asymmetry);
-  const friction::Gradient at = friction::gradient(law_->general_law(p.first(own)), std::abs(speed) * scales_.speed,
+  const double turning = scales_.torque * (direction + asymmetry),
+               moving = scales_.torque * (std::copysign(1, speed) + asymmetry);
+  const friction::GeneralLaw law = law_->general_law(p.first(own));
+  const friction::Gradient at = friction::gradient(law, std::abs(speed) * scales_.speed,
                                                    std::abs(load_nm) / scales_.torque_max_nm, temperature_degC);
+  Terms terms;
+  double torque = 0;
+  for (std::size_t k = 0; k < linear_count; ++k) {
+    const double by = at.by_terms[k];
+    terms(static_cast<Index>(k)) =
+        by * (part_of(friction::formula::terms[k].shape) == Part::standstill ? turning : moving);
+    torque += law.*linear_fields[k] * terms(static_cast<Index>(k));
+  }
   if (derivatives) {
-    const Eigen::Map<const Eigen::Matrix<double, linear_count, 1>> terms(at.by_terms.data());
-    const Eigen::Map<const Eigen::Matrix<double, nonlinear_count, 1>> shapes(at.by_shape_numbers.data());
-    Eigen::Map<Eigen::VectorXd>(derivatives, law_size()) =
-        sign * (place_.linear.transpose() * terms(place_.linear_used) +
-                place_.nonlinear.transpose() * shapes(place_.nonlinear_used));
+    Shapes shapes;
+    for (std::size_t n = 0; n < nonlinear_count; ++n) {
+      const Part part = part_of(friction::formula::shape_numbers[n].quantity);
+      const double both = at.torque == 0 ? moving : torque / at.torque;
+      shapes(static_cast<Index>(n)) = at.by_shape_numbers[n] * (part == Part::both         ? both
+                                                                : part == Part::standstill ? turning
+                                                                                           : moving);
+    }
+    Eigen::Map<Eigen::VectorXd>(derivatives, law_size()) = place_.linear.transpose() * terms(place_.linear_used) +
+                                                           place_.nonlinear.transpose() * shapes(place_.nonlinear_used);
     if (directional_.offset) derivatives[own] = 1;
     if (directional_.asymmetry) derivatives[size() - 1] = scales_.torque * at.torque;
   }
-  return sign * at.torque + offset;
+  return torque + offset;
 }
 
 }  // namespace tribotwin::twin::identification

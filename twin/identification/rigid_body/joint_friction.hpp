@@ -1,5 +1,6 @@
 #pragma once
 
+#include <optional>
 #include <span>
 #include <string_view>
 #include <vector>
@@ -18,6 +19,12 @@ const friction::LawInfo& coulomb_viscous();
 /// The same with Coulomb friction that grows with the load l = |tau| / torque_max that the gear transmits,
 /// (Fc + Fcl l) sgn(v) + Fv v; also linear and not a law of drives.
 const friction::LawInfo& coulomb_viscous_load();
+/// Both with friction that falls with speed, Fs e^-|v/vs|: linear, as vs is held and not fitted. A small vs is the
+/// Stribeck effect, a large one a viscous slope that is not the same at all speeds.
+const friction::LawInfo& coulomb_viscous_stribeck();
+const friction::LawInfo& coulomb_viscous_load_stribeck();
+/// The law of these with the same load term, with or without the term of vs; null for other laws.
+const friction::LawInfo* with_stribeck(const friction::LawInfo& law);
 
 /// What a joint has beside its law f: tau = sgn(v) f(|v|, l, T) (1 + asymmetry sgn(v)) + offset.
 struct Directional {
@@ -48,9 +55,11 @@ class JointFriction {
   const friction::Parameter& parameter(Eigen::Index index) const;
   /// Whether friction is linear in its parameters.
   bool linear() const { return is_linear(*law_) && !directional_.asymmetry; }
-  static bool is_linear(const friction::LawInfo& law) {
-    return &law == &coulomb_viscous() || &law == &coulomb_viscous_load();
-  }
+  static bool is_linear(const friction::LawInfo& law);
+  /// The vs [rad/s; m/s] of a law of with_stribeck; for other laws without effect.
+  void hold_stribeck_speed(double vs) { stribeck_speed_ = vs; }
+  /// The value of a parameter that is not fitted.
+  std::optional<double> held(Eigen::Index parameter) const;
   /// The offset in `parameters`; 0 without one.
   double offset(std::span<const double> parameters) const {
     return directional_.offset ? parameters[static_cast<std::size_t>(law_size())] : 0;
@@ -62,12 +71,21 @@ class JointFriction {
   /// Torque [Nm; N] at a joint speed other than 0, load |tau_m| [Nm] and temperature [degC]; writes its size()
   /// derivatives by the parameters where `derivatives` is not null.
   double torque(std::span<const double> parameters, double speed, double load_nm, double temperature_degC,
-                double* derivatives = nullptr) const;
+                double* derivatives = nullptr) const {
+    return filtered_torque(parameters, speed, speed < 0 ? -1 : 1, load_nm, temperature_degC, derivatives);
+  }
+  /// The same of a motion that passed a low-pass, with the filtered sign of its speed (JointMotion::direction): what
+  /// friction is at standstill jumps with the direction, g(|v|, l, T) direction, and what grows from 0 with the speed,
+  /// h(|v|, l, T) sgn(v), does not. Exact for Coulomb and viscous friction; for others as far as friction and load
+  /// change little within a period of the cut-off.
+  double filtered_torque(std::span<const double> parameters, double speed, double direction, double load_nm,
+                         double temperature_degC, double* derivatives = nullptr) const;
 
  private:
   const friction::LawInfo* law_;
   Scales scales_;
   Directional directional_;
+  double stribeck_speed_ = 0.1;
   Placement place_;
 };
 

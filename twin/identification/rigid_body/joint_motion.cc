@@ -1,10 +1,12 @@
 #include <algorithm>
 #include <cmath>
+#include <numbers>
 
 #include <fmt/format.h>
 
 #include <tribotwin/twin/identification/rigid_body/joint_motion.hpp>
 #include <tribotwin/twin/identification/time_series.hpp>
+#include <tribotwin/twin/numerics/direction.hpp>
 #include <tribotwin/twin/numerics/filter.hpp>
 #include <tribotwin/twin/numerics/median.hpp>
 
@@ -15,7 +17,13 @@ using Eigen::Index, Eigen::MatrixXd, Eigen::VectorXd;
 
 /// Below this share of its largest speed a joint may stick: no sliding friction.
 constexpr double slow = 0.01;
-
+/// Nor below this many standard deviations of the speed's noise, as long as that leaves speeds to look at.
+constexpr double above_noise = 4, slow_with_noise = 0.1;
+/// Periods of the cut-off in which the filter rings: a step of 1 to 0.003 after them. What comes before a record begins
+/// is not known, and its accelerations are a step to the filter.
+constexpr double ringing = 2;
+/// A joint that is slow for more of a period of the cut-off may have stuck; in less it has turned.
+constexpr double longest_turn = 0.5;
 struct Stretch {
   std::size_t first, last;  ///< inclusive
 };
@@ -88,9 +96,9 @@ Sampling sampling_of(const RobotRecording& rec, const Preparation& preparation, 
 /// How a stretch is filtered and decimated.
 struct Filtering {
   double period_s, rate_hz, cutoff_hz;
-  double settling_hz, reversal_periods;
-  Index every;  ///< samples per kept one
-  Index edge;   ///< samples left out at either end: filter transients and the ends of central differences
+  Index every;                      ///< samples per kept one
+  Index edge;                       ///< samples left out at either end, where the filter rings
+  Index beside_rest, longest_turn;  ///< samples
 };
 
 Result<Filtering> filtering_of(const RobotRecording& rec, const Stretch& s, const Sampling& sampling,
@@ -108,35 +116,61 @@ Result<Filtering> filtering_of(const RobotRecording& rec, const Stretch& s, cons
   const Index every = preparation.decimation
                           ? preparation.decimation
                           : std::max<Index>(1, static_cast<Index>(std::floor(rate / (5 * widest) + 1e-6)));
-  return Filtering{period,
-                   rate,
-                   cutoff,
-                   settling,
-                   preparation.reversal_periods,
-                   every,
-                   static_cast<Index>(std::ceil(0.5 * rate / settling)) + 1};
+  return Filtering{.period_s = period,
+                   .rate_hz = rate,
+                   .cutoff_hz = cutoff,
+                   .every = every,
+                   .edge = static_cast<Index>(std::ceil(ringing * rate / settling)),
+                   .beside_rest = static_cast<Index>(std::ceil(preparation.rest_periods * rate / settling)),
+                   .longest_turn = static_cast<Index>(longest_turn * rate / std::max(cutoff, widest))};
 }
+
+/// The samples of one joint in a stretch, filtered where they are noisy.
+struct JointSamples {
+  std::vector<double> q, speed, torque, temperature;
+  double speed_noise;  ///< standard deviation
+};
 
 /// A prepared stretch.
 struct Part {
   MatrixXd q, qd, qdd, torque, temperature;
   std::vector<double> time;
   std::size_t file;
-  double edge_s;
-  Index guard;  ///< kept samples for which a reversal rings
+  Filtering filtering;
+  std::vector<std::vector<double>> speed;  ///< per joint, of every sample
+  std::vector<double> speed_noise;         ///< per joint
 };
 
-/// The samples of one joint in a stretch, filtered where they are noisy.
-struct JointSamples {
-  std::vector<double> q, speed, torque, temperature;  ///< speed: empty where it is the slope of q
-};
+/// Of white noise, by what the filter takes from a signal; half of the samples may hold anything else.
+double noise_of(const std::vector<double>& raw, const std::vector<double>& filtered, double passed) {
+  std::vector<double> taken(raw.size());
+  for (std::size_t i = 0; i < raw.size(); ++i) taken[i] = std::abs(raw[i] - filtered[i]);
+  return 1.4826 * median_of(std::move(taken)) / std::sqrt(1 - passed);
+}
+
+/// The slope of q by central differences, as fast at the ends as beside them.
+std::vector<double> slope_of(const std::vector<double>& q, double rate_hz) {
+  std::vector<double> slope(q.size());
+  for (std::size_t i = 1; i + 1 < q.size(); ++i) slope[i] = (q[i + 1] - q[i - 1]) * rate_hz / 2;
+  slope.front() = slope[1], slope.back() = slope[q.size() - 2];
+  return slope;
+}
 
 JointSamples samples_of(const RobotRecording& rec, Index j, const Stretch& s, const Filtering& f, bool regular,
                         bool thermal, bool recorded_velocity) {
   const auto at = [&](const MatrixXd& values) { return equidistant(rec, values, j, s, f.period_s, regular); };
-  const auto filtered = [&](const MatrixXd& values) { return low_passed(at(values), f.rate_hz, f.cutoff_hz); };
-  JointSamples out{.q = filtered(rec.position), .speed = {}, .torque = filtered(rec.torque), .temperature = {}};
-  if (recorded_velocity) out.speed = filtered(rec.velocity);
+  const auto filtered = [&](const std::vector<double>& raw) { return low_passed(raw, f.rate_hz, f.cutoff_hz); };
+  const double passed = 2 * f.cutoff_hz / f.rate_hz;  // of the band
+  const std::vector<double> raw = at(recorded_velocity ? rec.velocity : rec.position);
+  JointSamples out{.q = filtered(at(rec.position)), .speed = {}, .torque = filtered(at(rec.torque)), .temperature = {}};
+  if (recorded_velocity) {
+    out.speed = filtered(raw);
+    out.speed_noise = noise_of(raw, out.speed, passed) * std::sqrt(passed);
+  } else {
+    out.speed = slope_of(out.q, f.rate_hz);
+    const double w = 2 * std::numbers::pi * f.cutoff_hz;
+    out.speed_noise = noise_of(raw, out.q, passed) * w * std::sqrt(passed / 3);
+  }
   out.temperature = thermal ? at(rec.temperature_degC) : std::vector<double>(out.q.size(), 20.0);
   return out;
 }
@@ -145,13 +179,10 @@ JointSamples samples_of(const RobotRecording& rec, Index j, const Stretch& s, co
 Part part_of(const RobotRecording& rec, std::size_t file, const Stretch& s, const Filtering& f, bool regular,
              bool thermal, bool recorded_velocity) {
   const Index n = rec.position.rows();
-  Part part{.file = file,
-            .edge_s = static_cast<double>(f.edge) * f.period_s,
-            .guard = static_cast<Index>(
-                std::ceil(f.reversal_periods * f.rate_hz / f.settling_hz / static_cast<double>(f.every)))};
+  Part part{.file = file, .filtering = f};
   Index count = 0;
   for (Index j = 0; j < n; ++j) {
-    const JointSamples x = samples_of(rec, j, s, f, regular, thermal, recorded_velocity);
+    JointSamples x = samples_of(rec, j, s, f, regular, thermal, recorded_velocity);
     if (j == 0) {
       count = (static_cast<Index>(x.q.size()) - 2 * f.edge + f.every - 1) / f.every;
       if (count < 1) return part;
@@ -162,12 +193,14 @@ Part part_of(const RobotRecording& rec, std::size_t file, const Stretch& s, cons
     for (Index k = 0; k < count; ++k) {
       const auto i = static_cast<std::size_t>(f.edge + k * f.every);
       part.q(j, k) = x.q[i];
-      part.qd(j, k) = recorded_velocity ? x.speed[i] : (x.q[i + 1] - x.q[i - 1]) * f.rate_hz / 2;
+      part.qd(j, k) = x.speed[i];
       part.qdd(j, k) = recorded_velocity ? (x.speed[i + 1] - x.speed[i - 1]) * f.rate_hz / 2
                                          : (x.q[i + 1] - 2 * x.q[i] + x.q[i - 1]) * f.rate_hz * f.rate_hz;
       part.torque(j, k) = x.torque[i];
       part.temperature(j, k) = x.temperature[i];
     }
+    part.speed.push_back(std::move(x.speed));
+    part.speed_noise.push_back(x.speed_noise);
   }
   return part;
 }
@@ -195,37 +228,38 @@ Result<void> add_parts(const RobotRecording& rec, std::size_t file, const Prepar
                         rec.file.string(), sampling.typical_s, sampling.gaps)));
 }
 
-/// More than `guard` samples after a slow one and before the next; none is assumed before the first and after the last.
-void mark_moving(const Part& p, Index j, double slow_speed, Index at, JointMotion& out) {
-  const Index count = p.q.cols();
-  const auto slow_at = [&](Index k) { return std::abs(p.qd(j, k)) < slow_speed; };
-  Index since = p.guard;
-  for (Index k = 0; k < count; ++k) {
-    since = slow_at(k) ? 0 : since + 1;
-    out.moving(j, at + k) = since > p.guard;
-  }
-  since = p.guard;
-  for (Index k = count; k-- > 0;) {
-    since = slow_at(k) ? 0 : since + 1;
-    out.moving(j, at + k) = out.moving(j, at + k) && since > p.guard;
+/// Where a joint slides and which way, known for every sample, is filtered and decimated as its torque.
+void mark_sliding(const Part& p, Index j, double fastest, Index at, JointMotion& out) {
+  const auto& speed = p.speed[static_cast<std::size_t>(j)];
+  const Filtering& f = p.filtering;
+  const double slowest =
+      std::clamp(above_noise * p.speed_noise[static_cast<std::size_t>(j)], slow * fastest, slow_with_noise * fastest);
+  const Sliding sliding = sliding_of(speed, slowest, static_cast<std::size_t>(f.longest_turn));
+  const std::vector<double> direction = low_passed(sliding.direction, f.rate_hz, f.cutoff_hz);
+  const std::vector<bool> at_rest = widened(sliding.rest, static_cast<std::size_t>(f.beside_rest));
+  for (Index k = 0; k < p.q.cols(); ++k) {
+    const auto i = static_cast<std::size_t>(f.edge + k * f.every);
+    out.direction(j, at + k) = direction[i];
+    out.moving(j, at + k) = std::abs(p.qd(j, k)) >= slowest && !at_rest[i];
   }
 }
 
 void join(const std::vector<Part>& parts, const VectorXd& fastest, JointMotion& out) {
   Index total = 0;
   for (const Part& p : parts) total += p.q.cols();
-  for (auto* m : {&out.q, &out.qd, &out.qdd, &out.torque, &out.temperature_degC}) m->resize(fastest.size(), total);
+  for (auto* m : {&out.q, &out.qd, &out.qdd, &out.torque, &out.temperature_degC, &out.direction})
+    m->resize(fastest.size(), total);
   out.moving.setConstant(fastest.size(), total, false);
   Index at = 0;
   for (const Part& p : parts) {
     const Index count = p.q.cols();
     out.segments.emplace_back(at, at + count);
     out.file.push_back(p.file);
-    out.edge_s.push_back(p.edge_s);
+    out.edge_s.push_back(static_cast<double>(p.filtering.edge) * p.filtering.period_s);
     out.time_s.insert(out.time_s.end(), p.time.begin(), p.time.end());
     out.q.middleCols(at, count) = p.q, out.qd.middleCols(at, count) = p.qd, out.qdd.middleCols(at, count) = p.qdd;
     out.torque.middleCols(at, count) = p.torque, out.temperature_degC.middleCols(at, count) = p.temperature;
-    for (Index j = 0; j < fastest.size(); ++j) mark_moving(p, j, slow * fastest(j), at, out);
+    for (Index j = 0; j < fastest.size(); ++j) mark_sliding(p, j, fastest(j), at, out);
     at += count;
   }
 }

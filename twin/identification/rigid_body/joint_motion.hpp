@@ -19,20 +19,23 @@ struct Preparation {
                             ///< sampling rate
   unsigned decimation = 0;  ///< keeps every n-th sample; 0: five per period of the cut-off
   bool recorded_velocity = false;  ///< speeds from the recorded velocities, where there are, not from positions
-  /// Samples of several cut-offs at the same times: as many as the widest of them needs, without the ends and reversals
-  /// in which the narrowest rings. 0: the cut-off's own.
+  /// Samples of several cut-offs at the same times: as many as the widest of them needs, without the ends and rests in
+  /// which the narrowest rings. 0: the cut-off's own.
   double widest_hz = 0, narrowest_hz = 0;
-  /// Periods of the cut-off that are left out before and after a reversal. The filtered step of Coulomb friction rings
-  /// for 2 of them, to a thousandth of it; short recordings may need the samples more than they suffer from the
-  /// ringing.
-  double reversal_periods = 2;
+  /// Periods of the cut-off that are left out before and after a rest, as friction at rest is not known. The filter
+  /// leaves 0.003 of a step after 2 of them, 0.04 after one; short recordings may need the samples more than they
+  /// suffer from that.
+  double rest_periods = 2;
 };
 
 /// Equidistant, filtered samples of motion; joints x samples.
 struct JointMotion {
   Eigen::MatrixXd q, qd, qdd, torque, temperature_degC;  ///< temperature: 20 where none was recorded
+  /// The sign of the speed after the same low-pass as the torque: of Coulomb friction Fc sgn(v) a filtered torque has
+  /// Fc `direction`, also while it turns. -1 .. 1, beside a turn up to 1.14 (the filter rings); 0 at rest.
+  Eigen::MatrixXd direction;
   Eigen::Matrix<bool, Eigen::Dynamic, Eigen::Dynamic>
-      moving;  ///< fast enough, and long enough after a reversal, for sliding friction; false at rest
+      moving;  ///< fast enough for sliding friction, and out of the filter's reach of a rest
   std::vector<std::pair<Eigen::Index, Eigen::Index>>
       segments;  ///< first sample, and one past the last, of stretches without a gap
   std::vector<double> time_s;

@@ -73,7 +73,7 @@ Following following(const JointMotion& motion, const std::vector<Index>& samples
   VectorXd torque(count);
   for (Index r = 0; r < count; ++r) {
     const Index k = moving[static_cast<std::size_t>(r)], i = samples[static_cast<std::size_t>(k)];
-    A.row(r) << std::copysign(1, motion.qd(j, i)), motion.qd(j, i), 1, model.rigid(j, k) - model.gravity(j, k),
+    A.row(r) << motion.direction(j, i), motion.qd(j, i), 1, model.rigid(j, k) - model.gravity(j, k),
         model.gravity(j, k);
     torque(r) = motion.torque(j, i);
   }

@@ -46,9 +46,9 @@ MatrixXd predicted_torque(const Regressor& regressor, const BaseParameters& base
           own.at(motion.q.col(i), motion.qd.col(i), motion.qdd.col(i))(Eigen::all, base.independent) * parameters.base;
       for (Index j = 0; j < regressor.joints(); ++j)
         if (const auto at = static_cast<std::size_t>(j); motion.qd(j, i) != 0)
-          torque(j, i) +=
-              friction[at].torque(parameters.friction[at], motion.qd(j, i),
-                                  torque(j, i) - armature(j) * motion.qdd(j, i), motion.temperature_degC(j, i));
+          torque(j, i) += friction[at].filtered_torque(parameters.friction[at], motion.qd(j, i), motion.direction(j, i),
+                                                       torque(j, i) - armature(j) * motion.qdd(j, i),
+                                                       motion.temperature_degC(j, i));
     }
   });
   return torque;

@@ -86,15 +86,12 @@ class Arm {
   /// rms of the prediction's error on a recording that was not fitted, geometric mean over joints.
   double error(const Setting& s, const std::vector<RobotRecording>& training, const RobotRecording& unseen) const {
     const auto torque_max = std::vector<double>{100, 50};
-    const auto friction = robot_friction(*model_, regressor_, *s.law, s.directional, torque_max);
     const auto motion = prepare(training, regressor_, s.signals);
+    const auto friction = friction_of(*model_, regressor_, s, torque_max, *motion);
     const auto fit = fit_dynamics(regressor_, base_, *friction, *motion,
                                   {.robust = s.robust, .rotor_inertia = s.rotor_inertia, .prior = s.prior});
     if (!fit) return std::numeric_limits<double>::infinity();
-    // One measure for all settings: samples without the ringing of reversals, filtered as for the fit.
-    Preparation clean = s.signals;
-    clean.reversal_periods = 2;
-    const auto test = prepare({&unseen, 1}, regressor_, clean);
+    const auto test = prepare({&unseen, 1}, regressor_, s.signals);
     const MatrixXd predicted = predicted_torque(regressor_, base_, *friction, fit->parameters, *test, 2);
     double sum = 0;
     for (Index j = 0; j < 2; ++j) {
@@ -162,6 +159,23 @@ INSTANTIATE_TEST_SUITE_P(Defects, Choice,
                                          Case{"encoder", {.position_step_rad = 2e-3, .velocity = true}}),
                          [](const auto& info) { return info.param.name; });
 
+// A law of the speed that falls and rises again is linear with its shape held, and as good as the one with a free
+// shape.
+TEST(Choice, FindsTheStribeckEffectWithoutFittingItsShape) {
+  Arm arm;
+  const DynamicsChoice choice = arm.choice(arm.recordings({.stribeck_nm = 4, .noise_nm = 0.1}, 10), {.cutoff_hz = 20});
+  EXPECT_EQ(choice.setting.law, &coulomb_viscous_stribeck());
+  const auto motion =
+      prepare(arm.recordings({.stribeck_nm = 4, .noise_nm = 0.1}, 10), arm.regressor(), {.cutoff_hz = 20});
+  const auto friction = friction_of(arm.model(), arm.regressor(), choice.setting, {}, *motion);
+  const auto fit = fit_dynamics(arm.regressor(), arm.base(), *friction, *motion);
+  ASSERT_TRUE(fit) << fit.error().message;
+  const Estimate& vs = fit->friction[0][3];
+  EXPECT_EQ(vs.status, Status::held);
+  EXPECT_NEAR(vs.value, choice.setting.stribeck_share * motion->qd.row(0).cwiseAbs().maxCoeff(), 1e-12);
+  EXPECT_GT(fit->friction[0][2].value, 10 * fit->friction[0][2].sigma) << "Fs";
+}
+
 const Trial* taken(const DynamicsChoice& choice, std::string_view what) {
   for (const Trial& t : choice.trials)
     if (t.taken && t.what.find(what) != std::string::npos) return &t;
@@ -179,6 +193,26 @@ TEST(Choice, TakesWhatTheRecordingsHave) {
   EXPECT_TRUE(taken(coarse, "recorded velocity"));
   const DynamicsChoice rough = arm.choice(arm.recordings({.position_step_rad = 2e-3}, 50));
   EXPECT_LT(rough.setting.signals.cutoff_hz, 15);
+}
+
+TEST(Choice, RemarksASettingThatContainsAnotherAndPredictsWorse) {
+  const Setting plain{}, asymmetric{.directional = {.offset = true, .asymmetry = true}},
+      load{.law = &coulomb_viscous_load()}, stribeck{.law = friction::find_law("stribeck")};
+  const struct {
+    const Setting &setting, &narrower;
+    Comparison comparison;
+    const char* remark;
+  } cases[] = {{stribeck, plain, {0.05, 0.02}, "contains coulomb_viscous, yet worse: overfits or did not converge"},
+               {load, plain, {0.05, 0.02}, "contains coulomb_viscous, yet worse: overfits or did not converge"},
+               {asymmetric,
+                plain,
+                {0.05, 0.02},
+                "contains coulomb_viscous without asymmetry, yet worse: overfits or did not converge"},
+               {stribeck, plain, {0.03, 0.02}, ""},
+               {stribeck, plain, {-0.05, 0.02}, ""},
+               {stribeck, load, {0.05, 0.02}, ""},
+               {plain, stribeck, {0.05, 0.02}, ""}};
+  for (const auto& c : cases) EXPECT_EQ(remark_of(c.setting, c.narrower, c.comparison), c.remark);
 }
 
 TEST(Dynamics, FindsOffsetAndAsymmetryWithinTheirSigmas) {

@@ -206,6 +206,34 @@ TEST(JointFriction, HasTheLawsValuesAndItsDerivatives) {
   }
 }
 
+// While the filtered direction turns: what friction is at standstill goes with it, what grows with the speed does not.
+TEST(JointFriction, OfAFilteredMotionHasItsDerivatives) {
+  for (const auto& info : friction::laws()) {
+    const auto law = friction::published_law(info.name);
+    if (!law) continue;
+    SCOPED_TRACE(info.name);
+    const identification::JointFriction joint(info, {.speed = 100, .torque = 50, .torque_max_nm = 50},
+                                              {.offset = true, .asymmetry = true});
+    std::vector<double> p(law->values().begin(), law->values().end());
+    p.insert(p.end(), {3, 0.2});
+    std::vector<double> by(p.size());
+    for (const double direction : {-1.1, -0.3, 0.6}) {
+      const auto at = [&](const std::vector<double>& q) { return joint.filtered_torque(q, -0.4, direction, 20, 50); };
+      const double value = joint.filtered_torque(p, -0.4, direction, 20, 50, by.data());
+      for (std::size_t k = 0; k < p.size(); ++k) {
+        const double h = 1e-6 * std::max(1e-3, std::abs(p[k]));
+        auto up = p, down = p;
+        up[k] += h, down[k] -= h;
+        EXPECT_NEAR(by[k], (at(up) - at(down)) / (2 * h), 1e-5 * (std::abs(by[k]) + std::abs(value)))
+            << (k < info.parameters.size() ? info.parameters[k].name : "beside the law");
+      }
+    }
+  }
+  const identification::JointFriction linear(identification::coulomb_viscous(), {}, {.asymmetry = true});
+  const double p[] = {4, 2, 0.1};
+  EXPECT_NEAR(linear.filtered_torque(p, -0.5, -0.7, 0, 20), 4 * -0.7 + 2 * -0.5 + 0.1 * (4 + 2 * 0.5), 1e-12);
+}
+
 TEST(Consistency, ABodysOwnParametersArePossibleAndANegativeMassIsNot) {
   const auto model = mujoco::load_file(TRIBOTWIN_SOURCE_DIR "/mjcf/er3a_c60.xml");
   const auto regressor = *Regressor::create((*model)->get());

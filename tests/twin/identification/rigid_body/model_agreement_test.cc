@@ -51,6 +51,7 @@ struct Case {
       }
       out.torque.col(i) = r.at(out.q.col(i), out.qd.col(i), out.qdd.col(i)) * phi;
     }
+    out.direction = out.qd.cwiseSign();
     const VectorXd size = out.torque.rowwise().lpNorm<Eigen::Infinity>();
     for (Index i = 0; i < count; ++i)
       for (Index j = 0; j < n; ++j)

@@ -1,4 +1,4 @@
-#include <tribotwin/twin/identification/rigid_body/jackknife.hpp>
+#include <tribotwin/twin/identification/resampling/jackknife.hpp>
 #include <tribotwin/twin/numerics/linear_algebra.hpp>
 #include <tribotwin/twin/numerics/median.hpp>
 

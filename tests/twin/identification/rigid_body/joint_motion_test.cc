@@ -1,0 +1,166 @@
+// An axis of known inertia and friction, filtered: turns, rests and ends of its record leave no error in the
+// parameters.
+#include <cmath>
+#include <random>
+
+#include <fmt/format.h>
+#include <gmock/gmock.h>
+
+#include <tribotwin/plugins/mujoco/loader.hpp>
+#include <tribotwin/twin/identification/rigid_body/dynamics.hpp>
+
+namespace tribotwin::twin::identification {
+namespace {
+
+using Eigen::Index, Eigen::MatrixXd;
+
+constexpr double mass_kg = 12, coulomb_n = 40, viscous_n_s_m = 15;
+
+struct Instant {
+  double x, v, a;
+};
+
+struct Noise {
+  double force_n = 0.4, step_m = 1e-6, encoder_m = 0;
+};
+
+class Axis {
+ public:
+  const Regressor& regressor() const { return regressor_; }
+
+  /// `motion` at a time [s]; at rest it sticks anywhere between both directions of friction.
+  template <class Motion>
+  RobotRecording recording(const Motion& motion, const Noise& n, unsigned seed, double length_s = 8,
+                           double rate_hz = 500) const {
+    std::mt19937_64 random(seed);
+    std::normal_distribution<double> normal;
+    RobotRecording r{.file = "axis.csv"};
+    const auto samples = static_cast<Index>(length_s * rate_hz);
+    r.position.resize(1, samples), r.torque.resize(1, samples);
+    for (Index i = 0; i < samples; ++i) {
+      const double t = static_cast<double>(i) / rate_hz;
+      const Instant now = motion(t);
+      const double friction =
+          now.v == 0 ? coulomb_n * std::sin(2.7 * t) : std::copysign(coulomb_n, now.v) + viscous_n_s_m * now.v;
+      r.time_s.push_back(t);
+      r.position(0, i) = n.step_m * std::round((now.x + n.encoder_m * normal(random)) / n.step_m);
+      r.torque(0, i) = mass_kg * now.a + friction + n.force_n * normal(random);
+    }
+    return r;
+  }
+
+  DynamicsFit fit(const JointMotion& motion) const {
+    auto out = fit_dynamics(regressor_, base_, friction_, motion);
+    EXPECT_TRUE(out) << out.error().message;
+    return *out;
+  }
+
+  MatrixXd error_of_truth(const JointMotion& motion) const {
+    return motion.torque -
+           predicted_torque(
+               regressor_, base_, friction_,
+               {.base = Eigen::VectorXd::Constant(1, mass_kg), .friction = {{coulomb_n, viscous_n_s_m, 0}}}, motion, 1);
+  }
+
+ private:
+  std::shared_ptr<const mujoco::Model> model_ = *mujoco::load_string(R"(<mujoco><worldbody><body>
+    <joint name="axis" type="slide" axis="1 0 0"/><geom size=".1" mass="10"/></body></worldbody></mujoco>)");
+  Regressor regressor_ = *Regressor::create(model_->get());
+  BaseParameters base_ = base_parameters(regressor_);
+  RobotFriction friction_ = *robot_friction(*model_, regressor_, coulomb_viscous());
+};
+
+/// Sum of sines, faster by `pace`.
+struct Sines {
+  double pace;
+  double phase[3];
+
+  Sines(double pace_of_all, unsigned seed) : pace(pace_of_all) {
+    std::mt19937_64 random(seed);
+    for (double& p : phase) p = std::uniform_real_distribution<double>(0, 2 * M_PI)(random);
+  }
+  Instant operator()(double t) const {
+    Instant now{0, 0, 0};
+    for (int k = 0; k < 3; ++k) {
+      const double w = 2 * M_PI * pace * (0.31 + 0.23 * k), a = 0.3 / (1 + k) / pace, x = w * t + phase[k];
+      now.x += a * std::sin(x), now.v += a * w * std::cos(x), now.a -= a * w * w * std::sin(x);
+    }
+    return now;
+  }
+};
+
+/// Back and forth by 0.3 m in 0.5 s, then a rest of 0.5 s.
+Instant with_rests(double t) {
+  const double cycle = std::fmod(t, 2), s = std::min(1.0, std::fmod(cycle, 1) / 0.5), T = 0.5;
+  const double sign = cycle < 1 ? 1 : -1, from = cycle < 1 ? 0 : 0.3;
+  if (s == 0 || s == 1) return {from + sign * 0.3 * s, 0, 0};
+  return {from + sign * 0.3 * s * s * s * (10 + s * (-15 + 6 * s)), sign * 0.3 * 30 * s * s * (1 - s) * (1 - s) / T,
+          sign * 0.3 * 60 * s * (1 - s) * (1 - 2 * s) / (T * T)};
+}
+
+/// Within the sigmas, or a two-hundredth: what turns with the filtered speed turns a little beside the speed.
+void expect_truth(const DynamicsFit& fit, const char* where) {
+  const auto near = [&](const Estimate& e, double truth, double size) {
+    EXPECT_NEAR(e.value, truth, std::max(4 * e.sigma, 0.005 * size)) << where << e.name;
+  };
+  near(fit.base[0], mass_kg, mass_kg);
+  near(fit.friction[0][0], coulomb_n, coulomb_n);
+  near(fit.friction[0][1], viscous_n_s_m, viscous_n_s_m);
+  near(fit.friction[0][2], 0, coulomb_n);
+  EXPECT_LT(fit.friction[0][0].sigma, 0.03 * coulomb_n) << where;
+}
+
+TEST(JointMotion, TurnsBiasNothingAndAreKept) {
+  const Axis axis;
+  for (const auto& [pace, cutoff_hz] : {std::pair{1.0, 20.0}, {1.0, 5.0}, {4.0, 20.0}, {4.0, 10.0}}) {
+    const auto r = axis.recording(Sines(pace, 5), {}, 7);
+    const auto motion = prepare({&r, 1}, axis.regressor(), {.cutoff_hz = cutoff_hz});
+    ASSERT_TRUE(motion) << motion.error().message;
+    const auto where = fmt::format("pace {}, {} Hz: ", pace, cutoff_hz);
+    EXPECT_GT(motion->moving.cast<double>().mean(), 0.95) << where;
+    expect_truth(axis.fit(*motion), where.c_str());
+  }
+}
+
+TEST(JointMotion, RestsAreLeftOutAndNoiseIsNoMotion) {
+  const Axis axis;
+  for (const Noise& noise : {Noise{}, Noise{.step_m = 2e-4, .encoder_m = 1e-4}}) {
+    const auto r = axis.recording(with_rests, noise, 3);
+    const auto motion = prepare({&r, 1}, axis.regressor(), {.cutoff_hz = 20});
+    ASSERT_TRUE(motion) << motion.error().message;
+    Index moving = 0;
+    for (Index i = 0; i < motion->size(); ++i) {
+      const double t = std::fmod(motion->time_s[static_cast<std::size_t>(i)], 1);
+      if (t < 0.1 || t > 0.4) EXPECT_FALSE(motion->moving(0, i)) << t;  // two periods of 20 Hz
+      moving += motion->moving(0, i);
+    }
+    EXPECT_GT(moving, motion->size() / 8);
+    expect_truth(axis.fit(*motion), noise.encoder_m > 0 ? "coarse encoder: " : "");
+  }
+}
+
+// Over many records, as each alone has only two ends.
+TEST(JointMotion, EndsAreAsGoodAsTheMiddle) {
+  const Axis axis;
+  for (const double cutoff_hz : {20.0, 5.0}) {
+    double ends = 0, middle = 0, at_ends = 0, between = 0;
+    for (unsigned seed = 0; seed < 40; ++seed) {
+      const auto r = axis.recording(Sines(1, seed), {}, seed, 4);
+      const auto motion = prepare({&r, 1}, axis.regressor(), {.cutoff_hz = cutoff_hz});
+      ASSERT_TRUE(motion) << motion.error().message;
+      const MatrixXd error = axis.error_of_truth(*motion);
+      for (Index i = 0; i < motion->size(); ++i) {
+        if (!motion->moving(0, i)) continue;
+        const bool end = i < 5 || i >= motion->size() - 5;  // a period of the cut-off
+        (end ? ends : middle) += error(0, i) * error(0, i);
+        ++(end ? at_ends : between);
+      }
+    }
+    const double ratio = std::sqrt(ends / at_ends / (middle / between));
+    EXPECT_LT(ratio, 1.5) << cutoff_hz;
+    fmt::print("{} Hz: error at the ends / between {:.2f}\n", cutoff_hz, ratio);
+  }
+}
+
+}  // namespace
+}  // namespace tribotwin::twin::identification
