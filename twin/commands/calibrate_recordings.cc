@@ -69,21 +69,17 @@ std::map<std::string, std::string> labels_of(const fs::path& file) {
 /// What the head of a recording says about bench and controller is applied, or refused where nothing here has it.
 /// Other numbers are labels.
 void read_head(Recording& r, const Mapping& in) {
-  for (const auto& [key, value] : r.points.numbers) {
-    const auto positive = [&] {
-      if (!(value > 0))
-        in.fail("files", fmt::format("{}: {} is {:g} but must be above 0", r.file.string(), key, value));
-      return value;
+  for (const auto& number : r.points.numbers) {
+    const std::string& key = number.first;
+    const double value = number.second;
+    const auto refuse = [&](const char* why) {
+      in.fail("files", fmt::format("{}: {} is {:g}, but {}", r.file.string(), key, value, why));
     };
-    if (key == "mass") r.bench.mass_kg = positive();
-    if (key == "length") r.bench.length_m = positive();
-    for (const char* foreign : {"ki", "kd"})
-      if (key == foreign && value != 0)
-        in.fail("files", fmt::format("{} has {} {:g}, but no controller here has such a gain; leave the file out",
-                                     r.file.string(), key, value));
-    if (key == "offset" && value != 0)
-      in.fail("files", fmt::format("{} has offset {:g}, which is not applied; set it to 0 and give joint.ref",
-                                   r.file.string(), value));
+    const bool lever = key == "mass" || key == "length";
+    if (lever && !(value > 0)) refuse("it must be above 0");
+    if (lever) (key == "mass" ? r.bench.mass_kg : r.bench.length_m) = value;
+    if ((key == "ki" || key == "kd") && value != 0) refuse("no controller here has such a gain; leave the file out");
+    if (key == "offset" && value != 0) refuse("it is not applied; set it to 0 and give joint.ref");
   }
 }
 
