@@ -35,6 +35,7 @@ ORDER = {
         "identification/rigid_body",
         "identification/verdict",
         "identification/dynamics_choice",
+        "identification/experiment_design",
         "gears",
         "diagnosis",
         "experiments",

@@ -1,5 +1,6 @@
 #include <algorithm>
 #include <cmath>
+#include <functional>
 #include <iterator>
 #include <memory>
 #include <thread>
@@ -53,6 +54,12 @@ std::vector<thermal::Model> thermal_models(const std::string& file, const Regres
 
 Json number(double x) { return std::isfinite(x) ? Json(x) : Json(nullptr); }
 
+/// Nothing of a joint that was left out.
+std::span<const Estimate> known_friction(const DynamicsFit& fit, std::size_t joint) {
+  if (fit.joints[joint].samples == 0) return {};
+  return fit.friction[joint];
+}
+
 /// What is known of the fit, and what is not.
 struct Judgement {
   std::vector<JointVerdict> joints;
@@ -79,7 +86,7 @@ Json json_of(const Robot& robot, const DynamicsFit& fit, const Consistency& cons
                                     {"group", robot.base.parameters[k].group}};
   }
   for (std::size_t i = 0; i < fit.joints.size(); ++i) {
-    for (const Estimate& e : fit.friction[i])
+    for (const Estimate& e : known_friction(fit, i))
       j["friction"][fit.joints[i].name][e.name] = {
           {"value", number(e.value)}, {"sigma", number(e.sigma)}, {"unit", e.unit}};
     j["joints"][fit.joints[i].name] = {{"relative_error", number(fit.joints[i].relative_error)},
@@ -114,11 +121,16 @@ std::string quality_of(const Robot& robot, std::span<const JointResult> joints) 
   constexpr auto right = TextTable::right;
   TextTable table{{TextTable::left("joint"), right("relative error"), right("residual std"), TextTable::left(),
                    right("samples"), right("per independent one")}};
-  for (std::size_t j = 0; j < joints.size(); ++j)
+  for (std::size_t j = 0; j < joints.size(); ++j) {
+    if (joints[j].samples == 0) {
+      table.add({joints[j].name, "left out", "-", "", "0", "-"});
+      continue;
+    }
     table.add({joints[j].name, fmt::format("{:.2f} %", 100 * joints[j].relative_error),
                fmt::format("{:.4g}", joints[j].noise),
                unit_of("Nm", robot.regressor.is_slide(static_cast<Eigen::Index>(j))),
                fmt::format("{}", joints[j].samples), fmt::format("{:.1f}", joints[j].correlation)});
+  }
   return table.text();
 }
 
@@ -138,7 +150,7 @@ std::string table_of(const Robot& robot, const DynamicsFit& fit, const Consisten
   TextTable base = estimates("base parameter"), friction = estimates("friction");
   for (std::size_t k = 0; k < fit.base.size(); ++k) base.add(row_of(fit.base[k], robot.base.parameters[k].group));
   for (std::size_t j = 0; j < fit.joints.size(); ++j)
-    for (const Estimate& e : fit.friction[j]) friction.add(row_of(e, fit.joints[j].name + "." + e.name));
+    for (const Estimate& e : known_friction(fit, j)) friction.add(row_of(e, fit.joints[j].name + "." + e.name));
   std::string s = base.text() + "\n" + friction.text() + "\n" + quality_of(robot, fit.joints);
   s += fmt::format("\nrelative error {:.3f} %, condition number {:.0f}\n", 100 * fit.relative_error,
                    fit.condition_number);
@@ -207,13 +219,36 @@ Json json_of(const DynamicsChoice& choice) {
   return j;
 }
 
+constexpr double unexplained_error = 0.7;
+
+/// Joints whose torque the motion does not explain.
+std::vector<Index> unexplained(const DynamicsFit& fit, double error = unexplained_error) {
+  std::vector<Index> out;
+  for (std::size_t j = 0; j < fit.joints.size(); ++j)
+    if (fit.joints[j].relative_error > error) out.push_back(static_cast<Index>(j));
+  return out;
+}
+
+/// Torques that hardly vary with the motion, but for an offset.
+std::vector<std::string> hardly_explained(const Robot& robot, const DynamicsFit& fit) {
+  std::vector<std::string> out;
+  for (std::size_t j = 0; j < fit.joints.size(); ++j)
+    if (const auto& joint = fit.joints[j]; joint.of_variation > unexplained_error)
+      out.push_back(
+          fmt::format("motion explains only {:.0f} % of the variation of torque_{}_{}, the rest is its offset or "
+                      "noise: is it dead?",
+                      100 * std::max(0.0, 1 - joint.of_variation), joint.name,
+                      robot.regressor.is_slide(static_cast<Index>(j)) ? "n" : "nm"));
+  return out;
+}
+
 /// Refuses fits that contradict the names of the columns.
 void doubt(const Arguments& a, const Robot& robot, const DynamicsFit& fit) {
   const auto where = fmt::format("{}{}", a.data.front(), a.data.size() > 1 ? " and others" : "");
   for (std::size_t j = 0; j < fit.joints.size(); ++j) {
     const auto& joint = fit.joints[j];
     const char* unit = robot.regressor.is_slide(static_cast<Eigen::Index>(j)) ? "n" : "nm";
-    if (joint.relative_error > 0.7)
+    if (joint.relative_error > unexplained_error)
       throw InputError(
           fmt::format("{}: motion explains only {:.0f} % of torque_{}_{}; is it the torque of another joint, another "
                       "column, another robot, or late?",
@@ -260,6 +295,8 @@ std::vector<double> largest_torques(const std::vector<RobotRecording>& recording
   for (const auto& r : recordings)
     for (std::size_t j = 0; j < out.size(); ++j)
       out[j] = std::max(out[j], r.torque.row(static_cast<Index>(j)).cwiseAbs().maxCoeff());
+  for (double& largest : out)
+    if (largest == 0) largest = 1;  // of a joint without torque
   return out;
 }
 
@@ -290,11 +327,75 @@ Result<DynamicsFit> fit_of(const Arguments& a, const Robot& robot, const Setting
   return fit_warming_dynamics(robot.regressor, robot.base, friction, models, motion, options);
 }
 
+/// Fits again what `motion` holds.
+using Fit = std::function<Result<DynamicsFit>(JointMotion& motion)>;
+
+/// Whether torques that the motion does not explain are explained with the other sign, or as those of another joint
+/// that is not explained well either.
+bool explained_otherwise(const std::vector<Index>& joints, const DynamicsFit& fit, const JointMotion& motion,
+                         const Fit& fit_of) {
+  constexpr double clearly = 0.5, well = 0.3;
+  const auto explains = [&](JointMotion changed, std::initializer_list<Index> which) {
+    const auto other = fit_of(changed);
+    return other && std::ranges::all_of(which, [&](Index j) {
+             return other->joints[static_cast<std::size_t>(j)].relative_error < clearly;
+           });
+  };
+  for (const Index j : joints) {
+    JointMotion changed = motion;
+    changed.torque.row(j) *= -1;
+    if (explains(std::move(changed), {j})) return true;
+    for (const Index k : unexplained(fit, well)) {
+      if (j == k) continue;
+      changed = motion;
+      changed.torque.row(j).swap(changed.torque.row(k));
+      if (explains(std::move(changed), {j, k})) return true;
+    }
+  }
+  return false;
+}
+
+/// Leaves out joints, at most a third, whose torque the motion does not explain where it explains the others
+/// without them; says so in the notes. Else nothing changes: `doubt` refuses.
+void leave_out_dead(const Robot& robot, const Fit& fit_of, JointMotion& motion, DynamicsFit& fit,
+                    std::vector<std::string>& left_out) {
+  const std::vector<Index> dead = unexplained(fit);
+  if (dead.empty() || static_cast<Index>(3 * dead.size()) > robot.regressor.joints()) return;
+  JointMotion rest = motion;
+  for (const Index j : dead) rest.leave_out(j);
+  auto second = fit_of(rest);
+  if (!second || !unexplained(*second).empty() || explained_otherwise(dead, fit, motion, fit_of)) return;
+  for (const Index j : dead) {
+    const auto at = static_cast<std::size_t>(j);
+    left_out[at] =
+        fmt::format("motion explains only {:.0f} % of its torque", 100 * (1 - fit.joints[at].relative_error));
+    second->notes.push_back(fmt::format(
+        "torque_{}_{} is left out, {} and the others are explained without it: is the column dead, late or that of "
+        "another joint? Friction of {} is not identified",
+        robot.regressor.joint_name(j), robot.regressor.is_slide(j) ? "n" : "nm", left_out[at],
+        robot.regressor.joint_name(j)));
+  }
+  fit = std::move(*second);
+  motion = std::move(rest);
+}
+
+/// Per joint, why its torque counts nowhere.
+std::vector<std::string> left_out_of(const Robot& robot, const JointMotion& motion) {
+  std::vector<std::string> out;
+  for (Index j = 0; j < robot.regressor.joints(); ++j)
+    out.push_back(motion.is_left_out(j) ? "its torque was not recorded" : "");
+  return out;
+}
+
 /// What PARAMS.yaml says of the data beside the numbers.
 DynamicsOrigin origin_of(const Arguments& a, const Robot& robot, const Setting& setting, const JointMotion& motion,
                          const std::vector<double>& torque_max_nm, const std::vector<thermal::Model>& models) {
-  DynamicsOrigin origin{
-      .model = a.model, .data = a.data, .signals = setting.signals, .torque_max_nm = {}, .thermal = models};
+  DynamicsOrigin origin{.model = a.model,
+                        .data = a.data,
+                        .signals = setting.signals,
+                        .torque_max_nm = {},
+                        .thermal = models,
+                        .left_out = {}};
   origin.signals.cutoff_hz = motion.cutoff_hz;
   if (static_cast<Index>(robot.model->drives().size()) < robot.regressor.joints()) origin.torque_max_nm = torque_max_nm;
   return origin;
@@ -317,7 +418,12 @@ Result<Exit> execute(const Arguments& a) {
   const auto models = a.thermal.empty() ? std::vector<thermal::Model>{} : thermal_models(a.thermal, robot.regressor);
   auto fit = fit_of(a, robot, choice.setting, *friction, models, motion, progress);
   if (!fit) throw InputError(fmt::format("{}: {}", a.data.front(), fit.error().message));
+  std::vector<std::string> left_out = left_out_of(robot, motion);
+  leave_out_dead(
+      robot, [&](JointMotion& m) { return fit_of(a, robot, choice.setting, *friction, models, m, progress); }, motion,
+      *fit, left_out);
   std::ranges::move(doubtful_gravity(robot.regressor, motion), std::back_inserter(fit->notes));
+  std::ranges::move(hardly_explained(robot, *fit), std::back_inserter(fit->notes));
   doubt(a, robot, *fit);
   const Judgement judgement = judged(robot, *friction, motion, *fit, a.threads);
   std::ranges::move(warnings_of(judgement.joints), std::back_inserter(fit->notes));
@@ -325,15 +431,18 @@ Result<Exit> execute(const Arguments& a) {
     for (const auto& text : fit->notes) note("{}", text);
   const Consistency consistency =
       nearest_consistent(robot.regressor, robot.base, fit->parameters.base, fit->information);
-  if (a.output.named())
-    if (auto ok = deliver(to_yaml(*fit, robot.base, law, robot.regressor, consistency,
-                                  origin_of(a, robot, choice.setting, motion, torque_max_nm, models)),
-                          a.output);
-        !ok)
+  if (a.output.named()) {
+    DynamicsOrigin origin = origin_of(a, robot, choice.setting, motion, torque_max_nm, models);
+    origin.left_out = left_out;
+    if (auto ok = deliver(to_yaml(*fit, robot.base, law, robot.regressor, consistency, origin), a.output); !ok)
       return ok;
+  }
   if (a.json) {
     Json j = json_of(robot, *fit, consistency, judgement);
     j["choice"] = json_of(choice);
+    j["left_out"] = Json::object();
+    for (std::size_t k = 0; k < left_out.size(); ++k)
+      if (!left_out[k].empty()) j["left_out"][fit->joints[k].name] = left_out[k];
     return deliver(j.dump(2) + "\n");
   }
   return deliver(table_of(choice) + table_of(robot, *fit, consistency, judgement));

@@ -51,7 +51,7 @@ Error error_of(const JointMotion& motion, const Eigen::MatrixXd& predicted, Inde
   for (Index i = 0; i < motion.size(); ++i) {
     if (const double t = motion.time_s[static_cast<std::size_t>(i)]; t < from_s || t > until_s) continue;
     low = std::min(low, motion.torque(joint, i)), high = std::max(high, motion.torque(joint, i));
-    if (!motion.moving(joint, i)) continue;
+    if (!motion.moving(joint, i) || std::isnan(predicted(joint, i))) continue;
     const double difference = motion.torque(joint, i) - predicted(joint, i);
     squares += difference * difference;
     e.largest = std::max(e.largest, std::abs(difference));
@@ -74,8 +74,11 @@ std::vector<JointVerdict> judged(const Arguments& a, const Robot& robot, const E
   return judge_joints(robot.regressor, counted, predicted, load);
 }
 
-std::vector<std::string> row_of(const std::string& joint, const Error& e, const std::string& unit) {
+/// `lacking`: why there is no error; empty: there is one if the joint moves.
+std::vector<std::string> row_of(const std::string& joint, const Error& e, const std::string& unit,
+                                const std::string& lacking) {
   const auto figure = [](double x) { return fmt::format("{:.4g}", x); };
+  if (!lacking.empty()) return {joint, "-", "-", "-", "-", unit, "0", lacking};
   if (e.samples == 0) return {joint, "-", "-", figure(e.range), "-", unit, "0", "does not move"};
   return {joint,
           figure(e.rms),
@@ -105,8 +108,11 @@ std::string csv_of(const Robot& robot, const JointMotion& motion, const Eigen::M
   s += '\n';
   for (Index i = 0; i < motion.size(); ++i) {
     s += fmt::format("{:.9g}", motion.time_s[static_cast<std::size_t>(i)]);
-    for (Index j = 0; j < predicted.rows(); ++j)
-      s += fmt::format(",{:.9g},{:.9g},{:.7g}", motion.torque(j, i), predicted(j, i), motion.temperature_degC(j, i));
+    for (Index j = 0; j < predicted.rows(); ++j) {
+      for (const double torque : {motion.torque(j, i), predicted(j, i)})
+        s += std::isnan(torque) ? "," : fmt::format(",{:.9g}", torque);
+      s += fmt::format(",{:.7g}", motion.temperature_degC(j, i));
+    }
     s += '\n';
   }
   return s;
@@ -139,6 +145,27 @@ std::string wrench_csv_of(const Arguments& a, const Robot& robot, const JointMot
   return s;
 }
 
+/// Per joint, why its prediction has no error; "": it has one.
+std::vector<std::string> lacking_of(const DynamicsFile& file, const JointMotion& motion) {
+  std::vector<std::string> out;
+  for (std::size_t j = 0; j < file.left_out.size(); ++j)
+    out.push_back(!file.left_out[j].empty()                   ? "not identified: " + file.left_out[j]
+                  : motion.is_left_out(static_cast<Index>(j)) ? "torque not recorded"
+                                                              : "");
+  return out;
+}
+
+/// Takes back predictions of joints whose friction is not known. No wrench without the torque of every joint.
+void blank(const Arguments& a, const Robot& robot, const DynamicsFile& file, const std::vector<std::string>& lacking,
+           Eigen::MatrixXd& predicted) {
+  for (std::size_t j = 0; j < lacking.size(); ++j) {
+    if (!file.left_out[j].empty()) predicted.row(static_cast<Index>(j)).setConstant(std::nan(""));
+    if (!a.wrench.empty() && !lacking[j].empty())
+      throw InputError(fmt::format("--wrench needs the torque of every joint; {}: {}",
+                                   robot.regressor.joint_name(static_cast<Index>(j)), lacking[j]));
+  }
+}
+
 /// As for the fit, unless --cutoff says another one.
 Preparation preparation_of(const Arguments& a, const DynamicsFile& file) {
   Preparation p = a.preparation;
@@ -167,8 +194,10 @@ Result<Exit> execute(const Arguments& a) {
     note("without temperature columns {}",
          estimated ? "temperatures are estimated from the motion, from the start of each file on"
                    : fmt::format("law '{}' is that of 20 degC", file.law->name));
-  const Eigen::MatrixXd predicted =
+  Eigen::MatrixXd predicted =
       predicted_torque(robot.regressor, robot.base, *friction, file.parameters, motion, a.threads);
+  const std::vector<std::string> lacking = lacking_of(file, motion);
+  blank(a, robot, file, lacking, predicted);
   const std::string wrench_csv = a.wrench.empty() ? std::string() : wrench_csv_of(a, robot, motion, predicted);
   Json j{{"joints", Json::object()}};
   constexpr auto right = TextTable::right;
@@ -182,18 +211,22 @@ Result<Exit> execute(const Arguments& a) {
     const std::string unit = unit_of("Nm", robot.regressor.is_slide(joint));
     const Error e = a.window_s.empty() ? error_of(motion, predicted, joint, -infinity, infinity)
                                        : error_of(motion, predicted, joint, a.window_s[0], a.window_s[1]);
+    const std::string& why = lacking[static_cast<std::size_t>(joint)];
+    table.add(row_of(name, e, unit, why));
+    if (!why.empty()) {
+      j["joints"][name] = {{"lacking", why}, {"unit", unit}};
+      continue;
+    }
     if (e.samples == 0 && !a.window_s.empty())
       throw InputError(
           fmt::format("--interval: joint {} does not move from {:g} to {:g} s", name, a.window_s[0], a.window_s[1]));
     j["joints"][name] = json_of(e, unit, verdicts[static_cast<std::size_t>(joint)]);
-    table.add(row_of(name, e, unit));
     moving += e.samples > 0;
     if (e.samples > 0) worst = std::max(worst, e.share());
   }
   if (moving == 0 && a.wrench.empty())
     throw InputError(
-        fmt::format("{}: the robot stands still: no joint moves, and friction at rest does not follow from "
-                    "the motion",
+        fmt::format("{}: the robot stands still: no joint moves, and friction at rest does not follow from the motion",
                     joined(a.data)));
   j["worst_relative_to_range"] = worst;
   if (a.output.named())

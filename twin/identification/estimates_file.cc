@@ -1,4 +1,5 @@
 #include <cmath>
+#include <limits>
 
 #include <fmt/format.h>
 
@@ -33,10 +34,12 @@ void refuse_other_kind(const YAML::Node& root, const std::string& file, std::str
     }
 }
 
-double read_estimate(Mapping& in, const std::string& name, Bounds bounds) {
+double read_estimate(Mapping& in, const std::string& name, Bounds bounds, double* sigma) {
   auto entry = in.mapping(name);
   if (!entry) in.fail(name, "is missing");
   entry->accept({"value", "sigma", "unit", "group"});
+  if (sigma)
+    *sigma = entry->has("sigma") ? entry->number("sigma", {0, 1e300}) : std::numeric_limits<double>::quiet_NaN();
   return entry->number("value", bounds);
 }
 

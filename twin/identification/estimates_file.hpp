@@ -16,7 +16,7 @@ void write(YAML::Emitter& out, const Estimate& estimate, const std::string& grou
 /// the name of that command. `writer`: the command that writes what is wanted.
 void refuse_other_kind(const YAML::Node& root, const std::string& file, std::string_view writer);
 
-/// The value. For readers: throws InputError.
-double read_estimate(Mapping& in, const std::string& name, Bounds bounds = {});
+/// The value, and its sigma (NaN: none) where that is not null. For readers: throws InputError.
+double read_estimate(Mapping& in, const std::string& name, Bounds bounds = {}, double* sigma = nullptr);
 
 }  // namespace tribotwin::twin::identification

@@ -1,6 +1,7 @@
 #include <algorithm>
 #include <cmath>
 #include <numbers>
+#include <numeric>
 #include <optional>
 #include <set>
 
@@ -8,6 +9,7 @@
 
 #include <tribotwin/twin/io/text.hpp>
 #include <tribotwin/twin/numerics/cma_es.hpp>
+#include <tribotwin/twin/numerics/d_optimal.hpp>
 #include <tribotwin/twin/numerics/linear_algebra.hpp>
 #include <tribotwin/twin/robot/arm.hpp>
 #include <tribotwin/twin/robot/excitation.hpp>
@@ -195,39 +197,73 @@ constexpr int states_per_period = 100;
 /// The objective from which on a motion leaves its limits.
 constexpr double impossible = 100;
 
-/// Logarithm of the condition number; what leaves the limits is worse than anything within, by how far it leaves them.
-double objective(const FourierSeries& s, Judge& judge) {
+MotionStates states_of(const FourierSeries& s) {
   const Index n = s.centre.size();
-  VectorXd q(n), qd(n), qdd(n);
+  MotionStates out{.step_s = s.period_s / states_per_period,
+                   .q = MatrixXd(n, states_per_period),
+                   .qd = MatrixXd(n, states_per_period),
+                   .qdd = MatrixXd(n, states_per_period)};
+  for (int i = 0; i < states_per_period; ++i) s.at((i + 0.5) * out.step_s, out.q.col(i), out.qd.col(i), out.qdd.col(i));
+  return out;
+}
+
+/// How far a motion leaves its limits, 0 within them; adds its states to the condition number.
+double excess_of(const MotionStates& states, Judge& judge) {
   double excess = 0;
   int collisions = 0;
   judge.begin();
-  for (int i = 0; i < states_per_period; ++i) {
-    s.at((i + 0.5) * s.period_s / states_per_period, q, qd, qdd);
-    excess = std::max(excess, judge.torque_excess(q, qd, qdd));
-    judge.add(qd);
-    collisions += judge.collisions.at(q).has_value();
+  for (Index i = 0; i < states.size(); ++i) {
+    excess = std::max(excess, judge.torque_excess(states.q.col(i), states.qd.col(i), states.qdd.col(i)));
+    judge.add(states.qd.col(i));
+    collisions += judge.collisions.at(states.q.col(i)).has_value();
   }
-  return (excess > 0 || collisions ? impossible + 10 * excess + collisions : 0) + std::log(judge.condition_number());
+  return excess > 0 || collisions ? impossible + 10 * excess + collisions : 0;
+}
+
+/// Logarithm of the condition number, or of the mean sigma where there is a criterion; what leaves the limits is worse
+/// than anything within, by how far it leaves them.
+double objective(const FourierSeries& s, Judge& judge, const ExcitationOptions& o) {
+  const MotionStates states = states_of(s);
+  const double excess = excess_of(states, judge);
+  if (!o.criterion) return excess + std::log(judge.condition_number());
+  return excess + mean_log_sigma(o.criterion->known + o.periods * o.criterion->information(states));
+}
+
+double condition_number_of(const FourierSeries& s, Judge& judge) {
+  excess_of(states_of(s), judge);
+  return judge.condition_number();
+}
+
+/// `at` writes set points; the state at time 0 is left out.
+template <class Points>
+MotionStates sampled(const Points& at, Index n, double step_s, double until_s) {
+  const auto size = static_cast<Index>(until_s / step_s);
+  MotionStates out{.step_s = step_s, .q = MatrixXd(n, size), .qd = MatrixXd(n, size), .qdd = MatrixXd(n, size)};
+  std::vector<SetPoint> before(static_cast<std::size_t>(n)), now(before);
+  at(0, before);
+  for (Index i = 0; i < size; ++i) {
+    at(static_cast<double>(i + 1) * step_s, now);
+    for (Index j = 0; j < n; ++j) {
+      const auto k = static_cast<std::size_t>(j);
+      out.q(j, i) = now[k].position_rad, out.qd(j, i) = now[k].velocity_rad_s,
+               out.qdd(j, i) = (now[k].velocity_rad_s - before[k].velocity_rad_s) / step_s;
+    }
+    before = now;
+  }
+  return out;
+}
+
+MotionStates states_of(const Motion& motion, double step_s) {
+  return sampled([&](double t, std::span<SetPoint> out) { motion.at(t, out); }, static_cast<Index>(motion.joints()),
+                 step_s, motion.duration_s());
 }
 
 /// What of a motion of trapezoids leaves the limits: torque, self-collision. Empty: nothing.
 std::string trouble(const Motion& motion, Judge& judge) {
-  constexpr double dt = 0.02;
-  const auto n = static_cast<Index>(motion.joints());
-  std::vector<SetPoint> before(motion.joints()), now(motion.joints());
-  VectorXd q(n), qd(n), qdd(n);
-  motion.at(0, before);
-  for (double t = dt; t < motion.duration_s(); t += dt) {
-    motion.at(t, now);
-    for (Index j = 0; j < n; ++j) {
-      const auto at = static_cast<std::size_t>(j);
-      q(j) = now[at].position_rad, qd(j) = now[at].velocity_rad_s,
-      qdd(j) = (now[at].velocity_rad_s - before[at].velocity_rad_s) / dt;
-    }
-    if (judge.torque_excess(q, qd, qdd) > 0) return "torque";
-    if (const auto pair = judge.collisions.at(q)) return *pair;
-    before = now;
+  const MotionStates states = states_of(motion, 0.02);
+  for (Index i = 0; i < states.size(); ++i) {
+    if (judge.torque_excess(states.q.col(i), states.qd.col(i), states.qdd.col(i)) > 0) return "torque";
+    if (const auto pair = judge.collisions.at(states.q.col(i))) return *pair;
   }
   return {};
 }
@@ -235,28 +271,168 @@ std::string trouble(const Motion& motion, Judge& judge) {
 std::span<const double> values(const VectorXd& v) { return {v.data(), static_cast<std::size_t>(v.size())}; }
 std::vector<double> list(const VectorXd& v) { return {v.begin(), v.end()}; }
 
-/// Back and forth around a pose at several speeds, slowly to fast.
-Motion friction_of(Index joint, const VectorXd& pose, double half_travel, const MotionLimits& limits,
-                   const VectorXd& acceleration) {
-  Motion motion(list(pose));
-  VectorXd low = pose, high = pose;
-  low(joint) = std::max(limits.low(joint), pose(joint) - half_travel),
-  high(joint) = std::min(limits.high(joint), pose(joint) + half_travel);
-  const VectorXd approach = 0.3 * limits.speed;
-  for (const double share : {0.03, 0.1, 0.25, 0.5, 0.75, 1.0}) {
-    // Slow passes are short: five seconds at most.
-    const VectorXd speed = share * limits.speed;
-    const double shorter = std::min(1.0, 5 * speed(joint) / (high(joint) - low(joint)));
-    const VectorXd middle = 0.5 * (low + high), from = middle + shorter * (low - middle),
-                   to = middle + shorter * (high - middle);
-    motion.move_to(list(from), values(approach), values(acceleration)).dwell(0.1);
-    motion.move_to(list(to), values(speed), values(acceleration))
-        .dwell(0.1)
-        .move_to(list(from), values(speed), values(acceleration))
-        .dwell(0.1);
+/// Where the joints are, and how fast they may accelerate.
+struct Place {
+  const MotionLimits& limits;
+  VectorXd pose, acceleration;
+  VectorXd approach() const { return 0.3 * limits.speed; }
+  /// The largest travel of a joint to both sides of the pose.
+  double half_travel(Index joint) const { return std::min(0.45 * (limits.high(joint) - limits.low(joint)), 1.2); }
+};
+
+/// Back and forth of some joints around a pose at a share of their speeds, all at the same time. Slow passes are short:
+/// five seconds at most.
+void append_pass(Motion& motion, const Place& at, std::span<const Index> joints, double travel, double share) {
+  const VectorXd speed = share * at.limits.speed;
+  VectorXd from = at.pose, to = at.pose;
+  double longest_s = 5;
+  for (const Index j : joints) {
+    from(j) = std::max(at.limits.low(j), at.pose(j) - travel * at.half_travel(j)),
+    to(j) = std::min(at.limits.high(j), at.pose(j) + travel * at.half_travel(j));
+    if (joints.size() > 1) longest_s = std::min(longest_s, (to(j) - from(j)) / speed(j));
   }
-  motion.move_to(list(pose), values(approach), values(acceleration)).dwell(0.1);
+  for (const Index j : joints) {
+    const double shorter = std::min(1.0, longest_s * speed(j) / (to(j) - from(j))), middle = 0.5 * (from(j) + to(j));
+    from(j) = middle + shorter * (from(j) - middle), to(j) = middle + shorter * (to(j) - middle);
+  }
+  const VectorXd approach = at.approach();
+  motion.move_to(list(from), values(approach), values(at.acceleration)).dwell(0.1);
+  motion.move_to(list(to), values(speed), values(at.acceleration))
+      .dwell(0.1)
+      .move_to(list(from), values(speed), values(at.acceleration))
+      .dwell(0.1);
+}
+
+void return_to_pose(Motion& motion, const Place& at) {
+  const VectorXd approach = at.approach();
+  motion.move_to(list(at.pose), values(approach), values(at.acceleration)).dwell(0.1);
+}
+
+/// Back and forth around a pose at several speeds, slowly to fast.
+Motion friction_of(Index joint, const Place& at, double travel) {
+  Motion motion(list(at.pose));
+  for (const double share : {0.03, 0.1, 0.25, 0.5, 0.75, 1.0}) append_pass(motion, at, {&joint, 1}, travel, share);
+  return_to_pose(motion, at);
   return motion;
+}
+
+/// Fast moves of all joints for `length_s`.
+Motion heating_of(const Place& at, double length_s, double travel) {
+  const VectorXd half = travel * 0.3 * (at.limits.high - at.limits.low),
+                 from = (at.pose - half).cwiseMax(at.limits.low), to = (at.pose + half).cwiseMin(at.limits.high),
+                 approach = at.approach();
+  Motion motion(list(at.pose));
+  motion.move_to(list(from), values(approach), values(at.acceleration));
+  while (motion.duration_s() < std::max(length_s, 1.0))
+    motion.move_to(list(to), values(at.limits.speed), values(at.acceleration))
+        .move_to(list(from), values(at.limits.speed), values(at.acceleration));
+  motion.move_to(list(at.pose), values(approach), values(at.acceleration));
+  return motion;
+}
+
+/// make(travel) within the limits: motions that take too much torque accelerate less, travels that collide are
+/// shortened.
+template <class Make>
+Result<Motion> feasible(const Make& make, Place& at, Judge& judge, const std::string& what, int attempts = 12) {
+  double travel = 1;
+  std::string why;
+  for (int k = 0; k < attempts; ++k) {
+    Motion motion = make(travel);
+    why = trouble(motion, judge);
+    if (why.empty()) return motion;
+    if (why == "torque")
+      at.acceleration *= 0.7;
+    else
+      travel *= 0.7;
+  }
+  return tl::unexpected(fmt::format("{}: no motion within the limits around the pose of the first keyframe ({})", what,
+                                    why == "torque" ? "torque" : why + " touch"));
+}
+
+/// Passes of one joint after the other.
+Result<Motion> friction_by_joint(Place& at, Judge& judge, const Regressor& regressor) {
+  Motion all(list(at.pose));
+  for (Index j = 0; j < regressor.joints(); ++j) {
+    const auto part = feasible([&](double travel) { return friction_of(j, at, travel); }, at, judge,
+                               "friction of " + regressor.joint_name(j));
+    if (!part) return tl::unexpected(part.error());
+    all.then(*part);
+  }
+  return all;
+}
+
+/// The pose of the first keyframe, and others of which joints can come from it and back within the limits.
+std::vector<Place> places_of(const Place& reference, Judge& judge, Gaussian& gaussian) {
+  constexpr std::size_t wanted = 4, tries = 20;
+  std::vector<Place> out{reference};
+  const VectorXd middle = 0.5 * (reference.limits.low + reference.limits.high),
+                 range = reference.limits.high - reference.limits.low;
+  for (std::size_t k = 0; k < tries && out.size() < wanted; ++k) {
+    Place other = reference;
+    other.pose = middle + (0.2 * gaussian(range.size())).cwiseMax(-0.35).cwiseMin(0.35).cwiseProduct(range);
+    Motion there(list(reference.pose));
+    return_to_pose(there, other);
+    return_to_pose(there, reference);
+    if (trouble(there, judge).empty()) out.push_back(other);
+  }
+  return out;
+}
+
+/// Passes that a design may choose from: from a pose and back to it.
+struct Passes {
+  std::vector<Motion> motions;
+  std::vector<Experiment> experiments;  ///< group: the place
+};
+
+Passes passes_of(const std::vector<Place>& places, Judge& judge, const DesignCriterion& criterion) {
+  Passes out;
+  const Index n = places.front().pose.size();
+  std::vector<Index> all(static_cast<std::size_t>(n));
+  std::iota(all.begin(), all.end(), 0);
+  for (std::size_t p = 0; p < places.size(); ++p)
+    for (Index j = n > 1 ? -1 : 0; j < n; ++j)
+      for (const double share : {0.02, 0.04, 0.08, 0.16, 0.32, 0.6, 1.0}) {
+        Place at = places[p];
+        const std::span<const Index> joints = j < 0 ? std::span<const Index>(all) : std::span<const Index>(&j, 1);
+        const auto pass = feasible(
+            [&](double travel) {
+              Motion motion(list(at.pose));
+              append_pass(motion, at, joints, travel, share);
+              return_to_pose(motion, at);
+              return motion;
+            },
+            at, judge, {}, 4);
+        if (!pass) continue;
+        out.motions.push_back(*pass);
+        out.experiments.push_back({criterion.information(states_of(*pass, 0.05)), pass->duration_s(), p});
+      }
+  return out;
+}
+
+/// The passes that add most to what is known, within the time that `by_joint` takes, place by place.
+Motion d_optimal_passes(const Motion& by_joint, const Place& reference, Judge& judge, const DesignCriterion& criterion,
+                        const MatrixXd& known, Gaussian& gaussian) {
+  const std::vector<Place> places = places_of(reference, judge, gaussian);
+  const Passes passes = passes_of(places, judge, criterion);
+  std::vector<double> travel_s;
+  for (const Place& place : places) {
+    Motion there(list(reference.pose));
+    if (&place != &places.front()) return_to_pose(there, place), return_to_pose(there, reference);
+    travel_s.push_back(there.duration_s());
+  }
+  const auto chosen = d_optimal(known, passes.experiments, travel_s, by_joint.duration_s());
+  Motion out(list(reference.pose));
+  for (std::size_t p = 0; p < places.size(); ++p) {
+    bool there = p == 0;
+    for (const std::size_t one : chosen) {
+      if (passes.experiments[one].group != p) continue;
+      if (!there) return_to_pose(out, places[p]);
+      there = true;
+      out.then(passes.motions[one]);
+    }
+    if (there && p > 0) return_to_pose(out, reference);
+  }
+  return chosen.empty() ? by_joint : out;
 }
 
 }  // namespace
@@ -304,6 +480,11 @@ void Excitation::at(double time_s, std::span<SetPoint> out) const {
   for (Index j = 0; j < n; ++j) out[static_cast<std::size_t>(j)] = {q(j), qd(j)};
 }
 
+MotionStates Excitation::states(double step_s, double until_s) const {
+  return sampled([&](double t, std::span<SetPoint> out) { at(t, out); }, inertia.centre.size(), step_s,
+                 std::min(until_s, duration_s()));
+}
+
 std::string to_csv(const Excitation& e, const Regressor& regressor, double rate_hz) {
   std::string s = "time_s,section";
   for (Index j = 0; j < regressor.joints(); ++j)
@@ -321,21 +502,24 @@ std::string to_csv(const Excitation& e, const Regressor& regressor, double rate_
   return s;
 }
 
-Result<Excitation> excite(const mujoco::Model& model, const Regressor& regressor, const BaseParameters& base,
-                          const ExcitationOptions& o) {
-  const MotionLimits limits = motion_limits(model, regressor, o.share);
-  Judge judge(model, regressor, base, limits);
-  const Index n = regressor.joints(), size = 2 * n * o.harmonics + 2 * n;
-  Gaussian gaussian(o.seed);
+namespace {
 
+/// The search for the first section.
+struct Search {
+  Minimum found;
+  VectorXd first;  ///< the first series tried that keeps the limits
+  bool interrupted = false;
+};
+
+Result<Search> search(Judge& judge, const MotionLimits& limits, const ExcitationOptions& o, Gaussian& gaussian) {
+  const Index n = limits.low.size(), size = 2 * n * o.harmonics + 2 * n;
   // A few random series, then the search around the best.
   int evaluations = 0;
-  double best = friction::unlimited, first = friction::unlimited;
+  Search out;
   const auto tried = [&](const VectorXd& z) {
-    const double value = objective(series_of(z, limits, o), judge);
-    best = std::min(best, value);
-    if (first >= impossible) first = value;
-    if (o.progress) o.progress(std::min(1.0, static_cast<double>(++evaluations) / o.evaluations), std::exp(best));
+    const double value = objective(series_of(z, limits, o), judge, o);
+    if (out.first.size() == 0 && value < impossible) out.first = z;
+    if (o.progress) o.progress(std::min(1.0, static_cast<double>(++evaluations) / o.evaluations));
     return value;
   };
   const auto stopped = [&] { return o.stop && *o.stop; };
@@ -344,80 +528,71 @@ Result<Excitation> excite(const mujoco::Model& model, const Regressor& regressor
   for (int k = 1; k < std::min(50, o.evaluations / 10) && !stopped(); ++k)
     if (const VectorXd z = gaussian(size); true)
       if (const double value = tried(z); value < start.objective) start.z = z, start.objective = value;
-  Minimum found = start;
+  out.found = start;
   if (!stopped())
-    found = cma_es(tried, start.z, {.population = 16, .evaluations = o.evaluations - evaluations, .stop = o.stop},
-                   gaussian);
-  if (found.objective >= impossible)
-    return tl::unexpected(
-        fmt::format("no motion of all joints within torque limits and without self-collision was found in {} trials{}; "
-                    "lower --share, or a reference pose (first keyframe) that is free may help",
-                    evaluations, stopped() ? ", being interrupted" : ""));
+    out.found = cma_es(tried, start.z, {.population = 16, .evaluations = o.evaluations - evaluations, .stop = o.stop},
+                       gaussian);
+  out.interrupted = stopped();
+  if (out.found.objective < impossible) return out;
+  return tl::unexpected(
+      fmt::format("no motion of all joints within torque limits and without self-collision was found in {} trials{}; "
+                  "lower --share, or a reference pose (first keyframe) that is free may help",
+                  evaluations, out.interrupted ? ", being interrupted" : ""));
+}
 
-  Excitation out{.inertia = series_of(found.z, limits, o),
-                 .inertia_s = o.periods * o.period_s,
-                 .rest = Motion({}),
-                 .condition_number = std::exp(found.objective),
-                 .first_condition_number = std::exp(first),
-                 .interrupted = stopped(),
-                 .notes = limits.notes};
-  VectorXd q(n), qd(n), qdd(n);
-  out.inertia.at(0, q, qd, qdd);
-  out.pose = reference_pose(model.get(), limits);
-
-  // Trapezoids that take too much torque accelerate less; travels that collide are shortened.
-  VectorXd acceleration = limits.acceleration;
-  const VectorXd approach = 0.3 * limits.speed;
-  const auto feasible = [&](const auto& make, const std::string& what) -> Result<Motion> {
-    double travel = 1;
-    std::string why;
-    for (int k = 0; k < 12; ++k) {
-      Motion motion = make(travel);
-      why = trouble(motion, judge);
-      if (why.empty()) return motion;
-      if (why == "torque")
-        acceleration *= 0.7;
-      else
-        travel *= 0.7;
-    }
-    return tl::unexpected(fmt::format("{}: no motion within the limits around the pose of the first keyframe ({})",
-                                      what, why == "torque" ? "torque" : why + " touch"));
-  };
-  out.rest = Motion(list(q));
-  out.friction_s = out.inertia_s;
-  if (!o.friction && o.heating_s == 0) return out;
-  out.rest.dwell(0.2).move_to(list(out.pose), values(approach), values(acceleration)).dwell(0.2);
+/// Second and third section, behind the first.
+Result<void> append_rest(Excitation& out, Place at, Judge& judge, const Regressor& regressor,
+                         const ExcitationOptions& o, Gaussian& gaussian) {
+  if (!o.friction && o.heating_s == 0) return {};
+  out.rest.dwell(0.2);
+  return_to_pose(out.rest, at);
+  out.rest.dwell(0.1);
   if (const auto why = trouble(out.rest, judge); !why.empty())
     out.notes.push_back(fmt::format("on the way from the first section to the pose: {}",
                                     why == "torque" ? "more torque than the limit is needed" : why + " touch"));
-  for (Index j = 0; j < n && o.friction; ++j) {
-    const auto part = feasible(
-        [&](double travel) {
-          return friction_of(j, out.pose, travel * std::min(0.45 * (limits.high(j) - limits.low(j)), 1.2), limits,
-                             acceleration);
-        },
-        "friction of " + regressor.joint_name(j));
-    if (!part) return tl::unexpected(part.error());
-    out.rest.then(*part);
+  if (o.friction) {
+    const auto by_joint = friction_by_joint(at, judge, regressor);
+    if (!by_joint) return tl::unexpected(by_joint.error());
+    if (o.criterion)
+      out.rest.then(d_optimal_passes(*by_joint, at, judge, *o.criterion,
+                                     o.criterion->known + o.periods * o.criterion->information(states_of(out.inertia)),
+                                     gaussian));
+    else
+      out.rest.then(*by_joint);
   }
   out.friction_s = out.inertia_s + out.rest.duration_s();
-  if (o.heating_s > 0) {
-    const auto part = feasible(
-        [&](double travel) {
-          const VectorXd half = travel * 0.3 * (limits.high - limits.low),
-                         from = (out.pose - half).cwiseMax(limits.low), to = (out.pose + half).cwiseMin(limits.high);
-          Motion motion(list(out.pose));
-          motion.move_to(list(from), values(approach), values(acceleration));
-          while (motion.duration_s() < std::max(o.heating_s, 1.0))
-            motion.move_to(list(to), values(limits.speed), values(acceleration))
-                .move_to(list(from), values(limits.speed), values(acceleration));
-          motion.move_to(list(out.pose), values(approach), values(acceleration));
-          return motion;
-        },
-        "heating");
-    if (!part) return tl::unexpected(part.error());
-    out.rest.then(*part);
-  }
+  if (o.heating_s == 0) return {};
+  const auto heating =
+      feasible([&](double travel) { return heating_of(at, o.heating_s, travel); }, at, judge, "heating");
+  if (!heating) return tl::unexpected(heating.error());
+  out.rest.then(*heating);
+  return {};
+}
+
+}  // namespace
+
+Result<Excitation> excite(const mujoco::Model& model, const Regressor& regressor, const BaseParameters& base,
+                          const ExcitationOptions& o) {
+  const MotionLimits limits = motion_limits(model, regressor, o.share);
+  Judge judge(model, regressor, base, limits);
+  Gaussian gaussian(o.seed);
+  const auto found = search(judge, limits, o, gaussian);
+  if (!found) return tl::unexpected(found.error());
+  const Index n = regressor.joints();
+  Excitation out{.inertia = series_of(found->found.z, limits, o),
+                 .inertia_s = o.periods * o.period_s,
+                 .friction_s = o.periods * o.period_s,
+                 .rest = Motion({}),
+                 .first_condition_number = condition_number_of(series_of(found->first, limits, o), judge),
+                 .interrupted = found->interrupted,
+                 .notes = limits.notes};
+  out.condition_number = condition_number_of(out.inertia, judge);
+  VectorXd q(n), qd(n), qdd(n);
+  out.inertia.at(0, q, qd, qdd);
+  out.pose = reference_pose(model.get(), limits);
+  out.rest = Motion(list(q));
+  if (auto ok = append_rest(out, {limits, out.pose, limits.acceleration}, judge, regressor, o, gaussian); !ok)
+    return tl::unexpected(ok.error());
   return out;
 }
 

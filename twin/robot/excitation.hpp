@@ -16,6 +16,8 @@
 /// Motion from which a robot's dynamics are identified: the cycle of three sections of Hao 2021. Inertia: Fourier
 /// series of all joints whose coefficients make the condition number of the base regressor small. Friction: joint by
 /// joint, several speeds both ways, the others in a stated pose. Heating: fast point-to-point moves of all joints.
+/// With a DesignCriterion the series and the second section are D-optimal for it: the second is then chosen from passes
+/// at constant speed of one joint or all, around several poses, in the time that the passes joint by joint would take.
 namespace tribotwin::twin {
 
 /// The limits of the motion, per joint of the regressor.
@@ -30,6 +32,21 @@ struct MotionLimits {
 /// rad/s); the acceleration that reaches it in 0.4 s; ctrlrange of the drives. Speeds and torques times `share`.
 MotionLimits motion_limits(const mujoco::Model& model, const Regressor& regressor, double share);
 
+/// States of a motion at equal steps of time; joints x states.
+struct MotionStates {
+  double step_s = 0;
+  Eigen::MatrixXd q, qd, qdd;  ///< [rad; m], per s, per s^2
+
+  Eigen::Index size() const { return q.cols(); }
+};
+
+/// What a motion is for, in place of a small condition number: a large ln det(known + information), D-optimality.
+struct DesignCriterion {
+  Eigen::MatrixXd known;  ///< information without the motion, positive definite
+  /// Of a motion; that of several adds up. Symmetric, lower triangle.
+  std::function<Eigen::MatrixXd(const MotionStates&)> information;
+};
+
 struct ExcitationOptions {
   double share = 0.8;  ///< of the speeds and torques
   double period_s = 10;
@@ -39,8 +56,9 @@ struct ExcitationOptions {
   bool friction = true;
   int evaluations = 4000;
   std::uint64_t seed = 1;
-  const std::atomic<bool>* stop = nullptr;  ///< ends the search; the best motion so far is the result
-  std::function<void(double share, double condition_number)> progress;
+  const DesignCriterion* criterion = nullptr;  ///< null: the condition number decides on the first section
+  const std::atomic<bool>* stop = nullptr;     ///< ends the search; the best motion so far is the result
+  std::function<void(double share)> progress;
 };
 
 struct Excitation {
@@ -57,6 +75,8 @@ struct Excitation {
   std::vector<std::string> notes;
 
   double duration_s() const { return inertia_s + rest.duration_s(); }
+  /// The first `until_s` seconds.
+  MotionStates states(double step_s, double until_s) const;
   /// Set points at a time [s], per joint.
   void at(double time_s, std::span<SetPoint> out) const;
   /// 1, 2 or 3.

@@ -256,7 +256,60 @@ refused(
     model,
     broken("c.csv", without("position_joint4_rad")),
 )
-refused("a torque is missing", ["torque_joint5_nm"], "dynamics", model, broken("d.csv", without("torque_joint5_nm")))
+
+
+def no_torque(d, n):
+    for j in range(1, 7):
+        n[n.index(f"torque_joint{j}_nm")] = f"effort_{j}"
+
+
+refused("no torque at all", ["torque_joint1_nm"], "dynamics", model, broken("d.csv", no_torque))
+for what, change, reason in (
+    ("not recorded", without("torque_joint5_nm"), "not recorded"),
+    (
+        "dead",
+        changed("torque_joint5_nm", lambda x: np.random.default_rng(3).normal(0, 0.2, len(x))),
+        "motion explains only",
+    ),
+):
+    r = run("dynamics", model, broken("d.csv", change), "-o", "d.yaml", "--force", "--json")
+    fit = json.loads(r.stdout)
+    check(
+        f"a torque is {what}: the other joints are identified, and it is said",
+        "torque_joint5_nm" in r.stderr
+        and reason in fit["left_out"]["joint5"]
+        and "joint5" not in fit["friction"]
+        and max(fit["joints"][f"joint{j}"]["relative_error"] for j in (1, 2, 3, 4, 6)) < 0.1,
+        (r.stderr, fit["left_out"], fit["joints"]),
+    )
+    e = json.loads(run("predict", model, "d.yaml", "cold.csv", "-o", "d_predicted.csv", "--force", "--json").stdout)
+    header, first = open(f"{work}/d_predicted.csv").read().split("\n")[:2]
+    check(
+        "... and predicted, this one not",
+        reason in e["joints"]["joint5"]["lacking"]
+        and e["worst_relative_to_range"] < 0.05
+        and first.split(",")[header.split(",").index("predicted_joint5_nm")] == ""
+        and first.split(",")[header.split(",").index("predicted_joint6_nm")] != "",
+        (e, first),
+    )
+r = run("excite", model, "--params", "d.yaml", "--evaluations", 200, "--inertia-only", "--json")
+d = json.loads(r.stdout)["friction"]["poorly_known"]
+check(
+    "what was left out is asked for by the next motion",
+    {f"joint5.{p}" for p in ("Fc", "Fv", "offset")} <= set(d["before"]) and not any("joint5" in p for p in d["after"]),
+    d,
+)
+r = run(
+    "dynamics",
+    model,
+    broken("d.csv", changed("torque_joint5_nm", lambda x: 0.3 + np.random.default_rng(3).normal(0, 0.2, len(x)))),
+)
+check("an offset is no motion", "of the variation of torque_joint5_nm" in r.stderr, r.stderr)
+refused(
+    "an external force without it",
+    ["--wrench", "joint5"],
+    *("predict", model, "d.yaml", "cold.csv", "--wrench", "w.csv"),
+)
 refused("the robot stands", ["stands"], "dynamics", model, broken("e.csv", standing))
 refused("time goes back", ["time_s", "does not come after"], "dynamics", model, broken("f.csv", lambda d, n: d[::-1]))
 refused("sign of a torque", ["torque_joint1_nm"], "dynamics", model, broken("g.csv", scaled("torque_joint1_nm", -1)))
@@ -430,6 +483,40 @@ check(
     and set(rail[:, 1]) == {1, 2, 3},
     names,
 )
+# ---- The next experiment: what there is already, and what it lacks.
+slow = 0.03 * np.sin(0.5 * t), 0.015 * np.cos(0.5 * t), -0.0075 * np.sin(0.5 * t)
+write(
+    "slow.csv",
+    ["time_s", "position_x_m", "torque_x_n"],
+    [t, slow[0], 3.5 * slow[2] + 2 * np.sign(slow[1]) + 4 * slow[1] + random.normal(0, 1, len(t))],
+)
+run("dynamics", "slide.xml", "slow.csv", "-o", "slow.yaml", "--quiet")
+for known in ("--given", "slow.csv"), ("--params", "slow.yaml"):
+    r = run("excite", "slide.xml", *known, "-o", "next.csv", "--evaluations", 20, "--heating", 0, "--json", "--force")
+    d = json.loads(r.stdout)["friction"]
+    viscous = d["parameters"]["x.Fv"]
+    check(
+        f"{known}: a slow recording lacks viscous friction, which the next motion tells",
+        d["law"] == "coulomb_viscous"
+        and "x.Fv" in d["poorly_known"]["before"]
+        and "x.Fc" not in d["poorly_known"]["before"]
+        and not d["poorly_known"]["after"]
+        and viscous["sigma_after"] < 0.02 * viscous["sigma_before"]
+        and d["base_parameters_known"] == {"before": 0, "after": 1}
+        and 0.2 < d["noise"]["x"] < 0.4,
+        d,
+    )
+os.remove(f"{work}/next.csv")
+for says, options in (
+    (["--friction", "did you mean 'stribeck'"], ["--friction", "stribek"]),
+    (["--noise", "no joint 'y'", "x"], ["--noise", "y=1"]),
+    (["--noise", "above 0"], ["--noise", "0"]),
+    (["--given", "--params"], ["--given", "slow.csv", "--params", "slow.yaml"]),
+    (["cold.csv", "position_x_m"], ["--given", "cold.csv"]),
+    (["params.yaml", "another robot"], ["--params", "params.yaml"]),
+):
+    refused(f"excite {options}", says, "excite", "slide.xml", "-o", "next.csv", *options)
+check("no motion is written then", not os.path.exists(f"{work}/next.csv"))
 refused("a slide's column in rad", ["position_x_m"], "dynamics", "slide.xml", "cold.csv")
 outlying = 3.5 * a + 2 * np.sign(v) + 4 * v + 0.3 + random.normal(0, 0.05, len(t))
 outlying[2000:2050] += 40

@@ -29,7 +29,7 @@ struct Trial {
   std::string what;     ///< "cut-off 10 Hz", "friction stribeck", ...
   double change = 0;    ///< of the held-out error against the best before it, as a share; NaN where it failed
   double sigma = 0;     ///< standard error of the change
-  Eigen::VectorXd rms;  ///< held-out error per joint [Nm; N]; empty where it failed
+  Eigen::VectorXd rms;  ///< held-out error per joint with torque [Nm; N]; empty where it failed
   bool taken = false;
   std::string failure;  ///< why there is no result; else empty
   std::string remark;   ///< "contains coulomb_viscous, yet worse: overfits or did not converge"; mostly empty

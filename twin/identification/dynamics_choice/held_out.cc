@@ -28,9 +28,13 @@ Result<HeldOut> held_out(const Regressor& regressor, const BaseParameters& base,
   const auto fit = fit_dynamics(regressor, base, friction, motion, options);
   if (!fit) return tl::unexpected(fit.error());
   const MatrixXd& predicted = fit->held_out;
-  const Index joints = regressor.joints(), stretches = static_cast<Index>(target.stretches.size());
+  std::vector<Index> measured;
+  for (Index j = 0; j < regressor.joints(); ++j)
+    if (!motion.is_left_out(j)) measured.push_back(j);
+  const Index joints = static_cast<Index>(measured.size()), stretches = static_cast<Index>(target.stretches.size());
   HeldOut out{.rms = VectorXd::Zero(joints), .mean = MatrixXd::Zero(joints, stretches)};
-  for (Index j = 0; j < joints; ++j) {
+  for (Index k = 0; k < joints; ++k) {
+    const Index j = measured[static_cast<std::size_t>(k)];
     double all = 0, samples = 0;
     for (Index s = 0; s < stretches; ++s) {
       const auto [first, last] = target.stretches[static_cast<std::size_t>(s)];
@@ -38,9 +42,9 @@ Result<HeldOut> held_out(const Regressor& regressor, const BaseParameters& base,
       for (Index i = first; i < last; ++i)
         if (target.motion.moving(j, i)) squares += std::pow(target.motion.torque(j, i) - predicted(j, i), 2), ++count;
       all += squares, samples += count;
-      out.mean(j, s) = count > 0 ? squares / count : std::nan("");
+      out.mean(k, s) = count > 0 ? squares / count : std::nan("");
     }
-    out.rms(j) = std::sqrt(all / samples);
+    out.rms(k) = std::sqrt(all / samples);
   }
   return out;
 }

@@ -29,7 +29,7 @@ Result<RobotFriction> friction_of(const mujoco::Model& model, const Regressor& r
                                   std::span<const double> torque_max_nm, const JointMotion& motion);
 
 struct HeldOut {
-  Eigen::VectorXd rms;   ///< per joint [Nm; N], over the samples in motion
+  Eigen::VectorXd rms;   ///< per joint with torque [Nm; N], over the samples in motion
   Eigen::MatrixXd mean;  ///< joints x stretches of time: mean squares
 };
 

@@ -127,14 +127,17 @@ class Identification {
 
  private:
   Index joints() const { return regressor_.joints(); }
+  bool left_out(Index joint) const { return motion_.is_left_out(joint); }
   void progress(double share) const {
     if (options_.progress) options_.progress(share);
   }
 
   Result<void> require_motion() const {
     for (Index j = 0; j < joints(); ++j) {
+      if (left_out(j)) continue;
       const auto torque = motion_.torque.row(j);
-      if (torque.size() && torque.maxCoeff() - torque.minCoeff() <= 1e-9 * torque.cwiseAbs().maxCoeff())
+      const double low = torque.minCoeff<Eigen::PropagateNumbers>(), high = torque.maxCoeff<Eigen::PropagateNumbers>();
+      if (torque.size() && high - low <= 1e-9 * std::max(std::abs(low), std::abs(high)))
         return tl::unexpected(Error(fmt::format("the torque of joint {} is always {:.4g}; is the column empty?",
                                                 regressor_.joint_name(j), torque(0))));
       if (const Index moving = motion_.moving.row(j).count();
@@ -208,7 +211,8 @@ class Identification {
       if (friction_[j].directional().offset)
         now_.friction[j][static_cast<std::size_t>(friction_[j].law_size())] = first->parameters.friction[j].back();
     VectorXd weights(joints());
-    for (Index j = 0; j < joints(); ++j) weights(j) = 1 / first->joints[static_cast<std::size_t>(j)].noise;
+    for (Index j = 0; j < joints(); ++j)
+      weights(j) = left_out(j) ? 0 : 1 / first->joints[static_cast<std::size_t>(j)].noise;
     constexpr int rounds = 4;
     for (int round = 0;; ++round) {
       RobotParameters frictionless{.base = now_.base,
@@ -232,6 +236,10 @@ class Identification {
     for (Index j = 0; j < joints(); ++j) {
       const auto at = static_cast<std::size_t>(j);
       const JointFriction& f = friction_[at];
+      if (left_out(j)) {
+        for (Index p = 0; p < f.size(); ++p) fixed.push_back(problem_.friction_at(j, p));
+        continue;
+      }
       FitOptions options{.threads = options_.threads};
       // A convention: another reference temperature gives the same friction.
       for (const std::string_view name : f.reference_temperatures()) options.fixed.emplace_back(name, 20);
@@ -274,16 +282,22 @@ class Identification {
     double squares = 0, torque_squares = 0;
     for (Index j = 0; j < joints(); ++j) {
       std::vector<double> r;
-      double own = 0, torque = 0;
+      double own = 0, torque = 0, sum = 0;
       for (Index i = 0; i < motion_.size(); ++i)
         if (const double x = residuals(j, i); !std::isnan(x))
-          r.push_back(x), own += x * x, torque += motion_.torque(j, i) * motion_.torque(j, i);
+          r.push_back(x), own += x * x, sum += motion_.torque(j, i),
+              torque += motion_.torque(j, i) * motion_.torque(j, i);
+      if (r.empty()) {  // left out: any weight will do for no rows
+        out_.joints.push_back({regressor_.joint_name(j), unknown, 1, unknown, unknown, 0});
+        continue;
+      }
       const auto parameters = std::min<Index>(base_.size() / joints() + friction_[static_cast<std::size_t>(j)].size(),
                                               static_cast<Index>(r.size()) / 2);
       noise_(j) = std::max(noise_of(r, parameters, options_.robust),
                            1e-12 * std::sqrt(torque / static_cast<double>(r.size())) + 1e-300);
       correlation_(j) = correlation_of(residuals.row(j), motion_, own / static_cast<double>(r.size()));
       out_.joints.push_back({regressor_.joint_name(j), noise_(j), correlation_(j), std::sqrt(own / torque),
+                             std::sqrt(own / std::max(torque - sum * sum / static_cast<double>(r.size()), 1e-300)),
                              static_cast<Index>(r.size())});
       squares += own, torque_squares += torque;
     }

@@ -51,10 +51,13 @@ Eigen::VectorXd inertial_scale(const Regressor& regressor);
 
 struct JointResult {
   std::string name;
-  double noise = 0;           ///< standard deviation of the residual [Nm; N]
+  double noise = 0;           ///< standard deviation of the residual [Nm; N]; NaN where the joint is left out
   double correlation = 1;     ///< number of correlated samples per independent one
-  double relative_error = 0;  ///< rms of the residual / rms of the torque, while the joint moves
-  Eigen::Index samples = 0;   ///< in motion
+  double relative_error = 0;  ///< rms of the residual / rms of the torque, while the joint moves; NaN as `noise`
+  double of_variation = 0;    ///< rms of the residual / standard deviation of the torque, while the joint moves; NaN as
+                              ///< `noise`
+  Eigen::Index samples = 0;   ///< in motion; 0: the joint is left out (JointMotion::left_out), its friction is not
+                              ///< known
 };
 
 struct DynamicsFit {

@@ -1,4 +1,5 @@
 #include <algorithm>
+#include <limits>
 
 #include <fmt/format.h>
 
@@ -36,11 +37,18 @@ std::string to_yaml(const DynamicsFit& fit, const BaseParameters& base, const fr
   for (std::size_t k = 0; k < fit.base.size(); ++k) write(out, fit.base[k], base.parameters[k].group);
   out << YAML::EndMap << YAML::Key << "friction" << YAML::Value << YAML::BeginMap;
   for (std::size_t j = 0; j < fit.friction.size(); ++j) {
+    if (fit.joints[j].samples == 0) continue;
     out << YAML::Key << fit.joints[j].name << YAML::Value << YAML::BeginMap;
     for (const auto& e : fit.friction[j]) write(out, e);
     out << YAML::EndMap;
   }
   out << YAML::EndMap;
+  if (std::ranges::any_of(origin.left_out, [](const std::string& why) { return !why.empty(); })) {
+    out << YAML::Key << "left_out" << YAML::Value << YAML::BeginMap;
+    for (std::size_t j = 0; j < origin.left_out.size(); ++j)
+      if (!origin.left_out[j].empty()) out << YAML::Key << fit.joints[j].name << YAML::Value << origin.left_out[j];
+    out << YAML::EndMap;
+  }
   if (!thermal.empty()) {
     out << YAML::Key << "thermal" << YAML::Value << YAML::BeginMap;
     for (std::size_t j = 0; j < thermal.size(); ++j) {
@@ -51,7 +59,8 @@ std::string to_yaml(const DynamicsFit& fit, const BaseParameters& base, const fr
     out << YAML::EndMap;
   }
   out << YAML::Key << "noise" << YAML::Value << YAML::BeginMap;
-  for (const auto& joint : fit.joints) out << YAML::Key << joint.name << YAML::Value << joint.noise;
+  for (const auto& joint : fit.joints)
+    if (joint.samples > 0) out << YAML::Key << joint.name << YAML::Value << joint.noise;
   out << YAML::EndMap << YAML::Key << "physically_possible" << YAML::Value << consistency.possible << YAML::Key
       << "distance_sigma" << YAML::Value << consistency.distance_sigma;
   out << YAML::Key << "nearest_consistent" << YAML::Value << YAML::BeginMap;
@@ -80,39 +89,66 @@ Result<DynamicsFile> read_dynamics(const std::filesystem::path& file, const Regr
   refuse_other_kind(root, file.string(), "tribotwin dynamics");
   Mapping in(file.string(), "", root);
   in.accept({"model", "data", "friction_law", "signals", "torque_max_nm", "relative_error", "condition_number",
-             "base_parameters", "friction", "thermal", "noise", "physically_possible", "distance_sigma",
+             "base_parameters", "friction", "left_out", "thermal", "noise", "physically_possible", "distance_sigma",
              "nearest_consistent"});
   DynamicsFile out;
   out.law = or_wrong_input(dynamics_law(in.text("friction_law"), file.string() + ": friction_law"));
   auto parameters = in.mapping("base_parameters");
   if (!parameters) in.fail("base_parameters", "is missing: this is no file of tribotwin dynamics");
   out.parameters.base.resize(base.size());
+  out.sigma.base.resize(base.size());
   for (const auto& name : parameters->names())
     if (std::ranges::find(base.parameters, name, &BaseParameters::Parameter::name) == base.parameters.end())
       parameters->fail(name, "is no base parameter of the model; the file is one of another robot");
   for (Index k = 0; k < base.size(); ++k)
-    out.parameters.base(k) = read_estimate(*parameters, base.parameters[static_cast<std::size_t>(k)].name);
+    out.parameters.base(k) =
+        read_estimate(*parameters, base.parameters[static_cast<std::size_t>(k)].name, {}, &out.sigma.base(k));
+  out.left_out.resize(static_cast<std::size_t>(regressor.joints()));
+  if (auto left_out = in.mapping("left_out")) {
+    for (Index j = 0; j < regressor.joints(); ++j)
+      out.left_out[static_cast<std::size_t>(j)] = left_out->text_or(regressor.joint_name(j), "");
+    left_out->done();
+  }
   auto friction = in.mapping("friction");
   if (!friction) in.fail("friction", "is missing: a mapping of joints");
   for (Index j = 0; j < regressor.joints(); ++j) {
+    if (!out.left_out[static_cast<std::size_t>(j)].empty()) {
+      out.parameters.friction.emplace_back();
+      out.sigma.friction.emplace_back();
+      continue;
+    }
     auto joint = friction->mapping(regressor.joint_name(j));
     if (!joint) friction->fail(regressor.joint_name(j), "is missing: every joint of the model needs its friction");
-    auto& values = out.parameters.friction.emplace_back();
-    for (const auto& p : out.law->parameters) values.push_back(read_estimate(*joint, std::string(p.name)));
+    auto &values = out.parameters.friction.emplace_back(), &sigmas = out.sigma.friction.emplace_back();
+    const auto read = [&](std::string_view name, Bounds bounds = {}) {
+      values.push_back(read_estimate(*joint, std::string(name), bounds, &sigmas.emplace_back()));
+    };
+    for (const auto& p : out.law->parameters) read(p.name);
     const Directional beside{.offset = joint->has(std::string(offset_name)),
                              .asymmetry = joint->has(std::string(asymmetry_name))};
-    if (j == 0) out.directional = beside;
-    if (out.directional.offset) values.push_back(read_estimate(*joint, std::string(offset_name)));
-    if (out.directional.asymmetry) values.push_back(read_estimate(*joint, std::string(asymmetry_name), Bounds{-1, 1}));
+    out.directional = beside;
+    if (out.directional.offset) read(offset_name);
+    if (out.directional.asymmetry) read(asymmetry_name, {-1, 1});
     joint->done();
   }
   friction->done();
+  // What is not known of a joint left out: no friction, no sigma.
+  const std::size_t count = out.law->parameters.size() + static_cast<std::size_t>(out.directional.count());
+  for (std::size_t j = 0; j < out.left_out.size(); ++j) {
+    if (out.left_out[j].empty()) continue;
+    out.parameters.friction[j].assign(count, 0.0);
+    out.sigma.friction[j].assign(count, std::numeric_limits<double>::quiet_NaN());
+  }
   if (auto signals = in.mapping("signals")) {
     out.signals.cutoff_hz = signals->number("cutoff_hz", {0, 1e6});
     out.signals.recorded_velocity = signals->flag_or("recorded_velocity", false);
     if (signals->has("reversal_periods")) (void)signals->number("reversal_periods", {0, 100});  // of earlier versions
     signals->done();
   }
+  if (auto noise = in.mapping("noise"))
+    for (Index j = 0; j < regressor.joints(); ++j)
+      out.noise.push_back(
+          noise->number_or(regressor.joint_name(j), std::numeric_limits<double>::quiet_NaN(), {0, 1e9}));
   if (auto largest = in.mapping("torque_max_nm"))
     for (Index j = 0; j < regressor.joints(); ++j)
       out.torque_max_nm.push_back(largest->number(regressor.joint_name(j), {1e-9, 1e9}));

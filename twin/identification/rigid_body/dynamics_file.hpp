@@ -19,6 +19,7 @@ struct DynamicsOrigin {
   Preparation signals;                  ///< cut-off and source of speeds; predictions take the same
   std::vector<double> torque_max_nm;    ///< per joint, as for robot_friction; empty: of the model's drives
   std::vector<thermal::Model> thermal;  ///< per joint, or none
+  std::vector<std::string> left_out;    ///< per joint, why its torque was left out; "": it was not. Empty: none
 };
 
 std::string to_yaml(const DynamicsFit& fit, const BaseParameters& base, const friction::LawInfo& law,
@@ -28,9 +29,12 @@ struct DynamicsFile {
   const friction::LawInfo* law = nullptr;
   Directional directional;
   RobotParameters parameters;
-  Preparation signals;                  ///< of the fit
-  std::vector<double> torque_max_nm;    ///< per joint; empty: of the model's drives
+  RobotParameters sigma;              ///< one standard deviation of each; NaN where it was held
+  std::vector<double> noise;          ///< per joint [Nm; N], NaN where it was left out; empty where the file names none
+  Preparation signals;                ///< of the fit
+  std::vector<double> torque_max_nm;  ///< per joint; empty: of the model's drives
   std::vector<thermal::Model> thermal;  ///< per joint; empty: not known
+  std::vector<std::string> left_out;  ///< per joint, why its torque was left out, its friction being 0; "": it was not
 };
 
 /// A file of to_yaml. ErrorKind::input with file, key and what would be right, also where it describes another robot.

@@ -1,5 +1,6 @@
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <numbers>
 
 #include <fmt/format.h>
@@ -264,6 +265,22 @@ void join(const std::vector<Part>& parts, const VectorXd& fastest, JointMotion& 
   }
 }
 
+/// Torques that a recording does not have.
+void leave_out_unrecorded(std::span<const RobotRecording> recordings, JointMotion& out) {
+  for (Index j = 0; j < out.q.rows(); ++j) {
+    const auto without = [&](const RobotRecording& rec) {
+      return !rec.without_torque.empty() && rec.without_torque[static_cast<std::size_t>(j)];
+    };
+    for (std::size_t s = 0; s < out.segments.size(); ++s) {
+      if (!without(recordings[out.file[s]])) continue;
+      const Index first = out.segments[s].first, count = out.segments[s].second - first;
+      out.moving.row(j).segment(first, count).setConstant(false);
+      out.torque.row(j).segment(first, count).setConstant(std::numeric_limits<double>::quiet_NaN());
+    }
+    out.left_out.push_back(std::ranges::all_of(recordings, without));
+  }
+}
+
 }  // namespace
 
 Result<JointMotion> prepare(std::span<const RobotRecording> recordings, const Regressor& r,
@@ -277,12 +294,13 @@ Result<JointMotion> prepare(std::span<const RobotRecording> recordings, const Re
   VectorXd fastest = VectorXd::Zero(r.joints());
   for (const Part& p : parts) fastest = fastest.cwiseMax(p.qd.cwiseAbs().rowwise().maxCoeff());
   for (Index j = 0; j < r.joints(); ++j)
-    if (fastest(j) < 1e-2)
+    if (fastest(j) < 1e-2 && !preparation.still_joints)
       return tl::unexpected(
           Error(fmt::format("joint {} stands still in all recordings (it never exceeds {:.2g} {}/s); move every joint, "
                             "or weld it in the model",
                             r.joint_name(j), fastest(j), r.is_slide(j) ? "m" : "rad")));
   join(parts, fastest, out);
+  leave_out_unrecorded(recordings, out);
   return out;
 }
 

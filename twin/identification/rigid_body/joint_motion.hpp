@@ -26,6 +26,7 @@ struct Preparation {
   /// leaves 0.003 of a step after 2 of them, 0.04 after one; short recordings may need the samples more than they
   /// suffer from that.
   double rest_periods = 2;
+  bool still_joints = false;  ///< joints may rest in all recordings
 };
 
 /// Equidistant, filtered samples of motion; joints x samples.
@@ -35,7 +36,7 @@ struct JointMotion {
   /// Fc `direction`, also while it turns. -1 .. 1, beside a turn up to 1.14 (the filter rings); 0 at rest.
   Eigen::MatrixXd direction;
   Eigen::Matrix<bool, Eigen::Dynamic, Eigen::Dynamic>
-      moving;  ///< fast enough for sliding friction, and out of the filter's reach of a rest
+      moving;  ///< fast enough for sliding friction, out of the filter's reach of a rest, and with a recorded torque
   std::vector<std::pair<Eigen::Index, Eigen::Index>>
       segments;  ///< first sample, and one past the last, of stretches without a gap
   std::vector<double> time_s;
@@ -43,7 +44,17 @@ struct JointMotion {
   std::vector<double> edge_s;          ///< per segment, length of its stretch that was left out at either end
   double cutoff_hz = 0, period_s = 0;  ///< of the first recording
   bool has_temperature = false;
+  /// Joints whose torque counts nowhere, per joint: not recorded, or leave_out(). Their torque may be NaN, and they
+  /// never count as `moving`. Empty: none.
+  std::vector<bool> left_out;
   std::vector<std::string> notes;
+
+  bool is_left_out(Eigen::Index joint) const { return !left_out.empty() && left_out[static_cast<std::size_t>(joint)]; }
+  void leave_out(Eigen::Index joint) {
+    left_out.resize(static_cast<std::size_t>(q.rows()), false);
+    left_out[static_cast<std::size_t>(joint)] = true;
+    moving.row(joint).setConstant(false);
+  }
 
   Eigen::Index size() const { return q.cols(); }
 };

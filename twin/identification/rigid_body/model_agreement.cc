@@ -136,9 +136,10 @@ std::vector<std::string> doubtful_sizes(const Regressor& regressor, const JointM
   std::vector<std::string> findings;
   for (Index j = 0; j < regressor.joints(); ++j) {
     const double limit = effort[static_cast<std::size_t>(j)];
-    if (!(limit > 0) || motion.size() == 0) continue;
     std::vector<double> sizes;
-    for (Index i = 0; i < motion.size(); ++i) sizes.push_back(std::abs(motion.torque(j, i)));
+    for (Index i = 0; i < motion.size(); ++i)
+      if (!std::isnan(motion.torque(j, i))) sizes.push_back(std::abs(motion.torque(j, i)));
+    if (!(limit > 0) || sizes.empty()) continue;
     const auto hardly = sizes.begin() + static_cast<std::ptrdiff_t>(sizes.size() * 95 / 100);
     std::ranges::nth_element(sizes, hardly);
     const double often = *hardly, largest = *std::ranges::max_element(sizes);

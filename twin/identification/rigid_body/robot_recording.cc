@@ -109,8 +109,11 @@ class JointColumns {
 
   /// Why a required column is missing.
   Problem missing(const Numbers& table, const Regressor& r) const {
+    bool any_torque = false;
+    for (Index j = 0; j < r.joints(); ++j) any_torque |= has(table, name(j, torque));
     for (std::size_t k = 0; k < names_.size(); ++k) {
-      const bool optional = k > 0 && ((k - 1) % kinds == velocity || (k - 1) % kinds == temperature);
+      const bool optional = k > 0 && ((k - 1) % kinds == velocity || (k - 1) % kinds == temperature ||
+                                      ((k - 1) % kinds == torque && any_torque && table.hint(names_[k]).empty()));
       if (optional || has(table, names_[k])) continue;
       return fmt::format(
           "{}:1: no column '{}'; {}{}the header names {}", table.file.string(), names_[k], table.hint(names_[k]),
@@ -147,7 +150,7 @@ Problem read_joint(Numbers& table, const JointColumns& columns, const Regressor&
   };
   const auto name = [&](JointColumns::Kind kind) { return columns.name(joint, kind); };
   rec.position.row(joint) = row(JointColumns::position);
-  rec.torque.row(joint) = row(JointColumns::torque);
+  if (!rec.without_torque[static_cast<std::size_t>(joint)]) rec.torque.row(joint) = row(JointColumns::torque);
   if (Problem p = implausible_position(r, rec, joint, name(JointColumns::position))) return p;
   if (const auto& velocity = columns.of(table, joint, JointColumns::velocity); !velocity.empty())
     if (Problem p =
@@ -182,7 +185,15 @@ Result<RobotRecording> read_robot_recording(const std::filesystem::path& file, c
         fmt::format("{}: {} of {} joints have a temperature; none is used", file.string(), with_temperature, n));
   const bool thermal = with_temperature == n;
   rec.position.resize(n, samples);
-  rec.torque.resize(n, samples);
+  rec.torque.setZero(n, samples);
+  std::vector<std::string> without;
+  for (Index j = 0; j < n; ++j) {
+    rec.without_torque.push_back(!JointColumns::has(*table, columns.name(j, JointColumns::torque)));
+    if (rec.without_torque.back()) without.push_back(columns.name(j, JointColumns::torque));
+  }
+  if (!without.empty())
+    rec.notes.push_back(
+        fmt::format("{}: no column {}: of these joints only the motion is used", file.string(), joined(without)));
   if (thermal) rec.temperature_degC.resize(n, samples);
   bool velocities = true;
   for (Index j = 0; j < n; ++j) velocities &= JointColumns::has(*table, columns.name(j, JointColumns::velocity));

@@ -19,13 +19,15 @@ struct RobotRecording {
   std::vector<double> time_s;
   Eigen::MatrixXd position;          ///< rad; m
   Eigen::MatrixXd torque;            ///< of the motor, arm side, positive drives forward: Nm; N
+  std::vector<bool> without_torque;  ///< joints whose torque is not in the file, 0 in `torque`; empty: none
   Eigen::MatrixXd temperature_degC;  ///< empty where the file has none
   Eigen::MatrixXd velocity;          ///< rad/s; m/s; empty where not every joint has one
   std::vector<std::string> notes;
 };
 
 /// Reads `time_s, position_JOINT_rad|_m, torque_JOINT_nm|_n [, velocity_JOINT_rad_s|_m_s, temperature_JOINT_degC]` for
-/// every joint of the model, from any kind of table (read_numbers). ErrorKind::input with file, column and what would
+/// every joint of the model, from any kind of table (read_numbers); some joints may be without torque, as their motion
+/// acts on the others. ErrorKind::input with file, column and what would
 /// be right; also where values do not fit their header: positions beyond the joint's range or too fast (degrees,
 /// swapped columns), a velocity that is not the slope of the position, time that does not increase, a robot at rest.
 Result<RobotRecording> read_robot_recording(const std::filesystem::path& file, const Regressor& regressor,

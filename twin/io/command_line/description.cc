@@ -24,6 +24,7 @@ constexpr std::pair<const char*, const char*> placeholders[] = {
     {"--faults", "FILE"},
     {"--fix", "NAME=VALUE"},
     {"--friction", "LAW"},
+    {"--given", "FILE"},
     {"--interval", "A,B"},
     {"--joint", "JOINT"},
     {"--law", "LAW"},

@@ -231,6 +231,31 @@ TEST(Dynamics, FindsOffsetAndAsymmetryWithinTheirSigmas) {
   }
 }
 
+// A file without the torque of the elbow adds what its motion does to the shoulder; without any, the elbow is left out.
+TEST(Dynamics, UsesTheMotionOfJointsWithoutTorque) {
+  Arm arm;
+  auto training = arm.recordings({.offset_nm = 3}, 90);
+  training[1].without_torque = {false, true};
+  training[1].torque.row(1).setZero();
+  const auto friction = robot_friction(arm.model(), arm.regressor(), coulomb_viscous());
+  const auto some = fit_dynamics(arm.regressor(), arm.base(), *friction, *prepare(training, arm.regressor()));
+  ASSERT_TRUE(some) << some.error().message;
+  EXPECT_LT(some->joints[1].samples, 0.8 * some->joints[0].samples);
+  EXPECT_NEAR(some->friction[1][2].value, 3, 3.5 * some->friction[1][2].sigma);
+  for (auto& r : training) r.without_torque = {false, true};
+  const auto motion = prepare(training, arm.regressor());
+  EXPECT_TRUE(motion->is_left_out(1));
+  const auto none = fit_dynamics(arm.regressor(), arm.base(), *friction, *motion);
+  ASSERT_TRUE(none) << none.error().message;
+  EXPECT_EQ(none->joints[1].samples, 0);
+  EXPECT_TRUE(std::isnan(none->friction[1][0].sigma));
+  EXPECT_NEAR(none->friction[0][2].value, 3, 3.5 * none->friction[0][2].sigma);
+  EXPECT_EQ(arm.choice(training, {.cutoff_hz = 12}).trials.front().rms.size(), 1);
+  const auto nonlinear =
+      robot_friction(arm.model(), arm.regressor(), **dynamics_law("stribeck", ""), {}, std::vector<double>{100, 1});
+  EXPECT_TRUE(fit_dynamics(arm.regressor(), arm.base(), *nonlinear, *motion));
+}
+
 // Intervals of 95 % contain the truth in 92 .. 98 % of repeats although noise is correlated and torque ripples by 2 %,
 // which nothing models.
 TEST(Dynamics, IntervalsHoldUnderCorrelatedNoiseAndRipple) {
