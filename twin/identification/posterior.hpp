@@ -11,7 +11,7 @@
 #include <Eigen/Dense>
 
 #include <tribotwin/twin/identification/calibration.hpp>
-#include <tribotwin/twin/numerics/gauss_newton.hpp>
+#include <tribotwin/twin/identification/gauss_newton.hpp>
 #include <tribotwin/twin/numerics/linear_algebra.hpp>
 #include <tribotwin/twin/numerics/parallel.hpp>
 

@@ -2,7 +2,7 @@
 
 #include <gtest/gtest.h>
 
-#include <tribotwin/twin/numerics/gauss_newton.hpp>
+#include <tribotwin/twin/identification/gauss_newton.hpp>
 
 namespace tribotwin::twin {
 namespace {

@@ -1,7 +1,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include <tribotwin/twin/numerics/gauss_newton.hpp>
+#include <tribotwin/twin/identification/gauss_newton.hpp>
 #include <tribotwin/twin/numerics/linear_algebra.hpp>
 
 namespace tribotwin::twin {
