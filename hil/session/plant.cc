@@ -29,7 +29,9 @@ std::vector<DriveParameters> drive_parameters(const twin::Scenario& scenario, in
     // Two drives of one robot may share a node number, but not a serial number.
     if (wiring.size() > 1) p.serial_number = static_cast<std::uint32_t>(first_node + all.size());
     if (const auto* o = std::get_if<twin::CascadedOptions>(&scenario.control))
-      p.gains = {o->position_gain_1_s, o->speed_bandwidth_rad_s, o->integral_time_s};
+      p.gains = o->per_drive.empty()
+                    ? twin::LoopGains{o->position_gain_1_s, o->speed_bandwidth_rad_s, o->integral_time_s}
+                    : o->per_drive[all.size()];
     // The maximum speed of the identification, where the law states one: motor side.
     if (const double speed = drive.law.range.speed_max_rad_s; std::isfinite(speed))
       p.speed_max_rad_s = speed / drive.speed_scale() * drive.gear_ratio;

@@ -11,6 +11,8 @@
 #include <tribotwin/twin/io/output.hpp>
 #include <tribotwin/twin/io/tables/numbers.hpp>
 #include <tribotwin/twin/io/text.hpp>
+#include <tribotwin/twin/robot/arm.hpp>
+#include <tribotwin/twin/simulation/scenario.hpp>
 
 namespace tribotwin::twin::program {
 namespace {
@@ -64,34 +66,79 @@ std::map<std::string, std::string> labels_of(const fs::path& file) {
   return labels;
 }
 
+/// What the head of a recording says about bench and controller is applied, or refused where nothing here has it.
+/// Other numbers are labels.
+void read_head(Recording& r, const Mapping& in) {
+  for (const auto& number : r.points.numbers) {
+    const std::string& key = number.first;
+    const double value = number.second;
+    const auto refuse = [&](const char* why) {
+      in.fail("files", fmt::format("{}: {} is {:g}, but {}", r.file.string(), key, value, why));
+    };
+    const bool lever = key == "mass" || key == "length";
+    if (lever && !(value > 0)) refuse("it must be above 0");
+    if (lever) (key == "mass" ? r.bench.mass_kg : r.bench.length_m) = value;
+    if ((key == "ki" || key == "kd") && value != 0) refuse("no controller here has such a gain; leave the file out");
+    if (key == "offset" && value != 0) refuse("it is not applied; set it to 0 and give joint.ref");
+  }
+}
+
+/// The record of a run has positions, but no set points: those are in the scenario beside it.
+void add_set_points_of_run(Recording& r, const Mapping& in) {
+  const auto record = record_of(r.file);
+  if (!record || !r.points.measured_rad.empty()) return;
+  r.scenario = record->parent_path() / "scenario.yaml";
+  const auto scenario = load_scenario(r.scenario);
+  if (!scenario)
+    in.fail("files", fmt::format("{} has no set points, and they are not known from the scenario of its "
+                                 "run either: {}",
+                                 record->string(), scenario.error().message));
+  if (!scenario->motion || !scenario->events.empty())
+    in.fail("files", fmt::format("{}: a run to calibrate on needs a motion and has no events", r.scenario.string()));
+  SetPoints& p = r.points;
+  p.measured_rad = std::move(p.position_rad);
+  p.position_rad.assign(p.joints.size(), std::vector(p.time_s.size(), 0.0));
+  p.velocity_rad_s = p.position_rad;
+  p.torque_on.assign(p.time_s.size(), true);
+  p.temperature_degC.clear();
+  std::vector<SetPoint> at(scenario->model->drives().size());
+  bool moves = false;
+  for (std::size_t k = 0; k < p.joints.size(); ++k) {
+    const auto drive = find_drive(*scenario->model, p.joints[k]);
+    if (!drive) in.fail("files", drive.error().message);
+    p.temperature_degC.emplace_back(p.time_s.size(), scenario->temperature_degC[*drive]);
+    for (std::size_t i = 0; i < p.time_s.size(); ++i) {
+      scenario->motion->at(p.time_s[i], at);
+      p.position_rad[k][i] = at[*drive].position_rad;
+      moves |= (p.velocity_rad_s[k][i] = at[*drive].velocity_rad_s) != 0;
+    }
+  }
+  if (!moves) p.velocity_rad_s.clear();  // set points that are held from row to row
+}
+
 Recording read_recording(const fs::path& file, const Mapping& in, const TableOptions& tables) {
-  auto points = or_wrong_input(read_set_points(file, tables));
+  Recording r{.file = file, .points = or_wrong_input(read_set_points(file, tables)), .labels = labels_of(file)};
+  add_set_points_of_run(r, in);
+  const SetPoints& points = r.points;
   for (const auto& text : points.notes) note("{}", text);
   if (points.measured_rad.empty())
     in.fail("files", fmt::format("{} has no measured positions; needed is JSON with entries of timestamp, "
-                                 "goal_position and position, or a table of one joint with time_s, set_point_rad and "
-                                 "position_rad",
+                                 "goal_position and position, or a table with time_s and, of each joint, "
+                                 "set_point_JOINT_rad and position_JOINT_rad",
                                  file.string()));
-  const auto measured = std::ranges::count_if(points.measured_rad, [](double q) { return std::isfinite(q); });
-  if (measured < 10 || !std::isfinite(points.measured_rad[0]))
-    in.fail("files", fmt::format("{} has {} measured positions; at least 10 are needed, among them that of the first "
-                                 "entry",
-                                 file.string(), measured));
-  return {.file = file, .points = std::move(points), .labels = labels_of(file)};
+  for (const auto& measured_rad : points.measured_rad) {
+    const auto measured = std::ranges::count_if(measured_rad, [](double q) { return std::isfinite(q); });
+    if (measured < 10 || !std::isfinite(measured_rad[0]))
+      in.fail("files", fmt::format("{} has {} measured positions; at least 10 are needed, among them that of the first "
+                                   "entry",
+                                   file.string(), measured));
+  }
+  read_head(r, in);
+  return r;
 }
 
-/// One entry of `settings`: what holds for the recordings that its pattern matches.
-void read_settings(Mapping in, std::vector<Recording>& recordings, const friction::LawInfo& law) {
-  auto accepted = keys_of(Place::control, law);
-  for (const char* key : {"files", "temperature_degC", "labels"}) accepted.emplace_back(key);
-  in.accept(accepted);
-  const std::string pattern = in.text("files");
-  std::vector<Recording*> meant;
-  for (auto& r : recordings)
-    if (matches(pattern, r.file)) meant.push_back(&r);
-  if (meant.empty())
-    in.fail("files", fmt::format("'{}' matches none of the recordings, of which the first is {}", pattern,
-                                 recordings[0].file.filename().string()));
+/// The settings of the controller and of the bench for the recordings that are meant.
+void read_numbers(Mapping& in, const std::vector<Recording*>& meant, const friction::LawInfo& law) {
   for (const auto key : keys_of(Place::control, law)) {
     const std::string text(key);
     if (!in.has(text)) continue;
@@ -101,6 +148,37 @@ void read_settings(Mapping in, std::vector<Recording>& recordings, const frictio
   }
   if (in.has("temperature_degC"))
     for (Recording* r : meant) r->temperature_degC = in.number("temperature_degC", {-100, 300});
+  if (in.has("mass"))
+    for (Recording* r : meant) r->bench.mass_kg = in.number("mass", {1e-9, 1e9});
+  if (in.has("length"))
+    for (Recording* r : meant) r->bench.length_m = in.number("length", {1e-9, 1e4});
+  auto payload = in.mapping("payload");
+  if (!payload) return;
+  payload->accept({"mass_kg", "com_m"});
+  Payload carried{.mass_kg = payload->number("mass_kg", {0, 1e9})};
+  if (payload->has("com_m")) {
+    const auto com_m = payload->numbers("com_m", {-1e4, 1e4});
+    if (com_m.size() != 3) payload->fail("com_m", "must be three numbers, from the flange");
+    std::ranges::copy(com_m, carried.com_m.begin());
+  }
+  payload->done();
+  for (Recording* r : meant) r->bench.payload = carried;
+}
+
+/// One entry of `settings`: what holds for the recordings that its pattern matches.
+void read_settings(Mapping in, std::vector<Recording>& recordings, const friction::LawInfo& law) {
+  auto accepted = keys_of(Place::control, law);
+  for (const char* key : {"files", "temperature_degC", "mass", "length", "payload", "labels"})
+    accepted.emplace_back(key);
+  in.accept(accepted);
+  const std::string pattern = in.text("files");
+  std::vector<Recording*> meant;
+  for (auto& r : recordings)
+    if (matches(pattern, r.file)) meant.push_back(&r);
+  if (meant.empty())
+    in.fail("files", fmt::format("'{}' matches none of the recordings, of which the first is {}", pattern,
+                                 recordings[0].file.filename().string()));
+  read_numbers(in, meant, law);
   if (auto labels = in.mapping("labels"))
     for (const auto& label : labels->names())
       for (Recording* r : meant) r->labels[label] = labels->text(label);
@@ -130,6 +208,10 @@ Split split_by_label(Mapping& in, const std::vector<Recording>& recordings) {
     if (fold == split.folds.end()) fold = split.folds.insert(fold, {found->second, {}});
     fold->held_out.push_back(i);
   }
+  if (split.folds.size() == 1 && recordings.size() > 1)
+    in.fail("folds", fmt::format("'{}': every recording has {} {}, so that a fold would leave none to learn from; "
+                                 "needed are at least two values",
+                                 text, label, split.folds[0].label));
   split.name = in.text_or("name", label);
   return split;
 }
@@ -176,6 +258,8 @@ std::vector<Recording> read_recordings(Mapping in, const fs::path& folder, const
     for (const auto& [key, value] : r.control)
       if (key == "kp") r.labels["kp"] = fmt::format("{:g}", value);
     if (r.labels.contains("kp")) r.labels["gain"] = r.labels["kp"];
+    if (r.bench.mass_kg) r.labels["mass"] = fmt::format("{:g}", *r.bench.mass_kg);
+    if (r.bench.length_m) r.labels["length"] = fmt::format("{:g}", *r.bench.length_m);
   }
   in.done();
   return recordings;

@@ -66,6 +66,7 @@ Json json_of(const Results& r, const SimulationFit* f) {
   }
   j["learning_mae_mrad"] = number(r.mae(*f, false));
   j["objective"] = f->objective;
+  j["evaluations"] = f->evaluations;
   j["minima"] = Json::array();
   for (const double m : f->minima) j["minima"].push_back(number(m));
   for (std::size_t i = 0; i < v.quantities.size(); ++i) {
@@ -123,7 +124,10 @@ Json json_of(const Results& r) {
          {"error", plan.search.norm == Norm::squared ? "squared" : "absolute"},
          {"correlation_s", plan.search.correlation_s},
          {"search",
-          {{"starts", plan.search.starts}, {"evaluations", plan.search.evaluations}, {"seed", plan.search.seed}}},
+          {{"method", name(method_of(plan.search))},
+           {"starts", plan.search.starts},
+           {"evaluations", plan.search.evaluations},
+           {"seed", plan.search.seed}}},
          {"reference", plan.variants[r.campaign.reference].label},
          {"variants", Json::array()}};
   for (const auto& recording : plan.recordings) {
@@ -150,6 +154,7 @@ bool checksum_holds(const Json& j) { return with_checksum(j)["crc32"] == j.at("c
 SimulationFit fit_of(const Campaign& campaign, const JsonInput& in, SimulationFit f) {
   const auto& quantities = campaign.plan.variants[f.variant].quantities;
   f.objective = in["objective"].number({-1e300, 1e300});
+  f.evaluations = static_cast<int>(in["evaluations"].number({0, 1e9}));
   for (const auto& m : in["minima"].list(0))
     f.minima.push_back(m.is_null() ? std::numeric_limits<double>::infinity() : m.number({-1e300, 1e300}));
   const JsonInput parameters = in["parameters"];

@@ -1,5 +1,6 @@
 #include <algorithm>
 #include <cmath>
+#include <map>
 
 #include <fmt/format.h>
 
@@ -13,14 +14,18 @@ namespace fs = std::filesystem;
 using namespace identification;
 using Results = CalibrationResults;
 
-/// Index of the quantity of a law parameter; the number of quantities where no quantity belongs to it.
-std::ptrdiff_t quantity_of(const Variant& variant, std::string_view parameter) {
-  return std::ranges::find(variant.quantities, fmt::format("drive.{}", parameter), &Quantity::path) -
+/// Index of the quantity of a law parameter of a joint; the number of quantities where no quantity belongs to it.
+std::ptrdiff_t quantity_of(const Variant& variant, const std::string& joint, std::string_view parameter) {
+  return std::ranges::find_if(variant.quantities,
+                              [&](const Quantity& q) {
+                                return q.place == Place::drive && q.key == parameter &&
+                                       (q.owner.empty() || q.owner == joint);
+                              }) -
          variant.quantities.begin();
 }
 
 /// The law's parameters with their status and sigma in the fit.
-void add_estimates(ParameterFile& file, const Variant& variant, const SimulationFit& f) {
+void add_estimates(ParameterFile& file, const Variant& variant, const std::string& joint, const SimulationFit& f) {
   const auto& parameters = file.law.info->parameters;
   for (std::size_t i = 0; i < parameters.size(); ++i) {
     const auto& p = parameters[i];
@@ -31,7 +36,7 @@ void add_estimates(ParameterFile& file, const Variant& variant, const Simulation
                .low = std::nan(""),
                .high = std::nan(""),
                .status = identification::Status::fixed};
-    if (const auto at = static_cast<std::size_t>(quantity_of(variant, p.name)); at < variant.quantities.size()) {
+    if (const auto at = static_cast<std::size_t>(quantity_of(variant, joint, p.name)); at < variant.quantities.size()) {
       using enum identification::Status;
       const ParameterStatus k = f.status[at];
       e.status = k == ParameterStatus::estimated  ? estimated
@@ -47,16 +52,18 @@ void add_estimates(ParameterFile& file, const Variant& variant, const Simulation
   file.found.covariance = Eigen::MatrixXd::Constant(std::ssize(parameters), std::ssize(parameters), std::nan(""));
   for (std::size_t i = 0; i < parameters.size(); ++i)
     for (std::size_t k = 0; k < parameters.size(); ++k)
-      if (const auto a = quantity_of(variant, parameters[i].name), b = quantity_of(variant, parameters[k].name);
+      if (const auto a = quantity_of(variant, joint, parameters[i].name),
+          b = quantity_of(variant, joint, parameters[k].name);
           std::max(a, b) < std::ssize(variant.quantities))
         file.found.covariance(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(k)) =
             f.correlation(a, b) * file.found.parameters[i].sigma * file.found.parameters[k].sigma;
 }
 
-ParameterFile parameter_file(const Results& r, const SimulationFit& f, const drive::Drive& drive) {
+ParameterFile parameter_file(const Results& r, const SimulationFit& f, const mujoco::Model& model, std::size_t i) {
   const Variant& variant = r.campaign.plan.variants[f.variant];
+  const drive::Drive& drive = model.drives()[i].drive;
   ParameterFile file{.law = drive.law, .torque_max_nm = drive.torque_max_nm, .gear_ratio = drive.gear_ratio};
-  add_estimates(file, variant, f);
+  add_estimates(file, variant, joint_name(model.get(), model.drives()[i]), f);
   for (const auto& recording : r.campaign.plan.recordings) {
     file.data.push_back(recording.file.string());
     file.found.samples += recording.points.time_s.size();
@@ -73,6 +80,51 @@ ParameterFile parameter_file(const Results& r, const SimulationFit& f, const dri
   return file;
 }
 
+/// The section `control` of a scenario that follows the recording.
+void write_control(YAML::Emitter& out, const Variant& variant, const SimulationFit& f, const Recording& shown) {
+  out << YAML::Key << "control" << YAML::Value << YAML::Flow << YAML::BeginMap;
+  out << YAML::Key << "type" << YAML::Value << std::string(name(variant.controller));
+  if (variant.controller == Controller::servo) out << YAML::Key << "gravity" << YAML::Value << false;
+  const auto set_by_recording = [&](const std::string& key) {
+    return std::ranges::find(shown.control, key, [](const auto& c) { return c.first; }) != shown.control.end();
+  };
+  std::map<std::string, std::vector<std::size_t>> keys;
+  for (std::size_t q = 0; q < variant.quantities.size(); ++q)
+    if (variant.quantities[q].place == Place::control && !set_by_recording(variant.quantities[q].key))
+      keys[variant.quantities[q].key].push_back(q);
+  for (const auto& [key, quantities] : keys) {
+    out << YAML::Key << key << YAML::Value;
+    if (variant.quantities[quantities[0]].owner.empty()) {
+      out << f.values[quantities[0]];
+      continue;
+    }
+    out << YAML::Flow << YAML::BeginMap;
+    for (const std::size_t q : quantities)
+      out << YAML::Key << variant.quantities[q].owner << YAML::Value << f.values[q];
+    out << YAML::EndMap;
+  }
+  for (const auto& [key, value] : shown.points.numbers)
+    if (key == "vin" && variant.controller == Controller::dc_position && !keys.contains("supply_V") &&
+        !set_by_recording("supply_V"))
+      out << YAML::Key << "supply_V" << YAML::Value << value;
+  for (const auto& [key, value] : shown.control) out << YAML::Key << key << YAML::Value << value;
+  out << YAML::EndMap;
+}
+
+/// The motion of a scenario that follows the recording.
+void write_motion(YAML::Emitter& out, const Recording& shown, double delay_s) {
+  if (!shown.scenario.empty()) {
+    const YAML::Node run = load_yaml(shown.scenario);
+    for (const char* key : {"motion", "start_rad", "keyframe", "duration_s"})
+      if (run[key]) out << YAML::Key << key << YAML::Value << run[key];
+    return;
+  }
+  out << YAML::Key << "motion" << YAML::Value << YAML::Flow << YAML::BeginMap;
+  out << YAML::Key << "type" << YAML::Value << "recording" << YAML::Key << "file" << YAML::Value
+      << fs::absolute(shown.file).string();
+  out << YAML::Key << "delay_s" << YAML::Value << delay_s << YAML::EndMap;
+}
+
 /// A scenario in which the twin follows the first recording.
 std::string scenario_of(const Results& r, const SimulationFit& f, const VariantTwins& twins) {
   const Variant& variant = r.campaign.plan.variants[f.variant];
@@ -81,21 +133,20 @@ std::string scenario_of(const Results& r, const SimulationFit& f, const VariantT
   out.SetDoublePrecision(17);
   out << YAML::BeginMap << YAML::Key << "description" << YAML::Value
       << fmt::format("{}: found by tribotwin calibrate {}", variant.label, r.campaign.file.filename().string());
-  out << YAML::Key << "model" << YAML::Value << variant.label + ".xml" << YAML::Key << "motion" << YAML::Value
-      << YAML::Flow << YAML::BeginMap;
-  out << YAML::Key << "type" << YAML::Value << "recording" << YAML::Key << "file" << YAML::Value
-      << fs::absolute(shown.file).string();
-  out << YAML::Key << "delay_s" << YAML::Value << twins.delay_s(f.values) << YAML::EndMap << YAML::Key << "control"
-      << YAML::Value << YAML::Flow << YAML::BeginMap;
-  out << YAML::Key << "type" << YAML::Value << "dc_position";
-  for (std::size_t q = 0; q < variant.quantities.size(); ++q)
-    if (variant.quantities[q].place == Place::control &&
-        std::ranges::find(shown.control, variant.quantities[q].key, [](const auto& c) { return c.first; }) ==
-            shown.control.end())
-      out << YAML::Key << variant.quantities[q].key << YAML::Value << f.values[q];
-  for (const auto& [key, value] : shown.control) out << YAML::Key << key << YAML::Value << value;
-  out << YAML::EndMap;
-  if (shown.temperature_degC) out << YAML::Key << "temperature_degC" << YAML::Value << *shown.temperature_degC;
+  out << YAML::Key << "model" << YAML::Value << variant.label + ".xml";
+  write_motion(out, shown, twins.delay_s(f.values));
+  write_control(out, variant, f, shown);
+  const auto temperature_degC = twins.temperature_degC(shown);
+  if (temperature_degC.size() > 1)
+    out << YAML::Key << "temperature_degC" << YAML::Value << YAML::Flow << temperature_degC;
+  else if (shown.temperature_degC)
+    out << YAML::Key << "temperature_degC" << YAML::Value << *shown.temperature_degC;
+  if (shown.bench.payload)
+    out << YAML::Key << "events" << YAML::Value << YAML::Flow << YAML::BeginSeq << YAML::BeginMap << YAML::Key << "type"
+        << YAML::Value << "payload" << YAML::Key << "time_s" << YAML::Value << 0 << YAML::Key << "mass_kg"
+        << YAML::Value << shown.bench.payload->mass_kg << YAML::Key << "com_m" << YAML::Value
+        << std::vector(shown.bench.payload->com_m.begin(), shown.bench.payload->com_m.end()) << YAML::EndMap
+        << YAML::EndSeq;
   if (variant.timestep_s) out << YAML::Key << "timestep_s" << YAML::Value << *variant.timestep_s;
   out << YAML::Key << "telemetry_rate_hz" << YAML::Value << 250 << YAML::EndMap;
   return std::string(out.c_str()) + "\n";
@@ -109,10 +160,16 @@ Result<void> write_twin(const Results& r, const SimulationFit& f, const fs::path
   if (!opened) return tl::unexpected(opened.error());
   const auto made = opened->candidate(f.values);
   if (!made) return tl::unexpected(made.error());
-  for (const auto& [ending, text] : {std::pair<std::string, std::string>{".xml", opened->mjcf(f.values)},
-                                     {".yaml", scenario_of(r, f, *opened)},
-                                     {".params.yaml", to_yaml(parameter_file(r, f, made->model->drives()[0].drive))}})
-    if (const auto ok = write_derived(directory / (variant.label + ending), text, existing); !ok) return ok;
+  const mujoco::Model& model = *made->models[0];
+  const auto write = [&](const std::string& ending, const std::string& text) {
+    return write_derived(directory / (variant.label + ending), text, existing);
+  };
+  if (const auto ok = write(".xml", opened->mjcf(f.values, r.campaign.plan.recordings[0].bench)); !ok) return ok;
+  if (const auto ok = write(".yaml", scenario_of(r, f, *opened)); !ok) return ok;
+  for (std::size_t i = 0; i < model.drives().size(); ++i) {
+    const std::string joint = model.drives().size() > 1 ? "." + joint_name(model.get(), model.drives()[i]) : "";
+    if (const auto ok = write(joint + ".params.yaml", to_yaml(parameter_file(r, f, model, i))); !ok) return ok;
+  }
   return {};
 }
 

@@ -23,20 +23,36 @@ class Cascaded final : public Servo {
   std::vector<DriveCommand> commands_;
 };
 
+double duty(const DcPositionOptions& o, double error_rad) {
+  return std::clamp(o.kp * o.error_gain * error_rad, -o.duty_limit, o.duty_limit);
+}
+
+double dc_torque_nm(const DcPositionOptions& o, double duty, double speed_rad_s, double resistance_ohm) {
+  const double supply_V = o.supply_V * (1 - o.supply_resistance_ohm / o.resistance_ohm * duty * duty);
+  const double torque = o.kt_nm_A / resistance_ohm * (duty * supply_V - o.kt_nm_A * speed_rad_s);
+  return std::clamp(torque, -o.torque_limit_nm, o.torque_limit_nm);
+}
+
 class DcPosition final : public Servo {
  public:
-  DcPosition(const mujoco::Model& model, const DcPositionOptions& o) : model_(model), o_(o) {}
+  DcPosition(const mujoco::Model& model, std::vector<DcPositionOptions> o)
+      : model_(model), options_(std::move(o)), duty_(options_.size()) {}
   void control(const mjModel* m, mjData* d, std::span<const SetPoint> set_points) override {
     for (std::size_t i = 0; i < model_.drives().size(); ++i) {
       const auto& drive = model_.drives()[i];
-      const double error = set_points[i].position_rad - d->qpos[position_address(m, drive)];
-      d->ctrl[drive.control] = dc_torque_nm(o_, error, d->qvel[drive.dof]) / drive.gear;
+      const DcPositionOptions& o = options_[i];
+      const double wanted = duty(o, set_points[i].position_rad - d->qpos[position_address(m, drive)]),
+                   change = o.duty_slew_1_s * m->opt.timestep;
+      duty_[i] = std::clamp(wanted, duty_[i] - change, duty_[i] + change);
+      const double warm = 1 + o.resistance_per_K * (mujoco::workspace(d, drive).temperature_degC - o.reference_degC);
+      d->ctrl[drive.control] = dc_torque_nm(o, duty_[i], d->qvel[drive.dof], o.resistance_ohm * warm) / drive.gear;
     }
   }
 
  private:
   const mujoco::Model& model_;
-  DcPositionOptions o_;
+  std::vector<DcPositionOptions> options_;
+  std::vector<double> duty_;
 };
 
 class Torque final : public Servo {
@@ -59,7 +75,8 @@ DriveServo::DriveServo(const mujoco::Model& model, const mjData* start, const Ca
   for (const auto& drive : model.drives()) {
     Loop loop;
     loop.inertia_kg_m2 = inertia_kg_m2(model.get(), start, drive.dof);
-    loop.gains = {o.position_gain_1_s, o.speed_bandwidth_rad_s, o.integral_time_s};
+    loop.gains = o.per_drive.empty() ? LoopGains{o.position_gain_1_s, o.speed_bandwidth_rad_s, o.integral_time_s}
+                                     : o.per_drive[loops_.size()];
     loop.position = position_address(model.get(), drive);
     loop.limit = model->actuator_ctrllimited[drive.actuator]
                      ? model->actuator_ctrlrange[2 * drive.control + 1] * drive.gear
@@ -86,8 +103,10 @@ void DriveServo::actuate(const mjModel* m, mjData* d, std::span<const DriveComma
     Loop& loop = loops_[i];
     const DriveCommand& c = commands[i];
     const auto& drive = model_.drives()[i];
-    const double limit = std::min(loop.limit, c.torque_limit_nm);
-    const double speed_gain = loop.gains.speed_bandwidth_rad_s * loop.inertia_kg_m2;
+    const double limit = std::min({loop.limit, c.torque_limit_nm, loop.gains.torque_limit_nm});
+    const double speed_gain = loop.gains.speed_gain_nm_s_rad > 0
+                                  ? loop.gains.speed_gain_nm_s_rad
+                                  : loop.gains.speed_bandwidth_rad_s * loop.inertia_kg_m2;
     double torque = c.torque_nm;
     if (c.mode == Mode::position || c.mode == Mode::velocity) {
       double speed = c.velocity_rad_s;
@@ -108,17 +127,14 @@ void DriveServo::actuate(const mjModel* m, mjData* d, std::span<const DriveComma
 }
 
 double dc_torque_nm(const DcPositionOptions& o, double error_rad, double speed_rad_s) {
-  const double duty = std::clamp(o.kp * o.error_gain * error_rad, -1.0, 1.0);
-  const double supply_V = o.supply_V * (1 - o.supply_resistance_ohm / o.resistance_ohm * duty * duty);
-  const double torque = o.kt_nm_A / o.resistance_ohm * (duty * supply_V - o.kt_nm_A * speed_rad_s);
-  return std::clamp(torque, -o.torque_limit_nm, o.torque_limit_nm);
+  return dc_torque_nm(o, duty(o, error_rad), speed_rad_s, o.resistance_ohm);
 }
 
 std::unique_ptr<Servo> make_cascaded(const mujoco::Model& model, const mjData* start, const CascadedOptions& options) {
   return std::make_unique<Cascaded>(model, start, options);
 }
-std::unique_ptr<Servo> make_dc_position(const mujoco::Model& model, const DcPositionOptions& options) {
-  return std::make_unique<DcPosition>(model, options);
+std::unique_ptr<Servo> make_dc_position(const mujoco::Model& model, std::vector<DcPositionOptions> options) {
+  return std::make_unique<DcPosition>(model, std::move(options));
 }
 std::unique_ptr<Servo> make_torque(const mujoco::Model& model, std::vector<double> torque_nm) {
   return std::make_unique<Torque>(model, std::move(torque_nm));

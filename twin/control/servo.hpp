@@ -19,14 +19,22 @@ class Servo {
   virtual void control(const mjModel* m, mjData* d, std::span<const SetPoint> set_points) = 0;
 };
 
+/// Gains of a drive's loops, as in CascadedOptions.
+struct LoopGains {
+  double position_gain_1_s = 10, speed_bandwidth_rad_s = 60, integral_time_s = 0.1;
+  double speed_gain_nm_s_rad = 0;  ///< above 0: in place of bandwidth x inertia
+  double torque_limit_nm = friction::unlimited;
+};
+
 /// Position P over speed PI, as in industrial drives. Torque limit: the actuator's ctrlrange.
 struct CascadedOptions {
   double position_gain_1_s = 10;
-  double speed_bandwidth_rad_s = 60;  ///< speed gain over the joint's inertia at the start
-  double integral_time_s = 0.1;       ///< 0: no integral part
-  bool gravity = true;                ///< feed gravity forward
-  double encoder_counts = 0;          ///< per motor turn; 0: angle and speed are measured exactly
-  double speed_filter_rad_s = 300;    ///< bandwidth of the tracking loop behind the encoder
+  double speed_bandwidth_rad_s = 60;   ///< speed gain over the joint's inertia at the start
+  double integral_time_s = 0.1;        ///< 0: no integral part
+  bool gravity = true;                 ///< feed gravity forward
+  double encoder_counts = 0;           ///< per motor turn; 0: angle and speed are measured exactly
+  double speed_filter_rad_s = 300;     ///< bandwidth of the tracking loop behind the encoder
+  std::vector<LoopGains> per_drive{};  ///< in place of the first three; empty: the same for all
 };
 
 /// The command of one drive for a time step. Arm side.
@@ -37,11 +45,6 @@ struct DriveCommand {
   double velocity_rad_s = 0;  ///< set point, or added to the position loop's output
   double torque_nm = 0;       ///< set point, or added to the speed loop's output
   double torque_limit_nm = friction::unlimited;
-};
-
-/// Gains of a drive's loops, as in CascadedOptions.
-struct LoopGains {
-  double position_gain_1_s = 10, speed_bandwidth_rad_s = 60, integral_time_s = 0.1;
 };
 
 /// The loops of industrial drives; each drive has its own mode. The actuator's ctrlrange limits the torque, too.
@@ -80,14 +83,19 @@ std::unique_ptr<Servo> make_cascaded(const mujoco::Model& model, const mjData* s
 
 /// A small servo's firmware: position error -> duty cycle -> DC motor with winding resistance and back-EMF.
 struct DcPositionOptions {
-  double kp = 400, error_gain = 0;                         ///< duty = kp error_gain (goal - position), limited to +-1
+  double kp = 400, error_gain = 0;                         ///< duty = kp error_gain (goal - position)
+  double duty_limit = 1;                                   ///< 0..1
+  double duty_slew_1_s = friction::unlimited;              ///< maximum rate of the duty
   double torque_limit_nm = friction::unlimited;            ///< current limit
   double supply_V = 7.4, resistance_ohm = 1, kt_nm_A = 1;  ///< torque = kt / R (duty V' - kt speed)
   double supply_resistance_ohm = 0;  ///< V' = V (1 - R_supply / R duty^2): what the supply loses under load
+  /// R (1 + resistance_per_K (T - reference_degC)) at the drive's temperature T; copper alone has 0.0039.
+  double resistance_per_K = 0, reference_degC = 25;
 };
-/// Motor torque [Nm] at a position error [rad] and speed [rad/s].
+/// Motor torque [Nm] at a position error [rad] and speed [rad/s], at reference_degC and with any rate of the duty.
 double dc_torque_nm(const DcPositionOptions& options, double error_rad, double speed_rad_s);
-std::unique_ptr<Servo> make_dc_position(const mujoco::Model& model, const DcPositionOptions& options);
+/// Options per drive.
+std::unique_ptr<Servo> make_dc_position(const mujoco::Model& model, std::vector<DcPositionOptions> options);
 
 /// Constant torques [Nm, arm side] per drive.
 std::unique_ptr<Servo> make_torque(const mujoco::Model& model, std::vector<double> torque_nm);

@@ -19,33 +19,35 @@ constexpr double unknown = std::numeric_limits<double>::quiet_NaN();
 Minimum descend(const Posterior& posterior, int start, const SearchOptions& options, Counter& counter,
                 double simulations_each) {
   const Index n = posterior.size();
+  const auto objective = [&](const VectorXd& z) { return posterior(z); };
   Gaussian gaussian(options.seed * 1000003 + static_cast<std::uint64_t>(start));
   const VectorXd mean = start == 0 ? VectorXd(VectorXd::Zero(n)) : VectorXd(0.5 * gaussian(n));
-  const Minimum best =
-      cma_es([&](const VectorXd& z) { return posterior(z); }, mean, {.evaluations = options.evaluations}, gaussian);
+  const auto slope = [&](const VectorXd& z, double step) { return posterior.quadratic(z, step); };
+  VectorXd low(n), high(n);
+  for (Index i = 0; i < n; ++i) low(i) = posterior.low(i), high(i) = posterior.high(i);
+  const Minimum best = method_of(options) == SearchMethod::gauss_newton
+                           ? gauss_newton(objective, slope, mean, low, high, {.evaluations = options.evaluations})
+                           : cma_es(objective, mean, {.evaluations = options.evaluations}, gaussian);
   if (n > 0) counter.add((options.evaluations - best.evaluations) * simulations_each);
   return best;
 }
 
-/// Sigmas and correlations from the curvature at the minimum: likelihood by Gauss-Newton plus prior.
+/// Sigmas and correlations at the minimum.
 void judge(const Posterior& posterior, const VectorXd& z, const std::vector<std::size_t>& free, SimulationFit& fit) {
   constexpr double step = 0.1;
-  MatrixXd H = posterior.information(z, step);
   std::vector<Index> inner;
   for (Index i = 0; i < posterior.size(); ++i) {
-    const Quantity& q = posterior.quantity(i);
-    if (z(i) > q.coordinate(q.low) + 1e-6 && z(i) < q.coordinate(q.high) - 1e-6)
+    if (z(i) > posterior.low(i) + 1e-6 && z(i) < posterior.high(i) - 1e-6)
       inner.push_back(i);
     else
       fit.status[free[static_cast<std::size_t>(i)]] = ParameterStatus::at_bound;
-    if (q.sigma > 0) H(i, i) += 1;
   }
-  const MatrixXd covariance = ShortestSolution(H(inner, inner)).pseudo_inverse();
+  const MatrixXd covariance = posterior.covariance(z, step, inner);
   for (std::size_t k = 0; k < inner.size(); ++k) {
     const Quantity& q = posterior.quantity(inner[k]);
     const std::size_t at = free[static_cast<std::size_t>(inner[k])];
     const double deviation = std::sqrt(std::max(0.0, covariance(static_cast<Index>(k), static_cast<Index>(k))));
-    fit.status[at] = q.sigma > 0 && deviation > 0.8 ? ParameterStatus::prior : ParameterStatus::estimated;
+    fit.status[at] = deviation > (q.sigma > 0 ? 0.8 : 2.4) ? ParameterStatus::prior : ParameterStatus::estimated;
     fit.sigma[at] = deviation * q.scale() * (q.logarithmic ? fit.values[at] : 1);
     for (std::size_t l = 0; l < inner.size(); ++l) {
       const auto a = static_cast<Index>(k), b = static_cast<Index>(l);
@@ -112,7 +114,7 @@ class Calibration {
     for (const Job& job : jobs_) {
       total += static_cast<double>(job.training.size()) * plan_.search.evaluations * plan_.search.starts;
       if (job.fit.split == SimulationFit::all)
-        total += 2 * static_cast<double>(job.training.size() * twins_[job.fit.variant].free_quantities().size());
+        total += static_cast<double>(job.training.size() * (2 * twins_[job.fit.variant].free_quantities().size() + 1));
     }
     return total;
   }
@@ -145,7 +147,8 @@ class Calibration {
   Result<void> perform(std::size_t task) {
     const auto starts = static_cast<std::size_t>(plan_.search.starts);
     Job& job = jobs_[task / starts];
-    const Posterior posterior(twins_[job.fit.variant], plan_.recordings, job.training, plan_.search, counter_);
+    const unsigned each = std::max(1u, watch_.threads / static_cast<unsigned>(jobs_.size() * starts));
+    const Posterior posterior(twins_[job.fit.variant], plan_.recordings, job.training, plan_.search, counter_, each);
     job.minima[task % starts] = descend(posterior, static_cast<int>(task % starts), plan_.search, counter_,
                                         static_cast<double>(job.training.size()));
     const bool last = [&] {
@@ -167,7 +170,7 @@ class Calibration {
     SimulationFit& fit = job.fit;
     fit.values = posterior.values(best.z);
     fit.objective = best.objective;
-    for (const Minimum& m : job.minima) fit.minima.push_back(m.objective);
+    for (const Minimum& m : job.minima) fit.minima.push_back(m.objective), fit.evaluations += m.evaluations;
     fit.sigma.assign(fit.values.size(), unknown);
     fit.status.assign(fit.values.size(), ParameterStatus::known);
     fit.correlation = MatrixXd::Constant(std::ssize(fit.values), std::ssize(fit.values), unknown);
@@ -195,6 +198,16 @@ class Calibration {
 };
 
 }  // namespace
+
+std::string_view name(SearchMethod method) {
+  static constexpr std::string_view names[] = {"auto", "gauss_newton", "cma_es"};
+  return names[static_cast<std::size_t>(method)];
+}
+
+SearchMethod method_of(const SearchOptions& options) {
+  if (options.method != SearchMethod::automatic) return options.method;
+  return options.norm == Norm::squared ? SearchMethod::gauss_newton : SearchMethod::cma_es;
+}
 
 std::string_view name(ParameterStatus status) {
   static constexpr std::string_view names[] = {"known", "estimated", "prior", "at_bound"};

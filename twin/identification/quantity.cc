@@ -13,13 +13,21 @@ constexpr Key keys[] = {
     {Place::joint, "armature", 0, 1e9},
     {Place::joint, "damping", 0, 1e9},
     {Place::joint, "ref", -1e3, 1e3},
+    {Place::body, "mass_kg", 1e-9, 1e9},
     {Place::control, "kp", 0, 1e9, &DcPositionOptions::kp},
     {Place::control, "error_gain", 0, 1e9, &DcPositionOptions::error_gain},
     {Place::control, "supply_V", 0, 1e6, &DcPositionOptions::supply_V},
     {Place::control, "resistance_ohm", 1e-9, 1e9, &DcPositionOptions::resistance_ohm},
     {Place::control, "supply_resistance_ohm", 0, 1e9, &DcPositionOptions::supply_resistance_ohm},
     {Place::control, "kt_nm_A", 0, 1e6, &DcPositionOptions::kt_nm_A},
-    {Place::control, "torque_limit_nm", 0, 1e9, &DcPositionOptions::torque_limit_nm},
+    {Place::control, "torque_limit_nm", 0, 1e9, &DcPositionOptions::torque_limit_nm, &LoopGains::torque_limit_nm},
+    {Place::control, "duty_limit", 0, 1, &DcPositionOptions::duty_limit},
+    {Place::control, "duty_slew_1_s", 1e-3, 1e9, &DcPositionOptions::duty_slew_1_s},
+    {Place::control, "resistance_per_K", -0.1, 0.1, &DcPositionOptions::resistance_per_K},
+    {Place::control, "reference_degC", -100, 300, &DcPositionOptions::reference_degC},
+    {Place::control, "position_gain_1_s", 0, 1e6, nullptr, &LoopGains::position_gain_1_s},
+    {Place::control, "speed_gain_nm_s_rad", 1e-9, 1e9, nullptr, &LoopGains::speed_gain_nm_s_rad},
+    {Place::control, "integral_time_s", 0, 1e6, nullptr, &LoopGains::integral_time_s},
     {Place::motion, "delay_s", 0, 10},
 };
 
@@ -40,8 +48,15 @@ bool is_law_parameter(std::string_view key) {
 }
 
 std::string_view name(Place place) {
-  static constexpr std::string_view names[] = {"drive", "joint", "control", "motion"};
+  static constexpr std::string_view names[] = {"drive", "joint", "body", "control", "motion"};
   return names[static_cast<std::size_t>(place)];
+}
+
+std::string_view name(Controller controller) { return controller == Controller::servo ? "servo" : "dc_position"; }
+
+bool has_key(Controller controller, std::string_view key) {
+  const Key* known = find_key(Place::control, key);
+  return known && (controller == Controller::servo ? known->servo != nullptr : known->dc != nullptr);
 }
 
 std::vector<std::string_view> keys_of(Place place, const friction::LawInfo& law) {
@@ -62,7 +77,9 @@ std::pair<double, double> accepted_range(Place place, const friction::LawInfo& l
   return p != law.parameters.end() ? std::pair{p->minimum, p->maximum} : std::pair{-1e300, 1e300};
 }
 
-std::string Quantity::path() const { return fmt::format("{}.{}", name(place), key); }
+std::string Quantity::path() const {
+  return owner.empty() ? fmt::format("{}.{}", name(place), key) : fmt::format("{}.{}.{}", name(place), owner, key);
+}
 
 double Quantity::scale() const {
   if (sigma > 0) return sigma;

@@ -8,12 +8,13 @@
 /// Internal to this folder, not installed.
 namespace tribotwin::twin::identification {
 
-/// A key of joint, controller or motion.
+/// A key of joint, body, controller or motion.
 struct Key {
   Place place;
   std::string_view name;
   double minimum, maximum;
-  double DcPositionOptions::*option = nullptr;  ///< of keys of the controller
+  double DcPositionOptions::*dc = nullptr;  ///< of keys of the controllers
+  double LoopGains::*servo = nullptr;
 };
 
 /// Null where there is no such key, also for keys of a drive.

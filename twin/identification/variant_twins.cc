@@ -1,4 +1,5 @@
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <limits>
 #include <mutex>
@@ -93,10 +94,10 @@ std::string without_scenery(const std::string& text, const mujoco::Model& m) {
 bool same_motion(const mujoco::Model& reference, const mujoco::Model& lean) {
   if (lean->nv != reference->nv || lean->nbody != reference->nbody) return false;
   const mujoco::DataPtr a = reference.make_data(), b = lean.make_data();
-  const auto& drive = reference.drives()[0];
   for (int k = 0; k < 4000; ++k) {
     for (const auto& d : {a.get(), b.get()})
-      d->ctrl[drive.control] = (k / 1000 % 2 ? -0.5 : 0.5) * drive.drive.torque_max_nm / drive.gear;
+      for (const auto& drive : reference.drives())
+        d->ctrl[drive.control] = (k / 1000 % 2 ? -0.5 : 0.5) * drive.drive.torque_max_nm / drive.gear;
     reference.step(a.get());
     lean.step(b.get());
     if (!std::equal(a->qpos, a->qpos + lean->nq, b->qpos) || a->ncon != 0) return false;
@@ -104,16 +105,106 @@ bool same_motion(const mujoco::Model& reference, const mujoco::Model& lean) {
   return true;
 }
 
+/// Writes the inertia that a body has in `m` in place of what the text says, its mass and the place of its centre
+/// changed; the rotational inertia scales with the mass.
+void set_inertia(pugi::xml_node body, const mujoco::Model& m, int id, double mass_kg,
+                 const std::array<double, 3>& centre) {
+  while (pugi::xml_node old = body.child("inertial")) body.remove_child(old);
+  pugi::xml_node inertial = body.prepend_child("inertial");
+  const double share = mass_kg / m->body_mass[id];
+  const mjtNum* I = m->body_inertia + 3 * id;
+  const mjtNum* quat = m->body_iquat + 4 * id;
+  inertial.append_attribute("mass") = fmt::format("{}", mass_kg).c_str();
+  inertial.append_attribute("pos") = joined({centre.begin(), centre.end()}, " ").c_str();
+  inertial.append_attribute("quat") = joined({quat, quat + 4}, " ").c_str();
+  inertial.append_attribute("diaginertia") = joined(std::vector{share * I[0], share * I[1], share * I[2]}, " ").c_str();
+}
+
+/// The centre of mass of a joint's body in the body's frame [m], and the part of it across the joint's axis.
+struct Lever {
+  std::array<double, 3> centre, across;
+  double length_m;
+};
+Lever lever_of(const mujoco::Model& m, int joint) {
+  const int body = m->jnt_bodyid[joint];
+  const mjtNum *axis = m->jnt_axis + 3 * joint, *anchor = m->jnt_pos + 3 * joint, *at = m->body_ipos + 3 * body;
+  Lever lever{{at[0], at[1], at[2]}, {}, 0};
+  double along = 0;
+  for (std::size_t k = 0; k < 3; ++k) along += (at[k] - anchor[k]) * axis[k];
+  for (std::size_t k = 0; k < 3; ++k) lever.across[k] = at[k] - anchor[k] - along * axis[k];
+  lever.length_m = std::hypot(lever.across[0], lever.across[1], lever.across[2]);
+  return lever;
+}
+
+/// The elements of a model's text that belong to its drives.
+class ModelText {
+ public:
+  ModelText(const pugi::xml_document& document, const mujoco::Model& model) : document_(document), model_(model) {}
+  pugi::xml_node named(const char* path, std::string_view name) const {
+    for (const auto& match : document_.select_nodes(path))
+      if (match.node().attribute("name").value() == name) return match.node();
+    return {};
+  }
+  pugi::xml_node joint(std::size_t drive) const { return named("//worldbody//joint", joint_of(drive)); }
+  pugi::xml_node instance(std::size_t drive) const {
+    for (const auto& match : document_.select_nodes("//actuator/plugin[@plugin='tribotwin.drive']"))
+      if (match.node().attribute("joint").value() == joint_of(drive))
+        return named("//extension/plugin[@plugin='tribotwin.drive']/instance",
+                     match.node().attribute("instance").value());
+    return {};
+  }
+
+ private:
+  std::string joint_of(std::size_t drive) const { return joint_name(model_.get(), model_.drives()[drive]); }
+
+  const pugi::xml_document& document_;
+  const mujoco::Model& model_;
+};
+
+/// The instance of two drives; empty where each has its own.
+std::string shared_instance(const pugi::xml_document& document) {
+  std::vector<std::string> seen;
+  for (const auto& match : document.select_nodes("//actuator/plugin[@plugin='tribotwin.drive']/@instance")) {
+    if (std::ranges::find(seen, match.attribute().value()) != seen.end()) return seen.back();
+    seen.emplace_back(match.attribute().value());
+  }
+  return {};
+}
+
 /// The engine's XML compiler keeps process-wide state.
 std::mutex compiler;
 
 }  // namespace
 
-double mean_error(Norm norm, const Recording& recording, std::span<const double> positions) {
+Result<std::vector<std::size_t>> recorded_drives(const mujoco::Model& model, const Recording& recording) {
+  const auto drives = model.drives();
+  std::vector<std::size_t> found;
+  for (const auto& joint : recording.points.joints) {
+    const auto drive = find_drive(model, joint);
+    if (!drive) return tl::unexpected(drive.error());
+    found.push_back(*drive);
+  }
+  if (recording.points.joints.empty() && drives.size() == 1) found.push_back(0);
+  if (found.size() == drives.size()) return found;
+  std::size_t missing = 0;
+  while (std::ranges::find(found, missing) != found.end()) ++missing;
+  return tl::unexpected(
+      fmt::format("there are no set points of its joint {}, but the model has {} drives, each of "
+                  "which needs set_point_JOINT_rad and position_JOINT_rad",
+                  joint_name(model.get(), drives[missing]), drives.size()));
+}
+
+bool Bench::operator==(const Bench& other) const {
+  const auto same = [](const Payload& a, const Payload& b) { return a.mass_kg == b.mass_kg && a.com_m == b.com_m; };
+  return mass_kg == other.mass_kg && length_m == other.length_m && payload.has_value() == other.payload.has_value() &&
+         (!payload || same(*payload, *other.payload));
+}
+
+double mean_error(Norm norm, const Recording& recording, std::size_t joint, std::span<const double> positions) {
   double sum = 0;
   std::size_t count = 0;
   for (std::size_t i = 0; i < positions.size(); ++i) {
-    const double e = positions[i] - recording.points.measured_rad[i];
+    const double e = positions[i] - recording.points.measured_rad[joint][i];
     if (!std::isfinite(e)) continue;
     sum += norm == Norm::squared ? e * e : std::abs(e);
     ++count;
@@ -128,35 +219,54 @@ std::vector<std::size_t> VariantTwins::free_quantities() const {
   return all;
 }
 
-std::string VariantTwins::edited(const std::string& text, std::span<const double> values) const {
+std::size_t VariantTwins::drive_of(const Quantity& q) const {
+  return q.owner.empty() ? 0 : find_drive(*given_, q.owner).value_or(0);
+}
+
+Bench VariantTwins::differing(Bench bench) const {
+  const int joint = given_->drives()[0].joint;
+  const auto same = [](double a, double b) { return std::abs(a - b) <= 1e-6 * b; };
+  if (bench.mass_kg && same(*bench.mass_kg, (*given_)->body_mass[(*given_)->jnt_bodyid[joint]])) bench.mass_kg.reset();
+  if (bench.length_m && same(*bench.length_m, lever_of(*given_, joint).length_m)) bench.length_m.reset();
+  return bench;
+}
+
+std::string VariantTwins::edited(const std::string& text, std::span<const double> values, const Bench& bench) const {
   pugi::xml_document document;
   document.load_string(text.c_str());
-  const pugi::xml_node actuator = document.select_node("//actuator/plugin[@plugin='tribotwin.drive']").node();
-  const auto named = [&](const char* path, const char* attribute) {
-    for (const auto& match : document.select_nodes(path))
-      if (std::string_view(match.node().attribute("name").value()) == actuator.attribute(attribute).value())
-        return match.node();
-    return pugi::xml_node();
-  };
-  const pugi::xml_node instance = named("//extension/plugin[@plugin='tribotwin.drive']/instance", "instance");
-  pugi::xml_node joint = named("//worldbody//joint", "joint");
-  set_law(instance, variant_->law->name);
+  const ModelText in(document, *given_);
+  for (std::size_t i = 0; i < given_->drives().size(); ++i) set_law(in.instance(i), variant_->law->name);
   for (std::size_t i = 0; i < values.size(); ++i) {
     const Quantity& q = variant_->quantities[i];
     const std::string value = fmt::format("{}", values[i]);
-    if (q.place == Place::drive) set_config(instance, q.key, value);
+    if (q.place == Place::drive) set_config(in.instance(drive_of(q)), q.key, value);
+    if (q.place == Place::body) {
+      const int id = mj_name2id(given_->get(), mjOBJ_BODY, q.owner.c_str());
+      const mjtNum* at = (*given_)->body_ipos + 3 * id;
+      set_inertia(in.named("//worldbody//body", q.owner), *given_, id, values[i], {at[0], at[1], at[2]});
+    }
     if (q.place != Place::joint) continue;
+    pugi::xml_node joint = in.joint(drive_of(q));
     if (!joint.attribute(q.key.c_str())) joint.append_attribute(q.key.c_str());
     joint.attribute(q.key.c_str()) = value.c_str();
+  }
+  if (const Bench other = differing(bench); other.mass_kg || other.length_m) {
+    const int joint = given_->drives()[0].joint, body = (*given_)->jnt_bodyid[joint];
+    Lever lever = lever_of(*given_, joint);
+    const double longer = other.length_m ? *other.length_m / lever.length_m - 1 : 0;
+    for (std::size_t k = 0; k < 3; ++k) lever.centre[k] += longer * lever.across[k];
+    set_inertia(in.joint(0).parent(), *given_, body, other.mass_kg.value_or((*given_)->body_mass[body]), lever.centre);
   }
   return text_of(document);
 }
 
-Result<std::shared_ptr<const mujoco::Model>> VariantTwins::load(const std::string& text,
-                                                                std::span<const double> values) const {
-  const std::string mjcf = edited(text, values);
+Result<std::shared_ptr<const mujoco::Model>> VariantTwins::load(const std::string& text, std::span<const double> values,
+                                                                const Bench& bench) const {
+  const std::string mjcf = edited(text, values, bench);
   const std::lock_guard lock(compiler);
-  return mujoco::load_string(mjcf, {.timestep_s = variant_->timestep_s});
+  auto model = mujoco::load_string(mjcf, {.timestep_s = variant_->timestep_s});
+  if (!model || !bench.payload) return model;
+  return with_payload(**model, *bench.payload);
 }
 
 Result<VariantTwins> VariantTwins::open(const Variant& variant) {
@@ -164,32 +274,46 @@ Result<VariantTwins> VariantTwins::open(const Variant& variant) {
   twins.variant_ = std::make_shared<const Variant>(variant);
   const auto given = mujoco::load_file(variant.model);
   if (!given) return tl::unexpected(Error("model: " + given.error().message));
-  if ((*given)->drives().size() != 1)
-    return tl::unexpected(fmt::format("model: {} has {} drives, but a recording of one joint needs exactly 1",
-                                      variant.model.string(), (*given)->drives().size()));
+  if ((*given)->drives().empty())
+    return tl::unexpected(
+        fmt::format("model: {} has no tribotwin.drive; `tribotwin add-drives` gives it some", variant.model.string()));
+  twins.given_ = *given;
   const auto document = mujoco::load_merged(variant.model);
   if (!document) return tl::unexpected(Error("model: " + document.error().message));
   const fs::path folder = variant.model.has_parent_path() ? variant.model.parent_path() : fs::path(".");
   absolute_folders((*document)->document_element(), folder);
+  if (const auto shared = shared_instance(**document); !shared.empty())
+    return tl::unexpected(fmt::format("model: two drives share the instance '{}'; give each its own", shared));
   twins.text_ = text_of(**document);
 
   std::vector<double> values;
   for (const auto& q : variant.quantities) values.push_back(q.start);
-  auto reference = twins.load(twins.text_, values);
+  auto reference = twins.load(twins.text_, values, {});
   if (!reference) return tl::unexpected(Error("with the start values: " + reference.error().message));
   twins.reference_ = *reference;
   twins.try_without_scenery();
+  if (const auto ok = twins.check_edges(); !ok) return tl::unexpected(ok.error());
+  return twins;
+}
+
+/// Each bench with the start values, and each quantity at its bounds.
+Result<void> VariantTwins::check_edges() const {
+  std::vector<double> values;
+  for (const auto& q : variant_->quantities) values.push_back(q.start);
+  for (const Bench& bench : variant_->benches)
+    if (const auto model = load(lean_, values, bench); !model)
+      return tl::unexpected(fmt::format("with mass, length or payload of a recording: {}", model.error().message));
   for (std::size_t i = 0; i < values.size(); ++i) {
-    const Quantity& q = variant.quantities[i];
-    if (!q.free || (q.place != Place::drive && q.place != Place::joint)) continue;
+    const Quantity& q = variant_->quantities[i];
+    if (!q.free || q.place == Place::control || q.place == Place::motion) continue;
     for (const double bound : {q.low, q.high}) {
       auto edge = values;
       edge[i] = bound;
-      if (const auto model = twins.load(twins.lean_, edge); !model)
+      if (const auto model = load(lean_, edge, {}); !model)
         return tl::unexpected(fmt::format("{}: its bound {:g} is refused: {}", q.path(), bound, model.error().message));
     }
   }
-  return twins;
+  return {};
 }
 
 /// Visual geometry takes more than half of the step of a small model. It is removed where that changes no bit.
@@ -199,36 +323,51 @@ void VariantTwins::try_without_scenery() {
   if (stripped.empty()) return;
   std::vector<double> values;
   for (const auto& q : variant_->quantities) values.push_back(q.start);
-  if (const auto lean = load(stripped, values); lean && same_motion(*reference_, **lean)) lean_ = stripped;
+  if (const auto lean = load(stripped, values, {}); lean && same_motion(*reference_, **lean)) lean_ = stripped;
 }
 
-std::string VariantTwins::mjcf(std::span<const double> values) const {
-  const bool identified =
-      std::ranges::any_of(variant_->quantities, [](const Quantity& q) { return q.free && q.place == Place::drive; });
+std::string VariantTwins::mjcf(std::span<const double> values, const Bench& bench) const {
   pugi::xml_document document;
-  document.load_string(edited(text_, values).c_str());
-  if (!identified) return text_of(document);
-  const std::string mark = starting_point_name(joint_name(reference_->get(), reference_->drives()[0]));
-  for (const auto& match : document.select_nodes("/mujoco/custom/text"))
-    if (mark == match.node().attribute("name").value()) match.node().parent().remove_child(match.node());
+  document.load_string(edited(text_, values, bench).c_str());
+  for (const Quantity& q : variant_->quantities) {
+    if (!q.free || q.place != Place::drive) continue;
+    const std::string mark = starting_point_name(joint_name(given_->get(), given_->drives()[drive_of(q)]));
+    for (const auto& match : document.select_nodes("/mujoco/custom/text"))
+      if (mark == match.node().attribute("name").value()) match.node().parent().remove_child(match.node());
+  }
   return text_of(document);
 }
 
 Result<VariantTwins::Candidate> VariantTwins::candidate(std::vector<double> values) const {
-  auto model = load(lean_, values);
-  if (!model) return work_failed(model.error().message);
-  return Candidate{std::move(*model), std::move(values)};
+  Candidate made;
+  for (const Bench& bench : variant_->benches) {
+    auto model = load(lean_, values, bench);
+    if (!model) return work_failed(model.error().message);
+    made.models.push_back(std::move(*model));
+  }
+  made.values = std::move(values);
+  return made;
 }
 
-DcPositionOptions VariantTwins::control(std::span<const double> values, const Recording& recording) const {
-  DcPositionOptions o;
-  for (const auto& [key, value] : recording.points.numbers)
-    if (key == "kp") o.kp = value;
-  for (std::size_t i = 0; i < values.size(); ++i)
-    if (const Key* key = find_key(variant_->quantities[i].place, variant_->quantities[i].key); key && key->option)
-      o.*key->option = values[i];
-  for (const auto& [key, value] : recording.control) o.*find_key(Place::control, key)->option = value;
-  return o;
+decltype(Scenario::control) VariantTwins::control(std::span<const double> values, const Recording& recording) const {
+  const auto filled = [&](auto options, auto member) {
+    const auto set = [&](std::string_view key, double value, std::size_t from, std::size_t to) {
+      if (const Key* known = find_key(Place::control, key); known && known->*member)
+        for (std::size_t i = from; i < to; ++i) options[i].*(known->*member) = value;
+    };
+    for (const auto& [key, value] : recording.points.numbers)
+      if (key == "kp" || key == "vin") set(key == "vin" ? "supply_V" : key, value, 0, options.size());
+    for (std::size_t i = 0; i < values.size(); ++i)
+      if (const Quantity& q = variant_->quantities[i]; q.place == Place::control)
+        set(q.key, values[i], drive_of(q), q.owner.empty() ? options.size() : drive_of(q) + 1);
+    for (const auto& [key, value] : recording.control) set(key, value, 0, options.size());
+    return options;
+  };
+  const std::size_t drives = given_->drives().size();
+  if (variant_->controller == Controller::dc_position) return filled(std::vector<DcPositionOptions>(drives), &Key::dc);
+  CascadedOptions servo{.gravity = false};
+  servo.per_drive = filled(std::vector<LoopGains>(drives), &Key::servo);
+  return servo;
 }
 
 double VariantTwins::delay_s(std::span<const double> values) const {
@@ -237,34 +376,59 @@ double VariantTwins::delay_s(std::span<const double> values) const {
   return 0;
 }
 
+std::vector<double> VariantTwins::temperature_degC(const Recording& recording) const {
+  const auto drives = given_->drives();
+  const auto joints = drives_of(recording);
+  std::vector<double> all(drives.size());
+  for (std::size_t k = 0; k < joints.size(); ++k) {
+    const std::size_t i = joints[k];
+    const double recorded = recording.points.temperature_degC[k][0];
+    all[i] =
+        recording.temperature_degC.value_or(std::isfinite(recorded) ? recorded : drives[i].drive.thermal.T_amb_degC);
+  }
+  return all;
+}
+
 Scenario VariantTwins::scenario(const Candidate& candidate, const Recording& recording) const {
   const SetPoints& r = recording.points;
+  const auto bench = std::ranges::find(variant_->benches, recording.bench) - variant_->benches.begin();
   Scenario scenario;
-  scenario.model = candidate.model;
+  scenario.model = candidate.models[static_cast<std::size_t>(bench)];
   scenario.duration_s = recording.duration_s();
-  scenario.start_rad = {r.measured_rad[0]};
-  const double recorded = r.temperature_degC[0];
-  scenario.temperature_degC = {recording.temperature_degC.value_or(
-      std::isfinite(recorded) ? recorded : candidate.model->drives()[0].drive.thermal.T_amb_degC)};
+  const auto joints = drives_of(recording);
+  scenario.start_rad.resize(scenario.model->drives().size());
+  for (std::size_t k = 0; k < joints.size(); ++k) scenario.start_rad[joints[k]] = r.measured_rad[k][0];
+  scenario.temperature_degC = temperature_degC(recording);
   scenario.control = control(candidate.values, recording);
   scenario.motion.emplace(scenario.start_rad);
   const double delay = delay_s(candidate.values);
-  for (std::size_t i = 0; i < r.time_s.size(); ++i)
-    scenario.motion->hold_at(r.time_s[i] - r.time_s[0] + delay, {r.position_rad[0][i]});
+  std::vector<double> goal = scenario.start_rad, speed(goal.size());
+  for (std::size_t i = 0; i < r.time_s.size(); ++i) {
+    for (std::size_t k = 0; k < joints.size(); ++k) goal[joints[k]] = r.position_rad[k][i];
+    const double at_s = r.time_s[i] - r.time_s[0] + delay;
+    if (r.velocity_rad_s.empty()) {
+      scenario.motion->hold_at(at_s, goal);
+      continue;
+    }
+    for (std::size_t k = 0; k < joints.size(); ++k) speed[joints[k]] = r.velocity_rad_s[k][i];
+    scenario.motion->pass_through(at_s, goal, speed);
+  }
   scenario.recording = SetPoints{.time_s = r.time_s, .torque_on = r.torque_on};
   scenario.expects = {"tracking"};  // what counts is the recorded position, from which a small servo's goal is far
   return scenario;
 }
 
-Result<std::vector<double>> VariantTwins::positions(const Candidate& candidate, const Recording& recording) const {
+Result<VariantTwins::Positions> VariantTwins::positions(const Candidate& candidate, const Recording& recording) const {
   const SetPoints& r = recording.points;
   Twin twin(scenario(candidate, recording));
-  const int address = position_address(twin.model().get(), twin.model().drives()[0]);
-  std::vector<double> positions(r.time_s.size(), std::numeric_limits<double>::quiet_NaN());
+  const auto joints = drives_of(recording);
+  std::vector<int> address;
+  for (const std::size_t i : joints) address.push_back(position_address(twin.model().get(), twin.model().drives()[i]));
+  Positions positions(address.size(), std::vector(r.time_s.size(), std::numeric_limits<double>::quiet_NaN()));
   std::size_t next = 0;
   while (twin.steps() < twin.steps_total()) {
     for (; next < r.time_s.size() && r.time_s[next] - r.time_s[0] <= twin.time_s() + 1e-12; ++next)
-      positions[next] = twin.data()->qpos[address];
+      for (std::size_t k = 0; k < address.size(); ++k) positions[k][next] = twin.data()->qpos[address[k]];
     if (const auto ok = twin.step(); !ok) return work_failed(ok.error().message);
   }
   return positions;
@@ -277,8 +441,10 @@ Result<std::vector<Finding>> VariantTwins::health(const Candidate& candidate, co
   return examine({twin.scenario(), &twin});
 }
 
-double mae_mrad(const Recording& recording, std::span<const double> positions) {
-  return 1e3 * mean_error(Norm::absolute, recording, positions);
+double mae_mrad(const Recording& recording, const VariantTwins::Positions& positions) {
+  double sum = 0;
+  for (std::size_t k = 0; k < positions.size(); ++k) sum += mean_error(Norm::absolute, recording, k, positions[k]);
+  return 1e3 * sum / static_cast<double>(positions.size());
 }
 
 }  // namespace tribotwin::twin::identification

@@ -1,3 +1,4 @@
+#include <algorithm>
 #include <cmath>
 
 #include <fmt/format.h>
@@ -26,6 +27,8 @@ Read read_json(const std::filesystem::path& file, const std::string& text) {
         return fail(fmt::format("{} is {} but {}", key, points.numbers.back().second, quantity_of(key).requirement()));
     }
   points.position_rad.resize(1);
+  points.measured_rad.resize(1);
+  points.temperature_degC.resize(1);
   std::size_t i = 0;
   for (const auto& entry : json["entries"]) {
     const auto number = [&](const char* key) {
@@ -45,8 +48,8 @@ Read read_json(const std::filesystem::path& file, const std::string& text) {
       return fail(fmt::format("entry {}: timestamp {} does not come after {}", i, t, points.time_s.back()));
     points.time_s.push_back(t);
     points.position_rad[0].push_back(goal);
-    points.measured_rad.push_back(number("position"));
-    points.temperature_degC.push_back(number("temp"));
+    points.measured_rad[0].push_back(number("position"));
+    points.temperature_degC[0].push_back(number("temp"));
     points.torque_on.push_back(!entry.contains("torque_enable") || entry["torque_enable"] != false);
     ++i;
   }
@@ -108,16 +111,17 @@ Read read_columns(const std::filesystem::path& file, const TableOptions& options
     points.position_rad.push_back(std::move(of_joint[0]));
     // Measured speeds are none of set points.
     if (!measured && !of_joint[1].empty()) points.velocity_rad_s.push_back(std::move(of_joint[1]));
-    if (measured && joints.size() == 1)
-      points.measured_rad = std::move(of_joint[2]), points.temperature_degC = std::move(of_joint[3]);
+    if (!measured) continue;
+    points.measured_rad.push_back(std::move(of_joint[2]));
+    points.temperature_degC.push_back(std::move(of_joint[3]));
+    points.temperature_degC.back().resize(points.time_s.size(), std::nan(""));
   }
   if (!points.velocity_rad_s.empty() && points.velocity_rad_s.size() < joints.size())
     return tl::unexpected(fmt::format("{}:1: {} of {} joints have a velocity; give it for all or none", file.string(),
                                       points.velocity_rad_s.size(), joints.size()));
-  if (measured && joints.size() == 1) {
-    points.torque_on.assign(points.time_s.size(), true);
-    points.temperature_degC.resize(points.time_s.size(), std::nan(""));
-  }
+  if (std::ranges::any_of(points.measured_rad, &std::vector<double>::empty))
+    points.measured_rad.clear(), points.temperature_degC.clear();
+  if (!points.measured_rad.empty()) points.torque_on.assign(points.time_s.size(), true);
   return points;
 }
 

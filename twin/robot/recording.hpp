@@ -12,18 +12,18 @@ namespace tribotwin::twin {
 /// Recorded set points, with measurements where the file has them.
 /// Any table: columns `time_s`, `position_JOINT_rad` (`_m` for a slide; one per driven joint, others are ignored) and,
 /// for all of them or none, `velocity_JOINT_rad_s` (`_m_s`). Where it has `set_point_JOINT_rad` these are the set
-/// points, and the position (and temperature) of a single joint is what was measured. JSON: {"entries": [{"timestamp",
+/// points, and positions and temperatures are what was measured. JSON: {"entries": [{"timestamp",
 /// "goal_position", "position", "temp", ...}], ...numbers}, one joint, as recorded by Rhoban's BAM test bench;
 /// top-level numbers (kp, mass, vin,
 /// ...) are kept by name.
 struct SetPoints {
-  std::vector<std::string> joints;                  ///< empty for JSON: the model's only joint
-  std::vector<double> time_s;                       ///< strictly increasing
-  std::vector<std::vector<double>> position_rad;    ///< per joint
-  std::vector<std::vector<double>> velocity_rad_s;  ///< per joint; may be empty
-  std::vector<double> measured_rad;                 ///< of one joint; may be empty
-  std::vector<double> temperature_degC;             ///< of one joint; may be empty
-  std::vector<bool> torque_on;                      ///< of one joint: the servo was switched on
+  std::vector<std::string> joints;                    ///< empty for JSON: the model's only joint
+  std::vector<double> time_s;                         ///< strictly increasing
+  std::vector<std::vector<double>> position_rad;      ///< per joint
+  std::vector<std::vector<double>> velocity_rad_s;    ///< per joint; may be empty
+  std::vector<std::vector<double>> measured_rad;      ///< per joint, NaN where nothing was measured; may be empty
+  std::vector<std::vector<double>> temperature_degC;  ///< per joint, NaN where not measured; empty as measured_rad
+  std::vector<bool> torque_on;                        ///< the servos were switched on; may be empty
   std::vector<std::pair<std::string, double>> numbers;
   std::vector<std::string> notes;  ///< how the file was understood, and what it lacks
 };

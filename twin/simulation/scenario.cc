@@ -77,8 +77,8 @@ void check_duration(const Mapping& in, const Scenario& s) {
 }
 
 void read_temperatures(Mapping& in, Scenario& s) {
-  if (s.recording && !s.recording->temperature_degC.empty() && std::isfinite(s.recording->temperature_degC[0]))
-    s.temperature_degC[0] = s.recording->temperature_degC[0];
+  if (s.recording && s.recording->temperature_degC.size() == 1 && std::isfinite(s.recording->temperature_degC[0][0]))
+    s.temperature_degC[0] = s.recording->temperature_degC[0][0];
   s.temperature_degC = per_drive(in, "temperature_degC", *s.model, s.temperature_degC, {-100, 300});
 }
 
@@ -152,11 +152,11 @@ void read_baseline(Mapping& in, Scenario& s, const fs::path& folder, YAML::Node 
   auto baseline = in.mapping("baseline");
   if (!baseline) return;
   s.baseline = or_wrong_input(mujoco::load_file(resolve_file(folder, *baseline, root["baseline"], "model"), options));
-  s.baseline_control = dc_position_options(*baseline, s);
+  s.baseline_control = dc_position_options(*baseline, s)[0];
   s.baseline_delay_s = baseline->number_or("delay_s", 0, {0, 10});
   baseline->done();
   if (!s.recording || s.recording->measured_rad.empty() ||
-      !std::ranges::all_of(s.recording->measured_rad, [](double q) { return std::isfinite(q); }))
+      !std::ranges::all_of(s.recording->measured_rad[0], [](double q) { return std::isfinite(q); }))
     in.fail("baseline", "needs a recording with measured positions in all entries");
   if ((*s.baseline)->nu != 1 || (*s.baseline)->nq != 1)
     in.fail("baseline", "its model must have one joint and one motor");

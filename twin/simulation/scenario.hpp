@@ -39,7 +39,7 @@ struct Scenario {
   std::optional<double> ambient_degC;
   std::vector<double> start_rad;         ///< per drive
   std::vector<double> temperature_degC;  ///< per drive, at the start
-  std::variant<CascadedOptions, CompensatedOptions, DcPositionOptions, std::vector<double>> control;
+  std::variant<CascadedOptions, CompensatedOptions, std::vector<DcPositionOptions>, std::vector<double>> control;
   std::optional<Motion> motion;
   std::optional<SetPoints> recording;  ///< source of the motion, if it is a recorded one
   bool follow_recorded_temperature = false;

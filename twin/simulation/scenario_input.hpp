@@ -29,6 +29,7 @@ void read_motion(Mapping in, Scenario& scenario, const std::filesystem::path& fo
 /// Reads the section `control`; needs the motion.
 void read_control(Mapping& in, Scenario& scenario);
 
-DcPositionOptions dc_position_options(Mapping& in, const Scenario& scenario);
+/// Per drive.
+std::vector<DcPositionOptions> dc_position_options(Mapping& in, const Scenario& scenario);
 
 }  // namespace tribotwin::twin

@@ -77,9 +77,9 @@ Motion read_recording(const MotionInput& input) {
   input.in.done();
   const auto drives = drives_of(input, points);
   for (std::size_t k = 0; k < drives.size(); ++k)
-    s.start_rad[drives[k]] = points.measured_rad.empty() || !std::isfinite(points.measured_rad[0])
+    s.start_rad[drives[k]] = points.measured_rad.empty() || !std::isfinite(points.measured_rad[k][0])
                                  ? points.position_rad[k][0]
-                                 : points.measured_rad[0];
+                                 : points.measured_rad[k][0];
   Motion motion = follow(points, drives, s.start_rad, delay_s);
   if (s.duration_s == 0) s.duration_s = points.time_s.back() - points.time_s[0];
   if (s.duration_s == 0)

@@ -68,7 +68,7 @@ Twin::Twin(Scenario scenario)
   set_start_state();
   std::visit(Overloaded{[&](const CascadedOptions& o) { servo_ = make_cascaded(*model_, data_.get(), o); },
                         [&](const CompensatedOptions& o) { servo_ = make_compensated(*model_, data_.get(), o); },
-                        [&](const DcPositionOptions& o) { servo_ = make_dc_position(*model_, o); },
+                        [&](const std::vector<DcPositionOptions>& o) { servo_ = make_dc_position(*model_, o); },
                         [&](const std::vector<double>& torque) { servo_ = make_torque(*model_, torque); }},
              scenario_.control);
   if (static_cast<std::size_t>((*model_)->nu) > drives.size())

@@ -37,8 +37,8 @@ ControlRange control_range(const mujoco::Model& model, std::size_t drive) {
 ControlRange control_range(const Scenario& scenario, std::size_t drive) {
   ControlRange range = control_range(*scenario.model, drive);
   const double gear = std::abs(scenario.model->drives()[drive].gear);
-  if (const auto* servo = std::get_if<DcPositionOptions>(&scenario.control))
-    narrow(range, -servo->torque_limit_nm / gear, servo->torque_limit_nm / gear);
+  if (const auto* servo = std::get_if<std::vector<DcPositionOptions>>(&scenario.control))
+    narrow(range, -(*servo)[drive].torque_limit_nm / gear, (*servo)[drive].torque_limit_nm / gear);
   return range;
 }
 

@@ -138,7 +138,7 @@ std::optional<Trace> recording_error(const RunData& run) {
     const std::size_t k = static_cast<std::size_t>(after - time.begin());
     const double w = (set.time_s[i] - time[k - 1]) / (time[k] - time[k - 1]);
     error.time_s.push_back(set.time_s[i]);
-    error.values.push_back(set.measured_rad[i] - (q[k - 1] + w * (q[k] - q[k - 1])));
+    error.values.push_back(set.measured_rad[0][i] - (q[k - 1] + w * (q[k] - q[k - 1])));
   }
   return any_finite(error) ? std::optional(std::move(error)) : std::nullopt;
 }

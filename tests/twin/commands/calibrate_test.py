@@ -263,7 +263,10 @@ refused("reference that is none", "search:", "reference: coulomb\nsearch:", "did
 refused("no evaluations", "evaluations: 360", "evaluations: 0", "1 .. 1e+07")
 refused("no model", "model: pendulum.xml", "model: none.xml", "none.xml")
 refused(
-    "model with six drives", "model: pendulum.xml", "model: " + os.path.join(source, "mjcf", "irb6620.xml"), "exactly 1"
+    "model with six drives",
+    "model: pendulum.xml",
+    "model: " + os.path.join(source, "mjcf", "irb6620.xml"),
+    "has 6 drives",
 )
 refused("label that is no file name", "label: load", "label: ../load", "letters")
 refused("no variants", fit[fit.index("variants:") :], "", "variants")

@@ -1,0 +1,88 @@
+#include <gtest/gtest.h>
+
+#include <tribotwin/plugins/mujoco/loader.hpp>
+#include <tribotwin/twin/control/servo.hpp>
+
+namespace tribotwin::twin {
+namespace {
+
+/// Two joints whose drives have different gears; nothing moves here.
+std::shared_ptr<const mujoco::Model> two_joints() {
+  const auto model = mujoco::load_string(R"(<mujoco><option timestep="0.001"/>
+  <extension><plugin plugin="tribotwin.drive">
+    <instance name="a"><config key="law" value="stribeck"/><config key="Fc" value="0.01"/><config key="Fs" value="0"/>
+      <config key="vs" value="10"/><config key="alpha" value="1"/><config key="Fv" value="0"/>
+      <config key="torque_max_nm" value="10"/><config key="gear_ratio" value="50"/></instance>
+    <instance name="b"><config key="law" value="stribeck"/><config key="Fc" value="0.01"/><config key="Fs" value="0"/>
+      <config key="vs" value="10"/><config key="alpha" value="1"/><config key="Fv" value="0"/>
+      <config key="torque_max_nm" value="10"/><config key="gear_ratio" value="50"/></instance>
+  </plugin></extension>
+  <default><joint frictionloss="0.1" solreffriction=".001 1" solimpfriction=".9999 .9999 .001 .5 2"/></default>
+  <worldbody>
+    <body><joint name="first" axis="0 1 0" armature="0.1"/><geom size=".05" pos="0 0 -.2" mass="1"/></body>
+    <body pos="1 0 0"><joint name="second" axis="0 1 0" armature="0.1"/><geom size=".05" pos="0 0 -.2" mass="1"/></body>
+  </worldbody>
+  <actuator>
+    <plugin name="a" joint="first" plugin="tribotwin.drive" instance="a" actdim="3" dyntype="user"/>
+    <plugin name="b" joint="second" plugin="tribotwin.drive" instance="b" actdim="3" dyntype="user"/>
+  </actuator></mujoco>)");
+  EXPECT_TRUE(model.has_value()) << model.error().message;
+  return *model;
+}
+
+/// Torque [Nm] of both drives after each of some steps at rest, their goals 1 rad away.
+std::vector<std::vector<double>> torques(Servo& servo, const mujoco::Model& model, mjData* d, int steps) {
+  std::vector<std::vector<double>> all(2);
+  const SetPoint goals[] = {{1, 0}, {1, 0}};
+  for (int k = 0; k < steps; ++k) {
+    servo.control(model.get(), d, goals);
+    for (std::size_t i = 0; i < 2; ++i) all[i].push_back(d->ctrl[model.drives()[i].control] * model.drives()[i].gear);
+  }
+  return all;
+}
+
+TEST(DcPosition, DutyHasALimitAndARateOfEachDrive) {
+  const auto model = two_joints();
+  const auto d = model->make_data();
+  mj_forward(model->get(), d.get());
+  DcPositionOptions limited{.kp = 1, .error_gain = 1, .duty_limit = 0.5, .supply_V = 10, .resistance_ohm = 2};
+  DcPositionOptions slow = limited;
+  slow.duty_limit = 1, slow.duty_slew_1_s = 100;
+  const auto servo = make_dc_position(*model, {limited, slow});
+  const auto torque = torques(*servo, *model, d.get(), 3);
+  for (int k = 0; k < 3; ++k) {
+    EXPECT_DOUBLE_EQ(torque[0][k], 0.5 * 10 / 2);
+    EXPECT_DOUBLE_EQ(torque[1][k], 0.1 * (k + 1) * 10 / 2);
+  }
+}
+
+TEST(DcPosition, AWarmWindingHasMoreResistance) {
+  const auto model = two_joints();
+  const auto d = model->make_data();
+  for (const auto& drive : model->drives()) drive::set_temperature(drive.drive, mujoco::state(d.get(), drive), 65);
+  mj_forward(model->get(), d.get());
+  DcPositionOptions cold{.kp = 1, .error_gain = 1, .supply_V = 10, .resistance_ohm = 2};
+  DcPositionOptions warm = cold;
+  warm.resistance_per_K = 0.004;
+  const auto torque = torques(*make_dc_position(*model, {cold, warm}), *model, d.get(), 1);
+  EXPECT_DOUBLE_EQ(torque[0][0], 5);
+  EXPECT_NEAR(torque[1][0], 5 / 1.16, 1e-12);
+}
+
+TEST(Cascaded, EachDriveHasItsOwnGainsAndLimit) {
+  const auto model = two_joints();
+  const auto d = model->make_data();
+  mj_forward(model->get(), d.get());
+  CascadedOptions options{.gravity = false};
+  options.per_drive = {
+      {.position_gain_1_s = 3, .integral_time_s = 0, .speed_gain_nm_s_rad = 0.5},
+      {.position_gain_1_s = 3, .integral_time_s = 0, .speed_gain_nm_s_rad = 0.5, .torque_limit_nm = 1.2}};
+  const auto torque = torques(*make_cascaded(*model, d.get(), options), *model, d.get(), 2);
+  for (int k = 0; k < 2; ++k) {
+    EXPECT_DOUBLE_EQ(torque[0][k], 1.5);
+    EXPECT_DOUBLE_EQ(torque[1][k], 1.2);
+  }
+}
+
+}  // namespace
+}  // namespace tribotwin::twin
