@@ -173,8 +173,6 @@ std::string table_of(const Robot& robot, const DynamicsFit& fit, const Consisten
 
 std::string words_of(const Setting& s) {
   std::string text = fmt::format("friction {}", s.law->name);
-  if (with_stribeck(*s.law) == s.law)
-    text += fmt::format(" with vs at {:g} % of the top speed", 100 * s.stribeck_share);
   if (s.directional.offset) text += ", offset";
   if (s.directional.asymmetry) text += ", asymmetry";
   if (s.signals.cutoff_hz > 0) text += fmt::format(", cut-off {:.3g} Hz", s.signals.cutoff_hz);
@@ -252,12 +250,13 @@ std::vector<std::string> hardly_explained(const Robot& robot, const DynamicsFit&
 }
 
 /// Refuses fits that contradict the names of the columns.
-void doubt(const Arguments& a, const Robot& robot, const DynamicsFit& fit) {
+void doubt(const Arguments& a, const Robot& robot, const DynamicsFit& fit, const std::vector<Index>& weak) {
   const auto where = fmt::format("{}{}", a.data.front(), a.data.size() > 1 ? " and others" : "");
   for (std::size_t j = 0; j < fit.joints.size(); ++j) {
     const auto& joint = fit.joints[j];
     const char* unit = robot.regressor.is_slide(static_cast<Eigen::Index>(j)) ? "n" : "nm";
-    if (joint.relative_error > unexplained_error)
+    const bool is_weak = std::ranges::find(weak, static_cast<Index>(j)) != weak.end();
+    if (joint.relative_error > unexplained_error && !is_weak)
       throw InputError(
           fmt::format("{}: motion explains only {:.0f} % of torque_{}_{}; is it the torque of another joint, another "
                       "column, another robot, late, or that of a motor that turns with two joints (--coupling)?",
@@ -267,7 +266,7 @@ void doubt(const Arguments& a, const Robot& robot, const DynamicsFit& fit) {
     const bool coupled = std::ranges::any_of(robot.regressor.motors(), [&](const CoupledMotor& motor) {
       return motor.turns_with(static_cast<Index>(j)) != 0;
     });
-    if (level.name == "Fc" && level.value < -5 * level.sigma && !coupled)
+    if (level.name == "Fc" && level.value < -5 * level.sigma && !coupled && !is_weak)
       throw InputError(fmt::format(
           "{}: friction of {} would drive its motion ({} = {:.3g} {}); torque_{}_{} or its position has the wrong sign",
           where, joint.name, level.name, level.value, level.unit, joint.name, unit));
@@ -369,16 +368,31 @@ bool explained_otherwise(const std::vector<Index>& joints, const DynamicsFit& fi
   return false;
 }
 
-/// Leaves out joints, at most a third, whose torque the motion does not explain where it explains the others
-/// without them; says so in the notes. Else nothing changes: `doubt` refuses.
-void leave_out_dead(const Robot& robot, const Fit& fit_of, JointMotion& motion, DynamicsFit& fit,
-                    std::vector<std::string>& left_out) {
-  const std::vector<Index> dead = unexplained(fit);
-  if (dead.empty() || static_cast<Index>(3 * dead.size()) > robot.regressor.joints()) return;
+/// Joints, at most a third, whose torque the motion hardly explains although it explains the others without them: a
+/// joint of much noise and little torque, or a dead one. None where columns look mistaken: `doubt` refuses.
+std::vector<Index> weak_joints(const Robot& robot, const Fit& fit_of, const JointMotion& motion,
+                               const DynamicsFit& fit) {
+  std::vector<Index> weak = unexplained(fit);
+  if (weak.empty() || static_cast<Index>(3 * weak.size()) > robot.regressor.joints()) return {};
+  JointMotion rest = motion;
+  for (const Index j : weak) rest.leave_out(j);
+  const auto without = fit_of(rest);
+  if (!without || !unexplained(*without).empty() || explained_otherwise(weak, fit, motion, fit_of)) return {};
+  return weak;
+}
+
+/// Leaves out those of the weak joints of whose torque the motion explains nothing; says so in the notes.
+void leave_out_dead(const Robot& robot, const Fit& fit_of, const std::vector<Index>& weak, JointMotion& motion,
+                    DynamicsFit& fit, std::vector<std::string>& left_out) {
+  constexpr double nothing = 0.95;
+  std::vector<Index> dead;
+  std::ranges::copy_if(weak, std::back_inserter(dead),
+                       [&](Index j) { return fit.joints[static_cast<std::size_t>(j)].relative_error > nothing; });
+  if (dead.empty()) return;
   JointMotion rest = motion;
   for (const Index j : dead) rest.leave_out(j);
   auto second = fit_of(rest);
-  if (!second || !unexplained(*second).empty() || explained_otherwise(dead, fit, motion, fit_of)) return;
+  if (!second) return;
   for (const Index j : dead) {
     const auto at = static_cast<std::size_t>(j);
     left_out[at] =
@@ -457,12 +471,12 @@ Result<Exit> execute(const Arguments& a) {
   auto fit = fit_of(a, robot, choice.setting, *friction, models, motion, progress);
   if (!fit) throw InputError(fmt::format("{}: {}", a.data.front(), fit.error().message));
   std::vector<std::string> left_out = left_out_of(robot, motion);
-  leave_out_dead(
-      robot, [&](JointMotion& m) { return fit_of(a, robot, choice.setting, *friction, models, m, progress); }, motion,
-      *fit, left_out);
+  const Fit again = [&](JointMotion& m) { return fit_of(a, robot, choice.setting, *friction, models, m, progress); };
+  const std::vector<Index> weak = weak_joints(robot, again, motion, *fit);
+  leave_out_dead(robot, again, weak, motion, *fit, left_out);
   std::ranges::move(doubtful_gravity(robot.regressor, motion), std::back_inserter(fit->notes));
   std::ranges::move(hardly_explained(robot, *fit), std::back_inserter(fit->notes));
-  doubt(a, robot, *fit);
+  doubt(a, robot, *fit, weak);
   const Judgement judgement = judged(robot, *friction, motion, *fit, a.threads);
   std::ranges::move(warnings_of(judgement.joints), std::back_inserter(fit->notes));
   if (!a.quiet)

@@ -181,12 +181,9 @@ Robot loaded(const Arguments& a) {
   return motors.empty() ? robot : with_motors(robot, std::move(motors), a.parameters + ": coupling");
 }
 
-Result<Exit> execute(const Arguments& a) {
-  const Robot robot = loaded(a);
-  const auto file = or_wrong_input(read_dynamics(a.parameters, robot.regressor, robot.base));
-  const auto friction = robot_friction(*robot.model, robot.regressor, *file.law, file.directional, file.torque_max_nm);
-  if (!friction) throw InputError(fmt::format("{}: {}", a.model, friction.error().message));
-  JointMotion motion = read_motion(robot, a.data, preparation_of(a, file), a.tables, a.quiet);
+/// Estimates the temperatures that the data lack, where the law needs them and PARAMS.yaml can.
+void take_temperatures(const Arguments& a, const Robot& robot, const DynamicsFile& file, const RobotFriction& friction,
+                       JointMotion& motion) {
   const bool unknown = file.law->temperature_dependent && !motion.has_temperature,
              estimated = unknown && !file.thermal.empty();
   if (!a.start_degC.empty() && !estimated)
@@ -195,12 +192,21 @@ Result<Exit> execute(const Arguments& a) {
                     "dynamics --thermal",
                     a.parameters));
   if (estimated)
-    estimate_temperatures(robot.regressor, robot.base, *friction, file.parameters, file.thermal,
+    estimate_temperatures(robot.regressor, robot.base, friction, file.parameters, file.thermal,
                           start_of(a, robot, file.thermal), motion, a.threads);
   if (unknown && !a.quiet)
     note("without temperature columns {}",
          estimated ? "temperatures are estimated from the motion, from the start of each file on"
                    : fmt::format("law '{}' is that of 20 degC", file.law->name));
+}
+
+Result<Exit> execute(const Arguments& a) {
+  const Robot robot = loaded(a);
+  const auto file = or_wrong_input(read_dynamics(a.parameters, robot.regressor, robot.base));
+  const auto friction = robot_friction(*robot.model, robot.regressor, *file.law, file.directional, file.torque_max_nm);
+  if (!friction) throw InputError(fmt::format("{}: {}", a.model, friction.error().message));
+  JointMotion motion = read_motion(robot, a.data, preparation_of(a, file), a.tables, a.quiet);
+  take_temperatures(a, robot, file, *friction, motion);
   Eigen::MatrixXd predicted =
       predicted_torque(robot.regressor, robot.base, *friction, file.parameters, motion, a.threads);
   const std::vector<std::string> lacking = lacking_of(file, motion);

@@ -178,7 +178,7 @@ class Chooser {
   void choose_signals() {
     choose_cutoff();
     choose_velocity();
-    for (const double periods : {2.0, 0.5}) {
+    for (const double periods : {1.0, 2.0}) {
       Preparation signals = out_.setting.signals;
       signals.rest_periods = periods;
       attempt_signals(fmt::format("samples from {:g} periods of it off rests", periods), signals);
@@ -202,13 +202,32 @@ class Chooser {
   /// a motion of the whole robot; they are for friction curves, or for those who ask for them.
   void choose_law() {
     attempt_law(coulomb_viscous_load());
-    for (const double share : {0.02, 0.05, 0.1, 0.2, 0.4})
-      attempt_with(fmt::format("friction that falls within {:g} % of the top speed", 100 * share), [&](Setting& s) {
-        s.law = with_stribeck(*s.law);
-        s.stribeck_share = share;
-      });
+    for (const double share : {0.02, 0.05, 0.1, 0.2, 0.4}) attempt_stribeck(share);
+    if (with_stribeck(*out_.setting.law) == out_.setting.law) refine_stribeck();
     // A cubic of the speed goes astray beyond the speeds of the recordings; it is worth that for its temperature.
     if (target_.motion.has_temperature) attempt_law(*friction::find_law("polynomial"));
+  }
+
+  void attempt_stribeck(double share) {
+    attempt_with(fmt::format("friction that falls within {:g} % of the top speed", 100 * share), [&](Setting& s) {
+      s.law = with_stribeck(*s.law);
+      s.stribeck_share.assign(static_cast<std::size_t>(regressor_.rotors()), share);
+    });
+  }
+
+  /// Joint by joint, coarse and fine.
+  void refine_stribeck() {
+    refine_stribeck_by(1.4);
+    refine_stribeck_by(1.18);
+  }
+  void refine_stribeck_by(double step) {
+    for (Index r = 0; r < regressor_.rotors(); ++r)
+      for (const double factor : {1 / step, step}) {
+        const double share = factor * out_.setting.stribeck_share[static_cast<std::size_t>(r)];
+        if (attempt_with(fmt::format("... of {} within {:.3g} %", regressor_.rotor_name(r), 100 * share),
+                         [&](Setting& s) { s.stribeck_share[static_cast<std::size_t>(r)] = share; }))
+          break;
+      }
   }
 
   void attempt_law(const friction::LawInfo& law) {

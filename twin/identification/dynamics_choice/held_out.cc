@@ -19,7 +19,7 @@ Result<RobotFriction> friction_of(const mujoco::Model& model, const Regressor& r
       double fastest = 0;
       for (Index i = 0; i < motion.size(); ++i)
         fastest = std::max(fastest, std::abs(regressor.speed(static_cast<Index>(r), motion.qd.col(i))));
-      (*friction)[r].hold_stribeck_speed(setting.stribeck_share * fastest);
+      (*friction)[r].hold_stribeck_speed((setting.stribeck_share.empty() ? 0.1 : setting.stribeck_share[r]) * fastest);
     }
   return friction;
 }
@@ -55,14 +55,13 @@ Result<HeldOut> held_out(const Regressor& regressor, const BaseParameters& base,
 
 Comparison compared(const HeldOut& a, const HeldOut& b) {
   const double change = (a.rms.array() / b.rms.array()).log().mean();
-  // Linearised: d log rms = d mean square / (2 rms^2), averaged over joints.
+  // Half the differences of mean squares in units of b's, averaged over joints: to first order those of log rms.
   std::vector<double> own;
   for (Index s = 0; s < a.mean.cols(); ++s) {
     double sum = 0;
     Index joints = 0;
     for (Index j = 0; j < a.mean.rows(); ++j)
-      if (!std::isnan(a.mean(j, s)))
-        sum += (a.mean(j, s) / (a.rms(j) * a.rms(j)) - b.mean(j, s) / (b.rms(j) * b.rms(j))) / 2 + change, ++joints;
+      if (!std::isnan(a.mean(j, s))) sum += (a.mean(j, s) - b.mean(j, s)) / (2 * b.rms(j) * b.rms(j)), ++joints;
     if (joints) own.push_back(sum / static_cast<double>(joints));
   }
   const auto n = static_cast<double>(own.size());

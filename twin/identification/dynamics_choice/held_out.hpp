@@ -14,7 +14,7 @@ namespace tribotwin::twin::identification {
 struct Setting {
   Preparation signals;
   const friction::LawInfo* law = &coulomb_viscous();
-  double stribeck_share = 0.1;  ///< of each joint's largest speed: vs where the law holds one
+  std::vector<double> stribeck_share;  ///< per rotor, of its largest speed: vs where the law holds one; empty: 0.1
   Directional directional{.offset = true};
   Robust robust = Robust::none;
   bool rotor_inertia = true;

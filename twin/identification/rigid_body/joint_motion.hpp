@@ -23,8 +23,8 @@ struct Preparation {
   /// which the narrowest rings. 0: the cut-off's own.
   double widest_hz = 0, narrowest_hz = 0;
   /// Periods of the cut-off that are left out before and after a rest, as friction at rest is not known. The filter
-  /// leaves 0.04 of a step after one of them, 0.003 after two; but the rows beside rests have the low speeds.
-  double rest_periods = 1;
+  /// leaves 0.04 of a step after one of them, 0.003 after two; but the rows beside rests are those of low speeds.
+  double rest_periods = 0.5;
   bool still_joints = false;  ///< joints may rest in all recordings
 };
 

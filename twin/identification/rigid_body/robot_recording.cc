@@ -145,12 +145,12 @@ class JointColumns {
   /// Why a required column is missing.
   Problem missing(const Numbers& table, const Regressor& r) const {
     const bool motors = of_motors(table, r);
-    bool any_torque = motors;
+    bool any_torque = false;
     for (Index j = 0; j < r.joints(); ++j) any_torque |= has(table, name(j, torque));
     for (std::size_t k = 0; k < 1 + kinds * static_cast<std::size_t>(r.joints()); ++k) {
       const auto kind = (k - 1) % kinds;
       bool optional = k > 0 && (kind == velocity || kind == temperature ||
-                                (kind == torque && any_torque && table.hint(names_[k]).empty()));
+                                (kind == torque && any_torque && !motors && table.hint(names_[k]).empty()));
       for (const CoupledMotor& motor : r.motors()) optional = optional || (motors && k == at(motor.joint, torque));
       if (optional || has(table, names_[k])) continue;
       return fmt::format(

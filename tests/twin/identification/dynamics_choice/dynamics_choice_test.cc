@@ -174,7 +174,7 @@ TEST(Choice, FindsTheStribeckEffectWithoutFittingItsShape) {
   ASSERT_TRUE(fit) << fit.error().message;
   const Estimate& vs = fit->friction[0][3];
   EXPECT_EQ(vs.status, Status::held);
-  EXPECT_NEAR(vs.value, choice.setting.stribeck_share * motion->qd.row(0).cwiseAbs().maxCoeff(), 1e-12);
+  EXPECT_NEAR(vs.value, choice.setting.stribeck_share[0] * motion->qd.row(0).cwiseAbs().maxCoeff(), 1e-12);
   EXPECT_GT(fit->friction[0][2].value, 10 * fit->friction[0][2].sigma) << "Fs";
 }
 

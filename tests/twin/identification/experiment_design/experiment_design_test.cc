@@ -123,9 +123,9 @@ TEST(Design, TellsFrictionBetterThanAMotionForInertiaOfTheSameLength) {
 TEST(Design, FillsWhatRecordingsLack) {
   Arm arm;
   const ExperimentDesign first = arm.design(law("stribeck"));
-  // The first section alone: no slow passes.
+  // A third of the first section alone: no slow passes.
   const auto before =
-      prepare(std::vector{arm.recorded(first, first.motion.inertia_s)}, arm.regressor, {.cutoff_hz = cutoff_hz});
+      prepare(std::vector{arm.recorded(first, first.motion.inertia_s / 3)}, arm.regressor, {.cutoff_hz = cutoff_hz});
   ASSERT_TRUE(before);
   const ExperimentDesign next = arm.design(law("stribeck"), {.noise = {{}, {}}, .recorded = &*before});
   int lacking = 0;
