@@ -24,8 +24,7 @@ struct States {
   std::vector<std::vector<Index>> of_block;
 };
 
-States states_of(const MatrixXd& q, const MatrixXd& qd, const MatrixXd& qdd,
-                 std::span<const std::pair<Index, Index>> blocks) {
+States states_of(const MatrixXd& q, const MatrixXd& qd, std::span<const std::pair<Index, Index>> blocks) {
   constexpr Index enough = 2500;
   const Index every = std::max<Index>(1, q.cols() / enough);
   std::vector<Index> kept;
@@ -34,8 +33,8 @@ States states_of(const MatrixXd& q, const MatrixXd& qd, const MatrixXd& qdd,
     auto& own = out.of_block.emplace_back();
     for (Index i = first; i < last; i += every) own.push_back(static_cast<Index>(kept.size())), kept.push_back(i);
   }
-  out.x.resize(3 * q.rows(), static_cast<Index>(kept.size()));
-  out.x << standardised(q)(Eigen::all, kept), standardised(qd)(Eigen::all, kept), standardised(qdd)(Eigen::all, kept);
+  out.x.resize(2 * q.rows(), static_cast<Index>(kept.size()));
+  out.x << standardised(q)(Eigen::all, kept), standardised(qd)(Eigen::all, kept);
   return out;
 }
 
@@ -68,15 +67,14 @@ std::vector<std::size_t> alike_to(const States& states, const std::vector<std::s
 
 }  // namespace
 
-std::vector<Fold> folds_of(const MatrixXd& q, const MatrixXd& qd, const MatrixXd& qdd,
-                           std::span<const std::pair<Index, Index>> blocks, std::span<const std::size_t> file,
-                           unsigned count) {
+std::vector<Fold> folds_of(const MatrixXd& q, const MatrixXd& qd, std::span<const std::pair<Index, Index>> blocks,
+                           std::span<const std::size_t> file, unsigned count) {
   const bool by_file = file.back() + 1 >= 3;
   std::vector<Fold> folds(by_file ? std::min<std::size_t>(count, file.back() + 1) : count);
   for (std::size_t b = 0; b < blocks.size(); ++b)
     folds[by_file ? file[b] % folds.size() : b * folds.size() / blocks.size()].held.push_back(b);
   std::erase_if(folds, [](const Fold& fold) { return fold.held.empty(); });
-  const States states = states_of(q, qd, qdd, blocks);
+  const States states = states_of(q, qd, blocks);
   for (Fold& fold : folds) fold.alike = alike_to(states, fold.held);
   return folds;
 }

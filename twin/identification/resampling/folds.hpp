@@ -17,11 +17,11 @@ struct Fold {
   std::vector<std::size_t> alike;  ///< blocks that are not, but repeat their motion: not fitted either
 };
 
-/// `q`, `qd`, `qdd`: joints x samples. `blocks`: samples [first, second), in order of time; `file`: of each block.
-/// Whole files are held where there are three or more, else `count` stretches of time. A block is alike where 30 % of
-/// its samples are close to a held one: within 0.2 standard deviations, rms over positions, speeds and accelerations of
-/// all joints. With a fold at most half of the blocks are left out, the closest first.
-std::vector<Fold> folds_of(const Eigen::MatrixXd& q, const Eigen::MatrixXd& qd, const Eigen::MatrixXd& qdd,
+/// `q`, `qd`: joints x samples. `blocks`: samples [first, second), in order of time; `file`: of each block. Whole files
+/// are held where there are three or more, else `count` stretches of time. A block is alike where 30 % of its samples
+/// are close to a held one: within 0.2 standard deviations, rms over positions and speeds of all joints. With a fold
+/// at most half of the blocks are left out, the closest first.
+std::vector<Fold> folds_of(const Eigen::MatrixXd& q, const Eigen::MatrixXd& qd,
                            std::span<const std::pair<Eigen::Index, Eigen::Index>> blocks,
                            std::span<const std::size_t> file, unsigned count);
 

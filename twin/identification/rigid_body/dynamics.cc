@@ -464,8 +464,7 @@ class Identification {
   /// Predicts every fold from the others.
   void leave_out() {
     const auto& blocks = problem_.blocks();
-    const std::vector<Fold> folds =
-        folds_of(motion_.q, motion_.qd, motion_.qdd, blocks, problem_.files(), options_.folds);
+    const std::vector<Fold> folds = folds_of(motion_.q, motion_.qd, blocks, problem_.files(), options_.folds);
     std::vector<MatrixXd> of_block;
     for (std::size_t b = 0; b < blocks.size(); ++b)
       of_block.push_back(problem_.normal_matrix(pass_, b, weights_, order_));

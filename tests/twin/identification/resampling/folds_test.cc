@@ -12,22 +12,21 @@ using Eigen::Index, Eigen::MatrixXd;
 
 /// Two joints for `seconds` at 50 Hz; every period_s the motion repeats.
 struct Motion {
-  MatrixXd q, qd, qdd;
+  MatrixXd q, qd;
   std::vector<std::pair<Index, Index>> blocks;
   std::vector<std::size_t> file;
 
   Motion(double seconds, double period_s, std::size_t files, std::size_t block_count = 48) {
     const auto samples = static_cast<Index>(50 * seconds);
-    q.resize(2, samples), qd.resize(2, samples), qdd.resize(2, samples);
+    q.resize(2, samples), qd.resize(2, samples);
     for (Index i = 0; i < samples; ++i)
       for (Index j = 0; j < 2; ++j) {
-        double x = 0, v = 0, a = 0;
+        double x = 0, v = 0;
         for (const double harmonic : {1.0, 2.0, 3.0, 5.0, 7.0}) {
           const double w = 2 * M_PI * harmonic / period_s, at = w * static_cast<double>(i) / 50 + harmonic * harmonic;
-          const double phase = at + static_cast<double>(2 * j);
-          x += std::sin(phase), v += w * std::cos(phase), a -= w * w * std::sin(phase);
+          x += std::sin(at + static_cast<double>(2 * j)), v += w * std::cos(at + static_cast<double>(2 * j));
         }
-        q(j, i) = x, qd(j, i) = v, qdd(j, i) = a;
+        q(j, i) = x, qd(j, i) = v;
       }
     for (std::size_t b = 0; b < block_count; ++b) {
       blocks.emplace_back(samples * static_cast<Index>(b) / static_cast<Index>(block_count),
@@ -35,7 +34,7 @@ struct Motion {
       file.push_back(b * files / block_count);
     }
   }
-  std::vector<Fold> folds(unsigned count) const { return folds_of(q, qd, qdd, blocks, file, count); }
+  std::vector<Fold> folds(unsigned count) const { return folds_of(q, qd, blocks, file, count); }
 };
 
 TEST(Folds, ArePartsOfTimeThatHoldEveryBlockOnce) {
