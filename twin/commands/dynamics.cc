@@ -177,6 +177,7 @@ std::string words_of(const Setting& s) {
   if (s.directional.asymmetry) text += ", asymmetry";
   if (s.signals.cutoff_hz > 0) text += fmt::format(", cut-off {:.3g} Hz", s.signals.cutoff_hz);
   if (s.signals.recorded_velocity) text += ", recorded velocity";
+  if (s.signals.reversals) text += ", reversals";
   if (s.robust != Robust::none) text += fmt::format(", {}", name_of(s.robust));
   if (!s.rotor_inertia) text += ", no rotor inertias";
   for (const CoupledMotor& motor : s.motors) text += fmt::format(", {} coupled", motor.name);
@@ -212,6 +213,7 @@ Json json_of(const DynamicsChoice& choice) {
          {"asymmetry", s.directional.asymmetry},
          {"cutoff_hz", s.signals.cutoff_hz},
          {"recorded_velocity", s.signals.recorded_velocity},
+         {"reversals", s.signals.reversals},
          {"robust", name_of(s.robust)},
          {"rotor_inertia", s.rotor_inertia},
          {"prior", s.prior},

@@ -171,6 +171,7 @@ Preparation preparation_of(const Arguments& a, const DynamicsFile& file) {
   Preparation p = a.preparation;
   if (p.cutoff_hz == 0) p.cutoff_hz = file.signals.cutoff_hz;
   p.recorded_velocity = file.signals.recorded_velocity;
+  p.reversals = file.signals.reversals;
   return p;
 }
 

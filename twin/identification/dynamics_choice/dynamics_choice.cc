@@ -178,10 +178,11 @@ class Chooser {
   void choose_signals() {
     choose_cutoff();
     choose_velocity();
-    for (const double periods : {1.0, 2.0}) {
+    for (const double periods : {1.0, 0.5}) {
       Preparation signals = out_.setting.signals;
+      signals.reversals = true;
       signals.rest_periods = periods;
-      attempt_signals(fmt::format("samples from {:g} periods of it off rests", periods), signals);
+      attempt_signals(fmt::format("reversals, from {:g} periods of it off rests", periods), signals);
     }
   }
 

@@ -69,7 +69,8 @@ std::string to_yaml(const DynamicsFit& fit, const BaseParameters& base, const fr
   out << YAML::Key << "friction_law" << YAML::Value << std::string(law.name);
   out << YAML::Key << "signals" << YAML::Value << YAML::Flow << YAML::BeginMap << YAML::Key << "cutoff_hz"
       << YAML::Value << origin.signals.cutoff_hz << YAML::Key << "recorded_velocity" << YAML::Value
-      << origin.signals.recorded_velocity << YAML::EndMap;
+      << origin.signals.recorded_velocity << YAML::Key << "reversals" << YAML::Value << origin.signals.reversals
+      << YAML::EndMap;
   write_coupling(out, regressor);
   if (!origin.torque_max_nm.empty()) {
     out << YAML::Key << "torque_max_nm" << YAML::Value << YAML::Flow << YAML::BeginMap;
@@ -191,6 +192,7 @@ Result<DynamicsFile> read_dynamics(const std::filesystem::path& file, const Regr
   if (auto signals = in.mapping("signals")) {
     out.signals.cutoff_hz = signals->number("cutoff_hz", {0, 1e6});
     out.signals.recorded_velocity = signals->flag_or("recorded_velocity", false);
+    out.signals.reversals = signals->flag_or("reversals", false);
     if (signals->has("reversal_periods")) (void)signals->number("reversal_periods", {0, 100});  // of earlier versions
     signals->done();
   }

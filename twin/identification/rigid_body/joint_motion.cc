@@ -103,6 +103,7 @@ struct Filtering {
   Index every;                      ///< samples per kept one
   Index edge;                       ///< samples left out at either end, where the filter rings
   Index beside_rest, longest_turn;  ///< samples
+  Index beside_slow;                ///< kept samples; 0: those near reversals count
 };
 
 Result<Filtering> filtering_of(const RobotRecording& rec, const Stretch& s, const Sampling& sampling,
@@ -120,13 +121,16 @@ Result<Filtering> filtering_of(const RobotRecording& rec, const Stretch& s, cons
   const Index every = preparation.decimation
                           ? preparation.decimation
                           : std::max<Index>(1, static_cast<Index>(std::floor(rate / (5 * widest) + 1e-6)));
-  return Filtering{.period_s = period,
-                   .rate_hz = rate,
-                   .cutoff_hz = cutoff,
-                   .every = every,
-                   .edge = static_cast<Index>(std::ceil(ringing * rate / settling)),
-                   .beside_rest = static_cast<Index>(std::ceil(preparation.rest_periods * rate / settling)),
-                   .longest_turn = static_cast<Index>(longest_turn * rate / std::max(cutoff, widest))};
+  return Filtering{
+      .period_s = period,
+      .rate_hz = rate,
+      .cutoff_hz = cutoff,
+      .every = every,
+      .edge = static_cast<Index>(std::ceil(ringing * rate / settling)),
+      .beside_rest = static_cast<Index>(std::ceil(preparation.rest_periods * rate / settling)),
+      .longest_turn = static_cast<Index>(longest_turn * rate / std::max(cutoff, widest)),
+      .beside_slow =
+          preparation.reversals ? 0 : static_cast<Index>(std::ceil(2 * rate / settling / static_cast<double>(every)))};
 }
 
 /// The samples of one joint in a stretch, filtered where they are noisy.
@@ -265,6 +269,22 @@ void mark_sliding(const Regressor& r, Index rotor, const Part& p, double fastest
   }
 }
 
+/// Rows more than `beside_slow` kept samples from slow ones count; none is assumed before the first and after the last.
+void mark_fast(const Regressor& r, Index rotor, const Part& p, double fastest, Index at, JointMotion& out) {
+  const Index count = p.q.cols(), guard = p.filtering.beside_slow;
+  std::vector<double> speed;
+  for (Index k = 0; k < count; ++k) speed.push_back(r.speed(rotor, p.qd.col(k)));
+  std::vector<bool> is_slow(speed.size());
+  for (std::size_t k = 0; k < speed.size(); ++k) {
+    is_slow[k] = std::abs(speed[k]) < slow * fastest;
+    out.direction(rotor, at + static_cast<Index>(k)) = speed[k] < 0 ? -1 : 1;
+  }
+  const std::vector<bool> left_out = widened(is_slow, static_cast<std::size_t>(guard));
+  for (Index k = 0; k < count; ++k)
+    for (Index j = 0; j < r.joints() && left_out[static_cast<std::size_t>(k)]; ++j)
+      if (r.turns(rotor, j) != 0) out.moving(j, at + k) = false;
+}
+
 /// `fastest`: speed of every rotor.
 void join(const Regressor& r, const std::vector<Part>& parts, const VectorXd& fastest, JointMotion& out) {
   Index total = 0;
@@ -291,7 +311,10 @@ void join(const Regressor& r, const std::vector<Part>& parts, const VectorXd& fa
     out.q.middleCols(at, count) = p.q, out.qd.middleCols(at, count) = p.qd, out.qdd.middleCols(at, count) = p.qdd;
     out.torque.middleCols(at, count) = p.torque, out.temperature_degC.middleCols(at, count) = p.temperature;
     for (Index rotor = 0; rotor < r.rotors(); ++rotor)
-      mark_sliding(r, rotor, p, fastest(rotor), highest(rotor) - lowest(rotor), at, out);
+      if (p.filtering.beside_slow)
+        mark_fast(r, rotor, p, fastest(rotor), at, out);
+      else
+        mark_sliding(r, rotor, p, fastest(rotor), highest(rotor) - lowest(rotor), at, out);
     at += count;
   }
 }
