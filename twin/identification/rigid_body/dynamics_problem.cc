@@ -246,7 +246,8 @@ MatrixXd DynamicsProblem::normal_matrix(const Pass& pass, std::size_t block, con
 std::vector<Index> dependent(const MatrixXd& R, const std::vector<Index>& order, Index base_size) {
   std::vector<Index> sequence(order.size());
   std::iota(sequence.begin(), sequence.end(), 0);
-  std::ranges::stable_partition(sequence, [&](Index c) { return order[static_cast<std::size_t>(c)] >= base_size; });
+  std::stable_partition(sequence.begin(), sequence.end(),
+                        [&](Index c) { return order[static_cast<std::size_t>(c)] >= base_size; });
   MatrixXd Q(R.rows(), R.cols());
   Index found = 0;
   std::vector<Index> out;
