@@ -55,8 +55,8 @@ Result<std::shared_ptr<const mujoco::Model>> load_with_drive(const std::filesyst
     if (element.attribute("name").value() != instance) continue;
     // Words first: a new law or thermal model removes the old parameters; those given here follow.
     drive::Configuration ordered = keys, present;
-    std::ranges::stable_partition(ordered,
-                                  [](const auto& entry) { return entry.first == "law" || entry.first == "thermal"; });
+    std::stable_partition(ordered.begin(), ordered.end(),
+                          [](const auto& entry) { return entry.first == "law" || entry.first == "thermal"; });
     while (const pugi::xml_node config = element.child("config")) {
       present.emplace_back(config.attribute("key").value(), config.attribute("value").value());
       element.remove_child(config);
