@@ -71,19 +71,19 @@ constexpr std::pair<const friction::LawInfo*, const friction::LawInfo*> extended
 
 /// What jumps where the direction changes: terms that are not 0 at standstill. The number that a shape depends on goes
 /// with it; the scale is of all.
-enum class Part { standstill, moving, both };
+enum class Term { standstill, moving, both };
 
-constexpr Part part_of(friction::formula::Shape shape) {
-  return friction::formula::shape_infos[shape].at_rest != 0 ? Part::standstill : Part::moving;
+constexpr Term term_of(friction::formula::Shape shape) {
+  return friction::formula::shape_infos[shape].at_rest != 0 ? Term::standstill : Term::moving;
 }
 
-constexpr Part part_of(friction::formula::Quantity quantity) {
+constexpr Term term_of(friction::formula::Quantity quantity) {
   using namespace friction::formula;
-  if (quantity == scale_slope || quantity == scale_reference) return Part::both;
+  if (quantity == scale_slope || quantity == scale_reference) return Term::both;
   for (int shape = 0; shape < shape_count; ++shape)
     for (int k = 0; k < shape_infos[shape].slope_count; ++k)
-      if (shape_infos[shape].slopes[k] == quantity) return part_of(static_cast<Shape>(shape));
-  return Part::moving;  // the Vogel scale, of viscous terms
+      if (shape_infos[shape].slopes[k] == quantity) return term_of(static_cast<Shape>(shape));
+  return Term::moving;  // the Vogel scale, of viscous terms
 }
 
 using Terms = Eigen::Matrix<double, linear_count, 1>;
@@ -144,16 +144,16 @@ double JointFriction::filtered_torque(std::span<const double> p, double speed, d
   for (std::size_t k = 0; k < linear_count; ++k) {
     const double by = at.by_terms[k];
     terms(static_cast<Index>(k)) =
-        by * (part_of(friction::formula::terms[k].shape) == Part::standstill ? turning : moving);
+        by * (term_of(friction::formula::terms[k].shape) == Term::standstill ? turning : moving);
     torque += law.*linear_fields[k] * terms(static_cast<Index>(k));
   }
   if (derivatives) {
     Shapes shapes;
     for (std::size_t n = 0; n < nonlinear_count; ++n) {
-      const Part part = part_of(friction::formula::shape_numbers[n].quantity);
+      const Term part = term_of(friction::formula::shape_numbers[n].quantity);
       const double both = at.torque == 0 ? moving : torque / at.torque;
-      shapes(static_cast<Index>(n)) = at.by_shape_numbers[n] * (part == Part::both         ? both
-                                                                : part == Part::standstill ? turning
+      shapes(static_cast<Index>(n)) = at.by_shape_numbers[n] * (part == Term::both         ? both
+                                                                : part == Term::standstill ? turning
                                                                                            : moving);
     }
     Eigen::Map<Eigen::VectorXd>(derivatives, law_size()) = place_.linear.transpose() * terms(place_.linear_used) +
