@@ -160,11 +160,11 @@ class Identification {
 
   /// Fixes what friction holds and the options exclude, and takes the prior.
   void restrict() {
-    for (Index j = 0; j < joints(); ++j)
-      for (Index p = 0; p < friction_[static_cast<std::size_t>(j)].size(); ++p)
-        if (const auto value = friction_[static_cast<std::size_t>(j)].held(p)) {
-          problem_.fix(problem_.friction_at(j, p));
-          now_.friction[static_cast<std::size_t>(j)][static_cast<std::size_t>(p)] = *value;
+    for (std::size_t r = 0; r < friction_.size(); ++r)
+      for (Index p = 0; p < friction_[r].size(); ++p)
+        if (const auto value = friction_[r].held(p)) {
+          problem_.fix(problem_.friction_at(static_cast<Index>(r), p));
+          now_.friction[r][static_cast<std::size_t>(p)] = *value;
         }
     for (Index k = 0; k < base_.size() && !options_.rotor_inertia; ++k)
       if (base_.parameters[static_cast<std::size_t>(k)].name.ends_with(".Ia")) {

@@ -28,6 +28,7 @@ constexpr double far = 0.01;
 constexpr double ringing = 0.5;
 /// A joint that is slow for more of a period of the cut-off may have stuck; in less it has turned.
 constexpr double longest_turn = 0.5;
+
 struct Stretch {
   std::size_t first, last;  ///< inclusive
 };

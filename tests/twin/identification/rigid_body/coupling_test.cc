@@ -267,6 +267,18 @@ INSTANTIATE_TEST_SUITE_P(Laws, CoupledLaw,
                                          std::tuple{"coulomb_viscous_load", 0.0, 0.2}),
                          [](const auto& info) { return std::string(std::get<0>(info.param)); });
 
+TEST(Coupling, AMotorsStribeckSpeedIsHeldAsThatOfAJoint) {
+  CoupledWrist wrist;
+  const auto with = fitted(wrist, wrist.coupled, wrist.recording(2, 0.8), "coulomb_viscous_stribeck");
+  ASSERT_THAT(with.fit.friction, testing::SizeIs(4));
+  for (std::size_t r = 0; r < 4; ++r) {
+    const Estimate& vs = with.fit.friction[r][3];
+    EXPECT_EQ(vs.name, "vs");
+    EXPECT_EQ(vs.status, Status::held) << r;
+    EXPECT_EQ(vs.value, with.friction[r].held(3)) << r;
+  }
+}
+
 TEST(Coupling, IsInTheFileThatPredictReads) {
   CoupledWrist wrist;
   const auto with = fitted(wrist, wrist.coupled, wrist.recording(1), "coulomb_viscous");
