@@ -34,6 +34,7 @@ ORDER = {
         "identification/dynamic_friction",
         "identification/thermal",
         "identification/rigid_body",
+        "identification/drive_gains",
         "identification/verdict",
         "identification/dynamics_choice",
         "identification/experiment_design",

@@ -10,6 +10,7 @@
 
 #include <tribotwin/twin/commands/program.hpp>
 #include <tribotwin/twin/commands/robot.hpp>
+#include <tribotwin/twin/identification/drive_gains/report.hpp>
 #include <tribotwin/twin/identification/dynamics_choice/dynamics_choice.hpp>
 #include <tribotwin/twin/identification/rigid_body/dynamics_file.hpp>
 #include <tribotwin/twin/identification/rigid_body/model_agreement.hpp>
@@ -33,12 +34,12 @@ struct Arguments {
   std::string model, friction = "coulomb_viscous", thermal, robust = "auto";
   Destination output;
   TableArguments tables;
-  std::vector<std::string> data, coupling;
+  std::vector<std::string> data, coupling, payloads;
   Preparation preparation;
   unsigned threads = std::max(1u, std::thread::hardware_concurrency());
   std::optional<double> prior_percent;
   bool no_rotor_inertia = false, json = false, quiet = false, essential = false, unweighted = false, no_offset = false,
-       asymmetry = false;
+       asymmetry = false, drive_gains = false;
 };
 
 std::vector<thermal::Model> thermal_models(const std::string& file, const Regressor& regressor) {
@@ -296,7 +297,7 @@ Decided decided(const Arguments& a) {
   if (a.preparation.cutoff_hz > 0) d.cutoff_hz = a.preparation.cutoff_hz;
   if (a.preparation.decimation > 0) d.decimation = a.preparation.decimation;
   if (a.no_offset) d.offset = false;
-  d.coupling = !a.coupling.empty();
+  d.coupling = !a.coupling.empty() || a.drive_gains;  // drive gains are those of motors that turn with one joint
   if (a.asymmetry) d.asymmetry = true;
   if (a.robust != "auto") d.robust = robust_of(a.robust);
   if (a.no_rotor_inertia) d.rotor_inertia = false;
@@ -425,7 +426,8 @@ DynamicsOrigin origin_of(const Arguments& a, const Robot& robot, const Setting& 
                         .signals = setting.signals,
                         .torque_max_nm = {},
                         .thermal = models,
-                        .left_out = {}};
+                        .left_out = {},
+                        .drive_gains = {}};
   origin.signals.cutoff_hz = motion.cutoff_hz;
   if (static_cast<Index>(robot.model->drives().size()) < robot.regressor.joints()) origin.torque_max_nm = torque_max_nm;
   return origin;
@@ -449,36 +451,166 @@ Robot loaded(const Arguments& a) {
   return with_motors(robot, std::move(motors), "--coupling");
 }
 
-Result<Exit> execute(const Arguments& a) {
-  const friction::LawInfo* const given = given_law(a);
-  Robot robot = loaded(a);
-  const auto recordings = read_recordings(robot, a.data, a.tables, a.quiet);
-  const std::vector<double> torque_max_nm = largest_torques(recordings);
-  Progress progress(a.quiet, "identifying");
-  const DynamicsChoice choice = choice_of(a, given, robot, recordings, torque_max_nm, progress);
-  if (!choice.setting.motors.empty()) robot = with_motors(robot, choice.setting.motors, "--friction auto");
+/// The drive gains that --drive-gains asks for, beside what was assumed.
+struct Gains {
+  DriveGains found;
+  std::vector<AssumedGain> assumed;
+  std::vector<Estimate> constants;
+  std::vector<std::string> notes;
+};
+
+struct Recorded {
+  std::vector<RobotRecording> recordings;  ///< with corrected torques and payloads
+  std::vector<KnownPayload> payloads;
+  std::optional<Gains> gains;
+};
+
+/// What the torques of the recordings are made of; throws InputError where recordings differ.
+std::vector<AssumedGain> assumed_of(const Arguments& a, const Robot& robot,
+                                    const std::vector<RobotRecording>& recordings,
+                                    const std::vector<std::optional<double>>& nm_per_a) {
+  std::vector<AssumedGain> out;
+  for (std::size_t j = 0; j < nm_per_a.size(); ++j) {
+    const auto joint = static_cast<Index>(j);
+    const bool of_current = recordings.front().of_current[j];
+    for (const RobotRecording& rec : recordings)
+      if (rec.of_current[j] != of_current && !rec.without_torque[j])
+        throw InputError(fmt::format(
+            "--drive-gains: {} has a torque column of {}, {} a current; the gain of one is not that of the other",
+            of_current ? rec.file.string() : recordings.front().file.string(), robot.regressor.joint_name(joint),
+            of_current ? recordings.front().file.string() : rec.file.string()));
+    out.push_back({.of_current = of_current, .nm_per_a = nm_per_a[j], .slide = robot.regressor.is_slide(joint)});
+  }
+  if (!a.tables.torque_constant.empty() && std::ranges::none_of(out, &AssumedGain::of_current))
+    throw InputError("--torque-constant: no recording has a column current_JOINT_a");
+  return out;
+}
+
+/// The payloads as they are placed, each once, and which one every recording has; -1: none.
+struct Loads {
+  std::vector<KnownPayload> known;
+  std::vector<PlacedPayload> payloads;
+  std::vector<int> of_file;
+};
+
+Loads loads_of(const Arguments& a, const Robot& robot, const std::vector<KnownPayload>& known) {
+  Loads out{.known = {}, .payloads = {}, .of_file = std::vector<int>(a.data.size(), -1)};
+  std::vector<std::string> texts;
+  for (const KnownPayload& payload : known) {
+    auto same = std::ranges::find(texts, payload.text);
+    if (same == texts.end()) {
+      out.payloads.push_back(or_wrong_input(placed(payload, robot.regressor)));
+      out.known.push_back(payload);
+      same = texts.insert(texts.end(), payload.text);
+    }
+    const auto file = std::ranges::find(a.data, payload.file) - a.data.begin();
+    out.of_file[static_cast<std::size_t>(file)] = static_cast<int>(same - texts.begin());
+  }
+  return out;
+}
+
+/// Corrects torques by the gains. The torque of a joint counts nowhere where its current is all that is known.
+void correct(const Gains& gains, const Loads& loads, std::vector<RobotRecording>& recordings) {
+  for (std::size_t f = 0; f < recordings.size(); ++f) {
+    RobotRecording& rec = recordings[f];
+    for (std::size_t j = 0; j < gains.assumed.size(); ++j)
+      if (gains.found.known(j))
+        rec.torque.row(static_cast<Index>(j)) *= gains.found.factors[j].value;
+      else if (gains.assumed[j].of_current && !gains.assumed[j].nm_per_a)
+        rec.without_torque[j] = true;
+    if (const int p = loads.of_file[f]; p >= 0)
+      rec.carried = CarriedBody{loads.payloads[static_cast<std::size_t>(p)].body.body,
+                                gains.found.payload[static_cast<std::size_t>(p)]};
+  }
+}
+
+Gains gains_of(const Arguments& a, const Robot& robot, const Loads& loads, std::vector<AssumedGain> assumed,
+               const std::vector<RobotRecording>& recordings) {
+  const JointMotion motion = prepared(robot, recordings, a.preparation, true);
+  auto found = identify_drive_gains(robot.regressor, robot.base, motion, loads.payloads, loads.of_file, a.threads);
+  if (!found) throw InputError(fmt::format("--drive-gains: {}: {}", joined(std::span(a.data)), found.error().message));
+  Gains out{.found = std::move(*found), .assumed = std::move(assumed), .constants = {}, .notes = {}};
+  out.constants = drive_constants(out.found, out.assumed);
+  if (std::ranges::all_of(out.constants, [](const Estimate& e) { return std::isnan(e.value); }))
+    throw InputError(fmt::format("--drive-gains: {}: no gain is identifiable; {}", joined(std::span(a.data)),
+                                 joined(lines_of(out.found.lacking), "; ")));
+  out.notes = doubtful_centres(robot.regressor, robot.base, motion, loads.known, loads.of_file, a.threads);
+  std::ranges::move(doubtful_mass(out.found, out.assumed), std::back_inserter(out.notes));
+  return out;
+}
+
+Recorded recorded(const Arguments& a, const Robot& robot) {
+  Recorded out{.recordings = {}, .payloads = known_payloads(a.payloads, a.data), .gains = {}};
+  if (!a.drive_gains) {
+    out.recordings = read_recordings(robot, a.data, a.tables, a.quiet);
+    carry(robot, out.payloads, out.recordings, a.quiet);
+    return out;
+  }
+  const Loads loads = loads_of(a, robot, out.payloads);
+  const auto said = torque_per_ampere(robot, a.tables);
+  std::vector<double> nm_per_a;
+  for (const auto& one : said) nm_per_a.push_back(one.value_or(1));
+  out.recordings = read_recordings(robot, a.data, a.tables, a.quiet, nm_per_a);
+  out.gains = gains_of(a, robot, loads, assumed_of(a, robot, out.recordings, said), out.recordings);
+  correct(*out.gains, loads, out.recordings);
+  return out;
+}
+
+/// {JOINT: why its torque is left out}.
+Json json_of(const Robot& robot, const std::vector<std::string>& left_out) {
+  Json out = Json::object();
+  for (std::size_t k = 0; k < left_out.size(); ++k)
+    if (!left_out[k].empty()) out[robot.regressor.joint_name(static_cast<Index>(k))] = left_out[k];
+  return out;
+}
+
+/// Says why torques are left out whose drive gain is not known.
+void name_unknown_gains(const std::optional<Gains>& gains, std::vector<std::string>& left_out) {
+  for (std::size_t j = 0; gains && j < left_out.size(); ++j)
+    if (!left_out[j].empty() && gains->assumed[j].of_current && !gains->found.known(j))
+      left_out[j] = "its drive gain is not identifiable";
+}
+
+void refuse_useless_thermal(const Arguments& a, const Robot& robot, const friction::LawInfo& law) {
   if (!a.thermal.empty() && !robot.regressor.motors().empty())
     throw InputError(
         fmt::format("--thermal: motor {} turns with several joints; the heat of coupled motors is not modelled. Record "
                     "temperature_JOINT_degC, or leave --thermal out",
                     robot.regressor.motors().front().name));
-  const friction::LawInfo& law = *choice.setting.law;
-  JointMotion motion = prepared(robot, recordings, choice.setting.signals, a.quiet);
-  const auto friction = friction_of(*robot.model, robot.regressor, choice.setting, torque_max_nm, motion);
-  if (!friction) throw InputError(fmt::format("{}: {}", a.model, friction.error().message));
   if (!a.thermal.empty() && !law.temperature_dependent)
     throw InputError(
         fmt::format("--thermal: friction '{}' does not depend on temperature; --friction polynomial does", law.name));
+}
+
+Result<Exit> execute(const Arguments& a) {
+  const friction::LawInfo* const given = given_law(a);
+  Robot robot = loaded(a);
+  const Recorded data = recorded(a, robot);
+  const auto& recordings = data.recordings;
+  if (data.gains && !a.quiet)
+    for (const auto& text : data.gains->notes) note("{}", text);
+  const std::vector<double> torque_max_nm = largest_torques(recordings);
+  Progress progress(a.quiet, "identifying");
+  const DynamicsChoice choice = choice_of(a, given, robot, recordings, torque_max_nm, progress);
+  if (!choice.setting.motors.empty()) robot = with_motors(robot, choice.setting.motors, "--friction auto");
+  const friction::LawInfo& law = *choice.setting.law;
+  refuse_useless_thermal(a, robot, law);
+  JointMotion motion = prepared(robot, recordings, choice.setting.signals, a.quiet);
+  const auto friction = friction_of(*robot.model, robot.regressor, choice.setting, torque_max_nm, motion);
+  if (!friction) throw InputError(fmt::format("{}: {}", a.model, friction.error().message));
   const auto models = a.thermal.empty() ? std::vector<thermal::Model>{} : thermal_models(a.thermal, robot.regressor);
   auto fit = fit_of(a, robot, choice.setting, *friction, models, motion, progress);
   if (!fit) throw InputError(fmt::format("{}: {}", a.data.front(), fit.error().message));
   std::vector<std::string> left_out = left_out_of(robot, motion);
+  name_unknown_gains(data.gains, left_out);
   const Fit again = [&](JointMotion& m) { return fit_of(a, robot, choice.setting, *friction, models, m, progress); };
   const std::vector<Index> weak = weak_joints(robot, again, motion, *fit);
   leave_out_dead(robot, again, weak, motion, *fit, left_out);
   std::ranges::move(doubtful_gravity(robot.regressor, motion), std::back_inserter(fit->notes));
   std::ranges::move(hardly_explained(robot, *fit), std::back_inserter(fit->notes));
   doubt(a, robot, *fit, weak);
+  if (data.gains) count_gains(data.gains->found, *fit);
+  const auto efficiencies = transmission_efficiency(*friction, *fit);
   const Judgement judgement = judged(robot, *friction, motion, *fit, a.threads);
   std::ranges::move(warnings_of(judgement.joints), std::back_inserter(fit->notes));
   if (!a.quiet)
@@ -488,18 +620,23 @@ Result<Exit> execute(const Arguments& a) {
   if (a.output.named()) {
     DynamicsOrigin origin = origin_of(a, robot, choice.setting, motion, torque_max_nm, models);
     origin.left_out = left_out;
+    if (data.gains) origin.drive_gains = data.gains->constants;
     if (auto ok = deliver(to_yaml(*fit, robot.base, law, robot.regressor, consistency, origin), a.output); !ok)
       return ok;
   }
   if (a.json) {
     Json j = json_of(robot, *fit, consistency, judgement);
     j["choice"] = json_of(choice);
-    j["left_out"] = Json::object();
-    for (std::size_t k = 0; k < left_out.size(); ++k)
-      if (!left_out[k].empty()) j["left_out"][fit->joints[k].name] = left_out[k];
+    j["efficiency"] = json_of(efficiencies);
+    if (data.gains) {
+      j["drive_gains"] = json_of(data.gains->found, data.gains->assumed);
+      for (const auto& text : data.gains->notes) j["notes"].push_back(text);
+    }
+    j["left_out"] = json_of(robot, left_out);
     return deliver(j.dump(2) + "\n");
   }
-  return deliver(table_of(choice) + table_of(robot, *fit, consistency, judgement));
+  return deliver((data.gains ? table_of(data.gains->found, data.gains->assumed, data.payloads) : "") +
+                 table_of(choice) + table_of(robot, *fit, consistency, judgement) + table_of(efficiencies));
 }
 
 }  // namespace
@@ -528,6 +665,10 @@ void add_dynamics(CLI::App& app, int& code) {
        "be repeated (default: as the model's actuators on tendons say, or what --friction auto finds); none: no motor "
        "does")
       ->allow_extra_args(false);
+  add_payload(*c, a->payloads);
+  c->add_flag("--drive-gains", a->drive_gains,
+              "Identify torque constant x gear ratio of every joint from current_JOINT_a, or a factor that corrects "
+              "torque_JOINT_nm: from recordings without and with a payload (--payload); kept for predict");
   c->add_option("--prior", a->prior_percent,
                 "How far the bodies may be off the model's: standard deviation [%] of their masses, first moments and "
                 "inertias; 0: whatever the data say")

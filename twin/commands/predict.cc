@@ -29,7 +29,7 @@ struct Arguments {
   std::string model, parameters, wrench, site = "flange";
   Destination output;
   TableArguments tables;
-  std::vector<std::string> data;
+  std::vector<std::string> data, payloads;
   std::vector<double> window_s;    ///< none, or first and last time whose errors count
   std::vector<double> start_degC;  ///< none, one for all joints, or one each
   Preparation preparation;
@@ -201,12 +201,20 @@ void take_temperatures(const Arguments& a, const Robot& robot, const DynamicsFil
                    : fmt::format("law '{}' is that of 20 degC", file.law->name));
 }
 
+/// With the drive gains of the fit and what the robot carries.
+std::vector<RobotRecording> recordings_of(const Arguments& a, const Robot& robot, const DynamicsFile& file) {
+  const auto payloads = known_payloads(a.payloads, a.data);
+  auto recordings = read_recordings(robot, a.data, a.tables, a.quiet, file.drive_gains);
+  carry(robot, payloads, recordings, a.quiet);
+  return recordings;
+}
+
 Result<Exit> execute(const Arguments& a) {
   const Robot robot = loaded(a);
   const auto file = or_wrong_input(read_dynamics(a.parameters, robot.regressor, robot.base));
   const auto friction = robot_friction(*robot.model, robot.regressor, *file.law, file.directional, file.torque_max_nm);
   if (!friction) throw InputError(fmt::format("{}: {}", a.model, friction.error().message));
-  JointMotion motion = read_motion(robot, a.data, preparation_of(a, file), a.tables, a.quiet);
+  JointMotion motion = prepared(robot, recordings_of(a, robot, file), preparation_of(a, file), a.quiet);
   take_temperatures(a, robot, file, *friction, motion);
   Eigen::MatrixXd predicted =
       predicted_torque(robot.regressor, robot.base, *friction, file.parameters, motion, a.threads);
@@ -270,6 +278,7 @@ void add_predict(CLI::App& app, int& code) {
                 "First and last time_s whose errors count [s], as A,B; for records that start with a warm-up")
       ->delimiter(',')
       ->expected(2);
+  add_payload(*c, a->payloads);
   a->tables.add_to(*c);
   a->tables.add_gear_ratio_to(*c);
   add_preparation(*c, a->preparation);

@@ -10,6 +10,7 @@
 #include <tribotwin/twin/io/input.hpp>
 #include <tribotwin/twin/io/output.hpp>
 #include <tribotwin/twin/io/shipped.hpp>
+#include <tribotwin/twin/io/text.hpp>
 #include <tribotwin/twin/robot/arm.hpp>
 #include <tribotwin/twin/robot/starting_points.hpp>
 
@@ -70,6 +71,14 @@ void note_guessed_ratios(const mujoco::Model& model, const TableOptions& options
   }
 }
 
+/// With the gear ratios of the model where no others are given.
+TableOptions options_of(const Robot& robot, const TableArguments& tables) {
+  TableOptions options = or_wrong_input(tables.options());
+  for (const auto& drive : robot.model->drives())
+    options.gear_ratio.add_default(joint_name(robot.model->get(), drive), drive.drive.gear_ratio);
+  return options;
+}
+
 /// What the actuators of the joints can give [Nm; N]; 0 where the model does not say.
 std::vector<double> efforts_of(const Robot& robot) {
   const mjModel* m = robot.model->get();
@@ -86,20 +95,88 @@ std::vector<double> efforts_of(const Robot& robot) {
 
 }  // namespace
 
+std::vector<std::optional<double>> torque_per_ampere(const Robot& robot, const TableArguments& tables) {
+  const TableOptions options = options_of(robot, tables);
+  std::vector<std::optional<double>> out;
+  for (Eigen::Index j = 0; j < robot.regressor.joints(); ++j) {
+    const std::string& joint = robot.regressor.joint_name(j);
+    const auto constant = options.torque_constant.find(joint), gear = options.gear_ratio.find(joint);
+    if (constant && !gear)
+      throw InputError(fmt::format(
+          "--torque-constant: torque at the arm is torque constant x gear ratio x current: --gear-ratio {}=N "
+          "is needed (1 where the constant is that of the arm side)",
+          joint));
+    out.push_back(constant ? std::optional(*constant * *gear) : std::nullopt);
+  }
+  return out;
+}
+
 std::vector<RobotRecording> read_recordings(const Robot& robot, const std::vector<std::string>& files,
-                                            const TableArguments& tables, bool quiet) {
+                                            const TableArguments& tables, bool quiet,
+                                            std::span<const double> nm_per_a) {
   refuse_twice(files);
-  TableOptions options = or_wrong_input(tables.options());
-  if (!quiet) note_guessed_ratios(*robot.model, options);
-  for (const auto& drive : robot.model->drives())
-    options.gear_ratio.add_default(joint_name(robot.model->get(), drive), drive.drive.gear_ratio);
+  TableOptions options = options_of(robot, tables);
+  if (!quiet) note_guessed_ratios(*robot.model, or_wrong_input(tables.options()));
+  if (!nm_per_a.empty()) options.torque_constant = {};
   std::vector<RobotRecording> recordings;
   for (const auto& file : files) {
-    auto recording = read_robot_recording(file, robot.regressor, options);
+    auto recording = read_robot_recording(file, robot.regressor, options, nm_per_a);
     if (!recording) throw InputError(recording.error().message);
     recordings.push_back(std::move(*recording));
   }
   return recordings;
+}
+
+std::vector<RobotRecording> read_recordings(const Robot& robot, const std::vector<std::string>& files,
+                                            const TableArguments& tables, bool quiet,
+                                            std::span<const Estimate> drive_gains) {
+  std::vector<double> nm_per_a;
+  for (const Estimate& e : drive_gains) nm_per_a.push_back(e.unit.ends_with("/A") ? e.value : 0);
+  if (!tables.torque_constant.empty()) nm_per_a.clear();
+  auto recordings = read_recordings(robot, files, tables, quiet, nm_per_a);
+  for (RobotRecording& rec : recordings)
+    for (std::size_t j = 0; j < drive_gains.size(); ++j) {
+      if (rec.of_current[j] && nm_per_a[j] == 0) rec.without_torque[j] = true;  // its drive gain is not known
+      if (!rec.of_current[j] && drive_gains[j].unit == "1")
+        rec.torque.row(static_cast<Eigen::Index>(j)) *= drive_gains[j].value;
+    }
+  return recordings;
+}
+
+void add_payload(CLI::App& command, std::vector<std::string>& payloads) {
+  command
+      .add_option("--payload", payloads,
+                  "FILE=\"3.2 kg [+- 0.05] [at X Y Z [+- S]] [inertia XX YY ZZ] [on SITE]\": what the robot carries in "
+                  "that recording beside the model's bodies: mass, centre of mass [m] from the site (flange), inertia "
+                  "about it [kg m^2]; may be repeated")
+      ->allow_extra_args(false);
+}
+
+std::vector<KnownPayload> known_payloads(const std::vector<std::string>& texts, const std::vector<std::string>& files) {
+  std::vector<KnownPayload> out;
+  for (const std::string& text : texts) {
+    KnownPayload payload = or_wrong_input(known_payload(text));
+    if (std::ranges::find(files, payload.file) == files.end())
+      throw InputError(fmt::format("--payload '{}': '{}' is none of the recordings, {}", text, payload.file,
+                                   joined(std::span<const std::string>(files))));
+    if (std::ranges::find(out, payload.file, &KnownPayload::file) != out.end())
+      throw InputError(fmt::format("--payload '{}': {} has a payload already", text, payload.file));
+    out.push_back(std::move(payload));
+  }
+  return out;
+}
+
+void carry(const Robot& robot, std::span<const KnownPayload> payloads, std::vector<RobotRecording>& recordings,
+           bool quiet) {
+  for (const KnownPayload& payload : payloads) {
+    if (!payload.centre_m)
+      throw InputError(
+          fmt::format("--payload {}=\"{}\": its centre of mass is needed, 'at X Y Z'", payload.file, payload.text));
+    if (!payload.inertia_kg_m2 && !quiet)
+      note("--payload {}: no inertia is given, it counts as a point of mass", payload.file);
+    const auto found = std::ranges::find(recordings, payload.file, [](const auto& r) { return r.file.string(); });
+    found->carried = or_wrong_input(placed(payload, robot.regressor)).body;
+  }
 }
 
 JointMotion prepared(const Robot& robot, const std::vector<RobotRecording>& recordings, const Preparation& preparation,

@@ -1,4 +1,5 @@
 #include <algorithm>
+#include <cmath>
 #include <limits>
 
 #include <fmt/format.h>
@@ -34,6 +35,33 @@ int joint_of(const Mapping& in, const std::string& key, const std::string& name,
   for (Index j = 0; j < robot.joints(); ++j)
     if (robot.joint_name(j) == name) return static_cast<int>(j);
   in.fail(key, fmt::format("'{}' is no joint of the model; the file is one of another robot", name));
+}
+
+void write_gains(YAML::Emitter& out, const std::vector<Estimate>& gains) {
+  if (gains.empty()) return;
+  out << YAML::Key << "drive_gains" << YAML::Value << YAML::BeginMap;
+  for (const Estimate& e : gains)
+    if (!std::isnan(e.value)) write(out, e);
+  out << YAML::EndMap;
+}
+
+/// Per joint; empty where the file has none.
+std::vector<Estimate> read_gains(Mapping& in, const Regressor& robot) {
+  std::vector<Estimate> out;
+  auto gains = in.mapping("drive_gains");
+  if (!gains) return out;
+  constexpr double unknown = std::numeric_limits<double>::quiet_NaN();
+  for (Index j = 0; j < robot.joints(); ++j) {
+    Estimate& e = out.emplace_back(Estimate{.name = robot.joint_name(j), .unit = {}, .value = unknown});
+    auto one = gains->mapping(e.name);
+    if (!one) continue;
+    e.unit = one->text("unit");
+    if (e.unit != "1" && e.unit != "Nm/A" && e.unit != "N/A")
+      one->fail("unit", "must be 1, of torque columns, or Nm/A or N/A, of currents");
+    e.value = read_estimate(*gains, e.name, {1e-12, 1e12}, &e.sigma);
+  }
+  for (const auto& name : gains->names()) joint_of(*gains, name, name, robot);
+  return out;
 }
 
 }  // namespace
@@ -72,6 +100,7 @@ std::string to_yaml(const DynamicsFit& fit, const BaseParameters& base, const fr
       << origin.signals.recorded_velocity << YAML::Key << "reversals" << YAML::Value << origin.signals.reversals
       << YAML::EndMap;
   write_coupling(out, regressor);
+  write_gains(out, origin.drive_gains);
   if (!origin.torque_max_nm.empty()) {
     out << YAML::Key << "torque_max_nm" << YAML::Value << YAML::Flow << YAML::BeginMap;
     for (std::size_t j = 0; j < fit.joints.size(); ++j)
@@ -135,7 +164,7 @@ Result<DynamicsFile> read_dynamics(const std::filesystem::path& file, const Regr
   const YAML::Node root = load_yaml(file);
   refuse_other_kind(root, file.string(), "tribotwin dynamics");
   Mapping in(file.string(), "", root);
-  in.accept({"model", "data", "friction_law", "signals", "coupling", "torque_max_nm", "relative_error",
+  in.accept({"model", "data", "friction_law", "signals", "coupling", "drive_gains", "torque_max_nm", "relative_error",
              "condition_number", "base_parameters", "friction", "left_out", "thermal", "noise", "physically_possible",
              "distance_sigma", "nearest_consistent"});
   DynamicsFile out;
@@ -196,6 +225,7 @@ Result<DynamicsFile> read_dynamics(const std::filesystem::path& file, const Regr
     if (signals->has("reversal_periods")) (void)signals->number("reversal_periods", {0, 100});  // of earlier versions
     signals->done();
   }
+  out.drive_gains = read_gains(in, regressor);
   if (auto noise = in.mapping("noise"))
     for (Index j = 0; j < regressor.joints(); ++j)
       out.noise.push_back(

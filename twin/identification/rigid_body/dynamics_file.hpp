@@ -20,6 +20,7 @@ struct DynamicsOrigin {
   std::vector<double> torque_max_nm;    ///< per joint, as for robot_friction; empty: of the model's drives
   std::vector<thermal::Model> thermal;  ///< per joint, or none
   std::vector<std::string> left_out;    ///< per joint, why its torque was left out; "": it was not. Empty: none
+  std::vector<Estimate> drive_gains;    ///< per joint, NaN where not identified (drive_constants); empty: none
 };
 
 std::string to_yaml(const DynamicsFit& fit, const BaseParameters& base, const friction::LawInfo& law,
@@ -35,6 +36,8 @@ struct DynamicsFile {
   std::vector<double> torque_max_nm;  ///< per joint; empty: of the model's drives
   std::vector<thermal::Model> thermal;  ///< per joint; empty: not known
   std::vector<std::string> left_out;  ///< per joint, why its torque was left out, its friction being 0; "": it was not
+  std::vector<Estimate> drive_gains;  ///< per joint, with value, sigma and unit; NaN where unknown. Empty: torques are
+                                      ///< as recorded
 };
 
 /// A file of to_yaml. ErrorKind::input with file, key and what would be right, also where it describes another robot.

@@ -127,6 +127,7 @@ class DynamicsProblem::Accumulator {
     for (Index k = 0; k < problem_.base_size(); ++k)
       Yb_.col(k) = Y.col(problem_.base_.independent[static_cast<std::size_t>(k)]);
     for (Index j = 0; j < problem_.joints(); ++j) rigid_(j) = Yb_.row(j) * parameters_.base;
+    if (motion.carried_torque.size() > 0) rigid_ += motion.carried_torque.col(i);
     for (Index r = 0; r < regressor_.rotors(); ++r)
       if (acts(r, i))
         value_(r) = friction_of(regressor_, problem_.friction_, parameters_, motion, r, i, rigid_, by_.col(r).data());

@@ -6,6 +6,7 @@
 #include <fmt/format.h>
 
 #include <tribotwin/twin/identification/rigid_body/joint_motion.hpp>
+#include <tribotwin/twin/identification/rigid_body/robot_torque.hpp>
 #include <tribotwin/twin/identification/time_series.hpp>
 #include <tribotwin/twin/numerics/direction.hpp>
 #include <tribotwin/twin/numerics/filter.hpp>
@@ -365,6 +366,9 @@ Result<JointMotion> prepare(std::span<const RobotRecording> recordings, const Re
           r.rotor_name(rotor), fastest(rotor))));
   join(r, parts, fastest, out);
   leave_out_unrecorded(recordings, out);
+  std::vector<std::optional<CarriedBody>> carried;
+  for (const RobotRecording& rec : recordings) carried.push_back(rec.carried);
+  out.carried_torque = carried_torque(r, carried, out);
   return out;
 }
 

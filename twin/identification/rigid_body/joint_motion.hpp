@@ -52,6 +52,8 @@ struct JointMotion {
   /// Joints whose torque counts nowhere, per joint: not recorded, or leave_out(). Their torque may be NaN, and they
   /// never count as `moving`. Empty: none.
   std::vector<bool> left_out;
+  /// Joints x samples, what the payloads of the recordings need (carried_torque); empty: there are none.
+  Eigen::MatrixXd carried_torque;
   std::vector<std::string> notes;
 
   bool is_left_out(Eigen::Index joint) const { return !left_out.empty() && left_out[static_cast<std::size_t>(joint)]; }

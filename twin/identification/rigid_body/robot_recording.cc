@@ -89,16 +89,17 @@ Problem implausible_velocity(const RobotRecording& rec, Index joint, const std::
 /// The columns of all joints, and where they are in the table.
 class JointColumns {
  public:
-  enum Kind : std::size_t { position, torque, velocity, temperature, kinds };
+  enum Kind : std::size_t { position, torque, velocity, temperature, current, kinds };
 
-  explicit JointColumns(const Regressor& r) {
+  JointColumns(const Regressor& r, bool currents) : currents_(currents) {
     for (Index j = 0; j < r.joints(); ++j) {
       const auto& name = r.joint_name(j);
       const bool slide = r.is_slide(j);
       for (const auto& column :
            {fmt::format("position_{}_{}", name, slide ? "m" : "rad"),
             fmt::format("torque_{}_{}", name, slide ? "n" : "nm"),
-            fmt::format("velocity_{}_{}_s", name, slide ? "m" : "rad"), fmt::format("temperature_{}_degC", name)})
+            fmt::format("velocity_{}_{}_s", name, slide ? "m" : "rad"), fmt::format("temperature_{}_degC", name),
+            currents ? fmt::format("current_{}_a", name) : std::string()})
         names_.push_back(column);
     }
     for (const CoupledMotor& motor : r.motors())
@@ -107,6 +108,10 @@ class JointColumns {
 
   const std::vector<std::string>& names() const { return names_; }
   const std::string& name(Index joint, Kind kind) const { return names_[at(joint, kind)]; }
+  /// Whether a joint's torque comes from its current.
+  bool of_current(const Numbers& table, Index joint) const {
+    return currents_ && !has(table, name(joint, torque)) && has(table, name(joint, current));
+  }
   std::vector<double>& of(Numbers& table, Index joint, Kind kind) const { return table.columns[at(joint, kind)]; }
 
   /// The torque of a coupled motor.
@@ -146,11 +151,12 @@ class JointColumns {
   Problem missing(const Numbers& table, const Regressor& r) const {
     const bool motors = of_motors(table, r);
     bool any_torque = false;
-    for (Index j = 0; j < r.joints(); ++j) any_torque |= has(table, name(j, torque));
+    for (Index j = 0; j < r.joints(); ++j) any_torque |= has(table, name(j, torque)) || of_current(table, j);
     for (std::size_t k = 0; k < 1 + kinds * static_cast<std::size_t>(r.joints()); ++k) {
       const auto kind = (k - 1) % kinds;
-      bool optional = k > 0 && (kind == velocity || kind == temperature ||
-                                (kind == torque && any_torque && !motors && table.hint(names_[k]).empty()));
+      bool optional =
+          k > 0 && (kind == velocity || kind == temperature || kind == current ||
+                    (kind == torque && any_torque && !motors && (currents_ || table.hint(names_[k]).empty())));
       for (const CoupledMotor& motor : r.motors()) optional = optional || (motors && k == at(motor.joint, torque));
       if (optional || has(table, names_[k])) continue;
       return fmt::format(
@@ -170,6 +176,7 @@ class JointColumns {
     return 1 + kinds * static_cast<std::size_t>(r.joints()) + static_cast<std::size_t>(motor);
   }
   std::vector<std::string> names_{"time_s"};
+  bool currents_;
 };
 
 /// Time, and what is wrong with it.
@@ -192,6 +199,7 @@ Problem read_joint(Numbers& table, const JointColumns& columns, const Regressor&
   const auto name = [&](JointColumns::Kind kind) { return columns.name(joint, kind); };
   rec.position.row(joint) = row(JointColumns::position);
   if (!columns.of(table, joint, JointColumns::torque).empty()) rec.torque.row(joint) = row(JointColumns::torque);
+  if (columns.of_current(table, joint)) rec.torque.row(joint) = row(JointColumns::current);
   if (Problem p = implausible_position(r, rec, joint, name(JointColumns::position))) return p;
   if (const auto& velocity = columns.of(table, joint, JointColumns::velocity); !velocity.empty())
     if (Problem p =
@@ -211,7 +219,8 @@ void note_without_torque(const Numbers& table, const JointColumns& columns, cons
   for (Index j = 0; j < r.joints(); ++j) {
     const auto& name = columns.name(j, JointColumns::torque);
     const bool by_motor = motors && std::ranges::any_of(r.motors(), [&](const auto& m) { return m.joint == j; });
-    rec.without_torque.push_back(!by_motor && !JointColumns::has(table, name));
+    rec.of_current.push_back(columns.of_current(table, j));
+    rec.without_torque.push_back(!by_motor && !JointColumns::has(table, name) && !rec.of_current.back());
     if (rec.without_torque.back()) without.push_back(name);
   }
   if (!without.empty())
@@ -230,8 +239,8 @@ void read_motor_torques(Numbers& table, const JointColumns& columns, const Regre
 }  // namespace
 
 Result<RobotRecording> read_robot_recording(const std::filesystem::path& file, const Regressor& r,
-                                            const TableOptions& options) {
-  const JointColumns columns(r);
+                                            const TableOptions& options, std::span<const double> nm_per_a) {
+  const JointColumns columns(r, !nm_per_a.empty());
   auto table = read_numbers(file, columns.names(), options);
   if (!table) return tl::unexpected(table.error());
   table->file = file;
@@ -258,6 +267,8 @@ Result<RobotRecording> read_robot_recording(const std::filesystem::path& file, c
   if (velocities) rec.velocity.resize(n, samples);
   for (Index j = 0; j < n; ++j)
     if (const Problem p = read_joint(*table, columns, r, j, thermal, rec)) return tl::unexpected(*p);
+  for (Index j = 0; j < n; ++j)
+    if (rec.of_current[static_cast<std::size_t>(j)]) rec.torque.row(j) *= nm_per_a[static_cast<std::size_t>(j)];
   if (columns.of_motors(*table, r)) read_motor_torques(*table, columns, r, rec);
   if ((rec.position.rowwise().maxCoeff() - rec.position.rowwise().minCoeff()).maxCoeff() < 1e-3)
     return tl::unexpected(Error(

@@ -46,6 +46,29 @@ double friction_of(const Regressor& regressor, const RobotFriction& friction, co
                                       motion.temperature_degC(regressor.joint_of(rotor), sample), derivatives);
 }
 
+Index first_column(const Regressor& regressor, int body) {
+  const auto& columns = regressor.columns();
+  const auto found = std::ranges::find(columns, body, &Regressor::Column::body);
+  return found == columns.end() ? -1 : found - columns.begin();
+}
+
+MatrixXd carried_torque(const Regressor& regressor, std::span<const std::optional<CarriedBody>> carried,
+                        const JointMotion& motion) {
+  if (std::ranges::none_of(carried, [](const auto& body) { return body.has_value(); })) return {};
+  MatrixXd out = MatrixXd::Zero(regressor.joints(), motion.size());
+  Regressor own = regressor;
+  for (std::size_t s = 0; s < motion.segments.size(); ++s) {
+    const auto& body = carried[motion.file[s]];
+    if (!body) continue;
+    const Index first = first_column(regressor, body->body);
+    for (Index i = motion.segments[s].first; i < motion.segments[s].second; ++i)
+      out.col(i) =
+          own.at(motion.q.col(i), motion.qd.col(i), motion.qdd.col(i)).middleCols(first, body->parameters.size()) *
+          body->parameters;
+  }
+  return out;
+}
+
 MatrixXd predicted_torque(const Regressor& regressor, const BaseParameters& base, const RobotFriction& friction,
                           const RobotParameters& parameters, const JointMotion& motion, unsigned threads) {
   constexpr Index chunk = 4096;
@@ -57,6 +80,7 @@ MatrixXd predicted_torque(const Regressor& regressor, const BaseParameters& base
     for (Index i = first; i < std::min(first + chunk, motion.size()); ++i) {
       rigid =
           own.at(motion.q.col(i), motion.qd.col(i), motion.qdd.col(i))(Eigen::all, base.independent) * parameters.base;
+      if (motion.carried_torque.size() > 0) rigid += motion.carried_torque.col(i);
       torque.col(i) = rigid;
       for (Index r = 0; r < regressor.rotors(); ++r) {
         const double f = friction_of(regressor, friction, parameters, motion, r, i, rigid);

@@ -37,6 +37,14 @@ double friction_of(const Regressor& regressor, const RobotFriction& friction, co
                    const JointMotion& motion, Eigen::Index rotor, Eigen::Index sample, const Eigen::VectorXd& rigid,
                    double* derivatives = nullptr);
 
+/// The first of the ten columns of the regressor that belong to a body of mjModel; -1 where it does not move.
+Eigen::Index first_column(const Regressor& regressor, int body);
+
+/// Torques [Nm; N] that accelerate and lift what the robot carries, by the recordings of `motion`, joints x samples;
+/// empty where it carries nothing.
+Eigen::MatrixXd carried_torque(const Regressor& regressor, std::span<const std::optional<CarriedBody>> carried,
+                               const JointMotion& motion);
+
 /// Torques [Nm; N] of the motors, arm side, joints x samples. At rest friction is 0.
 Eigen::MatrixXd predicted_torque(const Regressor& regressor, const BaseParameters& base, const RobotFriction& friction,
                                  const RobotParameters& parameters, const JointMotion& motion, unsigned threads);

@@ -30,7 +30,7 @@ constexpr std::pair<const char*, const char*> placeholders[] = {
     {"--static", "FILE"},    {"--stats", "FILE"},
     {"--store", "FILE"},     {"--joint-temperature", "JOINT=DEGC"},
     {"--thermal", "FILE"},   {"--wrench", "FILE"},
-    {"--color", "WHEN"},
+    {"--color", "WHEN"},     {"--payload", "FILE=KNOWN"},
 };
 
 }  // namespace
