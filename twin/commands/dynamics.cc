@@ -610,7 +610,8 @@ Result<Exit> execute(const Arguments& a) {
   std::ranges::move(hardly_explained(robot, *fit), std::back_inserter(fit->notes));
   doubt(a, robot, *fit, weak);
   if (data.gains) count_gains(data.gains->found, *fit);
-  const auto efficiencies = transmission_efficiency(*friction, *fit);
+  const auto efficiencies =
+      data.gains ? transmission_efficiency(data.gains->found) : transmission_efficiency(*friction, *fit);
   const Judgement judgement = judged(robot, *friction, motion, *fit, a.threads);
   std::ranges::move(warnings_of(judgement.joints), std::back_inserter(fit->notes));
   if (!a.quiet)

@@ -26,8 +26,8 @@ std::vector<Index> range(Index first, Index count) {
   return out;
 }
 
-/// The steps of identify_drive_gains. Unknowns: ln k_j = -ln g_j of all joints, beta, friction joint by joint, z of the
-/// payloads.
+/// The steps of identify_drive_gains. Unknowns: ln k_j = -ln g_j of all joints, beta, friction that does not change
+/// joint by joint, the rest of it period by period, z of the payloads.
 class GainFit {
  public:
   GainFit(const Regressor& regressor, const BaseParameters& base, const JointMotion& motion,
@@ -38,9 +38,10 @@ class GainFit {
         payloads_(payloads),
         payload_of_file_(payload_of_file),
         threads_(threads),
+        stretches_(gain_stretches(motion)),
         columns_{.base = base.size()},
         weights_(VectorXd::Zero(regressor.joints())) {
-    unknowns_ = theta_at(joints());
+    first_of_payloads_ = unknowns_ = friction_at(0, static_cast<Index>(stretches_.back().period) + 1);
     for (const PlacedPayload& p : payloads) first_z_.push_back(unknowns_), unknowns_ += p.spread.cols();
   }
 
@@ -48,7 +49,7 @@ class GainFit {
     const VectorXd phi = regressor_.model_parameters();
     x_ = VectorXd::Zero(unknowns_);
     x_.segment(joints(), base_.size()) = base_.from_all * phi;
-    constexpr int rounds = 4;  // loads follow from beta
+    constexpr int rounds = 5;  // loads follow from beta
     for (int round = 0; round < rounds; ++round) {
       take_blocks();
       if (round == 0) {
@@ -57,10 +58,12 @@ class GainFit {
         if (auto ok = refuse_wrong_signs(); !ok) return tl::unexpected(ok.error());
         from_alone();
       }
-      if (!converge())
+      const int steps = converge();
+      if (steps == 0)
         return tl::unexpected(
             work_failed("the drive gains do not converge: do the recordings have the torques that their columns say, "
                         "and the payload that --payload says?"));
+      if (steps == 1 && round > 0) break;  // at the same loads
     }
     conclude();
     return std::move(out_);
@@ -68,7 +71,19 @@ class GainFit {
 
  private:
   Index joints() const { return regressor_.joints(); }
-  Index theta_at(Index joint) const { return joints() + base_.size() + GainColumns::friction * joint; }
+  /// The first unknown of friction that does not change, and of that of a period.
+  Index friction_at(Index joint) const {
+    return joints() + base_.size() + (GainColumns::friction - GainColumns::changing) * joint;
+  }
+  Index friction_at(Index joint, Index period) const {
+    return friction_at(joints()) + GainColumns::changing * (joints() * period + joint);
+  }
+  /// The unknowns of the columns of friction.
+  std::vector<Index> friction_of(Index joint, std::size_t period) const {
+    std::vector<Index> out = range(friction_at(joint, static_cast<Index>(period)), GainColumns::changing);
+    for (const Index u : range(friction_at(joint), GainColumns::friction - GainColumns::changing)) out.push_back(u);
+    return out;
+  }
   auto beta() const { return x_.segment(joints(), base_.size()); }
 
   VectorXd payload_parameters(std::size_t p, const VectorXd& x) const {
@@ -76,7 +91,7 @@ class GainFit {
     return own.body.parameters + own.spread * x.segment(first_z_[p], own.spread.cols());
   }
 
-  /// Normal matrices at the loads of the present parameters, by block and summed by payload.
+  /// Normal matrices at the loads of the present parameters, by block and summed by period.
   void take_blocks() {
     std::vector<std::optional<CarriedBody>> carried;
     for (const int p : payload_of_file_)
@@ -87,19 +102,15 @@ class GainFit {
                                       payload_parameters(static_cast<std::size_t>(p), x_)});
     motion_.carried_torque = carried_torque(regressor_, carried, motion_);
     const MatrixXd load = gear_load(regressor_, base_, beta(), motion_, threads_);
-    blocks_ = gain_blocks(regressor_, base_, motion_, payloads_, payload_of_file_, load, threads_);
+    blocks_ = gain_blocks(regressor_, base_, motion_, stretches_, payloads_, payload_of_file_, load, threads_);
     sums_.clear();
-    for (std::size_t p = 0; p <= payloads_.size(); ++p) {
-      GainBlock sum{.payload = static_cast<int>(p) - 1,
-                    .normal = std::vector<MatrixXd>(static_cast<std::size_t>(joints()),
-                                                    MatrixXd::Zero(columns_.size(), columns_.size())),
-                    .samples = VectorXd::Zero(joints())};
-      for (const GainBlock& b : blocks_) {
-        if (b.payload != sum.payload) continue;
-        for (std::size_t j = 0; j < sum.normal.size(); ++j) sum.normal[j] += b.normal[j];
-        sum.samples += b.samples;
+    for (const GainBlock& b : blocks_) {
+      if (sums_.empty() || sums_.back().period != b.period) {
+        sums_.push_back(b);
+        continue;
       }
-      sums_.push_back(std::move(sum));
+      for (std::size_t j = 0; j < b.normal.size(); ++j) sums_.back().normal[j] += b.normal[j];
+      sums_.back().samples += b.samples;
     }
   }
 
@@ -118,13 +129,14 @@ class GainFit {
     return std::sqrt(product(joint, columns_.torque(), columns_.torque()) / std::max(1.0, samples(joint)));
   }
 
-  /// Where each unknown of one joint and payload is, and its column: that of the model's torque by it; last that of the
+  /// Where each unknown of one joint and block is, and its column: that of the model's torque by it; last that of the
   /// residual.
   struct Local {
     std::vector<Index> place;
     MatrixXd columns;
   };
-  Local local(Index j, int payload, const VectorXd& x) const {
+  Local local(Index j, const GainBlock& block, const VectorXd& x) const {
+    const int payload = block.payload;
     const double k = std::exp(x(j));
     const Index spread = payload < 0 ? 0 : payloads_[static_cast<std::size_t>(payload)].spread.cols(),
                 first_z = 1 + base_.size() + GainColumns::friction, count = first_z + spread;
@@ -133,7 +145,7 @@ class GainFit {
       out.place.insert(out.place.end(), more.begin(), more.end());
     };
     append(range(joints(), base_.size()));
-    append(range(theta_at(j), GainColumns::friction));
+    append(friction_of(j, block.period));
     MatrixXd& T = out.columns;
     T.col(0).head(base_.size()) = k * x.segment(joints(), base_.size());
     T.block(0, 1, base_.size(), base_.size()).diagonal().setConstant(k);
@@ -145,7 +157,7 @@ class GainFit {
       append(range(first_z_[p], spread));
     }
     T.col(count) = -T.col(0);
-    T.col(count).segment(columns_.base, GainColumns::friction) = -x.segment(theta_at(j), GainColumns::friction);
+    T.col(count).segment(columns_.base, GainColumns::friction) = -x(friction_of(j, block.period));
     T(columns_.torque(), count) = 1;
     return out;
   }
@@ -153,7 +165,7 @@ class GainFit {
   void add(const GainBlock& block, const VectorXd& x, GainSystem& system) const {
     for (Index j = 0; j < joints(); ++j) {
       if (block.samples(j) == 0) continue;
-      const Local own = local(j, block.payload, x);
+      const Local own = local(j, block, x);
       const Index n = own.columns.cols() - 1;
       const double weight = weights_(j) * weights_(j);
       const MatrixXd all = weight * own.columns.transpose() * block.normal[static_cast<std::size_t>(j)] * own.columns;
@@ -179,7 +191,7 @@ class GainFit {
     for (Index j = 0; j < joints(); ++j) {
       double squares = 0;
       for (const GainBlock& sum : sums_) {
-        const VectorXd residual = local(j, sum.payload, x).columns.rightCols<1>();
+        const VectorXd residual = local(j, sum, x).columns.rightCols<1>();
         squares += residual.dot(sum.normal[static_cast<std::size_t>(j)] * residual);
       }
       const double least = std::pow(1e-9 * rms_torque(j), 2) + 1e-300;
@@ -194,7 +206,7 @@ class GainFit {
     GainSystem all(count);
     for (const GainBlock& sum : sums_) {
       MatrixXd T = MatrixXd::Zero(columns_.size(), count + 1);
-      T.col(0) = local(j, sum.payload, x_).columns.col(0) / std::exp(x_(j));
+      T.col(0) = local(j, sum, x_).columns.col(0) / std::exp(x_(j));
       T.block(columns_.base, 1, GainColumns::friction, GainColumns::friction).setIdentity();
       T(columns_.torque(), count) = 1;
       const MatrixXd own = T.transpose() * sum.normal[static_cast<std::size_t>(j)] * T;
@@ -216,10 +228,14 @@ class GainFit {
     const VectorXd size = (base_.from_all * inertial_scale(regressor_).asDiagonal()).rowwise().norm();
     precision_.segment(joints(), base_.size()) = (wide_base * size).cwiseMax(1e-12).cwiseAbs2().cwiseInverse();
     for (Index j = 0; j < joints(); ++j)
-      for (Index f = 0; f < GainColumns::friction; ++f) {
-        const double effect = product(j, columns_.base + f, columns_.base + f) / std::max(1.0, samples(j)),
-                     torque = std::max(rms_torque(j), 1e-12);
-        precision_(theta_at(j) + f) = std::max(effect, 1e-12) / std::pow(wide_friction * torque, 2);
+      for (const GainBlock& sum : sums_) {
+        const std::vector<Index> places = friction_of(j, sum.period);
+        for (Index f = 0; f < GainColumns::friction; ++f) {
+          const double effect = product(j, columns_.base + f, columns_.base + f) / std::max(1.0, samples(j)),
+                       torque = std::max(rms_torque(j), 1e-12);
+          precision_(places[static_cast<std::size_t>(f)]) =
+              std::max(effect, 1e-12) / std::pow(wide_friction * torque, 2);
+        }
       }
   }
 
@@ -231,7 +247,7 @@ class GainFit {
   }
 
   void find_alone(Index j) {
-    const Index fixed = columns_.torque(), k_at = fixed, count = fixed + 1 + unknowns_ - theta_at(joints());
+    const Index fixed = columns_.torque(), k_at = fixed, count = fixed + 1 + unknowns_ - first_of_payloads_;
     const double k_start = std::exp(x_(j));
     double variance = std::pow(0.1 * rms_torque(j), 2);
     VectorXd solution = VectorXd::Zero(count);
@@ -246,7 +262,7 @@ class GainFit {
         T.col(count).head(fixed) = -solution.head(fixed);
         if (b.payload >= 0) {
           const auto p = static_cast<std::size_t>(b.payload);
-          const Index z_at = k_at + 1 + first_z_[p] - theta_at(joints()), spread = payloads_[p].spread.cols();
+          const Index z_at = k_at + 1 + first_z_[p] - first_of_payloads_, spread = payloads_[p].spread.cols();
           T.col(k_at).tail(GainColumns::carried) = payloads_[p].body.parameters;
           T.block(columns_.payload(), z_at, GainColumns::carried, spread) = payloads_[p].spread;
           T.col(count) -= T.middleCols(k_at, count - k_at) * solution.tail(count - k_at);
@@ -282,7 +298,7 @@ class GainFit {
       r(columns_.torque()) = 1;
       if (sum.payload >= 0) {
         const auto p = static_cast<std::size_t>(sum.payload);
-        const Index z_at = k_at + 1 + first_z_[p] - theta_at(joints());
+        const Index z_at = k_at + 1 + first_z_[p] - first_of_payloads_;
         r.tail(GainColumns::carried) = -(solution(k_at) * payloads_[p].body.parameters +
                                          payloads_[p].spread * solution.segment(z_at, payloads_[p].spread.cols()));
       }
@@ -324,8 +340,8 @@ class GainFit {
   }
 
   /// Steps of the gains with everything else at its minimum: a gain that the data do not tell would else be followed
-  /// along a curved valley.
-  bool converge() {
+  /// along a curved valley. The number of steps; 0: too many.
+  int converge() {
     constexpr int most = 60;
     constexpr double longest = 1, shortest = 1e-6;
     for (int k = 0; k < most; ++k) {
@@ -342,9 +358,9 @@ class GainFit {
         }
       }
       weigh(x_);
-      if (step.dot(now.g) < 1e-3) return true;
+      if (step.dot(now.g) < 1e-3) return k + 1;
     }
-    return false;
+    return 0;
   }
 
   void conclude() {
@@ -353,7 +369,8 @@ class GainFit {
     const GainSystem all = system(x_);
     const GroupCovariance found = group_covariance(all, precision_, groups);
     out_.covariance = found.covariance.topLeftCorner(joints(), joints());
-    for (Index j = 0; j < joints(); ++j) out_.factors.push_back(gain(j, found));
+    for (Index j = 0; j < joints(); ++j)
+      out_.factors.push_back(gain(j, found)), out_.per_load.push_back(loss(j, found));
     out_.base_covariance = added_to_base(all, found.covariance);
     for (std::size_t p = 0; p < payloads_.size(); ++p) {
       const MatrixXd& spread = payloads_[p].spread;
@@ -373,11 +390,22 @@ class GainFit {
         name, "1", value, value * sigma, value * std::exp(-t * sigma), value * std::exp(t * sigma), Status::estimated};
   }
 
+  /// Friction per load, of a joint's torque in its true unit.
+  Estimate loss(Index j, const GroupCovariance& found) const {
+    const std::string& name = regressor_.joint_name(j);
+    if (samples(j) == 0) return without_sigma(name, "1", 0, Status::held);
+    const std::vector<Index> both{j, friction_at(j)};
+    const double g = std::exp(-x_(j)), value = x_(friction_at(j)) * g;
+    const Eigen::Vector2d by(-value, g);
+    return estimate(name, "1", value, by.dot(found.covariance(both, both) * by),
+                    interval_sigmas(found.freedom(friction_at(j))));
+  }
+
   /// By how much base parameters of a fit at these gains and payloads move with them.
   MatrixXd added_to_base(const GainSystem& all, const MatrixXd& covariance) const {
     std::vector<Index> side = range(0, joints());
-    const std::vector<Index> z = range(theta_at(joints()), unknowns_ - theta_at(joints())),
-                             rest = range(joints(), theta_at(joints()) - joints());
+    const std::vector<Index> z = range(first_of_payloads_, unknowns_ - first_of_payloads_),
+                             rest = range(joints(), first_of_payloads_ - joints());
     side.insert(side.end(), z.begin(), z.end());
     GainSystem inner(std::ssize(rest));
     inner.N = all.N(rest, rest);
@@ -402,13 +430,14 @@ class GainFit {
   std::span<const PlacedPayload> payloads_;
   std::span<const int> payload_of_file_;
   unsigned threads_;
+  std::vector<GainStretch> stretches_;
   GainColumns columns_;
-  Index unknowns_ = 0;
-  std::vector<Index> first_z_;  ///< per payload
-  std::vector<GainBlock> blocks_, sums_;
-  VectorXd weights_;                ///< per joint
-  VectorXd x_, prior_, precision_;  ///< per unknown
-  VectorXd alone_, alone_sigma_;    ///< k by the payload's effect on the joint alone
+  Index unknowns_ = 0, first_of_payloads_ = 0;
+  std::vector<Index> first_z_;            ///< per payload
+  std::vector<GainBlock> blocks_, sums_;  ///< of stretches, of periods
+  VectorXd weights_;                      ///< per joint
+  VectorXd x_, prior_, precision_;        ///< per unknown
+  VectorXd alone_, alone_sigma_;          ///< k by the payload's effect on the joint alone
   DriveGains out_;
 };
 
@@ -446,6 +475,7 @@ std::vector<std::string> doubtful_centres(const Regressor& regressor, const Base
                                           std::span<const int> payload_of_file, unsigned threads) {
   constexpr double clearly = 4, least_m = 0.005;
   std::vector<PlacedPayload> loose;
+  if (std::ranges::none_of(payloads, [](const KnownPayload& p) { return p.centre_m.has_value(); })) return {};
   for (const KnownPayload& p : payloads) {
     KnownPayload mass_only{.file = p.file, .text = p.text, .mass_kg = p.mass_kg};
     mass_only.on = p.on;

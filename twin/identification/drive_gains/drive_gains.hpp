@@ -30,6 +30,7 @@ struct DriveGains {
   std::vector<Estimate> factors;    ///< per joint, torque per recorded torque [1], named as the joint; held at 1 where
                                     ///< its torque is left out
   std::vector<Lacking> lacking;     ///< joints without a number, and what to record
+  std::vector<Estimate> per_load;   ///< per joint, friction per load [1]; NaN sigma where its torque is left out
   Eigen::MatrixXd covariance;       ///< of ln factor, joints x joints
   Eigen::MatrixXd base_covariance;  ///< what uncertain gains and payloads add to that of base parameters
   std::vector<Eigen::VectorXd> payload;  ///< the parameters of every payload, as identified where not known

@@ -3,7 +3,7 @@
 #include <string>
 #include <vector>
 
-#include <tribotwin/twin/identification/rigid_body/dynamics.hpp>
+#include <tribotwin/twin/identification/drive_gains/drive_gains.hpp>
 
 /// The efficiency of a transmission that friction in proportion to the load makes.
 namespace tribotwin::twin::identification {
@@ -12,7 +12,7 @@ namespace tribotwin::twin::identification {
 /// drives the load and takes (1 - mu) |tau| where the load drives it. Friction without load is not part of it.
 struct Efficiency {
   std::string joint;
-  Estimate per_load;    ///< mu [-], Fcl / torque_max
+  Estimate per_load;    ///< mu [-]: Fcl / torque_max of a law
   Estimate driving;     ///< 1 / (1 + mu)
   Estimate backdriven;  ///< 1 - mu; at most 0: the gear locks itself
 };
@@ -20,5 +20,9 @@ struct Efficiency {
 /// Of every joint whose friction has a linear load term (coulomb_viscous_load, coulomb_viscous_load_stribeck) with a
 /// sigma; none for other laws.
 std::vector<Efficiency> transmission_efficiency(const RobotFriction& friction, const DynamicsFit& fit);
+
+/// Of every joint with a drive gain: there other friction may change from time to time, as it does with the
+/// temperature, which in a fit of recordings with different loads would count as load.
+std::vector<Efficiency> transmission_efficiency(const DriveGains& gains);
 
 }  // namespace tribotwin::twin::identification

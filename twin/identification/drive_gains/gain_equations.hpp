@@ -17,7 +17,8 @@
 namespace tribotwin::twin::identification {
 
 struct GainColumns {
-  static constexpr Eigen::Index friction = 4,  ///< Coulomb, viscous, per load, offset
+  static constexpr Eigen::Index friction = 4,  ///< Coulomb, viscous; per load, offset
+      changing = 2,                            ///< of these from period to period: the first
       carried = 10;
   Eigen::Index base = 0;
   Eigen::Index torque() const { return base + friction; }
@@ -25,18 +26,28 @@ struct GainColumns {
   Eigen::Index size() const { return payload() + carried; }
 };
 
-/// Normal matrices of a stretch of time, long against the correlation of noise.
+/// Samples [first, last) of a recording, long against the correlation of noise.
+struct GainStretch {
+  Eigen::Index first, last;
+  std::size_t file, period;
+};
+/// About 48 of them. `period`: in which Coulomb and viscous friction are constant, as they change with the temperature:
+/// of 20 s or more, all of one recording, and no more than twelve beside one for each recording.
+std::vector<GainStretch> gain_stretches(const JointMotion& motion);
+
+/// Normal matrices of a stretch of time, or of several.
 struct GainBlock {
-  int payload = -1;                     ///< that was carried; -1: none
+  int payload = -1;  ///< that was carried; -1: none
+  std::size_t period = 0;
   std::vector<Eigen::MatrixXd> normal;  ///< per joint, of its columns over the samples in motion
   Eigen::VectorXd samples;              ///< per joint
 };
 
-/// About 48 blocks of the motion. `payload_of_file`: per recording an index of `payloads`, or -1; `load`: of the gears
+/// A block of each stretch. `payload_of_file`: per recording an index of `payloads`, or -1; `load`: of the gears
 /// [Nm; N], joints x samples.
 std::vector<GainBlock> gain_blocks(const Regressor& regressor, const BaseParameters& base, const JointMotion& motion,
-                                   std::span<const PlacedPayload> payloads, std::span<const int> payload_of_file,
-                                   const Eigen::MatrixXd& load, unsigned threads);
+                                   std::span<const GainStretch> stretches, std::span<const PlacedPayload> payloads,
+                                   std::span<const int> payload_of_file, const Eigen::MatrixXd& load, unsigned threads);
 
 /// The equations of a least-squares step: normal matrix, right-hand side, sum of squares.
 struct GainSystem {

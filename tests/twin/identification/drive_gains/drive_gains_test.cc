@@ -11,7 +11,8 @@
 #include <tribotwin/twin/identification/drive_gains/report.hpp>
 
 /// An arm of six axes whose torques are recorded with wrong gains, without and with a payload. Torques are the
-/// regressor's, which are mj_inverse's (dynamics_test), plus friction that grows with the load, ripple and noise.
+/// regressor's, which are mj_inverse's (dynamics_test), plus friction that grows with the load and falls with the
+/// temperature, ripple and noise.
 namespace tribotwin::twin::identification {
 namespace {
 
@@ -89,7 +90,9 @@ class Arm {
       VectorXd rigid = Y * phi_;
       if (payload) rigid += Y.middleCols(carried, 10) * *payload;
       r.position.col(i) = q;
-      for (Index j = 0; j < 6; ++j) r.torque(j, i) = rigid(j) + friction(j, qd(j), rigid(j) - armature(j) * qdd(j));
+      const double warm = (payload ? 0.8 : 1.1) * std::exp(-0.1 * t / length_s);
+      for (Index j = 0; j < 6; ++j)
+        r.torque(j, i) = rigid(j) + friction(j, qd(j), rigid(j) - armature(j) * qdd(j), warm);
     }
     for (Index j = 0; j < 6; ++j) {
       const double largest = r.torque.row(j).cwiseAbs().maxCoeff();
@@ -117,8 +120,8 @@ class Arm {
 
  private:
   double armature(Index j) const { return phi_(phi_.size() - 6 + j); }
-  static double friction(Index j, double v, double load) {
-    return std::copysign(coulomb_nm[j] + per_load * std::abs(load), v) + viscous_nm_s[j] * v;
+  static double friction(Index j, double v, double load, double warm) {
+    return std::copysign(warm * coulomb_nm[j] + per_load * std::abs(load), v) + warm * viscous_nm_s[j] * v;
   }
 
   std::shared_ptr<const mujoco::Model> model_ = arm_model();
@@ -215,8 +218,9 @@ TEST(DriveGains, AreFoundWithinTheirIntervals) {
       base_inside +=
           fit->base[b].low <= truth(static_cast<Index>(b)) && truth(static_cast<Index>(b)) <= fit->base[b].high,
           ++base_intervals;
-    if (seed > 1) continue;
-    for (const Efficiency& e : transmission_efficiency(*friction, *fit)) {
+    const auto efficiencies = transmission_efficiency(*found);
+    EXPECT_THAT(efficiencies, testing::SizeIs(6));
+    for (const Efficiency& e : efficiencies) {
       EXPECT_NEAR(e.per_load.value, per_load, 4 * e.per_load.sigma) << e.joint;
       EXPECT_NEAR(e.driving.value, 1 / (1 + per_load), 4 * e.driving.sigma) << e.joint;
       EXPECT_NEAR(e.backdriven.value, 1 - per_load, 4 * e.backdriven.sigma) << e.joint;
@@ -227,6 +231,38 @@ TEST(DriveGains, AreFoundWithinTheirIntervals) {
   EXPECT_GT(inside / intervals, 0.90);
   EXPECT_NEAR(std::sqrt(z2 / intervals), 1, 0.3);
   EXPECT_GT(base_inside / base_intervals, 0.90);
+}
+
+TEST(Efficiency, IsThatOfTheLoadTerm) {
+  Arm arm;
+  const auto friction = robot_friction(arm.model(), arm.regressor(), coulomb_viscous_load(), {.offset = true},
+                                       std::vector<double>{50, 40, 30, 20, 10, 5});
+  DynamicsFit fit;
+  for (const double value : {5.0, -4.0, 45.0, 0.0, 1.0, 5.0}) {
+    fit.joints.push_back({.name = "j", .samples = 100});
+    fit.friction.push_back(
+        {{.name = "Fc"}, {.name = "Fcl", .value = value, .sigma = 1, .low = value - 2, .high = value + 2}});
+  }
+  fit.joints[3].samples = 0;
+  fit.friction[4][1].sigma = std::nan("");
+  const auto found = transmission_efficiency(*friction, fit);
+  const struct {
+    double per_load, sigma, driving, driving_sigma, backdriven;
+  } expected[] = {{0.1, 0.02, 1 / 1.1, 0.02 / 1.21, 0.9},
+                  {-0.1, 0.025, 1 / 0.9, 0.025 / 0.81, 1.1},
+                  {1.5, 1.0 / 30, 0.4, 1 / 30.0 / 6.25, -0.5},
+                  {1, 0.2, 0.5, 0.05, 0}};
+  ASSERT_EQ(found.size(), std::size(expected));
+  for (std::size_t k = 0; k < found.size(); ++k) {
+    EXPECT_DOUBLE_EQ(found[k].per_load.value, expected[k].per_load);
+    EXPECT_DOUBLE_EQ(found[k].per_load.sigma, expected[k].sigma);
+    EXPECT_DOUBLE_EQ(found[k].driving.value, expected[k].driving);
+    EXPECT_DOUBLE_EQ(found[k].driving.sigma, expected[k].driving_sigma);
+    EXPECT_DOUBLE_EQ(found[k].backdriven.value, expected[k].backdriven);
+  }
+  EXPECT_THAT(table_of(found), HasSubstr("locks itself"));
+  const auto plain = robot_friction(arm.model(), arm.regressor(), coulomb_viscous());
+  EXPECT_THAT(transmission_efficiency(*plain, fit), testing::IsEmpty());
 }
 
 TEST(DriveGains, AreAsUncertainAsTheMass) {
