@@ -136,6 +136,11 @@ std::vector<RobotRecording> read_recordings(const Robot& robot, const std::vecto
   auto recordings = read_recordings(robot, files, tables, quiet, nm_per_a);
   for (RobotRecording& rec : recordings)
     for (std::size_t j = 0; j < drive_gains.size(); ++j) {
+      if (rec.of_current[j] && drive_gains[j].unit == "1")
+        throw InputError(fmt::format(
+            "{}: has a current of {}, whose drive gain is the factor of a torque column: give that column, or "
+            "--torque-constant",
+            rec.file.string(), drive_gains[j].name));
       if (rec.of_current[j] && nm_per_a[j] == 0) rec.without_torque[j] = true;  // its drive gain is not known
       if (!rec.of_current[j] && drive_gains[j].unit == "1")
         rec.torque.row(static_cast<Eigen::Index>(j)) *= drive_gains[j].value;

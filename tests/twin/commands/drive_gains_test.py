@@ -141,6 +141,8 @@ for name, says, arguments in (
 ):
     check_refused(name, run(*arguments, "-o", "no.yaml", code=2), says)
     check(f"{name}: nothing is written", not os.path.exists(f"{work}/no.yaml"))
+r = run("predict", "arm.xml", "robot.yaml", "currents.csv", code=2)
+check_refused("currents by a factor of torques", r, ["currents.csv", "shoulder", "factor of a torque column"])
 text = open(f"{work}/robot.yaml").read()
 open(f"{work}/bad.yaml", "w").write(text.replace('unit: 1}', 'unit: V}', 1).replace('unit: "1"}', "unit: V}", 1))
 check_refused("a unit", run("predict", "arm.xml", "bad.yaml", "test.csv", code=2), ["bad.yaml", "must be 1"])
