@@ -312,6 +312,44 @@ variants: [{label: arm, model: true.xml, law: stribeck}]
     key = "position_gain_1_s" if mode == "velocity" else "integral_time_s"
     refused("an outer loop's key, " + mode, fits, "type: %s, " % mode, "type: %s, %s: 1, " % (mode, key), key, mode)
 
+# Speeds and torques beside positions are fed forward by a servo; positions beside speeds count nothing.
+t, speeds = commanded("rad_s")
+torques = commanded("nm")[1]
+goals = [np.concatenate([[0], np.cumsum(v[:-1]) * 0.01]) for v in speeds]
+columns = {"time_s": t}
+for j, joint in enumerate(("shoulder", "elbow")):
+    columns["set_point_%s_rad" % joint] = goals[j]
+    columns["set_point_%s_rad_s" % joint] = speeds[j]
+    columns["set_point_%s_nm" % joint] = torques[j]
+table("forward_commands.csv", columns)
+recording = "model: true.xml\nmotion: {type: recording, file: forward_commands.csv}\n"
+made = simulated("forward_run", recording, servo + ", gravity: false}")
+for joint in ("shoulder", "elbow"):
+    for unit in ("rad", "rad_s", "nm"):
+        columns["set_point_%s_%s" % (joint, unit)] = columns["set_point_%s_%s" % (joint, unit)][: len(made)]
+    columns["position_%s_rad" % joint] = made[joint + ".position_rad"][: len(t)]
+columns["time_s"] = t[: len(made)]
+table("forward.csv", columns)
+table("backward.csv", {k: c for k, c in columns.items() if not k.endswith(("rad_s", "nm"))})
+forward = (
+    """recordings: {files: forward.csv}
+search: {starts: 1, evaluations: 1}
+control: %s}
+variants: [{label: arm, model: true.xml, law: stribeck}]
+"""
+    % servo
+)
+mae = {}
+for files in ("forward.csv", "forward_run", "backward.csv"):
+    write("forward.yaml", forward.replace("forward.csv", files))
+    r = run("calibrate", "forward.yaml", "-o", "fed_" + files, "--json", "--quiet")
+    check("fed forward: " + files, r.returncode == 0 and r.stderr == "", r.stderr)
+    mae[files] = json.loads(r.stdout)["variants"][0]["all"]["learning_mae_mrad"]
+check("feed-forward counts", mae["forward.csv"] < 1e-3 and mae["forward_run"] < 1e-3 and mae["backward.csv"] > 50, mae)
+write("forward.yaml", forward.replace(servo, "{type: velocity, speed_gain_nm_s_rad: 2, integral_time_s: 0"))
+r = run("calibrate", "forward.yaml", "-o", "fed_velocity", "--json", "--quiet")
+check("what is not read is said", "set_point_JOINT_rad of forward.csv counts nothing" in r.stderr, r.stderr)
+
 bends = "error_1_rad: 0.02, error_factor_1: 0.5, error_2_rad: 0.2, kp_1: 200, kp_factor_1: 0.8, kp_2: 600"
 goals = {"entries": [{"timestamp": x, "goal_position": g, "position": 0.0} for x, g in zip(np.arange(200) / 100, goal)]}
 write("goals.json", goals)
@@ -345,6 +383,13 @@ check("and its sigma says something", 0 < got["sigma"] < 0.1, got)
 write("straight.yaml", bend[: bend.index(", error_1_rad")] + bend[bend.index("}\nvariants") :])
 r = run("calibrate", "straight.yaml", "-o", "straight", "--json", "--quiet")
 mae = json.loads(r.stdout)["variants"][0]["all"]["learning_mae_mrad"]
+evolution = bend.replace("starts: 1, evaluations: 80", "starts: 1, evaluations: 33, method: cma_es")
+write("evolution.yaml", evolution)
+found_by = []
+for threads in ("1", "3"):
+    r = run("calibrate", "evolution.yaml", "-o", "threads" + threads, "--json", "--quiet", "--threads", threads)
+    found_by.append(r.stdout)
+check("candidates in parallel: not a bit differs", r.returncode == 0 and found_by[0] == found_by[1] != "", found_by)
 check("a straight gain does not explain it", mae > 5 * found["learning_mae_mrad"], (mae, found["learning_mae_mrad"]))
 check("no gain", run("run", "bend/load.yaml", "-o", "bend_again", "--quiet").returncode == 0)
 for name, old, new, *says in (
