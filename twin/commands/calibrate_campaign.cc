@@ -218,6 +218,9 @@ void check_commands(const Mapping& in, const Variant& variant, const std::vector
     }
   }
   if (!unread.empty()) note("{}", unread);
+  const auto commands_torque = [](const Recording& r) { return !r.points.command_nm.empty(); };
+  if (find(variant, "control.torque_gain") && std::ranges::none_of(recordings, commands_torque))
+    in.fail("label", "control.torque_gain has no effect: no recording has set_point_JOINT_nm");
 }
 
 /// The controller of a variant is complete and does not contradict the settings of the recordings.

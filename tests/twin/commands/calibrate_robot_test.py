@@ -350,6 +350,15 @@ write("forward.yaml", forward.replace(servo, "{type: velocity, speed_gain_nm_s_r
 r = run("calibrate", "forward.yaml", "-o", "fed_velocity", "--json", "--quiet")
 check("what is not read is said", "set_point_JOINT_rad of forward.csv counts nothing" in r.stderr, r.stderr)
 
+refused("a torque gain without torques", fit, servo, servo + ", torque_gain: 1", "torque_gain", "set_point_JOINT_nm")
+for name, file, control, says in (
+    ("positions that are not there", "torque_commands.csv", servo + "}", ["follows positions", "type: torque"]),
+    ("speeds that are not there", "goals.csv", "{type: velocity}", ["is velocity", "set_point_JOINT_rad_s"]),
+    ("a gain of no loop", "velocity_commands.csv", "{type: velocity, position_gain_1_s: 1}", ["position_gain_1_s"]),
+):
+    write("no.yaml", "model: true.xml\nmotion: {type: recording, file: %s}\ncontrol: %s\n" % (file, control))
+    harness.check_refused("run refuses " + name, run("run", "no.yaml", "-o", "no"), ["no.yaml", *says])
+
 bends = "error_1_rad: 0.02, error_factor_1: 0.5, error_2_rad: 0.2, kp_1: 200, kp_factor_1: 0.8, kp_2: 600"
 goals = {"entries": [{"timestamp": x, "goal_position": g, "position": 0.0} for x, g in zip(np.arange(200) / 100, goal)]}
 write("goals.json", goals)
