@@ -5,6 +5,7 @@
 #include <fmt/format.h>
 
 #include <tribotwin/twin/commands/calibrate_campaign.hpp>
+#include <tribotwin/twin/control/dc_position_keys.hpp>
 #include <tribotwin/twin/io/output.hpp>
 #include <tribotwin/twin/io/text.hpp>
 #include <tribotwin/twin/robot/arm.hpp>
@@ -186,6 +187,42 @@ void check_settings(const Mapping& in, const Variant& variant, const std::vector
   }
 }
 
+/// What the controller follows is in every recording. What it does not read is said.
+void check_commands(const Mapping& in, const Variant& variant, const std::vector<Recording>& recordings) {
+  using enum Controller;
+  const Controller own = variant.controller == dc_position ? servo : variant.controller;
+  std::string unread;
+  for (const auto& r : recordings) {
+    const SetPoints& p = r.points;
+    const bool smooth = !p.velocity_rad_s.empty();
+    struct Command {
+      Controller follows;
+      const char* column;
+      bool there;
+    };
+    const Command commands[] = {{servo, "set_point_JOINT_rad", !p.position_rad.empty()},
+                                {velocity, "set_point_JOINT_rad_s", !p.command_rad_s.empty() || smooth},
+                                {torque, "set_point_JOINT_nm", !p.command_nm.empty()}};
+    std::string types;
+    for (const Command& c : commands)
+      if (c.there) types += fmt::format("{}{}", types.empty() ? "" : " or ", name(c.follows));
+    for (const Command& c : commands) {
+      if (c.follows == own && !c.there)
+        in.fail("label", fmt::format("{} has no {}, which a controller of type {} follows; its commands suit control: "
+                                     "{{type: {}}}",
+                                     r.file.filename().string(), c.column, name(variant.controller), types));
+      const bool reads = variant.controller == dc_position ? c.follows == servo : c.follows >= own;
+      if (c.there && !reads && !smooth && unread.empty())
+        unread = fmt::format("{}: {} of {} counts nothing: a controller of type {} does not read it", variant.label,
+                             c.column, r.file.filename().string(), name(variant.controller));
+    }
+  }
+  if (!unread.empty()) note("{}", unread);
+  const auto commands_torque = [](const Recording& r) { return !r.points.command_nm.empty(); };
+  if (find(variant, "control.torque_gain") && std::ranges::none_of(recordings, commands_torque))
+    in.fail("label", "control.torque_gain has no effect: no recording has set_point_JOINT_nm");
+}
+
 /// The controller of a variant is complete and does not contradict the settings of the recordings.
 void check_control(const Mapping& in, const Variant& variant, const std::vector<Recording>& recordings,
                    std::size_t drives) {
@@ -204,10 +241,17 @@ void check_control(const Mapping& in, const Variant& variant, const std::vector<
                                    "variants",
                                    variant.label, key));
   };
-  if (variant.controller == Controller::servo) {
-    for (const char* key : {"position_gain_1_s", "speed_gain_nm_s_rad", "integral_time_s"}) need(key);
+  check_commands(in, variant, recordings);
+  if (variant.controller != Controller::dc_position) {
+    for (const char* key : {"position_gain_1_s", "speed_gain_nm_s_rad", "integral_time_s"})
+      if (has_key(variant.controller, key)) need(key);
     return;
   }
+  for (const auto& key : dc_position_keys())
+    for (const Quantity& q : variant.quantities)
+      if (key.knot && q.place == Place::control && q.key == key.name && q.free)
+        in.fail("label", fmt::format("{} is free, but where a knot of a curve lies must be known; free are its factors",
+                                     q.path()));
   for (const char* key : {"error_gain", "supply_V", "resistance_ohm", "kt_nm_A"}) need(key);
   for (const auto& r : recordings)
     if (!given(variant, "control.kp", drives) && !has_number(r, "kp") &&
@@ -226,8 +270,9 @@ void check_control(const Mapping& in, const Variant& variant, const std::vector<
 }
 
 Controller controller_of(Mapping& in, Controller fallback) {
-  static constexpr std::pair<std::string_view, Controller> types[] = {{"dc_position", Controller::dc_position},
-                                                                      {"servo", Controller::servo}};
+  using enum Controller;
+  static const std::pair<std::string_view, Controller> types[] = {
+      {name(dc_position), dc_position}, {name(servo), servo}, {name(velocity), velocity}, {name(torque), torque}};
   auto control = in.mapping("control");
   return control && control->has("type") ? choice_of(*control, "type", types) : fallback;
 }
@@ -276,6 +321,19 @@ void note_settings(const Variant& variant, const VariantTwins& twins, const std:
                     r.file.filename().string(), value, q->start);
 }
 
+/// What is wrong with the firmware that follows some recording, at the start values.
+std::string problem_of_control(const VariantTwins& twins, const std::vector<Recording>& recordings) {
+  std::vector<double> start;
+  for (const Quantity& q : twins.variant().quantities) start.push_back(q.start);
+  for (const Recording& r : recordings) {
+    const auto control = twins.control(start, r);
+    if (const auto* drives = std::get_if<std::vector<DcPositionOptions>>(&control))
+      for (const DcPositionOptions& o : *drives)
+        if (auto why = problem_of(o); !why.empty()) return why;
+  }
+  return {};
+}
+
 /// Reads all variants; returns the fingerprints of their models.
 std::string read_variants(Mapping& in, const fs::path& file, Plan& plan) {
   const fs::path folder = fs::absolute(file).parent_path();
@@ -291,6 +349,7 @@ std::string read_variants(Mapping& in, const fs::path& file, Plan& plan) {
     };
     const auto opened = VariantTwins::open(variant);
     if (!opened) refuse(opened.error().message);
+    if (const auto why = problem_of_control(*opened, plan.recordings); !why.empty()) refuse("control." + why);
     if (plan.variants.empty()) note_settings(variant, *opened, plan.recordings);
     models += fmt::format(" {:016x}", fingerprint(opened->reference()));
     plan.variants.push_back(std::move(variant));
@@ -312,7 +371,8 @@ std::uint64_t fingerprint_of(const std::vector<Recording>& recordings) {
   for (const auto& r : recordings) {
     recorded.add(r.file.string());
     recorded.add(r.points.time_s);
-    for (const auto* columns : {&r.points.position_rad, &r.points.measured_rad, &r.points.temperature_degC})
+    for (const auto* columns : {&r.points.position_rad, &r.points.command_rad_s, &r.points.command_nm,
+                                &r.points.measured_rad, &r.points.temperature_degC})
       for (const auto& column : *columns) recorded.add(column);
   }
   return recorded.value();

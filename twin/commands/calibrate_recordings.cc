@@ -83,6 +83,15 @@ void read_head(Recording& r, const Mapping& in) {
   }
 }
 
+/// Of set points that are held, those that the run's recording or constant torques did not have.
+void drop_what_was_not_commanded(const Scenario& scenario, SetPoints& p) {
+  const bool torques = std::holds_alternative<std::vector<double>>(scenario.control);
+  const auto& recorded = scenario.recording;
+  if (torques || (recorded && recorded->position_rad.empty())) p.position_rad.clear();
+  if (torques || (recorded && recorded->command_rad_s.empty())) p.command_rad_s.clear();
+  if (!torques && recorded && recorded->command_nm.empty()) p.command_nm.clear();
+}
+
 /// The record of a run has positions, but no set points: those are in the scenario beside it.
 void add_set_points_of_run(Recording& r, const Mapping& in) {
   const auto record = record_of(r.file);
@@ -101,6 +110,9 @@ void add_set_points_of_run(Recording& r, const Mapping& in) {
   p.velocity_rad_s = p.position_rad;
   p.torque_on.assign(p.time_s.size(), true);
   p.temperature_degC.clear();
+  const auto* torques = std::get_if<std::vector<double>>(&scenario->control);
+  const bool held = torques || (scenario->recording && scenario->recording->velocity_rad_s.empty());
+  if (held) p.command_rad_s = p.command_nm = p.position_rad;
   std::vector<SetPoint> at(scenario->model->drives().size());
   bool moves = false;
   for (std::size_t k = 0; k < p.joints.size(); ++k) {
@@ -111,9 +123,13 @@ void add_set_points_of_run(Recording& r, const Mapping& in) {
       scenario->motion->at(p.time_s[i], at);
       p.position_rad[k][i] = at[*drive].position_rad;
       moves |= (p.velocity_rad_s[k][i] = at[*drive].velocity_rad_s) != 0;
+      if (!held) continue;
+      p.command_rad_s[k][i] = at[*drive].velocity_rad_s;
+      p.command_nm[k][i] = torques ? (*torques)[*drive] : at[*drive].torque_nm;
     }
   }
-  if (!moves) p.velocity_rad_s.clear();  // set points that are held from row to row
+  if (!moves || held) p.velocity_rad_s.clear();  // set points that are held from row to row
+  drop_what_was_not_commanded(*scenario, p);
 }
 
 Recording read_recording(const fs::path& file, const Mapping& in, const TableOptions& tables) {
@@ -124,7 +140,7 @@ Recording read_recording(const fs::path& file, const Mapping& in, const TableOpt
   if (points.measured_rad.empty())
     in.fail("files", fmt::format("{} has no measured positions; needed is JSON with entries of timestamp, "
                                  "goal_position and position, or a table with time_s and, of each joint, "
-                                 "set_point_JOINT_rad and position_JOINT_rad",
+                                 "set_point_JOINT_rad (_rad_s, _nm) and position_JOINT_rad",
                                  file.string()));
   for (const auto& measured_rad : points.measured_rad) {
     const auto measured = std::ranges::count_if(measured_rad, [](double q) { return std::isfinite(q); });

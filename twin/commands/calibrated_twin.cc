@@ -84,7 +84,8 @@ ParameterFile parameter_file(const Results& r, const SimulationFit& f, const muj
 void write_control(YAML::Emitter& out, const Variant& variant, const SimulationFit& f, const Recording& shown) {
   out << YAML::Key << "control" << YAML::Value << YAML::Flow << YAML::BeginMap;
   out << YAML::Key << "type" << YAML::Value << std::string(name(variant.controller));
-  if (variant.controller == Controller::servo) out << YAML::Key << "gravity" << YAML::Value << false;
+  if (variant.controller == Controller::servo || variant.controller == Controller::velocity)
+    out << YAML::Key << "gravity" << YAML::Value << false;
   const auto set_by_recording = [&](const std::string& key) {
     return std::ranges::find(shown.control, key, [](const auto& c) { return c.first; }) != shown.control.end();
   };

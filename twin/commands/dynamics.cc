@@ -109,6 +109,7 @@ Json json_of(const Robot& robot, const DynamicsFit& fit, const Consistency& cons
   j["lacking"] = json_of(judgement.lacking);
   j["relative_error"] = number(fit.relative_error);
   j["condition_number"] = number(fit.condition_number);
+  j["between_files"] = number(fit.between_files);
   j["physically_possible"] = consistency.possible;
   j["distance_sigma"] = number(consistency.distance_sigma);
   j["bodies_judged"] = badly_explained(judgement.joints).empty();
@@ -163,6 +164,9 @@ std::string table_of(const Robot& robot, const DynamicsFit& fit, const Consisten
   std::string s = base.text() + "\n" + friction.text() + "\n" + quality_of(robot, fit.joints);
   s += fmt::format("\nrelative error {:.3f} %, condition number {:.0f}\n", 100 * fit.relative_error,
                    fit.condition_number);
+  if (fit.between_files > 1)
+    s += fmt::format("estimates vary {:.2g} times as much between files as within them; sigmas contain it\n",
+                     fit.between_files);
   s += bodies_of(consistency, badly_explained(judgement.joints));
   const BaseCount count = count_base(fit);
   if (count.wide + count.held > 0)
@@ -318,7 +322,7 @@ std::vector<double> largest_torques(const std::vector<RobotRecording>& recording
 
 /// Null: to be chosen.
 const friction::LawInfo* given_law(const Arguments& a) {
-  return a.friction == "auto" ? nullptr : or_wrong_input(dynamics_law(a.friction, "--friction"));
+  return a.friction == "auto" ? nullptr : or_wrong_input(dynamics_law(a.friction, "--friction", "auto"));
 }
 
 /// By the held-out error, where the options leave that open.
@@ -431,24 +435,6 @@ DynamicsOrigin origin_of(const Arguments& a, const Robot& robot, const Setting& 
   origin.signals.cutoff_hz = motion.cutoff_hz;
   if (static_cast<Index>(robot.model->drives().size()) < robot.regressor.joints()) origin.torque_max_nm = torque_max_nm;
   return origin;
-}
-
-/// The robot with the coupled motors that --coupling, or else the model's tendons, say.
-Robot loaded(const Arguments& a) {
-  Robot robot = load_robot(a.model);
-  if (a.coupling.empty()) {
-    auto motors = motors_on_tendons(robot.regressor);
-    if (!a.quiet)
-      for (const CoupledMotor& motor : motors)
-        note("{}: motor {} turns with {}, as its tendon says; {}", a.model, motor.name, sum_of(motor, robot.regressor),
-             "--coupling none leaves that out");
-    return motors.empty() ? robot : with_motors(robot, std::move(motors), a.model);
-  }
-  if (a.coupling == std::vector<std::string>{"none"}) return robot;
-  std::vector<CoupledMotor> motors;
-  for (const std::string& text : a.coupling)
-    motors.push_back(or_wrong_input(coupled_motor("--coupling", text, robot.regressor)));
-  return with_motors(robot, std::move(motors), "--coupling");
 }
 
 /// The drive gains that --drive-gains asks for, beside what was assumed.
@@ -584,7 +570,7 @@ void refuse_useless_thermal(const Arguments& a, const Robot& robot, const fricti
 
 Result<Exit> execute(const Arguments& a) {
   const friction::LawInfo* const given = given_law(a);
-  Robot robot = loaded(a);
+  Robot robot = coupled_robot(a.model, a.coupling, a.quiet);
   const Recorded data = recorded(a, robot);
   const auto& recordings = data.recordings;
   if (data.gains && !a.quiet)
@@ -634,6 +620,7 @@ Result<Exit> execute(const Arguments& a) {
       for (const auto& text : data.gains->notes) j["notes"].push_back(text);
     }
     j["left_out"] = json_of(robot, left_out);
+    j["choice"]["cutoff_hz"] = motion.cutoff_hz;  // the setting has 0 for the usual one
     return deliver(j.dump(2) + "\n");
   }
   return deliver((data.gains ? table_of(data.gains->found, data.gains->assumed, data.payloads) : "") +

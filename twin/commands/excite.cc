@@ -24,7 +24,7 @@ using Eigen::Index;
 
 struct Arguments {
   std::string model, friction, params;
-  std::vector<std::string> given, noise;
+  std::vector<std::string> given, noise, coupling;
   TableArguments tables;
   Destination output;
   ExcitationOptions options;
@@ -86,7 +86,7 @@ std::vector<std::string> poorly_told(const ExperimentDesign& d, const Eigen::Vec
   std::vector<std::string> out;
   for (Index c = 0; c < sigmas.size(); ++c)
     if (const auto& p = d.parameters[static_cast<std::size_t>(c)];
-        p.joint >= 0 && !ExperimentDesign::is_told(sigmas(c)))
+        p.rotor >= 0 && !ExperimentDesign::is_told(sigmas(c)))
       out.push_back(p.name);
   return out;
 }
@@ -94,7 +94,7 @@ std::vector<std::string> poorly_told(const ExperimentDesign& d, const Eigen::Vec
 int told_base(const ExperimentDesign& d, const Eigen::VectorXd& sigmas) {
   int out = 0;
   for (Index c = 0; c < sigmas.size(); ++c)
-    out += d.parameters[static_cast<std::size_t>(c)].joint < 0 && ExperimentDesign::is_told(sigmas(c));
+    out += d.parameters[static_cast<std::size_t>(c)].rotor < 0 && ExperimentDesign::is_told(sigmas(c));
   return out;
 }
 
@@ -110,16 +110,26 @@ std::string words_of(const WarmUp& w, const Robot& robot, double motion_s) {
   return text + " degC; sigmas are those of both\n";
 }
 
+/// "joint1 -0.3 .. 0.2": what a law of load is identified on.
+std::string loads_of(const ExperimentDesign& d, const Robot& robot) {
+  std::string text;
+  for (std::size_t r = 0; r < d.loads.size(); ++r)
+    text += fmt::format("{}{} {:.2g} .. {:.2g}", r == 0 ? "loads of the motion, gear torque over torque_max: " : ", ",
+                        robot.regressor.rotor_name(static_cast<Index>(r)), d.loads[r].first, d.loads[r].second);
+  return text.empty() ? text : text + "; a payload reaches others\n";
+}
+
 std::string text_of(const ExperimentDesign& d, const Known& known, const Robot& robot) {
   constexpr auto right = TextTable::right;
   TextTable table{{TextTable::left("friction"), right("about"), right("sigma before"), right("after")}};
   for (Index c = 0; c < d.after.size(); ++c)
-    if (const auto& p = d.parameters[static_cast<std::size_t>(c)]; p.joint >= 0)
+    if (const auto& p = d.parameters[static_cast<std::size_t>(c)]; p.rotor >= 0)
       table.add({p.name, fmt::format("{:.4g}", p.value), words_of(p, d.before(c)), words_of(p, d.after(c))});
   std::string text = fmt::format("\nfriction {}, noise {}:", known.input.law->name, d.noise_source);
   for (Index j = 0; j < d.noise.size(); ++j)
     text += fmt::format(" {}={:.3g}", robot.regressor.joint_name(j), d.noise(j));
   text += fmt::format(" (torques below {:g} Hz)\n{}", d.cutoff_hz, table.text());
+  text += loads_of(d, robot);
   const auto before = poorly_told(d, d.before), after = poorly_told(d, d.after);
   text += fmt::format("base parameters with a sigma below a quarter of their size: {} of {} before, {} after\n",
                       told_base(d, d.before), robot.base.size(), told_base(d, d.after));
@@ -139,10 +149,12 @@ Json json_of(const ExperimentDesign& d, const Known& known, const Robot& robot) 
   for (Index k = 0; k < d.noise.size(); ++k) j["noise"][robot.regressor.joint_name(k)] = d.noise(k);
   for (Index c = 0; c < d.after.size(); ++c) {
     const auto& p = d.parameters[static_cast<std::size_t>(c)];
-    j[p.joint < 0 ? "base_parameters" : "parameters"][p.name] = {{"about", p.value},
+    j[p.rotor < 0 ? "base_parameters" : "parameters"][p.name] = {{"about", p.value},
                                                                  {"sigma_before", number(p.scale * d.before(c))},
                                                                  {"sigma_after", number(p.scale * d.after(c))}};
   }
+  for (std::size_t r = 0; r < d.loads.size(); ++r)
+    j["loads"][robot.regressor.rotor_name(static_cast<Index>(r))] = {d.loads[r].first, d.loads[r].second};
   j["poorly_known"] = {{"before", poorly_told(d, d.before)}, {"after", poorly_told(d, d.after)}};
   j["base_parameters_known"] = {{"before", told_base(d, d.before)}, {"after", told_base(d, d.after)}};
   if (!d.warm_up) return j;
@@ -187,6 +199,7 @@ Result<ExperimentDesign> searched(const Arguments& a, const Robot& robot, const 
   o.friction = !a.inertia_only;
   o.stop = &interrupted();
   Progress progress(a.quiet, "searching");
+  progress(0, -1);  // the law is fitted first
   const auto started = std::chrono::steady_clock::now();
   o.progress = [&](double share) {
     const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - started).count();
@@ -198,8 +211,18 @@ Result<ExperimentDesign> searched(const Arguments& a, const Robot& robot, const 
   return ExperimentDesign{.motion = std::move(*motion)};
 }
 
+/// With the coupled motors of --params, of --coupling, or of the model's tendons.
+Robot loaded(const Arguments& a) {
+  if (a.params.empty()) return coupled_robot(a.model, a.coupling, a.quiet);
+  if (!a.coupling.empty())
+    throw InputError("--coupling and --params: give one; the parameters say which motors turn with several joints");
+  Robot robot = load_robot(a.model);
+  auto motors = or_wrong_input(read_coupling(a.params, robot.regressor));
+  return motors.empty() ? robot : with_motors(robot, std::move(motors), a.params + ": coupling");
+}
+
 Result<Exit> execute(const Arguments& a) {
-  const Robot robot = load_robot(a.model);
+  const Robot robot = loaded(a);
   const auto known = a.for_friction() ? known_of(a, robot) : nullptr;
   catch_interrupts();
   const auto found = searched(a, robot, known.get());
@@ -233,6 +256,11 @@ void add_excite(CLI::App& app, int& code) {
   c->add_option(
       "--given", a->given,
       "Recordings that there are already, tables as for dynamics, behind MODEL: the motion adds what they lack");
+  c->add_option(
+       "--coupling", a->coupling,
+       "JOINT=SUM: the motor of JOINT turns with a sum of joints, as in dynamics; may be repeated; none leaves "
+       "out what the model's tendons say")
+      ->allow_extra_args(false);
   c->add_option("--params", a->params, "PARAMS.yaml of dynamics instead: its sigmas, its noise, its law");
   c->add_option(
        "--noise", a->noise,

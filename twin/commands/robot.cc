@@ -12,6 +12,7 @@
 #include <tribotwin/twin/io/shipped.hpp>
 #include <tribotwin/twin/io/text.hpp>
 #include <tribotwin/twin/robot/arm.hpp>
+#include <tribotwin/twin/robot/coupling/coupling.hpp>
 #include <tribotwin/twin/robot/starting_points.hpp>
 
 namespace tribotwin::twin::program {
@@ -33,6 +34,23 @@ Robot with_motors(const Robot& robot, std::vector<CoupledMotor> motors, const st
   const auto regressor = Regressor::create(robot.model->get(), std::move(motors));
   if (!regressor) throw InputError(fmt::format("{}: {}", where, regressor.error().message));
   return {robot.model, *regressor, base_parameters(*regressor)};
+}
+
+Robot coupled_robot(const std::string& model, const std::vector<std::string>& coupling, bool quiet) {
+  Robot robot = load_robot(model);
+  if (coupling == std::vector<std::string>{"none"}) return robot;
+  std::vector<CoupledMotor> motors;
+  if (coupling.empty()) {
+    motors = motors_on_tendons(robot.regressor);
+    if (!quiet)
+      for (const CoupledMotor& motor : motors)
+        note("{}: motor {} turns with {}, as its tendon says; {}", model, motor.name, sum_of(motor, robot.regressor),
+             "--coupling none leaves that out");
+    return motors.empty() ? robot : with_motors(robot, std::move(motors), model);
+  }
+  for (const std::string& text : coupling)
+    motors.push_back(or_wrong_input(coupled_motor("--coupling", text, robot.regressor)));
+  return with_motors(robot, std::move(motors), "--coupling");
 }
 
 void note_starting_point(const mujoco::Model& model, const mujoco::Binding& drive) {

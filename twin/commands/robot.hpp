@@ -30,6 +30,10 @@ Robot load_robot(const std::string& file);
 /// not determine the joints.
 Robot with_motors(const Robot& robot, std::vector<CoupledMotor> motors, const std::string& where);
 
+/// The robot of a model with the coupled motors that the option --coupling, or else the model's tendons, say. Throws
+/// InputError as load_robot and with_motors.
+Robot coupled_robot(const std::string& model, const std::vector<std::string>& coupling, bool quiet);
+
 /// A note that the law of a drive is a guess, where it has the starting points of a gear class.
 void note_starting_point(const mujoco::Model& model, const mujoco::Binding& drive);
 

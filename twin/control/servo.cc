@@ -9,22 +9,25 @@ namespace {
 class Cascaded final : public Servo {
  public:
   Cascaded(const mujoco::Model& model, const mjData* start, const CascadedOptions& o)
-      : servo_(model, start, o), commands_(model.drives().size()) {}
+      : servo_(model, start, o), commands_(model.drives().size()), mode_(o.mode) {}
   void control(const mjModel* m, mjData* d, std::span<const SetPoint> set_points) override {
     for (std::size_t i = 0; i < commands_.size(); ++i)
-      commands_[i] = {.mode = DriveCommand::Mode::position,
+      commands_[i] = {.mode = mode_,
                       .position_rad = set_points[i].position_rad,
-                      .velocity_rad_s = set_points[i].velocity_rad_s};
+                      .velocity_rad_s = set_points[i].velocity_rad_s,
+                      .torque_nm = set_points[i].torque_nm};
     servo_.control(m, d, commands_);
   }
 
  private:
   DriveServo servo_;
   std::vector<DriveCommand> commands_;
+  DriveCommand::Mode mode_;
 };
 
 double duty(const DcPositionOptions& o, double error_rad) {
-  return std::clamp(o.kp * o.error_gain * error_rad, -o.duty_limit, o.duty_limit);
+  const double gain = o.kp * o.over_kp(o.kp) * o.error_gain * o.over_error(std::abs(error_rad));
+  return std::clamp(gain * error_rad, -o.duty_limit, o.duty_limit);
 }
 
 double dc_torque_nm(const DcPositionOptions& o, double duty, double speed_rad_s, double resistance_ohm) {
@@ -107,7 +110,7 @@ void DriveServo::actuate(const mjModel* m, mjData* d, std::span<const DriveComma
     const double speed_gain = loop.gains.speed_gain_nm_s_rad > 0
                                   ? loop.gains.speed_gain_nm_s_rad
                                   : loop.gains.speed_bandwidth_rad_s * loop.inertia_kg_m2;
-    double torque = c.torque_nm;
+    double torque = loop.gains.torque_gain * c.torque_nm;
     if (c.mode == Mode::position || c.mode == Mode::velocity) {
       double speed = c.velocity_rad_s;
       if (c.mode == Mode::position) speed += loop.gains.position_gain_1_s * (c.position_rad - loop.encoder.angle_rad());
@@ -124,6 +127,17 @@ void DriveServo::actuate(const mjModel* m, mjData* d, std::span<const DriveComma
     loop.limited = std::abs(torque) > limit;
     d->ctrl[drive.control] = std::clamp(torque, -limit, limit) / drive.gear;
   }
+}
+
+double GainCurve::operator()(double x) const {
+  const auto of = [this](std::size_t k) { return std::isnan(factor[k]) ? 1 : factor[k]; };
+  std::size_t knots = 0;
+  while (knots < most && !std::isnan(at[knots])) ++knots;
+  if (knots == 0) return 1;
+  if (x <= at[0]) return of(0);
+  for (std::size_t k = 1; k < knots; ++k)
+    if (x < at[k]) return of(k - 1) + (of(k) - of(k - 1)) * (x - at[k - 1]) / (at[k] - at[k - 1]);
+  return of(knots - 1);
 }
 
 double dc_torque_nm(const DcPositionOptions& o, double error_rad, double speed_rad_s) {

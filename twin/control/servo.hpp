@@ -1,5 +1,7 @@
 #pragma once
 
+#include <array>
+#include <limits>
 #include <memory>
 #include <optional>
 #include <span>
@@ -24,17 +26,7 @@ struct LoopGains {
   double position_gain_1_s = 10, speed_bandwidth_rad_s = 60, integral_time_s = 0.1;
   double speed_gain_nm_s_rad = 0;  ///< above 0: in place of bandwidth x inertia
   double torque_limit_nm = friction::unlimited;
-};
-
-/// Position P over speed PI, as in industrial drives. Torque limit: the actuator's ctrlrange.
-struct CascadedOptions {
-  double position_gain_1_s = 10;
-  double speed_bandwidth_rad_s = 60;   ///< speed gain over the joint's inertia at the start
-  double integral_time_s = 0.1;        ///< 0: no integral part
-  bool gravity = true;                 ///< feed gravity forward
-  double encoder_counts = 0;           ///< per motor turn; 0: angle and speed are measured exactly
-  double speed_filter_rad_s = 300;     ///< bandwidth of the tracking loop behind the encoder
-  std::vector<LoopGains> per_drive{};  ///< in place of the first three; empty: the same for all
+  double torque_gain = 1;  ///< what the drive delivers of a commanded torque
 };
 
 /// The command of one drive for a time step. Arm side.
@@ -45,6 +37,18 @@ struct DriveCommand {
   double velocity_rad_s = 0;  ///< set point, or added to the position loop's output
   double torque_nm = 0;       ///< set point, or added to the speed loop's output
   double torque_limit_nm = friction::unlimited;
+};
+
+/// Position P over speed PI, as in industrial drives. Torque limit: the actuator's ctrlrange.
+struct CascadedOptions {
+  DriveCommand::Mode mode = DriveCommand::Mode::position;  ///< what of a set point is followed; the rest is added to it
+  double position_gain_1_s = 10;
+  double speed_bandwidth_rad_s = 60;   ///< speed gain over the joint's inertia at the start
+  double integral_time_s = 0.1;        ///< 0: no integral part
+  bool gravity = true;                 ///< feed gravity forward
+  double encoder_counts = 0;           ///< per motor turn; 0: angle and speed are measured exactly
+  double speed_filter_rad_s = 300;     ///< bandwidth of the tracking loop behind the encoder
+  std::vector<LoopGains> per_drive{};  ///< in place of the first three; empty: the same for all
 };
 
 /// The loops of industrial drives; each drive has its own mode. The actuator's ctrlrange limits the torque, too.
@@ -81,12 +85,27 @@ class DriveServo {
 };
 std::unique_ptr<Servo> make_cascaded(const mujoco::Model& model, const mjData* start, const CascadedOptions& options);
 
+/// A factor over something >= 0: linear between its knots, constant beyond them, 1 without any.
+struct GainCurve {
+  static constexpr std::size_t most = 4;
+  static constexpr std::array<double, most> none = [] {
+    std::array<double, most> all{};
+    all.fill(std::numeric_limits<double>::quiet_NaN());
+    return all;
+  }();
+  std::array<double, most> at = none;      ///< increasing, of the first knots; NaN: no further knot
+  std::array<double, most> factor = none;  ///< NaN: 1
+
+  double operator()(double x) const;
+};
+
 /// A small servo's firmware: position error -> duty cycle -> DC motor with winding resistance and back-EMF.
 struct DcPositionOptions {
-  double kp = 400, error_gain = 0;                         ///< duty = kp error_gain (goal - position)
-  double duty_limit = 1;                                   ///< 0..1
-  double duty_slew_1_s = friction::unlimited;              ///< maximum rate of the duty
-  double torque_limit_nm = friction::unlimited;            ///< current limit
+  double kp = 400, error_gain = 0;               ///< duty = kp error_gain (goal - position), times both curves
+  GainCurve over_error{}, over_kp{};             ///< of |goal - position| [rad] and of kp
+  double duty_limit = 1;                         ///< 0..1
+  double duty_slew_1_s = friction::unlimited;    ///< maximum rate of the duty
+  double torque_limit_nm = friction::unlimited;  ///< current limit
   double supply_V = 7.4, resistance_ohm = 1, kt_nm_A = 1;  ///< torque = kt / R (duty V' - kt speed)
   double supply_resistance_ohm = 0;  ///< V' = V (1 - R_supply / R duty^2): what the supply loses under load
   /// R (1 + resistance_per_K (T - reference_degC)) at the drive's temperature T; copper alone has 0.0039.

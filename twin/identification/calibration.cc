@@ -17,7 +17,7 @@ using Eigen::Index, Eigen::MatrixXd, Eigen::VectorXd;
 constexpr double unknown = std::numeric_limits<double>::quiet_NaN();
 
 Minimum descend(const Posterior& posterior, int start, const SearchOptions& options, Counter& counter,
-                double simulations_each) {
+                double simulations_each, unsigned threads) {
   const Index n = posterior.size();
   const auto objective = [&](const VectorXd& z) { return posterior(z); };
   Gaussian gaussian(options.seed * 1000003 + static_cast<std::uint64_t>(start));
@@ -25,9 +25,10 @@ Minimum descend(const Posterior& posterior, int start, const SearchOptions& opti
   const auto slope = [&](const VectorXd& z, double step) { return posterior.quadratic(z, step); };
   VectorXd low(n), high(n);
   for (Index i = 0; i < n; ++i) low(i) = posterior.low(i), high(i) = posterior.high(i);
-  const Minimum best = method_of(options) == SearchMethod::gauss_newton
-                           ? gauss_newton(objective, slope, mean, low, high, {.evaluations = options.evaluations})
-                           : cma_es(objective, mean, {.evaluations = options.evaluations}, gaussian);
+  const Minimum best =
+      method_of(options) == SearchMethod::gauss_newton
+          ? gauss_newton(objective, slope, mean, low, high, {.evaluations = options.evaluations})
+          : cma_es(objective, mean, {.evaluations = options.evaluations, .threads = threads}, gaussian);
   if (n > 0) counter.add((options.evaluations - best.evaluations) * simulations_each);
   return best;
 }
@@ -150,7 +151,7 @@ class Calibration {
     const unsigned each = std::max(1u, watch_.threads / static_cast<unsigned>(jobs_.size() * starts));
     const Posterior posterior(twins_[job.fit.variant], plan_.recordings, job.training, plan_.search, counter_, each);
     job.minima[task % starts] = descend(posterior, static_cast<int>(task % starts), plan_.search, counter_,
-                                        static_cast<double>(job.training.size()));
+                                        static_cast<double>(job.training.size()), each);
     const bool last = [&] {
       const std::lock_guard lock(mutex_);
       return --job.open == 0;

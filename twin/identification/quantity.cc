@@ -9,27 +9,35 @@
 namespace tribotwin::twin::identification {
 namespace {
 
-constexpr Key keys[] = {
+constexpr Key plain[] = {
     {Place::joint, "armature", 0, 1e9},
     {Place::joint, "damping", 0, 1e9},
     {Place::joint, "ref", -1e3, 1e3},
     {Place::body, "mass_kg", 1e-9, 1e9},
-    {Place::control, "kp", 0, 1e9, &DcPositionOptions::kp},
-    {Place::control, "error_gain", 0, 1e9, &DcPositionOptions::error_gain},
-    {Place::control, "supply_V", 0, 1e6, &DcPositionOptions::supply_V},
-    {Place::control, "resistance_ohm", 1e-9, 1e9, &DcPositionOptions::resistance_ohm},
-    {Place::control, "supply_resistance_ohm", 0, 1e9, &DcPositionOptions::supply_resistance_ohm},
-    {Place::control, "kt_nm_A", 0, 1e6, &DcPositionOptions::kt_nm_A},
-    {Place::control, "torque_limit_nm", 0, 1e9, &DcPositionOptions::torque_limit_nm, &LoopGains::torque_limit_nm},
-    {Place::control, "duty_limit", 0, 1, &DcPositionOptions::duty_limit},
-    {Place::control, "duty_slew_1_s", 1e-3, 1e9, &DcPositionOptions::duty_slew_1_s},
-    {Place::control, "resistance_per_K", -0.1, 0.1, &DcPositionOptions::resistance_per_K},
-    {Place::control, "reference_degC", -100, 300, &DcPositionOptions::reference_degC},
-    {Place::control, "position_gain_1_s", 0, 1e6, nullptr, &LoopGains::position_gain_1_s},
-    {Place::control, "speed_gain_nm_s_rad", 1e-9, 1e9, nullptr, &LoopGains::speed_gain_nm_s_rad},
-    {Place::control, "integral_time_s", 0, 1e6, nullptr, &LoopGains::integral_time_s},
+    {Place::control, "position_gain_1_s", 0, 1e6, nullptr, &LoopGains::position_gain_1_s, Controller::servo},
+    {Place::control, "speed_gain_nm_s_rad", 1e-9, 1e9, nullptr, &LoopGains::speed_gain_nm_s_rad, Controller::velocity},
+    {Place::control, "integral_time_s", 0, 1e6, nullptr, &LoopGains::integral_time_s, Controller::velocity},
+    {Place::control, "torque_gain", 0, 1e6, nullptr, &LoopGains::torque_gain, Controller::torque},
+    {Place::control, "torque_limit_nm", 0, 1e9, nullptr, &LoopGains::torque_limit_nm, Controller::torque},
     {Place::motion, "delay_s", 0, 10},
 };
+
+/// Those of the loops and those of a small servo; a name of both is one key.
+const std::vector<Key>& keys() {
+  static const std::vector<Key> all = [] {
+    std::vector<Key> made(std::begin(plain), std::end(plain));
+    for (const DcPositionKey& key : dc_position_keys()) {
+      const auto known =
+          std::ranges::find_if(made, [&](const Key& k) { return k.place == Place::control && k.name == key.name; });
+      if (known != made.end())
+        known->dc = &key;
+      else
+        made.push_back({Place::control, key.name, key.minimum, std::min(key.maximum, 1e9), &key});
+    }
+    return made;
+  }();
+  return all;
+}
 
 /// Keys of a drive whose values are no numbers.
 constexpr std::string_view not_numbers[] = {"law", "thermal", "validity"};
@@ -37,8 +45,9 @@ constexpr std::string_view not_numbers[] = {"law", "thermal", "validity"};
 }  // namespace
 
 const Key* find_key(Place place, std::string_view name) {
-  const auto found = std::ranges::find_if(keys, [&](const Key& k) { return k.place == place && k.name == name; });
-  return found == std::end(keys) ? nullptr : found;
+  const auto& all = keys();
+  const auto found = std::ranges::find_if(all, [&](const Key& k) { return k.place == place && k.name == name; });
+  return found == all.end() ? nullptr : &*found;
 }
 
 bool is_law_parameter(std::string_view key) {
@@ -52,11 +61,16 @@ std::string_view name(Place place) {
   return names[static_cast<std::size_t>(place)];
 }
 
-std::string_view name(Controller controller) { return controller == Controller::servo ? "servo" : "dc_position"; }
+std::string_view name(Controller controller) {
+  static constexpr std::string_view names[] = {"dc_position", "servo", "velocity", "torque"};
+  return names[static_cast<std::size_t>(controller)];
+}
 
 bool has_key(Controller controller, std::string_view key) {
   const Key* known = find_key(Place::control, key);
-  return known && (controller == Controller::servo ? known->servo != nullptr : known->dc != nullptr);
+  if (!known) return false;
+  return controller == Controller::dc_position ? known->dc != nullptr
+                                               : known->servo != nullptr && controller <= known->innermost;
 }
 
 std::vector<std::string_view> keys_of(Place place, const friction::LawInfo& law) {
@@ -66,7 +80,7 @@ std::vector<std::string_view> keys_of(Place place, const friction::LawInfo& law)
     for (const char* key : drive::all_keys())
       if (!is_law_parameter(key) && std::ranges::find(not_numbers, key) == std::end(not_numbers)) all.emplace_back(key);
   }
-  for (const Key& key : keys)
+  for (const Key& key : keys())
     if (key.place == place) all.push_back(key.name);
   return all;
 }

@@ -15,14 +15,14 @@ namespace tribotwin::twin::identification {
 enum class Place { drive, joint, body, control, motion };
 std::string_view name(Place place);
 
-/// What followed the set points when a recording was made: a small servo's firmware, or the loops of industrial drives
-/// (DcPositionOptions, CascadedOptions without gravity).
-enum class Controller { dc_position, servo };
+/// What followed the set points when a recording was made: a small servo's firmware (DcPositionOptions), or the loops
+/// of industrial drives (CascadedOptions without gravity) from the outermost to the innermost.
+enum class Controller { dc_position, servo, velocity, torque };
 std::string_view name(Controller controller);
 
 /// The accepted keys of a place; for the drive those of one law, for the controller those of any.
 std::vector<std::string_view> keys_of(Place place, const friction::LawInfo& law);
-/// Whether the controller has this key.
+/// Whether the controller has this key. Loops have those of the loops within them.
 bool has_key(Controller controller, std::string_view key);
 /// The accepted range of a key. Unlimited for keys of a drive that are no law parameter: the loader checks them.
 std::pair<double, double> accepted_range(Place place, const friction::LawInfo& law, std::string_view key);

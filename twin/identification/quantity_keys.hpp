@@ -2,7 +2,7 @@
 
 #include <string_view>
 
-#include <tribotwin/twin/control/servo.hpp>
+#include <tribotwin/twin/control/dc_position_keys.hpp>
 #include <tribotwin/twin/identification/quantity.hpp>
 
 /// Internal to this folder, not installed.
@@ -13,8 +13,9 @@ struct Key {
   Place place;
   std::string_view name;
   double minimum, maximum;
-  double DcPositionOptions::*dc = nullptr;  ///< of keys of the controllers
+  const DcPositionKey* dc = nullptr;  ///< of keys of the controllers
   double LoopGains::*servo = nullptr;
+  Controller innermost = Controller::servo;  ///< of the loops that have it
 };
 
 /// Null where there is no such key, also for keys of a drive.

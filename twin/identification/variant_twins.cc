@@ -350,10 +350,11 @@ Result<VariantTwins::Candidate> VariantTwins::candidate(std::vector<double> valu
 }
 
 decltype(Scenario::control) VariantTwins::control(std::span<const double> values, const Recording& recording) const {
-  const auto filled = [&](auto options, auto member) {
+  const auto filled = [&](auto options, auto field) {
     const auto set = [&](std::string_view key, double value, std::size_t from, std::size_t to) {
-      if (const Key* known = find_key(Place::control, key); known && known->*member)
-        for (std::size_t i = from; i < to; ++i) options[i].*(known->*member) = value;
+      const Key* known = find_key(Place::control, key);
+      if (!known || !has_key(variant_->controller, key)) return;
+      for (std::size_t i = from; i < to; ++i) field(*known, options[i]) = value;
     };
     for (const auto& [key, value] : recording.points.numbers)
       if (key == "kp" || key == "vin") set(key == "vin" ? "supply_V" : key, value, 0, options.size());
@@ -364,9 +365,16 @@ decltype(Scenario::control) VariantTwins::control(std::span<const double> values
     return options;
   };
   const std::size_t drives = given_->drives().size();
-  if (variant_->controller == Controller::dc_position) return filled(std::vector<DcPositionOptions>(drives), &Key::dc);
-  CascadedOptions servo{.gravity = false};
-  servo.per_drive = filled(std::vector<LoopGains>(drives), &Key::servo);
+  if (variant_->controller == Controller::dc_position)
+    return filled(std::vector<DcPositionOptions>(drives),
+                  [](const Key& key, DcPositionOptions& o) -> double& { return key.dc->value(o); });
+  using Mode = DriveCommand::Mode;
+  CascadedOptions servo{.mode = variant_->controller == Controller::servo      ? Mode::position
+                                : variant_->controller == Controller::velocity ? Mode::velocity
+                                                                               : Mode::torque,
+                        .gravity = false};
+  servo.per_drive =
+      filled(std::vector<LoopGains>(drives), [](const Key& key, LoopGains& o) -> double& { return o.*key.servo; });
   return servo;
 }
 
@@ -400,19 +408,7 @@ Scenario VariantTwins::scenario(const Candidate& candidate, const Recording& rec
   for (std::size_t k = 0; k < joints.size(); ++k) scenario.start_rad[joints[k]] = r.measured_rad[k][0];
   scenario.temperature_degC = temperature_degC(recording);
   scenario.control = control(candidate.values, recording);
-  scenario.motion.emplace(scenario.start_rad);
-  const double delay = delay_s(candidate.values);
-  std::vector<double> goal = scenario.start_rad, speed(goal.size());
-  for (std::size_t i = 0; i < r.time_s.size(); ++i) {
-    for (std::size_t k = 0; k < joints.size(); ++k) goal[joints[k]] = r.position_rad[k][i];
-    const double at_s = r.time_s[i] - r.time_s[0] + delay;
-    if (r.velocity_rad_s.empty()) {
-      scenario.motion->hold_at(at_s, goal);
-      continue;
-    }
-    for (std::size_t k = 0; k < joints.size(); ++k) speed[joints[k]] = r.velocity_rad_s[k][i];
-    scenario.motion->pass_through(at_s, goal, speed);
-  }
+  scenario.motion = motion_of(r, joints, scenario.start_rad, delay_s(candidate.values));
   scenario.recording = SetPoints{.time_s = r.time_s, .torque_on = r.torque_on};
   scenario.expects = {"tracking"};  // what counts is the recorded position, from which a small servo's goal is far
   return scenario;

@@ -1,14 +1,37 @@
 #include <algorithm>
 #include <cmath>
+#include <exception>
 #include <utility>
 #include <vector>
 
 #include <tribotwin/twin/numerics/cma_es.hpp>
 #include <tribotwin/twin/numerics/linear_algebra.hpp>
+#include <tribotwin/twin/numerics/parallel.hpp>
 
 namespace tribotwin::twin {
 
 using Eigen::Index, Eigen::MatrixXd, Eigen::VectorXd;
+
+namespace {
+
+/// The objective of each point; threads only share the work.
+std::vector<double> evaluated(const std::function<double(const VectorXd&)>& objective,
+                              const std::vector<VectorXd>& points, unsigned threads) {
+  std::vector<double> values(points.size());
+  std::vector<std::exception_ptr> failures(points.size());
+  identification::in_parallel(points.size(), threads, [&](std::size_t k) {
+    try {
+      values[k] = objective(points[k]);
+    } catch (...) {  // a thread must not throw
+      failures[k] = std::current_exception();
+    }
+  });
+  for (const auto& failure : failures)
+    if (failure) std::rethrow_exception(failure);
+  return values;
+}
+
+}  // namespace
 
 Minimum cma_es(const std::function<double(const VectorXd&)>& objective, const VectorXd& start,
                const CmaOptions& options, Gaussian& gaussian) {
@@ -34,11 +57,15 @@ Minimum cma_es(const std::function<double(const VectorXd&)>& objective, const Ve
                            step * axes.maxCoeff() > options.last_step && !(options.stop && *options.stop);
        ++generation) {
     std::vector<std::pair<double, VectorXd>> tried;
-    for (int k = 0; k < population; ++k, ++best.evaluations) {
-      const VectorXd y = B * axes.cwiseProduct(gaussian(n));
-      const VectorXd z = mean + step * y;
-      tried.emplace_back(objective(z), y);
-      if (tried.back().first < best.objective) best.z = z, best.objective = tried.back().first;
+    std::vector<VectorXd> points;
+    for (int k = 0; k < population; ++k) {
+      tried.emplace_back(0, B * axes.cwiseProduct(gaussian(n)));
+      points.push_back(mean + step * tried.back().second);
+    }
+    const std::vector<double> values = evaluated(objective, points, options.threads);
+    for (std::size_t k = 0; k < points.size(); ++k, ++best.evaluations) {
+      tried[k].first = values[k];
+      if (values[k] < best.objective) best.z = points[k], best.objective = values[k];
     }
     std::ranges::stable_sort(tried, {}, [](const auto& t) { return t.first; });
     VectorXd move = VectorXd::Zero(n);

@@ -29,6 +29,7 @@ struct CmaOptions {
   int population = 8;
   double first_step = 0.3, last_step = 1e-4;  ///< standard deviation of the search; it ends below the last
   int evaluations = 1000;                     ///< at most
+  unsigned threads = 1;                       ///< evaluate the points of a generation; they change no bit of the result
   const std::atomic<bool>* stop = nullptr;    ///< ends after the generation under way
 };
 
@@ -39,7 +40,8 @@ struct Minimum {
 };
 
 /// CMA-ES with rank-one and rank-mu updates and cumulative step-size adaptation, constants as in Hansen 2016.
-/// Coordinates should be of order 1. The best point that was tried, `start` among them.
+/// Coordinates should be of order 1. The best point that was tried, `start` among them. With several threads the
+/// objective is called by all of them; an exception of it ends the search and is passed on.
 Minimum cma_es(const std::function<double(const Eigen::VectorXd&)>& objective, const Eigen::VectorXd& start,
                const CmaOptions& options, Gaussian& gaussian);
 

@@ -84,7 +84,7 @@ class Judge {
         base_(base),
         limits_(limits),
         phi_(regressor.model_parameters()),
-        columns_(base.size() + 2 * regressor.joints()),
+        columns_(base.size() + 2 * regressor.rotors()),
         collisions(model.get(), reference_pose(model.get(), limits)) {
     for (Index j = 0; j < regressor.joints(); ++j) {
       const auto drive = std::ranges::find(model.drives(), static_cast<int>(j), &mujoco::Binding::dof);
@@ -143,8 +143,13 @@ class Judge {
   MatrixXd rows(const VectorXd& qd) {
     MatrixXd Y = MatrixXd::Zero(regressor_.joints(), columns_);
     Y.leftCols(base_.size()) = regressor_.last()(Eigen::all, base_.independent);
-    for (Index j = 0; j < qd.size(); ++j)
-      Y(j, base_.size() + 2 * j) = qd(j) > 0 ? 1 : qd(j) < 0 ? -1 : 0, Y(j, base_.size() + 2 * j + 1) = qd(j);
+    for (Index r = 0; r < regressor_.rotors(); ++r) {
+      const double speed = regressor_.speed(r, qd), sign = speed > 0 ? 1 : speed < 0 ? -1 : 0;
+      for (Index j = 0; j < qd.size(); ++j) {
+        const double turns = regressor_.turns(r, j);
+        Y(j, base_.size() + 2 * r) = turns * sign, Y(j, base_.size() + 2 * r + 1) = turns * speed;
+      }
+    }
     return Y;
   }
 

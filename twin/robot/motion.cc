@@ -34,9 +34,10 @@ Motion& Motion::dwell(double duration_s) {
   return *this;
 }
 
-Motion& Motion::hold_at(double time_s, std::vector<double> position) {
+Motion& Motion::hold_at(double time_s, std::vector<double> position, std::vector<double> velocity,
+                        std::vector<double> torque) {
   if (!segments_.empty()) segments_.back().duration_s = time_s - segments_.back().start_s;
-  segments_.push_back({time_s, 0, 0, position, position, {}, {}});
+  segments_.push_back({time_s, 0, 0, position, position, {}, {}, std::move(velocity), std::move(torque)});
   end_s_ = time_s;
   last_ = std::move(position);
   return *this;
@@ -111,8 +112,9 @@ void Motion::at(double t, std::span<SetPoint> out) const {
   }
   const Segment& s = *std::prev(after);
   const double u = t - s.start_s;
-  if (u >= s.duration_s) {
-    for (std::size_t j = 0; j < start_.size(); ++j) out[j] = {s.to[j], 0};
+  if (u >= s.duration_s || !s.held_velocity.empty() || !s.held_torque.empty()) {
+    const auto of = [](const std::vector<double>& held, std::size_t j) { return held.empty() ? 0 : held[j]; };
+    for (std::size_t j = 0; j < start_.size(); ++j) out[j] = {s.to[j], of(s.held_velocity, j), of(s.held_torque, j)};
     return;
   }
   if (!s.to_velocity.empty()) {

@@ -6,12 +6,12 @@
 #include <vector>
 
 /// The set points of an arm as a pure function of time: a list of straight joint moves with trapezoidal speed,
-/// held samples of a recording, or cubics through samples of position and speed. Angles [rad] (slides [m]), speeds
-/// [rad/s], one entry per driven joint.
+/// held commands of a recording, or cubics through samples of position and speed. Angles [rad] (slides [m]), speeds
+/// [rad/s], torques [Nm; N] of the motor seen from the arm, one entry per driven joint.
 namespace tribotwin::twin {
 
 struct SetPoint {
-  double position_rad = 0, velocity_rad_s = 0;
+  double position_rad = 0, velocity_rad_s = 0, torque_nm = 0;
 };
 
 class Motion {
@@ -22,8 +22,9 @@ class Motion {
   /// needs longest sets the pace and runs at exactly its speed on the plateau, if there is one.
   Motion& move_to(std::vector<double> target_rad, std::span<const double> speed, std::span<const double> acceleration);
   Motion& dwell(double duration_s);
-  /// Appends a recorded set point: a jump, held until the next move.
-  Motion& hold_at(double time_s, std::vector<double> position_rad);
+  /// Appends recorded commands: a jump, held until the next move. Empty speeds and torques are 0.
+  Motion& hold_at(double time_s, std::vector<double> position_rad, std::vector<double> velocity_rad_s = {},
+                  std::vector<double> torque_nm = {});
   /// Appends the cubic from the end of the last such piece to a position and velocity at a time; without one before,
   /// from the start at time 0, at rest.
   Motion& pass_through(double time_s, std::vector<double> position_rad, std::vector<double> velocity_rad_s);
@@ -57,7 +58,8 @@ class Motion {
   struct Segment {
     double start_s, duration_s, ramp_s;
     std::vector<double> from, to;
-    std::vector<double> from_velocity, to_velocity;  ///< of cubics; else empty
+    std::vector<double> from_velocity, to_velocity;      ///< of cubics; else empty
+    std::vector<double> held_velocity{}, held_torque{};  ///< of recorded commands; may be empty
     bool operator==(const Segment&) const = default;
     double peak_rad_s(std::size_t joint) const;
   };

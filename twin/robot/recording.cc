@@ -60,9 +60,15 @@ Read read_json(const std::filesystem::path& file, const std::string& text) {
 /// Joints that have a set point or, where none has, a position: with the base unit, "rad" or "m".
 std::vector<std::pair<std::string, std::string>> joints_of(const Numbers& header, std::string_view quantity) {
   std::vector<std::pair<std::string, std::string>> joints;
-  for (const auto& name : header.names)
-    if (const auto column = parse_column(name); column && *column && (*column)->quantity->name == quantity)
-      joints.emplace_back((*column)->joint, base_unit((*column)->unit->dimension));
+  for (const auto& name : header.names) {
+    const auto column = parse_column(name);
+    if (!column || !*column || (*column)->quantity->name != quantity) continue;
+    using enum Dimension;
+    const Dimension dimension = (*column)->unit->dimension;
+    const bool slides = dimension == length || dimension == speed || dimension == force;
+    if (std::ranges::find(joints, (*column)->joint, [](const auto& j) { return j.first; }) == joints.end())
+      joints.emplace_back((*column)->joint, slides ? "m" : "rad");
+  }
   return joints;
 }
 
@@ -71,7 +77,9 @@ std::string column_of(std::string_view quantity, const std::string& joint, std::
   return fmt::format("{}_{}{}{}", quantity, joint, joint.empty() ? "" : "_", unit);
 }
 
-/// The columns of every joint: set point (or position), speed, and of a table with set points the measured ones.
+/// The columns of every joint: set point (or position), speed, and of a table with set points the commanded speed and
+/// torque and what was measured.
+constexpr std::size_t columns_each = 6;
 std::vector<std::string> wanted_columns(const std::vector<std::pair<std::string, std::string>>& joints, bool measured) {
   std::vector<std::string> wanted{"time_s"};
   for (const auto& [joint, unit] : joints) {
@@ -79,8 +87,20 @@ std::vector<std::string> wanted_columns(const std::vector<std::pair<std::string,
     wanted.push_back(column_of("velocity", joint, unit + "_s"));
     wanted.push_back(measured ? column_of("position", joint, unit) : "");
     wanted.push_back(column_of("temperature", joint, "degC"));
+    wanted.push_back(measured ? column_of("set_point", joint, unit + "_s") : "");
+    wanted.push_back(measured ? column_of("set_point", joint, unit == "rad" ? "nm" : "n") : "");
   }
   return wanted;
+}
+
+/// Why the columns of one quantity are not of every joint; empty where they are of all or none.
+std::string not_of_all(const std::vector<std::vector<double>>& columns, std::size_t joints, std::string_view what) {
+  if (columns.empty() || columns.size() == joints) return {};
+  return fmt::format("{} of {} joints have a {}; give it for all or none", columns.size(), joints, what);
+}
+
+void take(std::vector<double>& column, std::vector<std::vector<double>>& all) {
+  if (!column.empty()) all.push_back(std::move(column));
 }
 
 Read read_columns(const std::filesystem::path& file, const TableOptions& options) {
@@ -106,19 +126,25 @@ Read read_columns(const std::filesystem::path& file, const TableOptions& options
   SetPoints points{.time_s = std::move(table->columns[0])};
   points.notes = std::move(table->notes);
   for (std::size_t k = 0; k < joints.size(); ++k) {
-    auto* const of_joint = &table->columns[1 + 4 * k];
+    auto* const of_joint = &table->columns[1 + columns_each * k];
     if (!joints[k].first.empty()) points.joints.push_back(joints[k].first);
-    points.position_rad.push_back(std::move(of_joint[0]));
+    take(of_joint[0], points.position_rad);
     // Measured speeds are none of set points.
-    if (!measured && !of_joint[1].empty()) points.velocity_rad_s.push_back(std::move(of_joint[1]));
-    if (!measured) continue;
+    if (!measured) {
+      take(of_joint[1], points.velocity_rad_s);
+      continue;
+    }
+    take(of_joint[4], points.command_rad_s);
+    take(of_joint[5], points.command_nm);
     points.measured_rad.push_back(std::move(of_joint[2]));
     points.temperature_degC.push_back(std::move(of_joint[3]));
     points.temperature_degC.back().resize(points.time_s.size(), std::nan(""));
   }
-  if (!points.velocity_rad_s.empty() && points.velocity_rad_s.size() < joints.size())
-    return tl::unexpected(fmt::format("{}:1: {} of {} joints have a velocity; give it for all or none", file.string(),
-                                      points.velocity_rad_s.size(), joints.size()));
+  for (const auto& why : {not_of_all(points.velocity_rad_s, joints.size(), "velocity"),
+                          not_of_all(points.position_rad, joints.size(), "set point of position"),
+                          not_of_all(points.command_rad_s, joints.size(), "set point of speed"),
+                          not_of_all(points.command_nm, joints.size(), "set point of torque")})
+    if (!why.empty()) return tl::unexpected(fmt::format("{}:1: {}", file.string(), why));
   if (std::ranges::any_of(points.measured_rad, &std::vector<double>::empty))
     points.measured_rad.clear(), points.temperature_degC.clear();
   if (!points.measured_rad.empty()) points.torque_on.assign(points.time_s.size(), true);
@@ -131,6 +157,25 @@ Read read_set_points(const std::filesystem::path& file, const TableOptions& opti
   if (file.extension() != ".json") return read_columns(file, options);
   const auto text = read_text(file, "a recording");
   return text ? read_json(file, *text) : tl::unexpected(text.error());
+}
+
+Motion motion_of(const SetPoints& points, std::span<const std::size_t> drives, std::vector<double> start_rad,
+                 double delay_s) {
+  Motion motion(start_rad);
+  const auto fill = [&](const std::vector<std::vector<double>>& columns, std::size_t row, std::vector<double>& all) {
+    for (std::size_t k = 0; k < columns.size(); ++k) all[drives[k]] = columns[k][row];
+    return columns.empty() ? std::vector<double>{} : all;
+  };
+  std::vector<double> position = std::move(start_rad), velocity(position.size(), 0.0), torque = velocity;
+  for (std::size_t i = 0; i < points.time_s.size(); ++i) {
+    fill(points.position_rad, i, position);
+    const double time_s = points.time_s[i] - points.time_s[0] + delay_s;
+    if (points.velocity_rad_s.empty())
+      motion.hold_at(time_s, position, fill(points.command_rad_s, i, velocity), fill(points.command_nm, i, torque));
+    else
+      motion.pass_through(time_s, position, fill(points.velocity_rad_s, i, velocity));
+  }
+  return motion;
 }
 
 }  // namespace tribotwin::twin

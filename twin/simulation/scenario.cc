@@ -158,6 +158,7 @@ void read_baseline(Mapping& in, Scenario& s, const fs::path& folder, YAML::Node 
   if (!s.recording || s.recording->measured_rad.empty() ||
       !std::ranges::all_of(s.recording->measured_rad[0], [](double q) { return std::isfinite(q); }))
     in.fail("baseline", "needs a recording with measured positions in all entries");
+  if (s.recording->position_rad.empty()) in.fail("baseline", "follows positions, but the recording commands none");
   if ((*s.baseline)->nu != 1 || (*s.baseline)->nq != 1)
     in.fail("baseline", "its model must have one joint and one motor");
 }

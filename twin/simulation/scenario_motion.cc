@@ -39,23 +39,6 @@ std::vector<std::size_t> drives_of(const MotionInput& input, const SetPoints& po
   return {0};
 }
 
-Motion follow(const SetPoints& points, const std::vector<std::size_t>& drives, std::vector<double> start_rad,
-              double delay_s) {
-  Motion motion(start_rad);
-  std::vector<double> position = std::move(start_rad), velocity(position.size(), 0.0);
-  for (std::size_t i = 0; i < points.time_s.size(); ++i) {
-    for (std::size_t k = 0; k < drives.size(); ++k) position[drives[k]] = points.position_rad[k][i];
-    const double time = points.time_s[i] - points.time_s[0] + delay_s;
-    if (points.velocity_rad_s.empty()) {
-      motion.hold_at(time, position);
-      continue;
-    }
-    for (std::size_t k = 0; k < drives.size(); ++k) velocity[drives[k]] = points.velocity_rad_s[k][i];
-    motion.pass_through(time, position, velocity);
-  }
-  return motion;
-}
-
 /// The file, or the record in the folder of a run.
 fs::path recording_file(const MotionInput& input) {
   const fs::path given = (input.folder / input.in.text("file")).lexically_normal();
@@ -77,10 +60,11 @@ Motion read_recording(const MotionInput& input) {
   input.in.done();
   const auto drives = drives_of(input, points);
   for (std::size_t k = 0; k < drives.size(); ++k)
-    s.start_rad[drives[k]] = points.measured_rad.empty() || !std::isfinite(points.measured_rad[k][0])
-                                 ? points.position_rad[k][0]
-                                 : points.measured_rad[k][0];
-  Motion motion = follow(points, drives, s.start_rad, delay_s);
+    if (!points.measured_rad.empty() && std::isfinite(points.measured_rad[k][0]))
+      s.start_rad[drives[k]] = points.measured_rad[k][0];
+    else if (!points.position_rad.empty())
+      s.start_rad[drives[k]] = points.position_rad[k][0];
+  Motion motion = motion_of(points, drives, s.start_rad, delay_s);
   if (s.duration_s == 0) s.duration_s = points.time_s.back() - points.time_s[0];
   if (s.duration_s == 0)
     input.in.fail("file", "is a recording of a single instant, which lasts no time; give duration_s");

@@ -21,9 +21,11 @@ Overloaded(F...) -> Overloaded<F...>;  // clang 14 deduces none for aggregates
 /// Period at which growing faults are updated: growth is slow, and friction's coefficients stay cached in between.
 constexpr double growth_step_s = 1;
 
-/// Whether the control makes the drives follow the motion.
+/// Whether the control makes the drives follow the motion's positions.
 bool follows_motion(const Scenario& scenario) {
-  return scenario.motion && !std::holds_alternative<std::vector<double>>(scenario.control);
+  const auto* loops = std::get_if<CascadedOptions>(&scenario.control);
+  return scenario.motion && !std::holds_alternative<std::vector<double>>(scenario.control) &&
+         (!loops || loops->mode == DriveCommand::Mode::position);
 }
 
 /// Warnings of the engine that leave forces out but no state that is not finite; the health check counts them.

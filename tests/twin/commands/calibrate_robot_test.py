@@ -231,4 +231,182 @@ for key, value, says in (("kd", 5, "no controller here"), ("offset", 0.1, "joint
     with open(path("bench/m0.3.json")) as f:
         write("head.json", {**json.load(f), key: value})
     refused("a head with %s %g" % (key, value), bench, "files: bench/*.json", "files: head.json", key, says)
+
+
+# ---- Speeds and torques that were commanded in place of positions, and a servo whose gain bends.
+def commanded(unit):
+    """Smooth commands of 4 s for shoulder and elbow."""
+    t = np.arange(0, 4, 0.01)
+    size = 1 if unit == "rad_s" else 2.2
+    return t, [size * np.sin(3.1 * t) * (1 + 0.4 * np.sin(1.3 * t)), -0.5 * size * np.sin(4.3 * t + 0.4 * t * t)]
+
+
+def record_of(columns, made, t, commands, unit):
+    for joint, command in zip(("shoulder", "elbow"), commands):
+        columns["set_point_%s_%s" % (joint, unit)] = np.interp(made["time_s"], t, command)
+        columns["position_%s_rad" % joint] = made[joint + ".position_rad"] + random.normal(0, 5e-4, len(made))
+    return columns
+
+
+modes = (
+    ("velocity", "rad_s", "speed_gain_nm_s_rad: {shoulder: 2, elbow: 1}, integral_time_s: 0", {}),
+    ("torque", "nm", "torque_gain: {shoulder: 1, elbow: 0.9}", {"control.elbow.torque_gain": 0.9}),
+)
+for mode, unit, keys, also in modes:
+    t, commands = commanded(unit)
+    columns = {"time_s": t, **{"set_point_%s_%s" % (j, unit): c for j, c in zip(("shoulder", "elbow"), commands)}}
+    table(mode + "_commands.csv", columns)
+    gravity = ", gravity: false" if mode == "velocity" else ""
+    made = simulated(
+        mode + "_run",
+        "model: true.xml\nmotion: {type: recording, file: %s_commands.csv}\n" % mode,
+        "{type: %s, %s%s}" % (mode, keys, gravity),
+    )
+    table(mode + ".csv", record_of({"time_s": made["time_s"]}, made, t, commands, unit))
+    free = keys.replace("0.9", "{start: 1, low: 0.5, high: 1.5}")
+    fits = """recordings: {files: %s.csv}
+search: {starts: 1, evaluations: 120}
+correlation_s: 0.5
+control: {type: %s, %s}
+drive: {Fc: {start: 0.03, low: 0, high: 0.15}, Fv: {shoulder: 4e-4, elbow: 2.5e-4}, Fs: 0, vs: 10, alpha: 1}
+variants: [{label: arm, model: true.xml, law: stribeck}]
+""" % (
+        mode,
+        mode,
+        free,
+    )
+    write(mode + "_fit.yaml", fits)
+    r = run("calibrate", mode + "_fit.yaml", "-o", mode + "_found", "--json", "--threads", "2")
+    check("commanded %s: calibrated" % mode, r.returncode == 0 and r.stderr == "", r.stderr)
+    found = json.loads(r.stdout)["variants"][0]["all"]
+    check("down to the noise, %s" % mode, abs(found["learning_mae_mrad"] - 0.4) < 0.08, found["learning_mae_mrad"])
+    for name, value in {"drive.shoulder.Fc": 0.06, "drive.elbow.Fc": 0.04, **also}.items():
+        got = found["parameters"][name]
+        check("%s, %s within 3.5 sigma" % (mode, name), abs(got["value"] - value) < 3.5 * got["sigma"], got)
+        check("%s, %s: a sigma that says something" % (mode, name), 0 < got["sigma"] < 0.1 * value, got)
+    r = run("run", mode + "_found/arm.yaml", "-o", mode + "_again", "--quiet", "--set", "telemetry_rate_hz=100")
+    check("%s: the twin found runs" % mode, r.returncode == 0, r.stderr)
+    run("export", mode + "_again", "--csv")
+    again = np.genfromtxt(path(mode + "_again", "telemetry.csv"), delimiter=",", names=True, deletechars="")
+    n = min(len(again), len(made))
+    error = 1e3 * np.mean(np.abs(again["elbow.position_rad"][:n] - made["elbow.position_rad"][:n]))
+    check("%s: and moves as the true one" % mode, error < 1, error)
+    records = fits.replace(mode + ".csv", mode + "_run").replace(
+        "{start: 0.03, low: 0, high: 0.15}", "{shoulder: 0.06, elbow: 0.04}"
+    )
+    write("records.yaml", records.replace(free, keys))
+    r = run("calibrate", "records.yaml", "-o", mode + "_record", "--json", "--quiet")
+    check("the record of a run, commanded %s" % mode, r.returncode == 0, r.stderr)
+    mae = json.loads(r.stdout)["variants"][0]["all"]["learning_mae_mrad"]
+    check("%s: its twin is the same" % mode, mae < 1e-6, mae)
+    other = "torque" if mode == "velocity" else "velocity"
+    complete = "speed_gain_nm_s_rad: 1, integral_time_s: 0"
+    for name, type, gains, says in (
+        ("servo", "servo", "position_gain_1_s: 8, " + complete, "set_point_JOINT_rad,"),
+        ("default", "dc_position", "error_gain: 1, supply_V: 1, resistance_ohm: 1, kt_nm_A: 1, kp: 1", "_rad,"),
+        (other, other, complete if other == "velocity" else "torque_gain: 1", "set_point_JOINT_"),
+    ):
+        old = "control: {type: %s, %s}" % (mode, free)
+        new = "control: {type: %s, %s}" % (type, gains)
+        refused("%s, commanded %s" % (name, mode), fits, old, new, says, "type: %s" % mode, mode + ".csv")
+    key = "position_gain_1_s" if mode == "velocity" else "integral_time_s"
+    refused("an outer loop's key, " + mode, fits, "type: %s, " % mode, "type: %s, %s: 1, " % (mode, key), key, mode)
+
+# Speeds and torques beside positions are fed forward by a servo; positions beside speeds count nothing.
+t, speeds = commanded("rad_s")
+torques = commanded("nm")[1]
+goals = [np.concatenate([[0], np.cumsum(v[:-1]) * 0.01]) for v in speeds]
+columns = {"time_s": t}
+for j, joint in enumerate(("shoulder", "elbow")):
+    columns["set_point_%s_rad" % joint] = goals[j]
+    columns["set_point_%s_rad_s" % joint] = speeds[j]
+    columns["set_point_%s_nm" % joint] = torques[j]
+table("forward_commands.csv", columns)
+recording = "model: true.xml\nmotion: {type: recording, file: forward_commands.csv}\n"
+made = simulated("forward_run", recording, servo + ", gravity: false}")
+for joint in ("shoulder", "elbow"):
+    for unit in ("rad", "rad_s", "nm"):
+        columns["set_point_%s_%s" % (joint, unit)] = columns["set_point_%s_%s" % (joint, unit)][: len(made)]
+    columns["position_%s_rad" % joint] = made[joint + ".position_rad"][: len(t)]
+columns["time_s"] = t[: len(made)]
+table("forward.csv", columns)
+table("backward.csv", {k: c for k, c in columns.items() if not k.endswith(("rad_s", "nm"))})
+forward = (
+    """recordings: {files: forward.csv}
+search: {starts: 1, evaluations: 1}
+control: %s}
+variants: [{label: arm, model: true.xml, law: stribeck}]
+"""
+    % servo
+)
+mae = {}
+for files in ("forward.csv", "forward_run", "backward.csv"):
+    write("forward.yaml", forward.replace("forward.csv", files))
+    r = run("calibrate", "forward.yaml", "-o", "fed_" + files, "--json", "--quiet")
+    check("fed forward: " + files, r.returncode == 0 and r.stderr == "", r.stderr)
+    mae[files] = json.loads(r.stdout)["variants"][0]["all"]["learning_mae_mrad"]
+check("feed-forward counts", mae["forward.csv"] < 1e-3 and mae["forward_run"] < 1e-3 and mae["backward.csv"] > 50, mae)
+write("forward.yaml", forward.replace(servo, "{type: velocity, speed_gain_nm_s_rad: 2, integral_time_s: 0"))
+r = run("calibrate", "forward.yaml", "-o", "fed_velocity", "--json", "--quiet")
+check("what is not read is said", "set_point_JOINT_rad of forward.csv counts nothing" in r.stderr, r.stderr)
+
+refused("a torque gain without torques", fit, servo, servo + ", torque_gain: 1", "torque_gain", "set_point_JOINT_nm")
+for name, file, control, says in (
+    ("positions that are not there", "torque_commands.csv", servo + "}", ["follows positions", "type: torque"]),
+    ("speeds that are not there", "goals.csv", "{type: velocity}", ["is velocity", "set_point_JOINT_rad_s"]),
+    ("a gain of no loop", "velocity_commands.csv", "{type: velocity, position_gain_1_s: 1}", ["position_gain_1_s"]),
+):
+    write("no.yaml", "model: true.xml\nmotion: {type: recording, file: %s}\ncontrol: %s\n" % (file, control))
+    harness.check_refused("run refuses " + name, run("run", "no.yaml", "-o", "no"), ["no.yaml", *says])
+
+bends = "error_1_rad: 0.02, error_factor_1: 0.5, error_2_rad: 0.2, kp_1: 200, kp_factor_1: 0.8, kp_2: 600"
+goals = {"entries": [{"timestamp": x, "goal_position": g, "position": 0.0} for x, g in zip(np.arange(200) / 100, goal)]}
+write("goals.json", goals)
+made = simulated(
+    "bend_run",
+    "model: pendulum.xml\nmotion: {type: recording, file: goals.json}\n",
+    "{type: dc_position, %s, kt_nm_A: 0.36, %s}" % (firmware, bends),
+)
+positions = np.interp(np.arange(200) / 100, made["time_s"], made["hinge.position_rad"])
+for entry, q in zip(goals["entries"], positions):
+    entry["position"] = q + random.normal(0, 2e-4)
+write("bend.json", {**goals, "entries": goals["entries"][:-2]})
+bend = """recordings: {files: bend.json}
+search: {starts: 1, evaluations: 80}
+correlation_s: 0.2
+control: {%s, kt_nm_A: 0.36, %s}
+variants:
+  - {label: load, model: pendulum.xml, law: load, drive: {Fc0: 0.03, Fcl: 0.3, Fs0: 0, Fsl: 0.1, vs: 100, alpha: 1.4,
+      Fv: 3e-5}}
+""" % (
+    firmware,
+    bends.replace("factor_1: 0.5", "factor_1: {start: 1, low: 0.1, high: 2}"),
+)
+write("bend.yaml", bend)
+r = run("calibrate", "bend.yaml", "-o", "bend", "--json", "--quiet")
+check("a gain that bends", r.returncode == 0, r.stderr)
+found = json.loads(r.stdout or "{}")["variants"][0]["all"]
+got = found["parameters"]["control.error_factor_1"]
+check("its factor within 3.5 sigma", abs(got["value"] - 0.5) < max(3.5 * got["sigma"], 2e-3), got)
+check("and its sigma says something", 0 < got["sigma"] < 0.1, got)
+write("straight.yaml", bend[: bend.index(", error_1_rad")] + bend[bend.index("}\nvariants") :])
+r = run("calibrate", "straight.yaml", "-o", "straight", "--json", "--quiet")
+mae = json.loads(r.stdout)["variants"][0]["all"]["learning_mae_mrad"]
+evolution = bend.replace("starts: 1, evaluations: 80", "starts: 1, evaluations: 33, method: cma_es")
+write("evolution.yaml", evolution)
+found_by = []
+for threads in ("1", "3"):
+    r = run("calibrate", "evolution.yaml", "-o", "threads" + threads, "--json", "--quiet", "--threads", threads)
+    found_by.append(r.stdout)
+check("candidates in parallel: not a bit differs", r.returncode == 0 and found_by[0] == found_by[1] != "", found_by)
+check("a straight gain does not explain it", mae > 5 * found["learning_mae_mrad"], (mae, found["learning_mae_mrad"]))
+check("no gain", run("run", "bend/load.yaml", "-o", "bend_again", "--quiet").returncode == 0)
+for name, old, new, *says in (
+    ("a factor without its knot", "error_1_rad: 0.02, ", "", "error_factor_1", "error_1_rad"),
+    ("knots out of order", "error_2_rad: 0.2", "error_2_rad: 0.01", "error_2_rad", "above error_1_rad"),
+    ("a knot without the one before", "kp_1: 200, kp_factor_1: 0.8, ", "", "kp_2", "kp_1 is missing"),
+    ("a free knot", "error_2_rad: 0.2", "error_2_rad: {start: 0.2, low: 0.1, high: 1}", "error_2_rad", "known"),
+    ("a fifth knot", "error_2_rad", "error_5_rad", "error_5_rad", "did you mean"),
+):
+    refused(name, bend, old, new, *says)
 finish()

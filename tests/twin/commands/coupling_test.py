@@ -85,6 +85,40 @@ for name, arguments, motor in (
             check(f"{name}: {rotor}.{key}", near, (value, got[key]))
     check(f"{name}: predict", max(errors(arguments[0], "test.csv")) < 0.06, errors(arguments[0], "test.csv"))
 check("motor torques are predicted as those of joints", max(errors("wrist.xml", "test_motors.csv")) < 0.06)
+
+# The next experiment counts the motor as the fit does.
+found = fit("wrist.xml", "train.csv", "--coupling", SUM, "-o", "robot.yaml")["friction"]
+for name, arguments, motor in (
+    ("--coupling", ("wrist.xml", "--coupling", SUM, "--given", "train.csv"), "motor_roll"),
+    ("a tendon", ("belt.xml", "--given", "train.csv"), "m2"),
+    ("--params", ("wrist.xml", "--params", "robot.yaml"), "motor_roll"),
+):
+    r = run("excite", *arguments, "--evaluations", "20", "--heating", "0", "--json", "--quiet")
+    design = json.loads(r.stdout)["friction"]["parameters"]
+    for rotor in FRICTION:
+        for key in ("Fc", "Fv"):
+            one, sigma = design[(motor if rotor == "motor_roll" else rotor) + "." + key], found[rotor][key]["sigma"]
+            check(f"excite, {name}: {rotor}.{key}", 0.4 < one["sigma_before"] / sigma < 2.5, (one, sigma))
+            check(f"excite, {name}: better after", one["sigma_after"] < one["sigma_before"], one)
+none = json.loads(
+    run(
+        "excite",
+        "belt.xml",
+        "--friction",
+        "coulomb_viscous",
+        "--coupling",
+        "none",
+        "--evaluations",
+        "20",
+        "--heating",
+        "0",
+        "--json",
+        "--quiet",
+    ).stdout
+)
+check("excite, none", "m2.Fc" not in none["friction"]["parameters"], none)
+both = run("excite", "wrist.xml", "--coupling", SUM, "--params", "robot.yaml", code=2)
+check_refused("excite: two sources of the coupling", both, ["--coupling and --params"])
 check("none", "coupling" not in fit("belt.xml", "train.csv", "--coupling", "none"))
 
 for name, says, couplings in (

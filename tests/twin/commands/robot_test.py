@@ -450,6 +450,14 @@ write(
 s = json.loads(run("dynamics", "slide.xml", "slide.csv", "--json").stdout)
 mass, friction = s["base_parameters"]["cart.m"], s["friction"]["x"]
 check(
+    "the cut-off that was used, and one file", s["choice"]["cutoff_hz"] == 20 and s["between_files"] == 1, s["choice"]
+)
+check_refused(
+    "a friction that is none",
+    run("dynamics", "slide.xml", "slide.csv", "--friction", "atuo", code=2),
+    ["--friction 'atuo'", "did you mean 'auto'"],
+)
+check(
     "a slide's mass with its rotor, in kg",
     abs(mass["value"] - 3.5) < 4 * mass["sigma"] and mass["sigma"] < 0.01 and mass["unit"] == "kg",
     mass,

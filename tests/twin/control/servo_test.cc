@@ -56,6 +56,37 @@ TEST(DcPosition, DutyHasALimitAndARateOfEachDrive) {
   }
 }
 
+TEST(DcPosition, GainsBendAtTheirKnots) {
+  GainCurve curve;
+  EXPECT_EQ(curve(3), 1);
+  curve.at = {1, 2, 4, GainCurve::none[0]};
+  curve.factor = {0.5, GainCurve::none[0], 3, GainCurve::none[0]};
+  for (const auto& [x, factor] : {std::pair{0.0, 0.5}, {1.0, 0.5}, {1.5, 0.75}, {2.0, 1.0}, {3.0, 2.0}, {9.0, 3.0}})
+    EXPECT_DOUBLE_EQ(curve(x), factor) << x;
+  DcPositionOptions o{.kp = 3, .error_gain = 0.01, .supply_V = 10, .resistance_ohm = 2};
+  EXPECT_DOUBLE_EQ(dc_torque_nm(o, -1.5, 0), -3 * 0.01 * 1.5 * 10 / 2);
+  o.over_kp = o.over_error = curve;
+  EXPECT_DOUBLE_EQ(dc_torque_nm(o, -1.5, 0), -3 * 2 * 0.01 * 0.75 * 1.5 * 10 / 2);
+}
+
+TEST(Cascaded, FollowsWhatItsModeSays) {
+  const auto model = two_joints();
+  const auto d = model->make_data();
+  mj_forward(model->get(), d.get());
+  CascadedOptions o{.gravity = false, .per_drive = std::vector<LoopGains>(2)};
+  for (LoopGains& g : o.per_drive)
+    g = {.position_gain_1_s = 5, .integral_time_s = 0, .speed_gain_nm_s_rad = 0.01, .torque_gain = 0.5};
+  const SetPoint command{.position_rad = 1, .velocity_rad_s = 2, .torque_nm = 0.03};
+  const SetPoint commands[] = {command, command};
+  using Mode = DriveCommand::Mode;
+  for (const auto& [mode, torque_nm] :
+       {std::pair{Mode::position, 0.01 * (5 + 2) + 0.015}, {Mode::velocity, 0.01 * 2 + 0.015}, {Mode::torque, 0.015}}) {
+    o.mode = mode;
+    make_cascaded(*model, d.get(), o)->control(model->get(), d.get(), commands);
+    EXPECT_NEAR(d->ctrl[model->drives()[1].control] * model->drives()[1].gear, torque_nm, 1e-12);
+  }
+}
+
 TEST(DcPosition, AWarmWindingHasMoreResistance) {
   const auto model = two_joints();
   const auto d = model->make_data();

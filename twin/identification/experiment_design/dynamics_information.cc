@@ -12,25 +12,38 @@ namespace tribotwin::twin::identification {
 
 using Eigen::Index, Eigen::MatrixXd, Eigen::RowVectorXd, Eigen::VectorXd;
 
+double fastest_of(const Regressor& regressor, Index rotor, const VectorXd& speed) {
+  double fastest = 0;
+  for (Index j = 0; j < speed.size(); ++j) fastest += std::abs(regressor.turns(rotor, j)) * speed(j);
+  return fastest;
+}
+
 namespace {
 
-/// Below this share of its largest speed `dynamics` takes a joint to be at rest, and as long around it that the filter
-/// rings, in periods of the cut-off (joint_motion.hpp).
-constexpr double slow = 0.01, ringing_periods = 2;
-
-/// Whether the row of a joint counts in each state.
-std::vector<bool> counted(const MotionStates& states, Index joint, double slowest, double guard_s) {
+/// Whether a rotor is out of the reach of slow states in each state, by the rule of `dynamics` (SlowRows). The states
+/// of a design are so far apart that a reversal may lie between two of them.
+std::vector<bool> counted(const Regressor& regressor, const MotionStates& states, Index rotor, double slowest,
+                          double guard_s) {
   const Index n = states.size(), guard = static_cast<Index>(std::ceil(guard_s / states.step_s - 1e-9));
-  std::vector<bool> out(static_cast<std::size_t>(n), true);
+  std::vector<double> speed;
+  for (Index i = 0; i < n; ++i) speed.push_back(regressor.speed(rotor, states.qd.col(i)));
+  std::vector<bool> slow, reverses;
+  for (std::size_t i = 0; i < speed.size(); ++i) {
+    slow.push_back(std::abs(speed[i]) < slowest);
+    reverses.push_back(i + 1 < speed.size() && speed[i] * speed[i + 1] < 0);
+  }
+  std::vector<bool> out(speed.size(), true);
   for (Index i = 0; i < n; ++i) {
-    const double speed = states.qd(joint, i);
-    const bool reverses = i + 1 < n && speed * states.qd(joint, i + 1) < 0;
-    if (std::abs(speed) >= slowest && !reverses) continue;
-    for (Index k = std::max<Index>(0, i - guard + (reverses ? 1 : 0)); k <= std::min(n - 1, i + guard); ++k)
+    const auto at = static_cast<std::size_t>(i);
+    if (!slow[at] && !reverses[at]) continue;
+    for (Index k = std::max<Index>(0, i - guard + (slow[at] ? 0 : 1)); k <= std::min(n - 1, i + guard); ++k)
       out[static_cast<std::size_t>(k)] = false;
   }
   return out;
 }
+
+/// A parameter whose share of friction is below 0.1 % was fitted to nothing: 0, and what rounding left of it.
+constexpr double negligible = 0.01;
 
 /// rms over speeds up to `speed` and loads up to the law's unit, of friction and of its derivatives.
 std::pair<double, VectorXd> sizes_of(const JointFriction& f, const std::vector<double>& parameters, double speed) {
@@ -50,53 +63,62 @@ std::pair<double, VectorXd> sizes_of(const JointFriction& f, const std::vector<d
 
 DynamicsInformation::DynamicsInformation(const Regressor& regressor, const BaseParameters& base,
                                          const RobotFriction& friction, Settings settings)
-    : regressor_(regressor),
-      base_(base),
-      friction_(friction),
-      settings_(std::move(settings)),
-      armature_(regressor.model_parameters().tail(regressor.joints())) {
+    : regressor_(regressor), base_(base), friction_(friction), settings_(std::move(settings)) {
   const VectorXd scale = (base.from_all.cwiseAbs2() * inertial_scale(regressor).cwiseAbs2()).cwiseSqrt();
   for (Index k = 0; k < base.size(); ++k)
     parameters_.push_back(
         {base.parameters[static_cast<std::size_t>(k)].name, -1, settings_.parameters.base(k), scale(k)});
-  for (Index j = 0; j < regressor.joints(); ++j) {
-    const auto at = static_cast<std::size_t>(j);
-    const JointFriction& f = friction[at];
-    const auto& values = settings_.parameters.friction[at];
-    const auto [torque, by] = sizes_of(f, values, settings_.speed(j));
-    const auto conventions = f.reference_temperatures();
-    auto& place = place_.emplace_back();
-    for (Index p = 0; p < f.size(); ++p) {
-      const auto name = f.parameter(p).name;
-      if (std::ranges::find(conventions, name) != conventions.end()) {
-        place.push_back(-1);
-        continue;
-      }
-      const double value = values[static_cast<std::size_t>(p)];
-      place.push_back(size());
-      const double tenth = by(p) > 0 ? 0.1 * torque / by(p) + 1e-12 : 1;
-      parameters_.push_back({fmt::format("{}.{}", regressor.joint_name(j), name), j, value,
-                             value == 0            ? tenth
-                             : name == offset_name ? std::max(std::abs(value), tenth)
-                                                   : std::abs(value)});
+  for (Index r = 0; r < regressor.rotors(); ++r) add_friction(r);
+}
+
+void DynamicsInformation::add_friction(Index rotor) {
+  const auto at = static_cast<std::size_t>(rotor);
+  const JointFriction& f = friction_[at];
+  const auto& values = settings_.parameters.friction[at];
+  const auto [torque, by] = sizes_of(f, values, fastest_of(regressor_, rotor, settings_.speed));
+  const auto conventions = f.reference_temperatures();
+  auto& place = place_.emplace_back();
+  for (Index p = 0; p < f.size(); ++p) {
+    const auto name = f.parameter(p).name;
+    if (std::ranges::find(conventions, name) != conventions.end()) {
+      place.push_back(-1);
+      continue;
     }
+    const double value = values[static_cast<std::size_t>(p)];
+    place.push_back(size());
+    const double tenth = by(p) > 0 ? 0.1 * torque / by(p) + 1e-12 : 1;
+    const bool as_0 = std::abs(value) < negligible * tenth;
+    parameters_.push_back({fmt::format("{}.{}", regressor_.rotor_name(rotor), name), rotor, value,
+                           as_0                  ? tenth
+                           : name == offset_name ? std::max(std::abs(value), tenth)
+                                                 : std::abs(value)});
   }
 }
 
-void DynamicsInformation::add_row(Index joint, const VectorXd& qd, const VectorXd& qdd, double temperature_degC,
-                                  double weight, const MatrixXd& Y, Eigen::Ref<RowVectorXd> row) const {
-  const auto at = static_cast<std::size_t>(joint);
-  double rigid = 0;
-  for (Index k = 0; k < base_.size(); ++k) {
-    const double y = Y(joint, base_.independent[static_cast<std::size_t>(k)]);
-    rigid += y * settings_.parameters.base(k);
-    row(k) = weight * y * parameters_[static_cast<std::size_t>(k)].scale;
+MatrixXd DynamicsInformation::by_friction(const VectorXd& qd, const VectorXd& qdd, const VectorXd& temperature_degC,
+                                          const MatrixXd& Y) const {
+  const VectorXd rigid = Y(Eigen::all, base_.independent) * settings_.parameters.base;
+  MatrixXd by = MatrixXd::Zero(friction::max_parameters + 2, regressor_.rotors());
+  for (Index r = 0; r < regressor_.rotors(); ++r) {
+    const auto at = static_cast<std::size_t>(r);
+    friction_[at].torque(settings_.parameters.friction[at], regressor_.speed(r, qd), regressor_.load(r, rigid, qdd),
+                         temperature_degC(regressor_.joint_of(r)), by.col(r).data());
   }
-  double by[friction::max_parameters + 2];
-  friction_[at].torque(settings_.parameters.friction[at], qd(joint), rigid - armature_(joint) * qdd(joint),
-                       temperature_degC, by);
-  for (std::size_t p = 0; p < place_[at].size(); ++p)
-    if (const Index c = place_[at][p]; c >= 0) row(c) = weight * by[p] * parameters_[static_cast<std::size_t>(c)].scale;
+  return by;
+}
+
+void DynamicsInformation::fill(Index joint, double weight, const MatrixXd& Y, const MatrixXd& by,
+                               Eigen::Ref<RowVectorXd> row) const {
+  const auto scale = [&](Index c) { return parameters_[static_cast<std::size_t>(c)].scale; };
+  for (Index k = 0; k < base_.size(); ++k)
+    row(k) = weight * Y(joint, base_.independent[static_cast<std::size_t>(k)]) * scale(k);
+  for (Index r = 0; r < regressor_.rotors(); ++r) {
+    const double turns = regressor_.turns(r, joint);
+    if (turns == 0) continue;
+    const auto& place = place_[static_cast<std::size_t>(r)];
+    for (std::size_t p = 0; p < place.size(); ++p)
+      if (const Index c = place[p]; c >= 0) row(c) = weight * turns * by(static_cast<Index>(p), r) * scale(c);
+  }
 }
 
 namespace {
@@ -118,6 +140,7 @@ class Gram {
  private:
   static constexpr Index at_once = 256;
   void flush() {
+    if (used_ == 0) return;  // Eigen 3.4 divides by the number of rows
     sum_.selfadjointView<Eigen::Lower>().rankUpdate(rows_.topRows(used_).transpose());
     used_ = 0;
   }
@@ -128,21 +151,33 @@ class Gram {
 
 }  // namespace
 
+Eigen::Matrix<bool, Eigen::Dynamic, Eigen::Dynamic> DynamicsInformation::counting(const MotionStates& states) const {
+  Eigen::Matrix<bool, Eigen::Dynamic, Eigen::Dynamic> out;
+  out.setConstant(regressor_.joints(), states.size(), true);
+  for (Index r = 0; r < regressor_.rotors(); ++r) {
+    const double slowest = SlowRows::share * fastest_of(regressor_, r, settings_.speed);
+    const auto fast = counted(regressor_, states, r, slowest, SlowRows::periods / settings_.cutoff_hz);
+    for (Index j = 0; j < regressor_.joints(); ++j)
+      if (regressor_.turns(r, j) != 0)
+        for (Index i = 0; i < states.size(); ++i) out(j, i) = out(j, i) && fast[static_cast<std::size_t>(i)];
+  }
+  return out;
+}
+
 MatrixXd DynamicsInformation::of(const MotionStates& states, std::span<const VectorXd> temperatures_degC) const {
   Regressor regressor = regressor_;
-  const Index n = regressor.joints();
-  std::vector<std::vector<bool>> counts;
-  for (Index j = 0; j < n; ++j)
-    counts.push_back(counted(states, j, slow * settings_.speed(j), ringing_periods / settings_.cutoff_hz));
+  const auto counts = counting(states);
   const VectorXd weight = std::sqrt(2 * settings_.cutoff_hz * states.step_s) * settings_.noise.cwiseInverse();
   Gram gram(size());
   for (Index i = 0; i < states.size(); ++i) {
-    if (std::ranges::none_of(counts, [&](const auto& c) { return c[static_cast<std::size_t>(i)]; })) continue;
+    if (!counts.col(i).any()) continue;
     const VectorXd qd = states.qd.col(i), qdd = states.qdd.col(i);
     const MatrixXd& Y = regressor.at(states.q.col(i), qd, qdd);
-    for (Index j = 0; j < n; ++j)
-      if (counts[static_cast<std::size_t>(j)][static_cast<std::size_t>(i)])
-        for (const VectorXd& degC : temperatures_degC) add_row(j, qd, qdd, degC(j), weight(j), Y, gram.row());
+    for (const VectorXd& degC : temperatures_degC) {
+      const MatrixXd by = by_friction(qd, qdd, degC, Y);
+      for (Index j = 0; j < regressor.joints(); ++j)
+        if (counts(j, i)) fill(j, weight(j), Y, by, gram.row());
+    }
   }
   return gram.sum();
 }
@@ -155,8 +190,9 @@ MatrixXd DynamicsInformation::of(const JointMotion& motion) const {
     if (!motion.moving.col(i).any()) continue;
     const VectorXd qd = motion.qd.col(i), qdd = motion.qdd.col(i);
     const MatrixXd& Y = regressor.at(motion.q.col(i), qd, qdd);
+    const MatrixXd by = by_friction(qd, qdd, motion.temperature_degC.col(i), Y);
     for (Index j = 0; j < regressor.joints(); ++j)
-      if (motion.moving(j, i)) add_row(j, qd, qdd, motion.temperature_degC(j, i), weight(j), Y, gram.row());
+      if (motion.moving(j, i)) fill(j, weight(j), Y, by, gram.row());
   }
   return gram.sum();
 }

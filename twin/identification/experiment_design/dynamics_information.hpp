@@ -11,18 +11,23 @@
 
 namespace tribotwin::twin::identification {
 
+/// The largest speed of a rotor where each joint has its own.
+double fastest_of(const Regressor& regressor, Eigen::Index rotor, const Eigen::VectorXd& speed);
+
 /// A parameter of a robot's dynamics, and what its uncertainty is compared with.
 struct DesignParameter {
-  std::string name;     ///< "link2.Iyy", "joint1.Fc"
-  Eigen::Index joint;   ///< of friction; -1: a base parameter
-  double value, scale;  ///< scale > 0: |value| of friction, but what makes a tenth of it where that is 0 and at least
-                        ///< that of an offset; of base parameters their size by the model's bodies (inertial_scale)
+  std::string name;    ///< "link2.Iyy", "joint1.Fc"
+  Eigen::Index rotor;  ///< of friction, a joint's or a coupled motor's; -1: a base parameter
+  double value,
+      scale;  ///< scale > 0: |value| of friction, but what makes a tenth of it where that is about 0 and at least
+              ///< that of an offset; of base parameters their size by the model's bodies (inertial_scale)
 };
 
 /// What motions tell about base parameters and friction together: the information matrix, sum of w^2 r r' over the rows
 /// r of the linearised torque equations (dynamics.hpp), w = 1 / noise of the joint. The torques are filtered with
-/// `cutoff_hz`, of which 2 cutoff_hz samples per second are independent. Rows that `dynamics` leaves out have no
-/// information: slow ones, and two periods of the cut-off around a reversal. Parameters count in units of their scale.
+/// `cutoff_hz`, of which 2 cutoff_hz samples per second are independent. Rows that `dynamics` leaves out by default
+/// have no information (SlowRows); where it lets rows near reversals count, there is more. Parameters count in units of
+/// their scale.
 class DynamicsInformation {
  public:
   struct Settings {
@@ -50,16 +55,21 @@ class DynamicsInformation {
   Eigen::VectorXd sigmas(const Eigen::MatrixXd& information) const;
 
  private:
-  void add_row(Eigen::Index joint, const Eigen::VectorXd& qd, const Eigen::VectorXd& qdd, double temperature_degC,
-               double weight, const Eigen::MatrixXd& Y, Eigen::Ref<Eigen::RowVectorXd> row) const;
+  void add_friction(Eigen::Index rotor);
+  /// Whether the row of each joint counts in each state.
+  Eigen::Matrix<bool, Eigen::Dynamic, Eigen::Dynamic> counting(const MotionStates& states) const;
+  /// Derivatives of each rotor's friction [Nm; N] by its parameters, parameters x rotors.
+  Eigen::MatrixXd by_friction(const Eigen::VectorXd& qd, const Eigen::VectorXd& qdd,
+                              const Eigen::VectorXd& temperature_degC, const Eigen::MatrixXd& Y) const;
+  void fill(Eigen::Index joint, double weight, const Eigen::MatrixXd& Y, const Eigen::MatrixXd& by,
+            Eigen::Ref<Eigen::RowVectorXd> row) const;
 
   const Regressor& regressor_;
   const BaseParameters& base_;
   const RobotFriction& friction_;
   Settings settings_;
-  Eigen::VectorXd armature_;
   std::vector<DesignParameter> parameters_;
-  std::vector<std::vector<Eigen::Index>> place_;  ///< per joint, of its friction parameters; -1: a convention
+  std::vector<std::vector<Eigen::Index>> place_;  ///< per rotor, of its friction parameters; -1: a convention
 };
 
 }  // namespace tribotwin::twin::identification

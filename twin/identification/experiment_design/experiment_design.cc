@@ -58,12 +58,51 @@ void use_file(const DynamicsFile& file, const friction::LawInfo& law, Prior& pri
                                       file.law->name, law.name));
     return;
   }
-  for (std::size_t j = 0; j < prior.friction.size(); ++j) {
-    if (!file.left_out[j].empty()) continue;
-    auto& values = prior.settings.parameters.friction[j];
-    std::copy_n(file.parameters.friction[j].begin(), law.parameters.size(), values.begin());
-    if (file.directional.offset) values[law.parameters.size()] = file.parameters.friction[j][law.parameters.size()];
+  for (std::size_t r = 0; r < prior.friction.size(); ++r) {
+    if (r < file.left_out.size() && !file.left_out[r].empty()) continue;
+    auto& values = prior.settings.parameters.friction[r];
+    const auto& known = file.parameters.friction[r];
+    std::copy_n(known.begin(), law.parameters.size(), values.begin());
+    if (file.directional.offset && values.size() > law.parameters.size() && known.size() > law.parameters.size())
+      values[law.parameters.size()] = known[law.parameters.size()];
   }
+}
+
+/// Whether friction with these numbers is that of the fit where it was recorded, within a quarter, and not another by
+/// a factor of four when it is warmer: numbers of a fit and of typical friction, each plausible, may not go together.
+bool go_together(const JointFriction& f, const std::vector<double>& values, const std::vector<double>& fitted,
+                 double fastest, double recorded_degC) {
+  double error = 0, size = 0;
+  for (const double share : {0.05, 0.1, 0.2, 0.4, 0.7, 1.0})
+    for (const double load : {0.0, 0.5}) {
+      const auto at = [&](const std::vector<double>& p, double degC) {
+        return f.torque(p, share * fastest, load * f.scales().torque_max_nm, degC) - f.offset(p);
+      };
+      const double torque = at(values, recorded_degC), warm = at(values, recorded_degC + wanted_rise_K);
+      error += std::pow(torque - at(fitted, recorded_degC), 2), size += std::pow(at(fitted, recorded_degC), 2);
+      if (!(std::abs(warm) < 4 * std::abs(torque)) || !(std::abs(torque) < 4 * std::abs(warm))) return false;
+    }
+  return error < 0.25 * 0.25 * size;
+}
+
+/// The numbers of a rotor about which to linearise: those that the fit knows to half their value beside typical ones,
+/// or else all of the fit; the typical ones where neither makes up friction.
+std::vector<double> about(const JointFriction& f, const std::vector<Estimate>& fit, const std::vector<double>& typical,
+                          double fastest, double recorded_degC, const std::string& name,
+                          std::vector<std::string>& notes) {
+  std::vector<double> some = typical, all;
+  for (std::size_t p = 0; p < fit.size(); ++p) {
+    if (fit[p].sigma < 0.5 * std::abs(fit[p].value)) some[p] = fit[p].value;
+    all.push_back(fit[p].value);
+  }
+  all.resize(typical.size(), 0.0);
+  if (go_together(f, some, all, fastest, recorded_degC)) return some;
+  if (go_together(f, all, all, fastest, recorded_degC)) return all;
+  notes.push_back(
+      fmt::format("{}: what the recordings tell of its friction makes up no curve that is possible when "
+                  "warm; typical friction is assumed",
+                  name));
+  return typical;
 }
 
 /// Identifies the recordings: their noise, correlated in time as it is, and the numbers that they tell.
@@ -81,9 +120,13 @@ void use_recordings(const Regressor& regressor, const BaseParameters& base, cons
     prior.settings.noise(static_cast<Index>(j)) =
         fit->joints[j].noise *
         std::sqrt(std::max(1.0, fit->joints[j].correlation * 2 * recorded.cutoff_hz * recorded.period_s));
-    for (std::size_t p = 0; p < fit->friction[j].size(); ++p)
-      if (const Estimate& e = fit->friction[j][p]; e.sigma < 0.5 * std::abs(e.value))
-        prior.settings.parameters.friction[j][p] = e.value;
+  }
+  for (std::size_t r = 0; r < fit->friction.size(); ++r) {
+    const auto rotor = static_cast<Index>(r), joint = regressor.joint_of(rotor);
+    if (fit->joints[static_cast<std::size_t>(joint)].samples == 0) continue;
+    auto& values = prior.settings.parameters.friction[r];
+    values = about(prior.friction[r], fit->friction[r], values, fastest_of(regressor, rotor, prior.settings.speed),
+                   recorded.temperature_degC.row(joint).mean(), regressor.rotor_name(rotor), prior.notes);
   }
   for (Index k = 0; k < base.size(); ++k)
     if (const Estimate& e = fit->base[static_cast<std::size_t>(k)]; std::isfinite(e.sigma))
@@ -95,12 +138,15 @@ Result<Prior> prior_of(const mujoco::Model& model, const Regressor& regressor, c
   const VectorXd typical_nm = typical_torque(regressor, limits);
   auto friction = robot_friction(model, regressor, *input.law, beside, torque_max(input, typical_nm));
   if (!friction) return tl::unexpected(friction.error());
-  auto values = typical_friction(model, *friction, limits, typical_nm);
+  auto values = typical_friction(model, regressor, *friction, limits, typical_nm);
   if (!values) return tl::unexpected(values.error());
   VectorXd torque_nm = typical_nm;
-  for (std::size_t j = 0; j < friction->size(); ++j)
-    torque_nm(static_cast<Index>(j)) +=
-        std::abs((*friction)[j].torque((*values)[j], 0.5 * limits.speed(static_cast<Index>(j)), 0, 20));
+  for (Index r = 0; r < regressor.rotors(); ++r) {
+    const auto at = static_cast<std::size_t>(r);
+    const double half = 0.5 * fastest_of(regressor, r, limits.speed),
+                 torque = std::abs((*friction)[at].torque((*values)[at], half, 0, 20));
+    for (Index j = 0; j < regressor.joints(); ++j) torque_nm(j) += std::abs(regressor.turns(r, j)) * torque;
+  }
   Prior out{
       .friction = std::move(*friction),
       .settings = {.parameters = {.base = base.from_all * regressor.model_parameters(), .friction = std::move(*values)},
@@ -127,7 +173,8 @@ MatrixXd information_before(const DynamicsInformation& information, const Design
   RobotParameters sigma{.base = file.sigma.base, .friction = {}};
   for (const auto& joint : file.sigma.friction) {
     auto& sigmas = sigma.friction.emplace_back(own + 1, std::numeric_limits<double>::quiet_NaN());
-    if (file.law == input.law) std::copy_n(joint.begin(), own + file.directional.offset, sigmas.begin());
+    if (file.law == input.law)
+      std::copy_n(joint.begin(), std::min(std::ssize(joint), own + file.directional.offset), sigmas.begin());
   }
   return out + information.of_sigmas(sigma);
 }
@@ -139,13 +186,14 @@ VectorXd heat_of(const MotionStates& states, const Regressor& regressor, const P
   VectorXd out = VectorXd::Zero(regressor.joints());
   for (Index i = 0; i < states.size(); ++i) {
     const VectorXd rigid = own.at(states.q.col(i), states.qd.col(i), states.qdd.col(i)) * phi;
-    for (Index j = 0; j < out.size(); ++j) {
-      const auto at = static_cast<std::size_t>(j);
+    for (Index r = 0; r < regressor.rotors(); ++r) {
+      const auto at = static_cast<std::size_t>(r);
       const auto& values = prior.settings.parameters.friction[at];
-      if (const double speed = states.qd(j, i); speed != 0)
-        out(j) += speed *
-                  (prior.friction[at].torque(values, speed, rigid(j), degC(j)) - prior.friction[at].offset(values)) /
-                  static_cast<double>(states.size());
+      const Index j = regressor.joint_of(r);
+      const double speed = regressor.speed(r, states.qd.col(i)), load = regressor.load(r, rigid, states.qdd.col(i));
+      if (speed == 0) continue;
+      const double torque = prior.friction[at].torque(values, speed, load, degC(j)) - prior.friction[at].offset(values);
+      out(j) += speed * torque / static_cast<double>(states.size());
     }
   }
   return out.cwiseMax(0);
@@ -170,6 +218,24 @@ WarmUp warmed(const VectorXd& heat_w, std::span<const thermal::Model> models, Wa
     out.duration_s += minute_s;
   }
   for (std::size_t j = 0; j < models.size(); ++j) out.warm_degC(static_cast<Index>(j)) += rise[j].total_K();
+  return out;
+}
+
+/// The loads that a motion puts on each rotor's gear, lowest and highest, in the unit of the law.
+std::vector<std::pair<double, double>> loads_of(const MotionStates& states, const Regressor& regressor,
+                                                const RobotFriction& friction) {
+  Regressor own = regressor;
+  const VectorXd phi = regressor.model_parameters();
+  std::vector<std::pair<double, double>> out(friction.size());
+  for (Index i = 0; i < states.size(); ++i) {
+    const VectorXd rigid = own.at(states.q.col(i), states.qd.col(i), states.qdd.col(i)) * phi;
+    for (Index r = 0; r < regressor.rotors(); ++r) {
+      const auto at = static_cast<std::size_t>(r);
+      const double load = regressor.load(r, rigid, states.qdd.col(i)) / friction[at].scales().torque_max_nm;
+      if (i == 0) out[at] = {load, load};
+      out[at] = {std::min(out[at].first, load), std::max(out[at].second, load)};
+    }
+  }
   return out;
 }
 
@@ -215,10 +281,12 @@ Result<ExperimentDesign> design_experiment(const mujoco::Model& model, const Reg
                        .noise_source = prior->noise_source,
                        .cutoff_hz = prior->settings.cutoff_hz,
                        .warm_up = {},
+                       .loads = {},
                        .notes = std::move(prior->notes)};
   if (two) out.warm_up = warm_up_of(out.motion, regressor, *prior, cold);
-  out.after = information.sigmas(
-      known + of(out.motion.states(step_s, out.motion.duration_s()), two ? out.warm_up->warm_degC : cold));
+  const MotionStates states = out.motion.states(step_s, out.motion.duration_s());
+  if (input.law->load_dependent) out.loads = loads_of(states, regressor, out.friction);
+  out.after = information.sigmas(known + of(states, two ? out.warm_up->warm_degC : cold));
   return out;
 }
 

@@ -2,6 +2,7 @@
 
 #include <optional>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include <Eigen/Dense>
@@ -38,6 +39,8 @@ struct ExperimentDesign {
   std::string noise_source = {};
   double cutoff_hz = 0;
   std::optional<WarmUp> warm_up = {};  ///< of laws that depend on temperature
+  /// Of laws that depend on load, per rotor: the lowest and highest load of the motion, gear torque over torque_max.
+  std::vector<std::pair<double, double>> loads = {};
   std::vector<std::string> notes = {};
 
   /// Whether the 95 % interval, 3.92 sigma, is narrower than the parameter's scale.

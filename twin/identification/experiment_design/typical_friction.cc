@@ -5,6 +5,7 @@
 #include <fmt/format.h>
 
 #include <tribotwin/twin/identification/curves/fit.hpp>
+#include <tribotwin/twin/identification/experiment_design/dynamics_information.hpp>
 #include <tribotwin/twin/identification/experiment_design/typical_friction.hpp>
 #include <tribotwin/twin/numerics/cma_es.hpp>
 #include <tribotwin/twin/robot/arm.hpp>
@@ -67,24 +68,26 @@ Samples samples_of(const JointFriction& f, const mujoco::Binding* drive, double 
 
 }  // namespace
 
-Result<std::vector<std::vector<double>>> typical_friction(const mujoco::Model& model, const RobotFriction& friction,
-                                                          const MotionLimits& limits, const VectorXd& torque_nm) {
+Result<std::vector<std::vector<double>>> typical_friction(const mujoco::Model& model, const Regressor& regressor,
+                                                          const RobotFriction& friction, const MotionLimits& limits,
+                                                          const VectorXd& torque_nm) {
   std::vector<std::vector<double>> out;
   for (std::size_t j = 0; j < friction.size(); ++j) {
     const JointFriction& f = friction[j];
-    const auto found = std::ranges::find(model.drives(), static_cast<int>(j), &mujoco::Binding::dof);
-    const mujoco::Binding* drive = found == model.drives().end() ? nullptr : &*found;
+    const auto rotor = static_cast<Index>(j);
+    const Index joint = regressor.joint_of(rotor);
+    const auto found = std::ranges::find(model.drives(), static_cast<int>(joint), &mujoco::Binding::dof);
+    const mujoco::Binding* drive = found == model.drives().end() || regressor.is_coupled(rotor) ? nullptr : &*found;
     auto& values = out.emplace_back(static_cast<std::size_t>(f.size()), 0.0);
     if (drive && drive->drive.law.info == &f.law()) {
       std::ranges::copy(drive->drive.law.values(), values.begin());
       continue;
     }
-    const auto at = static_cast<Index>(j);
+    const double fastest = fastest_of(regressor, rotor, limits.speed);
     FitOptions options;
     for (const std::string_view name : f.reference_temperatures()) options.fixed.emplace_back(name, 20);
-    const auto fitted =
-        fit(f.law(), samples_of(f, drive && drive->drive.law.info ? drive : nullptr, limits.speed(at), torque_nm(at)),
-            options);
+    const auto fitted = fit(
+        f.law(), samples_of(f, drive && drive->drive.law.info ? drive : nullptr, fastest, torque_nm(joint)), options);
     if (!fitted)
       return tl::unexpected(work_failed(fmt::format("law '{}' does not take the shape of typical friction: {}",
                                                     f.law().name, fitted.error().message)));

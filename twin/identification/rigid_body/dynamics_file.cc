@@ -148,13 +148,15 @@ std::string to_yaml(const DynamicsFit& fit, const BaseParameters& base, const fr
          std::string(out.c_str()) + "\n";
 }
 
-Result<const friction::LawInfo*> dynamics_law(const std::string& name, const std::string& where) {
+Result<const friction::LawInfo*> dynamics_law(const std::string& name, const std::string& where,
+                                              std::string_view also) {
   std::vector<const friction::LawInfo*> laws{&coulomb_viscous(), &coulomb_viscous_load(), &coulomb_viscous_stribeck(),
                                              &coulomb_viscous_load_stribeck()};
   for (const auto& law : friction::laws()) laws.push_back(&law);
   if (const auto law = std::ranges::find(laws, name, &friction::LawInfo::name); law != laws.end()) return *law;
   std::vector<std::string_view> names;
   for (const auto* law : laws) names.push_back(law->name);
+  if (!also.empty()) names.push_back(also);
   return tl::unexpected(Error(fmt::format("{} '{}': no such friction; did you mean '{}'? There are {}", where, name,
                                           nearest(name, names), joined(names))));
 }

@@ -49,6 +49,7 @@ Result<DynamicsFile> read_dynamics(const std::filesystem::path& file, const Regr
 Result<std::vector<CoupledMotor>> read_coupling(const std::filesystem::path& file, const Regressor& robot);
 
 /// coulomb_viscous or a law of friction::laws(). ErrorKind::input: "WHERE 'NAME': ..." with the names there are.
-Result<const friction::LawInfo*> dynamics_law(const std::string& name, const std::string& where);
+Result<const friction::LawInfo*> dynamics_law(const std::string& name, const std::string& where,
+                                              std::string_view also = {});
 
 }  // namespace tribotwin::twin::identification

@@ -18,7 +18,7 @@ namespace {
 using Eigen::Index, Eigen::MatrixXd, Eigen::VectorXd;
 
 /// Below this share of its largest speed a joint may stick: no sliding friction.
-constexpr double slow = 0.01;
+constexpr double slow = SlowRows::share;
 /// Nor below this many standard deviations of the speed's noise, as long as that leaves speeds to look at.
 constexpr double above_noise = 4, slow_with_noise = 0.1;
 /// Of a joint's range in the recordings: less in one direction may be within the bristles of its friction, or the last
@@ -119,7 +119,8 @@ Result<Filtering> filtering_of(const RobotRecording& rec, const Stretch& s, cons
         Error(fmt::format("{}: is sampled at {:.4g} Hz; the cut-off must be below {:.4g} Hz, it is {:g}",
                           rec.file.string(), rate, 0.45 * rate, cutoff)));
   const double settling = preparation.narrowest_hz > 0 ? preparation.narrowest_hz : cutoff,
-               widest = preparation.widest_hz > 0 ? preparation.widest_hz : cutoff;
+               widest = preparation.widest_hz > 0 ? preparation.widest_hz : cutoff,
+               guard = SlowRows::periods * rate / settling;
   const Index every = preparation.decimation
                           ? preparation.decimation
                           : std::max<Index>(1, static_cast<Index>(std::floor(rate / (5 * widest) + 1e-6)));
@@ -131,8 +132,7 @@ Result<Filtering> filtering_of(const RobotRecording& rec, const Stretch& s, cons
       .edge = static_cast<Index>(std::ceil(ringing * rate / settling)),
       .beside_rest = static_cast<Index>(std::ceil(preparation.rest_periods * rate / settling)),
       .longest_turn = static_cast<Index>(longest_turn * rate / std::max(cutoff, widest)),
-      .beside_slow =
-          preparation.reversals ? 0 : static_cast<Index>(std::ceil(2 * rate / settling / static_cast<double>(every)))};
+      .beside_slow = preparation.reversals ? 0 : static_cast<Index>(std::ceil(guard / static_cast<double>(every)))};
 }
 
 /// The samples of one joint in a stretch, filtered where they are noisy.

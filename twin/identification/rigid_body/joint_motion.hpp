@@ -14,6 +14,12 @@
 /// Recordings, prepared for the identification of the dynamics.
 namespace tribotwin::twin::identification {
 
+/// Rows that `prepare` leaves out by default, and that a design counts for nothing: those within so many periods of the
+/// cut-off of a time at which a rotor is below this share of its largest speed.
+struct SlowRows {
+  static constexpr double share = 0.01, periods = 2;
+};
+
 struct Preparation {
   double cutoff_hz = 0;     ///< of the zero-phase low-pass on positions and torques; 0: 20 Hz, at most a fifth of the
                             ///< sampling rate
