@@ -1,6 +1,6 @@
-"""Issue 21: on recordings with the defects of seven real ones, `dynamics --friction auto` predicts another motion within
-5 % of the best setting that somebody with that motion at hand chooses. Arguments: tribotwin, names of cases (all). By
-hand: TRIBOTWIN_SEED=2 for other noise, motions and models."""
+"""Issue 21: on recordings with the defects of seven real ones, `dynamics --friction auto` predicts another motion
+within 5 % of the best setting that somebody with that motion at hand chooses. Arguments: tribotwin, names of cases
+(all). By hand: TRIBOTWIN_SEED=2 for other noise, motions and models."""
 import json
 import os
 import sys
@@ -57,7 +57,7 @@ class Case:
         return self
 
     def predicted(self, options, prepared, lag_s):
-        """Torques of the test, joints x samples, by the fit with these options; None where it or the test is refused."""
+        """Torques of the test, joints x samples, by the fit with these options; None where something is refused."""
         files = [f"{self.name}_{prepared}train{k}.csv" for k in range(len(self.training))]
         for arguments in (
             ["dynamics", f"{self.name}.xml", *files, *options, "--json", "-o", "params.yaml"],
@@ -160,7 +160,8 @@ def wrist():
     ]
     belt = (
         '<tendon><fixed name="belt" frictionloss="1.6" damping=".5" solreffriction=".002 1"'
-        ' solimpfriction=".999 .999 .001 .5 2"><joint joint="j2" coef="1"/><joint joint="j3" coef="1"/></fixed></tendon>'
+        ' solimpfriction=".999 .999 .001 .5 2">'
+        '<joint joint="j2" coef="1"/><joint joint="j3" coef="1"/></fixed></tendon>'
     )
     law = dict(Fc=0.03, Fs=0.01, Fv=1.5e-4, vs=8, alpha=1.3)
     robot = mjcf(links, [drive("stribeck", m, 60, **law) for m in (60, 20, 12)], belt)
@@ -215,7 +216,8 @@ for name in sys.argv[2:] or CASES:
     best, words = min(by_hand)
     worst = max(error for error, _ in by_hand if np.isfinite(error))
     print(
-        f"{name}: auto {100 * auto:.2f} %, by hand {100 * best:.2f} .. {100 * worst:.2f} %; best: {words}; auto: {taken}"
+        f"{name}: auto {100 * auto:.2f} %, by hand {100 * best:.2f} .. {100 * worst:.2f} %; best: {words}; "
+        f"auto: {taken}"
     )
     check(f"{name}: auto is {auto / best:.3f} of the best by hand", auto <= ALLOWED * best)
     check(f"{name}: the choice matters", worst > 1.2 * best, (best, worst))
