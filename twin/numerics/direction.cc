@@ -10,8 +10,9 @@ double direction_of(double speed) { return std::copysign(1, speed); }
 
 /// Fills the turn [first, last) between samples in motion or ends.
 void turn(std::span<const double> speed, std::size_t first, std::size_t last, std::vector<double>& direction) {
-  const double before = first > 0 ? direction[first - 1] : direction_of(speed.front()),
-               after = direction_of(last < speed.size() ? speed[last] : speed.back());
+  const double before =
+      first > 0 ? direction[first - 1] : direction_of(last < speed.size() ? speed[last] : speed.front());
+  const double after = direction_of(last < speed.size() ? speed[last] : before);
   std::size_t change = first;
   if (before != after) {
     std::size_t left = first, back = last;  // where `before` ends for the first time, and for the last
@@ -20,16 +21,6 @@ void turn(std::span<const double> speed, std::size_t first, std::size_t last, st
     change = (left + back) / 2;
   }
   for (std::size_t i = first; i < last; ++i) direction[i] = i < change ? before : after;
-}
-
-void rest(std::span<const double> speed, std::size_t first, std::size_t last, Sliding& out) {
-  const bool between = first > 0 && last < speed.size();
-  const double before = between ? out.direction[first - 1] : 0, after = between ? direction_of(speed[last]) : 0;
-  for (std::size_t i = first; i < last; ++i) {
-    out.rest[i] = true;
-    out.direction[i] =
-        before + (after - before) * (static_cast<double>(i - first) + 0.5) / static_cast<double>(last - first);
-  }
 }
 
 std::vector<bool> moving(std::span<const double> speed, double slow, double far) {
@@ -58,10 +49,10 @@ Sliding sliding_of(std::span<const double> speed, double slow, double far, std::
     }
     const std::size_t first = i;
     while (i < speed.size() && !moves[i]) ++i;
-    if (i - first <= longest_turn)
-      turn(speed, first, i, out.direction);
-    else
-      rest(speed, first, i, out);
+    turn(speed, first, i, out.direction);
+    if (i - first > longest_turn)
+      std::fill(out.rest.begin() + static_cast<std::ptrdiff_t>(first),
+                out.rest.begin() + static_cast<std::ptrdiff_t>(i), true);
   }
   return out;
 }

@@ -1,5 +1,9 @@
 #include <algorithm>
 #include <cmath>
+#include <limits>
+#include <map>
+#include <optional>
+#include <set>
 #include <utility>
 
 #include <fmt/format.h>
@@ -15,11 +19,20 @@ using Eigen::Index, Eigen::VectorXd;
 /// Cut-offs as shares of the widest, widest first.
 constexpr double narrower[] = {0.7, 0.5, 0.35, 0.25};
 /// Settings that better the error by less are not worth their complexity.
-constexpr double least_gain = 0.002;
+constexpr double least_gain = 0.003;
+/// ... or by fewer standard errors, as many settings are compared.
+constexpr double enough_sigmas = 2.5;
+/// A prior that worsens it by less is taken.
+constexpr double as_good = 0.02;
+/// Settings that worsen it by so much and so many standard errors are not tried again after another was taken.
+constexpr double hopeless = 0.1, hopeless_sigmas = 4;
 /// A coupled motor is a claim about the robot's mechanics, and several are tried: only where much speaks for it.
 constexpr double coupled_gain = 0.02, coupled_sigmas = 4;
 constexpr unsigned most_folds = 10, folds_of_time = 12;
 constexpr Index stretch_count = 40;
+/// Of the top speed of each joint, within which friction may fall.
+constexpr double stribeck_shares[] = {0.02, 0.05, 0.1, 0.2, 0.4};
+constexpr double enough_samples = 30;
 
 class Chooser {
  public:
@@ -38,13 +51,13 @@ class Chooser {
   Result<DynamicsChoice> run() && {
     if (auto ok = start(); !ok) return tl::unexpected(ok.error());
     if (!decided_.coupling && regressor_.motors().empty()) choose_coupling();
-    choose_signals();
-    choose_rigid();
-    choose_friction();
-    choose_rigid();  // again, under the friction that was found
-    choose_cutoff();
+    search();
+    if (take_prior()) search();
+    refine_stribeck();
+    simplify();
     // The fit itself takes as many samples, up to ends and rests, as its own cut-off allows.
     out_.setting.signals.widest_hz = out_.setting.signals.narrowest_hz = 0;
+    out_.fit = std::move(best_.fit);
     return std::move(out_);
   }
 
@@ -103,44 +116,275 @@ class Chooser {
   Result<HeldOut> error_of(const Setting& s, const JointMotion& motion) const {
     const auto friction = friction_of(model_, regressor_, s, torque_max_nm_, target_.motion);
     if (!friction) return tl::unexpected(friction.error());
-    return held_out(regressor_, base_, *friction, motion, s, target_, out_.folds, threads_);
+    const bool alike = best_.fit.base.size() == static_cast<std::size_t>(base_.size()) &&
+                       best_.fit.friction.size() == static_cast<std::size_t>(regressor_.rotors());
+    return held_out(regressor_, base_, *friction, motion, s, target_, out_.folds, alike ? &best_.fit : nullptr,
+                    threads_);
   }
 
-  /// Takes the setting where it is better by more than `gain` and so many standard errors.
-  bool attempt(std::string what, const Setting& setting, const JointMotion& motion, double gain = least_gain,
-               double sigmas = 2) {
+  /// A setting to try.
+  struct Candidate {
+    std::string what;
+    Setting setting;
+  };
+  /// One that was tried: its place in the table of trials, and what it takes to go on from it.
+  struct Tried {
+    Candidate candidate;
+    std::size_t trial;
+    JointMotion motion;
+    HeldOut found;
+    Comparison comparison;
+  };
+
+  /// Nothing where it failed.
+  std::optional<Tried> tried(Candidate candidate) {
     ++done_;
-    if (progress_) progress_(std::min(0.99, done_ / 38.0));
-    Trial trial{.what = std::move(what), .rms = {}, .failure = {}, .remark = {}};
-    const auto found = error_of(setting, motion);
-    if (!found) {
+    if (progress_) progress_(std::min(0.99, 1 - std::exp(-done_ / 25.0)));
+    Trial trial{.what = candidate.what, .change = std::nan(""), .rms = {}, .failure = {}, .remark = {}};
+    auto motion = motion_of(candidate.setting.signals);
+    auto found = motion ? error_of(candidate.setting, *motion) : tl::unexpected(motion.error());
+    if (!found)
       trial.failure = found.error().message;
-      trial.change = std::nan("");
-    } else if (!found->rms.allFinite()) {
+    else if (!found->rms.allFinite())
       trial.failure = "no finite prediction";
-      trial.change = std::nan("");
-    } else {
-      const Comparison c = compared(*found, best_);
+    else
+      trial.failure = driving(found->fit);
+    Comparison c;
+    if (trial.failure.empty()) {
+      c = compared(*found, best_);
       trial.change = c.change, trial.sigma = c.sigma, trial.rms = found->rms;
-      trial.taken = c.change < -std::max(gain, sigmas * c.sigma);
-      trial.remark = remark_of(setting, out_.setting, c);
-    }
-    if (trial.taken) {
-      best_ = *found;
-      out_.setting = setting;
-      if (&motion != &motion_) motion_ = motion;
+      trial.remark = remark_of(candidate.setting, out_.setting, c);
     }
     out_.trials.push_back(std::move(trial));
-    return out_.trials.back().taken;
+    if (!out_.trials.back().failure.empty()) return std::nullopt;
+    return Tried{std::move(candidate), out_.trials.size() - 1, *std::move(motion), *std::move(found), c};
   }
 
-  bool attempt_signals(std::string what, const Preparation& signals) {
+  /// What is impossible in a fit: friction near rest that drives the motion, by more than its sigma; else empty.
+  std::string driving(const DynamicsFit& fit) const {
+    for (Index r = 0; r < regressor_.joints(); ++r) {
+      double level = 0, variance = 0;
+      for (const Estimate& e : fit.friction[static_cast<std::size_t>(r)])
+        if (e.name == "Fc" || e.name == "Fs") level += e.value, variance += e.sigma * e.sigma;
+      if (level < -std::sqrt(variance)) return fmt::format("friction of {} would drive it", regressor_.rotor_name(r));
+    }
+    return {};
+  }
+
+  Result<JointMotion> motion_of(const Preparation& signals) const {
+    if (signals == out_.setting.signals) return motion_;
     auto motion = prepare(recordings_, regressor_, signals);
-    if (!motion) return false;
-    motion->moving = motion->moving || target_.motion.moving;  // errors are compared over the target's
+    if (motion) motion->moving = motion->moving || target_.motion.moving;  // errors are compared over the target's
+    return motion;
+  }
+
+  void take(Tried&& t) {
+    out_.trials[t.trial].taken = true;
+    out_.setting = std::move(t.candidate.setting);
+    motion_ = std::move(t.motion);
+    best_ = std::move(t.found);
+  }
+
+  static bool is_better(const Comparison& c, double gain = least_gain, double sigmas = enough_sigmas) {
+    return c.change < -std::max(gain, sigmas * c.sigma);
+  }
+
+  /// Takes the setting where it is better.
+  bool attempt(Candidate candidate) {
+    auto t = tried(std::move(candidate));
+    if (!t || !is_better(t->comparison)) return false;
+    take(*std::move(t));
+    return true;
+  }
+
+  /// Steps to the candidate that is better by the most, until none is. After a step those are tried first that were the
+  /// best before it; the end is where all have been tried since the last step.
+  void search() {
+    std::map<std::string, double> last;  ///< change of every candidate when it was last tried
+    std::set<std::string> since;         ///< those tried since the last step
+    for (bool all = true;;) {
+      std::vector<Candidate> open = candidates();
+      const auto change_of = [&](const Candidate& c) {
+        const auto at = last.find(c.what);
+        return at == last.end() ? -std::numeric_limits<double>::infinity() : at->second;
+      };
+      std::ranges::stable_sort(open, {}, change_of);
+      std::optional<Tried> best;
+      for (Candidate& candidate : open) {
+        const double before = change_of(candidate);
+        if (before == std::numeric_limits<double>::infinity() || since.contains(candidate.what)) continue;
+        if (!all && (before > -least_gain || (best && before > best->comparison.change))) break;
+        const std::string what = candidate.what;
+        auto t = tried(std::move(candidate));
+        last[what] = worth_of(t);
+        since.insert(what);
+        if (t && is_better(t->comparison) && (!best || t->comparison.change < best->comparison.change))
+          best = std::move(t);
+      }
+      if (best) {
+        last.erase(best->candidate.what);
+        since.clear();
+        take(*std::move(best));
+      } else if (all) {
+        return;
+      }
+      all = !best;
+    }
+  }
+
+  /// The change that it brought; infinite where it need not be tried again.
+  static double worth_of(const std::optional<Tried>& t) {
+    if (!t) return std::numeric_limits<double>::infinity();
+    const Comparison& c = t->comparison;
+    return c.change > std::max(hopeless, hopeless_sigmas * c.sigma) ? std::numeric_limits<double>::infinity()
+                                                                    : c.change;
+  }
+
+  /// All settings one step from the present one.
+  std::vector<Candidate> candidates() const {
+    std::vector<Candidate> out;
+    add_signals(out);
+    add_rigid(out);
+    add_friction(out);
+    return out;
+  }
+
+  void add(std::vector<Candidate>& out, std::string what, const auto& change) const {
     Setting s = out_.setting;
-    s.signals = signals;
-    return attempt(std::move(what), s, *motion);
+    change(s);
+    out.push_back({std::move(what), std::move(s)});
+  }
+
+  void add_signals(std::vector<Candidate>& out) const {
+    const Preparation& now = out_.setting.signals;
+    for (const double cutoff : cutoffs_)
+      if (cutoff != now.cutoff_hz)
+        add(out, fmt::format("cut-off {:.3g} Hz", cutoff), [&](Setting& s) { s.signals.cutoff_hz = cutoff; });
+    if (!now.recorded_velocity && std::ranges::all_of(recordings_, [](const auto& r) { return r.velocity.size() > 0; }))
+      add(out, "recorded velocity", [](Setting& s) { s.signals.recorded_velocity = true; });
+    for (const double periods : {1.0, 0.5})
+      if (!now.reversals || now.rest_periods != periods)
+        add(out, fmt::format("reversals, from {:g} periods of it off rests", periods),
+            [&](Setting& s) { s.signals.reversals = true, s.signals.rest_periods = periods; });
+  }
+
+  void add_rigid(std::vector<Candidate>& out) const {
+    if (rotors_open()) add(out, "no rotor inertias", [](Setting& s) { s.rotor_inertia = false; });
+    if (const double prior = new_prior()) add_prior(out, prior);
+  }
+
+  bool rotors_open() const { return !decided_.rotor_inertia && out_.setting.rotor_inertia; }
+
+  void add_prior(std::vector<Candidate>& out, double prior) const {
+    add(out, prior_text(prior), [&](Setting& s) { s.prior = prior; });
+    if (rotors_open())
+      add(out, prior_text(prior) + ", no rotor inertias",
+          [&](Setting& s) { s.prior = prior, s.rotor_inertia = false; });
+  }
+
+  static std::string prior_text(double prior) { return fmt::format("prior of {:.2g} % about the model", 100 * prior); }
+
+  /// The most probable one, where it differs from the present one; else 0.
+  double new_prior() const {
+    const double found = best_.fit.prior_by_evidence, now = out_.setting.prior;
+    if (decided_.prior || found == 0 || (now > 0 && std::abs(std::log(found / now)) < 0.3)) return 0;
+    return found;
+  }
+
+  void add_friction(std::vector<Candidate>& out) const {
+    if (!decided_.law) add_laws(out);
+    if (!decided_.asymmetry && !out_.setting.directional.asymmetry)
+      add(out, "asymmetry", [](Setting& s) { s.directional.asymmetry = true; });
+    if (!decided_.robust)
+      for (const Robust robust : {Robust::huber, Robust::tukey})
+        if (robust != out_.setting.robust)
+          add(out, fmt::format("outliers {}", name_of(robust)), [&](Setting& s) { s.robust = robust; });
+  }
+
+  /// Laws that are linear: those with shapes of their own (stribeck, load, extended, ...) have more than one minimum in
+  /// a motion of the whole robot; they are for friction curves, or for those who ask for them.
+  void add_laws(std::vector<Candidate>& out) const {
+    const friction::LawInfo& now = *out_.setting.law;
+    const auto add_law = [&](const friction::LawInfo* law) {
+      if (law && law != &now) add(out, fmt::format("friction {}", law->name), [&](Setting& s) { s.law = law; });
+    };
+    add_law(with_load(now));
+    if (!with_stribeck(now)) return;
+    std::vector<double> before;
+    for (const double share : stribeck_shares)
+      if (const auto shares = shown_shares(share); std::exchange(before, shares) != shares)
+        add(out, fmt::format("friction that falls within {:g} % of the top speed", 100 * share), [&](Setting& s) {
+          s.law = with_stribeck(*s.law);
+          s.stribeck_share = shares;
+        });
+    // A cubic of the speed goes astray beyond the speeds of the recordings; it is worth that for its temperature.
+    if (target_.motion.has_temperature) add_law(friction::find_law("polynomial"));
+  }
+
+  /// Per rotor, the share of its top speed or the smallest wider one within which enough samples lie to tell friction.
+  std::vector<double> shown_shares(double share) const {
+    std::vector<double> out;
+    for (Index r = 0; r < regressor_.rotors(); ++r) {
+      const double* wider = std::ranges::find_if(
+          stribeck_shares, [&](double s) { return s >= share && independent_samples(r, s) >= enough_samples; });
+      out.push_back(wider == std::ranges::end(stribeck_shares) ? *std::prev(wider) : *wider);
+    }
+    return out;
+  }
+
+  /// Samples that count within this share of the rotor's top speed, two per period of the cut-off; of stays there that
+  /// are shorter than a period the filter leaves too little.
+  double independent_samples(Index rotor, double share) const {
+    const Index j = regressor_.joint_of(rotor);
+    VectorXd speed(motion_.size());
+    for (Index i = 0; i < motion_.size(); ++i) speed(i) = std::abs(regressor_.speed(rotor, motion_.qd.col(i)));
+    const double within = share * speed.maxCoeff(), per_period = 1 / (motion_.cutoff_hz * motion_.period_s);
+    double count = 0, stay = 0;
+    for (Index i = 0; i <= motion_.size(); ++i)
+      if (i < motion_.size() && motion_.moving(j, i) && speed(i) < within)
+        ++stay;
+      else
+        count += stay >= per_period ? stay : 0, stay = 0;
+    return count * std::min(1.0, 2 / per_period);
+  }
+
+  /// The narrowest prior, from the most probable one on, that is as good as none: what the recordings hardly show does
+  /// not matter to their held-out error, but it does to other motions.
+  bool take_prior() {
+    const double probable = new_prior();
+    if (probable == 0 || out_.setting.prior > 0) return false;
+    for (const double prior : {probable, 0.1, 0.3, 1.0}) {
+      if (prior < probable) continue;
+      std::vector<Candidate> open;
+      add_prior(open, prior);
+      std::optional<Tried> best;
+      for (Candidate& candidate : open)
+        if (auto t = tried(std::move(candidate)); t && (!best || t->comparison.change < best->comparison.change))
+          best = std::move(t);
+      if (!best || best->comparison.change > as_good) continue;
+      take(*std::move(best));
+      return true;
+    }
+    return false;
+  }
+
+  /// Steps back to what is simpler where that is hardly worse.
+  void simplify() {
+    std::vector<Candidate> simpler;
+    const Setting& now = out_.setting;
+    if (now.signals.reversals)
+      add(simpler, "no reversals", [](Setting& s) { s.signals.reversals = false, s.signals.rest_periods = 1; });
+    if (now.signals.recorded_velocity)
+      add(simpler, "no recorded velocity", [](Setting& s) { s.signals.recorded_velocity = false; });
+    if (!decided_.asymmetry && now.directional.asymmetry)
+      add(simpler, "no asymmetry", [](Setting& s) { s.directional.asymmetry = false; });
+    if (!decided_.robust && now.robust != Robust::none)
+      add(simpler, "outliers none", [](Setting& s) { s.robust = Robust::none; });
+    for (Candidate& candidate : simpler)
+      if (auto t = tried(std::move(candidate)); t && t->comparison.change < least_gain) {
+        take(*std::move(t));
+        return simplify();
+      }
   }
 
   void choose_coupling() {
@@ -153,109 +397,67 @@ class Chooser {
           fmt::format("motor of {}: {}", regressor_.joint_name(motor.joint), sum_of(motor, regressor_));
       const Regressor before = std::exchange(regressor_, *std::move(coupled));
       const BaseParameters base_before = std::exchange(base_, base_parameters(regressor_));
-      if (!attempt_coupled(what, std::move(motors))) regressor_ = before, base_ = base_before;
+      Setting s = out_.setting;
+      s.motors = std::move(motors);
+      auto t = tried({what, std::move(s)});
+      if (t && is_better(t->comparison, coupled_gain, coupled_sigmas))
+        take(*std::move(t));
+      else
+        regressor_ = before, base_ = base_before;
     }
   }
 
-  bool attempt_coupled(const std::string& what, std::vector<CoupledMotor> motors) {
-    Setting s = out_.setting;
-    s.motors = std::move(motors);
-    auto motion = prepare(recordings_, regressor_, s.signals);
-    if (!motion) return false;  // the motor stands still
-    motion->moving = motion->moving || target_.motion.moving;
-    return attempt(what, s, *motion, coupled_gain, coupled_sigmas);
-  }
-
-  void choose_cutoff() {
-    for (const double cutoff : cutoffs_) {
-      if (cutoff == out_.setting.signals.cutoff_hz) continue;
-      Preparation signals = out_.setting.signals;
-      signals.cutoff_hz = cutoff;
-      attempt_signals(fmt::format("cut-off {:.3g} Hz", cutoff), signals);
-    }
-  }
-
-  void choose_signals() {
-    choose_cutoff();
-    choose_velocity();
-    for (const double periods : {1.0, 0.5}) {
-      Preparation signals = out_.setting.signals;
-      signals.reversals = true;
-      signals.rest_periods = periods;
-      attempt_signals(fmt::format("reversals, from {:g} periods of it off rests", periods), signals);
-    }
-  }
-
-  void choose_velocity() {
-    if (!std::ranges::all_of(recordings_, [](const auto& r) { return r.velocity.size() > 0; })) return;
-    Preparation signals = out_.setting.signals;
-    signals.recorded_velocity = true;
-    if (attempt_signals("recorded velocity", signals)) choose_cutoff();
-  }
-
-  bool attempt_with(std::string what, const auto& change) {
-    Setting s = out_.setting;
-    change(s);
-    return attempt(std::move(what), s, motion_);
-  }
-
-  /// Laws that are linear: those with shapes of their own (stribeck, load, extended, ...) have more than one minimum in
-  /// a motion of the whole robot; they are for friction curves, or for those who ask for them.
-  void choose_law() {
-    attempt_law(coulomb_viscous_load());
-    for (const double share : {0.02, 0.05, 0.1, 0.2, 0.4}) attempt_stribeck(share);
-    if (with_stribeck(*out_.setting.law) == out_.setting.law) refine_stribeck();
-    // A cubic of the speed goes astray beyond the speeds of the recordings; it is worth that for its temperature.
-    if (target_.motion.has_temperature) attempt_law(*friction::find_law("polynomial"));
-  }
-
-  void attempt_stribeck(double share) {
-    attempt_with(fmt::format("friction that falls within {:g} % of the top speed", 100 * share), [&](Setting& s) {
-      s.law = with_stribeck(*s.law);
-      s.stribeck_share.assign(static_cast<std::size_t>(regressor_.rotors()), share);
-    });
-  }
-
-  /// Joint by joint, coarse and fine.
+  /// The share of the top speed within which friction falls, joint by joint: each takes the one with which its own
+  /// torque is predicted best, as another joint's friction hardly matters to it.
   void refine_stribeck() {
-    refine_stribeck_by(1.4);
-    refine_stribeck_by(1.18);
-  }
-  void refine_stribeck_by(double step) {
-    for (Index r = 0; r < regressor_.rotors(); ++r)
+    if (decided_.law || with_stribeck(*out_.setting.law) != out_.setting.law) return;
+    std::vector<Shares> of_all;
+    for (const double share : stribeck_shares)
+      try_shares(fmt::format("... within {:g} %", 100 * share), shown_shares(share), of_all);
+    try_shares("... of each joint's own", best_of(of_all), of_all);
+    for (const double step : {1.4, 1.18}) {
+      const std::vector<double> middle = out_.setting.stribeck_share;
       for (const double factor : {1 / step, step}) {
-        const double share = factor * out_.setting.stribeck_share[static_cast<std::size_t>(r)];
-        if (attempt_with(fmt::format("... of {} within {:.3g} %", regressor_.rotor_name(r), 100 * share),
-                         [&](Setting& s) { s.stribeck_share[static_cast<std::size_t>(r)] = share; }))
-          break;
+        std::vector<double> scaled = middle;
+        for (double& share : scaled) share *= factor;
+        try_shares(fmt::format("... {:.2f} of that", factor), scaled, of_all);
       }
+      if (const auto own = best_of(of_all); own != out_.setting.stribeck_share)
+        try_shares("... of each joint's own", own, of_all);
+    }
   }
 
-  void attempt_law(const friction::LawInfo& law) {
-    attempt_with(fmt::format("friction {}", law.name), [&](Setting& s) { s.law = &law; });
+  struct Shares {
+    std::vector<double> share;  ///< per rotor
+    VectorXd rms;               ///< held out, per joint with torque; empty where it failed
+  };
+
+  void try_shares(std::string what, const std::vector<double>& share, std::vector<Shares>& of_all) {
+    std::vector<Candidate> one;
+    add(one, std::move(what), [&](Setting& s) { s.stribeck_share = share; });
+    attempt(std::move(one.front()));
+    of_all.push_back({share, out_.trials.back().rms});
   }
 
-  void choose_friction() {
-    if (!decided_.law) choose_law();
-    if (!decided_.asymmetry) attempt_with("asymmetry", [](Setting& s) { s.directional.asymmetry = true; });
-    if (!decided_.robust)
-      for (const Robust robust : {Robust::huber, Robust::tukey})
-        attempt_with(fmt::format("outliers {}", name_of(robust)), [&](Setting& s) { s.robust = robust; });
+  /// Per rotor, the share of the trial in which its joint was predicted best.
+  std::vector<double> best_of(const std::vector<Shares>& tried) const {
+    std::vector<double> out = tried.front().share;
+    std::vector<double> least(out.size(), std::numeric_limits<double>::infinity());
+    for (const Shares& t : tried)
+      for (std::size_t r = 0; r < out.size(); ++r) {
+        const Index row = row_of(regressor_.joint_of(static_cast<Index>(r)));
+        if (row < 0 || t.rms.size() == 0 || !(t.rms(row) < least[r])) continue;
+        least[r] = t.rms(row), out[r] = t.share[r];
+      }
+    return out;
   }
 
-  void choose_rigid() {
-    if (!decided_.prior) choose_prior();
-    if (!decided_.rotor_inertia && out_.setting.rotor_inertia)
-      attempt_with("no rotor inertias", [](Setting& s) { s.rotor_inertia = false; });
-  }
-
-  /// From wide to narrow, until one does not help.
-  void choose_prior() {
-    for (const double prior : {3.0, 1.0, 0.3, 0.1})
-      if ((out_.setting.prior == 0 || prior < out_.setting.prior) &&
-          !attempt_with(fmt::format("prior of {:g} % about the model", 100 * prior),
-                        [&](Setting& s) { s.prior = prior; }))
-        return;
+  /// The joint's place among those with torque; -1: it is left out.
+  Index row_of(Index joint) const {
+    if (motion_.is_left_out(joint)) return -1;
+    Index row = 0;
+    for (Index j = 0; j < joint; ++j) row += !motion_.is_left_out(j);
+    return row;
   }
 
   const mujoco::Model& model_;

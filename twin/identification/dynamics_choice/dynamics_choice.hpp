@@ -38,6 +38,7 @@ struct Trial {
 
 struct DynamicsChoice {
   Setting setting;
+  DynamicsFit fit;  ///< of the samples that were compared: the start of the fit with the setting
   std::vector<Trial> trials;  ///< in the order in which they were made; the first is the start
   unsigned folds = 0;
   bool by_file = false;  ///< folds are files

@@ -1,5 +1,6 @@
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 #include <tribotwin/twin/identification/dynamics_choice/held_out.hpp>
 
@@ -26,17 +27,19 @@ Result<RobotFriction> friction_of(const mujoco::Model& model, const Regressor& r
 
 Result<HeldOut> held_out(const Regressor& regressor, const BaseParameters& base, const RobotFriction& friction,
                          const JointMotion& motion, const Setting& setting, const Target& target, unsigned folds,
-                         unsigned threads) {
+                         const DynamicsFit* start, unsigned threads) {
   DynamicsOptions options = options_of(setting, threads);
   options.folds = folds;
-  const auto fit = fit_dynamics(regressor, base, friction, motion, options);
+  options.start = start;
+  options.evidence = true;
+  auto fit = fit_dynamics(regressor, base, friction, motion, options);
   if (!fit) return tl::unexpected(fit.error());
-  const MatrixXd& predicted = fit->held_out;
+  const MatrixXd predicted = std::move(fit->held_out);
   std::vector<Index> measured;
   for (Index j = 0; j < regressor.joints(); ++j)
     if (!motion.is_left_out(j)) measured.push_back(j);
   const Index joints = static_cast<Index>(measured.size()), stretches = static_cast<Index>(target.stretches.size());
-  HeldOut out{.rms = VectorXd::Zero(joints), .mean = MatrixXd::Zero(joints, stretches)};
+  HeldOut out{.rms = VectorXd::Zero(joints), .mean = MatrixXd::Zero(joints, stretches), .fit = {}};
   for (Index k = 0; k < joints; ++k) {
     const Index j = measured[static_cast<std::size_t>(k)];
     double all = 0, samples = 0;
@@ -50,6 +53,7 @@ Result<HeldOut> held_out(const Regressor& regressor, const BaseParameters& base,
     }
     out.rms(k) = std::sqrt(all / samples);
   }
+  out.fit = *std::move(fit);
   return out;
 }
 

@@ -32,6 +32,7 @@ Result<RobotFriction> friction_of(const mujoco::Model& model, const Regressor& r
 struct HeldOut {
   Eigen::VectorXd rms;   ///< per joint with torque [Nm; N], over the samples in motion
   Eigen::MatrixXd mean;  ///< joints x stretches of time: mean squares
+  DynamicsFit fit;       ///< of all samples
 };
 
 /// What errors are counted against: the same for every setting.
@@ -41,10 +42,10 @@ struct Target {
 };
 
 /// Fits `motion` (of the same times as the target's) without each of `folds` parts in turn and predicts that part.
-/// ErrorKind::input where the fit fails.
+/// `start`: as in DynamicsOptions. ErrorKind::input where the fit fails.
 Result<HeldOut> held_out(const Regressor& regressor, const BaseParameters& base, const RobotFriction& friction,
                          const JointMotion& motion, const Setting& setting, const Target& target, unsigned folds,
-                         unsigned threads);
+                         const DynamicsFit* start, unsigned threads);
 
 /// Geometric mean over joints of the ratio of errors, less 1; and its standard error from the variation between
 /// stretches of time. Below 0: `a` is better.

@@ -6,6 +6,7 @@
 
 #include <tribotwin/twin/identification/experiment_design/dynamics_information.hpp>
 #include <tribotwin/twin/identification/rigid_body/dynamics.hpp>
+#include <tribotwin/twin/identification/rigid_body/prior.hpp>
 #include <tribotwin/twin/numerics/linear_algebra.hpp>
 
 namespace tribotwin::twin::identification {

@@ -10,6 +10,7 @@
 #include <tribotwin/twin/identification/resampling/jackknife.hpp>
 #include <tribotwin/twin/identification/rigid_body/dynamics.hpp>
 #include <tribotwin/twin/identification/rigid_body/dynamics_problem.hpp>
+#include <tribotwin/twin/identification/rigid_body/prior.hpp>
 #include <tribotwin/twin/io/text.hpp>
 #include <tribotwin/twin/numerics/linear_algebra.hpp>
 #include <tribotwin/twin/numerics/median.hpp>
@@ -119,8 +120,9 @@ class Identification {
     if (auto ok = require_motion(); !ok) return tl::unexpected(ok.error());
     now_.base = of_model_ = base_.from_all * regressor_.model_parameters();
     for (const auto& f : friction_) now_.friction.emplace_back(static_cast<std::size_t>(f.size()), 0.0);
+    if (options_.start) begin_at(*options_.start);
     restrict();
-    if (!friction_.front().linear())
+    if (!friction_.front().linear() && !options_.start)
       if (auto ok = start(); !ok) return tl::unexpected(ok.error());
     progress(0.3);
     iterate();
@@ -158,6 +160,14 @@ class Identification {
     return {};
   }
 
+  void begin_at(const DynamicsFit& start) {
+    now_.base = start.parameters.base;
+    for (std::size_t r = 0; r < friction_.size(); ++r)
+      for (Index p = 0; p < friction_[r].size(); ++p)
+        for (const Estimate& e : start.friction[r])
+          if (e.name == friction_[r].parameter(p).name) now_.friction[r][static_cast<std::size_t>(p)] = e.value;
+  }
+
   /// Fixes what friction holds and the options exclude, and takes the prior.
   void restrict() {
     for (std::size_t r = 0; r < friction_.size(); ++r)
@@ -167,13 +177,12 @@ class Identification {
           now_.friction[r][static_cast<std::size_t>(p)] = *value;
         }
     for (Index k = 0; k < base_.size() && !options_.rotor_inertia; ++k)
-      if (base_.parameters[static_cast<std::size_t>(k)].name.ends_with(".Ia")) {
+      if (is_rotor_inertia(k)) {
         problem_.fix(k);
         now_.base(k) = 0;
       }
     if (options_.prior <= 0) return;
-    const MatrixXd spread = options_.prior * base_.from_all * inertial_scale(regressor_).asDiagonal();
-    prior_ = symmetric_inverse(spread * spread.transpose());
+    prior_ = symmetric_inverse(options_.prior * options_.prior * prior_covariance(regressor_, base_));
   }
 
   /// The prior's part of the normal matrix [free unknowns, residual] at the present parameters; 0 without one.
@@ -526,6 +535,31 @@ class Identification {
     return out_.between_files;
   }
 
+  /// The width of a prior that is the most probable, by the first moments: gravity tells them best, while estimates of
+  /// inertias take up much of what the friction law does not describe. By all parameters where there are hardly any.
+  void weigh_evidence(const MatrixXd& covariance) {
+    constexpr Index enough = 3;
+    const auto moments = std::ranges::count_if(order_, [&](Index u) { return u < base_.size() && is_first_moment(u); });
+    std::vector<Index> of_base, at;
+    for (std::size_t c = 0; c < order_.size(); ++c)
+      if (const Index u = order_[c];
+          u < base_.size() && !is_rotor_inertia(u) && (moments < enough || is_first_moment(u)))
+        of_base.push_back(u), at.push_back(static_cast<Index>(c));
+    if (of_base.empty()) return;
+    out_.prior_by_evidence = most_probable_prior(
+        covariance(at, at), prior_covariance(regressor_, base_)(of_base, of_base), (of_model_ - now_.base)(of_base));
+  }
+
+  bool is_first_moment(Index base_parameter) const {
+    const std::string& name = base_.parameters[static_cast<std::size_t>(base_parameter)].name;
+    const std::string_view first = std::string_view(name).substr(0, name.find(' '));
+    return first.ends_with(".mx") || first.ends_with(".my") || first.ends_with(".mz");
+  }
+
+  bool is_rotor_inertia(Index base_parameter) const {
+    return base_.parameters[static_cast<std::size_t>(base_parameter)].name.ends_with(".Ia");
+  }
+
   /// Estimates with sigmas, information of the base parameters, condition number.
   void conclude() {
     const Uncertainty of_unknowns = uncertainty();
@@ -571,6 +605,7 @@ class Identification {
       if (const Index c = place[static_cast<std::size_t>(k)]; c >= 0) of_base.push_back(k), at.push_back(c);
     const MatrixXd own_information = symmetric_inverse(of_unknowns.covariance(at, at));
     out_.information(of_base, of_base) = own_information;
+    if (options_.evidence) weigh_evidence(of_unknowns.covariance);
     out_.condition_number = scaled_condition_number(R_.topLeftCorner(R_.cols() - 1, R_.cols() - 1));
     out_.parameters = std::move(now_);
   }
@@ -595,28 +630,6 @@ class Identification {
 
 std::string_view name_of(Robust robust) {
   return robust == Robust::huber ? "huber" : robust == Robust::tukey ? "tukey" : "none";
-}
-
-VectorXd inertial_scale(const Regressor& regressor) {
-  constexpr Index per_body = 10;
-  const VectorXd phi = regressor.model_parameters();
-  const Index bodies = (phi.size() - regressor.rotors()) / per_body;
-  double heaviest = 0, widest = 0;
-  for (Index b = 0; b < bodies; ++b) {
-    const auto p = phi.segment<per_body>(per_body * b);  // Ixx Ixy Ixz Iyy Iyz Izz mx my mz m
-    heaviest = std::max(heaviest, p(9));
-    if (p(9) > 0) widest = std::max(widest, (p(0) + p(3) + p(5)) / (2 * p(9)));
-  }
-  VectorXd scale(phi.size());
-  for (Index b = 0; b < bodies; ++b) {
-    const auto p = phi.segment<per_body>(per_body * b);
-    const double m = std::max(p(9), 0.01 * heaviest),
-                 r2 = std::max(p(9) > 0 ? (p(0) + p(3) + p(5)) / (2 * p(9)) : 0, 1e-3 * widest);
-    scale.segment<per_body>(per_body * b) << VectorXd::Constant(6, m * r2), VectorXd::Constant(3, m * std::sqrt(r2)), m;
-  }
-  const double smallest = 1e-3 * heaviest * widest;
-  scale.tail(regressor.rotors()) = phi.tail(regressor.rotors()).cwiseMax(smallest);
-  return scale;
 }
 
 Result<DynamicsFit> fit_dynamics(const Regressor& regressor, const BaseParameters& base, const RobotFriction& friction,

@@ -38,16 +38,15 @@ struct DynamicsOptions {
   bool rotor_inertia = true;  ///< false: base parameters that are a rotor inertia alone are 0, as of torques that were
                               ///< measured behind the gear
   double prior = 0;  ///< standard deviation of the bodies' inertial parameters about the model's, as a share of their
-                     ///< size (inertial_scale); 0: none
+                     ///< size (inertial_scale of prior.hpp); 0: none
   bool essential_only = false;  ///< base parameters that do not improve the fit are 0: backward elimination while F < 4
+  bool evidence = false;        ///< find the prior that is the most probable (DynamicsFit::prior_by_evidence)
   unsigned folds = 0;           ///< parts of the samples to leave out one at a time (resampling/folds.hpp); 0: none
+  const struct DynamicsFit* start = nullptr;  ///< of the same base parameters: begin there instead of at the model;
+                                              ///< friction by its parameters' names
   unsigned threads = 2;
   std::function<void(double share)> progress;
 };
-
-/// The size of every inertial parameter of the model, in the order of the regressor: of a body with mass m and radius
-/// of gyration r its m, m r and m r^2; a rotor's own inertia. Bodies without mass count as a hundredth of the heaviest.
-Eigen::VectorXd inertial_scale(const Regressor& regressor);
 
 struct JointResult {
   std::string name;
@@ -76,6 +75,8 @@ struct DynamicsFit {
   /// joints x samples. Linearised about the parameters of all, which is exact for friction linear in its parameters;
   /// what the other folds do not tell is as in the model.
   Eigen::MatrixXd held_out;
+  double prior_by_evidence = 0;  ///< where asked for: the `prior` under which the data are the most probable
+                                 ///< (prior.hpp); 0: none that is narrower than ten times the bodies' sizes
   std::vector<std::string> notes;
 };
 

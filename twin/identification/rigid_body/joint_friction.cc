@@ -102,6 +102,11 @@ const friction::LawInfo* with_stribeck(const friction::LawInfo& law) {
   return nullptr;
 }
 
+const friction::LawInfo* with_load(const friction::LawInfo& law) {
+  if (&law == &coulomb_viscous_law || &law == &coulomb_viscous_load_law) return &coulomb_viscous_load_law;
+  return with_stribeck(law) == &law ? &coulomb_viscous_load_stribeck_law : nullptr;
+}
+
 JointFriction::JointFriction(const friction::LawInfo& law, Scales scales, Directional directional)
     : law_(&law), scales_(scales), directional_(directional), place_(law) {}
 

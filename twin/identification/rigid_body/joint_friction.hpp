@@ -25,6 +25,8 @@ const friction::LawInfo& coulomb_viscous_stribeck();
 const friction::LawInfo& coulomb_viscous_load_stribeck();
 /// The law of these with the same load term, with or without the term of vs; null for other laws.
 const friction::LawInfo* with_stribeck(const friction::LawInfo& law);
+/// The law of these with the same term of vs and with the load term; null for other laws.
+const friction::LawInfo* with_load(const friction::LawInfo& law);
 
 /// What a joint has beside its law f: tau = sgn(v) f(|v|, l, T) (1 + asymmetry sgn(v)) + offset.
 struct Directional {

@@ -37,6 +37,8 @@ struct Preparation {
   /// speeds.
   double rest_periods = 1;
   bool still_joints = false;  ///< joints may rest in all recordings
+
+  bool operator==(const Preparation&) const = default;
 };
 
 /// Equidistant, filtered samples of motion; joints x samples.

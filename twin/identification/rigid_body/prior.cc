@@ -58,7 +58,7 @@ double log_evidence(const MatrixXd& of_data, const MatrixXd& of_prior, const Vec
 }  // namespace
 
 double most_probable_prior(const MatrixXd& of_data, const MatrixXd& of_prior, const VectorXd& deviation) {
-  constexpr double narrowest = 0.03, widest = 10;
+  constexpr double narrowest = 0.05, widest = 10;
   constexpr int steps = 20;
   double best = 0, highest = -std::numeric_limits<double>::infinity();
   for (int k = 0; k <= steps; ++k) {

@@ -16,7 +16,7 @@ Eigen::VectorXd inertial_scale(const Regressor& regressor);
 /// deviation). A prior of a share s has s^2 of it.
 Eigen::MatrixXd prior_covariance(const Regressor& regressor, const BaseParameters& base);
 
-/// The share s, 0.03 .. 10, of the prior under which estimates are the most probable that deviate from the model so and
+/// The share s, 0.05 .. 10, of the prior under which estimates are the most probable that deviate from the model so and
 /// have the covariance `of_data` (evidence, type-II maximum likelihood; MacKay 1992): what the data tell well says how
 /// much the model is to be believed where they tell little. `of_prior`: covariance at s = 1. 0 where ten is still too
 /// narrow.
