@@ -32,6 +32,9 @@ void note_starting_point(const mujoco::Model& model, const mujoco::Binding& driv
 /// Options of how recordings are prepared.
 void add_preparation(CLI::App& command, identification::Preparation& preparation);
 
+/// Seconds per joint of --lag, one number for all or one each. Throws InputError.
+std::vector<double> given_lags(const std::vector<std::string>& values, const Regressor& regressor);
+
 /// Reads recordings, with the gear ratios of the model where no others are given. Throws InputError.
 std::vector<identification::RobotRecording> read_recordings(const Robot& robot, const std::vector<std::string>& files,
                                                             const TableArguments& tables, bool quiet);
