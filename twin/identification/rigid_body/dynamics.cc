@@ -529,7 +529,7 @@ class Identification {
     if (dependent(R_, order_, base_.size()).empty()) return;
     for (Index j = 0; j < joints(); ++j) problem_.fix(problem_.lag_at(j));
     R_ = factor(pass_);
-    out_.notes.push_back("lags of the torques are not identifiable from these data");
+    out_.notes.push_back(fmt::format("lags of the torques are not identifiable from these data"));
   }
 
   struct Uncertainty {
