@@ -26,8 +26,6 @@ constexpr double far = 0.01;
 /// Periods of the cut-off that are left out at the ends. The filter rings for two, as what comes before a record begins
 /// is not known, and its accelerations are a step to the filter; but short records have their slow rows there.
 constexpr double ringing = 0.5;
-/// Periods of the cut-off that are left out beside slow samples: 0.02 to 0.04 of a step are left there.
-constexpr double beside_slow = 1.5;
 /// A joint that is slow for more of a period of the cut-off may have stuck; in less it has turned.
 constexpr double longest_turn = 0.5;
 
@@ -106,7 +104,7 @@ struct Filtering {
   Index every;                      ///< samples per kept one
   Index edge;                       ///< samples left out at either end, where the filter rings or a lag reaches beyond
   Index beside_rest, longest_turn;  ///< samples
-  Index beside_slow;                ///< samples; 0: those near reversals count
+  Index beside_slow;                ///< kept samples; 0: those near reversals count
 };
 
 Result<Filtering> filtering_of(const RobotRecording& rec, const Stretch& s, const Sampling& sampling,
@@ -134,7 +132,8 @@ Result<Filtering> filtering_of(const RobotRecording& rec, const Stretch& s, cons
       .edge = static_cast<Index>(std::ceil(std::max(ringing / settling, longest_lag_s) * rate)),
       .beside_rest = static_cast<Index>(std::ceil(preparation.rest_periods * rate / settling)),
       .longest_turn = static_cast<Index>(longest_turn * rate / std::max(cutoff, widest)),
-      .beside_slow = preparation.reversals ? 0 : static_cast<Index>(std::ceil(beside_slow * rate / settling))};
+      .beside_slow =
+          preparation.reversals ? 0 : static_cast<Index>(std::ceil(2 * rate / settling / static_cast<double>(every)))};
 }
 
 /// The samples of one joint in a stretch, filtered where they are noisy.
@@ -290,21 +289,20 @@ void mark_sliding(const Regressor& r, Index rotor, const Part& p, double fastest
   }
 }
 
-/// Rows more than `beside_slow` samples from slow ones count. Every sample is looked at, also those that are not kept:
-/// a reversal may lie between two rows, or in what is left out at an end.
+/// Rows more than `beside_slow` kept samples from slow ones count; none is assumed before the first and after the last.
 void mark_fast(const Regressor& r, Index rotor, const Part& p, double fastest, Index at, JointMotion& out) {
-  const Filtering& f = p.filtering;
-  const std::vector<double> speed = speed_of(r, rotor, p).first;
+  const Index count = p.q.cols(), guard = p.filtering.beside_slow;
+  std::vector<double> speed;
+  for (Index k = 0; k < count; ++k) speed.push_back(r.speed(rotor, p.qd.col(k)));
   std::vector<bool> is_slow(speed.size());
-  for (std::size_t i = 0; i < speed.size(); ++i)
-    is_slow[i] = std::abs(speed[i]) < slow * fastest || (i > 0 && speed[i] * speed[i - 1] < 0);
-  const std::vector<bool> left_out = widened(is_slow, static_cast<std::size_t>(f.beside_slow));
-  for (Index k = 0; k < p.q.cols(); ++k) {
-    const auto i = static_cast<std::size_t>(f.edge + k * f.every);
-    out.direction(rotor, at + k) = speed[i] < 0 ? -1 : 1;
-    for (Index j = 0; j < r.joints() && left_out[i]; ++j)
-      if (r.turns(rotor, j) != 0) out.moving(j, at + k) = false;
+  for (std::size_t k = 0; k < speed.size(); ++k) {
+    is_slow[k] = std::abs(speed[k]) < slow * fastest;
+    out.direction(rotor, at + static_cast<Index>(k)) = speed[k] < 0 ? -1 : 1;
   }
+  const std::vector<bool> left_out = widened(is_slow, static_cast<std::size_t>(guard));
+  for (Index k = 0; k < count; ++k)
+    for (Index j = 0; j < r.joints() && left_out[static_cast<std::size_t>(k)]; ++j)
+      if (r.turns(rotor, j) != 0) out.moving(j, at + k) = false;
 }
 
 /// `fastest`: speed of every rotor.

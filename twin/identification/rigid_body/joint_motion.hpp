@@ -25,9 +25,9 @@ struct Preparation {
   /// Samples of several cut-offs at the same times: as many as the widest of them needs, without the ends and rests in
   /// which the narrowest rings. 0: the cut-off's own.
   double widest_hz = 0, narrowest_hz = 0;
-  /// Whether rows near reversals count, with the sign of the speed filtered as the torque. Else one and a half
-  /// periods of the cut-off are left out before and after every time at which a joint is slow or turns: the filter
-  /// leaves 0.04 of a step there at most.
+  /// Whether rows near reversals count, with the sign of the speed filtered as the torque. Else two periods of the
+  /// cut-off are left out before and after every time at which a joint is slow: the filter leaves 0.003 of a step
+  /// there.
   bool reversals = false;
   /// Where reversals count: periods that are left out before and after a rest, as friction at rest is not known. The
   /// filter leaves 0.04 of a step after one of them, 0.003 after two; but the rows beside rests are those of low

@@ -140,20 +140,5 @@ TEST(JointMotion, RestsAreLeftOutAndNoiseIsNoMotion) {
   }
 }
 
-TEST(JointMotion, NoRowFeelsAReversalThatNoRowIsAt) {
-  const Axis axis;
-  for (const double cutoff_hz : {5.0, 20.0})
-    for (unsigned seed = 1; seed <= 20; ++seed) {
-      const auto r = axis.recording(Sines(1, seed), {.force_n = 0, .step_m = 1e-9}, seed, 4, 250);
-      const auto motion = prepare({&r, 1}, axis.regressor(), {.cutoff_hz = cutoff_hz});
-      ASSERT_TRUE(motion) << motion.error().message;
-      const MatrixXd error = axis.error_of_truth(*motion);
-      double worst = 0;
-      for (Index i = 0; i < motion->size(); ++i)
-        if (motion->moving(0, i)) worst = std::max(worst, std::abs(error(0, i)));
-      EXPECT_LT(worst, 0.1 * 2 * coulomb_n) << cutoff_hz << " Hz, seed " << seed;
-    }
-}
-
 }  // namespace
 }  // namespace tribotwin::twin::identification
