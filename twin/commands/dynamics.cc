@@ -2,6 +2,7 @@
 #include <cmath>
 #include <functional>
 #include <iterator>
+#include <limits>
 #include <memory>
 #include <thread>
 
@@ -15,6 +16,7 @@
 #include <tribotwin/twin/identification/rigid_body/dynamics_file.hpp>
 #include <tribotwin/twin/identification/rigid_body/model_agreement.hpp>
 #include <tribotwin/twin/identification/rigid_body/temperature_estimator.hpp>
+#include <tribotwin/twin/identification/rigid_body/torque_lag.hpp>
 #include <tribotwin/twin/identification/thermal/thermal_file.hpp>
 #include <tribotwin/twin/identification/verdict/friction_lacking.hpp>
 #include <tribotwin/twin/identification/verdict/report.hpp>
@@ -34,7 +36,7 @@ struct Arguments {
   std::string model, friction = "coulomb_viscous", thermal, robust = "auto";
   Destination output;
   TableArguments tables;
-  std::vector<std::string> data, coupling, payloads;
+  std::vector<std::string> data, coupling, payloads, lag;  // no lag: none, or what --friction auto finds
   Preparation preparation;
   unsigned threads = std::max(1u, std::thread::hardware_concurrency());
   std::optional<double> prior_percent;
@@ -152,6 +154,14 @@ std::string bodies_of(const Consistency& consistency, const std::vector<std::str
         joined(badly), badly.size() > 1 ? "are" : "is", consistency.distance_sigma);
   return fmt::format("{} bodies have these base parameters: the nearest possible ones are {:.2f} sigma away\n",
                      consistency.possible ? "within the noise, real" : "no real", consistency.distance_sigma);
+}
+
+/// Empty where none was looked for.
+std::string table_of(std::span<const Estimate> lag) {
+  if (lag.empty()) return {};
+  TextTable table = estimates("lag of the torque behind the position");
+  for (const Estimate& e : lag) table.add(row_of(e, e.name));
+  return table.text() + "\n";
 }
 
 std::string table_of(const Robot& robot, const DynamicsFit& fit, const Consistency& consistency,
@@ -305,6 +315,7 @@ Decided decided(const Arguments& a) {
   if (a.asymmetry) d.asymmetry = true;
   if (a.robust != "auto") d.robust = robust_of(a.robust);
   if (a.no_rotor_inertia) d.rotor_inertia = false;
+  d.lag = !a.lag.empty();
   if (a.prior_percent) d.prior = *a.prior_percent / 100;
   return d;
 }
@@ -335,20 +346,47 @@ DynamicsChoice choice_of(const Arguments& a, const friction::LawInfo* given, con
   return {.setting = setting_of(a, *given), .trials = {}};
 }
 
+bool finds_lag(const Arguments& a) { return a.lag == std::vector<std::string>{"auto"}; }
+
 Result<DynamicsFit> fit_of(const Arguments& a, const Robot& robot, const Setting& setting,
                            const RobotFriction& friction, std::span<const thermal::Model> models, JointMotion& motion,
                            Progress& progress) {
   DynamicsOptions options = options_of(setting, a.threads);
   options.weigh = !a.unweighted;
   options.essential_only = a.essential;
+  options.lag = finds_lag(a) || (a.lag.empty() && !setting.signals.lag_s.empty());
   options.progress = [&](double share) { progress(share); };
   if (models.empty() || motion.has_temperature)
     return fit_dynamics(robot.regressor, robot.base, friction, motion, options);
   return fit_warming_dynamics(robot.regressor, robot.base, friction, models, motion, options);
 }
 
+/// Those of --lag: as given, or none. They are not estimates.
+std::vector<Estimate> given_lag(const Arguments& a, const Regressor& regressor, Preparation& signals) {
+  std::vector<Estimate> out;
+  if (finds_lag(a) || a.lag.empty() || a.lag == std::vector<std::string>{"none"}) return out;
+  signals.lag_s = given_lags(a.lag, regressor);
+  constexpr double unknown = std::numeric_limits<double>::quiet_NaN();
+  for (std::size_t j = 0; j < signals.lag_s.size(); ++j)
+    out.push_back(
+        {regressor.joint_name(static_cast<Index>(j)), "s", signals.lag_s[j], unknown, unknown, unknown, Status::fixed});
+  return out;
+}
+
 /// Fits again what `motion` holds.
 using Fit = std::function<Result<DynamicsFit>(JointMotion& motion)>;
+
+/// The fit of the motion without the lags of its torques, which become `motion` and `lag`.
+Result<DynamicsFit> without_lag(const Robot& robot, const std::vector<RobotRecording>& recordings,
+                                const Preparation& signals, const Fit& fit_of, JointMotion& motion,
+                                std::vector<Estimate>& lag) {
+  auto found = torque_lag(recordings, robot.regressor, signals, fit_of);
+  if (!found) return tl::unexpected(found.error());
+  motion = std::move(found->motion);
+  lag = std::move(found->lag);
+  std::ranges::move(found->notes, std::back_inserter(found->fit.notes));
+  return std::move(found->fit);
+}
 
 /// Whether torques that the motion does not explain are explained with the other sign, or as those of another joint
 /// that is not explained well either.
@@ -431,7 +469,8 @@ DynamicsOrigin origin_of(const Arguments& a, const Robot& robot, const Setting& 
                         .torque_max_nm = {},
                         .thermal = models,
                         .left_out = {},
-                        .drive_gains = {}};
+                        .drive_gains = {},
+                        .lag = {}};
   origin.signals.cutoff_hz = motion.cutoff_hz;
   if (static_cast<Index>(robot.model->drives().size()) < robot.regressor.joints()) origin.torque_max_nm = torque_max_nm;
   return origin;
@@ -581,15 +620,18 @@ Result<Exit> execute(const Arguments& a) {
   if (!choice.setting.motors.empty()) robot = with_motors(robot, choice.setting.motors, "--friction auto");
   const friction::LawInfo& law = *choice.setting.law;
   refuse_useless_thermal(a, robot, law);
-  JointMotion motion = prepared(robot, recordings, choice.setting.signals, a.quiet);
+  Preparation signals = choice.setting.signals;
+  std::vector<Estimate> lag = given_lag(a, robot.regressor, signals);
+  JointMotion motion = prepared(robot, recordings, signals, a.quiet);
   const auto friction = friction_of(*robot.model, robot.regressor, choice.setting, torque_max_nm, motion);
   if (!friction) throw InputError(fmt::format("{}: {}", a.model, friction.error().message));
   const auto models = a.thermal.empty() ? std::vector<thermal::Model>{} : thermal_models(a.thermal, robot.regressor);
-  auto fit = fit_of(a, robot, choice.setting, *friction, models, motion, progress);
+  const Fit again = [&](JointMotion& m) { return fit_of(a, robot, choice.setting, *friction, models, m, progress); };
+  const bool lag_open = finds_lag(a) || !choice.setting.signals.lag_s.empty();
+  auto fit = lag_open ? without_lag(robot, recordings, signals, again, motion, lag) : again(motion);
   if (!fit) throw InputError(fmt::format("{}: {}", a.data.front(), fit.error().message));
   std::vector<std::string> left_out = left_out_of(robot, motion);
   name_unknown_gains(data.gains, left_out);
-  const Fit again = [&](JointMotion& m) { return fit_of(a, robot, choice.setting, *friction, models, m, progress); };
   const std::vector<Index> weak = weak_joints(robot, again, motion, *fit);
   leave_out_dead(robot, again, weak, motion, *fit, left_out);
   std::ranges::move(doubtful_gravity(robot.regressor, motion), std::back_inserter(fit->notes));
@@ -608,6 +650,7 @@ Result<Exit> execute(const Arguments& a) {
     DynamicsOrigin origin = origin_of(a, robot, choice.setting, motion, torque_max_nm, models);
     origin.left_out = left_out;
     if (data.gains) origin.drive_gains = data.gains->constants;
+    origin.lag = lag;
     if (auto ok = deliver(to_yaml(*fit, robot.base, law, robot.regressor, consistency, origin), a.output); !ok)
       return ok;
   }
@@ -619,12 +662,15 @@ Result<Exit> execute(const Arguments& a) {
       j["drive_gains"] = json_of(data.gains->found, data.gains->assumed);
       for (const auto& text : data.gains->notes) j["notes"].push_back(text);
     }
+    for (const Estimate& e : lag)
+      j["lag"][e.name] = {{"value", number(e.value)}, {"sigma", number(e.sigma)}, {"unit", e.unit}};
     j["left_out"] = json_of(robot, left_out);
     j["choice"]["cutoff_hz"] = motion.cutoff_hz;  // the setting has 0 for the usual one
     return deliver(j.dump(2) + "\n");
   }
   return deliver((data.gains ? table_of(data.gains->found, data.gains->assumed, data.payloads) : "") +
-                 table_of(choice) + table_of(robot, *fit, consistency, judgement) + table_of(efficiencies));
+                 table_of(choice) + table_of(lag) + table_of(robot, *fit, consistency, judgement) +
+                 table_of(efficiencies));
 }
 
 }  // namespace
@@ -643,6 +689,11 @@ void add_dynamics(CLI::App& app, int& code) {
                 "coulomb_viscous, polynomial or another law; auto: by what predicts best in these recordings")
       ->capture_default_str();
   c->add_flag("--no-offset", a->no_offset, "No torque offset beside the law");
+  c->add_option(
+       "--lag", a->lag,
+       "How late torques were recorded behind positions, which is removed: none (default), auto (found from the "
+       "data, as --friction auto does where it predicts better), or seconds, one for all joints or one each as A,B")
+      ->delimiter(',');
   c->add_flag("--asymmetry", a->asymmetry, "Friction forward and reverse may differ by a factor");
   c->add_option("--robust", a->robust, "Loss for data with outliers")
       ->check(CLI::IsMember({"auto", "none", "huber", "tukey"}))

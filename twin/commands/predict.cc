@@ -29,7 +29,7 @@ struct Arguments {
   std::string model, parameters, wrench, site = "flange";
   Destination output;
   TableArguments tables;
-  std::vector<std::string> data, payloads;
+  std::vector<std::string> data, payloads, lag{"file"};
   std::vector<double> window_s;    ///< none, or first and last time whose errors count
   std::vector<double> start_degC;  ///< none, one for all joints, or one each
   Preparation preparation;
@@ -166,12 +166,23 @@ void blank(const Arguments& a, const Robot& robot, const DynamicsFile& file, con
   }
 }
 
+/// What is removed from the torques: by default what the fit's recordings had.
+std::vector<double> lag_of(const Arguments& a, const Robot& robot, const DynamicsFile& file) {
+  if (a.lag == std::vector<std::string>{"none"}) return {};
+  if (a.lag != std::vector<std::string>{"file"}) return given_lags(a.lag, robot.regressor);
+  if (!a.quiet && !file.signals.lag_s.empty())
+    note("torques are compared without the lag of the recordings that {} is from; --lag none compares as recorded",
+         a.parameters);
+  return file.signals.lag_s;
+}
+
 /// As for the fit, unless --cutoff says another one.
-Preparation preparation_of(const Arguments& a, const DynamicsFile& file) {
+Preparation preparation_of(const Arguments& a, const Robot& robot, const DynamicsFile& file) {
   Preparation p = a.preparation;
   if (p.cutoff_hz == 0) p.cutoff_hz = file.signals.cutoff_hz;
   p.recorded_velocity = file.signals.recorded_velocity;
   p.reversals = file.signals.reversals;
+  p.lag_s = lag_of(a, robot, file);
   return p;
 }
 
@@ -214,7 +225,7 @@ Result<Exit> execute(const Arguments& a) {
   const auto file = or_wrong_input(read_dynamics(a.parameters, robot.regressor, robot.base));
   const auto friction = robot_friction(*robot.model, robot.regressor, *file.law, file.directional, file.torque_max_nm);
   if (!friction) throw InputError(fmt::format("{}: {}", a.model, friction.error().message));
-  JointMotion motion = prepared(robot, recordings_of(a, robot, file), preparation_of(a, file), a.quiet);
+  JointMotion motion = prepared(robot, recordings_of(a, robot, file), preparation_of(a, robot, file), a.quiet);
   take_temperatures(a, robot, file, *friction, motion);
   Eigen::MatrixXd predicted =
       predicted_torque(robot.regressor, robot.base, *friction, file.parameters, motion, a.threads);
@@ -282,6 +293,11 @@ void add_predict(CLI::App& app, int& code) {
   a->tables.add_to(*c);
   a->tables.add_gear_ratio_to(*c);
   add_preparation(*c, a->preparation);
+  c->add_option("--lag", a->lag,
+                "How late torques were recorded behind positions, which is removed: file (as for the fit), none, or "
+                "seconds, one for all joints or one each as A,B")
+      ->delimiter(',')
+      ->capture_default_str();
   a->output.add_to(*c,
                    "CSV to write: time_s, torque_JOINT_nm (filtered as for the fit), predicted_JOINT_nm, "
                    "temperature_JOINT_degC (recorded, estimated, or 20)");

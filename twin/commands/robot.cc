@@ -1,8 +1,10 @@
 #include <algorithm>
+#include <cmath>
 #include <iterator>
 
 #include <fmt/format.h>
 
+#include <tribotwin/plugins/friction/number.hpp>
 #include <tribotwin/twin/commands/program.hpp>
 #include <tribotwin/twin/commands/robot.hpp>
 #include <tribotwin/twin/gears/effort.hpp>
@@ -72,6 +74,22 @@ void add_preparation(CLI::App& command, Preparation& preparation) {
       .add_option("--decimate", preparation.decimation,
                   "Use one of so many samples (default: five per period of the cut-off)")
       ->check(CLI::Range(1u, 1000000u));
+}
+
+std::vector<double> given_lags(const std::vector<std::string>& values, const Regressor& regressor) {
+  std::vector<double> out;
+  for (const std::string& text : values) {
+    const auto lag = to_number(text);
+    if (!lag || !(std::abs(*lag) <= largest_lag_s))
+      throw InputError(
+          fmt::format("--lag {}: give seconds of -{:g} .. {:g}, such as 0.003", text, largest_lag_s, largest_lag_s));
+    out.push_back(*lag);
+  }
+  const auto joints = static_cast<std::size_t>(regressor.joints());
+  if (out.size() == 1) out.resize(joints, out.front());
+  if (out.size() != joints)
+    throw InputError(fmt::format("--lag: {} numbers; give one, or one for each of the {} joints", out.size(), joints));
+  return out;
 }
 
 namespace {

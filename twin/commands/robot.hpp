@@ -40,6 +40,9 @@ void note_starting_point(const mujoco::Model& model, const mujoco::Binding& driv
 /// Options of how recordings are prepared.
 void add_preparation(CLI::App& command, identification::Preparation& preparation);
 
+/// Seconds per joint of --lag, one number for all or one each. Throws InputError.
+std::vector<double> given_lags(const std::vector<std::string>& values, const Regressor& regressor);
+
 /// The torque at the arm per ampere [Nm/A; N/A] that options and gear ratios of the model say, per joint; nothing where
 /// they do not. Throws InputError.
 std::vector<std::optional<double>> torque_per_ampere(const Robot& robot, const TableArguments& tables);

@@ -540,6 +540,33 @@ plain, robust = (
 )
 check("outliers: tukey is ten times nearer", abs(robust - 3.5) < 0.1 * abs(plain - 3.5), (plain, robust))
 
+# ---- A torque that is two samples late.
+step_s = t[1] - t[0]
+on_time = 3.5 * a + 2 * np.sign(v) + 4 * v + 0.3 + random.normal(0, 0.05, len(t))
+for name, torque in (("prompt", on_time), ("late", np.r_[on_time[:2], on_time[:-2]])):
+    write(f"{name}.csv", ["time_s", "position_x_m", "torque_x_n"], [t, x, torque])
+with_lag = ["dynamics", "slide.xml", "late.csv", "--lag"]
+found = json.loads(run(*with_lag, "auto", "-o", "late.yaml", "--json").stdout)
+lag = found["lag"]["x"]
+check("the lag is found", abs(lag["value"] - 2 * step_s) < 3 * lag["sigma"] < step_s, (lag, step_s))
+check(
+    "and the mass without it", abs(found["base_parameters"]["cart.m"]["value"] - 3.5) < 0.03, found["base_parameters"]
+)
+check("and shown with its sigma", re.search(r"0\.0\d+ +\S+ +s +x\n", run(*with_lag, "auto").stdout))
+
+
+def error_of(data, *options):
+    r = run("predict", "slide.xml", "late.yaml", data, "--json", *options)
+    return json.loads(r.stdout)["joints"]["x"]["rms"], r.stderr
+
+
+removed, said = error_of("late.csv")
+check("predict removes the lag of the file and says so", "--lag none" in said, said)
+recorded, given = error_of("late.csv", "--lag", "none")[0], error_of("prompt.csv", "--lag", "0")[0]
+check("or another", removed < 0.8 * recorded and given < 1.1 * removed, (removed, recorded, given))
+for value, says in (("3", "such as 0.003"), ("late", "such as 0.003"), ("0,0,0", "1 joint")):
+    refused(f"--lag {value}", [says], *with_lag, value)
+
 # ---- Verdicts: issue 21's "Within the noise, real bodies" over a joint of which 51 % were unexplained.
 with open(f"{work}/two.xml", "w") as f:
     f.write(

@@ -9,6 +9,7 @@
 #include <fmt/format.h>
 
 #include <tribotwin/twin/identification/dynamics_choice/dynamics_choice.hpp>
+#include <tribotwin/twin/identification/rigid_body/torque_lag.hpp>
 #include <tribotwin/twin/robot/coupling/coupling.hpp>
 
 namespace tribotwin::twin::identification {
@@ -52,6 +53,7 @@ class Chooser {
     if (auto ok = start(); !ok) return tl::unexpected(ok.error());
     if (!decided_.coupling && regressor_.motors().empty()) choose_coupling();
     search();
+    if (!decided_.lag && choose_lag()) search();
     if (take_prior()) search();
     refine_stribeck();
     simplify();
@@ -405,6 +407,43 @@ class Chooser {
       else
         regressor_ = before, base_ = base_before;
     }
+  }
+
+  /// A lag of torques is a claim about the recordings: only where much speaks for it. Errors are counted against
+  /// torques without it.
+  bool choose_lag() {
+    const auto found = torque_lag(recordings_, regressor_, out_.setting.signals,
+                                  [&](JointMotion& motion) { return fit_with(out_.setting, motion); });
+    if (!found || std::ranges::none_of(found->lag, [](const Estimate& e) {
+          return e.status == Status::estimated && std::abs(e.value) > coupled_sigmas * e.sigma;
+        }))
+      return false;
+    Candidate candidate{"lag of torques:" + text_of(found->lag), out_.setting};
+    candidate.setting.signals.lag_s = found->lag_s();
+    auto motion = prepare(recordings_, regressor_, candidate.setting.signals);
+    if (!motion || motion->size() != target_.motion.size()) return false;
+    JointMotion before = std::exchange(target_.motion, *motion);
+    auto t = tried(std::move(candidate));
+    const bool taken = t && is_better(t->comparison, coupled_gain, coupled_sigmas);
+    if (taken)
+      take(*std::move(t));
+    else
+      target_.motion = std::move(before);
+    return taken;
+  }
+
+  Result<DynamicsFit> fit_with(const Setting& s, const JointMotion& motion) const {
+    const auto friction = friction_of(model_, regressor_, s, torque_max_nm_, target_.motion);
+    if (!friction) return tl::unexpected(friction.error());
+    DynamicsOptions options = options_of(s, threads_);
+    options.lag = true;
+    return fit_dynamics(regressor_, base_, *friction, motion, options);
+  }
+
+  static std::string text_of(const std::vector<Estimate>& lag) {
+    std::string out;
+    for (const Estimate& e : lag) out += fmt::format(" {:.2g}", 1e3 * e.value);
+    return out + " ms";
   }
 
   /// The share of the top speed within which friction falls, joint by joint: each takes the one with which its own

@@ -23,6 +23,7 @@ struct Decided {
   std::optional<bool> asymmetry, offset, rotor_inertia;
   std::optional<double> prior;
   bool coupling = false;  ///< no motor turns with several joints but those of the regressor
+  bool lag = false;  ///< of torques is none, or known
   std::optional<Robust> robust;
 };
 

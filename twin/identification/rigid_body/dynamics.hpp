@@ -41,6 +41,7 @@ struct DynamicsOptions {
                      ///< size (inertial_scale of prior.hpp); 0: none
   bool essential_only = false;  ///< base parameters that do not improve the fit are 0: backward elimination while F < 4
   bool evidence = false;        ///< find the prior that is the most probable (DynamicsFit::prior_by_evidence)
+  bool lag = false;             ///< what the torques are late is unknown and counts in the sigmas: DynamicsFit::lag
   unsigned folds = 0;           ///< parts of the samples to leave out one at a time (resampling/folds.hpp); 0: none
   const struct DynamicsFit* start = nullptr;  ///< of the same base parameters: begin there instead of at the model;
                                               ///< friction by its parameters' names
@@ -65,6 +66,9 @@ struct DynamicsFit {
   std::vector<std::vector<Estimate>> friction;       ///< per rotor
   std::vector<Eigen::MatrixXd> friction_covariance;  ///< per joint, of these; NaN rows where not estimated
   RobotParameters parameters;                        ///< the values of both
+  /// Where asked for, per joint: how late its torque is behind its position [s], JointMotion::lag_s and what is left of
+  /// it, which `parameters` do not count: torque_lag.hpp removes it. `held` where the torque does not tell.
+  std::vector<Estimate> lag;
   Eigen::MatrixXd information;  ///< of beta with free friction: inverse of its covariance; rows of 0 where held
   std::vector<JointResult> joints;
   double relative_error = 0;    ///< |residual| / |torque| over all joints and samples in motion

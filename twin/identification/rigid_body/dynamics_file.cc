@@ -125,6 +125,11 @@ std::string to_yaml(const DynamicsFit& fit, const BaseParameters& base, const fr
       if (!origin.left_out[j].empty()) out << YAML::Key << fit.joints[j].name << YAML::Value << origin.left_out[j];
     out << YAML::EndMap;
   }
+  if (!origin.lag.empty()) {
+    out << YAML::Key << "lag" << YAML::Value << YAML::BeginMap;
+    for (const Estimate& e : origin.lag) write(out, e);
+    out << YAML::EndMap;
+  }
   if (!thermal.empty()) {
     out << YAML::Key << "thermal" << YAML::Value << YAML::BeginMap;
     for (std::size_t j = 0; j < thermal.size(); ++j) {
@@ -167,8 +172,8 @@ Result<DynamicsFile> read_dynamics(const std::filesystem::path& file, const Regr
   refuse_other_kind(root, file.string(), "tribotwin dynamics");
   Mapping in(file.string(), "", root);
   in.accept({"model", "data", "friction_law", "signals", "coupling", "drive_gains", "torque_max_nm", "relative_error",
-             "condition_number", "base_parameters", "friction", "left_out", "thermal", "noise", "physically_possible",
-             "distance_sigma", "nearest_consistent"});
+             "condition_number", "base_parameters", "friction", "left_out", "lag", "thermal", "noise",
+             "physically_possible", "distance_sigma", "nearest_consistent"});
   DynamicsFile out;
   out.law = or_wrong_input(dynamics_law(in.text("friction_law"), file.string() + ": friction_law"));
   auto parameters = in.mapping("base_parameters");
@@ -228,6 +233,11 @@ Result<DynamicsFile> read_dynamics(const std::filesystem::path& file, const Regr
     signals->done();
   }
   out.drive_gains = read_gains(in, regressor);
+  if (auto lag = in.mapping("lag")) {
+    for (Index j = 0; j < regressor.joints(); ++j)
+      out.signals.lag_s.push_back(read_estimate(*lag, regressor.joint_name(j), {-largest_lag_s, largest_lag_s}));
+    lag->done();
+  }
   if (auto noise = in.mapping("noise"))
     for (Index j = 0; j < regressor.joints(); ++j)
       out.noise.push_back(

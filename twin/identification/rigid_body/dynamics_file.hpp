@@ -21,6 +21,7 @@ struct DynamicsOrigin {
   std::vector<thermal::Model> thermal;  ///< per joint, or none
   std::vector<std::string> left_out;    ///< per joint, why its torque was left out; "": it was not. Empty: none
   std::vector<Estimate> drive_gains;    ///< per joint, NaN where not identified (drive_constants); empty: none
+  std::vector<Estimate> lag;            ///< per joint, of the torques in the recordings [s]; empty: none
 };
 
 std::string to_yaml(const DynamicsFit& fit, const BaseParameters& base, const friction::LawInfo& law,
@@ -32,7 +33,7 @@ struct DynamicsFile {
   RobotParameters parameters;
   RobotParameters sigma;              ///< one standard deviation of each; NaN where it was held
   std::vector<double> noise;          ///< per joint [Nm; N], NaN where it was left out; empty where the file names none
-  Preparation signals;                ///< of the fit
+  Preparation signals;                ///< of the fit; lag_s is that of its recordings
   std::vector<double> torque_max_nm;  ///< per joint; empty: of the model's drives
   std::vector<thermal::Model> thermal;  ///< per joint; empty: not known
   std::vector<std::string> left_out;  ///< per joint, why its torque was left out, its friction being 0; "": it was not

@@ -59,6 +59,12 @@ DynamicsProblem::DynamicsProblem(const Regressor& regressor, const BaseParameter
   free_.assign(static_cast<std::size_t>(unknowns_), true);
 }
 
+void DynamicsProblem::add_lags(MatrixXd slope) {
+  slope_ = std::move(slope);
+  for (auto& columns : columns_) columns.push_back(unknowns_++);
+  free_.resize(static_cast<std::size_t>(unknowns_), true);
+}
+
 std::vector<std::size_t> DynamicsProblem::files() const {
   std::vector<std::size_t> out;
   std::size_t segment = 0;
@@ -100,7 +106,7 @@ class DynamicsProblem::Accumulator {
       if (!motion.moving(j, i)) continue;
       const double residual = residual_of(j, i);
       residuals(j, i) = residual;
-      if (weight_) add_row(j, residual);
+      if (weight_) add_row(i, j, residual);
     }
   }
   /// Writes the torque of sample i at the parameters plus, to first order, `change`.
@@ -147,7 +153,7 @@ class DynamicsProblem::Accumulator {
     return residual;
   }
 
-  void add_row(Index j, double residual) {
+  void add_row(Index i, Index j, double residual) {
     const auto at = static_cast<std::size_t>(j);
     const double w = (*weight_)(j, residual);
     auto row = R_[at].row();
@@ -157,6 +163,7 @@ class DynamicsProblem::Accumulator {
     for (const Index r : problem_.acting_[at])
       for (Index p = 0; p < problem_.friction_[static_cast<std::size_t>(r)].size(); ++p)
         row(column++) = w * regressor_.turns(r, j) * by_(p, r);
+    if (problem_.slope_.size()) row(column) = -w * problem_.slope_(j, i);  // late torques are those of before
     row(row.size() - 1) = w * residual;
   }
 

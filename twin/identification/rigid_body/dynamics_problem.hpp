@@ -9,7 +9,8 @@
 #include <tribotwin/twin/identification/rigid_body/robot_torque.hpp>
 
 /// Internal to this folder, not installed: the least-squares problem of a robot's dynamics. Unknowns: the base
-/// parameters, then the friction parameters rotor by rotor (of the joints, then of coupled motors).
+/// parameters, then the friction parameters rotor by rotor (of the joints, then of coupled motors), then, where asked
+/// for, a lag of every joint's torque.
 namespace tribotwin::twin::identification {
 
 class DynamicsProblem {
@@ -26,6 +27,11 @@ class DynamicsProblem {
     return base_.size() + first_friction_[static_cast<std::size_t>(rotor)] + parameter;
   }
   std::pair<std::size_t, std::size_t> place_of(Eigen::Index unknown) const;
+
+  /// Makes the lag of every joint's torque [s] an unknown. `slope`: of the predicted torques by time [Nm/s; N/s],
+  /// joints x samples. Lags are 0 in all predictions.
+  void add_lags(Eigen::MatrixXd slope);
+  Eigen::Index lag_at(Eigen::Index joint) const { return unknowns_ - joints() + joint; }
 
   /// Unknowns are free until they are fixed.
   void fix(Eigen::Index u) { free_[static_cast<std::size_t>(u)] = false; }
@@ -75,6 +81,7 @@ class DynamicsProblem {
   std::vector<std::vector<Eigen::Index>> columns_;  ///< per joint, unknowns that act on it: base first
   std::vector<std::vector<Eigen::Index>> acting_;   ///< per joint, rotors whose friction acts on it: its own first
   std::vector<Eigen::Index> base_columns_, first_friction_;  ///< per joint; per rotor
+  Eigen::MatrixXd slope_;                                    ///< of predicted torques; empty: lags are not unknown
   Eigen::Index unknowns_ = 0;
   std::vector<bool> free_;
 };

@@ -103,7 +103,7 @@ Sampling sampling_of(const RobotRecording& rec, const Preparation& preparation, 
 struct Filtering {
   double period_s, rate_hz, cutoff_hz;
   Index every;                      ///< samples per kept one
-  Index edge;                       ///< samples left out at either end, where the filter rings
+  Index edge;                       ///< samples left out at either end, where the filter rings or a lag reaches beyond
   Index beside_rest, longest_turn;  ///< samples
   Index beside_slow;                ///< kept samples; 0: those near reversals count
 };
@@ -124,12 +124,14 @@ Result<Filtering> filtering_of(const RobotRecording& rec, const Stretch& s, cons
   const Index every = preparation.decimation
                           ? preparation.decimation
                           : std::max<Index>(1, static_cast<Index>(std::floor(rate / (5 * widest) + 1e-6)));
+  double longest_lag_s = 0;
+  for (const double lag : preparation.lag_s) longest_lag_s = std::max(longest_lag_s, std::abs(lag));
   return Filtering{
       .period_s = period,
       .rate_hz = rate,
       .cutoff_hz = cutoff,
       .every = every,
-      .edge = static_cast<Index>(std::ceil(ringing * rate / settling)),
+      .edge = static_cast<Index>(std::ceil(std::max(ringing / settling, longest_lag_s) * rate)),
       .beside_rest = static_cast<Index>(std::ceil(preparation.rest_periods * rate / settling)),
       .longest_turn = static_cast<Index>(longest_turn * rate / std::max(cutoff, widest)),
       .beside_slow = preparation.reversals ? 0 : static_cast<Index>(std::ceil(guard / static_cast<double>(every)))};
@@ -166,8 +168,23 @@ std::vector<double> slope_of(const std::vector<double>& q, double rate_hz) {
   return slope;
 }
 
+/// A filtered signal that much later: cubic through four samples, constant beyond the ends.
+std::vector<double> advanced(const std::vector<double>& signal, double samples) {
+  const auto last = static_cast<std::ptrdiff_t>(signal.size()) - 1;
+  const double whole = std::floor(samples), w = samples - whole;
+  const double weights[] = {-w * (w - 1) * (w - 2) / 6, (w + 1) * (w - 1) * (w - 2) / 2, -(w + 1) * w * (w - 2) / 2,
+                            (w + 1) * w * (w - 1) / 6};
+  std::vector<double> out(signal.size());
+  for (std::ptrdiff_t i = 0; i <= last; ++i)
+    for (std::ptrdiff_t k = 0; k < 4; ++k)
+      out[static_cast<std::size_t>(i)] += weights[k] * signal[static_cast<std::size_t>(std::clamp<std::ptrdiff_t>(
+                                                           i + static_cast<std::ptrdiff_t>(whole) + k - 1, 0, last))];
+  return out;
+}
+
 JointSamples samples_of(const RobotRecording& rec, Index j, const Stretch& s, const Filtering& f, bool regular,
-                        bool thermal, bool recorded_velocity) {
+                        bool thermal, const Preparation& preparation) {
+  const bool recorded_velocity = preparation.recorded_velocity && rec.velocity.size() > 0;
   const auto at = [&](const MatrixXd& values) { return equidistant(rec, values, j, s, f.period_s, regular); };
   const auto filtered = [&](const std::vector<double>& raw) { return low_passed(raw, f.rate_hz, f.cutoff_hz); };
   const double passed = 2 * f.cutoff_hz / f.rate_hz;  // of the band
@@ -181,18 +198,21 @@ JointSamples samples_of(const RobotRecording& rec, Index j, const Stretch& s, co
     const double w = 2 * std::numbers::pi * f.cutoff_hz;
     out.speed_noise = noise_of(raw, out.q, passed) * w * std::sqrt(passed / 3);
   }
+  if (!preparation.lag_s.empty())
+    out.torque = advanced(out.torque, preparation.lag_s[static_cast<std::size_t>(j)] * f.rate_hz);
   out.temperature = thermal ? at(rec.temperature_degC) : std::vector<double>(out.q.size(), 20.0);
   return out;
 }
 
 /// Without samples where the stretch is shorter than its edges.
 Part part_of(const RobotRecording& rec, std::size_t file, const Stretch& s, const Filtering& f, bool regular,
-             bool thermal, bool recorded_velocity) {
+             bool thermal, const Preparation& preparation) {
+  const bool recorded_velocity = preparation.recorded_velocity && rec.velocity.size() > 0;
   const Index n = rec.position.rows();
   Part part{.file = file, .filtering = f};
   Index count = 0;
   for (Index j = 0; j < n; ++j) {
-    JointSamples x = samples_of(rec, j, s, f, regular, thermal, recorded_velocity);
+    JointSamples x = samples_of(rec, j, s, f, regular, thermal, preparation);
     if (j == 0) {
       count = (static_cast<Index>(x.q.size()) - 2 * f.edge + f.every - 1) / f.every;
       if (count < 1) return part;
@@ -228,8 +248,7 @@ Result<void> add_parts(const RobotRecording& rec, std::size_t file, const Prepar
     if (!filtering) return tl::unexpected(filtering.error());
     if (out.period_s == 0)
       out.period_s = filtering->period_s * static_cast<double>(filtering->every), out.cutoff_hz = filtering->cutoff_hz;
-    Part part = part_of(rec, file, s, *filtering, sampling.regular(), out.has_temperature,
-                        preparation.recorded_velocity && rec.velocity.size() > 0);
+    Part part = part_of(rec, file, s, *filtering, sampling.regular(), out.has_temperature, preparation);
     if (part.q.cols() >= 1) parts.push_back(std::move(part));
   }
   if (used) return {};
@@ -342,6 +361,7 @@ void leave_out_unrecorded(std::span<const RobotRecording> recordings, JointMotio
 Result<JointMotion> prepare(std::span<const RobotRecording> recordings, const Regressor& r,
                             const Preparation& preparation) {
   JointMotion out;
+  out.lag_s = preparation.lag_s;
   out.has_temperature =
       std::ranges::all_of(recordings, [](const RobotRecording& rec) { return rec.temperature_degC.size() > 0; });
   std::vector<Part> parts;

@@ -19,6 +19,8 @@ namespace tribotwin::twin::identification {
 struct SlowRows {
   static constexpr double share = 0.01, periods = 2;
 };
+/// No torque is recorded later or earlier than that [s].
+inline constexpr double largest_lag_s = 0.5;
 
 struct Preparation {
   double cutoff_hz = 0;     ///< of the zero-phase low-pass on positions and torques; 0: 20 Hz, at most a fifth of the
@@ -37,6 +39,9 @@ struct Preparation {
   /// speeds.
   double rest_periods = 1;
   bool still_joints = false;  ///< joints may rest in all recordings
+  /// Per joint: how late its torques were recorded [s], negative where early; removed. Empty: none. More than half a
+  /// period of the cut-off (`narrowest_hz`) costs more of the ends.
+  std::vector<double> lag_s;
 
   bool operator==(const Preparation&) const = default;
 };
@@ -56,6 +61,7 @@ struct JointMotion {
   std::vector<std::size_t> file;       ///< per segment, index of its recording
   std::vector<double> edge_s;          ///< per segment, length of its stretch that was left out at either end
   double cutoff_hz = 0, period_s = 0;  ///< of the first recording
+  std::vector<double> lag_s;           ///< as in Preparation: what was removed from the torques
   bool has_temperature = false;
   /// Joints whose torque counts nowhere, per joint: not recorded, or leave_out(). Their torque may be NaN, and they
   /// never count as `moving`. Empty: none.

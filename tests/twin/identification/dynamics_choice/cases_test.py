@@ -69,11 +69,14 @@ class Case:
                 self.refusal = done.stderr
                 return None
             if arguments[0] == "dynamics":
-                self.trials = json.loads(done.stdout)["choice"]["trials"]
+                found = json.loads(done.stdout)
+                self.trials = found["choice"]["trials"]
         table, t = np.genfromtxt(path("predicted.csv"), delimiter=",", names=True), self.test["time_s"]
         unit = "n" if self.slides else "nm"
         names = [f"predicted_j{j + 1}_{unit}" for j in range(len(self.test["torque"]))]
-        return np.array([np.interp(t - lag_s, table["time_s"], table[name]) for name in names])
+        # What was predicted is without the lags that were found; the recorded torque has them.
+        lags = [one["value"] for one in found.get("lag", {}).values()] or [lag_s] * len(names)
+        return np.array([np.interp(t - lag, table["time_s"], table[name]) for name, lag in zip(names, lags)])
 
     def error(self, options, prepared="", lag_s=0):
         """rms over joints of error over torque, in one band for every setting, where the joint moves."""

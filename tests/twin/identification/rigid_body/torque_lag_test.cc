@@ -1,0 +1,139 @@
+// Torques of a robot of two joints, recorded later or earlier than its positions by a known time.
+#include <cmath>
+#include <random>
+#include <utility>
+
+#include <fmt/format.h>
+#include <gmock/gmock.h>
+
+#include <tribotwin/plugins/mujoco/loader.hpp>
+#include <tribotwin/twin/identification/rigid_body/torque_lag.hpp>
+
+namespace tribotwin::twin::identification {
+namespace {
+
+using Eigen::Index, Eigen::VectorXd;
+
+struct Recorded {
+  double lag_s[2];
+  double noise_memory = 0;  ///< correlation of the torques' noise from one sample to the next
+  double ripple = 0;        ///< of the torque, which nothing models
+  double offset_only = 0;   ///< 1: the elbow's torque is noise about an offset
+};
+
+class Arm {
+ public:
+  const Regressor& regressor() const { return regressor_; }
+
+  RobotRecording recording(const Recorded& d, unsigned seed, double length_s = 10, double rate_hz = 125) {
+    std::mt19937_64 random(seed);
+    std::uniform_real_distribution<double> phase(0, 2 * M_PI);
+    std::normal_distribution<double> normal;
+    for (auto& joint : phases_)
+      for (double& p : joint) p = phase(random);
+    const auto samples = static_cast<Index>(length_s * rate_hz);
+    RobotRecording r{.file = "arm.csv"};
+    r.position.resize(2, samples), r.torque.resize(2, samples);
+    double noise[2] = {0, 0};
+    for (Index i = 0; i < samples; ++i) {
+      const double t = static_cast<double>(i) / rate_hz;
+      r.time_s.push_back(t);
+      for (Index j = 0; j < 2; ++j) {
+        const double memory = d.noise_memory;
+        noise[j] = memory * noise[j] + 0.3 * std::sqrt(1 - memory * memory) * normal(random);
+        r.position(j, i) = at(t).q(j) + 1e-5 * normal(random);
+        const double torque = torque_at(t - d.lag_s[j], j);
+        r.torque(j, i) = torque * (1 + d.ripple * std::sin(37 * at(t).q(j))) + noise[j];
+        if (j == 1 && d.offset_only > 0) r.torque(j, i) = 5 + noise[j];
+      }
+    }
+    return r;
+  }
+
+  Result<TorqueLag> found(const std::vector<RobotRecording>& recordings, const Preparation& preparation = {}) const {
+    return torque_lag(recordings, regressor_, preparation, [&](JointMotion& motion) {
+      return fit_dynamics(regressor_, base_, friction_, motion, {.lag = true, .threads = 1});
+    });
+  }
+
+ private:
+  struct State {
+    VectorXd q = VectorXd::Zero(2), qd = q, qdd = q;
+  };
+  State at(double t) const {
+    State s;
+    for (Index j = 0; j < 2; ++j)
+      for (int k = 0; k < 3; ++k) {
+        const double w = 2 * M_PI * (0.17 + 0.13 * k + 0.05 * static_cast<double>(j)), a = 0.8 / (1 + k);
+        const double x = w * t + phases_[j][k];
+        s.q(j) += a * std::sin(x), s.qd(j) += a * w * std::cos(x), s.qdd(j) -= a * w * w * std::sin(x);
+      }
+    return s;
+  }
+  double torque_at(double t, Index j) {
+    const State s = at(t);
+    return (regressor_.at(s.q, s.qd, s.qdd) * phi_)(j) + std::copysign(4, s.qd(j)) + 2 * s.qd(j);
+  }
+
+  std::shared_ptr<const mujoco::Model> model_ = *mujoco::load_string(R"(<mujoco><worldbody>
+    <body name="upper"><joint name="shoulder" axis="0 1 0" armature=".4"/>
+      <geom type="capsule" size=".05" fromto="0 0 0 .5 0 0" mass="6"/>
+    <body name="fore" pos=".5 0 0"><joint name="elbow" axis="0 1 0" armature=".2"/>
+      <geom type="capsule" size=".04" fromto="0 0 0 .4 0 0" mass="3"/></body></body>
+    </worldbody></mujoco>)");
+  Regressor regressor_ = *Regressor::create(model_->get());
+  BaseParameters base_ = base_parameters(regressor_);
+  RobotFriction friction_ = *robot_friction(*model_, regressor_, coulomb_viscous());
+  VectorXd phi_ = regressor_.model_parameters();
+  double phases_[2][3] = {};
+};
+
+TEST(TorqueLag, IsFoundPerJointWithinItsSigmas) {
+  Arm arm;
+  const std::pair<Recorded, Preparation> cases[] = {{{{0, 0}}, {}},
+                                                    {{{0.003, -0.002}}, {}},
+                                                    {{{0.04, 0}}, {}},
+                                                    {{{0.003, -0.002}}, {.reversals = true}},
+                                                    {{{0.003, -0.002}, 0.9, 0.02}, {}}};
+  int covered = 0, all = 0;
+  for (const auto& [recorded, preparation] : cases)
+    for (unsigned seed = 1; seed <= 8; ++seed) {
+      const auto found = arm.found({arm.recording(recorded, seed)}, preparation);
+      ASSERT_TRUE(found) << found.error().message;
+      for (std::size_t j = 0; j < 2; ++j) {
+        const Estimate& e = found->lag[j];
+        if (e.status == Status::held) continue;
+        const double truth = recorded.lag_s[j];
+        EXPECT_NEAR(e.value, truth, 4 * e.sigma) << e.name << ", seed " << seed;
+        covered += e.low < truth && truth < e.high, ++all;
+        if (recorded.noise_memory == 0) EXPECT_LT(e.sigma, 0.003) << e.name << ", seed " << seed;
+      }
+    }
+  EXPECT_GE(all, 74);  // the others are hidden by correlated noise
+  EXPECT_GE(covered, 0.88 * all);
+}
+
+/// As if the torques had been on time.
+TEST(TorqueLag, LeavesNoErrorInTheParameters) {
+  Arm arm;
+  const auto late = arm.recording({.lag_s = {0.008, 0.008}}, 3);
+  const auto found = arm.found({late});
+  ASSERT_TRUE(found) << found.error().message;
+  const auto on_time = arm.found({arm.recording({.lag_s = {0, 0}}, 3)});
+  for (std::size_t k = 0; k < found->fit.base.size(); ++k)
+    EXPECT_NEAR(found->fit.base[k].value, on_time->fit.base[k].value, found->fit.base[k].sigma)
+        << found->fit.base[k].name;
+  EXPECT_NEAR(found->fit.relative_error, on_time->fit.relative_error, 0.1 * on_time->fit.relative_error);
+}
+
+TEST(TorqueLag, OfATorqueWithoutMotionIsHeldAndNamed) {
+  Arm arm;
+  const auto found = arm.found({arm.recording({.lag_s = {0.003, 0}, .offset_only = 1}, 3)});
+  ASSERT_TRUE(found) << found.error().message;
+  EXPECT_EQ(found->lag[1].status, Status::held);
+  EXPECT_EQ(found->lag[1].value, 0);
+  EXPECT_THAT(found->notes, testing::Contains(testing::HasSubstr("torque_elbow_nm")));
+}
+
+}  // namespace
+}  // namespace tribotwin::twin::identification

@@ -1,0 +1,35 @@
+#pragma once
+
+#include <functional>
+#include <span>
+#include <string>
+#include <vector>
+
+#include <tribotwin/twin/identification/rigid_body/dynamics.hpp>
+
+/// Torques that were recorded later, or earlier, than the positions of the same row: filters of the drive, a bus. A lag
+/// is of the recordings, not of the robot.
+namespace tribotwin::twin::identification {
+
+/// A fit of prepared recordings with DynamicsOptions::lag.
+using LagFit = std::function<Result<DynamicsFit>(JointMotion& motion)>;
+
+struct TorqueLag {
+  std::vector<Estimate> lag;  ///< per joint [s], > 0: the torque is late; `held` at 0 where it is not identifiable
+  JointMotion motion;         ///< without the lags
+  DynamicsFit fit;            ///< of it; its sigmas count those of the lags
+  std::vector<std::string> notes;
+
+  /// For Preparation::lag_s.
+  std::vector<double> lag_s() const;
+};
+
+/// The lag of every joint's torque by Gauss-Newton: each round fits the dynamics with the lag as one more unknown,
+/// whose column is the slope of the predicted torque by time, and shifts the torques by what it finds. Held at 0 and
+/// named: a lag whose sigma is more than a quarter of a period of the cut-off, and one that does not come to rest.
+/// Rows near reversals say nothing of the lag, even where they count: friction follows a reversal late by itself.
+/// `preparation`'s own lags are where it starts. Errors as of prepare() and `fit`.
+Result<TorqueLag> torque_lag(std::span<const RobotRecording> recordings, const Regressor& regressor,
+                             Preparation preparation, const LagFit& fit);
+
+}  // namespace tribotwin::twin::identification
