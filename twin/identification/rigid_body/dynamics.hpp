@@ -54,8 +54,6 @@ struct JointResult {
   double noise = 0;           ///< standard deviation of the residual [Nm; N]; NaN where the joint is left out
   double correlation = 1;     ///< number of correlated samples per independent one
   double relative_error = 0;  ///< rms of the residual / rms of the torque, while the joint moves; NaN as `noise`
-  double of_variation = 0;    ///< rms of the residual / standard deviation of the torque, while the joint moves; NaN as
-                              ///< `noise`
   Eigen::Index samples = 0;   ///< in motion; 0: the joint is left out (JointMotion::left_out), its friction is not
                               ///< known
 };
@@ -67,6 +65,11 @@ struct DynamicsFit {
   std::vector<Eigen::MatrixXd> friction_covariance;  ///< per joint, of these; NaN rows where not estimated
   RobotParameters parameters;                        ///< the values of both
   Eigen::MatrixXd information;  ///< of beta with free friction: inverse of its covariance; rows of 0 where held
+  /// R, upper triangular: changes x of these unknowns (base parameters, then friction rotor by rotor) enlarge the
+  /// weighted sum of squares, prior included, by |R x|^2. Base parameters that are not identifiable are among them,
+  /// those that an option excludes are not.
+  Eigen::MatrixXd objective;
+  std::vector<Eigen::Index> unknowns;
   std::vector<JointResult> joints;
   double relative_error = 0;    ///< |residual| / |torque| over all joints and samples in motion
   double condition_number = 0;  ///< of the weighted regressor with unit columns
