@@ -304,7 +304,11 @@ r = run(
     model,
     broken("d.csv", changed("torque_joint5_nm", lambda x: 0.3 + np.random.default_rng(3).normal(0, 0.2, len(x)))),
 )
-check("an offset is no motion", "of the variation of torque_joint5_nm" in r.stderr, r.stderr)
+check(
+    "an offset is no motion",
+    re.search(r"joint joint5: \d+ % of its torque's variation is unexplained \(is its torque dead", r.stderr),
+    r.stderr,
+)
 refused(
     "an external force without it",
     ["--wrench", "joint5"],
@@ -588,7 +592,7 @@ r = run("predict", "two.xml", "two.yaml", "explained.csv")
 check("and is silent where all is explained", "unexplained" not in r.stderr, r.stderr)
 
 # ---- What the fit saw, and what is asked of it.
-check("nothing to say of its own training", "training" not in r.stderr and "bodies:" not in r.stdout, r)
+check("nothing to say of its own training", "leaves the training" not in r.stderr, r)
 fast = np.interp(2 * t % 60, t, q[:, 0]), np.interp(2 * t % 60, t, q[:, 1])
 moved = np.column_stack(fast)[t < 29], t[t < 29]
 write("fast.csv", columns, [moved[1], moved[0], torque[: len(moved[1])]])
