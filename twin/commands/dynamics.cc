@@ -180,15 +180,15 @@ std::string bodies_of(const Consistency& consistency, const std::vector<std::str
 }
 
 /// What predict takes.
-std::string prediction_of(const Consistency& consistency, const ConsistentDynamics& dynamics) {
+std::string prediction_of(const ConsistentDynamics& dynamics, bool contradicted) {
   if (dynamics.same) return {};
   double largest = 1;
   for (const double growth : dynamics.growth)
     if (growth > largest) largest = growth;
   return fmt::format(
       "residuals of the real bodies with the smallest sum of squares are up to {:.4g} times as large; {}\n", largest,
-      consistency.possible ? "predict takes these bodies"
-                           : "predict takes those of least squares, as the data contradict every real one");
+      contradicted ? "predict takes those of least squares, as the data contradict every real one beyond doubt"
+                   : "predict takes these bodies");
 }
 
 std::string table_of(const Robot& robot, const DynamicsFit& fit, const Consistency& consistency,
@@ -202,7 +202,7 @@ std::string table_of(const Robot& robot, const DynamicsFit& fit, const Consisten
   s += fmt::format("\nrelative error {:.3f} %, condition number {:.0f}\n", 100 * fit.relative_error,
                    fit.condition_number);
   s += bodies_of(consistency, badly_explained(judgement.joints));
-  s += prediction_of(consistency, consistent);
+  s += prediction_of(consistent, contradicted(consistency.distance_sigma, robot.base.size()));
   const BaseCount count = count_base(fit);
   if (count.wide + count.held > 0)
     s += fmt::format("{} of {} base parameters have a 95 % interval wider than their value; {} held\n", count.wide,

@@ -322,6 +322,7 @@ Result<DynamicsFile> read_dynamics(const std::filesystem::path& file, const Regr
   constexpr double unknown = std::numeric_limits<double>::quiet_NaN();
   out.possible = in.flag_or("physically_possible", true);
   out.distance_sigma = in.number_or("distance_sigma", unknown, {0, 1e300});
+  out.contradicted = contradicted(out.distance_sigma, base.size());
   out.chance = in.number_or("chance", unknown, {0, 1});
   out.ranges = read_ranges(in, regressor);
   read_consistent(in, regressor, base, out);

@@ -41,6 +41,7 @@ struct DynamicsFile {
   std::vector<std::string> left_out;  ///< per joint, why its torque was left out, its friction being 0; "": it was not
   std::vector<JointRange> ranges;     ///< per joint; empty: not known, as of files of earlier versions
   bool possible = true;               ///< Consistency::possible
+  bool contradicted = false;          ///< contradicted() of the distance
   double distance_sigma = 0, chance = 1;         ///< Consistency; NaN where the file does not say
   std::optional<ConsistentDynamics> consistent;  ///< without `bodies`; none in files of earlier versions
 };
